@@ -108,7 +108,8 @@ class MavlinkLink(Closing):
             return []
         is_idle = not len(self._queue) and not self._events
         self._receive(timeout_s if is_idle else 0.0)
-        events, self._events = self._events, []
+        events = [*self._connection.take_events(), *self._events]
+        self._events.clear()
         for arrival_us, frame in self._queue.take(MOST_AT_ONCE):
             events += self._decoder.events(frame, arrival_us)
         now_us = unix_us()
@@ -116,7 +117,6 @@ class MavlinkLink(Closing):
         events += self._outbound.react(events, now_us)
         for frame_bytes in self._outbound.take_frames(now_us):
             self._connection.send(frame_bytes)
-        events += self._connection.take_events()
         return events
 
     def _receive(self, wait_s: float) -> None:
@@ -124,26 +124,26 @@ class MavlinkLink(Closing):
         now_s = time.monotonic()
         rest_s = REST_S - (now_s - self._look_s)
         if self._found_some and rest_s > 0.0:
-            if wait_s <= 0.0:
+            if len(self._queue):
                 return  # what waits is decoded meanwhile
-            time.sleep(min(rest_s, wait_s))
+            time.sleep(max(0.0, min(rest_s, wait_s)))
         packets = self._connection.receive(wait_s)
         now_s = time.monotonic()
         for packet in packets:
-            self._take(packet, now_s)
+            self._take(packet)
         if packets:
             now_us = unix_us()
             self._gate.keep(now_us)
             self._events += self._gate.take_refused(now_us)
         self._found_some, self._look_s = bool(packets), now_s
 
-    def _take(self, packet: Packet, now_s: float) -> None:
+    def _take(self, packet: Packet) -> None:
         peer, data, arrival_us = packet
         if not data:  # it has left
             self._readers.pop(peer, None)
             self._gate.forget(peer)
             return
-        if not self._limits.admits(peer, len(data), self._look_s, now_s):
+        if not self._limits.admits(peer, len(data), arrival_us * 1e-6):
             return
         reader = self._readers.get(peer) or self._new_reader(peer)
         frames = reader.feed(data)
@@ -156,13 +156,13 @@ class MavlinkLink(Closing):
             return
         if self._recorder is not None:
             self._recorder.write(arrival_us, [frame.data for frame in let_in])
-        self._queue.add(arrival_us, self._wanted(let_in, peer, now_s))
+        self._queue.add(arrival_us, self._wanted(let_in, peer, arrival_us))
 
-    def _wanted(self, frames: list[Frame], peer: str, now_s: float) -> list[Frame]:
+    def _wanted(self, frames: list[Frame], peer: str, arrival_us: int) -> list[Frame]:
         """The frames that become events; a peer with an IMU among them keeps its place."""
         wanted = self._decoder.wanted
         if any(frame.message_id in IMU_MESSAGES for frame in frames):
-            self._limits.note_imu(peer, now_s)
+            self._limits.note_imu(peer, arrival_us * 1e-6)
             self._connection.credit(peer)
         return [frame for frame in frames if frame.message_id in wanted]
 

@@ -1,7 +1,7 @@
 """Records every frame that a link lets in, in the background, to a file or to a folder of files.
 
-A slow disk must not make attitudes late, so a thread of the recorder writes. Frames are lost only
-where the disk fails or stands still for long; each is counted.
+A slow disk must not make attitudes late, so a thread of the recorder writes, ten times a second.
+Frames are lost only where the disk fails or stands still for long; each is counted.
 """
 
 import logging
@@ -11,6 +11,7 @@ from collections import deque
 from collections.abc import Iterable
 from contextlib import suppress
 from datetime import UTC, datetime
+from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,6 +20,7 @@ from drivers.mavlink.tlog_file import TlogFile, cannot_record, records_of
 from estimator.errors import InputError
 
 MOST_WAITING_BYTES = 32_000_000  # a disk that stands still for longer costs frames
+WRITE_EVERY_S = 0.1
 CLOSE_S = 2.0
 RETRY_US = 10_000_000  # a failed write is tried again then; until then no time is lost on it
 MAX_FILE_BYTES = 64_000_000  # of a file in a folder: about two hours of one vehicle at 100 Hz
@@ -55,8 +57,8 @@ class Recorder(Closing):
         self._too_many = 0  # frames for which there was no room
         self._waiting: deque[_Batch] = deque()
         self._waiting_bytes = 0
-        self._is_closing = False
-        self._changed = threading.Condition()
+        self._lock = threading.Lock()
+        self._closing = threading.Event()
         self._thread = threading.Thread(target=self._work, name="mavlink-recorder", daemon=True)
         self._thread.start()
 
@@ -76,57 +78,46 @@ class Recorder(Closing):
         if not frames:
             return
         batch = _Batch(arrival_us, records_of(arrival_us, frames), len(frames))
-        with self._changed:
+        with self._lock:
             is_full = self._waiting_bytes + len(batch.records) > MOST_WAITING_BYTES
-            if is_full or self._is_closing:
+            if is_full or self._closing.is_set():
                 if not self._too_many:
                     _logger.warning("the recording lacks frames: the disk does not keep up")
                 self._too_many += batch.frames
                 return
             self._waiting.append(batch)
             self._waiting_bytes += len(batch.records)
-            self._changed.notify()
 
     def close(self) -> None:
         """Write what waits, for at most two seconds, and end."""
-        with self._changed:
-            self._is_closing = True
-            self._changed.notify()
+        self._closing.set()
         self._thread.join(CLOSE_S)
-        with self._changed:
+        with self._lock:
             if self._thread.is_alive():  # its own last batch may be lost as well
                 self._too_many += 1 + sum(batch.frames for batch in self._waiting)
                 self._waiting.clear()
 
     def _work(self) -> None:
-        while batches := self._next():
-            for batch in _joined(batches):
-                self._writer.write(batch)
+        is_over = False
+        while not is_over:
+            is_over = self._closing.wait(WRITE_EVERY_S)
+            with self._lock:
+                batches = list(self._waiting)
+                self._waiting.clear()
+                self._waiting_bytes = 0
+            for _, group in groupby(batches, lambda batch: batch.arrival_us // 1_000_000):
+                self._writer.write(_joined(list(group)))
+            self._writer.look()
         self._writer.close()
 
-    def _next(self) -> list[_Batch]:
-        """All that waits; nothing at the end."""
-        with self._changed:
-            while not self._waiting and not self._is_closing:
-                self._changed.wait()
-            batches = list(self._waiting)
-            self._waiting.clear()
-            self._waiting_bytes = 0
-            return batches
 
-
-def _joined(batches: list[_Batch]) -> list[_Batch]:
-    """Batches of the same second as one write."""
-    joined: list[_Batch] = []
-    for batch in batches:
-        if joined and 0 <= batch.arrival_us - joined[-1].arrival_us < 1_000_000:
-            before = joined[-1]
-            joined[-1] = _Batch(
-                before.arrival_us, before.records + batch.records, before.frames + batch.frames
-            )
-        else:
-            joined.append(batch)
-    return joined
+def _joined(batches: list[_Batch]) -> _Batch:
+    """Batches of one second as one write."""
+    return _Batch(
+        batches[0].arrival_us,
+        b"".join([batch.records for batch in batches]),
+        sum(batch.frames for batch in batches),
+    )
 
 
 class _Writer:
@@ -136,6 +127,8 @@ class _Writer:
         self.lost = 0
         self.is_damaged = False
         self._file = file
+        self._is_gone = False  # the file was removed or replaced
+        self._is_told = False  # that it is damaged
         self._retry_us: int | None = None
 
     def write(self, batch: _Batch) -> None:
@@ -157,6 +150,15 @@ class _Writer:
             self._retry_us = None
             _logger.warning("recording to %s again; %d frames are missing", self._name, self.lost)
 
+    def look(self) -> None:
+        """Notice what another program has done to the file."""
+        if self._file is not None and (what := self._file.damage()):
+            if not self._is_told:
+                text = "%s was %s by another program: the recording is not whole"
+                _logger.warning(text, self._name, what)
+            self.is_damaged = self._is_told = True
+            self._is_gone = what in ("removed", "replaced")
+
     def close(self) -> None:
         """Close the file."""
         if self._file is not None:
@@ -168,19 +170,16 @@ class _Writer:
 
     def _prepared(self, _arrival_us: int) -> TlogFile:
         """The file; a new one of the same name where somebody has taken the old one away."""
-        file = self._file
-        assert file is not None
-        if what := file.damage():
-            self._note_damage(what)
-            if what != "truncated":
-                self._file = TlogFile(file.path)
-                file.close()
-                return self._file
-        return file
+        self.look()
+        assert self._file is not None
+        if self._is_gone:
+            self._change_to(TlogFile(self._file.path))
+        return self._file
 
-    def _note_damage(self, what: str) -> None:
-        self.is_damaged = True
-        _logger.warning("%s was %s by another program: records may be missing", self._name, what)
+    def _change_to(self, file: TlogFile) -> None:
+        if self._file is not None:
+            self._file.close()
+        self._file, self._is_gone, self._is_told = file, False, False
 
 
 class _FolderWriter(_Writer):
@@ -208,29 +207,25 @@ class _FolderWriter(_Writer):
 
     def _prepared(self, arrival_us: int) -> TlogFile:
         """A new file if it is time for one, or the old one where none can be made."""
+        self.look()
         file = self._file
-        damage = "" if file is None else file.damage()
-        if damage:
-            self._note_damage(damage)
-            with suppress(OSError):  # perhaps with the folder
-                self._folder.mkdir(parents=True, exist_ok=True)
         is_over = file is not None and (
             file.written >= self._max_file_bytes or abs(arrival_us - self._begun_us) >= MAX_FILE_US
         )
-        if file is not None and not is_over and damage in ("", "truncated"):
+        if file is not None and not is_over and not self._is_gone:
             return file
+        with suppress(OSError):  # it may have gone with its folder
+            self._folder.mkdir(parents=True, exist_ok=True)
         try:
             following = TlogFile(self._free_path(arrival_us))
         except InputError as error:
-            if file is None or damage:
+            if file is None or self._is_gone:
                 raise
             _logger.warning("%s; going on in %s", error, file.path)
-            self._begun_us = arrival_us
-            return file
-        if file is not None:
-            file.close()
-        self._file, self._begun_us = following, arrival_us
-        return following
+        else:
+            self._change_to(file := following)
+        self._begun_us = arrival_us
+        return file
 
     def _free_path(self, arrival_us: int) -> Path:
         start = datetime.fromtimestamp(arrival_us / 1e6, UTC).strftime("%Y%m%dT%H%M%SZ")

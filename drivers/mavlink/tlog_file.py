@@ -72,21 +72,24 @@ class TlogFile(Closing):
         self._size += written
 
     def damage(self) -> str:
-        """What another program has done to the file: removed, replaced or truncated it, or ""."""
+        """What another program has done to the file, in one word; empty if nothing.
+
+        It is ``removed``, ``replaced``, ``truncated`` or ``changed``, the last for a file that is
+        longer than it should be.
+        """
         if not self._is_regular:
             return ""
-        with suppress(OSError):
-            about = os.fstat(self._file)
-            if about.st_nlink == 0:
-                return "removed"
-            if about.st_size < self._size:
-                self._size = about.st_size
-                return "truncated"
-            there = self.path.stat()
-            if (there.st_dev, there.st_ino) != (about.st_dev, about.st_ino):
-                return "replaced"
-            return ""
-        return "removed"
+        try:
+            about, there = os.fstat(self._file), self.path.stat()
+        except OSError:
+            return "removed"
+        if (there.st_dev, there.st_ino) != (about.st_dev, about.st_ino):
+            return "replaced"
+        if about.st_size != self._size:
+            word = "truncated" if about.st_size < self._size else "changed"
+            self._size = about.st_size
+            return word
+        return ""
 
     def close(self) -> None:
         """Close the file; a second call does nothing."""

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.mavlink.recorder import TlogRecorder, records_of
+from drivers.mavlink.recorder import Recorder
 from drivers.output_file import output_path, written_whole
 from estimator.errors import InputError
 from tuning.checkpoint import write_atomically
@@ -29,7 +29,7 @@ def test_our_own_link_is_followed_and_stays(tmp_path):
 
 
 @needs_root
-@pytest.mark.parametrize("write", [output_path, TlogRecorder, lambda p: write_atomically(p, b"x")])
+@pytest.mark.parametrize("write", [output_path, Recorder, lambda p: write_atomically(p, b"x")])
 def test_somebody_elses_is_not(tmp_path, write):
     target, link = linked(tmp_path)
     os.chown(link, 4321, 4321, follow_symlinks=False)
@@ -73,16 +73,16 @@ def test_links_in_a_circle_are_one_line(tmp_path):
     (tmp_path / "a").symlink_to(tmp_path / "b")
     (tmp_path / "b").symlink_to(tmp_path / "a")
     with pytest.raises(InputError, match=r"cannot be|cannot record"):
-        TlogRecorder(tmp_path / "a")
+        Recorder(tmp_path / "a")
 
 
 def test_frames_are_appended_to_a_tlog_and_to_nothing_else(tmp_path):
     notes, tlog = tmp_path / "notes.txt", tmp_path / "flight.tlog"
     notes.write_text("not a recording")
     with pytest.raises(InputError, match="it is there, and no tlog"):
-        TlogRecorder(notes)
+        Recorder(notes)
     assert notes.read_text() == "not a recording"
     for _ in range(2):
-        with TlogRecorder(tlog) as recorder:
-            recorder.write(records_of(1_700_000_000_000_000, [b"\xfd0123"]))
+        with Recorder(tlog) as recorder:
+            recorder.write(1_700_000_000_000_000, [b"\xfd0123"])
     assert tlog.stat().st_size == 2 * 13

@@ -25,6 +25,7 @@ from drivers.logs.missing_imu import advice
 from drivers.logs.open import open_log
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.dialect import mavlink
+from drivers.mavlink.frame_queue import FrameQueue
 from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.imu_messages import IMU_MESSAGES
 from drivers.mavlink.messages import MESSAGES
@@ -135,20 +136,15 @@ def test_both_messages_are_decoded():
 
 @pytest.mark.usefixtures("added")
 def test_under_overload_the_newest_of_each_stays():
-    backlog, reader = Backlog(), FrameReader()
+    reader = FrameReader()
     every = [frame for _, data in frames() for frame in reader.feed(data)]
-    address = VehicleId(1, 1)
-    backlog.add([Arrived(UNIX_US, every[1])], 0.0)  # a first one: it is no newcomer any more
-    backlog.take()
-    backlog.add([Arrived(UNIX_US, frame) for frame in every], 0.0)
-    backlog.fold()
-    kept = [arrived.frame for arrived in backlog.take()]
-    numbers = [frame.message_id for frame in kept]
-    assert sorted(numbers) == [0, 32, 107, 124]
-    (shed,) = backlog.take_shed(UNIX_US)
-    flight = banked_flight(seconds=SECONDS)
-    assert (shed.vehicle, shed.message) == (address, "HIL_SENSOR")
-    assert shed.samples == len(flight.samples) - 1
+    queue = FrameQueue(most_waiting=len(every) - 1)
+    queue.add(UNIX_US, every)
+    kept = [arrived.frame.message_id for arrived in queue.take(len(every))]
+    assert sorted(kept) == [0, 32, 107, 124]
+    (shed,) = queue.take_shed(UNIX_US)
+    assert (shed.vehicle, shed.message) == (VehicleId(1, 1), "HIL_SENSOR")
+    assert shed.samples == len(banked_flight(seconds=SECONDS).samples) - 1
 
 
 @pytest.mark.usefixtures("added")

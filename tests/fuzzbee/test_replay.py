@@ -228,14 +228,14 @@ def test_a_recording_of_fuzzbee_s_own_vehicle_is_replayed_with_the_profile_that_
 ):
     """The paper's signals: 8 deg off, and said so; under imu 42 deg off with a small sigma."""
     from drivers.mavlink.framing import FrameReader
-    from drivers.mavlink.recorder import TlogRecorder, records_of
+    from drivers.mavlink.recorder import Recorder
     from drivers.simulation.autopilot import SimulatedAutopilot, VehicleOptions
 
     log = tmp_path / "own.tlog"
     data = SimulatedAutopilot(VehicleOptions(rate_hz=50.0, seed=3), 1).advance(12_000_000, 0)
-    with TlogRecorder(log) as recorder:
+    with Recorder(log) as recorder:
         for number, frame in enumerate(FrameReader().feed(data)):
-            recorder.write(records_of(1_700_000_000_000_000 + 5_000 * number, [frame.data]))
+            recorder.write(1_700_000_000_000_000 + 5_000 * number, [frame.data])
     _, report, _ = replay(capsys, log, "--skip", 3, "--json")
     assert 4 < report["error_deg"]["total_rms"] < 12
     assert 0.5 < report["coverage"]["heading"] < 0.9

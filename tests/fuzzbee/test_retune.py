@@ -9,7 +9,7 @@ import pytest
 from pymavlink import mavutil
 
 from drivers.events import Imu
-from drivers.mavlink.recorder import TlogRecorder
+from drivers.mavlink.recorder import Recorder
 from estimator.errors import InputError
 from estimator.profile import load_profile
 from estimator.types import ImuSample
@@ -63,7 +63,7 @@ def noisy_events(seconds, noisy_from_s):
 def test_a_live_vehicle_is_retuned_by_a_process_beside_it(tmp_path):
     """A real process; the loop's part is done here. Its decision comes by the mailbox."""
     requests, said = ParameterRequests(), []
-    with Retuning(requests, None) as retuning, TlogRecorder(tmp_path / "x.tlog") as recorder:
+    with Retuning(requests, None) as retuning, Recorder(tmp_path / "x.tlog") as recorder:
         pipeline = Pipeline(load_profile("paper"), new_estimator=retuning.estimator)
         retuning.watch(pipeline)
         sink = RecordingSink(recorder, lambda: START_US)

@@ -1,4 +1,4 @@
-"""What ends up in a tlog, also when the disk or the process does not hold."""
+"""What ends up in tlogs, also when the disk, the process or another program does not hold."""
 
 import errno
 import logging
@@ -7,29 +7,61 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 from pymavlink import mavutil
 
 import drivers
-from drivers.events import VehicleId
+from drivers.events import Heartbeat, VehicleId
+from drivers.logs.open import open_log
 from drivers.mavlink import recorder as recorder_module
+from drivers.mavlink import tlog_file
 from drivers.mavlink.encoder import FrameEncoder, attitude, heartbeat
-from drivers.mavlink.recorder import RETRY_US, SharedRecorder, TlogRecorder, records_of
+from drivers.mavlink.recorder import RETRY_US, Recorder
 from estimator.errors import InputError
 
 ROOT = Path(drivers.__file__).parents[1]
-UNIX_US = 1_790_000_000_000_000
+UNIX_US = 1_790_000_000_000_000  # 2026-09-21 14:13:20 UTC
+HOUR_US = 3_600_000_000
+PATIENCE_S = 20.0
+
+
+def until(condition):
+    deadline = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+
+
+def frame(encoder=FrameEncoder(VehicleId(1, 1))):  # noqa: B008 - one sender, numbered on
+    return encoder.frame(heartbeat(2, 3), 0)
+
+
+def heartbeats(path):
+    with open_log(path) as log:
+        return sum(isinstance(event, Heartbeat) for event in log)
+
+
+def run(script, *arguments):
+    """Run a program of the tree."""
+    return subprocess.run(
+        [sys.executable, "-c", script, *arguments],
+        capture_output=True, text=True, check=True, cwd=ROOT,
+    )  # fmt: skip
+
+
+# --- one file
 
 
 def test_pymavlink_reads_the_recording(tmp_path):
     frames = FrameEncoder(VehicleId(1, 1))
-    with TlogRecorder(tmp_path / "flight.tlog") as recorder:
-        recorder.write(records_of(UNIX_US, [frames.frame(heartbeat(2, 3), 0)]))
-        recorder.write(records_of(UNIX_US + 1_000_000, []))
+    with Recorder(tmp_path / "flight.tlog") as recorder:
+        recorder.write(UNIX_US, [frames.frame(heartbeat(2, 3), 0)])
+        recorder.write(UNIX_US + 1_000_000, [])
         said = [frames.frame(attitude(i, (0.1 * i, 0, 0), (0, 0, 0)), 0) for i in range(3)]
-        recorder.write(records_of(UNIX_US + 2_500_000, said))
+        recorder.write(UNIX_US + 2_500_000, said)
     log = mavutil.mavlink_connection(str(tmp_path / "flight.tlog"))
     read = []
     while (message := log.recv_match()) is not None:
@@ -37,26 +69,25 @@ def test_pymavlink_reads_the_recording(tmp_path):
     log.close()
     assert [kind for kind, _ in read] == ["HEARTBEAT", "ATTITUDE", "ATTITUDE", "ATTITUDE"]
     assert [t for _, t in read] == pytest.approx([0, 2.5, 2.5, 2.5], abs=1e-5)
-    assert recorder.lost == 0
+    assert recorder.is_whole
 
 
 def test_an_existing_file_is_continued(tmp_path):
     path = tmp_path / "flight.tlog"
     for part in (b"\xfdfirst", b"\xfesecond"):
-        with TlogRecorder(path) as recorder:
-            recorder.write(records_of(1, [part]))
-    assert (
-        path.read_bytes()
-        == (1).to_bytes(8, "big") + b"\xfdfirst" + (1).to_bytes(8, "big") + b"\xfesecond"
-    )
+        with Recorder(path) as recorder:
+            recorder.write(1, [part])
+    stamp = (1).to_bytes(8, "big")
+    assert path.read_bytes() == stamp + b"\xfdfirst" + stamp + b"\xfesecond"
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 def test_a_full_disk_is_reported_once(caplog):
-    with TlogRecorder("/dev/full") as recorder, caplog.at_level(logging.WARNING):
+    with caplog.at_level(logging.WARNING), Recorder("/dev/full") as recorder:
         for i in range(100):
-            recorder.write(records_of(UNIX_US + i * RETRY_US // 10, [b"frame", b"frame"]))
+            recorder.write(UNIX_US + i * RETRY_US // 10, [b"frame", b"frame"])
     assert recorder.lost == 200
+    assert not recorder.is_whole
     assert len(caplog.records) == 1
     assert "/dev/full" in caplog.text
     assert "No space left" in caplog.text
@@ -66,18 +97,16 @@ def test_a_full_disk_is_reported_once(caplog):
 def test_half_written_records_are_taken_back(tmp_path):
     """A file size limit cuts a write in two, like a disk that has just filled up."""
     path = tmp_path / "flight.tlog"
-    script = (
+    done = run(
         "import resource, signal, sys\n"
-        "from drivers.mavlink.recorder import TlogRecorder, records_of\n"
+        "from drivers.mavlink.recorder import Recorder\n"
         "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n"
-        "with TlogRecorder(sys.argv[1]) as recorder:\n"
+        "with Recorder(sys.argv[1]) as recorder:\n"
         "    for i in range(50):\n"
-        "        recorder.write(records_of(i, [b'x' * 32]))\n"
-        "print(recorder.lost)\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", script, path], capture_output=True, text=True, check=True, cwd=ROOT
+        "        recorder.write(i * 2_000_000, [b'x' * 32])\n"
+        "print(recorder.lost)\n",
+        path,
     )
     assert path.stat().st_size == 25 * 40
     assert int(done.stdout) == 25
@@ -88,12 +117,16 @@ def test_half_written_records_are_taken_back(tmp_path):
 def test_a_killed_process_leaves_whole_records(tmp_path):
     path = tmp_path / "flight.tlog"
     script = (
-        "import sys\n"
-        "from drivers.mavlink.recorder import TlogRecorder, records_of\n"
-        "recorder = TlogRecorder(sys.argv[1])\n"
+        "import sys, time\n"
+        "from pathlib import Path\n"
+        "from drivers.mavlink.recorder import Recorder\n"
+        "recorder, is_told = Recorder(sys.argv[1]), False\n"
         "while True:\n"
-        "    recorder.write(records_of(1, [b'x' * 56] * 3))\n"
-        "    if recorder.path.stat().st_size == 64 * 300: print('ready', flush=True)\n"
+        "    recorder.write(1, [b'x' * 56] * 3)\n"
+        "    time.sleep(1e-4)\n"
+        "    if not is_told and Path(sys.argv[1]).stat().st_size >= 64 * 300:\n"
+        "        is_told = True\n"
+        "        print('ready', flush=True)\n"
     )
     with subprocess.Popen(
         [sys.executable, "-c", script, path], stdout=subprocess.PIPE, cwd=ROOT
@@ -105,17 +138,15 @@ def test_a_killed_process_leaves_whole_records(tmp_path):
     assert size % 64 == 0
 
 
-def test_frames_that_could_not_be_handed_over_are_told_once(tmp_path, caplog):
-    with TlogRecorder(tmp_path / "flight.tlog") as file:
-        recorder = SharedRecorder(file)
-        recorder.miss(0)
-        assert recorder.is_whole
-        assert not caplog.records
-        recorder.miss(3)
-        recorder.miss(1)
+def test_what_a_disk_that_stands_still_cannot_take_is_counted(tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr(recorder_module, "MOST_WAITING_BYTES", 100)
+    with Recorder(tmp_path / "flight.tlog") as recorder:
+        recorder.write(1, [b"\xfd" * 50] * 3)
+        recorder.write(1, [b"\xfd" * 50] * 3)
+    assert recorder.lost == 6
     assert not recorder.is_whole
     assert [record.message for record in caplog.records] == [
-        "the recording lacks frames: more arrives than can be taken"
+        "the recording lacks frames: the disk does not keep up"
     ]
 
 
@@ -124,8 +155,8 @@ def test_a_file_is_recorded_to_by_one_program(tmp_path):
     path = tmp_path / "flight.tlog"
     script = (
         "import subprocess, sys\n"
-        "from drivers.mavlink.recorder import TlogRecorder\n"
-        "recorder = TlogRecorder(sys.argv[1])\n"
+        "from drivers.mavlink.recorder import Recorder\n"
+        "recorder = Recorder(sys.argv[1])\n"
         "child = subprocess.Popen(['sleep', '60'], stdout=subprocess.DEVNULL)\n"
         "print(child.pid, flush=True)\n"
         "child.wait()\n"
@@ -136,30 +167,14 @@ def test_a_file_is_recorded_to_by_one_program(tmp_path):
         child = int(process.stdout.readline())
         try:
             with pytest.raises(InputError, match=r"flight.tlog': another program records to it"):
-                TlogRecorder(path)
+                Recorder(path)
             process.kill()
             process.wait()
-            TlogRecorder(path).close()
+            Recorder(path).close()
         finally:
             os.kill(child, signal.SIGKILL)
-    with TlogRecorder(path), pytest.raises(InputError, match="another"):
-        TlogRecorder(path)  # nor twice by one
-
-
-def test_a_file_that_is_made_again_is_locked_again(tmp_path, caplog):
-    path = tmp_path / "flight.tlog"
-    with TlogRecorder(path) as recorder:
-        recorder.write(records_of(1, [b"\xfd one"]))
-        path.unlink()
-        with TlogRecorder(path) as other:
-            recorder.write(records_of(2, [b"\xfd two"]))
-            assert recorder.lost == 1
-            assert "another program records to it" in caplog.text
-            other.write(records_of(3, [b"\xfd six"]))
-        recorder.write(records_of(4 + RETRY_US, [b"\xfd ten"]))
-        with pytest.raises(InputError, match="another"):
-            TlogRecorder(path)
-    assert path.read_bytes()[8:] == b"\xfd six" + (4 + RETRY_US).to_bytes(8, "big") + b"\xfd ten"
+    with Recorder(path), pytest.raises(InputError, match="another"):
+        Recorder(path)  # nor twice by one
 
 
 @pytest.mark.parametrize("missing", ["library", "file system"])
@@ -168,53 +183,229 @@ def test_without_locks_it_records_all_the_same(missing, tmp_path, monkeypatch):
         raise OSError(errno.ENOLCK, "No locks available")
 
     if missing == "library":
-        monkeypatch.setattr(recorder_module, "fcntl", None)
+        monkeypatch.setattr(tlog_file, "fcntl", None)
     else:
-        monkeypatch.setattr(recorder_module.fcntl, "flock", no_locks)
-    with TlogRecorder(tmp_path / "flight.tlog") as recorder:
-        recorder.write(records_of(1, [b"\xfd one"]))
+        monkeypatch.setattr(tlog_file.fcntl, "flock", no_locks)
+    with Recorder(tmp_path / "flight.tlog") as recorder:
+        recorder.write(1, [b"\xfd one"])
     assert (tmp_path / "flight.tlog").stat().st_size == 13
 
 
 def test_a_pipe_that_nobody_reads_is_refused(tmp_path):
-    """It had been waited for, at the start, by what no signal ends."""
+    """To wait for its reader would be what no signal ends."""
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(InputError, match=r"cannot record to .*pipe"):
-        TlogRecorder(tmp_path / "pipe")
+        Recorder(tmp_path / "pipe")
     reader = os.open(tmp_path / "pipe", os.O_RDONLY | os.O_NONBLOCK)
-    with TlogRecorder(tmp_path / "pipe") as recorder:
-        recorder.write(records_of(1, [b"\xfd one"]))
-        assert os.read(reader, 99)[8:] == b"\xfd one"
+    with Recorder(tmp_path / "pipe") as recorder:
+        recorder.write(1, [b"\xfd one"])
+    assert os.read(reader, 99)[8:] == b"\xfd one"
+    assert recorder.is_whole
     os.close(reader)
 
 
 def test_a_file_that_cannot_be_written_is_refused(tmp_path):
     with pytest.raises(InputError, match="cannot record to"):
-        TlogRecorder(tmp_path)
+        Recorder(tmp_path)
     with pytest.raises(InputError, match="no/such/folder"):
-        TlogRecorder(tmp_path / "no/such/folder/flight.tlog")
+        Recorder(tmp_path / "no/such/folder/flight.tlog")
 
 
-def test_a_file_that_is_removed_is_made_again(tmp_path, caplog):
+# --- a file that another program changes
+
+
+@pytest.mark.parametrize("moment", ["before a write", "before the end"])
+@pytest.mark.parametrize("what", ["truncated", "removed", "replaced", "changed"])
+def test_a_file_that_another_program_damages_is_not_whole(what, moment, tmp_path, caplog):
     path = tmp_path / "flight.tlog"
-    with TlogRecorder(path) as recorder:
-        recorder.write(records_of(1, [b"\xfd one"]))
-        path.unlink()
-        recorder.write(records_of(2, [b"\xfd two"]))
-        assert path.read_bytes().endswith(b"\xfd two")
+    with Recorder(path) as recorder:
+        recorder.write(1, [b"\xfd one"])
+        until(lambda: path.stat().st_size == 13)
+        assert recorder.is_whole
+        if what == "truncated":
+            os.truncate(path, 0)
+        elif what == "changed":
+            path.write_bytes(b"longer than it was")
+        else:
+            path.unlink()
+        if what == "replaced":
+            path.write_bytes(b"another")
+        if moment == "before a write":
+            recorder.write(2_000_000, [b"\xfd two"])
+    assert not recorder.is_whole
+    assert f"was {what}" in caplog.text
+    if moment == "before a write" and what in ("truncated", "removed"):
+        assert path.read_bytes()[8:] == b"\xfd two"
         assert recorder.lost == 0
-    assert "was removed" in caplog.text
+
+
+def test_a_file_that_is_made_again_is_locked_again(tmp_path, caplog):
+    path = tmp_path / "flight.tlog"
+    with Recorder(path) as recorder:
+        recorder.write(1, [b"\xfd one"])
+        until(lambda: path.stat().st_size)
+        path.unlink()
+        with Recorder(path) as other:
+            recorder.write(2, [b"\xfd two"])
+            until(lambda: recorder.lost == 1)
+            assert "another program records to it" in caplog.text
+            other.write(3, [b"\xfd six"])
+        recorder.write(4 + RETRY_US, [b"\xfd ten"])
+        until(lambda: b"ten" in path.read_bytes())
+        with pytest.raises(InputError, match="another"):
+            Recorder(path)
+    assert path.read_bytes()[8:] == b"\xfd six" + (4 + RETRY_US).to_bytes(8, "big") + b"\xfd ten"
 
 
 def test_a_folder_that_is_removed_costs_frames_until_it_is_there_again(tmp_path, caplog):
     folder = tmp_path / "logs"
     folder.mkdir()
-    with TlogRecorder(folder / "flight.tlog") as recorder:
-        recorder.write(records_of(1, [b"\xfd one"]))
+    with Recorder(folder / "flight.tlog") as recorder:
+        recorder.write(1, [b"\xfd one"])
+        until(lambda: (folder / "flight.tlog").stat().st_size)
         shutil.rmtree(folder)
-        recorder.write(records_of(2, [b"\xfd two"]))
-        assert recorder.lost == 1
+        recorder.write(2, [b"\xfd two"])
+        until(lambda: recorder.lost == 1)
         assert "No such file" in caplog.text
         folder.mkdir()
-        recorder.write(records_of(2 + 10_000_000, [b"\xfd six"]))
-        assert (folder / "flight.tlog").read_bytes().endswith(b"\xfd six")
+        recorder.write(2 + RETRY_US, [b"\xfd six"])
+    assert (folder / "flight.tlog").read_bytes().endswith(b"\xfd six")
+
+
+# --- a folder of files
+
+
+def test_a_new_file_by_size_named_by_its_first_record(tmp_path):
+    size = 8 + len(frame())
+    with Recorder(tmp_path / "logs", in_folder=True, max_file_bytes=10 * size) as recorder:
+        for second in range(25):
+            recorder.write(UNIX_US + second * 1_000_000, [frame()])
+            recorder.write(UNIX_US + second * 1_000_000, [])
+    files = sorted((tmp_path / "logs").iterdir())
+    assert [file.name for file in files] == [
+        "20260921T141320Z.tlog",
+        "20260921T141330Z.tlog",
+        "20260921T141340Z.tlog",
+    ]
+    assert [heartbeats(file) for file in files] == [10, 10, 5]
+    assert recorder.is_whole
+
+
+def test_a_new_file_each_hour_and_when_the_clock_was_set(tmp_path):
+    with Recorder(tmp_path, in_folder=True) as recorder:
+        for at_us in (0, HOUR_US - 1, HOUR_US, -2 * HOUR_US):
+            recorder.write(UNIX_US + at_us, [frame()])
+    assert len(list(tmp_path.iterdir())) == 3
+
+
+def test_files_of_one_second_do_not_collide(tmp_path):
+    for _ in range(3):
+        with Recorder(tmp_path, in_folder=True) as recorder:
+            recorder.write(UNIX_US, [frame()])
+    files = sorted(tmp_path.iterdir())
+    assert [heartbeats(file) for file in files] == [1, 1, 1]
+    assert {file.name for file in files} == {
+        "20260921T141320Z.tlog",
+        "20260921T141320Z-2.tlog",
+        "20260921T141320Z-3.tlog",
+    }
+
+
+def test_a_name_is_taken_by_whoever_makes_it_first(tmp_path):
+    """Also by a link that leads nowhere, which only looks as if nothing were there."""
+    (tmp_path / "20260921T141320Z.tlog").symlink_to(tmp_path / "elsewhere.tlog")
+    with Recorder(tmp_path, in_folder=True) as recorder:
+        recorder.write(UNIX_US, [frame()])
+    assert heartbeats(tmp_path / "20260921T141320Z-2.tlog") == 1
+    assert not (tmp_path / "elsewhere.tlog").exists()
+
+
+def test_a_folder_that_cannot_be_made_is_refused(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match="file/logs"):
+        Recorder(tmp_path / "file" / "logs", in_folder=True)
+
+
+def test_a_folder_that_is_removed_is_made_again(tmp_path, caplog):
+    folder = tmp_path / "a" / "logs"
+    with Recorder(folder, in_folder=True) as recorder:
+        recorder.write(UNIX_US, [b"\xfd one"])
+        until(lambda: folder.exists() and list(folder.glob("*.tlog")))
+        until(lambda: next(folder.glob("*.tlog")).stat().st_size)
+        shutil.rmtree(folder.parent)
+        recorder.write(UNIX_US + 10_000, [b"\xfd two"])
+    (path,) = folder.iterdir()
+    assert path.read_bytes().endswith(b"\xfd two")
+    assert recorder.lost == 0
+    assert not recorder.is_whole
+    assert "was removed" in caplog.text
+
+
+FILL = """
+import sys, time
+from pathlib import Path
+from drivers.mavlink.recorder import RETRY_US, Recorder
+from drivers.events import Heartbeat, VehicleId
+from drivers.logs.open import open_log
+from drivers.mavlink.encoder import FrameEncoder, heartbeat
+
+folder = Path(sys.argv[1])
+ballast = folder / "ballast"
+ballast.write_bytes(bytes(100_000))
+encoder = FrameEncoder(VehicleId(1, 1))
+with Recorder(folder / "logs", in_folder=True, max_file_bytes=40_000) as recorder:
+    n = 0
+    while not recorder.lost:  # until the disk is full
+        recorder.write(n * 1000, [encoder.frame(heartbeat(2, 3), 0)])
+        n += 1
+        time.sleep(1e-4)
+    time.sleep(1.0)
+    lost = recorder.lost
+    ballast.unlink()
+    start = n * 1000 + RETRY_US
+    for m in range(100):
+        recorder.write(start + m * 1000, [encoder.frame(heartbeat(2, 3), 0)])
+print(n, lost, recorder.lost)
+found = 0
+for file in (folder / "logs").iterdir():
+    with open_log(file) as log:
+        found += sum(isinstance(event, Heartbeat) for event in log)
+print(found)
+"""
+
+
+def can_mount():
+    probe = "mount -t tmpfs tmpfs /mnt"
+    try:
+        return not subprocess.run(
+            ["unshare", "-Urm", "sh", "-c", probe], capture_output=True, check=False
+        ).returncode
+    except OSError:
+        return False
+
+
+@pytest.mark.skipif(os.name != "posix" or not can_mount(), reason="needs user namespaces")
+def test_a_full_disk_loses_only_what_came_while_it_was_full(tmp_path):
+    """A real file system of 200 kB, in a mount namespace of the test's own."""
+    script = tmp_path / "fill.py"
+    script.write_text(FILL)
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mount = (
+        f"mount -t tmpfs -o size=200k tmpfs '{disk}' && exec '{sys.executable}' '{script}' '{disk}'"
+    )
+    done = subprocess.run(
+        ["unshare", "-Urm", "sh", "-c", mount],
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    written, lost, lost_in_all, read = map(int, done.stdout.split())
+    assert lost == lost_in_all > 0
+    assert written > 1000
+    assert read == written - lost + 100
+    assert "no space left" in done.stderr.lower()
+    assert done.stderr.count("the estimate goes on") == 1

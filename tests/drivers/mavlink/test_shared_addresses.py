@@ -1,0 +1,108 @@
+"""Two sequence counters with one address, and what only looks like them."""
+
+import random
+import time
+from socket import AF_INET, SOCK_DGRAM, socket
+
+import pytest
+
+from drivers.endpoint import Endpoint
+from drivers.events import Notice, VehicleId
+from drivers.mavlink.encoder import FrameEncoder, raw_imu
+from drivers.mavlink.framing import FrameReader
+from drivers.mavlink.link import MavlinkLink
+from drivers.mavlink.shared_addresses import EVERY_US, SharedAddresses
+
+ONE = VehicleId(1, 1)
+S = 1_000_000
+
+
+class Sender:
+    """Three frames a sample, 50 samples a second."""
+
+    def __init__(self, number, seed=0):
+        self.encoder, self.rng = FrameEncoder(ONE), random.Random(seed)
+        for _ in range(number):
+            self.encoder.frame(self._message(0), 0)
+
+    def _message(self, time_us):
+        return raw_imu(time_us, (self.rng.random(), 0.0, -9.8), (0.0, 0.0, 0.0), (0.2, 0.0, 0.4))
+
+    def sample(self, time_us):
+        return [self.encoder.frame(self._message(time_us), 0) for _ in range(3)]
+
+
+def told(chunks, interval_us=20_000, watch=None, begin_us=S):
+    watch, reader, lines = watch or SharedAddresses(), FrameReader(), []
+    for number, chunk in enumerate(chunks):
+        now_us = begin_us + number * interval_us
+        lines += watch.look("a", reader.feed(b"".join(chunk)), now_us)
+    return [line.text for line in lines]
+
+
+@pytest.mark.parametrize("number", [0, 1, 45, 60, 100, 255])
+@pytest.mark.parametrize("in_a_row", [1, 4, 15])
+def test_two_senders_are_told_once(number, in_a_row):
+    """Also where both count the same numbers."""
+    one, other = Sender(0, 1), Sender(number, 2)
+    senders = [one] * in_a_row + [other] * in_a_row
+    chunks = [senders[k % len(senders)].sample(20_000 * k) for k in range(1500)]
+    (line,) = told(chunks, 10_000)
+    assert line == (
+        "system 1: two senders use its address on one wire: two vehicles, or one by two ways"
+    )
+
+
+@pytest.mark.parametrize("share", [0.02, 0.1, 0.5])
+@pytest.mark.parametrize("kind", ["lost", "late", "twice", "shuffled"])
+def test_a_bad_link_of_one_sender_is_none(kind, share):
+    rng, one, late, chunks = random.Random(4), Sender(0), [], []
+    for k in range(3000):
+        chunk = []
+        for frame in one.sample(20_000 * k):
+            if rng.random() >= share:
+                chunk.append(frame)
+            elif kind == "late":
+                late.append(frame)
+            elif kind == "twice":
+                chunk += [frame, frame]
+        if kind == "shuffled" and rng.random() < share:
+            rng.shuffle(chunk)
+        if rng.random() < 0.3:
+            chunk += late
+            late = []
+        chunks.append(chunk)
+    assert told(chunks) == []
+
+
+def test_nor_are_two_ways_of_which_one_is_slower():
+    one = Sender(0)
+    samples = [one.sample(20_000 * k) for k in range(1000)]
+    assert told([a + b for a, b in zip(samples[7:], samples, strict=False)]) == []
+
+
+def test_one_that_comes_later_is_told_at_the_next_look():
+    one, other, watch = Sender(0), Sender(9, 2), SharedAddresses()
+    alone = [one.sample(20_000 * k) for k in range(150)]
+    assert told(alone, watch=watch) == []
+    after = [s.sample(20_000 * k) for k in range(1500) for s in (one, other)]
+    assert len(told(after, 10_000, watch, S + EVERY_US // 2)) == 1  # within two stretches
+
+
+def test_a_link_tells_it():
+    link = MavlinkLink(Endpoint("udpin", "127.0.0.1", 0))
+    one, other = Sender(0), Sender(77, 2)
+    with link:
+        host, _, port = link.address.removeprefix("udpin:").rpartition(":")
+        lines = []
+        with socket(AF_INET, SOCK_DGRAM) as out:
+            for k in range(150):
+                for sender in (one, other):
+                    out.sendto(b"".join(sender.sample(20_000 * k)), (host, int(port)))
+                time.sleep(0.01)
+                lines += [e.text for e in link.drain(0.0) if isinstance(e, Notice)]
+            for _ in range(100):
+                lines += [e.text for e in link.drain(0.1) if isinstance(e, Notice)]
+                if any("two senders" in line for line in lines):
+                    break
+    assert any("two senders" in line for line in lines)
