@@ -14,6 +14,7 @@ from drivers.source import SIM_MOTION, open_live
 from estimator.errors import InputError
 from fuzzbee import security
 from fuzzbee.run_options import RunOptions
+from fuzzbee.sinks import parse_address_of
 from service.overload import Overload
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
@@ -70,11 +71,14 @@ def open_source(
 
         log = stack.enter_context(open_log(Path(endpoint.path)))
         return Player(imu_events(log), options.speed)
+    policy = security.open_policy(options.security, key, stack)
+    if options.outputs.send_as is not None:
+        policy = policy._replace(own=parse_address_of(options.outputs.send_as))
     source = open_live(
         endpoint,
         recorder=recorder,
         request_rate_hz=options.request_rate_hz,
-        policy=security.open_policy(options.security, key, stack),
+        policy=policy,
         key=key,
         references=options.truth or options.outputs.shows_peers,
     )

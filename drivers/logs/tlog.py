@@ -15,9 +15,11 @@ from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.dialect import mavlink
 from drivers.mavlink.fields import FieldReader
 from drivers.mavlink.framing import Data, Frame, FrameFormat, frame_end
+from drivers.mavlink.gate import FrameGate, Policy
 from estimator.errors import InputError
 
 STAMP_SIZE = 8
+ONE_PEER = ""  # a log does not name who sent a frame
 
 ORDINARY_STEP_US = 10 * 1_000_000  # a stamp further from the last counts if the next is near it
 ORDINARY_BACK_US = 5 * 1_000_000
@@ -82,12 +84,14 @@ class Tlog(LogFile):
                 raise InputError(f"{path}: no MAVLink frame in it, not a telemetry log")
 
     def __iter__(self) -> Iterator[Event]:
-        decoder = MavlinkDecoder()
+        gate, decoder = FrameGate(Policy()), MavlinkDecoder()
         for arrival_us, frame in self._frames(decoder.wanted):
             if frame is None:
                 yield Malformed(arrival_us, 1)
-            else:
+            elif gate.lets_in(frame, ONE_PEER, arrival_us):
                 yield from decoder.events(frame, arrival_us)
+            else:
+                yield from gate.take_refused(arrival_us)
 
     def messages(self, wanted: frozenset[int]) -> Iterator[tuple[int, Frame, Any]]:
         """Messages of those numbers: arrival, frame, and what has its fields as attributes."""

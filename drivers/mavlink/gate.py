@@ -1,12 +1,16 @@
-"""Which frames of a link are let in: allowed systems, good signatures, one sender an address."""
+"""Which frames of a link or log are let in: allowed systems, good signatures, one sender each.
+
+Of a stream that comes twice the fresher copy is let in.
+"""
 
 from collections import Counter
 from typing import NamedTuple
 
 from drivers.events import Event, Notice, RefusedFrames, VehicleId
+from drivers.mavlink.copies import StreamCopies
 from drivers.mavlink.framing import Frame
+from drivers.mavlink.imu_messages import IMU_MESSAGES
 from drivers.mavlink.signing import SigningCheck
-from drivers.value import Value
 from estimator.reasons import Reason
 
 # Another sender of the same address may take over once the first has been silent for so long
@@ -26,16 +30,18 @@ EXPLANATIONS = {
 
 
 class Policy(NamedTuple):
-    """What is let in; None means no such check."""
+    """What is let in; None means no such check.
+
+    ``own`` is the address that this program's attitudes are sent from: forwarded back, they are no
+    vehicle's.
+    """
 
     system_ids: frozenset[int] | None = None
     signing: SigningCheck | None = None
+    own: VehicleId | None = None
 
 
-_NO_POLICY = Policy()
-
-
-class _Sender(Value, frozen=True):
+class _Sender(NamedTuple):
     peer: str
     last_us: int
 
@@ -45,6 +51,8 @@ class FrameGate:
 
     def __init__(self, policy: Policy) -> None:
         self._policy = policy
+        self._own = policy.own
+        self._copies = StreamCopies()
         self._senders: dict[tuple[int, int], _Sender] = {}
         self._most_senders = MOST_SENDERS
         self._refused: Counter[tuple[VehicleId, Reason]] = Counter()
@@ -52,25 +60,19 @@ class FrameGate:
 
     def let_in(self, frames: list[Frame], peer: str, arrival_us: int) -> list[Frame]:
         """The good ones of frames that came together; the others are counted."""
-        if self._policy != _NO_POLICY:
-            return [frame for frame in frames if self.lets_in(frame, peer, arrival_us)]
-        let_in: list[Frame] = []
-        judged, is_good = None, False
-        for frame in frames:
-            address = (frame.system_id, frame.component_id)
-            # of a vehicle's frames in one datagram one is judged: nothing else tells them apart
-            if address != judged or not is_good:
-                judged, is_good = address, self.lets_in(frame, peer, arrival_us)
-            if is_good:
-                let_in.append(frame)
-        return let_in
+        return [frame for frame in frames if self.lets_in(frame, peer, arrival_us)]
 
     def lets_in(self, frame: Frame, peer: str, arrival_us: int) -> bool:
-        """Whether the frame is good; if not, it is counted."""
-        reason = self._refusal(frame, peer, arrival_us)
+        """Whether the frame is good; if not, it is counted, unless this program has sent it."""
+        address = (frame.system_id, frame.component_id)
+        if address == self._own:
+            if frame.message_id not in IMU_MESSAGES:
+                return False
+            self._own = None  # this program sends none: there is a vehicle of that address
+        reason = self._refusal(frame, address, peer, arrival_us)
         if reason is None:
             return True
-        self._refused[VehicleId(frame.system_id, frame.component_id), reason] += 1
+        self._refused[VehicleId(*address), reason] += 1
         return False
 
     def keep(self, unix_us: int) -> None:
@@ -101,17 +103,25 @@ class FrameGate:
             if peer is not None and sender.peer != peer
         }
 
-    def _refusal(self, frame: Frame, peer: str, arrival_us: int) -> Reason | None:
-        systems, signing = self._policy
+    def _refusal(
+        self, frame: Frame, address: tuple[int, int], peer: str, arrival_us: int
+    ) -> Reason | None:
+        systems, signing = self._policy.system_ids, self._policy.signing
         if systems is not None and frame.system_id not in systems:
             return Reason.SYSTEM_NOT_ALLOWED
         if signing is not None:
             refusal = signing.refusal(frame, arrival_us)
             if refusal is not None:
                 return refusal
-        address = (frame.system_id, frame.component_id)
         sender = self._senders.get(address)
+        source = self._copies.source(frame, peer, arrival_us)
+        if source is not None:
+            if source != peer:  # whoever brings the originals is followed
+                self._senders[address] = _Sender(source, arrival_us)
+            return Reason.DUPLICATE
         if sender is not None and sender.peer != peer:
+            if self._copies.is_late(address, peer, arrival_us):
+                return Reason.DUPLICATE
             if self._is_heard(sender, arrival_us):
                 return Reason.ADDRESS_CONFLICT
             sender = None
@@ -133,3 +143,4 @@ class FrameGate:
             if self._is_heard(sender, now_us)
         }
         self._most_senders = max(MOST_SENDERS, 2 * len(self._senders))
+        self._copies.forget(set(self._senders))

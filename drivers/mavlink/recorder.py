@@ -133,7 +133,7 @@ class _Writer:
 
     def write(self, batch: _Batch) -> None:
         """Append the records, unless a failure is too recent."""
-        waits = self._retry_us is not None and 0 <= self._retry_us - batch.arrival_us < RETRY_US
+        waits = self._retry_us is not None and 0 < self._retry_us - batch.arrival_us < RETRY_US
         if waits:
             self.lost += batch.frames
             return

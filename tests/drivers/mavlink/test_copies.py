@@ -1,0 +1,125 @@
+"""One vehicle by two ways, of which one is late: by two senders, or over one wire."""
+
+import random
+from collections import Counter
+
+import pytest
+
+from drivers.events import ClockReset, Imu, RefusedFrames, VehicleId
+from drivers.mavlink.decoder import MavlinkDecoder
+from drivers.mavlink.encoder import FrameEncoder, heartbeat, raw_imu
+from drivers.mavlink.framing import FrameReader
+from drivers.mavlink.gate import FrameGate, Policy
+
+S = 1_000_000
+UNIX_US = 1_790_000_000_000_000
+BOOT_US = 500 * S
+ONE = VehicleId(1, 1)
+
+
+def flight(seconds, boot_us=BOOT_US, seed=1, hz=50):
+    """What a vehicle sends: time in us, and bytes."""
+    encoder, rng = FrameEncoder(ONE), random.Random(seed)
+    for number in range(int(seconds * hz)):
+        at_us = number * S // hz
+        force = (rng.gauss(0.0, 0.1), rng.gauss(0.0, 0.1), -9.8)
+        data = encoder.frame(raw_imu(boot_us + at_us, force, (0.0, 0.0, 0.1), (0.2, 0.0, 0.4)), 0)
+        if number % hz == 0:
+            data += encoder.frame(heartbeat(2, 3), 0)
+        yield at_us, data
+
+
+class Wire:
+    """A gate and a decoder behind it; what comes of packets in the order of their arrival."""
+
+    def __init__(self, policy=Policy()):  # noqa: B008 - immutable
+        self.gate, self.decoder, self.readers = FrameGate(policy), MavlinkDecoder(), {}
+
+    def play(self, packets):
+        events = []
+        for at_us, peer, data in sorted(packets):
+            reader = self.readers.setdefault(peer, FrameReader())
+            for frame in self.gate.let_in(reader.feed(data), peer, UNIX_US + at_us):
+                events += self.decoder.events(frame, UNIX_US + at_us)
+            events += self.gate.take_refused(UNIX_US + at_us)
+        return events
+
+
+def lateness_s(events):
+    """How far behind the vehicle each sample that was taken arrived."""
+    return [
+        (e.arrival_us - UNIX_US - (e.boot_us - BOOT_US)) / S for e in events if isinstance(e, Imu)
+    ]
+
+
+def refused(events):
+    found = Counter()
+    for event in events:
+        if isinstance(event, RefusedFrames):
+            found[event.reason] += event.frames
+    return found
+
+
+@pytest.mark.parametrize("late_s", [1, 5, 10])
+@pytest.mark.parametrize("peers", ["ab", "aa"], ids=["two senders", "one wire"])
+def test_a_late_copy_is_never_mixed_in_while_the_fresh_one_pauses(peers, late_s):
+    sent = list(flight(60.0))
+    fresh = [(at_us, peers[0], data) for at_us, data in sent if not 30 * S <= at_us < 31.5 * S]
+    late = [(at_us + late_s * S, peers[1], data) for at_us, data in sent]
+    events = Wire().play(fresh + late)
+    assert not [e for e in events if isinstance(e, ClockReset)]
+    assert max(lateness_s(events)) < 0.1
+    assert len(lateness_s(events)) == len(fresh)
+
+
+@pytest.mark.parametrize("late_s", [1, 3, 5])
+def test_the_fresher_copy_is_followed_when_it_comes_second(late_s):
+    sent = list(flight(60.0))
+    late = [(at_us + late_s * S, "late", data) for at_us, data in sent]
+    fresh = [(at_us, "fresh", data) for at_us, data in sent if at_us >= 20 * S]
+    events = Wire().play(fresh + late)
+    behind_s = lateness_s(events)
+    assert behind_s[0] == late_s
+    # the first repeated frames are the proof: one in four of them is looked at
+    assert max(behind_s[int(50 * (22 + late_s)) :]) < 0.1
+    assert not [e for e in events if isinstance(e, ClockReset)]
+
+
+def test_a_late_copy_is_used_when_nothing_else_comes_for_long():
+    sent = list(flight(60.0))
+    fresh = [(at_us, "fresh", data) for at_us, data in sent if at_us < 20 * S]
+    late = [(at_us + 3 * S, "late", data) for at_us, data in sent]
+    behind_s = lateness_s(Wire().play(fresh + late))
+    assert behind_s[-1] == 3
+    assert len(behind_s) < len(sent) - 50 * 8
+
+
+@pytest.mark.parametrize("ahead_s", [-5, 5])
+def test_another_vehicle_of_the_same_address_is_no_copy_however_fresh(ahead_s):
+    one = [(at_us, "a", data) for at_us, data in flight(20.0)]
+    other = flight(20.0, BOOT_US + ahead_s * S, seed=2)
+    events = Wire().play(one + [(at_us + 5, "b", data) for at_us, data in other])
+    assert set(refused(events)) == {"address_conflict"}
+    assert max(map(abs, lateness_s(events))) < 0.1
+
+
+@pytest.mark.parametrize("after_s", [3, 9])
+def test_a_vehicle_that_starts_again_and_repeats_itself_is_no_copy(after_s):
+    """A simulated one may send the same readings with the same stamps after each start."""
+    first = [(at_us, "a", data) for at_us, data in flight(after_s, boot_us=0)]
+    again = [(at_us + after_s * S, "a", data) for at_us, data in flight(20.0, boot_us=0)]
+    events = Wire().play(first + again)
+    assert [e.reason for e in events if isinstance(e, ClockReset)] == ["reboot"]
+    assert not refused(events)
+    assert sum(isinstance(e, Imu) for e in events) >= len(first) + len(again) - 1
+
+
+def test_what_this_program_has_sent_is_no_vehicle_s():
+    """Until an IMU's data come from there: this program sends none."""
+    own, wire = FrameEncoder(VehicleId(200, 1)), Wire(Policy(own=VehicleId(200, 1)))
+    beat = own.frame(heartbeat(2, 0), 0)
+    assert wire.play([(n, "a", beat) for n in range(5)]) == []
+    (_, data), *_ = flight(1.0)
+    assert wire.play([(9, "a", data)])
+    sample = own.frame(raw_imu(S, (0.0, 0.0, -9.8), (0.0, 0.0, 0.0), (0.2, 0.0, 0.4)), 0)
+    assert len(wire.play([(10, "a", sample), (11, "a", beat)])) >= 1
