@@ -6,8 +6,11 @@ but for what :mod:`drivers.mavlink.outgoing` sends.
 
 import time
 from collections import OrderedDict
+from collections.abc import Callable
+from concurrent.futures import Future
 from typing import Self
 
+from drivers.aside import aside
 from drivers.closing import Closing
 from drivers.endpoint import Endpoint
 from drivers.events import Event, Malformed
@@ -30,6 +33,8 @@ MOST_AT_ONCE = 64
 # Looks at the endpoint that find something are this far apart at least: to wake up costs as much
 # as several samples, and hundreds of vehicles would wake it at each of theirs.
 REST_S = 0.002
+BUSY_REST_S = 0.02  # the same, while frames wait to be decoded: reading more would delay them
+AHEAD_S = 0.02  # between two looks before anybody drains
 
 
 class MavlinkLink(Closing):
@@ -38,7 +43,7 @@ class MavlinkLink(Closing):
     Entering the context opens the endpoint. ``recorder`` gets every readable frame that is let in;
     it stays the caller's to close. ``policy`` says what is let in, ``key`` signs what we send, and
     without ``references`` attitudes of others are not decoded. Everything is done by the thread
-    that drains.
+    that drains; until it does so first, another one reads and records what comes.
 
     Raises:
         InputError: on entering, when the port is taken, the device missing or
@@ -67,9 +72,11 @@ class MavlinkLink(Closing):
         self._decoder = MavlinkDecoder(references=references)
         self._outbound = Outbound(endpoint, request_rate_hz, policy, key)
         self._events: list[Event] = []  # to be drained next
+        self._malformed = 0  # the same, of unreadable frames
         self._look_s = 0.0  # when all that was there had been read
         self._found_some = False  # at the last look
         self._is_closed = False
+        self._ahead: _ReadAhead | None = None
 
     @property
     def dropped(self) -> int:
@@ -93,6 +100,7 @@ class MavlinkLink(Closing):
 
     def __enter__(self) -> Self:
         self._connection.open()
+        self._ahead = _ReadAhead(self._receive)
         return self
 
     def close(self) -> None:
@@ -100,16 +108,25 @@ class MavlinkLink(Closing):
         if self._is_closed:
             return
         self._is_closed = True
+        if self._ahead is not None:
+            self._ahead.stop()
         self._connection.close()
 
     def drain(self, timeout_s: float) -> list[Event]:
         """Events of what has arrived, after waiting at most ``timeout_s`` for the first."""
         if self._is_closed:
             return []
-        is_idle = not len(self._queue) and not self._events
-        self._receive(timeout_s if is_idle else 0.0)
+        if self._ahead is not None:
+            self._ahead.stop()
+            self._ahead = None
+        is_idle = not len(self._queue)
+        if is_idle or time.monotonic() - self._look_s >= BUSY_REST_S:
+            self._receive(timeout_s if is_idle and not self._events else 0.0)
         events = [*self._connection.take_events(), *self._events]
         self._events.clear()
+        if self._malformed:
+            events.append(Malformed(unix_us(), self._malformed))
+            self._malformed = 0
         for arrival_us, frame in self._queue.take(MOST_AT_ONCE):
             events += self._decoder.events(frame, arrival_us)
         now_us = unix_us()
@@ -121,21 +138,17 @@ class MavlinkLink(Closing):
 
     def _receive(self, wait_s: float) -> None:
         """Take in all that has arrived: frames into the recording and into the queue."""
-        now_s = time.monotonic()
-        rest_s = REST_S - (now_s - self._look_s)
-        if self._found_some and rest_s > 0.0:
-            if len(self._queue):
-                return  # what waits is decoded meanwhile
-            time.sleep(max(0.0, min(rest_s, wait_s)))
+        since_s = time.monotonic() - self._look_s
+        if self._found_some and since_s < REST_S:
+            time.sleep(max(0.0, min(REST_S - since_s, wait_s)))
         packets = self._connection.receive(wait_s)
-        now_s = time.monotonic()
+        self._found_some, self._look_s = bool(packets), time.monotonic()
         for packet in packets:
             self._take(packet)
         if packets:
             now_us = unix_us()
             self._gate.keep(now_us)
             self._events += self._gate.take_refused(now_us)
-        self._found_some, self._look_s = bool(packets), now_s
 
     def _take(self, packet: Packet) -> None:
         peer, data, arrival_us = packet
@@ -149,8 +162,7 @@ class MavlinkLink(Closing):
         frames = reader.feed(data)
         self._connection.note_read(len(data), len(frames))
         self._events += self._shared.look(peer, frames, arrival_us)
-        if malformed := reader.take_malformed():
-            self._events.append(Malformed(arrival_us, malformed))
+        self._malformed += reader.take_malformed()
         let_in = self._gate.let_in(frames, peer, arrival_us)
         if not let_in:
             return
@@ -175,3 +187,21 @@ class MavlinkLink(Closing):
     def _forget_peers(self) -> None:
         self._readers.clear()
         self._gate.forget()
+
+
+class _ReadAhead:
+    """Looks at a link again and again, until somebody drains it: kernels may be compiled first."""
+
+    def __init__(self, look: Callable[[float], None]) -> None:
+        self._look = look
+        self._is_over = False
+        self._done: Future[None] = aside(self._work, "mavlink-read-ahead")
+
+    def stop(self) -> None:
+        """Wait for the end of the last look; raises what went wrong in one."""
+        self._is_over = True
+        self._done.result()
+
+    def _work(self) -> None:
+        while not self._is_over:
+            self._look(AHEAD_S)

@@ -596,6 +596,24 @@ def test_the_recording_holds_the_frames_as_they_came(tmp_path):
     assert stamps[1:] == [e.arrival_us for e in of_type(events, Imu)]
 
 
+def test_a_recording_begins_with_the_port_s_opening_and_not_with_the_first_look(tmp_path):
+    """More comes than the system keeps for a socket, before anybody drains."""
+    port, path, sent = free_port(socket.SOCK_DGRAM), tmp_path / "flight.tlog", b""
+    vehicle, stamp = Vehicle(), 8
+    with Recorder(path) as recorder, udp_sender(port) as sender, \
+            MavlinkLink(Endpoint("udpin", HOST, port), recorder) as link:  # fmt: skip
+        for number in range(12_000):
+            frame = vehicle.imu()
+            sender.send(frame)
+            sent += bytes(stamp) + frame
+            if number % 500 == 0:
+                time.sleep(0.05)
+        link.drain(0.0)
+        lost = link.lost
+    assert lost == 0
+    assert path.stat().st_size == len(sent)
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 def test_a_full_disk_does_not_stop_the_link():
     port = free_port(socket.SOCK_DGRAM)
