@@ -110,6 +110,8 @@ class MavlinkLink(Closing):
         self._is_closed = True
         if self._ahead is not None:
             self._ahead.stop()
+        if self._connection.is_open:
+            self._receive(0.0)
         self._connection.close()
 
     def drain(self, timeout_s: float) -> list[Event]:
