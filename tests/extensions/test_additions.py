@@ -18,7 +18,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from drivers.mavlink.backlog import Arrived, Backlog
 
 from drivers.events import Imu, Report, VehicleId
 from drivers.logs.missing_imu import advice
