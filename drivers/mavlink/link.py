@@ -13,7 +13,7 @@ from typing import Self
 from drivers.aside import aside
 from drivers.closing import Closing
 from drivers.endpoint import Endpoint
-from drivers.events import Event, Malformed
+from drivers.events import Event, Malformed, VehicleId
 from drivers.mavlink.connection import Connection
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.frame_queue import MOST_WAITING, FrameQueue
@@ -113,6 +113,10 @@ class MavlinkLink(Closing):
         if self._connection.is_open:
             self._receive(0.0)
         self._connection.close()
+
+    def follow(self, imu_in_use: Callable[[VehicleId], str | None]) -> None:
+        """Skip a vehicle's other IMU messages while the one that is used of it comes."""
+        self._decoder.imu_in_use = imu_in_use
 
     def drain(self, timeout_s: float) -> list[Event]:
         """Events of what has arrived, after waiting at most ``timeout_s`` for the first."""
