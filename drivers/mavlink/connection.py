@@ -8,8 +8,7 @@ from concurrent.futures import Future, wait
 from drivers.aside import aside
 from drivers.endpoint import Endpoint
 from drivers.events import Event, LinkDown, LinkUp, Notice
-from drivers.mavlink.error_summary import ErrorSummary
-from drivers.mavlink.link_diagnostics import LinkDiagnostics
+from drivers.mavlink.link_diagnostics import ErrorSummary, LinkDiagnostics
 from drivers.mavlink.transports.open import open_transport
 from drivers.mavlink.transports.sockets import SOCKET_BUFFER_BYTES
 from drivers.mavlink.transports.transport import LinkError, Packet, unix_us
