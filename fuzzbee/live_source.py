@@ -100,6 +100,8 @@ def make_runner(
     So has the vehicle in process, if it is to fly for some ``seconds``.
     """
     options: dict[str, Any] = {"overload": Overload()}
+    if not isinstance(source, Player | SimSource):
+        source.follow(pipeline.imu_in_use)
     if isinstance(source, Player):
         options = {"now_us": source.now_us, "is_finished": source.is_finished}
     if isinstance(source, SimSource) and seconds is not None:

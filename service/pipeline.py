@@ -104,6 +104,13 @@ class Pipeline:
         """The vehicle of that address, if it has been seen."""
         return self._vehicles.get(address)
 
+    def imu_in_use(self, address: VehicleId) -> str | None:
+        """The IMU message that is used of a vehicle; None while others may be better."""
+        vehicle = self._vehicles.get(address)
+        if vehicle is None or vehicle.imu.message in vehicle.imu.choice.doubted:
+            return None
+        return vehicle.imu.message
+
     # --- events
 
     def handle(self, event: Event, now_us: int | None = None) -> list[Output]:

@@ -8,8 +8,7 @@ from concurrent.futures import Future, wait
 from drivers.aside import aside
 from drivers.endpoint import Endpoint
 from drivers.events import Event, LinkDown, LinkUp, Notice
-from drivers.mavlink.error_summary import ErrorSummary
-from drivers.mavlink.link_diagnostics import LinkDiagnostics
+from drivers.mavlink.link_diagnostics import ErrorSummary, LinkDiagnostics
 from drivers.mavlink.transports.open import open_transport
 from drivers.mavlink.transports.sockets import SOCKET_BUFFER_BYTES
 from drivers.mavlink.transports.transport import LinkError, Packet, unix_us
@@ -28,8 +27,8 @@ _logger = logging.getLogger(__name__)
 class Connection:
     """A transport that is opened again after each failure.
 
-    ``lost`` counts datagrams that the system threw away. ``on_break`` is called whenever the
-    connection breaks: half-read frames and peers are void then.
+    ``lost`` counts datagrams that the system threw away, ``is_open`` tells whether bytes may come.
+    ``on_break`` is called whenever the connection breaks: half-read frames and peers are void then.
     """
 
     def __init__(self, endpoint: Endpoint, on_break: Callable[[], None]) -> None:
@@ -41,7 +40,7 @@ class Connection:
         self._diagnostics = LinkDiagnostics(endpoint)
         self._errors = ErrorSummary()
         self._opening: Future[None] | None = None
-        self._is_open = False
+        self.is_open = False
         self._is_up: bool | None = None  # None: nobody has been told yet
         self._has_data = False
         self._retry_s = FIRST_RETRY_S
@@ -61,7 +60,7 @@ class Connection:
         """
         try:
             self._transport.open()
-            self._is_open = True
+            self.is_open = True
         except LinkError as error:
             self._note_break(str(error))
         except InputError:
@@ -71,7 +70,7 @@ class Connection:
     def close(self) -> None:
         """Release the endpoint, within half a second."""
         self._count_lost(time.monotonic())
-        self._is_open = False
+        self.is_open = False
         if self._opening is None:
             self._transport.close()
             return
@@ -81,7 +80,7 @@ class Connection:
 
     def receive(self, wait_s: float) -> list[Packet]:
         """What has arrived, after waiting at most ``wait_s``."""
-        if not self._is_open:
+        if not self.is_open:
             self._reopen(wait_s)
             return []
         try:
@@ -114,7 +113,7 @@ class Connection:
 
     def send(self, data: bytes) -> None:
         """Send whole frames to every peer; what cannot be sent now is dropped."""
-        if not self._is_open:
+        if not self.is_open:
             return
         try:
             self._transport.send(data)
@@ -140,7 +139,7 @@ class Connection:
             return
         error, self._opening = self._opening.exception(), None
         if error is None:
-            self._is_open = True
+            self.is_open = True
         elif isinstance(error, LinkError | InputError):
             self._note_break(str(error))
         elif isinstance(error, OSError):
@@ -166,13 +165,13 @@ class Connection:
         _logger.info("%s: data arrives%s", self.endpoint, after)
 
     def _note_break(self, reason: str) -> None:
-        if self._is_open:
+        if self.is_open:
             self._count_lost(time.monotonic())
         self._losses.keep()
         self._retry_due_s = time.monotonic() + self._retry_s
         self._transport.close()
         self._on_break()
-        self._is_open = self._has_data = False
+        self.is_open = self._has_data = False
         line = self._errors.line(reason, time.monotonic())
         if line is not None:
             _logger.warning("%s: %s; trying again", self.endpoint, line)
@@ -188,7 +187,7 @@ class Connection:
             self._events.append(Notice(None, unix_us(), text))
 
     def _count_lost(self, now_s: float) -> None:
-        if self._is_open:
+        if self.is_open:
             self._tell(self._losses.line(self._transport.lost, now_s))
             self.lost = self._losses.total
 

@@ -45,6 +45,10 @@ MOST_SENDERS = PLACES  # addresses remembered at once; each takes 9 kB
 SILENT_US = 5_000_000
 LOOK_US = 1_000_000  # who they are is looked for no more often
 
+# Messages of other IMUs than the one in use are decoded once that has been silent for so long
+IMU_SILENT_US = 500_000
+_PLACES = {message.name: place for place, message in enumerate(IMU_MESSAGES.values())}
+
 # What fuzzbee's own vehicle puts where others have a commit
 BUILT_IN = "fuzzbee"
 
@@ -57,6 +61,7 @@ class _Sender:
         self.autopilot: int | None = None
         self.version = b""  # the payload of its last AUTOPILOT_VERSION, and what that says
         self.motion: str | None = None
+        self.imu_us: dict[str, int] = {}  # arrival of each IMU message's last frame
         self.intake = Intake(address)
         self.intake.takes_references = takes_references
 
@@ -65,11 +70,13 @@ class MavlinkDecoder:
     """Frames in, events out, for any number of vehicles.
 
     ``references`` says whether attitudes of others are wanted; ``wanted`` holds the numbers
-    of the messages that become events, all others are skipped. The tables are read here once: what
-    is to be known must be in them before.
+    of the messages that become events, all others are skipped. ``imu_in_use`` gives the IMU message
+    that is used of a vehicle, if any: those behind it in the order of preference are skipped while
+    it comes. The tables are read here once: what is to be known must be in them before.
     """
 
     def __init__(self, *, references: bool = True) -> None:
+        self.imu_in_use: Callable[[VehicleId], str | None] | None = None
         self._reader = FieldReader()
         self._senders: dict[tuple[int, int], _Sender] = {}
         self._looked_us: int | None = None  # for those who may give their places, with their times:
@@ -105,6 +112,11 @@ class MavlinkDecoder:
     def _events(self, sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:
         if frame.message_id == mav.AUTOPILOT_VERSION_ID:
             return self._repeated_version(sender, frame, arrival_us)
+        if self.imu_in_use is not None and frame.message_id in IMU_MESSAGES:
+            name = IMU_MESSAGES[frame.message_id].name
+            sender.imu_us[name] = arrival_us
+            if self._is_behind(sender, name, self.imu_in_use(sender.id), arrival_us):
+                return []
         is_wanted = self._is_wanted.get(frame.message_id)
         if is_wanted is not None and not is_wanted(sender.intake, arrival_us):
             return []
@@ -112,6 +124,16 @@ class MavlinkDecoder:
         if fields is None:
             return []
         return self._handlers[frame.message_id](sender, fields, arrival_us)
+
+    def _is_behind(self, sender: _Sender, name: str, in_use: str | None, arrival_us: int) -> bool:
+        """Whether an IMU message is not needed, as a better one is in use and comes."""
+        if in_use is None:
+            return False
+        better = in_use.partition(":")[0]
+        heard_us = sender.imu_us.get(better)
+        if heard_us is None or not 0 <= arrival_us - heard_us < IMU_SILENT_US:
+            return False
+        return _PLACES.get(better, len(_PLACES)) < _PLACES.get(name, len(_PLACES))
 
     def _repeated_version(self, sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:
         """What an AUTOPILOT_VERSION says; once a second or so, and unpacked only if it is new."""

@@ -13,7 +13,6 @@ from drivers.mavlink import constants as mav
 from drivers.mavlink.fields import layout
 from drivers.mavlink.framing import Frame
 from drivers.samples.vehicle_clock import TimeField
-from estimator.compilation.compiled import inlined
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec3
 
 MG_M_S2 = STANDARD_GRAVITY_M_S2 / 1000.0
@@ -31,37 +30,29 @@ def milli_vectors(m: Any) -> Vectors:
     half a unit on average: a bias of 0.5 mrad/s for a gyroscope, whose sign is that of the
     reading. So a reading is taken for the middle of the values that it may stand for.
     """
-    gyr = (m.xgyro, m.ygyro, m.zgyro)
-    return from_milli(gyr, (m.xacc, m.yacc, m.zacc), (m.xmag, m.ymag, m.zmag))
-
-
-Cut = tuple[int, int, int]
-
-
-@inlined
-def from_milli(gyr: Cut, acc: Cut, mag: Cut) -> Vectors:
-    """See :func:`milli_vectors`."""
     return (
-        (_middle(gyr[0]) * MILLI, _middle(gyr[1]) * MILLI, _middle(gyr[2]) * MILLI),
-        (_middle(acc[0]) * MG_M_S2, _middle(acc[1]) * MG_M_S2, _middle(acc[2]) * MG_M_S2),
-        (_middle(mag[0]) * MILLI, _middle(mag[1]) * MILLI, _middle(mag[2]) * MILLI),
+        _middles(m.xgyro, m.ygyro, m.zgyro, MILLI),
+        _middles(m.xacc, m.yacc, m.zacc, MG_M_S2),
+        _middles(m.xmag, m.ymag, m.zmag, MILLI),
     )
 
 
-@inlined
-def _middle(cut: int) -> float:
-    """The middle of all numbers that become ``cut`` when their decimals are cut off."""
-    return cut + 0.5 if cut > 0 else cut - 0.5 if cut < 0 else 0.0
+def _middles(x: int, y: int, z: int, unit: float) -> Vec3:
+    """The middles of all numbers that become x, y and z when their decimals are cut off."""
+    return (
+        (x + 0.5 * ((x > 0) - (x < 0))) * unit,
+        (y + 0.5 * ((y > 0) - (y < 0))) * unit,
+        (z + 0.5 * ((z > 0) - (z < 0))) * unit,
+    )
 
 
 def highres_vectors(m: Any) -> Vectors:
     """The vectors of HIGHRES_IMU: rad/s, m/s^2, gauss; a field that was not updated is zero."""
-    mag = highres_field((m.xmag, m.ymag, m.zmag), m.fields_updated)
+    mag = _highres_field((m.xmag, m.ymag, m.zmag), m.fields_updated)
     return (m.xgyro, m.ygyro, m.zgyro), (m.xacc, m.yacc, m.zacc), mag
 
 
-@inlined
-def highres_field(mag: Vec3, updated: int) -> Vec3:
+def _highres_field(mag: Vec3, updated: int) -> Vec3:
     """The field of HIGHRES_IMU by its bits of what was updated, gauss.
 
     ArduPilot's was 10^6 too large until early 2026; others send mGauss.

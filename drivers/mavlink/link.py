@@ -13,7 +13,7 @@ from typing import Self
 from drivers.aside import aside
 from drivers.closing import Closing
 from drivers.endpoint import Endpoint
-from drivers.events import Event, Malformed
+from drivers.events import Event, Malformed, VehicleId
 from drivers.mavlink.connection import Connection
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.frame_queue import MOST_WAITING, FrameQueue
@@ -110,7 +110,13 @@ class MavlinkLink(Closing):
         self._is_closed = True
         if self._ahead is not None:
             self._ahead.stop()
+        if self._connection.is_open:
+            self._receive(0.0)
         self._connection.close()
+
+    def follow(self, imu_in_use: Callable[[VehicleId], str | None]) -> None:
+        """Skip a vehicle's other IMU messages while the one that is used of it comes."""
+        self._decoder.imu_in_use = imu_in_use
 
     def drain(self, timeout_s: float) -> list[Event]:
         """Events of what has arrived, after waiting at most ``timeout_s`` for the first."""
@@ -143,39 +149,41 @@ class MavlinkLink(Closing):
             time.sleep(max(0.0, min(REST_S - since_s, wait_s)))
         packets = self._connection.receive(wait_s)
         self._found_some, self._look_s = bool(packets), time.monotonic()
-        for packet in packets:
-            self._take(packet)
+        frames = sum([self._take(packet) for packet in packets])
         if packets:
+            self._connection.note_read(sum([len(packet.data) for packet in packets]), frames)
             now_us = unix_us()
             self._gate.keep(now_us)
             self._events += self._gate.take_refused(now_us)
 
-    def _take(self, packet: Packet) -> None:
+    def _take(self, packet: Packet) -> int:
+        """Take in what one peer has sent; returns how many frames were readable."""
         peer, data, arrival_us = packet
         if not data:  # it has left
             self._readers.pop(peer, None)
             self._gate.forget(peer)
-            return
+            return 0
         if not self._limits.admits(peer, len(data), arrival_us * 1e-6):
-            return
+            return 0
         reader = self._readers.get(peer) or self._new_reader(peer)
         frames = reader.feed(data)
-        self._connection.note_read(len(data), len(frames))
         self._events += self._shared.look(peer, frames, arrival_us)
         self._malformed += reader.take_malformed()
         let_in = self._gate.let_in(frames, peer, arrival_us)
-        if not let_in:
-            return
-        if self._recorder is not None:
-            self._recorder.write(arrival_us, [frame.data for frame in let_in])
-        self._queue.add(arrival_us, self._wanted(let_in, peer, arrival_us))
+        if let_in:
+            if self._recorder is not None:
+                self._recorder.write(arrival_us, [frame.data for frame in let_in])
+            self._queue.add(arrival_us, self._wanted(let_in, peer, arrival_us))
+        return len(frames)
 
     def _wanted(self, frames: list[Frame], peer: str, arrival_us: int) -> list[Frame]:
         """The frames that become events; a peer with an IMU among them keeps its place."""
         wanted = self._decoder.wanted
-        if any(frame.message_id in IMU_MESSAGES for frame in frames):
-            self._limits.note_imu(peer, arrival_us * 1e-6)
-            self._connection.credit(peer)
+        for frame in frames:
+            if frame.message_id in IMU_MESSAGES:
+                self._limits.note_imu(peer, arrival_us * 1e-6)
+                self._connection.credit(peer)
+                break
         return [frame for frame in frames if frame.message_id in wanted]
 
     def _new_reader(self, peer: str) -> FrameReader:

@@ -1,4 +1,4 @@
-"""Lines for the user about an open link: that nothing arrives, or nothing readable.
+"""Lines for the user about a link: that nothing arrives, or nothing readable, or an error again.
 
 No clock is read; times come in as arguments, in s.
 """
@@ -9,6 +9,7 @@ SILENT_S = 5.0  # after the link was opened, without a byte
 # Noise of a wrong baud rate: so many bytes for so long, and not one readable frame
 UNREADABLE_BYTES = 500
 UNREADABLE_S = 2.0
+REPEAT_S = 60.0  # an error that goes on is mentioned this often
 
 ADVICE = {
     "udpin": "does the vehicle or the ground station send to this address?",
@@ -60,3 +61,28 @@ class LinkDiagnostics:
         why = OTHER_BAUD if self._endpoint.kind == "serial" else "is it a MAVLink stream?"
         count = f"{self._unread_bytes} bytes and not one MAVLink frame"
         return f"{self._endpoint}: {count}: {why}"
+
+
+class ErrorSummary:
+    """Decides which repetitions of an error are worth a line. Time comes in as an argument."""
+
+    def __init__(self) -> None:
+        self._reason = ""
+        self._count = 0
+        self._said_s = 0.0
+
+    def line(self, reason: str, now_s: float) -> str | None:
+        """What to say about ``reason`` now: the reason, the reason with its count, or nothing."""
+        if reason != self._reason:
+            self._reason, self._count, self._said_s = reason, 1, now_s
+            return reason
+        self._count += 1
+        if now_s - self._said_s < REPEAT_S:
+            return None
+        self._said_s = now_s
+        return f"{reason} ({self._count} times)"
+
+    def clear(self) -> int:
+        """Forget the error, because it is over; returns how often it was seen."""
+        count, self._reason, self._count = self._count, "", 0
+        return count

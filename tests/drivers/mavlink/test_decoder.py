@@ -506,3 +506,30 @@ def test_a_sender_with_an_imu_takes_the_place_of_one_without():
         decode_all([heartbeat(ARDUPILOT)], decoder, system=system + 1, component=component + 1)
     events = decode_all([raw_imu(k * 20_000) for k in range(1, 5)], decoder, system=7, component=99)
     assert len(only(Imu, events)) >= 3
+
+
+def test_other_imus_are_skipped_while_the_one_in_use_comes():
+    """After half a second without it they are decoded, a better one always, and in doubt all."""
+    said = [
+        each
+        for k in range(100)
+        for each in (
+            raw_imu(S + 20_000 * k),
+            m.MAVLink_scaled_imu2_message(1000 + 20 * k, 0, 0, -1000, *[0] * 6),
+            m.MAVLink_scaled_imu3_message(1000 + 20 * k, 0, 0, -1000, *[0] * 6),
+        )
+        if k < 50 or each.get_type() != "RAW_IMU"
+    ]
+
+    def taken(in_use):
+        decoder = MavlinkDecoder()
+        decoder.imu_in_use = lambda _: in_use
+        events = only(Imu, decode_all(said, decoder, interval_us=20_000 // 3))
+        return {name: sum(e.message == name for e in events) for name in
+                ("RAW_IMU", "SCALED_IMU2", "SCALED_IMU3")}  # fmt: skip
+
+    assert taken(None) == {"RAW_IMU": 50, "SCALED_IMU2": 100, "SCALED_IMU3": 100}
+    first = taken("RAW_IMU")
+    assert first["RAW_IMU"] == 50
+    assert 10 < first["SCALED_IMU2"] < 50  # of the 50 after RAW_IMU ended, less half a second
+    assert taken("SCALED_IMU2") == {"RAW_IMU": 50, "SCALED_IMU2": 100, "SCALED_IMU3": 0}

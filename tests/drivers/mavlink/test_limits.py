@@ -1,0 +1,128 @@
+"""What a link leaves out when more comes than can be handled: packets of floods, old samples."""
+
+import pytest
+
+from drivers.events import Shed, VehicleId
+from drivers.mavlink.constants import ATTITUDE_ID, HEARTBEAT_ID, PARAM_VALUE_ID, RAW_IMU_ID
+from drivers.mavlink.frame_queue import REPORT_EVERY_US, FrameQueue
+from drivers.mavlink.framing import Frame
+from drivers.mavlink.rate_limits import ALL_PACKETS_HZ, IMU_PACKETS_HZ, PACKETS_HZ, RateLimits
+
+
+def admitted(limits, peers, packets, seconds, size=30, imu=False):
+    """How many packets a second are read of senders that send that many a second each."""
+    count = 0
+    for number in range(int(packets * seconds)):
+        now_s = 1000.0 + number / packets
+        for peer in range(peers):
+            name = f"10.0.{peer // 250}.{peer % 250}:{number % 7 if peers > 500 else 1}"
+            count += limits.admits(name, size, now_s)
+            if imu:
+                limits.note_imu(name, now_s)
+    return count / seconds
+
+
+@pytest.mark.parametrize("peers", [1, 5, 100])
+def test_a_flood_without_imu_data_has_a_budget_each_and_one_of_all_together(peers):
+    """The first second's worth is there at the beginning."""
+    limit_hz = min(peers * PACKETS_HZ, ALL_PACKETS_HZ)
+    rate_hz = admitted(RateLimits(), peers, 1000.0, 4.0)
+    assert rate_hz == pytest.approx(limit_hz * 5 / 4, rel=0.02)
+    assert ALL_PACKETS_HZ == 2000.0
+
+
+def test_more_senders_than_are_remembered_still_share_the_one_budget():
+    assert admitted(RateLimits(), 1100, 10.0, 4.0) <= ALL_PACKETS_HZ * 5 / 4
+
+
+def test_who_sends_imu_data_is_read_however_much_others_send():
+    limits = RateLimits()
+    limits.admits("vehicle", 30, 999.9)
+    limits.note_imu("vehicle", 999.9)
+    admitted(limits, 50, 200.0, 1.0)
+    taken = 0
+    for number in range(400):
+        now_s = 1001.0 + number / 400
+        taken += limits.admits("vehicle", 30, now_s)
+        limits.note_imu("vehicle", now_s)
+        assert not number or limits.refused > 0
+    assert taken == 400
+
+
+def test_a_large_packet_counts_as_many_of_anybody():
+    assert (
+        admitted(RateLimits(), 1, 1000.0, 4.0, size=60_000, imu=True) * 900 < IMU_PACKETS_HZ * 1.5
+    )
+
+
+def test_a_clock_that_is_set_back_locks_nobody_out():
+    limits = RateLimits()
+    assert limits.admits("a", 30, 5000.0)
+    assert sum(limits.admits("a", 30, 10.0 + k / 100) for k in range(1000)) == 1000
+
+
+# --- the queue
+
+
+def frame(system, message, number=0):
+    payload = bytes(26) + bytes([number])
+    return Frame(message, system, 1, payload, 0, len(payload), False)
+
+
+def taken(queue):
+    return [(each.arrival_us, each.frame.message_id) for each in queue.take(1000)]
+
+
+def test_up_to_its_size_the_queue_keeps_everything_in_order():
+    queue = FrameQueue(most_waiting=10)
+    for number in range(10):
+        queue.add(number, [frame(1, RAW_IMU_ID)])
+    assert taken(queue) == [(number, RAW_IMU_ID) for number in range(10)]
+    assert (queue.shed, queue.dropped, queue.take_shed(1)) == (0, 0, [])
+
+
+def test_a_full_queue_keeps_the_newest_of_each_stream_and_what_is_sent_once():
+    """Two IMUs in one message are two streams; heartbeats make older ones old, but do not count."""
+    queue = FrameQueue(most_waiting=20)
+    said = [
+        *((k, frame(1, RAW_IMU_ID)) for k in range(8)),
+        *((k, frame(1, RAW_IMU_ID, 1)) for k in range(3)),
+        *((k, frame(1, HEARTBEAT_ID)) for k in range(2)),
+        *((k, frame(2, ATTITUDE_ID)) for k in range(5)),
+        *((k, frame(1, PARAM_VALUE_ID)) for k in range(3)),
+    ]
+    for arrival_us, each in said:
+        queue.add(arrival_us, [each])
+    assert taken(queue) == [
+        (7, RAW_IMU_ID),
+        (2, RAW_IMU_ID),
+        (1, HEARTBEAT_ID),
+        (4, ATTITUDE_ID),
+        *((k, PARAM_VALUE_ID) for k in range(3)),
+    ]
+    one = VehicleId(1, 1)
+    found = sorted(queue.take_shed(REPORT_EVERY_US), key=lambda each: each.samples)
+    assert found == [
+        Shed(one, REPORT_EVERY_US, "RAW_IMU:1", 2),
+        Shed(one, REPORT_EVERY_US, "RAW_IMU", 7),
+    ]
+    assert queue.shed == 9
+
+
+def test_what_cannot_be_left_out_is_bounded():
+    queue = FrameQueue(most_waiting=10)
+    queue.add(0, [frame(1, PARAM_VALUE_ID, k) for k in range(25)])
+    assert [each.frame.data[-1] for each in queue.take(99)] == list(range(15, 25))
+    assert queue.dropped == 15
+
+
+def test_what_was_left_out_is_reported_now_and_then():
+    queue = FrameQueue(most_waiting=1)
+    reports = []
+    for number in range(4):
+        now_us = 1_000_000 + number * (1 + REPORT_EVERY_US // 2)
+        queue.add(now_us, [frame(1, RAW_IMU_ID), frame(1, RAW_IMU_ID)])
+        reports.append(sum(each.samples for each in queue.take_shed(now_us)))
+        queue.take(9)
+    assert reports == [1, 0, 2, 0]
+    assert queue.shed == 4
