@@ -147,7 +147,7 @@ def recorded(
                 if isinstance(event, ReferenceAttitude) and event.vehicle not in kept:
                     vehicle = replay.pipeline.vehicle(event.vehicle)
                     if vehicle is not None:
-                        vehicle.second_opinion = kept[event.vehicle] = Recording()
+                        vehicle.comparison.opinion = kept[event.vehicle] = Recording()
                 is_hit = isinstance(event, Imu) and event.sample.time_us >= from_us
                 yield _hit(event, fault) if fault is not None and is_hit else event
 

@@ -25,7 +25,6 @@ from estimator.aiding import (
 )
 from estimator.aiding.correction import correct_last, prediction_at
 from estimator.aiding.search import EMPTY_SEARCH, add_report, add_sample
-from estimator.aiding.sources.table import SOURCES
 from estimator.aiding.sources.wheels import rolls
 from estimator.aiding.types import NO_REPORT, SIZE
 from estimator.aiding.witness import compare, hear_report, watch
@@ -485,12 +484,6 @@ def hearing(observe: Any) -> Any:
     # the name of its file in the cache
     hear_other.__qualname__ = f"hear_other.{observe.__module__}.{observe.__qualname__}"
     return compiled(hear_other)
-
-
-def hearings() -> dict[Any, Any]:
-    """The steps of :func:`hearing` of all sources in the table but velocity, with their blanks."""
-    sources = [source for source in SOURCES.values() if source.observe is not None]
-    return {hearing(source.observe): source.blank for source in sources}
 
 
 @compiled(types=lambda: types_by_name("search"))

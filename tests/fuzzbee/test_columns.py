@@ -125,9 +125,9 @@ def test_a_curve_is_cut_at_the_sample_behind_its_wrap():
 def test_the_result_of_a_run_names_what_was_counted_in_its_units():
     profile = load_profile("imu")
     vehicle = Vehicle(ONE, profile, Estimator(profile))
-    vehicle.samples, vehicle._shed, vehicle.attitudes = 31, 32, 33
-    vehicle.worst_gap_us, vehicle._median_us = 250_000, 1e6 / 49.87654
-    vehicle._choice, vehicle.rejected["late"] = ImuChoice("RAW_IMU"), 35
+    vehicle.imu.samples, vehicle.imu._shed, vehicle.publishing.attitudes = 31, 32, 33
+    vehicle.imu.worst_gap_us, vehicle.imu._median_us = 250_000, 1e6 / 49.87654
+    vehicle.imu.choice, vehicle.rejected["late"] = ImuChoice("RAW_IMU"), 35
     departures = Departures()
     departures.counts = DepartedCounts(51, 52, 53, 54, 55)
     runner = SimpleNamespace(ticks=41, overruns=42, dropped=43, lost=71)

@@ -16,11 +16,12 @@ from estimator.types import ImuSample
 from fuzzbee.cli import main
 from fuzzbee.replays.command import replay
 from fuzzbee.retuning import Retuning
-from service.load import Load
+from service.load import Load, Losses
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
 from service.records import Message
 from service.sinks.recording import RecordingSink
+from service.vehicle_status import status_record
 from tests.paper_noise import NoiseScale, simulate_scaled
 from tests.service.streams import ONE, START_US
 
@@ -77,7 +78,7 @@ def test_a_live_vehicle_is_retuned_by_a_process_beside_it(tmp_path):
         outputs = pipeline.tick(START_US + 30_200_000)
         sink.handle(outputs)
         said = [o.text for o in outputs if isinstance(o, Message)]
-        status = vehicle.status(START_US, Load())
+        status = status_record(vehicle, START_US, Load(), Losses(), 0)
     requests.close()
     assert vehicle.profile.confidence.gravity == pytest.approx(0.2, rel=0.1)  # vectors x5
     assert status.retuned.count == 1

@@ -246,31 +246,6 @@ def test_a_row_keeps_the_status_before_the_latest():
     assert (row.before, row.status) == (early, late)
 
 
-class _Rows:
-    """Attitudes as rows, of which is counted how often they have become records."""
-
-    def __init__(self, record):
-        self.vehicles, self.read, self._record = [VehicleId(1, 1)], 0, record
-
-    @property
-    def published(self):
-        self.read += 1
-        return [Published(self.vehicles[0], self._record)]
-
-
-def test_a_status_makes_no_records_of_rows_and_older_rows_come_before_a_record():
-    """A thousand records for each of a thousand statuses took a fifth of the service's time."""
-    board, rows, later = Board(), _Rows(attitude("running")), attitude("degraded")
-    board.update_rows(rows, 10.0)
-    for _ in range(5):
-        board.update("1", STATUS, 10.5)
-    assert rows.read == 0
-    board.update("1", later, 11.0)
-    (row,) = board.rows()
-    assert rows.read == 1
-    assert (row.attitude, row.attitude_s, row.heard_s) == (later, 11.0, 11.0)
-
-
 def test_an_autopilot_that_differs_is_marked_in_its_row_and_told_by_how_much():
     shown = row("2")._replace(status=differing("heading", 25.0))
     text = drawn([row("1"), shown], 80, 24)

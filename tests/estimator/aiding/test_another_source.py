@@ -2,7 +2,6 @@
 
 from math import nan, remainder, tau
 
-import numba
 import pytest
 
 from estimator.aiding.phase import Phase
@@ -10,9 +9,6 @@ from estimator.aiding.sources.table import SOURCES
 from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.geometry.frames import euler_rad
-from estimator.live import resident
-from estimator.live.core import initial_core
-from estimator.live.settings import settings_of
 from estimator.profile import load_profile, merge_profile
 from estimator.types import RateSample, VelocitySample
 from tests.estimator.aiding.heading_source import HEADING_SOURCE, HeadingSample
@@ -117,12 +113,3 @@ def test_whoever_repeats_what_was_told_repeats_it_too(flying):
     for call in one._waiting:
         call(other)
     assert one.snapshot == other.snapshot != state
-
-
-def test_its_step_is_among_those_that_are_compiled_before_the_first_sample():
-    settings = settings_of(load_profile("imu"))
-    kernel = resident.hearing(HEADING_SOURCE.observe)
-    assert kernel in resident.hearings()
-    if not numba.config.DISABLE_JIT:
-        types = resident.arguments_of(settings, initial_core(settings))[kernel]
-        assert types[1] == numba.typeof(HEADING_SOURCE.blank)

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from estimator.aiding.types import NO_REPORT
-from estimator.compilation.interpreted import set_interpreting
 from estimator.errors import InputError
 from estimator.live.core import initial_core
 from estimator.live.holder import Holder
@@ -116,16 +115,3 @@ def test_a_report_of_whole_numbers_is_taken(holder):
     whole = NO_REPORT._replace(given=1, velocity_ned_m_s=(1, 2, 3), sigma_m_s=1)
     assert not holder.search(whole)
     assert holder.core.search.window.velocity_ned_m_s == (1.0, 2.0, 3.0)
-
-
-def test_in_plain_python_as_many_rates_wait_as_have_come():
-    """As before kernels are compiled: a vehicle that arms then has its settings made anew."""
-    set_interpreting(True)
-    try:
-        settings = settings_of(load_profile("imu"))
-        holder = Holder(settings, initial_core(settings))
-        holder.advance(1, *READINGS, True, False, 0)
-        holder.hear_rate(200_001, 0.1, 0.2, 0.3)
-        assert holder.core.turning.waiting == 1
-    finally:
-        set_interpreting(False)
