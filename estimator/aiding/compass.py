@@ -22,6 +22,7 @@ class Compass(NamedTuple):
     unlike_us: int | None = None  # when its field last did not look like the place's own
     gave_up_us: int | None = None  # when the aiding last gave up
     misled_us: int | None = None  # when it last gave up for the second time in a row
+    left_out_us: int | None = None  # when velocity alone showed that its heading is wrong
     confirmed: bool = False  # velocity alone has shown the heading that it gives
     contradicted_since_us: int | None = None  # velocity alone shows another heading
 
@@ -35,8 +36,8 @@ def is_trusted(compass: Compass, time_us: int) -> bool:
 
 
 def is_heard(compass: Compass, time_us: int) -> bool:
-    """Whether its field counts at all at ``time_us``; one that has misled is left out."""
-    return not _is_recent(compass.misled_us, time_us, FORGET_S)
+    """Whether its field counts at all at ``time_us``; what velocity contradicts is left out."""
+    return not _is_recent(compass.left_out_us, time_us, FORGET_S)
 
 
 def doubt(compass: Compass, time_us: int) -> str:
@@ -45,6 +46,8 @@ def doubt(compass: Compass, time_us: int) -> str:
         return "nobody has calibrated the compass"
     if _is_recent(compass.misled_us, time_us, FORGET_S):
         return "the compass has misled twice"
+    if not is_heard(compass, time_us):
+        return "velocity contradicts the compass"
     return "the field is not like this place's" * _is_recent(compass.unlike_us, time_us, MEMORY_S)
 
 

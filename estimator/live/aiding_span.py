@@ -78,7 +78,7 @@ def set_out(state: State, start: "Start", report: Report, *, has_heading: bool) 
         # there was none to correct, or correcting it would take many slow steps
         core = with_attitude(core, start.q_ned_frd)
     state.set_core(core)
-    state.change_context(shows_north=state.trusts_compass)
+    state.change_context(shows_north=compass.is_heard(state.context.compass, state.core.time_us))
     state.enter(Cause.BEGIN)
 
 

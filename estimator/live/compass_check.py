@@ -53,7 +53,7 @@ def check_compass(state: State, report: Report) -> None:
 def mislead(state: State, start: Start, report: Report) -> None:
     """Begin the aiding again from the attitude by velocity; the compass shows no north."""
     known = state.context.compass._replace(
-        misled_us=state.core.time_us, confirmed=False, contradicted_since_us=None
+        left_out_us=state.core.time_us, confirmed=False, contradicted_since_us=None
     )
     state.change_context(compass=known)
     search = state.core.core.search

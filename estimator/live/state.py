@@ -83,7 +83,7 @@ class State:
         self.needs_samples_only = (
             self.settings.conditioned
             and context.phase is Phase.UNAIDED
-            and context.compass.misled_us is None
+            and context.compass.left_out_us is None
             and not context.reports
             and not context.has_rates
         )
