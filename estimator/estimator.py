@@ -240,6 +240,8 @@ class Estimator:
         Velocity shows it then.
         """
         state = self._state
+        if not compass.is_heard(state.context.compass, state.core.time_us):
+            return compass.CONTRADICTED
         if state.source == AIDED or not state.settings.conditioned:
             return ""
         if unshown_iron_rad(state) < UNKNOWN_RAD:

@@ -5,6 +5,7 @@ Each check that begins or ceases to fail is reported once.
 
 from math import degrees
 
+from estimator.aiding.compass import CONTRADICTED
 from estimator.estimator import Estimator
 from estimator.profile import Profile
 from estimator.types import Attitude, ImuSample
@@ -54,11 +55,13 @@ class EstimateChecks:
         return [*self._compass_lines(estimator), *self._alarm_lines()], any(axes)
 
     def _compass_lines(self, estimator: Estimator) -> list[str]:
-        """Why the heading's sigma is 45 degrees, once for each reason."""
+        """Why the compass does not give the heading, once for each reason."""
         why = estimator.compass_doubt
         if not why or why in self._compass_reported:
             return []
         self._compass_reported.add(why)
+        if why == CONTRADICTED:
+            return ["velocity shows the heading, not the compass: they contradict each other"]
         return [f"heading ±45° until velocity shows it: {why}"]
 
     def _alarm_lines(self) -> list[str]:

@@ -27,6 +27,7 @@ class Compass(NamedTuple):
     contradicted_since_us: int | None = None  # velocity alone shows another heading
 
 
+CONTRADICTED = "velocity contradicts the compass"
 UNTOUCHED = Compass()  # nothing speaks against it
 
 
@@ -47,7 +48,7 @@ def doubt(compass: Compass, time_us: int) -> str:
     if _is_recent(compass.misled_us, time_us, FORGET_S):
         return "the compass has misled twice"
     if not is_heard(compass, time_us):
-        return "velocity contradicts the compass"
+        return CONTRADICTED
     return "the field is not like this place's" * _is_recent(compass.unlike_us, time_us, MEMORY_S)
 
 

@@ -1,0 +1,68 @@
+"""A compass that is turned on its vehicle: velocity alone shows the heading, the field does not."""
+
+from dataclasses import replace
+from math import cos, degrees, radians, remainder, sin, tau
+
+import numpy as np
+import pytest
+
+from estimator.estimator import Estimator
+from estimator.geometry.frames import euler_rad
+from estimator.profile import load_profile, merge_profile
+from tests.flight import banked_flight, flown
+
+PROFILE = merge_profile(load_profile("imu"), {"reference": {"declination_deg": 0.0}})
+FLIGHT = banked_flight(seconds=90.0)
+
+
+def turned(sample, angle_deg):
+    """The sample as a compass reads it that is mounted ``angle_deg`` about the body's down axis."""
+    x, y, z = sample.mag_gauss
+    c, s = cos(radians(angle_deg)), sin(radians(angle_deg))
+    return sample._replace(mag_gauss=(c * x - s * y, s * x + c * y, z))
+
+
+def heading_errors_deg(flight, estimator):
+    said = flown(estimator, flight)
+    return np.array(
+        [
+            degrees(remainder(euler_rad(a.q_ned_frd)[2] - euler_rad(q)[2], tau))
+            for a, q in zip(said, flight.truth, strict=True)
+        ]
+    )
+
+
+@pytest.mark.parametrize("angle_deg", [-90.0, 90.0, 180.0])
+def test_a_turned_compass_is_left_out_once_velocity_shows_the_heading(angle_deg):
+    samples = [turned(sample, angle_deg) for sample in FLIGHT.samples]
+    estimator = Estimator(PROFILE)
+    errors = heading_errors_deg(replace(FLIGHT, samples=samples), estimator)
+    assert np.abs(errors[len(errors) // 2 :]).max() < 5.0
+    assert estimator.compass_doubt == "velocity contradicts the compass"
+    late = estimator.attitude(samples[-1].time_us)
+    assert late.heading_reference == "true"
+
+
+def test_a_compass_that_velocity_confirms_goes_on_giving_the_heading():
+    estimator = Estimator(PROFILE)
+    errors = heading_errors_deg(FLIGHT, estimator)
+    assert np.abs(errors[len(errors) // 2 :]).max() < 3.0
+    assert estimator.compass_doubt == ""
+
+
+def test_a_confirmed_heading_outlasts_reports_that_are_wrong_for_some_seconds():
+    """Ten seconds of reports that are turned by 90 degrees: velocity is what went wrong."""
+    reports = [
+        (k, turned_report(report, 90.0 if 50.0 < 0.02 * k < 60.0 else 0.0))
+        for k, report in FLIGHT.reports
+    ]
+    estimator = Estimator(PROFILE)
+    errors = heading_errors_deg(replace(FLIGHT, reports=reports), estimator)
+    assert estimator.compass_doubt == ""
+    assert np.abs(errors[round(85.0 / 0.02) :]).max() < 5.0
+
+
+def turned_report(report, angle_deg):
+    north, east, down = report.velocity_ned_m_s
+    c, s = cos(radians(angle_deg)), sin(radians(angle_deg))
+    return report._replace(velocity_ned_m_s=(c * north - s * east, s * north + c * east, down))
