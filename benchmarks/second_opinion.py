@@ -156,7 +156,7 @@ def recorded(
         return Recording(), 0.0
     address = max(kept, key=lambda each: len(kept[each].told))
     vehicle = replay.pipeline.vehicle(address)
-    return kept[address], 0.0 if vehicle is None else vehicle.median_rate_hz
+    return kept[address], 0.0 if vehicle is None else vehicle.imu.median_rate_hz
 
 
 def _hit(event: Event, fault: Callable[[ImuSample], ImuSample]) -> Event:
