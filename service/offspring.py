@@ -3,7 +3,6 @@
 import ctypes
 import signal
 import sys
-from pathlib import Path
 
 PR_SET_PDEATHSIG = 1  # from linux/prctl.h
 # Opened here, so that a child between fork and exec loads nothing
@@ -14,12 +13,3 @@ def end_with_parent(number: int = signal.SIGKILL) -> None:
     """Have this process end with the thread that has started it, whatever either is doing then."""
     if _LIBRARY is not None:
         _LIBRARY.prctl(PR_SET_PDEATHSIG, number)
-
-
-def is_stopped(process: int) -> bool:
-    """Whether somebody has stopped a process, as far as the system tells."""
-    try:
-        told = Path(f"/proc/{process}/stat").read_text("ascii", "replace")
-    except OSError:
-        return False
-    return told.rpartition(")")[2].split()[0] in ("T", "t")

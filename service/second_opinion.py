@@ -39,7 +39,6 @@ ODD_SHARE = 0.25
 # So much horizontal acceleration (m/s^2) shows a heading.
 SHOWING_M_S2 = 0.7
 VELOCITY = "velocity"
-NEVER_US = -(1 << 62)
 STRIDE_S = 1.0  # velocity's gain and the force are compared over so long
 
 
@@ -204,11 +203,6 @@ class SecondOpinion:
         self._ours, self._theirs = Witness(), Witness()
         self._velocity: tuple[int, Vec3] | None = None  # at the stride's beginning
         self._gained: Vec3 = (0.0, 0.0, 0.0)  # mean acceleration by velocity, m/s^2
-
-    @property
-    def stride_us(self) -> int:
-        """When the present stride began; velocity less than ``STRIDE_S`` later says nothing."""
-        return NEVER_US if self._velocity is None else self._velocity[0]
 
     def hear_velocity(self, time_us: int, velocity_ned_m_s: Vec3) -> None:
         """Take the vehicle's velocity."""

@@ -22,7 +22,6 @@ LONGEST_FRAME = 255 + UNSIGNED_V2 + SIGNATURE_SIZE  # bytes
 # Frames that are none are looked for so often in bytes that come together, and once more for so
 # many of them: beyond that somebody wants it to take long.
 MOST_TRIED, BYTES_A_TRY = 100, 64
-ADDRESSES = 1 << 16  # system << 8 | component
 SIGNED_FLAG = 0x01  # the only incompatibility flag there is; frames with others are not for us
 _MAGIC = re.compile(rb"[\xfd\xfe]")
 _MAGICS = (MAGIC_V1, MAGIC_V2)
@@ -158,11 +157,6 @@ class FrameReader:
             position = end
         self._rest = data[position:]
         return frames
-
-    @property
-    def is_between_frames(self) -> bool:
-        """Whether the next byte should begin a frame, since all before were frames."""
-        return not self._rest and not self._in_bad_stretch
 
     def take_malformed(self) -> int:
         """How many unreadable stretches there were since the last call."""

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drivers.samples.steady_turn import carries_weight, vector_after_turn, way_of_field
-from estimator.compilation.compiled import compiled, inlined, is_compiled_code, plain
+from estimator.compilation.compiled import compiled, inlined, is_compiled_code
 from estimator.compilation.direct import direct, types_of
 from estimator.geometry.quaternion import norm, subtract
 from estimator.reasons import Reason
@@ -411,14 +411,9 @@ class SensorFaults:
     def refusal(self, readings: Readings, raw_us: int) -> Reason | None:
         """Why a reading at ``raw_us`` on the vehicle's clock is no data; None if it is."""
         gyr, acc, mag = readings
-        step = _interpreted if not is_compiled_code() else _judge()
+        step = _judge()
         time_us = min(raw_us, LATEST_US)  # a field of 64 bits holds twice as much
         return REASONS[step(self.whole, self.numbers, *gyr, *acc, *mag, time_us)]
-
-    @property
-    def is_blind(self) -> bool:
-        """Whether the vehicle may have turned unseen, and nobody has been told yet."""
-        return bool(self.whole[BLIND] != FINE or self.whole[BLINDED] != FINE)
 
     def take_blindness(self) -> Blindness | None:
         """The stretch that ended with this reading, if it hides a rotation; given once."""
@@ -430,9 +425,6 @@ class SensorFaults:
     def mag_is_stuck(self) -> bool:
         """Whether the field of the last reading has not followed the vehicle's turning."""
         return mag_is_stuck(self.whole, self.numbers)
-
-
-_interpreted = plain(judge_reading)
 
 
 @cache

@@ -23,7 +23,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from drivers.value import Value
-from estimator.compilation.compiled import compiled, inlined, is_compiled_code, plain
+from estimator.compilation.compiled import compiled, inlined, is_compiled_code
 from estimator.compilation.direct import direct, types_of
 from estimator.reasons import Reason
 
@@ -470,7 +470,7 @@ class VehicleClock:
     def _place(
         self, message: str, field: TimeField, is_imu: bool, raw_us: int, arrival_us: int
     ) -> Placed | Refused:
-        step = _interpreted if not is_compiled_code() else _compiled()
+        step = _compiled()
         last = self._streams.get((field, message), NOTHING_BEFORE)
         raw_us, arrival_us = min(raw_us, MOST_US), min(arrival_us, MOST_US)
         why, time_us, boot_us, reset, step_us, since_us = step(
@@ -485,27 +485,13 @@ class VehicleClock:
         found = Reset(RESETS[reset], step_us) if reset != NO_RESET else None
         return Placed(time_us, boot_us, found, since_us)
 
-    @property
-    def has_line(self) -> bool:
-        """Whether an IMU message has started the line of time."""
-        return bool(self.whole[PRIMARY] != NO_LINE)
-
     def take_forgotten(self) -> set[TimeField]:
         """The clocks whose streams were forgotten since the last call, as they began anew."""
         forgotten, self._forgotten = self._forgotten, set()
         return forgotten
 
-    def last_placed(self, message: str, field: TimeField) -> tuple[int, int] | None:
-        """Continuous and boot time of the last message that was placed; None if none was."""
-        return self._streams.get((field, message))
-
-    def resume_after(self, message: str, field: TimeField, time_us: int, boot_us: int) -> None:
-        """Go on with a message after one that was placed there."""
-        self._streams[field, message] = time_us, boot_us
-
 
 NOTHING_BEFORE = (-(1 << 62), -(1 << 62))
-_interpreted = plain(place_message)
 
 
 @cache

@@ -1,16 +1,14 @@
 """Where a vehicle is taken to be, and whether a field may be that of the place."""
 
-from math import degrees, dist, isfinite
+from math import dist, isfinite
 from typing import NamedTuple
 
 from estimator.conditioning.field.magnetic import NORM_SCALE, horizontal_down
 from estimator.conditioning.robust import MOST_DEVIATION
-from estimator.geometry.earth import EARTH_RADIUS_M, PlaceField, distance_m, field_at, in_ned
+from estimator.geometry.earth import PlaceField, distance_m, field_at, in_ned
 
 # So far away the field is looked up anew; the declination changes by some 0.1 degrees in that.
 MOVED_M = 20_000.0
-# The sum of both angles is more than a place's distance.
-NEAR_DEG = degrees(MOVED_M / EARTH_RADIUS_M)
 
 
 class Place(NamedTuple):

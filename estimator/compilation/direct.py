@@ -18,7 +18,10 @@ def direct(kernel: Any, types: tuple[Any, ...]) -> Callable[..., Any]:
     """The form of a kernel that takes arguments of these types (numba's), and checks no more.
 
     It is compiled now, unless that has been done; to ask numba for it takes 20 us even then.
+    Without compiled code it is the Python function.
     """
+    if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
+        return kernel  # type: ignore[no-any-return]
     return kernel.compile(types)  # type: ignore[no-any-return]
 
 
