@@ -7,11 +7,10 @@ from estimator.aiding import compass
 from estimator.aiding.phase import Phase
 from estimator.aiding.search import UNKNOWN_RAD
 from estimator.arrays import Floats
-from estimator.carrier import Carrier
 from estimator.filter.gain_words import gain_in_words
 from estimator.geometry.earth import PlaceField
 from estimator.live import north
-from estimator.live.aiding_span import set_carrier, set_imu_lag
+from estimator.live.aiding_span import set_imu_lag, set_vehicle_class
 from estimator.live.contradiction import leaning_angle
 from estimator.live.core import apply_turn, change_imu
 from estimator.live.hearing import take_rate, take_report
@@ -33,6 +32,7 @@ from estimator.live.taking import take_sample
 from estimator.profile import Profile
 from estimator.reasons import Reason
 from estimator.types import Attitude, ImuSample, Quaternion, RateSample, Vec3, VelocitySample
+from estimator.vehicle_class import VehicleClass
 
 # In place of a sample, where rows of them are laid.
 NO_SAMPLE_ITSELF = (0, *(0.0,) * 9, False)
@@ -196,13 +196,13 @@ class Estimator:
         """
         set_imu_lag(self._state, gyr_s, acc_s)
 
-    def set_carrier(self, carrier: Carrier) -> None:
+    def set_vehicle_class(self, vehicle_class: VehicleClass) -> None:
         """What carries the IMU, which tells how it accelerates, and whether it slips sideways.
 
         It adds to the profile: to ``conditioning.in_vehicle`` where that is off, to
         ``aiding.sideslip_rad`` where that is as delivered.
         """
-        set_carrier(self._state, carrier)
+        set_vehicle_class(self._state, vehicle_class)
 
     def change_imu(self) -> None:
         """The samples are another IMU's from now on: its biases are its own."""

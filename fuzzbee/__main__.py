@@ -1,6 +1,6 @@
 """``python -m fuzzbee``."""
 
-from fuzzbee import quiet_start  # noqa: F401, I001 - before all others
+from fuzzbee import sigint_guard  # noqa: F401, I001 - before all others
 
 import sys
 from pathlib import Path

@@ -10,7 +10,7 @@ from estimator.arrays import Floats, Times
 from estimator.errors import InputError
 from estimator.geometry.frames import enu_flu_from_ned_frd
 from fuzzbee.angle_curves import euler_curves_deg, where_known
-from fuzzbee.packed import PackedAttitudes
+from fuzzbee.column_store import PackedAttitudes
 
 NUMBERS = (
     *("sigma_inclination_rad", "sigma_heading_rad", "confidence_gravity", "confidence_magnetic"),

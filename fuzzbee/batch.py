@@ -11,7 +11,7 @@ from estimator.arrays import Floats
 from estimator.estimator import Estimator
 from estimator.live.rows import HAS_HEADING, SAID, Rows, cut
 from estimator.types import ZERO_VEC3, Attitude, ImuSample
-from fuzzbee.packed import NORTHS, PLACE
+from fuzzbee.column_store import NORTHS, PLACE
 
 
 class Batch:

@@ -4,7 +4,7 @@ It imports next to nothing, so that a signal is answered as promised from the
 first moment on; the verbs are imported inside.
 """
 
-from fuzzbee import quiet_start  # noqa: I001 - before all others
+from fuzzbee import sigint_guard  # noqa: I001 - before all others
 
 import atexit
 import errno
@@ -18,13 +18,13 @@ from pathlib import Path
 
 from estimator.compilation.notice import tell_compiling
 from estimator.errors import InputError
-from fuzzbee.quiet_start import ENDLESS, INTERRUPTED
+from fuzzbee.sigint_guard import ENDLESS, INTERRUPTED
 from fuzzbee.recordings import NotWholeError
 from fuzzbee.say import say
-from fuzzbee.surroundings import lacking_of_processor, settle_environment
+from fuzzbee.environment import lacking_of_processor, settle_environment
 from service.signals import interrupted_by, terminate_like_interrupt
 
-quiet_start.end()
+sigint_guard.end()
 
 OK, FAILED, BAD_INPUT = 0, 1, 2
 STANDARD_ERROR = 2

@@ -8,8 +8,8 @@ import msgspec
 import numpy as np
 
 from drivers.logs.currents import currents
-from drivers.logs.kept_rows import blocks
 from drivers.logs.open import open_log
+from drivers.logs.spill_file import blocks
 from drivers.mavlink.compass_parameters import corrected
 from drivers.mavlink.constants import MAV_AUTOPILOT_ARDUPILOTMEGA
 from estimator.arrays import Floats

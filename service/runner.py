@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable
 
 from drivers.source import EventSource
+from service.gc_settings import Frozen, steady
 from service.load import Load, Losses
 from service.overload import Overload
 from service.parameters import ParameterRequests
@@ -16,7 +17,6 @@ from service.pipeline import Pipeline
 from service.records import Message, Output
 from service.signals import Stoppable
 from service.sinks.outbox import Outbox
-from service.steady import Frozen, steady
 
 # A loop that wakes so late was stopped, with the computer or by itself: for a while nobody can tell
 # whose silence is his own.

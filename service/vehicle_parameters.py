@@ -16,20 +16,20 @@ from drivers.mavlink.constants import (
     MAV_TYPE_GROUND_ROVER,
 )
 from drivers.samples.rotation import quaternion_from_euler
-from estimator.carrier import Carrier
 from estimator.estimator import Estimator
 from estimator.types import IDENTITY, Quaternion
+from estimator.vehicle_class import VehicleClass
 
 # A second-order Butterworth low-pass delays slow motions by this many periods of its cutoff.
 BUTTERWORTH_DELAY = 1.0 / (sqrt(2.0) * pi)
 
 
-def carrier_of(heartbeat: Heartbeat) -> Carrier:
+def vehicle_class_of(heartbeat: Heartbeat) -> VehicleClass:
     """What carries the IMU: anything may be done to a vehicle that is not armed."""
     if heartbeat.vehicle_type == MAV_TYPE_GROUND_ROVER:
-        return Carrier.WHEELS
+        return VehicleClass.WHEELS
     is_vehicle = heartbeat.is_armed and heartbeat.vehicle_type != MAV_TYPE_GENERIC
-    return Carrier.VEHICLE if is_vehicle else Carrier.ANYTHING
+    return VehicleClass.VEHICLE if is_vehicle else VehicleClass.ANYTHING
 
 
 class VehicleParameters:
@@ -69,9 +69,9 @@ class VehicleParameters:
     def take_heartbeat(self, event: Heartbeat, estimator: Estimator) -> None:
         """Note what carries the IMU, and the filters that ArduPilot gives such a vehicle."""
         self._heartbeat = event
-        carrier = carrier_of(event)
-        estimator.set_carrier(carrier)
-        if carrier is Carrier.WHEELS and event.autopilot == MAV_AUTOPILOT_ARDUPILOTMEGA:
+        vehicle_class = vehicle_class_of(event)
+        estimator.set_vehicle_class(vehicle_class)
+        if vehicle_class is VehicleClass.WHEELS and event.autopilot == MAV_AUTOPILOT_ARDUPILOTMEGA:
             for name, cutoff_hz in ROVER_FILTERS_HZ.items():
                 self._note_filter(name, self._filters_hz.get(name, cutoff_hz), estimator)
 

@@ -54,6 +54,6 @@ class ToldEstimator(Estimator):
     set_position = _noted("set_position")
     set_field_calibrated = _noted("set_field_calibrated")
     set_imu_lag = _noted("set_imu_lag")
-    set_carrier = _noted("set_carrier")
+    set_vehicle_class = _noted("set_vehicle_class")
     turn = _noted("turn")
     change_imu = _noted("change_imu")

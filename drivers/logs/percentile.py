@@ -5,7 +5,7 @@ from math import floor
 
 import numpy as np
 
-from drivers.logs.kept_rows import BLOCK
+from drivers.logs.spill_file import BLOCK
 from estimator.arrays import Floats
 
 Parts = Callable[[], Iterable[Floats]]

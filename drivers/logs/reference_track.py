@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.events import ReferenceAttitude
-from drivers.logs.kept_rows import KeptRows
 from drivers.logs.percentile import percentile
+from drivers.logs.spill_file import SpillFile
 from estimator.arrays import Floats, Ints
 from estimator.geometry.quaternion import slerp
 from estimator.types import Quaternion
@@ -22,13 +22,13 @@ class ReferenceTrack:
     """Collects one source's attitudes and answers for any time near them."""
 
     def __init__(self) -> None:
-        self._messages: dict[str, tuple[KeptRows, KeptRows]] = {}
+        self._messages: dict[str, tuple[SpillFile, SpillFile]] = {}
         self._longest: tuple[str | None, int, float] = (None, 0, 0.0)
 
     def add(self, event: ReferenceAttitude) -> None:
         """Take one attitude, later than the last; the messages of a source are kept apart."""
         if event.message not in self._messages:
-            self._messages[event.message] = KeptRows("q"), KeptRows("d", 4)
+            self._messages[event.message] = SpillFile("q"), SpillFile("d", 4)
         times_us, attitudes = self._messages[event.message]
         if not len(times_us) or event.time_us > times_us.latest:
             times_us.extend((event.time_us,))

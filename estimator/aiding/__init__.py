@@ -3,13 +3,13 @@
 from estimator.aiding.beginning import begin, blank_aiding, forget_biases
 from estimator.aiding.sources.velocity import is_credible
 from estimator.aiding.step import aid, take_late_report
-from estimator.aiding.types import AidingParams, AidingState, Report, Surroundings
+from estimator.aiding.types import AidingParams, AidingState, Report, StepInputs
 
 __all__ = [
     "AidingParams",
     "AidingState",
     "Report",
-    "Surroundings",
+    "StepInputs",
     "aid",
     "begin",
     "blank_aiding",

@@ -34,7 +34,7 @@ from estimator.aiding.types import (
     LastStep,
     North,
     Report,
-    Surroundings,
+    StepInputs,
 )
 from estimator.aiding.uncertainty import sigmas
 from estimator.aiding.unseen import watch_turning
@@ -44,7 +44,7 @@ from estimator.conditioning.times import ACCELERATION_LASTS_S, BORNE_S, SPAN_S
 from estimator.conditioning.vertical.rate import slow_share
 from estimator.types import Sample, Vec3
 
-with_north = replacer(Surroundings, "north")
+with_north = replacer(StepInputs, "north")
 with_report = replacer(AidingState, "agreement", "lean", "surprise")
 
 
@@ -56,7 +56,7 @@ def aid(
     trail: Array,
     sample: Sample,
     report: Report,
-    others: Surroundings,
+    others: StepInputs,
 ) -> tuple[AidingState, Array, Array]:
     """One sample, ``dt_s`` > 0 after the one before: predict, then learn from what there is.
 

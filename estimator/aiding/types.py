@@ -248,7 +248,7 @@ class North(NamedTuple):
     direction: Two  # unit vector (north, east) in NED; counts only where it is known
 
 
-class Surroundings(NamedTuple):
+class StepInputs(NamedTuple):
     """What the aiding is told about a sample by others."""
 
     gravity_b: Vec3  # down by the unaided conditioning stage, a unit vector in FRD

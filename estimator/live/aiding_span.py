@@ -20,7 +20,6 @@ from estimator.aiding.sources.wheels import rolls
 from estimator.aiding.types import NO_REPORT, Sigmas
 from estimator.aiding.witness import doubted
 from estimator.bounds import TINY
-from estimator.carrier import Carrier
 from estimator.conditioning import ConditioningState
 from estimator.conditioning.field.magnetic import horizontal_down
 from estimator.conditioning.robust import REACH
@@ -43,6 +42,7 @@ from estimator.live.core import Core, flat, square, with_attitude
 from estimator.live.settings import Settings
 from estimator.live.state import State
 from estimator.types import DOWN, STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Vec3
+from estimator.vehicle_class import VehicleClass
 
 # However small its computed sigma, no heading is better known than this to begin with.
 LEAST_HEADING_SIGMA_RAD = radians(5.0)
@@ -277,10 +277,10 @@ def start_by_course(settings: Settings, now: Core, report: Report) -> Start | No
     return Start(multiply(exp((0.0, 0.0, heading_rad)), q_level_frd), sigma_rad, tilt_rad)
 
 
-def set_carrier(state: State, carrier: Carrier) -> None:
-    """See :meth:`estimator.estimator.Estimator.set_carrier`."""
-    if carrier is not state.context.carrier:
-        state.change_context(carrier=carrier)
+def set_vehicle_class(state: State, vehicle_class: VehicleClass) -> None:
+    """See :meth:`estimator.estimator.Estimator.set_vehicle_class`."""
+    if vehicle_class is not state.context.vehicle_class:
+        state.change_context(vehicle_class=vehicle_class)
         state.replace_profile(state.profile)
 
 

@@ -18,7 +18,7 @@ from numba.experimental import structref
 from estimator.aiding import (
     AidingParams,
     Report,
-    Surroundings,
+    StepInputs,
     aid,
     is_credible,
     take_late_report,
@@ -420,7 +420,7 @@ def advance_aided(
     reference = params.reference
     seen = inside.seen
     north = horizontal_north(reference, knows_north and shows_north)
-    others = Surroundings(
+    others = StepInputs(
         gravity_b=seen.gravity_b,
         gravity_sigma_rad=seen.sigma_brief_rad,
         missed=inside.conditioning.vertical.tilt.missed,

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimator.aiding import AidingParams
-from estimator.carrier import Carrier
 from estimator.conditioning import ConditioningParams
 from estimator.errors import InputError
 from estimator.filter.alignment import nearest_rotation, quaternion_from_matrix
@@ -17,6 +16,7 @@ from estimator.geometry.earth import PlaceField, in_ned
 from estimator.geometry.quaternion import exp, rotate, unit
 from estimator.profile import LEAST_GAIN, MOST_GAIN, Profile
 from estimator.types import ZERO_VEC3, Quaternion, Vec3
+from estimator.vehicle_class import VehicleClass
 
 MAGNETIC_NORTH: Vec3 = (1.0, 0.0, 0.0)
 # Between where wheels roll and where the IMU's x axis points: askew mounting, and tyres in turns.
@@ -39,13 +39,13 @@ def settings_of(
     profile: Profile,
     fixed_gain: float | None = None,
     place: PlaceField | None = None,
-    carrier: Carrier = Carrier.ANYTHING,
+    vehicle_class: VehicleClass = VehicleClass.ANYTHING,
 ) -> Settings:
     """The kernels' parameters; ``fixed_gain`` replaces the profile's K.
 
     ``place`` is the field of the vehicle's place, None as long as that is not known; its
-    declination is used where the profile leaves it to the position. The ``carrier`` tells how the
-    IMU moves, as far as the profile does not.
+    declination is used where the profile leaves it to the position. The ``vehicle_class`` tells how
+    the IMU moves, as far as the profile does not.
 
     Raises:
         InputError: the fixed gain is none that a profile may have.
@@ -74,8 +74,8 @@ def settings_of(
             s_cross=profile.confidence.cross,
             place_gauss=ZERO_VEC3 if place is None else in_ned(place),
         ),
-        conditioning=_conditioning(profile, carrier),
-        aiding=_aiding(profile, carrier),
+        conditioning=_conditioning(profile, vehicle_class),
+        aiding=_aiding(profile, vehicle_class),
         conditioned=profile.conditioned,
         learns_north=profile.reference.magnetic == "learn"
         and profile.reference.declination_deg == "position",
@@ -94,18 +94,18 @@ def _magnetic_direction(profile: Profile, place: PlaceField | None) -> Vec3:
     return rotate(exp((0.0, 0.0, angle)), north)
 
 
-def _conditioning(profile: Profile, carrier: Carrier) -> ConditioningParams:
+def _conditioning(profile: Profile, vehicle_class: VehicleClass) -> ConditioningParams:
     parameters: dict[str, Any] = dict(profile.conditioning)
     del parameters["enabled"]
-    if carrier is not Carrier.ANYTHING:
+    if vehicle_class is not VehicleClass.ANYTHING:
         parameters["in_vehicle"] = True
     return ConditioningParams()._replace(**parameters)
 
 
-def _aiding(profile: Profile, carrier: Carrier) -> AidingParams:
+def _aiding(profile: Profile, vehicle_class: VehicleClass) -> AidingParams:
     parameters: dict[str, Any] = profile.aiding
     aiding = AidingParams()._replace(**parameters)
-    if carrier is Carrier.WHEELS and aiding.sideslip_rad == AidingParams().sideslip_rad:
+    if vehicle_class is VehicleClass.WHEELS and aiding.sideslip_rad == AidingParams().sideslip_rad:
         return aiding._replace(sideslip_rad=WHEELS_SLIP_RAD)
     return aiding
 

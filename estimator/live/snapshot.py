@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 from estimator.aiding.compass import UNTOUCHED, Compass
 from estimator.aiding.phase import Phase
 from estimator.aiding.place import Whereabouts
-from estimator.carrier import Carrier
 from estimator.live.core import Core
+from estimator.vehicle_class import VehicleClass
 
 
 class Context(NamedTuple):
@@ -19,7 +19,7 @@ class Context(NamedTuple):
     whereabouts: Whereabouts = Whereabouts()  # and the field of the place
     imu_lag_s: float | None = None  # of the gyroscope's samples, as far as somebody has told
     acc_lead_s: float = 0.0  # by how much the accelerometer's are younger
-    carrier: Carrier = Carrier.ANYTHING  # of the IMU, as far as somebody has told
+    vehicle_class: VehicleClass = VehicleClass.ANYTHING  # of the IMU, as far as somebody has told
     has_rates: bool = False  # of others beside the IMU's samples
 
 

@@ -108,8 +108,8 @@ class State:
 
     def _settings_of(self, profile: Profile) -> Settings:
         """A profile's settings for what is known of the vehicle and of its place."""
-        carrier = self.context.carrier
-        return settings_of(profile, self.fixed_gain, self.place_field, carrier)
+        vehicle_class = self.context.vehicle_class
+        return settings_of(profile, self.fixed_gain, self.place_field, vehicle_class)
 
     def restart(self) -> None:
         """Forget the attitude. What is known of sensors by word, and of the place, stays."""
@@ -120,7 +120,7 @@ class State:
                 whereabouts=known.whereabouts,
                 imu_lag_s=known.imu_lag_s,
                 acc_lead_s=known.acc_lead_s,
-                carrier=known.carrier,
+                vehicle_class=known.vehicle_class,
             )
         )
         self.set_core(initial_core(self.settings))

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drivers.logs.kept_rows import KeptRows, blocks
+from drivers.logs.spill_file import SpillFile, blocks
 from estimator.arrays import Bools, Floats
 from estimator.errors import InputError
 from estimator.geometry.quaternion import multiply
@@ -34,7 +34,7 @@ class Comparison:
 
     def __init__(self, source: str | None, beside: Iterable[Beside] = ()) -> None:
         self.source = source
-        self._rows = KeptRows("d", 8)
+        self._rows = SpillFile("d", 8)
         for each in beside:
             self._rows.add(np.column_stack(each))
 

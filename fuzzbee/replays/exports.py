@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.logs.kept_rows import blocks
+from drivers.logs.spill_file import blocks
 from drivers.output_file import written_for
 from fuzzbee.angle_curves import euler_curves_deg
 from fuzzbee.attitudes import attitude_arrays

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.logs.kept_rows import blocks
+from drivers.logs.spill_file import blocks
 from fuzzbee.replays.trace import VehicleTrace
 from service.host_clock import HostClock, observe
 

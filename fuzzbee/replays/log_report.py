@@ -12,17 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.events import ReferenceAttitude
-from drivers.logs.kept_rows import blocks
 from drivers.logs.log_file import LogFile
 from drivers.logs.missing_imu import advice
 from drivers.logs.open import open_log
 from drivers.logs.percentile import percentile
 from drivers.logs.reference_track import ReferenceTrack
+from drivers.logs.spill_file import blocks
 from drivers.mavlink.names import autopilot_name, vehicle_type_name
 from estimator.arrays import Floats
 from estimator.errors import InputError
 from estimator.profile import Profile
-from fuzzbee.packed import NORTHS
+from fuzzbee.column_store import NORTHS
 from fuzzbee.replays.comparison import Comparison, compare, reference_attitudes
 from fuzzbee.replays.constant_turn import ConstantTurn, constant_turn
 from fuzzbee.replays.score import (

@@ -10,7 +10,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from drivers.logs.kept_rows import blocks
+from drivers.logs.spill_file import blocks
 from drivers.output_file import written_for
 from estimator.geometry.frames import enu_flu_from_ned_frd
 from estimator.types import Quaternion

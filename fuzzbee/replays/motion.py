@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.arrays import Bools, Floats, Ints
-from fuzzbee.packed import PackedSamples
+from fuzzbee.column_store import PackedSamples
 
 # At rest the gyroscope and the accelerometer stay this near their medians over the window.
 REST_GYR_RAD_S = np.radians(2.0)

@@ -8,8 +8,8 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.logs.kept_rows import KeptRows
 from drivers.logs.percentile import percentile
+from drivers.logs.spill_file import SpillFile
 from estimator.arrays import Bools, Floats
 from estimator.geometry.metrics import batch_angle_errors
 
@@ -65,7 +65,7 @@ class Errors:
     def __init__(self, *, has_heading: bool) -> None:
         self._has_heading = has_heading
         self._squares = Means()
-        self._inclination_deg = KeptRows("d")
+        self._inclination_deg = SpillFile("d")
 
     def add(self, errors_rad: Floats, told: Bools | None = None) -> None:
         """Errors (N, 3) and whether a heading was told (N,)."""

@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.logs.kept_rows import KeptRows, blocks
+from drivers.logs.spill_file import SpillFile, blocks
 from estimator.arrays import Bools, Floats
-from fuzzbee.packed import NORTHS
+from fuzzbee.column_store import NORTHS
 from fuzzbee.replays.comparison import Comparison
 from fuzzbee.replays.constant_turn import Turned
 from fuzzbee.replays.motion import motion_mask
@@ -38,7 +38,7 @@ class Scored:
     def __init__(self, trace: VehicleTrace, compared: Comparison, skip_s: float) -> None:
         self._trace, self._compared = trace, compared
         self._begin_us, self._skip_us = trace.attitudes[0].time_us, skip_s / MICROSECOND
-        self._moved = KeptRows("b")
+        self._moved = SpillFile("b")
 
     def parts(self) -> Iterator[Part]:
         """All of them."""

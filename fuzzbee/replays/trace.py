@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.events import Event, Heartbeat, Imu, Parameter, ReferenceAttitude, VehicleId
-from drivers.logs.kept_rows import KeptRows
 from drivers.logs.reference_track import ReferenceTrack
+from drivers.logs.spill_file import SpillFile
 from drivers.mavlink.ardupilot import COMPASS, TRIM
 from drivers.samples.rotation import quaternion_from_euler
 from estimator.arrays import Floats
@@ -18,7 +18,7 @@ from estimator.geometry.earth import PlaceField
 from estimator.geometry.quaternion import exp, scale
 from estimator.profile import Profile
 from estimator.types import IDENTITY, Quaternion, Vec3
-from fuzzbee.packed import PackedAttitudes, PackedSamples
+from fuzzbee.column_store import PackedAttitudes, PackedSamples
 from service.attitude_record import is_finite
 from service.pipeline import Pipeline
 from service.records import Message
@@ -40,10 +40,10 @@ class VehicleTrace:
         self.vehicle_type: int | None = None
         self.imu_messages: Counter[str] = Counter()  # samples used of each
         self.rates = "imu"
-        self.arrivals_us = KeptRows("q")
+        self.arrivals_us = SpillFile("q")
         self.attitudes = PackedAttitudes()
         self.samples = PackedSamples()  # that they were made of
-        self.aided = KeptRows("b")  # whether velocity helped at each
+        self.aided = SpillFile("b")  # whether velocity helped at each
         self.fields = 0  # samples with a magnetic field
         self.references = {"sim": ReferenceTrack(), "autopilot": ReferenceTrack()}
         self.rejected: Counter[str] = Counter()

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.logs.kept_rows import blocks
+from drivers.logs.spill_file import blocks
 from drivers.output_file import written_for
 from estimator.geometry.frames import enu_flu_from_ned_frd
 from fuzzbee.replays.comparison import Comparison

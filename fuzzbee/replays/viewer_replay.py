@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from drivers.logs.kept_rows import blocks
+from drivers.logs.spill_file import blocks
 from fuzzbee.replays.trace import VehicleTrace
 from service.attitude_record import attitude_record
 from service.records import Output, Peer, Published

@@ -20,7 +20,7 @@ from estimator.live.rows import HAS_HEADING, cut, rows_of
 from estimator.types import ImuSample, VelocitySample
 from fuzzbee import Estimator, InputError, load_profile
 from fuzzbee.attitudes import Attitudes, attitude_arrays
-from fuzzbee.packed import PackedAttitudes
+from fuzzbee.column_store import PackedAttitudes
 from tests.fuzzbee.recording import recorded
 
 FLIPS = Path(__file__).parents[1] / "data" / "sitl_copter_flips.tlog"

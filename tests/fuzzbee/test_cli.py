@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from fuzzbee import surroundings
+from fuzzbee import environment
 from fuzzbee.cli import main
 from fuzzbee.version import __version__
 
@@ -187,15 +187,15 @@ def test_a_processor_that_numpy_cannot_use_is_named_before_it_is_imported(
     told = tmp_path / "cpuinfo"
     if flags is not None:
         told.write_text(f"processor\t: 0\nflags\t\t: {flags}\nbogomips\t: 1\n")
-    monkeypatch.setattr(surroundings, "PROCESSORS", told)
-    assert ", ".join(surroundings.lacking_of_processor()) == lacking
+    monkeypatch.setattr(environment, "PROCESSORS", told)
+    assert ", ".join(environment.lacking_of_processor()) == lacking
 
 
 def test_without_x86_64_v2_the_command_ends_with_a_line(tmp_path):
     told = tmp_path / "cpuinfo"
     told.write_text("flags : lm sse2 cx16 lahf_lm popcnt ssse3\n")
-    program = f"""import atexit, pathlib, sys; from fuzzbee import cli, surroundings
-surroundings.PROCESSORS = pathlib.Path({str(told)!r})
+    program = f"""import atexit, pathlib, sys; from fuzzbee import cli, environment
+environment.PROCESSORS = pathlib.Path({str(told)!r})
 atexit.register(lambda: print("numpy" in sys.modules)); cli.entry_point()"""
     ended = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, timeout=900, check=False
@@ -210,7 +210,7 @@ def test_an_interrupt_during_the_first_imports_is_no_traceback():
     """Of the handler that stands while the command's modules are imported."""
     script = (
         "import sys, os, signal; sys.argv = ['fuzzbee', *sys.argv[1:]];"
-        "from fuzzbee import quiet_start; os.kill(os.getpid(), signal.SIGINT); print('went on')"
+        "from fuzzbee import sigint_guard; os.kill(os.getpid(), signal.SIGINT); print('went on')"
     )
     for verb, status in (("watch", 0), ("replay", 130)):
         done = subprocess.run(

@@ -13,7 +13,7 @@ from estimator.profile import load_profile
 from estimator.types import Attitude
 from fuzzbee.angle_curves import draw_angles
 from fuzzbee.attitudes import attitudes_of_rows
-from fuzzbee.packed import PackedAttitudes
+from fuzzbee.column_store import PackedAttitudes
 from fuzzbee.replays.comparison import Beside, Comparison
 from fuzzbee.replays.exports import COLUMNS, rows
 from fuzzbee.replays.trace import VehicleTrace

@@ -7,7 +7,7 @@ from subprocess import run
 
 import pytest
 
-from drivers.logs import kept_rows, percentile
+from drivers.logs import percentile, spill_file
 from fuzzbee.cli import main
 from fuzzbee.replays import motion
 
@@ -42,9 +42,9 @@ def close(some, others):
 )
 def test_a_replay_in_small_parts_is_the_same(tmp_path, capsys, monkeypatch, log, options):
     whole = replayed(tmp_path / "whole", DATA / log, capsys, *options)
-    for module, name in ((kept_rows, "BLOCK"), (percentile, "BLOCK"), (motion, "BLOCK")):
+    for module, name in ((spill_file, "BLOCK"), (percentile, "BLOCK"), (motion, "BLOCK")):
         monkeypatch.setattr(module, name, 70)
-    monkeypatch.setattr(kept_rows, "PIECE", 300)
+    monkeypatch.setattr(spill_file, "PIECE", 300)
     parts = replayed(tmp_path / "parts", DATA / log, capsys, *options)
     assert close(whole[0], parts[0])
     assert whole[1] == parts[1]

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.types import ImuSample
-from fuzzbee.packed import PackedSamples
+from fuzzbee.column_store import PackedSamples
 from fuzzbee.replays import motion
 from fuzzbee.replays.motion import (
     MOST_BIAS_RAD_S,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from estimator.types import Attitude, ImuSample
-from fuzzbee.packed import PackedAttitudes, PackedSamples
+from fuzzbee.column_store import PackedAttitudes, PackedSamples
 
 LATE_US = 2**62  # more than a float holds to the microsecond
 

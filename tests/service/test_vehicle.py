@@ -3,10 +3,10 @@
 import pytest
 
 from drivers.events import BodyRates, ClockReset, Heartbeat, Imu, Parameter, Rejected, TrackLost
-from estimator.carrier import Carrier
 from estimator.estimator import Estimator
 from estimator.profile import load_profile
 from estimator.types import ZERO_VEC3, ImuSample, RateSample
+from estimator.vehicle_class import VehicleClass
 from service.health import State
 from service.load import Load, Losses
 from service.vehicle import Vehicle
@@ -47,9 +47,9 @@ class Watched(Estimator):
         self.calls.append(("lag", round(1e3 * gyr_s, 2), round(1e3 * acc_s, 2)))
         super().set_imu_lag(gyr_s, acc_s)
 
-    def set_carrier(self, carrier):
-        self.calls.append(carrier)
-        super().set_carrier(carrier)
+    def set_vehicle_class(self, vehicle_class):
+        self.calls.append(vehicle_class)
+        super().set_vehicle_class(vehicle_class)
 
     def update_report(self, report):
         self.calls.append(report)
@@ -253,8 +253,8 @@ def test_a_heartbeat_tells_what_carries_the_imu(vehicle):
     """MAV_TYPE_GROUND_ROVER, MAV_TYPE_QUADROTOR, _GENERIC; who is not armed may be in a hand."""
     for vehicle_type, is_armed in ((10, True), (10, False), (2, True), (2, False), (0, True)):
         vehicle.on_heartbeat(Heartbeat(ONE, START_US + 5, 12, vehicle_type, is_armed))
-    wheels, anything = Carrier.WHEELS, Carrier.ANYTHING
-    assert vehicle.estimator.calls == [wheels, wheels, Carrier.VEHICLE, anything, anything]
+    wheels, anything = VehicleClass.WHEELS, VehicleClass.ANYTHING
+    assert vehicle.estimator.calls == [wheels, wheels, VehicleClass.VEHICLE, anything, anything]
     assert vehicle.heard_us == START_US + 5
 
 

@@ -17,7 +17,7 @@ from estimator.aiding.types import (
     Array,
     FieldState,
     North,
-    Surroundings,
+    StepInputs,
     Two,
 )
 from estimator.bounds import TINY
@@ -184,7 +184,7 @@ def observe_heading(
     params: AidingParams,
     field: FieldState,
     now: Prediction,
-    others: Surroundings,
+    others: StepInputs,
     sample: Sample,
     x: Array,
 ) -> FieldState:

@@ -27,7 +27,7 @@ from estimator.aiding.types import (
     LastStep,
     North,
     Scatter,
-    Surroundings,
+    StepInputs,
     Unlearnt,
 )
 from estimator.aiding.uncertainty import sigmas
@@ -282,7 +282,7 @@ def test_field(seed, is_known, unfelt_rad, off_rad):
     state = FieldState(look, off_rad, 30.0, dt, 0.4, 0.0)
     now = Prediction(known, ZERO_VEC3, ZERO_VEC3, new_trail(ZERO_VEC3), P.copy())
     north = North(is_known, floats((np.cos(0.4), np.sin(0.4))))
-    others = Surroundings((0.0, 0.0, 1.0), 0.1, 0.0, north)
+    others = StepInputs((0.0, 0.0, 1.0), 0.1, 0.0, north)
     x0 = SIGMAS * rng.standard_normal(SIZE) * 0.1
     x = x0.copy()
     after = field.observe_heading(p, state, now, others, sample, x)

@@ -24,7 +24,7 @@ from estimator.aiding.types import (
     VELOCITY,
     AidingParams,
     North,
-    Surroundings,
+    StepInputs,
 )
 from estimator.conditioning.field.magnetic import FieldLook
 from estimator.geometry.frames import from_euler_rad
@@ -38,7 +38,7 @@ BLANK, _, TRAIL = blank_aiding(PARAMS)
 STEP = 1e-5
 NORTH = (np.cos(0.3), np.sin(0.3))
 KNOWN_NORTH = North(is_known=True, direction=NORTH)
-BESIDE = Surroundings((0.0, 0.0, 1.0), 0.1, 0.0, KNOWN_NORTH)
+BESIDE = StepInputs((0.0, 0.0, 1.0), 0.1, 0.0, KNOWN_NORTH)
 LAG_S = 0.09
 ACROSS, ALONG, DOWN, DECLINATION = range(4)
 

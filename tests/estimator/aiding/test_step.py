@@ -20,7 +20,7 @@ from estimator.aiding.types import (
     North,
     Roughness,
     Sigmas,
-    Surroundings,
+    StepInputs,
 )
 from estimator.aiding.unseen import add_unseen_turn, watch_turning
 from estimator.aiding.witness import Apart, average
@@ -33,7 +33,7 @@ from estimator.types import IDENTITY, STANDARD_GRAVITY_M_S2, ZERO_VEC3, Sample
 
 PARAMS = AidingParams()
 STATE, _, TRAIL = blank_aiding(PARAMS)
-OTHERS = Surroundings((0.1, -0.2, 0.97), 0.1, 0.0, North(False, (1.0, 0.0)))
+OTHERS = StepInputs((0.1, -0.2, 0.97), 0.1, 0.0, North(False, (1.0, 0.0)))
 SAMPLE = Sample((0.1, 0.2, -0.1), (0.5, -0.3, -9.7), ZERO_VEC3, False, 0.5)
 
 

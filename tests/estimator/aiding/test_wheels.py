@@ -23,7 +23,6 @@ from estimator.aiding.inertial import Prediction
 from estimator.aiding.phase import Phase
 from estimator.aiding.sources.wheels import judge_north, observe_wheels
 from estimator.aiding.types import EARTH, SIZE, TURN, VELOCITY, AidingParams, North, Report
-from estimator.carrier import Carrier
 from estimator.estimator import Estimator
 from estimator.geometry.frames import from_euler_rad
 from estimator.geometry.metrics import angle_errors
@@ -32,6 +31,7 @@ from estimator.live.aiding_span import Start, begin_aiding
 from estimator.live.core import initial_core, without_aiding
 from estimator.profile import load_profile, merge_profile
 from estimator.types import STANDARD_GRAVITY_M_S2, ImuSample, VelocitySample
+from estimator.vehicle_class import VehicleClass
 
 WHEELS = AidingParams(sideslip_rad=0.05)
 BLANK, _, _ = blank_aiding(WHEELS)
@@ -104,7 +104,7 @@ def test_a_car_shows_its_heading_by_its_velocity(seed, reverse):
 def test_a_place_that_is_known_does_not_make_the_compass_right():
     """It begins by the field at once, and wheels tell that iron has turned it."""
     estimator = Estimator(load_profile("imu"))
-    estimator.set_carrier(Carrier.WHEELS)
+    estimator.set_vehicle_class(VehicleClass.WHEELS)
     estimator.set_position(47.4, 8.5, 400.0, 1_760_000_000_000_000)
     errors, _, _ = driven(estimator, ride(3))
     assert np.sqrt(np.mean(errors[1500:, 1] ** 2)) < 6.0
@@ -114,7 +114,7 @@ def test_a_place_that_is_known_does_not_make_the_compass_right():
 def test_a_compass_that_gave_the_heading_at_rest_is_borne_out_or_misled(off_deg):
     """The first metres tell; a compass that is right keeps its north."""
     estimator = Estimator(load_profile("imu"))
-    estimator.set_carrier(Carrier.WHEELS)
+    estimator.set_vehicle_class(VehicleClass.WHEELS)
     estimator.set_position(47.4, 8.5, 400.0, 1_760_000_000_000_000)
     north = estimator.place_field.declination_rad
     rows = ride(3, compass_off_deg=off_deg + degrees(north), rest_s=20.0, seconds=80.0)
@@ -131,7 +131,7 @@ def test_a_compass_that_gave_the_heading_at_rest_is_borne_out_or_misled(off_deg)
 def test_iron_all_around_is_not_learnt_as_iron_of_its_own(seed):
     """Of a field that is turned and weak: wheels turn the heading by 45 deg, and nothing else."""
     estimator = Estimator(load_profile("imu"))
-    estimator.set_carrier(Carrier.WHEELS)
+    estimator.set_vehicle_class(VehicleClass.WHEELS)
     estimator.set_position(47.4, 8.5, 400.0, 1_760_000_000_000_000)
     rows = ride(seed, compass_off_deg=-45.0, strength=0.7, rest_s=20.0, seconds=60.0)
     errors, _, begun_s = driven(estimator, rows)
@@ -144,7 +144,7 @@ def test_iron_all_around_is_not_learnt_as_iron_of_its_own(seed):
 def test_who_says_nothing_has_no_wheels_and_the_profile_goes_first():
     estimator = Estimator(load_profile("imu"))
     assert estimator._state.settings.aiding.sideslip_rad == 3.0
-    estimator.set_carrier(Carrier.WHEELS)
+    estimator.set_vehicle_class(VehicleClass.WHEELS)
     assert estimator._state.settings.aiding.sideslip_rad == pytest.approx(radians(3.0))
     estimator.restart()
     assert estimator._state.settings.aiding.sideslip_rad == pytest.approx(radians(3.0))

@@ -3,7 +3,7 @@
 from enum import Enum, auto
 
 
-class Carrier(Enum):
+class VehicleClass(Enum):
     """Kinds of carriers."""
 
     ANYTHING = auto()  # a hand, a robot's arm: quick turns, short accelerations, any gyroscope

@@ -6,8 +6,8 @@ import tempfile
 import numpy as np
 import pytest
 
-from drivers.logs import kept_rows, percentile
-from drivers.logs.kept_rows import KeptRows
+from drivers.logs import percentile, spill_file
+from drivers.logs.spill_file import SpillFile
 
 N = 997
 
@@ -15,8 +15,8 @@ N = 997
 @pytest.fixture(params=["in files", "no room"])
 def small(request, monkeypatch, tmp_path):
     """A piece of 60 numbers, blocks of 40 rows; or a folder where no file can be made."""
-    monkeypatch.setattr(kept_rows, "PIECE", 60)
-    monkeypatch.setattr(kept_rows, "BLOCK", 40)
+    monkeypatch.setattr(spill_file, "PIECE", 60)
+    monkeypatch.setattr(spill_file, "BLOCK", 40)
     monkeypatch.setattr(percentile, "BLOCK", 40)
     folder = tmp_path if request.param == "in files" else tmp_path / "none"
     monkeypatch.setattr(tempfile, "tempdir", str(folder))
@@ -27,7 +27,7 @@ def small(request, monkeypatch, tmp_path):
 def test_rows_come_out_as_they_were_put_in(code, width):
     rng = np.random.default_rng(1)
     rows = rng.integers(-99, 99, (N, width)).astype(code)
-    kept = KeptRows(code, width)
+    kept = SpillFile(code, width)
     for row in rows[:500]:
         kept.extend(row.tolist())
     kept.add(rows[500:])
@@ -46,7 +46,7 @@ def test_rows_come_out_as_they_were_put_in(code, width):
 @pytest.mark.usefixtures("small")
 def test_an_ascending_column_is_looked_up_and_has_steps():
     times = np.sort(np.random.default_rng(2).integers(0, 3000, N))
-    kept = KeptRows("q")
+    kept = SpillFile("q")
     kept.add(times)
     for value in (-1, 0, 7, 1500.5, 3000, 4000):
         assert kept.first_from(value) == np.searchsorted(times, value)
@@ -59,7 +59,7 @@ def test_an_ascending_column_is_looked_up_and_has_steps():
 @pytest.mark.parametrize("n", [0, 1, 39, N])
 def test_percentiles_in_parts_are_those_of_the_whole(percent, n):
     values = np.round(np.random.default_rng(3).exponential(1e-3, n), 5)
-    kept = KeptRows("d")
+    kept = SpillFile("d")
     kept.add(values)
     found = percentile.percentile(kept.parts, percent)
     assert np.isnan(found) if n == 0 else found == pytest.approx(np.percentile(values, percent))
@@ -67,8 +67,8 @@ def test_percentiles_in_parts_are_those_of_the_whole(percent, n):
 
 def test_a_disk_that_is_full_leaves_the_rest_in_memory(monkeypatch):
     """A process may write files of 3000 bytes; a piece is 480 or a row more."""
-    monkeypatch.setattr(kept_rows, "PIECE", 60)
-    kept, usual = KeptRows("d", 7), resource.getrlimit(resource.RLIMIT_FSIZE)
+    monkeypatch.setattr(spill_file, "PIECE", 60)
+    kept, usual = SpillFile("d", 7), resource.getrlimit(resource.RLIMIT_FSIZE)
     rows = np.random.default_rng(4).standard_normal((N, 7))
     resource.setrlimit(resource.RLIMIT_FSIZE, (3000, usual[1]))
     try:

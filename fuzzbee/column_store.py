@@ -7,7 +7,7 @@ from typing import Any, Generic, NamedTuple, TypeVar, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.logs.kept_rows import KeptRows, blocks
+from drivers.logs.spill_file import SpillFile, blocks
 from estimator.arrays import Floats
 from estimator.types import Attitude, ImuSample
 
@@ -44,7 +44,7 @@ class Packed(Sequence[Row], Generic[Row]):
     columns: Columns
 
     def __init__(self, rows: Iterable[Row] = ()) -> None:
-        self._times_us, self._values = KeptRows("q"), KeptRows("d", self.columns.width)
+        self._times_us, self._values = SpillFile("q"), SpillFile("d", self.columns.width)
         for row in rows:
             self.append(row)
 

@@ -21,7 +21,7 @@ def blocks(n: int) -> Iterator[slice]:
     return (slice(begin, min(begin + BLOCK, n)) for begin in range(0, n, BLOCK))
 
 
-class KeptRows:
+class SpillFile:
     """A growing table (N, width), or (N,) of width 1: flags, whole numbers or floats.
 
     What is more than a piece goes into a file without a name, in the folder for temporary ones.
