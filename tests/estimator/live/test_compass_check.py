@@ -48,21 +48,3 @@ def test_a_compass_that_velocity_confirms_goes_on_giving_the_heading():
     errors = heading_errors_deg(FLIGHT, estimator)
     assert np.abs(errors[len(errors) // 2 :]).max() < 3.0
     assert estimator.compass_doubt == ""
-
-
-def test_a_confirmed_heading_outlasts_reports_that_are_wrong_for_some_seconds():
-    """Ten seconds of reports that are turned by 90 degrees: velocity is what went wrong."""
-    reports = [
-        (k, turned_report(report, 90.0 if 50.0 < 0.02 * k < 60.0 else 0.0))
-        for k, report in FLIGHT.reports
-    ]
-    estimator = Estimator(PROFILE)
-    errors = heading_errors_deg(replace(FLIGHT, reports=reports), estimator)
-    assert estimator.compass_doubt == ""
-    assert np.abs(errors[round(85.0 / 0.02) :]).max() < 5.0
-
-
-def turned_report(report, angle_deg):
-    north, east, down = report.velocity_ned_m_s
-    c, s = cos(radians(angle_deg)), sin(radians(angle_deg))
-    return report._replace(velocity_ned_m_s=(c * north - s * east, s * north + c * east, down))
