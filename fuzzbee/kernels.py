@@ -13,7 +13,7 @@ from multiprocessing import get_context
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from estimator.compilation.compiled import KERNELS
+from estimator.compilation.compiled import build, called_kernels
 from estimator.compilation.kernel_folder import NO_FOLDER, KernelLocator
 
 # What has kernels that commands call; those that take longest come first
@@ -35,20 +35,14 @@ def named_kernels() -> list[tuple[str, str]]:
     """Module and name of each kernel whose types are known."""
     for module in MODULES:
         importlib.import_module(module)
-    found = [
-        (kernel.py_func.__module__, kernel.py_func.__name__)
-        for kernel, types in KERNELS.items()
-        if types is not None
-    ]
+    functions = [kernel.py_func for kernel in called_kernels()]
+    found = [(function.__module__, function.__name__) for function in functions]
     return sorted(found, key=lambda each: each[1] not in LONGEST)
 
 
 def build_one(module: str, name: str) -> None:
     """Compile one kernel, or find it where kernels are kept."""
-    kernel = getattr(importlib.import_module(module), name)
-    types = KERNELS[kernel]
-    assert types is not None
-    kernel.compile(types())
+    build(getattr(importlib.import_module(module), name))
 
 
 def main() -> int:

@@ -20,7 +20,6 @@ from estimator.types import Attitude, ImuSample, Vec3
 from service.lasting import Lasting
 
 LOOK_EVERY_US = 500_000
-NEVER_US = -(1 << 62)  # before any time
 MEMORY_S = 20.0  # of the averages
 AT_LIMIT = 0.99  # share of the bound
 # A plane that turns round changes its velocity by 50 m/s within the memory, which is 14 deg.
@@ -94,14 +93,9 @@ class Alarms:
         self._field_square = 0.0
         self._pace_since_us: tuple[int, int] | None = None  # the vehicle's time, and arrival
 
-    @property
-    def next_us(self) -> int:
-        """When it is time to look again."""
-        return NEVER_US if self._next_us is None else self._next_us
-
     def is_due(self, time_us: int) -> bool:
         """Whether it is time to look again."""
-        return time_us >= self.next_us
+        return self._next_us is None or time_us >= self._next_us
 
     def look(
         self,

@@ -5,7 +5,7 @@ import importlib
 import sys
 from contextlib import suppress
 
-from estimator.compilation.compiled import build, is_compiled_code
+from estimator.compilation.compiled import build, called_kernels, is_compiled_code
 
 ROOMS = ("estimator.live", "drivers.samples")
 BLAS = "scipy.linalg.cython_blas"
@@ -19,7 +19,9 @@ def load_kernels() -> None:
     if not is_compiled_code():
         return
     _leave_out_scipy()
-    build(ROOMS)
+    for kernel in called_kernels():
+        if kernel.py_func.__module__.startswith(ROOMS):
+            build(kernel)
     with suppress(AttributeError, OSError, TypeError):  # only the GNU C library has to be told
         ctypes.CDLL(None).malloc_trim(0)  # 9 MB that loading has freed
 

@@ -347,11 +347,10 @@ class Pipeline:
     # --- who is there
 
     def _meet(self, address: VehicleId) -> Vehicle | None:
-        """A new vehicle of that address; None if it is not wanted."""
+        """A new vehicle of an address that has none; None if it is not wanted."""
         self.heard.add(address.system_id)
-        known = self._vehicles.get(address)
-        if known is not None or not self._is_wanted(address):
-            return known
+        if not self._is_wanted(address):
+            return None
         if len(self._vehicles) >= MAX_VEHICLES:
             return None
         kept = self.departures.take_profile(address)

@@ -23,6 +23,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 Types = Callable[[], tuple[Any, ...]]  # numba's, of a call's arguments
 
 _numba_config: Any = numba.config  # numba ships no types
+_numba_config.reload_config()  # whoever has imported numba before had it read the variable then
 _caching: Any = caching
 _event: Any = event
 
@@ -83,20 +84,16 @@ def plain(function: Function) -> Function:
     return getattr(function, "py_func", function)
 
 
-def build(
-    rooms: tuple[str, ...] = ("estimator", "drivers", "tuning"),
-    progress: Callable[[int, int], None] = lambda _done, _of: None,
-) -> None:
-    """Compile the kernels of these rooms that commands call, or load those that are kept."""
-    known = [
-        (kernel, types)
-        for kernel, types in KERNELS.items()
-        if types is not None and kernel.py_func.__module__.startswith(rooms)
-    ]
-    for number, (kernel, types) in enumerate(known):
-        progress(number, len(known))
-        kernel.compile(types())
-    progress(len(known), len(known))
+def called_kernels() -> list[Any]:
+    """The kernels of all imported modules that commands call."""
+    return [kernel for kernel, types in KERNELS.items() if types is not None]
+
+
+def build(kernel: Any) -> None:
+    """Compile a kernel that commands call, or load it where it is kept."""
+    types = KERNELS[kernel]
+    assert types is not None
+    kernel.compile(types())
 
 
 class _Listener(_event.Listener):  # type: ignore[misc]

@@ -5,8 +5,8 @@ estimate and never uses the field. Where both are known and differ by more than 
 explain, the compass is one hypothesis and velocity the other. A compass whose heading velocity has
 never confirmed loses at once: the aiding begins again from velocity, and the field then shows
 turns, not north. A heading that velocity has confirmed before is not given up for a sudden
-contradiction, because velocity may be what went wrong: sigma grows by the difference, and only a
-difference that lasts for ``MEMORY_S`` decides against the compass.
+contradiction, because velocity may be what went wrong: only a difference that lasts for
+``MEMORY_S`` decides against the compass. Sigma does not grow meanwhile.
 """
 
 from math import atan2, hypot, pi, remainder

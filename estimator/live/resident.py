@@ -29,7 +29,7 @@ from estimator.aiding.sources.wheels import rolls
 from estimator.aiding.types import NO_REPORT, SIZE
 from estimator.aiding.witness import compare, hear_report, watch
 from estimator.arrays import Floats
-from estimator.compilation.compiled import compiled, inlined
+from estimator.compilation.compiled import Function, compiled, inlined
 from estimator.conditioning import Conditioned, ConditioningParams, condition
 from estimator.conditioning.events.axis_signs import errors_squared
 from estimator.conditioning.times import SPAN_S
@@ -124,15 +124,19 @@ def params_of(settings: Settings) -> Params:
 
 
 @functools.cache
-def types_by_name(name: str) -> tuple[Any, ...]:
-    """What numba calls the types that the kernel of that name here is called with."""
+def example_types() -> tuple[tuple[Any, ...], Any]:
+    """The types of what :func:`resident` is called with, and of the handle that it returns."""
     settings = settings_of(load_profile("imu"))
-    values = (params_of(settings), in_arrays(initial_core(settings)))
-    if name == "resident":
-        return tuple(map(_typeof, (*values, *NOTHING_LAID)))
-    fields = zip(FIELDS, (values[0], NOTHING_BETWEEN, *NOTHING_LAID, *values[1]), strict=True)
+    params, core = params_of(settings), in_arrays(initial_core(settings))
+    fields = zip(FIELDS, (params, NOTHING_BETWEEN, *NOTHING_LAID, *core), strict=True)
     inside = _resident_type([(field, _typeof(value)) for field, value in fields])
-    return arguments_with(inside)[globals()[name]]
+    return tuple(map(_typeof, (params, core, *NOTHING_LAID))), inside
+
+
+def takes_handle(function: Function) -> Function:
+    """A kernel that takes a handle; :func:`arguments_with` has the types of its arguments."""
+    kernel = compiled(types=lambda: arguments_with(example_types()[1])[kernel])(function)
+    return kernel
 
 
 @functools.cache
@@ -159,7 +163,7 @@ def arguments_with(inside: Any) -> dict[Any, tuple[Any, ...]]:
     }
 
 
-@compiled(types=lambda: types_by_name("resident"))
+@compiled(types=lambda: example_types()[0])
 def resident(params: Params, core: Core, rows: Rows, said: Floats) -> Any:
     """Put everything inside; the arrays as in :func:`lay`."""
     return Resident(
@@ -185,7 +189,7 @@ def resident(params: Params, core: Core, rows: Rows, said: Floats) -> Any:
     )
 
 
-@compiled(types=lambda: types_by_name("contents"))
+@takes_handle
 def contents(inside: Any) -> Core:
     """Take the core out; the covariance is a copy."""
     return Core(
@@ -207,13 +211,13 @@ def contents(inside: Any) -> Core:
     )
 
 
-@compiled(types=lambda: types_by_name("clock"))
+@takes_handle
 def clock(inside: Any) -> tuple[int, float]:
     """Time (us) of the last sample, and the interval (s) that samples usually come at."""
     return inside.time_us, inside.usual_s
 
 
-@compiled(types=lambda: types_by_name("contradicted_axes"))
+@takes_handle
 def contradicted_axes(inside: Any) -> tuple[bool, bool, bool]:
     """Whether field and force contradict the gyroscope's axes x, y, z now.
 
@@ -226,7 +230,7 @@ def contradicted_axes(inside: Any) -> tuple[bool, bool, bool]:
     return is_now and x > least, is_now and y > least, is_now and z > least
 
 
-@compiled(types=lambda: types_by_name("advance_raw"))
+@takes_handle
 def advance_raw(
     inside: Any,
     time_us: int,
@@ -270,7 +274,7 @@ def advance_raw(
     return TAKEN
 
 
-@compiled(types=lambda: types_by_name("advance"))
+@takes_handle
 def advance(
     inside: Any,
     time_us: int,
@@ -355,14 +359,14 @@ def said_now(time_us: int, state: FilterState, seen: Conditioned, gyr: Vec3) -> 
     return time_us, moved, conditioned_figures(seen), seen.has_heading
 
 
-@compiled(types=lambda: types_by_name("lay"))
+@takes_handle
 def lay(inside: Any, rows: Rows, said: Floats) -> None:
     """Lay arrays for :func:`advance`, as in :mod:`estimator.live.rows`."""
     inside.rows = rows
     inside.said = said
 
 
-@compiled(types=lambda: types_by_name("hear_rate"))
+@takes_handle
 def hear_rate(inside: Any, time_us: int, x: float, y: float, z: float) -> bool:
     """Body rates of another messenger; whether they are kept.
 
@@ -380,7 +384,7 @@ def hear_rate(inside: Any, time_us: int, x: float, y: float, z: float) -> bool:
     return True
 
 
-@compiled(types=lambda: types_by_name("turn_on"))
+@takes_handle
 def turn_on(
     inside: Any, time_us: int, gx: float, gy: float, gz: float
 ) -> tuple[bool, float, float, float]:
@@ -400,13 +404,13 @@ def turn_on(
     return between.given, x, y, z
 
 
-@compiled(types=lambda: types_by_name("turning_of"))
+@takes_handle
 def turning_of(inside: Any) -> tuple[int, tuple[bool, bool, bool]]:
     """Steps that were integrated through others' rates, and the axes that they stand in for."""
     return inside.turning.used, inside.turning.stands_in
 
 
-@compiled(types=lambda: types_by_name("advance_aided"))
+@takes_handle
 def advance_aided(
     inside: Any, report: Report, knows_north: bool, shows_north: bool
 ) -> tuple[bool, bool]:
@@ -446,7 +450,7 @@ def advance_aided(
     return bool(is_credible(aided)) and not lost, has_shown
 
 
-@compiled(types=lambda: types_by_name("hear"))
+@takes_handle
 def hear(inside: Any, report: Report) -> bool:
     """A report that belongs to the last sample, and comes behind it.
 
@@ -486,7 +490,7 @@ def hearing(observe: Any) -> Any:
     return compiled(hear_other)
 
 
-@compiled(types=lambda: types_by_name("search"))
+@takes_handle
 def search(inside: Any, report: Report) -> bool:
     """A report while there is no aiding; whether it may have shown the attitude."""
     return search_by(inside, report)
@@ -504,7 +508,7 @@ def search_by(inside: Any, report: Report) -> bool:
     return bool(closed)
 
 
-@compiled(types=lambda: types_by_name("publish"))
+@takes_handle
 def publish(inside: Any, time_us: int, source: int) -> Said:
     """What there is to publish at a time, turned on from the last sample if that is before it.
 

@@ -8,7 +8,6 @@ from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
 
 from estimator.errors import InputError, missing_extra
 from service.health import State
-from service.pipeline import MOST_QUIET_HZ
 from service.records import AttitudeRecord, Departed, Output, Published, StatusRecord, vehicle_name
 from service.second_opinion import Verdict
 
@@ -17,6 +16,7 @@ if TYPE_CHECKING:
     from prometheus_client.metrics_core import Metric
 
 HOST = "127.0.0.1"  # to reach them from elsewhere, run a proxy or an agent on this computer
+MOST_LOST = 64  # vehicles of which a scrape tells more than their age
 
 
 class Gauge(NamedTuple):
@@ -135,7 +135,7 @@ class MetricsSink:
         """
         with self._lock:
             attitudes, statuses = dict(self._attitudes), dict(self._statuses)
-            long_lost = [*self._lost][:-MOST_QUIET_HZ]
+            long_lost = [*self._lost][:-MOST_LOST]
         for name in long_lost:
             attitudes.pop(name, None)
             del statuses[name]

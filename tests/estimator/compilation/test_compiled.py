@@ -83,6 +83,15 @@ def test_kernels_are_compiled_once_and_kept_beside_the_sources(sources):
     assert warm.stderr == cold.stderr == ""
 
 
+def test_a_program_that_imports_numba_itself_finds_them_too(sources):
+    """Which CPU they are made for does not depend on what is imported first."""
+    program = SMALL_PROGRAM + MISSES
+    assert run(program, sources=sources).stdout.endswith("\n1\n")
+    again = run("import numba\n" + program, sources=sources)
+    assert again.stdout.endswith("\n0\n")
+    assert again.stderr == ""
+
+
 def test_a_change_of_an_inlined_function_in_another_file_is_noticed(sources):
     before = run(SMALL_PROGRAM, sources=sources).stdout
     file = sources / "estimator" / "filter" / "noise_gain.py"
