@@ -244,6 +244,8 @@ class Pipeline:
         if vehicle.publishing.is_status_due(now_us):
             outputs.append(self._status(vehicle, now_us, ask_losses()))
         vehicle.schedule(now_us)
+        if vehicle.wake_us <= now_us:  # held back: its next sample brings its attitude, not a look
+            vehicle.wake_us = now_us + 1e6 / self._rate_hz
         return outputs
 
     def _on_time(self, vehicle: Vehicle, now_us: int) -> list[Output]:

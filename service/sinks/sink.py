@@ -32,8 +32,8 @@ class Sink(Protocol):
         """Release everything; called once."""
 
 
-# Turns of the loop a sink may lag behind: 0.6 s at 100 Hz, after that attitudes are stale.
-MAX_PENDING = 64
+# Turns of the loop a sink may lag behind; with hundreds of vehicles a turn takes 2 ms.
+MAX_PENDING = 512
 # A sink that waits for nobody gets so many outputs at one go; one that does not get through them in
 # this time is not slow for want of computing time.
 PIECE = 16
