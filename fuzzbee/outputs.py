@@ -15,7 +15,6 @@ from fuzzbee.sinks import SINKS, Opening, option
 if TYPE_CHECKING:
     import zenoh
 
-    from estimator.profile import Profile
     from fuzzbee.viewer.stream import ViewerOptions, ViewerStream
     from fuzzbee.viewer.viewer import ViewerSink
     from service.sinks.sink import Sink
@@ -54,7 +53,6 @@ def open_outputs(
     options: OutputOptions,
     session: "zenoh.Session | None",
     prefix: str,
-    profile: "Profile",
     rate_hz: float,
 ) -> None:
     """Open the sinks that were asked for, and add each to ``sinks`` once it is open.
@@ -66,14 +64,12 @@ def open_outputs(
         if entry.is_wanted(options):
             sink = entry.open(Opening(options._asdict(), session, prefix, rate_hz))
             sinks += [] if sink is None else [sink]
-    viewer = open_viewer(options.view, options.rrd, profile, live=True)
+    viewer = open_viewer(options.view, options.rrd, live=True)
     if viewer is not None:
         sinks.append(viewer)
 
 
-def open_viewer(
-    view: str | None, rrd: str | None, profile: "Profile", *, live: bool = False
-) -> "ViewerSink | None":
+def open_viewer(view: str | None, rrd: str | None, *, live: bool = False) -> "ViewerSink | None":
     """The viewer that was asked for, if any; says where its page is.
 
     Raises:
@@ -84,7 +80,7 @@ def open_viewer(
         return None
     from fuzzbee.viewer.viewer import ViewerSink
 
-    sink = ViewerSink(options._replace(live=live), profile)
+    sink = ViewerSink(options._replace(live=live))
     tell_page(sink.stream)
     return sink
 

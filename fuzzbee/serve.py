@@ -59,7 +59,7 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
         with closed_if_unused() as sinks:
             open_zenoh_sink(sinks, session, options, profile, requests, conflicts)
             outputs.open_outputs(
-                sinks, options.outputs, session, options.zenoh.prefix, profile, options.rate_hz
+                sinks, options.outputs, session, options.zenoh.prefix, options.rate_hz
             )
             view = open_view(options)  # which prints what the source says
             view.scores = pipeline.scores

@@ -144,8 +144,7 @@ def _replay_logs(options: ReplayOptions) -> None:
     outputs.require_own_files(written, [*options.sources, *names, options.columns])
     exports = _exports(options)
     profiles = {name: load_profile(name) for name in names}
-    usual = profiles[names[0]]
-    viewer = outputs.open_viewer(options.view, options.rrd, usual)
+    viewer = outputs.open_viewer(options.view, options.rrd)
     try:
         if viewer is not None:
             from fuzzbee.replays.viewer_replay import show

@@ -102,7 +102,7 @@ class SearchView:
         if new:
             costs = [[p.best_cost, p.median_cost, p.mean_cost] for p in new]
             cycles = rr.TimeColumn(layout.CYCLE, sequence=[p.cycles for p in new])
-            self.stream.curves("/cost", cycles, costs)
+            self.stream.send("/cost", cycles, rr.Scalars.columns(scalars=costs))
 
     def _draw_members(self, population: Population) -> None:
         values, costs, failures = population

@@ -1,5 +1,6 @@
 """Rerun's library, for all that draw: imported here only, and only where a viewer is asked for."""
 
+import atexit
 import os
 from importlib import import_module
 from typing import Any
@@ -7,11 +8,13 @@ from typing import Any
 from estimator.errors import InputError
 from fuzzbee.viewer.process import MISSING
 
-# The library logs errors only, but not that the viewer is gone: we report that ourselves.
-os.environ.setdefault("RUST_LOG", "error,re_grpc_client=off,re_sdk::recording_stream=off")
+# The library logs errors, but not that the viewer is gone or a file not written: we report those.
+OURS = ("re_grpc_client", "re_sdk::recording_stream", "re_log_encoding")
+os.environ.setdefault("RUST_LOG", ",".join(["error", *(f"{name}=off" for name in OURS)]))
 try:
     rr: Any = import_module("rerun")
     rrb: Any = import_module("rerun.blueprint")
-    bindings: Any = import_module("rerun_bindings")
 except ImportError:
     raise InputError(MISSING) from None
+# It waits at the process's end for what is pending, behind a full disk for ever; we close it.
+atexit.unregister(rr.rerun_shutdown)

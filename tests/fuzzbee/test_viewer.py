@@ -15,6 +15,8 @@ import numpy as np
 import pytest
 
 from drivers.events import VehicleId
+from estimator.geometry.quaternion import conjugate, rotate
+from estimator.types import STANDARD_GRAVITY_M_S2, ImuSample
 from fuzzbee.cli import main
 from service.records import Departed, Message, Peer, Published, StatusRecord
 from tests.fuzzbee import browser
@@ -23,18 +25,14 @@ from tests.service.records import UNIX_US, record
 
 pytest.importorskip("rerun", reason="the extra viewer is not installed")
 
-from estimator.profile import load_profile
-from fuzzbee.viewer import layout
 from fuzzbee.viewer import process as viewer_process
-from fuzzbee.viewer.layout import LINES, MOST_VEHICLES
-from fuzzbee.viewer.page import Page
-from fuzzbee.viewer.stream import ViewerOptions, ViewerStream
-from fuzzbee.viewer.viewer import ViewerSink
-from tests.fuzzbee.rrd import listing, rows
+from fuzzbee.viewer.layout import LINES
+from fuzzbee.viewer.stream import ViewerOptions
+from fuzzbee.viewer.viewer import MOST_VEHICLES, ViewerSink
+from tests.fuzzbee.rrd import chunks, listing, numbers, rows
 
 ONE, TWO = VehicleId(1, 1), VehicleId(2, 1)
 LOG = Path(__file__).parents[1] / "data" / "sitl_copter_flips.tlog"
-PAPER = load_profile("paper")
 
 
 def attitudes(vehicle, count, period_us, yaw_from=0.0, yaw_step=1.0):
@@ -47,152 +45,84 @@ def at_time(attitude, after_us):
     return msgspec.structs.replace(attitude, time_unix_us=UNIX_US + after_us)
 
 
-def test_a_file_holds_every_curve_and_shape(tmp_path):
+def drawn(tmp_path, turns, **options):
+    """The listing of a file after these turns of the loop."""
     file = tmp_path / "flight.rrd"
-    sink = ViewerSink(ViewerOptions(rrd=str(file)), PAPER)
-    sink.handle([Message("before the first attitude")])
+    sink = ViewerSink(ViewerOptions(rrd=str(file), **options))
+    for outputs in turns:
+        sink.handle(outputs)
+    sink.close()
+    return file
+
+
+def test_a_file_holds_every_curve_and_body(tmp_path):
+    turns = [[Message("before the first attitude")]]
     for number, output in enumerate(attitudes(ONE, 200, 10_000)):
-        sink.handle([output, Peer(ONE, "autopilot", output.record.q_ned_frd)])
+        turns.append([output, Peer(ONE, "autopilot", output.record.q_ned_frd)])
         if number == 100:
-            sink.handle(
-                [Message("half-way"), Published(ONE, STATUS), Peer(TWO, "sim", (1, 0, 0, 0))]
-            )
-    sink.close()
-    text = listing(file)
-    for entity in (
-        "/1/horizon/frame",
-        "/1/horizon/world",
-        "/1/horizon/words",
-        "/1/horizon/figures",
-        "/1/bodies",
-        "/1/bodies/compass",
-        *(f"/1/{curve}" for curve in LINES),
-        "/1/state",
-        "/messages",
-    ):
-        assert f"{entity} " in text or f"{entity}/" in text, entity
-    assert "/2/" not in text  # somebody else's attitude makes no vehicle appear
+            turns.append([Message("half-way"), Published(ONE, STATUS)])
+            turns.append([Peer(TWO, "sim", (1, 0, 0, 0))])
+    text = listing(drawn(tmp_path, turns), "-vvv")
+    entities = ["/bodies/1/ours", "/bodies/1/autopilot", "/state/1", "/messages"]
+    for entity in entities + [f"/{plot}/1" for plot in LINES]:
+        assert f"{entity} " in text, entity
+    assert "half-way" in text
+    assert "before the first" not in text  # it has no time
+    assert "/bodies/2" not in text  # somebody else's attitude makes no vehicle appear
 
 
-def test_every_curve_has_an_axis_of_its_own_and_no_legend_over_it(tmp_path):
-    file = tmp_path / "axes.rrd"
-    sink = ViewerSink(ViewerOptions(rrd=str(file)), PAPER)
-    sink.handle(list(attitudes(ONE, 2, 100_000)))
-    sink.close()
-    text = listing(file)
-    for part in ("ScalarAxis", "PlotLegend"):
-        views = set(re.findall(rf"/view/([0-9a-f-]+)/{part}", text))
-        assert len(views) == len(LINES), part
-
-
-def test_curves_come_in_batches_with_every_point_and_gaps_where_angles_wrap(tmp_path):
-    """20 s at 10 points a second; the heading passes north once."""
-    sink = Recorded(ViewerOptions(rrd=str(tmp_path / "curves.rrd")), PAPER)
-    for output in attitudes(ONE, 2000, 10_000, yaw_from=-100, yaw_step=0.1):
-        sink.handle([output])
-    sink.close()
-    headings = sink.points["/1/heading"]
-    assert sum(len(values) for _, values in headings) == pytest.approx(200, abs=2)
-    assert len(headings) == pytest.approx(5, abs=1)  # batches of 4 s
-    ours = [values[0] for _, batch in headings for values in batch]
-    assert sum(np.isnan(ours)) == 1
-    assert max(np.abs(np.diff(np.array(ours)[~np.isnan(ours)]))) > 180.0
-
-
-def test_what_stays_the_same_is_not_sent_again(tmp_path):
-    """10 s of a vehicle that stands still: all at the start, and again every 5 s."""
-    file = tmp_path / "still.rrd"
-    sink = ViewerSink(ViewerOptions(rrd=str(file)), PAPER)
-    for output in attitudes(ONE, 1000, 10_000, yaw_step=0.0):
-        sink.handle([output])
-    sink.close()
-    for layer in ("world", "words", "figures"):
-        assert rows(file, f"/1/horizon/{layer}") == 2, layer
-
-
-def test_four_pictures_a_second_and_digits_half_as_often(tmp_path):
-    file = tmp_path / "moving.rrd"
-    sink = ViewerSink(ViewerOptions(rrd=str(file)), PAPER)
-    for n in range(1000):
-        moved = record(roll_deg=0.05 * n, yaw_deg=0.3 * n)
-        sink.handle([Published(ONE, at_time(moved, n * 10_000))])
-    sink.close()
-    assert rows(file, "/1/horizon/world") == pytest.approx(40, abs=1)
-    assert rows(file, "/1/horizon/figures") == pytest.approx(20, abs=1)
-    assert rows(file, "/1/bodies") == pytest.approx(20, abs=1)
-
-
-def test_a_lost_vehicle_is_drawn_although_it_has_no_attitude(tmp_path):
-    """And one that has been heard but has never had any IMU data."""
-    sink = Recorded(ViewerOptions(rrd=str(tmp_path / "lost.rrd")), PAPER)
-    sink.handle([Published(TWO, WAITING, time_unix_us=UNIX_US)])
-    assert sink.scenes[-1].attitude is None
-    sink.handle(list(attitudes(ONE, 1, 10_000)))
-    assert sink.scenes[-1].attitude is not None
-    lost = msgspec.structs.replace(STATUS, state="lost")
-    sink.handle([Published(ONE, lost, time_unix_us=UNIX_US + 6_000_000)])
-    assert sink.scenes[-1].attitude is None
-    sink.close()
-
-
-def test_the_page_of_a_vehicle_that_is_forgotten_is_free(tmp_path):
-    """Many more than there are pages, one after the other."""
-    sink = Recorded(ViewerOptions(rrd=str(tmp_path / "day.rrd")), PAPER)
-    for number in range(1, 3 * MOST_VEHICLES):
-        sink.handle(list(attitudes(VehicleId(number, 1), 20, 100_000)))
-        sink.handle([Departed(VehicleId(number, 1))])
-    sink.handle(list(attitudes(VehicleId(200, 1), 20, 100_000)))
-    assert list(sink._pages) == [VehicleId(200, 1)]
-    sink.close()
-    assert sink.pages[-1] == 1
-
-
-def test_a_fleet_that_appears_gets_its_pages_at_once(tmp_path):
-    """One page for the first vehicle, then one arrangement for all; at the end nothing waits."""
-    sink = Recorded(ViewerOptions(rrd=str(tmp_path / "pages.rrd")), PAPER)
-    streams = [attitudes(VehicleId(n, 1), 30, 100_000) for n in range(1, 6)]
-    for turn in zip(*streams, strict=True):
-        sink.handle(turn)
-    assert sink.pages == [1, 5]
-    sink.handle(list(attitudes(VehicleId(6, 1), 1, 100_000)))
-    sink.close()
-    assert sink.pages == [1, 5, 6]
-
-
-def test_arranging_the_pages_leaves_no_thread_behind(tmp_path):
-    """The library's own way left two behind, and 2 MB, each time: 8 more at the fifth.
-
-    Its own may begin a moment after the first.
-    """
-    stream = ViewerStream(ViewerOptions(rrd=str(tmp_path / "many.rrd")), layout.blueprint)
-    threads = []
-    for number in range(1, 6):
-        stream.show(layout.blueprint([str(number)]))
-        threads.append(len(list(Path("/proc/self/task").iterdir())))
-    stream.close()
-    assert max(threads) <= threads[0] + 1
+@pytest.mark.parametrize(("live", "most"), [(False, 32), (True, 32)])
+def test_a_minute_is_some_chunks_with_every_point_and_gaps_where_angles_wrap(tmp_path, live, most):
+    """60 s at 10 points a second; the heading passes north once."""
+    turns = [[each] for each in attitudes(ONE, 3000, 20_000, yaw_from=-100, yaw_step=0.1)]
+    file = drawn(tmp_path, turns, live=live)
+    assert rows(file, "/heading/1") == pytest.approx(600, abs=2)
+    assert rows(file, "/bodies/1/ours") == pytest.approx(600, abs=2)
+    assert chunks(file) <= most
+    assert listing(file, "-vvv").count("NaN") > 0
 
 
 @pytest.mark.parametrize("live", [False, True])
 def test_a_file_has_an_index_that_memory_has_to_hold_only_where_it_is_short(tmp_path, live):
     """Live it had been 100 MB an hour."""
-    file = tmp_path / "flight.rrd"
-    sink = ViewerSink(ViewerOptions(rrd=str(file), live=live), PAPER)
-    sink.handle(list(attitudes(ONE, 100, 10_000)))
-    sink.close()
+    file = drawn(tmp_path, [list(attitudes(ONE, 100, 10_000))], live=live)
     assert (b"FOOT" in file.read_bytes()[-64:]) != live
-    assert rows(file, "/1/horizon/world") > 0
+    assert rows(file, "/tilt/1") > 0
 
 
-def test_vehicles_that_come_and_go_are_arranged_ever_later(tmp_path):
-    """Each arrangement takes 0.4 MB of a file."""
-    sink = Recorded(ViewerOptions(rrd=str(tmp_path / "hours.rrd")), PAPER)
-    for second in range(60):
-        there = VehicleId(1 + second, 1), VehicleId(2 + second, 1)
-        sink.handle([Published(each, at_time(record(), second * 1_000_000)) for each in there])
-        sink.handle([Departed(there[0])])
-    sink.close()
-    assert 5 < len(sink.pages) < 15
+def test_what_is_measured_is_drawn_in_ned_as_it_points(tmp_path):
+    """A vehicle that stands still, banked by 30 deg: gravity points down, the field north."""
+    banked = record(roll_deg=30.0)
+    acc = rotate(conjugate(banked.q_ned_frd), (0.0, 0.0, -STANDARD_GRAVITY_M_S2))
+    field = rotate(conjugate(banked.q_ned_frd), (0.5, 0.0, 0.0))
+    sample = ImuSample(0, (0.0, 0.0, 0.0), acc, field, has_mag=True)
+    file = drawn(tmp_path, [[Published(ONE, at_time(banked, 0), sample)]])
+    assert numbers(file, "/bodies/1/gravity")[0] == pytest.approx([0.0, 0.0, 1.0], abs=1e-6)
+    assert numbers(file, "/bodies/1/field")[0] == pytest.approx([1.0, 0.0, 0.0], abs=1e-6)
+
+
+def test_a_lost_vehicle_has_a_state_although_it_has_no_attitude(tmp_path):
+    """And one that has been heard but has never had any IMU data."""
+    lost = msgspec.structs.replace(STATUS, state="lost")
+    turns = [
+        [Published(TWO, WAITING, time_unix_us=UNIX_US)],
+        list(attitudes(ONE, 1, 10_000)),
+        [Published(ONE, lost, time_unix_us=UNIX_US + 6_000_000)],
+    ]
+    text = listing(drawn(tmp_path, turns), "-vvv")
+    for line in ("vehicle 2: waiting", "vehicle 1: running", "vehicle 1: lost"):
+        assert line in text
+
+
+def test_the_place_of_a_vehicle_that_is_forgotten_is_free(tmp_path):
+    """Many more than are drawn, one after the other; nothing of them is left out."""
+    turns = []
+    for number in range(1, 3 * MOST_VEHICLES):
+        turns.append(list(attitudes(VehicleId(number, 1), 20, 100_000)))
+        turns.append([Departed(VehicleId(number, 1))])
+    text = listing(drawn(tmp_path, turns))
+    assert "only the first" not in text
+    assert f"/tilt/{3 * MOST_VEHICLES - 1} " in text
 
 
 @pytest.mark.parametrize(
@@ -203,109 +133,40 @@ def test_how_far_others_are_off_is_left_out_where_time_would_decide(
     tmp_path, rate_rad_s, live, off_deg
 ):
     """Live, in a fast turn, two messages are further apart than their attitudes; not in a log."""
-    sink = Recorded(ViewerOptions(rrd=str(tmp_path / "off.rrd"), live=live), PAPER)
     ours = msgspec.structs.replace(record(roll_deg=10.0), rate_rad_s=rate_rad_s)
-    sink.handle([Published(ONE, ours)])
-    sink.handle([Peer(ONE, "sim", (1.0, 0.0, 0.0, 0.0)), Published(ONE, at_time(ours, 500_000))])
-    ((_, turn_deg),) = sink.scenes[-1].peers
-    sink.close()
-    assert np.isnan(turn_deg) if off_deg is None else turn_deg == pytest.approx(off_deg)
+    other = Peer(ONE, "sim", (1.0, 0.0, 0.0, 0.0))
+    turns = [[Published(ONE, ours)], [other, Published(ONE, at_time(ours, 500_000))]]
+    last = numbers(drawn(tmp_path, turns, live=live), "/sigma/1")[-1][3]
+    assert np.isnan(last) if off_deg is None else last == pytest.approx(off_deg)
 
 
 def test_an_attitude_of_somebody_elses_turns_on_until_the_next_comes(tmp_path):
     """A stream of 2 Hz in a turn of 0.5 rad/s: without it, up to 14 deg off by age alone."""
-    sink = Recorded(ViewerOptions(rrd=str(tmp_path / "slow.rrd")), PAPER)
-    rate_deg_s = np.degrees(0.5)
+    rate_deg_s, turns = np.degrees(0.5), []
     for n in range(100):
         ours = record(rate_deg_s * 0.05 * n, 30.0, 90.0, rate_rad_s=(0.5, 0.0, 0.0))
-        turn = [Published(ONE, at_time(ours, n * 50_000))]
+        turns.append([Published(ONE, at_time(ours, n * 50_000))])
         if n % 10 == 0:
-            turn.insert(0, Peer(ONE, "sim", ours.q_ned_frd))
-        sink.handle(turn)
-    sink.close()
-    turns = [turn for scene in sink.scenes[2:] for _, turn in scene.peers]
-    assert len(turns) > 10
-    assert max(turns) < 0.01
+            turns[-1].insert(0, Peer(ONE, "sim", ours.q_ned_frd))
+    differences = [row[3] for row in numbers(drawn(tmp_path, turns), "/sigma/1")]
+    known = [each for each in differences if not np.isnan(each)]
+    assert len(known) > 10
+    assert max(known) < 0.01
 
 
 def test_only_so_many_vehicles_are_drawn_as_can_be_read(tmp_path):
-    file = tmp_path / "fleet.rrd"
-    sink = Recorded(ViewerOptions(rrd=str(file)), PAPER)
-    for number in range(1, 20):
-        sink.handle(list(attitudes(VehicleId(number, 1), 2, 10_000)))
-    sink.close()
-    text = listing(file)
-    assert f"/{MOST_VEHICLES}/horizon" in text
-    assert f"/{MOST_VEHICLES + 1}/horizon" not in text
-    assert [text for text in sink.said if "only the first" in text] == [
-        f"only the first {MOST_VEHICLES} vehicles are drawn"
-    ]
+    turns = [list(attitudes(VehicleId(number, 1), 2, 10_000)) for number in range(1, 20)]
+    file = drawn(tmp_path, turns)
+    text = listing(file, "-vvv")
+    assert f"/tilt/{MOST_VEHICLES} " in text
+    assert f"/tilt/{MOST_VEHICLES + 1} " not in text
+    assert text.count("only the first") == 1
 
 
 STATUS = StatusRecord("running", "RAW_IMU", 100.0, 0.01, {}, 0, 0, 0)
 
 
 WAITING = StatusRecord("waiting", None, 0.0, 0.0, {}, 0, 0, 0)
-
-
-@pytest.fixture
-def drawn(monkeypatch):
-    """What pictures were drawn of, one after the other."""
-    draw, arguments = Page._draw, []
-
-    def counted(*given):
-        arguments.append(given)
-        draw(*given)
-
-    monkeypatch.setattr(Page, "_draw", counted)
-    return arguments
-
-
-class Recorded(ViewerSink):
-    """Keeps what it sends."""
-
-    def __init__(self, *arguments):
-        self.scenes, self.said, self.points, self.pages = [], [], {}, []
-        super().__init__(*arguments)
-        send = self.stream.curves
-
-        def curves(path, column, values):
-            self.points.setdefault(path, []).append((column, list(values)))
-            send(path, column, values)
-
-        self.stream.curves = curves
-
-    def _show_pages(self):
-        self.pages.append(len(self._pages))
-        super()._show_pages()
-
-    def _page(self, vehicle):
-        is_new = vehicle not in self._pages
-        page = super()._page(vehicle)
-        if is_new and page is not None:
-            draw = page._draw_scene
-
-            def recorded(scene, now_us):
-                self.scenes.append(scene)
-                draw(scene, now_us)
-
-            page._draw_scene = recorded
-        return page
-
-    def _say(self, text):
-        self.said.append(text)
-        super()._say(text)
-
-
-@pytest.mark.parametrize(("vehicles", "expected_hz"), [(1, 4), (2, 6), (9, 6), (50, 6)])
-def test_it_draws_a_bounded_number_however_much_comes(tmp_path, drawn, vehicles, expected_hz):
-    sink = ViewerSink(ViewerOptions(rrd=str(tmp_path / "many.rrd")), PAPER)
-    streams = [attitudes(VehicleId(n + 1, 1), 200, 10_000) for n in range(vehicles)]
-    for outputs in zip(*streams, strict=True):
-        sink.handle(outputs)
-    sink.close()
-    # two seconds; the first record of each vehicle comes on top
-    assert len(drawn) == pytest.approx(2 * expected_hz, abs=max(2, 1.5 * min(vehicles, 9)))
 
 
 def test_a_file_that_cannot_be_written_is_status_2(tmp_path, capfd):
@@ -326,8 +187,8 @@ def test_a_log_is_replayed_into_a_file(tmp_path, capfd):
     file = tmp_path / "flips.rrd"
     assert main(["replay", str(LOG), "--rrd", str(file), "--json"]) == 0
     text = listing(file)
-    assert "/1/horizon/world" in text
-    assert "/1/bodies" in text
+    assert "/bodies/1/ours" in text
+    assert "/bodies/1/gravity" in text
 
 
 def page_of(process):
@@ -355,8 +216,8 @@ def wait_until_closed(port):
     assert not is_open(port)
 
 
-def test_a_viewer_that_is_closed_is_told_once_and_drawn_no_more(drawn):
-    sink = ViewerSink(ViewerOptions(view="web"), PAPER)
+def test_a_viewer_that_is_closed_is_reported_once():
+    sink = ViewerSink(ViewerOptions(view="web"))
     try:
         first, *rest = attitudes(ONE, 3, 100_000)
         sink.handle([first])
@@ -365,7 +226,7 @@ def test_a_viewer_that_is_closed_is_told_once_and_drawn_no_more(drawn):
         with pytest.raises(ConnectionError, match="closed"):
             sink.handle(rest)
         sink.handle(rest)
-        assert len(drawn) == 1
+        assert not sink.stream.is_wanted
     finally:
         sink.close()
 
