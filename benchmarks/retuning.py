@@ -15,7 +15,6 @@ profile as it is shipped, in percent, ``worst seed`` the largest. The rivals:
 
 import sys
 from collections.abc import Callable
-from math import log2
 from typing import Any
 
 import numpy as np
@@ -24,16 +23,11 @@ from common.report import Row, names, parser, seeds, show
 
 from estimator.estimator import Estimator
 from estimator.geometry.metrics import batch_angle_errors
-from estimator.profile import Profile, load_profile
+from estimator.profile import load_profile
 from estimator.types import ImuSample
 from tests.paper_noise import NoiseScale, simulate_scaled
-from tuning.online.noise import noise_of
-from tuning.online.numbers import numbers_of, with_factors
 from tuning.online.retuned_estimator import RetunedEstimator, SegmentingEstimator
-from tuning.online.retuner import Retuner
-from tuning.online.search import CYCLES, FOOD_SOURCES
-from tuning.online.segment import Segment, rows_of_all
-from tuning.prediction import readings_of
+from tuning.online.retuner import CYCLES, FOOD_SOURCES, Retuner
 from tuning.space import Space, decode, random_positions
 
 RATE_HZ, SAMPLES, CHANGE, LATE = 100.0, 6001, 2000, 4000
@@ -83,13 +77,6 @@ def fly(estimator: Estimator, samples: Samples) -> Array:
     return q
 
 
-def times(gain: float) -> Profile:
-    """The profile with its confidences times ``gain``."""
-    return with_factors(
-        BASE, np.array([gain if n.name == "gain" else 1.0 for n in numbers_of(BASE)])
-    )
-
-
 def shipped(samples: Samples, _seed: int) -> tuple[Array, int]:
     return fly(SegmentingEstimator(BASE), samples), 0
 
@@ -116,29 +103,10 @@ def by_retuner(retuner: Retuner, samples: Samples) -> tuple[Array, int]:
     return fly(estimator, samples), len(estimator.decisions)
 
 
-def rule_of_two(samples: Samples, _seed: int) -> tuple[Array, int]:
-    """The factor follows the noise of the last five seconds over that of the first five."""
-    first, changes = [], [0]
-
-    def take(segment: Segment) -> None:
-        now = noise_of(readings_of(rows_of_all((segment,))))
-        first.append(now)
-        was = first[0]
-        vectors = log2((now.gravity + now.magnetic) / (was.gravity + was.magnetic)) / 2
-        gyroscope = log2(now.gyroscope / was.gyroscope) / 2
-        if abs(vectors) > 0.5 or abs(gyroscope) > 0.5:
-            estimator.replace_profile(times(2.0 ** (gyroscope - vectors)))
-            changes[0] += 1
-
-    estimator = SegmentingEstimator(BASE, None, take)
-    return fly(estimator, samples), changes[0]
-
-
 METHODS: dict[str, Callable[[Samples, int], tuple[Array, int]]] = {
     "shipped": shipped,
     "retuned": retuned,
     "random search": by_chance,
-    "rule of two": rule_of_two,
 }
 
 

@@ -113,7 +113,7 @@ def draw_viewer() -> None:
     from fuzzbee.viewer.viewer import ViewerSink
     from tests.fuzzbee import browser
 
-    sink = ViewerSink(ViewerOptions(view="web"), load_profile("imu"))
+    sink = ViewerSink(ViewerOptions(view="web"))
     try:
         for turn in outputs(*VIEWED):
             sink.handle(turn)

@@ -1,8 +1,7 @@
-"""``run --retune``: segments to a process of low priority, its decisions to the mailbox."""
+"""``run --retune``: segments to a thread with a budget, its decisions to the mailbox."""
 
-import pickle
 import threading
-from collections.abc import Callable
+import time
 from contextlib import suppress
 from queue import Full, Queue
 
@@ -14,22 +13,25 @@ from estimator.profile import Profile
 from fuzzbee.say import say
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
-from tuning import child
-from tuning.online import worker
 from tuning.online.retuned_estimator import SegmentingEstimator
+from tuning.online.retuner import Retuner
 from tuning.online.segment import Segment
-from tuning.online.worker import Answer, Question
 
-# Segments that wait for the process; one that comes when it is full is left out.
+# Segments that wait for the thread; one that comes when it is full is left out.
 MOST_WAITING = 8
+# Of a core, in the mean since the beginning; loading and the first searches come on top.
+MOST_SHARE = 0.03
+ALLOWANCE_S = 10.0
+MOST_VEHICLES = 512  # then the one whose last segment is oldest is forgotten
 ENDING_S = 2.0
+
+Question = tuple[VehicleId, Segment]
 
 
 class Retuning(Closing):
-    """A process beside the service, and the two threads that speak with it.
+    """One retuner a vehicle, all in one thread beside the loop.
 
-    The loop hands over a segment in microseconds and never waits. If the process dies,
-    the service goes on with the profiles in force.
+    The loop hands over a segment in microseconds and never waits.
     """
 
     def __init__(self, requests: ParameterRequests, gain: float | None) -> None:
@@ -38,17 +40,14 @@ class Retuning(Closing):
         self._pipeline: Pipeline | None = None
         self._questions: Queue[Question | None] = Queue(MOST_WAITING)
         self._skipped: set[VehicleId] = set()
+        self._retuners: dict[VehicleId, Retuner] = {}
         self._is_closing = False
-        self._process = child.start(worker.__name__)
-        self._threads = [
-            threading.Thread(target=self._guarded, args=(work,), name=f"retune {name}", daemon=True)
-            for name, work in (("questions", self._ask), ("answers", self._listen))
-        ]
-        for thread in self._threads:
-            thread.start()
+        self._begun_s = time.monotonic()
+        self._thread = threading.Thread(target=self._work, name="retune", daemon=True)
+        self._thread.start()
 
     def estimator(self, profile: Profile) -> Estimator:
-        """An estimator whose segments are sent."""
+        """An estimator whose segments are handed over."""
         made = SegmentingEstimator(profile, self._gain)
         made.on_segment = lambda segment: self._send(made, segment)
         return made
@@ -58,49 +57,40 @@ class Retuning(Closing):
         self._pipeline = pipeline
 
     def close(self) -> None:
-        """End the process."""
+        """End the thread, after the search at hand."""
         self._is_closing = True
-        self._process.kill()
-        self._process.wait()
-        with suppress(Full):  # then the thread is at a pipe that has just broken
+        with suppress(Full):  # then it looks at the flag
             self._questions.put_nowait(None)
-        for thread in self._threads:
-            thread.join(ENDING_S)
-        for pipe in (self._process.stdin, self._process.stdout):
-            with suppress(OSError):
-                assert pipe is not None
-                pipe.close()
+        self._thread.join(ENDING_S)
 
     def _send(self, estimator: Estimator, segment: Segment) -> None:
-        """Called by the loop."""
+        """Hand a segment over; called by the loop."""
         vehicles = () if self._pipeline is None else self._pipeline.vehicles
         address = next((v.address for v in vehicles if v.estimator is estimator), None)
         if address is None:
             return
         silent = segment.silent or address in self._skipped
         try:
-            self._questions.put_nowait(Question(address, segment._replace(silent=silent)))
+            self._questions.put_nowait((address, segment._replace(silent=silent)))
             self._skipped.discard(address)
         except Full:
             self._skipped.add(address)
 
-    def _guarded(self, work: Callable[[], None]) -> None:
-        try:
-            work()
-        except (OSError, EOFError, ValueError, pickle.PickleError) as error:
-            if not self._is_closing:
-                say(f"--retune has ended: {type(error).__name__}; the profiles in force stay")
-
-    def _ask(self) -> None:
-        while (question := self._questions.get()) is not None:
-            child.send(self._process, question)
-
-    def _listen(self) -> None:
-        while True:
-            answer: Answer = child.receive(self._process)
-            assert isinstance(answer.vehicle, VehicleId)
-            decision = answer.decision
+    def _work(self) -> None:
+        while not self._is_closing and (question := self._questions.get()) is not None:
             try:
-                self._requests.ask(answer.vehicle, decision.update, decision.summary)
+                self._decide(*question)
             except (InputError, TimeoutError) as error:
                 say(f"not retuned: {error}")
+
+    def _decide(self, vehicle: VehicleId, segment: Segment) -> None:
+        """Take a segment. While there is no time for more it counts as silence."""
+        retuner = self._retuners.pop(vehicle, None) or Retuner(segment.profile)
+        self._retuners[vehicle] = retuner  # the latest last
+        if len(self._retuners) > MOST_VEHICLES:
+            del self._retuners[next(iter(self._retuners))]
+        budget_s = ALLOWANCE_S + MOST_SHARE * (time.monotonic() - self._begun_s)
+        is_late = time.thread_time() > budget_s
+        decision = retuner.take(segment._replace(silent=segment.silent or is_late))
+        if decision is not None:
+            self._requests.ask(vehicle, decision.update, decision.summary)

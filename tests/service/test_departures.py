@@ -19,7 +19,6 @@ from service.pipeline import Pipeline
 from service.records import Departed, Message, Published, Replaced
 from tests.service.records import record
 from tests.service.streams import ONE, START_US, imu_events
-from tuning.online.worker import MOST_VEHICLES as MOST_RETUNED
 
 PAPER = load_profile("paper")
 SECOND_US = 1_000_000
@@ -194,29 +193,3 @@ def test_a_table_and_what_watch_takes_stay_bounded():
         reception.record(f"fuzzbee/{name}/attitude", payload)
     (line,) = told
     assert f"there are more than {PLACES} vehicles" in line
-
-
-def test_the_retuning_process_remembers_the_latest(monkeypatch):
-    from tuning.online import worker
-
-    class Quiet:
-        def __init__(self, _profile):
-            self.taken = 0
-
-        def take(self, _segment):
-            self.taken += 1
-
-    class Piece(msgspec.Struct):
-        profile: str = ""
-        silent: bool = False
-
-        def _replace(self, **_):
-            return self
-
-    monkeypatch.setattr(worker, "Retuner", Quiet)
-    deciders = worker.Deciders()
-    for number in range(3 * MOST_RETUNED):
-        deciders.answer(worker.Question(number, Piece()))
-        deciders.answer(worker.Question(0, Piece()))
-    assert len(deciders._retuners) == MOST_RETUNED
-    assert deciders._retuners[0].taken == 3 * MOST_RETUNED + 1

@@ -1,13 +1,11 @@
 """The few numbers that are retuned, as factors on the base profile's."""
 
-from math import log
 from typing import NamedTuple
 
 import numpy as np
 
 from estimator.arrays import Floats
 from estimator.profile import Profile, merge_profile, profile_to_json
-from tuning.online.noise import LEAST, Noise
 from tuning.space import Space
 
 # In all, and in one move.
@@ -16,15 +14,10 @@ MOST_MOVE = 3.0
 
 
 class Number(NamedTuple):
-    """Keys of the profile that are multiplied by a power of one factor.
-
-    ``rule`` holds the powers of the noises' factors (gravity, field, gyroscope; roots of their
-    mean squares) that the number follows by itself.
-    """
+    """Keys of the profile that are multiplied by a power of one factor."""
 
     name: str
     keys: tuple[tuple[str, str, float], ...]
-    rule: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 # With raw vectors the confidences scale the gain, floor and all. How they share it out is
@@ -37,7 +30,6 @@ RAW = (
             ("confidence", "magnetic", 1.0),
             ("confidence", "cross", 1.0),
         ),
-        (-0.5, -0.5, 1.0),
     ),
     Number("gamma", (("filter", "gamma", 1.0),)),
 )
@@ -60,17 +52,6 @@ def numbers_of(base: Profile) -> tuple[Number, ...]:
     tree = profile_to_json(base)
     chosen = CONDITIONED if base.conditioned else RAW
     return tuple(n for n in chosen if all(tree[section][key] > 0.0 for section, key, _ in n.keys))
-
-
-def by_rule(base: Profile, factors: Floats, then: Noise, now: Noise) -> Floats:
-    """The ``factors`` (D,) that suited the noise ``then``, for the noise ``now``.
-
-    Of vectors twice as noisy the confidences halve, with twice the gyroscope's noise they double.
-    """
-    pairs = zip(then[:3], now[:3], strict=True)
-    grown = np.array([0.5 * log((new + LEAST) / (old + LEAST)) for old, new in pairs])
-    powers = np.array([number.rule for number in numbers_of(base)])
-    return np.asarray(np.clip(factors * np.exp(powers @ grown), 1.0 / MOST_FACTOR, MOST_FACTOR))
 
 
 def update_of(base: Profile, factors: Floats) -> dict[str, dict[str, float]]:

@@ -11,6 +11,7 @@ a log that is replayed is retuned as it would be again.
 * The next window shows whether that holds. If not, what was before is in force again.
 """
 
+from collections.abc import Callable
 from math import sqrt
 from typing import NamedTuple
 
@@ -18,12 +19,13 @@ import numpy as np
 
 from estimator.arrays import Floats
 from estimator.profile import Profile, profile_to_json
+from tuning.colony import Colony
 from tuning.online.cost import Cost, cost_on
 from tuning.online.noise import Noise, has_moved, is_disturbed, noise_of
-from tuning.online.numbers import by_rule, numbers_of, space_around, update_of, with_factors
-from tuning.online.search import FOOD_SOURCES, Look, colony_search
+from tuning.online.numbers import numbers_of, space_around, update_of, with_factors
 from tuning.online.segment import Segment, Window, rows_of_all
 from tuning.prediction import readings_of
+from tuning.space import Space, decode, encode
 
 LEAST_GAIN = 0.05
 # Student's t of the paired half seconds; chance exceeds it once in thirty.
@@ -32,13 +34,37 @@ LEAST_T = 2.0
 MOST_SEGMENTS = 4
 # Half a second in which the vectors are 60 deg from what was foretold is an event, and no noise.
 EVENT = 0.25
-# The rule is followed where it moves a number by more than this, as a natural logarithm: less
-# is what segments differ by.
-LEAST_FOLLOWED = 0.35
 # Segments that a decision may take until it is in force.
 MOST_FOREIGN = 2
 # Windows without a search behind one that found nothing, and after a move that was taken back.
 PATIENCE = 6
+FOOD_SOURCES = 6
+CYCLES = 2
+
+Evaluate = Callable[[Floats], Floats]  # factors (C, D) to costs (C,)
+# Search in a space, from kept factors (M, D): what was tried, its costs, what to keep
+Look = Callable[[Space, Floats, Evaluate, np.random.Generator], tuple[Floats, Floats, Floats]]
+
+
+def colony_search(
+    space: Space, kept: Floats, evaluate: Evaluate, generator: np.random.Generator
+) -> tuple[Floats, Floats, Floats]:
+    """Evaluate the kept food sources on the present window, and go on from them for two cycles."""
+    colony = Colony(
+        space,
+        food_sources=FOOD_SOURCES,
+        limit=FOOD_SOURCES * space.dimensions,
+        generator=generator,
+        first=encode(space, np.clip(kept, space.lower, space.upper)),
+    )
+    tried, costs = [], []
+    while colony.cycles < CYCLES:
+        factors = decode(space, colony.ask())
+        found = evaluate(factors)
+        tried.append(factors)
+        costs.append(found)
+        colony.tell(found)
+    return np.concatenate(tried), np.concatenate(costs), decode(space, colony.sources.positions)
 
 
 class Decision(NamedTuple):
@@ -141,9 +167,6 @@ class Retuner:
         if is_disturbed(self._learnt, noise):
             self._last = None
             return None
-        ruled = by_rule(self._base, self._now, self._learnt, noise)
-        if np.abs(np.log(ruled / self._now)).max() > LEAST_FOLLOWED:
-            return self._follow_rule(ruled, segment, noise)
         return None if earlier is None else self._consider(Window(earlier, segment), noise)
 
     def _follow(self, profile: Profile) -> None:
@@ -173,21 +196,6 @@ class Retuner:
             return self._judge(window)
         self._learnt = later
         return self._search(window)
-
-    def _follow_rule(self, factors: Floats, segment: Segment, now: Noise) -> Decision | None:
-        """What follows from the noise alone, at once: a window's cost tells less about it.
-
-        No check follows. When the noise is over, the same rule leads back.
-        """
-        alone = Window(segment, segment)
-        old, new = (self._cost(each, alone, judged=False) for each in (self._now, factors))
-        if old.blocks.max() > EVENT:
-            self._last = None
-            return None
-        self._learnt, self._trials = now, []
-        decision = self._move(factors, "noise has changed", Trial(factors, (old,), (new,)).share)
-        self._before = None
-        return decision
 
     def _search(self, window: Window) -> Decision | None:
         """Find a candidate on the earlier segment; the later one is the first that judges it."""

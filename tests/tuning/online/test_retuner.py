@@ -54,23 +54,23 @@ def times_s(estimator):
     return [round(1e-6 * time_us, 1) for time_us, _ in estimator.decisions]
 
 
-def test_more_noise_is_answered_at_once_and_again_alike():
-    """Vectors x5: -55 % of e here, by the rule, once five seconds have shown the noise."""
+def test_more_noise_is_answered_by_the_colony_and_again_alike():
+    """Vectors x5: -28 % of e here, once two segments have shown the noise."""
     estimator, q, e, base = flown(60.0, vectors=5.0)
-    assert e < 0.5 * base
+    assert e < 0.8 * base
     first_s, (_, first) = times_s(estimator)[0], estimator.decisions[0]
-    assert CHANGE_S + SEGMENT_S <= first_s < CHANGE_S + 2 * SEGMENT_S
+    assert first_s >= CHANGE_S + 2 * SEGMENT_S
+    assert first.gain > 0.05
     gravity = first.update["confidence"]["gravity"] / PAPER.confidence.gravity
-    assert gravity == pytest.approx(0.2, rel=0.1)
+    assert 1.0 / MOST_MOVE - 1e-9 <= gravity < 0.6
     assert first.update["confidence"]["cross"] == pytest.approx(gravity)
     again, same, *_ = flown(60.0, vectors=5.0)
     assert again.decisions == estimator.decisions
     assert np.array_equal(same, q)
 
 
-def test_what_the_rule_cannot_express_the_colony_finds():
-    """Both noises x5, for which the rule has no answer: -23 % of e, once ten seconds have shown
-    it."""
+def test_both_noises_are_answered():
+    """Both x5: -23 % of e, once ten seconds have shown it."""
     estimator, _, e, base = flown(60.0, vectors=5.0, gyroscope=5.0)
     assert e < 0.9 * base
     first_s, (_, first) = times_s(estimator)[0], estimator.decisions[0]
@@ -88,10 +88,10 @@ def test_where_nothing_changes_nothing_is_changed():
 
 
 def test_noise_that_is_over_is_followed_back():
-    estimator, *_ = flown(50.0, vectors=5.0, until_s=30.2)
-    back = estimator.decisions[-1][1].update["confidence"]
-    assert len(estimator.decisions) > 1
-    assert back["gravity"] == pytest.approx(0.85, rel=0.2)  # of the segment, a little was noisy
+    estimator, *_ = flown(90.0, vectors=5.0, until_s=50.2)
+    gravity = [each.update["confidence"]["gravity"] for _, each in estimator.decisions]
+    assert gravity[0] < 0.6
+    assert gravity[-1] == pytest.approx(1.0, rel=0.2)
 
 
 def test_what_does_not_hold_is_taken_back():
