@@ -2,8 +2,8 @@
 
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
 
 from estimator.errors import InputError, missing_extra
@@ -12,39 +12,58 @@ from service.records import AttitudeRecord, Departed, Output, Published, StatusR
 from service.second_opinion import Verdict
 
 if TYPE_CHECKING:
-    from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
     from prometheus_client.metrics_core import Metric
 
 HOST = "127.0.0.1"  # to reach them from elsewhere, run a proxy or an agent on this computer
-MOST_LOST = 64  # vehicles of which a scrape tells more than their age
+MOST_LOST = 64  # lost vehicles that a scrape has
+_SIGMA = "68 % of the {}'s errors lie under it."
 
 
-class Gauge(NamedTuple):
-    """A number of an attitude, by its name for Prometheus."""
-
-    name: str
-    help: str
-    value: Callable[[AttitudeRecord], float]
-
-
-GAUGES = (
-    Gauge("roll_degrees", "Roll.", lambda r: r.euler_deg[0]),
-    Gauge("pitch_degrees", "Pitch.", lambda r: r.euler_deg[1]),
-    Gauge("heading_degrees", "Heading, 0 to 360.", lambda r: r.euler_deg[2]),
-    Gauge("error", "The paper's e from the measurements, 0 to 1.", lambda r: r.error),
-    Gauge("gain", "The paper's K.", lambda r: r.gain),
-    Gauge("gravity_confidence", "Confidence in gravity.", lambda r: r.confidence.gravity),
-    Gauge("magnetic_confidence", "Confidence in the field.", lambda r: r.confidence.magnetic),
-    Gauge(
-        "inclination_sigma_degrees",
-        "68 % of the inclination's errors lie under it.",
-        lambda r: r.sigma_deg.inclination,
+Values = Mapping[str, float]
+# Name, help, and the number of an attitude
+OF_ATTITUDE: tuple[tuple[str, str, Callable[[AttitudeRecord], float]], ...] = (
+    ("roll_degrees", "Roll.", lambda r: r.euler_deg[0]),
+    ("pitch_degrees", "Pitch.", lambda r: r.euler_deg[1]),
+    ("heading_degrees", "Heading, 0 to 360.", lambda r: r.euler_deg[2]),
+    ("error", "The paper's e from the measurements, 0 to 1.", lambda r: r.error),
+    ("gain", "The paper's K.", lambda r: r.gain),
+    ("gravity_confidence", "Confidence in gravity.", lambda r: r.confidence.gravity),
+    ("magnetic_confidence", "Confidence in the field.", lambda r: r.confidence.magnetic),
+    ("inclination_sigma_degrees", _SIGMA.format("inclination"), lambda r: r.sigma_deg.inclination),
+    ("heading_sigma_degrees", _SIGMA.format("heading"), lambda r: r.sigma_deg.heading),
+)
+# Name, help, a second label, and the numbers of a status by that label
+OF_STATUS: tuple[tuple[str, str, str, Callable[[StatusRecord], Values]], ...] = (
+    (
+        "state",
+        "1 for the state it is in.",
+        "state",
+        lambda s: {each.value: float(s.state == each) for each in State},
     ),
-    Gauge(
-        "heading_sigma_degrees",
-        "68 % of the heading's errors lie under it.",
-        lambda r: r.sigma_deg.heading,
+    (
+        "autopilot",
+        "1 for the verdict on it.",
+        "verdict",
+        lambda s: (
+            {word.value: float(s.autopilot.verdict == word) for word in Verdict}
+            if s.autopilot is not None
+            else {}
+        ),
     ),
+    (
+        "autopilot_inclination_degrees",
+        "Between the autopilot's vertical and ours.",
+        "",
+        lambda s: {} if s.autopilot is None else {"": s.autopilot.inclination_deg},
+    ),
+    (
+        "autopilot_heading_degrees",
+        "The autopilot's heading less ours.",
+        "",
+        lambda s: {} if s.autopilot is None else {"": s.autopilot.heading_deg},
+    ),
+    ("imu_rate_hertz", "IMU samples a second.", "", lambda s: {"": s.imu_rate_hz}),
+    ("worst_gap_seconds", "Worst gap so far.", "", lambda s: {"": s.worst_gap_s}),
 )
 
 
@@ -133,84 +152,46 @@ class MetricsSink:
 
         Of the lost ones only the last count: an answer about thousands takes a second of all.
         """
+        from prometheus_client.core import CounterMetricFamily as Counter
+
         with self._lock:
             attitudes, statuses = dict(self._attitudes), dict(self._statuses)
-            long_lost = [*self._lost][:-MOST_LOST]
-        for name in long_lost:
-            attitudes.pop(name, None)
-            del statuses[name]
+            for name in [*self._lost][:-MOST_LOST]:
+                attitudes.pop(name, None)
+                del statuses[name]
         now_s = self._now_s()
-        counts = {name: record.sequence + 1.0 for name, (record, _) in attitudes.items()}
-        yield _metric("attitudes", "Attitudes published.", counts, is_count=True)
-        ages_s = {
-            name: record.age_ms / 1e3 + max(0.0, now_s - heard_s)
-            for name, (record, heard_s) in attitudes.items()
-        }
-        yield _metric("imu_age_seconds", "Age of the last IMU sample.", ages_s)
-        current = {
-            name: record
-            for name, (record, _) in attitudes.items()
-            if name not in statuses or statuses[name].state != State.LOST
-        }
-        for gauge in GAUGES:
-            values = {name: gauge.value(record) for name, record in current.items()}
-            yield _metric(gauge.name, gauge.help, values)
-        yield from _status_metrics(statuses)
+        counted, ages_s = {}, {}
+        for name, (record, heard_s) in attitudes.items():
+            counted[name] = {"": record.sequence + 1.0}
+            ages_s[name] = {"": record.age_ms / 1e3 + max(0.0, now_s - heard_s)}
+        yield _family("attitudes", "Attitudes published.", "", counted, is_count=True)
+        yield _family("imu_age_seconds", "Age of the last IMU sample.", "", ages_s)
+        lost = {name for name, status in statuses.items() if status.state == State.LOST}
+        current = {name: each for name, (each, _) in attitudes.items() if name not in lost}
+        for metric, text, value in OF_ATTITUDE:
+            values = {name: {"": value(record)} for name, record in current.items()}
+            yield _family(metric, text, "", values)
+        for metric, text, label, values_of in OF_STATUS:
+            values = {name: values_of(status) for name, status in statuses.items()}
+            yield _family(metric, text, label, values)
+        rejected = {name: dict(status.rejected) for name, status in statuses.items()}
+        yield _family("rejected", "Samples refused.", "reason", rejected, is_count=True)
+        overruns = max((status.overruns for status in statuses.values()), default=0)
+        dropped = max((status.dropped for status in statuses.values()), default=0)
+        yield Counter("fuzzbee_overruns", "Ticks that came late.", value=overruns)
+        yield Counter("fuzzbee_dropped", "Events and records lost.", value=dropped)
 
 
-def _metric(
-    name: str, text: str, values: dict[str, float], *, is_count: bool = False
-) -> "GaugeMetricFamily | CounterMetricFamily":
-    """A number of each vehicle."""
+def _family(
+    name: str, text: str, label: str, values: Mapping[str, Values], *, is_count: bool = False
+) -> "Metric":
+    """The numbers of each vehicle, by another label if there is one."""
     from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 
     kind = CounterMetricFamily if is_count else GaugeMetricFamily
-    family = kind(f"fuzzbee_{name}", text, labels=["vehicle"])
-    for vehicle, value in values.items():
-        family.add_metric([vehicle], value)
+    labels = ["vehicle", label] if label else ["vehicle"]
+    family = kind(f"fuzzbee_{name}", text, labels=labels)
+    for vehicle, numbers in values.items():
+        for word, number in numbers.items():
+            family.add_metric([vehicle, word] if label else [vehicle], number)
     return family
-
-
-def _autopilot_metrics(statuses: dict[str, StatusRecord]) -> "Iterator[Metric]":
-    """The autopilot's attitude beside ours, of vehicles that send it."""
-    from prometheus_client.core import GaugeMetricFamily
-
-    known = {name: each.autopilot for name, each in statuses.items() if each.autopilot is not None}
-    verdict = GaugeMetricFamily(
-        "fuzzbee_autopilot", "1 for what is said of it.", labels=["vehicle", "verdict"]
-    )
-    for name, said in known.items():
-        for word in Verdict:
-            verdict.add_metric([name, word.value], float(said.verdict == word))
-    yield verdict
-    for what in ("inclination", "heading"):
-        values = {name: getattr(said, f"{what}_deg") for name, said in known.items()}
-        text = f"How far the autopilot's {what} is off ours."
-        yield _metric(f"autopilot_{what}_degrees", text, values)
-
-
-def _status_metrics(statuses: dict[str, StatusRecord]) -> "Iterator[Metric]":
-    from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
-
-    state = GaugeMetricFamily(
-        "fuzzbee_state", "1 for the state it is in.", labels=["vehicle", "state"]
-    )
-    rejected = CounterMetricFamily(
-        "fuzzbee_rejected", "Samples refused.", labels=["vehicle", "reason"]
-    )
-    for name, status in statuses.items():
-        for each in State:
-            state.add_metric([name, each.value], float(status.state == each))
-        for reason, number in status.rejected.items():
-            rejected.add_metric([name, reason], number)
-    yield state
-    yield from _autopilot_metrics(statuses)
-    rates = {name: status.imu_rate_hz for name, status in statuses.items()}
-    yield _metric("imu_rate_hertz", "IMU samples a second.", rates)
-    gaps = {name: status.worst_gap_s for name, status in statuses.items()}
-    yield _metric("worst_gap_seconds", "Worst gap so far.", gaps)
-    yield rejected
-    overruns = max((status.overruns for status in statuses.values()), default=0)
-    dropped = max((status.dropped for status in statuses.values()), default=0)
-    yield CounterMetricFamily("fuzzbee_overruns", "Ticks that came late.", value=overruns)
-    yield CounterMetricFamily("fuzzbee_dropped", "Events and records lost.", value=dropped)
