@@ -11,6 +11,7 @@ import math
 import re
 import tomllib
 from collections.abc import Mapping
+from difflib import get_close_matches
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -264,6 +265,12 @@ def _from_tree(tree: Mapping[str, Any], where: str) -> Profile:
 def _in_toml_s_words(text: str) -> str:
     """The decoder's message in the words of the file that it read."""
     text = text.replace("Object contains unknown field", "unknown key")
+    unknown = re.match(r"unknown key [`'](\w+)", text)
+    if unknown:
+        sections = profile_to_json(load_profile("imu")).values()
+        keys = {key for section in sections if isinstance(section, dict) for key in section}
+        alike = get_close_matches(unknown[1], keys, 1)
+        text += f" (did you mean '{alike[0]}'?)" if alike else ""
     text = text.replace("Expected `object`", "expected a section of keys")
     return text.replace("`$.", "`").replace("`", "'")
 

@@ -24,8 +24,25 @@ EPILOG = """Start here:
   fuzzbee COMMAND --help         options and examples"""
 
 
+class Grouped(typer.core.TyperCommand):
+    """A verb whose plain help has its options by panels, as the decorated one has."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write the options, panel by panel."""
+        panels: dict[str, list[tuple[str, str]]] = {}
+        for parameter in self.get_params(ctx):
+            row = parameter.get_help_record(ctx)
+            if row is not None:
+                kind = "Options" if parameter.param_type_name == "option" else "Arguments"
+                name = getattr(parameter, "rich_help_panel", None) or kind
+                panels.setdefault(name, []).append(row)
+        for name, rows in panels.items():
+            with formatter.section(name):
+                formatter.write_dl(rows)
+
+
 def build_app(*, decorated: bool) -> typer.Typer:
-    """All verbs; ``decorated`` help has boxes and colours, for a terminal."""
+    """All verbs; ``decorated`` help has boxes and colours, for a terminal, and is slower."""
     app = typer.Typer(
         name="fuzzbee",
         help=HELP,
@@ -38,9 +55,9 @@ def build_app(*, decorated: bool) -> typer.Typer:
         context_settings={"help_option_names": ["--help", "-h"]},
     )
     app.callback()(_main_options)
-    app.command(epilog=run.EPILOG)(run.run)
+    app.command(cls=Grouped, epilog=run.EPILOG)(run.run)
     app.command(epilog=sim.EPILOG)(sim.sim)
-    app.command(epilog=watch.EPILOG)(watch.watch)
+    app.command(cls=Grouped, epilog=watch.EPILOG)(watch.watch)
     app.command(epilog=replay.EPILOG)(replay.replay)
     app.command(epilog=check.EPILOG)(check.check)
     app.command(epilog=calibrate.EPILOG)(calibrate.calibrate)

@@ -40,7 +40,7 @@ class CalibrateOptions(NamedTuple):
 
 @command
 def calibrate(options: CalibrateOptions) -> None:
-    """Find hard and soft iron by a flight's turns; print them for a profile and for ArduPilot.
+    """Find a compass's hard and soft iron in a flight.
 
     To be looked at before use: nothing is sent. Ends with 2 if the turns do not show them.
     """

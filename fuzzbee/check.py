@@ -44,7 +44,7 @@ class Checked(NamedTuple):
 
 @command
 def check(options: CheckOptions) -> None:
-    """Go over logs, and tell in which the autopilot's attitude is not to be believed, or ours.
+    """Find the logs in which autopilot and estimate differ.
 
     One line a log, worst first. Ends with 1 if they differ in any, with 2 if one cannot be read.
     """

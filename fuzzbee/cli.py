@@ -14,7 +14,9 @@ import sys
 import threading
 from collections.abc import Sequence
 from contextlib import suppress
+from difflib import SequenceMatcher
 from pathlib import Path
+from typing import Any
 
 from estimator.compilation.notice import tell_compiling
 from estimator.errors import InputError
@@ -28,6 +30,7 @@ sigint_guard.end()
 
 OK, FAILED, BAD_INPUT = 0, 1, 2
 STANDARD_ERROR = 2
+LEAST_ALIKE = 0.7  # of an option that is suggested
 # Names of threads that may hang: a sink on a stopped terminal, the compiler, a session that waits
 # for a silent peer.
 HANGING = ("sink ", "compiler", "zenoh opener", "zenoh closer")
@@ -68,6 +71,7 @@ def _status(arguments: list[str]) -> int:
             print(error.format_message(), file=sys.stderr)  # type: ignore[attr-defined]
             return BAD_INPUT
         if _is_usage_error(error):
+            _leave_far_suggestions(error)
             return _fail(error.format_message(), BAD_INPUT)  # type: ignore[attr-defined]
         if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
             return _fail(
@@ -170,6 +174,16 @@ def _write_what_can_be_written() -> None:
 def _is_usage_error(error: Exception) -> bool:
     """Whether the argument parser refused something; its classes moved between versions."""
     return hasattr(error, "format_message") and hasattr(error, "exit_code")
+
+
+def _leave_far_suggestions(error: Any) -> None:
+    """Of the options that the parser suggests keep those that look like what was written."""
+    written = getattr(error, "option_name", "") or ""
+    error.possibilities = [
+        each
+        for each in getattr(error, "possibilities", None) or ()
+        if SequenceMatcher(None, written.strip("-"), each.strip("-")).ratio() >= LEAST_ALIKE
+    ]
 
 
 def _fail(text: str, status: int) -> int:

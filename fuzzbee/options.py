@@ -36,10 +36,17 @@ def option(
 def panel(name: str) -> Callable[..., OptionInfo]:
     """Options as :func:`option` makes them, which stand together in the help under a name."""
 
-    def option_there(text: str, *names: str, metavar: str | None = None, **more: Any) -> OptionInfo:
-        return option(text, *names, metavar=metavar, rich_help_panel=name, **more)
+    def option_there(text: str, *names: str, **more: Any) -> OptionInfo:
+        return option(text, *names, rich_help_panel=name, **more)
 
     return option_there
+
+
+of_source = panel("Source")
+of_estimate = panel("Estimate")
+of_publishing = panel("Publish")
+of_recording = panel("Record")
+of_showing = panel("Show")
 
 
 def examples(*lines: str) -> str:
@@ -47,8 +54,8 @@ def examples(*lines: str) -> str:
     return "\n\n".join(["Examples:", *(f"  {line}" for line in lines)])
 
 
-Verbose = Annotated[bool, option("Say more on standard error.", "--verbose", "-v")]
-Json = Annotated[bool, option("JSON on standard output, nothing else there.", "--json")]
+Verbose = Annotated[bool, of_showing("Say more on standard error.", "--verbose", "-v")]
+Json = Annotated[bool, of_showing("JSON on standard output, nothing else there.", "--json")]
 Seconds = Annotated[float | None, option("End after N seconds.", metavar="N")]
 
 

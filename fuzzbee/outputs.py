@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from drivers.endpoint import TABLES, columns_beside
 from estimator.errors import InputError
-from fuzzbee.options import require_extra
+from fuzzbee.options import of_recording, of_showing, require_extra
 from fuzzbee.say import say
-from fuzzbee.sinks import SINKS, Opening, option
+from fuzzbee.sinks import SINKS, Opening
 
 if TYPE_CHECKING:
     import zenoh
@@ -23,8 +23,8 @@ WINDOW, WEB = "window", "web"
 
 _VIEW = "Show it in Rerun: a window, or a page for a browser (extra: viewer)."
 _RRD = "Save what the viewer shows, for rerun FILE (extra: viewer)."
-View = Annotated[str | None, option(_VIEW, metavar="window|web")]
-Rrd = Annotated[str | None, option(_RRD, metavar="FILE")]
+View = Annotated[str | None, of_showing(_VIEW, metavar="window|web")]
+Rrd = Annotated[str | None, of_recording(_RRD, metavar="FILE")]
 
 
 def _options_of_sinks() -> Any:

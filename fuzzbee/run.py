@@ -4,12 +4,10 @@ from estimator.errors import InputError
 from fuzzbee import outputs
 from fuzzbee.options import command, examples, require_gain, require_positive
 from fuzzbee.run_options import RunOptions
-from fuzzbee.say import say
 from fuzzbee.security import parse_system_ids
 from fuzzbee.zenoh_options import opening
 
 MAX_RATE_HZ = 1000.0
-WORKERS_ARE_GONE = "--workers is no more, and does nothing: one process carries more now"
 
 EPILOG = examples(
     "fuzzbee run sim:flight",
@@ -22,10 +20,8 @@ EPILOG = examples(
 
 @command
 def run(options: RunOptions) -> int:
-    """Estimate attitudes live and publish them on Zenoh."""
+    """Estimate attitudes live and publish them."""
     _require_numbers(options)
-    if options.workers is not None:
-        say(WORKERS_ARE_GONE)
     if options.outputs.send_as is not None and options.outputs.send_attitude is None:
         raise InputError(f"--as {options.outputs.send_as}: needs --send-attitude URL")
     parse_system_ids(options.security.allow_system_ids)

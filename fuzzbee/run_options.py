@@ -5,7 +5,15 @@ from typing import Annotated, NamedTuple
 import typer
 
 from fuzzbee import zenoh_options
-from fuzzbee.options import PROFILES, Json, Seconds, Verbose, option
+from fuzzbee.options import (
+    PROFILES,
+    Json,
+    Verbose,
+    of_estimate,
+    of_publishing,
+    of_recording,
+    of_source,
+)
 from fuzzbee.outputs import OutputOptions
 from fuzzbee.security import SecurityOptions
 from fuzzbee.zenoh_options import ZenohArguments
@@ -16,37 +24,36 @@ _PROFILE = (
     " paper's signals: paper."
 )
 _RECORD = "Record what arrives: FILE.tlog, or a folder for a file an hour."
+_GAIN = "A fixed gain instead of the fuzzy one."
 _TRUTH = "Compare with what a simulator tells (SIM_STATE, SIMSTATE), and end with a verdict."
 RETUNE = "Retune a few numbers whenever the sensors' noise changes."
 
 
 class RunOptions(NamedTuple):
-    """The arguments and options of the verb, in the order of its help."""
+    """The arguments and options of the verb; the help has them by panels."""
 
     source: Annotated[str, typer.Argument(help=_SOURCE)] = "sim:"
-    rate_hz: Annotated[float, option("Attitudes a second.", "--rate", metavar="HZ")] = 100.0
-    seconds: Seconds = None
-    profile: Annotated[  # None: the one that fits
-        str | None, option(_PROFILE, metavar="NAME|FILE", words=PROFILES)
-    ] = None
-    gain: Annotated[float | None, option("A fixed gain instead of the fuzzy one.", metavar="K")] = (
-        None
-    )
-    as_json: Json = False
-    record: Annotated[str | None, option(_RECORD, metavar="FILE|DIR")] = None
+    seconds: Annotated[float | None, of_source("End after N seconds.", metavar="N")] = None
     request_rate_hz: Annotated[
-        float | None, option("Ask the vehicle for this IMU rate.", "--request-rate", metavar="HZ")
+        float | None,
+        of_source("Ask for this IMU rate.", "--request-rate", metavar="HZ"),
     ] = None
-    speed: Annotated[float, option("Play a log X times as fast.", metavar="X")] = 1.0
-    system_id: Annotated[int | None, option("Only this vehicle.", metavar="ID")] = None
-    retune: Annotated[bool, option(RETUNE)] = False
-    truth: Annotated[bool, option(_TRUTH)] = False
-    workers: Annotated[int | None, option("Does nothing any more.", hidden=True)] = None
+    speed: Annotated[float, of_source("Play a log X times as fast.", metavar="X")] = 1.0
+    system_id: Annotated[int | None, of_source("Only this vehicle.", metavar="ID")] = None
     security: SecurityOptions = SecurityOptions()
-    no_zenoh: Annotated[bool, option("Publish nothing.")] = False
+    profile: Annotated[  # None: the one that fits
+        str | None, of_estimate(_PROFILE, metavar="NAME|FILE", words=PROFILES)
+    ] = None
+    gain: Annotated[float | None, of_estimate(_GAIN, metavar="K")] = None
+    retune: Annotated[bool, of_estimate(RETUNE)] = False
+    truth: Annotated[bool, of_estimate(_TRUTH)] = False
+    rate_hz: Annotated[float, of_publishing("Attitudes a second.", "--rate", metavar="HZ")] = 100.0
+    no_zenoh: Annotated[bool, of_publishing("Publish nothing on Zenoh.")] = False
     outputs: OutputOptions = OutputOptions()
+    record: Annotated[str | None, of_recording(_RECORD, metavar="FILE|DIR")] = None
     zenoh: ZenohArguments = ZenohArguments()
     second: Annotated[
         bool, zenoh_options.option("Publish even if another service publishes the same vehicle.")
     ] = False
+    as_json: Json = False
     verbose: Verbose = False

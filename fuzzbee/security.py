@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from estimator.errors import InputError
-from fuzzbee.options import panel
+from fuzzbee.options import of_source as option
 from fuzzbee.say import say
 
 if TYPE_CHECKING:
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 LONGEST_KEY_FILE = 4096  # bytes
 SHORT_PHRASE = 8  # characters; shorter ones are guessed
 
-option = panel("Security")
 _IDS = "Refuse frames of all other systems: 1,2,10-19."
 INSECURE = "Take a key file that others may read."
 _KEY = "Refuse frames not signed with the key (32 bytes, 64 hex digits) or phrase there."

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import zenoh
 
 from drivers.endpoint import Endpoint, parse_endpoint
+from drivers.simulation.simulated_vehicle import PROFILES
 from drivers.source import require_openable
 from estimator.errors import InputError
 from estimator.profile import Profile, load_profile
@@ -162,7 +163,7 @@ def summary(
     """The result of a run, as --json prints it."""
     return {
         "source": options.source,
-        "profile": profile_name,
+        "profile": _in_force(options, profile_name, pipeline),
         "rate_hz": options.rate_hz,
         "seconds": round(seconds, 3),
         "ticks": runner.ticks,
@@ -172,9 +173,18 @@ def summary(
         "malformed": pipeline.malformed,
         "refused": dict(sorted(pipeline.refused_frames.items())),
         **({"recording": recording} if recording else {}),
+        "heard": sorted(pipeline.heard),
         "departed": pipeline.departures.counts._asdict(),
         "vehicles": {vehicle.name: vehicle.counts for vehicle in pipeline.vehicles},
     }
+
+
+def _in_force(options: RunOptions, name: str, pipeline: Pipeline) -> str:
+    """The profile's name; fuzzbee's own vehicles have had the one that fits their motion."""
+    if options.profile is not None:
+        return name
+    fitting = {PROFILES.get(vehicle.built_in_motion or "") for vehicle in pipeline.vehicles}
+    return fitting.pop() or name if len(fitting) == 1 else name
 
 
 def conclude(
@@ -214,7 +224,9 @@ def _report(result: dict[str, Any], *, as_json: bool) -> None:
     departed = result["departed"]
     number = len(vehicles) + departed["vehicles"]
     if not number:
-        say(f"no vehicle was heard on {result['source']} in {result['seconds']:.1f} s")
+        others = ", ".join(map(str, result["heard"]))
+        which = f" but system id {others}" if others else ""
+        say(f"no vehicle{which} was heard on {result['source']} in {result['seconds']:.1f} s")
         return
     attitudes = sum(vehicle["attitudes"] for vehicle in vehicles.values()) + departed["attitudes"]
     say(

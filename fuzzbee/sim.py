@@ -8,6 +8,8 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple, cast
 
+import typer
+
 from drivers.endpoint import FORMS, Endpoint, Kind, endpoint_help, parse_endpoint
 from estimator.errors import InputError
 from fuzzbee.options import Json, command, examples, option
@@ -37,7 +39,8 @@ _LINK_HELP = "\n\n".join(" ".join(row.split()) for row in endpoint_help(LINK_KIN
 class SimOptions(NamedTuple):
     """The options of the verb, in the order of its help."""
 
-    to: Annotated[str, option(_LINK_HELP, metavar="URL")]
+    to: Annotated[str | None, option(_LINK_HELP, metavar="URL")] = None
+    url: Annotated[str | None, typer.Argument(help="The same as --to.", hidden=True)] = None
     vehicles: Annotated[int, option("system ids 1 to N on one link")] = 1
     rate: Annotated[float, option("samples a second", metavar="HZ")] = 100.0
     seed: Annotated[int, option("of the noise; vehicle i has seed + i - 1")] = 0
@@ -57,7 +60,7 @@ class SimOptions(NamedTuple):
 
 @command
 def sim(options: SimOptions) -> int:
-    """Run simulated vehicles that speak MAVLink 2, for any software to connect to.
+    """Run simulated vehicles that speak MAVLink.
 
     They send HEARTBEAT, RAW_IMU, SIM_STATE (the truth), ATTITUDE and ATTITUDE_QUATERNION (the
     truth, too), in flight GLOBAL_POSITION_INT, and answer SET_MESSAGE_INTERVAL and parameter
@@ -69,7 +72,7 @@ def sim(options: SimOptions) -> int:
         from drivers.mavlink.transports.transport import LinkError
         from drivers.simulation.fleet import Fleet, run_vehicles
 
-        endpoint = _link(options.to)
+        endpoint = _link(options.to or options.url)
         seconds, vehicles = options.seconds, options.vehicles
         if seconds is not None and not seconds > 0:
             raise InputError(f"--seconds must be positive, not {seconds:g}")
@@ -143,7 +146,9 @@ def parse_magnet(text: str) -> tuple[float, float]:
         raise InputError(f"--magnet takes two times like 5:8 (s), not {text!r}") from error
 
 
-def _link(text: str) -> Endpoint:
+def _link(text: str | None) -> Endpoint:
+    if text is None:
+        raise InputError(f"a link to send on is needed, as in {EXAMPLE}")
     name, colon, _ = text.partition(":")
     is_link = bool(colon) and name.strip().lower() in LINK_NAMES
     endpoint = parse_endpoint(text) if is_link else None

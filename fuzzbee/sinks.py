@@ -4,7 +4,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from estimator.errors import InputError
-from fuzzbee.options import panel
+from fuzzbee.options import of_publishing as option
+from fuzzbee.options import of_showing
 
 if TYPE_CHECKING:
     import zenoh
@@ -14,7 +15,6 @@ if TYPE_CHECKING:
 
 MAX_PORT = 65535
 
-option = panel("Outputs")
 _TOGETHER = "Publish all attitudes of a tick in one put, too, at PREFIX/attitudes."
 _ROS = "Publish IMU, tf and diagnostics for ROS 2 (rmw_zenoh), too."
 _SEND_ATTITUDE = "Send ATTITUDE_QUATERNION there, as component 191 (not the autopilot)."
@@ -172,7 +172,7 @@ SINKS: list[SinkEntry] = [
         _metrics,
     ),
     SinkEntry(
-        {"web": (Annotated[str | None, option(WEB, metavar="[ADDRESS:]PORT")], None)},
+        {"web": (Annotated[str | None, of_showing(WEB, metavar="[ADDRESS:]PORT")], None)},
         _web,
     ),
     SinkEntry(

@@ -57,7 +57,7 @@ class WatchOptions(NamedTuple):
 
 @command
 def watch(options: WatchOptions) -> int:
-    """Show the attitudes that a running service publishes.
+    """Show what a running service publishes.
 
     On a terminal q quits, s sorts, the arrows choose a vehicle and Enter shows it alone.
     """

@@ -244,5 +244,6 @@ def _one_line(error: Exception) -> str:
         text = quoted[1].replace("\\n", " ").replace('\\"', '"')
     elif text.startswith('Str("'):
         text = text.removeprefix('Str("').split('")', 1)[0]
+    text = re.sub(r"any of \[Single\((.*?)\)\]\.? *Timeout!", r"\1: nobody answers", text)
     text = text.split(" at /", 1)[0].strip(" :")
     return re.sub(r"\s+", " ", text)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 
-from drivers.endpoint import TABLES, is_bag_folder
+from drivers.endpoint import FORMS, TABLES, is_bag_folder
 from drivers.events import BuiltIn, Event, Imu
 from drivers.logs.bag import SUFFIXES as BAG_SUFFIXES
 from drivers.logs.bag import Bag
@@ -15,6 +15,7 @@ from drivers.logs.csv_text import csv_text
 from drivers.logs.log_file import LogFile
 from drivers.logs.tlog import Tlog
 from estimator.errors import InputError
+from estimator.profile import SHIPPED
 
 # Of what is looked for in a folder
 SUFFIXES = (".tlog", ".log", ".bin", ".ulg", ".csv", *BAG_SUFFIXES)
@@ -101,13 +102,22 @@ def _is_table(path: Path, head: bytes) -> bool:
     return path.suffix.lower() in TABLES or csv_text(head) is not None
 
 
+def _meant(name: str) -> str:
+    """What somebody may have meant who gives this for a log."""
+    if name in SHIPPED:
+        return f" (the profile is --profile {name})"
+    kind = name.partition(":")[0]
+    is_link = ":" in name and any(kind in form.names for form in FORMS)
+    return " (a live source is for fuzzbee run)" if is_link else ""
+
+
 def _head(path: Path) -> bytes:
     try:
         _require_file(path)
         with path.open("rb") as file:
             head = file.read(HEAD_SIZE)
     except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
+        raise InputError(f"{path}: no such file{_meant(str(path))}") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
     if not head:

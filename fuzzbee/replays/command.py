@@ -80,7 +80,7 @@ class ReplayOptions(NamedTuple):
 
 @command
 def replay(options: ReplayOptions) -> None:
-    """Run the filter over logs as fast as it goes and score it against a reference."""
+    """Estimate over logs and score it against a reference."""
     _require_numbers(options)
     if SIMULATION in options.sources:
         _require_simulation(options)

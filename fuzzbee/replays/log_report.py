@@ -222,7 +222,7 @@ def replay_log(
     trace = replay.longest()
     if trace is None:
         whose = "" if system_id is None else f" of system id {system_id}"
-        seen = _seen_text(replay, system_id)
+        seen = _seen_text(replay)
         way_out = advice(log, system_id)
         raise InputError(f"{path}: {way_out or f'no IMU data{whose} that can be used{seen}'}")
     if smooth:
@@ -230,13 +230,14 @@ def replay_log(
     return trace
 
 
-def _seen_text(replay: Replay, system_id: int | None) -> str:
+def _seen_text(replay: Replay) -> str:
     """What the log has instead of usable IMU data, for the error message."""
     ids = sorted({address.system_id for address in replay.traces})
     refused = sum((trace.rejected for trace in replay.traces.values()), start=Counter[str]())
     if refused:
         return ": " + ", ".join(f"{n} x {reason}" for reason, n in sorted(refused.items()))
-    if system_id is None and ids:
+    ids = ids or sorted(replay.pipeline.heard)
+    if ids:
         return f" (vehicles seen: {', '.join(map(str, ids))})"
     malformed = replay.pipeline.malformed
     return f": {malformed} x malformed" if malformed else ""

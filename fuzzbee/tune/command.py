@@ -18,7 +18,7 @@ EPILOG = examples(
 
 @command
 def tune(request: TuneRequest) -> None:
-    """Find a profile's parameters with an artificial bee colony, on logs or on the paper's signals.
+    """Tune a profile with an artificial bee colony.
 
     The same options give the same file. Ctrl-C writes the best so far, and
     --resume goes on to the same result as an unbroken run. On logs a profile that gains nothing

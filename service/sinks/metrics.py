@@ -172,8 +172,8 @@ class MetricsSink:
             values = {name: {"": value(record)} for name, record in current.items()}
             yield _family(metric, text, "", values)
         for metric, text, label, values_of in OF_STATUS:
-            values = {name: values_of(status) for name, status in statuses.items()}
-            yield _family(metric, text, label, values)
+            found = {name: values_of(status) for name, status in statuses.items()}
+            yield _family(metric, text, label, found)
         rejected = {name: dict(status.rejected) for name, status in statuses.items()}
         yield _family("rejected", "Samples refused.", "reason", rejected, is_count=True)
         overruns = max((status.overruns for status in statuses.values()), default=0)

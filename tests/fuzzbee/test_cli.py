@@ -1,4 +1,5 @@
 import importlib
+import re
 import signal
 import subprocess
 import sys
@@ -9,6 +10,8 @@ import pytest
 from fuzzbee import environment
 from fuzzbee.cli import main
 from fuzzbee.version import __version__
+
+LOG = Path(__file__).parents[1] / "data" / "sitl_copter_flips.tlog"
 
 
 def test_version_and_help(capsys):
@@ -59,6 +62,14 @@ def test_each_verb_has_help_with_examples(verb, capsys):
         (["run", "-l", "7447"], "--listen '7447': should be like"),
         (["watch", "-n", "0"], "--count 0"),
         (["watch", "-n", "x"], "-n"),
+        (["run", "--profil", "imu"], "(Possible options: --profile)"),
+        (["run", "--workers", "2"], "No such option: --workers"),
+        (["run", "--baud", "57600"], "No such option: --baud\n"),
+        (["sim"], "--to udpout:127.0.0.1:14550"),
+        (["replay", "udpin:127.0.0.1:14550"], "a live source is for fuzzbee run"),
+        (["replay", "imu", "x.tlog"], "the profile is --profile imu"),
+        (["replay", str(LOG), "--system-id", "9"], "(vehicles seen: 1)"),
+        (["watch", "-m", "client", "-e", "tcp/127.0.0.1:9"], "tcp/127.0.0.1:9: nobody answers\n"),
     ],
 )
 def test_bad_input_is_one_line_and_status_2(arguments, words, capfd):
@@ -255,3 +266,17 @@ def test_the_options_of_every_group_are_options_of_the_verb(capsys):
     text = capsys.readouterr().out
     for name in ("--rate", "--allow-system-ids", "--ros-domain", "--view", "--rrd", "--listen"):
         assert name in text
+    panels = re.findall(r"^(\w+):$", text, re.MULTILINE)
+    assert {"Source", "Estimate", "Publish", "Record", "Show", "Zenoh"} <= set(panels)
+
+
+def test_every_summary_fits_on_its_line(capsys):
+    assert main(["--help"]) == 0
+    assert "..." not in capsys.readouterr().out.replace("[ARGS]...", "")
+
+
+def test_a_key_that_a_profile_does_not_have_is_answered_with_the_nearest(tmp_path, capfd):
+    file = tmp_path / "mine.toml"
+    file.write_text("[filter]\ngama = 1.0\n")
+    assert main(["profile", "check", str(file)]) == 2
+    assert "did you mean 'gamma'?" in capfd.readouterr().err

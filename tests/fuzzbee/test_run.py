@@ -193,3 +193,29 @@ def test_a_source_that_fails_ends_the_service_with_all_that_there_is_to_say(monk
     out, err = capfd.readouterr()
     assert json.loads(out)["vehicles"]["1"]["samples"] > 10
     assert err.splitlines()[-1] == "fuzzbee: MemoryError: no memory"
+
+
+def simulated(port, seconds):
+    """A vehicle of fuzzbee's own with the paper's signals that sends to a port."""
+    return started("sim", "--to", f"udpout:127.0.0.1:{port}", "--seconds", str(seconds))
+
+
+def test_json_has_the_profile_that_its_own_vehicle_is_given(capfd):
+    port = free_port()
+    with simulated(port, 60) as vehicle:
+        vehicle.stderr.readline()  # it sends
+        source = f"udpin:127.0.0.1:{port}"
+        assert main(["run", source, "--no-zenoh", "--seconds", "5", "--json"]) == 0
+    out, err = capfd.readouterr()
+    assert "profile paper" in err
+    assert json.loads(out)["profile"] == "paper"
+
+
+def test_vehicles_that_were_not_wanted_are_named(capfd):
+    port = free_port()
+    with simulated(port, 60) as vehicle:
+        vehicle.stderr.readline()  # it sends
+        source = f"udpin:127.0.0.1:{port}"
+        options = ("--no-zenoh", "--seconds", "5", "--system-id", "42")
+        assert main(["run", source, *options]) == 1
+    assert "no vehicle but system id 1 was heard" in capfd.readouterr().err

@@ -13,7 +13,6 @@ from drivers.events import Imu, VehicleId
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.framing import FrameReader
 from estimator.profile import load_profile
-from fuzzbee.cli import main
 from service.pipeline import Pipeline
 from service.records import AttitudeRecord
 from tests.fuzzbee.processes import free_port
@@ -141,9 +140,3 @@ def test_two_services_on_a_router_each_with_its_share(capfd):
         sequences = [record["sequence"] for _, record in records]
         assert sequences == list(range(sequences[0], sequences[0] + len(sequences)))
     capfd.readouterr()
-
-
-def test_workers_are_no_more(capfd):
-    """An option of older versions, which stands in people's start scripts."""
-    assert main(["run", "--no-zenoh", "sim:", "--seconds", "0.1", "--workers", "2"]) == 0
-    assert "--workers is no more" in capfd.readouterr().err
