@@ -119,6 +119,8 @@ def require_own_files(
         if file is None:
             continue
         path = Path(str(file))
+        if not _resolved(path).parent.is_dir():
+            raise InputError(f"{option_name} {path}: there is no such folder")
         for other in taken:
             if _are_same(path, other):
                 raise InputError(f"{option_name} {path}: is also {other}")

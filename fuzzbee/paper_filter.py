@@ -6,7 +6,7 @@ tested against; equations are cited there by number and label.
 
 from collections.abc import Callable
 from copy import copy
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +19,9 @@ from estimator.filter.types import initial_state
 from estimator.live.settings import settings_of
 from estimator.profile import LEAST_GAIN, MOST_GAIN, Profile
 from fuzzbee.arguments import matrix, number, numbers, profile_of, rotation, vector
+
+if TYPE_CHECKING:
+    from skfuzzy.control import ControlSystem
 
 # Below this share of the largest, the smallest eigenvalue of M says that vectors span no space.
 FLAT = 1e-9
@@ -143,6 +146,15 @@ class PaperFilter:
     def fuzzy_gain(self, e: float, e_rate: float) -> float:
         """K = 1 + k_op of the paper's controller alone; over a grid it is its surface."""
         return float(kernel.adaptive_gain(self.params, e, e_rate))
+
+    def controller(self, points: int = 1001) -> "ControlSystem":
+        """The same controller as scikit-fuzzy's, for its simulations and plots.
+
+        See :func:`fuzzbee.controller.control_system`.
+        """
+        from fuzzbee.controller import control_system
+
+        return control_system(self.params.memberships, points)
 
 
 def _checked(gain: object) -> float:

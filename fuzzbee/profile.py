@@ -1,6 +1,7 @@
 """``fuzzbee profile show|check``: look at a profile, or tell what is wrong with one."""
 
 import json
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -11,18 +12,23 @@ from fuzzbee.options import examples, option
 Name = Annotated[
     str, typer.Argument(metavar="NAME|FILE", help="paper, imu, adaptive or a TOML file.")
 ]
+Plot = Annotated[
+    Path | None,
+    option("Draw the memberships, the rules and K (extra: plot).", metavar="FILE"),
+]
 AsJson = Annotated[bool, option("One JSON object.", "--json")]
 
 profile_app = typer.Typer(help="Show or check a profile.", no_args_is_help=True)
 
 EPILOG = examples(
     "fuzzbee profile show imu",
+    "fuzzbee profile show paper --plot rules.png",
     "fuzzbee profile check tuned.toml",
 )
 
 
 @profile_app.command(epilog=EPILOG)
-def show(profile: Name, as_json: AsJson = False) -> None:
+def show(profile: Name, as_json: AsJson = False, plot: Plot = None) -> None:
     """Print a profile with every value that was left to its default."""
     import tomli_w
 
@@ -31,6 +37,10 @@ def show(profile: Name, as_json: AsJson = False) -> None:
     from estimator.profile import load_profile, profile_to_json
 
     chosen = load_profile(profile)
+    if plot is not None:
+        from fuzzbee.controller import draw_controller
+
+        draw_controller(plot, profile, chosen.k)
     tree = profile_to_json(chosen)
     if as_json:
         print(json.dumps(tree))

@@ -74,7 +74,7 @@ def write_mcap(path: Path, trace: VehicleTrace, compared: Comparison) -> None:
 def _write_messages(file: Any, trace: VehicleTrace, compared: Comparison) -> None:
     from mcap.writer import CompressionType, Writer
 
-    writer = Writer(file, compression=CompressionType.NONE)
+    writer = Writer(file, compression=CompressionType.ZSTD)
     writer.start(profile="", library="fuzzbee")
     channels = {topic.name: _channel(writer, topic) for topic in TOPICS}
     counts = dict.fromkeys(channels, 0)

@@ -1,0 +1,108 @@
+"""The paper's fuzzy controller as scikit-fuzzy's own objects, and a figure of it."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from estimator.arrays import Floats
+from estimator.filter.fuzzy import RULES, fuzzy_gain
+from estimator.filter.memberships import TERMS, Five, Memberships, fuzzy_sets
+from fuzzbee.options import require_extra
+from fuzzbee.replays.plot import require_plot, save
+
+if TYPE_CHECKING:
+    from skfuzzy.control import ControlSystem
+
+ERROR, ERROR_RATE, GAIN = "error", "error_rate", "k_op"
+FULL = 100.0  # of k_op
+POINTS = 1001  # of a universe, beside the corners of the sets
+STEPS = 201  # of the drawn surface, each way
+
+
+def control_system(k: Memberships, points: int = POINTS) -> "ControlSystem":
+    """Memberships (Figs. 4 and 5) and the 25 rules (Table I) as a control system.
+
+    Its inputs are ``error`` and ``error_rate`` on [0, 1], its output ``k_op`` on [0, 100]; K is
+    1 + k_op. scikit-fuzzy integrates over ``points`` samples and the corners of the sets, the
+    filter exactly: the more points, the closer the two are (1e-9 at 100 000).
+    """
+    from skfuzzy import control
+
+    sets = fuzzy_sets(k)
+    error = control.Antecedent(_universe(sets.inputs, 1.0, points), ERROR)
+    rate = control.Antecedent(_universe(sets.inputs, 1.0, points), ERROR_RATE)
+    gain = control.Consequent(_universe(sets.output, FULL, points), GAIN)
+    for variable, five in ((error, sets.inputs), (rate, sets.inputs), (gain, sets.output)):
+        _add_terms(variable, five)
+    rules = [
+        control.Rule(rate[TERMS[row]] & error[TERMS[column]], gain[TERMS[consequent]])
+        for row, consequents in enumerate(RULES)
+        for column, consequent in enumerate(consequents)
+    ]
+    return control.ControlSystem(rules)
+
+
+def _universe(sets: Five, end: float, points: int) -> Floats:
+    """An even grid with every corner, and both sides of it, where an edge may be vertical."""
+    corners = np.array([corner for corners in sets for corner in corners])
+    sides = (np.nextafter(corners, -1.0), corners, np.nextafter(corners, 2.0 * end))
+    grid = np.concatenate([np.linspace(0.0, end, points), *sides])
+    return np.unique(np.clip(grid, 0.0, end))
+
+
+def _add_terms(variable: Any, sets: Five) -> None:
+    from skfuzzy import trimf
+
+    for term, corners in zip(TERMS, sets, strict=True):
+        variable[term] = trimf(variable.universe, np.array(corners))
+
+
+def surface(k: Memberships, steps: int = STEPS) -> Floats:
+    """K over error (columns) and its rate (rows), from 0 to 1 in so many steps.
+
+    By the compiled inference: scikit-fuzzy takes 20 ms for each point.
+    """
+    grid = np.linspace(0.0, 1.0, steps).tolist()
+    return np.array([[1.0 + fuzzy_gain(k, error, rate) for error in grid] for rate in grid])
+
+
+def draw_controller(path: Path, name: str, k: Memberships) -> None:
+    """Draw memberships, rules and the surface of K into a file.
+
+    Raises:
+        InputError: a suffix that is none, a missing library, a file that cannot be written.
+    """
+    require_plot(path)
+    require_extra("skfuzzy", f"--plot {path}", "plot")
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    system = control_system(k)
+    with mpl.rc_context():
+        figure = Figure(figsize=(11.0, 8.0), layout="constrained")
+        figure.suptitle(f"Fuzzy controller of profile {name}")
+        (inputs, output), (rules, gains) = figure.subplots(2, 2)
+        variables = {variable.label: variable for variable in system.fuzzy_variables}
+        _draw_sets(inputs, variables[ERROR], "error e, and its rate in 1/s")
+        _draw_sets(output, variables[GAIN], "k_op")
+        _draw_rules(rules)
+        drawn = gains.imshow(surface(k), origin="lower", extent=(0.0, 1.0, 0.0, 1.0), aspect="auto")
+        gains.set(xlabel="error e", ylabel="rate of e in 1/s", title="K = 1 + k_op")
+        figure.colorbar(drawn, ax=gains)
+        save(figure, path)
+
+
+def _draw_sets(ax: Any, variable: Any, label: str) -> None:
+    for term, known in variable.terms.items():
+        ax.plot(variable.universe, known.mf, label=term)
+    ax.set(xlabel=label, ylabel="membership")
+    ax.legend(ncols=len(TERMS), fontsize="small")
+
+
+def _draw_rules(ax: Any) -> None:
+    ax.axis("off")
+    words = [[TERMS[consequent] for consequent in row] for row in RULES]
+    table = ax.table(words, rowLabels=TERMS, colLabels=TERMS, loc="center", cellLoc="center")
+    table.scale(0.8, 1.6)
+    ax.set_title("k_op by rate (rows) and error (columns)")
