@@ -125,6 +125,8 @@ class Vehicle:
 
     def on_clock_reset(self, event: ClockReset) -> list[str]:
         """The vehicle's clock began anew: what was known about its time and attitude is void."""
+        if event.goes_on:
+            return self._lines([f"clock jump by {event.step_s:+.1f} s, cut out"], event.arrival_us)
         self.restart()
         self.clock = HostClock()
         if event.reason == "reboot":

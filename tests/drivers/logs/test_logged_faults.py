@@ -5,6 +5,7 @@ from collections import Counter
 from itertools import pairwise
 
 import pytest
+from fastcrc import crc16
 
 from drivers.events import ClockReset, Imu, Rejected
 from drivers.logs.open import open_log
@@ -41,6 +42,7 @@ def tlog(samples, folder):
         arrival_us += round(S / RATE_HZ)
         for message in (imu, truth):
             data += arrival_us.to_bytes(8, "big") + bytes(message.pack(link))
+            link.seq = (link.seq + 1) % 256
     path = folder / "flight.tlog"
     path.write_bytes(data)
     return path
@@ -108,6 +110,38 @@ def spikes(samples):
     ]
 
 
+def sentinels(samples):
+    """What stands for no field in every other sample."""
+    return [s if k % 2 else s._replace(mag_gauss=(3e34,) * 3) for k, s in enumerate(samples)]
+
+
+def another_unit(samples):
+    """Of some samples the field is no use, the rest of the row is."""
+    return [
+        s if k % 3 else s._replace(mag_gauss=tuple(20.0 * x for x in s.mag_gauss))
+        for k, s in enumerate(samples)
+    ]
+
+
+def impossible_rates(samples):
+    return [s if k % 5 else s._replace(gyr_rad_s=(3e38, 0.0, 0.0)) for k, s in enumerate(samples)]
+
+
+def impossible_forces(samples):
+    return [s if k % 5 else s._replace(acc_m_s2=(0.0, 0.0, -3e38)) for k, s in enumerate(samples)]
+
+
+def wrapping(samples):
+    """A spin that integers of 16 bits with mrad/s cannot hold: up to 38 rad/s and back."""
+    turned = []
+    for k, s in enumerate(samples):
+        share = k / len(samples)
+        spin = 38.0 * min(1.0, 3.0 * share, 3.0 * (1.0 - share))
+        x, y, z = s.gyr_rad_s
+        turned.append(s._replace(gyr_rad_s=(x, y, (z + spin + 32.768) % 65.536 - 32.768)))
+    return turned
+
+
 def duplicated(samples):
     return [sample for sample in samples for _ in range(2)]
 
@@ -121,6 +155,11 @@ FAULTS = {
     "not finite": (not_finite, {"not_finite"}),
     "zero": (without_acceleration, {"zero_accelerometer"}),
     "spikes": (spikes, {"gyroscope_spike"}),
+    "sentinels": (sentinels, {"magnetometer_out_of_range"}),
+    "another unit": (another_unit, {"magnetometer_out_of_range"}),
+    "impossible rates": (impossible_rates, {"gyroscope_out_of_range"}),
+    "impossible forces": (impossible_forces, {"accelerometer_out_of_range"}),
+    "wrapping": (wrapping, {"gyroscope_saturated"}),
     "duplicated": (duplicated, {"duplicate"}),
 }
 
@@ -181,3 +220,51 @@ def test_samples_out_of_order_are_refused_or_put_in_order(kind, tmp_path):
     events = list(open_log(WRITERS[kind](samples, tmp_path)))
     reasons = Counter(event.reason for event in events if isinstance(event, Rejected))
     assert reasons == ({} if kind == "ulog" else {"out_of_order": 20})
+
+
+@pytest.mark.parametrize("step_s", [-1.9, -1.2, 0.8, 1.9, 3.5])
+def test_a_short_leap_beside_steady_arrivals_costs_nothing(step_s, tmp_path):
+    """There and back again, and nothing is aligned anew."""
+    samples = [
+        sample._replace(time_us=sample.time_us + round(step_s * S * (BEGIN_S <= time_s < END_S)))
+        for time_s, sample in flight()
+    ]
+    path = tlog([s._replace(time_us=s.time_us + 100 * S) for s in samples], tmp_path)
+    events = list(open_log(path))
+    resets = [event for event in events if isinstance(event, ClockReset)]
+    assert [(each.reason, each.goes_on) for each in resets] == [("jump", True)] * len(resets)
+    assert 1 <= len(resets) <= 2  # less than a second back is disorder
+    times_us = [event.sample.time_us for event in events if isinstance(event, Imu)]
+    assert max(b - a for a, b in pairwise(times_us)) < 1.2 * S
+    if abs(step_s) > 1.0:
+        assert len(times_us) == len(samples)
+        assert times_us[-1] - times_us[0] == pytest.approx((LAST_S - 1 / RATE_HZ) * S, abs=0.1 * S)
+
+
+def test_a_short_leap_where_messages_are_missing_is_a_gap(tmp_path):
+    samples = [sample for time_s, sample in flight() if not BEGIN_S <= time_s < BEGIN_S + 1.9]
+    path = tlog(samples, tmp_path)  # that all arrive one after the other
+    data, records = bytearray(path.read_bytes()), 0
+    at, kept = 0, round(BEGIN_S * RATE_HZ)
+    while at < len(data):
+        if records >= 2 * kept:  # the link has lost 190 frames
+            data[at + 8 + 4] = (data[at + 8 + 4] + 190) % 256
+        at, records = at + 8 + 12 + data[at + 9], records + 1
+    path.write_bytes(_with_checksums(bytes(data)))
+    events = list(open_log(path))
+    assert not [event for event in events if isinstance(event, ClockReset)]
+    times_us = [event.sample.time_us for event in events if isinstance(event, Imu)]
+    assert max(b - a for a, b in pairwise(times_us)) == pytest.approx(1.92 * S)
+
+
+def _with_checksums(data):
+    """The records with the checksums of what they hold now."""
+    m, at, out = mavlink(), 0, b""
+    while at < len(data):
+        size = data[at + 9]
+        body = data[at + 9 : at + 8 + 10 + size]
+        extra = m.mavlink_map[int.from_bytes(body[6:9], "little")].crc_extra
+        out += data[at : at + 9] + body
+        out += crc16.mcrf4xx(body + bytes((extra,))).to_bytes(2, "little")
+        at += 8 + 12 + size
+    return out
