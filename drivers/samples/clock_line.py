@@ -127,7 +127,7 @@ class ClockLine:
     def _reset(self, began: Moment, new: Moment) -> Step:
         step_us = began.boot_us - self.boot_us
         elapsed_us = max(began.arrival_us - self.arrival_us, 0)
-        is_boot = step_us < 0 and began.boot_us - self.wrapped_us <= elapsed_us + BOOT_US
+        is_boot = step_us < 0 <= began.boot_us - self.wrapped_us <= elapsed_us + BOOT_US
         goes_on = not is_boot and self._is_steady() and abs(step_us - elapsed_us) < LONGEST_LEAP_US
         if not goes_on:
             self.beside = Moment(self.boot_us, self.arrival_us)

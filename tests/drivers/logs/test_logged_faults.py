@@ -1,5 +1,6 @@
 """The same faults in every kind of log: the same words for them, a sound attitude after them."""
 
+import json
 import math
 from collections import Counter
 from itertools import pairwise
@@ -12,6 +13,7 @@ from drivers.logs.open import open_log
 from drivers.mavlink.dialect import mavlink
 from drivers.simulation.simulated_vehicle import SimulatedVehicle
 from estimator.profile import load_profile
+from fuzzbee.cli import main
 from fuzzbee.replays.log_report import report_log
 from tests.drivers.logs import test_dataflash, test_ulog
 
@@ -69,8 +71,51 @@ def ulog(samples, folder):
     return log.save(folder)
 
 
-WRITERS = {"tlog": tlog, "dataflash": dataflash, "ulog": ulog}
-NAN_ACC = (math.nan, 0.0, -9.8)
+def table(samples, folder):
+    """Dated: the first row counts as zero."""
+    axes = [f"{name}_{axis}{unit}" for name, unit in SENSORS.items() for axis in "xyz"]
+    lines = [",".join(["time_s", *axes, "w", "x", "y", "z"])]
+    for sample in samples:
+        vectors = (*sample.gyr_rad_s, *sample.acc_m_s2, *sample.mag_gauss, *sample.q_ned_frd)
+        lines.append(f"{1.7e9 + sample.time_us / S:.6f}," + ",".join(f"{x:.9g}" for x in vectors))
+    path = folder / "flight.csv"
+    path.write_text("\n".join(lines))
+    path.with_suffix(".toml").write_text('truth = { columns = ["w", "x", "y", "z"] }')
+    return path
+
+
+def mcap(samples, folder):
+    """As JSON, which every reader of MCAP takes; without the truth."""
+    writers = pytest.importorskip("mcap.writer")
+    path = folder / "flight.mcap"
+    with path.open("wb") as file:
+        log = writers.Writer(file)
+        log.start()
+        kinds = {
+            name: log.register_channel(
+                f"/{name}", "json", log.register_schema(f"sensor_msgs/{name}", "jsonschema", b"{}")
+            )
+            for name in ("Imu", "MagneticField")
+        }
+        for k, sample in enumerate(samples):
+            second, rest = divmod(sample.time_us, S)
+            head = {"header": {"stamp": {"sec": 1_700_000_000 + second, "nanosec": 1000 * rest}}}
+            gyr, acc, mag = (
+                {"x": x, "y": -y, "z": -z}
+                for x, y, z in (sample.gyr_rad_s, sample.acc_m_s2, sample.mag_gauss)
+            )
+            mag = {axis: 1e-4 * value for axis, value in mag.items()}
+            imu = {"angular_velocity": gyr, "linear_acceleration": acc}
+            for name, fields in (("MagneticField", {"magnetic_field": mag}), ("Imu", imu)):
+                log.add_message(kinds[name], k, json.dumps(head | fields).encode(), k)
+        log.finish()
+    return path
+
+
+SENSORS = {"gyro": "_rad_s", "acc": "_m_s2", "mag": "_gauss"}
+WRITERS = {"tlog": tlog, "dataflash": dataflash, "ulog": ulog, "csv": table}
+ALL_WRITERS = {**WRITERS, "mcap": mcap}
+NO_NUMBERS = (math.inf, math.nan)  # a table has no NaN: it is an empty field
 
 
 def stuck(samples):
@@ -95,7 +140,10 @@ def clipped(samples):
 
 
 def not_finite(samples):
-    return [s if k % 5 else s._replace(acc_m_s2=NAN_ACC) for k, s in enumerate(samples)]
+    return [
+        s if k % 5 else s._replace(acc_m_s2=(NO_NUMBERS[k % 2], 0.0, -9.8))
+        for k, s in enumerate(samples)
+    ]
 
 
 def without_acceleration(samples):
@@ -195,6 +243,37 @@ def test_a_leap_of_the_clock_is_cut_out(kind, step_s, tmp_path):
     assert len(resets) == (1 if kind == "tlog" or step_s > 600 else 0)
     report = report_log(path, load_profile("paper"), skip_s=BEGIN_S + 5.0)
     assert report.error_deg.total_rms < HOLDS_DEG
+
+
+@pytest.mark.parametrize("back_s", [3.0, 3600.0, 1.7e9])
+@pytest.mark.parametrize("kind", ["dataflash", "ulog", "csv", "mcap"])
+def test_a_clock_that_is_set_back_is_a_reset_told_once(kind, back_s, tmp_path, capsys):
+    """By a person, by NTP, or to 1970; a log that counts from the boot may not go below zero."""
+    begin_s = 2.0 * back_s if kind in ("dataflash", "ulog") else 0.0
+    if begin_s > 1e5:
+        pytest.skip("no vehicle runs for years")
+    samples = [
+        s._replace(time_us=s.time_us + round(S * (begin_s - back_s * (time_s >= BEGIN_S))))
+        for time_s, s in flight()
+    ]
+    path = ALL_WRITERS[kind](samples, tmp_path)
+    assert main(["replay", str(path), "--profile", "paper", "--json"]) == 0
+    output = capsys.readouterr()
+    report = json.loads(output.out)
+    assert report["imu"]["samples"] >= len(samples) - 2
+    assert sum(report["rejected"].values()) <= 2
+    assert output.err.count("aligning anew") == 1
+
+
+@pytest.mark.parametrize("kind", ["tlog", "csv"])
+def test_a_log_of_which_much_is_refused_says_so(kind, tmp_path, capsys):
+    samples = [
+        s if k % 4 else s._replace(acc_m_s2=(0.0, 0.0, 0.0)) for k, (_, s) in enumerate(flight())
+    ]
+    path = WRITERS[kind](samples, tmp_path)
+    assert main(["replay", str(path), "--profile", "paper", "--json"]) == 0
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if "refused" in line]
+    assert line == (f"{path.name}: 25 % of 1200 readings were refused: 300 zero_accelerometer")
 
 
 @pytest.mark.parametrize("kind", ["tlog", "dataflash"])  # PX4 begins a new log
