@@ -198,10 +198,13 @@ class Vehicle:
         ours = self.estimator.attitude(sample.time_us + max(ahead_us, 0))
         if not is_finite(ours):
             return []
+        theirs = self.parameters.view.of_imu(event.message, event.q_ned_frd, ours.q_ned_frd)
+        if theirs is None:
+            return []
         alarms = self.checks.in_words
         lines = self.comparison.look(
             event,
-            self.parameters.q_frd_trimmed,
+            theirs,
             ours,
             sample,
             self.estimator.place_field,

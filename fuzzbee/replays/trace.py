@@ -10,14 +10,15 @@ from numpy.typing import NDArray
 from drivers.events import Event, Heartbeat, Imu, Parameter, ReferenceAttitude, VehicleId
 from drivers.logs.reference_track import ReferenceTrack
 from drivers.logs.spill_file import SpillFile
-from drivers.mavlink.ardupilot import COMPASS, TRIM
-from drivers.samples.rotation import quaternion_from_euler
+from drivers.mavlink.ardupilot import COMPASS
+from drivers.mavlink.attitude_view import NAMES as VIEW_PARAMETERS
+from drivers.mavlink.attitude_view import AttitudeView
 from estimator.arrays import Floats
 from estimator.estimator import Estimator
 from estimator.geometry.earth import PlaceField
 from estimator.geometry.quaternion import exp, scale
 from estimator.profile import Profile
-from estimator.types import IDENTITY, Quaternion, Vec3
+from estimator.types import Vec3
 from fuzzbee.column_store import PackedAttitudes, PackedSamples
 from service.attitude_record import is_finite
 from service.pipeline import Pipeline
@@ -50,7 +51,7 @@ class VehicleTrace:
         self.malformed = 0  # rows or frames of the log that cannot be read, whoever sent them
         self.turned_at_us: int | None = None
         self.decisions: list[tuple[int, Decision]] | None = None  # where it was retuned
-        self.trim_rad = dict.fromkeys(TRIM, 0.0)
+        self.view = AttitudeView()  # of what the autopilot's attitude is
         self.compass: dict[str, float] = {}  # what the autopilot has been set to
         self.place_field: PlaceField | None = None
         self.second_opinion = SecondOpinion()
@@ -64,12 +65,6 @@ class VehicleTrace:
     def estimates(self) -> Floats:
         """``q_ned_frd`` (N, 4) after each sample."""
         return self.column("q_ned_frd")
-
-    @property
-    def trim(self) -> Quaternion:
-        """The rotation from the IMU's axes to the axes that the autopilot reports."""
-        roll, pitch, yaw = (self.trim_rad[name] for name in TRIM)
-        return quaternion_from_euler(roll, pitch, yaw) or IDENTITY
 
     def column(self, name: str, rows: slice = slice(None)) -> Floats:
         """A field of the attitudes, (N,) or (N, K), or of some of them."""
@@ -139,13 +134,14 @@ class Replay:
                 self._after_imu(event)
             case ReferenceAttitude(vehicle=address, source=source):
                 self._trace(address).references[source].add(event)
-            case Parameter(vehicle=address, name=name, value=value) if name in TRIM:
-                self._trace(address).trim_rad[name] = value
+            case Parameter(vehicle=address, name=name, value=value) if name in VIEW_PARAMETERS:
+                self._trace(address).view.take(name, value)
             case Parameter(vehicle=address, name=name, value=value) if name.startswith(COMPASS):
                 self._trace(address).compass[name] = value
             case Heartbeat(vehicle=address):
                 trace = self._trace(address)
                 trace.autopilot, trace.vehicle_type = event.autopilot, event.vehicle_type
+                trace.view.vehicle_type = event.vehicle_type
 
     def _after_imu(self, event: Imu) -> None:
         vehicle = self.pipeline.vehicle(event.vehicle)
