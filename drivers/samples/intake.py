@@ -37,6 +37,8 @@ ATTITUDE_EVERY_US = 390_000
 # What a vehicle is it may say often; once in a while is enough.
 VERSION_EVERY_US = 900_000
 
+SAME_BURST_US = 2_000  # messages that are sent together arrive together
+
 Source = Literal["autopilot", "sim"]
 
 
@@ -67,7 +69,8 @@ class Intake:
         self.navigation = Navigation()
         self.clock = VehicleClock(hears_arrivals=log_time is None)
         self._imus: dict[str, ImuStream] = {}
-        self._last_imu_us: int | None = None  # of the latest IMU sample
+        self._last_imu: tuple[int, int] | None = None  # time and arrival of the latest IMU sample
+        self._truths: list[tuple[str, int, Quaternion]] = []  # that may be of the next one
         self._unstamped_us: dict[str, int] = {}  # the time that each has had last
 
     @property
@@ -86,12 +89,15 @@ class Intake:
         if isinstance(reading, Reason):
             return [Rejected(self.vehicle, stamp.arrival_us, reading, name)]
         placed = self.clock.imu(name, stamp.clock, stamp.raw_us, self._heard(stamp))
-        resets: list[Event] = []
+        resets = self._resets(placed, stream.arrival_us(reading))
+        events = stream.place(reading, placed, resets, doubts_axes=self.doubts_axes)
         if isinstance(placed, Placed):
-            self._last_imu_us = placed.time_us
-            if placed.reset is not None:
-                resets = self._resets(placed, stream.arrival_us(reading))
-        return stream.place(reading, placed, resets, doubts_axes=self.doubts_axes)
+            latest = placed.time_us, stamp.arrival_us
+            for waiting in self._truths:
+                events += self._settled(*waiting, latest)
+            self._truths.clear()
+            self._last_imu = latest
+        return events
 
     def attitude(
         self,
@@ -148,13 +154,33 @@ class Intake:
     ) -> list[Event]:
         """An attitude without a time of its own: it gets that of the IMU message before it.
 
-        A second one behind the same IMU message is left out: its own IMU message was lost. So is
-        an autopilot's, if it sends attitudes that have a time.
+        A simulator's may as well have been sent before its IMU message: unless it comes right
+        behind one, it waits for the next, and belongs to the nearer. A second one of the same IMU
+        message is left out: its own was lost. So is an autopilot's, if it sends attitudes that
+        have a time.
         """
-        time_us = self._last_imu_us
-        if q_ned_frd is None or time_us is None or self._unstamped_us.get(name) == time_us:
+        last = self._last_imu
+        if q_ned_frd is None or last is None or (source == "autopilot" and self._has_attitude):
             return []
-        if source == "autopilot" and self._has_attitude:
+        if source == "sim" and arrival_us - last[1] > SAME_BURST_US:
+            if len(self._truths) < MOST_STREAMS:
+                self._truths.append((name, arrival_us, q_ned_frd))
+            return []
+        return self._of_imu(name, arrival_us, source, q_ned_frd, last[0])
+
+    def _settled(
+        self, name: str, arrival_us: int, q_ned_frd: Quaternion, latest: tuple[int, int]
+    ) -> list[Event]:
+        """A simulator's attitude that has waited, with the time of the IMU message it is of."""
+        last = self._last_imu or latest
+        is_next = abs(latest[1] - arrival_us) < arrival_us - last[1]
+        time_us = (latest if is_next else last)[0]
+        return self._of_imu(name, arrival_us, "sim", q_ned_frd, time_us)
+
+    def _of_imu(
+        self, name: str, arrival_us: int, source: Source, q_ned_frd: Quaternion, time_us: int
+    ) -> list[Event]:
+        if self._unstamped_us.get(name, time_us - 1) >= time_us:
             return []
         self._unstamped_us[name] = time_us
         return [ReferenceAttitude(self.vehicle, arrival_us, time_us, source, name, q_ned_frd)]
@@ -198,8 +224,8 @@ class Intake:
         placed = self.clock.other(name, stamp.clock, stamp.raw_us, self._heard(stamp))
         return None if isinstance(placed, Refused) else placed
 
-    def _resets(self, placed: Placed, arrival_us: int) -> list[Event]:
-        reset = placed.reset
+    def _resets(self, placed: Placed | Refused, arrival_us: int) -> list[Event]:
+        reset = None if isinstance(placed, Refused) else placed.reset
         if reset is None:
             return []
         if reset.reason == "reboot":

@@ -261,7 +261,7 @@ def score(path: Path, trace: VehicleTrace, compared: Comparison, skip_s: float) 
     """The figures of a trace beside its reference."""
     attitudes, source = trace.attitudes, compared.source
     begin_us, end_us = attitudes[0].time_us, attitudes[-1].time_us
-    has_heading = trace.fields > 0
+    has_heading = trace.has_heading
     scored = Scored(trace, compared, skip_s)
     errors, covered = Errors(has_heading=has_heading), Covered(has_heading=has_heading)
     autopilot = Errors(has_heading=True)

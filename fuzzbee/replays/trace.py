@@ -46,6 +46,7 @@ class VehicleTrace:
         self.samples = PackedSamples()  # that they were made of
         self.aided = SpillFile("b")  # whether velocity helped at each
         self.fields = 0  # samples with a magnetic field
+        self.headings = 0  # attitudes whose heading was told, by a field or by velocity
         self.references = {"sim": ReferenceTrack(), "autopilot": ReferenceTrack()}
         self.rejected: Counter[str] = Counter()
         self.malformed = 0  # rows or frames of the log that cannot be read, whoever sent them
@@ -55,6 +56,11 @@ class VehicleTrace:
         self.compass: dict[str, float] = {}  # what the autopilot has been set to
         self.place_field: PlaceField | None = None
         self.second_opinion = SecondOpinion()
+
+    @property
+    def has_heading(self) -> bool:
+        """Whether there is a heading to score."""
+        return self.fields > 0 or self.headings > 0
 
     @property
     def times_us(self) -> NDArray[np.int64]:
@@ -159,6 +165,7 @@ class Replay:
         trace.samples.append(sample)
         trace.aided.extend((vehicle.estimator.is_aided,))
         trace.fields += event.sample.has_mag
+        trace.headings += attitude.heading_reference != "none"
 
     def _turn_wrong(self, vehicle: Vehicle, trace: VehicleTrace) -> None:
         """Turn the estimate once, at the first sample that a reference is known at."""

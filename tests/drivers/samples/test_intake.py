@@ -287,3 +287,45 @@ def test_an_autopilot_s_unstamped_attitude_is_taken_if_it_sends_no_other():
     imu(intake, 2 * S)
     assert intake.wants_attitude(UNIX + S)
     assert intake.unstamped("AHRS2", UNIX + S, "autopilot", IDENTITY) == []
+
+
+@pytest.mark.parametrize("ahead_us", [0, 300, 100_000])
+def test_a_simulators_attitude_belongs_to_the_nearer_imu_message(ahead_us):
+    """SIM_STATE has no stamp; some send it right before the IMU message of its time."""
+    intake, times_us = Intake(VEHICLE), []
+    for k in range(1, 6):
+        at_us = UNIX + k * S // 4
+        truth = intake.unstamped("SIM_STATE", at_us - ahead_us, "sim", IDENTITY)
+        found = truth + imu(intake, k * S // 4, at_us)
+        times_us += [e.time_us for e in found if isinstance(e, ReferenceAttitude)]
+    assert times_us == [k * S // 4 for k in range(2, 6)]
+
+
+def test_a_simulators_attitude_right_behind_its_imu_message_does_not_wait():
+    intake = Intake(VEHICLE)
+    for k in range(1, 4):
+        imu(intake, k * S // 4)
+        (event,) = intake.unstamped("SIM_STATE", UNIX + k * S // 4 + 500, "sim", IDENTITY)
+        assert event.time_us == k * S // 4
+    assert intake.unstamped("SIM_STATE", UNIX + 3 * S // 4 + 90_000, "sim", IDENTITY) == []
+    events = imu(intake, S)  # that one's own IMU message was lost, and it is a second of the third
+    assert not [event for event in events if isinstance(event, ReferenceAttitude)]
+
+
+@pytest.mark.parametrize(
+    ("place", "refused"),
+    [
+        ((200.0, 8.5, 500.0), True),
+        ((47.0, -200.0, 500.0), True),
+        ((47.0, 8.5, 3e38), True),
+        ((47.0, 8.5, -1e9), True),
+        ((-90.0, 180.0, 8000.0), False),
+    ],
+)
+def test_a_place_that_is_none_is_refused_and_its_velocity_used(place, refused):
+    intake, arrival_us = running()
+    at = stamp(301 * S + 300_000, arrival_us)
+    events = intake.fix("GPS", at, Fix((1.0, 0.0, 0.0), position=place))
+    assert kinds(events) == [Rejected if refused else Position, Velocity]
+    if refused:
+        assert events[0].reason == Reason.POSITION_OUT_OF_RANGE
