@@ -125,10 +125,14 @@ class CommandAck(VehicleEvent, frozen=True):
 
 
 class ClockReset(VehicleEvent, frozen=True):
-    """The vehicle's clock began anew; the samples after it belong to another stretch of time."""
+    """The vehicle's clock began anew; the samples after it belong to another stretch of time.
+
+    They do not where it only leapt and time ``goes_on``.
+    """
 
     reason: Literal["reboot", "jump"]
     step_s: float  # how far the vehicle's own clock moved, signed
+    goes_on: bool = False  # by the arrivals: then nothing is lost but the leap
 
 
 class TrackLost(VehicleEvent, frozen=True):

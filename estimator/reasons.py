@@ -11,6 +11,8 @@ class Reason(StrEnum):
     ZERO_ACCELEROMETER = "zero_accelerometer"
     ACCELEROMETER_OUT_OF_RANGE = "accelerometer_out_of_range"
     GYROSCOPE_OUT_OF_RANGE = "gyroscope_out_of_range"
+    MAGNETOMETER_OUT_OF_RANGE = "magnetometer_out_of_range"  # the row is used without it
+    POSITION_OUT_OF_RANGE = "position_out_of_range"
     NO_INTERVAL = "no_interval"
     TOO_MANY_STREAMS = "too_many_streams"
     # a sensor at fault

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from drivers.samples.fresh_field import RepeatedField, finite_or_zero
+from drivers.samples.plausibility import MAG_LIMIT_GAUSS, is_field
 from estimator import estimator
 from estimator.arrays import Floats, Times
 from estimator.compilation.notice import tell_programs
@@ -144,6 +145,9 @@ class Estimator:
         mag = ZERO_VEC3 if mag_gauss is None else vector("mag_gauss", mag_gauss)
         time_us = self._next_us(time_s)
         field = self._field.fresh(finite_or_zero(mag), time_us, time_us)
+        if field is not None and not is_field(field):
+            self._count(Reason.MAGNETOMETER_OUT_OF_RANGE)
+            field = None
         if self._is_plain:
             return self._take(time_us, gyr, acc, field or ZERO_VEC3, field is not None)
         sample = ImuSample(time_us, gyr, acc, field or ZERO_VEC3, field is not None)
@@ -304,11 +308,15 @@ class Estimator:
             velocity = matrix("velocity_ned_m_s", velocity_ned_m_s, n)
         times_us = self._next_times_us(time_s, n)
         has_mag = self._field.fresh_rows(mag, times_us)
+        is_field = np.abs(mag).max(axis=1, initial=0.0) <= MAG_LIMIT_GAUSS
         readings = (gyr, acc, mag)
         if not self._is_plain:
             mag = np.where(has_mag[:, None], mag, 0.0)
             readings = self.profile.mounting.to_body_rows(gyr, acc, mag)
         said = self._look(times_us, *readings, has_mag, strict=strict)
+        if not is_field[has_mag].all():
+            self.rejected[Reason.MAGNETOMETER_OUT_OF_RANGE] += int((has_mag & ~is_field).sum())
+            has_mag &= is_field
         return Batch(rows_of(times_us, *readings, has_mag), velocity), said
 
     def _take_batch(self, batch: Batch, said: tuple[str, ...]) -> tuple[str, ...]:

@@ -2,7 +2,6 @@
 
 from drivers.events import FilterWord, ReferenceAttitude
 from estimator.geometry.earth import PlaceField
-from estimator.geometry.quaternion import multiply
 from estimator.types import Attitude, ImuSample, Quaternion, VelocitySample
 from service.attitude_record import euler_deg
 from service.records import Autopilot
@@ -31,18 +30,17 @@ class AutopilotComparison:
     def look(
         self,
         event: ReferenceAttitude,
-        q_frd_trimmed: Quaternion,
+        theirs: Quaternion,
         ours: Attitude,
         sample: ImuSample,
         place: PlaceField | None,
         against_ours: str,
     ) -> list[str]:
-        """Compare the autopilot's attitude with ours, which is of ``event`` or a little later.
+        """Compare ``theirs`` of the IMU with ours, which is of ``event`` or a little later.
 
         Returns a line when the two begin to differ, and one when that ends.
         """
         behind_us = max(sample.time_us - event.time_us, 0)
-        theirs = multiply(event.q_ned_frd, q_frd_trimmed)
         doubts = Doubts(self._against_autopilot(event.arrival_us), against_ours)
         ours = turned_back(ours, 1e-6 * behind_us)
         self.opinion.look(event.time_us, event.message, theirs, ours, sample, place, doubts)

@@ -125,6 +125,8 @@ class Vehicle:
 
     def on_clock_reset(self, event: ClockReset) -> list[str]:
         """The vehicle's clock began anew: what was known about its time and attitude is void."""
+        if event.goes_on:
+            return self._lines([f"clock jump by {event.step_s:+.1f} s, cut out"], event.arrival_us)
         self.restart()
         self.clock = HostClock()
         if event.reason == "reboot":
@@ -196,10 +198,13 @@ class Vehicle:
         ours = self.estimator.attitude(sample.time_us + max(ahead_us, 0))
         if not is_finite(ours):
             return []
+        theirs = self.parameters.view.of_imu(event.message, event.q_ned_frd, ours.q_ned_frd)
+        if theirs is None:
+            return []
         alarms = self.checks.in_words
         lines = self.comparison.look(
             event,
-            self.parameters.q_frd_trimmed,
+            theirs,
             ours,
             sample,
             self.estimator.place_field,

@@ -8,16 +8,15 @@ from drivers.mavlink.ardupilot import (
     COMPASS_OFFSETS,
     GYRO_FILTER,
     ROVER_FILTERS_HZ,
-    TRIM,
 )
+from drivers.mavlink.attitude_view import NAMES as VIEW_PARAMETERS
+from drivers.mavlink.attitude_view import AttitudeView
 from drivers.mavlink.constants import (
     MAV_AUTOPILOT_ARDUPILOTMEGA,
     MAV_TYPE_GENERIC,
     MAV_TYPE_GROUND_ROVER,
 )
-from drivers.samples.rotation import quaternion_from_euler
 from estimator.estimator import Estimator
-from estimator.types import IDENTITY, Quaternion
 from estimator.vehicle_class import VehicleClass
 
 # A second-order Butterworth low-pass delays slow motions by this many periods of its cutoff.
@@ -37,20 +36,14 @@ class VehicleParameters:
 
     def __init__(self) -> None:
         self._heartbeat: Heartbeat | None = None  # the last one that brought something new
-        self._trim_rad: dict[str, float] = {}
+        self.view = AttitudeView()  # of what the autopilot's attitude is
         self._compass_offsets: dict[str, float] = {}
         self._filters_hz: dict[str, float] = {}
 
-    @property
-    def q_frd_trimmed(self) -> Quaternion:
-        """From the axes that the autopilot's attitude is of to those of its IMU."""
-        roll, pitch, yaw = (self._trim_rad.get(name, 0.0) for name in TRIM)
-        return quaternion_from_euler(roll, pitch, yaw) or IDENTITY
-
     def take(self, event: Parameter, estimator: Estimator) -> None:
         """Note compass offsets (all zero: nobody has calibrated it), the trim and filters."""
-        if event.name in TRIM:
-            self._trim_rad[event.name] = event.value
+        if event.name in VIEW_PARAMETERS:
+            self.view.take(event.name, event.value)
         elif event.name in (GYRO_FILTER, ACC_FILTER) and event.value > 0.0:
             self._note_filter(event.name, event.value, estimator)
         elif event.name in COMPASS_OFFSETS:
@@ -69,6 +62,7 @@ class VehicleParameters:
     def take_heartbeat(self, event: Heartbeat, estimator: Estimator) -> None:
         """Note what carries the IMU, and the filters that ArduPilot gives such a vehicle."""
         self._heartbeat = event
+        self.view.vehicle_type = event.vehicle_type
         vehicle_class = vehicle_class_of(event)
         estimator.set_vehicle_class(vehicle_class)
         if vehicle_class is VehicleClass.WHEELS and event.autopilot == MAV_AUTOPILOT_ARDUPILOTMEGA:

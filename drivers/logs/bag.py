@@ -30,7 +30,6 @@ IMU, FIELD, FIX = (f"sensor_msgs/msg/{name}" for name in ("Imu", "MagneticField"
 RECEIVER = "GPS"
 TESLA = 1e4  # gauss
 FIRST_DATE_NS = 946_684_800_000_000_000  # the year 2000: smaller stamps count from somewhere else
-EARLIER_NS = 10**9  # than the first stamp: stamps are not quite in order
 MOST_METADATA = 1 << 21  # bytes, which take 20 s; some 8,000 files have as much
 CLOCK = TimeField.TIME_USEC
 
@@ -159,7 +158,7 @@ def _events(reader: Any, decode: Decode, topics: _Topics) -> Iterator[Event]:
                 if abs(time_ns) >= 1000 * LATEST_US:
                     raise ValueError(f"stamped {time_ns} ns")  # noqa: TRY301 - as the library would
                 if decoder is None:
-                    decoder = _Decoder(topics, time_ns - EARLIER_NS)
+                    decoder = _Decoder(topics, time_ns)
                 events = decoder.decode(connection, (time_ns - decoder.begin_ns) // 1000, message)
             except Exception:  # noqa: BLE001 - as below
                 events = [Malformed(0, 1)]
@@ -185,8 +184,6 @@ class _Decoder:
 
     def decode(self, connection: Any, raw_us: int, message: Any) -> list[Event]:
         """The events of a message."""
-        if raw_us < 0:
-            return [Malformed(self._vehicle.arrival_us(0), 1)]
         match connection.msgtype:
             case "sensor_msgs/msg/Imu":
                 return self._imu(connection.topic, raw_us, message)

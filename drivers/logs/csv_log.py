@@ -56,7 +56,7 @@ class CsvLog(LogFile):
 
 
 class _Decoder:
-    """Rows in, events out; times count from the first row."""
+    """Rows in, events out; times count from the first row, also backwards: clocks are set."""
 
     def __init__(self, text: CsvText, columns: Columns, begin_us: int) -> None:
         self._text = text
@@ -69,7 +69,7 @@ class _Decoder:
 
     def decode(self, time_us: int | None, row: Sequence[str]) -> list[Event]:
         """The events of a row; what is empty is not there, a row with no number for one counted."""
-        if time_us is None or time_us < self._begin_us:
+        if time_us is None:
             return [Malformed(self._vehicle.arrival_us(self._raw_us), 1)]
         self._raw_us, self._is_whole = time_us - self._begin_us, True
         events = self._events(row)

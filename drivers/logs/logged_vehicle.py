@@ -9,7 +9,8 @@ from typing import Any, Literal
 from drivers.events import Event, FilterStatus, VehicleId
 from drivers.samples.fix import Fix
 from drivers.samples.fresh_field import LoggedField
-from drivers.samples.intake import Intake, Stamp
+from drivers.samples.imu_stream import Stamp
+from drivers.samples.intake import Intake
 from drivers.samples.navigation import Navigation
 from drivers.samples.vehicle_clock import TimeField
 from estimator.types import Quaternion, Vec3
@@ -51,9 +52,7 @@ class LoggedVehicle:
         self._unix_us = unix_us
         log_time = LogTime()
         self._field = LoggedField()
-        self._intake = Intake(
-            vehicle, self._field.for_stream, lambda stamp: log_time.arrival_us(stamp.raw_us)
-        )
+        self._intake = Intake(vehicle, self._field.for_stream, log_time.arrival_us)
         self._intake.doubts_axes = doubts_axes
 
     @property

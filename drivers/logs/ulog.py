@@ -16,6 +16,7 @@ from drivers.logs.log_file import LATEST_US, LogFile, windowed
 from drivers.logs.logged_vehicle import LoggedVehicle
 from drivers.logs.ulog_format import TIMES, Found, Row, UlogReader
 from drivers.mavlink.constants import GPS_FIX_TYPE_3D_FIX, MAV_AUTOPILOT_PX4
+from drivers.samples.clock_line import REORDERED_US
 from drivers.samples.fix import Fix
 from drivers.samples.navigation import filter_status
 from drivers.samples.rotation import unit_or_none
@@ -236,17 +237,40 @@ def _wanted(rows: Iterable[Found | None], overview: _Overview) -> Iterator[Found
 
 
 def _in_time_order(rows: Iterable[Found], topics: Sequence[str]) -> Iterator[Found]:
-    """Rows in the order of their times, as far as none comes too late; then of their topics."""
+    """Rows in the order of their times, as far as none comes too late; then of their topics.
+
+    Where the clock was set back the order begins anew.
+    """
     rank = {topic: k for k, topic in enumerate((*topics, DAMAGE))}
-    held: list[tuple[int, int, int, Found]] = []
-    for number, row in enumerate(rows):
-        held.append((row.time_us, rank[row.topic], number, row))
-        if len(held) == 2 * MOST_HELD:
+    held: list[tuple[int, int, int, int, Found]] = []
+    for number, (epoch, row) in enumerate(_with_epochs(rows)):
+        held.append((epoch, row.time_us, rank[row.topic], number, row))
+        if len(held) >= 2 * MOST_HELD:
             held.sort()
             yield from (each[-1] for each in held[:MOST_HELD])
             del held[:MOST_HELD]
     held.sort()
     yield from (each[-1] for each in held)
+
+
+def _with_epochs(rows: Iterable[Found]) -> Iterator[tuple[int, Found]]:
+    """Rows, and how often the clock had been set back: two rows of a topic in turn show it."""
+    epoch, latest_us, behind = 0, dict[str, int](), dict[str, Found]()
+    for row in rows:
+        is_behind = row.time_us < latest_us.get(row.topic, row.time_us) - REORDERED_US
+        if is_behind and row.topic not in behind and row.topic != DAMAGE:
+            behind[row.topic] = row
+            continue
+        if is_behind:
+            epoch += 1
+            latest_us.clear()
+            yield from ((epoch, each) for each in behind.values())
+            behind.clear()
+        elif row.topic in behind:  # it came alone: its time was garbled
+            yield epoch, behind.pop(row.topic)
+        latest_us[row.topic] = row.time_us
+        yield epoch, row
+    yield from ((epoch, each) for each in behind.values())
 
 
 def _vector(row: Row, field: str) -> Vec3:

@@ -22,7 +22,7 @@ from drivers.events import (
 )
 from drivers.mavlink import constants as mav
 from drivers.mavlink.fields import FieldReader
-from drivers.mavlink.framing import Frame
+from drivers.mavlink.framing import MAGIC_V2, Frame
 from drivers.mavlink.imu_messages import (
     IMU_MESSAGES,
     ImuMessage,
@@ -32,7 +32,8 @@ from drivers.mavlink.imu_messages import (
 from drivers.mavlink.messages import MESSAGES, MessageKind, Said
 from drivers.mavlink.parameter_values import ParameterValue, WaitingParameters, owner
 from drivers.places import PLACES
-from drivers.samples.intake import VERSION_EVERY_US, Intake, Stamp
+from drivers.samples.imu_stream import Stamp
+from drivers.samples.intake import VERSION_EVERY_US, Intake
 from drivers.samples.vehicle_clock import TimeField
 from estimator.reasons import Reason
 
@@ -49,6 +50,12 @@ LOOK_US = 1_000_000  # who they are is looked for no more often
 IMU_SILENT_US = 500_000
 _PLACES = {message.name: place for place, message in enumerate(IMU_MESSAGES.values())}
 
+# Frames are missing where the sequence number steps by so much more than it usually does: not
+# all frames are of messages that are decoded
+USUAL_STEPS = 4
+MORE_STEPS = 8
+STEP_WEIGHT = 1 / 32  # of a frame in what is usual
+
 # What fuzzbee's own vehicle puts where others have a commit
 BUILT_IN = "fuzzbee"
 
@@ -64,6 +71,20 @@ class _Sender:
         self.imu_us: dict[str, int] = {}  # arrival of each IMU message's last frame
         self.intake = Intake(address)
         self.intake.takes_references = takes_references
+        self._sequence: int | None = None  # the number of the last frame
+        self._usual_step = 1.0
+
+    def note(self, frame: Frame, arrival_us: int) -> None:
+        """Note that a frame has arrived, and whether others before it are missing."""
+        self.intake.heard_us = arrival_us
+        data = frame.data
+        number = data[4] if data[0] == MAGIC_V2 else data[2]
+        if self._sequence is not None:
+            step = (number - self._sequence) & 0xFF
+            usual = self._usual_step
+            self.intake.clock.misses_some = step > USUAL_STEPS * usual + MORE_STEPS or step == 0
+            self._usual_step = usual + STEP_WEIGHT * (step - usual)
+        self._sequence = number
 
 
 class MavlinkDecoder:
@@ -106,7 +127,7 @@ class MavlinkDecoder:
         sender = self._senders.get((frame.system_id, frame.component_id))
         if sender is None:
             return self._meet(frame, arrival_us)
-        sender.intake.heard_us = arrival_us
+        sender.note(frame, arrival_us)
         return self._events(sender, frame, arrival_us)
 
     def _events(self, sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:
@@ -158,7 +179,7 @@ class MavlinkDecoder:
             gone = [Forgotten(silent, arrival_us)]
         address = VehicleId(frame.system_id, frame.component_id)
         sender = self._senders[address] = _Sender(address, takes_references=self._references)
-        sender.intake.heard_us = arrival_us
+        sender.note(frame, arrival_us)
         return gone + self._events(sender, frame, arrival_us)
 
     def _longest_silent(self, now_us: int, *, brings_imu: bool) -> VehicleId | None:

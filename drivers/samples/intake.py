@@ -6,7 +6,7 @@ vehicle's continuous clock and becomes events.
 
 import math
 from collections.abc import Callable
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 from drivers.events import (
     BodyRates,
@@ -14,78 +14,48 @@ from drivers.events import (
     Event,
     FilterStatus,
     FilterWord,
-    Imu,
-    Notice,
     Position,
     ReferenceAttitude,
     Rejected,
     Report,
-    TrackLost,
     VehicleId,
     Velocity,
 )
 from drivers.samples.fix import Fix, velocity_sample
-from drivers.samples.fresh_field import FreshField, RepeatedField, finite_or_zero
+from drivers.samples.fresh_field import FreshField, RepeatedField
+from drivers.samples.imu_stream import ImuStream, Stamp
 from drivers.samples.navigation import Navigation
-from drivers.samples.plausibility import AXES_COMPLAINT, Plausibility
+from drivers.samples.plausibility import is_place
 from drivers.samples.preference import is_receiver
-from drivers.samples.sensor_faults import Readings, SensorFaults
-from drivers.samples.vehicle_clock import Placed, Refused, TimeField, VehicleClock
-from drivers.value import Value
+from drivers.samples.vehicle_clock import Placed, Refused, VehicleClock
 from estimator.reasons import Reason
-from estimator.types import ZERO_VEC3, ImuSample, Quaternion, RateSample, Vec3, VelocitySample
+from estimator.types import Quaternion, RateSample, Vec3, VelocitySample
 
 MOST_STREAMS = 16  # IMUs of one vehicle; real ones have three, and four messages for them
-CLOCK_STEP = Refused(Reason.CLOCK_STEP)
 # Where nobody shows attitudes of others, so many are enough to compare ours with.
 ATTITUDE_EVERY_US = 390_000
 # What a vehicle is it may say often; once in a while is enough.
 VERSION_EVERY_US = 900_000
 
+SAME_BURST_US = 2_000  # messages that are sent together arrive together
 
-class Stamp(NamedTuple):
-    """A message's time on one of the vehicle's clocks, and the arrival that its events carry."""
-
-    clock: TimeField
-    raw_us: int
-    arrival_us: int
-
-
-class _Reading(Value, frozen=True):
-    """A message's vectors in SI units and gauss, without their place in time."""
-
-    raw_us: int
-    arrival_us: int
-    gyr_rad_s: Vec3
-    acc_m_s2: Vec3
-    mag_gauss: Vec3
-
-
-class _ImuStream:
-    """What is remembered about one IMU message of the vehicle."""
-
-    def __init__(self, name: str, field: FreshField) -> None:
-        self.name = name
-        self.field = field
-        self.plausibility = Plausibility()
-        self.faults = SensorFaults()
-        self.held: _Reading | None = None  # until the next one tells whether the clock began anew
+Source = Literal["autopilot", "sim"]
 
 
 class Intake:
     """Takes one vehicle's readings; each method gives the events that come of them.
 
-    ``new_field`` makes what tells an IMU stream's fresh fields from the others. ``heard_us``
-    is the arrival that tells a gap from a leap of the clock; a log that knows no arrivals has
-    something else for it. ``doubts_axes`` says that the axes may be others than FRD,
-    ``takes_references`` that all attitudes of others are wanted, and not some a second.
+    ``new_field`` makes what tells an IMU stream's fresh fields from the others. ``log_time`` is
+    what stands in for the arrivals of a log that has none. ``doubts_axes`` says that the axes may
+    be others than FRD, ``takes_references`` that all attitudes of others are wanted, and not some
+    a second.
     """
 
     def __init__(
         self,
         vehicle: VehicleId,
         new_field: Callable[[], FreshField] = RepeatedField,
-        heard_us: Callable[[Stamp], int] = lambda stamp: stamp.arrival_us,
+        log_time: Callable[[int], int] | None = None,
     ) -> None:
         self.vehicle = vehicle
         self.doubts_axes = False
@@ -95,11 +65,12 @@ class Intake:
         self.version_given_us = 0  # when it was looked into what vehicle it is
         self._has_attitude = False  # of the autopilot's, with a time of its own
         self._new_field = new_field
-        self._heard_us = heard_us
+        self._log_time = log_time
         self.navigation = Navigation()
-        self.clock = VehicleClock()
-        self._imus: dict[str, _ImuStream] = {}
-        self.last_imu_us: int | None = None  # of the latest IMU sample
+        self.clock = VehicleClock(hears_arrivals=log_time is None)
+        self._imus: dict[str, ImuStream] = {}
+        self._last_imu: tuple[int, int] | None = None  # time and arrival of the latest IMU sample
+        self._truths: list[tuple[str, int, Quaternion]] = []  # that may be of the next one
         self._unstamped_us: dict[str, int] = {}  # the time that each has had last
 
     @property
@@ -109,39 +80,30 @@ class Intake:
 
     def imu(self, name: str, stamp: Stamp, gyr: Vec3, acc: Vec3, mag: Vec3) -> list[Event]:
         """A reading of the IMU stream ``name``: rad/s, m/s^2 and gauss, FRD; no field is zero."""
-        stream = self._stream(name)
-        arrival_us, raw_us = stamp.arrival_us, stamp.raw_us
+        stream = self._imus.get(name)
         if stream is None:
-            return [Rejected(self.vehicle, arrival_us, Reason.TOO_MANY_STREAMS, name)]
-        field, faults = finite_or_zero(mag), stream.faults
-        refusal = _refusal(gyr, acc) or faults.refusal(Readings(gyr, acc, field), raw_us)
-        if refusal is not None:
-            return [Rejected(self.vehicle, arrival_us, refusal, name)]
-        mag_is_stuck = faults.mag_is_stuck
-        reading = _Reading(raw_us, arrival_us, gyr, acc, ZERO_VEC3 if mag_is_stuck else field)
-        placed = self.clock.imu(name, stamp.clock, raw_us, self._heard_us(stamp))
-        held, stream.held = stream.held, None
-        if isinstance(placed, Refused):
-            unconfirmed: list[Event] = [self._clock_step(held, name)] if held else []
-            if placed == CLOCK_STEP:
-                stream.held = reading
-                return unconfirmed
-            return [*unconfirmed, Rejected(self.vehicle, arrival_us, placed.reason, name)]
-        events: list[Event] = []
-        if held is not None or placed.reset is not None:
-            events = self._settle_held(stream, held, placed, arrival_us)
-        if (blindness := faults.take_blindness()) is not None:
-            reason, span_us = blindness
-            events.append(TrackLost(self.vehicle, arrival_us, name, reason, span_us * 1e-6))
-        if mag_is_stuck:
-            events.append(Rejected(self.vehicle, arrival_us, Reason.MAGNETOMETER_STUCK, name))
-        return events + self._samples(stream, reading, placed.time_us, placed.boot_us)
+            if len(self._imus) >= MOST_STREAMS:
+                return [Rejected(self.vehicle, stamp.arrival_us, Reason.TOO_MANY_STREAMS, name)]
+            stream = self._imus[name] = ImuStream(self.vehicle, name, self._new_field())
+        reading = stream.judge(stamp, gyr, acc, mag)
+        if isinstance(reading, Reason):
+            return [Rejected(self.vehicle, stamp.arrival_us, reading, name)]
+        placed = self.clock.imu(name, stamp.clock, stamp.raw_us, self._heard(stamp))
+        resets = self._resets(placed, stream.arrival_us(reading))
+        events = stream.place(reading, placed, resets, doubts_axes=self.doubts_axes)
+        if isinstance(placed, Placed):
+            latest = placed.time_us, stamp.arrival_us
+            for waiting in self._truths:
+                events += self._settled(*waiting, latest)
+            self._truths.clear()
+            self._last_imu = latest
+        return events
 
     def attitude(
         self,
         name: str,
         stamp: Stamp,
-        source: Literal["autopilot", "sim"],
+        source: Source,
         q_ned_frd: Quaternion | None,
         rate_rad_s: Vec3 | None = None,
     ) -> list[Event]:
@@ -188,21 +150,37 @@ class Intake:
         return [*self._resets(placed, stamp.arrival_us), event]
 
     def unstamped(
-        self,
-        name: str,
-        arrival_us: int,
-        source: Literal["autopilot", "sim"],
-        q_ned_frd: Quaternion | None,
+        self, name: str, arrival_us: int, source: Source, q_ned_frd: Quaternion | None
     ) -> list[Event]:
         """An attitude without a time of its own: it gets that of the IMU message before it.
 
-        A second one behind the same IMU message is left out: its own IMU message was lost. So is
-        an autopilot's, if it sends attitudes that have a time.
+        A simulator's may as well have been sent before its IMU message: unless it comes right
+        behind one, it waits for the next, and belongs to the nearer. A second one of the same IMU
+        message is left out: its own was lost. So is an autopilot's, if it sends attitudes that
+        have a time.
         """
-        time_us = self.last_imu_us
-        if q_ned_frd is None or time_us is None or self._unstamped_us.get(name) == time_us:
+        last = self._last_imu
+        if q_ned_frd is None or last is None or (source == "autopilot" and self._has_attitude):
             return []
-        if source == "autopilot" and self._has_attitude:
+        if source == "sim" and arrival_us - last[1] > SAME_BURST_US:
+            if len(self._truths) < MOST_STREAMS:
+                self._truths.append((name, arrival_us, q_ned_frd))
+            return []
+        return self._of_imu(name, arrival_us, source, q_ned_frd, last[0])
+
+    def _settled(
+        self, name: str, arrival_us: int, q_ned_frd: Quaternion, latest: tuple[int, int]
+    ) -> list[Event]:
+        """A simulator's attitude that has waited, with the time of the IMU message it is of."""
+        last = self._last_imu or latest
+        is_next = abs(latest[1] - arrival_us) < arrival_us - last[1]
+        time_us = (latest if is_next else last)[0]
+        return self._of_imu(name, arrival_us, "sim", q_ned_frd, time_us)
+
+    def _of_imu(
+        self, name: str, arrival_us: int, source: Source, q_ned_frd: Quaternion, time_us: int
+    ) -> list[Event]:
+        if self._unstamped_us.get(name, time_us - 1) >= time_us:
             return []
         self._unstamped_us[name] = time_us
         return [ReferenceAttitude(self.vehicle, arrival_us, time_us, source, name, q_ned_frd)]
@@ -222,90 +200,35 @@ class Intake:
             return []
         arrival_us, time_us = stamp.arrival_us, placed.time_us
         events = self._resets(placed, arrival_us)
-        position = self._believed_position(name, fix.position, arrival_us)
-        if position is not None:
-            events.append(Position(self.vehicle, arrival_us, time_us, name, *position))
-        velocity = self._believed_velocity(name, velocity_sample(name, fix, time_us), arrival_us)
+        place, velocity = fix.position, velocity_sample(name, fix, time_us)
+        if place is not None and all(map(math.isfinite, place)):
+            if not is_place(place):
+                events.append(Rejected(self.vehicle, arrival_us, Reason.POSITION_OUT_OF_RANGE))
+            elif is_receiver(name) or self.navigation.believes_place(*place[:2], arrival_us):
+                events.append(Position(self.vehicle, arrival_us, time_us, name, *place))
+        if velocity is not None and not is_receiver(name):
+            velocity = self._believed(velocity, arrival_us)
         if velocity is not None:
             events.append(Velocity(self.vehicle, arrival_us, name, velocity))
         return events
 
-    def _believed_position(self, name: str, position: Vec3 | None, arrival_us: int) -> Vec3 | None:
-        if position is None or not all(map(math.isfinite, position)):
-            return None
-        latitude_deg, longitude_deg, _ = position
-        is_believed = is_receiver(name) or self.navigation.believes_place(
-            latitude_deg, longitude_deg, arrival_us
-        )
-        return position if is_believed else None
-
-    def _believed_velocity(
-        self, name: str, sample: VelocitySample | None, arrival_us: int
-    ) -> VelocitySample | None:
-        if sample is None or is_receiver(name):
-            return sample
+    def _believed(self, sample: VelocitySample, arrival_us: int) -> VelocitySample | None:
         sigma_m_s = self.navigation.velocity_sigma_m_s(sample.sigma_m_s, arrival_us)
         return None if sigma_m_s is None else sample._replace(sigma_m_s=sigma_m_s)
 
-    def _stream(self, name: str) -> _ImuStream | None:
-        """The stream of that name, a new one if need be; None if there are too many."""
-        stream = self._imus.get(name)
-        if stream is None and len(self._imus) < MOST_STREAMS:
-            stream = self._imus[name] = _ImuStream(name, self._new_field())
-        return stream
-
-    def _settle_held(
-        self, stream: _ImuStream, held: _Reading | None, placed: Placed, arrival_us: int
-    ) -> list[Event]:
-        """The clock's reset, and the sample that waited for it to be confirmed."""
-        events = self._resets(placed, held.arrival_us if held else arrival_us)
-        if held is None:
-            return events
-        if placed.reset is None:
-            return [self._clock_step(held, stream.name)]
-        before_us = placed.since_reset_us
-        return events + self._samples(
-            stream, held, placed.time_us - before_us, placed.boot_us - before_us
-        )
-
-    def _samples(
-        self, stream: _ImuStream, reading: _Reading, time_us: int, boot_us: int
-    ) -> list[Event]:
-        """The sample, with the magnetic field if that is new, and complaints about it."""
-        name, arrival_us = stream.name, reading.arrival_us
-        self.last_imu_us = time_us
-        fresh = stream.field.fresh(reading.mag_gauss, reading.raw_us, time_us)
-        mag, has_mag = (ZERO_VEC3, False) if fresh is None else (fresh, True)
-        sample = ImuSample._make((time_us, reading.gyr_rad_s, reading.acc_m_s2, mag, has_mag))
-        events: list[Event] = [Imu(self.vehicle, arrival_us, boot_us, name, sample)]
-        complaints = stream.plausibility.look(sample, doubts_axes=self.doubts_axes)
-        return events + self._notices(name, arrival_us, complaints)
-
-    def _notices(self, name: str, arrival_us: int, complaints: list[str]) -> list[Event]:
-        notices: list[Event] = []
-        for text in complaints:
-            section: Literal["", "mounting"] = "mounting" if text == AXES_COMPLAINT else ""
-            notices.append(Notice(self.vehicle, arrival_us, f"{name}: {text}", section))
-        return notices
+    def _heard(self, stamp: Stamp) -> int:
+        """What tells a gap from a leap of the clock."""
+        return stamp.arrival_us if self._log_time is None else self._log_time(stamp.raw_us)
 
     def _place(self, name: str, stamp: Stamp) -> Placed | None:
-        placed = self.clock.other(name, stamp.clock, stamp.raw_us, self._heard_us(stamp))
+        placed = self.clock.other(name, stamp.clock, stamp.raw_us, self._heard(stamp))
         return None if isinstance(placed, Refused) else placed
 
-    def _resets(self, placed: Placed, arrival_us: int) -> list[Event]:
-        reset = placed.reset
+    def _resets(self, placed: Placed | Refused, arrival_us: int) -> list[Event]:
+        reset = None if isinstance(placed, Refused) else placed.reset
         if reset is None:
             return []
         if reset.reason == "reboot":
             self.navigation.forget()
-        return [ClockReset(self.vehicle, arrival_us, reset.reason, reset.step_us * 1e-6)]
-
-    def _clock_step(self, held: _Reading, name: str) -> Rejected:
-        return Rejected(self.vehicle, held.arrival_us, CLOCK_STEP.reason, name)
-
-
-def _refusal(gyr: Vec3, acc: Vec3) -> Reason | None:
-    """Why a reading is no data whatever came before it; None if it is."""
-    if not all(map(math.isfinite, gyr + acc)):
-        return Reason.NOT_FINITE
-    return Reason.ZERO_ACCELEROMETER if acc == ZERO_VEC3 else None
+        step_s = reset.step_us * 1e-6
+        return [ClockReset(self.vehicle, arrival_us, reset.reason, step_s, reset.goes_on)]

@@ -7,7 +7,6 @@ repeated rate says, and the axis of a steady turn must carry the vehicle's weigh
 
 from math import cos, sin
 
-from estimator.compilation.compiled import inlined
 from estimator.geometry.quaternion import dot, norm, subtract
 from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
 
@@ -18,8 +17,21 @@ FIELD_LATE_S = 0.15  # magnetometers follow 0.1 s late, in steps
 FIELD_WAY = 0.5  # of the field's strength: having gone so far as the rate says, it begins anew
 
 
-@inlined
-def way_of_field(
+def largest(v: Vec3) -> float:
+    """The largest part of a vector, without its sign."""
+    return max(abs(v[0]), abs(v[1]), abs(v[2]))
+
+
+def apart_rad(one: Vec3, other: Vec3) -> float:
+    """About the angle between two directions, up to 2 for opposite ones; 0 if one is no vector."""
+    a, b = norm(one), norm(other)
+    if a == 0.0 or b == 0.0:
+        return 0.0
+    x, y, z = one[0] / a - other[0] / b, one[1] / a - other[1] / b, one[2] / a - other[2] / b
+    return norm((x, y, z))
+
+
+def field_contradicts(
     before_gauss: Vec3, mag_gauss: Vec3, gyr_rad_s: Vec3, span_s: float
 ) -> tuple[bool, bool]:
     """Whether a field is not where the rate has turned it in a time; whether it is well on its way.
@@ -34,7 +46,6 @@ def way_of_field(
     return off > allowed, way >= FIELD_WAY
 
 
-@inlined
 def carries_weight(acc_m_s2: Vec3, gyr_rad_s: Vec3) -> bool:
     """Whether the force is that of a turn that may go on for ever, as it is and at that rate.
 
@@ -47,7 +58,6 @@ def carries_weight(acc_m_s2: Vec3, gyr_rad_s: Vec3) -> bool:
     return abs(abs(along) - STANDARD_GRAVITY_M_S2) <= WEIGHT_M_S2
 
 
-@inlined
 def vector_after_turn(vector: Vec3, gyr_rad_s: Vec3, span_s: float) -> Vec3:
     """A body vector of something fixed, after turning at that rate (Rodrigues, by -w t)."""
     rate_rad_s = norm(gyr_rad_s)

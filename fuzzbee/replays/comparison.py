@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from drivers.logs.reference_track import row
 from drivers.logs.spill_file import SpillFile, blocks
 from estimator.arrays import Bools, Floats
 from estimator.errors import InputError
-from estimator.geometry.quaternion import multiply
 from estimator.types import IDENTITY
 from fuzzbee.replays.score import errors_against
 from fuzzbee.replays.trace import VehicleTrace
@@ -83,13 +83,17 @@ def reference_attitudes(
 ) -> tuple[Floats, Bools]:
     """``q_ned_frd`` (N, 4) of the IMU at some samples, and where it is known.
 
-    The autopilot reports on the vehicle, in which the IMU is mounted with a
-    trim; the simulator's truth is the IMU's own.
+    The autopilot reports on the vehicle, or what its pilot is to see; the simulator's truth is the
+    IMU's own.
     """
     attitudes, known = trace.references[source].at(trace.attitudes.times_of(rows))
-    if source == "autopilot" and trace.trim != IDENTITY:
-        turned = [multiply((w, x, y, z), trace.trim) for w, x, y, z in attitudes.tolist()]
-        attitudes = np.array(turned).reshape(-1, 4)
+    message = trace.references[source].message
+    if source == "autopilot" and message is not None and not trace.view.is_imus:
+        ours = trace.column("q_ned_frd", rows)
+        for k in np.flatnonzero(known).tolist():
+            found = trace.view.of_imu(message, row(attitudes, k), row(ours, k))
+            known[k] = found is not None
+            attitudes[k] = attitudes[k] if found is None else found
     return attitudes, known
 
 

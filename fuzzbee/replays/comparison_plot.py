@@ -35,7 +35,7 @@ class ComparisonPlot:
         """Take one replay."""
         time_s = 1e-6 * (trace.times_us - trace.times_us[0])
         errors = np.degrees(np.where(compared.known[:, None], compared.errors_rad, np.nan))
-        if not trace.fields:
+        if not trace.has_heading:
             errors[:, 1] = np.nan  # a heading from nowhere has no error
         points = Thinned(time_s)
         self._curves.append(Curves(log, profile, points.time_s, points.largest(errors)))

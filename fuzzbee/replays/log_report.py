@@ -43,6 +43,9 @@ from fuzzbee.say import printable
 Reading = Callable[[LogFile], AbstractContextManager[object]]
 Export = Callable[[VehicleTrace, Comparison], None]
 
+MUCH_REFUSED = 0.1  # of all readings, that a person is told of
+MOST_REASONS = 3  # that are named then
+
 
 class VehicleSummary(msgspec.Struct, frozen=True):
     """Whose IMU it was; names as in MAVLink's enumerations, None without a HEARTBEAT."""
@@ -225,9 +228,21 @@ def replay_log(
         seen = _seen_text(replay)
         way_out = advice(log, system_id)
         raise InputError(f"{path}: {way_out or f'no IMU data{whose} that can be used{seen}'}")
+    if (refused := _refused_text(trace)) is not None:
+        tell(refused)
     if smooth:
         smooth_trace(trace, replay.estimator(trace.address))
     return trace
+
+
+def _refused_text(trace: VehicleTrace) -> str | None:
+    """One line, where a good part of the log was refused."""
+    counts = trace.rejected + Counter(malformed=trace.malformed)
+    refused, total = counts.total(), counts.total() + len(trace.attitudes)
+    if refused <= MUCH_REFUSED * total:
+        return None
+    reasons = ", ".join(f"{n} {reason}" for reason, n in counts.most_common(MOST_REASONS))
+    return f"{100 * refused / total:.0f} % of {total} readings were refused: {reasons}"
 
 
 def _seen_text(replay: Replay) -> str:
@@ -247,7 +262,7 @@ def score(path: Path, trace: VehicleTrace, compared: Comparison, skip_s: float) 
     """The figures of a trace beside its reference."""
     attitudes, source = trace.attitudes, compared.source
     begin_us, end_us = attitudes[0].time_us, attitudes[-1].time_us
-    has_heading = trace.fields > 0
+    has_heading = trace.has_heading
     scored = Scored(trace, compared, skip_s)
     errors, covered = Errors(has_heading=has_heading), Covered(has_heading=has_heading)
     autopilot = Errors(has_heading=True)

@@ -10,14 +10,15 @@ from numpy.typing import NDArray
 from drivers.events import Event, Heartbeat, Imu, Parameter, ReferenceAttitude, VehicleId
 from drivers.logs.reference_track import ReferenceTrack
 from drivers.logs.spill_file import SpillFile
-from drivers.mavlink.ardupilot import COMPASS, TRIM
-from drivers.samples.rotation import quaternion_from_euler
+from drivers.mavlink.ardupilot import COMPASS
+from drivers.mavlink.attitude_view import NAMES as VIEW_PARAMETERS
+from drivers.mavlink.attitude_view import AttitudeView
 from estimator.arrays import Floats
 from estimator.estimator import Estimator
 from estimator.geometry.earth import PlaceField
 from estimator.geometry.quaternion import exp, scale
 from estimator.profile import Profile
-from estimator.types import IDENTITY, Quaternion, Vec3
+from estimator.types import Vec3
 from fuzzbee.column_store import PackedAttitudes, PackedSamples
 from service.attitude_record import is_finite
 from service.pipeline import Pipeline
@@ -45,15 +46,21 @@ class VehicleTrace:
         self.samples = PackedSamples()  # that they were made of
         self.aided = SpillFile("b")  # whether velocity helped at each
         self.fields = 0  # samples with a magnetic field
+        self.headings = 0  # attitudes whose heading was told, by a field or by velocity
         self.references = {"sim": ReferenceTrack(), "autopilot": ReferenceTrack()}
         self.rejected: Counter[str] = Counter()
         self.malformed = 0  # rows or frames of the log that cannot be read, whoever sent them
         self.turned_at_us: int | None = None
         self.decisions: list[tuple[int, Decision]] | None = None  # where it was retuned
-        self.trim_rad = dict.fromkeys(TRIM, 0.0)
+        self.view = AttitudeView()  # of what the autopilot's attitude is
         self.compass: dict[str, float] = {}  # what the autopilot has been set to
         self.place_field: PlaceField | None = None
         self.second_opinion = SecondOpinion()
+
+    @property
+    def has_heading(self) -> bool:
+        """Whether there is a heading to score."""
+        return self.fields > 0 or self.headings > 0
 
     @property
     def times_us(self) -> NDArray[np.int64]:
@@ -64,12 +71,6 @@ class VehicleTrace:
     def estimates(self) -> Floats:
         """``q_ned_frd`` (N, 4) after each sample."""
         return self.column("q_ned_frd")
-
-    @property
-    def trim(self) -> Quaternion:
-        """The rotation from the IMU's axes to the axes that the autopilot reports."""
-        roll, pitch, yaw = (self.trim_rad[name] for name in TRIM)
-        return quaternion_from_euler(roll, pitch, yaw) or IDENTITY
 
     def column(self, name: str, rows: slice = slice(None)) -> Floats:
         """A field of the attitudes, (N,) or (N, K), or of some of them."""
@@ -139,13 +140,14 @@ class Replay:
                 self._after_imu(event)
             case ReferenceAttitude(vehicle=address, source=source):
                 self._trace(address).references[source].add(event)
-            case Parameter(vehicle=address, name=name, value=value) if name in TRIM:
-                self._trace(address).trim_rad[name] = value
+            case Parameter(vehicle=address, name=name, value=value) if name in VIEW_PARAMETERS:
+                self._trace(address).view.take(name, value)
             case Parameter(vehicle=address, name=name, value=value) if name.startswith(COMPASS):
                 self._trace(address).compass[name] = value
             case Heartbeat(vehicle=address):
                 trace = self._trace(address)
                 trace.autopilot, trace.vehicle_type = event.autopilot, event.vehicle_type
+                trace.view.vehicle_type = event.vehicle_type
 
     def _after_imu(self, event: Imu) -> None:
         vehicle = self.pipeline.vehicle(event.vehicle)
@@ -163,6 +165,7 @@ class Replay:
         trace.samples.append(sample)
         trace.aided.extend((vehicle.estimator.is_aided,))
         trace.fields += event.sample.has_mag
+        trace.headings += attitude.heading_reference != "none"
 
     def _turn_wrong(self, vehicle: Vehicle, trace: VehicleTrace) -> None:
         """Turn the estimate once, at the first sample that a reference is known at."""

@@ -10,7 +10,7 @@ from typing import Annotated
 
 from drivers.mavlink.imu_messages import IMU_MESSAGES, ImuMessage
 from drivers.mavlink.messages import MESSAGES, MessageKind
-from drivers.samples.intake import Stamp
+from drivers.samples.imu_stream import Stamp
 from drivers.samples.vehicle_clock import TimeField
 from estimator.aiding.sources.table import SOURCES
 from fuzzbee.sinks import SINKS, SinkEntry, option

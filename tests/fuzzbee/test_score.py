@@ -1,8 +1,12 @@
+import json
+
 import numpy as np
 import pytest
 
 from estimator.geometry.quaternion import exp, multiply
+from fuzzbee.cli import main
 from fuzzbee.replays.score import Convergence, Covered, errors_against, summarize
+from tests.flight import banked_flight
 
 
 def coverage(errors, *others, has_heading, **flags):
@@ -104,3 +108,26 @@ def test_coverage_while_moving_leaves_out_headings_that_were_not_told():
     assert (found.inclination_moving, found.heading_moving) == (pytest.approx(2.0 / 3.0), 0.5)
     none = coverage(errors, four, four, has_heading=False, told=told, moved=moved)
     assert (none.heading, none.heading_moving) == (None, None)
+
+
+def test_a_heading_by_velocity_is_scored_without_a_magnetometer(tmp_path, capsys):
+    flight = banked_flight(seconds=60.0, rate_hz=50.0)
+    velocity = {k: report.velocity_ned_m_s for k, report in flight.reports}
+    sensors = [f"gyro_{axis}_rad_s" for axis in "xyz"] + [f"acc_{axis}_m_s2" for axis in "xyz"]
+    lines = [",".join(["time_s", *sensors, "vn,ve,vd,w,x,y,z"])]
+    for k, (sample, q) in enumerate(zip(flight.samples, flight.truth, strict=True)):
+        told = velocity.get(k, ("", "", ""))
+        row = (1e-6 * sample.time_us, *sample.gyr_rad_s, *sample.acc_m_s2, *told, *q)
+        lines.append(",".join(map(str, row)))
+    path = tmp_path / "flight.csv"
+    path.write_text("\n".join(lines))
+    path.with_suffix(".toml").write_text(
+        'axes = "frd"\nvelocity = { columns = ["vn", "ve", "vd"] }\n'
+        'truth = { columns = ["w", "x", "y", "z"] }'
+    )
+    assert main(["replay", str(path), "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["heading_references"]["true"] > 1000
+    assert report["error_deg"]["heading_rms"] < 5.0
+    assert report["error_deg"]["total_rms"] < 5.0
+    assert report["coverage"]["heading"] is not None

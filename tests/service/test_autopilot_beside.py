@@ -4,8 +4,9 @@ from math import radians
 
 import pytest
 
-from drivers.events import FilterStatus, FilterWord, Parameter, ReferenceAttitude
+from drivers.events import FilterStatus, FilterWord, Heartbeat, Parameter, ReferenceAttitude
 from estimator.estimator import Estimator
+from estimator.geometry.frames import euler_rad, from_euler_rad
 from estimator.geometry.quaternion import exp, multiply
 from estimator.profile import load_profile
 from service.pipeline import Pipeline
@@ -15,11 +16,28 @@ from tests.service.streams import ONE, imu_events
 SAMPLES = 3000
 
 
-def flown(turn_deg, *, clock_off_us=0, late_us=0, parameters=(), message="ATTITUDE", word=None):
-    """The lines and the last status of a vehicle whose autopilot's attitude is turned in roll."""
+def in_roll(turn_deg):
+    """An attitude that is shown turned about the vehicle's own axis."""
+    return lambda q: multiply(q, exp((radians(turn_deg), 0.0, 0.0)))
+
+
+def flown(
+    turn_deg=0.0,
+    *,
+    clock_off_us=0,
+    late_us=0,
+    parameters=(),
+    message="ATTITUDE",
+    word=None,
+    shown=None,
+    vehicle_type=1,
+):
+    """The lines and the last status of a vehicle whose autopilot shows another attitude."""
+    show = shown or in_roll(turn_deg)
     profile = load_profile("paper")
     pipeline, twin = Pipeline(profile), Estimator(profile)
-    texts, turn = [], exp((radians(turn_deg), 0.0, 0.0))
+    texts = []
+    pipeline.handle(Heartbeat(ONE, 0, 3, vehicle_type))
     for name, value in parameters:
         pipeline.handle(Parameter(ONE, 0, name, value))
     for k, event in enumerate(imu_events(SAMPLES)):
@@ -31,7 +49,7 @@ def flown(turn_deg, *, clock_off_us=0, late_us=0, parameters=(), message="ATTITU
             time_us = event.sample.time_us
             if word is not None:
                 pipeline.handle(FilterWord(ONE, event.arrival_us, word))
-            q = multiply(twin.attitude(time_us).q_ned_frd, turn)
+            q = show(twin.attitude(time_us).q_ned_frd)
             outputs += pipeline.handle(
                 ReferenceAttitude(
                     ONE,
@@ -81,6 +99,50 @@ def test_the_vehicle_s_own_trim_is_no_difference():
     texts, status = flown(-60.0, parameters=[("AHRS_TRIM_X", radians(60.0))])
     assert texts == []
     assert status.autopilot.inclination_deg == pytest.approx(0.0, abs=1.0)
+
+
+def pitched_down(q):
+    """As a plane shows it that cruises 60 degrees nose up, more than any does."""
+    roll, pitch, yaw = euler_rad(q)
+    return from_euler_rad(roll, pitch - radians(60.0), yaw)
+
+
+def as_a_copter(q):
+    """As a tailsitter shows itself while it hovers."""
+    return multiply(q, exp((0.0, radians(-90.0), 0.0)))
+
+
+PITCH, OLD_PITCH, TAILSITTER = ("PTCH_TRIM_DEG", 60.0), ("TRIM_PITCH_CD", 6e3), "Q_TAILSIT_ENABLE"
+QUADPLANE, SHOWS_ALL = ("Q_ENABLE", 1.0), ("FLIGHT_OPTIONS", 256.0)
+
+
+@pytest.mark.parametrize(
+    ("shown", "parameters", "vehicle_type", "verdict"),
+    [
+        (pitched_down, [], 1, "differs"),
+        (pitched_down, [PITCH], 1, "agrees"),
+        (pitched_down, [OLD_PITCH], 1, "agrees"),
+        (pitched_down, [PITCH, SHOWS_ALL], 1, "differs"),
+        (in_roll(0.0), [PITCH, SHOWS_ALL], 1, "agrees"),
+        (in_roll(0.0), [PITCH], 1, "differs"),
+        (in_roll(0.0), [PITCH, QUADPLANE], 1, "agrees"),  # while it hovers
+        (as_a_copter, [], 1, "differs"),
+        (as_a_copter, [(TAILSITTER, 1.0)], 1, "agrees"),
+        (in_roll(0.0), [(TAILSITTER, 1.0)], 1, "agrees"),
+        (as_a_copter, [], 20, "agrees"),
+        (as_a_copter, [(TAILSITTER, 0.0)], 22, "differs"),
+        (as_a_copter, [], 22, None),  # nobody has told
+        (in_roll(0.0), [], 22, "agrees"),
+        (in_roll(60.0), [], 22, "differs"),
+    ],
+)
+def test_what_an_autopilot_shows_its_pilot_is_known_by_parameters_and_type(
+    shown, parameters, vehicle_type, verdict
+):
+    texts, status = flown(shown=shown, parameters=parameters, vehicle_type=vehicle_type)
+    found = None if status.autopilot is None else status.autopilot.verdict
+    assert found in ((verdict, "cannot_tell") if verdict == "agrees" else (verdict,))
+    assert bool(texts) is (verdict == "differs")
 
 
 def test_an_attitude_without_a_stamp_is_compared_only_right_behind_its_imu_message():

@@ -1,16 +1,19 @@
 """The same faults in every kind of log: the same words for them, a sound attitude after them."""
 
+import json
 import math
 from collections import Counter
 from itertools import pairwise
 
 import pytest
+from fastcrc import crc16
 
 from drivers.events import ClockReset, Imu, Rejected
 from drivers.logs.open import open_log
 from drivers.mavlink.dialect import mavlink
 from drivers.simulation.simulated_vehicle import SimulatedVehicle
 from estimator.profile import load_profile
+from fuzzbee.cli import main
 from fuzzbee.replays.log_report import report_log
 from tests.drivers.logs import test_dataflash, test_ulog
 
@@ -41,6 +44,7 @@ def tlog(samples, folder):
         arrival_us += round(S / RATE_HZ)
         for message in (imu, truth):
             data += arrival_us.to_bytes(8, "big") + bytes(message.pack(link))
+            link.seq = (link.seq + 1) % 256
     path = folder / "flight.tlog"
     path.write_bytes(data)
     return path
@@ -67,8 +71,51 @@ def ulog(samples, folder):
     return log.save(folder)
 
 
-WRITERS = {"tlog": tlog, "dataflash": dataflash, "ulog": ulog}
-NAN_ACC = (math.nan, 0.0, -9.8)
+def table(samples, folder):
+    """Dated: the first row counts as zero."""
+    axes = [f"{name}_{axis}{unit}" for name, unit in SENSORS.items() for axis in "xyz"]
+    lines = [",".join(["time_s", *axes, "w", "x", "y", "z"])]
+    for sample in samples:
+        vectors = (*sample.gyr_rad_s, *sample.acc_m_s2, *sample.mag_gauss, *sample.q_ned_frd)
+        lines.append(f"{1.7e9 + sample.time_us / S:.6f}," + ",".join(f"{x:.9g}" for x in vectors))
+    path = folder / "flight.csv"
+    path.write_text("\n".join(lines))
+    path.with_suffix(".toml").write_text('truth = { columns = ["w", "x", "y", "z"] }')
+    return path
+
+
+def mcap(samples, folder):
+    """As JSON, which every reader of MCAP takes; without the truth."""
+    writers = pytest.importorskip("mcap.writer")
+    path = folder / "flight.mcap"
+    with path.open("wb") as file:
+        log = writers.Writer(file)
+        log.start()
+        kinds = {
+            name: log.register_channel(
+                f"/{name}", "json", log.register_schema(f"sensor_msgs/{name}", "jsonschema", b"{}")
+            )
+            for name in ("Imu", "MagneticField")
+        }
+        for k, sample in enumerate(samples):
+            second, rest = divmod(sample.time_us, S)
+            head = {"header": {"stamp": {"sec": 1_700_000_000 + second, "nanosec": 1000 * rest}}}
+            gyr, acc, mag = (
+                {"x": x, "y": -y, "z": -z}
+                for x, y, z in (sample.gyr_rad_s, sample.acc_m_s2, sample.mag_gauss)
+            )
+            mag = {axis: 1e-4 * value for axis, value in mag.items()}
+            imu = {"angular_velocity": gyr, "linear_acceleration": acc}
+            for name, fields in (("MagneticField", {"magnetic_field": mag}), ("Imu", imu)):
+                log.add_message(kinds[name], k, json.dumps(head | fields).encode(), k)
+        log.finish()
+    return path
+
+
+SENSORS = {"gyro": "_rad_s", "acc": "_m_s2", "mag": "_gauss"}
+WRITERS = {"tlog": tlog, "dataflash": dataflash, "ulog": ulog, "csv": table}
+ALL_WRITERS = {**WRITERS, "mcap": mcap}
+NO_NUMBERS = (math.inf, math.nan)  # a table has no NaN: it is an empty field
 
 
 def stuck(samples):
@@ -93,7 +140,10 @@ def clipped(samples):
 
 
 def not_finite(samples):
-    return [s if k % 5 else s._replace(acc_m_s2=NAN_ACC) for k, s in enumerate(samples)]
+    return [
+        s if k % 5 else s._replace(acc_m_s2=(NO_NUMBERS[k % 2], 0.0, -9.8))
+        for k, s in enumerate(samples)
+    ]
 
 
 def without_acceleration(samples):
@@ -106,6 +156,38 @@ def spikes(samples):
         s if k % 30 else s._replace(gyr_rad_s=(s.gyr_rad_s[0] + 25.0, *s.gyr_rad_s[1:]))
         for k, s in enumerate(samples)
     ]
+
+
+def sentinels(samples):
+    """What stands for no field in every other sample."""
+    return [s if k % 2 else s._replace(mag_gauss=(3e34,) * 3) for k, s in enumerate(samples)]
+
+
+def another_unit(samples):
+    """Of some samples the field is no use, the rest of the row is."""
+    return [
+        s if k % 3 else s._replace(mag_gauss=tuple(20.0 * x for x in s.mag_gauss))
+        for k, s in enumerate(samples)
+    ]
+
+
+def impossible_rates(samples):
+    return [s if k % 5 else s._replace(gyr_rad_s=(3e38, 0.0, 0.0)) for k, s in enumerate(samples)]
+
+
+def impossible_forces(samples):
+    return [s if k % 5 else s._replace(acc_m_s2=(0.0, 0.0, -3e38)) for k, s in enumerate(samples)]
+
+
+def wrapping(samples):
+    """A spin that integers of 16 bits with mrad/s cannot hold: up to 38 rad/s and back."""
+    turned = []
+    for k, s in enumerate(samples):
+        share = k / len(samples)
+        spin = 38.0 * min(1.0, 3.0 * share, 3.0 * (1.0 - share))
+        x, y, z = s.gyr_rad_s
+        turned.append(s._replace(gyr_rad_s=(x, y, (z + spin + 32.768) % 65.536 - 32.768)))
+    return turned
 
 
 def duplicated(samples):
@@ -121,6 +203,11 @@ FAULTS = {
     "not finite": (not_finite, {"not_finite"}),
     "zero": (without_acceleration, {"zero_accelerometer"}),
     "spikes": (spikes, {"gyroscope_spike"}),
+    "sentinels": (sentinels, {"magnetometer_out_of_range"}),
+    "another unit": (another_unit, {"magnetometer_out_of_range"}),
+    "impossible rates": (impossible_rates, {"gyroscope_out_of_range"}),
+    "impossible forces": (impossible_forces, {"accelerometer_out_of_range"}),
+    "wrapping": (wrapping, {"gyroscope_saturated"}),
     "duplicated": (duplicated, {"duplicate"}),
 }
 
@@ -158,6 +245,37 @@ def test_a_leap_of_the_clock_is_cut_out(kind, step_s, tmp_path):
     assert report.error_deg.total_rms < HOLDS_DEG
 
 
+@pytest.mark.parametrize("back_s", [3.0, 3600.0, 1.7e9])
+@pytest.mark.parametrize("kind", ["dataflash", "ulog", "csv", "mcap"])
+def test_a_clock_that_is_set_back_is_a_reset_told_once(kind, back_s, tmp_path, capsys):
+    """By a person, by NTP, or to 1970; a log that counts from the boot may not go below zero."""
+    begin_s = 2.0 * back_s if kind in ("dataflash", "ulog") else 0.0
+    if begin_s > 1e5:
+        pytest.skip("no vehicle runs for years")
+    samples = [
+        s._replace(time_us=s.time_us + round(S * (begin_s - back_s * (time_s >= BEGIN_S))))
+        for time_s, s in flight()
+    ]
+    path = ALL_WRITERS[kind](samples, tmp_path)
+    assert main(["replay", str(path), "--profile", "paper", "--json"]) == 0
+    output = capsys.readouterr()
+    report = json.loads(output.out)
+    assert report["imu"]["samples"] >= len(samples) - 2
+    assert sum(report["rejected"].values()) <= 2
+    assert output.err.count("aligning anew") == 1
+
+
+@pytest.mark.parametrize("kind", ["tlog", "csv"])
+def test_a_log_of_which_much_is_refused_says_so(kind, tmp_path, capsys):
+    samples = [
+        s if k % 4 else s._replace(acc_m_s2=(0.0, 0.0, 0.0)) for k, (_, s) in enumerate(flight())
+    ]
+    path = WRITERS[kind](samples, tmp_path)
+    assert main(["replay", str(path), "--profile", "paper", "--json"]) == 0
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if "refused" in line]
+    assert line == (f"{path.name}: 25 % of 1200 readings were refused: 300 zero_accelerometer")
+
+
 @pytest.mark.parametrize("kind", ["tlog", "dataflash"])  # PX4 begins a new log
 def test_a_reboot_in_the_middle_of_a_log_begins_a_new_stretch(kind, tmp_path):
     samples = [
@@ -181,3 +299,51 @@ def test_samples_out_of_order_are_refused_or_put_in_order(kind, tmp_path):
     events = list(open_log(WRITERS[kind](samples, tmp_path)))
     reasons = Counter(event.reason for event in events if isinstance(event, Rejected))
     assert reasons == ({} if kind == "ulog" else {"out_of_order": 20})
+
+
+@pytest.mark.parametrize("step_s", [-1.9, -1.2, 0.8, 1.9, 3.5])
+def test_a_short_leap_beside_steady_arrivals_costs_nothing(step_s, tmp_path):
+    """There and back again, and nothing is aligned anew."""
+    samples = [
+        sample._replace(time_us=sample.time_us + round(step_s * S * (BEGIN_S <= time_s < END_S)))
+        for time_s, sample in flight()
+    ]
+    path = tlog([s._replace(time_us=s.time_us + 100 * S) for s in samples], tmp_path)
+    events = list(open_log(path))
+    resets = [event for event in events if isinstance(event, ClockReset)]
+    assert [(each.reason, each.goes_on) for each in resets] == [("jump", True)] * len(resets)
+    assert 1 <= len(resets) <= 2  # less than a second back is disorder
+    times_us = [event.sample.time_us for event in events if isinstance(event, Imu)]
+    assert max(b - a for a, b in pairwise(times_us)) < 1.2 * S
+    if abs(step_s) > 1.0:
+        assert len(times_us) == len(samples)
+        assert times_us[-1] - times_us[0] == pytest.approx((LAST_S - 1 / RATE_HZ) * S, abs=0.1 * S)
+
+
+def test_a_short_leap_where_messages_are_missing_is_a_gap(tmp_path):
+    samples = [sample for time_s, sample in flight() if not BEGIN_S <= time_s < BEGIN_S + 1.9]
+    path = tlog(samples, tmp_path)  # that all arrive one after the other
+    data, records = bytearray(path.read_bytes()), 0
+    at, kept = 0, round(BEGIN_S * RATE_HZ)
+    while at < len(data):
+        if records >= 2 * kept:  # the link has lost 190 frames
+            data[at + 8 + 4] = (data[at + 8 + 4] + 190) % 256
+        at, records = at + 8 + 12 + data[at + 9], records + 1
+    path.write_bytes(_with_checksums(bytes(data)))
+    events = list(open_log(path))
+    assert not [event for event in events if isinstance(event, ClockReset)]
+    times_us = [event.sample.time_us for event in events if isinstance(event, Imu)]
+    assert max(b - a for a, b in pairwise(times_us)) == pytest.approx(1.92 * S)
+
+
+def _with_checksums(data):
+    """The records with the checksums of what they hold now."""
+    m, at, out = mavlink(), 0, b""
+    while at < len(data):
+        size = data[at + 9]
+        body = data[at + 9 : at + 8 + 10 + size]
+        extra = m.mavlink_map[int.from_bytes(body[6:9], "little")].crc_extra
+        out += data[at : at + 9] + body
+        out += crc16.mcrf4xx(body + bytes((extra,))).to_bytes(2, "little")
+        at += 8 + 12 + size
+    return out

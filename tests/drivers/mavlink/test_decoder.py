@@ -95,12 +95,12 @@ def test_a_message_with_an_array_is_of_one_imu(monkeypatch):
     )
     (imu,) = only(Imu, decode_all([message]))
     assert imu.message == "HIL_STATE_QUATERNION"
-    assert imu.sample == ImuSample(S, (0.5, 0.0, 0.0), (0, 0, -1000), ZERO_VEC3, False)
+    assert imu.sample == ImuSample(S, (0.5, 0.0, 0.0), (0, 0, -10.0), ZERO_VEC3, False)
 
 
 def _rates_and_force(fields):
     rates = (fields.rollspeed, fields.pitchspeed, fields.yawspeed)
-    return rates, (fields.xacc, fields.yacc, fields.zacc), ZERO_VEC3
+    return rates, (fields.xacc, fields.yacc, 1e-2 * fields.zacc), ZERO_VEC3
 
 
 # --- one table: message, the events it becomes behind an IMU message at 1 s

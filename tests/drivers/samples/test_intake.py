@@ -18,7 +18,8 @@ from drivers.events import (
 )
 from drivers.samples.fix import Fix
 from drivers.samples.fresh_field import LoggedField
-from drivers.samples.intake import MOST_STREAMS, Intake, Stamp
+from drivers.samples.imu_stream import Stamp
+from drivers.samples.intake import MOST_STREAMS, Intake
 from drivers.samples.vehicle_clock import TimeField
 from estimator.reasons import Reason
 from estimator.types import IDENTITY, STANDARD_GRAVITY_M_S2, ZERO_VEC3
@@ -57,12 +58,12 @@ def running(first_us=300 * S, count=5):
 
 def test_the_first_reading_of_a_new_boot_waits_and_is_not_lost():
     intake, arrival_us = running()
-    assert imu(intake, 20 * S, arrival_us, mag=(0.1, 0.0, 0.4)) == []
-    reset, first, second = imu(intake, 20_250_000, arrival_us + 250_000, mag=(0.1, 0.1, 0.4))
+    assert imu(intake, 5 * S, arrival_us, mag=(0.1, 0.0, 0.4)) == []
+    reset, first, second = imu(intake, 5_250_000, arrival_us + 250_000, mag=(0.1, 0.1, 0.4))
     assert kinds((reset, first, second)) == [ClockReset, Imu, Imu]
-    assert (reset.reason, reset.step_s) == ("reboot", pytest.approx(20 - 301.0))
+    assert (reset.reason, reset.step_s) == ("reboot", pytest.approx(5 - 301.0))
     assert reset.arrival_us == arrival_us  # of the reading that had to wait
-    assert (first.boot_us, second.boot_us) == (20 * S, 20_250_000)
+    assert (first.boot_us, second.boot_us) == (5 * S, 5_250_000)
     assert (first.arrival_us, second.arrival_us) == (arrival_us, arrival_us + 250_000)
     assert second.sample.time_us - first.sample.time_us == 250_000
     assert first.sample.time_us == 301 * S + 20_000  # about one period of a fast stream
@@ -91,13 +92,13 @@ OTHERS = {
 @pytest.mark.parametrize("other", OTHERS.values(), ids=OTHERS)
 def test_a_reset_that_another_message_confirms_is_told_with_it(other):
     intake, arrival_us = running()
-    assert other(intake, stamp(20 * S, arrival_us)) == []
-    reset, *rest = other(intake, stamp(20_100_000, arrival_us + 100_000))
+    assert other(intake, stamp(5 * S, arrival_us)) == []
+    reset, *rest = other(intake, stamp(5_100_000, arrival_us + 100_000))
     assert (type(reset), reset.reason) == (ClockReset, "reboot")
     assert kinds(rest) in ([ReferenceAttitude], [Velocity], [Position, Velocity])
 
 
-@pytest.mark.parametrize(("raw_us", "believed"), [(20 * S, True), (900 * S, False)])
+@pytest.mark.parametrize(("raw_us", "believed"), [(5 * S, True), (20 * S, False), (900 * S, False)])
 def test_a_reboot_voids_what_the_filter_said_of_itself_and_a_leap_does_not(raw_us, believed):
     intake, arrival_us = running()
     intake.navigation.hear_status(FilterStatus(has_velocity=False, has_place=False), arrival_us)
@@ -273,7 +274,7 @@ def test_a_logged_field_that_is_no_number_is_none():
 
 def test_what_tells_a_gap_from_a_leap_may_be_another_time_than_the_arrival():
     heard = []
-    intake = Intake(VEHICLE, heard_us=lambda at: heard.append(at.raw_us) or at.raw_us)
+    intake = Intake(VEHICLE, log_time=lambda raw_us: heard.append(raw_us) or raw_us)
     (event,) = imu(intake, 5 * S, UNIX)
     assert (event.arrival_us, heard) == (UNIX, [5 * S])
 
@@ -282,7 +283,49 @@ def test_an_autopilot_s_unstamped_attitude_is_taken_if_it_sends_no_other():
     intake = Intake(VEHICLE)
     imu(intake, S)
     (event,) = intake.unstamped("AHRS2", UNIX, "autopilot", IDENTITY)
-    assert (event.source, event.time_us) == ("autopilot", intake.last_imu_us)
+    assert (event.source, event.time_us) == ("autopilot", S)
     imu(intake, 2 * S)
     assert intake.wants_attitude(UNIX + S)
     assert intake.unstamped("AHRS2", UNIX + S, "autopilot", IDENTITY) == []
+
+
+@pytest.mark.parametrize("ahead_us", [0, 300, 100_000])
+def test_a_simulators_attitude_belongs_to_the_nearer_imu_message(ahead_us):
+    """SIM_STATE has no stamp; some send it right before the IMU message of its time."""
+    intake, times_us = Intake(VEHICLE), []
+    for k in range(1, 6):
+        at_us = UNIX + k * S // 4
+        truth = intake.unstamped("SIM_STATE", at_us - ahead_us, "sim", IDENTITY)
+        found = truth + imu(intake, k * S // 4, at_us)
+        times_us += [e.time_us for e in found if isinstance(e, ReferenceAttitude)]
+    assert times_us == [k * S // 4 for k in range(2, 6)]
+
+
+def test_a_simulators_attitude_right_behind_its_imu_message_does_not_wait():
+    intake = Intake(VEHICLE)
+    for k in range(1, 4):
+        imu(intake, k * S // 4)
+        (event,) = intake.unstamped("SIM_STATE", UNIX + k * S // 4 + 500, "sim", IDENTITY)
+        assert event.time_us == k * S // 4
+    assert intake.unstamped("SIM_STATE", UNIX + 3 * S // 4 + 90_000, "sim", IDENTITY) == []
+    events = imu(intake, S)  # that one's own IMU message was lost, and it is a second of the third
+    assert not [event for event in events if isinstance(event, ReferenceAttitude)]
+
+
+@pytest.mark.parametrize(
+    ("place", "refused"),
+    [
+        ((200.0, 8.5, 500.0), True),
+        ((47.0, -200.0, 500.0), True),
+        ((47.0, 8.5, 3e38), True),
+        ((47.0, 8.5, -1e9), True),
+        ((-90.0, 180.0, 8000.0), False),
+    ],
+)
+def test_a_place_that_is_none_is_refused_and_its_velocity_used(place, refused):
+    intake, arrival_us = running()
+    at = stamp(301 * S + 300_000, arrival_us)
+    events = intake.fix("GPS", at, Fix((1.0, 0.0, 0.0), position=place))
+    assert kinds(events) == [Rejected if refused else Position, Velocity]
+    if refused:
+        assert events[0].reason == Reason.POSITION_OUT_OF_RANGE

@@ -15,7 +15,7 @@ def complaints(*, gyr=GYR, acc=FORCE, mag=FIELD):
     watcher, said = Plausibility(), []
     for k in range(60):
         sample = ImuSample(k * (SPACING_US + 1), gyr, acc, mag, True)
-        said += watcher.look(sample, doubts_axes=True)
+        said += watcher.look(sample, mag, doubts_axes=True)
     return said
 
 

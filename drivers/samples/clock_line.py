@@ -1,0 +1,204 @@
+"""One of a vehicle's clocks: where it goes on, wraps, leaps or begins anew.
+
+Arrivals come in with the data. They tell a gap from a leap of the clock.
+"""
+
+from typing import Literal, NamedTuple
+
+from drivers.samples.clock_pace import ClockPace
+from estimator.reasons import Reason
+
+SECOND_US = 1_000_000
+REORDERED_US = 1 * SECOND_US  # further back than links reorder: the clock was set back
+JUMP_US = 5 * SECOND_US  # real gaps agree with arrivals within 4 s (p99 of late arrivals)
+# While messages arrive steadily, and none is missing, as little as that is a leap of the clock.
+# Where a fresher copy takes over some are missing, unless it is 256: so many are numbered.
+LEAP_US, LONGEST_LEAP_US = SECOND_US // 2, 4 * SECOND_US
+BOOT_US = 10 * SECOND_US  # an autopilot that starts sends its first messages by then
+LATENESS_LIMIT_US = 30 * SECOND_US  # a sample may be held back this long; seen: 14 s
+LOST_TIME_US = 60 * SECOND_US  # arrivals show that much more time passed: another session
+ORDINARY_STEP_US = 2 * SECOND_US  # a step this short is the same session, whatever arrivals show
+CLOCK_DRIFT = 0.005  # boot clocks ran up to 136 ms a minute slow
+# Two vehicles with one address send in turns: their times are two lines, each of which goes on.
+ALIVE_US = 1 * SECOND_US
+BESIDE_US = SECOND_US // 2
+
+ResetKind = Literal["reboot", "jump"]
+
+
+class Moment(NamedTuple):
+    """A message's time on the vehicle's unwrapped clock, and its arrival."""
+
+    boot_us: int
+    arrival_us: int
+
+
+class Step(NamedTuple):
+    """What became of a message: refused for a reason, or its boot time and the clock's reset.
+
+    A reset is known when a second message confirms it; the first came ``since_us`` before. The
+    clock has moved by ``step_us``. ``elapsed_us`` is the time that passed meanwhile by the
+    arrivals, None where they cannot tell.
+    """
+
+    refused: Reason | None
+    boot_us: int
+    reset: ResetKind | None = None
+    step_us: int = 0
+    since_us: int = 0
+    elapsed_us: int | None = None
+
+
+class ClockLine:
+    """Follows one clock from message to message; ``wrap_us`` is 0 if it never wraps.
+
+    A step that no gap explains counts once the next message agrees with it, so a single garbled
+    time changes nothing.
+    """
+
+    __slots__ = (
+        "arrival_us",
+        "beside",
+        "boot_us",
+        "candidate",
+        "floor_us",
+        "hears_arrivals",
+        "is_started",
+        "pace",
+        "wrap_us",
+        "wrapped_us",
+    )
+
+    def __init__(self, wrap_us: int, *, hears_arrivals: bool) -> None:
+        self.wrap_us = wrap_us
+        self.hears_arrivals = hears_arrivals
+        self.wrapped_us = 0  # what wraps have added so far
+        self.is_started = False
+        self.boot_us = 0  # of the last message
+        self.arrival_us = 0
+        self.floor_us = 0  # the smallest arrival minus boot time, with drift
+        self.candidate: Moment | None = None  # a message that stepped away, to be confirmed
+        self.beside: Moment | None = None  # the last message of another line
+        self.pace = ClockPace()
+
+    def advance(self, raw_us: int, arrival_us: int, misses_some: bool) -> Step | None:
+        """Take the clock's next message; None, nearly always, if it just goes on.
+
+        Its boot time then is ``boot_us``. ``misses_some``: others before it were lost, so that a
+        step forwards may be their time, however steady the arrivals are.
+        """
+        if not self.is_started:
+            self.is_started = True
+            self._restart(Moment(raw_us, arrival_us))
+            return None
+        step_us = raw_us + self.wrapped_us - self.boot_us
+        if 0 < step_us <= LEAP_US and self.candidate is None and not self.pace.off_seconds:
+            self._accept(raw_us + self.wrapped_us, arrival_us)
+            return None
+        if misses_some:
+            self.pace.steady_seconds = 0
+        boot_us = self._unwrapped(raw_us, arrival_us)
+        if self.beside is not None and self._goes_on_beside(self.beside, boot_us, arrival_us):
+            self.beside, self.candidate = Moment(boot_us, arrival_us), None
+            return Step(Reason.ADDRESS_CONFLICT, boot_us)
+        step_us, elapsed_us = boot_us - self.boot_us, arrival_us - self.arrival_us
+        if self._is_step(step_us, elapsed_us):
+            step = self._confirm(Moment(boot_us, arrival_us))
+            if step.refused is None or self._is_step(step_us, elapsed_us):
+                return step
+        if self.candidate is not None:  # it was garbled, or is somebody else's
+            self.beside, self.candidate = self.candidate, None
+        lost_us = self._accept(boot_us, arrival_us)
+        return Step(None, boot_us) if lost_us is None else Step(None, boot_us, "jump", lost_us)
+
+    def _confirm(self, new: Moment) -> Step:
+        """A message that stepped away: it waits for the next one, or confirms the last."""
+        began = self.candidate
+        if began is not None:
+            since_us, most_us = new.boot_us - began.boot_us, JUMP_US
+            if self._is_steady():
+                most_us = LEAP_US
+            if 0 < since_us <= max(new.arrival_us - began.arrival_us, 0) + most_us:
+                return self._reset(began, new)
+            self.pace.steady_seconds = 0  # it may be the clock that is not
+        self.candidate = new
+        return Step(Reason.CLOCK_STEP, new.boot_us)
+
+    def _reset(self, began: Moment, new: Moment) -> Step:
+        step_us = began.boot_us - self.boot_us
+        elapsed_us = max(began.arrival_us - self.arrival_us, 0)
+        is_boot = step_us < 0 <= began.boot_us - self.wrapped_us <= elapsed_us + BOOT_US
+        goes_on = not is_boot and self._is_steady() and abs(step_us - elapsed_us) < LONGEST_LEAP_US
+        if not goes_on:
+            self.beside = Moment(self.boot_us, self.arrival_us)
+        self._restart(began, keeps_pace=goes_on)
+        self._accept(*new)
+        return Step(
+            None,
+            new.boot_us,
+            "reboot" if is_boot else "jump",
+            step_us,
+            new.boot_us - began.boot_us,
+            elapsed_us if goes_on else None,
+        )
+
+    def _restart(self, first: Moment, *, keeps_pace: bool = False) -> None:
+        self.candidate = None
+        self.boot_us, self.arrival_us = first
+        self.floor_us = self.arrival_us - self.boot_us
+        self.pace.begin(self.boot_us, self.arrival_us, keeps_record=keeps_pace)
+
+    def _unwrapped(self, raw_us: int, arrival_us: int) -> int:
+        boot_us = raw_us + self.wrapped_us
+        if self.wrap_us == 0 or self.boot_us - boot_us < self.wrap_us // 2:
+            return boot_us
+        step_us = boot_us + self.wrap_us - self.boot_us
+        may_wrap = self.boot_us - self.wrapped_us < self.wrap_us
+        if may_wrap and not self._is_step(step_us, arrival_us - self.arrival_us):
+            self.wrapped_us += self.wrap_us
+            boot_us += self.wrap_us
+        return boot_us
+
+    def _is_step(self, step_us: int, elapsed_us: int) -> bool:
+        """Whether a step of the clock is none that messages and gaps make."""
+        if 0 <= step_us <= LEAP_US:
+            return False
+        if step_us < -REORDERED_US:
+            return True
+        ahead_us = step_us - max(elapsed_us, 0)
+        late_us = self.arrival_us - self.boot_us - self.floor_us
+        if ahead_us > JUMP_US + min(late_us, LATENESS_LIMIT_US):
+            return True
+        if LEAP_US + late_us < ahead_us < LONGEST_LEAP_US and self._is_steady():
+            return True
+        return step_us > ORDINARY_STEP_US and -ahead_us > LOST_TIME_US
+
+    def _is_steady(self) -> bool:
+        return self.hears_arrivals and self.pace.is_steady
+
+    def _is_off_line(self, boot_us: int, arrival_us: int) -> bool:
+        """Whether a message does not go on with this line at its pace."""
+        step_us, here_us = boot_us - self.boot_us, arrival_us - self.arrival_us
+        if 0 < step_us <= BESIDE_US:
+            return False
+        return 0 <= here_us < ALIVE_US and abs(step_us - here_us) >= BESIDE_US
+
+    def _goes_on_beside(self, beside: Moment, boot_us: int, arrival_us: int) -> bool:
+        """Whether a message goes on with another line that keeps this one's pace, not with this."""
+        step_us, elapsed_us = boot_us - beside.boot_us, arrival_us - beside.arrival_us
+        goes_on = step_us > 0 and abs(step_us - elapsed_us) < BESIDE_US
+        return goes_on and self._is_off_line(boot_us, arrival_us)
+
+    def _accept(self, boot_us: int, arrival_us: int) -> int | None:
+        """Go on to a message; the time that was lost, if the clock keeps time again since that."""
+        step_us, elapsed_us = boot_us - self.boot_us, arrival_us - self.arrival_us
+        if step_us <= 0:
+            return None
+        offset_us = arrival_us - boot_us
+        if elapsed_us < 0 or elapsed_us - step_us > LOST_TIME_US:
+            self.floor_us = offset_us  # the host's clock was set
+        else:
+            floor_us = self.floor_us + int(CLOCK_DRIFT * elapsed_us)
+            self.floor_us = min(offset_us, floor_us)
+        self.boot_us, self.arrival_us = boot_us, arrival_us
+        return self.pace.observe(boot_us, arrival_us, offset_us - self.floor_us)
