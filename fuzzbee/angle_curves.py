@@ -15,7 +15,7 @@ def where_known(attitudes: Floats, values: Floats) -> Floats:
 
 
 def euler_curves_deg(attitudes: Floats) -> Floats:
-    """Roll, pitch and yaw in degrees (N, 3) of ``q_ned_frd`` (N, 4), NaN where there is none."""
+    """Roll, pitch, heading in degrees (N, 3) of ``q_ned_frd`` (N, 4), NaN where there is none."""
     angles = [euler_rad((q[0], q[1], q[2], q[3])) for q in attitudes.tolist()]
     return where_known(attitudes, np.degrees(angles).reshape(-1, 3))
 
@@ -23,7 +23,7 @@ def euler_curves_deg(attitudes: Floats) -> Floats:
 def draw_angles(
     axes: Any, time_s: Floats, curves: Iterable[tuple[Floats, dict[str, Any], str]]
 ) -> None:
-    """Roll, pitch and yaw on three axes: of each curve its attitudes (N, 4), line and label.
+    """Roll, pitch and heading on three axes: of each curve its attitudes (N, 4), line and label.
 
     A curve has a gap where it wraps round, so that no line is drawn across.
     """
@@ -33,5 +33,5 @@ def draw_angles(
             angle = angles[:, i].copy()
             angle[1:][np.abs(np.diff(angles[:, i])) > 180.0] = np.nan
             ax.plot(time_s, angle, **line, label=label)
-    for ax, name in zip(axes, ("roll", "pitch", "yaw"), strict=True):
+    for ax, name in zip(axes, ("roll", "pitch", "heading"), strict=True):
         ax.set_ylabel(f"{name} in °")

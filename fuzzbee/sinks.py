@@ -136,8 +136,7 @@ def _together(opening: Opening) -> "Sink":
 def _web(opening: Opening) -> "Sink":
     from fuzzbee.web.server import open_page
 
-    where = "" if opening.session is None else f", {opening.prefix}/*"
-    return open_page(opening.options["web"], f"fuzzbee run{where}")
+    return open_page(opening.options["web"], "fuzzbee")
 
 
 SINKS: list[SinkEntry] = [

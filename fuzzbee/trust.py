@@ -135,19 +135,22 @@ def _of_warnings(status: StatusRecord) -> list[Caveat]:
 
 
 def _of_service(status: StatusRecord | None, before: StatusRecord | None) -> list[Caveat]:
-    """What the service itself says, and what it has lost since its last status."""
+    """What the service has lost since its last status.
+
+    A busy computer is no reason to distrust the attitude: sigma knows how old it is.
+    """
     if status is None or before is None:
         return []
     caveats = []
     if status.overloaded:
         shed = status.shed - before.shed
-        caveats.append(Caveat(Level.CARE, f"overloaded, {shed} left out" if shed else "overloaded"))
+        caveats.append(Caveat(Level.GOOD, f"overloaded, {shed} left out" if shed else "overloaded"))
     late = status.overruns - before.overruns
     if late > MUCH_LOST:
-        caveats.append(Caveat(Level.CARE, f"{late} late ticks"))
+        caveats.append(Caveat(Level.GOOD, f"this computer is busy, {late} late ticks"))
     dropped = status.dropped - before.dropped
     if dropped > MUCH_LOST:
-        caveats.append(Caveat(Level.CARE, f"{dropped} records lost"))
+        caveats.append(Caveat(Level.GOOD, f"this computer is busy, {dropped} records lost"))
     refused = sum(status.rejected.values()) - sum(before.rejected.values())
     if refused > max(1.0, MUCH_REFUSED * status.imu_rate_hz):
         caveats.append(Caveat(Level.CARE, f"{refused} refused"))

@@ -147,6 +147,18 @@ def attitude_quaternion(boot_us: int, q_ned_frd: Quaternion, rate_rad_s: Vec3) -
     return _message(mav.ATTITUDE_QUATERNION_ID, _boot_ms(boot_us), *numbers, *no_offset)
 
 
+def attitude_quaternion_cov(
+    boot_us: int, q_ned_frd: Quaternion, rate_rad_s: Vec3, variances_rad2: Vec3
+) -> Message:
+    """ATTITUDE_QUATERNION_COV, w first, with the variances of roll, pitch and yaw.
+
+    https://mavlink.io/en/messages/common.html#ATTITUDE_QUATERNION_COV
+    """
+    roll, pitch, yaw = variances_rad2
+    rows = (roll, 0.0, 0.0, 0.0, pitch, 0.0, 0.0, 0.0, yaw)
+    return _message(mav.ATTITUDE_QUATERNION_COV_ID, boot_us, *q_ned_frd, *rate_rad_s, *rows)
+
+
 def sim_state(
     q_ned_frd: Quaternion,
     euler_rad: Vec3,

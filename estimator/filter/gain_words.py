@@ -1,4 +1,4 @@
-"""What sets the gain K, and what that is worth, in a sentence for people."""
+"""What sets the gain K, in a sentence for people."""
 
 from estimator.filter.types import FilterParams
 
@@ -10,8 +10,5 @@ def gain_in_words(params: FilterParams, *, conditioned: bool) -> str:
     if not params.gain_knows_noise:
         return "the paper's fuzzy rules set K, which suit the noise they were tuned on"
     if conditioned:
-        return (
-            "fuzzy rules in measured noise set K: on conditioned vectors as good as"
-            " the best constant, no better"
-        )
-    return "fuzzy rules in measured noise set K: on raw vectors better than any constant"
+        return "fuzzy rules in measured noise set K, on conditioned vectors"
+    return "fuzzy rules in measured noise set K, on raw vectors"

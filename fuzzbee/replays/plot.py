@@ -67,6 +67,10 @@ class Drawn(NamedTuple):
         ax.plot(self.points.time_s, self.points.largest(values), *style, **line)
 
 
+# The autopilot is no truth: from it an estimate only differs.
+ERROR_WORDS = {"sim": "error", "autopilot": "difference"}
+
+
 def require_plot(path: Path) -> None:
     """Refuse early what cannot be drawn.
 
@@ -155,7 +159,7 @@ def _autopilot(trace: VehicleTrace, compared: Comparison) -> tuple[Floats, Float
 
 
 def _attitude(axes: Any, drawn: Drawn) -> None:
-    """Roll, pitch and yaw."""
+    """Roll, pitch and heading."""
     compared, points = drawn.compared, drawn.points
     truth = np.where(compared.known[:, None], compared.truth, np.nan)
     curves = [(drawn.trace.estimates, ESTIMATE, "estimate")]
@@ -174,6 +178,7 @@ def _errors(axes: Any, drawn: Drawn) -> None:
         drawn.trace.column("sigma_inclination_rad"),
         drawn.trace.column("sigma_heading_rad"),
     )
+    what = ERROR_WORDS.get(compared.source or "", "sigma")
     errors = np.degrees(np.where(compared.known[:, None], compared.errors_rad, np.nan))
     for ax, name, i, sigma in zip(axes, ("inclination", "heading"), (2, 1), sigmas, strict=True):
         within = points.every(np.degrees(sigma))
@@ -182,8 +187,8 @@ def _errors(axes: Any, drawn: Drawn) -> None:
             theirs = np.degrees(drawn.autopilot[1][:, i])
             drawn.plot_largest(ax, theirs, **AUTOPILOT, label="autopilot's error")
         if compared.source is not None:
-            drawn.plot_largest(ax, errors[:, i], "C3-", lw=0.8, label="error")
-        ax.set_ylabel(f"{name}\n{'sigma' if compared.source is None else 'error'} in °")
+            drawn.plot_largest(ax, errors[:, i], "C3-", lw=0.8, label=what)
+        ax.set_ylabel(f"{name}\n{what} in °")
         cap(ax, errors[:, i], np.degrees(sigma))
     legend_above(axes[0], 3)
 

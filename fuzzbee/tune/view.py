@@ -2,22 +2,44 @@
 
 import time
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
-from estimator.filter.memberships import Memberships
-from estimator.profile import Profile
 from fuzzbee.say import say
-from fuzzbee.tune import layout
 from fuzzbee.tune.plan import Plan
-from fuzzbee.viewer.layout import GREY
-from fuzzbee.viewer.sdk import rr
+from fuzzbee.viewer.sdk import rr, rrb
 from fuzzbee.viewer.stream import CLOSED, ViewerOptions, ViewerStream
-from tuning.objective import Scores, profile_with, values_of
-from tuning.search import Population, Search
+from tuning.objective import Scores
+from tuning.search import Search
+from tuning.space import Space, bounds, encode
 
 PERIOD_S = 0.25  # often enough for the eye; drawing more would take time from the search
-CURVES = {"best": layout.BEST, "median": layout.MEDIAN, "mean": layout.MEAN}
+CYCLE = "cycle"
+CURVES = {"best": (230, 60, 90), "median": (80, 150, 255), "mean": (130, 110, 200)}
+
+
+def blueprint(*, bees: bool) -> Any:
+    """Cost and the best member's values on the left; progress and bars on the right."""
+    bars = "Trials in vain, by food source" if bees else "Cost, by member"
+    left = rrb.Vertical(
+        rrb.TimeSeriesView(origin="/cost", name="Cost J by cycle"),
+        rrb.TimeSeriesView(
+            origin="/best",
+            name="The best member's values: 0 is the lower bound, 1 the upper",
+            axis_y=rrb.ScalarAxis(range=(-0.05, 1.05)),
+        ),
+    )
+    right = rrb.Vertical(
+        rrb.TextDocumentView(origin="/progress", name="Progress"),
+        rrb.BarChartView(origin="/trials", name=bars),
+    )
+    return rrb.Blueprint(
+        rrb.Horizontal(left, right, column_shares=[3, 2]),
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+        rrb.TimePanel(state="collapsed", timeline=CYCLE, play_state="following"),
+    )
 
 
 class SearchView:
@@ -37,9 +59,10 @@ class SearchView:
         self._now_s = now_s
         self._due_s = 0.0
         self._drawn_cycles = 0
-        self._drawn_best = np.inf
-        self.stream = ViewerStream(options, lambda: layout.blueprint(self._space, bees=bees))
-        self._introduce()
+        self.stream = ViewerStream(options, lambda: blueprint(bees=bees))
+        self.stream.lines("/cost", list(CURVES), list(CURVES.values()))
+        names = [name.rpartition(".")[2] for name in self._space.names]
+        self.stream.static("/best", rr.SeriesLines(names=names))
 
     def show(self, search: Search) -> None:
         """Draw the latest cycle, if it is due."""
@@ -64,35 +87,13 @@ class SearchView:
         """End the viewer."""
         self.stream.close()
 
-    def _introduce(self) -> None:
-        """Draw what does not change: names, bounds, the base profile."""
-        space, base = self._space, self._plan.task.base
-        self.stream.lines("/cost", list(CURVES), list(CURVES.values()))
-        self.stream.static("/members/bounds", layout.bounds_frame(space))
-        self.stream.static("/members/names", layout.bounds_names(space))
-        start = values_of(space, base)
-        self.stream.static("/members/base", layout.position(space, start, GREY, 1.0))
-        if self._tunes_memberships:
-            self.stream.static("/surface", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
-            self.stream.static("/surface/axes", layout.surface_axes())
-            self.stream.static("/sets/axes", layout.fuzzy_set_axes())
-            self.stream.static("/sets/base", layout.fuzzy_set_lines(base.k, base=True))
-            self.stream.at(layout.CYCLE, sequence=0)
-            self._draw_sets(base.k)
-
-    @property
-    def _tunes_memberships(self) -> bool:
-        """Whether the memberships are among what is tuned."""
-        return "k1" in self._space.names
-
     def _draw(self, search: Search) -> None:
         assert search.population is not None
         self._draw_costs(search)
-        self.stream.at(layout.CYCLE, sequence=search.cycles)
-        self._draw_members(search.population)
-        if search.best_cost < self._drawn_best:
-            self._drawn_best = search.best_cost
-            self._draw_best(search)
+        self.stream.at(CYCLE, sequence=search.cycles)
+        self.stream.log("/best", rr.Scalars(_shares(self._space, search.best_values)))
+        _, costs, failures = search.population
+        self.stream.log("/trials", rr.BarChart(costs if failures is None else failures))
         self._tell(search)
         self._drawn_cycles = search.cycles
 
@@ -101,32 +102,19 @@ class SearchView:
         new = search.history[self._drawn_cycles :]
         if new:
             costs = [[p.best_cost, p.median_cost, p.mean_cost] for p in new]
-            cycles = rr.TimeColumn(layout.CYCLE, sequence=[p.cycles for p in new])
+            cycles = rr.TimeColumn(CYCLE, sequence=[p.cycles for p in new])
             self.stream.send("/cost", cycles, rr.Scalars.columns(scalars=costs))
-
-    def _draw_members(self, population: Population) -> None:
-        values, costs, failures = population
-        self.stream.log("/members/all", layout.members(self._space, values, costs))
-        bars = costs if failures is None else failures
-        self.stream.log("/trials", rr.BarChart(bars, color=layout.MEDIAN))
-
-    def _draw_best(self, search: Search) -> None:
-        best = layout.position(self._space, search.best_values, layout.BEST, 1.8)
-        self.stream.log("/members/best", best)
-        if self._tunes_memberships:
-            self._draw_sets(self._best(search).k)
-
-    def _draw_sets(self, k: Memberships) -> None:
-        self.stream.log("/surface/gain", layout.gain_surface(k))
-        self.stream.log("/sets/best", layout.fuzzy_set_lines(k, base=False))
-        self.stream.log("/sets/names", layout.fuzzy_set_names(k))
-
-    def _best(self, search: Search) -> Profile:
-        return profile_with(self._space, self._plan.task.base, search.best_values)
 
     def _tell(self, search: Search, scores: Sequence[tuple[str, str]] = ()) -> None:
         text = _table(self._plan.options.algorithm, [*_progress(self._plan, search), *scores])
         self.stream.log("/progress", rr.TextDocument(text, media_type="text/markdown"))
+
+
+def _shares(space: Space, values: Any) -> list[float]:
+    """Values (D,) between their bounds, 0 to 1, in search coordinates."""
+    lower, upper = bounds(space)
+    shares: list[float] = ((encode(space, np.asarray(values)) - lower) / (upper - lower)).tolist()
+    return shares
 
 
 def _progress(plan: Plan, search: Search) -> list[tuple[str, str]]:

@@ -1,4 +1,4 @@
-"""The page's server: the page itself, and what it shows as server-sent events.
+"""The page's server: the page, what it shows as server-sent events, and records as JSON.
 
 https://html.spec.whatwg.org/multipage/server-sent-events.html
 """
@@ -128,6 +128,20 @@ class WebPage:
         }
         return b"data: " + msgspec.json.encode(content) + b"\n\n"
 
+    def record(self, path: str) -> bytes | None:
+        """JSON for ``/vehicles`` (their names) or ``/vehicles/NAME/attitude|status``.
+
+        A record is the latest, as on Zenoh; None where there is none.
+        """
+        rows = {row.name: row for row in self.board.rows()}
+        match path.split("/")[1:]:
+            case ["vehicles"]:
+                return msgspec.json.encode(list(rows))
+            case ["vehicles", name, ("attitude" | "status") as kind] if name in rows:
+                record = getattr(rows[name], kind)
+                return None if record is None else msgspec.json.encode(record)
+        return None
+
 
 class _Server(ThreadingHTTPServer):
     daemon_threads = True
@@ -154,8 +168,12 @@ class _Handler(BaseHTTPRequestHandler):
     server_version = "fuzzbee"
     sys_version = ""
 
+    def do_HEAD(self) -> None:
+        """The headers of what a GET would bring."""
+        self.do_GET()
+
     def do_GET(self) -> None:
-        """The page, or its events."""
+        """The page, its events, or a record."""
         if self.server.is_loopback and not self._is_asked_for_loopback():
             # a page of somebody's, whose name has been pointed here
             self.send_error(HTTPStatus.FORBIDDEN)
@@ -163,12 +181,18 @@ class _Handler(BaseHTTPRequestHandler):
         url = urlsplit(self.path)
         match url.path:
             case "/":
-                self._answer("text/html; charset=utf-8")
-                self.wfile.write(files("fuzzbee.web").joinpath("page.html").read_bytes())
-            case "/events":
+                page = files("fuzzbee.web").joinpath("page.html").read_bytes()
+                self._answer("text/html; charset=utf-8", page)
+            case "/events" if self.command == "GET":
                 self._stream(parse_qs(url.query).get("vehicle", [None])[0])
-            case _:
-                self.send_error(HTTPStatus.NOT_FOUND)
+            case "/events":
+                self._answer("text/event-stream")
+            case path:
+                record = self.server.page.record(path)
+                if record is None:
+                    self.send_error(HTTPStatus.NOT_FOUND)
+                else:
+                    self._answer("application/json", record)
 
     def _is_asked_for_loopback(self) -> bool:
         name = urlsplit(f"//{self.headers.get('Host', '')}").hostname or ""
@@ -176,11 +200,15 @@ class _Handler(BaseHTTPRequestHandler):
             return ipaddress.ip_address(name).is_loopback
         return name == "localhost"
 
-    def _answer(self, kind: str) -> None:
+    def _answer(self, kind: str, content: bytes = b"") -> None:
+        """Send headers, and the content unless they alone were asked for."""
         self.send_response(HTTPStatus.OK)
-        for name, value in {"Content-Type": kind, **HEADERS}.items():
+        length = {"Content-Length": str(len(content))} if content else {}
+        for name, value in {"Content-Type": kind, **length, **HEADERS}.items():
             self.send_header(name, value)
         self.end_headers()
+        if self.command == "GET":
+            self.wfile.write(content)
 
     def _stream(self, vehicle: str | None) -> None:
         if not self.server.places.acquire(blocking=False):

@@ -1,4 +1,4 @@
-"""Back to MAVLink: ATTITUDE_QUATERNION and STATUSTEXT from an onboard computer of the vehicle's.
+"""Back to MAVLink: attitude, covariance and STATUSTEXT from an onboard computer of the vehicle.
 
 The sender is the vehicle's system with component 191 (MAV_COMP_ID_ONBOARD_COMPUTER),
 never the autopilot: a ground station must not mix the two, and no vehicle should fly by our
@@ -7,6 +7,7 @@ attitude without being told to. A heartbeat each second says what we are.
 
 import time
 from collections.abc import Callable, Sequence
+from math import log, radians, sqrt
 
 from drivers.endpoint import Endpoint
 from drivers.events import VehicleId
@@ -16,6 +17,7 @@ from drivers.mavlink.encoder import (
     Message,
     attitude,
     attitude_quaternion,
+    attitude_quaternion_cov,
     heartbeat,
     statustexts,
 )
@@ -34,7 +36,10 @@ from service.records import (
 from service.second_opinion import Verdict
 
 MAX_RATE_HZ = 50.0  # of attitudes per vehicle: 2.6 kB/s, which a 57600 baud radio can take
+COVARIANCE_US = 200_000  # between two ATTITUDE_QUATERNION_COV: sigma changes slowly
 HEARTBEAT_US = 1_000_000
+# 68 % of the lengths of two equal normal errors are below this many standard deviations.
+RAYLEIGH_68 = sqrt(-2.0 * log(1.0 - 0.68))
 ANNOUNCED_US = 10_000_000
 RETRY_S = 1.0
 
@@ -171,6 +176,7 @@ class Sender:
         component = vehicle.component_id if is_vehicle else mav.MAV_COMP_ID_ONBOARD_COMPUTER
         self._encoder = FrameEncoder(VehicleId(vehicle.system_id, component))
         self._attitude_due_us = 0
+        self._covariance_due_us = 0
         self._heartbeat_due_us = 0
         self._announcement_due_us = 0
         self._announcements = 0
@@ -198,6 +204,9 @@ class Sender:
             start_us = self._attitude_due_us if 0 <= late_us < period_us else now_us
             self._attitude_due_us = start_us + period_us
             messages.append(self._attitude(record))
+            if _is_due(now_us, self._covariance_due_us, COVARIANCE_US) and not self._is_vehicle:
+                self._covariance_due_us = now_us + COVARIANCE_US
+                messages.append(_with_covariance(record))
         return [self._encoder.frame(message, now_us) for message in messages]
 
     def _attitude(self, record: AttitudeRecord) -> Message:
@@ -214,6 +223,18 @@ class Sender:
                 heartbeat(mav.MAV_TYPE_GENERIC, mav.MAV_AUTOPILOT_GENERIC, mav.MAV_STATE_STANDBY)
             ]
         return [heartbeat(mav.MAV_TYPE_ONBOARD_CONTROLLER, mav.MAV_AUTOPILOT_INVALID)]
+
+
+def _with_covariance(record: AttitudeRecord) -> Message:
+    """The attitude with its sigmas as variances of roll, pitch and yaw."""
+    level = radians(record.sigma_deg.inclination) / RAYLEIGH_68
+    yaw = radians(record.sigma_deg.heading)
+    return attitude_quaternion_cov(
+        record.time_boot_us,
+        record.q_ned_frd,
+        record.rate_rad_s,
+        (level * level, level * level, yaw * yaw),
+    )
 
 
 def announced(said: Autopilot) -> str:

@@ -80,17 +80,19 @@ def test_a_warning_of_another_version_is_counted_and_its_words_are_not_shown():
 
 
 @pytest.mark.parametrize(
-    ("after", "text"),
+    ("after", "text", "level"),
     [
-        (changed(overloaded=True, shed=40), "overloaded, 40 left out"),
-        (changed(overruns=30), "30 late ticks"),
-        (changed(dropped=30), "30 records lost"),
-        (changed(rejected={"gap": 11}), "11 refused"),
+        (changed(overloaded=True, shed=40), "overloaded, 40 left out", Level.GOOD),
+        (changed(overruns=30), "this computer is busy, 30 late ticks", Level.GOOD),
+        (changed(dropped=30), "this computer is busy, 30 records lost", Level.GOOD),
+        (changed(rejected={"gap": 11}), "11 refused", Level.CARE),
     ],
 )
-def test_what_the_service_loses_now_calls_for_care(after, text):
+def test_what_the_service_loses_now_is_named_and_only_refused_samples_call_for_care(
+    after, text, level
+):
     judged = trust(State.RUNNING, record(), after, STATUS)
-    assert judged.overall is Level.CARE
+    assert judged.overall is level
     assert [caveat.text for caveat in judged.caveats] == [text]
     if not after.overloaded:  # a state, not a count
         assert trust(State.RUNNING, record(), after, after).overall is Level.GOOD

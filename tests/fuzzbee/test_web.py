@@ -8,6 +8,7 @@ from contextlib import ExitStack, closing
 from importlib.resources import files
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from drivers.events import VehicleId
@@ -78,6 +79,31 @@ def test_another_attitude_of_the_autopilot_is_told(page):
     assert one["autopilot"] == [0.0, 0.0, 25.0]
     assert one["reasons"] == [[1, "autopilot heading 25° off"]]
     assert one["warnings"] == ["warning: autopilot heading 25° off ours; its own is likely wrong"]
+
+
+def test_records_are_those_of_zenoh(page):
+    sent = record(10, -20, 30)
+    page.handle([Published(ONE, sent), Published(ONE, running()), Published(OTHER, record())])
+    with asked(page, "/vehicles") as answer:
+        assert answer.getheader("Content-Type") == "application/json"
+        assert json.loads(answer.read()) == ["1", "2-154"]
+    with asked(page, "/vehicles/1/attitude") as answer:
+        assert answer.read() == msgspec.json.encode(sent)
+    with asked(page, "/vehicles/1/status") as answer:
+        assert json.loads(answer.read())["imu_message"] == "RAW_IMU"
+    for path in ("/vehicles/9/attitude", "/vehicles/2-154/status", "/vehicles/1", "/vehicles/1/x"):
+        with asked(page, path) as answer:
+            assert answer.status == 404, path
+
+
+@pytest.mark.parametrize("path", ["/", "/events", "/vehicles"])
+def test_headers_alone_are_answered(page, path):
+    connection = http.client.HTTPConnection("127.0.0.1", page.address.port, timeout=10)
+    with closing(connection):
+        connection.request("HEAD", path)
+        answer = connection.getresponse()
+        assert answer.status == 200
+        assert answer.read() == b""
 
 
 def test_the_page_needs_nothing_else(page):

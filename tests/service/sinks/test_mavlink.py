@@ -41,6 +41,10 @@ def attitudes(count, period_us, vehicle=VEHICLE, start=0):
     ]
 
 
+def without_covariance(found):
+    return [m for m in found if m.get_type() != "ATTITUDE_QUATERNION_COV"]
+
+
 def messages(receiver):
     """All that has come, up to now."""
     parser = ardupilotmega.MAVLink(None)
@@ -57,9 +61,10 @@ def test_the_attitude_comes_from_the_onboard_computer_never_from_the_autopilot(r
     sink = sink_to(receiver)
     sink.handle(attitudes(1, 0))
     got = messages(receiver)
-    assert [m.get_type() for m in got] == ["HEARTBEAT", "ATTITUDE_QUATERNION"]
+    kinds = ["HEARTBEAT", "ATTITUDE_QUATERNION", "ATTITUDE_QUATERNION_COV"]
+    assert [m.get_type() for m in got] == kinds
     assert {(m.get_srcSystem(), m.get_srcComponent()) for m in got} == {(7, 191)}
-    heartbeat, attitude = got
+    heartbeat, attitude, uncertain = got
     assert heartbeat.type == ardupilotmega.MAV_TYPE_ONBOARD_CONTROLLER
     assert heartbeat.autopilot == ardupilotmega.MAV_AUTOPILOT_INVALID
     sent = record(10, 20, 30)
@@ -70,6 +75,19 @@ def test_the_attitude_comes_from_the_onboard_computer_never_from_the_autopilot(r
         sent.rate_rad_s
     )
     assert attitude.time_boot_ms == 1000
+    assert uncertain.time_usec == 1_000_000
+    assert list(uncertain.q) == pytest.approx(sent.q_ned_frd, abs=1e-7)
+    level, heading = sent.sigma_deg.inclination / 1.5096, sent.sigma_deg.heading
+    roll, pitch, yaw = (math.degrees(math.sqrt(uncertain.covariance[4 * k])) for k in range(3))
+    assert (roll, pitch, yaw) == pytest.approx((level, level, heading), rel=1e-3)
+    sink.close()
+
+
+def test_sigma_is_sent_five_times_a_second(receiver):
+    sink = sink_to(receiver)
+    sink.handle(attitudes(101, 10_000))
+    kinds = [m.get_type() for m in messages(receiver)]
+    assert kinds.count("ATTITUDE_QUATERNION_COV") == 6
     sink.close()
 
 
@@ -144,7 +162,7 @@ def test_two_components_of_a_system_are_not_mixed(receiver):
     sink.handle(attitudes(1, 0) + attitudes(3, 20_000, vehicle=VehicleId(7, 154)))
     sink.handle(attitudes(1, 0, vehicle=VehicleId(8, 191)))  # another onboard computer: not ours
     got = messages(receiver)
-    assert [m.get_srcSystem() for m in got] == [7, 7]
+    assert [m.get_srcSystem() for m in without_covariance(got)] == [7, 7]
     sink.close()
 
 
@@ -192,11 +210,12 @@ def test_what_is_no_link_is_refused(tmp_path):
 def test_another_component_speaks_for_the_system_once_the_first_is_forgotten(receiver):
     sink, other = sink_to(receiver), VehicleId(7, 2)
     sink.handle(attitudes(1, 0) + attitudes(1, 0, other))
-    assert len(messages(receiver)) == 2
+    assert len(without_covariance(messages(receiver))) == 2
     sink.handle([Departed(other), *attitudes(1, 0, other)])
     assert messages(receiver) == []
     sink.handle([Departed(VEHICLE), *attitudes(1, 0, other)])
-    assert [m.get_type() for m in messages(receiver)] == ["HEARTBEAT", "ATTITUDE_QUATERNION"]
+    got = without_covariance(messages(receiver))
+    assert [m.get_type() for m in got] == ["HEARTBEAT", "ATTITUDE_QUATERNION"]
     sink.close()
 
 
