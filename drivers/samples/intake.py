@@ -173,7 +173,8 @@ class Intake:
     ) -> list[Event]:
         """A simulator's attitude that has waited, with the time of the IMU message it is of."""
         last = self._last_imu or latest
-        is_next = abs(latest[1] - arrival_us) < arrival_us - last[1]
+        # halfway between two it is of neither, but of one that was lost
+        is_next = 4 * abs(latest[1] - arrival_us) < arrival_us - last[1]
         time_us = (latest if is_next else last)[0]
         return self._of_imu(name, arrival_us, "sim", q_ned_frd, time_us)
 
