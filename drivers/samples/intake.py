@@ -155,8 +155,8 @@ class Intake:
         """An attitude without a time of its own: it gets that of the IMU message before it.
 
         A simulator's may as well have been sent before its IMU message: unless it comes right
-        behind one, it waits for the next, and belongs to the nearer. A second one of the same IMU
-        message is left out: its own was lost. So is an autopilot's, if it sends attitudes that
+        behind one, it waits for the next, and belongs to that if both come together. A second one
+        of the same IMU message is left out: its own was lost. So is an autopilot's, if it sends attitudes that
         have a time.
         """
         last = self._last_imu
@@ -173,8 +173,7 @@ class Intake:
     ) -> list[Event]:
         """A simulator's attitude that has waited, with the time of the IMU message it is of."""
         last = self._last_imu or latest
-        # halfway between two it is of neither, but of one that was lost
-        is_next = 4 * abs(latest[1] - arrival_us) < arrival_us - last[1]
+        is_next = abs(latest[1] - arrival_us) <= SAME_BURST_US
         time_us = (latest if is_next else last)[0]
         return self._of_imu(name, arrival_us, "sim", q_ned_frd, time_us)
 
