@@ -3,6 +3,7 @@
 Arrivals come in with the data. They tell a gap from a leap of the clock.
 """
 
+from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 from drivers.samples.clock_pace import ClockPace
@@ -49,6 +50,7 @@ class Step(NamedTuple):
     elapsed_us: int | None = None
 
 
+@dataclass(slots=True)
 class ClockLine:
     """Follows one clock from message to message; ``wrap_us`` is 0 if it never wraps.
 
@@ -56,30 +58,16 @@ class ClockLine:
     time changes nothing.
     """
 
-    __slots__ = (
-        "arrival_us",
-        "beside",
-        "boot_us",
-        "candidate",
-        "floor_us",
-        "hears_arrivals",
-        "is_started",
-        "pace",
-        "wrap_us",
-        "wrapped_us",
-    )
-
-    def __init__(self, wrap_us: int, *, hears_arrivals: bool) -> None:
-        self.wrap_us = wrap_us
-        self.hears_arrivals = hears_arrivals
-        self.wrapped_us = 0  # what wraps have added so far
-        self.is_started = False
-        self.boot_us = 0  # of the last message
-        self.arrival_us = 0
-        self.floor_us = 0  # the smallest arrival minus boot time, with drift
-        self.candidate: Moment | None = None  # a message that stepped away, to be confirmed
-        self.beside: Moment | None = None  # the last message of another line
-        self.pace = ClockPace()
+    wrap_us: int
+    hears_arrivals: bool
+    wrapped_us: int = 0  # what wraps have added so far
+    is_started: bool = False
+    boot_us: int = 0  # of the last message
+    arrival_us: int = 0
+    floor_us: int = 0  # the smallest arrival minus boot time, with drift
+    candidate: Moment | None = None  # a message that stepped away, to be confirmed
+    beside: Moment | None = None  # the last message of another line
+    pace: ClockPace = field(default_factory=ClockPace)
 
     def advance(self, raw_us: int, arrival_us: int, misses_some: bool) -> Step | None:
         """Take the clock's next message; None, nearly always, if it just goes on.

@@ -1,5 +1,7 @@
 """Whether a clock keeps time, by the host's, and whether its messages arrive steadily."""
 
+from dataclasses import dataclass
+
 SECOND_US = 1_000_000
 LONGEST_SECOND_US = 2 * SECOND_US  # a longer time without a message is a gap, not a pace
 # Off pace is a clock that for two seconds in a row was so many times too fast or too slow. A burst
@@ -11,29 +13,22 @@ STEADY_SECONDS = 5
 STEADY_LATE_US = SECOND_US // 10
 
 
+@dataclass(slots=True)
 class ClockPace:
     """Compares a clock's seconds with the host's."""
 
-    __slots__ = (
-        "arrival_us",
-        "boot_us",
-        "kept_arrival_us",
-        "kept_boot_us",
-        "late_us",
-        "off_seconds",
-        "steady_seconds",
-        "worst_late_us",
-    )
-
-    def __init__(self) -> None:
-        self.off_seconds = self.steady_seconds = 0
-        self.begin(0, 0)
+    boot_us: int = 0  # where this second began, how late, and the largest lateness within
+    arrival_us: int = 0
+    late_us: int = 0
+    worst_late_us: int = 0
+    kept_boot_us: int = 0  # the end of the last second that was in pace
+    kept_arrival_us: int = 0
+    off_seconds: int = 0
+    steady_seconds: int = 0
 
     def begin(self, boot_us: int, arrival_us: int, *, keeps_record: bool = False) -> None:
         """Begin with a message; the record of steady seconds may be kept."""
-        # where this second began, how late, and the largest lateness within
         self.boot_us, self.arrival_us, self.late_us, self.worst_late_us = boot_us, arrival_us, 0, 0
-        # the end of the last second that was in pace
         self.kept_boot_us, self.kept_arrival_us = boot_us, arrival_us
         self.off_seconds = 0
         if not keeps_record:

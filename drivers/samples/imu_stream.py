@@ -34,8 +34,6 @@ class Reading(Value, frozen=True):
 class ImuStream:
     """What is remembered about one IMU message of the vehicle."""
 
-    __slots__ = ("_faults", "_field", "_held", "_name", "_plausibility", "_vehicle")
-
     def __init__(self, vehicle: VehicleId, name: str, field: FreshField) -> None:
         self._vehicle, self._name = vehicle, name
         self._field = field

@@ -6,7 +6,7 @@ vehicle's continuous clock and becomes events.
 
 import math
 from collections.abc import Callable
-from typing import Any, Literal
+from typing import Any
 
 from drivers.events import (
     BodyRates,
@@ -27,6 +27,7 @@ from drivers.samples.imu_stream import ImuStream, Stamp
 from drivers.samples.navigation import Navigation
 from drivers.samples.plausibility import is_place
 from drivers.samples.preference import is_receiver
+from drivers.samples.unstamped import Source, UnstampedAttitudes
 from drivers.samples.vehicle_clock import Placed, Refused, VehicleClock
 from estimator.reasons import Reason
 from estimator.types import Quaternion, RateSample, Vec3, VelocitySample
@@ -36,10 +37,6 @@ MOST_STREAMS = 16  # IMUs of one vehicle; real ones have three, and four message
 ATTITUDE_EVERY_US = 390_000
 # What a vehicle is it may say often; once in a while is enough.
 VERSION_EVERY_US = 900_000
-
-SAME_BURST_US = 2_000  # messages that are sent together arrive together
-
-Source = Literal["autopilot", "sim"]
 
 
 class Intake:
@@ -69,9 +66,7 @@ class Intake:
         self.navigation = Navigation()
         self.clock = VehicleClock(hears_arrivals=log_time is None)
         self._imus: dict[str, ImuStream] = {}
-        self._last_imu: tuple[int, int] | None = None  # time and arrival of the latest IMU sample
-        self._truths: list[tuple[str, int, Quaternion]] = []  # that may be of the next one
-        self._unstamped_us: dict[str, int] = {}  # the time that each has had last
+        self._unstamped = UnstampedAttitudes(vehicle)
 
     @property
     def has_imu(self) -> bool:
@@ -92,11 +87,7 @@ class Intake:
         resets = self._resets(placed, stream.arrival_us(reading))
         events = stream.place(reading, placed, resets, doubts_axes=self.doubts_axes)
         if isinstance(placed, Placed):
-            latest = placed.time_us, stamp.arrival_us
-            for waiting in self._truths:
-                events += self._settled(*waiting, latest)
-            self._truths.clear()
-            self._last_imu = latest
+            events += self._unstamped.imu(placed.time_us, stamp.arrival_us)
         return events
 
     def attitude(
@@ -152,38 +143,13 @@ class Intake:
     def unstamped(
         self, name: str, arrival_us: int, source: Source, q_ned_frd: Quaternion | None
     ) -> list[Event]:
-        """An attitude without a time of its own: it gets that of the IMU message before it.
+        """An attitude without a time of its own: it gets that of its IMU message.
 
-        A simulator's may as well have been sent before its IMU message: unless it comes right
-        behind one, it waits for the next, and belongs to the nearer. A second one of the same IMU
-        message is left out: its own was lost. So is an autopilot's, if it sends attitudes that
-        have a time.
+        An autopilot's is left out if it sends attitudes that have a time.
         """
-        last = self._last_imu
-        if q_ned_frd is None or last is None or (source == "autopilot" and self._has_attitude):
+        if q_ned_frd is None or (source == "autopilot" and self._has_attitude):
             return []
-        if source == "sim" and arrival_us - last[1] > SAME_BURST_US:
-            if len(self._truths) < MOST_STREAMS:
-                self._truths.append((name, arrival_us, q_ned_frd))
-            return []
-        return self._of_imu(name, arrival_us, source, q_ned_frd, last[0])
-
-    def _settled(
-        self, name: str, arrival_us: int, q_ned_frd: Quaternion, latest: tuple[int, int]
-    ) -> list[Event]:
-        """A simulator's attitude that has waited, with the time of the IMU message it is of."""
-        last = self._last_imu or latest
-        is_next = abs(latest[1] - arrival_us) < arrival_us - last[1]
-        time_us = (latest if is_next else last)[0]
-        return self._of_imu(name, arrival_us, "sim", q_ned_frd, time_us)
-
-    def _of_imu(
-        self, name: str, arrival_us: int, source: Source, q_ned_frd: Quaternion, time_us: int
-    ) -> list[Event]:
-        if self._unstamped_us.get(name, time_us - 1) >= time_us:
-            return []
-        self._unstamped_us[name] = time_us
-        return [ReferenceAttitude(self.vehicle, arrival_us, time_us, source, name, q_ned_frd)]
+        return self._unstamped.attitude(name, arrival_us, source, q_ned_frd)
 
     def filter_says(self, status: FilterStatus, arrival_us: int) -> list[Event]:
         """The vehicle's own filter speaks of itself."""

@@ -8,10 +8,9 @@ anything of itself is believed as it stands.
 """
 
 from math import hypot, isfinite
-from typing import Any
+from typing import NamedTuple
 
 from drivers.events import FilterStatus
-from estimator.compilation.compiled import inlined
 
 # What EKF_STATUS_REPORT, ESTIMATOR_STATUS, DataFlash's XKF4.SS and ULog's solution_status_flags
 # agree on: https://mavlink.io/en/messages/ardupilotmega.html#EKF_STATUS_FLAGS
@@ -45,81 +44,63 @@ def filter_status(flags: int, velocity_ratio: float, compass_ratio: float = 0.0)
     )
 
 
-# What was said last, each 1, 0, or :data:`UNSAID`, and when it arrived.
-Words = Any  # a list of whole numbers, or a row of an array
-UNSAID = -1
-STATUS_US, HAS_VELOCITY, HAS_PLACE, FIX_US, HAS_FIX = 0, 1, 2, 3, 4
-WORDS = 5
+class Said(NamedTuple):
+    """What somebody reported last, and when it arrived."""
+
+    is_so: bool
+    arrival_us: int
+
+    def holds(self, now_us: int) -> bool:
+        """Whether it still counts."""
+        return abs(now_us - self.arrival_us) <= WORD_HOLDS_US
 
 
-@inlined
-def holds(word: int, said_us: int, now_us: int) -> bool:
-    """Whether something was said that still counts."""
-    return word != UNSAID and abs(now_us - said_us) <= WORD_HOLDS_US
-
-
-@inlined
-def velocity_doubt(words: Words, doubt: float, arrival_us: int) -> float:
-    """What a filter's sigma of its velocity is to be multiplied by; negative if it has none."""
-    if not holds(words[HAS_VELOCITY], words[STATUS_US], arrival_us):
-        return 1.0
-    return doubt if words[HAS_VELOCITY] == 1 else -1.0
-
-
-@inlined
-def believes_place(
-    words: Words, latitude_deg: float, longitude_deg: float, arrival_us: int
-) -> bool:
-    """Whether the filter's place is one.
-
-    It is where the filter says that it knows its place. Where it does not, the receiver
-    must have a fix; where neither ever said anything, the place has only to be plausible.
-    """
-    has_status = holds(words[HAS_PLACE], words[STATUS_US], arrival_us)
-    if has_status and words[HAS_PLACE] == 1:
-        return True
-    if is_nowhere(latitude_deg, longitude_deg):
-        return False
-    if holds(words[HAS_FIX], words[FIX_US], arrival_us):
-        return bool(words[HAS_FIX] == 1)
-    return not has_status
-
-
-@inlined
 def is_nowhere(latitude_deg: float, longitude_deg: float) -> bool:
     """Whether a place is so near to (0, 0) that it is none, in all likelihood."""
     return METRES_A_DEGREE * hypot(latitude_deg, longitude_deg) < NOWHERE_M
 
 
 class Navigation:
-    """The last words of one vehicle's receiver and filter; times are those of arrival.
-
-    ``words`` and ``doubt`` are what the functions here take.
-    """
+    """The last words of one vehicle's receiver and filter; times are those of arrival."""
 
     def __init__(self) -> None:
-        self.words = [0, UNSAID, UNSAID, 0, UNSAID]
-        self.doubt = 1.0
+        self._velocity: Said | None = None  # whether the filter has one
+        self._place: Said | None = None
+        self._fix: Said | None = None  # whether the receiver has one
+        self._doubt = 1.0  # what the filter's sigma of its velocity is to be multiplied by
 
     def forget(self) -> None:
         """The vehicle has rebooted: what it said before says nothing now."""
-        self.words[:] = [0, UNSAID, UNSAID, 0, UNSAID]
+        self._velocity = self._place = self._fix = None
 
     def hear_status(self, status: FilterStatus, arrival_us: int) -> None:
         """The filter spoke of itself."""
-        self.words[:FIX_US] = [arrival_us, int(status.has_velocity), int(status.has_place)]
+        self._velocity = Said(status.has_velocity, arrival_us)
+        self._place = Said(status.has_place, arrival_us)
         doubt = GATE_SIGMAS * status.velocity_ratio - (ORDINARY_SIGMAS - 1.0)
-        self.doubt = min(max(1.0, doubt), MOST_DOUBT)
+        self._doubt = min(max(1.0, doubt), MOST_DOUBT)
 
     def hear_fix(self, has_fix: bool, arrival_us: int) -> None:
         """The receiver spoke."""
-        self.words[FIX_US:] = [arrival_us, int(has_fix)]
+        self._fix = Said(has_fix, arrival_us)
 
     def velocity_sigma_m_s(self, sigma_m_s: float, arrival_us: int) -> float | None:
         """How certain the filter's velocity is, by itself ``sigma_m_s``; None if it has none."""
-        doubt = velocity_doubt(self.words, self.doubt, arrival_us)
-        return None if doubt < 0.0 else sigma_m_s * doubt
+        said = self._velocity
+        if said is None or not said.holds(arrival_us):
+            return sigma_m_s
+        return sigma_m_s * self._doubt if said.is_so else None
 
     def believes_place(self, latitude_deg: float, longitude_deg: float, arrival_us: int) -> bool:
-        """See :func:`believes_place`."""
-        return believes_place(self.words, latitude_deg, longitude_deg, arrival_us)
+        """Whether the filter's place is one.
+
+        It is where the filter says that it knows its place. Where it does not, the receiver
+        must have a fix; where neither ever said anything, the place has only to be plausible.
+        """
+        place, fix = self._place, self._fix
+        has_status = place is not None and place.holds(arrival_us)
+        if has_status and place is not None and place.is_so:
+            return True
+        if is_nowhere(latitude_deg, longitude_deg):
+            return False
+        return fix.is_so if fix is not None and fix.holds(arrival_us) else not has_status

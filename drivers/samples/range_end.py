@@ -4,6 +4,8 @@ Beyond the one, readings stay where they are: an equal large value on one axis. 
 an integer of 16 bits wraps, and the value goes on from the field's other end.
 """
 
+from dataclasses import dataclass, field
+
 from drivers.samples.readings import NOISY_SAMPLES
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec3
 
@@ -15,6 +17,7 @@ RATE_STEP_RAD_S = 10.0
 RATE_STEP_RAD_S2 = 500.0
 
 
+@dataclass(slots=True)
 class RangeEnd:
     """Follows one sensor's three axes.
 
@@ -23,36 +26,22 @@ class RangeEnd:
     ``step_a_s`` what it can change by between two readings.
     """
 
-    __slots__ = (
-        "_changes",
-        "_equal",
-        "_field_end",
-        "_last",
-        "_most",
-        "_rail",
-        "_step",
-        "_step_a_s",
-        "_wraps",
-        "is_large",
-        "is_noisy",
-    )
-
-    def __init__(
-        self, rail: float, field_end: float, most: float, step: float, step_a_s: float
-    ) -> None:
-        self._rail, self._field_end, self._most = rail, field_end, most
-        self._step, self._step_a_s = step, step_a_s
-        self._last: Vec3 = ZERO_VEC3
-        self._changes = [0, 0, 0]  # of each axis, which show that it has noise
-        self._equal = [0, 0, 0]  # readings at a rail, one after the other
-        self._wraps = [0, 0, 0]  # how often the value has gone over the field's end
-        self.is_noisy = False  # on all axes
-        self.is_large = False  # the latest reading, or that it is not as small as it seems
+    rail: float
+    field_end: float
+    most: float
+    step: float
+    step_a_s: float = 0.0
+    last: Vec3 = ZERO_VEC3
+    changes: list[int] = field(default_factory=lambda: [0, 0, 0])  # of each axis: it has noise
+    equal: list[int] = field(default_factory=lambda: [0, 0, 0])  # readings at a rail in a row
+    wraps: list[int] = field(default_factory=lambda: [0, 0, 0])  # over the field's end so far
+    is_noisy: bool = False  # on all axes
+    is_large: bool = False  # the latest reading, or not as small as it seems
 
     def is_reached(self, now: Vec3, step_s: float) -> bool:
         """Whether a reading, ``step_s`` after the last, is at an end or beyond."""
         x, y, z = now
-        rail, last, self._last = self._rail, self._last, now
+        rail, last, self.last = self.rail, self.last, now
         if -rail < x < rail and -rail < y < rail and -rail < z < rail:
             if self.is_noisy and not self.is_large:  # nearly always
                 return False
@@ -71,27 +60,27 @@ class RangeEnd:
     def _is_at_rail(self, axis: int, value: float, last: float) -> bool:
         size = abs(value)
         if value != last:
-            self._changes[axis] += 1
-        is_equal = value == last and size >= self._rail
-        self._equal[axis] = self._equal[axis] + 1 if is_equal else 0
-        is_noisy = self._changes[axis] >= NOISY_SAMPLES
+            self.changes[axis] += 1
+        is_equal = value == last and size >= self.rail
+        self.equal[axis] = self.equal[axis] + 1 if is_equal else 0
+        is_noisy = self.changes[axis] >= NOISY_SAMPLES
         self.is_noisy = self.is_noisy and is_noisy
         # -32768 is further than 32767
-        at_end = (1 - 1e-9) * self._field_end <= size <= (1 + 1e-4) * self._field_end
-        return at_end or (is_noisy and self._equal[axis] >= RAIL_SAMPLES)
+        at_end = (1 - 1e-9) * self.field_end <= size <= (1 + 1e-4) * self.field_end
+        return at_end or (is_noisy and self.equal[axis] >= RAIL_SAMPLES)
 
     def _has_wrapped(self, axis: int, value: float, last: float, step_s: float) -> bool:
         """Whether the true value is beyond the field's end: only there it goes on from the last."""
-        span = 2.0 * self._field_end * (32768 / 32767)
-        true_last = last + span * self._wraps[axis]
+        span = 2.0 * self.field_end * (32768 / 32767)
+        true_last = last + span * self.wraps[axis]
         wraps = round((true_last - value) / span)
         if wraps == 0 or not 0.0 < step_s <= LONGEST_STEP_S:
-            self._wraps[axis] = 0
+            self.wraps[axis] = 0
             return False
         true = value + span * wraps
-        goes_on = abs(true - true_last) <= max(self._step, self._step_a_s * step_s)
-        self._wraps[axis] = wraps if goes_on and abs(true) <= self._most else 0
-        return self._wraps[axis] != 0
+        goes_on = abs(true - true_last) <= max(self.step, self.step_a_s * step_s)
+        self.wraps[axis] = wraps if goes_on and abs(true) <= self.most else 0
+        return self.wraps[axis] != 0
 
 
 def gyroscope_end() -> RangeEnd:
@@ -102,4 +91,4 @@ def gyroscope_end() -> RangeEnd:
 def accelerometer_end() -> RangeEnd:
     """Of common ones ranges begin at 4 g; a shock may change it by 10 g between two readings."""
     g = STANDARD_GRAVITY_M_S2
-    return RangeEnd(3.9 * g, 32.767 * g, 41.0 * g, 10.0 * g, 0.0)
+    return RangeEnd(3.9 * g, 32.767 * g, 41.0 * g, 10.0 * g)

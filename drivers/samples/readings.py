@@ -1,5 +1,6 @@
 """One IMU message's vectors, and a sensor's equal readings in a row."""
 
+from dataclasses import dataclass
 from math import log
 from typing import NamedTuple
 
@@ -23,6 +24,7 @@ class Readings(NamedTuple):
     mag_gauss: Vec3
 
 
+@dataclass(slots=True)
 class Repetition:
     """Counts a sensor's equal readings, and knows how often it repeats itself.
 
@@ -30,14 +32,12 @@ class Repetition:
     reading takes it back.
     """
 
-    __slots__ = ("begin_us", "changed", "changes", "equal", "is_proven", "repeated")
-
-    def __init__(self) -> None:
-        self.changes = 0
-        self.equal = 0  # readings since the last change
-        self.begin_us = 0  # when they began
-        self.is_proven = False
-        self.changed = self.repeated = 1.0  # pairs of readings, lately
+    changes: int = 0
+    equal: int = 0  # readings since the last change
+    begin_us: int = 0  # when they began
+    is_proven: bool = False
+    changed: float = 1.0  # pairs of readings, lately
+    repeated: float = 1.0
 
     def observe(self, raw_us: int, *, repeats: bool) -> None:
         """Take a reading's time, and whether it repeats the last."""

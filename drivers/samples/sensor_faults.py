@@ -1,11 +1,13 @@
 """Readings that look like data and are none: of sensors that are stuck, at their end, or leap."""
 
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from drivers.samples.range_end import (
     MICROSECOND,
     RATE_STEP_RAD_S,
     RATE_STEP_RAD_S2,
+    RangeEnd,
     accelerometer_end,
     gyroscope_end,
 )
@@ -40,111 +42,100 @@ class Blindness(NamedTuple):
     span_us: int
 
 
+@dataclass(slots=True)
 class StuckField:
     """Finds a field that does not follow the vehicle's turning."""
 
-    __slots__ = ("_changes", "_equal", "_since_us", "_turn_rad", "is_stuck")
-
-    def __init__(self) -> None:
-        self._changes = self._equal = self._since_us = 0
-        self._turn_rad = 0.0  # without a new field
-        self.is_stuck = False  # by the last reading
+    changes: int = 0
+    equal: int = 0
+    since_us: int = 0
+    turn_rad: float = 0.0  # without a new field
+    is_stuck: bool = False  # by the last reading
 
     def observe(self, now: Readings, last: Readings, raw_us: int, step_us: int) -> None:
         """Take the reading behind ``last``."""
         mag = now.mag_gauss
         if mag != last.mag_gauss or mag == ZERO_VEC3:
-            self._changes += 1
-            self._equal, self._since_us, self._turn_rad = 0, raw_us, 0.0
+            self.changes += 1
+            self.equal, self.since_us, self.turn_rad = 0, raw_us, 0.0
             self.is_stuck = False
             return
-        self._equal += 1
+        self.equal += 1
         step_s = MICROSECOND * min(max(step_us, 0), MAG_STUCK_US)
-        self._turn_rad += step_s * largest(now.gyr_rad_s)
+        self.turn_rad += step_s * largest(now.gyr_rad_s)
         self.is_stuck = (
-            self._turn_rad >= MAG_TURN_RAD
-            and raw_us - self._since_us >= MAG_STUCK_US
-            and self._equal >= MAG_STUCK_SAMPLES
-            and self._changes >= NOISY_SAMPLES
+            self.turn_rad >= MAG_TURN_RAD
+            and raw_us - self.since_us >= MAG_STUCK_US
+            and self.equal >= MAG_STUCK_SAMPLES
+            and self.changes >= NOISY_SAMPLES
         )
 
 
+@dataclass(slots=True)
 class SensorFaults:
     """Follows one IMU stream and finds the faults of its sensors."""
 
-    __slots__ = (
-        "_acc_end",
-        "_blinded",
-        "_blinding",
-        "_blinding_us",
-        "_good_gyr",
-        "_good_us",
-        "_gyr_end",
-        "_last",
-        "_last_us",
-        "_mag",
-        "_stuck",
-    )
-
-    def __init__(self) -> None:
-        self._gyr_end, self._acc_end = gyroscope_end(), accelerometer_end()
-        self._stuck, self._mag = StuckImu(), StuckField()
-        self._last, self._last_us = NOTHING, 0
-        self._good_gyr, self._good_us = ZERO_VEC3, 0  # the last good rate
-        # why and since when the vehicle may turn unseen, and the last such stretch
-        self._blinding: Reason | None = None
-        self._blinding_us = 0
-        self._blinded: Blindness | None = None
+    gyr_end: RangeEnd = field(default_factory=gyroscope_end)
+    acc_end: RangeEnd = field(default_factory=accelerometer_end)
+    stuck: StuckImu = field(default_factory=StuckImu)
+    mag: StuckField = field(default_factory=StuckField)
+    last: Readings = NOTHING
+    last_us: int = 0
+    good_gyr: Vec3 = ZERO_VEC3  # the last good rate
+    good_us: int = 0
+    blinding: Reason | None = None  # why and since when the vehicle may turn unseen
+    blinding_us: int = 0
+    blinded: Blindness | None = None  # the last such stretch
 
     def refusal(self, readings: Readings, raw_us: int) -> Reason | None:
         """Why a reading at ``raw_us`` on the vehicle's clock is no data; None if it is."""
-        step_us = raw_us - self._last_us
+        step_us = raw_us - self.last_us
         why = self._saturation(readings, MICROSECOND * step_us)
         if why is None:
-            why = self._stuck.refusal(readings, self._last, raw_us)
-        if why is None and self._gyr_end.is_large and self._is_spike(readings.gyr_rad_s, raw_us):
+            why = self.stuck.refusal(readings, self.last, raw_us)
+        if why is None and self.gyr_end.is_large and self._is_spike(readings.gyr_rad_s, raw_us):
             why = Reason.GYROSCOPE_SPIKE
-        self._mag.observe(readings, self._last, raw_us, step_us)
-        self._last, self._last_us = readings, raw_us
+        self.mag.observe(readings, self.last, raw_us, step_us)
+        self.last, self.last_us = readings, raw_us
         if why is None:
-            self._good_gyr, self._good_us = readings.gyr_rad_s, raw_us
-            if self._blinding is not None:
-                self._see_again(self._blinding, raw_us)
-        elif self._blinding is None and why in BLINDING:
-            self._blinding, self._blinding_us = why, raw_us
+            self.good_gyr, self.good_us = readings.gyr_rad_s, raw_us
+            if self.blinding is not None:
+                self._see_again(self.blinding, raw_us)
+        elif self.blinding is None and why in BLINDING:
+            self.blinding, self.blinding_us = why, raw_us
         return why
 
     def take_blindness(self) -> Blindness | None:
         """The stretch that ended with this reading, if it hides a rotation; given once."""
-        blinded, self._blinded = self._blinded, None
+        blinded, self.blinded = self.blinded, None
         return blinded
 
     @property
     def mag_is_stuck(self) -> bool:
         """Whether the field of the last reading has not followed the vehicle's turning."""
-        return self._mag.is_stuck
+        return self.mag.is_stuck
 
     def _saturation(self, readings: Readings, step_s: float) -> Reason | None:
-        gyr_is_at_end = self._gyr_end.is_reached(readings.gyr_rad_s, step_s)
-        if self._acc_end.is_reached(readings.acc_m_s2, step_s):
+        gyr_is_at_end = self.gyr_end.is_reached(readings.gyr_rad_s, step_s)
+        if self.acc_end.is_reached(readings.acc_m_s2, step_s):
             return Reason.ACCELEROMETER_SATURATED
         return Reason.GYROSCOPE_SATURATED if gyr_is_at_end else None
 
     def _is_spike(self, gyr: Vec3, raw_us: int) -> bool:
         """Whether the rate leapt away from the last good one, and the reading before did not."""
-        if not (self._gyr_end.is_noisy and self._acc_end.is_noisy):
+        if not (self.gyr_end.is_noisy and self.acc_end.is_noisy):
             return False
-        elapsed_s = MICROSECOND * max(raw_us - self._good_us, 0)
+        elapsed_s = MICROSECOND * max(raw_us - self.good_us, 0)
         limit = max(RATE_STEP_RAD_S, RATE_STEP_RAD_S2 * elapsed_s)
-        if largest(subtract(gyr, self._good_gyr)) <= limit:
+        if largest(subtract(gyr, self.good_gyr)) <= limit:
             return False
-        off = subtract(gyr, self._last.gyr_rad_s)
+        off = subtract(gyr, self.last.gyr_rad_s)
         # an axis that agrees to the last digit is at the end of its range, and no witness
         return largest(off) > limit or 0.0 in off
 
     def _see_again(self, reason: Reason, raw_us: int) -> None:
         """A good reading ends the stretch in which the vehicle may have turned unseen."""
-        span_us = raw_us - self._blinding_us
+        span_us = raw_us - self.blinding_us
         if span_us >= BLIND_US or span_us < 0:  # or the clock began anew
-            self._blinded = Blindness(reason, max(span_us, 0))
-        self._blinding = None
+            self.blinded = Blindness(reason, max(span_us, 0))
+        self.blinding = None

@@ -5,6 +5,7 @@ reading. But fields are coarse, and simulators know rest without noise: so equal
 refused only if what the other sensors say cannot be true beside them.
 """
 
+from dataclasses import dataclass, field
 from math import pi
 
 from drivers.samples.readings import STUCK_SAMPLES, STUCK_US, Readings, Repetition
@@ -17,7 +18,7 @@ from drivers.samples.steady_turn import (
 )
 from estimator.geometry.quaternion import norm
 from estimator.reasons import Reason
-from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3
+from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec3
 
 NOTHING = Readings(ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
 MICROSECOND = 1e-6
@@ -37,42 +38,33 @@ MOVING_RAD = 0.1
 TOLD_RAD = 0.05  # a turn so far is told from noise
 
 
+@dataclass(slots=True)
 class StuckImu:
     """Finds gyroscope and accelerometer repeating what cannot be true."""
 
-    __slots__ = (
-        "_acc",
-        "_both",
-        "_field",
-        "_field_us",
-        "_gyr",
-        "_gyr_begin",
-        "_last_us",
-        "_turned",
-    )
-
-    def __init__(self) -> None:
-        self._both, self._gyr, self._acc = Repetition(), Repetition(), Repetition()
-        self._field = ZERO_VEC3  # at its first look since both repeat themselves
-        self._field_us = 0
-        self._gyr_begin = NOTHING  # when the gyroscope began to repeat itself
-        self._turned = ZERO_VEC3  # where the gyroscope says that the repeated force should be
-        self._last_us = 0
+    both: Repetition = field(default_factory=Repetition)
+    gyr: Repetition = field(default_factory=Repetition)
+    acc: Repetition = field(default_factory=Repetition)
+    last_us: int = 0
+    field_gauss: Vec3 = ZERO_VEC3  # at its first look since both repeat themselves
+    field_us: int = 0
+    gyr_begin: Readings = NOTHING  # when the gyroscope began to repeat itself
+    turned: Vec3 = ZERO_VEC3  # where the gyroscope says that the repeated force should be
 
     def refusal(self, now: Readings, last: Readings, raw_us: int) -> Reason | None:
         """Why the reading behind ``last`` cannot be true."""
         gyr, acc, mag = now
         gyr_equal, acc_equal = gyr == last.gyr_rad_s, acc == last.acc_m_s2
-        self._both.observe(raw_us, repeats=gyr_equal and acc_equal)
-        self._gyr.observe(raw_us, repeats=gyr_equal)
-        self._acc.observe(raw_us, repeats=acc_equal)
-        step_us, self._last_us = raw_us - self._last_us, raw_us
+        self.both.observe(raw_us, repeats=gyr_equal and acc_equal)
+        self.gyr.observe(raw_us, repeats=gyr_equal)
+        self.acc.observe(raw_us, repeats=acc_equal)
+        step_us, self.last_us = raw_us - self.last_us, raw_us
         if not acc_equal:
-            self._turned = acc
+            self.turned = acc
         if not gyr_equal:
-            self._gyr_begin = now
+            self.gyr_begin = now
         if not (gyr_equal and acc_equal):
-            self._field, self._field_us = mag, raw_us
+            self.field_gauss, self.field_us = mag, raw_us
             if not (gyr_equal or acc_equal):  # nearly always
                 return None
         if acc_equal:
@@ -80,10 +72,10 @@ class StuckImu:
         return self._judge(now, raw_us)
 
     def _judge(self, now: Readings, raw_us: int) -> Reason | None:
-        both, gyr, acc = self._both, self._gyr, self._acc
+        both, gyr, acc = self.both, self.gyr, self.acc
         if both.is_long(raw_us) and self._repeats_untruly(now, raw_us):
             both.is_proven = True
-        if acc.is_long(raw_us) and apart_rad(self._turned, now.acc_m_s2) > STUCK_ACC_RAD:
+        if acc.is_long(raw_us) and apart_rad(self.turned, now.acc_m_s2) > STUCK_ACC_RAD:
             acc.is_proven = True
         if gyr.is_long(raw_us) and self._has_turned_otherwise(now, raw_us):
             gyr.is_proven = True
@@ -108,12 +100,12 @@ class StuckImu:
         gyr, acc, _ = now
         if largest(gyr) > MOVING_GYR_RAD_S and not carries_weight(acc, gyr):
             step_s = min(max(MICROSECOND * step_us, 0.0), LONGEST_STEP_S)
-            self._turned = vector_after_turn(self._turned, gyr, step_s)
+            self.turned = vector_after_turn(self.turned, gyr, step_s)
 
     def _repeats_untruly(self, now: Readings, raw_us: int) -> bool:
         """Whether what gyroscope and accelerometer repeat cannot be true."""
         gyr, acc, mag = now
-        knows_field = ZERO_VEC3 not in (mag, self._field)
+        knows_field = ZERO_VEC3 not in (mag, self.field_gauss)
         if largest(gyr) <= MOVING_GYR_RAD_S:
             is_heavier = abs(norm(acc) - STANDARD_GRAVITY_M_S2) > MOVING_ACC_M_S2
             return is_heavier or (knows_field and self._field_contradicts(now, raw_us))
@@ -121,21 +113,23 @@ class StuckImu:
             return True
         if knows_field:
             return self._field_contradicts(now, raw_us)
-        return raw_us - self._both.begin_us >= STEADY_US
+        return raw_us - self.both.begin_us >= STEADY_US
 
     def _field_contradicts(self, now: Readings, raw_us: int) -> bool:
         """Whether the field of a reading is not where the repeated rate has turned it."""
-        span_s = MICROSECOND * max(raw_us - self._field_us, 0)  # the clock may have begun anew
-        contradicts, is_far = field_contradicts(self._field, now.mag_gauss, now.gyr_rad_s, span_s)
+        span_s = MICROSECOND * max(raw_us - self.field_us, 0)  # the clock may have begun anew
+        contradicts, is_far = field_contradicts(
+            self.field_gauss, now.mag_gauss, now.gyr_rad_s, span_s
+        )
         if is_far and not contradicts:
-            self._field, self._field_us = now.mag_gauss, raw_us
+            self.field_gauss, self.field_us = now.mag_gauss, raw_us
         return contradicts
 
     def _has_turned_otherwise(self, now: Readings, raw_us: int) -> bool:
         """Whether accelerometer and field are not where the repeated rate would have them."""
         gyr, acc, mag = now
-        span_s = MICROSECOND * (raw_us - self._gyr.begin_us)
-        begin = self._gyr_begin
+        span_s = MICROSECOND * (raw_us - self.gyr.begin_us)
+        begin = self.gyr_begin
         acc_rad = apart_rad(vector_after_turn(begin.acc_m_s2, gyr, span_s), acc)
         is_steady = carries_weight(begin.acc_m_s2, gyr)  # then the force stays as it is
         if is_steady:
@@ -149,11 +143,11 @@ class StuckImu:
 
     def _is_frozen(self, now: Readings, raw_us: int) -> bool:
         """Whether the gyroscope alone has stopped, in a vehicle that moves otherwise."""
-        span_us = raw_us - self._gyr.begin_us
-        if span_us < FROZEN_US or 2 * self._acc.equal > self._gyr.equal:
+        span_us = raw_us - self.gyr.begin_us
+        if span_us < FROZEN_US or 2 * self.acc.equal > self.gyr.equal:
             return False
         gyr, acc, mag = now
-        begin, span_s = self._gyr_begin, MICROSECOND * span_us
+        begin, span_s = self.gyr_begin, MICROSECOND * span_us
         half_s = min(span_s, pi / max(norm(gyr), 1e-9))  # of a turn: no way is longer
         mags = (begin.mag_gauss, mag)
         for before, after in ((begin.acc_m_s2, acc), mags):

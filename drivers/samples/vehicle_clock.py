@@ -11,6 +11,7 @@ messages, with reboots and jumps cut out. Nothing here reads the host's clock.
 """
 
 from collections import deque
+from dataclasses import dataclass, field
 from enum import IntEnum
 
 from drivers.samples.clock_line import SECOND_US, ClockLine, ResetKind, Step
@@ -65,26 +66,24 @@ class Refused(Value, frozen=True):
     reason: Reason
 
 
+@dataclass(slots=True)
 class ClockOffset:
     """A clock's constant distance from the line of time: the median of the latest estimates.
 
     It is exactly 0 (or a whole wrap) if both are one clock.
     """
 
-    __slots__ = ("_estimates_us", "_since_median", "us")
-
-    def __init__(self) -> None:
-        self.us = 0
-        self._estimates_us: deque[int] = deque(maxlen=OFFSET_SAMPLES)
-        self._since_median = 0
+    us: int = 0
+    estimates_us: deque[int] = field(default_factory=lambda: deque(maxlen=OFFSET_SAMPLES))
+    since_median: int = 0
 
     def learn(self, estimate_us: int) -> int:
         """The distance, with one more estimate in the median."""
-        estimates = self._estimates_us
+        estimates = self.estimates_us
         estimates.append(estimate_us)
-        self._since_median += 1
-        if len(estimates) < OFFSET_SAMPLES or self._since_median >= OFFSET_SAMPLES // 4:
-            self._since_median = 0
+        self.since_median += 1
+        if len(estimates) < OFFSET_SAMPLES or self.since_median >= OFFSET_SAMPLES // 4:
+            self.since_median = 0
             median_us = sorted(estimates)[len(estimates) // 2]
             whole_us = round(median_us / WRAP_32_US) * WRAP_32_US
             self.us = whole_us if abs(median_us - whole_us) < SAME_CLOCK_US else median_us
@@ -100,17 +99,6 @@ class VehicleClock:
     clock that is off pace is refused, and an IMU message of another clock makes the line then.
     Without ``hears_arrivals`` the log's own times stand in for those of arrival.
     """
-
-    __slots__ = (
-        "_latest_us",
-        "_lines",
-        "_offsets",
-        "_primary",
-        "_shift_us",
-        "_streams",
-        "_waiting",
-        "misses_some",
-    )
 
     def __init__(self, *, hears_arrivals: bool = True) -> None:
         self._lines = [ClockLine(wrap_us, hears_arrivals=hears_arrivals) for wrap_us in WRAPS_US]

@@ -238,11 +238,11 @@ def replay_log(
 def _refused_text(trace: VehicleTrace) -> str | None:
     """One line, where a good part of the log was refused."""
     counts = trace.rejected + Counter(malformed=trace.malformed)
-    refused, total = counts.total(), counts.total() + len(trace.attitudes)
-    if refused <= MUCH_REFUSED * total:
+    used = len(trace.attitudes)
+    if counts.total() <= MUCH_REFUSED * (counts.total() + used):
         return None
-    reasons = ", ".join(f"{n} {reason}" for reason, n in counts.most_common(MOST_REASONS))
-    return f"{100 * refused / total:.0f} % of {total} readings were refused: {reasons}"
+    reasons = ", ".join(f"{n} x {reason}" for reason, n in counts.most_common(MOST_REASONS))
+    return f"much was refused: {reasons}; {used} samples were used"
 
 
 def _seen_text(replay: Replay) -> str:
