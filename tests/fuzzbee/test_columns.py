@@ -133,9 +133,14 @@ def test_the_result_of_a_run_names_what_was_counted_in_its_units():
     runner = SimpleNamespace(ticks=41, overruns=42, dropped=43, lost=71)
     refused = {"signature": 61, "id": 62}
     pipeline = SimpleNamespace(
-        malformed=72, refused_frames=refused, departures=departures, vehicles=(vehicle,)
+        malformed=72,
+        refused_frames=refused,
+        departures=departures,
+        vehicles=(vehicle,),
+        heard={3, 1},
     )
     result = summary(RunOptions(), "imu", 7.0, runner, pipeline, "")
+    assert result["heard"] == [1, 3]
     expected = {"ticks": 41, "overruns": 42, "dropped": 43, "lost": 71, "malformed": 72}
     assert {name: result[name] for name in expected} == expected
     assert result["departed"] == {
