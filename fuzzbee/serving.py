@@ -27,6 +27,7 @@ from service.signals import stop_on_signals
 from service.sinks.outbox import Outbox
 from service.sinks.sink import Sink
 from service.sinks.zenoh import ZenohSink
+from service.vehicle_status import counts
 
 OK, FAILED = 0, 1
 
@@ -175,7 +176,7 @@ def summary(
         **({"recording": recording} if recording else {}),
         "heard": sorted(pipeline.heard),
         "departed": pipeline.departures.counts._asdict(),
-        "vehicles": {vehicle.name: vehicle.counts for vehicle in pipeline.vehicles},
+        "vehicles": {vehicle.name: counts(vehicle) for vehicle in pipeline.vehicles},
     }
 
 

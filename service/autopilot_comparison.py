@@ -4,7 +4,7 @@ from drivers.events import FilterWord, ReferenceAttitude
 from estimator.geometry.earth import PlaceField
 from estimator.types import Attitude, ImuSample, Quaternion, VelocitySample
 from service.attitude_record import euler_deg
-from service.records import Autopilot
+from service.records import Autopilot, Peer
 from service.second_opinion import Doubts, SecondOpinion, Verdict, in_words, turned_back
 
 # What its filter reports of itself, once a second or so, holds until it reports something else.
@@ -16,6 +16,7 @@ class AutopilotComparison:
 
     def __init__(self) -> None:
         self.opinion = SecondOpinion()
+        self.peers: dict[str, Peer] = {}  # others' latest attitudes, until ours is published
         self._filter_status: FilterWord | None = None
         self._differed = False  # at the last look
 

@@ -6,6 +6,8 @@ from typing import NamedTuple
 
 from drivers.events import VehicleId
 from estimator.profile import Profile
+from service.line_limit import LineLimit
+from service.records import vehicle_name
 
 # A battery is changed, a flight goes out of reach and comes back: that is still the same vehicle.
 FORGOTTEN_US = 3_600_000_000
@@ -33,6 +35,7 @@ class Departures:
 
     def __init__(self) -> None:
         self.counts = DepartedCounts()  # so far
+        self._limit = LineLimit("vehicles")
         self._silence_us: dict[VehicleId, int] = {}
         self._heard_us: dict[VehicleId, int] = {}
         self._looked_us: int | None = None
@@ -51,6 +54,11 @@ class Departures:
         }
         self._heard_us = heard_us
         return [each for each, us in self._silence_us.items() if us >= FORGOTTEN_US]
+
+    def lines(self, gone: list[VehicleId], now_us: int) -> list[str]:
+        """Lines about vehicles that are forgotten, fewer of them where there are too many."""
+        texts = [f"vehicle {vehicle_name(each)}: gone, and forgotten" for each in gone]
+        return self._limit.lines(texts, now_us) if texts else []
 
     def keep(self, address: VehicleId, profile: Profile) -> None:
         """Keep the parameters that somebody gave a vehicle, for when it comes back."""

@@ -16,6 +16,7 @@ class EstimateChecks:
     """The alarms of one vehicle, and what has been reported of them."""
 
     def __init__(self) -> None:
+        self.profile_is_unfit = False  # by the vehicle's own word
         self._alarms = Alarms()
         self._reported: frozenset[Alarm] = frozenset()
         self._compass_reported: set[str] = set()

@@ -33,18 +33,17 @@ from drivers.events import (
 )
 from drivers.mavlink.constants import is_autopilot
 from drivers.places import PLACES
-from drivers.simulation.simulated_vehicle import PROFILES
 from estimator.errors import InputError
 from estimator.estimator import Estimator
-from estimator.profile import Profile, load_profile, merge_profile
+from estimator.profile import Profile
 from estimator.reasons import Reason
 from service.departures import DepartedCounts, Departures
 from service.health import State
-from service.line_limit import LineLimit
 from service.link_lines import LinkLines
 from service.load import Load, Losses
+from service.profile_changes import ProfileChanges
 from service.publishing import STATUS_PERIOD_US
-from service.records import Departed, Message, Output, Peer, Published, Replaced, vehicle_name
+from service.records import Departed, Message, Output, Peer, Published, Replaced
 from service.vehicle import STANDARD_RATE_HZ, Vehicle
 from service.vehicle_status import status_record
 
@@ -84,12 +83,9 @@ class Pipeline:
         self.wake_us = 0.0  # when :meth:`tick` has something to do next, if nothing arrives
         self._system_id = system_id
         self._new_estimator = new_estimator
-        self._fits_built_in = fits_built_in
+        self._changes = ProfileChanges(profile, fits_built_in=fits_built_in)
         self._vehicles: dict[VehicleId, Vehicle] = {}
         self._links = LinkLines()
-        self._departed_limit = LineLimit("vehicles")
-        self._outputs: list[Output] = []  # of changes that nobody's event has made
-        self._met = 0  # vehicles so far
         self._look_us = 0  # when silent vehicles are looked for next
 
     @property
@@ -182,9 +178,11 @@ class Pipeline:
             case TrackLost():
                 return _messages(vehicle.on_track_lost(event))
             case ClockReset():
-                return self._reset_clock(vehicle, event)
+                if event.reason == "reboot":
+                    self._changes.note_reboot(vehicle)
+                return _messages(vehicle.on_clock_reset(event))
             case BuiltIn():
-                return self._fit(vehicle, event)
+                return self._changes.fit(vehicle, event)
         return []
 
     def on_reference(self, event: ReferenceAttitude) -> list[Output]:
@@ -192,7 +190,7 @@ class Pipeline:
         vehicle = self._vehicles.get(event.vehicle)
         if self.load.is_shedding or vehicle is None:
             return []
-        vehicle.peers[event.source] = Peer(event.vehicle, event.source, event.q_ned_frd)
+        vehicle.comparison.peers[event.source] = Peer(event.vehicle, event.source, event.q_ned_frd)
         return _messages(vehicle.on_reference(event))
 
     def _on_refused(self, event: RefusedFrames) -> None:
@@ -222,15 +220,15 @@ class Pipeline:
         """
         if load is not None:
             self.load = load
-        outputs, self._outputs = self._outputs, []
+        outputs = self._changes.take_outputs()
         if not 0 < self._look_us - now_us <= LOOK_US:
             self._look_us = now_us + LOOK_US
             outputs += self._forget_silent(now_us)
         self.wake_us = float(self._look_us)
         for vehicle in self._vehicles.values():
-            if not now_us < vehicle.wake_us <= now_us + MOST_WAIT_US:
+            if not now_us < vehicle.publishing.wake_us <= now_us + MOST_WAIT_US:
                 outputs += self._look_at(vehicle, now_us, ask_losses)
-            self.wake_us = min(self.wake_us, vehicle.wake_us)
+            self.wake_us = min(self.wake_us, vehicle.publishing.wake_us)
         return outputs
 
     def _look_at(
@@ -238,14 +236,14 @@ class Pipeline:
     ) -> list[Output]:
         """What is due of one vehicle, unless samples have come since its time was noted."""
         vehicle.schedule(now_us)
-        if vehicle.wake_us > now_us:
+        if vehicle.publishing.wake_us > now_us:
             return []
         outputs = self._on_time(vehicle, now_us)
         if vehicle.publishing.is_status_due(now_us):
             outputs.append(self._status(vehicle, now_us, ask_losses()))
         vehicle.schedule(now_us)
-        if vehicle.wake_us <= now_us:  # held back: its next sample brings its attitude, not a look
-            vehicle.wake_us = now_us + 1e6 / self._rate_hz
+        if vehicle.publishing.wake_us <= now_us:  # held back: its next sample brings it
+            vehicle.publishing.wake_us = now_us + 1e6 / self._rate_hz
         return outputs
 
     def _on_time(self, vehicle: Vehicle, now_us: int) -> list[Output]:
@@ -265,11 +263,11 @@ class Pipeline:
         attitude = vehicle.attitude(now_us)
         if attitude is None:
             return []
-        published = Published(vehicle.address, attitude, vehicle.last_sample)
-        if not vehicle.peers:
+        published = Published(vehicle.address, attitude, vehicle.imu.last_sample)
+        if not vehicle.comparison.peers:
             return [published]
-        peers = list(vehicle.peers.values())
-        vehicle.peers.clear()
+        peers = list(vehicle.comparison.peers.values())
+        vehicle.comparison.peers.clear()
         return [*peers, published]
 
     def _status(self, vehicle: Vehicle, now_us: int, losses: Losses) -> Published:
@@ -296,55 +294,7 @@ class Pipeline:
         vehicle = self._vehicles.get(address)
         if vehicle is None:
             raise InputError(f"no vehicle {address.system_id}-{address.component_id}")
-        profile = merge_profile(vehicle.profile, partial)
-        try:
-            vehicle.replace_profile(profile)
-        except (ArithmeticError, ValueError, TypeError) as error:
-            raise InputError(f"profile update: cannot be used: {error}") from error
-        if retuned is not None:
-            vehicle.publishing.note_retuned(retuned)
-        self._report_replaced(Replaced(address, profile, retuned))
-        self._outputs += _messages(vehicle.on_profile(vehicle.heard_us, retuned))
-        return profile
-
-    def _fit(self, vehicle: Vehicle, event: BuiltIn) -> list[Output]:
-        """Take the profile that fits fuzzbee's own vehicle, unless another one was asked for."""
-        name = PROFILES.get(event.motion)
-        if name is None or vehicle.built_in_motion == event.motion:
-            return []
-        vehicle.built_in_motion = event.motion
-        who = f"vehicle {vehicle.name}: fuzzbee's own, motion {event.motion}"
-        profile = load_profile(name)
-        if not self._fits_built_in:
-            fits = vehicle.profile.conditioned == profile.conditioned
-            vehicle.has_unfit_profile = not fits
-            return [] if fits else [Message(f"{who}: profile {name} would fit, this one does not")]
-        if vehicle.profile != profile:
-            self._change_profile(vehicle, profile)
-        noise = "" if profile.conditioned else " (signals so noisy that 5 to 10° remain)"
-        return [Message(f"{who}, profile {name}{noise}")]
-
-    def _reset_clock(self, vehicle: Vehicle, event: ClockReset) -> list[Output]:
-        """After a reboot another vehicle may have the address of fuzzbee's own."""
-        if vehicle.built_in_motion is not None and event.reason == "reboot":
-            vehicle.built_in_motion = None
-            if self._fits_built_in and vehicle.profile != self.profile:
-                self._change_profile(vehicle, self.profile)
-        return _messages(vehicle.on_clock_reset(event))
-
-    def _change_profile(self, vehicle: Vehicle, profile: Profile) -> None:
-        vehicle.replace_profile(profile)
-        vehicle.restart()
-        self._report_replaced(Replaced(vehicle.address, profile))
-
-    def _report_replaced(self, replaced: Replaced) -> None:
-        """Publish a vehicle's parameters with the next tick; only the latest count."""
-        others = [
-            output
-            for output in self._outputs
-            if not (isinstance(output, Replaced) and output.vehicle == replaced.vehicle)
-        ]
-        self._outputs = [*others, replaced]
+        return self._changes.replace(vehicle, partial, retuned)
 
     # --- who is there
 
@@ -358,11 +308,10 @@ class Pipeline:
         kept = self.departures.take_profile(address)
         profile = kept or self.profile
         vehicle = Vehicle(address, profile, self._new_estimator(profile), self._rate_hz)
-        vehicle.publishing.stagger(self._met)
-        self._met += 1
+        vehicle.publishing.stagger(len(self._vehicles) + self.departures.counts.vehicles)
         self._vehicles[address] = vehicle
         if kept is not None:
-            self._report_replaced(Replaced(address, kept))
+            self._changes.report(Replaced(address, kept))
         return vehicle
 
     def _forget_silent(self, now_us: int) -> list[Output]:
@@ -370,8 +319,7 @@ class Pipeline:
         gone = self.departures.look(heard_us, now_us)
         for address in gone:
             self._forget(address)
-        texts = [f"vehicle {vehicle_name(each)}: gone, and forgotten" for each in gone]
-        return _messages(self._departed_limit.lines(texts, now_us)) if texts else []
+        return _messages(self.departures.lines(gone, now_us))
 
     def _forget(self, address: VehicleId) -> None:
         """Forget a vehicle, all but the parameters that somebody gave it."""
@@ -385,7 +333,7 @@ class Pipeline:
         self.departures.counts = self.departures.counts.plus(counts)
         if vehicle.profile != self.profile and vehicle.built_in_motion is None:
             self.departures.keep(address, vehicle.profile)
-        self._outputs.append(Departed(address))
+        self._changes.outputs.append(Departed(address))
 
     def _is_settled(self, notice: Notice) -> bool:
         """Whether the vehicle's profile already sets what the notice asks the user to set."""

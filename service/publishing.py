@@ -18,6 +18,7 @@ class Publishing:
         self.attitudes = 0
         self.statuses = 0
         self.retuned: Retuned | None = None
+        self.wake_us = 0.0  # when to look next, as far as was known at the last look
         self._samples = -1  # at the last attitude,
         self._attitude_us = 0  # and when that was
         self._status_us: int | None = None

@@ -35,3 +35,17 @@ def consider(choice: ReportChoice, message: str, arrival_us: int) -> ReportChoic
     better = report_rank(message) < report_rank(choice.message)
     silent = arrival_us - choice.last_arrival_us > SILENCE_US
     return ReportChoice(message, arrival_us) if better or silent else choice
+
+
+class ReportChoices:
+    """The choices of one vehicle, one for each kind of report."""
+
+    def __init__(self) -> None:
+        self._choices: dict[Kind, ReportChoice] = {}
+
+    def take(self, event: Report) -> bool:
+        """Whether the report is of a message in use."""
+        kind = kind_of(event)
+        before = self._choices.get(kind, ReportChoice())
+        choice = self._choices[kind] = consider(before, event.message, event.arrival_us)
+        return choice.message == event.message

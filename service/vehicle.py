@@ -1,7 +1,6 @@
 """One vehicle as the service sees it: its estimator and everything that is known beside it."""
 
 from collections import Counter
-from typing import Any
 
 from drivers.events import (
     BodyRates,
@@ -19,7 +18,7 @@ from estimator.estimator import Estimator
 from estimator.profile import Profile
 from estimator.reasons import Reason
 from estimator.types import ImuSample, VelocitySample
-from service import health, host_clock, report_choice
+from service import health, host_clock
 from service.attitude_record import attitude_record, is_finite
 from service.autopilot_comparison import AutopilotComparison
 from service.estimate_checks import EstimateChecks
@@ -28,9 +27,8 @@ from service.host_clock import HostClock
 from service.imu_stream import ImuStream
 from service.line_limit import LineLimit
 from service.publishing import Publishing
-from service.records import AttitudeRecord, Peer, vehicle_name
-from service.report_choice import Kind, ReportChoice, kind_of
-from service.second_opinion import SecondOpinion
+from service.records import AttitudeRecord, vehicle_name
+from service.report_choice import ReportChoices
 from service.vehicle_parameters import VehicleParameters
 
 # The estimate is checked for not being finite once in so many samples: once it is not, it stays so.
@@ -61,8 +59,6 @@ class Vehicle:
         self.heard_us = 0  # the latest arrival of anything that is a vehicle's own
         self.rejected: Counter[Reason] = Counter()
         self.built_in_motion: str | None = None  # of fuzzbee's own vehicle
-        self.has_unfit_profile = False  # by the vehicle's own word
-        self.peers: dict[str, Peer] = {}  # others' latest attitudes, until ours is published
         self.imu = ImuStream()
         self.parameters = VehicleParameters()
         self.comparison = AutopilotComparison()
@@ -70,9 +66,8 @@ class Vehicle:
         self.publishing = Publishing(rate_hz)
         self.clock = HostClock()
         self._health = Health()
-        self._report_choices: dict[Kind, ReportChoice] = {}
+        self._report_choices = ReportChoices()
         self._limit = LineLimit(f"vehicle {self.name}")
-        self.wake_us = 0.0  # when to look at it next, as far as was known at the last look
 
     @property
     def name(self) -> str:
@@ -83,16 +78,6 @@ class Vehicle:
     def state(self) -> State:
         """The state of health."""
         return self._health.state
-
-    @property
-    def last_sample(self) -> ImuSample | None:
-        """The sample that the estimator took last."""
-        return self.imu.last_sample
-
-    @property
-    def second_opinion(self) -> SecondOpinion:
-        """The comparison with the autopilot's attitude."""
-        return self.comparison.opinion
 
     @property
     def samples(self) -> int:
@@ -168,11 +153,7 @@ class Vehicle:
         sample = event.sample
         if isinstance(event, BodyRates) and self._has_other_clock(event.arrival_us, sample.time_us):
             return
-        kind = kind_of(event)
-        before = self._report_choices.get(kind, ReportChoice())
-        choice = report_choice.consider(before, event.message, event.arrival_us)
-        self._report_choices[kind] = choice
-        if choice.message != event.message:
+        if not self._report_choices.take(event):
             return
         reason = self.estimator.update_report(sample)
         if reason is not None:
@@ -228,10 +209,10 @@ class Vehicle:
         """Note when to look at it next, if nothing of it arrives until then."""
         last_us, wake_us = self._health.last_arrival_us, float(self.publishing.status_due_us)
         if last_us is None or self._health.state not in health.HAS_ATTITUDE:
-            self.wake_us = min(wake_us, now_us + health.LATE_MINIMUM_US)
+            self.publishing.wake_us = min(wake_us, now_us + health.LATE_MINIMUM_US)
             return
         deadline_us = self.publishing.grid.deadline_us(last_us, self.imu.median_period_us)
-        self.wake_us = min(wake_us, deadline_us)
+        self.publishing.wake_us = min(wake_us, deadline_us)
 
     def is_left_out(self, now_us: int) -> bool:
         """Whether no sample was taken for long, but some have come."""
@@ -267,21 +248,6 @@ class Vehicle:
         is_heard = self.state in (State.ALIGNING, State.RUNNING)
         return self.imu.median_rate_hz if is_heard else 0.0
 
-    @property
-    def counts(self) -> dict[str, Any]:
-        """What was counted so far, as the result of a run has it."""
-        return {
-            "state": self.state.value,
-            "motion": self.built_in_motion,
-            "imu_message": self.imu.message,
-            "imu_rate_hz": round(self.imu.median_rate_hz, 3),
-            "worst_gap_s": self.imu.worst_gap_us / 1e6,
-            "samples": self.imu.samples,
-            "shed": self.imu.shed,
-            "attitudes": self.publishing.attitudes,
-            "rejected": dict(sorted(self.rejected.items())),
-        }
-
     def silence_us(self, now_us: int) -> int:
         """How long no sample has arrived."""
         last_us = self._health.last_arrival_us
@@ -303,7 +269,7 @@ class Vehicle:
         if profile.mounting != self.profile.mounting:
             self.restart()
         self.profile = profile
-        self.has_unfit_profile = False
+        self.checks.profile_is_unfit = False
 
     def on_profile(self, now_us: int, retuned: str | None = None) -> list[str]:
         """Report that the profile was replaced; a program may do it in a loop."""

@@ -1,4 +1,6 @@
-"""The status record of one vehicle, made once a second."""
+"""The status record of one vehicle, made once a second, and its counts at the end of a run."""
+
+from typing import Any
 
 from service import host_clock
 from service.alarms import Alarm
@@ -8,13 +10,28 @@ from service.second_opinion import Verdict
 from service.vehicle import Vehicle
 
 
+def counts(vehicle: Vehicle) -> dict[str, Any]:
+    """What was counted so far, as the result of a run has it."""
+    return {
+        "state": vehicle.state.value,
+        "motion": vehicle.built_in_motion,
+        "imu_message": vehicle.imu.message,
+        "imu_rate_hz": round(vehicle.imu.median_rate_hz, 3),
+        "worst_gap_s": vehicle.imu.worst_gap_us / 1e6,
+        "samples": vehicle.imu.samples,
+        "shed": vehicle.imu.shed,
+        "attitudes": vehicle.publishing.attitudes,
+        "rejected": dict(sorted(vehicle.rejected.items())),
+    }
+
+
 def status_record(
     vehicle: Vehicle, now_us: int, load: Load, losses: Losses, malformed: int
 ) -> StatusRecord:
     """The vehicle's status at ``now_us``; a silence that still lasts counts as a gap, too."""
     imu, publishing = vehicle.imu, vehicle.publishing
     words = set(vehicle.checks.words)
-    if vehicle.has_unfit_profile:
+    if vehicle.checks.profile_is_unfit:
         words.add(Alarm.PROFILE_UNFIT)
     time_us = 0 if imu.last is None else host_clock.to_vehicle_us(vehicle.clock, now_us)
     autopilot = vehicle.comparison.record(time_us)

@@ -115,7 +115,7 @@ class Replay:
             trace = self._trace(vehicle.address)
             trace.rejected.update(vehicle.rejected)
             trace.rates = vehicle.estimator.rates
-            trace.second_opinion = vehicle.second_opinion
+            trace.second_opinion = vehicle.comparison.opinion
             trace.place_field = vehicle.estimator.place_field
             trace.malformed = self.pipeline.malformed
             if isinstance(vehicle.estimator, RetunedEstimator):
@@ -151,7 +151,7 @@ class Replay:
 
     def _after_imu(self, event: Imu) -> None:
         vehicle = self.pipeline.vehicle(event.vehicle)
-        sample = None if vehicle is None else vehicle.last_sample
+        sample = None if vehicle is None else vehicle.imu.last_sample
         if vehicle is None or sample is None or not vehicle.has_taken(event):
             return
         trace = self._trace(event.vehicle)
