@@ -1,5 +1,6 @@
 """Files that a person names to be written."""
 
+import errno
 import os
 import stat
 import tempfile
@@ -8,6 +9,13 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from estimator.errors import InputError
+
+# The disk's trouble, not that of whoever named the file.
+DISK_ERRORS = frozenset({errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EIO})
+
+
+class NotWholeError(Exception):
+    """A file could not be written to its end, though its name was good."""
 
 
 def output_path(path: Path) -> Path:
@@ -73,9 +81,12 @@ def written_for(option: str, path: Path) -> Iterator[Path]:
 
     Raises:
         InputError: it cannot be written; names the option.
+        NotWholeError: the disk is full, or fails.
     """
     try:
         with written_whole(path) as fresh:
             yield fresh
     except OSError as error:
+        if error.errno in DISK_ERRORS:
+            raise NotWholeError(f"{option} {path}: {error.strerror}, not written") from None
         raise InputError(f"{option} {path}: {error.strerror}") from None

@@ -21,7 +21,7 @@ from typing import Any
 from estimator.compilation.notice import tell_compiling
 from estimator.errors import InputError
 from fuzzbee.sigint_guard import ENDLESS, INTERRUPTED
-from fuzzbee.recordings import NotWholeError
+from drivers.output_file import NotWholeError
 from fuzzbee.say import say
 from fuzzbee.environment import lacking_of_processor, settle_environment
 from service.signals import interrupted_by, terminate_like_interrupt

@@ -6,10 +6,6 @@ from typing import Any
 WHOLE, FAILED = "whole", "failed"
 
 
-class NotWholeError(Exception):
-    """A file that is recorded to could not be written."""
-
-
 class Recordings:
     """Asked for a word at each status; called by the loop's thread."""
 

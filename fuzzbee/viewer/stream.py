@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from drivers.aside import aside
+from drivers.output_file import NotWholeError
 from estimator.errors import InputError
-from fuzzbee.recordings import NotWholeError
 from fuzzbee.viewer.process import ViewerProcess
 from fuzzbee.viewer.sdk import rr
 from service.signals import terminate_like_interrupt

@@ -49,3 +49,18 @@ def test_a_replay_s_drawing_that_is_not_whole_is_status_1(tmp_path):
     _, err = done.communicate(timeout=600)
     assert done.returncode == 1
     assert err.count("is not whole") == 1
+
+
+@pytest.mark.parametrize("option", ["--csv", "--mcap", "--parquet", "--tum"])
+def test_an_export_that_finds_no_room_is_status_1_and_leaves_nothing(tmp_path, option):
+    """A tenth of what the file needs may be written."""
+    package = {"--mcap": "mcap", "--parquet": "pyarrow"}.get(option)
+    if package is not None:
+        pytest.importorskip(package)
+    file = tmp_path / "flight.out"
+    done = limited("replay", str(LOG), "--json", option, str(file))
+    _, err = done.communicate(timeout=600)
+    assert done.returncode == 1, err
+    assert err.count("\n") == 1
+    assert f"{option} {file}: File too large, not written" in err
+    assert list(tmp_path.iterdir()) == []
