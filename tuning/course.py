@@ -13,7 +13,7 @@ from estimator.live.core import with_attitude
 from estimator.live.rows import BIAS, SAID, SIGMA, Q, Rows, blocks, cut
 from estimator.row_taking import take, take_row
 from estimator.types import Quaternion
-from tuning.told import Call
+from tuning.logged_calls import Call
 
 # A wrong start: 170 deg about NED (1,1,1)/sqrt 3, next to the unstable equilibrium, as the paper
 # begins (e = 0.992).

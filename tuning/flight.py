@@ -17,7 +17,7 @@ from estimator.live.rows import Rows, cut
 from estimator.profile import Profile
 from estimator.types import Quaternion
 from tuning.course import NOTHING_WRONG, Course, course_of
-from tuning.told import Call
+from tuning.logged_calls import Call
 
 LEAST_RATE_HZ = 1.0
 BETTER_LOG = "record a better log: fuzzbee run URL --request-rate 50 --record FILE"

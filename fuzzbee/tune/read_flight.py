@@ -13,11 +13,11 @@ from estimator.types import ImuSample
 from fuzzbee.replays.comparison import compare
 from fuzzbee.replays.trace import Replay, VehicleTrace
 from tuning.flight import Flight
+from tuning.logged_calls import Call, LoggedEstimator
 from tuning.smoothed import sure_flight
-from tuning.told import Call, ToldEstimator
 
 
-class RecordingEstimator(ToldEstimator):
+class RecordingEstimator(LoggedEstimator):
     """An estimator that remembers what it is told between the samples that it takes."""
 
     def __init__(self, profile: Profile) -> None:
@@ -27,13 +27,13 @@ class RecordingEstimator(ToldEstimator):
         self.restarts: list[int] = [0]
 
     def note_sample(self, _sample: ImuSample, calls: tuple[Call, ...]) -> None:
-        """See :class:`ToldEstimator`."""
+        """See :class:`LoggedEstimator`."""
         if calls:
             self.calls[self.samples] = calls
         self.samples += 1
 
     def note_restart(self) -> None:
-        """See :class:`ToldEstimator`."""
+        """See :class:`LoggedEstimator`."""
         self.restarts.append(self.samples)
 
 

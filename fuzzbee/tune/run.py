@@ -160,9 +160,12 @@ def _tell_gain(plan: Plan, verdict: Verdict, *, written: bool) -> None:
                 "was tuned on only; use more data, or keep the base"
             )
         return
-    why = f"nothing gained on what was held out ({before:.4f} -> {after:.4f}, "
-    why += f"{100.0 * LEAST_GAIN:g} % less is needed)"
-    if verdict.harm is not None:
+    if verdict.harm is None:
+        why = f"nothing gained on what was held out ({before:.4f} -> {after:.4f}, "
+        why += f"{100.0 * LEAST_GAIN:g} % less is needed)"
+    elif after < before:
+        why = f"the held-out J falls from {before:.4f} to {after:.4f}, but {verdict.harm}"
+    else:
         why = f"what was held out is worse: {verdict.harm}"
     tell(
         f"{why}: "

@@ -4,12 +4,12 @@ from collections.abc import Callable
 
 from estimator.profile import Profile
 from estimator.types import ImuSample
+from tuning.logged_calls import Call, LoggedEstimator
 from tuning.online.retuner import Decision, Retuner
 from tuning.online.segment import LONGEST_GAP_S, SEGMENT_S, Segment
-from tuning.told import Call, ToldEstimator
 
 
-class SegmentingEstimator(ToldEstimator):
+class SegmentingEstimator(LoggedEstimator):
     """Calls ``on_segment`` every five seconds of the vehicle's time.
 
     A segment ends early, and is dropped, when somebody replaces the profile.
@@ -34,11 +34,11 @@ class SegmentingEstimator(ToldEstimator):
         self._waiting.clear()
 
     def note_restart(self) -> None:
-        """See :class:`ToldEstimator`."""
+        """See :class:`LoggedEstimator`."""
         self._silent = True
 
     def note_sample(self, sample: ImuSample, calls: tuple[Call, ...]) -> None:
-        """See :class:`ToldEstimator`."""
+        """See :class:`LoggedEstimator`."""
         last_us = self._samples[-1].time_us if self._samples else sample.time_us
         self._silent |= sample.time_us - last_us > 1e6 * LONGEST_GAP_S
         self._told.append(calls)

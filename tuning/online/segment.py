@@ -12,7 +12,7 @@ from estimator.live.snapshot import Snapshot
 from estimator.profile import Profile
 from estimator.types import ImuSample, Quaternion
 from tuning.course import Course, course_of
-from tuning.told import Call
+from tuning.logged_calls import Call
 
 SEGMENT_S = 5.0
 # In a silence longer than this nobody knows what the vehicle has done.

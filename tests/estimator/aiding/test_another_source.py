@@ -13,7 +13,7 @@ from estimator.profile import load_profile, merge_profile
 from estimator.types import RateSample, VelocitySample
 from tests.estimator.aiding.heading_source import HEADING_SOURCE, HeadingSample
 from tests.flight import banked_flight
-from tuning.told import ToldEstimator
+from tuning.logged_calls import LoggedEstimator
 
 TRUE_NORTH = {"reference": {"declination_deg": 0.0}}
 SAMPLES = 200
@@ -103,7 +103,7 @@ def test_what_no_source_reports_is_an_error_that_says_so(report):
 def test_whoever_repeats_what_was_told_repeats_it_too(flying):
     """Retuning replays what was told: by whichever name it came, once, and in its order."""
     _, profile, state = flying
-    one, other = ToldEstimator(profile), Estimator(profile)
+    one, other = LoggedEstimator(profile), Estimator(profile)
     one.snapshot = other.snapshot = state
     time_us = state.core.time_us
     one.update_report(HeadingSample(time_us, 0.2, 0.01))

@@ -1,7 +1,7 @@
-"""What an estimator is told, and nothing of it forgotten."""
+"""Every call that changes an estimator is logged."""
 
 from estimator.estimator import Estimator
-from tuning.told import ToldEstimator
+from tuning.logged_calls import LoggedEstimator
 
 ASKED = {
     "aligned",
@@ -21,14 +21,14 @@ ASKED = {
     "trusts_compass",
     "unshown_iron_rad",
 }
-# They call what is told, or are noted by whoever keeps segments: a profile ends one.
+# They call what is logged, or are logged by whoever keeps segments: a profile ends one.
 BY_OTHERS = {"update_velocity", "replace_profile"}
 # In place of ``update``, for arrays of samples, which nobody retunes on.
 OF_ARRAYS = {"take", "update_rows"}
 
 
-def test_every_change_from_outside_is_told():
-    """A method that is new in the estimator is to be overridden in ToldEstimator, or named here."""
+def test_every_change_from_outside_is_logged():
+    """A new method of the estimator is overridden in LoggedEstimator, or named here."""
     public = {name for name in vars(Estimator) if not name.startswith("_")}
-    told = {name for name in vars(ToldEstimator) if not name.startswith("_")}
-    assert public - told == ASKED | BY_OTHERS | OF_ARRAYS
+    logged = {name for name in vars(LoggedEstimator) if not name.startswith("_")}
+    assert public - logged == ASKED | BY_OTHERS | OF_ARRAYS

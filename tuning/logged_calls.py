@@ -1,4 +1,4 @@
-"""An estimator that passes on what it is told, so that others can be told the same."""
+"""An estimator that logs its calls, so that others can be given the same."""
 
 from collections.abc import Callable
 from operator import methodcaller
@@ -12,18 +12,18 @@ from estimator.types import ImuSample
 Call = Callable[[Estimator], object]
 
 
-def _noted(name: str) -> Any:
-    """A method of the estimator that is noted before it takes effect."""
+def _logged(name: str) -> Any:
+    """A method of the estimator that is logged before it takes effect."""
 
-    def method(told: "ToldEstimator", *values: Any, **named: Any) -> Any:
-        told._waiting.append(methodcaller(name, *values, **named))  # noqa: SLF001 - its method
-        return getattr(Estimator, name)(told, *values, **named)
+    def method(logged: "LoggedEstimator", *values: Any, **named: Any) -> Any:
+        logged._waiting.append(methodcaller(name, *values, **named))  # noqa: SLF001 - its method
+        return getattr(Estimator, name)(logged, *values, **named)
 
     return method
 
 
-class ToldEstimator(Estimator):
-    """Calls :meth:`note_sample` with every sample it took, and what it was told since the last."""
+class LoggedEstimator(Estimator):
+    """Calls :meth:`note_sample` with every sample it took, and the calls since the last."""
 
     def __init__(self, profile: Profile, fixed_gain: float | None = None) -> None:
         super().__init__(profile, fixed_gain)
@@ -50,10 +50,10 @@ class ToldEstimator(Estimator):
         self._waiting.append(methodcaller("restart"))
         super().restart()
 
-    update_report = _noted("update_report")  # velocities and rates come this way, too
-    set_position = _noted("set_position")
-    set_field_calibrated = _noted("set_field_calibrated")
-    set_imu_lag = _noted("set_imu_lag")
-    set_vehicle_class = _noted("set_vehicle_class")
-    turn = _noted("turn")
-    change_imu = _noted("change_imu")
+    update_report = _logged("update_report")  # velocities and rates come this way, too
+    set_position = _logged("set_position")
+    set_field_calibrated = _logged("set_field_calibrated")
+    set_imu_lag = _logged("set_imu_lag")
+    set_vehicle_class = _logged("set_vehicle_class")
+    turn = _logged("turn")
+    change_imu = _logged("change_imu")
