@@ -20,7 +20,7 @@ from rich.terminal_theme import MONOKAI
 from drivers.events import Imu
 from drivers.logs.open import open_log
 from estimator.profile import load_profile
-from fuzzbee.board import Board
+from fuzzbee.table_model import TableModel
 from fuzzbee.terminal import one_vehicle
 from fuzzbee.vehicle_table import Look, table
 from service.pipeline import Pipeline
@@ -62,29 +62,29 @@ def outputs(log: str, until_s: float) -> Iterator[list[Output]]:
             pipeline.handle(event)
 
 
-def fly(board: Board, name: str, log: str, until_s: float) -> None:
-    """Put a vehicle as it is at that moment on the board."""
+def fly(model: TableModel, name: str, log: str, until_s: float) -> None:
+    """Put a vehicle as it is at that moment into the model."""
     for turn in outputs(log, until_s):
         for output in turn:
             if isinstance(output, Published):
-                board.update(name, output.record, 0.0)
+                model.update(name, output.record, 0.0)
 
 
 def draw_watch() -> None:
     """Several vehicles in a table."""
-    board = Board()
+    model = TableModel()
     for vehicle in FLEET:
-        fly(board, *vehicle)
+        fly(model, *vehicle)
     look = Look("fuzzbee watch fuzzbee/*")
-    save("watch.svg", "fuzzbee watch", table(board.rows(), 0.0, WIDTH, HEIGHT, look), 5)
+    save("watch.svg", "fuzzbee watch", table(model.rows(), 0.0, WIDTH, HEIGHT, look), 5)
 
 
 def draw_watch_one() -> None:
     """One vehicle as an artificial horizon."""
-    board = Board()
-    fly(board, *ONE)
+    model = TableModel()
+    fly(model, *ONE)
     console = Console(color_system="truecolor", force_terminal=True, file=io.StringIO())
-    shown = one_vehicle(board.rows()[0], 0.0, WIDTH, HEIGHT, console, "")
+    shown = one_vehicle(model.rows()[0], 0.0, WIDTH, HEIGHT, console, "")
     save("watch-one.svg", f"fuzzbee watch {ONE[0]}", shown, HEIGHT)
 
 

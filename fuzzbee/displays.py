@@ -77,7 +77,7 @@ class Table(Display):
 
     def web_page(self, address: str) -> WebPage:
         """The same for browsers."""
-        return open_page(address, self._title, self._view.board)
+        return open_page(address, self._title, self._view.model)
 
     def say(self, text: str) -> None:
         """One line for a person, above the table."""
@@ -92,7 +92,7 @@ class Table(Display):
         self._view.close()
 
     def _take(self, name: str, record: Record) -> bool:
-        self._view.board.update(name, record, time.monotonic())
+        self._view.model.update(name, record, time.monotonic())
         return isinstance(record, AttitudeRecord) and self._vehicle in (None, name)
 
     def press(self, keys: list[str]) -> None:

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console, Group, RenderableType
 
-from fuzzbee.board import Board, Row, newest
-from fuzzbee.instrument import Ink, has_room, screen
+from fuzzbee.horizon import Ink, has_room, screen
 from fuzzbee.say import printable
+from fuzzbee.table_model import Row, TableModel, newest
 from fuzzbee.vehicle_table import BY_NAME, ORDERS, Look, lines, table
 from service.records import Departed, Message, Output, Published, vehicle_name
 
@@ -57,7 +57,7 @@ class TerminalView:
         title: str,
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.board = Board()
+        self.model = TableModel()
         self.order = BY_NAME
         self.one: str | None = None  # the vehicle that is shown alone
         self.cursor: str | None = None  # the vehicle that Enter shows alone
@@ -81,9 +81,9 @@ class TerminalView:
                 case Message(text=text):
                     texts.append(text)
                 case Published(vehicle=vehicle, record=record):
-                    self.board.update(vehicle_name(vehicle), record, self._now_s())
+                    self.model.update(vehicle_name(vehicle), record, self._now_s())
                 case Departed(vehicle=vehicle):
-                    self.board.remove(vehicle_name(vehicle))
+                    self.model.remove(vehicle_name(vehicle))
         self.say(*texts)
         self.refresh()
 
@@ -112,7 +112,7 @@ class TerminalView:
             return
         if now_s < self._next_line_s:
             return
-        rows = [row for row in self.board.rows() if self.one in (None, row.name)]
+        rows = [row for row in self.model.rows() if self.one in (None, row.name)]
         if rows:
             self._next_line_s = now_s + LINE_PERIOD_S
             truth = self._truth(rows)
@@ -182,7 +182,7 @@ class TerminalView:
 
     def rows(self) -> list[Row]:
         """All rows in the order chosen."""
-        rows = self.board.rows()
+        rows = self.model.rows()
         return rows if self.order == BY_NAME else sorted(rows, key=ORDERS[self.order])
 
 

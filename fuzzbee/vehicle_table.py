@@ -7,8 +7,8 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from fuzzbee.board import Row, age_text, current_attitude, is_silent, state_text
 from fuzzbee.say import printable
+from fuzzbee.table_model import Row, age_text, current_attitude, is_silent, state_text
 from fuzzbee.trust import Level, trust
 from service.alarms import MEANINGS, Alarm
 from service.health import State

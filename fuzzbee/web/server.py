@@ -17,8 +17,8 @@ from urllib.parse import parse_qs, urlsplit
 import msgspec
 
 from estimator.errors import InputError
-from fuzzbee.board import Board, newest
 from fuzzbee.say import say
+from fuzzbee.table_model import TableModel, newest
 from fuzzbee.web.shown import shown
 from service.records import Departed, Output, Published, vehicle_name
 
@@ -72,9 +72,9 @@ def parse_address(text: str) -> Address:
 
 
 class WebPage:
-    """Serves the page of a board; a sink of the service, and beside watch's display.
+    """Serves the page of a table model; a sink of the service, and beside watch's display.
 
-    ``now_s`` is the clock of the board. Close it.
+    ``now_s`` is the clock of the table model. Close it.
 
     Raises:
         InputError: the address cannot be listened on.
@@ -86,10 +86,10 @@ class WebPage:
         self,
         address: Address,
         title: str,
-        board: Board | None = None,
+        model: TableModel | None = None,
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.board = board or Board()
+        self.model = model or TableModel()
         self.title = title
         self.now_s = now_s
         try:
@@ -106,9 +106,9 @@ class WebPage:
         for output in newest(outputs):
             match output:
                 case Published(vehicle=vehicle, record=record):
-                    self.board.update(vehicle_name(vehicle), record, self.now_s())
+                    self.model.update(vehicle_name(vehicle), record, self.now_s())
                 case Departed(vehicle=vehicle):
-                    self.board.remove(vehicle_name(vehicle))
+                    self.model.remove(vehicle_name(vehicle))
 
     def close(self) -> None:
         """End the server and what it sends."""
@@ -120,7 +120,7 @@ class WebPage:
     def event(self, vehicle: str | None) -> bytes:
         """What is sent: all vehicles, or one of them, with the server's time (ms)."""
         now_s = self.now_s()
-        rows = [row for row in self.board.rows() if vehicle in (None, row.name)]
+        rows = [row for row in self.model.rows() if vehicle in (None, row.name)]
         content: dict[str, Any] = {
             "title": self.title,
             "sent_ms": round(1e3 * time.monotonic()),
@@ -133,7 +133,7 @@ class WebPage:
 
         A record is the latest, as on Zenoh; None where there is none.
         """
-        rows = {row.name: row for row in self.board.rows()}
+        rows = {row.name: row for row in self.model.rows()}
         match path.split("/")[1:]:
             case ["vehicles"]:
                 return msgspec.json.encode(list(rows))
@@ -230,13 +230,13 @@ class _Handler(BaseHTTPRequestHandler):
         """Nobody is told who looks."""
 
 
-def open_page(text: str, title: str, board: Board | None = None) -> WebPage:
+def open_page(text: str, title: str, model: TableModel | None = None) -> WebPage:
     """The page at an address as it was typed; says where it is.
 
     Raises:
         InputError: no such address, or it is taken.
     """
-    page = WebPage(parse_address(text), title, board)
+    page = WebPage(parse_address(text), title, model)
     elsewhere = "" if page.address.is_loopback else ", for all who reach this address"
     say(f"the page is at {page.address.url}{elsewhere}")
     return page

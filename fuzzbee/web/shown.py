@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from fuzzbee.board import Row, current_attitude, is_silent, state_text
-from fuzzbee.instrument import SILENT
+from fuzzbee.horizon import SILENT
+from fuzzbee.table_model import Row, current_attitude, is_silent, state_text
 from fuzzbee.trust import (
     Trust,
     heading_text,

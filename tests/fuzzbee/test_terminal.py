@@ -5,7 +5,7 @@ import pytest
 from rich.console import Console
 
 from drivers.events import VehicleId
-from fuzzbee.board import Board, Row
+from fuzzbee.table_model import Row, TableModel
 from fuzzbee.terminal import PersonConsole, TerminalView
 from fuzzbee.vehicle_table import Look, lines, summary, table
 from service.records import AttitudeRecord, Confidence, Message, Published, Sigma, StatusRecord
@@ -107,10 +107,10 @@ def test_many_vehicles_share_a_line():
 
 
 def test_rows_are_in_the_order_of_numbers():
-    board = Board()
+    model = TableModel()
     for name in ("10", "2", "1-154", "1"):
-        board.update(name, STATUS, 0.0)
-    assert [r.name for r in board.rows()] == ["1", "1-154", "2", "10"]
+        model.update(name, STATUS, 0.0)
+    assert [r.name for r in model.rows()] == ["1", "1-154", "2", "10"]
 
 
 def test_without_a_terminal_there_is_a_line_a_second():
@@ -209,7 +209,7 @@ def test_keys_sort_choose_and_quit():
     display = Table("fuzzbee")
     view = display._view
     for name, state in (("1", "running"), ("2", "degraded"), ("3", "running")):
-        view.board.update(name, attitude(state), 10.0)
+        view.model.update(name, attitude(state), 10.0)
     assert [r.name for r in view.rows()] == ["1", "2", "3"]
     display.press(["s"])
     assert [r.name for r in view.rows()] == ["2", "1", "3"]
@@ -238,11 +238,11 @@ def test_an_overloaded_service_says_what_it_leaves_out():
 
 
 def test_a_row_keeps_the_status_before_the_latest():
-    board = Board()
+    model = TableModel()
     early, late = (msgspec.structs.replace(STATUS, overruns=n) for n in (3, 7))
-    board.update("1", early, 10.0)
-    board.update("1", late, 11.0)
-    (row,) = board.rows()
+    model.update("1", early, 10.0)
+    model.update("1", late, 11.0)
+    (row,) = model.rows()
     assert (row.before, row.status) == (early, late)
 
 

@@ -12,8 +12,8 @@ from drivers.mavlink.gate import TAKE_OVER_US, FrameGate, Policy
 from drivers.mavlink.stream_request import StreamRequest
 from drivers.places import PLACES
 from estimator.profile import load_profile
-from fuzzbee.board import Board
 from fuzzbee.reception import SILENT_S, Reception
+from fuzzbee.table_model import TableModel
 from service.departures import FORGOTTEN_US, DepartedCounts
 from service.pipeline import Pipeline
 from service.records import Departed, Message, Published, Replaced
@@ -177,18 +177,18 @@ def test_what_a_sender_was_is_forgotten_by_the_gate_and_the_requests():
 
 def test_a_table_and_what_watch_takes_stay_bounded():
     now_s, told = [0.0], []
-    board, reception = Board(), Reception(told.append, lambda: now_s[0])
+    model, reception = TableModel(), Reception(told.append, lambda: now_s[0])
     payload = msgspec.json.encode(record())
     names = [f"{vehicle.system_id}-{vehicle.component_id}" for vehicle in addresses(PLACES + 300)]
     for name in names:
         now_s[0] += 2.0 * SILENT_S / PLACES
         received = reception.record(f"fuzzbee/{name}/attitude", payload)
         assert received is not None, name
-        board.update(name, received[1], now_s[0])
+        model.update(name, received[1], now_s[0])
     assert told == []
-    assert sorted(row.name for row in board.rows()) == sorted(names[-PLACES:])
-    board.remove(names[-1])
-    assert names[-1] not in {row.name for row in board.rows()}
+    assert sorted(row.name for row in model.rows()) == sorted(names[-PLACES:])
+    model.remove(names[-1])
+    assert names[-1] not in {row.name for row in model.rows()}
     for name in names[:PLACES]:  # all at once are too many, beside those of before
         reception.record(f"fuzzbee/{name}/attitude", payload)
     (line,) = told

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from rich.text import Text
 
-from fuzzbee.board import Row, age_text, current_attitude, is_silent, state_text
+from fuzzbee.table_model import Row, age_text, current_attitude, is_silent, state_text
 from fuzzbee.trust import (
     POINTS,
     Level,

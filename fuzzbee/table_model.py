@@ -32,7 +32,7 @@ class Row(NamedTuple):
 EMPTY = Row(name="", attitude=None, status=None, attitude_s=0.0, heard_s=0.0)
 
 
-class Board:
+class TableModel:
     """The latest records of all vehicles; written by one thread, read by another.
 
     Where there is no room for one more, who has been silent for longest goes.

@@ -11,9 +11,9 @@ from rich.console import Console, Group
 
 from estimator.geometry.frames import from_euler_rad
 from estimator.geometry.quaternion import rotate_inverse
-from fuzzbee.board import Row
 from fuzzbee.cli import main
-from fuzzbee.instrument import Ink, screen
+from fuzzbee.horizon import Ink, screen
+from fuzzbee.table_model import Row
 from fuzzbee.terminal import PersonConsole, TerminalView
 from service.health import State
 from service.records import Message, Published, StatusRecord
@@ -27,7 +27,7 @@ SKY, GROUND, HAZE, LINE = " ", "░", "▒", "█▀▄"
 
 
 def seen(attitude, state=State.RUNNING, status=STATUS, *, is_silent=False):
-    """A row of the board, and the time when it is looked at."""
+    """A row of the table model, and the time when it is looked at."""
     now_s = 104.0 if is_silent else 100.0
     said = status and msgspec.structs.replace(status, state=state.value)
     if attitude is not None:
@@ -130,7 +130,7 @@ def test_without_a_valid_attitude_there_is_a_cross_and_no_number(shown, words):
             seen(record(), status=msgspec.structs.replace(STATUS, warnings=("bias_at_limit",))),
             "DO NOT TRUST",
         ),
-        (seen(record(), status=msgspec.structs.replace(STATUS, overloaded=True)), "CARE"),
+        (seen(record(), status=msgspec.structs.replace(STATUS, overloaded=True)), "TRUST"),
     ],
 )
 def test_one_word_sums_up(shown, word):
