@@ -319,8 +319,8 @@ def test_a_plot_without_a_truth_has_no_peer(capsys, tmp_path):
     log = LOG.with_name("sub_bluerov.tlog")
     assert replay(capsys, log, "--plot", tmp_path / "a.svg", "--json")[0] == 0
     texts = svg_texts(tmp_path / "a.svg")
-    assert {"autopilot", "estimate", "error"} <= texts
-    assert not {"truth", "autopilot's error"} & texts
+    assert {"autopilot", "estimate", "difference"} <= texts
+    assert not {"truth", "error", "autopilot's error"} & texts
 
 
 @pytest.fixture
