@@ -7,7 +7,7 @@ budget of its own, so that nobody else's flood keeps its samples out.
 
 PACKETS_HZ = 200.0  # of a peer without an IMU; a ground station sends a tenth of that
 ALL_PACKETS_HZ = 2000.0  # of all those together
-IMU_PACKETS_HZ = 50_000.0  # of a peer with an IMU; a router may forward all vehicles there are
+IMU_PACKETS_HZ = 30_000.0  # of a peer with an IMU; a router may forward 200 vehicles
 IMU_COUNTS_S = 5.0  # a peer counts as one with an IMU for so long after a sample
 FRAME_BYTES = 64  # of a usual frame: a packet that is larger counts as several
 MOST_PEERS = 1024
