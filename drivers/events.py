@@ -80,6 +80,10 @@ class Position(VehicleEvent, frozen=True):
     altitude_m: float
 
 
+# The name of a parameter by which a log's own description vouches for the compass, 1, or warns, 0.
+COMPASS_CALIBRATED = "compass_calibrated"
+
+
 class Parameter(VehicleEvent, frozen=True):
     """One PARAM_VALUE."""
 

@@ -1,6 +1,5 @@
 """One vehicle's estimator: samples in, attitude out. No I/O and no clock."""
 
-from math import hypot
 from typing import Any
 
 from estimator.aiding import compass
@@ -14,7 +13,6 @@ from estimator.live.aiding_span import set_imu_lag, set_vehicle_class
 from estimator.live.contradiction import leaning_angle
 from estimator.live.core import apply_turn, change_imu
 from estimator.live.hearing import take_rate, take_report
-from estimator.live.iron import unshown_iron_rad
 from estimator.live.published import write
 from estimator.live.refusal import REASONS
 from estimator.live.resident import (
@@ -97,7 +95,7 @@ class Estimator:
     @property
     def unshown_iron_rad(self) -> float:
         """How far iron may turn a heading by the field, where nobody has calibrated the compass."""
-        return unshown_iron_rad(self._state)
+        return self._state.unshown_iron_rad
 
     @property
     def fixed_gain(self) -> float | None:
@@ -121,7 +119,7 @@ class Estimator:
             sample = ImuSample(time_us, gyr_rad_s, acc_m_s2, mag_gauss, has_mag)
             return take_sample(state, sample)
         _, end, _, state.said = state.core.advance(
-            time_us, *gyr_rad_s, *acc_m_s2, *mag_gauss, has_mag, False, 0
+            time_us, *gyr_rad_s, *acc_m_s2, *mag_gauss, has_mag, False, 0, state.standing
         )
         if end == TAKEN:
             return None
@@ -138,17 +136,18 @@ class Estimator:
         """
         state, taken, end, n = self._state, 0, FIRST_HEADING, len(said)
         while end == FIRST_HEADING and taken < n:
-            if not state.needs_samples_only or not state.trusts_compass:
+            if not state.needs_samples_only:
                 break
             core = state.core
             core.lay(cut(rows, taken), said[taken:])
-            done, end, _, _ = core.advance(*NO_SAMPLE_ITSELF, False, n - taken)
+            done, end, _, _ = core.advance(*NO_SAMPLE_ITSELF, False, n - taken, state.standing)
             core.lay(*NOTHING_LAID)
             state.said = None
             taken += done
             if end == FIRST_HEADING:
                 state.align()
-                write(said[taken - 1], state.core.publish(state.core.time_us, CONDITIONED))
+                now = state.core.publish(state.core.time_us, CONDITIONED, state.standing)
+                write(said[taken - 1], now)
         return taken
 
     def update_velocity(self, report: VelocitySample) -> Reason | None:
@@ -183,9 +182,10 @@ class Estimator:
         north.set_position(self._state, latitude_deg, longitude_deg, altitude_m, unix_us)
 
     def set_field_calibrated(self, calibrated: bool) -> None:
-        """Whether somebody has calibrated the compass; it is assumed until told otherwise.
+        """Whether somebody has calibrated the compass.
 
-        The heading of one that is not comes from velocity, as soon as that shows it.
+        Without a word, and of one that is not, a heading by the field has a sigma of 45 deg until
+        turns have shown its iron, and comes from velocity as soon as that shows it.
         """
         north.set_field_calibrated(self._state, calibrated)
 
@@ -222,12 +222,8 @@ class Estimator:
         state = self._state
         said = state.said
         if said is None or said[0] != time_us:
-            said = state.core.publish(time_us, state.source)
+            said = state.core.publish(time_us, state.source, state.standing)
         _, moved, figures, has_heading = said
-        if state.source != AIDED and not state.trusts_compass:
-            gravity, magnetic, inclination, heading = figures
-            shown = hypot(heading, unshown_iron_rad(state))
-            figures = (gravity, magnetic, inclination, min(shown, max(heading, UNKNOWN_RAD)))
         # an Attitude's own constructor takes three times as long
         values = (time_us, *moved, *figures, state.norths[not has_heading])
         attitude: Attitude = _new(Attitude, values)
@@ -244,9 +240,14 @@ class Estimator:
             return compass.CONTRADICTED
         if state.source == AIDED or not state.settings.conditioned:
             return ""
-        if unshown_iron_rad(state) < UNKNOWN_RAD:
+        if state.unshown_iron_rad < UNKNOWN_RAD:
             return ""
         return compass.doubt(state.context.compass, state.core.time_us)
+
+    @property
+    def compass_off_rad(self) -> float:
+        """By how much (rad, about down) a compass is turned that velocity contradicts."""
+        return self._state.context.compass.off_rad
 
     @property
     def leaning_rad(self) -> float:

@@ -65,6 +65,8 @@ class Estimator:
         profile: what ``load_profile`` gives, or the name or file it would be given.
         rate_hz: samples a second, 1e-6 to 1e6, for data whose samples have no times of their own.
         gain: fixes K, the gain that otherwise the profile's rules set.
+        compass_calibrated: whether somebody has calibrated the magnetometer. Without a word its
+            heading has a sigma of 45 deg until turns have shown its iron, or velocity the heading.
 
     Raises:
         InputError: an unusable profile, rate or gain.
@@ -76,6 +78,7 @@ class Estimator:
         rate_hz: float | None = None,
         *,
         gain: float | None = None,
+        compass_calibrated: bool | None = None,
     ) -> None:
         if rate_hz is not None:
             rate_hz = number("rate_hz", rate_hz, 1.0 / MICROSECONDS, MICROSECONDS, " a second")
@@ -85,12 +88,15 @@ class Estimator:
         self._is_plain = self.profile.mounting.is_plain
         self._rate_hz = rate_hz
         self._gain = gain
+        self._compass_calibrated = compass_calibrated
         self.reset()
 
     def reset(self) -> None:
         """Begin as if nothing had come yet; a position is forgotten, too."""
         self.rejected: Counter[str] = Counter()  # samples and reports that were refused, by reason
         self._inner = estimator.Estimator(self.profile, self._gain)
+        if self._compass_calibrated is not None:
+            self._inner.set_field_calibrated(self._compass_calibrated)
         self._number = 0  # of the next sample
         self._last_us = 0  # the time of the last one
         self._field = RepeatedField()
@@ -120,10 +126,14 @@ class Estimator:
 
     def copy(self) -> "Estimator":
         """Another one that goes on from here by itself."""
-        return _resumed(self.profile, self._rate_hz, self._gain, self.state)
+        return _resumed(*self._made_with, self.state)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _resumed, (self.profile, self._rate_hz, self._gain, self.state)
+        return _resumed, (*self._made_with, self.state)
+
+    @property
+    def _made_with(self) -> tuple[Profile, float | None, float | None, bool | None]:
+        return self.profile, self._rate_hz, self._gain, self._compass_calibrated
 
     def update(
         self,
@@ -224,7 +234,8 @@ class Estimator:
         """
         from estimator.smoothing import Offered, Recorder, smooth_offered
 
-        forward = Estimator(self.profile, self._rate_hz, gain=self._gain)
+        profile, rate_hz, gain, calibrated = self._made_with
+        forward = Estimator(profile, rate_hz, gain=gain, compass_calibrated=calibrated)
         batch, said = forward._batch(
             gyr_rad_s, acc_m_s2, mag_gauss, time_s, velocity_ned_m_s, strict=False
         )
@@ -393,9 +404,13 @@ class Estimator:
 
 
 def _resumed(
-    profile: Profile, rate_hz: float | None, gain: float | None, state: EstimatorState
+    profile: Profile,
+    rate_hz: float | None,
+    gain: float | None,
+    compass_calibrated: bool | None,
+    state: EstimatorState,
 ) -> Estimator:
     """What pickle and copy make of an estimator."""
-    made = Estimator(profile, rate_hz, gain=gain)
+    made = Estimator(profile, rate_hz, gain=gain, compass_calibrated=compass_calibrated)
     made.state = state
     return made

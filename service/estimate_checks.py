@@ -11,6 +11,9 @@ from estimator.profile import Profile
 from estimator.types import Attitude, ImuSample
 from service.alarms import LEANING_DEG, MEANINGS, Alarm, Alarms
 
+# A compass that is this far off may be mounted otherwise than its orientation says; iron does less.
+LEAST_TURNED_DEG = 40
+
 
 class EstimateChecks:
     """The alarms of one vehicle, and what has been reported of them."""
@@ -62,7 +65,9 @@ class EstimateChecks:
             return []
         self._compass_reported.add(why)
         if why == CONTRADICTED:
-            return ["velocity shows the heading, not the compass: they contradict each other"]
+            off_deg = round(degrees(estimator.compass_off_rad))
+            asked = "; is its orientation set rightly?" * (abs(off_deg) >= LEAST_TURNED_DEG)
+            return [f"velocity shows the heading, not the compass, which is {off_deg}° off{asked}"]
         return [f"heading ±45° until velocity shows it: {why}"]
 
     def _alarm_lines(self) -> list[str]:

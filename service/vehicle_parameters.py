@@ -2,11 +2,12 @@
 
 from math import pi, sqrt
 
-from drivers.events import Heartbeat, Parameter
+from drivers.events import COMPASS_CALIBRATED, Heartbeat, Parameter
 from drivers.mavlink.ardupilot import (
     ACC_FILTER,
     COMPASS_OFFSETS,
     GYRO_FILTER,
+    PX4_COMPASS_OFFSETS,
     ROVER_FILTERS_HZ,
 )
 from drivers.mavlink.attitude_view import NAMES as VIEW_PARAMETERS
@@ -46,7 +47,9 @@ class VehicleParameters:
             self.view.take(event.name, event.value)
         elif event.name in (GYRO_FILTER, ACC_FILTER) and event.value > 0.0:
             self._note_filter(event.name, event.value, estimator)
-        elif event.name in COMPASS_OFFSETS:
+        elif event.name == COMPASS_CALIBRATED:
+            estimator.set_field_calibrated(bool(event.value))
+        elif event.name in (*COMPASS_OFFSETS, *PX4_COMPASS_OFFSETS):
             self._compass_offsets[event.name] = event.value
             if len(self._compass_offsets) == len(COMPASS_OFFSETS):
                 estimator.set_field_calibrated(any(self._compass_offsets.values()))

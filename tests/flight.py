@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimator.estimator import Estimator
 from estimator.geometry.frames import from_euler_rad
 from estimator.geometry.quaternion import rotate, rotate_inverse
 from estimator.types import STANDARD_GRAVITY_M_S2, ImuSample, VelocitySample
@@ -70,6 +71,13 @@ def banked_flight(
 
 def _noisy(rng, vector, sigma):
     return tuple(float(v) for v in np.array(vector) + sigma * rng.standard_normal(3))
+
+
+def calibrated(profile, fixed_gain=None):
+    """An estimator whose compass somebody vouches for."""
+    estimator = Estimator(profile, fixed_gain)
+    estimator.set_field_calibrated(True)
+    return estimator
 
 
 def flown(estimator, flight, reports=None, after=None):

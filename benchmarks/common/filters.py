@@ -68,7 +68,9 @@ class FuzzbeeRun:
 
     def __init__(self, trial: Trial, profile: Profile) -> None:
         averaged = {"conditioning": {"averaged_samples": trial.averaged}}
-        self._estimator = Estimator(merge_profile(profile, averaged), trial.rate_hz)
+        self._estimator = Estimator(
+            merge_profile(profile, averaged), trial.rate_hz, compass_calibrated=True
+        )
         self._readings = body_readings(trial)
 
     def advance(self, rows: slice) -> Said:

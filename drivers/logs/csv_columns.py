@@ -55,6 +55,7 @@ class Description(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     velocity: Quantity = Quantity()
     truth: Quantity = Quantity()
     autopilot: Quantity = Quantity()
+    compass_calibrated: bool | None = None
 
 
 class Columns(NamedTuple):
@@ -63,6 +64,7 @@ class Columns(NamedTuple):
     The time is in us, or in words (ISO 8601, date and time may stand apart) where its factor is 0.
     Attitudes are four numbers, w first, or three angles (roll, pitch, yaw) in rad; those that are
     East-North-Up and FLU are named in ``enu_flu``. Where nobody told the axes they may be others.
+    Nobody vouches for the compass where ``compass_calibrated`` is None.
     """
 
     time: tuple[Part, ...]
@@ -75,6 +77,7 @@ class Columns(NamedTuple):
     autopilot: tuple[Part, ...]
     enu_flu: frozenset[str]
     doubts_axes: bool
+    compass_calibrated: bool | None
 
 
 TIME = {"min": 6e7, "s": 1e6, "ms": 1e3, "millis": 1e3, "us": 1.0, "micros": 1.0, "ns": 1e-3}
@@ -164,6 +167,7 @@ def columns(text: CsvText, told: Description) -> Columns:
         autopilot=_attitude(text, "autopilot", told.autopilot),
         enu_flu=frozenset(name for name, axes in world.items() if axes == "flu"),
         doubts_axes=not (told.axes or told.accelerometer.axes),
+        compass_calibrated=told.compass_calibrated,
     )
 
 

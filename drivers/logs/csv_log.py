@@ -6,7 +6,7 @@ from math import isnan
 from pathlib import Path
 from typing import Literal
 
-from drivers.events import Event, Malformed, VehicleId
+from drivers.events import COMPASS_CALIBRATED, Event, Malformed, Parameter, VehicleId
 from drivers.logs.csv_columns import Columns, Part, columns, description
 from drivers.logs.csv_text import CsvText, csv_rows, csv_text
 from drivers.logs.log_file import LATEST_US, LogFile
@@ -52,6 +52,7 @@ class CsvLog(LogFile):
                 time_us = None if row is None else _time_us(self._text, row, self._columns.time)
                 if decoder is None:
                     decoder = _Decoder(self._text, self._columns, time_us or 0)
+                    yield from decoder.head()
                 yield from decoder.decode(time_us, row or [])
 
 
@@ -66,6 +67,13 @@ class _Decoder:
         self._vehicle = LoggedVehicle(VehicleId(1, 1), dated_us, doubts_axes=columns.doubts_axes)
         self._raw_us = 0
         self._is_whole = True  # whether all that was read of the row so far are numbers
+
+    def head(self) -> list[Event]:
+        """What the description says of the compass."""
+        word = self._columns.compass_calibrated
+        if word is None:
+            return []
+        return [Parameter(self._vehicle.id, self._vehicle.arrival_us(0), COMPASS_CALIBRATED, word)]
 
     def decode(self, time_us: int | None, row: Sequence[str]) -> list[Event]:
         """The events of a row; what is empty is not there, a row with no number for one counted."""

@@ -119,7 +119,7 @@ def begin(
             inclination_rad=tilt_sigma_rad,
             heading_rad=heading_sigma_rad,
         ),
-        rough=Roughness(bent=0.0, changed=0.0),
+        rough=Roughness(bent=0.0, changed=0.0, knocked=0.0),
         lean=Lean(ZERO_VEC3, report.velocity_ned_m_s, report.velocity_ned_m_s),
         surprise=Surprise(ZERO_VEC3, gyr_bias, 3.0 * params.gyr_bias_sigma**2, 0.0, 0.0),
         wheels=NEW_WHEELS,

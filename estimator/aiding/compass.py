@@ -18,17 +18,18 @@ from estimator.conditioning.times import FORGET_S, LONG_S, MEMORY_S
 class Compass(NamedTuple):
     """What is known about a compass; times are the vehicle's, None for what never happened."""
 
-    declared_calibrated: bool = True  # the last word about it; without any it is believed
+    declared_calibrated: bool | None = None  # the last word about it; None: there was none
     unlike_us: int | None = None  # when its field last did not look like the place's own
     gave_up_us: int | None = None  # when the aiding last gave up
     misled_us: int | None = None  # when it last gave up for the second time in a row
     left_out_us: int | None = None  # when velocity alone showed that its heading is wrong
+    off_rad: float = 0.0  # by how much, about down
     confirmed: bool = False  # velocity alone has shown the heading that it gives
     contradicted_since_us: int | None = None  # velocity alone shows another heading
 
 
 CONTRADICTED = "velocity contradicts the compass"
-UNTOUCHED = Compass()  # nothing speaks against it
+NO_WORD = "nobody has said that the compass is calibrated"
 
 
 def is_trusted(compass: Compass, time_us: int) -> bool:
@@ -43,13 +44,25 @@ def is_heard(compass: Compass, time_us: int) -> bool:
 
 def doubt(compass: Compass, time_us: int) -> str:
     """What speaks against it at ``time_us``, in words; empty if nothing does."""
-    if not compass.declared_calibrated:
+    if compass.declared_calibrated is None and not compass.confirmed:
+        return NO_WORD
+    if compass.declared_calibrated is False:
         return "nobody has calibrated the compass"
     if _is_recent(compass.misled_us, time_us, FORGET_S):
         return "the compass has misled twice"
     if not is_heard(compass, time_us):
         return CONTRADICTED
     return "the field is not like this place's" * _is_recent(compass.unlike_us, time_us, MEMORY_S)
+
+
+def is_timeless(compass: Compass) -> bool:
+    """Whether nothing but a word, or none, is known about it."""
+    return compass == Compass(compass.declared_calibrated)
+
+
+def lacks_a_word_only(compass: Compass, time_us: int) -> bool:
+    """Whether nothing speaks against it but that nobody has calibrated it, or has said so."""
+    return is_trusted(compass._replace(declared_calibrated=True), time_us)
 
 
 def declare(compass: Compass, is_calibrated: bool) -> Compass:

@@ -20,11 +20,14 @@ from estimator.aiding.types import (
     AidingParams,
     AidingState,
     Array,
+    Roughness,
     Unlearnt,
 )
+from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.robust import FAR, REACH
+from estimator.conditioning.times import USUAL_S
 from estimator.conditioning.vertical.rate import integration_rate
 from estimator.geometry.quaternion import (
     add,
@@ -41,6 +44,8 @@ from estimator.types import STANDARD_GRAVITY_M_S2, Sample, Vec3
 GRAVITY_NED: Vec3 = (0.0, 0.0, STANDARD_GRAVITY_M_S2)
 # The time in which the vehicle's own field, or a sensor's bias, may have become another.
 LEARNT_LASTS_S = 2500.0
+# Forces usually lie at least this far off the line through two others, m/s^2: noise and shaking.
+LEAST_KNOCK_M_S2 = 2.0
 # A slow error of a source beyond ``REACH`` of its sigmas is one of a jump, and lasts the longer the
 # larger it is, up to ``FAR`` times as long.
 
@@ -48,6 +53,9 @@ moved = replacer(
     AidingEstimate,
     *("q_ned_frd", "velocity_ned_m_s", "receiver_error_m_s", "filter_error_m_s"),
 )
+
+
+with_knocked = replacer(Roughness, "knocked")
 
 
 class ErrorVariances(NamedTuple):
@@ -104,9 +112,11 @@ def predict_motion(
     if between.given:
         seen_s = between.step_s
         missed_turn = rotate(q, scale(sqrt(dt * seen_s), between.change_rad_s))
-    missed_push = scale(dt, trail_bend(trail))
+    off = trail_bend(trail)
+    missed_push = scale(dt, off)
     lasts = lasting_times(params, state)
     add_noise(params, P, state, lasts, missed_turn, missed_push, dot(rate, rate), dt, seen_s)
+    add_knock(P, state.rough, off, dt)
     by_receiver = fade(estimate.receiver_error_m_s, dt, lasts.receiver_s)
     by_filter = fade(estimate.filter_error_m_s, dt, lasts.filter_s)
     return Prediction(
@@ -132,6 +142,40 @@ def trail_bend(trail: Array) -> Vec3:
     second = row(trail, 1, ACCELERATION)
     step_s, before_s = trail[0, TIME] - trail[1, TIME], trail[1, TIME] - trail[2, TIME]
     return bend(row(trail, 0, ACCELERATION), second, row(trail, 2, ACCELERATION), step_s, before_s)
+
+
+@inlined
+def usual_knock(rough: Roughness) -> float:
+    """Square (m/s^2)^2 beyond which a force off the line is no usual one."""
+    return FAR * max(rough.knocked, LEAST_KNOCK_M_S2**2)
+
+
+@inlined
+def add_knock(P: Array, rough: Roughness, off_m_s2: Vec3, dt: float) -> None:
+    """A reading far off the line through its neighbours may be no push at all, in place.
+
+    What it adds to the velocity is as uncertain as it is large. An autopilot's filter reads the
+    same accelerometer, so that its error is the same, and its reports prove nothing.
+    """
+    square = dot(off_m_s2, off_m_s2)
+    beyond = 1.0 - usual_knock(rough) / max(square, TINY)
+    if beyond <= 0.0:
+        return
+    for i in range(3):
+        variance = beyond * (dt * off_m_s2[i]) ** 2
+        v, e = VELOCITY + i, FILTER_ERROR + i
+        P[v, v] += variance
+        P[e, e] += variance
+        P[v, e] -= variance
+        P[e, v] -= variance
+
+
+@inlined
+def watch_knocks(rough: Roughness, trail: Array, dt: float) -> Roughness:
+    """With one more force; one that is unusual teaches little."""
+    off = trail_bend(trail)
+    square = min(dot(off, off), usual_knock(rough))
+    return with_knocked(rough, rough.knocked + dt / (USUAL_S + dt) * (square - rough.knocked))
 
 
 @inlined

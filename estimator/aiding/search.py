@@ -38,6 +38,7 @@ Matrix = tuple[Vec3, Vec3, Vec3]  # row by row
 # A heading no more certain than this, rad, is as good as none, such as one by a compass that
 # nobody has calibrated: the aiding does not begin with it.
 UNKNOWN_RAD = radians(45.0)
+MOST_START_RAD = radians(25.0)
 # Two windows in a row share the report between them, and more share the reports' slow error:
 # the variance is this many times that of independent ones.
 CORRELATED = 4.0
@@ -240,7 +241,7 @@ def solve(search: Search, bias_sigma_rad_s: float) -> Solution | None:
     by_bias = bias_sigma_rad_s * float(np.linalg.norm(heading @ _information(aged)))
     by_noise = CORRELATED * loss / (3.0 * evidence.windows - 3.0) * float(heading[2])
     sigma = sqrt(by_noise + by_age**2 + by_bias**2)
-    return Solution(quaternion_from_matrix(R), sigma) if sigma < UNKNOWN_RAD else None
+    return Solution(quaternion_from_matrix(R), sigma) if sigma < MOST_START_RAD else None
 
 
 def _information(together: Array) -> Array:

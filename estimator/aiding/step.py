@@ -12,7 +12,7 @@ arXiv:1711.02508, section 7.
 import numpy as np
 
 from estimator.aiding.correction import apply_corrections, correct_last, part, prediction_at
-from estimator.aiding.inertial import judge_biases, predict_motion
+from estimator.aiding.inertial import judge_biases, predict_motion, watch_knocks
 from estimator.aiding.lean import hear_report, lean_angle, watch_lean
 from estimator.aiding.sources.field import begin_anew, forget_iron, observe_heading, wait_for_field
 from estimator.aiding.sources.unaided import observe_unaided
@@ -72,6 +72,7 @@ def aid(
     slow = slow_share(dt)
     if slow > 0.0:
         rough = watch_turning(params, state, now.covariance, sample, slow * others.missed)
+    rough = watch_knocks(rough, now.trail, dt)
     is_silent = not report.given and wait_s > SPAN_S + dt
     share = 1.0 if is_silent else slow
     if share > 0.0:

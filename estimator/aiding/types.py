@@ -186,10 +186,11 @@ class Sigmas(NamedTuple):
 
 
 class Roughness(NamedTuple):
-    """Mean squares over the gyroscope's latest readings, (rad/s)^2."""
+    """Mean squares over the latest readings."""
 
-    bent: float  # of how far each lies off the line through the two before
-    changed: float  # of the differences of two
+    bent: float  # of how far the gyroscope's lie off the line through the two before, (rad/s)^2
+    changed: float  # of the differences of two of them, (rad/s)^2
+    knocked: float  # of how far the forces lie off such a line, (m/s^2)^2; one alone counts little
 
 
 class Lean(NamedTuple):

@@ -100,4 +100,5 @@ def watch_roughness(rough: Roughness, bent: Vec3, change: Vec3, dt: float) -> Ro
     return Roughness(
         bent=rough.bent + share * (dot(bent, bent) - rough.bent),
         changed=rough.changed + share * (dot(change, change) - rough.changed),
+        knocked=rough.knocked,
     )

@@ -3,7 +3,20 @@
 It begins with the heading by the field, or with one by velocity itself.
 """
 
-from math import atan, atan2, copysign, dist, hypot, inf, isfinite, pi, radians, sqrt, tan
+from math import (
+    atan,
+    atan2,
+    copysign,
+    dist,
+    hypot,
+    inf,
+    isfinite,
+    pi,
+    radians,
+    remainder,
+    sqrt,
+    tan,
+)
 from typing import NamedTuple
 
 import numpy as np
@@ -28,6 +41,7 @@ from estimator.conditioning.vertical.rate import slow_share
 from estimator.filter.alignment import align, quaternion_from_matrix
 from estimator.geometry.earth import in_ned
 from estimator.geometry.quaternion import (
+    conjugate,
     cross,
     dot,
     exp,
@@ -39,6 +53,7 @@ from estimator.geometry.quaternion import (
 from estimator.live.aided import is_worse
 from estimator.live.conditioned import conditioned_vectors
 from estimator.live.core import Core, flat, square, with_attitude
+from estimator.live.iron import BY_TURNS
 from estimator.live.settings import Settings
 from estimator.live.state import State
 from estimator.types import DOWN, STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Vec3
@@ -58,11 +73,18 @@ def begin_aided(state: State, report: Report, *, has_heading: bool) -> None:
     It comes from the field, or from velocity itself where there is no field to be trusted
     or no position that tells true from magnetic north.
     """
-    start = find_start(state, report, has_heading=has_heading)
+    can_compare = has_heading and state.knows_north
+    start = find_start_by_field(state) if can_compare else None
     if start is None:
-        state.enter(Cause.REPORT)
-        return
-    set_out(state, start, report, has_heading=has_heading)
+        start = find_start_by_velocity(state, report)
+        if start is None:
+            state.enter(Cause.REPORT)
+            return
+        if can_compare and not rolls(state.settings.aiding):
+            judge_field(state, start.q_ned_frd, start.sigma_heading_rad)
+    # a field that is not heard has told no heading
+    is_heard = compass.is_heard(state.context.compass, state.core.time_us)
+    set_out(state, start, report, has_heading=has_heading and is_heard)
 
 
 def set_out(state: State, start: "Start", report: Report, *, has_heading: bool) -> None:
@@ -78,24 +100,61 @@ def set_out(state: State, start: "Start", report: Report, *, has_heading: bool) 
         # there was none to correct, or correcting it would take many slow steps
         core = with_attitude(core, start.q_ned_frd)
     state.set_core(core)
-    state.change_context(shows_north=compass.is_heard(state.context.compass, state.core.time_us))
+    state.change_context(
+        shows_north=compass.is_heard(state.context.compass, state.core.time_us),
+        is_by_field=start.turned_by_iron_1_gauss != ZERO_VEC3,
+    )
     state.enter(Cause.BEGIN)
 
 
-def find_start(state: State, report: Report, *, has_heading: bool) -> "Start | None":
-    """Where the aiding may begin, if that is known."""
-    if has_heading and state.knows_north:
-        now = state.core.core  # taken out once: that takes longer than all that is asked of it
-        is_known = trusts_field(state, now) and is_settled(state.settings, now)
-        if is_known and unaided_sigma(state, now).heading_rad < UNKNOWN_RAD:
-            by_field = start_by_field(state.settings, now, iron_sigma_gauss(state, now))
-            if by_field.sigma_heading_rad < most_field_sigma_rad(state.settings, now):
-                return by_field
+def find_start_by_field(state: State) -> "Start | None":
+    """The heading by a field that is trusted and settled, if that is known well enough.
+
+    One that nobody vouches for begins it as a heading that may be ``UNKNOWN_RAD`` off, so that
+    velocity turns the heading before anything else; its own sigma shrinks by velocity alone.
+    """
+    now = state.core.core  # taken out once: that takes longer than all that is asked of it
+    is_trusted = trusts_field(state, now)
+    may_begin = is_trusted or state.standing == BY_TURNS
+    if not may_begin or not is_settled(state.settings, now):
+        return None
+    if now.seen.sigma_heading_rad >= UNKNOWN_RAD:
+        return None
+    if not is_trusted:
+        start = start_by_field(state.settings, now, state.settings.aiding.hard_iron_sigma_gauss)
+        return start._replace(sigma_heading_rad=UNKNOWN_RAD)
+    start = start_by_field(state.settings, now, iron_sigma_gauss(state, now))
+    return start if start.sigma_heading_rad < most_field_sigma_rad(state.settings, now) else None
+
+
+def find_start_by_velocity(state: State, report: Report) -> "Start | None":
+    """The attitude that the reports show without any field."""
     if not state.core.search(report):
         return None
     now = state.core.core
     start = start_by_course(state.settings, now, report) if rolls(state.settings.aiding) else None
     return start or start_by_velocity(now)
+
+
+def judge_field(state: State, q_ned_frd: Quaternion, sigma_heading_rad: float) -> None:
+    """Whether a heading by velocity bears out that of a field that nobody vouches for.
+
+    One that it contradicts is left out.
+    """
+    if state.standing != BY_TURNS:
+        return
+    now, known = state.core.core, state.context.compass
+    seen, field = now.seen, now.conditioning.field.magnetic.reference
+    leaning_rad = seen.sigma_inclination_rad * abs(field.down) / max(field.horizontal, TINY)
+    field_rad = hypot(max(seen.sigma_heading_rad, LEAST_HEADING_SIGMA_RAD), leaning_rad)
+    q = align(conditioned_vectors(state.settings.reference, now.seen))
+    w, _, _, z = multiply(q, conjugate(q_ned_frd))
+    off_rad = remainder(2.0 * atan2(z, w), 2.0 * pi)
+    if abs(off_rad) > REACH * hypot(sigma_heading_rad, field_rad):
+        known = known._replace(left_out_us=now.time_us, off_rad=off_rad)
+    elif hypot(sigma_heading_rad, field_rad) < 2.0 * LEAST_HEADING_SIGMA_RAD:
+        known = known._replace(confirmed=True)
+    state.change_context(compass=known)
 
 
 def most_field_sigma_rad(settings: Settings, now: Core) -> float:
@@ -132,8 +191,9 @@ def iron_sigma_gauss(state: State, now: Core) -> float:
     seen.
     """
     aiding, place = state.settings.aiding, state.place_field
-    seen = now.conditioning.field.magnetic.reference
-    if not compass.is_trusted(state.context.compass, now.time_us):
+    seen, known = now.conditioning.field.magnetic.reference, state.context.compass
+    is_right = known.declared_calibrated is not False
+    if not compass.is_trusted(known._replace(declared_calibrated=is_right), now.time_us):
         return max(aiding.hard_iron_sigma_gauss, hypot(seen.horizontal, seen.down))
     if place is None:
         return aiding.hard_iron_sigma_gauss

@@ -18,7 +18,13 @@ from estimator.aiding.types import Report
 from estimator.conditioning.robust import REACH
 from estimator.conditioning.times import MEMORY_S
 from estimator.geometry.quaternion import conjugate, multiply
-from estimator.live.aiding_span import LEAST_HEADING_SIGMA_RAD, Start, bias_sigma_rad_s, set_out
+from estimator.live.aiding_span import (
+    LEAST_HEADING_SIGMA_RAD,
+    Start,
+    bias_sigma_rad_s,
+    judge_field,
+    set_out,
+)
 from estimator.live.core import Core
 from estimator.live.state import State
 from estimator.types import Quaternion
@@ -26,9 +32,13 @@ from estimator.types import Quaternion
 
 def check_compass(state: State, report: Report) -> None:
     """Compare the aided heading with the one by velocity alone, and act if they contradict."""
-    if state.context.phase is not Phase.AIDED or rolls(state.settings.aiding):
-        return  # wheels judge the compass themselves
+    if state.context.phase is not Phase.AIDED:
+        return
     now = state.core.core
+    if not state.context.is_by_field:
+        if now.seen.has_heading and state.knows_north and not rolls(state.settings.aiding):
+            judge_field(state, now.aided.estimate.q_ned_frd, now.aided.sigma.heading_rad)
+        return
     found = solve(now.search, bias_sigma_rad_s(now.conditioning))
     if found is None:
         return
@@ -47,13 +57,17 @@ def check_compass(state: State, report: Report) -> None:
     state.change_context(compass=known._replace(contradicted_since_us=since_us))
     if known.confirmed and now.time_us - since_us < 1e6 * MEMORY_S:
         return
-    mislead(state, Start(q, max(found.sigma_heading_rad, LEAST_HEADING_SIGMA_RAD)), report)
+    start = Start(q, max(found.sigma_heading_rad, LEAST_HEADING_SIGMA_RAD))
+    mislead(state, start, -off_rad, report)
 
 
-def mislead(state: State, start: Start, report: Report) -> None:
-    """Begin the aiding again from the attitude by velocity; the compass shows no north."""
+def mislead(state: State, start: Start, off_rad: float, report: Report) -> None:
+    """Begin again from the attitude by velocity; the compass is ``off_rad`` off and left out."""
     known = state.context.compass._replace(
-        left_out_us=state.core.time_us, confirmed=False, contradicted_since_us=None
+        left_out_us=state.core.time_us,
+        off_rad=off_rad,
+        confirmed=False,
+        contradicted_since_us=None,
     )
     state.change_context(compass=known)
     search = state.core.core.search

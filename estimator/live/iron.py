@@ -1,35 +1,86 @@
-"""What turns have shown of the iron around a compass that nobody has calibrated."""
+"""How far a heading by the field may be off, by what is known of the compass and its iron."""
 
-from math import sqrt
+from math import acos, cos, hypot, pi, radians, sqrt
 
-import numpy as np
-
-from estimator.aiding import compass
 from estimator.aiding.search import UNKNOWN_RAD
+from estimator.compilation.compiled import inlined
+from estimator.conditioning import ConditioningParams, ConditioningState
 from estimator.conditioning.field.calibration import most_variances
-from estimator.conditioning.field.magnetic import norm_of
-from estimator.live.state import State
+from estimator.conditioning.field.magnetic import (
+    NORM_SCALE,
+    deviation,
+    horizontal_down,
+    norm_of,
+)
+from estimator.types import Vec3
+
+# What stands for the compass: velocity has shown the heading that it gives; somebody has calibrated
+# it; nobody has said so, but turns may show its iron; something speaks against it that no turn
+# takes away.
+PROVEN = 0
+VOUCHED = 1
+BY_TURNS = 2
+DOUBTED = 3
+# A compass that somebody vouches for is mounted and calibrated this well, rad: nothing but velocity
+# shows more.
+MOUNTED_RAD = radians(5.0)
 
 
-def unshown_iron_rad(state: State) -> float:
+@inlined
+def mounted_rad(standing: int) -> float:
+    """How far (rad) the compass that the aiding began with may be turned in the vehicle."""
+    if standing == PROVEN:
+        return 0.0
+    return MOUNTED_RAD if standing == VOUCHED else UNKNOWN_RAD
+
+
+@inlined
+def unshown_iron(
+    params: ConditioningParams, memory: ConditioningState, place_gauss: Vec3, standing: int
+) -> float:
     """How far (rad) iron that nothing has shown may turn the heading; ``UNKNOWN_RAD`` at most.
 
-    0 for a trusted compass. Of one without a calibration the turns' own information counts, which
-    is that of the learnt offset (:mod:`estimator.conditioning.field.calibration`) less the one
-    supposed before: s = norm / (H sqrt l), l its least eigenvalue. Against what else is doubted
-    turns say nothing.
+    Of a compass that somebody vouches for it is what the dip of the place's own field contradicts,
+    beyond what calibrations leave; some autopilots' scale is not in gauss.
+    Of one without a word the turns' own information counts, which is that of the learnt offset
+    (:mod:`estimator.conditioning.field.calibration`) less the one supposed before:
+    s = norm / (H sqrt l), l its least eigenvalue. Against what else is doubted turns say nothing.
     """
-    if state.trusts_compass:
-        return 0.0
-    known, now = state.context.compass, state.core.core.conditioning.field
-    declared = known._replace(declared_calibrated=True)
-    reference, most = now.magnetic.reference, most_variances(state.settings.conditioning)[0]
-    h, norm = reference.horizontal, norm_of((reference.horizontal, reference.down))
-    has_field = state.settings.conditioned and most > 0.0 and h > 0.0
-    if not has_field or not compass.is_trusted(declared, state.core.time_us):
+    seen = memory.field.magnetic.reference
+    h, norm = seen.horizontal, norm_of((seen.horizontal, seen.down))
+    if standing <= VOUCHED:
+        place = horizontal_down(place_gauss)
+        if h <= 0.0 or norm_of(place) == 0.0:
+            return 0.0
+        _, off_dip = deviation((h, seen.down), place)
+        square = max(0.0, off_dip * off_dip - NORM_SCALE * NORM_SCALE)
+        return min(UNKNOWN_RAD, norm * sqrt(0.5 * square) / h)
+    most = most_variances(params)[0]
+    if standing != BY_TURNS or most <= 0.0 or h <= 0.0:
         return UNKNOWN_RAD
-    xx, xy, xz, _, yy, yz, _, zz, *_ = now.calibration.learnt.covariance
-    covariance = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    shown = np.linalg.inv(covariance) - np.eye(3) / most
-    least = float(np.linalg.eigvalsh(shown)[0])
-    return min(UNKNOWN_RAD, norm / (h * sqrt(least))) if least > 0.0 else UNKNOWN_RAD
+    p = memory.field.calibration.learnt.covariance
+    least = 1.0 / largest_eigenvalue((p[0], p[4], p[7]), (p[5], p[2], p[1])) - 1.0 / most
+    if least <= 0.0:
+        return UNKNOWN_RAD
+    return min(UNKNOWN_RAD, norm / (h * sqrt(least)))
+
+
+@inlined
+def largest_eigenvalue(diagonal: Vec3, beside: Vec3) -> float:
+    """Of a symmetric 3 x 3 matrix, ``beside`` being its yz, xz and xy (O. K. Smith 1961)."""
+    x, y, z = diagonal
+    yz, xz, xy = beside
+    mean = (x + y + z) / 3.0
+    a, b, c = x - mean, y - mean, z - mean
+    size = sqrt((a * a + b * b + c * c + 2.0 * (yz * yz + xz * xz + xy * xy)) / 6.0)
+    if size <= 0.0:
+        return mean
+    det = a * (b * c - yz * yz) - xy * (xy * c - yz * xz) + xz * (xy * yz - b * xz)
+    third = acos(max(-1.0, min(1.0, 0.5 * det / size**3))) / 3.0
+    return mean + 2.0 * size * cos(third)
+
+
+@inlined
+def with_iron(heading_rad: float, unshown_rad: float) -> float:
+    """A heading's sigma with what iron may do: no more than ``UNKNOWN_RAD`` for it alone."""
+    return min(pi, hypot(heading_rad, unshown_rad), max(heading_rad, UNKNOWN_RAD))

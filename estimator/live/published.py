@@ -3,7 +3,7 @@
 Plain tuples, not named ones: compiled code hands those to Python several times as fast.
 """
 
-from math import asin, pi, radians, sqrt
+from math import asin, hypot, pi, radians, sqrt
 from typing import Any
 
 from estimator.aiding import AidingParams, AidingState
@@ -16,6 +16,7 @@ from estimator.filter.observation import ReferenceParams
 from estimator.filter.types import FilterState
 from estimator.geometry.quaternion import exp, multiply, norm, normalize, scale
 from estimator.live.aided import GRAVITY_HALF_RAD, MAGNETIC_HALF_RAD, confidence
+from estimator.live.iron import with_iron
 from estimator.live.pull import Pull
 from estimator.types import Quaternion, Vec3
 
@@ -56,21 +57,29 @@ def raw_figures(reference: ReferenceParams, smooth_error: float, pull: Pull) -> 
 
 
 @inlined
-def conditioned_figures(seen: Conditioned) -> Figures:
+def conditioned_figures(seen: Conditioned, unshown_iron_rad: float) -> Figures:
     """What the conditioning stage knows about confidence and heading."""
     return (
         seen.gravity_confidence,
         seen.magnetic_confidence,
         at_least(seen.sigma_inclination_rad),
-        at_most_half_turn(at_least(seen.sigma_heading_rad)),
+        with_iron(at_least(seen.sigma_heading_rad), unshown_iron_rad),
     )
 
 
 @inlined
 def aided_figures(
-    params: AidingParams, aided: AidingState, witness: Witness, place_gauss: Vec3, covariance: Any
+    params: AidingParams,
+    aided: AidingState,
+    witness: Witness,
+    place_gauss: Vec3,
+    covariance: Any,
+    mounted_rad: float,
 ) -> Figures:
-    """What the velocity aiding knows, and what measurements say against it."""
+    """What the velocity aiding knows, and what measurements say against it.
+
+    ``mounted_rad`` is how far the compass may be turned in the vehicle.
+    """
     sigma = aided.sigma
     wide = surprised(doubted(sigma, witness), aided.surprise, covariance)
     wide = leaning(params, wide, aided.field, place_gauss, covariance)
@@ -78,7 +87,7 @@ def aided_figures(
         confidence(sigma.inclination_rad, GRAVITY_HALF_RAD),
         confidence(sigma.heading_rad, MAGNETIC_HALF_RAD),
         at_most_half_turn(at_least(wide.inclination_rad)),
-        at_most_half_turn(at_least(wide.heading_rad)),
+        at_most_half_turn(at_least(hypot(wide.heading_rad, mounted_rad))),
     )
 
 

@@ -43,6 +43,7 @@ from estimator.live.aided import follow_aided, horizontal_north, is_worse
 from estimator.live.conditioned import follow_conditioned
 from estimator.live.core import Core, in_arrays, initial_core
 from estimator.live.interval import usual_interval
+from estimator.live.iron import mounted_rad, unshown_iron
 from estimator.live.published import (
     OUTPUT_HORIZON_S,
     Said,
@@ -151,7 +152,7 @@ def arguments_with(inside: Any) -> dict[Any, tuple[Any, ...]]:
         clock: (inside,),
         contradicted_axes: (inside,),
         advance_raw: (inside, whole, *readings, flag),
-        advance: (inside, whole, *readings, flag, flag, whole),
+        advance: (inside, whole, *readings, flag, flag, whole, whole),
         lay: (inside, *(_typeof(value) for value in NOTHING_LAID)),
         hear_rate: (inside, whole, number, number, number),
         turn_on: (inside, whole, number, number, number),
@@ -159,7 +160,7 @@ def arguments_with(inside: Any) -> dict[Any, tuple[Any, ...]]:
         advance_aided: (inside, report, flag, flag),
         hear: (inside, report),
         search: (inside, report),
-        publish: (inside, whole, whole),
+        publish: (inside, whole, whole, whole),
     }
 
 
@@ -290,8 +291,11 @@ def advance(
     has_mag: bool,
     is_aided: bool,
     rows: int,
+    standing: int,
 ) -> tuple[int, int, bool, Said]:
     """One conditioned sample, or as many ``rows`` of those that :func:`lay` has laid.
+
+    ``standing`` is the compass's, see :mod:`estimator.live.iron`.
 
     A sample is plain numbers because those cost the least to hand over. Where it ``is_aided``
     the filter waits for :func:`advance_aided`.
@@ -300,6 +304,7 @@ def advance(
     and what there is to publish.
     """
     params = inside.params
+    place_gauss = params.reference.place_gauss
     memory, seen, state = inside.conditioning, inside.seen, inside.filter
     sample, between = inside.sample, inside.between
     laid, said = inside.rows, inside.said
@@ -336,7 +341,8 @@ def advance(
             if not isfinite(q[0] + q[1] + q[2] + q[3]):
                 end = NOT_FINITE_NOW
             if rows > 0:
-                write(said[k], said_now(time_us, state, seen, gyr))
+                iron_rad = unshown_iron(params.conditioning, memory, place_gauss, standing)
+                write(said[k], said_now(time_us, state, seen, gyr, iron_rad))
         last_us, usual_s = time_us, usual_interval(usual_s, dt_s)
         k += 1
     inside.conditioning = memory
@@ -348,15 +354,19 @@ def advance(
     if not is_aided and k > 0:
         inside.filter = state
         inside.smooth_error = state.error
-    return k, end, seen.has_heading, said_now(last_us, state, seen, sample.gyr_rad_s)
+    iron_rad = unshown_iron(params.conditioning, memory, place_gauss, standing)
+    now = said_now(last_us, state, seen, sample.gyr_rad_s, iron_rad)
+    return k, end, seen.has_heading, now
 
 
 @inlined
-def said_now(time_us: int, state: FilterState, seen: Conditioned, gyr: Vec3) -> Said:
+def said_now(
+    time_us: int, state: FilterState, seen: Conditioned, gyr: Vec3, unshown_iron_rad: float
+) -> Said:
     """What a conditioned sample without velocity leaves to be published."""
     rate = subtract(gyr, state.gyr_bias_rad_s)
     moved = motion(state, rate, 0.0, state.error, state.error_rate_1_s)
-    return time_us, moved, conditioned_figures(seen), seen.has_heading
+    return time_us, moved, conditioned_figures(seen, unshown_iron_rad), seen.has_heading
 
 
 @takes_handle
@@ -509,10 +519,10 @@ def search_by(inside: Any, report: Report) -> bool:
 
 
 @takes_handle
-def publish(inside: Any, time_us: int, source: int) -> Said:
+def publish(inside: Any, time_us: int, source: int, standing: int) -> Said:
     """What there is to publish at a time, turned on from the last sample if that is before it.
 
-    ``source`` is what the filter's vectors come from.
+    ``source`` is what the filter's vectors come from, ``standing`` the compass's.
     """
     known_s = min(max(1e-6 * (time_us - inside.time_us), 0.0), OUTPUT_HORIZON_S)
     ahead_s = known_s
@@ -522,11 +532,19 @@ def publish(inside: Any, time_us: int, source: int) -> Said:
         error, error_rate_1_s = witness.error, witness.error_rate_1_s
         place_gauss = inside.params.reference.place_gauss
         figures = aided_figures(
-            inside.params.aiding, inside.aided, witness, place_gauss, inside.covariance
+            inside.params.aiding,
+            inside.aided,
+            witness,
+            place_gauss,
+            inside.covariance,
+            mounted_rad(standing),
         )
         ahead_s += inside.aided.estimate.imu_lag_s  # the samples are that old
     elif source == CONDITIONED:
-        figures = conditioned_figures(inside.seen)
+        params, memory = inside.params, inside.conditioning
+        place_gauss = params.reference.place_gauss
+        iron_rad = unshown_iron(params.conditioning, memory, place_gauss, standing)
+        figures = conditioned_figures(inside.seen, iron_rad)
     else:
         figures = raw_figures(inside.params.reference, inside.smooth_error, inside.pull)
     rate_rad_s = subtract(inside.sample.gyr_rad_s, inside.filter.gyr_bias_rad_s)

@@ -2,7 +2,7 @@
 
 from typing import Any, NamedTuple
 
-from estimator.aiding.compass import UNTOUCHED, Compass
+from estimator.aiding.compass import Compass
 from estimator.aiding.phase import Phase
 from estimator.aiding.place import Whereabouts
 from estimator.live.core import Core
@@ -14,8 +14,9 @@ class Context(NamedTuple):
 
     phase: Phase = Phase.EMPTY
     reports: tuple[Any, ...] = ()  # of aiding sources, that the IMU has not reached yet
-    compass: Compass = UNTOUCHED  # how far the field is trusted
+    compass: Compass = Compass()  # how far the field is trusted
     shows_north: bool = True  # whether the compass was trusted when the aiding began
+    is_by_field: bool = False  # whether the aiding began with the field's heading
     whereabouts: Whereabouts = Whereabouts()  # and the field of the place
     imu_lag_s: float | None = None  # of the gyroscope's samples, as far as somebody has told
     acc_lead_s: float = 0.0  # by how much the accelerometer's are younger

@@ -2,6 +2,7 @@
 
 from estimator.aiding import compass
 from estimator.aiding.phase import Cause, Phase, after
+from estimator.aiding.search import UNKNOWN_RAD
 from estimator.aiding.sources.wheels import rolls
 from estimator.conditioning import forget_coefficients
 from estimator.filter.alignment import align
@@ -15,6 +16,7 @@ from estimator.live.core import (
     without_conditioning,
 )
 from estimator.live.holder import Holder
+from estimator.live.iron import BY_TURNS, DOUBTED, PROVEN, VOUCHED, unshown_iron
 from estimator.live.published import Said
 from estimator.live.resident import AIDED, CONDITIONED, RAW
 from estimator.live.settings import Settings, settings_of
@@ -45,6 +47,7 @@ class State:
     takes_raw_samples: bool  # the paper's vectors, of which nothing else changes a step
     needs_samples_only: bool  # nothing but samples matters: no velocity, no other's rates
     norths: tuple[str, str]  # see Estimator.norths
+    _standing: int | None  # of the compass; None while it changes with time
 
     def __init__(self, profile: Profile, fixed_gain: float | None) -> None:
         self.fixed_gain = fixed_gain
@@ -87,9 +90,15 @@ class State:
             and not context.reports
             and not context.has_rates
         )
+        known, self._standing = context.compass, None
+        if self.source == AIDED:
+            vouched = VOUCHED if known.declared_calibrated else BY_TURNS
+            self._standing = vouched if context.is_by_field and not known.confirmed else PROVEN
+        elif compass.is_timeless(known):
+            self._standing = VOUCHED if known.declared_calibrated else BY_TURNS
         given = self.profile.reference.declination_deg != "position"
-        known = given or context.whereabouts.here is not None
-        north = "true" if known or not self.settings.conditioned else "magnetic"
+        is_known = given or context.whereabouts.here is not None
+        north = "true" if is_known or not self.settings.conditioned else "magnetic"
         if self.source == AIDED and (rolls(self.settings.aiding) or not context.shows_north):
             north = "true"  # by velocity
         without_field = {RAW: north, CONDITIONED: "none", AIDED: "true"}  # by reports' velocity
@@ -148,7 +157,26 @@ class State:
     def trusts_compass(self) -> bool:
         """Whether nothing speaks against the compass now."""
         known = self.context.compass
-        return known is compass.UNTOUCHED or compass.is_trusted(known, self.core.time_us)
+        return compass.is_trusted(known, self.core.time_us)
+
+    @property
+    def standing(self) -> int:
+        """What stands for the heading now, see :mod:`estimator.live.iron`."""
+        if self._standing is not None:
+            return self._standing
+        known, now_us = self.context.compass, self.core.time_us
+        if compass.is_trusted(known, now_us):
+            return VOUCHED
+        return BY_TURNS if compass.lacks_a_word_only(known, now_us) else DOUBTED
+
+    @property
+    def unshown_iron_rad(self) -> float:
+        """See :func:`estimator.live.iron.unshown_iron`; 0 for raw vectors."""
+        memory, settings = self.core.core.conditioning, self.settings
+        if not settings.conditioned:
+            return 0.0 if self.trusts_compass else UNKNOWN_RAD
+        place_gauss = settings.reference.place_gauss
+        return unshown_iron(settings.conditioning, memory, place_gauss, self.standing)
 
     @property
     def place_field(self) -> PlaceField | None:

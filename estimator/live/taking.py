@@ -67,7 +67,9 @@ def take_conditioned(state: State, sample: ImuSample) -> None:
     report = NO_REPORT if velocity is None else report_with_age(velocity, time_us)
     is_aided = state.context.phase is Phase.AIDED
     readings = (*gyr_rad_s, *sample.acc_m_s2, *sample.mag_gauss)
-    _, end, has_heading, _ = state.core.advance(time_us, *readings, sample.has_mag, is_aided, 0)
+    _, end, has_heading, _ = state.core.advance(
+        time_us, *readings, sample.has_mag, is_aided, 0, state.standing
+    )
     if is_aided:
         is_credible, has_shown = state.core.advance_aided(
             report, state.knows_north, state.context.shows_north

@@ -42,6 +42,7 @@ MOST_OFFSET_RAD_S = 0.1
 MOST_MISFIT = 0.5
 AGREEMENT_TAU_S = 20.0
 LEAST_TURNING_RAD_S = 0.05
+LEAST_COMPARED_S = 0.5
 
 Axes = tuple[bool, bool, bool]
 NO_AXES: Axes = (False, False, False)
@@ -257,6 +258,12 @@ def stand_in(
 
 @inlined
 def is_doubted(state: Turning, contradicted: Axes, axis: int) -> bool:
-    """Whether the rates are to stand in for an axis, or go on to do so."""
-    still_off = state.misfit[axis] > MOST_MISFIT * LEAST_TURNING_RAD_S * LEAST_TURNING_RAD_S
-    return bool(contradicted[axis] or (state.stands_in[axis] and still_off))
+    """Whether the rates are to stand in for an axis, or go on to do so.
+
+    Where both turn out to show the same turning, the field is what lies.
+    """
+    least = MOST_MISFIT * LEAST_TURNING_RAD_S * LEAST_TURNING_RAD_S
+    misfit = state.misfit[axis]
+    compared_s = min(AGREEMENT_TAU_S, state.compared_s)
+    differs = misfit * AGREEMENT_TAU_S > least * compared_s or compared_s < LEAST_COMPARED_S
+    return bool((contradicted[axis] and differs) or (state.stands_in[axis] and misfit > least))

@@ -13,7 +13,7 @@ from estimator.conditioning import ConditioningParams
 from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.profile import load_profile, merge_profile
-from tests.flight import banked_flight
+from tests.flight import banked_flight, calibrated
 
 SECTIONS = {"conditioning": ConditioningParams, "aiding": AidingParams}
 BOUNDS = {section: bounds_of(kind) for section, kind in SECTIONS.items()}
@@ -41,7 +41,8 @@ def start():
     reports = {}
     for k, report in flight.reports:
         reports.setdefault(k, []).append(report)
-    estimator = Estimator(merge_profile(load_profile("imu"), {"reference": {"declination_deg": 1}}))
+    true_north = {"reference": {"declination_deg": 1}}
+    estimator = calibrated(merge_profile(load_profile("imu"), true_north))
     for k, sample in enumerate(flight.samples[:BEFORE]):
         estimator.update(sample)
         for report in reports.get(k, []):

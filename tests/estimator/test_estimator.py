@@ -16,6 +16,7 @@ from estimator.live.refusal import ACC_LIMIT_M_S2, RATE_LIMIT_RAD_S
 from estimator.live.settings import settings_of
 from estimator.profile import load_profile, merge_profile
 from estimator.types import ZERO_VEC3, ImuSample, VelocitySample
+from tests.flight import calibrated
 from tests.vocabulary import IDENTITY, assert_attitude_close, assert_attitudes_equal, floats
 
 LEVEL = ImuSample(1_000_000, ZERO_VEC3, (0.0, 0.0, -9.8), (0.2, 0.0, 0.4), True)
@@ -41,7 +42,7 @@ def samples(count, seed=3, rate_hz=100.0, motion="paper"):
 
 
 def fed(profile, stream):
-    estimator = Estimator(profile)
+    estimator = calibrated(profile)
     for sample in stream:
         assert estimator.update(sample) is None
     return estimator
@@ -113,7 +114,7 @@ def test_restart_forgets_everything(profile):
     used = fed(profile, stream)
     used.restart()
     assert not used.aligned
-    fresh = Estimator(profile)
+    fresh = calibrated(profile)
     # also when the vehicle's clock starts again
     for sample in stream[:50]:
         assert used.update(sample) is None

@@ -151,7 +151,7 @@ def test_a_batch_of_calls_that_nothing_disturbs_is_compiled_in_runs(flight, monk
 
 
 def test_the_rows_of_an_estimator_that_has_to_be_asked_are_left_to_calls(flight):
-    """Of one that has not begun, or whose compass nobody has calibrated."""
+    """Of one that has not begun; whether somebody has calibrated its compass is all the same."""
     time_s, gyr, acc, mag, _ = flight
     times_us = np.rint(1e6 * time_s).astype(np.int64)
     rows = rows_of(times_us, gyr, acc, mag, np.ones(ROWS, np.bool_))
@@ -160,9 +160,10 @@ def test_the_rows_of_an_estimator_that_has_to_be_asked_are_left_to_calls(flight)
     assert inner.update_rows(rows, said) == 0
     inner.update(ImuSample(int(times_us[0]), tuple(gyr[0]), tuple(acc[0]), tuple(mag[0]), True))
     inner.set_field_calibrated(False)
-    assert inner.update_rows(cut(rows, 1), said[1:]) == 0
+    assert inner.update_rows(cut(rows, 1, 5), said[1:5]) == 4
+    assert said[4, 16] == inner.attitude(int(times_us[4])).sigma_heading_rad
     inner.set_field_calibrated(True)
-    assert inner.update_rows(cut(rows, 1, 9), said[1:9]) == 8
+    assert inner.update_rows(cut(rows, 5, 9), said[5:9]) == 4
     inner.update(ImuSample(int(times_us[9]), tuple(gyr[9]), tuple(acc[9]), tuple(mag[9]), True))
     assert inner.update_rows(cut(rows, 10), said[10:]) == ROWS - 10
     for time_us in (times_us[-1], times_us[9]):  # what was said at an earlier sample is forgotten

@@ -79,13 +79,15 @@ def test_what_is_done_in_blocks_is_what_is_done_at_once(shaken, monkeypatch):
     slow = [column[:3000:10] for column in shaken[:3]]
     velocity = np.tile([np.nan, 0.0, 0.0], (len(slow[0]), 1))
     velocity[::5] = 0.0
-    whole = Estimator(rate_hz=5.0).smooth(*slow, velocity_ned_m_s=velocity)
+    whole = Estimator(rate_hz=5.0, compass_calibrated=True).smooth(*slow, velocity_ned_m_s=velocity)
     for module in (backward, rows):
         monkeypatch.setattr(module, "BLOCK", 37)
-    parts = Estimator(rate_hz=5.0).smooth(*slow, velocity_ned_m_s=velocity)
+    parts = Estimator(rate_hz=5.0, compass_calibrated=True).smooth(*slow, velocity_ned_m_s=velocity)
     for name in ("q_ned_frd", "sigma_heading_rad", "sigma_inclination_rad"):
         assert np.array_equal(getattr(parts, name), getattr(whole, name))
-    causal = Estimator(rate_hz=5.0).update_batch(*slow, velocity_ned_m_s=velocity)
+    causal = Estimator(rate_hz=5.0, compass_calibrated=True).update_batch(
+        *slow, velocity_ned_m_s=velocity
+    )
     truth = shaken[3][:3000:10]
     ours, before = (rms(errors_deg(said, truth)[50:]) for said in (whole, causal))
     assert (ours < 0.85 * before).all()  # 1.8 and 2.7 deg for 2.5 and 4.0
@@ -192,11 +194,13 @@ def test_between_holes_a_vehicle_is_joined_and_not_averaged(shaken):
 def test_what_force_and_field_show_of_their_errors_is_in_sigma(shaken):
     """A force of the wrong size, and a field that has another norm and dip for a minute."""
     gyr, acc, mag, q = shaken
-    plain = Estimator(rate_hz=RATE_HZ).smooth(gyr, acc, mag)
-    scaled = Estimator(rate_hz=RATE_HZ).smooth(gyr, 1.02 * acc, mag)
+    plain = Estimator(rate_hz=RATE_HZ, compass_calibrated=True).smooth(gyr, acc, mag)
+    scaled = Estimator(rate_hz=RATE_HZ, compass_calibrated=True).smooth(gyr, 1.02 * acc, mag)
     grown = rms(scaled.sigma_inclination_rad) ** 2 - rms(plain.sigma_inclination_rad) ** 2
     assert np.sqrt(grown) == pytest.approx(2**0.5 * 0.02, rel=0.2)
     elsewhere = np.where(np.arange(len(q))[:, None] >= len(q) / 2, [0.0, 0.0, 0.03], 0.0)
-    other = Estimator(rate_hz=RATE_HZ).smooth(gyr, acc, mag + rotate(conjugate(q), elsewhere))
+    other = Estimator(rate_hz=RATE_HZ, compass_calibrated=True).smooth(
+        gyr, acc, mag + rotate(conjugate(q), elsewhere)
+    )
     before, then = (rms(each.sigma_heading_rad.reshape(2, -1).T) for each in (plain, other))
     assert then.max() > 1.5 * before.max()

@@ -148,15 +148,37 @@ def _frozen(r: Readings, _: Fault, wrong: Flags, __: np.random.Generator) -> Rea
     return r._replace(mag_gauss=mag)
 
 
+def _absent(r: Readings, _: Fault, wrong: Flags, __: np.random.Generator) -> Readings:
+    """There is no field, as a message without a compass says."""
+    return r._replace(mag_gauss=np.where(wrong[:, None], 0.0, r.mag_gauss))
+
+
+def _mounted(r: Readings, fault: Fault, wrong: Flags, _: np.random.Generator) -> Readings:
+    """The compass is mounted otherwise than its orientation says, about the vehicle's down."""
+    turned = np.where(wrong[:, None], r.mag_gauss @ _about_down(fault.size).T, r.mag_gauss)
+    return r._replace(mag_gauss=turned)
+
+
+def _knocked(r: Readings, fault: Fault, wrong: Flags, _: np.random.Generator) -> Readings:
+    """One sample alone, as at a motor's start."""
+    acc = r.acc_m_s2.copy()
+    acc[np.argmax(wrong), fault.axis] += fault.size
+    return r._replace(acc_m_s2=acc)
+
+
+def _drifting(r: Readings, fault: Fault, wrong: Flags, _: np.random.Generator) -> Readings:
+    gyr = r.gyr_rad_s.copy()
+    gyr[wrong, fault.axis] += fault.size * (r.time_s[wrong] - fault.begin_s)
+    return r._replace(gyr_rad_s=gyr)
+
+
 def _larger(r: Readings, fault: Fault, wrong: Flags, _: np.random.Generator) -> Readings:
     factor = np.where(wrong, fault.size, 1.0)[:, None]
     return r._replace(velocity_m_s=factor * r.velocity_m_s)
 
 
 def _turned(r: Readings, fault: Fault, wrong: Flags, _: np.random.Generator) -> Readings:
-    c, s = cos(radians(fault.size)), sin(radians(fault.size))
-    R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    velocity = np.where(wrong[:, None], r.velocity_m_s @ R.T, r.velocity_m_s)
+    velocity = np.where(wrong[:, None], r.velocity_m_s @ _about_down(fault.size).T, r.velocity_m_s)
     return r._replace(velocity_m_s=velocity)
 
 
@@ -172,6 +194,12 @@ def _other_pace(r: Readings, fault: Fault, wrong: Flags, _: np.random.Generator)
     return r._replace(boot_s=boot_s, stamp_s=boot_s)
 
 
+def _about_down(angle_deg: float) -> Floats:
+    """The matrix of a turn about the third axis."""
+    c, s = cos(radians(angle_deg)), sin(radians(angle_deg))
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
 KINDS: dict[str, Kind] = {
     "gyroscope stuck": _on_axis("gyr_rad_s", lambda v, _, __: np.full_like(v, v[0])),
     "gyroscope offset": _on_axis("gyr_rad_s", lambda v, size, _: v + size),
@@ -180,11 +208,15 @@ KINDS: dict[str, Kind] = {
         "gyr_rad_s", lambda v, size, rng: v + size * rng.standard_normal(len(v))
     ),
     "gyroscope saturated": _on_axis("gyr_rad_s", _saturated),
+    "gyroscope drift": _drifting,
+    "accelerometer knock": _knocked,
     "accelerometer offset": _on_axis("acc_m_s2", lambda v, size, _: v + size),
     "accelerometer growing": _growing,
     "accelerometer vibration": _vibrating,
     "magnetometer offset": _on_axis("mag_gauss", lambda v, size, _: v + size),
     "magnetometer frozen": _frozen,
+    "magnetometer turned": _mounted,
+    "magnetometer absent": _absent,
     "velocity scale": _larger,
     "velocity turned": _turned,
     "clock unit": _other_unit,

@@ -36,7 +36,7 @@ class Case(NamedTuple):
     """All that a verdict depends on. ``spread`` scatters the motion's sizes.
 
     ``beside`` names what else the stream has: "attitude" is ATTITUDE with rates of a healthy
-    gyroscope, "imu2" a healthy IMU in SCALED_IMU2.
+    gyroscope, "imu2" a healthy IMU in SCALED_IMU2, "offsets" what calibrating the compass found.
     """
 
     motion: str
@@ -130,9 +130,14 @@ def _frames(case: Case, motion: Motion, readings: Readings) -> Iterator[bytes]:
     other = sense(motion, case.rate_hz, earth_field(case.place), case.seed + 1)
     counts, other_counts = _whole(readings), _whole(other)
     reports = _Reports(case, readings)
+    if case.beside == "offsets":
+        offsets = ((f"COMPASS_OFS_{axis}".encode(), 12.0, 9, 3, k) for k, axis in enumerate("XYZ"))
+        first = b"".join(pack("param_value", *offset) for offset in offsets)
+    else:
+        first = b""
     next_beat_s, begin_s = 0.0, 0.0 if motion.velocity_m_s[0].any() else REST_S
     for row, time_s in enumerate(readings.time_s):
-        out = b""
+        out, first = first, b""
         if time_s >= next_beat_s:
             next_beat_s = time_s + 1.0
             mode = ARMED if time_s >= begin_s else DISARMED

@@ -7,6 +7,7 @@ ASKED = {
     "aligned",
     "attitude",
     "compass_doubt",
+    "compass_off_rad",
     "contradicted_axes",
     "fixed_gain",
     "gain_in_words",

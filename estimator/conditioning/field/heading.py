@@ -8,7 +8,7 @@ from estimator.conditioning.field.magnetic import MagneticState, steepness
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.robust import residual_factor
 from estimator.conditioning.times import MEMORY_S, SPAN_S
-from estimator.conditioning.vertical.bias import Estimate, clip_each
+from estimator.conditioning.vertical.bias import MOST_BIAS_RAD_S, Estimate, clip_each
 from estimator.conditioning.vertical.kalman import update
 from estimator.types import ZERO_VEC3, Vec2, Vec3
 
@@ -82,4 +82,4 @@ def learn_heading(
     b, d, p = estimate
     noise *= residual_factor(off, p[9])
     b, d, p = update(b, d, p, ZERO_VEC3, 1.0, -off, noise)
-    return Estimate(clip_each(b, params.bias_limit_rad_s, estimate.bias_rad_s), wrap_angle(d), p)
+    return Estimate(clip_each(b, MOST_BIAS_RAD_S, estimate.bias_rad_s), wrap_angle(d), p)

@@ -1,5 +1,6 @@
 """Gyroscope bias and heading, estimated with one covariance."""
 
+from math import radians
 from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
@@ -14,6 +15,8 @@ from estimator.geometry.axes import FrameAxes
 from estimator.geometry.quaternion import dot, subtract
 from estimator.types import ZERO_VEC3, Vec2, Vec3
 
+# No gyroscope of any use is biased by more; those of real quadrotors are by 4 deg/s.
+MOST_BIAS_RAD_S = radians(10.0)
 UNKNOWN_HEADING_VARIANCE = 1e4  # rad^2, beyond any angle: the first field sets the heading
 # A heading whose own sigma is under this (rad) is as good as the field that it was learnt from, and
 # what is linear in its error holds.
@@ -196,4 +199,4 @@ def learn_in_motion(
         # that is the innovation of the bias before the step: less what the other axis has changed
         e -= dot(axes[i], subtract(b, estimate.bias_rad_s))
         b, d, p = update(b, d, p, axes[i], 0.0, e, k.motion_noise + unseen)
-    return Estimate(clip_each(b, most, estimate.bias_rad_s), d, p)
+    return Estimate(clip_each(b, MOST_BIAS_RAD_S, estimate.bias_rad_s), d, p)

@@ -9,12 +9,11 @@ import pytest
 
 from estimator.aiding.compass import is_trusted
 from estimator.aiding.phase import Phase
-from estimator.estimator import Estimator
 from estimator.geometry.earth import field_at
 from estimator.geometry.metrics import batch_angle_errors, rms
 from estimator.geometry.quaternion import exp, rotate, rotate_inverse
 from estimator.profile import load_profile
-from tests.flight import banked_flight, flown
+from tests.flight import banked_flight, calibrated, flown
 
 UNIX_US = 1_735_689_600_000_000  # 2025
 GUINEA = (2e-4, -7e-5)  # the Gulf of, where displacements from nowhere lie
@@ -60,8 +59,8 @@ def test_what_was_concluded_from_a_wrong_place_is_taken_back(place, late_deg):
     """20 s of the flight with the Gulf of Guinea's field: it called the compass uncalibrated."""
     flight, one, right = (
         flight_at(place),
-        Estimator(load_profile("imu")),
-        Estimator(load_profile("imu")),
+        calibrated(load_profile("imu")),
+        calibrated(load_profile("imu")),
     )
     seen = {}
 
@@ -83,7 +82,7 @@ def test_what_was_concluded_from_a_wrong_place_is_taken_back(place, late_deg):
 
 def test_an_unaided_heading_turns_with_the_declination_of_each_place():
     """Seattle's is 15 deg, Canberra's 12: magnetic, then wrong, then right, and at once."""
-    one = Estimator(load_profile("imu"))
+    one = calibrated(load_profile("imu"))
     flight = flight_at(SEATTLE)
     places = placing(one, (1, CANBERRA), (2, SEATTLE))
     attitudes = flown(one, flight, reports=[], after=places)
@@ -95,7 +94,7 @@ def test_an_unaided_heading_turns_with_the_declination_of_each_place():
 
 
 def test_a_vehicle_that_reboots_elsewhere_gets_the_new_places_north():
-    one = Estimator(load_profile("imu"))
+    one = calibrated(load_profile("imu"))
     first, second = flight_at(CANBERRA), flight_at(SEATTLE, seed=1)
     flown(one, first, after=placing(one, (0, CANBERRA)))
     one.restart()
@@ -111,7 +110,7 @@ def test_a_vehicle_that_reboots_elsewhere_gets_the_new_places_north():
 
 def test_a_flight_of_some_hundred_kilometres_takes_nothing_back():
     """The field is looked up anew every 20 km; the aiding goes on as it is."""
-    one = Estimator(load_profile("imu"))
+    one = calibrated(load_profile("imu"))
     flight = flight_at(CANBERRA)
     steps = [(3 * k, (CANBERRA[0] + 0.25 * k, CANBERRA[1])) for k in range(1, 16)]  # 28 km each
     aided = []
@@ -132,7 +131,7 @@ def test_a_flight_of_some_hundred_kilometres_takes_nothing_back():
 
 def test_one_bad_position_changes_nothing():
     flight = flight_at(CANBERRA)
-    quiet, told = Estimator(load_profile("imu")), Estimator(load_profile("imu"))
+    quiet, told = calibrated(load_profile("imu")), calibrated(load_profile("imu"))
 
     def bad(k):
         placing(told, (0, CANBERRA))(k)

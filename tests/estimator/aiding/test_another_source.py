@@ -12,7 +12,7 @@ from estimator.geometry.frames import euler_rad
 from estimator.profile import load_profile, merge_profile
 from estimator.types import RateSample, VelocitySample
 from tests.estimator.aiding.heading_source import HEADING_SOURCE, HeadingSample
-from tests.flight import banked_flight
+from tests.flight import banked_flight, calibrated
 from tuning.logged_calls import LoggedEstimator
 
 TRUE_NORTH = {"reference": {"declination_deg": 0.0}}
@@ -29,7 +29,7 @@ def flying():
     """A flight, and the state in it while velocity helps."""
     flight = banked_flight(seconds=5.0)
     behind = dict(flight.reports)
-    estimator = Estimator(merge_profile(load_profile("imu"), TRUE_NORTH))
+    estimator = calibrated(merge_profile(load_profile("imu"), TRUE_NORTH))
     for k, sample in enumerate(flight.samples[:SAMPLES]):
         estimator.update(sample)
         if k in behind:

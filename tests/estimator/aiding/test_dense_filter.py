@@ -124,7 +124,8 @@ def test_prediction(seed, error_m_s, seen):
     force = np.array([1.0, -2.5, -9.0])
     last = LastStep(floats(gyr), floats(earlier), floats(force), ZERO_VEC3, 0.05)
     known = Agreements(by_filter=agreement(rng), by_receiver=agreement(rng))
-    state = BLANK._replace(estimate=before, last=last, agreement=known)
+    rough = BLANK.rough._replace(knocked=3.0)
+    state = BLANK._replace(estimate=before, last=last, agreement=known, rough=rough)
     turn, change = rng.standard_normal(3), rng.standard_normal(3)
     between = Between(True, floats(turn), floats(change), 0.01) if seen else NOTHING_BETWEEN
     acc = floats(3.0 * rng.standard_normal(3))
@@ -157,6 +158,8 @@ def test_prediction(seed, error_m_s, seen):
     d[three(ACC_BIAS)] = p.acc_bias_sigma**2 * dt / 2500.0
     iron = p.hard_iron_sigma_gauss**2
     d[three(HARD_IRON)] = np.where(np.diag(P)[three(HARD_IRON)] < iron, iron * dt / 2500.0, 0.0)
+    off = missed_push / dt
+    knock = max(0.0, 1.0 - 16.0 * 3.0 / (off @ off)) * missed_push**2  # usual: 3 (m/s^2)^2
     E = np.array(before.earth_gauss)
     H = E[:2] @ E[:2]
     Q[EARTH : EARTH + 2, EARTH : EARTH + 2] = (
@@ -176,6 +179,10 @@ def test_prediction(seed, error_m_s, seen):
     fades = np.array([now.estimate.receiver_error_m_s, now.estimate.filter_error_m_s])
     slow = np.array([before.receiver_error_m_s, before.filter_error_m_s])
     assert fades == pytest.approx(slow * np.array(keeps)[:, None])
+    for own, sign in ((VELOCITY, 1.0), (25, -1.0)):  # the filter's slow error is the same
+        for k in range(3):
+            Q[own + k, VELOCITY + k] += sign * knock[k]
+            Q[own + k, 25 + k] -= sign * knock[k]
     wanted = predicted(P, R, gained, dt, *keeps) + Q
     np.testing.assert_allclose(now.covariance, wanted, rtol=1e-9, atol=1e-14)
 
@@ -191,7 +198,9 @@ def test_a_usual_slow_error_stays_as_uncertain_as_it_is(step_s):
     d[three(RECEIVER_ERROR)] = PARAMS.receiver_error_m_s**2
     d[three(25)] = PARAMS.filter_error_m_s**2
     sample = Sample(ZERO_VEC3, (0.0, 0.0, -9.8), ZERO_VEC3, False, step_s)
-    after = predict_motion(PARAMS, state, P, trail_of(np.random.default_rng(0), 0.04), sample)
+    quiet = trail_of(np.random.default_rng(0), 0.04)
+    quiet[:, 4:] = 0.0
+    after = predict_motion(PARAMS, state, P, quiet, sample)
     np.testing.assert_allclose(np.diag(after.covariance)[22:], d[22:], rtol=1e-12)
 
 

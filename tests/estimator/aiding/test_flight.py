@@ -8,12 +8,11 @@ import pytest
 
 from estimator.aiding.phase import Phase
 from estimator.aiding.types import SIZE
-from estimator.estimator import Estimator
 from estimator.geometry.metrics import batch_angle_errors, rms
 from estimator.geometry.quaternion import exp, norm, rotate, rotate_inverse
 from estimator.profile import load_profile, merge_profile
 from estimator.types import VelocitySample
-from tests.flight import banked_flight, flown
+from tests.flight import banked_flight, calibrated, flown
 from tests.vocabulary import assert_attitudes_equal
 
 # 0.01 deg instead of the WMM's: north is known, and the field points there.
@@ -28,7 +27,7 @@ def flight():
 
 
 def estimator(**aiding):
-    return Estimator(merge_profile(load_profile("imu"), {**TRUE_NORTH, "aiding": aiding}))
+    return calibrated(merge_profile(load_profile("imu"), {**TRUE_NORTH, "aiding": aiding}))
 
 
 def errors_deg(flight, attitudes):

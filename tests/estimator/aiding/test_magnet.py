@@ -6,11 +6,10 @@ from math import radians
 import numpy as np
 import pytest
 
-from estimator.estimator import Estimator
 from estimator.geometry.metrics import batch_angle_errors
 from estimator.geometry.quaternion import add, exp, rotate, rotate_inverse
 from estimator.profile import load_profile, merge_profile
-from tests.flight import banked_flight, flown
+from tests.flight import banked_flight, calibrated, flown
 
 BEGIN_S = 35.0
 TURN = exp((0.0, 0.0, radians(60.0)))
@@ -38,7 +37,7 @@ def test_a_magnet_turns_no_heading(disturb, seconds, worst_deg):
             samples[k] = sample._replace(mag_gauss=rotate_inverse(q, field))
     # 0.01 deg instead of the WMM's: north is known, and the field points there
     profile = merge_profile(load_profile("imu"), {"reference": {"declination_deg": 0.01}})
-    attitudes = flown(Estimator(profile), replace(flight, samples=samples))
+    attitudes = flown(calibrated(profile), replace(flight, samples=samples))
     estimates = np.array([a.q_ned_frd for a in attitudes])
     errors = np.degrees(batch_angle_errors(estimates, np.array(flight.truth)))[:, 1]
     assert errors[25 * 35 :].max() == pytest.approx(worst_deg, rel=0.2)

@@ -6,13 +6,12 @@ from estimator.aiding import blank_aiding
 from estimator.aiding.phase import Cause, Phase, after
 from estimator.aiding.search import EMPTY_SEARCH
 from estimator.conditioning.times import LONG_S
-from estimator.estimator import Estimator
 from estimator.geometry.quaternion import exp, rotate
 from estimator.live.core import UNSEEN, flat
 from estimator.live.settings import settings_of
 from estimator.profile import load_profile, merge_profile
 from estimator.types import ZERO_VEC3, RateSample, VelocitySample
-from tests.flight import banked_flight
+from tests.flight import banked_flight, calibrated
 
 TRUE_NORTH = merge_profile(load_profile("imu"), {"reference": {"declination_deg": 0.01}})
 OFF = merge_profile(TRUE_NORTH, {"aiding": {"enabled": False}})
@@ -72,30 +71,30 @@ def require_nothing_stale(estimator, now):
 
 
 def test_the_field_gives_the_heading_and_a_gap_takes_it(flight):
-    pilot = Pilot(Estimator(TRUE_NORTH), flight).fly(4.0).pause(6.0).fly(0.04, reports=False)
+    pilot = Pilot(calibrated(TRUE_NORTH), flight).fly(4.0).pause(6.0).fly(0.04, reports=False)
     begun = [Phase.EMPTY, Phase.UNAIDED, Phase.SEARCHING, Phase.AIDED]
     assert pilot.phases == [*begun, Phase.UNAIDED]
     assert pilot.fly(3.0).phases[-1] is Phase.AIDED
 
 
 def test_a_fast_stream_is_aided_through_a_hole_of_seconds(flight):
-    pilot = Pilot(Estimator(TRUE_NORTH), flight).fly(4.0).pause(3.5).fly(1.0)
+    pilot = Pilot(calibrated(TRUE_NORTH), flight).fly(4.0).pause(3.5).fly(1.0)
     assert pilot.phases[-1] is Phase.AIDED
 
 
 def test_without_a_field_it_is_searched_for(flight):
-    pilot = Pilot(Estimator(TRUE_NORTH), flight, field=False).fly(30.0)
+    pilot = Pilot(calibrated(TRUE_NORTH), flight, field=False).fly(30.0)
     assert pilot.phases == [Phase.EMPTY, Phase.UNAIDED, Phase.SEARCHING, Phase.AIDED]
 
 
 def test_a_gap_ends_the_search(flight):
-    pilot = Pilot(Estimator(TRUE_NORTH), flight, field=False).fly(4.0)
+    pilot = Pilot(calibrated(TRUE_NORTH), flight, field=False).fly(4.0)
     pilot.pause(6.0).fly(0.04, reports=False)
     assert pilot.phases[-2:] == [Phase.SEARCHING, Phase.UNAIDED]
 
 
 def test_reports_that_stay_away_end_it():
-    pilot = Pilot(Estimator(TRUE_NORTH), banked_flight(seconds=106.0)).fly(4.0)
+    pilot = Pilot(calibrated(TRUE_NORTH), banked_flight(seconds=106.0)).fly(4.0)
     pilot.fly(LONG_S - 1.0, reports=False)
     assert pilot.phases[-1] is Phase.AIDED
     pilot.fly(2.0, reports=False)
@@ -114,14 +113,14 @@ def test_reports_that_stay_away_end_it():
     ids=["raw", "off", "misled"],
 )
 def test_what_else_ends_it(flight, happen, follows):
-    pilot = Pilot(Estimator(TRUE_NORTH), flight).fly(4.0)
+    pilot = Pilot(calibrated(TRUE_NORTH), flight).fly(4.0)
     assert pilot.phases[-1] is Phase.AIDED
     happen(pilot.estimator)
     assert pilot.fly(0.02, reports=False).phases[-1] is follows
 
 
 def test_raw_vectors_go_on_as_conditioned_ones_even_across_a_gap(flight):
-    one = Estimator(load_profile("paper"))
+    one = calibrated(load_profile("paper"))
     pilot = Pilot(one, flight).fly(1.0).pause(5.0)
     one.replace_profile(TRUE_NORTH)
     assert pilot.fly(0.02).phases == [Phase.EMPTY, Phase.RAW, Phase.UNAIDED]
@@ -133,7 +132,7 @@ def test_only_a_sample_leaves_the_beginning_and_nothing_but_a_restart_returns_to
         Cause.RAW_SAMPLE,
     }
     assert all(after(p, c) is not Phase.EMPTY for p in Phase if p is not Phase.EMPTY for c in Cause)
-    one = Pilot(Estimator(TRUE_NORTH), flight).fly(1.0).estimator
+    one = Pilot(calibrated(TRUE_NORTH), flight).fly(1.0).estimator
     one.restart()
     assert one.snapshot.context.phase is Phase.EMPTY
 
@@ -160,7 +159,7 @@ CONDITIONED = [("imu", name, aided) for name in INTERRUPTIONS for aided in (True
 
 @pytest.mark.parametrize(("profile", "name", "aided"), RAW + CONDITIONED)
 def test_a_snapshot_taken_then_goes_on_to_the_last_bit(flight, profile, name, aided):
-    straight, resumed = Estimator(load_profile(profile)), Estimator(load_profile(profile))
+    straight, resumed = calibrated(load_profile(profile)), calibrated(load_profile(profile))
     if name != "a place":
         straight.set_position(*ZURICH)
     one = Pilot(straight, flight).fly(6.0, reports=aided)
@@ -179,13 +178,13 @@ def test_a_snapshot_taken_then_goes_on_to_the_last_bit(flight, profile, name, ai
 
 def test_the_field_does_not_begin_it_on_a_vertical_that_has_just_begun(flight):
     """The unaided vertical is a mean over ``gravity_tau_s`` (2.5 s)."""
-    pilot = Pilot(Estimator(TRUE_NORTH), flight).fly(2.4)
+    pilot = Pilot(calibrated(TRUE_NORTH), flight).fly(2.4)
     assert Phase.AIDED not in pilot.phases
     assert pilot.fly(0.4).phases[-1] is Phase.AIDED
 
 
 def test_nor_on_one_that_a_hole_has_made_void(flight):
-    pilot = Pilot(Estimator(TRUE_NORTH), flight).fly(4.0).pause(20.0).fly(2.0)
+    pilot = Pilot(calibrated(TRUE_NORTH), flight).fly(4.0).pause(20.0).fly(2.0)
     assert pilot.phases[-1] is not Phase.AIDED
     assert pilot.fly(1.0).phases[-1] is Phase.AIDED
 
@@ -193,7 +192,7 @@ def test_nor_on_one_that_a_hole_has_made_void(flight):
 @pytest.mark.parametrize(("others_hz", "follows"), [(10.0, Phase.AIDED), (1.0, Phase.UNAIDED)])
 def test_a_gap_whose_turning_others_have_seen_is_none(flight, others_hz, follows):
     """Body rates of ATTITUDE, not more than 0.35 s apart."""
-    one = Estimator(TRUE_NORTH)
+    one = calibrated(TRUE_NORTH)
     pilot = Pilot(one, flight).fly(4.0)
     now_us = one.snapshot.core.time_us
     for k in range(1, round(6.0 * others_hz)):
@@ -205,7 +204,7 @@ def test_a_gap_whose_turning_others_have_seen_is_none(flight, others_hz, follows
 
 def test_a_search_begins_with_the_force_of_the_sample_that_its_first_report_comes_with(flight):
     """Until then nobody follows the force; afterwards each sample adds to the window."""
-    pilot = Pilot(Estimator(load_profile("imu")), flight, field=False).fly(3, reports=False)
+    pilot = Pilot(calibrated(load_profile("imu")), flight, field=False).fly(3, reports=False)
     assert pilot.estimator.snapshot.core.search == EMPTY_SEARCH
     then = pilot.estimator.snapshot.core
     while not then.search.window.is_open:

@@ -49,7 +49,7 @@ def test_an_uncertain_attitude_is_drawn_according_to_both_sigmas():
 
 def unseen_turn_deg(readings: list[float], dt_s: float = 0.4) -> float:
     """Sigma (deg) of the turn that the last step has missed, after readings about one axis."""
-    rough = Roughness(0.0, 0.0)
+    rough = Roughness(0.0, 0.0, 0.0)
     P = np.zeros((SIZE, SIZE))
     for first, second, third in zip(readings, readings[1:], readings[2:], strict=False):
         bent = ((third - second) - (second - first), 0.0, 0.0)
@@ -118,7 +118,7 @@ def test_an_attitude_is_borne_out_by_a_clear_acceleration_that_it_explains():
     assert not borne_out(float("nan"), 5.0)
 
 
-ROUGH = Roughness(bent=0.5, changed=0.3)
+ROUGH = Roughness(bent=0.5, changed=0.3, knocked=0.0)
 
 
 @pytest.mark.parametrize(

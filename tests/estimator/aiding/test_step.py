@@ -111,7 +111,7 @@ def test_the_beginning_is_as_uncertain_as_it_is_told():
 
 def test_an_unseen_turn_may_be_about_any_axis():
     P = np.zeros((SIZE, SIZE))
-    add_unseen_turn(PARAMS, P, Roughness(1.0, 0.3), (0.5, -0.2, 0.1), 0.5, 0.5)
+    add_unseen_turn(PARAMS, P, Roughness(1.0, 0.3, 0.0), (0.5, -0.2, 0.1), 0.5, 0.5)
     assert P[0, 0] == P[1, 1] == P[2, 2] > 0.0
     assert np.count_nonzero(P) == 3
 

@@ -10,11 +10,10 @@ from estimator.aiding.surprise import add_correction, known, pass_time, surprise
 from estimator.aiding.types import GYR_BIAS, HARD_IRON, SIZE, TURN, Sigmas, Surprise
 from estimator.aiding.uncertainty import leaning
 from estimator.conditioning.field.magnetic import FieldLook
-from estimator.estimator import Estimator
 from estimator.geometry.earth import field_at, in_ned
 from estimator.profile import load_profile, merge_profile
 from estimator.types import ZERO_VEC3
-from tests.flight import banked_flight, flown
+from tests.flight import banked_flight, calibrated, flown
 
 PARAMS = AidingParams()
 BLANK, _, _ = blank_aiding(PARAMS)
@@ -131,7 +130,7 @@ def test_an_accelerometer_that_steps_widens_sigma_within_a_second():
             ax, ay, az = sample.acc_m_s2
             flight.samples[k] = sample._replace(acc_m_s2=(ax, ay + 3.0, az))
     north_known = {"reference": {"declination_deg": 0.01}}
-    attitudes = flown(Estimator(merge_profile(load_profile("imu"), north_known)), flight)
+    attitudes = flown(calibrated(merge_profile(load_profile("imu"), north_known)), flight)
     beyond = [
         (abs(a.q_ned_frd[1]) * 2.0, a.sigma_inclination_rad)
         for a in attitudes

@@ -23,7 +23,6 @@ from estimator.aiding.inertial import Prediction
 from estimator.aiding.phase import Phase
 from estimator.aiding.sources.wheels import judge_north, observe_wheels
 from estimator.aiding.types import EARTH, SIZE, TURN, VELOCITY, AidingParams, North, Report
-from estimator.estimator import Estimator
 from estimator.geometry.frames import from_euler_rad
 from estimator.geometry.metrics import angle_errors
 from estimator.geometry.quaternion import rotate, rotate_inverse
@@ -32,6 +31,7 @@ from estimator.live.core import initial_core, without_aiding
 from estimator.profile import load_profile, merge_profile
 from estimator.types import STANDARD_GRAVITY_M_S2, ImuSample, VelocitySample
 from estimator.vehicle_class import VehicleClass
+from tests.flight import calibrated
 
 WHEELS = AidingParams(sideslip_rad=0.05)
 BLANK, _, _ = blank_aiding(WHEELS)
@@ -92,7 +92,7 @@ def driven(estimator, rows):
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_car_shows_its_heading_by_its_velocity(seed, reverse):
     """Without wheels it has none: its compass is off by 50 deg."""
-    estimator = Estimator(merge_profile(load_profile("imu"), TOLD))
+    estimator = calibrated(merge_profile(load_profile("imu"), TOLD))
     errors, sigmas, begun_s = driven(estimator, ride(seed, reverse=reverse))
     late = errors[1500:]
     assert begun_s < 14.0  # measured 3.3 to 11.1
@@ -103,7 +103,7 @@ def test_a_car_shows_its_heading_by_its_velocity(seed, reverse):
 
 def test_a_place_that_is_known_does_not_make_the_compass_right():
     """It begins by the field at once, and wheels tell that iron has turned it."""
-    estimator = Estimator(load_profile("imu"))
+    estimator = calibrated(load_profile("imu"))
     estimator.set_vehicle_class(VehicleClass.WHEELS)
     estimator.set_position(47.4, 8.5, 400.0, 1_760_000_000_000_000)
     errors, _, _ = driven(estimator, ride(3))
@@ -113,7 +113,7 @@ def test_a_place_that_is_known_does_not_make_the_compass_right():
 @pytest.mark.parametrize("off_deg", [-120.0, 0.0])
 def test_a_compass_that_gave_the_heading_at_rest_is_borne_out_or_misled(off_deg):
     """The first metres tell; a compass that is right keeps its north."""
-    estimator = Estimator(load_profile("imu"))
+    estimator = calibrated(load_profile("imu"))
     estimator.set_vehicle_class(VehicleClass.WHEELS)
     estimator.set_position(47.4, 8.5, 400.0, 1_760_000_000_000_000)
     north = estimator.place_field.declination_rad
@@ -130,7 +130,7 @@ def test_a_compass_that_gave_the_heading_at_rest_is_borne_out_or_misled(off_deg)
 @pytest.mark.parametrize("seed", [3, 4])
 def test_iron_all_around_is_not_learnt_as_iron_of_its_own(seed):
     """Of a field that is turned and weak: wheels turn the heading by 45 deg, and nothing else."""
-    estimator = Estimator(load_profile("imu"))
+    estimator = calibrated(load_profile("imu"))
     estimator.set_vehicle_class(VehicleClass.WHEELS)
     estimator.set_position(47.4, 8.5, 400.0, 1_760_000_000_000_000)
     rows = ride(seed, compass_off_deg=-45.0, strength=0.7, rest_s=20.0, seconds=60.0)
@@ -142,7 +142,7 @@ def test_iron_all_around_is_not_learnt_as_iron_of_its_own(seed):
 
 
 def test_who_says_nothing_has_no_wheels_and_the_profile_goes_first():
-    estimator = Estimator(load_profile("imu"))
+    estimator = calibrated(load_profile("imu"))
     assert estimator._state.settings.aiding.sideslip_rad == 3.0
     estimator.set_vehicle_class(VehicleClass.WHEELS)
     assert estimator._state.settings.aiding.sideslip_rad == pytest.approx(radians(3.0))
@@ -262,7 +262,7 @@ def test_the_field_points_north_where_velocity_has_shown_that(off_deg, known_deg
 
 
 def test_what_wheels_have_shown_outlasts_a_gap_unless_they_contradict_the_compass():
-    settings = Estimator(load_profile("imu"))._state.settings
+    settings = calibrated(load_profile("imu"))._state.settings
     core = initial_core(settings)
     shown = NEW_WHEELS._replace(rolled_s=4.0, show_north=True)
     for wheels, left in ((shown, shown), (shown._replace(contradict=True), NEW_WHEELS)):

@@ -8,6 +8,7 @@ from estimator.aiding.types import NO_REPORT
 from estimator.errors import InputError
 from estimator.live.core import initial_core
 from estimator.live.holder import Holder
+from estimator.live.iron import VOUCHED
 from estimator.live.resident import CONDITIONED
 from estimator.live.rows import SAID, Rows
 from estimator.live.settings import settings_of
@@ -25,7 +26,7 @@ compiled_only = pytest.mark.skipif(
 def holder():
     settings = settings_of(load_profile("imu"))
     holder = Holder(settings, initial_core(settings))
-    holder.advance(1, *READINGS, True, False, 0)
+    holder.advance(1, *READINGS, True, False, 0, VOUCHED)
     return holder
 
 
@@ -45,9 +46,9 @@ def test_what_is_no_number(holder, wrong):
     before = holder.core
     for at in range(len(READINGS)):
         with pytest.raises((TypeError, ValueError)):
-            holder.advance(2, *READINGS[:at], wrong, *READINGS[at + 1 :], True, False, 0)
+            holder.advance(2, *READINGS[:at], wrong, *READINGS[at + 1 :], True, False, 0, VOUCHED)
     with pytest.raises((TypeError, ValueError)):
-        holder.publish(wrong, CONDITIONED)
+        holder.publish(wrong, CONDITIONED, VOUCHED)
     assert holder.core == before
 
 
@@ -74,7 +75,7 @@ def test_rows_of_another_type_or_layout_are_converted(holder, kind, spread):
     said, wanted = np.zeros((4, SAID)), np.zeros((4, SAID))
     for one, given, out in ((holder, rows(), wanted), (other, rows(kind, spread), said)):
         one.lay(given, out)
-        assert one.advance(0, *(0.0,) * 9, False, False, 4)[0] == 4
+        assert one.advance(0, *(0.0,) * 9, False, False, 4, VOUCHED)[0] == 4
     assert np.array_equal(said, wanted)
     assert said.any()
 

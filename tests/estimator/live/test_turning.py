@@ -205,6 +205,7 @@ def stood_in(contradicted, *, stands_in=NO_AXES, misfit=(0.09, 0.0, 0.0), age_us
         before_rad_s=(0.3, 0.2, 0.1),
         offset_rad_s=(0.01, 0.0, 0.0),
         misfit=misfit,
+        compared_s=20.0,
         stands_in=stands_in,
     )
     return stand_in(state, 1_000_000, (0.8, 0.25, 0.15), contradicted)
@@ -225,7 +226,13 @@ def test_rates_that_are_old_or_wrong_about_the_other_axes_do_not_stand_in():
     x_axis, as_it_is = (True, False, False), (0.8, 0.25, 0.15)
     assert stood_in(x_axis, age_us=400_000)[1] == as_it_is
     assert stood_in(x_axis, misfit=(0.09, 0.01, 0.0))[1] == as_it_is
-    assert stood_in((True, True, True))[1] == as_it_is
+    assert stood_in((True, True, True), misfit=(0.09, 0.09, 0.09))[1] == as_it_is
+
+
+def test_rates_that_show_the_same_as_a_contradicted_axis_do_not_stand_in():
+    """Then it is the field that lies: a compass that is turned contradicts any gyroscope."""
+    x_axis, as_it_is = (True, False, False), (0.8, 0.25, 0.15)
+    assert stood_in(x_axis, misfit=(1e-3, 0.0, 0.0))[1] == as_it_is
 
 
 def test_of_more_rates_than_are_kept_the_oldest_go():

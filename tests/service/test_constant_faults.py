@@ -1,0 +1,57 @@
+"""What is wrong from the first sample on, against the same flight without that sensor.
+
+``benchmarks/truth.py`` has all cases; the motions here are of the kinds that accelerate at once,
+turn, and hardly move.
+"""
+
+import pytest
+
+from tests.truth.faults import Fault
+from tests.truth.run import Case, judge
+
+LASTING_S = 3.0
+ABSENT = Fault("magnetometer absent", begin_s=0.0)
+TURNED = [Fault("magnetometer turned", 0, angle_deg, begin_s=0.0) for angle_deg in (25, 90, 180)]
+IRON = Fault("magnetometer offset", 0, -0.3, begin_s=0.0)
+
+
+@pytest.mark.parametrize("beside", ["", "offsets"])
+@pytest.mark.parametrize("rate_hz", [50.0, 4.0])
+@pytest.mark.parametrize("motion", ["circle", "slalom 12", "aerobatics"])
+@pytest.mark.parametrize("fault", [*TURNED, IRON], ids=str)
+def test_a_wrong_compass_does_not_move_the_tilt(motion, fault, rate_hz, beside):
+    """Whoever vouches for it; and nobody is sure of a heading that is wrong."""
+    without = judge(Case(motion, ABSENT, rate_hz=rate_hz, beside=beside, seed=5))
+    found = judge(Case(motion, fault, rate_hz=rate_hz, beside=beside, seed=5))
+    assert found.inclination.rms_deg < 1.5 * without.inclination.rms_deg
+    assert found.wrong_and_sure_s <= LASTING_S
+
+
+@pytest.mark.parametrize("motion", ["still", "hover", "coasting turn"])
+@pytest.mark.parametrize("fault", [*TURNED, IRON], ids=str)
+def test_a_vehicle_that_hardly_moves_is_not_sure_of_a_wrong_heading(motion, fault):
+    for beside in ("", "offsets"):
+        assert judge(Case(motion, fault, beside=beside, seed=5)).wrong_and_sure_s <= LASTING_S
+
+
+def test_velocity_shows_no_heading_where_it_is_noise():
+    """A copter that shakes in its place, without a compass: no heading rather than any."""
+    for seed in range(4):
+        found = judge(Case("hover", ABSENT, seed=seed))
+        assert not found.heading.under_sigma < 0.5
+
+
+@pytest.mark.parametrize("motion", ["hover", "gentle tilts"])
+def test_one_mad_sample_turns_nothing(motion):
+    """2.5 g for one sample, as at a motor's start; within what another seed's noise does."""
+    knock = Fault("accelerometer knock", 0, 25.0, begin_s=12.0)
+    for seed in range(3):
+        found = judge(Case(motion, knock, beside="offsets", seed=seed))
+        assert found.heading.beyond_three < 0.05
+        assert found.inclination.beyond_three < 0.05
+
+
+def test_a_compass_that_velocity_bears_out_is_as_good_as_one_that_somebody_vouches_for():
+    unknown, vouched = (judge(Case("climb and turn", beside=b, seed=5)) for b in ("", "offsets"))
+    assert unknown.heading.rms_deg < 1.2 * vouched.heading.rms_deg
+    assert unknown.heading.sigma_deg < 1.5 * vouched.heading.sigma_deg
