@@ -6,15 +6,15 @@ from math import isfinite
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from drivers.samples.fresh_field import RepeatedField, finite_or_zero
 from drivers.samples.plausibility import MAG_LIMIT_GAUSS, is_field
 from estimator import estimator
-from estimator.arrays import Floats, Times
+from estimator.arrays import Times
 from estimator.compilation.notice import tell_programs
 from estimator.errors import InputError
-from estimator.live.rows import rows_of
+from estimator.live.rows import Rows, rows_of
 from estimator.live.snapshot import Snapshot
 from estimator.profile import LEAST_GAIN, MOST_GAIN, Profile
 from estimator.reasons import Reason
@@ -267,21 +267,12 @@ class Estimator:
         self._begin_anew()
         return None
 
-    def _look(
-        self,
-        times_us: Times,
-        gyr: Floats,
-        acc: Floats,
-        mag: Floats,
-        has_mag: NDArray[np.bool_],
-        *,
-        strict: bool,
-    ) -> tuple[str, ...]:
+    def _look(self, rows: Rows, *, strict: bool) -> tuple[str, ...]:
         """What :mod:`fuzzbee.fit` says of the first rows that are enough, and of all if strict."""
         if self._is_looked_at and not strict:
             return ()
-        found = advice(times_us, gyr, acc, np.where(has_mag[:, None], mag, np.nan))
-        self._is_looked_at = self._is_looked_at or is_enough(times_us)
+        found = advice(rows)
+        self._is_looked_at = self._is_looked_at or is_enough(rows.times_us)
         if found and strict:
             raise InputError("; ".join(found))
         for line in found:
@@ -313,11 +304,12 @@ class Estimator:
         if not self._is_plain:
             mag = np.where(has_mag[:, None], mag, 0.0)
             readings = self.profile.mounting.to_body_rows(gyr, acc, mag)
-        said = self._look(times_us, *readings, has_mag, strict=strict)
+        rows = rows_of(times_us, *readings, has_mag)
+        said = self._look(rows, strict=strict)
         if not is_field[has_mag].all():
             self.rejected[Reason.MAGNETOMETER_OUT_OF_RANGE] += int((has_mag & ~is_field).sum())
-            has_mag &= is_field
-        return Batch(rows_of(times_us, *readings, has_mag), velocity), said
+            rows.has_mag[:] &= is_field
+        return Batch(rows, velocity), said
 
     def _take_batch(self, batch: Batch, said: tuple[str, ...]) -> tuple[str, ...]:
         """Take rows; what there is to say of them beside what has been said."""
