@@ -14,7 +14,7 @@ from estimator import estimator
 from estimator.arrays import Times
 from estimator.compilation.notice import tell_programs
 from estimator.errors import InputError
-from estimator.live.rows import Rows, rows_of
+from estimator.live.rows import HAS_HEADING, SAID, Q, Rows, rows_of
 from estimator.live.snapshot import Snapshot
 from estimator.profile import LEAST_GAIN, MOST_GAIN, Profile
 from estimator.reasons import Reason
@@ -29,7 +29,7 @@ from fuzzbee.arguments import (
     profile_of,
     vector,
 )
-from fuzzbee.attitudes import Attitudes, attitudes_of_rows
+from fuzzbee.attitudes import Attitudes
 from fuzzbee.batch import Batch
 from fuzzbee.fit import advice, is_enough
 
@@ -199,11 +199,8 @@ class Estimator:
         Raises:
             InputError: arrays of other shapes, or no times; ``strict``, and there are warnings.
         """
-        batch, said = self._batch(
-            gyr_rad_s, acc_m_s2, mag_gauss, time_s, velocity_ned_m_s, strict=strict
-        )
-        said = self._take_batch(batch, said)
-        return attitudes_of_rows(batch.rows.times_us, batch.said, batch.norths, said)
+        readings = (gyr_rad_s, acc_m_s2, mag_gauss, time_s, velocity_ned_m_s)
+        return self._taken(self._batch(*readings, strict=strict)).attitudes
 
     def smooth(
         self,
@@ -225,17 +222,15 @@ class Estimator:
         from estimator.smoothing import Offered, Recorder, smooth_offered
 
         forward = Estimator(self.profile, self._rate_hz, gain=self._gain)
-        batch, said = forward._batch(
-            gyr_rad_s, acc_m_s2, mag_gauss, time_s, velocity_ned_m_s, strict=False
-        )
+        batch = forward._batch(gyr_rad_s, acc_m_s2, mag_gauss, time_s, velocity_ned_m_s)
         recorder = Recorder(self.profile, self._gain, Offered(batch.rows, batch.said))
         recorder.snapshot = self._inner.snapshot
         recorder.restart()
         forward._inner = recorder
-        said = forward._take_batch(batch, said)
+        batch = forward._taken(batch)
         for places in smooth_offered(recorder, batch.said):
-            batch.tell_last_north(places)
-        return attitudes_of_rows(batch.rows.times_us, batch.said, batch.norths, said)
+            batch.said[places, HAS_HEADING] = batch.said[-1, HAS_HEADING]
+        return batch.attitudes
 
     def set_position(
         self, latitude_deg: float, longitude_deg: float, altitude_m: float, unix_s: float
@@ -287,8 +282,8 @@ class Estimator:
         time_s: ArrayLike | None,
         velocity_ned_m_s: ArrayLike | None,
         *,
-        strict: bool,
-    ) -> tuple[Batch, tuple[str, ...]]:
+        strict: bool = False,
+    ) -> Batch:
         """The arguments of ``update_batch`` as rows, and what :meth:`_look` says of them."""
         gyr = matrix("gyr_rad_s", gyr_rad_s)
         n = len(gyr)
@@ -309,44 +304,38 @@ class Estimator:
         if not is_field[has_mag].all():
             self.rejected[Reason.MAGNETOMETER_OUT_OF_RANGE] += int((has_mag & ~is_field).sum())
             rows.has_mag[:] &= is_field
-        return Batch(rows, velocity), said
+        return Batch(rows, velocity, np.empty((n, SAID)), said)
 
-    def _take_batch(self, batch: Batch, said: tuple[str, ...]) -> tuple[str, ...]:
-        """Take rows; what there is to say of them beside what has been said."""
-        before = self.rejected.copy()
+    def _taken(self, batch: Batch) -> Batch:
+        """The batch behind its way through the estimator, with a warning if most was rejected."""
+        before, n = self.rejected.copy(), len(batch.said)
         self._take_rows(batch)
         refused = self.rejected - before
-        if said or 2 * refused.total() <= len(batch):
-            return said
+        if batch.warnings or 2 * refused.total() <= n:
+            return batch
         most, count = refused.most_common(1)[0]
-        line = f"most of the samples could not be used: {count} of {len(batch)} are {most}"
+        line = f"most of the samples could not be used: {count} of {n} are {most}"
         warnings.warn(line, Unfit, stacklevel=3)
-        return (line,)
+        return batch._replace(warnings=(line,))
 
     def _take_rows(self, batch: Batch) -> None:
         """Rows by the run where nothing else comes between, otherwise one by one."""
-        inner, k = self._inner, 0
-        for report in (*batch.reports(), len(batch)):
-            while k < report:
-                done = batch.take_run(inner, k, report)
-                if done > k and not batch.is_finite(done - 1):
+        begin, n = 0, len(batch.said)
+        for report in (*batch.reports(), n):
+            while begin < report:
+                done = batch.take_run(self._inner, begin, report)
+                if done > begin and not np.isfinite(batch.said[done - 1, Q]).all():
                     batch.put(done - 1, None)
                     self._begin_anew()
-                k = done
-                if k < report:
-                    self._take_row(batch, k)
-                    k += 1
-            if k < len(batch):
-                self._take_report(batch, k)
-                self._take_row(batch, k)
-                k += 1
-
-    def _take_report(self, batch: Batch, k: int) -> None:
-        assert batch.velocity is not None
-        self.update_velocity(batch.velocity[k], batch.rows.times_us[k] / MICROSECONDS)
-
-    def _take_row(self, batch: Batch, k: int) -> None:
-        batch.put(k, self._take(*batch.sample(k)))
+                if done < report:
+                    batch.put(done, self._take(*batch.sample(done)))
+                begin = done + 1
+            if report < n:
+                assert batch.velocity is not None
+                time_us = batch.rows.times_us[report]
+                self.update_velocity(batch.velocity[report], time_us / MICROSECONDS)
+                batch.put(report, self._take(*batch.sample(report)))
+                begin = report + 1
 
     def _begin_anew(self) -> None:
         """Restart after an attitude that is not finite: no later sample would repair it."""
