@@ -8,7 +8,7 @@ from estimator.geometry.metrics import batch_angle_errors
 from estimator.profile import load_profile
 from estimator.types import ImuSample
 from tests.paper_noise import NoiseScale, simulate_scaled
-from tuning.online.numbers import MOST_MOVE, RAW, numbers_of, update_of, with_factors
+from tuning.online.numbers import MOST_MOVE, RAW, numbers_of, update_of
 from tuning.online.retuned_estimator import RetunedEstimator
 from tuning.online.retuner import Retuner
 from tuning.online.segment import SEGMENT_S
@@ -123,22 +123,6 @@ def test_a_bad_candidate_does_not_win():
     estimator, _, e, base = flown(45.0, vectors=5.0, gyroscope=5.0, look=worst)
     assert estimator.decisions == []
     assert e == base
-
-
-def test_somebody_elses_profile_becomes_the_base():
-    retuner = Retuner(PAPER)
-    mine = with_factors(PAPER, np.array([2.0, 1.0]))
-    parts = []
-    other = RetunedEstimator(mine, on_segment=parts.append)
-    made = simulate_scaled(1, 3000, NoiseScale())
-    for k in range(3000):
-        columns = (made.gyr_rad_s[k], made.acc_m_s2[k], made.mag_gauss[k])
-        readings = [tuple(column.tolist()) for column in columns]
-        other.update(ImuSample(int(made.time_us[k]), *readings, True))
-    assert len(parts) == 5
-    for part in parts:
-        assert retuner.take(part) is None
-    assert retuner.profile.confidence.gravity == 2.0
 
 
 def test_factors_go_by_their_powers_and_leave_the_rest():
