@@ -53,8 +53,8 @@ class Spans(NamedTuple):
 
 @compiled(types=lambda: types_of(_TIMES, _COLUMNS, _COLUMNS, _COLUMNS, _ROWS))
 def sizes_of(times_us: Times, gyr: Floats, acc: Floats, mag: Floats, has_mag: Bools) -> Sizes:
-    """The sizes of some five hundred rows from all of a recording (N, 3), N at least 2."""
-    every = max(1, len(times_us) // (2 * MOST_SPANS))
+    """The sizes of some thousand rows from all of a recording (N, 3), N at least 2."""
+    every = max(1, len(times_us) // (4 * MOST_SPANS))
     count = (len(times_us) + every - 1) // every
     lengths = np.empty((3, count))
     found = np.zeros(3, np.int64)
