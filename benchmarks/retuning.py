@@ -26,7 +26,7 @@ from estimator.geometry.metrics import batch_angle_errors
 from estimator.profile import load_profile
 from estimator.types import ImuSample
 from tests.paper_noise import NoiseScale, simulate_scaled
-from tuning.online.retuned_estimator import RetunedEstimator, SegmentingEstimator
+from tuning.online.retuned_estimator import RetunedEstimator
 from tuning.online.retuner import CYCLES, FOOD_SOURCES, Retuner
 from tuning.space import Space, decode, random_positions
 
@@ -78,7 +78,7 @@ def fly(estimator: Estimator, samples: Samples) -> Array:
 
 
 def shipped(samples: Samples, _seed: int) -> tuple[Array, int]:
-    return fly(SegmentingEstimator(BASE), samples), 0
+    return fly(Estimator(BASE), samples), 0
 
 
 def retuned(samples: Samples, seed: int) -> tuple[Array, int]:

@@ -6,15 +6,15 @@ from math import isfinite
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from drivers.samples.fresh_field import RepeatedField, finite_or_zero
 from drivers.samples.plausibility import MAG_LIMIT_GAUSS, is_field
 from estimator import estimator
-from estimator.arrays import Floats, Times
+from estimator.arrays import Times
 from estimator.compilation.notice import tell_programs
 from estimator.errors import InputError
-from estimator.live.rows import rows_of
+from estimator.live.rows import HAS_HEADING, SAID, Q, Rows, rows_of
 from estimator.live.snapshot import Snapshot
 from estimator.profile import LEAST_GAIN, MOST_GAIN, Profile
 from estimator.reasons import Reason
@@ -29,7 +29,7 @@ from fuzzbee.arguments import (
     profile_of,
     vector,
 )
-from fuzzbee.attitudes import Attitudes, attitudes_of_rows
+from fuzzbee.attitudes import Attitudes
 from fuzzbee.batch import Batch
 from fuzzbee.fit import advice, is_enough
 
@@ -209,11 +209,8 @@ class Estimator:
         Raises:
             InputError: arrays of other shapes, or no times; ``strict``, and there are warnings.
         """
-        batch, said = self._batch(
-            gyr_rad_s, acc_m_s2, mag_gauss, time_s, velocity_ned_m_s, strict=strict
-        )
-        said = self._take_batch(batch, said)
-        return attitudes_of_rows(batch.rows.times_us, batch.said, batch.norths, said)
+        readings = (gyr_rad_s, acc_m_s2, mag_gauss, time_s, velocity_ned_m_s)
+        return self._taken(self._batch(*readings, strict=strict)).attitudes
 
     def smooth(
         self,
@@ -236,17 +233,15 @@ class Estimator:
 
         profile, rate_hz, gain, calibrated = self._made_with
         forward = Estimator(profile, rate_hz, gain=gain, compass_calibrated=calibrated)
-        batch, said = forward._batch(
-            gyr_rad_s, acc_m_s2, mag_gauss, time_s, velocity_ned_m_s, strict=False
-        )
+        batch = forward._batch(gyr_rad_s, acc_m_s2, mag_gauss, time_s, velocity_ned_m_s)
         recorder = Recorder(self.profile, self._gain, Offered(batch.rows, batch.said))
         recorder.snapshot = self._inner.snapshot
         recorder.restart()
         forward._inner = recorder
-        said = forward._take_batch(batch, said)
+        batch = forward._taken(batch)
         for places in smooth_offered(recorder, batch.said):
-            batch.tell_last_north(places)
-        return attitudes_of_rows(batch.rows.times_us, batch.said, batch.norths, said)
+            batch.said[places, HAS_HEADING] = batch.said[-1, HAS_HEADING]
+        return batch.attitudes
 
     def set_position(
         self, latitude_deg: float, longitude_deg: float, altitude_m: float, unix_s: float
@@ -278,21 +273,12 @@ class Estimator:
         self._begin_anew()
         return None
 
-    def _look(
-        self,
-        times_us: Times,
-        gyr: Floats,
-        acc: Floats,
-        mag: Floats,
-        has_mag: NDArray[np.bool_],
-        *,
-        strict: bool,
-    ) -> tuple[str, ...]:
+    def _look(self, rows: Rows, *, strict: bool) -> tuple[str, ...]:
         """What :mod:`fuzzbee.fit` says of the first rows that are enough, and of all if strict."""
         if self._is_looked_at and not strict:
             return ()
-        found = advice(times_us, gyr, acc, np.where(has_mag[:, None], mag, np.nan))
-        self._is_looked_at = self._is_looked_at or is_enough(times_us)
+        found = advice(rows)
+        self._is_looked_at = self._is_looked_at or is_enough(rows.times_us)
         if found and strict:
             raise InputError("; ".join(found))
         for line in found:
@@ -307,8 +293,8 @@ class Estimator:
         time_s: ArrayLike | None,
         velocity_ned_m_s: ArrayLike | None,
         *,
-        strict: bool,
-    ) -> tuple[Batch, tuple[str, ...]]:
+        strict: bool = False,
+    ) -> Batch:
         """The arguments of ``update_batch`` as rows, and what :meth:`_look` says of them."""
         gyr = matrix("gyr_rad_s", gyr_rad_s)
         n = len(gyr)
@@ -324,48 +310,43 @@ class Estimator:
         if not self._is_plain:
             mag = np.where(has_mag[:, None], mag, 0.0)
             readings = self.profile.mounting.to_body_rows(gyr, acc, mag)
-        said = self._look(times_us, *readings, has_mag, strict=strict)
+        rows = rows_of(times_us, *readings, has_mag)
+        said = self._look(rows, strict=strict)
         if not is_field[has_mag].all():
             self.rejected[Reason.MAGNETOMETER_OUT_OF_RANGE] += int((has_mag & ~is_field).sum())
-            has_mag &= is_field
-        return Batch(rows_of(times_us, *readings, has_mag), velocity), said
+            rows.has_mag[:] &= is_field
+        return Batch(rows, velocity, np.empty((n, SAID)), said)
 
-    def _take_batch(self, batch: Batch, said: tuple[str, ...]) -> tuple[str, ...]:
-        """Take rows; what there is to say of them beside what has been said."""
-        before = self.rejected.copy()
+    def _taken(self, batch: Batch) -> Batch:
+        """The batch behind its way through the estimator, with a warning if most was rejected."""
+        before, n = self.rejected.copy(), len(batch.said)
         self._take_rows(batch)
         refused = self.rejected - before
-        if said or 2 * refused.total() <= len(batch):
-            return said
+        if batch.warnings or 2 * refused.total() <= n:
+            return batch
         most, count = refused.most_common(1)[0]
-        line = f"most of the samples could not be used: {count} of {len(batch)} are {most}"
+        line = f"most of the samples could not be used: {count} of {n} are {most}"
         warnings.warn(line, Unfit, stacklevel=3)
-        return (line,)
+        return batch._replace(warnings=(line,))
 
     def _take_rows(self, batch: Batch) -> None:
         """Rows by the run where nothing else comes between, otherwise one by one."""
-        inner, k = self._inner, 0
-        for report in (*batch.reports(), len(batch)):
-            while k < report:
-                done = batch.take_run(inner, k, report)
-                if done > k and not batch.is_finite(done - 1):
+        begin, n = 0, len(batch.said)
+        for report in (*batch.reports(), n):
+            while begin < report:
+                done = batch.take_run(self._inner, begin, report)
+                if done > begin and not np.isfinite(batch.said[done - 1, Q]).all():
                     batch.put(done - 1, None)
                     self._begin_anew()
-                k = done
-                if k < report:
-                    self._take_row(batch, k)
-                    k += 1
-            if k < len(batch):
-                self._take_report(batch, k)
-                self._take_row(batch, k)
-                k += 1
-
-    def _take_report(self, batch: Batch, k: int) -> None:
-        assert batch.velocity is not None
-        self.update_velocity(batch.velocity[k], batch.rows.times_us[k] / MICROSECONDS)
-
-    def _take_row(self, batch: Batch, k: int) -> None:
-        batch.put(k, self._take(*batch.sample(k)))
+                if done < report:
+                    batch.put(done, self._take(*batch.sample(done)))
+                begin = done + 1
+            if report < n:
+                assert batch.velocity is not None
+                time_us = batch.rows.times_us[report]
+                self.update_velocity(batch.velocity[report], time_us / MICROSECONDS)
+                batch.put(report, self._take(*batch.sample(report)))
+                begin = report + 1
 
     def _begin_anew(self) -> None:
         """Restart after an attitude that is not finite: no later sample would repair it."""

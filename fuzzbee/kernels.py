@@ -27,6 +27,7 @@ MODULES = (
     "tuning.online.noise",
     "tuning.paper_cost",
     "tuning.prediction",
+    "tuning.turning",
 )
 LONGEST = ("advance", "advance_aided", "hear")
 

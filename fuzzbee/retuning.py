@@ -13,8 +13,7 @@ from estimator.profile import Profile
 from fuzzbee.say import say
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
-from tuning.online.retuned_estimator import SegmentingEstimator
-from tuning.online.retuner import Retuner
+from tuning.online.retuned_estimator import RetunedEstimator
 from tuning.online.segment import Segment
 
 # Segments that wait for the thread; one that comes when it is full is left out.
@@ -22,10 +21,9 @@ MOST_WAITING = 8
 # Of a core, in the mean since the beginning; loading and the first searches come on top.
 MOST_SHARE = 0.03
 ALLOWANCE_S = 10.0
-MOST_VEHICLES = 512  # then the one whose last segment is oldest is forgotten
 ENDING_S = 2.0
 
-Question = tuple[VehicleId, Segment]
+Question = tuple[VehicleId, RetunedEstimator, Segment]
 
 
 class Retuning(Closing):
@@ -40,7 +38,6 @@ class Retuning(Closing):
         self._pipeline: Pipeline | None = None
         self._questions: Queue[Question | None] = Queue(MOST_WAITING)
         self._skipped: set[VehicleId] = set()
-        self._retuners: dict[VehicleId, Retuner] = {}
         self._is_closing = False
         self._begun_s = time.monotonic()
         self._thread = threading.Thread(target=self._work, name="retune", daemon=True)
@@ -48,8 +45,9 @@ class Retuning(Closing):
 
     def estimator(self, profile: Profile) -> Estimator:
         """An estimator whose segments are handed over."""
-        made = SegmentingEstimator(profile, self._gain)
-        made.on_segment = lambda segment: self._send(made, segment)
+        made = RetunedEstimator(
+            profile, self._gain, on_segment=lambda segment: self._send(made, segment)
+        )
         return made
 
     def watch(self, pipeline: Pipeline) -> None:
@@ -63,7 +61,7 @@ class Retuning(Closing):
             self._questions.put_nowait(None)
         self._thread.join(ENDING_S)
 
-    def _send(self, estimator: Estimator, segment: Segment) -> None:
+    def _send(self, estimator: RetunedEstimator, segment: Segment) -> None:
         """Hand a segment over; called by the loop."""
         vehicles = () if self._pipeline is None else self._pipeline.vehicles
         address = next((v.address for v in vehicles if v.estimator is estimator), None)
@@ -71,7 +69,7 @@ class Retuning(Closing):
             return
         silent = segment.silent or address in self._skipped
         try:
-            self._questions.put_nowait((address, segment._replace(silent=silent)))
+            self._questions.put_nowait((address, estimator, segment._replace(silent=silent)))
             self._skipped.discard(address)
         except Full:
             self._skipped.add(address)
@@ -83,14 +81,10 @@ class Retuning(Closing):
             except (InputError, TimeoutError) as error:
                 say(f"not retuned: {error}")
 
-    def _decide(self, vehicle: VehicleId, segment: Segment) -> None:
+    def _decide(self, vehicle: VehicleId, estimator: RetunedEstimator, segment: Segment) -> None:
         """Take a segment. While there is no time for more it counts as silence."""
-        retuner = self._retuners.pop(vehicle, None) or Retuner(segment.profile)
-        self._retuners[vehicle] = retuner  # the latest last
-        if len(self._retuners) > MOST_VEHICLES:
-            del self._retuners[next(iter(self._retuners))]
         budget_s = ALLOWANCE_S + MOST_SHARE * (time.monotonic() - self._begun_s)
         is_late = time.thread_time() > budget_s
-        decision = retuner.take(segment._replace(silent=segment.silent or is_late))
+        decision = estimator.retuner.take(segment._replace(silent=segment.silent or is_late))
         if decision is not None:
             self._requests.ask(vehicle, decision.update, decision.summary)

@@ -48,7 +48,7 @@ def bees(search: Search, first: Floats, generator: np.random.Generator) -> None:
         asked = colony.ask()
         colony.tell(search.costs(asked, scouts=colony.is_scouting))
         if colony.cycles > cycle:
-            search.end_cycle(*colony.sources)
+            search.end_cycle(colony.sources.costs)
 
 
 def cma_es(search: Search, first: Floats, generator: np.random.Generator) -> None:
@@ -72,7 +72,7 @@ def cma_es(search: Search, first: Floats, generator: np.random.Generator) -> Non
             if len(costs) < population:
                 raise BudgetSpent
             strategy.tell(list(zip(asked, costs.tolist(), strict=True)))
-            search.end_cycle(lower + (upper - lower) * asked, costs)
+            search.end_cycle(costs)
         population *= 2
         mean = generator.random(search.space.dimensions)
 
@@ -84,18 +84,16 @@ def differential_evolution(search: Search, first: Floats, generator: np.random.G
     lower, upper = bounds(search.space)
     members = search.options.food_sources
     start = np.concatenate([first[None, :], random_positions(search.space, members - 1, generator)])
-    held, held_costs = start, np.full(members, np.inf)
+    held_costs = np.full(members, np.inf)
     generations = -1  # the first batch is the start
 
     def costs_of_columns(x: Floats) -> Floats:
-        nonlocal held, held_costs, generations
-        asked = np.ascontiguousarray(x.T)
-        costs = search.costs(asked)
-        held = np.where((costs < held_costs)[:, None], asked, held)
+        nonlocal held_costs, generations
+        costs = search.costs(np.ascontiguousarray(x.T))
         held_costs = np.minimum(held_costs, costs)
         generations += 1
         if generations > 0 and generations % 2 == 0:  # two cost as much as a bees' cycle
-            search.end_cycle(held, held_costs)
+            search.end_cycle(held_costs)
         return costs
 
     try:
@@ -122,7 +120,7 @@ def random_search(search: Search, first: Floats, generator: np.random.Generator)
     count = search.options.food_sources
     asked = np.concatenate([first[None, :], random_positions(search.space, count - 1, generator)])
     while True:
-        search.end_cycle(asked, search.costs(asked))
+        search.end_cycle(search.costs(asked))
         asked = random_positions(search.space, 2 * count, generator)
 
 

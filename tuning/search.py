@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Floats, Ints
+from estimator.arrays import Floats
 from estimator.errors import InputError
 from tuning.space import Space, decode, make_feasible
 
@@ -50,18 +50,6 @@ class Progress(NamedTuple):
     best_cost: float
     mean_cost: float
     median_cost: float
-
-
-class Population(NamedTuple):
-    """The candidates that an algorithm goes on from after a cycle, for whoever watches it.
-
-    Values (N, D) with their costs (N,). ``failures`` (N,) exist with the bee colony only:
-    how many trials in a row did not improve each food source.
-    """
-
-    values: Floats
-    costs: Floats
-    failures: Ints | None = None
 
 
 class Record(NamedTuple):
@@ -108,7 +96,6 @@ class Search:
         self.best_cost = np.inf
         self.best_values = np.full(space.dimensions, np.nan)
         self.history: list[Progress] = []
-        self.population: Population | None = None
 
     @property
     def left(self) -> int:
@@ -141,11 +128,9 @@ class Search:
             raise InterruptedSearch
         return costs
 
-    def end_cycle(self, positions: Floats, costs: Floats, failures: Ints | None = None) -> None:
-        """Note the end of a cycle (generation), and its population in search coordinates."""
+    def end_cycle(self, costs: Floats) -> None:
+        """Note the end of a cycle (generation), and the costs (N,) of its population."""
         self.cycles += 1
-        values = decode(self.space, make_feasible(self.space, positions))
-        self.population = Population(values, costs, failures)
         mean, median = float(np.mean(costs)), float(np.median(costs))
         best = float(self.best_cost)
         self.history.append(Progress(self.evaluations, self.cycles, best, mean, median))

@@ -97,7 +97,7 @@ def run_plan(plan: Plan, request: TuneRequest, viewer: "ViewerOptions | None") -
             _print_report(plan, outcome, report)
         _tell_gain(plan, verdict, written=written)
         if view is not None:
-            view.finish(outcome.search, verdict.before, verdict.after)
+            view.finish(outcome.search)
             if outcome.finished:
                 view.stream.stay_open()
     if not outcome.finished:

@@ -40,7 +40,7 @@ from tests.flight import banked_flight
 from tests.fuzzbee.processes import free_port
 from tests.service.sinks.test_zenoh import plain_client, wait_for
 from tuning.flight import fly
-from tuning.online.retuned_estimator import SegmentingEstimator
+from tuning.online.retuned_estimator import RetunedEstimator
 from tuning.online.segment import fly_segments
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -173,7 +173,7 @@ def test_tuning_and_retuning_repeat_the_reports(tmp_path):
     assert np.array_equal(course.q_ned_frd, replay(path, PROFILE).attitudes.q_ned_frd)
 
     segments = []
-    estimator = SegmentingEstimator(PROFILE, None, segments.append)
+    estimator = RetunedEstimator(PROFILE, on_segment=segments.append)
     said = []
     samples = [
         ImuSample(time_us, *map(tuple, vectors), has_mag)

@@ -15,7 +15,7 @@ from estimator.geometry.quaternion import unit
 from estimator.profile import Profile
 from tuning.course import WRONG_TURN
 from tuning.online.noise import Noise, noise_of
-from tuning.online.segment import Segment, Window, fly_segments, rows_of_all
+from tuning.online.segment import Segment, fly_segments, rows_of_all
 from tuning.prediction import AHEAD_S, Readings, predicted_vectors, readings_of
 
 PULL_IN_S = 1.0
@@ -38,12 +38,11 @@ class Cost(NamedTuple):
         return max(float(np.mean(self.blocks)) - self.noise, 0.0) + PULL_IN_WEIGHT * self.pull_in
 
 
-def cost_on(profile: Profile, window: Window, *, judged: bool) -> Cost:
-    """The cost on the earlier segment; if ``judged``, on the later, flown from the earlier on."""
-    segments = (window.earlier, window.later) if judged else (window.earlier,)
+def cost_on(profile: Profile, *segments: Segment) -> Cost:
+    """The cost on the last of the segments, flown from the first on."""
     readings = readings_of(rows_of_all(segments))
     flown = fly_segments(profile, segments)
-    first = len(window.earlier.samples) if judged else 0
+    first = sum(len(segment.samples) for segment in segments[:-1])
     blocks = _blocks(profile, readings, flown.q_ned_frd, flown.bias_rad_s, first)
     noise = noise_of(readings, first)
     floor = 0.0 if noise is None else _floor(noise, readings)
@@ -63,38 +62,32 @@ def _floor(noise: Noise, readings: Readings) -> float:
 
 
 def _blocks(profile: Profile, readings: Readings, q: Floats, bias: Floats, first: int) -> Floats:
-    """Mean of sin^2 of half the angle between foretold and measured vectors, by half seconds."""
+    """Mean of sin^2 of half the angle between foretold and measured vectors, by half seconds.
+
+    The field's is the angle to its known direction; where the profile learns that, the angle of
+    its horizontal part to its mean.
+    """
     down, field = predicted_vectors(readings, q, bias, first)
     off = 0.5 * (1.0 - down @ DOWN)
-    north = _north(profile, field)
-    if north is not None:
-        off_north = 0.5 * (1.0 - _comparable(profile, field) @ north)
+    seen = np.isfinite(field[:, 0])
+    if seen.any():
+        known = profile.reference.magnetic
+        if known == "learn":
+            field = _units(field * (1.0, 1.0, 0.0))
+            north = _units(field[seen].mean(axis=0))
+        else:
+            north = np.array(unit(known))
+        off_north = 0.5 * (1.0 - field @ north)
         off = np.where(np.isfinite(off_north), 0.5 * (off + off_north), off)
-    known = np.isfinite(off)
-    block = (readings.time_s[known] / BLOCK_S).astype(int)
-    found = [float(off[known][block == b].mean()) for b in np.unique(block)]
+    known_off = np.isfinite(off)
+    block = (readings.time_s[known_off] / BLOCK_S).astype(int)
+    found = [float(off[known_off][block == b].mean()) for b in np.unique(block)]
     return np.array(found or [0.0])
 
 
-def _comparable(profile: Profile, field: Floats) -> Floats:
-    """Fields (N, 3) as they are compared: where the direction is learnt, the horizontal part."""
-    if profile.reference.magnetic != "learn":
-        return field
-    level = field * np.array([1.0, 1.0, 0.0])
-    horizontal: Floats = level / np.maximum(np.linalg.norm(level, axis=1, keepdims=True), 1e-9)
-    return horizontal
-
-
-def _north(profile: Profile, field: Floats) -> Floats | None:
-    """The field's known direction (3,), or its mean where the profile learns it; None without."""
-    seen = np.isfinite(field[:, 0])
-    if not seen.any():
-        return None
-    if profile.reference.magnetic != "learn":
-        return np.array(unit(profile.reference.magnetic))
-    mean = _comparable(profile, field[seen]).mean(axis=0)
-    north: Floats = mean / max(float(np.linalg.norm(mean)), 1e-9)
-    return north
+def _units(vectors: Floats) -> Floats:
+    lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.asarray(vectors / np.maximum(lengths, 1e-9))
 
 
 def _pull_in(profile: Profile, segment: Segment) -> float:

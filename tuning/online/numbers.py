@@ -1,7 +1,5 @@
 """The few numbers that are retuned, as factors on the base profile's."""
 
-from typing import NamedTuple
-
 import numpy as np
 
 from estimator.arrays import Floats
@@ -13,55 +11,41 @@ MOST_FACTOR = 30.0
 MOST_MOVE = 3.0
 
 
-class Number(NamedTuple):
-    """Keys of the profile that are multiplied by a power of one factor."""
-
-    name: str
-    keys: tuple[tuple[str, str, float], ...]
-
+# Keys of a profile (section, key, power) that are multiplied by powers of one factor, by its name.
+Numbers = dict[str, tuple[tuple[str, str, float], ...]]
 
 # With raw vectors the confidences scale the gain, floor and all. How they share it out is
 # not searched: what the vectors' own biases do is in no prediction.
-RAW = (
-    Number(
-        "gain",
-        (
-            ("confidence", "gravity", 1.0),
-            ("confidence", "magnetic", 1.0),
-            ("confidence", "cross", 1.0),
-        ),
-    ),
-    Number("gamma", (("filter", "gamma", 1.0),)),
-)
-CONDITIONED = (
-    Number(
-        "gyroscope",
-        (("aiding", "gyr_scale_noise", 1.0), ("aiding", "gyr_slow_noise_1_s", 1.0)),
-    ),
-    Number("accelerometer", (("aiding", "acc_noise", 1.0),)),
-    Number("gravity time", (("conditioning", "gravity_tau_s", 1.0),)),
-    Number(
-        "heading",
-        (("aiding", "heading_noise", 1.0), ("conditioning", "heading_noise_rad2_s", 2.0)),
-    ),
-)
+RAW: Numbers = {
+    "gain": tuple(("confidence", key, 1.0) for key in ("gravity", "magnetic", "cross")),
+    "gamma": (("filter", "gamma", 1.0),),
+}
+CONDITIONED: Numbers = {
+    "gyroscope": (("aiding", "gyr_scale_noise", 1.0), ("aiding", "gyr_slow_noise_1_s", 1.0)),
+    "accelerometer": (("aiding", "acc_noise", 1.0),),
+    "gravity time": (("conditioning", "gravity_tau_s", 1.0),),
+    "heading": (("aiding", "heading_noise", 1.0), ("conditioning", "heading_noise_rad2_s", 2.0)),
+}
 
 
-def numbers_of(base: Profile) -> tuple[Number, ...]:
+def numbers_of(base: Profile) -> Numbers:
     """The numbers of a profile that are retuned, but for zeros, which have no factor."""
     tree = profile_to_json(base)
     chosen = CONDITIONED if base.conditioned else RAW
-    return tuple(n for n in chosen if all(tree[section][key] > 0.0 for section, key, _ in n.keys))
+    return {
+        name: keys
+        for name, keys in chosen.items()
+        if all(tree[section][key] > 0.0 for section, key, _ in keys)
+    }
 
 
 def update_of(base: Profile, factors: Floats) -> dict[str, dict[str, float]]:
     """The partial profile that ``factors`` (D,) on the base's numbers mean."""
     tree = profile_to_json(base)
     update: dict[str, dict[str, float]] = {}
-    for number, factor in zip(numbers_of(base), factors.tolist(), strict=True):
-        for section, key, power in number.keys:
-            values = update.setdefault(section, {})
-            values[key] = values.get(key, tree[section][key]) * factor**power
+    for keys, factor in zip(numbers_of(base).values(), factors.tolist(), strict=True):
+        for section, key, power in keys:
+            update.setdefault(section, {})[key] = tree[section][key] * factor**power
     return update
 
 
@@ -72,7 +56,7 @@ def with_factors(base: Profile, factors: Floats) -> Profile:
 
 def space_around(base: Profile, factors: Floats) -> Space:
     """What can be reached in one move from ``factors`` (D,), by their logarithm."""
-    names = tuple(number.name for number in numbers_of(base))
+    names = tuple(numbers_of(base))
     low = np.maximum(factors / MOST_MOVE, 1.0 / MOST_FACTOR)
     high = np.minimum(factors * MOST_MOVE, MOST_FACTOR)
     return Space(

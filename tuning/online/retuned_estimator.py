@@ -1,4 +1,4 @@
-"""An estimator that cuts what it is told into segments, and hands them on."""
+"""An estimator that cuts what it is told into segments, by which a retuner decides."""
 
 from collections.abc import Callable
 
@@ -9,20 +9,24 @@ from tuning.online.retuner import Decision, Retuner
 from tuning.online.segment import LONGEST_GAP_S, SEGMENT_S, Segment
 
 
-class SegmentingEstimator(LoggedEstimator):
-    """Calls ``on_segment`` every five seconds of the vehicle's time.
+class RetunedEstimator(LoggedEstimator):
+    """Retuned on the spot every five seconds of the vehicle's time: for replay.
 
-    A segment ends early, and is dropped, when somebody replaces the profile.
+    With ``on_segment`` segments are handed to that instead. One ends early, and is dropped, when
+    somebody replaces the profile.
     """
 
     def __init__(
         self,
         profile: Profile,
         fixed_gain: float | None = None,
-        on_segment: Callable[[Segment], None] = lambda _: None,
+        retuner: Retuner | None = None,
+        on_segment: Callable[[Segment], object] | None = None,
     ) -> None:
         super().__init__(profile, fixed_gain)
-        self.on_segment = on_segment
+        self.retuner = Retuner(profile) if retuner is None else retuner
+        self.decisions: list[tuple[int, Decision]] = []  # with the vehicle's times, us
+        self._on_segment = on_segment or self._decide
         self._gain = fixed_gain
         self._begin()
 
@@ -53,29 +57,15 @@ class SegmentingEstimator(LoggedEstimator):
                 fixed_gain=self._gain,
             )
             self._begin()
-            self.on_segment(segment)
+            self._on_segment(segment)
 
     def replace_profile(self, profile: Profile) -> None:
         """See :class:`Estimator`."""
         super().replace_profile(profile)
         self._begin()
 
-
-class RetunedEstimator(SegmentingEstimator):
-    """Retuned on the spot, at fixed times of the vehicle's: for replay, where time stands still."""
-
-    def __init__(
-        self,
-        profile: Profile,
-        fixed_gain: float | None = None,
-        retuner: Retuner | None = None,
-    ) -> None:
-        self._retuner = Retuner(profile) if retuner is None else retuner
-        self.decisions: list[tuple[int, Decision]] = []
-        super().__init__(profile, fixed_gain, self._take)
-
-    def _take(self, segment: Segment) -> None:
-        decision = self._retuner.take(segment)
+    def _decide(self, segment: Segment) -> None:
+        decision = self.retuner.take(segment)
         if decision is not None:
             self.decisions.append((segment.samples[-1].time_us, decision))
-            self.replace_profile(self._retuner.profile)
+            self.replace_profile(self.retuner.profile)

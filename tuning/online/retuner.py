@@ -8,7 +8,7 @@ a log that is replayed is retuned as it would be again.
   field is disturbed.
 * The colony searches on the earlier segment. Its best, and the base profile, are judged on the
   later: a winner is at least 5 % cheaper than what is in force, and beyond chance.
-* The next window shows whether that holds. If not, what was before is in force again.
+* After a move what was in force before it is judged in the same way, and comes back if it wins.
 """
 
 from collections.abc import Callable
@@ -23,7 +23,7 @@ from tuning.colony import Colony
 from tuning.online.cost import Cost, cost_on
 from tuning.online.noise import Noise, has_moved, is_disturbed, noise_of
 from tuning.online.numbers import numbers_of, space_around, update_of, with_factors
-from tuning.online.segment import Segment, Window, rows_of_all
+from tuning.online.segment import Segment, rows_of_all
 from tuning.prediction import readings_of
 from tuning.space import Space, decode, encode
 
@@ -40,7 +40,11 @@ MOST_FOREIGN = 2
 PATIENCE = 6
 FOOD_SOURCES = 6
 CYCLES = 2
+# Why a candidate is one.
+CHANGED, BACK = "noise has changed", "taken back"
 
+# Segments in sequence: a candidate is found on the earlier, and judged on the later.
+Window = tuple[Segment, Segment]
 Evaluate = Callable[[Floats], Floats]  # factors (C, D) to costs (C,)
 # Search in a space, from kept factors (M, D): what was tried, its costs, what to keep
 Look = Callable[[Space, Floats, Evaluate, np.random.Generator], tuple[Floats, Floats, Floats]]
@@ -90,12 +94,13 @@ class Trial(NamedTuple):
     """A candidate beside what is in force, on segments that it was not searched on."""
 
     factors: Floats
+    reason: str
     old: tuple[Cost, ...] = ()
     new: tuple[Cost, ...] = ()
 
     def with_costs(self, old: Cost, new: Cost) -> "Trial":
         """The trial with the costs of one more segment: in force (old) and candidate (new)."""
-        return Trial(self.factors, (*self.old, old), (*self.new, new))
+        return self._replace(old=(*self.old, old), new=(*self.new, new))
 
     @property
     def share(self) -> float:
@@ -139,13 +144,13 @@ class Retuner:
         self._base = base
         ones = np.ones(len(numbers_of(base)))
         self._now = ones  # factors in force
-        self._before: Floats | None = None  # of a move that is still to be checked
         self._kept = ones[None, :]  # the colony's food sources
         self._learnt: Noise | None = None
         self._last: Segment | None = None
         self._foreign = 0  # segments in a row that another profile was in force in
         self._wait = 0
         self._trials: list[Trial] = []
+        self._is_checking = False  # whether the one trial is of what was before a move
 
     @property
     def profile(self) -> Profile:
@@ -167,7 +172,7 @@ class Retuner:
         if is_disturbed(self._learnt, noise):
             self._last = None
             return None
-        return None if earlier is None else self._consider(Window(earlier, segment), noise)
+        return None if earlier is None else self._consider((earlier, segment), noise)
 
     def _follow(self, profile: Profile) -> None:
         """Another profile is in force: a decision has not arrived yet, or somebody has replaced it.
@@ -181,75 +186,62 @@ class Retuner:
 
     def _consider(self, window: Window, later: Noise) -> Decision | None:
         assert self._learnt is not None
-        if self._before is None and not self._trials:
+        if not self._trials:
             self._wait = max(0, self._wait - 1)
-            earlier = noise_of(readings_of(rows_of_all((window.earlier,))))
+            earlier = noise_of(readings_of(rows_of_all(window[:1])))
             is_steady = earlier is not None and not has_moved(earlier, later)
             if self._wait or not is_steady or not has_moved(self._learnt, later):
                 return None
-        self._old = self._cost(self._now, window, judged=True)
-        if self._old.blocks.max() > EVENT:
+        now = self._cost(self._now, *window)
+        if now.blocks.max() > EVENT:
             return None
-        if self._before is not None:
-            return self._check(window)
-        if self._trials:
-            return self._judge(window)
-        self._learnt = later
-        return self._search(window)
+        if not self._trials:
+            self._learnt = later
+            self._trials = self._search(window)
+        decision = self._judge(window, now)
+        if self._is_checking and not self._trials:  # the move holds, and may not go far enough
+            self._is_checking = False
+            self._trials = self._search(window)
+            decision = self._judge(window, now)
+        return decision
 
-    def _search(self, window: Window) -> Decision | None:
-        """Find a candidate on the earlier segment; the later one is the first that judges it."""
+    def _search(self, window: Window) -> list[Trial]:
+        """Candidates by the earlier segment; the later one is the first that judges them."""
         space = space_around(self._base, self._now)
 
         def evaluate(factors: Floats) -> Floats:
-            return np.array([self._cost(row, window, judged=False).total for row in factors])
+            return np.array([self._cost(row, window[0]).total for row in factors])
 
-        known = (self._now, np.ones(len(self._now)), *self._kept)
+        base = np.ones(len(self._now))
+        known = (self._now, base, *self._kept)
         first = np.array(list({tuple(row.tolist()): row for row in known}.values()))[:FOOD_SOURCES]
         tried, costs, self._kept = self._look(space, first, evaluate, self._generator)
-        rivals = (tried[int(np.argmin(costs))], np.ones(len(self._now)))
-        self._trials = [Trial(rival) for rival in rivals if np.any(rival != self._now)]
-        return self._judge(window)
+        rivals = (tried[int(np.argmin(costs))], base)
+        return [Trial(rival, CHANGED) for rival in rivals if np.any(rival != self._now)]
 
-    def _judge(self, window: Window) -> Decision | None:
+    def _judge(self, window: Window, now: Cost) -> Decision | None:
         """Compare each rival with what is in force, on all that it was not searched on."""
-        self._trials = [
-            trial.with_costs(self._old, self._cost(trial.factors, window, judged=True))
-            for trial in self._trials
-        ]
-        won = [trial for trial in self._trials if trial.has_won]
-        if won:
-            best = max(won, key=lambda trial: trial.share)
-            self._trials = []
-            return self._move(best.factors, "noise has changed", best.share)
-        self._trials = [trial for trial in self._trials if trial.is_open]
-        if not self._trials:
+        tried = [t.with_costs(now, self._cost(t.factors, *window)) for t in self._trials]
+        won = max((t for t in tried if t.has_won), key=lambda t: t.share, default=None)
+        if won is not None:
+            return self._move(won)
+        self._trials = [trial for trial in tried if trial.is_open]
+        if not self._trials and not self._is_checking:
             self._wait = PATIENCE
         return None
 
-    def _check(self, window: Window) -> Decision | None:
-        """Whether the last move holds on a window that it has not seen."""
-        assert self._before is not None
-        old = self._cost(self._before, window, judged=True)
-        before, self._before = self._before, None
-        share = Trial(self._now, (old,), (self._old,)).share
-        if share <= 0.0:
-            self._wait = PATIENCE
-            decision = self._move(before, "taken back", -share)
-            self._before = None
-            return decision
-        return self._search(window)  # it may not have been far enough
-
-    def _move(self, factors: Floats, reason: str, gain: float) -> Decision:
-        self._before, self._now = self._now, factors
-        self._last = None
-        names = [number.name for number in numbers_of(self._base)]
+    def _move(self, won: Trial) -> Decision:
+        """Put it in force; what was before comes back if the same proof speaks for it."""
+        self._is_checking = won.reason == CHANGED
+        self._trials = [Trial(self._now, BACK)] if self._is_checking else []
+        self._wait = 0 if self._is_checking else PATIENCE
+        self._now, self._last = won.factors, None
         return Decision(
-            update=update_of(self._base, factors),
-            reason=reason,
-            gain=gain,
-            factors=dict(zip(names, factors.tolist(), strict=True)),
+            update=update_of(self._base, self._now),
+            reason=won.reason,
+            gain=won.share,
+            factors=dict(zip(numbers_of(self._base), self._now.tolist(), strict=True)),
         )
 
-    def _cost(self, factors: Floats, window: Window, *, judged: bool) -> Cost:
-        return cost_on(with_factors(self._base, factors), window, judged=judged)
+    def _cost(self, factors: Floats, *segments: Segment) -> Cost:
+        return cost_on(with_factors(self._base, factors), *segments)

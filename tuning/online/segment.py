@@ -34,13 +34,6 @@ class Segment(NamedTuple):
     fixed_gain: float | None = None  # instead of the profile's
 
 
-class Window(NamedTuple):
-    """Two segments in sequence: a candidate is found on the earlier, and judged on the later."""
-
-    earlier: Segment
-    later: Segment
-
-
 def fly_segments(
     profile: Profile,
     segments: tuple[Segment, ...],

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
+from estimator.estimator import Estimator
 from estimator.geometry.metrics import batch_angle_errors
 from estimator.profile import load_profile
 from estimator.types import ImuSample
 from tests.paper_noise import NoiseScale, simulate_scaled
-from tuning.online.numbers import MOST_MOVE, RAW, numbers_of, update_of, with_factors
-from tuning.online.retuned_estimator import RetunedEstimator, SegmentingEstimator
+from tuning.online.numbers import MOST_MOVE, RAW, numbers_of, update_of
+from tuning.online.retuned_estimator import RetunedEstimator
 from tuning.online.retuner import Retuner
 from tuning.online.segment import SEGMENT_S
 
@@ -34,7 +35,7 @@ def flown(
     made = simulate_scaled(seed, n, scale)
     retuner = Retuner(PAPER, seed) if look is None else Retuner(PAPER, seed, look)
     estimator, q = RetunedEstimator(PAPER, retuner=retuner), np.empty((n, 4))
-    plain, p = SegmentingEstimator(PAPER), np.empty((n, 4))
+    plain, p = Estimator(PAPER), np.empty((n, 4))
     for k in range(n):
         late_us = 800_000 if gap_at_s is not None and time_s[k] >= gap_at_s else 0
         columns = (made.gyr_rad_s[k], made.acc_m_s2[k], made.mag_gauss[k])
@@ -124,31 +125,15 @@ def test_a_bad_candidate_does_not_win():
     assert e == base
 
 
-def test_somebody_elses_profile_becomes_the_base():
-    retuner = Retuner(PAPER)
-    mine = with_factors(PAPER, np.array([2.0, 1.0]))
-    parts = []
-    other = SegmentingEstimator(mine, None, parts.append)
-    made = simulate_scaled(1, 3000, NoiseScale())
-    for k in range(3000):
-        columns = (made.gyr_rad_s[k], made.acc_m_s2[k], made.mag_gauss[k])
-        readings = [tuple(column.tolist()) for column in columns]
-        other.update(ImuSample(int(made.time_us[k]), *readings, True))
-    assert len(parts) == 5
-    for part in parts:
-        assert retuner.take(part) is None
-    assert retuner.profile.confidence.gravity == 2.0
-
-
 def test_factors_go_by_their_powers_and_leave_the_rest():
-    assert [number.name for number in RAW] == ["gain", "gamma"]
+    assert [*RAW] == ["gain", "gamma"]
     update = update_of(PAPER, np.array([0.5, 3.0]))
     assert update == {
         "confidence": {"gravity": 0.5, "magnetic": 0.5, "cross": 0.5},
         "filter": {"gamma": 3.0},
     }
     imu = load_profile("imu")
-    names = [number.name for number in numbers_of(imu)]
+    names = [*numbers_of(imu)]
     ones = np.ones(len(names))
     twice = np.where(np.array(names) == "heading", 2.0, ones)
     before = update_of(imu, ones)["conditioning"]["heading_noise_rad2_s"]
