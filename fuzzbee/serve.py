@@ -24,10 +24,10 @@ from fuzzbee.serving import (
 )
 from fuzzbee.truth_score import ScoredPipeline
 from fuzzbee.zenoh_options import opened
-from service.kernels import load_kernels
 from service.parameters import ParameterRequests
-from service.sinks.outbox import Outbox
+from service.process import load_kernels
 from service.sinks.recording import RecordingSink
+from service.sinks.sink import Outbox
 from service.zenoh_session import OpeningSession
 
 if TYPE_CHECKING:
