@@ -36,16 +36,12 @@ class EventSource(Protocol):
         """Events that are there, after waiting at most ``timeout_s`` for the first."""
 
 
-# Opening these and closing them again is seen by nobody.
-TRIED_UNSEEN = ("udpin", "tcpin", "serial")
-
-
 def require_openable(endpoint: Endpoint) -> None:
-    """Find out early whether a source can be opened, where that disturbs nobody.
+    """Find out early whether a source can be opened; a link's port is opened once, for good.
 
     Raises:
-        InputError: a port that is taken, a serial device or log that is not there or not
-            usable, or a motion that the built-in vehicle does not know.
+        InputError: a log that is not there or not usable, or a motion that the built-in vehicle
+            does not know.
     """
     if endpoint.kind == "sim":
         _simulated(endpoint)
@@ -53,14 +49,6 @@ def require_openable(endpoint: Endpoint) -> None:
         from drivers.logs.open import open_log
 
         open_log(Path(endpoint.path))
-    elif endpoint.kind in TRIED_UNSEEN:
-        from drivers.mavlink.transports.open import open_transport
-
-        transport = open_transport(endpoint)
-        try:
-            transport.open()
-        finally:
-            transport.close()
 
 
 def open_live(

@@ -15,11 +15,11 @@ from estimator.errors import InputError
 from fuzzbee import security
 from fuzzbee.run_options import RunOptions
 from fuzzbee.sinks import parse_address_of
-from service.overload import Overload
+from service.load import Overload
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
 from service.runner import Runner
-from service.sinks.outbox import Outbox
+from service.sinks.sink import Outbox
 
 if TYPE_CHECKING:
     from drivers.mavlink.link import MavlinkLink

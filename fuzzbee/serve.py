@@ -24,10 +24,10 @@ from fuzzbee.serving import (
 )
 from fuzzbee.truth_score import ScoredPipeline
 from fuzzbee.zenoh_options import opened
-from service.kernels import load_kernels
 from service.parameters import ParameterRequests
-from service.sinks.outbox import Outbox
+from service.process import load_kernels
 from service.sinks.recording import RecordingSink
+from service.sinks.sink import Outbox
 from service.zenoh_session import OpeningSession
 
 if TYPE_CHECKING:
@@ -50,8 +50,10 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
     conflicts: list[InputError] = []
     recordings = Recordings()
     with ExitStack() as stack:
-        session = None if opening is None else opened(opening, stack)
         recorder = open_recorder(options.record, stack)
+        # first, and once: what comes meanwhile is recorded
+        source = open_source(prepared.endpoint, options, prepared.key, recorder, stack)
+        session = None if opening is None else opened(opening, stack)
         retuning = _open_retuning(options, requests, stack)
         pipeline = _pipeline(profile, options, retuning)
         if options.truth or prepared.endpoint.kind == "sim":
@@ -64,7 +66,6 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
             view = open_view(options)  # which prints what the source says
             view.scores = pipeline.scores
             sinks.append(view)
-            source = open_source(prepared.endpoint, options, prepared.key, recorder, stack)
             if recorder is not None and retuning is not None:
                 sinks.append(RecordingSink(recorder))
             outbox = stack.enter_context(Outbox(sinks))

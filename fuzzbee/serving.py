@@ -24,8 +24,7 @@ from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
 from service.runner import Runner
 from service.signals import stop_on_signals
-from service.sinks.outbox import Outbox
-from service.sinks.sink import Sink
+from service.sinks.sink import Outbox, Sink
 from service.sinks.zenoh import ZenohSink
 from service.vehicle_status import counts
 

@@ -126,7 +126,7 @@ def _metrics(opening: Opening) -> "Sink":
 
 
 def _together(opening: Opening) -> "Sink":
-    from service.sinks.together import TogetherSink
+    from service.sinks.zenoh import TogetherSink
 
     if opening.session is None:
         raise InputError("--together needs Zenoh: leave out --no-zenoh")

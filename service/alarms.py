@@ -12,12 +12,13 @@ is read; times are the vehicle's, and those of arrival.
 from enum import StrEnum
 from math import atan2, degrees, hypot, sqrt
 
+from estimator.aiding.compass import CONTRADICTED
 from estimator.aiding.place import resembles
+from estimator.estimator import Estimator
 from estimator.geometry.earth import PlaceField
 from estimator.geometry.quaternion import rotate
 from estimator.profile import CONDITIONING_DEFAULTS, Profile
 from estimator.types import Attitude, ImuSample, Vec3
-from service.lasting import Lasting
 
 LOOK_EVERY_US = 500_000
 MEMORY_S = 20.0  # of the averages
@@ -57,7 +58,9 @@ class Alarm(StrEnum):
 
 AXES = (Alarm.GYROSCOPE_X, Alarm.GYROSCOPE_Y, Alarm.GYROSCOPE_Z)
 
-# Time constants of :class:`service.lasting.Lasting`.
+# Time constants of :class:`service.alarms.Lasting`.
+# A compass that is this far off may be mounted otherwise than its orientation says; iron does less.
+LEAST_TURNED_DEG = 40
 PATIENCE_S = {
     Alarm.ACCELEROMETER: 5.0,
     Alarm.BIAS_AT_LIMIT: 5.0,
@@ -212,3 +215,90 @@ def _towards(mean: Vec3 | None, value: Vec3, share: float) -> Vec3:
         mean[1] + share * (value[1] - mean[1]),
         mean[2] + share * (value[2] - mean[2]),
     )
+
+
+BEGIN_SHARE, END_SHARE = 0.6, 0.3
+
+
+class Lasting:
+    """The share of time for which something is so; with a time constant of ``patience_s``.
+
+    It is said from 0.6 on, so after 0.92 of that time if it is so all the time, until 0.3: a start
+    or a magnet that passes says nothing.
+    """
+
+    def __init__(self, patience_s: float) -> None:
+        self.share = 0.0  # below zero for what is so the other way round
+        self.is_said = False
+        self._patience_s = patience_s
+
+    def look(self, is_so: int, dt_s: float) -> None:
+        """Take what was so for ``dt_s``: 1, 0, or -1 for the other way round."""
+        self.share += dt_s / (self._patience_s + dt_s) * (is_so - self.share)
+        self.is_said = abs(self.share) > (END_SHARE if self.is_said else BEGIN_SHARE)
+
+
+class EstimateChecks:
+    """The alarms of one vehicle, and what has been reported of them."""
+
+    def __init__(self) -> None:
+        self.profile_is_unfit = False  # by the vehicle's own word
+        self._alarms = Alarms()
+        self._reported: frozenset[Alarm] = frozenset()
+        self._compass_reported: set[str] = set()
+
+    @property
+    def words(self) -> frozenset[Alarm]:
+        """The alarms that stand now."""
+        return frozenset(self._alarms.words)
+
+    @property
+    def in_words(self) -> str:
+        """The same for a person; empty without any."""
+        return " and ".join(sorted(MEANINGS[each] for each in self._alarms.words))
+
+    def restart(self) -> None:
+        """Forget what was seen of another estimate."""
+        self._alarms = Alarms()
+
+    def is_due(self, time_us: int) -> bool:
+        """Whether it is time to look, twice a second of the vehicle's clock."""
+        return self._alarms.is_due(time_us)
+
+    def look(
+        self,
+        sample: ImuSample,
+        arrival_us: int,
+        attitude: Attitude,
+        profile: Profile,
+        estimator: Estimator,
+    ) -> tuple[list[str], bool]:
+        """Look once; lines for a person, and whether the gyroscope is contradicted."""
+        # what contradicts the vertical is in sigma, and costs more to ask for
+        is_sure = degrees(attitude.sigma_inclination_rad) < LEANING_DEG
+        leaning_rad = 0.0 if is_sure else estimator.leaning_rad
+        axes, place = estimator.contradicted_axes, estimator.place_field
+        self._alarms.look(sample, arrival_us, attitude, profile, place, leaning_rad, axes)
+        return [*self._compass_lines(estimator), *self._alarm_lines()], any(axes)
+
+    def _compass_lines(self, estimator: Estimator) -> list[str]:
+        """Why the compass does not give the heading, once for each reason."""
+        why = estimator.compass_doubt
+        if not why or why in self._compass_reported:
+            return []
+        self._compass_reported.add(why)
+        if why == CONTRADICTED:
+            off_deg = round(degrees(estimator.compass_off_rad))
+            asked = "; is its orientation set rightly?" * (abs(off_deg) >= LEAST_TURNED_DEG)
+            return [f"velocity shows the heading, not the compass, which is {off_deg}° off{asked}"]
+        return [f"heading ±45° until velocity shows it: {why}"]
+
+    def _alarm_lines(self) -> list[str]:
+        """The alarms that have begun or ended since the last look."""
+        before, now = self._reported, self.words
+        if now == before:
+            return []
+        self._reported = now
+        begun = [f"warning: {MEANINGS[word]}" for word in sorted(now - before)]
+        ended = [f"no more: {MEANINGS[word]}" for word in sorted(before - now)]
+        return [*begun, *ended]

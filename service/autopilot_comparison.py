@@ -3,8 +3,7 @@
 from drivers.events import FilterWord, ReferenceAttitude
 from estimator.geometry.earth import PlaceField
 from estimator.types import Attitude, ImuSample, Quaternion, VelocitySample
-from service.attitude_record import euler_deg
-from service.records import Autopilot, Peer
+from service.records import Autopilot, Peer, euler_deg
 from service.second_opinion import Doubts, SecondOpinion, Verdict, in_words, turned_back
 
 # What its filter reports of itself, once a second or so, holds until it reports something else.

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from drivers.events import VehicleId
 from estimator.profile import Profile
-from service.line_limit import LineLimit
+from service.lines import LineLimit
 from service.records import vehicle_name
 
 # A battery is changed, a flight goes out of reach and comes back: that is still the same vehicle.

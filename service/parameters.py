@@ -1,4 +1,8 @@
-"""Requests to replace a profile: asked on other threads, answered by the loop's."""
+"""How a vehicle's profile changes: on request, by retuning, or to fit fuzzbee's own vehicle.
+
+Requests are asked on other threads and answered by the loop's. What is to be published waits for
+the next tick.
+"""
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Future
@@ -6,9 +10,12 @@ from contextlib import suppress
 from queue import Empty, Full, Queue
 from typing import Any, NamedTuple
 
-from drivers.events import VehicleId
+from drivers.events import BuiltIn, VehicleId
+from drivers.simulation.simulated_vehicle import PROFILES
 from estimator.errors import InputError
-from estimator.profile import Profile
+from estimator.profile import Profile, load_profile, merge_profile
+from service.records import Message, Output, Replaced
+from service.vehicle import Vehicle
 
 # Replacements are rare and made by hand; more waiting requests than this are refused.
 MAX_PENDING = 16
@@ -87,3 +94,80 @@ class ParameterRequests:
         self._closed = True
         for request in self.waiting():
             request.answer.cancel()
+
+
+class ProfileChanges:
+    """Changes profiles from ``base``; ``outputs`` are those that nobody's event has made.
+
+    With ``fits_built_in`` a vehicle that is fuzzbee's own gets the profile that fits its signals;
+    otherwise this is only reported.
+    """
+
+    def __init__(self, base: Profile, *, fits_built_in: bool) -> None:
+        self.outputs: list[Output] = []
+        self._base = base
+        self._fits_built_in = fits_built_in
+
+    def replace(
+        self, vehicle: Vehicle, partial: dict[str, Any], retuned: str | None = None
+    ) -> Profile:
+        """Use the vehicle's profile with the keys of ``partial`` replaced; returns it.
+
+        Raises:
+            InputError: unknown keys, values out of bounds or of no use together. The profile of
+                before stays in force.
+        """
+        profile = merge_profile(vehicle.profile, partial)
+        try:
+            vehicle.replace_profile(profile)
+        except (ArithmeticError, ValueError, TypeError) as error:
+            raise InputError(f"profile update: cannot be used: {error}") from error
+        if retuned is not None:
+            vehicle.publishing.note_retuned(retuned)
+        self.report(Replaced(vehicle.address, profile, retuned))
+        self.outputs += map(Message, vehicle.on_profile(vehicle.heard_us, retuned))
+        return profile
+
+    def fit(self, vehicle: Vehicle, event: BuiltIn) -> list[Output]:
+        """Take the profile that fits fuzzbee's own vehicle, unless another one was asked for."""
+        name = PROFILES.get(event.motion)
+        if name is None or vehicle.built_in_motion == event.motion:
+            return []
+        vehicle.built_in_motion = event.motion
+        who = f"vehicle {vehicle.name}: fuzzbee's own, motion {event.motion}"
+        profile = load_profile(name)
+        if not self._fits_built_in:
+            fits = vehicle.profile.conditioned == profile.conditioned
+            vehicle.checks.profile_is_unfit = not fits
+            return [] if fits else [Message(f"{who}: profile {name} would fit, this one does not")]
+        if vehicle.profile != profile:
+            self._change(vehicle, profile)
+        noise = "" if profile.conditioned else " (signals so noisy that 5 to 10° remain)"
+        return [Message(f"{who}, profile {name}{noise}")]
+
+    def note_reboot(self, vehicle: Vehicle) -> None:
+        """Another vehicle may have the address of fuzzbee's own now."""
+        if vehicle.built_in_motion is None:
+            return
+        vehicle.built_in_motion = None
+        if self._fits_built_in and vehicle.profile != self._base:
+            self._change(vehicle, self._base)
+
+    def report(self, replaced: Replaced) -> None:
+        """Publish a vehicle's parameters with the next tick; only the latest count."""
+        others = [
+            output
+            for output in self.outputs
+            if not (isinstance(output, Replaced) and output.vehicle == replaced.vehicle)
+        ]
+        self.outputs = [*others, replaced]
+
+    def take_outputs(self) -> list[Output]:
+        """What is to be published, once."""
+        outputs, self.outputs = self.outputs, []
+        return outputs
+
+    def _change(self, vehicle: Vehicle, profile: Profile) -> None:
+        vehicle.replace_profile(profile)
+        vehicle.restart()
+        self.report(Replaced(vehicle.address, profile))

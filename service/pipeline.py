@@ -39,9 +39,9 @@ from estimator.profile import Profile
 from estimator.reasons import Reason
 from service.departures import DepartedCounts, Departures
 from service.health import State
-from service.link_lines import LinkLines
+from service.lines import LinkLines
 from service.load import Load, Losses
-from service.profile_changes import ProfileChanges
+from service.parameters import ProfileChanges
 from service.publishing import STATUS_PERIOD_US
 from service.records import Departed, Message, Output, Peer, Published, Replaced
 from service.vehicle import STANDARD_RATE_HZ, Vehicle

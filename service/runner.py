@@ -9,14 +9,13 @@ import time
 from collections.abc import Callable
 
 from drivers.source import EventSource
-from service.gc_settings import Frozen, steady
-from service.load import Load, Losses
-from service.overload import Overload
+from service.load import Load, Losses, Overload
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
+from service.process import Frozen, steady
 from service.records import Message, Output
 from service.signals import Stoppable
-from service.sinks.outbox import Outbox
+from service.sinks.sink import Outbox
 
 # A loop that wakes so late was stopped, with the computer or by itself: for a while nobody can tell
 # whose silence is his own.

@@ -17,7 +17,7 @@ from estimator.geometry import quaternion
 from estimator.geometry.earth import PlaceField
 from estimator.geometry.quaternion import add, conjugate, multiply, norm, rotate, scale
 from estimator.types import STANDARD_GRAVITY_M_S2, Attitude, ImuSample, Quaternion, Vec3
-from service.lasting import END_SHARE, Lasting
+from service.alarms import END_SHARE, Lasting
 
 LOOK_EVERY_US = 400_000
 # Between two attitudes that are both right lie up to some 8 deg of trim, mounting and compass.
@@ -28,7 +28,7 @@ LAG_S = 0.1
 TELLING_DEG = 20.0
 # A heading from magnetic north may be a declination off; where people fly it is under this.
 DECLINATION_DEG = 20.0
-PATIENCE_S = 5.0  # of service.lasting
+PATIENCE_S = 5.0  # of service.alarms
 # An autopilot that has said nothing for so long is not compared.
 SILENT_US = 2_000_000
 WITNESS_S = 20.0  # memory of the witnesses

@@ -19,16 +19,14 @@ from estimator.profile import Profile
 from estimator.reasons import Reason
 from estimator.types import ImuSample, VelocitySample
 from service import health, host_clock
-from service.attitude_record import attitude_record, is_finite
+from service.alarms import EstimateChecks
 from service.autopilot_comparison import AutopilotComparison
-from service.estimate_checks import EstimateChecks
 from service.health import Health, State
 from service.host_clock import HostClock
-from service.imu_stream import ImuStream
-from service.line_limit import LineLimit
+from service.imu_stream import ImuStream, ReportChoices
+from service.lines import LineLimit
 from service.publishing import Publishing
-from service.records import AttitudeRecord, vehicle_name
-from service.report_choice import ReportChoices
+from service.records import AttitudeRecord, attitude_record, is_finite, vehicle_name
 from service.vehicle_parameters import VehicleParameters
 
 # The estimate is checked for not being finite once in so many samples: once it is not, it stays so.

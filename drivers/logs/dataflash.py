@@ -14,8 +14,8 @@ from drivers.events import Event, Heartbeat, Malformed, Parameter, VehicleId
 from drivers.logs.dataflash_format import Row, messages
 from drivers.logs.log_file import LogFile, Window, windowed
 from drivers.logs.logged_vehicle import LoggedVehicle
-from drivers.mavlink import ardupilot
 from drivers.mavlink import constants as mav
+from drivers.mavlink.constants import SYSTEM_ID
 from drivers.samples.fix import Fix
 from drivers.samples.navigation import filter_status
 from drivers.samples.rotation import quaternion_from_euler, unit_or_none
@@ -185,7 +185,7 @@ def _identity(window: Window) -> tuple[int, int]:
         try:
             if unix_us is None and name == "GPS":
                 unix_us = _unix_us(row)
-            elif system_id is None and name == "PARM" and row["Name"] in ardupilot.SYSTEM_ID:
+            elif system_id is None and name == "PARM" and row["Name"] in SYSTEM_ID:
                 system_id = _system_id(row["Value"])
         except (LookupError, TypeError, ValueError, OverflowError):
             continue  # garbage; another one may be sound

@@ -16,12 +16,11 @@ from drivers.endpoint import Endpoint
 from drivers.events import Event, Malformed, VehicleId
 from drivers.mavlink.connection import Connection
 from drivers.mavlink.decoder import MavlinkDecoder
-from drivers.mavlink.frame_queue import MOST_WAITING, FrameQueue
 from drivers.mavlink.framing import Frame, FrameReader
 from drivers.mavlink.gate import FrameGate, Policy
 from drivers.mavlink.imu_messages import IMU_MESSAGES
+from drivers.mavlink.limits import MOST_WAITING, FrameQueue, RateLimits
 from drivers.mavlink.outgoing import Outbound
-from drivers.mavlink.rate_limits import RateLimits
 from drivers.mavlink.recorder import Recorder
 from drivers.mavlink.shared_addresses import SharedAddresses
 from drivers.mavlink.transports.transport import Packet, unix_us

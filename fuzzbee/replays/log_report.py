@@ -18,7 +18,7 @@ from drivers.logs.open import open_log
 from drivers.logs.percentile import percentile
 from drivers.logs.reference_track import ReferenceTrack
 from drivers.logs.spill_file import blocks
-from drivers.mavlink.names import autopilot_name, vehicle_type_name
+from drivers.mavlink.constants import autopilot_name, vehicle_type_name
 from estimator.arrays import Floats
 from estimator.errors import InputError
 from estimator.profile import Profile

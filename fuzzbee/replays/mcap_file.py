@@ -19,8 +19,8 @@ from fuzzbee.replays.comparison import Comparison
 from fuzzbee.replays.exports import ATTITUDE_COLUMNS, REFERENCE_COLUMNS, rows
 from fuzzbee.replays.log_clock import stamps_us
 from fuzzbee.replays.trace import VehicleTrace
-from service.attitude_record import attitude_record
-from service.sinks.ros_imu import imu_message
+from service.records import attitude_record
+from service.sinks.ros_messages import imu_message
 
 # East, north, up; the vehicle's body; and the same body as the reference has it.
 WORLD, BODY, REFERENCE_BODY = "map", "base_link", "reference"

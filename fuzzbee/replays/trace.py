@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from drivers.events import Event, Heartbeat, Imu, Parameter, ReferenceAttitude, VehicleId
 from drivers.logs.reference_track import ReferenceTrack
 from drivers.logs.spill_file import SpillFile
-from drivers.mavlink.ardupilot import COMPASS
 from drivers.mavlink.attitude_view import NAMES as VIEW_PARAMETERS
 from drivers.mavlink.attitude_view import AttitudeView
+from drivers.mavlink.constants import COMPASS
 from estimator.arrays import Floats
 from estimator.estimator import Estimator
 from estimator.geometry.earth import PlaceField
@@ -20,9 +20,8 @@ from estimator.geometry.quaternion import exp, scale
 from estimator.profile import Profile
 from estimator.types import Vec3
 from fuzzbee.column_store import PackedAttitudes, PackedSamples
-from service.attitude_record import is_finite
 from service.pipeline import Pipeline
-from service.records import Message
+from service.records import Message, is_finite
 from service.second_opinion import SecondOpinion
 from service.vehicle import Vehicle
 from tuning.online.retuned_estimator import RetunedEstimator

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 
 from drivers.logs.spill_file import blocks
 from fuzzbee.replays.trace import VehicleTrace
-from service.attitude_record import attitude_record
-from service.records import Output, Peer, Published
+from service.records import Output, Peer, Published, attitude_record
 
 if TYPE_CHECKING:
     from fuzzbee.replays.comparison import Comparison

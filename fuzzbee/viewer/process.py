@@ -16,7 +16,7 @@ from pathlib import Path
 from urllib.parse import quote
 
 from estimator.errors import InputError, missing_extra
-from service.child_process import end_with_parent
+from service.process import end_with_parent
 
 HOST = "127.0.0.1"
 WEB_PORT = 9090  # Rerun's own; a free one if it is taken

@@ -10,9 +10,8 @@ from fuzzbee.trust import WORDS, Level, trust
 from fuzzbee.viewer import layout
 from fuzzbee.viewer.sdk import rr
 from fuzzbee.viewer.stream import ViewerStream
-from service.attitude_record import euler_deg
 from service.health import HAS_ATTITUDE, State
-from service.records import AttitudeRecord, Peer, StatusRecord
+from service.records import AttitudeRecord, Peer, StatusRecord, euler_deg
 
 POINTS_HZ = 10.0
 PEER_SILENT_US = 2_000_000  # an older attitude of somebody else's is not drawn any more

@@ -26,7 +26,7 @@ from service.records import (
     StatusRecord,
     vehicle_name,
 )
-from service.sinks import ros_diagnostics, ros_imu, ros_tf
+from service.sinks import ros_messages as ros
 
 if TYPE_CHECKING:
     import zenoh
@@ -85,17 +85,19 @@ class RosSink:
         """The attitude, with the specific force of the last sample, and as a transform."""
         acc = None if sample is None else sample.acc_m_s2
         topic, body = imu_topic(self._prefix, vehicle), f"{_hardware(vehicle)}/base_link"
-        imu = self._publisher(topic, ros_imu.TYPE_NAME, ros_imu.TYPE_HASH)
-        imu.put(ros_imu.imu_message(record, acc, body), record.time_unix_us)
-        tf = self._publisher(ros_tf.TOPIC, ros_tf.TYPE_NAME, ros_tf.TYPE_HASH)
-        tf.put(ros_tf.tf_message(record, body), record.time_unix_us)
+        imu = self._publisher(topic, ros.IMU_TYPE_NAME, ros.IMU_TYPE_HASH)
+        imu.put(ros.imu_message(record, acc, body), record.time_unix_us)
+        tf = self._publisher(ros.TF_TOPIC, ros.TF_TYPE_NAME, ros.TF_TYPE_HASH)
+        tf.put(ros.tf_message(record, body), record.time_unix_us)
 
     def _put_status(self, vehicle: VehicleId, record: StatusRecord) -> None:
         now_us = self._unix_us()
         publisher = self._publisher(
-            ros_diagnostics.TOPIC, ros_diagnostics.TYPE_NAME, ros_diagnostics.TYPE_HASH
+            ros.DIAGNOSTICS_TOPIC,
+            ros.DIAGNOSTICS_TYPE_NAME,
+            ros.DIAGNOSTICS_TYPE_HASH,
         )
-        message = ros_diagnostics.diagnostics_message(record, now_us, _hardware(vehicle))
+        message = ros.diagnostics_message(record, now_us, _hardware(vehicle))
         publisher.put(message, now_us)
 
     def close(self) -> None:

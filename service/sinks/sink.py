@@ -1,12 +1,12 @@
-"""What a sink is: a place where records go, and the thread that keeps it off the loop."""
+"""What a sink is: a place where records go. Each has a thread that keeps it off the loop."""
 
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import Any, Protocol, Self
 
-from service.records import Output
+from service.records import Message, Output
 
 AtOnce = Callable[[Sequence[Output]], Sequence[Output]]
 
@@ -14,11 +14,9 @@ AtOnce = Callable[[Sequence[Output]], Sequence[Output]]
 class Sink(Protocol):
     """Somewhere outputs go. All calls come from one thread at a time, the sink's own.
 
-    One with ``never_waits = True`` is late only for want of computing time, never for somebody
-    else's sake: when it is, there is more to do than can be done. It may have
-    ``handle_at_once(outputs)``, which returns what cannot be done at once: while nothing else is
-    pending the loop calls that itself, since to wake a thread costs more than some records. One
-    with a ``rest_s`` is for eyes: its thread rests that long after each look.
+    It may have ``handle_at_once(outputs)``, which returns what cannot be done at once: while
+    nothing else is pending the loop calls that itself, since to wake a thread costs more than some
+    records. One with a ``rest_s`` is for eyes: its thread rests that long after each look.
     """
 
     @property
@@ -34,10 +32,6 @@ class Sink(Protocol):
 
 # Turns of the loop a sink may lag behind; with hundreds of vehicles a turn takes 2 ms.
 MAX_PENDING = 512
-# A sink that waits for nobody gets so many outputs at one go; one that does not get through them in
-# this time is not slow for want of computing time.
-PIECE = 16
-STUCK_S = 1.0
 # What has waited longer is stale, at any rate.
 LONGEST_WAIT_S = 0.6
 
@@ -51,13 +45,11 @@ class Outlet:
 
     def __init__(self, sink: Sink) -> None:
         self.sink = sink
-        self.never_waits: bool = getattr(sink, "never_waits", False)
         self.dropped = 0
         self.errors = 0
         self.error: str | None = None  # the latest that has not been told yet
         self._pending: deque[tuple[float, Sequence[Output]]] = deque()  # and since when, s
         self.is_busy = False  # something is pending, or in hand
-        self._progress_s = 0.0  # when it began, or got on with something
         self._handle_at_once: AtOnce | None = getattr(sink, "handle_at_once", None)
         self._rest_s: float = getattr(sink, "rest_s", 0.0)
         self._closing = threading.Event()
@@ -85,18 +77,8 @@ class Outlet:
                 self.dropped += len(self._pending.popleft()[1])
             self._pending.append((now_s, outputs))
             if not self.is_busy:
-                self.is_busy, self._progress_s = True, now_s
+                self.is_busy = True
                 self._changed.notify()
-
-    def settle(self, timeout_s: float) -> bool:
-        """Wait until nothing is pending or in hand; at most so long. Whether that is so.
-
-        Of a sink that gets on with nothing it is said, too: nobody waits for it.
-        """
-        with self._lock:
-            if time.monotonic() - self._progress_s > STUCK_S:
-                return True
-            return self._changed.wait_for(lambda: not self.is_busy, max(0.0, timeout_s))
 
     def take_error(self) -> str:
         """The latest error, as a text; it is told now."""
@@ -117,13 +99,10 @@ class Outlet:
     def _work(self) -> None:
         take: Callable[[Any], None] = self.sink.handle
         while (outputs := self._next()) is not None:
-            size = PIECE if self.never_waits else max(1, len(outputs))
-            for begin in range(0, len(outputs), size):
-                try:
-                    take(outputs[begin : begin + size])
-                except BaseException as error:  # noqa: BLE001 - whatever it does, the others go on
-                    self._note(error)
-                self._progress_s = time.monotonic()
+            try:
+                take(outputs)
+            except BaseException as error:  # noqa: BLE001 - whatever it does, the others go on
+                self._note(error)
         try:
             self.sink.close()
         except BaseException as error:  # noqa: BLE001
@@ -134,7 +113,6 @@ class Outlet:
             has_done_all = not self._pending and self.is_busy
             if has_done_all:
                 self.is_busy = False
-                self._changed.notify_all()  # whoever waits for that
         if has_done_all:  # of what comes meanwhile nobody tells it: to wake it costs more than that
             self._closing.wait(self._rest_s)
         with self._lock:
@@ -147,3 +125,50 @@ class Outlet:
         if self.errors % 100 == 0:
             self.error = f"{self.sink.name}: {error or type(error).__name__}"
         self.errors += 1
+
+
+CLOSE_TIMEOUT_S = 0.7  # for all sinks together: the command ends within a second
+
+
+class Outbox:
+    """The sinks of a run, each behind its own outlet. A context manager that closes them."""
+
+    def __init__(self, sinks: Sequence[Sink]) -> None:
+        self._outlets = tuple(Outlet(sink) for sink in sinks)
+        self.stuck: list[str] = []
+        self.untold: list[str] = []  # errors that came last
+
+    @property
+    def dropped(self) -> int:
+        """Records that lagging sinks lost."""
+        return sum(outlet.dropped for outlet in self._outlets)
+
+    @property
+    def errors(self) -> int:
+        """How often sinks failed."""
+        return sum(outlet.errors for outlet in self._outlets)
+
+    def put(self, outputs: Sequence[Output]) -> None:
+        """Hand outputs to every sink, and one sink's errors to all; never blocks."""
+        for outlet in self._outlets:
+            if outlet.error is not None:
+                outputs = [*outputs, Message(outlet.take_error())]
+        if outputs:
+            for outlet in self._outlets:
+                outlet.put(outputs)
+
+    def close(self) -> None:
+        """Deliver what is pending and close every sink; ``stuck`` names those that hang."""
+        end_s = time.monotonic() + CLOSE_TIMEOUT_S
+        for outlet in self._outlets:
+            outlet.begin_close()
+        for outlet in self._outlets:
+            if not outlet.join(max(0.01, end_s - time.monotonic())):
+                self.stuck.append(outlet.sink.name)
+        self.untold += [each.take_error() for each in self._outlets if each.error is not None]
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

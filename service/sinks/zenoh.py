@@ -6,6 +6,7 @@ last record; ``parameters`` answers with the profile, after replacing it if the
 query has a payload.
 """
 
+import time
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +28,7 @@ from service.zenoh_session import close_session
 
 if TYPE_CHECKING:
     import zenoh
+
 
 JSON = "application/json"
 LIVELINESS_S = 0.5  # to hear of other services; those known to the session answer at once
@@ -50,7 +52,6 @@ class ZenohSink:
     """
 
     name = "zenoh"
-    never_waits = True  # what a subscriber does not take is dropped
 
     def __init__(
         self,
@@ -190,3 +191,48 @@ def _json_object(payload: bytes) -> dict[str, Any]:
         return msgspec.json.decode(payload, type=dict[str, Any])
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(f"the payload is no JSON object: {error}") from None
+
+
+class TogetherSink:
+    """Publishes the newest attitude of each vehicle on ``{prefix}/attitudes``, once a period.
+
+    The session is somebody else's.
+    """
+
+    name = "together"
+
+    def __init__(
+        self,
+        session: "zenoh.Session",
+        prefix: str,
+        period_s: float,
+        monotonic_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        import zenoh
+
+        self._publisher = session.declare_publisher(
+            f"{prefix}/attitudes",
+            encoding=JSON,
+            congestion_control=zenoh.CongestionControl.DROP,
+            express=False,
+        )
+        self._period_s = period_s
+        self._monotonic_s = monotonic_s
+        self._due_s = 0.0
+        self._newest: dict[str, AttitudeRecord] = {}
+        self._encode = msgspec.json.Encoder().encode
+
+    def handle(self, outputs: Sequence[Output]) -> None:
+        """Keep the attitudes among the outputs, and publish them when a period has passed."""
+        for output in outputs:
+            if isinstance(output, Published) and isinstance(output.record, AttitudeRecord):
+                self._newest[vehicle_name(output.vehicle)] = output.record
+        now_s = self._monotonic_s()
+        if self._newest and now_s >= self._due_s:
+            self._due_s = max(self._due_s + self._period_s, now_s)
+            self._publisher.put(self._encode(self._newest))
+            self._newest.clear()
+
+    def close(self) -> None:
+        """Withdraw the key; the session is closed by who has opened it."""
+        self._publisher.undeclare()  # type: ignore[no-untyped-call]

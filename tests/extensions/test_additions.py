@@ -24,9 +24,9 @@ from drivers.logs.missing_imu import advice
 from drivers.logs.open import open_log
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.dialect import mavlink
-from drivers.mavlink.frame_queue import FrameQueue
 from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.imu_messages import IMU_MESSAGES
+from drivers.mavlink.limits import FrameQueue
 from drivers.mavlink.messages import MESSAGES
 from estimator.aiding.sources.table import SOURCES
 from estimator.geometry.frames import euler_rad

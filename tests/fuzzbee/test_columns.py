@@ -20,7 +20,7 @@ from fuzzbee.replays.trace import VehicleTrace
 from fuzzbee.run_options import RunOptions
 from fuzzbee.serving import summary
 from service.departures import DepartedCounts, Departures
-from service.imu_choice import ImuChoice
+from service.imu_stream import ImuChoice
 from service.vehicle import Vehicle
 
 ONE = VehicleId(1, 1)

@@ -11,7 +11,7 @@ import pytest
 
 from drivers.logs.open import ULOG_MAGIC
 from fuzzbee.cli import main
-from service.kernels import load_kernels
+from service.process import load_kernels
 
 DATA = Path(__file__).parent.parent / "data"
 ULOG = (DATA / "px4_hover.ulg").read_bytes()[:300_000]

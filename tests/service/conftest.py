@@ -2,7 +2,7 @@
 
 import pytest
 
-from service.kernels import load_kernels
+from service.process import load_kernels
 
 
 @pytest.fixture(scope="session", autouse=True)

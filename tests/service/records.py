@@ -4,9 +4,8 @@ from math import radians
 
 from estimator.geometry.frames import from_euler_rad
 from estimator.types import Attitude
-from service.attitude_record import attitude_record
 from service.health import State
-from service.records import Autopilot, StatusRecord
+from service.records import Autopilot, StatusRecord, attitude_record
 
 UNIX_US = 1_700_000_000_123_456
 

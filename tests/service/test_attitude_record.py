@@ -6,8 +6,8 @@ import pytest
 
 from estimator.geometry.frames import from_euler_rad
 from estimator.types import Attitude
-from service.attitude_record import attitude_record, euler_deg, is_finite
 from service.health import State
+from service.records import attitude_record, euler_deg, is_finite
 
 NUMBERS = ("error", "error_rate_1_s", "gain", "confidence_gravity", "confidence_magnetic")
 VECTORS = ("q_ned_frd", "rate_rad_s", "gyro_bias_rad_s")

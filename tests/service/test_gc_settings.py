@@ -1,7 +1,7 @@
 import gc
 import sys
 
-from service.gc_settings import MANY_OBJECTS, SWITCH_INTERVAL_S, steady
+from service.process import MANY_OBJECTS, SWITCH_INTERVAL_S, steady
 
 
 def test_the_process_is_as_before_afterwards():

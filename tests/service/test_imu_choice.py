@@ -2,7 +2,7 @@ import random
 
 import pytest
 
-from service.imu_choice import (
+from service.imu_stream import (
     LONGEST_SILENCE_US,
     ImuChoice,
     consider,

@@ -1,6 +1,6 @@
 """A vehicle that changes all the time does not fill the screen."""
 
-from service.line_limit import MINUTE_US, MOST_LINES, TOO_MANY, LineLimit
+from service.lines import MINUTE_US, MOST_LINES, TOO_MANY, LineLimit
 
 
 def test_a_few_lines_are_passed_on():

@@ -15,14 +15,13 @@ from drivers.endpoint import parse_endpoint
 from drivers.events import Imu, Shed
 from drivers.mavlink.constants import RAW_IMU_ID
 from drivers.mavlink.decoder import MavlinkDecoder
-from drivers.mavlink.frame_queue import FrameQueue
 from drivers.mavlink.framing import FrameReader
+from drivers.mavlink.limits import FrameQueue
 from drivers.mavlink.transports.open import open_transport
 from drivers.simulation.autopilot import VehicleOptions
 from drivers.simulation.fleet import Fleet, run_vehicles
 from estimator.profile import load_profile
-from service.load import Load
-from service.overload import WINDOW_S, WINDOWS_TO_BEGIN, WINDOWS_TO_END, Overload
+from service.load import WINDOW_S, WINDOWS_TO_BEGIN, WINDOWS_TO_END, Load, Overload
 from service.pipeline import Pipeline
 from service.records import AttitudeRecord, Message, Published, StatusRecord
 from service.runner import Runner
@@ -272,13 +271,13 @@ import sys
 from drivers.endpoint import parse_endpoint
 from drivers.mavlink.link import MavlinkLink
 from estimator.profile import load_profile
-from service.overload import Overload
+from service.load import Overload
 from service.pipeline import Pipeline
 from service.records import Message, Published, StatusRecord
 from service.runner import Runner
 from service.signals import stop_on_signals
-from service.sinks.outbox import Outbox
-from service.kernels import load_kernels
+from service.sinks.sink import Outbox
+from service.process import load_kernels
 
 load_kernels()
 

@@ -12,11 +12,11 @@ from drivers.mavlink.encoder import FrameEncoder, raw_imu
 from drivers.source import open_live
 from estimator.geometry.earth import field_at
 from estimator.profile import load_profile
-from service.kernels import load_kernels
 from service.pipeline import Pipeline
+from service.process import load_kernels
 from service.records import AttitudeRecord, Published
 from service.runner import Runner
-from service.sinks.outbox import Outbox
+from service.sinks.sink import Outbox
 from tests.service.streams import ONE
 
 HOST = "127.0.0.1"

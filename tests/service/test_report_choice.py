@@ -1,15 +1,13 @@
 """Which of several messages that report the same is used."""
 
-from service.report_choice import ReportChoice, consider
+from drivers.events import Report, VehicleId
+from estimator.types import VelocitySample
+from service.imu_stream import ReportChoices
 
 
 def after(*arrivals):
-    choice = ReportChoice()
-    used = []
-    for message, arrival_us in arrivals:
-        choice = consider(choice, message, arrival_us)
-        used.append(choice.message == message)
-    return used
+    choices, sample = ReportChoices(), VelocitySample(0, (0.0, 0.0, 0.0), True, 0.3)
+    return [choices.take(Report(VehicleId(1, 1), us, name, sample)) for name, us in arrivals]
 
 
 def test_the_first_is_used_until_a_better_one_comes():

@@ -13,7 +13,7 @@ from service.pipeline import Pipeline
 from service.records import AttitudeRecord, Published
 from service.runner import Runner
 from service.signals import stop_on_signals
-from service.sinks.outbox import Outbox
+from service.sinks.sink import Outbox
 from tests.service.sinks.test_sink import Collector
 from tests.service.streams import ONE, imu_events
 

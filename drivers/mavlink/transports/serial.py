@@ -7,8 +7,14 @@ import os
 from typing import Any
 
 from drivers.endpoint import Endpoint
-from drivers.mavlink.transports.sockets import RECEIVE_BYTES, reason
-from drivers.mavlink.transports.transport import LinkError, Packet, Transport, unix_us
+from drivers.mavlink.transports.transport import (
+    RECEIVE_BYTES,
+    LinkError,
+    Packet,
+    Transport,
+    reason,
+    unix_us,
+)
 from estimator.errors import InputError
 
 # Bytes that wait for a slow line; when it is full, new frames are dropped

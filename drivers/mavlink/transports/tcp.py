@@ -10,15 +10,18 @@ import time
 from collections import Counter
 
 from drivers.endpoint import Endpoint
-from drivers.mavlink.transports.sockets import (
+from drivers.mavlink.transports.transport import (
     RECEIVE_BYTES,
+    LinkError,
+    Packet,
+    Transport,
     listening_socket,
     local_address,
     new_socket,
     reason,
     resolve,
+    unix_us,
 )
-from drivers.mavlink.transports.transport import LinkError, Packet, Transport, unix_us
 
 _logger = logging.getLogger(__name__)
 

@@ -4,14 +4,18 @@ A transport is used by one thread only. ``receive`` is the only call that
 waits. What a person got wrong (a taken port, a missing device, an unknown
 host) raises :class:`~estimator.errors.InputError` from ``open``; what may come
 back by itself raises :class:`LinkError`, after which the owner closes the
-transport and opens it again.
+transport and opens it again. Below it: what UDP and TCP have in common.
 """
 
+import errno
+import os
+import socket
 import time
 from abc import ABC, abstractmethod
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from drivers.endpoint import Endpoint
+from estimator.errors import InputError
 
 
 def unix_us() -> int:
@@ -86,3 +90,77 @@ class Transport(ABC):
     @abstractmethod
     def close(self) -> None:
         """Release everything; the transport can be opened again."""
+
+
+RECEIVE_BYTES = 65536
+# 4 MB hold what 200 vehicles send in half a second; the kernel may grant less
+SOCKET_BUFFER_BYTES = 4 * 1024 * 1024
+
+
+def new_socket(family: int, kind: int) -> socket.socket:
+    """A socket that never waits, with room for a burst."""
+    created = socket.socket(family, kind)
+    created.setblocking(False)
+    created.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, SOCKET_BUFFER_BYTES)
+    return created
+
+
+def resolve(endpoint: Endpoint, kind: int) -> tuple[int, Any]:
+    """Address family and socket address of the endpoint's host.
+
+    Raises:
+        InputError: there is no such host.
+    """
+    try:
+        found = socket.getaddrinfo(endpoint.host, endpoint.port, type=kind)
+    except (OSError, UnicodeError) as error:
+        reason = getattr(error, "strerror", None) or "no such host"
+        raise InputError(f"{endpoint}: cannot find host {endpoint.host!r} ({reason})") from error
+    # localhost may mean both; nearly every MAVLink program listens on IPv4
+    found.sort(key=lambda entry: entry[0] != socket.AF_INET)
+    return found[0][0], found[0][4]
+
+
+def listening_socket(endpoint: Endpoint, kind: int) -> socket.socket:
+    """A socket bound to the endpoint's address.
+
+    Raises:
+        InputError: the port is taken, or the address is not this computer's.
+    """
+    family, local = resolve(endpoint, kind)
+    created = new_socket(family, kind)
+    try:
+        if kind == socket.SOCK_STREAM and os.name == "posix":
+            # a port whose last connection has just closed is not taken
+            created.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        created.bind(local)
+    except OSError as error:
+        created.close()
+        what = f"cannot listen on {endpoint}: {reason(error.errno)}"
+        raise InputError(what + _way_out(endpoint, error.errno)) from error
+    return created
+
+
+def _way_out(endpoint: Endpoint, number: int | None) -> str:
+    """What to do about a port that cannot be had, to stand behind the reason."""
+    if number == errno.EADDRINUSE:
+        tool = f"ss -{'u' if endpoint.kind == 'udpin' else 't'}lpn sport = :{endpoint.port}"
+        return f" (a ground station has it? {tool} names the program; or choose another port)"
+    if number == errno.EADDRNOTAVAIL:
+        return " (no address of this computer; 0.0.0.0 listens on all of them)"
+    if number == errno.EACCES:
+        return " (ports below 1024 are for root; choose a higher one)"
+    return ""
+
+
+def local_address(kind: str, bound: socket.socket | None) -> str | None:
+    """The address that a socket is bound to, in our spelling."""
+    if bound is None:
+        return None
+    host, port = bound.getsockname()[:2]
+    return f"{kind}:[{host}]:{port}" if ":" in host else f"{kind}:{host}:{port}"
+
+
+def reason(number: int | None) -> str:
+    """What an error number means, in the system's words."""
+    return os.strerror(number) if number else "unknown error"

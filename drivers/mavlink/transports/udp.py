@@ -10,15 +10,18 @@ from struct import Struct
 from typing import Any
 
 from drivers.endpoint import Endpoint
-from drivers.mavlink.transports.sockets import (
+from drivers.mavlink.transports.transport import (
     RECEIVE_BYTES,
+    LinkError,
+    Packet,
+    Transport,
     listening_socket,
     local_address,
     new_socket,
     reason,
     resolve,
+    unix_us,
 )
-from drivers.mavlink.transports.transport import LinkError, Packet, Transport, unix_us
 
 # Reads in one call before the owner gets them: a flood cannot keep it from anything else.
 RECEIVE_READS = 2048

@@ -1,7 +1,7 @@
 """What is told about a link over which nothing comes, or nothing readable."""
 
 from drivers.endpoint import parse_endpoint
-from drivers.mavlink.link_diagnostics import LinkDiagnostics
+from drivers.mavlink.connection import LinkDiagnostics
 
 SERIAL = parse_endpoint("/dev/ttyUSB0:57600")
 

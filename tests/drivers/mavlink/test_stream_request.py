@@ -7,7 +7,7 @@ import pytest
 from drivers.events import ClockReset, CommandAck, Heartbeat, Imu, Notice, VehicleId
 from drivers.mavlink.dialect import mavlink
 from drivers.mavlink.encoder import FrameEncoder
-from drivers.mavlink.stream_request import (
+from drivers.mavlink.outgoing import (
     MOST_REPEATS,
     MOST_REQUESTS,
     MOST_STREAMS,

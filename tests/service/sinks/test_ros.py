@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 from drivers.events import VehicleId
 from estimator.types import ImuSample
 from service.records import Departed, Published, StatusRecord
-from service.sinks import ros_diagnostics, ros_imu, ros_tf
+from service.sinks import ros_messages
 from service.sinks.ros import RosSink, imu_topic
-from service.sinks.ros_imu import TYPE_HASH, imu_message
+from service.sinks.ros_messages import IMU_TYPE_HASH, imu_message
 from service.zenoh_session import close_session
 from tests.service.records import UNIX_US, record
 from tests.service.sessions import open_session
@@ -26,7 +26,7 @@ ENU_FROM_NED = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]])
 FRD_FROM_FLU = np.diag([1, -1, -1])
 
 
-TF = f"tf2_msgs::msg::dds_::TFMessage_/{ros_tf.TYPE_HASH}"
+TF = f"tf2_msgs::msg::dds_::TFMessage_/{ros_messages.TF_TYPE_HASH}"
 
 
 def decode(data, kind="sensor_msgs/msg/Imu"):
@@ -44,17 +44,17 @@ def xyz(vector):
 
 @pytest.mark.parametrize("store", [Stores.ROS2_HUMBLE, Stores.ROS2_JAZZY, Stores.ROS2_KILTED])
 @pytest.mark.parametrize(
-    ("kind", "module"),
+    ("kind", "prefix"),
     [
-        ("sensor_msgs/msg/Imu", ros_imu),
-        ("tf2_msgs/msg/TFMessage", ros_tf),
-        ("diagnostic_msgs/msg/DiagnosticArray", ros_diagnostics),
+        ("sensor_msgs/msg/Imu", "IMU"),
+        ("tf2_msgs/msg/TFMessage", "TF"),
+        ("diagnostic_msgs/msg/DiagnosticArray", "DIAGNOSTICS"),
     ],
 )
-def test_the_type_is_the_one_of_ros(store, kind, module):
-    assert get_typestore(store).hash_rihs01(kind) == module.TYPE_HASH
+def test_the_type_is_the_one_of_ros(store, kind, prefix):
+    assert get_typestore(store).hash_rihs01(kind) == getattr(ros_messages, f"{prefix}_TYPE_HASH")
     package, _, name = kind.split("/")
-    assert f"{package}::msg::dds_::{name}_" == module.TYPE_NAME
+    assert f"{package}::msg::dds_::{name}_" == getattr(ros_messages, f"{prefix}_TYPE_NAME")
 
 
 @pytest.mark.parametrize("frame", ["", "a", "base_link", "vehicle_1/base_link"])
@@ -128,7 +128,7 @@ def test_the_covariance_holds_what_the_sigmas_promise():
 @pytest.mark.parametrize("child", ["a", "ab", "abc", "vehicle_1/base_link"])
 def test_a_transform_is_the_attitude_of_the_imus_message(child):
     made = record(20, -30, 123)
-    message = decode(ros_tf.tf_message(made, child), "tf2_msgs/msg/TFMessage")
+    message = decode(ros_messages.tf_message(made, child), "tf2_msgs/msg/TFMessage")
     (transform,) = message.transforms
     assert (transform.header.frame_id, transform.child_frame_id) == ("map", child)
     assert transform.header.stamp.sec == UNIX_US // 1_000_000
@@ -136,7 +136,7 @@ def test_a_transform_is_the_attitude_of_the_imus_message(child):
     assert transform.transform.rotation == decode(imu_message(made, None, child)).orientation
     assert xyz(transform.transform.translation) == (0.0, 0.0, 0.0)
     kept = TYPES.serialize_cdr(message, "tf2_msgs/msg/TFMessage")
-    assert bytes(kept) == ros_tf.tf_message(made, child)
+    assert bytes(kept) == ros_messages.tf_message(made, child)
 
 
 def status(state="running", **changes):
@@ -170,7 +170,7 @@ def status(state="running", **changes):
 )
 def test_a_status_is_a_diagnosis(record, level):
     kind = "diagnostic_msgs/msg/DiagnosticArray"
-    data = ros_diagnostics.diagnostics_message(record, UNIX_US, "vehicle_1")
+    data = ros_messages.diagnostics_message(record, UNIX_US, "vehicle_1")
     message = decode(data, kind)
     (one,) = message.status
     assert message.header.stamp.nanosec == 123_456_000
@@ -224,7 +224,7 @@ def test_keys_attachments_and_tokens_are_rmw_zenohs(endpoint):  # noqa: F811
         tokens = [str(reply.ok.key_expr) for reply in client.liveliness().get("@ros2_lv/3/**")]
         sink.close()
         wait_for(lambda: not list(client.liveliness().get("@ros2_lv/3/**")))
-    key = f"fuzzbee/vehicle_1/imu/sensor_msgs::msg::dds_::Imu_/{TYPE_HASH}"
+    key = f"fuzzbee/vehicle_1/imu/sensor_msgs::msg::dds_::Imu_/{IMU_TYPE_HASH}"
     assert {str(each.key_expr) for each in got} == {f"3/{key}", f"3/tf/{TF}"}
     got = [each for each in got if "imu" in str(each.key_expr)]
     attachments = [each.attachment.to_bytes() for each in got]

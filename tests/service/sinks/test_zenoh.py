@@ -18,9 +18,8 @@ from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
 from service.records import Departed, Published, StatusRecord
 from service.runner import Runner
-from service.sinks.outbox import Outbox
-from service.sinks.together import TogetherSink
-from service.sinks.zenoh import ZenohSink
+from service.sinks.sink import Outbox
+from service.sinks.zenoh import TogetherSink, ZenohSink
 from service.zenoh_session import ZenohOptions, close_session
 from tests.service.flight_rig import Rig
 from tests.service.sessions import open_session

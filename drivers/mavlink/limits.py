@@ -1,0 +1,191 @@
+"""What a link takes when more comes than can be read: limits of senders, and one bounded queue.
+
+A flood of heartbeats costs as much to read as samples do. So each peer without an IMU has a budget
+of packets a second, and all of them together have one. A peer that sends IMU data has a larger
+budget of its own, so that nobody else's flood keeps its samples out.
+
+In the queue frames that were recorded wait to be decoded. Only when it is full is anything left
+out: of each sender's streams (one message of one IMU) the newest frame stays, in its place, and
+older ones go. A newer sample of a vehicle is worth more than an older one, and what says something
+once (a parameter, an answer) stays.
+"""
+
+from collections import Counter, deque
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from drivers.events import Shed, VehicleId
+from drivers.mavlink.constants import AUTOPILOT_VERSION_ID, HEARTBEAT_ID
+from drivers.mavlink.framing import Frame
+from drivers.mavlink.imu_messages import IMU_MESSAGES, imu_number, imu_stream_name
+from drivers.mavlink.messages import MESSAGES
+
+PACKETS_HZ = 200.0  # of a peer without an IMU; a ground station sends a tenth of that
+ALL_PACKETS_HZ = 2000.0  # of all those together
+IMU_PACKETS_HZ = 30_000.0  # of a peer with an IMU; a router may forward 200 vehicles
+IMU_COUNTS_S = 5.0  # a peer counts as one with an IMU for so long after a sample
+FRAME_BYTES = 64  # of a usual frame: a packet that is larger counts as several
+MOST_PEERS = 1024
+
+
+class _TokenBucket:
+    """A second's worth of packets, refilled as time goes by."""
+
+    __slots__ = ("_at_s", "_left", "_rate_hz")
+
+    def __init__(self, rate_hz: float, now_s: float) -> None:
+        self._rate_hz = self._left = rate_hz
+        self._at_s = now_s
+
+    def take(self, packets: int, now_s: float) -> bool:
+        """Whether there are so many left, which are then taken; a full bucket is enough for any."""
+        left = self._left + self._rate_hz * max(0.0, now_s - self._at_s)  # the clock may be set
+        self._left, self._at_s = min(self._rate_hz, left), now_s
+        packets = min(packets, int(self._rate_hz))
+        if self._left < packets:
+            return False
+        self._left -= packets
+        return True
+
+
+class _Peer:
+    """One peer's budgets, and when it last sent IMU data."""
+
+    __slots__ = ("imu_s", "others", "with_imu")
+
+    def __init__(self, now_s: float) -> None:
+        self.imu_s = now_s - IMU_COUNTS_S
+        self.others = _TokenBucket(PACKETS_HZ, now_s)
+        self.with_imu = _TokenBucket(IMU_PACKETS_HZ, now_s)
+
+
+class RateLimits:
+    """Tells whether a peer's packet is read; ``refused`` counts those that are not.
+
+    Times are those of the packets' arrival, in s: nobody is refused because this process has not
+    looked for a while.
+    """
+
+    def __init__(self) -> None:
+        self.refused = 0
+        self._peers: dict[str, _Peer] = {}
+        self._all = _TokenBucket(ALL_PACKETS_HZ, 0.0)
+
+    def admits(self, peer: str, size: int, now_s: float) -> bool:
+        """Whether a packet of ``size`` bytes is read that arrived at ``now_s``."""
+        known = self._peers.get(peer)
+        if known is None:
+            if len(self._peers) >= MOST_PEERS:
+                self._drop_idle(now_s)
+            known = self._peers[peer] = _Peer(now_s)
+        packets = 1 + size // FRAME_BYTES
+        if now_s - known.imu_s < IMU_COUNTS_S:
+            is_admitted = known.with_imu.take(packets, now_s)
+        else:
+            is_admitted = known.others.take(packets, now_s) and self._all.take(packets, now_s)
+        self.refused += not is_admitted
+        return is_admitted
+
+    def note_imu(self, peer: str, now_s: float) -> None:
+        """IMU data of ``peer`` was let in."""
+        known = self._peers.get(peer)
+        if known is not None:
+            known.imu_s = now_s
+
+    def _drop_idle(self, now_s: float) -> None:
+        """Forget who sends no IMU data; the budget of all of them still holds."""
+        self._peers = {
+            peer: known for peer, known in self._peers.items() if now_s - known.imu_s < IMU_COUNTS_S
+        }
+
+
+MOST_WAITING = 4096  # frames: 0.4 s of 200 vehicles at 50 Hz
+REPORT_EVERY_US = 250_000  # how often what was left out is reported
+
+
+class Arrived(NamedTuple):
+    """A frame and when it arrived (host's Unix time)."""
+
+    arrival_us: int
+    frame: Frame
+
+
+class FrameQueue:
+    """Frames in the order of their arrival; when full, the newest of each stream stays.
+
+    ``dropped`` counts frames of no stream that found no room, ``shed`` IMU samples left out.
+    """
+
+    def __init__(self, most_waiting: int = MOST_WAITING) -> None:
+        self.dropped = 0
+        self.shed = 0
+        self._most_waiting = most_waiting
+        self._frames: deque[Arrived] = deque()
+        self._unreported: Counter[tuple[VehicleId, str]] = Counter()
+        self._reported_us = 0
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    def add(self, arrival_us: int, frames: Iterable[Frame]) -> None:
+        """Put frames at the end."""
+        self._frames.extend([Arrived(arrival_us, frame) for frame in frames])
+        if len(self._frames) > self._most_waiting:
+            self._keep_newest()
+
+    def take(self, most: int) -> list[Arrived]:
+        """The next frames, the oldest first, at most so many."""
+        frames = self._frames
+        return [frames.popleft() for _ in range(min(most, len(frames)))]
+
+    def take_shed(self, now_us: int) -> list[Shed]:
+        """Samples that were left out, if it is time to report them."""
+        if not self._unreported or 0 <= now_us - self._reported_us < REPORT_EVERY_US:
+            return []
+        self._reported_us = now_us
+        shed = [
+            Shed(vehicle, now_us, message, samples)
+            for (vehicle, message), samples in self._unreported.items()
+        ]
+        self._unreported.clear()
+        return shed
+
+    def _keep_newest(self) -> None:
+        """Leave out all but the newest frame of each stream; of what is in no stream the oldest."""
+        seen: set[tuple[int, ...]] = set()
+        kept: deque[Arrived] = deque()
+        for arrived in reversed(self._frames):
+            frame = arrived.frame
+            if frame.message_id in _STREAMS:
+                number = imu_number(frame)
+                stream = (frame.system_id, frame.component_id, frame.message_id, number)
+                if stream in seen:
+                    self._count_shed(frame, number)
+                    continue
+                seen.add(stream)
+            kept.appendleft(arrived)
+        while len(kept) > self._most_waiting:
+            kept.popleft()
+            self.dropped += 1
+        self._frames = kept
+
+    def _count_shed(self, frame: Frame, number: int) -> None:
+        message = IMU_MESSAGES.get(frame.message_id)
+        if message is not None:
+            vehicle = VehicleId(frame.system_id, frame.component_id)
+            self._unreported[vehicle, imu_stream_name(message.name, number)] += 1
+            self.shed += 1
+
+
+class _Streams:
+    """Messages of which a newer one makes an older one old; the tables may be extended."""
+
+    _WHO_IS_THERE = frozenset({HEARTBEAT_ID, AUTOPILOT_VERSION_ID})
+
+    def __contains__(self, message_id: int) -> bool:
+        return (
+            message_id in IMU_MESSAGES or message_id in MESSAGES or message_id in self._WHO_IS_THERE
+        )
+
+
+_STREAMS = _Streams()

@@ -1,0 +1,68 @@
+"""Lines for a person: what is told of links, and no more of a vehicle than can be read."""
+
+from drivers.events import LinkDown, LinkUp
+
+MOST_LINES = 12  # a minute; one further line says that the rest is left out
+MINUTE_US = 60_000_000
+TOO_MANY = f"there were more than {MOST_LINES} within a minute"
+
+
+class LineLimit:
+    """Passes on as many lines a minute as a person can read, and reports how many it left out.
+
+    Time comes in as an argument.
+    """
+
+    def __init__(self, who: str) -> None:
+        self._who = who
+        self._since_us: int | None = None
+        self._lines = 0
+
+    def lines(self, texts: list[str], now_us: int) -> list[str]:
+        """The lines to print for ``texts`` at ``now_us``."""
+        if self._since_us is None or not 0 <= now_us - self._since_us < MINUTE_US:
+            left_out = max(0, self._lines - MOST_LINES)
+            self._since_us, self._lines = now_us, 0
+            if left_out:
+                texts = [f"{self._who}: {left_out} lines were left out: {TOO_MANY}", *texts]
+        said = []
+        for text in texts:
+            self._lines += 1
+            if self._lines <= MOST_LINES:
+                said.append(text)
+            elif self._lines == MOST_LINES + 1:
+                said.append(f"{self._who}: more lines are left out: {TOO_MANY}")
+        return said
+
+
+class LinkLines:
+    """A line for each change of a link; remembers which ones are up."""
+
+    def __init__(self) -> None:
+        self._up: set[str] = set()
+
+    def line(self, event: LinkUp | LinkDown) -> str:
+        """The line for one change."""
+        endpoint = event.endpoint
+        if isinstance(event, LinkUp):
+            self._up.add(endpoint)
+            return _link_text(endpoint)
+        if endpoint not in self._up:
+            return f"{endpoint}: {event.reason}; trying again"
+        self._up.discard(endpoint)
+        return f"{endpoint} lost: {event.reason}; trying again"
+
+
+def _link_text(endpoint: str) -> str:
+    """What is known of a link that works: of UDP and a device only that our end of it is open."""
+    kind, _, _ = endpoint.partition(":")
+    match kind:
+        case "udpin":
+            return f"listening on {endpoint}"
+        case "udpout":
+            return f"sending to {endpoint}"
+        case "sim":
+            return f"{endpoint} started"
+        case "tcp" | "tcpin":
+            return f"{endpoint} connected"
+    return f"{endpoint} open"

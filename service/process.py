@@ -1,0 +1,102 @@
+"""What holds for a process of ours: Python's settings, kernels loaded first, its end."""
+
+import ctypes
+import gc
+import importlib
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+
+from estimator.compilation.compiled import build, called_kernels, is_compiled_code
+
+# A thread that computes hands over Python's lock when another thread has waited for it this long.
+# The usual 5 ms would make ticks late. With a much shorter time threads interrupt each other so
+# often that, at 100 vehicles, a fifth of the time is lost.
+SWITCH_INTERVAL_S = 5e-4
+ADD_EVERY_S = 1.0
+# With hundreds of vehicles a tick alone makes thousands of records, which go again without help.
+MANY_OBJECTS = 50_000
+
+
+class Frozen:
+    """What the garbage collector leaves alone."""
+
+    def __init__(self) -> None:
+        self._vehicles = 0
+        self._due_s = 0.0
+
+    def add(self, vehicles: int, now_s: float) -> None:
+        """Add what has come with vehicles, at most once a second; there are so many now.
+
+        Each brings a thousand objects that stay.
+        """
+        if now_s < self._due_s:
+            return
+        self._due_s = now_s + ADD_EVERY_S
+        if vehicles > self._vehicles:
+            gc.freeze()
+        self._vehicles = vehicles
+
+
+@contextmanager
+def steady() -> Iterator[Frozen]:
+    """While it lasts, the garbage collector leaves alone what existed before, and what is added.
+
+    Half a million objects of libraries never become garbage. Looking through them takes 0.1 s,
+    several ticks.
+    """
+    interval_s, thresholds = sys.getswitchinterval(), gc.get_threshold()
+    gc.set_threshold(MANY_OBJECTS, *thresholds[1:])
+    gc.freeze()  # without collecting first, which takes as long and finds little
+    sys.setswitchinterval(SWITCH_INTERVAL_S)
+    try:
+        yield Frozen()
+    finally:
+        sys.setswitchinterval(interval_s)
+        gc.set_threshold(*thresholds)
+        gc.unfreeze()
+
+
+ROOMS = ("estimator.live", "drivers.samples")
+BLAS = "scipy.linalg.cython_blas"
+
+
+def load_kernels() -> None:
+    """Load what the service calls, so that no sample waits for it.
+
+    For a process of the service's own: its kernels cannot use SciPy's linear algebra afterwards.
+    """
+    if not is_compiled_code():
+        return
+    _leave_out_scipy()
+    for kernel in called_kernels():
+        if kernel.py_func.__module__.startswith(ROOMS):
+            build(kernel)
+    with suppress(AttributeError, OSError, TypeError):  # only the GNU C library has to be told
+        ctypes.CDLL(None).malloc_trim(0)  # 9 MB that loading has freed
+
+
+def _leave_out_scipy() -> None:
+    """Have numba begin without SciPy's BLAS, which no kernel of ours uses.
+
+    To load it takes as long as to load all kernels, and on a cold disk longer.
+    """
+    if BLAS in sys.modules:
+        return
+    sys.modules[BLAS] = None  # type: ignore[assignment] # to import it fails, and numba goes on
+    try:
+        importlib.import_module("numba.np.arraymath")
+    finally:
+        del sys.modules[BLAS]
+
+
+PR_SET_PDEATHSIG = 1  # from linux/prctl.h
+# Opened here, so that a child between fork and exec loads nothing
+_LIBRARY = ctypes.CDLL(None) if sys.platform.startswith("linux") else None
+
+
+def end_with_parent(number: int = signal.SIGKILL) -> None:
+    """Have this process end with the thread that has started it, whatever either is doing then."""
+    if _LIBRARY is not None:
+        _LIBRARY.prctl(PR_SET_PDEATHSIG, number)

@@ -1,0 +1,171 @@
+"""Published records as the bytes of ROS 2 messages. No I/O and no clock.
+
+Values are in CDR, little endian (https://www.omg.org/spec/DDSI-RTPS, section 10): a header of four
+bytes; numbers are aligned to their size, counted from behind the header; a text has its length with
+the zero at its end. Frames change from NED/FRD to ENU/FLU (REP 103, REP 105) through
+``estimator/geometry/frames.py``. Definitions: https://docs.ros.org/en/jazzy/p/ sensor_msgs,
+tf2_msgs, diagnostic_msgs. A type's hash is that of REP 2016, the same in Humble, Jazzy and Kilted.
+"""
+
+from math import log, radians, sqrt
+from struct import pack
+
+from estimator.geometry.frames import enu_flu_from_ned_frd, flu_from_frd
+from estimator.types import ZERO_VEC3, Vec3
+from service.health import State
+from service.records import AttitudeRecord, StatusRecord
+
+HEADER = b"\x00\x01\x00\x00"
+
+
+class CdrWriter:
+    """Appends one value after the other; ``message`` is what they are together."""
+
+    def __init__(self) -> None:
+        self._body = bytearray()
+
+    @property
+    def message(self) -> bytes:
+        """Header and all values so far."""
+        return HEADER + bytes(self._body)
+
+    def put_byte(self, value: int) -> None:
+        """One byte."""
+        self._body += pack("<B", value)
+
+    def put_count(self, value: int) -> None:
+        """An unsigned number of 32 bits, as that of the elements that follow."""
+        self._align(4)
+        self._body += pack("<I", value)
+
+    def put_stamp(self, unix_us: int) -> None:
+        """A ``builtin_interfaces/Time``."""
+        seconds, micros = divmod(unix_us, 1_000_000)
+        self._align(4)
+        self._body += pack("<iI", seconds, 1000 * micros)
+
+    def put_text(self, text: str) -> None:
+        """A string."""
+        content = text.encode() + b"\0"
+        self.put_count(len(content))
+        self._body += content
+
+    def put_numbers(self, *values: float) -> None:
+        """Doubles."""
+        self._align(8)
+        self._body += pack(f"<{len(values)}d", *values)
+
+    def _align(self, size: int) -> None:
+        self._body += bytes(-len(self._body) % size)
+
+
+IMU_TYPE_NAME = "sensor_msgs::msg::dds_::Imu_"
+IMU_TYPE_HASH = "RIHS01_7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b"
+
+# The inclination's error has two components. If each is normal with deviation s, their
+# length is Rayleigh distributed: 68 % of it lies under s sqrt(-2 ln 0.32) = 1.51 s.
+INCLINATION_BOUND_PER_AXIS = sqrt(-2.0 * log(0.32))
+# The heading's error has one component: 68 % of its size lies under 0.99 s, taken as s here.
+
+# By the message's definition: a covariance that is unknown, and a quantity without any value
+UNKNOWN_COVARIANCE = (0.0,) * 9
+NO_VALUE = (-1.0, *(0.0,) * 8)
+
+
+def imu_message(record: AttitudeRecord, acc_frd_m_s2: Vec3 | None, frame_id: str) -> bytes:
+    """The message at the record's time.
+
+    ``acc_frd_m_s2`` is the specific force, which ROS calls linear acceleration
+    (at rest it points up); without it the message says so.
+    """
+    w, x, y, z = enu_flu_from_ned_frd(record.q_ned_frd)
+    out = CdrWriter()
+    out.put_stamp(record.time_unix_us)
+    out.put_text(frame_id)
+    out.put_numbers(
+        *(x, y, z, w),
+        *orientation_covariance(record),
+        *flu_from_frd(record.rate_rad_s),
+        *UNKNOWN_COVARIANCE,
+        *flu_from_frd(ZERO_VEC3 if acc_frd_m_s2 is None else acc_frd_m_s2),
+        *(NO_VALUE if acc_frd_m_s2 is None else UNKNOWN_COVARIANCE),
+    )
+    return out.message
+
+
+def orientation_covariance(record: AttitudeRecord) -> tuple[float, ...]:
+    """Row-major 3x3 (rad^2) about the fixed axes east, north and up, from the estimate's sigmas."""
+    inclination = (radians(record.sigma_deg.inclination) / INCLINATION_BOUND_PER_AXIS) ** 2
+    heading = radians(record.sigma_deg.heading) ** 2
+    return (inclination, 0.0, 0.0, 0.0, inclination, 0.0, 0.0, 0.0, heading)
+
+
+TF_TOPIC = "/tf"
+TF_TYPE_NAME = "tf2_msgs::msg::dds_::TFMessage_"
+TF_TYPE_HASH = "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087"
+WORLD = "map"  # east, north, up
+NO_PLACE = (0.0, 0.0, 0.0)
+
+
+def tf_message(record: AttitudeRecord, child: str) -> bytes:
+    """One transform, from ``child`` (forward, left, up) to the world; the place stays zero."""
+    w, x, y, z = enu_flu_from_ned_frd(record.q_ned_frd)
+    out = CdrWriter()
+    out.put_count(1)
+    out.put_stamp(record.time_unix_us)
+    out.put_text(WORLD)
+    out.put_text(child)
+    out.put_numbers(*NO_PLACE, x, y, z, w)
+    return out.message
+
+
+DIAGNOSTICS_TOPIC = "/diagnostics"
+DIAGNOSTICS_TYPE_NAME = "diagnostic_msgs::msg::dds_::DiagnosticArray_"
+DIAGNOSTICS_TYPE_HASH = "RIHS01_5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e"
+
+OK, WARN, ERROR, STALE = 0, 1, 2, 3
+LEVELS = {
+    State.WAITING: STALE,
+    State.ALIGNING: WARN,
+    State.RUNNING: OK,
+    State.DEGRADED: WARN,
+    State.LOST: ERROR,
+}
+
+
+def diagnostics_message(record: StatusRecord, unix_us: int, hardware: str) -> bytes:
+    """One status named after the ``hardware``; a warning makes it WARN at least."""
+    level = LEVELS[State(record.state)]
+    if record.warnings or record.overloaded:
+        level = max(level, WARN)
+    out = CdrWriter()
+    out.put_stamp(unix_us)
+    out.put_text("")
+    out.put_count(1)
+    out.put_byte(level)
+    out.put_text(f"{hardware}: attitude")
+    out.put_text(", ".join((record.state, *record.warnings)))
+    out.put_text(hardware)
+    values = _values(record)
+    out.put_count(len(values))
+    for key, value in values.items():
+        out.put_text(key)
+        out.put_text(value)
+    return out.message
+
+
+def _values(record: StatusRecord) -> dict[str, str]:
+    """What a person looks for, by the names that the status has on Zenoh."""
+    values = {
+        "imu_message": record.imu_message or "none",
+        "imu_rate_hz": f"{record.imu_rate_hz:.1f}",
+        "worst_gap_s": f"{record.worst_gap_s:.3f}",
+        "rates": record.rates,
+        "published_hz": f"{record.published_hz:.1f}",
+        "dropped": str(record.dropped),
+        "shed": str(record.shed),
+        "malformed": str(record.malformed),
+    }
+    if (said := record.autopilot) is not None:
+        values["autopilot"] = f"{said.verdict} {said.in_short}" if said.axis else said.verdict
+    return values | {f"rejected.{reason}": str(count) for reason, count in record.rejected.items()}
