@@ -58,9 +58,9 @@ class Alarm(StrEnum):
 
 AXES = (Alarm.GYROSCOPE_X, Alarm.GYROSCOPE_Y, Alarm.GYROSCOPE_Z)
 
-# Time constants of :class:`service.alarms.Lasting`.
 # A compass that is this far off may be mounted otherwise than its orientation says; iron does less.
 LEAST_TURNED_DEG = 40
+# Time constants of :class:`service.alarms.Lasting`.
 PATIENCE_S = {
     Alarm.ACCELEROMETER: 5.0,
     Alarm.BIAS_AT_LIMIT: 5.0,

@@ -408,7 +408,7 @@ def test_without_the_magnetometer_the_heading_goes_on_and_its_bound_grows():
     rig.fly(20.0, lambda s: s._replace(mag_gauss=(0.0, 0.0, 0.0)))
     after = rig.records[-1]
     assert states(rig) == ["running"]
-    assert before.sigma_deg.heading == pytest.approx(3.07, rel=0.2)  # nobody vouches for the compass
+    assert before.sigma_deg.heading == pytest.approx(3.07, rel=0.2)  # nobody vouches
     growth = after.sigma_deg.heading - before.sigma_deg.heading
     assert growth == pytest.approx(1.21, rel=0.2)
     assert before.confidence.magnetic == pytest.approx(0.981, abs=0.005)
