@@ -21,7 +21,6 @@ class ConditioningParams(NamedTuple):
     use_rest: bool = True  # bias from rest
     use_motion_bias: bool = True  # bias from levelling while moving
     use_averaging: bool = True  # gravity, for as long as accelerations and turning ask for
-    use_scale_error: bool = True  # the gyroscope's, from levelling in a steady turn
     use_joint_covariance: bool = True  # heading residuals also teach the bias
     use_lag: bool = True  # undo the magnetometer's lag, learnt while turning
     use_field_offset: bool = True  # take off the vehicle's own field, learnt while turning

@@ -12,7 +12,6 @@ from estimator.conditioning.sigma import Certainty
 from estimator.conditioning.vertical.bias import first_estimate
 from estimator.conditioning.vertical.coefficients import Coefficients
 from estimator.conditioning.vertical.lowpass import Smooth
-from estimator.conditioning.vertical.spin import Spin
 from estimator.conditioning.vertical.step import VerticalState
 from estimator.geometry.axes import FrameAxes
 from estimator.geometry.quaternion import multiply, normalize, rotate_inverse
@@ -57,7 +56,7 @@ def forget_bias(params: ConditioningParams, state: ConditioningState) -> Conditi
     _, heading_rad, covariance = state.vertical.estimate
     estimate = first_estimate(params, heading_rad, covariance[9])
     return state._replace(
-        vertical=state.vertical._replace(spin=Spin(), estimate=estimate),
+        vertical=state.vertical._replace(estimate=estimate),
         events=state.events._replace(signs=state.events.signs._replace(axes=AxisSigns())),
     )
 

@@ -21,7 +21,6 @@ from estimator.conditioning.robust import HEADING_REACH_RAD
 from estimator.conditioning.times import USUAL_S
 from estimator.conditioning.vertical.averaging import WINDOW_S
 from estimator.conditioning.vertical.lasting import SCALE_ERROR
-from estimator.conditioning.vertical.spin import SCALE_SIGMA
 from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
 from estimator.geometry.rotations import about_down, multiply, rotate, rotate_inverse, wrap
 from estimator.smoothing.field import Field
@@ -32,6 +31,8 @@ from estimator.types import DOWN
 
 # Rounds of least squares with the weights of the one before.
 ROUNDS = 8
+# The scale error of a small gyroscope, as a share of its rate.
+SCALE_SIGMA = 0.005
 # Of the drift that the estimator allows for: the bias is what later samples have told.
 DRIFT_SHARE = 0.3
 # Of what the field is aside for a short time, for as long as the heading is averaged.

@@ -117,7 +117,7 @@ def moved_beyond_bias(state: AxisSigns, vertical: VerticalStep, axes: FrameAxes,
 
     G is free of the bias that is believed: it may be any between that and none.
     """
-    believed = add(vertical.state.estimate.bias_rad_s, vertical.state.spin.drift_rad_s)
+    believed = vertical.state.estimate.bias_rad_s
     by_bias = scale(min(SPAN_S, state.age_s), cross(y, to_frame(axes, believed)))
     moved = subtract(y, state.slow)
     share = max(0.0, min(1.0, dot(moved, by_bias) / max(square(by_bias), 1e-12)))

@@ -43,7 +43,6 @@ from estimator.conditioning.vertical.lasting import (
 )
 from estimator.conditioning.vertical.rate import integration_rate
 from estimator.conditioning.vertical.rest import RestState, initial_rest, observe_rest
-from estimator.conditioning.vertical.spin import Spin, follow_spin
 from estimator.conditioning.vertical.stillness import Stillness, watch_stillness
 from estimator.conditioning.vertical.tilt import (
     LEAST_OFF_RAD,
@@ -77,7 +76,6 @@ class VerticalState(NamedTuple):
 
     estimate: Estimate  # bias, and the heading, whose errors hang together
     clipping: Clipping = Clipping()  # of the gyroscope
-    spin: Spin = Spin()  # the gyroscope's scale error
     averaging: Averaging = Averaging()  # of gravity
     gravity: GravityState = GravityState()  # frame G, and down in it
     tilt: TiltState = TiltState()  # how well down is known
@@ -122,7 +120,7 @@ def free_rate(
     rate = integration_rate(previous, sample.gyr_rad_s, dt_s, params.averaged_samples)
     if sample.between.given:
         rate = sample.between.turn_rad_s
-    return subtract(subtract(rate, state.estimate.bias_rad_s), state.spin.drift_rad_s)
+    return subtract(rate, state.estimate.bias_rad_s)
 
 
 @inlined
@@ -189,12 +187,9 @@ def learn_vertical(
             # of the vertical's own variance: what a step of that share moves by
             unseen = max(slow * noise.tilt, weighed * share * belief.tilt.variance) / dt**2
             estimate = learn_in_motion(params, k, estimate, lagged, step, unseen)
-    steady = belief.weighed == 0.0 and age_s > params.gravity_tau_s and clipped[0] == 0.0
-    spin = follow_spin(params, k, before.spin, gravity, rate, step, steady)
     state = VerticalState(
         estimate=estimate,
         clipping=with_missed(before.clipping, ZERO_VEC3),
-        spin=spin,
         averaging=learn_averaging(params, before, gravity, rest, mean, rate),
         gravity=gravity,
         tilt=belief.tilt,

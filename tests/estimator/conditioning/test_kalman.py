@@ -27,10 +27,8 @@ from estimator.conditioning.vertical.bias import (
     predict,
 )
 from estimator.conditioning.vertical.coefficients import coefficients
-from estimator.conditioning.vertical.gravity import GravityState
-from estimator.conditioning.vertical.lowpass import Smooth, smooth
+from estimator.conditioning.vertical.lowpass import Smooth
 from estimator.conditioning.vertical.rest import RestState
-from estimator.conditioning.vertical.spin import LEVELLING_NOISE, SCALE_SIGMA, Spin, follow_spin
 from estimator.conditioning.vertical.stillness import Stillness
 from estimator.geometry.axes import FrameAxes, axes_of
 from estimator.geometry.quaternion import exp, normalize, rotate
@@ -216,30 +214,6 @@ def test_what_changes_the_field_of_a_body_that_stands_still_is_scatter():
     change = 0.5 * np.array((0.03, 0.0, -0.02)) / 0.46
     share = DT / (PARAMS.calibration_high_pass_s + DT)
     assert state.scatter == pytest.approx(share * np.dot(change, change) / 3.0)
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-def test_levelling_in_a_turn_tells_the_scale_error(seed):
-    """Both axes are one measurement of one unknown, of a rate that is not along either."""
-    rng = np.random.default_rng(seed)
-    k = coefficients(PARAMS, DT, 1.0)
-    gravity = GravityState(
-        q_g_frd=normalize(tuple(rng.normal(size=4))), q_6d_g=normalize(tuple(rng.normal(size=4)))
-    )
-    state = Spin(Smooth(tuple(rng.normal(0.0, 2.0, 3)), STILL), 0.003, (0.4 * SCALE_SIGMA) ** 2)
-    rate, step = tuple(rng.normal(0.0, 2.0, 3)), rng.normal(0.0, 1e-4, 2)
-    after = follow_spin(PARAMS, k, state, gravity, rate, tuple(step), learns=True)
-    turn = smooth(k.gravity, state.turn, rotate(gravity.q_g_frd, rate)).value
-    h = np.array(rotate(gravity.q_6d_g, turn))[:2, None]
-    p = np.array([[state.variance + SCALE_SIGMA**2 * DT / 100.0]])
-    error, p = updated(np.array([0.003]), p, h, -step / DT, [LEVELLING_NOISE / DT] * 2)
-    assert after.scale_error == pytest.approx(error[0], rel=1e-9)
-    assert after.variance == pytest.approx(p[0, 0], rel=1e-9)
-    level = rotate(gravity.q_6d_g, turn)[:2]
-    drift = np.multiply(after.scale_error, (*level, 0.0))
-    assert rotate(gravity.q_6d_g, rotate(gravity.q_g_frd, after.drift_rad_s)) == pytest.approx(
-        drift, rel=1e-9, abs=1e-12
-    )
 
 
 @pytest.mark.parametrize(("sigma", "share"), [(0.0, 1.0), (0.05, 0.75), (0.15, 0.25)])

@@ -3,9 +3,8 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from estimator.conditioning.vertical.spin import SCALE_SIGMA
 from estimator.geometry.rotations import chained, exp, log, rotate
-from estimator.smoothing.heading import least_squares, variances
+from estimator.smoothing.heading import SCALE_SIGMA, least_squares, variances
 from estimator.smoothing.windows import low_passed
 
 RNG = np.random.default_rng(5)
