@@ -3,17 +3,19 @@
 from math import pi, sqrt
 
 from drivers.events import COMPASS_CALIBRATED, Heartbeat, Parameter
-from drivers.mavlink.attitude_view import NAMES as VIEW_PARAMETERS
-from drivers.mavlink.attitude_view import AttitudeView
-from drivers.mavlink.constants import (
+from drivers.mavlink.ardupilot import (
     ACC_FILTER,
     COMPASS_OFFSETS,
     GYRO_FILTER,
+    PX4_COMPASS_OFFSETS,
+    ROVER_FILTERS_HZ,
+)
+from drivers.mavlink.attitude_view import NAMES as VIEW_PARAMETERS
+from drivers.mavlink.attitude_view import AttitudeView
+from drivers.mavlink.constants import (
     MAV_AUTOPILOT_ARDUPILOTMEGA,
     MAV_TYPE_GENERIC,
     MAV_TYPE_GROUND_ROVER,
-    PX4_COMPASS_OFFSETS,
-    ROVER_FILTERS_HZ,
 )
 from estimator.estimator import Estimator
 from estimator.vehicle_class import VehicleClass

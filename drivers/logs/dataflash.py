@@ -15,7 +15,7 @@ from drivers.logs.dataflash_format import Row, messages
 from drivers.logs.log_file import LogFile, Window, windowed
 from drivers.logs.logged_vehicle import LoggedVehicle
 from drivers.mavlink import constants as mav
-from drivers.mavlink.constants import SYSTEM_ID
+from drivers.mavlink.ardupilot import SYSTEM_ID
 from drivers.samples.fix import Fix
 from drivers.samples.navigation import filter_status
 from drivers.samples.rotation import quaternion_from_euler, unit_or_none

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from drivers.mavlink.constants import COMPASS
+from drivers.mavlink.ardupilot import COMPASS
 from estimator.arrays import Floats
 
 AXES = "XYZ"

@@ -16,7 +16,7 @@ import numpy as np
 
 from drivers.events import VehicleId
 from drivers.mavlink import constants as mav
-from drivers.mavlink.constants import COMPASS_DECLINATION, COMPASS_OFFSETS, ORIENTATION, TRIM
+from drivers.mavlink.ardupilot import COMPASS_DECLINATION, COMPASS_OFFSETS, ORIENTATION, TRIM
 from drivers.mavlink.decoder import BUILT_IN
 from drivers.mavlink.encoder import (
     FrameEncoder,

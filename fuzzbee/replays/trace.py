@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from drivers.events import Event, Heartbeat, Imu, Parameter, ReferenceAttitude, VehicleId
 from drivers.logs.reference_track import ReferenceTrack
 from drivers.logs.spill_file import SpillFile
+from drivers.mavlink.ardupilot import COMPASS
 from drivers.mavlink.attitude_view import NAMES as VIEW_PARAMETERS
 from drivers.mavlink.attitude_view import AttitudeView
-from drivers.mavlink.constants import COMPASS
 from estimator.arrays import Floats
 from estimator.estimator import Estimator
 from estimator.geometry.earth import PlaceField

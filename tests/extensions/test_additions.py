@@ -46,7 +46,7 @@ from tuning.online.segment import fly_segments
 ROOT = Path(__file__).resolve().parents[2]
 UNIX_US = 1_700_000_000_000_000
 BEGIN_US = 1_000_000
-TURNED_RAD = 0.3
+TURNED_RAD = 0.12  # less than what velocity contradicts
 SECONDS = 30.0
 IN_REAL_TIME_S = 10.0
 PX4 = 12

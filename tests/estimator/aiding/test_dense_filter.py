@@ -124,7 +124,7 @@ def test_prediction(seed, error_m_s, seen):
     force = np.array([1.0, -2.5, -9.0])
     last = LastStep(floats(gyr), floats(earlier), floats(force), ZERO_VEC3, 0.05)
     known = Agreements(by_filter=agreement(rng), by_receiver=agreement(rng))
-    rough = BLANK.rough._replace(knocked=3.0)
+    rough = BLANK.rough._replace(knocked=5.0)
     state = BLANK._replace(estimate=before, last=last, agreement=known, rough=rough)
     turn, change = rng.standard_normal(3), rng.standard_normal(3)
     between = Between(True, floats(turn), floats(change), 0.01) if seen else NOTHING_BETWEEN
@@ -159,7 +159,7 @@ def test_prediction(seed, error_m_s, seen):
     iron = p.hard_iron_sigma_gauss**2
     d[three(HARD_IRON)] = np.where(np.diag(P)[three(HARD_IRON)] < iron, iron * dt / 2500.0, 0.0)
     off = missed_push / dt
-    knock = max(0.0, 1.0 - 16.0 * 3.0 / (off @ off)) * missed_push**2  # usual: 3 (m/s^2)^2
+    knock = max(0.0, 1.0 - 16.0 * 5.0 / (off @ off)) * missed_push**2  # usual: 5 (m/s^2)^2
     E = np.array(before.earth_gauss)
     H = E[:2] @ E[:2]
     Q[EARTH : EARTH + 2, EARTH : EARTH + 2] = (
