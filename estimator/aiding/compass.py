@@ -1,8 +1,9 @@
 """Whether a compass may give the heading: what is known about its calibration, and since when.
 
-Three things speak against it: somebody says that nobody has calibrated it; its field does not
-look like that of the place; and the aiding, begun with its heading, has to give up twice in a row.
-A word holds until another one. The other two hold for a while only: a vehicle that has stood
+Somebody has to vouch for it, or velocity alone has to show the heading that it gives. What speaks
+against it: a word that nobody has calibrated it; a field that does not look like that of the place;
+velocity that shows another heading; an aiding, begun with its heading, that has to give up twice
+in a row. A word holds until another one. The others hold for a while only: a vehicle that has stood
 beside iron, or tilted, gets another chance.
 """
 

@@ -38,6 +38,8 @@ Matrix = tuple[Vec3, Vec3, Vec3]  # row by row
 # A heading no more certain than this, rad, is as good as none, such as one by a compass that
 # nobody has calibrated: the aiding does not begin with it.
 UNKNOWN_RAD = radians(45.0)
+# The aiding begins with no heading that may be further off than this: neither velocity's, whose
+# pushes may be a vehicle's shaking, nor a field's that somebody vouches for.
 MOST_START_RAD = radians(25.0)
 # Two windows in a row share the report between them, and more share the reports' slow error:
 # the variance is this many times that of independent ones.

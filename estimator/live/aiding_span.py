@@ -12,7 +12,6 @@ from math import (
     inf,
     isfinite,
     pi,
-    radians,
     remainder,
     sqrt,
     tan,
@@ -27,7 +26,7 @@ from estimator.aiding.course import forward_evidence, lean_rad, level_ahead
 from estimator.aiding.lean import bears_out
 from estimator.aiding.phase import Cause, Phase
 from estimator.aiding.place import resembles
-from estimator.aiding.search import UNKNOWN_RAD, solve
+from estimator.aiding.search import MOST_START_RAD, UNKNOWN_RAD, solve
 from estimator.aiding.sources.velocity import is_credible
 from estimator.aiding.sources.wheels import rolls
 from estimator.aiding.types import NO_REPORT, Sigmas
@@ -53,16 +52,14 @@ from estimator.geometry.quaternion import (
 from estimator.live.aided import is_worse
 from estimator.live.conditioned import conditioned_vectors
 from estimator.live.core import Core, flat, square, with_attitude
-from estimator.live.iron import BY_TURNS
+from estimator.live.iron import BY_TURNS, MOUNTED_RAD
 from estimator.live.settings import Settings
 from estimator.live.state import State
 from estimator.types import DOWN, STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Vec3
 from estimator.vehicle_class import VehicleClass
 
 # However small its computed sigma, no heading is better known than this to begin with.
-LEAST_HEADING_SIGMA_RAD = radians(5.0)
-# The field gives no first heading that may be further off than this: velocity shows it soon.
-MOST_FIELD_SIGMA_RAD = radians(25.0)
+LEAST_HEADING_SIGMA_RAD = MOUNTED_RAD
 # However long a gyroscope rests, its bias is known no better than this: streams carry mrad/s.
 LEAST_BIAS_SIGMA_RAD_S = 0.001
 
@@ -165,7 +162,7 @@ def most_field_sigma_rad(settings: Settings, now: Core) -> float:
     """
     if slow_share(now.sample.dt_s) > 0.0:
         return UNKNOWN_RAD
-    return inf if rolls(settings.aiding) else MOST_FIELD_SIGMA_RAD
+    return inf if rolls(settings.aiding) else MOST_START_RAD
 
 
 def is_settled(settings: Settings, now: Core) -> bool:

@@ -6,7 +6,7 @@ explain, the compass is one hypothesis and velocity the other. A compass whose h
 never confirmed loses at once: the aiding begins again from velocity, and the field then shows
 turns, not north. A heading that velocity has confirmed before is not given up for a sudden
 contradiction, because velocity may be what went wrong: only a difference that lasts for
-``MEMORY_S`` decides against the compass. Sigma does not grow meanwhile.
+``MEMORY_S`` decides against the compass. Meanwhile the heading's sigma is 45 deg.
 """
 
 from math import atan2, hypot, pi, remainder

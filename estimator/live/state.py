@@ -93,7 +93,10 @@ class State:
         known, self._standing = context.compass, None
         if self.source == AIDED:
             vouched = VOUCHED if known.declared_calibrated else BY_TURNS
-            self._standing = vouched if context.is_by_field and not known.confirmed else PROVEN
+            if known.contradicted_since_us is not None:
+                self._standing = BY_TURNS  # whichever is wrong
+            else:
+                self._standing = vouched if context.is_by_field and not known.confirmed else PROVEN
         elif compass.is_timeless(known):
             self._standing = VOUCHED if known.declared_calibrated else BY_TURNS
         given = self.profile.reference.declination_deg != "position"
