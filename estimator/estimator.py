@@ -238,11 +238,12 @@ class Estimator:
         state = self._state
         if not compass.is_heard(state.context.compass, state.core.time_us):
             return compass.CONTRADICTED
-        if state.source == AIDED or not state.settings.conditioned:
+        if state.source == AIDED or not state.settings.conditioned or not self.aligned:
             return ""
-        if state.unshown_iron_rad < UNKNOWN_RAD:
+        time_us = state.core.time_us
+        if self.attitude(time_us).sigma_heading_rad < UNKNOWN_RAD:  # turns have shown the iron
             return ""
-        return compass.doubt(state.context.compass, state.core.time_us)
+        return compass.doubt(state.context.compass, time_us)
 
     @property
     def compass_off_rad(self) -> float:

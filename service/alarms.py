@@ -109,11 +109,14 @@ class Alarms:
         place: PlaceField | None,
         leaning_rad: float = 0.0,
         contradicted_axes: tuple[bool, bool, bool] = (False, False, False),
+        *,
+        hears_field: bool = True,
     ) -> None:
         """Compare a sample that arrived at ``arrival_us`` with the attitude at its time.
 
         ``place`` has the field of the place if that is known, ``leaning_rad`` is how far the
         field contradicts the vertical, ``contradicted_axes`` tells which of the gyroscope's are.
+        A field that is not heard, because velocity contradicts it, says nothing of the attitude.
         """
         time_us = sample.time_us
         if self._next_us is None:
@@ -125,8 +128,8 @@ class Alarms:
         seen = {
             Alarm.ACCELEROMETER: degrees(leaning_rad) > LEANING_DEG,
             Alarm.BIAS_AT_LIMIT: _is_at_limit(attitude, profile),
-            Alarm.FIELD_IMPOSSIBLE: self._is_field_impossible(attitude, place),
-            Alarm.SIGMA_TOO_SMALL: self._is_sigma_too_small(attitude),
+            Alarm.FIELD_IMPOSSIBLE: not hears_field or self._is_field_impossible(attitude, place),
+            Alarm.SIGMA_TOO_SMALL: self._is_sigma_too_small(attitude, hears_field),
             **dict(zip(AXES, contradicted_axes, strict=True)),
         }
         for word, is_so in seen.items():
@@ -175,14 +178,14 @@ class Alarms:
         sigma = degrees(attitude.sigma_heading_rad)
         return off > SIGMAS * sigma + HEADING_OFF_DEG
 
-    def _is_sigma_too_small(self, attitude: Attitude) -> bool:
+    def _is_sigma_too_small(self, attitude: Attitude, hears_field: bool) -> bool:
         assert self._force is not None
         inclination = degrees(attitude.sigma_inclination_rad)
         north, east, down = self._force
         tilt = degrees(atan2(hypot(north, east), -down))
         if tilt > SIGMAS * inclination + TILT_DEG:
             return True
-        if self._field is None or _claims_no_heading(attitude):
+        if self._field is None or not hears_field or _claims_no_heading(attitude):
             return False
         mean_square = sum(b * b for b in self._field)
         scatter = degrees(sqrt(max(0.0, self._field_square / max(mean_square, 1e-12) - 1.0)))
@@ -278,12 +281,21 @@ class EstimateChecks:
         is_sure = degrees(attitude.sigma_inclination_rad) < LEANING_DEG
         leaning_rad = 0.0 if is_sure else estimator.leaning_rad
         axes, place = estimator.contradicted_axes, estimator.place_field
-        self._alarms.look(sample, arrival_us, attitude, profile, place, leaning_rad, axes)
-        return [*self._compass_lines(estimator), *self._alarm_lines()], any(axes)
-
-    def _compass_lines(self, estimator: Estimator) -> list[str]:
-        """Why the compass does not give the heading, once for each reason."""
         why = estimator.compass_doubt
+        self._alarms.look(
+            sample,
+            arrival_us,
+            attitude,
+            profile,
+            place,
+            leaning_rad,
+            axes,
+            hears_field=why != CONTRADICTED,
+        )
+        return [*self._compass_lines(why, estimator), *self._alarm_lines()], any(axes)
+
+    def _compass_lines(self, why: str, estimator: Estimator) -> list[str]:
+        """Why the compass does not give the heading, once for each reason."""
         if not why or why in self._compass_reported:
             return []
         self._compass_reported.add(why)

@@ -34,6 +34,13 @@ def test_a_vehicle_that_hardly_moves_is_not_sure_of_a_wrong_heading(motion, faul
         assert judge(Case(motion, fault, beside=beside, seed=5)).wrong_and_sure_s <= LASTING_S
 
 
+@pytest.mark.parametrize("motion", ["circle", "aerobatics"])
+def test_a_compass_that_is_left_out_is_named_and_the_attitude_is_not(motion):
+    warnings = judge(Case(motion, TURNED[1], beside="offsets", seed=5)).warnings
+    assert "field_impossible" in warnings
+    assert "sigma_too_small" not in warnings
+
+
 def test_velocity_shows_no_heading_where_it_is_noise():
     """A copter that shakes in its place, without a compass: no heading rather than any."""
     for seed in range(4):

@@ -246,6 +246,12 @@ def listed_faults() -> list[Fault]:
         Fault("accelerometer vibration", 0, 80.0, end_s=60.0),
         Fault("magnetometer offset", 1, 0.2, end_s=60.0),
         Fault("magnetometer frozen"),
+        Fault("magnetometer absent", begin_s=0.0),
+        Fault("magnetometer turned", 0, 90.0, begin_s=0.0),
+        Fault("magnetometer turned", 0, 180.0, begin_s=0.0),
+        Fault("magnetometer offset", 0, -0.3, begin_s=0.0),
+        Fault("accelerometer knock", 0, 25.0, begin_s=12.0),
+        Fault("gyroscope offset", 0, 0.07, begin_s=0.0),
         Fault("velocity scale", 0, 2.0),
         Fault("velocity turned", 0, 90.0),
         Fault("clock unit", 0, 1e-3, begin_s=0.0),
@@ -261,20 +267,24 @@ def drawn_fault(rng: np.random.Generator) -> Fault:
         "gyroscope scale": rng.uniform(0.3, 3.0),
         "gyroscope noise": rng.uniform(0.05, 0.5),
         "gyroscope saturated": rng.uniform(0.2, 0.8),
+        "gyroscope drift": rng.uniform(2e-5, 2e-4),
+        "accelerometer knock": rng.uniform(10.0, 50.0),
         "accelerometer offset": rng.uniform(1.0, 5.0),
         "accelerometer growing": rng.uniform(0.1, 0.5),
         "accelerometer vibration": rng.uniform(20.0, 120.0),
         "magnetometer offset": rng.uniform(0.05, 0.4),
+        "magnetometer turned": rng.uniform(20.0, 180.0),
         "velocity scale": rng.uniform(0.3, 3.0),
         "velocity turned": rng.uniform(20.0, 180.0),
         "clock unit": 1e-3,
         "clock pace": rng.choice((1e-3, 0.1, 0.95, 1.05, 10.0)),
     }
     kind = str(rng.choice([*KINDS, "none"]))
-    begin_s = 0.0 if kind == "clock unit" else float(rng.uniform(15.0, 50.0))
+    is_constant = kind in ("clock unit", "magnetometer turned", "magnetometer absent")
+    begin_s = 0.0 if is_constant else float(rng.uniform(15.0, 50.0))
     end_s = begin_s + float(rng.uniform(10.0, 30.0)) if rng.random() < 0.5 else DURATION_S
     size = float(sizes.get(kind, 0.0)) * (rng.choice((-1.0, 1.0)) if "offset" in kind else 1.0)
-    if kind == "clock unit":
+    if is_constant:
         end_s = DURATION_S
     return Fault(
         kind, int(rng.integers(3)), float(f"{size:.3g}"), round(begin_s, 1), round(end_s, 1)
