@@ -66,6 +66,12 @@ def lacks_a_word_only(compass: Compass, time_us: int) -> bool:
     return is_trusted(compass._replace(declared_calibrated=True), time_us)
 
 
+def is_unspoken(compass: Compass, time_us: int) -> bool:
+    """Whether nothing is known for or against it: neither a word nor what velocity has shown."""
+    is_open = compass.declared_calibrated is None and not compass.confirmed
+    return is_open and lacks_a_word_only(compass, time_us)
+
+
 def declare(compass: Compass, is_calibrated: bool) -> Compass:
     """After a word about its calibration; only a new word wipes out what was seen before."""
     if is_calibrated == compass.declared_calibrated:

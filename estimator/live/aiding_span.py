@@ -52,7 +52,7 @@ from estimator.geometry.quaternion import (
 from estimator.live.aided import is_worse
 from estimator.live.conditioned import conditioned_vectors
 from estimator.live.core import Core, flat, square, with_attitude
-from estimator.live.iron import BY_TURNS, MOUNTED_RAD
+from estimator.live.iron import MOUNTED_RAD
 from estimator.live.settings import Settings
 from estimator.live.state import State
 from estimator.types import DOWN, STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Vec3
@@ -112,7 +112,7 @@ def find_start_by_field(state: State) -> "Start | None":
     """
     now = state.core.core  # taken out once: that takes longer than all that is asked of it
     is_trusted = trusts_field(state, now)
-    may_begin = is_trusted or state.standing == BY_TURNS
+    may_begin = is_trusted or compass.is_unspoken(state.context.compass, now.time_us)
     if not may_begin or not is_settled(state.settings, now):
         return None
     if now.seen.sigma_heading_rad >= UNKNOWN_RAD:
@@ -138,9 +138,9 @@ def judge_field(state: State, q_ned_frd: Quaternion, sigma_heading_rad: float) -
 
     One that it contradicts is left out.
     """
-    if state.standing != BY_TURNS:
-        return
     now, known = state.core.core, state.context.compass
+    if not compass.is_unspoken(known, now.time_us):
+        return
     seen, field = now.seen, now.conditioning.field.magnetic.reference
     leaning_rad = seen.sigma_inclination_rad * abs(field.down) / max(field.horizontal, TINY)
     field_rad = hypot(max(seen.sigma_heading_rad, LEAST_HEADING_SIGMA_RAD), leaning_rad)
