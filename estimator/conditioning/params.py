@@ -42,7 +42,7 @@ class ConditioningParams(NamedTuple):
     force_size_noise: Share = 1.0  # rad for a force of twice its size; small: believes the force
 
     # Bias.
-    bias_limit_rad_s: Rate = radians(2.0)  # of the bias, of one innovation, of change at rest
+    bias_limit_rad_s: Rate = radians(2.0)  # of one innovation, of a bias at rest; motion: 10 deg/s
     bias_initial_sigma_rad_s: Rate = radians(0.5)  # small: slow start, large: jumpy start
     bias_rest_sigma_rad_s: Rate = radians(0.03)  # steady sigma at rest; small: follows noise
     # steady sigma while moving, and its growth in 100 s; small: stiff, large: noisy
