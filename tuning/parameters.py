@@ -25,7 +25,6 @@ SHIPPED_FACTOR = 5.0
 # not tell it, coverage does.
 NOISE_UNAIDED = ("gravity_tau_s", "heading_noise_rad2_s")
 NOISE_AIDED = (
-    "gyr_scale_noise",
     "gyr_slow_noise_1_s",
     "acc_noise",
     "heading_noise",

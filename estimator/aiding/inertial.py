@@ -197,8 +197,7 @@ def add_noise(
     ``seen_s``.
     """
     missed = params.integration_noise**2
-    relative = params.gyr_scale_noise**2 + (params.gyr_slow_noise_1_s * seen_s) ** 2
-    turn = relative * rate_square * dt
+    turn = (params.gyr_slow_noise_1_s * seen_s) ** 2 * rate_square * dt
     push = params.acc_noise**2 * dt
     iron = params.hard_iron_sigma_gauss**2
     for i in range(3):
@@ -267,11 +266,9 @@ def judge_sensor(P: Array, first: int, bias: Vec3, variance: float, R: Array, le
 @inlined
 def usual_variances(params: AidingParams, state: AidingState) -> ErrorVariances:
     """Of either source's slow error, per component, as long as nothing has happened to it."""
-    pushed = state.last.force_ned_m_s2
-    turning = params.filter_turning_s**2 * (pushed[0] ** 2 + pushed[1] ** 2)
     by_filter, by_receiver = state.agreement
     return ErrorVariances(
-        by_filter=(params.filter_error_m_s**2 + turning) * max(1.0, by_filter.scatter.noise_scale),
+        by_filter=params.filter_error_m_s**2 * max(1.0, by_filter.scatter.noise_scale),
         by_receiver=params.receiver_error_m_s**2 * max(1.0, by_receiver.scatter.noise_scale),
     )
 

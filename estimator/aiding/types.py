@@ -56,8 +56,7 @@ class AidingParams(NamedTuple):
     enabled: bool = True  # off: velocity is not used
 
     # Noise of the IMU, as densities.
-    gyr_scale_noise: Noise = 0.001  # sqrt(s), of scale errors, crossed axes
-    gyr_slow_noise_1_s: Noise = 0.04  # that much more for each second of the IMU's step
+    gyr_slow_noise_1_s: Noise = 0.04  # of the rate, for each second of the IMU's step
     acc_noise: Noise = 0.05  # m/s^2/sqrt(Hz); vibration; small: stiff, large: slow
     # Share of how far a reading lies off the line through the two before that integration misses.
     integration_noise: Noise = 0.1  # small: believes 4 Hz samples, large: distrusts them
@@ -71,7 +70,6 @@ class AidingParams(NamedTuple):
     # Velocity reports.
     filter_noise_m_s: Speed = 0.05  # of a report by an autopilot's filter
     filter_error_m_s: Speed = 0.2  # its slow error; small: follows it, large: the receiver
-    filter_turning_s: Lag = 0.03  # for each m/s^2 of horizontal acceleration, beside that
     receiver_noise_m_s: Speed = 0.1  # of a receiver's report
     receiver_error_m_s: Speed = 0.15  # its slow error; small: follows it, large: the filter
     error_tau_s: Time = 5.0  # for so long either's slow error stays the same

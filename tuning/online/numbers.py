@@ -21,7 +21,7 @@ RAW: Numbers = {
     "gamma": (("filter", "gamma", 1.0),),
 }
 CONDITIONED: Numbers = {
-    "gyroscope": (("aiding", "gyr_scale_noise", 1.0), ("aiding", "gyr_slow_noise_1_s", 1.0)),
+    "gyroscope": (("aiding", "gyr_slow_noise_1_s", 1.0),),
     "accelerometer": (("aiding", "acc_noise", 1.0),),
     "gravity time": (("conditioning", "gravity_tau_s", 1.0),),
     "heading": (("aiding", "heading_noise", 1.0), ("conditioning", "heading_noise_rad2_s", 2.0)),

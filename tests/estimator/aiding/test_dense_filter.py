@@ -150,8 +150,7 @@ def test_prediction(seed, error_m_s, seen):
     missed_push = dt * trail_bend(new_trail_)
     Q = np.zeros((SIZE, SIZE))
     d = np.einsum("ii->i", Q)
-    scale_noise = p.gyr_scale_noise**2 + (p.gyr_slow_noise_1_s * seen_s) ** 2
-    d[three(TURN)] = scale_noise * (w @ w) * dt
+    d[three(TURN)] = (p.gyr_slow_noise_1_s * seen_s) ** 2 * (w @ w) * dt
     d[three(TURN)] += (p.integration_noise * missed_turn) ** 2
     d[three(VELOCITY)] = p.acc_noise**2 * dt + (p.integration_noise * missed_push) ** 2
     d[three(GYR_BIAS)] = p.gyr_bias_sigma**2 * dt / 2500.0
@@ -166,11 +165,10 @@ def test_prediction(seed, error_m_s, seen):
         p.field_walk**2 * dt * (1.0 + E[2] ** 2 / H) * np.outer(E[:2], E[:2])
     )
     d[EARTH + 2] = p.field_walk**2 * dt * (E @ E)
-    push = p.filter_turning_s**2 * (force[0] ** 2 + force[1] ** 2)
     keeps = []
     for at, error, usual, scatter, tau_s in (
         (22, before.receiver_error_m_s, p.receiver_error_m_s**2, known.by_receiver.scatter, 5.0),
-        (25, before.filter_error_m_s, p.filter_error_m_s**2 + push, known.by_filter.scatter, 5.0),
+        (25, before.filter_error_m_s, p.filter_error_m_s**2, known.by_filter.scatter, 5.0),
     ):
         variance = usual * max(1.0, scatter.noise_scale)
         longer = min(16.0, max(1.0, np.dot(error, error) / (9.0 * variance)))
