@@ -96,7 +96,13 @@ class Heartbeat(VehicleEvent, frozen=True):
 
     autopilot: int
     vehicle_type: int
-    is_armed: bool = True  # as well where nobody tells
+    is_armed: bool | None = None  # None: the log does not report it
+
+
+class Armed(VehicleEvent, frozen=True):
+    """The vehicle was armed or disarmed, in a log without MAVLink's heartbeats."""
+
+    is_armed: bool
 
 
 class BuiltIn(VehicleEvent, frozen=True):

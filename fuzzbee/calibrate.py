@@ -9,6 +9,7 @@ import typer
 
 from estimator.errors import InputError
 from fuzzbee.options import Json, command, examples, option
+from fuzzbee.time_window import From, To, time_window
 
 if TYPE_CHECKING:
     from estimator.geometry.earth import PlaceField
@@ -20,6 +21,7 @@ _SYSTEM_ID = "Which vehicle. [default: the one with most IMU samples]"
 EPILOG = examples(
     "fuzzbee calibrate flight.tlog",
     "fuzzbee calibrate flight.bin > mine.toml",
+    "fuzzbee calibrate flight.bin --from 120 --to 300 > mine.toml",
     "fuzzbee calibrate imu.csv --place 47.40,8.55",
     "fuzzbee calibrate flight.tlog --json",
 )
@@ -35,6 +37,8 @@ class CalibrateOptions(NamedTuple):
     profile: Annotated[str, option(_PROFILE)] = "imu"
     place: Annotated[str | None, option(_PLACE, metavar="LAT,LON")] = None
     system_id: Annotated[int | None, option(_SYSTEM_ID)] = None
+    begin: From = None
+    end: To = None
     as_json: Json = False
 
 
@@ -52,7 +56,10 @@ def calibrate(options: CalibrateOptions) -> None:
     from fuzzbee.compass_report import report_compass, toml_lines
 
     field = None if options.place is None else field_there(options.place)
-    report = report_compass(options.log, load_profile(options.profile), field, options.system_id)
+    window = time_window(options.begin, options.end)
+    report = report_compass(
+        options.log, load_profile(options.profile), field, options.system_id, window
+    )
     if options.as_json:
         print(msgspec.json.encode(report).decode())
     else:

@@ -1,6 +1,6 @@
 """``fuzzbee check``: in which of many logs the autopilot's attitude differs from ours."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
@@ -9,12 +9,14 @@ import typer
 
 from estimator.errors import InputError
 from fuzzbee.options import Json, command, examples, option
+from fuzzbee.time_window import From, To, time_window
 
 DIFFERS, UNREADABLE = 1, 2
 _LOGS = "Logs, or folders of them."
 
 EPILOG = examples(
     "fuzzbee check flights/",
+    "fuzzbee check flights/ --from arm --to disarm",
     "fuzzbee check a.tlog b.bin --json",
 )
 
@@ -24,6 +26,8 @@ class CheckOptions(NamedTuple):
 
     logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help=_LOGS)]
     profile: Annotated[str, option("imu, adaptive or a TOML file.")] = "imu"
+    begin: From = None
+    end: To = None
     as_json: Json = False
 
 
@@ -51,10 +55,13 @@ def check(options: CheckOptions) -> None:
     import msgspec
 
     from estimator.profile import load_profile
+    from fuzzbee.replays.log_check import check_log
 
     load_profile(options.profile)  # refused before the work
+    window = time_window(options.begin, options.end)
     paths = [*_files(options.logs)]
-    found = sorted(_checked(paths, options.profile), key=lambda each: each.rank, reverse=True)
+    work = partial(check_log, profile=options.profile, window=window)
+    found = sorted(_checked(paths, work), key=lambda each: each.rank, reverse=True)
     if options.as_json:
         print(msgspec.json.encode({"logs": [each._asdict() for each in found]}).decode())
     else:
@@ -88,15 +95,14 @@ def _files(given: Iterable[Path]) -> Iterator[Path]:
         yield from inside
 
 
-def _checked(paths: list[Path], profile: str) -> list[Checked]:
+def _checked(paths: list[Path], work: Callable[[Path], Checked]) -> list[Checked]:
     """All of them, on all cores, with a bar where standard error is a terminal."""
     from rich.console import Console
     from rich.progress import Progress
 
-    from fuzzbee.replays.log_check import check_log
     from tuning.child import Pool, available_cores
 
-    console, work = Console(stderr=True), partial(check_log, profile=profile)
+    console = Console(stderr=True)
     with (
         Progress(console=console, transient=True, disable=not console.is_terminal) as bar,
         Pool(work, min(len(paths), available_cores())) as pool,

@@ -10,6 +10,7 @@ import numpy as np
 from drivers.logs.currents import currents
 from drivers.logs.open import open_log
 from drivers.logs.spill_file import blocks
+from drivers.logs.time_window import WHOLE_LOG, TimeWindow
 from drivers.mavlink.compass_parameters import corrected
 from drivers.mavlink.constants import MAV_AUTOPILOT_ARDUPILOTMEGA
 from estimator.arrays import Floats
@@ -54,7 +55,11 @@ class CompassReport(msgspec.Struct, frozen=True):
 
 
 def report_compass(
-    path: Path, profile: Profile, field: PlaceField | None = None, system_id: int | None = None
+    path: Path,
+    profile: Profile,
+    field: PlaceField | None = None,
+    system_id: int | None = None,
+    window: TimeWindow = WHOLE_LOG,
 ) -> CompassReport:
     """What the log says of its compass, in the ``field`` of its place or of the one given.
 
@@ -64,7 +69,8 @@ def report_compass(
     bare = msgspec.structs.replace(
         profile.mounting, mag_offset_gauss=(0.0, 0.0, 0.0), mag_matrix=UNCHANGED
     )
-    trace = replay_log(path, msgspec.structs.replace(profile, mounting=bare), system_id=system_id)
+    plain = msgspec.structs.replace(profile, mounting=bare)
+    trace = replay_log(path, plain, system_id=system_id, window=window)
     mag, down, current_a = _readings(trace, _current_a(path, trace))
     if not len(mag):
         raise InputError(f"{path}: no magnetometer")

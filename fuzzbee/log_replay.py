@@ -14,6 +14,7 @@ from fuzzbee.attitudes import Attitudes, attitude_arrays
 from fuzzbee.replays.comparison import Comparison
 from fuzzbee.replays.log_report import LogReport, report_log
 from fuzzbee.replays.trace import VehicleTrace
+from fuzzbee.time_window import time_window
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,8 @@ def replay(
     gain: float | None = None,
     smooth: bool = False,
     columns: str | PathLike[str] | None = None,
+    begin: float | str | None = None,
+    end: float | str | None = None,
 ) -> LogReplay:
     """Run the filter over a log as fast as it goes, and score it.
 
@@ -58,6 +61,8 @@ def replay(
         gain: fixes K.
         smooth: the attitudes that the whole log tells.
         columns: the TOML file that says what the columns of a table are.
+        begin: where to begin in the log: seconds, "arm" or "disarm".
+        end: where to end, likewise.
 
     Raises:
         InputError: an argument of another kind; the log cannot be read, holds no IMU data of that
@@ -74,12 +79,13 @@ def replay(
         system_id=system_id,
         smooth=smooth,
         columns=None if columns is None else file("columns", columns),
+        window=time_window(begin, end, ("begin", "end")),
         exports=[lambda trace, compared: found.append((trace, compared))],
     )
     trace, compared = found[0]
     known = compared.known[:, None]
     return LogReplay(
-        attitudes=attitude_arrays(trace.attitudes, trace.attitudes[0].time_us),
+        attitudes=attitude_arrays(trace.attitudes, trace.zero_us),
         reference_q_ned_frd=np.where(known, compared.truth, nan),
         error_rad=np.where(known, compared.errors_rad, nan),
         report=report,

@@ -28,7 +28,7 @@ def vehicle_class_of(heartbeat: Heartbeat) -> VehicleClass:
     """What carries the IMU: anything may be done to a vehicle that is not armed."""
     if heartbeat.vehicle_type == MAV_TYPE_GROUND_ROVER:
         return VehicleClass.WHEELS
-    is_vehicle = heartbeat.is_armed and heartbeat.vehicle_type != MAV_TYPE_GENERIC
+    is_vehicle = heartbeat.is_armed is not False and heartbeat.vehicle_type != MAV_TYPE_GENERIC
     return VehicleClass.VEHICLE if is_vehicle else VehicleClass.ANYTHING
 
 

@@ -1,7 +1,7 @@
 """ArduPilot's on-board logs (DataFlash .bin).
 
 The messages read, with the names of both eras: IMU, IMU2, IMU3 (or the field
-I), MAG, ATT, XKQ/NKQ, XKF1/NKF1/EKF1, XKF4/NKF4/EKF4, GPS, PARM, MSG, and SIM as truth.
+I), MAG, ATT, XKQ/NKQ, XKF1/NKF1/EKF1, XKF4/NKF4/EKF4, GPS, PARM, MSG, ARM, EV, and SIM as truth.
 Accelerometer and gyroscope are SI in the log, the field is in mGauss, angles
 are in degrees. Times count from boot, in us or, until 2015, in ms.
 """
@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 
-from drivers.events import Event, Heartbeat, Malformed, Parameter, VehicleId
+from drivers.events import Armed, Event, Heartbeat, Malformed, Parameter, VehicleId
 from drivers.logs.dataflash_format import Row, messages
 from drivers.logs.log_file import LogFile, Window, windowed
 from drivers.logs.logged_vehicle import LoggedVehicle
@@ -32,6 +32,8 @@ VEHICLE_TYPES = {  # the first word of MSG at start, and its MAV_TYPE
     "AntennaTracker": mav.MAV_TYPE_ANTENNA_TRACKER,
     "Blimp": mav.MAV_TYPE_AIRSHIP,
 }
+# Of EV, which older logs have alone
+ARMED_EVENT, DISARMED_EVENT = 10, 11
 LONGEST_UPTIME_US = 10 * 366 * 86_400 * 1_000_000  # a longer time since boot is garbage
 GPS_EPOCH_S = 315_964_800  # 1980-01-06 in Unix time
 WEEK_S = 604_800
@@ -89,6 +91,8 @@ class _Decoder:
             "SIM": self._truth,
             "PARM": self._parameter,
             "MSG": self._text,
+            "ARM": self._arm,
+            "EV": self._event,
         }
 
     @property
@@ -165,6 +169,16 @@ class _Decoder:
 
     def _parameter(self, _name: str, row: Row) -> list[Event]:
         return [Parameter(self._vehicle.id, self._arrival_us, row["Name"], float(row["Value"]))]
+
+    def _arm(self, name: str, row: Row) -> list[Event]:
+        self._time(name, row)
+        return [Armed(self._vehicle.id, self._arrival_us, bool(row["ArmState"]))]
+
+    def _event(self, name: str, row: Row) -> list[Event]:
+        if row["Id"] not in (ARMED_EVENT, DISARMED_EVENT):
+            return []
+        self._time(name, row)
+        return [Armed(self._vehicle.id, self._arrival_us, row["Id"] == ARMED_EVENT)]
 
     def _text(self, _name: str, row: Row) -> list[Event]:
         vehicle_type = VEHICLE_TYPES.get(str(row["Message"]).partition(" ")[0])

@@ -4,14 +4,15 @@ Topics: sensor_combined, or vehicle_imu where that is missing, with
 vehicle_magnetometer; vehicle_attitude as the autopilot's reference and
 vehicle_attitude_groundtruth as truth; vehicle_local_position and
 vehicle_gps_position (or sensor_gps) for velocity and position; estimator_status and
-estimator_selector_status for how far the filter believes itself. All are SI and
+estimator_selector_status for how far the filter believes itself; vehicle_status for
+arming. All are SI and
 FRD/NED already, fields in gauss, times in us since boot.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Literal, NamedTuple
 
-from drivers.events import Event, Heartbeat, Malformed, Parameter, Rejected, VehicleId
+from drivers.events import Armed, Event, Heartbeat, Malformed, Parameter, Rejected, VehicleId
 from drivers.logs.log_file import LATEST_US, LogFile, windowed
 from drivers.logs.logged_vehicle import LoggedVehicle
 from drivers.logs.ulog_format import TIMES, Found, Row, UlogReader
@@ -44,9 +45,11 @@ FIELDS = {
     "vehicle_local_position": ("vx", "vy", "vz", "v_xy_valid", "v_z_valid", "dead_reckoning"),
     "estimator_status": ("solution_status_flags", "vel_test_ratio"),
     "estimator_selector_status": ("primary_instance",),
+    "vehicle_status": ("arming_state",),
     "vehicle_gps_position": GPS_FIELDS,
     "sensor_gps": GPS_FIELDS,
 }
+ARMING_STATE_ARMED = 2
 CHOICES = (IMU_TOPICS, MAG_TOPICS, GPS_TOPICS)
 FIRST_TOPICS = {choice[0] for choice in CHOICES}
 DAMAGE = ""  # stands in a topic's place
@@ -113,6 +116,7 @@ class _Decoder:
             "vehicle_local_position": self._local_position,
             "estimator_status": self._estimator_status,
             "estimator_selector_status": self._selector_status,
+            "vehicle_status": self._status,
             "vehicle_gps_position": self._gps,
             "sensor_gps": self._gps,
         }
@@ -185,6 +189,10 @@ class _Decoder:
         if not self._is_first_filter:
             self._vehicle.navigation.forget()
         return []
+
+    def _status(self, _topic: str, raw_us: int, row: Row) -> list[Event]:
+        is_armed = row["arming_state"] == ARMING_STATE_ARMED
+        return [Armed(self._vehicle.id, self._vehicle.arrival_us(raw_us), is_armed)]
 
     def _gps(self, topic: str, raw_us: int, row: Row) -> list[Event]:
         if row["fix_type"] < GPS_FIX_TYPE_3D_FIX:

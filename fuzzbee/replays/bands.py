@@ -84,7 +84,7 @@ def _wrong(time_s: Floats, trace: VehicleTrace, compared: Comparison) -> list[Sp
 
 
 def _differing(trace: VehicleTrace) -> list[Span]:
-    start_us = int(trace.times_us[0])
+    start_us = trace.zero_us
     return [
         (1e-6 * (each.begin_us - start_us), 1e-6 * (each.end_us - start_us))
         for each in trace.second_opinion.intervals

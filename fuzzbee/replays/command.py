@@ -9,11 +9,13 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
+from drivers.logs.time_window import TimeWindow
 from estimator.errors import InputError
 from fuzzbee import outputs
 from fuzzbee.options import command, examples, option, require_extra, require_gain, seed_range
 from fuzzbee.run_options import RETUNE
 from fuzzbee.say import tell
+from fuzzbee.time_window import From, To, time_window
 
 if TYPE_CHECKING:
     from estimator.profile import Profile
@@ -38,6 +40,7 @@ EPILOG = examples(
     "fuzzbee replay flight.tlog",
     "fuzzbee replay flight.tlog flight.bin --reference autopilot --skip 40 --json",
     "fuzzbee replay flight.tlog --plot flight.png --csv flight.csv",
+    "fuzzbee replay flight.tlog --from arm --to disarm --plot flight.html",
     "fuzzbee replay flight.tlog --smooth --csv best.csv",
     "fuzzbee replay a.tlog b.bin --profile imu --profile mine.toml --plot both.pdf",
     "fuzzbee replay sim: --profile paper --seeds 0-19",
@@ -54,6 +57,8 @@ class ReplayOptions(NamedTuple):
         None
     )
     reference: Annotated[str | None, option(_REFERENCE)] = None
+    begin: From = None
+    end: To = None
     skip: Annotated[float, option(_SKIP, metavar="S")] = 0.0
     start_wrong: Annotated[float, option(_START_WRONG, metavar="DEG")] = 0.0
     system_id: Annotated[int | None, option(_SYSTEM_ID)] = None
@@ -124,6 +129,9 @@ def _require_simulation(options: ReplayOptions) -> None:
         raise InputError("--retune is for logs: the paper's experiment ends after 15 s")
     for name, _ in options.given("skip", "start_wrong"):
         raise InputError(f"{name} is for logs; sim: starts wrong by itself")
+    for name, given in (("--from", options.begin), ("--to", options.end)):
+        if given is not None:
+            raise InputError(f"{name} is for logs, not for sim:")
     for name, _ in options.given("mcap", "tum", "parquet", "view", "rrd", "columns"):
         raise InputError(f"{name} is for logs, not for sim:")
 
@@ -131,7 +139,7 @@ def _require_simulation(options: ReplayOptions) -> None:
 def _replay_logs(options: ReplayOptions) -> None:
     from estimator.profile import load_profile
 
-    names = options.profile or ["imu"]
+    names, window = options.profile or ["imu"], time_window(options.begin, options.end)
     runs = len(options.sources) * len(names)
     if runs > 1:
         for name, file in options.given("csv", "mcap", "tum", "parquet", "view", "rrd"):
@@ -150,7 +158,7 @@ def _replay_logs(options: ReplayOptions) -> None:
             from fuzzbee.replays.viewer_replay import show
 
             exports.append(partial(show, viewer))
-        _report_logs(options, profiles, exports)
+        _report_logs(options, profiles, window, exports)
         if viewer is not None:
             viewer.stream.stay_open()
     finally:
@@ -159,7 +167,10 @@ def _replay_logs(options: ReplayOptions) -> None:
 
 
 def _report_logs(
-    options: ReplayOptions, profiles: "dict[str, Profile]", exports: "list[Export]"
+    options: ReplayOptions,
+    profiles: "dict[str, Profile]",
+    window: TimeWindow,
+    exports: "list[Export]",
 ) -> None:
     import msgspec
 
@@ -187,6 +198,7 @@ def _report_logs(
             retune=options.retune,
             smooth=options.smooth,
             columns=options.columns,
+            window=window,
             tell=told.append,
             profile_name=name if len(profiles) > 1 else None,
             reading=reading_bar,

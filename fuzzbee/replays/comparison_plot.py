@@ -33,7 +33,7 @@ class ComparisonPlot:
 
     def add(self, log: str, profile: str, trace: VehicleTrace, compared: Comparison) -> None:
         """Take one replay."""
-        time_s = 1e-6 * (trace.times_us - trace.times_us[0])
+        time_s = trace.time_s
         errors = np.degrees(np.where(compared.known[:, None], compared.errors_rad, np.nan))
         if not trace.has_heading:
             errors[:, 1] = np.nan  # a heading from nowhere has no error

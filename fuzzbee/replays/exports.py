@@ -1,8 +1,8 @@
 """Every sample of a replay as a row of a table: CSV for spreadsheets.
 
-``time_s`` is on the vehicle's continuous clock, 0 at the first IMU sample, ``time_unix_s`` by the
-log's own stamps. Nothing depends on the computer's clock, so a log replayed twice gives the same
-bytes.
+``time_s`` is on the vehicle's continuous clock, 0 at the log's first IMU sample, ``time_unix_s`` by
+the log's own stamps. Nothing depends on the computer's clock, so a log replayed twice gives the
+same bytes.
 """
 
 import csv
@@ -48,7 +48,7 @@ def rows(trace: VehicleTrace, compared: Comparison) -> Iterator[tuple[Value, ...
     unix_us = unix_times_us(trace)
     for part in blocks(len(trace.attitudes)):
         truth, known, errors_rad = compared.part(part)
-        attitudes = attitude_arrays(trace.attitudes, trace.attitudes[0].time_us, part)
+        attitudes = attitude_arrays(trace.attitudes, trace.zero_us, part)
         columns = [
             attitudes.time_s,
             np.full(len(attitudes), np.nan) if unix_us is None else 1e-6 * unix_us[part],

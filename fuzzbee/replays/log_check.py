@@ -4,16 +4,17 @@ from pathlib import Path
 
 import msgspec
 
+from drivers.logs.time_window import WHOLE_LOG, TimeWindow
 from estimator.errors import InputError
 from estimator.profile import load_profile
 from fuzzbee.check import Checked
 from fuzzbee.replays.log_report import differences_of, replay_log, verdicts
 
 
-def check_log(path: Path, profile: str) -> Checked:
+def check_log(path: Path, profile: str, window: TimeWindow = WHOLE_LOG) -> Checked:
     """Replay a log; what cannot be read is said in its own line."""
     try:
-        trace = replay_log(path, load_profile(profile))
+        trace = replay_log(path, load_profile(profile), window=window)
     except InputError as error:
         return Checked(str(path), {}, [], str(error))
     found = [msgspec.to_builtins(each) for each in differences_of(trace)]

@@ -16,7 +16,7 @@ LATEST_UNIX_US = 10**6 << 31
 def stamps_us(trace: VehicleTrace) -> NDArray[np.int64]:
     """Unix time (N,) of the samples, or the time since the first where that is not known."""
     unix_us = unix_times_us(trace)
-    return trace.times_us - trace.times_us[0] if unix_us is None else unix_us
+    return trace.times_us - trace.zero_us if unix_us is None else unix_us
 
 
 def unix_times_us(trace: VehicleTrace) -> NDArray[np.int64] | None:

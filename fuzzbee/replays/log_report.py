@@ -18,6 +18,7 @@ from drivers.logs.open import open_log
 from drivers.logs.percentile import percentile
 from drivers.logs.reference_track import ReferenceTrack
 from drivers.logs.spill_file import blocks
+from drivers.logs.time_window import WHOLE_LOG, TimeWindow
 from drivers.mavlink.constants import autopilot_name, vehicle_type_name
 from estimator.arrays import Floats
 from estimator.errors import InputError
@@ -122,6 +123,7 @@ class LogReport(msgspec.Struct, frozen=True):
     constant_turn: ConstantTurn | None = None
     differences: list[DifferenceSummary] = []  # from the autopilot's attitude
     agreement: dict[str, int] = {}  # how many looks ended with which verdict
+    window_s: tuple[float, float] | msgspec.UnsetType = msgspec.UNSET  # with --from or --to only
     retuned: RetunedSummary | msgspec.UnsetType = msgspec.UNSET  # with --retune only
     profile: str | msgspec.UnsetType = msgspec.UNSET  # with several only
 
@@ -138,6 +140,7 @@ def report_log(
     retune: bool = False,
     smooth: bool = False,
     columns: Path | None = None,
+    window: TimeWindow = WHOLE_LOG,
     profile_name: str | None = None,
     tell: Callable[[str], None] = lambda _: None,
     exports: Sequence[Export] = (),
@@ -146,6 +149,7 @@ def report_log(
     """Replay a log and score it; ``exports`` are given the trace and its comparison.
 
     With ``smooth`` the attitudes are those that the whole log tells. ``columns`` describes a table.
+    Only ``window`` of the log is read; its seconds go on counting from the log's beginning.
     ``reading`` is entered with the log while it is read.
 
     Raises:
@@ -160,6 +164,7 @@ def report_log(
         retune=retune,
         smooth=smooth,
         columns=columns,
+        window=window,
         reading=reading,
     )
     whose = "" if profile_name is None else f" with {profile_name}"
@@ -207,6 +212,7 @@ def replay_log(
     retune: bool = False,
     smooth: bool = False,
     columns: Path | None = None,
+    window: TimeWindow = WHOLE_LOG,
     tell: Callable[[str], None] = lambda _: None,
     reading: Reading = nullcontext,
 ) -> VehicleTrace:
@@ -219,6 +225,7 @@ def replay_log(
         retune=retune,
         tell=tell,
         new_estimator=recorder(fixed_gain) if smooth else None,
+        window=window,
     )
     with open_log(path, columns) as log, reading(log):
         replay.run(log)
@@ -226,7 +233,7 @@ def replay_log(
     if trace is None:
         whose = "" if system_id is None else f" of system id {system_id}"
         seen = _seen_text(replay)
-        way_out = advice(log, system_id)
+        way_out = replay.why_empty or advice(log, system_id)
         raise InputError(f"{path}: {way_out or f'no IMU data{whose} that can be used{seen}'}")
     if (refused := _refused_text(trace)) is not None:
         tell(refused)
@@ -302,7 +309,18 @@ def score(path: Path, trace: VehicleTrace, compared: Comparison, skip_s: float) 
         constant_turn=constant_turn(scored.turned),
         differences=differences_of(trace),
         agreement=verdicts(trace),
+        window_s=_window_s(trace),
         retuned=_retuned_summary(trace),
+    )
+
+
+def _window_s(trace: VehicleTrace) -> tuple[float, float] | msgspec.UnsetType:
+    if trace.log_zero_us is None:
+        return msgspec.UNSET
+    first_us, last_us = trace.attitudes[0].time_us, trace.attitudes[-1].time_us
+    return (
+        (first_us - trace.log_zero_us) * MICROSECOND,
+        (last_us - trace.log_zero_us) * MICROSECOND,
     )
 
 
@@ -318,7 +336,7 @@ def verdicts(trace: VehicleTrace) -> dict[str, int]:
 
 def differences_of(trace: VehicleTrace) -> list[DifferenceSummary]:
     """When the autopilot's attitude differed from ours, in seconds of the log."""
-    begun_us = trace.attitudes[0].time_us
+    begun_us = trace.zero_us
     return [
         DifferenceSummary(
             begin_s=round((each.begin_us - begun_us) * MICROSECOND, 1),
@@ -335,7 +353,7 @@ def differences_of(trace: VehicleTrace) -> list[DifferenceSummary]:
 def _retuned_summary(trace: VehicleTrace) -> RetunedSummary | msgspec.UnsetType:
     if trace.decisions is None:
         return msgspec.UNSET
-    begun_us = trace.attitudes[0].time_us
+    begun_us = trace.zero_us
     changes = [
         Retuning(
             time_s=(time_us - begun_us) * MICROSECOND,

@@ -13,13 +13,25 @@ Drawn = tuple[Any, dict[str, Any]]
 PIXELS_AN_INCH = 110
 DASHES = {"-": "solid", "--": "dash", ":": "dot", "-.": "dashdot"}
 BUTTONS = {"displaylogo": False, "responsive": True}
+# Follows the zoomed axis of time.
+WINDOW_OPTIONS = """
+const page = document.getElementById('{plot_id}'), line = document.createElement('pre');
+page.before(line);
+const show = () => {
+  const [from, to] = page.layout.xaxis.range.map(s => Math.max(0, s).toFixed(1));
+  line.textContent = `These seconds alone: fuzzbee replay LOG --from ${from} --to ${to}`;
+};
+page.on('plotly_relayout', show);
+show();
+"""
 
 
-def write_page(figure: Any, path: Path) -> None:
+def write_page(figure: Any, path: Path, *, is_over_log: bool = False) -> None:
     """Write a matplotlib figure, whose layout is settled, as an interactive page.
 
     Lines, shaded areas, bands and their names are the figure's own, so are ranges and places of
-    the panels; those over time move together. The same figure gives the same bytes.
+    the panels; those over time move together. The same figure gives the same bytes. Below one that
+    ``is_over_log`` stand the options that replay the seconds that are seen.
 
     Raises:
         OSError: the file cannot be written.
@@ -36,7 +48,10 @@ def write_page(figure: Any, path: Path) -> None:
     )
     for number, ax in enumerate(figure.axes, 1):
         _add_panel(page, str(number), ax, figure.axes)
-    page.write_html(path, include_plotlyjs=True, div_id="fuzzbee", config=BUTTONS)
+    after = WINDOW_OPTIONS if is_over_log else None
+    page.write_html(
+        path, include_plotlyjs=True, div_id="fuzzbee", config=BUTTONS, post_script=after
+    )
 
 
 def _add_panel(page: Any, number: str, ax: Any, others: list[Any]) -> None:

@@ -94,7 +94,7 @@ def draw(path: Path, title: str, trace: VehicleTrace, compared: Comparison) -> N
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    time_s = 1e-6 * (trace.times_us - trace.times_us[0])
+    time_s = trace.time_s
     drawn = Drawn(time_s, trace, compared, _autopilot(trace, compared), Thinned(time_s))
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=FIGURE_INCHES, layout="constrained")
@@ -111,11 +111,13 @@ def draw(path: Path, title: str, trace: VehicleTrace, compared: Comparison) -> N
         figure.align_ylabels(axes)
         axes[-1].set_xlabel("time in s")
         axes[-1].set_xlim(time_s[0], max(time_s[-1], time_s[0] + 1e-3))
-        save(figure, path)
+        save(figure, path, is_over_log=True)
 
 
-def save(figure: Any, path: Path) -> None:
+def save(figure: Any, path: Path, *, is_over_log: bool = False) -> None:
     """Write the figure as the file's suffix says, the same bytes each time.
+
+    The page of one that ``is_over_log`` shows which options replay the seconds that are seen.
 
     Raises:
         InputError: the file cannot be written.
@@ -124,7 +126,7 @@ def save(figure: Any, path: Path) -> None:
     suffix = path.suffix.lower()
     with written_for("--plot", path) as fresh:
         if suffix == PAGE:
-            write_page(figure, fresh)
+            write_page(figure, fresh, is_over_log=is_over_log)
         else:
             look = {"dpi": DOTS_PER_INCH, "metadata": METADATA[suffix]}
             figure.savefig(fresh, format=suffix[1:], **look)

@@ -41,11 +41,13 @@ def print_simulation(report: SimulationReport) -> None:
 
 
 def _figures(report: LogReport) -> Table:
-    imu, vehicle, errors = report.imu, report.vehicle, report.error_deg
+    imu, vehicle, errors, window = report.imu, report.vehicle, report.error_deg, report.window_s
     kind = " ".join(name.lower() for name in (vehicle.autopilot, vehicle.type) if name)
     samples = ", ".join(f"{count} {name}" for name, count in imu.messages.items())
     grid = _grid()
     grid.add_row("log", Text(printable(report.source)))
+    if not isinstance(window, msgspec.UnsetType):
+        grid.add_row("window", f"{window[0]:.1f} to {window[1]:.1f} s of the log")
     grid.add_row("vehicle", f"{vehicle.system_id} (component {vehicle.component_id}) {kind}")
     grid.add_row(
         "IMU",

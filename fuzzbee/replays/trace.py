@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from drivers.events import Event, Heartbeat, Imu, Parameter, ReferenceAttitude, VehicleId
 from drivers.logs.reference_track import ReferenceTrack
 from drivers.logs.spill_file import SpillFile
+from drivers.logs.time_window import WHOLE_LOG, TimeWindow, WindowedEvents
 from drivers.mavlink.ardupilot import COMPASS
 from drivers.mavlink.attitude_view import NAMES as VIEW_PARAMETERS
 from drivers.mavlink.attitude_view import AttitudeView
@@ -50,6 +51,7 @@ class VehicleTrace:
         self.rejected: Counter[str] = Counter()
         self.malformed = 0  # rows or frames of the log that cannot be read, whoever sent them
         self.turned_at_us: int | None = None
+        self.log_zero_us: int | None = None  # where the log's seconds begin, of a window of it
         self.decisions: list[tuple[int, Decision]] | None = None  # where it was retuned
         self.view = AttitudeView()  # of what the autopilot's attitude is
         self.compass: dict[str, float] = {}  # what the autopilot has been set to
@@ -62,9 +64,19 @@ class VehicleTrace:
         return self.fields > 0 or self.headings > 0
 
     @property
+    def zero_us(self) -> int:
+        """The time that all seconds count from: the log's first IMU sample."""
+        return self.attitudes[0].time_us if self.log_zero_us is None else self.log_zero_us
+
+    @property
     def times_us(self) -> NDArray[np.int64]:
         """Times (N,) of the samples on the vehicle's continuous clock."""
         return self.attitudes.times_us
+
+    @property
+    def time_s(self) -> Floats:
+        """Seconds (N,) of the log at the samples."""
+        return np.array(1e-6 * (self.times_us - self.zero_us), dtype=float)
 
     @property
     def estimates(self) -> Floats:
@@ -81,7 +93,8 @@ class Replay:
 
     ``start_wrong_deg`` turns each vehicle's estimate about NED (1,1,1)/sqrt 3, once, at
     the first sample for which a reference is known. With ``retune`` a few numbers of the profile
-    are retuned on the way. ``new_estimator`` makes the estimators.
+    are retuned on the way. ``new_estimator`` makes the estimators. Only ``window`` of the log is
+    used.
     """
 
     def __init__(
@@ -94,7 +107,10 @@ class Replay:
         tell: Callable[[str], None] = lambda _: None,
         retune: bool = False,
         new_estimator: Callable[[Profile], Estimator] | None = None,
+        window: TimeWindow = WHOLE_LOG,
     ) -> None:
+        self._window = window
+        self.why_empty: str | None = None  # why nothing of the log lay in the window
         kind = RetunedEstimator if retune else Estimator
         self.pipeline = Pipeline(
             profile,
@@ -108,8 +124,10 @@ class Replay:
 
     def run(self, events: Iterable[Event]) -> None:
         """Take all events."""
-        for event in events:
+        windowed = WindowedEvents(events, self._window)
+        for event in events if self._window == WHOLE_LOG else windowed:
             self._take(event)
+        self.why_empty = windowed.why_empty()
         for vehicle in self.pipeline.vehicles:
             trace = self._trace(vehicle.address)
             trace.rejected.update(vehicle.rejected)
@@ -117,6 +135,7 @@ class Replay:
             trace.second_opinion = vehicle.comparison.opinion
             trace.place_field = vehicle.estimator.place_field
             trace.malformed = self.pipeline.malformed
+            trace.log_zero_us = windowed.zero_us(vehicle.address)
             if isinstance(vehicle.estimator, RetunedEstimator):
                 trace.decisions = vehicle.estimator.decisions
 

@@ -8,6 +8,7 @@ from estimator.errors import InputError
 from estimator.profile import SHIPPED, Profile, load_profile, merge_profile
 from fuzzbee.options import require_extra, seed_range
 from fuzzbee.say import tell
+from fuzzbee.time_window import time_window
 from fuzzbee.tune.read_flight import REFERENCES, read_flight
 from fuzzbee.tune.request import SIMULATION, TuneRequest
 from fuzzbee.version import __version__
@@ -58,6 +59,9 @@ def _simulation_plan(request: TuneRequest) -> Plan:
         raise InputError("--objective goes with logs only; sim: has the paper's J")
     if request.reference is not None:
         raise InputError("--reference goes with logs only; sim: has the truth")
+    for name, given in (("--from", request.begin), ("--to", request.end)):
+        if given is not None:
+            raise InputError(f"{name} goes with logs only; sim: flies 15 s")
     noise = _seeds("--noise-seeds", request.noise_seeds or DEFAULT_NOISE_SEEDS)
     held_out = _seeds("--held-out-seeds", request.held_out_seeds or DEFAULT_HELD_OUT_SEEDS)
     common = sorted({*noise} & {*held_out})
@@ -151,6 +155,8 @@ def _plan(
         options["objective"] = task.goal
     if request.reference is not None:
         options["reference"] = request.reference
+    begin, end = time_window(request.begin, request.end)
+    options |= {name: at for name, at in (("from", begin), ("to", end)) if at is not None}
     identity = {
         "options": options,
         "inputs": inputs,
@@ -170,8 +176,8 @@ def _read_flights(request: TuneRequest, base: Profile) -> tuple[tuple[Flight, ..
     searched = [path for path in paths if path.resolve() not in apart]
     if not searched:
         raise InputError("--hold-out: nothing is left to tune on")
-    wanted = request.reference
-    flights = tuple(read_flight(path, base, wanted) for path in (*searched, *request.held_out))
+    chosen = request.reference, time_window(request.begin, request.end)
+    flights = tuple(read_flight(path, base, *chosen) for path in (*searched, *request.held_out))
     for flight in flights:
         require_substance(flight)
     _require_distinct(flights)

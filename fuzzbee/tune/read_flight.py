@@ -6,6 +6,7 @@ import numpy as np
 
 from drivers.logs.missing_imu import advice
 from drivers.logs.open import open_log
+from drivers.logs.time_window import WHOLE_LOG, TimeWindow
 from estimator.errors import InputError
 from estimator.live.rows import Rows
 from estimator.profile import Profile
@@ -41,20 +42,26 @@ class RecordingEstimator(LoggedEstimator):
 REFERENCES = ("sim", "smooth", "autopilot")
 
 
-def read_flight(path: Path, profile: Profile, reference: str | None = None) -> Flight:
-    """The vehicle with most IMU samples, as the estimator of ``profile`` was told of it.
+def read_flight(
+    path: Path,
+    profile: Profile,
+    reference: str | None = None,
+    window: TimeWindow = WHOLE_LOG,
+) -> Flight:
+    """The vehicle with most IMU samples in ``window``, with all that its estimator was told.
 
     Raises:
         InputError: the log cannot be read, has no IMU data, or the profile's estimate is no number;
             the wanted reference is not there, or not sure of itself.
     """
-    replay = Replay(profile, new_estimator=RecordingEstimator)
+    replay = Replay(profile, new_estimator=RecordingEstimator, window=window)
     with open_log(path) as log:
         sha256 = log.sha256()
         replay.run(log)
     trace = replay.longest(2)
     if trace is None:
-        raise InputError(f"{path}: {advice(log) or 'no usable IMU data in this log'}")
+        why = replay.why_empty or advice(log) or "no usable IMU data in this log"
+        raise InputError(f"{path}: {why}")
     recorder = replay.estimator(trace.address)
     assert isinstance(recorder, RecordingEstimator)
     if recorder.samples != len(trace.attitudes):

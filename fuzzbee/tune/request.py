@@ -7,6 +7,7 @@ import typer
 
 from fuzzbee import outputs
 from fuzzbee.options import Json, option
+from fuzzbee.time_window import From, To
 
 SIMULATION = "sim:"
 # A candidate is a flight flown again: a tenth of a second and more, on the paper's signals 50 us.
@@ -53,6 +54,8 @@ class TuneRequest(NamedTuple):
     objective: Annotated[str | None, option(_OBJECTIVE)] = None
     reference: Annotated[str | None, option(_REFERENCE)] = None
     hold_out: Annotated[list[Path] | None, option(_HOLD_OUT, metavar="LOG")] = None
+    begin: From = None
+    end: To = None
     force: Annotated[bool, option(_FORCE)] = False
     algorithm: Annotated[str, option(_ALGORITHM)] = "abc"
     food_sources: Annotated[int | None, option(_FOOD_SOURCES, "--sources", metavar="N")] = None

@@ -1,0 +1,116 @@
+"""The part of a log between two times, or from arming to disarming."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+from drivers.events import (
+    Armed,
+    ClockReset,
+    Event,
+    Heartbeat,
+    Imu,
+    Position,
+    ReferenceAttitude,
+    Rejected,
+    Report,
+    Shed,
+    TrackLost,
+    VehicleEvent,
+    VehicleId,
+)
+
+# Seconds since the vehicle's first IMU sample, or when it was armed or disarmed.
+Moment = float | Literal["arm", "disarm"]
+# What is left out before and after the window. Parameters, heartbeats and the like describe the
+# vehicle at any time.
+MEASURED = (Imu, ReferenceAttitude, Report, Position, ClockReset, TrackLost, Rejected, Shed)
+
+
+class TimeWindow(NamedTuple):
+    """The wanted part of a log; None stands for its beginning or its end."""
+
+    begin: Moment | None = None
+    end: Moment | None = None
+
+
+WHOLE_LOG = TimeWindow()
+
+
+@dataclass(slots=True)
+class _Progress:
+    """How far one vehicle's part of the log has come."""
+
+    zero_us: int | None = None  # time of the first IMU sample
+    last_us: int = 0
+    is_armed: bool | None = None  # None: no message has reported it yet
+    is_open: bool = False
+    is_over: bool = False
+
+
+class WindowedEvents:
+    """The events of a log with the measurements outside ``window`` left out, vehicle by vehicle.
+
+    The window of a vehicle opens once. Where its end never comes it lasts to the end of the log.
+    """
+
+    def __init__(self, events: Iterable[Event], window: TimeWindow) -> None:
+        self._events = events
+        self._window = window
+        self._vehicles: dict[VehicleId, _Progress] = {}
+
+    def __iter__(self) -> Iterator[Event]:
+        for event in self._events:
+            if not isinstance(event, VehicleEvent):
+                yield event
+                continue
+            progress = self._vehicles.setdefault(event.vehicle, _Progress())
+            if isinstance(event, Heartbeat | Armed) and event.is_armed is not None:
+                self._arm(progress, event.is_armed)
+            elif isinstance(event, Imu):
+                self._advance(progress, event.sample.time_us)
+            if progress.is_open or not isinstance(event, MEASURED):
+                yield event
+
+    def zero_us(self, vehicle: VehicleId) -> int | None:
+        """The time that the seconds of the window count from; None without an IMU sample."""
+        progress = self._vehicles.get(vehicle)
+        return None if progress is None else progress.zero_us
+
+    def why_empty(self) -> str | None:
+        """Why no vehicle's window has opened; None if one has, or none had IMU samples."""
+        flown = [each for each in self._vehicles.values() if each.zero_us is not None]
+        if not flown or any(each.is_open or each.is_over for each in flown):
+            return None
+        begin = self._window.begin
+        if isinstance(begin, float):
+            lasts_s = max(1e-6 * (each.last_us - (each.zero_us or 0)) for each in flown)
+            return f"no IMU data from {begin:g} s on: the log lasts {lasts_s:.1f} s"
+        if all(each.is_armed is None for each in self._vehicles.values()):
+            return "the log does not report when the vehicle was armed"
+        return f"the vehicle was never {begin}ed"
+
+    def _arm(self, progress: _Progress, is_armed: bool) -> None:
+        """Open or close at a change; a log may begin with a vehicle that is armed already."""
+        before, progress.is_armed = progress.is_armed, is_armed
+        begins_armed = before is None and is_armed
+        if before == is_armed or (before is None and not is_armed):
+            return
+        moment = "arm" if is_armed else "disarm"
+        if progress.is_open and self._window.end == moment and not begins_armed:
+            progress.is_open, progress.is_over = False, True
+        elif self._window.begin == moment and not progress.is_over:
+            progress.is_open = True
+
+    def _advance(self, progress: _Progress, time_us: int) -> None:
+        """Open or close by time."""
+        if progress.zero_us is None:
+            progress.zero_us = time_us
+        progress.last_us = time_us
+        since_s = 1e-6 * (time_us - progress.zero_us)
+        begin, end = self._window
+        if not progress.is_over and not progress.is_open and not isinstance(begin, str):
+            progress.is_open = since_s >= (begin or 0.0)
+        if isinstance(end, float) and since_s > end:
+            progress.is_over = progress.is_over or progress.is_open
+            progress.is_open = False

@@ -1,0 +1,179 @@
+"""``--from`` and ``--to``: a part of a log, by seconds or by arming."""
+
+import csv
+import json
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.mavlink.dialect import mavlink
+from fuzzbee import replay
+from fuzzbee.cli import main
+from tests.drivers.logs.test_dataflash import Writer
+from tests.fuzzbee.test_check import STAMP_SIZE, frame_size, with_wrong_attitudes
+
+DATA = Path(__file__).parent.parent / "data"
+TAKEOFF, PLANE = DATA / "sitl_copter_takeoff.tlog", DATA / "sitl_plane_4hz.tlog"
+ARMED = 128  # MAV_MODE_FLAG_SAFETY_ARMED
+BEGIN_S, END_S = 4.0, 9.0
+
+
+def replayed(capsys, *arguments):
+    assert main(["replay", *map(str, arguments), "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def refusal(capsys, *arguments):
+    assert main([*map(str, arguments)]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    (line,) = err.splitlines()
+    return line
+
+
+def armed_between(log, made, begin_s, end_s):
+    """A telemetry log's copy whose autopilot is armed between those seconds of the stamps alone."""
+    data, out, at, first_us = log.read_bytes(), bytearray(), 0, None
+    while at < len(data):
+        end = at + STAMP_SIZE + frame_size(data, at + STAMP_SIZE)
+        stamp_us = int.from_bytes(data[at : at + STAMP_SIZE], "big")
+        first_us = stamp_us if first_us is None else first_us
+        mav, frame = mavlink().MAVLink(None), data[at + STAMP_SIZE : end]
+        (message, *_) = mav.parse_buffer(frame) or (None,)
+        if message is not None and message.get_type() == "HEARTBEAT":
+            is_armed = begin_s <= 1e-6 * (stamp_us - first_us) < end_s
+            message.base_mode = message.base_mode & ~ARMED | ARMED * is_armed
+            mav.seq = message.get_seq()
+            mav.srcSystem, mav.srcComponent = message.get_srcSystem(), message.get_srcComponent()
+            frame = message.pack(mav)
+        out += data[at : at + STAMP_SIZE] + frame
+        at = end
+    made.write_bytes(out)
+    return made
+
+
+def test_seconds_count_from_the_logs_beginning(tmp_path, capsys):
+    whole, part = tmp_path / "whole.csv", tmp_path / "part.csv"
+    replayed(capsys, TAKEOFF, "--csv", whole)
+    report = replayed(capsys, TAKEOFF, "--from", BEGIN_S, "--to", END_S, "--csv", part)
+    all_s, part_s = (
+        np.array([float(row["time_s"]) for row in csv.DictReader(file.read_text().splitlines())])
+        for file in (whole, part)
+    )
+    within = all_s[(all_s >= BEGIN_S) & (all_s <= END_S)]
+    assert part_s == pytest.approx(within, abs=1e-6)
+    assert report["window_s"] == pytest.approx([within[0], within[-1]])
+    assert report["duration_s"] == pytest.approx(within[-1] - within[0])
+    assert report["imu"]["samples"] == len(within)
+
+
+def test_a_whole_replay_has_no_window(capsys):
+    assert "window_s" not in replayed(capsys, TAKEOFF)
+
+
+def test_from_arming_to_disarming(tmp_path, capsys):
+    log = armed_between(TAKEOFF, tmp_path / "armed.tlog", BEGIN_S, END_S)
+    begin_s, end_s = replayed(capsys, log, "--from", "arm", "--to", "disarm")["window_s"]
+    assert begin_s == pytest.approx(BEGIN_S, abs=1.2)  # a heartbeat a second
+    assert end_s == pytest.approx(END_S, abs=1.2)
+    after = replayed(capsys, log, "--from", "disarm")["window_s"]
+    assert after[0] == pytest.approx(end_s, abs=0.1)
+    before = replayed(capsys, log, "--to", "arm")["window_s"]
+    assert before == pytest.approx([0.0, begin_s], abs=0.1)
+
+
+def test_a_log_that_begins_in_flight_is_armed_from_its_beginning(tmp_path, capsys):
+    log = armed_between(TAKEOFF, tmp_path / "armed.tlog", 0.0, END_S)
+    begin_s, end_s = replayed(capsys, log, "--from", "arm", "--to", "disarm")["window_s"]
+    assert begin_s < 1.2
+    assert end_s == pytest.approx(END_S, abs=1.2)
+
+
+@pytest.mark.parametrize(
+    ("name", "column", "words"), [("ARM", "ArmState", (1, 0)), ("EV", "Id", (10, 11))]
+)
+def test_dataflash_logs_report_arming(tmp_path, capsys, name, column, words):
+    """Armed after 1 s, disarmed after 3 s."""
+    writer = Writer()
+    writer.format(name, "QB", f"TimeUS,{column}")
+    writer.format("IMU", "QffffffB", "TimeUS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ,I")
+    told = dict(zip((11_000_000, 13_000_000), words, strict=True))
+    for k in range(400):
+        us = 10_000_000 + 10_000 * k
+        if us in told:
+            writer.write(name, us, told[us])
+        writer.write("IMU", us, 0.01 * np.sin(k), 0.01, 0.0, 0.1, 0.01 * np.cos(k), -9.8, 0)
+    window = ("--from", "arm", "--to", "disarm")
+    begin_s, end_s = replayed(capsys, writer.save(tmp_path), *window)["window_s"]
+    assert (begin_s, end_s) == pytest.approx((1.0, 2.99), abs=0.011)
+
+
+def test_px4_logs_report_arming(capsys):
+    """This one was armed in all of the clip."""
+    begin_s, _ = replayed(capsys, DATA / "px4_hover.ulg", "--from", "arm")["window_s"]
+    assert begin_s == pytest.approx(0.0, abs=0.1)
+
+
+def test_python_takes_a_part(capsys):
+    flight = replay(TAKEOFF, begin=BEGIN_S, end=END_S)
+    assert flight.attitudes.time_s[0] == pytest.approx(BEGIN_S, abs=0.3)
+    assert flight.attitudes.time_s[-1] == pytest.approx(END_S, abs=0.3)
+
+
+def test_check_looks_at_that_part(tmp_path, capsys):
+    wrong = tmp_path / "wrong.tlog"
+    with_wrong_attitudes(TAKEOFF, wrong)
+    assert main(["check", str(wrong), "--to", "1"]) == 0
+    assert "no difference" in capsys.readouterr().out
+    assert main(["check", str(wrong), "--from", "1e4"]) == 2
+    assert "the log lasts" in capsys.readouterr().out
+
+
+def test_calibrate_uses_that_part(capsys):
+    counts = []
+    for window in ((), ("--from", "60")):
+        assert main(["calibrate", str(PLANE), "--json", *window]) == 0
+        counts.append(json.loads(capsys.readouterr().out)["readings"])
+    assert counts[1] < counts[0]
+
+
+def test_a_tuned_profile_names_its_part(tmp_path):
+    tuned = tmp_path / "tuned.toml"
+    budget = ("--sources", "2", "--cycles", "1", "--parameters", "gain", "--force")
+    arguments = ("tune", PLANE, "-o", tuned, "--from", "20", "--to", "150", *budget)
+    assert main([*map(str, arguments)]) == 0
+    options = tomllib.loads(tuned.read_text())["provenance"]["options"]
+    assert (options["from"], options["to"]) == (20.0, 150.0)
+
+
+def test_the_page_shows_the_options_of_what_is_seen(tmp_path, capsys):
+    pytest.importorskip("plotly")
+    page = tmp_path / "flight.html"
+    replayed(capsys, TAKEOFF, "--plot", page)
+    assert "fuzzbee replay LOG --from ${from} --to ${to}" in page.read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--from", "soon"), "--from soon: must be seconds (0 or more), arm or disarm"),
+        (("--to", "-1"), "--to -1: must be seconds (0 or more), arm or disarm"),
+        (("--from", "nan"), "--from nan: must be seconds (0 or more), arm or disarm"),
+        (("--from", "9", "--to", "9"), "--to 9: must be later than --from 9"),
+        (("--from", "1e4"), "no IMU data from 10000 s on: the log lasts"),
+    ],
+)
+def test_windows_that_cannot_be(capsys, arguments, said):
+    assert said in refusal(capsys, "replay", TAKEOFF, *arguments)
+
+
+def test_a_log_that_was_never_armed(tmp_path, capsys):
+    log = armed_between(TAKEOFF, tmp_path / "idle.tlog", 1e6, 1e6)
+    assert "the vehicle was never armed" in refusal(capsys, "replay", log, "--from", "arm")
+
+
+@pytest.mark.parametrize("verb", [("replay", "sim:"), ("tune", "sim:", "-o", "x.toml")])
+def test_the_papers_signals_have_no_parts(capsys, verb):
+    assert "--from" in refusal(capsys, *verb, "--from", "3")
