@@ -3,12 +3,15 @@
 from collections.abc import Iterable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
 from estimator.errors import InputError
 from fuzzbee.options import Json, command, examples, option
+
+if TYPE_CHECKING:
+    from fuzzbee.replays.log_check import Checked
 
 DIFFERS, UNREADABLE = 1, 2
 _LOGS = "Logs, or folders of them."
@@ -25,21 +28,6 @@ class CheckOptions(NamedTuple):
     logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help=_LOGS)]
     profile: Annotated[str, option("imu, adaptive or a TOML file.")] = "imu"
     as_json: Json = False
-
-
-class Checked(NamedTuple):
-    """What one log says: its differences, worst first in order; or why it cannot be read."""
-
-    log: str
-    agreement: dict[str, int]
-    differences: list[dict[str, Any]]
-    fault: str
-
-    @property
-    def rank(self) -> tuple[bool, float]:
-        """The larger, the worse."""
-        seconds = sum(each["end_s"] - each["begin_s"] for each in self.differences)
-        return bool(self.differences), seconds
 
 
 @command
@@ -88,7 +76,7 @@ def _files(given: Iterable[Path]) -> Iterator[Path]:
         yield from inside
 
 
-def _checked(paths: list[Path], profile: str) -> list[Checked]:
+def _checked(paths: list[Path], profile: str) -> "list[Checked]":
     """All of them, on all cores, with a bar where standard error is a terminal."""
     from rich.console import Console
     from rich.progress import Progress
@@ -104,7 +92,7 @@ def _checked(paths: list[Path], profile: str) -> list[Checked]:
         return list(bar.track(pool(paths), len(paths), description="checking"))
 
 
-def _line(checked: Checked) -> str:
+def _line(checked: "Checked") -> str:
     from fuzzbee.replays.table import spoken
     from fuzzbee.say import printable
 

@@ -3,11 +3,10 @@
 from typing import Any
 
 from fuzzbee.viewer.sdk import rrb
+from fuzzbee.viewer.stream import TIMELINE
 
-TIMELINE = "time"
 WINDOW_S = 60.0  # so much of the curves is shown
 FULL_GAIN = 101.0  # K = 1 + k_op, k_op up to 100
-GREY = (125, 125, 125)  # readable on a light and on a dark background
 OURS, AUTOPILOT, TRUTH = (64, 150, 255), (255, 140, 40), (70, 200, 100)
 GRAVITY, FIELD = (200, 60, 200), (0, 175, 190)
 INCLINATION, HEADING = (150, 90, 235), (225, 70, 150)  # their sigmas
