@@ -180,7 +180,7 @@ def _in_our_words(error: Any) -> str:
     value, is_number, kind = getattr(error, "message", "").partition(" is not a valid ")
     parameter = getattr(error, "param", None)
     if is_number and parameter is not None:
-        wanted = {"float.": "a number", "integer.": "a whole number"}.get(kind, kind)
+        wanted = {"float.": "a number", "int.": "a whole number"}.get(kind, kind)
         return f"{parameter.opts[0]} {value[1:-1]}: should be {wanted}"
     written = getattr(error, "option_name", "") or ""
     error.possibilities = [
