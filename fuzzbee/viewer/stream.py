@@ -129,7 +129,7 @@ class ViewerStream:
         """Wait until the window is closed or Ctrl-C is pressed; not at all without a viewer."""
         with terminate_like_interrupt(), suppress(KeyboardInterrupt):
             if self.process is not None:
-                self.process.wait(lambda: False)
+                self.process.wait()
 
     def close(self) -> None:
         """Send what is pending, and end the viewer."""
