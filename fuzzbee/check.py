@@ -3,13 +3,16 @@
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
 from estimator.errors import InputError
 from fuzzbee.options import Json, command, examples, option
 from fuzzbee.time_window import From, To, time_window
+
+if TYPE_CHECKING:
+    from fuzzbee.replays.log_check import Checked
 
 DIFFERS, UNREADABLE = 1, 2
 _LOGS = "Logs, or folders of them."
@@ -29,21 +32,6 @@ class CheckOptions(NamedTuple):
     begin: From = None
     end: To = None
     as_json: Json = False
-
-
-class Checked(NamedTuple):
-    """What one log says: its differences, worst first in order; or why it cannot be read."""
-
-    log: str
-    agreement: dict[str, int]
-    differences: list[dict[str, Any]]
-    fault: str
-
-    @property
-    def rank(self) -> tuple[bool, float]:
-        """The larger, the worse."""
-        seconds = sum(each["end_s"] - each["begin_s"] for each in self.differences)
-        return bool(self.differences), seconds
 
 
 @command
@@ -95,7 +83,7 @@ def _files(given: Iterable[Path]) -> Iterator[Path]:
         yield from inside
 
 
-def _checked(paths: list[Path], work: Callable[[Path], Checked]) -> list[Checked]:
+def _checked(paths: list[Path], work: "Callable[[Path], Checked]") -> "list[Checked]":
     """All of them, on all cores, with a bar where standard error is a terminal."""
     from rich.console import Console
     from rich.progress import Progress
@@ -110,7 +98,7 @@ def _checked(paths: list[Path], work: Callable[[Path], Checked]) -> list[Checked
         return list(bar.track(pool(paths), len(paths), description="checking"))
 
 
-def _line(checked: Checked) -> str:
+def _line(checked: "Checked") -> str:
     from fuzzbee.replays.table import spoken
     from fuzzbee.say import printable
 

@@ -71,8 +71,7 @@ def _status(arguments: list[str]) -> int:
             print(error.format_message(), file=sys.stderr)  # type: ignore[attr-defined]
             return BAD_INPUT
         if _is_usage_error(error):
-            _leave_far_suggestions(error)
-            return _fail(error.format_message(), BAD_INPUT)  # type: ignore[attr-defined]
+            return _fail(_in_our_words(error), BAD_INPUT)
         if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
             return _fail(
                 f"{error.filename}: {error.strerror}", BAD_INPUT
@@ -176,14 +175,20 @@ def _is_usage_error(error: Exception) -> bool:
     return hasattr(error, "format_message") and hasattr(error, "exit_code")
 
 
-def _leave_far_suggestions(error: Any) -> None:
-    """Of the options that the parser suggests keep those that look like what was written."""
+def _in_our_words(error: Any) -> str:
+    """What the parser refused; it suggests only options that look like what was written."""
+    value, is_number, kind = getattr(error, "message", "").partition(" is not a valid ")
+    parameter = getattr(error, "param", None)
+    if is_number and parameter is not None:
+        wanted = {"float.": "a number", "int.": "a whole number"}.get(kind, kind)
+        return f"{parameter.opts[0]} {value[1:-1]}: should be {wanted}"
     written = getattr(error, "option_name", "") or ""
     error.possibilities = [
         each
         for each in getattr(error, "possibilities", None) or ()
         if SequenceMatcher(None, written.strip("-"), each.strip("-")).ratio() >= LEAST_ALIKE
     ]
+    return str(error.format_message())
 
 
 def _fail(text: str, status: int) -> int:

@@ -32,10 +32,12 @@ CELL_RATIO = 2.0  # a cell is so much higher than wide
 TAPE_DEG_PER_CELL = 2.5
 RUNG_DEG = 10
 STEEP = 0.7  # sine of the roll
-OWN = "━┓┏●=.o"  # the vehicle's own symbol is made of these
-THEIRS = "◆A"  # the autopilot's horizon and heading, where they differ from ours
+OWN_SYMBOL = "━━━━━┓  ●  ┏━━━━━"  # the vehicle
+THEIRS = "◆"  # the autopilot's horizon and heading, where they differ from ours
 THEIRS_EVERY = 4  # columns
 SILENT = "the service is silent"
+# Of a terminal without Unicode
+ASCII = str.maketrans("━┓┏●▲◆─╳█▀▄▒░", "=..o^A-X---~:")
 
 SKY, GROUND, HAZE, LINE = range(4)
 # Sky, ground, haze by its level, and the line
@@ -73,19 +75,20 @@ def screen(
         judged = trust(State.LOST, None)._replace(caveats=())
     else:
         judged = trust(row.state, attitude, row.status, row.before)
-    tail = [
-        *_figures(attitude, judged, width),
-        _caveats(attitude, judged, width),
-        Text(message[:width], style="dim"),
-    ]
     head = [_bar(row, now_s, judged, width)]
+    tail = [*_figures(attitude, judged, width), _caveats(attitude, judged, width)]
+    rows = height - len(head) - len(tail) - 1  # less the message
     if attitude is None:
-        rows = height - len(head) - len(tail)
-        return [*head, *_cross(judged, width, rows, ink), *tail]
-    other = _differing(row.status)
-    head += _tape(attitude, judged, width, ink, other)
-    rows = height - len(head) - len(tail)
-    return [*head, *_horizon(attitude, judged, width, rows, ink, other), *tail]
+        drawn = _cross(judged, width, rows)
+    else:
+        other = _differing(row.status)
+        tape = _tape(attitude, judged, width, other)
+        horizon = _horizon(attitude, judged, width, rows - len(tape), ink.colours, other)
+        drawn = [*tape, *horizon]
+    if not ink.unicode:
+        for line in drawn:
+            line.plain = line.plain.translate(ASCII)
+    return [*head, *drawn, *tail, Text(message[:width], style="dim")]
 
 
 def _differing(status: StatusRecord | None) -> Autopilot | None:
@@ -114,7 +117,7 @@ def _imu(status: StatusRecord | None) -> str:
 
 
 def _tape(
-    attitude: AttitudeRecord, judged: Trust, width: int, ink: Ink, other: Autopilot | None
+    attitude: AttitudeRecord, judged: Trust, width: int, other: Autopilot | None
 ) -> list[Text]:
     """Directions as they pass under the middle; below them the range of sigma, and the other's."""
     yaw, middle = attitude.euler_deg[2], width // 2
@@ -129,11 +132,11 @@ def _tape(
             _write(names, cell - len(name) // 2, name)
     reach = round(min(attitude.sigma_deg.heading, 180.0) / TAPE_DEG_PER_CELL)
     for cell in range(max(0, middle - reach), min(width, middle + reach + 1)):
-        marks[cell] = ("━" if ink.unicode else "=") if has_north else "?"
+        marks[cell] = "━" if has_north else "?"
     if other is not None and other.axis == "heading":
         at = middle + round(other.heading_deg / TAPE_DEG_PER_CELL)
-        marks[max(0, min(width - 1, at))] = _theirs(ink)
-    marks[middle] = "▲" if ink.unicode else "^"
+        marks[max(0, min(width - 1, at))] = THEIRS
+    marks[middle] = "▲"
     number = f" {heading_text(attitude)} "
     _write(names, middle - len(number) // 2, number)
     line = Text("".join(names))
@@ -146,21 +149,23 @@ def _horizon(
     judged: Trust,
     width: int,
     rows: int,
-    ink: Ink,
+    colours: int,
     other: Autopilot | None,
 ) -> list[Text]:
     """Sky and ground, the haze of sigma, the line, the ladder, the other's line, the vehicle."""
-    marks = dict(_ladder(attitude, width, rows, ink))
+    marks = dict(_ladder(attitude, width, rows))
     if other is not None and other.axis == "inclination":
-        marks |= _other_line(attitude, other, width, rows, ink)
-    marks |= _own_symbol(width, rows, ink)
-    paint = _paint(judged.horizon, ink)
+        marks |= _other_line(attitude, other, width, rows)
+    left = width // 2 - len(OWN_SYMBOL) // 2
+    own = enumerate(OWN_SYMBOL, left)
+    marks |= {(column, rows // 2): letter for column, letter in own if letter != " "}
+    paint = _paint(judged.horizon, colours)
     lines = []
     for row in range(rows):
         upper = _half_row(attitude, 2 * row, width, rows)
         lower = _half_row(attitude, 2 * row + 1, width, rows)
         cells = [
-            _cell(upper[column], lower[column], marks.get((column, row)), paint, ink)
+            _cell(upper[column], lower[column], marks.get((column, row)), paint)
             for column in range(width)
         ]
         line = Text(no_wrap=True)
@@ -170,9 +175,11 @@ def _horizon(
     return lines
 
 
-def _paint(level: Level, ink: Ink) -> tuple[str, ...]:
-    """Colours of sky, ground, haze and line."""
-    few = ink.colours <= 16
+def _paint(level: Level, colours: int) -> tuple[str, ...]:
+    """Colours of sky, ground, haze and line; none where the terminal has none."""
+    if not colours:
+        return ()
+    few = colours <= 16
     sky, ground, haze, line = PAINT_16 if few else PAINT
     return (sky, ground, (PAINTED_HAZE_16 if few else PAINTED_HAZE).get(level, haze), line)
 
@@ -199,36 +206,30 @@ def _half_row(attitude: AttitudeRecord, half: int, width: int, rows: int) -> lis
     return row
 
 
-def _cell(
-    upper: int, lower: int, mark: str | None, paint: tuple[str, ...], ink: Ink
-) -> tuple[str, str]:
+def _cell(upper: int, lower: int, mark: str | None, paint: tuple[str, ...]) -> tuple[str, str]:
     """The character and style of one cell; a mark hides what is under it."""
-    if not ink.colours:
-        return mark or _plain(upper, lower, ink), ""
+    if not paint:
+        return mark or _plain(upper, lower), ""
     if mark is not None:
         seen = min(upper, lower)  # of line and haze the world behind
-        ink_of = "bright_yellow" if mark in OWN + THEIRS else "bright_white"
+        ink_of = "bright_yellow" if mark in OWN_SYMBOL + THEIRS else "bright_white"
         return mark, f"bold {'black' if seen == HAZE else ink_of} on {paint[seen]}"
     if upper == lower:
         return " ", f"on {paint[upper]}"
-    return ("▀" if ink.unicode else "-"), f"{paint[upper]} on {paint[lower]}"
+    return "▀", f"{paint[upper]} on {paint[lower]}"
 
 
-def _plain(upper: int, lower: int, ink: Ink) -> str:
+def _plain(upper: int, lower: int) -> str:
     """Without colours: the line, else haze, else sky or ground."""
     if LINE in (upper, lower):
-        if not ink.unicode:
-            return "-"
         return "█" if upper == lower else "▀" if upper == LINE else "▄"
     if HAZE in (upper, lower):
-        return "▒" if ink.unicode else "~"
-    if lower == GROUND and upper == GROUND:
-        return "░" if ink.unicode else ":"
-    return " "
+        return "▒"
+    return "░" if lower == upper == GROUND else " "
 
 
 def _ladder(
-    attitude: AttitudeRecord, width: int, rows: int, ink: Ink
+    attitude: AttitudeRecord, width: int, rows: int
 ) -> Iterator[tuple[tuple[int, int], str]]:
     """The pitch every ten degrees, with its number, where it lies level enough to be written."""
     roll, pitch, _ = attitude.euler_deg
@@ -239,19 +240,15 @@ def _ladder(
         off = (pitch - rung) * per_deg
         column = width / 2 + off * s * CELL_RATIO
         row = int(rows / 2 + off * c)
-        text = f"{'─' if ink.unicode else '-'}{abs(rung)}{'─' if ink.unicode else '-'}"
+        text = f"─{abs(rung)}─"
         if rung == 0 or not 0 <= row < rows:
             continue
         for n, letter in enumerate(text):
             yield (int(column - len(text) / 2) + n, row), letter
 
 
-def _theirs(ink: Ink) -> str:
-    return THEIRS[0 if ink.unicode else 1]
-
-
 def _other_line(
-    attitude: AttitudeRecord, other: Autopilot, width: int, rows: int, ink: Ink
+    attitude: AttitudeRecord, other: Autopilot, width: int, rows: int
 ) -> dict[tuple[int, int], str]:
     """Where the autopilot says that the horizon is, dotted; never out of sight."""
     roll, pitch, _ = attitude.euler_deg
@@ -262,18 +259,11 @@ def _other_line(
     for along in range(-width, width + 1, THEIRS_EVERY):
         column, row = width / 2 + along * c + below * s, (rows - along * s + below * c) / 2
         if 0 <= column < width and 0 <= row < rows:
-            dots[int(column), int(row)] = _theirs(ink)
+            dots[int(column), int(row)] = THEIRS
     return dots
 
 
-def _own_symbol(width: int, rows: int, ink: Ink) -> dict[tuple[int, int], str]:
-    """The vehicle, which stands still in the middle."""
-    text = "━━━━━┓  ●  ┏━━━━━" if ink.unicode else "=====.  o  .====="
-    left, row = width // 2 - len(text) // 2, rows // 2
-    return {(left + n, row): letter for n, letter in enumerate(text) if letter != " "}
-
-
-def _cross(judged: Trust, width: int, rows: int, ink: Ink) -> list[Text]:
+def _cross(judged: Trust, width: int, rows: int) -> list[Text]:
     """A cross in place of the horizon, and the reason."""
     reach = max(1, (rows - 5) // 2)
     grid = [[" "] * width for _ in range(rows)]
@@ -282,7 +272,7 @@ def _cross(judged: Trust, width: int, rows: int, ink: Ink) -> list[Text]:
         for side in (-1, 1):
             column = middle + round(side * step * CELL_RATIO)
             if 0 <= column < width:
-                grid[middle_row + step][column] = "╳" if ink.unicode else "X"
+                grid[middle_row + step][column] = "╳"
     why = judged.caveats[0].text if judged.caveats else SILENT
     text = f"  {judged.word}: {why}  "
     _write(grid[middle_row], middle - len(text) // 2, text)

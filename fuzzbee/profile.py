@@ -52,7 +52,10 @@ def show(profile: Name, as_json: AsJson = False, plot: Plot = None) -> None:
 
 @profile_app.command(epilog=EPILOG)
 def check(profile: Name, as_json: AsJson = False) -> None:
-    """Tell whether a profile can be used; if not, what is wrong and where (exit status 2)."""
+    """Tell whether a profile can be used.
+
+    If it cannot, say what is wrong and where, and end with status 2.
+    """
     from estimator.profile import load_profile
 
     try:

@@ -9,10 +9,10 @@ import msgspec
 
 from drivers.places import PLACES
 from fuzzbee.say import printable
-from fuzzbee.watch import VEHICLE
 from service.health import State
 from service.records import SCHEMA, AttitudeRecord, StatusRecord
 
+VEHICLE = re.compile(r"[0-9]{1,3}(-[0-9]{1,3})?")
 # In bytes. Our largest record, a status with every reason for refusal, has less than 5000.
 LONGEST_PAYLOAD = 16_384
 SILENT_S = 10.0  # who says nothing for so long makes room for others

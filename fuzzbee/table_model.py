@@ -6,7 +6,15 @@ from typing import NamedTuple
 
 from drivers.places import PLACES
 from service.health import HAS_ATTITUDE, State
-from service.records import AttitudeRecord, Output, Published, StatusRecord
+from service.records import (
+    AttitudeRecord,
+    Departed,
+    Message,
+    Output,
+    Published,
+    StatusRecord,
+    vehicle_name,
+)
 
 SILENT_AFTER_S = 3.0  # a status comes every second
 
@@ -42,6 +50,28 @@ class TableModel:
         self._rows: dict[str, Row] = {}
         self._lock = threading.Lock()
 
+    def take(self, outputs: Iterable[Output], now_s: float) -> list[str]:
+        """Remember outputs of the service, of each vehicle its newest attitude; the messages.
+
+        Eyes see no others.
+        """
+        texts: list[str] = []
+        attitudes: dict[str, AttitudeRecord] = {}
+        for output in outputs:
+            match output:
+                case Message(text=text):
+                    texts.append(text)
+                case Published(vehicle=vehicle, record=AttitudeRecord() as attitude):
+                    attitudes[vehicle_name(vehicle)] = attitude
+                case Published(vehicle=vehicle, record=status):
+                    self.update(vehicle_name(vehicle), status, now_s)
+                case Departed(vehicle=vehicle):
+                    attitudes.pop(vehicle_name(vehicle), None)
+                    self.remove(vehicle_name(vehicle))
+        for name, attitude in attitudes.items():
+            self.update(name, attitude, now_s)
+        return texts
+
     def update(self, name: str, record: AttitudeRecord | StatusRecord, now_s: float) -> None:
         """Remember a record."""
         with self._lock:
@@ -69,22 +99,6 @@ class TableModel:
         with self._lock:
             rows = list(self._rows.values())
         return sorted(rows, key=lambda row: [int(part) for part in row.name.split("-")])
-
-
-def newest(outputs: Iterable[Output]) -> list[Output]:
-    """The outputs with the newest attitude of each vehicle only: eyes see no others."""
-    attitudes = {
-        output.vehicle: output
-        for output in outputs
-        if isinstance(output, Published) and isinstance(output.record, AttitudeRecord)
-    }
-    return [
-        output
-        for output in outputs
-        if not isinstance(output, Published)
-        or not isinstance(output.record, AttitudeRecord)
-        or attitudes[output.vehicle] is output
-    ]
 
 
 def current_attitude(row: Row, now_s: float) -> AttitudeRecord | None:

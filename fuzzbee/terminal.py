@@ -10,9 +10,9 @@ from rich.console import Console, Group, RenderableType
 
 from fuzzbee.horizon import Ink, has_room, screen
 from fuzzbee.say import printable
-from fuzzbee.table_model import Row, TableModel, newest
+from fuzzbee.table_model import Row, TableModel
 from fuzzbee.vehicle_table import BY_NAME, ORDERS, Look, lines, table
-from service.records import Departed, Message, Output, Published, vehicle_name
+from service.records import Output
 
 if TYPE_CHECKING:
     from rich.live import Live
@@ -75,16 +75,7 @@ class TerminalView:
 
     def handle(self, outputs: Sequence[Output]) -> None:
         """Show outputs of the service."""
-        texts: list[str] = []
-        for output in newest(outputs):
-            match output:
-                case Message(text=text):
-                    texts.append(text)
-                case Published(vehicle=vehicle, record=record):
-                    self.model.update(vehicle_name(vehicle), record, self._now_s())
-                case Departed(vehicle=vehicle):
-                    self.model.remove(vehicle_name(vehicle))
-        self.say(*texts)
+        self.say(*self.model.take(outputs, self._now_s()))
         self.refresh()
 
     def say(self, *texts: str) -> None:

@@ -121,10 +121,15 @@ def _warnings(rows: list[Row], most: int) -> list[str]:
 
 
 def told(word: str, status: StatusRecord) -> str:
-    """A warning in words; of another attitude, how far it is off and who is likely wrong."""
+    """A warning in words; of another attitude, how far it is off and who is likely wrong.
+
+    A warning of another version keeps its own name.
+    """
     autopilot = status.autopilot
+    if word not in MEANINGS:
+        return printable(word, 40)
     if word != Alarm.AUTOPILOT_DIFFERS or autopilot is None:
-        return meaning(word)
+        return MEANINGS[Alarm(word)]
     who = {"autopilot": "; its own is likely wrong", "ours": "; ours is likely wrong"}
     return printable(f"{autopilot.in_short} ours{who.get(autopilot.wrong, '')}")
 
@@ -137,14 +142,6 @@ def _overload(rows: list[Row]) -> list[str]:
     shed = sum(status.shed for status in statuses)
     slowest_hz = min(status.published_hz for status in statuses)
     return [f"! overloaded: {shed} samples left out so far, attitudes at {slowest_hz:.1f} Hz"]
-
-
-def meaning(word: str) -> str:
-    """A warning in words; its own name if it comes from another version."""
-    try:
-        return MEANINGS[Alarm(word)]
-    except ValueError:
-        return printable(word, 40)
 
 
 def _block(rows: list[Row], now_s: float, layout: Layout, cursor: str | None) -> Table:

@@ -1,6 +1,5 @@
 """``fuzzbee watch``: subscribe and show attitudes."""
 
-import re
 import time
 from collections import deque
 from contextlib import ExitStack, closing, nullcontext
@@ -29,7 +28,6 @@ EPILOG = examples(
     "fuzzbee watch -m client -e tcp/192.168.1.10:7447",
 )
 
-VEHICLE = re.compile(r"[0-9]{1,3}(-[0-9]{1,3})?")
 HINT_AFTER_S = 3.0
 WAIT_S = 0.1
 # 2 s of 50 vehicles at 100 Hz. When it is full the oldest is dropped: the newest is worth most.
@@ -61,6 +59,8 @@ def watch(options: WatchOptions) -> int:
 
     On a terminal q quits, s sorts, the arrows choose a vehicle and Enter shows it alone.
     """
+    from fuzzbee.reception import VEHICLE
+
     require_positive("--seconds", options.seconds)
     if options.most is not None and options.most < 1:
         raise InputError(f"--count {options.most}: should be at least 1")

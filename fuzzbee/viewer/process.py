@@ -9,7 +9,6 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -22,7 +21,7 @@ HOST = "127.0.0.1"
 WEB_PORT = 9090  # Rerun's own; a free one if it is taken
 START_TIMEOUT_S = 10.0
 STOP_TIMEOUT_S = 2.0
-# A minute or two. What it drops must be older than what is sent again now and then (layer.py).
+# A minute or two.
 LIVE_HISTORY = "2MB"
 MISSING = str(missing_extra("the viewer", "viewer"))
 
@@ -59,10 +58,9 @@ class ViewerProcess:
         """Whether it has ended by itself: the window was closed."""
         return self._process.poll() is not None
 
-    def wait(self, stopped: Callable[[], bool]) -> None:
-        """Wait until it has ended, or until ``stopped``."""
-        while not self.has_ended and not stopped():
-            time.sleep(0.1)
+    def wait(self) -> None:
+        """Wait until it has ended by itself."""
+        self._process.wait()
 
     def close(self) -> None:
         """End the viewer and remove its folder."""

@@ -71,8 +71,7 @@ class ViewerStream:
 
     def take_loss(self) -> bool:
         """Whether somebody else has closed the viewer; True only once."""
-        is_new = not self._has_reported_loss and self.process is not None
-        if not is_new or self.process is None or not self.process.has_ended:
+        if self._has_reported_loss or self.process is None or not self.process.has_ended:
             return False
         self._has_reported_loss = True
         return True
@@ -119,7 +118,7 @@ class ViewerStream:
         self._flush(0.0)
 
     def send(self, path: str, index: Any, columns: Any) -> None:
-        """The same at the times of an index of Rerun's."""
+        """Show them at the times of an index of Rerun's."""
         self._recording.send_columns(path, indexes=[index], columns=columns)
 
     def finish(self) -> None:
@@ -130,7 +129,7 @@ class ViewerStream:
         """Wait until the window is closed or Ctrl-C is pressed; not at all without a viewer."""
         with terminate_like_interrupt(), suppress(KeyboardInterrupt):
             if self.process is not None:
-                self.process.wait(lambda: False)
+                self.process.wait()
 
     def close(self) -> None:
         """Send what is pending, and end the viewer."""

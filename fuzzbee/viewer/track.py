@@ -92,9 +92,9 @@ class Track:
         static(f"/bodies/{name}", rr.Transform3D(translation=origin))
         for vector, colour in (("gravity", layout.GRAVITY), ("field", layout.FIELD)):
             static(f"/bodies/{name}/{vector}", rr.Arrows3D.from_fields(colors=colour, radii=0.015))
-        for plot, (names, colours) in layout.LINES.items():
-            lines = rr.SeriesLines(names=[f"{name} {line}" for line in names], colors=colours)
-            static(f"/{plot}/{name}", lines)
+        for path, plot in layout.PLOTS.items():
+            names = [f"{name} {line}" for line in plot.lines]
+            self._stream.lines(f"/{path}/{name}", names, list(plot.colours))
 
     def _now(self, heard: _Heard, now_us: int) -> Quaternion | None:
         """Another's attitude, turned on by the vehicle's rate since it came; None if it is old."""

@@ -18,9 +18,9 @@ import msgspec
 
 from estimator.errors import InputError
 from fuzzbee.say import say
-from fuzzbee.table_model import TableModel, newest
+from fuzzbee.table_model import TableModel
 from fuzzbee.web.shown import shown
-from service.records import Departed, Output, Published, vehicle_name
+from service.records import Output
 
 HOST = "127.0.0.1"
 MOST_PORT = 65535
@@ -103,12 +103,7 @@ class WebPage:
 
     def handle(self, outputs: Sequence[Output]) -> None:
         """Remember the latest records."""
-        for output in newest(outputs):
-            match output:
-                case Published(vehicle=vehicle, record=record):
-                    self.model.update(vehicle_name(vehicle), record, self.now_s())
-                case Departed(vehicle=vehicle):
-                    self.model.remove(vehicle_name(vehicle))
+        self.model.take(outputs, self.now_s())
 
     def close(self) -> None:
         """End the server and what it sends."""

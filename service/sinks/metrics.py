@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
 
@@ -16,68 +16,28 @@ if TYPE_CHECKING:
 
 HOST = "127.0.0.1"  # to reach them from elsewhere, run a proxy or an agent on this computer
 MOST_LOST = 64  # lost vehicles that a scrape has
-_SIGMA = "68 % of the {}'s errors lie under it."
-
-
-Values = Mapping[str, float]
+_SIGMA = "68 % of errors lie under it."
 # Name, help, and the number of an attitude
 OF_ATTITUDE: tuple[tuple[str, str, Callable[[AttitudeRecord], float]], ...] = (
-    ("roll_degrees", "Roll.", lambda r: r.euler_deg[0]),
-    ("pitch_degrees", "Pitch.", lambda r: r.euler_deg[1]),
-    ("heading_degrees", "Heading, 0 to 360.", lambda r: r.euler_deg[2]),
-    ("error", "The paper's e from the measurements, 0 to 1.", lambda r: r.error),
-    ("gain", "The paper's K.", lambda r: r.gain),
-    ("gravity_confidence", "Confidence in gravity.", lambda r: r.confidence.gravity),
-    ("magnetic_confidence", "Confidence in the field.", lambda r: r.confidence.magnetic),
-    ("inclination_sigma_degrees", _SIGMA.format("inclination"), lambda r: r.sigma_deg.inclination),
-    ("heading_sigma_degrees", _SIGMA.format("heading"), lambda r: r.sigma_deg.heading),
-)
-# Name, help, a second label, and the numbers of a status by that label
-OF_STATUS: tuple[tuple[str, str, str, Callable[[StatusRecord], Values]], ...] = (
-    (
-        "state",
-        "1 for the state it is in.",
-        "state",
-        lambda s: {each.value: float(s.state == each) for each in State},
-    ),
-    (
-        "autopilot",
-        "1 for the verdict on it.",
-        "verdict",
-        lambda s: (
-            {word.value: float(s.autopilot.verdict == word) for word in Verdict}
-            if s.autopilot is not None
-            else {}
-        ),
-    ),
-    (
-        "autopilot_inclination_degrees",
-        "Between the autopilot's vertical and ours.",
-        "",
-        lambda s: {} if s.autopilot is None else {"": s.autopilot.inclination_deg},
-    ),
-    (
-        "autopilot_heading_degrees",
-        "The autopilot's heading less ours.",
-        "",
-        lambda s: {} if s.autopilot is None else {"": s.autopilot.heading_deg},
-    ),
-    ("imu_rate_hertz", "IMU samples a second.", "", lambda s: {"": s.imu_rate_hz}),
-    ("worst_gap_seconds", "Worst gap so far.", "", lambda s: {"": s.worst_gap_s}),
+    ("roll_degrees", "Roll.", lambda a: a.euler_deg[0]),
+    ("pitch_degrees", "Pitch.", lambda a: a.euler_deg[1]),
+    ("heading_degrees", "Heading, 0 to 360.", lambda a: a.euler_deg[2]),
+    ("error", "The paper's e from the measurements, 0 to 1.", lambda a: a.error),
+    ("gain", "The paper's K.", lambda a: a.gain),
+    ("gravity_confidence", "Confidence in gravity.", lambda a: a.confidence.gravity),
+    ("magnetic_confidence", "Confidence in the field.", lambda a: a.confidence.magnetic),
+    ("inclination_sigma_degrees", _SIGMA, lambda a: a.sigma_deg.inclination),
+    ("heading_sigma_degrees", _SIGMA, lambda a: a.sigma_deg.heading),
 )
 
 
 class _Server(WSGIServer):
-    """Whoever leaves or says nothing is no error."""
-
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Nothing."""
+        """Whoever leaves or says nothing is no error."""
 
 
 class _Handler(WSGIRequestHandler):
-    """Logs nothing, and does not wait for long for who asks nothing."""
-
-    timeout = 1.0  # s
+    timeout = 1.0  # s, for who asks nothing
 
     def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 - its name there
         """Nothing."""
@@ -103,19 +63,15 @@ class MetricsSink:
         self._lock = threading.Lock()
         self._attitudes: dict[str, tuple[AttitudeRecord, float]] = {}
         self._statuses: dict[str, StatusRecord] = {}
-        self._lost: dict[str, None] = {}  # the one that was lost last comes last
         registry = CollectorRegistry(auto_describe=False)
         registry.register(self)
         try:
-            answer = make_wsgi_app(registry)
-            self._server = make_server(HOST, port, answer, _Server, _Handler)
+            self._server = make_server(HOST, port, make_wsgi_app(registry), _Server, _Handler)
         except (OSError, OverflowError) as error:
             reason = getattr(error, "strerror", None) or str(error)
             raise InputError(f"--metrics {port}: {reason}; choose another port") from error
         # One answer at a time: of thousands of vehicles it takes long, and must not take all of it.
-        self._thread = threading.Thread(
-            target=self._server.serve_forever, name="metrics", daemon=True
-        )
+        self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
         self._thread.start()
 
     @property
@@ -124,22 +80,21 @@ class MetricsSink:
         return int(self._server.server_port)
 
     def handle(self, outputs: Sequence[Output]) -> None:
-        """Remember the latest records."""
+        """Remember the latest records; who is lost comes last."""
         with self._lock:
             for output in outputs:
                 match output:
-                    case Published(vehicle=vehicle, record=AttitudeRecord() as record):
-                        self._attitudes[vehicle_name(vehicle)] = (record, self._now_s())
+                    case Departed(vehicle=vehicle):
+                        self._attitudes.pop(vehicle_name(vehicle), None)
+                        self._statuses.pop(vehicle_name(vehicle), None)
+                    case Published(vehicle=vehicle, record=AttitudeRecord() as attitude):
+                        self._attitudes[vehicle_name(vehicle)] = (attitude, self._now_s())
                     case Published(vehicle=vehicle, record=StatusRecord() as status):
                         name = vehicle_name(vehicle)
+                        before = self._statuses.get(name)
+                        if before is not None and _is_lost(status) and not _is_lost(before):
+                            del self._statuses[name]
                         self._statuses[name] = status
-                        if status.state == State.LOST:
-                            self._lost.setdefault(name)
-                        else:
-                            self._lost.pop(name, None)
-                    case Departed(vehicle=vehicle):
-                        for known in (self._attitudes, self._statuses, self._lost):
-                            known.pop(vehicle_name(vehicle), None)
 
     def close(self) -> None:
         """End the server."""
@@ -152,46 +107,71 @@ class MetricsSink:
 
         Of the lost ones only the last count: an answer about thousands takes a second of all.
         """
-        from prometheus_client.core import CounterMetricFamily as Counter
-
         with self._lock:
             attitudes, statuses = dict(self._attitudes), dict(self._statuses)
-            for name in [*self._lost][:-MOST_LOST]:
-                attitudes.pop(name, None)
-                del statuses[name]
-        now_s = self._now_s()
-        counted, ages_s = {}, {}
-        for name, (record, heard_s) in attitudes.items():
-            counted[name] = {"": record.sequence + 1.0}
-            ages_s[name] = {"": record.age_ms / 1e3 + max(0.0, now_s - heard_s)}
-        yield _family("attitudes", "Attitudes published.", "", counted, is_count=True)
-        yield _family("imu_age_seconds", "Age of the last IMU sample.", "", ages_s)
-        lost = {name for name, status in statuses.items() if status.state == State.LOST}
-        current = {name: each for name, (each, _) in attitudes.items() if name not in lost}
-        for metric, text, value in OF_ATTITUDE:
-            values = {name: {"": value(record)} for name, record in current.items()}
-            yield _family(metric, text, "", values)
-        for metric, text, label, values_of in OF_STATUS:
-            found = {name: values_of(status) for name, status in statuses.items()}
-            yield _family(metric, text, label, found)
-        rejected = {name: dict(status.rejected) for name, status in statuses.items()}
-        yield _family("rejected", "Samples refused.", "reason", rejected, is_count=True)
-        overruns = max((status.overruns for status in statuses.values()), default=0)
-        dropped = max((status.dropped for status in statuses.values()), default=0)
-        yield Counter("fuzzbee_overruns", "Ticks that came late.", value=overruns)
-        yield Counter("fuzzbee_dropped", "Events and records lost.", value=dropped)
+        lost = [name for name, status in statuses.items() if _is_lost(status)]
+        for name in lost[:-MOST_LOST]:
+            attitudes.pop(name, None)
+            del statuses[name]
+        yield from _of_attitudes(attitudes, set(lost), self._now_s())
+        yield from _of_statuses(statuses)
 
 
-def _family(
-    name: str, text: str, label: str, values: Mapping[str, Values], *, is_count: bool = False
-) -> "Metric":
-    """The numbers of each vehicle, by another label if there is one."""
+def _is_lost(status: StatusRecord) -> bool:
+    return status.state == State.LOST
+
+
+def _of_attitudes(
+    attitudes: dict[str, tuple[AttitudeRecord, float]], lost: set[str], now_s: float
+) -> "Iterator[Metric]":
     from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 
-    kind = CounterMetricFamily if is_count else GaugeMetricFamily
-    labels = ["vehicle", label] if label else ["vehicle"]
-    family = kind(f"fuzzbee_{name}", text, labels=labels)
-    for vehicle, numbers in values.items():
-        for word, number in numbers.items():
-            family.add_metric([vehicle, word] if label else [vehicle], number)
-    return family
+    one = ["vehicle"]
+    counts = CounterMetricFamily("fuzzbee_attitudes", "Attitudes published.", labels=one)
+    ages = GaugeMetricFamily("fuzzbee_imu_age_seconds", "Age of the last IMU sample.", labels=one)
+    for name, (attitude, heard_s) in attitudes.items():
+        counts.add_metric([name], attitude.sequence + 1.0)
+        ages.add_metric([name], attitude.age_ms / 1e3 + max(0.0, now_s - heard_s))
+    yield from (counts, ages)
+    for metric, text, value in OF_ATTITUDE:
+        family = GaugeMetricFamily(f"fuzzbee_{metric}", text, labels=one)
+        for name, (attitude, _) in attitudes.items():
+            if name not in lost:
+                family.add_metric([name], value(attitude))
+        yield family
+
+
+def _of_statuses(statuses: dict[str, StatusRecord]) -> "Iterator[Metric]":
+    from prometheus_client.core import CounterMetricFamily as Counter
+    from prometheus_client.core import GaugeMetricFamily as Gauge
+
+    one = ["vehicle"]
+    state = Gauge("fuzzbee_state", "1 for the state it is in.", labels=[*one, "state"])
+    verdict = Gauge("fuzzbee_autopilot", "1 for the verdict on it.", labels=[*one, "verdict"])
+    vertical, heading, rate, gap = (
+        Gauge(f"fuzzbee_{metric}", text, labels=one)
+        for metric, text in (
+            ("autopilot_inclination_degrees", "Between the autopilot's vertical and ours."),
+            ("autopilot_heading_degrees", "The autopilot's heading less ours."),
+            ("imu_rate_hertz", "IMU samples a second."),
+            ("worst_gap_seconds", "Worst gap so far."),
+        )
+    )
+    rejected = Counter("fuzzbee_rejected", "Samples refused.", labels=[*one, "reason"])
+    for name, status in statuses.items():
+        for each in State:
+            state.add_metric([name, each.value], status.state == each)
+        if (autopilot := status.autopilot) is not None:
+            for word in Verdict:
+                verdict.add_metric([name, word.value], autopilot.verdict == word)
+            vertical.add_metric([name], autopilot.inclination_deg)
+            heading.add_metric([name], autopilot.heading_deg)
+        rate.add_metric([name], status.imu_rate_hz)
+        gap.add_metric([name], status.worst_gap_s)
+        for reason, number in status.rejected.items():
+            rejected.add_metric([name, reason], number)
+    yield from (state, verdict, vertical, heading, rate, gap, rejected)
+    overruns = max((status.overruns for status in statuses.values()), default=0)
+    dropped = max((status.dropped for status in statuses.values()), default=0)
+    yield Counter("fuzzbee_overruns", "Ticks that came late.", value=overruns)
+    yield Counter("fuzzbee_dropped", "Events and records lost.", value=dropped)

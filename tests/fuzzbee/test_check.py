@@ -7,6 +7,8 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -113,6 +115,25 @@ def test_replay_lists_them(capsys, season):
     assert "autopilot differs" in capsys.readouterr().out
 
 
+@contextmanager
+def heard(peer):
+    """What a peer is sent meanwhile; unread, a socket's buffer would soon be full."""
+    got, ended = [], threading.Event()
+
+    def listen():
+        while (message := peer.recv_match(blocking=True, timeout=0.5)) or not ended.is_set():
+            got.extend([message] if message else [])
+
+    listener = threading.Thread(target=listen)
+    listener.start()
+    try:
+        yield got
+    finally:
+        ended.set()
+        listener.join()
+        peer.close()
+
+
 def test_a_run_tells_ground_stations_if_it_is_asked_to(tmp_path):
     """pymavlink's own connection listens, as a ground station does."""
     wrong = tmp_path / "wrong.tlog"
@@ -120,9 +141,8 @@ def test_a_run_tells_ground_stations_if_it_is_asked_to(tmp_path):
     peer = mavutil.mavlink_connection("udpin:127.0.0.1:0", dialect="ardupilotmega")
     url = f"udpout:127.0.0.1:{peer.port.getsockname()[1]}"
     options = ["--speed", "20", "--no-zenoh", "--announce", url, "--send-attitude", url]
-    assert main(["run", str(wrong), *options]) == 0
-    got = list(iter(peer.recv_msg, None))
-    peer.close()
+    with heard(peer) as got:
+        assert main(["run", str(wrong), *options]) == 0
     first = next(m for m in got if m.get_type() == "STATUSTEXT")
     assert first.text.startswith("autopilot horizon ")
     assert (first.get_srcComponent(), first.severity) == (191, mavutil.mavlink.MAV_SEVERITY_WARNING)

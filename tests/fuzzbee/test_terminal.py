@@ -6,7 +6,7 @@ from rich.console import Console
 
 from drivers.events import VehicleId
 from fuzzbee.table_model import Row, TableModel
-from fuzzbee.terminal import PersonConsole, TerminalView
+from fuzzbee.terminal import TerminalView
 from fuzzbee.vehicle_table import Look, lines, summary, table
 from service.records import AttitudeRecord, Confidence, Message, Published, Sigma, StatusRecord
 from tests.service.records import differing
@@ -193,14 +193,6 @@ def test_where_not_all_fit_they_keep_their_order():
     names = [int(line.split()[0]) for line in shown if line[0].isdigit()]
     assert names == sorted(names)
     assert {7, 30} <= set(names)
-
-
-def test_no_color_means_no_style_at_all(monkeypatch):
-    monkeypatch.setenv("TERM", "xterm-256color")
-    monkeypatch.setenv("FORCE_COLOR", "1")
-    assert PersonConsole().color_system is not None
-    monkeypatch.setenv("NO_COLOR", "1")
-    assert PersonConsole().color_system is None
 
 
 def test_keys_sort_choose_and_quit():

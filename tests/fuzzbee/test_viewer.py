@@ -26,7 +26,7 @@ from tests.service.records import UNIX_US, record
 pytest.importorskip("rerun", reason="the extra viewer is not installed")
 
 from fuzzbee.viewer import process as viewer_process
-from fuzzbee.viewer.layout import LINES
+from fuzzbee.viewer.layout import PLOTS
 from fuzzbee.viewer.stream import ViewerOptions
 from fuzzbee.viewer.viewer import MOST_VEHICLES, ViewerSink
 from tests.fuzzbee.rrd import chunks, listing, numbers, rows
@@ -64,7 +64,7 @@ def test_a_file_holds_every_curve_and_body(tmp_path):
             turns.append([Peer(TWO, "sim", (1, 0, 0, 0))])
     text = listing(drawn(tmp_path, turns), "-vvv")
     entities = ["/bodies/1/ours", "/bodies/1/autopilot", "/state/1", "/messages"]
-    for entity in entities + [f"/{plot}/1" for plot in LINES]:
+    for entity in entities + [f"/{plot}/1" for plot in PLOTS]:
         assert f"{entity} " in text, entity
     assert "half-way" in text
     assert "before the first" not in text  # it has no time
