@@ -99,6 +99,26 @@ def _checked(paths: list[Path], work: "Callable[[Path], Checked]") -> "list[Chec
 
 
 def _line(checked: "Checked") -> str:
+    """One log's line: the autopilot's attitude, then the sensors."""
+    return "; ".join([_agreement(checked), *_sensors(checked)])
+
+
+def _sensors(checked: "Checked") -> Iterator[str]:
+    """Vibration beside ArduPilot's limits, clipping, and the warnings of the live service."""
+    from fuzzbee.replays.vibration import MOST_M_S2, USUAL_M_S2
+    from service.alarms import MEANINGS, Alarm
+
+    if checked.vibration is not None:
+        most = f"usual: under {USUAL_M_S2:.0f}, a problem: over {MOST_M_S2:.0f}"
+        size = checked.vibration.largest_m_s2
+        yield f"vibration {checked.vibration.verdict}, {size:.1f} m/s² ({most})"
+    for sensor, count in checked.clipped.items():
+        yield f"{sensor} clipped {count} times"
+    for word, seconds in checked.warnings.items():
+        yield f"{MEANINGS[Alarm(word)]} for {seconds:.0f} s"
+
+
+def _agreement(checked: "Checked") -> str:
     from fuzzbee.replays.table import spoken
     from fuzzbee.say import printable
 

@@ -49,6 +49,7 @@ class VehicleTrace:
         self.headings = 0  # attitudes whose heading was told, by a field or by velocity
         self.references = {"sim": ReferenceTrack(), "autopilot": ReferenceTrack()}
         self.rejected: Counter[str] = Counter()
+        self.warned_s: Counter[str] = Counter()  # for how long each warning stood
         self.malformed = 0  # rows or frames of the log that cannot be read, whoever sent them
         self.turned_at_us: int | None = None
         self.log_zero_us: int | None = None  # where the log's seconds begin, of a window of it
@@ -178,6 +179,9 @@ class Replay:
         if not is_finite(attitude):
             return  # as in the live service, where it is not published; the vehicle aligns anew
         trace.imu_messages[event.message] += 1
+        if trace.attitudes and (warnings := vehicle.checks.words):
+            step_s = 1e-6 * (attitude.time_us - trace.attitudes[-1].time_us)
+            trace.warned_s.update(dict.fromkeys(warnings, step_s))
         trace.arrivals_us.extend((event.arrival_us,))
         trace.attitudes.append(attitude)
         trace.samples.append(sample)
