@@ -1,8 +1,9 @@
 """The figures of ``fuzzbee calibrate``: a log's compass beside the World Magnetic Model."""
 
 from collections.abc import Iterator
-from math import atan2, cos, degrees
+from math import atan2, cos, degrees, radians, sin
 from pathlib import Path
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -11,21 +12,23 @@ from drivers.logs.currents import currents
 from drivers.logs.open import open_log
 from drivers.logs.spill_file import blocks
 from drivers.logs.time_window import WHOLE_LOG, TimeWindow
-from drivers.mavlink.compass_parameters import corrected
+from drivers.mavlink.compass_parameters import Orientation, corrected, orientation
 from drivers.mavlink.constants import MAV_AUTOPILOT_ARDUPILOTMEGA
-from estimator.arrays import Floats
+from estimator.arrays import Bools, Floats
 from estimator.errors import InputError
 from estimator.geometry.earth import PlaceField
-from estimator.geometry.quaternion import conjugate, rotate
+from estimator.geometry.rotations import rotate_inverse
 from estimator.mounting import UNCHANGED
 from estimator.profile import Profile
 from estimator.types import DOWN
 from fuzzbee.replays.log_report import replay_log
 from fuzzbee.replays.trace import VehicleTrace
 from tuning.compass_fit import CompassFit, fit_compass
+from tuning.compass_orientation import compass_turn
 
 Rows = list[list[float]]
 
+HEADED_RAD = radians(15.0)  # sigma of a heading that the compass is judged by
 SETTLED = 0.1  # of the samples: the estimate has begun by then
 
 
@@ -33,7 +36,8 @@ class CompassReport(msgspec.Struct, frozen=True):
     """Schema of ``calibrate --json``; gauss, body axes.
 
     ``mounting`` holds the profile's keys, ``ardupilot`` the parameters to set. Where
-    ``ardupilot_adds`` the log does not say what was set: its OFS are to be added to that.
+    ``ardupilot_adds`` the log does not say what was set: its OFS are to be added to that. A compass
+    that sits otherwise than set has ``orientation``; ``mounting`` then holds that turn, too.
     ``heading_sigma_deg`` is what the offset's uncertainty makes of a level vehicle's heading.
     """
 
@@ -52,6 +56,7 @@ class CompassReport(msgspec.Struct, frozen=True):
     mounting: dict[str, list[float] | Rows]
     ardupilot: dict[str, float]
     ardupilot_adds: bool
+    orientation: str | None = None  # MAV_SENSOR_ORIENTATION that it should have, if another
 
 
 def report_compass(
@@ -71,18 +76,23 @@ def report_compass(
     )
     plain = msgspec.structs.replace(profile, mounting=bare)
     trace = replay_log(path, plain, system_id=system_id, window=window)
-    mag, down, current_a = _readings(trace, _current_a(path, trace))
-    if not len(mag):
+    readings = _readings(trace, _current_a(path, trace))
+    if not len(readings.mag):
         raise InputError(f"{path}: no magnetometer")
     field = field or trace.place_field
     if field is None:
         raise InputError(f"{path}: no position; --place LAT,LON says which field is there")
-    fit = fit_compass(mag, down, field, current_a)
+    turn = compass_turn(*readings.beside(field))
+    mag = readings.mag if turn is None else readings.mag @ turn.T
+    current_a = readings.current_a
+    fit = fit_compass(mag, readings.down, field, current_a)
     if fit is None:
         raise InputError(
             f"{path}: too few turns to find an offset: fly level through all headings, and tilt"
         )
     message = max(trace.imu_messages, key=lambda name: trace.imu_messages[name])
+    is_ardupilot = trace.autopilot in (None, MAV_AUTOPILOT_ARDUPILOTMEGA)
+    set_to = None if turn is None else orientation(turn, trace.compass, message)
     return CompassReport(
         source=str(path),
         message=message,
@@ -96,14 +106,24 @@ def report_compass(
         heading_sigma_deg=_heading_sigma_deg(fit, field.strength_gauss * cos(field.dip_rad)),
         misfit_gauss=fit.misfit_gauss,
         unseen=fit.unseen,
-        mounting=_mounting(fit, 0.0 if current_a is None else float(current_a.mean())),
-        ardupilot=(
-            corrected(trace.compass, message, fit.offset_gauss, fit.matrix, fit.current_gauss_a)
-            if trace.autopilot in (None, MAV_AUTOPILOT_ARDUPILOTMEGA)
-            else {}
-        ),
+        mounting=_mounting(fit, 0.0 if current_a is None else float(current_a.mean()), turn),
+        ardupilot=_ardupilot(trace, message, fit, turn, set_to) if is_ardupilot else {},
+        orientation=None if set_to is None else set_to.meaning,
         ardupilot_adds=not trace.compass,
     )
+
+
+def _ardupilot(
+    trace: VehicleTrace,
+    message: str,
+    fit: CompassFit,
+    turn: Floats | None,
+    set_to: Orientation | None,
+) -> dict[str, float]:
+    """What to set; offsets of a compass that is turned need another flight with it set right."""
+    if turn is None:
+        return corrected(trace.compass, message, fit.offset_gauss, fit.matrix, fit.current_gauss_a)
+    return {} if set_to is None else {set_to.parameter: float(set_to.value)}
 
 
 def toml_lines(report: CompassReport) -> Iterator[str]:
@@ -122,24 +142,48 @@ def toml_lines(report: CompassReport) -> Iterator[str]:
         yield "# soft iron: these turns show none"
     else:
         yield f"# sigma of the matrix: at most {np.max(report.matrix_sigma):.3f}"
+    if report.orientation is not None:
+        yield f"# the compass is turned: its orientation should be {report.orientation}"
+        yield "# set that, then calibrate by another flight; the matrix below is for this log"
     if report.unseen:
         yield f"# not flown: the field never came within 45 deg of {', '.join(report.unseen)}"
     yield "[mounting]"
     for key, value in report.mounting.items():
         yield f"{key} = {value}"
     if report.ardupilot:
-        adds = "; the log does not say what was set: add OFS to that" * report.ardupilot_adds
+        unknown = "; the log does not say what was set: add OFS to that"
+        if report.orientation is not None:
+            unknown = "; the log does not say what was set: taken for NONE"
+        adds = unknown * report.ardupilot_adds
         yield f"# ArduPilot, to be looked at before use{adds}:"
     for name, number in report.ardupilot.items():
-        digits = 0 if "MOTCT" in name else 1 if "OFS" in name else 4
+        digits = 0 if "MOTCT" in name or "ORIENT" in name else 1 if "OFS" in name else 4
         yield f"# {name} {number:.{digits}f}"
 
 
-def _readings(
-    trace: VehicleTrace, current_a: Floats | None
-) -> tuple[Floats, Floats, Floats | None]:
-    """The field and the vertical (N, 3) in body axes, and the current, of samples with a field."""
-    found: list[tuple[Floats, Floats, Floats]] = []
+class _Readings(NamedTuple):
+    """The field and the vertical (N, 3) in body axes, attitudes (N, 4), and the current (N,).
+
+    ``is_headed`` (N,) tells where velocity has shown the heading.
+    """
+
+    mag: Floats
+    down: Floats
+    q_ned_frd: Floats
+    is_headed: Bools
+    current_a: Floats | None
+
+    def beside(self, field: PlaceField) -> tuple[Floats, Floats]:
+        """Readings where velocity has shown the heading, and the place's field there (M, 3)."""
+        level = field.strength_gauss * cos(field.dip_rad)
+        north, east = level * cos(field.declination_rad), level * sin(field.declination_rad)
+        ned = (north, east, field.strength_gauss * sin(field.dip_rad))
+        return self.mag[self.is_headed], rotate_inverse(self.q_ned_frd[self.is_headed], ned)
+
+
+def _readings(trace: VehicleTrace, current_a: Floats | None) -> _Readings:
+    """Those of all samples with a field, once the estimate has begun."""
+    found: list[tuple[Floats, ...]] = []
     for rows in blocks(len(trace.attitudes)):
         mag, q = trace.samples.column("mag_gauss", rows), trace.column("q_ned_frd", rows)
         there = (
@@ -148,12 +192,19 @@ def _readings(
             & np.isfinite(mag).all(axis=1)
             & np.isfinite(q).all(axis=1)
         )
-        down = [rotate(conjugate((w, x, y, z)), DOWN) for w, x, y, z in q[there].tolist()]
-        current = np.zeros(len(down)) if current_a is None else current_a[rows][there]
-        found.append((mag[there], np.array(down).reshape(-1, 3), current))
+        is_headed = (
+            (trace.column("sigma_heading_rad", rows) < HEADED_RAD)
+            & (trace.attitudes.norths(rows) == "true")
+            & (trace.aided.rows(rows) > 0)
+        )
+        current = np.zeros(there.sum()) if current_a is None else current_a[rows][there]
+        down = rotate_inverse(q[there], DOWN)
+        found.append((mag[there], down, q[there], is_headed[there], current))
     settled = int(SETTLED * sum(len(part[0]) for part in found))
-    mag, down_b, current = (np.concatenate(each)[settled:] for each in zip(*found, strict=True))
-    return mag, down_b, None if current_a is None else current
+    mag, down, q, headed, current = (
+        np.concatenate(each)[settled:] for each in zip(*found, strict=True)
+    )
+    return _Readings(mag, down, q, headed > 0, None if current_a is None else current)
 
 
 def _current_a(path: Path, trace: VehicleTrace) -> Floats | None:
@@ -170,14 +221,19 @@ def _listed(values: Floats | None) -> list[float] | None:
     return None if values is None else values.tolist()
 
 
-def _mounting(fit: CompassFit, usual_a: float) -> dict[str, list[float] | Rows]:
+def _mounting(
+    fit: CompassFit, usual_a: float, turn: Floats | None
+) -> dict[str, list[float] | Rows]:
     """The profile's keys; it knows no current, so that the usual one's field counts as iron."""
     offset = fit.offset_gauss
     if fit.current_gauss_a is not None:
         offset = offset + usual_a * fit.current_gauss_a
+    matrix = fit.matrix
+    if turn is not None:  # S (R m - b) = S R (m - R^T b)
+        offset, matrix = turn.T @ offset, turn if matrix is None else matrix @ turn
     keys: dict[str, list[float] | Rows] = {"mag_offset_gauss": offset.round(5).tolist()}
-    if fit.matrix is not None:
-        keys["mag_matrix"] = fit.matrix.round(5).tolist()
+    if matrix is not None:
+        keys["mag_matrix"] = matrix.round(5).tolist()
     return keys
 
 

@@ -7,16 +7,22 @@ MOT I for a current I if COMPASS_MOTCT is 2: of S (m - b - c I), ``MOT' = S (MOT
 """
 
 from collections.abc import Mapping
+from math import radians
+from typing import NamedTuple
 
 import numpy as np
 
 from drivers.mavlink.ardupilot import COMPASS
+from drivers.mavlink.dialect import mavlink
 from estimator.arrays import Floats
+from estimator.geometry.frames import from_euler_rad
+from estimator.geometry.rotations import rotate
 
 AXES = "XYZ"
 MILLIGAUSS = 1e3  # in a gauss
 NUMBERS = {"SCALED_IMU2": "2", "SCALED_IMU3": "3"}  # other messages carry the first compass
 MOTORS, BY_CURRENT = f"{COMPASS}MOTCT", 2.0
+ROTATION = "MAV_SENSOR_ROTATION_"
 OFF_DIAGONAL = ((0, 1), (0, 2), (1, 2))  # of ODI_X, ODI_Y and ODI_Z
 
 
@@ -58,3 +64,44 @@ def corrected(
         for name, three in told.items()
         for axis, value in zip(AXES, three, strict=True)
     }
+
+
+class Orientation(NamedTuple):
+    """A parameter, its value, and what MAV_SENSOR_ORIENTATION calls that."""
+
+    parameter: str
+    value: int
+    meaning: str
+
+
+def orientation(turn: Floats, was: Mapping[str, float], message: str) -> Orientation | None:
+    """The COMPASS_ORIENT of a compass whose readings ``turn`` (3, 3) takes into the body's axes.
+
+    None if that is no multiple of right angles (MAV_SENSOR_ORIENTATION), or a custom one was set.
+    """
+    number = NUMBERS.get(message, "")
+    name = f"{COMPASS}ORIENT{number}"
+    known = {value: R for value, _, R in _rotations()}
+    before = known.get(int(was.get(name, 0.0)))
+    if before is None:
+        return None
+    wanted = turn @ before
+    for value, meaning, R in _rotations():
+        if np.allclose(R, wanted):
+            return Orientation(name, value, meaning)
+    return None
+
+
+def _rotations() -> list[tuple[int, str, Floats]]:
+    """Number, name and matrix (sensor to body) of each orientation by right angles."""
+    found: list[tuple[int, str, Floats]] = []
+    for value, entry in mavlink().enums["MAV_SENSOR_ORIENTATION"].items():
+        words = entry.name.removeprefix(ROTATION).split("_")
+        angles = dict(zip(words[::2], words[1::2], strict=False))
+        if words != ["NONE"] and not all(each.isdigit() for each in words[1::2]):
+            continue
+        degrees = [int(angles.get(axis, 0)) for axis in ("ROLL", "PITCH", "YAW")]
+        if entry.name.startswith(ROTATION) and not any(each % 90 for each in degrees):
+            q = np.array([from_euler_rad(*map(radians, degrees))] * 3)
+            found.append((value, "_".join(words), rotate(q, np.eye(3)).T.round()))
+    return found

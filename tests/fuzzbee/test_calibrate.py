@@ -60,6 +60,36 @@ def test_what_the_current_adds_is_told_apart(tmp_path, capsys):
     assert [told[f"COMPASS_MOT_{axis}"] for axis in "XYZ"] == pytest.approx((-found).tolist())
 
 
+TURNS = {
+    "YAW_90": (2, [[0, -1, 0], [1, 0, 0], [0, 0, 1]]),
+    "ROLL_180": (8, [[1, 0, 0], [0, -1, 0], [0, 0, -1]]),
+    "YAW_180": (4, [[-1, 0, 0], [0, -1, 0], [0, 0, 1]]),
+}
+
+
+@pytest.mark.parametrize("name", TURNS)
+def test_a_compass_that_is_turned_is_turned_back(tmp_path, capsys, name):
+    """By the plane's velocity; MAV_SENSOR_ORIENTATION has the numbers."""
+    number, turn = TURNS[name]
+    others = ("SCALED_IMU2", "SCALED_IMU3")
+    log = with_iron(PLANE, tmp_path / "turned.tlog", np.zeros(3), np.array(turn), left_out=others)
+    report = json.loads(said(capsys, "calibrate", log, "--json"))
+    assert report["orientation"] == name
+    assert report["ardupilot"] == {"COMPASS_ORIENT": number}
+    printed = said(capsys, "calibrate", log)
+    assert f"should be {name}" in printed
+    (tmp_path / "mine.toml").write_text(printed)
+    errors = [
+        json.loads(said(capsys, "replay", each, "--profile", profile, "--json"))["error_deg"]
+        for each, profile in ((PLANE, "imu"), (log, tmp_path / "mine.toml"))
+    ]
+    assert errors[1]["heading_rms"] < 1.2 * errors[0]["heading_rms"]
+
+
+def test_a_compass_in_its_place_has_no_other(capsys):
+    assert json.loads(said(capsys, "calibrate", PLANE, "--json"))["orientation"] is None
+
+
 def test_json_names_what_was_not_flown(capsys):
     report = json.loads(said(capsys, "calibrate", PLANE, "--json"))
     assert report["unseen"] == ["bottom", "tail"]
