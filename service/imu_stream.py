@@ -17,7 +17,7 @@ import msgspec
 
 from drivers.events import Imu, Report, Shed
 from drivers.mavlink.imu_messages import imu_rank
-from drivers.samples.preference import report_rank
+from drivers.samples.navigation import report_rank
 from drivers.value import Value
 from estimator.types import ImuSample, VelocitySample
 from service import health

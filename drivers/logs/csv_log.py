@@ -11,8 +11,8 @@ from drivers.logs.csv_columns import Columns, Part, columns, description
 from drivers.logs.csv_text import CsvText, csv_rows, csv_text
 from drivers.logs.log_file import LATEST_US, LogFile
 from drivers.logs.logged_vehicle import LoggedVehicle
-from drivers.samples.fix import Fix
-from drivers.samples.rotation import quaternion_from_euler, unit_or_none
+from drivers.samples.attitudes import quaternion_from_euler, unit_or_none
+from drivers.samples.navigation import Fix
 from drivers.samples.vehicle_clock import TimeField
 from estimator.errors import InputError
 from estimator.geometry.frames import ned_frd_from_enu_flu

@@ -16,9 +16,8 @@ from drivers.logs.log_file import LogFile, Window, windowed
 from drivers.logs.logged_vehicle import LoggedVehicle
 from drivers.mavlink import constants as mav
 from drivers.mavlink.ardupilot import SYSTEM_ID
-from drivers.samples.fix import Fix
-from drivers.samples.navigation import filter_status
-from drivers.samples.rotation import quaternion_from_euler, unit_or_none
+from drivers.samples.attitudes import quaternion_from_euler, unit_or_none
+from drivers.samples.navigation import Fix, filter_status
 from drivers.samples.vehicle_clock import TimeField
 from estimator.types import Quaternion
 

@@ -7,11 +7,10 @@ from collections.abc import Callable
 from typing import Any, Literal
 
 from drivers.events import Event, FilterStatus, VehicleId
-from drivers.samples.fix import Fix
 from drivers.samples.fresh_field import LoggedField
 from drivers.samples.imu_stream import Stamp
 from drivers.samples.intake import Intake
-from drivers.samples.navigation import Navigation
+from drivers.samples.navigation import Fix, Navigation
 from drivers.samples.vehicle_clock import TimeField
 from estimator.types import Quaternion, Vec3
 

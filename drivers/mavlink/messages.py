@@ -11,11 +11,10 @@ from typing import Any, NamedTuple
 
 from drivers.events import Event
 from drivers.mavlink import constants as mav
-from drivers.samples.fix import Fix
+from drivers.samples.attitudes import quaternion_from_euler, unit_or_none
 from drivers.samples.imu_stream import Stamp
 from drivers.samples.intake import Intake
-from drivers.samples.navigation import filter_status
-from drivers.samples.rotation import quaternion_from_euler, unit_or_none
+from drivers.samples.navigation import Fix, filter_status
 from drivers.samples.vehicle_clock import TimeField
 from estimator.types import Quaternion, Vec3
 

@@ -5,8 +5,8 @@ from typing import Literal, NamedTuple
 from drivers.events import Event, Imu, Notice, Rejected, TrackLost, VehicleId
 from drivers.samples.fresh_field import FreshField, finite_or_zero
 from drivers.samples.plausibility import AXES_COMPLAINT, Plausibility, imu_refusal, is_field
-from drivers.samples.readings import Readings
 from drivers.samples.sensor_faults import SensorFaults
+from drivers.samples.stuck import Readings
 from drivers.samples.vehicle_clock import Placed, Refused, TimeField
 from drivers.value import Value
 from estimator.reasons import Reason

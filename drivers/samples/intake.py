@@ -21,13 +21,11 @@ from drivers.events import (
     VehicleId,
     Velocity,
 )
-from drivers.samples.fix import Fix, velocity_sample
+from drivers.samples.attitudes import Source, UnstampedAttitudes
 from drivers.samples.fresh_field import FreshField, RepeatedField
 from drivers.samples.imu_stream import ImuStream, Stamp
-from drivers.samples.navigation import Navigation
+from drivers.samples.navigation import Fix, Navigation, is_receiver, velocity_sample
 from drivers.samples.plausibility import is_place
-from drivers.samples.preference import is_receiver
-from drivers.samples.unstamped import Source, UnstampedAttitudes
 from drivers.samples.vehicle_clock import Placed, Refused, VehicleClock
 from estimator.reasons import Reason
 from estimator.types import Quaternion, RateSample, Vec3, VelocitySample

@@ -6,21 +6,13 @@ refused only if what the other sensors say cannot be true beside them.
 """
 
 from dataclasses import dataclass, field
-from math import pi
+from math import cos, log, pi, sin
+from typing import NamedTuple
 
-from drivers.samples.readings import STUCK_SAMPLES, STUCK_US, Readings, Repetition
-from drivers.samples.steady_turn import (
-    apart_rad,
-    carries_weight,
-    field_contradicts,
-    largest,
-    vector_after_turn,
-)
-from estimator.geometry.quaternion import norm
+from estimator.geometry.quaternion import dot, norm, subtract
 from estimator.reasons import Reason
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec3
 
-NOTHING = Readings(ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
 MICROSECOND = 1e-6
 HELD_US = 2_000_000  # unlikely readings at most; by then it is known whether it is stuck
 FROZEN_US = 300_000  # so long a moving gyroscope does not repeat itself while others do not
@@ -36,6 +28,75 @@ MOVING_GYR_RAD_S = 0.05
 MOVING_ACC_M_S2 = 0.5
 MOVING_RAD = 0.1
 TOLD_RAD = 0.05  # a turn so far is told from noise
+NOISY_SAMPLES = 50  # that many changes before prove that a sensor has noise
+STUCK_SAMPLES = 20  # equal readings
+STUCK_US = 500_000
+SHARE_CHANGES = 200  # the share of equal readings goes back over so many changes
+# Equal readings are unlikely where chance would bring so many in a row less than once in 1e8
+# times. So rarely, since a smooth motion in coarse digits repeats itself more often than chance.
+BY_CHANCE = 1e-8
+HELD_SAMPLES = 3  # at least
+WEIGHT_M_S2 = 0.5  # from 1 g, of the force along the axis of a steady turn
+FIELD_OFF = 0.17  # of the field's strength, that it may be elsewhere than the rate says
+FIELD_OFF_SHARE = 0.5  # or so much of the way that the rate says: hard iron bends it
+FIELD_LATE_S = 0.15  # magnetometers follow 0.1 s late, in steps
+FIELD_WAY = 0.5  # of the field's strength: having gone so far as the rate says, it begins anew
+MAG_STUCK_SAMPLES = 20
+MAG_STUCK_US = 2_000_000
+MAG_TURN_RAD = 0.5  # turned so far, the field cannot be what it was
+
+
+class Readings(NamedTuple):
+    """One IMU message's vectors."""
+
+    gyr_rad_s: Vec3
+    acc_m_s2: Vec3
+    mag_gauss: Vec3
+
+
+NOTHING = Readings(ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
+
+
+@dataclass(slots=True)
+class Repetition:
+    """Counts a sensor's equal readings, and knows how often it repeats itself.
+
+    ``is_proven`` is for whoever finds that what is repeated cannot be true; the next change of the
+    reading takes it back.
+    """
+
+    changes: int = 0
+    equal: int = 0  # readings since the last change
+    begin_us: int = 0  # when they began
+    is_proven: bool = False
+    changed: float = 1.0  # pairs of readings, lately
+    repeated: float = 1.0
+
+    def observe(self, raw_us: int, *, repeats: bool) -> None:
+        """Take a reading's time, and whether it repeats the last."""
+        if repeats:
+            self.equal += 1
+            self.begin_us = min(self.begin_us, raw_us)  # the clock may have begun anew
+            return
+        self.changes += 1
+        if self.changed >= SHARE_CHANGES:
+            self.changed *= 0.5
+            self.repeated *= 0.5
+        self.changed += 1.0
+        self.repeated += self.equal
+        self.equal, self.begin_us, self.is_proven = 0, raw_us, False
+
+    def is_long(self, raw_us: int) -> bool:
+        """Whether a noisy sensor has repeated itself for long enough to look closer."""
+        is_long = self.equal >= STUCK_SAMPLES and raw_us - self.begin_us >= STUCK_US
+        return is_long and self.changes >= NOISY_SAMPLES
+
+    def is_unlikely(self) -> bool:
+        """Whether chance does not explain the equal readings."""
+        if self.equal < HELD_SAMPLES or self.changes < NOISY_SAMPLES:
+            return False
+        share = self.repeated / (self.repeated + self.changed)
+        return self.equal * log(share) < log(BY_CHANCE)
 
 
 @dataclass(slots=True)
@@ -158,3 +219,89 @@ class StuckImu:
         if largest(gyr) > MOVING_GYR_RAD_S:
             return True
         return max(apart_rad(begin.acc_m_s2, acc), apart_rad(*mags)) > MOVING_RAD
+
+
+@dataclass(slots=True)
+class StuckField:
+    """Finds a field that does not follow the vehicle's turning."""
+
+    changes: int = 0
+    equal: int = 0
+    since_us: int = 0
+    turn_rad: float = 0.0  # without a new field
+    is_stuck: bool = False  # by the last reading
+
+    def observe(self, now: Readings, last: Readings, raw_us: int, step_us: int) -> None:
+        """Take the reading behind ``last``."""
+        mag = now.mag_gauss
+        if mag != last.mag_gauss or mag == ZERO_VEC3:
+            self.changes += 1
+            self.equal, self.since_us, self.turn_rad = 0, raw_us, 0.0
+            self.is_stuck = False
+            return
+        self.equal += 1
+        step_s = MICROSECOND * min(max(step_us, 0), MAG_STUCK_US)
+        self.turn_rad += step_s * largest(now.gyr_rad_s)
+        self.is_stuck = (
+            self.turn_rad >= MAG_TURN_RAD
+            and raw_us - self.since_us >= MAG_STUCK_US
+            and self.equal >= MAG_STUCK_SAMPLES
+            and self.changes >= NOISY_SAMPLES
+        )
+
+
+def largest(v: Vec3) -> float:
+    """The largest part of a vector, without its sign."""
+    return max(abs(v[0]), abs(v[1]), abs(v[2]))
+
+
+def apart_rad(one: Vec3, other: Vec3) -> float:
+    """About the angle between two directions, up to 2 for opposite ones; 0 if one is no vector."""
+    a, b = norm(one), norm(other)
+    if a == 0.0 or b == 0.0:
+        return 0.0
+    x, y, z = one[0] / a - other[0] / b, one[1] / a - other[1] / b, one[2] / a - other[2] / b
+    return norm((x, y, z))
+
+
+def field_contradicts(
+    before_gauss: Vec3, mag_gauss: Vec3, gyr_rad_s: Vec3, span_s: float
+) -> tuple[bool, bool]:
+    """Whether a field is not where the rate has turned it in a time; whether it is well on its way.
+
+    Then it is to be watched from here on.
+    """
+    strength = norm(before_gauss)
+    expected = vector_after_turn(before_gauss, gyr_rad_s, span_s)
+    way = norm(subtract(expected, before_gauss)) / strength
+    off = norm(subtract(expected, mag_gauss)) / strength
+    allowed = max(FIELD_OFF + FIELD_LATE_S * norm(gyr_rad_s), FIELD_OFF_SHARE * way)
+    return off > allowed, way >= FIELD_WAY
+
+
+def carries_weight(acc_m_s2: Vec3, gyr_rad_s: Vec3) -> bool:
+    """Whether the force is that of a turn that may go on for ever, as it is and at that rate.
+
+    In the mean over the turn its part along the axis is left, and must hold the vehicle up.
+    """
+    rate_rad_s = norm(gyr_rad_s)
+    if rate_rad_s == 0.0:
+        return False
+    along = dot(acc_m_s2, gyr_rad_s) / rate_rad_s
+    return abs(abs(along) - STANDARD_GRAVITY_M_S2) <= WEIGHT_M_S2
+
+
+def vector_after_turn(vector: Vec3, gyr_rad_s: Vec3, span_s: float) -> Vec3:
+    """A body vector of something fixed, after turning at that rate (Rodrigues, by -w t)."""
+    rate_rad_s = norm(gyr_rad_s)
+    if rate_rad_s == 0.0:
+        return vector
+    x, y, z = gyr_rad_s[0] / rate_rad_s, gyr_rad_s[1] / rate_rad_s, gyr_rad_s[2] / rate_rad_s
+    a, b, c = vector
+    sine, cosine = sin(rate_rad_s * span_s), cos(rate_rad_s * span_s)
+    along = (1.0 - cosine) * (x * a + y * b + z * c)
+    return (
+        cosine * a + sine * (b * z - c * y) + along * x,
+        cosine * b + sine * (c * x - a * z) + along * y,
+        cosine * c + sine * (a * y - b * x) + along * z,
+    )

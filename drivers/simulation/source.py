@@ -20,7 +20,7 @@ from drivers.events import (
 )
 from drivers.mavlink import constants as mav
 from drivers.player import Player
-from drivers.samples.fix import Fix, velocity_sample
+from drivers.samples.navigation import Fix, velocity_sample
 from drivers.simulation.autopilot import HEARTBEAT_US, PARAMETERS, SLOW_US, velocity_told
 from drivers.simulation.flight import geodetic
 from drivers.simulation.simulated_vehicle import Sample, SimulatedVehicle

@@ -16,10 +16,10 @@ from drivers.events import (
     VehicleId,
     Velocity,
 )
-from drivers.samples.fix import Fix
 from drivers.samples.fresh_field import LoggedField
 from drivers.samples.imu_stream import Stamp
 from drivers.samples.intake import MOST_STREAMS, Intake
+from drivers.samples.navigation import Fix
 from drivers.samples.vehicle_clock import TimeField
 from estimator.reasons import Reason
 from estimator.types import IDENTITY, STANDARD_GRAVITY_M_S2, ZERO_VEC3

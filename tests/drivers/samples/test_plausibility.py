@@ -2,8 +2,8 @@
 
 import pytest
 
-from drivers.samples.fix import Fix
 from drivers.samples.fresh_field import RepeatedField
+from drivers.samples.navigation import Fix
 from drivers.samples.plausibility import AXES_COMPLAINT, SPACING_US, Plausibility
 from estimator.types import ImuSample
 

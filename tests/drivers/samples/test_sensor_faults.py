@@ -5,8 +5,8 @@ import random
 
 import pytest
 
-from drivers.samples.readings import Readings
 from drivers.samples.sensor_faults import SensorFaults
+from drivers.samples.stuck import Readings
 from estimator.reasons import Reason
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3
 
