@@ -2,12 +2,12 @@
 
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any
-from wsgiref.simple_server import WSGIRequestHandler, WSGIServer, make_server
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 from estimator.errors import InputError, missing_extra
 from service.health import State
+from service.http_door import Answer, HttpDoor
 from service.records import AttitudeRecord, Departed, Output, Published, StatusRecord, vehicle_name
 from service.second_opinion import Verdict
 
@@ -31,18 +31,6 @@ OF_ATTITUDE: tuple[tuple[str, str, Callable[[AttitudeRecord], float]], ...] = (
 )
 
 
-class _Server(WSGIServer):
-    def handle_error(self, request: Any, client_address: Any) -> None:
-        """Whoever leaves or says nothing is no error."""
-
-
-class _Handler(WSGIRequestHandler):
-    timeout = 1.0  # s, for who asks nothing
-
-    def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 - its name there
-        """Nothing."""
-
-
 class MetricsSink:
     """Serves ``http://127.0.0.1:PORT/metrics``; ``now_s`` is a monotonic clock, for the ages.
 
@@ -56,28 +44,27 @@ class MetricsSink:
 
     def __init__(self, port: int, now_s: Callable[[], float] = time.monotonic) -> None:
         try:
-            from prometheus_client import CollectorRegistry, make_wsgi_app
+            from prometheus_client import CollectorRegistry
         except ImportError:
             raise missing_extra("--metrics", "metrics") from None
         self._now_s = now_s
         self._lock = threading.Lock()
         self._attitudes: dict[str, tuple[AttitudeRecord, float]] = {}
         self._statuses: dict[str, StatusRecord] = {}
-        registry = CollectorRegistry(auto_describe=False)
-        registry.register(self)
+        # One answer at a time: of thousands of vehicles it takes long, and must not take all of it.
+        self._answering = threading.Lock()
+        self._registry = CollectorRegistry(auto_describe=False)
+        self._registry.register(self)
         try:
-            self._server = make_server(HOST, port, make_wsgi_app(registry), _Server, _Handler)
+            self._door = HttpDoor(self.name, (HOST, port), self._respond)
         except (OSError, OverflowError) as error:
             reason = getattr(error, "strerror", None) or str(error)
             raise InputError(f"--metrics {port}: {reason}; choose another port") from error
-        # One answer at a time: of thousands of vehicles it takes long, and must not take all of it.
-        self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
-        self._thread.start()
 
     @property
     def port(self) -> int:
         """The port in use."""
-        return int(self._server.server_port)
+        return self._door.address[1]
 
     def handle(self, outputs: Sequence[Output]) -> None:
         """Remember the latest records; who is lost comes last."""
@@ -98,9 +85,15 @@ class MetricsSink:
 
     def close(self) -> None:
         """End the server."""
-        self._server.shutdown()
-        self._server.server_close()
-        self._thread.join()
+        self._door.close()
+
+    def _respond(self, _target: str, headers: Mapping[str, str]) -> Answer:
+        """All metrics, in the format that the scraper asks for."""
+        from prometheus_client.exposition import choose_encoder
+
+        encode, kind = choose_encoder(headers.get("Accept", ""))
+        with self._answering:
+            return Answer(kind, encode(self._registry))
 
     def collect(self) -> "Iterator[Metric]":
         """All metrics for one scrape. A lost vehicle's attitude is left out but for its age.

@@ -13,8 +13,9 @@ import pytest
 
 from drivers.events import VehicleId
 from estimator.errors import InputError
-from fuzzbee.web.server import MOST_PAGES, Address, WebPage, open_page, parse_address
+from fuzzbee.web.server import Address, WebPage, open_page, parse_address
 from service.health import State
+from service.http_door import MOST_CONNECTIONS, STREAM_PART
 from service.records import Departed, Published, StatusRecord
 from tests.fuzzbee import browser
 from tests.service.records import differing, record
@@ -134,9 +135,11 @@ def test_only_pages_of_this_computer_are_served(page, path, host, status):
 
 def test_the_number_of_open_pages_is_bounded(page):
     with ExitStack() as stack:
-        opened = [stack.enter_context(asked(page, "/events")) for _ in range(MOST_PAGES)]
+        most = int(STREAM_PART * MOST_CONNECTIONS)
+        opened = [stack.enter_context(asked(page, "/events")) for _ in range(most)]
         assert {answer.status for answer in opened} == {200}
         assert stack.enter_context(asked(page, "/events")).status == 503
+        assert stack.enter_context(asked(page, "/vehicles")).status == 200
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,101 @@
+"""The budget of the page's and the metrics' server, over real sockets."""
+
+import http.client
+import resource
+import socket
+import time
+from contextlib import ExitStack, closing, suppress
+
+import pytest
+
+from service import http_door
+from service.http_door import Answer, HttpDoor, most_connections
+
+HELLO = b"GET /hello HTTP/1.1\r\nHost: localhost\r\n\r\n"
+
+
+@pytest.fixture
+def door():
+    with closing(HttpDoor("test", ("127.0.0.1", 0), respond)) as made:
+        yield made
+
+
+def respond(target, headers):
+    return Answer("text/plain", b"hello") if target == "/hello" else None
+
+
+def connected(door):
+    return socket.create_connection(door.address, 20.0)
+
+
+def status(door, method="GET", host="localhost"):
+    with closing(http.client.HTTPConnection(*door.address, timeout=20)) as connection:
+        connection.request(method, "/hello", headers={"Host": host})
+        answer = connection.getresponse()
+        return answer.status, answer.read()
+
+
+def descriptors(monkeypatch, limit):
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (limit, limit))
+
+
+@pytest.mark.parametrize(
+    ("limit", "most"),
+    [(4, 1), (64, 8), (1024, 40), (resource.RLIM_INFINITY, 40)],
+)
+def test_a_door_leaves_descriptors_to_links_and_records(limit, most, monkeypatch):
+    descriptors(monkeypatch, limit)
+    assert most_connections() == most
+
+
+def test_a_header_that_never_ends_is_cut_off_though_bytes_go_on_coming(door, monkeypatch):
+    monkeypatch.setattr(http_door, "REQUEST_S", 1.0)
+    with connected(door) as slow:
+        slow.sendall(b"GET /hello HTTP/1.1\r\nX: ")
+        slow.settimeout(0.2)
+        for _ in range(100):  # 20 s, of which each byte is in time
+            with suppress(OSError):
+                slow.sendall(b"x")
+            try:
+                assert slow.recv(100) == b""
+            except TimeoutError:
+                continue
+            except ConnectionError:
+                pass
+            break
+        else:
+            pytest.fail("it may still send")
+
+
+def test_the_silent_take_no_more_than_their_places_and_keep_nobody_waiting(monkeypatch):
+    descriptors(monkeypatch, 64)
+    with closing(HttpDoor("test", ("127.0.0.1", 0), respond)) as door, ExitStack() as stack:
+        for _ in range(7):
+            stack.enter_context(connected(door))
+        assert status(door) == (200, b"hello")
+        silent = [stack.enter_context(connected(door)) for _ in range(62)]
+        assert silent[-1].recv(1) == b""  # no place
+        stack.close()
+        for _ in range(100):
+            with suppress(ConnectionError, http.client.BadStatusLine):
+                assert status(door) == (200, b"hello")
+                break
+            time.sleep(0.1)
+        else:
+            pytest.fail("the places are not given back")
+
+
+@pytest.mark.parametrize("method", ["GET", "HEAD"])
+@pytest.mark.parametrize(("host", "expected"), [("[::1]:80", 200), ("evil.example", 403)])
+def test_a_foreign_name_is_refused(door, method, host, expected):
+    got, content = status(door, method, host)
+    assert got == expected
+    assert (content == b"") == (method == "HEAD")
+
+
+def test_who_leaves_is_no_error(door, capfd):
+    connected(door).close()
+    with connected(door) as leaving:
+        leaving.sendall(HELLO)
+    assert status(door) == (200, b"hello")
+    assert capfd.readouterr().err == ""
