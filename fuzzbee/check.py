@@ -44,6 +44,7 @@ def check(options: CheckOptions) -> None:
 
     from estimator.profile import load_profile
     from fuzzbee.replays.log_check import check_log
+    from fuzzbee.say import say
 
     load_profile(options.profile)  # refused before the work
     window = time_window(options.begin, options.end)
@@ -51,6 +52,9 @@ def check(options: CheckOptions) -> None:
     work = partial(check_log, profile=options.profile, window=window)
     found = sorted(_checked(paths, work), key=lambda each: each.rank, reverse=True)
     if options.as_json:
+        for each in found:
+            if each.fault:
+                say(each.fault)
         print(msgspec.json.encode({"logs": [each._asdict() for each in found]}).decode())
     else:
         for each in found:

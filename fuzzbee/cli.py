@@ -8,6 +8,7 @@ from fuzzbee import sigint_guard  # noqa: I001 - before all others
 
 import atexit
 import errno
+import io
 import os
 import signal
 import sys
@@ -21,7 +22,7 @@ from typing import Any
 from estimator.compilation.notice import tell_compiling
 from estimator.errors import InputError
 from fuzzbee.sigint_guard import ENDLESS, INTERRUPTED
-from drivers.output_file import NotWholeError
+from drivers.output_file import DISK_ERRORS, NotWholeError
 from fuzzbee.say import say
 from fuzzbee.environment import lacking_of_processor, settle_environment
 from service.signals import interrupted_by, terminate_like_interrupt
@@ -30,6 +31,7 @@ sigint_guard.end()
 
 OK, FAILED, BAD_INPUT = 0, 1, 2
 STANDARD_ERROR = 2
+UNWRITABLE = DISK_ERRORS | {errno.EBADF}  # of a standard output that is full or closed
 LEAST_ALIKE = 0.7  # of an option that is suggested
 # Names of threads that may hang: a sink on a stopped terminal, the compiler, a session that waits
 # for a silent peer.
@@ -76,6 +78,8 @@ def _status(arguments: list[str]) -> int:
             return _fail(
                 f"{error.filename}: {error.strerror}", BAD_INPUT
             )  # any option may cause it
+        if isinstance(error, OSError) and error.errno in UNWRITABLE and error.filename is None:
+            return _fail(f"standard output: {error.strerror}", FAILED)
         if "-v" in arguments or "--verbose" in arguments:
             import traceback
 
@@ -158,9 +162,19 @@ def _replace_closed_streams() -> None:
         os.set_inheritable(number, True)
     os.close(number)
     if sys.stdout is None:
-        sys.stdout = Path(os.devnull).open("w")  # noqa: SIM115 - for as long as the process lives
+        # a service goes on; of other verbs the output is what they are for
+        is_service = _is_endless(sys.argv[1:])
+        sys.stdout = Path(os.devnull).open("w") if is_service else _ClosedOutput()  # noqa: SIM115
     if sys.stderr is None:
         sys.stderr = Path(os.devnull).open("w")  # noqa: SIM115
+
+
+class _ClosedOutput(io.TextIOBase):
+    """Stands for a standard output that was closed before the start."""
+
+    def write(self, _text: str, /) -> int:
+        """Raise OSError: nobody would ever see it."""
+        raise OSError(errno.EBADF, "it is closed")
 
 
 def _write_what_can_be_written() -> None:

@@ -89,7 +89,10 @@ def test_as_json(capsys, season):
 
 
 def test_a_log_that_cannot_be_read_is_no_success(capsys, season):
-    assert check(capsys, season / "broken.tlog")[0] == 2
+    status, out, err = check(capsys, season / "broken.tlog", "--json")
+    assert status == 2
+    assert "no MAVLink frame" in json.loads(out)["logs"][0]["fault"]
+    assert err.count("\n") == 1
 
 
 @pytest.mark.parametrize("given", ["missing.tlog", "."])

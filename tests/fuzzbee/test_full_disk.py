@@ -64,3 +64,37 @@ def test_an_export_that_finds_no_room_is_status_1_and_leaves_nothing(tmp_path, o
     assert err.count("\n") == 1
     assert f"{option} {file}: File too large, not written" in err
     assert list(tmp_path.iterdir()) == []
+
+
+def printed_to(redirection, *arguments):
+    """The status and the lines on standard error, with standard output as a shell redirects it."""
+    words = [sys.executable, "-m", "fuzzbee", *arguments]
+    done = subprocess.run(
+        ["/bin/sh", "-c", f'exec "$@" {redirection}', "sh", *words],
+        stderr=subprocess.PIPE,
+        text=True,
+        check=False,
+        timeout=600,
+    )
+    return done.returncode, [line for line in done.stderr.splitlines() if "vehicle 1" not in line]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs Linux's full device")
+@pytest.mark.parametrize("verb", [("replay", "--json"), ("check",), ("replay",)])
+def test_a_full_standard_output_is_status_1(verb):
+    status, lines = printed_to(">/dev/full", *verb, str(LOG))
+    assert status == 1
+    assert lines == ["fuzzbee: standard output: No space left on device"]
+
+
+@pytest.mark.parametrize("verb", [("replay", "--json"), ("check", "--json"), ("replay",)])
+def test_a_closed_standard_output_is_no_success(verb):
+    status, lines = printed_to(">&-", *verb, str(LOG))
+    assert status == 1
+    assert lines == ["fuzzbee: standard output: it is closed"]
+
+
+def test_a_service_does_without_its_standard_output():
+    """A supervisor may close it."""
+    status, _ = printed_to(">&-", "run", "sim:", "--seconds", "1", "--no-zenoh")
+    assert status == 0
