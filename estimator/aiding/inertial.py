@@ -266,9 +266,11 @@ def judge_sensor(P: Array, first: int, bias: Vec3, variance: float, R: Array, le
 @inlined
 def usual_variances(params: AidingParams, state: AidingState) -> ErrorVariances:
     """Of either source's slow error, per component, as long as nothing has happened to it."""
+    pushed = state.last.force_ned_m_s2
+    turning = params.filter_turning_s**2 * (pushed[0] ** 2 + pushed[1] ** 2)
     by_filter, by_receiver = state.agreement
     return ErrorVariances(
-        by_filter=params.filter_error_m_s**2 * max(1.0, by_filter.scatter.noise_scale),
+        by_filter=(params.filter_error_m_s**2 + turning) * max(1.0, by_filter.scatter.noise_scale),
         by_receiver=params.receiver_error_m_s**2 * max(1.0, by_receiver.scatter.noise_scale),
     )
 

@@ -70,6 +70,7 @@ class AidingParams(NamedTuple):
     # Velocity reports.
     filter_noise_m_s: Speed = 0.05  # of a report by an autopilot's filter
     filter_error_m_s: Speed = 0.2  # its slow error; small: follows it, large: the receiver
+    filter_turning_s: Lag = 0.03  # for each m/s^2 of horizontal acceleration, beside that
     receiver_noise_m_s: Speed = 0.1  # of a receiver's report
     receiver_error_m_s: Speed = 0.15  # its slow error; small: follows it, large: the filter
     error_tau_s: Time = 5.0  # for so long either's slow error stays the same

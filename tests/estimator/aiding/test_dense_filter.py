@@ -165,10 +165,11 @@ def test_prediction(seed, error_m_s, seen):
         p.field_walk**2 * dt * (1.0 + E[2] ** 2 / H) * np.outer(E[:2], E[:2])
     )
     d[EARTH + 2] = p.field_walk**2 * dt * (E @ E)
+    push = p.filter_turning_s**2 * (force[0] ** 2 + force[1] ** 2)
     keeps = []
     for at, error, usual, scatter, tau_s in (
         (22, before.receiver_error_m_s, p.receiver_error_m_s**2, known.by_receiver.scatter, 5.0),
-        (25, before.filter_error_m_s, p.filter_error_m_s**2, known.by_filter.scatter, 5.0),
+        (25, before.filter_error_m_s, p.filter_error_m_s**2 + push, known.by_filter.scatter, 5.0),
     ):
         variance = usual * max(1.0, scatter.noise_scale)
         longer = min(16.0, max(1.0, np.dot(error, error) / (9.0 * variance)))
