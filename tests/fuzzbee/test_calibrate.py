@@ -72,9 +72,11 @@ def test_a_compass_that_is_turned_is_turned_back(tmp_path, capsys, name):
     """By the plane's velocity; MAV_SENSOR_ORIENTATION has the numbers."""
     number, turn = TURNS[name]
     others = ("SCALED_IMU2", "SCALED_IMU3")
-    log = with_iron(PLANE, tmp_path / "turned.tlog", np.zeros(3), np.array(turn), left_out=others)
+    log = with_iron(PLANE, tmp_path / "turned.tlog", OFFSET_MGAUSS, np.array(turn), left_out=others)
     report = json.loads(said(capsys, "calibrate", log, "--json"))
     assert report["orientation"] == name
+    found = 1e3 * np.array(report["mounting"]["mag_offset_gauss"])
+    assert found == pytest.approx(OFFSET_MGAUSS, abs=4.0)  # mG, in the axes of the readings
     assert report["ardupilot"] == {"COMPASS_ORIENT": number}
     printed = said(capsys, "calibrate", log)
     assert f"should be {name}" in printed

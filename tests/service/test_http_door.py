@@ -69,6 +69,8 @@ def test_a_header_that_never_ends_is_cut_off_though_bytes_go_on_coming(door, mon
 
 def test_the_silent_take_no_more_than_their_places_and_keep_nobody_waiting(monkeypatch):
     descriptors(monkeypatch, 64)
+    monkeypatch.setattr(http_door, "REQUEST_S", 600.0)  # nothing else closes a connection
+    monkeypatch.setattr(http_door._Handler, "timeout", 600.0)
     with closing(HttpDoor("test", ("127.0.0.1", 0), respond)) as door, ExitStack() as stack:
         for _ in range(7):
             stack.enter_context(connected(door))
