@@ -97,12 +97,26 @@ class Heartbeat(VehicleEvent, frozen=True):
     autopilot: int
     vehicle_type: int
     is_armed: bool | None = None  # None: the log does not report it
+    custom_mode: int | None = None  # the flight mode's number, by autopilot and type
 
 
 class Armed(VehicleEvent, frozen=True):
     """The vehicle was armed or disarmed, in a log without MAVLink's heartbeats."""
 
     is_armed: bool
+
+
+class FlightMode(VehicleEvent, frozen=True):
+    """The flight mode's number, in a log without MAVLink's heartbeats."""
+
+    custom_mode: int
+
+
+class StatusText(VehicleEvent, frozen=True):
+    """A line of the vehicle's for a person, with its MAV_SEVERITY; of telemetry logs."""
+
+    severity: int
+    text: str
 
 
 class BuiltIn(VehicleEvent, frozen=True):

@@ -1,7 +1,8 @@
 """ArduPilot's on-board logs (DataFlash .bin).
 
 The messages read, with the names of both eras: IMU, IMU2, IMU3 (or the field
-I), MAG, ATT, XKQ/NKQ, XKF1/NKF1/EKF1, XKF4/NKF4/EKF4, GPS, PARM, MSG, ARM, EV, and SIM as truth.
+I), MAG, ATT, XKQ/NKQ, XKF1/NKF1/EKF1, XKF4/NKF4/EKF4, GPS, PARM, MSG, ARM, EV,
+MODE, and SIM as truth.
 Accelerometer and gyroscope are SI in the log, the field is in mGauss, angles
 are in degrees. Times count from boot, in us or, until 2015, in ms.
 """
@@ -10,7 +11,7 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 
-from drivers.events import Armed, Event, Heartbeat, Malformed, Parameter, VehicleId
+from drivers.events import Armed, Event, FlightMode, Heartbeat, Malformed, Parameter, VehicleId
 from drivers.logs.dataflash_format import Row, messages
 from drivers.logs.log_file import LogFile, Window, windowed
 from drivers.logs.logged_vehicle import LoggedVehicle
@@ -92,6 +93,7 @@ class _Decoder:
             "MSG": self._text,
             "ARM": self._arm,
             "EV": self._event,
+            "MODE": self._mode,
         }
 
     @property
@@ -178,6 +180,11 @@ class _Decoder:
             return []
         self._time(name, row)
         return [Armed(self._vehicle.id, self._arrival_us, row["Id"] == ARMED_EVENT)]
+
+    def _mode(self, name: str, row: Row) -> list[Event]:
+        self._time(name, row)
+        number = int(row["ModeNum"] if "ModeNum" in row else row["Mode"])
+        return [FlightMode(self._vehicle.id, self._arrival_us, number)]
 
     def _text(self, _name: str, row: Row) -> list[Event]:
         vehicle_type = VEHICLE_TYPES.get(str(row["Message"]).partition(" ")[0])

@@ -84,7 +84,7 @@ class Tlog(LogFile):
                 raise InputError(f"{path}: no MAVLink frame in it, not a telemetry log")
 
     def __iter__(self) -> Iterator[Event]:
-        gate, decoder = FrameGate(Policy()), MavlinkDecoder()
+        gate, decoder = FrameGate(Policy()), MavlinkDecoder(texts=True)
         for arrival_us, frame in self._frames(decoder.wanted):
             if frame is None:
                 yield Malformed(arrival_us, 1)

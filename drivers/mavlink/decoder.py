@@ -18,6 +18,7 @@ from drivers.events import (
     Heartbeat,
     Parameter,
     RefusedFrames,
+    StatusText,
     VehicleId,
 )
 from drivers.mavlink import constants as mav
@@ -90,13 +91,14 @@ class _Sender:
 class MavlinkDecoder:
     """Frames in, events out, for any number of vehicles.
 
-    ``references`` says whether attitudes of others are wanted; ``wanted`` holds the numbers
+    ``references`` says whether attitudes of others are wanted, ``texts`` whether STATUSTEXT is;
+    ``wanted`` holds the numbers
     of the messages that become events, all others are skipped. ``imu_in_use`` gives the IMU message
     that is used of a vehicle, if any: those behind it in the order of preference are skipped while
     it comes. The tables are read here once: what is to be known must be in them before.
     """
 
-    def __init__(self, *, references: bool = True) -> None:
+    def __init__(self, *, references: bool = True, texts: bool = False) -> None:
         self.imu_in_use: Callable[[VehicleId], str | None] | None = None
         self._reader = FieldReader()
         self._senders: dict[tuple[int, int], _Sender] = {}
@@ -110,6 +112,8 @@ class MavlinkDecoder:
             mav.HEARTBEAT_ID: self._heartbeat,
             mav.COMMAND_ACK_ID: self._command_ack,
         }
+        if texts:
+            self._handlers[mav.STATUSTEXT_ID] = self._status_text
         for number, imu in IMU_MESSAGES.items():
             self._handlers[number] = partial(_imu_events, imu, has_imu_number(number))
         self._is_wanted = {
@@ -245,12 +249,17 @@ class MavlinkDecoder:
         sender.autopilot = m.autopilot
         sender.intake.doubts_axes = m.autopilot not in FRD_AUTOPILOTS
         is_armed = bool(m.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
-        beat = Heartbeat(sender.id, arrival_us, m.autopilot, m.type, is_armed)
+        beat = Heartbeat(sender.id, arrival_us, m.autopilot, m.type, is_armed, m.custom_mode)
         waiting = self._parameters.take(sender.id.system_id)
         return [
             beat,
             *(Parameter(sender.id, arrival_us, p.name, p.value(m.autopilot)) for p in waiting),
         ]
+
+    def _status_text(self, sender: _Sender, m: Any, arrival_us: int) -> list[Event]:
+        if sender.autopilot is None:
+            return []
+        return [StatusText(sender.id, arrival_us, m.severity, m.text)]
 
     def _command_ack(self, sender: _Sender, m: Any, arrival_us: int) -> list[Event]:
         return [CommandAck(sender.id, arrival_us, m.command, m.result)]

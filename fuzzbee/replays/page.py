@@ -91,11 +91,14 @@ def _add_panel(page: Any, number: str, ax: Any, others: list[Any]) -> None:
         title = {"text": ax.get_title(loc="left"), "showarrow": False, "xanchor": "left"}
         corner = {"x": place.x0, "y": place.y1, "yanchor": "bottom"}
         page.add_annotation(**title, **corner, xref="paper", yref="paper")
-    for text in ax.texts:  # in a corner of the panel
+    for text in ax.texts:  # in a corner of the panel, or beside a moment
         x, y = text.get_position()
         here = "" if number == "1" else number
-        corner = {"x": x, "xref": f"x{here} domain", "y": y, "yref": f"y{here} domain"}
-        said = {"text": _lines(text.get_text()), "showarrow": False, "xanchor": "left"}
+        at_time, _ = text.get_transform().contains_branch_seperately(ax.transData)
+        across = f"x{here}" if at_time else f"x{here} domain"
+        corner = {"x": x, "xref": across, "y": y, "yref": f"y{here} domain"}
+        said = {"text": _lines(text.get_text()), "showarrow": False, "xanchor": text.get_ha()}
+        said["textangle"] = -text.get_rotation()
         look = {"bgcolor": "rgba(255,255,255,0.7)", "yanchor": text.get_va()}
         page.add_annotation(**said, **corner, **look)
     axes = {"xaxis": f"x{number}", "yaxis": f"y{number}", "legend": f"legend{number}"}
@@ -110,7 +113,9 @@ def _curves(ax: Any) -> Iterator[Drawn]:
     """The lines."""
     for line in ax.lines:
         x, y = (np.asarray(part, dtype=float) for part in line.get_data())
-        over_time, _ = line.get_transform().contains_branch_seperately(ax.transData)
+        over_time, has_values = line.get_transform().contains_branch_seperately(ax.transData)
+        if not has_values:  # a moment, from the bottom to the top
+            y = np.array(ax.get_ylim())
         if not over_time:  # a level, from one side to the other
             x = np.array(ax.get_xlim())
         dash = DASHES.get(line.get_linestyle(), "dash")

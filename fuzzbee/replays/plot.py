@@ -1,5 +1,6 @@
 """A replay as a figure: attitude, errors and sigma, gain, confidences, bias and gaps."""
 
+from math import isnan
 from pathlib import Path
 from textwrap import wrap
 from typing import Any, NamedTuple
@@ -13,6 +14,7 @@ from fuzzbee.angle_curves import draw_angles
 from fuzzbee.options import require_extra
 from fuzzbee.replays.bands import bands
 from fuzzbee.replays.comparison import REFERENCES, Comparison, reference_attitudes
+from fuzzbee.replays.marks import seconds_of
 from fuzzbee.replays.page import write_page
 from fuzzbee.replays.score import errors_against
 from fuzzbee.replays.thinned import Thinned
@@ -43,6 +45,7 @@ TITLE_WIDTH = 84
 # Told apart in print without colours, too: thick, dashed, thin.
 REFERENCE: dict[str, Any] = {"color": "0.15", "lw": 1.6}
 AUTOPILOT: dict[str, Any] = {"color": "C2", "lw": 0.9, "ls": (0, (4, 2))}
+MARK: dict[str, Any] = {"rotation": 90.0, "fontsize": 5.5, "va": "top", "ha": "left"}
 ESTIMATE: dict[str, Any] = {"color": "C1", "lw": 0.8}
 
 
@@ -104,6 +107,7 @@ def draw(path: Path, title: str, trace: VehicleTrace, compared: Comparison) -> N
         _errors(axes[3:5], drawn)
         _internals(axes[5:], drawn)
         _bands(axes, drawn)
+        _marks(axes, drawn)
         for ax in axes:
             ax.grid(visible=True, alpha=0.3)
         if axes[5].get_legend_handles_labels()[0]:
@@ -220,6 +224,19 @@ def _bands(axes: Any, drawn: Drawn) -> None:
             for number, span in enumerate(spans):
                 name = label if ax is axes[5] and number == 0 else "_band"
                 ax.axvspan(*span, lw=0, **look, label=name)
+
+
+def _marks(axes: Any, drawn: Drawn) -> None:
+    """Name in the first panel when mode or arming changed, or the autopilot warned."""
+    arrivals_us = drawn.trace.arrivals_us.rows()
+    marks = drawn.trace.marks.found(int(arrivals_us[0]))
+    seconds = seconds_of(marks, arrivals_us, drawn.time_s).tolist()
+    for mark, at_s in zip(marks, seconds, strict=True):
+        if isnan(at_s):  # after the last sample
+            continue
+        for ax in axes:
+            ax.axvline(at_s, color="0.35", lw=0.5, ls=":", label="_mark")
+        axes[0].text(at_s, 0.97, mark.text, **MARK, transform=axes[0].get_xaxis_transform())
 
 
 def cap(ax: Any, *angles_deg: Floats) -> None:

@@ -7,7 +7,17 @@ from math import radians
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.events import Event, Heartbeat, Imu, Parameter, ReferenceAttitude, VehicleId
+from drivers.events import (
+    Armed,
+    Event,
+    FlightMode,
+    Heartbeat,
+    Imu,
+    Parameter,
+    ReferenceAttitude,
+    StatusText,
+    VehicleId,
+)
 from drivers.logs.reference_track import ReferenceTrack
 from drivers.logs.spill_file import SpillFile
 from drivers.logs.time_window import WHOLE_LOG, TimeWindow, WindowedEvents
@@ -21,6 +31,7 @@ from estimator.geometry.quaternion import exp, scale
 from estimator.profile import Profile
 from estimator.types import Vec3
 from fuzzbee.column_store import PackedAttitudes, PackedSamples
+from fuzzbee.replays.marks import Marks
 from service.pipeline import Pipeline
 from service.records import Message, is_finite
 from service.second_opinion import SecondOpinion
@@ -54,6 +65,7 @@ class VehicleTrace:
         self.turned_at_us: int | None = None
         self.log_zero_us: int | None = None  # where the log's seconds begin, of a window of it
         self.decisions: list[tuple[int, Decision]] | None = None  # where it was retuned
+        self.marks = Marks()
         self.view = AttitudeView()  # of what the autopilot's attitude is
         self.compass: dict[str, float] = {}  # what the autopilot has been set to
         self.place_field: PlaceField | None = None
@@ -154,6 +166,8 @@ class Replay:
         for output in self.pipeline.handle(event):
             if isinstance(output, Message):
                 self._tell(output.text)
+        if isinstance(event, Heartbeat | Armed | FlightMode | StatusText):
+            self._trace(event.vehicle).marks.take(event)
         match event:
             case Imu():
                 self._after_imu(event)

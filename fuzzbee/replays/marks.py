@@ -1,0 +1,82 @@
+"""Moments of a flight that a person knows it by: modes, arming, the autopilot's warnings."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from drivers.events import Armed, FlightMode, Heartbeat, StatusText
+from drivers.mavlink.constants import MAV_AUTOPILOT_PX4
+from estimator.arrays import Floats
+
+LEAST_SEVERITY = 4  # MAV_SEVERITY_WARNING; greater numbers are less severe
+MOST_TEXTS = 20  # a failing autopilot repeats itself
+LETTERS = 32  # of a text that are shown
+
+
+class Mark(NamedTuple):
+    """A moment by the log's own stamps (us), and its name."""
+
+    arrival_us: int
+    text: str
+
+
+class Marks:
+    """Collects the moments of one vehicle; a mode or a text that is repeated counts once."""
+
+    def __init__(self) -> None:
+        self._autopilot = self._type = 0
+        self._armed: bool | None = None
+        self._mode: int | None = None
+        self._modes: list[tuple[int, int]] = []  # arrival and number
+        self._others: list[Mark] = []
+        self._texts: set[str] = set()
+
+    def take(self, event: Heartbeat | Armed | FlightMode | StatusText) -> None:
+        """Note what is new in an event."""
+        if isinstance(event, StatusText):
+            self._note_text(event)
+            return
+        if isinstance(event, Heartbeat):
+            self._autopilot, self._type = event.autopilot, event.vehicle_type
+        if isinstance(event, Heartbeat | Armed) and event.is_armed is not None:
+            if self._armed not in (None, event.is_armed):
+                word = "armed" if event.is_armed else "disarmed"
+                self._others.append(Mark(event.arrival_us, word))
+            self._armed = event.is_armed
+        if isinstance(event, Heartbeat | FlightMode):
+            self._note_mode(event.arrival_us, event.custom_mode)
+
+    def found(self, begin_us: int) -> list[Mark]:
+        """All from a moment on, in the order of time; first the mode that the vehicle was in."""
+        names = self._mode_names()
+        modes = [Mark(us, names.get(number, f"mode {number}")) for us, number in self._modes]
+        before = [mark for mark in modes if mark.arrival_us < begin_us]
+        began = [Mark(begin_us, mark.text) for mark in before[-1:]]
+        later = sorted(m for m in (*modes, *self._others) if m.arrival_us >= begin_us)
+        return [*began, *later]
+
+    def _note_mode(self, arrival_us: int, number: int | None) -> None:
+        if number is not None and number != self._mode:
+            self._mode = number
+            self._modes.append((arrival_us, number))
+
+    def _note_text(self, event: StatusText) -> None:
+        is_new = event.text not in self._texts and len(self._texts) < MOST_TEXTS
+        if event.severity <= LEAST_SEVERITY and is_new:
+            self._texts.add(event.text)
+            self._others.append(Mark(event.arrival_us, event.text[:LETTERS]))
+
+    def _mode_names(self) -> dict[int, str]:
+        """The names of the vehicle's flight modes, from pymavlink's tables."""
+        from pymavlink import mavutil
+
+        if self._autopilot == MAV_AUTOPILOT_PX4:
+            numbers = {number for _, number in self._modes}
+            return {n: mavutil.interpret_px4_mode(1, n) for n in numbers}
+        return mavutil.mode_mapping_bynumber(self._type) or {}
+
+
+def seconds_of(marks: list[Mark], arrivals_us: Floats, time_s: Floats) -> Floats:
+    """When the marks (M,) were, in seconds of the log, by the samples' arrivals (N,)."""
+    stamps = np.array([mark.arrival_us for mark in marks], dtype=float)
+    return np.asarray(np.interp(stamps, arrivals_us, time_s, left=np.nan, right=np.nan))
