@@ -1,7 +1,7 @@
 """What ``fuzzbee run`` takes its events from: checked, opened, and its recorder."""
 
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -56,6 +56,34 @@ def default_profile(endpoint: Endpoint) -> str:
     if endpoint.kind != "sim":
         return DEFAULT_PROFILE
     return PROFILES[endpoint.path or SIM_MOTION]
+
+
+def open_recorded(
+    endpoint: Endpoint, options: RunOptions, key: bytes | None, stack: ExitStack
+) -> "tuple[MavlinkLink | Player, Recorder | None]":
+    """Open the source and its recorder, if one is asked for.
+
+    Raises:
+        InputError: one of them cannot be opened; no empty recording is left behind.
+    """
+    target = None if options.record is None else Path(options.record)
+    is_new = target is not None and not target.exists()
+    recorder = open_recorder(options.record, stack)
+    try:
+        return open_source(endpoint, options, key, recorder, stack), recorder
+    except InputError:
+        if target is not None and recorder is not None and is_new:
+            recorder.close()
+            _remove_empty(target)
+        raise
+
+
+def _remove_empty(target: Path) -> None:
+    with suppress(OSError):
+        if target.is_dir():
+            target.rmdir()
+        elif target.stat().st_size == 0:
+            target.unlink()
 
 
 def open_source(

@@ -9,7 +9,7 @@ from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.profile import Profile
 from fuzzbee import outputs
-from fuzzbee.live_source import make_runner, open_recorder, open_source
+from fuzzbee.live_source import make_runner, open_recorded
 from fuzzbee.recordings import Recordings
 from fuzzbee.run_options import RunOptions
 from fuzzbee.say import say
@@ -50,9 +50,8 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
     conflicts: list[InputError] = []
     recordings = Recordings()
     with ExitStack() as stack:
-        recorder = open_recorder(options.record, stack)
         # first, and once: what comes meanwhile is recorded
-        source = open_source(prepared.endpoint, options, prepared.key, recorder, stack)
+        source, recorder = open_recorded(prepared.endpoint, options, prepared.key, stack)
         session = None if opening is None else opened(opening, stack)
         retuning = _open_retuning(options, requests, stack)
         pipeline = _pipeline(profile, options, retuning)

@@ -219,3 +219,21 @@ def test_vehicles_that_were_not_wanted_are_named(capfd):
         options = ("--no-zenoh", "--seconds", "5", "--system-id", "42")
         assert main(["run", source, *options]) == 1
     assert "no vehicle but system id 1 was heard" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["flight.tlog", "flights/"])
+def test_a_taken_port_leaves_no_recording(tmp_path, name):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        url = f"udpin:127.0.0.1:{taken.getsockname()[1]}"
+        assert main(["run", url, "--no-zenoh", "--record", f"{tmp_path}/{name}"]) == 2
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_taken_port_leaves_an_older_recording_as_it_is(tmp_path):
+    (tmp_path / "flight.tlog").touch()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        url = f"udpin:127.0.0.1:{taken.getsockname()[1]}"
+        assert main(["run", url, "--no-zenoh", "--record", str(tmp_path / "flight.tlog")]) == 2
+    assert [each.name for each in tmp_path.iterdir()] == ["flight.tlog"]
