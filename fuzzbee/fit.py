@@ -49,7 +49,7 @@ FASTEST_S = 3e-5
 TIME_UNITS = ((6e5, "nanoseconds", 1e9), (600.0, "microseconds", 1e6), (0.0, "milliseconds", 1e3))
 
 
-class Way(NamedTuple):
+class AxisHypothesis(NamedTuple):
     """How readings might have to be read: a signed permutation of axes, and a unit."""
 
     turn: NDArray[np.float64]  # (3, 3)
@@ -71,7 +71,7 @@ TURNS: Floats = np.array(
         for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3))
     ]
 )
-WAYS = tuple(Way(turn, scale, unit) for scale, unit in GYR_UNITS for turn in TURNS)
+HYPOTHESES = tuple(AxisHypothesis(turn, scale, unit) for scale, unit in GYR_UNITS for turn in TURNS)
 
 
 def advice(rows: Rows) -> tuple[str, ...]:
@@ -222,7 +222,7 @@ def _better(squares: Floats, explained: float, *, is_field: bool) -> str | None:
     """
     left = np.concatenate([root(squares, scale) for scale, _ in GYR_UNITS])
     least = float(left.min())
-    way = WAYS[int(np.flatnonzero(left <= ALIKE * least)[0])]
+    hypothesis = HYPOTHESES[int(np.flatnonzero(left <= ALIKE * least)[0])]
     scale, scaled = _best_scale(squares)
     is_other = max(scale, 1.0 / max(scale, 1e-9)) > BETTER and scaled <= explained
     is_scale = is_other and BETTER * scaled < least
@@ -231,9 +231,11 @@ def _better(squares: Floats, explained: float, *, is_field: bool) -> str | None:
     if is_scale:
         return f"{said} gyr * {float(f'{scale:.2g}'):g}: its unit, or the times, are others"
     if not (times > BETTER and least <= explained):
-        is_unit = times > MUCH_BETTER and way.scale != 1.0
-        return f"{said} gyr{way.unit}" if is_unit else None
-    if is_field and way.scale == 1.0 and np.linalg.det(way.turn) > 0.0:
+        is_unit = times > MUCH_BETTER and hypothesis.scale != 1.0
+        return f"{said} gyr{hypothesis.unit}" if is_unit else None
+    if is_field and hypothesis.scale == 1.0 and np.linalg.det(hypothesis.turn) > 0.0:
         # a rotation: the axes of either may be others
-        return f"{said} {Way(way.turn.T).of('mag')}, or with {way.of('gyr')}"
-    return f"{said} {way.of('gyr')}"
+        return (
+            f"{said} {AxisHypothesis(hypothesis.turn.T).of('mag')}, or with {hypothesis.of('gyr')}"
+        )
+    return f"{said} {hypothesis.of('gyr')}"

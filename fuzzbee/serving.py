@@ -174,7 +174,7 @@ def summary(
         "refused": dict(sorted(pipeline.refused_frames.items())),
         **({"recording": recording} if recording else {}),
         "heard": sorted(pipeline.heard),
-        "departed": pipeline.departures.counts._asdict(),
+        "departed": pipeline.evictions.counts._asdict(),
         "vehicles": {vehicle.name: counts(vehicle) for vehicle in pipeline.vehicles},
     }
 

@@ -37,7 +37,7 @@ from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.profile import Profile
 from estimator.reasons import Reason
-from service.departures import DepartedCounts, Departures
+from service.evictions import EvictedCounts, Evictions
 from service.health import State
 from service.lines import LinkLines
 from service.load import Load, Losses
@@ -77,7 +77,7 @@ class Pipeline:
         self.malformed = 0
         self.refused_frames: Counter[Reason] = Counter()
         self.heard: set[int] = set()
-        self.departures = Departures()
+        self.evictions = Evictions()
         self.load = Load(rate_hz=rate_hz)
         self._rate_hz = rate_hz
         self.wake_us = 0.0  # when :meth:`tick` has something to do next, if nothing arrives
@@ -305,10 +305,10 @@ class Pipeline:
             return None
         if len(self._vehicles) >= MAX_VEHICLES:
             return None
-        kept = self.departures.take_profile(address)
+        kept = self.evictions.take_profile(address)
         profile = kept or self.profile
         vehicle = Vehicle(address, profile, self._new_estimator(profile), self._rate_hz)
-        vehicle.publishing.stagger(len(self._vehicles) + self.departures.counts.vehicles)
+        vehicle.publishing.stagger(len(self._vehicles) + self.evictions.counts.vehicles)
         self._vehicles[address] = vehicle
         if kept is not None:
             self._changes.report(Replaced(address, kept))
@@ -316,10 +316,10 @@ class Pipeline:
 
     def _forget_silent(self, now_us: int) -> list[Output]:
         heard_us = {address: vehicle.heard_us for address, vehicle in self._vehicles.items()}
-        gone = self.departures.look(heard_us, now_us)
+        gone = self.evictions.look(heard_us, now_us)
         for address in gone:
             self._forget(address)
-        return _messages(self.departures.lines(gone, now_us))
+        return _messages(self.evictions.lines(gone, now_us))
 
     def _forget(self, address: VehicleId) -> None:
         """Forget a vehicle, all but the parameters that somebody gave it."""
@@ -327,12 +327,10 @@ class Pipeline:
         if vehicle is None:
             return
         rejected, publishing = vehicle.rejected.total(), vehicle.publishing
-        counts = DepartedCounts(
-            1, vehicle.samples, vehicle.imu.shed, rejected, publishing.attitudes
-        )
-        self.departures.counts = self.departures.counts.plus(counts)
+        counts = EvictedCounts(1, vehicle.samples, vehicle.imu.shed, rejected, publishing.attitudes)
+        self.evictions.counts = self.evictions.counts.plus(counts)
         if vehicle.profile != self.profile and vehicle.built_in_motion is None:
-            self.departures.keep(address, vehicle.profile)
+            self.evictions.keep(address, vehicle.profile)
         self._changes.outputs.append(Departed(address))
 
     def _is_settled(self, notice: Notice) -> bool:

@@ -1,11 +1,10 @@
-"""Where the aiding begins: its state, the covariance of its errors and the trail behind it."""
+"""Where the aiding begins: its state, its errors' covariance and the velocity history so far."""
 
 from math import sqrt
 
 import numpy as np
 
 from estimator.aiding.inertial import GRAVITY_NED
-from estimator.aiding.trail import new_trail
 from estimator.aiding.types import (
     ACC_BIAS,
     FIELD_LAG,
@@ -36,6 +35,7 @@ from estimator.aiding.types import (
     Unlearnt,
     Wheels,
 )
+from estimator.aiding.velocity_history import new_velocity_history
 from estimator.conditioning.field.magnetic import FieldLook
 from estimator.conditioning.robust import FAR, REACH
 from estimator.conditioning.times import SPAN_S
@@ -64,7 +64,7 @@ def begin(
     field_lag_s: float,
     turned_by_iron_1_gauss: Vec3 = ZERO_VEC3,
 ) -> tuple[AidingState, Array, Array]:
-    """State, covariance and trail at a first velocity report, from an attitude and a bias.
+    """State, covariance and velocity history at a first velocity report, by attitude and bias.
 
     A heading that the field has told is off by ``turned_by_iron_1_gauss`` . hard iron (FRD).
     """
@@ -125,7 +125,7 @@ def begin(
         wheels=NEW_WHEELS,
         unlearnt=first_unlearnt(params),
     )
-    return state, P, new_trail(add(state.last.force_ned_m_s2, GRAVITY_NED))
+    return state, P, new_velocity_history(add(state.last.force_ned_m_s2, GRAVITY_NED))
 
 
 def first_unlearnt(params: AidingParams) -> Unlearnt:
@@ -134,9 +134,11 @@ def first_unlearnt(params: AidingParams) -> Unlearnt:
 
 
 def blank_aiding(params: AidingParams) -> tuple[AidingState, Array, Array]:
-    """The place of state, covariance and trail while there is no aiding."""
-    state, P, trail = begin(params, IDENTITY, ZERO_VEC3, NO_SAMPLE, NO_REPORT, 0.0, 0.0, 0.0, 0.0)
-    return state, np.zeros_like(P), trail
+    """The place of state, covariance and velocity history while there is no aiding."""
+    state, P, velocity_history = begin(
+        params, IDENTITY, ZERO_VEC3, NO_SAMPLE, NO_REPORT, 0.0, 0.0, 0.0, 0.0
+    )
+    return state, np.zeros_like(P), velocity_history
 
 
 def loosen(state: AidingState, covariance: Array) -> tuple[AidingState, Array]:

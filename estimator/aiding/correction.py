@@ -37,7 +37,7 @@ def part(x: Array, first: int) -> Vec3:
 
 @inlined
 def apply_corrections(now: Prediction, x: Array) -> Prediction:
-    """What is known at a sample with the corrections x; trail and covariance stay."""
+    """What is known at a sample with the corrections x; velocity history and covariance stay."""
     before = now.estimate
     turn = exp(part(x, TURN))
     q = normalize(multiply(turn, before.q_ned_frd))
@@ -62,10 +62,12 @@ def apply_corrections(now: Prediction, x: Array) -> Prediction:
 
 
 @inlined
-def prediction_at(state: AidingState, P: Array, trail: Array) -> Prediction:
+def prediction_at(state: AidingState, P: Array, velocity_history: Array) -> Prediction:
     """What is known at the last sample, for a report that comes behind it. ``P`` is copied."""
     last = state.last
-    return Prediction(state.estimate, last.force_ned_m_s2, last.rate_rad_s, trail, P.copy())
+    return Prediction(
+        state.estimate, last.force_ned_m_s2, last.rate_rad_s, velocity_history, P.copy()
+    )
 
 
 @inlined

@@ -5,7 +5,6 @@ from math import sqrt
 from typing import NamedTuple
 
 from estimator.aiding.covariance import predict_covariance, rotation_matrix
-from estimator.aiding.trail import ACCELERATION, TIME, extend_trail, row
 from estimator.aiding.types import (
     ACC_BIAS,
     EARTH,
@@ -23,6 +22,7 @@ from estimator.aiding.types import (
     Roughness,
     Unlearnt,
 )
+from estimator.aiding.velocity_history import ACCELERATION, TIME, extend_velocity_history, row
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
@@ -78,7 +78,7 @@ class Prediction(NamedTuple):
     estimate: AidingEstimate
     force_ned_m_s2: Vec3  # specific force, NED
     rate_rad_s: Vec3  # free of bias, FRD
-    trail: Array  # of the velocity gained lately
+    velocity_history: Array  # of the velocity gained lately
     covariance: (
         Array  # (SIZE, SIZE) of the errors; what is learnt at the sample changes it in place
     )
@@ -86,7 +86,7 @@ class Prediction(NamedTuple):
 
 @inlined
 def predict_motion(
-    params: AidingParams, state: AidingState, P: Array, trail: Array, sample: Sample
+    params: AidingParams, state: AidingState, P: Array, velocity_history: Array, sample: Sample
 ) -> Prediction:
     """One strapdown step: q <- q exp((w - b) dt), v <- v + (R f + g) dt by the trapezoid."""
     gyr, dt = sample.gyr_rad_s, sample.dt_s
@@ -104,7 +104,9 @@ def predict_motion(
     v = add(estimate.velocity_ned_m_s, gained)
     v = add(v, scale(dt, GRAVITY_NED))
     faster = add(gained, scale(dt, GRAVITY_NED))
-    trail = extend_trail(trail, faster, add(force, GRAVITY_NED), dt)
+    velocity_history = extend_velocity_history(
+        velocity_history, faster, add(force, GRAVITY_NED), dt
+    )
     P = predict_covariance(P, rotation_matrix(q), gained, dt)
     bent = bend(gyr, before.gyr_rad_s, before.gyr_before_rad_s, dt, before.dt_s)
     missed_turn = rotate(q, scale(dt, bent))
@@ -112,7 +114,7 @@ def predict_motion(
     if between.given:
         seen_s = between.step_s
         missed_turn = rotate(q, scale(sqrt(dt * seen_s), between.change_rad_s))
-    off = trail_bend(trail)
+    off = newest_bend(velocity_history)
     missed_push = scale(dt, off)
     lasts = lasting_times(params, state)
     add_noise(params, P, state, lasts, missed_turn, missed_push, dot(rate, rate), dt, seen_s)
@@ -123,7 +125,7 @@ def predict_motion(
         estimate=moved(estimate, q, v, by_receiver, by_filter),
         force_ned_m_s2=force,
         rate_rad_s=rate,
-        trail=trail,
+        velocity_history=velocity_history,
         covariance=P,
     )
 
@@ -137,11 +139,20 @@ def bend(third: Vec3, second: Vec3, first: Vec3, dt: float, before_s: float) -> 
 
 
 @inlined
-def trail_bend(trail: Array) -> Vec3:
-    """How far the newest force (NED) lies off the line through the two before, by the trail."""
-    second = row(trail, 1, ACCELERATION)
-    step_s, before_s = trail[0, TIME] - trail[1, TIME], trail[1, TIME] - trail[2, TIME]
-    return bend(row(trail, 0, ACCELERATION), second, row(trail, 2, ACCELERATION), step_s, before_s)
+def newest_bend(velocity_history: Array) -> Vec3:
+    """How far the newest force (NED) lies off the line through the two before it."""
+    second = row(velocity_history, 1, ACCELERATION)
+    step_s, before_s = (
+        velocity_history[0, TIME] - velocity_history[1, TIME],
+        velocity_history[1, TIME] - velocity_history[2, TIME],
+    )
+    return bend(
+        row(velocity_history, 0, ACCELERATION),
+        second,
+        row(velocity_history, 2, ACCELERATION),
+        step_s,
+        before_s,
+    )
 
 
 @inlined
@@ -171,9 +182,9 @@ def add_knock(P: Array, rough: Roughness, off_m_s2: Vec3, dt: float) -> None:
 
 
 @inlined
-def watch_knocks(rough: Roughness, trail: Array, dt: float) -> Roughness:
+def watch_knocks(rough: Roughness, velocity_history: Array, dt: float) -> Roughness:
     """With one more force; one that is unusual teaches little."""
-    off = trail_bend(trail)
+    off = newest_bend(velocity_history)
     square = min(dot(off, off), usual_knock(rough))
     return with_knocked(rough, rough.knocked + dt / (USUAL_S + dt) * (square - rough.knocked))
 

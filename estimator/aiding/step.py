@@ -53,17 +53,17 @@ def aid(
     params: AidingParams,
     state: AidingState,
     P: Array,
-    trail: Array,
+    velocity_history: Array,
     sample: Sample,
     report: Report,
     others: StepInputs,
 ) -> tuple[AidingState, Array, Array]:
     """One sample, ``dt_s`` > 0 after the one before: predict, then learn from what there is.
 
-    The covariance and the trail given stay as they are.
+    The covariance and the velocity_history given stay as they are.
     """
     dt = sample.dt_s
-    now = predict_motion(params, state, P, trail, sample)
+    now = predict_motion(params, state, P, velocity_history, sample)
     x = np.zeros(SIZE)
     agreement = wait_for_reports(state.agreement, dt)
     wait_s = min(agreement.by_filter.wait_s, agreement.by_receiver.wait_s)
@@ -72,7 +72,7 @@ def aid(
     slow = slow_share(dt)
     if slow > 0.0:
         rough = watch_turning(params, state, now.covariance, sample, slow * others.missed)
-    rough = watch_knocks(rough, now.trail, dt)
+    rough = watch_knocks(rough, now.velocity_history, dt)
     is_silent = not report.given and wait_s > SPAN_S + dt
     share = 1.0 if is_silent else slow
     if share > 0.0:
@@ -127,7 +127,7 @@ def aid(
         wheels=wheels,
         unlearnt=unlearnt,
     )
-    return state, now.covariance, now.trail
+    return state, now.covariance, now.velocity_history
 
 
 @inlined
@@ -135,12 +135,12 @@ def take_late_report(
     params: AidingParams,
     state: AidingState,
     P: Array,
-    trail: Array,
+    velocity_history: Array,
     gravity_b: Vec3,
     report: Report,
 ) -> tuple[AidingState, Array]:
     """A report that came behind the sample it belongs to, before the next one."""
-    now = prediction_at(state, P, trail)
+    now = prediction_at(state, P, velocity_history)
     x = np.zeros(SIZE)
     agreement = take_report(params, state.agreement, now, state.last.dt_s, report, gravity_b, x)
     lean = hear_report(state.lean, report.velocity_ned_m_s)

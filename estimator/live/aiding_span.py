@@ -362,7 +362,7 @@ def begin_aiding(
     # what has made the vertical lean may be either sensor's bias
     drift_rad_s = start.sigma_tilt_rad / settings.conditioning.gravity_tau_s
     push_m_s2 = start.sigma_tilt_rad * STANDARD_GRAVITY_M_S2
-    aided, covariance, trail = begin(
+    aided, covariance, velocity_history = begin(
         aiding._replace(
             gyr_bias_sigma=max(aiding.gyr_bias_sigma, drift_rad_s),
             acc_bias_sigma=max(aiding.acc_bias_sigma, push_m_s2),
@@ -379,7 +379,10 @@ def begin_aiding(
     )
     aided = aided._replace(wheels=core.aided.wheels)
     return core._replace(
-        aided=aided, covariance=flat(covariance), trail=flat(trail), search=core.search
+        aided=aided,
+        covariance=flat(covariance),
+        velocity_history=flat(velocity_history),
+        search=core.search,
     )
 
 

@@ -7,8 +7,8 @@ import numpy as np
 
 from estimator.aiding import AidingParams, AidingState, blank_aiding, forget_biases
 from estimator.aiding.search import EMPTY_SEARCH, Search
-from estimator.aiding.trail import COLUMNS
 from estimator.aiding.types import SIZE
+from estimator.aiding.velocity_history import COLUMNS
 from estimator.aiding.witness import NEW_WITNESS, Witness
 from estimator.arrays import Floats
 from estimator.conditioning import Conditioned, ConditioningState, forget_bias
@@ -54,7 +54,9 @@ class Core(NamedTuple):
     aided: AidingState  # blank while velocity does not help
     witness: Witness  # whether measurements bear the aided attitude out; blank without velocity
     covariance: Any  # of the aiding's errors: (SIZE, SIZE), in a snapshot row by row
-    trail: Any  # of the velocity that it has gained lately: (ROWS, COLUMNS), or row by row
+    velocity_history: (
+        Any  # of the velocity that it has gained lately: (ROWS, COLUMNS), or row by row
+    )
     turning: Turning  # that others have seen between the IMU's samples
     rates: Any  # of theirs that wait for a sample: rows as in ``turning``, or row by row
 
@@ -62,7 +64,7 @@ class Core(NamedTuple):
 @lru_cache(maxsize=16)  # which newcomers begin with
 def initial_core(settings: Settings) -> Core:
     """Before the first sample."""
-    aided, covariance, trail = _blank(settings.aiding)
+    aided, covariance, velocity_history = _blank(settings.aiding)
     return Core(
         time_us=0,
         usual_s=0.0,
@@ -76,7 +78,7 @@ def initial_core(settings: Settings) -> Core:
         aided=aided,
         witness=NEW_WITNESS,
         covariance=covariance,
-        trail=trail,
+        velocity_history=velocity_history,
         turning=STILL,
         rates=(),
     )
@@ -84,16 +86,16 @@ def initial_core(settings: Settings) -> Core:
 
 @lru_cache(maxsize=16)
 def _blank(params: AidingParams) -> tuple[AidingState, tuple[float, ...], tuple[float, ...]]:
-    """The aiding while there is none, with covariance and trail row by row."""
-    aided, covariance, trail = blank_aiding(params)
-    return aided, flat(covariance), flat(trail)
+    """The aiding while there is none, with covariance and velocity history row by row."""
+    aided, covariance, velocity_history = blank_aiding(params)
+    return aided, flat(covariance), flat(velocity_history)
 
 
 def in_arrays(core: Core) -> Core:
     """A snapshot's core as compiled memory holds it."""
     return core._replace(
         covariance=square(core.covariance),
-        trail=in_rows(core.trail),
+        velocity_history=in_rows(core.velocity_history),
         rates=in_rows(core.rates, RATE_COLUMNS),
     )
 
@@ -101,7 +103,9 @@ def in_arrays(core: Core) -> Core:
 def in_tuples(core: Core) -> Core:
     """What compiled memory holds as a snapshot keeps it."""
     return core._replace(
-        covariance=flat(core.covariance), trail=flat(core.trail), rates=flat(core.rates)
+        covariance=flat(core.covariance),
+        velocity_history=flat(core.velocity_history),
+        rates=flat(core.rates),
     )
 
 
@@ -110,9 +114,9 @@ def square(covariance: tuple[float, ...]) -> Floats:
     return np.array(covariance).reshape(-1, SIZE)
 
 
-def in_rows(trail: tuple[float, ...], columns: int = COLUMNS) -> Floats:
-    """The trail, or what else has so many columns, as an array."""
-    return np.array(trail, np.float64).reshape(-1, columns)
+def in_rows(velocity_history: tuple[float, ...], columns: int = COLUMNS) -> Floats:
+    """The velocity history, or what else has so many columns, as an array."""
+    return np.array(velocity_history, np.float64).reshape(-1, columns)
 
 
 def flat(covariance: Floats) -> tuple[float, ...]:
@@ -125,14 +129,14 @@ def without_aiding(settings: Settings, now: Core) -> Core:
 
     What wheels have shown of the compass stays, unless they contradict it.
     """
-    aided, covariance, trail = _blank(settings.aiding)
+    aided, covariance, velocity_history = _blank(settings.aiding)
     if not now.aided.wheels.contradict:
         aided = aided._replace(wheels=now.aided.wheels)
     return now._replace(
         aided=aided,
         witness=NEW_WITNESS,
         covariance=covariance,
-        trail=trail,
+        velocity_history=velocity_history,
         search=EMPTY_SEARCH,
     )
 

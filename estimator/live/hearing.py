@@ -5,7 +5,7 @@ from typing import Any
 from estimator.aiding.phase import Phase
 from estimator.aiding.sources.source import in_types_of
 from estimator.aiding.sources.table import source_of
-from estimator.aiding.trail import OLDEST_S
+from estimator.aiding.velocity_history import OLDEST_S
 from estimator.live.compass_check import check_compass
 from estimator.live.refusal import RATE_LIMIT_RAD_S
 from estimator.live.reports import age_s, enqueue, report_with_age

@@ -184,7 +184,7 @@ def resident(params: Params, core: Core, rows: Rows, said: Floats) -> Any:
         core.aided,
         core.witness,
         core.covariance,
-        core.trail,
+        core.velocity_history,
         core.turning,
         core.rates,
     )
@@ -206,7 +206,7 @@ def contents(inside: Any) -> Core:
         aided=inside.aided,
         witness=inside.witness,
         covariance=inside.covariance.copy(),
-        trail=inside.trail.copy(),
+        velocity_history=inside.velocity_history.copy(),
         turning=inside.turning,
         rates=inside.rates[: inside.turning.waiting].copy(),
     )
@@ -441,8 +441,14 @@ def advance_aided(
         north=north,
         place_gauss=reference.place_gauss,
     )
-    aided, covariance, trail = aid(
-        params.aiding, inside.aided, inside.covariance, inside.trail, inside.sample, report, others
+    aided, covariance, velocity_history = aid(
+        params.aiding,
+        inside.aided,
+        inside.covariance,
+        inside.velocity_history,
+        inside.sample,
+        report,
+        others,
     )
     before = inside.aided.estimate.q_ned_frd
     knows_north = knows_north or rolls(params.aiding) or not shows_north
@@ -451,7 +457,7 @@ def advance_aided(
     inside.smooth_error = state.error
     inside.aided = aided
     inside.covariance = covariance
-    inside.trail = trail
+    inside.velocity_history = velocity_history
     witness = watch(params.aiding, inside.witness, aided, inside.sample, report)
     tau_s = params.filter.rate_time_constant_s
     inside.witness = compare(witness, state.q_ned_frd, inside.sample.dt_s, tau_s)
@@ -470,7 +476,7 @@ def hear(inside: Any, report: Report) -> bool:
         inside.params.aiding,
         inside.aided,
         inside.covariance,
-        inside.trail,
+        inside.velocity_history,
         inside.seen.gravity_b,
         report,
     )
@@ -489,7 +495,7 @@ def hearing(observe: Any) -> Any:
 
     def hear_other(inside: Any, report: Any, ago_s: float) -> None:
         """A report measured ``ago_s`` before the last sample."""
-        now = prediction_at(inside.aided, inside.covariance, inside.trail)
+        now = prediction_at(inside.aided, inside.covariance, inside.velocity_history)
         x = np.zeros(SIZE)
         observe(inside.params.aiding, now, report, ago_s, x)
         inside.aided = correct_last(inside.aided, now, x)

@@ -2,8 +2,8 @@
 
 from estimator.aiding import compass
 from estimator.aiding.phase import Cause, Phase
-from estimator.aiding.trail import OLDEST_S
 from estimator.aiding.types import NO_REPORT
+from estimator.aiding.velocity_history import OLDEST_S
 from estimator.live.aiding_span import begin_aided, give_up
 from estimator.live.compass_check import check_compass
 from estimator.live.first_sample import first_core

@@ -19,7 +19,7 @@ from fuzzbee.replays.exports import COLUMNS, rows
 from fuzzbee.replays.trace import VehicleTrace
 from fuzzbee.run_options import RunOptions
 from fuzzbee.serving import summary
-from service.departures import DepartedCounts, Departures
+from service.evictions import EvictedCounts, Evictions
 from service.imu_stream import ImuChoice
 from service.vehicle import Vehicle
 
@@ -128,14 +128,14 @@ def test_the_result_of_a_run_names_what_was_counted_in_its_units():
     vehicle.imu.samples, vehicle.imu._shed, vehicle.publishing.attitudes = 31, 32, 33
     vehicle.imu.worst_gap_us, vehicle.imu._median_us = 250_000, 1e6 / 49.87654
     vehicle.imu.choice, vehicle.rejected["late"] = ImuChoice("RAW_IMU"), 35
-    departures = Departures()
-    departures.counts = DepartedCounts(51, 52, 53, 54, 55)
+    evictions = Evictions()
+    evictions.counts = EvictedCounts(51, 52, 53, 54, 55)
     runner = SimpleNamespace(ticks=41, overruns=42, dropped=43, lost=71)
     refused = {"signature": 61, "id": 62}
     pipeline = SimpleNamespace(
         malformed=72,
         refused_frames=refused,
-        departures=departures,
+        evictions=evictions,
         vehicles=(vehicle,),
         heard={3, 1},
     )

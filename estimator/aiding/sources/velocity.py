@@ -6,10 +6,9 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.aiding.covariance import expected_variance, learn, residual
-from estimator.aiding.inertial import GRAVITY_NED, Prediction, trail_bend
+from estimator.aiding.inertial import GRAVITY_NED, Prediction, newest_bend
 from estimator.aiding.search import UNKNOWN_RAD
 from estimator.aiding.sources.source import Source
-from estimator.aiding.trail import look_back
 from estimator.aiding.types import (
     FILTER_ERROR,
     FILTER_LAG,
@@ -27,6 +26,7 @@ from estimator.aiding.types import (
     Report,
     Scatter,
 )
+from estimator.aiding.velocity_history import look_back
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.robust import FAR, REACH
@@ -140,8 +140,8 @@ def observe_velocity(
 ) -> Agreement:
     """Three scalar updates (two without the vertical): report = v(then) + slow error + noise.
 
-    v(then) is the velocity now less what was gained since, of which the trail tells. A turn t
-    of the attitude changes that by t x (force since), so a late report says less about it.
+    v(then) is the velocity now less what was gained since, which the velocity history holds. A
+    turn t of the attitude changes that by t x (force since): a late report says less about it.
     A report that is far off loosens what is known of its source's error, or of the velocity
     where that is the only source, but not the attitude: then the reports' origin has jumped.
     The noise scale follows the innovations.
@@ -154,11 +154,11 @@ def observe_velocity(
     if reporter.is_receiver and reports == 0.0:  # the first one says how late it may be
         P[reporter.lag_at, reporter.lag_at] = report.late_sigma_s**2
         x[reporter.lag_at] = report.late_sigma_s
-    past = look_back(now.trail, reporter.age_s)
+    past = look_back(now.velocity_history, reporter.age_s)
     gained, a = past.gained_m_s, past.acceleration_m_s2
     pushed = subtract(gained, scale(reporter.age_s, GRAVITY_NED))
     behind = min(1.0, report.ago_s / dt)
-    missed = scale(params.integration_noise * dt * behind, trail_bend(now.trail))
+    missed = scale(params.integration_noise * dt * behind, newest_bend(now.velocity_history))
     sigma = params.receiver_noise_m_s if reporter.is_receiver else params.filter_noise_m_s
     sigma *= max(1.0, report.sigma_m_s / params.report_sigma_m_s)
     least = LEAST_RECEIVER_SCALE if reporter.is_receiver else 1.0

@@ -6,8 +6,8 @@ import pytest
 from estimator.aiding import blank_aiding
 from estimator.aiding.covariance import expected_variance, rotation_matrix
 from estimator.aiding.inertial import Prediction, judge_biases
-from estimator.aiding.trail import new_trail
 from estimator.aiding.types import ACC_BIAS, GYR_BIAS, SIZE, TURN, AidingParams, Unlearnt
+from estimator.aiding.velocity_history import new_velocity_history
 from estimator.geometry.quaternion import exp
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3
 
@@ -24,7 +24,7 @@ def judged(gyr_bias, acc_bias, *, learnt_axis):
     estimate = blank_aiding(AidingParams())[0].estimate._replace(
         q_ned_frd=Q, gyr_bias_rad_s=gyr_bias, acc_bias_m_s2=acc_bias
     )
-    now = Prediction(estimate, ZERO_VEC3, ZERO_VEC3, new_trail(ZERO_VEC3), P.copy())
+    now = Prediction(estimate, ZERO_VEC3, ZERO_VEC3, new_velocity_history(ZERO_VEC3), P.copy())
     unlearnt = judge_biases(now, USUAL)
     return P, now.covariance, unlearnt
 

@@ -6,8 +6,8 @@ import pytest
 from estimator.aiding import blank_aiding, forget_biases
 from estimator.aiding.correction import apply_corrections
 from estimator.aiding.inertial import Prediction
-from estimator.aiding.trail import new_trail
 from estimator.aiding.types import ACC_BIAS, GYR_BIAS, SIZE, TURN, AidingParams
+from estimator.aiding.velocity_history import new_velocity_history
 from estimator.geometry.quaternion import exp, multiply, rotate
 from estimator.types import ZERO_VEC3
 from tests.vocabulary import assert_attitude_close
@@ -27,7 +27,9 @@ def estimate():
 
 def prediction(estimate):
     estimate = estimate._replace(q_ned_frd=Q, velocity_ned_m_s=(5.0, -3.0, 1.0))
-    return Prediction(estimate, FORCE, ZERO_VEC3, new_trail(ZERO_VEC3), np.zeros((SIZE, SIZE)))
+    return Prediction(
+        estimate, FORCE, ZERO_VEC3, new_velocity_history(ZERO_VEC3), np.zeros((SIZE, SIZE))
+    )
 
 
 def numbers(estimate):

@@ -9,7 +9,6 @@ from estimator.aiding import Report, blank_aiding
 from estimator.aiding.inertial import Prediction, predict_motion
 from estimator.aiding.search import UNKNOWN_RAD
 from estimator.aiding.sources import field, unaided, velocity
-from estimator.aiding.trail import ROWS, new_trail
 from estimator.aiding.types import (
     ACC_BIAS,
     EARTH,
@@ -31,6 +30,7 @@ from estimator.aiding.types import (
     Unlearnt,
 )
 from estimator.aiding.uncertainty import sigmas
+from estimator.aiding.velocity_history import ROWS, new_velocity_history
 from estimator.conditioning.field.magnetic import FieldLook
 from estimator.conditioning.robust import HEADING_REACH_RAD
 from estimator.conditioning.times import LONGEST_STEP_S, SPAN_S
@@ -94,19 +94,19 @@ def agreement(rng):
     return Agreement(Scatter(*floats(scales), before, 0.3), 0.2, 0.1)
 
 
-def trail_of(rng, step_s):
-    """A trail of random accelerations, each step's gain by the trapezoid, newest first."""
-    trail = new_trail(ZERO_VEC3)
-    trail[:, 0] = 5.0 - step_s * np.arange(ROWS)
-    trail[:, 4:] = 4.0 * rng.standard_normal((ROWS, 3))
-    steps = 0.5 * step_s * (trail[:-1, 4:] + trail[1:, 4:])
-    trail[:, 1:4] = np.cumsum(np.vstack([np.zeros(3), steps[::-1]]), axis=0)[::-1]
-    return trail
+def velocity_history_of(rng, step_s):
+    """Random accelerations, each step's gain by the trapezoid, newest first."""
+    velocity_history = new_velocity_history(ZERO_VEC3)
+    velocity_history[:, 0] = 5.0 - step_s * np.arange(ROWS)
+    velocity_history[:, 4:] = 4.0 * rng.standard_normal((ROWS, 3))
+    steps = 0.5 * step_s * (velocity_history[:-1, 4:] + velocity_history[1:, 4:])
+    velocity_history[:, 1:4] = np.cumsum(np.vstack([np.zeros(3), steps[::-1]]), axis=0)[::-1]
+    return velocity_history
 
 
-def trail_bend(trail):
+def newest_bend(velocity_history):
     """How far the newest acceleration lies off the line through the two before."""
-    (t0, t1, t2), (a0, a1, a2) = trail[:3, 0], trail[:3, 4:]
+    (t0, t1, t2), (a0, a1, a2) = velocity_history[:3, 0], velocity_history[:3, 4:]
     return a0 - a1 - min(1.0, (t0 - t1) / (t1 - t2)) * (a1 - a2)
 
 
@@ -130,8 +130,8 @@ def test_prediction(seed, error_m_s, seen):
     between = Between(True, floats(turn), floats(change), 0.01) if seen else NOTHING_BETWEEN
     acc = floats(3.0 * rng.standard_normal(3))
     sample = Sample(floats(gyr), acc, ZERO_VEC3, False, dt, between)
-    trail = trail_of(rng, 0.04)
-    now = predict_motion(PARAMS, state, P, trail, sample)
+    velocity_history = velocity_history_of(rng, 0.04)
+    now = predict_motion(PARAMS, state, P, velocity_history, sample)
 
     w = (turn if seen else gyr) - np.array(before.gyr_bias_rad_s)
     R = matrix_of(before.q_ned_frd) @ turned(w * dt)
@@ -146,8 +146,10 @@ def test_prediction(seed, error_m_s, seen):
     p, seen_s = PARAMS, 0.01 if seen else dt
     bent = dt * (-(dt / 0.05) * (gyr - earlier))
     missed_turn = R @ (sqrt(dt * seen_s) * change if seen else bent)
-    new_trail_ = np.vstack([[trail[0, 0] + dt, *np.zeros(3), *(felt + G_NED)], trail[:2]])
-    missed_push = dt * trail_bend(new_trail_)
+    new_history_ = np.vstack(
+        [[velocity_history[0, 0] + dt, *np.zeros(3), *(felt + G_NED)], velocity_history[:2]]
+    )
+    missed_push = dt * newest_bend(new_history_)
     Q = np.zeros((SIZE, SIZE))
     d = np.einsum("ii->i", Q)
     d[three(TURN)] = (p.gyr_slow_noise_1_s * seen_s) ** 2 * (w @ w) * dt
@@ -197,7 +199,7 @@ def test_a_usual_slow_error_stays_as_uncertain_as_it_is(step_s):
     d[three(RECEIVER_ERROR)] = PARAMS.receiver_error_m_s**2
     d[three(25)] = PARAMS.filter_error_m_s**2
     sample = Sample(ZERO_VEC3, (0.0, 0.0, -9.8), ZERO_VEC3, False, step_s)
-    quiet = trail_of(np.random.default_rng(0), 0.04)
+    quiet = velocity_history_of(np.random.default_rng(0), 0.04)
     quiet[:, 4:] = 0.0
     after = predict_motion(PARAMS, state, P, quiet, sample)
     np.testing.assert_allclose(np.diag(after.covariance)[22:], d[22:], rtol=1e-12)
@@ -211,8 +213,8 @@ def test_velocity(seed, is_receiver, off_m_s, is_alone, dt):
     """Three updates in a row, each with what the one before has left; some reports are far off."""
     rng = np.random.default_rng(seed)
     known, P = estimate(rng), covariance(rng)
-    trail, q = trail_of(rng, 0.04), known.q_ned_frd
-    now = Prediction(known, ZERO_VEC3, ZERO_VEC3, trail, P.copy())
+    velocity_history, q = velocity_history_of(rng, 0.04), known.q_ned_frd
+    now = Prediction(known, ZERO_VEC3, ZERO_VEC3, velocity_history, P.copy())
     off = off_m_s * rng.standard_normal(3)
     report = Report(True, floats(known.velocity_ned_m_s + off), True, 0.5, 0.07, 0.1 * is_receiver)
     before, other = agreement(rng), agreement(rng)._replace(wait_s=9.0 if is_alone else 0.0)
@@ -225,11 +227,14 @@ def test_velocity(seed, is_receiver, off_m_s, is_alone, dt):
     slow = known.receiver_error_m_s if is_receiver else known.filter_error_m_s
     age = 0.07 + (known.receiver_lag_s if is_receiver else known.filter_lag_s) - known.imu_lag_s
     age += known.acc_lead_s
-    times, accelerations = trail[::-1, 0] - trail[0, 0], trail[::-1, 4:]
+    times, accelerations = (
+        velocity_history[::-1, 0] - velocity_history[0, 0],
+        velocity_history[::-1, 4:],
+    )
     p = PARAMS
     sigma = p.receiver_noise_m_s if is_receiver else p.filter_noise_m_s
     sigma *= max(1.0, 0.5 / p.report_sigma_m_s)
-    missed = p.integration_noise * dt * min(1.0, 0.07 / dt) * trail_bend(trail)
+    missed = p.integration_noise * dt * min(1.0, 0.07 / dt) * newest_bend(velocity_history)
     dense = Dense(P.copy(), x0.copy())
     noise_scale, innovation, reports, last, together = before.scatter
     units = []
@@ -288,7 +293,7 @@ def test_field(seed, is_known, unfelt_rad, off_rad):
     sample = Sample(floats(rate), ZERO_VEC3, floats(m + known.hard_iron_gauss), True, dt)
     look = FieldLook(horizontal=0.2, down=0.38, confidence=0.7)
     state = FieldState(look, off_rad, 30.0, dt, 0.4, 0.0)
-    now = Prediction(known, ZERO_VEC3, ZERO_VEC3, new_trail(ZERO_VEC3), P.copy())
+    now = Prediction(known, ZERO_VEC3, ZERO_VEC3, new_velocity_history(ZERO_VEC3), P.copy())
     north = North(is_known, floats((np.cos(0.4), np.sin(0.4))))
     others = StepInputs((0.0, 0.0, 1.0), 0.1, 0.0, north)
     x0 = SIGMAS * rng.standard_normal(SIZE) * 0.1
@@ -345,7 +350,7 @@ def test_unaided_gravity(seed):
     R = matrix_of(known.q_ned_frd)
     d = turned([0.3, -0.5, 0.0]) @ [0.0, 0.0, 1.0]
     gravity_b = floats(R.T @ d)
-    now = Prediction(known, ZERO_VEC3, ZERO_VEC3, new_trail(ZERO_VEC3), P.copy())
+    now = Prediction(known, ZERO_VEC3, ZERO_VEC3, new_velocity_history(ZERO_VEC3), P.copy())
     x0 = SIGMAS * rng.standard_normal(SIZE) * 0.1
     x = x0.copy()
     level = np.hypot(d[0], d[1])
@@ -377,7 +382,11 @@ def test_published_sigmas(heading_rad, innovation, wait_s, together, samples, dt
         P[i, i] = 0.3**2
     E = (0.15, -0.12, 0.4)
     now = Prediction(
-        BLANK.estimate._replace(earth_gauss=E), ZERO_VEC3, ZERO_VEC3, new_trail(ZERO_VEC3), P
+        BLANK.estimate._replace(earth_gauss=E),
+        ZERO_VEC3,
+        ZERO_VEC3,
+        new_velocity_history(ZERO_VEC3),
+        P,
     )
     last = LastStep(ZERO_VEC3, ZERO_VEC3, (2.0, -1.0, -9.0), (0.5, -0.3, 0.8), dt)
     look = BLANK.field.look

@@ -9,7 +9,6 @@ from estimator.aiding import Report, blank_aiding
 from estimator.aiding.covariance import rotation_matrix
 from estimator.aiding.inertial import GRAVITY_NED, Prediction
 from estimator.aiding.sources import field, unaided, velocity
-from estimator.aiding.trail import extend_trail, new_trail
 from estimator.aiding.types import (
     EARTH,
     FIELD_LAG,
@@ -26,6 +25,7 @@ from estimator.aiding.types import (
     North,
     StepInputs,
 )
+from estimator.aiding.velocity_history import extend_velocity_history, new_velocity_history
 from estimator.conditioning.field.magnetic import FieldLook
 from estimator.geometry.frames import from_euler_rad
 from estimator.geometry.quaternion import exp, multiply, normalize, rotate, rotate_inverse
@@ -149,14 +149,16 @@ def test_velocity(learnt, late_sigma_s):
         """A turn of the attitude turns all that was felt since, and with it what was gained."""
         learnt.clear()
         turned = [rotate(exp(floats(change[TURN : TURN + 3])), floats(f)) for f in forces]
-        trail = new_trail(floats(np.array(turned[0]) + GRAVITY_NED))
+        velocity_history = new_velocity_history(floats(np.array(turned[0]) + GRAVITY_NED))
         for before, now in itertools.pairwise(turned):
             gained = 0.01 * (np.array(before) + now) + 0.02 * np.array(GRAVITY_NED)
-            trail = extend_trail(trail, floats(gained), floats(np.array(now) + GRAVITY_NED), 0.02)
+            velocity_history = extend_velocity_history(
+                velocity_history, floats(gained), floats(np.array(now) + GRAVITY_NED), 0.02
+            )
         estimate = BLANK.estimate._replace(
             q_ned_frd=q, velocity_ned_m_s=floats(v + change[VELOCITY : VELOCITY + 3])
         )
-        now = Prediction(estimate, turned[-1], ZERO_VEC3, trail, np.eye(SIZE) * 1e-6)
+        now = Prediction(estimate, turned[-1], ZERO_VEC3, velocity_history, np.eye(SIZE) * 1e-6)
         reporter = velocity.Reporter(
             is_receiver=is_receiver,
             error_m_s=floats(slow + change[error_at : error_at + 3]),
@@ -178,7 +180,7 @@ def test_velocity(learnt, late_sigma_s):
 def prediction(q_ned_frd):
     """At rest with that attitude, of which nothing is known."""
     estimate = BLANK.estimate._replace(q_ned_frd=q_ned_frd)
-    return Prediction(estimate, ZERO_VEC3, ZERO_VEC3, new_trail(ZERO_VEC3), np.eye(SIZE))
+    return Prediction(estimate, ZERO_VEC3, ZERO_VEC3, new_velocity_history(ZERO_VEC3), np.eye(SIZE))
 
 
 @pytest.mark.parametrize("seed", range(5))

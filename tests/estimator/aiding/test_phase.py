@@ -62,10 +62,10 @@ class Pilot:
 
 def require_nothing_stale(estimator, now):
     phase, core = now.context.phase, now.core
-    state, covariance, trail = blank_aiding(settings_of(estimator.profile).aiding)
+    state, covariance, velocity_history = blank_aiding(settings_of(estimator.profile).aiding)
     if phase is not Phase.AIDED:
-        blank = (state, flat(covariance), flat(trail))
-        assert (core.aided, core.covariance, core.trail) == blank
+        blank = (state, flat(covariance), flat(velocity_history))
+        assert (core.aided, core.covariance, core.velocity_history) == blank
     if phase in (Phase.EMPTY, Phase.RAW):
         assert (core.seen, core.search) == (UNSEEN, EMPTY_SEARCH)
 

@@ -213,8 +213,8 @@ def prediction(q, velocity):
     for i in range(3):
         P[VELOCITY + i, VELOCITY + i] = 0.01**2
     estimate = BLANK.estimate._replace(q_ned_frd=q, velocity_ned_m_s=velocity)
-    trail = np.zeros((64, 7))
-    return Prediction(estimate, (0.0, 0.0, -9.8), (0.0, 0.0, 0.0), trail, P)
+    velocity_history = np.zeros((64, 7))
+    return Prediction(estimate, (0.0, 0.0, -9.8), (0.0, 0.0, 0.0), velocity_history, P)
 
 
 @pytest.mark.parametrize("sense", [1.0, -1.0])

@@ -30,52 +30,61 @@ class Since(NamedTuple):
     acceleration_m_s2: Vec3  # at that moment
 
 
-def new_trail(acceleration: Vec3) -> Array:
+def new_velocity_history(acceleration: Vec3) -> Array:
     """(ROWS, COLUMNS) before the first step: nothing has been gained."""
-    trail = np.zeros((ROWS, COLUMNS))
-    trail[0, ACCELERATION : ACCELERATION + 3] = acceleration
-    trail[1:, TIME] = -LONG_S - np.arange(1, ROWS)  # nothing is known before
-    trail[1:, ACCELERATION : ACCELERATION + 3] = acceleration
-    return trail
+    velocity_history = np.zeros((ROWS, COLUMNS))
+    velocity_history[0, ACCELERATION : ACCELERATION + 3] = acceleration
+    velocity_history[1:, TIME] = -LONG_S - np.arange(1, ROWS)  # nothing is known before
+    velocity_history[1:, ACCELERATION : ACCELERATION + 3] = acceleration
+    return velocity_history
 
 
 @inlined
-def extend_trail(trail: Array, gained: Vec3, acceleration: Vec3, dt: float) -> Array:
-    """A new trail with one more sample."""
-    new = trail.copy()
-    if trail[0, TIME] - trail[1, TIME] >= STEP_S:
-        new[1:] = trail[:-1]
-    new[0, TIME] = trail[0, TIME] + dt
+def extend_velocity_history(
+    velocity_history: Array, gained: Vec3, acceleration: Vec3, dt: float
+) -> Array:
+    """A new velocity history with one more sample."""
+    new = velocity_history.copy()
+    if velocity_history[0, TIME] - velocity_history[1, TIME] >= STEP_S:
+        new[1:] = velocity_history[:-1]
+    new[0, TIME] = velocity_history[0, TIME] + dt
     for i in range(3):
-        new[0, GAINED + i] = trail[0, GAINED + i] + gained[i]
+        new[0, GAINED + i] = velocity_history[0, GAINED + i] + gained[i]
         new[0, ACCELERATION + i] = acceleration[i]
     return new
 
 
 @inlined
-def row(trail: Array, k: int, first: int) -> Vec3:
+def row(velocity_history: Array, k: int, first: int) -> Vec3:
     """Three columns of a row."""
-    return (trail[k, first], trail[k, first + 1], trail[k, first + 2])
+    return (
+        velocity_history[k, first],
+        velocity_history[k, first + 1],
+        velocity_history[k, first + 2],
+    )
 
 
 @inlined
-def look_back(trail: Array, ago_s: float) -> Since:
+def look_back(velocity_history: Array, ago_s: float) -> Since:
     """What happened since ``ago_s`` before the newest sample; ahead of it if negative.
 
     The acceleration is linear between two rows and stays what it was outside.
     """
-    then = trail[0, TIME] - ago_s
-    newest = row(trail, 0, ACCELERATION)
+    then = velocity_history[0, TIME] - ago_s
+    newest = row(velocity_history, 0, ACCELERATION)
     if ago_s <= 0.0:
         return Since(scale(ago_s, newest), newest)
     k = 0
-    while k < ROWS - 2 and trail[k + 1, TIME] > then:
+    while k < ROWS - 2 and velocity_history[k + 1, TIME] > then:
         k += 1
-    after, before = row(trail, k, ACCELERATION), row(trail, k + 1, ACCELERATION)
-    back = trail[k, TIME] - then
-    gained = subtract(row(trail, 0, GAINED), row(trail, k, GAINED))
-    step = trail[k, TIME] - trail[k + 1, TIME]
-    if step > LONG_S or back > (1.0 + TINY) * step:  # the trail does not go back that far
+    after, before = (
+        row(velocity_history, k, ACCELERATION),
+        row(velocity_history, k + 1, ACCELERATION),
+    )
+    back = velocity_history[k, TIME] - then
+    gained = subtract(row(velocity_history, 0, GAINED), row(velocity_history, k, GAINED))
+    step = velocity_history[k, TIME] - velocity_history[k + 1, TIME]
+    if step > LONG_S or back > (1.0 + TINY) * step:  # the history does not go back that far
         return Since(add(gained, scale(back, after)), after)
     change = scale(back / step, subtract(before, after))
     return Since(add(gained, scale(back, add(after, scale(0.5, change)))), add(after, change))

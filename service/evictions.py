@@ -16,7 +16,7 @@ LONGEST_LOOK_US = 60_000_000
 MOST_PROFILES = 512  # of vehicles that are gone; the one that left first goes
 
 
-class DepartedCounts(NamedTuple):
+class EvictedCounts(NamedTuple):
     """What is counted of the vehicles that were forgotten."""
 
     vehicles: int = 0
@@ -25,16 +25,16 @@ class DepartedCounts(NamedTuple):
     rejected: int = 0
     attitudes: int = 0
 
-    def plus(self, other: "DepartedCounts") -> "DepartedCounts":
+    def plus(self, other: "EvictedCounts") -> "EvictedCounts":
         """Both together."""
-        return DepartedCounts(*map(add, self, other))
+        return EvictedCounts(*map(add, self, other))
 
 
-class Departures:
+class Evictions:
     """Counts silence by the time between looks. Times are given."""
 
     def __init__(self) -> None:
-        self.counts = DepartedCounts()  # so far
+        self.counts = EvictedCounts()  # so far
         self._limit = LineLimit("vehicles")
         self._silence_us: dict[VehicleId, int] = {}
         self._heard_us: dict[VehicleId, int] = {}
