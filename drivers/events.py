@@ -100,16 +100,11 @@ class Heartbeat(VehicleEvent, frozen=True):
     custom_mode: int | None = None  # the flight mode's number, by autopilot and type
 
 
-class Armed(VehicleEvent, frozen=True):
-    """The vehicle was armed or disarmed, in a log without MAVLink's heartbeats."""
+class ModeChange(VehicleEvent, frozen=True):
+    """Arming or flight mode, as in ``Heartbeat``, of a log that has no heartbeats."""
 
-    is_armed: bool
-
-
-class FlightMode(VehicleEvent, frozen=True):
-    """The flight mode's number, in a log without MAVLink's heartbeats."""
-
-    custom_mode: int
+    is_armed: bool | None = None
+    custom_mode: int | None = None
 
 
 class StatusText(VehicleEvent, frozen=True):

@@ -1,7 +1,7 @@
 """The figures of ``fuzzbee calibrate``: a log's compass beside the World Magnetic Model."""
 
 from collections.abc import Iterator
-from math import atan2, cos, degrees, radians, sin
+from math import atan2, cos, degrees, radians
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,7 +16,7 @@ from drivers.mavlink.compass_parameters import Orientation, corrected, orientati
 from drivers.mavlink.constants import MAV_AUTOPILOT_ARDUPILOTMEGA
 from estimator.arrays import Bools, Floats
 from estimator.errors import InputError
-from estimator.geometry.earth import PlaceField
+from estimator.geometry.earth import PlaceField, in_ned
 from estimator.geometry.rotations import rotate_inverse
 from estimator.mounting import UNCHANGED
 from estimator.profile import Profile
@@ -175,10 +175,8 @@ class _Readings(NamedTuple):
 
     def beside(self, field: PlaceField) -> tuple[Floats, Floats]:
         """Readings where velocity has shown the heading, and the place's field there (M, 3)."""
-        level = field.strength_gauss * cos(field.dip_rad)
-        north, east = level * cos(field.declination_rad), level * sin(field.declination_rad)
-        ned = (north, east, field.strength_gauss * sin(field.dip_rad))
-        return self.mag[self.is_headed], rotate_inverse(self.q_ned_frd[self.is_headed], ned)
+        there = self.is_headed
+        return self.mag[there], rotate_inverse(self.q_ned_frd[there], in_ned(field))
 
 
 def _readings(trace: VehicleTrace, current_a: Floats | None) -> _Readings:

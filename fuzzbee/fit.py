@@ -6,7 +6,7 @@ sign that data usually come in.
 """
 
 from collections.abc import Iterator
-from itertools import permutations, product
+from itertools import product
 from math import pi
 from typing import NamedTuple
 
@@ -15,7 +15,17 @@ from numpy.typing import NDArray
 
 from estimator.arrays import Bools, Floats, Times
 from estimator.live.rows import Rows
-from tuning.turning import MOST_SPANS, SLOW_S, Sizes, Spans, root, sizes_of, spans_of, squares_left
+from tuning.turning import (
+    MOST_SPANS,
+    SLOW_S,
+    TURNS,
+    Sizes,
+    Spans,
+    root,
+    sizes_of,
+    spans_of,
+    squares_left,
+)
 
 LEAST_S = 5.0  # shorter recordings say too little
 FEWEST_SPANS = 25  # that a comparison needs
@@ -64,13 +74,6 @@ class AxisHypothesis(NamedTuple):
         return f"{name}{axes}{'' if signs == [1, 1, 1] else f' * {tuple(signs)}'}{self.unit}"
 
 
-# As given first.
-TURNS: Floats = np.array(
-    [
-        np.diag(signs) @ np.eye(3)[list(order)]
-        for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3))
-    ]
-)
 HYPOTHESES = tuple(AxisHypothesis(turn, scale, unit) for scale, unit in GYR_UNITS for turn in TURNS)
 
 

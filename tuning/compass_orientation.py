@@ -1,10 +1,9 @@
 """How a compass is turned in its vehicle, by right angles, from the field that it should see."""
 
-from itertools import permutations, product
-
 import numpy as np
 
 from estimator.arrays import Floats
+from tuning.turning import TURNS
 
 LEAST_READINGS = 50
 # A right angle moves the field's horizontal part by more than this share of its strength where the
@@ -12,12 +11,7 @@ LEAST_READINGS = 50
 LEAST_MISFIT = 0.15
 CLEAR = 0.5  # of the misfit of any other way, at most
 
-RIGHT_ANGLED: tuple[Floats, ...] = tuple(
-    R
-    for order in permutations(range(3))
-    for signs in product((1.0, -1.0), repeat=3)
-    if np.linalg.det(R := np.eye(3)[list(order)] * np.array(signs)[:, None]) > 0.0
-)
+RIGHT_ANGLED: Floats = TURNS[np.linalg.det(TURNS) > 0.0]  # the first turns nothing
 
 
 def compass_turn(mag_gauss: Floats, expected_gauss: Floats) -> Floats | None:
@@ -29,11 +23,10 @@ def compass_turn(mag_gauss: Floats, expected_gauss: Floats) -> Floats | None:
     if len(mag_gauss) < LEAST_READINGS:
         return None
     misfits = np.array([_misfit(mag_gauss, expected_gauss @ R) for R in RIGHT_ANGLED])
-    as_it_is = next(k for k, R in enumerate(RIGHT_ANGLED) if (np.eye(3) == R).all())
     best, second = (int(k) for k in np.argsort(misfits)[:2])
     strength = float(np.median(np.linalg.norm(expected_gauss, axis=1)))
     is_clear = misfits[best] < CLEAR * misfits[second]
-    if best == as_it_is or not is_clear or misfits[as_it_is] < LEAST_MISFIT * strength:
+    if best == 0 or not is_clear or misfits[0] < LEAST_MISFIT * strength:
         return None
     turn: Floats = RIGHT_ANGLED[best]
     return turn

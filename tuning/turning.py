@@ -4,6 +4,7 @@ A vector v that stands still turns against the body: v' = -w x v. What a gyrosco
 with how a vector has changed between means that follow each other.
 """
 
+from itertools import permutations, product
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +26,15 @@ FLAT = 1e-9  # of the normal matrix: turns about one axis alone leave the iron a
 
 _COLUMNS = np.zeros((1, 3))
 _TIMES, _ROWS = np.zeros(1, np.int64), np.zeros(1, np.bool_)
+
+
+# The signed permutations of axes; as given first.
+TURNS: Floats = np.array(
+    [
+        np.diag(signs) @ np.eye(3)[list(order)]
+        for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3))
+    ]
+)
 
 
 class Sizes(NamedTuple):

@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 
-from drivers.events import Armed, Event, FlightMode, Heartbeat, Malformed, Parameter, VehicleId
+from drivers.events import Event, Heartbeat, Malformed, ModeChange, Parameter, VehicleId
 from drivers.logs.dataflash_format import Row, messages
 from drivers.logs.log_file import LogFile, Window, windowed
 from drivers.logs.logged_vehicle import LoggedVehicle
@@ -173,18 +173,19 @@ class _Decoder:
 
     def _arm(self, name: str, row: Row) -> list[Event]:
         self._time(name, row)
-        return [Armed(self._vehicle.id, self._arrival_us, bool(row["ArmState"]))]
+        return [ModeChange(self._vehicle.id, self._arrival_us, is_armed=bool(row["ArmState"]))]
 
     def _event(self, name: str, row: Row) -> list[Event]:
         if row["Id"] not in (ARMED_EVENT, DISARMED_EVENT):
             return []
         self._time(name, row)
-        return [Armed(self._vehicle.id, self._arrival_us, row["Id"] == ARMED_EVENT)]
+        is_armed = row["Id"] == ARMED_EVENT
+        return [ModeChange(self._vehicle.id, self._arrival_us, is_armed=is_armed)]
 
     def _mode(self, name: str, row: Row) -> list[Event]:
         self._time(name, row)
         number = int(row["ModeNum"] if "ModeNum" in row else row["Mode"])
-        return [FlightMode(self._vehicle.id, self._arrival_us, number)]
+        return [ModeChange(self._vehicle.id, self._arrival_us, custom_mode=number)]
 
     def _text(self, _name: str, row: Row) -> list[Event]:
         vehicle_type = VEHICLE_TYPES.get(str(row["Message"]).partition(" ")[0])

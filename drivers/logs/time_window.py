@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 from drivers.events import (
-    Armed,
     ClockReset,
     Event,
     Heartbeat,
     Imu,
+    ModeChange,
     Position,
     ReferenceAttitude,
     Rejected,
@@ -65,7 +65,7 @@ class WindowedEvents:
                 yield event
                 continue
             progress = self._vehicles.setdefault(event.vehicle, _Progress())
-            if isinstance(event, Heartbeat | Armed) and event.is_armed is not None:
+            if isinstance(event, Heartbeat | ModeChange) and event.is_armed is not None:
                 self._arm(progress, event.is_armed)
             elif isinstance(event, Imu):
                 self._advance(progress, event.sample.time_us)

@@ -5,14 +5,13 @@ vehicle_magnetometer; vehicle_attitude as the autopilot's reference and
 vehicle_attitude_groundtruth as truth; vehicle_local_position and
 vehicle_gps_position (or sensor_gps) for velocity and position; estimator_status and
 estimator_selector_status for how far the filter believes itself; vehicle_status for
-arming. All are SI and
-FRD/NED already, fields in gauss, times in us since boot.
+arming. All are SI and FRD/NED already, fields in gauss, times in us since boot.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Literal, NamedTuple
 
-from drivers.events import Armed, Event, Heartbeat, Malformed, Parameter, Rejected, VehicleId
+from drivers.events import Event, Heartbeat, Malformed, ModeChange, Parameter, Rejected, VehicleId
 from drivers.logs.log_file import LATEST_US, LogFile, windowed
 from drivers.logs.logged_vehicle import LoggedVehicle
 from drivers.logs.ulog_format import TIMES, Found, Row, UlogReader
@@ -191,7 +190,8 @@ class _Decoder:
 
     def _status(self, _topic: str, raw_us: int, row: Row) -> list[Event]:
         is_armed = row["arming_state"] == ARMING_STATE_ARMED
-        return [Armed(self._vehicle.id, self._vehicle.arrival_us(raw_us), is_armed)]
+        arrival_us = self._vehicle.arrival_us(raw_us)
+        return [ModeChange(self._vehicle.id, arrival_us, is_armed=is_armed)]
 
     def _gps(self, topic: str, raw_us: int, row: Row) -> list[Event]:
         if row["fix_type"] < GPS_FIX_TYPE_3D_FIX:

@@ -81,12 +81,12 @@ def orientation(turn: Floats, was: Mapping[str, float], message: str) -> Orienta
     """
     number = NUMBERS.get(message, "")
     name = f"{COMPASS}ORIENT{number}"
-    known = {value: R for value, _, R in _rotations()}
-    before = known.get(int(was.get(name, 0.0)))
+    known = _rotations()
+    before = {value: R for value, _, R in known}.get(int(was.get(name, 0.0)))
     if before is None:
         return None
     wanted = turn @ before
-    for value, meaning, R in _rotations():
+    for value, meaning, R in known:
         if np.allclose(R, wanted):
             return Orientation(name, value, meaning)
     return None

@@ -92,10 +92,10 @@ class MavlinkDecoder:
     """Frames in, events out, for any number of vehicles.
 
     ``references`` says whether attitudes of others are wanted, ``texts`` whether STATUSTEXT is;
-    ``wanted`` holds the numbers
-    of the messages that become events, all others are skipped. ``imu_in_use`` gives the IMU message
-    that is used of a vehicle, if any: those behind it in the order of preference are skipped while
-    it comes. The tables are read here once: what is to be known must be in them before.
+    ``wanted`` holds the numbers of the messages that become events, all others are skipped.
+    ``imu_in_use`` gives the IMU message that is used of a vehicle, if any: those behind it in the
+    order of preference are skipped while it comes. The tables are read here once: what is to be
+    known must be in them before.
     """
 
     def __init__(self, *, references: bool = True, texts: bool = False) -> None:

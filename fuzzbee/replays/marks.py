@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drivers.events import Armed, FlightMode, Heartbeat, StatusText
+from drivers.events import Heartbeat, ModeChange, StatusText
 from drivers.mavlink.constants import MAV_AUTOPILOT_PX4
 from estimator.arrays import Floats
 
@@ -24,36 +24,38 @@ class Marks:
     """Collects the moments of one vehicle; a mode or a text that is repeated counts once."""
 
     def __init__(self) -> None:
-        self._autopilot = self._type = 0
         self._armed: bool | None = None
         self._mode: int | None = None
         self._modes: list[tuple[int, int]] = []  # arrival and number
         self._others: list[Mark] = []
         self._texts: set[str] = set()
 
-    def take(self, event: Heartbeat | Armed | FlightMode | StatusText) -> None:
+    def take(self, event: Heartbeat | ModeChange | StatusText) -> None:
         """Note what is new in an event."""
         if isinstance(event, StatusText):
             self._note_text(event)
             return
-        if isinstance(event, Heartbeat):
-            self._autopilot, self._type = event.autopilot, event.vehicle_type
-        if isinstance(event, Heartbeat | Armed) and event.is_armed is not None:
-            if self._armed not in (None, event.is_armed):
-                word = "armed" if event.is_armed else "disarmed"
-                self._others.append(Mark(event.arrival_us, word))
-            self._armed = event.is_armed
-        if isinstance(event, Heartbeat | FlightMode):
-            self._note_mode(event.arrival_us, event.custom_mode)
+        self._note_arming(event.arrival_us, event.is_armed)
+        self._note_mode(event.arrival_us, event.custom_mode)
 
-    def found(self, begin_us: int) -> list[Mark]:
-        """All from a moment on, in the order of time; first the mode that the vehicle was in."""
-        names = self._mode_names()
+    def found(self, begin_us: int, autopilot: int | None, vehicle_type: int | None) -> list[Mark]:
+        """All from a moment on, in the order of time; first the mode that the vehicle was in.
+
+        The numbers of modes have their names from MAV_AUTOPILOT and MAV_TYPE.
+        """
+        names = self._mode_names(autopilot, vehicle_type)
         modes = [Mark(us, names.get(number, f"mode {number}")) for us, number in self._modes]
         before = [mark for mark in modes if mark.arrival_us < begin_us]
         began = [Mark(begin_us, mark.text) for mark in before[-1:]]
         later = sorted(m for m in (*modes, *self._others) if m.arrival_us >= begin_us)
         return [*began, *later]
+
+    def _note_arming(self, arrival_us: int, is_armed: bool | None) -> None:
+        if is_armed is None:
+            return
+        if self._armed not in (None, is_armed):
+            self._others.append(Mark(arrival_us, "armed" if is_armed else "disarmed"))
+        self._armed = is_armed
 
     def _note_mode(self, arrival_us: int, number: int | None) -> None:
         if number is not None and number != self._mode:
@@ -66,14 +68,16 @@ class Marks:
             self._texts.add(event.text)
             self._others.append(Mark(event.arrival_us, event.text[:LETTERS]))
 
-    def _mode_names(self) -> dict[int, str]:
-        """The names of the vehicle's flight modes, from pymavlink's tables."""
+    def _mode_names(self, autopilot: int | None, vehicle_type: int | None) -> dict[int, str]:
+        """The names of the modes, from pymavlink's tables."""
+        if not self._modes:
+            return {}
         from pymavlink import mavutil
 
-        if self._autopilot == MAV_AUTOPILOT_PX4:
+        if autopilot == MAV_AUTOPILOT_PX4:
             numbers = {number for _, number in self._modes}
             return {n: mavutil.interpret_px4_mode(1, n) for n in numbers}
-        return mavutil.mode_mapping_bynumber(self._type) or {}
+        return mavutil.mode_mapping_bynumber(vehicle_type) or {}
 
 
 def seconds_of(marks: list[Mark], arrivals_us: Floats, time_s: Floats) -> Floats:

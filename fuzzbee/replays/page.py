@@ -30,7 +30,7 @@ def write_page(figure: Any, path: Path, *, is_over_log: bool = False) -> None:
     """Write a matplotlib figure, whose layout is settled, as an interactive page.
 
     Lines, shaded areas, bands and their names are the figure's own, so are ranges and places of
-    the panels; those over time move together. The same figure gives the same bytes. Below one that
+    the panels; those over time move together. The same figure gives the same bytes. Above one that
     ``is_over_log`` stand the options that replay the seconds that are seen.
 
     Raises:

@@ -228,8 +228,9 @@ def _bands(axes: Any, drawn: Drawn) -> None:
 
 def _marks(axes: Any, drawn: Drawn) -> None:
     """Name in the first panel when mode or arming changed, or the autopilot warned."""
-    arrivals_us = drawn.trace.arrivals_us.rows()
-    marks = drawn.trace.marks.found(int(arrivals_us[0]))
+    trace = drawn.trace
+    arrivals_us = trace.arrivals_us.rows()
+    marks = trace.marks.found(int(arrivals_us[0]), trace.autopilot, trace.vehicle_type)
     seconds = seconds_of(marks, arrivals_us, drawn.time_s).tolist()
     for mark, at_s in zip(marks, seconds, strict=True):
         if isnan(at_s):  # after the last sample

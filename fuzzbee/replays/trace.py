@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.events import (
-    Armed,
     Event,
-    FlightMode,
     Heartbeat,
     Imu,
+    ModeChange,
     Parameter,
     ReferenceAttitude,
     StatusText,
@@ -166,8 +165,6 @@ class Replay:
         for output in self.pipeline.handle(event):
             if isinstance(output, Message):
                 self._tell(output.text)
-        if isinstance(event, Heartbeat | Armed | FlightMode | StatusText):
-            self._trace(event.vehicle).marks.take(event)
         match event:
             case Imu():
                 self._after_imu(event)
@@ -181,6 +178,9 @@ class Replay:
                 trace = self._trace(address)
                 trace.autopilot, trace.vehicle_type = event.autopilot, event.vehicle_type
                 trace.view.vehicle_type = event.vehicle_type
+                trace.marks.take(event)
+            case ModeChange() | StatusText():
+                self._trace(event.vehicle).marks.take(event)
 
     def _after_imu(self, event: Imu) -> None:
         vehicle = self.pipeline.vehicle(event.vehicle)

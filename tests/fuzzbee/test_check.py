@@ -14,36 +14,26 @@ from pathlib import Path
 import pytest
 from pymavlink import mavutil
 
-from drivers.mavlink.dialect import mavlink
 from fuzzbee.check import _files
 from fuzzbee.cli import main
 from tests.fuzzbee.services import descendants, is_alive
+from tests.fuzzbee.tlogs import rewritten
 
 DATA = Path(__file__).parent.parent / "data"
 GOOD = DATA / "sitl_copter_takeoff.tlog"
-ROLL_OFF_RAD, STAMP_SIZE = 0.6, 8
+ROLL_OFF_RAD = 0.6
 
 
 def with_wrong_attitudes(log, made):
     """A telemetry log's copy in which every ATTITUDE has another roll."""
-    data, out, at = log.read_bytes(), bytearray(), 0
-    while at < len(data):
-        end = at + STAMP_SIZE + frame_size(data, at + STAMP_SIZE)
-        mav = mavlink().MAVLink(None)
-        frame = data[at + STAMP_SIZE : end]
-        (message, *_) = mav.parse_buffer(frame) or (None,)
-        if message is not None and message.get_type() == "ATTITUDE":
-            message.roll += ROLL_OFF_RAD
-            mav.seq = message.get_seq()
-            mav.srcSystem, mav.srcComponent = message.get_srcSystem(), message.get_srcComponent()
-            frame = message.pack(mav)
-        out += data[at : at + STAMP_SIZE] + frame
-        at = end
-    made.write_bytes(out)
 
+    def change(_, message):
+        if message.get_type() != "ATTITUDE":
+            return None
+        message.roll += ROLL_OFF_RAD
+        return [message]
 
-def frame_size(data, at):
-    return data[at + 1] + (8 if data[at] == 0xFE else 12 + 13 * (data[at + 2] & 1))
+    rewritten(log, made, change)
 
 
 def check(capsys, *arguments):

@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from fuzzbee.cli import main
 from tests.drivers.logs.test_dataflash import Writer
-from tests.fuzzbee.test_check import STAMP_SIZE, frame_size
+from tests.fuzzbee.tlogs import rewritten
 
 TAKEOFF = Path(__file__).parent.parent / "data" / "sitl_copter_takeoff.tlog"
 MODES = {0: "STABILIZE", 5: "LOITER", 6: "RTL"}  # of ArduCopter
@@ -15,21 +15,15 @@ MODES = {0: "STABILIZE", 5: "LOITER", 6: "RTL"}  # of ArduCopter
 
 def said_at(log, made, words):
     """A telemetry log's copy with what the autopilot says at seconds of the stamps: messages."""
-    data, out, at, first_us = log.read_bytes(), bytearray(), 0, None
-    mav, waiting = dialect.MAVLink(None, 1, 1), sorted(words.items())
-    while at < len(data):
-        stamp = data[at : at + STAMP_SIZE]
-        end = at + STAMP_SIZE + frame_size(data, at + STAMP_SIZE)
-        stamp_us = int.from_bytes(stamp, "big")
-        first_us = stamp_us if first_us is None else first_us
-        message_id = data[at + STAMP_SIZE + (5 if data[at + STAMP_SIZE] == 0xFE else 7)]
-        while waiting and 1e-6 * (stamp_us - first_us) >= waiting[0][0]:
-            out += stamp + waiting.pop(0)[1].pack(mav)
-        if message_id != dialect.MAVLINK_MSG_ID_HEARTBEAT:
-            out += data[at:end]
-        at = end
-    made.write_bytes(out)
-    return made
+    waiting = sorted(words.items())
+
+    def change(seconds, message):
+        due = [words for at_s, words in waiting if at_s <= seconds]
+        del waiting[: len(due)]
+        kept = [] if message.get_type() == "HEARTBEAT" else [message]
+        return [*due, *kept] if due or not kept else None
+
+    return rewritten(log, made, change)
 
 
 def beat(mode, *, is_armed):

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.mavlink.dialect import mavlink
 from fuzzbee import replay
 from fuzzbee.cli import main
 from tests.drivers.logs.test_dataflash import Writer
-from tests.fuzzbee.test_check import STAMP_SIZE, frame_size, with_wrong_attitudes
+from tests.fuzzbee.test_check import with_wrong_attitudes
+from tests.fuzzbee.tlogs import rewritten
 
 DATA = Path(__file__).parent.parent / "data"
 TAKEOFF, PLANE = DATA / "sitl_copter_takeoff.tlog", DATA / "sitl_plane_4hz.tlog"
@@ -35,23 +35,14 @@ def refusal(capsys, *arguments):
 
 def armed_between(log, made, begin_s, end_s):
     """A telemetry log's copy whose autopilot is armed between those seconds of the stamps alone."""
-    data, out, at, first_us = log.read_bytes(), bytearray(), 0, None
-    while at < len(data):
-        end = at + STAMP_SIZE + frame_size(data, at + STAMP_SIZE)
-        stamp_us = int.from_bytes(data[at : at + STAMP_SIZE], "big")
-        first_us = stamp_us if first_us is None else first_us
-        mav, frame = mavlink().MAVLink(None), data[at + STAMP_SIZE : end]
-        (message, *_) = mav.parse_buffer(frame) or (None,)
-        if message is not None and message.get_type() == "HEARTBEAT":
-            is_armed = begin_s <= 1e-6 * (stamp_us - first_us) < end_s
-            message.base_mode = message.base_mode & ~ARMED | ARMED * is_armed
-            mav.seq = message.get_seq()
-            mav.srcSystem, mav.srcComponent = message.get_srcSystem(), message.get_srcComponent()
-            frame = message.pack(mav)
-        out += data[at : at + STAMP_SIZE] + frame
-        at = end
-    made.write_bytes(out)
-    return made
+
+    def change(seconds, message):
+        if message.get_type() != "HEARTBEAT":
+            return None
+        message.base_mode = message.base_mode & ~ARMED | ARMED * (begin_s <= seconds < end_s)
+        return [message]
+
+    return rewritten(log, made, change)
 
 
 def test_seconds_count_from_the_logs_beginning(tmp_path, capsys):

@@ -1,0 +1,26 @@
+"""Telemetry logs with other messages in them."""
+
+from drivers.logs.log_file import Window
+from drivers.logs.tlog import TlogRecords
+from drivers.mavlink.dialect import Unpacker, mavlink
+
+
+def rewritten(log, made, change):
+    """A copy of a log with the messages that ``change(seconds, message)`` gives for each message.
+
+    None leaves it as it is. Seconds count from the first stamp; others have its address and number.
+    """
+    data, unpacker, first_us = bytearray(), Unpacker(), None
+    for stamp_us, frame in TlogRecords(Window(log.read_bytes()), None).readable():
+        first_us = stamp_us if first_us is None else first_us
+        message = unpacker.message(frame.data)
+        given = change(1e-6 * (stamp_us - first_us), message)
+        frames = [frame.data]
+        if given is not None:
+            link = mavlink().MAVLink(None, message.get_srcSystem(), message.get_srcComponent())
+            link.seq = message.get_seq()
+            frames = [each.pack(link) for each in given]
+        for each in frames:
+            data += stamp_us.to_bytes(8, "big") + bytes(each)
+    made.write_bytes(data)
+    return made
