@@ -43,6 +43,28 @@ def output_path(path: Path) -> Path:
 
 
 @contextmanager
+def has_reader(path: Path) -> Iterator[None]:
+    """Refuse a pipe that nobody reads: to open it would wait for ever, without a word.
+
+    Raises:
+        InputError: it is one.
+    """
+    if not path.is_fifo():
+        yield
+        return
+    try:
+        held = os.open(path, os.O_WRONLY | os.O_NONBLOCK)
+    except OSError as error:
+        if error.errno != errno.ENXIO:
+            raise
+        raise InputError(f"{path}: a pipe that nobody reads, start its reader first") from None
+    try:
+        yield  # held open meanwhile, or its reader would see an end
+    finally:
+        os.close(held)
+
+
+@contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
     """A file to be written beside ``path``, which takes its place once it is whole.
 
@@ -51,13 +73,14 @@ def written_whole(path: Path) -> Iterator[Path]:
     a file in a folder that takes no others.
 
     Raises:
-        InputError: see :func:`output_path`.
+        InputError: see :func:`output_path` and :func:`has_reader`.
         OSError: it cannot be written.
     """
     path = output_path(path)
     is_there = os.path.lexists(path)
     if is_there and not (path.is_file() and os.access(path.parent, os.W_OK)):
-        yield path
+        with has_reader(path):
+            yield path
         return
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=".unfinished-", suffix=path.suffix)
     os.close(handle)

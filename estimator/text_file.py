@@ -16,8 +16,11 @@ def file_text(path: Path, what: str) -> str:
         InputError: it is no file, too long, no text or cannot be read; begins with ``what``.
     """
     try:
-        if not stat.S_ISREG(path.stat().st_mode) and not path.is_dir():
+        about = path.stat()
+        if not stat.S_ISREG(about.st_mode) and not path.is_dir():
             raise InputError(f"{what}: not a file but a pipe, a socket or a device")
+        if about.st_size == 0:  # some of the kernel's would block
+            return ""
         with path.open("rb") as file:
             content = file.read(LONGEST_FILE + 1)
         if len(content) > LONGEST_FILE:

@@ -4,6 +4,7 @@ import os
 import stat
 from contextlib import ExitStack
 from pathlib import Path
+from select import select
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from estimator.errors import InputError
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from drivers.mavlink.gate import Policy
 
 LONGEST_KEY_FILE = 4096  # bytes
+PIPE_S = 5.0  # for whoever writes the key into a pipe
 SHORT_PHRASE = 8  # characters; shorter ones are guessed
 
 _IDS = "Refuse frames of all other systems: 1,2,10-19."
@@ -109,9 +111,11 @@ def key_content(path: Path, *, is_insecure: bool) -> bytes:
             its group write to it, unless that is what is wanted.
     """
     try:
-        with path.open("rb") as file:
+        with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:
+            is_ready, _, _ = select([file], [], [], PIPE_S)  # a pipe may have no writer
+            os.set_blocking(file.fileno(), True)
             mode = os.fstat(file.fileno()).st_mode
-            content = file.read(LONGEST_KEY_FILE + 1)
+            content = file.read(LONGEST_KEY_FILE + 1) if is_ready else b""
     except OSError as error:
         raise InputError(f"cannot read the key file {path}: {error.strerror}") from error
     is_open = stat.S_ISREG(mode) and mode & (stat.S_IRWXO | stat.S_IWGRP)

@@ -120,15 +120,15 @@ def _head(path: Path) -> bytes:
         raise InputError(f"{path}: no such file{_meant(str(path))}") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
-    if not head:
-        raise InputError(f"{path}: the file is empty")
     return head
 
 
 def _require_file(path: Path) -> None:
     """A folder has no content, a pipe would block, and a device may never end."""
-    mode = path.stat().st_mode
-    if stat.S_ISDIR(mode):
+    about = path.stat()
+    if stat.S_ISDIR(about.st_mode):
         raise InputError(f"{path}: a folder, not a log file")
-    if not stat.S_ISREG(mode):
+    if not stat.S_ISREG(about.st_mode):
         raise InputError(f"{path}: not a file but a pipe, a socket or a device")
+    if about.st_size == 0:  # some of the kernel's would block
+        raise InputError(f"{path}: the file is empty")

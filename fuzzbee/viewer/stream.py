@@ -1,6 +1,7 @@
 """Sends what is drawn to Rerun's viewer, to a file, or to both."""
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future, wait
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -17,6 +18,7 @@ WEB = "web"
 TIMELINE = "time"
 CLOSE_FLUSH_S = 0.4  # less than the time that all sinks of a run have to close
 FINISH_FLUSH_S = 60.0
+STALLED_S = 3.0  # a file that has not grown for so long is on a full disk
 FILE_OPEN_S = 5.0  # for the arrangement of the views, 60 kB
 CLOSED = "closed; the rest goes on without it"
 OF_FILE = "File-writer"  # begins what the library says of a file that it could not write
@@ -122,8 +124,16 @@ class ViewerStream:
         self._recording.send_columns(path, indexes=[index], columns=columns)
 
     def finish(self) -> None:
-        """Send what is pending and leave the viewer open."""
-        self._flush(FINISH_FLUSH_S)
+        """Send what is pending and leave the viewer open; a file that stops growing is given up."""
+        if self._rrd is None:
+            self._flush(FINISH_FLUSH_S)
+            return
+        sending = aside(partial(self._recording.flush, timeout_sec=FINISH_FLUSH_S), "viewer-finish")
+        size, before = _size(self._rrd), -1
+        while not sending.done() and size > before:
+            wait([sending], STALLED_S)
+            size, before = _size(self._rrd), size
+        self._note(sending, 0.0)
 
     def stay_open(self) -> None:
         """Wait until the window is closed or Ctrl-C is pressed; not at all without a viewer."""
@@ -149,8 +159,12 @@ class ViewerStream:
 
         Where a disk is full the library may wait for ever; the window may be closed already.
         """
+        self._note(aside(work, name), timeout_s)
+
+    def _note(self, work: "Future[object]", timeout_s: float) -> None:
+        """Wait for it, and note whether the file still has everything."""
         try:
-            aside(work, name).result(timeout_s)
+            work.result(timeout_s)
         except TimeoutError:
             self.is_whole = self._rrd is None
         except Exception as error:  # noqa: BLE001 - the library's errors have no class of their own
@@ -158,8 +172,17 @@ class ViewerStream:
                 self.is_whole = False
 
 
+def _size(path: str) -> int:
+    """Of a file; 0 where it is gone."""
+    with suppress(OSError):
+        return Path(path).stat().st_size
+    return 0
+
+
 def _file_sink(path: str, *, live: bool) -> Any:
     """Live without an index at the file's end, which is kept in memory: 100 MB an hour."""
+    if Path(path).is_fifo():
+        raise InputError(f"--rrd {path}: a pipe, choose a file")
     try:
         Path(path).write_bytes(b"")  # Rerun would only log an error
     except OSError as error:

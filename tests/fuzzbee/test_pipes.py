@@ -1,0 +1,90 @@
+"""Pipes and odd files as inputs and outputs: a line, never an endless wait."""
+
+import os
+import threading
+from pathlib import Path
+
+import pytest
+
+from fuzzbee import security
+from fuzzbee.cli import main
+from tests.fuzzbee.processes import free_port
+
+TLOG = Path(__file__).parents[1] / "data" / "sitl_copter_takeoff.tlog"
+KERNEL_LOG = Path("/proc/kmsg")  # a file by its mode, without a size; to read it blocks
+
+pytestmark = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes")
+
+
+@pytest.fixture
+def pipe(tmp_path):
+    path = tmp_path / "pipe.csv"
+    os.mkfifo(path)
+    return path
+
+
+def last_line(capfd):
+    return capfd.readouterr().err.splitlines()[-1]
+
+
+@pytest.mark.parametrize(
+    "verb", [("replay", str(TLOG), "--csv"), ("tune", "sim:", "--sources=2", "--cycles=1", "-o")]
+)
+def test_an_output_that_nobody_reads_is_refused(verb, pipe, capfd):
+    assert main([*verb, str(pipe)]) == 2
+    assert last_line(capfd).endswith(f"{pipe}: a pipe that nobody reads, start its reader first")
+
+
+def test_an_output_that_somebody_reads_is_written_whole(pipe, tmp_path):
+    read = []
+    reader = threading.Thread(target=lambda: read.append(pipe.read_bytes()), daemon=True)
+    reader.start()
+    descriptor = os.open(pipe, os.O_WRONLY)  # waits until the reader is there
+    assert main(["replay", str(TLOG), "--csv", str(pipe)]) == 0
+    os.close(descriptor)
+    reader.join(60.0)
+    assert main(["replay", str(TLOG), "--csv", str(tmp_path / "file.csv")]) == 0
+    assert read == [(tmp_path / "file.csv").read_bytes()]
+
+
+def test_a_drawing_needs_a_file(pipe, capfd):
+    pytest.importorskip("rerun")
+    assert main(["replay", str(TLOG), "--rrd", str(pipe)]) == 2
+    assert last_line(capfd) == f"fuzzbee: --rrd {pipe}: a pipe, choose a file"
+
+
+@pytest.mark.skipif(not KERNEL_LOG.exists(), reason="no such file here")
+@pytest.mark.parametrize("verb", [("replay",), ("check",), ("calibrate",), ("profile", "check")])
+def test_a_file_of_the_kernel_is_empty(verb):
+    assert main([*verb, str(KERNEL_LOG)]) == 2
+
+
+def listening(key_file):
+    return main(
+        [
+            "run",
+            "udpin:127.0.0.1:0",
+            "--no-zenoh",
+            "--seconds=0.1",
+            f"--signing-key-file={key_file}",
+        ]
+    )
+
+
+def test_a_key_that_nobody_writes_into_its_pipe_is_empty(pipe, monkeypatch, capfd):
+    monkeypatch.setattr(security, "PIPE_S", 0.2)
+    source = f"udpin:127.0.0.1:{free_port()}"
+    assert main(["run", source, "--no-zenoh", "--seconds=0.1", f"--signing-key-file={pipe}"]) == 2
+    assert last_line(capfd) == f"fuzzbee: the key file {pipe} is empty"
+
+
+def test_a_key_may_come_by_a_pipe_in_pieces(pipe):
+    def write():
+        with pipe.open("wb", buffering=0) as file:
+            file.write(b"a pass phrase ")
+            file.write(b"in pieces")
+
+    writer = threading.Thread(target=write, daemon=True)
+    writer.start()
+    assert security.key_content(pipe, is_insecure=False) == b"a pass phrase in pieces"
+    writer.join(60.0)
