@@ -7,25 +7,16 @@ sign that data usually come in.
 
 from collections.abc import Iterator
 from itertools import product
-from math import pi
+from math import nan, pi
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.arrays import Bools, Floats, Times
-from estimator.live.rows import Rows
-from tuning.turning import (
-    MOST_SPANS,
-    SLOW_S,
-    TURNS,
-    Sizes,
-    Spans,
-    root,
-    sizes_of,
-    spans_of,
-    squares_left,
-)
+from estimator.live.rows import Rows, cut
+from fuzzbee.turning import MOST, SLOW_S, Spans, root, spans_of, squares_left, usual_step_us
+from tuning.compass_orientation import TURNS
 
 LEAST_S = 5.0  # shorter recordings say too little
 FEWEST_SPANS = 25  # that a comparison needs
@@ -54,9 +45,25 @@ GYR_UNITS = ((1.0, ""), (pi / 180.0, " * pi / 180"))
 # What an accelerometer reads mostly, on the hardest flight; a field with any iron, normalised, too.
 ACC_USUAL = (4.9, 19.6)
 MAG_USUAL = (0.05, 5.0)
+ALMOST_G = (8.5, 11.0)  # m/s^2
 # Between samples: what is quicker has another unit than seconds. From each on, time_s is in this.
 FASTEST_S = 3e-5
+SIZED = 500  # rows, from all of a recording, whose sizes are looked at
 TIME_UNITS = ((6e5, "nanoseconds", 1e9), (600.0, "microseconds", 1e6), (0.0, "milliseconds", 1e3))
+
+
+class Sizes(NamedTuple):
+    """What columns hold: medians of lengths, 0 of none, in their own units.
+
+    ``steady`` is the share of rates whose length would fit gravity in m/s^2, ``down`` the mean z of
+    the force's unit vector, NaN of none.
+    """
+
+    gyr: float
+    acc: float
+    mag: float
+    steady: float
+    down: float
 
 
 class AxisHypothesis(NamedTuple):
@@ -79,12 +86,9 @@ HYPOTHESES = tuple(AxisHypothesis(turn, scale, unit) for scale, unit in GYR_UNIT
 
 def advice(rows: Rows) -> tuple[str, ...]:
     """Lines for a person, each with what would fit better; none of a recording that is sound."""
-    times_us, gyr, acc, mag, has_mag = rows
-    if len(times_us) < 2:
-        return ()
-    sizes = sizes_of(times_us, gyr, acc, mag, has_mag)
-    step_s = 1e-6 * sizes.step_us
-    if len(times_us) > 4 * MOST_SPANS and 0.0 < step_s < FASTEST_S:
+    times_us = rows.times_us
+    step_s = 1e-6 * usual_step_us(times_us)
+    if len(times_us) > SIZED and 0.0 < step_s < FASTEST_S:
         return (f"samples are {step_s:.1g} s apart: time_s counts seconds",)
     if not is_enough(times_us):
         return ()
@@ -93,15 +97,32 @@ def advice(rows: Rows) -> tuple[str, ...]:
     found, shrunk = _times(rows, step_s)
     if shrunk < 1.0:
         rows = rows._replace(times_us=_shrunk(times_us, shrunk))
-    if not gyr.any():
+    if not rows.gyr_rad_s.any():
         found.append("the gyroscope reads nothing but 0")
+    sizes = _sizes(rows)
     found += [*_swapped(sizes)] or [
         *_unit("accelerometer", sizes.acc, ACC_UNITS, ACC_USUAL),
-        *_unit("magnetometer", sizes.mag, MAG_UNITS, MAG_USUAL, is_there=bool(has_mag.any())),
+        *_unit("magnetometer", sizes.mag, MAG_UNITS, MAG_USUAL, is_there=bool(rows.has_mag.any())),
         *_axes(rows),
         *_upside_down(sizes),
     ]
     return tuple(found)
+
+
+def _sizes(rows: Rows) -> Sizes:
+    _, gyr, acc, mag, has_mag = cut(rows, 0, None, max(1, len(rows.times_us) // SIZED))
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+        lengths = [np.sqrt(np.einsum("ni,ni->n", each, each)) for each in (gyr, acc, mag)]
+        sound = [length < MOST for length in lengths]
+        steady = np.mean((lengths[0] >= ALMOST_G[0]) & (lengths[0] <= ALMOST_G[1]))
+        down = (acc[:, 2] / lengths[1])[sound[1] & (lengths[1] > 0.0)]
+    sound[2] &= has_mag
+    gyr_size, acc_size, mag_size = (
+        float(np.median(length[which])) if which.any() else 0.0
+        for length, which in zip(lengths, sound, strict=True)
+    )
+    mean_down = float(np.mean(down)) if len(down) else nan
+    return Sizes(gyr_size, acc_size, mag_size, float(steady), mean_down)
 
 
 def is_enough(times_us: Times) -> bool:
@@ -138,7 +159,7 @@ def _true_step_s(rows: Rows, step_s: float) -> float:
         spans = spans_of(_shrunk(rows.times_us, tried_s / step_s), rows.gyr_rad_s, *vectors)
         if len(spans.angle) < FEWEST_SPANS:
             continue
-        scale, left = _best_scale(squares_left(spans, TURNS[:1], False))
+        scale, left = _best_scale(squares_left(spans, TURNS[:1], has_offset=False))
         share = left / max(spans.still, 1e-9)
         if scale > 0.0 and share <= best:
             best, true_s = share, tried_s * scale
@@ -202,27 +223,17 @@ def _axes(rows: Rows) -> Iterator[str]:
         spans = spans_of(rows.times_us, rows.gyr_rad_s, *vectors)
         if len(spans.angle) < FEWEST_SPANS:
             continue
-        explained = EXPLAINED * spans.still
-        if root(squares_left(spans, TURNS[:1], is_field))[0] > explained:
-            better = _better(_of_all_turns(spans, is_field), explained, is_field=is_field)
-            if better is not None:
-                yield f"gyroscope and {what} agree {better}"
-                return
+        better = _better(spans, is_field=is_field)
+        if better is not None:
+            yield f"gyroscope and {what} agree {better}"
+            return
 
 
-def _of_all_turns(spans: Spans, is_field: bool) -> Floats:
-    """What all turns leave (48, 3): each turn's opposite as it, with the opposite angle."""
-    turns = TURNS.reshape(6, 8, 3, 3)[:, :4].reshape(24, 3, 3)
-    half = squares_left(spans, turns, is_field).reshape(6, 4, 3)
-    opposite = half[:, ::-1] * (1.0, -1.0, 1.0)
-    return np.concatenate((half, opposite), axis=1).reshape(48, 3)
-
-
-def _better(squares: Floats, explained: float, *, is_field: bool) -> str | None:
-    """How many times less which other way leaves; None if no way is so much better.
-
-    ``squares`` are those of all turns, ``explained`` is what a way may leave that is believed.
-    """
+def _better(spans: Spans, *, is_field: bool) -> str | None:
+    """How many times less which other way leaves; None if no way is so much better."""
+    squares, explained = squares_left(spans, TURNS, has_offset=is_field), EXPLAINED * spans.still
+    if root(squares[:1])[0] <= explained:
+        return None
     left = np.concatenate([root(squares, scale) for scale, _ in GYR_UNITS])
     least = float(left.min())
     hypothesis = HYPOTHESES[int(np.flatnonzero(left <= ALIKE * least)[0])]

@@ -24,10 +24,10 @@ MODULES = (
     "drivers.samples.fresh_field",
     "drivers.samples.sensor_faults",
     "drivers.samples.vehicle_clock",
+    "fuzzbee.turning",
     "tuning.online.noise",
     "tuning.paper_cost",
     "tuning.prediction",
-    "tuning.turning",
 )
 LONGEST = ("advance", "advance_aided", "hear")
 

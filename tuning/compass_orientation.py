@@ -1,9 +1,10 @@
 """How a compass is turned in its vehicle, by right angles, from the field that it should see."""
 
+from itertools import permutations, product
+
 import numpy as np
 
 from estimator.arrays import Floats
-from tuning.turning import TURNS
 
 LEAST_READINGS = 50
 # A right angle moves the field's horizontal part by more than this share of its strength where the
@@ -11,6 +12,13 @@ LEAST_READINGS = 50
 LEAST_MISFIT = 0.15
 CLEAR = 0.5  # of the misfit of any other way, at most
 
+# The signed permutations of axes; as given first.
+TURNS: Floats = np.array(
+    [
+        np.diag(signs) @ np.eye(3)[list(order)]
+        for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3))
+    ]
+)
 RIGHT_ANGLED: Floats = TURNS[np.linalg.det(TURNS) > 0.0]  # the first turns nothing
 
 

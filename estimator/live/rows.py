@@ -97,7 +97,8 @@ def reading_of(rows: Rows, k: int) -> tuple[int, Vec3, Vec3, Vec3, bool]:
     )
 
 
-def cut(rows: Rows, begin: int, end: int | None = None) -> Rows:
-    """The rows from ``begin`` up to ``end``."""
+def cut(rows: Rows, begin: int, end: int | None = None, every: int = 1) -> Rows:
+    """The rows from ``begin`` up to ``end``, or one in so many of them."""
     t, g, a, m, has = rows
-    return Rows(t[begin:end], g[begin:end], a[begin:end], m[begin:end], has[begin:end])
+    part = slice(begin, end, every)
+    return Rows(t[part], g[part], a[part], m[part], has[part])
