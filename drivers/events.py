@@ -120,20 +120,14 @@ class BuiltIn(VehicleEvent, frozen=True):
     motion: str
 
 
-class FilterStatus(Value, frozen=True):
-    """What a navigation filter says of itself; a ratio is 1 at its gate."""
+class FilterStatus(VehicleEvent, frozen=True):
+    """What the vehicle's own navigation filter says of itself; a ratio is 1 at its gate."""
 
     has_velocity: bool
     has_place: bool
     velocity_ratio: float = 0.0
     has_attitude: bool = True
     compass_ratio: float = 0.0
-
-
-class FilterWord(VehicleEvent, frozen=True):
-    """What the vehicle's own filter says of itself."""
-
-    status: FilterStatus
 
 
 class CommandAck(VehicleEvent, frozen=True):

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from drivers.samples.fresh_field import RepeatedField, finite_or_zero
+from drivers.samples.imu_stream import RepeatedField, finite_or_zero
 from drivers.samples.plausibility import MAG_LIMIT_GAUSS, is_field
 from estimator import estimator
 from estimator.arrays import Times
@@ -154,13 +154,15 @@ class Estimator:
         gyr, acc = vector("gyr_rad_s", gyr_rad_s), vector("acc_m_s2", acc_m_s2)
         mag = ZERO_VEC3 if mag_gauss is None else vector("mag_gauss", mag_gauss)
         time_us = self._next_us(time_s)
-        field = self._field.fresh(finite_or_zero(mag), time_us, time_us)
-        if field is not None and not is_field(field):
+        mag = finite_or_zero(mag)
+        has_mag = self._field.is_fresh(mag, time_us)
+        if has_mag and not is_field(mag):
             self._count(Reason.MAGNETOMETER_OUT_OF_RANGE)
-            field = None
+            has_mag = False
+        mag = mag if has_mag else ZERO_VEC3
         if self._is_plain:
-            return self._take(time_us, gyr, acc, field or ZERO_VEC3, field is not None)
-        sample = ImuSample(time_us, gyr, acc, field or ZERO_VEC3, field is not None)
+            return self._take(time_us, gyr, acc, mag, has_mag)
+        sample = ImuSample(time_us, gyr, acc, mag, has_mag)
         return self._take(*self.profile.mounting.to_body_axes(sample))
 
     def update_velocity(

@@ -1,6 +1,6 @@
 """The autopilot's attitude of one vehicle beside ours: compared, judged, and reported."""
 
-from drivers.events import FilterWord, ReferenceAttitude
+from drivers.events import FilterStatus, ReferenceAttitude
 from estimator.geometry.earth import PlaceField
 from estimator.types import Attitude, ImuSample, Quaternion, VelocitySample
 from service.records import Autopilot, Peer, euler_deg
@@ -16,14 +16,14 @@ class AutopilotComparison:
     def __init__(self) -> None:
         self.opinion = SecondOpinion()
         self.peers: dict[str, Peer] = {}  # others' latest attitudes, until ours is published
-        self._filter_status: FilterWord | None = None
+        self._filter_status: FilterStatus | None = None
         self._differed = False  # at the last look
 
     def take_velocity(self, sample: VelocitySample) -> None:
         """Note a velocity, which bears witness for either attitude."""
         self.opinion.hear_velocity(sample.time_us, sample.velocity_ned_m_s)
 
-    def take_filter_status(self, event: FilterWord) -> None:
+    def take_filter_status(self, event: FilterStatus) -> None:
         """Note what the autopilot's filter reports of itself."""
         self._filter_status = event
 
@@ -85,8 +85,8 @@ class AutopilotComparison:
         known = self._filter_status
         if known is None or abs(now_us - known.arrival_us) > FILTER_STATUS_HOLDS_US:
             return ""
-        if not known.status.has_attitude:
+        if not known.has_attitude:
             return "its own filter calls it not good"
-        if max(known.status.velocity_ratio, known.status.compass_ratio) > 1.0:
+        if max(known.velocity_ratio, known.compass_ratio) > 1.0:
             return "its own filter refuses velocity or compass"
         return ""

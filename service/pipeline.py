@@ -12,7 +12,7 @@ from drivers.events import (
     BuiltIn,
     ClockReset,
     Event,
-    FilterWord,
+    FilterStatus,
     Forgotten,
     Heartbeat,
     Imu,
@@ -152,7 +152,7 @@ class Pipeline:
             case Heartbeat() if not self._is_vehicles(event):
                 return []
         known = self._vehicles.get(event.vehicle)
-        if known is None and isinstance(event, Position | Report | FilterWord | ClockReset):
+        if known is None and isinstance(event, Position | Report | FilterStatus | ClockReset):
             return []  # none of these makes a vehicle
         vehicle = known or self._meet(event.vehicle)
         return [] if vehicle is None else self._inform(vehicle, event)
@@ -166,7 +166,7 @@ class Pipeline:
                 vehicle.on_position(event)
             case Heartbeat():
                 vehicle.on_heartbeat(event)
-            case FilterWord():
+            case FilterStatus():
                 vehicle.comparison.take_filter_status(event)
             case Parameter():
                 vehicle.parameters.take(event, vehicle.estimator)

@@ -31,13 +31,10 @@ def simulate_scaled(
     noisy = simulate(seed, samples, rate_hz)
     clean = simulate(seed, samples, rate_hz, noise=0.0)
     gyr, vectors = factors
-    return Recording(
-        time_us=noisy.time_us,
+    return noisy._replace(
         gyr_rad_s=clean.gyr_rad_s + gyr * (noisy.gyr_rad_s - clean.gyr_rad_s),
         acc_m_s2=clean.acc_m_s2 + vectors * (noisy.acc_m_s2 - clean.acc_m_s2),
         mag_gauss=clean.mag_gauss + vectors * (noisy.mag_gauss - clean.mag_gauss),
-        q_ned_frd=noisy.q_ned_frd,
-        true_rate_rad_s=noisy.true_rate_rad_s,
     )
 
 

@@ -10,17 +10,17 @@ import hashlib
 import logging
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from drivers.events import Event, Malformed, VehicleId
+from drivers.events import Event, Malformed
 from drivers.logs.bag_bounds import BoundedPath, bound_bags
 from drivers.logs.log_file import LATEST_US, LogFile
-from drivers.logs.logged_vehicle import LoggedVehicle
+from drivers.logs.logged_vehicle import dated_vehicle
 from drivers.logs.mcap_channels import McapChannels, from_json
 from drivers.samples.attitudes import unit_or_none
 from drivers.samples.navigation import Fix
-from drivers.samples.vehicle_clock import TimeField
 from estimator.errors import InputError, missing_extra
 from estimator.geometry.frames import flu_from_frd, ned_frd_from_enu_flu
 from estimator.types import IDENTITY, Vec3
@@ -29,9 +29,9 @@ SUFFIXES = (".mcap", ".db3", ".bag")
 IMU, FIELD, FIX = (f"sensor_msgs/msg/{name}" for name in ("Imu", "MagneticField", "NavSatFix"))
 RECEIVER = "GPS"
 TESLA = 1e4  # gauss
-FIRST_DATE_NS = 946_684_800_000_000_000  # the year 2000: smaller stamps count from somewhere else
 MOST_METADATA = 1 << 21  # bytes, which take 20 s; some 8,000 files have as much
-CLOCK = TimeField.TIME_USEC
+PACE_MESSAGES = 100  # that show whether the recorder's times are those of arrival
+MOST_OFF_PACE = 2.0
 
 Decode = Callable[[Any, bytes], Any]
 
@@ -146,26 +146,49 @@ class _Topics:
         self.connections = [c for c in connections if (c.msgtype, c.topic) in wanted]
 
 
+def _hears_arrivals(reader: Any, decode: Decode, topics: _Topics) -> bool:
+    """Whether the recorder's times are those of arrival, and tell a gap from a leap of the clock.
+
+    They keep the stamps' pace then, but not to the nanosecond: what converts a recording writes
+    the stamps once more, or its own time.
+    """
+    imus = [each for each in topics.connections if each.topic == topics.imu]
+    with suppress(Exception):  # whatever a damaged file makes of the library
+        read = islice(reader.messages(imus), PACE_MESSAGES)
+        times = [(recorded_ns, _stamp_ns(decode(c, data))) for c, recorded_ns, data in read]
+        (first_ns, begin_ns), (last_ns, end_ns) = times[0], times[-1]
+        stamped_ns, recorded_ns = end_ns - begin_ns, last_ns - first_ns
+        keeps_pace = stamped_ns < MOST_OFF_PACE * recorded_ns < MOST_OFF_PACE**2 * stamped_ns
+        return keeps_pace and len({recorded - stamp for recorded, stamp in times}) > 1
+    return False
+
+
+def _stamp_ns(message: Any) -> int:
+    return int(10**9 * message.header.stamp.sec + message.header.stamp.nanosec)
+
+
 def _events(reader: Any, decode: Decode, topics: _Topics) -> Iterator[Event]:
     """All of the bag; a damaged message is counted, and where the bag is damaged it ends."""
     decoder = None
+    hears_arrivals = _hears_arrivals(reader, decode, topics)
     try:
         for connection, recorded_ns, data in reader.messages(topics.connections):
             try:
                 message = decode(connection, data)
-                stamp = message.header.stamp
-                time_ns = 10**9 * stamp.sec + stamp.nanosec or recorded_ns
+                time_ns = _stamp_ns(message) or recorded_ns
                 if abs(time_ns) >= 1000 * LATEST_US:
                     raise ValueError(f"stamped {time_ns} ns")  # noqa: TRY301 - as the library would
                 if decoder is None:
-                    decoder = _Decoder(topics, time_ns)
-                events = decoder.decode(connection, (time_ns - decoder.begin_ns) // 1000, message)
+                    decoder = _Decoder(topics, time_ns, hears_arrivals=hears_arrivals)
+                events = decoder.decode(connection, time_ns, recorded_ns, message)
             except Exception:  # noqa: BLE001 - as below
                 events = [Malformed(0, 1)]
             yield from events
     except Exception as error:  # noqa: BLE001 - whatever a damaged file makes of the library
         _log.warning("%s: read no further: %s", reader.path, _words(error))
         yield Malformed(0, 1)
+    if decoder is not None:
+        yield from decoder.vehicle.end()
 
 
 def _words(error: Exception) -> str:
@@ -176,45 +199,37 @@ def _words(error: Exception) -> str:
 class _Decoder:
     """Messages in, events out; times count from ``begin_ns``."""
 
-    def __init__(self, topics: _Topics, begin_ns: int) -> None:
-        self.begin_ns = begin_ns
-        self._topics = topics
-        dated_us = begin_ns // 1000 if begin_ns > FIRST_DATE_NS else 0
-        self._vehicle = LoggedVehicle(VehicleId(1, 1), dated_us, doubts_axes=True)
+    def __init__(self, topics: _Topics, begin_ns: int, *, hears_arrivals: bool) -> None:
+        self._begin_ns, self._topics, self._hears_arrivals = begin_ns, topics, hears_arrivals
+        self.vehicle = dated_vehicle(begin_ns // 1000, hears_arrivals=hears_arrivals)
 
-    def decode(self, connection: Any, raw_us: int, message: Any) -> list[Event]:
+    def decode(self, connection: Any, time_ns: int, recorded_ns: int, message: Any) -> list[Event]:
         """The events of a message."""
-        match connection.msgtype:
-            case "sensor_msgs/msg/Imu":
-                return self._imu(connection.topic, raw_us, message)
-            case "sensor_msgs/msg/MagneticField":
-                x, y, z = flu_from_frd(_vector(message.magnetic_field))
-                self._vehicle.put_mag((TESLA * x, TESLA * y, TESLA * z), raw_us)
-                return []
-            case _:
-                return self._fix(raw_us, message)
+        arrival_us = recorded_ns // 1000 if self._hears_arrivals else None
+        self.vehicle.at((time_ns - self._begin_ns) // 1000, arrival_us=arrival_us)
+        if connection.msgtype == IMU:
+            return self._imu(connection.topic, message)
+        if connection.msgtype == FIELD:
+            x, y, z = flu_from_frd(_vector(message.magnetic_field))
+            return self.vehicle.put_mag((TESLA * x, TESLA * y, TESLA * z))
+        if message.status.status < 0:
+            return []
+        position = (message.latitude, message.longitude, message.altitude)
+        return self.vehicle.fix(RECEIVER, Fix(position=position))
 
-    def _imu(self, topic: str, raw_us: int, message: Any) -> list[Event]:
+    def _imu(self, topic: str, message: Any) -> list[Event]:
         events: list[Event] = []
         if topic == self._topics.imu:
             gyr = flu_from_frd(_vector(message.angular_velocity))
             acc = flu_from_frd(_vector(message.linear_acceleration))
-            events += self._vehicle.imu(topic, CLOCK, raw_us, gyr, acc)
+            events += self.vehicle.imu(topic, gyr, acc)
         q = message.orientation
         q_enu_flu = unit_or_none((float(q.w), float(q.x), float(q.y), float(q.z)))
         is_told = q_enu_flu not in (None, IDENTITY) and message.orientation_covariance[0] != -1.0
         if topic == self._topics.attitude and is_told and q_enu_flu is not None:
-            q_ned_frd = ned_frd_from_enu_flu(q_enu_flu)
-            events += self._vehicle.attitude(
-                f"{topic}.orientation", CLOCK, raw_us, "autopilot", q_ned_frd
-            )
+            name, q_ned_frd = f"{topic}.orientation", ned_frd_from_enu_flu(q_enu_flu)
+            events += self.vehicle.attitude(name, "autopilot", q_ned_frd)
         return events
-
-    def _fix(self, raw_us: int, message: Any) -> list[Event]:
-        if message.status.status < 0:
-            return []
-        fix = Fix(position=(message.latitude, message.longitude, message.altitude))
-        return self._vehicle.fix(RECEIVER, CLOCK, raw_us, fix)
 
 
 def _chosen(connections: Sequence[Any], kind: str, beside: str, *, raw: bool | None = None) -> str:

@@ -91,21 +91,48 @@ TESLA = {"t": 1e4, "tesla": 1e4, "mt": 1e1, "ut": 1e-2, "utesla": 1e-2, "nt": 1e
 TESLA |= {"microtesla": 1e-2}
 GAUSS = {"g": 1.0, "ga": 1.0, "gs": 1.0, "gauss": 1.0, "mg": 1e-3, "mga": 1e-3, "mgauss": 1e-3}
 MAGNETOMETER = TESLA | GAUSS | {"milligauss": 1e-3}
-WORDS = {
-    "gyroscope": (
-        "gyro?s?|gyroscope|ang(?:ular)?vel(?:ocity)?|angularrate|(?:gyro)?rotation(?:rate)?|omega|w|g",
+BODY_AXES = {"frd": ("x", "y", "z"), "flu": ("x", "-y", "-z"), "rfu": ("y", "x", "-z")}
+WORLD_AXES = {"ned": ("x", "y", "z"), "enu": ("y", "x", "-z")}
+
+
+class Kind(NamedTuple):
+    """What a quantity may be.
+
+    How many columns it has; units and what they are of ours (a quaternion's four have none, w first
+    is said); its axes by name, of which the first is meant where none is told; what it is called.
+    """
+
+    counts: tuple[int, ...]
+    units: Mapping[str, float]
+    axes: Mapping[str, tuple[str, str, str]] | None = None
+    words: str = ""
+
+
+KINDS = {
+    "gyroscope": Kind(
+        (3,),
         GYROSCOPE,
+        BODY_AXES,
+        "gyro?s?|gyroscope|ang(?:ular)?vel(?:ocity)?|angularrate|(?:gyro)?rotation(?:rate)?|omega|w|g",
     ),
-    "accelerometer": (
-        "acc|accel|accelerometer|(?:accelerometer)?acceleration|a",
+    "accelerometer": Kind(
+        (3,),
         ACCELEROMETER,
+        BODY_AXES,
+        "acc|accel|accelerometer|(?:accelerometer)?acceleration|a",
     ),
-    # B and H are other things without a unit
-    "magnetometer": (
-        "magn?|magneto(?:meter)?|magnetic(?:field)?|m|[bh](?=.*(?:t|tesla|gauss)$)",
+    "magnetometer": Kind(
+        (3,),
         MAGNETOMETER,
+        BODY_AXES,  # B and H are other things without a unit
+        "magn?|magneto(?:meter)?|magnetic(?:field)?|m|[bh](?=.*(?:t|tesla|gauss)$)",
     ),
+    "position": Kind((2, 3), {"": 1.0, "deg": 1.0}),
+    "velocity": Kind((3,), {"": 1.0, "ms": 1.0}, WORLD_AXES),
+    "truth": Kind((3, 4), ANGLE),
+    "autopilot": Kind((3, 4), ANGLE),
 }
+QUATERNION = {"": 1.0, "wxyz": 1.0}
 TIME_WORDS = "(?:accelerometer|imu|sensor)?(?:time|zeit|timestamp|t|elapsed|elapsedtime|sampletime)"
 # What else may stand in a sensor's name, and before it: the circuit, a name with digits
 MADE = "(?:rss|adc|smooth|raw|cal|filtered)?"
@@ -117,8 +144,6 @@ SPELLINGS = (
     *(("radian", "rad"), ("degrees", "deg"), ("degree", "deg"), ("seconds", "s")),
     *(("second", "s"), ("sec", "s")),
 )
-BODY_AXES = {"frd": ("x", "y", "z"), "flu": ("x", "-y", "-z"), "rfu": ("y", "x", "-z")}
-WORLD_AXES = {"ned": ("x", "y", "z"), "enu": ("y", "x", "-z")}
 
 
 def description(path: Path, given: Path | None) -> Description:
@@ -148,9 +173,9 @@ def columns(text: CsvText, told: Description) -> Columns:
         InputError: time, gyroscope or accelerometer is not there, or something is not clear.
     """
     time = _time(text, told.time)
-    sensors = {name: _sensor(text, name, getattr(told, name), told.axes or "frd") for name in WORDS}
+    found = {name: _quantity(text, name, getattr(told, name), told.axes) for name in KINDS}
     for name in ("gyroscope", "accelerometer"):
-        if not sensors[name]:
+        if not found[name]:
             raise InputError(f"no column is known as the {name}'s x; {_there(text)}; {HELP}")
     attitudes = {"truth": told.truth, "autopilot": told.autopilot}
     world = {
@@ -160,11 +185,7 @@ def columns(text: CsvText, told: Description) -> Columns:
         raise InputError(f"axes {unknown[0]!r} of an attitude: must be frd (from NED) or flu (ENU)")
     return Columns(
         time=time,
-        **sensors,
-        position=_position(text, told.position),
-        velocity=_velocity(text, told.velocity),
-        truth=_attitude(text, "truth", told.truth),
-        autopilot=_attitude(text, "autopilot", told.autopilot),
+        **found,
         enu_flu=frozenset(name for name, axes in world.items() if axes == "flu"),
         doubts_axes=not (told.axes or told.accelerometer.axes),
         compass_calibrated=told.compass_calibrated,
@@ -200,65 +221,46 @@ def _time(text: CsvText, told: Quantity) -> tuple[Part, ...]:
     return tuple((i, told.scale * factor) for i in (index, *others))
 
 
-def _sensor(
+def _quantity(
     text: CsvText, name: str, told: Quantity, axes: str | tuple[str, ...]
 ) -> tuple[Part, ...]:
-    """Forward, right and down of a sensor; nothing if it is not there."""
-    words, units = WORDS[name]
-    spelt = "|".join(sorted(units, key=len, reverse=True))
+    """Its columns, along our axes; nothing if it is not there."""
+    kind = KINDS[name]
     if told.columns:
-        found = [(i, "") for i in _named(text, name, told.columns, (3,))]
+        found = [(i, "") for i in _named(text, name, told.columns, kind.counts)]
     else:
-        long = "|".join(word for word in words.split("|") if len(word) > 1)  # "x (g)" is no rate
-        before, behind = rf"(?P<x>[xyz])(?:axis)?(?:{long})", rf"(?:{words})\d?{MADE}"
-        unit, axis = f"(?:in)?({spelt})?", f"(?P<z>[xyz])(?:axis)?{MADE}"
-        kind = rf"(?:(?:imu|raw|sensor|cal)\d?)*(?:{before}{unit}|{behind}{unit}{axis}{unit})"
-        matches = [
-            (i, m["x"] or m["z"], m[2] or m[3] or m[5] or "")
-            for i, m in _matches(text, re.compile(kind))
-        ]
-        by_axis = [[(i, unit) for i, named, unit in matches if named == axis] for axis in "xyz"]
-        if not any(by_axis):
-            return ()
-        for axis, those in zip("xyz", by_axis, strict=True):
-            if len(those) != 1:
-                titles = ", ".join(repr(text.titles()[i]) for i, _ in those)
-                what = f"may be {titles}" if those else "is missing"
-                raise InputError(f"{name} {axis} {what}; {_there(text)}; {HELP}")
-        found = [those[0] for those in by_axis]
+        found = _by_title(text, name, kind) if kind.words else []
+    units = kind.units if len(found) < 4 else QUATERNION
     given = [_compact(told.unit) or unit or _own_unit(text, i, units) for i, unit in found]
-    factors = [
-        _factor(text, name, i, unit, units) for (i, _), unit in zip(found, given, strict=True)
+    parts = tuple(
+        (i, told.scale * _factor(text, name, i, unit, units))
+        for (i, _), unit in zip(found, given, strict=True)
+    )
+    if not parts or kind.axes is None:
+        return parts
+    return _turned(
+        parts, told.axes or (axes if kind.words else "") or next(iter(kind.axes)), kind.axes
+    )
+
+
+def _by_title(text: CsvText, name: str, kind: Kind) -> list[tuple[int, str]]:
+    """The columns that are x, y and z of a sensor by their titles, with the units there."""
+    spelt = "|".join(sorted(kind.units, key=len, reverse=True))
+    long = "|".join(word for word in kind.words.split("|") if len(word) > 1)  # "x (g)" is no rate
+    before, behind = rf"(?P<x>[xyz])(?:axis)?(?:{long})", rf"(?:{kind.words})\d?{MADE}"
+    unit, axis = f"(?:in)?({spelt})?", f"(?P<z>[xyz])(?:axis)?{MADE}"
+    title = rf"(?:(?:imu|raw|sensor|cal)\d?)*(?:{before}{unit}|{behind}{unit}{axis}{unit})"
+    matches = [
+        (i, m["x"] or m["z"], m[2] or m[3] or m[5] or "")
+        for i, m in _matches(text, re.compile(title))
     ]
-    pairs = zip(found, factors, strict=True)
-    parts = tuple((i, told.scale * factor) for (i, _), factor in pairs)
-    return _turned(parts, told.axes or axes, BODY_AXES)
-
-
-def _position(text: CsvText, told: Quantity) -> tuple[Part, ...]:
-    if not told.columns:
-        return ()
-    _require_unit("position", told.unit, ("", "deg"))
-    return tuple((i, told.scale) for i in _named(text, "position", told.columns, (2, 3)))
-
-
-def _velocity(text: CsvText, told: Quantity) -> tuple[Part, ...]:
-    if not told.columns:
-        return ()
-    _require_unit("velocity", told.unit, ("", "ms"))
-    parts = tuple((i, told.scale) for i in _named(text, "velocity", told.columns, (3,)))
-    return _turned(parts, told.axes or "ned", WORLD_AXES)
-
-
-def _attitude(text: CsvText, name: str, told: Quantity) -> tuple[Part, ...]:
-    if not told.columns:
-        return ()
-    indices = _named(text, name, told.columns, (3, 4))
-    if len(indices) == 4:
-        _require_unit(name, told.unit, ("", "wxyz"))
-        return tuple((i, 1.0) for i in indices)
-    unit = _compact(told.unit)
-    return tuple((i, told.scale * _factor(text, name, i, unit, ANGLE)) for i in indices)
+    by_axis = {axis: [(i, u) for i, named, u in matches if named == axis] for axis in "xyz"}
+    for axis, those in by_axis.items() if matches else ():
+        if len(those) != 1:
+            titles = ", ".join(repr(text.titles()[i]) for i, _ in those)
+            what = f"may be {titles}" if those else "is missing"
+            raise InputError(f"{name} {axis} {what}; {_there(text)}; {HELP}")
+    return [each for those in by_axis.values() for each in those]
 
 
 def _named(
@@ -307,15 +309,10 @@ def _own_unit(text: CsvText, index: int, units: Mapping[str, float]) -> str:
 def _factor(text: CsvText, what: str, index: int, unit: str, units: Mapping[str, float]) -> float:
     if unit in units:
         return units[unit]
-    known = ", ".join(units)
+    known = ", ".join(filter(None, units))
     if unit:
         raise InputError(f"{what}: no unit of it is known as {unit!r} ({known})")
     raise InputError(f"the unit of {what}, column {text.titles()[index]!r}, is not told; {HELP}")
-
-
-def _require_unit(what: str, unit: str, known: tuple[str, ...]) -> None:
-    if _compact(unit) not in known:
-        raise InputError(f"{what}: unit {unit!r} is not known ({' '.join(known).strip()})")
 
 
 def _turned(

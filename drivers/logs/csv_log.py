@@ -6,14 +6,13 @@ from math import isnan
 from pathlib import Path
 from typing import Literal
 
-from drivers.events import COMPASS_CALIBRATED, Event, Malformed, Parameter, VehicleId
+from drivers.events import COMPASS_CALIBRATED, Event, Parameter
 from drivers.logs.csv_columns import Columns, Part, columns, description
 from drivers.logs.csv_text import CsvText, csv_rows, csv_text
 from drivers.logs.log_file import LATEST_US, LogFile
-from drivers.logs.logged_vehicle import LoggedVehicle
+from drivers.logs.logged_vehicle import dated_vehicle
 from drivers.samples.attitudes import quaternion_from_euler, unit_or_none
 from drivers.samples.navigation import Fix
-from drivers.samples.vehicle_clock import TimeField
 from estimator.errors import InputError
 from estimator.geometry.frames import ned_frd_from_enu_flu
 from estimator.types import Quaternion, Vec3
@@ -21,8 +20,6 @@ from estimator.types import Quaternion, Vec3
 STREAM = "CSV"
 RECEIVER = "GPS"
 HEAD_SIZE = 65_536
-FIRST_DATE_US = 946_684_800_000_000  # the year 2000: smaller times count from somewhere else
-CLOCK = TimeField.TIME_USEC
 
 
 class CsvLog(LogFile):
@@ -54,6 +51,8 @@ class CsvLog(LogFile):
                     decoder = _Decoder(self._text, self._columns, time_us or 0)
                     yield from decoder.head()
                 yield from decoder.decode(time_us, row or [])
+            if decoder is not None:
+                yield from decoder.vehicle.end()
 
 
 class _Decoder:
@@ -63,9 +62,7 @@ class _Decoder:
         self._text = text
         self._columns = columns
         self._begin_us = begin_us
-        dated_us = begin_us if begin_us > FIRST_DATE_US else 0
-        self._vehicle = LoggedVehicle(VehicleId(1, 1), dated_us, doubts_axes=columns.doubts_axes)
-        self._raw_us = 0
+        self.vehicle = dated_vehicle(begin_us, doubts_axes=columns.doubts_axes)
         self._is_whole = True  # whether all that was read of the row so far are numbers
 
     def head(self) -> list[Event]:
@@ -73,30 +70,28 @@ class _Decoder:
         word = self._columns.compass_calibrated
         if word is None:
             return []
-        return [Parameter(self._vehicle.id, self._vehicle.arrival_us(0), COMPASS_CALIBRATED, word)]
+        return [Parameter(self.vehicle.id, self.vehicle.arrival_us, COMPASS_CALIBRATED, word)]
 
     def decode(self, time_us: int | None, row: Sequence[str]) -> list[Event]:
         """The events of a row; what is empty is not there, a row with no number for one counted."""
         if time_us is None:
-            return [Malformed(self._vehicle.arrival_us(self._raw_us), 1)]
-        self._raw_us, self._is_whole = time_us - self._begin_us, True
+            return [self.vehicle.malformed()]
+        self.vehicle.at(time_us - self._begin_us)
+        self._is_whole = True
         events = self._events(row)
-        if not self._is_whole:
-            events.append(Malformed(self._vehicle.arrival_us(self._raw_us), 1))
-        return events
+        return events if self._is_whole else [*events, self.vehicle.malformed()]
 
     def _events(self, row: Sequence[str]) -> list[Event]:
-        columns, raw_us, events = self._columns, self._raw_us, list[Event]()
+        columns, vehicle, events = self._columns, self.vehicle, list[Event]()
         velocity, position = self._vector(row, columns.velocity), self._place(row)
         if velocity is not None or position is not None:
-            fix = Fix(velocity, position=position)
-            events += self._vehicle.fix(RECEIVER, CLOCK, raw_us, fix)
+            events += vehicle.fix(RECEIVER, Fix(velocity, position=position))
         mag = self._vector(row, columns.magnetometer)
         if mag is not None:
-            self._vehicle.put_mag(mag, raw_us)
+            vehicle.put_mag(mag)
         gyr, acc = self._vector(row, columns.gyroscope), self._vector(row, columns.accelerometer)
         if gyr is not None and acc is not None:
-            events += self._vehicle.imu(STREAM, CLOCK, raw_us, gyr, acc)
+            events += vehicle.imu(STREAM, gyr, acc)
         events += self._attitude(row, "truth", columns.truth)
         events += self._attitude(row, "autopilot", columns.autopilot)
         return events
@@ -111,7 +106,7 @@ class _Decoder:
         if q is not None and name in self._columns.enu_flu:
             q = ned_frd_from_enu_flu(q)
         source: Literal["autopilot", "sim"] = "sim" if name == "truth" else "autopilot"
-        return self._vehicle.attitude(name, CLOCK, self._raw_us, source, q)
+        return self.vehicle.attitude(name, source, q)
 
     def _place(self, row: Sequence[str]) -> Vec3 | None:
         numbers = self._numbers(row, self._columns.position)

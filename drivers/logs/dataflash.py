@@ -11,16 +11,15 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 
-from drivers.events import Event, Heartbeat, Malformed, ModeChange, Parameter, VehicleId
+from drivers.events import Event, Heartbeat, ModeChange, Parameter, VehicleId
 from drivers.logs.dataflash_format import Row, messages
 from drivers.logs.log_file import LogFile, Window, windowed
 from drivers.logs.logged_vehicle import LoggedVehicle
 from drivers.mavlink import constants as mav
 from drivers.mavlink.ardupilot import SYSTEM_ID
 from drivers.samples.attitudes import quaternion_from_euler, unit_or_none
-from drivers.samples.navigation import Fix, filter_status
+from drivers.samples.navigation import Fix
 from drivers.samples.vehicle_clock import TimeField
-from estimator.types import Quaternion
 
 MILLIGAUSS = 1e-3
 VEHICLE_TYPES = {  # the first word of MSG at start, and its MAV_TYPE
@@ -52,9 +51,13 @@ class Dataflash(LogFile):
         with windowed(self.path, self.on_read) as window:
             system_id, unix_us = _identity(window)
         with windowed(self.path, self.on_read) as window:
-            decoder = _Decoder(system_id, unix_us)
-            for message in messages(window, decoder.message_names):
-                yield from decoder.decode(message)
+            vehicle = LoggedVehicle(VehicleId(system_id, 1), unix_us)
+            for message in messages(window, HANDLERS):
+                if message is None:
+                    yield vehicle.malformed()
+                else:
+                    yield from vehicle.decode(_events, *message)
+            yield from vehicle.end()
 
     def rows(self, names: frozenset[str]) -> Iterator[tuple[str, int, Row]]:
         """Messages of those names that have a time: name, arrival and columns."""
@@ -63,136 +66,110 @@ class Dataflash(LogFile):
         with windowed(self.path) as window:
             for name, row in filter(None, messages(window, names)):
                 with suppress(LookupError, TypeError, ValueError, OverflowError):
-                    yield name, unix_us + _time_us(name, row)[1], row
+                    yield name, unix_us + _time_us(name, row)[0], row
 
 
-class _Decoder:
-    """DataFlash messages in, events out."""
+def _events(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
+    if name not in UNTIMED:
+        vehicle.at(*_time_us(name, row))
+    return HANDLERS[name](vehicle, name, row)
 
-    def __init__(self, system_id: int, unix_us: int) -> None:
-        self._vehicle = LoggedVehicle(VehicleId(system_id, 1), unix_us)
-        self._arrival_us = unix_us
-        self._handlers: dict[str, Callable[[str, Row], list[Event]]] = {
-            "IMU": self._imu,
-            "IMU2": self._imu,
-            "IMU3": self._imu,
-            "MAG": self._mag,
-            "ATT": self._attitude,
-            "XKQ": self._attitude_quaternion,
-            "NKQ": self._attitude_quaternion,
-            "NKQ1": self._attitude_quaternion,
-            "XKF1": self._filter_velocity,
-            "NKF1": self._filter_velocity,
-            "EKF1": self._filter_velocity,
-            "XKF4": self._filter_status,
-            "NKF4": self._filter_status,
-            "EKF4": self._filter_status,
-            "GPS": self._gps,
-            "SIM": self._truth,
-            "PARM": self._parameter,
-            "MSG": self._text,
-            "ARM": self._arm,
-            "EV": self._event,
-            "MODE": self._mode,
-        }
 
-    @property
-    def message_names(self) -> frozenset[str]:
-        return frozenset(self._handlers)
+def _imu(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
+    instance = int(row.get("I", 0))  # newer logs number them from 0 in a field
+    stream = f"IMU{instance + 1}" if instance else name
+    gyr = (row["GyrX"], row["GyrY"], row["GyrZ"])
+    return vehicle.imu(stream, gyr, (row["AccX"], row["AccY"], row["AccZ"]))
 
-    def decode(self, message: tuple[str, Row] | None) -> list[Event]:
-        """The events of a message; None stands for one that could not be read."""
-        if message is None:
-            return [Malformed(self._arrival_us, 1)]
-        name, row = message
-        try:
-            return self._handlers[name](name, row)
-        except (LookupError, TypeError, ValueError, OverflowError):
-            # a message of that name with other columns, or a column with garbage in it
-            return [Malformed(self._arrival_us, 1)]
 
-    def _time(self, name: str, row: Row) -> tuple[TimeField, int]:
-        field, raw_us = _time_us(name, row)
-        self._arrival_us = self._vehicle.arrival_us(raw_us)
-        return field, raw_us
-
-    def _imu(self, name: str, row: Row) -> list[Event]:
-        gyr = (float(row["GyrX"]), float(row["GyrY"]), float(row["GyrZ"]))
-        acc = (float(row["AccX"]), float(row["AccY"]), float(row["AccZ"]))
-        instance = _instance(row, "I")  # newer logs number them from 0 in a field
-        stream = f"IMU{instance + 1}" if instance else name
-        return self._vehicle.imu(stream, *self._time(name, row), gyr, acc)
-
-    def _mag(self, name: str, row: Row) -> list[Event]:
-        if _instance(row, "I") == 0:
-            mag = (row["MagX"] * MILLIGAUSS, row["MagY"] * MILLIGAUSS, row["MagZ"] * MILLIGAUSS)
-            self._vehicle.put_mag(mag, _time_us(name, row)[1])
+def _mag(vehicle: LoggedVehicle, _name: str, row: Row) -> list[Event]:
+    if _is_other(row, "I"):
         return []
+    return vehicle.put_mag(
+        (row["MagX"] * MILLIGAUSS, row["MagY"] * MILLIGAUSS, row["MagZ"] * MILLIGAUSS)
+    )
 
-    def _attitude(self, name: str, row: Row) -> list[Event]:
-        q = _from_degrees(row)
-        return self._vehicle.attitude(name, *self._time(name, row), "autopilot", q)
 
-    def _attitude_quaternion(self, name: str, row: Row) -> list[Event]:
-        if _instance(row, "C") != 0:
-            return []
-        q = _from_quaternion(row)
-        return self._vehicle.attitude(name, *self._time(name, row), "autopilot", q)
-
-    def _truth(self, name: str, row: Row) -> list[Event]:
-        q = _from_quaternion(row) if "Q1" in row else _from_degrees(row)
-        return self._vehicle.attitude(name, *self._time(name, row), "sim", q)
-
-    def _filter_velocity(self, name: str, row: Row) -> list[Event]:
-        if _instance(row, "C") != 0:
-            return []
-        velocity = (float(row["VN"]), float(row["VE"]), float(row["VD"]))
-        return self._vehicle.fix(name, *self._time(name, row), Fix(velocity))
-
-    def _filter_status(self, name: str, row: Row) -> list[Event]:
-        if _instance(row, "C") == 0 and "SS" in row:  # the first years' filters did not say
-            status = filter_status(int(row["SS"]), float(row["SV"]), float(row.get("SM", 0.0)))
-            return self._vehicle.filter_says(status, _time_us(name, row)[1])
+def _attitude(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
+    if _is_other(row, "C"):
         return []
+    if "Q1" in row:
+        q = unit_or_none((row["Q1"], row["Q2"], row["Q3"], row["Q4"]))
+    else:
+        q = quaternion_from_euler(*(math.radians(row[name]) for name in ("Roll", "Pitch", "Yaw")))
+    return vehicle.attitude(name, "sim" if name == "SIM" else "autopilot", q)
 
-    def _gps(self, name: str, row: Row) -> list[Event]:
-        if row["Status"] < mav.GPS_FIX_TYPE_3D_FIX or _instance(row, "I") != 0:
-            return []
-        speed_m_s, course_rad = row["Spd"], math.radians(row["GCrs"])
-        velocity = (
-            speed_m_s * math.cos(course_rad),
-            speed_m_s * math.sin(course_rad),
-            float(row.get("VZ", 0.0)),
-        )
-        position = (float(row["Lat"]), float(row["Lng"]), float(row["Alt"]))
-        fix = Fix(velocity, has_vertical="VZ" in row, position=position)
-        return self._vehicle.fix(name, *self._time(name, row), fix)
 
-    def _parameter(self, _name: str, row: Row) -> list[Event]:
-        return [Parameter(self._vehicle.id, self._arrival_us, row["Name"], float(row["Value"]))]
+def _filter_velocity(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
+    if _is_other(row, "C"):
+        return []
+    return vehicle.fix(name, Fix((row["VN"], row["VE"], row["VD"])))
 
-    def _arm(self, name: str, row: Row) -> list[Event]:
-        self._time(name, row)
-        return [ModeChange(self._vehicle.id, self._arrival_us, is_armed=bool(row["ArmState"]))]
 
-    def _event(self, name: str, row: Row) -> list[Event]:
-        if row["Id"] not in (ARMED_EVENT, DISARMED_EVENT):
-            return []
-        self._time(name, row)
-        is_armed = row["Id"] == ARMED_EVENT
-        return [ModeChange(self._vehicle.id, self._arrival_us, is_armed=is_armed)]
+def _filter_status(vehicle: LoggedVehicle, _name: str, row: Row) -> list[Event]:
+    if _is_other(row, "C") or "SS" not in row:  # the first years' filters did not say
+        return []
+    return vehicle.filter_says(row["SS"], row["SV"], row.get("SM", 0.0))
 
-    def _mode(self, name: str, row: Row) -> list[Event]:
-        self._time(name, row)
-        number = int(row["ModeNum"] if "ModeNum" in row else row["Mode"])
-        return [ModeChange(self._vehicle.id, self._arrival_us, custom_mode=number)]
 
-    def _text(self, _name: str, row: Row) -> list[Event]:
-        vehicle_type = VEHICLE_TYPES.get(str(row["Message"]).partition(" ")[0])
-        if vehicle_type is None:
-            return []
-        autopilot = mav.MAV_AUTOPILOT_ARDUPILOTMEGA
-        return [Heartbeat(self._vehicle.id, self._arrival_us, autopilot, vehicle_type)]
+def _gps(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
+    if row["Status"] < mav.GPS_FIX_TYPE_3D_FIX or _is_other(row, "I"):
+        return []
+    speed_m_s, course_rad = row["Spd"], math.radians(row["GCrs"])
+    north, east = speed_m_s * math.cos(course_rad), speed_m_s * math.sin(course_rad)
+    position = (row["Lat"], row["Lng"], row["Alt"])
+    fix = Fix((north, east, row.get("VZ", 0.0)), has_vertical="VZ" in row, position=position)
+    return vehicle.fix(name, fix)
+
+
+def _parameter(vehicle: LoggedVehicle, _name: str, row: Row) -> list[Event]:
+    return [Parameter(vehicle.id, vehicle.arrival_us, row["Name"], float(row["Value"]))]
+
+
+def _text(vehicle: LoggedVehicle, _name: str, row: Row) -> list[Event]:
+    vehicle_type = VEHICLE_TYPES.get(str(row["Message"]).partition(" ")[0])
+    if vehicle_type is None:
+        return []
+    return [
+        Heartbeat(vehicle.id, vehicle.arrival_us, mav.MAV_AUTOPILOT_ARDUPILOTMEGA, vehicle_type)
+    ]
+
+
+def _arm(vehicle: LoggedVehicle, _name: str, row: Row) -> list[Event]:
+    return [ModeChange(vehicle.id, vehicle.arrival_us, is_armed=bool(row["ArmState"]))]
+
+
+def _event(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
+    if row["Id"] not in (ARMED_EVENT, DISARMED_EVENT):
+        return []
+    vehicle.at(*_time_us(name, row))
+    return [ModeChange(vehicle.id, vehicle.arrival_us, is_armed=row["Id"] == ARMED_EVENT)]
+
+
+def _mode(vehicle: LoggedVehicle, _name: str, row: Row) -> list[Event]:
+    number = int(row["ModeNum"] if "ModeNum" in row else row["Mode"])
+    return [ModeChange(vehicle.id, vehicle.arrival_us, custom_mode=number)]
+
+
+def _is_other(row: Row, field: str) -> bool:
+    """Whether a row is of another sensor or filter than the first; old logs have but one."""
+    return int(row.get(field, 0)) != 0
+
+
+HANDLERS: dict[str, Callable[[LoggedVehicle, str, Row], list[Event]]] = {
+    **dict.fromkeys(("IMU", "IMU2", "IMU3"), _imu),
+    "MAG": _mag,
+    **dict.fromkeys(("ATT", "XKQ", "NKQ", "NKQ1", "SIM"), _attitude),
+    **dict.fromkeys(("XKF1", "NKF1", "EKF1"), _filter_velocity),
+    **dict.fromkeys(("XKF4", "NKF4", "EKF4"), _filter_status),
+    "GPS": _gps,
+    "PARM": _parameter,
+    "MSG": _text,
+    "ARM": _arm,
+    "EV": _event,
+    "MODE": _mode,
+}
+UNTIMED = frozenset(("PARM", "MSG", "EV"))  # their times are looked at where they matter
 
 
 def _identity(window: Window) -> tuple[int, int]:
@@ -229,34 +206,19 @@ def _unix_us(row: Row) -> int | None:
     if week > LAST_WEEK:
         raise ValueError(week)
     unix_s = GPS_EPOCH_S + week * WEEK_S + week_ms * 1e-3 - LEAP_SECONDS
-    return int(unix_s * 1e6) - _time_us("GPS", row)[1]
+    return int(unix_s * 1e6) - _time_us("GPS", row)[0]
 
 
-def _time_us(name: str, row: Row) -> tuple[TimeField, int]:
-    """The message's clock, and its time since boot.
+def _time_us(name: str, row: Row) -> tuple[int, TimeField]:
+    """The message's time since boot, and on which clock.
 
     Raises:
         LookupError, TypeError, ValueError, OverflowError: it has none to believe.
     """
     if "TimeUS" in row:
-        field, raw_us = TimeField.TIME_USEC, int(row["TimeUS"])
-    elif name == "GPS":
-        field, raw_us = TimeField.BOOT_MS, int(row["T"]) * 1000  # its TimeMS is the GPS week's
-    else:
-        field, raw_us = TimeField.BOOT_MS, int(row["TimeMS"]) * 1000
+        clock, raw_us = TimeField.TIME_USEC, int(row["TimeUS"])
+    else:  # a GPS message's TimeMS is the GPS week's
+        clock, raw_us = TimeField.BOOT_MS, int(row["T" if name == "GPS" else "TimeMS"]) * 1000
     if not 0 <= raw_us <= LONGEST_UPTIME_US:
         raise ValueError(raw_us)
-    return field, raw_us
-
-
-def _instance(row: Row, field: str) -> int:
-    return int(row.get(field, 0))
-
-
-def _from_degrees(row: Row) -> Quaternion | None:
-    roll_rad, pitch_rad, yaw_rad = (math.radians(row[name]) for name in ("Roll", "Pitch", "Yaw"))
-    return quaternion_from_euler(roll_rad, pitch_rad, yaw_rad)
-
-
-def _from_quaternion(row: Row) -> Quaternion | None:
-    return unit_or_none((row["Q1"], row["Q2"], row["Q3"], row["Q4"]))
+    return raw_us, clock

@@ -1,20 +1,22 @@
 """A vehicle as its own log saw it: what DataFlash, ULog, bags and tables have in common.
 
-Such a log knows no arrivals. Its own times, on Unix time where a GPS gave it, stand in for them.
+Most such logs know no arrivals. Their own times, on Unix time where a GPS gave it, stand in for
+them.
 """
 
 from collections.abc import Callable
 from typing import Any, Literal
 
-from drivers.events import Event, FilterStatus, VehicleId
-from drivers.samples.fresh_field import LoggedField
-from drivers.samples.imu_stream import Stamp
+from drivers.events import Event, Malformed, VehicleId
+from drivers.samples.imu_stream import Field, RepeatedField, Stamp, finite_or_zero
 from drivers.samples.intake import Intake
 from drivers.samples.navigation import Fix, Navigation
 from drivers.samples.vehicle_clock import TimeField
-from estimator.types import Quaternion, Vec3
+from estimator.types import ZERO_VEC3, Quaternion, Vec3
 
 LONGEST_HOLE_US = 600 * 1_000_000  # a longer hole in a log is taken for a leap of its clock
+FIRST_DATE_US = 946_684_800_000_000  # the year 2000: smaller times count from somewhere else
+STALE_US = 200_000  # an older field that was logged beside no longer belongs to the sample after it
 
 
 class LogTime:
@@ -37,59 +39,99 @@ class LogTime:
 
 
 class LoggedVehicle:
-    """Gives one vehicle's readings their stamps. ``unix_us`` is Unix time minus the log's time.
+    """Takes one vehicle's readings, each with the time that :meth:`at` has said last.
 
-    Readings may be numbers of any kind, as the log has them. ``doubts_axes`` says that its axes
-    may be others than FRD.
+    ``unix_us`` is Unix time minus the log's time. Readings may be numbers of any kind, as the log
+    has them. Without ``counts_from_boot`` the log's clock is a computer's. ``doubts_axes`` says
+    that its axes may be others than FRD, ``hears_arrivals`` that the log has arrivals which tell a
+    gap from a leap of the clock.
 
     Raises:
         TypeError, ValueError: what should be a number is none.
     """
 
-    def __init__(self, vehicle: VehicleId, unix_us: int, *, doubts_axes: bool = False) -> None:
+    def __init__(
+        self,
+        vehicle: VehicleId,
+        unix_us: int,
+        *,
+        counts_from_boot: bool = True,
+        doubts_axes: bool = False,
+        hears_arrivals: bool = False,
+    ) -> None:
         self.id = vehicle
+        self.uses_first_filter = True  # of several that the log tells of
         self._unix_us = unix_us
-        log_time = LogTime()
-        self._field = LoggedField()
-        self._intake = Intake(vehicle, self._field.for_stream, log_time.arrival_us)
+        self._stamp = Stamp(TimeField.TIME_USEC, 0, unix_us)
+        log_time = None if hears_arrivals else LogTime().arrival_us
+        self._intake = Intake(vehicle, log_time, counts_from_boot=counts_from_boot)
         self._intake.doubts_axes = doubts_axes
+        self._mag_gauss = ZERO_VEC3  # the latest reading, zero where that was no number
+        self._mag_us, self._mag_number = 0, 0  # of the latest one that is data
+        self._repetition = RepeatedField()
+
+    def at(
+        self, raw_us: int, clock: TimeField = TimeField.TIME_USEC, arrival_us: int | None = None
+    ) -> None:
+        """What follows is of that time on the log's clock; without an arrival it stands in."""
+        arrival_us = self._unix_us + raw_us if arrival_us is None else arrival_us
+        self._stamp = Stamp(clock, raw_us, arrival_us)
+
+    @property
+    def arrival_us(self) -> int:
+        """The time of arrival that events have now."""
+        return self._stamp.arrival_us
 
     @property
     def navigation(self) -> Navigation:
         """How far its filter is believed."""
         return self._intake.navigation
 
-    def filter_says(self, status: FilterStatus, raw_us: int) -> list[Event]:
-        """What its filter says of itself."""
-        return self._intake.filter_says(status, self.arrival_us(raw_us))
-
-    def arrival_us(self, raw_us: int) -> int:
-        """The log's time ``raw_us`` as a time of arrival."""
-        return self._unix_us + raw_us
-
-    def put_mag(self, mag_gauss: Vec3, raw_us: int) -> None:
-        """Take a magnetic reading in, for the IMU samples behind it."""
-        self._field.put(_floats(mag_gauss), raw_us)
-
-    def imu(
-        self, stream: str, clock: TimeField, raw_us: int, gyr_rad_s: Vec3, acc_m_s2: Vec3
+    def decode(
+        self, handler: Callable[["LoggedVehicle", str, Any], list[Event]], name: str, row: Any
     ) -> list[Event]:
+        """The events of a row; it is counted where it has other columns, or garbage in one."""
+        try:
+            return handler(self, name, row)
+        except (LookupError, TypeError, ValueError, OverflowError):
+            return [self.malformed()]
+
+    def malformed(self) -> Event:
+        """Something that cannot be read."""
+        return Malformed(self.arrival_us, 1)
+
+    def end(self) -> list[Event]:
+        """The log has ended: what has waited for more."""
+        return self._intake.end()
+
+    def filter_says(
+        self, flags: int, velocity_ratio: float, compass_ratio: float = 0.0
+    ) -> list[Event]:
+        """What its filter says of itself."""
+        ratios = float(velocity_ratio), float(compass_ratio)
+        return self._intake.filter_says(self.arrival_us, int(flags), *ratios)
+
+    def put_mag(self, mag_gauss: Vec3) -> list[Event]:
+        """Take a magnetic reading in, for the IMU samples behind it: each stream has it once."""
+        raw_us = self._stamp.raw_us
+        self._mag_gauss = finite_or_zero(_floats(mag_gauss))
+        if self._repetition.is_fresh(self._mag_gauss, raw_us):
+            self._mag_us, self._mag_number = raw_us, self._mag_number + 1
+        return []
+
+    def imu(self, stream: str, gyr_rad_s: Vec3, acc_m_s2: Vec3) -> list[Event]:
         """The sample, with the magnetic field if that is new; or why it is none."""
-        gyr, acc, stamp = _floats(gyr_rad_s), _floats(acc_m_s2), self._stamp(clock, raw_us)
-        return self._intake.imu(stream, stamp, gyr, acc, self._field.latest_gauss)
+        is_stale = abs(self._stamp.raw_us - self._mag_us) > STALE_US
+        field = Field(self._mag_gauss, 0 if is_stale else self._mag_number)
+        return self._intake.imu(stream, self._stamp, _floats(gyr_rad_s), _floats(acc_m_s2), field)
 
     def attitude(
-        self,
-        name: str,
-        clock: TimeField,
-        raw_us: int,
-        source: Literal["autopilot", "sim"],
-        q_ned_frd: Quaternion | None,
+        self, name: str, source: Literal["autopilot", "sim"], q_ned_frd: Quaternion | None
     ) -> list[Event]:
         """Somebody's attitude; None for one that is no rotation."""
-        return self._intake.attitude(name, self._stamp(clock, raw_us), source, q_ned_frd)
+        return self._intake.attitude(name, self._stamp, source, q_ned_frd)
 
-    def fix(self, name: str, clock: TimeField, raw_us: int, fix: Fix) -> list[Event]:
+    def fix(self, name: str, fix: Fix) -> list[Event]:
         """A velocity and perhaps a position."""
         velocity, sigma_m_s, position = fix.velocity_ned_m_s, fix.sigma_m_s, fix.position
         of_floats = fix._replace(
@@ -97,16 +139,28 @@ class LoggedVehicle:
             sigma_m_s=None if sigma_m_s is None else float(sigma_m_s),
             position=None if position is None else _floats(position),
         )
-        return self._intake.fix(name, self._stamp(clock, raw_us), of_floats)
+        return self._intake.fix(name, self._stamp, of_floats)
 
-    def report(
-        self, name: str, clock: TimeField, raw_us: int, sample_at: Callable[[int], Any]
-    ) -> list[Event]:
+    def report(self, name: str, sample_at: Callable[[int], Any]) -> list[Event]:
         """What something beside the IMU has measured; see :meth:`Intake.report`."""
-        return self._intake.report(name, self._stamp(clock, raw_us), sample_at)
+        return self._intake.report(name, self._stamp, sample_at)
 
-    def _stamp(self, clock: TimeField, raw_us: int) -> Stamp:
-        return Stamp(clock, raw_us, self.arrival_us(raw_us))
+
+def dated_vehicle(
+    begin_us: int, *, doubts_axes: bool = True, hears_arrivals: bool = False
+) -> LoggedVehicle:
+    """The one vehicle of a log whose times count from its first row, which is at ``begin_us``.
+
+    That is Unix time, unless it is too small for a date.
+    """
+    is_date = begin_us > FIRST_DATE_US
+    return LoggedVehicle(
+        VehicleId(1, 1),
+        begin_us if is_date else 0,
+        counts_from_boot=not is_date,
+        doubts_axes=doubts_axes,
+        hears_arrivals=hears_arrivals,
+    )
 
 
 def _floats(vector: Vec3) -> Vec3:

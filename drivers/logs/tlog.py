@@ -92,6 +92,7 @@ class Tlog(LogFile):
                 yield from decoder.events(frame, arrival_us)
             else:
                 yield from gate.take_refused(arrival_us)
+        yield from decoder.end()
 
     def messages(self, wanted: frozenset[int]) -> Iterator[tuple[int, Frame, Any]]:
         """Messages of those numbers: arrival, frame, and what has its fields as attributes."""

@@ -9,20 +9,19 @@ arming. All are SI and FRD/NED already, fields in gauss, times in us since boot.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
-from drivers.events import Event, Heartbeat, Malformed, ModeChange, Parameter, Rejected, VehicleId
+from drivers.events import Event, Heartbeat, ModeChange, Parameter, Rejected, VehicleId
 from drivers.logs.log_file import LATEST_US, LogFile, windowed
 from drivers.logs.logged_vehicle import LoggedVehicle
 from drivers.logs.ulog_format import TIMES, Found, Row, UlogReader
 from drivers.mavlink.constants import GPS_FIX_TYPE_3D_FIX, MAV_AUTOPILOT_PX4
 from drivers.samples.attitudes import unit_or_none
 from drivers.samples.clock_line import REORDERED_US
-from drivers.samples.navigation import Fix, filter_status
-from drivers.samples.vehicle_clock import TimeField
+from drivers.samples.navigation import Fix
 from estimator.errors import InputError
 from estimator.reasons import Reason
-from estimator.types import Quaternion, Vec3
+from estimator.types import Vec3
 
 IMU_TOPICS = ("sensor_combined", "vehicle_imu")  # the first that is there is used
 MAG_TOPICS = ("vehicle_magnetometer", "sensor_mag")
@@ -72,14 +71,18 @@ class Ulog(LogFile):
                 overview = _look_over(UlogReader(window, WANTED))
             with windowed(self.path, self.on_read) as window:
                 log = UlogReader(window, WANTED)
-                decoder = _Decoder(overview.parameters, overview.unix_us)
-                yield from decoder.head(overview.begin_us)
+                system_id = _in_byte(overview.parameters.get("MAV_SYS_ID"), 1)
+                vehicle = LoggedVehicle(VehicleId(system_id, 1), overview.unix_us)
+                vehicle.at(overview.begin_us)
+                yield from _head(vehicle, overview.parameters)
                 for row in _in_time_order(_wanted(log.rows(), overview), overview.topics):
+                    vehicle.at(row.time_us)
                     if row.topic == DAMAGE:
-                        yield decoder.damage(row.time_us)
+                        yield vehicle.malformed()
                     else:
                         fields = log.tables[row.topic].row(row.body)
-                        yield from decoder.decode(row.time_us, row.topic, fields)
+                        yield from vehicle.decode(HANDLERS[row.topic], row.topic, fields)
+                yield from vehicle.end()
         except ValueError as error:
             raise InputError(f"{self.path}: cannot read this ULog, {error}") from error
 
@@ -96,110 +99,95 @@ class _Overview(NamedTuple):
     unix_us: int  # Unix time minus time since boot, from the first GPS row that knows it; else 0
 
 
-class _Decoder:
-    """Rows of topics in, events out."""
+def _head(vehicle: LoggedVehicle, parameters: dict[str, float]) -> Iterator[Event]:
+    """The events of the log's head: the vehicle, and its parameters."""
+    vehicle_type = _in_byte(parameters.get("MAV_TYPE"), 0)
+    yield Heartbeat(vehicle.id, vehicle.arrival_us, MAV_AUTOPILOT_PX4, vehicle_type)
+    for name, value in parameters.items():
+        yield Parameter(vehicle.id, vehicle.arrival_us, name, value)
 
-    def __init__(self, parameters: dict[str, float], unix_us: int) -> None:
-        self._parameters = parameters
-        system_id = _in_byte(parameters.get("MAV_SYS_ID"), 1)
-        self._vehicle = LoggedVehicle(VehicleId(system_id, 1), unix_us)
-        self._is_first_filter = True
-        self._handlers: dict[str, Callable[[str, int, Row], list[Event]]] = {
-            "sensor_combined": self._sensor_combined,
-            "vehicle_imu": self._vehicle_imu,
-            "vehicle_magnetometer": self._vehicle_magnetometer,
-            "sensor_mag": self._sensor_mag,
-            "vehicle_attitude": self._attitude,
-            TRUTH_TOPIC: self._attitude,
-            "vehicle_local_position": self._local_position,
-            "estimator_status": self._estimator_status,
-            "estimator_selector_status": self._selector_status,
-            "vehicle_status": self._status,
-            "vehicle_gps_position": self._gps,
-            "sensor_gps": self._gps,
-        }
 
-    def damage(self, raw_us: int) -> Event:
-        """A stretch that cannot be read, behind the row of that time."""
-        return Malformed(self._vehicle.arrival_us(raw_us), 1)
+# A field that is missing in a firmware's topic is 0.
 
-    def head(self, begin_us: int) -> Iterator[Event]:
-        """The events of the log's head: the vehicle, and its parameters."""
-        arrival_us = self._vehicle.arrival_us(begin_us)
-        vehicle_type = _in_byte(self._parameters.get("MAV_TYPE"), 0)
-        yield Heartbeat(self._vehicle.id, arrival_us, MAV_AUTOPILOT_PX4, vehicle_type)
-        for name, value in self._parameters.items():
-            yield Parameter(self._vehicle.id, arrival_us, name, value)
 
-    def decode(self, raw_us: int, topic: str, row: Row) -> list[Event]:
-        """The events of a row; a field that is missing in this firmware's topic is 0."""
-        try:
-            return self._handlers[topic](topic, raw_us, row)
-        except (LookupError, TypeError, ValueError):  # a field of that name, but of another kind
-            return [self.damage(raw_us)]
+def _sensor_combined(vehicle: LoggedVehicle, topic: str, row: Row) -> list[Event]:
+    gyr, acc = _vector(row, "gyro_rad[{}]"), _vector(row, "accelerometer_m_s2[{}]")
+    return vehicle.imu(topic, gyr, acc)
 
-    def _sensor_combined(self, topic: str, raw_us: int, row: Row) -> list[Event]:
-        gyr = _vector(row, "gyro_rad[{}]")
-        acc = _vector(row, "accelerometer_m_s2[{}]")
-        return self._vehicle.imu(topic, TimeField.TIME_USEC, raw_us, gyr, acc)
 
-    def _vehicle_imu(self, topic: str, raw_us: int, row: Row) -> list[Event]:
-        angle_s, velocity_s = row["delta_angle_dt"] * 1e-6, row["delta_velocity_dt"] * 1e-6
-        if angle_s <= 0 or velocity_s <= 0:
-            arrival_us = self._vehicle.arrival_us(raw_us)
-            return [Rejected(self._vehicle.id, arrival_us, Reason.NO_INTERVAL, topic)]
-        turn, push = _vector(row, "delta_angle[{}]"), _vector(row, "delta_velocity[{}]")
-        gyr = (turn[0] / angle_s, turn[1] / angle_s, turn[2] / angle_s)
-        acc = (push[0] / velocity_s, push[1] / velocity_s, push[2] / velocity_s)
-        return self._vehicle.imu(topic, TimeField.TIME_USEC, raw_us, gyr, acc)
+def _vehicle_imu(vehicle: LoggedVehicle, topic: str, row: Row) -> list[Event]:
+    angle_s, velocity_s = row["delta_angle_dt"] * 1e-6, row["delta_velocity_dt"] * 1e-6
+    if angle_s <= 0 or velocity_s <= 0:
+        return [Rejected(vehicle.id, vehicle.arrival_us, Reason.NO_INTERVAL, topic)]
+    turn, push = _vector(row, "delta_angle[{}]"), _vector(row, "delta_velocity[{}]")
+    gyr = (turn[0] / angle_s, turn[1] / angle_s, turn[2] / angle_s)
+    acc = (push[0] / velocity_s, push[1] / velocity_s, push[2] / velocity_s)
+    return vehicle.imu(topic, gyr, acc)
 
-    def _vehicle_magnetometer(self, _topic: str, raw_us: int, row: Row) -> list[Event]:
-        self._vehicle.put_mag(_vector(row, "magnetometer_ga[{}]"), raw_us)
+
+def _vehicle_magnetometer(vehicle: LoggedVehicle, _topic: str, row: Row) -> list[Event]:
+    return vehicle.put_mag(_vector(row, "magnetometer_ga[{}]"))
+
+
+def _sensor_mag(vehicle: LoggedVehicle, _topic: str, row: Row) -> list[Event]:
+    return vehicle.put_mag((row["x"], row["y"], row["z"]))
+
+
+def _attitude(vehicle: LoggedVehicle, topic: str, row: Row) -> list[Event]:
+    q = unit_or_none((row["q[0]"], row["q[1]"], row["q[2]"], row["q[3]"]))
+    return vehicle.attitude(topic, "sim" if topic == TRUTH_TOPIC else "autopilot", q)
+
+
+def _local_position(vehicle: LoggedVehicle, topic: str, row: Row) -> list[Event]:
+    if not row["v_xy_valid"] or row.get("dead_reckoning"):
+        return []  # a reckoning from the same IMU tells nothing of that
+    has_vertical = bool(row["v_z_valid"])
+    velocity = (row["vx"], row["vy"], row["vz"] if has_vertical else 0.0)
+    return vehicle.fix(topic, Fix(velocity, has_vertical=has_vertical))
+
+
+def _estimator_status(vehicle: LoggedVehicle, _topic: str, row: Row) -> list[Event]:
+    """The first filter's, where several run; it counts while that one is in use."""
+    if not vehicle.uses_first_filter or "solution_status_flags" not in row:
         return []
+    ratios = row["vel_test_ratio"], row.get("mag_test_ratio", 0.0)
+    return vehicle.filter_says(row["solution_status_flags"], *ratios)
 
-    def _sensor_mag(self, _topic: str, raw_us: int, row: Row) -> list[Event]:
-        self._vehicle.put_mag((row["x"], row["y"], row["z"]), raw_us)
+
+def _selector_status(vehicle: LoggedVehicle, _topic: str, row: Row) -> list[Event]:
+    vehicle.uses_first_filter = row["primary_instance"] == 0
+    if not vehicle.uses_first_filter:
+        vehicle.navigation.forget()
+    return []
+
+
+def _status(vehicle: LoggedVehicle, _topic: str, row: Row) -> list[Event]:
+    is_armed = row["arming_state"] == ARMING_STATE_ARMED
+    return [ModeChange(vehicle.id, vehicle.arrival_us, is_armed=is_armed)]
+
+
+def _gps(vehicle: LoggedVehicle, topic: str, row: Row) -> list[Event]:
+    if row["fix_type"] < GPS_FIX_TYPE_3D_FIX:
         return []
+    velocity = (row["vel_n_m_s"], row["vel_e_m_s"], row["vel_d_m_s"])
+    sigma_m_s = row.get("s_variance_m_s") or None  # zero where it is unknown
+    return vehicle.fix(topic, Fix(velocity, sigma_m_s=sigma_m_s, position=_position(row)))
 
-    def _attitude(self, topic: str, raw_us: int, row: Row) -> list[Event]:
-        source: Literal["autopilot", "sim"] = "sim" if topic == TRUTH_TOPIC else "autopilot"
-        q = _quaternion(row)
-        return self._vehicle.attitude(topic, TimeField.TIME_USEC, raw_us, source, q)
 
-    def _local_position(self, topic: str, raw_us: int, row: Row) -> list[Event]:
-        if not row["v_xy_valid"] or row.get("dead_reckoning"):
-            return []  # a reckoning from the same IMU tells nothing of that
-        has_vertical = bool(row["v_z_valid"])
-        velocity = (row["vx"], row["vy"], row["vz"] if has_vertical else 0.0)
-        fix = Fix(velocity, has_vertical=has_vertical)
-        return self._vehicle.fix(topic, TimeField.TIME_USEC, raw_us, fix)
-
-    def _estimator_status(self, _topic: str, raw_us: int, row: Row) -> list[Event]:
-        """The first filter's, where several run; it counts while that one is in use."""
-        if self._is_first_filter and "solution_status_flags" in row:
-            compass = row.get("mag_test_ratio", 0.0)
-            status = filter_status(row["solution_status_flags"], row["vel_test_ratio"], compass)
-            return self._vehicle.filter_says(status, raw_us)
-        return []
-
-    def _selector_status(self, _topic: str, _raw_us: int, row: Row) -> list[Event]:
-        self._is_first_filter = row["primary_instance"] == 0
-        if not self._is_first_filter:
-            self._vehicle.navigation.forget()
-        return []
-
-    def _status(self, _topic: str, raw_us: int, row: Row) -> list[Event]:
-        is_armed = row["arming_state"] == ARMING_STATE_ARMED
-        arrival_us = self._vehicle.arrival_us(raw_us)
-        return [ModeChange(self._vehicle.id, arrival_us, is_armed=is_armed)]
-
-    def _gps(self, topic: str, raw_us: int, row: Row) -> list[Event]:
-        if row["fix_type"] < GPS_FIX_TYPE_3D_FIX:
-            return []
-        velocity = (row["vel_n_m_s"], row["vel_e_m_s"], row["vel_d_m_s"])
-        sigma_m_s = row.get("s_variance_m_s") or None  # zero where it is unknown
-        fix = Fix(velocity, sigma_m_s=sigma_m_s, position=_position(row))
-        return self._vehicle.fix(topic, TimeField.TIME_USEC, raw_us, fix)
+HANDLERS: dict[str, Callable[[LoggedVehicle, str, Row], list[Event]]] = {
+    "sensor_combined": _sensor_combined,
+    "vehicle_imu": _vehicle_imu,
+    "vehicle_magnetometer": _vehicle_magnetometer,
+    "sensor_mag": _sensor_mag,
+    "vehicle_attitude": _attitude,
+    TRUTH_TOPIC: _attitude,
+    "vehicle_local_position": _local_position,
+    "estimator_status": _estimator_status,
+    "estimator_selector_status": _selector_status,
+    "vehicle_status": _status,
+    "vehicle_gps_position": _gps,
+    "sensor_gps": _gps,
+}
 
 
 def _look_over(log: UlogReader) -> _Overview:
@@ -282,10 +270,6 @@ def _with_epochs(rows: Iterable[Found]) -> Iterator[tuple[int, Found]]:
 
 def _vector(row: Row, field: str) -> Vec3:
     return (row[field.format(0)], row[field.format(1)], row[field.format(2)])
-
-
-def _quaternion(row: Row) -> Quaternion | None:
-    return unit_or_none((row["q[0]"], row["q[1]"], row["q[2]"], row["q[3]"]))
 
 
 def _position(row: Row) -> Vec3:

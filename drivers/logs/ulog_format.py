@@ -183,12 +183,17 @@ class UlogReader:
     def _begins_message(self, position: int) -> bool:
         if position + HEAD.size > len(self._data):
             return True  # the data end here, and nothing says otherwise
-        return self._data[position + 2] in KNOWN_TYPES or position + self._moved in self._breaks
+        is_break = position + self._moved in self._breaks or self._is_another_log(position)
+        return is_break or self._data[position + 2] in KNOWN_TYPES
+
+    def _is_another_log(self, position: int) -> bool:
+        """Whether another log is behind this one, with times of its own."""
+        return self._data[position : position + len(MAGIC)] == MAGIC
 
     def _next_sound(self, position: int) -> int:
         """Where the next message is that shows by its body that it is one, or the data's end."""
-        if self._data[position : position + len(MAGIC)] == MAGIC:
-            self._window.end()  # another log behind this one, with times of its own
+        if self._is_another_log(position):
+            self._window.end()
             return len(self._data)
         begin = position + 1
         while True:

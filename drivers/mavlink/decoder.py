@@ -33,7 +33,7 @@ from drivers.mavlink.imu_messages import (
 from drivers.mavlink.messages import MESSAGES, MessageKind, Said
 from drivers.mavlink.parameter_values import ParameterValue, WaitingParameters, owner
 from drivers.places import PLACES
-from drivers.samples.imu_stream import Stamp
+from drivers.samples.imu_stream import Field, Stamp
 from drivers.samples.intake import VERSION_EVERY_US, Intake
 from drivers.samples.vehicle_clock import TimeField
 from estimator.reasons import Reason
@@ -133,6 +133,10 @@ class MavlinkDecoder:
             return self._meet(frame, arrival_us)
         sender.note(frame, arrival_us)
         return self._events(sender, frame, arrival_us)
+
+    def end(self) -> list[Event]:
+        """No frame comes any more: the events of what has waited for more."""
+        return [event for sender in self._senders.values() for event in sender.intake.end()]
 
     def _events(self, sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:
         if frame.message_id == mav.AUTOPILOT_VERSION_ID:
@@ -291,7 +295,8 @@ def _imu_events(
     _, name, clock, vectors, *_ = message
     raw_us = m.time_usec if clock is _TIME_USEC else m.time_boot_ms * 1000
     stream = imu_stream_name(name, m.id) if is_numbered else name
-    return sender.intake.imu(stream, Stamp(clock, raw_us, arrival_us), *vectors(m))
+    gyr, acc, mag = vectors(m)
+    return sender.intake.imu(stream, Stamp(clock, raw_us, arrival_us), gyr, acc, Field(mag))
 
 
 def _events(kind: MessageKind, sender: _Sender, m: Any, arrival_us: int) -> list[Event]:

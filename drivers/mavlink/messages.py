@@ -14,7 +14,7 @@ from drivers.mavlink import constants as mav
 from drivers.samples.attitudes import quaternion_from_euler, unit_or_none
 from drivers.samples.imu_stream import Stamp
 from drivers.samples.intake import Intake
-from drivers.samples.navigation import Fix, filter_status
+from drivers.samples.navigation import Fix
 from drivers.samples.vehicle_clock import TimeField
 from estimator.types import Quaternion, Vec3
 
@@ -141,13 +141,12 @@ def _course_velocity(m: Any) -> Vec3:
 def _ekf_status(intake: Intake, said: Said) -> list[Event]:
     m = said.fields
     # test ratios, whatever their names
-    status = filter_status(m.flags, m.velocity_variance, m.compass_variance)
-    return intake.filter_says(status, said.arrival_us)
+    return intake.filter_says(said.arrival_us, m.flags, m.velocity_variance, m.compass_variance)
 
 
 def _estimator_status(intake: Intake, said: Said) -> list[Event]:
     m = said.fields
-    return intake.filter_says(filter_status(m.flags, m.vel_ratio, m.mag_ratio), said.arrival_us)
+    return intake.filter_says(said.arrival_us, m.flags, m.vel_ratio, m.mag_ratio)
 
 
 MESSAGES: dict[int, MessageKind] = {

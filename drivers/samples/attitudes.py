@@ -46,14 +46,18 @@ class UnstampedAttitudes:
 
     def imu(self, time_us: int, arrival_us: int) -> list[Event]:
         """A sample has come; the attitudes that have waited for it."""
+        before_us, _ = (time_us, 0) if self._last is None else self._last
         events: list[Event] = []
-        before_us = time_us if self._last is None else self._last[0]
         for name, heard_us, q_ned_frd in self._waiting:
             is_next = abs(arrival_us - heard_us) <= SAME_BURST_US
             events += self._at(time_us if is_next else before_us, name, heard_us, "sim", q_ned_frd)
         self._waiting.clear()
         self._last = time_us, arrival_us
         return events
+
+    def end(self) -> list[Event]:
+        """No sample comes any more; the attitudes that have waited belong to the last."""
+        return [] if self._last is None else self.imu(*self._last)
 
     def attitude(
         self, name: str, arrival_us: int, source: Source, q_ned_frd: Quaternion

@@ -6,6 +6,7 @@ Arrivals come in with the data. They tell a gap from a leap of the clock.
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
+from drivers.value import Value
 from estimator.reasons import Reason
 
 SECOND_US = 1_000_000
@@ -41,18 +42,16 @@ class Moment(NamedTuple):
     arrival_us: int
 
 
-class Step(NamedTuple):
-    """What became of a message: refused for a reason, or its boot time and the clock's reset.
+class Reset(Value, frozen=True):
+    """A clock began anew or leapt; ``step_us`` is how far it moved, signed.
 
-    A reset is known when a second message confirms it; the first came ``since_us`` before. The
-    clock has moved by ``step_us``. ``elapsed_us`` is the time that passed meanwhile by the
-    arrivals, None where they cannot tell.
+    It is known when another message confirms it; the first behind it came ``since_us`` before.
+    ``elapsed_us`` is the time that passed meanwhile by the arrivals, so that the line of time goes
+    on across it; None where they cannot tell.
     """
 
-    refused: Reason | None
-    boot_us: int
-    reset: ResetKind | None = None
-    step_us: int = 0
+    reason: ResetKind
+    step_us: int
     since_us: int = 0
     elapsed_us: int | None = None
 
@@ -116,52 +115,67 @@ class ClockPace:
 class ClockLine:
     """Follows one clock from message to message; ``wrap_us`` is 0 if it never wraps.
 
+    One that ``counts_from_boot`` shows by a time near zero that the vehicle has begun anew.
+
     A step that no gap explains counts once the next message agrees with it, so a single garbled
     time changes nothing.
     """
 
     wrap_us: int
     hears_arrivals: bool
+    counts_from_boot: bool = True
     wrapped_us: int = 0  # what wraps have added so far
     is_started: bool = False
-    boot_us: int = 0  # of the last message
+    read_us: int = 0  # unwrapped time of the latest message, whatever became of it
+    boot_us: int = 0  # of the last that went on
     arrival_us: int = 0
     floor_us: int = 0  # the smallest arrival minus boot time, with drift
     candidate: Moment | None = None  # a message that stepped away, to be confirmed
     beside: Moment | None = None  # the last message of another line
     pace: ClockPace = field(default_factory=ClockPace)
 
-    def advance(self, raw_us: int, arrival_us: int, misses_some: bool) -> Step | None:
-        """Take the clock's next message; None, nearly always, if it just goes on.
+    def advance(self, raw_us: int, arrival_us: int, misses_some: bool) -> Reason | Reset | None:
+        """Take the clock's next message, whose time is ``read_us`` then.
 
-        Its boot time then is ``boot_us``. ``misses_some``: others before it were lost, so that a
-        step forwards may be their time, however steady the arrivals are.
+        Why it is refused, or how the clock was reset; None, nearly always, if it just goes on.
+        ``misses_some``: others before it were lost, so that a step forwards may be their time,
+        however steady the arrivals are.
         """
+        self.read_us = boot_us = raw_us + self.wrapped_us
         if not self.is_started:
             self.is_started = True
             self._restart(Moment(raw_us, arrival_us))
             return None
-        step_us = raw_us + self.wrapped_us - self.boot_us
-        if 0 < step_us <= LEAP_US and self.candidate is None and not self.pace.off_seconds:
-            self._accept(raw_us + self.wrapped_us, arrival_us)
+        is_ordinary = 0 < boot_us - self.boot_us <= LEAP_US
+        if is_ordinary and self.candidate is None and not self.pace.off_seconds:
+            self._accept(boot_us, arrival_us)
             return None
         if misses_some:
             self.pace.steady_seconds = 0
-        boot_us = self._unwrapped(raw_us, arrival_us)
+        self.read_us = boot_us = self._unwrapped(raw_us, arrival_us)
         if self.beside is not None and self._goes_on_beside(self.beside, boot_us, arrival_us):
             self.beside, self.candidate = Moment(boot_us, arrival_us), None
-            return Step(Reason.ADDRESS_CONFLICT, boot_us)
+            return Reason.ADDRESS_CONFLICT
         step_us, elapsed_us = boot_us - self.boot_us, arrival_us - self.arrival_us
         if self._is_step(step_us, elapsed_us):
-            step = self._confirm(Moment(boot_us, arrival_us))
-            if step.refused is None or self._is_step(step_us, elapsed_us):
-                return step
+            found = self._confirm(Moment(boot_us, arrival_us))
+            if isinstance(found, Reset) or self._is_step(step_us, elapsed_us):
+                return found
         if self.candidate is not None:  # it was garbled, or is somebody else's
             self.beside, self.candidate = self.candidate, None
         lost_us = self._accept(boot_us, arrival_us)
-        return Step(None, boot_us) if lost_us is None else Step(None, boot_us, "jump", lost_us)
+        return None if lost_us is None else Reset("jump", lost_us)
 
-    def _confirm(self, new: Moment) -> Step:
+    def set_back(self, first: Moment, now: Moment) -> Reset | None:
+        """How the clock was reset, where messages from ``first`` to ``now`` are behind the last.
+
+        None where they may just be late.
+        """
+        if self.hears_arrivals and not self.pace.is_steady:
+            return None
+        return self._reset(first, now)
+
+    def _confirm(self, new: Moment) -> Reason | Reset:
         """A message that stepped away: it waits for the next one, or confirms the last."""
         began = self.candidate
         if began is not None:
@@ -172,25 +186,21 @@ class ClockLine:
                 return self._reset(began, new)
             self.pace.steady_seconds = 0  # it may be the clock that is not
         self.candidate = new
-        return Step(Reason.CLOCK_STEP, new.boot_us)
+        return Reason.CLOCK_STEP
 
-    def _reset(self, began: Moment, new: Moment) -> Step:
+    def _reset(self, began: Moment, new: Moment) -> Reset:
         step_us = began.boot_us - self.boot_us
         elapsed_us = max(began.arrival_us - self.arrival_us, 0)
-        is_boot = step_us < 0 <= began.boot_us - self.wrapped_us <= elapsed_us + BOOT_US
+        is_near_zero = 0 <= began.boot_us - self.wrapped_us <= elapsed_us + BOOT_US
+        is_boot = self.counts_from_boot and step_us < -REORDERED_US and is_near_zero
         goes_on = not is_boot and self._is_steady() and abs(step_us - elapsed_us) < LONGEST_LEAP_US
         if not goes_on:
             self.beside = Moment(self.boot_us, self.arrival_us)
         self._restart(began, keeps_pace=goes_on)
         self._accept(*new)
-        return Step(
-            None,
-            new.boot_us,
-            "reboot" if is_boot else "jump",
-            step_us,
-            new.boot_us - began.boot_us,
-            elapsed_us if goes_on else None,
-        )
+        since_us = new.boot_us - began.boot_us
+        reason: ResetKind = "reboot" if is_boot else "jump"
+        return Reset(reason, step_us, since_us, elapsed_us if goes_on else None)
 
     def _restart(self, first: Moment, *, keeps_pace: bool = False) -> None:
         self.candidate = None

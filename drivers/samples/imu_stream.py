@@ -1,16 +1,25 @@
 """One IMU message of a vehicle: its readings are judged, and become samples in their place."""
 
+import math
 from typing import Literal, NamedTuple
 
+import numpy as np
+
 from drivers.events import Event, Imu, Notice, Rejected, TrackLost, VehicleId
-from drivers.samples.fresh_field import FreshField, finite_or_zero
 from drivers.samples.plausibility import AXES_COMPLAINT, Plausibility, imu_refusal, is_field
 from drivers.samples.sensor_faults import SensorFaults
 from drivers.samples.stuck import Readings
-from drivers.samples.vehicle_clock import Placed, Refused, TimeField
+from drivers.samples.vehicle_clock import Placed, TimeField
 from drivers.value import Value
+from estimator.arrays import Bools, Floats, Times
+from estimator.compilation.compiled import compiled, inlined
+from estimator.compilation.direct import types_of
 from estimator.reasons import Reason
 from estimator.types import ZERO_VEC3, ImuSample, Vec3
+
+REPEAT_US = 240_000  # autopilots repeat a 10 Hz field; equal values in a 4 Hz stream are data
+# Of those that may be a clock's that was set back so many wait for it to be sure.
+MOST_HELD = 64
 
 
 class Stamp(NamedTuple):
@@ -21,6 +30,17 @@ class Stamp(NamedTuple):
     arrival_us: int
 
 
+class Field(NamedTuple):
+    """A magnetic field (gauss, FRD), zero where there is none, and which reading of it it is.
+
+    Without a number it is the IMU message's own. Of a magnetometer that is logged beside, each
+    reading has another; 0 if it is too old.
+    """
+
+    gauss: Vec3
+    number: int | None = None
+
+
 class Reading(Value, frozen=True):
     """A message's vectors in SI units and gauss, without their place in time."""
 
@@ -28,75 +48,144 @@ class Reading(Value, frozen=True):
     arrival_us: int
     gyr_rad_s: Vec3
     acc_m_s2: Vec3
-    mag_gauss: Vec3
+    field: Field
+
+
+class RepeatedField:
+    """A slow magnetometer's field: fresh unless it repeats the last within 0.24 s."""
+
+    def __init__(self) -> None:
+        # the last fresh field (gauss) and its time (us); may be set to go on from there
+        self.last: tuple[Vec3, int] = ZERO_VEC3, 0
+
+    def is_fresh(self, mag_gauss: Vec3, time_us: int) -> bool:
+        """Whether it is neither zero nor repeated."""
+        if not is_fresh(mag_gauss, time_us, *self.last):
+            return False
+        self.last = mag_gauss, time_us
+        return True
+
+    def fresh_rows(self, mag_gauss: Floats, times_us: Times) -> Bools:
+        """Which of N fields (N, 3) are: finite, not zero, and not repeated; (N,)."""
+        fresh, last_gauss, last_us = fresh_of_rows(mag_gauss, times_us, *self.last)
+        self.last = last_gauss, last_us
+        return fresh
+
+
+@inlined
+def is_fresh(mag_gauss: Vec3, time_us: int, last: Vec3, last_us: int) -> bool:
+    """Whether a field is neither zero nor a repetition of the last fresh one."""
+    return mag_gauss != ZERO_VEC3 and not (mag_gauss == last and 0 <= time_us - last_us < REPEAT_US)
+
+
+@compiled(types=lambda: types_of(np.zeros((1, 3)), np.zeros(1, np.int64), ZERO_VEC3, 0))
+def fresh_of_rows(
+    mag_gauss: Floats, times_us: Times, last: Vec3, last_us: int
+) -> tuple[Bools, Vec3, int]:
+    """What :meth:`RepeatedField.is_fresh` says of each row, and the last fresh field and its time.
+
+    ``mag_gauss`` is (N, 3), ``times_us`` (N,).
+    """
+    fresh = np.zeros(len(times_us), np.bool_)
+    for k in range(len(times_us)):
+        field, time_us = (mag_gauss[k, 0], mag_gauss[k, 1], mag_gauss[k, 2]), times_us[k]
+        finite = math.isfinite(field[0]) and math.isfinite(field[1]) and math.isfinite(field[2])
+        if finite and is_fresh(field, time_us, last, last_us):
+            fresh[k], last, last_us = True, field, time_us
+    return fresh, last, last_us
+
+
+def finite_or_zero(vector: Vec3) -> Vec3:
+    """The vector, or zero, which stands for none, if a part of it is not finite."""
+    x, y, z = vector
+    return vector if math.isfinite(x) and math.isfinite(y) and math.isfinite(z) else ZERO_VEC3
 
 
 class ImuStream:
     """What is remembered about one IMU message of the vehicle."""
 
-    def __init__(self, vehicle: VehicleId, name: str, field: FreshField) -> None:
+    def __init__(self, vehicle: VehicleId, name: str) -> None:
         self._vehicle, self._name = vehicle, name
-        self._field = field
+        self._repetition = RepeatedField()
+        self._field_number = 0  # of the last one that a sample had
         self._plausibility = Plausibility()
         self._faults = SensorFaults()
-        self._held: Reading | None = None  # until the next one tells whether the clock began anew
+        # Those that the next ones tell more of: whether the clock began anew or was set back
+        self._held: list[Reading] = []
+        self._held_for = Reason.CLOCK_STEP
 
-    def judge(self, stamp: Stamp, gyr: Vec3, acc: Vec3, mag: Vec3) -> Reading | Reason:
+    def judge(self, stamp: Stamp, gyr: Vec3, acc: Vec3, field: Field) -> Reading | Reason:
         """The reading, or why it is no data."""
         _, raw_us, arrival_us = stamp
         refusal = imu_refusal(gyr, acc)
         if refusal is not None:
             return refusal
-        field = finite_or_zero(mag)
-        readings = Readings(gyr, acc, field if is_field(field) else ZERO_VEC3)
+        mag = finite_or_zero(field.gauss)
+        readings = Readings(gyr, acc, mag if is_field(mag) else ZERO_VEC3)
         refusal = self._faults.refusal(readings, raw_us)
         if refusal is not None:
             return refusal
         if self._faults.mag_is_stuck:
-            field = ZERO_VEC3
-        return Reading(raw_us, arrival_us, gyr, acc, field)
+            mag = ZERO_VEC3
+        return Reading(raw_us, arrival_us, gyr, acc, Field(mag, field.number))
 
     def place(
         self,
         reading: Reading,
-        placed: Placed | Refused,
+        placed: Placed | Reason,
         resets: list[Event],
         *,
         doubts_axes: bool,
     ) -> list[Event]:
         """The events of a reading that the clock has placed, with the resets it has found."""
-        held, self._held = self._held, None
-        events: list[Event] = resets
-        if isinstance(placed, Refused):
-            events = [] if held is None else [self._rejected(held, Reason.CLOCK_STEP)]
-            if placed.reason == Reason.CLOCK_STEP:
-                self._held = reading
-                return events
-            return [*events, self._rejected(reading, placed.reason)]
-        if held is not None and placed.reset is None:
-            events.append(self._rejected(held, Reason.CLOCK_STEP))
-        elif held is not None:
-            ago_us = placed.since_reset_us
-            at_us = placed.time_us - ago_us, placed.boot_us - ago_us
-            events += self._samples(held, *at_us, doubts_axes=doubts_axes)
+        if isinstance(placed, Reason):
+            return self._refuse(reading, placed)
+        if placed.reset is None:
+            events = self.end()
+        else:
+            held, self._held = self._held, []
+            events = resets
+            for each in held:
+                ago_us = reading.raw_us - each.raw_us
+                if 0 < ago_us <= placed.reset.since_us:
+                    at_us = placed.time_us - ago_us, placed.boot_us - ago_us
+                    events += self._samples(each, *at_us, doubts_axes=doubts_axes)
+                else:
+                    events.append(self._rejected(each, self._held_for))
         if (blinded := self._faults.take_blindness()) is not None:
             lost = (blinded.reason, blinded.span_us * 1e-6)
             events.append(TrackLost(self._vehicle, reading.arrival_us, self._name, *lost))
         if self._faults.mag_is_stuck:
             events.append(self._rejected(reading, Reason.MAGNETOMETER_STUCK))
-        return events + self._samples(
-            reading, placed.time_us, placed.boot_us, doubts_axes=doubts_axes
-        )
+        at_us = placed.time_us, placed.boot_us
+        return events + self._samples(reading, *at_us, doubts_axes=doubts_axes)
+
+    def end(self) -> list[Event]:
+        """Nothing has come that explains those that were held: they are refused."""
+        held, self._held = self._held, []
+        return [self._rejected(each, self._held_for) for each in held]
 
     def arrival_us(self, reading: Reading) -> int:
         """When the first reading arrived that is placed with this one."""
-        return reading.arrival_us if self._held is None else self._held.arrival_us
+        return self._held[0].arrival_us if self._held else reading.arrival_us
+
+    def _refuse(self, reading: Reading, reason: Reason) -> list[Event]:
+        is_behind = reason == Reason.OUT_OF_ORDER
+        goes_on = is_behind and self._held and reading.raw_us > self._held[-1].raw_us
+        events: list[Event] = []
+        if not goes_on or reason != self._held_for or len(self._held) >= MOST_HELD:
+            events = self.end()
+        if is_behind or reason == Reason.CLOCK_STEP:
+            self._held_for = reason
+            self._held.append(reading)
+            return events
+        return [*events, self._rejected(reading, reason)]
 
     def _samples(
         self, reading: Reading, time_us: int, boot_us: int, *, doubts_axes: bool
     ) -> list[Event]:
         """The sample, with the magnetic field if that is new, and complaints about it."""
-        fresh = self._field.fresh(reading.mag_gauss, reading.raw_us, time_us)
+        fresh = reading.field.gauss if self._is_fresh(reading.field, time_us) else None
         has_mag = fresh is not None and is_field(fresh)
         mag = fresh if fresh is not None and has_mag else ZERO_VEC3
         sample = ImuSample._make((time_us, reading.gyr_rad_s, reading.acc_m_s2, mag, has_mag))
@@ -108,6 +197,15 @@ class ImuStream:
             section: Literal["", "mounting"] = "mounting" if text == AXES_COMPLAINT else ""
             events.append(Notice(self._vehicle, arrival_us, f"{name}: {text}", section))
         return events
+
+    def _is_fresh(self, field: Field, time_us: int) -> bool:
+        """Whether a sample is to have the field."""
+        if field.number is None:
+            return self._repetition.is_fresh(field.gauss, time_us)
+        if field.gauss == ZERO_VEC3 or field.number in (0, self._field_number):
+            return False
+        self._field_number = field.number
+        return True
 
     def _rejected(self, reading: Reading, reason: Reason) -> Rejected:
         return Rejected(self._vehicle, reading.arrival_us, reason, self._name)

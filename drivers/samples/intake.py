@@ -12,8 +12,6 @@ from drivers.events import (
     BodyRates,
     ClockReset,
     Event,
-    FilterStatus,
-    FilterWord,
     Position,
     ReferenceAttitude,
     Rejected,
@@ -22,11 +20,16 @@ from drivers.events import (
     Velocity,
 )
 from drivers.samples.attitudes import Source, UnstampedAttitudes
-from drivers.samples.fresh_field import FreshField, RepeatedField
-from drivers.samples.imu_stream import ImuStream, Stamp
-from drivers.samples.navigation import Fix, Navigation, is_receiver, velocity_sample
+from drivers.samples.imu_stream import Field, ImuStream, Stamp
+from drivers.samples.navigation import (
+    Fix,
+    Navigation,
+    filter_status,
+    is_receiver,
+    velocity_sample,
+)
 from drivers.samples.plausibility import is_place
-from drivers.samples.vehicle_clock import Placed, Refused, VehicleClock
+from drivers.samples.vehicle_clock import Placed, VehicleClock
 from estimator.reasons import Reason
 from estimator.types import Quaternion, RateSample, Vec3, VelocitySample
 
@@ -40,17 +43,17 @@ VERSION_EVERY_US = 900_000
 class Intake:
     """Takes one vehicle's readings; each method gives the events that come of them.
 
-    ``new_field`` makes what tells an IMU stream's fresh fields from the others. ``log_time`` is
-    what stands in for the arrivals of a log that has none. ``doubts_axes`` says that the axes may
-    be others than FRD, ``takes_references`` that all attitudes of others are wanted, and not some
-    a second.
+    ``log_time`` is what stands in for the arrivals of a log that has none; ``counts_from_boot`` as
+    in :class:`VehicleClock`. ``doubts_axes`` says that the axes may be others than FRD,
+    ``takes_references`` that all attitudes of others are wanted, and not some a second.
     """
 
     def __init__(
         self,
         vehicle: VehicleId,
-        new_field: Callable[[], FreshField] = RepeatedField,
         log_time: Callable[[int], int] | None = None,
+        *,
+        counts_from_boot: bool = True,
     ) -> None:
         self.vehicle = vehicle
         self.doubts_axes = False
@@ -59,10 +62,9 @@ class Intake:
         self.attitude_given_us = 0
         self.version_given_us = 0  # when it was looked into what vehicle it is
         self._has_attitude = False  # of the autopilot's, with a time of its own
-        self._new_field = new_field
         self._log_time = log_time
         self.navigation = Navigation()
-        self.clock = VehicleClock(hears_arrivals=log_time is None)
+        self.clock = VehicleClock(hears_arrivals=log_time is None, count_from_boot=counts_from_boot)
         self._imus: dict[str, ImuStream] = {}
         self._unstamped = UnstampedAttitudes(vehicle)
 
@@ -71,14 +73,14 @@ class Intake:
         """Whether there was an IMU reading, good or bad."""
         return bool(self._imus)
 
-    def imu(self, name: str, stamp: Stamp, gyr: Vec3, acc: Vec3, mag: Vec3) -> list[Event]:
-        """A reading of the IMU stream ``name``: rad/s, m/s^2 and gauss, FRD; no field is zero."""
+    def imu(self, name: str, stamp: Stamp, gyr: Vec3, acc: Vec3, field: Field) -> list[Event]:
+        """A reading of the IMU stream ``name``: rad/s, m/s^2 and the field, FRD."""
         stream = self._imus.get(name)
         if stream is None:
             if len(self._imus) >= MOST_STREAMS:
                 return [Rejected(self.vehicle, stamp.arrival_us, Reason.TOO_MANY_STREAMS, name)]
-            stream = self._imus[name] = ImuStream(self.vehicle, name, self._new_field())
-        reading = stream.judge(stamp, gyr, acc, mag)
+            stream = self._imus[name] = ImuStream(self.vehicle, name)
+        reading = stream.judge(stamp, gyr, acc, field)
         if isinstance(reading, Reason):
             return [Rejected(self.vehicle, stamp.arrival_us, reading, name)]
         placed = self.clock.imu(name, stamp.clock, stamp.raw_us, self._heard(stamp))
@@ -87,6 +89,11 @@ class Intake:
         if isinstance(placed, Placed):
             events += self._unstamped.imu(placed.time_us, stamp.arrival_us)
         return events
+
+    def end(self) -> list[Event]:
+        """Nothing comes any more: what has waited for more to come."""
+        held = [event for stream in self._imus.values() for event in stream.end()]
+        return held + self._unstamped.end()
 
     def attitude(
         self,
@@ -149,10 +156,13 @@ class Intake:
             return []
         return self._unstamped.attitude(name, arrival_us, source, q_ned_frd)
 
-    def filter_says(self, status: FilterStatus, arrival_us: int) -> list[Event]:
-        """The vehicle's own filter speaks of itself."""
-        self.navigation.hear_status(status, arrival_us)
-        return [FilterWord(self.vehicle, arrival_us, status)]
+    def filter_says(
+        self, arrival_us: int, flags: int, velocity_ratio: float, compass_ratio: float
+    ) -> list[Event]:
+        """The vehicle's own filter speaks of itself; see :func:`filter_status`."""
+        status = filter_status(self.vehicle, arrival_us, flags, velocity_ratio, compass_ratio)
+        self.navigation.hear_status(status)
+        return [status]
 
     def fix(self, name: str, stamp: Stamp, fix: Fix) -> list[Event]:
         """A position and a velocity; each is left out where it is not finite.
@@ -186,13 +196,13 @@ class Intake:
 
     def _place(self, name: str, stamp: Stamp) -> Placed | None:
         placed = self.clock.other(name, stamp.clock, stamp.raw_us, self._heard(stamp))
-        return None if isinstance(placed, Refused) else placed
+        return None if isinstance(placed, Reason) else placed
 
-    def _resets(self, placed: Placed | Refused, arrival_us: int) -> list[Event]:
-        reset = None if isinstance(placed, Refused) else placed.reset
+    def _resets(self, placed: Placed | Reason, arrival_us: int) -> list[Event]:
+        reset = None if isinstance(placed, Reason) else placed.reset
         if reset is None:
             return []
         if reset.reason == "reboot":
             self.navigation.forget()
-        step_s = reset.step_us * 1e-6
-        return [ClockReset(self.vehicle, arrival_us, reset.reason, step_s, reset.goes_on)]
+        step_s, goes_on = reset.step_us * 1e-6, reset.elapsed_us is not None
+        return [ClockReset(self.vehicle, arrival_us, reset.reason, step_s, goes_on)]

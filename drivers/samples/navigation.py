@@ -10,7 +10,7 @@ anything of itself is believed as it stands.
 from math import hypot, isfinite
 from typing import NamedTuple
 
-from drivers.events import FilterStatus
+from drivers.events import FilterStatus, VehicleId
 from estimator.types import Vec3, VelocitySample
 
 # Of messages that report the same, the one to prefer. They are never mixed: velocities differ in
@@ -107,10 +107,18 @@ NOWHERE_M = 10_000.0
 METRES_A_DEGREE = 111_194.9  # of latitude, on a sphere of 6371 km
 
 
-def filter_status(flags: int, velocity_ratio: float, compass_ratio: float = 0.0) -> FilterStatus:
+def filter_status(
+    vehicle: VehicleId,
+    arrival_us: int,
+    flags: int,
+    velocity_ratio: float,
+    compass_ratio: float = 0.0,
+) -> FilterStatus:
     """From the bits that all of them share; a ratio that is no number says nothing."""
     stands = bool(flags & CONSTANT_POSITION)
     return FilterStatus(
+        vehicle,
+        arrival_us,
         has_velocity=bool(flags & VELOCITY_HORIZONTAL) and not stands,
         has_place=bool(flags & POSITION_ABSOLUTE) and not stands,
         velocity_ratio=velocity_ratio if isfinite(velocity_ratio) else 0.0,
@@ -148,10 +156,10 @@ class Navigation:
         """The vehicle has rebooted: what it said before says nothing now."""
         self._velocity = self._place = self._fix = None
 
-    def hear_status(self, status: FilterStatus, arrival_us: int) -> None:
+    def hear_status(self, status: FilterStatus) -> None:
         """The filter spoke of itself."""
-        self._velocity = Said(status.has_velocity, arrival_us)
-        self._place = Said(status.has_place, arrival_us)
+        self._velocity = Said(status.has_velocity, status.arrival_us)
+        self._place = Said(status.has_place, status.arrival_us)
         doubt = GATE_SIGMAS * status.velocity_ratio - (ORDINARY_SIGMAS - 1.0)
         self._doubt = min(max(1.0, doubt), MOST_DOUBT)
 

@@ -18,10 +18,9 @@ HELD_US = 2_000_000  # unlikely readings at most; by then it is known whether it
 FROZEN_US = 300_000  # so long a moving gyroscope does not repeat itself while others do not
 # Where there is no field, a steady turn explains equal readings for so long; noise ends it earlier
 STEADY_US = 3_000_000
-# One sensor alone is stuck once the others say that the vehicle has turned this far, in radians
-STUCK_ACC_RAD = 0.35  # of what the gyroscope says; below MOVING_GYR it may be its bias
-STUCK_GYR_RAD = 0.17  # of both the accelerometer and the magnetometer
-STUCK_GYR_ALONE_RAD = 0.5  # of one of them, where the other cannot tell: no braking does that
+# An accelerometer alone is stuck once the gyroscope says that the vehicle has turned this far, in
+# radians; below MOVING_GYR_RAD_S that may be its bias
+STUCK_ACC_RAD = 0.35
 LONGEST_STEP_S = 0.1
 # What no vehicle at rest shows: more than a gyroscope's bias, not 1 g, force or field that turn
 MOVING_GYR_RAD_S = 0.05
@@ -41,7 +40,6 @@ FIELD_OFF = 0.17  # of the field's strength, that it may be elsewhere than the r
 FIELD_OFF_SHARE = 0.5  # or so much of the way that the rate says: hard iron bends it
 FIELD_LATE_S = 0.15  # magnetometers follow 0.1 s late, in steps
 FIELD_WAY = 0.5  # of the field's strength: having gone so far as the rate says, it begins anew
-MAG_STUCK_SAMPLES = 20
 MAG_STUCK_US = 2_000_000
 MAG_TURN_RAD = 0.5  # turned so far, the field cannot be what it was
 
@@ -86,9 +84,9 @@ class Repetition:
         self.repeated += self.equal
         self.equal, self.begin_us, self.is_proven = 0, raw_us, False
 
-    def is_long(self, raw_us: int) -> bool:
+    def is_long(self, raw_us: int, least_us: int = STUCK_US) -> bool:
         """Whether a noisy sensor has repeated itself for long enough to look closer."""
-        is_long = self.equal >= STUCK_SAMPLES and raw_us - self.begin_us >= STUCK_US
+        is_long = self.equal >= STUCK_SAMPLES and raw_us - self.begin_us >= least_us
         return is_long and self.changes >= NOISY_SAMPLES
 
     def is_unlikely(self) -> bool:
@@ -138,8 +136,6 @@ class StuckImu:
             both.is_proven = True
         if acc.is_long(raw_us) and apart_rad(self.turned, now.acc_m_s2) > STUCK_ACC_RAD:
             acc.is_proven = True
-        if gyr.is_long(raw_us) and self._has_turned_otherwise(now, raw_us):
-            gyr.is_proven = True
         is_unlikely = gyr.is_unlikely()
         if is_unlikely and self._is_frozen(now, raw_us):
             gyr.is_proven = True
@@ -186,22 +182,6 @@ class StuckImu:
             self.field_gauss, self.field_us = now.mag_gauss, raw_us
         return contradicts
 
-    def _has_turned_otherwise(self, now: Readings, raw_us: int) -> bool:
-        """Whether accelerometer and field are not where the repeated rate would have them."""
-        gyr, acc, mag = now
-        span_s = MICROSECOND * (raw_us - self.gyr.begin_us)
-        begin = self.gyr_begin
-        acc_rad = apart_rad(vector_after_turn(begin.acc_m_s2, gyr, span_s), acc)
-        is_steady = carries_weight(begin.acc_m_s2, gyr)  # then the force stays as it is
-        if is_steady:
-            acc_rad = min(acc_rad, apart_rad(begin.acc_m_s2, acc))
-        if ZERO_VEC3 in (mag, begin.mag_gauss):
-            return acc_rad > STUCK_GYR_ALONE_RAD
-        mag_rad = apart_rad(vector_after_turn(begin.mag_gauss, gyr, span_s), mag)
-        if is_steady and mag_rad > STUCK_GYR_ALONE_RAD:
-            return True  # one steady turn feels like another
-        return min(acc_rad, mag_rad) > STUCK_GYR_RAD
-
     def _is_frozen(self, now: Readings, raw_us: int) -> bool:
         """Whether the gyroscope alone has stopped, in a vehicle that moves otherwise."""
         span_us = raw_us - self.gyr.begin_us
@@ -225,29 +205,26 @@ class StuckImu:
 class StuckField:
     """Finds a field that does not follow the vehicle's turning."""
 
-    changes: int = 0
-    equal: int = 0
-    since_us: int = 0
+    mag: Repetition = field(default_factory=Repetition)
     turn_rad: float = 0.0  # without a new field
-    is_stuck: bool = False  # by the last reading
+
+    @property
+    def is_stuck(self) -> bool:
+        """Whether the last reading's is."""
+        return self.mag.is_proven
 
     def observe(self, now: Readings, last: Readings, raw_us: int, step_us: int) -> None:
         """Take the reading behind ``last``."""
-        mag = now.mag_gauss
-        if mag != last.mag_gauss or mag == ZERO_VEC3:
-            self.changes += 1
-            self.equal, self.since_us, self.turn_rad = 0, raw_us, 0.0
-            self.is_stuck = False
+        mag, field_gauss = self.mag, now.mag_gauss
+        repeats = field_gauss == last.mag_gauss and field_gauss != ZERO_VEC3
+        mag.observe(raw_us, repeats=repeats)
+        if not repeats:
+            self.turn_rad = 0.0
             return
-        self.equal += 1
         step_s = MICROSECOND * min(max(step_us, 0), MAG_STUCK_US)
         self.turn_rad += step_s * largest(now.gyr_rad_s)
-        self.is_stuck = (
-            self.turn_rad >= MAG_TURN_RAD
-            and raw_us - self.since_us >= MAG_STUCK_US
-            and self.equal >= MAG_STUCK_SAMPLES
-            and self.changes >= NOISY_SAMPLES
-        )
+        if self.turn_rad >= MAG_TURN_RAD and mag.is_long(raw_us, MAG_STUCK_US):
+            mag.is_proven = True
 
 
 def largest(v: Vec3) -> float:

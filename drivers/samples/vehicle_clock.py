@@ -14,7 +14,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from enum import IntEnum
 
-from drivers.samples.clock_line import SECOND_US, ClockLine, ResetKind, Step
+from drivers.samples.clock_line import SECOND_US, ClockLine, Moment, Reset
 from drivers.value import Value
 from estimator.reasons import Reason
 
@@ -22,6 +22,9 @@ CUT_STEP_US = 20_000  # put in the place of what a reboot or a jump cut out
 OFFSET_SAMPLES = 64  # enough for a median through 0.4 s of jitter
 SAME_CLOCK_US = 1 * SECOND_US  # closer clocks are one clock; others were 2.3 s apart or more
 WRAP_32_US = 2**32
+# So many messages of a stream in a row, behind the last but in order among themselves, are those
+# of a clock that was set back.
+SET_BACK_MESSAGES = 3
 MOST_US = 1 << 53  # 285 years: a time beyond is garbage, and counts as this
 
 
@@ -36,34 +39,35 @@ class TimeField(IntEnum):
 WRAPS_US = (WRAP_32_US, WRAP_32_US * 1000, 0)  # of these clocks; 0: it has none
 
 
-class Reset(Value, frozen=True):
-    """A clock began anew or leapt; ``step_us`` is how far it moved, signed.
-
-    With ``goes_on`` the line of time goes on across it, by the arrivals.
-    """
-
-    reason: ResetKind
-    step_us: int
-    goes_on: bool = False
-
-
 class Placed(Value, frozen=True):
-    """A message's place in time: continuous, and on the vehicle's own unwrapped clock.
-
-    A reset is known only when a second message confirms it; the first, which
-    was refused as ``clock_step``, came ``since_reset_us`` before this one.
-    """
+    """A message's place in time: continuous, and on the vehicle's own unwrapped clock."""
 
     time_us: int
     boot_us: int
     reset: Reset | None
-    since_reset_us: int = 0
 
 
-class Refused(Value, frozen=True):
-    """Why a message has no place in time."""
+@dataclass(slots=True)
+class Stream:
+    """Where one message was placed last, and what has come behind that since, in a row."""
 
-    reason: Reason
+    time_us: int
+    boot_us: int
+    behind: int = 0
+    first: Moment | None = None  # of those
+    latest_us: int = 0
+
+    def goes_back(self, now: Moment) -> Moment | None:
+        """The first of those behind, if they come as a clock that was set back would have it."""
+        if self.behind == 0 or now.boot_us <= self.latest_us:
+            self.behind, self.first = 0, now
+        self.behind += 1
+        self.latest_us = now.boot_us
+        first = self.first
+        if self.behind < SET_BACK_MESSAGES or first is None:
+            return None
+        span_us, heard_us = now.boot_us - first.boot_us, now.arrival_us - first.arrival_us
+        return first if abs(heard_us - span_us) <= span_us // 2 else None
 
 
 @dataclass(slots=True)
@@ -97,68 +101,70 @@ class VehicleClock:
     vehicle that sends nothing else. Times of the other clocks are moved onto
     it by their learnt offset; each restarts when it or the line is reset. What comes by a
     clock that is off pace is refused, and an IMU message of another clock makes the line then.
-    Without ``hears_arrivals`` the log's own times stand in for those of arrival.
+    Without ``hears_arrivals`` the log's own times stand in for those of arrival. Clocks that do not
+    ``count_from_boot`` are those of a computer, which is set and does not begin at zero.
     """
 
-    def __init__(self, *, hears_arrivals: bool = True) -> None:
-        self._lines = [ClockLine(wrap_us, hears_arrivals=hears_arrivals) for wrap_us in WRAPS_US]
+    def __init__(self, *, hears_arrivals: bool = True, count_from_boot: bool = True) -> None:
+        self._lines = [ClockLine(wrap, hears_arrivals, count_from_boot) for wrap in WRAPS_US]
         self._offsets = [ClockOffset() for _ in TimeField]
         self._waiting: set[TimeField] = set()  # clocks reset while the line may be about to be
         self.misses_some = False  # messages that were lost right before the next one
         self._primary: TimeField | None = None  # the clock that the line of time is made of
         self._shift_us = 0  # continuous time less boot time on that
         self._latest_us = 0  # continuous time given
-        # of each clock's streams continuous and boot time of the last that was placed
-        self._streams: list[dict[str, tuple[int, int]]] = [{} for _ in TimeField]
+        self._streams: list[dict[str, Stream]] = [{} for _ in TimeField]
 
-    def imu(self, message: str, field: TimeField, raw_us: int, arrival_us: int) -> Placed | Refused:
+    def imu(self, message: str, field: TimeField, raw_us: int, arrival_us: int) -> Placed | Reason:
         """Place an IMU message; within one ``message`` the times given only ever grow."""
         raw_us, arrival_us = min(raw_us, MOST_US), min(arrival_us, MOST_US)
         if field is not self._primary:
             self._choose_line(field, raw_us, arrival_us)
-        return self._place(message, field, raw_us, arrival_us)
+        return self._place(message, field, raw_us, arrival_us, is_imu=True)
 
     def other(
         self, message: str, field: TimeField, raw_us: int, arrival_us: int
-    ) -> Placed | Refused:
+    ) -> Placed | Reason:
         """Place another message, once an IMU message has started the line of time."""
         if self._primary is None:
-            return Refused(Reason.NO_CLOCK)
+            return Reason.NO_CLOCK
         return self._place(message, field, min(raw_us, MOST_US), min(arrival_us, MOST_US))
 
     def _place(
-        self, message: str, field: TimeField, raw_us: int, arrival_us: int
-    ) -> Placed | Refused:
+        self, message: str, field: TimeField, raw_us: int, arrival_us: int, *, is_imu: bool = False
+    ) -> Placed | Reason:
         line = self._lines[field]
-        step, reset, since_us = line.advance(raw_us, arrival_us, self.misses_some), None, 0
-        boot_us = line.boot_us if step is None else step.boot_us
-        if step is not None and step.refused is not None:
-            return Refused(step.refused)
+        reset = line.advance(raw_us, arrival_us, self.misses_some)
+        if isinstance(reset, Reason):
+            return reset
         if line.pace.is_off:
-            return Refused(Reason.CLOCK_PACE)
-        if step is not None and step.reset is not None:
-            reset = Reset(step.reset, step.step_us, goes_on=step.elapsed_us is not None)
-            since_us = step.since_us
+            return Reason.CLOCK_PACE
+        boot_us, stream = line.read_us, self._streams[field].get(message)
+        if is_imu and stream is not None and boot_us < stream.boot_us and reset is None:
+            now = Moment(boot_us, arrival_us)
+            first = stream.goes_back(now)
+            reset = None if first is None else line.set_back(first, now)
+        if reset is not None:
             self._forget(field)
+            stream = None
             if field is self._primary:
-                self._cut_out(step)
+                self._cut_out(reset, boot_us)
         if field is self._primary:
             time_us = boot_us + self._shift_us
             self._waiting.clear()
             self._latest_us = max(self._latest_us, time_us)
         elif field in self._waiting:
-            return Refused(Reason.NO_CLOCK)
+            return Reason.NO_CLOCK
         else:
             time_us = self._time_beside(field, boot_us, arrival_us)
-        streams = self._streams[field]
-        last = streams.get(message)
-        if last is not None:
-            if boot_us <= last[1]:
-                is_same = boot_us == last[1]
-                return Refused(Reason.DUPLICATE if is_same else Reason.OUT_OF_ORDER)
-            time_us = max(time_us, last[0] + 1)  # a learnt offset moved
-        streams[message] = time_us, boot_us
-        return Placed(time_us, boot_us, reset, since_us)
+        if stream is None:
+            self._streams[field][message] = Stream(time_us, boot_us)
+            return Placed(time_us, boot_us, reset)
+        if boot_us <= stream.boot_us:
+            return Reason.DUPLICATE if boot_us == stream.boot_us else Reason.OUT_OF_ORDER
+        time_us = max(time_us, stream.time_us + 1)  # a learnt offset moved
+        stream.time_us, stream.boot_us, stream.behind = time_us, boot_us, 0
+        return Placed(time_us, boot_us, reset)
 
     def _forget(self, field: TimeField) -> None:
         """A clock was reset: what was known of its messages counts no more."""
@@ -182,10 +188,10 @@ class VehicleClock:
         self._shift_us = max(now_us, self._latest_us) - raw_us - new.wrapped_us
         self._offsets = [ClockOffset() for _ in TimeField]
 
-    def _cut_out(self, step: Step) -> None:
-        """Let the line of time go on across a reset of its own clock."""
-        cut_us = CUT_STEP_US if step.elapsed_us is None else max(step.elapsed_us, 1)
-        self._shift_us = self._latest_us + cut_us - (step.boot_us - step.since_us)
+    def _cut_out(self, reset: Reset, boot_us: int) -> None:
+        """Let the line of time go on across a reset of its own clock, up to a message."""
+        cut_us = CUT_STEP_US if reset.elapsed_us is None else max(reset.elapsed_us, 1)
+        self._shift_us = self._latest_us + cut_us - (boot_us - reset.since_us)
         self._offsets = [ClockOffset() for _ in TimeField]
 
     def _time_beside(self, field: TimeField, boot_us: int, arrival_us: int) -> int:

@@ -9,7 +9,7 @@ sample: whoever listens knows from the start what signals these are.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import isfinite, remainder, tau
+from math import inf, isfinite, remainder, tau
 from typing import Any
 
 import numpy as np
@@ -44,18 +44,8 @@ from estimator.types import Quaternion, Vec3
 
 HEARTBEAT_US = 1_000_000
 SLOW_US = 100_000.0  # position and version
-FASTEST_RATE_HZ = 1000.0  # an interval below 1 ms is refused
-
-# The order on the wire. SIM_STATE has no time of its own: it follows its RAW_IMU.
-STREAMS = (
-    mav.AUTOPILOT_VERSION_ID,
-    mav.RAW_IMU_ID,
-    mav.SIM_STATE_ID,
-    mav.ATTITUDE_ID,
-    mav.ATTITUDE_QUATERNION_ID,
-    mav.GLOBAL_POSITION_INT_ID,
-)
 SLOW = (mav.AUTOPILOT_VERSION_ID, mav.GLOBAL_POSITION_INT_ID)
+FASTEST_RATE_HZ = 1000.0  # an interval below 1 ms is refused
 
 # What a parameter list of a calibrated copter says about its IMU
 PARAMETERS: tuple[tuple[str, float], ...] = (
@@ -91,7 +81,7 @@ class VehicleOptions:
 
 
 @dataclass(slots=True)
-class _Schedule:
+class Schedule:
     """One message's stream; ``interval_us`` 0 means that it is off."""
 
     interval_us: float
@@ -101,7 +91,8 @@ class _Schedule:
         """Whether to send with the sample at ``now_us``; moves on to the next time if so."""
         if self.interval_us == 0 or now_us < self.due_us - 1:
             return False
-        self.due_us = max(self.due_us + self.interval_us, now_us)
+        following_us = self.due_us + self.interval_us
+        self.due_us = following_us if following_us > now_us else now_us + self.interval_us
         return True
 
 
@@ -135,16 +126,36 @@ class SimulatedAutopilot:
         self._losses = np.random.default_rng([options.seed, system_id])
         self._receiver = np.random.default_rng([options.seed, system_id, 1])
         self._default_us = 1e6 / options.rate_hz
-        self._streams = {
-            message_id: _Schedule(self._default_interval_us(message_id)) for message_id in STREAMS
+        self._told = self._messages_told()
+        self._streams = {each: Schedule(self._default_interval_us(each)) for each in self._told}
+        self._answers: dict[str, Callable[[Any], list[Message]]] = {
+            "COMMAND_LONG": self._command,
+            "PARAM_REQUEST_LIST": lambda _: [_parameter(k) for k in range(len(PARAMETERS))],
+            "PARAM_REQUEST_READ": _parameter_read,
         }
         self._sample_us = self._default_us
-        self._heartbeat = _Schedule(HEARTBEAT_US)
+        self._heartbeat = Schedule(HEARTBEAT_US)
         self._next = next(self._vehicle)
 
+    def _messages_told(self) -> dict[int, Callable[[Sample], Message]]:
+        """What goes with samples, in the order on the wire.
+
+        SIM_STATE has no time of its own: it follows its RAW_IMU.
+        """
+        told: dict[int, Callable[[Sample], Message]] = {
+            mav.AUTOPILOT_VERSION_ID: lambda _: autopilot_version(BUILT_IN, self._vehicle.motion),
+            mav.RAW_IMU_ID: lambda s: raw_imu(s.time_us, s.acc_m_s2, s.gyr_rad_s, s.mag_gauss),
+            mav.SIM_STATE_ID: self._sim_state,
+            mav.ATTITUDE_ID: lambda s: attitude(s.time_us, _euler(s.q_ned_frd), s.true_rate_rad_s),
+            mav.ATTITUDE_QUATERNION_ID: lambda s: attitude_quaternion(
+                s.time_us, s.q_ned_frd, s.true_rate_rad_s
+            ),
+        }
+        if self._vehicle.tells_place:
+            told[mav.GLOBAL_POSITION_INT_ID] = self._global_position
+        return told
+
     def _default_interval_us(self, message_id: int) -> float:
-        if message_id == mav.GLOBAL_POSITION_INT_ID and not self._vehicle.tells_place:
-            return 0.0
         return max(SLOW_US, self._default_us) if message_id in SLOW else self._default_us
 
     @property
@@ -177,30 +188,18 @@ class SimulatedAutopilot:
 
     def handle(self, message: Any, unix_us: int) -> bytes:
         """The answer to a message from outside, as frames; nothing if it is for others."""
-        kind = message.get_type()
-        if kind not in _ANSWERS or message.target_system not in (0, self.id.system_id):
+        answer = self._answers.get(message.get_type())
+        if answer is None or message.target_system not in (0, self.id.system_id):
             return b""
         if message.target_component not in (0, self.id.component_id):
             return b""
-        return self._frames(_ANSWERS[kind](self, message), unix_us)
+        return self._frames(answer(message), unix_us)
 
     def _sample_messages(self, sample: Sample) -> list[Message]:
-        t, q, rate = sample.time_us, sample.q_ned_frd, sample.true_rate_rad_s
-        due = {message_id for message_id in STREAMS if self._streams[message_id].is_due(t)}
-        messages = []
-        if mav.AUTOPILOT_VERSION_ID in due:
-            messages.append(autopilot_version(BUILT_IN, self._vehicle.motion))
-        if mav.RAW_IMU_ID in due:
-            messages.append(raw_imu(t, sample.acc_m_s2, sample.gyr_rad_s, sample.mag_gauss))
-            if mav.SIM_STATE_ID in due:
-                messages.append(self._sim_state(sample))
-        if mav.ATTITUDE_ID in due:
-            messages.append(attitude(t, _euler(q), rate))
-        if mav.ATTITUDE_QUATERNION_ID in due:
-            messages.append(attitude_quaternion(t, q, rate))
-        if mav.GLOBAL_POSITION_INT_ID in due and self._vehicle.tells_place:
-            messages.append(self._global_position(sample))
-        return messages
+        due = [each for each, stream in self._streams.items() if stream.is_due(sample.time_us)]
+        if mav.RAW_IMU_ID not in due and mav.SIM_STATE_ID in due:
+            due.remove(mav.SIM_STATE_ID)
+        return [self._told[each](sample) for each in due]
 
     def _sim_state(self, sample: Sample) -> Message:
         q, rate = sample.q_ned_frd, sample.true_rate_rad_s
@@ -210,8 +209,7 @@ class SimulatedAutopilot:
         return sim_state(*motion, geodetic(sample.position_ned_m), sample.velocity_ned_m_s)
 
     def _global_position(self, sample: Sample) -> Message:
-        place = geodetic(sample.position_ned_m)
-        height_m = -sample.position_ned_m[2]
+        place, height_m = geodetic(sample.position_ned_m), -sample.position_ned_m[2]
         velocity = velocity_told(sample, self._noise, self._receiver)
         return global_position(sample.time_us, place, height_m, velocity)
 
@@ -230,20 +228,17 @@ class SimulatedAutopilot:
 
     def _set_interval(self, message_id: float, interval_us: float) -> int:
         """MAVLink's rule: -1 turns a message off, 0 restores its default."""
-        stream = self._heartbeat if message_id == mav.HEARTBEAT_ID else None
-        default_us: float = HEARTBEAT_US
-        if stream is None and message_id in STREAMS:
+        if message_id == mav.HEARTBEAT_ID:
+            stream, default_us = self._heartbeat, float(HEARTBEAT_US)
+        elif message_id in self._told:
             stream = self._streams[int(message_id)]
             default_us = self._default_interval_us(int(message_id))
-        if stream is None:
+        else:
             return mav.MAV_RESULT_FAILED
-        if not isfinite(interval_us) or (interval_us != -1 and interval_us < 0):
+        interval_us = {-1.0: 0.0, 0.0: default_us}.get(interval_us, interval_us)
+        if not (interval_us == 0.0 or 1e6 / FASTEST_RATE_HZ <= interval_us < inf):
             return mav.MAV_RESULT_DENIED
-        if 0 < interval_us < 1e6 / FASTEST_RATE_HZ:
-            return mav.MAV_RESULT_DENIED
-        special = {-1.0: 0.0, 0.0: default_us}
-        stream.interval_us = special.get(interval_us, interval_us)
-        stream.due_us = self._next.time_us
+        stream.interval_us, stream.due_us = interval_us, self._next.time_us
         self._adapt_sampling()
         return mav.MAV_RESULT_ACCEPTED
 
@@ -255,26 +250,17 @@ class SimulatedAutopilot:
             self._sample_us = sample_us
             self._vehicle.change_rate(1e6 / sample_us)
 
-    def _parameter_list(self, _message: Any) -> list[Message]:
-        return [self._parameter(index) for index in range(len(PARAMETERS))]
 
-    def _parameter_read(self, message: Any) -> list[Message]:
-        names = [name for name, _ in PARAMETERS]
-        if message.param_index >= 0:
-            known = message.param_index < len(names)
-            return [self._parameter(message.param_index)] if known else []
-        return [self._parameter(names.index(message.param_id))] if message.param_id in names else []
-
-    def _parameter(self, index: int) -> Message:
-        name, value = PARAMETERS[index]
-        return param_value(name, value, len(PARAMETERS), index)
+def _parameter(index: int) -> Message:
+    name, value = PARAMETERS[index]
+    return param_value(name, value, len(PARAMETERS), index)
 
 
-_ANSWERS: dict[str, Callable[[SimulatedAutopilot, Any], list[Message]]] = {
-    "COMMAND_LONG": SimulatedAutopilot._command,  # noqa: SLF001 - the class's own table
-    "PARAM_REQUEST_LIST": SimulatedAutopilot._parameter_list,  # noqa: SLF001
-    "PARAM_REQUEST_READ": SimulatedAutopilot._parameter_read,  # noqa: SLF001
-}
+def _parameter_read(message: Any) -> list[Message]:
+    """By its number, or by its name where that is negative; nothing if there is none."""
+    by_name = [k for k, (name, _) in enumerate(PARAMETERS) if name == message.param_id]
+    found = by_name if message.param_index < 0 else [message.param_index]
+    return [_parameter(k) for k in found if k < len(PARAMETERS)]
 
 
 def _euler(q: Quaternion) -> Vec3:

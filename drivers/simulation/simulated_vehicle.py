@@ -16,10 +16,9 @@ each sample takes nine normal numbers in one order.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import lru_cache
 from math import ceil, floor, isfinite
-from typing import Literal, NamedTuple, get_args
+from typing import Literal, NamedTuple, TypeVar, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -31,7 +30,6 @@ from estimator.geometry.rotations import exp, rotate_inverse, running_product
 from estimator.types import (
     IDENTITY,
     STANDARD_GRAVITY_M_S2,
-    ZERO_VEC3,
     Quaternion,
     Vec3,
 )
@@ -74,21 +72,23 @@ class Sample(NamedTuple):
     mag_gauss: Vec3
     q_ned_frd: Quaternion
     true_rate_rad_s: Vec3
-    true_force_m_s2: Vec3 = ZERO_VEC3  # specific force, FRD
-    velocity_ned_m_s: Vec3 = ZERO_VEC3  # true; zero of a motion that stays where it is
-    position_ned_m: Vec3 = ZERO_VEC3  # true, from the place of start
+    true_force_m_s2: Vec3  # specific force, FRD
+    velocity_ned_m_s: Vec3  # zero of a motion that stays where it is
+    position_ned_m: Vec3  # from the place of start
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Recording:
-    """N samples as read-only arrays; the columns are those of :class:`Sample`."""
+class Recording(NamedTuple):
+    """N samples as read-only arrays, of shape (N,) or (N, 3); the columns are :class:`Sample`'s."""
 
-    time_us: npt.NDArray[np.int64]  # (N,)
-    gyr_rad_s: Floats  # (N, 3)
-    acc_m_s2: Floats  # (N, 3)
-    mag_gauss: Floats  # (N, 3)
+    time_us: npt.NDArray[np.int64]
+    gyr_rad_s: Floats
+    acc_m_s2: Floats
+    mag_gauss: Floats
     q_ned_frd: Floats  # (N, 4)
-    true_rate_rad_s: Floats  # (N, 3)
+    true_rate_rad_s: Floats
+    true_force_m_s2: Floats
+    velocity_ned_m_s: Floats
+    position_ned_m: Floats
 
 
 class _Truth(NamedTuple):
@@ -116,6 +116,9 @@ class _Sensors(NamedTuple):
     gyro_noise_rad_s: float
     magnetic_noise: float
     gravity_noise: float
+
+
+Columns = TypeVar("Columns", Recording, _Truth)
 
 
 def _parts(vector: Vec3, of: float) -> Vec3:
@@ -289,18 +292,8 @@ def _samples(
     while True:
         truth, start = _truth_chunk(motion, rate_hz, first, start)
         block = _measure(truth, generator.standard_normal((CHUNK_SAMPLES, 9)), disturbance)
-        columns = (
-            block.time_us.tolist(),
-            map(tuple, block.gyr_rad_s.tolist()),
-            map(tuple, block.acc_m_s2.tolist()),
-            map(tuple, block.mag_gauss.tolist()),
-            map(tuple, block.q_ned_frd.tolist()),
-            map(tuple, block.true_rate_rad_s.tolist()),
-            map(tuple, (-STANDARD_GRAVITY_M_S2 * truth.gravity_frd).tolist()),
-            map(tuple, truth.velocity_ned_m_s.tolist()),
-            map(tuple, truth.position_ned_m.tolist()),
-        )
-        yield from map(Sample._make, zip(*columns, strict=True))
+        columns = (map(tuple, each.tolist()) for each in block[1:])
+        yield from map(Sample._make, zip(block.time_us.tolist(), *columns, strict=True))
         first += CHUNK_SAMPLES
 
 
@@ -336,10 +329,11 @@ def _measure(truth: _Truth, normals: Floats, disturbance: _Disturbance) -> Recor
         mag,
         truth.q_ned_frd,
         truth.rate_rad_s,
+        -STANDARD_GRAVITY_M_S2 * truth.gravity_frd,
+        truth.velocity_ned_m_s,
+        truth.position_ned_m,
     )
-    for array in (recording.gyr_rad_s, recording.acc_m_s2, recording.mag_gauss):
-        array.setflags(write=False)
-    return recording
+    return _read_only(recording)
 
 
 def _magnet_gauss(time_s: Floats, magnet: tuple[float, float]) -> Floats:
@@ -399,10 +393,10 @@ def _flight_chunk(time_s: Floats) -> _Truth:
     return _read_only(truth)
 
 
-def _read_only(truth: _Truth) -> _Truth:
-    for array in truth:
+def _read_only(columns: Columns) -> Columns:
+    for array in columns:
         array.setflags(write=False)
-    return truth
+    return columns
 
 
 def _integrate(motion: Motion, time_s: Floats, start: Quaternion) -> Floats:

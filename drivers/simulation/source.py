@@ -21,7 +21,7 @@ from drivers.events import (
 from drivers.mavlink import constants as mav
 from drivers.player import Player
 from drivers.samples.navigation import Fix, velocity_sample
-from drivers.simulation.autopilot import HEARTBEAT_US, PARAMETERS, SLOW_US, velocity_told
+from drivers.simulation.autopilot import HEARTBEAT_US, PARAMETERS, SLOW_US, Schedule, velocity_told
 from drivers.simulation.flight import geodetic
 from drivers.simulation.simulated_vehicle import Sample, SimulatedVehicle
 from estimator.types import ImuSample
@@ -42,8 +42,7 @@ class SimSource(Player, Closing):
     ) -> None:
         self._vehicle = vehicle
         self._id = VehicleId(1, mav.MAV_COMP_ID_AUTOPILOT1)
-        self._heartbeat_due_us = 0
-        self._place_due_us = 0.0
+        self._heartbeat, self._place = Schedule(HEARTBEAT_US), Schedule(SLOW_US)
         self._receiver = np.random.default_rng([0, 1, 1])
         self._start_unix_us = unix_us()
         super().__init__(self._flown(), 1.0, lambda: 1e-6 * monotonic_us())
@@ -64,31 +63,20 @@ class SimSource(Player, Closing):
                 yield from self._told(sample)
 
     def _told(self, sample: Sample) -> Iterator[Event]:
-        arrival_us = self._start_unix_us + sample.time_us
-        if sample.time_us >= self._heartbeat_due_us:
-            self._heartbeat_due_us = sample.time_us + HEARTBEAT_US
-            yield Heartbeat(
-                self._id, arrival_us, mav.MAV_AUTOPILOT_ARDUPILOTMEGA, mav.MAV_TYPE_QUADROTOR
-            )
-            yield BuiltIn(self._id, arrival_us, self._vehicle.motion)
-            for name, value in PARAMETERS:
-                yield Parameter(self._id, arrival_us, name, value)
-        yield Imu(self._id, arrival_us, sample.time_us, "RAW_IMU", imu_sample(sample))
-        yield ReferenceAttitude(
-            self._id, arrival_us, sample.time_us, "sim", "SIM_STATE", sample.q_ned_frd
-        )
-        if self._vehicle.tells_place and sample.time_us >= self._place_due_us:
-            self._place_due_us = sample.time_us + SLOW_US
-            yield from self._place(sample, arrival_us)
-
-    def _place(self, sample: Sample, arrival_us: int) -> Iterator[Event]:
-        name, time_us = "GLOBAL_POSITION_INT", sample.time_us
-        place = geodetic(sample.position_ned_m)
-        yield Position(self._id, arrival_us, time_us, name, *place)
-        fix = Fix(velocity_told(sample, 1.0, self._receiver))
-        velocity = velocity_sample(name, fix, time_us)
-        if velocity is not None:
-            yield Velocity(self._id, arrival_us, name, velocity)
+        """What the simulated autopilot tells by MAVLink, as exact events."""
+        time_us, about = sample.time_us, (self._id, self._start_unix_us + sample.time_us)
+        if self._heartbeat.is_due(time_us):
+            yield Heartbeat(*about, mav.MAV_AUTOPILOT_ARDUPILOTMEGA, mav.MAV_TYPE_QUADROTOR)
+            yield BuiltIn(*about, self._vehicle.motion)
+            yield from (Parameter(*about, name, value) for name, value in PARAMETERS)
+        yield Imu(*about, time_us, "RAW_IMU", imu_sample(sample))
+        yield ReferenceAttitude(*about, time_us, "sim", "SIM_STATE", sample.q_ned_frd)
+        if self._vehicle.tells_place and self._place.is_due(time_us):
+            name, fix = "GLOBAL_POSITION_INT", Fix(velocity_told(sample, 1.0, self._receiver))
+            yield Position(*about, time_us, name, *geodetic(sample.position_ned_m))
+            velocity = velocity_sample(name, fix, time_us)
+            if velocity is not None:
+                yield Velocity(*about, name, velocity)
 
 
 def imu_sample(sample: Sample) -> ImuSample:

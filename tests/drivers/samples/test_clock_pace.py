@@ -4,12 +4,13 @@ from itertools import pairwise
 
 import pytest
 
-from drivers.samples.vehicle_clock import Placed, Refused, TimeField, VehicleClock
+from drivers.samples.vehicle_clock import Placed, TimeField, VehicleClock
+from estimator.reasons import Reason
 
 S = 1_000_000
 UNIX = 1_700_000_000 * S
 USEC, BOOT_MS = TimeField.TIME_USEC, TimeField.BOOT_MS
-OFF = Refused("clock_pace")
+OFF = "clock_pace"
 
 
 def given(clock, boot_s, arrival_s, field=USEC, message="RAW_IMU"):
@@ -36,7 +37,7 @@ def at_pace(pace, since_s=30.0, until_s=1e9):
 def test_a_clock_ten_times_too_fast_or_slow_is_refused_within_three_seconds(pace, rate_hz):
     placed = fed(rate_hz, 60.0, at_pace(pace))
     assert all(isinstance(p, Placed) for s, p in placed if s <= 30.0)
-    assert all(isinstance(p, Refused) for s, p in placed if s > 33.0)
+    assert all(isinstance(p, Reason) for s, p in placed if s > 33.0)
     is_steps = pace / rate_hz > 5.0  # such are refused one by one
     assert any(p == OFF for s, p in placed if s > 33.0) != is_steps
 
@@ -128,7 +129,7 @@ def test_a_reboot_ends_it_at_once():
     fed(4.0, 60.0, lambda s: 300.0 + 1e-3 * s, clock=clock)
     assert given(clock, 305.1, 60.0) == OFF
     waiting, taken = (given(clock, 2.0 + s, 60.5 + s) for s in (0.0, 0.25))
-    assert waiting == Refused("clock_step")
+    assert waiting == "clock_step"
     assert taken.reset.reason == "reboot"
 
 

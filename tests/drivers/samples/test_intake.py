@@ -16,8 +16,8 @@ from drivers.events import (
     VehicleId,
     Velocity,
 )
-from drivers.samples.fresh_field import LoggedField
-from drivers.samples.imu_stream import Stamp
+from drivers.logs.logged_vehicle import LoggedVehicle
+from drivers.samples.imu_stream import Field, Stamp
 from drivers.samples.intake import MOST_STREAMS, Intake
 from drivers.samples.navigation import Fix
 from drivers.samples.vehicle_clock import TimeField
@@ -38,7 +38,7 @@ def stamp(raw_us, arrival_us=None, clock=BOOT_MS):
 
 
 def imu(intake, raw_us, arrival_us=None, gyr=ZERO_VEC3, acc=REST, mag=FIELD, name="SCALED_IMU"):
-    return intake.imu(name, stamp(raw_us, arrival_us), gyr, acc, mag)
+    return intake.imu(name, stamp(raw_us, arrival_us), gyr, acc, Field(mag))
 
 
 def kinds(events):
@@ -101,7 +101,9 @@ def test_a_reset_that_another_message_confirms_is_told_with_it(other):
 @pytest.mark.parametrize(("raw_us", "believed"), [(5 * S, True), (20 * S, False), (900 * S, False)])
 def test_a_reboot_voids_what_the_filter_said_of_itself_and_a_leap_does_not(raw_us, believed):
     intake, arrival_us = running()
-    intake.navigation.hear_status(FilterStatus(has_velocity=False, has_place=False), arrival_us)
+    intake.navigation.hear_status(
+        FilterStatus(VEHICLE, arrival_us, has_velocity=False, has_place=False)
+    )
     for k in range(2):
         reset = imu(intake, raw_us + 250_000 * k, arrival_us + 250_000 * k)
     assert reset[0].reason == ("reboot" if believed else "jump")
@@ -241,18 +243,20 @@ def test_axes_are_doubted_only_of_senders_not_known_for_frd(doubts):
 
 
 def logged(stale_us=0):
-    field = LoggedField()
-    intake = Intake(VEHICLE, field.for_stream)
-    field.put(FIELD, S)
-    return field, imu(intake, S + stale_us, mag=field.latest_gauss), intake
+    vehicle = LoggedVehicle(VEHICLE, 0)
+    vehicle.at(S)
+    vehicle.put_mag(FIELD)
+    vehicle.at(S + stale_us)
+    return vehicle, vehicle.imu("IMU", ZERO_VEC3, REST)
 
 
 def test_a_logged_field_is_given_once_to_each_stream():
-    field, (first,), intake = logged()
+    vehicle, (first,) = logged()
     assert first.sample.mag_gauss == FIELD
-    (again,) = imu(intake, S + 20_000, mag=field.latest_gauss)
+    vehicle.at(S + 20_000)
+    (again,) = vehicle.imu("IMU", ZERO_VEC3, REST)
     assert not again.sample.has_mag
-    (other,) = imu(intake, S + 20_000, mag=field.latest_gauss, name="IMU2")
+    (other,) = vehicle.imu("IMU2", ZERO_VEC3, REST)
     assert other.sample.has_mag
 
 
@@ -260,16 +264,15 @@ def test_a_logged_field_is_given_once_to_each_stream():
     ("age_us", "expected"), [(200_000, True), (200_001, False), (-200_000, True), (-200_001, False)]
 )
 def test_a_logged_field_gets_stale(age_us, expected):
-    _, (event,), _ = logged(stale_us=age_us)
+    _, (event,) = logged(stale_us=age_us)
     assert event.sample.has_mag is expected
 
 
 def test_a_logged_field_that_is_no_number_is_none():
-    field = LoggedField()
-    field.put(FIELD, S)
-    field.put((math.nan, 0.0, 0.4), S + 10_000)
-    assert field.latest_gauss == ZERO_VEC3
-    assert field.number == 1
+    vehicle, _ = logged()
+    vehicle.put_mag((math.nan, 0.0, 0.4))
+    (event,) = vehicle.imu("IMU2", ZERO_VEC3, REST)
+    assert not event.sample.has_mag
 
 
 def test_what_tells_a_gap_from_a_leap_may_be_another_time_than_the_arrival():
@@ -299,6 +302,14 @@ def test_a_simulators_attitude_belongs_to_the_imu_message_that_it_comes_with(ahe
         found = truth + imu(intake, k * S // 4, at_us)
         times_us += [e.time_us for e in found if isinstance(e, ReferenceAttitude)]
     assert times_us == [k * S // 4 for k in range(2, 6)]
+
+
+def test_the_last_attitude_of_a_log_belongs_to_the_last_sample():
+    intake, _ = running()
+    assert intake.unstamped("SIM_STATE", UNIX + 301 * S + 90_000, "sim", IDENTITY) == []
+    (truth,) = intake.end()
+    assert truth.time_us == 301 * S
+    assert intake.end() == []
 
 
 def test_a_simulators_attitude_right_behind_its_imu_message_does_not_wait():

@@ -4,14 +4,10 @@ import math
 
 import pytest
 
-from drivers.samples.navigation import (
-    MOST_DOUBT,
-    WORD_HOLDS_US,
-    FilterStatus,
-    Navigation,
-    filter_status,
-)
+from drivers.events import FilterStatus, VehicleId
+from drivers.samples.navigation import MOST_DOUBT, WORD_HOLDS_US, Navigation, filter_status
 
+ONE = VehicleId(1, 1)
 NOW_US = 1_700_000_000_000_000
 CANBERRA = (-35.36, 149.17)
 NEAR_NOWHERE = (2081e-7, -732e-7)  # what ArduPlane sends before its first fix
@@ -42,7 +38,7 @@ PLACES = [
 def test_a_place_needs_a_word(flags, fix, place, believed):
     navigation = Navigation()
     if flags is not None:
-        navigation.hear_status(filter_status(flags, 0.1), NOW_US)
+        navigation.hear_status(filter_status(ONE, NOW_US, flags, 0.1))
     if fix is not None:
         navigation.hear_fix(fix >= 3, NOW_US)
     assert navigation.believes_place(*place, NOW_US) is believed
@@ -52,7 +48,7 @@ def test_a_place_needs_a_word(flags, fix, place, believed):
 def test_a_filter_that_has_no_velocity_is_not_asked_for_it(flags):
     navigation = Navigation()
     assert navigation.velocity_sigma_m_s(0.3, NOW_US) == 0.3  # it has said nothing yet
-    navigation.hear_status(filter_status(flags, 0.0), NOW_US)
+    navigation.hear_status(filter_status(ONE, NOW_US, flags, 0.0))
     assert navigation.velocity_sigma_m_s(0.3, NOW_US) is None
 
 
@@ -69,16 +65,16 @@ def test_a_filter_that_has_no_velocity_is_not_asked_for_it(flags):
 )
 def test_sigma_grows_with_the_test_ratio(ratio, sigma_m_s):
     navigation = Navigation()
-    navigation.hear_status(filter_status(FLYING, ratio), NOW_US)
+    navigation.hear_status(filter_status(ONE, NOW_US, FLYING, ratio))
     assert navigation.velocity_sigma_m_s(0.3, NOW_US) == pytest.approx(sigma_m_s)
 
 
 def test_words_hold_for_a_while_and_not_beyond_a_reboot():
     navigation = Navigation()
-    navigation.hear_status(filter_status(STANDING, 0.0), NOW_US)
+    navigation.hear_status(filter_status(ONE, NOW_US, STANDING, 0.0))
     assert navigation.velocity_sigma_m_s(0.3, NOW_US + WORD_HOLDS_US) is None
     assert navigation.velocity_sigma_m_s(0.3, NOW_US + WORD_HOLDS_US + 1) == 0.3
-    navigation.hear_status(FilterStatus(False, True), NOW_US)
+    navigation.hear_status(FilterStatus(ONE, NOW_US, False, True))
     navigation.forget()
     assert navigation.velocity_sigma_m_s(0.3, NOW_US) == 0.3
     assert not navigation.believes_place(*NEAR_NOWHERE, NOW_US)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from drivers.samples.fresh_field import RepeatedField
+from drivers.samples.imu_stream import RepeatedField
 from drivers.samples.navigation import Fix
 from drivers.samples.plausibility import AXES_COMPLAINT, SPACING_US, Plausibility
 from estimator.types import ImuSample
@@ -39,10 +39,10 @@ def test_each_is_told_once_of_whichever_sign(readings, begins):
 
 def test_a_field_repeated_after_the_clock_went_back_is_new():
     field = RepeatedField()
-    assert field.fresh(FIELD, 0, 1_000_000) == FIELD
-    assert field.fresh(FIELD, 0, 1_239_999) is None
-    assert field.fresh(FIELD, 0, 1_240_000) == FIELD
-    assert field.fresh(FIELD, 0, 1_100_000) == FIELD
+    assert field.is_fresh(FIELD, 1_000_000)
+    assert not field.is_fresh(FIELD, 1_239_999)
+    assert field.is_fresh(FIELD, 1_240_000)
+    assert field.is_fresh(FIELD, 1_100_000)
 
 
 @pytest.mark.parametrize(
