@@ -11,7 +11,15 @@ import msgspec
 import typer
 
 from estimator.errors import InputError
-from fuzzbee.options import Seconds, Verbose, command, examples, option, require_positive
+from fuzzbee.options import (
+    Seconds,
+    Verbose,
+    command,
+    examples,
+    of_showing,
+    of_source,
+    require_positive,
+)
 from fuzzbee.say import say
 from fuzzbee.sinks import WEB
 from fuzzbee.zenoh_options import ZenohArguments, opened
@@ -38,6 +46,7 @@ MOST_BYTES = 100_000
 
 NOBODY = ": is fuzzbee run started, with the same Zenoh options?"
 FAILED = 1
+_JSON = "One JSON object a line, for each attitude."
 _VEHICLE = "Only this vehicle (system id, or S-C): on a terminal an artificial horizon."
 
 
@@ -45,12 +54,12 @@ class WatchOptions(NamedTuple):
     """The arguments and options of the verb, in the order of its help."""
 
     vehicle: Annotated[str | None, typer.Argument(help=_VEHICLE, show_default=False)] = None
-    as_json: Annotated[bool, option("One JSON object a line, for each attitude.", "--json")] = False
-    most: Annotated[int | None, option("End after N attitudes.", "--count", "-n", metavar="N")] = (
-        None
-    )
+    most: Annotated[
+        int | None, of_source("End after N attitudes.", "--count", "-n", metavar="N")
+    ] = None
     seconds: Seconds = None
-    web: Annotated[str | None, option(WEB, metavar="[ADDRESS:]PORT")] = None
+    as_json: Annotated[bool, of_showing(_JSON, "--json")] = False
+    web: Annotated[str | None, of_showing(WEB, metavar="[ADDRESS:]PORT")] = None
     zenoh: ZenohArguments = ZenohArguments()
     verbose: Verbose = False  # read by the command line itself
 
