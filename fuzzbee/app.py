@@ -15,6 +15,15 @@ from fuzzbee.version import __version__
 
 HELP = "Estimate a vehicle's attitude from its MAVLink stream, live."
 
+VERBS: dict[str, Any] = {
+    "run": run,
+    "sim": sim,
+    "watch": watch,
+    "replay": replay,
+    "check": check,
+    "calibrate": calibrate,
+    "tune": tune,
+}
 EPILOG = """Start here:
 
   fuzzbee run sim:flight         the service on its built-in vehicle
@@ -55,13 +64,8 @@ def build_app(*, decorated: bool) -> typer.Typer:
         context_settings={"help_option_names": ["--help", "-h"]},
     )
     app.callback()(_main_options)
-    app.command(cls=Grouped, epilog=run.EPILOG)(run.run)
-    app.command(epilog=sim.EPILOG)(sim.sim)
-    app.command(cls=Grouped, epilog=watch.EPILOG)(watch.watch)
-    app.command(epilog=replay.EPILOG)(replay.replay)
-    app.command(epilog=check.EPILOG)(check.check)
-    app.command(epilog=calibrate.EPILOG)(calibrate.calibrate)
-    app.command(epilog=tune.EPILOG)(tune.tune)
+    for verb, module in VERBS.items():
+        app.command(cls=Grouped, epilog=module.EPILOG)(getattr(module, verb))
     app.add_typer(profile.profile_app, name="profile")
     return app
 

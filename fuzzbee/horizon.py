@@ -9,20 +9,19 @@ from itertools import groupby
 from math import cos, radians, sin
 from typing import NamedTuple
 
+import numpy as np
 from rich.text import Text
 
-from fuzzbee.table_model import Row, age_text, current_attitude, is_silent, state_text
+from fuzzbee.table_model import Row, age_text, current_attitude, flight_words, state_text
 from fuzzbee.trust import (
     POINTS,
     Level,
     Trust,
     heading_text,
-    is_on_its_back,
     north_text,
     plus_minus,
-    trust,
+    trust_in,
 )
-from service.health import State
 from service.records import AttitudeRecord, Autopilot, StatusRecord
 from service.second_opinion import Verdict
 
@@ -32,12 +31,12 @@ CELL_RATIO = 2.0  # a cell is so much higher than wide
 TAPE_DEG_PER_CELL = 2.5
 RUNG_DEG = 10
 STEEP = 0.7  # sine of the roll
+BANK_DEG = (-60, -45, -30, -20, -10, 0, 10, 20, 30, 45, 60)  # of the scale's ticks
 OWN_SYMBOL = "━━━━━┓  ●  ┏━━━━━"  # the vehicle
 THEIRS = "◆"  # the autopilot's horizon and heading, where they differ from ours
 THEIRS_EVERY = 4  # columns
-SILENT = "the service is silent"
 # Of a terminal without Unicode
-ASCII = str.maketrans("━┓┏●▲◆─╳█▀▄▒░", "=..o^A-X---~:")
+ASCII = str.maketrans("━┓┏●▲▼·◆─╳█▀▄▒░", "=..o^v'A-X---~:")
 
 SKY, GROUND, HAZE, LINE = range(4)
 # Sky, ground, haze by its level, and the line
@@ -45,13 +44,12 @@ PAINT = ("rgb(38,98,168)", "rgb(116,78,40)", "rgb(160,172,178)", "bright_white")
 PAINTED_HAZE = {Level.CARE: "rgb(214,160,64)", Level.BAD: "rgb(178,84,74)"}
 PAINT_16 = ("blue", "yellow", "bright_black", "bright_white")  # yellow is brown on many
 PAINTED_HAZE_16 = {Level.CARE: "bright_yellow", Level.BAD: "red"}
-LEVEL_STYLE = {
-    Level.GOOD: "black on green",
-    Level.CARE: "black on yellow",
-    Level.BAD: "white on red",
-    Level.NONE: "white on red",
-}
 LEVEL_COLOUR = dict(zip(Level, ("green", "yellow", "red", "red"), strict=True))
+LEVEL_STYLE = dict(
+    zip(Level, ("black on green", "black on yellow", *["white on red"] * 2), strict=True)
+)
+
+Marks = dict[tuple[int, int], str]  # letters by column and row
 
 
 class Ink(NamedTuple):
@@ -70,25 +68,22 @@ def screen(
     row: Row, now_s: float, width: int, height: int, ink: Ink, message: str = ""
 ) -> list[Text]:
     """``height`` lines of ``width`` cells: state, heading, horizon, figures, caveats."""
-    attitude = current_attitude(row, now_s)
-    if is_silent(row, now_s):
-        judged = trust(State.LOST, None)._replace(caveats=())
-    else:
-        judged = trust(row.state, attitude, row.status, row.before)
-    head = [_bar(row, now_s, judged, width)]
-    tail = [*_figures(attitude, judged, width), _caveats(attitude, judged, width)]
-    rows = height - len(head) - len(tail) - 1  # less the message
+    attitude, judged = current_attitude(row, now_s), trust_in(row, now_s)
+    tail = [*_figures(attitude, judged, width), _caveats(judged, width)]
+    rows = height - 2 - len(tail)  # less the bar and the message
+    flight = "  ".join(flight_words(row))
     if attitude is None:
-        drawn = _cross(judged, width, rows)
+        drawn = _cross(judged, flight, width, rows)
     else:
         other = _differing(row.status)
         tape = _tape(attitude, judged, width, other)
-        horizon = _horizon(attitude, judged, width, rows - len(tape), ink.colours, other)
-        drawn = [*tape, *horizon]
+        rows -= len(tape)
+        marks = _marks(attitude, other, flight, width, rows)
+        drawn = [*tape, *_horizon(attitude, _paint(judged, ink), marks, width, rows)]
     if not ink.unicode:
         for line in drawn:
             line.plain = line.plain.translate(ASCII)
-    return [*head, *drawn, *tail, Text(message[:width], style="dim")]
+    return [_bar(row, now_s, judged, width), *drawn, *tail, Text(message[:width], style="dim")]
 
 
 def _differing(status: StatusRecord | None) -> Autopilot | None:
@@ -99,21 +94,15 @@ def _differing(status: StatusRecord | None) -> Autopilot | None:
 
 def _bar(row: Row, now_s: float, judged: Trust, width: int) -> Text:
     """State at the left, the word that sums up in the middle, the IMU at the right."""
-    left = f" vehicle {row.name}  {state_text(row, now_s)}"
-    age = age_text(row, now_s)
-    right = f"{_imu(row.status)}  {age} " if width >= 60 else f"{age} "
-    line = [" "] * width
-    _write(line, 0, left)
-    _write(line, width - len(right), right)
+    right = f"{age_text(row, now_s)} "
+    if row.status is not None and row.status.imu_message is not None and width >= 60:
+        right = f"{row.status.imu_message} {row.status.imu_rate_hz:.1f} Hz  {right}"
     word = f" {judged.word.upper()} "
+    line = [" "] * width
+    _write(line, 0, f" vehicle {row.name}  {state_text(row, now_s)}")
+    _write(line, width - len(right), right)
     _write(line, (width - len(word)) // 2, word)
     return Text("".join(line), f"bold {LEVEL_STYLE[judged.overall]}", no_wrap=True)
-
-
-def _imu(status: StatusRecord | None) -> str:
-    if status is None or status.imu_message is None:
-        return ""
-    return f"{status.imu_message} {status.imu_rate_hz:.1f} Hz"
 
 
 def _tape(
@@ -131,42 +120,31 @@ def _tape(
         if degree % 45 == 0 or degree % 30 == 0:
             _write(names, cell - len(name) // 2, name)
     reach = round(min(attitude.sigma_deg.heading, 180.0) / TAPE_DEG_PER_CELL)
-    for cell in range(max(0, middle - reach), min(width, middle + reach + 1)):
-        marks[cell] = "━" if has_north else "?"
+    _write(marks, middle - reach, ("━" if has_north else "?") * (2 * reach + 1))
     if other is not None and other.axis == "heading":
         at = middle + round(other.heading_deg / TAPE_DEG_PER_CELL)
         marks[max(0, min(width - 1, at))] = THEIRS
     marks[middle] = "▲"
     number = f" {heading_text(attitude)} "
-    _write(names, middle - len(number) // 2, number)
+    begin = middle - len(number) // 2
+    _write(names, begin, number)
     line = Text("".join(names))
-    line.stylize("bold", middle - len(number) // 2, middle - len(number) // 2 + len(number))
+    line.stylize("bold", begin, begin + len(number))
     return [line, Text("".join(marks), style=LEVEL_COLOUR[judged.heading])]
 
 
 def _horizon(
-    attitude: AttitudeRecord,
-    judged: Trust,
-    width: int,
-    rows: int,
-    colours: int,
-    other: Autopilot | None,
+    attitude: AttitudeRecord, paint: tuple[str, ...], marks: Marks, width: int, rows: int
 ) -> list[Text]:
-    """Sky and ground, the haze of sigma, the line, the ladder, the other's line, the vehicle."""
-    marks = dict(_ladder(attitude, width, rows))
-    if other is not None and other.axis == "inclination":
-        marks |= _other_line(attitude, other, width, rows)
-    left = width // 2 - len(OWN_SYMBOL) // 2
-    own = enumerate(OWN_SYMBOL, left)
-    marks |= {(column, rows // 2): letter for column, letter in own if letter != " "}
-    paint = _paint(judged.horizon, colours)
+    """Sky and ground, the haze of sigma and the line, in halves of cells, under the marks."""
+    halves = _halves(attitude, width, rows)
     lines = []
     for row in range(rows):
-        upper = _half_row(attitude, 2 * row, width, rows)
-        lower = _half_row(attitude, 2 * row + 1, width, rows)
         cells = [
-            _cell(upper[column], lower[column], marks.get((column, row)), paint)
-            for column in range(width)
+            _cell(upper, lower, marks.get((column, row)), paint)
+            for column, (upper, lower) in enumerate(
+                zip(halves[2 * row], halves[2 * row + 1], strict=True)
+            )
         ]
         line = Text(no_wrap=True)
         for style, alike in groupby(cells, key=lambda cell: cell[1]):
@@ -175,35 +153,30 @@ def _horizon(
     return lines
 
 
-def _paint(level: Level, colours: int) -> tuple[str, ...]:
-    """Colours of sky, ground, haze and line; none where the terminal has none."""
-    if not colours:
-        return ()
-    few = colours <= 16
-    sky, ground, haze, line = PAINT_16 if few else PAINT
-    return (sky, ground, (PAINTED_HAZE_16 if few else PAINTED_HAZE).get(level, haze), line)
-
-
-def _half_row(attitude: AttitudeRecord, half: int, width: int, rows: int) -> list[int]:
-    """What each half of a cell shows, from left to right."""
+def _halves(attitude: AttitudeRecord, width: int, rows: int) -> list[list[int]]:
+    """What the upper and the lower halves of all cells show: as high as cells are wide."""
     roll, pitch, _ = attitude.euler_deg
-    per_deg = 2.0 * rows / PITCH_SPAN_DEG  # half rows to a degree
+    per_deg = 2.0 * rows / PITCH_SPAN_DEG  # halves to a degree
     c, s = cos(radians(roll)), sin(radians(roll))
-    y = half + 0.5 - rows
-    sigma = attitude.sigma_deg.inclination * per_deg
     # the line stays in sight, however steep the vehicle
     shift = max(1.0 - rows, min(rows - 1.0, pitch * per_deg))
-    row = []
-    for column in range(width):
-        x = column + 0.5 - width / 2  # a cell is as wide as half of it is high
-        below = y * c + x * s - shift
-        if abs(below) <= 0.5 * (abs(c) + abs(s)):
-            row.append(LINE)
-        elif abs(below) <= sigma:
-            row.append(HAZE)
-        else:
-            row.append(GROUND if below > 0.0 else SKY)
-    return row
+    x = np.arange(width) + 0.5 - width / 2
+    y = np.arange(2 * rows)[:, None] + 0.5 - rows
+    below = y * c + x * s - shift
+    seen = np.where(below > 0.0, GROUND, SKY)
+    seen[np.abs(below) <= attitude.sigma_deg.inclination * per_deg] = HAZE
+    seen[np.abs(below) <= 0.5 * (abs(c) + abs(s))] = LINE
+    halves: list[list[int]] = seen.tolist()
+    return halves
+
+
+def _paint(judged: Trust, ink: Ink) -> tuple[str, ...]:
+    """Colours of sky, ground, haze and line; none where the terminal has none."""
+    if not ink.colours:
+        return ()
+    few = ink.colours <= 16
+    sky, ground, haze, line = PAINT_16 if few else PAINT
+    return (sky, ground, (PAINTED_HAZE_16 if few else PAINTED_HAZE).get(judged.horizon, haze), line)
 
 
 def _cell(upper: int, lower: int, mark: str | None, paint: tuple[str, ...]) -> tuple[str, str]:
@@ -228,6 +201,23 @@ def _plain(upper: int, lower: int) -> str:
     return "░" if lower == upper == GROUND else " "
 
 
+# --- marks: letters over sky and ground
+
+
+def _marks(
+    attitude: AttitudeRecord, other: Autopilot | None, flight: str, width: int, rows: int
+) -> Marks:
+    """Ladder, scale of bank, the other's horizon, the vehicle, mode and arming; the last win."""
+    marks = dict(_ladder(attitude, width, rows))
+    marks |= _bank_scale(attitude, width, rows)
+    if other is not None and other.axis == "inclination":
+        marks |= _other_line(attitude, other, width, rows)
+    left = width // 2 - len(OWN_SYMBOL) // 2
+    own = enumerate(OWN_SYMBOL, left)
+    marks |= {(column, rows // 2): letter for column, letter in own if letter != " "}
+    return marks | {(1 + n, rows - 1): letter for n, letter in enumerate(flight)}
+
+
 def _ladder(
     attitude: AttitudeRecord, width: int, rows: int
 ) -> Iterator[tuple[tuple[int, int], str]]:
@@ -240,16 +230,27 @@ def _ladder(
         off = (pitch - rung) * per_deg
         column = width / 2 + off * s * CELL_RATIO
         row = int(rows / 2 + off * c)
-        text = f"─{abs(rung)}─"
-        if rung == 0 or not 0 <= row < rows:
+        text = f"─{rung}─"
+        if rung == 0 or not 0 < row < rows:  # the scale of bank begins in the first row
             continue
         for n, letter in enumerate(text):
             yield (int(column - len(text) / 2) + n, row), letter
 
 
-def _other_line(
-    attitude: AttitudeRecord, other: Autopilot, width: int, rows: int
-) -> dict[tuple[int, int], str]:
+def _bank_scale(attitude: AttitudeRecord, width: int, rows: int) -> Marks:
+    """Ticks on an arc above the vehicle, and a pointer that stays at the zenith's side."""
+    radius = min(rows - 1.0, width / 2.0 - 2.0)  # columns, or halves of rows
+    turns = [(float(tick), "·") for tick in BANK_DEG] + [(-attitude.euler_deg[0], "▼")]
+    return {
+        (
+            int(width / 2 + radius * sin(radians(turn))),
+            int((rows - radius * cos(radians(turn))) / 2),
+        ): letter
+        for turn, letter in turns
+    }
+
+
+def _other_line(attitude: AttitudeRecord, other: Autopilot, width: int, rows: int) -> Marks:
     """Where the autopilot says that the horizon is, dotted; never out of sight."""
     roll, pitch, _ = attitude.euler_deg
     c, s = cos(radians(roll + other.roll_deg)), sin(radians(roll + other.roll_deg))
@@ -263,7 +264,10 @@ def _other_line(
     return dots
 
 
-def _cross(judged: Trust, width: int, rows: int) -> list[Text]:
+# --- the rest of the screen
+
+
+def _cross(judged: Trust, flight: str, width: int, rows: int) -> list[Text]:
     """A cross in place of the horizon, and the reason."""
     reach = max(1, (rows - 5) // 2)
     grid = [[" "] * width for _ in range(rows)]
@@ -273,9 +277,9 @@ def _cross(judged: Trust, width: int, rows: int) -> list[Text]:
             column = middle + round(side * step * CELL_RATIO)
             if 0 <= column < width:
                 grid[middle_row + step][column] = "╳"
-    why = judged.caveats[0].text if judged.caveats else SILENT
-    text = f"  {judged.word}: {why}  "
+    text = f"  {judged.word}: {judged.caveats[0].text}  "
     _write(grid[middle_row], middle - len(text) // 2, text)
+    _write(grid[-1], 1, flight)
     return [Text("".join(row), style=f"bold {LEVEL_COLOUR[judged.overall]}") for row in grid]
 
 
@@ -288,15 +292,13 @@ def _figures(attitude: AttitudeRecord | None, judged: Trust, width: int) -> list
     roll, pitch, _ = attitude.euler_deg
     shown = (f"roll {roll:+.1f}°", f"pitch {pitch:+.1f}°", f"heading {heading_text(attitude)}")
     line = Text("".join(text.center(third) for text in shown), style="bold")
-    north = north_text(attitude)
-    below = Text(
-        f"horizon {plus_minus(attitude.sigma_deg.inclination)}".center(2 * third),
-        style=LEVEL_COLOUR[judged.horizon],
-    )
-    return [line, below + Text(north.center(third), style=LEVEL_COLOUR[judged.heading])]
+    horizon = f"horizon {plus_minus(attitude.sigma_deg.inclination)}".center(2 * third)
+    below = Text(horizon, style=LEVEL_COLOUR[judged.horizon])
+    below.append(north_text(attitude).center(third), style=LEVEL_COLOUR[judged.heading])
+    return [line, below]
 
 
-def _caveats(attitude: AttitudeRecord | None, judged: Trust, width: int) -> Text:
+def _caveats(judged: Trust, width: int) -> Text:
     """The reasons, the worst first, as many as fit."""
     line = Text()
     for caveat in judged.caveats:
@@ -304,8 +306,6 @@ def _caveats(attitude: AttitudeRecord | None, judged: Trust, width: int) -> Text
             break
         line.append(f" {caveat.text} ", LEVEL_STYLE[caveat.level])
         line.append(" ")
-    if is_on_its_back(attitude) and len(line) + 13 < width:
-        line.append(" upside down ", "reverse")
     return line
 
 

@@ -1,13 +1,14 @@
 """Single keys from a terminal, without Enter and without an echo."""
 
 import os
+import re
 import select
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
-SEQUENCES = {"\x1b[A": "up", "\x1b[B": "down", "\x1bOA": "up", "\x1bOB": "down", "\x1b": "escape"}
-WORDS = {"\r": "enter", "\n": "enter"}
+ARROWS = {"A": "up", "B": "down"}
+NAMES = {"\x1b": "escape", "\r": "enter", "\n": "enter"}
 MOST_BYTES = 64
 
 
@@ -29,44 +30,28 @@ class Keys:
             text = ""
         if not text:  # the terminal is gone
             self._descriptor = None
-        return list(_keys(text))
-
-
-def _keys(text: str) -> Iterator[str]:
-    while text:
-        taken = next((s for s in SEQUENCES if text.startswith(s)), text[0])
-        yield SEQUENCES.get(taken) or WORDS.get(taken, taken)
-        text = text[len(taken) :]
+        found = re.findall(r"\x1b[\[O][AB]|.", text, re.DOTALL)
+        return [NAMES.get(key, key) if len(key) == 1 else ARROWS[key[-1]] for key in found]
 
 
 @contextmanager
 def terminal_keys() -> Iterator[Keys]:
     """Keys of standard input while it is a terminal that is ours; Ctrl-C stays what it is."""
-    descriptor = _own_terminal()
-    if descriptor is None:
+    try:
+        import termios
+        import tty
+
+        descriptor = sys.stdin.fileno()
+        # in its background we would be stopped
+        if not os.isatty(descriptor) or os.tcgetpgrp(descriptor) != os.getpgrp():
+            raise OSError  # noqa: TRY301
+        before = termios.tcgetattr(descriptor)
+    except (OSError, ValueError, AttributeError, ImportError):
         yield Keys(None)
         return
-    import termios
-    import tty
-
-    before = termios.tcgetattr(descriptor)
     try:
         tty.setcbreak(descriptor, termios.TCSANOW)
         yield Keys(descriptor)
     finally:
         with suppress(termios.error, OSError):
             termios.tcsetattr(descriptor, termios.TCSANOW, before)
-
-
-def _own_terminal() -> int | None:
-    """Standard input, if it is a terminal and we are in its foreground: others would be stopped."""
-    try:
-        descriptor = sys.stdin.fileno()
-        if os.isatty(descriptor) and os.tcgetpgrp(descriptor) == os.getpgrp():
-            import termios
-
-            termios.tcgetattr(descriptor)
-            return descriptor
-    except (OSError, ValueError, AttributeError, ImportError):
-        pass
-    return None

@@ -3,7 +3,7 @@
 import inspect
 from collections.abc import Callable, Iterator
 from copy import copy
-from functools import wraps
+from functools import partial, wraps
 from importlib.util import find_spec
 from math import isfinite
 from typing import Annotated, Any, NamedTuple, TypeVar, get_args, get_type_hints
@@ -21,32 +21,24 @@ Result = TypeVar("Result")
 
 
 def option(
-    text: str, *names: str, metavar: str | None = None, words: tuple[str, ...] = (), **more: Any
+    text: str, *names: str, panel: str | None = None, words: tuple[str, ...] = (), **more: Any
 ) -> OptionInfo:
     """An option with its help; named as its field is unless ``names`` are given.
 
-    ``words`` are what a shell may complete; ``more`` goes to typer.
+    Those of a ``panel`` stand together in the help. ``words`` are what a shell may complete;
+    ``more`` goes to typer.
     """
     if words:
         more["autocompletion"] = lambda: list(words)
-    made: OptionInfo = typer.Option(*names, help=text, metavar=metavar, **more)
+    made: OptionInfo = typer.Option(*names, help=text, rich_help_panel=panel, **more)
     return made
 
 
-def panel(name: str) -> Callable[..., OptionInfo]:
-    """Options as :func:`option` makes them, which stand together in the help under a name."""
-
-    def option_there(text: str, *names: str, **more: Any) -> OptionInfo:
-        return option(text, *names, rich_help_panel=name, **more)
-
-    return option_there
-
-
-of_source = panel("Source")
-of_estimate = panel("Estimate")
-of_publishing = panel("Publish")
-of_recording = panel("Record")
-of_showing = panel("Show")
+of_source = partial(option, panel="Source")
+of_estimate = partial(option, panel="Estimate")
+of_publishing = partial(option, panel="Publish")
+of_recording = partial(option, panel="Record")
+of_showing = partial(option, panel="Show")
 
 
 def examples(*lines: str) -> str:
@@ -56,7 +48,7 @@ def examples(*lines: str) -> str:
 
 Verbose = Annotated[bool, of_showing("Say more on standard error.", "--verbose", "-v")]
 Json = Annotated[bool, of_showing("JSON on standard output, nothing else there.", "--json")]
-Seconds = Annotated[float | None, option("End after N seconds.", metavar="N")]
+Seconds = Annotated[float | None, of_source("End after N seconds.", metavar="N")]
 
 
 def command(verb: Callable[[Form], Result]) -> Callable[..., Result]:

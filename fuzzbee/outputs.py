@@ -2,7 +2,8 @@
 
 import os
 from collections import namedtuple
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -49,13 +50,9 @@ class OutputOptions(_options_of_sinks()):  # type: ignore[misc] # its fields are
 
 
 def open_outputs(
-    sinks: "list[Sink]",
-    options: OutputOptions,
-    session: "zenoh.Session | None",
-    prefix: str,
-    rate_hz: float,
-) -> None:
-    """Open the sinks that were asked for, and add each to ``sinks`` once it is open.
+    options: OutputOptions, session: "zenoh.Session | None", prefix: str, rate_hz: float
+) -> "Iterator[Sink]":
+    """Open the sinks that were asked for, one after the other.
 
     Raises:
         InputError: an address, port or file that cannot be used, or an extra that is missing.
@@ -63,10 +60,11 @@ def open_outputs(
     for entry in SINKS:
         if entry.is_wanted(options):
             sink = entry.open(Opening(options._asdict(), session, prefix, rate_hz))
-            sinks += [] if sink is None else [sink]
+            if sink is not None:
+                yield sink
     viewer = open_viewer(options.view, options.rrd, live=True)
     if viewer is not None:
-        sinks.append(viewer)
+        yield viewer
 
 
 def open_viewer(view: str | None, rrd: str | None, *, live: bool = False) -> "ViewerSink | None":
@@ -114,35 +112,28 @@ def require_own_files(
     """
     taken = [Path(each) for each in inputs if each is not None]
     taken += [columns_beside(each) for each in taken if each.suffix.lower() in TABLES]
-    folders = [each for each in taken if os.path.isdir(each)]  # noqa: PTH112 - which never raises
+    folders = {os.path.realpath(each): each for each in taken if os.path.isdir(each)}  # noqa: PTH112
     for option_name, file in outputs:
         if file is None:
             continue
         path = Path(str(file))
-        if not _resolved(path).parent.is_dir():
+        folder = Path(os.path.realpath(path)).parent
+        if not folder.is_dir():
             raise InputError(f"{option_name} {path}: there is no such folder")
         for other in taken:
             if _are_same(path, other):
                 raise InputError(f"{option_name} {path}: is also {other}")
-        for folder in folders:
-            if folder.resolve() in _resolved(path).parents:
-                raise InputError(f"{option_name} {path}: is within {folder}")
+        for above in (folder, *folder.parents):
+            if (within := folders.get(str(above))) is not None:
+                raise InputError(f"{option_name} {path}: is within {within}")
         taken.append(path)
 
 
 def _are_same(one: Path, other: Path) -> bool:
-    try:
-        return one.samefile(other) and one.is_file()  # a device takes anything
-    except (OSError, ValueError):  # one of them is not there yet, or can be no file
-        pass
-    return _resolved(one) == _resolved(other)
-
-
-def _resolved(path: Path) -> Path:
-    try:
-        return path.resolve()
-    except (OSError, RuntimeError, ValueError):  # links in a circle: whoever opens it says so
-        return path
+    with suppress(OSError):  # one of them is not there yet
+        if one.samefile(other):
+            return one.is_file()  # a device takes anything
+    return os.path.realpath(one) == os.path.realpath(other)
 
 
 def tell_page(stream: "ViewerStream") -> None:

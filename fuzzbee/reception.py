@@ -1,13 +1,11 @@
-"""What ``watch`` takes from the network: records that can be shown, of vehicles that can be."""
+"""What ``watch`` takes from the network: records that can be shown."""
 
 import re
-import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import msgspec
 
-from drivers.places import PLACES
 from fuzzbee.say import printable
 from service.health import State
 from service.records import SCHEMA, AttitudeRecord, StatusRecord
@@ -15,7 +13,6 @@ from service.records import SCHEMA, AttitudeRecord, StatusRecord
 VEHICLE = re.compile(r"[0-9]{1,3}(-[0-9]{1,3})?")
 # In bytes. Our largest record, a status with every reason for refusal, has less than 5000.
 LONGEST_PAYLOAD = 16_384
-SILENT_S = 10.0  # who says nothing for so long makes room for others
 IMU_MESSAGE = re.compile(r"[A-Z0-9_]{1,32}")
 STATES = frozenset(state.value for state in State)
 HEADING_REFERENCES = ("true", "magnetic", "none")
@@ -31,14 +28,9 @@ Record = AttitudeRecord | StatusRecord
 class Reception:
     """Turns keys and payloads into records; says once for each reason why some are refused."""
 
-    def __init__(
-        self, say: Callable[[str], None], now_s: Callable[[], float] = time.monotonic
-    ) -> None:
+    def __init__(self, say: Callable[[str], None]) -> None:
         self._say = say
-        self._now_s = now_s
         self._told: set[str] = set()
-        self._heard_s: dict[str, float] = {}  # by name
-        self._full_s: float | None = None  # nobody made room then
 
     def record(self, key: str, payload: bytes) -> tuple[str, Record] | None:
         """The vehicle's name and its record, or None."""
@@ -53,8 +45,6 @@ class Reception:
     def _record(self, name: str, kind: str, payload: bytes) -> Record:
         if not VEHICLE.fullmatch(name):
             raise ValueError("its key names no vehicle")
-        if name not in self._heard_s and not self._has_room():
-            raise ValueError(f"there are more than {PLACES} vehicles")
         if len(payload) > LONGEST_PAYLOAD:
             raise ValueError(f"it has more than {LONGEST_PAYLOAD} bytes")
         form: Any = AttitudeRecord if kind == "attitude" else StatusRecord
@@ -65,19 +55,7 @@ class Reception:
         fault = _fault(record)
         if fault is not None:
             raise ValueError(fault)
-        self._heard_s[name] = self._now_s()
         return record
-
-    def _has_room(self) -> bool:
-        """Whether one more can be shown; the silent are looked for once in a while."""
-        if len(self._heard_s) < PLACES:
-            return True
-        now_s = self._now_s()
-        if self._full_s is not None and now_s - self._full_s < SILENT_S:
-            return False
-        self._heard_s = {name: at for name, at in self._heard_s.items() if now_s - at < SILENT_S}
-        self._full_s = now_s if len(self._heard_s) >= PLACES else None
-        return self._full_s is None
 
     def _tell(self, reason: str, key: str) -> None:
         if reason not in self._told:

@@ -8,6 +8,7 @@ from fuzzbee import zenoh_options
 from fuzzbee.options import (
     PROFILES,
     Json,
+    Seconds,
     Verbose,
     of_estimate,
     of_publishing,
@@ -33,7 +34,7 @@ class RunOptions(NamedTuple):
     """The arguments and options of the verb; the help has them by panels."""
 
     source: Annotated[str, typer.Argument(help=_SOURCE)] = "sim:"
-    seconds: Annotated[float | None, of_source("End after N seconds.", metavar="N")] = None
+    seconds: Seconds = None
     request_rate_hz: Annotated[
         float | None,
         of_source("Ask for this IMU rate.", "--request-rate", metavar="HZ"),

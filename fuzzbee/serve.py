@@ -8,16 +8,13 @@ from drivers.simulation.source import SimSource
 from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.profile import Profile
-from fuzzbee import outputs
 from fuzzbee.live_source import make_runner, open_recorded
 from fuzzbee.recordings import Recordings
 from fuzzbee.run_options import RunOptions
 from fuzzbee.say import say
 from fuzzbee.serving import (
-    closed_if_unused,
     conclude,
-    open_view,
-    open_zenoh_sink,
+    open_sinks,
     prepare,
     run_loop,
     summary,
@@ -57,19 +54,11 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
         pipeline = _pipeline(profile, options, retuning)
         if options.truth or prepared.endpoint.kind == "sim":
             pipeline.scores = {}
-        with closed_if_unused() as sinks:
-            open_zenoh_sink(sinks, session, options, profile, requests, conflicts)
-            outputs.open_outputs(
-                sinks, options.outputs, session, options.zenoh.prefix, options.rate_hz
-            )
-            view = open_view(options)  # which prints what the source says
-            view.scores = pipeline.scores
-            sinks.append(view)
-            if recorder is not None and retuning is not None:
-                sinks.append(RecordingSink(recorder))
-            outbox = stack.enter_context(Outbox(sinks))
-            recordings.add([recorder, *sinks])
-            sinks.clear()
+        sinks = open_sinks(options, session, profile, requests, conflicts, pipeline.scores)
+        if recorder is not None and retuning is not None:
+            sinks.append(RecordingSink(recorder))
+        outbox = stack.enter_context(Outbox(sinks))
+        recordings.add([recorder, *sinks])
         # in a thread: the compiler's callbacks swallow what a signal raises in them
         aside(load_kernels, "kernels").result()
         runner = make_runner(

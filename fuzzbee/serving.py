@@ -3,9 +3,9 @@
 import json
 import logging
 import time
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import zenoh
 
@@ -27,6 +27,9 @@ from service.signals import stop_on_signals
 from service.sinks.sink import Outbox, Sink
 from service.sinks.zenoh import ZenohSink
 from service.vehicle_status import counts
+
+if TYPE_CHECKING:
+    from fuzzbee.truth_score import TruthScore
 
 OK, FAILED = 0, 1
 
@@ -56,32 +59,21 @@ def prepare(options: RunOptions) -> Prepared:
     return Prepared(endpoint, name, profile, key)
 
 
-@contextmanager
-def closed_if_unused() -> Iterator[list[Sink]]:
-    """A list of sinks, of which those that are still in it at an error are closed."""
-    sinks: list[Sink] = []
-    try:
-        yield sinks
-    finally:
-        for sink in sinks:
-            with suppress(Exception):
-                sink.close()
-
-
-def open_zenoh_sink(
-    sinks: list[Sink],
-    session: zenoh.Session | None,
+def open_sinks(
     options: RunOptions,
+    session: zenoh.Session | None,
     profile: Profile,
     requests: ParameterRequests,
     conflicts: list[InputError],
-) -> None:
-    """Add the sink for the session, if there is one.
+    scores: "dict[str, TruthScore] | None",
+) -> list[Sink]:
+    """Open what was asked for, and a view last, which prints what the source says.
 
     If another service publishes there, ``conflicts`` get an error that ends the run.
+
+    Raises:
+        InputError: one of them cannot be opened; those before it are closed.
     """
-    if session is None:
-        return
 
     def on_conflict(key: str) -> None:
         if options.second:
@@ -90,15 +82,20 @@ def open_zenoh_sink(
         text = f"another service publishes {key} already: stop it, give one of them another"
         conflicts.append(InputError(f"{text} --prefix, or publish beside it with --second"))
 
-    sinks.append(
-        ZenohSink(
-            session,
-            options.zenoh.prefix,
-            profile,
-            requests,
-            on_conflict,
-        )
-    )
+    sinks: list[Sink] = []
+    prefix = options.zenoh.prefix
+    with ExitStack() as opened:
+        if session is not None:
+            sinks.append(ZenohSink(session, prefix, profile, requests, on_conflict))
+            opened.callback(sinks[0].close)
+        for sink in outputs.open_outputs(options.outputs, session, prefix, options.rate_hz):
+            sinks.append(sink)
+            opened.callback(sink.close)
+        view = open_view(options)
+        view.scores = scores
+        sinks.append(view)
+        opened.pop_all()
+    return sinks
 
 
 def open_view(options: RunOptions) -> TerminalView:

@@ -5,6 +5,7 @@ Options that cannot be used raise ``InputError``, as everywhere.
 
 import threading
 import time
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple, cast
 
@@ -31,30 +32,35 @@ EPILOG = examples(
 
 MOTIONS = ("paper", "rest", "turn", "flight")
 _MOTION = "the paper's, none or a level turn, on the paper's signals; or a copter's flight"
+_SECONDS = "end after N seconds instead of on Ctrl-C"
+_SEED = "of the noise; vehicle i has seed + i - 1"
+_MAGNET = "a magnet passes between these times (s)"
 _KEY = "sign with the key (32 bytes, 64 hex digits) or pass phrase in this file"
 # One paragraph for each form. The help text is wrapped anew, so columns would not stay aligned.
 _LINK_HELP = "\n\n".join(" ".join(row.split()) for row in endpoint_help(LINK_KINDS).splitlines())
 
 
-class SimOptions(NamedTuple):
-    """The options of the verb, in the order of its help."""
+of_link = partial(option, panel="Link")
+of_vehicle = partial(option, panel="Vehicle")
 
-    to: Annotated[str | None, option(_LINK_HELP, metavar="URL")] = None
+
+class SimOptions(NamedTuple):
+    """The options of the verb; the help has them by panels."""
+
+    to: Annotated[str | None, of_link(_LINK_HELP, metavar="URL")] = None
     url: Annotated[str | None, typer.Argument(help="The same as --to.", hidden=True)] = None
-    vehicles: Annotated[int, option("system ids 1 to N on one link")] = 1
-    rate: Annotated[float, option("samples a second", metavar="HZ")] = 100.0
-    seed: Annotated[int, option("of the noise; vehicle i has seed + i - 1")] = 0
-    seconds: Annotated[float | None, option("end after this long instead of on Ctrl-C")] = None
-    motion: Annotated[str, option(_MOTION, metavar="|".join(MOTIONS), words=MOTIONS)] = "paper"
-    noise: Annotated[float, option("factor on the motion's noise")] = 1.0
-    bias: Annotated[float, option("factor on the motion's bias")] = 1.0
-    magnet: Annotated[
-        str | None, option("a magnet passes between these times (s)", metavar="T0:T1")
-    ] = None
-    calm: Annotated[bool, option("a flight without its magnet and its silence")] = False
-    drop: Annotated[float, option("probability that a frame is lost", metavar="P")] = 0.0
-    signing_key_file: Annotated[Path | None, option(_KEY)] = None
-    insecure_key_file: Annotated[bool, option(INSECURE)] = False
+    drop: Annotated[float, of_link("probability that a frame is lost", metavar="P")] = 0.0
+    signing_key_file: Annotated[Path | None, of_link(_KEY, metavar="FILE")] = None
+    insecure_key_file: Annotated[bool, of_link(INSECURE)] = False
+    vehicles: Annotated[int, of_vehicle("system ids 1 to N on one link", metavar="N")] = 1
+    rate: Annotated[float, of_vehicle("samples a second", metavar="HZ")] = 100.0
+    seconds: Annotated[float | None, of_vehicle(_SECONDS, metavar="N")] = None
+    motion: Annotated[str, of_vehicle(_MOTION, metavar="|".join(MOTIONS), words=MOTIONS)] = "paper"
+    seed: Annotated[int, of_vehicle(_SEED, metavar="N")] = 0
+    noise: Annotated[float, of_vehicle("factor on the motion's noise", metavar="X")] = 1.0
+    bias: Annotated[float, of_vehicle("factor on the motion's bias", metavar="X")] = 1.0
+    magnet: Annotated[str | None, of_vehicle(_MAGNET, metavar="T0:T1")] = None
+    calm: Annotated[bool, of_vehicle("a flight without its magnet and its silence")] = False
     as_json: Json = False
 
 

@@ -4,8 +4,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from estimator.errors import InputError
-from fuzzbee.options import of_publishing as option
-from fuzzbee.options import of_showing
+from fuzzbee.options import option
 
 if TYPE_CHECKING:
     import zenoh
@@ -15,13 +14,7 @@ if TYPE_CHECKING:
 
 MAX_PORT = 65535
 
-_TOGETHER = "Publish all attitudes of a tick in one put, too, at PREFIX/attitudes."
-_ROS = "Publish IMU, tf and diagnostics for ROS 2 (rmw_zenoh), too."
-_SEND_ATTITUDE = "Send ATTITUDE_QUATERNION there, as component 191 (not the autopilot)."
-_AS = "With --send-attitude: as a vehicle of its own, for QGroundControl and others."
-_ANNOUNCE = "Send a STATUSTEXT there while the autopilot's attitude differs, as component 191."
 WEB = "Serve a light page for browsers, on 127.0.0.1 unless an address is given."
-_METRICS = "Serve Prometheus metrics on 127.0.0.1 (extra: metrics)."
 
 
 class Opening(NamedTuple):
@@ -40,10 +33,9 @@ class Opening(NamedTuple):
 class SinkEntry(NamedTuple):
     """A sink's options and what opens it.
 
-    ``options`` has the type (annotated with its option) and the default of each, by the name of its
-    parameter: ``send_attitude`` is ``--send-attitude``. The sink is opened if the first of them has
-    another value than its default. What opens it gives
-    None if another one does its work.
+    ``options`` has what :func:`setting` makes, by the name of the parameter: ``send_attitude`` is
+    ``--send-attitude``. The sink is opened if the first of them has another value than its default.
+    What opens it gives None if another one does its work.
     """
 
     options: dict[str, tuple[Any, Any]]
@@ -53,6 +45,14 @@ class SinkEntry(NamedTuple):
         """Whether the values (by attribute) of all options ask for this sink."""
         name, (_, default) = next(iter(self.options.items()))
         return bool(getattr(values, name) != default)
+
+
+def setting(
+    kind: Any, text: str, *names: str, default: Any = None, panel: str = "Publish", **more: Any
+) -> tuple[Any, Any]:
+    """An option of a sink: its type, with its help, and its default; ``more`` goes to typer."""
+    form = kind if default is not None else kind | None
+    return Annotated[form, option(text, *names, panel=panel, **more)], default
 
 
 def _ros(opening: Opening) -> "Sink":
@@ -69,11 +69,26 @@ def _ros(opening: Opening) -> "Sink":
 def _mavlink(opening: Opening) -> "Sink":
     """Sends announcements, too, if they go to the same place: there is one such component."""
     announces = opening.options["announce"] == opening.options["send_attitude"]
-    given = opening.options["send_as"]
-    other = None if given is None else parse_address_of(given)
-    return _mavlink_sink(
-        opening, "send_attitude", attitudes=True, announces=announces, appears_as=other
-    )
+    return _mavlink_sink(opening, "send_attitude", announces=announces)
+
+
+def _announcer(opening: Opening) -> "Sink | None":
+    if opening.options["announce"] == opening.options["send_attitude"]:
+        return None
+    return _mavlink_sink(opening, "announce", announces=True)
+
+
+def _mavlink_sink(opening: Opening, name: str, *, announces: bool) -> "Sink":
+    from drivers.endpoint import parse_endpoint
+    from service.sinks.mavlink import MavlinkSink
+
+    attitudes, given = name == "send_attitude", opening.options["send_as"]
+    other = parse_address_of(given) if attitudes and given is not None else None
+    try:
+        endpoint = parse_endpoint(opening.options[name])
+        return MavlinkSink(endpoint, attitudes=attitudes, announces=announces, appears_as=other)
+    except InputError as error:
+        raise InputError(f"--{name.replace('_', '-')}: {error}") from error
 
 
 def parse_address_of(text: str) -> "VehicleId":
@@ -88,32 +103,6 @@ def parse_address_of(text: str) -> "VehicleId":
     if len(numbers) != 2 or not all(1 <= number <= 255 for number in numbers):
         raise InputError(f"--as {text}: should be SYSTEM:COMPONENT, each 1 to 255, as 200:1")
     return VehicleId(*numbers)
-
-
-def _announcer(opening: Opening) -> "Sink | None":
-    if opening.options["announce"] == opening.options["send_attitude"]:
-        return None
-    return _mavlink_sink(opening, "announce", attitudes=False, announces=True)
-
-
-def _mavlink_sink(
-    opening: Opening,
-    name: str,
-    *,
-    attitudes: bool,
-    announces: bool,
-    appears_as: "VehicleId | None" = None,
-) -> "Sink":
-    from drivers.endpoint import parse_endpoint
-    from service.sinks.mavlink import MavlinkSink
-
-    try:
-        endpoint = parse_endpoint(opening.options[name])
-        return MavlinkSink(
-            endpoint, attitudes=attitudes, announces=announces, appears_as=appears_as
-        )
-    except InputError as error:
-        raise InputError(f"--{name.replace('_', '-')}: {error}") from error
 
 
 def _metrics(opening: Opening) -> "Sink":
@@ -139,43 +128,30 @@ def _web(opening: Opening) -> "Sink":
     return open_page(opening.options["web"], "fuzzbee")
 
 
+_ROS = "Publish IMU, tf and diagnostics for ROS 2 (rmw_zenoh), too."
+_DOMAIN = "The ROS 2 domain of --ros."
+_SEND = "Send ATTITUDE_QUATERNION there, as component 191 (not the autopilot)."
+_AS = "With --send-attitude: as a vehicle of its own, for QGroundControl and others."
+_ANNOUNCE = "Send a STATUSTEXT there while the autopilot's attitude differs, as component 191."
+_METRICS = "Serve Prometheus metrics on 127.0.0.1 (extra: metrics)."
+_TOGETHER = "Publish all attitudes of a tick in one put, too, at PREFIX/attitudes."
 SINKS: list[SinkEntry] = [
     SinkEntry(
         {
-            "ros": (Annotated[bool, option(_ROS)], False),
-            "ros_domain": (
-                Annotated[
-                    int, option("The ROS 2 domain of --ros.", metavar="ID", envvar="ROS_DOMAIN_ID")
-                ],
-                0,
-            ),
+            "ros": setting(bool, _ROS, default=False),
+            "ros_domain": setting(int, _DOMAIN, default=0, metavar="ID", envvar="ROS_DOMAIN_ID"),
         },
         _ros,
     ),
     SinkEntry(
         {
-            "send_attitude": (Annotated[str | None, option(_SEND_ATTITUDE, metavar="URL")], None),
-            "send_as": (
-                Annotated[str | None, option(_AS, "--as", metavar="SYSTEM:COMPONENT")],
-                None,
-            ),
+            "send_attitude": setting(str, _SEND, metavar="URL"),
+            "send_as": setting(str, _AS, "--as", metavar="SYSTEM:COMPONENT"),
         },
         _mavlink,
     ),
-    SinkEntry(
-        {"announce": (Annotated[str | None, option(_ANNOUNCE, metavar="URL")], None)},
-        _announcer,
-    ),
-    SinkEntry(
-        {"metrics": (Annotated[int | None, option(_METRICS, metavar="PORT")], None)},
-        _metrics,
-    ),
-    SinkEntry(
-        {"web": (Annotated[str | None, of_showing(WEB, metavar="[ADDRESS:]PORT")], None)},
-        _web,
-    ),
-    SinkEntry(
-        {"together": (Annotated[bool, option(_TOGETHER)], False)},
-        _together,
-    ),
+    SinkEntry({"announce": setting(str, _ANNOUNCE, metavar="URL")}, _announcer),
+    SinkEntry({"metrics": setting(int, _METRICS, metavar="PORT")}, _metrics),
+    SinkEntry({"web": setting(str, WEB, panel="Show", metavar="[ADDRESS:]PORT")}, _web),
+    SinkEntry({"together": setting(bool, _TOGETHER, default=False)}, _together),
 ]

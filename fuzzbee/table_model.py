@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from drivers.places import PLACES
+from fuzzbee.say import printable
 from service.health import HAS_ATTITUDE, State
 from service.records import (
     AttitudeRecord,
@@ -17,16 +18,17 @@ from service.records import (
 )
 
 SILENT_AFTER_S = 3.0  # a status comes every second
+LONGEST_MODE = 12  # letters
 
 
 class Row(NamedTuple):
     """The latest of one vehicle; ``heard_s`` is when (monotonic)."""
 
     name: str
-    attitude: AttitudeRecord | None
-    status: StatusRecord | None
-    attitude_s: float
-    heard_s: float
+    attitude: AttitudeRecord | None = None
+    status: StatusRecord | None = None
+    attitude_s: float = 0.0
+    heard_s: float = 0.0
     before: StatusRecord | None = None  # the status before
 
     @property
@@ -35,9 +37,6 @@ class Row(NamedTuple):
         if self.attitude is not None and self.attitude_s >= self.heard_s:
             return State(self.attitude.state)
         return State(self.status.state) if self.status is not None else State.WAITING
-
-
-EMPTY = Row(name="", attitude=None, status=None, attitude_s=0.0, heard_s=0.0)
 
 
 class TableModel:
@@ -51,10 +50,7 @@ class TableModel:
         self._lock = threading.Lock()
 
     def take(self, outputs: Iterable[Output], now_s: float) -> list[str]:
-        """Remember outputs of the service, of each vehicle its newest attitude; the messages.
-
-        Eyes see no others.
-        """
+        """Remember outputs of the service, of each vehicle its newest attitude; the messages."""
         texts: list[str] = []
         attitudes: dict[str, AttitudeRecord] = {}
         for output in outputs:
@@ -67,7 +63,8 @@ class TableModel:
                     self.update(vehicle_name(vehicle), status, now_s)
                 case Departed(vehicle=vehicle):
                     attitudes.pop(vehicle_name(vehicle), None)
-                    self.remove(vehicle_name(vehicle))
+                    with self._lock:
+                        self._rows.pop(vehicle_name(vehicle), None)
         for name, attitude in attitudes.items():
             self.update(name, attitude, now_s)
         return texts
@@ -75,24 +72,16 @@ class TableModel:
     def update(self, name: str, record: AttitudeRecord | StatusRecord, now_s: float) -> None:
         """Remember a record."""
         with self._lock:
-            self._update(name, record, now_s)
-
-    def _update(self, name: str, record: AttitudeRecord | StatusRecord, now_s: float) -> None:
-        if name not in self._rows and len(self._rows) >= PLACES:
-            del self._rows[min(self._rows.values(), key=lambda row: row.heard_s).name]
-        _, attitude, status, attitude_s, heard_s, before = self._rows.get(name, EMPTY)
-        if isinstance(record, StatusRecord):
-            status, before = record, status
-        else:
-            attitude, attitude_s = record, now_s
-        # Row._make is the quickest way, and this runs thousands of times a second
-        values = (name, attitude, status, attitude_s, max(heard_s, now_s), before)
-        self._rows[name] = Row._make(values)
-
-    def remove(self, name: str) -> None:
-        """Forget a vehicle."""
-        with self._lock:
-            self._rows.pop(name, None)
+            if name not in self._rows and len(self._rows) >= PLACES:
+                del self._rows[min(self._rows.values(), key=lambda row: row.heard_s).name]
+            _, attitude, status, attitude_s, heard_s, before = self._rows.get(name) or Row(name)
+            if isinstance(record, StatusRecord):
+                status, before = record, status
+            else:
+                attitude, attitude_s = record, now_s
+            # Row._make is the quickest way, and this runs thousands of times a second
+            values = (name, attitude, status, attitude_s, max(heard_s, now_s), before)
+            self._rows[name] = Row._make(values)
 
     def rows(self) -> list[Row]:
         """All rows by name, numbers in their order."""
@@ -115,6 +104,14 @@ def is_silent(row: Row, now_s: float) -> bool:
 def state_text(row: Row, now_s: float) -> str:
     """The state in a word, "silent" if the service says nothing about it any more."""
     return "silent" if is_silent(row, now_s) else row.state.value
+
+
+def flight_words(row: Row) -> list[str]:
+    """The flight mode, and "armed" or "disarmed", as far as the vehicle says them."""
+    if row.status is None:
+        return []
+    armed = {None: "", True: "armed", False: "disarmed"}[row.status.armed]
+    return [word for word in (printable(row.status.mode, LONGEST_MODE), armed) if word]
 
 
 def age_text(row: Row, now_s: float) -> str:

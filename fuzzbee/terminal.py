@@ -2,11 +2,12 @@
 
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console, Group, RenderableType
+from rich.live import Live
 
 from fuzzbee.horizon import Ink, has_room, screen
 from fuzzbee.say import printable
@@ -15,14 +16,14 @@ from fuzzbee.vehicle_table import BY_NAME, ORDERS, Look, lines, table
 from service.records import Output
 
 if TYPE_CHECKING:
-    from rich.live import Live
-
     from fuzzbee.truth_score import TruthScore
 
 REFRESH_HZ = 8
 LINE_PERIOD_S = 1.0
 MESSAGE_S = 8.0  # so long a message stands at the foot of one vehicle's screen
 COLOURS_OF = {None: 0, "standard": 16, "windows": 16}
+KEYS = "q quit   s sort by {order}   ↑ ↓ Enter one vehicle"
+KEYS_OF_ONE = "q quit   Esc all vehicles   ↑ ↓ the next one"
 
 
 class PersonConsole(Console):
@@ -43,8 +44,9 @@ class PersonConsole(Console):
 class TerminalView:
     """Shows what it is given; a sink of the service, and watch's display.
 
-    On a terminal a table is redrawn in place. Elsewhere there is a line a
-    vehicle and second, so that a log of it can be read.
+    On a terminal a table is redrawn in place, or ``one`` vehicle as an artificial horizon.
+    Elsewhere there is a line a vehicle and second, so that a log of it can be read. Keys go to
+    :meth:`press`, after which ``is_closed`` tells whether one of them was to quit.
     """
 
     name = "terminal"
@@ -56,22 +58,28 @@ class TerminalView:
         messages: Console,
         title: str,
         now_s: Callable[[], float] = time.monotonic,
+        one: str | None = None,
     ) -> None:
         self.model = TableModel()
+        self.title = title
+        self.one = self.cursor = one  # the vehicle that is shown alone, that Enter shows alone
         self.order = BY_NAME
-        self.one: str | None = None  # the vehicle that is shown alone
-        self.cursor: str | None = None  # the vehicle that Enter shows alone
-        self.keys = ""  # what the keys do, if there are any
+        self.is_closed = False
         self.scores: dict[str, TruthScore] | None = None  # by the vehicle's name
         self._console = console
         self._messages = messages
-        self._title = title
         self._now_s = now_s
+        self._keys = ""  # what the keys do, if there are any
         self._next_line_s = 0.0
         self._said, self._said_s = "", -MESSAGE_S
         self._drawn = (console.size, False)  # the size, and whether one vehicle fills it
         is_live = console.is_terminal and not console.is_dumb_terminal
         self._live = self._start() if is_live else None
+
+    @property
+    def is_live(self) -> bool:
+        """Whether a table is redrawn in place."""
+        return self._live is not None
 
     def handle(self, outputs: Sequence[Output]) -> None:
         """Show outputs of the service."""
@@ -87,94 +95,94 @@ class TerminalView:
             return
         said = [*map(printable, texts)]
         self._said, self._said_s = said[-1], self._now_s()
-        if self._live is not None and self._drawn[1]:
-            return  # it stands at the foot, and would be left above
-        target = self._messages if self._live is None else self._live.console
-        with suppress(OSError):  # a broken stream must not stop the other one
-            target.print(
-                "\n".join(said), style="dim", markup=False, highlight=False, soft_wrap=True
-            )
+        if self._live is None:
+            _print(self._messages, said, style="dim")
+        elif not self._drawn[1]:  # at the foot it would be left above
+            _print(self._live.console, said, style="dim")
 
     def refresh(self) -> None:
         """Print plain lines when they are due; the table redraws itself."""
         now_s = self._now_s()
         if self._live is not None:
-            self._start_anew_if_needed()
-            return
-        if now_s < self._next_line_s:
-            return
-        rows = [row for row in self.model.rows() if self.one in (None, row.name)]
-        if rows:
+            self._start_anew_if_needed(self._live)
+        elif now_s >= self._next_line_s and (rows := self._chosen()):
             self._next_line_s = now_s + LINE_PERIOD_S
             truth = self._truth(rows)
-            for text in lines(rows, now_s):
-                self._console.print(
-                    f"{text}  {truth}".rstrip(), markup=False, highlight=False, soft_wrap=True
-                )
+            _print(self._console, (f"{text}  {truth}".rstrip() for text in lines(rows, now_s)))
+
+    def press(self, keys: Iterable[str]) -> None:
+        """Quit, sort, choose a vehicle, show it alone or all again."""
+        for key in keys:
+            names = [row.name for row in self.rows()]
+            match key:
+                case "q":
+                    self.is_closed = True
+                case "s":
+                    self.order = self._next_order()
+                case "up" | "k" | "down" | "j" if names:
+                    self.cursor = _after(self.cursor, names[::-1] if key in ("up", "k") else names)
+                    self.one = self.one and self.cursor
+                case "enter" if names:
+                    self.one = self.cursor = self.cursor or names[0]
+                case "escape" | "a":
+                    self.one = self.cursor = None
+        self._keys = KEYS_OF_ONE if self.one else KEYS.format(order=self._next_order())
 
     def close(self) -> None:
         """Leave the last table standing."""
         if self._live is not None:
             self._live.stop()
 
-    def _start(self) -> "Live":
-        from rich.live import Live
+    def rows(self) -> list[Row]:
+        """All rows in the order chosen."""
+        rows = self.model.rows()
+        return rows if self.order == BY_NAME else sorted(rows, key=ORDERS[self.order])
 
+    def _chosen(self) -> list[Row]:
+        return [row for row in self.rows() if self.one in (None, row.name)]
+
+    def _next_order(self) -> str:
+        return _after(self.order, [BY_NAME, *ORDERS])
+
+    def _start(self) -> Live:
         live = Live(
-            get_renderable=self._table,
-            console=self._console,
-            refresh_per_second=REFRESH_HZ,
-            transient=False,
+            get_renderable=self._table, console=self._console, refresh_per_second=REFRESH_HZ
         )
         live.start()
         return live
 
-    def _start_anew_if_needed(self) -> None:
+    def _start_anew_if_needed(self, live: Live) -> None:
         """Clear what cannot be drawn over.
 
         After resizing the terminal has broken it up; one vehicle needs the lines above the table.
         """
         now = (self._console.size, self._alone() is not None)
-        if self._live is not None and now != self._drawn:
-            self._live.stop()
+        if now != self._drawn:
+            live.stop()
             self._drawn = now
             self._console.clear()
             self._live = self._start()
 
     def _alone(self) -> Row | None:
         """The vehicle that fills the screen, if it is there and has room."""
-        size = self._console.size
-        if self.one is None or not has_room(size.width, size.height):
+        if self.one is None or not has_room(*self._console.size):
             return None
-        return next((row for row in self.rows() if row.name == self.one), None)
+        return next(iter(self._chosen()), None)
 
     def _table(self) -> RenderableType:
-        size = self._console.size
+        (width, height), now_s = self._console.size, self._now_s()
         alone = self._alone()
         if alone is not None:
-            is_said = self._now_s() - self._said_s < MESSAGE_S
-            foot = self._said if is_said else self.keys
-            width, height = size.width, size.height - 1
-            return one_vehicle(alone, self._now_s(), width, height, self._console, foot)
-        rows = [row for row in self.rows() if self.one in (None, row.name)]
-        foot = self._truth(rows) or self.keys
-        look = Look(self._title, foot, self.cursor)
-        return table(rows, self._now_s(), size.width, size.height, look)
+            foot = self._said if now_s - self._said_s < MESSAGE_S else self._keys
+            return one_vehicle(alone, now_s, width, height - 1, self._console, foot)
+        rows = self._chosen()
+        look = Look(self.title, self._truth(rows) or self._keys, self.cursor)
+        return table(rows, now_s, width, height, look)
 
     def _truth(self, rows: list[Row]) -> str:
         """How far off the only vehicle is that is shown, if a simulator tells."""
         score = (self.scores or {}).get(rows[0].name) if len(rows) == 1 else None
         return "" if score is None else score.line
-
-    @property
-    def is_live(self) -> bool:
-        """Whether a table is redrawn in place."""
-        return self._live is not None
-
-    def rows(self) -> list[Row]:
-        """All rows in the order chosen."""
-        rows = self.model.rows()
-        return rows if self.order == BY_NAME else sorted(rows, key=ORDERS[self.order])
 
 
 def one_vehicle(
@@ -184,3 +192,14 @@ def one_vehicle(
     colours = COLOURS_OF.get(console.color_system, 256)
     ink = Ink(colours, console.encoding.startswith("utf"))
     return Group(*screen(row, now_s, width, height, ink, foot))
+
+
+def _print(console: Console, texts: Iterable[str], style: str | None = None) -> None:
+    """Print lines as they are; a broken stream must not stop the other one."""
+    with suppress(OSError):
+        console.print("\n".join(texts), style=style, markup=False, highlight=False, soft_wrap=True)
+
+
+def _after(current: str | None, names: list[str]) -> str:
+    """The name after the current one, in a ring; the first if there is none."""
+    return names[(names.index(current) + 1) % len(names)] if current in names else names[0]

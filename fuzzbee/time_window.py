@@ -5,13 +5,13 @@ from typing import Annotated, Any
 
 from drivers.logs.time_window import Moment, TimeWindow
 from estimator.errors import InputError
-from fuzzbee.options import option
+from fuzzbee.options import of_source
 
 _FROM = "Begin there: seconds of the log, arm or disarm."
 _TO = "End there: seconds of the log, arm or disarm."
 
-From = Annotated[str | None, option(_FROM, "--from", metavar="S|arm")]
-To = Annotated[str | None, option(_TO, "--to", metavar="S|disarm")]
+From = Annotated[str | None, of_source(_FROM, "--from", metavar="S|arm")]
+To = Annotated[str | None, of_source(_TO, "--to", metavar="S|disarm")]
 
 
 def time_window(begin: Any, end: Any, names: tuple[str, str] = ("--from", "--to")) -> TimeWindow:

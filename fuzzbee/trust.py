@@ -3,6 +3,7 @@
 from enum import IntEnum
 from typing import NamedTuple
 
+from fuzzbee.table_model import Row, current_attitude, is_silent
 from service.alarms import Alarm
 from service.health import HAS_ATTITUDE, State
 from service.records import AttitudeRecord, StatusRecord
@@ -16,12 +17,13 @@ POINTS = {0: "N", 45: "NE", 90: "E", 135: "SE", 180: "S", 225: "SW", 270: "W", 3
 # A few refused samples, late ticks or lost records a second are no reason to worry.
 MUCH_REFUSED = 0.2  # of those that come
 MUCH_LOST = 5
-
-
 # A field that is none of the place says nothing against the horizon, another's attitude little.
 HARMLESS = (Alarm.FIELD_IMPOSSIBLE, Alarm.AUTOPILOT_DIFFERS)
 # What the service warns of, in few words.
 WARNINGS: dict[str, str] = {word: word.value.replace("_", " ") for word in Alarm}
+
+
+SILENT = "the service is silent"
 
 
 class Level(IntEnum):
@@ -100,14 +102,25 @@ def trust(
     return Trust(overall, horizon, heading, caveats)
 
 
+def trust_in(row: Row, now_s: float) -> Trust:
+    """What to think of a row of the table; of one that its service has left, nothing."""
+    if is_silent(row, now_s):
+        nothing = (Caveat(Level.NONE, SILENT),)
+        return Trust(Level.NONE, Level.NONE, Level.NONE, nothing)
+    return trust(row.state, current_attitude(row, now_s), row.status, row.before)
+
+
 def _level(sigma_deg: float, bounds_deg: tuple[float, float]) -> Level:
     return Level(sum(sigma_deg > bound for bound in bounds_deg))
 
 
 def _of_state(state: State, attitude: AttitudeRecord) -> list[Caveat]:
-    if state is not State.DEGRADED:
-        return []
-    return [Caveat(Level.CARE, f"IMU silent {1e-3 * attitude.age_ms:.1f} s")]
+    caveats = []
+    if state is State.DEGRADED:
+        caveats.append(Caveat(Level.CARE, f"IMU silent {1e-3 * attitude.age_ms:.1f} s"))
+    if abs(attitude.euler_deg[0]) > UPSIDE_DOWN_DEG:
+        caveats.append(Caveat(Level.GOOD, "upside down"))
+    return caveats
 
 
 def _of_sigma(what: str, sigma_deg: float, bounds_deg: tuple[float, float]) -> list[Caveat]:
@@ -186,8 +199,3 @@ def north_text(attitude: AttitudeRecord) -> str:
     if reference == "none":
         return "no north"
     return f"{plus_minus(attitude.sigma_deg.heading)} {reference}"
-
-
-def is_on_its_back(attitude: AttitudeRecord | None) -> bool:
-    """Whether the vehicle flies upside down."""
-    return attitude is not None and abs(attitude.euler_deg[0]) > UPSIDE_DOWN_DEG

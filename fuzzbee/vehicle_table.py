@@ -1,14 +1,21 @@
 """Vehicles as a table that fits a terminal, and as plain lines."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
 from fuzzbee.say import printable
-from fuzzbee.table_model import Row, age_text, current_attitude, is_silent, state_text
+from fuzzbee.table_model import (
+    Row,
+    age_text,
+    current_attitude,
+    flight_words,
+    is_silent,
+    state_text,
+)
 from fuzzbee.trust import Level, trust
 from service.alarms import MEANINGS, Alarm
 from service.health import State
@@ -17,24 +24,9 @@ from service.records import AttitudeRecord, StatusRecord
 MAX_LINES = 8  # more vehicles than this share one line
 MOST_WARNINGS = 3  # lines below the table
 FRAME_LINES = 4  # title and header above the rows, summary and cursor below them
-BLOCK_GAP = 3
-# Columns as wide as their values can be, so that nothing moves about. An id may be longer: with a
-# component; the longest IMU is HIGHRES_IMU.
-WIDTHS = {
-    "id": 3,
-    "state": 9,
-    "roll": 7,
-    "pitch": 6,
-    "tilt ±": 6,
-    "heading": 8,
-    "head ±": 6,
-    "gain": 5,
-    "bar": 8,  # the gain as a bar
-    "IMU": 11,
-    "IMU Hz": 6,
-    "age": 6,
-}
-AT_THE_LEFT = ("id", "state", "bar", "IMU")  # of their columns
+BLOCK_GAP = 3  # between blocks of rows that stand side by side
+# Windows at least so wide have more columns; those of the last have wider gaps, too.
+COMPACT, NORMAL, MODES, WIDE, SPACIOUS = 58, 72, 84, 105, 118
 COLOURS = {
     State.WAITING: "dim",
     State.ALIGNING: "cyan",
@@ -47,20 +39,10 @@ TRUST_COLOURS = {Level.GOOD: "", Level.CARE: "yellow", Level.BAD: "red", Level.N
 ATTENTION = (State.LOST, State.DEGRADED, State.WAITING, State.ALIGNING, State.RUNNING)
 ARROWS = "↑↗→↘↓↙←↖"  # the heading, north up
 BAR_FULL_GAIN = 101.0  # K = 1 + k_op, k_op up to 100
+BAR_CELLS = 8
 
 
-class Layout(NamedTuple):
-    """Which columns are left out where a line has at least ``width`` cells."""
-
-    width: int
-    left_out: tuple[str, ...] = ()
-    gap: int = 1
-
-
-WIDE = Layout(105, gap=2)
-NORMAL = Layout(72, ("bar", "IMU"))
-COMPACT = Layout(58, (*NORMAL.left_out, "gain", "IMU Hz"))
-NARROW = Layout(0, (*COMPACT.left_out, "tilt ±", "head ±"))
+Cell = Callable[[Row, float], str | Text]  # of a row at a time (s)
 
 
 class Look(NamedTuple):
@@ -78,33 +60,38 @@ def table(rows: list[Row], now_s: float, width: int, height: int, look: Look) ->
     """
     warned = _warnings(rows, MOST_WARNINGS)
     room = max(1, height - FRAME_LINES - len(warned) - bool(look.keys))
-    width -= max([0, *(len(row.name) - WIDTHS["id"] for row in rows)])
-    most = (width + BLOCK_GAP) // (COMPACT.width + BLOCK_GAP)
-    across = min(most, -(-len(rows) // room))
-    if across > 1:
-        layout = COMPACT
-    else:
-        across = 1
-        layout = next(fits for fits in (WIDE, NORMAL, COMPACT, NARROW) if fits.width <= width)
-    shown = rows
-    if len(rows) > room * across:
-        chosen = {row.name for row in sorted(rows, key=_attention)[: room * across]}
-        shown = [row for row in rows if row.name in chosen]  # in their order: nothing jumps
+    width -= max([0, *(len(row.name) - COLUMNS[0].width for row in rows)])
+    across = max(1, min((width + BLOCK_GAP) // (COMPACT + BLOCK_GAP), -(-len(rows) // room)))
+    # in their order: nothing jumps
+    chosen = {row.name for row in sorted(rows, key=_attention)[: room * across]}
+    shown = [row for row in rows if row.name in chosen]
+    hidden = [row for row in rows if row.name not in chosen]
     each = max(1, -(-len(shown) // across))
     blocks = Table.grid(padding=(0, BLOCK_GAP, 0, 0))
+    within = width if across == 1 else COMPACT
     starts = range(0, max(1, len(shown)), each)
-    blocks.add_row(*(_block(shown[n : n + each], now_s, layout, look.cursor) for n in starts))
+    blocks.add_row(*(_block(shown[n : n + each], now_s, within, look.cursor) for n in starts))
     parts: list[RenderableType] = [Text(look.title, style="bold", no_wrap=True), blocks]
     if not rows:
         parts.append(Text("waiting for a vehicle", style="dim italic"))
-    if len(shown) < len(rows):
-        names = {row.name for row in shown}
-        hidden = [row for row in rows if row.name not in names]
+    if hidden:
         parts.append(Text(f"… {summary(hidden, 'more')}", style="dim italic"))
     if look.keys:
         parts.append(Text(look.keys, style="dim", no_wrap=True))
     parts += [Text(text, style="yellow", no_wrap=True, overflow="ellipsis") for text in warned]
     return Group(*parts)
+
+
+def _block(rows: list[Row], now_s: float, width: int, cursor: str | None) -> Table:
+    gap = 2 if width >= SPACIOUS else 1
+    view = Table(box=None, header_style="bold", padding=(0, gap, 0, 0), pad_edge=False)
+    columns = [column for column in COLUMNS if column.least <= width]
+    for column in columns:
+        view.add_column(column.name, justify=column.justify, no_wrap=True, min_width=column.width)
+    for row in rows:
+        style = "reverse" if row.name == cursor else None
+        view.add_row(*(column.cell(row, now_s) for column in columns), style=style)
+    return view
 
 
 def _warnings(rows: list[Row], most: int) -> list[str]:
@@ -144,22 +131,7 @@ def _overload(rows: list[Row]) -> list[str]:
     return [f"! overloaded: {shed} samples left out so far, attitudes at {slowest_hz:.1f} Hz"]
 
 
-def _block(rows: list[Row], now_s: float, layout: Layout, cursor: str | None) -> Table:
-    view = Table(box=None, header_style="bold", padding=(0, layout.gap, 0, 0), pad_edge=False)
-    columns = [name for name in WIDTHS if name not in layout.left_out]
-    headings = {"bar": "", "id": "vehicle" if layout is WIDE else "id"}
-    for name in columns:
-        view.add_column(
-            headings.get(name, name),
-            justify="left" if name in AT_THE_LEFT else "right",
-            no_wrap=True,
-            min_width=WIDTHS[name],
-        )
-    for row in rows:
-        cells = _cells(row, now_s)
-        style = "reverse" if row.name == cursor else None
-        view.add_row(*(cells.get(name, "") for name in columns), style=style)
-    return view
+# --- plain lines
 
 
 def lines(rows: list[Row], now_s: float) -> list[str]:
@@ -176,6 +148,37 @@ def summary(rows: list[Row], noun: str) -> str:
     return f"{len(rows)} {noun}: {', '.join(parts)}"
 
 
+def _line(row: Row, now_s: float) -> str:
+    start = f"{row.name:>5}  {state_text(row, now_s):<9}"
+    attitude = current_attitude(row, now_s)
+    if attitude is None:
+        return start
+    roll, pitch, _ = attitude.euler_deg
+    sigma = attitude.sigma_deg
+    flight = "".join(f"  {word}" for word in flight_words(row))
+    return (
+        f"{start} roll {roll:+7.1f}  pitch {pitch:+6.1f} {_plus_minus(sigma.inclination):<6}"
+        f"  heading {_heading(attitude)} {_plus_minus(sigma.heading):<6}"
+        f"  K {attitude.gain:5.1f}  {_rate(row, now_s):>6} Hz"
+        f"  age {age_text(row, now_s)}{flight}{_words(row.status)}"
+    )
+
+
+def _words(status: StatusRecord | None) -> str:
+    """The warnings, for the end of a line."""
+    if status is None:
+        return ""
+    short = {} if status.autopilot is None else {Alarm.AUTOPILOT_DIFFERS: status.autopilot.in_short}
+    words = ("overloaded",) * status.overloaded + tuple(
+        short.get(word, word)  # type: ignore[call-overload] # an alarm is a word
+        for word in status.warnings
+    )
+    return "".join(f"  ! {printable(word, 40)}" for word in words)
+
+
+# --- orders of rows
+
+
 def _attention(row: Row) -> int:
     is_warned = row.status is not None and bool(row.status.warnings)
     return 2 * ATTENTION.index(row.state) - is_warned
@@ -190,62 +193,10 @@ BY_NAME = "name"
 ORDERS: dict[str, Callable[[Row], float]] = {"attention": _attention, "sigma": _worst_sigma}
 
 
-def _line(row: Row, now_s: float) -> str:
-    start = f"{row.name:>5}  {state_text(row, now_s):<9}"
-    attitude = current_attitude(row, now_s)
-    if attitude is None:
-        return start
-    roll, pitch, yaw = attitude.euler_deg
-    sigma = attitude.sigma_deg
-    return (
-        f"{start} roll {roll:+7.1f}  pitch {pitch:+6.1f} {_sigma(sigma.inclination):<6}"
-        f"  heading {_heading(attitude, yaw)} {_sigma(sigma.heading):<6}"
-        f"  K {attitude.gain:5.1f}  {_rate(row):>6} Hz  age {age_text(row, now_s)}{_words(row)}"
-    )
+# --- cells
 
 
-def _words(row: Row) -> str:
-    """The warnings, for the end of a line."""
-    words = () if row.status is None else row.status.warnings
-    if row.status is not None and row.status.overloaded:
-        words = ("overloaded", *words)
-    if row.status is not None and row.status.autopilot is not None:
-        short = row.status.autopilot.in_short
-        words = tuple(short if word == Alarm.AUTOPILOT_DIFFERS else word for word in words)
-    return "".join(f"  ! {printable(word, 40)}" for word in words)
-
-
-def _cells(row: Row, now_s: float) -> dict[str, str | Text]:
-    """What stands in the columns; nothing where there is no attitude."""
-    imu = (row.status.imu_message if row.status is not None else None) or ""
-    attitude = current_attitude(row, now_s)
-    return {
-        "id": Text(row.name),
-        "state": _state_cell(row, now_s),
-        **({} if attitude is None else _attitude_cells(attitude)),
-        "IMU": Text(imu),
-        "IMU Hz": _rate(row),
-        "age": age_text(row, now_s),
-    }
-
-
-def _attitude_cells(attitude: AttitudeRecord) -> dict[str, str | Text]:
-    roll, pitch, yaw = attitude.euler_deg
-    arrow = f" {ARROWS[round(yaw / 45.0) % 8]}" if attitude.heading_reference != "none" else ""
-    sigma = attitude.sigma_deg
-    judged = trust(State(attitude.state), attitude)
-    return {
-        "roll": f"{roll:+.1f}°",
-        "pitch": f"{pitch:+.1f}°",
-        "tilt ±": Text(_sigma(sigma.inclination), style=TRUST_COLOURS[judged.horizon]),
-        "heading": f"{_heading(attitude, yaw)}°{arrow}".rjust(WIDTHS["heading"]),
-        "head ±": Text(_sigma(sigma.heading), style=TRUST_COLOURS[judged.heading]),
-        "gain": f"{attitude.gain:.1f}",
-        "bar": _bar(attitude.gain),
-    }
-
-
-def _state_cell(row: Row, now_s: float) -> Text:
+def _state(row: Row, now_s: float) -> Text:
     """The state; with a mark and in yellow where something contradicts it, or the autopilot."""
     words = () if row.status is None or is_silent(row, now_s) else row.status.warnings
     if words:
@@ -254,24 +205,93 @@ def _state_cell(row: Row, now_s: float) -> Text:
     return Text(state_text(row, now_s), style=COLOURS[row.state])
 
 
-def _sigma(sigma_deg: float) -> str:
-    """The bound that 68 % of the errors lie under."""
+def _mode(row: Row, now_s: float) -> Text:
+    """The flight mode behind a full circle if it is armed, an empty one if not."""
+    if row.status is None or is_silent(row, now_s):
+        return Text()
+    mark = {None: "", True: "●", False: "○"}[row.status.armed]
+    return Text(printable(f"{mark}{row.status.mode}", MODE.width))
+
+
+def _imu(row: Row, _now_s: float) -> Text:
+    return Text((row.status and row.status.imu_message) or "")
+
+
+def _rate(row: Row, _now_s: float) -> str:
+    return f"{row.status.imu_rate_hz:.1f}" if row.status is not None else "?"
+
+
+def _of_attitude(
+    show: Callable[[AttitudeRecord], str | Text],
+) -> Callable[[Row, float], str | Text]:
+    """A cell that is empty where there is no attitude."""
+
+    def cell(row: Row, now_s: float) -> str | Text:
+        attitude = current_attitude(row, now_s)
+        return "" if attitude is None else show(attitude)
+
+    return cell
+
+
+def _tilt_sigma(attitude: AttitudeRecord) -> Text:
+    level = trust(State(attitude.state), attitude).horizon
+    return Text(_plus_minus(attitude.sigma_deg.inclination), style=TRUST_COLOURS[level])
+
+
+def _heading_sigma(attitude: AttitudeRecord) -> Text:
+    level = trust(State(attitude.state), attitude).heading
+    return Text(_plus_minus(attitude.sigma_deg.heading), style=TRUST_COLOURS[level])
+
+
+def _plus_minus(sigma_deg: float) -> str:
     return f"±{sigma_deg:.1f}°" if sigma_deg < 99.95 else f"±{sigma_deg:.0f}°"
 
 
-def _heading(attitude: AttitudeRecord, yaw_deg: float) -> str:
+def _heading(attitude: AttitudeRecord) -> str:
     """Three digits before the point; in brackets if it refers to nothing."""
-    text = f"{yaw_deg % 360:05.1f}"
+    text = f"{attitude.euler_deg[2] % 360:05.1f}"
     text = "000.0" if text == "360.0" else text
     return f"({text})" if attitude.heading_reference == "none" else text
 
 
+def _heading_with_arrow(attitude: AttitudeRecord) -> str:
+    has_north = attitude.heading_reference != "none"
+    arrow = f" {ARROWS[round(attitude.euler_deg[2] / 45.0) % 8]}" if has_north else ""
+    return f"{_heading(attitude)}°{arrow}".rjust(8)
+
+
 def _bar(gain: float) -> str:
     """The gain as a bar, in eighths of a character."""
-    eighths = round(max(0.0, min(1.0, gain / BAR_FULL_GAIN)) * WIDTHS["bar"] * 8)
+    eighths = round(max(0.0, min(1.0, gain / BAR_FULL_GAIN)) * BAR_CELLS * 8)
     full, part = divmod(eighths, 8)
-    return ("█" * full + (" ▏▎▍▌▋▊▉"[part] if part else "")).ljust(WIDTHS["bar"])
+    return ("█" * full + (" ▏▎▍▌▋▊▉"[part] if part else "")).ljust(BAR_CELLS)
 
 
-def _rate(row: Row) -> str:
-    return f"{row.status.imu_rate_hz:.1f}" if row.status is not None else "?"
+class Column(NamedTuple):
+    """As wide as its values can be: nothing moves about. Left out of windows below ``least``."""
+
+    name: str
+    width: int
+    cell: Cell
+    least: int = 0
+    justify: Literal["left", "right"] = "right"
+
+
+MODE = Column("mode", 11, _mode, MODES, "left")
+COLUMNS = (
+    Column("id", 3, lambda row, _: Text(row.name), justify="left"),  # with a component longer
+    Column("state", 9, _state, justify="left"),
+    MODE,
+    Column("roll", 7, _of_attitude(lambda a: f"{a.euler_deg[0]:+.1f}°")),
+    Column("pitch", 6, _of_attitude(lambda a: f"{a.euler_deg[1]:+.1f}°")),
+    Column("tilt ±", 6, _of_attitude(_tilt_sigma), COMPACT),
+    Column("heading", 8, _of_attitude(_heading_with_arrow)),
+    Column("head ±", 6, _of_attitude(_heading_sigma), COMPACT),
+    Column("gain", 5, _of_attitude(lambda a: f"{a.gain:.1f}"), NORMAL),
+    Column("", BAR_CELLS, _of_attitude(lambda a: _bar(a.gain)), WIDE, "left"),
+    Column(
+        "IMU", 11, lambda row, _: Text((row.status and row.status.imu_message) or ""), WIDE, "left"
+    ),
+    Column("IMU Hz", 6, _rate, NORMAL),
+    Column("age", 6, age_text),
+)

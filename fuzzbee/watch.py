@@ -2,15 +2,24 @@
 
 import time
 from collections import deque
-from contextlib import ExitStack, closing, nullcontext
+from contextlib import ExitStack, closing
 from math import inf
-from threading import Condition, Event
+from threading import Event
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
+import msgspec
 import typer
 
 from estimator.errors import InputError
-from fuzzbee.options import Seconds, Verbose, command, examples, option, require_positive
+from fuzzbee.options import (
+    Seconds,
+    Verbose,
+    command,
+    examples,
+    of_showing,
+    of_source,
+    require_positive,
+)
 from fuzzbee.say import say
 from fuzzbee.sinks import WEB
 from fuzzbee.zenoh_options import ZenohArguments, opened
@@ -18,8 +27,9 @@ from fuzzbee.zenoh_options import ZenohArguments, opened
 if TYPE_CHECKING:
     import zenoh
 
-    from fuzzbee.displays import Display
     from fuzzbee.keys import Keys
+    from fuzzbee.reception import Record
+    from fuzzbee.terminal import TerminalView
 
 EPILOG = examples(
     "fuzzbee watch",
@@ -36,6 +46,7 @@ MOST_BYTES = 100_000
 
 NOBODY = ": is fuzzbee run started, with the same Zenoh options?"
 FAILED = 1
+_JSON = "One JSON object a line, for each attitude."
 _VEHICLE = "Only this vehicle (system id, or S-C): on a terminal an artificial horizon."
 
 
@@ -43,12 +54,12 @@ class WatchOptions(NamedTuple):
     """The arguments and options of the verb, in the order of its help."""
 
     vehicle: Annotated[str | None, typer.Argument(help=_VEHICLE, show_default=False)] = None
-    as_json: Annotated[bool, option("One JSON object a line, for each attitude.", "--json")] = False
-    most: Annotated[int | None, option("End after N attitudes.", "--count", "-n", metavar="N")] = (
-        None
-    )
+    most: Annotated[
+        int | None, of_source("End after N attitudes.", "--count", "-n", metavar="N")
+    ] = None
     seconds: Seconds = None
-    web: Annotated[str | None, option(WEB, metavar="[ADDRESS:]PORT")] = None
+    as_json: Annotated[bool, of_showing(_JSON, "--json")] = False
+    web: Annotated[str | None, of_showing(WEB, metavar="[ADDRESS:]PORT")] = None
     zenoh: ZenohArguments = ZenohArguments()
     verbose: Verbose = False  # read by the command line itself
 
@@ -79,23 +90,19 @@ class Inbox:
 
     def __init__(self) -> None:
         self._samples: deque[tuple[str, bytes]] = deque(maxlen=MAX_PENDING)
-        self._changed = Condition()
+        self._have_come = Event()
 
     def put(self, sample: "zenoh.Sample") -> None:
         """Take one; called by zenoh."""
-        with self._changed:
-            if len(sample.payload) <= MOST_BYTES:  # anything longer is no record of ours
-                self._samples.append((str(sample.key_expr), sample.payload.to_bytes()))
-                self._changed.notify()
+        if len(sample.payload) <= MOST_BYTES:  # anything longer is no record of ours
+            self._samples.append((str(sample.key_expr), sample.payload.to_bytes()))
+            self._have_come.set()
 
     def drain(self, timeout_s: float) -> list[tuple[str, bytes]]:
         """Keys and payloads that wait, after waiting at most ``timeout_s`` for the first."""
-        with self._changed:
-            if not self._samples:
-                self._changed.wait(timeout_s)
-            samples = list(self._samples)
-            self._samples.clear()
-        return samples
+        self._have_come.wait(timeout_s)
+        self._have_come.clear()
+        return [self._samples.popleft() for _ in range(len(self._samples))]
 
 
 def follow(options: WatchOptions) -> int:
@@ -104,31 +111,30 @@ def follow(options: WatchOptions) -> int:
     Raises:
         InputError: a Zenoh option that cannot be used.
     """
-    from fuzzbee.displays import JsonLines, Table
     from fuzzbee.keys import terminal_keys
+    from fuzzbee.terminal import PersonConsole, TerminalView
     from service.signals import stop_on_signals
     from service.zenoh_session import OpeningSession
 
-    inbox = Inbox()
-    stop = Event()
-    prefix, vehicle = options.zenoh.prefix, options.vehicle
+    inbox, stop, view = Inbox(), Event(), None
+    prefix, name = options.zenoh.prefix, options.vehicle or "*"
     with ExitStack() as stack:
         session = opened(OpeningSession(options.zenoh.options()), stack)
         stack.enter_context(stop_on_signals(stop.set))
-        display = JsonLines() if options.as_json else Table(prefix, vehicle)
-        if options.web is not None and isinstance(display, Table):
-            stack.enter_context(closing(display.web_page(options.web)))
-        # a person may go back from one vehicle to all
-        name = "*" if vehicle is None or display.shows_others else vehicle
-        session.declare_subscriber(f"{prefix}/{name}/attitude", inbox.put)
         if not options.as_json:
+            title = f"fuzzbee watch {prefix}/*"
+            consoles = PersonConsole(), PersonConsole(stderr=True)
+            view = stack.enter_context(closing(TerminalView(*consoles, title, one=options.vehicle)))
+            if options.web is not None:
+                from fuzzbee.web.server import open_page
+
+                stack.enter_context(closing(open_page(options.web, title, view.model)))
+            name = "*" if view.is_live else name  # a person may go back from one vehicle to all
             session.declare_subscriber(f"{prefix}/{name}/status", inbox.put)
-        with nullcontext() if options.as_json else terminal_keys() as keys:
-            try:
-                seen = _loop(inbox, stop, display, options, keys)
-            finally:
-                display.close()
-    if display.closed or stop.is_set() or seen >= (options.most or 1):
+        session.declare_subscriber(f"{prefix}/{name}/attitude", inbox.put)
+        keys = None if view is None else stack.enter_context(terminal_keys())
+        seen = _loop(inbox, stop, view, options, keys)
+    if (view is not None and view.is_closed) or stop.is_set() or seen >= (options.most or 1):
         return 0
     said = f"{seen} attitudes" if seen else "no attitude"
     say(f"{said} on {_key(options)} in {options.seconds:g} s{'' if seen else NOBODY}")
@@ -138,30 +144,52 @@ def follow(options: WatchOptions) -> int:
 def _loop(
     inbox: Inbox,
     stop: Event,
-    display: "Display",
+    view: "TerminalView | None",
     options: WatchOptions,
     keys: "Keys | None",
 ) -> int:
     """Show what comes until the end; returns the number of attitudes."""
-    started_s = time.monotonic()
-    hint_s = started_s + HINT_AFTER_S
-    count, seen = options.most or inf, 0
+    from fuzzbee.reception import Reception
+
+    told = say if view is None else view.say
+    reception = Reception(told)
+    started_s, seen, has_heard = time.monotonic(), 0, False
     while not stop.is_set():
         for key, payload in inbox.drain(WAIT_S):
-            hint_s = inf
-            if seen >= count:
-                break
-            seen += display.show(key, payload)
-        if keys is not None:
-            display.press(keys.pressed())
-        display.refresh()
+            has_heard = True
+            if seen < (options.most or inf):
+                seen += show(reception.record(key, payload), view, options.vehicle)
+        if view is not None and keys is not None:
+            view.press(keys.pressed())
+            view.refresh()
         now_s = time.monotonic()
-        if seen >= count or display.closed or now_s - started_s >= (options.seconds or inf):
+        is_over = seen >= (options.most or inf) or now_s - started_s >= (options.seconds or inf)
+        if is_over or (view is not None and view.is_closed):
             break
-        if now_s >= hint_s:
-            hint_s = inf
-            display.say(f"nothing on {_key(options)} yet{NOBODY} (Ctrl-C ends)")
+        if not has_heard and now_s >= started_s + HINT_AFTER_S:
+            has_heard = True
+            told(f"nothing on {_key(options)} yet{NOBODY} (Ctrl-C ends)")
     return seen
+
+
+def show(
+    received: "tuple[str, Record] | None", view: "TerminalView | None", vehicle: str | None = None
+) -> bool:
+    """Show a record that was taken, without a view as a line of JSON; whether it counts.
+
+    Attitudes of the ``vehicle`` count, of all if it is None.
+    """
+    from service.records import AttitudeRecord
+
+    if received is None:
+        return False
+    name, record = received
+    if view is None:
+        line = msgspec.json.encode({"vehicle": name, **msgspec.structs.asdict(record)})
+        print(line.decode(), flush=True)
+    else:
+        view.model.update(name, record, time.monotonic())
+    return isinstance(record, AttitudeRecord) and vehicle in (None, name)
 
 
 def _key(options: WatchOptions) -> str:

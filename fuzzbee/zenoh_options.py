@@ -2,9 +2,10 @@
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
-from fuzzbee.options import panel
+from fuzzbee import options
 from fuzzbee.say import say
 
 if TYPE_CHECKING:
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
 
 PREFIX = "fuzzbee"
 
-option = panel("Zenoh")
+option = partial(options.option, panel="Zenoh")
 _LISTEN = "Listen here instead of tcp/127.0.0.1:7447 (repeatable)."
 _CONNECT = "Connect there instead of to tcp/127.0.0.1:7447 (repeatable)."
 _CONFIG = "A Zenoh configuration (JSON5) instead of the default session."

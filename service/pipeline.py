@@ -19,6 +19,7 @@ from drivers.events import (
     LinkDown,
     LinkUp,
     Malformed,
+    ModeChange,
     Notice,
     Parameter,
     Position,
@@ -152,7 +153,9 @@ class Pipeline:
             case Heartbeat() if not self._is_vehicles(event):
                 return []
         known = self._vehicles.get(event.vehicle)
-        if known is None and isinstance(event, Position | Report | FilterStatus | ClockReset):
+        if known is None and isinstance(
+            event, Position | Report | FilterStatus | ClockReset | ModeChange
+        ):
             return []  # none of these makes a vehicle
         vehicle = known or self._meet(event.vehicle)
         return [] if vehicle is None else self._inform(vehicle, event)
@@ -166,6 +169,8 @@ class Pipeline:
                 vehicle.on_position(event)
             case Heartbeat():
                 vehicle.on_heartbeat(event)
+            case ModeChange():
+                vehicle.flight.take(event)
             case FilterStatus():
                 vehicle.comparison.take_filter_status(event)
             case Parameter():

@@ -112,6 +112,8 @@ class StatusRecord(msgspec.Struct, frozen=True):
     retuned: Retuned | None = None  # by itself, with --retune
     autopilot: Autopilot | None = None  # None where it sends no attitude
     recording: str = ""  # "whole", "failed", or "" where nothing is recorded
+    mode: str = ""  # the flight mode's name; "" where the vehicle does not say it
+    armed: bool | None = None  # None where the vehicle does not say it
 
 
 class Published(Value, frozen=True):

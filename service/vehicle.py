@@ -21,6 +21,7 @@ from estimator.types import ImuSample, VelocitySample
 from service import health, host_clock
 from service.alarms import EstimateChecks
 from service.autopilot_comparison import AutopilotComparison
+from service.flight_state import FlightState
 from service.health import Health, State
 from service.host_clock import HostClock
 from service.imu_stream import ImuStream, ReportChoices
@@ -59,6 +60,7 @@ class Vehicle:
         self.built_in_motion: str | None = None  # of fuzzbee's own vehicle
         self.imu = ImuStream()
         self.parameters = VehicleParameters()
+        self.flight = FlightState()
         self.comparison = AutopilotComparison()
         self.checks = EstimateChecks()
         self.publishing = Publishing(rate_hz)
@@ -140,6 +142,7 @@ class Vehicle:
     def on_heartbeat(self, event: Heartbeat) -> None:
         """Note that it is alive, and what carries the IMU if that is new."""
         self.heard_us = event.arrival_us
+        self.flight.take(event)
         if not self.parameters.is_repeated(event):
             self.parameters.take_heartbeat(event, self.estimator)
 

@@ -57,4 +57,6 @@ def status_record(
         retuned=publishing.retuned,
         autopilot=autopilot,
         recording=losses.recording,
+        mode=vehicle.flight.mode,
+        armed=vehicle.flight.is_armed,
     )

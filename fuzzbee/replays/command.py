@@ -12,7 +12,19 @@ import typer
 from drivers.logs.time_window import TimeWindow
 from estimator.errors import InputError
 from fuzzbee import outputs
-from fuzzbee.options import command, examples, option, require_extra, require_gain, seed_range
+from fuzzbee.options import (
+    PROFILES,
+    command,
+    examples,
+    of_estimate,
+    of_recording,
+    of_showing,
+    of_source,
+    option,
+    require_extra,
+    require_gain,
+    seed_range,
+)
 from fuzzbee.run_options import RETUNE
 from fuzzbee.say import tell
 from fuzzbee.time_window import From, To, time_window
@@ -24,11 +36,14 @@ if TYPE_CHECKING:
 SIMULATION = "sim:"
 MOST_WRONG_DEG = 180.0
 _SOURCES = "Log files, or sim: for the paper's signals."
+of_score = partial(option, panel="Score")
 _PROFILE = "paper, imu, adaptive or a TOML file; several. [default: imu; for sim: paper]"
 _SKIP = "Leave the first S seconds out of the errors."
 _START_WRONG = "Turn the first estimate by DEG degrees."
 _REFERENCE = "sim (the truth) or autopilot. [default: sim if present]"
 _SYSTEM_ID = "Which vehicle. [default: the one with most IMU samples]"
+_GAIN = "Fixed gain K instead of the fuzzy one."
+_SEEDS = "Noise seeds for sim:, both included."
 _SMOOTH = "The attitude that the whole log tells, not only what came before."
 _COLUMNS = "What a CSV's columns are. [default: LOG.toml beside it]"
 _TUM = "Write a TUM trajectory, for evo; the reference beside it."
@@ -52,30 +67,28 @@ class ReplayOptions(NamedTuple):
     """The arguments and options of the verb, in the order of its help."""
 
     sources: Annotated[list[str], typer.Argument(metavar="LOG...|sim:", help=_SOURCES)]
-    profile: Annotated[list[str] | None, option(_PROFILE)] = None
-    gain: Annotated[float | None, option("Fixed gain K instead of the fuzzy one.", metavar="K")] = (
-        None
-    )
-    reference: Annotated[str | None, option(_REFERENCE)] = None
     begin: From = None
     end: To = None
-    skip: Annotated[float, option(_SKIP, metavar="S")] = 0.0
-    start_wrong: Annotated[float, option(_START_WRONG, metavar="DEG")] = 0.0
-    system_id: Annotated[int | None, option(_SYSTEM_ID)] = None
-    retune: Annotated[bool, option(RETUNE)] = False
-    smooth: Annotated[bool, option(_SMOOTH)] = False
-    columns: Annotated[Path | None, option(_COLUMNS, metavar="FILE")] = None
-    seeds: Annotated[str | None, option("Noise seeds for sim:, both included.", metavar="A-B")] = (
-        None
-    )
-    csv: Annotated[Path | None, option("Write every sample as CSV.", metavar="FILE")] = None
-    mcap: Annotated[Path | None, option(_MCAP, metavar="FILE")] = None
-    tum: Annotated[Path | None, option(_TUM, metavar="FILE")] = None
-    parquet: Annotated[Path | None, option(_PARQUET, metavar="FILE")] = None
-    plot: Annotated[Path | None, option(_PLOT, metavar="FILE")] = None
-    view: outputs.View = None
+    system_id: Annotated[int | None, of_source(_SYSTEM_ID, metavar="ID")] = None
+    columns: Annotated[Path | None, of_source(_COLUMNS, metavar="FILE")] = None
+    seeds: Annotated[str | None, of_source(_SEEDS, metavar="A-B")] = None
+    profile: Annotated[
+        list[str] | None, of_estimate(_PROFILE, metavar="NAME|FILE", words=PROFILES)
+    ] = None
+    gain: Annotated[float | None, of_estimate(_GAIN, metavar="K")] = None
+    start_wrong: Annotated[float, of_estimate(_START_WRONG, metavar="DEG")] = 0.0
+    retune: Annotated[bool, of_estimate(RETUNE)] = False
+    smooth: Annotated[bool, of_estimate(_SMOOTH)] = False
+    reference: Annotated[str | None, of_score(_REFERENCE, metavar="sim|autopilot")] = None
+    skip: Annotated[float, of_score(_SKIP, metavar="S")] = 0.0
+    csv: Annotated[Path | None, of_recording("Write every sample as CSV.", metavar="FILE")] = None
+    mcap: Annotated[Path | None, of_recording(_MCAP, metavar="FILE")] = None
+    tum: Annotated[Path | None, of_recording(_TUM, metavar="FILE")] = None
+    parquet: Annotated[Path | None, of_recording(_PARQUET, metavar="FILE")] = None
     rrd: outputs.Rrd = None
-    as_json: Annotated[bool, option("One JSON object on standard output.", "--json")] = False
+    plot: Annotated[Path | None, of_showing(_PLOT, metavar="FILE")] = None
+    view: outputs.View = None
+    as_json: Annotated[bool, of_showing("One JSON object on standard output.", "--json")] = False
 
     def given(self, *names: str) -> "Iterable[tuple[str, object]]":
         """Name on the command line and value of those of these options that were given."""

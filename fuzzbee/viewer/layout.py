@@ -5,46 +5,47 @@ from typing import Any, NamedTuple
 from fuzzbee.viewer.sdk import rrb
 from fuzzbee.viewer.stream import TIMELINE
 
+Colour = tuple[int, ...]
+
 WINDOW_S = 60.0  # so much of the curves is shown
 FULL_GAIN = 101.0  # K = 1 + k_op, k_op up to 100
 OURS, AUTOPILOT, TRUTH = (64, 150, 255), (255, 140, 40), (70, 200, 100)
 GRAVITY, FIELD = (200, 60, 200), (0, 175, 190)
-INCLINATION, HEADING = (150, 90, 235), (225, 70, 150)  # their sigmas
-AXES = ((235, 70, 70), (70, 180, 80), (80, 120, 250))  # x, y, z; or roll, pitch, heading
+X, Y, Z = (235, 70, 70), (70, 180, 80), (80, 120, 250)  # or roll, pitch, heading
 
 
 class Plot(NamedTuple):
-    """A plot; its range is fixed, so that a quiet filter looks quiet."""
+    """A plot; its range is fixed, so that a quiet filter looks quiet.
+
+    ``lines`` are ours, ``of_others`` those of an attitude of somebody else's.
+    """
 
     title: str
     span: tuple[float, float]
-    lines: tuple[str, ...]
-    colours: tuple[tuple[int, ...], ...]
+    lines: dict[str, Colour]
+    of_others: tuple[str, ...] = ()
 
 
-_TILT = ("roll", "pitch", "autopilot's roll", "autopilot's pitch", "true roll", "true pitch")
-_TILT_COLOURS = (*AXES[:2], *((*axis, 130) for axis in AXES[:2] * 2))
-_SIGMA = ("sigma inclination", "sigma heading", "to autopilot", "to truth")
-_SIGMA_COLOURS = (INCLINATION, HEADING, AUTOPILOT, TRUTH)
-_HEADING = ("heading", "autopilot's", "true")
+_SIGMAS: dict[str, Colour] = {"sigma inclination": (150, 90, 235), "sigma heading": (225, 70, 150)}
 PLOTS = {
-    "sigma": Plot("Sigma and difference (°)", (0.0, 50.0), _SIGMA, _SIGMA_COLOURS),
-    "tilt": Plot("Roll and pitch (°)", (-180.0, 180.0), _TILT, _TILT_COLOURS),
-    "heading": Plot("Heading (°)", (0.0, 360.0), _HEADING, (AXES[2], AUTOPILOT, TRUTH)),
-    "rate": Plot("Rates (°/s)", (-200.0, 200.0), ("x", "y", "z"), AXES),
-    "bias": Plot("Gyroscope's bias (°/s)", (-3.0, 3.0), ("x", "y", "z"), AXES),
-    "gain": Plot("Gain K", (0.0, FULL_GAIN), ("K",), (AUTOPILOT,)),
-    "error": Plot("Error e", (0.0, 1.0), ("e",), (OURS,)),
-    "confidence": Plot("Confidence", (0.0, 1.05), ("gravity", "field"), (OURS, AUTOPILOT)),
+    "sigma": Plot("Sigma and difference (°)", (0.0, 50.0), _SIGMAS, ("difference",)),
+    "tilt": Plot("Roll and pitch (°)", (-180.0, 180.0), {"roll": X, "pitch": Y}, ("roll", "pitch")),
+    "heading": Plot("Heading (°)", (0.0, 360.0), {"heading": Z}, ("heading",)),
+    "rate": Plot("Rates (°/s)", (-200.0, 200.0), {"x": X, "y": Y, "z": Z}),
+    "bias": Plot("Gyroscope's bias (°/s)", (-3.0, 3.0), {"x": X, "y": Y, "z": Z}),
+    "gain": Plot("Gain K", (0.0, FULL_GAIN), {"K": AUTOPILOT}),
+    "error": Plot("Error e", (0.0, 1.0), {"e": OURS}),
+    "confidence": Plot("Confidence", (0.0, 1.05), {"gravity": OURS, "field": AUTOPILOT}),
 }
 
 
 def blueprint() -> Any:
     """Bodies and messages on the left, curves on the right, of all vehicles together."""
+    boundary = rrb.TimeRangeBoundary
     window = rrb.VisibleTimeRange(
         TIMELINE,
-        start=rrb.TimeRangeBoundary.cursor_relative(seconds=-WINDOW_S),
-        end=rrb.TimeRangeBoundary.cursor_relative(),
+        start=boundary.cursor_relative(seconds=-WINDOW_S),
+        end=boundary.cursor_relative(),
     )
     plots = [
         rrb.TimeSeriesView(

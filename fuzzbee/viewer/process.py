@@ -1,8 +1,6 @@
 """The viewer's process: Rerun's window, or its page for a browser, on loopback only."""
 
-import atexit
 import os
-import shutil
 import signal
 import socket
 import subprocess
@@ -41,17 +39,12 @@ class ViewerProcess:
     def __init__(self, *, web: bool, live: bool = False) -> None:
         if not (web or _has_screen()):
             raise InputError("--view: no screen here; --view web serves a page for a browser")
-        self._folder = tempfile.mkdtemp(prefix="fuzzbee-viewer-")
-        # also if something interrupts the start; the child itself ends with us
-        atexit.register(shutil.rmtree, self._folder, ignore_errors=True)
+        # removed also if something interrupts the start; the child itself ends with us
+        self._folder = tempfile.TemporaryDirectory(prefix="fuzzbee-", ignore_cleanup_errors=True)
         try:
-            try:
-                self.url, self.page = self._open(WEB_PORT if web else None, live=live)
-            except InputError:  # two that start at the same moment find the same ports free
-                self.url, self.page = self._open(0 if web else None, live=live)
-        except InputError:
-            shutil.rmtree(self._folder, ignore_errors=True)
-            raise
+            self.url, self.page = self._open(WEB_PORT if web else None, live=live)
+        except InputError:  # two that start at the same moment find the same ports free
+            self.url, self.page = self._open(0 if web else None, live=live)
 
     @property
     def has_ended(self) -> bool:
@@ -70,7 +63,7 @@ class ViewerProcess:
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
-        shutil.rmtree(self._folder, ignore_errors=True)
+        self._folder.cleanup()
 
     def _open(self, web_port: int | None, *, live: bool) -> tuple[str, str | None]:
         """Start it on free ports; where records go, and the page."""
@@ -93,8 +86,8 @@ class ViewerProcess:
     def _start(self, arguments: list[str]) -> subprocess.Popen[bytes]:
         # Rerun must send no usage figures. As if for continuous integration it keeps none, either,
         # while `rerun analytics disable` sends those of its last run before it obeys.
-        quiet = {"CI": "1", "XDG_CONFIG_HOME": self._folder, "RUST_LOG": "error"}
-        self._errors = Path(self._folder) / "errors"
+        quiet = {"CI": "1", "XDG_CONFIG_HOME": self._folder.name, "RUST_LOG": "error"}
+        self._errors = Path(self._folder.name) / "errors"
         with self._errors.open("wb") as errors:
             return subprocess.Popen(  # noqa: S603
                 [_program(), *arguments],

@@ -1,6 +1,6 @@
 """Sends what is drawn to Rerun's viewer, to a file, or to both."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import Future, wait
 from contextlib import suppress
 from functools import partial
@@ -43,7 +43,10 @@ class ViewerStream:
     """
 
     def __init__(self, options: ViewerOptions, blueprint: Callable[[], Any]) -> None:
-        self._recording: Any = rr.RecordingStream("fuzzbee", send_properties=False)
+        batches = rr.ChunkBatcherConfig.NEVER()  # but at a flush: many points a chunk
+        self._recording: Any = rr.RecordingStream(
+            "fuzzbee", send_properties=False, batcher_config=batches
+        )
         self._recording.set_log_time_enabled(False)  # what is drawn has a time of its own
         self._recording.set_log_tick_enabled(False)
         self.process: ViewerProcess | None = None
@@ -109,24 +112,14 @@ class ViewerStream:
         self.at(TIMELINE, timestamp=1e-6 * now_us)
         self.log("/messages", rr.TextLog(text))
 
-    def state(self, path: str, name: str, now_us: int) -> None:
-        """Show that a state begins."""
-        self.at(TIMELINE, timestamp=1e-6 * now_us)
-        self.log(path, rr.StateChange(state=[name]))
-
-    def columns(self, path: str, times_s: Sequence[float], columns: Any) -> None:
-        """Show many values of an entity, which begin at these times (Unix, s), in one batch."""
-        self.send(path, rr.TimeColumn(TIMELINE, timestamp=times_s), columns)
-        self._flush(0.0)
-
     def send(self, path: str, index: Any, columns: Any) -> None:
-        """Show them at the times of an index of Rerun's."""
+        """Show many values of an entity, at the times of an index of Rerun's, in one batch."""
         self._recording.send_columns(path, indexes=[index], columns=columns)
 
     def finish(self) -> None:
         """Send what is pending and leave the viewer open; a file that stops growing is given up."""
         if self._rrd is None:
-            self._flush(FINISH_FLUSH_S)
+            self.flush(FINISH_FLUSH_S)
             return
         sending = aside(partial(self._recording.flush, timeout_sec=FINISH_FLUSH_S), "viewer-finish")
         size, before = _size(self._rrd), -1
@@ -143,14 +136,14 @@ class ViewerStream:
 
     def close(self) -> None:
         """Send what is pending, and end the viewer."""
-        self._flush(CLOSE_FLUSH_S)
+        self.flush(CLOSE_FLUSH_S)
         self._call(self._recording.disconnect, "viewer-close", CLOSE_FLUSH_S)
         if self.process is not None:
             self.process.close()
             self.process = None
 
-    def _flush(self, timeout_s: float) -> None:
-        """Send what is pending."""
+    def flush(self, timeout_s: float = 0.0) -> None:
+        """Send what is pending, and wait so long until it is."""
         flush = partial(self._recording.flush, timeout_sec=timeout_s)
         self._call(flush, "viewer-flush", timeout_s + CLOSE_FLUSH_S)
 

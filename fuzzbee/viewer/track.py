@@ -1,35 +1,24 @@
-"""What is drawn of one vehicle: points wait here until they are sent as columns."""
+"""What is drawn of one vehicle."""
 
-from collections import defaultdict
 from math import degrees, hypot, nan
-from typing import Any, NamedTuple
 
-from estimator.geometry.quaternion import angle_between, exp, multiply, norm, rotate, scale
+from estimator.geometry.quaternion import angle_between, norm, rotate, scale
 from estimator.types import STANDARD_GRAVITY_M_S2, ImuSample, Quaternion, Vec3
 from fuzzbee.trust import WORDS, Level, trust
 from fuzzbee.viewer import layout
 from fuzzbee.viewer.sdk import rr
-from fuzzbee.viewer.stream import ViewerStream
+from fuzzbee.viewer.stream import TIMELINE, ViewerStream
 from service.health import HAS_ATTITUDE, State
 from service.records import AttitudeRecord, Peer, StatusRecord, euler_deg
 
-POINTS_HZ = 10.0
-PEER_SILENT_US = 2_000_000  # an older attitude of somebody else's is not drawn any more
+POINT_US = 100_000  # between two points of a curve
 FAST_RAD_S = 0.9  # 50 deg/s: a degree in the 20 ms that two messages are apart
 VERDICT_EVERY_US = 1_000_000  # a change of the verdict is logged once a second at most
 APART_M = 2.2  # between two vehicles, towards the east
 SOURCES = {"ours": layout.OURS, "autopilot": layout.AUTOPILOT, "sim": layout.TRUTH}
-RADII = {"ours": 0.03, "autopilot": 0.015, "sim": 0.015}
-PEERS = ("autopilot", "sim")
-UNKNOWN: Vec3 = (nan, nan, nan)
+VECTORS = {"gravity": layout.GRAVITY, "field": layout.FIELD}
+ANGLES = ("tilt", "heading")  # plots of angles that wrap round
 _BODY = [(0.8, 0.0, 0.0), (0.0, 0.45, 0.0), (0.0, 0.0, 0.25)]  # forward, right, down
-
-
-class _Heard(NamedTuple):
-    """The latest attitude by somebody else, and when it came: None until the next of ours."""
-
-    q_ned_frd: Quaternion
-    at_us: int | None = None
 
 
 class Track:
@@ -40,21 +29,25 @@ class Track:
         self._name = name
         self._stream = stream
         self._is_live = is_live
-        self._points: defaultdict[str, list[tuple[float, Any]]] = defaultdict(list)
-        self._due_us = 0
-        self._drawn: set[str] = set()  # whose bodies are drawn
-        self._heard: dict[str, _Heard] = {}
-        self._rate_rad_s: Vec3 = (0.0, 0.0, 0.0)
+        self._due_us: dict[str, int] = {}  # when the next point of a source is drawn
+        self._others: dict[str, Quaternion] = {}  # attitudes that came since our last one
         self._status: StatusRecord | None = None
         self._before: StatusRecord | None = None
         self._state: State | None = None
         self._verdict: tuple[Level | None, int] = (None, 0)  # logged last, and when
         self._angles_deg: dict[str, list[float]] = {}  # of the points before
-        self._introduce()
+        stream.static(f"/bodies/{name}", rr.ViewCoordinates.FRD)
+        stream.static(f"/bodies/{name}", rr.Transform3D(translation=(0.0, APART_M * place, 0.0)))
+        for vector, colour in VECTORS.items():
+            shape = rr.Arrows3D.from_fields(colors=colour, radii=0.015)
+            stream.static(f"/bodies/{name}/{vector}", shape)
+        for path, plot in layout.PLOTS.items():
+            names = [f"{name} {line}" for line in plot.lines]
+            stream.lines(f"/{path}/{name}", names, list(plot.lines.values()))
 
     def take_peer(self, peer: Peer) -> None:
-        """Somebody else's attitude."""
-        self._heard[peer.source] = _Heard(peer.q_ned_frd)
+        """Somebody else's attitude, which is compared with our next."""
+        self._others[peer.source] = peer.q_ned_frd
 
     def take_status(self, status: StatusRecord, now_us: int) -> None:
         """Keep it for the verdict; where there is no attitude it brings the state."""
@@ -66,108 +59,96 @@ class Track:
     def take_attitude(self, record: AttitudeRecord, sample: ImuSample | None) -> None:
         """Ours, with the sample that it comes from."""
         now_us = record.time_unix_us
-        for source, (q_ned_frd, at_us) in self._heard.items():
-            self._heard[source] = _Heard(q_ned_frd, now_us if at_us is None else at_us)
-        self._rate_rad_s = record.rate_rad_s
-        if 0 < self._due_us - now_us <= round(1e6 / POINTS_HZ):
-            return
-        self._due_us = now_us + round(1e6 / POINTS_HZ)
-        others = {source: self._now(heard, now_us) for source, heard in self._heard.items()}
-        self._add_bodies(record, sample, others, 1e-6 * now_us)
-        self._add_curves(record, [others.get(source) for source in PEERS], 1e-6 * now_us)
-        self._log_changes(State(record.state), record, now_us)
+        self._stream.at(TIMELINE, timestamp=1e-6 * now_us)
+        if self._is_due("ours", now_us):
+            self._add_body("ours", record.q_ned_frd)
+            self._add_ours(record)
+            if sample is not None:
+                self._add_measured(record.q_ned_frd, sample)
+            self._log_changes(State(record.state), record, now_us)
+        for source, q_ned_frd in self._others.items():
+            if self._is_due(source, now_us):
+                self._add_body(source, q_ned_frd)
+                self._add_other(source, q_ned_frd, record)
+        self._others.clear()
 
-    def flush(self) -> None:
-        """Send all points that wait, one batch an entity."""
-        for path, points in self._points.items():
-            times, values = zip(*points, strict=True)
-            self._stream.columns(path, times, _columns(path, values))
-        self._points.clear()
+    def _is_due(self, source: str, now_us: int) -> bool:
+        if 0 < self._due_us.get(source, 0) - now_us <= POINT_US:
+            return False
+        if source not in self._due_us:
+            self._introduce(source)
+        self._due_us[source] = now_us + POINT_US
+        return True
 
-    def _introduce(self) -> None:
-        """Send shapes, names and colours, once."""
-        static, name = self._stream.static, self._name
-        origin = (0.0, APART_M * self.place, 0.0)
-        static(f"/bodies/{name}", rr.ViewCoordinates.FRD)
-        static(f"/bodies/{name}", rr.Transform3D(translation=origin))
-        for vector, colour in (("gravity", layout.GRAVITY), ("field", layout.FIELD)):
-            static(f"/bodies/{name}/{vector}", rr.Arrows3D.from_fields(colors=colour, radii=0.015))
-        for path, plot in layout.PLOTS.items():
-            names = [f"{name} {line}" for line in plot.lines]
-            self._stream.lines(f"/{path}/{name}", names, list(plot.colours))
+    def _introduce(self, source: str) -> None:
+        """Shapes and colours of an attitude, when it comes for the first time."""
+        colour, thickness = SOURCES[source], 0.03 if source == "ours" else 0.015
+        body = rr.Arrows3D(vectors=_BODY, colors=colour, radii=thickness)
+        self._stream.static(f"/bodies/{self._name}/{source}", body)
+        if source != "ours":
+            for path, plot in layout.PLOTS.items():
+                if plot.of_others:
+                    names = [f"{self._name} {source} {line}" for line in plot.of_others]
+                    colours = [colour, (*colour, 130)][: len(names)]  # the second is paler
+                    self._stream.lines(f"/{path}/{self._name}/{source}", names, colours)
 
-    def _now(self, heard: _Heard, now_us: int) -> Quaternion | None:
-        """Another's attitude, turned on by the vehicle's rate since it came; None if it is old."""
-        age_us = now_us - (heard.at_us or now_us)
-        if abs(age_us) > PEER_SILENT_US:
-            return None
-        return multiply(heard.q_ned_frd, exp(scale(1e-6 * age_us, self._rate_rad_s)))
+    def _add_curve(self, plot: str, values: list[float], of: str = "") -> None:
+        """Points of our curves in a plot, or another's; a gap where an angle wraps round."""
+        path = f"/{plot}/{self._name}{of}"
+        if plot in ANGLES:
+            before = self._angles_deg.get(path, values)
+            self._angles_deg[path] = values
+            pairs = zip(before, values, strict=True)
+            values = [nan if abs(now - was) > 180.0 else now for was, now in pairs]
+        self._stream.log(path, rr.Scalars(values))
 
-    def _add_bodies(
-        self,
-        record: AttitudeRecord,
-        sample: ImuSample | None,
-        others: dict[str, Quaternion | None],
-        time_s: float,
-    ) -> None:
-        q_ned_frd, body = record.q_ned_frd, f"/bodies/{self._name}"
-        for source, attitude in {"ours": q_ned_frd, **others}.items():
-            if attitude is None:
-                continue
-            if source not in self._drawn:
-                self._drawn.add(source)
-                arrows = rr.Arrows3D(vectors=_BODY, colors=SOURCES[source], radii=RADII[source])
-                self._stream.static(f"{body}/{source}", arrows)
-            self._points[f"{body}/{source}"].append((time_s, attitude))
-        if sample is None:
-            return
+    def _add_body(self, source: str, q_ned_frd: Quaternion) -> None:
+        w, x, y, z = q_ned_frd
+        turned = rr.Transform3D(quaternion=(x, y, z, w))
+        self._stream.log(f"/bodies/{self._name}/{source}", turned)
+
+    def _add_vector(self, name: str, vector_ned: Vec3) -> None:
+        shape = rr.Arrows3D.from_fields(vectors=[vector_ned])
+        self._stream.log(f"/bodies/{self._name}/{name}", shape)
+
+    def _add_measured(self, q_ned_frd: Quaternion, sample: ImuSample) -> None:
+        """Gravity and field as they were measured, in NED by our attitude."""
         gravity = scale(-1.0 / STANDARD_GRAVITY_M_S2, rotate(q_ned_frd, sample.acc_m_s2))
-        self._points[f"{body}/gravity"].append((time_s, gravity))
+        self._add_vector("gravity", gravity)
         size = norm(sample.mag_gauss)
         if sample.has_mag and size > 0.0:
-            field = scale(1.0 / size, rotate(q_ned_frd, sample.mag_gauss))
-            self._points[f"{body}/field"].append((time_s, field))
+            self._add_vector("field", scale(1.0 / size, rotate(q_ned_frd, sample.mag_gauss)))
 
-    def _add_curves(
-        self, record: AttitudeRecord, others: list[Quaternion | None], time_s: float
-    ) -> None:
-        sigma = record.sigma_deg
-        off = [nan if q is None else self._difference_deg(record, q) for q in others]
-        angles = [record.euler_deg, *(UNKNOWN if q is None else euler_deg(q) for q in others)]
-        values = {
-            "sigma": [sigma.inclination, sigma.heading, *off],
-            "tilt": self._cut("tilt", [x for each in angles for x in each[:2]]),
-            "heading": self._cut("heading", [each[2] for each in angles]),
-            "error": [record.error],
-            "gain": [record.gain],
-            "confidence": [record.confidence.gravity, record.confidence.magnetic],
-            "rate": [degrees(x) for x in record.rate_rad_s],
-            "bias": [degrees(x) for x in record.gyro_bias_rad_s],
-        }
-        for plot, numbers in values.items():
-            self._points[f"/{plot}/{self._name}"].append((time_s, numbers))
+    def _add_ours(self, record: AttitudeRecord) -> None:
+        roll, pitch, heading = record.euler_deg
+        self._add_curve("sigma", [record.sigma_deg.inclination, record.sigma_deg.heading])
+        self._add_curve("tilt", [roll, pitch])
+        self._add_curve("heading", [heading])
+        self._add_curve("error", [record.error])
+        self._add_curve("gain", [record.gain])
+        self._add_curve("confidence", [record.confidence.gravity, record.confidence.magnetic])
+        self._add_curve("rate", [degrees(x) for x in record.rate_rad_s])
+        self._add_curve("bias", [degrees(x) for x in record.gyro_bias_rad_s])
 
-    def _cut(self, plot: str, angles_deg: list[float]) -> list[float]:
-        """Angles with a gap where one wraps round."""
-        before = self._angles_deg.get(plot, angles_deg)
-        self._angles_deg[plot] = angles_deg
-        pairs = zip(before, angles_deg, strict=True)
-        return [nan if abs(now - was) > 180.0 else now for was, now in pairs]
+    def _add_other(self, source: str, q_ned_frd: Quaternion, ours: AttitudeRecord) -> None:
+        """Another's angles, and how far it is from ours.
 
-    def _difference_deg(self, record: AttitudeRecord, other: Quaternion) -> float:
-        """How far another's attitude is from ours; NaN live in a fast turn.
-
-        There the time between two messages makes a larger angle than what they differ by.
+        That is left out live in a fast turn: there the time between two messages makes a larger
+        angle than what they differ by.
         """
-        if self._is_live and hypot(*record.rate_rad_s) > FAST_RAD_S:
-            return nan
-        return degrees(angle_between(record.q_ned_frd, other))
+        roll, pitch, heading = euler_deg(q_ned_frd)
+        self._add_curve("tilt", [roll, pitch], f"/{source}")
+        self._add_curve("heading", [heading], f"/{source}")
+        if not (self._is_live and hypot(*ours.rate_rad_s) > FAST_RAD_S):
+            difference = degrees(angle_between(ours.q_ned_frd, q_ned_frd))
+            self._add_curve("sigma", [difference], f"/{source}")
 
     def _log_changes(self, state: State, record: AttitudeRecord | None, now_us: int) -> None:
         """Log a new state of health, and a new verdict on the attitude."""
         if state is not self._state:
             self._state = state
-            self._stream.state(f"/state/{self._name}", state.value, now_us)
+            self._stream.at(TIMELINE, timestamp=1e-6 * now_us)
+            self._stream.log(f"/state/{self._name}", rr.StateChange(state=[state.value]))
             self._stream.message(f"vehicle {self._name}: {state}", now_us)
         now, (level, logged_us) = trust(state, record, self._status, self._before), self._verdict
         if now.overall is not level and not 0 <= now_us - logged_us < VERDICT_EVERY_US:
@@ -175,12 +156,3 @@ class Track:
             why = ", ".join(caveat.text for caveat in now.caveats)
             text = f"vehicle {self._name}: {WORDS[now.overall]}" + (f" ({why})" if why else "")
             self._stream.message(text, now_us)
-
-
-def _columns(path: str, values: tuple[Any, ...]) -> Any:
-    """The values of an entity as columns of its archetype."""
-    if not path.startswith("/bodies/"):
-        return rr.Scalars.columns(scalars=values)
-    if len(values[0]) == 3:  # a vector
-        return rr.Arrows3D.columns(vectors=values)
-    return rr.Transform3D.columns(quaternion=[(x, y, z, w) for w, x, y, z in values])

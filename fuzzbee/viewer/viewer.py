@@ -9,8 +9,8 @@ from fuzzbee.viewer.track import Track
 from service.records import AttitudeRecord, Departed, Message, Output, Peer, Published, vehicle_name
 
 MOST_VEHICLES = 9  # drawn side by side; more cannot be read
-EYE_PERIOD_S = 0.25  # between two batches for somebody who looks
-FILE_PERIOD_S = 60.0  # the same into a file: a batch costs as much as its points
+EYE_PERIOD_S = 0.25  # between two batches of points for somebody who looks
+FILE_PERIOD_S = 60.0  # the same into a file
 
 
 class ViewerSink:
@@ -56,20 +56,19 @@ class ViewerSink:
                 case Peer(vehicle=vehicle) if vehicle in self._tracks:
                     self._tracks[vehicle].take_peer(output)
                 case Departed(vehicle=vehicle) if vehicle in self._tracks:
-                    self._tracks.pop(vehicle).flush()
+                    del self._tracks[vehicle]
                 case Message(text=text) if self._now_us:  # before the first record there is no time
                     self.stream.message(text, self._now_us)
         if not 0 <= self._now_us - self._flushed_us < self._period_us:
-            self._flush()
+            self._flushed_us = self._now_us
+            self.stream.flush()
 
     def finish(self) -> None:
         """Send what is pending and leave the viewer open."""
-        self._flush()
         self.stream.finish()
 
     def close(self) -> None:
         """Send what is pending, and end the viewer."""
-        self._flush()
         self.stream.close()
         self.stream.require_whole()
 
@@ -88,19 +87,14 @@ class ViewerSink:
 
     def _track(self, vehicle: VehicleId) -> Track | None:
         """The vehicle's track; a new vehicle gets one as long as there is room."""
-        if vehicle not in self._tracks and len(self._tracks) >= MOST_VEHICLES:
-            if not self._has_left_out:
-                text = f"only the first {MOST_VEHICLES} vehicles are drawn"
-                self.stream.message(text, self._now_us)
-            self._has_left_out = True
-            return None
         if vehicle not in self._tracks:
-            places = {track.place for track in self._tracks.values()}
-            place = min(set(range(MOST_VEHICLES)) - places)
-            self._tracks[vehicle] = Track(vehicle_name(vehicle), place, self.stream, self._is_live)
+            places = set(range(MOST_VEHICLES)) - {track.place for track in self._tracks.values()}
+            if not places:
+                if not self._has_left_out:
+                    text = f"only the first {MOST_VEHICLES} vehicles are drawn"
+                    self.stream.message(text, self._now_us)
+                self._has_left_out = True
+                return None
+            name = vehicle_name(vehicle)
+            self._tracks[vehicle] = Track(name, min(places), self.stream, self._is_live)
         return self._tracks[vehicle]
-
-    def _flush(self) -> None:
-        self._flushed_us = self._now_us
-        for track in self._tracks.values():
-            track.flush()

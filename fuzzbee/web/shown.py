@@ -2,38 +2,23 @@
 
 from typing import Any
 
-from fuzzbee.horizon import SILENT
-from fuzzbee.table_model import Row, current_attitude, is_silent, state_text
-from fuzzbee.trust import (
-    Trust,
-    heading_text,
-    is_on_its_back,
-    north_text,
-    plus_minus,
-    trust,
-)
+from fuzzbee.table_model import Row, current_attitude, flight_words, state_text
+from fuzzbee.trust import Trust, heading_text, north_text, plus_minus, trust_in
 from fuzzbee.vehicle_table import told
-from service.health import State
 from service.records import AttitudeRecord, StatusRecord
 from service.second_opinion import Verdict
 
 
 def shown(row: Row, now_s: float) -> dict[str, Any]:
     """What the page is sent of a vehicle; degrees, and the IMU sample's age."""
-    attitude = current_attitude(row, now_s)
-    judged = trust(row.state, attitude, row.status, row.before)
-    reasons = [(int(each.level), each.text) for each in judged.caveats]
-    if is_silent(row, now_s):
-        judged = trust(State.LOST, None)
-        reasons = [(int(judged.overall), SILENT)]
-    if is_on_its_back(attitude):
-        reasons.append((0, "upside down"))
+    attitude, judged = current_attitude(row, now_s), trust_in(row, now_s)
     return {
         "name": row.name,
         "state": state_text(row, now_s),
+        "flight": flight_words(row),
         "word": judged.word,
         "level": int(judged.overall),
-        "reasons": reasons,
+        "reasons": [(int(each.level), each.text) for each in judged.caveats],
         "age_ms": None if row.attitude is None else _age_ms(row.attitude, now_s - row.attitude_s),
         **_of_status(row.status),
         "attitude": None if attitude is None else _of_attitude(attitude, judged),

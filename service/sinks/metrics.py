@@ -3,36 +3,80 @@
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from estimator.errors import InputError, missing_extra
 from service.health import State
 from service.http_door import Answer, HttpDoor
-from service.records import AttitudeRecord, Departed, Output, Published, StatusRecord, vehicle_name
+from service.records import (
+    AttitudeRecord,
+    Autopilot,
+    Departed,
+    Output,
+    Published,
+    StatusRecord,
+    vehicle_name,
+)
 from service.second_opinion import Verdict
 
 if TYPE_CHECKING:
-    from prometheus_client.metrics_core import Metric
+    from prometheus_client import Metric
 
 HOST = "127.0.0.1"  # to reach them from elsewhere, run a proxy or an agent on this computer
-MOST_LOST = 64  # lost vehicles that a scrape has
+MOST_LOST = 64  # lost vehicles that a scrape has: thousands would take a second of all threads
 _SIGMA = "68 % of errors lie under it."
-# Name, help, and the number of an attitude
-OF_ATTITUDE: tuple[tuple[str, str, Callable[[AttitudeRecord], float]], ...] = (
-    ("roll_degrees", "Roll.", lambda a: a.euler_deg[0]),
-    ("pitch_degrees", "Pitch.", lambda a: a.euler_deg[1]),
-    ("heading_degrees", "Heading, 0 to 360.", lambda a: a.euler_deg[2]),
-    ("error", "The paper's e from the measurements, 0 to 1.", lambda a: a.error),
-    ("gain", "The paper's K.", lambda a: a.gain),
-    ("gravity_confidence", "Confidence in gravity.", lambda a: a.confidence.gravity),
-    ("magnetic_confidence", "Confidence in the field.", lambda a: a.confidence.magnetic),
-    ("inclination_sigma_degrees", _SIGMA, lambda a: a.sigma_deg.inclination),
-    ("heading_sigma_degrees", _SIGMA, lambda a: a.sigma_deg.heading),
+
+
+class Latest(NamedTuple):
+    """Of one vehicle; and when its IMU sample arrived (s, monotonic)."""
+
+    attitude: AttitudeRecord | None = None
+    sample_s: float | None = None
+    status: StatusRecord | None = None
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether the attitude is no longer valid."""
+        return self.status is not None and self.status.state == State.LOST
+
+    @property
+    def valid(self) -> AttitudeRecord | None:
+        """The attitude, if it is valid."""
+        return None if self.is_lost else self.attitude
+
+    @property
+    def autopilot(self) -> Autopilot | None:
+        """The autopilot's attitude beside it, if there is one."""
+        return None if self.status is None else self.status.autopilot
+
+
+# Of a part of the latest: a metric's name, its help, and its number, or numbers by LABELS' label.
+METRICS: tuple[tuple[str, str, str, Callable[[Any], Any]], ...] = (
+    ("sample_s", "imu_age_seconds", "Of the last sample.", lambda at_s: time.monotonic() - at_s),
+    ("attitude", "attitudes", "Attitudes published.", lambda a: a.sequence + 1),
+    ("valid", "roll_degrees", "Roll.", lambda a: a.euler_deg[0]),
+    ("valid", "pitch_degrees", "Pitch.", lambda a: a.euler_deg[1]),
+    ("valid", "heading_degrees", "Heading, 0 to 360.", lambda a: a.euler_deg[2]),
+    ("valid", "error", "The paper's e from the measurements, 0 to 1.", lambda a: a.error),
+    ("valid", "gain", "The paper's K.", lambda a: a.gain),
+    ("valid", "gravity_confidence", "Confidence in gravity.", lambda a: a.confidence.gravity),
+    ("valid", "magnetic_confidence", "Confidence in the field.", lambda a: a.confidence.magnetic),
+    ("valid", "inclination_sigma_degrees", _SIGMA, lambda a: a.sigma_deg.inclination),
+    ("valid", "heading_sigma_degrees", _SIGMA, lambda a: a.sigma_deg.heading),
+    ("status", "state", "1 for the state it is in.", lambda s: {x: s.state == x for x in State}),
+    ("status", "imu_rate_hertz", "IMU samples a second.", lambda s: s.imu_rate_hz),
+    ("status", "worst_gap_seconds", "Worst gap so far.", lambda s: s.worst_gap_s),
+    ("status", "rejected", "Samples refused.", lambda s: s.rejected),
+    ("autopilot", "autopilot", "The verdict.", lambda a: {x: a.verdict == x for x in Verdict}),
+    ("autopilot", "autopilot_inclination_degrees", "To ours.", lambda a: a.inclination_deg),
+    ("autopilot", "autopilot_heading_degrees", "Less ours.", lambda a: a.heading_deg),
 )
+LABELS = {"state": ("state",), "autopilot": ("verdict",), "rejected": ("reason",)}
+COUNTERS = ("attitudes", "rejected")
 
 
 class MetricsSink:
-    """Serves ``http://127.0.0.1:PORT/metrics``; ``now_s`` is a monotonic clock, for the ages.
+    """Serves ``http://127.0.0.1:PORT/metrics``.
 
     The latest of each vehicle is written by the sink's thread and read by the server's.
 
@@ -42,17 +86,14 @@ class MetricsSink:
 
     name = "metrics"
 
-    def __init__(self, port: int, now_s: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, port: int) -> None:
         try:
             from prometheus_client import CollectorRegistry
         except ImportError:
             raise missing_extra("--metrics", "metrics") from None
-        self._now_s = now_s
         self._lock = threading.Lock()
-        self._attitudes: dict[str, tuple[AttitudeRecord, float]] = {}
-        self._statuses: dict[str, StatusRecord] = {}
-        # One answer at a time: of thousands of vehicles it takes long, and must not take all of it.
-        self._answering = threading.Lock()
+        self._latest: dict[str, Latest] = {}  # who was lost last comes last
+        self._answering = threading.Lock()  # one answer at a time
         self._registry = CollectorRegistry(auto_describe=False)
         self._registry.register(self)
         try:
@@ -67,21 +108,22 @@ class MetricsSink:
         return self._door.address[1]
 
     def handle(self, outputs: Sequence[Output]) -> None:
-        """Remember the latest records; who is lost comes last."""
+        """Remember the latest records."""
         with self._lock:
             for output in outputs:
-                match output:
-                    case Departed(vehicle=vehicle):
-                        self._attitudes.pop(vehicle_name(vehicle), None)
-                        self._statuses.pop(vehicle_name(vehicle), None)
-                    case Published(vehicle=vehicle, record=AttitudeRecord() as attitude):
-                        self._attitudes[vehicle_name(vehicle)] = (attitude, self._now_s())
-                    case Published(vehicle=vehicle, record=StatusRecord() as status):
-                        name = vehicle_name(vehicle)
-                        before = self._statuses.get(name)
-                        if before is not None and _is_lost(status) and not _is_lost(before):
-                            del self._statuses[name]
-                        self._statuses[name] = status
+                if isinstance(output, Departed):
+                    self._latest.pop(vehicle_name(output.vehicle), None)
+                elif isinstance(output, Published):
+                    name = vehicle_name(output.vehicle)
+                    known = self._latest.get(name, Latest())
+                    if isinstance(output.record, AttitudeRecord):
+                        arrived_s = time.monotonic() - output.record.age_ms / 1e3
+                        now = known._replace(attitude=output.record, sample_s=arrived_s)
+                    else:
+                        now = known._replace(status=output.record)
+                    if now.is_lost and not known.is_lost:
+                        self._latest.pop(name, None)
+                    self._latest[name] = now
 
     def close(self) -> None:
         """End the server."""
@@ -96,75 +138,27 @@ class MetricsSink:
             return Answer(kind, encode(self._registry))
 
     def collect(self) -> "Iterator[Metric]":
-        """All metrics for one scrape. A lost vehicle's attitude is left out but for its age.
+        """All metrics for one scrape. A lost vehicle's attitude is left out but for its age."""
+        from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 
-        Of the lost ones only the last count: an answer about thousands takes a second of all.
-        """
         with self._lock:
-            attitudes, statuses = dict(self._attitudes), dict(self._statuses)
-        lost = [name for name, status in statuses.items() if _is_lost(status)]
-        for name in lost[:-MOST_LOST]:
-            attitudes.pop(name, None)
-            del statuses[name]
-        yield from _of_attitudes(attitudes, set(lost), self._now_s())
-        yield from _of_statuses(statuses)
-
-
-def _is_lost(status: StatusRecord) -> bool:
-    return status.state == State.LOST
-
-
-def _of_attitudes(
-    attitudes: dict[str, tuple[AttitudeRecord, float]], lost: set[str], now_s: float
-) -> "Iterator[Metric]":
-    from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
-
-    one = ["vehicle"]
-    counts = CounterMetricFamily("fuzzbee_attitudes", "Attitudes published.", labels=one)
-    ages = GaugeMetricFamily("fuzzbee_imu_age_seconds", "Age of the last IMU sample.", labels=one)
-    for name, (attitude, heard_s) in attitudes.items():
-        counts.add_metric([name], attitude.sequence + 1.0)
-        ages.add_metric([name], attitude.age_ms / 1e3 + max(0.0, now_s - heard_s))
-    yield from (counts, ages)
-    for metric, text, value in OF_ATTITUDE:
-        family = GaugeMetricFamily(f"fuzzbee_{metric}", text, labels=one)
-        for name, (attitude, _) in attitudes.items():
-            if name not in lost:
-                family.add_metric([name], value(attitude))
-        yield family
-
-
-def _of_statuses(statuses: dict[str, StatusRecord]) -> "Iterator[Metric]":
-    from prometheus_client.core import CounterMetricFamily as Counter
-    from prometheus_client.core import GaugeMetricFamily as Gauge
-
-    one = ["vehicle"]
-    state = Gauge("fuzzbee_state", "1 for the state it is in.", labels=[*one, "state"])
-    verdict = Gauge("fuzzbee_autopilot", "1 for the verdict on it.", labels=[*one, "verdict"])
-    vertical, heading, rate, gap = (
-        Gauge(f"fuzzbee_{metric}", text, labels=one)
+            latest = dict(self._latest)
+        for name in [name for name, each in latest.items() if each.is_lost][:-MOST_LOST]:
+            del latest[name]
+        for part, metric, text, number in METRICS:
+            kind = CounterMetricFamily if metric in COUNTERS else GaugeMetricFamily
+            further = LABELS.get(metric, ())
+            family = kind(f"fuzzbee_{metric}", text, labels=("vehicle", *further))
+            for name, each in latest.items():
+                if (record := getattr(each, part)) is not None:
+                    found = number(record)
+                    for word, value in found.items() if further else (("", found),):
+                        family.add_metric([name, word][: 1 + len(further)], value)
+            yield family
+        statuses = [each.status for each in latest.values() if each.status is not None]
         for metric, text in (
-            ("autopilot_inclination_degrees", "Between the autopilot's vertical and ours."),
-            ("autopilot_heading_degrees", "The autopilot's heading less ours."),
-            ("imu_rate_hertz", "IMU samples a second."),
-            ("worst_gap_seconds", "Worst gap so far."),
-        )
-    )
-    rejected = Counter("fuzzbee_rejected", "Samples refused.", labels=[*one, "reason"])
-    for name, status in statuses.items():
-        for each in State:
-            state.add_metric([name, each.value], status.state == each)
-        if (autopilot := status.autopilot) is not None:
-            for word in Verdict:
-                verdict.add_metric([name, word.value], autopilot.verdict == word)
-            vertical.add_metric([name], autopilot.inclination_deg)
-            heading.add_metric([name], autopilot.heading_deg)
-        rate.add_metric([name], status.imu_rate_hz)
-        gap.add_metric([name], status.worst_gap_s)
-        for reason, number in status.rejected.items():
-            rejected.add_metric([name, reason], number)
-    yield from (state, verdict, vertical, heading, rate, gap, rejected)
-    overruns = max((status.overruns for status in statuses.values()), default=0)
-    dropped = max((status.dropped for status in statuses.values()), default=0)
-    yield Counter("fuzzbee_overruns", "Ticks that came late.", value=overruns)
-    yield Counter("fuzzbee_dropped", "Events and records lost.", value=dropped)
+            ("overruns", "Ticks that came late."),
+            ("dropped", "Events and records lost."),
+        ):
+            most = max((getattr(status, metric) for status in statuses), default=0)
+            yield CounterMetricFamily(f"fuzzbee_{metric}", text, value=most)

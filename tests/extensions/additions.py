@@ -6,14 +6,13 @@ Here the entries are made from outside: ``add`` puts them into the tables of thi
 
 import math
 from pathlib import Path
-from typing import Annotated
 
 from drivers.mavlink.imu_messages import IMU_MESSAGES, ImuMessage
 from drivers.mavlink.messages import MESSAGES, MessageKind
 from drivers.samples.imu_stream import Stamp
 from drivers.samples.vehicle_clock import TimeField
 from estimator.aiding.sources.table import SOURCES
-from fuzzbee.sinks import SINKS, SinkEntry, option
+from fuzzbee.sinks import SINKS, SinkEntry, setting
 from service.records import AttitudeRecord, Published
 from tests.estimator.aiding.heading_source import HEADING_SOURCE, HeadingSample
 
@@ -67,12 +66,7 @@ class HeadingsFile:
 
 
 HEADINGS = SinkEntry(
-    {
-        "headings": (
-            Annotated[str | None, option("Write each heading into a file.", metavar="FILE")],
-            None,
-        )
-    },
+    {"headings": setting(str, "Write each heading into a file.", metavar="FILE")},
     lambda opening: HeadingsFile(opening.options["headings"]),
 )
 

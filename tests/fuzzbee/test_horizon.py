@@ -7,53 +7,39 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from rich.console import Console, Group
 
 from estimator.geometry.frames import from_euler_rad
 from estimator.geometry.quaternion import rotate_inverse
 from fuzzbee.cli import main
-from fuzzbee.horizon import Ink, screen
-from fuzzbee.table_model import Row
 from fuzzbee.terminal import PersonConsole, TerminalView
-from service.health import State
-from service.records import Message, Published, StatusRecord
+from service.records import Message
 from tests.fuzzbee.processes import default_session, free_port, started
+from tests.fuzzbee.screen import terminal, vehicle
 from tests.service.records import differing, record
 
 FLIPS = Path(__file__).parents[1] / "data" / "sitl_copter_flips.tlog"
-STATUS = StatusRecord("running", "RAW_IMU", 49.8, 0.1, {}, 0, 0, 3)
-PLAIN = Ink(colours=0)
 SKY, GROUND, HAZE, LINE = " ", "░", "▒", "█▀▄"
 
 
-def seen(attitude, state=State.RUNNING, status=STATUS, *, is_silent=False):
-    """A row of the table model, and the time when it is looked at."""
-    now_s = 104.0 if is_silent else 100.0
-    said = status and msgspec.structs.replace(status, state=state.value)
-    if attitude is not None:
-        attitude = msgspec.structs.replace(attitude, state=state.value)
-    return Row("1", attitude, said, 100.0, 100.0, status), now_s
+def horizon(attitude=None, width=80, height=24, encoding="utf-8", **changes):
+    """One vehicle on a terminal without colours; the cells right and down of the middle."""
+    shown = vehicle("1", attitude or record(), **changes)
+    return terminal(shown, width=width, height=height, one="1", encoding=encoding)
 
 
-def plain(shown, width=80, height=23, ink=PLAIN):
-    return [line.plain for line in screen(*shown, width, height, ink)]
-
-
-def at(lines, right, down, height=23):
+def at(lines, right, down):
     """The character so many cells from the middle of the horizon: below three lines, above four."""
-    middle = 3 + (height - 3 - 4) // 2
-    return lines[middle + down][40 + right]
+    return f"{lines[3 + (23 - 3 - 4) // 2 + down]:80}"[40 + right]
 
 
 @pytest.mark.parametrize("roll_deg", [-160.0, -90.0, -45.0, 0.0, 12.0, 60.0, 90.0, 180.0])
 @pytest.mark.parametrize("pitch_deg", [-15.0, 0.0, 15.0])
 def test_ground_is_where_a_pilot_sees_it(roll_deg, pitch_deg):
     """Down in the body's own axes; a cell is twice as high as wide."""
-    attitude = record(roll_deg, pitch_deg, 40.0)
     q = from_euler_rad(math.radians(roll_deg), math.radians(pitch_deg), 0.0)
     _, right, down = rotate_inverse(q, (0.0, 0.0, 1.0))
     size = math.hypot(right, down)
-    lines = plain(seen(attitude))
+    lines = horizon(record(roll_deg, pitch_deg, 40.0))
     for side, expected in ((1, GROUND), (-1, SKY)):
         far = 6.0
         found = {
@@ -69,23 +55,44 @@ def test_ground_is_where_a_pilot_sees_it(roll_deg, pitch_deg):
 
 @pytest.mark.parametrize(("pitch_deg", "rows"), [(15.0, 4), (0.0, 0), (-15.0, -4), (80.0, 7)])
 def test_the_line_is_below_the_middle_as_the_nose_is_up_and_never_out_of_sight(pitch_deg, rows):
-    lines = plain(seen(record(pitch_deg=pitch_deg)))
+    lines = horizon(record(pitch_deg=pitch_deg))
     found = [row for row in range(-8, 8) if at(lines, 35, row) in LINE]
-    assert found
     assert sum(found) / len(found) == pytest.approx(rows, abs=1.1)
 
 
 @pytest.mark.parametrize("sigma_deg", [4.0, 9.0, 20.0])
 def test_the_haze_is_as_high_as_sigma(sigma_deg):
-    lines = plain(seen(record(sigma_deg=(sigma_deg, 1.0))))
+    lines = horizon(record(sigma_deg=(sigma_deg, 1.0)))
     column = [at(lines, 35, row) for row in range(-8, 8)]
     high = sum(cell == HAZE or cell in LINE for cell in column)
     assert high == pytest.approx(min(16, 2 * sigma_deg * 16 / 60), abs=1.5)
-    assert f"horizon ±{sigma_deg:.1f}°" in "\n".join(lines) or f"±{sigma_deg:.0f}°" in lines[-3]
+    assert f"horizon ±{sigma_deg:.1f}°" in "\n".join(lines) or f"±{sigma_deg:.0f}°" in lines[20]
+
+
+@pytest.mark.parametrize(("roll_deg", "column"), [(0.0, 40), (30.0, 32), (-60.0, 53), (100.0, 25)])
+def test_the_scale_of_bank_has_a_pointer_at_the_zenith_s_side(roll_deg, column):
+    """Ticks at 0, 10, 20, 30, 45 and 60 degrees on either side, of which it hides one."""
+    lines = horizon(record(roll_deg))
+    (found,) = [line.index("▼") for line in lines if "▼" in line]
+    assert found == pytest.approx(column, abs=1)
+    assert sum(line.count("·") for line in lines) >= 10
+
+
+def test_mode_and_arming_stand_in_the_lower_left():
+    for state in ("running", "lost"):
+        lines = horizon(state=state, mode="LOITER", armed=False)
+        assert "LOITER  disarmed" in lines[18], "\n".join(lines)
+    assert "armed" not in "".join(horizon())
+
+
+def test_rungs_of_the_ladder_have_signs():
+    text = "\n".join(horizon(record(pitch_deg=-5.0)))
+    assert "─10─" in text
+    assert "─-20─" in text
 
 
 def test_the_tape_shows_how_uncertain_the_heading_is():
-    lines = plain(seen(record(yaw_deg=200.0, sigma_deg=(1.0, 15.0))))
+    lines = horizon(record(yaw_deg=200.0, sigma_deg=(1.0, 15.0)))
     assert lines[2].count("━") + lines[2].count("▲") == 1 + 2 * round(15.0 / 2.5)
     assert lines[2].index("▲") == 40
     assert " 200° " in lines[1]
@@ -94,25 +101,23 @@ def test_the_tape_shows_how_uncertain_the_heading_is():
 
 def test_a_heading_that_refers_to_nothing_names_no_direction():
     relative = msgspec.structs.replace(record(yaw_deg=90.0), heading_reference="none")
-    lines = plain(seen(relative))
+    lines = horizon(relative)
     assert "(090°)" in lines[1]
     assert not set("NESW") & set(lines[1])
     assert "no north" in "\n".join(lines[-4:])
     assert "CARE" in lines[0]
-    assert "E" in plain(seen(record(yaw_deg=90.0)))[1] or "090°" in lines[1]
 
 
 @pytest.mark.parametrize(
-    ("shown", "words"),
+    ("state", "after_s", "words"),
     [
-        (seen(None, State.LOST), ("lost", "NO ATTITUDE", "IMU silent")),
-        (seen(None, State.WAITING), ("waiting", "NO ATTITUDE", "waiting for IMU data")),
-        (seen(record(), is_silent=True), ("silent", "NO ATTITUDE", "the service is silent")),
+        ("lost", 0.0, ("lost", "NO ATTITUDE", "IMU silent")),
+        ("waiting", 0.0, ("waiting", "NO ATTITUDE", "waiting for IMU data")),
+        ("running", 4.0, ("silent", "NO ATTITUDE", "the service is silent")),
     ],
 )
-def test_without_a_valid_attitude_there_is_a_cross_and_no_number(shown, words):
-    lines = plain(shown)
-    text = "\n".join(lines)
+def test_without_a_valid_attitude_there_is_a_cross_and_no_number(state, after_s, words):
+    text = "\n".join(terminal(vehicle(state=state), one="1", after_s=after_s))
     for word in words:
         assert word in text
     assert text.count("╳") > 8
@@ -121,45 +126,42 @@ def test_without_a_valid_attitude_there_is_a_cross_and_no_number(shown, words):
 
 
 @pytest.mark.parametrize(
-    ("shown", "word"),
+    ("sigma_deg", "changes", "word"),
     [
-        (seen(record(sigma_deg=(0.5, 2.0))), "TRUST"),
-        (seen(record(sigma_deg=(5.0, 2.0))), "CARE"),
-        (seen(record(sigma_deg=(25.0, 2.0))), "DO NOT TRUST"),
-        (
-            seen(record(), status=msgspec.structs.replace(STATUS, warnings=("bias_at_limit",))),
-            "DO NOT TRUST",
-        ),
-        (seen(record(), status=msgspec.structs.replace(STATUS, overloaded=True)), "TRUST"),
+        (0.5, {}, "TRUST"),
+        (5.0, {}, "CARE"),
+        (25.0, {}, "DO NOT TRUST"),
+        (0.5, {"warnings": ("bias_at_limit",)}, "DO NOT TRUST"),
+        (0.5, {"overloaded": True}, "TRUST"),
     ],
 )
-def test_one_word_sums_up(shown, word):
-    assert re.search(rf"  {word}  ", plain(shown)[0])
+def test_one_word_sums_up(sigma_deg, changes, word):
+    assert re.search(rf"  {word}  ", horizon(record(sigma_deg=(sigma_deg, 2.0)), **changes)[0])
 
 
-@pytest.mark.parametrize(("width", "height"), [(40, 12), (80, 23), (81, 24), (200, 60)])
-@pytest.mark.parametrize("ink", [Ink(), Ink(16), Ink(0), Ink(0, unicode=False)])
+@pytest.mark.parametrize(("width", "height"), [(40, 13), (80, 24), (81, 25), (200, 61)])
+@pytest.mark.parametrize("encoding", ["utf-8", "latin-1"])
 @pytest.mark.parametrize(
-    "attitude",
-    [record(12.0, -5.0, 359.9), record(170.0, 88.0, 0.1, sigma_deg=(180.0, 180.0)), None],
+    ("attitude", "state"),
+    [
+        (record(12.0, -5.0, 359.9), "running"),
+        (record(170.0, 88.0, 0.1, sigma_deg=(180.0, 180.0)), "running"),
+        (None, "lost"),
+    ],
 )
-def test_it_fills_the_window_and_no_more(attitude, ink, width, height):
-    state = State.RUNNING if attitude else State.LOST
-    lines = plain(seen(attitude, state), width, height, ink)
-    assert len(lines) == height
-    assert all(len(line) <= width for line in lines)
-    if not ink.unicode:
+def test_it_fills_the_window_in_the_terminal_s_own_letters(
+    attitude, state, encoding, width, height
+):
+    lines = horizon(attitude, width, height, encoding, state=state, mode="AUTO", armed=True)
+    assert lines[0].startswith(" vehicle 1")
+    assert "heading" in lines[height - 5]
+    assert lines[height - 1] == ""
+    if encoding == "latin-1":
         assert set("".join(lines)) <= set(map(chr, range(32, 127))) | {"°", "±"}
 
 
-def test_nothing_is_said_by_colour_alone():
-    """Without colours the characters tell sky, ground, haze and line apart."""
-    text = "\n".join(plain(seen(record(10.0, 0.0, 0.0, sigma_deg=(6.0, 1.0)))))
-    for character in (GROUND, HAZE, "▀"):
-        assert character in text
-
-
-def written(monkeypatch, shown, **environment):
+def written(monkeypatch, **environment):
+    """What a console of this environment writes, its control sequences included."""
     for name in ("NO_COLOR", "COLORTERM", "TTY_COMPATIBLE"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("TERM", "xterm-256color")
@@ -168,40 +170,23 @@ def written(monkeypatch, shown, **environment):
         monkeypatch.setenv(name, value)
     console = PersonConsole()
     out = console.file = io.StringIO()
-    view = TerminalView(console, console, "title", now_s=lambda: 0.0)
-    view.one = "1"
-    for output in shown:
+    view = TerminalView(console, console, "title", now_s=lambda: 0.0, one="1")
+    for output in [*vehicle("1", record(12.0)), Message("a word")]:
         view.handle([output])
     view.close()
     return out.getvalue()
 
 
-def outputs():
-    from drivers.events import VehicleId
-
-    return [Published(VehicleId(1, 1), r) for r in (record(12.0), STATUS)] + [Message("a word")]
-
-
-def test_no_color_leaves_no_style_at_all(monkeypatch):
+def test_colours_are_as_many_as_the_terminal_has_and_lines_without_one(monkeypatch):
     styled = re.compile(r"\x1b\[[0-9;]*m")
-    assert styled.search(written(monkeypatch, outputs()))
-    bare = written(monkeypatch, outputs(), NO_COLOR="1")
+    assert "48;2;" in written(monkeypatch, COLORTERM="truecolor")
+    few = written(monkeypatch, TERM="xterm-16color")
+    assert "48;" not in few
+    assert re.search(r"[\[;]44m", few)
+    bare = written(monkeypatch, NO_COLOR="1")
     assert "roll" in bare
     assert not styled.search(bare)
-
-
-def test_a_dumb_terminal_gets_lines(monkeypatch):
-    text = written(monkeypatch, outputs(), TERM="dumb")
-    assert "\x1b" not in text
-    assert re.search(r"1  running\s+roll\s+\+12\.0", text)
-
-
-def test_colours_are_as_many_as_the_terminal_has():
-    lines = screen(*seen(record(10.0, sigma_deg=(6.0, 1.0))), 80, 23, Ink(16))
-    console = Console(file=io.StringIO(), force_terminal=True, color_system="standard", width=80)
-    console.print(Group(*lines))
-    assert "\x1b[48" not in console.file.getvalue()
-    assert "\x1b[44m" in console.file.getvalue() or ";44m" in console.file.getvalue()
+    assert re.search(r"^    1  running\s+roll\s+\+12\.0", written(monkeypatch, TERM="dumb"))
 
 
 @pytest.mark.parametrize("name", ["copter", "1-", "*", "1/2", "1000", "0", "256", "1-300"])
@@ -220,14 +205,14 @@ def test_a_flight_in_a_real_terminal():
     ):
         # it may have to compile first
         terminal.wait_for(lambda lines: any("TRUST" in line for line in lines), 180.0)
-        terminal.wait_for(lambda lines: any("horizon ±" in line for line in lines))
+        terminal.wait_for(lambda lines: any("GUIDED  armed" in line for line in lines))
         for columns, rows in ((80, 24), (60, 16), (100, 30)):
             terminal.resize(columns, rows)
             terminal.wait_for(lambda lines, n=columns: is_whole(lines, n), 10.0)
         # a real terminal breaks up what was drawn: it must be wiped out
         assert terminal.written.count(b"\x1b[2J") == 3  # and once for one vehicle
         terminal.press("\x1b")
-        terminal.wait_for(lambda lines: any("tilt ±" in line for line in lines), 10.0)
+        terminal.wait_for(lambda lines: any("●GUIDED" in line for line in lines), 10.0)
         terminal.press("q")
         terminal.read(5.0)
         assert terminal.process.wait(60) == 0
@@ -245,11 +230,13 @@ def is_whole(lines, columns):
     )
 
 
-@pytest.mark.parametrize(("ink", "mark"), [(PLAIN, "◆"), (Ink(0, unicode=False), "A")])
-def test_an_autopilot_that_differs_is_marked_where_it_says_that_horizon_and_heading_are(ink, mark):
+@pytest.mark.parametrize(("encoding", "mark"), [("utf-8", "◆"), ("latin-1", "A")])
+def test_an_autopilot_that_differs_is_marked_where_it_says_that_horizon_and_heading_are(
+    encoding, mark
+):
     """A dotted line with its own roll and pitch, or a mark on the tape; and by how much."""
-    tilted = seen(record(), status=differing("inclination", 28.0, roll_deg=-20.0, pitch_deg=10.0))
-    lines = plain(tilted, ink=ink)
+    off = differing("inclination", 28.0, roll_deg=-20.0, pitch_deg=10.0)
+    lines = horizon(encoding=encoding, status=off)
     down = {
         x: n for n, line in enumerate(lines[3:]) for x, letter in enumerate(line) if letter == mark
     }
@@ -258,8 +245,8 @@ def test_an_autopilot_that_differs_is_marked_where_it_says_that_horizon_and_head
     # rows are as high as two cells are wide
     slope = 2.0 * (down[right] - down[left]) / (right - left)
     assert math.degrees(math.atan(slope)) == pytest.approx(20.0, abs=2.0)
-    assert "autopilot horizon 28° off" in lines[-2]
-    turned = plain(seen(record(), status=differing("heading", 25.0)), ink=ink)
+    assert "autopilot horizon 28° off" in lines[21]
+    turned = horizon(encoding=encoding, status=differing("heading", 25.0))
     assert turned[2].index(mark) - 40 == 10
-    assert "autopilot heading 25° off" in turned[-2]
-    assert mark not in "".join(plain(seen(record()), ink=ink)[2:-4])
+    assert "autopilot heading 25° off" in turned[21]
+    assert mark not in "".join(horizon(encoding=encoding)[2:-4])

@@ -3,17 +3,17 @@
 import io
 import json
 import random
+from contextlib import closing
 
 import msgspec
 import pytest
 from hypothesis import given
 from rich.console import Console
 
-from drivers.places import PLACES
-from fuzzbee.displays import JsonLines, Table
 from fuzzbee.reception import Reception
 from fuzzbee.say import printable, say
 from fuzzbee.terminal import TerminalView
+from fuzzbee.watch import show
 from tests.fuzz.cases import built, fuzzed
 from tests.service.records import record as attitude_record
 
@@ -71,15 +71,12 @@ def test_others_are_not_and_that_is_said(key, record, words):
     assert len(line) < 300
 
 
-def test_it_is_said_once_and_the_vehicles_are_bounded():
+def test_it_is_said_once():
     told = []
     reception = Reception(told.append)
-    payload = json.dumps(STATUS).encode()
-    for number in range(3 * PLACES):
-        reception.record(f"fuzzbee/{number % 250}-{number // 250}/status", payload)
-        reception.record(f"fuzzbee/no{number}/status", payload)
-    assert len(reception._heard_s) == PLACES
-    assert len(told) == 2
+    for number in range(9):
+        reception.record(f"fuzzbee/no{number}/status", json.dumps(STATUS).encode())
+    assert len(told) == 1
 
 
 def changed(rng):
@@ -112,16 +109,12 @@ def test_whatever_is_published_neither_ends_watch_nor_reaches_the_terminal(rng):
             Console(file=file, force_terminal=is_terminal, color_system=None, width=width)
             for file in (out, err)
         ]
-        view = TerminalView(consoles[0], consoles[1], "watch", now_s=lambda: 1.0)
-        table = Table("fuzzbee", view=view)
-        try:
+        view = TerminalView(*consoles, "watch", now_s=lambda: 1.0)
+        reception = Reception(view.say)
+        with closing(view):
             for key, payload in samples:
-                table.show(key, payload)
-            if is_terminal:
-                consoles[0].print(table._view._table())
-            table.refresh()
-        finally:
-            table.close()
+                show(reception.record(key, payload), view)
+            view.refresh()
         shown = out.getvalue() + err.getvalue()
         for text in ("\x07", "\x9b", "\u202e", "\x1b[2J", "\x1b]0", "1e+30", "0" * 20):
             assert text not in shown
@@ -130,12 +123,13 @@ def test_whatever_is_published_neither_ends_watch_nor_reaches_the_terminal(rng):
 @fuzzed(150, 20000)
 @given(built(lambda rng: rng))
 def test_each_line_of_json_is_one_record(rng):
-    lines, samples = JsonLines(), [changed(rng) for _ in range(4)]
+    reception, samples = Reception([].append), [changed(rng) for _ in range(4)]
     with pytest.MonkeyPatch.context() as patch:
         out = io.StringIO()
         patch.setattr("sys.stdout", out)
         patch.setattr("sys.stderr", io.StringIO())
-        count = sum(lines.show(key, payload) for key, payload in samples if "attitude" in key)
+        given = [reception.record(key, payload) for key, payload in samples if "attitude" in key]
+        count = sum(show(each, None) for each in given)
     written = out.getvalue().splitlines()
     assert len(written) == count
     for line in written:

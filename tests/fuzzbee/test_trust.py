@@ -1,3 +1,5 @@
+"""How far an attitude can be trusted: one judgement for all views."""
+
 import msgspec
 import pytest
 
@@ -8,54 +10,35 @@ from service.records import StatusRecord
 from tests.service.records import record
 
 STATUS = StatusRecord("running", "RAW_IMU", 50.0, 0.1, {}, 0, 0, 1)
+GOOD, CARE, BAD, NONE = Level
 
 
-def relative(**kwargs):
-    return msgspec.structs.replace(record(**kwargs), heading_reference="none")
+def judged(sigma_deg=(0.5, 2.0), state=State.RUNNING, changes=None, **status):
+    """With ``changes`` of the attitude, and a status that is no more like the one before."""
+    attitude = msgspec.structs.replace(record(sigma_deg=sigma_deg), **(changes or {}))
+    return trust(state, attitude, msgspec.structs.replace(STATUS, **status), STATUS)
 
 
-def changed(**kwargs):
-    return msgspec.structs.replace(STATUS, **kwargs)
+def texts(trusted):
+    return [caveat.text for caveat in trusted.caveats]
 
 
 @pytest.mark.parametrize(
-    ("sigma_deg", "horizon", "heading", "overall"),
+    ("sigma_deg", "levels"),
     [
-        ((0.5, 2.0), Level.GOOD, Level.GOOD, Level.GOOD),
-        ((2.99, 9.99), Level.GOOD, Level.GOOD, Level.GOOD),
-        ((3.1, 2.0), Level.CARE, Level.GOOD, Level.CARE),
-        ((10.1, 2.0), Level.BAD, Level.GOOD, Level.BAD),
-        ((0.5, 11.0), Level.GOOD, Level.CARE, Level.CARE),
-        ((0.5, 45.0), Level.GOOD, Level.BAD, Level.CARE),  # the horizon is as good as ever
-        ((0.5, 180.0), Level.GOOD, Level.BAD, Level.CARE),
+        ((0.5, 2.0), (GOOD, GOOD, GOOD)),
+        ((2.99, 9.99), (GOOD, GOOD, GOOD)),
+        ((3.1, 2.0), (CARE, GOOD, CARE)),
+        ((10.1, 2.0), (BAD, GOOD, BAD)),
+        ((0.5, 11.0), (GOOD, CARE, CARE)),
+        ((0.5, 45.0), (GOOD, BAD, CARE)),  # the horizon is as good as ever
+        ((0.5, 180.0), (GOOD, BAD, CARE)),
     ],
 )
-def test_trust_follows_sigma(sigma_deg, horizon, heading, overall):
-    judged = trust(State.RUNNING, record(sigma_deg=sigma_deg))
-    assert (judged.horizon, judged.heading, judged.overall) == (horizon, heading, overall)
-    assert bool(judged.caveats) == (overall is not Level.GOOD)
-
-
-def test_a_heading_that_refers_to_nothing_is_an_alarm_however_small_its_sigma():
-    judged = trust(State.RUNNING, relative(sigma_deg=(0.5, 1.0)))
-    assert judged.heading is Level.BAD
-    assert judged.overall is Level.CARE
-    assert judged.caveats[0].text == "no north"
-
-
-@pytest.mark.parametrize("state", [State.WAITING, State.ALIGNING, State.LOST])
-def test_where_there_is_no_valid_attitude_nothing_is_trusted(state):
-    for attitude in (None, record()):  # a stale one changes nothing
-        judged = trust(state, attitude)
-        assert judged.overall is judged.horizon is judged.heading is Level.NONE
-        assert judged.word == "no attitude"
-        assert judged.caveats
-
-
-def test_an_extrapolated_attitude_calls_for_care():
-    judged = trust(State.DEGRADED, msgspec.structs.replace(record(), age_ms=1700.0))
-    assert judged.overall is Level.CARE
-    assert judged.caveats[0].text == "IMU silent 1.7 s"
+def test_trust_follows_sigma(sigma_deg, levels):
+    found = judged(sigma_deg)
+    assert (found.horizon, found.heading, found.overall) == levels
+    assert bool(found.caveats) == (found.overall is not GOOD)
 
 
 @pytest.mark.parametrize("word", [*Alarm])
@@ -64,52 +47,56 @@ def test_a_warning_counts_whatever_sigma_says(word):
 
     Where the autopilot's attitude differs, ours may be the one that is right.
     """
-    judged = trust(State.RUNNING, record(sigma_deg=(0.1, 0.1)), changed(warnings=(word.value,)))
-    mild = {Alarm.FIELD_IMPOSSIBLE: Level.GOOD, Alarm.AUTOPILOT_DIFFERS: Level.CARE}
-    horizon = mild.get(word, Level.BAD)
-    assert judged.horizon is horizon
-    assert judged.heading is (Level.CARE if word is Alarm.AUTOPILOT_DIFFERS else Level.BAD)
-    assert judged.overall is max(Level.CARE, horizon)
-    assert judged.caveats[0].text == word.value.replace("_", " ")
-
-
-def test_a_warning_of_another_version_is_counted_and_its_words_are_not_shown():
-    judged = trust(State.RUNNING, record(), changed(warnings=("\x1b[31m[bold]",)))
-    assert judged.overall is Level.CARE
-    assert [caveat.text for caveat in judged.caveats] == ["1 unknown warnings"]
+    found = judged((0.1, 0.1), warnings=(word.value,))
+    mild = {Alarm.FIELD_IMPOSSIBLE: GOOD, Alarm.AUTOPILOT_DIFFERS: CARE}
+    assert found.horizon is mild.get(word, BAD)
+    assert found.heading is (CARE if word is Alarm.AUTOPILOT_DIFFERS else BAD)
+    assert found.overall is max(CARE, found.horizon)
+    assert texts(found) == [word.value.replace("_", " ")]
 
 
 @pytest.mark.parametrize(
-    ("after", "text", "level"),
+    ("given", "text", "level"),
     [
-        (changed(overloaded=True, shed=40), "overloaded, 40 left out", Level.GOOD),
-        (changed(overruns=30), "this computer is busy, 30 late ticks", Level.GOOD),
-        (changed(dropped=30), "this computer is busy, 30 records lost", Level.GOOD),
-        (changed(rejected={"gap": 11}), "11 refused", Level.CARE),
+        ({"overloaded": True, "shed": 40}, "overloaded, 40 left out", GOOD),
+        ({"overruns": 30}, "this computer is busy, 30 late ticks", GOOD),
+        ({"dropped": 30}, "this computer is busy, 30 records lost", GOOD),
+        ({"rejected": {"gap": 11}}, "11 refused", CARE),
+        ({"warnings": ("\x1b[31m[bold]",)}, "1 unknown warnings", CARE),  # of another version
+        ({"changes": {"heading_reference": "none"}}, "no north", CARE),
+        ({"changes": {"age_ms": 1700.0}, "state": State.DEGRADED}, "IMU silent 1.7 s", CARE),
+        ({"changes": {"euler_deg": (-120.0, 0.0, 0.0)}}, "upside down", GOOD),
     ],
 )
-def test_what_the_service_loses_now_is_named_and_only_refused_samples_call_for_care(
-    after, text, level
-):
-    judged = trust(State.RUNNING, record(), after, STATUS)
-    assert judged.overall is level
-    assert [caveat.text for caveat in judged.caveats] == [text]
-    if not after.overloaded:  # a state, not a count
-        assert trust(State.RUNNING, record(), after, after).overall is Level.GOOD
+def test_each_reason_has_its_words(given, text, level):
+    found = judged(**given)
+    assert found.overall is level
+    assert texts(found) == [text]
 
 
-def test_a_few_losses_are_no_alarm():
-    after = changed(overruns=5, dropped=5, rejected={"gap": 10})
-    assert trust(State.RUNNING, record(), after, STATUS).overall is Level.GOOD
+def test_a_few_losses_or_those_of_before_are_no_reason():
+    assert texts(judged(overruns=5, dropped=5, rejected={"gap": 10})) == []
+    after = msgspec.structs.replace(STATUS, overruns=30)
+    assert texts(trust(State.RUNNING, record(), after, after)) == []
 
 
-def test_the_worst_alarm_comes_first():
-    judged = trust(
-        State.RUNNING, relative(sigma_deg=(20.0, 45.0)), changed(overloaded=True), STATUS
-    )
-    levels = [caveat.level for caveat in judged.caveats]
+def test_a_heading_that_refers_to_nothing_is_bad_however_small_its_sigma():
+    assert judged((0.5, 1.0), changes={"heading_reference": "none"}).heading is BAD
+
+
+@pytest.mark.parametrize("state", [State.WAITING, State.ALIGNING, State.LOST])
+def test_where_there_is_no_valid_attitude_nothing_is_trusted(state):
+    for found in (trust(state, None), judged(state=state)):  # a stale one changes nothing
+        assert found[:3] == (NONE, NONE, NONE)
+        assert found.word == "no attitude"
+        assert found.caveats
+
+
+def test_the_worst_reason_comes_first():
+    found = judged((20.0, 45.0), overloaded=True, warnings=("field_impossible",))
+    levels = [caveat.level for caveat in found.caveats]
     assert levels == sorted(levels, reverse=True)
-    assert judged.caveats[0].text == "horizon ±20°"
+    assert texts(found)[0] == "horizon ±20°"
 
 
 @pytest.mark.parametrize(

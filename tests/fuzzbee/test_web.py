@@ -50,7 +50,8 @@ def event(page, path="/events"):
 
 
 def running(words=()):
-    return StatusRecord("running", "RAW_IMU", 99.5, 0.25, {}, 0, 0, 6, warnings=words)
+    status = StatusRecord("running", "RAW_IMU", 99.5, 0.25, {}, 0, 0, 6, warnings=words)
+    return msgspec.structs.replace(status, mode="LOITER", armed=True)
 
 
 def test_an_event_tells_of_all_vehicles_or_of_one(page, clock):
@@ -60,6 +61,7 @@ def test_an_event_tells_of_all_vehicles_or_of_one(page, clock):
     both = event(page)
     assert [each["name"] for each in both["vehicles"]] == ["1", "2-154"]
     one, lost = both["vehicles"]
+    assert one["flight"] == ["LOITER", "armed"]
     assert (one["word"], one["level"], one["age_ms"]) == ("do not trust", 2, 2005)
     assert one["reasons"] == [[2, "accelerometer contradicts"]]
     (sentence,) = one["warnings"]
@@ -175,7 +177,8 @@ def test_a_browser_shows_one_vehicle_or_all_and_what_is_stale(page, clock, tmp_p
         seen.wait_for("globalThis.at && at('heading').textContent == '030°'")
         (folder / "web-one.png").write_bytes(seen.screenshot())
         shown = seen.value("at('one').innerText")
-        assert "TRUST vehicle 1 · running" in " ".join(shown.split())
+        assert seen.value("at('zenith').getAttribute('transform')") == "rotate(-10)"
+        assert "TRUST vehicle 1 · running LOITER · armed" in " ".join(shown.split())
         assert "+10.0°" in shown
         assert "−20.0°" in shown
         assert "horizon ±1.0°" in shown

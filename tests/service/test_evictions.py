@@ -12,11 +12,10 @@ from drivers.mavlink.gate import TAKE_OVER_US, FrameGate, Policy
 from drivers.mavlink.outgoing import StreamRequest
 from drivers.places import PLACES
 from estimator.profile import load_profile
-from fuzzbee.reception import SILENT_S, Reception
 from fuzzbee.table_model import TableModel
 from service.evictions import FORGOTTEN_US, EvictedCounts
 from service.pipeline import Pipeline
-from service.records import Departed, Message, Published, Replaced
+from service.records import Departed, Message, Published, Replaced, vehicle_name
 from tests.service.records import record
 from tests.service.streams import ONE, START_US, imu_events
 
@@ -175,21 +174,11 @@ def test_what_a_sender_was_is_forgotten_by_the_gate_and_the_requests():
     assert request.tick(10 * SECOND_US) == []
 
 
-def test_a_table_and_what_watch_takes_stay_bounded():
-    now_s, told = [0.0], []
-    model, reception = TableModel(), Reception(told.append, lambda: now_s[0])
-    payload = msgspec.json.encode(record())
-    names = [f"{vehicle.system_id}-{vehicle.component_id}" for vehicle in addresses(PLACES + 300)]
-    for name in names:
-        now_s[0] += 2.0 * SILENT_S / PLACES
-        received = reception.record(f"fuzzbee/{name}/attitude", payload)
-        assert received is not None, name
-        model.update(name, received[1], now_s[0])
-    assert told == []
-    assert sorted(row.name for row in model.rows()) == sorted(names[-PLACES:])
-    model.remove(names[-1])
-    assert names[-1] not in {row.name for row in model.rows()}
-    for name in names[:PLACES]:  # all at once are too many, beside those of before
-        reception.record(f"fuzzbee/{name}/attitude", payload)
-    (line,) = told
-    assert f"there are more than {PLACES} vehicles" in line
+def test_a_table_has_room_for_the_latest():
+    model = TableModel()
+    vehicles = addresses(PLACES + 300)
+    for second, vehicle in enumerate(vehicles):
+        model.take([Published(vehicle, record())], float(second))
+    assert {row.name for row in model.rows()} == set(map(vehicle_name, vehicles[-PLACES:]))
+    model.take([Departed(vehicles[-1])], float(len(vehicles)))
+    assert vehicle_name(vehicles[-1]) not in {row.name for row in model.rows()}

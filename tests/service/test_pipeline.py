@@ -10,6 +10,7 @@ from drivers.events import (
     ClockReset,
     Heartbeat,
     Malformed,
+    ModeChange,
     Notice,
     Parameter,
     ReferenceAttitude,
@@ -33,7 +34,7 @@ ATTITUDE_KEYS = [
 STATUS_KEYS = [
     "state", "imu_message", "imu_rate_hz", "worst_gap_s", "rejected", "overruns", "dropped",
     "sequence", "rates", "gain", "overloaded", "shed", "lost", "published_hz",
-    "malformed", "warnings", "retuned", "autopilot", "recording",
+    "malformed", "warnings", "retuned", "autopilot", "recording", "mode", "armed",
 ]  # fmt: skip
 
 
@@ -108,6 +109,23 @@ def test_records_have_the_published_schema():
     assert (status.overruns, status.dropped) == (3, 4)
     assert status.imu_message == "RAW_IMU"
     assert status.imu_rate_hz == pytest.approx(100.0, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "vehicle_type", "number", "name"),
+    [(3, 2, 5, "LOITER"), (3, 1, 5, "FBWA"), (12, 2, 3 << 16, "POSCTL"), (3, 2, 77, "mode 77")],
+)
+def test_a_status_has_the_flight_mode_and_whether_it_is_armed(
+    autopilot, vehicle_type, number, name
+):
+    """Of the latest heartbeat; a log's own events change a part of it."""
+    pipeline = fed(imu_events(10))
+    (before,) = statuses(pipeline.tick(START_US + 1_000_000))
+    assert (before.mode, before.armed) == ("", None)
+    pipeline.handle(Heartbeat(ONE, START_US, autopilot, vehicle_type, True, number))
+    pipeline.handle(ModeChange(ONE, START_US, is_armed=False))
+    (status,) = statuses(pipeline.tick(START_US + 2_000_000))
+    assert (status.mode, status.armed) == (name, False)
 
 
 def test_the_attitude_is_propagated_to_the_tick():
