@@ -42,17 +42,7 @@ def law_errors(name: str, values: Array, settings: Settings, on: Signals) -> Arr
     if name in FILTERS:
         return mekf_errors(settings, on, values)
     kind: Kind = KINDS[name]
-    start = aligned(settings, on) if kind.aligned else None
-    return errors_of(settings, on, kind.law(values), start=start, candidates=len(values))
-
-
-def aligned(settings: Settings, on: Signals) -> Array:
-    """The attitudes (S, 3, 3) that fit the first sample's vectors best (Wahba, by SVD)."""
-    inertial = np.array([settings.reference.magnetic_ned, settings.reference.gravity_ned])
-    body = np.stack([v[:, 0] for v in on.vectors], axis=1)
-    U, _, Vt = np.linalg.svd(np.einsum("vi,svj->sij", inertial, body))
-    U[:, :, 2] *= np.linalg.det(U @ Vt)[:, None]
-    return U @ Vt
+    return errors_of(settings, on, kind.law(values), candidates=len(values))
 
 
 def costs(e: Array) -> Array:

@@ -55,16 +55,6 @@ def fixed(p: Array) -> Law:
     return lambda e, _d, _t: 0.0 * e + p[0]
 
 
-def linear(p: Array) -> Law:
-    """K = a + b e."""
-    return lambda e, _d, _t: p[0] + p[1] * e
-
-
-def two_levels(p: Array) -> Law:
-    """High where the error or its rate is large."""
-    return lambda e, d, _: np.where((e > p[2]) | (abs(d) > p[3]), p[1] + 0.0 * e, p[0])
-
-
 def hysteresis(p: Array) -> Law:
     """High from one error on, until it is below another."""
     high = np.array(True)
@@ -77,17 +67,11 @@ def hysteresis(p: Array) -> Law:
     return law
 
 
-def schedule(p: Array) -> Law:
-    """From a large gain to a small one over time."""
-    return lambda e, _d, t: 0.0 * e + p[0] + (p[1] - p[0]) * np.exp(-t / p[2])
-
-
 class Kind(NamedTuple):
     """A law with what is tuned of it; ``make`` takes parameters (D, C, 1), or (C, 22) if fuzzy."""
 
     make: Callable[[Array], Law]
     space: Space
-    aligned: bool = False  # starts from what the first sample shows
 
     def law(self, values: Array) -> Law:
         """Of candidates (C, D)."""
@@ -102,17 +86,9 @@ def scales(names: str, lower: tuple[float, ...], upper: tuple[float, ...]) -> Sp
 
 KINDS = {
     "fixed K": Kind(fixed, scales("K", (0.5,), (LARGEST,))),
-    "linear, K = a + b e": Kind(linear, scales("a b", (0.5, 1.0), (50.0, 1000.0))),
-    "two levels, on e or |de/dt|": Kind(
-        two_levels, scales("low high e rate", (0.5, 20.0, 0.005, 0.02), (20.0, LARGEST, 0.9, 5.0))
-    ),
     "two levels with hysteresis": Kind(
         hysteresis, scales("low high off on", (0.5, 20.0, 0.001, 0.01), (20.0, LARGEST, 0.2, 0.9))
     ),
-    "schedule over time": Kind(
-        schedule, scales("last first time_s", (0.5, 20.0, 0.02), (20.0, LARGEST, 5.0))
-    ),
-    "aligned at the first sample, fixed K": Kind(fixed, scales("K", (0.5,), (LARGEST,)), True),
     "fuzzy, same budget": Kind(fuzzy, membership_space()),
 }
 
