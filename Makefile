@@ -8,7 +8,7 @@ AT_ONCE := -n 3 --dist loadfile
 
 VERSION = $(shell sed -n 's/^__version__ = "\(.*\)"$$/\1/p' fuzzbee/version.py)
 
-.PHONY: demo test warm smoke test-python setup style types release kernels build docs clean
+.PHONY: demo test warm smoke test-python setup style types release wheels kernels build docs clean
 
 ## demo: the simulated vehicle through the live service, judged by its truth, in the terminal
 demo: warm
@@ -60,6 +60,16 @@ build: .venv/developer kernels
 	rm -rf dist
 	$(BIN)/python -m build --wheel
 
+## wheels: for each of PYTHONS that this machine has a wheel with its kernels, tried where nothing else
+## is; on aarch64 the same makes wheels for that
+PYTHONS ?= python3.11 python3.12 python3.13
+wheels:
+	rm -rf dist build/wheels
+	@for each in $(PYTHONS); do \
+	  $$each -c '' 2>/dev/null || { echo "no $$each here: no wheel for it"; continue; }; \
+	  .ci/wheel $$each build/wheels/$$each || exit 1; \
+	done
+
 ## changelog: what is Unreleased in CHANGELOG.md becomes the section of the version in fuzzbee/version.py
 changelog:
 	@! grep -q '^## $(VERSION)\b' CHANGELOG.md || { echo "changelog: there is a section $(VERSION)" >&2; exit 1; }
@@ -68,19 +78,18 @@ changelog:
 
 ## release: build wheel and sdist, check them, list what they need (SBOM, CycloneDX), cut out the
 ## changelog's section, and tag the version that fuzzbee/version.py and CHANGELOG.md name
-release: .venv/developer kernels
+release: .venv/developer wheels
 	@test -z "$$(git status --porcelain)" || { echo "release: commit or remove what git status shows" >&2; exit 1; }
 	@grep -q '^## $(VERSION)\b' CHANGELOG.md || { echo "release: CHANGELOG.md has no heading '## $(VERSION)': make changelog" >&2; exit 1; }
 	@grep -q '^version: $(VERSION)$$' CITATION.cff || { echo "release: CITATION.cff is of another version" >&2; exit 1; }
 	@! git rev-parse -q --verify 'refs/tags/v$(VERSION)' >/dev/null || { echo "release: v$(VERSION) is tagged already" >&2; exit 1; }
-	rm -rf dist build/installed build/tools build/release
+	rm -rf build/installed build/tools build/release
 	$(BIN)/python -m build --sdist
-	$(BIN)/python -m build --wheel
 	$(BIN)/python -m venv build/tools
 	build/tools/bin/python -m pip install -q 'twine>=6.1' 'cyclonedx-bom>=7'
 	build/tools/bin/twine check --strict dist/*.whl dist/*.tar.gz
 	$(BIN)/python -m venv build/installed
-	build/installed/bin/python -m pip install -q -c constraints.txt dist/*.whl
+	build/installed/bin/python -m pip install -q -c constraints.txt --find-links dist fuzzbee==$(VERSION)
 	mkdir -p build/release
 	build/tools/bin/cyclonedx-py environment build/installed/bin/python --pyproject pyproject.toml \
 	  --output-reproducible -o build/release/fuzzbee-$(VERSION).cdx.json

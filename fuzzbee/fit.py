@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from estimator.arrays import Bools, Floats, Times
 from estimator.live.rows import Rows, cut
-from fuzzbee.turning import MOST, SLOW_S, Spans, root, spans_of, squares_left, usual_step_us
 from tuning.compass_orientation import TURNS
+from tuning.turning import MOST, SLOW_S, Spans, root, spans_of, squares_left, usual_step_us
 
 LEAST_S = 5.0  # shorter recordings say too little
 FEWEST_SPANS = 25  # that a comparison needs

@@ -22,7 +22,7 @@ MODULES = (
     "estimator.estimator",
     "estimator.geometry.metrics",
     "drivers.samples.imu_stream",
-    "fuzzbee.turning",
+    "tuning.turning",
     "tuning.online.noise",
     "tuning.paper_cost",
     "tuning.prediction",
