@@ -67,7 +67,7 @@ wheels:
 	rm -rf dist build/wheels
 	@for each in $(PYTHONS); do \
 	  $$each -c '' 2>/dev/null || { echo "no $$each here: no wheel for it"; continue; }; \
-	  .ci/wheel $$each build/wheels/$$each || exit 1; \
+	  .ci/wheel "$$each" "build/wheels/$$(basename "$$each")" || exit 1; \
 	done
 
 ## changelog: what is Unreleased in CHANGELOG.md becomes the section of the version in fuzzbee/version.py
