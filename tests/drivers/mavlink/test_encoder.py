@@ -91,6 +91,15 @@ def test_sim_state(q, euler, acc, rate):
     assert fields(read, "lat", "alt", "vn", "lat_int", "lon_int") == (0, 0, 0, 0, 0)
 
 
+def test_sim_state_has_the_place_in_degrees_and_in_whole_parts_of_them():
+    place, velocity = (47.5, -8.25, 488.25), (1.25, -2.5, 0.75)
+    still = (0.0, 0.0, 0.0)
+    read = parsed(encoder.sim_state((1.0, 0.0, 0.0, 0.0), still, still, still, place, velocity))
+    assert fields(read, "lat", "lon", "alt") == place
+    assert fields(read, "lat_int", "lon_int") == (475_000_000, -82_500_000)
+    assert fields(read, "vn", "ve", "vd") == velocity
+
+
 @given(st.text("ABCDEFGH_0123", min_size=1, max_size=16), floats, st.integers(0, 65535))
 def test_param_value(name, value, index):
     read = parsed(encoder.param_value(name, value, 65535, index))

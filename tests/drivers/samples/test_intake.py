@@ -326,7 +326,9 @@ def test_a_simulators_attitude_right_behind_its_imu_message_does_not_wait():
 @pytest.mark.parametrize(
     ("place", "refused"),
     [
-        ((200.0, 8.5, 500.0), True),
+        ((90.5, 8.5, 500.0), True),
+        ((-91.0, 8.5, 500.0), True),
+        ((47.0, 180.5, 500.0), True),
         ((47.0, -200.0, 500.0), True),
         ((47.0, 8.5, 3e38), True),
         ((47.0, 8.5, -1e9), True),
