@@ -24,7 +24,6 @@ MODULES = (
     "drivers.samples.fresh_field",
     "drivers.samples.sensor_faults",
     "drivers.samples.vehicle_clock",
-    "tuning.online.noise",
     "tuning.paper_cost",
     "tuning.prediction",
     "tuning.turning",
