@@ -13,6 +13,7 @@ from estimator.profile import Profile
 from estimator.types import ImuSample
 from fuzzbee.replays.comparison import compare
 from fuzzbee.replays.trace import Replay, VehicleTrace
+from tuning.course import split_calls
 from tuning.flight import Flight
 from tuning.logged_calls import Call, LoggedEstimator
 from tuning.smoothed import sure_flight
@@ -80,6 +81,7 @@ def _flight(
     reference: str | None,
 ) -> Flight:
     compared = compare(path, trace, reference)
+    told, calls = split_calls(recorder.calls)
     restart = np.zeros(recorder.samples, dtype=bool)
     restart[[k for k in recorder.restarts if k < len(restart)]] = True
     return Flight(
@@ -94,9 +96,10 @@ def _flight(
             mag_gauss=trace.samples.column("mag_gauss"),
             has_mag=trace.samples.column("has_mag") > 0.0,
         ),
-        calls=recorder.calls,
+        calls=calls,
         restart=restart,
         truth=compared.truth,
         known=compared.known,
         headed=trace.attitudes.norths() != "none",
+        told=told,
     )
