@@ -2,6 +2,8 @@
 
 from typing import Any
 
+import numpy as np
+
 from estimator.aiding import compass
 from estimator.aiding.phase import Phase
 from estimator.aiding.search import UNKNOWN_RAD
@@ -15,18 +17,12 @@ from estimator.live.core import apply_turn, change_imu
 from estimator.live.hearing import take_rate, take_report
 from estimator.live.published import write
 from estimator.live.refusal import REASONS
-from estimator.live.resident import (
-    AIDED,
-    CONDITIONED,
-    FIRST_HEADING,
-    NOTHING_LAID,
-    TAKEN,
-)
-from estimator.live.rows import Rows, cut
+from estimator.live.resident import AIDED, NOTHING_LAID, SHOWN_LATE, TAKEN
+from estimator.live.rows import NORTHS, NOTHING_TOLD, Q, Rows
 from estimator.live.settings import Settings
 from estimator.live.snapshot import Snapshot
 from estimator.live.state import State
-from estimator.live.taking import take_sample
+from estimator.live.taking import decide, take_sample
 from estimator.profile import Profile
 from estimator.reasons import Reason
 from estimator.types import Attitude, ImuSample, Quaternion, RateSample, Vec3, VelocitySample
@@ -115,40 +111,46 @@ class Estimator:
             end = state.core.advance_raw(time_us, *gyr_rad_s, *acc_m_s2, *mag_gauss, has_mag)
             state.said = None
             return REASONS.get(end)
-        if not state.needs_samples_only:
-            sample = ImuSample(time_us, gyr_rad_s, acc_m_s2, mag_gauss, has_mag)
-            return take_sample(state, sample)
-        _, end, _, state.said = state.core.advance(
-            time_us, *gyr_rad_s, *acc_m_s2, *mag_gauss, has_mag, False, 0, state.standing
+        if not state.takes_rows:
+            return take_sample(state, ImuSample(time_us, gyr_rad_s, acc_m_s2, mag_gauss, has_mag))
+        core = state.core if state.is_ready else state.ready()
+        _, _, end, state.said = core.advance(
+            time_us, *gyr_rad_s, *acc_m_s2, *mag_gauss, has_mag, 0, 0, 0
         )
-        if end == TAKEN:
-            return None
-        if end == FIRST_HEADING:
-            state.align()
-        return REASONS.get(end)
+        return None if end == TAKEN else decide(state, end)
 
-    def update_rows(self, rows: Rows, said: Floats) -> int:
-        """Take rows as long as there is nothing to do but to take them.
+    def update_rows(
+        self,
+        rows: Rows,
+        said: Floats,
+        told: Floats = NOTHING_TOLD,
+        taken: int = 0,
+        heard: int = 0,
+    ) -> tuple[int, int]:
+        """Take rows from ``taken`` on, with the reports ``told`` (M, TOLD) from ``heard`` on.
 
         To ``said`` (N, columns as in :mod:`estimator.live.rows`) the attitude after each row is
-        written. Returns the first row that was not taken: one for :meth:`update`, which knows what
-        to do with it, or N. Behind a row whose attitude is not finite nothing is taken either.
+        written. Returns the first row and the first report that were not taken: a row for
+        :meth:`take`, which knows what to do with it, or N. Behind a row whose attitude is not
+        finite nothing is taken either.
         """
-        state, taken, end, n = self._state, 0, FIRST_HEADING, len(said)
-        while end == FIRST_HEADING and taken < n:
-            if not state.needs_samples_only:
-                break
-            core = state.core
-            core.lay(cut(rows, taken), said[taken:])
-            done, end, _, _ = core.advance(*NO_SAMPLE_ITSELF, False, n - taken, state.standing)
-            core.lay(*NOTHING_LAID)
+        state, n, laid_on = self._state, len(said), None
+        while taken < n and state.takes_rows:
+            core = state.ready()
+            if core is not laid_on:
+                core.lay(rows, said, told)
+                laid_on = core
+            taken, heard, end, _ = core.advance(*NO_SAMPLE_ITSELF, taken, n, heard)
             state.said = None
-            taken += done
-            if end == FIRST_HEADING:
-                state.align()
-                now = state.core.publish(state.core.time_us, CONDITIONED, state.standing)
-                write(said[taken - 1], now)
-        return taken
+            if decide(state, end) is not None:
+                break
+            if end not in (TAKEN, SHOWN_LATE):  # what was decided has changed the attitude
+                write(said[taken - 1], state.ready().publish(state.core.time_us), self.is_aided)
+                if not np.isfinite(said[taken - 1, Q]).all():
+                    break
+        if state.core is laid_on:
+            laid_on.lay(*NOTHING_LAID)
+        return taken, heard
 
     def update_velocity(self, report: VelocitySample) -> Reason | None:
         """Take a velocity report, see :meth:`update_report`."""
@@ -172,14 +174,14 @@ class Estimator:
 
     def set_position(
         self, latitude_deg: float, longitude_deg: float, altitude_m: float, unix_us: int
-    ) -> None:
+    ) -> bool:
         """Where and when it is: from magnetic to true north, if the profile leaves that open.
 
         A heading from magnetic north turns with the declination, so the change of reference is no
         error to be corrected. Elsewhere the field is another one, and what was concluded from
-        the one that is not this place's is taken back.
+        the one that is not this place's is taken back. Returns whether it was news.
         """
-        north.set_position(self._state, latitude_deg, longitude_deg, altitude_m, unix_us)
+        return north.set_position(self._state, latitude_deg, longitude_deg, altitude_m, unix_us)
 
     def set_field_calibrated(self, calibrated: bool) -> None:
         """Whether somebody has calibrated the compass.
@@ -222,10 +224,10 @@ class Estimator:
         state = self._state
         said = state.said
         if said is None or said[0] != time_us:
-            said = state.core.publish(time_us, state.source, state.standing)
-        _, moved, figures, has_heading = said
+            said = state.ready().publish(time_us)
+        _, moved, figures, north = said
         # an Attitude's own constructor takes three times as long
-        values = (time_us, *moved, *figures, state.norths[not has_heading])
+        values = (time_us, *moved, *figures, NORTHS[north])
         attitude: Attitude = _new(Attitude, values)
         return attitude
 
@@ -281,8 +283,3 @@ class Estimator:
     def place_field(self) -> PlaceField | None:
         """The Earth's field where the vehicle is, None if nobody has said where."""
         return self._state.place_field
-
-    @property
-    def norths(self) -> tuple[str, str]:
-        """What the heading is measured from: with a field that has told one, and without."""
-        return self._state.norths

@@ -1,28 +1,53 @@
 """Many samples through one estimator, which says something after each of them."""
 
-from typing import Any
+from math import nan
 
+import numpy as np
+
+from estimator.arrays import Floats
 from estimator.estimator import Estimator
-from estimator.live.rows import BIAS, SIGMA, Q, Rows, cut
+from estimator.live.rows import NORTH, NORTHS, NOTHING_TOLD, ROW, Q, Rows, report_of
+from estimator.reasons import Reason
 
 
-def take(inner: Estimator, rows: Rows, said: Any, aided: Any) -> None:
-    """All rows, many at a time where nothing else is to be done."""
-    begin, end = 0, len(said)
-    while begin < end:
-        begin += inner.update_rows(cut(rows, begin, end), said[begin:end])
-        if begin < end:
-            time_us = take_row(inner, rows, begin)
-            if inner.aligned:
-                attitude = inner.attitude(time_us)
-                said[begin, Q], said[begin, BIAS] = attitude.q_ned_frd, attitude.gyro_bias_rad_s
-                said[begin, SIGMA] = attitude.sigma_inclination_rad, attitude.sigma_heading_rad
-                aided[begin] = inner.is_aided
-            begin += 1
+def take(inner: Estimator, rows: Rows, said: Floats, told: Floats = NOTHING_TOLD) -> list[Reason]:
+    """All rows and what comes before them, many at a time where nothing else is to be done.
+
+    To ``said`` (N, SAID) the attitude after each row is written, NaN where there is none. An
+    estimator whose attitude is not finite begins anew. Returns why something was refused.
+    """
+    refused: list[Reason | None] = []
+    taken, heard, n = 0, 0, len(said)
+    while taken < n:
+        begin = taken
+        taken, heard = inner.update_rows(rows, said, told, taken, heard)
+        if taken > begin and not np.isfinite(said[taken - 1, Q]).all():
+            refused.append(begin_anew(inner, said[taken - 1]))
+        if taken < n:
+            while heard < len(told) and told[heard, ROW] <= taken:
+                refused.append(inner.update_report(report_of(told[heard])))
+                heard += 1
+            time_us, gyr, acc, mag, has_mag = (column[taken].tolist() for column in rows)
+            field = tuple(mag) if has_mag else (0.0, 0.0, 0.0)
+            refused.append(inner.take(time_us, tuple(gyr), tuple(acc), field, has_mag))
+            refused.append(put(inner, time_us, said[taken]))
+            taken += 1
+    return [reason for reason in refused if reason is not None]
 
 
-def take_row(inner: Estimator, rows: Rows, k: int) -> int:
-    """One row, by itself; its time."""
-    time_us, gyr, acc, mag, has_mag = (column[k].tolist() for column in rows)
-    inner.take(time_us, tuple(gyr), tuple(acc), tuple(mag), has_mag)
-    return int(time_us)
+def put(inner: Estimator, time_us: int, row: Floats) -> Reason | None:
+    """The attitude into a row, NaN if there is none; why there is none any more."""
+    row[:], row[NORTH] = nan, 0.0
+    if not inner.aligned:
+        return None
+    one = inner.attitude(time_us)
+    place = NORTHS.index(one.heading_reference)
+    row[:] = (*one[1], *one[2], *one[3], *one[4:11], place, inner.is_aided)
+    return None if np.isfinite(row[Q]).all() else begin_anew(inner, row)
+
+
+def begin_anew(inner: Estimator, row: Floats) -> Reason:
+    """Restart after an attitude that is not finite: no later sample would repair it."""
+    row[:], row[NORTH] = nan, 0.0
+    inner.restart()
+    return Reason.ESTIMATE_NOT_FINITE

@@ -54,16 +54,16 @@ def vector(name: str, given: ArrayLike) -> Vec3:
     raise InputError(f"{name}: must be three numbers, not {' '.join(repr(given).split()):.60}")
 
 
-def matrix(name: str, given: ArrayLike, rows: int | None = None) -> Floats:
-    """(N, 3) numbers.
+def matrix(name: str, given: ArrayLike, rows: int | None = None, width: int = 3) -> Floats:
+    """(N, 3) numbers, or as many in a row as ``width`` says.
 
     Raises:
         InputError: another shape, or something else than numbers.
     """
     values = numbers(name, given)
-    if values.ndim != 2 or values.shape[1] != 3 or rows not in (None, len(values)):
+    if values.ndim != 2 or values.shape[1] != width or rows not in (None, len(values)):
         wanted = "N" if rows is None else rows
-        raise InputError(f"{name}: must have the shape ({wanted}, 3), not {values.shape}")
+        raise InputError(f"{name}: must have the shape ({wanted}, {width}), not {values.shape}")
     return values
 
 

@@ -11,13 +11,30 @@ from numpy.typing import ArrayLike
 from drivers.samples.imu_stream import RepeatedField, finite_or_zero
 from drivers.samples.plausibility import MAG_LIMIT_GAUSS, is_field
 from estimator import estimator
-from estimator.arrays import Times
+from estimator.aiding.sources.velocity import SPEED_LIMIT_M_S
+from estimator.arrays import Floats, Times
 from estimator.compilation.notice import tell_programs
 from estimator.errors import InputError
-from estimator.live.rows import HAS_HEADING, SAID, Q, Rows, rows_of
+from estimator.live.rows import (
+    HAS_VERTICAL,
+    NORTH,
+    NOTHING_TOLD,
+    ROW,
+    SAID,
+    SIGMA_M_S,
+    TIME,
+    TOLD,
+    Rows,
+    X,
+    Z,
+    cut,
+    rows_of,
+    told_between,
+)
 from estimator.live.snapshot import Snapshot
 from estimator.profile import LEAST_GAIN, MOST_GAIN, Profile
 from estimator.reasons import Reason
+from estimator.row_taking import take
 from estimator.types import ZERO_VEC3, Attitude, ImuSample, Vec3, VelocitySample
 from fuzzbee.arguments import (
     MICROSECONDS,
@@ -29,8 +46,7 @@ from fuzzbee.arguments import (
     profile_of,
     vector,
 )
-from fuzzbee.attitudes import Attitudes
-from fuzzbee.batch import Batch
+from fuzzbee.attitudes import Attitudes, attitudes_of_rows
 from fuzzbee.fit import advice, is_enough
 
 # What a satellite receiver's or an autopilot's velocity is good for if nobody says.
@@ -41,6 +57,25 @@ NO_TIME = "an estimator without rate_hz needs time_s with every sample"
 
 class Unfit(UserWarning):
     """Readings that would fit each other better in another unit or in other axes."""
+
+
+class Batch(NamedTuple):
+    """Rows of readings and of reports as :mod:`estimator.live.rows` has them, and warnings.
+
+    ``said`` (N, :data:`SAID`) takes the attitudes; before the rows in ``positions`` (K, 5) somebody
+    has said where the vehicle is: row, latitude, longitude (deg), altitude (m), Unix time (s).
+    """
+
+    rows: Rows
+    told: Floats
+    positions: Floats
+    said: Floats
+    warnings: tuple[str, ...]
+
+    @property
+    def attitudes(self) -> Attitudes:
+        """What is said."""
+        return attitudes_of_rows(self.rows.times_us, self.said, self.warnings)
 
 
 class EstimatorState(NamedTuple):
@@ -195,6 +230,7 @@ class Estimator:
         mag_gauss: ArrayLike | None = None,
         time_s: ArrayLike | None = None,
         velocity_ned_m_s: ArrayLike | None = None,
+        position: ArrayLike | None = None,
         *,
         strict: bool = False,
     ) -> Attitudes:
@@ -202,7 +238,8 @@ class Estimator:
 
         The result is that of N calls of ``update``. Where a row of ``velocity_ned_m_s`` is known,
         ``update_velocity`` comes before it; a row of NaN is no report. A row of ``mag_gauss`` that
-        is NaN is no field. ``time_s`` (N,) is needed without a rate.
+        is NaN is no field. ``time_s`` (N,) is needed without a rate. ``position`` (N, 4) has the
+        arguments of ``set_position``, which comes before each row that is known.
 
         The first five seconds or more are looked at as a whole: where another unit or other axes
         would fit much better, the attitudes' ``warnings`` say which, and so does a Python warning
@@ -211,7 +248,7 @@ class Estimator:
         Raises:
             InputError: arrays of other shapes, or no times; ``strict``, and there are warnings.
         """
-        readings = (gyr_rad_s, acc_m_s2, mag_gauss, time_s, velocity_ned_m_s)
+        readings = (gyr_rad_s, acc_m_s2, mag_gauss, time_s, velocity_ned_m_s, position)
         return self._taken(self._batch(*readings, strict=strict)).attitudes
 
     def smooth(
@@ -221,6 +258,7 @@ class Estimator:
         mag_gauss: ArrayLike | None = None,
         time_s: ArrayLike | None = None,
         velocity_ned_m_s: ArrayLike | None = None,
+        position: ArrayLike | None = None,
     ) -> Attitudes:
         """The attitudes of a whole recording, each by all that came before and behind it.
 
@@ -235,14 +273,15 @@ class Estimator:
 
         profile, rate_hz, gain, calibrated = self._made_with
         forward = Estimator(profile, rate_hz, gain=gain, compass_calibrated=calibrated)
-        batch = forward._batch(gyr_rad_s, acc_m_s2, mag_gauss, time_s, velocity_ned_m_s)
+        readings = (gyr_rad_s, acc_m_s2, mag_gauss, time_s, velocity_ned_m_s, position)
+        batch = forward._batch(*readings)
         recorder = Recorder(self.profile, self._gain, Offered(batch.rows, batch.said))
         recorder.snapshot = self._inner.snapshot
         recorder.restart()
         forward._inner = recorder
         batch = forward._taken(batch)
         for places in smooth_offered(recorder, batch.said):
-            batch.said[places, HAS_HEADING] = batch.said[-1, HAS_HEADING]
+            batch.said[places, NORTH] = batch.said[-1, NORTH]
         return batch.attitudes
 
     def set_position(
@@ -294,6 +333,7 @@ class Estimator:
         mag_gauss: ArrayLike | None,
         time_s: ArrayLike | None,
         velocity_ned_m_s: ArrayLike | None,
+        position: ArrayLike | None,
         *,
         strict: bool = False,
     ) -> Batch:
@@ -302,9 +342,13 @@ class Estimator:
         n = len(gyr)
         acc = matrix("acc_m_s2", acc_m_s2, n)
         mag = np.zeros((n, 3)) if mag_gauss is None else matrix("mag_gauss", mag_gauss, n)
-        velocity = None
-        if velocity_ned_m_s is not None:
-            velocity = matrix("velocity_ned_m_s", velocity_ned_m_s, n)
+        positions = np.zeros((0, 5))
+        if position is not None:
+            places = matrix("position", position, n, 4)
+            known = np.flatnonzero(np.isfinite(places).all(axis=1))
+            positions = np.column_stack((known, places[known]))
+        velocity = velocity_ned_m_s
+        velocity = None if velocity is None else matrix("velocity_ned_m_s", velocity, n)
         times_us = self._next_times_us(time_s, n)
         has_mag = self._field.fresh_rows(mag, times_us)
         is_field = np.abs(mag).max(axis=1, initial=0.0) <= MAG_LIMIT_GAUSS
@@ -313,11 +357,25 @@ class Estimator:
             mag = np.where(has_mag[:, None], mag, 0.0)
             readings = self.profile.mounting.to_body_rows(gyr, acc, mag)
         rows = rows_of(times_us, *readings, has_mag)
-        said = self._look(rows, strict=strict)
+        lines = self._look(rows, strict=strict)
         if not is_field[has_mag].all():
             self.rejected[Reason.MAGNETOMETER_OUT_OF_RANGE] += int((has_mag & ~is_field).sum())
             rows.has_mag[:] &= is_field
-        return Batch(rows, velocity, np.empty((n, SAID)), said)
+        told = NOTHING_TOLD if velocity is None else self._velocities(times_us, velocity)
+        return Batch(rows, told, positions, np.empty((n, SAID)), lines)
+
+    def _velocities(self, times_us: Times, velocity: Floats) -> Floats:
+        """The rows (N, 3) of velocity whose horizontal part is known, as reports (M, TOLD)."""
+        known = np.flatnonzero(np.isfinite(velocity[:, :2]).all(axis=1))
+        told = np.zeros((len(known), TOLD))
+        told[:, ROW], told[:, TIME] = known, times_us[known]
+        told[:, X : Z + 1], told[:, SIGMA_M_S] = velocity[known], VELOCITY_SIGMA_M_S
+        told[:, HAS_VERTICAL] = np.isfinite(told[:, Z])
+        told[told[:, HAS_VERTICAL] == 0.0, Z] = 0.0
+        is_fast = np.abs(told[:, X : Z + 1]).max(axis=1, initial=0.0) > SPEED_LIMIT_M_S
+        if is_fast.any():
+            self.rejected[Reason.VELOCITY_OUT_OF_RANGE] += int(is_fast.sum())
+        return told[~is_fast] if self.profile.conditioned else NOTHING_TOLD
 
     def _taken(self, batch: Batch) -> Batch:
         """The batch behind its way through the estimator, with a warning if most was rejected."""
@@ -332,23 +390,21 @@ class Estimator:
         return batch._replace(warnings=(line,))
 
     def _take_rows(self, batch: Batch) -> None:
-        """Rows by the run where nothing else comes between, otherwise one by one."""
-        begin, n = 0, len(batch.said)
-        for report in (*batch.reports(), n):
-            while begin < report:
-                done = batch.take_run(self._inner, begin, report)
-                if done > begin and not np.isfinite(batch.said[done - 1, Q]).all():
-                    batch.put(done - 1, None)
-                    self._begin_anew()
-                if done < report:
-                    batch.put(done, self._take(*batch.sample(done)))
-                begin = done + 1
-            if report < n:
-                assert batch.velocity is not None
-                time_us = batch.rows.times_us[report]
-                self.update_velocity(batch.velocity[report], time_us / MICROSECONDS)
-                batch.put(report, self._take(*batch.sample(report)))
-                begin = report + 1
+        """All rows; where somebody has said where the vehicle is, that comes between."""
+        rows, told, positions, said, _ = batch
+        begin = 0
+        for row, *position in (*positions.tolist(), (len(said),)):
+            end = int(row)
+            refused = take(
+                self._inner,
+                cut(rows, begin, end),
+                said[begin:end],
+                told_between(told, begin, end),
+            )
+            self.rejected.update(reason.value for reason in refused)
+            if position:
+                self.set_position(*position)
+            begin = end
 
     def _begin_anew(self) -> None:
         """Restart after an attitude that is not finite: no later sample would repair it."""

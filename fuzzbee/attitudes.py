@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from estimator.arrays import Floats, Times
 from estimator.errors import InputError
 from estimator.geometry.frames import enu_flu_from_ned_frd
+from estimator.live.rows import NORTH, NORTHS
 from fuzzbee.angle_curves import euler_curves_deg, where_known
 from fuzzbee.column_store import PackedAttitudes
 
@@ -97,9 +98,7 @@ def attitude_arrays(
     )
 
 
-def attitudes_of_rows(
-    times_us: Times, said: Floats, norths: NDArray[np.str_], warnings: tuple[str, ...] = ()
-) -> Attitudes:
+def attitudes_of_rows(times_us: Times, said: Floats, warnings: tuple[str, ...]) -> Attitudes:
     """The columns of rows as :mod:`estimator.live.rows` has them."""
     error, _, gain, gravity, magnetic, inclination, heading = said[:, 10:17].T
     return Attitudes(
@@ -113,6 +112,6 @@ def attitudes_of_rows(
         confidence_magnetic=magnetic,
         error=error,
         gain=gain,
-        heading_reference=norths,
+        heading_reference=np.array(NORTHS).take(said[:, NORTH].astype(np.uint8)),
         warnings=warnings,
     )

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from drivers.logs.spill_file import SpillFile, blocks
 from estimator.arrays import Floats
+from estimator.live.rows import NORTHS
 from estimator.types import Attitude, ImuSample
 
 Row = TypeVar("Row", Attitude, ImuSample)
-NORTHS = ("none", "magnetic", "true")
 PLACE = {north: float(place) for place, north in enumerate(NORTHS)}
 
 

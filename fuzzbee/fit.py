@@ -11,7 +11,6 @@ from math import nan, pi
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.arrays import Bools, Floats, Times
 from estimator.live.rows import Rows, cut
@@ -66,22 +65,12 @@ class Sizes(NamedTuple):
     down: float
 
 
-class AxisHypothesis(NamedTuple):
-    """How readings might have to be read: a signed permutation of axes, and a unit."""
-
-    turn: NDArray[np.float64]  # (3, 3)
-    scale: float = 1.0
-    unit: str = ""
-
-    def of(self, name: str) -> str:
-        """As a program writes it."""
-        order = np.argmax(np.abs(self.turn), axis=1).tolist()
-        signs = [round(float(self.turn[k, place])) for k, place in enumerate(order)]
-        axes = "" if order == [0, 1, 2] else f"[:, {order}]"
-        return f"{name}{axes}{'' if signs == [1, 1, 1] else f' * {tuple(signs)}'}{self.unit}"
-
-
-HYPOTHESES = tuple(AxisHypothesis(turn, scale, unit) for scale, unit in GYR_UNITS for turn in TURNS)
+def as_written(name: str, turn: Floats, unit: str = "") -> str:
+    """Readings by a signed permutation of axes (3, 3), and in a unit, as a program writes it."""
+    order = np.argmax(np.abs(turn), axis=1).tolist()
+    signs = tuple(round(float(turn[k, place])) for k, place in enumerate(order))
+    axes = "" if order == [0, 1, 2] else f"[:, {order}]"
+    return f"{name}{axes}{'' if signs == (1, 1, 1) else f' * {signs}'}{unit}"
 
 
 def advice(rows: Rows) -> tuple[str, ...]:
@@ -236,7 +225,8 @@ def _better(spans: Spans, *, is_field: bool) -> str | None:
         return None
     left = np.concatenate([root(squares, scale) for scale, _ in GYR_UNITS])
     least = float(left.min())
-    hypothesis = HYPOTHESES[int(np.flatnonzero(left <= ALIKE * least)[0])]
+    of_units, of_turns = divmod(int(np.flatnonzero(left <= ALIKE * least)[0]), len(TURNS))
+    (unit_scale, unit), turn = GYR_UNITS[of_units], TURNS[of_turns]
     scale, scaled = _best_scale(squares)
     is_other = max(scale, 1.0 / max(scale, 1e-9)) > BETTER and scaled <= explained
     is_scale = is_other and BETTER * scaled < least
@@ -245,11 +235,9 @@ def _better(spans: Spans, *, is_field: bool) -> str | None:
     if is_scale:
         return f"{said} gyr * {float(f'{scale:.2g}'):g}: its unit, or the times, are others"
     if not (times > BETTER and least <= explained):
-        is_unit = times > MUCH_BETTER and hypothesis.scale != 1.0
-        return f"{said} gyr{hypothesis.unit}" if is_unit else None
-    if is_field and hypothesis.scale == 1.0 and np.linalg.det(hypothesis.turn) > 0.0:
+        is_unit = times > MUCH_BETTER and unit_scale != 1.0
+        return f"{said} gyr{unit}" if is_unit else None
+    if is_field and unit_scale == 1.0 and np.linalg.det(turn) > 0.0:
         # a rotation: the axes of either may be others
-        return (
-            f"{said} {AxisHypothesis(hypothesis.turn.T).of('mag')}, or with {hypothesis.of('gyr')}"
-        )
-    return f"{said} {hypothesis.of('gyr')}"
+        return f"{said} {as_written('mag', turn.T)}, or with {as_written('gyr', turn)}"
+    return f"{said} {as_written('gyr', turn, unit)}"

@@ -26,7 +26,7 @@ MODULES = (
     "tuning.paper_cost",
     "tuning.prediction",
 )
-LONGEST = ("advance", "advance_aided", "hear")
+LONGEST = ("advance", "hear")
 
 
 def named_kernels() -> list[tuple[str, str]]:

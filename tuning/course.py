@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from math import radians
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -10,9 +10,19 @@ from estimator.arrays import Floats
 from estimator.estimator import Estimator
 from estimator.geometry.quaternion import exp, scale
 from estimator.live.core import with_attitude
-from estimator.live.rows import BIAS, SAID, SIGMA, Q, Rows, blocks, cut
-from estimator.row_taking import take, take_row
-from estimator.types import Quaternion
+from estimator.live.rows import (
+    BIAS,
+    NOTHING_TOLD,
+    SAID,
+    SIGMA,
+    Q,
+    Rows,
+    cut,
+    told_between,
+    told_of,
+)
+from estimator.row_taking import put, take
+from estimator.types import Quaternion, RateSample, VelocitySample
 from tuning.logged_calls import Call
 
 # A wrong start: 170 deg about NED (1,1,1)/sqrt 3, next to the unstable equilibrium, as the paper
@@ -37,33 +47,43 @@ def course_of(
     rows: Rows,
     calls: Mapping[int, Sequence[Call]],
     wrong_ned_frd: Mapping[int, Quaternion] = NOTHING_WRONG,
+    told: Floats = NOTHING_TOLD,
 ) -> Course:
     """Have the estimator take all rows, before each of them what it was told then.
 
-    Behind each sample in ``wrong_ned_frd`` the filter is given that attitude; what conditions its
-    vectors goes on.
+    ``told`` (M, TOLD) are velocities and rates, ``calls`` what else. Behind each sample in
+    ``wrong_ned_frd`` the filter is given that attitude; what conditions its vectors goes on.
     """
     n, begin = len(rows.times_us), 0
-    course = Course(np.empty((n, 4)), np.empty((n, 2)), np.empty((n, 3)))
-    wrong = {at for k in wrong_ned_frd for at in (k, k + 1)}
-    stops = {*calls, *wrong, *(part.stop for part in blocks(n))}
-    for end in sorted(k for k in stops if 0 < k <= n):
+    said = np.empty((n, SAID))
+    for end in sorted({k for k in (*calls, *(k + 1 for k in wrong_ned_frd), n) if 0 < k <= n}):
         for call in calls.get(begin, ()):
             call(estimator)
-        if end == begin + 1:
-            time_us = take_row(estimator, rows, begin)
-            if begin in wrong_ned_frd:
-                now = estimator.snapshot
-                core = with_attitude(now.core, wrong_ned_frd[begin])
-                estimator.snapshot = now._replace(core=core)
-            one = estimator.attitude(time_us)
-            sigma = one.sigma_inclination_rad, one.sigma_heading_rad
-            course.q_ned_frd[begin], course.sigma_rad[begin] = one.q_ned_frd, sigma
-            course.bias_rad_s[begin] = one.gyro_bias_rad_s
-        else:
-            said = np.empty((end - begin, SAID))
-            take(estimator, cut(rows, begin, end), said, np.empty(len(said), np.bool_))
-            for column, part in zip(course, (Q, SIGMA, BIAS), strict=True):
-                column[begin:end] = said[:, part]
+        part = cut(rows, begin, end)
+        take(estimator, part, said[begin:end], told_between(told, begin, end))
+        if end - 1 in wrong_ned_frd:
+            now = estimator.snapshot
+            core = with_attitude(now.core, wrong_ned_frd[end - 1])
+            estimator.snapshot = now._replace(core=core)
+            put(estimator, int(part.times_us[-1]), said[end - 1])
         begin = end
-    return course
+    return Course(said[:, Q], said[:, SIGMA], said[:, BIAS])
+
+
+def split_calls(calls: Mapping[int, Sequence[Call]]) -> tuple[Floats, dict[int, Sequence[Call]]]:
+    """Velocities and rates behind all other calls of their sample as rows (M, TOLD), and those."""
+    told, others = [], {}
+    for k, each in calls.items():
+        reports = [_report(call) for call in each]
+        first = max((at + 1 for at, report in enumerate(reports) if report is None), default=0)
+        told += [(k, report) for report in reports[first:] if report is not None]
+        if first:
+            others[k] = each[:first]
+    return told_of(told), others
+
+
+def _report(call: Call) -> VelocitySample | RateSample | None:
+    """What a call tells, if that is a velocity or rates."""
+    words: Any = call.__reduce__()[1]  # of a methodcaller: its name and arguments
+    is_report = words[0] == "update_report" and isinstance(words[1], VelocitySample | RateSample)
+    return words[1] if is_report else None

@@ -5,7 +5,7 @@ does not depend on the numbers that are tuned. So it is done once and written do
 candidate's whole estimator, aiding included, then takes the same calls.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +13,7 @@ import numpy as np
 from estimator.arrays import Bools, Floats
 from estimator.errors import InputError
 from estimator.estimator import Estimator
-from estimator.live.rows import Rows, cut
+from estimator.live.rows import NOTHING_TOLD, Rows, cut
 from estimator.profile import Profile
 from estimator.types import Quaternion
 from tuning.course import NOTHING_WRONG, Course, course_of
@@ -33,7 +33,8 @@ LEAST_FIELD_RATE_HZ = 0.2
 class Flight(NamedTuple):
     """N samples of one vehicle, as its estimator was told of them.
 
-    ``calls[k]`` are those before sample k, if there are some. ``restart`` marks samples
+    ``told`` (M, TOLD) are velocities and rates, ``calls[k]`` what else came before sample k, if
+    there was something. ``restart`` marks samples
     after which nothing from before holds (the first, a reboot, a jump of the clock). ``truth``
     (N, 4) is the reference's ``q_ned_frd`` where ``known``; ``reference`` is "sim", "autopilot",
     "smooth" or "none". ``headed`` marks where the base profile told a heading. ``doubt_rad`` (N, 2)
@@ -45,11 +46,12 @@ class Flight(NamedTuple):
     message: str
     reference: str
     rows: Rows
-    calls: Mapping[int, tuple[Call, ...]]
+    calls: Mapping[int, Sequence[Call]]
     restart: Bools
     truth: Floats
     known: Bools
     headed: Bools
+    told: Floats = NOTHING_TOLD
     doubt_rad: Floats | None = None
 
     @property
@@ -92,7 +94,7 @@ def fly(
 ) -> Course:
     """The first ``last`` samples with the whole estimator of ``profile``; see :func:`course_of`."""
     estimator = Estimator(profile)
-    return course_of(estimator, cut(flight.rows, 0, last), flight.calls, wrong_ned_frd)
+    return course_of(estimator, cut(flight.rows, 0, last), flight.calls, wrong_ned_frd, flight.told)
 
 
 def motion_s(flight: Flight) -> float:

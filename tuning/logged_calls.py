@@ -44,6 +44,13 @@ class LoggedEstimator(Estimator):
             self.note_sample(sample, calls)
         return reason
 
+    def set_position(self, *place: Any) -> bool:
+        """See :class:`Estimator`; what is no news changes nothing, whatever the numbers."""
+        is_news = super().set_position(*place)
+        if is_news:
+            self._waiting.append(methodcaller("set_position", *place))
+        return is_news
+
     def restart(self) -> None:
         """See :class:`Estimator`."""
         self.note_restart()
@@ -51,7 +58,6 @@ class LoggedEstimator(Estimator):
         super().restart()
 
     update_report = _logged("update_report")  # velocities and rates come this way, too
-    set_position = _logged("set_position")
     set_field_calibrated = _logged("set_field_calibrated")
     set_imu_lag = _logged("set_imu_lag")
     set_vehicle_class = _logged("set_vehicle_class")

@@ -33,7 +33,7 @@ GOLDEN = 0.618034
 def smoothed_flight(flight: Flight, profile: Profile) -> Flight:
     """The flight with its smoothed attitude for a reference."""
     recorder = Recorder(profile)
-    course_of(recorder, flight.rows, flight.calls)
+    course_of(recorder, flight.rows, flight.calls, told=flight.told)
     times_us, smoothed = smooth_all(recorder)
     at = np.searchsorted(times_us, flight.rows.times_us)
     truth, doubt = smoothed.q_ned_frd[at], smoothed.sigma_rad[at]

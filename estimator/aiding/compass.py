@@ -16,6 +16,9 @@ from estimator.conditioning.times import FORGET_S, LONG_S, MEMORY_S
 # like the place's own, it must have looked so for MEMORY_S.
 
 
+NEVER_US = -(1 << 62)
+
+
 class Compass(NamedTuple):
     """What is known about a compass; times are the vehicle's, None for what never happened."""
 
@@ -56,9 +59,22 @@ def doubt(compass: Compass, time_us: int) -> str:
     return "the field is not like this place's" * _is_recent(compass.unlike_us, time_us, MEMORY_S)
 
 
-def is_timeless(compass: Compass) -> bool:
-    """Whether nothing but a word, or none, is known about it."""
-    return compass == Compass(compass.declared_calibrated)
+def doubted_until_us(compass: Compass) -> int:
+    """Until when something that was seen speaks against it."""
+    return max(
+        _until_us(compass.misled_us, FORGET_S),
+        heard_from_us(compass),
+        _until_us(compass.unlike_us, MEMORY_S),
+    )
+
+
+def heard_from_us(compass: Compass) -> int:
+    """From when on its field counts at all."""
+    return _until_us(compass.left_out_us, FORGET_S)
+
+
+def _until_us(then_us: int | None, for_s: float) -> int:
+    return NEVER_US if then_us is None else then_us + round(1e6 * for_s)
 
 
 def lacks_a_word_only(compass: Compass, time_us: int) -> bool:

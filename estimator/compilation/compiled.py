@@ -74,6 +74,11 @@ def inlined(function: Function) -> Function:
     return register_jitable(**OPTIONS)(function)
 
 
+def shared(function: Function) -> Function:
+    """A part of compiled functions that is large and called from several places of one."""
+    return register_jitable(**{**OPTIONS, "forceinline": False})(function)
+
+
 def is_compiled_code() -> bool:
     """Whether there is any, and not plain Python alone."""
     return not _numba_config.DISABLE_JIT

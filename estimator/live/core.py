@@ -17,6 +17,7 @@ from estimator.conditioning import initial_state as initial_conditioning
 from estimator.filter.types import FilterState, initial_state
 from estimator.geometry.quaternion import conjugate, multiply, normalize
 from estimator.live.pull import NO_PULL, Pull
+from estimator.live.rows import TOLD
 from estimator.live.settings import Settings
 from estimator.live.turning import COLUMNS as RATE_COLUMNS
 from estimator.live.turning import STILL, Turning
@@ -59,6 +60,7 @@ class Core(NamedTuple):
     )
     turning: Turning  # that others have seen between the IMU's samples
     rates: Any  # of theirs that wait for a sample: rows as in ``turning``, or row by row
+    reports: Any  # velocities that the samples have not reached: (N, TOLD), or row by row
 
 
 @lru_cache(maxsize=16)  # which newcomers begin with
@@ -81,6 +83,7 @@ def initial_core(settings: Settings) -> Core:
         velocity_history=velocity_history,
         turning=STILL,
         rates=(),
+        reports=(),
     )
 
 
@@ -97,6 +100,7 @@ def in_arrays(core: Core) -> Core:
         covariance=square(core.covariance),
         velocity_history=in_rows(core.velocity_history),
         rates=in_rows(core.rates, RATE_COLUMNS),
+        reports=in_rows(core.reports, TOLD),
     )
 
 
@@ -106,6 +110,7 @@ def in_tuples(core: Core) -> Core:
         covariance=flat(core.covariance),
         velocity_history=flat(core.velocity_history),
         rates=flat(core.rates),
+        reports=flat(core.reports),
     )
 
 

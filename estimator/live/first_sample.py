@@ -37,4 +37,5 @@ def first_core(settings: Settings, before: Core, sample: ImuSample) -> Core:
         smooth_error=state.error,
         conditioning=memory,
         seen=seen,
+        reports=(),
     )

@@ -8,7 +8,8 @@ from estimator.aiding.sources.table import source_of
 from estimator.aiding.velocity_history import OLDEST_S
 from estimator.live.compass_check import check_compass
 from estimator.live.refusal import RATE_LIMIT_RAD_S
-from estimator.live.reports import age_s, enqueue, report_with_age
+from estimator.live.reports import age_s, enqueue
+from estimator.live.rows import told_of
 from estimator.live.state import State
 from estimator.reasons import Reason
 from estimator.types import RateSample, VelocitySample
@@ -25,13 +26,15 @@ def take_report(state: State, report: Any) -> Reason | None:
     reason = source.refusal(report)
     if reason is not None or not state.settings.conditioned:
         return reason
-    is_aided, time_us = state.context.phase is Phase.AIDED, state.core.time_us
-    if is_aided and report.time_us <= time_us:
-        # it belongs to the last sample or to one just before it
-        if age_s(report, time_us) <= OLDEST_S and state.core.hear(report, time_us):
-            check_compass(state, report_with_age(report, time_us))
-    elif is_aided or isinstance(report, VelocitySample):
-        state.change_context(reports=enqueue(state.context.reports, report))
+    core = state.ready()
+    if isinstance(report, VelocitySample):
+        if core.hear(told_of([(0, report)])[0]):
+            check_compass(state, core.last_report[0])
+    elif state.context.phase is Phase.AIDED:
+        if report.time_us > core.time_us:
+            state.change_context(reports=enqueue(state.context.reports, report))
+        elif age_s(report, core.time_us) <= OLDEST_S:
+            core.hear_other(report, core.time_us)
     return None
 
 
@@ -44,7 +47,5 @@ def take_rate(state: State, rate: RateSample) -> Reason | None:
         return Reason.GYROSCOPE_OUT_OF_RANGE  # or no number
     if not state.profile.uses_attitude_rates:
         return None
-    is_kept = state.core.hear_rate(rate.time_us, float(x), float(y), float(z))
-    if is_kept and not state.context.has_rates:
-        state.change_context(has_rates=True)
+    state.core.hear_rate(rate.time_us, float(x), float(y), float(z))
     return None

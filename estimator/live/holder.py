@@ -14,10 +14,9 @@ from estimator.arrays import Floats
 from estimator.compilation.direct import direct
 from estimator.live import resident
 from estimator.live.core import Core, in_arrays, in_tuples
-from estimator.live.reports import age_s, report_with_age
+from estimator.live.reports import age_s
 from estimator.live.rows import Rows, require_writable, rows_of
 from estimator.live.settings import Settings
-from estimator.types import VelocitySample
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -71,12 +70,12 @@ class Holder:
     _clock = _step(resident.clock)
     _contradicted_axes = _step(resident.contradicted_axes)
     _lay = _step(resident.lay)
+    brief = _step(resident.brief)
+    hear = _step(resident.hear)
     hear_rate = _step(resident.hear_rate)
-    turn_on = _step(resident.turn_on)
+    _last_report = _step(resident.last_report)
     _turning = _step(resident.turning_of)
-    _advance_aided = _step(resident.advance_aided)
     _search = _step(resident.search)
-    _hear_velocity = _step(resident.hear)
 
     def __init__(self, settings: Settings, core: Core) -> None:
         self._params = resident.params_of(settings)
@@ -94,7 +93,9 @@ class Holder:
         if not self._is_in_python:
             return core
         # as many rates wait as there are
-        as_put: Core = in_types_of(self._core._replace(rates=core.rates), core)
+        as_put: Core = in_types_of(
+            self._core._replace(rates=core.rates, reports=core.reports), core
+        )
         return as_put
 
     @property
@@ -124,43 +125,28 @@ class Holder:
         return self.clock[0]
 
     @property
-    def inside(self) -> Any:
-        """The handle on compiled memory, into which the core is put now; None in plain Python."""
-        return None if self._is_in_python else self._put_inside()
+    def last_report(self) -> tuple[Report, bool]:
+        """See :func:`estimator.live.resident.last_report`."""
+        return self._last_report()
 
-    def lay(self, rows: Rows, said: Floats) -> None:
+    def lay(self, rows: Rows, said: Floats, told: Floats) -> None:
         """See :func:`estimator.live.resident.lay`; rows of another type or layout are copied."""
         rows = rows_of(*rows)
         require_writable(said, len(rows.times_us))
-        self._lay(rows, said)
-
-    def advance_aided(
-        self, report: Report, knows_north: bool, shows_north: bool
-    ) -> tuple[bool, bool]:
-        """See :func:`estimator.live.resident.advance_aided`."""
-        if report is not NO_REPORT:
-            report = in_types_of(NO_REPORT, report)
-        return self._advance_aided(report, knows_north, shows_north)
+        self._lay(rows, said, told)
 
     def search(self, report: Report) -> bool:
         """See :func:`estimator.live.resident.search`."""
         return self._search(in_types_of(NO_REPORT, report))
 
-    def hear(self, report: Any, time_us: int) -> bool:
-        """Take a source's report that belongs to the last sample, of ``time_us``, or before it.
-
-        Returns whether velocity alone may have shown the attitude anew.
-        """
-        source = source_of(report)
+    def hear_other(self, report: Any, time_us: int) -> None:
+        """Take another source's report that belongs to the last sample, of ``time_us``."""
+        kind, source = type(report), source_of(report)
         report = in_types_of(source.blank, report)
-        if isinstance(report, VelocitySample):
-            return bool(self._hear_velocity(report_with_age(report, time_us)))
-        kind = type(report)
         if kind not in self._hearing:
             kernel = resident.hearing(source.observe)
             self._hearing[kind] = self.bind(kernel, source.blank, 0.0)
         self._hearing[kind](report, age_s(report, time_us))
-        return False
 
     def bind(self, kernel: Any, *arguments: Any) -> Any:
         """A step that knows what it works on.
@@ -180,7 +166,8 @@ class Holder:
 
     def _put_inside(self) -> Any:
         if self._inside is None:
-            values = (self._params, in_arrays(self._core), *resident.NOTHING_LAID)
+            arrays = in_arrays(self._core)
+            values = (self._params, arrays, resident.Situation(), *resident.NOTHING_LAID)
             put = resident.resident if self._is_in_python else _put_form(values)
             self._inside = put(*values)
         return self._inside

@@ -11,16 +11,18 @@ from estimator.live.state import State
 
 def set_position(
     state: State, latitude_deg: float, longitude_deg: float, altitude_m: float, unix_us: int
-) -> None:
+) -> bool:
     """See :meth:`estimator.estimator.Estimator.set_position`."""
     if not state.settings.learns_north:
-        return
+        return False
     before = state.context.whereabouts
     known = update_whereabouts(before, latitude_deg, longitude_deg, altitude_m, unix_us)
+    if known is before:
+        return False
     declination_rad = state.declination_rad or 0.0
     state.change_context(whereabouts=known)
     if known.here is None or known.here is before.here:
-        return
+        return True
     state.replace_profile(state.profile)
     now, field = state.core.core, known.here.field
     is_aided = state.context.phase is Phase.AIDED
@@ -32,6 +34,7 @@ def set_position(
         # verdicts on the compass, and the aiding, were drawn from another place's field
         state.change_context(compass=compass.restart(state.context.compass))
         state.enter(Cause.MISLED)
+    return True
 
 
 def set_field_calibrated(state: State, calibrated: bool) -> None:

@@ -18,7 +18,7 @@ from estimator.geometry.quaternion import exp, multiply, norm, normalize, scale
 from estimator.live.aided import GRAVITY_HALF_RAD, MAGNETIC_HALF_RAD, confidence
 from estimator.live.iron import with_iron
 from estimator.live.pull import Pull
-from estimator.types import Quaternion, Vec3
+from estimator.types import IDENTITY, ZERO_VEC3, Quaternion, Vec3
 
 # No estimate from these sensors is better than this; it also keeps sigma above zero.
 LEAST_SIGMA_RAD = radians(0.1)
@@ -29,8 +29,9 @@ STEADY_TURN_S = 0.1
 Motion = tuple[Quaternion, Vec3, Vec3, float, float, float]
 # Confidences of gravity and field, sigmas (rad) of inclination and heading.
 Figures = tuple[float, float, float, float]
-# The time (us) that they are for, both, and whether the field has told a heading.
-Said = tuple[int, Motion, Figures, bool]
+# The time (us) that they are for, both, and the place in ``NORTHS`` of what the heading is from.
+Said = tuple[int, Motion, Figures, int]
+NOTHING_SAID: Said = (-1, (IDENTITY, ZERO_VEC3, ZERO_VEC3, 0.0, 0.0, 0.0), (0.0,) * 4, 0)
 
 # The output is propagated this far beyond the last sample at most, s; then the
 # last rate says nothing about the vehicle any more.
@@ -110,9 +111,9 @@ def widen(figures: Figures, rate_rad_s: Vec3, ahead_s: float) -> Figures:
 
 
 @inlined
-def write(row: Any, said: Said) -> None:
+def write(row: Any, said: Said, is_aided: bool) -> None:
     """All of it as the numbers of a row, in the order of :data:`estimator.live.rows.SAID`."""
-    _, (q, rate, bias, error, error_rate, gain), figures, has_heading = said
+    _, (q, rate, bias, error, error_rate, gain), figures, north = said
     for i in range(4):
         row[i] = q[i]
     for i in range(3):
@@ -121,7 +122,7 @@ def write(row: Any, said: Said) -> None:
     row[10], row[11], row[12] = error, error_rate, gain
     for i in range(4):
         row[13 + i] = figures[i]
-    row[17] = 1.0 if has_heading else 0.0
+    row[17], row[18] = north, 1.0 if is_aided else 0.0
 
 
 @inlined

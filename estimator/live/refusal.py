@@ -28,7 +28,7 @@ REASONS = {
 
 
 @inlined
-def fault_of(gyr: Vec3, acc: Vec3, mag: Vec3) -> int:
+def fault_of(gyr: Vec3, acc: Vec3, mag: Vec3, is_later: bool = True) -> int:
     """What is wrong with a sample, :data:`FINE` if it can be used."""
     gyr_is_finite = isfinite(gyr[0]) and isfinite(gyr[1]) and isfinite(gyr[2])
     acc_is_finite = isfinite(acc[0]) and isfinite(acc[1]) and isfinite(acc[2])
@@ -39,7 +39,7 @@ def fault_of(gyr: Vec3, acc: Vec3, mag: Vec3) -> int:
         return GYROSCOPE_OUT_OF_RANGE
     if max(abs(acc[0]), abs(acc[1]), abs(acc[2])) > ACC_LIMIT_M_S2:
         return ACCELEROMETER_OUT_OF_RANGE
-    return FINE
+    return FINE if is_later else NOT_LATER
 
 
 def refusal(sample: ImuSample) -> Reason | None:

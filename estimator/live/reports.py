@@ -1,16 +1,76 @@
-"""Reports of aiding sources that wait for the IMU sample behind them."""
+"""Reports of aiding sources that wait for the IMU sample behind them.
+
+Velocities wait in compiled memory, as rows of :mod:`estimator.live.rows`; others as they are.
+"""
 
 from typing import Any
 
-from estimator.aiding.types import Report
-from estimator.types import VelocitySample
+import numpy as np
+
+from estimator.aiding.types import NO_REPORT, Report
+from estimator.arrays import Floats
+from estimator.compilation.compiled import inlined
+from estimator.live.rows import HAS_VERTICAL, LATE_S, SIGMA_M_S, TIME, X, Y, Z
 
 # Reports come about as often as IMU samples do; of more than this of one type the oldest go.
 MOST_WAITING = 8
 
 
+@inlined
+def enqueue_velocity(waiting: Floats, row: Floats) -> Floats:
+    """The waiting velocities with a new one; the oldest gives way to one too many."""
+    kept = waiting[max(0, len(waiting) + 1 - MOST_WAITING) :]
+    longer = np.empty((len(kept) + 1, len(row)))
+    longer[:-1] = kept
+    longer[-1] = row
+    return longer
+
+
+@inlined
+def take_due_velocities(
+    waiting: Floats, time_us: int, oldest_s: float
+) -> tuple[Floats, Report, Report]:
+    """Those ahead of the IMU, and the latest of each source that it has reached by ``time_us``.
+
+    A report waits for the first IMU sample that is not before it. Only the latest of several
+    counts: their errors are the same for a second or more. There are two sources: a receiver, whose
+    age is uncertain, and a filter. The one whose reports began to wait first comes first.
+    """
+    earliest, latest = np.full(2, -1), np.full(2, -1)  # rows, of filter and receiver
+    for k in range(len(waiting)):
+        at = waiting[k, TIME]
+        if at <= time_us:
+            source = 1 if waiting[k, LATE_S] > 0.0 else 0
+            if earliest[source] < 0 or at < waiting[earliest[source], TIME]:
+                earliest[source] = k
+            if latest[source] < 0 or at >= waiting[latest[source], TIME]:
+                latest[source] = k
+    one = velocity_at(waiting, latest[0], time_us, oldest_s)
+    other = velocity_at(waiting, latest[1], time_us, oldest_s)
+    a, b = earliest
+    is_second = waiting[b, TIME] < waiting[a, TIME] or (
+        waiting[b, TIME] == waiting[a, TIME] and b < a
+    )
+    if not one.given or (other.given and is_second):
+        one, other = other, one
+    return waiting[waiting[:, TIME] > time_us], one, other
+
+
+@inlined
+def velocity_at(waiting: Floats, k: int, time_us: int, oldest_s: float) -> Report:
+    """A row as it is seen from the IMU sample of ``time_us``, if it is there and no older."""
+    if k < 0:
+        return NO_REPORT
+    row = waiting[k]
+    ago_s = 1e-6 * (time_us - int(row[TIME]))
+    if ago_s > oldest_s:
+        return NO_REPORT
+    velocity = (row[X], row[Y], row[Z])
+    return Report(True, velocity, row[HAS_VERTICAL] > 0.0, row[SIGMA_M_S], ago_s, row[LATE_S])
+
+
 def enqueue(waiting: tuple[Any, ...], report: Any) -> tuple[Any, ...]:
-    """The waiting reports with a new one; the oldest of its type gives way to one too many."""
+    """Others that wait with a new one; the oldest of its type gives way to one too many."""
     alike = [k for k, other in enumerate(waiting) if type(other) is type(report)]
     if len(alike) >= MOST_WAITING:
         waiting = (*waiting[: alike[0]], *waiting[alike[0] + 1 :])
@@ -20,34 +80,13 @@ def enqueue(waiting: tuple[Any, ...], report: Any) -> tuple[Any, ...]:
 def take_due(
     waiting: tuple[Any, ...], time_us: int, oldest_s: float
 ) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-    """The latest of each source that the IMU has reached by ``time_us``, and those ahead of it.
-
-    A report waits for the first IMU sample that is not before it. Only the
-    latest of several counts: their errors are the same for a second or more.
-    """
+    """The latest of each type that the IMU has reached by ``time_us``, and those ahead of it."""
     reached = [report for report in waiting if report.time_us <= time_us]
     ahead = tuple(report for report in waiting if report.time_us > time_us)
-    latest = {_origin(report): report for report in sorted(reached, key=lambda r: r.time_us)}
+    latest = {type(report): report for report in sorted(reached, key=lambda r: r.time_us)}
     return tuple(r for r in latest.values() if age_s(r, time_us) <= oldest_s), ahead
-
-
-def _origin(report: Any) -> tuple[type, bool]:
-    """Velocity comes from two sources: a receiver, whose age is uncertain, and a filter."""
-    return type(report), isinstance(report, VelocitySample) and report.late_sigma_s > 0.0
 
 
 def age_s(report: Any, time_us: int) -> float:
     """How long before ``time_us`` it was measured."""
     return 1e-6 * (time_us - int(report.time_us))
-
-
-def report_with_age(report: VelocitySample, time_us: int) -> Report:
-    """A velocity report as it is seen from the IMU sample of ``time_us``."""
-    return Report(
-        given=True,
-        velocity_ned_m_s=report.velocity_ned_m_s,
-        has_vertical=report.has_vertical,
-        sigma_m_s=report.sigma_m_s,
-        ago_s=age_s(report, time_us),
-        late_sigma_s=report.late_sigma_s,
-    )

@@ -23,14 +23,21 @@ from estimator.aiding import (
     is_credible,
     take_late_report,
 )
+from estimator.aiding.compass import NEVER_US
 from estimator.aiding.correction import correct_last, prediction_at
 from estimator.aiding.search import EMPTY_SEARCH, add_report, add_sample
 from estimator.aiding.sources.wheels import rolls
 from estimator.aiding.types import NO_REPORT, SIZE
+from estimator.aiding.velocity_history import OLDEST_S
 from estimator.aiding.witness import compare, hear_report, watch
 from estimator.arrays import Floats
-from estimator.compilation.compiled import Function, compiled, inlined
-from estimator.conditioning import Conditioned, ConditioningParams, condition
+from estimator.compilation.compiled import Function, compiled, inlined, shared
+from estimator.conditioning import (
+    Conditioned,
+    ConditioningParams,
+    ConditioningState,
+    condition,
+)
 from estimator.conditioning.events.axis_signs import errors_squared
 from estimator.conditioning.times import SPAN_S
 from estimator.conditioning.vertical.rate import slow_share
@@ -42,9 +49,10 @@ from estimator.live import turning
 from estimator.live.aided import follow_aided, horizontal_north, is_worse
 from estimator.live.conditioned import follow_conditioned
 from estimator.live.core import Core, in_arrays, initial_core
-from estimator.live.interval import usual_interval
-from estimator.live.iron import mounted_rad, unshown_iron
+from estimator.live.interval import is_gap, usual_interval
+from estimator.live.iron import DOUBTED, VOUCHED, mounted_rad, unshown_iron
 from estimator.live.published import (
+    NOTHING_SAID,
     OUTPUT_HORIZON_S,
     Said,
     aided_figures,
@@ -55,11 +63,28 @@ from estimator.live.published import (
     write,
 )
 from estimator.live.pull import pulled
-from estimator.live.refusal import FINE, NOT_LATER, fault_of
-from estimator.live.rows import NO_ROWS, NOTHING_TO_SAY, Rows, reading_of
+from estimator.live.refusal import FINE, fault_of
+from estimator.live.reports import enqueue_velocity, take_due_velocities
+from estimator.live.rows import (
+    HAS_VERTICAL,
+    IS_RATE,
+    LATE_S,
+    NO_ROWS,
+    NOTHING_TO_SAY,
+    NOTHING_TOLD,
+    ROW,
+    SIGMA_M_S,
+    TIME,
+    TOLD,
+    Rows,
+    X,
+    Y,
+    Z,
+    reading_of,
+)
 from estimator.live.settings import Settings, settings_of
 from estimator.profile import load_profile
-from estimator.types import NOTHING_BETWEEN, Sample, Vec3
+from estimator.types import NOTHING_BETWEEN, ZERO_VEC3, Between, Sample, Vec3
 
 # numba ships no types
 _numba_config: Any = numba.config
@@ -68,16 +93,36 @@ _typeof: Any = numba.typeof
 # Time over which e is averaged for the sigma of raw vectors: one sample's e is mostly its noise.
 SIGMA_TIME_S = 1.0
 
-# Why rows of samples end: there are no more; one is refused, see :mod:`estimator.live.refusal`;
-# one has told the first heading, or left no finite attitude.
+# Why steps end: there are no more samples; one is refused, see :mod:`estimator.live.refusal`; or
+# the last one leaves something to decide, each a bit of a number.
 TAKEN = FINE
-FIRST_HEADING = 11
-NOT_FINITE_NOW = 12
+FIRST_HEADING = 8  # it has told the first heading
+GAP = 16  # it came so late that it was taken without velocity
+REPORT = 32  # a velocity belongs to it that nothing has begun with yet
+LOST = 64  # the aided attitude is not credible
+SHOWN = 128  # velocity alone may have shown the attitude anew
+SHOWN_LATE = 256  # likewise a report behind it
+NOT_FINITE_NOW = 512  # it has left no finite attitude
 
 # What the filter's vectors come from.
 RAW = 0
 CONDITIONED = 1
 AIDED = 2
+
+
+class Situation(NamedTuple):
+    """What the steps ask of the context, see :mod:`estimator.live.snapshot`."""
+
+    source: int = RAW
+    standing: int = VOUCHED  # of the compass, see :mod:`estimator.live.iron`
+    doubted_until_us: int = NEVER_US  # until when that is ``DOUBTED``
+    heard_from_us: int = NEVER_US  # from when on the field counts
+    knows_north: bool = False
+    shows_north: bool = False  # whether the compass was trusted when the aiding began
+    watches_gaps: bool = False
+    takes_rates: bool = False  # of others beside the samples
+    north: int = 0  # the place in ``NORTHS`` of what a heading by the field is measured from
+    north_without: int = 0  # and of one without
 
 
 class Params(NamedTuple):
@@ -89,9 +134,10 @@ class Params(NamedTuple):
     aiding: AidingParams
 
 
-FIELDS = ("params", "between", "rows", "said", *Core._fields)
+FIELDS = ("params", "now", "report", "rows", "said", "told", *Core._fields)
 # No arrays are laid.
-NOTHING_LAID = (NO_ROWS, NOTHING_TO_SAY)
+NOTHING_LAID = (NO_ROWS, NOTHING_TO_SAY, NOTHING_TOLD)
+NO_ROW = np.zeros(TOLD)  # of what others tell
 
 
 class InPython:
@@ -129,9 +175,10 @@ def example_types() -> tuple[tuple[Any, ...], Any]:
     """The types of what :func:`resident` is called with, and of the handle that it returns."""
     settings = settings_of(load_profile("imu"))
     params, core = params_of(settings), in_arrays(initial_core(settings))
-    fields = zip(FIELDS, (params, NOTHING_BETWEEN, *NOTHING_LAID, *core), strict=True)
+    first = (params, Situation(), NO_REPORT, *NOTHING_LAID)
+    fields = zip(FIELDS, (*first, *core), strict=True)
     inside = _resident_type([(field, _typeof(value)) for field, value in fields])
-    return tuple(map(_typeof, (params, core, *NOTHING_LAID))), inside
+    return tuple(map(_typeof, (params, core, Situation(), *NOTHING_LAID))), inside
 
 
 def takes_handle(function: Function) -> Function:
@@ -145,33 +192,36 @@ def arguments_with(inside: Any) -> dict[Any, tuple[Any, ...]]:
     """The types of the arguments of all kernels that take a handle, which is of type ``inside``."""
     number, flag = types.float64, types.boolean
     whole = types.int64
-    report = _typeof(NO_REPORT)
     readings = (number,) * 9
     return {
         contents: (inside,),
         clock: (inside,),
         contradicted_axes: (inside,),
         advance_raw: (inside, whole, *readings, flag),
-        advance: (inside, whole, *readings, flag, flag, whole, whole),
+        advance: (inside, whole, *readings, flag, whole, whole, whole),
+        brief: (inside, _typeof(Situation())),
         lay: (inside, *(_typeof(value) for value in NOTHING_LAID)),
         hear_rate: (inside, whole, number, number, number),
-        turn_on: (inside, whole, number, number, number),
         turning_of: (inside,),
-        advance_aided: (inside, report, flag, flag),
-        hear: (inside, report),
-        search: (inside, report),
-        publish: (inside, whole, whole, whole),
+        hear: (inside, _typeof(NO_ROW)),
+        last_report: (inside,),
+        search: (inside, _typeof(NO_REPORT)),
+        publish: (inside, whole),
     }
 
 
 @compiled(types=lambda: example_types()[0])
-def resident(params: Params, core: Core, rows: Rows, said: Floats) -> Any:
+def resident(
+    params: Params, core: Core, now: Situation, rows: Rows, said: Floats, told: Floats
+) -> Any:
     """Put everything inside; the arrays as in :func:`lay`."""
     return Resident(
         params,
-        NOTHING_BETWEEN,
+        now,
+        NO_REPORT,
         rows,
         said,
+        told,
         core.time_us,
         core.usual_s,
         core.sample,
@@ -187,6 +237,7 @@ def resident(params: Params, core: Core, rows: Rows, said: Floats) -> Any:
         core.velocity_history,
         core.turning,
         core.rates,
+        core.reports,
     )
 
 
@@ -209,6 +260,7 @@ def contents(inside: Any) -> Core:
         velocity_history=inside.velocity_history.copy(),
         turning=inside.turning,
         rates=inside.rates[: inside.turning.waiting].copy(),
+        reports=inside.reports.copy(),
     )
 
 
@@ -247,9 +299,7 @@ def advance_raw(
     has_mag: bool,
 ) -> int:
     """One sample of raw vectors; returns what is wrong with it, ``TAKEN`` if nothing is."""
-    end = fault_of((gx, gy, gz), (ax, ay, az), (mx, my, mz))
-    if end == FINE and time_us <= inside.time_us:
-        end = NOT_LATER
+    end = fault_of((gx, gy, gz), (ax, ay, az), (mx, my, mz), time_us > inside.time_us)
     if end != FINE:
         return end
     dt_s = 1e-6 * (time_us - inside.time_us)
@@ -289,129 +339,226 @@ def advance(
     my: float,
     mz: float,
     has_mag: bool,
-    is_aided: bool,
-    rows: int,
-    standing: int,
-) -> tuple[int, int, bool, Said]:
-    """One conditioned sample, or as many ``rows`` of those that :func:`lay` has laid.
+    first: int,
+    behind: int,
+    heard: int,
+) -> tuple[int, int, int, Said]:
+    """One conditioned sample, or the rows from ``first`` up to ``behind`` of those that are laid.
 
-    ``standing`` is the compass's, see :mod:`estimator.live.iron`.
+    A sample is plain numbers because those cost the least to hand over; ``behind`` is 0 then.
+    Before each row come the reports that are laid with it, from ``heard`` on.
 
-    A sample is plain numbers because those cost the least to hand over. Where it ``is_aided``
-    the filter waits for :func:`advance_aided`.
-
-    Returns how many were taken, what has ended it there, whether there is a heading by the field,
-    and what there is to publish.
+    Returns the row and the report that would be next, what has ended it there, and what there is
+    to publish of the last sample.
     """
-    params = inside.params
-    place_gauss = params.reference.place_gauss
+    now = inside.now
     memory, seen, state = inside.conditioning, inside.seen, inside.filter
-    sample, between = inside.sample, inside.between
-    laid, said = inside.rows, inside.said
-    last_us, usual_s = inside.time_us, inside.usual_s
+    laid, out, told = inside.rows, inside.said, inside.told
+    sample, last_us, usual_s = inside.sample, inside.time_us, inside.usual_s
     gyr, acc, mag = (gx, gy, gz), (ax, ay, az), (mx, my, mz)
-    k, end = 0, TAKEN
-    while end == TAKEN and k < max(1, rows):
-        if rows > 0:
+    # others read of the memory meanwhile
+    is_read = now.source == AIDED or turning.is_told(inside.turning) or len(told) > 0
+    said, is_aided, k, end = NOTHING_SAID, now.source == AIDED, first, TAKEN
+    while end == TAKEN and k < max(1, behind):
+        if behind > 0:
             time_us, gyr, acc, mag, has_mag = reading_of(laid, k)
-        end = fault_of(gyr, acc, mag)
-        if end == FINE and time_us <= last_us:
-            end = NOT_LATER
-        if end != FINE:
+            heard, end = hear_rows(inside, told, heard, k)
+        if end == TAKEN:
+            end = fault_of(gyr, acc, mag, time_us > last_us)
+        if end != TAKEN:
             break
         dt_s = 1e-6 * (time_us - last_us)
+        between = NOTHING_BETWEEN
+        if now.takes_rates and turning.is_told(inside.turning):
+            between, gyr = turn_to(inside, time_us, gyr)
+        if now.watches_gaps and not between.given and is_gap(usual_s, dt_s):
+            is_aided, end = False, GAP
+        has_mag = has_mag and time_us >= now.heard_from_us
+        mag = mag if has_mag else ZERO_VEC3
         sample = Sample(
             gyr_rad_s=gyr, acc_m_s2=acc, mag=mag, has_mag=has_mag, dt_s=dt_s, between=between
         )
-        between = NOTHING_BETWEEN
-        had_heading = seen.has_heading
-        memory, seen = condition(params.conditioning, memory, sample)
+        last_us, usual_s = time_us, usual_interval(usual_s, dt_s)
+        ends, memory, seen, state, said = step(
+            inside, sample, last_us, memory, seen, state, is_aided, is_read
+        )
+        end |= ends
+        if behind > 0:
+            write(out[k], said, is_aided)
+        k += 1
+    if k > first:
+        keep(inside, last_us, memory, seen, sample)
+        inside.usual_s, inside.filter = usual_s, state
+        if not is_aided:
+            inside.smooth_error = state.error
+    return k, heard, end, said
+
+
+@inlined
+def step(
+    inside: Any,
+    sample: Sample,
+    time_us: int,
+    memory: ConditioningState,
+    seen: Conditioned,
+    state: FilterState,
+    is_aided: bool,
+    is_read: bool,
+) -> tuple[int, ConditioningState, Conditioned, FilterState, Said]:
+    """One sound sample: what it leaves to decide, the states after it and what there is to say.
+
+    Where it ``is_read``, all that is inside is of this sample, too.
+    """
+    params, now, dt_s = inside.params, inside.now, sample.dt_s
+    report, other = due_reports(inside, time_us, dt_s)
+    had_heading, end = seen.has_heading, TAKEN
+    memory, seen = condition(params.conditioning, memory, sample)
+    search_on(inside, memory, sample.acc_m_s2, dt_s)
+    if is_read:
+        keep(inside, time_us, memory, seen, sample)
+    if is_aided:
+        end = step_aided(inside, now, report, other)
+        state = inside.filter
+        said = said_by(inside, time_us)
+    else:
+        state = follow_conditioned(params.filter, params.reference, state, seen, dt_s)
+        said = said_now(time_us, params, now, memory, seen, state, sample.gyr_rad_s)
         if seen.has_heading and not had_heading:
             end = FIRST_HEADING
-        if dt_s > SPAN_S:  # how the vehicle has turned meanwhile is not known
-            inside.search = EMPTY_SEARCH
-        elif inside.search.window.is_open:
-            vertical = memory.vertical
-            inside.search = add_sample(
-                inside.search, vertical.gravity.q_g_frd, acc, dt_s, vertical.tilt.missed
-            )
-        if not is_aided:
-            state = follow_conditioned(params.filter, params.reference, state, seen, dt_s)
-            q = state.q_ned_frd
-            if not isfinite(q[0] + q[1] + q[2] + q[3]):
-                end = NOT_FINITE_NOW
-            if rows > 0:
-                iron_rad = unshown_iron(params.conditioning, memory, place_gauss, standing)
-                write(said[k], said_now(time_us, state, seen, gyr, iron_rad))
-        last_us, usual_s = time_us, usual_interval(usual_s, dt_s)
-        k += 1
+        if report.given and params.aiding.enabled:
+            inside.report = report
+            end |= REPORT
+    q = state.q_ned_frd
+    if not isfinite(q[0] + q[1] + q[2] + q[3]):
+        end |= NOT_FINITE_NOW
+    return end, memory, seen, state, said
+
+
+@inlined
+def keep(
+    inside: Any, time_us: int, memory: ConditioningState, seen: Conditioned, sample: Sample
+) -> None:
+    """Put inside what a sample has changed of the conditioning stage."""
     inside.conditioning = memory
     inside.seen = seen
     inside.sample = sample
-    inside.time_us = last_us
-    inside.usual_s = usual_s
-    inside.between = between
-    if not is_aided and k > 0:
-        inside.filter = state
-        inside.smooth_error = state.error
-    iron_rad = unshown_iron(params.conditioning, memory, place_gauss, standing)
-    now = said_now(last_us, state, seen, sample.gyr_rad_s, iron_rad)
-    return k, end, seen.has_heading, now
+    inside.time_us = time_us
+
+
+@inlined
+def hear_rows(inside: Any, told: Floats, heard: int, k: int) -> tuple[int, int]:
+    """Hear the reports from ``heard`` on that come before row k; which is next, and what ends."""
+    while heard < len(told) and told[heard, ROW] <= k:
+        has_shown = hear_row(inside, told[heard])
+        heard += 1
+        if has_shown:
+            return heard, SHOWN_LATE
+    return heard, TAKEN
+
+
+@inlined
+def due_reports(inside: Any, time_us: int, dt_s: float) -> tuple[Report, Report]:
+    """The velocities that have waited for the sample of ``time_us``, of either source."""
+    report, other = NO_REPORT, NO_REPORT
+    if len(inside.reports) > 0:
+        # one that came behind a slow stream's last sample is as old as the step is long
+        inside.reports, report, other = take_due_velocities(
+            inside.reports, time_us, max(OLDEST_S, dt_s)
+        )
+    return report, other
+
+
+@inlined
+def search_on(inside: Any, memory: ConditioningState, acc: Vec3, dt_s: float) -> None:
+    """Follow the force for the search by velocity, if that has begun."""
+    if dt_s > SPAN_S:  # how the vehicle has turned meanwhile is not known
+        inside.search = EMPTY_SEARCH
+    elif inside.search.window.is_open:
+        vertical = memory.vertical
+        inside.search = add_sample(
+            inside.search, vertical.gravity.q_g_frd, acc, dt_s, vertical.tilt.missed
+        )
 
 
 @inlined
 def said_now(
-    time_us: int, state: FilterState, seen: Conditioned, gyr: Vec3, unshown_iron_rad: float
+    time_us: int,
+    params: Params,
+    now: Situation,
+    memory: ConditioningState,
+    seen: Conditioned,
+    state: FilterState,
+    gyr: Vec3,
 ) -> Said:
     """What a conditioned sample without velocity leaves to be published."""
+    iron_rad = unshown_iron(
+        params.conditioning, memory, params.reference.place_gauss, standing_at(now, time_us)
+    )
     rate = subtract(gyr, state.gyr_bias_rad_s)
     moved = motion(state, rate, 0.0, state.error, state.error_rate_1_s)
-    return time_us, moved, conditioned_figures(seen, unshown_iron_rad), seen.has_heading
+    return time_us, moved, conditioned_figures(seen, iron_rad), north_of(now, seen)
+
+
+@inlined
+def standing_at(now: Situation, time_us: int) -> int:
+    """What stands for the compass at a time, see :mod:`estimator.live.iron`."""
+    return DOUBTED if time_us < now.doubted_until_us else now.standing
+
+
+@inlined
+def north_of(now: Situation, seen: Conditioned) -> int:
+    """The place in ``NORTHS`` of what the heading is measured from."""
+    return now.north if seen.has_heading else now.north_without
 
 
 @takes_handle
-def lay(inside: Any, rows: Rows, said: Floats) -> None:
+def brief(inside: Any, now: Situation) -> None:
+    """Tell the steps what they ask of the context."""
+    inside.now = now
+
+
+@takes_handle
+def lay(inside: Any, rows: Rows, said: Floats, told: Floats) -> None:
     """Lay arrays for :func:`advance`, as in :mod:`estimator.live.rows`."""
     inside.rows = rows
     inside.said = said
+    inside.told = told
 
 
 @takes_handle
-def hear_rate(inside: Any, time_us: int, x: float, y: float, z: float) -> bool:
-    """Body rates of another messenger; whether they are kept.
+def hear_rate(inside: Any, time_us: int, x: float, y: float, z: float) -> None:
+    """Body rates of another messenger."""
+    keep_rate(inside, time_us, (x, y, z))
+
+
+@inlined
+def keep_rate(inside: Any, time_us: int, rate_rad_s: Vec3) -> None:
+    """Keep body rates, unless they come too late.
 
     At the very times of the samples they are of use only where those are in doubt.
     """
     state = inside.turning
-    if time_us < inside.time_us:
-        return False
+    is_kept = time_us > inside.time_us
     if time_us == inside.time_us:
         a, b, c = contradicted_axes(inside)
         d, e, f = state.stands_in
-        if not (a or b or c or d or e or f):
-            return False
-    inside.turning, inside.rates = turning.hear_rate(state, inside.rates, time_us, (x, y, z))
-    return True
+        is_kept = a or b or c or d or e or f
+    if is_kept:
+        inside.turning, inside.rates = turning.hear_rate(state, inside.rates, time_us, rate_rad_s)
 
 
-@takes_handle
-def turn_on(
-    inside: Any, time_us: int, gx: float, gy: float, gz: float
-) -> tuple[bool, float, float, float]:
-    """Up to the next sample, by others' rates too.
+@inlined
+def turn_to(inside: Any, time_us: int, gyr: Vec3) -> tuple[Between, Vec3]:
+    """Up to the next sample by others' rates, too.
 
-    Returns whether those show the turning up to there, and what the gyroscope reads, or what
+    Returns what those show of the turning up to there, and what the gyroscope reads, or what
     stands in for it.
     """
-    gyr = (gx, gy, gz)
     state, between = turning.take_between(
         inside.turning, inside.rates, inside.time_us, time_us, gyr
     )
-    state, (x, y, z) = turning.stand_in(state, time_us, gyr, contradicted_axes(inside))
-    inside.turning = state
-    if between.given:
-        inside.between = between
-    return between.given, x, y, z
+    inside.turning, gyr = turning.stand_in(state, time_us, gyr, contradicted_axes(inside))
+    return between, gyr
 
 
 @takes_handle
@@ -420,20 +567,13 @@ def turning_of(inside: Any) -> tuple[int, tuple[bool, bool, bool]]:
     return inside.turning.used, inside.turning.stands_in
 
 
-@takes_handle
-def advance_aided(
-    inside: Any, report: Report, knows_north: bool, shows_north: bool
-) -> tuple[bool, bool]:
-    """The last sample with the velocity report that belongs to it, if any.
-
-    Returns whether to go on aided, and whether velocity alone may have shown the attitude anew.
-
-    A kernel of its own: all in one would compile the conditioning stage twice.
-    """
+@inlined
+def step_aided(inside: Any, now: Situation, report: Report, other: Report) -> int:
+    """The last sample with the velocity reports that belong to it, if any; what ends a run."""
     params = inside.params
     reference = params.reference
     seen = inside.seen
-    north = horizontal_north(reference, knows_north and shows_north)
+    north = horizontal_north(reference, now.knows_north and now.shows_north)
     others = StepInputs(
         gravity_b=seen.gravity_b,
         gravity_sigma_rad=seen.sigma_brief_rad,
@@ -451,7 +591,7 @@ def advance_aided(
         others,
     )
     before = inside.aided.estimate.q_ned_frd
-    knows_north = knows_north or rolls(params.aiding) or not shows_north
+    knows_north = now.knows_north or rolls(params.aiding) or not now.shows_north
     state = follow_aided(params.filter, reference, inside.filter, aided, knows_north, before)
     inside.filter = state
     inside.smooth_error = state.error
@@ -461,13 +601,47 @@ def advance_aided(
     witness = watch(params.aiding, inside.witness, aided, inside.sample, report)
     tau_s = params.filter.rate_time_constant_s
     inside.witness = compare(witness, state.q_ned_frd, inside.sample.dt_s, tau_s)
-    lost = slow_share(inside.sample.dt_s) > 0.0 and is_worse(aided, seen)
     has_shown = report.given and search_by(inside, report)
-    return bool(is_credible(aided)) and not lost, has_shown
+    is_lost = slow_share(inside.sample.dt_s) > 0.0 and is_worse(aided, seen)
+    if is_lost or not is_credible(aided):
+        return LOST
+    if other.given:
+        hear_late(inside, other)
+    if has_shown:
+        inside.report = report
+    return SHOWN if has_shown else TAKEN
 
 
 @takes_handle
-def hear(inside: Any, report: Report) -> bool:
+def hear(inside: Any, row: Floats) -> bool:
+    """See :func:`hear_row`."""
+    return hear_row(inside, row)
+
+
+@inlined
+def hear_row(inside: Any, row: Floats) -> bool:
+    """A row of what others have measured; whether it may have shown the attitude anew.
+
+    A velocity waits for its sample, unless that was the last one or one just before it.
+    """
+    time_us, vector = int(row[TIME]), (row[X], row[Y], row[Z])
+    if row[IS_RATE] > 0.0:
+        keep_rate(inside, time_us, vector)
+        return False
+    if inside.now.source != AIDED or time_us > inside.time_us:
+        inside.reports = enqueue_velocity(inside.reports, row)
+        return False
+    ago_s = 1e-6 * (inside.time_us - time_us)
+    if ago_s > OLDEST_S:
+        return False
+    has_vertical = row[HAS_VERTICAL] > 0.0
+    report = Report(True, vector, has_vertical, row[SIGMA_M_S], ago_s, row[LATE_S])
+    inside.report = report
+    return hear_late(inside, report)
+
+
+@shared
+def hear_late(inside: Any, report: Report) -> bool:
     """A report that belongs to the last sample, and comes behind it.
 
     Returns whether velocity alone may have shown the attitude anew.
@@ -484,6 +658,12 @@ def hear(inside: Any, report: Report) -> bool:
     inside.covariance = covariance
     inside.witness = hear_report(inside.params.aiding, inside.witness, aided.estimate, report)
     return search_by(inside, report)
+
+
+@takes_handle
+def last_report(inside: Any) -> tuple[Report, bool]:
+    """The report that a step has left to decide on, and whether the field tells a heading."""
+    return inside.report, inside.seen.has_heading
 
 
 @functools.cache
@@ -525,35 +705,38 @@ def search_by(inside: Any, report: Report) -> bool:
 
 
 @takes_handle
-def publish(inside: Any, time_us: int, source: int, standing: int) -> Said:
-    """What there is to publish at a time, turned on from the last sample if that is before it.
+def publish(inside: Any, time_us: int) -> Said:
+    """What there is to publish at a time, turned on from the last sample if that is before it."""
+    return said_by(inside, time_us)
 
-    ``source`` is what the filter's vectors come from, ``standing`` the compass's.
-    """
+
+@shared
+def said_by(inside: Any, time_us: int) -> Said:
+    """See :func:`publish`."""
+    params, now = inside.params, inside.now
     known_s = min(max(1e-6 * (time_us - inside.time_us), 0.0), OUTPUT_HORIZON_S)
     ahead_s = known_s
     error, error_rate_1_s = inside.filter.error, inside.filter.error_rate_1_s
-    if source == AIDED:
+    place_gauss = params.reference.place_gauss
+    if now.source == AIDED:
         witness = inside.witness
         error, error_rate_1_s = witness.error, witness.error_rate_1_s
-        place_gauss = inside.params.reference.place_gauss
         figures = aided_figures(
-            inside.params.aiding,
+            params.aiding,
             inside.aided,
             witness,
             place_gauss,
             inside.covariance,
-            mounted_rad(standing),
+            mounted_rad(now.standing),
         )
         ahead_s += inside.aided.estimate.imu_lag_s  # the samples are that old
-    elif source == CONDITIONED:
-        params, memory = inside.params, inside.conditioning
-        place_gauss = params.reference.place_gauss
-        iron_rad = unshown_iron(params.conditioning, memory, place_gauss, standing)
+    elif now.source == CONDITIONED:
+        standing = standing_at(now, inside.time_us)
+        iron_rad = unshown_iron(params.conditioning, inside.conditioning, place_gauss, standing)
         figures = conditioned_figures(inside.seen, iron_rad)
     else:
-        figures = raw_figures(inside.params.reference, inside.smooth_error, inside.pull)
+        figures = raw_figures(params.reference, inside.smooth_error, inside.pull)
     rate_rad_s = subtract(inside.sample.gyr_rad_s, inside.filter.gyr_bias_rad_s)
     figures = widen(figures, rate_rad_s, known_s)
     moved = motion(inside.filter, rate_rad_s, ahead_s, error, error_rate_1_s)
-    return time_us, moved, figures, inside.seen.has_heading
+    return time_us, moved, figures, north_of(now, inside.seen)

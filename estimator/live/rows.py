@@ -1,5 +1,6 @@
 """Many samples and what is said about them, as rows of arrays."""
 
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -7,13 +8,20 @@ import numpy as np
 from estimator.arrays import Bools, Floats, Times
 from estimator.compilation.compiled import inlined
 from estimator.errors import InputError
-from estimator.types import ZERO_VEC3, Vec3
+from estimator.types import ZERO_VEC3, RateSample, Vec3, VelocitySample
 
 # Columns of a row that tells an attitude: q_ned_frd, rate, bias, e, its rate, K, the confidences
-# of gravity and field, the sigmas of inclination and heading, and 1 where a field has told one.
-SAID = 18
+# of gravity and field, the sigmas of inclination and heading, the place in ``NORTHS`` of what the
+# heading is measured from, and 1 where velocity helps.
+SAID = 19
 Q, RATE, BIAS, SIGMA = slice(0, 4), slice(4, 7), slice(7, 10), slice(15, 17)
-HAS_HEADING = 17
+NORTH, AIDED = 17, 18
+NORTHS = ("none", "magnetic", "true")
+# Columns of a row that tells what others have measured: the sample that it comes before, its time
+# (us), 1 for body rates and 0 for a velocity, three components, and of a velocity both sigmas and 1
+# where the third component is known.
+TOLD = 9
+ROW, TIME, IS_RATE, X, Y, Z, SIGMA_M_S, LATE_S, HAS_VERTICAL = range(TOLD)
 # What is done row by row is done with so many at a time: an hour's take too much room at once.
 BLOCK = 100_000
 
@@ -34,6 +42,7 @@ class Rows(NamedTuple):
 NO_SAMPLES = np.zeros((0, 3))
 NO_ROWS = Rows(np.zeros(0, np.int64), NO_SAMPLES, NO_SAMPLES, NO_SAMPLES, np.zeros(0, np.bool_))
 NOTHING_TO_SAY = np.zeros((0, SAID))
+NOTHING_TOLD = np.zeros((0, TOLD))
 
 
 def rows_of(
@@ -102,3 +111,31 @@ def cut(rows: Rows, begin: int, end: int | None = None, every: int = 1) -> Rows:
     t, g, a, m, has = rows
     part = slice(begin, end, every)
     return Rows(t[part], g[part], a[part], m[part], has[part])
+
+
+def told_of(reports: Iterable[tuple[int, VelocitySample | RateSample]]) -> Floats:
+    """Rows (M, TOLD) of reports, each with the sample that it comes before, in their order."""
+    told: list[tuple[float, ...]] = []
+    for row, report in reports:
+        if isinstance(report, RateSample):
+            told.append((row, report.time_us, 1.0, *report.rate_rad_s, 0.0, 0.0, 0.0))
+        else:
+            time_us, velocity, has_vertical, sigma_m_s, late_s = report
+            told.append((row, time_us, 0.0, *velocity, sigma_m_s, late_s, has_vertical))
+    return np.array(told, np.float64).reshape(-1, TOLD)
+
+
+def report_of(row: Floats) -> VelocitySample | RateSample:
+    """What one row (TOLD,) tells."""
+    _, time_us, is_rate, x, y, z, sigma_m_s, late_s, has_vertical = row.tolist()
+    if is_rate:
+        return RateSample(int(time_us), (x, y, z))
+    return VelocitySample(int(time_us), (x, y, z), bool(has_vertical), sigma_m_s, late_s)
+
+
+def told_between(told: Floats, begin: int, end: int) -> Floats:
+    """What comes before the rows from ``begin`` up to ``end``, counted from there."""
+    first, behind = np.searchsorted(told[:, ROW], (begin, end))
+    part = told[first:behind].copy()
+    part[:, ROW] -= begin
+    return part

@@ -13,7 +13,7 @@ class Context(NamedTuple):
     """What Python keeps beside the core."""
 
     phase: Phase = Phase.EMPTY
-    reports: tuple[Any, ...] = ()  # of aiding sources, that the IMU has not reached yet
+    reports: tuple[Any, ...] = ()  # of other sources than velocity, that wait for the IMU
     compass: Compass = Compass()  # how far the field is trusted
     shows_north: bool = True  # whether the compass was trusted when the aiding began
     is_by_field: bool = False  # whether the aiding began with the field's heading
@@ -21,7 +21,6 @@ class Context(NamedTuple):
     imu_lag_s: float | None = None  # of the gyroscope's samples, as far as somebody has told
     acc_lead_s: float = 0.0  # by how much the accelerometer's are younger
     vehicle_class: VehicleClass = VehicleClass.ANYTHING  # of the IMU, as far as somebody has told
-    has_rates: bool = False  # of others beside the IMU's samples
 
 
 class Snapshot(NamedTuple):

@@ -16,9 +16,10 @@ from estimator.live.core import (
     without_conditioning,
 )
 from estimator.live.holder import Holder
-from estimator.live.iron import BY_TURNS, DOUBTED, PROVEN, VOUCHED, unshown_iron
+from estimator.live.iron import BY_TURNS, PROVEN, VOUCHED, unshown_iron
 from estimator.live.published import Said
-from estimator.live.resident import AIDED, CONDITIONED, RAW
+from estimator.live.resident import AIDED, CONDITIONED, RAW, Situation, standing_at
+from estimator.live.rows import NORTHS
 from estimator.live.settings import Settings, settings_of
 from estimator.live.snapshot import Context, Snapshot
 from estimator.profile import Profile
@@ -45,9 +46,8 @@ class State:
     said: Said | None  # what the last sample's step has said, while that holds
     source: int  # RAW, CONDITIONED or AIDED
     takes_raw_samples: bool  # the paper's vectors, of which nothing else changes a step
-    needs_samples_only: bool  # nothing but samples matters: no velocity, no other's rates
-    norths: tuple[str, str]  # see Estimator.norths
-    _standing: int | None  # of the compass; None while it changes with time
+    takes_rows: bool  # conditioned samples, with no more between them than rows can tell
+    is_ready: bool  # whether the core's steps know the context
 
     def __init__(self, profile: Profile, fixed_gain: float | None) -> None:
         self.fixed_gain = fixed_gain
@@ -72,7 +72,7 @@ class State:
     def set_core(self, core: Core) -> None:
         """Replace what the compiled steps work on."""
         self.core = Holder(self.settings, core)
-        self.said = None
+        self.said, self.is_ready = None, False
 
     def change_context(self, **changes: object) -> None:
         """Replace some fields of the context."""
@@ -83,29 +83,48 @@ class State:
         self.context = context
         self.source = SOURCE[context.phase]
         self.takes_raw_samples = context.phase is Phase.RAW and not self.settings.conditioned
-        self.needs_samples_only = (
-            self.settings.conditioned
-            and context.phase is Phase.UNAIDED
-            and context.compass.left_out_us is None
-            and not context.reports
-            and not context.has_rates
-        )
-        known, self._standing = context.compass, None
-        if self.source == AIDED:
-            vouched = VOUCHED if known.declared_calibrated else BY_TURNS
-            if known.contradicted_since_us is not None:
-                self._standing = BY_TURNS  # whichever is wrong
-            else:
-                self._standing = vouched if context.is_by_field and not known.confirmed else PROVEN
-        elif compass.is_timeless(known):
-            self._standing = VOUCHED if known.declared_calibrated else BY_TURNS
+        begun = context.phase not in (Phase.EMPTY, Phase.RAW)
+        self.takes_rows = self.settings.conditioned and begun and not context.reports
+        self.is_ready = False
+
+    def ready(self) -> Holder:
+        """The core, whose steps know the context."""
+        if not self.is_ready:
+            self.core.brief(self.situation)
+            self.said, self.is_ready = None, True
+        return self.core
+
+    @property
+    def situation(self) -> Situation:
+        """What the steps ask of the context."""
+        now, known, settings = self.context, self.context.compass, self.settings
+        is_aided = self.source == AIDED
+        vouched = known.declared_calibrated
         given = self.profile.reference.declination_deg != "position"
-        is_known = given or context.whereabouts.here is not None
-        north = "true" if is_known or not self.settings.conditioned else "magnetic"
-        if self.source == AIDED and (rolls(self.settings.aiding) or not context.shows_north):
-            north = "true"  # by velocity
-        without_field = {RAW: north, CONDITIONED: "none", AIDED: "true"}  # by reports' velocity
-        self.norths = (north, without_field[self.source])
+        is_true = given or now.whereabouts.here is not None or not settings.conditioned
+        north = NORTHS.index("true" if is_true else "magnetic")
+        if is_aided:  # which of both is wrong nobody knows; a heading by velocity is proven
+            is_doubtful = known.contradicted_since_us is not None
+            is_proven = known.confirmed or not now.is_by_field
+            vouched = vouched and not is_doubtful
+            standing = PROVEN if is_proven and not is_doubtful else BY_TURNS
+            if rolls(settings.aiding) or not now.shows_north:
+                north = NORTHS.index("true")  # by velocity
+        else:
+            vouched = known.confirmed if vouched is None else vouched
+            standing = BY_TURNS
+        return Situation(
+            source=self.source,
+            standing=VOUCHED if vouched and standing != PROVEN else standing,
+            doubted_until_us=compass.NEVER_US if is_aided else compass.doubted_until_us(known),
+            heard_from_us=compass.heard_from_us(known),
+            knows_north=self.knows_north,
+            shows_north=now.shows_north,
+            watches_gaps=now.phase in (Phase.SEARCHING, Phase.AIDED),
+            takes_rates=self.profile.uses_attitude_rates,
+            north=north,
+            north_without={RAW: north, CONDITIONED: 0, AIDED: NORTHS.index("true")}[self.source],
+        )
 
     def replace_profile(self, profile: Profile) -> None:
         """Use other parameters from the next sample on; the estimate stays.
@@ -117,6 +136,8 @@ class State:
         self.profile, self.settings = profile, settings
         self.set_context(self.context)
         self.set_core(now._replace(conditioning=forget_coefficients(now.conditioning)))
+        if not settings.aiding.enabled:
+            self.enter(Cause.SWITCH_OFF)
 
     def _settings_of(self, profile: Profile) -> Settings:
         """A profile's settings for what is known of the vehicle and of its place."""
@@ -163,23 +184,14 @@ class State:
         return compass.is_trusted(known, self.core.time_us)
 
     @property
-    def standing(self) -> int:
-        """What stands for the heading now, see :mod:`estimator.live.iron`."""
-        if self._standing is not None:
-            return self._standing
-        known, now_us = self.context.compass, self.core.time_us
-        if compass.is_trusted(known, now_us):
-            return VOUCHED
-        return BY_TURNS if compass.lacks_a_word_only(known, now_us) else DOUBTED
-
-    @property
     def unshown_iron_rad(self) -> float:
         """See :func:`estimator.live.iron.unshown_iron`; 0 for raw vectors."""
         memory, settings = self.core.core.conditioning, self.settings
         if not settings.conditioned:
             return 0.0 if self.trusts_compass else UNKNOWN_RAD
         place_gauss = settings.reference.place_gauss
-        return unshown_iron(settings.conditioning, memory, place_gauss, self.standing)
+        standing = standing_at(self.situation, self.core.time_us)
+        return unshown_iron(settings.conditioning, memory, place_gauss, standing)
 
     @property
     def place_field(self) -> PlaceField | None:

@@ -72,6 +72,12 @@ with_stands_in = replacer(Turning, "stands_in")
 
 
 @inlined
+def is_told(state: Turning) -> bool:
+    """Whether there has been any rate."""
+    return state.waiting > 0 or state.before_us != NEVER_US
+
+
+@inlined
 def agrees(state: Turning, but: Axes) -> bool:
     """Whether the rates show what the samples show, as far as there was anything to show.
 

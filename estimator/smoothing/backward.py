@@ -5,22 +5,28 @@ not. Sensors that are late would be early, so their readings are first brought t
 by the ages that the way forward has taught. Its bias is taken off, too.
 """
 
-from heapq import merge
-from itertools import chain
-from operator import itemgetter
-
 import numpy as np
 
-from estimator.arrays import Times
+from estimator.arrays import Floats, Times
 from estimator.estimator import Estimator
 from estimator.geometry.rotations import exp, multiply
-from estimator.live.rows import BLOCK, NO_ROWS, SAID, SIGMA, Q, Rows, blocks, cut, rows_of
+from estimator.live.rows import (
+    AIDED,
+    LATE_S,
+    SAID,
+    SIGMA,
+    Q,
+    Rows,
+    blocks,
+    rows_of,
+    told_between,
+)
 from estimator.profile import merge_profile
 from estimator.row_taking import take
 from estimator.smoothing.field import believed, without_lag
 from estimator.smoothing.path import stands_for_step
 from estimator.smoothing.recording import Estimates, Recording
-from estimator.types import VelocitySample
+from estimator.smoothing.reports import turned_round
 
 # The least age that a profile allows (s): none.
 NO_AGE_S = 1e-4
@@ -32,30 +38,24 @@ def backward(recording: Recording) -> Estimates:
     n = len(recording.bias_rad_s)
     recording = recording._replace(rows=recording.rows._replace(has_mag=believed(recording)))
     ages = Ages(recording.last)
-    inner = turned_round(recording.last)
+    inner = of_reversed_time(recording.last)
     times_us = mirrored_times(recording.rows.times_us)
     q, sigma, aided = np.full((n, 4), np.nan), np.full((n, 2), np.nan), np.zeros(n, np.bool_)
     mirrored_us = int(recording.rows.times_us[-1]) + FIRST_US
-    reports = recording.reports.turned_round(mirrored_us, ages.of, NO_AGE_S)
-    changes = [(n - row, None) for row in reversed(recording.changes)]
-    heard = ((int(times_us.searchsorted(report.time_us)), report) for report in reports)
-    told = merge(changes, heard, key=itemgetter(0))
-    begin, known, mirrored = 0, 0, NO_ROWS
-    for until, report in chain(told, [(n, None)]):
-        while begin < until:
-            if begin == known:
-                known = min(begin + BLOCK, n)
-                mirrored = mirror(recording, times_us, begin, known, ages.field_s)
-            end = min(known, until)
-            said = np.full((end - begin, SAID), np.nan)
-            first = known - len(mirrored.times_us)
-            take(inner, cut(mirrored, begin - first, end - first), said, aided[begin:end])
-            q[begin:end], sigma[begin:end] = said[:, Q], said[:, SIGMA]
-            begin = end
-        if report is not None:
-            inner.update_report(report)
-        elif until < n:
+    told = turned_round(
+        recording.told, times_us, mirrored_us, ages.of(recording.told[:, LATE_S]), NO_AGE_S
+    )
+    changes = {n - row for row in recording.changes}
+    begin = 0
+    for end in sorted(changes | {part.stop for part in blocks(n)}):
+        mirrored = mirror(recording, times_us, begin, end, ages.field_s)
+        said = np.empty((end - begin, SAID))
+        take(inner, mirrored, said, told_between(told, begin, end))
+        q[begin:end], sigma[begin:end] = said[:, Q], said[:, SIGMA]
+        aided[begin:end] = said[:, AIDED] > 0.0
+        if end in changes:
             inner.change_imu()
+        begin = end
     back = Estimates(q[::-1], sigma[::-1], aided[::-1])
     for part in blocks(n):
         rate = recording.rows.gyr_rad_s[part] - recording.bias_rad_s[part]
@@ -74,14 +74,13 @@ class Ages:
         self.receiver_s = estimate.receiver_lag_s if is_aided else 0.0
         self.field_s = last.snapshot.core.conditioning.field.calibration.learnt.lag_s
 
-    def of(self, report: VelocitySample) -> float:
-        """How far behind the IMU's samples a report's time is its own."""
-        is_receiver = report.late_sigma_s > 0.0
-        own_s = self.receiver_s or report.late_sigma_s if is_receiver else self.filter_s
-        return float(own_s - self.imu_s)
+    def of(self, late_s: Floats) -> Floats:
+        """How far behind the IMU's samples a report's time is its own (M,)."""
+        by_receiver = self.receiver_s or late_s
+        return np.asarray(np.where(late_s > 0.0, by_receiver, self.filter_s) - self.imu_s)
 
 
-def turned_round(last: Estimator) -> Estimator:
+def of_reversed_time(last: Estimator) -> Estimator:
     """An estimator that knows place and vehicle as the last one does, and of no age."""
     changes = {"aiding": {"imu_lag_s": NO_AGE_S}}
     inner = Estimator(merge_profile(last.profile, changes), last.fixed_gain)

@@ -7,11 +7,10 @@ import numpy as np
 
 from estimator.arrays import Floats
 from estimator.estimator import Estimator
-from estimator.live.rows import BIAS, SIGMA, Q, Rows
+from estimator.live.rows import AIDED, BIAS, NOTHING_TOLD, SIGMA, TOLD, Q, Rows, told_of
 from estimator.profile import Profile
 from estimator.reasons import Reason
 from estimator.smoothing.recording import Estimates, Recording
-from estimator.smoothing.reports import Reports
 from estimator.types import RateSample, Vec3, VelocitySample
 
 # Of a sample: rate, specific force, field; of the attitude after it: q, bias, sigmas.
@@ -63,25 +62,35 @@ class Recorder(Estimator):
                 self._has_mag.append(has_mag)
         return reason
 
-    def update_rows(self, rows: Rows, said: Floats) -> int:
+    def update_rows(
+        self,
+        rows: Rows,
+        said: Floats,
+        told: Floats = NOTHING_TOLD,
+        taken: int = 0,
+        heard: int = 0,
+    ) -> tuple[int, int]:
         """See :class:`Estimator`."""
-        taken = super().update_rows(rows, said)
-        self._is_taken.frombytes(b"\1" * taken)
-        self._is_aided.frombytes(bytes(taken))
+        begin, first = taken, heard
+        taken, heard = super().update_rows(rows, said, told, taken, heard)
+        self._told.frombytes(told[first:heard].tobytes())
+        part = slice(begin, taken)
+        self._is_taken.frombytes(b"\1" * (taken - begin))
+        self._is_aided.frombytes((said[part, AIDED] > 0.0).tobytes())
         if self._offered is None:
-            times_us, *readings, has_mag = (column[:taken] for column in rows)
-            told = (*readings, *(said[:taken, part] for part in (Q, BIAS, SIGMA)))
-            for column, values in zip(self._kept, told, strict=True):
+            times_us, *readings, has_mag = (column[part] for column in rows)
+            kept = (*readings, *(said[part, columns] for columns in (Q, BIAS, SIGMA)))
+            for column, values in zip(self._kept, kept, strict=True):
                 column.frombytes(values.tobytes())
             self._times_us.frombytes(times_us.tobytes())
             self._has_mag.frombytes(has_mag.tobytes())
-        return taken
+        return taken, heard
 
     def update_report(self, report: Any) -> Reason | None:
         """See :class:`Estimator`."""
         reason = super().update_report(report)
         if reason is None and isinstance(report, VelocitySample | RateSample):
-            self._reports.add(report)
+            self._told.frombytes(told_of([(0, report)]).tobytes())
         return reason
 
     def restart(self) -> None:
@@ -98,7 +107,7 @@ class Recorder(Estimator):
         self._is_taken, self._is_aided = array("b"), array("b")
         self._times_us, self._kept = array("q"), [array("d") for _ in WIDTHS]
         self._has_mag = array("b")
-        self._reports = Reports()
+        self._told = array("d")
         self._changes: list[int] = []
 
     def _end(self) -> None:
@@ -106,9 +115,10 @@ class Recorder(Estimator):
         if self._is_aided:
             rows, (q, bias, sigma), places = self._taken()
             forward = Estimates(q, sigma, np.frombuffer(self._is_aided, np.bool_))
+            told = np.frombuffer(self._told).reshape(-1, TOLD)
             last = Estimator(self.profile, self.fixed_gain)
             last.snapshot = self.snapshot
-            recording = Recording(rows, self._changes, self._reports, forward, bias, last, places)
+            recording = Recording(rows, self._changes, told, forward, bias, last, places)
             self._ended.append(recording)
         self._before += len(self._is_taken)
         self._begin()

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from estimator.arrays import Bools, Floats
 from estimator.conditioning.times import MEMORY_S
 from estimator.estimator import Estimator
-from estimator.live.rows import Rows, blocks, cut
-from estimator.smoothing.reports import Reports
+from estimator.live.rows import NOTHING_TOLD, Rows, blocks, cut
 
 Places = NDArray[np.int64]
 
@@ -32,7 +31,7 @@ class Recording(NamedTuple):
 
     rows: Rows
     changes: Sequence[int]  # the rows from which on they are another IMU's
-    reports: Reports
+    told: Floats  # (M, TOLD) by others, in the order in which it came
     forward: Estimates  # of the estimator at the samples
     bias_rad_s: Floats  # (N, 3) of the gyroscope, as it was known then
     last: Estimator  # the estimator behind the last one
@@ -63,7 +62,7 @@ class Recording(NamedTuple):
         return self._replace(
             rows=cut(self.rows, begin, end),
             changes=(),
-            reports=Reports(),
+            told=NOTHING_TOLD,
             forward=self.forward.part(rows),
             bias_rad_s=self.bias_rad_s[rows],
         )

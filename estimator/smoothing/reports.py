@@ -1,55 +1,23 @@
-"""Velocities and others' rates, as an estimator was told them on its way through a recording."""
-
-from array import array
-from collections.abc import Callable, Iterator
-from heapq import merge
-from operator import attrgetter
+"""What others told an estimator on its way through a recording, in time turned round."""
 
 import numpy as np
 
-from estimator.types import RateSample, VelocitySample
+from estimator.arrays import Floats, Times
+from estimator.live.rows import IS_RATE, LATE_S, ROW, TIME, X, Z
 
 
-class Reports:
-    """In the order in which they came; rates are packed, since an hour at 400 Hz has millions."""
+def turned_round(
+    told: Floats, times_us: Times, mirrored_us: int, velocity_age_s: Floats, late_s: float
+) -> Floats:
+    """Velocities and rates (M, TOLD) before the samples of ``times_us``, both turned round.
 
-    def __init__(self) -> None:
-        self._velocities: list[VelocitySample] = []
-        self._times_us, self._rates_rad_s = array("q"), array("d")
-
-    def __bool__(self) -> bool:
-        return bool(self._velocities or self._times_us)
-
-    def add(self, report: VelocitySample | RateSample) -> None:
-        """One more."""
-        if isinstance(report, VelocitySample):
-            self._velocities.append(report)
-        else:
-            self._times_us.append(report.time_us)
-            self._rates_rad_s.extend(report.rate_rad_s)
-
-    def turned_round(
-        self, mirrored_us: int, age_s: Callable[[VelocitySample], float], late_s: float
-    ) -> Iterator[VelocitySample | RateSample]:
-        """Them in time turned round, in that order: times are those to ``mirrored_us``.
-
-        A velocity is brought to its own time by its age, and is late by no more than ``late_s``.
-        """
-
-        def turned(report: VelocitySample) -> VelocitySample:
-            x, y, z = report.velocity_ned_m_s
-            return report._replace(
-                time_us=mirrored_us - report.time_us + round(1e6 * age_s(report)),
-                velocity_ned_m_s=(-x, -y, -z),
-                late_sigma_s=min(report.late_sigma_s, late_s),
-            )
-
-        velocities = sorted(map(turned, self._velocities), key=attrgetter("time_us"))
-        return merge(self._rates_turned_round(mirrored_us), velocities, key=attrgetter("time_us"))
-
-    def _rates_turned_round(self, mirrored_us: int) -> Iterator[RateSample]:
-        times_us = mirrored_us - np.frombuffer(self._times_us, np.int64)
-        rates = np.frombuffer(self._rates_rad_s).reshape(-1, 3)
-        for row in np.argsort(times_us, kind="stable"):
-            x, y, z = rates[row].tolist()
-            yield RateSample(int(times_us[row]), (-x, -y, -z))
+    Times are those to ``mirrored_us``. A velocity is brought to its own time by its age (M,), and
+    is late by no more than ``late_s``.
+    """
+    is_rate, turned = told[:, IS_RATE] > 0.0, told.copy()
+    age_us = np.where(is_rate, 0.0, np.rint(1e6 * velocity_age_s))
+    turned[:, TIME] = mirrored_us - told[:, TIME] + age_us
+    turned[:, X : Z + 1] = -told[:, X : Z + 1]
+    turned[:, LATE_S] = np.minimum(told[:, LATE_S], late_s)
+    turned[:, ROW] = np.searchsorted(times_us, turned[:, TIME])
+    return np.asarray(turned[np.lexsort((~is_rate, turned[:, TIME]))])

@@ -37,7 +37,7 @@ def smooth(recording: Recording) -> Smoothed:
     best, n = recording.forward, len(recording.bias_rad_s)
     if n >= LEAST_SAMPLES:
         is_joined = of_both_ways(recording)
-        if is_joined.any() or recording.reports:
+        if is_joined.any() or len(recording.told):
             best = join(best, backward(recording))
             is_joined |= best.is_aided
         if not is_joined.all():

@@ -22,8 +22,8 @@ from drivers.logs.time_window import WHOLE_LOG, TimeWindow
 from drivers.mavlink.constants import autopilot_name, vehicle_type_name
 from estimator.arrays import Floats
 from estimator.errors import InputError
+from estimator.live.rows import NORTHS
 from estimator.profile import Profile
-from fuzzbee.column_store import NORTHS
 from fuzzbee.replays.comparison import Comparison, compare, reference_attitudes
 from fuzzbee.replays.constant_turn import ConstantTurn, constant_turn
 from fuzzbee.replays.score import (

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from drivers.logs.spill_file import SpillFile, blocks
 from estimator.arrays import Bools, Floats
-from fuzzbee.column_store import NORTHS
+from estimator.live.rows import NORTHS
 from fuzzbee.replays.comparison import Comparison
 from fuzzbee.replays.constant_turn import Turned
 from fuzzbee.replays.motion import motion_mask

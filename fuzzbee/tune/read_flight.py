@@ -13,6 +13,7 @@ from estimator.profile import Profile
 from estimator.types import ImuSample
 from fuzzbee.replays.comparison import compare
 from fuzzbee.replays.trace import Replay
+from tuning.course import split_calls
 from tuning.flight import Flight
 from tuning.logged_calls import Call, LoggedEstimator
 from tuning.smoothed import sure_flight
@@ -67,6 +68,7 @@ def read_flight(
     if recorder.samples != len(trace.attitudes):
         raise InputError(f"{path}: with the base profile the estimate is not finite")
     compared = compare(path, trace, None if reference == "smooth" else reference)
+    told, calls = split_calls(recorder.calls)
     restart = np.zeros(recorder.samples, dtype=bool)
     restart[[k for k in recorder.restarts if k < len(restart)]] = True
     samples = trace.samples
@@ -77,11 +79,12 @@ def read_flight(
         message=max(trace.imu_messages, key=lambda name: trace.imu_messages[name]),
         reference=compared.source or "none",
         rows=Rows(samples.times_us, gyr, acc, mag, samples.column("has_mag") > 0.0),
-        calls=recorder.calls,
+        calls=calls,
         restart=restart,
         truth=compared.truth,
         known=compared.known,
         headed=trace.attitudes.norths() != "none",
+        told=told,
     )
     if reference != "smooth" and (reference or found.reference == "sim"):
         return found

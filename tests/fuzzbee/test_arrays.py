@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from estimator.aiding.phase import Phase
 from estimator.estimator import Estimator as LiveEstimator
 from estimator.live.core import with_attitude
-from estimator.live.rows import HAS_HEADING, cut, rows_of
+from estimator.live.rows import SAID, cut, rows_of
 from estimator.types import ImuSample, VelocitySample
 from fuzzbee import Estimator, InputError, load_profile
 from fuzzbee.array_estimator import Unfit
@@ -115,19 +115,22 @@ def assert_batches_equal_calls(flight, damages, has_velocity, cuts):
         velocity[:] = np.nan
     for damage, begin, length in damages:
         damage(time_s, gyr, acc, mag, velocity, slice(begin, min(begin + length, ROWS)))
+    position = np.full((ROWS, 4), np.nan)
+    position[60:180:7] = (-35.363, 149.165, 584.0, 1.72e9)
     calls = Estimator()
     told = []
     for k in range(ROWS):
+        if np.isfinite(position[k]).all():
+            calls.set_position(*position[k])
         if np.isfinite(velocity[k, :2]).all():
             calls.update_velocity(velocity[k], round(1e6 * time_s[k]) / 1e6)
         told.append(calls.update(gyr[k], acc[k], mag[k], time_s[k]))
     batches = Estimator()
-    edges = (0, *cuts, ROWS)
+    edges, columns = (0, *cuts, ROWS), (gyr, acc, mag, time_s, velocity, position)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", Unfit)  # damaged rows may look like other axes
         parts = [
-            batches.update_batch(gyr[a:b], acc[a:b], mag[a:b], time_s[a:b], velocity[a:b])
-            for a, b in pairwise(edges)
+            batches.update_batch(*(column[a:b] for column in columns)) for a, b in pairwise(edges)
         ]
     assert batches.rejected == calls.rejected
     known = [k for k in range(ROWS) if told[k] is not None]
@@ -159,17 +162,17 @@ def test_the_rows_of_an_estimator_that_has_to_be_asked_are_left_to_calls(flight)
     time_s, gyr, acc, mag, _ = flight
     times_us = np.rint(1e6 * time_s).astype(np.int64)
     rows = rows_of(times_us, gyr, acc, mag, np.ones(ROWS, np.bool_))
-    said = np.zeros((ROWS, HAS_HEADING + 1))
+    said = np.zeros((ROWS, SAID))
     inner = Estimator(load_profile("imu"))._inner
-    assert inner.update_rows(rows, said) == 0
+    assert inner.update_rows(rows, said) == (0, 0)
     inner.update(ImuSample(int(times_us[0]), tuple(gyr[0]), tuple(acc[0]), tuple(mag[0]), True))
     inner.set_field_calibrated(False)
-    assert inner.update_rows(cut(rows, 1, 5), said[1:5]) == 4
+    assert inner.update_rows(cut(rows, 1, 5), said[1:5]) == (4, 0)
     assert said[4, 16] == inner.attitude(int(times_us[4])).sigma_heading_rad
     inner.set_field_calibrated(True)
-    assert inner.update_rows(cut(rows, 5, 9), said[5:9]) == 4
+    assert inner.update_rows(cut(rows, 5, 9), said[5:9]) == (4, 0)
     inner.update(ImuSample(int(times_us[9]), tuple(gyr[9]), tuple(acc[9]), tuple(mag[9]), True))
-    assert inner.update_rows(cut(rows, 10), said[10:]) == ROWS - 10
+    assert inner.update_rows(cut(rows, 10), said[10:]) == (ROWS - 10, 0)
     for time_us in (times_us[-1], times_us[9]):  # what was said at an earlier sample is forgotten
         last = inner.attitude(int(time_us))
         assert tuple(said[-1, :4]) == last.q_ned_frd

@@ -144,14 +144,14 @@ def test_of_rows_given_nothing_is_kept_twice(shaken):
     said = np.full((1500, SAID), np.nan)
     recorder = Recorder(load_profile("imu"), offered=Offered(rows, said))
     recorder.take(0, *(tuple(column[0].tolist()) for column in (gyr, acc, mag)), has_mag=True)
-    assert recorder.update_rows(cut(rows, 1, 1500), said[1:]) == 1499
+    assert recorder.update_rows(cut(rows, 1, 1500), said[1:]) == (1499, 0)
     (made,) = recorder.recordings()
     assert all(np.shares_memory(*pair) for pair in zip(made.rows, rows, strict=True))
     for kept in (made.forward.q_ned_frd, made.forward.sigma_rad, made.bias_rad_s):
         assert np.shares_memory(kept, said)
     alone = Recorder(load_profile("imu"))  # of rows that nobody keeps it keeps copies
     alone.take(0, *(tuple(column[0].tolist()) for column in (gyr, acc, mag)), has_mag=True)
-    assert alone.update_rows(cut(rows, 1, 1500), said[1:].copy()) == 1499
+    assert alone.update_rows(cut(rows, 1, 1500), said[1:].copy()) == (1499, 0)
     (own,) = alone.recordings()
     assert all(np.array_equal(*pair) for pair in zip(own.rows, rows, strict=True))
     for name in ("q_ned_frd", "sigma_rad"):

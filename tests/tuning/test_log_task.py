@@ -80,10 +80,9 @@ def test_a_flight_is_scored_as_replay_scores_it(recorded):
     assert figures.heading.rms_deg == report.error_deg.heading_rms
     assert figures.inclination.coverage == report.coverage.inclination
     assert figures.heading.coverage == report.coverage.heading
-    assert {call.__reduce__()[1][0] for calls in recorded.calls.values() for call in calls} >= {
-        "update_report",
-        "set_position",
-    }
+    named = {call.__reduce__()[1][0] for calls in recorded.calls.values() for call in calls}
+    assert "set_position" in named
+    assert len(recorded.told) > 100
 
 
 def test_of_samples_without_a_word_between_them_only_the_rows_are_kept():

@@ -13,7 +13,6 @@ ASKED = {
     "gain_in_words",
     "is_aided",
     "leaning_rad",
-    "norths",
     "place_field",
     "profile",
     "rates",

@@ -11,7 +11,7 @@ from estimator.live.rows import Rows, cut, rows_of
 from estimator.live.snapshot import Snapshot
 from estimator.profile import Profile
 from estimator.types import ImuSample, Quaternion
-from tuning.course import Course, course_of
+from tuning.course import Course, course_of, split_calls
 from tuning.logged_calls import Call
 
 SEGMENT_S = 5.0
@@ -54,8 +54,8 @@ def fly_segments(
     estimator.snapshot = before
     estimator.replace_profile(profile)
     calls = [told for segment in segments for told in segment.calls]
-    told = {k: each for k, each in enumerate(calls) if each}
-    return course_of(estimator, cut(rows_of_all(segments), 0, most), told)
+    told, others = split_calls({k: each for k, each in enumerate(calls) if each})
+    return course_of(estimator, cut(rows_of_all(segments), 0, most), others, told=told)
 
 
 def rows_of_all(segments: tuple[Segment, ...]) -> Rows:

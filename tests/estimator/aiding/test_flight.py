@@ -10,6 +10,7 @@ from estimator.aiding.phase import Phase
 from estimator.aiding.types import SIZE
 from estimator.geometry.metrics import batch_angle_errors, rms
 from estimator.geometry.quaternion import exp, norm, rotate, rotate_inverse
+from estimator.live.rows import TIME
 from estimator.profile import load_profile, merge_profile
 from estimator.types import VelocitySample
 from tests.flight import banked_flight, calibrated, flown
@@ -139,10 +140,10 @@ def test_a_report_ahead_of_the_imu_waits(flight):
     flown(one, flight)
     last = flight.samples[-1].time_us
     assert one.update_velocity(VelocitySample(last + 5_000, (20.0, 0.0, 0.0), True, 0.3)) is None
-    assert len(one.snapshot.context.reports) == 1
+    assert one.snapshot.core.reports[TIME] == last + 5_000
     step_us = flight.samples[1].time_us
     assert one.update(flight.samples[-1]._replace(time_us=last + step_us)) is None
-    assert one.snapshot.context.reports == ()
+    assert one.snapshot.core.reports == ()
 
 
 def test_a_gap_begins_anew(flight):

@@ -8,6 +8,7 @@ from estimator.aiding.search import EMPTY_SEARCH
 from estimator.conditioning.times import LONG_S
 from estimator.geometry.quaternion import exp, rotate
 from estimator.live.core import UNSEEN, flat
+from estimator.live.rows import TIME
 from estimator.live.settings import settings_of
 from estimator.profile import load_profile, merge_profile
 from estimator.types import ZERO_VEC3, RateSample, VelocitySample
@@ -141,7 +142,7 @@ def waiting(one):
     """A report ahead of the IMU."""
     ahead_us = one.snapshot.core.time_us + 30_000
     one.update_velocity(VelocitySample(ahead_us, (15.0, 1.0, 0.0), True, 0.3))
-    assert len(one.snapshot.context.reports) == 1
+    assert one.snapshot.core.reports[TIME] == ahead_us
 
 
 INTERRUPTIONS = {

@@ -11,40 +11,46 @@ from estimator.aiding.sources.velocity import (
     wait_for_reports,
 )
 from estimator.aiding.types import Agreement, Agreements, Scatter
-from estimator.live.reports import MOST_WAITING, age_s, enqueue, report_with_age, take_due
+from estimator.live.reports import MOST_WAITING, enqueue_velocity, take_due_velocities
+from estimator.live.rows import TIME, told_of
 from estimator.types import VelocitySample
 
 
-def report(time_us, north=1.0):
-    return VelocitySample(time_us, (north, 0.0, 0.0), True, 0.3)
+def report(time_us, north=1.0, late_s=0.0):
+    return VelocitySample(time_us, (north, 0.0, 0.0), True, 0.3, late_s)
+
+
+def due(*waiting, oldest_s=1.0):
+    """What is due at 40 us, and the times of what is ahead then."""
+    rows = told_of((0, each) for each in waiting)
+    ahead, *reports = take_due_velocities(rows, 40, oldest_s)
+    return [each for each in reports if each.given], ahead[:, TIME].tolist()
 
 
 def test_the_latest_that_the_imu_has_reached_counts_and_the_others_ahead_wait():
-    waiting = (report(10, 1.0), report(30, 3.0), report(20, 2.0), report(50, 5.0))
-    chosen, ahead = take_due(waiting, 40, 1.0)
-    assert [report.velocity_ned_m_s[0] for report in chosen] == [3.0]
-    assert age_s(chosen[0], 40) == report_with_age(chosen[0], 40).ago_s == pytest.approx(10e-6)
-    assert ahead == (report(50, 5.0),)
+    (chosen,), ahead = due(report(10, 1.0), report(30, 3.0), report(20, 2.0), report(50, 5.0))
+    assert chosen.velocity_ned_m_s == (3.0, 0.0, 0.0)
+    assert chosen.ago_s == pytest.approx(10e-6)
+    assert ahead == [50]
 
 
-def test_of_either_source_the_latest_counts():
-    late = report(20, 2.0)._replace(late_sigma_s=0.1)
-    chosen, ahead = take_due((report(10, 1.0), late, report(30, 3.0)), 40, 1.0)
-    assert sorted(r.velocity_ned_m_s[0] for r in chosen) == [2.0, 3.0]
-    assert ahead == ()
+@pytest.mark.parametrize(("first_us", "order"), [(10, [3.0, 2.0]), (25, [2.0, 3.0])])
+def test_of_either_source_the_latest_counts(first_us, order):
+    """The source whose reports have waited longest comes first."""
+    chosen, ahead = due(report(first_us, 1.0), report(20, 2.0, late_s=0.1), report(30, 3.0))
+    assert [each.velocity_ned_m_s[0] for each in chosen] == order
+    assert ahead == []
 
 
 def test_an_old_report_is_none():
-    chosen, ahead = take_due((report(0),), 600_000, 0.5)
-    assert chosen == ()
-    assert ahead == ()
+    assert due(report(0), oldest_s=30e-6) == ([], [])
 
 
 def test_when_too_many_wait_the_oldest_gives_way():
-    waiting = ()
+    waiting = told_of(())
     for time_us in range(MOST_WAITING + 3):
-        waiting = enqueue(waiting, report(time_us))
-    assert [r.time_us for r in waiting] == list(range(3, MOST_WAITING + 3))
+        waiting = enqueue_velocity(waiting, told_of([(0, report(time_us))])[0])
+    assert waiting[:, TIME].tolist() == list(range(3, MOST_WAITING + 3))
 
 
 @pytest.mark.parametrize(

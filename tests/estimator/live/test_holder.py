@@ -8,9 +8,7 @@ from estimator.aiding.types import NO_REPORT
 from estimator.errors import InputError
 from estimator.live.core import initial_core
 from estimator.live.holder import Holder
-from estimator.live.iron import VOUCHED
-from estimator.live.resident import CONDITIONED
-from estimator.live.rows import SAID, Rows
+from estimator.live.rows import NOTHING_TOLD, SAID, Rows
 from estimator.live.settings import settings_of
 from estimator.profile import load_profile
 from estimator.types import VelocitySample
@@ -26,14 +24,14 @@ compiled_only = pytest.mark.skipif(
 def holder():
     settings = settings_of(load_profile("imu"))
     holder = Holder(settings, initial_core(settings))
-    holder.advance(1, *READINGS, True, False, 0, VOUCHED)
+    holder.advance(1, *READINGS, True, 0, 0, 0)
     return holder
 
 
 @pytest.mark.parametrize("wrong", [None, "1", (1.0, 2.0), [], REPORT._replace(sigma_m_s=None)])
-@pytest.mark.parametrize("step", ["hear", "search", "advance_aided"])
+@pytest.mark.parametrize("step", ["hear_other", "search"])
 def test_what_is_no_report(holder, step, wrong):
-    others = {"hear": (0,), "advance_aided": (True, True)}.get(step, ())
+    others = {"hear_other": (0,)}.get(step, ())
     before = holder.core
     with pytest.raises(InputError, match=r"stands where|no source of aiding"):
         getattr(holder, step)(wrong, *others)
@@ -46,9 +44,9 @@ def test_what_is_no_number(holder, wrong):
     before = holder.core
     for at in range(len(READINGS)):
         with pytest.raises((TypeError, ValueError)):
-            holder.advance(2, *READINGS[:at], wrong, *READINGS[at + 1 :], True, False, 0, VOUCHED)
+            holder.advance(2, *READINGS[:at], wrong, *READINGS[at + 1 :], True, 0, 0, 0)
     with pytest.raises((TypeError, ValueError)):
-        holder.publish(wrong, CONDITIONED, VOUCHED)
+        holder.publish(wrong)
     assert holder.core == before
 
 
@@ -74,8 +72,8 @@ def test_rows_of_another_type_or_layout_are_converted(holder, kind, spread):
     other = Holder(settings, holder.core)
     said, wanted = np.zeros((4, SAID)), np.zeros((4, SAID))
     for one, given, out in ((holder, rows(), wanted), (other, rows(kind, spread), said)):
-        one.lay(given, out)
-        assert one.advance(0, *(0.0,) * 9, False, False, 4, VOUCHED)[0] == 4
+        one.lay(given, out, NOTHING_TOLD)
+        assert one.advance(0, *(0.0,) * 9, False, 0, 4, 0)[0] == 4
     assert np.array_equal(said, wanted)
     assert said.any()
 
@@ -92,7 +90,7 @@ def test_rows_of_another_type_or_layout_are_converted(holder, kind, spread):
 )
 def test_rows_that_do_not_fit_each_other(holder, wrong):
     with pytest.raises(InputError, match="rows of samples take"):
-        holder.lay(rows()._replace(**wrong), np.zeros((4, SAID)))
+        holder.lay(rows()._replace(**wrong), np.zeros((4, SAID)), NOTHING_TOLD)
 
 
 @pytest.mark.parametrize(
@@ -108,7 +106,7 @@ def test_rows_that_do_not_fit_each_other(holder, wrong):
 )
 def test_where_nothing_can_be_written(holder, said):
     with pytest.raises(InputError, match="writable"):
-        holder.lay(rows(), said)
+        holder.lay(rows(), said, NOTHING_TOLD)
 
 
 def test_a_report_of_whole_numbers_is_taken(holder):
