@@ -10,8 +10,7 @@ from estimator.arrays import Floats
 from estimator.estimator import Estimator
 from estimator.live.rows import HAS_HEADING, Rows, cut
 from estimator.types import Attitude
-from fuzzbee.attitudes import Attitudes, attitudes_of_rows
-from fuzzbee.column_store import NORTHS, PLACE
+from fuzzbee.attitudes import NORTHS, PLACE, Attitudes, attitudes_of_rows
 
 
 class Batch(NamedTuple):

@@ -10,7 +10,8 @@ from drivers.logs.time_window import WHOLE_LOG, TimeWindow
 from estimator.errors import InputError
 from estimator.live.rows import Rows
 from estimator.profile import Profile
-from estimator.types import ImuSample
+from estimator.types import IDENTITY, ImuSample
+from fuzzbee.attitudes import PLACE
 from fuzzbee.replays.comparison import compare
 from fuzzbee.replays.trace import Replay, VehicleTrace
 from tuning.flight import Flight
@@ -64,7 +65,7 @@ def read_flight(
         raise InputError(f"{path}: {why}")
     recorder = replay.estimator(trace.address)
     assert isinstance(recorder, RecordingEstimator)
-    if recorder.samples != len(trace.attitudes):
+    if recorder.samples != len(trace):
         raise InputError(f"{path}: with the base profile the estimate is not finite")
     found = _flight(path, sha256, trace, recorder, None if reference == "smooth" else reference)
     if reference != "smooth" and (reference or found.reference == "sim"):
@@ -79,24 +80,26 @@ def _flight(
     recorder: RecordingEstimator,
     reference: str | None,
 ) -> Flight:
-    compared = compare(path, trace, reference)
+    compare(path, trace, reference)
+    truth = np.array(trace["reference_q_ned_frd"])
+    known = np.isfinite(truth[:, 0])
     restart = np.zeros(recorder.samples, dtype=bool)
     restart[[k for k in recorder.restarts if k < len(restart)]] = True
     return Flight(
         name=path.name,
         sha256=sha256,
         message=max(trace.imu_messages, key=lambda name: trace.imu_messages[name]),
-        reference=compared.source or "none",
+        reference=trace.reference or "none",
         rows=Rows(
-            times_us=trace.samples.times_us,
-            gyr_rad_s=trace.samples.column("gyr_rad_s"),
-            acc_m_s2=trace.samples.column("acc_m_s2"),
-            mag_gauss=trace.samples.column("mag_gauss"),
-            has_mag=trace.samples.column("has_mag") > 0.0,
+            times_us=np.array(trace["time_us"]),
+            gyr_rad_s=np.array(trace["gyr_rad_s"]),
+            acc_m_s2=np.array(trace["acc_m_s2"]),
+            mag_gauss=np.array(trace["mag_gauss"]),
+            has_mag=np.array(trace["has_mag"]),
         ),
         calls=recorder.calls,
         restart=restart,
-        truth=compared.truth,
-        known=compared.known,
-        headed=trace.attitudes.norths() != "none",
+        truth=np.where(known[:, None], truth, IDENTITY),
+        known=known,
+        headed=trace["heading_reference"] > PLACE["none"],
     )
