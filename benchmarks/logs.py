@@ -25,9 +25,10 @@ from scipy.spatial.transform import Rotation
 
 from drivers.logs.open import SUFFIXES
 from estimator.errors import InputError
+from estimator.geometry.rotations import rotate_inverse
 from estimator.profile import Profile, load_profile
+from estimator.types import DOWN
 from fuzzbee.replays.comparison import compare
-from fuzzbee.replays.constant_turn import down_in_body
 from fuzzbee.replays.log_report import replay_log
 from fuzzbee.replays.motion import motion_mask
 from fuzzbee.replays.trace import VehicleTrace
@@ -72,9 +73,9 @@ def mean_force(acc: Array, dt_s: Array) -> Array:
 
 def rivals(trace: VehicleTrace) -> dict[str, Array]:
     """Down (N, 3) by the accelerometer alone and by complementary filters."""
-    gyr, acc = trace.samples.column("gyr_rad_s"), trace.samples.column("acc_m_s2")
+    gyr, acc = trace["gyr_rad_s"], trace["acc_m_s2"]
     up = acc / np.maximum(np.linalg.norm(acc, axis=1, keepdims=True), 1e-6)
-    dt = np.diff(trace.times_us, prepend=trace.times_us[0]) * 1e-6
+    dt = np.diff(trace["time_us"], prepend=trace["time_us"][0]) * 1e-6
     filters = {f"complementary {tau:g} s": complementary(gyr, up, dt, tau) for tau in TAUS_S}
     return {"accelerometer": -up, **filters}
 
@@ -92,16 +93,18 @@ def share(inside: Bools, which: Bools) -> float | None:
 
 def score(path: Path, trace: VehicleTrace) -> Row | None:
     """The figures of one log; None if there is too little to compare with."""
-    compared = compare(path, trace, None)
-    source, (truth, known, _) = compared.source, compared.part()
+    compare(path, trace, None)
+    source, truth = trace.reference, trace["reference_q_ned_frd"]
+    known = np.isfinite(truth[:, 0])
     if source is None or np.count_nonzero(known) < LEAST_COMPARED:
         return None
-    steps_s = np.diff(trace.times_us, append=trace.times_us[-1]) * 1e-6
-    downs, moving = down_in_body(truth[known]), motion_mask(trace.samples)[known]
-    ours = errors_deg(down_in_body(trace.estimates)[known], downs)
+    steps_s = np.diff(trace["time_us"], append=trace["time_us"][-1]) * 1e-6
+    downs = rotate_inverse(truth[known], DOWN)
+    moving = motion_mask(trace)[known]
+    ours = errors_deg(rotate_inverse(trace["q_ned_frd"][known], DOWN), downs)
     others = {name: rms(errors_deg(down[known], downs)) for name, down in rivals(trace).items()}
-    sigma = np.degrees(trace.column("sigma_inclination_rad"))[known]
-    by_mean = mean_force(trace.samples.column("acc_m_s2"), np.roll(steps_s, 1))
+    sigma = np.degrees(trace["sigma_inclination_rad"])[known]
+    by_mean = mean_force(trace["acc_m_s2"], np.roll(steps_s, 1))
     best = min(others, key=lambda name: others[name])
     return {
         "log": path.name,

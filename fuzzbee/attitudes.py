@@ -8,10 +8,12 @@ from numpy.typing import NDArray
 
 from estimator.arrays import Floats, Times
 from estimator.errors import InputError
-from estimator.geometry.frames import enu_flu_from_ned_frd
+from estimator.geometry.frames import Q_ENU_NED, Q_FRD_FLU
+from estimator.geometry.rotations import multiply, unit
 from estimator.live.rows import NORTH, NORTHS
-from fuzzbee.angle_curves import euler_curves_deg, where_known
-from fuzzbee.column_store import PackedAttitudes
+from fuzzbee.angle_curves import euler_curves_deg
+
+PLACE = {north: place for place, north in enumerate(NORTHS)}
 
 NUMBERS = (
     *("sigma_inclination_rad", "sigma_heading_rad", "confidence_gravity", "confidence_magnetic"),
@@ -82,19 +84,21 @@ class Attitudes:
     @property
     def q_enu_flu(self) -> Floats:
         """The attitudes (N, 4) as ROS has them: forward, left, up to east, north, up."""
-        turned = [enu_flu_from_ned_frd((w, x, y, z)) for w, x, y, z in self.q_ned_frd.tolist()]
-        return where_known(self.q_ned_frd, np.array(turned).reshape(-1, 4))
+        return enu_flu(self.q_ned_frd)
 
 
-def attitude_arrays(
-    attitudes: PackedAttitudes, start_us: int = 0, rows: slice = slice(None)
-) -> Attitudes:
-    """The arrays of these attitudes, or of some; ``time_s`` counts from ``start_us``."""
+def enu_flu(q_ned_frd: Floats) -> Floats:
+    """Attitudes (N, 4) as ROS has them; NaN where there is none."""
+    return unit(multiply(multiply(np.array(Q_ENU_NED), q_ned_frd), np.array(Q_FRD_FLU)))
+
+
+def attitudes_of(columns: Any, start_us: int = 0) -> Attitudes:
+    """The attitudes in columns by name, as those of a replay's trace are."""
+    same: Any = {name: np.array(columns[name]) for name in (*VECTORS, *NUMBERS)}
     return Attitudes(
-        time_s=np.array(1e-6 * (attitudes.times_of(rows) - start_us), dtype=float),
-        **{name: attitudes.column(name, rows) for name in (*VECTORS, *NUMBERS)},
-        heading_reference=attitudes.norths(rows),
-        warnings=(),
+        time_s=np.array(1e-6 * (columns["time_us"] - start_us), dtype=float),
+        **same,
+        heading_reference=np.array(NORTHS)[columns["heading_reference"]],
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from drivers.logs.currents import currents
 from drivers.logs.open import open_log
-from drivers.logs.spill_file import blocks
+from drivers.logs.table import blocks
 from drivers.logs.time_window import WHOLE_LOG, TimeWindow
 from drivers.mavlink.compass_parameters import Orientation, corrected, orientation
 from drivers.mavlink.constants import MAV_AUTOPILOT_ARDUPILOTMEGA
@@ -21,6 +21,7 @@ from estimator.geometry.rotations import rotate_inverse
 from estimator.mounting import UNCHANGED
 from estimator.profile import Profile
 from estimator.types import DOWN
+from fuzzbee.attitudes import PLACE
 from fuzzbee.replays.log_report import replay_log
 from fuzzbee.replays.trace import VehicleTrace
 from tuning.compass_fit import CompassFit, fit_compass
@@ -181,28 +182,23 @@ class _Readings(NamedTuple):
 
 def _readings(trace: VehicleTrace, current_a: Floats | None) -> _Readings:
     """Those of all samples with a field, once the estimate has begun."""
-    found: list[tuple[Floats, ...]] = []
-    for rows in blocks(len(trace.attitudes)):
-        mag, q = trace.samples.column("mag_gauss", rows), trace.column("q_ned_frd", rows)
-        there = (
-            (trace.samples.column("has_mag", rows) > 0.0)
-            & mag.any(axis=1)
-            & np.isfinite(mag).all(axis=1)
-            & np.isfinite(q).all(axis=1)
-        )
-        is_headed = (
-            (trace.column("sigma_heading_rad", rows) < HEADED_RAD)
-            & (trace.attitudes.norths(rows) == "true")
-            & (trace.aided.rows(rows) > 0)
-        )
-        current = np.zeros(there.sum()) if current_a is None else current_a[rows][there]
-        down = rotate_inverse(q[there], DOWN)
-        found.append((mag[there], down, q[there], is_headed[there], current))
-    settled = int(SETTLED * sum(len(part[0]) for part in found))
-    mag, down, q, headed, current = (
-        np.concatenate(each)[settled:] for each in zip(*found, strict=True)
+    mag, q = trace["mag_gauss"], trace["q_ned_frd"]
+    there = np.flatnonzero(
+        trace["has_mag"]
+        & mag.any(axis=1)
+        & np.isfinite(mag).all(axis=1)
+        & np.isfinite(q).all(axis=1)
     )
-    return _Readings(mag, down, q, headed > 0, None if current_a is None else current)
+    there = there[int(SETTLED * len(there)) :]
+    is_headed = (
+        (trace["sigma_heading_rad"] < HEADED_RAD)
+        & (trace["heading_reference"] == PLACE["true"])
+        & trace["is_aided"]
+    )
+    parts = [rotate_inverse(q[there[rows]], DOWN) for rows in blocks(len(there))]
+    down = np.concatenate([np.empty((0, 3)), *parts])
+    current = None if current_a is None else current_a[there]
+    return _Readings(mag[there], down, q[there], is_headed[there], current)
 
 
 def _current_a(path: Path, trace: VehicleTrace) -> Floats | None:
@@ -212,7 +208,8 @@ def _current_a(path: Path, trace: VehicleTrace) -> Floats | None:
     if not found:
         return None
     times_us = [reading.arrival_us for reading in found]
-    return np.interp(trace.arrivals_us.rows(), times_us, [reading.ampere for reading in found])
+    ampere = [reading.ampere for reading in found]
+    return np.asarray(np.interp(trace["arrival_us"], times_us, ampere))
 
 
 def _listed(values: Floats | None) -> list[float] | None:

@@ -9,7 +9,9 @@ from estimator.arrays import Floats
 from estimator.filter.fuzzy import RULES, fuzzy_gain
 from estimator.filter.memberships import TERMS, Five, Memberships, fuzzy_sets
 from fuzzbee.options import require_extra
-from fuzzbee.replays.plot import require_plot, save
+from fuzzbee.replays.figure import require_plot, save
+from fuzzbee.replays.panels import Curve, Figure, Heat, Panel, Words
+from fuzzbee.replays.plot import COLORS
 
 if TYPE_CHECKING:
     from skfuzzy.control import ControlSystem
@@ -18,6 +20,7 @@ ERROR, ERROR_RATE, GAIN = "error", "error_rate", "k_op"
 FULL = 100.0  # of k_op
 POINTS = 1001  # of a universe, beside the corners of the sets
 STEPS = 201  # of the drawn surface, each way
+FIGURE_INCHES = (11.0, 8.0)
 
 
 def control_system(k: Memberships, points: int = POINTS) -> "ControlSystem":
@@ -75,34 +78,29 @@ def draw_controller(path: Path, name: str, k: Memberships) -> None:
     """
     require_plot(path)
     require_extra("skfuzzy", f"--plot {path}", "plot")
-    import matplotlib as mpl
-    from matplotlib.figure import Figure
-
-    system = control_system(k)
-    with mpl.rc_context():
-        figure = Figure(figsize=(11.0, 8.0), layout="constrained")
-        figure.suptitle(f"Fuzzy controller of profile {name}")
-        (inputs, output), (rules, gains) = figure.subplots(2, 2)
-        variables = {variable.label: variable for variable in system.fuzzy_variables}
-        _draw_sets(inputs, variables[ERROR], "error e, and its rate in 1/s")
-        _draw_sets(output, variables[GAIN], "k_op")
-        _draw_rules(rules)
-        drawn = gains.imshow(surface(k), origin="lower", extent=(0.0, 1.0, 0.0, 1.0), aspect="auto")
-        gains.set(xlabel="error e", ylabel="rate of e in 1/s", title="K = 1 + k_op")
-        figure.colorbar(drawn, ax=gains)
-        save(figure, path)
+    variables = {variable.label: variable for variable in control_system(k).fuzzy_variables}
+    inputs = _sets(variables[ERROR], 1.0, "error e, and its rate in 1/s")
+    output = _sets(variables[GAIN], FULL, "k_op")
+    gains = Panel((0.0, 1.0), "error e", "rate of e in 1/s", "K = 1 + k_op", 0.0, 1.0)
+    grid = np.linspace(0.0, 1.0, STEPS)
+    gains.heat = Heat(grid, grid, surface(k))
+    rows = [[inputs, output], [_rules(), gains]]
+    save(Figure(f"Fuzzy controller of profile {name}", rows, FIGURE_INCHES), path)
 
 
-def _draw_sets(ax: Any, variable: Any, label: str) -> None:
-    for term, known in variable.terms.items():
-        ax.plot(variable.universe, known.mf, label=term)
-    ax.set(xlabel=label, ylabel="membership")
-    ax.legend(ncols=len(TERMS), fontsize="small")
+def _sets(variable: Any, end: float, label: str) -> Panel:
+    panel = Panel((0.0, end), label, "membership", names=len(TERMS))
+    for (term, known), color in zip(variable.terms.items(), COLORS, strict=True):
+        panel.curves.append(Curve(variable.universe, known.mf, color, term, width=1.2))
+    return panel
 
 
-def _draw_rules(ax: Any) -> None:
-    ax.axis("off")
-    words = [[TERMS[consequent] for consequent in row] for row in RULES]
-    table = ax.table(words, rowLabels=TERMS, colLabels=TERMS, loc="center", cellLoc="center")
-    table.scale(0.8, 1.6)
-    ax.set_title("k_op by rate (rows) and error (columns)")
+def _rules() -> Panel:
+    """The table of rules."""
+    panel = Panel(None, title="k_op by rate (rows) and error (columns)")
+    words = [["", *TERMS], *([TERMS[k], *(TERMS[i] for i in row)] for k, row in enumerate(RULES))]
+    for row, texts in enumerate(words):
+        for column, text in enumerate(texts):
+            place = (column + 0.5) / len(texts), 1.0 - (row + 0.5) / len(words)
+            panel.words.append(Words(text, *place, is_centred=True))
+    return panel

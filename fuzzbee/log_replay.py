@@ -1,7 +1,6 @@
 """A log replayed for a program: the figures of ``fuzzbee replay``, the attitudes as arrays."""
 
 from dataclasses import dataclass
-from math import nan
 from os import PathLike
 
 import numpy as np
@@ -10,8 +9,7 @@ from estimator.arrays import Floats
 from estimator.profile import Profile
 from fuzzbee.angle_curves import euler_curves_deg
 from fuzzbee.arguments import file, number, profile_of
-from fuzzbee.attitudes import Attitudes, attitude_arrays
-from fuzzbee.replays.comparison import Comparison
+from fuzzbee.attitudes import Attitudes, attitudes_of
 from fuzzbee.replays.log_report import LogReport, report_log
 from fuzzbee.replays.trace import VehicleTrace
 from fuzzbee.time_window import time_window
@@ -69,7 +67,7 @@ def replay(
             vehicle, or lacks that reference.
     """
     chosen = profile_of(profile)
-    found: list[tuple[VehicleTrace, Comparison]] = []
+    found: list[VehicleTrace] = []
     report = report_log(
         file("log", log),
         chosen,
@@ -80,13 +78,12 @@ def replay(
         smooth=smooth,
         columns=None if columns is None else file("columns", columns),
         window=time_window(begin, end, ("begin", "end")),
-        exports=[lambda trace, compared: found.append((trace, compared))],
+        exports=[found.append],
     )
-    trace, compared = found[0]
-    known = compared.known[:, None]
+    (trace,) = found
     return LogReplay(
-        attitudes=attitude_arrays(trace.attitudes, trace.zero_us),
-        reference_q_ned_frd=np.where(known, compared.truth, nan),
-        error_rad=np.where(known, compared.errors_rad, nan),
+        attitudes=attitudes_of(trace, trace.zero_us),
+        reference_q_ned_frd=np.array(trace["reference_q_ned_frd"]),
+        error_rad=np.array(trace["error_rad"]),
         report=report,
     )

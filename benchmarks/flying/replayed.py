@@ -12,10 +12,10 @@ from common.scores import rms
 
 from drivers.events import Event, Imu, Velocity
 from drivers.logs.open import open_log
+from estimator.geometry.rotations import rotate_inverse
 from estimator.profile import load_profile, merge_profile
-from estimator.types import ImuSample, VelocitySample
+from estimator.types import DOWN, ImuSample, VelocitySample
 from fuzzbee.replays.comparison import compare
-from fuzzbee.replays.constant_turn import down_in_body
 from fuzzbee.replays.trace import Replay, VehicleTrace
 
 Events = list[Event]
@@ -73,15 +73,16 @@ def fly(events: Iterable[Event], changes: dict[str, Any] | None = None) -> Flown
     """Replay the events as the service would, with changes of the profile ``imu``."""
     replay = Replay(merge_profile(load_profile("imu"), changes or {}))
     replay.run(events)
-    trace = max(replay.traces.values(), key=lambda each: len(each.attitudes))
-    compared = compare(Path("events"), trace, "sim")
-    sigma = [trace.column(f"sigma_{angle}_rad") for angle in ("inclination", "heading")]
+    trace = max(replay.traces.values(), key=len)
+    compare(Path("events"), trace, "sim")
+    truth, errors = trace["reference_q_ned_frd"], trace["error_rad"]
+    sigma = [trace[f"sigma_{angle}_rad"] for angle in ("inclination", "heading")]
     return Flown(
         trace,
-        1e-6 * (trace.times_us - trace.times_us[0]),
-        compared.known,
-        compared.truth,
-        np.degrees(compared.errors_rad),
+        1e-6 * (trace["time_us"] - trace["time_us"][0]),
+        np.isfinite(truth[:, 0]),
+        truth,
+        np.degrees(errors),
         np.degrees(np.stack(sigma, axis=-1)),
     )
 
@@ -100,14 +101,14 @@ def score(flown: Flown, skip_s: float) -> Row:
     errors = flown.errors_deg[counted]
     total, heading, inclination = rms(errors)
     covered = errors[:, [2, 1]] <= flown.sigma_deg[counted]
-    force = flown.trace.samples.column("acc_m_s2")[counted]
+    force = flown.trace["acc_m_s2"][counted]
     return {
         "total": total,
         "heading": heading,
         "inclination": inclination,
         "under sigma": np.mean(covered, axis=0).tolist(),
         "worst 20 s": worst_stretch(flown.time_s[counted], covered),
-        "accelerometer": rms(tilt_deg(-force, down_in_body(flown.truth[counted]))),
+        "accelerometer": rms(tilt_deg(-force, rotate_inverse(flown.truth[counted], DOWN))),
     }
 
 

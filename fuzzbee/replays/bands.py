@@ -1,17 +1,14 @@
 """Times of a replay that a figure shades: what was wrong then, and what helped."""
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
 
 import numpy as np
 
 from estimator.arrays import Bools, Floats
 from estimator.conditioning.vertical.clipping import LEAST_PEAK_RAD_S
-from fuzzbee.replays.comparison import Comparison
+from fuzzbee.replays.panels import BLUE, BROWN, GREY, ORANGE, PURPLE, RED, Band, Span
 from fuzzbee.replays.score import CONVERGED_RAD
 from fuzzbee.replays.trace import VehicleTrace
-
-Span = tuple[float, float]
 
 # Silence this many median periods long, and this long (s), is a gap to be shown.
 GAP_PERIODS = 5.0
@@ -23,29 +20,21 @@ LEAST_S = 1.0
 CLIPPED_SAMPLES = 2  # in a row at the same largest reading: chance has one
 
 
-class Band(NamedTuple):
-    """Spans of one kind, in s since the first sample."""
-
-    label: str
-    look: dict[str, Any]
-    spans: list[Span]
-
-
-def bands(time_s: Floats, trace: VehicleTrace, compared: Comparison) -> Iterator[Band]:
+def bands(time_s: Floats, trace: VehicleTrace) -> Iterator[Band]:
     """All bands that there are; those first that others may lie on."""
-    aided = trace.aided.rows() > 0
+    aided = trace["is_aided"]
     if aided.any():
-        yield Band("no velocity", _tint("C0", 0.12), runs(time_s, ~aided))
-    confidence = trace.column("confidence_magnetic")
+        yield Band("no velocity", BLUE, 0.12, runs(time_s, ~aided))
+    confidence = trace["confidence_magnetic"]
     usual = float(np.median(confidence))
     if usual > 0.0:
         doubted = runs(time_s, confidence <= DOUBTED * usual)
-        yield Band("field doubted", _tint("C4", 0.2), doubted)
-    yield Band("gyroscope at its end", _tint("C5", 0.35), _clipped(time_s, trace))
+        yield Band("field doubted", PURPLE, 0.2, doubted)
+    yield Band("gyroscope at its end", BROWN, 0.35, _clipped(time_s, trace))
     if trace.turned_at_us is not None:
-        yield Band("wrong start", _tint("C3", 0.2), _wrong(time_s, trace, compared))
-    yield Band("autopilot differs", _tint("C1", 0.2), _differing(trace))
-    yield Band("gap", {"color": "0.8"}, gaps(time_s))
+        yield Band("wrong start", RED, 0.2, _wrong(time_s, trace))
+    yield Band("autopilot differs", ORANGE, 0.2, _differing(trace))
+    yield Band("gap", GREY, 1.0, gaps(time_s))
 
 
 def runs(time_s: Floats, flags: Bools, least_s: float = LEAST_S) -> list[Span]:
@@ -60,13 +49,9 @@ def runs(time_s: Floats, flags: Bools, least_s: float = LEAST_S) -> list[Span]:
     return [span for span in joined if span[1] - span[0] >= least_s]
 
 
-def _tint(color: str, alpha: float) -> dict[str, Any]:
-    return {"color": color, "alpha": alpha}
-
-
 def _clipped(time_s: Floats, trace: VehicleTrace) -> list[Span]:
     """Where an axis stands still at the largest reading that it ever had."""
-    size = np.abs(trace.samples.column("gyr_rad_s"))
+    size = np.abs(trace["gyr_rad_s"])
     ends = size.max(axis=0, initial=0.0)
     at_end = (size == ends) & (ends >= LEAST_PEAK_RAD_S)
     again = at_end & np.roll(at_end, 1, axis=0)
@@ -74,10 +59,10 @@ def _clipped(time_s: Floats, trace: VehicleTrace) -> list[Span]:
     return runs(time_s, again.any(axis=1), 0.0) if again.sum() >= CLIPPED_SAMPLES else []
 
 
-def _wrong(time_s: Floats, trace: VehicleTrace, compared: Comparison) -> list[Span]:
+def _wrong(time_s: Floats, trace: VehicleTrace) -> list[Span]:
     """From a start that was turned until the error is small for the first time."""
-    turned = trace.times_us >= (trace.turned_at_us or 0)
-    small = turned & compared.known & (compared.errors_rad[:, 0] < CONVERGED_RAD)
+    turned = trace["time_us"] >= (trace.turned_at_us or 0)
+    small = turned & (trace["error_rad"][:, 0] < CONVERGED_RAD)
     begin = int(np.argmax(turned))
     end = int(np.argmax(small)) if small.any() else len(time_s) - 1
     return [(float(time_s[begin]), float(time_s[end]))]

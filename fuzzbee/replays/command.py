@@ -159,7 +159,7 @@ def _replay_logs(options: ReplayOptions) -> None:
             raise InputError(f"{name} {file}: takes one log and one profile, not {runs}")
     written = list(options.given("csv", "mcap", "tum", "parquet", "plot", "rrd"))
     if options.tum is not None:
-        from fuzzbee.replays.trajectory import reference_path
+        from fuzzbee.replays.exports import reference_path
 
         written.append(("--tum", reference_path(options.tum)))
     outputs.require_own_files(written, [*options.sources, *names, options.columns])
@@ -187,14 +187,14 @@ def _report_logs(
 ) -> None:
     import msgspec
 
-    from fuzzbee.replays.comparison_plot import ComparisonPlot
     from fuzzbee.replays.log_report import report_log
+    from fuzzbee.replays.plot import ComparisonPlot
     from fuzzbee.replays.reading_bar import reading_bar
     from fuzzbee.replays.table import print_reports
 
     told: list[str] = []  # printed when all went well only: a refusal must be one single line
     runs = [(Path(source), name) for source in options.sources for name in profiles]
-    figure = ComparisonPlot(options.plot) if options.plot and len(runs) > 1 else None
+    figure = ComparisonPlot() if options.plot and len(runs) > 1 else None
     chosen = [
         profiles[name] if options.profile else _fitting(path, profiles[name], options)
         for path, name in runs
@@ -219,8 +219,8 @@ def _report_logs(
         )
         for (path, name), profile in zip(runs, chosen, strict=True)
     ]
-    if figure is not None:
-        figure.draw()
+    if figure is not None and options.plot is not None:
+        figure.draw(options.plot)
     for line in told:
         tell(line)
     if options.as_json:
@@ -247,21 +247,24 @@ def _exports(options: ReplayOptions) -> "list[Export]":
     Raises:
         InputError: a suffix that is none, a missing library.
     """
-    from fuzzbee.replays import exports, mcap_file, parquet_file, plot, trajectory
+    from fuzzbee.replays import exports, mcap_file, plot
+    from fuzzbee.replays.figure import require_plot
 
     chosen: list[Export] = []
     if options.csv is not None:
-        chosen.append(partial(exports.write_csv, options.csv))
+        csv = options.csv
+        chosen.append(lambda trace: exports.write_csv(csv, exports.columns(trace)))
     if options.mcap is not None:
         require_extra("mcap", f"--mcap {options.mcap}", "mcap")
         chosen.append(partial(mcap_file.write_mcap, options.mcap))
     if options.tum is not None:
-        chosen.append(partial(trajectory.write_tum, options.tum))
+        chosen.append(partial(exports.write_tum, options.tum))
     if options.parquet is not None:
-        parquet_file.require_parquet(options.parquet)
-        chosen.append(partial(parquet_file.write_parquet, options.parquet))
+        parquet = options.parquet
+        exports.require_parquet(parquet)
+        chosen.append(lambda trace: exports.write_parquet(parquet, exports.columns(trace)))
     if options.plot is not None:
-        plot.require_plot(options.plot)
+        require_plot(options.plot)
         if len(options.sources) * len(options.profile or [""]) == 1:
             chosen.append(partial(plot.draw, options.plot, Path(options.sources[0]).name))
     return chosen
@@ -271,7 +274,9 @@ def _replay_simulation(options: ReplayOptions) -> None:
     import msgspec
 
     from estimator.profile import load_profile
-    from fuzzbee.replays import plot, simulation_files
+    from fuzzbee.replays import simulation_files
+    from fuzzbee.replays.exports import write_csv
+    from fuzzbee.replays.figure import require_plot
     from fuzzbee.replays.simulation_report import Export, report_simulation
     from fuzzbee.replays.table import print_simulation
 
@@ -280,9 +285,10 @@ def _replay_simulation(options: ReplayOptions) -> None:
     name, seeds, gain = (options.profile or ["paper"])[0], options.seeds or "0", options.gain
     exports: list[Export] = []
     if options.csv is not None:
-        exports.append(partial(simulation_files.write_csv, options.csv))
+        csv = options.csv
+        exports.append(lambda *made: write_csv(csv, simulation_files.columns(*made)))
     if options.plot is not None:
-        plot.require_plot(options.plot)
+        require_plot(options.plot)
         what = f"profile {Path(name).stem}" if gain is None else f"K = {gain:g}"
         title = f"The paper's experiment, {what}, noise seeds {seeds}"
         exports.append(partial(simulation_files.draw, options.plot, title))

@@ -1,109 +1,69 @@
-"""A trace beside its reference; scores, exports and plots are made from it."""
+"""A trace beside its reference: columns of its table that scores, exports and plots read."""
 
-from collections.abc import Iterable
+from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
-from drivers.logs.reference_track import row
-from drivers.logs.spill_file import SpillFile, blocks
-from estimator.arrays import Bools, Floats
+from drivers.logs.table import blocks
+from estimator.arrays import Floats
 from estimator.errors import InputError
-from estimator.types import IDENTITY
-from fuzzbee.replays.score import errors_against
+from estimator.geometry.metrics import batch_angle_errors
 from fuzzbee.replays.trace import VehicleTrace
 
 # What they are called for a person; the truth, a simulator's or a table's own, goes first
 REFERENCES = {"sim": "truth", "autopilot": "autopilot"}
 
 
-class Beside(NamedTuple):
-    """Reference attitudes (N, 4), where they are known, errors (N, 3: total, heading, inclination).
+def compare(path: Path, trace: VehicleTrace, wanted: str | None) -> None:
+    """Put the wanted reference, or the best there is, beside the trace, whose ``reference`` it is.
 
-    Radians; the first and the last mean something only where ``known``.
-    """
-
-    truth: Floats
-    known: Bools
-    errors_rad: Floats
-
-
-class Comparison:
-    """A trace beside its reference, sample by sample; ``source`` is None without any reference."""
-
-    def __init__(self, source: str | None, beside: Iterable[Beside] = ()) -> None:
-        self.source = source
-        self._rows = SpillFile("d", 8)
-        for each in beside:
-            self._rows.add(np.column_stack(each))
-
-    def part(self, rows: slice = slice(None)) -> Beside:
-        """Some samples."""
-        found = self._rows.rows(rows)
-        return Beside(found[:, :4], found[:, 4] > 0.0, found[:, 5:])
-
-    @property
-    def truth(self) -> Floats:
-        """Reference attitudes (N, 4)."""
-        return self.part().truth
-
-    @property
-    def known(self) -> Bools:
-        """Where they are known (N,)."""
-        return self.part().known
-
-    @property
-    def errors_rad(self) -> Floats:
-        """Errors (N, 3)."""
-        return self.part().errors_rad
-
-
-def compare(path: Path, trace: VehicleTrace, wanted: str | None) -> Comparison:
-    """The trace against the wanted reference, or the best there is.
+    Columns: ``reference_q_ned_frd`` (N, 4) and ``error_rad`` (N, 3: total, heading, inclination),
+    and beside a truth ``autopilot_q_ned_frd`` and ``autopilot_error_rad``. NaN where not known.
 
     Raises:
         InputError: the wanted reference is not in the log.
     """
-    source = _choose_reference(path, trace, wanted)
-    parts = blocks(len(trace.attitudes))
-    return Comparison(source, (_beside(trace, source, rows) for rows in parts))
-
-
-def _beside(trace: VehicleTrace, source: str | None, rows: slice) -> Beside:
-    if source is None:
-        n = rows.stop - rows.start
-        return Beside(np.broadcast_to(IDENTITY, (n, 4)), np.zeros(n, bool), np.zeros((n, 3)))
-    truth, known = reference_attitudes(trace, source, rows)
-    return Beside(truth, known, errors_against(trace.column("q_ned_frd", rows), truth))
-
-
-def reference_attitudes(
-    trace: VehicleTrace, source: str, rows: slice = slice(None)
-) -> tuple[Floats, Bools]:
-    """``q_ned_frd`` (N, 4) of the IMU at some samples, and where it is known.
-
-    The autopilot reports on the vehicle, or what its pilot is to see; the simulator's truth is the
-    IMU's own.
-    """
-    attitudes, known = trace.references[source].at(trace.attitudes.times_of(rows))
-    message = trace.references[source].message
-    if source == "autopilot" and message is not None and not trace.view.is_imus:
-        ours = trace.column("q_ned_frd", rows)
-        for k in np.flatnonzero(known).tolist():
-            found = trace.view.of_imu(message, row(attitudes, k), row(ours, k))
-            known[k] = found is not None
-            attitudes[k] = attitudes[k] if found is None else found
-    return attitudes, known
-
-
-def _choose_reference(path: Path, trace: VehicleTrace, wanted: str | None) -> str | None:
     available = [name for name in REFERENCES if trace.references[name].message is not None]
-    if wanted is None:
-        return available[0] if available else None
-    if wanted not in available:
+    if wanted is not None and wanted not in available:
         raise InputError(
             f"{path}: no reference '{wanted}' for vehicle {trace.address.system_id}"
             f" (there is: {', '.join(available) or 'none'})"
         )
-    return wanted
+    trace.reference = wanted or next(iter(available), None)
+    trace.table.put("reference_q_ned_frd", _attitudes(trace, trace.reference))
+    _put_errors(trace, "error_rad", "q_ned_frd")
+    if has_peer(trace):
+        trace.table.put("autopilot_q_ned_frd", _attitudes(trace, "autopilot"))
+        _put_errors(trace, "autopilot_error_rad", "autopilot_q_ned_frd")
+
+
+def has_peer(trace: VehicleTrace) -> bool:
+    """Whether the autopilot's own estimate stands beside a truth."""
+    return trace.reference == "sim" and trace.references["autopilot"].message is not None
+
+
+def _put_errors(trace: VehicleTrace, name: str, of: str) -> None:
+    pairs = ((trace[of][k], trace["reference_q_ned_frd"][k]) for k in blocks(len(trace)))
+    trace.table.put(name, (batch_angle_errors(*pair) for pair in pairs))
+
+
+def _attitudes(trace: VehicleTrace, source: str | None) -> Iterator[Floats]:
+    """``q_ned_frd`` (N, 4) of the IMU, in parts.
+
+    The autopilot reports on the vehicle, or what its pilot is to see; the simulator's truth is the
+    IMU's own.
+    """
+    for rows in blocks(len(trace)):
+        if source is None:
+            yield np.full((rows.stop - rows.start, 4), np.nan)
+            continue
+        track = trace.references[source]
+        shown = track.at(trace["time_us"][rows])
+        if source == "autopilot" and track.message is not None and not trace.view.is_imus:
+            ours = trace["q_ned_frd"][rows]
+            for k in np.flatnonzero(np.isfinite(shown[:, 0])).tolist():
+                pair = tuple(shown[k].tolist()), tuple(ours[k].tolist())
+                found = trace.view.of_imu(track.message, *pair)
+                shown[k] = np.nan if found is None else found
+        yield shown

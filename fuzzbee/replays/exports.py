@@ -1,4 +1,4 @@
-"""Every sample of a replay as a row of a table: CSV for spreadsheets.
+"""Every sample of a replay as a row of a table: CSV, Parquet, and trajectories for evo.
 
 ``time_s`` is on the vehicle's continuous clock, 0 at the log's first IMU sample, ``time_unix_s`` by
 the log's own stamps. Nothing depends on the computer's clock, so a log replayed twice gives the
@@ -6,21 +6,26 @@ same bytes.
 """
 
 import csv
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
+from importlib.util import find_spec
 from math import isnan
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from drivers.logs.spill_file import blocks
+from drivers.logs.table import blocks
 from drivers.output_file import written_for
+from estimator.arrays import Floats, Times
+from estimator.errors import InputError
+from estimator.live.rows import NORTHS
 from fuzzbee.angle_curves import euler_curves_deg
-from fuzzbee.attitudes import attitude_arrays
-from fuzzbee.replays.comparison import Comparison
-from fuzzbee.replays.log_clock import unix_times_us
+from fuzzbee.attitudes import enu_flu
+from fuzzbee.replays.log_clock import stamps_us, unix_times_us
 from fuzzbee.replays.trace import VehicleTrace
 
-Value = float | str | None
+Columns = dict[str, NDArray[Any]]  # (N,) each
 
 LARGE = 1e8  # a date in seconds, to the microsecond
 
@@ -43,49 +48,29 @@ REFERENCE_COLUMNS = (
 COLUMNS = ATTITUDE_COLUMNS + REFERENCE_COLUMNS
 
 
-def rows(trace: VehicleTrace, compared: Comparison) -> Iterator[tuple[Value, ...]]:
-    """One row a sample, in the order of :data:`COLUMNS`; None where there is no reference."""
-    unix_us = unix_times_us(trace)
-    for part in blocks(len(trace.attitudes)):
-        truth, known, errors_rad = compared.part(part)
-        attitudes = attitude_arrays(trace.attitudes, trace.zero_us, part)
-        columns = [
-            attitudes.time_s,
-            np.full(len(attitudes), np.nan) if unix_us is None else 1e-6 * unix_us[part],
-            attitudes.q_ned_frd,
-            attitudes.euler_deg,
-            attitudes.rate_rad_s,
-            attitudes.gyro_bias_rad_s,
-            attitudes.error,
-            trace.column("error_rate_1_s", part),
-            attitudes.gain,
-            attitudes.confidence_gravity,
-            attitudes.confidence_magnetic,
-            np.degrees(attitudes.sigma_inclination_rad),
-            np.degrees(attitudes.sigma_heading_rad),
-        ]
-        beside = np.column_stack([truth, euler_curves_deg(truth), np.degrees(errors_rad)])
-        beside[~known] = np.nan
-        parts = (np.column_stack(columns), attitudes.heading_reference, beside)
-        for own, north, reference in zip(*(each.tolist() for each in parts), strict=True):
-            yield (*map(_known, own), north, *map(_known, reference))
+def columns(trace: VehicleTrace) -> Iterator[Columns]:
+    """The columns :data:`COLUMNS`, some rows at a time; NaN where something is not known."""
+    unix_us, time_s = unix_times_us(trace), trace.time_s
+    for rows in blocks(len(trace)):
+        q, reference = trace["q_ned_frd"][rows], trace["reference_q_ned_frd"][rows]
+        own = (
+            time_s[rows],
+            np.full(len(q), np.nan) if unix_us is None else 1e-6 * unix_us[rows],
+            q,
+            euler_curves_deg(q),
+            *(trace[name][rows] for name in ("rate_rad_s", "gyro_bias_rad_s")),
+            *(trace[name][rows] for name in ("error", "error_rate_1_s", "gain")),
+            *(trace[f"confidence_{name}"][rows] for name in ("gravity", "magnetic")),
+            *(np.degrees(trace[f"sigma_{of}_rad"][rows]) for of in ("inclination", "heading")),
+        )
+        beside = (reference, euler_curves_deg(reference), np.degrees(trace["error_rad"][rows]))
+        norths = np.array(NORTHS)[trace["heading_reference"][rows]]
+        values = (*np.column_stack(own).T, norths, *np.column_stack(beside).T)
+        yield dict(zip(COLUMNS, values, strict=True))
 
 
-def _known(value: float) -> float | None:
-    return None if isnan(value) else value
-
-
-def write_csv(path: Path, trace: VehicleTrace, compared: Comparison) -> None:
-    """All samples as CSV with a heading; nine significant digits, empty where unknown.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
-    write_rows(path, COLUMNS, rows(trace, compared))
-
-
-def write_rows(path: Path, columns: Sequence[str], values: Iterable[Iterable[Value]]) -> None:
-    """A heading and rows as CSV.
+def write_csv(path: Path, parts: Iterable[Columns]) -> None:
+    """Columns as CSV with a heading; nine significant digits, empty where unknown.
 
     Raises:
         InputError: the file cannot be written.
@@ -95,13 +80,75 @@ def write_rows(path: Path, columns: Sequence[str], values: Iterable[Iterable[Val
         fresh.open("w", encoding="utf-8", newline="") as file,
     ):
         out = csv.writer(file, lineterminator="\n")
-        out.writerow(columns)
-        out.writerows(map(_text, row) for row in values)
+        for number, part in enumerate(parts):
+            if number == 0:
+                out.writerow(part)
+            texts = (map(_text, values.tolist()) for values in part.values())
+            out.writerows(zip(*texts, strict=True))
 
 
-def _text(value: Value) -> str:
-    if value is None:
-        return ""
+def _text(value: float | str) -> str:
     if isinstance(value, str):
         return value
+    if isnan(value):
+        return ""
     return f"{value:.6f}" if value > LARGE else f"{value:.9g}"
+
+
+def require_parquet(path: Path) -> None:
+    """Refuse early what cannot be written.
+
+    Raises:
+        InputError: the library is missing.
+    """
+    if find_spec("pyarrow") is None:
+        raise InputError(f"--parquet {path}: needs pyarrow: pip install pyarrow")
+
+
+def write_parquet(path: Path, parts: Iterable[Columns]) -> None:
+    """The rows that a CSV has, for tables too large for a text; null where unknown.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    import pyarrow as pa
+    from pyarrow.parquet import ParquetWriter
+
+    kinds = [(n, pa.string() if n == "heading_reference" else pa.float64()) for n in COLUMNS]
+    with (
+        written_for("--parquet", path) as fresh,
+        fresh.open("wb") as file,
+        ParquetWriter(file, pa.schema(kinds)) as writer,
+    ):
+        for part in parts:
+            arrays = {name: pa.array(part[name], kind, from_pandas=True) for name, kind in kinds}
+            writer.write_table(pa.table(arrays))
+
+
+def reference_path(path: Path) -> Path:
+    """Where the reference goes."""
+    return path.parent / f"{path.stem}.reference{path.suffix}"
+
+
+def write_tum(path: Path, trace: VehicleTrace) -> None:
+    """The estimate in ``path``, and in NAME.reference.SUFFIX the reference where it is known.
+
+    A line a sample: time in s, place (zero: there is none), orientation x y z w of
+    forward-left-up in East-North-Up (https://cvg.cit.tum.de/data/datasets/rgbd-dataset/file_formats).
+
+    Raises:
+        InputError: a file cannot be written.
+    """
+    times_us, reference = stamps_us(trace), trace["reference_q_ned_frd"]
+    known = ~np.isnan(reference[:, 0])
+    _write_poses(path, times_us, trace["q_ned_frd"])
+    if known.any():
+        _write_poses(reference_path(path), times_us[known], reference[known])
+
+
+def _write_poses(path: Path, times_us: Times, q_ned_frd: Floats) -> None:
+    with written_for("--tum", path) as fresh, fresh.open("w", encoding="utf-8") as file:
+        for rows in blocks(len(times_us)):
+            q = enu_flu(q_ned_frd[rows])[:, [1, 2, 3, 0]]
+            poses = np.column_stack([1e-6 * times_us[rows], np.zeros((len(q), 3)), q])
+            np.savetxt(file, poses, "%.6f %d %d %d %.9f %.9f %.9f %.9f")

@@ -1,9 +1,9 @@
 """When a log's samples were taken, on the clock of whoever wrote the log."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-from drivers.logs.spill_file import blocks
+from drivers.logs.table import blocks
+from estimator.arrays import Times
 from fuzzbee.replays.trace import VehicleTrace
 from service.host_clock import HostClock, observe
 
@@ -13,25 +13,25 @@ EARLIEST_UNIX_US = 10**15
 LATEST_UNIX_US = 10**6 << 31
 
 
-def stamps_us(trace: VehicleTrace) -> NDArray[np.int64]:
+def stamps_us(trace: VehicleTrace) -> Times:
     """Unix time (N,) of the samples, or the time since the first where that is not known."""
     unix_us = unix_times_us(trace)
-    return trace.times_us - trace.zero_us if unix_us is None else unix_us
+    return trace["time_us"] - trace.zero_us if unix_us is None else unix_us
 
 
-def unix_times_us(trace: VehicleTrace) -> NDArray[np.int64] | None:
+def unix_times_us(trace: VehicleTrace) -> Times | None:
     """Unix time (N,) of the samples; None if the log's stamps are no dates.
 
     A message is stamped when it arrives, now soon, now late: the vehicle's own clock is carried
     over as in the live service. Times never go back.
     """
-    arrivals_us = trace.arrivals_us
-    if not len(arrivals_us) or arrivals_us.rows(slice(1))[0] < EARLIEST_UNIX_US:
+    times_us, arrivals_us = trace["time_us"], trace["arrival_us"]
+    if not len(arrivals_us) or arrivals_us[0] < EARLIEST_UNIX_US:
         return None
     clock, found = HostClock(), np.empty(len(arrivals_us), dtype=np.int64)
     for rows in blocks(len(found)):
-        both = trace.attitudes.times_of(rows).tolist(), arrivals_us.rows(rows).tolist()
-        for k, (time_us, arrival_us) in enumerate(zip(*both, strict=True), rows.start):
+        both = zip(times_us[rows].tolist(), arrivals_us[rows].tolist(), strict=True)
+        for k, (time_us, arrival_us) in enumerate(both, rows.start):
             clock = observe(clock, time_us, arrival_us)
             found[k] = round(time_us + clock.offset_us)
     return np.maximum.accumulate(found) if found.max() < LATEST_UNIX_US else None

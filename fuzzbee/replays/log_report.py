@@ -2,47 +2,44 @@
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from pathlib import Path
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
-from drivers.events import ReferenceAttitude
 from drivers.logs.log_file import LogFile
 from drivers.logs.missing_imu import advice
 from drivers.logs.open import open_log
-from drivers.logs.percentile import percentile
-from drivers.logs.reference_track import ReferenceTrack
-from drivers.logs.spill_file import blocks
+from drivers.logs.reference_track import attitudes_at
 from drivers.logs.time_window import WHOLE_LOG, TimeWindow
 from drivers.mavlink.constants import autopilot_name, vehicle_type_name
-from estimator.arrays import Floats
+from estimator.arrays import Bools
 from estimator.errors import InputError
+from estimator.geometry.metrics import batch_angle_errors
 from estimator.live.rows import NORTHS
 from estimator.profile import Profile
-from fuzzbee.replays.comparison import Comparison, compare, reference_attitudes
-from fuzzbee.replays.constant_turn import ConstantTurn, constant_turn
+from fuzzbee.attitudes import PLACE
+from fuzzbee.replays.comparison import compare, has_peer
+from fuzzbee.replays.motion import motion_mask
 from fuzzbee.replays.score import (
-    Convergence,
+    ConstantTurn,
     Coverage,
-    Covered,
-    Errors,
     ErrorSummary,
-    Means,
-    errors_against,
-    sort_counts,
+    constant_turn,
+    convergence_s,
+    coverage,
+    error_summary,
+    errors_of,
 )
-from fuzzbee.replays.scored import MICROSECOND, Scored
 from fuzzbee.replays.smoothed import recorder, smooth_trace
 from fuzzbee.replays.trace import Replay, VehicleTrace
 from fuzzbee.say import printable
 
 Reading = Callable[[LogFile], AbstractContextManager[object]]
-Export = Callable[[VehicleTrace, Comparison], None]
+Export = Callable[[VehicleTrace], None]
 
 MUCH_REFUSED = 0.1  # of all readings, that a person is told of
 MOST_REASONS = 3  # that are named then
@@ -146,7 +143,7 @@ def report_log(
     exports: Sequence[Export] = (),
     reading: Reading = nullcontext,
 ) -> LogReport:
-    """Replay a log and score it; ``exports`` are given the trace and its comparison.
+    """Replay a log and score it; ``exports`` are given the compared trace.
 
     With ``smooth`` the attitudes are those that the whole log tells. ``columns`` describes a table.
     Only ``window`` of the log is read; its seconds go on counting from the log's beginning.
@@ -173,13 +170,13 @@ def report_log(
         tell(f"{path.name}{whose}: {text}")
 
     trace = replayed(start_wrong_deg=start_wrong_deg, system_id=system_id, tell=tell_of)
-    compared = compare(path, trace, reference)
-    report = score(path, trace, compared, skip_s)
+    compare(path, trace, reference)
+    report = score(path, trace, skip_s)
     if start_wrong_deg:
         forgotten_s = _forgotten_s(trace, replayed(system_id=trace.address.system_id))
         report = msgspec.structs.replace(report, convergence_s=forgotten_s)
     for write in exports:
-        write(trace, compared)
+        write(trace)
     return msgspec.structs.replace(
         report, wall_s=time.perf_counter() - started, profile=profile_name or msgspec.UNSET
     )
@@ -190,16 +187,11 @@ def _forgotten_s(trace: VehicleTrace, right: VehicleTrace) -> float | None:
 
     Beside the truth it would count what is learnt of the declination or the vertical meanwhile.
     """
-    track = ReferenceTrack()  # another IMU may stand in after a turn: at other times
-    for each in right.attitudes:
-        track.add(ReferenceAttitude(right.address, 0, each.time_us, "sim", "right", each.q_ned_frd))
-    forgotten = Convergence()
-    for rows in blocks(len(trace.attitudes)):
-        times_us = trace.attitudes.times_of(rows)
-        beside, known = track.at(times_us)
-        apart = errors_against(trace.column("q_ned_frd", rows), beside)[:, 0]
-        forgotten.add(times_us, apart, known & (times_us >= (trace.turned_at_us or 0)))
-    return forgotten.time_s
+    since = int(np.searchsorted(trace["time_us"], trace.turned_at_us or 0))
+    times_us = trace["time_us"][since:]
+    # another IMU may stand in after a turn: at other times
+    beside = attitudes_at(times_us, right["time_us"], right["q_ned_frd"])
+    return convergence_s(times_us, batch_angle_errors(trace["q_ned_frd"][since:], beside)[:, 0])
 
 
 def replay_log(
@@ -245,7 +237,7 @@ def replay_log(
 def _refused_text(trace: VehicleTrace) -> str | None:
     """One line, where a good part of the log was refused."""
     counts = trace.rejected + Counter(malformed=trace.malformed)
-    used = len(trace.attitudes)
+    used = len(trace)
     if counts.total() <= MUCH_REFUSED * (counts.total() + used):
         return None
     reasons = ", ".join(f"{n} x {reason}" for reason, n in counts.most_common(MOST_REASONS))
@@ -265,48 +257,39 @@ def _seen_text(replay: Replay) -> str:
     return f": {malformed} x malformed" if malformed else ""
 
 
-def score(path: Path, trace: VehicleTrace, compared: Comparison, skip_s: float) -> LogReport:
-    """The figures of a trace beside its reference."""
-    attitudes, source = trace.attitudes, compared.source
-    begin_us, end_us = attitudes[0].time_us, attitudes[-1].time_us
-    has_heading = trace.has_heading
-    scored = Scored(trace, compared, skip_s)
-    errors, covered = Errors(has_heading=has_heading), Covered(has_heading=has_heading)
-    autopilot = Errors(has_heading=True)
-    has_peer = source == "sim" and trace.references["autopilot"].message is not None
-    converged, gain, norths = Convergence(), Means(), np.zeros(len(NORTHS), np.int64)
-    for part in scored.parts():
-        sigmas = part.sigma_inclination_rad, part.sigma_heading_rad
-        errors.add(part.errors_rad, part.told)
-        covered.add(part.errors_rad, *sigmas, part.told, part.moved)
-        norths += np.bincount(part.norths, minlength=len(NORTHS))
-        gain.add("gain", trace.column("gain", part.rows))
-        _, known, all_errors = compared.part(part.rows)
-        times_us = attitudes.times_of(part.rows)
-        since = known & (times_us >= (trace.turned_at_us or 0))
-        converged.add(times_us, all_errors[:, 0], since)
-        if has_peer:
-            own, is_known = reference_attitudes(trace, "autopilot", part.rows)
-            both = is_known[part.counted]
-            autopilot.add(errors_against(own[part.counted], part.truth)[both])
-    if skip_s > 0.0 and not norths.any():
-        lasts_s = (end_us - begin_us) * MICROSECOND
+def score(path: Path, trace: VehicleTrace, skip_s: float) -> LogReport:
+    """The figures of a trace that has been compared.
+
+    Raises:
+        InputError: nothing is left to score after ``skip_s``.
+    """
+    times_us = trace["time_us"]
+    lasts_s = 1e-6 * float(times_us[-1] - times_us[0])
+    counted = ~np.isnan(errors_of(trace, 0))
+    counted[: int(np.searchsorted(times_us, times_us[0] + 1e6 * skip_s))] = False
+    if skip_s > 0.0 and not counted.any():
         raise InputError(f"{path}: nothing is left to score after {skip_s:g} s of {lasts_s:.0f} s")
+    moved = motion_mask(trace) if counted.any() else counted
+    norths = trace["heading_reference"]
+    has_heading = (norths > PLACE["none"]) & trace.has_heading
+    turned = int(np.searchsorted(times_us, trace.turned_at_us or 0))
+    converged = convergence_s(times_us[turned:], errors_of(trace, 0)[turned:])
+    counts = zip(NORTHS, np.bincount(norths[counted], minlength=len(NORTHS)).tolist(), strict=True)
     return LogReport(
         source=printable(str(path)),
         vehicle=_vehicle_summary(trace),
         imu=_imu_summary(trace),
-        duration_s=float(end_us - begin_us) * MICROSECOND,
-        reference=source,
-        error_deg=errors.summary(),
-        coverage=covered.coverage(),
-        peers={"autopilot": autopilot.summary()} if has_peer else {},
-        convergence_s=converged.time_s if has_heading else None,
-        mean_gain=gain.mean("gain") or 0.0,
+        duration_s=lasts_s,
+        reference=trace.reference,
+        error_deg=error_summary(trace, counted, has_heading),
+        coverage=coverage(trace, counted, has_heading, moved),
+        peers={"autopilot": _peer(trace, counted)} if has_peer(trace) else {},
+        convergence_s=converged if trace.has_heading else None,
+        mean_gain=float(np.mean(trace["gain"])),
         rejected=sort_counts(trace.rejected + Counter(malformed=trace.malformed)),
         wall_s=0.0,
-        heading_references=sort_counts(counts_of(norths)),
-        constant_turn=constant_turn(scored.turned),
+        heading_references=sort_counts({north: n for north, n in counts if n}),
+        constant_turn=constant_turn(trace, counted, moved),
         differences=differences_of(trace),
         agreement=verdicts(trace),
         window_s=_window_s(trace),
@@ -314,19 +297,23 @@ def score(path: Path, trace: VehicleTrace, compared: Comparison, skip_s: float) 
     )
 
 
+def _peer(trace: VehicleTrace, counted: Bools) -> ErrorSummary:
+    """The autopilot's own errors, all with a heading."""
+    name = "autopilot_error_rad"
+    both = counted & ~np.isnan(errors_of(trace, 0, name))
+    return error_summary(trace, both, np.ones_like(both), name)
+
+
 def _window_s(trace: VehicleTrace) -> tuple[float, float] | msgspec.UnsetType:
     if trace.log_zero_us is None:
         return msgspec.UNSET
-    first_us, last_us = trace.attitudes[0].time_us, trace.attitudes[-1].time_us
-    return (
-        (first_us - trace.log_zero_us) * MICROSECOND,
-        (last_us - trace.log_zero_us) * MICROSECOND,
-    )
+    first_s, last_s = (1e-6 * (trace["time_us"][[0, -1]] - trace.log_zero_us)).tolist()
+    return first_s, last_s
 
 
-def counts_of(norths: NDArray[np.int64]) -> dict[str, int]:
-    """How many headings are measured from which north."""
-    return {north: n for north, n in zip(NORTHS, norths.tolist(), strict=True) if n}
+def sort_counts(counts: Mapping[str, int]) -> dict[str, int]:
+    """Counts by name, so that equal runs print equal text."""
+    return {name: counts[name] for name in sorted(counts)}
 
 
 def verdicts(trace: VehicleTrace) -> dict[str, int]:
@@ -339,8 +326,8 @@ def differences_of(trace: VehicleTrace) -> list[DifferenceSummary]:
     begun_us = trace.zero_us
     return [
         DifferenceSummary(
-            begin_s=round((each.begin_us - begun_us) * MICROSECOND, 1),
-            end_s=round((each.end_us - begun_us) * MICROSECOND, 1),
+            begin_s=round((each.begin_us - begun_us) * 1e-6, 1),
+            end_s=round((each.end_us - begun_us) * 1e-6, 1),
             inclination_deg=round(each.inclination_deg, 1),
             heading_deg=round(each.heading_deg, 1),
             wrong=each.wrong,
@@ -356,7 +343,7 @@ def _retuned_summary(trace: VehicleTrace) -> RetunedSummary | msgspec.UnsetType:
     begun_us = trace.zero_us
     changes = [
         Retuning(
-            time_s=(time_us - begun_us) * MICROSECOND,
+            time_s=(time_us - begun_us) * 1e-6,
             reason=decision.reason,
             gain=decision.gain,
             update=decision.update,
@@ -376,21 +363,16 @@ def _vehicle_summary(trace: VehicleTrace) -> VehicleSummary:
 
 
 def _imu_summary(trace: VehicleTrace) -> ImuSummary:
-    means = Means()
-    for steps_s in trace.attitudes.steps_s():
-        means.add("step", steps_s)
-    mean_s, median_s = means.mean("step"), percentile(trace.attitudes.steps_s, 50.0)
+    counts = dict(trace.imu_messages.most_common())
+    steps_s = 1e-6 * np.diff(trace["time_us"])
+    are_some = len(steps_s) > 0
     return ImuSummary(
-        message=max(trace.imu_messages, key=lambda name: trace.imu_messages[name], default=""),
-        samples=len(trace.attitudes),
-        messages=dict(trace.imu_messages.most_common()),
-        median_rate_hz=1.0 / median_s if mean_s else None,
-        mean_rate_hz=1.0 / mean_s if mean_s else None,
-        worst_gap_s=_longest(trace.attitudes.steps_s()),
-        worst_arrival_gap_s=_longest(MICROSECOND * part for part in trace.arrivals_us.steps()),
+        message=next(iter(counts), ""),
+        samples=len(trace),
+        messages=counts,
+        median_rate_hz=1.0 / float(np.median(steps_s)) if are_some else None,
+        mean_rate_hz=1.0 / float(np.mean(steps_s)) if are_some else None,
+        worst_gap_s=float(steps_s.max()) if are_some else None,
+        worst_arrival_gap_s=1e-6 * float(np.diff(trace["arrival_us"]).max()) if are_some else None,
         rates=trace.rates,
     )
-
-
-def _longest(parts: Iterable[Floats]) -> float | None:
-    return max((float(part.max()) for part in parts if len(part)), default=None)

@@ -1,22 +1,22 @@
 """Every sample of a replay as MCAP messages: tables to plot, and types that Foxglove draws.
 
 Messages are stamped with the time that the log was written at, if it has dates; otherwise from
-its first sample on.
+its first sample on. ``foxglove.FrameTransform``:
+https://docs.foxglove.dev/docs/sdk/schemas/frame-transform. ``sensor_msgs/msg/Imu`` comes with the
+types that it is made of, as https://mcap.dev/spec/registry#ros2msg wants them.
 """
 
 import json
-from collections.abc import Callable
-from itertools import chain
+from collections.abc import Callable, Iterable, Iterator
+from math import isnan
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-from drivers.logs.spill_file import blocks
+from drivers.logs.table import blocks
 from drivers.output_file import written_for
-from estimator.geometry.frames import enu_flu_from_ned_frd
-from estimator.types import Quaternion
-from fuzzbee.replays import mcap_schemas
-from fuzzbee.replays.comparison import Comparison
-from fuzzbee.replays.exports import ATTITUDE_COLUMNS, REFERENCE_COLUMNS, rows
+from estimator.types import Attitude, ImuSample
+from fuzzbee.attitudes import enu_flu
+from fuzzbee.replays.exports import ATTITUDE_COLUMNS, REFERENCE_COLUMNS, columns
 from fuzzbee.replays.log_clock import stamps_us
 from fuzzbee.replays.trace import VehicleTrace
 from service.records import attitude_record
@@ -24,118 +24,124 @@ from service.sinks.ros_messages import imu_message
 
 # East, north, up; the vehicle's body; and the same body as the reference has it.
 WORLD, BODY, REFERENCE_BODY = "map", "base_link", "reference"
-NO_PLACE = {"x": 0.0, "y": 0.0, "z": 0.0}
-
-
-class Topic(NamedTuple):
-    """A topic with the type of its messages."""
-
-    name: str
-    type: str
-    encoding: str
-    schema_encoding: str
-    schema: bytes
-
-
-def _table(name: str, columns: tuple[str, ...]) -> Topic:
-    kind = f"fuzzbee{name.replace('/', '.')}"
-    return Topic(name, kind, "json", "jsonschema", mcap_schemas.table_schema(columns))
-
-
-TABLES = (
-    ("/attitude", ATTITUDE_COLUMNS),
-    ("/reference", ("time_s", "time_unix_s", *REFERENCE_COLUMNS)),
-)
-TOPICS = (
-    *(_table(name, columns) for name, columns in TABLES),
-    Topic(
-        "/tf",
-        mcap_schemas.FRAME_TRANSFORM,
-        "json",
-        "jsonschema",
-        mcap_schemas.frame_transform_schema(),
-    ),
-    Topic("/imu", mcap_schemas.IMU, "cdr", "ros2msg", mcap_schemas.IMU_DEFINITION.encode()),
+TABLES = {
+    "/attitude": ATTITUDE_COLUMNS,
+    "/reference": ("time_s", "time_unix_s", *REFERENCE_COLUMNS),
+}
+FRAME_TRANSFORM = "foxglove.FrameTransform"
+IMU = "sensor_msgs/msg/Imu"
+IMU_DEFINITION = f"\n{'=' * 80}\nMSG: ".join(
+    (
+        """std_msgs/Header header
+geometry_msgs/Quaternion orientation
+float64[9] orientation_covariance
+geometry_msgs/Vector3 angular_velocity
+float64[9] angular_velocity_covariance
+geometry_msgs/Vector3 linear_acceleration
+float64[9] linear_acceleration_covariance""",
+        "std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id",
+        "builtin_interfaces/Time\nint32 sec\nuint32 nanosec",
+        "geometry_msgs/Quaternion\nfloat64 x\nfloat64 y\nfloat64 z\nfloat64 w",
+        "geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z",
+    )
 )
 
 Put = Callable[[str, int, bytes], None]
 
 
-def write_mcap(path: Path, trace: VehicleTrace, compared: Comparison) -> None:
+def write_mcap(path: Path, trace: VehicleTrace) -> None:
     """The topics /attitude, /reference, /tf and /imu.
 
     Raises:
         InputError: the file cannot be written.
     """
-    with written_for("--mcap", path) as fresh, fresh.open("wb") as file:
-        _write_messages(file, trace, compared)
-
-
-def _write_messages(file: Any, trace: VehicleTrace, compared: Comparison) -> None:
     from mcap.writer import CompressionType, Writer
 
-    writer = Writer(file, compression=CompressionType.ZSTD)
-    writer.start(profile="", library="fuzzbee")
-    channels = {topic.name: _channel(writer, topic) for topic in TOPICS}
-    counts = dict.fromkeys(channels, 0)
+    with written_for("--mcap", path) as fresh, fresh.open("wb") as file:
+        writer: Any = Writer(file, compression=CompressionType.ZSTD)
+        writer.start(profile="", library="fuzzbee")
+        channels = {}
+        for topic, kind, encoding, schema_encoding, schema in _topics():
+            number = writer.register_schema(kind, schema_encoding, schema)
+            channels[topic] = writer.register_channel(topic, encoding, number)
+        counts = dict.fromkeys(channels, 0)
 
-    def put(topic: str, time_us: int, data: bytes) -> None:
-        time_ns = 1000 * time_us
-        writer.add_message(channels[topic], time_ns, data, time_ns, counts[topic])
-        counts[topic] += 1
+        def put(topic: str, time_us: int, data: bytes) -> None:
+            time_ns = 1000 * time_us
+            writer.add_message(channels[topic], time_ns, data, time_ns, counts[topic])
+            counts[topic] += 1
 
-    _put_tables(put, trace, compared)
-    _put_poses(put, trace, compared)
-    finish: Any = writer.finish  # untyped in the library
-    finish()
-
-
-def _channel(writer: Any, topic: Topic) -> int:
-    number = writer.register_schema(topic.type, topic.schema_encoding, topic.schema)
-    channel: int = writer.register_channel(topic.name, topic.encoding, number)
-    return channel
+        _put_tables(put, trace)
+        _put_poses(put, trace)
+        writer.finish()
 
 
-def _put_tables(put: Put, trace: VehicleTrace, compared: Comparison) -> None:
+def _topics() -> Iterator[tuple[str, str, str, str, bytes]]:
+    """Name, type, encoding of the messages and of the schema, and the schema."""
+    number, whole, text = ({"type": kind} for kind in ("number", "integer", "string"))
+    for topic, names in TABLES.items():
+        kinds = {name: text if name == "heading_reference" else number for name in names}
+        yield topic, f"fuzzbee{topic.replace('/', '.')}", "json", "jsonschema", _schema(kinds)
+    parts = {
+        "timestamp": _object({"sec": whole, "nsec": whole}, "time"),
+        "parent_frame_id": text,
+        "child_frame_id": text,
+        "translation": _object(dict.fromkeys("xyz", number), "foxglove.Vector3"),
+        "rotation": _object(dict.fromkeys("xyzw", number), "foxglove.Quaternion"),
+    }
+    yield "/tf", FRAME_TRANSFORM, "json", "jsonschema", _schema(parts, FRAME_TRANSFORM)
+    yield "/imu", IMU, "cdr", "ros2msg", IMU_DEFINITION.encode()
+
+
+def _object(properties: dict[str, Any], title: str | None = None) -> dict[str, Any]:
+    named = {} if title is None else {"title": title}
+    return {"type": "object", **named, "properties": properties}
+
+
+def _schema(properties: dict[str, Any], title: str | None = None) -> bytes:
+    return json.dumps(_object(properties, title)).encode()
+
+
+def _put_tables(put: Put, trace: VehicleTrace) -> None:
     """The rows that a CSV has, without what is not known."""
-    first = len(ATTITUDE_COLUMNS)
-    for time_us, row in zip(map(int, stamps_us(trace)), rows(trace, compared), strict=True):
-        parts = (row[:first], (*row[:2], *row[first:]))
-        for (topic, columns), values in zip(TABLES, parts, strict=True):
-            if values[-1] is None:
-                continue  # no reference at this sample
-            known = {k: v for k, v in zip(columns, values, strict=True) if v is not None}
-            put(topic, time_us, json.dumps(known).encode())
+    stamps = iter(stamps_us(trace).tolist())
+    for part in columns(trace):
+        values = {name: column.tolist() for name, column in part.items()}
+        for k in range(len(part["time_s"])):
+            time_us = next(stamps)
+            for topic, names in TABLES.items():
+                row = {name: value for name in names if (value := values[name][k]) == value}
+                if names[-1] in row:  # there is a reference at this sample
+                    put(topic, time_us, json.dumps(row).encode())
 
 
-def _put_poses(put: Put, trace: VehicleTrace, compared: Comparison) -> None:
+def _put_poses(put: Put, trace: VehicleTrace) -> None:
     """The attitude in space and as an IMU's message, the reference beside it."""
-    beside = chain.from_iterable(
-        zip(*compared.part(rows)[:2], strict=True) for rows in blocks(len(trace.attitudes))
-    )
-    for k, (time_us, (truth, known)) in enumerate(
-        zip(map(int, stamps_us(trace)), beside, strict=True)
-    ):
-        attitude = trace.attitudes[k]
-        put("/tf", time_us, _transform(time_us, BODY, attitude.q_ned_frd))
-        if known:
-            w, x, y, z = truth.tolist()
-            put("/tf", time_us, _transform(time_us, REFERENCE_BODY, (w, x, y, z)))
-        record = attitude_record(
-            attitude, time_unix_us=time_us, time_boot_us=attitude.time_us, sequence=k
-        )
-        if record is not None:
-            put("/imu", time_us, imu_message(record, trace.samples[k].acc_m_s2, BODY))
+    stamps = stamps_us(trace)
+    for rows in blocks(len(trace)):
+        both = [
+            enu_flu(trace[name][rows]).tolist() for name in ("q_ned_frd", "reference_q_ned_frd")
+        ]
+        records = trace.records(Attitude, rows), trace.records(ImuSample, rows)
+        each = zip(stamps[rows].tolist(), *both, *records, strict=True)
+        for number, (time_us, ours, beside, attitude, sample) in enumerate(each, rows.start):
+            put("/tf", time_us, _transform(time_us, BODY, ours))
+            if not isnan(beside[0]):
+                put("/tf", time_us, _transform(time_us, REFERENCE_BODY, beside))
+            record = attitude_record(
+                attitude, time_unix_us=time_us, time_boot_us=attitude.time_us, sequence=number
+            )
+            if record is not None:
+                put("/imu", time_us, imu_message(record, sample.acc_m_s2, BODY))
 
 
-def _transform(time_us: int, child: str, q_ned_frd: Quaternion) -> bytes:
+def _transform(time_us: int, child: str, q_enu_flu: Iterable[float]) -> bytes:
     seconds, micros = divmod(time_us, 1_000_000)
-    w, x, y, z = enu_flu_from_ned_frd(q_ned_frd)
     message = {
         "timestamp": {"sec": seconds, "nsec": 1000 * micros},
         "parent_frame_id": WORLD,
         "child_frame_id": child,
-        "translation": NO_PLACE,
-        "rotation": {"x": x, "y": y, "z": z, "w": w},
+        "translation": dict.fromkeys("xyz", 0.0),
+        "rotation": dict(zip("wxyz", q_enu_flu, strict=True)),
     }
     return json.dumps(message).encode()

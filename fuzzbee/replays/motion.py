@@ -1,11 +1,10 @@
 """When the vehicle moved, judged by its raw IMU samples and not by any estimate."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from estimator.arrays import Bools, Floats, Ints
-from fuzzbee.column_store import PackedSamples
 
 # At rest the gyroscope and the accelerometer stay this near their medians over the window.
 REST_GYR_RAD_S = np.radians(2.0)
@@ -13,7 +12,7 @@ REST_ACC_M_S2 = 0.3
 # A steady rate above this is a turn: the bias of a gyroscope is smaller.
 MOST_BIAS_RAD_S = np.radians(4.0)
 WINDOW_S = 1.5  # before a sample, and again behind it
-MARGIN_S = WINDOW_S + 1e-3
+MARGIN_US = 1_501_000
 # What lies so near a limit is decided by the medians themselves.
 ROUNDING = 1e-9
 # Samples that are judged together: a block's numbers stay in the processor's caches.
@@ -27,25 +26,22 @@ class Windows(NamedTuple):
     behind: Ints
 
 
-def motion_mask(samples: PackedSamples, rows: slice = slice(None)) -> Bools:
-    """(N,): whether anything moved within ``WINDOW_S`` of each of these samples."""
-    first, behind, _ = rows.indices(len(samples))
-    begins = range(first, behind, BLOCK)
-    parts = [_judged(samples, slice(k, min(k + BLOCK, behind))) for k in begins]
-    return np.concatenate([np.empty(0, np.bool_), *parts])
-
-
-def _judged(samples: PackedSamples, rows: slice) -> Bools:
-    """Of samples with those around them."""
-    around = samples.within(rows, MARGIN_S)
-    times_s = samples.times_of(around) * 1e-6
-    now_s = times_s[rows.start - around.start : rows.stop - around.start]
-    windows = Windows(
-        np.searchsorted(times_s, now_s - WINDOW_S),
-        np.searchsorted(times_s, now_s + WINDOW_S, side="right"),
-    )
-    gyr, acc = (samples.column(name, around) for name in ("gyr_rad_s", "acc_m_s2"))
-    return _moved(gyr, acc, windows)
+def motion_mask(columns: Any) -> Bools:
+    """(N,): whether anything moved within ``WINDOW_S`` of each of the samples in the columns."""
+    times_us = columns["time_us"]
+    moved = np.zeros(len(times_us), np.bool_)
+    for begin in range(0, len(times_us), BLOCK):
+        now_us = times_us[begin : begin + BLOCK]
+        reach_us = [now_us[0] - MARGIN_US, now_us[-1] + MARGIN_US]
+        around = slice(*np.searchsorted(times_us, reach_us).tolist())
+        times_s, now_s = 1e-6 * times_us[around], 1e-6 * now_us
+        windows = Windows(
+            np.searchsorted(times_s, now_s - WINDOW_S),
+            np.searchsorted(times_s, now_s + WINDOW_S, side="right"),
+        )
+        gyr, acc = columns["gyr_rad_s"][around], columns["acc_m_s2"][around]
+        moved[begin : begin + BLOCK] = _moved(gyr, acc, windows)
+    return moved
 
 
 def _moved(gyr: Floats, acc: Floats, windows: Windows) -> Bools:

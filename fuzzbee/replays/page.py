@@ -1,17 +1,19 @@
 """A figure as a page for a browser: one file that needs no network, its panels zoom together."""
 
-from collections.abc import Iterator
+from math import log10
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-# What matplotlib has drawn, and plotly draws again.
-Drawn = tuple[Any, dict[str, Any]]
+from estimator.arrays import Floats
+from fuzzbee.replays.panels import DARK, Area, Figure, Panel, Words
 
 # A page as wide as a screen, and high enough for each panel to be read (pixels an inch).
 PIXELS_AN_INCH = 110
-DASHES = {"-": "solid", "--": "dash", ":": "dot", "-.": "dashdot"}
+BETWEEN, BESIDE_NAMES = 32, 75  # pixels from panel to panel, where axes have names or not
+PAPER = "rgba(255,255,255,0.7)"  # under words, so that they are readable over a line
+DASHES = {"-": "solid", "--": "dash", ":": "dot"}
 BUTTONS = {"displaylogo": False, "responsive": True}
 # Follows the zoomed axis of time.
 WINDOW_OPTIONS = """
@@ -26,137 +28,113 @@ show();
 """
 
 
-def write_page(figure: Any, path: Path, *, is_over_log: bool = False) -> None:
-    """Write a matplotlib figure, whose layout is settled, as an interactive page.
-
-    Lines, shaded areas, bands and their names are the figure's own, so are ranges and places of
-    the panels; those over time move together. The same figure gives the same bytes. Above one that
-    ``is_over_log`` stand the options that replay the seconds that are seen.
+def write_page(figure: Figure, path: Path) -> None:
+    """Write a figure as an interactive page; the same figure gives the same bytes.
 
     Raises:
         OSError: the file cannot be written.
     """
-    from plotly.graph_objects import Figure
+    from plotly.subplots import make_subplots
 
-    page = Figure()
+    height, count = PIXELS_AN_INCH * figure.inches[1], figure.columns
+    has_names = any(panel.xlabel for row in figure.rows[:-1] for panel in row)
+    alone = [{"colspan": count}, *[None] * (count - 1)]
+    page = make_subplots(
+        len(figure.rows),
+        count,
+        specs=[[{}] * count if len(row) == count else alone for row in figure.rows],
+        row_heights=figure.heights,
+        column_widths=figure.widths,
+        vertical_spacing=(BESIDE_NAMES if has_names else BETWEEN) / height,
+        horizontal_spacing=0.08,
+    )
     page.update_layout(
-        title={"text": _lines(figure.get_suptitle()), "font": {"size": 14}},
-        height=PIXELS_AN_INCH * figure.get_figheight(),
-        margin={"l": 0, "r": 0, "t": 40, "b": 0},  # the panels leave room for their names
+        title={"text": _lines(figure.title), "font": {"size": 14}},
+        height=height,
+        margin={"l": 70, "r": 20, "t": 80, "b": 50},
         template="plotly_white",
         hovermode="x",
     )
-    for number, ax in enumerate(figure.axes, 1):
-        _add_panel(page, str(number), ax, figure.axes)
-    after = WINDOW_OPTIONS if is_over_log else None
+    firsts: dict[Any, int] = {}  # the panel that those of the same span zoom with
+    places = [(r, c, p) for r, row in enumerate(figure.rows, 1) for c, p in enumerate(row, 1)]
+    for number, (row, column, panel) in enumerate(places, 1):
+        first = firsts.setdefault(panel.span, number)
+        _set_axes(page, number, panel, None if first == number else f"x{first}")
+        _add_traces(page, panel, {"row": row, "col": column}, f"legend{number}")
+        _add_words(page, number, panel)
+    after = WINDOW_OPTIONS if figure.is_over_log else None
     page.write_html(
         path, include_plotlyjs=True, div_id="fuzzbee", config=BUTTONS, post_script=after
     )
 
 
-def _add_panel(page: Any, number: str, ax: Any, others: list[Any]) -> None:
-    """One panel where the figure has it, with a legend above its right end."""
-    place, together = ax.get_position(), ax.get_shared_x_axes()
-    first = 1 + next(
-        k for k, other in enumerate(others) if other is ax or together.joined(ax, other)
-    )
-    page.update_layout(
-        {
-            f"xaxis{number}": {
-                "domain": [place.x0, place.x1],
-                "anchor": f"y{number}",
-                "range": _range(ax.get_xscale(), ax.get_xlim()),
-                "type": ax.get_xscale(),
-                "title": {"text": _lines(ax.get_xlabel())},
-                "showticklabels": any(label.get_visible() for label in ax.get_xticklabels()),
-                "matches": f"x{first}" if str(first) != number else None,
-            },
-            f"yaxis{number}": {
-                "domain": [place.y0, place.y1],
-                "anchor": f"x{number}",
-                "range": _range(ax.get_yscale(), ax.get_ylim()),
-                "type": ax.get_yscale(),
-                "title": {"text": _lines(ax.get_ylabel())},
-            },
-            f"legend{number}": {
-                "orientation": "h",
-                "x": place.x1,
-                "xanchor": "right",
-                "y": place.y1,
-                "yanchor": "bottom",
-            },
-        }
-    )
-    if ax.get_title(loc="left"):
-        title = {"text": ax.get_title(loc="left"), "showarrow": False, "xanchor": "left"}
-        corner = {"x": place.x0, "y": place.y1, "yanchor": "bottom"}
-        page.add_annotation(**title, **corner, xref="paper", yref="paper")
-    for text in ax.texts:  # in a corner of the panel, or beside a moment
-        x, y = text.get_position()
-        here = "" if number == "1" else number
-        at_time, _ = text.get_transform().contains_branch_seperately(ax.transData)
-        across = f"x{here}" if at_time else f"x{here} domain"
-        corner = {"x": x, "xref": across, "y": y, "yref": f"y{here} domain"}
-        said = {"text": _lines(text.get_text()), "showarrow": False, "xanchor": text.get_ha()}
-        said["textangle"] = -text.get_rotation()
-        look = {"bgcolor": "rgba(255,255,255,0.7)", "yanchor": text.get_va()}
-        page.add_annotation(**said, **corner, **look)
-    axes = {"xaxis": f"x{number}", "yaxis": f"y{number}", "legend": f"legend{number}"}
-    for artist, trace in (*_bands(ax), *_areas(ax), *_curves(ax)):
-        name = artist.get_label()
-        # matplotlib's own names, which begin with _, are none
-        named = bool(ax.get_legend()) and not name.startswith("_")
-        page.add_scatter(**trace, **axes, name=name, showlegend=named)
+def _set_axes(page: Any, number: int, panel: Panel, matches: str | None) -> None:
+    """Ranges, names, and a legend above the panel's right end."""
+    x, y = page.layout[f"xaxis{number}"], page.layout[f"yaxis{number}"]
+    if panel.span is None:
+        x.visible = y.visible = False
+        return
+    x.update(title=panel.xlabel, range=panel.span, showticklabels=bool(panel.xlabel))
+    x.matches = matches
+    y.update(title=_lines(panel.ylabel), showticklabels=bool(panel.ylabel))
+    y.type, y.rangemode = "log" if panel.is_log else "linear", "tozero" if panel.low == 0 else None
+    if panel.low is not None and panel.high is not None:
+        limits = (panel.low, panel.high)
+        y.range = [log10(each) for each in limits] if panel.is_log else limits
+    corner = {"x": x.domain[1], "xanchor": "right", "y": y.domain[1], "yanchor": "bottom"}
+    page.update_layout({f"legend{number}": {"orientation": "h", **corner}})
 
 
-def _curves(ax: Any) -> Iterator[Drawn]:
-    """The lines."""
-    for line in ax.lines:
-        x, y = (np.asarray(part, dtype=float) for part in line.get_data())
-        over_time, has_values = line.get_transform().contains_branch_seperately(ax.transData)
-        if not has_values:  # a moment, from the bottom to the top
-            y = np.array(ax.get_ylim())
-        if not over_time:  # a level, from one side to the other
-            x = np.array(ax.get_xlim())
-        dash = DASHES.get(line.get_linestyle(), "dash")
-        look = {"color": _colour(line.get_color(), line.get_alpha()), "dash": dash}
-        look["width"] = 1.5 * line.get_linewidth()
-        yield line, {"x": x, "y": y, "mode": "lines", "line": look}
+def _add_traces(page: Any, panel: Panel, place: dict[str, int], legend: str) -> None:
+    def named(label: str, number: int = 0) -> dict[str, Any]:
+        is_shown = bool(panel.names and label and number == 0)
+        return {"name": label, "showlegend": is_shown, "legend": legend, **place}
+
+    for area in panel.areas:
+        x, y = _outline(area)
+        look = {"fill": "toself", "fillcolor": area.color, "opacity": area.alpha}
+        look |= {"mode": "lines", "line": {"width": 0}, "hoverinfo": "skip"}
+        page.add_scatter(x=x, y=y, **look, **named(area.label))
+    for curve in panel.curves:
+        look = {"color": curve.color, "dash": DASHES[curve.dash], "width": 1.5 * curve.width}
+        page.add_scatter(x=curve.x, y=curve.y, mode="lines", line=look, **named(curve.label))
+    for band in panel.bands:
+        look = {"fillcolor": band.color, "opacity": band.alpha, "line_width": 0, "layer": "below"}
+        for number, (begin, end) in enumerate(band.spans):
+            page.add_vrect(begin, end, **look, **named(band.label, number))
+    for mark in panel.marks:
+        page.add_vline(mark.x, line={"color": DARK, "width": 1, "dash": "dot"}, **place)
+    if panel.heat is not None:
+        x, y, values = panel.heat
+        page.add_heatmap(x=x, y=y, z=values, colorbar={"len": 0.4, "y": 0.2}, **place)
 
 
-def _areas(ax: Any) -> Iterator[Drawn]:
-    """What is filled between two lines."""
-    for area in ax.collections:
-        colour = _colour(area.get_facecolor()[0], None)
-        outlines = [outline.vertices for outline in area.get_paths()]
-        x, y = np.concatenate([[*each, (np.nan, np.nan)] for each in outlines])[:-1].T
-        yield area, {"x": x, "y": y, **_filled(colour)}
+def _outline(area: Area) -> tuple[Floats, Floats]:
+    """A closed line around each part of the area between two gaps."""
+    known = np.flatnonzero(np.isfinite(area.low + area.high))
+    gap = np.array([np.nan])
+    x, y = list[Floats](), list[Floats]()
+    for part in np.split(known, np.flatnonzero(np.diff(known) > 1) + 1):
+        x += [area.x[part], area.x[part][::-1], gap]
+        y += [area.low[part], area.high[part][::-1], gap]
+    return np.concatenate(x), np.concatenate(y)
 
 
-def _bands(ax: Any) -> Iterator[Drawn]:
-    """Intervals of time: over the whole height that is shown."""
-    low, high = ax.get_ylim()
-    for band in ax.patches:
-        x0, x1 = band.get_x(), band.get_x() + band.get_width()
-        x, y = [x0, x0, x1, x1, x0], [low, high, high, low, low]
-        yield band, {"x": x, "y": y, **_filled(_colour(band.get_facecolor(), None))}
-
-
-def _filled(colour: str) -> dict[str, Any]:
-    look = {"fill": "toself", "fillcolor": colour, "hoverinfo": "skip"}
-    return {"mode": "lines", "line": {"width": 0}, **look}
-
-
-def _colour(colour: Any, alpha: float | None) -> str:
-    from matplotlib.colors import to_rgba
-
-    red, green, blue, opaque = to_rgba(colour, alpha)
-    return f"rgba({255 * red:.0f},{255 * green:.0f},{255 * blue:.0f},{opaque:.2f})"
-
-
-def _range(scale: str, limits: tuple[float, float]) -> list[float]:
-    """As plotly has it: of a logarithmic axis the exponents."""
-    return [float(each) for each in (np.log10(limits) if scale == "log" else limits)]
+def _add_words(page: Any, number: int, panel: Panel) -> None:
+    """The title, what is written in the panel, and the names of moments."""
+    x, y = (page.layout[f"{axis}{number}"].domain for axis in ("xaxis", "yaxis"))
+    title = [Words(panel.title, 0.0, 1.0)] if panel.title else []
+    for text, at, up, is_centred in (*title, *panel.words):
+        place: Any = {"xref": "paper", "x": x[0] + at * (x[1] - x[0])}
+        place |= {"yref": "paper", "y": y[0] + up * (y[1] - y[0])}
+        place["xanchor"] = "center" if is_centred else "left"
+        place["yanchor"] = "middle" if is_centred else "bottom" if up == 1.0 else "top"
+        page.add_annotation(text=_lines(text), showarrow=False, bgcolor=PAPER, **place)
+    here = "" if number == 1 else str(number)  # which plotly leaves out of domains
+    corner: Any = {"xref": f"x{here}", "xanchor": "left", "yref": f"y{here} domain", "y": 0.97}
+    for at, label in (mark for mark in panel.marks if mark.label):
+        look = {"text": label, "textangle": -90, "bgcolor": PAPER, "yanchor": "top"}
+        page.add_annotation(x=at, showarrow=False, **look, **corner)
 
 
 def _lines(text: str) -> str:

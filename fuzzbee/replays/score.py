@@ -1,17 +1,16 @@
 """How well a replayed estimate did, against a reference."""
 
-from collections.abc import Mapping
-from math import sqrt
+from collections.abc import Iterator
 from typing import Any
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.logs.percentile import percentile
-from drivers.logs.spill_file import SpillFile
-from estimator.arrays import Bools, Floats
-from estimator.geometry.metrics import batch_angle_errors
+from drivers.logs.table import blocks
+from estimator.arrays import Bools, Floats, Times
+from estimator.geometry.rotations import cross, rotate_inverse
+from estimator.types import DOWN
 
 CONVERGED_RAD = np.radians(5.0)
 
@@ -34,122 +33,110 @@ class Coverage(msgspec.Struct, frozen=True):
     heading_moving: float | None = None
 
 
-class Means:
-    """Means of numbers, by name, that come in parts."""
+class ConstantTurn(msgspec.Struct, frozen=True):
+    """One turn of the body that fits best, and what is left of the inclination's errors without.
 
-    def __init__(self) -> None:
-        self._sums: dict[str, tuple[float, int]] = {}
-
-    def add(self, name: str, values: NDArray[Any]) -> None:
-        """Some more (N,) of that name."""
-        total, n = self._sums.get(name, (0.0, 0))
-        self._sums[name] = total + float(np.sum(values)), n + len(values)
-
-    def mean(self, name: str) -> float | None:
-        """None where there are none."""
-        total, n = self._sums.get(name, (0.0, 0))
-        return total / n if n else None
-
-    def root(self, name: str) -> float | None:
-        """The root of that mean."""
-        mean = self.mean(name)
-        return None if mean is None else sqrt(mean)
-
-
-class Errors:
-    """The summary of errors that come in parts: total, heading, inclination, rad.
-
-    Total and heading leave out samples whose heading was not told: there was none.
+    ``turn_deg`` is by how much it leans the vertical, RMS over the samples.
     """
 
-    def __init__(self, *, has_heading: bool) -> None:
-        self._has_heading = has_heading
-        self._squares = Means()
-        self._inclination_deg = SpillFile("d")
-
-    def add(self, errors_rad: Floats, told: Bools | None = None) -> None:
-        """Errors (N, 3) and whether a heading was told (N,)."""
-        degrees = np.degrees(errors_rad)
-        headed = degrees if told is None else degrees[told]
-        if self._has_heading:
-            self._squares.add("total", np.square(headed[:, 0]))
-            self._squares.add("heading", np.square(headed[:, 1]))
-        self._squares.add("inclination", np.square(degrees[:, 2]))
-        self._inclination_deg.add(degrees[:, 2])
-
-    def summary(self) -> ErrorSummary:
-        """All until now."""
-        if not len(self._inclination_deg):
-            return ErrorSummary()
-        return ErrorSummary(
-            total_rms=self._squares.root("total"),
-            heading_rms=self._squares.root("heading"),
-            inclination_rms=self._squares.root("inclination"),
-            inclination_p95=percentile(self._inclination_deg.parts, 95.0),
-        )
+    turn_deg: float
+    inclination_rms: float
+    inclination_coverage: float
+    inclination_coverage_moving: float | None
 
 
-def summarize(errors_rad: Floats, *, has_heading: bool, told: Bools | None = None) -> ErrorSummary:
-    """The summary of errors (N, 3), see :class:`Errors`; N may be 0."""
-    errors = Errors(has_heading=has_heading)
-    errors.add(errors_rad, told)
-    return errors.summary()
+def errors_of(columns: Any, i: int, name: str = "error_rad") -> Floats:
+    """Of errors the total (0), the heading's (1) or the inclination's (2), (N,).
+
+    Part by part: a column that is mapped counts as memory while it is held.
+    """
+    found = np.empty(len(columns["time_us"]))
+    for rows in blocks(len(found)):
+        found[rows] = columns[name][rows][:, i]
+    return found
 
 
-class Covered:
-    """How often errors stayed under their sigma, always and while the vehicle moved."""
+def error_summary(
+    columns: Any, counted: Bools, has_heading: Bools, name: str = "error_rad"
+) -> ErrorSummary:
+    """The summary of errors that count (N,).
 
-    def __init__(self, *, has_heading: bool) -> None:
-        self._has_heading = has_heading
-        self._shares = Means()
-
-    def add(
-        self,
-        errors_rad: Floats,
-        sigma_inclination: Floats,
-        sigma_heading: Floats,
-        told: Bools | None = None,
-        moved: Bools | None = None,
-    ) -> None:
-        """Errors (N, 3), sigmas (N,); headings that were not ``told`` (N,) are left out."""
-        n = len(errors_rad)
-        everywhere, nowhere = np.ones(n, dtype=bool), np.zeros(n, dtype=bool)
-        headed = (everywhere if told is None else told) & self._has_heading
-        moved = nowhere if moved is None else moved
-        upright = errors_rad[:, 2] <= sigma_inclination
-        pointed = errors_rad[:, 1] <= sigma_heading
-        self._shares.add("inclination", upright)
-        self._shares.add("heading", pointed[headed])
-        self._shares.add("inclination_moving", upright[moved])
-        self._shares.add("heading_moving", pointed[headed & moved])
-
-    def coverage(self) -> Coverage:
-        """All until now."""
-        return Coverage(**{name: self._shares.mean(name) for name in Coverage.__struct_fields__})
+    Total and heading leave out samples (N,) without a heading.
+    """
+    if not counted.any():
+        return ErrorSummary()
+    inclination = errors_of(columns, 2, name)[counted]
+    return ErrorSummary(
+        total_rms=_rms_deg(errors_of(columns, 0, name)[counted & has_heading]),
+        heading_rms=_rms_deg(errors_of(columns, 1, name)[counted & has_heading]),
+        inclination_rms=_rms_deg(inclination),
+        inclination_p95=float(np.degrees(np.percentile(inclination, 95.0))),
+    )
 
 
-class Convergence:
+def coverage(columns: Any, counted: Bools, has_heading: Bools, moved: Bools) -> Coverage:
+    """How often errors that count (N,) stayed under their sigmas, always and while in motion."""
+    upright = errors_of(columns, 2) <= columns["sigma_inclination_rad"]
+    pointed = errors_of(columns, 1) <= columns["sigma_heading_rad"]
+    return Coverage(
+        inclination=mean(upright[counted]),
+        heading=mean(pointed[counted & has_heading]),
+        inclination_moving=mean(upright[counted & moved]),
+        heading_moving=mean(pointed[counted & has_heading & moved]),
+    )
+
+
+def convergence_s(times_us: Times, total_rad: Floats) -> float | None:
     """Time from the first sample with a reference until the total error is first under 5 deg."""
-
-    def __init__(self) -> None:
-        self._begin_us: int | None = None
-        self.time_s: float | None = None
-
-    def add(self, times_us: NDArray[np.int64], total_rad: Floats, known: Bools) -> None:
-        """More samples (N,)."""
-        times_us, total_rad = times_us[known], total_rad[known]
-        if self._begin_us is None and len(times_us):
-            self._begin_us = int(times_us[0])
-        good_us = times_us[total_rad < CONVERGED_RAD]
-        if self._begin_us is not None and self.time_s is None and len(good_us):
-            self.time_s = float(good_us[0] - self._begin_us) * 1e-6
+    is_known, is_good = ~np.isnan(total_rad), total_rad < CONVERGED_RAD
+    begin, end = np.argmax(is_known), np.argmax(is_good)
+    return 1e-6 * float(times_us[end] - times_us[begin]) if is_good.any() else None
 
 
-def errors_against(estimates: Floats, reference: Floats) -> Floats:
-    """(N, 3) rad: total, heading, inclination."""
-    return np.asarray(batch_angle_errors(estimates, reference))
+def constant_turn(columns: Any, counted: Bools, moved: Bools) -> ConstantTurn | None:
+    """The turn from estimate to reference of the samples that count (N,); None without any.
+
+    R of the least sum of |R d - d_reference|^2 over down in the body d (Wahba's problem, by SVD:
+    F. L. Markley 1988). ``moved`` (N,) tells of motion.
+    """
+
+    def downs() -> Iterator[tuple[slice, Floats, Floats]]:
+        for rows in blocks(len(counted)):
+            both = (columns[name][rows] for name in ("q_ned_frd", "reference_q_ned_frd"))
+            ours, theirs = (rotate_inverse(q[counted[rows]], DOWN) for q in both)
+            yield rows, ours, theirs
+
+    if not counted.any():
+        return None
+    u, _, vt = np.linalg.svd(sum(theirs.T @ ours for _, ours, theirs in downs()))
+    turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+    inside, leaned, left = np.zeros_like(counted), 0.0, 0.0
+    for rows, ours, theirs in downs():
+        turned = ours @ turn.T
+        apart = _between(turned, theirs)
+        leaned += float(np.sum(_between(turned, ours) ** 2))
+        left += float(np.sum(apart**2))
+        sigma = columns["sigma_inclination_rad"][rows][counted[rows]]
+        inside[rows][counted[rows]] = apart <= sigma
+    count = int(np.count_nonzero(counted))
+    return ConstantTurn(
+        turn_deg=float(np.degrees(np.sqrt(leaned / count))),
+        inclination_rms=float(np.degrees(np.sqrt(left / count))),
+        inclination_coverage=float(np.count_nonzero(inside)) / count,
+        inclination_coverage_moving=mean(inside[counted & moved]),
+    )
 
 
-def sort_counts(counts: Mapping[str, int]) -> dict[str, int]:
-    """Counts by name, so that equal runs print equal text."""
-    return {name: counts[name] for name in sorted(counts)}
+def mean(values: NDArray[Any]) -> float | None:
+    """None where there are none."""
+    return float(np.mean(values)) if len(values) else None
+
+
+def _rms_deg(values_rad: Floats) -> float | None:
+    return float(np.degrees(np.sqrt(np.mean(np.square(values_rad))))) if len(values_rad) else None
+
+
+def _between(some: Floats, others: Floats) -> Floats:
+    """Angles (N,) between unit vectors, rad."""
+    sine = np.linalg.norm(cross(some, others), axis=1)
+    return np.asarray(np.arctan2(sine, np.sum(some * others, axis=1)))

@@ -1,16 +1,16 @@
-"""The paper's experiment in files: every sample as CSV, the paper's figures to print."""
+"""The paper's experiment in files: every sample as columns, the paper's figures to print."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from estimator.arrays import Floats
 from estimator.geometry.metrics import COST_RATE_HZ, batch_angle_errors
-from fuzzbee.angle_curves import draw_angles
-from fuzzbee.replays.exports import write_rows
-from fuzzbee.replays.plot import STYLE, legend_above, save, title_lines
+from fuzzbee.replays.exports import Columns
+from fuzzbee.replays.figure import save
+from fuzzbee.replays.panels import BLACK, BLUE, DARK, ORANGE, Area, Curve, Figure, Panel
+from fuzzbee.replays.plot import TIME, Line, angle_panels
 from tuning.paper_experiment import SETTLED_ERROR, ExperimentResult
 
 Results = Sequence[ExperimentResult]
@@ -28,25 +28,18 @@ MEDIAN, BANDS = 50.0, ((5.0, 95.0, 0.18), (25.0, 75.0, 0.35))
 LEAST_SHOWN_ERROR = 1e-5
 
 
-def write_csv(path: Path, seeds: Sequence[int], results: Results) -> None:
-    """A row for every sample of every seed, in the order of :data:`COLUMNS`.
+def columns(seeds: Sequence[int], results: Results) -> Iterator[Columns]:
+    """A row for every sample of every seed: the columns :data:`COLUMNS`.
 
     ``error`` is the true e, sin^2 of half the error's angle, and the quaternion is the estimate
-    before the sample's correction; ``gain`` is the correction's. Nine significant digits.
-
-    Raises:
-        InputError: the file cannot be written.
+    before the sample's correction; ``gain`` is the correction's.
     """
-    each = zip(seeds, results, strict=True)
-    write_rows(path, COLUMNS, (row for seed, result in each for row in _rows(seed, result)))
-
-
-def _rows(seed: int, result: ExperimentResult) -> Iterator[list[float]]:
-    angles = np.degrees(batch_angle_errors(result.estimates, result.truth))
-    time_s = np.arange(len(angles)) / COST_RATE_HZ
-    columns = (time_s, result.true_error, result.gains, result.estimates, result.truth, angles)
-    for row in np.column_stack(columns).tolist():
-        yield [seed, *row]
+    for seed, result in zip(seeds, results, strict=True):
+        angles = np.degrees(batch_angle_errors(result.estimates, result.truth))
+        time_s = np.arange(len(angles)) / COST_RATE_HZ
+        found = (time_s, result.true_error, result.gains, result.estimates, result.truth, angles)
+        values = (np.full(len(angles), seed), *np.column_stack(found).T)
+        yield dict(zip(COLUMNS, values, strict=True))
 
 
 def draw(path: Path, title: str, seeds: Sequence[int], results: Results) -> None:
@@ -55,67 +48,38 @@ def draw(path: Path, title: str, seeds: Sequence[int], results: Results) -> None
     Raises:
         InputError: the file cannot be written.
     """
-    import matplotlib as mpl
-    from matplotlib.figure import Figure
-
     time_s = np.arange(len(results[0].true_error)) / COST_RATE_HZ
-    quantities = (
-        ("$e(\\tilde R)$", np.array([r.true_error for r in results])),
-        ("gain $K$", np.array([r.gains for r in results])),
-    )
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=FIGURE_INCHES, layout="constrained")
-        halves: Any = figure.add_gridspec(2, 1, height_ratios=(1.25, 1.0))
-        figure.suptitle(title_lines(title))
-        grid = halves[0].subgridspec(2, 2, width_ratios=(1.0, 1.6))
-        axes: Any = grid.subplots(sharey="row")
-        for row, (name, values) in zip(axes, quantities, strict=True):
-            row[0].set_ylabel(name)
-            for ax, end_s in zip(row, (TRANSIENT_S, time_s[-1]), strict=True):
-                _band(ax, time_s, values, end_s)
-        _finish(axes, time_s[-1])
-        _angles(halves[1].subgridspec(3, 1).subplots(sharex=True), time_s, seeds[0], results[0])
-        save(figure, path)
+    end_s = float(time_s[-1])
+    errors, gains = (np.array([getattr(r, of) for r in results]) for of in ("true_error", "gains"))
+    rows = []
+    for name, values in (("$e(\\tilde R)$", errors), ("gain $K$", gains)):
+        rows.append([_panel(time_s, values, span_s) for span_s in (TRANSIENT_S, end_s)])
+        rows[-1][0].ylabel = name
+    for panel in rows[0]:
+        panel.is_log, panel.low, panel.high = True, LEAST_SHOWN_ERROR, 1.5
+        level = np.full(2, SETTLED_ERROR)
+        panel.curves.append(Curve(np.array(panel.span), level, DARK, width=0.7, dash=":"))
+    for panel in rows[1]:
+        panel.xlabel, panel.low, panel.high = TIME, 0.0, 1.05 * float(gains.max())
+    rows[0][0].title, rows[0][1].title = "the first second", f"all {end_s:g} s"
+    rows[1][1].names = 3 if len(results) > 1 else 0
+    true = Line(BLACK, "true", 1.4), results[0].truth
+    estimate = Line(ORANGE, "estimate"), results[0].estimates
+    angles = angle_panels((0.0, end_s), time_s, (true, estimate))
+    angles[0].title, angles[2].xlabel = f"angles, noise seed {seeds[0]}", TIME
+    rows += [[panel] for panel in angles]
+    heights, widths = [1.0, 1.0, 0.6, 0.6, 0.6], [1.0, 1.6]
+    save(Figure(title, rows, FIGURE_INCHES, heights, widths), path)
 
 
-def _band(ax: Any, time_s: Floats, values: Floats, end_s: float) -> None:
+def _panel(time_s: Floats, values: Floats, end_s: float) -> Panel:
     """Median and bands of (seeds, N) up to ``end_s``."""
     shown = time_s <= end_s
-    if len(values) > 1:
-        for low, high, alpha in BANDS:
-            edges = np.percentile(values[:, shown], (low, high), axis=0)
-            label = f"{low:g} to {high:g} %"
-            ax.fill_between(time_s[shown], *edges, color="C0", alpha=alpha, lw=0, label=label)
-    middle = np.percentile(values[:, shown], MEDIAN, axis=0)
-    legend = {"label": "median of the seeds"} if len(values) > 1 else {}
-    ax.plot(time_s[shown], middle, color="C0", lw=0.9, **legend)
-    ax.set_xlim(0.0, end_s)
-    ax.grid(visible=True, alpha=0.3)
-
-
-def _finish(axes: Any, end_s: float) -> None:
-    """Scales, titles and the settling threshold of e."""
-    for ax in axes[0]:
-        ax.axhline(SETTLED_ERROR, color="0.4", lw=0.7, ls=":")
-        ax.set_yscale("log")
-        ax.set_ylim(LEAST_SHOWN_ERROR, 1.5)
-    axes[1, 0].set_ylim(bottom=0.0)
-    axes[0, 0].set_title("the first second", loc="left")
-    axes[0, 1].set_title(f"all {end_s:g} s", loc="left")
-    if axes[1, 1].get_legend_handles_labels()[0]:
-        legend_above(axes[1, 1], 3)
-    for ax in axes[1]:
-        ax.set_xlabel("time in s")
-
-
-def _angles(axes: Any, time_s: Floats, seed: int, result: ExperimentResult) -> None:
-    """Roll, pitch and yaw of one seed, true and estimated."""
-    true = (result.truth, {"color": "0.2", "lw": 1.4}, "true")
-    estimate = (result.estimates, {"color": "C1", "lw": 0.8}, "estimate")
-    draw_angles(axes, time_s, (true, estimate))
-    for ax in axes:
-        ax.set_xlim(0.0, time_s[-1])
-        ax.grid(visible=True, alpha=0.3)
-    axes[0].set_title(f"angles, noise seed {seed}", loc="left")
-    legend_above(axes[0], 2)
-    axes[2].set_xlabel("time in s")
+    time_s, values = time_s[shown], values[:, shown]
+    panel = Panel((0.0, end_s))
+    for low, high, alpha in BANDS if len(values) > 1 else ():
+        bottom, top = np.percentile(values, (low, high), axis=0)
+        panel.areas.append(Area(time_s, bottom, top, BLUE, alpha, f"{low:g} to {high:g} %"))
+    middle = np.percentile(values, MEDIAN, axis=0)
+    panel.curves.append(Curve(time_s, middle, BLUE, "median of the seeds", 0.9))
+    return panel

@@ -6,10 +6,10 @@ from math import isfinite
 import msgspec
 import numpy as np
 
-from estimator.geometry.metrics import COST_RATE_HZ, COST_SAMPLES
+from estimator.geometry.metrics import COST_RATE_HZ, COST_SAMPLES, batch_angle_errors
 from estimator.profile import Profile
 from fuzzbee.replays.log_report import ImuSummary, VehicleSummary
-from fuzzbee.replays.score import CONVERGED_RAD, Coverage, ErrorSummary, errors_against, summarize
+from fuzzbee.replays.score import CONVERGED_RAD, Coverage, ErrorSummary, error_summary
 from tuning.paper_experiment import ExperimentResult, run_experiment
 
 
@@ -52,7 +52,10 @@ def report_simulation(
     results = [run_experiment(profile, seed, fixed_gain) for seed in seeds]
     for export in exports:
         export(seeds, results)
-    errors = [errors_against(r.estimates, r.truth) for r in results]
+    errors = [batch_angle_errors(r.estimates, r.truth) for r in results]
+    all_errors = np.concatenate(errors)
+    everywhere = np.ones(len(all_errors), np.bool_)
+    columns = {"time_us": everywhere, "error_rad": all_errors}
     settling = float(np.median([r.settling_s for r in results]))
     below = [np.flatnonzero(each[:, 0] < CONVERGED_RAD) for each in errors]
     converged = float(np.median([i[0] / COST_RATE_HZ if len(i) else np.inf for i in below]))
@@ -70,7 +73,7 @@ def report_simulation(
         ),
         duration_s=(COST_SAMPLES - 1) / COST_RATE_HZ,
         reference="sim",
-        error_deg=summarize(np.concatenate(errors), has_heading=True),
+        error_deg=error_summary(columns, everywhere, everywhere),
         coverage=Coverage(),
         peers={},
         convergence_s=converged if isfinite(converged) else None,

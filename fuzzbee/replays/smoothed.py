@@ -22,15 +22,11 @@ def smooth_trace(trace: VehicleTrace, estimator: Estimator | None) -> None:
 
     assert isinstance(estimator, Recorder)
     times_us, now = smooth_all(estimator)
-    at = np.searchsorted(times_us, trace.times_us)
-    inclination, heading = now.sigma_rad.T
-    for name, values in (
-        ("q_ned_frd", now.q_ned_frd),
-        ("rate_rad_s", now.rate_rad_s),
-        ("gyro_bias_rad_s", now.bias_rad_s),
-        ("sigma_inclination_rad", inclination),
-        ("sigma_heading_rad", heading),
-    ):
-        trace.attitudes.replace(name, values[at])
-    north = trace.attitudes.column("heading_reference")
-    trace.attitudes.replace("heading_reference", np.full_like(north, north[-1]))
+    at = np.searchsorted(times_us, trace["time_us"])
+    trace.table.put("q_ned_frd", [now.q_ned_frd[at]])
+    trace.table.put("rate_rad_s", [now.rate_rad_s[at]])
+    trace.table.put("gyro_bias_rad_s", [now.bias_rad_s[at]])
+    trace.table.put("sigma_inclination_rad", [now.sigma_rad[at, 0]])
+    trace.table.put("sigma_heading_rad", [now.sigma_rad[at, 1]])
+    north = trace["heading_reference"]
+    trace.table.put("heading_reference", [np.full_like(north, north[-1])])

@@ -9,8 +9,8 @@ from rich.table import Table
 from rich.text import Text
 
 from fuzzbee.replays.comparison import REFERENCES
-from fuzzbee.replays.constant_turn import ConstantTurn
 from fuzzbee.replays.log_report import LogReport
+from fuzzbee.replays.score import ConstantTurn
 from fuzzbee.replays.simulation_report import SimulationReport
 from fuzzbee.say import printable
 

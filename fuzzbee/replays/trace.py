@@ -1,8 +1,9 @@
-"""The result of replaying a log: estimates at the samples, references, counts."""
+"""The result of replaying a log: a table of estimates and samples, references, counts."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable
 from math import radians
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from drivers.events import (
     VehicleId,
 )
 from drivers.logs.reference_track import ReferenceTrack
-from drivers.logs.spill_file import SpillFile
+from drivers.logs.table import Table
 from drivers.logs.time_window import WHOLE_LOG, TimeWindow, WindowedEvents
 from drivers.mavlink.ardupilot import COMPASS
 from drivers.mavlink.attitude_view import NAMES as VIEW_PARAMETERS
@@ -27,9 +28,10 @@ from estimator.arrays import Floats
 from estimator.estimator import Estimator
 from estimator.geometry.earth import PlaceField
 from estimator.geometry.quaternion import exp, scale
+from estimator.live.rows import NORTHS
 from estimator.profile import Profile
-from estimator.types import Vec3
-from fuzzbee.column_store import PackedAttitudes, PackedSamples
+from estimator.types import Attitude, ImuSample, Vec3
+from fuzzbee.attitudes import PLACE
 from fuzzbee.replays.marks import Marks
 from service.pipeline import Pipeline
 from service.records import Message, is_finite
@@ -38,29 +40,49 @@ from service.vehicle import Vehicle
 from tuning.online.retuned_estimator import RetunedEstimator
 from tuning.online.retuner import Decision
 
+Row = TypeVar("Row", Attitude, ImuSample)
+
 # The axis (NED) of a wrong start: every sensor can see a turn about it.
 WRONG_START_AXIS: Vec3 = (3**-0.5, 3**-0.5, 3**-0.5)
+# A row: when it came, the attitude after it (the reference of its heading by the place in NORTHS),
+# the sample that it was made of, and whether velocity helped.
+COLUMNS = {
+    "arrival_us": "i8",
+    "time_us": "i8",
+    "q_ned_frd": "4f8",
+    "rate_rad_s": "3f8",
+    "gyro_bias_rad_s": "3f8",
+    **dict.fromkeys(Attitude._fields[4:-1], "f8"),
+    "heading_reference": "u1",
+    "gyr_rad_s": "3f8",
+    "acc_m_s2": "3f8",
+    "mag_gauss": "3f8",
+    "has_mag": "?",
+    "is_aided": "?",
+}
 
 
 class VehicleTrace:
-    """One vehicle's estimates and references in the order of the log."""
+    """One vehicle's estimates and references in the order of the log.
+
+    ``trace[name]`` is a column of its table: one of :data:`COLUMNS`, or those that
+    :func:`fuzzbee.replays.comparison.compare` adds.
+    """
 
     def __init__(self, address: VehicleId) -> None:
         self.address = address
+        self.table = Table(**COLUMNS)
         self.autopilot: int | None = None
         self.vehicle_type: int | None = None
         self.imu_messages: Counter[str] = Counter()  # samples used of each
         self.rates = "imu"
-        self.arrivals_us = SpillFile("q")
-        self.attitudes = PackedAttitudes()
-        self.samples = PackedSamples()  # that they were made of
-        self.aided = SpillFile("b")  # whether velocity helped at each
-        self.fields = 0  # samples with a magnetic field
-        self.headings = 0  # attitudes whose heading was told, by a field or by velocity
         self.references = {"sim": ReferenceTrack(), "autopilot": ReferenceTrack()}
+        self.reference: str | None = None  # the one that it is compared with
         self.rejected: Counter[str] = Counter()
         self.warned_s: Counter[str] = Counter()  # for how long each warning stood
         self.malformed = 0  # rows or frames of the log that cannot be read, whoever sent them
+        self.last_us: int | None = None  # the latest sample
+        self.has_heading = False  # whether there is one to score: by a field or by velocity
         self.turned_at_us: int | None = None
         self.log_zero_us: int | None = None  # where the log's seconds begin, of a window of it
         self.decisions: list[tuple[int, Decision]] | None = None  # where it was retuned
@@ -70,34 +92,38 @@ class VehicleTrace:
         self.place_field: PlaceField | None = None
         self.second_opinion = SecondOpinion()
 
-    @property
-    def has_heading(self) -> bool:
-        """Whether there is a heading to score."""
-        return self.fields > 0 or self.headings > 0
+    def __len__(self) -> int:
+        return len(self.table)
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        return self.table[name]
+
+    def append(self, arrival_us: int, attitude: Attitude, sample: ImuSample, aided: bool) -> None:
+        """Take the attitude after a sample."""
+        self.last_us = attitude.time_us
+        north = PLACE[attitude.heading_reference]
+        self.has_heading |= sample.has_mag or north > 0
+        self.table.append(arrival_us, *attitude[:-1], north, *sample[1:], aided)
+
+    def records(self, kind: type[Row], rows: slice) -> list[Row]:
+        """The attitudes or the samples of some rows as the estimator has them."""
+        columns = []
+        for name in kind._fields:
+            values = self[name][rows].tolist()
+            if name == "heading_reference":
+                values = [NORTHS[place] for place in values]
+            columns.append(map(tuple, values) if "f8" in COLUMNS[name][1:] else values)
+        return [kind(*row) for row in zip(*columns, strict=True)]
 
     @property
     def zero_us(self) -> int:
         """The time that all seconds count from: the log's first IMU sample."""
-        return self.attitudes[0].time_us if self.log_zero_us is None else self.log_zero_us
-
-    @property
-    def times_us(self) -> NDArray[np.int64]:
-        """Times (N,) of the samples on the vehicle's continuous clock."""
-        return self.attitudes.times_us
+        return int(self["time_us"][0]) if self.log_zero_us is None else self.log_zero_us
 
     @property
     def time_s(self) -> Floats:
         """Seconds (N,) of the log at the samples."""
-        return np.array(1e-6 * (self.times_us - self.zero_us), dtype=float)
-
-    @property
-    def estimates(self) -> Floats:
-        """``q_ned_frd`` (N, 4) after each sample."""
-        return self.column("q_ned_frd")
-
-    def column(self, name: str, rows: slice = slice(None)) -> Floats:
-        """A field of the attitudes, (N,) or (N, K), or of some of them."""
-        return self.attitudes.column(name, rows)
+        return np.array(1e-6 * (self["time_us"] - self.zero_us), dtype=float)
 
 
 class Replay:
@@ -153,8 +179,8 @@ class Replay:
 
     def longest(self, least: int = 1) -> VehicleTrace | None:
         """The vehicle with most estimates, if one has ``least`` of them."""
-        sending = [trace for trace in self.traces.values() if len(trace.attitudes) >= least]
-        return max(sending, key=lambda t: (len(t.attitudes), -t.address.system_id), default=None)
+        sending = [trace for trace in self.traces.values() if len(trace) >= least]
+        return max(sending, key=lambda t: (len(t), -t.address.system_id), default=None)
 
     def estimator(self, address: VehicleId) -> Estimator | None:
         """That vehicle's estimator."""
@@ -193,15 +219,10 @@ class Replay:
         if not is_finite(attitude):
             return  # as in the live service, where it is not published; the vehicle aligns anew
         trace.imu_messages[event.message] += 1
-        if trace.attitudes and (warnings := vehicle.checks.words):
-            step_s = 1e-6 * (attitude.time_us - trace.attitudes[-1].time_us)
+        if trace.last_us is not None and (warnings := vehicle.checks.words):
+            step_s = 1e-6 * (attitude.time_us - trace.last_us)
             trace.warned_s.update(dict.fromkeys(warnings, step_s))
-        trace.arrivals_us.extend((event.arrival_us,))
-        trace.attitudes.append(attitude)
-        trace.samples.append(sample)
-        trace.aided.extend((vehicle.estimator.is_aided,))
-        trace.fields += event.sample.has_mag
-        trace.headings += attitude.heading_reference != "none"
+        trace.append(event.arrival_us, attitude, sample, vehicle.estimator.is_aided)
 
     def _turn_wrong(self, vehicle: Vehicle, trace: VehicleTrace) -> None:
         """Turn the estimate once, at the first sample that a reference is known at."""

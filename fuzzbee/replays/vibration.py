@@ -6,13 +6,11 @@ autopilot's stream may be filtered before it is sent, so that its own VIBE is la
 """
 
 from math import pi
-from typing import Any, Literal
+from typing import Literal
 
 import msgspec
 import numpy as np
 
-from drivers.logs.percentile import percentile
-from drivers.logs.spill_file import blocks
 from estimator.arrays import Floats
 from fuzzbee.replays.trace import VehicleTrace
 
@@ -38,31 +36,23 @@ class Vibration(msgspec.Struct, frozen=True):
 
 def vibration(trace: VehicleTrace) -> Vibration | None:
     """The vibration of a replayed log; None where the IMU's stream is too slow to show it."""
-    step_s = percentile(trace.attitudes.steps_s, 50.0)
+    steps_s = 1e-6 * np.diff(trace["time_us"])
+    step_s = float(np.median(steps_s)) if len(steps_s) else 0.0
     if not 0.0 < step_s <= 1.0 / LEAST_RATE_HZ:
         return None
-    parts = (trace.samples.column("acc_m_s2", rows) for rows in blocks(len(trace.samples)))
-    found, mean, square = list[Floats](), _LowPass(MEAN_HZ, step_s), _LowPass(SQUARE_HZ, step_s)
-    for acc in parts:
-        found.append(np.sqrt(square((acc - mean(acc)) ** 2)))
-    x, y, z = np.percentile(np.concatenate(found), PERCENT, axis=0).round(2).tolist()
-    worst = max(x, y, z)
-    verdict: Verdict = "usual" if worst < USUAL_M_S2 else "high"
-    return Vibration((x, y, z), "too high" if worst > MOST_M_S2 else verdict)
+    sizes = []
+    for acc in trace["acc_m_s2"].T:
+        square = _low_pass((acc - _low_pass(acc, MEAN_HZ, step_s)) ** 2, SQUARE_HZ, step_s)
+        sizes.append(round(float(np.percentile(np.sqrt(square), PERCENT)), 2))
+    x, y, z = sizes
+    verdict: Verdict = "usual" if max(sizes) < USUAL_M_S2 else "high"
+    return Vibration((x, y, z), "too high" if max(sizes) > MOST_M_S2 else verdict)
 
 
-class _LowPass:
-    """A low-pass of first order over columns (N, 3) that come in parts; starts at the first row."""
+def _low_pass(values: Floats, cutoff_hz: float, step_s: float) -> Floats:
+    """A low-pass of first order over values (N,); starts at the first."""
+    from scipy.signal import lfilter
 
-    def __init__(self, cutoff_hz: float, step_s: float) -> None:
-        self._share = step_s / (step_s + 1.0 / (2.0 * pi * cutoff_hz))
-        self._state: Any = None
-
-    def __call__(self, values: Floats) -> Floats:
-        from scipy.signal import lfilter
-
-        keep = 1.0 - self._share
-        if self._state is None:
-            self._state = keep * values[:1]
-        passed, self._state = lfilter([self._share], [1.0, -keep], values, axis=0, zi=self._state)
-        return np.asarray(passed)
+    share = step_s / (step_s + 1.0 / (2.0 * pi * cutoff_hz))
+    start = [(1.0 - share) * values[0]]
+    return np.asarray(lfilter([share], [1.0, share - 1.0], values, zi=start)[0])

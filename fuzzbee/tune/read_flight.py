@@ -10,13 +10,16 @@ from drivers.logs.time_window import WHOLE_LOG, TimeWindow
 from estimator.errors import InputError
 from estimator.live.rows import Rows
 from estimator.profile import Profile
-from estimator.types import ImuSample
+from estimator.types import IDENTITY, ImuSample
+from fuzzbee.attitudes import PLACE
 from fuzzbee.replays.comparison import compare
 from fuzzbee.replays.trace import Replay
 from tuning.course import split_calls
 from tuning.flight import Flight
 from tuning.logged_calls import Call, LoggedEstimator
 from tuning.smoothed import sure_flight
+
+ROWS = ("time_us", "gyr_rad_s", "acc_m_s2", "mag_gauss", "has_mag")  # as columns of a trace
 
 
 class RecordingEstimator(LoggedEstimator):
@@ -65,25 +68,25 @@ def read_flight(
         raise InputError(f"{path}: {why}")
     recorder = replay.estimator(trace.address)
     assert isinstance(recorder, RecordingEstimator)
-    if recorder.samples != len(trace.attitudes):
+    if recorder.samples != len(trace):
         raise InputError(f"{path}: with the base profile the estimate is not finite")
-    compared = compare(path, trace, None if reference == "smooth" else reference)
+    compare(path, trace, None if reference == "smooth" else reference)
+    truth = np.array(trace["reference_q_ned_frd"])
+    known = np.isfinite(truth[:, 0])
     told, calls = split_calls(recorder.calls)
     restart = np.zeros(recorder.samples, dtype=bool)
     restart[[k for k in recorder.restarts if k < len(restart)]] = True
-    samples = trace.samples
-    gyr, acc, mag = map(samples.column, ("gyr_rad_s", "acc_m_s2", "mag_gauss"))
     found = Flight(
         name=path.name,
         sha256=sha256,
         message=max(trace.imu_messages, key=lambda name: trace.imu_messages[name]),
-        reference=compared.source or "none",
-        rows=Rows(samples.times_us, gyr, acc, mag, samples.column("has_mag") > 0.0),
+        reference=trace.reference or "none",
+        rows=Rows(*(np.array(trace[name]) for name in ROWS)),
         calls=calls,
         restart=restart,
-        truth=compared.truth,
-        known=compared.known,
-        headed=trace.attitudes.norths() != "none",
+        truth=np.where(known[:, None], truth, IDENTITY),
+        known=known,
+        headed=trace["heading_reference"] > PLACE["none"],
         told=told,
     )
     if reference != "smooth" and (reference or found.reference == "sim"):

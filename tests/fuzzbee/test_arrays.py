@@ -21,8 +21,7 @@ from estimator.live.rows import SAID, cut, rows_of
 from estimator.types import ImuSample, VelocitySample
 from fuzzbee import Estimator, InputError, load_profile
 from fuzzbee.array_estimator import Unfit
-from fuzzbee.attitudes import Attitudes, attitude_arrays
-from fuzzbee.column_store import PackedAttitudes
+from fuzzbee.attitudes import Attitudes
 from tests.fuzzbee.recording import recorded
 
 FLIPS = Path(__file__).parents[1] / "data" / "sitl_copter_flips.tlog"
@@ -134,10 +133,10 @@ def assert_batches_equal_calls(flight, damages, has_velocity, cuts):
         ]
     assert batches.rejected == calls.rejected
     known = [k for k in range(ROWS) if told[k] is not None]
-    expected = attitude_arrays(PackedAttitudes([told[k] for k in known]))
     for name in FIELDS:
         found = np.concatenate([getattr(part, name) for part in parts])
-        assert np.array_equal(found[known], getattr(expected, name)), name
+        expected = np.array([getattr(told[k], name) for k in known])
+        assert np.array_equal(found[known], expected), name
     unknown = sorted(set(range(ROWS)) - set(known))
     assert np.isnan(np.concatenate([part.q_ned_frd for part in parts])[unknown]).all()
 

@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from fuzzbee import environment
@@ -106,13 +107,12 @@ def test_a_signal_before_watch_is_ready_ends_it_well(monkeypatch, number):
 def test_an_interrupted_replay_says_so_and_leaves_no_half_of_a_file(
     monkeypatch, tmp_path, number, status
 ):
-    def rows(*_):
-        yield (0.0,)
+    def columns(*_):
+        yield {"time_s": np.zeros(1)}
         signal.raise_signal(number)
 
-    importlib.import_module("fuzzbee.replays.mcap_file")  # else it would keep these rows for good
-    importlib.import_module("fuzzbee.replays.parquet_file")
-    monkeypatch.setattr("fuzzbee.replays.exports.rows", rows)
+    importlib.import_module("fuzzbee.replays.mcap_file")  # else it would keep these for good
+    monkeypatch.setattr("fuzzbee.replays.exports.columns", columns)
     flight = Path(__file__).parents[1] / "data" / "sitl_copter_takeoff.tlog"
     assert main(["replay", str(flight), "--csv", str(tmp_path / "a.csv")]) == status
     assert list(tmp_path.iterdir()) == []

@@ -11,10 +11,10 @@ import msgspec
 import numpy as np
 import pytest
 
+from estimator.geometry.metrics import batch_angle_errors
 from estimator.reasons import Reason
 from fuzzbee import Estimator
 from fuzzbee.cli import main
-from fuzzbee.replays.score import errors_against
 from service.records import AttitudeRecord, StatusRecord
 from tests.fuzzbee.processes import default_session, free_port, started
 from tests.fuzzbee.recording import recorded
@@ -134,7 +134,7 @@ def test_every_reason_for_a_refusal_is_explained():
 def test_the_python_examples_run_as_they_stand(number, tmp_path, monkeypatch, capsys):
     """On the arrays and the log that they name, made of a recorded flight."""
     log = DOCS.parent / "tests/data/sitl_copter_flips.tlog"
-    time_s, gyr, acc, mag, velocity, (truth, _) = recorded(log)
+    time_s, gyr, acc, mag, velocity, truth = recorded(log)
     np.savez(tmp_path / "imu.npz", time=time_s, gyr=gyr, acc=acc, mag=mag, velocity=velocity)
     (tmp_path / "flight.tlog").write_bytes(log.read_bytes())
     monkeypatch.chdir(tmp_path)
@@ -142,7 +142,7 @@ def test_the_python_examples_run_as_they_stand(number, tmp_path, monkeypatch, ca
     exec(compile(examples("python.md")[number], "python.md", "exec"), names)
     assert capsys.readouterr().out
     if number == 1:  # after 20 s of flips, by velocity
-        errors = errors_against(np.array([names["attitude"].q_ned_frd]), truth[-1:])
+        errors = batch_angle_errors(np.array([names["attitude"].q_ned_frd]), truth[-1:])
         assert np.degrees(errors[0, 2]) < 1.0
 
 

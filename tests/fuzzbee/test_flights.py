@@ -11,8 +11,9 @@ from drivers.logs.open import open_log
 from estimator.geometry.metrics import rms
 from estimator.geometry.quaternion import log, multiply
 from estimator.profile import load_profile
+from fuzzbee import replay
+from fuzzbee.attitudes import NORTHS
 from fuzzbee.replays.comparison import compare
-from fuzzbee.replays.score import Covered
 from fuzzbee.replays.trace import Replay
 
 DATA = Path(__file__).parent.parent / "data"
@@ -28,17 +29,18 @@ def events_of(path):
 
 
 def replayed(events):
-    """The trace of the only vehicle, and its comparison with the truth."""
-    replay = Replay(load_profile("imu"))
-    replay.run(events)
-    (trace,) = (t for t in replay.traces.values() if t.attitudes)
-    return trace, compare(Path("events"), trace, None)
+    """The trace of the only vehicle, compared with the truth."""
+    run = Replay(load_profile("imu"))
+    run.run(events)
+    (trace,) = (t for t in run.traces.values() if len(t))
+    compare(Path("events"), trace, None)
+    return trace
 
 
 def errors_deg(events, skip_s=0.0):
-    trace, compared = replayed(events)
-    late = trace.times_us - trace.times_us[0] >= skip_s * 1e6
-    return np.degrees(compared.errors_rad[compared.known & late])
+    trace = replayed(events)
+    errors = np.degrees(trace["error_rad"])
+    return errors[np.isfinite(errors[:, 0]) & (trace.time_s >= skip_s)]
 
 
 def without(events, *kinds):
@@ -62,20 +64,16 @@ def test_at_a_ground_stations_rate_velocity_makes_the_error_a_small_part():
 
 
 def test_sigma_is_honest_at_a_ground_stations_rate():
-    trace, compared = replayed(events_of(SLOW))
-    known = compared.known
-    sigmas = [trace.column(f"sigma_{of}_rad")[known] for of in ("inclination", "heading")]
-    found = Covered(has_heading=True)
-    found.add(compared.errors_rad[known], *sigmas)
-    covered = found.coverage()
+    covered = replay(SLOW).report.coverage
     assert covered.inclination == pytest.approx(0.905, abs=0.03)
     assert covered.heading == pytest.approx(0.955, abs=0.03)
 
 
 def test_sigma_is_larger_where_errors_are_larger():
-    trace, compared = replayed(events_of(SLOW))
-    sigma = trace.column("sigma_inclination_rad")[compared.known]
-    error = compared.errors_rad[compared.known, INCLINATION]
+    flight = replay(SLOW)
+    error = flight.error_rad[:, INCLINATION]
+    known = np.isfinite(error)
+    sigma, error = flight.attitudes.sigma_inclination_rad[known], error[known]
     order = np.argsort(sigma, kind="stable")
     third = len(order) // 3
     assert np.degrees(rms(error[order[:third]])) == pytest.approx(0.125, rel=0.2)
@@ -105,11 +103,10 @@ def test_reports_that_stop_and_come_back():
 
 def test_without_a_position_velocity_levels_but_the_heading_stays_magnetic():
     """Velocity then shows the attitude by itself; what is called north is the field's."""
-    trace, compared = replayed(without(events_of(FAST), Position))
-    last = slice(-500, None)
-    errors = np.degrees(compared.errors_rad[last])
+    trace = replayed(without(events_of(FAST), Position))
+    errors = np.degrees(trace["error_rad"][-500:])
     assert rms(errors[:, INCLINATION]) == pytest.approx(0.217, rel=0.2)
-    assert trace.attitudes[-1].heading_reference == "magnetic"
+    assert NORTHS[trace["heading_reference"][-1]] == "magnetic"
     declination_deg = 12.7  # of the place, near Canberra
     assert rms(errors[:, HEADING]) == pytest.approx(declination_deg, abs=0.57)  # 13.17
 
@@ -120,10 +117,9 @@ def test_the_autopilots_trim_is_taken_off_before_the_comparison():
     vehicle = next(e.vehicle for e in events if isinstance(e, Imu))
     trim = 0.1
     trimmed = [Parameter(vehicle, 0, "AHRS_TRIM_X", trim), *events]
-    _, plain = replayed(events)
-    _, shifted = replayed(trimmed)
-    k = int(np.flatnonzero(plain.known)[0])
-    before, after = (tuple(c.truth[k].tolist()) for c in (plain, shifted))
+    plain, shifted = (replayed(each)["reference_q_ned_frd"] for each in (events, trimmed))
+    k = int(np.flatnonzero(np.isfinite(plain[:, 0]))[0])
+    before, after = (tuple(q[k].tolist()) for q in (plain, shifted))
     conjugate = (before[0], -before[1], -before[2], -before[3])
     assert log(multiply(conjugate, after)) == pytest.approx((trim, 0.0, 0.0), abs=radians(1e-6))
     assert any(isinstance(e, ReferenceAttitude) for e in events)

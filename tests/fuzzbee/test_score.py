@@ -1,116 +1,124 @@
-import json
+"""The figures of a report are those of the arrays that ``replay`` gives beside it."""
+
+from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from estimator.geometry.quaternion import exp, multiply
+from fuzzbee import replay
 from fuzzbee.cli import main
-from fuzzbee.replays.score import Convergence, Covered, errors_against, summarize
+from fuzzbee.replays import motion
 from tests.flight import banked_flight
+from tests.fuzzbee.recording import recorded
+
+DATA = Path(__file__).parents[1] / "data"
+DOWN = (0.0, 0.0, 1.0)
 
 
-def coverage(errors, *others, has_heading, **flags):
-    """In two parts, of which one is empty where there is one error."""
-    found, half = Covered(has_heading=has_heading), len(errors) // 2
-    for part in (slice(half), slice(half, None)):
-        parts = (column[part] for column in (errors, *others))
-        found.add(*parts, **{name: flag[part] for name, flag in flags.items()})
-    return found.coverage()
+def rms(values):
+    return pytest.approx(np.sqrt(np.mean(np.square(values))), rel=1e-9)
 
 
-def convergence_s(*columns):
-    found = Convergence()
-    for part in (slice(2), slice(2, 2), slice(2, None)):
-        found.add(*(column[part] for column in columns))
-    return found.time_s
+def share(inside):
+    return pytest.approx(np.mean(inside), rel=1e-12) if len(inside) else None
 
 
-def attitudes(vectors):
-    return np.array([exp(tuple(v)) for v in vectors])
+def moved(log):
+    """Whether each sample of a log is within 1.5 s of motion: as the README of the scores says."""
+    time_s, gyr, acc = recorded(log)[:3]
+    found = []
+    for now_s in time_s:
+        near = np.abs(time_s - now_s) <= motion.WINDOW_S
+        steady = (
+            np.linalg.norm(x[near] - np.median(x[near], axis=0), axis=1).max() < limit
+            for x, limit in ((gyr, motion.REST_GYR_RAD_S), (acc, motion.REST_ACC_M_S2))
+        )
+        turns = np.linalg.norm(np.median(gyr[near], axis=0)) > motion.MOST_BIAS_RAD_S
+        found.append(not all(steady) or bool(turns))
+    return np.array(found)
 
 
-def test_a_heading_error_is_no_inclination_error():
-    reference = attitudes([(0.3, -0.2, 1.0), (3.0, 0.0, 0.0)])
-    off = exp((0.0, 0.0, 0.1))
-    errors = errors_against(np.array([multiply(off, tuple(q)) for q in reference]), reference)
-    np.testing.assert_allclose(errors, [[0.1, 0.1, 0.0]] * 2, atol=1e-7)
+@pytest.mark.parametrize(
+    ("log", "skip_s"), [("sitl_copter_takeoff", 5.0), ("sub_bluerov", 0.0), ("sub_on_its_side", 0)]
+)
+def test_every_figure_is_that_of_the_samples_that_count(log, skip_s, monkeypatch):
+    monkeypatch.setattr(motion, "BLOCK", 70)
+    path = DATA / f"{log}.tlog"
+    flight = replay(path, skip_s=skip_s)
+    report, ours = flight.report, flight.attitudes
+    counted = np.isfinite(flight.error_rad[:, 0]) & (ours.time_s >= skip_s)
+    total, heading, inclination = np.degrees(flight.error_rad[counted]).T
+    told = ours.heading_reference[counted] != "none"
+    assert report.error_deg.total_rms == rms(total[told])
+    assert report.error_deg.heading_rms == rms(heading[told])
+    assert report.error_deg.inclination_rms == rms(inclination)
+    assert report.error_deg.inclination_p95 == pytest.approx(np.percentile(inclination, 95.0))
+    upright = inclination <= np.degrees(ours.sigma_inclination_rad[counted])
+    pointed = heading <= np.degrees(ours.sigma_heading_rad[counted])
+    moving = moved(path)[-len(counted) :][counted]
+    assert report.coverage.inclination == share(upright)
+    assert report.coverage.heading == share(pointed[told])
+    assert report.coverage.inclination_moving == share(upright[moving])
+    assert report.coverage.heading_moving == share(pointed[told & moving])
+    names, counts = np.unique(ours.heading_reference[counted], return_counts=True)
+    assert report.heading_references == dict(zip(names.tolist(), counts.tolist(), strict=True))
+    assert report.mean_gain == pytest.approx(np.mean(ours.gain))
+    known = np.flatnonzero(np.isfinite(flight.error_rad[:, 0]))
+    good = np.flatnonzero(flight.error_rad[:, 0] < np.radians(5.0))
+    assert report.convergence_s == pytest.approx(ours.time_s[good[0]] - ours.time_s[known[0]])
+    assert_constant_turn(report.constant_turn, flight, counted, moving)
 
 
-def test_figures_are_root_mean_squares_in_degrees():
-    errors = np.radians([[3.0, 0.0, 3.0], [4.0, 0.0, 4.0]])
-    figures = summarize(errors, has_heading=True)
-    assert figures.total_rms == pytest.approx(np.sqrt(12.5))
-    assert figures.heading_rms == 0.0
-    assert figures.inclination_p95 == pytest.approx(3.95)
+def assert_constant_turn(found, flight, counted, moving):
+    """SciPy finds the same turn of the body between both verticals, and the same is left."""
+    ours, theirs = (
+        Rotation.from_quat(q[counted][:, [1, 2, 3, 0]]).inv().apply(DOWN)
+        for q in (flight.attitudes.q_ned_frd, flight.reference_q_ned_frd)
+    )
+    turned = Rotation.align_vectors(theirs, ours)[0].apply(ours)
+
+    def apart_deg(some, others):
+        return np.degrees(2.0 * np.arcsin(0.5 * np.linalg.norm(some - others, axis=1)))
+
+    left = apart_deg(turned, theirs)
+    assert found.turn_deg == pytest.approx(np.sqrt(np.mean(apart_deg(turned, ours) ** 2)), rel=1e-5)
+    assert found.inclination_rms == pytest.approx(np.sqrt(np.mean(left**2)), rel=1e-5)
+    inside = left <= np.degrees(flight.attitudes.sigma_inclination_rad[counted])
+    assert found.inclination_coverage == share(inside)
+    assert found.inclination_coverage_moving == share(inside[moving])
 
 
-def test_without_a_magnetometer_there_is_no_heading_and_no_total():
-    figures = summarize(np.radians([[90.0, 90.0, 1.0]]), has_heading=False)
-    assert (figures.total_rms, figures.heading_rms) == (None, None)
-    assert figures.inclination_rms == pytest.approx(1.0)
+def test_a_constant_turn_is_told(capsys):
+    log = DATA / "sub_bluerov.tlog"
+    turn = replay(log).report.constant_turn
+    assert main(["replay", str(log)]) == 0
+    out, _ = capsys.readouterr()
+    assert f"{turn.turn_deg:.1f}° of it is a constant turn" in " ".join(out.split())
 
 
-def test_without_samples_there_are_no_figures():
-    assert summarize(np.empty((0, 3)), has_heading=True).inclination_rms is None
+@pytest.mark.parametrize(
+    ("turn", "push", "moving"),
+    [
+        (slice(0), slice(0), 0),
+        (slice(20, 21), slice(0), 13),  # a turn, 1.5 s to both sides
+        (slice(None), slice(0), 40),  # a steady turn
+        (slice(0), slice(None, None, 2), 40),  # shaking
+    ],
+)
+def test_when_a_vehicle_moves(turn, push, moving):
+    """On its side, a gyroscope with a bias of 1 deg/s, both sensors with noise."""
+    rng = np.random.default_rng(1)
+    gyr = np.radians(1.0) + 0.002 * rng.standard_normal((40, 3))
+    acc = np.array([0.0, 9.8, 0.0]) + 0.05 * rng.standard_normal((40, 3))
+    gyr[turn] += 0.2
+    acc[push] += 1.0
+    columns = {"time_us": np.arange(40) * 250_000, "gyr_rad_s": gyr, "acc_m_s2": acc}
+    assert np.count_nonzero(motion.motion_mask(columns)) == moving
+    assert motion.motion_mask({name: column[:0] for name, column in columns.items()}).shape == (0,)
 
 
-def test_coverage_is_the_share_under_sigma():
-    errors = np.radians([[0.0, 1.0, 3.0], [0.0, 2.0, 1.0]])
-    two = np.radians([2.0, 2.0])
-    assert coverage(errors, two, two, has_heading=True).inclination == 0.5
-    assert coverage(errors, two, two, has_heading=True).heading == 1.0
-
-
-def test_convergence_counts_from_the_first_known_sample():
-    times = np.array([0, 1, 2, 3, 4]) * 1_000_000
-    total = np.radians([0.0, 90.0, 20.0, 4.9, 30.0])
-    known = np.array([False, True, True, True, True])
-    assert convergence_s(times, total, known) == 2.0
-    assert convergence_s(times, total + 1.0, known) is None
-    assert convergence_s(times, total, np.zeros(5, bool)) is None
-
-
-def test_a_heading_that_was_not_told_does_not_count():
-    errors = np.radians([[40.0, 40.0, 0.0], [3.0, 3.0, 0.0], [4.0, 4.0, 0.0]])
-    told = np.array([False, True, True])
-    assert summarize(errors, has_heading=True, told=told).heading_rms == pytest.approx(3.5355, 1e-4)
-    assert summarize(errors, has_heading=True, told=~told).heading_rms == pytest.approx(40.0)
-    assert summarize(errors, has_heading=True, told=told & False).total_rms is None
-    three = np.full(3, np.radians(3.5))
-    assert coverage(errors, three, three, has_heading=True, told=told).heading == 0.5
-
-
-def test_coverage_in_motion_stands_apart():
-    errors = np.radians([[0.0, 1.0, 1.0], [0.0, 3.0, 3.0], [0.0, 1.0, 3.0]])
-    two = np.full(3, np.radians(2.0))
-    moved = np.array([False, True, True])
-    found = coverage(errors, two, two, has_heading=True, moved=moved)
-    assert (found.inclination, found.inclination_moving) == (pytest.approx(1 / 3), 0.0)
-    assert (found.heading, found.heading_moving) == (pytest.approx(2 / 3), 0.5)
-    assert coverage(errors, two, two, has_heading=True).inclination_moving is None
-
-
-def test_a_heading_that_was_not_told_does_not_count_in_motion_either():
-    errors = np.radians([[0.0, 9.0, 1.0], [0.0, 1.0, 3.0], [0.0, 3.0, 1.0]])
-    two = np.full(3, np.radians(2.0))
-    told, moved = np.array([False, True, True]), np.array([True, True, False])
-    found = coverage(errors, two, two, has_heading=True, told=told, moved=moved)
-    assert (found.heading, found.heading_moving) == (0.5, 1.0)
-    assert found.inclination_moving == 0.5
-
-
-def test_coverage_while_moving_leaves_out_headings_that_were_not_told():
-    errors = np.radians([[0.0, 9.0, 1.0], [0.0, 1.0, 3.0], [0.0, 1.0, 3.0], [0.0, 3.0, 1.0]])
-    told, moved = np.array([False, True, True, True]), np.array([True, True, False, True])
-    four = np.radians(np.full(4, 2.0))
-    found = coverage(errors, four, four, has_heading=True, told=told, moved=moved)
-    assert (found.inclination, found.heading) == (0.5, pytest.approx(2.0 / 3.0))
-    assert (found.inclination_moving, found.heading_moving) == (pytest.approx(2.0 / 3.0), 0.5)
-    none = coverage(errors, four, four, has_heading=False, told=told, moved=moved)
-    assert (none.heading, none.heading_moving) == (None, None)
-
-
-def test_a_heading_by_velocity_is_scored_without_a_magnetometer(tmp_path, capsys):
+def test_a_heading_by_velocity_is_scored_without_a_magnetometer(tmp_path):
     flight = banked_flight(seconds=60.0, rate_hz=50.0)
     velocity = {k: report.velocity_ned_m_s for k, report in flight.reports}
     sensors = [f"gyro_{axis}_rad_s" for axis in "xyz"] + [f"acc_{axis}_m_s2" for axis in "xyz"]
@@ -125,9 +133,8 @@ def test_a_heading_by_velocity_is_scored_without_a_magnetometer(tmp_path, capsys
         'axes = "frd"\nvelocity = { columns = ["vn", "ve", "vd"] }\n'
         'truth = { columns = ["w", "x", "y", "z"] }'
     )
-    assert main(["replay", str(path), "--json"]) == 0
-    report = json.loads(capsys.readouterr().out)
-    assert report["heading_references"]["true"] > 1000
-    assert report["error_deg"]["heading_rms"] < 5.0
-    assert report["error_deg"]["total_rms"] < 5.0
-    assert report["coverage"]["heading"] is not None
+    report = replay(path).report
+    assert report.heading_references["true"] > 1000
+    assert report.error_deg.heading_rms < 5.0
+    assert report.error_deg.total_rms < 5.0
+    assert report.coverage.heading is not None

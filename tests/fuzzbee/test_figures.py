@@ -1,0 +1,291 @@
+"""Figures of replays: what is drawn, what is shaded, what is named, on paper and in a browser."""
+
+import base64
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as dialect
+
+from fuzzbee.cli import main
+from fuzzbee.replays.plot import Thinned
+from tests.fuzzbee import browser
+from tests.fuzzbee.tlogs import rewritten
+
+DATA = Path(__file__).parents[1] / "data"
+LOG = DATA / "sitl_copter_4hz.tlog"
+for module in ("matplotlib", "plotly"):
+    pytest.importorskip(module, reason="an extra is not installed")
+
+
+@pytest.fixture
+def replay(capsys):
+    """Replays, and gives the report."""
+
+    def run(*arguments):
+        assert main(["replay", *map(str, arguments), "--json"]) == 0
+        return json.loads(capsys.readouterr().out)
+
+    return run
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """The figures that are written."""
+    figure_type = pytest.importorskip("matplotlib.figure").Figure
+    figures, save = [], figure_type.savefig
+
+    def keep(figure, *arguments, **options):
+        figures.append(figure)
+        save(figure, *arguments, **options)
+
+    monkeypatch.setattr(figure_type, "savefig", keep)
+    return figures
+
+
+def table(path, rate_hz, rows, columns=()):
+    """A table of rows (gyroscope, accelerometer, other columns) at times."""
+    heading = ["time_s", "gx_rad_s", "gy_rad_s", "gz_rad_s", "ax_g", "ay_g", "az_g", *columns]
+    lines = [",".join(map(str, (k / rate_hz, *row))) for k, row in enumerate(rows) if row]
+    path.write_text("\n".join([",".join(heading), *lines]))
+    return path
+
+
+@pytest.fixture
+def alone(tmp_path):
+    """A log without a reference."""
+    rows = [(0.001, 0, 1e-6 * (k % 7), 0, 0, -1) for k in range(100)]
+    return table(tmp_path / "alone.csv", 50.0, rows)
+
+
+def page_of(path):
+    """The curves by panel and name, with their y, and the layout of a page."""
+    text = path.read_text("utf-8")
+    begin = text.index("[", text.rindex("Plotly.newPlot("))
+    data, end = json.JSONDecoder().raw_decode(text, begin)
+    layout, _ = json.JSONDecoder().raw_decode(text, text.index("{", end))
+
+    def values(y):
+        if isinstance(y, dict):
+            return np.frombuffer(base64.b64decode(y["bdata"]), y["dtype"])
+        return np.array(y, float)
+
+    return {(t["yaxis"], t["name"]): values(t["y"]) for t in data if "name" in t}, layout
+
+
+def legends_apart(figure):
+    """How many legends: every one's box ends where axes begin, and all is within the page."""
+    legends = [ax.get_legend() for ax in figure.axes if ax.get_legend() is not None]
+    for legend in legends:
+        box = legend.get_window_extent().padded(-1.0)  # they may touch
+        assert not any(box.overlaps(ax.get_window_extent()) for ax in figure.axes)
+        titles = [ax._left_title for ax in figure.axes if ax._left_title.get_text()]
+        assert not any(box.overlaps(title.get_window_extent()) for title in titles)
+        assert figure.bbox.x0 <= box.x0 < box.x1 <= figure.bbox.x1
+    return len(legends)
+
+
+def test_curves_are_the_reports_figures_on_paper_and_on_the_page(replay, tmp_path, drawn):
+    report = replay(LOG, "--plot", tmp_path / "a.png")
+    replay(LOG, "--plot", tmp_path / "a.html")
+    curves, layout = page_of(tmp_path / "a.html")
+    assert legends_apart(drawn[0]) == 5
+    lines = {line.get_label(): line.get_ydata() for line in drawn[0].axes[3].lines}
+    for name, errors in (
+        ("error", report["error_deg"]),
+        ("autopilot's error", report["peers"]["autopilot"]),
+    ):
+        assert np.array_equal(lines[name], curves["y4", name], equal_nan=True)
+        rms = np.sqrt(np.nanmean(np.square(lines[name])))
+        assert rms == pytest.approx(errors["inclination_rms"])
+    on_paper = [text.get_text() for ax in drawn[0].axes for text in ax.texts]
+    assert on_paper == [each["text"] for each in layout["annotations"]]
+
+
+@pytest.mark.parametrize("suffix", ["png", "svg", "pdf", "html"])
+@pytest.mark.parametrize(
+    "source", [(LOG,), ("sim:", "--profile", "adaptive", "--seeds", "300-301")]
+)
+def test_the_same_figure_twice_is_the_same_bytes(replay, tmp_path, suffix, source):
+    first, second = (tmp_path / f"{name}.{suffix}" for name in "ab")
+    for file in (first, second):
+        replay(*source, "--plot", file)
+    assert first.stat().st_size > 10_000
+    assert first.read_bytes() == second.read_bytes()
+
+
+def disturbed(path):
+    """50 s at 20 Hz: shown by velocity to 30 s, clipping at 10 s, a magnet from 20, a hole at 40.
+
+    The truth is known for the first 35 s.
+    """
+    rng, rows = np.random.default_rng(2), []
+    for k in range(1000):
+        t, noise = k / 20.0, 0.002 * rng.standard_normal(3)
+        gyr = (30.0, 0.0, 0.0) if 10.0 <= t < 10.3 else noise
+        mag = np.array((0.2, 0.6, -0.4) if 20.0 <= t < 26.0 else (0.2, 0.0, 0.4)) + noise
+        told = (0.0, 0.0, 0.0) if t < 30.0 and k % 4 == 0 else ("", "", "")
+        truth = (1, 0, 0, 0) if t < 35.0 else ("",) * 4
+        row = (*gyr, 0.0, 0.0, -1.0, *mag, *told, *truth)
+        rows.append(None if 40.0 <= t < 45.0 else row)
+    columns = (*(f"m{axis}_gauss" for axis in "xyz"), "vn", "ve", "vd", "w", "x", "y", "z")
+    table(path, 20.0, rows, columns).with_suffix(".toml").write_text(
+        'axes = "frd"\nvelocity = { columns = ["vn", "ve", "vd"] }\n'
+        'truth = { columns = ["w", "x", "y", "z"] }'
+    )
+    return path
+
+
+def test_each_band_is_where_it_was(replay, tmp_path):
+    replay(disturbed(tmp_path / "a.csv"), "--start-wrong", 90, "--plot", tmp_path / "a.html")
+    _, layout = page_of(tmp_path / "a.html")
+    bands = {}
+    for shape in layout["shapes"]:
+        if shape["yref"].startswith("y6"):  # the gain's panel names them
+            bands.setdefault(shape["fillcolor"], []).append((shape["x0"], shape["x1"]))
+    names = {s["fillcolor"]: s["name"] for s in layout["shapes"] if s.get("showlegend")}
+    found = {name: bands[color] for color, name in names.items()}
+    assert found["gap"] == [pytest.approx((39.95, 45.0))]
+    assert found["gyroscope at its end"] == [pytest.approx((10.0, 10.3), abs=0.11)]
+    ((begin, end),) = found["field doubted"]
+    assert (begin, end) == pytest.approx((20.0, 26.0), abs=3.0)
+    assert found["no velocity"][-1][0] > 30.0
+    assert found["wrong start"][0][0] < 1.0
+    assert len(layout["shapes"]) % 8 == 0  # all of them in all panels
+
+
+def test_errors_that_are_cut_off_are_told(replay, tmp_path, drawn):
+    replay(LOG, "--plot", tmp_path / "whole.png")
+    replay(disturbed(tmp_path / "a.csv"), "--start-wrong", 170, "--plot", tmp_path / "a.png")
+    panels = [ax for figure in drawn for ax in figure.axes[3:5]]
+    peaks = [max(np.nanmax(line.get_ydata()) for line in ax.lines) for ax in panels]
+    is_cut = [peak > ax.get_ylim()[1] for ax, peak in zip(panels, peaks, strict=True)]
+    assert set(is_cut) == {True, False}
+    for ax, peak, cut in zip(panels, peaks, is_cut, strict=True):
+        told = [text.get_text() for text in ax.texts if text.get_text()]
+        assert told == ([f"cut off: errors up to {peak:.0f}°"] if cut else [])
+
+
+def svg_texts(path):
+    """The words in a figure, which the SVG spells out where told to."""
+    return set(re.findall(r"<!-- (.+?) -->", path.read_text("utf-8")))
+
+
+def test_curves_have_their_names_and_a_title_its_lines(replay, tmp_path):
+    name = "a_long_name_" * 12 + "of_a_flight"
+    (tmp_path / f"{name}.tlog").write_bytes(LOG.read_bytes())
+    replay(tmp_path / f"{name}.tlog", "--plot", tmp_path / "a.svg")
+    texts = svg_texts(tmp_path / "a.svg")
+    assert {"truth", "autopilot", "estimate", "autopilot's error", "error", "sigma"} <= texts
+    lines = [text for text in texts if "a_long_name_" in text]
+    assert len(lines) > 1
+    assert max(map(len, lines)) <= 84
+    replay(DATA / "sub_bluerov.tlog", "--plot", tmp_path / "a.svg")
+    texts = svg_texts(tmp_path / "a.svg")
+    assert {"autopilot", "estimate", "difference"} <= texts
+    assert not {"truth", "error", "autopilot's error"} & texts
+
+
+def test_where_nothing_is_to_compare_a_figure_says_so(replay, tmp_path, drawn, alone):
+    replay(alone, "--plot", tmp_path / "a.png")
+    replay(alone, LOG, "--plot", tmp_path / "b.png")
+    replay(alone, LOG, "--plot", tmp_path / "b.html")
+    single, several = (figure.axes for figure in drawn)
+    assert [line.get_label() for ax in single[3:5] for line in ax.lines] == []
+    assert [ax.get_ylabel() for ax in single[3:5]] == [
+        "inclination\nsigma in °",
+        "heading\nsigma in °",
+    ]
+    told = [text.get_text() for ax in several[:2] for text in ax.texts]
+    assert told == ["nothing to compare with"] * 2
+    texts = [each["text"] for each in page_of(tmp_path / "b.html")[1]["annotations"]]
+    assert texts.count("nothing to compare with") == 2
+
+
+def test_no_legend_of_the_papers_figures_lies_on_its_data(replay, tmp_path, drawn):
+    replay("sim:", "--seeds", "300-302", "--plot", tmp_path / "a.png")
+    assert legends_apart(drawn[0]) == 2
+    assert len(drawn[0].axes) == 7
+
+
+def test_of_many_points_the_peaks_are_drawn_and_no_line_across_a_gap():
+    """Of 30,000 samples every other is drawn, the first behind the gap with the largest."""
+    time_s = np.arange(30_000) * 0.01
+    time_s[20_001:] += 5.0
+    points = Thinned(time_s)
+    at = np.flatnonzero(np.isnan(points.every(time_s)))
+    assert points.time_s[at] == pytest.approx([0.5 * (time_s[20_000] + time_s[20_001])])
+    assert np.all(np.diff(points.time_s) > 0.0)
+    assert np.array_equal(np.delete(points.every(time_s), at), time_s[::2])
+    assert np.nanmax(points.largest(time_s[:, None])) == time_s[-1]
+    assert np.isnan(points.largest(np.full((30_000, 2), np.nan))).all()
+
+
+def test_an_angle_is_cut_at_the_sample_behind_its_wrap(replay, tmp_path):
+    replay(DATA / "sitl_copter_flips.tlog", "--plot", tmp_path / "a.html")
+    curves, _ = page_of(tmp_path / "a.html")
+    for panel in ("y", "y2", "y3"):
+        steps = np.diff(curves[panel, "estimate"])
+        assert np.nanmax(np.abs(steps)) < 180.0
+    assert np.isnan(curves["y", "estimate"]).sum() == 2  # two rolls, right round
+
+
+def beat(mode, *, is_armed):
+    return dialect.MAVLink_heartbeat_message(2, 3, 1 + 128 * is_armed, mode, 4, 3)
+
+
+def text(severity, words):
+    return dialect.MAVLink_statustext_message(severity, words.encode())
+
+
+SAID = {
+    0.5: beat(0, is_armed=False),
+    3.0: beat(0, is_armed=True),
+    5.0: beat(5, is_armed=True),
+    6.0: text(4, "EKF variance"),
+    6.5: text(6, "mission begins"),  # for information
+    8.0: beat(6, is_armed=False),
+}
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ((), ["STABILIZE", "armed", "LOITER", "EKF variance", "RTL", "disarmed"]),
+        (("--from", "7"), ["LOITER", "RTL", "disarmed"]),  # begins with the mode that it is in
+    ],
+)
+def test_modes_arming_and_warnings_are_named(replay, tmp_path, options, expected):
+    waiting = sorted(SAID.items(), key=lambda each: each[0])
+
+    def change(seconds, message):
+        due = [words for at_s, words in waiting if at_s <= seconds]
+        del waiting[: len(due)]
+        kept = [] if message.get_type() == "HEARTBEAT" else [message]
+        return [*due, *kept] if due or not kept else None
+
+    log = rewritten(DATA / "sitl_copter_takeoff.tlog", tmp_path / "said.tlog", change)
+    replay(log, "--plot", tmp_path / "a.html", *options)
+    _, layout = page_of(tmp_path / "a.html")
+    named = [(each["x"], each["text"]) for each in layout["annotations"] if each["xref"] == "x"]
+    assert sorted(name for _, name in named) == sorted(expected)
+    assert [x for x, _ in named] == sorted(x for x, _ in named)
+
+
+LAYOUT = "document.getElementById('fuzzbee')._fullLayout"
+
+
+@pytest.mark.skipif(browser.program() is None, reason="there is no Chromium")
+def test_the_panels_of_a_page_zoom_together_without_a_network(replay, tmp_path):
+    replay(LOG, "--plot", tmp_path / "a.html")
+    of = f"Object.keys({LAYOUT}).filter(k => k.startsWith('xaxis')).map(k => {LAYOUT}[k].range)"
+    with browser.page("about:blank", tmp_path / "browser") as page:
+        page.call("Page.navigate", url=(tmp_path / "a.html").as_uri())
+        page.wait_for("document.querySelectorAll('#fuzzbee .main-svg').length > 0")
+        page.value("Plotly.relayout('fuzzbee', {'xaxis3.range': [3, 6]}).then(() => done = 1) && 0")
+        page.wait_for("window.done == 1")
+        assert json.loads(page.value(f"JSON.stringify({of})")) == [[3, 6]] * 8
+        assert "--from 3.0 --to 6.0" in page.value("document.querySelector('pre').textContent")
+        assert page.value("performance.getEntriesByType('resource').length") == 0
