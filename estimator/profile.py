@@ -21,13 +21,15 @@ import msgspec
 from msgspec import Meta, Struct
 
 from estimator.aiding.types import AidingParams
+from estimator.arrays import Floats
 from estimator.bounds import require_within
+from estimator.calibration import Calibration
 from estimator.conditioning import ConditioningParams
 from estimator.errors import InputError
 from estimator.filter import memberships
 from estimator.mounting import Mounting
 from estimator.text_file import file_text
-from estimator.types import Vec3
+from estimator.types import ImuSample, Vec3
 
 SHIPPED = ("paper", "imu", "adaptive")
 # The parser's time and memory grow with the square of a key's parts
@@ -113,6 +115,7 @@ class Profile(Struct, frozen=True, forbid_unknown_fields=True):
     filter: Filter = Filter()
     confidence: Confidence = Confidence()
     mounting: Mounting = Mounting()
+    calibration: Calibration = Calibration()
     rates: Literal["imu", "imu+attitude"] = "imu+attitude"
     provenance: Provenance = Provenance()
 
@@ -120,6 +123,19 @@ class Profile(Struct, frozen=True, forbid_unknown_fields=True):
     def uses_attitude_rates(self) -> bool:
         """Whether the body rates that ATTITUDE carries may fill in between IMU samples."""
         return self.conditioned and self.rates == "imu+attitude"
+
+    @property
+    def has_plain_imu(self) -> bool:
+        """Whether readings are taken as they are."""
+        return self.calibration.is_plain and self.mounting.has_body_axes
+
+    def to_body_axes(self, sample: ImuSample) -> ImuSample:
+        """A sample of the sensor, calibrated, as the body would have it."""
+        return self.mounting.to_body_axes(self.calibration.of_sample(sample))
+
+    def to_body_rows(self, gyr: Floats, acc: Floats, mag: Floats) -> tuple[Floats, Floats, Floats]:
+        """Readings (N, 3) of the sensor, calibrated, as the body would have them."""
+        return self.mounting.to_body_rows(*self.calibration.of_rows(gyr, acc, mag))
 
     @property
     def k(self) -> memberships.Memberships:
@@ -219,6 +235,7 @@ def profile_to_json(profile: Profile) -> dict[str, Any]:
         "conditioning",
         "aiding",
         "mounting",
+        "calibration",
         "rates",
         "provenance",
     )

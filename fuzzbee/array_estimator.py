@@ -120,7 +120,7 @@ class Estimator:
         if gain is not None:
             gain = number("gain", gain, LEAST_GAIN, MOST_GAIN)
         self.profile = profile_of(profile)
-        self._is_plain = self.profile.mounting.is_plain
+        self._is_plain = self.profile.has_plain_imu
         self._rate_hz = rate_hz
         self._gain = gain
         self._compass_calibrated = compass_calibrated
@@ -198,7 +198,7 @@ class Estimator:
         if self._is_plain:
             return self._take(time_us, gyr, acc, mag, has_mag)
         sample = ImuSample(time_us, gyr, acc, mag, has_mag)
-        return self._take(*self.profile.mounting.to_body_axes(sample))
+        return self._take(*self.profile.to_body_axes(sample))
 
     def update_velocity(
         self,
@@ -355,7 +355,7 @@ class Estimator:
         readings = (gyr, acc, mag)
         if not self._is_plain:
             mag = np.where(has_mag[:, None], mag, 0.0)
-            readings = self.profile.mounting.to_body_rows(gyr, acc, mag)
+            readings = self.profile.to_body_rows(gyr, acc, mag)
         rows = rows_of(times_us, *readings, has_mag)
         lines = self._look(rows, strict=strict)
         if not is_field[has_mag].all():

@@ -1,4 +1,4 @@
-"""``fuzzbee calibrate``: what iron in the vehicle does to its compass, from a flight."""
+"""``fuzzbee calibrate``: what is constantly wrong with an IMU's sensors, from recordings."""
 
 import os
 import time
@@ -14,13 +14,14 @@ from fuzzbee.time_window import From, To, time_window
 if TYPE_CHECKING:
     from estimator.geometry.earth import PlaceField
 
-_PROFILE = "imu, adaptive or a TOML file; its own iron is set aside."
+_PROFILE = "imu, adaptive or a TOML file; its own calibration is set aside."
 _PLACE = "Where it flew, in degrees. [default: what the log says]"
+_OUTPUT = "Write that profile with the calibration found."
 _SYSTEM_ID = "Which vehicle. [default: the one with most IMU samples]"
 
 EPILOG = examples(
     "fuzzbee calibrate flight.tlog",
-    "fuzzbee calibrate flight.bin > mine.toml",
+    "fuzzbee calibrate bench1.tlog bench2.tlog -o mine.toml",
     "fuzzbee calibrate flight.bin --from 120 --to 300 > mine.toml",
     "fuzzbee calibrate imu.csv --place 47.40,8.55",
     "fuzzbee calibrate flight.tlog --json",
@@ -33,7 +34,8 @@ MOST_LONGITUDE_DEG = 360.0
 class CalibrateOptions(NamedTuple):
     """The arguments and options of the verb, in the order of its help."""
 
-    log: Annotated[Path, typer.Argument(metavar="LOG", help="A log of turns.")]
+    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Logs of one IMU's turns.")]
+    output: Annotated[Path | None, option(_OUTPUT, "-o", "--output", metavar="FILE")] = None
     profile: Annotated[str, option(_PROFILE)] = "imu"
     place: Annotated[str | None, option(_PLACE, metavar="LAT,LON")] = None
     system_id: Annotated[int | None, option(_SYSTEM_ID)] = None
@@ -44,26 +46,32 @@ class CalibrateOptions(NamedTuple):
 
 @command
 def calibrate(options: CalibrateOptions) -> None:
-    """Find a compass's hard and soft iron in a flight.
+    """Find what is constantly wrong with gyroscope, accelerometer and compass.
 
-    To be looked at before use: nothing is sent. Ends with 2 if the turns do not show them.
+    Biases, scales, crossed axes and iron, each with its sigma, as a profile's [calibration]. To be
+    looked at before use: nothing is sent. Ends with 2 if the turns do not show them.
     """
-    # A fit has a dozen numbers: threads of the linear algebra would but wait for each other.
+    # A fit's matrices are small: threads of the linear algebra would but wait for each other.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     import msgspec
 
-    from estimator.profile import load_profile
-    from fuzzbee.compass_report import report_compass, toml_lines
+    from estimator.profile import load_profile, profile_to_toml
+    from fuzzbee.sensor_report import report_lines, report_sensors
 
     field = None if options.place is None else field_there(options.place)
     window = time_window(options.begin, options.end)
-    report = report_compass(
-        options.log, load_profile(options.profile), field, options.system_id, window
-    )
+    profile = load_profile(options.profile)
+    report = report_sensors(options.logs, profile, field, options.system_id, window)
+    if options.output is not None:
+        from drivers.output_file import written_whole
+
+        calibrated = msgspec.structs.replace(profile, calibration=report.calibration)
+        with written_whole(options.output) as path:
+            path.write_text(profile_to_toml(calibrated), "utf-8")
     if options.as_json:
-        print(msgspec.json.encode(report).decode())
+        print(msgspec.json.encode(report.as_json()).decode())
     else:
-        print("\n".join(toml_lines(report)))
+        print("\n".join(report_lines(report)))
 
 
 def field_there(place: str) -> "PlaceField":

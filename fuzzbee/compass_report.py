@@ -1,9 +1,9 @@
-"""The figures of ``fuzzbee calibrate``: a log's compass beside the World Magnetic Model."""
+"""A log's compass beside the World Magnetic Model: the part of it in ``fuzzbee calibrate``."""
 
 from collections.abc import Iterator
 from math import atan2, cos, degrees, radians
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -11,18 +11,14 @@ import numpy as np
 from drivers.logs.currents import currents
 from drivers.logs.open import open_log
 from drivers.logs.table import blocks
-from drivers.logs.time_window import WHOLE_LOG, TimeWindow
 from drivers.mavlink.compass_parameters import Orientation, corrected, orientation
 from drivers.mavlink.constants import MAV_AUTOPILOT_ARDUPILOTMEGA
 from estimator.arrays import Bools, Floats
 from estimator.errors import InputError
 from estimator.geometry.earth import PlaceField, in_ned
 from estimator.geometry.rotations import rotate_inverse
-from estimator.mounting import UNCHANGED
-from estimator.profile import Profile
 from estimator.types import DOWN
 from fuzzbee.attitudes import PLACE
-from fuzzbee.replays.log_report import replay_log
 from fuzzbee.replays.trace import VehicleTrace
 from tuning.compass_fit import CompassFit, fit_compass
 from tuning.compass_orientation import compass_turn
@@ -34,11 +30,11 @@ SETTLED = 0.1  # of the samples: the estimate has begun by then
 
 
 class CompassReport(msgspec.Struct, frozen=True):
-    """Schema of ``calibrate --json``; gauss, body axes.
+    """Gauss, body axes.
 
-    ``mounting`` holds the profile's keys, ``ardupilot`` the parameters to set. Where
+    ``calibration`` holds the profile's keys, ``ardupilot`` the parameters to set. Where
     ``ardupilot_adds`` the log does not say what was set: its OFS are to be added to that. A compass
-    that sits otherwise than set has ``orientation``; ``mounting`` then holds that turn, too.
+    that sits otherwise than set has ``orientation``; ``calibration`` then holds that turn, too.
     ``heading_sigma_deg`` is what the offset's uncertainty makes of a level vehicle's heading.
     """
 
@@ -54,29 +50,20 @@ class CompassReport(msgspec.Struct, frozen=True):
     heading_sigma_deg: float
     misfit_gauss: tuple[float, float]
     unseen: tuple[str, ...]
-    mounting: dict[str, list[float] | Rows]
+    calibration: dict[str, Any]
     ardupilot: dict[str, float]
     ardupilot_adds: bool
     orientation: str | None = None  # MAV_SENSOR_ORIENTATION that it should have, if another
 
 
 def report_compass(
-    path: Path,
-    profile: Profile,
-    field: PlaceField | None = None,
-    system_id: int | None = None,
-    window: TimeWindow = WHOLE_LOG,
+    path: Path, trace: VehicleTrace, field: PlaceField | None = None
 ) -> CompassReport:
-    """What the log says of its compass, in the ``field`` of its place or of the one given.
+    """What a log's trace says of its compass, in the ``field`` of its place or of the one given.
 
     Raises:
         InputError: no position, no compass, or too few turns to find any offset.
     """
-    bare = msgspec.structs.replace(
-        profile.mounting, mag_offset_gauss=(0.0, 0.0, 0.0), mag_matrix=UNCHANGED
-    )
-    plain = msgspec.structs.replace(profile, mounting=bare)
-    trace = replay_log(path, plain, system_id=system_id, window=window)
     readings = _readings(trace, _current_a(path, trace))
     if not len(readings.mag):
         raise InputError(f"{path}: no magnetometer")
@@ -107,7 +94,7 @@ def report_compass(
         heading_sigma_deg=_heading_sigma_deg(fit, field.strength_gauss * cos(field.dip_rad)),
         misfit_gauss=fit.misfit_gauss,
         unseen=fit.unseen,
-        mounting=_mounting(fit, 0.0 if current_a is None else float(current_a.mean()), turn),
+        calibration=_calibration(fit, 0.0 if current_a is None else float(current_a.mean()), turn),
         ardupilot=_ardupilot(trace, message, fit, turn, set_to) if is_ardupilot else {},
         orientation=None if set_to is None else set_to.meaning,
         ardupilot_adds=not trace.compass,
@@ -127,8 +114,8 @@ def _ardupilot(
     return {} if set_to is None else {set_to.parameter: float(set_to.value)}
 
 
-def toml_lines(report: CompassReport) -> Iterator[str]:
-    """The report as a profile, with all but its keys in comments."""
+def compass_lines(report: CompassReport) -> Iterator[str]:
+    """The report as comments of a profile."""
     before, after = (1e3 * each for each in report.misfit_gauss)
     sigma = ", ".join(f"{1e3 * each:.1f}" for each in report.offset_sigma_gauss)
     yield f"# {Path(report.source).name}: {report.readings} readings of {report.message}"
@@ -148,18 +135,6 @@ def toml_lines(report: CompassReport) -> Iterator[str]:
         yield "# set that, then calibrate by another flight; the matrix below is for this log"
     if report.unseen:
         yield f"# not flown: the field never came within 45 deg of {', '.join(report.unseen)}"
-    yield "[mounting]"
-    for key, value in report.mounting.items():
-        yield f"{key} = {value}"
-    if report.ardupilot:
-        unknown = "; the log does not say what was set: add OFS to that"
-        if report.orientation is not None:
-            unknown = "; the log does not say what was set: taken for NONE"
-        adds = unknown * report.ardupilot_adds
-        yield f"# ArduPilot, to be looked at before use{adds}:"
-    for name, number in report.ardupilot.items():
-        digits = 0 if "MOTCT" in name or "ORIENT" in name else 1 if "OFS" in name else 4
-        yield f"# {name} {number:.{digits}f}"
 
 
 class _Readings(NamedTuple):
@@ -216,9 +191,7 @@ def _listed(values: Floats | None) -> list[float] | None:
     return None if values is None else values.tolist()
 
 
-def _mounting(
-    fit: CompassFit, usual_a: float, turn: Floats | None
-) -> dict[str, list[float] | Rows]:
+def _calibration(fit: CompassFit, usual_a: float, turn: Floats | None) -> dict[str, Any]:
     """The profile's keys; it knows no current, so that the usual one's field counts as iron."""
     offset = fit.offset_gauss
     if fit.current_gauss_a is not None:
@@ -226,7 +199,7 @@ def _mounting(
     matrix = fit.matrix
     if turn is not None:  # S (R m - b) = S R (m - R^T b)
         offset, matrix = turn.T @ offset, turn if matrix is None else matrix @ turn
-    keys: dict[str, list[float] | Rows] = {"mag_offset_gauss": offset.round(5).tolist()}
+    keys: dict[str, Any] = {"mag_offset_gauss": offset.round(5).tolist()}
     if matrix is not None:
         keys["mag_matrix"] = matrix.round(5).tolist()
     return keys

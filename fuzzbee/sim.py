@@ -7,7 +7,7 @@ import threading
 import time
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple, cast
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, cast
 
 import typer
 
@@ -30,8 +30,12 @@ EPILOG = examples(
     "fuzzbee sim --to tcpin:127.0.0.1:5760 --vehicles 3 --rate 50 --motion turn",
 )
 
-MOTIONS = ("paper", "rest", "turn", "flight")
-_MOTION = "the paper's, none or a level turn, on the paper's signals; or a copter's flight"
+MOTIONS = ("paper", "rest", "turn", "flight", "bench")
+_MOTION = (
+    "the paper's, none or a level turn, on the paper's signals; a copter's flight;"
+    " or its IMU turned by hand"
+)
+_ERRORS = "constant errors of the sensors, for calibrate; vehicle i has SEED + i - 1"
 _SECONDS = "end after N seconds instead of on Ctrl-C"
 _SEED = "of the noise; vehicle i has seed + i - 1"
 _MAGNET = "a magnet passes between these times (s)"
@@ -61,6 +65,7 @@ class SimOptions(NamedTuple):
     bias: Annotated[float, of_vehicle("factor on the motion's bias", metavar="X")] = 1.0
     magnet: Annotated[str | None, of_vehicle(_MAGNET, metavar="T0:T1")] = None
     calm: Annotated[bool, of_vehicle("a flight without its magnet and its silence")] = False
+    imu_errors: Annotated[int | None, of_vehicle(_ERRORS, metavar="SEED")] = None
     as_json: Json = False
 
 
@@ -92,6 +97,8 @@ def sim(options: SimOptions) -> int:
         _say(
             f"{vehicles} vehicle{'s' * (vehicles > 1)} at {options.rate:g} Hz, {transport.address}"
         )
+        for name, told in _errors_told(options).items():
+            _say(f"{name}: {told}")
         begun_s = time.monotonic()
         run_vehicles(fleet, transport, stop.is_set, seconds, _say)
         if options.as_json:
@@ -117,6 +124,7 @@ def _vehicle_options(options: SimOptions) -> "VehicleOptions":
         drop=options.drop,
         calm=options.calm,
         signing_key=read_key(options.signing_key_file, is_insecure=options.insecure_key_file),
+        errors_seed=options.imu_errors,
     )
 
 
@@ -134,7 +142,24 @@ def _print_json(to: str, options: SimOptions, fleet: "Fleet", seconds: float) ->
         "bytes_sent": fleet.counts.bytes_sent,
         "link_errors": fleet.counts.link_errors,
     }
-    print(json.dumps(result), flush=True)
+    errors = _errors_told(options)
+    print(json.dumps(result | {"imu_errors": errors} if errors else result), flush=True)
+
+
+def _errors_told(options: SimOptions) -> dict[str, Any]:
+    """The truth of ``--imu-errors`` of vehicle 1: the profile's [calibration] that undoes it."""
+    if options.imu_errors is None:
+        return {}
+    import numpy as np
+
+    from drivers.simulation.simulated_vehicle import imu_errors
+
+    names = ("gyr_bias_rad_s", "acc_bias_m_s2", "mag_offset_gauss")
+    told: dict[str, Any] = {}
+    for name, (matrix, bias) in zip(names, imu_errors(options.imu_errors), strict=True):
+        told[name] = bias.round(5).tolist()
+        told[f"{name[:3]}_matrix"] = np.linalg.inv(matrix).round(5).tolist()
+    return told
 
 
 def parse_magnet(text: str) -> tuple[float, float]:

@@ -97,7 +97,7 @@ class Vehicle:
         if not is_chosen:
             return []
         lines = [] if replaced is None else self._change_message(replaced, event.message)
-        sample = self.profile.mounting.to_body_axes(event.sample)
+        sample = self.profile.to_body_axes(event.sample)
         reason = self.estimator.update(sample)
         if reason is not None:
             self.reject(reason)
@@ -263,11 +263,12 @@ class Vehicle:
     def replace_profile(self, profile: Profile) -> None:
         """Use another profile from the next sample on; the estimate stays.
 
-        If the mounting changes, the estimate restarts: it was the attitude of other axes.
+        If mounting or calibration change, the estimate restarts: it was made of other readings.
         """
         self.estimator.replace_profile(profile)
         self.checks.restart()
-        if profile.mounting != self.profile.mounting:
+        was = self.profile
+        if (profile.mounting, profile.calibration) != (was.mounting, was.calibration):
             self.restart()
         self.profile = profile
         self.checks.profile_is_unfit = False

@@ -68,6 +68,7 @@ class VehicleOptions:
     magnet: tuple[float, float] | None = None  # s
     drop: float = 0.0  # probability that a frame is lost
     calm: bool = False  # a flight without its magnet and its silence
+    errors_seed: int | None = None  # of its sensors' constant errors; + i - 1
     signing_key: bytes | None = None  # 32 bytes
 
     def check(self) -> None:
@@ -119,6 +120,9 @@ class SimulatedAutopilot:
             options.bias,
             options.magnet,
             calm=options.calm,
+            errors_seed=None
+            if options.errors_seed is None
+            else options.errors_seed + system_id - 1,
         )
         self._noise = options.noise
         self._encoder = FrameEncoder(self.id, options.signing_key)

@@ -9,7 +9,8 @@ Attitude Filter on SO(3): Fast Adaptation and Robustness"::
 
 as an IMU reads them: acc = -g v_2^B and mag = 0.5 gauss v_1^B, neither
 normalised. The flight (:mod:`drivers.simulation.flight`) has the errors of a
-small MEMS unit instead, and knows where it is and how fast. A block
+small MEMS unit instead, and knows where it is and how fast; "bench" is that unit turned by hand.
+With a seed of their own the sensors have larger constant errors (:func:`imu_errors`), too. A block
 (:func:`simulate`) and a stream (:class:`SimulatedVehicle`) give the same
 numbers bit for bit: the truth comes in chunks that start at fixed samples, and
 each sample takes nine normal numbers in one order.
@@ -34,10 +35,16 @@ from estimator.types import (
     Vec3,
 )
 
-Motion = Literal["paper", "rest", "turn", "flight"]
+Motion = Literal["paper", "rest", "turn", "flight", "bench"]
 MOTIONS: tuple[str, ...] = get_args(Motion)
 # The shipped profile that fits the signals of each
-PROFILES = {"paper": "paper", "rest": "paper", "turn": "paper", "flight": "imu"}
+PROFILES = {
+    "paper": "paper",
+    "rest": "paper",
+    "turn": "paper",
+    "flight": "imu",
+    "bench": "imu",
+}
 
 # The paper's inertial vectors (NED, unit length)
 MAGNETIC_NED: Vec3 = (1 / 3**0.5, -1 / 3**0.5, 1 / 3**0.5)
@@ -53,6 +60,14 @@ TURN_RATE_RAD_S = 0.5  # "turn": level, to the right, one round in 12.6 s
 # The magnet passes on the vehicle's right: a field along body y that rises and falls smoothly
 # between the two times, in the middle as strong as the Earth's
 MAGNET_PEAK_GAUSS = 0.5
+
+# "bench": turned about all axes for a while, then laid down for a moment, again and again
+BENCH_ROUND_S, BENCH_REST_S = 12.0, 3.0
+BENCH_RATE_RAD_S: Vec3 = (1.9, 1.6, 1.4)
+
+# Constant errors by seed (sigma): of scales and crossed axes, biases (rad/s, m/s^2), iron (gauss)
+ERROR_SHARES = (0.005, 0.01, 0.02)  # of gyroscope, accelerometer and compass
+ERROR_BIASES = (0.007, 0.15, 0.05)
 
 CHUNK_SAMPLES = 128  # a stream computes this much ahead; 1.3 s at 100 Hz
 # Fourth-order steps of 10 ms keep the truth within 1e-9 rad over the paper's 15 s
@@ -144,10 +159,32 @@ FLIGHT_SENSORS = _Sensors(
 )
 
 
+class SensorErrors(NamedTuple):
+    """A sensor reads (1 + D) v + b, ``matrix`` (3, 3) being 1 + D and ``bias`` b (3,)."""
+
+    matrix: Floats
+    bias: Floats
+
+
+def imu_errors(seed: int) -> tuple[SensorErrors, SensorErrors, SensorErrors]:
+    """Constant errors of gyroscope (rad/s), accelerometer (m/s^2) and compass (gauss).
+
+    Raises:
+        InputError: the seed is negative.
+    """
+    rng = _generator(seed)
+    gyr, acc, mag = (
+        SensorErrors(np.eye(3) + rng.normal(0.0, share, (3, 3)), rng.normal(0.0, bias, 3))
+        for share, bias in zip(ERROR_SHARES, ERROR_BIASES, strict=True)
+    )
+    return gyr, acc, mag
+
+
 class _Disturbance(NamedTuple):
     """The sensors, scale factors of their noise and bias, and the magnet's times in s.
 
-    With ``round_s`` the magnet passes once in each round.
+    With ``round_s`` the magnet passes once in each round. ``errors`` are those of
+    :func:`imu_errors`.
     """
 
     sensors: _Sensors
@@ -155,6 +192,7 @@ class _Disturbance(NamedTuple):
     bias: float
     magnet: tuple[float, float] | None
     round_s: float | None = None
+    errors: tuple[SensorErrors, SensorErrors, SensorErrors] | None = None
 
 
 def simulate(
@@ -201,10 +239,13 @@ class SimulatedVehicle:
         magnet: tuple[float, float] | None = None,
         *,
         calm: bool = False,
+        errors_seed: int | None = None,
     ) -> None:
         _check(rate_hz, motion, noise, bias, magnet)
         self.motion = motion
         self._disturbance = _disturbance(motion, noise, bias, magnet, calm=calm)
+        if errors_seed is not None:
+            self._disturbance = self._disturbance._replace(errors=imu_errors(errors_seed))
         self._falls_silent = motion == "flight" and not calm
         self._generator = _generator(seed)
         self._last: Sample | None = None
@@ -257,6 +298,13 @@ def true_rate(motion: Motion, time_s: Floats) -> Floats:
         rate[:, 2] = 0.4 * np.sin(0.3 * time_s + np.pi / 2)
     elif motion == "turn":
         rate[:, 2] = TURN_RATE_RAD_S
+    elif motion == "bench":
+        phase = (time_s % BENCH_ROUND_S) / (BENCH_ROUND_S - BENCH_REST_S)
+        swell = np.sin(np.pi * np.clip(phase, 0.0, 1.0)) ** 2
+        ways = np.column_stack(
+            [np.sin(0.37 * time_s), np.sin(0.53 * time_s + 1.0), np.cos(0.29 * time_s)]
+        )
+        rate = swell[:, None] * ways * BENCH_RATE_RAD_S
     return rate
 
 
@@ -300,6 +348,8 @@ def _samples(
 def _disturbance(
     motion: Motion, noise: float, bias: float, magnet: tuple[float, float] | None, *, calm: bool
 ) -> _Disturbance:
+    if motion == "bench":
+        return _Disturbance(FLIGHT_SENSORS, noise, bias, magnet)
     if motion != "flight":
         return _Disturbance(PAPER_SENSORS, noise, bias, magnet)
     if magnet is None and not calm:
@@ -309,7 +359,7 @@ def _disturbance(
 
 def _measure(truth: _Truth, normals: Floats, disturbance: _Disturbance) -> Recording:
     """Truth plus bias and noise; ``normals`` (N, 9) are gyroscope, v_1, v_2."""
-    sensors, noise, bias, magnet, round_s = disturbance
+    sensors, noise, bias, magnet, round_s, errors = disturbance
     # Omega_m = Omega + b + n
     gyr = truth.rate_rad_s + bias * np.array(sensors.gyro_bias_rad_s)
     gyr += noise * sensors.gyro_noise_rad_s * normals[:, 0:3]
@@ -322,10 +372,14 @@ def _measure(truth: _Truth, normals: Floats, disturbance: _Disturbance) -> Recor
     if magnet is not None:
         time_s = truth.time_us.astype(np.float64) * 1e-6
         mag[:, 1] += _magnet_gauss(time_s if round_s is None else time_s % round_s, magnet)
+    acc = -STANDARD_GRAVITY_M_S2 * v_2
+    if errors is not None:
+        readings = zip(errors, (gyr, acc, mag), strict=True)
+        gyr, acc, mag = (v @ each.matrix.T + each.bias for each, v in readings)
     recording = Recording(
         truth.time_us,
         gyr,
-        -STANDARD_GRAVITY_M_S2 * v_2,
+        acc,
         mag,
         truth.q_ned_frd,
         truth.rate_rad_s,
@@ -371,12 +425,17 @@ def _truth_chunk(
         np.rint(time_s[:-1] * 1e6).astype(np.int64),
         q,
         true_rate(motion, time_s[:-1]),
-        rotate_inverse(q, MAGNETIC_NED),
+        rotate_inverse(q, _magnetic_ned(motion)),
         rotate_inverse(q, GRAVITY_NED),
         np.zeros((len(q), 3)),
         np.zeros((len(q), 3)),
     )
     return _read_only(truth), after
+
+
+def _magnetic_ned(motion: Motion) -> Vec3:
+    """The field over ``FIELD_GAUSS`` of a motion on the spot."""
+    return _parts(flight.FIELD_NED_GAUSS, FIELD_GAUSS) if motion == "bench" else MAGNETIC_NED
 
 
 def _flight_chunk(time_s: Floats) -> _Truth:

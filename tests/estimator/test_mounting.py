@@ -2,6 +2,7 @@
 
 from math import radians
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -25,7 +26,11 @@ from service.records import Message
 ONE = VehicleId(1, 1)
 S = 1_000_000
 ODD = {"rotation_deg": [35.0, -120.0, 77.0], "acc_sign": -1}
-IRON = {
+CALIBRATION = {
+    "gyr_bias_rad_s": [0.01, 0.02, -0.03],
+    "gyr_matrix": [[1.01, 0.003, 0.0], [0.0, 0.99, 0.001], [0.002, 0.0, 1.0]],
+    "acc_bias_m_s2": [0.1, -0.2, 0.3],
+    "acc_matrix": [[0.99, 0.0, 0.01], [0.0, 1.02, 0.0], [0.004, 0.0, 1.0]],
     "mag_offset_gauss": [0.06, -0.04, 0.05],
     "mag_matrix": [[1.05, 0.03, 0.0], [0.03, 0.97, -0.02], [0.0, -0.02, 1.0]],
 }
@@ -38,8 +43,9 @@ CASES = [
 ]
 
 
-def profile(**mounting):
-    return merge_profile(load_profile("imu"), {"mounting": mounting})
+def profile(calibration=(), **mounting):
+    sections = {"mounting": mounting, "calibration": dict(calibration)}
+    return merge_profile(load_profile("imu"), sections)
 
 
 def as_sensed(sample, mounting):
@@ -64,7 +70,8 @@ def flight(mounting, seconds=6.0):
 def test_the_plain_mounting_leaves_samples_as_they_are():
     sample = ImuSample(1, (0.1, 0.2, 0.3), (1.0, 2.0, -9.0), (0.2, 0.0, 0.4), True)
     assert Mounting().to_body_axes(sample) is sample
-    assert profile().mounting.is_plain
+    assert profile().has_plain_imu
+    assert profile().to_body_axes(sample) is sample
 
 
 def test_rotations_are_roll_then_pitch_then_yaw():
@@ -113,8 +120,10 @@ def test_without_its_section_it_is_upside_down():
         ("acc_sign = 0", "acc_sign"),
         ("acc_sign = 2", "acc_sign"),
         ("sign = -1", "sign"),
-        ("mag_offset_gauss = [11, 0, 0]", "mag_offset_gauss"),
-        ("mag_matrix = [[1, 0, 0], [0, 1, 0], [0, 0, 0]]", "mag_matrix"),
+        ("[calibration]\nmag_offset_gauss = [11, 0, 0]", "mag_offset_gauss"),
+        ("[calibration]\ngyr_matrix = [[1, 0, 0], [0, 1, 0], [0, 0, 0]]", "gyr_matrix"),
+        ("[calibration]\nacc_bias_m_s2 = [1, 2]", "acc_bias_m_s2"),
+        ("[calibration]\nscale = 1", "scale"),
     ],
 )
 def test_what_is_no_mounting_is_refused(line, complaint):
@@ -124,8 +133,9 @@ def test_what_is_no_mounting_is_refused(line, complaint):
 
 
 def test_it_survives_being_written():
-    chosen = profile(**ODD, **IRON)
-    assert parse_profile(profile_to_toml(chosen), "p.toml").mounting == chosen.mounting
+    chosen = profile(CALIBRATION, **ODD)
+    read = parse_profile(profile_to_toml(chosen), "p.toml")
+    assert (read.mounting, read.calibration) == (chosen.mounting, chosen.calibration)
 
 
 def test_another_mounting_in_flight_aligns_anew():
@@ -188,26 +198,41 @@ def test_tuning_reads_logs_as_they_are_mounted(tmp_path):
     assert down[0][0] > 9.0
 
 
-@pytest.mark.parametrize("section", [*CASES, {**ODD, **IRON}])
-def test_rows_are_turned_as_samples_are(section):
-    mounting = profile(**section).mounting
+@pytest.mark.parametrize("calibration", [{}, CALIBRATION])
+@pytest.mark.parametrize("section", CASES)
+def test_rows_are_turned_and_calibrated_as_samples_are(section, calibration):
+    chosen = profile(calibration, **section)
     rng = np.random.default_rng(2)
     gyr, acc, mag = (rng.normal(size=(5, 3)) for _ in range(3))
     mag[3] = 0.0  # no compass stays none
-    rows = mounting.to_body_rows(gyr, acc, mag)
+    rows = chosen.to_body_rows(gyr, acc, mag)
     for k in range(5):
         sample = ImuSample(k, *(tuple(column[k].tolist()) for column in (gyr, acc, mag)), True)
-        one = mounting.to_body_axes(sample)
+        one = chosen.to_body_axes(sample)
         for column, vector in zip(rows, (one.gyr_rad_s, one.acc_m_s2, one.mag_gauss), strict=True):
             assert column[k] == pytest.approx(vector)
     assert not rows[2][3].any()
 
 
-def test_iron_is_taken_from_the_field_in_body_axes():
-    """m = S (m_body - offset), after the turn: forward of this sensor is the body's right."""
-    mounting = profile(rotation_deg=[0.0, 0.0, 90.0], **IRON).mounting
-    assert not mounting.is_plain
-    assert profile(**IRON).mounting.has_body_axes
-    sample = ImuSample(1, (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.4, 0.0, 0.0), True)
-    field = np.array(IRON["mag_matrix"]) @ (-0.06, 0.4 + 0.04, -0.05)
-    assert mounting.to_body_axes(sample).mag_gauss == pytest.approx(field)
+def miscalibrated(events_and_truth):
+    """What sensors with the errors that CALIBRATION undoes say instead: M^-1 v + b."""
+    fields = ("gyr_bias_rad_s", "acc_bias_m_s2", "mag_offset_gauss")
+    for event, truth in events_and_truth:
+        said = {}
+        for name, bias in zip(("gyr_rad_s", "acc_m_s2", "mag_gauss"), fields, strict=True):
+            matrix = np.array(CALIBRATION[f"{bias[:3]}_matrix"])
+            read = np.linalg.solve(matrix, getattr(event.sample, name)) + CALIBRATION[bias]
+            said[name] = tuple(read.tolist())
+        yield msgspec.structs.replace(event, sample=event.sample._replace(**said)), truth
+
+
+def test_a_calibration_is_undone_before_the_mounting():
+    mounting = Mounting((35.0, -120.0, 77.0), -1)
+    sections = {"mounting": ODD, "calibration": CALIBRATION}
+    errors = [
+        errors_rad(miscalibrated(flight(mounting)), merge_profile(load_profile("paper"), each))[0]
+        for each in (sections, {"mounting": ODD})
+    ]
+    right, _ = errors_rad(flight(Mounting()), load_profile("paper"))
+    assert errors[0] == pytest.approx(right, abs=1e-6)
+    assert max(errors[1]) > radians(2.0)

@@ -239,6 +239,7 @@ def test_json_names_every_number():
     assert list(tree) == [
         *("reference", "filter", "membership", "confidence", "conditioning", "aiding"),
         "mounting",
+        "calibration",
         "rates",
         "provenance",
     ]

@@ -1,4 +1,4 @@
-"""``fuzzbee calibrate``: iron put into a log is found again, and its profile takes it away."""
+"""``fuzzbee calibrate``: errors put into a log are found again, and its profile undoes them."""
 
 import json
 import os
@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from drivers.simulation.simulated_vehicle import SimulatedVehicle, imu_errors
+from estimator.profile import load_profile
 from fuzzbee.cli import main
 from tests.fuzzbee.iron import with_iron
 
@@ -27,7 +29,7 @@ def test_a_profile_that_it_prints_gives_the_heading_back(tmp_path, capsys):
     """As recorded the heading is 1.66 deg off, with the iron 5.17, with the profile 1.66 (RMS)."""
     log = with_iron(PLANE, tmp_path / "iron.tlog", OFFSET_MGAUSS)
     printed = said(capsys, "calibrate", log)
-    found = 1e3 * np.array(tomllib.loads(printed)["mounting"]["mag_offset_gauss"])
+    found = 1e3 * np.array(tomllib.loads(printed)["calibration"]["mag_offset_gauss"])
     assert found == pytest.approx(OFFSET_MGAUSS, abs=2.0)  # mG; there are 1.3 without the iron
     assert "COMPASS_OFS_X -60." in printed
     (tmp_path / "mine.toml").write_text(printed)
@@ -50,7 +52,7 @@ def test_what_the_current_adds_is_told_apart(tmp_path, capsys):
     assert found == pytest.approx(own, abs=0.25)  # mG/A; it is 0.17 off
     assert (np.abs(found - own) < 3.0 * sigma).all()
     assert sigma.max() < 1.0
-    usual = 1e3 * np.array(report["mounting"]["mag_offset_gauss"]) - 20.0 * np.array(own)
+    usual = 1e3 * np.array(report["calibration"]["mag_offset_gauss"]) - 20.0 * np.array(own)
     assert report["matrix_sigma"] is None  # what it says more is by chance
     assert usual == pytest.approx(OFFSET_MGAUSS, abs=5.0)
     told = report["ardupilot"]
@@ -75,7 +77,7 @@ def test_a_compass_that_is_turned_is_turned_back(tmp_path, capsys, name):
     log = with_iron(PLANE, tmp_path / "turned.tlog", OFFSET_MGAUSS, np.array(turn), left_out=others)
     report = json.loads(said(capsys, "calibrate", log, "--json"))
     assert report["orientation"] == name
-    found = 1e3 * np.array(report["mounting"]["mag_offset_gauss"])
+    found = 1e3 * np.array(report["calibration"]["mag_offset_gauss"])
     assert found == pytest.approx(OFFSET_MGAUSS, abs=4.0)  # mG, in the axes of the readings
     assert report["ardupilot"] == {"COMPASS_ORIENT": number}
     printed = said(capsys, "calibrate", log)
@@ -107,7 +109,7 @@ def test_a_log_without_a_position_is_told_where_it_was(tmp_path, capsys):
     assert main(["calibrate", str(log)]) == 2
     assert "no position; --place LAT,LON" in capsys.readouterr().err
     report = json.loads(said(capsys, "calibrate", log, "--place", "-35.363,149.165", "--json"))
-    found = 1e3 * np.array(report["mounting"]["mag_offset_gauss"])
+    found = 1e3 * np.array(report["calibration"]["mag_offset_gauss"])
     assert found == pytest.approx(OFFSET_MGAUSS, abs=2.0)  # mG; 1.6 on the third axis
     assert report["dip_deg"] == pytest.approx(-66.0, abs=0.1)  # of Canberra
 
@@ -134,6 +136,71 @@ def test_what_shows_nothing_is_one_line(log, complaint, capsys):
     told = err.splitlines()[-1]  # before it may stand that the filter is compiled
     assert complaint in told
     assert "Traceback" not in err
+
+
+def bench(path, seed, motion="bench", seconds=120.0, rate_hz=50.0):
+    """A table of a simulated vehicle whose sensors have the constant errors of a seed."""
+    vehicle = SimulatedVehicle(seed, rate_hz, motion, bias=0.0, errors_seed=seed)
+    heading = "time_s,gx_rad_s,gy_rad_s,gz_rad_s,ax_m_s2,ay_m_s2,az_m_s2,mx_gauss,my_gauss,mz_gauss"
+    rows = [heading + ",qw,qx,qy,qz"]
+    for _ in range(round(seconds * rate_hz)):
+        s = next(vehicle)
+        values = (*s.gyr_rad_s, *s.acc_m_s2, *s.mag_gauss, *s.q_ned_frd)
+        rows.append(f"{1e-6 * s.time_us:.6f}," + ",".join(f"{each:.7g}" for each in values))
+    path.write_text("\n".join(rows))
+    path.with_suffix(".toml").write_text(COLUMNS)
+    return path
+
+
+COLUMNS = """
+gyroscope = { columns = ["gx_rad_s", "gy_rad_s", "gz_rad_s"], unit = "rad/s" }
+accelerometer = { columns = ["ax_m_s2", "ay_m_s2", "az_m_s2"], unit = "m/s2" }
+magnetometer = { columns = ["mx_gauss", "my_gauss", "mz_gauss"], unit = "gauss" }
+compass_calibrated = true
+truth = { columns = ["qw", "qx", "qy", "qz"] }
+"""
+SENSORS = ("gyr_bias_rad_s", "acc_bias_m_s2", "mag_offset_gauss")
+
+
+def truth_of(seed):
+    """[calibration] that undoes the errors of a seed."""
+    told = {}
+    for name, (matrix, bias) in zip(SENSORS, imu_errors(seed), strict=True):
+        told |= {name: bias, f"{name[:3]}_matrix": np.linalg.inv(matrix)}
+    return told
+
+
+def test_a_bench_recording_shows_the_whole_imu(tmp_path, capsys):
+    """Two recordings of one IMU, and another one that is better for it."""
+    logs = [bench(tmp_path / f"{k}.csv", 3) for k in (1, 2)]
+    mine = tmp_path / "mine.toml"
+    report = json.loads(said(capsys, "calibrate", *logs, "-o", mine, "--json"))
+    truth, found = truth_of(3), report["calibration"]
+    assert found["acc_bias_m_s2"] == pytest.approx(truth["acc_bias_m_s2"], abs=0.05)
+    assert found["mag_offset_gauss"] == pytest.approx(truth["mag_offset_gauss"], abs=0.005)
+    for name, sigma in (("gyr_matrix", 0.001), ("acc_matrix", 0.003)):
+        scales = np.diag(found[name]) - np.diag(truth[name])
+        assert np.abs(scales).max() < sigma, name
+    assert set(report["sensors"]["sigma"]) == set(found)
+    assert max(report["sensors"]["field_misfits"]) < 0.02
+    another = bench(tmp_path / "another.csv", 3, seconds=60.0)
+    before, after = (
+        json.loads(said(capsys, "replay", another, "--profile", profile, "--json"))["error_deg"]
+        for profile in ("imu", mine)
+    )
+    assert after["inclination_rms"] < 0.5 * before["inclination_rms"]
+    assert load_profile(str(mine)).calibration.acc_bias_m_s2 == tuple(found["acc_bias_m_s2"])
+
+
+def test_what_a_recording_at_rest_does_not_show_is_left_alone(tmp_path, capsys):
+    log = bench(tmp_path / "rest.csv", 3, motion="flight", seconds=6.0)
+    assert main(["calibrate", str(log)]) == 2
+    assert "shorter than" in capsys.readouterr().err
+
+
+def test_slow_streams_are_calibrated_one_by_one(capsys):
+    assert main(["calibrate", str(PLANE), str(PLANE)]) == 2
+    assert "20 samples a second" in capsys.readouterr().err
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs Linux's list of threads")

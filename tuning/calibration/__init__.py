@@ -1,0 +1,1 @@
+"""The constant errors of an IMU's sensors, found in recordings."""

@@ -1,0 +1,267 @@
+"""A recording's trajectory, and how it and the constants explain what was read.
+
+A node has errors of its attitude (R exp [turn]x), velocity and place. Residuals of a span, three
+numbers each: its turn, its push, its way, the field at its begin, and how far the place is from
+the middle, where no velocity is told.
+"""
+
+import numpy as np
+from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.spatial.transform import Rotation
+
+from estimator.arrays import Floats
+from estimator.types import STANDARD_GRAVITY_M_S2
+from tuning.calibration.spans import (
+    CONSTANTS,
+    GYR,
+    SPAN_S,
+    Recording,
+    Rows,
+    cross_matrix,
+    node_rows,
+    rotation,
+    rotation_vector,
+    spans_of,
+)
+
+NODE = 9
+BOTH = 2 * NODE  # of a span: the nodes at its begin and its end
+# Behind the constants: the place's field beside that supposed, lags of velocity, accelerometer and
+# compass behind the gyroscope.
+OWN = 6
+OWN_FIELD, VELOCITY_LAG, ACC_LAG, MAG_LAG = slice(0, 3), 3, 4, 5
+SHOWN = CONSTANTS + OWN  # numbers that a recording shows
+COLUMNS = BOTH + SHOWN
+TURN, PUSH, WAY, FIELD, PLACE = range(5)
+KINDS = 5
+GRAVITY_NED = np.array([0.0, 0.0, STANDARD_GRAVITY_M_S2])
+
+# Sigmas that a recording's own numbers have before it is read
+LAGS_S, KNOWN_FIELD = (0.15, 0.01, 0.02), 0.03
+# Sigmas of a span's residuals at first, and the least later: rad, m/s, m, share of the field, m
+FIRST = (2e-3, 0.05, 0.03, 0.03, 1.0)
+LEAST = (1e-3, 0.01, 0.01, 0.01, 1.0)
+FIRST_VELOCITY_M_S, LEAST_VELOCITY_M_S = 0.3, 0.05
+ROBUST = 2.0  # sigma: what is further off counts less and less (Cauchy)
+LONGEST_ALIKE_S = 5.0  # for so long a residual may be like the one before
+# What keeps a node that nothing shows where it is: 1 over the square of rad, m/s and m
+HELD = np.array([1.0] * 3 + [1e-4] * 3 + [1e-6] * 3)
+
+
+class Trajectory:
+    """The nodes of a recording, its constants ``x`` (36,) and its own numbers.
+
+    ``is_told`` says whether a velocity is.
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        self._recording, self._rows = recording, node_rows(recording.time_s)
+        q = recording.q_ned_frd[self._rows]
+        self._R: Floats = Rotation.from_quat(np.roll(q, -1, axis=1)).as_matrix()
+        self._times_s = recording.time_s[self._rows]
+        self.is_told = len(recording.velocity_time_s) > 0
+        self._v, self._p = self._first_velocities(), np.zeros((len(q), 3))
+        self.x, self._own = np.zeros(CONSTANTS), np.zeros(OWN)
+        self.linearise()
+        self.field_ned_gauss = self._first_field()
+        self.strength_gauss = max(float(np.linalg.norm(self.field_ned_gauss)), 1e-6)
+        share = 1.0 if recording.field_ned_gauss is None else KNOWN_FIELD
+        self._own_sigma = np.array([share * self.strength_gauss] * 3 + [*LAGS_S])
+        self._is_heard = True  # the compass
+        of_field = np.where(np.arange(KINDS) == FIELD, self.strength_gauss, 1.0)
+        self._variance = (np.array(FIRST) * of_field) ** 2  # of one that stands alone
+        self._sizes, self._least = np.sqrt(self._variance), np.array(LEAST) * of_field
+        self._velocity_size = FIRST_VELOCITY_M_S
+        self._velocity_variance = FIRST_VELOCITY_M_S**2
+        self._solved = np.zeros((0, 0))
+
+    @property
+    def has_field(self) -> bool:
+        """Whether a compass was read."""
+        return self._is_heard and bool(self._spans.has_field.any())
+
+    @property
+    def lags_s(self) -> Floats:
+        """Of velocity, accelerometer and compass, (3,)."""
+        return self._own[VELOCITY_LAG:]
+
+    @property
+    def field_misfit(self) -> float:
+        """Of the field, as a share of its strength."""
+        return float(self._sizes[FIELD]) / self.strength_gauss
+
+    def leave_out_field(self) -> None:
+        """Do without the compass from now on."""
+        self._is_heard = False
+
+    def linearise(self) -> None:
+        """Sum up the readings anew, by the constants as they are now."""
+        self._summed_x = self.x
+        self._spans = spans_of(self._recording, self._rows, self.x)
+
+    def normal_equations(self) -> tuple[Floats, Floats]:
+        """Matrix (42, 42) and gradient (42,) of constants and own numbers, the nodes eliminated."""
+        H, g = self._squares()
+        n = NODE * len(self._R)
+        nodes = np.zeros((len(self._R), NODE, NODE)) + np.diag(HELD)
+        nodes[:-1] += H[:, :NODE, :NODE]
+        nodes[1:] += H[:, NODE:BOTH, NODE:BOTH]
+        band = np.zeros((BOTH, n))  # in the lower form: row i - j, column j
+        for i in range(NODE):
+            for j in range(NODE):
+                if j <= i:
+                    band[i - j, j::NODE] = nodes[:, i, j]
+                band[NODE + i - j, j:-NODE:NODE] = H[:, NODE + i, j]
+        rest = np.zeros((len(self._R), NODE, SHOWN + 1))
+        for part, at in ((rest[:-1], slice(0, NODE)), (rest[1:], slice(NODE, BOTH))):
+            part[:, :, :-1] += H[:, at, BOTH:]
+            part[:, :, -1] += g[:, at]
+        coupled: Floats = rest.reshape(n, -1)
+        factor = cholesky_banded(band, lower=True)
+        self._solved = cho_solve_banded((factor, True), coupled)
+        eliminated = coupled[:, :-1].T @ self._solved
+        normal = H[:, BOTH:, BOTH:].sum(axis=0) - eliminated[:, :-1]
+        gradient = g[:, BOTH:].sum(axis=0) - eliminated[:, -1]
+        normal[CONSTANTS:, CONSTANTS:] += np.diag(self._own_sigma**-2)
+        gradient[CONSTANTS:] += self._own / self._own_sigma**2
+        return normal, gradient
+
+    def move(self, step: Floats) -> None:
+        """Move by a step (42,) of constants and own numbers, the nodes as these ask."""
+        nodes = -(self._solved[:, -1] + self._solved[:, :-1] @ step).reshape(-1, NODE)
+        self._R = self._R @ rotation(nodes[:, :3])
+        self._v, self._p = self._v + nodes[:, 3:6], self._p + nodes[:, 6:]
+        self.x, self._own = self.x + step[:CONSTANTS], self._own + step[CONSTANTS:]
+
+    def learn_sigmas(self) -> None:
+        """How far readings are off, by what is left of them, and for how long alike."""
+        r, _ = self._residuals()
+        for kind in (TURN, PUSH, WAY, FIELD):
+            known = self._spans.has_field if kind == FIELD else self._spans.is_whole
+            if known.any():
+                self._sizes[kind], self._variance[kind] = _learnt(
+                    r[known, kind], SPAN_S, self._least[kind]
+                )
+        if self.is_told:
+            step_s = float(np.median(np.diff(self._recording.velocity_time_s)))
+            self._velocity_size, self._velocity_variance = _learnt(
+                self._velocity_residuals()[1], step_s, LEAST_VELOCITY_M_S
+            )
+
+    def _first_velocities(self) -> Floats:
+        told = self._recording
+        if not self.is_told:
+            return np.zeros((len(self._rows), 3))
+        columns = told.velocity_ned_m_s.T
+        return np.column_stack([np.interp(self._times_s, told.velocity_time_s, v) for v in columns])
+
+    def _first_field(self) -> Floats:
+        if self._recording.field_ned_gauss is not None:
+            return self._recording.field_ned_gauss
+        seen = (self._R[:-1] @ self._spans.field[:, :, None])[self._spans.has_field, :, 0]
+        return np.median(seen, axis=0) if len(seen) else np.zeros(3)
+
+    def _squares(self) -> tuple[Floats, Floats]:
+        """J^T W J (K, COLUMNS, COLUMNS) and J^T W r (K, COLUMNS) of all residuals of a span."""
+        r, J = self._residuals()
+        k = len(r)
+        weighted = (J * self._weights(r)[:, :, None, None]).reshape(k, -1, COLUMNS)
+        weighted = np.swapaxes(weighted, 1, 2)
+        H = weighted @ J.reshape(k, -1, COLUMNS)
+        g = (weighted @ r.reshape(k, -1, 1))[:, :, 0]
+        if self.is_told:
+            at, r, J = self._velocity_residuals()
+            w = _robust(r / self._velocity_size) / self._velocity_variance
+            weighted = np.swapaxes(J, 1, 2) * w[:, None, None]
+            np.add.at(H, at, weighted @ J)
+            np.add.at(g, at, (weighted @ r[:, :, None])[:, :, 0])
+        return H, g
+
+    def _weights(self, r: Floats) -> Floats:
+        """One over the variance (K, 5)."""
+        w = _robust(r / self._sizes[:, None]) / self._variance
+        w[:, :PLACE] *= self._spans.is_whole[:, None]
+        w[:, FIELD] *= self._spans.has_field & self._is_heard
+        w[:, PLACE] *= not self.is_told
+        return np.asarray(w)
+
+    def _residuals(self) -> tuple[Floats, Floats]:
+        """Of all spans (K, 5, 3), and their derivatives (K, 5, 3, COLUMNS)."""
+        s, v, p, one = self._spans, self._v, self._p, np.eye(3)
+        x, dt = self.x, s.lasts_s[:, None]
+        d = x - self._summed_x
+        back = np.swapaxes(self._R[:-1], 1, 2)
+        k = len(back)
+        r, J = np.zeros((k, KINDS, 3)), np.zeros((k, KINDS, 3, COLUMNS))
+        of_x, own = J[..., BOTH : BOTH + CONSTANTS], J[..., BOTH + CONSTANTS :]
+        turn = s.turn @ rotation(s.turn_by_gyr @ d[GYR])
+        r[:, TURN] = rotation_vector(np.swapaxes(turn, 1, 2) @ back @ self._R[1:])
+        log_by = one + 0.5 * cross_matrix(r[:, TURN])  # of small rotations
+        J[:, TURN, :, NODE : NODE + 3] = log_by
+        J[:, TURN, :, :3] = -log_by @ np.swapaxes(self._R[1:], 1, 2) @ self._R[:-1]
+        of_x[:, TURN, :, GYR] = -np.swapaxes(log_by, 1, 2) @ s.turn_by_gyr
+        change = (back @ (v[1:] - v[:-1] - dt * GRAVITY_NED)[:, :, None])[:, :, 0]
+        r[:, PUSH] = change - s.push - s.push_by_gyr @ d[GYR] - s.push_by_acc @ d[12:24]
+        r[:, PUSH] -= s.push_by_lag * self._own[ACC_LAG]
+        J[:, PUSH, :, :3] = cross_matrix(change)
+        J[:, PUSH, :, 3:6], J[:, PUSH, :, NODE + 3 : NODE + 6] = -back, back
+        of_x[:, PUSH, :, :12], of_x[:, PUSH, :, 12:24] = -s.push_by_gyr, -s.push_by_acc
+        own[:, PUSH, :, ACC_LAG] = -s.push_by_lag
+        r[:, WAY] = p[1:] - p[:-1] - 0.5 * dt * (v[1:] + v[:-1])
+        J[:, WAY, :, 6:9], J[:, WAY, :, NODE + 6 : BOTH] = -one, one
+        J[:, WAY, :, 3:6] = J[:, WAY, :, NODE + 3 : NODE + 6] = -0.5 * dt[:, :, None] * one
+        # of a field u a compass reads (1 + D) u + b
+        u = back @ (self.field_ned_gauss + self._own[OWN_FIELD])
+        by_u = one + np.einsum("kiajb,ab->kij", s.turned_twice, x[24:33].reshape(3, 3))
+        by_D = np.einsum("kiajb,kj->kiab", s.turned_twice, u).reshape(k, 3, 9)
+        r[:, FIELD] = u + by_D @ x[24:33] + s.turned @ x[33:] - s.field - s.field_by_gyr @ d[GYR]
+        r[:, FIELD] -= s.field_by_lag * self._own[MAG_LAG]
+        J[:, FIELD, :, :3] = by_u @ cross_matrix(u)
+        of_x[:, FIELD, :, 24:33], of_x[:, FIELD, :, 33:] = by_D, s.turned
+        of_x[:, FIELD, :, GYR] = -s.field_by_gyr
+        own[:, FIELD, :, OWN_FIELD], own[:, FIELD, :, MAG_LAG] = by_u @ back, -s.field_by_lag
+        r[:, PLACE], J[:, PLACE, :, 6:9] = p[:-1], one
+        return r, J
+
+    def _velocity_residuals(self) -> tuple[Rows, Floats, Floats]:
+        """Spans (L,) that a told velocity falls into, what it is off (L, 3), and derivatives."""
+        told, times_s = self._recording, self._times_s
+        at_s = told.velocity_time_s - self._own[VELOCITY_LAG]
+        k = np.clip(np.searchsorted(times_s, at_s, side="right") - 1, 0, len(times_s) - 2)
+        share = (at_s - times_s[k]) / self._spans.lasts_s[k]
+        inside = (share >= 0.0) & (share <= 1.0) & self._spans.is_whole[k]
+        k, late = k[inside], share[inside, None]
+        early, one = 1.0 - late, np.eye(3)
+        r = early * self._v[k] + late * self._v[k + 1] - told.velocity_ned_m_s[inside]
+        J = np.zeros((len(k), 3, COLUMNS))
+        J[:, :, 3:6], J[:, :, NODE + 3 : NODE + 6] = early[:, :, None] * one, late[:, :, None] * one
+        slope = (self._v[k + 1] - self._v[k]) / self._spans.lasts_s[k, None]
+        J[:, :, BOTH + CONSTANTS + VELOCITY_LAG] = -slope
+        return k, r, J
+
+
+def _robust(r: Floats) -> Floats:
+    """Weights (...) of residuals (..., 3) over sigma, by Cauchy's loss."""
+    return np.asarray(1.0 / (1.0 + np.mean(r * r, axis=-1) / ROBUST**2))
+
+
+def _size(r: Floats) -> float:
+    """Sigma of normal variables by their median size."""
+    return 1.4826 * float(np.median(np.abs(r)))
+
+
+def _learnt(r: Floats, step_s: float, least: float) -> tuple[float, float]:
+    """The size of residuals in a row (N, 3), and the variance of one that would stand alone.
+
+    That is as many times larger as residuals in a row say the same: 1 + 2 sum of autocorrelations.
+    """
+    size = max(_size(r), 1e-9)
+    r = np.clip(r / size, -3.0, 3.0)
+    alike, power = 1.0, float(np.mean(r * r))
+    for lag in range(1, min(round(LONGEST_ALIKE_S / step_s), len(r) // 4)):
+        share = float(np.mean(r[lag:] * r[:-lag])) / power
+        if share < 0.05:
+            break
+        alike += 2.0 * share
+    variance = max(size**2 * alike, least**2)
+    return (variance / alike) ** 0.5, variance
