@@ -166,13 +166,15 @@ class ClockLine:
         lost_us = self._accept(boot_us, arrival_us)
         return None if lost_us is None else Reset("jump", lost_us)
 
-    def set_back(self, first: Moment, now: Moment) -> Reset | None:
-        """How the clock was reset, where messages from ``first`` to ``now`` are behind the last.
+    def set_back(self, last: Moment, first: Moment, now: Moment) -> Reset | None:
+        """How the clock was reset, where messages from ``first`` to ``now`` came behind ``last``.
 
         None where they may just be late.
         """
         if self.hears_arrivals and not self.pace.is_steady:
             return None
+        self.boot_us, self.arrival_us = last
+        self.read_us = now.boot_us
         return self._reset(first, now)
 
     def _confirm(self, new: Moment) -> Reason | Reset:

@@ -14,7 +14,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from enum import IntEnum
 
-from drivers.samples.clock_line import SECOND_US, ClockLine, Moment, Reset
+from drivers.samples.clock_line import REORDERED_US, SECOND_US, ClockLine, Moment, Reset
 from drivers.value import Value
 from estimator.reasons import Reason
 
@@ -22,8 +22,8 @@ CUT_STEP_US = 20_000  # put in the place of what a reboot or a jump cut out
 OFFSET_SAMPLES = 64  # enough for a median through 0.4 s of jitter
 SAME_CLOCK_US = 1 * SECOND_US  # closer clocks are one clock; others were 2.3 s apart or more
 WRAP_32_US = 2**32
-# So many messages of a stream in a row, behind the last but in order among themselves, are those
-# of a clock that was set back.
+# So many messages of a stream in a row, the first behind what came before but in order among
+# themselves, are those of a clock that was set back.
 SET_BACK_MESSAGES = 3
 MOST_US = 1 << 53  # 285 years: a time beyond is garbage, and counts as this
 
@@ -49,25 +49,30 @@ class Placed(Value, frozen=True):
 
 @dataclass(slots=True)
 class Stream:
-    """Where one message was placed last, and what has come behind that since, in a row."""
+    """Where one message was placed last, and what has fallen behind that since, in a row."""
 
     time_us: int
     boot_us: int
-    behind: int = 0
-    first: Moment | None = None  # of those
+    arrival_us: int
+    before_us: int  # boot time of the one before
+    row: int = 0  # how many
+    first: Moment | None = None  # of those, and the time of the latest
     latest_us: int = 0
 
     def goes_back(self, now: Moment) -> Moment | None:
-        """The first of those behind, if they come as a clock that was set back would have it."""
-        if self.behind == 0 or now.boot_us <= self.latest_us:
-            self.behind, self.first = 0, now
-        self.behind += 1
+        """The first of a row up to this message that a clock which was set back would make.
+
+        It is behind what came before the last one, too: a late one need not be.
+        """
+        if self.row == 0 or now.boot_us <= self.latest_us:
+            self.row, self.first = 0, now
+        self.row += 1
         self.latest_us = now.boot_us
         first = self.first
-        if self.behind < SET_BACK_MESSAGES or first is None:
+        if self.row < SET_BACK_MESSAGES or first is None or first.boot_us > self.before_us:
             return None
         span_us, heard_us = now.boot_us - first.boot_us, now.arrival_us - first.arrival_us
-        return first if abs(heard_us - span_us) <= span_us // 2 else None
+        return first if abs(heard_us - span_us) <= span_us // 4 else None
 
 
 @dataclass(slots=True)
@@ -133,17 +138,16 @@ class VehicleClock:
     def _place(
         self, message: str, field: TimeField, raw_us: int, arrival_us: int, *, is_imu: bool = False
     ) -> Placed | Reason:
-        line = self._lines[field]
-        reset = line.advance(raw_us, arrival_us, self.misses_some)
-        if isinstance(reset, Reason):
-            return reset
+        line, stream = self._lines[field], self._streams[field].get(message)
+        reset = None
+        if is_imu and stream is not None:
+            reset = self._set_back(line, stream, raw_us + line.wrapped_us, arrival_us)
+        found = reset or line.advance(raw_us, arrival_us, self.misses_some)
+        if isinstance(found, Reason):
+            return found
         if line.pace.is_off:
             return Reason.CLOCK_PACE
-        boot_us, stream = line.read_us, self._streams[field].get(message)
-        if is_imu and stream is not None and boot_us < stream.boot_us and reset is None:
-            now = Moment(boot_us, arrival_us)
-            first = stream.goes_back(now)
-            reset = None if first is None else line.set_back(first, now)
+        reset, boot_us = found, line.read_us
         if reset is not None:
             self._forget(field)
             stream = None
@@ -158,13 +162,23 @@ class VehicleClock:
         else:
             time_us = self._time_beside(field, boot_us, arrival_us)
         if stream is None:
-            self._streams[field][message] = Stream(time_us, boot_us)
+            self._streams[field][message] = Stream(time_us, boot_us, arrival_us, boot_us)
             return Placed(time_us, boot_us, reset)
         if boot_us <= stream.boot_us:
             return Reason.DUPLICATE if boot_us == stream.boot_us else Reason.OUT_OF_ORDER
         time_us = max(time_us, stream.time_us + 1)  # a learnt offset moved
-        stream.time_us, stream.boot_us, stream.behind = time_us, boot_us, 0
+        stream.before_us, stream.row = stream.boot_us, 0
+        stream.time_us, stream.boot_us, stream.arrival_us = time_us, boot_us, arrival_us
         return Placed(time_us, boot_us, reset)
+
+    @staticmethod
+    def _set_back(line: ClockLine, stream: Stream, boot_us: int, arrival_us: int) -> Reset | None:
+        """How the clock was set back, if a message of a stream shows that."""
+        if not (stream.row or 0 < stream.boot_us - boot_us <= REORDERED_US):  # nearly always
+            return None
+        now = Moment(boot_us, arrival_us)
+        first, last = stream.goes_back(now), Moment(stream.boot_us, stream.arrival_us)
+        return None if first is None else line.set_back(last, first, now)
 
     def _forget(self, field: TimeField) -> None:
         """A clock was reset: what was known of its messages counts no more."""

@@ -295,14 +295,17 @@ def test_a_reboot_in_the_middle_of_a_log_begins_a_new_stretch(kind, tmp_path):
     assert len(times_us) >= len(samples) - 1
 
 
+@pytest.mark.parametrize("ahead", [1, 3])
 @pytest.mark.parametrize("kind", WRITERS)
-def test_samples_out_of_order_are_refused_or_put_in_order(kind, tmp_path):
+def test_samples_out_of_order_are_refused_or_put_in_order(kind, ahead, tmp_path):
+    """One that comes too early, by so many places; the clock was not set back for those behind."""
     samples = [sample for _, sample in flight()]
     for k in range(400, 600, 10):
-        samples[k], samples[k + 1] = samples[k + 1], samples[k]
+        samples.insert(k, samples.pop(k + ahead))
     events = list(open_log(WRITERS[kind](samples, tmp_path)))
+    assert not [event for event in events if isinstance(event, ClockReset)]
     reasons = Counter(event.reason for event in events if isinstance(event, Rejected))
-    assert reasons == ({} if kind == "ulog" else {"out_of_order": 20})
+    assert reasons == ({} if kind == "ulog" else {"out_of_order": 20 * ahead})
 
 
 @pytest.mark.parametrize("kind", ["tlog", "mcap"])
@@ -326,6 +329,27 @@ def test_a_short_leap_beside_steady_arrivals_costs_nothing(step_s, kind, tmp_pat
 def received_ns(k):
     """When a recorder hears the rows of a flight: up to 1 ms late."""
     return round(1e9 * (1.7e9 + k / RATE_HZ)) + 1_000_000 * (k % 7) // 7
+
+
+@pytest.mark.parametrize("keep", [1, 12])  # of the samples: 50 and 4 Hz
+@pytest.mark.parametrize("back_s", [0.05, 0.1, 0.3, 0.6, 0.95])
+def test_a_clock_that_is_set_back_a_little_costs_nothing(back_s, keep, tmp_path):
+    """By two samples and more: less cannot be told from a late one."""
+    samples = [
+        s._replace(time_us=s.time_us + round(S * (100 - back_s * (time_s >= BEGIN_S))))
+        for k, (time_s, s) in enumerate(flight())
+        if k % keep == 0
+    ]
+    period_s = keep / RATE_HZ
+    path = tlog(samples, tmp_path, lambda k: START_US + round(k * S * period_s))
+    events = list(open_log(path))
+    resets = [event for event in events if isinstance(event, ClockReset)]
+    assert len(resets) == (back_s >= 2.0 * period_s)
+    if resets:
+        assert (resets[0].reason, resets[0].goes_on) == ("jump", True)
+        times_us = [event.sample.time_us for event in events if isinstance(event, Imu)]
+        assert {b - a for a, b in pairwise(times_us)} == {round(S * period_s)}
+        assert len(times_us) == len(samples)
 
 
 @pytest.mark.parametrize("late_rows", [1, 2, 12])
