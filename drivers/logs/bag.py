@@ -17,7 +17,7 @@ from typing import Any
 from drivers.events import Event, Malformed
 from drivers.logs.bag_bounds import BoundedPath, bound_bags
 from drivers.logs.log_file import LATEST_US, LogFile
-from drivers.logs.logged_vehicle import dated_vehicle
+from drivers.logs.logged_vehicle import LoggedVehicle, dated_vehicle
 from drivers.logs.mcap_channels import McapChannels, from_json
 from drivers.samples.attitudes import unit_or_none
 from drivers.samples.navigation import Fix
@@ -169,7 +169,7 @@ def _stamp_ns(message: Any) -> int:
 
 def _events(reader: Any, decode: Decode, topics: _Topics) -> Iterator[Event]:
     """All of the bag; a damaged message is counted, and where the bag is damaged it ends."""
-    decoder = None
+    begin_ns, vehicle = 0, None
     hears_arrivals = _hears_arrivals(reader, decode, topics)
     try:
         for connection, recorded_ns, data in reader.messages(topics.connections):
@@ -178,17 +178,20 @@ def _events(reader: Any, decode: Decode, topics: _Topics) -> Iterator[Event]:
                 time_ns = _stamp_ns(message) or recorded_ns
                 if abs(time_ns) >= 1000 * LATEST_US:
                     raise ValueError(f"stamped {time_ns} ns")  # noqa: TRY301 - as the library would
-                if decoder is None:
-                    decoder = _Decoder(topics, time_ns, hears_arrivals=hears_arrivals)
-                events = decoder.decode(connection, time_ns, recorded_ns, message)
+                if vehicle is None:
+                    begin_ns = time_ns
+                    vehicle = dated_vehicle(begin_ns // 1000, hears_arrivals=hears_arrivals)
+                arrival_us = recorded_ns // 1000 if hears_arrivals else None
+                vehicle.at((time_ns - begin_ns) // 1000, arrival_us=arrival_us)
+                events = _told(vehicle, topics, connection, message)
             except Exception:  # noqa: BLE001 - as below
                 events = [Malformed(0, 1)]
             yield from events
     except Exception as error:  # noqa: BLE001 - whatever a damaged file makes of the library
         _log.warning("%s: read no further: %s", reader.path, _words(error))
         yield Malformed(0, 1)
-    if decoder is not None:
-        yield from decoder.vehicle.end()
+    if vehicle is not None:
+        yield from vehicle.end()
 
 
 def _words(error: Exception) -> str:
@@ -196,40 +199,28 @@ def _words(error: Exception) -> str:
     return str(error) or type(error).__name__
 
 
-class _Decoder:
-    """Messages in, events out; times count from ``begin_ns``."""
-
-    def __init__(self, topics: _Topics, begin_ns: int, *, hears_arrivals: bool) -> None:
-        self._begin_ns, self._topics, self._hears_arrivals = begin_ns, topics, hears_arrivals
-        self.vehicle = dated_vehicle(begin_ns // 1000, hears_arrivals=hears_arrivals)
-
-    def decode(self, connection: Any, time_ns: int, recorded_ns: int, message: Any) -> list[Event]:
-        """The events of a message."""
-        arrival_us = recorded_ns // 1000 if self._hears_arrivals else None
-        self.vehicle.at((time_ns - self._begin_ns) // 1000, arrival_us=arrival_us)
-        if connection.msgtype == IMU:
-            return self._imu(connection.topic, message)
-        if connection.msgtype == FIELD:
-            x, y, z = flu_from_frd(_vector(message.magnetic_field))
-            return self.vehicle.put_mag((TESLA * x, TESLA * y, TESLA * z))
+def _told(vehicle: LoggedVehicle, topics: _Topics, connection: Any, message: Any) -> list[Event]:
+    """The events of a message."""
+    if connection.msgtype == FIELD:
+        x, y, z = flu_from_frd(_vector(message.magnetic_field))
+        return vehicle.put_mag((TESLA * x, TESLA * y, TESLA * z))
+    if connection.msgtype == FIX:
         if message.status.status < 0:
             return []
         position = (message.latitude, message.longitude, message.altitude)
-        return self.vehicle.fix(RECEIVER, Fix(position=position))
-
-    def _imu(self, topic: str, message: Any) -> list[Event]:
-        events: list[Event] = []
-        if topic == self._topics.imu:
-            gyr = flu_from_frd(_vector(message.angular_velocity))
-            acc = flu_from_frd(_vector(message.linear_acceleration))
-            events += self.vehicle.imu(topic, gyr, acc)
-        q = message.orientation
-        q_enu_flu = unit_or_none((float(q.w), float(q.x), float(q.y), float(q.z)))
-        is_told = q_enu_flu not in (None, IDENTITY) and message.orientation_covariance[0] != -1.0
-        if topic == self._topics.attitude and is_told and q_enu_flu is not None:
-            name, q_ned_frd = f"{topic}.orientation", ned_frd_from_enu_flu(q_enu_flu)
-            events += self.vehicle.attitude(name, "autopilot", q_ned_frd)
-        return events
+        return vehicle.fix(RECEIVER, Fix(position=position))
+    topic, events = connection.topic, list[Event]()
+    if topic == topics.imu:
+        gyr = flu_from_frd(_vector(message.angular_velocity))
+        acc = flu_from_frd(_vector(message.linear_acceleration))
+        events += vehicle.imu(topic, gyr, acc)
+    q = message.orientation
+    q_enu_flu = unit_or_none((float(q.w), float(q.x), float(q.y), float(q.z)))
+    is_told = q_enu_flu not in (None, IDENTITY) and message.orientation_covariance[0] != -1.0
+    if topic == topics.attitude and is_told and q_enu_flu is not None:
+        name, q_ned_frd = f"{topic}.orientation", ned_frd_from_enu_flu(q_enu_flu)
+        events += vehicle.attitude(name, "autopilot", q_ned_frd)
+    return events
 
 
 def _chosen(connections: Sequence[Any], kind: str, beside: str, *, raw: bool | None = None) -> str:

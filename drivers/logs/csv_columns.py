@@ -59,22 +59,18 @@ class Description(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Columns(NamedTuple):
-    """What is read of a row: rad/s, m/s^2, gauss (FRD), m/s (NED), degrees and m; empty: nothing.
+    """What is read of a row.
 
     The time is in us, or in words (ISO 8601, date and time may stand apart) where its factor is 0.
-    Attitudes are four numbers, w first, or three angles (roll, pitch, yaw) in rad; those that are
-    East-North-Up and FLU are named in ``enu_flu``. Where nobody told the axes they may be others.
-    Nobody vouches for the compass where ``compass_calibrated`` is None.
+    ``parts`` has those of the other quantities that are there, by the names in :data:`KINDS`:
+    rad/s, m/s^2, gauss (FRD), m/s (NED), degrees and m. Attitudes are four numbers, w first, or
+    three angles (roll, pitch, yaw) in rad; those that are East-North-Up and FLU are named in
+    ``enu_flu``. Where nobody told the axes they may be others. Nobody vouches for the compass where
+    ``compass_calibrated`` is None.
     """
 
     time: tuple[Part, ...]
-    gyroscope: tuple[Part, ...]
-    accelerometer: tuple[Part, ...]
-    magnetometer: tuple[Part, ...]
-    position: tuple[Part, ...]
-    velocity: tuple[Part, ...]
-    truth: tuple[Part, ...]
-    autopilot: tuple[Part, ...]
+    parts: dict[str, tuple[Part, ...]]
     enu_flu: frozenset[str]
     doubts_axes: bool
     compass_calibrated: bool | None
@@ -185,7 +181,7 @@ def columns(text: CsvText, told: Description) -> Columns:
         raise InputError(f"axes {unknown[0]!r} of an attitude: must be frd (from NED) or flu (ENU)")
     return Columns(
         time=time,
-        **found,
+        parts={name: parts for name, parts in found.items() if parts},
         enu_flu=frozenset(name for name, axes in world.items() if axes == "flu"),
         doubts_axes=not (told.axes or told.accelerometer.axes),
         compass_calibrated=told.compass_calibrated,

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Literal
 
 from drivers.events import COMPASS_CALIBRATED, Event, Parameter
-from drivers.logs.csv_columns import Columns, Part, columns, description
+from drivers.logs.csv_columns import Part, columns, description
 from drivers.logs.csv_text import CsvText, csv_rows, csv_text
 from drivers.logs.log_file import LATEST_US, LogFile
-from drivers.logs.logged_vehicle import dated_vehicle
+from drivers.logs.logged_vehicle import LoggedVehicle, dated_vehicle
 from drivers.samples.attitudes import quaternion_from_euler, unit_or_none
 from drivers.samples.navigation import Fix
 from estimator.errors import InputError
@@ -18,6 +18,10 @@ from estimator.geometry.frames import ned_frd_from_enu_flu
 from estimator.types import Quaternion, Vec3
 
 STREAM = "CSV"
+ATTITUDES: tuple[tuple[str, Literal["sim", "autopilot"]], ...] = (
+    ("truth", "sim"),
+    ("autopilot", "autopilot"),
+)
 RECEIVER = "GPS"
 HEAD_SIZE = 65_536
 
@@ -43,90 +47,60 @@ class CsvLog(LogFile):
             raise InputError(f"{path}: {error}") from None
 
     def __iter__(self) -> Iterator[Event]:
+        """The events; times count from the first row, also backwards: clocks are set."""
+        begin_us, vehicle = 0, None
         with csv_rows(self.path, self._text, self.on_read) as rows:
-            decoder: _Decoder | None = None
             for row in rows:
                 time_us = None if row is None else _time_us(self._text, row, self._columns.time)
-                if decoder is None:
-                    decoder = _Decoder(self._text, self._columns, time_us or 0)
-                    yield from decoder.head()
-                yield from decoder.decode(time_us, row or [])
-            if decoder is not None:
-                yield from decoder.vehicle.end()
+                if vehicle is None:
+                    begin_us = time_us or 0
+                    vehicle = dated_vehicle(begin_us, doubts_axes=self._columns.doubts_axes)
+                    if (word := self._columns.compass_calibrated) is not None:
+                        about = vehicle.id, vehicle.arrival_us
+                        yield Parameter(*about, COMPASS_CALIBRATED, word)
+                if row is None or time_us is None:
+                    yield vehicle.malformed()
+                else:
+                    vehicle.at(time_us - begin_us)
+                    yield from self._events(vehicle, row)
+            if vehicle is not None:
+                yield from vehicle.end()
 
-
-class _Decoder:
-    """Rows in, events out; times count from the first row, also backwards: clocks are set."""
-
-    def __init__(self, text: CsvText, columns: Columns, begin_us: int) -> None:
-        self._text = text
-        self._columns = columns
-        self._begin_us = begin_us
-        self.vehicle = dated_vehicle(begin_us, doubts_axes=columns.doubts_axes)
-        self._is_whole = True  # whether all that was read of the row so far are numbers
-
-    def head(self) -> list[Event]:
-        """What the description says of the compass."""
-        word = self._columns.compass_calibrated
-        if word is None:
-            return []
-        return [Parameter(self.vehicle.id, self.vehicle.arrival_us, COMPASS_CALIBRATED, word)]
-
-    def decode(self, time_us: int | None, row: Sequence[str]) -> list[Event]:
+    def _events(self, vehicle: LoggedVehicle, row: Sequence[str]) -> Iterator[Event]:
         """The events of a row; what is empty is not there, a row with no number for one counted."""
-        if time_us is None:
-            return [self.vehicle.malformed()]
-        self.vehicle.at(time_us - self._begin_us)
-        self._is_whole = True
-        events = self._events(row)
-        return events if self._is_whole else [*events, self.vehicle.malformed()]
-
-    def _events(self, row: Sequence[str]) -> list[Event]:
-        columns, vehicle, events = self._columns, self.vehicle, list[Event]()
-        velocity, position = self._vector(row, columns.velocity), self._place(row)
-        if velocity is not None or position is not None:
-            events += vehicle.fix(RECEIVER, Fix(velocity, position=position))
-        mag = self._vector(row, columns.magnetometer)
-        if mag is not None:
+        read, is_whole = dict[str, list[float]](), True
+        for name, parts in self._columns.parts.items():
+            try:
+                numbers = [factor * self._text.number(row[i]) for i, factor in parts]
+            except (ValueError, IndexError):
+                is_whole = False
+                continue
+            if not any(map(isnan, numbers)):
+                read[name] = numbers
+        velocity, place = _vector(read.get("velocity")), _vector(read.get("position"))
+        if velocity is not None or place is not None:
+            yield from vehicle.fix(RECEIVER, Fix(velocity, position=place))
+        if (mag := _vector(read.get("magnetometer"))) is not None:
             vehicle.put_mag(mag)
-        gyr, acc = self._vector(row, columns.gyroscope), self._vector(row, columns.accelerometer)
+        gyr, acc = _vector(read.get("gyroscope")), _vector(read.get("accelerometer"))
         if gyr is not None and acc is not None:
-            events += vehicle.imu(STREAM, gyr, acc)
-        events += self._attitude(row, "truth", columns.truth)
-        events += self._attitude(row, "autopilot", columns.autopilot)
-        return events
+            yield from vehicle.imu(STREAM, gyr, acc)
+        for name, source in ATTITUDES:
+            if name in read:
+                q = _quaternion(read[name])
+                if q is not None and name in self._columns.enu_flu:
+                    q = ned_frd_from_enu_flu(q)
+                yield from vehicle.attitude(name, source, q)
+        if not is_whole:
+            yield vehicle.malformed()
 
-    def _attitude(
-        self, row: Sequence[str], name: Literal["truth", "autopilot"], parts: Sequence[Part]
-    ) -> list[Event]:
-        numbers = self._numbers(row, parts)
-        if numbers is None:
-            return []
-        q = _quaternion(numbers)
-        if q is not None and name in self._columns.enu_flu:
-            q = ned_frd_from_enu_flu(q)
-        source: Literal["autopilot", "sim"] = "sim" if name == "truth" else "autopilot"
-        return self.vehicle.attitude(name, source, q)
 
-    def _place(self, row: Sequence[str]) -> Vec3 | None:
-        numbers = self._numbers(row, self._columns.position)
-        if numbers is None:
-            return None
-        latitude_deg, longitude_deg, altitude_m = [*numbers, 0.0][:3]
-        return latitude_deg, longitude_deg, altitude_m
-
-    def _vector(self, row: Sequence[str], parts: Sequence[Part]) -> Vec3 | None:
-        numbers = self._numbers(row, parts)
-        return None if numbers is None else (numbers[0], numbers[1], numbers[2])
-
-    def _numbers(self, row: Sequence[str], parts: Sequence[Part]) -> list[float] | None:
-        """The numbers in those columns; None where one is empty, or is no number."""
-        try:
-            numbers = [factor * self._text.number(row[i]) for i, factor in parts]
-        except (ValueError, IndexError):
-            self._is_whole = False
-            return None
-        return None if not numbers or any(map(isnan, numbers)) else numbers
+def _vector(numbers: list[float] | None) -> Vec3 | None:
+    """Three numbers; a place may have no altitude."""
+    if numbers is None:
+        return None
+    x, y, z = [*numbers, 0.0][:3]
+    return x, y, z
 
 
 def _time_us(text: CsvText, row: Sequence[str], parts: Sequence[Part]) -> int | None:

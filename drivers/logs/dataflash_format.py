@@ -55,7 +55,7 @@ def messages(window: Window, wanted: Collection[str]) -> Iterator[tuple[str, Row
         form = _sound(data, position, formats) if data[position : position + 2] == HEAD else None
         if form is None:
             yield None
-            position = _behind_unreadable(window, position + 1, formats)
+            position = window.find(position + 1, lambda at: _next_sound(window.data, at, formats))
             continue
         if form is FMT:
             if not _learn(formats, form.row(data, position)):
@@ -84,15 +84,6 @@ def _skip(data: bytes, position: int, lengths: dict[int, int]) -> int:
     return position
 
 
-def _behind_unreadable(window: Window, position: int, formats: dict[int, Format]) -> int:
-    """Where the next sound message is, or the end of the data, which may have moved on."""
-    while (found := _next_sound(window.data, position, formats)) == len(window.data):
-        if window.is_last:
-            break
-        position = window.move(max(position, len(window.data) - MARGIN))
-    return found
-
-
 def _sound(data: bytes, position: int, formats: dict[int, Format]) -> Format | None:
     """The format of the message whose head is at ``position``, if all of it is there.
 
@@ -106,13 +97,13 @@ def _sound(data: bytes, position: int, formats: dict[int, Format]) -> Format | N
     return form if end == size or data[end : end + 2] == HEAD else None
 
 
-def _next_sound(data: bytes, position: int, formats: dict[int, Format]) -> int:
-    """Where the next sound message is, or the data's end."""
+def _next_sound(data: bytes, position: int, formats: dict[int, Format]) -> int | None:
+    """Where the next sound message is."""
     while (position := data.find(HEAD, position)) >= 0:
         if _sound(data, position, formats) is not None:
             return position
         position += 1
-    return len(data)
+    return None
 
 
 def _learn(formats: dict[int, Format], row: Row) -> bool:

@@ -47,7 +47,8 @@ class LogFile(Closing):
 class Window:
     """A part of a file in memory, which moves forwards: a log may be larger than the memory.
 
-    ``data`` begins where the last :meth:`move` said; ``is_last`` tells that nothing follows it.
+    ``data`` begins where the last :meth:`move` said, ``offset`` bytes behind the file's start;
+    ``is_last`` tells that nothing follows it.
     """
 
     def __init__(
@@ -56,15 +57,15 @@ class Window:
         self.data = data
         self._file = file
         self._on_read = on_read
-        self._done_with = 0  # bytes
+        self.offset = 0
         self.is_last = file is None
 
     def move(self, position: int) -> int:
         """Forget what is before ``position`` of the data, and read on; where that place is now."""
         kept = self.data[position:]
-        self._done_with += position
+        self.offset += position
         if self._on_read is not None:
-            self._on_read(self._done_with)
+            self._on_read(self.offset)
         try:
             more = b"" if self._file is None else self._file.read(READ_SIZE)
         except OSError as error:
@@ -75,6 +76,15 @@ class Window:
         self.is_last = not more
         self.data = kept + more
         return 0
+
+    def find(self, position: int, start_from: Callable[[int], int | None]) -> int:
+        """Where something begins that ``start_from`` a place of the data finds, or the data's end.
+
+        What begins near the end may go on behind it, so the data move on until it is found.
+        """
+        while (start := start_from(position)) is None and not self.is_last:
+            position = self.move(max(position, len(self.data) - MARGIN))
+        return len(self.data) if start is None else start
 
     def end(self) -> None:
         """Read no further."""

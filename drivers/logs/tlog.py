@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.events import Event, Malformed
-from drivers.logs.log_file import LATEST_US, MARGIN, LogFile, Window, windowed
+from drivers.logs.log_file import LATEST_US, LogFile, Window, windowed
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.dialect import mavlink
 from drivers.mavlink.fields import FieldReader
@@ -127,7 +127,8 @@ class TlogRecords:
         position, stamp_us = 0, 0
         while True:
             if self._window.is_near_end(position):
-                position = self._move(position)
+                position = self._window.move(position)
+                self._data = self._window.data
             if position + STAMP_SIZE >= len(self._data):
                 return
             end = self._record_end(position)
@@ -142,11 +143,6 @@ class TlogRecords:
                 stamp_us = self._stamp_us(position)
                 yield stamp_us, frame
             position = end
-
-    def _move(self, position: int) -> int:
-        position = self._window.move(position)
-        self._data = self._window.data
-        return position
 
     def readable(self) -> Iterator[tuple[int, Frame]]:
         """The records without the unreadable ones."""
@@ -165,14 +161,14 @@ class TlogRecords:
         """The next record behind an unreadable one that claims to end at ``end``."""
         if end is not None and self._format.is_followed(self._data, end):
             return end
-        while True:
-            start = self._format.next_start(self._data, position + 1 + STAMP_SIZE)
-            if start is not None:
-                return start - STAMP_SIZE
-            if self._window.is_last:
-                return len(self._data)
-            # a frame that begins near the end may go on behind it
-            position = self._move(max(position, len(self._data) - MARGIN))
+        found = self._window.find(position + 1, self._next_record)
+        self._data = self._window.data
+        return found
+
+    def _next_record(self, position: int) -> int | None:
+        """Where the record of the next sound frame begins, from there on."""
+        start = self._format.next_start(self._window.data, position + STAMP_SIZE)
+        return None if start is None else start - STAMP_SIZE
 
 
 def _first_stamp_us(window: Window) -> int:

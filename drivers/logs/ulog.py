@@ -27,30 +27,10 @@ IMU_TOPICS = ("sensor_combined", "vehicle_imu")  # the first that is there is us
 MAG_TOPICS = ("vehicle_magnetometer", "sensor_mag")
 TRUTH_TOPIC = "vehicle_attitude_groundtruth"
 GPS_TOPICS = ("vehicle_gps_position", "sensor_gps")
-GPS_FIELDS = (
-    *("fix_type", "time_utc_usec", "vel_n_m_s", "vel_e_m_s", "vel_d_m_s", "s_variance_m_s"),
-    *("latitude_deg", "longitude_deg", "altitude_msl_m"),
-    *("lat", "lon", "alt"),  # until 2023
-)
-FIELDS = {
-    "sensor_combined": ("gyro_rad", "accelerometer_m_s2"),
-    "vehicle_imu": ("delta_angle", "delta_velocity", "delta_angle_dt", "delta_velocity_dt"),
-    "vehicle_magnetometer": ("magnetometer_ga",),
-    "sensor_mag": ("x", "y", "z"),
-    "vehicle_attitude": ("q",),
-    TRUTH_TOPIC: ("q",),
-    "vehicle_local_position": ("vx", "vy", "vz", "v_xy_valid", "v_z_valid", "dead_reckoning"),
-    "estimator_status": ("solution_status_flags", "vel_test_ratio"),
-    "estimator_selector_status": ("primary_instance",),
-    "vehicle_status": ("arming_state",),
-    "vehicle_gps_position": GPS_FIELDS,
-    "sensor_gps": GPS_FIELDS,
-}
 ARMING_STATE_ARMED = 2
 CHOICES = (IMU_TOPICS, MAG_TOPICS, GPS_TOPICS)
 FIRST_TOPICS = {choice[0] for choice in CHOICES}
 DAMAGE = ""  # stands in a topic's place
-WANTED = {topic: frozenset((*TIMES, *fields)) for topic, fields in FIELDS.items()}
 LONGEST_LOG_US = 7 * 86_400 * 1_000_000  # times further from the beginning's middle are garbage
 MOST_HELD = 1 << 14  # rows: so many later ones are known when one is used; some 10 s
 
@@ -81,7 +61,7 @@ class Ulog(LogFile):
                         yield vehicle.malformed()
                     else:
                         fields = log.tables[row.topic].row(row.body)
-                        yield from vehicle.decode(HANDLERS[row.topic], row.topic, fields)
+                        yield from vehicle.decode(TOPICS[row.topic].events, row.topic, fields)
                 yield from vehicle.end()
         except ValueError as error:
             raise InputError(f"{self.path}: cannot read this ULog, {error}") from error
@@ -125,12 +105,11 @@ def _vehicle_imu(vehicle: LoggedVehicle, topic: str, row: Row) -> list[Event]:
     return vehicle.imu(topic, gyr, acc)
 
 
-def _vehicle_magnetometer(vehicle: LoggedVehicle, _topic: str, row: Row) -> list[Event]:
-    return vehicle.put_mag(_vector(row, "magnetometer_ga[{}]"))
-
-
-def _sensor_mag(vehicle: LoggedVehicle, _topic: str, row: Row) -> list[Event]:
-    return vehicle.put_mag((row["x"], row["y"], row["z"]))
+def _mag(vehicle: LoggedVehicle, _topic: str, row: Row) -> list[Event]:
+    is_raw = "x" in row  # the driver's own topic
+    return vehicle.put_mag(
+        (row["x"], row["y"], row["z"]) if is_raw else _vector(row, "magnetometer_ga[{}]")
+    )
 
 
 def _attitude(vehicle: LoggedVehicle, topic: str, row: Row) -> list[Event]:
@@ -174,20 +153,35 @@ def _gps(vehicle: LoggedVehicle, topic: str, row: Row) -> list[Event]:
     return vehicle.fix(topic, Fix(velocity, sigma_m_s=sigma_m_s, position=_position(row)))
 
 
-HANDLERS: dict[str, Callable[[LoggedVehicle, str, Row], list[Event]]] = {
-    "sensor_combined": _sensor_combined,
-    "vehicle_imu": _vehicle_imu,
-    "vehicle_magnetometer": _vehicle_magnetometer,
-    "sensor_mag": _sensor_mag,
-    "vehicle_attitude": _attitude,
-    TRUTH_TOPIC: _attitude,
-    "vehicle_local_position": _local_position,
-    "estimator_status": _estimator_status,
-    "estimator_selector_status": _selector_status,
-    "vehicle_status": _status,
-    "vehicle_gps_position": _gps,
-    "sensor_gps": _gps,
+class Topic(NamedTuple):
+    """What is read of a topic: what makes events of a row, and the fields."""
+
+    events: Callable[[LoggedVehicle, str, Row], list[Event]]
+    fields: tuple[str, ...]
+
+
+DELTAS = ("delta_angle", "delta_velocity", "delta_angle_dt", "delta_velocity_dt")
+VELOCITY = ("vx", "vy", "vz", "v_xy_valid", "v_z_valid", "dead_reckoning")
+STATUS = ("solution_status_flags", "vel_test_ratio")
+GPS = (
+    *("fix_type", "time_utc_usec", "vel_n_m_s", "vel_e_m_s", "vel_d_m_s", "s_variance_m_s"),
+    *("latitude_deg", "longitude_deg", "altitude_msl_m"),
+    *("lat", "lon", "alt"),  # until 2023
+)
+TOPICS = {
+    "sensor_combined": Topic(_sensor_combined, ("gyro_rad", "accelerometer_m_s2")),
+    "vehicle_imu": Topic(_vehicle_imu, DELTAS),
+    "vehicle_magnetometer": Topic(_mag, ("magnetometer_ga",)),
+    "sensor_mag": Topic(_mag, ("x", "y", "z")),
+    "vehicle_attitude": Topic(_attitude, ("q",)),
+    TRUTH_TOPIC: Topic(_attitude, ("q",)),
+    "vehicle_local_position": Topic(_local_position, VELOCITY),
+    "estimator_status": Topic(_estimator_status, STATUS),
+    "estimator_selector_status": Topic(_selector_status, ("primary_instance",)),
+    "vehicle_status": Topic(_status, ("arming_state",)),
+    **dict.fromkeys(GPS_TOPICS, Topic(_gps, GPS)),
 }
+WANTED = {name: frozenset((*TIMES, *topic.fields)) for name, topic in TOPICS.items()}
 
 
 def _look_over(log: UlogReader) -> _Overview:

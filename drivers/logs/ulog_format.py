@@ -15,7 +15,7 @@ from enum import IntEnum
 from struct import Struct, error
 from typing import Any, NamedTuple
 
-from drivers.logs.log_file import LATEST_US, MARGIN, Window
+from drivers.logs.log_file import LATEST_US, Window
 
 MAGIC = b"ULog\x01\x12\x35"
 FILE_HEAD_SIZE = 16
@@ -119,7 +119,6 @@ class UlogReader:
         self.parameters: dict[str, float] = {}
         self._window = window
         self._data = window.data
-        self._moved = 0  # bytes of the file before them
         self._wanted = wanted
         self._formats: dict[str, tuple[Field, ...]] = {}
         self._sizes: dict[str, int] = {}
@@ -138,7 +137,8 @@ class UlogReader:
         position = FILE_HEAD_SIZE
         while True:
             if self._window.is_near_end(position):
-                position = self._move(position)
+                position = self._window.move(position)
+                self._data = self._window.data
                 continue
             if position >= len(self._data):
                 return
@@ -159,17 +159,14 @@ class UlogReader:
                 yield None
                 position = self._next_sound(position)
 
-    def _move(self, position: int) -> int:
-        """Read on from there; where that place is now."""
-        self._moved += position
-        moved = self._window.move(position)
-        self._data = self._window.data
-        return moved
-
     def _cut(self, position: int, end: int | None) -> int | None:
         """Where data were appended before the message at ``position`` ends; None if nowhere."""
         stop = len(self._data) if end is None else end
-        cuts = [at - self._moved for at in self._breaks if position < at - self._moved < stop]
+        cuts = [
+            at - self._window.offset
+            for at in self._breaks
+            if position < at - self._window.offset < stop
+        ]
         return min(cuts, default=None)
 
     def _end(self, position: int) -> int | None:
@@ -183,7 +180,7 @@ class UlogReader:
     def _begins_message(self, position: int) -> bool:
         if position + HEAD.size > len(self._data):
             return True  # the data end here, and nothing says otherwise
-        is_break = position + self._moved in self._breaks or self._is_another_log(position)
+        is_break = position + self._window.offset in self._breaks or self._is_another_log(position)
         return is_break or self._data[position + 2] in KNOWN_TYPES
 
     def _is_another_log(self, position: int) -> bool:
@@ -191,22 +188,25 @@ class UlogReader:
         return self._data[position : position + len(MAGIC)] == MAGIC
 
     def _next_sound(self, position: int) -> int:
-        """Where the next message is that shows by its body that it is one, or the data's end."""
+        """Where to go on behind damage: at the next sure message, or the data's end."""
         if self._is_another_log(position):
             self._window.end()
             return len(self._data)
-        begin = position + 1
-        while True:
-            for found in TELLING_TYPES.finditer(self._data, begin + 2):
-                start = found.start() - 2
-                if self._window.is_near_end(start):
-                    break
-                end = self._end(start)
-                if end is not None and self._is_sound(start, end) and self._begins_message(end):
-                    return start
-            if self._window.is_last:
-                return len(self._data)
-            begin = self._move(max(begin, len(self._data) - MARGIN))
+        found = self._window.find(position + 1, self._next_telling)
+        self._data = self._window.data
+        return found
+
+    def _next_telling(self, position: int) -> int | None:
+        """Where the next message is that shows by its body that it is one."""
+        self._data = self._window.data
+        for found in TELLING_TYPES.finditer(self._data, position + 2):
+            start = found.start() - 2
+            if self._window.is_near_end(start):
+                return None
+            end = self._end(start)
+            if end is not None and self._is_sound(start, end) and self._begins_message(end):
+                return start
+        return None
 
     def _is_sound(self, position: int, end: int) -> bool:
         data, start = self._data, position + HEAD.size
