@@ -25,6 +25,7 @@ WRAP_32_US = 2**32
 # So many messages of a stream in a row, the first behind what came before but in order among
 # themselves, are those of a clock that was set back.
 SET_BACK_MESSAGES = 3
+TICK_US = 1_000  # of the coarsest clock
 MOST_US = 1 << 53  # 285 years: a time beyond is garbage, and counts as this
 
 
@@ -69,10 +70,11 @@ class Stream:
         self.row += 1
         self.latest_us = now.boot_us
         first = self.first
-        if self.row < SET_BACK_MESSAGES or first is None or first.boot_us > self.before_us:
+        if self.row < SET_BACK_MESSAGES or first is None:
             return None
         span_us, heard_us = now.boot_us - first.boot_us, now.arrival_us - first.arrival_us
-        return first if abs(heard_us - span_us) <= span_us // 4 else None
+        is_steady = abs(heard_us - span_us) <= span_us // 4
+        return first if is_steady and first.boot_us <= self.before_us + TICK_US else None
 
 
 @dataclass(slots=True)
@@ -140,7 +142,7 @@ class VehicleClock:
     ) -> Placed | Reason:
         line, stream = self._lines[field], self._streams[field].get(message)
         reset = None
-        if is_imu and stream is not None:
+        if stream is not None and (is_imu or field is not self._primary):
             reset = self._set_back(line, stream, raw_us + line.wrapped_us, arrival_us)
         found = reset or line.advance(raw_us, arrival_us, self.misses_some)
         if isinstance(found, Reason):
@@ -204,8 +206,10 @@ class VehicleClock:
 
     def _cut_out(self, reset: Reset, boot_us: int) -> None:
         """Let the line of time go on across a reset of its own clock, up to a message."""
-        cut_us = CUT_STEP_US if reset.elapsed_us is None else max(reset.elapsed_us, 1)
-        self._shift_us = self._latest_us + cut_us - (boot_us - reset.since_us)
+        if reset.elapsed_us is not None:
+            self._shift_us += max(reset.elapsed_us, 1) - reset.step_us
+        else:
+            self._shift_us = self._latest_us + CUT_STEP_US - (boot_us - reset.since_us)
         self._offsets = [ClockOffset() for _ in TimeField]
 
     def _time_beside(self, field: TimeField, boot_us: int, arrival_us: int) -> int:
