@@ -141,16 +141,19 @@ class VehicleClock:
         self, message: str, field: TimeField, raw_us: int, arrival_us: int, *, is_imu: bool = False
     ) -> Placed | Reason:
         line, stream = self._lines[field], self._streams[field].get(message)
-        reset = None
-        if stream is not None and (is_imu or field is not self._primary):
-            reset = self._set_back(line, stream, raw_us + line.wrapped_us, arrival_us)
-        found = reset or line.advance(raw_us, arrival_us, self.misses_some)
-        if isinstance(found, Reason):
-            return found
-        if line.pace.is_off:
+        found: Reason | Reset | None = None
+        if stream is not None and (stream.row or raw_us + line.wrapped_us < stream.boot_us):
+            may_tell = is_imu or field is not self._primary
+            found = self._set_back(line, stream, raw_us, arrival_us) if may_tell else None
+        if found is None:
+            found = line.advance(raw_us, arrival_us, self.misses_some)
+        boot_us, reset = line.read_us, None
+        if line.pace.is_off and not isinstance(found, Reason):
             return Reason.CLOCK_PACE
-        reset, boot_us = found, line.read_us
-        if reset is not None:
+        if found is not None:
+            if isinstance(found, Reason):
+                return found
+            reset = found
             self._forget(field)
             stream = None
             if field is self._primary:
@@ -174,13 +177,13 @@ class VehicleClock:
         return Placed(time_us, boot_us, reset)
 
     @staticmethod
-    def _set_back(line: ClockLine, stream: Stream, boot_us: int, arrival_us: int) -> Reset | None:
+    def _set_back(line: ClockLine, stream: Stream, raw_us: int, arrival_us: int) -> Reset | None:
         """How the clock was set back, if a message of a stream shows that."""
-        if not (stream.row or 0 < stream.boot_us - boot_us <= REORDERED_US):  # nearly always
+        now, last = Moment(raw_us + line.wrapped_us, arrival_us), stream.boot_us
+        if not stream.row and last - now.boot_us > REORDERED_US:
             return None
-        now = Moment(boot_us, arrival_us)
-        first, last = stream.goes_back(now), Moment(stream.boot_us, stream.arrival_us)
-        return None if first is None else line.set_back(last, first, now)
+        first = stream.goes_back(now)
+        return first and line.set_back(Moment(last, stream.arrival_us), first, now)
 
     def _forget(self, field: TimeField) -> None:
         """A clock was reset: what was known of its messages counts no more."""
