@@ -60,6 +60,13 @@ class Stream:
     first: Moment | None = None  # of those, and the time of the latest
     latest_us: int = 0
 
+    def go_on(self, time_us: int, boot_us: int, arrival_us: int) -> int:
+        """The next message is placed; where, since times only ever grow."""
+        self.before_us, self.row = self.boot_us, 0
+        self.boot_us, self.arrival_us = boot_us, arrival_us
+        self.time_us = max(time_us, self.time_us + 1)  # a learnt offset moved
+        return self.time_us
+
     def goes_back(self, now: Moment) -> Moment | None:
         """The first of a row up to this message that a clock which was set back would make.
 
@@ -147,34 +154,23 @@ class VehicleClock:
             found = self._set_back(line, stream, raw_us, arrival_us) if may_tell else None
         if found is None:
             found = line.advance(raw_us, arrival_us, self.misses_some)
-        boot_us, reset = line.read_us, None
-        if line.pace.is_off and not isinstance(found, Reason):
+        if isinstance(found, Reason):
+            return found
+        if line.pace.is_off:
             return Reason.CLOCK_PACE
+        boot_us = line.read_us
         if found is not None:
-            if isinstance(found, Reason):
-                return found
-            reset = found
-            self._forget(field)
             stream = None
-            if field is self._primary:
-                self._cut_out(reset, boot_us)
-        if field is self._primary:
-            time_us = boot_us + self._shift_us
-            self._waiting.clear()
-            self._latest_us = max(self._latest_us, time_us)
-        elif field in self._waiting:
+            self._begin_anew(field, found, boot_us)
+        time_us = self._time(field, boot_us, arrival_us)
+        if time_us is None:
             return Reason.NO_CLOCK
-        else:
-            time_us = self._time_beside(field, boot_us, arrival_us)
         if stream is None:
             self._streams[field][message] = Stream(time_us, boot_us, arrival_us, boot_us)
-            return Placed(time_us, boot_us, reset)
+            return Placed(time_us, boot_us, found)
         if boot_us <= stream.boot_us:
             return Reason.DUPLICATE if boot_us == stream.boot_us else Reason.OUT_OF_ORDER
-        time_us = max(time_us, stream.time_us + 1)  # a learnt offset moved
-        stream.before_us, stream.row = stream.boot_us, 0
-        stream.time_us, stream.boot_us, stream.arrival_us = time_us, boot_us, arrival_us
-        return Placed(time_us, boot_us, reset)
+        return Placed(stream.go_on(time_us, boot_us, arrival_us), boot_us, None)
 
     @staticmethod
     def _set_back(line: ClockLine, stream: Stream, raw_us: int, arrival_us: int) -> Reset | None:
@@ -185,11 +181,22 @@ class VehicleClock:
         first = stream.goes_back(now)
         return first and line.set_back(Moment(last, stream.arrival_us), first, now)
 
-    def _forget(self, field: TimeField) -> None:
-        """A clock was reset: what was known of its messages counts no more."""
+    def _begin_anew(self, field: TimeField, reset: Reset, boot_us: int) -> None:
+        """A clock was reset, as a message shows: what was known of its messages counts no more."""
         self._offsets[field] = ClockOffset()
         self._waiting.add(field)
         self._streams[field].clear()
+        if field is self._primary:
+            self._cut_out(reset, boot_us)
+
+    def _time(self, field: TimeField, boot_us: int, arrival_us: int) -> int | None:
+        """A message's place on the line of time; None while nobody can tell."""
+        if field is self._primary:
+            time_us = boot_us + self._shift_us
+            self._waiting.clear()
+            self._latest_us = max(self._latest_us, time_us)
+            return time_us
+        return None if field in self._waiting else self._time_beside(field, boot_us, arrival_us)
 
     def _choose_line(self, field: TimeField, raw_us: int, arrival_us: int) -> None:
         """Let the clock of an IMU message make the line of time, if it is to from now on.
