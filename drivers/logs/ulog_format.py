@@ -68,13 +68,6 @@ class Field(NamedTuple):
     name: str
 
 
-class Layout(NamedTuple):
-    """Where a topic's wanted fields are in its rows, as a format of ``struct``."""
-
-    names: tuple[str, ...]
-    codes: str
-
-
 class Found(NamedTuple):
     """A row of a topic, as it is in the file, and its time."""
 
@@ -86,17 +79,16 @@ class Found(NamedTuple):
 UNWANTED = Found(0, "", b"")
 
 
-class Table:
-    """What the rows of a topic hold."""
+class Table(NamedTuple):
+    """Where a topic's wanted fields are in its rows; elements of arrays are ``name[0]`` ..."""
 
-    def __init__(self, topic: str, layout: Layout) -> None:
-        self.topic = topic
-        self._names = layout.names
-        self._struct = Struct(layout.codes)
+    topic: str
+    names: tuple[str, ...]
+    layout: Struct
 
     def row(self, body: bytes) -> Row:
-        """The wanted fields of a row, by name; elements of arrays are ``name[0]`` ..."""
-        return dict(zip(self._names, self._struct.unpack_from(body), strict=True))
+        """The wanted fields of a row, by name."""
+        return dict(zip(self.names, self.layout.unpack_from(body), strict=True))
 
     def found(self, body: bytes) -> Found | None:
         """A row with its time; None if it has none."""
@@ -268,15 +260,12 @@ class UlogReader:
         self._row_sizes[number] = range(size - self._padding(name), size + 1)
         self._subscribed[number] = None
         if name in self._wanted and instance == 0:
-            self._subscribed[number] = self._table(name)
+            if name not in self.tables:
+                self.tables[name] = self._table(name, self._wanted[name])
+            self._subscribed[number] = self.tables[name]
         return True
 
-    def _table(self, name: str) -> Table:
-        if name not in self.tables:
-            self.tables[name] = Table(name, self._layout(name, self._wanted[name]))
-        return self.tables[name]
-
-    def _layout(self, name: str, wanted: frozenset[str]) -> Layout:
+    def _table(self, name: str, wanted: frozenset[str]) -> Table:
         names: list[str] = []
         codes: list[str] = []
         needed = 0  # how much of the row: up to the last wanted field, the rest may be missing
@@ -287,7 +276,7 @@ class UlogReader:
                 needed = len(codes)
             else:
                 codes.append(f"{(self._size(kind) or 0) * (elements or 1)}x")
-        return Layout(tuple(names), "<" + "".join(codes[:needed]))
+        return Table(name, tuple(names), Struct("<" + "".join(codes[:needed])))
 
     def _padding(self, name: str) -> int:
         """Bytes at the end of a row that may be left out."""

@@ -6,6 +6,7 @@ without any I/O, and unpacks only what somebody wants. What a message says stand
 both sides.
 """
 
+from collections import OrderedDict
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -45,7 +46,6 @@ FRD_AUTOPILOTS = (mav.MAV_AUTOPILOT_ARDUPILOTMEGA, mav.MAV_AUTOPILOT_PX4)  # kno
 MOST_SENDERS = PLACES  # addresses remembered at once; each takes 9 kB
 # When all places are taken, one that has been silent for so long may lose its own to a new one
 SILENT_US = 5_000_000
-LOOK_US = 1_000_000  # who they are is looked for no more often
 
 # Messages of other IMUs than the one in use are decoded once that has been silent for so long
 IMU_SILENT_US = 500_000
@@ -101,10 +101,9 @@ class MavlinkDecoder:
     def __init__(self, *, references: bool = True, texts: bool = False) -> None:
         self.imu_in_use: Callable[[VehicleId], str | None] | None = None
         self._reader = FieldReader()
-        self._senders: dict[tuple[int, int], _Sender] = {}
-        self._looked_us: int | None = None  # for those who may give their places, with their times:
-        self._idle: list[tuple[_Sender, int]] = []  # no IMU; the last one was heard first
-        self._silent: list[tuple[_Sender, int]] = []
+        # those with an IMU and those without, of each first who has been silent for longest
+        self._flying: OrderedDict[tuple[int, int], _Sender] = OrderedDict()
+        self._idle: OrderedDict[tuple[int, int], _Sender] = OrderedDict()
         self._parameters = WaitingParameters()
         self._references = references
         self._handlers: dict[int, Callable[[_Sender, Any, int], list[Event]]] = {
@@ -128,15 +127,29 @@ class MavlinkDecoder:
         """The events in one frame that arrived at ``arrival_us`` (Unix time, us)."""
         if frame.message_id not in self.wanted:
             return []
-        sender = self._senders.get((frame.system_id, frame.component_id))
-        if sender is None:
-            return self._meet(frame, arrival_us)
+        address = (frame.system_id, frame.component_id)
+        sender = self._flying.get(address)
+        if sender is not None:
+            self._flying.move_to_end(address)
+            sender.note(frame, arrival_us)
+            return self._events(sender, frame, arrival_us)
+        met = [] if address in self._idle else self._meet(frame, arrival_us)
+        if address not in self._idle:
+            return met
+        sender = self._idle[address]
+        self._idle.move_to_end(address)
         sender.note(frame, arrival_us)
-        return self._events(sender, frame, arrival_us)
+        events = met + self._events(sender, frame, arrival_us)
+        if sender.intake.has_imu:
+            self._flying[address] = self._idle.pop(address)
+        return events
 
     def end(self) -> list[Event]:
         """No frame comes any more: the events of what has waited for more."""
-        return [event for sender in self._senders.values() for event in sender.intake.end()]
+        return [event for sender in self._known() for event in sender.intake.end()]
+
+    def _known(self) -> list[_Sender]:
+        return [*self._flying.values(), *self._idle.values()]
 
     def _events(self, sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:
         if frame.message_id == mav.AUTOPILOT_VERSION_ID:
@@ -177,60 +190,27 @@ class MavlinkDecoder:
         return [] if sender.motion is None else [BuiltIn(sender.id, arrival_us, sender.motion)]
 
     def _meet(self, frame: Frame, arrival_us: int) -> list[Event]:
-        """The events of a new sender; none if there are too many for a link of real ones."""
+        """Give a new sender a place, if there is one; too many are no link of real ones."""
         gone: list[Event] = []
-        if len(self._senders) >= MOST_SENDERS:
-            silent = self._longest_silent(arrival_us, brings_imu=frame.message_id in IMU_MESSAGES)
-            if silent is None:
+        if len(self._flying) + len(self._idle) >= MOST_SENDERS:
+            left = self._make_room(arrival_us, brings_imu=frame.message_id in IMU_MESSAGES)
+            if left is None:
                 return _turned_away(frame, arrival_us)
-            del self._senders[silent]
-            gone = [Forgotten(silent, arrival_us)]
+            gone = [Forgotten(left, arrival_us)]
         address = VehicleId(frame.system_id, frame.component_id)
-        sender = self._senders[address] = _Sender(address, takes_references=self._references)
-        sender.note(frame, arrival_us)
-        return gone + self._events(sender, frame, arrival_us)
+        self._idle[address] = _Sender(address, takes_references=self._references)
+        return gone
 
-    def _longest_silent(self, now_us: int, *, brings_imu: bool) -> VehicleId | None:
-        """The sender that loses its place; first those without an IMU, so vehicles stay in a flood.
+    def _make_room(self, now_us: int, *, brings_imu: bool) -> VehicleId | None:
+        """Who loses its place; first those without an IMU, so vehicles stay in a flood.
 
         To one that ``brings_imu`` those without give way even if they are not silent.
-
-        All are looked at once a second at most: no flood of newcomers costs a search each.
         """
-        looked_us = self._looked_us
-        may_look = looked_us is None or not 0 <= now_us - looked_us < LOOK_US
-        found = None
-        if self._idle or not may_look:
-            found = self._next_to_leave(now_us, brings_imu=brings_imu)
-        if found is None and may_look:
-            self._look_for_leavers(now_us)
-            found = self._next_to_leave(now_us, brings_imu=brings_imu)
-        return found
-
-    def _look_for_leavers(self, now_us: int) -> None:
-        self._looked_us = now_us
-        known = sorted(self._senders.values(), key=lambda each: each.intake.heard_us)
-        known.reverse()
-        self._idle = [(each, each.intake.heard_us) for each in known if not each.intake.has_imu]
-        self._silent = [
-            (each, each.intake.heard_us)
-            for each in known
-            if each.intake.has_imu and now_us - each.intake.heard_us >= SILENT_US
-        ]
-
-    def _next_to_leave(self, now_us: int, *, brings_imu: bool) -> VehicleId | None:
-        """Of those that were found at the last look who has been silent for longest, and is yet."""
-        for waiting, is_due in ((self._idle, brings_imu), (self._silent, False)):
-            while waiting:
-                sender, heard_us = waiting[-1]
-                if not is_due and now_us - heard_us < SILENT_US:
-                    break  # the others were heard later
-                waiting.pop()
-                is_as_it_was = self._senders.get(sender.id) is sender and sender.intake.has_imu == (
-                    waiting is self._silent
-                )
-                if is_as_it_was and (is_due or heard_us == sender.intake.heard_us):
-                    return sender.id
+        for senders, gives_way in ((self._idle, brings_imu), (self._flying, False)):
+            first = next(iter(senders.values()), None)
+            if first is not None and (gives_way or now_us - first.intake.heard_us >= SILENT_US):
+                del senders[first.id]
+                return first.id
         return None
 
     def _param_value(self, sender: _Sender, m: Any, arrival_us: int) -> list[Event]:
@@ -239,12 +219,12 @@ class MavlinkDecoder:
         if address is None:
             self._parameters.hold(sender.id.system_id, value)
             return []
-        autopilot = self._senders[address.system_id, address.component_id].autopilot
+        autopilot = (self._flying.get(address) or self._idle[address]).autopilot
         return [Parameter(address, arrival_us, value.name, value.value(autopilot))]
 
     def _autopilots(self) -> list[VehicleId]:
         """Who has said so, or sends IMU data."""
-        known = self._senders.values()
+        known = self._known()
         return [each.id for each in known if each.autopilot is not None or each.intake.has_imu]
 
     def _heartbeat(self, sender: _Sender, m: Any, arrival_us: int) -> list[Event]:

@@ -15,6 +15,9 @@ JUMP_US = 5 * SECOND_US  # real gaps agree with arrivals within 4 s (p99 of late
 # While messages arrive steadily, and none is missing, as little as that is a leap of the clock.
 # Where a fresher copy takes over some are missing, unless it is 256: so many are numbered.
 LEAP_US, LONGEST_LEAP_US = SECOND_US // 2, 4 * SECOND_US
+# Set back by less nobody has it. One that was set back may be set forwards again: half as much is a
+# leap then.
+LEAST_BACK_US = SECOND_US // 25
 BOOT_US = 10 * SECOND_US  # an autopilot that starts sends its first messages by then
 LATENESS_LIMIT_US = 30 * SECOND_US  # a sample may be held back this long; seen: 14 s
 LOST_TIME_US = 60 * SECOND_US  # arrivals show that much more time passed: another session
@@ -132,6 +135,7 @@ class ClockLine:
     floor_us: int = 0  # the smallest arrival minus boot time, with drift
     candidate: Moment | None = None  # a message that stepped away, to be confirmed
     beside: Moment | None = None  # the last message of another line
+    leap_us: int = LEAP_US  # what is a leap where arrivals are steady
     pace: ClockPace = field(default_factory=ClockPace)
 
     def advance(self, raw_us: int, arrival_us: int, misses_some: bool) -> Reason | Reset | None:
@@ -146,7 +150,7 @@ class ClockLine:
             self.is_started = True
             self._restart(Moment(raw_us, arrival_us))
             return None
-        is_ordinary = 0 < boot_us - self.boot_us <= LEAP_US
+        is_ordinary = 0 < boot_us - self.boot_us <= self.leap_us
         if is_ordinary and self.candidate is None and not self.pace.off_seconds:
             self._accept(boot_us, arrival_us)
             return None
@@ -171,10 +175,11 @@ class ClockLine:
 
         None where they may just be late.
         """
-        if self.hears_arrivals and not self.pace.is_steady:
+        back_us = first.arrival_us - last.arrival_us - (first.boot_us - last.boot_us)
+        if back_us < LEAST_BACK_US or (self.hears_arrivals and not self.pace.is_steady):
             return None
         self.boot_us, self.arrival_us = last
-        self.read_us = now.boot_us
+        self.read_us, self.leap_us = now.boot_us, min(self.leap_us, back_us // 2)
         return self._reset(first, now)
 
     def _confirm(self, new: Moment) -> Reason | Reset:
@@ -223,7 +228,7 @@ class ClockLine:
 
     def _is_step(self, step_us: int, elapsed_us: int) -> bool:
         """Whether a step of the clock is none that messages and gaps make."""
-        if 0 <= step_us <= LEAP_US:
+        if 0 <= step_us <= self.leap_us:
             return False
         if step_us < -REORDERED_US:
             return True
@@ -231,7 +236,7 @@ class ClockLine:
         late_us = self.arrival_us - self.boot_us - self.floor_us
         if ahead_us > JUMP_US + min(late_us, LATENESS_LIMIT_US):
             return True
-        if LEAP_US + late_us < ahead_us < LONGEST_LEAP_US and self._is_steady():
+        if self.leap_us + late_us < ahead_us < LONGEST_LEAP_US and self._is_steady():
             return True
         return step_us > ORDINARY_STEP_US and -ahead_us > LOST_TIME_US
 

@@ -127,7 +127,9 @@ class ImuStream:
             return refusal
         if self._faults.mag_is_stuck:
             mag = ZERO_VEC3
-        return Reading(raw_us, arrival_us, gyr, acc, Field(mag, field.number))
+        if mag is not field.gauss:
+            field = Field(mag, field.number)
+        return Reading(raw_us, arrival_us, gyr, acc, field)
 
     def place(
         self,
@@ -141,7 +143,7 @@ class ImuStream:
         if isinstance(placed, Reason):
             return self._refuse(reading, placed)
         if placed.reset is None:
-            events = self.end()
+            events = self.end() if self._held else []
         else:
             held, self._held = self._held, []
             events = resets

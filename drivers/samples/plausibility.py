@@ -2,6 +2,7 @@
 
 import math
 from collections import deque
+from typing import NamedTuple
 
 from estimator.live.refusal import ACC_LIMIT_M_S2, RATE_LIMIT_RAD_S
 from estimator.reasons import Reason
@@ -13,19 +14,36 @@ ALTITUDES_M = (-12_000.0, 1_000_000.0)  # from the deepest sea to space
 
 SPACING_US = 200_000  # a window must outlast a flip or a fall, at any rate
 WINDOW_SAMPLES = 50  # magnitudes are judged by their median over this many
-FIRST_LOOK_SAMPLES = 20
-ACC_AT_REST_G = (0.5, 2.0)
-GYR_RANGE_RAD_S = math.radians(2000.0)  # the range of common MEMS gyroscopes
-MAG_RANGE_GAUSS = (0.05, 5.0)  # the Earth's is 0.25..0.65; scale and hard iron are often off
+FIRST_LOOK_SAMPLES, LEAST_SAMPLES = 20, 5
 UNIT_LIMIT_GAUSS = 1e6  # no field in another unit, but a number that stands for none
-UPWARD_G = 0.5  # of an accelerometer's z, which is about -1 g where axes are FRD
 
-WRONG_UNIT = "wrong unit or scale?"
 AXES_COMPLAINT = (
     "accelerometer z is positive: upside down, or axes other than FRD. If it stands level, write "
     "into the profile: [mounting] acc_sign = -1 (or rotation_deg = [180, 0, 0] if y and z of the "
     "gyroscope are the other way round, too)"
 )
+
+
+class Usual(NamedTuple):
+    """Where a median usually is, and what is said of another."""
+
+    low: float
+    high: float
+    complaint: str
+
+
+WRONG_UNIT = "wrong unit or scale?"
+USUAL = {
+    "force": Usual(0.5, 2.0, f"accelerometer reads {{:.3g}} g, expected about 1 g: {WRONG_UNIT}"),
+    # z, which is about -1 g where axes are FRD
+    "axes": Usual(-math.inf, 0.5, AXES_COMPLAINT),
+    # the range of common MEMS gyroscopes
+    "rate": Usual(0.0, 2000.0, f"gyroscope reads {{:.3g}} deg/s: {WRONG_UNIT}"),
+    # the Earth's is 0.25 to 0.65; scale and hard iron are often off
+    "field": Usual(
+        0.05, 5.0, f"magnetometer reads {{:.3g}} gauss, expected about 0.5: {WRONG_UNIT}"
+    ),
+}
 
 
 def imu_refusal(gyr_rad_s: Vec3, acc_m_s2: Vec3) -> Reason | None:
@@ -60,11 +78,8 @@ class Plausibility:
     """Says once, in words, when an IMU's magnitudes cannot be right."""
 
     def __init__(self) -> None:
-        # medians over the latest samples; the oldest is dropped
-        self._acc_g: deque[float] = deque(maxlen=WINDOW_SAMPLES)
-        self._acc_z_g: deque[float] = deque(maxlen=WINDOW_SAMPLES)
-        self._gyr_rad_s: deque[float] = deque(maxlen=WINDOW_SAMPLES)
-        self._mag_gauss: deque[float] = deque(maxlen=WINDOW_SAMPLES)
+        # the latest of each, of which the median counts
+        self._latest = {name: deque[float](maxlen=WINDOW_SAMPLES) for name in USUAL}
         self._seen = 0
         self._next_us = 0  # when to look next
         self._told: set[str] = set()
@@ -78,35 +93,23 @@ class Plausibility:
         if 0 <= self._next_us - sample.time_us <= SPACING_US:
             return []
         self._next_us = sample.time_us + SPACING_US
-        self._acc_g.append(math.hypot(*sample.acc_m_s2) / STANDARD_GRAVITY_M_S2)
-        self._acc_z_g.append(sample.acc_m_s2[2] / STANDARD_GRAVITY_M_S2)
-        self._gyr_rad_s.append(math.hypot(*sample.gyr_rad_s))
+        latest, acc = self._latest, sample.acc_m_s2
+        latest["force"].append(math.hypot(*acc) / STANDARD_GRAVITY_M_S2)
+        latest["axes"].append(acc[2] / STANDARD_GRAVITY_M_S2)
+        latest["rate"].append(math.degrees(math.hypot(*sample.gyr_rad_s)))
         if field is not None and _is_below(field, UNIT_LIMIT_GAUSS):
-            self._mag_gauss.append(math.hypot(*field))
+            latest["field"].append(math.hypot(*field))
         self._seen += 1
         if self._seen % WINDOW_SAMPLES != 0 and self._seen != FIRST_LOOK_SAMPLES:
             return []
-        found = self._complaints(doubts_axes=doubts_axes)
-        new = [text for sensor, text in found.items() if sensor not in self._told]
+        found = {
+            name: usual.complaint.format(median)
+            for name, usual in USUAL.items()
+            if len(latest[name]) >= LEAST_SAMPLES and (doubts_axes or name != "axes")
+            if not usual.low
+            <= (median := sorted(latest[name])[len(latest[name]) // 2])
+            < usual.high
+        }
+        new = [text for name, text in found.items() if name not in self._told]
         self._told |= found.keys()
         return new
-
-    def _complaints(self, *, doubts_axes: bool) -> dict[str, str]:
-        acc_g, gyr_rad_s, found = _median(self._acc_g), _median(self._gyr_rad_s), {}
-        if not ACC_AT_REST_G[0] <= acc_g <= ACC_AT_REST_G[1]:
-            found["acc"] = f"accelerometer reads {acc_g:.3g} g, expected about 1 g: {WRONG_UNIT}"
-        if doubts_axes and not _median(self._acc_z_g) < UPWARD_G:
-            found["axes"] = AXES_COMPLAINT
-        if not gyr_rad_s <= GYR_RANGE_RAD_S:
-            rate_deg_s = math.degrees(gyr_rad_s)
-            found["gyr"] = f"gyroscope reads {rate_deg_s:.3g} deg/s: {WRONG_UNIT}"
-        if len(self._mag_gauss) >= FIRST_LOOK_SAMPLES // 4:
-            gauss = _median(self._mag_gauss)
-            if not MAG_RANGE_GAUSS[0] <= gauss <= MAG_RANGE_GAUSS[1]:
-                text = f"magnetometer reads {gauss:.3g} gauss, expected about 0.5: {WRONG_UNIT}"
-                found["mag"] = text
-        return found
-
-
-def _median(values: deque[float]) -> float:
-    return sorted(values)[len(values) // 2]

@@ -6,10 +6,18 @@ refused only if what the other sensors say cannot be true beside them.
 """
 
 from dataclasses import dataclass, field
-from math import cos, log, pi, sin
+from math import log, pi
 from typing import NamedTuple
 
-from estimator.geometry.quaternion import dot, norm, subtract
+from estimator.geometry.quaternion import (
+    angle_between_vectors,
+    dot,
+    exp,
+    norm,
+    rotate_inverse,
+    scale,
+    subtract,
+)
 from estimator.reasons import Reason
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec3
 
@@ -233,12 +241,8 @@ def largest(v: Vec3) -> float:
 
 
 def apart_rad(one: Vec3, other: Vec3) -> float:
-    """About the angle between two directions, up to 2 for opposite ones; 0 if one is no vector."""
-    a, b = norm(one), norm(other)
-    if a == 0.0 or b == 0.0:
-        return 0.0
-    x, y, z = one[0] / a - other[0] / b, one[1] / a - other[1] / b, one[2] / a - other[2] / b
-    return norm((x, y, z))
+    """The angle between two directions; 0 if one is none."""
+    return 0.0 if ZERO_VEC3 in (one, other) else angle_between_vectors(one, other)
 
 
 def field_contradicts(
@@ -269,16 +273,5 @@ def carries_weight(acc_m_s2: Vec3, gyr_rad_s: Vec3) -> bool:
 
 
 def vector_after_turn(vector: Vec3, gyr_rad_s: Vec3, span_s: float) -> Vec3:
-    """A body vector of something fixed, after turning at that rate (Rodrigues, by -w t)."""
-    rate_rad_s = norm(gyr_rad_s)
-    if rate_rad_s == 0.0:
-        return vector
-    x, y, z = gyr_rad_s[0] / rate_rad_s, gyr_rad_s[1] / rate_rad_s, gyr_rad_s[2] / rate_rad_s
-    a, b, c = vector
-    sine, cosine = sin(rate_rad_s * span_s), cos(rate_rad_s * span_s)
-    along = (1.0 - cosine) * (x * a + y * b + z * c)
-    return (
-        cosine * a + sine * (b * z - c * y) + along * x,
-        cosine * b + sine * (c * x - a * z) + along * y,
-        cosine * c + sine * (a * y - b * x) + along * z,
-    )
+    """A body vector of something fixed, after turning at that rate."""
+    return rotate_inverse(exp(scale(span_s, gyr_rad_s)), vector)

@@ -25,6 +25,7 @@ WRAP_32_US = 2**32
 # So many messages of a stream in a row, the first behind what came before but in order among
 # themselves, are those of a clock that was set back.
 SET_BACK_MESSAGES = 3
+TICK_US = 1_000  # of the coarsest clock
 MOST_US = 1 << 53  # 285 years: a time beyond is garbage, and counts as this
 
 
@@ -59,6 +60,13 @@ class Stream:
     first: Moment | None = None  # of those, and the time of the latest
     latest_us: int = 0
 
+    def go_on(self, time_us: int, boot_us: int, arrival_us: int) -> int:
+        """The next message is placed; where, since times only ever grow."""
+        self.before_us, self.row = self.boot_us, 0
+        self.boot_us, self.arrival_us = boot_us, arrival_us
+        self.time_us = max(time_us, self.time_us + 1)  # a learnt offset moved
+        return self.time_us
+
     def goes_back(self, now: Moment) -> Moment | None:
         """The first of a row up to this message that a clock which was set back would make.
 
@@ -69,10 +77,11 @@ class Stream:
         self.row += 1
         self.latest_us = now.boot_us
         first = self.first
-        if self.row < SET_BACK_MESSAGES or first is None or first.boot_us > self.before_us:
+        if self.row < SET_BACK_MESSAGES or first is None:
             return None
         span_us, heard_us = now.boot_us - first.boot_us, now.arrival_us - first.arrival_us
-        return first if abs(heard_us - span_us) <= span_us // 4 else None
+        is_steady = abs(heard_us - span_us) <= span_us // 4
+        return first if is_steady and first.boot_us <= self.before_us + TICK_US else None
 
 
 @dataclass(slots=True)
@@ -139,52 +148,55 @@ class VehicleClock:
         self, message: str, field: TimeField, raw_us: int, arrival_us: int, *, is_imu: bool = False
     ) -> Placed | Reason:
         line, stream = self._lines[field], self._streams[field].get(message)
-        reset = None
-        if is_imu and stream is not None:
-            reset = self._set_back(line, stream, raw_us + line.wrapped_us, arrival_us)
-        found = reset or line.advance(raw_us, arrival_us, self.misses_some)
+        found: Reason | Reset | None = None
+        if stream is not None and (stream.row or raw_us + line.wrapped_us < stream.boot_us):
+            may_tell = is_imu or field is not self._primary
+            found = self._set_back(line, stream, raw_us, arrival_us) if may_tell else None
+        if found is None:
+            found = line.advance(raw_us, arrival_us, self.misses_some)
         if isinstance(found, Reason):
             return found
         if line.pace.is_off:
             return Reason.CLOCK_PACE
-        reset, boot_us = found, line.read_us
-        if reset is not None:
-            self._forget(field)
+        boot_us = line.read_us
+        if found is not None:
             stream = None
-            if field is self._primary:
-                self._cut_out(reset, boot_us)
+            self._begin_anew(field, found, boot_us)
+        time_us = self._time(field, boot_us, arrival_us)
+        if time_us is None:
+            return Reason.NO_CLOCK
+        if stream is None:
+            self._streams[field][message] = Stream(time_us, boot_us, arrival_us, boot_us)
+            return Placed(time_us, boot_us, found)
+        if boot_us <= stream.boot_us:
+            return Reason.DUPLICATE if boot_us == stream.boot_us else Reason.OUT_OF_ORDER
+        return Placed(stream.go_on(time_us, boot_us, arrival_us), boot_us, None)
+
+    @staticmethod
+    def _set_back(line: ClockLine, stream: Stream, raw_us: int, arrival_us: int) -> Reset | None:
+        """How the clock was set back, if a message of a stream shows that."""
+        now, last = Moment(raw_us + line.wrapped_us, arrival_us), stream.boot_us
+        if not stream.row and last - now.boot_us > REORDERED_US:
+            return None
+        first = stream.goes_back(now)
+        return first and line.set_back(Moment(last, stream.arrival_us), first, now)
+
+    def _begin_anew(self, field: TimeField, reset: Reset, boot_us: int) -> None:
+        """A clock was reset, as a message shows: what was known of its messages counts no more."""
+        self._offsets[field] = ClockOffset()
+        self._waiting.add(field)
+        self._streams[field].clear()
+        if field is self._primary:
+            self._cut_out(reset, boot_us)
+
+    def _time(self, field: TimeField, boot_us: int, arrival_us: int) -> int | None:
+        """A message's place on the line of time; None while nobody can tell."""
         if field is self._primary:
             time_us = boot_us + self._shift_us
             self._waiting.clear()
             self._latest_us = max(self._latest_us, time_us)
-        elif field in self._waiting:
-            return Reason.NO_CLOCK
-        else:
-            time_us = self._time_beside(field, boot_us, arrival_us)
-        if stream is None:
-            self._streams[field][message] = Stream(time_us, boot_us, arrival_us, boot_us)
-            return Placed(time_us, boot_us, reset)
-        if boot_us <= stream.boot_us:
-            return Reason.DUPLICATE if boot_us == stream.boot_us else Reason.OUT_OF_ORDER
-        time_us = max(time_us, stream.time_us + 1)  # a learnt offset moved
-        stream.before_us, stream.row = stream.boot_us, 0
-        stream.time_us, stream.boot_us, stream.arrival_us = time_us, boot_us, arrival_us
-        return Placed(time_us, boot_us, reset)
-
-    @staticmethod
-    def _set_back(line: ClockLine, stream: Stream, boot_us: int, arrival_us: int) -> Reset | None:
-        """How the clock was set back, if a message of a stream shows that."""
-        if not (stream.row or 0 < stream.boot_us - boot_us <= REORDERED_US):  # nearly always
-            return None
-        now = Moment(boot_us, arrival_us)
-        first, last = stream.goes_back(now), Moment(stream.boot_us, stream.arrival_us)
-        return None if first is None else line.set_back(last, first, now)
-
-    def _forget(self, field: TimeField) -> None:
-        """A clock was reset: what was known of its messages counts no more."""
-        self._offsets[field] = ClockOffset()
-        self._waiting.add(field)
-        self._streams[field].clear()
+            return time_us
+        return None if field in self._waiting else self._time_beside(field, boot_us, arrival_us)
 
     def _choose_line(self, field: TimeField, raw_us: int, arrival_us: int) -> None:
         """Let the clock of an IMU message make the line of time, if it is to from now on.
@@ -204,8 +216,10 @@ class VehicleClock:
 
     def _cut_out(self, reset: Reset, boot_us: int) -> None:
         """Let the line of time go on across a reset of its own clock, up to a message."""
-        cut_us = CUT_STEP_US if reset.elapsed_us is None else max(reset.elapsed_us, 1)
-        self._shift_us = self._latest_us + cut_us - (boot_us - reset.since_us)
+        if reset.elapsed_us is not None:
+            self._shift_us += max(reset.elapsed_us, 1) - reset.step_us
+        else:
+            self._shift_us = self._latest_us + CUT_STEP_US - (boot_us - reset.since_us)
         self._offsets = [ClockOffset() for _ in TimeField]
 
     def _time_beside(self, field: TimeField, boot_us: int, arrival_us: int) -> int:

@@ -309,7 +309,7 @@ def test_samples_out_of_order_are_refused_or_put_in_order(kind, ahead, tmp_path)
 
 
 @pytest.mark.parametrize("kind", ["tlog", "mcap"])
-@pytest.mark.parametrize("step_s", [-1.9, -1.2, -0.8, -0.6, 0.8, 1.9, 3.5])
+@pytest.mark.parametrize("step_s", [-1.9, -1.2, -0.8, -0.3, -0.06, 0.8, 1.9, 3.5])
 def test_a_short_leap_beside_steady_arrivals_costs_nothing(step_s, kind, tmp_path):
     """There and back again, and nothing is aligned anew."""
     samples = [

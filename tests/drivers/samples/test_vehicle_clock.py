@@ -375,3 +375,18 @@ def test_a_small_step_goes_on_though_another_line_would_fit_too():
     assert imu(clock, 9_900_000, UNIX + 1_000_000) == "clock_step"
     steady(clock, 11_250_000, 16, arrival_us=UNIX + 1_250_000)
     assert isinstance(imu(clock, 15_250_000, UNIX + 5_900_000), Placed)
+
+
+@pytest.mark.parametrize("back_us", [200_000, 500_000, 900_000])
+def test_a_clock_in_two_fields_that_is_set_back_and_forwards_invents_no_time(back_us):
+    """Attitudes come ahead of their samples, too seldom to show it all by themselves."""
+    clock, given_us = VehicleClock(), []
+    for k in range(50 * 40):
+        now_us = 100 * S + 20_000 * k
+        raw_us = now_us - (back_us if k % 1000 > 600 else 0)
+        if k % 10 == 0:
+            clock.other("ATTITUDE", BOOT_MS, raw_us // 1000 * 1000, UNIX + now_us)
+        placed = imu(clock, raw_us, UNIX + now_us + 500)
+        given_us += [placed.time_us] if isinstance(placed, Placed) else []
+    assert given_us[-1] - given_us[0] == 20_000 * (50 * 40 - 1)
+    assert max(b - a for a, b in itertools.pairwise(given_us)) <= 60_000  # two wait for the third
