@@ -3,7 +3,7 @@
     python benchmarks/speed.py [DIR]
 
 ``fuzzbee.Estimator`` with its defaults, checks and sigmas against ``vqf.VQF``'s own binding and
-imufusion: microseconds a sample by the clock, the best of rounds in which all take turns, the one
+imufusion: microseconds of processor a sample, the best of rounds in which all take turns, the one
 that other programs disturbed least. Compiling, and building a filter, are not timed. ``ratio`` is
 fuzzbee's time over the other's in the same run: it is the figure that holds on other machines.
 """
@@ -83,9 +83,9 @@ def measure(trial: Trial, rounds: int) -> list[Row]:
     for _ in range(rounds):
         for (way, name), start in found.items():
             run = start()
-            begin = time.perf_counter()
+            begin = time.thread_time()
             run()
-            us = 1e6 * (time.perf_counter() - begin) / (batch if way == "batch" else CALLS)
+            us = 1e6 * (time.thread_time() - begin) / (batch if way == "batch" else CALLS)
             best[way, name] = min(best[way, name], us)
     rows: list[Row] = []
     for way, name in WAYS:

@@ -2,7 +2,7 @@
 
 import warnings
 from collections import Counter
-from math import isfinite
+from math import inf, isfinite
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -51,6 +51,8 @@ from fuzzbee.fit import advice, is_enough
 
 # What a satellite receiver's or an autopilot's velocity is good for if nobody says.
 VELOCITY_SIGMA_M_S = 0.3
+# Latitude, longitude (deg), altitude (m), Unix time (s).
+MOST_PLACE = (90.0, 360.0, inf, MOST_S)
 tell_programs()
 NO_TIME = "an estimator without rate_hz needs time_s with every sample"
 
@@ -342,13 +344,16 @@ class Estimator:
         n = len(gyr)
         acc = matrix("acc_m_s2", acc_m_s2, n)
         mag = np.zeros((n, 3)) if mag_gauss is None else matrix("mag_gauss", mag_gauss, n)
+        velocity = velocity_ned_m_s
+        velocity = None if velocity is None else matrix("velocity_ned_m_s", velocity, n)
         positions = np.zeros((0, 5))
         if position is not None:
             places = matrix("position", position, n, 4)
             known = np.flatnonzero(np.isfinite(places).all(axis=1))
             positions = np.column_stack((known, places[known]))
-        velocity = velocity_ned_m_s
-        velocity = None if velocity is None else matrix("velocity_ned_m_s", velocity, n)
+            wrong = places[known][(np.abs(places[known]) > MOST_PLACE).any(axis=1)]
+            if len(wrong):
+                raise InputError(f"position {wrong[0].tolist()}: no place on Earth, or no time")
         times_us = self._next_times_us(time_s, n)
         has_mag = self._field.fresh_rows(mag, times_us)
         is_field = np.abs(mag).max(axis=1, initial=0.0) <= MAG_LIMIT_GAUSS

@@ -8,7 +8,7 @@ from estimator.aiding.sources.table import source_of
 from estimator.aiding.velocity_history import OLDEST_S
 from estimator.live.compass_check import check_compass
 from estimator.live.refusal import RATE_LIMIT_RAD_S
-from estimator.live.reports import age_s, enqueue
+from estimator.live.reports import MOST_WAITING, age_s
 from estimator.live.rows import told_of
 from estimator.live.state import State
 from estimator.reasons import Reason
@@ -32,7 +32,8 @@ def take_report(state: State, report: Any) -> Reason | None:
             check_compass(state, core.last_report[0])
     elif state.context.phase is Phase.AIDED:
         if report.time_us > core.time_us:
-            state.change_context(reports=enqueue(state.context.reports, report))
+            waiting = (*state.context.reports, report)
+            state.change_context(reports=waiting[-MOST_WAITING:])
         elif age_s(report, core.time_us) <= OLDEST_S:
             core.hear_other(report, core.time_us)
     return None

@@ -12,7 +12,7 @@ from estimator.arrays import Floats
 from estimator.compilation.compiled import inlined
 from estimator.live.rows import HAS_VERTICAL, LATE_S, SIGMA_M_S, TIME, X, Y, Z
 
-# Reports come about as often as IMU samples do; of more than this of one type the oldest go.
+# Reports come about as often as IMU samples do; of more than this the oldest go.
 MOST_WAITING = 8
 
 
@@ -69,21 +69,13 @@ def velocity_at(waiting: Floats, k: int, time_us: int, oldest_s: float) -> Repor
     return Report(True, velocity, row[HAS_VERTICAL] > 0.0, row[SIGMA_M_S], ago_s, row[LATE_S])
 
 
-def enqueue(waiting: tuple[Any, ...], report: Any) -> tuple[Any, ...]:
-    """Others that wait with a new one; the oldest of its type gives way to one too many."""
-    alike = [k for k, other in enumerate(waiting) if type(other) is type(report)]
-    if len(alike) >= MOST_WAITING:
-        waiting = (*waiting[: alike[0]], *waiting[alike[0] + 1 :])
-    return (*waiting, report)
-
-
 def take_due(
     waiting: tuple[Any, ...], time_us: int, oldest_s: float
 ) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-    """The latest of each type that the IMU has reached by ``time_us``, and those ahead of it."""
-    reached = [report for report in waiting if report.time_us <= time_us]
+    """Of others the latest of each type that the IMU has reached, and those ahead of it."""
     ahead = tuple(report for report in waiting if report.time_us > time_us)
-    latest = {type(report): report for report in sorted(reached, key=lambda r: r.time_us)}
+    reached = sorted((r for r in waiting if r not in ahead), key=lambda report: report.time_us)
+    latest = {type(report): report for report in reached}
     return tuple(r for r in latest.values() if age_s(r, time_us) <= oldest_s), ahead
 
 

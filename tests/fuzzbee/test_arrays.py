@@ -116,6 +116,7 @@ def assert_batches_equal_calls(flight, damages, has_velocity, cuts):
         damage(time_s, gyr, acc, mag, velocity, slice(begin, min(begin + length, ROWS)))
     position = np.full((ROWS, 4), np.nan)
     position[60:180:7] = (-35.363, 149.165, 584.0, 1.72e9)
+    position[130:180:7, 0] = 48.0  # far away
     calls = Estimator()
     told = []
     for k in range(ROWS):

@@ -6,6 +6,7 @@ import numpy as np
 
 from drivers.events import VehicleId
 from estimator.estimator import Estimator
+from estimator.live.rows import NORTH, NORTHS, SAID
 from estimator.profile import load_profile
 from fuzzbee.attitudes import attitudes_of_rows
 from fuzzbee.run_options import RunOptions
@@ -18,8 +19,10 @@ ONE = VehicleId(1, 1)
 
 
 def test_rows_of_an_array_become_the_fields_of_their_names():
-    said = np.arange(18.0)[None, :]
-    found = attitudes_of_rows(np.array([2_500_000]), said, np.array(["true"]))
+    said = np.arange(float(SAID))[None, :]
+    said[0, NORTH] = NORTHS.index("true")
+    found = attitudes_of_rows(np.array([2_500_000]), said, ())
+    assert found.heading_reference.tolist() == ["true"]
     assert found.time_s.tolist() == [2.5]
     assert found.gyro_bias_rad_s.tolist() == [[7.0, 8.0, 9.0]]
     names = ("error", "gain", "confidence_gravity", "confidence_magnetic")

@@ -140,6 +140,13 @@ def test_numbers_that_are_none(given):
         (lambda: Estimator().update((0, 0, 0), UP), "rate_hz"),
         (lambda: Estimator().update_batch(GYR, ACC), "rate_hz"),
         (lambda: Estimator().update_velocity((1, 2, 3), sigma_m_s=-1.0), "sigma_m_s"),
+        (lambda: Estimator(rate_hz=9).update_batch(GYR, ACC, position=GYR), "(200, 4)"),
+        (
+            lambda: Estimator(rate_hz=9).update_batch(
+                GYR, ACC, position=np.full((len(GYR), 4), 91.0)
+            ),
+            "position",
+        ),
         (lambda: Estimator().set_position(91.0, 0.0, 0.0, 0.0), "latitude_deg"),
         (lambda: Estimator().set_position(0.0, 999.0, 0.0, 0.0), "longitude_deg"),
     ],
