@@ -13,11 +13,11 @@ from collections.abc import Iterator
 import numpy as np
 from common.report import Point, Row, draw, parser, show
 
-from tuning.objective import profile_with, values_of
 from tuning.optimizers import run_search
 from tuning.paper_task import PaperTask, midpoint_profile
 from tuning.search import Search, SearchOptions
 from tuning.space import decode, encode, random_positions
+from tuning.task import profile_with, values_of
 
 ALGORITHMS = {"abc": "bee colony", "cmaes": "CMA-ES", "de": "differential evolution"}
 CHANCE = "random search"
@@ -30,7 +30,7 @@ def searched(task: PaperTask, algorithm: str, seed: int, cycles: int) -> np.ndar
     options = SearchOptions(
         algorithm, FOOD_SOURCES, cycles, FOOD_SOURCES * task.space.dimensions, seed
     )
-    search = Search(task.space, options, task.objective.costs)
+    search = Search(task.space, options, task.costs)
     run_search(search, encode(task.space, values_of(task.space, task.base)))
     return search.best_values
 
@@ -41,7 +41,7 @@ def by_chance(task: PaperTask, seed: int, cycles: int) -> np.ndarray:
     values = decode(
         task.space, random_positions(task.space, FOOD_SOURCES * (1 + 2 * cycles), generator)
     )
-    return np.asarray(values[np.argmin(task.objective.costs(values))])
+    return np.asarray(values[np.argmin(task.costs(values))])
 
 
 def runs(task: PaperTask, count: int, cycles: int) -> Iterator[tuple[str, tuple[float, float]]]:

@@ -6,11 +6,8 @@ A minute of the paper's signals at 100 Hz with the profile ``paper``, and at 20 
 noise of the vectors, of the gyroscope or of both times 2 or 5, at once or within 30 s, a magnet
 beside the vehicle, a step of the gyroscope's bias; or none. ``e`` is the mean error against the
 truth from 20 s to the end, ``late`` from 40 s on; ``change`` and ``late change`` are against the
-profile as it is shipped, in percent, ``worst seed`` the largest. The rivals:
-
-* rule of two: noise twice as large in the vectors halves their confidences, in the gyroscope
-  doubles them;
-* random search in place of the colony, with as many candidates.
+profile as it is shipped, in percent, ``worst seed`` the largest. The rival: random search in
+place of the colony, with as many candidates.
 """
 
 import sys

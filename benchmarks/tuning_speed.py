@@ -16,11 +16,11 @@ from collections.abc import Callable
 import numpy as np
 from common.report import MISSING, Row, parser, show
 
-from tuning.objective import values_of
 from tuning.optimizers import run_search
 from tuning.paper_task import PaperTask, midpoint_profile
 from tuning.search import Search, SearchOptions
 from tuning.space import bounds, decode, encode, make_feasible, random_positions
+from tuning.task import values_of
 
 CANDIDATES, STEPS = 96, 1401
 SEED = 1
@@ -29,7 +29,7 @@ SEED = 1
 def search_once(task: PaperTask, cycles: int) -> tuple[float, int]:
     """One search; its seconds of processor and evaluations."""
     options = SearchOptions("abc", 100, cycles, 2200, 0)
-    search = Search(task.space, options, task.objective.costs)
+    search = Search(task.space, options, task.costs)
     started = time.process_time()
     run_search(search, encode(task.space, values_of(task.space, task.base)))
     return time.process_time() - started, search.evaluations
@@ -49,7 +49,7 @@ def best_s(function: Callable[[], object], repetitions: int) -> float:
 def steps(task: PaperTask, candidates: int) -> Callable[[], object]:
     """A search's evaluations on one core."""
     values = some_values(task, candidates)
-    return lambda: task.objective.costs(values)
+    return lambda: task.costs(values)
 
 
 def some_values(task: PaperTask, count: int):
@@ -65,7 +65,7 @@ class PygmoProblem:
 
     def fitness(self, x):  # noqa: D102 - pygmo's name
         position = make_feasible(self.task.space, np.asarray(x)[None, :])
-        return [float(self.task.objective.costs(decode(self.task.space, position))[0])]
+        return [float(self.task.costs(decode(self.task.space, position))[0])]
 
     def get_bounds(self):  # noqa: D102 - pygmo's name
         lower, upper = bounds(self.task.space)

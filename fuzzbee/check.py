@@ -92,7 +92,7 @@ def _checked(paths: list[Path], work: "Callable[[Path], Checked]") -> "list[Chec
     from rich.console import Console
     from rich.progress import Progress
 
-    from tuning.child import Pool, available_cores
+    from tuning.processes import Pool, available_cores
 
     console = Console(stderr=True)
     with (

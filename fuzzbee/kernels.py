@@ -23,7 +23,6 @@ MODULES = (
     "estimator.geometry.metrics",
     "drivers.samples.imu_stream",
     "tuning.turning",
-    "tuning.online.noise",
     "tuning.paper_cost",
     "tuning.prediction",
 )

@@ -23,21 +23,20 @@ MOST_SHARE = 0.03
 ALLOWANCE_S = 10.0
 ENDING_S = 2.0
 
-Question = tuple[VehicleId, RetunedEstimator, Segment]
-
 
 class Retuning(Closing):
     """One retuner a vehicle, all in one thread beside the loop.
 
-    The loop hands over a segment in microseconds and never waits.
+    The loop hands over a segment in microseconds and never waits. What is left out, for want of
+    room or of time, is a silence for the retuner.
     """
 
     def __init__(self, requests: ParameterRequests, gain: float | None) -> None:
         self._requests = requests
         self._gain = gain
         self._pipeline: Pipeline | None = None
-        self._questions: Queue[Question | None] = Queue(MOST_WAITING)
-        self._skipped: set[VehicleId] = set()
+        self._segments: Queue[tuple[VehicleId, RetunedEstimator, Segment] | None]
+        self._segments = Queue(MOST_WAITING)
         self._is_closing = False
         self._begun_s = time.monotonic()
         self._thread = threading.Thread(target=self._work, name="retune", daemon=True)
@@ -45,9 +44,7 @@ class Retuning(Closing):
 
     def estimator(self, profile: Profile) -> Estimator:
         """An estimator whose segments are handed over."""
-        made = RetunedEstimator(
-            profile, self._gain, on_segment=lambda segment: self._send(made, segment)
-        )
+        made = RetunedEstimator(profile, self._gain, lambda segment: self._send(made, segment))
         return made
 
     def watch(self, pipeline: Pipeline) -> None:
@@ -58,33 +55,26 @@ class Retuning(Closing):
         """End the thread, after the search at hand."""
         self._is_closing = True
         with suppress(Full):  # then it looks at the flag
-            self._questions.put_nowait(None)
+            self._segments.put_nowait(None)
         self._thread.join(ENDING_S)
 
     def _send(self, estimator: RetunedEstimator, segment: Segment) -> None:
         """Hand a segment over; called by the loop."""
         vehicles = () if self._pipeline is None else self._pipeline.vehicles
-        address = next((v.address for v in vehicles if v.estimator is estimator), None)
-        if address is None:
-            return
-        silent = segment.silent or address in self._skipped
-        try:
-            self._questions.put_nowait((address, estimator, segment._replace(silent=silent)))
-            self._skipped.discard(address)
-        except Full:
-            self._skipped.add(address)
+        for vehicle in vehicles:
+            if vehicle.estimator is estimator:
+                with suppress(Full):
+                    self._segments.put_nowait((vehicle.address, estimator, segment))
 
     def _work(self) -> None:
-        while not self._is_closing and (question := self._questions.get()) is not None:
+        while not self._is_closing and (waiting := self._segments.get()) is not None:
+            vehicle, estimator, segment = waiting
+            share_s = MOST_SHARE * (time.monotonic() - self._begun_s)
+            if time.thread_time() > ALLOWANCE_S + share_s:
+                continue
             try:
-                self._decide(*question)
+                decision = estimator.retuner.take(segment)
+                if decision is not None:
+                    self._requests.ask(vehicle, decision.update, decision.summary)
             except (InputError, TimeoutError) as error:
                 say(f"not retuned: {error}")
-
-    def _decide(self, vehicle: VehicleId, estimator: RetunedEstimator, segment: Segment) -> None:
-        """Take a segment. While there is no time for more it counts as silence."""
-        budget_s = ALLOWANCE_S + MOST_SHARE * (time.monotonic() - self._begun_s)
-        is_late = time.thread_time() > budget_s
-        decision = estimator.retuner.take(segment._replace(silent=segment.silent or is_late))
-        if decision is not None:
-            self._requests.ask(vehicle, decision.update, decision.summary)

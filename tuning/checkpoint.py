@@ -1,10 +1,6 @@
-"""The checkpoint of an interrupted search, or of several that follow each other.
+"""The checkpoint of an interrupted search: a line of JSON, the costs as little-endian doubles."""
 
-A checkpoint is one line of JSON, then the recorded costs as little-endian
-doubles, one search behind the other.
-"""
-
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,19 +11,16 @@ from drivers.output_file import written_whole
 from estimator.errors import InputError
 from tuning.search import Record
 
-SCHEMA = 2
+SCHEMA = 3
 
 
 class Header(msgspec.Struct):
-    """A checkpoint's first line.
-
-    Of each search the number of costs, and a SHA-256 of all candidates that were asked for.
-    """
+    """A checkpoint's first line; the SHA-256 is of all candidates that were asked for."""
 
     schema: int
     identity: Mapping[str, Any]
-    evaluations: tuple[int, ...]
-    asked_sha256: tuple[str, ...]
+    evaluations: int
+    asked_sha256: str
 
 
 def write_atomically(path: Path, content: bytes) -> None:
@@ -48,21 +41,19 @@ def checkpoint_path(output: Path) -> Path:
     return Path(f"{output}.checkpoint")
 
 
-def write_checkpoint(path: Path, identity: Mapping[str, Any], records: Sequence[Record]) -> None:
-    """Save the records of the searches that ``identity`` (plain JSON values) determines.
+def write_checkpoint(path: Path, identity: Mapping[str, Any], record: Record) -> None:
+    """Save the record of the search that ``identity`` (plain JSON values) determines.
 
     Raises:
         InputError: the file cannot be written.
     """
-    counts = tuple(len(record.costs) for record in records)
-    header = Header(SCHEMA, identity, counts, tuple(record.asked_sha256 for record in records))
-    content = [msgspec.json.encode(header, order="sorted"), b"\n"]
-    content += [record.costs.astype("<f8").tobytes() for record in records]
-    write_atomically(path, b"".join(content))
+    header = Header(SCHEMA, identity, len(record.costs), record.asked_sha256)
+    line = msgspec.json.encode(header, order="sorted")
+    write_atomically(path, line + b"\n" + record.costs.astype("<f8").tobytes())
 
 
-def read_checkpoint(path: Path, identity: Mapping[str, Any]) -> list[Record]:
-    """The records of the searches that ``identity`` determines, as far as they came.
+def read_checkpoint(path: Path, identity: Mapping[str, Any]) -> Record:
+    """The record of the search that ``identity`` determines, as far as it came.
 
     Raises:
         InputError: no such file, not a checkpoint, or one of another search.
@@ -79,17 +70,13 @@ def read_checkpoint(path: Path, identity: Mapping[str, Any]) -> list[Record]:
         header = msgspec.json.decode(line, type=Header)
     except (ValueError, RecursionError):
         raise InputError(f"{path}: not a checkpoint") from None
-    counts, asked = header.evaluations, header.asked_sha256
-    is_whole = 0 < len(counts) == len(asked) and min(counts) >= 0
-    if header.schema != SCHEMA or not is_whole or len(costs) != 8 * sum(counts):
+    if header.schema != SCHEMA or len(costs) != 8 * header.evaluations:
         raise InputError(f"{path}: damaged, or of another version")
     plain = msgspec.json.decode(msgspec.json.encode(identity))
     different = _differences(plain, header.identity)
     if different:
         raise InputError(f"--resume: {path} is of other options: {', '.join(different)}")
-    ends = np.cumsum(counts)[:-1]
-    parts = np.split(np.frombuffer(costs, "<f8"), ends)
-    return [Record(part, digest) for part, digest in zip(parts, asked, strict=True)]
+    return Record(np.frombuffer(costs, "<f8"), header.asked_sha256)
 
 
 def _differences(wanted: Any, saved: Any, name: str = "") -> list[str]:

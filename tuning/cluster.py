@@ -12,11 +12,9 @@ import numpy as np
 from drivers.closing import Closing
 from estimator.arrays import Floats
 from estimator.errors import InputError, missing_extra
-from tuning.objective import Objective
+from tuning.task import Task, batches
 
 CONNECT_TIMEOUT_S = 10.0
-# Many, so that a lost worker costs little and a fast worker can take more of them than a slow one.
-CHUNKS_PER_THREAD = 4
 # A batch is sent again this often before the cluster is given up.
 ATTEMPTS = 5
 
@@ -29,7 +27,7 @@ class ClusterEvaluator(Closing):
             it has no workers.
     """
 
-    def __init__(self, address: str, objective: Objective) -> None:
+    def __init__(self, address: str, task: Task) -> None:
         try:
             import distributed
         except ImportError:
@@ -42,7 +40,7 @@ class ClusterEvaluator(Closing):
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
             raise InputError(f"--cluster {address}: no scheduler answers: {reason}") from None
         self._address = address
-        self._objective = objective
+        self._task = task
         self._sent: Any = None
         self._wait_for_workers()
 
@@ -54,7 +52,7 @@ class ClusterEvaluator(Closing):
         """Costs (C,) of parameter values (C, D).
 
         Raises:
-            InputError: the cluster lost all its workers, or they cannot run the objective.
+            InputError: the cluster lost all its workers, or they cannot run the task.
         """
         from distributed.client import FutureCancelledError
         from distributed.scheduler import KilledWorker
@@ -71,12 +69,10 @@ class ClusterEvaluator(Closing):
 
     def _costs(self, values: Floats) -> Floats:
         if self._sent is None:
-            self._sent = self._client.scatter(self._objective, broadcast=True, hash=False)
-        threads = sum(self._client.nthreads().values())
-        chunks = np.array_split(values, min(len(values), max(1, CHUNKS_PER_THREAD * threads)))
+            self._sent = self._client.scatter(self._task, broadcast=True, hash=False)
         futures = [
-            self._client.submit(type(self._objective).costs, self._sent, chunk, pure=False)
-            for chunk in chunks
+            self._client.submit(type(self._task).costs, self._sent, part, pure=False)
+            for part in batches(self._task, values)
         ]
         return np.concatenate(self._client.gather(futures))
 

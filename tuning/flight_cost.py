@@ -82,7 +82,7 @@ def harm(before: Sequence[FlightFigures], after: Sequence[FlightFigures]) -> str
     was_deg = geometric_mean([b.rms_deg for b, _ in pairs])
     is_deg = geometric_mean([180.0 if a is None else a.rms_deg for _, a in pairs])
     if is_deg > was_deg:
-        return f"the error rises from {was_deg:.2f} to {is_deg:.2f} deg"
+        return f"the error rises from {was_deg:.3f} to {is_deg:.3f} deg"
     for was, is_ in pairs:
         if is_ is None or is_.coverage is None or was.coverage is None:
             continue

@@ -7,7 +7,7 @@ sure, else the autopilot's. A log with none is tuned on how well its own vectors
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -16,10 +16,10 @@ from estimator.errors import InputError
 from estimator.profile import Profile
 from tuning.flight import Flight, Part
 from tuning.flight_cost import FlightFigures, geometric_mean, measure
-from tuning.objective import Scores, profile_with, require_fuzzy_gain
 from tuning.parameters import CONDITIONED_GROUPS, space_of
 from tuning.recovery import recovery_cost
 from tuning.space import Space
+from tuning.task import Scores, profile_with, require_fuzzy_gain
 
 # Below this rate the gyroscope is aliased, and the first second has only a handful of samples: they
 # cannot show which memberships are better, as the paper's are made for 100 Hz.
@@ -81,31 +81,12 @@ def split(flights: tuple[Flight, ...], held_out: frozenset[str] = frozenset()) -
 
 
 @dataclass(frozen=True)
-class LogObjective:
-    """The goal's cost over parts of flights."""
-
-    goal: str
-    space: Space
-    base: Profile
-    parts: tuple[Part, ...]
-
-    def costs(self, values: Floats) -> Floats:
-        """See :class:`tuning.objective.Objective`."""
-        return np.array([self.cost(profile_with(self.space, self.base, row)) for row in values])
-
-    def cost(self, profile: Profile) -> float:
-        """The cost of one profile."""
-        goal = GOALS[self.goal]
-        return goal.combine([goal.cost(profile, part) for part in self.parts])
-
-
-@dataclass(frozen=True)
 class LogTask:
     """Tuning of ``groups`` on flights, some of which are held out.
 
     Raises:
-        InputError: on use, if the base does not condition its vectors, or has no fuzzy gain whose
-            memberships could be tuned.
+        InputError: the base does not condition its vectors, or has no fuzzy gain whose
+            memberships could be tuned; unknown groups.
     """
 
     base: Profile
@@ -113,29 +94,32 @@ class LogTask:
     split: Split
     goal: str = "flight"
 
-    @cached_property
-    def space(self) -> Space:
-        """The parameters that are tuned."""
-        return space_of(self.groups, CONDITIONED_GROUPS)
+    batch: ClassVar[int] = 1
 
-    @cached_property
-    def objective(self) -> LogObjective:
-        """The cost over what is not held out."""
+    def __post_init__(self) -> None:
         if not self.base.conditioned:
             raise InputError("base profile: logs are tuned with conditioning.enabled = true")
         if "k1" in self.space.names:
             require_fuzzy_gain(self.base)
-        return self._objective(self.split.tuning)
+
+    @cached_property
+    def space(self) -> Space:
+        """See :class:`Task`."""
+        return space_of(self.groups, CONDITIONED_GROUPS)
+
+    def costs(self, values: Floats) -> Floats:
+        """The goal's cost over the parts that are searched on."""
+        found = (profile_with(self.space, self.base, row) for row in values)
+        return np.array([self._cost(profile, self.split.tuning) for profile in found])
 
     def score(self, profile: Profile) -> Scores:
         """The cost over the tuning and over the held-out parts."""
-        return Scores(
-            self.objective.cost(profile), self._objective(self.split.held_out).cost(profile)
-        )
+        return Scores(*(self._cost(profile, parts) for parts in self.split))
 
     def held_out_figures(self, profile: Profile) -> list[tuple[str, FlightFigures]]:
         """What a user sees on each held-out part, by the flight's name."""
         return [(part.flight.name, measure(profile, part)) for part in self.split.held_out]
 
-    def _objective(self, parts: tuple[Part, ...]) -> LogObjective:
-        return LogObjective(self.goal, self.space, self.base, parts)
+    def _cost(self, profile: Profile, parts: tuple[Part, ...]) -> float:
+        goal = GOALS[self.goal]
+        return goal.combine([goal.cost(profile, part) for part in parts])

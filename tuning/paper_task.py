@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import msgspec
 import numpy as np
@@ -11,11 +12,11 @@ from estimator.filter import memberships
 from estimator.filter.types import initial_state
 from estimator.profile import Profile, Provenance, load_profile
 from estimator.types import IDENTITY
-from tuning.objective import Scores, require_fuzzy_gain
 from tuning.paper_cost import Base, Signals, costs, paper_signals
 from tuning.paper_experiment import paper_settings, run_experiment
 from tuning.parameters import RAW_GROUPS, space_of
 from tuning.space import Space
+from tuning.task import Scores, require_fuzzy_gain
 
 # Noise seeds from here on are reserved for judging results; nothing may be tuned on them.
 FIRST_RESERVED_SEED = 5000
@@ -31,62 +32,53 @@ def midpoint_profile() -> Profile:
 
 
 @dataclass(frozen=True)
-class PaperObjective:
-    """Mean J over the prepared signals, of candidates that give k1..k22 and maybe gamma and tau.
-
-    ``names`` are those of the candidates' columns; what they leave out is the base's.
-    """
-
-    names: tuple[str, ...]
-    base: Base
-    signals: Signals
-
-    def costs(self, values: Floats) -> Floats:
-        """See :class:`tuning.objective.Objective`."""
-        found = costs(self.base, self._candidates(values), self.signals)
-        # summed in their order: the same bits for any batch
-        mean: Floats = np.cumsum(found, axis=1)[:, -1] / found.shape[1]
-        return mean
-
-    def _candidates(self, values: Floats) -> Floats:
-        """Rows of k1..k22, gamma, tau as the kernel takes them."""
-        columns = {name: values[:, i] for i, name in enumerate(self.names)}
-        rest = np.ones(len(values))
-        base = self.base.params
-        gamma = columns.get("filter.gamma", base.gamma * rest)
-        tau = columns.get("filter.rate_time_constant_s", base.rate_time_constant_s * rest)
-        return np.stack([*(columns[name] for name in memberships.NAMES), gamma, tau], axis=1)
-
-
-@dataclass(frozen=True)
 class PaperTask:
-    """The paper's optimisation: searched on ``noise_seeds``, scored on ``held_out_seeds``, too."""
+    """The paper's optimisation: searched on ``noise_seeds``, scored on ``held_out_seeds``, too.
+
+    Raises:
+        InputError: the base conditions its vectors, has no R_hat(0) or no fuzzy gain.
+    """
 
     base: Profile
     groups: tuple[str, ...]
     noise_seeds: tuple[int, ...]
     held_out_seeds: tuple[int, ...]
 
+    batch: ClassVar[int] = 8
+
+    def __post_init__(self) -> None:
+        paper_settings(self.base)
+        require_fuzzy_gain(self.base)
+
     @cached_property
     def space(self) -> Space:
-        """The parameters that are tuned."""
+        """See :class:`Task`."""
         return space_of(self.groups, RAW_GROUPS)
 
     @cached_property
-    def objective(self) -> PaperObjective:
+    def _signals(self) -> Signals:
+        return paper_signals(self.noise_seeds)
+
+    def costs(self, values: Floats) -> Floats:
         """Mean J over the noise seeds."""
-        settings = paper_settings(self.base)
-        require_fuzzy_gain(self.base)
-        base = Base(
-            settings.filter, settings.reference, initial_state(settings.initial or IDENTITY)
-        )
-        return PaperObjective(self.space.names, base, paper_signals(self.noise_seeds))
+        chosen = paper_settings(self.base)
+        base = Base(chosen.filter, chosen.reference, initial_state(chosen.initial or IDENTITY))
+        found = costs(base, self._candidates(base, values), self._signals)
+        # summed in their order: the same bits for any batch
+        mean: Floats = np.cumsum(found, axis=1)[:, -1] / found.shape[1]
+        return mean
 
     def score(self, profile: Profile) -> Scores:
         """Mean J over both kinds of seeds."""
-        return Scores(
-            _mean_cost(profile, self.noise_seeds), _mean_cost(profile, self.held_out_seeds)
-        )
+        return Scores(*(_mean_cost(profile, s) for s in (self.noise_seeds, self.held_out_seeds)))
+
+    def _candidates(self, base: Base, values: Floats) -> Floats:
+        """Rows of k1..k22, gamma, tau as the kernel takes them; what is not tuned is the base's."""
+        columns = {name: values[:, i] for i, name in enumerate(self.space.names)}
+        rest = np.ones(len(values))
+        gamma = columns.get("filter.gamma", base.params.gamma * rest)
+        tau = columns.get("filter.rate_time_constant_s", base.params.rate_time_constant_s * rest)
+        return np.stack([*(columns[name] for name in memberships.NAMES), gamma, tau], axis=1)
 
 
 def _mean_cost(profile: Profile, seeds: tuple[int, ...]) -> float:

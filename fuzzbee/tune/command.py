@@ -29,7 +29,10 @@ def tune(request: TuneRequest) -> None:
     from tuning.checkpoint import checkpoint_path
 
     _require_machine(request)
-    _require_plots(request)
+    if request.plot is not None:
+        if request.plot.exists() and not request.plot.is_dir():
+            raise InputError(f"--plot {request.plot}: not a folder")
+        require_extra("matplotlib", "--plot", "plot")
     viewer = outputs.viewer_options(request.view, request.rrd)
     files = (request.output, checkpoint_path(request.output))
     written = [*(("--output", file) for file in files), ("--rrd", request.rrd)]
@@ -44,13 +47,3 @@ def _require_machine(request: TuneRequest) -> None:
         raise InputError(f"--threads {request.threads}: at least 1 is needed")
     if request.cluster is not None and request.threads is not None:
         raise InputError("--threads and --cluster contradict each other: the workers compute")
-
-
-def _require_plots(request: TuneRequest) -> None:
-    """Refuse, before the search, a folder or a library that drawing would miss after it."""
-    folder = request.plot
-    if folder is None:
-        return
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"--plot {folder}: not a folder")
-    require_extra("matplotlib", "--plot", "plot")

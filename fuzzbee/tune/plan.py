@@ -1,18 +1,20 @@
 """From the options of ``fuzzbee tune`` to a plan of the search; all checks come before any work."""
 
 import os
+from collections.abc import Collection
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from estimator.errors import InputError
-from estimator.profile import SHIPPED, Profile, load_profile, merge_profile
+from estimator.profile import SHIPPED, Profile, load_profile, merge_profile, profile_to_toml
 from fuzzbee.options import require_extra, seed_range
 from fuzzbee.say import tell
 from fuzzbee.time_window import time_window
 from fuzzbee.tune.read_flight import REFERENCES, read_flight
 from fuzzbee.tune.request import SIMULATION, TuneRequest
 from fuzzbee.version import __version__
-from tuning.flight import BETTER_LOG, Flight, Part, require_substance
+from tuning.flight import BETTER_LOG, Flight, require_substance
 from tuning.log_task import GOALS, MEMBERSHIP_RATE_HZ, LogTask, Split, default_groups, split
 from tuning.paper_task import FIRST_RESERVED_SEED, PaperTask, midpoint_profile
 from tuning.recovery import require_recoveries
@@ -23,6 +25,12 @@ DEFAULT_NOISE_SEEDS = "100-107"
 DEFAULT_HELD_OUT_SEEDS = "200-219"
 # SciPy's differential evolution mixes three other members with two more.
 FEWEST_SOURCES = {"abc": 2, "cmaes": 1, "de": 5, "random": 1}
+REFERENCE_NAMES = {
+    "sim": "simulator's truth",
+    "autopilot": "autopilot's attitude",
+    "smooth": "attitude smoothed over the whole log",
+    "none": "prediction of its own vectors, without a reference",
+}
 
 
 class Plan(NamedTuple):
@@ -48,27 +56,34 @@ def plan(request: TuneRequest) -> Plan:
             and sources that cannot be used.
     """
     _require_numbers(request)
-    _require_output(request)
+    output = request.output
+    if output.is_dir():
+        raise InputError(f"-o {output}: a folder, not a file")
+    if not output.parent.is_dir():
+        raise InputError(f"-o {output}: no such folder: {output.parent}")
+    if not os.access(output.parent, os.W_OK):
+        raise InputError(f"-o {output}: the folder cannot be written to")
     return _simulation_plan(request) if request.is_simulated else _log_plan(request)
 
 
 def _simulation_plan(request: TuneRequest) -> Plan:
     if len(request.sources) > 1 or request.held_out:
         raise InputError("tune: sim: stands alone, not beside logs")
-    if request.objective is not None:
-        raise InputError("--objective goes with logs only; sim: has the paper's J")
-    if request.reference is not None:
-        raise InputError("--reference goes with logs only; sim: has the truth")
-    for name, given in (("--from", request.begin), ("--to", request.end)):
+    for name, given, instead in (
+        ("--objective", request.objective, "has the paper's J"),
+        ("--reference", request.reference, "has the truth"),
+        ("--from", request.begin, "flies 15 s"),
+        ("--to", request.end, "flies 15 s"),
+    ):
         if given is not None:
-            raise InputError(f"{name} goes with logs only; sim: flies 15 s")
+            raise InputError(f"{name} goes with logs only; sim: {instead}")
     noise = _seeds("--noise-seeds", request.noise_seeds or DEFAULT_NOISE_SEEDS)
     held_out = _seeds("--held-out-seeds", request.held_out_seeds or DEFAULT_HELD_OUT_SEEDS)
-    common = sorted({*noise} & {*held_out})
-    if common:
-        raise InputError(
-            f"--held-out-seeds: seed {common[0]} is also in --noise-seeds; unseen seeds are needed"
-        )
+    for seed in held_out:
+        if seed in noise:
+            raise InputError(
+                f"--held-out-seeds: seed {seed} is also in --noise-seeds; unseen seeds are needed"
+            )
     base = midpoint_profile() if request.base is None else load_profile(request.base)
     groups = _groups(request, ("membership",))
     if "membership" not in groups:
@@ -81,19 +96,12 @@ def _simulation_plan(request: TuneRequest) -> Plan:
 
 
 def _log_plan(request: TuneRequest) -> Plan:
-    for option, value in (
-        ("--noise-seeds", request.noise_seeds),
-        ("--held-out-seeds", request.held_out_seeds),
-    ):
-        if value is not None:
-            raise InputError(f"{option} goes with sim: only; a log has its own noise")
+    if (request.noise_seeds, request.held_out_seeds) != (None, None):
+        name = "--held-out-seeds" if request.noise_seeds is None else "--noise-seeds"
+        raise InputError(f"{name} goes with sim: only; a log has its own noise")
     goal = request.objective or "flight"
-    if goal not in GOALS:
-        raise InputError(f"--objective {goal}: unknown; choose from {', '.join(GOALS)}")
-    if request.reference not in (None, *REFERENCES):
-        raise InputError(
-            f"--reference {request.reference}: unknown; choose from {', '.join(REFERENCES)}"
-        )
+    _require_known("--objective", goal, GOALS)
+    _require_known("--reference", request.reference, (None, *REFERENCES))
     base = load_profile(request.base or "imu")
     if not base.conditioned:
         raise InputError("base profile: logs are tuned with conditioning.enabled = true")
@@ -102,21 +110,23 @@ def _log_plan(request: TuneRequest) -> Plan:
     groups = _groups(request, default_groups(goal, slowest.rate_hz))
     if ("sigma" in groups) != (goal == "coverage"):
         raise InputError("--parameters sigma and --objective coverage go with each other only")
-    _require_rate(request, groups, slowest)
-    base = _with_tuned_gain(base, groups)
+    if slowest.rate_hz < MEMBERSHIP_RATE_HZ and {"membership", "filter"} & {*groups}:
+        raise InputError(
+            f"--parameters {request.parameters}: {slowest.name} has IMU data at "
+            f"{slowest.rate_hz:.1f} Hz; the fuzzy controller is tuned from "
+            f"{MEMBERSHIP_RATE_HZ:g} Hz on ({BETTER_LOG})"
+        )
     chosen = split(flights, held_out)
     _require_references(goal, chosen)
+    task = LogTask(_with_tuned_gain(base, groups), groups, chosen, goal)
+    inputs = []
     for flight in flights:
-        tell(
-            f"{flight.name}: {flight.message} at {flight.rate_hz:.1f} Hz, "
-            f"reference: {_reference_text(flight)}, {_use(chosen, flight)}"
-        )
-    inputs = [
-        {"name": flight.name, "sha256": flight.sha256, "use": _use(chosen, flight)}
-        for flight in flights
-    ]
-    reference = "; ".join(dict.fromkeys(_reference_text(flight) for flight in flights))
-    return _plan(request, LogTask(base, groups, chosen, goal), inputs, reference, {})
+        use, reference = _use(chosen, flight), _reference_text(flight)
+        rate = f"{flight.message} at {flight.rate_hz:.1f} Hz"
+        tell(f"{flight.name}: {rate}, reference: {reference}, {use}")
+        inputs.append({"name": flight.name, "sha256": flight.sha256, "use": use})
+    reference = "; ".join(dict.fromkeys(map(_reference_text, flights)))
+    return _plan(request, task, inputs, reference, {})
 
 
 def _with_tuned_gain(base: Profile, groups: tuple[str, ...]) -> Profile:
@@ -141,6 +151,7 @@ def _plan(
     sources, cycles = request.budget
     limit = sources * task.space.dimensions if request.limit is None else request.limit
     search = SearchOptions(request.algorithm, sources, cycles, limit, request.seed)
+    begin, end = time_window(request.begin, request.end)
     options: dict[str, Any] = {
         "command": "tune",
         "algorithm": request.algorithm,
@@ -148,17 +159,14 @@ def _plan(
         "cycles": cycles,
         "parameters": ",".join(task.groups),
         "base": _base_identity(request, task.base),
+        "limit": limit if request.algorithm == "abc" else None,
+        "objective": task.goal if isinstance(task, LogTask) else None,
+        "reference": request.reference,
+        "from": begin,
+        "to": end,
     }
-    if request.algorithm == "abc":
-        options["limit"] = limit
-    if isinstance(task, LogTask):
-        options["objective"] = task.goal
-    if request.reference is not None:
-        options["reference"] = request.reference
-    begin, end = time_window(request.begin, request.end)
-    options |= {name: at for name, at in (("from", begin), ("to", end)) if at is not None}
     identity = {
-        "options": options,
+        "options": {name: value for name, value in options.items() if value is not None},
         "inputs": inputs,
         "seeds": {"search": request.seed, **seeds},
         "version": __version__,
@@ -169,28 +177,25 @@ def _plan(
 def _read_flights(request: TuneRequest, base: Profile) -> tuple[tuple[Flight, ...], frozenset[str]]:
     """All flights in the order given, and the SHA-256 of those that are asked to be held out.
 
-    A log that is held out may stand among the sources, too.
+    A log that is held out may stand among the sources, too; but none may count twice.
     """
-    paths = _log_paths(request)
+    paths = [Path(source) for source in request.sources]
+    for path in (*paths, *request.held_out):
+        if not path.exists():
+            raise InputError(f"{path}: no such file")
     apart = {path.resolve() for path in request.held_out}
     searched = [path for path in paths if path.resolve() not in apart]
     if not searched:
         raise InputError("--hold-out: nothing is left to tune on")
-    chosen = request.reference, time_window(request.begin, request.end)
-    flights = tuple(read_flight(path, base, *chosen) for path in (*searched, *request.held_out))
-    for flight in flights:
+    window = time_window(request.begin, request.end)
+    flights: dict[str, Flight] = {}
+    for path in (*searched, *request.held_out):
+        flight = read_flight(path, base, request.reference, window)
         require_substance(flight)
-    _require_distinct(flights)
-    return flights, frozenset(flight.sha256 for flight in flights[len(searched) :])
-
-
-def _require_rate(request: TuneRequest, groups: tuple[str, ...], slowest: Flight) -> None:
-    if slowest.rate_hz < MEMBERSHIP_RATE_HZ and {"membership", "filter"} & {*groups}:
-        raise InputError(
-            f"--parameters {request.parameters}: {slowest.name} has IMU data at "
-            f"{slowest.rate_hz:.1f} Hz; the fuzzy controller is tuned from "
-            f"{MEMBERSHIP_RATE_HZ:g} Hz on ({BETTER_LOG})"
-        )
+        same = flights.setdefault(flight.sha256, flight)
+        if same is not flight:
+            raise InputError(f"{flight.name}: the same log as {same.name}")
+    return tuple(flights.values()), frozenset([*flights][len(searched) :])
 
 
 def _require_references(goal: str, chosen: Split) -> None:
@@ -208,41 +213,16 @@ def _require_references(goal: str, chosen: Split) -> None:
 
 def _use(chosen: Split, flight: Flight) -> str:
     """What a flight is for."""
-
-    def has(parts: tuple[Part, ...]) -> bool:
-        return any(part.flight is flight for part in parts)
-
-    if has(chosen.tuning) and has(chosen.held_out):
+    is_searched, is_held_out = (any(part.flight is flight for part in parts) for parts in chosen)
+    if is_searched and is_held_out:
         return "its later part held out"
-    return "tuned on" if has(chosen.tuning) else "held out"
+    return "tuned on" if is_searched else "held out"
 
 
 def _reference_text(log: Flight) -> str:
     """What the cost of a log is measured against."""
-    name = {
-        "sim": "simulator's truth",
-        "autopilot": "autopilot's attitude",
-        "smooth": "attitude smoothed over the whole log",
-        "none": "prediction of its own vectors, without a reference",
-    }[log.reference]
+    name = REFERENCE_NAMES[log.reference]
     return name if log.has_field or log.reference == "none" else f"{name}, inclination only"
-
-
-def _log_paths(request: TuneRequest) -> list[Path]:
-    paths = [Path(source) for source in request.sources]
-    for path in (*paths, *request.held_out):
-        if not path.exists():
-            raise InputError(f"{path}: no such file")
-    return paths
-
-
-def _require_distinct(logs: tuple[Flight, ...]) -> None:
-    """Refuse a log that is given twice: it would count twice."""
-    seen: dict[str, str] = {}
-    for log in logs:
-        if log.sha256 in seen:
-            raise InputError(f"{log.name}: the same log as {seen[log.sha256]}")
-        seen[log.sha256] = log.name
 
 
 def _seeds(option: str, text: str) -> range:
@@ -259,36 +239,28 @@ def _seeds_text(chosen: range) -> str:
     return str(chosen[0]) if len(chosen) == 1 else f"{chosen[0]}-{chosen[-1]}"
 
 
+def _require_known(option: str, word: str | None, known: Collection[str | None]) -> None:
+    if word not in known:
+        choices = ", ".join(filter(None, known))
+        raise InputError(f"{option} {word}: unknown; choose from {choices}")
+
+
 def _require_numbers(request: TuneRequest) -> None:
-    if request.algorithm not in ALGORITHMS:
-        raise InputError(
-            f"--algorithm {request.algorithm}: unknown; choose from {', '.join(ALGORITHMS)}"
-        )
-    if request.algorithm == "cmaes":
+    algorithm, (sources, cycles) = request.algorithm, request.budget
+    _require_known("--algorithm", algorithm, ALGORITHMS)
+    if algorithm == "cmaes":
         require_extra("cmaes", "--algorithm cmaes", "optimizers")
-    fewest = FEWEST_SOURCES[request.algorithm]
-    sources, cycles = request.budget
-    if sources < fewest:
-        raise InputError(f"--sources {sources}: {request.algorithm} needs at least {fewest}")
-    if cycles < 1:
-        raise InputError(f"--cycles {cycles}: at least 1 is needed")
-    if request.limit is not None and request.limit < 1:
-        raise InputError(f"--limit {request.limit}: at least 1 is needed")
-    if request.limit is not None and request.algorithm != "abc":
-        raise InputError(f"--limit is the bees' own; {request.algorithm} has none")
+    if sources < FEWEST_SOURCES[algorithm]:
+        raise InputError(
+            f"--sources {sources}: {algorithm} needs at least {FEWEST_SOURCES[algorithm]}"
+        )
+    if request.limit is not None and algorithm != "abc":
+        raise InputError(f"--limit is the bees' own; {algorithm} has none")
+    for option, number in (("--cycles", cycles), ("--limit", request.limit)):
+        if number is not None and number < 1:
+            raise InputError(f"{option} {number}: at least 1 is needed")
     if request.seed < 0:
         raise InputError(f"--seed {request.seed}: must be 0 or more")
-
-
-def _require_output(request: TuneRequest) -> None:
-    """Refuse, before the search, an output that could not be written after it."""
-    output = request.output
-    if output.is_dir():
-        raise InputError(f"-o {output}: a folder, not a file")
-    if not output.parent.is_dir():
-        raise InputError(f"-o {output}: no such folder: {output.parent}")
-    if not os.access(output.parent, os.W_OK):
-        raise InputError(f"-o {output}: the folder cannot be written to")
 
 
 def _groups(request: TuneRequest, default: tuple[str, ...]) -> tuple[str, ...]:
@@ -299,10 +271,6 @@ def _groups(request: TuneRequest, default: tuple[str, ...]) -> tuple[str, ...]:
 
 def _base_identity(request: TuneRequest, base: Profile) -> str:
     """The base's name; for a file the SHA-256 of what it says, which its name does not fix."""
-    from hashlib import sha256
-
-    from estimator.profile import profile_to_toml
-
     name = request.base or (MIDPOINT if request.is_simulated else "imu")
     if name in (*SHIPPED, MIDPOINT):
         return name

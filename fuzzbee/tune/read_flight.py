@@ -12,7 +12,7 @@ from estimator.live.rows import Rows
 from estimator.profile import Profile
 from estimator.types import ImuSample
 from fuzzbee.replays.comparison import compare
-from fuzzbee.replays.trace import Replay, VehicleTrace
+from fuzzbee.replays.trace import Replay
 from tuning.flight import Flight
 from tuning.logged_calls import Call, LoggedEstimator
 from tuning.smoothed import sure_flight
@@ -66,37 +66,23 @@ def read_flight(
     assert isinstance(recorder, RecordingEstimator)
     if recorder.samples != len(trace.attitudes):
         raise InputError(f"{path}: with the base profile the estimate is not finite")
-    found = _flight(path, sha256, trace, recorder, None if reference == "smooth" else reference)
-    if reference != "smooth" and (reference or found.reference == "sim"):
-        return found
-    return sure_flight(found, profile, is_wanted=reference == "smooth")
-
-
-def _flight(
-    path: Path,
-    sha256: str,
-    trace: VehicleTrace,
-    recorder: RecordingEstimator,
-    reference: str | None,
-) -> Flight:
-    compared = compare(path, trace, reference)
+    compared = compare(path, trace, None if reference == "smooth" else reference)
     restart = np.zeros(recorder.samples, dtype=bool)
     restart[[k for k in recorder.restarts if k < len(restart)]] = True
-    return Flight(
+    samples = trace.samples
+    gyr, acc, mag = map(samples.column, ("gyr_rad_s", "acc_m_s2", "mag_gauss"))
+    found = Flight(
         name=path.name,
         sha256=sha256,
         message=max(trace.imu_messages, key=lambda name: trace.imu_messages[name]),
         reference=compared.source or "none",
-        rows=Rows(
-            times_us=trace.samples.times_us,
-            gyr_rad_s=trace.samples.column("gyr_rad_s"),
-            acc_m_s2=trace.samples.column("acc_m_s2"),
-            mag_gauss=trace.samples.column("mag_gauss"),
-            has_mag=trace.samples.column("has_mag") > 0.0,
-        ),
+        rows=Rows(samples.times_us, gyr, acc, mag, samples.column("has_mag") > 0.0),
         calls=recorder.calls,
         restart=restart,
         truth=compared.truth,
         known=compared.known,
         headed=trace.attitudes.norths() != "none",
     )
+    if reference != "smooth" and (reference or found.reference == "sim"):
+        return found
+    return sure_flight(found, profile, is_wanted=reference == "smooth")

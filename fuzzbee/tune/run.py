@@ -1,27 +1,30 @@
-"""Runs a planned search: threads or cluster, progress, signals, checkpoint, result."""
+"""Runs a planned search: processes or a cluster, progress, signals, checkpoint, result."""
 
 import contextlib
 import json
 import threading
 import time
-from collections.abc import Callable
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from estimator.profile import Profile, Provenance, profile_to_toml
 from fuzzbee.say import tell
 from fuzzbee.tune.plan import Plan
+from fuzzbee.tune.report import in_words, judge, remarks, report_of
 from fuzzbee.tune.request import TuneRequest
-from fuzzbee.tune.searches import Searches, Watch, best
 from service.signals import stop_on_signals
-from tuning.checkpoint import checkpoint_path, read_checkpoint, write_atomically
-from tuning.crossing import cross
-from tuning.flight_cost import FlightFigures, harm
-from tuning.log_task import GOALS, LogTask
-from tuning.objective import Scores, values_of
-from tuning.search import InterruptedSearch, Search
+from tuning.checkpoint import checkpoint_path, read_checkpoint, write_atomically, write_checkpoint
+from tuning.log_task import LogTask
+from tuning.optimizers import run_search
+from tuning.processes import Pool, available_cores
+from tuning.search import Evaluate, InterruptedSearch, Record, Search, SearchOptions
+from tuning.space import encode
+from tuning.task import Task, batches, profile_with, values_of
 
 if TYPE_CHECKING:
     from fuzzbee.tune.view import SearchView
@@ -33,38 +36,19 @@ NAMES = {
     "de": "differential evolution",
     "random": "random search",
 }
-# A profile gains if the held-out cost falls by this share at least: less is chance.
-LEAST_GAIN = 0.01
+# A checkpoint is written this often, so a power cut costs no more of a search.
+CHECKPOINT_PERIOD_S = 20.0
 NO_GAIN = 1
 INTERRUPTED = 130
 
 
 class Outcome(NamedTuple):
-    """A search that ran to its end or was interrupted, and the profile it found."""
+    """A search, whether it came to its end, what it found, and what chance does on its budget."""
 
     search: Search
-    finished: bool
-    profile: Profile
-
-
-class Verdict(NamedTuple):
-    """The scores of base and result; and, on logs, what chance found with the same budget.
-
-    ``flights`` are the held-out flights' names and figures before and after, ``harm`` is what got
-    worse on them, in words.
-    """
-
-    before: Scores
-    after: Scores
-    rival: Scores | None
-    flights: tuple[tuple[str, FlightFigures, FlightFigures], ...] = ()
-    harm: str | None = None
-
-    @property
-    def gains(self) -> bool:
-        """Whether the result is better on what the search did not see, and nothing worse."""
-        lower = self.after.held_out < (1.0 - LEAST_GAIN) * self.before.held_out
-        return lower and self.harm is None
+    is_finished: bool
+    found: Profile
+    by_chance: Profile | None
 
 
 def run_plan(plan: Plan, request: TuneRequest, viewer: "ViewerOptions | None") -> int:
@@ -78,103 +62,110 @@ def run_plan(plan: Plan, request: TuneRequest, viewer: "ViewerOptions | None") -
     """
     started = time.perf_counter()
     checkpoint = checkpoint_path(plan.output)
-    earlier = read_checkpoint(checkpoint, plan.identity) if request.resume else []
-    if not earlier and checkpoint.exists():
+    record = read_checkpoint(checkpoint, plan.identity) if request.resume else None
+    if record is None and checkpoint.exists():
         tell(f"{checkpoint}: an unfinished search, not resumed; it will be replaced")
     stop = threading.Event()
     with contextlib.ExitStack() as stack:
         view = _open_view(viewer, plan, stack)
-        searches = Searches(plan, request, stop, earlier)
         with stop_on_signals(stop.set):
-            plan, outcome, verdict = _run(plan, searches, None if view is None else view.show)
-        written = verdict.gains or request.force or not isinstance(plan.task, LogTask)
-        _write(plan, outcome, checkpoint, request.plot, written=written)
-        report = _report(plan, outcome, verdict, time.perf_counter() - started)
-        report["file"] = str(plan.output) if written else None
-        if request.as_json:
-            print(json.dumps(report), flush=True)
-        else:
-            _print_report(plan, outcome, report)
-        _tell_gain(plan, verdict, written=written)
+            search, is_finished, found, rival = _run(plan, request, record, stop, view)
+            verdict = judge(plan.task, found, rival)
+        is_written = verdict.gains or request.force or not isinstance(plan.task, LogTask)
+        if is_written:
+            write_atomically(plan.output, profile_to_toml(found).encode())
+        if is_finished:
+            checkpoint.unlink(missing_ok=True)
+        if request.plot is not None:
+            from fuzzbee.tune.figure import draw
+
+            draw(request.plot, plan.task, found, search)
+        report = report_of(plan, search, verdict)
+        report["wall_s"] = time.perf_counter() - started
+        report["interrupted"] = not is_finished
+        report["file"] = str(plan.output) if is_written else None
+        print(json.dumps(report) if request.as_json else in_words(plan, search, report), flush=True)
+        for line in remarks(plan, verdict, report):
+            tell(line)
         if view is not None:
-            view.finish(outcome.search)
-            if outcome.finished:
+            view.finish(search)
+            if is_finished:
                 view.stream.stay_open()
-    if not outcome.finished:
+    if not is_finished:
         return INTERRUPTED
-    return 0 if written else NO_GAIN
+    return 0 if is_written else NO_GAIN
 
 
-def _write(
-    plan: Plan, outcome: Outcome, checkpoint: Path, figures: Path | None, *, written: bool
-) -> None:
-    """The profile and figures, if they are wanted; a finished search needs no checkpoint."""
-    if written:
-        write_atomically(plan.output, profile_to_toml(outcome.profile).encode())
-    if outcome.finished:
-        checkpoint.unlink(missing_ok=True)
-    if figures is not None:
-        from fuzzbee.tune.plots import draw
+def _run(
+    plan: Plan,
+    request: TuneRequest,
+    record: Record | None,
+    stop: threading.Event,
+    view: "SearchView | None",
+) -> Outcome:
+    """Search until the budget is spent or somebody stops it; the checkpoint is written then."""
+    task, checkpoint = plan.task, checkpoint_path(plan.output)
+    first = encode(task.space, values_of(task.space, task.base))
+    saved_s = time.monotonic()
+    with _evaluator(task, request) as evaluate, _progress_line(plan.options) as show:
 
-        draw(figures, plan.task, outcome.profile, outcome.search)
+        def observe(search: Search) -> bool:
+            nonlocal saved_s
+            show(search)
+            if view is not None:
+                view.show(search)
+            now_s = time.monotonic()
+            if now_s - saved_s > CHECKPOINT_PERIOD_S or stop.is_set():
+                write_checkpoint(checkpoint, plan.identity, search.record)
+                saved_s = now_s
+            return not stop.is_set()
 
-
-def _run(plan: Plan, searches: Searches, watch: Watch | None) -> tuple[Plan, Outcome, Verdict]:
-    """Search on references that are crossed first, where they are smoothed ones."""
-    try:
-        if isinstance(plan.task, LogTask):
-            plan = plan._replace(task=cross(plan.task, searches.found))
-        with searches.evaluator(plan.task) as evaluate:
-            search = searches.run(plan.task, evaluate, watch)
-            outcome = Outcome(search, True, _profile(plan, search, finished=True))
-            return (
-                plan,
-                outcome,
-                _judge(plan, outcome, lambda: searches.by_chance(plan.task, evaluate)),
-            )
-    except InterruptedSearch:
-        search = searches.latest
-        outcome = Outcome(search, False, _profile(plan, search, finished=False))
-        return plan, outcome, _judge(plan, outcome, lambda: None)
-
-
-def _judge(plan: Plan, outcome: Outcome, chance: Callable[[], Profile | None]) -> Verdict:
-    """Score base and result, and what chance finds with the same budget."""
-    before, after = plan.task.score(plan.task.base), plan.task.score(outcome.profile)
-    if not isinstance(plan.task, LogTask):
-        return Verdict(before, after, None)
-    then, now = (plan.task.held_out_figures(p) for p in (plan.task.base, outcome.profile))
-    flights = tuple((name, was, is_) for (name, was), (_, is_) in zip(then, now, strict=True))
-    harmed = harm([f for _, f in then], [f for _, f in now]) if plan.task.goal == "flight" else None
-    found = chance()
-    rival = None if found is None else plan.task.score(found)
-    return Verdict(before, after, rival, flights, harmed)
+        search = Search(task.space, plan.options, evaluate, observe, record)
+        try:
+            run_search(search, first)
+        except InterruptedSearch:
+            return Outcome(search, False, _found(plan, search, is_finished=False), None)
+        found = _found(plan, search, is_finished=True)
+        if not isinstance(task, LogTask):
+            return Outcome(search, True, found, None)
+        options = plan.options._replace(algorithm="random")
+        rival = Search(task.space, options, evaluate, lambda _: not stop.is_set())
+        try:
+            run_search(rival, first)
+        except InterruptedSearch:  # the result stands without it
+            return Outcome(search, True, found, None)
+        by_chance = profile_with(task.space, task.base, rival.best_values)
+        return Outcome(search, True, found, by_chance)
 
 
-def _tell_gain(plan: Plan, verdict: Verdict, *, written: bool) -> None:
-    before, after = verdict.before.held_out, verdict.after.held_out
-    if verdict.gains or not isinstance(plan.task, LogTask):
-        if after > before:
-            tell(
-                f"the held-out cost rose from {before:.4f} to {after:.4f}: the result fits what it "
-                "was tuned on only; use more data, or keep the base"
-            )
-        return
-    if verdict.harm is None:
-        why = f"nothing gained on what was held out ({before:.4f} -> {after:.4f}, "
-        why += f"{100.0 * LEAST_GAIN:g} % less is needed)"
-    elif after < before:
-        why = f"the held-out J falls from {before:.4f} to {after:.4f}, but {verdict.harm}"
+@contextlib.contextmanager
+def _evaluator(task: Task, request: TuneRequest) -> Iterator[Evaluate]:
+    """Choose what computes costs: a cluster, or processes here."""
+    if request.cluster is not None:
+        from tuning.cluster import ClusterEvaluator
+
+        with ClusterEvaluator(request.cluster, task) as evaluate:
+            yield evaluate
     else:
-        why = f"what was held out is worse: {verdict.harm}"
-    tell(
-        f"{why}: "
-        + (
-            f"{plan.output} is written all the same"
-            if written
-            else "not written; --force writes it"
+        threads = available_cores() if request.threads is None else request.threads
+        with Pool(task.costs, threads) as pool:
+            yield lambda values: np.concatenate([*pool(batches(task, values))])
+
+
+@contextlib.contextmanager
+def _progress_line(options: SearchOptions) -> Iterator[Callable[[Search], None]]:
+    """Evaluations, best cost and time left, where standard error is a terminal."""
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    with Progress(
+        *columns, TimeRemainingColumn(), console=console, disable=not console.is_terminal
+    ) as bar:
+        line = bar.add_task(options.algorithm, total=options.budget)
+        yield lambda search: bar.update(
+            line,
+            completed=search.evaluations,
+            description=f"{options.algorithm}, best cost {search.best_cost:.4f}",
         )
-    )
 
 
 def _open_view(
@@ -191,86 +182,12 @@ def _open_view(
     return view
 
 
-def _profile(plan: Plan, search: Search, *, finished: bool) -> Profile:
-    """The base profile with the values that were found, and their provenance."""
+def _found(plan: Plan, search: Search, *, is_finished: bool) -> Profile:
+    """The base profile with the best values so far, and their provenance."""
     groups = plan.identity["options"]["parameters"]
     description = f"{groups} by {NAMES[plan.options.algorithm]} against the {plan.reference}"
-    if not finished:
+    if not is_finished:
         description += f", interrupted after {search.evaluations} of {plan.options.budget}"
+    best = profile_with(plan.task.space, plan.task.base, search.best_values)
     provenance = Provenance(description=description, **plan.identity)
-    return msgspec.structs.replace(best(plan.task, search), provenance=provenance)
-
-
-def _report(plan: Plan, outcome: Outcome, verdict: Verdict, wall_s: float) -> dict[str, Any]:
-    search, before, after, rival = outcome.search, *verdict[:3]
-    report = {
-        "evaluations": search.evaluations,
-        "cycles": search.cycles,
-        "food_sources": plan.options.food_sources,
-        "algorithm": plan.options.algorithm,
-        "parameters": plan.identity["options"]["parameters"].split(","),
-        "reference": plan.reference,
-        "inputs": plan.inputs,
-        "cost_before": before.tuning,
-        "cost_after": after.tuning,
-        "held_out_before": before.held_out,
-        "held_out_after": after.held_out,
-        "wall_s": wall_s,
-        "interrupted": not outcome.finished,
-    }
-    if isinstance(plan.task, LogTask):
-        report["objective"] = plan.task.goal
-        report["random_search"] = (
-            None if rival is None else {"cost": rival.tuning, "held_out": rival.held_out}
-        )
-        report["held_out_flights"] = [
-            {"name": name, "before": then.as_json(), "after": now.as_json()}
-            for name, then, now in verdict.flights
-        ]
-        report["harm"] = verdict.harm
-    return report
-
-
-def _print_report(plan: Plan, outcome: Outcome, report: dict[str, Any]) -> None:
-    print(f"measured against the {report['reference']}")
-    unit = GOALS[plan.task.goal].unit if isinstance(plan.task, LogTask) else ""
-    print(f"tuned on:  J {report['cost_before']:.4f} -> {report['cost_after']:.4f}{unit}")
-    print(f"held out:  J {report['held_out_before']:.4f} -> {report['held_out_after']:.4f}{unit}")
-    rival = report.get("random_search")
-    if rival is not None:
-        print(
-            f"random search, same budget: J {rival['cost']:.4f}, held out {rival['held_out']:.4f}"
-        )
-    for flight in report.get("held_out_flights", []):
-        print(f"  {flight['name']}: {_change(flight['before'], flight['after'])}")
-    if outcome.finished:
-        for name, value in _changes(plan, outcome):
-            print(f"  {name} {value}")
-    file = report["file"] or "not written"
-    print(f"{report['evaluations']} evaluations in {report['wall_s']:.1f} s: {file}")
-    if report["interrupted"]:
-        checkpoint = checkpoint_path(plan.output)
-        tell(f"interrupted: the best so far is written; --resume goes on from {checkpoint}")
-
-
-def _change(before: dict[str, Any], after: dict[str, Any]) -> str:
-    """RMS before and after, with the share of errors under sigma."""
-    return ", ".join(
-        f"{name} {_figure(before[name])} -> {_figure(after[name])}"
-        for name in before
-        if before[name] is not None and after[name] is not None
-    )
-
-
-def _figure(figure: dict[str, Any]) -> str:
-    share = figure["coverage"]
-    return f"{figure['rms_deg']:.2f} deg" + ("" if share is None else f" ({share:.2f} in sigma)")
-
-
-def _changes(plan: Plan, outcome: Outcome) -> list[tuple[str, str]]:
-    """The few numbers of a log's search, before and after; the 22 memberships are no reading."""
-    space = plan.task.space
-    if not isinstance(plan.task, LogTask) or "k1" in space.names:
-        return []
-    old, new = values_of(space, plan.task.base), outcome.search.best_values
-    return [(name, f"{x:.3g} -> {y:.3g}") for name, x, y in zip(space.names, old, new, strict=True)]
+    return msgspec.structs.replace(best, provenance=provenance)

@@ -1,7 +1,6 @@
 """A search as a Rerun recording, while it runs. The view never changes the search."""
 
 import time
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -42,11 +41,8 @@ class SearchView:
             cannot be written.
     """
 
-    def __init__(
-        self, options: ViewerOptions, plan: Plan, now_s: Callable[[], float] = time.monotonic
-    ) -> None:
+    def __init__(self, options: ViewerOptions, plan: Plan) -> None:
         self._space = plan.task.space
-        self._now_s = now_s
         self._due_s = 0.0
         self._drawn_cycles = 0
         self.stream = ViewerStream(options, blueprint)
@@ -60,7 +56,7 @@ class SearchView:
             say(f"viewer {CLOSED}")
         if not self.stream.is_wanted or search.cycles == self._drawn_cycles:
             return
-        now_s = self._now_s()
+        now_s = time.monotonic()
         if now_s >= self._due_s:
             self._due_s = now_s + PERIOD_S
             self._draw(search)

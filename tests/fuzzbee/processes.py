@@ -6,6 +6,7 @@ import socket
 import subprocess
 import sys
 from contextlib import contextmanager
+from pathlib import Path
 
 
 def free_port(kind=socket.SOCK_STREAM):
@@ -37,3 +38,12 @@ def started(*arguments):
         if process.poll() is None:
             process.kill()
         process.communicate()
+
+
+def cpu_s(process):
+    """Processor time of a process, 0 once it has ended."""
+    try:
+        fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return 0.0
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")

@@ -166,7 +166,7 @@ def test_an_interrupt_of_all_processes_ends_them_without_a_word():
 def is_worker(process):
     """One that has begun to import."""
     try:
-        is_ours = b"tuning.child" in Path(f"/proc/{process}/cmdline").read_bytes()
+        is_ours = b"spawn_main" in Path(f"/proc/{process}/cmdline").read_bytes()
         return is_ours and "numpy" in Path(f"/proc/{process}/maps").read_text()
     except OSError:
         return False

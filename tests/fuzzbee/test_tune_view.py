@@ -2,25 +2,19 @@
 
 import os
 import signal
-from itertools import count
+import time
 from pathlib import Path
 
 import pytest
 
 from fuzzbee.cli import main
-from tests.fuzzbee.processes import started
+from tests.fuzzbee.processes import cpu_s, started
 
 pytest.importorskip("rerun", reason="the extra viewer is not installed")
 
-from fuzzbee.tune.plan import TuneRequest, plan
-from fuzzbee.tune.view import PERIOD_S, SearchView
-from fuzzbee.viewer.stream import CLOSED, ViewerOptions
+
+from fuzzbee.viewer.stream import CLOSED
 from tests.fuzzbee.rrd import listing, rows
-from tuning.checkpoint import write_checkpoint
-from tuning.objective import values_of
-from tuning.optimizers import run_search
-from tuning.search import InterruptedSearch, Search
-from tuning.space import encode
 
 SLOW_LOG = Path(__file__).parents[1] / "data" / "sitl_copter_4hz.tlog"
 SMALL = ["--sources", "6", "--cycles", "4"]
@@ -44,49 +38,18 @@ def test_it_shows_every_cycle_and_changes_nothing(tmp_path, algorithm):
         assert rows(file, "/cost") == 4 + 1  # the names
 
 
-def planned(output):
-    seeds = {"noise_seeds": "100-101", "held_out_seeds": "200"}
-    return plan(TuneRequest(["sim:"], output, food_sources=6, cycles=4, **seeds))
-
-
-def search(planned, observe):
-    task = planned.task
-    made = Search(task.space, planned.options, task.objective.costs, observe)
-    run_search(made, encode(task.space, values_of(task.space, task.base)))
-    return made
-
-
-@pytest.mark.parametrize(("step_s", "drawn"), [(0.0, 2), (PERIOD_S / 2.9, 3), (PERIOD_S, 4)])
-def test_it_draws_a_bounded_number_of_times_a_second(tmp_path, step_s, drawn):
-    """A step a batch, two a cycle; the last cycle is drawn in any case."""
-    clock, file = count(PERIOD_S, step_s), tmp_path / "x.rrd"
-    chosen = planned(tmp_path / "x.toml")
-    view = SearchView(ViewerOptions(rrd=str(file)), chosen, lambda: next(clock))
-
-    def observe(made):
-        view.show(made)
-        return True
-
-    made = search(chosen, observe)
-    view.finish(made)
-    view.close()
-    assert rows(file, "/best") == drawn + 1  # the names
-    assert rows(file, "/cost") == 4 + 1  # every cycle, and the names
-
-
 def test_a_resumed_search_shows_what_was_before(tmp_path):
     output, file = tmp_path / "x.toml", tmp_path / "x.rrd"
-    chosen, kept = planned(output), []
-
-    def observe(made):
-        kept[:] = [made.record]
-        return made.cycles < 2
-
-    with pytest.raises(InterruptedSearch):
-        search(chosen, observe)
-    write_checkpoint(tmp_path / "x.toml.checkpoint", chosen.identity, kept)
-    assert main([*SIMULATED, "-o", str(output), "--resume", "--rrd", str(file)]) == 0
-    assert rows(file, "/cost") == 4 + 1
+    options = [*SIMULATED[:2], "--sources", "40", "--cycles", "200", *SIMULATED[-4:]]
+    with started(*options, "-o", str(output), "--threads", "1") as process:
+        while cpu_s(process.pid) < 4.0:
+            assert process.poll() is None
+            time.sleep(0.05)
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=60)
+        assert process.returncode == 130
+    assert main([*options, "-o", str(output), "--resume", "--rrd", str(file)]) == 0
+    assert rows(file, "/cost") == 200 + 1
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs Linux's list of children")

@@ -4,39 +4,27 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from estimator.errors import InputError
-from tuning.objective import values_of
-from tuning.optimizers import run_search
-from tuning.paper_task import PaperTask, midpoint_profile
-from tuning.search import Search, SearchOptions
-from tuning.space import encode
+from fuzzbee.cli import main
+from tests.fuzzbee.processes import cpu_s, started
 
 pytest.importorskip("distributed")
 
-from tuning.cluster import ClusterEvaluator
-
-pytestmark = [
-    pytest.mark.slow,
-    # Dask's own: unclosed sockets of the connection to the worker that is killed
-    pytest.mark.filterwarnings("ignore::ResourceWarning"),
-    pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
-]
+pytestmark = pytest.mark.slow
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-OPTIONS = SearchOptions("abc", food_sources=10, cycles=6, limit=220, seed=1)
-TASK = PaperTask(midpoint_profile(), ("membership",), (100, 101), (200,))
+SEARCH = ["sim:", "--sources", "10", "--cycles", "60", "--noise-seeds", "100-101"]
+SEARCH += ["--held-out-seeds", "200"]
 
 
 def start(module, *arguments):
-    environment = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
     return subprocess.Popen(
         [sys.executable, "-W", "ignore", "-m", f"distributed.cli.{module}", *arguments],
-        env=environment,
+        env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
@@ -92,38 +80,28 @@ def workers(scheduler, tmp_path):
             stop(process)
 
 
-def searched(evaluate, observe=lambda _: True):
-    search = Search(TASK.space, OPTIONS, evaluate, observe)
-    run_search(search, encode(TASK.space, values_of(TASK.space, TASK.base)))
-    return search
-
-
-def test_the_same_result_with_a_worker_killed_in_mid_run(scheduler, workers):
-    here = searched(TASK.objective.costs)
-
-    def kill_one(search):
-        if search.evaluations >= OPTIONS.budget // 2 and workers[0].poll() is None:
-            workers[0].send_signal(signal.SIGKILL)
-            workers[0].wait()
-        return True
-
-    with ClusterEvaluator(scheduler, TASK.objective) as evaluate:
-        there = searched(evaluate, kill_one)
-    assert workers[0].returncode == -signal.SIGKILL
+def test_the_same_file_with_a_worker_killed_in_mid_run(scheduler, workers, tmp_path):
+    here, there = tmp_path / "here.toml", tmp_path / "there.toml"
+    assert main(["tune", *SEARCH, "-o", str(here)]) == 0
+    idle_s = cpu_s(workers[0].pid)
+    with started("tune", *SEARCH, "-o", str(there), "--cluster", scheduler) as process:
+        while cpu_s(workers[0].pid) < idle_s + 1.0:
+            assert process.poll() is None
+            time.sleep(0.01)
+        workers[0].send_signal(signal.SIGKILL)
+        _, said = process.communicate(timeout=300)
+        assert process.returncode == 0, said
     assert workers[1].poll() is None
-    assert np.array_equal(there.record.costs, here.record.costs)
-    assert there.record.asked_sha256 == here.record.asked_sha256
-    assert np.array_equal(there.best_values, here.best_values)
+    assert there.read_bytes() == here.read_bytes()
 
 
-def test_no_scheduler_is_said_in_one_line(monkeypatch):
-    monkeypatch.setattr("tuning.cluster.CONNECT_TIMEOUT_S", 0.5)
-    with pytest.raises(InputError, match="no scheduler answers") as told:
-        ClusterEvaluator("tcp://127.0.0.1:9", TASK.objective)
-    assert "\n" not in str(told.value)
-
-
-def test_no_workers_is_said_in_one_line(scheduler, monkeypatch):
+@pytest.mark.parametrize("has_scheduler", [False, True])
+def test_what_is_missing_is_said_in_one_line(has_scheduler, request, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("tuning.cluster.CONNECT_TIMEOUT_S", 1.0)
-    with pytest.raises(InputError, match="no workers"):
-        ClusterEvaluator(scheduler, TASK.objective)
+    address, told = "tcp://127.0.0.1:9", "no scheduler answers"
+    if has_scheduler:
+        address, told = request.getfixturevalue("scheduler"), "no workers"
+    file = tmp_path / "x.toml"
+    assert main(["tune", *SEARCH, "-o", str(file), "--cluster", address]) == 2
+    (line,) = [x for x in capsys.readouterr().err.splitlines() if x.startswith("fuzzbee")]
+    assert told in line

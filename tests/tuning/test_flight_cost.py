@@ -27,7 +27,7 @@ def test_what_holds_does_no_harm():
 @pytest.mark.parametrize(
     ("after", "words"),
     [
-        (changed("inclination", rms_deg=2.1), "error rises from 2.02 to 2.05"),
+        (changed("inclination", rms_deg=2.1), "error rises from 2.016 to 2.049"),
         (changed("inclination", coverage=0.57), "coverage of 0.70 becomes 0.57"),
         (changed("heading", coverage=0.79), "coverage of 0.65 becomes 0.79"),
         (FINE._replace(heading=None), "error rises"),

@@ -1,6 +1,5 @@
 """Tuning on recorded flights: what is scored is what ``replay`` says, and what a user sees."""
 
-from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -14,12 +13,11 @@ from estimator.profile import load_profile, merge_profile
 from estimator.types import ZERO_VEC3, ImuSample, VelocitySample
 from fuzzbee.replays.log_report import report_log
 from fuzzbee.tune.read_flight import RecordingEstimator, read_flight
-from tuning.child import Pool
 from tuning.course import WRONG_TURN
 from tuning.flight import Flight, Part, motion_s, require_substance
 from tuning.flight_cost import FLOOR_DEG, geometric_mean, measure, score_errors
 from tuning.log_task import LATER_PART, LogTask, default_groups, split
-from tuning.objective import one_cost
+from tuning.processes import Pool
 from tuning.recovery import (
     RECOVERY_S,
     SETTLE_S,
@@ -30,6 +28,7 @@ from tuning.recovery import (
     weights,
 )
 from tuning.space import decode, random_positions
+from tuning.task import batches
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 SLOW_LOG = DATA / "sitl_copter_4hz.tlog"
@@ -147,11 +146,11 @@ def test_of_several_every_third_is_held_out_or_those_that_are_named():
 def test_costs_are_the_same_bits_whoever_computes(recorded):
     task = LogTask(imu(), ("noise",), split((recorded,)))
     values = candidates(task, 3)
-    here = task.objective.costs(values)
+    here = task.costs(values)
     assert np.ptp(here) > 0.0
-    assert np.array_equal(here[1:2], task.objective.costs(values[1:2]))
-    with Pool(partial(one_cost, task.objective), 2) as pool:
-        assert np.array_equal([*pool(values)], here)
+    assert np.array_equal(here[1:2], task.costs(values[1:2]))
+    with Pool(task.costs, 2) as pool:
+        assert np.array_equal(np.concatenate([*pool(batches(task, values))]), here)
 
 
 def test_without_a_reference_the_flight_must_foretell_its_own_vectors(recorded):
@@ -250,16 +249,12 @@ def test_motion_is_turning_beyond_the_bias():
     assert motion_s(made._replace(rows=turned)) == pytest.approx(20.0, abs=0.1)
 
 
-def test_needs_conditioning():
-    task = LogTask(load_profile("paper"), ("noise",), split((flight(rate_hz=5.0),)))
+def test_refuses_a_base_whose_numbers_it_does_not_run():
+    parts = split((flight(rate_hz=5.0),))
     with pytest.raises(InputError, match=r"conditioning\.enabled"):
-        _ = task.objective
-
-
-def test_memberships_that_set_no_gain_are_not_tuned():
-    task = LogTask(imu(), ("membership",), split((flight(rate_hz=5.0),)))
+        LogTask(load_profile("paper"), ("noise",), parts)
     with pytest.raises(InputError, match=r"filter\.gain is 'noise'"):
-        _ = task.objective
+        LogTask(imu(), ("membership",), parts)
 
 
 def test_groups_by_goal_and_rate():

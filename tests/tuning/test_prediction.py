@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from drivers.simulation.simulated_vehicle import simulate
-from tuning.online.noise import has_moved, is_disturbed, noise_of
 from tuning.prediction import (
     AHEAD_S,
     Readings,
@@ -60,48 +59,3 @@ def test_a_bias_that_is_not_named_shows_by_half_a_second_of_it(bias_rad_s):
     assert rms_known(levelling_errors(named)) < 0.01
     assert rms_known(heading_errors(field)) < 0.01
     assert 0.03 < rms_known(levelling_errors(unnamed)) <= np.linalg.norm(bias_rad_s) * AHEAD_S
-
-
-def test_noise_is_what_was_put_in():
-    """The paper's: 0.05 of each component of a unit vector, 0.2 rad/s; also while it turns."""
-    readings, _ = flight(noise=1.0)
-    found = noise_of(readings)
-    # across the vector; along it a unit vector has no noise
-    assert found.gravity == pytest.approx(2 * 0.05**2, rel=0.15)
-    assert found.magnetic == pytest.approx(2 * 0.05**2, rel=0.15)
-    assert found.gyroscope == pytest.approx(3 * 0.2**2, rel=0.1)
-    assert noise_of(flight()[0]).gravity < 1e-5
-
-
-def test_the_field_is_told_by_its_strength_and_its_angle_to_gravity():
-    readings, _ = flight()
-    found = noise_of(readings)
-    strengths = np.linalg.norm(readings.mag, axis=1)
-    down = -readings.acc_m_s2 / np.linalg.norm(readings.acc_m_s2, axis=1)[:, None]
-    cosines = np.sum(readings.mag * down, axis=1) / strengths
-    assert found.strength == pytest.approx(strengths.mean(), rel=1e-3)
-    assert found.angle_rad == pytest.approx(np.arccos(cosines.mean()), abs=1e-3)
-
-
-def test_noise_that_has_doubled_or_halved_has_moved():
-    usual, half, twice = (noise_of(flight(noise=scale)[0]) for scale in (1.0, 0.5, 2.0))
-    assert has_moved(usual, twice)
-    assert has_moved(usual, half)
-    assert not has_moved(usual, noise_of(flight(noise=1.2)[0]))
-
-
-def test_a_magnet_is_no_noise():
-    readings, _ = flight(noise=1.0)
-    strong = readings._replace(mag=1.4 * readings.mag)
-    level = readings._replace(mag=readings.mag + 0.03 * readings.acc_m_s2)
-    learnt = noise_of(readings)
-    assert is_disturbed(learnt, noise_of(strong))
-    assert is_disturbed(learnt, noise_of(readings._replace(mag=0.6 * readings.mag)))
-    assert is_disturbed(learnt, noise_of(level))
-    assert not has_moved(learnt, noise_of(strong))
-    assert not is_disturbed(learnt, learnt)
-
-
-def test_a_slow_stream_tells_no_noise():
-    readings, _ = flight()
-    assert noise_of(readings._replace(time_s=np.arange(N) / 4.0)) is None

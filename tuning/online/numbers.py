@@ -10,7 +10,6 @@ from tuning.space import Space
 MOST_FACTOR = 30.0
 MOST_MOVE = 3.0
 
-
 # Keys of a profile (section, key, power) that are multiplied by powers of one factor, by its name.
 Numbers = dict[str, tuple[tuple[str, str, float], ...]]
 
@@ -59,9 +58,4 @@ def space_around(base: Profile, factors: Floats) -> Space:
     names = tuple(numbers_of(base))
     low = np.maximum(factors / MOST_MOVE, 1.0 / MOST_FACTOR)
     high = np.minimum(factors * MOST_MOVE, MOST_FACTOR)
-    return Space(
-        names=names,
-        lower=tuple(low.tolist()),
-        upper=tuple(high.tolist()),
-        logarithmic=(True,) * len(names),
-    )
+    return Space(names, tuple(low.tolist()), tuple(high.tolist()), logarithmic=(True,) * len(names))

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from estimator.profile import Profile
+from estimator.profile import Profile, profile_to_json
 from estimator.types import ImuSample
 from tuning.logged_calls import Call, LoggedEstimator
 from tuning.online.retuner import Decision, Retuner
@@ -20,8 +20,8 @@ class RetunedEstimator(LoggedEstimator):
         self,
         profile: Profile,
         fixed_gain: float | None = None,
-        retuner: Retuner | None = None,
         on_segment: Callable[[Segment], object] | None = None,
+        retuner: Retuner | None = None,
     ) -> None:
         super().__init__(profile, fixed_gain)
         self.retuner = Retuner(profile) if retuner is None else retuner
@@ -48,19 +48,15 @@ class RetunedEstimator(LoggedEstimator):
         self._told.append(calls)
         self._samples.append(sample)
         if sample.time_us - self._samples[0].time_us >= 1e6 * SEGMENT_S:
-            segment = Segment(
-                before=self._start,
-                profile=self.profile,
-                samples=tuple(self._samples),
-                calls=tuple(self._told),
-                silent=self._silent,
-                fixed_gain=self._gain,
-            )
+            told = tuple(self._samples), tuple(self._told)
+            segment = Segment(self._start, self.profile, *told, self._silent, self._gain)
             self._begin()
             self._on_segment(segment)
 
     def replace_profile(self, profile: Profile) -> None:
-        """See :class:`Estimator`."""
+        """See :class:`Estimator`. Somebody's own profile is the base from now on."""
+        if profile_to_json(profile) != profile_to_json(self.retuner.profile):
+            self.retuner = Retuner(profile)
         super().replace_profile(profile)
         self._begin()
 

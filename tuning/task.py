@@ -1,4 +1,4 @@
-"""What a search minimises: the cost of candidates, on data that are prepared once."""
+"""What a search minimises, and the profiles that its values stand for."""
 
 from typing import Any, NamedTuple, Protocol
 
@@ -11,23 +11,42 @@ from estimator.profile import Profile, parse_profile, profile_to_json, profile_t
 from tuning.space import Space
 
 
-class Objective(Protocol):
-    """The mean cost of candidates given as parameter values (C, D), in the space's order."""
-
-    def costs(self, values: Floats) -> Floats:
-        """Costs (C,), each with the same bits beside any others."""
-
-
-def one_cost(objective: Objective, row: Floats) -> float:
-    """The cost of one candidate (D,)."""
-    return float(objective.costs(row[None, :])[0])
-
-
 class Scores(NamedTuple):
     """Mean costs by the live filter's kernels, on the data of the search and on held-out data."""
 
     tuning: float
     held_out: float
+
+
+class Task(Protocol):
+    """Parameters of a base profile, and data on which they are searched."""
+
+    @property
+    def base(self) -> Profile:
+        """Where the search starts."""
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """The groups of parameters that are tuned."""
+
+    @property
+    def space(self) -> Space:
+        """The parameters that are tuned."""
+
+    @property
+    def batch(self) -> int:
+        """How many candidates one process best takes at a time."""
+
+    def costs(self, values: Floats) -> Floats:
+        """Costs (C,) of parameter values (C, D), each with the same bits beside any others."""
+
+    def score(self, profile: Profile) -> Scores:
+        """The costs of a profile, on what is searched on and on what is held out."""
+
+
+def batches(task: Task, values: Floats) -> list[Floats]:
+    """Candidates (C, D) as parts for processes."""
+    return np.array_split(values, -(-len(values) // task.batch))
 
 
 def require_fuzzy_gain(profile: Profile) -> None:
@@ -61,8 +80,7 @@ def profile_with(space: Space, base: Profile, values: Floats) -> Profile:
         section, key = _address(name)
         changes.setdefault(section, {})[key] = value
     sections = {name: _replace_keys(getattr(base, name), keys) for name, keys in changes.items()}
-    changed = msgspec.structs.replace(base, **sections)
-    return parse_profile(profile_to_toml(changed), "tuned")
+    return parse_profile(profile_to_toml(msgspec.structs.replace(base, **sections)), "tuned")
 
 
 def _replace_keys(section: Any, keys: dict[str, float]) -> Any:

@@ -1,0 +1,205 @@
+"""Retuning while it runs: by what proof, how far, and when not; on the paper's signals, 100 Hz."""
+
+import numpy as np
+import pytest
+
+from estimator.estimator import Estimator
+from estimator.geometry.metrics import batch_angle_errors
+from estimator.live.rows import rows_of
+from estimator.profile import load_profile, profile_to_json
+from estimator.types import ImuSample
+from tests.paper_noise import NoiseScale, simulate_scaled
+from tuning.course import WRONG_TURN
+from tuning.online.cost import cost_on, has_moved, noise_of
+from tuning.online.numbers import MOST_FACTOR, MOST_MOVE, numbers_of, space_around, update_of
+from tuning.online.retuned_estimator import RetunedEstimator
+from tuning.online.retuner import CHANGED, LEAST_GAIN, Retuner, Trial
+from tuning.online.segment import LONGEST_GAP_S, SEGMENT_S, fly_segments
+
+PAPER = load_profile("paper")
+CHANGE_S = 20.0
+
+
+def samples_of(made, late_us=lambda _: 0, turned=lambda _: False):
+    """The signals as samples, those for which it is so late, or with force and field turned."""
+    columns = (made.time_us, made.gyr_rad_s, made.acc_m_s2, made.mag_gauss)
+    for time_us, gyr, *vectors in zip(*map(np.ndarray.tolist, columns), strict=True):
+        time_s = 1e-6 * time_us
+        readings = [tuple(v[1:] + v[:1] if turned(time_s) else v) for v in vectors]
+        yield ImuSample(time_us + late_us(time_s), tuple(gyr), *readings, True)
+
+
+def flown(
+    duration_s, vectors=1.0, gyroscope=1.0, until_s=np.inf, seed=400, look=None, retune=True, **more
+):
+    """An estimator after the paper's signals, its attitudes, and the mean of e since the change."""
+    time_s = 0.01 * np.arange(round(100 * duration_s))
+    changed = (time_s >= CHANGE_S) & (time_s < until_s)
+    scale = NoiseScale(np.where(changed, gyroscope, 1.0), np.where(changed, vectors, 1.0))
+    made = simulate_scaled(seed, len(time_s), scale)
+    retuner = Retuner(PAPER, seed) if look is None else Retuner(PAPER, seed, look)
+    estimator = RetunedEstimator(PAPER, retuner=retuner) if retune else Estimator(PAPER)
+    q = np.empty((len(time_s), 4))
+    for k, sample in enumerate(samples_of(made, **more)):
+        estimator.update(sample)
+        q[k] = estimator.attitude(sample.time_us).q_ned_frd
+    angles = batch_angle_errors(q, made.q_ned_frd)[time_s >= CHANGE_S, 0]
+    return estimator, q, float(np.mean(np.sin(0.5 * angles) ** 2))
+
+
+def times_s(estimator):
+    return [round(1e-6 * time_us, 1) for time_us, _ in estimator.decisions]
+
+
+@pytest.mark.parametrize(("vectors", "gyroscope", "share"), [(5.0, 1.0, 0.85), (5.0, 5.0, 0.9)])
+def test_more_noise_is_answered_by_the_colony_and_again_alike(vectors, gyroscope, share):
+    estimator, q, e = flown(60.0, vectors, gyroscope)
+    assert e < share * flown(60.0, vectors, gyroscope, retune=False)[2]
+    first = estimator.decisions[0][1]
+    assert times_s(estimator)[0] >= CHANGE_S + 2 * SEGMENT_S
+    assert first.gain > LEAST_GAIN
+    gravity = first.update["confidence"]["gravity"] / PAPER.confidence.gravity
+    assert 1.0 / MOST_MOVE - 1e-9 <= gravity < 0.7
+    assert first.update["confidence"]["cross"] == pytest.approx(gravity)
+    again, same, _ = flown(60.0, vectors, gyroscope)
+    assert again.decisions == estimator.decisions
+    assert np.array_equal(same, q)
+
+
+def test_where_nothing_changes_nothing_is_changed():
+    """To the last bit."""
+    estimator, q, _ = flown(45.0)
+    assert estimator.decisions == []
+    assert np.array_equal(q, flown(45.0, retune=False)[1])
+
+
+def test_noise_that_is_over_is_followed_back():
+    estimator, *_ = flown(100.0, vectors=5.0, until_s=50.2)
+    gravity = [each.update["confidence"]["gravity"] for _, each in estimator.decisions]
+    assert gravity[0] < 0.7
+    assert gravity[-1] > 2.0 * min(gravity)
+
+
+def test_what_does_not_hold_is_taken_back():
+    """Both noises are over just when the colony has fitted the profile to them."""
+    estimator, *_ = flown(60.0, vectors=5.0, gyroscope=5.0, until_s=35.2)
+    reasons = [decision.reason for _, decision in estimator.decisions]
+    assert reasons == ["noise has changed", "taken back"]
+    back = estimator.decisions[1][1].update
+    assert back["confidence"] == {"gravity": 1.0, "magnetic": 1.0, "cross": 1.0}
+
+
+def test_nothing_is_changed_across_a_silence():
+    """A silence of 0.8 s: its segment is not used, the first whole one behind it is."""
+    estimator, *_ = flown(60.0, 5.0, late_us=lambda time_s: 800_000 * (time_s >= 27.0))
+    assert times_s(estimator)[0] >= 27.0 + 2 * SEGMENT_S
+
+
+def test_nothing_is_changed_by_an_event_that_is_no_noise():
+    """A second in which force and field are turned by 120 deg."""
+    usual, *_ = flown(45.0, 5.0)
+    at_s = times_s(usual)[0] - 3.0
+    estimator, *_ = flown(45.0, 5.0, turned=lambda time_s: at_s <= time_s < at_s + 1.0)
+    assert all(time_s > at_s + 3.1 for time_s in times_s(estimator))
+
+
+def test_a_bad_candidate_does_not_win():
+    def worst(space, kept, evaluate, generator):
+        return np.array([space.upper]), np.zeros(1), kept
+
+    assert flown(45.0, 5.0, 5.0, look=worst)[0].decisions == []
+
+
+def segments_of(seconds, late_us=lambda _: 0):
+    """Segments of the paper's signals, and the attitudes (N, 4) that were said."""
+    made, parts, said = simulate_scaled(3, round(100 * seconds), NoiseScale()), [], []
+    estimator = RetunedEstimator(PAPER, on_segment=parts.append)
+    for sample in samples_of(made, late_us):
+        estimator.update(sample)
+        said.append(estimator.attitude(sample.time_us).q_ned_frd)
+    return parts, np.array(said)
+
+
+def test_segments_flown_again_are_what_they_were_and_come_back_from_a_wrong_start():
+    """To the last bit; each has five seconds and one sample."""
+    parts, said = segments_of(16.0)
+    n = len(parts[0].samples)
+    assert n == round(100 * SEGMENT_S) + 1
+    right = fly_segments(PAPER, (parts[1], parts[2])).q_ned_frd
+    assert np.array_equal(right, said[n : 3 * n])
+    assert np.array_equal(fly_segments(PAPER, (parts[1],), most=7).q_ned_frd, said[n : n + 7])
+    wrong = fly_segments(PAPER, (parts[1],), WRONG_TURN).q_ned_frd
+    off_deg = np.degrees(batch_angle_errors(wrong, right[:n])[:, 0])
+    assert 150.0 < off_deg[0] <= 170.1
+    assert off_deg[-1] < 10.0
+    judged, searched = cost_on(PAPER, parts[1], parts[2]), cost_on(PAPER, parts[1])
+    assert len(judged) == len(searched) == 10  # all but the first half second
+    assert not np.array_equal(judged, searched)
+
+
+@pytest.mark.parametrize(("late_s", "silent"), [(LONGEST_GAP_S + 0.05, True), (0.3, False)])
+def test_a_gap_makes_a_segment_silent(late_s, silent):
+    parts, _ = segments_of(11.0, late_us=lambda time_s: round(1e6 * late_s) * (time_s >= 8.0))
+    assert [part.silent for part in parts] == [True, silent]  # the first begins without attitude
+
+
+@pytest.mark.parametrize(
+    ("blocks", "saved", "won"),
+    [
+        *((100, 0.1, True), (36, 0.1, False), (100, 0.07, False), (100, -0.1, False)),
+        *((10_000, 0.06, True), (10_000, 0.04, False)),  # by five percent only
+    ],
+)
+def test_a_candidate_wins_beyond_chance_and_by_enough(blocks, saved, won):
+    """Student's t is saved / (0.4 / sqrt(blocks)): 2.5, 1.5, 1.75, -2.5, 15 and 10; 2 is needed."""
+    offs = saved + 0.4 * np.sqrt((blocks - 1) / blocks) * np.tile([-1.0, 1.0], blocks // 2)
+    tried = Trial(np.ones(2), CHANGED).with_costs(np.ones(blocks), 1.0 - offs)
+    assert tried.has_won == won
+
+
+def test_a_move_is_bounded_and_so_is_what_moves_lead_to():
+    edge = space_around(PAPER, np.array([1.5 / MOST_FACTOR, MOST_FACTOR / 1.5]))
+    assert edge.lower == pytest.approx((1 / MOST_FACTOR, MOST_FACTOR / 1.5 / MOST_MOVE))
+    assert edge.upper == pytest.approx((1.5 / MOST_FACTOR * MOST_MOVE, MOST_FACTOR))
+
+
+def test_factors_go_by_their_powers_and_leave_the_rest():
+    assert update_of(PAPER, np.array([0.5, 3.0])) == {
+        "confidence": {"gravity": 0.5, "magnetic": 0.5, "cross": 0.5},
+        "filter": {"gamma": 3.0},
+    }
+    imu = load_profile("imu")
+    twice = np.where(np.array([*numbers_of(imu)]) == "heading", 2.0, 1.0)
+    before, after = (
+        update_of(imu, factors)["conditioning"]["heading_noise_rad2_s"]
+        for factors in (np.ones(len(twice)), twice)
+    )
+    assert after == pytest.approx(4.0 * before)  # a variance
+
+
+def test_somebodys_own_profile_is_the_base_from_then_on():
+    estimator = RetunedEstimator(PAPER)
+    own = load_profile("adaptive")
+    estimator.replace_profile(own)
+    assert profile_to_json(estimator.retuner.profile) == profile_to_json(own)
+
+
+def readings(noise=1.0, step_us=10_000):
+    made = simulate_scaled(5, 1000, NoiseScale(noise, noise))
+    columns = (made.gyr_rad_s, made.acc_m_s2, made.mag_gauss)
+    return rows_of(step_us * np.arange(1000), *columns, np.ones(1000, dtype=bool))
+
+
+def test_noise_is_what_was_put_in_and_has_moved_where_it_doubles():
+    """The paper's: 0.2 rad/s, 0.05 of each component of a unit vector; also while it turns."""
+    usual = noise_of(readings())
+    # across the vector; along it a unit vector has no noise
+    assert usual == pytest.approx([3 * 0.2**2, 2 * 0.05**2, 2 * 0.05**2], rel=0.2)
+    assert (noise_of(readings(noise=0.0))[1:] < 1e-5).all()
+    assert noise_of(readings(step_us=250_000)) is None
+    assert has_moved(usual, noise_of(readings(noise=2.0)))
+    assert has_moved(usual, noise_of(readings(noise=0.5)))
+    assert not has_moved(usual, noise_of(readings(noise=1.2)))
+    given = readings()
+    magnet = given._replace(mag_gauss=1.4 * given.mag_gauss)
+    assert not has_moved(usual, noise_of(magnet))

@@ -1,0 +1,83 @@
+"""Processes that compute for another one, which may be killed at any moment."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.fuzzbee.services import descendants, is_alive
+from tuning.processes import ENDING, Pool
+
+ROWS = [np.array(row) for row in ((3.0, 4.0), (0.0, 1.0), (6.0, 8.0))]
+
+
+def square(row):
+    """The simplest work."""
+    return float(np.sum(row**2))
+
+
+def own_pid(row):
+    """Work that tells who does it, one thing at a time."""
+    time.sleep(row)
+    return os.getpid()
+
+
+@pytest.mark.parametrize("number", ENDING)
+def test_what_is_to_end_the_parent_ends_no_worker(number):
+    """Not even before it runs a line of ours: a terminal sends it to all."""
+    with Pool(square, 2) as pool:
+        answers = pool(ROWS)
+        first = next(answers)
+        for process in descendants(os.getpid()):
+            os.kill(process, number)
+        assert [first, *answers, *pool(ROWS)] == [25.0, 1.0, 100.0] * 2
+
+
+def test_a_worker_that_is_killed_is_an_error():
+    with Pool(own_pid, 2) as pool:
+        (worker,) = pool([0.0])
+        os.kill(worker, signal.SIGKILL)
+        with pytest.raises(ChildProcessError, match="has ended"):
+            list(pool([0.0] * 8))
+
+
+def test_one_process_is_this_one():
+    with Pool(own_pid, 1) as pool:
+        assert [*pool([0.0])] == [os.getpid()]
+
+
+PROGRAM = """
+from tests.tuning.test_processes import own_pid
+from tuning.processes import Pool
+with Pool(own_pid, 2) as pool:
+    answers = pool([0.0, 600.0, 600.0])
+    print(next(answers), flush=True)
+    next(answers)
+"""
+
+
+def test_a_parent_that_is_killed_takes_its_workers_along(tmp_path):
+    """Nor do modules of the folder it stands in get into them."""
+    (tmp_path / "multiprocessing.py").write_text("raise SystemExit('a stranger')")
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    process = subprocess.Popen(
+        [sys.executable, "-P", "-c", PROGRAM],
+        cwd=tmp_path,
+        env=environment,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    with process:
+        worker = int(process.stdout.readline())
+        workers = descendants(process.pid)
+        assert worker in workers
+        process.kill()
+        deadline_s = time.monotonic() + 60.0
+        while any(map(is_alive, workers)):
+            assert time.monotonic() < deadline_s
+            time.sleep(0.05)
