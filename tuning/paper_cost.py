@@ -9,13 +9,14 @@ from estimator.arrays import Floats
 from estimator.compilation.compiled import compiled, inlined
 from estimator.compilation.direct import types_of
 from estimator.compilation.replacing import replacer
-from estimator.filter.kernel import paper_arguments, run
+from estimator.filter.kernel import correct, paper_arguments, propagate
 from estimator.filter.memberships import Memberships
-from estimator.filter.observation import ReferenceParams
+from estimator.filter.observation import ReferenceParams, weighted_vectors
 from estimator.filter.types import FilterParams, FilterState
 from estimator.geometry.metrics import COST_RATE_HZ, COST_SAMPLES, STEADY, TRANSIENT
 from estimator.geometry.metrics import TRANSIENT_WEIGHT as WEIGHT
 from estimator.geometry.quaternion import normalized_distance
+from estimator.geometry.rotations import unit
 
 DT_S = 1.0 / COST_RATE_HZ
 # J ends at t = 14 s, the signals at 15 s
@@ -36,11 +37,14 @@ class Base(NamedTuple):
 
 
 class Signals(NamedTuple):
-    """The paper's signals with the noise of S seeds, (S, 1401, 3), and the truth (S, 1401, 4)."""
+    """The paper's signals with the noise of S seeds, and the truth (S, 1401, 4).
+
+    Rates, and the unit vectors of the readings of field and gravity: (S, 1401, 3).
+    """
 
     gyr_rad_s: Floats
-    acc_m_s2: Floats
-    mag: Floats
+    magnetic: Floats
+    gravity: Floats
     q_ned_frd: Floats
 
 
@@ -50,8 +54,11 @@ EXAMPLE = Signals(*(np.zeros((1, 1, 3)),) * 3, np.zeros((1, 1, 4)))
 def paper_signals(seeds: tuple[int, ...]) -> Signals:
     """The signals up to the last sample that counts."""
     runs = [simulate(seed, COST_SAMPLES) for seed in seeds]
-    names = ("gyr_rad_s", "acc_m_s2", "mag_gauss", "q_ned_frd")
-    return Signals(*(np.array([getattr(r, n)[:SCORED_SAMPLES] for r in runs]) for n in names))
+    gyr, mag, acc, q = (
+        np.array([getattr(run, name)[:SCORED_SAMPLES] for run in runs])
+        for name in ("gyr_rad_s", "mag_gauss", "acc_m_s2", "q_ned_frd")
+    )
+    return Signals(gyr, unit(mag), unit(-acc), q)
 
 
 @inlined
@@ -63,25 +70,30 @@ def unpack(k: Floats) -> Memberships:
     )
 
 
-@compiled
-def cost(base: Base, candidate: Floats, signals: Signals, seed: int) -> float:
-    """J of Eq. (15), "Cost_function", of k1..k22, gamma, tau (24,) on one seed's signals."""
-    params = tuned(base.params, unpack(candidate), candidate[GAMMA], candidate[TAU])
-    gyr, acc, mag = signals.gyr_rad_s[seed], signals.acc_m_s2[seed], signals.mag[seed]
-    estimates, _ = run(params, base.reference, base.start, gyr, acc, mag, DT_S)
-    total = 0.0
-    for k in range(len(estimates)):
-        weight = WEIGHT if k < TRANSIENT_STOP else 1.0 if k >= STEADY_START else 0.0
-        p, q = signals.q_ned_frd[seed, k], estimates[k]
-        total += weight * normalized_distance((p[0], p[1], p[2], p[3]), (q[0], q[1], q[2], q[3]))
-    return total
-
-
 @compiled(types=lambda: types_of(Base(*paper_arguments()), np.zeros((1, 24)), EXAMPLE))
 def costs(base: Base, candidates: Floats, signals: Signals) -> Floats:
-    """J (C, S) of candidates (C, 24) on every seed."""
-    found = np.empty((len(candidates), len(signals.mag)))
+    """J (C, S) of Eq. (15), "Cost_function", of k1..k22, gamma, tau (C, 24) on every seed."""
+    found = np.zeros((len(candidates), len(signals.gravity)))
     for c in range(len(candidates)):
-        for seed in range(len(signals.mag)):
-            found[c, seed] = cost(base, candidates[c], signals, seed)
+        k = candidates[c]
+        params = tuned(base.params, unpack(k), k[GAMMA], k[TAU])
+        for seed in range(len(signals.gravity)):
+            found[c, seed] = _cost(base, params, signals, seed)
     return found
+
+
+@inlined
+def _cost(base: Base, params: FilterParams, signals: Signals, seed: int) -> float:
+    """The live filter on one seed; e is taken before each correction."""
+    total, state, step_s = 0.0, base.start, params.first_step_s
+    for k in range(SCORED_SAMPLES):
+        if k > 0:
+            step_s, rate = DT_S, signals.gyr_rad_s[seed, k]
+            state = propagate(state, (rate[0], rate[1], rate[2]), DT_S)
+        weight = WEIGHT if k < TRANSIENT_STOP else 1.0 if k >= STEADY_START else 0.0
+        q, m, g = signals.q_ned_frd[seed, k], signals.magnetic[seed, k], signals.gravity[seed, k]
+        total += weight * normalized_distance((q[0], q[1], q[2], q[3]), state.q_ned_frd)
+        field, down = (m[0], m[1], m[2]), (g[0], g[1], g[2])
+        vectors = weighted_vectors(base.reference, field, 1.0, down, 1.0, 1.0)
+        state = correct(params, state, vectors, step_s)
+    return total

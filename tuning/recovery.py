@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Bools, Floats
+from estimator.arrays import Floats
 from estimator.errors import InputError
 from estimator.geometry.metrics import STEADY, TRANSIENT, TRANSIENT_WEIGHT, batch_angle_errors
 from estimator.geometry.quaternion import multiply
@@ -29,15 +29,21 @@ SETTLE_S = 10.0
 # A recovery holds no silence longer than this, or than so many sample periods if that is more.
 LONGEST_GAP_S = 1.0
 LONGEST_GAP_PERIODS = 4.0
+# So much of both parts of the cost needs a reference.
+LEAST_KNOWN = 0.9
 # An estimate that is no number is as wrong as can be.
 WORST_ERROR = 1.0
 
 
 class Recovery(NamedTuple):
-    """Samples first..last (both included); the estimate is set wrong at the first."""
+    """Samples first..last (both included); the estimate is set wrong at the first.
+
+    ``weights`` (last - first + 1,) are those of their errors in J; their sum is the paper's.
+    """
 
     first: int
     last: int
+    weights: Floats
 
 
 def recovery_cost(profile: Profile, part: Part) -> float:
@@ -48,25 +54,21 @@ def recovery_cost(profile: Profile, part: Part) -> float:
     """
     found = require_recoveries(part)
     errors = _errors(profile, part, found)
-    costs = [
-        float(weights(part.flight, each) @ errors[each.first : each.last + 1]) for each in found
-    ]
-    return sum(costs) / len(costs)
+    return sum(float(w @ errors[first : last + 1]) for first, last, w in found) / len(found)
 
 
 def _errors(profile: Profile, part: Part, found: list[Recovery]) -> Floats:
     """e (N,) at each sample up to the part's end: sin^2 of half the error."""
     flight = part.flight
-    wrong = {first: multiply(WRONG_TURN, _row(flight.truth[first])) for first, _ in found}
+    w, x, y, z = flight.truth.T
+    wrong: dict[int, Quaternion] = {
+        k: multiply(WRONG_TURN, (float(w[k]), float(x[k]), float(y[k]), float(z[k])))
+        for k, _, _ in found
+    }
     course = fly(flight, profile, part.last, wrong)
     angles = batch_angle_errors(course.q_ned_frd, flight.truth[: part.last])
     e = np.sin(0.5 * angles[:, 0 if flight.has_field else 2]) ** 2
     return np.where(np.isfinite(e), e, WORST_ERROR)
-
-
-def _row(q: Floats) -> Quaternion:
-    w, x, y, z = q.tolist()
-    return w, x, y, z
 
 
 def require_recoveries(part: Part) -> list[Recovery]:
@@ -86,8 +88,7 @@ def require_recoveries(part: Part) -> list[Recovery]:
 
 def recoveries(part: Part) -> list[Recovery]:
     """Stretches of 14 s of a part, one after the other, none across a restart or a long silence."""
-    flight = part.flight
-    time_s = flight.time_s
+    time_s = part.flight.time_s
     found = []
     for begin, end in _stretches(part):
         start_s = time_s[begin] + SETTLE_S
@@ -95,24 +96,11 @@ def recoveries(part: Part) -> list[Recovery]:
             first = begin + int(np.searchsorted(time_s[begin:end], start_s))
             end_s = time_s[first] + RECOVERY_S + 1e-9
             last = begin + int(np.searchsorted(time_s[begin:end], end_s)) - 1
-            if _is_usable(flight, Recovery(first, last)):
-                found.append(Recovery(first, last))
+            weights = _weights(part.flight, first, last)
+            if weights is not None:
+                found.append(Recovery(first, last, weights))
             start_s = time_s[last] + 1e-6
     return found
-
-
-def weights(flight: Flight, recovery: Recovery) -> Floats:
-    """Weight of each of the recovery's samples; their sum is the paper's."""
-    t, known = _since_start(flight, recovery)
-    share = np.diff(t, prepend=-np.median(np.diff(t))) * known
-    weight = np.zeros(len(t))
-    for (low, high), total in (
-        (TRANSIENT_S, TRANSIENT_WEIGHT * (TRANSIENT.stop - TRANSIENT.start)),
-        (STEADY_S, float(STEADY.stop - STEADY.start)),
-    ):
-        part = np.where((t >= low) & (t <= high), share, 0.0)
-        weight += part * total / part.sum() if part.sum() > 0.0 else 0.0
-    return weight
 
 
 def _stretches(part: Part) -> list[tuple[int, int]]:
@@ -120,23 +108,31 @@ def _stretches(part: Part) -> list[tuple[int, int]]:
     flight = part.flight
     gap_s = np.diff(flight.time_s, prepend=flight.time_s[0])
     longest_s = max(LONGEST_GAP_S, LONGEST_GAP_PERIODS / flight.rate_hz)
-    breaks = flight.restart | (gap_s > longest_s)
-    starts = [part.first, *(k for k in np.flatnonzero(breaks).tolist() if k > part.first)]
-    starts = [k for k in starts if k < part.last]
+    breaks = (
+        part.first + 1 + np.flatnonzero((flight.restart | (gap_s > longest_s))[part.window][1:])
+    )
+    starts = [part.first, *breaks.tolist()]
     return list(zip(starts, [*starts[1:], part.last], strict=True))
 
 
-def _is_usable(flight: Flight, recovery: Recovery) -> bool:
-    """Whether the start, and nearly all samples of both parts of the cost, have a reference."""
-    if recovery.last - recovery.first < RECOVERY_S * min(flight.rate_hz, 1.0) / 2.0:
-        return False
-    t, known = _since_start(flight, recovery)
-    parts = [(t >= low) & (t <= high) for low, high in (TRANSIENT_S, STEADY_S)]
-    return bool(known[0]) and all(part.any() and known[part].mean() > 0.9 for part in parts)
+def _weights(flight: Flight, first: int, last: int) -> Floats | None:
+    """Weight of each sample from first to last.
 
-
-def _since_start(flight: Flight, recovery: Recovery) -> tuple[Floats, Bools]:
-    """Time since the recovery's first sample, and where the reference is known."""
-    inside = slice(recovery.first, recovery.last + 1)
-    t = flight.time_s[inside]
-    return t - t[0], flight.known[inside]
+    None unless the start, and nearly all samples of both parts of the cost, have a reference.
+    """
+    t = flight.time_s[first : last + 1] - flight.time_s[first]
+    known = flight.known[first : last + 1]
+    if last - first < RECOVERY_S * min(flight.rate_hz, 1.0) / 2.0 or not known[0]:
+        return None
+    share = np.diff(t, prepend=-np.median(np.diff(t))) * known
+    weight = np.zeros(len(t))
+    for (low, high), total in (
+        (TRANSIENT_S, TRANSIENT_WEIGHT * (TRANSIENT.stop - TRANSIENT.start)),
+        (STEADY_S, float(STEADY.stop - STEADY.start)),
+    ):
+        inside = (t >= low) & (t <= high)
+        if not inside.any() or known[inside].mean() <= LEAST_KNOWN:
+            return None
+        counted = np.where(inside, share, 0.0)
+        weight += counted * total / counted.sum()
+    return weight

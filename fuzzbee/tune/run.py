@@ -69,31 +69,36 @@ def run_plan(plan: Plan, request: TuneRequest, viewer: "ViewerOptions | None") -
     with contextlib.ExitStack() as stack:
         view = _open_view(viewer, plan, stack)
         with stop_on_signals(stop.set):
-            search, is_finished, found, rival = _run(plan, request, record, stop, view)
-            verdict = judge(plan.task, found, rival)
+            outcome = _run(plan, request, record, stop, view)
+            verdict = judge(plan.task, outcome.found, outcome.by_chance)
         is_written = verdict.gains or request.force or not isinstance(plan.task, LogTask)
-        if is_written:
-            write_atomically(plan.output, profile_to_toml(found).encode())
-        if is_finished:
-            checkpoint.unlink(missing_ok=True)
-        if request.plot is not None:
-            from fuzzbee.tune.figure import draw
-
-            draw(request.plot, plan.task, found, search)
-        report = report_of(plan, search, verdict)
-        report["wall_s"] = time.perf_counter() - started
-        report["interrupted"] = not is_finished
-        report["file"] = str(plan.output) if is_written else None
-        print(json.dumps(report) if request.as_json else in_words(plan, search, report), flush=True)
+        _write(plan, request, outcome, is_written=is_written)
+        report = report_of(plan, outcome.search, verdict) | {
+            "wall_s": time.perf_counter() - started,
+            "interrupted": not outcome.is_finished,
+            "file": str(plan.output) if is_written else None,
+        }
+        said = json.dumps(report) if request.as_json else in_words(plan, outcome.search, report)
+        print(said, flush=True)
         for line in remarks(plan, verdict, report):
             tell(line)
         if view is not None:
-            view.finish(search)
-            if is_finished:
-                view.stream.stay_open()
-    if not is_finished:
+            view.finish(outcome.search, stay=outcome.is_finished)
+    if not outcome.is_finished:
         return INTERRUPTED
     return 0 if is_written else NO_GAIN
+
+
+def _write(plan: Plan, request: TuneRequest, outcome: Outcome, *, is_written: bool) -> None:
+    """The profile and the figure, if they are wanted; a finished search needs no checkpoint."""
+    if is_written:
+        write_atomically(plan.output, profile_to_toml(outcome.found).encode())
+    if outcome.is_finished:
+        checkpoint_path(plan.output).unlink(missing_ok=True)
+    if request.plot is not None:
+        from fuzzbee.tune.figure import draw
+
+        draw(request.plot, plan.task, outcome.found, outcome.search)
 
 
 def _run(
@@ -104,9 +109,7 @@ def _run(
     view: "SearchView | None",
 ) -> Outcome:
     """Search until the budget is spent or somebody stops it; the checkpoint is written then."""
-    task, checkpoint = plan.task, checkpoint_path(plan.output)
-    first = encode(task.space, values_of(task.space, task.base))
-    saved_s = time.monotonic()
+    task, saved_s = plan.task, time.monotonic()
     with _evaluator(task, request) as evaluate, _progress_line(plan.options) as show:
 
         def observe(search: Search) -> bool:
@@ -114,28 +117,29 @@ def _run(
             show(search)
             if view is not None:
                 view.show(search)
-            now_s = time.monotonic()
-            if now_s - saved_s > CHECKPOINT_PERIOD_S or stop.is_set():
-                write_checkpoint(checkpoint, plan.identity, search.record)
-                saved_s = now_s
+            if time.monotonic() - saved_s > CHECKPOINT_PERIOD_S or stop.is_set():
+                write_checkpoint(checkpoint_path(plan.output), plan.identity, search.record)
+                saved_s = time.monotonic()
             return not stop.is_set()
 
         search = Search(task.space, plan.options, evaluate, observe, record)
-        try:
-            run_search(search, first)
-        except InterruptedSearch:
-            return Outcome(search, False, _found(plan, search, is_finished=False), None)
-        found = _found(plan, search, is_finished=True)
-        if not isinstance(task, LogTask):
-            return Outcome(search, True, found, None)
-        options = plan.options._replace(algorithm="random")
-        rival = Search(task.space, options, evaluate, lambda _: not stop.is_set())
-        try:
-            run_search(rival, first)
-        except InterruptedSearch:  # the result stands without it
-            return Outcome(search, True, found, None)
-        by_chance = profile_with(task.space, task.base, rival.best_values)
-        return Outcome(search, True, found, by_chance)
+        is_finished = _is_run(search, task)
+        by_chance = None
+        if is_finished and isinstance(task, LogTask):
+            options = plan.options._replace(algorithm="random")
+            rival = Search(task.space, options, evaluate, lambda _: not stop.is_set())
+            if _is_run(rival, task):  # the result stands without it
+                by_chance = profile_with(task.space, task.base, rival.best_values)
+    found = _found(plan, search, is_finished=is_finished)
+    return Outcome(search, is_finished, found, by_chance)
+
+
+def _is_run(search: Search, task: Task) -> bool:
+    """Run a search that begins with the base profile's values; whether it came to its end."""
+    with contextlib.suppress(InterruptedSearch):
+        run_search(search, encode(task.space, values_of(task.space, task.base)))
+        return True
+    return False
 
 
 @contextlib.contextmanager
@@ -177,7 +181,7 @@ def _open_view(
     from fuzzbee.tune.view import SearchView
 
     view = SearchView(viewer, plan)
-    stack.callback(view.close)
+    stack.callback(view.stream.close)
     tell_page(view.stream)
     return view
 

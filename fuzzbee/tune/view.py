@@ -61,16 +61,14 @@ class SearchView:
             self._due_s = now_s + PERIOD_S
             self._draw(search)
 
-    def finish(self, search: Search) -> None:
-        """Draw the end, and leave the viewer open."""
+    def finish(self, search: Search, *, stay: bool) -> None:
+        """Draw the end; leave the viewer open, and ``stay`` until somebody closes it."""
         if search.cycles > self._drawn_cycles:
             self._draw(search)
         self.stream.finish()
         self.stream.require_whole()
-
-    def close(self) -> None:
-        """End the viewer."""
-        self.stream.close()
+        if stay:
+            self.stream.stay_open()
 
     def _draw(self, search: Search) -> None:
         """All cycles since the last drawing, with --resume those of the earlier run; the best."""

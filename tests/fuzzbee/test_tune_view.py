@@ -20,6 +20,7 @@ SLOW_LOG = Path(__file__).parents[1] / "data" / "sitl_copter_4hz.tlog"
 SMALL = ["--sources", "6", "--cycles", "4"]
 SIMULATED = ["tune", "sim:", *SMALL, "--noise-seeds", "100-101", "--held-out-seeds", "200"]
 ENTITIES = {"/cost", "/best"}
+WATCHED = ["--view", "web", "--threads", "1"]  # the viewer is the only other process
 
 
 @pytest.mark.parametrize("algorithm", ["abc", "cmaes", "de"])
@@ -56,8 +57,8 @@ def test_a_resumed_search_shows_what_was_before(tmp_path):
 def test_a_viewer_that_ends_ends_nothing_else(tmp_path):
     """Its process is killed in the middle of the search."""
     watched, alone = tmp_path / "w.toml", tmp_path / "a.toml"
-    options = [*SIMULATED[:2], "--sources", "30", "--cycles", "20", *SIMULATED[-4:]]
-    with started(*options, "-o", str(watched), "--view", "web") as process:
+    options = [*SIMULATED[:2], "--sources", "30", "--cycles", "60", *SIMULATED[-4:]]
+    with started(*options, "-o", str(watched), *WATCHED) as process:
         assert "the viewer is at" in process.stderr.readline()
         (viewer,) = children(process.pid)
         os.kill(viewer, signal.SIGKILL)

@@ -14,7 +14,7 @@ from estimator.types import ZERO_VEC3, ImuSample, VelocitySample
 from fuzzbee.replays.log_report import report_log
 from fuzzbee.tune.read_flight import RecordingEstimator, read_flight
 from tuning.course import WRONG_TURN
-from tuning.flight import Flight, Part, motion_s, require_substance
+from tuning.flight import Flight, Part, motion_s
 from tuning.flight_cost import FLOOR_DEG, geometric_mean, measure, score_errors
 from tuning.log_task import LATER_PART, LogTask, default_groups, split
 from tuning.processes import Pool
@@ -25,7 +25,6 @@ from tuning.recovery import (
     recoveries,
     recovery_cost,
     require_recoveries,
-    weights,
 )
 from tuning.space import decode, random_positions
 from tuning.task import batches
@@ -184,7 +183,7 @@ def test_the_estimate_is_set_wrong_by_a_turn_seen_from_ned():
     found = recoveries(whole(made))
     w, _, _, z = WRONG_TURN
     expected = 1.0 - (w * w + z * z)  # sin^2 of half the angle between down and down turned
-    errors = _errors(imu(), whole(made), found)[[first for first, _ in found]]
+    errors = _errors(imu(), whole(made), found)[[each.first for each in found]]
     assert errors == pytest.approx(expected, rel=1e-6)
 
 
@@ -192,13 +191,16 @@ def test_recoveries_follow_each_other_after_the_settling():
     made = flight()
     time_s, found = made.time_s, recoveries(whole(made))
     assert time_s[found[0].first] == pytest.approx(SETTLE_S)
-    for recovery, following in pairwise(found):
-        assert following.first == recovery.last + 1
-    for first, last in found:
-        assert time_s[last] - time_s[first] == pytest.approx(RECOVERY_S)
-    assert len(found) == 4  # of 701 samples each, in 70 s
+    assert all(b.first == a.last + 1 for a, b in pairwise(found))
+    lasting = [time_s[last] - time_s[first] for first, last, _ in found]
+    assert lasting == pytest.approx([RECOVERY_S] * 4)  # of 701 samples each, in 70 s
     later = recoveries(Part(made, 2000, 4000))
     assert time_s[later[0].first] == pytest.approx(time_s[2000] + SETTLE_S)
+    known = made.known.copy()
+    known[700:900] = False
+    assert len(recoveries(whole(made._replace(known=known)))) == 3
+    with pytest.raises(InputError, match="no stretch of 14 s"):
+        require_recoveries(whole(flight(duration_s=20.0)))
 
 
 def test_no_recovery_crosses_a_restart_or_a_silence():
@@ -208,18 +210,10 @@ def test_no_recovery_crosses_a_restart_or_a_silence():
     late_us = made.rows.times_us + 5_000_000 * (np.arange(len(restart)) >= 3000)
     made = made._replace(restart=restart, rows=made.rows._replace(times_us=late_us))
     found = recoveries(whole(made))
-    for first, last in found:
+    for first, last, _ in found:
         assert not restart[first + 1 : last + 1].any()
         assert np.diff(made.time_s[first : last + 1]).max() < 1.0
     assert any(made.time_s[s.first] == pytest.approx(made.time_s[1200] + SETTLE_S) for s in found)
-
-
-def test_a_recovery_needs_its_reference():
-    made = flight()
-    known = made.known.copy()
-    known[700:900] = False
-    without = recoveries(whole(made._replace(known=known)))
-    assert len(without) == len(recoveries(whole(made))) - 1
 
 
 @pytest.mark.parametrize("rate_hz", [2.0, 4.0, 50.0, 100.0])
@@ -227,16 +221,11 @@ def test_weights_sum_to_the_papers_at_any_rate(rate_hz):
     """0.3 x 101 samples of the first second and 1001 of 4..14 s."""
     made = flight(rate_hz=rate_hz)
     recovery = recoveries(whole(made))[0]
-    w = weights(made, recovery)
+    w = recovery.weights
     t = made.time_s[recovery.first : recovery.last + 1] - made.time_s[recovery.first]
     assert w.sum() == pytest.approx(0.3 * 101 + 1001)
     assert w[t < 1.0 + 1e-9].sum() == pytest.approx(0.3 * 101)
     assert (w[(t > 1.01) & (t < 3.99)] == 0.0).all()
-
-
-def test_recovery_needs_a_stretch():
-    with pytest.raises(InputError, match="no stretch of 14 s"):
-        require_recoveries(whole(flight(duration_s=20.0)))
 
 
 def test_motion_is_turning_beyond_the_bias():
@@ -248,16 +237,7 @@ def test_motion_is_turning_beyond_the_bias():
     assert motion_s(made._replace(rows=turned)) == pytest.approx(20.0, abs=0.1)
 
 
-def test_refuses_a_base_whose_numbers_it_does_not_run():
-    parts = split((flight(rate_hz=5.0),))
-    with pytest.raises(InputError, match=r"conditioning\.enabled"):
-        LogTask(load_profile("paper"), ("noise",), parts)
-    with pytest.raises(InputError, match=r"filter\.gain is 'noise'"):
-        LogTask(imu(), ("membership",), parts)
-
-
 def test_groups_by_goal_and_rate():
-    assert default_groups("flight", 50.0) == ("noise",)
     assert default_groups("recovery", 50.0) == ("membership",)
     assert default_groups("recovery", 9.9) == ("confidence", "conditioning")
 
@@ -268,22 +248,4 @@ def test_reads_a_log_with_the_truth_of_a_simulation(recorded):
     assert recorded.rate_hz == pytest.approx(4.0, abs=0.2)
     assert recorded.known.mean() > 0.95
     assert recorded.restart[0]
-    assert (np.diff(recorded.time_s) > 0.0).all()
-    assert recorded.has_field
     assert motion_s(recorded) > 30.0
-    assert len(recorded.sha256) == 64
-
-
-@pytest.mark.parametrize(
-    ("name", "told"),
-    [
-        ("sub_on_its_side.tlog", "at least 60 s"),
-        ("sitl_copter_flips.tlog", "at least 60 s"),
-        ("copter_reboot.tlog", "no motion"),
-    ],
-)
-def test_refuses_a_log_that_tells_nothing(name, told):
-    with pytest.raises(InputError, match=told) as error:
-        require_substance(read_flight(DATA / name, imu()))
-    assert name in str(error.value)
-    assert "\n" not in str(error.value)

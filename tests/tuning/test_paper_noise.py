@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from drivers.simulation.simulated_vehicle import simulate
-from estimator.errors import InputError
 from estimator.geometry.metrics import COST_SAMPLES, STEADY
 from estimator.live.settings import settings_of
 from estimator.profile import load_profile
@@ -25,25 +24,6 @@ def figures(profile, noise, gain=None):
         np.mean([r.steady_state_error for r in runs]),
         np.median([r.settling_s for r in runs]),
     )
-
-
-def test_scaled_noise_is_the_papers_at_one_and_none_at_zero():
-    noisy, clean = simulate(5, 50), simulate(5, 50, noise=0.0)
-    same = simulate_scaled(5, 50, NoiseScale())
-    np.testing.assert_allclose(same.gyr_rad_s, noisy.gyr_rad_s, atol=1e-14)
-    mixed = simulate_scaled(5, 50, NoiseScale(0.0, np.repeat([0.0, 3.0], 25)))
-    np.testing.assert_array_equal(mixed.gyr_rad_s, clean.gyr_rad_s)
-    np.testing.assert_array_equal(mixed.mag_gauss[:25], clean.mag_gauss[:25])
-    ratio = (mixed.acc_m_s2 - clean.acc_m_s2)[25:] / (noisy.acc_m_s2 - clean.acc_m_s2)[25:]
-    np.testing.assert_allclose(ratio, 3.0, rtol=1e-9)
-
-
-@pytest.mark.parametrize(
-    "scale", [NoiseScale(-1.0), NoiseScale(vectors=np.ones(7)), NoiseScale(float("nan"))]
-)
-def test_a_scale_that_is_none_is_refused(scale):
-    with pytest.raises(InputError, match="noise"):
-        simulate_scaled(1, 50, scale)
 
 
 def test_it_costs_less_than_the_papers_at_the_papers_noise():
