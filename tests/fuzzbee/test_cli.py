@@ -132,15 +132,6 @@ def test_an_interrupt_that_a_library_makes_another_error_of_is_one(monkeypatch):
     assert main(["replay", str(flight)]) == 143
 
 
-def test_a_reader_that_leaves_at_once_is_no_failure():
-    replay = [sys.executable, "-m", "fuzzbee", "replay", "sim:", "--json"]
-    subprocess.run(replay, capture_output=True, check=True)  # what it compiles, it tells
-    with subprocess.Popen(replay, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-        process.stdout.close()
-        assert process.wait(120) == 0
-        assert process.stderr.read() == b""
-
-
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

@@ -2,8 +2,6 @@ import json
 import os
 import signal
 import socket
-import subprocess
-import sys
 import time
 
 import pytest
@@ -11,6 +9,7 @@ import pytest
 from drivers.simulation.source import SimSource
 from fuzzbee.cli import main
 from tests.fuzzbee.processes import default_session, free_port, started
+from tests.fuzzbee.test_streams import shell
 
 
 def test_json_is_one_object_about_the_run(capfd):
@@ -152,27 +151,16 @@ def test_unusable_outputs_are_status_2(capfd, arguments, words):
 def test_a_disk_that_fills_up_costs_the_rest_of_the_recording_only(tmp_path, capfd):
     """A limit of 40 kB for a file; what was written before is what replay reads."""
     port, folder = free_port(socket.SOCK_DGRAM), tmp_path / "logs"
-    command = [
-        *("run", f"udpin:127.0.0.1:{port}", "--profile", "paper", "--json", "--no-zenoh"),
-        *("--record", str(folder), "--seconds", "6"),
-    ]
-    limited = "import resource, sys; from fuzzbee.cli import entry_point\n"
-    limited += "resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, 40_000)); entry_point()"
+    source = f"udpin:127.0.0.1:{port}"
+    options = ("--profile", "paper", "--json", "--no-zenoh", "--record", str(folder))
     with started("sim", "--to", f"udpout:127.0.0.1:{port}"):
-        done = subprocess.run(
-            [sys.executable, "-c", limited, *command],
-            capture_output=True,
-            text=True,
-            timeout=900,
-            check=False,
-            env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},
-        )
+        done = shell('ulimit -f 40; "$@"', "run", source, "--seconds", "6", *options)
     assert done.returncode == 1, done.stderr
     assert done.stderr.count("the estimate goes on") == 1
     assert json.loads(done.stdout)["recording"] == "failed"
     assert json.loads(done.stdout)["vehicles"]["1"]["samples"] > 400
     (recorded,) = folder.iterdir()
-    assert 30_000 < recorded.stat().st_size <= 40_000
+    assert 30_000 < recorded.stat().st_size <= 40 * 1024
     assert main(["replay", str(recorded), "--json"]) == 0
     samples = json.loads(capfd.readouterr().out)["imu"]["samples"]
     assert 50 < samples < 300

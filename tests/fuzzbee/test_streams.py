@@ -1,0 +1,135 @@
+"""Standard output and error as a shell redirects them: full, closed, or left by their reader."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+LOG = str(Path(__file__).parents[1] / "data" / "sitl_copter_flips.tlog")
+RUN = ("run", "sim:", "--no-zenoh", "--seconds", "1.5", "--profile", "paper")
+REPLAY = ("replay", LOG)
+CHECK = ("check", LOG)
+JSON = "--json"
+SMALL = "ulimit -f 40;"  # no file may have more kilobytes
+
+pytestmark = pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs Linux's full device")
+
+
+def shell(line, *arguments, **environment):
+    """What bash makes of a line in which ``"$@"`` is fuzzbee with these arguments."""
+    fuzzbee = (sys.executable, "-m", "fuzzbee", *map(str, arguments))
+    return subprocess.run(
+        ["bash", "-c", f"set -o pipefail; {line}", "-", *fuzzbee],
+        env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1", **environment},
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=False,
+    )
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _compiled():
+    """What is compiled at the first start is told by then."""
+    shell('"$@"', "replay", "sim:", JSON)
+
+
+@pytest.mark.parametrize(
+    ("line", "arguments", "status", "said"),
+    [
+        ('"$@" >/dev/full', (*RUN, JSON), 1, "No space left"),
+        ('"$@" >/dev/full', (*REPLAY, JSON), 1, "standard output: No space left on device"),
+        ('"$@" >/dev/full', REPLAY, 1, "standard output: No space left on device"),
+        ('"$@" >/dev/full', CHECK, 1, "standard output: No space left on device"),
+        ('"$@" >&-', (*REPLAY, JSON), 1, "standard output: it is closed"),
+        ('"$@" >&-', REPLAY, 1, "standard output: it is closed"),
+        ('"$@" >&-', (*CHECK, JSON), 1, "standard output: it is closed"),
+        ('"$@" >&-', RUN, 0, "attitudes of 1 vehicle"),  # as a supervisor may start a service
+        ('"$@" | true', RUN, 0, "attitudes of 1 vehicle"),  # a table that nobody reads
+        ('"$@" | true', ("replay", "sim:", JSON), 0, ""),
+        ('"$@" | head -n 2', (*REPLAY, "--csv", "/dev/stdout"), 0, ""),
+        ('"$@" | head -n 1002', (*REPLAY, "--csv", "/dev/stdout"), 0, ""),
+    ],
+)
+def test_output_that_cannot_be_written_is_a_line_and_a_reader_that_leaves_is_none(
+    line, arguments, status, said
+):
+    done = shell(line, *arguments)
+    assert done.returncode == status, done.stderr
+    assert said in done.stderr
+    assert "Traceback" not in done.stderr
+    assert "Broken" not in done.stderr
+    if "/dev/stdout" in arguments:
+        rows = done.stdout.splitlines()
+        assert rows[0].startswith("time_s,")
+        assert {row.count(",") for row in rows[:1001]} == {rows[0].count(",")}
+    if status:
+        assert done.stderr.splitlines()[-1].startswith("fuzzbee: ")
+
+
+@pytest.mark.parametrize("redirection", ["2>/dev/full", "2>&-", "2> >(head -n 1 >/dev/null)"])
+def test_a_run_goes_on_without_its_messages_and_its_result_is_whole(redirection):
+    done = shell(f'"$@" {redirection}', *RUN, JSON, "-v")
+    assert done.returncode == 0
+    assert json.loads(done.stdout)["vehicles"]["1"]["attitudes"] > 100
+
+
+def test_an_output_of_few_letters_gets_what_it_can():
+    """Degrees and signs have no code in ASCII: the lines come all the same, with question marks."""
+    done = shell('"$@"', *RUN[:4], "2.5", PYTHONIOENCODING="ascii")
+    assert done.returncode == 0, done.stderr
+    lines = [line for line in done.stdout.splitlines() if "roll" in line]
+    assert len(lines) >= 2
+    assert all("?" in line for line in lines)
+
+
+def test_streams_that_are_closed_do_not_lead_into_the_next_file(tmp_path):
+    """What a library prints is not in the recording that was opened first."""
+    program = tmp_path / "program.py"
+    program.write_text(
+        "import os, sys\n"
+        "from fuzzbee import cli\n"
+        "def print_as_libraries_do():\n"
+        "    with open(sys.argv[1], 'w'):\n"
+        "        for number in range(3):\n"
+        "            os.write(number, b'panicked')\n"
+        "    return 0\n"
+        "cli.main = print_as_libraries_do\n"
+        "cli.entry_point()\n"
+    )
+    file = tmp_path / "recording"
+    line = 'exec "$1" "$0" "$2" <&- >&- 2>&-'
+    done = subprocess.run(
+        ["sh", "-c", line, str(program), sys.executable, str(file)], check=False, timeout=120
+    )
+    assert done.returncode == 0
+    assert file.read_bytes() == b""
+
+
+@pytest.mark.parametrize("option", ["--csv", "--mcap", "--parquet", "--tum"])
+def test_an_export_that_finds_no_room_is_status_1_and_leaves_nothing(tmp_path, option):
+    """A tenth of what the file needs may be written."""
+    package = {"--mcap": "mcap", "--parquet": "pyarrow"}.get(option)
+    if package is not None:
+        pytest.importorskip(package)
+    file = tmp_path / "flight.out"
+    done = shell(f'{SMALL} "$@"', *REPLAY, JSON, option, file)
+    assert done.returncode == 1, done.stderr
+    assert done.stderr == f"fuzzbee: {option} {file}: File too large, not written\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("verb", [(*RUN[:4], "8", JSON), (*REPLAY, JSON)])
+def test_a_drawing_that_is_not_whole_is_told_and_all_else_is_there(tmp_path, verb):
+    pytest.importorskip("rerun", reason="the extra viewer is not installed")
+    done = shell(f'{SMALL} "$@"', *verb, "--rrd", tmp_path / "flight.rrd")
+    assert done.returncode == 1, done.stderr
+    told = done.stderr.count("is not whole")
+    assert told == 1 or "not closed in time: viewer" in done.stderr  # on a busy computer
+    result = json.loads(done.stdout)
+    if verb[0] == "run":
+        assert result["recording"] == "failed"
+        assert result["vehicles"]["1"]["attitudes"] > 300
