@@ -119,7 +119,8 @@ def _tape(
         cell = middle + round((degree - yaw) / TAPE_DEG_PER_CELL)
         if degree % 45 == 0 or degree % 30 == 0:
             _write(names, cell - len(name) // 2, name)
-    reach = round(min(attitude.sigma_deg.heading, 180.0) / TAPE_DEG_PER_CELL)
+    # the vehicle's own mark would hide a band of no more than its cell
+    reach = max(1, round(min(attitude.sigma_deg.heading, 180.0) / TAPE_DEG_PER_CELL))
     _write(marks, middle - reach, ("━" if has_north else "?") * (2 * reach + 1))
     if other is not None and other.axis == "heading":
         at = middle + round(other.heading_deg / TAPE_DEG_PER_CELL)

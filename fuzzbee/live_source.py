@@ -119,29 +119,28 @@ def make_runner(
     pipeline: Pipeline,
     outbox: Outbox,
     requests: ParameterRequests,
-    rate_hz: float,
-    recording: Callable[[], str] = str,
-    seconds: float | None = None,
+    options: RunOptions,
+    recording: Callable[[], str],
 ) -> Runner:
     """The loop over a source: a log has a clock and an end of its own.
 
-    So has the vehicle in process, if it is to fly for some ``seconds``.
+    So has the vehicle in process, if it is to fly for some seconds.
     """
-    options: dict[str, Any] = {"overload": Overload()}
+    more: dict[str, Any] = {"overload": Overload()}
     if not isinstance(source, Player | SimSource):
         source.follow(pipeline.imu_in_use)
     if isinstance(source, Player):
-        options = {"now_us": source.now_us, "is_finished": source.is_finished}
-    if isinstance(source, SimSource) and seconds is not None:
-        options["is_finished"] = lambda: source.flown_s >= seconds
+        more = {"now_us": source.now_us, "is_finished": source.is_finished}
+    if isinstance(source, SimSource) and (seconds := options.seconds) is not None:
+        more["is_finished"] = lambda: source.flown_s >= seconds
     return Runner(
         source,
         pipeline,
         outbox,
-        rate_hz=rate_hz,
+        rate_hz=options.rate_hz,
         requests=requests,
         recording=recording,
-        **options,
+        **more,
     )
 
 

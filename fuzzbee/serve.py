@@ -1,30 +1,34 @@
 """The live service: everything opened, one loop, everything closed."""
 
+import time
 from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
+import zenoh
+
 from drivers.aside import aside
+from drivers.endpoint import parse_endpoint
 from drivers.simulation.source import SimSource
+from drivers.source import require_openable
 from estimator.errors import InputError
 from estimator.estimator import Estimator
-from estimator.profile import Profile
-from fuzzbee.live_source import make_runner, open_recorded
+from estimator.profile import Profile, load_profile
+from fuzzbee import outputs, security
+from fuzzbee.live_source import default_profile, make_runner, open_recorded, require_fitting
 from fuzzbee.recordings import Recordings
 from fuzzbee.run_options import RunOptions
+from fuzzbee.run_report import conclude, summary
+from fuzzbee.run_view import open_view
 from fuzzbee.say import say
-from fuzzbee.serving import (
-    conclude,
-    open_sinks,
-    prepare,
-    run_loop,
-    summary,
-)
 from fuzzbee.truth_score import ScoredPipeline
 from fuzzbee.zenoh_options import opened
 from service.parameters import ParameterRequests
 from service.process import load_kernels
+from service.runner import Runner
+from service.signals import stop_on_signals
 from service.sinks.recording import RecordingSink
-from service.sinks.sink import Outbox
+from service.sinks.sink import Outbox, Sink
+from service.sinks.zenoh import ZenohSink
 from service.zenoh_session import OpeningSession
 
 if TYPE_CHECKING:
@@ -41,48 +45,63 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
     Raises:
         InputError: a source, profile, file or address that cannot be used.
     """
-    prepared = prepare(options)
-    profile = prepared.profile
-    requests = ParameterRequests()
-    conflicts: list[InputError] = []
-    recordings = Recordings()
+    endpoint = parse_endpoint(options.source)
+    require_openable(endpoint)
+    profile_name = options.profile or default_profile(endpoint)
+    profile, key = load_profile(profile_name), security.read_key(options.security)
+    require_fitting(options, endpoint)
+    outputs.viewer_options(options.outputs.view, options.outputs.rrd)
+    requests, recordings = ParameterRequests(), Recordings()
+    conflicts: list[InputError] = []  # which end the run
     with ExitStack() as stack:
         # first, and once: what comes meanwhile is recorded
-        source, recorder = open_recorded(prepared.endpoint, options, prepared.key, stack)
+        source, recorder = open_recorded(endpoint, options, key, stack)
         session = None if opening is None else opened(opening, stack)
         retuning = _open_retuning(options, requests, stack)
         pipeline = _pipeline(profile, options, retuning)
-        if options.truth or prepared.endpoint.kind == "sim":
+        if options.truth or endpoint.kind == "sim":
             pipeline.scores = {}
-        sinks = open_sinks(options, session, profile, requests, conflicts, pipeline.scores)
+        sinks = _open_sinks(options, session, pipeline, requests, conflicts)
         if recorder is not None and retuning is not None:
             sinks.append(RecordingSink(recorder))
         outbox = stack.enter_context(Outbox(sinks))
         recordings.add([recorder, *sinks])
         # in a thread: the compiler's callbacks swallow what a signal raises in them
         aside(load_kernels, "kernels").result()
-        runner = make_runner(
-            source,
-            pipeline,
-            outbox,
-            requests,
-            options.rate_hz,
-            recording=lambda: recordings.word,
-            seconds=options.seconds,
-        )
+        runner = make_runner(source, pipeline, outbox, requests, options, lambda: recordings.word)
         end_s = None if isinstance(source, SimSource) else options.seconds
-        seconds, failure = run_loop(runner, end_s, conflicts)
-    name, recorded = prepared.profile_name, recordings.word
-    result = summary(options, name, seconds, runner, pipeline, recorded)
-    if isinstance(source, SimSource) and source.waited_s >= LONG_WAIT_S and not options.as_json:
-        say(f"the vehicle waited {source.waited_s:.0f} s for this computer, which was too busy")
+        seconds, failure = _loop(runner, end_s, conflicts)
+    result = summary(options, profile_name, seconds, runner, pipeline, recordings.word)
     if pipeline.scores is not None:
         result["truth"] = {name: score.result() for name, score in pipeline.scores.items()}
-        for name, score in pipeline.scores.items():
-            if score.verdict() and not options.as_json:
+    if not options.as_json:
+        if isinstance(source, SimSource) and source.waited_s >= LONG_WAIT_S:
+            say(f"the vehicle waited {source.waited_s:.0f} s for this computer: it was too busy")
+        for name, score in (pipeline.scores or {}).items():
+            if score.verdict():
                 say(f"vehicle {name} {score.verdict()}")
     problems = [failure, *conflicts]
     return conclude(options, result, outbox, problems, was_stopped=runner.was_stopped)
+
+
+def _loop(
+    runner: Runner, seconds: float | None, conflicts: list[InputError]
+) -> tuple[float, Exception | None]:
+    """Loop until the end; returns how long (s), and what went wrong.
+
+    Raises:
+        InputError: a log that cannot be read any further.
+    """
+    started_s = time.monotonic()
+    failure: Exception | None = None
+    with stop_on_signals(runner.stop):
+        try:
+            runner.run(seconds, conflicts.__len__)
+        except InputError:
+            raise
+        except Exception as error:  # noqa: BLE001 - raised again when all is said
+            failure = error
+    return time.monotonic() - started_s, failure
 
 
 def _open_retuning(
@@ -110,3 +129,40 @@ def _pipeline(profile: Profile, options: RunOptions, retuning: "Retuning | None"
     if retuning is not None:
         retuning.watch(pipeline)
     return pipeline
+
+
+def _open_sinks(
+    options: RunOptions,
+    session: zenoh.Session | None,
+    pipeline: ScoredPipeline,
+    requests: ParameterRequests,
+    conflicts: list[InputError],
+) -> list[Sink]:
+    """Open what was asked for, and a view last, which prints what the source says.
+
+    If another service publishes there, ``conflicts`` get an error.
+
+    Raises:
+        InputError: one of them cannot be opened; those before it are closed.
+    """
+
+    def on_conflict(key: str) -> None:
+        if options.second:
+            say(f"another service publishes {key}, too")
+            return
+        text = f"another service publishes {key} already: stop it, give one of them another"
+        conflicts.append(InputError(f"{text} --prefix, or publish beside it with --second"))
+
+    sinks: list[Sink] = []
+    prefix = options.zenoh.prefix
+    with ExitStack() as opened_so_far:
+        if session is not None:
+            sinks.append(ZenohSink(session, prefix, pipeline.profile, requests, on_conflict))
+            opened_so_far.callback(sinks[0].close)
+        for sink in outputs.open_outputs(options.outputs, session, prefix, options.rate_hz):
+            sinks.append(sink)
+            opened_so_far.callback(sink.close)
+        view = open_view(options)
+        view.scores = pipeline.scores
+        opened_so_far.pop_all()
+    return [*sinks, view]

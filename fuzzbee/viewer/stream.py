@@ -43,7 +43,8 @@ class ViewerStream:
     """
 
     def __init__(self, options: ViewerOptions, blueprint: Callable[[], Any]) -> None:
-        batches = rr.ChunkBatcherConfig.NEVER()  # but at a flush: many points a chunk
+        # into a file alone at a flush only: many points a chunk; eyes get theirs every 0.2 s
+        batches = rr.ChunkBatcherConfig.NEVER() if options.view is None else None
         self._recording: Any = rr.RecordingStream(
             "fuzzbee", send_properties=False, batcher_config=batches
         )

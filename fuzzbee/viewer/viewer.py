@@ -9,8 +9,7 @@ from fuzzbee.viewer.track import Track
 from service.records import AttitudeRecord, Departed, Message, Output, Peer, Published, vehicle_name
 
 MOST_VEHICLES = 9  # drawn side by side; more cannot be read
-EYE_PERIOD_S = 0.25  # between two batches of points for somebody who looks
-FILE_PERIOD_S = 60.0  # the same into a file
+FLUSH_US = 60_000_000  # between two batches of points into a file
 
 
 class ViewerSink:
@@ -26,7 +25,6 @@ class ViewerSink:
     def __init__(self, options: ViewerOptions) -> None:
         self.stream = ViewerStream(options, layout.blueprint)
         self._is_live = options.live
-        self._period_us = 1e6 * (FILE_PERIOD_S if options.view is None else EYE_PERIOD_S)
         self._tracks: dict[VehicleId, Track] = {}
         self._has_left_out = False
         self._now_us = 0
@@ -59,7 +57,7 @@ class ViewerSink:
                     del self._tracks[vehicle]
                 case Message(text=text) if self._now_us:  # before the first record there is no time
                     self.stream.message(text, self._now_us)
-        if not 0 <= self._now_us - self._flushed_us < self._period_us:
+        if not 0 <= self._now_us - self._flushed_us < FLUSH_US:
             self._flushed_us = self._now_us
             self.stream.flush()
 

@@ -18,7 +18,7 @@ from fuzzbee.replays.comparison import Beside, Comparison
 from fuzzbee.replays.exports import COLUMNS, rows
 from fuzzbee.replays.trace import VehicleTrace
 from fuzzbee.run_options import RunOptions
-from fuzzbee.serving import summary
+from fuzzbee.run_report import summary
 from service.evictions import EvictedCounts, Evictions
 from service.imu_stream import ImuChoice
 from service.vehicle import Vehicle

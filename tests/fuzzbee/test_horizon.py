@@ -91,9 +91,12 @@ def test_rungs_of_the_ladder_have_signs():
     assert "─-20─" in text
 
 
-def test_the_tape_shows_how_uncertain_the_heading_is():
-    lines = horizon(record(yaw_deg=200.0, sigma_deg=(1.0, 15.0)))
-    assert lines[2].count("━") + lines[2].count("▲") == 1 + 2 * round(15.0 / 2.5)
+@pytest.mark.parametrize(("sigma_deg", "cells"), [(0.3, 1), (15.0, 6), (180.0, 39)])
+def test_the_tape_shows_how_uncertain_the_heading_is(sigma_deg, cells):
+    """At least beside the mark, which would hide a small one."""
+    lines = horizon(record(yaw_deg=200.0, sigma_deg=(1.0, sigma_deg)))
+    assert lines[2][40 - cells : 41 + cells] == "━" * cells + "▲" + "━" * cells
+    assert lines[2][:40].strip() == "━" * min(40, round(max(2.5, sigma_deg) / 2.5))
     assert lines[2].index("▲") == 40
     assert " 200° " in lines[1]
     assert lines[1].index("S ") < 40 < lines[1].index("SW")

@@ -1,0 +1,99 @@
+"""What a run came to: the result that ``--json`` prints, a line for a person, the exit status."""
+
+import json
+from collections.abc import Iterable
+from typing import Any
+
+from drivers.simulation.simulated_vehicle import PROFILES
+from fuzzbee.recordings import FAILED as NOT_WHOLE
+from fuzzbee.run_options import RunOptions
+from fuzzbee.say import say
+from service.pipeline import Pipeline
+from service.runner import Runner
+from service.sinks.sink import Outbox
+from service.vehicle_status import counts
+
+OK, FAILED = 0, 1
+
+
+def summary(
+    options: RunOptions,
+    profile_name: str,
+    seconds: float,
+    runner: Runner,
+    pipeline: Pipeline,
+    recording: str,
+) -> dict[str, Any]:
+    """The result of a run, as --json prints it."""
+    return {
+        "source": options.source,
+        "profile": _in_force(options, profile_name, pipeline),
+        "rate_hz": options.rate_hz,
+        "seconds": round(seconds, 3),
+        "ticks": runner.ticks,
+        "overruns": runner.overruns,
+        "dropped": runner.dropped,
+        "lost": runner.lost,
+        "malformed": pipeline.malformed,
+        "refused": dict(sorted(pipeline.refused_frames.items())),
+        **({"recording": recording} if recording else {}),
+        "heard": sorted(pipeline.heard),
+        "departed": pipeline.evictions.counts._asdict(),
+        "vehicles": {vehicle.name: counts(vehicle) for vehicle in pipeline.vehicles},
+    }
+
+
+def _in_force(options: RunOptions, name: str, pipeline: Pipeline) -> str:
+    """The profile's name; fuzzbee's own vehicles have had the one that fits their motion."""
+    if options.profile is not None:
+        return name
+    fitting = {PROFILES.get(vehicle.built_in_motion or "") for vehicle in pipeline.vehicles}
+    return fitting.pop() or name if len(fitting) == 1 else name
+
+
+def conclude(
+    options: RunOptions,
+    result: dict[str, Any],
+    outbox: Outbox,
+    problems: Iterable[Exception | None],
+    *,
+    was_stopped: bool,
+) -> int:
+    """Tell the result and raise what went wrong.
+
+    The status is 1 if nobody was heard in the time given, or a recording is not whole, else 0.
+
+    Who was refused has been heard, too.
+    """
+    if outbox.stuck:
+        say(f"not closed in time: {', '.join(outbox.stuck)}")
+        if "recording" in result:  # nobody knows what it lacks
+            result["recording"] = NOT_WHOLE
+    for error in outbox.untold:
+        say(error)
+    _report(result, as_json=options.as_json)
+    for problem in problems:
+        if problem is not None:
+            raise problem
+    heard = result["vehicles"] or result["departed"]["vehicles"] or result["refused"]
+    is_whole = result.get("recording") != NOT_WHOLE
+    return OK if is_whole and (heard or was_stopped or options.seconds is None) else FAILED
+
+
+def _report(result: dict[str, Any], *, as_json: bool) -> None:
+    if as_json:
+        print(json.dumps(result), flush=True)
+        return
+    vehicles = result["vehicles"]
+    departed = result["departed"]
+    number = len(vehicles) + departed["vehicles"]
+    if not number:
+        others = ", ".join(map(str, result["heard"]))
+        which = f" but system id {others}" if others else ""
+        say(f"no vehicle{which} was heard on {result['source']} in {result['seconds']:.1f} s")
+        return
+    attitudes = sum(vehicle["attitudes"] for vehicle in vehicles.values()) + departed["attitudes"]
+    say(
+        f"{attitudes} attitudes of {number} vehicle{'s' * (number != 1)}"
+        f" in {result['seconds']:.1f} s, {result['overruns']} overruns"
+    )
