@@ -1,22 +1,23 @@
 """Signed and unsigned vehicles at once, allowed systems: real processes on loopback."""
 
+import itertools
 import json
 import os
 import signal
 import socket
-import subprocess
-import sys
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
 from drivers.mavlink.encoder import signing_key
-from estimator.errors import InputError
 from fuzzbee.cli import main
 from fuzzbee.security import parse_system_ids
 from tests.fuzzbee.processes import free_port, started
+from tests.fuzzbee.services import recorded
+from tests.fuzzbee.test_streams import shell
 from tests.service.sinks.test_zenoh import wait_for
 from tests.service.sinks.test_zenoh_faults import _patient_client
 
@@ -34,17 +35,9 @@ def key(tmp_path, monkeypatch):
 
 
 def run_service(port, *options, seconds=2.5):
-    done = subprocess.run(
-        [
-            *(sys.executable, "-m", "fuzzbee", "run", f"udpin:127.0.0.1:{port}", "--json"),
-            *("--no-zenoh", "--profile", "paper", "--rate", "20", "--seconds", str(seconds)),
-            *options,
-        ],
-        capture_output=True,
-        text=True,
-        timeout=900,
-        check=False,
-    )
+    settings = ("--json", "--no-zenoh", "--profile", "paper", "--rate", "20")
+    source = f"udpin:127.0.0.1:{port}"
+    done = shell('"$@"', "run", source, *settings, "--seconds", seconds, *options)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout), done.stderr
 
@@ -161,19 +154,6 @@ def test_secrets_are_in_no_argument_log_recording_status_or_error(key, tmp_path)
         assert digest.hex().encode() not in text.lower()
 
 
-@pytest.mark.parametrize("content", [b"", b" \n", b"s3cret" * 1000])
-def test_a_key_file_that_cannot_be_one_is_refused_without_its_content(content, tmp_path, capfd):
-    path = tmp_path / "key"
-    path.write_bytes(content)
-    path.chmod(0o600)
-    for verb in (["run", "udpout:127.0.0.1:9"], ["sim", "--to", "udpout:127.0.0.1:9"]):
-        assert main([*verb, "--signing-key-file", str(path)]) == 2
-        said = capfd.readouterr().err
-        assert said.startswith("fuzzbee: the key file ")
-        assert said.count("\n") == 1
-        assert "s3cret" not in said
-
-
 def test_frames_of_before_a_restart_are_refused_after_it(key, tmp_path):
     port, log = free_port(socket.SOCK_DGRAM), tmp_path / "flight.tlog"
     to = f"udpout:127.0.0.1:{port}"
@@ -182,33 +162,23 @@ def test_frames_of_before_a_restart_are_refused_after_it(key, tmp_path):
             port, "--signing-key-file", str(key), "--record", str(log), seconds=2
         )
     assert before["vehicles"]["1"]["samples"] > 20
-    with subprocess.Popen(
-        [sys.executable, "-c", REPLAY, str(log), str(port)], env=dict(os.environ)
-    ) as replay:
+    ended = threading.Event()
+
+    def send_again():
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            for _, frame in itertools.cycle(recorded(log)):
+                sender.sendto(frame, ("127.0.0.1", port))
+                if ended.wait(0.005):
+                    return
+
+    with ThreadPoolExecutor() as pool:
+        pool.submit(send_again)
         try:
             after, _ = run_service(port, "--signing-key-file", str(key), seconds=2)
         finally:
-            replay.kill()
+            ended.set()
     assert after["vehicles"] == {}
     assert after["refused"]["replayed"] > 20
-
-
-REPLAY = """
-import socket, sys, time
-from pathlib import Path
-from drivers.mavlink.framing import FrameReader
-data, frames, at = Path(sys.argv[1]).read_bytes(), [], 0
-reader = FrameReader()
-while at < len(data):  # stamp, frame, stamp, frame
-    size = data[at + 9] + 12 + (13 if data[at + 10] & 1 else 0)
-    frames.append(data[at + 8 : at + 8 + size])
-    at += 8 + size
-with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-    while True:
-        for frame in frames:
-            sender.sendto(frame, ("127.0.0.1", int(sys.argv[2])))
-            time.sleep(0.005)
-"""
 
 
 def test_only_allowed_systems_appear():
@@ -219,35 +189,42 @@ def test_only_allowed_systems_appear():
     assert result["refused"]["system_not_allowed"] > 50
 
 
-def test_lists_of_system_ids():
+def test_lists_of_system_ids(capfd):
     assert parse_system_ids("1,2,10-12") == {1, 2, 10, 11, 12}
     for text in ("", "0", "256", "3-1", "a", "1,,2", "-1", "1-"):
-        with pytest.raises(InputError, match="--allow-system-ids"):
-            parse_system_ids(text)
+        assert main(["run", "udpout:127.0.0.1:9", f"--allow-system-ids={text}"]) == 2
+        assert "--allow-system-ids" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    "verb", [("run", "udpout:127.0.0.1:9"), ("sim", "--to", "udpout:127.0.0.1:9")]
+)
+@pytest.mark.parametrize(
+    ("content", "mode", "said"),
     [
-        (["sim:", "--allow-system-ids", "1"], "--allow-system-ids is for a MAVLink link"),
-        (["udpout:127.0.0.1:9", "--signing-key-file", "/no/such/key"], "cannot read the key file"),
+        (b"s3cret phrase", 0o644, "others may read the key file "),
+        (b"s3cret phrase", 0o604, "others may read the key file "),
+        (b"s3cret phrase", 0o620, "others may read the key file "),
+        (b"", 0o600, "the key file "),
+        (b" \n", 0o600, "the key file "),
+        (b"s3cret" * 1000, 0o600, "the key file "),
+        (None, 0o600, "cannot read the key file "),
     ],
 )
-def test_what_cannot_work_is_refused_at_the_start(arguments, said, capfd):
-    assert main(["run", "--no-zenoh", *arguments]) == 2
-    assert said in capfd.readouterr().err
-
-
-@pytest.mark.parametrize("mode", [0o644, 0o666, 0o604, 0o620, 0o660])
-def test_a_key_file_that_others_may_read_is_refused(key, mode, capfd):
-    key.chmod(mode)
-    for verb in (["run", "udpout:127.0.0.1:9"], ["sim", "--to", "udpout:127.0.0.1:9"]):
-        command = [*verb, "--seconds", "0.1", "--signing-key-file", str(key)]
-        assert main(command) == 2
-        said = capfd.readouterr().err
-        assert said.startswith("fuzzbee: others may read the key file ")
-        assert said.count("\n") == 1
-    assert main([*command, "--insecure-key-file"]) == 0
+def test_a_key_file_that_cannot_be_one_is_refused_without_its_content(
+    verb, content, mode, said, tmp_path, capfd
+):
+    path = tmp_path / "key"
+    if content is not None:
+        path.write_bytes(content)
+        path.chmod(mode)
+    command = [*verb, "--seconds", "0.1", "--signing-key-file", str(path)]
+    assert main(command) == 2
+    (line,) = capfd.readouterr().err.splitlines()
+    assert line.startswith(f"fuzzbee: {said}")
+    assert "s3cret" not in line
+    if mode != 0o600:
+        assert main([*command, "--insecure-key-file"]) != 2
 
 
 @pytest.mark.parametrize(("phrase", "warns"), [("1234567", True), ("12345678", False)])
@@ -258,3 +235,8 @@ def test_a_short_pass_phrase_warns(key, phrase, warns, capfd):
     said = capfd.readouterr().err
     assert ("easily guessed" in said) == warns
     assert phrase not in said
+
+
+def test_checks_of_frames_are_for_links(capfd):
+    assert main(["run", "--no-zenoh", "sim:", "--allow-system-ids", "1"]) == 2
+    assert "--allow-system-ids is for a MAVLink link" in capfd.readouterr().err

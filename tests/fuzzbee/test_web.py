@@ -34,10 +34,10 @@ def page(clock):
         yield made
 
 
-def asked(page, path, host=None):
-    """(status, answer) that can be read from."""
+def asked(page, path):
+    """The answer, which can be read from."""
     connection = http.client.HTTPConnection("127.0.0.1", page.address.port, timeout=10)
-    connection.request("GET", path, headers={} if host is None else {"Host": host})
+    connection.request("GET", path)
     return connection.getresponse()
 
 
@@ -94,19 +94,9 @@ def test_records_are_those_of_zenoh(page):
         assert answer.read() == msgspec.json.encode(sent)
     with asked(page, "/vehicles/1/status") as answer:
         assert json.loads(answer.read())["imu_message"] == "RAW_IMU"
-    for path in ("/vehicles/9/attitude", "/vehicles/2-154/status", "/vehicles/1", "/vehicles/1/x"):
+    for path in ("/vehicles/9/attitude", "/vehicles/2-154/status", "/vehicles/1", "/../etc/passwd"):
         with asked(page, path) as answer:
             assert answer.status == 404, path
-
-
-@pytest.mark.parametrize("path", ["/", "/events", "/vehicles"])
-def test_headers_alone_are_answered(page, path):
-    connection = http.client.HTTPConnection("127.0.0.1", page.address.port, timeout=10)
-    with closing(connection):
-        connection.request("HEAD", path)
-        answer = connection.getresponse()
-        assert answer.status == 200
-        assert answer.read() == b""
 
 
 def test_the_page_needs_nothing_else(page):
@@ -117,22 +107,6 @@ def test_the_page_needs_nothing_else(page):
     assert len(content) < 300_000
     links = re.findall(r"(?:https?:)?//[\w.]+", re.sub(r"^.*// .*$", "", content.decode()))
     assert set(links) <= {"http://www.w3.org"}  # the name of SVG, which nobody fetches
-
-
-@pytest.mark.parametrize(
-    ("path", "host", "status"),
-    [
-        ("/", "localhost:80", 200),
-        ("/", "[::1]:80", 200),
-        ("/events", "evil.example", 403),
-        ("/", "127.0.0.1.evil.example", 403),
-        ("/../../etc/passwd", None, 404),
-    ],
-)
-def test_only_pages_of_this_computer_are_served(page, path, host, status):
-    """A name of somebody's that has been pointed to loopback is refused."""
-    with asked(page, path, host) as answer:
-        assert answer.status == status
 
 
 def test_the_number_of_open_pages_is_bounded(page):
@@ -150,14 +124,13 @@ def test_the_number_of_open_pages_is_bounded(page):
         ("8080", ("127.0.0.1", 8080)),
         ("0.0.0.0:80", ("0.0.0.0", 80)),
         ("[::1]:80", ("::1", 80)),
+        *((text, None) for text in ("0", "65536", "http", "localhost:80", "1.2.3.4:", "-1", "")),
     ],
 )
 def test_an_address_is_loopback_unless_it_says_otherwise(text, address):
-    assert parse_address(text) == address
-
-
-@pytest.mark.parametrize("text", ["0", "65536", "http", "localhost:80", "1.2.3.4:", "-1", ""])
-def test_what_is_no_address_is_refused(text):
+    if address is not None:
+        assert parse_address(text) == address
+        return
     with pytest.raises(InputError, match=re.escape(f"--web {text}: should be PORT")):
         parse_address(text)
 

@@ -88,7 +88,10 @@ def test_the_silent_take_no_more_than_their_places_and_keep_nobody_waiting(monke
 
 
 @pytest.mark.parametrize("method", ["GET", "HEAD"])
-@pytest.mark.parametrize(("host", "expected"), [("[::1]:80", 200), ("evil.example", 403)])
+@pytest.mark.parametrize(
+    ("host", "expected"),
+    [("localhost", 200), ("[::1]:80", 200), ("127.0.0.1.evil.example", 403)],
+)
 def test_a_foreign_name_is_refused(door, method, host, expected):
     got, content = status(door, method, host)
     assert got == expected
