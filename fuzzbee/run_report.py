@@ -5,7 +5,6 @@ from collections.abc import Iterable
 from typing import Any
 
 from drivers.simulation.simulated_vehicle import PROFILES
-from fuzzbee.recordings import FAILED as NOT_WHOLE
 from fuzzbee.run_options import RunOptions
 from fuzzbee.say import say
 from service.pipeline import Pipeline
@@ -14,6 +13,13 @@ from service.sinks.sink import Outbox
 from service.vehicle_status import counts
 
 OK, FAILED = 0, 1
+NOT_WHOLE = "failed"  # of a recording
+
+
+def recording_word(things: Iterable[Any]) -> str:
+    """Whether the files that some of the things keep are whole so far; empty where none does."""
+    are_whole = [each.is_whole for each in things if hasattr(each, "is_whole")]
+    return "" if not are_whole else "whole" if all(are_whole) else NOT_WHOLE
 
 
 def summary(

@@ -60,26 +60,18 @@ def parse_system_ids(text: str | None) -> frozenset[int] | None:
     return frozenset(ids)
 
 
-def read_key(options: SecurityOptions) -> bytes | None:
-    """The key of the file that was named, if one was.
+def read_key(path: Path | None, *, is_insecure: bool) -> bytes | None:
+    """The key in a file, if one was named; warns of a pass phrase that is short.
 
     Raises:
-        InputError: see :func:`key_content`.
+        InputError: it cannot be read, is empty, or too long to be one; or others may read it, or
+            its group write to it, unless that is what is wanted.
     """
-    if options.signing_key_file is None:
+    if path is None:
         return None
-    return key_of(options.signing_key_file, is_insecure=options.insecure_key_file)
-
-
-def key_of(path: Path, *, is_insecure: bool) -> bytes:
-    """The key in a file; warns of a pass phrase that is short.
-
-    Raises:
-        InputError: see :func:`key_content`.
-    """
     from drivers.mavlink.encoder import is_phrase, signing_key
 
-    content = key_content(path, is_insecure=is_insecure)
+    content = _content(path, is_insecure=is_insecure)
     if is_phrase(content) and len(content.strip()) < SHORT_PHRASE:
         say(f"the pass phrase in {path} has fewer than {SHORT_PHRASE} characters: easily guessed")
     return signing_key(content)
@@ -103,13 +95,7 @@ def open_policy(options: SecurityOptions, key: bytes | None, stack: ExitStack) -
     return Policy(system_ids, check)
 
 
-def key_content(path: Path, *, is_insecure: bool) -> bytes:
-    """What is in a key file.
-
-    Raises:
-        InputError: it cannot be read, is empty, or too long to be one; or others may read it, or
-            its group write to it, unless that is what is wanted.
-    """
+def _content(path: Path, *, is_insecure: bool) -> bytes:
     try:
         with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:
             is_ready, _, _ = select([file], [], [], PIPE_S)  # a pipe may have no writer

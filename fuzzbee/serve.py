@@ -2,6 +2,7 @@
 
 import time
 from contextlib import ExitStack
+from functools import partial
 from typing import TYPE_CHECKING
 
 import zenoh
@@ -15,9 +16,8 @@ from estimator.estimator import Estimator
 from estimator.profile import Profile, load_profile
 from fuzzbee import outputs, security
 from fuzzbee.live_source import default_profile, make_runner, open_recorded, require_fitting
-from fuzzbee.recordings import Recordings
 from fuzzbee.run_options import RunOptions
-from fuzzbee.run_report import conclude, summary
+from fuzzbee.run_report import conclude, recording_word, summary
 from fuzzbee.run_view import open_view
 from fuzzbee.say import say
 from fuzzbee.truth_score import ScoredPipeline
@@ -48,10 +48,12 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
     endpoint = parse_endpoint(options.source)
     require_openable(endpoint)
     profile_name = options.profile or default_profile(endpoint)
-    profile, key = load_profile(profile_name), security.read_key(options.security)
+    profile = load_profile(profile_name)
+    asked = options.security
+    key = security.read_key(asked.signing_key_file, is_insecure=asked.insecure_key_file)
     require_fitting(options, endpoint)
     outputs.viewer_options(options.outputs.view, options.outputs.rrd)
-    requests, recordings = ParameterRequests(), Recordings()
+    requests = ParameterRequests()
     conflicts: list[InputError] = []  # which end the run
     with ExitStack() as stack:
         # first, and once: what comes meanwhile is recorded
@@ -65,13 +67,13 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
         if recorder is not None and retuning is not None:
             sinks.append(RecordingSink(recorder))
         outbox = stack.enter_context(Outbox(sinks))
-        recordings.add([recorder, *sinks])
+        recording = partial(recording_word, [recorder, *sinks])
         # in a thread: the compiler's callbacks swallow what a signal raises in them
         aside(load_kernels, "kernels").result()
-        runner = make_runner(source, pipeline, outbox, requests, options, lambda: recordings.word)
+        runner = make_runner(source, pipeline, outbox, requests, options, recording)
         end_s = None if isinstance(source, SimSource) else options.seconds
         seconds, failure = _loop(runner, end_s, conflicts)
-    result = summary(options, profile_name, seconds, runner, pipeline, recordings.word)
+    result = summary(options, profile_name, seconds, runner, pipeline, recording())
     if pipeline.scores is not None:
         result["truth"] = {name: score.result() for name, score in pipeline.scores.items()}
     if not options.as_json:

@@ -26,7 +26,7 @@ MOST_WARNINGS = 3  # lines below the table
 FRAME_LINES = 4  # title and header above the rows, summary and cursor below them
 BLOCK_GAP = 3  # between blocks of rows that stand side by side
 # Windows at least so wide have more columns; those of the last have wider gaps, too.
-COMPACT, NORMAL, MODES, WIDE, SPACIOUS = 58, 72, 84, 105, 118
+COMPACT, NORMAL, MODES, WIDE, SPACIOUS = 58, 72, 84, 96, 108
 COLOURS = {
     State.WAITING: "dim",
     State.ALIGNING: "cyan",
@@ -38,8 +38,6 @@ COLOURS = {
 TRUST_COLOURS = {Level.GOOD: "", Level.CARE: "yellow", Level.BAD: "red", Level.NONE: "red"}
 ATTENTION = (State.LOST, State.DEGRADED, State.WAITING, State.ALIGNING, State.RUNNING)
 ARROWS = "↑↗→↘↓↙←↖"  # the heading, north up
-BAR_FULL_GAIN = 101.0  # K = 1 + k_op, k_op up to 100
-BAR_CELLS = 8
 
 
 Cell = Callable[[Row, float], str | Text]  # of a row at a time (s)
@@ -260,13 +258,6 @@ def _heading_with_arrow(attitude: AttitudeRecord) -> str:
     return f"{_heading(attitude)}°{arrow}".rjust(8)
 
 
-def _bar(gain: float) -> str:
-    """The gain as a bar, in eighths of a character."""
-    eighths = round(max(0.0, min(1.0, gain / BAR_FULL_GAIN)) * BAR_CELLS * 8)
-    full, part = divmod(eighths, 8)
-    return ("█" * full + (" ▏▎▍▌▋▊▉"[part] if part else "")).ljust(BAR_CELLS)
-
-
 class Column(NamedTuple):
     """As wide as its values can be: nothing moves about. Left out of windows below ``least``."""
 
@@ -288,7 +279,6 @@ COLUMNS = (
     Column("heading", 8, _of_attitude(_heading_with_arrow)),
     Column("head ±", 6, _of_attitude(_heading_sigma), COMPACT),
     Column("gain", 5, _of_attitude(lambda a: f"{a.gain:.1f}"), NORMAL),
-    Column("", BAR_CELLS, _of_attitude(lambda a: _bar(a.gain)), WIDE, "left"),
     Column(
         "IMU", 11, lambda row, _: Text((row.status and row.status.imu_message) or ""), WIDE, "left"
     ),
