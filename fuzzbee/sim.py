@@ -15,7 +15,7 @@ from drivers.endpoint import FORMS, Endpoint, Kind, endpoint_help, parse_endpoin
 from estimator.errors import InputError
 from fuzzbee.options import Json, command, examples, option
 from fuzzbee.say import say
-from fuzzbee.security import INSECURE, read_key
+from fuzzbee.security import INSECURE, key_of
 from service.signals import stop_on_signals
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ def _vehicle_options(options: SimOptions) -> "VehicleOptions":
     from drivers.simulation.autopilot import VehicleOptions
     from drivers.simulation.simulated_vehicle import Motion
 
-    magnet = options.magnet
+    key_file, magnet = options.signing_key_file, options.magnet
     return VehicleOptions(
         seed=options.seed,
         rate_hz=options.rate,
@@ -116,7 +116,9 @@ def _vehicle_options(options: SimOptions) -> "VehicleOptions":
         magnet=None if magnet is None else parse_magnet(magnet),
         drop=options.drop,
         calm=options.calm,
-        signing_key=read_key(options.signing_key_file, is_insecure=options.insecure_key_file),
+        signing_key=None
+        if key_file is None
+        else key_of(key_file, is_insecure=options.insecure_key_file),
     )
 
 

@@ -87,5 +87,5 @@ def test_a_key_may_come_by_a_pipe_in_pieces(pipe):
 
     writer = threading.Thread(target=write, daemon=True)
     writer.start()
-    assert security.read_key(pipe, is_insecure=False) == signing_key(b"a pass phrase in pieces")
+    assert security.key_of(pipe, is_insecure=False) == signing_key(b"a pass phrase in pieces")
     writer.join(60.0)
