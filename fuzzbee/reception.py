@@ -14,6 +14,7 @@ VEHICLE = re.compile(r"[0-9]{1,3}(-[0-9]{1,3})?")
 # In bytes. Our largest record, a status with every reason for refusal, has less than 5000.
 LONGEST_PAYLOAD = 16_384
 IMU_MESSAGE = re.compile(r"[A-Z0-9_]{1,32}")
+MODE = re.compile(r"[A-Za-z0-9_ .:/-]{0,32}")
 STATES = frozenset(state.value for state in State)
 HEADING_REFERENCES = ("true", "magnetic", "none")
 MOST_ANGLE_DEG = 360.0
@@ -72,6 +73,8 @@ def _fault(record: Record) -> str | None:
     if isinstance(record, StatusRecord):
         if record.imu_message is not None and not IMU_MESSAGE.fullmatch(record.imu_message):
             return "its imu_message is no MAVLink message"
+        if not MODE.fullmatch(record.mode):
+            return "its mode is no flight mode"
         return None if 0.0 <= record.imu_rate_hz <= MOST_RATE_HZ else "its rate is no rate"
     if record.schema != SCHEMA:
         return f"its schema is not {SCHEMA}: of another version of fuzzbee"

@@ -60,7 +60,7 @@ def parse_system_ids(text: str | None) -> frozenset[int] | None:
     return frozenset(ids)
 
 
-def read_key(path: Path | None, *, is_insecure: bool) -> bytes | None:
+def key_of(path: Path | None, *, is_insecure: bool) -> bytes | None:
     """The key in a file, if one was named; warns of a pass phrase that is short.
 
     Raises:

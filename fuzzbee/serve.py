@@ -50,7 +50,7 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
     profile_name = options.profile or default_profile(endpoint)
     profile = load_profile(profile_name)
     asked = options.security
-    key = security.read_key(asked.signing_key_file, is_insecure=asked.insecure_key_file)
+    key = security.key_of(asked.signing_key_file, is_insecure=asked.insecure_key_file)
     require_fitting(options, endpoint)
     outputs.viewer_options(options.outputs.view, options.outputs.rrd)
     requests = ParameterRequests()

@@ -15,7 +15,7 @@ from drivers.endpoint import FORMS, Endpoint, Kind, endpoint_help, parse_endpoin
 from estimator.errors import InputError
 from fuzzbee.options import Json, command, examples, option
 from fuzzbee.say import say
-from fuzzbee.security import INSECURE, read_key
+from fuzzbee.security import INSECURE, key_of
 from service.signals import stop_on_signals
 
 if TYPE_CHECKING:
@@ -123,7 +123,7 @@ def _vehicle_options(options: SimOptions) -> "VehicleOptions":
         magnet=None if magnet is None else parse_magnet(magnet),
         drop=options.drop,
         calm=options.calm,
-        signing_key=read_key(options.signing_key_file, is_insecure=options.insecure_key_file),
+        signing_key=key_of(options.signing_key_file, is_insecure=options.insecure_key_file),
         errors_seed=options.imu_errors,
     )
 

@@ -5,7 +5,6 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from drivers.places import PLACES
-from fuzzbee.say import printable
 from service.health import HAS_ATTITUDE, State
 from service.records import (
     AttitudeRecord,
@@ -111,7 +110,7 @@ def flight_words(row: Row) -> list[str]:
     if row.status is None:
         return []
     armed = {None: "", True: "armed", False: "disarmed"}[row.status.armed]
-    return [word for word in (printable(row.status.mode, LONGEST_MODE), armed) if word]
+    return [word for word in (row.status.mode[:LONGEST_MODE], armed) if word]
 
 
 def age_text(row: Row, now_s: float) -> str:

@@ -208,7 +208,7 @@ def _mode(row: Row, now_s: float) -> Text:
     if row.status is None or is_silent(row, now_s):
         return Text()
     mark = {None: "", True: "●", False: "○"}[row.status.armed]
-    return Text(printable(f"{mark}{row.status.mode}", MODE.width))
+    return Text(f"{mark}{row.status.mode}"[: MODE.width])
 
 
 def _imu(row: Row, _now_s: float) -> Text:

@@ -46,9 +46,10 @@ class SearchView:
         self._due_s = 0.0
         self._drawn_cycles = 0
         self.stream = ViewerStream(options, blueprint)
-        self.stream.lines("/cost", list(CURVES), list(CURVES.values()))
+        curves = rr.SeriesLines(names=list(CURVES), colors=list(CURVES.values()))
+        self.stream.recording.log("/cost", curves, static=True)
         names = [name.rpartition(".")[2] for name in self._space.names]
-        self.stream.static("/best", rr.SeriesLines(names=names))
+        self.stream.recording.log("/best", rr.SeriesLines(names=names), static=True)
 
     def show(self, search: Search) -> None:
         """Draw the latest cycles, if that is due."""
@@ -75,9 +76,10 @@ class SearchView:
         new = search.history[self._drawn_cycles :]
         costs = [[p.best_cost, p.median_cost, p.mean_cost] for p in new]
         cycles = rr.TimeColumn(CYCLE, sequence=[p.cycles for p in new])
-        self.stream.send("/cost", cycles, rr.Scalars.columns(scalars=costs))
+        recording = self.stream.recording
+        recording.send_columns("/cost", indexes=[cycles], columns=rr.Scalars.columns(scalars=costs))
         lower, upper = bounds(self._space)
         values = encode(self._space, np.asarray(search.best_values))
-        self.stream.at(CYCLE, sequence=search.cycles)
-        self.stream.log("/best", rr.Scalars(((values - lower) / (upper - lower)).tolist()))
+        recording.set_time(CYCLE, sequence=search.cycles)
+        recording.log("/best", rr.Scalars(((values - lower) / (upper - lower)).tolist()))
         self._drawn_cycles = search.cycles

@@ -33,7 +33,7 @@ class ViewerOptions(NamedTuple):
 
 
 class ViewerStream:
-    """A recording, and the viewer's process if one was asked for.
+    """Rerun's ``recording``, and the viewer's process if one was asked for.
 
     ``blueprint`` says what is shown where.
 
@@ -45,11 +45,11 @@ class ViewerStream:
     def __init__(self, options: ViewerOptions, blueprint: Callable[[], Any]) -> None:
         # into a file alone at a flush only: many points a chunk; eyes get theirs every 0.2 s
         batches = rr.ChunkBatcherConfig.NEVER() if options.view is None else None
-        self._recording: Any = rr.RecordingStream(
+        self.recording: Any = rr.RecordingStream(
             "fuzzbee", send_properties=False, batcher_config=batches
         )
-        self._recording.set_log_time_enabled(False)  # what is drawn has a time of its own
-        self._recording.set_log_tick_enabled(False)
+        self.recording.set_log_time_enabled(False)  # what is drawn has a time of its own
+        self.recording.set_log_tick_enabled(False)
         self.process: ViewerProcess | None = None
         self.is_whole = True  # the file, if there is one, has everything so far
         self._rrd = options.rrd
@@ -59,7 +59,7 @@ class ViewerStream:
             self.process = ViewerProcess(web=options.view == WEB, live=options.live)
             sinks.append(rr.GrpcSink(self.process.url))
         self._call(
-            lambda: self._recording.set_sinks(*sinks, default_blueprint=blueprint()),
+            lambda: self.recording.set_sinks(*sinks, default_blueprint=blueprint()),
             "viewer-open",
             FINISH_FLUSH_S if options.rrd is None else FILE_OPEN_S,
         )
@@ -92,37 +92,17 @@ class ViewerStream:
             rrd, self._rrd = self._rrd, None
             raise NotWholeError(f"--rrd {rrd}: could not be written, and is not whole")
 
-    def at(self, timeline: str, **time: Any) -> None:
-        """Set the time of all that is logged from now on: ``timestamp`` in s, or ``sequence``."""
-        self._recording.set_time(timeline, **time)
-
-    def log(self, path: str, shape: Any) -> None:
-        """Show ``shape`` from the time that was set on."""
-        self._recording.log(path, shape)
-
-    def static(self, path: str, shape: Any) -> None:
-        """Show ``shape`` at all times."""
-        self._recording.log(path, shape, static=True)
-
-    def lines(self, path: str, names: list[str], colours: list[Any]) -> None:
-        """Name and colour the lines of a plot."""
-        self.static(path, rr.SeriesLines(names=names, colors=colours))
-
     def message(self, text: str, now_us: int) -> None:
         """Show a line for a person."""
-        self.at(TIMELINE, timestamp=1e-6 * now_us)
-        self.log("/messages", rr.TextLog(text))
-
-    def send(self, path: str, index: Any, columns: Any) -> None:
-        """Show many values of an entity, at the times of an index of Rerun's, in one batch."""
-        self._recording.send_columns(path, indexes=[index], columns=columns)
+        self.recording.set_time(TIMELINE, timestamp=1e-6 * now_us)
+        self.recording.log("/messages", rr.TextLog(text))
 
     def finish(self) -> None:
         """Send what is pending and leave the viewer open; a file that stops growing is given up."""
         if self._rrd is None:
             self.flush(FINISH_FLUSH_S)
             return
-        sending = aside(partial(self._recording.flush, timeout_sec=FINISH_FLUSH_S), "viewer-finish")
+        sending = aside(partial(self.recording.flush, timeout_sec=FINISH_FLUSH_S), "viewer-finish")
         size, before = _size(self._rrd), -1
         while not sending.done() and size > before:
             wait([sending], STALLED_S)
@@ -138,14 +118,14 @@ class ViewerStream:
     def close(self) -> None:
         """Send what is pending, and end the viewer."""
         self.flush(CLOSE_FLUSH_S)
-        self._call(self._recording.disconnect, "viewer-close", CLOSE_FLUSH_S)
+        self._call(self.recording.disconnect, "viewer-close", CLOSE_FLUSH_S)
         if self.process is not None:
             self.process.close()
             self.process = None
 
     def flush(self, timeout_s: float = 0.0) -> None:
         """Send what is pending, and wait so long until it is."""
-        flush = partial(self._recording.flush, timeout_sec=timeout_s)
+        flush = partial(self.recording.flush, timeout_sec=timeout_s)
         self._call(flush, "viewer-flush", timeout_s + CLOSE_FLUSH_S)
 
     def _call(self, work: Callable[[], object], name: str, timeout_s: float) -> None:

@@ -36,14 +36,17 @@ class Track:
         self._state: State | None = None
         self._verdict: tuple[Level | None, int] = (None, 0)  # logged last, and when
         self._angles_deg: dict[str, list[float]] = {}  # of the points before
-        stream.static(f"/bodies/{name}", rr.ViewCoordinates.FRD)
-        stream.static(f"/bodies/{name}", rr.Transform3D(translation=(0.0, APART_M * place, 0.0)))
+        self._log = stream.recording.log
+        self._log(f"/bodies/{name}", rr.ViewCoordinates.FRD, static=True)
+        origin = rr.Transform3D(translation=(0.0, APART_M * place, 0.0))
+        self._log(f"/bodies/{name}", origin, static=True)
         for vector, colour in VECTORS.items():
             shape = rr.Arrows3D.from_fields(colors=colour, radii=0.015)
-            stream.static(f"/bodies/{name}/{vector}", shape)
+            self._log(f"/bodies/{name}/{vector}", shape, static=True)
         for path, plot in layout.PLOTS.items():
             names = [f"{name} {line}" for line in plot.lines]
-            stream.lines(f"/{path}/{name}", names, list(plot.lines.values()))
+            lines = rr.SeriesLines(names=names, colors=list(plot.lines.values()))
+            self._log(f"/{path}/{name}", lines, static=True)
 
     def take_peer(self, peer: Peer) -> None:
         """Somebody else's attitude, which is compared with our next."""
@@ -59,7 +62,7 @@ class Track:
     def take_attitude(self, record: AttitudeRecord, sample: ImuSample | None) -> None:
         """Ours, with the sample that it comes from."""
         now_us = record.time_unix_us
-        self._stream.at(TIMELINE, timestamp=1e-6 * now_us)
+        self._stream.recording.set_time(TIMELINE, timestamp=1e-6 * now_us)
         if self._is_due("ours", now_us):
             self._add_body("ours", record.q_ned_frd)
             self._add_ours(record)
@@ -84,13 +87,14 @@ class Track:
         """Shapes and colours of an attitude, when it comes for the first time."""
         colour, thickness = SOURCES[source], 0.03 if source == "ours" else 0.015
         body = rr.Arrows3D(vectors=_BODY, colors=colour, radii=thickness)
-        self._stream.static(f"/bodies/{self._name}/{source}", body)
+        self._log(f"/bodies/{self._name}/{source}", body, static=True)
         if source != "ours":
             for path, plot in layout.PLOTS.items():
                 if plot.of_others:
                     names = [f"{self._name} {source} {line}" for line in plot.of_others]
                     colours = [colour, (*colour, 130)][: len(names)]  # the second is paler
-                    self._stream.lines(f"/{path}/{self._name}/{source}", names, colours)
+                    lines = rr.SeriesLines(names=names, colors=colours)
+                    self._log(f"/{path}/{self._name}/{source}", lines, static=True)
 
     def _add_curve(self, plot: str, values: list[float], of: str = "") -> None:
         """Points of our curves in a plot, or another's; a gap where an angle wraps round."""
@@ -100,16 +104,16 @@ class Track:
             self._angles_deg[path] = values
             pairs = zip(before, values, strict=True)
             values = [nan if abs(now - was) > 180.0 else now for was, now in pairs]
-        self._stream.log(path, rr.Scalars(values))
+        self._log(path, rr.Scalars(values))
 
     def _add_body(self, source: str, q_ned_frd: Quaternion) -> None:
         w, x, y, z = q_ned_frd
         turned = rr.Transform3D(quaternion=(x, y, z, w))
-        self._stream.log(f"/bodies/{self._name}/{source}", turned)
+        self._log(f"/bodies/{self._name}/{source}", turned)
 
     def _add_vector(self, name: str, vector_ned: Vec3) -> None:
         shape = rr.Arrows3D.from_fields(vectors=[vector_ned])
-        self._stream.log(f"/bodies/{self._name}/{name}", shape)
+        self._log(f"/bodies/{self._name}/{name}", shape)
 
     def _add_measured(self, q_ned_frd: Quaternion, sample: ImuSample) -> None:
         """Gravity and field as they were measured, in NED by our attitude."""
@@ -147,8 +151,8 @@ class Track:
         """Log a new state of health, and a new verdict on the attitude."""
         if state is not self._state:
             self._state = state
-            self._stream.at(TIMELINE, timestamp=1e-6 * now_us)
-            self._stream.log(f"/state/{self._name}", rr.StateChange(state=[state.value]))
+            self._stream.recording.set_time(TIMELINE, timestamp=1e-6 * now_us)
+            self._log(f"/state/{self._name}", rr.StateChange(state=[state.value]))
             self._stream.message(f"vehicle {self._name}: {state}", now_us)
         now, (level, logged_us) = trust(state, record, self._status, self._before), self._verdict
         if now.overall is not level and not 0 <= now_us - logged_us < VERDICT_EVERY_US:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from drivers.mavlink.encoder import signing_key
 from fuzzbee import security
 from fuzzbee.cli import main
 from tests.fuzzbee.processes import free_port
@@ -86,5 +87,5 @@ def test_a_key_may_come_by_a_pipe_in_pieces(pipe):
 
     writer = threading.Thread(target=write, daemon=True)
     writer.start()
-    assert security.key_content(pipe, is_insecure=False) == b"a pass phrase in pieces"
+    assert security.key_of(pipe, is_insecure=False) == signing_key(b"a pass phrase in pieces")
     writer.join(60.0)
