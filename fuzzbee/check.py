@@ -51,6 +51,9 @@ def check(options: CheckOptions) -> None:
     paths = [*_files(options.logs)]
     work = partial(check_log, profile=options.profile, window=window)
     found = sorted(_checked(paths, work), key=lambda each: each.rank, reverse=True)
+    for each in found:
+        if each.refused:
+            say(f"{each.log}: {each.refused}")
     if options.as_json:
         for each in found:
             if each.fault:

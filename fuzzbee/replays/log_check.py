@@ -9,7 +9,7 @@ from drivers.logs.time_window import WHOLE_LOG, TimeWindow
 from estimator.errors import InputError
 from estimator.profile import load_profile
 from estimator.reasons import Reason
-from fuzzbee.replays.log_report import differences_of, replay_log, verdicts
+from fuzzbee.replays.log_report import differences_of, refused_text, replay_log, verdicts
 from fuzzbee.replays.vibration import Vibration, vibration
 from service.alarms import Alarm
 
@@ -24,7 +24,8 @@ class Checked(NamedTuple):
     """What was found in one log, or why it cannot be read.
 
     ``clipped`` counts readings at the end of a sensor's range, ``warnings`` the seconds for which
-    each warning stood (docs/troubleshooting.md). ``vibration`` is None below 20 Hz.
+    each warning stood (docs/troubleshooting.md). ``vibration`` is None below 20 Hz. ``refused``
+    says what was refused of a log that lost much to it.
     """
 
     log: str
@@ -34,6 +35,7 @@ class Checked(NamedTuple):
     vibration: Vibration | None = None
     clipped: dict[str, int] = {}  # noqa: RUF012 - never changed
     warnings: dict[str, float] = {}  # noqa: RUF012 - never changed
+    refused: str = ""
 
     @property
     def rank(self) -> tuple[bool, float, float]:
@@ -60,4 +62,5 @@ def check_log(path: Path, profile: str, window: TimeWindow = WHOLE_LOG) -> Check
         vibration(trace),
         clipped,
         dict(sorted(warned_s.items())),
+        refused_text(trace) or "",
     )

@@ -227,14 +227,14 @@ def replay_log(
         seen = _seen_text(replay)
         way_out = replay.why_empty or advice(log, system_id)
         raise InputError(f"{path}: {way_out or f'no IMU data{whose} that can be used{seen}'}")
-    if (refused := _refused_text(trace)) is not None:
+    if (refused := refused_text(trace)) is not None:
         tell(refused)
     if smooth:
         smooth_trace(trace, replay.estimator(trace.address))
     return trace
 
 
-def _refused_text(trace: VehicleTrace) -> str | None:
+def refused_text(trace: VehicleTrace) -> str | None:
     """One line, where a good part of the log was refused."""
     counts = trace.rejected + Counter(malformed=trace.malformed)
     used = len(trace)

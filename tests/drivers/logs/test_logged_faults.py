@@ -273,11 +273,11 @@ def test_a_log_of_which_much_is_refused_says_so(kind, tmp_path, capsys):
         s if k % 4 else s._replace(acc_m_s2=(0.0, 0.0, 0.0)) for k, (_, s) in enumerate(flight())
     ]
     path = ALL_WRITERS[kind](samples, tmp_path)
-    assert main(["replay", str(path), "--profile", "paper", "--json"]) == 0
-    (line,) = [line for line in capsys.readouterr().err.splitlines() if "refused" in line]
-    assert line == (
-        f"{path.name}: much was refused: 300 x zero_accelerometer; 900 samples were used"
-    )
+    what = "much was refused: 300 x zero_accelerometer; 900 samples were used"
+    for verb, name in (("replay", path.name), ("check", f"fuzzbee: {path}")):
+        assert main([verb, str(path), "--profile", "paper", "--json"]) == 0
+        (line,) = [line for line in capsys.readouterr().err.splitlines() if "refused" in line]
+        assert line == f"{name}: {what}"
 
 
 @pytest.mark.parametrize("kind", ["tlog", "dataflash"])  # PX4 begins a new log
