@@ -134,13 +134,11 @@ class Holder:
         require_writable(said, len(rows.times_us))
         self._lay(rows, said)
 
-    def advance_aided(
-        self, report: Report, knows_north: bool, shows_north: bool
-    ) -> tuple[bool, bool]:
+    def advance_aided(self, report: Report, knows_north: bool) -> tuple[bool, bool]:
         """See :func:`estimator.live.resident.advance_aided`."""
         if report is not NO_REPORT:
             report = in_types_of(NO_REPORT, report)
-        return self._advance_aided(report, knows_north, shows_north)
+        return self._advance_aided(report, knows_north)
 
     def search(self, report: Report) -> bool:
         """See :func:`estimator.live.resident.search`."""

@@ -157,7 +157,7 @@ def arguments_with(inside: Any) -> dict[Any, tuple[Any, ...]]:
         hear_rate: (inside, whole, number, number, number),
         turn_on: (inside, whole, number, number, number),
         turning_of: (inside,),
-        advance_aided: (inside, report, flag, flag),
+        advance_aided: (inside, report, flag),
         hear: (inside, report),
         search: (inside, report),
         publish: (inside, whole, whole, whole),
@@ -421,9 +421,7 @@ def turning_of(inside: Any) -> tuple[int, tuple[bool, bool, bool]]:
 
 
 @takes_handle
-def advance_aided(
-    inside: Any, report: Report, knows_north: bool, shows_north: bool
-) -> tuple[bool, bool]:
+def advance_aided(inside: Any, report: Report, knows_north: bool) -> tuple[bool, bool]:
     """The last sample with the velocity report that belongs to it, if any.
 
     Returns whether to go on aided, and whether velocity alone may have shown the attitude anew.
@@ -433,7 +431,7 @@ def advance_aided(
     params = inside.params
     reference = params.reference
     seen = inside.seen
-    north = horizontal_north(reference, knows_north and shows_north)
+    north = horizontal_north(reference, knows_north)
     others = StepInputs(
         gravity_b=seen.gravity_b,
         gravity_sigma_rad=seen.sigma_brief_rad,
@@ -451,7 +449,7 @@ def advance_aided(
         others,
     )
     before = inside.aided.estimate.q_ned_frd
-    knows_north = knows_north or rolls(params.aiding) or not shows_north
+    knows_north = knows_north or rolls(params.aiding)
     state = follow_aided(params.filter, reference, inside.filter, aided, knows_north, before)
     inside.filter = state
     inside.smooth_error = state.error

@@ -1,5 +1,7 @@
 """The state of one vehicle's estimator: what compiled steps change, and the context beside it."""
 
+from math import pi, remainder
+
 from estimator.aiding import compass
 from estimator.aiding.phase import Cause, Phase, after
 from estimator.aiding.search import UNKNOWN_RAD
@@ -12,6 +14,7 @@ from estimator.live.core import (
     Core,
     initial_core,
     with_attitude,
+    with_turned_compass,
     without_aiding,
     without_conditioning,
 )
@@ -86,7 +89,8 @@ class State:
         self.needs_samples_only = (
             self.settings.conditioned
             and context.phase is Phase.UNAIDED
-            and context.compass.left_out_us is None
+            and context.compass.contradicted_us is None
+            and context.compass.turned_rad == 0.0
             and not context.reports
             and not context.has_rates
         )
@@ -102,7 +106,7 @@ class State:
         given = self.profile.reference.declination_deg != "position"
         is_known = given or context.whereabouts.here is not None
         north = "true" if is_known or not self.settings.conditioned else "magnetic"
-        if self.source == AIDED and (rolls(self.settings.aiding) or not context.shows_north):
+        if self.source == AIDED and rolls(self.settings.aiding):
             north = "true"  # by velocity
         without_field = {RAW: north, CONDITIONED: "none", AIDED: "true"}  # by reports' velocity
         self.norths = (north, without_field[self.source])
@@ -148,6 +152,21 @@ class State:
         elif before is Phase.AIDED:
             self.set_core(without_aiding(self.settings, self.core.core))
         self.change_context(phase=phase)
+
+    def turn_compass(self, turn_rad: float) -> None:
+        """The compass is turned in the vehicle by so much more (rad, about down): read it so."""
+        known, now = self.context.compass, self.core.core
+        turned_rad = remainder(known.turned_rad + turn_rad, 2.0 * pi)
+        is_aided = self.context.phase is Phase.AIDED
+        self.set_core(with_turned_compass(self.settings, now, turn_rad, is_aided=is_aided))
+        self.change_context(
+            compass=known._replace(
+                turned_rad=turned_rad,
+                contradicted_us=now.time_us,
+                confirmed=False,
+                contradicted_since_us=None,
+            )
+        )
 
     def align(self) -> None:
         """The first heading ever is alignment, not correction: there was none to correct."""

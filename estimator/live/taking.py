@@ -4,6 +4,7 @@ from estimator.aiding import compass
 from estimator.aiding.phase import Cause, Phase
 from estimator.aiding.types import NO_REPORT
 from estimator.aiding.velocity_history import OLDEST_S
+from estimator.geometry.quaternion import exp, rotate
 from estimator.live.aiding_span import begin_aided, give_up
 from estimator.live.compass_check import check_compass
 from estimator.live.first_sample import first_core
@@ -23,7 +24,11 @@ def take_sample(state: State, sample: ImuSample) -> Reason | None:
         return reason
     sample = sample_in_floats(sample)
     state.said = None
-    if not compass.is_heard(state.context.compass, sample.time_us):
+    known = state.context.compass
+    if known.turned_rad != 0.0:
+        as_mounted = rotate(exp((0.0, 0.0, -known.turned_rad)), sample.mag_gauss)
+        sample = sample._replace(mag_gauss=as_mounted)
+    elif compass.is_contradicted(known, sample.time_us):
         sample = sample._replace(mag_gauss=ZERO_VEC3, has_mag=False)
     if state.context.phase is Phase.EMPTY:
         take_first(state, sample)
@@ -71,9 +76,7 @@ def take_conditioned(state: State, sample: ImuSample) -> None:
         time_us, *readings, sample.has_mag, is_aided, 0, state.standing
     )
     if is_aided:
-        is_credible, has_shown = state.core.advance_aided(
-            report, state.knows_north, state.context.shows_north
-        )
+        is_credible, has_shown = state.core.advance_aided(report, state.knows_north)
         if not is_credible:
             give_up(state)
             return

@@ -33,7 +33,7 @@ def holder():
 @pytest.mark.parametrize("wrong", [None, "1", (1.0, 2.0), [], REPORT._replace(sigma_m_s=None)])
 @pytest.mark.parametrize("step", ["hear", "search", "advance_aided"])
 def test_what_is_no_report(holder, step, wrong):
-    others = {"hear": (0,), "advance_aided": (True, True)}.get(step, ())
+    others = {"hear": (0,), "advance_aided": (True,)}.get(step, ())
     before = holder.core
     with pytest.raises(InputError, match=r"stands where|no source of aiding"):
         getattr(holder, step)(wrong, *others)
