@@ -98,7 +98,7 @@ def judge_mounting(state: State, now: Core) -> None:
     variance = square(now.covariance)[COMPASS_TURN, COMPASS_TURN]
     if not 0.0 < 2.0 * variance < MOUNTED_RAD**2:
         return
-    if abs(estimate.compass_turn_rad) > REACH * MOUNTED_RAD:
+    if abs(estimate.compass_turn_rad) > MOUNTED_RAD:
         state.turn_compass(estimate.compass_turn_rad)
     elif not known.confirmed:
         state.change_context(compass=known._replace(confirmed=True))
