@@ -238,7 +238,7 @@ class Estimator:
         Velocity shows it then.
         """
         state = self._state
-        if not compass.is_heard(state.context.compass, state.core.time_us):
+        if compass.is_contradicted(state.context.compass, state.core.time_us):
             return compass.CONTRADICTED
         if state.source == AIDED or not state.settings.conditioned or not self.aligned:
             return ""
@@ -250,7 +250,7 @@ class Estimator:
     @property
     def compass_off_rad(self) -> float:
         """By how much (rad, about down) a compass is turned that velocity contradicts."""
-        return self._state.context.compass.off_rad
+        return self._state.context.compass.turned_rad
 
     @property
     def leaning_rad(self) -> float:

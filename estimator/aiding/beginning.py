@@ -1,12 +1,14 @@
 """Where the aiding begins: its state, its errors' covariance and the velocity history so far."""
 
 from math import sqrt
+from typing import NamedTuple
 
 import numpy as np
 
 from estimator.aiding.inertial import GRAVITY_NED
 from estimator.aiding.types import (
     ACC_BIAS,
+    COMPASS_TURN,
     FIELD_LAG,
     FILTER_ERROR,
     FILTER_LAG,
@@ -52,24 +54,30 @@ UNHEARD = Agreement(
 NEW_WHEELS = Wheels(slip_scale=1.0, rolled_s=0.0, contradict=False, show_north=False)
 
 
-def begin(
-    params: AidingParams,
-    q_ned_frd: Quaternion,
-    gyr_bias: Vec3,
-    sample: Sample,
-    report: Report,
-    tilt_sigma_rad: float,
-    heading_sigma_rad: float,
-    hard_iron_sigma_gauss: float,
-    field_lag_s: float,
-    turned_by_iron_1_gauss: Vec3 = ZERO_VEC3,
-) -> tuple[AidingState, Array, Array]:
-    """State, covariance and velocity history at a first velocity report, by attitude and bias.
+class Beginning(NamedTuple):
+    """What is known where the aiding begins, each with its sigma."""
 
-    A heading that the field has told is off by ``turned_by_iron_1_gauss`` . hard iron (FRD).
-    """
+    q_ned_frd: Quaternion  # body to NED
+    tilt_sigma_rad: float  # about north and east
+    heading_sigma_rad: float  # about down
+    gyr_bias_rad_s: Vec3 = ZERO_VEC3  # FRD
+    compass_sigma_rad: float = 0.0  # of how the compass is turned in the vehicle
+    hard_iron_sigma_gauss: float = 0.0  # of the vehicle's own field, each axis
+    turned_by_iron_1_gauss: Vec3 = ZERO_VEC3  # what it (FRD) does to a heading by the field
+    field_lag_s: float = 0.0  # of the magnetometer's readings, and the sigma of that
+
+
+def begin(
+    params: AidingParams, first: Beginning, sample: Sample, report: Report
+) -> tuple[AidingState, Array, Array]:
+    """State, covariance and velocity history at a first velocity report."""
     P = np.zeros((SIZE, SIZE))
-    tilt, heading = tilt_sigma_rad**2, heading_sigma_rad**2
+    q_ned_frd, gyr_bias, iron = first.q_ned_frd, first.gyr_bias_rad_s, first.hard_iron_sigma_gauss
+    tilt, heading, compass = (
+        first.tilt_sigma_rad**2,
+        first.heading_sigma_rad**2,
+        first.compass_sigma_rad**2,
+    )
     diagonal = np.einsum("ii->i", P)
     diagonal[TURN : TURN + 3] = (tilt, tilt, heading)
     diagonal[VELOCITY : VELOCITY + 3] = BEGIN_VELOCITY_SIGMA_M_S**2
@@ -79,9 +87,10 @@ def begin(
     diagonal[FILTER_LAG] = params.imu_lag_s**2
     diagonal[FILTER_ERROR : FILTER_ERROR + 3] = params.filter_error_m_s**2
     diagonal[RECEIVER_ERROR : RECEIVER_ERROR + 3] = params.receiver_error_m_s**2
-    diagonal[FIELD_LAG] = field_lag_s**2
-    diagonal[HARD_IRON : HARD_IRON + 3] = hard_iron_sigma_gauss**2
-    together = hard_iron_sigma_gauss**2 * np.array(turned_by_iron_1_gauss)
+    diagonal[FIELD_LAG] = first.field_lag_s**2
+    diagonal[COMPASS_TURN] = compass
+    diagonal[HARD_IRON : HARD_IRON + 3] = iron**2
+    together = iron**2 * np.array(first.turned_by_iron_1_gauss)
     P[TURN + 2, HARD_IRON : HARD_IRON + 3] = P[HARD_IRON : HARD_IRON + 3, TURN + 2] = together
     state = AidingState(
         estimate=AidingEstimate(
@@ -91,7 +100,8 @@ def begin(
             acc_bias_m_s2=ZERO_VEC3,
             imu_lag_s=params.imu_lag_s,
             acc_lead_s=0.0,
-            field_lag_s=field_lag_s,
+            field_lag_s=first.field_lag_s,
+            compass_turn_rad=0.0,
             hard_iron_gauss=ZERO_VEC3,
             earth_gauss=ZERO_VEC3,
             receiver_lag_s=0.0,
@@ -116,8 +126,8 @@ def begin(
         ),
         agreement=Agreements(by_filter=UNHEARD, by_receiver=UNHEARD),
         sigma=Sigmas(
-            inclination_rad=tilt_sigma_rad,
-            heading_rad=heading_sigma_rad,
+            inclination_rad=first.tilt_sigma_rad,
+            heading_rad=sqrt(heading),
         ),
         rough=Roughness(bent=0.0, changed=0.0, knocked=0.0),
         lean=Lean(ZERO_VEC3, report.velocity_ned_m_s, report.velocity_ned_m_s),
@@ -135,9 +145,8 @@ def first_unlearnt(params: AidingParams) -> Unlearnt:
 
 def blank_aiding(params: AidingParams) -> tuple[AidingState, Array, Array]:
     """The place of state, covariance and velocity history while there is no aiding."""
-    state, P, velocity_history = begin(
-        params, IDENTITY, ZERO_VEC3, NO_SAMPLE, NO_REPORT, 0.0, 0.0, 0.0, 0.0
-    )
+    nothing = Beginning(IDENTITY, 0.0, 0.0)
+    state, P, velocity_history = begin(params, nothing, NO_SAMPLE, NO_REPORT)
     return state, np.zeros_like(P), velocity_history
 
 

@@ -16,7 +16,7 @@ from estimator.conditioning.times import FORGET_S, LONG_S, MEMORY_S
 # like the place's own, it must have looked so for MEMORY_S.
 
 
-NEVER_US = -(1 << 62)
+NEVER_US, EVER_US = -(1 << 62), 1 << 62
 
 
 class Compass(NamedTuple):
@@ -26,9 +26,9 @@ class Compass(NamedTuple):
     unlike_us: int | None = None  # when its field last did not look like the place's own
     gave_up_us: int | None = None  # when the aiding last gave up
     misled_us: int | None = None  # when it last gave up for the second time in a row
-    left_out_us: int | None = None  # when velocity alone showed that its heading is wrong
-    off_rad: float = 0.0  # by how much, about down
-    confirmed: bool = False  # velocity alone has shown the heading that it gives
+    contradicted_us: int | None = None  # when velocity alone showed that its heading is wrong
+    turned_rad: float = 0.0  # by which it is turned in the vehicle about down, and read so
+    confirmed: bool = False  # velocity has shown the heading that it gives, read so
     contradicted_since_us: int | None = None  # velocity alone shows another heading
 
 
@@ -41,9 +41,9 @@ def is_trusted(compass: Compass, time_us: int) -> bool:
     return not doubt(compass, time_us)
 
 
-def is_heard(compass: Compass, time_us: int) -> bool:
-    """Whether its field counts at all at ``time_us``; what velocity contradicts is left out."""
-    return not _is_recent(compass.left_out_us, time_us, FORGET_S)
+def is_contradicted(compass: Compass, time_us: int) -> bool:
+    """Whether velocity has shown that it is not mounted, or not calibrated, as somebody says."""
+    return compass.turned_rad != 0.0 or _is_recent(compass.contradicted_us, time_us, FORGET_S)
 
 
 def doubt(compass: Compass, time_us: int) -> str:
@@ -54,23 +54,27 @@ def doubt(compass: Compass, time_us: int) -> str:
         return "nobody has calibrated the compass"
     if _is_recent(compass.misled_us, time_us, FORGET_S):
         return "the compass has misled twice"
-    if not is_heard(compass, time_us):
+    if is_contradicted(compass, time_us) and not compass.confirmed:
         return CONTRADICTED
     return "the field is not like this place's" * _is_recent(compass.unlike_us, time_us, MEMORY_S)
 
 
 def doubted_until_us(compass: Compass) -> int:
     """Until when something that was seen speaks against it."""
+    if compass.turned_rad != 0.0 and not compass.confirmed:
+        return EVER_US
     return max(
         _until_us(compass.misled_us, FORGET_S),
-        heard_from_us(compass),
+        NEVER_US if compass.confirmed else _until_us(compass.contradicted_us, FORGET_S),
         _until_us(compass.unlike_us, MEMORY_S),
     )
 
 
 def heard_from_us(compass: Compass) -> int:
     """From when on its field counts at all."""
-    return _until_us(compass.left_out_us, FORGET_S)
+    if compass.turned_rad != 0.0:
+        return NEVER_US  # it is read as it is mounted
+    return _until_us(compass.contradicted_us, FORGET_S)
 
 
 def _until_us(then_us: int | None, for_s: float) -> int:
@@ -92,7 +96,7 @@ def declare(compass: Compass, is_calibrated: bool) -> Compass:
     """After a word about its calibration; only a new word wipes out what was seen before."""
     if is_calibrated == compass.declared_calibrated:
         return compass
-    return Compass(declared_calibrated=is_calibrated)
+    return Compass(declared_calibrated=is_calibrated, turned_rad=compass.turned_rad)
 
 
 def record_giving_up(compass: Compass, time_us: int) -> Compass:
@@ -103,8 +107,8 @@ def record_giving_up(compass: Compass, time_us: int) -> Compass:
 
 
 def restart(compass: Compass) -> Compass:
-    """After a reboot. The clock begins anew, so only the word about its calibration holds."""
-    return Compass(declared_calibrated=compass.declared_calibrated)
+    """After a reboot. The clock begins anew, so only words and how it is mounted hold."""
+    return Compass(compass.declared_calibrated, turned_rad=compass.turned_rad)
 
 
 def _is_recent(then_us: int | None, time_us: int, for_s: float) -> bool:

@@ -3,6 +3,7 @@
 from estimator.aiding.inertial import Prediction
 from estimator.aiding.types import (
     ACC_BIAS,
+    COMPASS_TURN,
     EARTH,
     FIELD_LAG,
     FILTER_ERROR,
@@ -50,6 +51,7 @@ def apply_corrections(now: Prediction, x: Array) -> Prediction:
         imu_lag_s=before.imu_lag_s + x[IMU_LAG],
         acc_lead_s=before.acc_lead_s,
         field_lag_s=before.field_lag_s + x[FIELD_LAG],
+        compass_turn_rad=before.compass_turn_rad + x[COMPASS_TURN],
         hard_iron_gauss=add(before.hard_iron_gauss, part(x, HARD_IRON)),
         earth_gauss=add(before.earth_gauss, part(x, EARTH)),
         receiver_lag_s=before.receiver_lag_s + x[RECEIVER_LAG],

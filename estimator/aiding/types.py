@@ -26,6 +26,7 @@ COMPONENTS = {
     "acc_bias": 3,  # m/s^2
     "imu_lag": 1,  # s
     "field_lag": 1,  # s
+    "compass_turn": 1,  # rad, of the compass in the vehicle, about the body's down
     "hard_iron": 3,  # gauss
     "earth": 3,  # gauss, the place's field in NED
     "receiver_lag": 1,  # s, of a receiver's reports
@@ -40,6 +41,7 @@ COMPONENTS = {
     ACC_BIAS,
     IMU_LAG,
     FIELD_LAG,
+    COMPASS_TURN,
     HARD_IRON,
     EARTH,
     RECEIVER_LAG,
@@ -158,6 +160,7 @@ class AidingEstimate(NamedTuple):
     acc_bias_m_s2: Vec3  # FRD
     imu_lag_s: float  # age of the gyroscope's samples
     field_lag_s: float  # age of the magnetometer's readings
+    compass_turn_rad: float  # by which its readings are turned in the vehicle, about down
     hard_iron_gauss: Vec3  # the vehicle's own field, FRD
     earth_gauss: Vec3  # the place's field, NED
     receiver_lag_s: float  # age of reports that do not know theirs

@@ -235,6 +235,7 @@ def hear_field(witness: Witness, aided: AidingState, sample: Sample) -> Witness:
         return witness
     rate = subtract(sample.gyr_rad_s, estimate.gyr_bias_rad_s)
     then = exp(scale(-estimate.field_lag_s, rate))
+    then = multiply(then, exp((0.0, 0.0, -estimate.compass_turn_rad)))
     m = rotate(then, subtract(sample.mag, estimate.hard_iron_gauss))
     F = rotate(estimate.q_ned_frd, m)
     share = aided.field.look.confidence

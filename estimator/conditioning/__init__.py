@@ -7,6 +7,7 @@ from estimator.conditioning.state import (
     apply_turn,
     forget_bias,
     forget_coefficients,
+    forget_field,
     initial_state,
 )
 
@@ -18,5 +19,6 @@ __all__ = [
     "condition",
     "forget_bias",
     "forget_coefficients",
+    "forget_field",
     "initial_state",
 ]

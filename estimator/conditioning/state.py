@@ -3,16 +3,18 @@
 from typing import NamedTuple
 
 from estimator.conditioning.events.axis_signs import AxisSigns
+from estimator.conditioning.events.proof import TurnSigns
 from estimator.conditioning.events.step import EventsState
 from estimator.conditioning.field.calibration import first_calibration
 from estimator.conditioning.field.step import MagnetometerState
 from estimator.conditioning.gather import NOTHING, Gathered
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.sigma import Certainty
-from estimator.conditioning.vertical.bias import first_estimate
+from estimator.conditioning.vertical.bias import UNKNOWN_HEADING_VARIANCE, first_estimate
 from estimator.conditioning.vertical.coefficients import Coefficients
 from estimator.conditioning.vertical.lowpass import Smooth
 from estimator.conditioning.vertical.step import VerticalState
+from estimator.conditioning.vertical.stillness import Stillness
 from estimator.geometry.axes import FrameAxes
 from estimator.geometry.quaternion import multiply, normalize, rotate_inverse
 from estimator.types import ZERO_VEC3, Quaternion, Vec3
@@ -58,6 +60,22 @@ def forget_bias(params: ConditioningParams, state: ConditioningState) -> Conditi
     return state._replace(
         vertical=state.vertical._replace(estimate=estimate),
         events=state.events._replace(signs=state.events.signs._replace(axes=AxisSigns())),
+    )
+
+
+def forget_field(params: ConditioningParams, state: ConditioningState) -> ConditioningState:
+    """The state with its vertical and bias; the field, and the heading by it, are learnt anew."""
+    estimate = state.vertical.estimate
+    p = estimate.covariance
+    apart = (p[0], p[1], p[2], 0.0, p[4], p[5], 0.0, p[7], 0.0, UNKNOWN_HEADING_VARIANCE)
+    vertical = state.vertical._replace(
+        estimate=estimate._replace(covariance=apart), still=Stillness()
+    )
+    signs = TurnSigns(gravity=state.events.signs.gravity)
+    return state._replace(
+        vertical=vertical,
+        field=MagnetometerState(first_calibration(params)),
+        events=EventsState(signs),
     )
 
 

@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.aiding import Report, begin, compass
+from estimator.aiding import Beginning, Report, begin, compass
 from estimator.aiding.beginning import loosen
 from estimator.aiding.course import forward_evidence, lean_rad, level_ahead
 from estimator.aiding.lean import bears_out
@@ -78,10 +78,10 @@ def begin_aided(state: State, report: Report, *, has_heading: bool) -> None:
             state.enter(Cause.REPORT)
             return
         if can_compare and not rolls(state.settings.aiding):
-            judge_field(state, start.q_ned_frd, start.sigma_heading_rad)
-    # a field that is not heard has told no heading
-    is_heard = compass.is_heard(state.context.compass, state.core.time_us)
-    set_out(state, start, report, has_heading=has_heading and is_heard)
+            start = judge_field(state, start)
+    # a field that is contradicted has told no heading
+    is_wrong = compass.is_contradicted(state.context.compass, state.core.time_us)
+    set_out(state, start, report, has_heading=has_heading and not is_wrong)
 
 
 def set_out(state: State, start: "Start", report: Report, *, has_heading: bool) -> None:
@@ -97,10 +97,7 @@ def set_out(state: State, start: "Start", report: Report, *, has_heading: bool) 
         # there was none to correct, or correcting it would take many slow steps
         core = with_attitude(core, start.q_ned_frd)
     state.set_core(core)
-    state.change_context(
-        shows_north=compass.is_heard(state.context.compass, state.core.time_us),
-        is_by_field=start.turned_by_iron_1_gauss != ZERO_VEC3,
-    )
+    state.change_context(is_by_field=start.turned_by_iron_1_gauss != ZERO_VEC3)
     state.enter(Cause.BEGIN)
 
 
@@ -133,25 +130,32 @@ def find_start_by_velocity(state: State, report: Report) -> "Start | None":
     return start or start_by_velocity(now)
 
 
-def judge_field(state: State, q_ned_frd: Quaternion, sigma_heading_rad: float) -> None:
-    """Whether a heading by velocity bears out that of a field that nobody vouches for.
+def judge_field(state: State, start: "Start") -> "Start":
+    """Whether the field contradicts a heading by velocity: then its compass is turned.
 
-    One that it contradicts is left out.
+    One that is trusted is not asked: it draws a heading that is none.
     """
     now, known = state.core.core, state.context.compass
-    if not compass.is_unspoken(known, now.time_us):
-        return
+    if compass.is_trusted(known, now.time_us):
+        return start
     seen, field = now.seen, now.conditioning.field.magnetic.reference
     leaning_rad = seen.sigma_inclination_rad * abs(field.down) / max(field.horizontal, TINY)
     field_rad = hypot(max(seen.sigma_heading_rad, LEAST_HEADING_SIGMA_RAD), leaning_rad)
     q = align(conditioned_vectors(state.settings.reference, now.seen))
-    w, _, _, z = multiply(q, conjugate(q_ned_frd))
-    off_rad = remainder(2.0 * atan2(z, w), 2.0 * pi)
-    if abs(off_rad) > REACH * hypot(sigma_heading_rad, field_rad):
-        known = known._replace(left_out_us=now.time_us, off_rad=off_rad)
-    elif hypot(sigma_heading_rad, field_rad) < 2.0 * LEAST_HEADING_SIGMA_RAD:
-        known = known._replace(confirmed=True)
-    state.change_context(compass=known)
+    off_rad = heading_between(q, start.q_ned_frd)
+    sigma_rad = hypot(start.sigma_heading_rad, field_rad)
+    if abs(off_rad) > REACH * sigma_rad:
+        state.turn_compass(off_rad)
+        return start._replace(compass_sigma_rad=UNKNOWN_RAD)
+    if sigma_rad < 2.0 * LEAST_HEADING_SIGMA_RAD and compass.is_unspoken(known, now.time_us):
+        state.change_context(compass=known._replace(confirmed=True))
+    return start
+
+
+def heading_between(q_ned_frd: Quaternion, other: Quaternion) -> float:
+    """Angle (rad) about down from one attitude to another."""
+    w, _, _, z = multiply(other, conjugate(q_ned_frd))
+    return remainder(2.0 * atan2(z, w), 2.0 * pi)
 
 
 def most_field_sigma_rad(settings: Settings, now: Core) -> float:
@@ -275,6 +279,7 @@ class Start(NamedTuple):
     q_ned_frd: Quaternion
     sigma_heading_rad: float
     sigma_tilt_rad: float = 0.0  # if more than that of the unaided vertical
+    compass_sigma_rad: float = 0.0  # of how the compass is turned in the vehicle
     turned_by_iron_1_gauss: Vec3 = ZERO_VEC3  # what hard iron (FRD) has turned the heading by
 
 
@@ -367,15 +372,18 @@ def begin_aiding(
             gyr_bias_sigma=max(aiding.gyr_bias_sigma, drift_rad_s),
             acc_bias_sigma=max(aiding.acc_bias_sigma, push_m_s2),
         ),
-        start.q_ned_frd,
-        core.seen.bias_rad_s,
+        Beginning(
+            q_ned_frd=start.q_ned_frd,
+            tilt_sigma_rad=max(core.seen.sigma_inclination_rad, start.sigma_tilt_rad),
+            heading_sigma_rad=start.sigma_heading_rad,
+            gyr_bias_rad_s=core.seen.bias_rad_s,
+            compass_sigma_rad=start.compass_sigma_rad,
+            hard_iron_sigma_gauss=iron_gauss,
+            turned_by_iron_1_gauss=start.turned_by_iron_1_gauss,
+            field_lag_s=settings.conditioning.field_lag_sigma_s,
+        ),
         core.sample,
         report,
-        max(core.seen.sigma_inclination_rad, start.sigma_tilt_rad),
-        start.sigma_heading_rad,
-        iron_gauss,
-        settings.conditioning.field_lag_sigma_s,
-        start.turned_by_iron_1_gauss,
     )
     aided = aided._replace(wheels=core.aided.wheels)
     return core._replace(

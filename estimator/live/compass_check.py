@@ -1,52 +1,60 @@
-"""Whether velocity alone contradicts the heading that the compass gave the aided attitude.
+"""Whether velocity alone contradicts the heading that the compass gives, and how it is mounted.
 
 The search for an attitude by velocity (:mod:`estimator.aiding.search`) goes on beside the aided
-estimate and never uses the field. Where both are known and differ by more than their sigmas
-explain, the compass is one hypothesis and velocity the other. A compass whose heading velocity has
-never confirmed loses at once: the aiding begins again from velocity, and the field then shows
-turns, not north. A heading that velocity has confirmed before is not given up for a sudden
-contradiction, because velocity may be what went wrong: only a difference that lasts for
-``MEMORY_S`` decides against the compass. Meanwhile the heading's sigma is 45 deg.
+estimate and never uses the field. It is held against both: the aided heading, which velocity may
+have drawn half the way, and the field as it is read. Where they differ by
+more than their sigmas explain, the compass is one hypothesis and velocity the other. A compass
+whose heading velocity has never confirmed loses at once: it is taken to be turned in the vehicle by
+the difference, and the aiding begins again from velocity, which shows the rest of that turn. A
+heading that velocity has confirmed before is not given up for a sudden contradiction, because
+velocity may be what went wrong: only a difference that lasts for ``MEMORY_S`` decides against the
+compass. Meanwhile the heading's sigma is 45 deg.
 """
 
-from math import atan2, hypot, pi, remainder
+from math import atan2, hypot
 
+from estimator.aiding import compass
 from estimator.aiding.phase import Cause, Phase
-from estimator.aiding.search import solve
+from estimator.aiding.search import UNKNOWN_RAD, Solution, solve
 from estimator.aiding.sources.wheels import rolls
-from estimator.aiding.types import Report
+from estimator.aiding.types import COMPASS_TURN, Report
+from estimator.bounds import TINY
 from estimator.conditioning.robust import REACH
 from estimator.conditioning.times import MEMORY_S
-from estimator.geometry.quaternion import conjugate, multiply
+from estimator.geometry.quaternion import multiply, rotate
 from estimator.live.aiding_span import (
     LEAST_HEADING_SIGMA_RAD,
     Start,
     bias_sigma_rad_s,
+    heading_between,
+    iron_sigma_gauss,
     judge_field,
     set_out,
 )
-from estimator.live.core import Core
+from estimator.live.core import Core, square
+from estimator.live.iron import MOUNTED_RAD
 from estimator.live.state import State
-from estimator.types import Quaternion
 
 
 def check_compass(state: State, report: Report) -> None:
-    """Compare the aided heading with the one by velocity alone, and act if they contradict."""
+    """Hold the compass against velocity alone, and act if they contradict."""
     if state.context.phase is not Phase.AIDED:
         return
     now = state.core.core
     if not state.context.is_by_field:
-        if now.seen.has_heading and state.knows_north and not rolls(state.settings.aiding):
-            judge_field(state, now.aided.estimate.q_ned_frd, now.aided.sigma.heading_rad)
+        judge_mounting(state, now)
         return
     found = solve(now.search, bias_sigma_rad_s(now.conditioning))
     if found is None:
         return
     q = multiply(found.q_ned_g, now.conditioning.vertical.gravity.q_g_frd)
-    off_rad = heading_between(q, now)
+    off_rad = heading_between(now.aided.estimate.q_ned_frd, q)
     sigma_rad = hypot(found.sigma_heading_rad, now.aided.sigma.heading_rad)
+    turn_rad, turn_sigma_rad = off_rad, sigma_rad
+    if not rolls(state.settings.aiding):
+        turn_rad, turn_sigma_rad = compass_turn(state, now, found)
     known = state.context.compass
-    if abs(off_rad) <= REACH * sigma_rad:
+    if abs(off_rad) <= REACH * sigma_rad and abs(turn_rad) <= REACH * turn_sigma_rad:
         is_confirmed = found.sigma_heading_rad < 2.0 * LEAST_HEADING_SIGMA_RAD
         known = known._replace(
             confirmed=known.confirmed or is_confirmed, contradicted_since_us=None
@@ -57,26 +65,55 @@ def check_compass(state: State, report: Report) -> None:
     state.change_context(compass=known._replace(contradicted_since_us=since_us))
     if known.confirmed and now.time_us - since_us < 1e6 * MEMORY_S:
         return
-    start = Start(q, max(found.sigma_heading_rad, LEAST_HEADING_SIGMA_RAD))
-    mislead(state, start, -off_rad, report)
-
-
-def mislead(state: State, start: Start, off_rad: float, report: Report) -> None:
-    """Begin again from the attitude by velocity; the compass is ``off_rad`` off and left out."""
-    known = state.context.compass._replace(
-        left_out_us=state.core.time_us,
-        off_rad=off_rad,
-        confirmed=False,
-        contradicted_since_us=None,
+    start = Start(
+        q,
+        max(found.sigma_heading_rad, LEAST_HEADING_SIGMA_RAD),
+        compass_sigma_rad=0.0 if rolls(state.settings.aiding) else UNKNOWN_RAD,
     )
-    state.change_context(compass=known)
-    search = state.core.core.search
+    mislead(state, start, turn_rad, report)
+
+
+def compass_turn(state: State, now: Core, found: Solution) -> tuple[float, float]:
+    """By how much (rad, about down) the field of the last second is off north, and its sigma.
+
+    Seen by velocity alone: the aiding may have taken for iron what a turned compass does.
+    """
+    north, field = state.settings.reference.magnetic_ned, now.conditioning.field.magnetic.reference
+    F = rotate(found.q_ned_g, now.conditioning.events.signs.jump.slow)
+    turn_rad = atan2(north[0] * F[1] - north[1] * F[0], north[0] * F[0] + north[1] * F[1])
+    iron_rad = iron_sigma_gauss(state, now) / max(field.horizontal, TINY)
+    return turn_rad, hypot(found.sigma_heading_rad, MOUNTED_RAD, iron_rad)
+
+
+def judge_mounting(state: State, now: Core) -> None:
+    """By a heading that velocity has told: of a turned compass the rest of its turn.
+
+    Once that is known better than by a word, the readings are turned back by it, too.
+    """
+    estimate, known = now.aided.estimate, state.context.compass
+    if not now.seen.has_heading or not state.knows_north or rolls(state.settings.aiding):
+        return
+    if compass.is_unspoken(known, now.time_us):
+        judge_field(state, Start(estimate.q_ned_frd, now.aided.sigma.heading_rad))
+    variance = square(now.covariance)[COMPASS_TURN, COMPASS_TURN]
+    if not 0.0 < 2.0 * variance < MOUNTED_RAD**2:
+        return
+    if abs(estimate.compass_turn_rad) > MOUNTED_RAD:
+        state.turn_compass(estimate.compass_turn_rad)
+    elif not known.confirmed:
+        state.change_context(compass=known._replace(confirmed=True))
+
+
+def mislead(state: State, start: Start, turn_rad: float, report: Report) -> None:
+    """Begin again from the attitude by velocity; the compass is turned by ``turn_rad``."""
+    now = state.core.core
     state.enter(Cause.MISLED)
-    state.set_core(state.core.core._replace(search=search))
+    if rolls(state.settings.aiding):  # iron all around turns a field, too: it is left out
+        known = state.context.compass._replace(
+            contradicted_us=now.time_us, confirmed=False, contradicted_since_us=None
+        )
+        state.change_context(compass=known)
+    else:
+        state.turn_compass(turn_rad)
+    state.set_core(state.core.core._replace(search=now.search))
     set_out(state, start, report, has_heading=False)
-
-
-def heading_between(q: Quaternion, now: Core) -> float:
-    """Angle (rad) about down from the aided attitude to ``q``."""
-    w, _, _, z = multiply(q, conjugate(now.aided.estimate.q_ned_frd))
-    return remainder(2.0 * atan2(z, w), 2.0 * pi)

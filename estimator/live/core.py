@@ -6,16 +6,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimator.aiding import AidingParams, AidingState, blank_aiding, forget_biases
+from estimator.aiding.covariance import rotation_matrix
 from estimator.aiding.search import EMPTY_SEARCH, Search
-from estimator.aiding.types import SIZE
+from estimator.aiding.types import HARD_IRON, SIZE
 from estimator.aiding.velocity_history import COLUMNS
 from estimator.aiding.witness import NEW_WITNESS, Witness
 from estimator.arrays import Floats
-from estimator.conditioning import Conditioned, ConditioningState, forget_bias
+from estimator.conditioning import Conditioned, ConditioningState, forget_bias, forget_field
 from estimator.conditioning import apply_turn as turn_memory
 from estimator.conditioning import initial_state as initial_conditioning
 from estimator.filter.types import FilterState, initial_state
-from estimator.geometry.quaternion import conjugate, multiply, normalize
+from estimator.geometry.quaternion import conjugate, exp, multiply, normalize, rotate
 from estimator.live.pull import NO_PULL, Pull
 from estimator.live.rows import TOLD
 from estimator.live.settings import Settings
@@ -169,6 +170,26 @@ def apply_turn(now: Core, turn_ned: Quaternion, *, is_aided: bool) -> Core:
     return with_attitude(now, normalize(multiply(q, turn_frd)))._replace(
         conditioning=turn_memory(now.conditioning, turn_frd), aided=aided, witness=witness
     )
+
+
+def with_turned_compass(settings: Settings, now: Core, turn_rad: float, *, is_aided: bool) -> Core:
+    """The core for readings that are turned back by ``turn_rad`` about the body's down from now on.
+
+    The unaided stage learns the field anew, and the vehicle's own field turns with the readings.
+    """
+    now = now._replace(conditioning=forget_field(settings.conditioning, now.conditioning))
+    if not is_aided:
+        return now
+    P, back = square(now.covariance), exp((0.0, 0.0, -turn_rad))
+    T, iron = np.eye(SIZE), slice(HARD_IRON, HARD_IRON + 3)
+    T[iron, iron] = rotation_matrix(back)
+    estimate = now.aided.estimate
+    estimate = estimate._replace(
+        compass_turn_rad=estimate.compass_turn_rad - turn_rad,
+        hard_iron_gauss=rotate(back, estimate.hard_iron_gauss),
+    )
+    aided = now.aided._replace(estimate=estimate)
+    return now._replace(aided=aided, covariance=flat(T @ P @ T.T))
 
 
 def change_imu(settings: Settings, now: Core, *, is_aided: bool) -> Core:

@@ -21,8 +21,7 @@ PROVEN = 0
 VOUCHED = 1
 BY_TURNS = 2
 DOUBTED = 3
-# A compass that somebody vouches for is mounted and calibrated this well, rad: nothing but velocity
-# shows more.
+# A compass that somebody vouches for is mounted this well, rad: nothing but velocity shows more.
 MOUNTED_RAD = radians(5.0)
 
 

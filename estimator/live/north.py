@@ -32,8 +32,10 @@ def set_position(
         state.set_core(with_attitude(now, multiply(turn, now.filter.q_ned_frd)))
     if before.here is not None and differ(before.here.field, field):
         # verdicts on the compass, and the aiding, were drawn from another place's field
-        state.change_context(compass=compass.restart(state.context.compass))
         state.enter(Cause.MISLED)
+        if state.context.compass.turned_rad != 0.0:
+            state.turn_compass(-state.context.compass.turned_rad)
+        state.change_context(compass=compass.restart(state.context.compass))
     return True
 
 

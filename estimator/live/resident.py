@@ -118,7 +118,7 @@ class Situation(NamedTuple):
     doubted_until_us: int = NEVER_US  # until when that is ``DOUBTED``
     heard_from_us: int = NEVER_US  # from when on the field counts
     knows_north: bool = False
-    shows_north: bool = False  # whether the compass was trusted when the aiding began
+    turned_back: tuple[float, float] = (1.0, 0.0)  # cosine and sine of the compass's own turn
     watches_gaps: bool = False
     takes_rates: bool = False  # of others beside the samples
     north: int = 0  # the place in ``NORTHS`` of what a heading by the field is measured from
@@ -374,7 +374,7 @@ def advance(
         if now.watches_gaps and not between.given and is_gap(usual_s, dt_s):
             is_aided, end = False, GAP
         has_mag = has_mag and time_us >= now.heard_from_us
-        mag = mag if has_mag else ZERO_VEC3
+        mag = as_mounted(mag, now.turned_back) if has_mag else ZERO_VEC3
         sample = Sample(
             gyr_rad_s=gyr, acc_m_s2=acc, mag=mag, has_mag=has_mag, dt_s=dt_s, between=between
         )
@@ -392,6 +392,14 @@ def advance(
         if not is_aided:
             inside.smooth_error = state.error
     return k, heard, end, said
+
+
+@inlined
+def as_mounted(mag: Vec3, turned_back: tuple[float, float]) -> Vec3:
+    """A field as a compass reads it that is turned about the body's down, turned back."""
+    c, s = turned_back
+    x, y, z = mag
+    return (c * x + s * y, c * y - s * x, z)
 
 
 @inlined
@@ -573,7 +581,7 @@ def step_aided(inside: Any, now: Situation, report: Report, other: Report) -> in
     params = inside.params
     reference = params.reference
     seen = inside.seen
-    north = horizontal_north(reference, now.knows_north and now.shows_north)
+    north = horizontal_north(reference, now.knows_north)
     others = StepInputs(
         gravity_b=seen.gravity_b,
         gravity_sigma_rad=seen.sigma_brief_rad,
@@ -591,7 +599,7 @@ def step_aided(inside: Any, now: Situation, report: Report, other: Report) -> in
         others,
     )
     before = inside.aided.estimate.q_ned_frd
-    knows_north = now.knows_north or rolls(params.aiding) or not now.shows_north
+    knows_north = now.knows_north or rolls(params.aiding)
     state = follow_aided(params.filter, reference, inside.filter, aided, knows_north, before)
     inside.filter = state
     inside.smooth_error = state.error

@@ -15,7 +15,6 @@ class Context(NamedTuple):
     phase: Phase = Phase.EMPTY
     reports: tuple[Any, ...] = ()  # of other sources than velocity, that wait for the IMU
     compass: Compass = Compass()  # how far the field is trusted
-    shows_north: bool = True  # whether the compass was trusted when the aiding began
     is_by_field: bool = False  # whether the aiding began with the field's heading
     whereabouts: Whereabouts = Whereabouts()  # and the field of the place
     imu_lag_s: float | None = None  # of the gyroscope's samples, as far as somebody has told

@@ -1,5 +1,7 @@
 """The state of one vehicle's estimator: what compiled steps change, and the context beside it."""
 
+from math import cos, pi, remainder, sin
+
 from estimator.aiding import compass
 from estimator.aiding.phase import Cause, Phase, after
 from estimator.aiding.search import UNKNOWN_RAD
@@ -12,6 +14,7 @@ from estimator.live.core import (
     Core,
     initial_core,
     with_attitude,
+    with_turned_compass,
     without_aiding,
     without_conditioning,
 )
@@ -108,7 +111,7 @@ class State:
             is_proven = known.confirmed or not now.is_by_field
             vouched = vouched and not is_doubtful
             standing = PROVEN if is_proven and not is_doubtful else BY_TURNS
-            if rolls(settings.aiding) or not now.shows_north:
+            if rolls(settings.aiding):
                 north = NORTHS.index("true")  # by velocity
         else:
             vouched = known.confirmed if vouched is None else vouched
@@ -119,7 +122,7 @@ class State:
             doubted_until_us=compass.NEVER_US if is_aided else compass.doubted_until_us(known),
             heard_from_us=compass.heard_from_us(known),
             knows_north=self.knows_north,
-            shows_north=now.shows_north,
+            turned_back=(cos(known.turned_rad), sin(known.turned_rad)),
             watches_gaps=now.phase in (Phase.SEARCHING, Phase.AIDED),
             takes_rates=self.profile.uses_attitude_rates,
             north=north,
@@ -169,6 +172,21 @@ class State:
         elif before is Phase.AIDED:
             self.set_core(without_aiding(self.settings, self.core.core))
         self.change_context(phase=phase)
+
+    def turn_compass(self, turn_rad: float) -> None:
+        """The compass is turned in the vehicle by so much more (rad, about down): read it so."""
+        known, now = self.context.compass, self.core.core
+        turned_rad = remainder(known.turned_rad + turn_rad, 2.0 * pi)
+        is_aided = self.context.phase is Phase.AIDED
+        self.set_core(with_turned_compass(self.settings, now, turn_rad, is_aided=is_aided))
+        self.change_context(
+            compass=known._replace(
+                turned_rad=turned_rad,
+                contradicted_us=now.time_us,
+                confirmed=False,
+                contradicted_since_us=None,
+            )
+        )
 
     def align(self) -> None:
         """The first heading ever is alignment, not correction: there was none to correct."""

@@ -2,6 +2,7 @@
 
 from estimator.aiding.phase import Cause, Phase
 from estimator.aiding.velocity_history import OLDEST_S
+from estimator.geometry.quaternion import exp, rotate
 from estimator.live.aiding_span import begin_aided, give_up
 from estimator.live.compass_check import check_compass
 from estimator.live.first_sample import first_core
@@ -52,6 +53,8 @@ def take_sample(state: State, sample: ImuSample) -> Reason | None:
 
 def take_first(state: State, sample: ImuSample) -> None:
     """Align on the first sample, or correct the given attitude; nothing has turned yet."""
+    back = exp((0.0, 0.0, -state.context.compass.turned_rad))
+    sample = sample._replace(mag_gauss=rotate(back, sample.mag_gauss))
     state.set_core(first_core(state.settings, state.core.core, sample))
     state.enter(Cause.SAMPLE if state.settings.conditioned else Cause.RAW_SAMPLE)
     state.change_context(reports=())

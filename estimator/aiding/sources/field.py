@@ -8,6 +8,7 @@ from estimator.aiding.covariance import expected_variance, learn, rotation_matri
 from estimator.aiding.inertial import Prediction
 from estimator.aiding.search import UNKNOWN_RAD
 from estimator.aiding.types import (
+    COMPASS_TURN,
     EARTH,
     FIELD_LAG,
     HARD_IRON,
@@ -81,11 +82,12 @@ def begin_field(
 ) -> FieldState:
     """The first sample is taken for the place's field, turned towards ``north`` if that is known.
 
-    ``before`` is what was taken for it until then.
+    ``before`` is what was taken for it until then. R turns the compass's axes to NED.
 
     The vehicle's hard iron is in that sample, so the error of the one is that of the other with
     the opposite sign, d_E = turn x F - A d_iron, whatever is known of those by now: A is R, without
-    what points across a known north, which a turn does not change.
+    what points across a known north, which a turn does not change. A compass turned about its down
+    axis z makes turn - z d_compass of the turn.
     """
     h = sqrt(F[0] * F[0] + F[1] * F[1])
     n = sqrt(h * h + F[2] * F[2])
@@ -109,10 +111,10 @@ def begin_field(
     for i in range(3):
         for j in range(SIZE):
             if not EARTH <= j < EARTH + 3:
-                P[EARTH + i, j] = P[j, EARTH + i] = shown(P, turned, A, i, j)
+                P[EARTH + i, j] = P[j, EARTH + i] = shown(P, turned, A, R, i, j)
     for i in range(3):
         for j in range(3):
-            P[EARTH + i, EARTH + j] = shown(P, turned, A, i, EARTH + j)
+            P[EARTH + i, EARTH + j] = shown(P, turned, A, R, i, EARTH + j)
     P[EARTH, EARTH] += along * c * c + across * s * s
     P[EARTH, EARTH + 1] += (along - across) * c * s
     P[EARTH + 1, EARTH] += (along - across) * c * s
@@ -171,11 +173,12 @@ def forget_iron(params: AidingParams, P: Array, x: Array, iron: Vec3) -> None:
 
 
 @inlined
-def shown(P: Array, turned: Array, A: Array, i: int, j: int) -> float:
-    """Covariance of one part of (turned turn - A d_iron) and another error."""
+def shown(P: Array, turned: Array, A: Array, R: Array, i: int, j: int) -> float:
+    """Covariance of one part of (turned (turn - z d_compass) - A d_iron) and another error."""
     total = 0.0
     for k in range(3):
-        total += turned[i, k] * P[TURN + k, j] - A[i, k] * P[HARD_IRON + k, j]
+        turn = P[TURN + k, j] - R[k, 2] * P[COMPASS_TURN, j]
+        total += turned[i, k] * turn - A[i, k] * P[HARD_IRON + k, j]
     return total
 
 
@@ -190,7 +193,8 @@ def observe_heading(
 ) -> FieldState:
     """Three scalar updates: the field, turned to NED, is the place's own.
 
-    The reading is ``lag`` old, so it belongs to the attitude then, q exp(-lag w). Where magnetic
+    The reading is ``lag`` old, so it belongs to the attitude then, q exp(-lag w), and to the
+    compass's own axes, which may be turned in the vehicle about its down axis. Where magnetic
     north is known, it holds the direction of the place's field, too.
     Across the place's horizontal field the difference tells the heading; where the field dips, an
     error of tilt shows there, too, as the row of the measurement says. Along the horizontal field
@@ -200,16 +204,17 @@ def observe_heading(
     rate = subtract(sample.gyr_rad_s, estimate.gyr_bias_rad_s)
     m = subtract(sample.mag, estimate.hard_iron_gauss)
     q_then = multiply(estimate.q_ned_frd, exp(scale(-estimate.field_lag_s, rate)))
-    F = rotate(q_then, m)
-    dF = rotate(q_then, cross(rate, m))
-    R = rotation_matrix(q_then)
+    q_compass = multiply(q_then, exp((0.0, 0.0, -estimate.compass_turn_rad)))
+    F = rotate(q_compass, m)
+    dF = cross(rotate(q_then, rate), F)
+    R = rotation_matrix(q_compass)
     north, E = others.north, estimate.earth_gauss
     if field.samples == 0.0:
         return begin_field(field, R, F, ZERO_VEC3, north, P, x)
     wait = min(field.wait_s, 1.0)
     learnt = P[EARTH + 2, EARTH + 2] + P[HARD_IRON, HARD_IRON]
     field = judge_field(params, field, F, E, learnt)
-    as_read = rotate(q_then, sample.mag)
+    as_read = rotate(q_compass, sample.mag)
     field = compare_with_place(params, field, F, E, as_read, others.place_gauss, wait)
     if field.evidence > REACH**2:
         forget_iron(params, P, x, estimate.hard_iron_gauss)
@@ -224,6 +229,7 @@ def observe_heading(
     across[TURN] = -c * F[2] / H
     across[TURN + 1] = -s * F[2] / H
     across[TURN + 2] = 1.0
+    add_compass(across, R)
     off = -F_across / H
     angle = atan2(F_across, F_along)
     expected = expected_variance(P, across, 0.0)
@@ -250,7 +256,7 @@ def observe_heading(
 def field_row(R: Array, dF: Vec3, axis: Vec3) -> Array:
     """How the errors of hard iron, lag and place show in (place's field - field seen) on an axis.
 
-    E - F = turn x F - R d_iron - d_lag dF - d_E, for R, dF and axis in NED.
+    E - F = turn x F - R d_iron - d_lag dF - d_E, all in NED, to which R turns the compass's axes.
     """
     h = np.zeros(SIZE)
     for i in range(3):
@@ -271,6 +277,7 @@ def angle_row(R: Array, F: Vec3, dF: Vec3, E: Vec3) -> Array:
     across[TURN] = -F[0] * F[2] / (h * h)
     across[TURN + 1] = -F[1] * F[2] / (h * h)
     across[TURN + 2] = 1.0
+    add_compass(across, R)
     return across
 
 
@@ -292,21 +299,28 @@ def learn_place(
     tilt = 0.0 if is_near else 0.5 * (P[TURN, TURN] + P[TURN + 1, TURN + 1])
     h = field_row(R, dF, along)
     if is_near:
-        add_turn(h, F, along)
+        add_turn(h, R, F, along)
     learn(P, x, h, dot(along, difference), noise + tilt * E[2] * E[2] / square)
     h = field_row(R, dF, down)
     if is_near:
-        add_turn(h, F, down)
+        add_turn(h, R, F, down)
     learn(P, x, h, dot(down, difference), noise + tilt * H * H / square)
 
 
 @inlined
-def add_turn(h: Array, F: Vec3, axis: Vec3) -> None:
+def add_turn(h: Array, R: Array, F: Vec3, axis: Vec3) -> None:
     """How a turn t shows on an axis, in place: axis . (t x F) = t . (F x axis)."""
     t = cross(F, axis)
     h[TURN] = t[0]
     h[TURN + 1] = t[1]
     h[TURN + 2] = t[2]
+    add_compass(h, R)
+
+
+@inlined
+def add_compass(h: Array, R: Array) -> None:
+    """A compass turned in the vehicle shows as the vehicle's turn about minus its down axis."""
+    h[COMPASS_TURN] = -(h[TURN] * R[0, 2] + h[TURN + 1] * R[1, 2] + h[TURN + 2] * R[2, 2])
 
 
 @inlined

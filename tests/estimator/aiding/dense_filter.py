@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from estimator.aiding.types import (
     ACC_BIAS,
+    COMPASS_TURN,
     EARTH,
     FIELD_LAG,
     FILTER_ERROR,
@@ -107,14 +108,15 @@ def velocity_row(times_s, accelerations, age_s, v, slow, i, error_at, lag_at, kn
     return said(np.zeros(SIZE)), h
 
 
-def field_rows(q_then, rate, m, E):
-    """F and the rows of (E - F) in NED: (3,), (3, SIZE)."""
-    R = matrix_of(q_then)
+def field_rows(q_then, turn, rate, m, E):
+    """F and the rows of (E - F) in NED: (3,), (3, SIZE); the compass is turned about down."""
+    R = matrix_of(q_then) @ turned([0.0, 0.0, -turn])
     F = R @ m
     rows = np.zeros((3, SIZE))
     rows[:, three(TURN)] = -skew(F)  # turn x F
     rows[:, three(HARD_IRON)] = -R
-    rows[:, FIELD_LAG] = -R @ np.cross(rate, m)
+    rows[:, COMPASS_TURN] = -np.cross(R[:, 2], F)
+    rows[:, FIELD_LAG] = -np.cross(matrix_of(q_then) @ rate, F)
     rows[:, three(EARTH)] = -np.eye(3)
     return F, rows
 

@@ -6,6 +6,7 @@ import pytest
 
 from estimator.aiding.phase import Phase
 from estimator.aiding.sources.table import SOURCES
+from estimator.aiding.types import SIZE
 from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.geometry.frames import euler_rad
@@ -58,7 +59,7 @@ def test_its_report_moves_what_it_measures_and_what_is_tied_to_that(flying, ahea
         without.update(flight.samples[SAMPLES])
     turned = remainder(heading_of(estimator) - heading_of(without), tau)
     assert turned == pytest.approx(0.05, abs=0.003)
-    variance = estimator.snapshot.core.covariance[2 * 28 + 2]
+    variance = estimator.snapshot.core.covariance[2 * SIZE + 2]
     assert variance == pytest.approx(1e-8, rel=0.3)
     bias = [e.snapshot.core.aided.estimate.gyr_bias_rad_s for e in (estimator, without)]
     assert bias[0] != bias[1]

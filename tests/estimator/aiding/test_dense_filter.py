@@ -11,7 +11,9 @@ from estimator.aiding.search import UNKNOWN_RAD
 from estimator.aiding.sources import field, unaided, velocity
 from estimator.aiding.types import (
     ACC_BIAS,
+    COMPASS_TURN,
     EARTH,
+    FILTER_ERROR,
     GYR_BIAS,
     HARD_IRON,
     IMU_LAG,
@@ -34,6 +36,7 @@ from estimator.aiding.velocity_history import ROWS, new_velocity_history
 from estimator.conditioning.field.magnetic import FieldLook
 from estimator.conditioning.robust import HEADING_REACH_RAD
 from estimator.conditioning.times import LONGEST_STEP_S, SPAN_S
+from estimator.conditioning.vertical.bias import SETTLED_HEADING_RAD
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.geometry.quaternion import multiply, normalize
 from estimator.types import NOTHING_BETWEEN, ZERO_VEC3, Between, Sample
@@ -56,7 +59,7 @@ SEEDS = range(4)
 SIGMAS = np.array(
     [
         *(0.05, 0.08, 0.3, 0.4, 0.6, 0.2, 0.004, 0.007, 0.003, 0.04, 0.06, 0.03, 0.004, 0.02),
-        *(0.01, 0.03, 0.02, 0.02, 0.04, 0.03, 0.05, 0.012, 0.15, 0.25, 0.1, 0.3, 0.2, 0.15),
+        *(0.06, 0.01, 0.03, 0.02, 0.02, 0.04, 0.03, 0.05, 0.012, 0.15, 0.25, 0.1, 0.3, 0.2, 0.15),
     ]
 )
 
@@ -80,6 +83,7 @@ def estimate(rng):
         imu_lag_s=0.013,
         acc_lead_s=0.034,
         field_lag_s=0.05,
+        compass_turn_rad=0.4,
         hard_iron_gauss=floats(0.03 * rng.standard_normal(3)),
         earth_gauss=(0.17, 0.08, 0.41),
         receiver_lag_s=0.11,
@@ -170,8 +174,20 @@ def test_prediction(seed, error_m_s, seen):
     push = p.filter_turning_s**2 * (force[0] ** 2 + force[1] ** 2)
     keeps = []
     for at, error, usual, scatter, tau_s in (
-        (22, before.receiver_error_m_s, p.receiver_error_m_s**2, known.by_receiver.scatter, 5.0),
-        (25, before.filter_error_m_s, p.filter_error_m_s**2 + push, known.by_filter.scatter, 5.0),
+        (
+            RECEIVER_ERROR,
+            before.receiver_error_m_s,
+            p.receiver_error_m_s**2,
+            known.by_receiver.scatter,
+            5.0,
+        ),
+        (
+            FILTER_ERROR,
+            before.filter_error_m_s,
+            p.filter_error_m_s**2 + push,
+            known.by_filter.scatter,
+            5.0,
+        ),
     ):
         variance = usual * max(1.0, scatter.noise_scale)
         longer = min(16.0, max(1.0, np.dot(error, error) / (9.0 * variance)))
@@ -180,10 +196,10 @@ def test_prediction(seed, error_m_s, seen):
     fades = np.array([now.estimate.receiver_error_m_s, now.estimate.filter_error_m_s])
     slow = np.array([before.receiver_error_m_s, before.filter_error_m_s])
     assert fades == pytest.approx(slow * np.array(keeps)[:, None])
-    for own, sign in ((VELOCITY, 1.0), (25, -1.0)):  # the filter's slow error is the same
+    for own, sign in ((VELOCITY, 1.0), (FILTER_ERROR, -1.0)):  # the filter's slow error is the same
         for k in range(3):
             Q[own + k, VELOCITY + k] += sign * knock[k]
-            Q[own + k, 25 + k] -= sign * knock[k]
+            Q[own + k, FILTER_ERROR + k] -= sign * knock[k]
     wanted = predicted(P, R, gained, dt, *keeps) + Q
     np.testing.assert_allclose(now.covariance, wanted, rtol=1e-9, atol=1e-14)
 
@@ -197,12 +213,14 @@ def test_a_usual_slow_error_stays_as_uncertain_as_it_is(step_s):
     P = np.eye(SIZE) * 1e-6
     d = np.einsum("ii->i", P)
     d[three(RECEIVER_ERROR)] = PARAMS.receiver_error_m_s**2
-    d[three(25)] = PARAMS.filter_error_m_s**2
+    d[three(FILTER_ERROR)] = PARAMS.filter_error_m_s**2
     sample = Sample(ZERO_VEC3, (0.0, 0.0, -9.8), ZERO_VEC3, False, step_s)
     quiet = velocity_history_of(np.random.default_rng(0), 0.04)
     quiet[:, 4:] = 0.0
     after = predict_motion(PARAMS, state, P, quiet, sample)
-    np.testing.assert_allclose(np.diag(after.covariance)[22:], d[22:], rtol=1e-12)
+    np.testing.assert_allclose(
+        np.diag(after.covariance)[RECEIVER_ERROR:], d[RECEIVER_ERROR:], rtol=1e-12
+    )
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -287,7 +305,7 @@ def test_field(seed, is_known, unfelt_rad, off_rad):
     angle = np.linalg.norm(t)
     back = floats([np.cos(angle / 2), *(np.sin(angle / 2) / angle * t)])
     q_then = multiply(known.q_ned_frd, back)
-    R = matrix_of(q_then)
+    R = matrix_of(q_then) @ turned([0.0, 0.0, -known.compass_turn_rad])
     seen = turned([0.02, -0.03, unfelt_rad]) @ E * 1.02
     m = R.T @ seen
     sample = Sample(floats(rate), ZERO_VEC3, floats(m + known.hard_iron_gauss), True, dt)
@@ -300,13 +318,14 @@ def test_field(seed, is_known, unfelt_rad, off_rad):
     x = x0.copy()
     after = field.observe_heading(p, state, now, others, sample, x)
 
-    F, rows = field_rows(q_then, w, m, E)
+    F, rows = field_rows(q_then, known.compass_turn_rad, w, m, E)
     H, n = np.hypot(E[0], E[1]), np.linalg.norm(E)
     c, s = E[:2] / H
     across, along = np.array([-s, c, 0.0]), np.array([c, s, 0.0])
     angle = np.arctan2(across @ F, along @ F)
     h = across / H @ rows
     h[three(TURN)] = [-c * F[2] / H, -s * F[2] / H, 1.0]
+    h[COMPASS_TURN] = -h[three(TURN)] @ R[:, 2]
     noise = p.heading_noise**2 / (dt * after.look.confidence)
     heading = h @ P @ h
     # what nothing explains is noise, a first order process of 4 s, and as much the heading's
@@ -316,7 +335,7 @@ def test_field(seed, is_known, unfelt_rad, off_rad):
     noise *= (1.0 + angle**2 / (HEADING_REACH_RAD**2 + 9.0 * heading)) ** 2
     is_near = along @ F >= 0.5 * abs(across @ F)
     dense, off = Dense(P.copy(), x0.copy()), -(across @ F) / H
-    if not is_near and P[TURN + 2, TURN + 2] > 0.35**2:
+    if not is_near and P[TURN + 2, TURN + 2] > SETTLED_HEADING_RAD**2:
         flat = np.array([-F[1], F[0], 0.0]) / (F[0] ** 2 + F[1] ** 2)
         h = flat @ rows
         h[EARTH : EARTH + 2] = np.array([E[1], -E[0]]) / H**2
@@ -326,7 +345,7 @@ def test_field(seed, is_known, unfelt_rad, off_rad):
     for axis, shows in ((along, E[2]), (np.array([0.0, 0.0, 1.0]), H)):
         h = axis / n @ rows
         if not is_near:
-            h[three(TURN)] = 0.0
+            h[three(TURN)] = h[COMPASS_TURN] = 0.0
         dense.learn(h, axis @ (E - F) / n, noise + tilt * (shows / n) ** 2)
     if is_known:
         h = np.zeros(SIZE)

@@ -10,6 +10,7 @@ from estimator.aiding.covariance import rotation_matrix
 from estimator.aiding.inertial import GRAVITY_NED, Prediction
 from estimator.aiding.sources import field, unaided, velocity
 from estimator.aiding.types import (
+    COMPASS_TURN,
     EARTH,
     FIELD_LAG,
     FILTER_ERROR,
@@ -40,6 +41,7 @@ NORTH = (np.cos(0.3), np.sin(0.3))
 KNOWN_NORTH = North(is_known=True, direction=NORTH)
 BESIDE = StepInputs((0.0, 0.0, 1.0), 0.1, 0.0, KNOWN_NORTH)
 LAG_S = 0.09
+COMPASS_RAD = 0.4
 ACROSS, ALONG, DOWN, DECLINATION = range(4)
 
 
@@ -84,7 +86,8 @@ def field_observation(rng, learnt, variance=1e-6, turned_rad=0.0):
     iron, rate = 0.1 * rng.standard_normal(3), 3.0 * rng.standard_normal(3)
     q_then = multiply(q, exp(floats(-LAG_S * rate)))
     seen = rotate(exp((0.0, 0.0, turned_rad)), floats(place))
-    reading = floats(np.array(rotate_inverse(q_then, seen)) + iron)
+    q_compass = multiply(q_then, exp((0.0, 0.0, -COMPASS_RAD)))
+    reading = floats(np.array(rotate_inverse(q_compass, seen)) + iron)
 
     def observe(change):
         learnt.clear()
@@ -92,6 +95,7 @@ def field_observation(rng, learnt, variance=1e-6, turned_rad=0.0):
             hard_iron_gauss=floats(iron + change[HARD_IRON : HARD_IRON + 3]),
             earth_gauss=floats(place + change[EARTH : EARTH + 3]),
             field_lag_s=LAG_S + change[FIELD_LAG],
+            compass_turn_rad=COMPASS_RAD + change[COMPASS_TURN],
             q_ned_frd=multiply(exp(floats(change[TURN : TURN + 3])), q),
         )
         now = Prediction(estimate, ZERO_VEC3, ZERO_VEC3, TRAIL, np.eye(SIZE) * variance)
@@ -103,7 +107,7 @@ def field_observation(rng, learnt, variance=1e-6, turned_rad=0.0):
     return observe
 
 
-FIELD_ERRORS = (*range(TURN, TURN + 3), FIELD_LAG, *range(HARD_IRON, EARTH + 3))
+FIELD_ERRORS = (*range(TURN, TURN + 3), FIELD_LAG, COMPASS_TURN, *range(HARD_IRON, EARTH + 3))
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -244,8 +248,8 @@ def test_the_places_field_begins_towards_north_where_that_is_known(learnt, is_kn
     assert x[EARTH : EARTH + 3] == pytest.approx(expected)
     across = np.array((-x[EARTH + 1], x[EARTH])) / 0.2
     sigma = np.sqrt(across @ P[EARTH : EARTH + 2, EARTH : EARTH + 2] @ across)
-    # half a degree of declination, or a fifth of the field, the hard iron and the heading
-    unsure = np.sqrt(0.04 * np.dot(seen, seen) + 0.01**2 * (1.0 + 0.42**2 + 0.2**2))
+    # half a degree of declination, or a fifth of the field, the hard iron, heading and compass
+    unsure = np.sqrt(0.04 * np.dot(seen, seen) + 0.01**2 * (1.0 + 0.42**2 + 2.0 * 0.2**2))
     assert sigma == pytest.approx(0.2 * 0.009 if is_known else unsure)
     learnt.clear()
     look = FieldLook(horizontal=0.2, down=0.42, confidence=1.0)
@@ -262,12 +266,14 @@ def test_the_places_field_begins_towards_north_where_that_is_known(learnt, is_kn
 def test_a_field_begun_anew_hangs_together_with_all_that_is_known_of_the_iron(is_known):
     """By then that is not alike on all axes, and its error is that of other states, too.
 
-    Towards an unknown north it points as the heading says: a turn is an error of both.
+    Towards an unknown north it points as heading and compass say: a turn is an error of both.
     """
     rng = np.random.default_rng(2)
     root = rng.normal(scale=0.1, size=(SIZE, SIZE))
     P, R = root @ root.T, rotation_matrix(normalize(tuple(rng.normal(size=4))))
-    iron, turn = P[HARD_IRON : HARD_IRON + 3].copy(), P[TURN : TURN + 3].copy()
+    iron, to_compass = P[HARD_IRON : HARD_IRON + 3].copy(), np.eye(SIZE)[TURN : TURN + 3]
+    to_compass[:, COMPASS_TURN] = -R[:, 2]  # a turned compass sees the vehicle turned the other way
+    turn = to_compass @ P
     seen, north = (0.12, 0.16, 0.42), North(is_known, (0.8, 0.6))
     field.begin_field(BLANK.field, R, seen, ZERO_VEC3, north, P, np.zeros(SIZE))
     towards = np.outer((0.8, 0.6, 0.0), (0.8, 0.6, 0.0)) + np.diag((0.0, 0.0, 1.0))
@@ -279,7 +285,7 @@ def test_a_field_begun_anew_hangs_together_with_all_that_is_known_of_the_iron(is
     assert np.allclose(P, P.T)
     assert np.linalg.eigvalsh(P).min() > -1e-12  # was -0.02 and made sigma no number
     noise = P[EARTH : EARTH + 3, EARTH : EARTH + 3]
-    both = error[:, TURN : TURN + 3] @ turned.T - error[:, HARD_IRON : HARD_IRON + 3] @ A.T
+    both = error @ to_compass.T @ turned.T - error[:, HARD_IRON : HARD_IRON + 3] @ A.T
     noise = noise - both
     bent, declination = 0.2 * np.linalg.norm(seen), 0.009 * 0.2
     sigmas = np.sqrt(np.linalg.eigvalsh(noise))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimator.aiding import Report, aid, begin, blank_aiding
+from estimator.aiding import Beginning, Report, aid, begin, blank_aiding
 from estimator.aiding.correction import apply_corrections
 from estimator.aiding.course import STANDING
 from estimator.aiding.inertial import predict_motion
@@ -103,7 +103,8 @@ def test_both_axes_of_a_tilt_become_usual():
 
 def test_the_beginning_is_as_uncertain_as_it_is_told():
     """About north and east by the tilt's sigma, about down by the heading's."""
-    _, P, _ = begin(PARAMS, IDENTITY, ZERO_VEC3, SAMPLE, NO_REPORT, 0.1, 0.3, 0.02, 0.05)
+    first = Beginning(IDENTITY, 0.1, 0.3, hard_iron_sigma_gauss=0.02, field_lag_s=0.05)
+    _, P, _ = begin(PARAMS, first, SAMPLE, NO_REPORT)
     assert np.diag(P)[:3] == pytest.approx([0.01, 0.01, 0.09])
     assert np.diag(P)[HARD_IRON : HARD_IRON + 3] == pytest.approx([0.0004] * 3)
     assert np.array_equal(P, np.diag(np.diag(P)))

@@ -5,7 +5,7 @@ from math import degrees, radians, sin
 import numpy as np
 import pytest
 
-from estimator.aiding import AidingParams, Report, begin
+from estimator.aiding import AidingParams, Beginning, Report, begin
 from estimator.aiding.search import Window
 from estimator.aiding.types import NO_REPORT, Sigmas
 from estimator.aiding.witness import (
@@ -38,9 +38,7 @@ PUSHED_M_S2 = 2.0
 
 def aided(q_ned_frd):
     """An aiding that knows everything but, perhaps, the attitude."""
-    state, _, _ = begin(
-        AidingParams(), q_ned_frd, ZERO_VEC3, NO_SAMPLE, NO_REPORT, 0.0, 0.0, 0.0, 0.0
-    )
+    state, _, _ = begin(AidingParams(), Beginning(q_ned_frd, 0.0, 0.0), NO_SAMPLE, NO_REPORT)
     estimate = state.estimate._replace(
         hard_iron_gauss=IRON_GAUSS,
         earth_gauss=EARTH_GAUSS,

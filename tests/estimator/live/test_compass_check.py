@@ -32,13 +32,17 @@ def heading_errors_deg(flight, estimator):
     )
 
 
-@pytest.mark.parametrize("angle_deg", [-90.0, 90.0, 180.0])
-def test_a_turned_compass_is_left_out_once_velocity_shows_the_heading(angle_deg):
+@pytest.mark.parametrize("angle_deg", [-90.0, 60.0, 90.0, 180.0])
+def test_a_turned_compass_is_read_as_it_is_mounted_once_velocity_shows_the_heading(angle_deg):
+    """With velocity and afterwards, when it alone gives the heading: then its iron shows, too."""
     samples = [turned(sample, angle_deg) for sample in FLIGHT.samples]
+    reports = FLIGHT.reports[: 2 * len(FLIGHT.reports) // 3]
     estimator = Estimator(PROFILE)
-    errors = heading_errors_deg(replace(FLIGHT, samples=samples), estimator)
-    assert np.abs(errors[len(errors) // 2 :]).max() < 5.0
+    errors = heading_errors_deg(replace(FLIGHT, samples=samples, reports=reports), estimator)
+    assert np.abs(errors[len(errors) // 2 :]).max() < 7.0  # measured 5.4
     assert estimator.compass_doubt == "velocity contradicts the compass"
+    off_deg = degrees(remainder(estimator.compass_off_rad - radians(angle_deg), tau))
+    assert abs(off_deg) < 5.0
     late = estimator.attitude(samples[-1].time_us)
     assert late.heading_reference == "true"
 
