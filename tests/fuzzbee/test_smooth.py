@@ -11,7 +11,7 @@ from estimator.geometry.rotations import chained, conjugate, exp, rotate
 from estimator.live import rows
 from estimator.live.rows import SAID, cut, rows_of
 from estimator.profile import load_profile, merge_profile
-from estimator.smoothing import Offered, Recorder, backward, smooth_all
+from estimator.smoothing import Offered, Recorder, smooth_all
 from fuzzbee import Estimator, replay
 from fuzzbee.cli import main
 
@@ -80,8 +80,7 @@ def test_what_is_done_in_blocks_is_what_is_done_at_once(shaken, monkeypatch):
     velocity = np.tile([np.nan, 0.0, 0.0], (len(slow[0]), 1))
     velocity[::5] = 0.0
     whole = Estimator(rate_hz=5.0, compass_calibrated=True).smooth(*slow, velocity_ned_m_s=velocity)
-    for module in (backward, rows):
-        monkeypatch.setattr(module, "BLOCK", 37)
+    monkeypatch.setattr(rows, "BLOCK", 37)
     parts = Estimator(rate_hz=5.0, compass_calibrated=True).smooth(*slow, velocity_ned_m_s=velocity)
     for name in ("q_ned_frd", "sigma_heading_rad", "sigma_inclination_rad"):
         assert np.array_equal(getattr(parts, name), getattr(whole, name))
