@@ -1,5 +1,11 @@
-"""The paper's cost of many candidates, by the live filter's own kernel."""
+"""The paper's cost of many candidates, by the live filter's own functions.
 
+Eight candidates go through each step side by side, as rows of one array, so that the compiler
+computes several at once. What differs from the live filter is the turn's exponential, without a
+branch, and that the angle between both reference vectors is taken once.
+"""
+
+from math import factorial
 from typing import NamedTuple
 
 import numpy as np
@@ -9,23 +15,50 @@ from estimator.arrays import Floats
 from estimator.compilation.compiled import compiled, inlined
 from estimator.compilation.direct import types_of
 from estimator.compilation.replacing import replacer
-from estimator.filter.kernel import correct, paper_arguments, propagate
-from estimator.filter.memberships import Memberships
-from estimator.filter.observation import ReferenceParams, weighted_vectors
+from estimator.filter.fuzzy import centroid, fire, fuzzify
+from estimator.filter.kernel import (
+    attitude_error,
+    bias_gain,
+    bound_each,
+    follow_rate,
+    innovation,
+    largest_rate,
+    paper_arguments,
+    step_gain,
+)
+from estimator.filter.memberships import Memberships, fuzzy_sets
+from estimator.filter.observation import ReferenceParams
 from estimator.filter.types import FilterParams, FilterState
 from estimator.geometry.metrics import COST_RATE_HZ, COST_SAMPLES, STEADY, TRANSIENT
 from estimator.geometry.metrics import TRANSIENT_WEIGHT as WEIGHT
-from estimator.geometry.quaternion import normalized_distance
+from estimator.geometry.quaternion import (
+    add,
+    cross,
+    dot,
+    inverse_root,
+    multiply,
+    normalized_distance,
+    rotate_inverse,
+    scale,
+    subtract,
+)
 from estimator.geometry.rotations import unit
+from estimator.types import Quaternion, Vec3
 
 DT_S = 1.0 / COST_RATE_HZ
 # J ends at t = 14 s, the signals at 15 s
 SCORED_SAMPLES = STEADY.stop
 TRANSIENT_STOP, STEADY_START = TRANSIENT.stop, STEADY.start
-# Columns of a candidate: k1..k22, then these
+LANES = 8
+# Rows of the array: k1..k22, gamma, tau of each candidate, then what changes from step to step.
 GAMMA, TAU = 22, 23
+Q, BIAS, ERROR, RATE, STEP, LEARNT, INNOVATION, TOTAL, ROWS = 24, 28, 31, 32, 33, 34, 35, 38, 39
+# Factors of the series of the cosine, and of the sine over its angle, in its square: exact to
+# rounding up to 1 rad.
+COSINE = tuple((-1) ** n / factorial(2 * n) for n in range(9))
+SINE = tuple((-1) ** n / factorial(2 * n + 1) for n in range(9))
 
-tuned = replacer(FilterParams, "memberships", "gamma", "rate_time_constant_s")
+with_gamma = replacer(FilterParams, "gamma")
 
 
 class Base(NamedTuple):
@@ -51,6 +84,25 @@ class Signals(NamedTuple):
 EXAMPLE = Signals(*(np.zeros((1, 1, 3)),) * 3, np.zeros((1, 1, 4)))
 
 
+class Step(NamedTuple):
+    """What all candidates meet at a sample: readings, truth, weight of e, both steps in time.
+
+    ``across`` is v1 x v2, ``inverse`` one over its length, ``share`` that over the reference's.
+    """
+
+    gyr_rad_s: Vec3
+    v1: Vec3
+    v2: Vec3
+    truth: Quaternion
+    weight: float
+    turned_s: float
+    corrected_s: float
+    across: Vec3
+    inverse: float
+    share: float
+    fastest: float
+
+
 def paper_signals(seeds: tuple[int, ...]) -> Signals:
     """The signals up to the last sample that counts."""
     runs = [simulate(seed, COST_SAMPLES) for seed in seeds]
@@ -61,39 +113,127 @@ def paper_signals(seeds: tuple[int, ...]) -> Signals:
     return Signals(gyr, unit(mag), unit(-acc), q)
 
 
-@inlined
-def unpack(k: Floats) -> Memberships:
-    """k1..k22 as the tuple that the fuzzy controller takes."""
-    return (
-        *(k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], k[8], k[9], k[10]),
-        *(k[11], k[12], k[13], k[14], k[15], k[16], k[17], k[18], k[19], k[20], k[21]),
-    )
-
-
 @compiled(types=lambda: types_of(Base(*paper_arguments()), np.zeros((1, 24)), EXAMPLE))
 def costs(base: Base, candidates: Floats, signals: Signals) -> Floats:
-    """J (C, S) of Eq. (15), "Cost_function", of k1..k22, gamma, tau (C, 24) on every seed."""
-    found = np.zeros((len(candidates), len(signals.gravity)))
-    for c in range(len(candidates)):
-        k = candidates[c]
-        params = tuned(base.params, unpack(k), k[GAMMA], k[TAU])
+    """J (C, S) of Eq. (15), "Cost_function", of k1..k22, gamma, tau (C, 24) on every seed.
+
+    Both vectors need a confidence above zero.
+    """
+    found = np.empty((len(candidates), len(signals.gravity)))
+    lanes = np.empty((ROWS, LANES))
+    for first in range(0, len(candidates), LANES):
+        for j in range(LANES):
+            for i in range(Q):
+                lanes[i, j] = candidates[min(first + j, len(candidates) - 1), i]
         for seed in range(len(signals.gravity)):
-            found[c, seed] = _cost(base, params, signals, seed)
+            lanes[Q:] = 0.0
+            for i in range(4):
+                lanes[Q + i] = base.start.q_ned_frd[i]
+            for k in range(SCORED_SAMPLES):
+                step = _step(base, signals, seed, k)
+                _compare(base.reference, step, lanes)
+                _infer(base.params, step, lanes)
+                _correct(base.params.bias_bound_rad_s, lanes)
+            for j in range(min(LANES, len(candidates) - first)):
+                found[first + j, seed] = lanes[TOTAL, j]
     return found
 
 
 @inlined
-def _cost(base: Base, params: FilterParams, signals: Signals, seed: int) -> float:
-    """The live filter on one seed; e is taken before each correction."""
-    total, state, step_s = 0.0, base.start, params.first_step_s
-    for k in range(SCORED_SAMPLES):
-        if k > 0:
-            step_s, rate = DT_S, signals.gyr_rad_s[seed, k]
-            state = propagate(state, (rate[0], rate[1], rate[2]), DT_S)
-        weight = WEIGHT if k < TRANSIENT_STOP else 1.0 if k >= STEADY_START else 0.0
-        q, m, g = signals.q_ned_frd[seed, k], signals.magnetic[seed, k], signals.gravity[seed, k]
-        total += weight * normalized_distance((q[0], q[1], q[2], q[3]), state.q_ned_frd)
-        field, down = (m[0], m[1], m[2]), (g[0], g[1], g[2])
-        vectors = weighted_vectors(base.reference, field, 1.0, down, 1.0, 1.0)
-        state = correct(params, state, vectors, step_s)
-    return total
+def _step(base: Base, signals: Signals, seed: int, k: int) -> Step:
+    s1, s2, s3 = base.reference.s_magnetic, base.reference.s_gravity, base.reference.s_cross
+    v1, v2 = _vector(signals.magnetic[seed, k]), _vector(signals.gravity[seed, k])
+    across, apart = cross(v1, v2), cross(base.reference.magnetic_ned, base.reference.gravity_ned)
+    inverse, q = inverse_root(dot(across, across)), signals.q_ned_frd[seed, k]
+    return Step(
+        gyr_rad_s=_vector(signals.gyr_rad_s[seed, k]),
+        v1=v1,
+        v2=v2,
+        truth=(q[0], q[1], q[2], q[3]),
+        weight=WEIGHT if k < TRANSIENT_STOP else 1.0 if k >= STEADY_START else 0.0,
+        turned_s=DT_S if k > 0 else 0.0,
+        corrected_s=DT_S if k > 0 else base.params.first_step_s,
+        across=across,
+        inverse=inverse,
+        share=inverse * inverse_root(dot(apart, apart)),
+        fastest=largest_rate(dot(v1, v2), s1, s2, s3),
+    )
+
+
+@inlined
+def _compare(reference: ReferenceParams, step: Step, lanes: Floats) -> None:
+    """Turn on, score, and compare what is seen with what is expected."""
+    s1, s2, s3 = reference.s_magnetic, reference.s_gravity, reference.s_cross
+    is_first = step.turned_s == 0.0
+    for j in range(LANES):
+        bias = (lanes[BIAS, j], lanes[BIAS + 1, j], lanes[BIAS + 2, j])
+        q = (lanes[Q, j], lanes[Q + 1, j], lanes[Q + 2, j], lanes[Q + 3, j])
+        q = _turned(q, scale(step.turned_s, subtract(step.gyr_rad_s, bias)))
+        lanes[TOTAL, j] += step.weight * normalized_distance(step.truth, q)
+        u1 = rotate_inverse(q, reference.magnetic_ned)
+        u2 = rotate_inverse(q, reference.gravity_ned)
+        w = innovation(step.v1, u1, s1, step.v2, u2, s2)
+        across = cross(u1, u2)
+        w = add(w, scale(0.5 * s3 * step.share, cross(across, step.across)))
+        cosine = step.share * dot(step.across, across)
+        e = attitude_error(step.v1, step.v2, u1, u2, step.across, step.inverse, cosine)
+        rate = follow_rate(lanes[RATE, j], e - lanes[ERROR, j], DT_S, lanes[TAU, j])
+        lanes[RATE, j] = 0.0 if is_first else rate
+        lanes[ERROR, j] = e
+        lanes[Q, j], lanes[Q + 1, j], lanes[Q + 2, j], lanes[Q + 3, j] = q
+        lanes[INNOVATION, j], lanes[INNOVATION + 1, j], lanes[INNOVATION + 2, j] = w
+
+
+@inlined
+def _infer(params: FilterParams, step: Step, lanes: Floats) -> None:
+    """K = 1 + k_op, and the steps of attitude and bias by it; here each candidate has its way."""
+    dt = step.corrected_s
+    for j in range(LANES):
+        k = unpack(lanes, j)
+        e = fuzzify(k, min(max(lanes[ERROR, j], 0.0), 1.0))
+        rate = fuzzify(k, min(abs(lanes[RATE, j]), 1.0))
+        K = 1.0 + centroid(fire(e, rate), fuzzy_sets(k).output)
+        g = step_gain(params, K, step.fastest, dt)
+        gamma = with_gamma(params, lanes[GAMMA, j])
+        lanes[STEP, j], lanes[LEARNT, j] = g, bias_gain(gamma, K, g, step.fastest, dt)
+
+
+@inlined
+def _correct(bound_rad_s: float, lanes: Floats) -> None:
+    """Turn by the innovation, and learn the bias from it."""
+    for j in range(LANES):
+        w = (lanes[INNOVATION, j], lanes[INNOVATION + 1, j], lanes[INNOVATION + 2, j])
+        q = (lanes[Q, j], lanes[Q + 1, j], lanes[Q + 2, j], lanes[Q + 3, j])
+        bias = (lanes[BIAS, j], lanes[BIAS + 1, j], lanes[BIAS + 2, j])
+        q = _turned(q, scale(-lanes[STEP, j], w))
+        bias = bound_each(add(bias, scale(lanes[LEARNT, j], w)), bound_rad_s)
+        lanes[Q, j], lanes[Q + 1, j], lanes[Q + 2, j], lanes[Q + 3, j] = q
+        lanes[BIAS, j], lanes[BIAS + 1, j], lanes[BIAS + 2, j] = bias
+
+
+@inlined
+def _turned(q: Quaternion, turn: Vec3) -> Quaternion:
+    """q exp(turn/2) of a unit quaternion and up to 2 rad, by series, and of length one again."""
+    x = 0.25 * dot(turn, turn)
+    cosine, sine = COSINE[8], SINE[8]
+    for n in range(7, -1, -1):
+        cosine, sine = COSINE[n] + x * cosine, SINE[n] + x * sine
+    a, b, c = scale(0.5 * sine, turn)
+    w, x, y, z = multiply(q, (cosine, a, b, c))
+    length = 1.5 - 0.5 * (w * w + x * x + y * y + z * z)  # 1/sqrt(1 + x) = 1 - x/2
+    return (length * w, length * x, length * y, length * z)
+
+
+@inlined
+def _vector(row: Floats) -> Vec3:
+    return (row[0], row[1], row[2])
+
+
+@inlined
+def unpack(m: Floats, j: int) -> Memberships:
+    """k1..k22 of column ``j`` as the tuple that the fuzzy controller takes."""
+    return (
+        *(m[0, j], m[1, j], m[2, j], m[3, j], m[4, j], m[5, j], m[6, j], m[7, j], m[8, j]),
+        *(m[9, j], m[10, j], m[11, j], m[12, j], m[13, j], m[14, j], m[15, j], m[16, j]),
+        *(m[17, j], m[18, j], m[19, j], m[20, j], m[21, j]),
+    )

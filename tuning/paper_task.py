@@ -12,11 +12,11 @@ from estimator.filter import memberships
 from estimator.filter.types import initial_state
 from estimator.profile import Profile, Provenance, load_profile
 from estimator.types import IDENTITY
-from tuning.paper_cost import Base, Signals, costs, paper_signals
+from tuning.paper_cost import LANES, Base, Signals, costs, paper_signals
 from tuning.paper_experiment import paper_settings, run_experiment
 from tuning.parameters import RAW_GROUPS, space_of
 from tuning.space import Space
-from tuning.task import Scores, require_fuzzy_gain
+from tuning.task import Scores, profile_with, require_fuzzy_gain
 
 # Noise seeds from here on are reserved for judging results; nothing may be tuned on them.
 FIRST_RESERVED_SEED = 5000
@@ -44,7 +44,7 @@ class PaperTask:
     noise_seeds: tuple[int, ...]
     held_out_seeds: tuple[int, ...]
 
-    batch: ClassVar[int] = 8
+    batch: ClassVar[int] = LANES
 
     def __post_init__(self) -> None:
         paper_settings(self.base)
@@ -60,7 +60,10 @@ class PaperTask:
         return paper_signals(self.noise_seeds)
 
     def costs(self, values: Floats) -> Floats:
-        """Mean J over the noise seeds."""
+        """Mean J over the noise seeds; of a base that ignores a vector, run by run."""
+        if not min(self.base.confidence.gravity, self.base.confidence.magnetic) > 0.0:
+            profiles = (profile_with(self.space, self.base, row) for row in values)
+            return np.array([_mean_cost(profile, self.noise_seeds) for profile in profiles])
         chosen = paper_settings(self.base)
         base = Base(chosen.filter, chosen.reference, initial_state(chosen.initial or IDENTITY))
         found = costs(base, self._candidates(base, values), self._signals)

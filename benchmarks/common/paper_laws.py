@@ -23,7 +23,7 @@ def fuzzy_gains(k, rules, error, rate):
     """k_op (C, S) of memberships (C, 22), by a table of 25 rules: min, max, centroid."""
     gains = np.empty(error.shape)
     for c in range(error.shape[0]):
-        own = unpack(k[c])
+        own = unpack(k.T, c)
         sets = (
             (0.0, 0.0, own[11]),
             (own[12], own[13], own[14]),

@@ -54,6 +54,12 @@ COLLINEAR_SINE = 1e-6
 
 
 @inlined
+def innovation(v1: Vec3, u1: Vec3, s1: float, v2: Vec3, u2: Vec3, s2: float) -> Vec3:
+    """sum s_i/2 (v_hat_i x v_i): vex(Pa(M R~)) of Eq. (11), of two vectors."""
+    return add(scale(0.5 * s1, cross(u1, v1)), scale(0.5 * s2, cross(u2, v2)))
+
+
+@inlined
 def attitude_error(
     v1: Vec3, v2: Vec3, u1: Vec3, u2: Vec3, across: Vec3, inverse: float, cosine: float
 ) -> float:
@@ -195,7 +201,7 @@ def correct(params: FilterParams, state: FilterState, vectors: Vectors, dt: floa
     u1 = rotate_inverse(state.q_ned_frd, vectors.v1_ned)
     u2 = rotate_inverse(state.q_ned_frd, vectors.v2_ned)
     s1, s2, s3 = vectors.s1, vectors.s2, 0.0
-    w = add(scale(0.5 * s1, cross(u1, v1)), scale(0.5 * s2, cross(u2, v2)))
+    w = innovation(v1, u1, s1, v2, u2, s2)
     knows_noise = params.gain_knows_noise and not params.gain_is_fixed
     noise, e, spans = state.noise, 0.0, False
     if vectors.s3 > 0.0 or not knows_noise:

@@ -54,20 +54,24 @@ def test_one_process_is_this_one():
 PROGRAM = """
 from tests.tuning.test_processes import own_pid
 from tuning.processes import Pool
-with Pool(own_pid, 2) as pool:
-    answers = pool([0.0, 600.0, 600.0])
-    print(next(answers), flush=True)
-    next(answers)
+if __name__ == "__main__":
+    with Pool(own_pid, 2) as pool:
+        answers = pool([0.0, 600.0, 600.0])
+        print(next(answers), flush=True)
+        next(answers)
 """
 
 
 def test_a_parent_that_is_killed_takes_its_workers_along(tmp_path):
     """Nor do modules of the folder it stands in get into them."""
-    (tmp_path / "multiprocessing.py").write_text("raise SystemExit('a stranger')")
+    folder, program = tmp_path / "folder", tmp_path / "program.py"
+    folder.mkdir()
+    (folder / "multiprocessing.py").write_text("raise SystemExit('a stranger')")
+    program.write_text(PROGRAM)
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
     process = subprocess.Popen(
-        [sys.executable, "-P", "-c", PROGRAM],
-        cwd=tmp_path,
+        [sys.executable, str(program)],
+        cwd=folder,
         env=environment,
         stdout=subprocess.PIPE,
         text=True,
