@@ -1,6 +1,7 @@
 """``fuzzbee sim`` as a process, heard by pymavlink and by our own link."""
 
 import contextlib
+import json
 import os
 import signal
 import socket
@@ -14,7 +15,7 @@ from drivers.endpoint import Endpoint
 from drivers.events import Imu
 from drivers.mavlink.encoder import signing_key
 from drivers.mavlink.link import MavlinkLink
-from drivers.simulation.simulated_vehicle import simulate
+from drivers.simulation.simulated_vehicle import SimulatedVehicle, simulate
 from fuzzbee.cli import main
 from tests.fuzzbee.processes import free_port, started
 
@@ -186,3 +187,19 @@ def test_a_bounded_run_that_nobody_heard_is_a_failure(capfd):
     port = free_port()
     assert main(["sim", "--to", f"tcp:{HOST}:{port}", "--seconds", "0.5"]) == 1
     assert "nobody was connected in 0.5 s" in capfd.readouterr().err
+
+
+def test_the_errors_of_its_sensors_are_told(capsys):
+    """And sent: the calibration that it prints makes the field one of constant strength."""
+    with socket.socket(socket.AF_INET, UDP) as hearer:
+        hearer.bind((HOST, 0))
+        to = f"udpout:{HOST}:{hearer.getsockname()[1]}"
+        options = ("--motion", "bench", "--imu-errors", "3", "--seconds", "0.1", "--json")
+        assert main(["sim", "--to", to, *options]) in (0, 1)
+    told = json.loads(capsys.readouterr().out)["imu_errors"]
+    vehicle = SimulatedVehicle(0, 50.0, "bench", noise=0.0, bias=0.0, errors_seed=3)
+    read = np.array([next(vehicle).mag_gauss for _ in range(500)])
+    field = (read - told["mag_offset_gauss"]) @ np.array(told["mag_matrix"]).T
+    strengths = np.linalg.norm(field, axis=1)
+    assert np.ptp(np.linalg.norm(read, axis=1)) > 0.02  # gauss
+    assert np.ptp(strengths) < 1e-4

@@ -72,7 +72,10 @@ def fit_sensors(recordings: Sequence[Recording]) -> SensorFit:
         if each.has_field and each.field_misfit > MOST_MISFIT:
             each.leave_out_field()
     problem.improve()
-    x, covariance = problem.step()
+    x, _ = problem.step()
+    for each in trajectories:
+        each.believe_sigmas()
+    _, covariance = problem.step()
     sigma = np.sqrt(np.diag(covariance))
     left = (sigma / problem.prior) ** 2
     times = IN_FLIGHT**2 if any(each.is_told for each in trajectories) else 1.0

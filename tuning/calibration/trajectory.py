@@ -42,6 +42,7 @@ LAGS_S, KNOWN_FIELD = (0.15, 0.01, 0.02), 0.03
 FIRST = (2e-3, 0.05, 0.03, 0.03, 1.0)
 LEAST = (1e-3, 0.01, 0.01, 0.01, 1.0)
 FIRST_VELOCITY_M_S, LEAST_VELOCITY_M_S = 0.3, 0.05
+TOO_GOOD = 0.1  # of the least: no reading is better, and the equations could not be solved
 ROBUST = 2.0  # sigma: what is further off counts less and less (Cauchy)
 LONGEST_ALIKE_S = 5.0  # for so long a residual may be like the one before
 # What keeps a node that nothing shows where it is: 1 over the square of rad, m/s and m
@@ -70,9 +71,10 @@ class Trajectory:
         self._is_heard = True  # the compass
         of_field = np.where(np.arange(KINDS) == FIELD, self.strength_gauss, 1.0)
         self._variance = (np.array(FIRST) * of_field) ** 2  # of one that stands alone
+        self._seen = self._variance.copy()
         self._sizes, self._least = np.sqrt(self._variance), np.array(LEAST) * of_field
         self._velocity_size = FIRST_VELOCITY_M_S
-        self._velocity_variance = FIRST_VELOCITY_M_S**2
+        self._velocity_variance = self._velocity_seen = FIRST_VELOCITY_M_S**2
         self._solved = np.zeros((0, 0))
 
     @property
@@ -139,14 +141,19 @@ class Trajectory:
         for kind in (TURN, PUSH, WAY, FIELD):
             known = self._spans.has_field if kind == FIELD else self._spans.is_whole
             if known.any():
-                self._sizes[kind], self._variance[kind] = _learnt(
-                    r[known, kind], SPAN_S, self._least[kind]
-                )
+                self._sizes[kind], self._seen[kind] = _learnt(r[known, kind], SPAN_S)
+        self._seen = np.maximum(self._seen, (TOO_GOOD * self._least) ** 2)
+        self._variance = np.maximum(self._seen, self._least**2)
+        self._sizes *= np.sqrt(self._variance / self._seen)
         if self.is_told:
             step_s = float(np.median(np.diff(self._recording.velocity_time_s)))
-            self._velocity_size, self._velocity_variance = _learnt(
-                self._velocity_residuals()[1], step_s, LEAST_VELOCITY_M_S
-            )
+            self._velocity_size, seen = _learnt(self._velocity_residuals()[1], step_s)
+            self._velocity_seen = max(seen, (TOO_GOOD * LEAST_VELOCITY_M_S) ** 2)
+            self._velocity_variance = max(seen, LEAST_VELOCITY_M_S**2)
+
+    def believe_sigmas(self) -> None:
+        """Weigh readings by what is seen of their errors, however small: for sigmas alone."""
+        self._variance, self._velocity_variance = self._seen, self._velocity_seen
 
     def _first_velocities(self) -> Floats:
         told = self._recording
@@ -250,12 +257,12 @@ def _size(r: Floats) -> float:
     return 1.4826 * float(np.median(np.abs(r)))
 
 
-def _learnt(r: Floats, step_s: float, least: float) -> tuple[float, float]:
+def _learnt(r: Floats, step_s: float) -> tuple[float, float]:
     """The size of residuals in a row (N, 3), and the variance of one that would stand alone.
 
     That is as many times larger as residuals in a row say the same: 1 + 2 sum of autocorrelations.
     """
-    size = max(_size(r), 1e-9)
+    size = max(_size(r), 1e-6)
     r = np.clip(r / size, -3.0, 3.0)
     alike, power = 1.0, float(np.mean(r * r))
     for lag in range(1, min(round(LONGEST_ALIKE_S / step_s), len(r) // 4)):
@@ -263,5 +270,4 @@ def _learnt(r: Floats, step_s: float, least: float) -> tuple[float, float]:
         if share < 0.05:
             break
         alike += 2.0 * share
-    variance = max(size**2 * alike, least**2)
-    return (variance / alike) ** 0.5, variance
+    return size, size**2 * alike
