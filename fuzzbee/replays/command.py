@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from functools import partial
 from math import inf
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
@@ -149,6 +150,19 @@ def _require_simulation(options: ReplayOptions) -> None:
         raise InputError(f"{name} is for logs, not for sim:")
 
 
+def _require_writable(options: ReplayOptions) -> None:
+    """Refuse before the replay what could not be written after it."""
+    for name, file in options.given("csv", "mcap", "tum", "parquet", "plot"):
+        path = Path(str(file))
+        if path.is_dir():
+            raise InputError(f"{name} {path}: is a folder")
+        if not path.exists():
+            try:
+                TemporaryFile(dir=path.parent).close()
+            except OSError as error:
+                raise InputError(f"{name} {path}: {error.strerror}") from None
+
+
 def _replay_logs(options: ReplayOptions) -> None:
     from estimator.profile import load_profile
 
@@ -163,6 +177,7 @@ def _replay_logs(options: ReplayOptions) -> None:
 
         written.append(("--tum", reference_path(options.tum)))
     outputs.require_own_files(written, [*options.sources, *names, options.columns])
+    _require_writable(options)
     exports = _exports(options)
     profiles = {name: load_profile(name) for name in names}
     viewer = outputs.open_viewer(options.view, options.rrd)
@@ -282,6 +297,7 @@ def _replay_simulation(options: ReplayOptions) -> None:
 
     started = time.perf_counter()
     outputs.require_own_files(options.given("csv", "plot"), options.profile or ())
+    _require_writable(options)
     name, seeds, gain = (options.profile or ["paper"])[0], options.seeds or "0", options.gain
     exports: list[Export] = []
     if options.csv is not None:

@@ -4,8 +4,8 @@ import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from functools import partial
 from pathlib import Path
+from typing import TypedDict, Unpack
 
 import msgspec
 import numpy as np
@@ -98,11 +98,8 @@ class DifferenceSummary(msgspec.Struct, frozen=True):
     evidence: str
 
 
-class LogReport(msgspec.Struct, frozen=True):
-    """Schema of ``replay LOG --json``.
-
-    ``heading_references`` counts the scored samples by what their heading is measured from.
-    """
+class Report(msgspec.Struct, frozen=True):
+    """What every replay reports; errors and coverage are of the samples that count."""
 
     source: str
     vehicle: VehicleSummary
@@ -116,6 +113,14 @@ class LogReport(msgspec.Struct, frozen=True):
     mean_gain: float
     rejected: dict[str, int]
     wall_s: float
+
+
+class LogReport(Report, frozen=True):
+    """Schema of ``replay LOG --json``.
+
+    ``heading_references`` counts the scored samples by what their heading is measured from.
+    """
+
     heading_references: dict[str, int] = {}
     constant_turn: ConstantTurn | None = None
     differences: list[DifferenceSummary] = []  # from the autopilot's attitude
@@ -125,55 +130,55 @@ class LogReport(msgspec.Struct, frozen=True):
     profile: str | msgspec.UnsetType = msgspec.UNSET  # with several only
 
 
+class How(TypedDict, total=False):
+    """How a log is replayed.
+
+    ``fixed_gain`` stands in for the fuzzy one. Of several vehicles it is the one with
+    ``system_id``, or with most IMU samples. With ``retune`` a few numbers of the profile are
+    retuned on the way, with ``smooth`` the attitudes are those that the whole log tells.
+    ``columns`` describes a table. Only ``window`` is read; its seconds count from the log's
+    beginning. ``reading`` is entered with the log while it is read.
+    """
+
+    fixed_gain: float | None
+    system_id: int | None
+    retune: bool
+    smooth: bool
+    columns: Path | None
+    window: TimeWindow
+    reading: Reading
+
+
 def report_log(
     path: Path,
     profile: Profile,
     *,
-    fixed_gain: float | None = None,
     reference: str | None = None,
     skip_s: float = 0.0,
     start_wrong_deg: float = 0.0,
-    system_id: int | None = None,
-    retune: bool = False,
-    smooth: bool = False,
-    columns: Path | None = None,
-    window: TimeWindow = WHOLE_LOG,
     profile_name: str | None = None,
     tell: Callable[[str], None] = lambda _: None,
     exports: Sequence[Export] = (),
-    reading: Reading = nullcontext,
+    **how: Unpack[How],
 ) -> LogReport:
     """Replay a log and score it; ``exports`` are given the compared trace.
-
-    With ``smooth`` the attitudes are those that the whole log tells. ``columns`` describes a table.
-    Only ``window`` of the log is read; its seconds go on counting from the log's beginning.
-    ``reading`` is entered with the log while it is read.
 
     Raises:
         InputError: the log cannot be read, holds no IMU data of that vehicle, or lacks the
             reference that was asked for.
     """
     started = time.perf_counter()
-    replayed = partial(
-        replay_log,
-        *(path, profile),
-        fixed_gain=fixed_gain,
-        retune=retune,
-        smooth=smooth,
-        columns=columns,
-        window=window,
-        reading=reading,
-    )
     whose = "" if profile_name is None else f" with {profile_name}"
 
     def tell_of(text: str) -> None:
         tell(f"{path.name}{whose}: {text}")
 
-    trace = replayed(start_wrong_deg=start_wrong_deg, system_id=system_id, tell=tell_of)
+    trace = replay_log(path, profile, start_wrong_deg=start_wrong_deg, tell=tell_of, **how)
     compare(path, trace, reference)
     report = score(path, trace, skip_s)
     if start_wrong_deg:
-        forgotten_s = _forgotten_s(trace, replayed(system_id=trace.address.system_id))
+        how["system_id"] = trace.address.system_id
+        forgotten_s = _forgotten_s(trace, replay_log(path, profile, **how))
         report = msgspec.structs.replace(report, convergence_s=forgotten_s)
     for write in exports:
         write(trace)
@@ -198,28 +203,27 @@ def replay_log(
     path: Path,
     profile: Profile,
     *,
-    fixed_gain: float | None = None,
     start_wrong_deg: float = 0.0,
-    system_id: int | None = None,
-    retune: bool = False,
-    smooth: bool = False,
-    columns: Path | None = None,
-    window: TimeWindow = WHOLE_LOG,
     tell: Callable[[str], None] = lambda _: None,
-    reading: Reading = nullcontext,
+    **how: Unpack[How],
 ) -> VehicleTrace:
-    """The trace of the vehicle with most IMU samples, or of the one with ``system_id``."""
+    """The trace of one vehicle.
+
+    Raises:
+        InputError: see :func:`report_log`.
+    """
+    fixed_gain, system_id, smooth = how.get("fixed_gain"), how.get("system_id"), how.get("smooth")
     replay = Replay(
         profile,
         fixed_gain=fixed_gain,
         system_id=system_id,
         start_wrong_deg=start_wrong_deg,
-        retune=retune,
+        retune=how.get("retune", False),
         tell=tell,
         new_estimator=recorder(fixed_gain) if smooth else None,
-        window=window,
+        window=how.get("window", WHOLE_LOG),
     )
-    with open_log(path, columns) as log, reading(log):
+    with open_log(path, how.get("columns")) as log, how.get("reading", nullcontext)(log):
         replay.run(log)
     trace = replay.longest()
     if trace is None:

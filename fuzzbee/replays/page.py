@@ -11,7 +11,7 @@ from fuzzbee.replays.panels import DARK, Area, Figure, Panel, Words
 
 # A page as wide as a screen, and high enough for each panel to be read (pixels an inch).
 PIXELS_AN_INCH = 110
-BETWEEN, BESIDE_NAMES = 32, 75  # pixels from panel to panel, where axes have names or not
+BETWEEN, BESIDE_NAMES = 32, 75  # pixels from panel to panel; where axes have names
 PAPER = "rgba(255,255,255,0.7)"  # under words, so that they are readable over a line
 DASHES = {"-": "solid", "--": "dash", ":": "dot"}
 BUTTONS = {"displaylogo": False, "responsive": True}
@@ -37,7 +37,10 @@ def write_page(figure: Figure, path: Path) -> None:
     from plotly.subplots import make_subplots
 
     height, count = PIXELS_AN_INCH * figure.inches[1], figure.columns
-    has_names = any(panel.xlabel for row in figure.rows[:-1] for panel in row)
+    between = BETWEEN
+    if any(panel.xlabel for row in figure.rows[:-1] for panel in row):
+        between = BESIDE_NAMES
+        height += between * (len(figure.rows) - 1)
     alone = [{"colspan": count}, *[None] * (count - 1)]
     page = make_subplots(
         len(figure.rows),
@@ -45,7 +48,7 @@ def write_page(figure: Figure, path: Path) -> None:
         specs=[[{}] * count if len(row) == count else alone for row in figure.rows],
         row_heights=figure.heights,
         column_widths=figure.widths,
-        vertical_spacing=(BESIDE_NAMES if has_names else BETWEEN) / height,
+        vertical_spacing=between / height,
         horizontal_spacing=0.08,
     )
     page.update_layout(

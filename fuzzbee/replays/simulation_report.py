@@ -3,31 +3,18 @@
 from collections.abc import Callable, Sequence
 from math import isfinite
 
-import msgspec
 import numpy as np
 
 from estimator.geometry.metrics import COST_RATE_HZ, COST_SAMPLES, batch_angle_errors
 from estimator.profile import Profile
-from fuzzbee.replays.log_report import ImuSummary, VehicleSummary
-from fuzzbee.replays.score import CONVERGED_RAD, Coverage, ErrorSummary, error_summary
+from fuzzbee.replays.log_report import ImuSummary, Report, VehicleSummary
+from fuzzbee.replays.score import CONVERGED_RAD, Coverage, error_summary
 from tuning.paper_experiment import ExperimentResult, run_experiment
 
 
-class SimulationReport(msgspec.Struct, frozen=True):
+class SimulationReport(Report, frozen=True):
     """Schema of ``replay sim: --json``: that of a log, and the paper's figures."""
 
-    source: str
-    vehicle: VehicleSummary
-    imu: ImuSummary
-    duration_s: float
-    reference: str
-    error_deg: ErrorSummary
-    coverage: Coverage
-    peers: dict[str, ErrorSummary]
-    convergence_s: float | None
-    mean_gain: float
-    rejected: dict[str, int]
-    wall_s: float
     seeds: tuple[int, int]
     cost: float
     cost_per_seed: list[float]

@@ -109,10 +109,9 @@ class VehicleTrace:
         """The attitudes or the samples of some rows as the estimator has them."""
         columns = []
         for name in kind._fields:
-            values = self[name][rows].tolist()
-            if name == "heading_reference":
-                values = [NORTHS[place] for place in values]
-            columns.append(map(tuple, values) if "f8" in COLUMNS[name][1:] else values)
+            found = self[name][rows]
+            values = np.array(NORTHS)[found] if name == "heading_reference" else found
+            columns.append(map(tuple, values.tolist()) if values.ndim > 1 else values.tolist())
         return [kind(*row) for row in zip(*columns, strict=True)]
 
     @property

@@ -207,7 +207,9 @@ def test_csv_of_the_experiment_gives_its_cost_and_its_settling(capsys, tmp_path)
         ((LOG, "--csv", "missing/a.csv"), "missing"),
         ((LOG, "--tum", "missing/a.tum"), "missing"),
         ((LOG, "--parquet", "missing/a.parquet"), "missing"),
-        ((LOG, "--plot", "missing/a.png"), "no such folder"),
+        (("no.tlog", "--plot", "missing/a.png"), "no such folder"),
+        (("no.tlog", "--plot", "folder.png"), "is a folder"),
+        (("no.tlog", "--csv", "/proc/a.csv"), "/proc/a.csv: No such file"),
         (("sim:", "--mcap", "a.mcap"), "is for logs"),
         (("sim:", "--plot", "a.jpeg"), ".png, .svg, .pdf"),
         (("sim:", "--csv", "missing/a.csv"), "missing"),
@@ -215,6 +217,7 @@ def test_csv_of_the_experiment_gives_its_cost_and_its_settling(capsys, tmp_path)
 )
 def test_what_cannot_be_written_is_one_line(capsys, tmp_path, monkeypatch, arguments, expected):
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder.png").mkdir()
     status, out, err = replay(capsys, *arguments)
     assert status == 2
     assert out == ""

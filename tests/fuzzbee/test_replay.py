@@ -37,12 +37,7 @@ RECORDINGS = {
 }
 
 
-def test_every_recording_is_named():
-    logs = [path.name for path in DATA.iterdir() if path.suffix in (".tlog", ".ulg", ".bin")]
-    assert sorted(logs) == sorted(RECORDINGS)
-
-
-@pytest.mark.parametrize("log", RECORDINGS)
+@pytest.mark.parametrize("log", [p.name for p in DATA.iterdir() if p.suffix != ".md"])
 def test_every_recording_gives_one_object_with_the_whole_schema(capsys, log):
     status, report, _ = replay(capsys, DATA / log, "--json")
     samples, inclination_deg = RECORDINGS[log]
@@ -61,13 +56,9 @@ def test_truth_is_preferred_and_the_autopilot_becomes_a_peer(capsys):
     _, report, _ = replay(capsys, DATA / "sitl_copter_takeoff.tlog", "--json")
     assert report["reference"] == "sim"
     assert report["peers"]["autopilot"]["inclination_rms"] == pytest.approx(0.202, rel=0.2)
-
-
-def test_the_autopilot_can_be_asked_for_as_reference(capsys):
     log = DATA / "sitl_copter_takeoff.tlog"
     _, report, _ = replay(capsys, log, "--json", "--reference", "autopilot")
-    assert report["reference"] == "autopilot"
-    assert report["peers"] == {}
+    assert (report["reference"], report["peers"]) == ("autopilot", {})
 
 
 def test_headings_from_magnetic_north_are_counted_and_told(capsys):
@@ -79,28 +70,8 @@ def test_headings_from_magnetic_north_are_counted_and_told(capsys):
     assert "100 % of our headings are from magnetic north" in " ".join(
         capsys.readouterr().out.split()
     )
-
-
-def test_of_headings_from_true_north_nothing_is_told(capsys):
-    log = DATA / "sitl_copter_takeoff.tlog"
-    _, report, _ = replay(capsys, log, "--skip", "5", "--json")
-    assert set(report["heading_references"]) == {"true"}
-    main(["replay", str(log), "--skip", "5"])
+    main(["replay", str(DATA / "sitl_copter_takeoff.tlog"), "--skip", "5"])
     assert "magnetic north" not in capsys.readouterr().out
-
-
-def test_a_log_twice_gives_the_same_figures(capsys):
-    log = DATA / "sitl_copter_4hz.tlog"
-    first, second = (replay(capsys, log, "--json")[1] for _ in range(2))
-    first.pop("wall_s")
-    second.pop("wall_s")
-    assert first == second
-
-
-def test_several_logs_come_as_a_list(capsys):
-    logs = (DATA / "sub_bluerov.tlog", DATA / "rover_no_magnetometer.tlog")
-    _, report, _ = replay(capsys, *logs, "--json")
-    assert [entry["source"] for entry in report["logs"]] == [str(log) for log in logs]
 
 
 def test_several_profiles_and_logs_come_in_one_table_and_one_figure(capsys, tmp_path):
@@ -127,15 +98,6 @@ def test_without_a_magnetometer_heading_fields_are_null(capsys):
     assert report["error_deg"]["heading_rms"] is None
     assert report["coverage"]["heading"] is None
     assert report["error_deg"]["inclination_rms"] == pytest.approx(0.819, rel=0.2)
-
-
-def test_skip_leaves_the_start_out_of_errors_only(capsys):
-    log = DATA / "sitl_copter_takeoff.tlog"
-    _, whole, _ = replay(capsys, log, "--json")
-    _, later, _ = replay(capsys, log, "--json", "--skip", 5)
-    assert later["imu"] == whole["imu"]
-    assert later["mean_gain"] == whole["mean_gain"]
-    assert later["error_deg"] != whole["error_deg"]
 
 
 @pytest.mark.parametrize(
@@ -170,13 +132,6 @@ def test_a_gain_that_never_settles_has_no_settling_time(capsys):
     """At K = 0.01 the estimate cannot follow 1 rad/s."""
     _, report, _ = replay(capsys, "sim:", "--seeds", "3-5", "--json", "--gain", 0.01)
     assert report["settling_s"] is None
-
-
-def test_for_a_person_the_figures_come_as_text(capsys):
-    assert main(["replay", str(DATA / "sub_bluerov.tlog")]) == 0
-    out, _ = capsys.readouterr()
-    assert "RAW_IMU" in out
-    assert "inclination" in out
 
 
 @pytest.mark.parametrize(
