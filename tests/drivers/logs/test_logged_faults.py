@@ -369,6 +369,19 @@ def test_rows_that_come_late_are_not_taken_for_a_clock_that_was_set_back(late_ro
     assert reasons == {"out_of_order": late_rows}
 
 
+@pytest.mark.parametrize("lost", [3, 6, 12])
+def test_late_copies_where_originals_are_lost_are_no_clock_that_was_set_back(lost, tmp_path):
+    """A vehicle by two ways, one of them 0.15 s behind; the other loses some in a row."""
+    samples = [sample for _, sample in flight()]
+    came = [(k / RATE_HZ, s) for k, s in enumerate(samples) if k < 300 or k % 50 >= lost]
+    came += [(k / RATE_HZ + 0.15, s) for k, s in enumerate(samples)]
+    came.sort(key=lambda each: each[0])
+    path = tlog([s for _, s in came], tmp_path, lambda k: START_US + round(S * came[k][0]))
+    events = list(open_log(path))
+    assert not [event for event in events if isinstance(event, ClockReset)]
+    assert sum(isinstance(event, Imu) for event in events) >= len(came) - len(samples)
+
+
 @pytest.mark.parametrize("kind", ["tlog", "csv"])
 def test_what_comes_last_in_a_log_is_counted(kind, tmp_path):
     """A clock that leaps at the last sample; and the truth that comes with it."""
