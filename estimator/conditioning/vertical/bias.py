@@ -138,7 +138,7 @@ def learn_at_rest(
     for i in range(3):
         noise = k.rest_noise + still.variance[i] * lasting
         b, d, p = update(b, d, p, axes[i], 0.0, clip(g[i] - b[i], most), noise)
-    return Estimate(clip_each(b, most, rest.gyr.value), d, p)
+    return Estimate(clip_each(b, MOST_BIAS_RAD_S, estimate.bias_rad_s), d, p)
 
 
 @inlined
