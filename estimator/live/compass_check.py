@@ -2,25 +2,27 @@
 
 The search for an attitude by velocity (:mod:`estimator.aiding.search`) goes on beside the aided
 estimate and never uses the field. It is held against both: the aided heading, which velocity may
-have drawn half the way, and the field as it is read. Where they differ by
+have drawn half the way, and a field that it has not confirmed, as it is read. Where they differ by
 more than their sigmas explain, the compass is one hypothesis and velocity the other. A compass
-whose heading velocity has never confirmed loses at once: it is taken to be turned in the vehicle by
-the difference, and the aiding begins again from velocity, which shows the rest of that turn. A
-heading that velocity has confirmed before is not given up for a sudden contradiction, because
-velocity may be what went wrong: only a difference that lasts for ``MEMORY_S`` decides against the
-compass. Meanwhile the heading's sigma is 45 deg.
+whose heading velocity has never confirmed loses at once, by its field alone after a while: it is
+taken to be turned in the vehicle by the difference, and the aiding begins again from
+velocity, which shows the rest of that turn. A heading that velocity has confirmed before is not
+given up for a sudden contradiction, because velocity may be what went wrong: only a difference that
+lasts for ``MEMORY_S`` decides against the compass. Meanwhile the heading's sigma is 45 deg.
 """
 
 from math import atan2, hypot
 
 from estimator.aiding import compass
+from estimator.aiding.compass import Compass
 from estimator.aiding.phase import Cause, Phase
 from estimator.aiding.search import UNKNOWN_RAD, Solution, solve
 from estimator.aiding.sources.wheels import rolls
 from estimator.aiding.types import COMPASS_TURN, Report
 from estimator.bounds import TINY
 from estimator.conditioning.robust import REACH
-from estimator.conditioning.times import MEMORY_S
+from estimator.conditioning.times import BORNE_S, MEMORY_S, SPAN_S
+from estimator.conditioning.vertical.rate import slow_share
 from estimator.geometry.quaternion import multiply, rotate
 from estimator.live.aiding_span import (
     LEAST_HEADING_SIGMA_RAD,
@@ -51,10 +53,11 @@ def check_compass(state: State, report: Report) -> None:
     off_rad = heading_between(now.aided.estimate.q_ned_frd, q)
     sigma_rad = hypot(found.sigma_heading_rad, now.aided.sigma.heading_rad)
     turn_rad, turn_sigma_rad = off_rad, sigma_rad
+    known = state.context.compass
     if not rolls(state.settings.aiding):
         turn_rad, turn_sigma_rad = compass_turn(state, now, found)
-    known = state.context.compass
-    if abs(off_rad) <= REACH * sigma_rad and abs(turn_rad) <= REACH * turn_sigma_rad:
+    is_borne = known.confirmed or abs(turn_rad) <= REACH * turn_sigma_rad
+    if is_borne and abs(off_rad) <= REACH * sigma_rad:
         is_confirmed = found.sigma_heading_rad < 2.0 * LEAST_HEADING_SIGMA_RAD
         known = known._replace(
             confirmed=known.confirmed or is_confirmed, contradicted_since_us=None
@@ -63,7 +66,8 @@ def check_compass(state: State, report: Report) -> None:
         return
     since_us = known.contradicted_since_us or now.time_us
     state.change_context(compass=known._replace(contradicted_since_us=since_us))
-    if known.confirmed and now.time_us - since_us < 1e6 * MEMORY_S:
+    lasting_s = 1e-6 * (now.time_us - since_us)
+    if lasting_s < least_s(now, known, is_aided_off=abs(off_rad) > REACH * sigma_rad):
         return
     start = Start(
         q,
@@ -71,6 +75,15 @@ def check_compass(state: State, report: Report) -> None:
         compass_sigma_rad=0.0 if rolls(state.settings.aiding) else UNKNOWN_RAD,
     )
     mislead(state, start, turn_rad, report)
+
+
+def least_s(now: Core, known: Compass, *, is_aided_off: bool) -> float:
+    """For how long a contradiction must last; the search of a slow stream is wrong for seconds."""
+    if known.confirmed:
+        return MEMORY_S
+    if is_aided_off:
+        return 0.0
+    return BORNE_S if slow_share(now.sample.dt_s) > 0.0 else SPAN_S
 
 
 def compass_turn(state: State, now: Core, found: Solution) -> tuple[float, float]:
