@@ -1,8 +1,5 @@
 """Attitudes as curves of angles: what every plot over time draws."""
 
-from collections.abc import Iterable
-from typing import Any
-
 import numpy as np
 
 from estimator.arrays import Floats
@@ -20,14 +17,3 @@ def drawn_angles_deg(attitudes: Floats) -> Floats:
     angles = euler_curves_deg(attitudes)
     angles[1:][np.abs(np.diff(angles, axis=0)) > 180.0] = np.nan
     return angles
-
-
-def draw_angles(
-    axes: Any, time_s: Floats, curves: Iterable[tuple[Floats, dict[str, Any], str]]
-) -> None:
-    """Roll, pitch and heading on three axes: of each curve its attitudes (N, 4), line and label."""
-    for attitudes, line, label in curves:
-        for ax, angle in zip(axes, drawn_angles_deg(attitudes).T, strict=True):
-            ax.plot(time_s, angle, **line, label=label)
-    for ax, name in zip(axes, ("roll", "pitch", "heading"), strict=True):
-        ax.set_ylabel(f"{name} in °")

@@ -133,7 +133,9 @@ def mean(values: NDArray[Any]) -> float | None:
 
 
 def _rms_deg(values_rad: Floats) -> float | None:
-    return float(np.degrees(np.sqrt(np.mean(np.square(values_rad))))) if len(values_rad) else None
+    degrees = np.degrees(values_rad)
+    np.square(degrees, out=degrees)
+    return float(np.sqrt(np.mean(degrees))) if len(degrees) else None
 
 
 def _between(some: Floats, others: Floats) -> Floats:
