@@ -15,9 +15,9 @@ from estimator.live.aiding_span import set_imu_lag, set_vehicle_class
 from estimator.live.contradiction import leaning_angle
 from estimator.live.core import apply_turn, change_imu
 from estimator.live.hearing import take_rate, take_report
+from estimator.live.kernel_handle import AIDED, NOTHING_LAID, SHOWN_LATE, TAKEN
 from estimator.live.published import write
 from estimator.live.refusal import REASONS
-from estimator.live.resident import AIDED, NOTHING_LAID, SHOWN_LATE, TAKEN
 from estimator.live.rows import NORTHS, NOTHING_TOLD, Q, Rows
 from estimator.live.settings import Settings
 from estimator.live.snapshot import Snapshot
@@ -245,7 +245,7 @@ class Estimator:
         time_us = state.core.time_us
         if self.attitude(time_us).sigma_heading_rad < UNKNOWN_RAD:  # turns have shown the iron
             return ""
-        return compass.doubt(state.context.compass, time_us)
+        return compass.inflation(state.context.compass, time_us)
 
     @property
     def compass_off_rad(self) -> float:

@@ -13,7 +13,7 @@ from drivers.samples.plausibility import MAG_LIMIT_GAUSS, is_field
 from estimator import estimator
 from estimator.aiding.sources.velocity import SPEED_LIMIT_M_S
 from estimator.arrays import Floats, Times
-from estimator.compilation.notice import tell_programs
+from estimator.compilation.notice import notify_programs
 from estimator.errors import InputError
 from estimator.live.rows import (
     HAS_VERTICAL,
@@ -53,7 +53,7 @@ from fuzzbee.fit import advice, is_enough
 VELOCITY_SIGMA_M_S = 0.3
 # Latitude, longitude (deg), altitude (m), Unix time (s).
 MOST_PLACE = (90.0, 360.0, inf, MOST_S)
-tell_programs()
+notify_programs()
 NO_TIME = "an estimator without rate_hz needs time_s with every sample"
 
 

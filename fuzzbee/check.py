@@ -43,8 +43,8 @@ def check(options: CheckOptions) -> None:
     import msgspec
 
     from estimator.profile import load_profile
+    from fuzzbee.notify import notify
     from fuzzbee.replays.log_check import check_log
-    from fuzzbee.say import say
 
     load_profile(options.profile)  # refused before the work
     window = time_window(options.begin, options.end)
@@ -53,11 +53,11 @@ def check(options: CheckOptions) -> None:
     found = sorted(_checked(paths, work), key=lambda each: each.rank, reverse=True)
     for each in found:
         if each.refused:
-            say(f"{each.log}: {each.refused}")
+            notify(f"{each.log}: {each.refused}")
     if options.as_json:
         for each in found:
             if each.fault:
-                say(each.fault)
+                notify(each.fault)
         print(msgspec.json.encode({"logs": [each._asdict() for each in found]}).decode())
     else:
         for each in found:
@@ -126,8 +126,8 @@ def _sensors(checked: "Checked") -> Iterator[str]:
 
 
 def _agreement(checked: "Checked") -> str:
+    from fuzzbee.notify import printable
     from fuzzbee.replays.table import spoken
-    from fuzzbee.say import printable
 
     name = printable(checked.log)
     if checked.fault:

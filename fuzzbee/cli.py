@@ -19,11 +19,11 @@ from difflib import SequenceMatcher
 from pathlib import Path
 from typing import Any
 
-from estimator.compilation.notice import tell_compiling
+from estimator.compilation.notice import notify_compiling
 from estimator.errors import InputError
 from fuzzbee.sigint_guard import ENDLESS, INTERRUPTED
 from drivers.output_file import DISK_ERRORS, NotWholeError
-from fuzzbee.say import say
+from fuzzbee.notify import notify
 from fuzzbee.environment import lacking_of_processor, settle_environment
 from service.signals import interrupted_by, terminate_like_interrupt
 
@@ -41,7 +41,7 @@ HANGING = ("sink ", "compiler", "zenoh opener", "zenoh closer")
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; returns its exit status and lets no exception out."""
     arguments = _spell_out(sys.argv[1:] if argv is None else argv)
-    tell_compiling(say)
+    notify_compiling(notify)
     status = _status(arguments)
     if status != INTERRUPTED:
         return status
@@ -130,7 +130,7 @@ def entry_point() -> None:
     if lacking := lacking_of_processor():
         _end(_fail(f"this processor has no {', '.join(lacking)}: numpy needs x86-64-v2", FAILED))
     if (taken := settle_environment()) is not None:
-        say(taken)
+        notify(taken)
     status = main()
     if any(thread.name.startswith(HANGING) for thread in threading.enumerate()):
         os._exit(status)
@@ -206,5 +206,5 @@ def _in_our_words(error: Any) -> str:
 
 
 def _fail(text: str, status: int) -> int:
-    say(" ".join(text.split()))
+    notify(" ".join(text.split()))
     return status

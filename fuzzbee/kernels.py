@@ -18,7 +18,7 @@ from estimator.compilation.kernel_folder import NO_FOLDER, KernelLocator
 
 # What has kernels that commands call; those that take longest come first
 MODULES = (
-    "estimator.live.resident",
+    "estimator.live.kernel_handle",
     "estimator.estimator",
     "estimator.geometry.metrics",
     "drivers.samples.imu_stream",

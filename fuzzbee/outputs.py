@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from drivers.endpoint import TABLES, columns_beside
 from estimator.errors import InputError
+from fuzzbee.notify import notify
 from fuzzbee.options import of_recording, of_showing, require_extra
-from fuzzbee.say import say
 from fuzzbee.sinks import SINKS, Opening
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ def open_viewer(view: str | None, rrd: str | None, *, live: bool = False) -> "Vi
     from fuzzbee.viewer.viewer import ViewerSink
 
     sink = ViewerSink(options._replace(live=live))
-    tell_page(sink.stream)
+    notify_page(sink.stream)
     return sink
 
 
@@ -136,7 +136,7 @@ def _are_same(one: Path, other: Path) -> bool:
     return os.path.realpath(one) == os.path.realpath(other)
 
 
-def tell_page(stream: "ViewerStream") -> None:
+def notify_page(stream: "ViewerStream") -> None:
     """Tell a person where a browser finds the page."""
     if stream.page is not None:
-        say(f"the viewer is at {stream.page}")
+        notify(f"the viewer is at {stream.page}")

@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 
-from fuzzbee.say import printable
+from fuzzbee.notify import printable
 from service.health import State
 from service.records import SCHEMA, AttitudeRecord, StatusRecord
 
@@ -29,8 +29,8 @@ Record = AttitudeRecord | StatusRecord
 class Reception:
     """Turns keys and payloads into records; says once for each reason why some are refused."""
 
-    def __init__(self, say: Callable[[str], None]) -> None:
-        self._say = say
+    def __init__(self, notify: Callable[[str], None]) -> None:
+        self._say = notify
         self._told: set[str] = set()
 
     def record(self, key: str, payload: bytes) -> tuple[str, Record] | None:

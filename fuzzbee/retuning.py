@@ -10,7 +10,7 @@ from drivers.events import VehicleId
 from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.profile import Profile
-from fuzzbee.say import say
+from fuzzbee.notify import notify
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
 from tuning.online.retuned_estimator import RetunedEstimator
@@ -77,4 +77,4 @@ class Retuning(Closing):
                 if decision is not None:
                     self._requests.ask(vehicle, decision.update, decision.summary)
             except (InputError, TimeoutError) as error:
-                say(f"not retuned: {error}")
+                notify(f"not retuned: {error}")

@@ -5,8 +5,8 @@ from collections.abc import Iterable
 from typing import Any
 
 from drivers.simulation.simulated_vehicle import PROFILES
+from fuzzbee.notify import notify
 from fuzzbee.run_options import RunOptions
-from fuzzbee.say import say
 from service.pipeline import Pipeline
 from service.runner import Runner
 from service.sinks.sink import Outbox
@@ -72,11 +72,11 @@ def conclude(
     Who was refused has been heard, too.
     """
     if outbox.stuck:
-        say(f"not closed in time: {', '.join(outbox.stuck)}")
+        notify(f"not closed in time: {', '.join(outbox.stuck)}")
         if "recording" in result:  # nobody knows what it lacks
             result["recording"] = NOT_WHOLE
     for error in outbox.untold:
-        say(error)
+        notify(error)
     _report(result, as_json=options.as_json)
     for problem in problems:
         if problem is not None:
@@ -96,10 +96,10 @@ def _report(result: dict[str, Any], *, as_json: bool) -> None:
     if not number:
         others = ", ".join(map(str, result["heard"]))
         which = f" but system id {others}" if others else ""
-        say(f"no vehicle{which} was heard on {result['source']} in {result['seconds']:.1f} s")
+        notify(f"no vehicle{which} was heard on {result['source']} in {result['seconds']:.1f} s")
         return
     attitudes = sum(vehicle["attitudes"] for vehicle in vehicles.values()) + departed["attitudes"]
-    say(
+    notify(
         f"{attitudes} attitudes of {number} vehicle{'s' * (number != 1)}"
         f" in {result['seconds']:.1f} s, {result['overruns']} overruns"
     )

@@ -14,24 +14,24 @@ def open_view(options: RunOptions) -> TerminalView:
     profile = "" if options.profile is None else f", {options.profile}"
     title = f"fuzzbee run {options.source}, {options.rate_hz:g} Hz{profile}{where}"
     view = TerminalView(errors if options.as_json else PersonConsole(), errors, title)
-    _show_log(view.say, verbose=options.verbose)
+    _show_log(view.notify, verbose=options.verbose)
     return view
 
 
 class _ViewHandler(logging.Handler):
     """Prints log lines through the view, so that they do not break up its table."""
 
-    def __init__(self, say: Callable[[str], None]) -> None:
+    def __init__(self, notify: Callable[[str], None]) -> None:
         super().__init__()
-        self._say = say
+        self._say = notify
 
     def emit(self, record: logging.LogRecord) -> None:
         self._say(self.format(record))
 
 
-def _show_log(say: Callable[[str], None], *, verbose: bool) -> None:
+def _show_log(notify: Callable[[str], None], *, verbose: bool) -> None:
     logger = logging.getLogger("drivers")
-    logger.handlers = [_ViewHandler(say)]
+    logger.handlers = [_ViewHandler(notify)]
     logger.propagate = False
     logger.setLevel(logging.INFO if verbose else logging.WARNING)
     # what happens to the link comes as events, once each; the log repeats it in detail

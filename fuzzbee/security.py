@@ -8,8 +8,8 @@ from select import select
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from estimator.errors import InputError
+from fuzzbee.notify import notify
 from fuzzbee.options import of_source as option
-from fuzzbee.say import say
 
 if TYPE_CHECKING:
     from drivers.mavlink.gate import Policy
@@ -73,7 +73,9 @@ def key_of(path: Path | None, *, is_insecure: bool) -> bytes | None:
 
     content = _content(path, is_insecure=is_insecure)
     if is_phrase(content) and len(content.strip()) < SHORT_PHRASE:
-        say(f"the pass phrase in {path} has fewer than {SHORT_PHRASE} characters: easily guessed")
+        notify(
+            f"the pass phrase in {path} has fewer than {SHORT_PHRASE} characters: easily guessed"
+        )
     return signing_key(content)
 
 

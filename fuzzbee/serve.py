@@ -16,10 +16,10 @@ from estimator.estimator import Estimator
 from estimator.profile import Profile, load_profile
 from fuzzbee import outputs, security
 from fuzzbee.live_source import default_profile, make_runner, open_recorded, require_fitting
+from fuzzbee.notify import notify
 from fuzzbee.run_options import RunOptions
 from fuzzbee.run_report import conclude, recording_word, summary
 from fuzzbee.run_view import open_view
-from fuzzbee.say import say
 from fuzzbee.truth_score import ScoredPipeline
 from fuzzbee.zenoh_options import opened
 from service.parameters import ParameterRequests
@@ -78,10 +78,10 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
         result["truth"] = {name: score.result() for name, score in pipeline.scores.items()}
     if not options.as_json:
         if isinstance(source, SimSource) and source.waited_s >= LONG_WAIT_S:
-            say(f"the vehicle waited {source.waited_s:.0f} s for this computer: it was too busy")
+            notify(f"the vehicle waited {source.waited_s:.0f} s for this computer: it was too busy")
         for name, score in (pipeline.scores or {}).items():
             if score.verdict():
-                say(f"vehicle {name} {score.verdict()}")
+                notify(f"vehicle {name} {score.verdict()}")
     problems = [failure, *conflicts]
     return conclude(options, result, outbox, problems, was_stopped=runner.was_stopped)
 
@@ -150,7 +150,7 @@ def _open_sinks(
 
     def on_conflict(key: str) -> None:
         if options.second:
-            say(f"another service publishes {key}, too")
+            notify(f"another service publishes {key}, too")
             return
         text = f"another service publishes {key} already: stop it, give one of them another"
         conflicts.append(InputError(f"{text} --prefix, or publish beside it with --second"))

@@ -13,8 +13,8 @@ import typer
 
 from drivers.endpoint import FORMS, Endpoint, Kind, endpoint_help, parse_endpoint
 from estimator.errors import InputError
+from fuzzbee.notify import notify
 from fuzzbee.options import Json, command, examples, option
-from fuzzbee.say import say
 from fuzzbee.security import INSECURE, key_of
 from service.signals import stop_on_signals
 
@@ -188,4 +188,4 @@ def _link(text: str | None) -> Endpoint:
 
 
 def _say(text: str) -> None:
-    say(text, "fuzzbee sim: ")
+    notify(text, "fuzzbee sim: ")

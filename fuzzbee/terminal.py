@@ -10,7 +10,7 @@ from rich.console import Console, Group, RenderableType
 from rich.live import Live
 
 from fuzzbee.horizon import Ink, has_room, screen
-from fuzzbee.say import printable
+from fuzzbee.notify import printable
 from fuzzbee.table_model import Row, TableModel
 from fuzzbee.vehicle_table import BY_NAME, ORDERS, Look, lines, table
 from service.records import Output
@@ -83,10 +83,10 @@ class TerminalView:
 
     def handle(self, outputs: Sequence[Output]) -> None:
         """Show outputs of the service."""
-        self.say(*self.model.take(outputs, self._now_s()))
+        self.notify(*self.model.take(outputs, self._now_s()))
         self.refresh()
 
-    def say(self, *texts: str) -> None:
+    def notify(self, *texts: str) -> None:
         """Lines for a person, above the table; on the screen of one vehicle the last at its foot.
 
         All are written at one go: hundreds of vehicles that begin say several each.

@@ -7,7 +7,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from fuzzbee.say import printable
+from fuzzbee.notify import printable
 from fuzzbee.table_model import (
     Row,
     age_text,

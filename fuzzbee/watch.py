@@ -11,6 +11,7 @@ import msgspec
 import typer
 
 from estimator.errors import InputError
+from fuzzbee.notify import notify
 from fuzzbee.options import (
     Seconds,
     Verbose,
@@ -20,7 +21,6 @@ from fuzzbee.options import (
     of_source,
     require_positive,
 )
-from fuzzbee.say import say
 from fuzzbee.sinks import WEB
 from fuzzbee.zenoh_options import ZenohArguments, opened
 
@@ -137,7 +137,7 @@ def follow(options: WatchOptions) -> int:
     if (view is not None and view.is_closed) or stop.is_set() or seen >= (options.most or 1):
         return 0
     said = f"{seen} attitudes" if seen else "no attitude"
-    say(f"{said} on {_key(options)} in {options.seconds:g} s{'' if seen else NOBODY}")
+    notify(f"{said} on {_key(options)} in {options.seconds:g} s{'' if seen else NOBODY}")
     return FAILED
 
 
@@ -151,7 +151,7 @@ def _loop(
     """Show what comes until the end; returns the number of attitudes."""
     from fuzzbee.reception import Reception
 
-    told = say if view is None else view.say
+    told = notify if view is None else view.notify
     reception = Reception(told)
     started_s, seen, has_heard = time.monotonic(), 0, False
     while not stop.is_set():

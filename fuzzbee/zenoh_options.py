@@ -6,7 +6,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from fuzzbee import options
-from fuzzbee.say import say
+from fuzzbee.notify import notify
 
 if TYPE_CHECKING:
     import zenoh
@@ -54,7 +54,7 @@ def opened(awaited: "OpeningSession", stack: ExitStack) -> "zenoh.Session":
 
     session = awaited.session()
     if awaited.note is not None:
-        say(awaited.note)
+        notify(awaited.note)
     stack.callback(close_session, session)
     return session
 

@@ -140,10 +140,10 @@ class ImuChoice(Value, frozen=True):
     last_arrival_us: int = 0
     longest_silence_us: int = 0
     has_failed: bool = False
-    rival: str | None = None
-    rival_samples: int = 0
-    rival_since_us: int = 0
-    rival_arrival_us: int = 0
+    alternative: str | None = None
+    alternative_samples: int = 0
+    alternative_since_us: int = 0
+    alternative_arrival_us: int = 0
     doubted: tuple[str, ...] = ()
 
     def rank(self, message: str) -> tuple[bool, int]:
@@ -183,11 +183,11 @@ def consider(
     is_preferred = choice.rank(message) < choice.rank(choice.message)
     longest_gap_us = late_after_us if is_preferred else max(late_after_us, STAND_IN_GAP_US)
     choice = _follow_rival(choice, message, arrival_us, longest_gap_us)
-    if choice.rival != message:
+    if choice.alternative != message:
         return choice
-    lasts_us = arrival_us - choice.rival_since_us
+    lasts_us = arrival_us - choice.alternative_since_us
     is_long = lasts_us >= patience_us(choice, late_after_us, period_us)
-    is_steady = choice.rival_samples >= STEADY_SAMPLES
+    is_steady = choice.alternative_samples >= STEADY_SAMPLES
     if is_steady and (is_long or (is_preferred and not choice.has_failed)):
         has_failed = choice.has_failed or not is_preferred
         return ImuChoice(message, arrival_us, has_failed=has_failed, doubted=choice.doubted)
@@ -202,19 +202,19 @@ def longest_silence_us(longest_us: int, silence_us: int) -> int:
 def _follow_own(choice: ImuChoice, arrival_us: int) -> ImuChoice:
     """The message in use came: nobody needs to stand in for it."""
     longest_us = longest_silence_us(choice.longest_silence_us, arrival_us - choice.last_arrival_us)
-    rival = choice.rival
-    if rival is not None and choice.rank(rival) >= choice.rank(choice.message or ""):
-        rival = None
+    alternative = choice.alternative
+    if alternative is not None and choice.rank(alternative) >= choice.rank(choice.message or ""):
+        alternative = None
     # field by field: msgspec.structs.replace takes three times as long, at every sample
     return ImuChoice(
         choice.message,
         arrival_us,
         longest_us,
         choice.has_failed,
-        rival,
-        choice.rival_samples,
-        choice.rival_since_us,
-        choice.rival_arrival_us,
+        alternative,
+        choice.alternative_samples,
+        choice.alternative_since_us,
+        choice.alternative_arrival_us,
         choice.doubted,
     )
 
@@ -223,20 +223,22 @@ def _follow_rival(
     choice: ImuChoice, message: str, arrival_us: int, longest_gap_us: float
 ) -> ImuChoice:
     """Another message came: make it the rival, unless a better message is the rival already."""
-    goes_on = arrival_us - choice.rival_arrival_us <= longest_gap_us
-    if choice.rival == message and goes_on:
+    goes_on = arrival_us - choice.alternative_arrival_us <= longest_gap_us
+    if choice.alternative == message and goes_on:
         return msgspec.structs.replace(
-            choice, rival_samples=choice.rival_samples + 1, rival_arrival_us=arrival_us
+            choice,
+            alternative_samples=choice.alternative_samples + 1,
+            alternative_arrival_us=arrival_us,
         )
-    is_other = choice.rival not in (None, message)
-    if is_other and goes_on and choice.rank(message) >= choice.rank(choice.rival or ""):
+    is_other = choice.alternative not in (None, message)
+    if is_other and goes_on and choice.rank(message) >= choice.rank(choice.alternative or ""):
         return choice
     return msgspec.structs.replace(
         choice,
-        rival=message,
-        rival_samples=1,
-        rival_since_us=arrival_us,
-        rival_arrival_us=arrival_us,
+        alternative=message,
+        alternative_samples=1,
+        alternative_since_us=arrival_us,
+        alternative_arrival_us=arrival_us,
     )
 
 

@@ -133,10 +133,10 @@ class PublishGrid:
         if has_sample:
             self._slide(late_us)
         self._due_us += self._period_us
-        missed = int((now_us - self.due_us) // self._period_us)
-        if missed > 0:
-            self.skipped += missed
-            self._due_us += missed * self._period_us
+        aliasing = int((now_us - self.due_us) // self._period_us)
+        if aliasing > 0:
+            self.skipped += aliasing
+            self._due_us += aliasing * self._period_us
 
     def _slide(self, late_us: float) -> None:
         half_us = 0.5 * self._period_us

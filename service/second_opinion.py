@@ -31,7 +31,7 @@ DECLINATION_DEG = 20.0
 PATIENCE_S = 5.0  # of service.alarms
 # An autopilot that has said nothing for so long is not compared.
 SILENT_US = 2_000_000
-WITNESS_S = 20.0  # memory of the witnesses
+CONSISTENCY_S = 20.0  # memory of the witnesses
 # One of the two is named if its witness is nearer to it by this share of the difference.
 NAMED_SHARE = 0.5
 # An accelerometer that is off across gravity makes the force larger; by this share of that is odd.
@@ -117,7 +117,7 @@ class Axis(Lasting):
         return difference.is_known and not difference.is_beyond and self.share < END_SHARE
 
 
-class Witness:
+class Consistency:
     """What force, velocity and field have said of one attitude over the last seconds."""
 
     def __init__(self) -> None:
@@ -129,7 +129,7 @@ class Witness:
 
     def look(self, q: Quaternion, sample: ImuSample, dt_s: float) -> None:
         """Take the force and the field as the attitude ``q`` sees them."""
-        share = 1.0 - exp(-dt_s / WITNESS_S)
+        share = 1.0 - exp(-dt_s / CONSISTENCY_S)
         force = rotate(q, sample.acc_m_s2)
         self._pushed = _towards(self._pushed, force, share)
         if sample.has_mag:
@@ -139,7 +139,7 @@ class Witness:
 
     def gain(self, gained_m_s: Vec3, dt_s: float) -> None:
         """Compare what the force has given with what velocity has gained in ``dt_s``."""
-        share = 1.0 - exp(-dt_s / WITNESS_S)
+        share = 1.0 - exp(-dt_s / CONSISTENCY_S)
         x, y, _ = self._stride
         u, v, _ = gained_m_s
         self._across += share * ((x * v - y * u) / dt_s**2 - self._across)
@@ -200,7 +200,7 @@ class SecondOpinion:
         self.opinion: Opinion | None = None
         self._last_us: int | None = None
         self._tilting, self._turning = Axis(), Axis()
-        self._ours, self._theirs = Witness(), Witness()
+        self._ours, self._theirs = Consistency(), Consistency()
         self._velocity: tuple[int, Vec3] | None = None  # at the stride's beginning
         self._gained: Vec3 = (0.0, 0.0, 0.0)  # mean acceleration by velocity, m/s^2
 
@@ -215,9 +215,9 @@ class SecondOpinion:
         if dt_s < STRIDE_S:
             return
         gained = quaternion.subtract(velocity_ned_m_s, self._velocity[1])
-        for witness in (self._ours, self._theirs):
-            witness.gain(gained, dt_s)
-        share = 1.0 - exp(-dt_s / WITNESS_S)
+        for consistency in (self._ours, self._theirs):
+            consistency.gain(gained, dt_s)
+        share = 1.0 - exp(-dt_s / CONSISTENCY_S)
         self._gained = _towards(self._gained, scale(1.0 / dt_s, gained), share)
         self._velocity = (time_us, velocity_ned_m_s)
 

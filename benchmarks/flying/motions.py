@@ -173,9 +173,9 @@ def _rotor_motion(seed: int, most_lean: float, shake: float, flips: float) -> Ve
         left -= DT
         if left <= 0.0:
             flying, left = True, float(rng.uniform(1.5, 8.0))
-            lean = rng.uniform(-most_lean, most_lean, 2) * (rng.random() > 0.25)
+            acceleration_tilt = rng.uniform(-most_lean, most_lean, 2) * (rng.random() > 0.25)
             yaw = float(rng.uniform(-1.5, 1.5)) * bool(rng.random() < 0.5) * most_lean / 0.8
-            wanted = (float(lean[0]), float(lean[1]), yaw)
+            wanted = (float(acceleration_tilt[0]), float(acceleration_tilt[1]), yaw)
             flip_s = 2.0 * pi / 7.0 if rng.random() < flips else 0.0
         if not flying:
             return Moment((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0)

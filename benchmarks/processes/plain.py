@@ -85,9 +85,9 @@ def main() -> None:
                 now_us = time.time_ns() // 1000
                 for vehicle in vehicles.values():
                     vehicle.publish(now_us)
-                missed = int(-left_s / period_s)
-                overruns += missed
-                due_s += (missed + 1) * period_s
+                aliasing = int(-left_s / period_s)
+                overruns += aliasing
+                due_s += (aliasing + 1) * period_s
                 continue
             message = link.recv_match(type="RAW_IMU", blocking=True, timeout=left_s)
             if message is None:

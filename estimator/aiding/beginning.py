@@ -20,20 +20,20 @@ from estimator.aiding.types import (
     SIZE,
     TURN,
     VELOCITY,
+    AccelerationTilt,
     Agreement,
     Agreements,
     AidingEstimate,
     AidingParams,
     AidingState,
     Array,
+    CorrectionCusum,
     FieldState,
     LastStep,
-    Lean,
     Report,
     Roughness,
     Scatter,
     Sigmas,
-    Surprise,
     Unlearnt,
     Wheels,
 )
@@ -49,7 +49,7 @@ BEGIN_VELOCITY_SIGMA_M_S = 1.0
 UNHEARD = Agreement(
     scatter=Scatter(1.0, innovation=1.0, reports=0.0, before=ZERO_VEC3, together=0.0),
     wait_s=0.0,
-    doubt_s=0.0,
+    inflation_s=0.0,
 )
 NEW_WHEELS = Wheels(slip_scale=1.0, rolled_s=0.0, contradict=False, show_north=False)
 
@@ -121,7 +121,7 @@ def begin(
             off_rad=0.0,
             samples=0.0,
             wait_s=0.0,
-            doubt_s=0.0,
+            inflation_s=0.0,
             evidence=0.0,
         ),
         agreement=Agreements(by_filter=UNHEARD, by_receiver=UNHEARD),
@@ -129,9 +129,13 @@ def begin(
             inclination_rad=first.tilt_sigma_rad,
             heading_rad=sqrt(heading),
         ),
-        rough=Roughness(bent=0.0, changed=0.0, knocked=0.0),
-        lean=Lean(ZERO_VEC3, report.velocity_ned_m_s, report.velocity_ned_m_s),
-        surprise=Surprise(ZERO_VEC3, gyr_bias, 3.0 * params.gyr_bias_sigma**2, 0.0, 0.0),
+        rough=Roughness(second_difference=0.0, changed=0.0, knocked=0.0),
+        acceleration_tilt=AccelerationTilt(
+            ZERO_VEC3, report.velocity_ned_m_s, report.velocity_ned_m_s
+        ),
+        correction_cusum=CorrectionCusum(
+            ZERO_VEC3, gyr_bias, 3.0 * params.gyr_bias_sigma**2, 0.0, 0.0
+        ),
         wheels=NEW_WHEELS,
         unlearnt=first_unlearnt(params),
     )
@@ -164,8 +168,10 @@ def loosen(state: AidingState, covariance: Array) -> tuple[AidingState, Array]:
     by_filter, by_receiver = state.agreement
     inclination, heading = state.sigma
     return state._replace(
-        agreement=Agreements(by_filter._replace(doubt_s=0.0), by_receiver._replace(doubt_s=0.0)),
-        field=state.field._replace(doubt_s=0.0),
+        agreement=Agreements(
+            by_filter._replace(inflation_s=0.0), by_receiver._replace(inflation_s=0.0)
+        ),
+        field=state.field._replace(inflation_s=0.0),
         sigma=Sigmas(factor * inclination, factor * heading),
     ), P
 
@@ -184,7 +190,9 @@ def forget_biases(
         for i in range(first, first + 3):
             P[i, i] = sigma**2
     estimate = state.estimate._replace(gyr_bias_rad_s=ZERO_VEC3, acc_bias_m_s2=ZERO_VEC3)
-    surprise = state.surprise._replace(
+    correction_cusum = state.correction_cusum._replace(
         bias_rad_s=ZERO_VEC3, least_variance=3.0 * params.gyr_bias_sigma**2
     )
-    return state._replace(estimate=estimate, surprise=surprise, unlearnt=first_unlearnt(params)), P
+    return state._replace(
+        estimate=estimate, correction_cusum=correction_cusum, unlearnt=first_unlearnt(params)
+    ), P

@@ -38,7 +38,7 @@ NO_WORD = "nobody has said that the compass is calibrated"
 
 def is_trusted(compass: Compass, time_us: int) -> bool:
     """Whether its field is trusted at ``time_us``."""
-    return not doubt(compass, time_us)
+    return not inflation(compass, time_us)
 
 
 def is_contradicted(compass: Compass, time_us: int) -> bool:
@@ -46,7 +46,7 @@ def is_contradicted(compass: Compass, time_us: int) -> bool:
     return compass.turned_rad != 0.0 or _is_recent(compass.contradicted_us, time_us, FORGET_S)
 
 
-def doubt(compass: Compass, time_us: int) -> str:
+def inflation(compass: Compass, time_us: int) -> str:
     """What speaks against it at ``time_us``, in words; empty if nothing does."""
     if compass.declared_calibrated is None and not compass.confirmed:
         return NO_WORD

@@ -108,16 +108,16 @@ def predict_motion(
         velocity_history, faster, add(force, GRAVITY_NED), dt
     )
     P = predict_covariance(P, rotation_matrix(q), gained, dt)
-    bent = bend(gyr, before.gyr_rad_s, before.gyr_before_rad_s, dt, before.dt_s)
-    missed_turn = rotate(q, scale(dt, bent))
+    second_difference = bend(gyr, before.gyr_rad_s, before.gyr_before_rad_s, dt, before.dt_s)
+    aliased_turn = rotate(q, scale(dt, second_difference))
     seen_s = dt
     if between.given:
         seen_s = between.step_s
-        missed_turn = rotate(q, scale(sqrt(dt * seen_s), between.change_rad_s))
+        aliased_turn = rotate(q, scale(sqrt(dt * seen_s), between.change_rad_s))
     off = newest_bend(velocity_history)
-    missed_push = scale(dt, off)
+    aliased_push = scale(dt, off)
     lasts = lasting_times(params, state)
-    add_noise(params, P, state, lasts, missed_turn, missed_push, dot(rate, rate), dt, seen_s)
+    add_noise(params, P, state, lasts, aliased_turn, aliased_push, dot(rate, rate), dt, seen_s)
     add_knock(P, state.rough, off, dt)
     by_receiver = fade(estimate.receiver_error_m_s, dt, lasts.receiver_s)
     by_filter = fade(estimate.filter_error_m_s, dt, lasts.filter_s)
@@ -195,8 +195,8 @@ def add_noise(
     P: Array,
     state: AidingState,
     lasts: ErrorTimes,
-    missed_turn: Vec3,
-    missed_push: Vec3,
+    aliased_turn: Vec3,
+    aliased_push: Vec3,
     rate_square: float,
     dt: float,
     seen_s: float,
@@ -207,13 +207,13 @@ def add_noise(
     may have been. Of the turning something is seen every
     ``seen_s``.
     """
-    missed = params.integration_noise**2
+    aliasing = params.integration_noise**2
     turn = (params.gyr_slow_noise_1_s * seen_s) ** 2 * rate_square * dt
     push = params.acc_noise**2 * dt
     iron = params.hard_iron_sigma_gauss**2
     for i in range(3):
-        P[TURN + i, TURN + i] += turn + missed * missed_turn[i] ** 2
-        P[VELOCITY + i, VELOCITY + i] += push + missed * missed_push[i] ** 2
+        P[TURN + i, TURN + i] += turn + aliasing * aliased_turn[i] ** 2
+        P[VELOCITY + i, VELOCITY + i] += push + aliasing * aliased_push[i] ** 2
         P[GYR_BIAS + i, GYR_BIAS + i] += params.gyr_bias_sigma**2 * dt / LEARNT_LASTS_S
         P[ACC_BIAS + i, ACC_BIAS + i] += params.acc_bias_sigma**2 * dt / LEARNT_LASTS_S
         if P[HARD_IRON + i, HARD_IRON + i] < iron:
@@ -243,16 +243,20 @@ def judge_biases(now: Prediction, unlearnt: Unlearnt) -> Unlearnt:
     estimate = now.estimate
     R = rotation_matrix(estimate.q_ned_frd)
     gyr = judge_sensor(now.covariance, GYR_BIAS, estimate.gyr_bias_rad_s, unlearnt.gyr, R, 0.0)
-    lean = 1.0 / STANDARD_GRAVITY_M_S2
-    acc = judge_sensor(now.covariance, ACC_BIAS, estimate.acc_bias_m_s2, unlearnt.acc, R, lean)
+    acceleration_tilt = 1.0 / STANDARD_GRAVITY_M_S2
+    acc = judge_sensor(
+        now.covariance, ACC_BIAS, estimate.acc_bias_m_s2, unlearnt.acc, R, acceleration_tilt
+    )
     return Unlearnt(gyr, acc)
 
 
 @inlined
-def judge_sensor(P: Array, first: int, bias: Vec3, variance: float, R: Array, lean: float) -> float:
+def judge_sensor(
+    P: Array, first: int, bias: Vec3, variance: float, R: Array, acceleration_tilt: float
+) -> float:
     """The variance of a sensor's bias that nothing has shown, and that of its axes, in place.
 
-    ``lean`` is by how much (rad) a bias across the vertical has turned the attitude.
+    ``acceleration_tilt`` is by how much (rad) a bias across the vertical has turned the attitude.
     """
     largest = max(bias[0] * bias[0], bias[1] * bias[1], bias[2] * bias[2])
     if largest <= variance:
@@ -261,7 +265,7 @@ def judge_sensor(P: Array, first: int, bias: Vec3, variance: float, R: Array, le
         i = first + k
         learnt = max(0.0, 1.0 / P[i, i] - 1.0 / variance)
         grown = max(0.0, 1.0 / (learnt + 1.0 / largest) - P[i, i])
-        north, east = lean * R[1, k], -lean * R[0, k]
+        north, east = acceleration_tilt * R[1, k], -acceleration_tilt * R[0, k]
         P[i, i] += grown
         P[i, TURN] += grown * north
         P[TURN, i] += grown * north

@@ -112,14 +112,16 @@ class Solution(NamedTuple):
 
 
 @inlined
-def add_sample(search: Search, q_g_frd: Quaternion, acc: Vec3, dt: float, missed: float) -> Search:
+def add_sample(
+    search: Search, q_g_frd: Quaternion, acc: Vec3, dt: float, aliasing: float
+) -> Search:
     """Integrate one sample's specific force by the trapezoid.
 
-    After a step that has missed a turn of the variance ``missed`` (rad^2) what was seen before
+    After a step that has missed a turn of the variance ``aliasing`` (rad^2) what was seen before
     belongs to another G, and counts less.
     """
     window = extend_window(search.window, rotate(q_g_frd, acc), dt)
-    return Search(window, fade(search.evidence, missed, 0.0))
+    return Search(window, fade(search.evidence, aliasing, 0.0))
 
 
 @inlined

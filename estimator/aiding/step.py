@@ -11,9 +11,14 @@ arXiv:1711.02508, section 7.
 
 import numpy as np
 
+from estimator.aiding.acceleration_tilt import (
+    acceleration_tilt_angle,
+    hear_report,
+    watch_acceleration_tilt,
+)
 from estimator.aiding.correction import apply_corrections, correct_last, part, prediction_at
+from estimator.aiding.correction_cusum import add_correction, known, pass_time
 from estimator.aiding.inertial import judge_biases, predict_motion, watch_knocks
-from estimator.aiding.lean import hear_report, lean_angle, watch_lean
 from estimator.aiding.sources.field import begin_anew, forget_iron, observe_heading, wait_for_field
 from estimator.aiding.sources.unaided import observe_unaided
 from estimator.aiding.sources.velocity import take_report, wait_for_reports
@@ -24,7 +29,6 @@ from estimator.aiding.sources.wheels import (
     rolls,
     with_shown,
 )
-from estimator.aiding.surprise import add_correction, known, pass_time
 from estimator.aiding.types import (
     SIZE,
     TURN,
@@ -45,7 +49,7 @@ from estimator.conditioning.vertical.rate import slow_share
 from estimator.types import Sample, Vec3
 
 with_north = replacer(StepInputs, "north")
-with_report = replacer(AidingState, "agreement", "lean", "surprise")
+with_report = replacer(AidingState, "agreement", "acceleration_tilt", "correction_cusum")
 
 
 @inlined
@@ -67,22 +71,24 @@ def aid(
     x = np.zeros(SIZE)
     agreement = wait_for_reports(state.agreement, dt)
     wait_s = min(agreement.by_filter.wait_s, agreement.by_receiver.wait_s)
-    rough, lean = state.rough, state.lean
-    surprise = pass_time(params, state.surprise, now.estimate, now.covariance, dt)
+    rough, acceleration_tilt = state.rough, state.acceleration_tilt
+    correction_cusum = pass_time(params, state.correction_cusum, now.estimate, now.covariance, dt)
     slow = slow_share(dt)
     if slow > 0.0:
-        rough = watch_turning(params, state, now.covariance, sample, slow * others.missed)
+        rough = watch_turning(params, state, now.covariance, sample, slow * others.aliasing)
     rough = watch_knocks(rough, now.velocity_history, dt)
     is_silent = not report.given and wait_s > SPAN_S + dt
     share = 1.0 if is_silent else slow
     if share > 0.0:
         before = known(now.covariance)
         sigma_rad = others.gravity_sigma_rad
-        lean_rad = lean_angle(lean, is_silent, slow)
+        lean_rad = acceleration_tilt_angle(acceleration_tilt, is_silent, slow)
         observe_unaided(now, others.gravity_b, sigma_rad, lean_rad, x, share, dt)
         # large turns do not add up, so this one is made before the next is looked for
         now = apply_corrections(now, x)
-        surprise = add_correction(surprise, part(x, TURN), before, known(now.covariance))
+        correction_cusum = add_correction(
+            correction_cusum, part(x, TURN), before, known(now.covariance)
+        )
         x = np.zeros(SIZE)
     before = known(now.covariance)
     if report.given:
@@ -98,12 +104,14 @@ def aid(
         wheels = observe_wheels(params, now, wheels, x, dt)
         has_told = state.wheels.rolled_s < ACCELERATION_LASTS_S <= wheels.rolled_s
         is_other = north.is_known and has_told and is_turned(now, north)
-        if is_other or field.doubt_s > BORNE_S:
+        if is_other or field.inflation_s > BORNE_S:
             # velocity tells the heading, so the field is another one, and iron was learnt in error
             field, wheels = begin_anew(field), with_shown(wheels, False)
             forget_iron(params, now.covariance, x, now.estimate.hard_iron_gauss)
     now = apply_corrections(now, x)
-    surprise = add_correction(surprise, part(x, TURN), before, known(now.covariance))
+    correction_cusum = add_correction(
+        correction_cusum, part(x, TURN), before, known(now.covariance)
+    )
     unlearnt = judge_biases(now, state.unlearnt)
     last = LastStep(
         gyr_rad_s=sample.gyr_rad_s,
@@ -112,9 +120,9 @@ def aid(
         rate_rad_s=now.rate_rad_s,
         dt_s=dt,
     )
-    lean = watch_lean(lean, last.force_ned_m_s2, dt)
+    acceleration_tilt = watch_acceleration_tilt(acceleration_tilt, last.force_ned_m_s2, dt)
     if report.given:
-        lean = hear_report(lean, report.velocity_ned_m_s)
+        acceleration_tilt = hear_report(acceleration_tilt, report.velocity_ned_m_s)
     state = AidingState(
         estimate=now.estimate,
         last=last,
@@ -122,8 +130,8 @@ def aid(
         agreement=agreement,
         sigma=sigmas(params, now, last, field, agreement, unlearnt),
         rough=rough,
-        lean=lean,
-        surprise=surprise,
+        acceleration_tilt=acceleration_tilt,
+        correction_cusum=correction_cusum,
         wheels=wheels,
         unlearnt=unlearnt,
     )
@@ -143,6 +151,10 @@ def take_late_report(
     now = prediction_at(state, P, velocity_history)
     x = np.zeros(SIZE)
     agreement = take_report(params, state.agreement, now, state.last.dt_s, report, gravity_b, x)
-    lean = hear_report(state.lean, report.velocity_ned_m_s)
-    surprise = add_correction(state.surprise, part(x, TURN), known(P), known(now.covariance))
-    return with_report(correct_last(state, now, x), agreement, lean, surprise), now.covariance
+    acceleration_tilt = hear_report(state.acceleration_tilt, report.velocity_ned_m_s)
+    correction_cusum = add_correction(
+        state.correction_cusum, part(x, TURN), known(P), known(now.covariance)
+    )
+    return with_report(
+        correct_last(state, now, x), agreement, acceleration_tilt, correction_cusum
+    ), now.covariance

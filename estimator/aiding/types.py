@@ -122,7 +122,7 @@ class FieldState(NamedTuple):
     off_rad: float  # low-passed angle by which its heading is off the estimate
     samples: float  # of the field so far
     wait_s: float  # since the last sample of the field
-    doubt_s: float  # how long the heading has been far off
+    inflation_s: float  # how long the heading has been far off
     evidence: float  # for the place's field as read, against what was learnt; 2 ln of a ratio
 
 
@@ -141,7 +141,7 @@ class Agreement(NamedTuple):
 
     scatter: Scatter  # of reports about their prediction
     wait_s: float  # since the last report
-    doubt_s: float  # how long reports have been far off
+    inflation_s: float  # how long reports have been far off
 
 
 class Agreements(NamedTuple):
@@ -190,12 +190,14 @@ class Sigmas(NamedTuple):
 class Roughness(NamedTuple):
     """Mean squares over the latest readings."""
 
-    bent: float  # of how far the gyroscope's lie off the line through the two before, (rad/s)^2
+    second_difference: (
+        float  # of how far the gyroscope's lie off the line through the two before, (rad/s)^2
+    )
     changed: float  # of the differences of two of them, (rad/s)^2
     knocked: float  # of how far the forces lie off such a line, (m/s^2)^2; one alone counts little
 
 
-class Lean(NamedTuple):
+class AccelerationTilt(NamedTuple):
     """How the vehicle has accelerated over the last seconds, by two witnesses; NED."""
 
     felt_m_s2: Vec3  # mean acceleration by the IMU, seen through the attitude
@@ -203,7 +205,7 @@ class Lean(NamedTuple):
     latest_m_s: Vec3  # the last report
 
 
-class Surprise(NamedTuple):
+class CorrectionCusum(NamedTuple):
     """What was corrected lately, fading, and the variance that this should have (rad^2)."""
 
     turn_rad: Vec3  # of the attitude, by corrections and by the bias they have changed, NED
@@ -238,8 +240,8 @@ class AidingState(NamedTuple):
     agreement: Agreements  # how the velocity reports agree
     sigma: Sigmas  # as published
     rough: Roughness  # the gyroscope's readings
-    lean: Lean  # what deceives the unaided vertical
-    surprise: Surprise  # what was corrected lately
+    acceleration_tilt: AccelerationTilt  # what deceives the unaided vertical
+    correction_cusum: CorrectionCusum  # what was corrected lately
     wheels: Wheels  # what they have shown
     unlearnt: Unlearnt  # what biases may be
 
@@ -256,6 +258,6 @@ class StepInputs(NamedTuple):
 
     gravity_b: Vec3  # down by the unaided conditioning stage, a unit vector in FRD
     gravity_sigma_rad: float  # of that
-    missed: float  # variance of the turn about both level axes that the last step missed, rad^2
+    aliasing: float  # variance of the turn about both level axes that the last step missed, rad^2
     north: North
     place_gauss: Vec3 = ZERO_VEC3  # the place's field by a model, NED; zero: nobody knows it

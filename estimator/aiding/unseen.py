@@ -16,7 +16,7 @@ from estimator.conditioning.times import LATELY_S, LONGEST_STEP_S, SPAN_S
 from estimator.conditioning.vertical.rate import slow_share
 from estimator.conditioning.vertical.tilt import HOLE_RAD_S
 from estimator.geometry.quaternion import dot, subtract
-from estimator.geometry.spread import INDEPENDENT_BENT
+from estimator.geometry.spread import INDEPENDENT_SECOND_DIFFERENCE
 from estimator.types import STANDARD_GRAVITY_M_S2, UNSEEN_STEP_S, Sample, Vec3
 
 # A smooth motion's readings have half of that and more at turns; the power leaves them out.
@@ -27,45 +27,53 @@ HOLE_M_S2 = HOLE_RAD_S * STANDARD_GRAVITY_M_S2
 
 @inlined
 def watch_turning(
-    params: AidingParams, state: AidingState, P: Array, sample: Sample, missed: float
+    params: AidingParams, state: AidingState, P: Array, sample: Sample, aliasing: float
 ) -> Roughness:
     """What the step of a slow stream has missed goes into the covariance, in place.
 
-    About both level axes that is no less than the stage without velocity takes for ``missed``,
+    About both level axes that is no less than the stage without velocity takes for ``aliasing``,
     rad^2, as far as the readings look as good as independent now or did lately. Readings nearer
     than ``UNSEEN_STEP_S`` show more than that: at 4 Hz it cost headings beside a compass' faults.
     """
     last, dt, between = state.last, sample.dt_s, sample.between
     change = subtract(sample.gyr_rad_s, last.gyr_rad_s)
-    bent = bend(sample.gyr_rad_s, last.gyr_rad_s, last.gyr_before_rad_s, dt, last.dt_s)
+    second_difference = bend(sample.gyr_rad_s, last.gyr_rad_s, last.gyr_before_rad_s, dt, last.dt_s)
     seen_s = dt
     if between.given:
-        change = bent = between.change_rad_s
+        change = second_difference = between.change_rad_s
         seen_s = between.step_s
     rough = state.rough
     level = 0.0
     if seen_s > UNSEEN_STEP_S:
-        second, first = max(dot(bent, bent), rough.bent), max(dot(change, change), rough.changed)
-        level = 0.5 * missed * likeness(second, first)
+        second, first = (
+            max(dot(second_difference, second_difference), rough.second_difference),
+            max(dot(change, change), rough.changed),
+        )
+        level = 0.5 * aliasing * likeness(second, first)
     north, east = P[TURN, TURN] + level, P[TURN + 1, TURN + 1] + level
-    add_unseen_turn(params, P, rough, bent, dt, seen_s)
+    add_unseen_turn(params, P, rough, second_difference, dt, seen_s)
     add_hole(P, dt)
     P[TURN, TURN] = max(P[TURN, TURN], north)
     P[TURN + 1, TURN + 1] = max(P[TURN + 1, TURN + 1], east)
-    return watch_roughness(rough, bent, change, dt)
+    return watch_roughness(rough, second_difference, change, dt)
 
 
 @inlined
-def likeness(bent: float, changed: float) -> float:
+def likeness(second_difference: float, changed: float) -> float:
     """How far readings look as if they were independent, by squared differences: 0 to 1."""
-    return min(1.0, bent / (INDEPENDENT_BENT * changed + TINY))
+    return min(1.0, second_difference / (INDEPENDENT_SECOND_DIFFERENCE * changed + TINY))
 
 
 @inlined
 def add_unseen_turn(
-    params: AidingParams, P: Array, rough: Roughness, bent: Vec3, dt: float, seen_s: float
+    params: AidingParams,
+    P: Array,
+    rough: Roughness,
+    second_difference: Vec3,
+    dt: float,
+    seen_s: float,
 ) -> None:
-    """Variance of the turn that a step has missed, in place; ``bent``: off the line, rad/s.
+    """Variance of the turn that a step has missed, in place; ``second_difference``: off the line, rad/s.
 
     The mean of two independent instants is off the mean over the step by 0.29 of the second
     difference, about all axes alike. Of the turning something is seen every ``seen_s``.
@@ -74,9 +82,9 @@ def add_unseen_turn(
     if slow <= 0.0:
         return
     share = params.unseen_turn_noise * seen_s / (seen_s + LONGEST_STEP_S)
-    now = dot(bent, bent)
-    square = max(now, rough.bent)  # one even pair may be chance
-    independent = likeness(rough.bent, rough.changed) ** SHARPNESS
+    now = dot(second_difference, second_difference)
+    square = max(now, rough.second_difference)  # one even pair may be chance
+    independent = likeness(rough.second_difference, rough.changed) ** SHARPNESS
     variance = slow * share * share * independent * square * dt * seen_s / 3.0
     for i in range(TURN, TURN + 3):
         P[i, i] += variance
@@ -94,11 +102,14 @@ def add_hole(P: Array, dt: float) -> None:
 
 
 @inlined
-def watch_roughness(rough: Roughness, bent: Vec3, change: Vec3, dt: float) -> Roughness:
+def watch_roughness(
+    rough: Roughness, second_difference: Vec3, change: Vec3, dt: float
+) -> Roughness:
     """With one more reading."""
     share = dt / (LATELY_S + dt)
     return Roughness(
-        bent=rough.bent + share * (dot(bent, bent) - rough.bent),
+        second_difference=rough.second_difference
+        + share * (dot(second_difference, second_difference) - rough.second_difference),
         changed=rough.changed + share * (dot(change, change) - rough.changed),
         knocked=rough.knocked,
     )

@@ -12,16 +12,16 @@ _listeners: list[Callable[[str], None]] = []
 _asked: list[Callable[[str], None]] = []
 
 
-def tell_compiling(tell: Callable[[str], None]) -> None:
+def notify_compiling(tell: Callable[[str], None]) -> None:
     """Have ``tell`` called with a line, once, when the first kernel has to be compiled."""
     _listeners[:] = [tell]
     _asked[:] = [tell]
 
 
-def tell_programs() -> None:
+def notify_programs() -> None:
     """Have standard error told, for programs that are no command of ours and have not asked."""
     if not _asked:
-        tell_compiling(lambda text: print(f"fuzzbee: {text}", file=sys.stderr, flush=True))
+        notify_compiling(lambda text: print(f"fuzzbee: {text}", file=sys.stderr, flush=True))
 
 
 def compiling_begins() -> None:

@@ -35,8 +35,8 @@ def learn(
 ) -> ConditioningState:
     """One learning step on what was gathered; ``between`` is known of the last sample's turning."""
     mean = means(state.gathered)
-    wander = state.events.signs.gravity.wander
-    levelled = learn_vertical(params, state.vertical, mean, between, wander)
+    force_scatter = state.events.signs.gravity.force_scatter
+    levelled = learn_vertical(params, state.vertical, mean, between, force_scatter)
     seen = learn_field(params, state.field, mean, levelled)
     now = learn_events(params, state.events, mean, levelled, seen)
     certainty = certainty_of(params, now.vertical, now.field, now.events)

@@ -61,7 +61,7 @@ def certainty_of(
     return Certainty(
         weight=following_weight(slowness(params, dt_s), dt_s),
         has_heading=known,
-        gravity_confidence=1.0 / (1.0 + events.signs.gravity.wander),
+        gravity_confidence=1.0 / (1.0 + events.signs.gravity.force_scatter),
         magnetic_confidence=magnetic.look.confidence if magnetic.wait_s < SPAN_S else 0.0,
         sigma_inclination_rad=sigma_inclination(params, vertical, events, vertical.tilt.variance),
         sigma_brief_rad=sigma_inclination(params, vertical, events, vertical.tilt.fresh),
@@ -87,7 +87,7 @@ def sigma_inclination(
     slow, carried = slow_and_carried(params, vertical.coefficients.dt_s)
     measured = max(signs.apart, LOW_PASS_SHARE * vertical.averaging.variance)
     measured += MEASURED_SQUARE * signs.uneven
-    known = LEAST_DIRECTION_RAD**2 + vertical.doubt
+    known = LEAST_DIRECTION_RAD**2 + vertical.inflation
     force = vertical.gravity.force
     by_itself = LOW_PASS_SHARE * reckoned
     by_itself += CONTRADICTED_SQUARE * turn_of(force.quick, force.best.value) ** 2
@@ -102,7 +102,7 @@ def slow_and_carried(params: ConditioningParams, dt_s: float) -> Vec2:
 
 
 @inlined
-def rival(
+def alternative(
     vertical: VerticalState,
     magnetic: MagneticState,
     events: EventsState,
@@ -149,11 +149,11 @@ def sigma_heading(
     magnetic, p = field.magnetic, vertical.estimate.covariance[9]
     steep = steepness(magnetic.reference)
     signs = events.signs
-    lasting = MEASURED_SQUARE * signs.heading.scatter + rival(vertical, magnetic, events)
+    lasting = MEASURED_SQUARE * signs.heading.scatter + alternative(vertical, magnetic, events)
     slow, carried = slow_and_carried(params, vertical.coefficients.dt_s)
-    leaning = vertical.doubt + carried * LOW_PASS_SHARE * vertical.tilt.variance
-    bent = 0.5 * steep * (signs.gravity.uneven + leaning)
-    lasting += LEAST_DIRECTION_RAD**2 + bent + events.doubt.variance
+    leaning = vertical.inflation + carried * LOW_PASS_SHARE * vertical.tilt.variance
+    second_difference = 0.5 * steep * (signs.gravity.uneven + leaning)
+    lasting += LEAST_DIRECTION_RAD**2 + second_difference + events.inflation.variance
     uneven = max(0.0, magnetic.reference.uneven - SCALE_ERROR**2)
     _, own_left = own_field(field.calibration.learnt)
     lasting += (1.0 + steep) * (MEASURED_SQUARE * uneven + 0.5 * own_left)

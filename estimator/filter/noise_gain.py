@@ -110,7 +110,7 @@ def vector_error(v: Vec3, u: Vec3) -> float:
 
 
 @inlined
-def surprise(before: Vec3, now: Vec3, turn: Vec3) -> float:
+def correction_cusum(before: Vec3, now: Vec3, turn: Vec3) -> float:
     """Squared distance of a vector from the one before, turned on: v - (v_before - turn x v)."""
     off = add(subtract(now, before), cross(turn, before))
     return dot(off, off)
@@ -125,10 +125,10 @@ def observe_noise(
     total = 0.0
     components = 0.0  # a direction has two, and the difference of two samples twice the variance
     if has_v1 and noise.has_v1:
-        total += surprise(noise.v1_frd, v1, turn)
+        total += correction_cusum(noise.v1_frd, v1, turn)
         components += 4.0
     if has_v2 and noise.has_v2:
-        total += surprise(noise.v2_frd, v2, turn)
+        total += correction_cusum(noise.v2_frd, v2, turn)
         components += 4.0
     samples, r, q = noise.samples, noise.vector_variance, noise.rate_variance
     if components > 0.0 and dt > 0.0:

@@ -21,16 +21,16 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.aiding import Beginning, Report, begin, compass
+from estimator.aiding.acceleration_tilt import bears_out
 from estimator.aiding.beginning import loosen
+from estimator.aiding.consistency import doubted
 from estimator.aiding.course import forward_evidence, lean_rad, level_ahead
-from estimator.aiding.lean import bears_out
 from estimator.aiding.phase import Cause, Phase
 from estimator.aiding.place import resembles
 from estimator.aiding.search import MOST_START_RAD, UNKNOWN_RAD, solve
 from estimator.aiding.sources.velocity import is_credible
 from estimator.aiding.sources.wheels import rolls
 from estimator.aiding.types import NO_REPORT, Sigmas
-from estimator.aiding.witness import doubted
 from estimator.bounds import TINY
 from estimator.conditioning import ConditioningState
 from estimator.conditioning.field.magnetic import horizontal_down
@@ -222,7 +222,7 @@ def give_up(state: State) -> None:
     aided, covariance = core.aided, square(core.covariance)
     if not is_credible(aided):
         aided, covariance = loosen(aided, covariance)
-    is_borne = bears_out(aided.lean) and isfinite(hypot(*aided.sigma))
+    is_borne = bears_out(aided.acceleration_tilt) and isfinite(hypot(*aided.sigma))
     sigma = all_doubts(core, aided.sigma)
     has_lost_down = is_worse(core.aided, core.seen) and not is_borne
     if is_borne or (is_better(sigma, other) and not has_lost_down):
@@ -231,11 +231,11 @@ def give_up(state: State) -> None:
     if has_lost_down:
         start = start_level(core, sigma.heading_rad)
         if start.sigma_heading_rad < min(other.heading_rad, UNKNOWN_RAD):
-            report = NO_REPORT._replace(velocity_ned_m_s=aided.lean.latest_m_s)
+            report = NO_REPORT._replace(velocity_ned_m_s=aided.acceleration_tilt.latest_m_s)
             state.enter(Cause.GIVE_UP)
             set_out(state, start, report, has_heading=core.seen.has_heading)
             return
-    if core.witness.report_wait_s <= LONG_S and is_better(core.aided.sigma, other):
+    if core.consistency.report_wait_s <= LONG_S and is_better(core.aided.sigma, other):
         known = compass.record_giving_up(state.context.compass, core.time_us)
         state.change_context(compass=known)
     state.enter(Cause.GIVE_UP)
@@ -249,7 +249,7 @@ def all_doubts(now: Core, sigma: Sigmas) -> Sigmas:
 
     One is the unaided down, the other the field.
     """
-    heading_rad = doubted(sigma, now.witness).heading_rad
+    heading_rad = doubted(sigma, now.consistency).heading_rad
     return Sigmas(hypot(sigma.inclination_rad, verticals_apart(now)), heading_rad)
 
 

@@ -22,11 +22,11 @@ def leaning_angle(settings: Settings, core: Core) -> float:
     contradiction. 0 without either, and while nobody knows the place.
     """
     params, place_gauss = settings.aiding, settings.reference.place_gauss
-    force, sample = core.witness.force, core.sample
+    force, sample = core.consistency.force, core.sample
     n = norm(sample.mag)
     if not sample.has_mag or force.share == 0.0 or norm(place_gauss) == 0.0 or n == 0.0:
         return 0.0
-    apart = angle_between_vectors(force.g, rotate(core.witness.q_g_frd, sample.mag))
+    apart = angle_between_vectors(force.g, rotate(core.consistency.q_g_frd, sample.mag))
     dip = np.arctan2(*horizontal_down(place_gauss)[::-1])
     dip += apart - angle_between_vectors(force.ned, place_gauss)
     as_read = core.aided.field._replace(look=FieldLook(n * cos(dip), n * sin(dip), 0.0))

@@ -6,11 +6,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimator.aiding import AidingParams, AidingState, blank_aiding, forget_biases
+from estimator.aiding.consistency import NEW_CONSISTENCY, Consistency
 from estimator.aiding.covariance import rotation_matrix
 from estimator.aiding.search import EMPTY_SEARCH, Search
 from estimator.aiding.types import HARD_IRON, SIZE
 from estimator.aiding.velocity_history import COLUMNS
-from estimator.aiding.witness import NEW_WITNESS, Witness
 from estimator.arrays import Floats
 from estimator.conditioning import Conditioned, ConditioningState, forget_bias, forget_field
 from estimator.conditioning import apply_turn as turn_memory
@@ -54,7 +54,9 @@ class Core(NamedTuple):
     seen: Conditioned  # of the last sample; blank while the vectors are raw
     search: Search  # for an attitude from velocity alone; empty while velocity helps
     aided: AidingState  # blank while velocity does not help
-    witness: Witness  # whether measurements bear the aided attitude out; blank without velocity
+    consistency: (
+        Consistency  # whether measurements bear the aided attitude out; blank without velocity
+    )
     covariance: Any  # of the aiding's errors: (SIZE, SIZE), in a snapshot row by row
     velocity_history: (
         Any  # of the velocity that it has gained lately: (ROWS, COLUMNS), or row by row
@@ -79,7 +81,7 @@ def initial_core(settings: Settings) -> Core:
         seen=UNSEEN,
         search=EMPTY_SEARCH,
         aided=aided,
-        witness=NEW_WITNESS,
+        consistency=NEW_CONSISTENCY,
         covariance=covariance,
         velocity_history=velocity_history,
         turning=STILL,
@@ -140,7 +142,7 @@ def without_aiding(settings: Settings, now: Core) -> Core:
         aided = aided._replace(wheels=now.aided.wheels)
     return now._replace(
         aided=aided,
-        witness=NEW_WITNESS,
+        consistency=NEW_CONSISTENCY,
         covariance=covariance,
         velocity_history=velocity_history,
         search=EMPTY_SEARCH,
@@ -161,14 +163,16 @@ def apply_turn(now: Core, turn_ned: Quaternion, *, is_aided: bool) -> Core:
     """Every attitude inside turned by the same body rotation: q* K q of the filter's q."""
     q = now.filter.q_ned_frd
     turn_frd = multiply(conjugate(q), multiply(turn_ned, q))
-    aided, witness = now.aided, now.witness
+    aided, consistency = now.aided, now.consistency
     if is_aided:
         estimate = aided.estimate
         aided_q = normalize(multiply(estimate.q_ned_frd, turn_frd))
         aided = aided._replace(estimate=estimate._replace(q_ned_frd=aided_q))
-        witness = witness._replace(q_g_frd=normalize(multiply(witness.q_g_frd, turn_frd)))
+        consistency = consistency._replace(
+            q_g_frd=normalize(multiply(consistency.q_g_frd, turn_frd))
+        )
     return with_attitude(now, normalize(multiply(q, turn_frd)))._replace(
-        conditioning=turn_memory(now.conditioning, turn_frd), aided=aided, witness=witness
+        conditioning=turn_memory(now.conditioning, turn_frd), aided=aided, consistency=consistency
     )
 
 

@@ -12,7 +12,7 @@ from estimator.aiding.sources.table import source_of
 from estimator.aiding.types import NO_REPORT, Report
 from estimator.arrays import Floats
 from estimator.compilation.direct import direct
-from estimator.live import resident
+from estimator.live import kernel_handle
 from estimator.live.core import Core, in_arrays, in_tuples
 from estimator.live.reports import age_s
 from estimator.live.rows import Rows, require_writable, rows_of
@@ -30,7 +30,7 @@ _steps: dict[Any, Callable[..., Any]] = {}
 
 
 def _step(kernel: "Callable[Concatenate[Any, P], R]") -> "cached_property[Callable[P, R]]":
-    """A kernel of :mod:`estimator.live.resident` as a function of all but its handle."""
+    """A kernel of :mod:`estimator.live.kernel_handle` as a function of all but its handle."""
     return cached_property(lambda holder: holder.bind(kernel))
 
 
@@ -50,7 +50,7 @@ def _plain_numbers(value: Any) -> Any:
 
 def _put_form(values: tuple[Any, ...]) -> Callable[..., Any]:
     if not _put_forms:
-        _put_forms.append(direct(resident.resident, tuple(map(_typeof, values))))
+        _put_forms.append(direct(kernel_handle.kernel_handle, tuple(map(_typeof, values))))
     return _put_forms[0]
 
 
@@ -63,22 +63,22 @@ class Holder:
     Tuples and arrays are looked at here first: InputError is raised for those that do not fit.
     """
 
-    advance = _step(resident.advance)
-    advance_raw = _step(resident.advance_raw)
-    publish = _step(resident.publish)
-    _contents = _step(resident.contents)
-    _clock = _step(resident.clock)
-    _contradicted_axes = _step(resident.contradicted_axes)
-    _lay = _step(resident.lay)
-    brief = _step(resident.brief)
-    hear = _step(resident.hear)
-    hear_rate = _step(resident.hear_rate)
-    _last_report = _step(resident.last_report)
-    _turning = _step(resident.turning_of)
-    _search = _step(resident.search)
+    advance = _step(kernel_handle.advance)
+    advance_raw = _step(kernel_handle.advance_raw)
+    publish = _step(kernel_handle.publish)
+    _contents = _step(kernel_handle.contents)
+    _clock = _step(kernel_handle.clock)
+    _contradicted_axes = _step(kernel_handle.contradicted_axes)
+    _lay = _step(kernel_handle.lay)
+    brief = _step(kernel_handle.brief)
+    hear = _step(kernel_handle.hear)
+    hear_rate = _step(kernel_handle.hear_rate)
+    _last_report = _step(kernel_handle.last_report)
+    _turning = _step(kernel_handle.turning_of)
+    _search = _step(kernel_handle.search)
 
     def __init__(self, settings: Settings, core: Core) -> None:
-        self._params = resident.params_of(settings)
+        self._params = kernel_handle.params_of(settings)
         self._core = core
         self._inside: Any = None
         self._is_in_python = bool(_numba_config.DISABLE_JIT)
@@ -107,14 +107,14 @@ class Holder:
 
     @property
     def turning(self) -> tuple[int, tuple[bool, bool, bool]]:
-        """See :func:`estimator.live.resident.turning_of`."""
+        """See :func:`estimator.live.kernel_handle.turning_of`."""
         if self._inside is None:
             return self._core.turning.used, self._core.turning.stands_in
         return self._turning()
 
     @property
     def contradicted_axes(self) -> tuple[bool, bool, bool]:
-        """See :func:`estimator.live.resident.contradicted_axes`."""
+        """See :func:`estimator.live.kernel_handle.contradicted_axes`."""
         if self._inside is None:  # no sample has come since it was put here
             return False, False, False
         return self._contradicted_axes()
@@ -126,17 +126,17 @@ class Holder:
 
     @property
     def last_report(self) -> tuple[Report, bool]:
-        """See :func:`estimator.live.resident.last_report`."""
+        """See :func:`estimator.live.kernel_handle.last_report`."""
         return self._last_report()
 
     def lay(self, rows: Rows, said: Floats, told: Floats) -> None:
-        """See :func:`estimator.live.resident.lay`; rows of another type or layout are copied."""
+        """See :func:`estimator.live.kernel_handle.lay`; rows of another type or layout are copied."""
         rows = rows_of(*rows)
         require_writable(said, len(rows.times_us))
         self._lay(rows, said, told)
 
     def search(self, report: Report) -> bool:
-        """See :func:`estimator.live.resident.search`."""
+        """See :func:`estimator.live.kernel_handle.search`."""
         return self._search(in_types_of(NO_REPORT, report))
 
     def hear_other(self, report: Any, time_us: int) -> None:
@@ -144,7 +144,7 @@ class Holder:
         kind, source = type(report), source_of(report)
         report = in_types_of(source.blank, report)
         if kind not in self._hearing:
-            kernel = resident.hearing(source.observe)
+            kernel = kernel_handle.hearing(source.observe)
             self._hearing[kind] = self.bind(kernel, source.blank, 0.0)
         self._hearing[kind](report, age_s(report, time_us))
 
@@ -160,14 +160,14 @@ class Holder:
             return partial(direct(kernel, tuple(map(_typeof, (inside, *arguments)))), inside)
         step = _steps.get(kernel)
         if step is None:
-            types = resident.arguments_with(_typeof(inside))[kernel]
+            types = kernel_handle.arguments_with(_typeof(inside))[kernel]
             step = _steps[kernel] = direct(kernel, types)
         return partial(step, inside)
 
     def _put_inside(self) -> Any:
         if self._inside is None:
             arrays = in_arrays(self._core)
-            values = (self._params, arrays, resident.Situation(), *resident.NOTHING_LAID)
-            put = resident.resident if self._is_in_python else _put_form(values)
+            values = (self._params, arrays, kernel_handle.Situation(), *kernel_handle.NOTHING_LAID)
+            put = kernel_handle.kernel_handle if self._is_in_python else _put_form(values)
             self._inside = put(*values)
         return self._inside

@@ -7,9 +7,9 @@ from math import asin, hypot, pi, radians, sqrt
 from typing import Any
 
 from estimator.aiding import AidingParams, AidingState
-from estimator.aiding.surprise import surprised
+from estimator.aiding.consistency import Consistency, doubted
+from estimator.aiding.correction_cusum import surprised
 from estimator.aiding.uncertainty import leaning
-from estimator.aiding.witness import Witness, doubted
 from estimator.compilation.compiled import inlined
 from estimator.conditioning import Conditioned
 from estimator.filter.observation import ReferenceParams
@@ -72,7 +72,7 @@ def conditioned_figures(seen: Conditioned, unshown_iron_rad: float) -> Figures:
 def aided_figures(
     params: AidingParams,
     aided: AidingState,
-    witness: Witness,
+    consistency: Consistency,
     place_gauss: Vec3,
     covariance: Any,
     mounted_rad: float,
@@ -82,7 +82,7 @@ def aided_figures(
     ``mounted_rad`` is how far the compass may be turned in the vehicle.
     """
     sigma = aided.sigma
-    wide = surprised(doubted(sigma, witness), aided.surprise, covariance)
+    wide = surprised(doubted(sigma, consistency), aided.correction_cusum, covariance)
     wide = leaning(params, wide, aided.field, place_gauss, covariance)
     return (
         confidence(sigma.inclination_rad, GRAVITY_HALF_RAD),

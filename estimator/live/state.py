@@ -20,8 +20,8 @@ from estimator.live.core import (
 )
 from estimator.live.holder import Holder
 from estimator.live.iron import BY_TURNS, PROVEN, VOUCHED, unshown_iron
+from estimator.live.kernel_handle import AIDED, CONDITIONED, RAW, Situation, standing_at
 from estimator.live.published import Said
-from estimator.live.resident import AIDED, CONDITIONED, RAW, Situation, standing_at
 from estimator.live.rows import NORTHS
 from estimator.live.settings import Settings, settings_of
 from estimator.live.snapshot import Context, Snapshot

@@ -6,9 +6,9 @@ from estimator.geometry.quaternion import exp, rotate
 from estimator.live.aiding_span import begin_aided, give_up
 from estimator.live.compass_check import check_compass
 from estimator.live.first_sample import first_core
+from estimator.live.kernel_handle import FIRST_HEADING, GAP, LOST, REPORT, SHOWN, SHOWN_LATE, TAKEN
 from estimator.live.refusal import REASONS, refusal, sample_in_floats
 from estimator.live.reports import take_due
-from estimator.live.resident import FIRST_HEADING, GAP, LOST, REPORT, SHOWN, SHOWN_LATE, TAKEN
 from estimator.live.state import State
 from estimator.reasons import Reason
 from estimator.types import ImuSample

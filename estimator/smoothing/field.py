@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.aiding.sources.field import MOST_BENT
+from estimator.aiding.sources.field import MOST_SECOND_DIFFERENCE
 from estimator.arrays import Bools, Floats
 from estimator.conditioning.field.calibration import own_field
 from estimator.conditioning.field.magnetic import FieldReference, has_heading
@@ -74,5 +74,5 @@ def believed(recording: Recording) -> Bools:
     off -= np.median(off)
     usual_s = 1e-6 * float(np.median(np.diff(rows.times_us[at])))
     count = max(1, round(2.0 * BORNE_S / usual_s))
-    counts[at] = np.abs(running_mean(wrap(off), count)) <= MOST_BENT
+    counts[at] = np.abs(running_mean(wrap(off), count)) <= MOST_SECOND_DIFFERENCE
     return counts

@@ -57,8 +57,8 @@ def turn_north(
     known = samples > 0.0
     turning, _ = windows.means(np.sum(path.rate_rad_s**2, axis=1))
     r = np.where(known, noise(params, seen, field.reference) / WINDOW_S, UNSEEN)
-    missed, count = windows.means(path.missed)
-    q = walk(params, turning) + (missed * count)[1:]
+    aliasing, count = windows.means(path.aliasing)
+    q = walk(params, turning) + (aliasing * count)[1:]
     z = np.where(known, -np.arctan2(seen[:, 1], seen[:, 0]), 0.0)
     x, weight, by_scale = solve(z, r, q, turned(windows, path, vertical), HEADING_REACH_RAD)
     leaning = 0.5 * steepness(field.reference) * vertical.variance

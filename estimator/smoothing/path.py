@@ -18,7 +18,7 @@ class Path(NamedTuple):
     time_s: Floats  # (N,)
     q_g_frd: Floats  # (N, 4)
     rate_rad_s: Floats  # (N, 3) less the bias, FRD
-    missed: Floats  # (N,) variance of the turn missed since the sample before, rad^2
+    aliasing: Floats  # (N,) variance of the turn missed since the sample before, rad^2
 
 
 def path_of(recording: Recording) -> Path:
@@ -31,7 +31,7 @@ def path_of(recording: Recording) -> Path:
     mean = np.where(stands_for_step(recording)[:, None], rate, 0.5 * (before + rate))
     mean += dt_s / 12.0 * cross(before, rate)
     time_s = 1e-6 * recording.rows.times_us.astype(np.float64)
-    return Path(time_s, chained(exp(mean * dt_s)), rate, missed_turn(recording))
+    return Path(time_s, chained(exp(mean * dt_s)), rate, aliased_turn(recording))
 
 
 def stands_for_step(recording: Recording) -> Bools:
@@ -40,7 +40,7 @@ def stands_for_step(recording: Recording) -> Bools:
     return np.asarray(averaged | (steps_s(recording.rows) < SLOW_SAMPLE_S))
 
 
-def missed_turn(recording: Recording) -> Floats:
+def aliased_turn(recording: Recording) -> Floats:
     """Variance (N,) of the turn missed at a gyroscope's end since the sample before, rad^2.
 
     See :mod:`estimator.conditioning.vertical.clipping`.

@@ -13,6 +13,7 @@ import typer
 from drivers.logs.time_window import TimeWindow
 from estimator.errors import InputError
 from fuzzbee import outputs
+from fuzzbee.notify import tell
 from fuzzbee.options import (
     PROFILES,
     command,
@@ -27,7 +28,6 @@ from fuzzbee.options import (
     seed_range,
 )
 from fuzzbee.run_options import RETUNE
-from fuzzbee.say import tell
 from fuzzbee.time_window import From, To, time_window
 
 if TYPE_CHECKING:

@@ -22,6 +22,7 @@ from estimator.geometry.metrics import batch_angle_errors
 from estimator.live.rows import NORTHS
 from estimator.profile import Profile
 from fuzzbee.attitudes import PLACE
+from fuzzbee.notify import printable
 from fuzzbee.replays.comparison import compare, has_peer
 from fuzzbee.replays.motion import motion_mask
 from fuzzbee.replays.score import (
@@ -36,7 +37,6 @@ from fuzzbee.replays.score import (
 )
 from fuzzbee.replays.smoothed import recorder, smooth_trace
 from fuzzbee.replays.trace import Replay, VehicleTrace
-from fuzzbee.say import printable
 
 Reading = Callable[[LogFile], AbstractContextManager[object]]
 Export = Callable[[VehicleTrace], None]

@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
 
 from drivers.logs.log_file import LogFile
-from fuzzbee.say import printable
+from fuzzbee.notify import printable
 
 
 @contextmanager

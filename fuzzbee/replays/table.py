@@ -8,11 +8,11 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from fuzzbee.notify import printable
 from fuzzbee.replays.comparison import REFERENCES
 from fuzzbee.replays.log_report import LogReport
 from fuzzbee.replays.score import ConstantTurn
 from fuzzbee.replays.simulation_report import SimulationReport
-from fuzzbee.say import printable
 
 # Fewer headings from magnetic north than this do not change a figure's last digit much.
 LEAST_TOLD_SHARE = 0.01

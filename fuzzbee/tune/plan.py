@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 from estimator.errors import InputError
 from estimator.profile import SHIPPED, Profile, load_profile, merge_profile, profile_to_toml
+from fuzzbee.notify import tell
 from fuzzbee.options import require_extra, seed_range
-from fuzzbee.say import tell
 from fuzzbee.time_window import time_window
 from fuzzbee.tune.read_flight import REFERENCES, read_flight
 from fuzzbee.tune.request import SIMULATION, TuneRequest

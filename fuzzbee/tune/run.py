@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from estimator.profile import Profile, Provenance, profile_to_toml
-from fuzzbee.say import tell
+from fuzzbee.notify import tell
 from fuzzbee.tune.plan import Plan
 from fuzzbee.tune.report import in_words, judge, remarks, report_of
 from fuzzbee.tune.request import TuneRequest
@@ -177,12 +177,12 @@ def _open_view(
 ) -> "SearchView | None":
     if viewer is None:
         return None
-    from fuzzbee.outputs import tell_page
+    from fuzzbee.outputs import notify_page
     from fuzzbee.tune.view import SearchView
 
     view = SearchView(viewer, plan)
     stack.callback(view.stream.close)
-    tell_page(view.stream)
+    notify_page(view.stream)
     return view
 
 

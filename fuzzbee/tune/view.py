@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from fuzzbee.say import say
+from fuzzbee.notify import notify
 from fuzzbee.tune.plan import Plan
 from fuzzbee.viewer.sdk import rr, rrb
 from fuzzbee.viewer.stream import CLOSED, ViewerOptions, ViewerStream
@@ -54,7 +54,7 @@ class SearchView:
     def show(self, search: Search) -> None:
         """Draw the latest cycles, if that is due."""
         if self.stream.take_loss():
-            say(f"viewer {CLOSED}")
+            notify(f"viewer {CLOSED}")
         if not self.stream.is_wanted or search.cycles == self._drawn_cycles:
             return
         now_s = time.monotonic()

@@ -13,7 +13,7 @@ from urllib.parse import parse_qs, urlsplit
 import msgspec
 
 from estimator.errors import InputError
-from fuzzbee.say import say
+from fuzzbee.notify import notify
 from fuzzbee.table_model import TableModel
 from fuzzbee.web.shown import shown
 from service.http_door import Answer, HttpDoor
@@ -153,5 +153,5 @@ def open_page(text: str, title: str, model: TableModel | None = None) -> WebPage
     """
     page = WebPage(parse_address(text), title, model)
     elsewhere = "" if page.address.is_loopback else ", for all who reach this address"
-    say(f"the page is at {page.address.url}{elsewhere}")
+    notify(f"the page is at {page.address.url}{elsewhere}")
     return page

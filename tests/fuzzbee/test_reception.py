@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from rich.console import Console
 
+from fuzzbee.notify import notify, printable
 from fuzzbee.reception import Reception
-from fuzzbee.say import printable, say
 from fuzzbee.terminal import TerminalView
 from fuzzbee.watch import show
 from tests.fuzz.cases import built, fuzzed
@@ -111,7 +111,7 @@ def test_whatever_is_published_neither_ends_watch_nor_reaches_the_terminal(rng):
             for file in (out, err)
         ]
         view = TerminalView(*consoles, "watch", now_s=lambda: 1.0)
-        reception = Reception(view.say)
+        reception = Reception(view.notify)
         with closing(view):
             for key, payload in samples:
                 show(reception.record(key, payload), view)
@@ -147,12 +147,12 @@ def test_the_cases_hold_some_that_are_shown():
 
 def test_lines_for_a_person_are_printable_and_bounded(capsys):
     for text in HOSTILE_TEXTS:
-        say(f"log {text}.tlog")
+        notify(f"log {text}.tlog")
     lines = capsys.readouterr().err.split("\n")
     assert len(lines) == len(HOSTILE_TEXTS) + 1
     assert all(line.isprintable() and len(line) < 1200 for line in lines)
     assert r"log \x1b[2J\x1b]0;owned\x07.tlog" in lines[0]
     view_out = io.StringIO()
     view = TerminalView(Console(file=view_out), Console(file=view_out), "run")
-    view.say("vehicle 1: \x1b[2J[red]STATUSTEXT\nfuzzbee: forged")
+    view.notify("vehicle 1: \x1b[2J[red]STATUSTEXT\nfuzzbee: forged")
     assert view_out.getvalue() == "vehicle 1: \\x1b[2J[red]STATUSTEXT\\nfuzzbee: forged\n"

@@ -38,12 +38,12 @@ from estimator.geometry.quaternion import cross, dot, exp, multiply, norm, rotat
 from estimator.types import ZERO_VEC3, Sample, Vec3
 
 # By this share of it (and angle, rad) a field is bent where nothing else is known about it.
-MOST_BENT = 0.2
+MOST_SECOND_DIFFERENCE = 0.2
 
 with_wait = replacer(FieldState, "wait_s")
 with_look = replacer(FieldState, "look", "samples", "wait_s")
 with_evidence = replacer(FieldState, "evidence")
-with_off = replacer(FieldState, "off_rad", "doubt_s")
+with_off = replacer(FieldState, "off_rad", "inflation_s")
 
 
 @inlined
@@ -93,7 +93,7 @@ def begin_field(
     n = sqrt(h * h + F[2] * F[2])
     if n == 0.0:
         return state
-    along = (MOST_BENT * n) ** 2
+    along = (MOST_SECOND_DIFFERENCE * n) ** 2
     known = north.is_known
     c, s = north.direction
     across = (LEAST_OFF_RAD * h) ** 2 if known else along
@@ -124,7 +124,7 @@ def begin_field(
     x[EARTH + 1] = h * s - before[1]
     x[EARTH + 2] = F[2] - before[2]
     state = with_evidence(with_look(state, FieldLook(h, F[2], confidence=1.0), 1.0, 0.0), 0.0)
-    return with_off(state, 0.0, state.doubt_s)
+    return with_off(state, 0.0, state.inflation_s)
 
 
 @inlined
@@ -349,9 +349,9 @@ def unexplained(params: AidingParams, off_rad: float, expected: float) -> float:
 @inlined
 def update_off(field: FieldState, off: float, far: bool, wait: float) -> FieldState:
     """Low-pass ``off`` (rad) with ``BORNE_S``: noise averages out, a wrong field does not."""
-    clipped = max(-MOST_BENT, min(MOST_BENT, off))
+    clipped = max(-MOST_SECOND_DIFFERENCE, min(MOST_SECOND_DIFFERENCE, off))
     off_rad = field.off_rad + wait / (wait + BORNE_S) * (clipped - field.off_rad)
-    doubt_s = max(0.0, field.doubt_s - wait)
+    inflation_s = max(0.0, field.inflation_s - wait)
     if far:  # one that does not look as usual says nothing about the attitude
-        doubt_s = field.doubt_s + wait * field.look.confidence
-    return with_off(field, off_rad, doubt_s)
+        inflation_s = field.inflation_s + wait * field.look.confidence
+    return with_off(field, off_rad, inflation_s)

@@ -60,7 +60,7 @@ class Reporter(NamedTuple):
     is_alone: bool  # no report of the other source has come lately
 
 
-with_doubt = replacer(Scatter, "innovation", "reports")
+with_inflation = replacer(Scatter, "innovation", "reports")
 
 
 def refusal_of_velocity(report: VelocitySample) -> Reason | None:
@@ -91,8 +91,8 @@ def wait_longer(agreement: Agreement, dt: float) -> Agreement:
     """
     scatter = agreement.scatter
     if dt > SPAN_S:
-        scatter = with_doubt(scatter, 1.0, min(scatter.reports, 1.0))
-    return Agreement(scatter, agreement.wait_s + dt, agreement.doubt_s)
+        scatter = with_inflation(scatter, 1.0, min(scatter.reports, 1.0))
+    return Agreement(scatter, agreement.wait_s + dt, agreement.inflation_s)
 
 
 @inlined
@@ -158,7 +158,7 @@ def observe_velocity(
     gained, a = past.gained_m_s, past.acceleration_m_s2
     pushed = subtract(gained, scale(reporter.age_s, GRAVITY_NED))
     behind = min(1.0, report.ago_s / dt)
-    missed = scale(params.integration_noise * dt * behind, newest_bend(now.velocity_history))
+    aliasing = scale(params.integration_noise * dt * behind, newest_bend(now.velocity_history))
     sigma = params.receiver_noise_m_s if reporter.is_receiver else params.filter_noise_m_s
     sigma *= max(1.0, report.sigma_m_s / params.report_sigma_m_s)
     least = LEAST_RECEIVER_SCALE if reporter.is_receiver else 1.0
@@ -178,7 +178,7 @@ def observe_velocity(
         h[reporter.lag_at] = -a[i]
         then = now.estimate.velocity_ned_m_s[i] - gained[i]
         off = report.velocity_ned_m_s[i] - reporter.error_m_s[i] - then
-        noise = noise_scale * sigma * sigma + missed[i] * missed[i]
+        noise = noise_scale * sigma * sigma + aliasing[i] * aliasing[i]
         left = residual(x, h, off)
         # rounding may take an attitude as good as unknown below nothing
         unit = left / sqrt(max(expected_variance(P, h, noise), noise))
@@ -195,9 +195,9 @@ def observe_velocity(
             P[loose_at + i, loose_at + i] += left * left
             far = True
         learn(P, x, h, off, noise)
-    doubt_s = agreement.doubt_s + wait if far else max(0.0, agreement.doubt_s - wait)
+    inflation_s = agreement.inflation_s + wait if far else max(0.0, agreement.inflation_s - wait)
     latest = (units[0], units[1], units[2])
-    return Agreement(Scatter(noise_scale, innovation, reports, latest, together), 0.0, doubt_s)
+    return Agreement(Scatter(noise_scale, innovation, reports, latest, together), 0.0, inflation_s)
 
 
 @inlined
@@ -211,11 +211,11 @@ def is_credible(state: AidingState) -> bool:
         return False
     wait_s = min(by_filter.wait_s, by_receiver.wait_s)
     if max(by_filter.wait_s, by_receiver.wait_s) < SPAN_S:
-        doubt_s = min(by_filter.doubt_s, by_receiver.doubt_s)  # one is enough
+        inflation_s = min(by_filter.inflation_s, by_receiver.inflation_s)  # one is enough
     elif by_filter.wait_s < by_receiver.wait_s:
-        doubt_s = by_filter.doubt_s
+        inflation_s = by_filter.inflation_s
     else:
-        doubt_s = by_receiver.doubt_s
-    if state.field.doubt_s > BORNE_S or state.wheels.contradict:
+        inflation_s = by_receiver.inflation_s
+    if state.field.inflation_s > BORNE_S or state.wheels.contradict:
         return False
-    return wait_s <= LONG_S and doubt_s <= DOUBTED_S
+    return wait_s <= LONG_S and inflation_s <= DOUBTED_S

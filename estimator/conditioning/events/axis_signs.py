@@ -64,7 +64,7 @@ def carry_axes(state: AxisSigns, vertical: VerticalStep, dt_s: float) -> AxisSig
     q = vertical.state.gravity.q_g_frd
     turn_g = scale(dt_s, to_frame(axes_of(q), vertical.rate))
     turned = scale(keep, add(state.turned, turn_g))
-    unseen = keep * keep * state.unseen + vertical.missed
+    unseen = keep * keep * state.unseen + vertical.aliasing
     squares = scale(LATELY_S / (LATELY_S + dt_s), state.squares)
     return with_motion(state, turned, unseen, squares, min(state.since_s + dt_s, LATELY_S))
 
@@ -76,12 +76,12 @@ def watch_axes(
     jump: JumpSigns,
     learnt: Calibration,
     usual_norm: float,
-    wander: float,
+    force_scatter: float,
     dt_s: float,
 ) -> AxisSigns:
     """Hold the field against its mean, ``dt_s`` after the field before.
 
-    ``usual_norm`` is that of the place's field, ``wander`` as in
+    ``usual_norm`` is that of the place's field, ``force_scatter`` as in
     :class:`~estimator.conditioning.events.gravity_signs.GravitySigns`.
     """
     if usual_norm <= 0.0 or square(jump.quick) <= 0.0:
@@ -104,9 +104,9 @@ def watch_axes(
     lag = subtract(x, state.turning)
     moved = moved_beyond_bias(state, vertical, axes, y)
     cases = (
-        suspect(state, vertical, learnt, (1.0, 0.0, 0.0), y, moved, lag, noise, wander),
-        suspect(state, vertical, learnt, (0.0, 1.0, 0.0), y, moved, lag, noise, wander),
-        suspect(state, vertical, learnt, (0.0, 0.0, 1.0), y, moved, lag, noise, wander),
+        suspect(state, vertical, learnt, (1.0, 0.0, 0.0), y, moved, lag, noise, force_scatter),
+        suspect(state, vertical, learnt, (0.0, 1.0, 0.0), y, moved, lag, noise, force_scatter),
+        suspect(state, vertical, learnt, (0.0, 0.0, 1.0), y, moved, lag, noise, force_scatter),
     )
     return judge(state, cases, dt_s)
 
@@ -134,7 +134,7 @@ def suspect(
     moved: Vec3,
     lag: Vec3,
     noise: float,
-    wander: float,
+    force_scatter: float,
 ) -> Suspect:
     """The case against one ``axis`` of the body; y is the field's direction in G, ``moved`` so far.
 
@@ -162,7 +162,7 @@ def suspect(
     turn = dot(moved, d) / shown
     rate_rad_s, ratio = turn / span_s, turn * turn / variance
     later = dot(subtract(state.slow, state.slower), d) / shown
-    by_force = force_evidence(vertical.state.gravity, a, later, wander)
+    by_force = force_evidence(vertical.state.gravity, a, later, force_scatter)
     return Suspect(
         rate_rad_s=rate_rad_s,
         evidence=ratio + by_force,
@@ -173,11 +173,11 @@ def suspect(
 
 
 @inlined
-def force_evidence(gravity: GravityState, a: Vec3, turn: float, wander: float) -> float:
+def force_evidence(gravity: GravityState, a: Vec3, turn: float, force_scatter: float) -> float:
     """How much better the force fits if gravity turns about a (G) as the field; below 0: worse.
 
     ``turn`` (rad) is that by which the field's quicker mean is ahead of its slower one. Those of
-    the force lie as far apart; how far they usually do is ``wander`` (rad^2).
+    the force lie as far apart; how far they usually do is ``force_scatter`` (rad^2).
     """
     force = gravity.force
     if square(force.quick) <= 0.0 or square(force.down.value) <= 0.0:
@@ -185,7 +185,7 @@ def force_evidence(gravity: GravityState, a: Vec3, turn: float, wander: float) -
     down = unit(force.down.value)
     d = cross(a, down)
     ahead = dot(subtract(unit(force.quick), down), d)
-    return turn * (2.0 * ahead - turn * square(d)) / (wander + LEAST_OFF_RAD**2)
+    return turn * (2.0 * ahead - turn * square(d)) / (force_scatter + LEAST_OFF_RAD**2)
 
 
 @inlined

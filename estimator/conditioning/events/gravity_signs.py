@@ -18,7 +18,7 @@ class GravitySigns(NamedTuple):
     """What the specific force says about an unsensed turn about a level axis."""
 
     off_s: float = 0.0  # for how long gravity has pulled elsewhere
-    wander: float = PRIOR_VARIANCE  # mean square angle between quick and slow gravity, rad^2
+    force_scatter: float = PRIOR_VARIANCE  # mean square angle between quick and slow gravity, rad^2
     apart: float = 0.0  # mean square angle between published gravity and its long mean, rad^2
     uneven: float = 0.0  # mean square of how far the size of gravity is off, as a share
 
@@ -32,7 +32,7 @@ def watch_gravity(
     state: GravitySigns,
     gravity: GravityState,
     dt_s: float,
-    doubt: float,
+    inflation: float,
     weighed: float,
 ) -> GravitySigns:
     """Look for gravity that keeps pulling elsewhere than the low-passed one in G.
@@ -46,13 +46,13 @@ def watch_gravity(
     falls = square(quick) <= (1.0 - MOST_DEVIATION) ** 2 * square(f)
     off = 0.0 if falls else angle_between_vectors(quick, f)
     elsewhere = weighed == 0.0 and off > params.turn_moving_rad
-    a = dt_s / (LATELY_S + dt_s) if doubt == 0.0 else 0.0
+    a = dt_s / (LATELY_S + dt_s) if inflation == 0.0 else 0.0
     lag = angle_between_vectors(gravity.force.best.value, gravity.force.long)
     size = norm(f) / STANDARD_GRAVITY_M_S2 - 1.0
     b = dt_s / (min(LATELY_S, gravity.force.age_s) + dt_s)
     return GravitySigns(
         off_s=duration_s(elsewhere, state.off_s, dt_s),
-        wander=state.wander + a * (off * off - state.wander),
+        force_scatter=state.force_scatter + a * (off * off - state.force_scatter),
         apart=state.apart + b * (lag * lag - state.apart),
         uneven=state.uneven + b * (size * size - state.uneven),
     )

@@ -6,9 +6,9 @@ from typing import NamedTuple
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.events.axis_signs import carry_axes, watch_axes
-from estimator.conditioning.events.doubt import HeadingDoubt, raise_doubt, release_doubt
 from estimator.conditioning.events.gravity_signs import watch_gravity
 from estimator.conditioning.events.heading_signs import likely, watch_heading
+from estimator.conditioning.events.inflation import HeadingInflation, raise_doubt, release_inflation
 from estimator.conditioning.events.jump_signs import looks_turned, watch_field
 from estimator.conditioning.events.proof import (
     TurnProof,
@@ -22,7 +22,7 @@ from estimator.conditioning.field.magnetic import has_heading, reference_norm, s
 from estimator.conditioning.field.step import FieldStep, MagnetometerState
 from estimator.conditioning.gather import Gathered
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.vertical.bias import doubt_heading
+from estimator.conditioning.vertical.bias import inflate_heading
 from estimator.conditioning.vertical.gravity import restart_gravity
 from estimator.conditioning.vertical.step import VerticalState, VerticalStep
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD, weighing, with_variance
@@ -35,7 +35,7 @@ class EventsState(NamedTuple):
     """What speaks for an unsensed turn, and what is in doubt after one."""
 
     signs: TurnSigns = TurnSigns()
-    doubt: HeadingDoubt = HeadingDoubt()
+    inflation: HeadingInflation = HeadingInflation()
 
 
 class EventsStep(NamedTuple):
@@ -48,7 +48,7 @@ class EventsStep(NamedTuple):
 
 with_turn = replacer(VerticalState, "estimate", "gravity", "tilt")
 with_estimate = replacer(VerticalState, "estimate")
-with_doubt = replacer(VerticalState, "estimate", "doubt")
+with_inflation = replacer(VerticalState, "estimate", "inflation")
 with_calibration = replacer(MagnetometerState, "calibration")
 
 
@@ -66,15 +66,15 @@ def follow_signs(
     axes = carry_axes(before.axes, vertical, mean.time_s)
     if field.seen:
         turning = dot(vertical.rate, vertical.rate)
-        jump = watch_field(jump, mean.field_g, turning, vertical.missed, since_s)
+        jump = watch_field(jump, mean.field_g, turning, vertical.aliasing, since_s)
         learnt, usual_norm = field.state.calibration.learnt, reference_norm(magnetic)
-        wander = before.gravity.wander
-        axes = watch_axes(axes, vertical, jump, learnt, usual_norm, wander, since_s)
+        force_scatter = before.gravity.force_scatter
+        axes = watch_axes(axes, vertical, jump, learnt, usual_norm, force_scatter, since_s)
     if field.seen and has_heading(magnetic):
         heading = watch_heading(params, heading, now.estimate, magnetic, field.horizontal, since_s)
     dt = mean.time_s
     weighed = weighing(params, dt)
-    gravity = watch_gravity(params, before.gravity, now.gravity, dt, now.doubt, weighed)
+    gravity = watch_gravity(params, before.gravity, now.gravity, dt, now.inflation, weighed)
     return TurnSigns(heading, gravity, jump, axes)
 
 
@@ -88,9 +88,9 @@ def react(proof: TurnProof, before: VerticalState, horizontal: Vec2) -> Vertical
     if proof.gravity:
         gravity = restart_gravity(gravity)
         tilt = with_variance(tilt, ANY_DIRECTION_VARIANCE)
-        estimate = doubt_heading(estimate, HALF_TURN_VARIANCE)
+        estimate = inflate_heading(estimate, HALF_TURN_VARIANCE)
     elif proof.heading:
-        estimate = doubt_heading(estimate, atan2(horizontal[1], horizontal[0]) ** 2)
+        estimate = inflate_heading(estimate, atan2(horizontal[1], horizontal[0]) ** 2)
     return with_turn(before, estimate, gravity, tilt)
 
 
@@ -105,20 +105,20 @@ def learn_events(
     """Look for a turn that the gyroscope has not shown, and undo what it has spoilt."""
     magnetic, calibration = field.state.magnetic, field.state.calibration
     signs = follow_signs(params, before.signs, mean, vertical, field)
-    doubt, was_doubted, released = before.doubt, before.doubt.variance > 0.0, False
+    inflation, was_doubted, released = before.inflation, before.inflation.variance > 0.0, False
     proof, seen_rad = proof_of(params, signs, calibration.learnt, reference_norm(magnetic))
     now = react(proof, with_estimate(vertical.state, field.estimate), field.horizontal)
-    heading_rad, estimate, tilt = now.estimate.heading_rad, now.estimate, now.doubt
+    heading_rad, estimate, tilt = now.estimate.heading_rad, now.estimate, now.inflation
     if proof.jump > 0.0:
-        doubt = raise_doubt(doubt, signs, proof.jump, steepness(magnetic.reference))
+        inflation = raise_doubt(inflation, signs, proof.jump, steepness(magnetic.reference))
         # beside a magnet a turn is the less likely
         tilt += proof.jump * likely(signs.heading.mean_confidence)
         tilt = min(tilt, HALF_TURN_VARIANCE)
-    if field.seen and (doubt.variance > 0.0 or tilt > 0.0):
-        doubt, tilt, estimate, released = release_doubt(
-            params, doubt, tilt, estimate, magnetic, signs.jump, field.horizontal, mean.time_s
+    if field.seen and (inflation.variance > 0.0 or tilt > 0.0):
+        inflation, tilt, estimate, released = release_inflation(
+            params, inflation, tilt, estimate, magnetic, signs.jump, field.horizontal, mean.time_s
         )
-    if was_doubted and doubt.variance == 0.0 and not released:
+    if was_doubted and inflation.variance == 0.0 and not released:
         seen_rad = pi  # the rest of that jump is a magnet's, too
     turned = tells_turn(proof) or proof.jump > 0.0
     turned = turned or (field.seen and looks_turned(params, signs.jump))
@@ -126,7 +126,7 @@ def learn_events(
         calibration = restart_means(calibration)
     signs = reset_signs(signs, proof, seen_rad, heading_rad, proof.heading or released)
     return EventsStep(
-        vertical=with_doubt(now, estimate, tilt),
+        vertical=with_inflation(now, estimate, tilt),
         field=with_calibration(field.state, calibration),
-        events=EventsState(signs, doubt),
+        events=EventsState(signs, inflation),
     )

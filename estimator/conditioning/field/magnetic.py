@@ -29,7 +29,7 @@ class FieldLook(NamedTuple):
     confidence: float = 0.0  # 0..1, from norm and dip
 
 
-class FieldRival(NamedTuple):
+class AlternativeField(NamedTuple):
     """A field that is seen in place of the one expected."""
 
     horizontal: float = 0.0  # in the field's own unit
@@ -45,7 +45,7 @@ class FieldReference(NamedTuple):
     samples: float = 0.0  # how many have taught it
     age_s: float = 0.0  # the time that they stand for
     borne_s: float = 0.0  # for how long the field has looked so, less the time it has not
-    other: FieldRival = FieldRival()  # another one that it may have
+    other: AlternativeField = AlternativeField()  # another one that it may have
     is_new: bool = False  # whether this step has taken the other for it
     uneven: float = 0.0  # mean square of how far norm and dip are off, as shares and angles
 
@@ -60,7 +60,7 @@ class MagneticState(NamedTuple):
 
 
 with_confidence = replacer(FieldLook, "confidence")
-with_seen = replacer(FieldRival, "seen_s")
+with_seen = replacer(AlternativeField, "seen_s")
 with_rival = replacer(FieldReference, "horizontal", "down", "borne_s", "other", "is_new")
 with_wait = replacer(MagneticState, "wait_s")
 
@@ -127,8 +127,8 @@ def observe_field(
     samples = before.samples + (2.0 * weight if catches_up else weight)
     h, v = horizontal_down(field_6d)
     if not state.known:
-        rival = FieldRival(h, v, 0.0)
-        reference = FieldReference(h, v, samples, age, dt_s, rival, is_new=False, uneven=0.0)
+        alternative = AlternativeField(h, v, 0.0)
+        reference = FieldReference(h, v, samples, age, dt_s, alternative, is_new=False, uneven=0.0)
         return MagneticState(FieldLook(h, v, 1.0), reference, 0.0, True)
     a = dt_s / (FIELD_S + dt_s)
     expected = (before.horizontal, before.down)
@@ -170,7 +170,7 @@ def unevenness(reference: FieldReference, look: FieldLook, dt_s: float) -> float
 @inlined
 def watch_rival(
     params: ConditioningParams, reference: FieldReference, look: FieldLook, dt_s: float
-) -> tuple[FieldRival, float]:
+) -> tuple[AlternativeField, float]:
     """The other field that is seen, and for how long the expected one has been borne out.
 
     Both times are in s. What one field gains the other loses, so the other has to last for as long
@@ -189,9 +189,9 @@ def watch_rival(
     if is_third and seen_s > dt_s:
         return with_seen(other, seen_s - dt_s), borne_s
     if is_third or seen_s <= 0.0:
-        return FieldRival(look.horizontal, look.down, 0.0), borne_s
+        return AlternativeField(look.horizontal, look.down, 0.0), borne_s
     share = alike * min(1.0, dt_s / (seen_s + dt_s))
-    return FieldRival(
+    return AlternativeField(
         horizontal=other.horizontal + share * (look.horizontal - other.horizontal),
         down=other.down + share * (look.down - other.down),
         seen_s=seen_s,
@@ -202,7 +202,7 @@ def watch_rival(
 def believe_rival(reference: FieldReference) -> FieldReference:
     """The reference once the other field has lasted longer: the two fields change places."""
     other = reference.other
-    given_up = FieldRival(reference.horizontal, reference.down, reference.borne_s)
+    given_up = AlternativeField(reference.horizontal, reference.down, reference.borne_s)
     return with_rival(reference, other.horizontal, other.down, other.seen_s, given_up, True)
 
 

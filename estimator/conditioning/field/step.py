@@ -71,6 +71,6 @@ def learn_field(
         )
     if has_heading(magnetic):
         horizontal = north_east(estimate.heading_rad, field_6d)
-        leaning = 0.5 * (weighing(params, mean.time_s) * now.tilt.variance + now.doubt)
+        leaning = 0.5 * (weighing(params, mean.time_s) * now.tilt.variance + now.inflation)
         estimate = learn_heading(params, estimate, magnetic, horizontal, settled, since_s, leaning)
     return FieldStep(MagnetometerState(calibration, magnetic), estimate, True, horizontal, since_s)

@@ -54,7 +54,7 @@ def first_estimate(
 
 
 @inlined
-def doubt_heading(estimate: Estimate, variance: float) -> Estimate:
+def inflate_heading(estimate: Estimate, variance: float) -> Estimate:
     """Raise the heading's variance (rad^2), so that the next residuals correct it."""
     p = estimate.covariance
     return with_covariance(estimate, (*p[:9], p[9] + variance))
@@ -160,9 +160,9 @@ def lag(
     """
     u, v = axes.north, axes.east
     drift = (dot(u, b), dot(v, b), 0.0)
-    young = age_s <= params.gravity_tau_s
-    if young or slow > 0.0:
-        a = max(k.dt_s / age_s, slow * share) if young else share
+    warm_up = age_s <= params.gravity_tau_s
+    if warm_up or slow > 0.0:
+        a = max(k.dt_s / age_s, slow * share) if warm_up else share
         return Lagged(
             Smooth(approach(state.north.value, u, a), state.north.slope),
             Smooth(approach(state.east.value, v, a), state.east.slope),

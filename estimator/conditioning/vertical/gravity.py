@@ -82,8 +82,8 @@ def observe_gravity(
     if not params.use_gravity_filter:
         down = best = Smooth(u, ZERO_VEC3)
     elif age <= params.gravity_tau_s or before.age_s == 0.0 or slow > 0.0:
-        young = age <= params.gravity_tau_s or before.age_s == 0.0
-        a = max(dt / age, slow * share) if young else share
+        warm_up = age <= params.gravity_tau_s or before.age_s == 0.0
+        a = max(dt / age, slow * share) if warm_up else share
         down = Smooth(approach(before.down.value, u, a), ZERO_VEC3)
         best = Smooth(approach(before.best.value, u, a), ZERO_VEC3)
     else:

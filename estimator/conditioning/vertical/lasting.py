@@ -60,17 +60,17 @@ def watch_lasting(
     quick: Vec3,
     down_g: Vec3,
     long_share: float,
-    missed: float,
+    aliasing: float,
     dt_s: float,
 ) -> Lasting:
     """A step with the force ``u``, of which ``quick`` is the mean over a second (minus it, in G).
 
     ``down_g`` is where the vertical has been before it. The long mean moves by ``long_share`` a
-    step, so of a turn of the variance ``missed`` (rad^2) in each step it lags behind by
+    step, so of a turn of the variance ``aliasing`` (rad^2) in each step it lags behind by
     L <- (1 - share)^2 (L + missed).
     """
     long = approach(state.long, u, long_share)
-    lag = (1.0 - long_share) ** 2 * (state.lag + missed)
+    lag = (1.0 - long_share) ** 2 * (state.lag + aliasing)
     off = MOST_APART_RAD**2
     if square(quick) * square(long) > 0.0:
         off = min(angle_between_vectors(quick, long) ** 2, MOST_APART_RAD**2)

@@ -21,9 +21,9 @@ from estimator.conditioning.vertical.bias import (
 )
 from estimator.conditioning.vertical.clipping import (
     Clipping,
-    missed_turn,
+    aliased_turn,
     watch_clipping,
-    with_missed,
+    with_aliasing,
 )
 from estimator.conditioning.vertical.coefficients import Coefficients, coefficients
 from estimator.conditioning.vertical.gravity import (
@@ -80,7 +80,9 @@ class VerticalState(NamedTuple):
     gravity: GravityState = GravityState()  # frame G, and down in it
     tilt: TiltState = TiltState()  # how well down is known
     lasting: Lasting = Lasting()  # accelerations of a slow stream that last
-    doubt: float = 0.0  # variance that an unsensed turn has given it, until the force tells, rad^2
+    inflation: float = (
+        0.0  # variance that an unsensed turn has given it, until the force tells, rad^2
+    )
     rest: RestState = RestState()  # whether the vehicle rests
     still: Stillness = Stillness()  # whether gravity and field bear that out
     usual: Usual = Usual()  # how a slow stream's vehicle is usually tilted
@@ -93,7 +95,7 @@ class VerticalStep(NamedTuple):
 
     state: VerticalState
     rate: Vec3  # mean, less the bias as it was before, rad/s, FRD
-    missed: float  # variance of the turn that the gyroscope missed, rad^2
+    aliasing: float  # variance of the turn that the gyroscope missed, rad^2
     clipped: float  # part of it that was beyond the gyroscope's end, rad^2
 
 
@@ -101,7 +103,7 @@ class Belief(NamedTuple):
     """How far a step's specific force is believed."""
 
     tilt: TiltState  # after the step
-    doubt: float  # after the step, rad^2
+    inflation: float  # after the step, rad^2
     share: float  # by which the vertical moves towards the force
     weighed: float  # 1 if it moves by that share, 0 if the low-pass says by how much
 
@@ -146,11 +148,11 @@ def learn_vertical(
     before: VerticalState,
     mean: Gathered,
     between: Between,
-    wander: float,
+    force_scatter: float,
 ) -> VerticalStep:
     """Rest, gravity, the heading's prediction and the bias by one step's mean readings.
 
-    ``wander`` (rad^2) is how far the force of a second usually is off the vertical.
+    ``force_scatter`` (rad^2) is how far the force of a second usually is off the vertical.
     """
     dt = mean.time_s
     k = before.coefficients
@@ -166,17 +168,17 @@ def learn_vertical(
     # a slow stream's rates are of whole mrad/s, so that rest teaches no more than motion
     unknown = max((p[0] + p[4] + p[7]) / 3.0, params.bias_motion_sigma_rad_s**2)
     noise = step_noise(params, before.tilt, mean.gyr, rate, down, dt, usual_s, between, unknown)
-    clipped = missed_turn(before.clipping, down)
+    clipped = aliased_turn(before.clipping, down)
     before, most = hold_by_usual(params, before, mean, noise.tilt)
-    belief = weigh_force(params, k, before, mean, noise, clipped[0], wander, most)
+    belief = weigh_force(params, k, before, mean, noise, clipped[0], force_scatter, most)
     share, slow, weighed = belief.share, slowness(params, dt), weighing(params, dt)
     gravity = observe_gravity(params, k, before.gravity, mean.gravity_g, share, belief.weighed)
     gravity = age_after_hole(gravity, share, slow, dt, usual_s)
     gravity, step = level(gravity)
     age_s = gravity.force.age_s
     axes = axes_of(multiply(gravity.q_6d_g, gravity.q_g_frd))
-    twist = slow * noise.twist + clipped[1]
-    estimate = predict(params, k, before.estimate, axes.down, dot(rate, rate), twist)
+    yaw_noise = slow * noise.yaw_noise + clipped[1]
+    estimate = predict(params, k, before.estimate, axes.down, dot(rate, rate), yaw_noise)
     b = estimate.bias_rad_s
     lagged = lag(params, k, before.lagged, axes, b, age_s, share, belief.weighed)
     if belief.weighed == weighed:
@@ -189,12 +191,12 @@ def learn_vertical(
             estimate = learn_in_motion(params, k, estimate, lagged, step, unseen)
     state = VerticalState(
         estimate=estimate,
-        clipping=with_missed(before.clipping, ZERO_VEC3),
+        clipping=with_aliasing(before.clipping, ZERO_VEC3),
         averaging=learn_averaging(params, before, gravity, rest, mean, rate),
         gravity=gravity,
         tilt=belief.tilt,
         lasting=follow_lasting(params, before, gravity, mean.gravity_g, noise.tilt, k),
-        doubt=belief.doubt,
+        inflation=belief.inflation,
         rest=rest,
         still=still,
         usual=before.usual,
@@ -202,7 +204,7 @@ def learn_vertical(
         coefficients=k,
     )
     beyond = clipped[0] + clipped[1]
-    return VerticalStep(state, rate, noise.tilt + noise.twist + beyond, beyond)
+    return VerticalStep(state, rate, noise.tilt + noise.yaw_noise + beyond, beyond)
 
 
 @inlined
@@ -218,11 +220,11 @@ def observe_stillness(
 
 @inlined
 def hold_by_usual(
-    params: ConditioningParams, before: VerticalState, mean: Gathered, missed: float
+    params: ConditioningParams, before: VerticalState, mean: Gathered, aliasing: float
 ) -> tuple[VerticalState, float]:
     """What a slow step has lost of the vertical, taken from the usual one; and its variance now.
 
-    The step has missed a turn of the variance ``missed``, and nothing is known worse than where it
+    The step has missed a turn of the variance ``aliasing``, and nothing is known worse than where it
     usually is, both rad^2.
     """
     dt, usual, gravity = mean.time_s, before.usual, before.gravity
@@ -230,7 +232,7 @@ def hold_by_usual(
     if slow <= 0.0:
         return before, ANY_DIRECTION_VARIANCE
     most = usual_variance(usual, lasting_variance(before.lasting), dt)
-    lost = slow * max(0.0, 1.0 - most / (before.tilt.variance + missed))
+    lost = slow * max(0.0, 1.0 - most / (before.tilt.variance + aliasing))
     if usual.seen_s > 0.0:
         gravity = pull_to(gravity, usual.down, lost)
     return with_usual(before, gravity, watch_usual(usual, mean.acc, lost, dt)), most
@@ -244,7 +246,7 @@ def weigh_force(
     mean: Gathered,
     noise: StepNoise,
     clipped: float,
-    wander: float,
+    force_scatter: float,
     most: float,
 ) -> Belief:
     """How far the step's mean force is believed, against what was known of the vertical.
@@ -255,9 +257,9 @@ def weigh_force(
     """
     dt = mean.time_s
     weighed = weighing(params, dt)
-    doubt = min(before.doubt + clipped, HALF_TURN_VARIANCE)
+    inflation = min(before.inflation + clipped, HALF_TURN_VARIANCE)
     down_g, age_s = before.gravity.force.down.value, before.gravity.force.age_s + dt
-    young = dt / age_s if age_s <= params.gravity_tau_s else 0.0
+    warm_up = dt / age_s if age_s <= params.gravity_tau_s else 0.0
     resting = before.rest.resting
     lasting = 0.0 if resting else weighed * lasting_variance(before.lasting)
     least = 0.0 if resting else least_variance(before.lasting)
@@ -265,16 +267,16 @@ def weigh_force(
     if resting:  # who was shaken is not any more: a reading is off by no more than its own error
         share = before.usual.proofs / (1.0 + before.usual.proofs)
         scatter += share * (min(scatter, 4.0 * LEAST_OFF_RAD**2) - scatter)
-    known = with_known(before.tilt, max(before.tilt.variance, least) + weighed * doubt, scatter)
+    known = with_known(before.tilt, max(before.tilt.variance, least) + weighed * inflation, scatter)
     tilt, share = believe_force(
-        params, known, noise, mean.gyr, down_g, mean.gravity_g, dt, lasting, young, most
+        params, known, noise, mean.gyr, down_g, mean.gravity_g, dt, lasting, warm_up, most
     )
-    doubt *= 1.0 - weighed
-    if doubt > 0.0:
-        doubt, anew = force_after_turn(params, doubt, wander, dt)
-        if anew > max(young, k.gravity_share, weighed * share):
-            return Belief(tilt, doubt, anew, 1.0)
-    return Belief(tilt, doubt, share, weighed)
+    inflation *= 1.0 - weighed
+    if inflation > 0.0:
+        inflation, anew = force_after_turn(params, inflation, force_scatter, dt)
+        if anew > max(warm_up, k.gravity_share, weighed * share):
+            return Belief(tilt, inflation, anew, 1.0)
+    return Belief(tilt, inflation, share, weighed)
 
 
 @inlined
@@ -283,7 +285,7 @@ def follow_lasting(
     before: VerticalState,
     now: GravityState,
     u: Vec3,
-    missed: float,
+    aliasing: float,
     k: Coefficients,
 ) -> Lasting:
     """What betrays accelerations that last after a step; a rest tells nothing of them."""
@@ -291,7 +293,7 @@ def follow_lasting(
         return before.lasting
     f, down_g = now.force, before.gravity.force.down.value
     share = long_share(k, f.age_s)
-    return watch_lasting(before.lasting, u, f.quick, down_g, share, missed, k.dt_s)
+    return watch_lasting(before.lasting, u, f.quick, down_g, share, aliasing, k.dt_s)
 
 
 @inlined

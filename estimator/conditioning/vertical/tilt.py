@@ -20,7 +20,7 @@ from estimator.conditioning.vertical.averaging import MOST_ERROR
 from estimator.conditioning.vertical.lasting import MOST_APART_RAD
 from estimator.conditioning.vertical.rate import is_mean, slow_share
 from estimator.geometry.quaternion import angle_between_vectors, dot, norm, scale, square, subtract
-from estimator.geometry.spread import ANY_DIRECTION_VARIANCE, INDEPENDENT_BENT
+from estimator.geometry.spread import ANY_DIRECTION_VARIANCE, INDEPENDENT_SECOND_DIFFERENCE
 from estimator.types import ZERO_VEC3, Between, Vec2, Vec3
 
 # White noise of a gyroscope and its truncation to mrad/s, rad/s/sqrt(Hz).
@@ -36,9 +36,9 @@ class StepNoise(NamedTuple):
     """Variances (rad^2) of the turn that a step missed, and the changes of rate that tell them."""
 
     tilt: float  # about both horizontal axes together
-    twist: float  # about down
+    yaw_noise: float  # about down
     tilting: float  # what the rate does off its line about horizontal axes, squared, (rad/s)^2
-    twisting: float  # the same about down, (rad/s)^2
+    yaw_noise_share: float  # the same about down, (rad/s)^2
     change: Vec3  # of the rate since the step before, rad/s, FRD
     changed: float  # its square
     drift: float  # covariance of tilt and bias about an axis before the force is read, rad^2/s
@@ -51,13 +51,13 @@ class TiltState(NamedTuple):
     fresh: float = 0.0  # the same if no acceleration lasted, rad^2
     scatter: float = 0.0  # mean square angle of the specific force about it, rad^2
     tilting: float = 0.0  # mean square of what the rate does off its line about horizontal axes
-    twisting: float = 0.0  # the same about down, (rad/s)^2
+    yaw_noise_share: float = 0.0  # the same about down, (rad/s)^2
     gyr: Vec3 = ZERO_VEC3  # mean rate of the last step, rad/s, FRD
     change: Vec3 = ZERO_VEC3  # by which it differed from that of the step before
     changed: float = 0.0  # mean square of that
     force: float = 0.0  # usual size of the specific force, m/s^2
     drift: float = 0.0  # covariance of its error and the gyroscope's bias about an axis, rad^2/s
-    missed: float = 0.0  # variance of the turn about horizontal axes that the last step missed
+    aliasing: float = 0.0  # variance of the turn about horizontal axes that the last step missed
 
 
 with_variance = replacer(TiltState, "variance")
@@ -114,19 +114,25 @@ def step_noise(
         off, factor = between.change_rad_s, dt_s * seen_s / 12.0
     else:
         off = subtract(change, scale(min(1.0, dt_s / max(before_s, TINY)), state.change))
-        bent = max(dot(off, off), (state.tilting + state.twisting) / (1.0 + 2.0 * MOST_ERROR))
-        like = min(1.0, bent / (INDEPENDENT_BENT * max(changed, state.changed) + TINY))
+        second_difference = max(
+            dot(off, off), (state.tilting + state.yaw_noise_share) / (1.0 + 2.0 * MOST_ERROR)
+        )
+        like = min(
+            1.0,
+            second_difference
+            / (INDEPENDENT_SECOND_DIFFERENCE * max(changed, state.changed) + TINY),
+        )
         factor = like * like * dt_s * dt_s / 12.0
     along, all_of_it = dot(off, down) ** 2, dot(off, off)
     tilting = max(0.0, all_of_it - along) + MOST_ERROR * all_of_it
-    twisting = along + MOST_ERROR * all_of_it
+    yaw_noise_share = along + MOST_ERROR * all_of_it
     about_down = dot(rate, down) ** 2
     turning = dot(rate, rate)
     if is_mean(dt_s, params.averaged_samples):
         factor *= MOST_ERROR**2
     turn_factor = dt_s / seen_s * (params.step_turn_noise_1_s * seen_s * seen_s) ** 2
     tilt = factor * max(tilting, state.tilting)
-    twist = factor * max(twisting, state.twisting)
+    yaw_noise = factor * max(yaw_noise_share, state.yaw_noise_share)
     hole = HOLE_RAD_S**2 * max(0.0, dt_s - SPAN_S) ** 2
     drift = state.drift + bias_variance * dt_s
     return StepNoise(
@@ -135,12 +141,12 @@ def step_noise(
         + GYR_NOISE**2 * dt_s
         + 4.0 * drift * dt_s
         + hole,
-        twist=twist
+        yaw_noise=yaw_noise
         + turn_factor * (about_down + MOST_ERROR * turning)
         + GYR_NOISE**2 * dt_s
         + hole,
         tilting=tilting,
-        twisting=twisting,
+        yaw_noise_share=yaw_noise_share,
         change=change,
         changed=changed,
         drift=drift,
@@ -189,13 +195,14 @@ def believe_force(
             fresh=p * brief / (p + brief),
             scatter=state.scatter + a * (max(expected, 4.0 * LEAST_OFF_RAD**2) - state.scatter),
             tilting=state.tilting + c * (noise.tilting - state.tilting),
-            twisting=state.twisting + c * (noise.twisting - state.twisting),
+            yaw_noise_share=state.yaw_noise_share
+            + c * (noise.yaw_noise_share - state.yaw_noise_share),
             gyr=gyr,
             change=noise.change,
             changed=state.changed + c * (noise.changed - state.changed),
             force=usual + b * (size - usual),
             drift=(1.0 - share) * noise.drift,
-            missed=noise.tilt,
+            aliasing=noise.tilt,
         ),
         share,
     )
@@ -218,28 +225,30 @@ def initial_tilt(gyr: Vec3, u: Vec3) -> TiltState:
         fresh=ANY_DIRECTION_VARIANCE,
         scatter=scatter,
         tilting=0.0,
-        twisting=0.0,
+        yaw_noise_share=0.0,
         gyr=gyr,
         change=ZERO_VEC3,
         changed=0.0,
         force=norm(u),
         drift=0.0,
-        missed=0.0,
+        aliasing=0.0,
     )
 
 
 @inlined
-def force_after_turn(params: ConditioningParams, doubt: float, wander: float, dt_s: float) -> Vec2:
+def force_after_turn(
+    params: ConditioningParams, inflation: float, force_scatter: float, dt_s: float
+) -> Vec2:
     """The doubt that a reading of the force leaves, and a Kalman filter's share of that reading.
 
-    ``doubt`` (rad^2) is the variance that an unsensed turn has given the vertical. ``wander`` is
+    ``inflation`` (rad^2) is the variance that an unsensed turn has given the vertical. ``force_scatter`` is
     how far the mean of ``SPAN_S`` usually is off, so a reading's
     noise, were it white, is R = wander 2 tau/dt: it holds for a hand's quick accelerations and
     a vehicle's slow ones alike. K = D/(D + R), D <- (1 - K) D. Once the low-pass is as quick,
     both are zero.
     """
-    noise = (wander + LEAST_OFF_RAD**2) * 2.0 * SPAN_S / dt_s
-    share = doubt / (doubt + noise)
+    noise = (force_scatter + LEAST_OFF_RAD**2) * 2.0 * SPAN_S / dt_s
+    share = inflation / (inflation + noise)
     if share <= dt_s / params.gravity_tau_s:
         return 0.0, 0.0
-    return (1.0 - share) * doubt, share
+    return (1.0 - share) * inflation, share

@@ -148,23 +148,23 @@ def test_prediction(seed, error_m_s, seen):
     assert now.force_ned_m_s2 == pytest.approx(felt)
 
     p, seen_s = PARAMS, 0.01 if seen else dt
-    bent = dt * (-(dt / 0.05) * (gyr - earlier))
-    missed_turn = R @ (sqrt(dt * seen_s) * change if seen else bent)
+    second_difference = dt * (-(dt / 0.05) * (gyr - earlier))
+    aliased_turn = R @ (sqrt(dt * seen_s) * change if seen else second_difference)
     new_history_ = np.vstack(
         [[velocity_history[0, 0] + dt, *np.zeros(3), *(felt + G_NED)], velocity_history[:2]]
     )
-    missed_push = dt * newest_bend(new_history_)
+    aliased_push = dt * newest_bend(new_history_)
     Q = np.zeros((SIZE, SIZE))
     d = np.einsum("ii->i", Q)
     d[three(TURN)] = (p.gyr_slow_noise_1_s * seen_s) ** 2 * (w @ w) * dt
-    d[three(TURN)] += (p.integration_noise * missed_turn) ** 2
-    d[three(VELOCITY)] = p.acc_noise**2 * dt + (p.integration_noise * missed_push) ** 2
+    d[three(TURN)] += (p.integration_noise * aliased_turn) ** 2
+    d[three(VELOCITY)] = p.acc_noise**2 * dt + (p.integration_noise * aliased_push) ** 2
     d[three(GYR_BIAS)] = p.gyr_bias_sigma**2 * dt / 2500.0
     d[three(ACC_BIAS)] = p.acc_bias_sigma**2 * dt / 2500.0
     iron = p.hard_iron_sigma_gauss**2
     d[three(HARD_IRON)] = np.where(np.diag(P)[three(HARD_IRON)] < iron, iron * dt / 2500.0, 0.0)
-    off = missed_push / dt
-    knock = max(0.0, 1.0 - 16.0 * 5.0 / (off @ off)) * missed_push**2  # usual: 5 (m/s^2)^2
+    off = aliased_push / dt
+    knock = max(0.0, 1.0 - 16.0 * 5.0 / (off @ off)) * aliased_push**2  # usual: 5 (m/s^2)^2
     E = np.array(before.earth_gauss)
     H = E[:2] @ E[:2]
     Q[EARTH : EARTH + 2, EARTH : EARTH + 2] = (
@@ -252,7 +252,7 @@ def test_velocity(seed, is_receiver, off_m_s, is_alone, dt):
     p = PARAMS
     sigma = p.receiver_noise_m_s if is_receiver else p.filter_noise_m_s
     sigma *= max(1.0, 0.5 / p.report_sigma_m_s)
-    missed = p.integration_noise * dt * min(1.0, 0.07 / dt) * newest_bend(velocity_history)
+    aliasing = p.integration_noise * dt * min(1.0, 0.07 / dt) * newest_bend(velocity_history)
     dense = Dense(P.copy(), x0.copy())
     noise_scale, innovation, reports, last, together = before.scatter
     units = []
@@ -264,7 +264,7 @@ def test_velocity(seed, is_receiver, off_m_s, is_alone, dt):
             times, accelerations, age, v, slow, i, error_at, lag_at, knows_lag=dt < LONGEST_STEP_S
         )
         innovation_m_s = report.velocity_ned_m_s[i] - said
-        noise = noise_scale * sigma**2 + missed[i] ** 2
+        noise = noise_scale * sigma**2 + aliasing[i] ** 2
         left = innovation_m_s - h @ dense.x
         square = left**2 / (h @ dense.P @ h + noise)
         reports += 1.0
@@ -285,7 +285,7 @@ def test_velocity(seed, is_receiver, off_m_s, is_alone, dt):
     assert untouched == other
     assert mine.scatter[:3] == pytest.approx((noise_scale, innovation, reports), rel=1e-6)
     assert (*mine.scatter.before, mine.scatter.together) == pytest.approx((*units, together))
-    assert (mine.wait_s, mine.doubt_s) == (0.0, pytest.approx(0.3 if far else 0.0))
+    assert (mine.wait_s, mine.inflation_s) == (0.0, pytest.approx(0.3 if far else 0.0))
     assert far == (off_m_s > 1.0)
 
 
@@ -355,8 +355,8 @@ def test_field(seed, is_known, unfelt_rad, off_rad):
     np.testing.assert_allclose(x, dense.x, rtol=1e-8, atol=1e-12)
     np.testing.assert_allclose(now.covariance, dense.P, rtol=1e-7, atol=1e-12)
     is_far = abs(angle) > UNKNOWN_RAD + 2.0 * sqrt(heading)
-    doubt_s = 0.4 + dt * after.look.confidence if is_far else 0.4 - dt
-    assert after.doubt_s == pytest.approx(doubt_s)
+    inflation_s = 0.4 + dt * after.look.confidence if is_far else 0.4 - dt
+    assert after.inflation_s == pytest.approx(inflation_s)
     slow = off_rad + dt / (dt + 4.0) * (max(-0.2, min(0.2, off)) - off_rad)
     assert after.off_rad == pytest.approx(slow)
 

@@ -8,7 +8,7 @@ import pytest
 from estimator.aiding import AidingParams, blank_aiding
 from estimator.aiding.beginning import loosen
 from estimator.aiding.phase import Phase
-from estimator.aiding.types import GYR_BIAS, SIZE, TURN, Agreements, Lean, Sigmas
+from estimator.aiding.types import GYR_BIAS, SIZE, TURN, AccelerationTilt, Agreements, Sigmas
 from estimator.conditioning.robust import FAR
 from estimator.geometry.metrics import angle_errors
 from estimator.geometry.quaternion import (
@@ -32,9 +32,9 @@ def test_a_doubted_attitude_is_four_times_as_uncertain_and_its_doubts_begin_anew
     state, P, _ = blank_aiding(AidingParams())
     root = 0.01 * np.random.default_rng(1).standard_normal((SIZE, SIZE))
     P = root @ root.T
-    late = Agreements(*(each._replace(doubt_s=2.0) for each in state.agreement))
+    late = Agreements(*(each._replace(inflation_s=2.0) for each in state.agreement))
     state = state._replace(
-        agreement=late, field=state.field._replace(doubt_s=5.0), sigma=Sigmas(0.01, 0.02)
+        agreement=late, field=state.field._replace(inflation_s=5.0), sigma=Sigmas(0.01, 0.02)
     )
     after, loose = loosen(state, P)
     turn, other = slice(TURN, TURN + 3), slice(GYR_BIAS, SIZE)
@@ -43,8 +43,8 @@ def test_a_doubted_attitude_is_four_times_as_uncertain_and_its_doubts_begin_anew
     np.testing.assert_array_equal(loose[other, other], P[other, other])
     np.testing.assert_array_equal(loose, loose.T)
     assert after.sigma == pytest.approx((0.04, 0.08))
-    assert [each.doubt_s for each in after.agreement] == [0.0, 0.0]
-    assert after.field.doubt_s == 0.0
+    assert [each.inflation_s for each in after.agreement] == [0.0, 0.0]
+    assert after.field.inflation_s == 0.0
 
 
 def test_no_attitude_is_loosened_beyond_half_a_turn():
@@ -62,11 +62,11 @@ def test_the_better_known_is_the_one_with_the_smaller_angle_in_all():
 
 
 LEVEL = exp((0.2, -0.1, 1.0))
-FELT_AS_REPORTED = Lean((2.0, 0.0, 0.0), ZERO_VEC3, (5.0, 0.0, 0.0))
-UNHEARD = Lean(ZERO_VEC3, ZERO_VEC3, (5.0, 0.0, 0.0))
+FELT_AS_REPORTED = AccelerationTilt((2.0, 0.0, 0.0), ZERO_VEC3, (5.0, 0.0, 0.0))
+UNHEARD = AccelerationTilt(ZERO_VEC3, ZERO_VEC3, (5.0, 0.0, 0.0))
 
 
-def lost(heading_deg, lean=UNHEARD, off_deg=60.0):
+def lost(heading_deg, acceleration_tilt=UNHEARD, off_deg=60.0):
     """A state whose aided vertical is far off at a sigma of 50 deg; the unaided one knows it to 6.
 
     The unaided stage has no heading. Nothing that was measured contradicts the aided attitude.
@@ -77,7 +77,7 @@ def lost(heading_deg, lean=UNHEARD, off_deg=60.0):
     aided = aided._replace(
         estimate=aided.estimate._replace(q_ned_frd=q),
         sigma=Sigmas(radians(50.0), radians(heading_deg)),
-        lean=lean,
+        acceleration_tilt=acceleration_tilt,
     )
     state.set_core(
         state.core.core._replace(
@@ -133,7 +133,7 @@ def test_a_heading_as_good_as_none_goes_with_the_vertical(heading_deg, off_deg):
 
 def test_an_attitude_that_nothing_contradicts_is_not_loosened():
     """It explains the reports' acceleration; loosened again and again its heading would be lost."""
-    state = lost(heading_deg=10.0, lean=FELT_AS_REPORTED)
+    state = lost(heading_deg=10.0, acceleration_tilt=FELT_AS_REPORTED)
     before = state.core.core
     for _ in range(3):
         give_up(state)
@@ -144,7 +144,7 @@ def test_one_that_is_contradicted_is():
     """Both sources have been far off for 2 s; by the unaided stage nothing is known."""
     state = lost(heading_deg=10.0)
     core = state.core.core
-    late = Agreements(*(each._replace(doubt_s=2.0) for each in core.aided.agreement))
+    late = Agreements(*(each._replace(inflation_s=2.0) for each in core.aided.agreement))
     aided = core.aided._replace(agreement=late)
     state.set_core(core._replace(aided=aided, seen=core.seen._replace(sigma_inclination_rad=pi)))
     give_up(state)

@@ -287,9 +287,11 @@ def test_a_field_begun_anew_hangs_together_with_all_that_is_known_of_the_iron(is
     noise = P[EARTH : EARTH + 3, EARTH : EARTH + 3]
     both = error @ to_compass.T @ turned.T - error[:, HARD_IRON : HARD_IRON + 3] @ A.T
     noise = noise - both
-    bent, declination = 0.2 * np.linalg.norm(seen), 0.009 * 0.2
+    second_difference, declination = 0.2 * np.linalg.norm(seen), 0.009 * 0.2
     sigmas = np.sqrt(np.linalg.eigvalsh(noise))
-    assert sigmas == pytest.approx((declination if is_known else bent, bent, bent))
+    assert sigmas == pytest.approx(
+        (declination if is_known else second_difference, second_difference, second_difference)
+    )
 
 
 @pytest.mark.parametrize(

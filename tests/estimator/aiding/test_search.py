@@ -94,8 +94,10 @@ def test_two_windows_are_enough_and_one_is_not():
     assert degrees(answer.sigma_heading_rad) == pytest.approx(3.77, rel=0.2)
 
 
-@pytest.mark.parametrize(("missed", "off_deg", "sigma_deg"), [(4.0, 5.26, 11.8), (0.0, 40.0, 16.2)])
-def test_what_was_seen_before_a_missed_turn_counts_less(missed, off_deg, sigma_deg):
+@pytest.mark.parametrize(
+    ("aliasing", "off_deg", "sigma_deg"), [(4.0, 5.26, 11.8), (0.0, 40.0, 16.2)]
+)
+def test_what_was_seen_before_a_missed_turn_counts_less(aliasing, off_deg, sigma_deg):
     """G turns by a radian at 20 s; 8 s later the search knows it, if it is told what was missed.
 
     It is not exact: in one window G has turned.
@@ -108,7 +110,7 @@ def test_what_was_seen_before_a_missed_turn_counts_less(missed, off_deg, sigma_d
         push = 4.0 * np.array((np.sin(2.5 * k * DT), np.cos(1.7 * k * DT), 0.0))
         velocity = velocity + push * DT
         acc = tuple(g.inv().apply(push - GRAVITY).tolist())
-        search = add_sample(search, IDENTITY, acc, DT, missed if k == turns else 0.0)
+        search = add_sample(search, IDENTITY, acc, DT, aliasing if k == turns else 0.0)
         search, _ = add_report(search, report(velocity), IDENTITY, DOWN)
     answer = solve(search, BIAS_SIGMA_RAD_S)
     x, y, z, w = g.as_quat()

@@ -6,10 +6,15 @@ import numpy as np
 import pytest
 
 from estimator.aiding import blank_aiding
+from estimator.aiding.acceleration_tilt import (
+    acceleration_tilt_angle,
+    bears_out,
+    hear_report,
+    watch_acceleration_tilt,
+)
 from estimator.aiding.inertial import Prediction
-from estimator.aiding.lean import bears_out, hear_report, lean_angle, watch_lean
 from estimator.aiding.sources.unaided import observe_unaided
-from estimator.aiding.types import SIZE, TURN, VELOCITY, AidingParams, Lean, Roughness
+from estimator.aiding.types import SIZE, TURN, VELOCITY, AccelerationTilt, AidingParams, Roughness
 from estimator.aiding.unseen import add_hole, add_unseen_turn, watch_roughness, watch_turning
 from estimator.geometry.quaternion import exp, rotate
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Between, Quaternion, Sample, Vec3
@@ -52,10 +57,10 @@ def unseen_turn_deg(readings: list[float], dt_s: float = 0.4) -> float:
     rough = Roughness(0.0, 0.0, 0.0)
     P = np.zeros((SIZE, SIZE))
     for first, second, third in zip(readings, readings[1:], readings[2:], strict=False):
-        bent = ((third - second) - (second - first), 0.0, 0.0)
+        second_difference = ((third - second) - (second - first), 0.0, 0.0)
         P[:] = 0.0
-        add_unseen_turn(AidingParams(), P, rough, bent, dt_s, dt_s)
-        rough = watch_roughness(rough, bent, (third - second, 0.0, 0.0), dt_s)
+        add_unseen_turn(AidingParams(), P, rough, second_difference, dt_s, dt_s)
+        rough = watch_roughness(rough, second_difference, (third - second, 0.0, 0.0), dt_s)
     return degrees(np.sqrt(P[TURN, TURN] + P[TURN + 1, TURN + 1] + P[TURN + 2, TURN + 2]))
 
 
@@ -86,11 +91,13 @@ def test_a_hole_may_hide_any_turn():
 
 def lean_deg(acceleration: float, reported: float, *, is_silent: bool = False) -> float:
     """Of a vehicle that has felt the one and reported the other for 10 s, m/s^2 to the north."""
-    lean = Lean(ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
+    acceleration_tilt = AccelerationTilt(ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
     for k in range(40):
-        lean = watch_lean(lean, (acceleration, 0.0, -STANDARD_GRAVITY_M_S2), 0.25)
-        lean = hear_report(lean, (reported * 0.25 * k, 0.0, 0.0))
-    return degrees(lean_angle(lean, is_silent, 0.0))
+        acceleration_tilt = watch_acceleration_tilt(
+            acceleration_tilt, (acceleration, 0.0, -STANDARD_GRAVITY_M_S2), 0.25
+        )
+        acceleration_tilt = hear_report(acceleration_tilt, (reported * 0.25 * k, 0.0, 0.0))
+    return degrees(acceleration_tilt_angle(acceleration_tilt, is_silent, 0.0))
 
 
 def test_only_an_acceleration_that_both_witnesses_show_deceives_the_unaided_vertical():
@@ -102,11 +109,13 @@ def test_only_an_acceleration_that_both_witnesses_show_deceives_the_unaided_vert
 
 def borne_out(felt: float, reported: float) -> bool:
     """Of a vehicle that has felt the one and reported the other for 10 s, m/s^2 to the north."""
-    lean = Lean(ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
+    acceleration_tilt = AccelerationTilt(ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
     for k in range(40):
-        lean = watch_lean(lean, (felt, 0.0, -STANDARD_GRAVITY_M_S2), 0.25)
-        lean = hear_report(lean, (reported * 0.25 * k, 0.0, 0.0))
-    return bears_out(lean)
+        acceleration_tilt = watch_acceleration_tilt(
+            acceleration_tilt, (felt, 0.0, -STANDARD_GRAVITY_M_S2), 0.25
+        )
+        acceleration_tilt = hear_report(acceleration_tilt, (reported * 0.25 * k, 0.0, 0.0))
+    return bears_out(acceleration_tilt)
 
 
 def test_an_attitude_is_borne_out_by_a_clear_acceleration_that_it_explains():
@@ -118,7 +127,7 @@ def test_an_attitude_is_borne_out_by_a_clear_acceleration_that_it_explains():
     assert not borne_out(float("nan"), 5.0)
 
 
-ROUGH = Roughness(bent=0.5, changed=0.3, knocked=0.0)
+ROUGH = Roughness(second_difference=0.5, changed=0.3, knocked=0.0)
 
 
 @pytest.mark.parametrize(
@@ -126,12 +135,12 @@ ROUGH = Roughness(bent=0.5, changed=0.3, knocked=0.0)
     [((0.2, -0.5, 0.1), 0.5), ((0.9, -0.5, 0.4), 1.22)],
 )
 def test_what_a_step_with_readings_between_has_missed(
-    bent: tuple[float, float, float], square: float
+    second_difference: tuple[float, float, float], square: float
 ) -> None:
     """In 0.5 s, seen every 0.2 s: by the latest reading or, more even, by those before."""
     params = AidingParams()
     P = np.zeros((SIZE, SIZE))
-    add_unseen_turn(params, P, ROUGH, bent, 0.5, 0.2)
+    add_unseen_turn(params, P, ROUGH, second_difference, 0.5, 0.2)
     share = params.unseen_turn_noise * 0.2 / (0.2 + 0.15)
     likeness = 0.5 / (3.0 * 0.3)
     variance = share**2 * likeness**3 * square * 0.5 * 0.2 / 3.0
@@ -154,22 +163,29 @@ def test_the_turning_is_watched_between_the_samples_where_it_is_seen(is_given: b
     P = np.zeros((SIZE, SIZE))
     after = watch_turning(AidingParams(), state, P, sample, 0.0)
     change = gyr - last.gyr_rad_s
-    bent = change - np.subtract(last.gyr_rad_s, last.gyr_before_rad_s)
+    second_difference = change - np.subtract(last.gyr_rad_s, last.gyr_before_rad_s)
     if is_given:
-        bent = change = np.array(between.change_rad_s)
+        second_difference = change = np.array(between.change_rad_s)
     share = 0.5 / (10.0 + 0.5)
-    assert after.bent == pytest.approx(0.5 + share * (bent @ bent - 0.5))
+    assert after.second_difference == pytest.approx(
+        0.5 + share * (second_difference @ second_difference - 0.5)
+    )
     assert after.changed == pytest.approx(0.3 + share * (change @ change - 0.3))
     alone = np.zeros((SIZE, SIZE))
     add_unseen_turn(
-        AidingParams(), alone, ROUGH, tuple(bent.tolist()), 0.5, 0.2 if is_given else 0.5
+        AidingParams(),
+        alone,
+        ROUGH,
+        tuple(second_difference.tolist()),
+        0.5,
+        0.2 if is_given else 0.5,
     )
     np.testing.assert_array_equal(P, alone)
     # of what the other stage takes for missed that share is the least about both level axes
-    share = max(bent @ bent, 0.5) / (3.0 * max(change @ change, 0.3))
+    share = max(second_difference @ second_difference, 0.5) / (3.0 * max(change @ change, 0.3))
     assert share < 1.0
-    for missed in (alone[0, 0], 60.0 * alone[0, 0]):
+    for aliasing in (alone[0, 0], 60.0 * alone[0, 0]):
         P = np.zeros((SIZE, SIZE))
-        watch_turning(AidingParams(), state, P, sample, missed)
-        level = max(alone[0, 0], 0.0 if is_given else 0.5 * share * missed)
+        watch_turning(AidingParams(), state, P, sample, aliasing)
+        level = max(alone[0, 0], 0.0 if is_given else 0.5 * share * aliasing)
         np.testing.assert_allclose(np.diag(P)[TURN : TURN + 3], (level, level, alone[2, 2]), 1e-5)

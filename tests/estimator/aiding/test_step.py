@@ -4,26 +4,26 @@ import numpy as np
 import pytest
 
 from estimator.aiding import Beginning, Report, aid, begin, blank_aiding
+from estimator.aiding.acceleration_tilt import acceleration_tilt_angle
+from estimator.aiding.consistency import Apart, average
 from estimator.aiding.correction import apply_corrections
 from estimator.aiding.course import STANDING
 from estimator.aiding.inertial import predict_motion
-from estimator.aiding.lean import lean_angle
 from estimator.aiding.search import EMPTY_SEARCH, Evidence, Search, Window, add_report, add_sample
 from estimator.aiding.sources.unaided import observe_unaided
 from estimator.aiding.types import (
     HARD_IRON,
     NO_REPORT,
     SIZE,
+    AccelerationTilt,
     Agreements,
     AidingParams,
-    Lean,
     North,
     Roughness,
     Sigmas,
     StepInputs,
 )
 from estimator.aiding.unseen import add_unseen_turn, watch_turning
-from estimator.aiding.witness import Apart, average
 from estimator.conditioning.times import LONG_S
 from estimator.filter.observation import ReferenceParams
 from estimator.geometry.quaternion import exp, rotate_inverse
@@ -50,8 +50,8 @@ def test_a_step_that_is_slow_or_without_reports_is_corrected_once(dt_s, wait_s, 
     """By the unaided gravity, and nothing else comes with it: no report, no field."""
     P, sample = covariance(), SAMPLE._replace(dt_s=dt_s)
     agreement = Agreements(*(each._replace(wait_s=wait_s) for each in STATE.agreement))
-    lean = Lean((3.0, 0.0, 0.0), (1.0, 1.0, 9.0), (2.5, 3.0, 0.0))
-    state = STATE._replace(agreement=agreement, lean=lean)
+    acceleration_tilt = AccelerationTilt((3.0, 0.0, 0.0), (1.0, 1.0, 9.0), (2.5, 3.0, 0.0))
+    state = STATE._replace(agreement=agreement, acceleration_tilt=acceleration_tilt)
     after, after_P, _ = aid(PARAMS, state, P, TRAIL, sample, NO_REPORT, OTHERS)
     now, x = predict_motion(PARAMS, state, P, TRAIL, sample), np.zeros(SIZE)
     if dt_s == 0.5:
@@ -66,16 +66,20 @@ def test_a_step_that_is_slow_or_without_reports_is_corrected_once(dt_s, wait_s, 
 def test_a_step_remembers_the_velocity_that_it_was_told():
     report = Report(True, (1.0, -2.0, 0.5), True, 0.3, 0.0, 0.0)
     after, _, _ = aid(PARAMS, STATE, covariance(), TRAIL, SAMPLE, report, OTHERS)
-    assert after.lean.latest_m_s == report.velocity_ned_m_s
+    assert after.acceleration_tilt.latest_m_s == report.velocity_ned_m_s
     assert after.agreement.by_filter.wait_s == 0.0
     assert after.agreement.by_receiver.wait_s == SAMPLE.dt_s
 
 
 def test_the_lean_is_the_lesser_acceleration_over_gravity():
     """Gained 2.5 m/s in the 2.5 s of the mean: 1 m/s^2, of 3 that were felt."""
-    lean = Lean((3.0, 0.0, 0.0), (1.0, 1.0, 9.0), (2.5, 3.0, 0.0))
-    assert lean_angle(lean, is_silent=False, slow=0.0) == pytest.approx(1.0 / 9.80665)
-    assert lean_angle(lean, is_silent=True, slow=0.0) == pytest.approx(3.0 / 9.80665)
+    acceleration_tilt = AccelerationTilt((3.0, 0.0, 0.0), (1.0, 1.0, 9.0), (2.5, 3.0, 0.0))
+    assert acceleration_tilt_angle(acceleration_tilt, is_silent=False, slow=0.0) == pytest.approx(
+        1.0 / 9.80665
+    )
+    assert acceleration_tilt_angle(acceleration_tilt, is_silent=True, slow=0.0) == pytest.approx(
+        3.0 / 9.80665
+    )
 
 
 def test_a_windows_evidence_is_half_as_old_as_the_window_is_long():

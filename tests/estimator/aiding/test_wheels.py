@@ -152,7 +152,7 @@ def test_who_says_nothing_has_no_wheels_and_the_profile_goes_first():
     assert estimator._state.settings.aiding.sideslip_rad == 0.4
 
 
-def rolled(rng, *, sense, windows=8, lean=(0.0, 0.0), noise_m_s2=0.1):
+def rolled(rng, *, sense, windows=8, acceleration_tilt=(0.0, 0.0), noise_m_s2=0.1):
     """Windows of a second at speeds near 10 m/s, seen by a vertical that leans."""
     found, before = STANDING, np.array((10.0, 0.0))
     for _ in range(windows):
@@ -160,7 +160,11 @@ def rolled(rng, *, sense, windows=8, lean=(0.0, 0.0), noise_m_s2=0.1):
         after = before + change
         course = after / np.hypot(*after)
         felt = sense * np.array((course @ change, course[0] * change[1] - course[1] * change[0]))
-        felt = felt + STANDARD_GRAVITY_M_S2 * np.array(lean) + noise_m_s2 * rng.standard_normal(2)
+        felt = (
+            felt
+            + STANDARD_GRAVITY_M_S2 * np.array(acceleration_tilt)
+            + noise_m_s2 * rng.standard_normal(2)
+        )
         v, w = (*before, 0.0), (*after, 0.0)
         found = roll_on(found, v, w, 0.3, 1.0, (*felt, -9.8), (0.0, 0.0, 1.0))
         before = after
@@ -168,11 +172,11 @@ def rolled(rng, *, sense, windows=8, lean=(0.0, 0.0), noise_m_s2=0.1):
 
 
 @pytest.mark.parametrize("sense", [1.0, -1.0])
-@pytest.mark.parametrize("lean", [(0.0, 0.0), (0.2, -0.1)])
-def test_pushes_tell_forwards_from_reverse_however_the_vertical_leans(sense, lean):
-    found = rolled(np.random.default_rng(1), sense=sense, lean=lean)
+@pytest.mark.parametrize("acceleration_tilt", [(0.0, 0.0), (0.2, -0.1)])
+def test_pushes_tell_forwards_from_reverse_however_the_vertical_leans(sense, acceleration_tilt):
+    found = rolled(np.random.default_rng(1), sense=sense, acceleration_tilt=acceleration_tilt)
     assert sense * forward_evidence(found) > 30.0
-    assert lean_rad(found, sense) == pytest.approx(hypot(*lean), abs=0.01)
+    assert lean_rad(found, sense) == pytest.approx(hypot(*acceleration_tilt), abs=0.01)
 
 
 def test_the_evidence_is_the_likelihoods_ratio():

@@ -46,7 +46,13 @@ def step_of(q_g_frd, rate, *, bias=(0.0, 0.0, 0.0), down=(0.0, 0.0, 9.8), quick=
 
 
 def after(
-    seconds, error, *, turning=(0.0, 0.0, 0.0), bias=(0.0, 0.0, 0.0), stretch=1.0, wander=0.001
+    seconds,
+    error,
+    *,
+    turning=(0.0, 0.0, 0.0),
+    bias=(0.0, 0.0, 0.0),
+    stretch=1.0,
+    force_scatter=0.001,
 ):
     """The signs of a body that turns so (rad/s) by a gyroscope with this error of its axes.
 
@@ -67,7 +73,7 @@ def after(
         quick = approach(quick, force, DT_S / SPAN_S)
         step = step_of(q_g, rate, bias=bias, down=slow, quick=quick)
         signs = carry_axes(signs, step, DT_S)
-        signs = watch_axes(signs, step, jump, LEARNT, 0.477, wander, DT_S)
+        signs = watch_axes(signs, step, jump, LEARNT, 0.477, force_scatter, DT_S)
     return signs
 
 
@@ -99,8 +105,8 @@ def test_a_bias_that_is_believed_wrongly_contradicts_no_axis():
 def test_a_field_of_another_strength_contradicts_no_axis():
     """A magnet that turns it by 0.2 rad changes its norm by a third here; the force is wild."""
     error = (0.2, 0.0, 0.0)
-    assert after(3.0, error, wander=1.0, stretch=1.35).squares == (0.0, 0.0, 0.0)
-    assert after(3.0, error, wander=1.0).squares[0] > 0.0
+    assert after(3.0, error, force_scatter=1.0, stretch=1.35).squares == (0.0, 0.0, 0.0)
+    assert after(3.0, error, force_scatter=1.0).squares[0] > 0.0
 
 
 def test_what_nothing_renews_is_forgotten():

@@ -5,7 +5,7 @@ import pytest
 from estimator.conditioning.vertical.averaging import MOST_ERROR
 from estimator.conditioning.vertical.clipping import (
     Clipping,
-    missed_turn,
+    aliased_turn,
     watch_axis,
     watch_clipping,
 )
@@ -13,13 +13,13 @@ from estimator.conditioning.vertical.clipping import (
 
 def test_the_missed_turn_grows_with_the_square_of_the_run():
     """By steps of different lengths: after T seconds it is (beyond T)^2, whatever they were."""
-    peak, run_s, missed, lasts_s = 5.5, 0.0, 0.0, 0.0
+    peak, run_s, aliasing, lasts_s = 5.5, 0.0, 0.0, 0.0
     for dt_s in (0.01, 0.03, 0.02, 0.05):
-        peak, run_s, missed = watch_axis(peak, run_s, missed, -5.5, -5.5, dt_s)
+        peak, run_s, aliasing = watch_axis(peak, run_s, aliasing, -5.5, -5.5, dt_s)
         lasts_s += dt_s
         assert run_s == pytest.approx(lasts_s)
-        assert missed == pytest.approx((MOST_ERROR * 5.5 * lasts_s) ** 2)
-    assert watch_axis(peak, run_s, missed, -5.5, -5.4, 0.01) == (5.5, 0.0, missed)
+        assert aliasing == pytest.approx((MOST_ERROR * 5.5 * lasts_s) ** 2)
+    assert watch_axis(peak, run_s, aliasing, -5.5, -5.4, 0.01) == (5.5, 0.0, aliasing)
 
 
 def test_each_axis_has_its_own_peak_run_and_variance():
@@ -28,14 +28,16 @@ def test_each_axis_has_its_own_peak_run_and_variance():
     after = watch_clipping(before, previous, now, 0.02)
     axes = [
         watch_axis(*axis, 0.02)
-        for axis in zip(before.peak_rad_s, before.run_s, before.missed, previous, now, strict=True)
+        for axis in zip(
+            before.peak_rad_s, before.run_s, before.aliasing, previous, now, strict=True
+        )
     ]
     assert after == Clipping(*zip(*axes, strict=True))
     assert after.run_s == pytest.approx((0.12, 0.22, 0.0))
 
 
 def test_what_is_missed_about_down_is_not_missed_about_level_axes():
-    state = Clipping(missed=(0.01, 0.04, 0.09))
-    level, about = missed_turn(state, (0.48, -0.6, 0.64))
+    state = Clipping(aliasing=(0.01, 0.04, 0.09))
+    level, about = aliased_turn(state, (0.48, -0.6, 0.64))
     assert about == pytest.approx(0.01 * 0.48**2 + 0.04 * 0.6**2 + 0.09 * 0.64**2)
     assert level == pytest.approx(0.14 - about)

@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 
 from estimator.conditioning import initial_state
-from estimator.conditioning.events.doubt import (
-    SUDDEN_SHARE,
-    FieldBefore,
-    HeadingDoubt,
-    is_sudden,
-    raise_doubt,
-    release_doubt,
-)
 from estimator.conditioning.events.gravity_signs import GravitySigns, watch_gravity
 from estimator.conditioning.events.heading_signs import (
     HeadingSigns,
     borne_out,
     watch_heading,
+)
+from estimator.conditioning.events.inflation import (
+    SUDDEN_SHARE,
+    FieldBefore,
+    HeadingInflation,
+    is_sudden,
+    raise_doubt,
+    release_inflation,
 )
 from estimator.conditioning.events.jump_signs import (
     JUMP_QUICK_S,
@@ -109,11 +109,11 @@ def test_a_jump_is_more_than_what_else_turns_the_field(own, by_turning, share):
 
 def test_a_second_jump_adds_to_the_doubt_and_leaves_the_field_before_the_first():
     signs = TurnSigns(HeadingSigns(mean_confidence=0.8), GravitySigns(), JUMP)
-    first = raise_doubt(HeadingDoubt(), signs, 0.02, 3.0)
-    assert first == HeadingDoubt(pytest.approx(0.08), 0.0, FieldBefore(JUMP.slow_norm, 0.8))
+    first = raise_doubt(HeadingInflation(), signs, 0.02, 3.0)
+    assert first == HeadingInflation(pytest.approx(0.08), 0.0, FieldBefore(JUMP.slow_norm, 0.8))
     later = signs._replace(jump=JUMP._replace(slow_norm=0.3), heading=HeadingSigns())
     second = raise_doubt(first._replace(usual_s=0.4), later, 0.01, 3.0)
-    assert second == HeadingDoubt(pytest.approx(0.12), 0.0, first.before)
+    assert second == HeadingInflation(pytest.approx(0.12), 0.0, first.before)
 
 
 @pytest.mark.parametrize("share", [0.97, 1.03])
@@ -131,15 +131,17 @@ def release(*, moves_rad=0.01, usual_s=1.2, confidence=0.7, norm=0.46, variance=
     """The doubt after a step beside a field of dip 60 degrees that is off by 0.3 rad."""
     reference = FieldReference(horizontal=0.25, down=0.25 * sqrt(3.0), uneven=0.0001)
     field = MagneticState(FieldLook(0.25, 0.43, confidence), reference, 0.0, True)
-    doubt = HeadingDoubt(variance, usual_s, FieldBefore(0.461, 0.9))
+    inflation = HeadingInflation(variance, usual_s, FieldBefore(0.461, 0.9))
     estimate = Estimate(ZERO, 0.2, (1e-4, 0, 0, 0, 1e-4, 0, 0, 1e-4, 0, 0.03))
     jump = JUMP._replace(quick_norm=norm, moves_rad=moves_rad)
-    return release_doubt(PARAMS, doubt, tilt, estimate, field, jump, (np.cos(0.3), np.sin(0.3)), DT)
+    return release_inflation(
+        PARAMS, inflation, tilt, estimate, field, jump, (np.cos(0.3), np.sin(0.3)), DT
+    )
 
 
 def test_the_heading_hears_of_its_doubt_once_the_field_looks_as_usual():
-    doubt, tilt, estimate, released = release()
-    assert (doubt.variance, tilt, released) == (0.0, 0.05, True)
+    inflation, tilt, estimate, released = release()
+    assert (inflation.variance, tilt, released) == (0.0, 0.05, True)
     assert estimate.covariance[9] == pytest.approx(0.03 + 0.4)
     # no better than the vertical that it is taken with, times the steepness of 3, about one axis
     assert release(tilt=0.5)[2].covariance[9] == pytest.approx(0.5 * 0.5 * 3.0)
@@ -149,16 +151,16 @@ def test_a_field_that_still_moves_or_is_another_keeps_the_doubt():
     moved = (0.06 / PARAMS.turn_jump_rad) ** 2
     seldom = (0.01 / PARAMS.turn_jump_rad) ** 2 + sqrt(0.9 / 0.2) - 1.0
     for off, unlike in ((moved, {"moves_rad": 0.06}), (seldom, {"confidence": 0.2})):
-        doubt, tilt, estimate, released = release(usual_s=0.7, **{"confidence": 0.95, **unlike})
-        assert doubt.usual_s == pytest.approx(0.7 + max(-1.0, 2.0 * (1.0 - off)) * DT)
-        assert (doubt.variance, tilt, released) == (0.4, 0.05, False)
+        inflation, tilt, estimate, released = release(usual_s=0.7, **{"confidence": 0.95, **unlike})
+        assert inflation.usual_s == pytest.approx(0.7 + max(-1.0, 2.0 * (1.0 - off)) * DT)
+        assert (inflation.variance, tilt, released) == (0.4, 0.05, False)
         assert estimate.covariance[9] == 0.03
     assert release(usual_s=0.7)[0].usual_s == pytest.approx(0.7 + DT)
 
 
 def test_a_field_of_another_norm_is_a_magnets():
-    doubt, tilt, estimate, released = release(norm=0.461 * 1.045)
-    assert (doubt.variance, tilt, released) == (0.0, 0.0, False)
+    inflation, tilt, estimate, released = release(norm=0.461 * 1.045)
+    assert (inflation.variance, tilt, released) == (0.0, 0.0, False)
     assert estimate.covariance[9] == 0.03
 
 
@@ -242,16 +244,16 @@ def test_a_wander_is_remembered_as_a_mean_square():
     best = (0.3, -0.2, 9.4)
     force = Force(Smooth(down), Smooth(best), quick, long, age_s=6.0)
     gravity = GravityState(force=force)
-    before = GravitySigns(0.2, wander=0.02, apart=0.003, uneven=0.001)
+    before = GravitySigns(0.2, force_scatter=0.02, apart=0.003, uneven=0.001)
     now = watch_gravity(PARAMS, before, gravity, DT, 0.0, 0.0)
     a, b = DT / (10.0 + DT), DT / (6.0 + DT)
-    assert now.wander == pytest.approx((1.0 - a) * 0.02 + a * angle(down, quick) ** 2)
+    assert now.force_scatter == pytest.approx((1.0 - a) * 0.02 + a * angle(down, quick) ** 2)
     assert now.apart == pytest.approx((1.0 - b) * 0.003 + b * angle(best, long) ** 2)
     size = hypot(*down) / 9.80665 - 1.0
     assert now.uneven == pytest.approx((1.0 - b) * 0.001 + b * size**2)
     assert now.off_s == 0.0
     # with a vertical in doubt the wander is that of the doubt
-    assert watch_gravity(PARAMS, before, gravity, DT, 0.01, 0.0).wander == 0.02
+    assert watch_gravity(PARAMS, before, gravity, DT, 0.01, 0.0).force_scatter == 0.02
 
 
 def test_gravity_that_pulls_elsewhere_is_timed():

@@ -21,7 +21,7 @@ from estimator.conditioning.times import FORGET_S
 from estimator.conditioning.vertical.bias import (
     Estimate,
     Lagged,
-    doubt_heading,
+    inflate_heading,
     learn_at_rest,
     learn_in_motion,
     predict,
@@ -148,7 +148,7 @@ def test_the_fields_heading_tells_heading_and_bias(seed):
 def test_doubt_in_the_heading_leaves_the_bias_as_it_is():
     before = estimate_of(np.random.default_rng(1))
     x, p = vector_of(before)
-    assert_is(doubt_heading(before, 0.3), x, p + np.diag([0.0, 0.0, 0.0, 0.3]))
+    assert_is(inflate_heading(before, 0.3), x, p + np.diag([0.0, 0.0, 0.0, 0.3]))
 
 
 def body_that_has_turned(rng):

@@ -8,9 +8,9 @@ import pytest
 from estimator.conditioning import ConditioningParams
 from estimator.conditioning.field.magnetic import (
     NORM_SCALE,
+    AlternativeField,
     FieldLook,
     FieldReference,
-    FieldRival,
     MagneticState,
     believe_rival,
     look_at_field,
@@ -69,7 +69,7 @@ REFERENCE = FieldReference(
     samples=50.0,
     age_s=12.0,
     borne_s=7.0,
-    other=FieldRival(0.29, 0.40, 3.0),
+    other=AlternativeField(0.29, 0.40, 3.0),
     uneven=0.002,
 )
 
@@ -103,7 +103,7 @@ def test_what_the_other_field_gains_the_expected_one_loses():
 def test_two_fields_change_places():
     believed = believe_rival(REFERENCE)
     assert (believed.horizontal, believed.down, believed.borne_s) == (0.29, 0.40, 3.0)
-    assert believed.other == FieldRival(0.25, 0.43, 7.0)
+    assert believed.other == AlternativeField(0.25, 0.43, 7.0)
     assert believed.is_new
     assert (believed.samples, believed.age_s, believed.uneven) == (50.0, 12.0, 0.002)
 

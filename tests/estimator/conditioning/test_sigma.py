@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 
 from estimator.conditioning import ConditioningParams, condition, initial_state
-from estimator.conditioning.events.doubt import HeadingDoubt
 from estimator.conditioning.events.gravity_signs import GravitySigns
 from estimator.conditioning.events.heading_signs import HeadingSigns
+from estimator.conditioning.events.inflation import HeadingInflation
 from estimator.conditioning.events.jump_signs import JumpSigns
 from estimator.conditioning.events.proof import TurnSigns
 from estimator.conditioning.events.step import EventsState
 from estimator.conditioning.field.calibration import Calibration, CalibrationState
 from estimator.conditioning.field.magnetic import (
+    AlternativeField,
     FieldLook,
     FieldReference,
-    FieldRival,
     MagneticState,
 )
 from estimator.conditioning.field.step import MagnetometerState
-from estimator.conditioning.sigma import rival, sigma_heading, sigma_inclination
+from estimator.conditioning.sigma import alternative, sigma_heading, sigma_inclination
 from estimator.conditioning.vertical.coefficients import coefficients
 from estimator.conditioning.vertical.gravity import Force
 from estimator.conditioning.vertical.lowpass import Smooth
@@ -60,13 +60,13 @@ def test_a_force_of_another_size_than_gravity_tells_an_accelerometers_error(
 def test_a_field_that_bends_to_and_fro_widens_the_headings_sigma(bend_deg, heading_deg):
     """By so much, at 0.03 Hz, on a tumbling vehicle: as beside steel."""
 
-    def bent():
+    def second_difference():
         for i, s in enumerate(fly(tumbling, 90.0, DT)):
             angle = radians(bend_deg) * sin(2.0 * np.pi * 0.03 * DT * i)
             m = rotate_about_down(s, angle)
             yield s.gyr, s.acc, m
 
-    assert sigmas_deg(bent())[1] == pytest.approx(heading_deg, rel=0.2)
+    assert sigmas_deg(second_difference())[1] == pytest.approx(heading_deg, rel=0.2)
 
 
 def rotate_about_down(s, angle):
@@ -91,15 +91,15 @@ def state_of(*, dt_s, wait_s=0.0, seen_s=0.0, **signs):
     vertical = vertical._replace(
         estimate=vertical.estimate._replace(heading_rad=3.0, covariance=p),
         tilt=vertical.tilt._replace(variance=0.005),
-        doubt=0.0004,
+        inflation=0.0004,
         coefficients=coefficients(PARAMS, dt_s, 1.0),
     )
-    other = FieldRival(0.3, 0.3, seen_s)
+    other = AlternativeField(0.3, 0.3, seen_s)
     reference = FieldReference(0.2, 0.4, borne_s=5.0, other=other, uneven=0.004)
     heading = HeadingSigns(**{"scatter": 0.0007, "borne_s": 1.0, **signs})
     gravity = GravitySigns(apart=0.0006, uneven=0.0005)
     signs = TurnSigns(heading, gravity, JumpSigns(slow=(0.1, 0.3, 0.4)))
-    events = EventsState(signs, HeadingDoubt(0.0023))
+    events = EventsState(signs, HeadingInflation(0.0023))
     return vertical, MagneticState(FieldLook(), reference, wait_s, True), events
 
 
@@ -154,7 +154,7 @@ def test_another_heading_counts_by_how_far_it_is_borne_out():
 
     def added(**state):
         now, plain = ((state_of(dt_s=0.01, **s)) for s in (state, {}))
-        return rival(*now) - rival(*plain)
+        return alternative(*now) - alternative(*plain)
 
     away = 2.0 * np.pi - 6.1
     # 1 s of the 4 s that a heading needs; 50 s of the 100 s that it is remembered

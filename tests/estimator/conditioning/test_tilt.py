@@ -51,19 +51,19 @@ def test_a_stream_is_slow_by_its_steps_unless_they_are_averages():
 def test_a_step_misses_the_more_the_longer_it_is_and_the_more_the_rate_has_changed(dt, longer):
     state = initial_tilt(ZERO_VEC3, (0.0, 0.0, 9.8))
 
-    def missed(rate: float, step_s: float) -> float:
+    def aliasing(rate: float, step_s: float) -> float:
         w = (rate, 0.0, 0.0)
         return step_noise(PARAMS, state, w, w, DOWN, step_s, step_s, NOTHING_BETWEEN, 0.0).tilt
 
-    assert missed(1.0, dt) == pytest.approx(4.0 * missed(0.5, dt), rel=0.01)  # of squares
-    assert missed(0.5, 2.0 * dt) == pytest.approx(longer * missed(0.5, dt), rel=0.2)
+    assert aliasing(1.0, dt) == pytest.approx(4.0 * aliasing(0.5, dt), rel=0.01)  # of squares
+    assert aliasing(0.5, 2.0 * dt) == pytest.approx(longer * aliasing(0.5, dt), rel=0.2)
 
 
 def test_turning_about_down_is_missed_by_the_heading():
     state = initial_tilt(ZERO_VEC3, (0.0, 0.0, 9.8))
     w = (0.0, 0.0, 1.0)
     noise = step_noise(PARAMS, state, w, w, DOWN, 0.5, 0.5, NOTHING_BETWEEN, 0.0)
-    assert noise.twist == pytest.approx(11.0 * noise.tilt, rel=0.2)
+    assert noise.yaw_noise == pytest.approx(11.0 * noise.tilt, rel=0.2)
 
 
 def shaken(seed: int, rate_rad_s: float) -> tuple[Floats, Floats, Floats]:
@@ -184,7 +184,7 @@ BEFORE = TiltState(
     variance=0.004,
     scatter=0.003,
     tilting=0.9,
-    twisting=0.5,
+    yaw_noise_share=0.5,
     gyr=GYR_BEFORE,
     change=(0.5, 0.1, -0.4),
     changed=1.1,
@@ -205,14 +205,14 @@ def test_what_a_step_misses_by_its_formula(dt: float, between: Between) -> None:
         off, by_change = np.array(between.change_rad_s), dt * between.step_s / 12.0
     square, turn_square = off @ off, np.dot(RATE, RATE)
     along, turn_along = np.dot(off, TILTED) ** 2, np.dot(RATE, TILTED) ** 2
-    tilting, twisting = square - along + 0.1 * square, along + 0.1 * square
+    tilting, yaw_noise_share = square - along + 0.1 * square, along + 0.1 * square
     step_s = between.step_s if between.given else dt
     by_turn = dt / step_s * (0.4 * step_s**2) ** 2
     anyhow = 0.002**2 * dt + (0.3 * max(0.0, dt - 1.0)) ** 2
     noise = step_noise(PARAMS, BEFORE, GYR, RATE, TILTED, dt, 0.5, between, 3e-5)
     assert noise.change == pytest.approx(change)
     assert noise.changed == pytest.approx(change @ change)
-    assert (noise.tilting, noise.twisting) == pytest.approx((tilting, twisting))
+    assert (noise.tilting, noise.yaw_noise_share) == pytest.approx((tilting, yaw_noise_share))
     assert noise.drift == pytest.approx(2e-4 + 3e-5 * dt)
     assert noise.tilt == pytest.approx(
         by_change * max(tilting, 0.9)
@@ -220,8 +220,8 @@ def test_what_a_step_misses_by_its_formula(dt: float, between: Between) -> None:
         + 4.0 * noise.drift * dt
         + anyhow
     )
-    assert noise.twist == pytest.approx(
-        by_change * max(twisting, 0.5) + by_turn * (turn_along + 0.1 * turn_square) + anyhow
+    assert noise.yaw_noise == pytest.approx(
+        by_change * max(yaw_noise_share, 0.5) + by_turn * (turn_along + 0.1 * turn_square) + anyhow
     )
 
 
@@ -241,9 +241,9 @@ def test_the_force_is_believed_as_by_a_kalman_filter(
     expected = (r / (p + r) * off) ** 2 + p * r / (p + r)
     noise = StepNoise(
         tilt=0.01,
-        twist=0.02,
+        yaw_noise=0.02,
         tilting=0.7,
-        twisting=0.3,
+        yaw_noise_share=0.3,
         change=(0.1, 0.2, 0.3),
         changed=0.14,
         drift=1e-4,
@@ -257,7 +257,7 @@ def test_the_force_is_believed_as_by_a_kalman_filter(
     assert after.fresh == pytest.approx(p * brief / (p + brief))
     assert after.scatter == pytest.approx(0.003 + a * (expected - 0.003))
     assert after.tilting == pytest.approx(0.9 + c * (0.7 - 0.9))
-    assert after.twisting == pytest.approx(0.5 + c * (0.3 - 0.5))
+    assert after.yaw_noise_share == pytest.approx(0.5 + c * (0.3 - 0.5))
     assert after.force == pytest.approx(9.6 + dt / (20.0 + dt) * (size - 9.6))
     assert after.changed == pytest.approx(1.1 + c * (0.14 - 1.1))
     assert (after.gyr, after.change) == (GYR, noise.change)

@@ -8,7 +8,7 @@ import pytest
 from estimator.conditioning import ConditioningParams, apply_turn, condition, initial_state
 from estimator.conditioning.events.jump_signs import watch_field
 from estimator.conditioning.events.proof import TurnProof, reset_signs
-from estimator.conditioning.vertical.clipping import Clipping, missed_turn, watch_clipping
+from estimator.conditioning.vertical.clipping import Clipping, aliased_turn, watch_clipping
 from estimator.conditioning.vertical.tilt import force_after_turn
 from estimator.geometry.quaternion import add, angle_between_vectors, exp, rotate, rotate_inverse
 from estimator.types import Sample
@@ -194,12 +194,12 @@ def test_a_magnet_put_on_and_taken_off_is_no_turn(seed, worst_deg):
 
 def test_a_doubted_vertical_takes_the_force_as_a_kalman_filter_does():
     """With 0.04 rad^2 of doubt and 0.0004 of wander a second's mean leaves that mean's."""
-    doubt, left = 0.04, 1.0
+    inflation, left = 0.04, 1.0
     for _ in range(100):
-        doubt, share = force_after_turn(PARAMS, doubt, 0.0004, DT)
+        inflation, share = force_after_turn(PARAMS, inflation, 0.0004, DT)
         left *= 1.0 - share
     noise = (0.0004 + 0.009**2) * 2.0  # of a mean over a second, rad^2
-    assert doubt == pytest.approx(0.04 * noise / (0.04 + noise))
+    assert inflation == pytest.approx(0.04 * noise / (0.04 + noise))
     assert left == pytest.approx(noise / (0.04 + noise))
 
 
@@ -230,11 +230,11 @@ def test_only_a_reading_that_stands_still_at_its_largest_is_at_the_end():
     smooth = [(5.0 * sin(pi * 0.01 * i), 0.0, 0.0) for i in range(60)]
     for gyr in smooth:
         state, before = watch_clipping(state, before, gyr, DT), gyr
-    assert missed_turn(state, (0.0, 0.0, 1.0)) == (0.0, 0.0)
+    assert aliased_turn(state, (0.0, 0.0, 1.0)) == (0.0, 0.0)
     for _ in range(11):
         state = watch_clipping(state, (5.5, 0.0, 0.0), (5.5, 0.0, 0.0), DT)
-    assert missed_turn(state, (0.0, 0.0, 1.0)) == pytest.approx(((0.1 * 5.5 * 11 * DT) ** 2, 0.0))
-    assert missed_turn(state, (1.0, 0.0, 0.0))[1] == pytest.approx((0.1 * 5.5 * 11 * DT) ** 2)
+    assert aliased_turn(state, (0.0, 0.0, 1.0)) == pytest.approx(((0.1 * 5.5 * 11 * DT) ** 2, 0.0))
+    assert aliased_turn(state, (1.0, 0.0, 0.0))[1] == pytest.approx((0.1 * 5.5 * 11 * DT) ** 2)
 
 
 def whirling(t):

@@ -15,8 +15,8 @@ from math import atan2, hypot
 from math import exp as real_exp
 from typing import NamedTuple
 
+from estimator.aiding.correction_cusum import USUAL_SQUARE
 from estimator.aiding.search import EMPTY_SEARCH, Window, extend_window, open_window
-from estimator.aiding.surprise import USUAL_SQUARE
 from estimator.aiding.types import AidingEstimate, AidingParams, AidingState, Report, Sigmas
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
@@ -62,7 +62,7 @@ class Apart(NamedTuple):
     usual_square: float  # mean square of that average, rad^2
 
 
-class Witness(NamedTuple):
+class Consistency(NamedTuple):
     """What was measured lately, and how far from the attitude it lies."""
 
     q_g_frd: Quaternion  # body to G, by the gyroscope free of the bias that the aiding knows
@@ -81,7 +81,7 @@ class Witness(NamedTuple):
 
 
 NOWHERE = Direction(g=(0.0, 0.0, 1.0), ned=(0.0, 0.0, 1.0), share=0.0)
-NEW_WITNESS = Witness(
+NEW_CONSISTENCY = Consistency(
     q_g_frd=IDENTITY,
     window=EMPTY_SEARCH.window,
     turned_rad=0.0,
@@ -97,12 +97,12 @@ NEW_WITNESS = Witness(
     error_rate_1_s=0.0,
 )
 
-with_motion = replacer(Witness, "q_g_frd", "window", "turned_rad")
-with_time = replacer(Witness, "report_wait_s", "field_wait_s")
-with_reporter = replacer(Witness, "by_receiver", "report_wait_s")
-with_force = replacer(Witness, "force_wait_s", "force", "tilt")
-with_field = replacer(Witness, "field_wait_s", "field", "heading")
-with_error = replacer(Witness, "error", "error_rate_1_s")
+with_motion = replacer(Consistency, "q_g_frd", "window", "turned_rad")
+with_time = replacer(Consistency, "report_wait_s", "field_wait_s")
+with_reporter = replacer(Consistency, "by_receiver", "report_wait_s")
+with_force = replacer(Consistency, "force_wait_s", "force", "tilt")
+with_field = replacer(Consistency, "field_wait_s", "field", "heading")
+with_error = replacer(Consistency, "error", "error_rate_1_s")
 
 
 @inlined
@@ -118,81 +118,85 @@ def average(apart: Apart, north_rad: float, east_rad: float, time_s: float) -> A
 
 
 @inlined
-def doubt(apart: Apart) -> float:
+def inflation(apart: Apart) -> float:
     """The mean square (rad^2) that the unusual part adds to the attitude's."""
     square = apart.mean_north_rad**2 + apart.mean_east_rad**2
     return DOUBT_SHARE * max(0.0, square - REACH**2 * apart.usual_square)
 
 
 @inlined
-def doubted(sigma: Sigmas, witness: Witness) -> Sigmas:
+def doubted(sigma: Sigmas, consistency: Consistency) -> Sigmas:
     """The sigmas with what speaks against the attitude."""
     inclination, heading = sigma.inclination_rad, sigma.heading_rad
     return Sigmas(
-        inclination_rad=(inclination * inclination + doubt(witness.tilt)) ** 0.5,
-        heading_rad=(heading * heading + doubt(witness.heading)) ** 0.5,
+        inclination_rad=(inclination * inclination + inflation(consistency.tilt)) ** 0.5,
+        heading_rad=(heading * heading + inflation(consistency.heading)) ** 0.5,
     )
 
 
 @inlined
-def hear_sample(witness: Witness, aided: AidingState, sample: Sample) -> Witness:
+def hear_sample(consistency: Consistency, aided: AidingState, sample: Sample) -> Consistency:
     """One sample's force added to the window; a doubt that nobody renews fades."""
     dt = sample.dt_s
     turn = exp(scale(dt, aided.last.rate_rad_s))
-    q_g_frd = normalize(multiply(witness.q_g_frd, turn))
+    q_g_frd = normalize(multiply(consistency.q_g_frd, turn))
     ahead = exp(scale(aided.estimate.acc_lead_s, aided.last.rate_rad_s))
     felt = subtract(sample.acc_m_s2, aided.estimate.acc_bias_m_s2)
     force_g = rotate(multiply(q_g_frd, ahead), felt)
-    tilt, force = witness.tilt, witness.force
-    force_wait_s = witness.force_wait_s + dt
+    tilt, force = consistency.tilt, consistency.force
+    force_wait_s = consistency.force_wait_s + dt
     if force_wait_s > ACCELERATION_LASTS_S:
         keep = real_exp(-dt / SPAN_S)
         tilt = Apart(keep * tilt.mean_north_rad, keep * tilt.mean_east_rad, tilt.usual_square)
         force = Direction(force.g, force.ned, 0.0)
-    turned_rad = witness.turned_rad + dt * norm(aided.last.rate_rad_s)
-    window = extend_window(witness.window, force_g, dt)
-    witness = with_time(witness, witness.report_wait_s + dt, witness.field_wait_s + dt)
-    return with_force(with_motion(witness, q_g_frd, window, turned_rad), force_wait_s, force, tilt)
+    turned_rad = consistency.turned_rad + dt * norm(aided.last.rate_rad_s)
+    window = extend_window(consistency.window, force_g, dt)
+    consistency = with_time(
+        consistency, consistency.report_wait_s + dt, consistency.field_wait_s + dt
+    )
+    return with_force(
+        with_motion(consistency, q_g_frd, window, turned_rad), force_wait_s, force, tilt
+    )
 
 
 @inlined
 def hear_report(
-    params: AidingParams, witness: Witness, estimate: AidingEstimate, report: Report
-) -> Witness:
+    params: AidingParams, consistency: Consistency, estimate: AidingEstimate, report: Report
+) -> Consistency:
     """A report may close a window of the force, and opens the next.
 
     A receiver's reports go first, since they know nothing of the IMU; an autopilot's filter is
     heard while there are none.
     """
     is_receiver = report.late_sigma_s > 0.0
-    window = witness.window
-    is_silent = witness.report_wait_s > ACCELERATION_LASTS_S
-    if window.is_open and is_receiver != witness.by_receiver and not (is_receiver or is_silent):
-        return witness
+    window = consistency.window
+    is_silent = consistency.report_wait_s > ACCELERATION_LASTS_S
+    if window.is_open and is_receiver != consistency.by_receiver and not (is_receiver or is_silent):
+        return consistency
     lag_s = estimate.receiver_lag_s if is_receiver else estimate.filter_lag_s
     behind_s = report.ago_s + lag_s - estimate.imu_lag_s + estimate.acc_lead_s
     time_s = window.time_s - behind_s
     opened = open_window(window, report, behind_s)
-    continues = window.is_open and is_receiver == witness.by_receiver
-    force, tilt, force_wait_s = witness.force, witness.tilt, witness.force_wait_s
+    continues = window.is_open and is_receiver == consistency.by_receiver
+    force, tilt, force_wait_s = consistency.force, consistency.tilt, consistency.force_wait_s
     turned_rad = 0.0
     if continues and time_s < SPAN_S:
-        opened, turned_rad = window, witness.turned_rad
+        opened, turned_rad = window, consistency.turned_rad
     elif continues and time_s <= ACCELERATION_LASTS_S:
         pushed = subtract(window.pushed_m_s, opened.pushed_m_s)
-        q_ned_g = multiply(estimate.q_ned_frd, conjugate(witness.q_g_frd))
+        q_ned_g = multiply(estimate.q_ned_frd, conjugate(consistency.q_g_frd))
         seen = rotate(q_ned_g, pushed)
         change = subtract(report.velocity_ned_m_s, window.velocity_ned_m_s)
         down = change[2] - STANDARD_GRAVITY_M_S2 * time_s if report.has_vertical else seen[2]
         expected = (change[0], change[1], down)
-        share = share_of(params, window, norm(pushed), time_s, witness.turned_rad)
+        share = share_of(params, window, norm(pushed), time_s, consistency.turned_rad)
         turn = scale(share, turn_between(seen, expected))
         force = Direction(unit(pushed), unit(expected), share)
         tilt = average(tilt, turn[0], turn[1], time_s)
         force_wait_s = 0.0
-    witness = with_motion(witness, witness.q_g_frd, opened, turned_rad)
-    witness = with_force(witness, force_wait_s, force, tilt)
-    return with_reporter(witness, is_receiver, 0.0)
+    consistency = with_motion(consistency, consistency.q_g_frd, opened, turned_rad)
+    consistency = with_force(consistency, force_wait_s, force, tilt)
+    return with_reporter(consistency, is_receiver, 0.0)
 
 
 @inlined
@@ -223,7 +227,7 @@ def turn_between(a: Vec3, b: Vec3) -> Vec3:
 
 
 @inlined
-def hear_field(witness: Witness, aided: AidingState, sample: Sample) -> Witness:
+def hear_field(consistency: Consistency, aided: AidingState, sample: Sample) -> Consistency:
     """A sample of the field, turned on by its age: it should point as the place's does.
 
     It counts as far as its strength and dip are those of the place.
@@ -232,7 +236,7 @@ def hear_field(witness: Witness, aided: AidingState, sample: Sample) -> Witness:
     E = estimate.earth_gauss
     horizontal = hypot(E[0], E[1])
     if horizontal <= NORM_SCALE * abs(E[2]):
-        return witness
+        return consistency
     rate = subtract(sample.gyr_rad_s, estimate.gyr_bias_rad_s)
     then = exp(scale(-estimate.field_lag_s, rate))
     then = multiply(then, exp((0.0, 0.0, -estimate.compass_turn_rad)))
@@ -240,37 +244,43 @@ def hear_field(witness: Witness, aided: AidingState, sample: Sample) -> Witness:
     F = rotate(estimate.q_ned_frd, m)
     share = aided.field.look.confidence
     off = share * atan2(F[0] * E[1] - F[1] * E[0], F[0] * E[0] + F[1] * E[1])
-    wait = min(witness.field_wait_s, 1.0)
-    seen = Direction(unit(rotate(witness.q_g_frd, m)), unit(E), share)
-    return with_field(witness, 0.0, seen, average(witness.heading, off, 0.0, wait))
+    wait = min(consistency.field_wait_s, 1.0)
+    seen = Direction(unit(rotate(consistency.q_g_frd, m)), unit(E), share)
+    return with_field(consistency, 0.0, seen, average(consistency.heading, off, 0.0, wait))
 
 
 @inlined
-def compare(witness: Witness, q_ned_frd: Quaternion, dt: float, tau_s: float) -> Witness:
+def compare(
+    consistency: Consistency, q_ned_frd: Quaternion, dt: float, tau_s: float
+) -> Consistency:
     """With e of this attitude: sin^2 of half the angle to both directions, by their confidence.
 
     Its rate is low-passed with ``tau_s``.
     """
-    field, force = witness.field, witness.force
+    field, force = consistency.field, consistency.force
     total = field.share + force.share
     e = 0.0
     if total > 0.0:
-        q_ned_g = multiply(q_ned_frd, conjugate(witness.q_g_frd))
+        q_ned_g = multiply(q_ned_frd, conjugate(consistency.q_g_frd))
         by_field = field.share * (1.0 - dot(rotate(q_ned_g, field.g), field.ned))
         by_force = force.share * (1.0 - dot(rotate(q_ned_g, force.g), force.ned))
         e = min(1.0, max(0.0, 0.5 * (by_field + by_force) / total))
-    change = e - witness.error
-    return with_error(witness, e, follow_rate(witness.error_rate_1_s, change, dt, tau_s))
+    change = e - consistency.error
+    return with_error(consistency, e, follow_rate(consistency.error_rate_1_s, change, dt, tau_s))
 
 
 @inlined
 def watch(
-    params: AidingParams, witness: Witness, aided: AidingState, sample: Sample, report: Report
-) -> Witness:
+    params: AidingParams,
+    consistency: Consistency,
+    aided: AidingState,
+    sample: Sample,
+    report: Report,
+) -> Consistency:
     """One sample with the report that belongs to it, after the aiding has learnt from both."""
-    witness = hear_sample(witness, aided, sample)
+    consistency = hear_sample(consistency, aided, sample)
     if report.given:
-        witness = hear_report(params, witness, aided.estimate, report)
+        consistency = hear_report(params, consistency, aided.estimate, report)
     if sample.has_mag:
-        witness = hear_field(witness, aided, sample)
-    return witness
+        consistency = hear_field(consistency, aided, sample)
+    return consistency

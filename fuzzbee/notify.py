@@ -6,7 +6,7 @@ from contextlib import suppress
 LONGEST_LINE = 1000  # characters
 
 
-def say(text: str, who: str = "fuzzbee: ") -> None:
+def notify(text: str, who: str = "fuzzbee: ") -> None:
     """Print one line. A standard error that is closed, broken or full is no fault of ours."""
     with suppress(OSError, ValueError):
         print(f"{who}{printable(text)}", file=sys.stderr, flush=True)
@@ -14,7 +14,7 @@ def say(text: str, who: str = "fuzzbee: ") -> None:
 
 def tell(text: str) -> None:
     """Print one line that does not say who speaks."""
-    say(text, "")
+    notify(text, "")
 
 
 def printable(text: str, most: int = LONGEST_LINE) -> str:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from estimator.aiding import AidingParams, blank_aiding
-from estimator.aiding.surprise import add_correction, known, pass_time, surprised
-from estimator.aiding.types import GYR_BIAS, HARD_IRON, SIZE, TURN, Sigmas, Surprise
+from estimator.aiding.correction_cusum import add_correction, known, pass_time, surprised
+from estimator.aiding.types import GYR_BIAS, HARD_IRON, SIZE, TURN, CorrectionCusum, Sigmas
 from estimator.aiding.uncertainty import leaning
 from estimator.conditioning.field.magnetic import FieldLook
 from estimator.geometry.earth import field_at, in_ned
@@ -17,7 +17,7 @@ from tests.flight import banked_flight, calibrated, flown
 
 PARAMS = AidingParams()
 BLANK, _, _ = blank_aiding(PARAMS)
-NOTHING = Surprise(ZERO_VEC3, ZERO_VEC3, 0.0, 0.0, 0.0)
+NOTHING = CorrectionCusum(ZERO_VEC3, ZERO_VEC3, 0.0, 0.0, 0.0)
 KNOWN = np.zeros((SIZE, SIZE))
 SIGMA = Sigmas(inclination_rad=0.01, heading_rad=0.02)
 PLACE = (0.21, 0.01, 0.43)

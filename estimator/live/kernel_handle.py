@@ -24,12 +24,12 @@ from estimator.aiding import (
     take_late_report,
 )
 from estimator.aiding.compass import NEVER_US
+from estimator.aiding.consistency import compare, hear_report, watch
 from estimator.aiding.correction import correct_last, prediction_at
 from estimator.aiding.search import EMPTY_SEARCH, add_report, add_sample
 from estimator.aiding.sources.wheels import rolls
 from estimator.aiding.types import NO_REPORT, SIZE
 from estimator.aiding.velocity_history import OLDEST_S
-from estimator.aiding.witness import compare, hear_report, watch
 from estimator.arrays import Floats
 from estimator.compilation.compiled import Function, compiled, inlined, shared
 from estimator.conditioning import (
@@ -149,20 +149,20 @@ class InPython:
 
 
 if _numba_config.DISABLE_JIT:
-    Resident: Any = InPython
+    KernelHandle: Any = InPython
 else:
 
-    class Resident(structref.StructRefProxy):  # type: ignore[no-redef]
+    class KernelHandle(structref.StructRefProxy):  # type: ignore[no-redef]
         """A handle on ``params`` and the fields of a :class:`Core`; made by :func:`resident`."""
 
     @structref.register
-    class ResidentType(types.StructRef):
+    class KernelHandleType(types.StructRef):
         """How numba sees it."""
 
     _structref: Any = structref
-    _resident_type: Any = ResidentType
-    _structref.define_boxing(ResidentType, Resident)
-    _structref.define_constructor(Resident, ResidentType, list(FIELDS))
+    _kernel_handle_type: Any = KernelHandleType
+    _structref.define_boxing(KernelHandleType, KernelHandle)
+    _structref.define_constructor(KernelHandle, KernelHandleType, list(FIELDS))
 
 
 def params_of(settings: Settings) -> Params:
@@ -177,7 +177,7 @@ def example_types() -> tuple[tuple[Any, ...], Any]:
     params, core = params_of(settings), in_arrays(initial_core(settings))
     first = (params, Situation(), NO_REPORT, *NOTHING_LAID)
     fields = zip(FIELDS, (*first, *core), strict=True)
-    inside = _resident_type([(field, _typeof(value)) for field, value in fields])
+    inside = _kernel_handle_type([(field, _typeof(value)) for field, value in fields])
     return tuple(map(_typeof, (params, core, Situation(), *NOTHING_LAID))), inside
 
 
@@ -211,11 +211,11 @@ def arguments_with(inside: Any) -> dict[Any, tuple[Any, ...]]:
 
 
 @compiled(types=lambda: example_types()[0])
-def resident(
+def kernel_handle(
     params: Params, core: Core, now: Situation, rows: Rows, said: Floats, told: Floats
 ) -> Any:
     """Put everything inside; the arrays as in :func:`lay`."""
-    return Resident(
+    return KernelHandle(
         params,
         now,
         NO_REPORT,
@@ -232,7 +232,7 @@ def resident(
         core.seen,
         core.search,
         core.aided,
-        core.witness,
+        core.consistency,
         core.covariance,
         core.velocity_history,
         core.turning,
@@ -255,7 +255,7 @@ def contents(inside: Any) -> Core:
         seen=inside.seen,
         search=inside.search,
         aided=inside.aided,
-        witness=inside.witness,
+        consistency=inside.consistency,
         covariance=inside.covariance.copy(),
         velocity_history=inside.velocity_history.copy(),
         turning=inside.turning,
@@ -484,7 +484,7 @@ def search_on(inside: Any, memory: ConditioningState, acc: Vec3, dt_s: float) ->
     elif inside.search.window.is_open:
         vertical = memory.vertical
         inside.search = add_sample(
-            inside.search, vertical.gravity.q_g_frd, acc, dt_s, vertical.tilt.missed
+            inside.search, vertical.gravity.q_g_frd, acc, dt_s, vertical.tilt.aliasing
         )
 
 
@@ -585,7 +585,7 @@ def step_aided(inside: Any, now: Situation, report: Report, other: Report) -> in
     others = StepInputs(
         gravity_b=seen.gravity_b,
         gravity_sigma_rad=seen.sigma_brief_rad,
-        missed=inside.conditioning.vertical.tilt.missed,
+        aliasing=inside.conditioning.vertical.tilt.aliasing,
         north=north,
         place_gauss=reference.place_gauss,
     )
@@ -606,9 +606,9 @@ def step_aided(inside: Any, now: Situation, report: Report, other: Report) -> in
     inside.aided = aided
     inside.covariance = covariance
     inside.velocity_history = velocity_history
-    witness = watch(params.aiding, inside.witness, aided, inside.sample, report)
+    consistency = watch(params.aiding, inside.consistency, aided, inside.sample, report)
     tau_s = params.filter.rate_time_constant_s
-    inside.witness = compare(witness, state.q_ned_frd, inside.sample.dt_s, tau_s)
+    inside.consistency = compare(consistency, state.q_ned_frd, inside.sample.dt_s, tau_s)
     has_shown = report.given and search_by(inside, report)
     is_lost = slow_share(inside.sample.dt_s) > 0.0 and is_worse(aided, seen)
     if is_lost or not is_credible(aided):
@@ -664,7 +664,9 @@ def hear_late(inside: Any, report: Report) -> bool:
     )
     inside.aided = aided
     inside.covariance = covariance
-    inside.witness = hear_report(inside.params.aiding, inside.witness, aided.estimate, report)
+    inside.consistency = hear_report(
+        inside.params.aiding, inside.consistency, aided.estimate, report
+    )
     return search_by(inside, report)
 
 
@@ -727,12 +729,12 @@ def said_by(inside: Any, time_us: int) -> Said:
     error, error_rate_1_s = inside.filter.error, inside.filter.error_rate_1_s
     place_gauss = params.reference.place_gauss
     if now.source == AIDED:
-        witness = inside.witness
-        error, error_rate_1_s = witness.error, witness.error_rate_1_s
+        consistency = inside.consistency
+        error, error_rate_1_s = consistency.error, consistency.error_rate_1_s
         figures = aided_figures(
             params.aiding,
             inside.aided,
-            witness,
+            consistency,
             place_gauss,
             inside.covariance,
             mounted_rad(now.standing),

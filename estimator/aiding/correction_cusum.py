@@ -17,8 +17,8 @@ from estimator.aiding.types import (
     AidingEstimate,
     AidingParams,
     Array,
+    CorrectionCusum,
     Sigmas,
-    Surprise,
 )
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.times import MEMORY_S
@@ -44,8 +44,12 @@ def known(P: Array) -> Known:
 
 @inlined
 def pass_time(
-    params: AidingParams, surprise: Surprise, estimate: AidingEstimate, P: Array, dt: float
-) -> Surprise:
+    params: AidingParams,
+    correction_cusum: CorrectionCusum,
+    estimate: AidingEstimate,
+    P: Array,
+    dt: float,
+) -> CorrectionCusum:
     """Corrections ``dt`` older. A bias other than usual has turned the attitude, too.
 
     It becomes usual with time. One that began less known than biases are is being learnt until
@@ -55,34 +59,36 @@ def pass_time(
     variance = P[GYR_BIAS, GYR_BIAS]
     variance += P[GYR_BIAS + 1, GYR_BIAS + 1] + P[GYR_BIAS + 2, GYR_BIAS + 2]
     usual = 3.0 * params.gyr_bias_sigma**2
-    before = max(usual, surprise.least_variance)
+    before = max(usual, correction_cusum.least_variance)
     least = max(usual, min(variance, before))
     unlearnt = least / before
-    change = subtract(estimate.gyr_bias_rad_s, surprise.bias_rad_s)
+    change = subtract(estimate.gyr_bias_rad_s, correction_cusum.bias_rad_s)
     turned = scale(-dt, rotate(estimate.q_ned_frd, change))
-    return Surprise(
-        turn_rad=add(scale(keep, surprise.turn_rad), turned),
-        bias_rad_s=add(surprise.bias_rad_s, scale(1.0 - keep * unlearnt, change)),
+    return CorrectionCusum(
+        turn_rad=add(scale(keep, correction_cusum.turn_rad), turned),
+        bias_rad_s=add(correction_cusum.bias_rad_s, scale(1.0 - keep * unlearnt, change)),
         least_variance=least,
-        level=keep * keep * surprise.level,
-        heading=keep * keep * surprise.heading,
+        level=keep * keep * correction_cusum.level,
+        heading=keep * keep * correction_cusum.heading,
     )
 
 
 @inlined
-def add_correction(surprise: Surprise, turn_rad: Vec3, before: Known, after: Known) -> Surprise:
+def add_correction(
+    correction_cusum: CorrectionCusum, turn_rad: Vec3, before: Known, after: Known
+) -> CorrectionCusum:
     """One more correction (NED), which has brought the variances down."""
-    return Surprise(
-        turn_rad=add(surprise.turn_rad, turn_rad),
-        bias_rad_s=surprise.bias_rad_s,
-        least_variance=surprise.least_variance,
-        level=surprise.level + max(0.0, before.level - after.level),
-        heading=surprise.heading + max(0.0, before.heading - after.heading),
+    return CorrectionCusum(
+        turn_rad=add(correction_cusum.turn_rad, turn_rad),
+        bias_rad_s=correction_cusum.bias_rad_s,
+        least_variance=correction_cusum.least_variance,
+        level=correction_cusum.level + max(0.0, before.level - after.level),
+        heading=correction_cusum.heading + max(0.0, before.heading - after.heading),
     )
 
 
 @inlined
-def expected_turn(surprise: Surprise, P: Array) -> Known:
+def expected_turn(correction_cusum: CorrectionCusum, P: Array) -> Known:
     """Mean squares (rad^2) of what was corrected, if the covariance is true.
 
     A bias that changes at once has turned the attitude by ``MEMORY_S``/e of that at most, until
@@ -90,14 +96,14 @@ def expected_turn(surprise: Surprise, P: Array) -> Known:
     """
     by_bias = (MEMORY_S / e) ** 2 / 3.0
     by_bias *= P[GYR_BIAS, GYR_BIAS] + P[GYR_BIAS + 1, GYR_BIAS + 1] + P[GYR_BIAS + 2, GYR_BIAS + 2]
-    return Known(surprise.level + 2.0 * by_bias, surprise.heading + by_bias)
+    return Known(correction_cusum.level + 2.0 * by_bias, correction_cusum.heading + by_bias)
 
 
 @inlined
-def surprised(sigma: Sigmas, surprise: Surprise, P: Array) -> Sigmas:
+def surprised(sigma: Sigmas, correction_cusum: CorrectionCusum, P: Array) -> Sigmas:
     """The sigmas with what the corrections have turned beyond all expectation."""
-    north, east, down = surprise.turn_rad
-    usual = expected_turn(surprise, P)
+    north, east, down = correction_cusum.turn_rad
+    usual = expected_turn(correction_cusum, P)
     level = north * north + east * east - USUAL_SQUARE * usual.level
     heading = down * down - USUAL_SQUARE * usual.heading
     return Sigmas(

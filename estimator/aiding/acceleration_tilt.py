@@ -9,7 +9,7 @@ shows, and a receiver beside walls reports one that nothing feels. So the lesser
 from math import hypot
 
 from estimator.aiding.inertial import GRAVITY_NED
-from estimator.aiding.types import Lean
+from estimator.aiding.types import AccelerationTilt
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.params import ConditioningParams
@@ -17,46 +17,55 @@ from estimator.geometry.quaternion import add, scale, subtract
 from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
 
 # For so long the unaided stage averages.
-LEAN_TAU_S = ConditioningParams().gravity_tau_s
+ACCELERATION_TILT_TAU_S = ConditioningParams().gravity_tau_s
 # An acceleration of less than this (m/s^2) tells no attitude from another.
 TELLING_M_S2 = 1.0
 # What the aided attitude leaves of it unexplained, to be believed rather than the unaided one.
 UNEXPLAINED = 0.5
 
-with_means = replacer(Lean, "felt_m_s2", "reported_m_s")
-with_latest = replacer(Lean, "latest_m_s")
+with_means = replacer(AccelerationTilt, "felt_m_s2", "reported_m_s")
+with_latest = replacer(AccelerationTilt, "latest_m_s")
 
 
 @inlined
-def watch_lean(lean: Lean, force_ned_m_s2: Vec3, dt: float) -> Lean:
+def watch_acceleration_tilt(
+    acceleration_tilt: AccelerationTilt, force_ned_m_s2: Vec3, dt: float
+) -> AccelerationTilt:
     """With one more sample."""
-    share = dt / (LEAN_TAU_S + dt)
-    felt = subtract(add(force_ned_m_s2, GRAVITY_NED), lean.felt_m_s2)
-    ahead = subtract(lean.latest_m_s, lean.reported_m_s)
-    felt_m_s2 = add(lean.felt_m_s2, scale(share, felt))
-    return with_means(lean, felt_m_s2, add(lean.reported_m_s, scale(share, ahead)))
+    share = dt / (ACCELERATION_TILT_TAU_S + dt)
+    felt = subtract(add(force_ned_m_s2, GRAVITY_NED), acceleration_tilt.felt_m_s2)
+    ahead = subtract(acceleration_tilt.latest_m_s, acceleration_tilt.reported_m_s)
+    felt_m_s2 = add(acceleration_tilt.felt_m_s2, scale(share, felt))
+    return with_means(
+        acceleration_tilt, felt_m_s2, add(acceleration_tilt.reported_m_s, scale(share, ahead))
+    )
 
 
 @inlined
-def hear_report(lean: Lean, velocity_ned_m_s: Vec3) -> Lean:
+def hear_report(acceleration_tilt: AccelerationTilt, velocity_ned_m_s: Vec3) -> AccelerationTilt:
     """With one more report."""
-    return with_latest(lean, velocity_ned_m_s)
+    return with_latest(acceleration_tilt, velocity_ned_m_s)
 
 
 @inlined
-def lean_angle(lean: Lean, is_silent: bool, slow: float) -> float:
+def acceleration_tilt_angle(
+    acceleration_tilt: AccelerationTilt, is_silent: bool, slow: float
+) -> float:
     """The lean, rad; without reports by what is felt alone.
 
     What a ``slow`` stream's aided attitude feels then is its own error.
     """
-    felt, gained = lean.felt_m_s2, subtract(lean.latest_m_s, lean.reported_m_s)
+    felt, gained = (
+        acceleration_tilt.felt_m_s2,
+        subtract(acceleration_tilt.latest_m_s, acceleration_tilt.reported_m_s),
+    )
     push = hypot(felt[0], felt[1])
     if is_silent:
         return push / STANDARD_GRAVITY_M_S2 * (1.0 - slow)
-    return min(push, hypot(gained[0], gained[1]) / LEAN_TAU_S) / STANDARD_GRAVITY_M_S2
+    return min(push, hypot(gained[0], gained[1]) / ACCELERATION_TILT_TAU_S) / STANDARD_GRAVITY_M_S2
 
 
-def bears_out(lean: Lean) -> bool:
+def bears_out(acceleration_tilt: AccelerationTilt) -> bool:
     """Whether the reports have accelerated as the aided attitude feels it, and clearly so.
 
     The unaided vertical is the mean force, so by it a vehicle has not accelerated at all over the
@@ -64,7 +73,10 @@ def bears_out(lean: Lean) -> bool:
     one, however far off a report's speed or the field may be. One that is not a number explains
     nothing.
     """
-    seen = scale(1.0 / LEAN_TAU_S, subtract(lean.latest_m_s, lean.reported_m_s))
-    left = subtract(lean.felt_m_s2, seen)
+    seen = scale(
+        1.0 / ACCELERATION_TILT_TAU_S,
+        subtract(acceleration_tilt.latest_m_s, acceleration_tilt.reported_m_s),
+    )
+    left = subtract(acceleration_tilt.felt_m_s2, seen)
     push = hypot(seen[0], seen[1])
     return push > TELLING_M_S2 and hypot(left[0], left[1]) < UNEXPLAINED * push

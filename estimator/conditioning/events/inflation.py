@@ -13,7 +13,7 @@ from estimator.conditioning.events.proof import TurnSigns
 from estimator.conditioning.field.magnetic import MagneticState, steepness
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.times import LONGEST_STEP_S, SPAN_S
-from estimator.conditioning.vertical.bias import Estimate, clip, doubt_heading
+from estimator.conditioning.vertical.bias import Estimate, clip, inflate_heading
 from estimator.conditioning.vertical.lasting import SCALE_ERROR
 from estimator.geometry.spread import HALF_TURN_VARIANCE
 from estimator.types import Vec2
@@ -29,7 +29,7 @@ class FieldBefore(NamedTuple):
     confidence: float = 0.0  # averaged
 
 
-class HeadingDoubt(NamedTuple):
+class HeadingInflation(NamedTuple):
     """How far the heading is in doubt; it hears of that once the field looks as usual again."""
 
     variance: float = 0.0  # rad^2
@@ -39,17 +39,17 @@ class HeadingDoubt(NamedTuple):
 
 @inlined
 def raise_doubt(
-    doubt: HeadingDoubt, signs: TurnSigns, variance: float, steepness: float
-) -> HeadingDoubt:
+    inflation: HeadingInflation, signs: TurnSigns, variance: float, steepness: float
+) -> HeadingInflation:
     """The doubt after the field has jumped, by a turn whose angle has the ``variance`` (rad^2).
 
     A steep field makes more of it: ``steepness`` is the squared tangent of the dip.
     """
     before = FieldBefore(signs.jump.slow_norm, signs.heading.mean_confidence)
-    return HeadingDoubt(
-        variance=min(doubt.variance + variance * (1.0 + steepness), HALF_TURN_VARIANCE),
+    return HeadingInflation(
+        variance=min(inflation.variance + variance * (1.0 + steepness), HALF_TURN_VARIANCE),
         usual_s=0.0,
-        before=before if doubt.variance == 0.0 else doubt.before,
+        before=before if inflation.variance == 0.0 else inflation.before,
     )
 
 
@@ -66,16 +66,16 @@ def is_sudden(noise: float, variance: float, steepness: float, horizontal: Vec2)
 
 
 @inlined
-def release_doubt(
+def release_inflation(
     params: ConditioningParams,
-    doubt: HeadingDoubt,
+    inflation: HeadingInflation,
     tilt: float,
     estimate: Estimate,
     field: MagneticState,
     jump: JumpSigns,
     horizontal: Vec2,
     dt_s: float,
-) -> tuple[HeadingDoubt, float, Estimate, bool]:
+) -> tuple[HeadingInflation, float, Estimate, bool]:
     """Hand the heading its doubt once the field has looked as usual for a while.
 
     A magnet that has turned the field shows in norm or dip, now or soon, and must not draw the
@@ -86,18 +86,23 @@ def release_doubt(
     Returns both doubts, the estimate and whether the heading was given up.
     """
     # D^2 by which it looks less usual than before the turn, and by which it still moves
-    off = sqrt(max(doubt.before.confidence, TINY) / max(field.look.confidence, TINY)) - 1.0
+    off = sqrt(max(inflation.before.confidence, TINY) / max(field.look.confidence, TINY)) - 1.0
     off = max(0.0, off) + (jump.moves_rad / params.turn_jump_rad) ** 2
-    usual_s = max(0.0, doubt.usual_s + clip(2.0 * (1.0 - off), 1.0) * min(dt_s, LONGEST_STEP_S))
+    usual_s = max(0.0, inflation.usual_s + clip(2.0 * (1.0 - off), 1.0) * min(dt_s, LONGEST_STEP_S))
     most = SCALE_ERROR + sqrt(field.reference.uneven)
-    left, before = doubt.variance, doubt.before
+    left, before = inflation.variance, inflation.before
     if left > 0.0 and abs(jump.quick_norm - before.norm) > most * before.norm:
-        return HeadingDoubt(0.0, usual_s, before), 0.0, estimate, False
+        return HeadingInflation(0.0, usual_s, before), 0.0, estimate, False
     if usual_s <= SPAN_S:
-        return HeadingDoubt(left, usual_s, before), tilt, estimate, False
+        return HeadingInflation(left, usual_s, before), tilt, estimate, False
     steep = steepness(field.reference)
     if not is_sudden(jump.usual / jump_share() ** 2, left, steep, horizontal):
         left = 0.0
     now = estimate.covariance[9]
     raised = max(now + left, 0.5 * tilt * steep) - now
-    return HeadingDoubt(0.0, usual_s, before), tilt, doubt_heading(estimate, raised), left > 0.0
+    return (
+        HeadingInflation(0.0, usual_s, before),
+        tilt,
+        inflate_heading(estimate, raised),
+        left > 0.0,
+    )

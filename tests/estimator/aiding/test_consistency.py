@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from estimator.aiding import AidingParams, Beginning, Report, begin
-from estimator.aiding.search import Window
-from estimator.aiding.types import NO_REPORT, Sigmas
-from estimator.aiding.witness import (
-    NEW_WITNESS,
+from estimator.aiding.consistency import (
+    NEW_CONSISTENCY,
     Direction,
     compare,
     doubted,
@@ -18,6 +16,8 @@ from estimator.aiding.witness import (
     hear_sample,
     watch,
 )
+from estimator.aiding.search import Window
+from estimator.aiding.types import NO_REPORT, Sigmas
 from estimator.conditioning.times import SPAN_S
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.estimator import Estimator
@@ -52,7 +52,7 @@ def aided(q_ned_frd):
 def watched(state, *, seconds=12.0, noise_m_s=0.0, with_mag=True, silent_from=1e9, receiver=False):
     """A witness that has seen a vehicle, held at ``TRUTH``, pushed to and fro."""
     rng = np.random.default_rng(5)
-    witness, velocity = NEW_WITNESS, np.zeros(3)
+    consistency, velocity = NEW_CONSISTENCY, np.zeros(3)
     mag = np.array(rotate_inverse(TRUTH, EARTH_GAUSS)) + IRON_GAUSS
     for k in range(round(seconds / DT)):
         push = PUSHED_M_S2 * np.array([sin(0.9 * k * DT), sin(0.4 * k * DT), 0.0])
@@ -65,18 +65,18 @@ def watched(state, *, seconds=12.0, noise_m_s=0.0, with_mag=True, silent_from=1e
         if k % REPORT_EVERY == 0 and k * DT < silent_from:
             said = velocity + noise_m_s * rng.standard_normal(3)
             report = Report(True, tuple(said), not receiver, 0.3, 0.0, 0.1 if receiver else 0.0)
-        witness = watch(AidingParams(), witness, state, sample, report)
-        witness = compare(witness, state.estimate.q_ned_frd, DT, 0.3)
-    return witness
+        consistency = watch(AidingParams(), consistency, state, sample, report)
+        consistency = compare(consistency, state.estimate.q_ned_frd, DT, 0.3)
+    return consistency
 
 
 @pytest.mark.parametrize("receiver", [False, True])
 def test_the_right_attitude_is_borne_out(receiver):
-    witness = watched(aided(TRUTH), receiver=receiver)
-    assert witness.error < 1e-6
-    assert witness.force.share > 0.9
-    assert witness.field.share == 1.0
-    assert doubted(SIGMAS, witness) == pytest.approx(SIGMAS)
+    consistency = watched(aided(TRUTH), receiver=receiver)
+    assert consistency.error < 1e-6
+    assert consistency.force.share > 0.9
+    assert consistency.field.share == 1.0
+    assert doubted(SIGMAS, consistency) == pytest.approx(SIGMAS)
 
 
 @pytest.mark.parametrize("receiver", [False, True])
@@ -88,51 +88,51 @@ def test_the_right_attitude_is_borne_out(receiver):
 def test_a_turned_attitude_is_doubted_by_as_much(receiver, turn_deg, measured_e):
     """R_true = exp(turn) R: the mean turn is the one that is missing, sigma about twice that."""
     wrong = multiply(exp(tuple(-radians(a) for a in turn_deg)), TRUTH)
-    witness = watched(aided(wrong), receiver=receiver)
-    found = np.degrees((witness.tilt.mean_north_rad, witness.tilt.mean_east_rad))
+    consistency = watched(aided(wrong), receiver=receiver)
+    found = np.degrees((consistency.tilt.mean_north_rad, consistency.tilt.mean_east_rad))
     # pushes of 2 m/s^2 let a heading of 8 deg show as 1.5 deg of tilt
     assert np.abs(found - turn_deg[:2]).max() < 1.6
     angle = np.linalg.norm(turn_deg)
-    sigma = doubted(SIGMAS, witness)
+    sigma = doubted(SIGMAS, consistency)
     widened = sigma.heading_rad if turn_deg[2] else sigma.inclination_rad
     assert degrees(widened) == pytest.approx(1.8 * angle, rel=0.2)
-    assert witness.error == pytest.approx(measured_e, rel=0.2)
+    assert consistency.error == pytest.approx(measured_e, rel=0.2)
 
 
 def test_noise_of_reports_is_not_doubt():
     """0.1 m/s makes 0.8 deg of a second of gravity: usual, after a minute."""
-    witness = watched(aided(TRUTH), seconds=60.0, noise_m_s=0.1)
-    assert degrees(witness.tilt.usual_square**0.5) == pytest.approx(0.5, rel=0.2)
-    assert doubted(SIGMAS, witness).inclination_rad == pytest.approx(SIGMAS.inclination_rad)
-    assert witness.error > 1e-6
+    consistency = watched(aided(TRUTH), seconds=60.0, noise_m_s=0.1)
+    assert degrees(consistency.tilt.usual_square**0.5) == pytest.approx(0.5, rel=0.2)
+    assert doubted(SIGMAS, consistency).inclination_rad == pytest.approx(SIGMAS.inclination_rad)
+    assert consistency.error > 1e-6
 
 
 def test_without_reports_and_field_nothing_is_said():
     """What the last window has shown fades, and e is 0 where nothing is measured."""
     wrong = multiply(exp((radians(10.0), 0.0, 0.0)), TRUTH)
-    witness = watched(aided(wrong), seconds=30.0, with_mag=False, silent_from=6.0)
-    assert witness.error == 0.0
-    assert doubted(SIGMAS, witness) == pytest.approx(SIGMAS)
+    consistency = watched(aided(wrong), seconds=30.0, with_mag=False, silent_from=6.0)
+    assert consistency.error == 0.0
+    assert doubted(SIGMAS, consistency) == pytest.approx(SIGMAS)
 
 
 def test_an_autopilots_filter_is_heard_only_while_there_is_no_receiver():
     state = aided(TRUTH)
     by_receiver = Report(True, ZERO_VEC3, False, 0.3, 0.0, 0.1)
     by_filter = by_receiver._replace(late_sigma_s=0.0)
-    witness = hear_report(AidingParams(), NEW_WITNESS, state.estimate, by_filter)
-    assert not witness.by_receiver
-    witness = hear_report(AidingParams(), witness, state.estimate, by_receiver)
-    assert witness.by_receiver
-    assert hear_report(AidingParams(), witness, state.estimate, by_filter) is witness
-    silent = witness._replace(report_wait_s=4.0)
+    consistency = hear_report(AidingParams(), NEW_CONSISTENCY, state.estimate, by_filter)
+    assert not consistency.by_receiver
+    consistency = hear_report(AidingParams(), consistency, state.estimate, by_receiver)
+    assert consistency.by_receiver
+    assert hear_report(AidingParams(), consistency, state.estimate, by_filter) is consistency
+    silent = consistency._replace(report_wait_s=4.0)
     assert not hear_report(AidingParams(), silent, state.estimate, by_filter).by_receiver
 
 
 def test_what_is_usual_is_learnt_slowly():
     """A fault of 10 deg for 12 s is not usual: it counts for twice what was so before."""
     wrong = multiply(exp((radians(10.0), 0.0, 0.0)), TRUTH)
-    witness = watched(aided(wrong))
-    assert witness.tilt.usual_square**0.5 == pytest.approx(LEAST_OFF_RAD * 1.15, rel=0.1)
+    consistency = watched(aided(wrong))
+    assert consistency.tilt.usual_square**0.5 == pytest.approx(LEAST_OFF_RAD * 1.15, rel=0.1)
 
 
 def test_a_step_of_the_gyroscopes_bias_widens_sigma():
@@ -203,7 +203,7 @@ def test_a_field_is_taken_as_old_as_it_is_and_without_the_iron():
         then = multiply(TRUTH, exp(tuple(-0.05 * rate)))
         mag = np.add(rotate_inverse(then, PLACE_GAUSS), IRON_GAUSS)
         sample = NO_SAMPLE._replace(gyr_rad_s=GYR, mag=tuple(mag), has_mag=True, dt_s=DT)
-        before = NEW_WITNESS._replace(q_g_frd=G, field_wait_s=0.5)
+        before = NEW_CONSISTENCY._replace(q_g_frd=G, field_wait_s=0.5)
         after = hear_field(before, under_way(q), sample)
         asked = -0.6 * off_rad * 0.5 / (SPAN_S + 0.5)
         assert after.heading.mean_north_rad == pytest.approx(asked, abs=1e-12)
@@ -216,7 +216,7 @@ def test_a_field_is_taken_as_old_as_it_is_and_without_the_iron():
 def test_a_samples_force_counts_without_its_bias():
     state = under_way(TRUTH)
     state = state._replace(last=state.last._replace(rate_rad_s=(0.2, -0.1, 0.4)))
-    before = NEW_WITNESS._replace(q_g_frd=exp((0.5, 0.6, -0.7)), turned_rad=0.3)
+    before = NEW_CONSISTENCY._replace(q_g_frd=exp((0.5, 0.6, -0.7)), turned_rad=0.3)
     sample = NO_SAMPLE._replace(acc_m_s2=(1.0, 2.0, -9.0), dt_s=0.1)
     after = hear_sample(before, state, sample)
     q = multiply(before.q_g_frd, exp((0.02, -0.01, 0.04)))
@@ -234,7 +234,7 @@ def test_a_window_is_compared_with_the_change_of_velocity(late_sigma_s, has_vert
     window = Window(
         (1.0, 2.0, -13.0), (0.3, 2.2, -9.5), (0.9, 1.0, -9.2), 1.4, (1.0, 2.0, 3.0), True
     )
-    before = NEW_WITNESS._replace(
+    before = NEW_CONSISTENCY._replace(
         q_g_frd=G, window=window, turned_rad=0.7, by_receiver=late_sigma_s > 0.0
     )
     report = Report(True, (2.5, 1.0, 3.2), has_vertical, 0.3, 0.05, late_sigma_s)
@@ -271,14 +271,14 @@ def test_e_is_averaged_over_both_directions_by_their_confidence():
         there = matrix(exp(tuple(off_rad * np.array(axis)))) @ ned
         return Direction(tuple(to_g @ there), ned, share)
 
-    witness = NEW_WITNESS._replace(
+    consistency = NEW_CONSISTENCY._replace(
         q_g_frd=G,
         force=direction((0.0, 0.0, -1.0), (1.0, 0.0, 0.0), 0.2, 0.9),
         field=direction((0.8, 0.0, 0.6), (0.0, 1.0, 0.0), 0.5, 0.3),
         error=0.01,
         error_rate_1_s=0.2,
     )
-    after = compare(witness, attitude, 0.1, 0.3)
+    after = compare(consistency, attitude, 0.1, 0.3)
     e = (0.9 * sin(0.1) ** 2 + 0.3 * sin(0.25) ** 2) / 1.2
     assert after.error == pytest.approx(e)
     assert after.error_rate_1_s == pytest.approx(0.2 + (e - 0.01 - 0.1 * 0.2) / 0.4)
