@@ -73,7 +73,7 @@ def add_unseen_turn(
     dt: float,
     seen_s: float,
 ) -> None:
-    """Variance of the turn that a step has missed, in place; ``second_difference``: off the line, rad/s.
+    """Variance of the turn that a step has missed, in place; ``second_difference`` is in rad/s.
 
     The mean of two independent instants is off the mean over the step by 0.29 of the second
     difference, about all axes alike. Of the turning something is seen every ``seen_s``.

@@ -130,7 +130,7 @@ class Holder:
         return self._last_report()
 
     def lay(self, rows: Rows, said: Floats, told: Floats) -> None:
-        """See :func:`estimator.live.kernel_handle.lay`; rows of another type or layout are copied."""
+        """See :func:`estimator.live.kernel_handle.lay`; rows of another layout are copied."""
         rows = rows_of(*rows)
         require_writable(said, len(rows.times_us))
         self._lay(rows, said, told)

@@ -224,8 +224,8 @@ def hold_by_usual(
 ) -> tuple[VerticalState, float]:
     """What a slow step has lost of the vertical, taken from the usual one; and its variance now.
 
-    The step has missed a turn of the variance ``aliasing``, and nothing is known worse than where it
-    usually is, both rad^2.
+    The step has missed a turn of the variance ``aliasing``, and nothing is known worse than where
+    it usually is, both rad^2.
     """
     dt, usual, gravity = mean.time_s, before.usual, before.gravity
     slow = slowness(params, dt)
