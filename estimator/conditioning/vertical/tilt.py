@@ -239,12 +239,12 @@ def initial_tilt(gyr: Vec3, u: Vec3) -> TiltState:
 def force_after_turn(
     params: ConditioningParams, inflation: float, force_scatter: float, dt_s: float
 ) -> Vec2:
-    """The inflation that a reading of the force leaves, and a Kalman filter's share of that reading.
+    """The inflation that a reading of the force leaves, and a Kalman filter's share of it.
 
     ``inflation`` (rad^2) is the variance that an unsensed turn has given the vertical.
-    ``force_scatter`` is how far the mean of ``SPAN_S`` usually is off, so a reading's
-    noise, were it white, is R = force_scatter 2 tau/dt: it holds for a hand's quick accelerations and
-    a vehicle's slow ones alike. K = D/(D + R), D <- (1 - K) D. Once the low-pass is as quick,
+    ``force_scatter`` is how far the mean of ``SPAN_S`` usually is off, so a reading's noise, were
+    it white, is R = force_scatter 2 tau/dt: it holds for a hand's quick accelerations and a
+    vehicle's slow ones alike. K = D/(D + R), D <- (1 - K) D. Once the low-pass is as quick,
     both are zero.
     """
     noise = (force_scatter + LEAST_OFF_RAD**2) * 2.0 * SPAN_S / dt_s
