@@ -24,6 +24,7 @@ from fuzzbee.tune.read_flight import read_flight
 from tuning.flight import Flight, fly
 
 ROUNDS, SMOKE_ROUNDS = 5, 1
+SHORT_LOG = Path(__file__).parents[1] / "tests" / "data" / "sitl_copter_flips.tlog"
 
 
 def ways(log: Path, flight: Flight) -> Iterator[tuple[str, Callable[[], object] | None]]:
@@ -73,8 +74,12 @@ def measure(log: Path, rounds: int) -> list[Row]:
 
 def main() -> int:
     made = parser(__doc__)
-    made.add_argument("logs", type=Path, nargs="+", metavar="LOG")
+    made.add_argument("logs", type=Path, nargs="*", metavar="LOG")
     options = made.parse_args()
+    if options.smoke and not options.logs:
+        options.logs = [SHORT_LOG]
+    if not options.logs:
+        made.error("give a LOG, or --smoke")
     rounds = SMOKE_ROUNDS if options.smoke else ROUNDS
     tables = {f"time an IMU sample, {log.name}": measure(log, rounds) for log in options.logs}
     show(tables, as_json=options.json)

@@ -46,7 +46,7 @@ class CalibrateOptions(NamedTuple):
 
 @command
 def calibrate(options: CalibrateOptions) -> None:
-    """Find what is constantly wrong with gyroscope, accelerometer and compass.
+    """Find what is constantly wrong with an IMU's sensors.
 
     Biases, scales, crossed axes and iron, each with its sigma, as a profile's [calibration]. To be
     looked at before use: nothing is sent. Ends with 2 if the turns do not show them.

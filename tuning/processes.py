@@ -6,7 +6,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from multiprocessing import get_context, parent_process
 from typing import Any
 
@@ -32,8 +32,9 @@ class Pool(Closing):
     def __init__(self, work: Callable[[Any], Any], count: int) -> None:
         self._work = work
         self._pool: ProcessPoolExecutor | None = None
-        if count > 1:
-            with _apart_from_terminal():  # the library starts a process for its own use here
+        # where /dev/shm is read-only there are no semaphores to share
+        with suppress(OSError), _apart_from_terminal():  # the library starts a process here
+            if count > 1:
                 self._pool = ProcessPoolExecutor(count, get_context("spawn"), _begin, (work,))
 
     def __call__(self, things: Iterable[Any]) -> Iterator[Any]:

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 def show(viewer: "ViewerSink", trace: VehicleTrace) -> None:
     """Draw a trace at the log's own times, with the attitudes by others beside it."""
     for output in outputs(trace):
+        if not viewer.stream.is_wanted:  # a full disk: it is said at the end
+            break
         with suppress(ConnectionError):  # the viewer was closed: a file may still be wanted
             viewer.handle([output])
     viewer.finish()

@@ -79,7 +79,7 @@ def test_smallest_profile_has_the_documented_defaults():
 @pytest.mark.parametrize(
     ("extra", "word"),
     [
-        ("[surprise]\nx = 1\n", "correction_cusum"),
+        ("[surprise]\nx = 1\n", "surprise"),
         ("[filter]\ngama = 1.0\n", "gama"),
         ("[reference]\ngravitiy = [0.0, 0.0, 1.0]\n", "gravitiy"),
         ("[confidence]\nheading = 1.0\n", "heading"),
@@ -91,7 +91,7 @@ def test_unknown_keys_are_refused(extra, word):
 
 
 def test_unknown_keys_beside_the_sections_are_refused():
-    refused("surprise = 1\n" + SMALLEST, "unknown", "correction_cusum")
+    refused("surprise = 1\n" + SMALLEST, "unknown", "surprise")
 
 
 def test_unknown_membership_and_conditioning_keys_are_refused():
@@ -263,7 +263,7 @@ def test_merge_changes_what_it_names_and_nothing_else():
 @pytest.mark.parametrize(
     ("partial", "word"),
     [
-        ({"correction_cusum": {}}, "correction_cusum"),
+        ({"surprise": {}}, "surprise"),
         ({"filter": {"gama": 1.0}}, "gama"),
         ({"filter": 3}, "filter"),
         ({"filter": None}, "filter"),

@@ -41,7 +41,7 @@ def test_it_shows_every_cycle_and_changes_nothing(tmp_path, algorithm):
 
 def test_a_resumed_search_shows_what_was_before(tmp_path):
     output, file = tmp_path / "x.toml", tmp_path / "x.rrd"
-    options = [*SIMULATED[:2], "--sources", "40", "--cycles", "200", *SIMULATED[-4:]]
+    options = [*SIMULATED[:2], "--sources", "40", "--cycles", "1000", *SIMULATED[-4:]]
     with started(*options, "-o", str(output), "--threads", "1") as process:
         while cpu_s(process.pid) < 4.0:
             assert process.poll() is None

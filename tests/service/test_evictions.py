@@ -89,26 +89,6 @@ def test_a_flood_of_addresses_takes_no_place_of_a_vehicle_that_is_silent(monkeyp
     assert [type(each) for each in events][-1] is Imu  # its clock went on
 
 
-def test_newcomers_to_a_full_table_share_one_look_for_places_a_second(monkeypatch):
-    """A look at thousands for each of them left no time for anything else."""
-    monkeypatch.setattr("drivers.mavlink.decoder.MOST_SENDERS", 512)
-    decoder, looks = MavlinkDecoder(), []
-    look = MavlinkDecoder._look_for_leavers
-    monkeypatch.setattr(MavlinkDecoder, "_look_for_leavers", lambda *a: (looks.append(1), look(*a)))
-    others = addresses(812)
-    for vehicle in others[:512]:
-        decoder.events(imu_frame(vehicle, SECOND_US), START_US)
-    gone = []
-    for number, vehicle in enumerate(others[512:]):
-        arrival_us = START_US + SILENT_US + 10_000 * number
-        if number == 100:  # it comes back meanwhile
-            decoder.events(imu_frame(others[200], 2 * SECOND_US), arrival_us)
-        events = decoder.events(imu_frame(vehicle, SECOND_US), arrival_us)
-        gone += [each.vehicle for each in events if isinstance(each, Forgotten)]
-    assert sorted(gone) == sorted({*others[:301]} - {others[200]})
-    assert len(looks) == 3  # of 300 newcomers in three seconds
-
-
 def silence(pipeline, seconds, now_us):
     outputs = []
     for _ in range(seconds):

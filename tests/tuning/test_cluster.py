@@ -17,7 +17,7 @@ pytest.importorskip("distributed")
 pytestmark = pytest.mark.slow
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-SEARCH = ["sim:", "--sources", "10", "--cycles", "60", "--noise-seeds", "100-101"]
+SEARCH = ["sim:", "--sources", "10", "--cycles", "300", "--noise-seeds", "100-101"]
 SEARCH += ["--held-out-seeds", "200"]
 
 

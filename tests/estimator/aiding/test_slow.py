@@ -131,7 +131,7 @@ ROUGH = Roughness(second_difference=0.5, changed=0.3, knocked=0.0)
 
 
 @pytest.mark.parametrize(
-    ("bent", "square"),
+    ("second_difference", "square"),
     [((0.2, -0.5, 0.1), 0.5), ((0.9, -0.5, 0.4), 1.22)],
 )
 def test_what_a_step_with_readings_between_has_missed(

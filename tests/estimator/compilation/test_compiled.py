@@ -39,8 +39,8 @@ for k in (LOWER, midpoint(), UPPER):
 print([x.hex() for x in numbers])
 """
 TOLD = """
-from estimator.compilation.notice import tell_compiling
-tell_compiling(lambda text: print("told:", text))
+from estimator.compilation.notice import notify_compiling
+notify_compiling(lambda text: print("told:", text))
 """
 
 
