@@ -50,7 +50,7 @@ def test_a_resumed_search_shows_what_was_before(tmp_path):
         process.communicate(timeout=60)
         assert process.returncode == 130
     assert main([*options, "-o", str(output), "--resume", "--rrd", str(file)]) == 0
-    assert rows(file, "/cost") == 200 + 1
+    assert rows(file, "/cost") == 1000 + 1
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs Linux's list of children")

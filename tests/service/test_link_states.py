@@ -130,9 +130,9 @@ class Link(RuleBasedStateMachine):
         refused = sum(status.rejected.values())
         handled = vehicle.samples + status.shed + refused
         whole = self.sent - bool(self.half)
-        # a sample of another time, until the next one confirms or contradicts it; where copies have
-        # come, for up to a second, what may be late ones
-        held = 50 if self.again else 1
+        # of a clock that falls back by less than a second, as of a vehicle that boots twice within
+        # one, samples are held until it is known whether they are late copies
+        held = 50
         assert whole - held <= handled <= whole + self.again
 
     @invariant()
