@@ -29,7 +29,7 @@ GROUPS = np.repeat(np.arange(6), [9, 3, 9, 3, 9, 3])
 WORTH = 6.0  # as many numbers as that supposition counts
 # What is believed: combinations of constants of which the recordings have left less than this share
 # of the variance before, of a sensor whose twelve are not 0 by this chi-square
-LEFT, CHI_SQUARE = 0.3, 24.0
+LEFT, CHI_SQUARE = 0.3, 40.0
 IN_FLIGHT = 3.0  # times as much: errors and lags of velocity look like an accelerometer's
 MOST_MISFIT = 0.03  # of the field: beside more, a compass shows nothing
 PINNED = 1e6
