@@ -88,8 +88,8 @@ def sources_digest(*settings: str) -> str:
     import numpy as np
 
     digest = hashlib.sha256()
-    for package in ("estimator", "drivers", "tuning"):
-        root = SOURCES.parent / package
+    for folder in ("estimator", "drivers/samples", "tuning"):
+        root = SOURCES.parent / folder
         for file in sorted(root.rglob("*.py")):
             digest.update(str(file.relative_to(root)).encode())
             digest.update(file.read_bytes())
