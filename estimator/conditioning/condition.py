@@ -6,17 +6,53 @@ from typing import NamedTuple
 from estimator.bounds import TINY
 from estimator.compilation.compiled import compiled, inlined
 from estimator.compilation.replacing import replacer
+from estimator.conditioning.events.step import learn_events
 from estimator.conditioning.field.calibration import correct_field
-from estimator.conditioning.gather import STEP_S, gather
-from estimator.conditioning.learning import learn
+from estimator.conditioning.field.step import learn_field
+from estimator.conditioning.gather import NOTHING, STEP_S, gather, means
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.state import ConditioningState
+from estimator.conditioning.sigma import certainty_of
+from estimator.conditioning.state import ConditioningState, Directions
+from estimator.conditioning.vertical.gravity import published_frame
 from estimator.conditioning.vertical.rate import at_interval_end, corrected_rate, is_mean
-from estimator.conditioning.vertical.step import VerticalState, begin_vertical, carry, free_rate
+from estimator.conditioning.vertical.step import (
+    VerticalState,
+    begin_vertical,
+    carry,
+    free_rate,
+    learn_vertical,
+)
 from estimator.conditioning.vertical.tilt import slowness
-from estimator.geometry.axes import FrameAxes, axes_of, to_body
+from estimator.geometry.axes import FrameAxes, axes_of, down_of, to_body
 from estimator.geometry.quaternion import conjugate, exp, log, multiply, rotate_inverse, scale
-from estimator.types import Quaternion, Sample, Vec3
+from estimator.types import Between, Quaternion, Sample, Vec3
+
+with_step = replacer(
+    ConditioningState, "vertical", "field", "events", "gathered", "directions", "certainty"
+)
+
+
+@inlined
+def directions_of(vertical: VerticalState) -> Directions:
+    """Down and magnetic north in G, by the vertical that is published."""
+    q, heading_rad = published_frame(vertical.gravity), vertical.estimate.heading_rad
+    north_6d = (cos(heading_rad), -sin(heading_rad), 0.0)
+    return Directions(down_of(q), rotate_inverse(q, north_6d))
+
+
+@inlined
+def learn(
+    params: ConditioningParams, state: ConditioningState, between: Between
+) -> ConditioningState:
+    """One learning step on what was gathered; ``between`` is known of the last sample's turning."""
+    mean = means(state.gathered)
+    force_scatter = state.events.signs.gravity.force_scatter
+    levelled = learn_vertical(params, state.vertical, mean, between, force_scatter)
+    seen = learn_field(params, state.field, mean, levelled)
+    now = learn_events(params, state.events, mean, levelled, seen)
+    certainty = certainty_of(params, now.vertical, now.field, now.events)
+    directions = directions_of(now.vertical)
+    return with_step(state, now.vertical, now.field, now.events, NOTHING, directions, certainty)
 
 
 class Conditioned(NamedTuple):

@@ -46,8 +46,7 @@ from estimator.filter.observation import ReferenceParams
 from estimator.filter.types import FilterParams, FilterState
 from estimator.geometry.quaternion import subtract
 from estimator.live import turning
-from estimator.live.aided import follow_aided, horizontal_north, is_worse
-from estimator.live.conditioned import follow_conditioned
+from estimator.live.aided import follow_aided, follow_conditioned, horizontal_north, is_worse
 from estimator.live.core import Core, in_arrays, initial_core
 from estimator.live.interval import is_gap, usual_interval
 from estimator.live.iron import DOUBTED, VOUCHED, mounted_rad, unshown_iron
@@ -58,11 +57,11 @@ from estimator.live.published import (
     aided_figures,
     conditioned_figures,
     motion,
+    pulled,
     raw_figures,
     widen,
     write,
 )
-from estimator.live.pull import pulled
 from estimator.live.refusal import FINE, fault_of
 from estimator.live.reports import enqueue_velocity, take_due_velocities
 from estimator.live.rows import (
@@ -111,7 +110,7 @@ AIDED = 2
 
 
 class Situation(NamedTuple):
-    """What the steps ask of the context, see :mod:`estimator.live.snapshot`."""
+    """What the steps ask of the context, see :mod:`estimator.live.core`."""
 
     source: int = RAW
     standing: int = VOUCHED  # of the compass, see :mod:`estimator.live.iron`

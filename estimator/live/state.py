@@ -9,9 +9,11 @@ from estimator.aiding.sources.wheels import rolls
 from estimator.conditioning import forget_coefficients
 from estimator.filter.alignment import align
 from estimator.geometry.earth import PlaceField
-from estimator.live.conditioned import conditioned_vectors
+from estimator.live.aided import conditioned_vectors
 from estimator.live.core import (
+    Context,
     Core,
+    Snapshot,
     initial_core,
     with_attitude,
     with_turned_compass,
@@ -24,7 +26,6 @@ from estimator.live.kernel_handle import AIDED, CONDITIONED, RAW, Situation, sta
 from estimator.live.published import Said
 from estimator.live.rows import NORTHS
 from estimator.live.settings import Settings, settings_of
-from estimator.live.snapshot import Context, Snapshot
 from estimator.profile import Profile
 
 # What the filter's vectors come from, as the compiled output takes it.

@@ -6,7 +6,6 @@ from typing import NamedTuple
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
-from estimator.conditioning.events.duration import duration_s
 from estimator.conditioning.field.magnetic import MagneticState
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.robust import robust_factor
@@ -16,6 +15,13 @@ from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.geometry.quaternion import direction
 from estimator.geometry.spread import HALF_TURN_VARIANCE
 from estimator.types import Vec2
+
+
+@inlined
+def duration_s(holds: bool, lasted_s: float, dt_s: float) -> float:
+    """For how long (s) something has held, which it has if it ``holds`` now."""
+    return lasted_s + min(dt_s, LONGEST_STEP_S) if holds else 0.0
+
 
 # A field points to a heading given up again within this share of the angle by which it is off the
 # present one.

@@ -7,7 +7,7 @@ from estimator.compilation.replacing import replacer
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.robust import MOST_DEVIATION, REACH, robust_factor
 from estimator.conditioning.times import FORGET_S, LONGEST_STEP_S
-from estimator.conditioning.vertical.kalman import Covariance, update
+from estimator.conditioning.vertical.bias import Covariance, update
 from estimator.conditioning.vertical.lowpass import approach
 from estimator.geometry.axes import FrameAxes, to_frame
 from estimator.geometry.quaternion import add, cross, dot, scale, subtract

@@ -10,8 +10,7 @@ from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.times import SPAN_S
-from estimator.conditioning.vertical.coefficients import Coefficients
-from estimator.conditioning.vertical.lowpass import Smooth, approach, smooth
+from estimator.conditioning.vertical.lowpass import Coefficients, Smooth, approach, smooth
 from estimator.conditioning.vertical.rate import FAST_STEP_S
 from estimator.geometry.quaternion import (
     multiply,

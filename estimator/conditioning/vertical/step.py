@@ -19,13 +19,6 @@ from estimator.conditioning.vertical.bias import (
     learn_in_motion,
     predict,
 )
-from estimator.conditioning.vertical.clipping import (
-    Clipping,
-    aliased_turn,
-    watch_clipping,
-    with_aliasing,
-)
-from estimator.conditioning.vertical.coefficients import Coefficients, coefficients
 from estimator.conditioning.vertical.gravity import (
     GravityState,
     age_after_hole,
@@ -37,13 +30,28 @@ from estimator.conditioning.vertical.gravity import (
 )
 from estimator.conditioning.vertical.lasting import (
     Lasting,
+    Usual,
     lasting_variance,
     least_variance,
+    usual_variance,
     watch_lasting,
+    watch_usual,
 )
-from estimator.conditioning.vertical.rate import integration_rate
-from estimator.conditioning.vertical.rest import RestState, initial_rest, observe_rest
-from estimator.conditioning.vertical.stillness import Stillness, watch_stillness
+from estimator.conditioning.vertical.lowpass import Coefficients, coefficients
+from estimator.conditioning.vertical.rate import (
+    Clipping,
+    aliased_turn,
+    integration_rate,
+    watch_clipping,
+    with_aliasing,
+)
+from estimator.conditioning.vertical.stillness import (
+    RestState,
+    Stillness,
+    initial_rest,
+    observe_rest,
+    watch_stillness,
+)
 from estimator.conditioning.vertical.tilt import (
     LEAST_OFF_RAD,
     StepNoise,
@@ -56,7 +64,6 @@ from estimator.conditioning.vertical.tilt import (
     weighing,
     with_known,
 )
-from estimator.conditioning.vertical.usual import Usual, usual_variance, watch_usual
 from estimator.geometry.axes import axes_of, down_of
 from estimator.geometry.quaternion import (
     dot,

@@ -1,4 +1,4 @@
-"""Whether what looks like rest is a slow, even turn: gravity and field stand still in the body.
+"""Rest: gyroscope and accelerometer stay near their own low-pass. Or is it a slow, even turn?
 
 What a gyroscope at rest shows beyond its known bias is either more bias, or a turn. In a turn
 gravity and the field move in the body as the gyroscope says, at rest they stay. So they tell how
@@ -12,10 +12,57 @@ from estimator.compilation.compiled import inlined
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.robust import REACH
 from estimator.conditioning.times import LATELY_S, QUICK_S
-from estimator.conditioning.vertical.lowpass import approach
-from estimator.conditioning.vertical.rest import RestState
+from estimator.conditioning.vertical.lowpass import LowPass, Smooth, approach, smooth
 from estimator.geometry.quaternion import add, cross, dot, scale, square, subtract, unit
 from estimator.types import ZERO_VEC3, Vec2, Vec3
+
+
+class RestState(NamedTuple):
+    """Whether the vehicle has been quiet for ``rest_time_s``, and whether it rests."""
+
+    gyr: Smooth = Smooth()  # rad/s, FRD
+    acc: Smooth = Smooth()  # m/s^2, FRD
+    quiet_s: float = 0.0  # for how long both have been near their low-pass
+    steady: bool = False  # whether that is long enough for a rest, or for a steady turn
+    resting: bool = False  # whether it is a rest
+
+
+@inlined
+def observe_rest(
+    params: ConditioningParams, k: LowPass, state: RestState, gyr: Vec3, acc: Vec3, dt_s: float
+) -> RestState:
+    """Decide whether the vehicle is quiet, and whether it has been for long enough to rest.
+
+    Quiet: |a - a_lp| under its threshold, |g - g_lp| under the largest usual bias; at rest every
+    rate is, too, after VQF (Laidig and Seel 2023, doi 10.1016/j.inffus.2022.10.014).
+    The samples are compared with the low-pass before it takes them, so that
+    the test keeps its meaning at a few samples a second. A vehicle turning
+    steadily and slower than that looks the same, and one that rests with a poor gyroscope as if it
+    turned: gravity and field tell (:mod:`estimator.conditioning.vertical.stillness`).
+    """
+    limit = params.bias_limit_rad_s
+    steady_gyr = square(subtract(gyr, state.gyr.value)) < limit * limit
+    steady_acc = square(subtract(acc, state.acc.value)) < params.rest_acc_m_s2**2
+    gyr_smooth = smooth(k, state.gyr, gyr)
+    g = gyr_smooth.value
+    slow = abs(g[0]) < limit and abs(g[1]) < limit and abs(g[2]) < limit
+    quiet_s = min(state.quiet_s + dt_s, 1e6) if steady_gyr and steady_acc else 0.0
+    steady = quiet_s >= params.rest_time_s
+    return RestState(
+        gyr=gyr_smooth,
+        acc=smooth(k, state.acc, acc),
+        quiet_s=quiet_s,
+        steady=steady,
+        resting=steady and slow,
+    )
+
+
+@inlined
+def initial_rest(gyr: Vec3, acc: Vec3) -> RestState:
+    """The state at the first reading, where both low-passes begin."""
+    zero = (0.0, 0.0, 0.0)
+    return RestState(Smooth(gyr, zero), Smooth(acc, zero), 0.0, False, False)
+
 
 # What calibrations leave of a direction's error, rad, of gravity and of the field.
 LEAST_DIRECTION_RAD = 0.005

@@ -20,9 +20,8 @@ from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.robust import FAR
 from estimator.conditioning.times import SPAN_S
-from estimator.conditioning.vertical.coefficients import Coefficients
 from estimator.conditioning.vertical.gravity import Force, GravityState
-from estimator.conditioning.vertical.lowpass import Smooth, approach
+from estimator.conditioning.vertical.lowpass import Coefficients, Smooth, approach
 from estimator.conditioning.vertical.step import VerticalStep
 from estimator.geometry.axes import axes_of
 from estimator.geometry.quaternion import conjugate, exp, multiply, normalize, rotate, scale, unit

@@ -12,14 +12,6 @@ from estimator.conditioning.events.heading_signs import (
     borne_out,
     watch_heading,
 )
-from estimator.conditioning.events.inflation import (
-    SUDDEN_SHARE,
-    FieldBefore,
-    HeadingInflation,
-    is_sudden,
-    raise_doubt,
-    release_inflation,
-)
 from estimator.conditioning.events.jump_signs import (
     JUMP_QUICK_S,
     JumpSigns,
@@ -27,7 +19,15 @@ from estimator.conditioning.events.jump_signs import (
     jump_variance,
     watch_field,
 )
-from estimator.conditioning.events.proof import TurnSigns
+from estimator.conditioning.events.step import (
+    SUDDEN_SHARE,
+    FieldBefore,
+    HeadingInflation,
+    TurnSigns,
+    is_sudden,
+    raise_doubt,
+    release_inflation,
+)
 from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.field.magnetic import FieldLook, FieldReference, MagneticState
 from estimator.conditioning.params import ConditioningParams

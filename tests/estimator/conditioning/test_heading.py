@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from estimator.conditioning import initial_state
-from estimator.conditioning.field.heading import heading_noise, learn_heading
 from estimator.conditioning.field.magnetic import FieldLook
+from estimator.conditioning.field.step import heading_noise, learn_heading
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.robust import HEADING_REACH_RAD
 from estimator.conditioning.times import MEMORY_S, USUAL_S
 from estimator.conditioning.vertical.bias import predict
-from estimator.conditioning.vertical.coefficients import coefficients
+from estimator.conditioning.vertical.lowpass import coefficients
 
 PARAMS = ConditioningParams()
 DT = 0.01

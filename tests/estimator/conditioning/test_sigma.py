@@ -8,10 +8,8 @@ import pytest
 from estimator.conditioning import ConditioningParams, condition, initial_state
 from estimator.conditioning.events.gravity_signs import GravitySigns
 from estimator.conditioning.events.heading_signs import HeadingSigns
-from estimator.conditioning.events.inflation import HeadingInflation
 from estimator.conditioning.events.jump_signs import JumpSigns
-from estimator.conditioning.events.proof import TurnSigns
-from estimator.conditioning.events.step import EventsState
+from estimator.conditioning.events.step import EventsState, HeadingInflation, TurnSigns
 from estimator.conditioning.field.calibration import Calibration, CalibrationState
 from estimator.conditioning.field.magnetic import (
     AlternativeField,
@@ -21,9 +19,8 @@ from estimator.conditioning.field.magnetic import (
 )
 from estimator.conditioning.field.step import MagnetometerState
 from estimator.conditioning.sigma import alternative, sigma_heading, sigma_inclination
-from estimator.conditioning.vertical.coefficients import coefficients
 from estimator.conditioning.vertical.gravity import Force
-from estimator.conditioning.vertical.lowpass import Smooth
+from estimator.conditioning.vertical.lowpass import Smooth, coefficients
 from estimator.geometry.quaternion import exp, rotate, rotate_inverse
 from estimator.types import Sample
 from tests.estimator.conditioning.motion import fly, tumbling

@@ -7,13 +7,13 @@ import pytest
 
 from estimator.conditioning import ConditioningParams, apply_turn, condition, initial_state
 from estimator.conditioning.field.calibration import learn_calibration
-from estimator.conditioning.field.heading import north_east
 from estimator.conditioning.field.magnetic import observe_field
-from estimator.conditioning.vertical.coefficients import coefficients
+from estimator.conditioning.field.step import north_east
+from estimator.conditioning.vertical.bias import update
 from estimator.conditioning.vertical.gravity import level, observe_gravity
-from estimator.conditioning.vertical.kalman import update
+from estimator.conditioning.vertical.lowpass import coefficients
 from estimator.conditioning.vertical.rate import integration_rate
-from estimator.conditioning.vertical.rest import initial_rest, observe_rest
+from estimator.conditioning.vertical.stillness import initial_rest, observe_rest
 from estimator.geometry.axes import axes_of
 from estimator.geometry.quaternion import (
     angle_between,

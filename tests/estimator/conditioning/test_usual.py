@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimator.conditioning import ConditioningParams, condition, initial_state
-from estimator.conditioning.vertical.usual import Usual, usual_variance, watch_usual
+from estimator.conditioning.vertical.lasting import Usual, usual_variance, watch_usual
 from estimator.geometry.frames import from_euler_rad
 from estimator.geometry.quaternion import angle_between_vectors, rotate_inverse
 from estimator.geometry.spread import ANY_DIRECTION_VARIANCE

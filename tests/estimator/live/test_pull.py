@@ -8,7 +8,7 @@ import pytest
 from drivers.simulation.simulated_vehicle import simulate
 from estimator.filter.types import initial_state
 from estimator.geometry.metrics import batch_angle_errors
-from estimator.live.pull import NO_PULL, pulled
+from estimator.live.published import NO_PULL, pulled
 from estimator.profile import load_profile
 from estimator.types import IDENTITY
 from fuzzbee import Estimator
