@@ -25,24 +25,11 @@ from estimator.live.rows import TOLD
 from estimator.live.settings import Settings
 from estimator.live.turning import COLUMNS as RATE_COLUMNS
 from estimator.live.turning import STILL, Turning
-from estimator.types import IDENTITY, NO_SAMPLE, ZERO_VEC3, Quaternion, Sample
+from estimator.types import NO_SAMPLE, Quaternion, Sample
 from estimator.vehicle_class import VehicleClass
 
 # What the conditioning stage has said before it was asked.
-UNSEEN = Conditioned(
-    rate_rad_s=ZERO_VEC3,
-    turn=IDENTITY,
-    bias_rad_s=ZERO_VEC3,
-    gravity_b=(0.0, 0.0, 1.0),
-    magnetic_b=(1.0, 0.0, 0.0),
-    weight=1.0,
-    has_heading=False,
-    gravity_confidence=0.0,
-    magnetic_confidence=0.0,
-    sigma_inclination_rad=0.0,
-    sigma_brief_rad=0.0,
-    sigma_heading_rad=0.0,
-)
+UNSEEN = Conditioned()
 
 
 class Core(NamedTuple):

@@ -38,7 +38,6 @@ from estimator.conditioning import (
     ConditioningState,
     condition,
 )
-from estimator.conditioning.events.axis_signs import errors_squared
 from estimator.conditioning.times import SPAN_S
 from estimator.conditioning.vertical.rate import slow_share
 from estimator.filter import kernel
@@ -278,7 +277,9 @@ def contradicted_axes(inside: Any) -> tuple[bool, bool, bool]:
     axes = inside.conditioning.events.signs.axes
     is_now = axes.since_s < SPAN_S
     least = inside.params.conditioning.bias_limit_rad_s**2
-    x, y, z = errors_squared(axes)
+    x, y, z = axes.squares
+    common = min(x, y, z)  # of a field that contradicts all three it is the field's own
+    x, y, z = x - common, y - common, z - common
     return is_now and x > least, is_now and y > least, is_now and z > least
 
 

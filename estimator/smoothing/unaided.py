@@ -11,9 +11,8 @@ from estimator.conditioning.times import QUICK_S
 from estimator.geometry.rotations import about_down, conjugate, heading_of, multiply
 from estimator.smoothing.field import field_of
 from estimator.smoothing.heading import Headed, turn_north
-from estimator.smoothing.joining import known_rows
 from estimator.smoothing.path import felt_down, path_of
-from estimator.smoothing.recording import Estimates, Recording, steps_s
+from estimator.smoothing.recording import Estimates, Recording, known_rows, steps_s
 from estimator.smoothing.vertical import Vertical, level
 from estimator.smoothing.windows import windows_of
 

@@ -27,7 +27,7 @@ from estimator.conditioning.events.jump_signs import (
     watch_field,
     with_seen,
 )
-from estimator.conditioning.field.calibration import Calibration, restart_means
+from estimator.conditioning.field.calibration import Calibration, with_age
 from estimator.conditioning.field.magnetic import (
     NORM_SCALE,
     MagneticState,
@@ -300,7 +300,7 @@ def learn_events(
     turned = tells_turn(proof) or proof.jump > 0.0
     turned = turned or (field.seen and looks_turned(params, signs.jump))
     if turned or vertical.clipped > LEAST_OFF_RAD**2:
-        calibration = restart_means(calibration)
+        calibration = with_age(calibration, 0.0, False)  # its means are of the old attitude
     signs = reset_signs(signs, proof, seen_rad, heading_rad, proof.heading or released)
     return EventsStep(
         vertical=with_inflation(now, estimate, tilt),

@@ -185,9 +185,3 @@ def learn_calibration(
             lag_s = max(lag_s, 0.0)
     learnt = Calibration(lag_s, offset, p, norm)
     return CalibrationState(learnt, means, age_s, True, scatter)
-
-
-@inlined
-def restart_means(state: CalibrationState) -> CalibrationState:
-    """After an unsensed turn: keep what was learnt, forget the means of the old attitude."""
-    return with_age(state, 0.0, False)

@@ -143,12 +143,6 @@ def level(state: GravityState) -> tuple[GravityState, Vec2]:
 
 
 @inlined
-def published_frame(state: GravityState) -> Quaternion:
-    """From G to 6D as it would be, levelled by the published vertical."""
-    return level_to(state.q_6d_g, state.force.best.value)[0]
-
-
-@inlined
 def heading_frame(state: GravityState, share: float) -> Quaternion:
     """From G to 6D as the field sees it: levelled by the ``share`` of the published vertical."""
     down = approach(state.force.down.value, state.force.best.value, share)
