@@ -8,7 +8,7 @@ from estimator.aiding import compass
 from estimator.aiding.phase import Phase
 from estimator.aiding.search import UNKNOWN_RAD
 from estimator.arrays import Floats
-from estimator.filter.gain_words import gain_in_words
+from estimator.filter.types import gain_in_words
 from estimator.geometry.earth import PlaceField
 from estimator.live.compass_check import leaning_angle
 from estimator.live.core import Snapshot, apply_turn, change_imu

@@ -221,7 +221,9 @@ def give_up(state: State) -> None:
     if not is_credible(aided):
         aided, covariance = loosen(aided, covariance)
     is_borne = bears_out(aided.acceleration_tilt) and isfinite(hypot(*aided.sigma))
-    sigma = all_doubts(core, aided.sigma)
+    # with what the unaided down and the field show against it
+    inclination_rad = hypot(aided.sigma.inclination_rad, verticals_apart(core))
+    sigma = Sigmas(inclination_rad, doubted(aided.sigma, core.consistency).heading_rad)
     has_lost_down = is_worse(core.aided, core.seen) and not is_borne
     if is_borne or (is_better(sigma, other) and not has_lost_down):
         state.set_core(core._replace(aided=aided, covariance=flat(covariance)))
@@ -240,15 +242,6 @@ def give_up(state: State) -> None:
     is_lost = not isfinite(sum(core.filter.q_ned_frd))
     if is_lost or (core.seen.has_heading and slow_share(core.sample.dt_s) > 0.0):
         state.align()
-
-
-def all_doubts(now: Core, sigma: Sigmas) -> Sigmas:
-    """How far off the aided attitude may be, with what both other witnesses say against it.
-
-    One is the unaided down, the other the field.
-    """
-    heading_rad = doubted(sigma, now.consistency).heading_rad
-    return Sigmas(hypot(sigma.inclination_rad, verticals_apart(now)), heading_rad)
 
 
 def verticals_apart(now: Core) -> float:

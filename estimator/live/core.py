@@ -140,11 +140,6 @@ def without_aiding(settings: Settings, now: Core) -> Core:
     )
 
 
-def without_conditioning(settings: Settings, now: Core) -> Core:
-    """The core for raw vectors, to which nothing that conditioning has shown belongs."""
-    return without_aiding(settings, now)._replace(pull=NO_PULL, seen=UNSEEN)
-
-
 def with_attitude(now: Core, q_ned_frd: Quaternion) -> Core:
     """The core with another attitude of the filter."""
     return now._replace(filter=now.filter._replace(q_ned_frd=q_ned_frd))

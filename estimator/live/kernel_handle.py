@@ -47,7 +47,6 @@ from estimator.geometry.quaternion import subtract
 from estimator.live import turning
 from estimator.live.aided import follow_aided, follow_conditioned, horizontal_north, is_worse
 from estimator.live.core import Core, in_arrays, initial_core
-from estimator.live.interval import is_gap, usual_interval
 from estimator.live.iron import DOUBTED, VOUCHED, mounted_rad, unshown_iron
 from estimator.live.published import (
     NOTHING_SAID,
@@ -61,7 +60,7 @@ from estimator.live.published import (
     widen,
     write,
 )
-from estimator.live.refusal import FINE, fault_of
+from estimator.live.refusal import FINE, fault_of, is_gap, usual_interval
 from estimator.live.reports import enqueue_velocity, take_due_velocities
 from estimator.live.rows import (
     HAS_VERTICAL,
@@ -374,7 +373,9 @@ def advance(
         if now.watches_gaps and not between.given and is_gap(usual_s, dt_s):
             is_aided, end = False, GAP
         has_mag = has_mag and time_us >= now.heard_from_us
-        mag = as_mounted(mag, now.turned_back) if has_mag else ZERO_VEC3
+        c, s = now.turned_back  # as a compass reads it that is not turned about the body's down
+        x, y, z = mag if has_mag else ZERO_VEC3
+        mag = (c * x + s * y, c * y - s * x, z)
         sample = Sample(
             gyr_rad_s=gyr, acc_m_s2=acc, mag=mag, has_mag=has_mag, dt_s=dt_s, between=between
         )
@@ -392,14 +393,6 @@ def advance(
         if not is_aided:
             inside.smooth_error = state.error
     return k, heard, end, said
-
-
-@inlined
-def as_mounted(mag: Vec3, turned_back: tuple[float, float]) -> Vec3:
-    """A field as a compass reads it that is turned about the body's down, turned back."""
-    c, s = turned_back
-    x, y, z = mag
-    return (c * x + s * y, c * y - s * x, z)
 
 
 @inlined

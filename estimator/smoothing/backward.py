@@ -43,7 +43,8 @@ def backward(recording: Recording) -> Estimates:
     recording = recording._replace(rows=recording.rows._replace(has_mag=believed(recording)))
     ages = Ages(recording.last)
     inner = of_reversed_time(recording.last)
-    times_us = mirrored_times(recording.rows.times_us)
+    times_us = recording.rows.times_us  # in time turned round
+    times_us = np.asarray((times_us[-1] - times_us + FIRST_US)[::-1])
     q, sigma, aided = np.full((n, 4), np.nan), np.full((n, 2), np.nan), np.zeros(n, np.bool_)
     mirrored_us = int(recording.rows.times_us[-1]) + FIRST_US
     told = turned_round(
@@ -92,11 +93,6 @@ def of_reversed_time(last: Estimator) -> Estimator:
     inner.restart()
     inner.set_imu_lag(0.0, 0.0)
     return inner
-
-
-def mirrored_times(times_us: Times) -> Times:
-    """The times (N,) in time turned round, which begins at ``FIRST_US``."""
-    return np.asarray((times_us[-1] - times_us + FIRST_US)[::-1])
 
 
 def mirror(recording: Recording, times_us: Times, begin: int, end: int, field_lag_s: float) -> Rows:

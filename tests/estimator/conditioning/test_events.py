@@ -1,6 +1,6 @@
 """The signs of an unsensed turn, each by its formula, with numbers that are all different."""
 
-from math import atan2, radians, sin, sqrt
+from math import radians, sin, sqrt
 
 import numpy as np
 import pytest
@@ -21,8 +21,6 @@ from estimator.conditioning.events.jump_signs import (
 from estimator.conditioning.events.step import (
     FieldBefore,
     HeadingInflation,
-    TurnSigns,
-    raise_doubt,
     release_inflation,
 )
 from estimator.conditioning.field.calibration import Calibration
@@ -78,15 +76,6 @@ def test_a_jump_is_more_than_what_else_turns_the_field(own, by_turning, share):
     assert jump_variance(PARAMS, told, learnt) == (0.0, told.seen_rad)
 
 
-def test_a_second_jump_adds_to_the_doubt_and_leaves_the_field_before_the_first():
-    signs = TurnSigns(HeadingSigns(mean_confidence=0.8), GravitySigns(), JUMP)
-    first = raise_doubt(HeadingInflation(), signs, 0.02, 3.0)
-    assert first == HeadingInflation(pytest.approx(0.08), 0.0, FieldBefore(JUMP.slow_norm, 0.8))
-    later = signs._replace(jump=JUMP._replace(slow_norm=0.3), heading=HeadingSigns())
-    second = raise_doubt(first._replace(usual_s=0.4), later, 0.01, 3.0)
-    assert second == HeadingInflation(pytest.approx(0.12), 0.0, first.before)
-
-
 def release(*, moves_rad=0.01, usual_s=1.2, confidence=0.7, norm=0.46, variance=0.4, tilt=0.05):
     """The doubt after a step beside a field of dip 60 degrees that is off by 0.3 rad."""
     reference = FieldReference(horizontal=0.25, down=0.25 * sqrt(3.0), uneven=0.0001)
@@ -140,20 +129,6 @@ def heading_after(state, horizontal, *, confidence=0.9, variance=0.01, is_new=Fa
     field = MagneticState(look, FieldReference(0.25, 0.4, is_new=is_new), 0.0, True)
     estimate = Estimate(ZERO, 0.9, (0, 0, 0, 0, 0, 0, 0, 0, 0, variance))
     return watch_heading(PARAMS, state, estimate, field, horizontal, DT)
-
-
-def gain(away_rad, confidence):
-    """What a step adds to the time that the field has borne the heading out."""
-    elsewhere = 1.0 - 1.0 / (1.0 + (away_rad / PARAMS.turn_heading_rad) ** 2) ** 2
-    return (2.0 - 1.0 / sqrt(confidence)) * (1.0 - 2.0 * elsewhere) * DT
-
-
-def test_a_heading_that_was_given_up_needs_no_more_proof_than_a_new_one():
-    """The heading is 0.9, the field points 0.24 rad east of it: north lies at 0.66, not at 1.14."""
-    away = atan2(0.05, 0.20)
-    for other_rad, borne_s in ((0.9 - away, 1.0), (0.9 + away, 2.0 + gain(away, 0.9))):
-        state = SIGNS._replace(other_rad=other_rad)
-        assert heading_after(state, (0.20, 0.05)).borne_s == pytest.approx(borne_s)
 
 
 @pytest.mark.parametrize(("elsewhere", "sign"), [(0.0, 1.0), (0.5, 0.0), (1.0, -1.0)])
