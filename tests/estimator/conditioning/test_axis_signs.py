@@ -8,7 +8,6 @@ from estimator.conditioning.events.axis_signs import (
     AxisSigns,
     Suspect,
     carry_axes,
-    force_evidence,
     judge,
     watch_axes,
 )
@@ -20,7 +19,7 @@ from estimator.conditioning.times import SPAN_S
 from estimator.conditioning.vertical.gravity import Force, GravityState
 from estimator.conditioning.vertical.lowpass import Coefficients, Smooth, approach
 from estimator.conditioning.vertical.step import VerticalStep
-from estimator.geometry.quaternion import conjugate, exp, multiply, normalize, rotate, scale, unit
+from estimator.geometry.quaternion import conjugate, exp, multiply, normalize, rotate, scale
 from estimator.types import IDENTITY
 
 PARAMS = ConditioningParams()
@@ -112,18 +111,6 @@ def test_what_nothing_renews_is_forgotten():
     assert now.squares == pytest.approx(scale(np.exp(-1.0), before.squares), rel=1e-2)
 
 
-def test_the_force_speaks_for_an_axis_about_which_gravity_turns_alike():
-    """Log of the likelihood ratio, twice: how much less is left of the angle between the two."""
-    down, quick, a = (1.0, 2.0, 9.0), (1.5, 1.0, 9.0), unit((0.6, 0.8, 0.1))
-    d = np.cross(a, unit(down))
-    ahead = np.subtract(unit(quick), unit(down)) @ d / np.linalg.norm(d)
-    for turn in (0.2, -0.2):
-        left = ahead - turn * np.linalg.norm(d)
-        gravity = GravityState(force=Force(down=Smooth(down), quick=quick))
-        expected = (ahead**2 - left**2) / (0.02 + 0.009**2)
-        assert force_evidence(gravity, a, turn, 0.02) == pytest.approx(expected)
-
-
 def test_a_case_much_weaker_than_another_is_dropped():
     strong, weak, none = (Suspect(0.3, e, 0.0, e, 0.25) for e in (60.0, 43.0, 1.0))
     squares = judge(AxisSigns(age_s=60.0), (strong, weak, none), 0.02).squares
@@ -134,13 +121,3 @@ def test_a_case_much_weaker_than_another_is_dropped():
     assert judge(AxisSigns(age_s=60.0), (by_magnet, none, none), 0.02).squares == (0.0, 0.0, 0.0)
     beneath = strong._replace(ratio=0.99 * FAR)
     assert judge(AxisSigns(age_s=60.0), (beneath, none, none), 0.02).squares == (0.0, 0.0, 0.0)
-
-
-def test_what_is_usual_is_learnt_from_what_it_is_due_to():
-    none = Suspect(0.0, 0.0, 0.0, 0.0, 0.0)
-    now = judge(AxisSigns(age_s=60.0), (Suspect(0.1, 8.0, 0.0, 8.0, 0.25), none, none), 0.5)
-    assert now.by_turning == pytest.approx(1.0 + 0.25 * 0.5 / 60.5)
-    assert now.by_noise == pytest.approx(1.0 + 0.75 * 0.5 / 60.5)
-    calm = judge(AxisSigns(age_s=60.0), (Suspect(0.1, 0.2, 0.0, 0.2, 0.25), none, none), 0.5)
-    assert calm.by_turning == pytest.approx(1.0 - 0.8 * 0.25 * 0.5 / 60.5)
-    assert calm.by_noise == 1.0

@@ -9,7 +9,6 @@ from estimator.conditioning import ConditioningParams, apply_turn, condition, in
 from estimator.conditioning.field.calibration import learn_calibration
 from estimator.conditioning.field.magnetic import observe_field
 from estimator.conditioning.field.step import north_east
-from estimator.conditioning.vertical.bias import update
 from estimator.conditioning.vertical.gravity import level, observe_gravity
 from estimator.conditioning.vertical.lowpass import coefficients
 from estimator.conditioning.vertical.rate import integration_rate
@@ -88,21 +87,6 @@ def test_levelling_takes_the_shortest_way():
     )
     assert step[0] > 0.0
     assert step[1] == 0.0
-
-
-def test_scalar_updates_equal_the_matrix_form():
-    rng = np.random.default_rng(3)
-    a = rng.normal(size=(4, 4))
-    p = a @ a.T
-    x = rng.normal(size=4)
-    h = rng.normal(size=4)
-    noise, innovation = 0.3, 0.7
-    gain = p @ h / (h @ p @ h + noise)
-    b, d, q = update(
-        tuple(x[:3]), x[3], tuple(p[np.triu_indices(4)]), tuple(h[:3]), h[3], innovation, noise
-    )
-    assert (*b, d) == pytest.approx(x + gain * innovation, abs=1e-12)
-    assert q == pytest.approx((p - np.outer(gain, h) @ p)[np.triu_indices(4)], abs=1e-12)
 
 
 def test_motion_bias_is_learnt_without_any_rest():
