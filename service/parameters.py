@@ -138,7 +138,7 @@ class ProfileChanges:
         profile = load_profile(name)
         if not self._fits_built_in:
             fits = vehicle.profile.conditioned == profile.conditioned
-            vehicle.checks.profile_is_unfit = not fits
+            vehicle.alarms.profile_is_unfit = not fits
             return [] if fits else [Message(f"{who}: profile {name} would fit, this one does not")]
         if vehicle.profile != profile:
             self._change(vehicle, profile)

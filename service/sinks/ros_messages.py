@@ -12,8 +12,7 @@ from struct import pack
 
 from estimator.geometry.frames import enu_flu_from_ned_frd, flu_from_frd
 from estimator.types import ZERO_VEC3, Vec3
-from service.health import State
-from service.records import AttitudeRecord, StatusRecord
+from service.records import AttitudeRecord, State, StatusRecord
 
 HEADER = b"\x00\x01\x00\x00"
 

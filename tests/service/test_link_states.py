@@ -135,7 +135,7 @@ class Link(RuleBasedStateMachine):
         status = status_record(vehicle, now_us, Load(), Losses(), 0)
         assert isinstance(status, StatusRecord)
         refused = sum(status.rejected.values())
-        handled = vehicle.samples + status.shed + refused
+        handled = vehicle.imu.samples + status.shed + refused
         whole = self.sent - bool(self.half)
         # a sample of another time, until the next one confirms or contradicts it; of a clock that
         # falls back by less than a second all, until it is known whether they are late copies

@@ -235,11 +235,11 @@ def test_a_computer_that_is_too_slow_keeps_its_ticks_and_says_so():
     assert statuses[-1].published_hz == rate_hz
     # nothing vanished: what the vehicles sent was taken or is counted
     assert link.sent > 0.99 * 20 * 50 * load_s
-    counted = sum(each.samples + each.imu.shed for each in pipeline.vehicles)
+    counted = sum(each.imu.samples + each.imu.shed for each in pipeline.vehicles)
     refused = sum(sum(each.rejected.values()) for each in pipeline.vehicles)
     assert counted + refused + link.dropped == pytest.approx(link.sent, rel=0.01)
     # every vehicle has its turn: of a third of the samples
-    taken = [vehicle.samples for vehicle in pipeline.vehicles]
+    taken = [vehicle.imu.samples for vehicle in pipeline.vehicles]
     assert min(taken) > 0.25 * max(taken)
     # attitudes are of fresh samples all the time; without leaving any out they would be 8 s old
     begin_us = min(attitude.time_unix_us for attitude in seen)
@@ -257,7 +257,7 @@ def test_what_piled_up_in_a_stop_is_taken():
     assert {a.state for a in later} == {"running"}
     (vehicle,) = pipeline.vehicles
     assert vehicle.imu.shed == link.shed == 0
-    assert vehicle.samples == pytest.approx(50 * 4.0, rel=0.05)
+    assert vehicle.imu.samples == pytest.approx(50 * 4.0, rel=0.05)
 
 
 def free_port():
@@ -301,7 +301,7 @@ with MavlinkLink(parse_endpoint(f"udpin:127.0.0.1:{sys.argv[1]}")) as link, \\
         print("ready", flush=True)
         runner.run()
 vehicle, = pipeline.vehicles
-print("counts", vehicle.samples, vehicle.imu.shed, vehicle.rejected.total(), link.lost)
+print("counts", vehicle.imu.samples, vehicle.imu.shed, vehicle.rejected.total(), link.lost)
 """
 
 

@@ -33,7 +33,7 @@ def test_the_same_profile_again_changes_no_digit(name):
         if number % 50 == 25:
             replaced.replace_profile(ONE, {"filter": {"gamma": gamma}})
     one, other = alone.vehicle(ONE), replaced.vehicle(ONE)
-    assert other.samples == 400
+    assert other.imu.samples == 400
     assert one.estimator.snapshot == other.estimator.snapshot
 
 

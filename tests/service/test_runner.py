@@ -68,7 +68,7 @@ def test_the_end_of_a_log_ends_the_loop():
             now_us=player.now_us,
             is_finished=player.is_finished,
         ).run()
-    assert pipeline.vehicle(ONE).samples == 50
+    assert pipeline.vehicle(ONE).imu.samples == 50
     assert attitudes(sink)[-1].state == "running"
     assert attitudes(sink)[-1].time_unix_us >= events[-1].arrival_us
 
