@@ -21,6 +21,7 @@ from drivers.events import (
     Malformed,
     ModeChange,
     Notice,
+    OtherImu,
     Parameter,
     Position,
     ReferenceAttitude,
@@ -153,7 +154,7 @@ class Pipeline:
                 return []
         known = self._vehicles.get(event.vehicle)
         if known is None and isinstance(
-            event, Position | Report | FilterStatus | ClockReset | ModeChange
+            event, Position | Report | FilterStatus | ClockReset | ModeChange | OtherImu
         ):
             return []  # none of these makes a vehicle
         vehicle = known or self._meet(event.vehicle)
@@ -168,6 +169,8 @@ class Pipeline:
                 vehicle.on_position(event)
             case Heartbeat():
                 vehicle.on_heartbeat(event)
+            case OtherImu():
+                vehicle.on_other_imu(event)
             case ModeChange():
                 vehicle.parameters.take_mode(event)
             case FilterStatus():

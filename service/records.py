@@ -101,6 +101,13 @@ class Autopilot(Value, frozen=True):
         return f"autopilot {what} {self.off_deg:.0f}° off"
 
 
+class ImuDifference(Value, frozen=True):
+    """How another IMU differs from the one in use, on average over ten seconds."""
+
+    inclination_deg: float  # between the specific forces
+    rate_deg_s: float  # between the angular rates
+
+
 class StatusRecord(msgspec.Struct, frozen=True):
     """How the estimate of one vehicle is doing, once a second."""
 
@@ -125,6 +132,7 @@ class StatusRecord(msgspec.Struct, frozen=True):
     recording: str = ""  # "whole", "failed", or "" where nothing is recorded
     mode: str = ""  # the flight mode's name; "" where the vehicle does not say it
     armed: bool | None = None  # None where the vehicle does not say it
+    other_imus: dict[str, ImuDifference] = {}  # by message; empty where there is one IMU
 
 
 class Published(Value, frozen=True):

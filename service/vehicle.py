@@ -7,6 +7,7 @@ from drivers.events import (
     ClockReset,
     Heartbeat,
     Imu,
+    OtherImu,
     Position,
     ReferenceAttitude,
     Rejected,
@@ -21,6 +22,7 @@ from estimator.types import ImuSample, VelocitySample
 from service.alarms import Alarms
 from service.imu_stream import LATE_MINIMUM_US, ImuStream, ReportChoices
 from service.lines import LineLimit
+from service.other_imus import OtherImus
 from service.publishing import HostClock, Publishing, attitude_record, is_finite
 from service.records import HAS_ATTITUDE, AttitudeRecord, State, vehicle_name
 from service.second_opinion import SecondOpinion
@@ -55,6 +57,7 @@ class Vehicle:
         self.rejected: Counter[Reason] = Counter()
         self.built_in_motion: str | None = None  # of fuzzbee's own vehicle
         self.imu = ImuStream()
+        self.others = OtherImus()
         self.parameters = VehicleParameters()
         self.comparison = SecondOpinion()
         self.alarms = Alarms()
@@ -83,6 +86,10 @@ class Vehicle:
         self.heard_us = event.arrival_us
         is_chosen, replaced = self.imu.choose(event)
         if not is_chosen:
+            other = event.sample
+            self.others.take(
+                event.message, event.arrival_us, other.gyr_rad_s, other.acc_m_s2, self.imu.last
+            )
             return []
         lines = [] if replaced is None else self._change_message(replaced, event.message)
         sample = self.profile.to_body_axes(event.sample)
@@ -97,6 +104,12 @@ class Vehicle:
         self.imu.last_arrival_us = event.arrival_us
         state = State.RUNNING if self.estimator.aligned else State.ALIGNING
         return lines if state is self.imu.state else lines + self._become(state, event.arrival_us)
+
+    def on_other_imu(self, event: OtherImu) -> None:
+        """Compare an IMU that is not in use."""
+        self.others.take(
+            event.message, event.arrival_us, event.rate_rad_s, event.force_m_s2, self.imu.last
+        )
 
     def on_clock_reset(self, event: ClockReset) -> list[str]:
         """The vehicle's clock began anew: what was known about its time and attitude is void."""
@@ -274,6 +287,7 @@ class Vehicle:
         if not before:
             return [f"vehicle {self.name}: IMU data from {now}"]
         self.estimator.change_imu()
+        self.others.restart()
         return [f"vehicle {self.name}: IMU data from {now} now, {before} is given up"]
 
     def _has_other_clock(self, arrival_us: int, time_us: int) -> bool:

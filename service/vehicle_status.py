@@ -59,4 +59,5 @@ def status_record(
         recording=losses.recording,
         mode=vehicle.parameters.mode,
         armed=vehicle.parameters.is_armed,
+        other_imus=vehicle.others.records(now_us),
     )
