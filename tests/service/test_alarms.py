@@ -14,8 +14,7 @@ from estimator.profile import load_profile
 from estimator.types import Attitude, ImuSample
 from service.alarms import Alarm, Alarms, bias_limit_rad_s
 from service.pipeline import Pipeline
-from service.records import Message, Published, StatusRecord
-from tests.service.streams import ONE, START_US, imu_events
+from tests.service.streams import ONE, START_US, imu_events, statuses, texts
 
 IMU, PAPER = load_profile("imu"), load_profile("paper")
 LEVEL = (1.0, 0.0, 0.0, 0.0)
@@ -206,16 +205,10 @@ def test_a_late_link_and_a_host_s_clock_that_is_set_are_no_clock_that_drifts():
             assert words(seconds, host=host) == set()
 
 
-def statuses(outputs):
-    return [o.record for o in outputs if isinstance(o, Published)
-            and isinstance(o.record, StatusRecord)]  # fmt: skip
-
-
 def test_the_paper_s_signals_under_imu_are_told():
     """42 deg off with a small sigma; the bias of 5.7 deg/s is beyond what imu allows."""
     pipeline = Pipeline(IMU)
-    said = [o.text for event in imu_events(2000) for o in pipeline.handle(event)
-            if isinstance(o, Message)]  # fmt: skip
+    said = texts(o for event in imu_events(2000) for o in pipeline.handle(event))
     assert "vehicle 1: warning: the gyroscope's bias stands at its limit" in said
     (status,) = statuses(pipeline.tick(START_US + 20_000_000))
     assert status.warnings == ("bias_at_limit",)

@@ -12,8 +12,8 @@ from estimator.profile import load_profile
 from estimator.types import Attitude, ImuSample
 from service.pipeline import Pipeline
 from service.publishing import MAX_DRIFT, HostClock, attitude_record, euler_deg, is_finite
-from service.records import AttitudeRecord, Published, State
-from tests.service.streams import ONE, START_US
+from service.records import State
+from tests.service.streams import ONE, START_US, attitudes
 
 OFFSET_US = 1_700_000_000_000_000
 
@@ -269,9 +269,7 @@ def published(sample_hz, seed):
     found = []
 
     def note(outputs, now_us, newest_us):
-        records = [each.record for each in outputs if isinstance(each, Published)]
-        attitudes = [record for record in records if isinstance(record, AttitudeRecord)]
-        found.extend((now_us, record, newest_us) for record in attitudes)
+        found.extend((now_us, record, newest_us) for record in attitudes(outputs))
 
     newest_us = START_US
     pipeline.tick(START_US)
