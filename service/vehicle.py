@@ -86,10 +86,8 @@ class Vehicle:
         self.heard_us = event.arrival_us
         is_chosen, replaced = self.imu.choose(event)
         if not is_chosen:
-            other = event.sample
-            self.others.take(
-                event.message, event.arrival_us, other.gyr_rad_s, other.acc_m_s2, self.imu.last
-            )
+            _, gyr, acc, *_ = event.sample
+            self.others.take(event.message, event.arrival_us, gyr, acc, self.imu.last)
             return []
         lines = [] if replaced is None else self._change_message(replaced, event.message)
         sample = self.profile.to_body_axes(event.sample)
@@ -107,9 +105,8 @@ class Vehicle:
 
     def on_other_imu(self, event: OtherImu) -> None:
         """Compare an IMU that is not in use."""
-        self.others.take(
-            event.message, event.arrival_us, event.rate_rad_s, event.force_m_s2, self.imu.last
-        )
+        reading = event.rate_rad_s, event.force_m_s2
+        self.others.take(event.message, event.arrival_us, *reading, self.imu.last)
 
     def on_clock_reset(self, event: ClockReset) -> list[str]:
         """The vehicle's clock began anew: what was known about its time and attitude is void."""
