@@ -113,10 +113,10 @@ class Recording(SecondOpinion):
         """What it looked at."""
         return [each for each in self.told if isinstance(each, Look)]
 
-    def hear_velocity(self, time_us: int, velocity_ned_m_s: Vec3) -> None:
+    def take_velocity(self, time_us: int, velocity_ned_m_s: Vec3) -> None:
         """See :class:`SecondOpinion`."""
         self.told.append((time_us, velocity_ned_m_s))
-        super().hear_velocity(time_us, velocity_ned_m_s)
+        super().take_velocity(time_us, velocity_ned_m_s)
 
 
 class Case(NamedTuple):
@@ -147,7 +147,7 @@ def recorded(
                 if isinstance(event, ReferenceAttitude) and event.vehicle not in kept:
                     vehicle = replay.pipeline.vehicle(event.vehicle)
                     if vehicle is not None:
-                        vehicle.comparison.opinion = kept[event.vehicle] = Recording()
+                        vehicle.comparison = kept[event.vehicle] = Recording()
                 is_hit = isinstance(event, Imu) and event.sample.time_us >= from_us
                 yield _hit(event, fault) if fault is not None and is_hit else event
 
@@ -194,7 +194,7 @@ def heard(recording: Recording, case: Case) -> Heard:
     rival_since_s, rival_s = None, None
     for each in recording.told:
         if not isinstance(each, Look):
-            opinion.hear_velocity(*each)
+            opinion.take_velocity(*each)
             continue
         since_s = 1e-6 * (each.time_us - begun_us)
         after_s = since_s - case.begin_s
@@ -295,7 +295,7 @@ def right_alarms(recording: Recording, changed: Callable[[Look], Look]) -> int:
         if isinstance(each, Look):
             opinion.look(*changed(each))
         else:
-            opinion.hear_velocity(*each)
+            opinion.take_velocity(*each)
     return len(opinion.intervals)
 
 

@@ -11,7 +11,7 @@ from typing import Any, Literal, NamedTuple
 
 from drivers.value import Value
 from estimator.reasons import Reason
-from estimator.types import ImuSample, Quaternion, RateSample, VelocitySample
+from estimator.types import ImuSample, Quaternion, RateSample, Vec3, VelocitySample
 
 
 class VehicleId(NamedTuple):
@@ -36,6 +36,14 @@ class Imu(VehicleEvent, frozen=True):
         str  # "RAW_IMU", "SCALED_IMU2", "HIGHRES_IMU", "IMU" (DataFlash), "sensor_combined" ...
     )
     sample: ImuSample
+
+
+class OtherImu(VehicleEvent, frozen=True):
+    """What an IMU beside the one in use reads (rad/s, m/s², FRD), now and then."""
+
+    message: str
+    rate_rad_s: Vec3
+    force_m_s2: Vec3
 
 
 class ReferenceAttitude(VehicleEvent, frozen=True):

@@ -7,8 +7,7 @@ from typing import Any
 import msgspec
 
 from fuzzbee.notify import printable
-from service.health import State
-from service.records import SCHEMA, AttitudeRecord, StatusRecord
+from service.records import SCHEMA, AttitudeRecord, State, StatusRecord
 
 VEHICLE = re.compile(r"[0-9]{1,3}(-[0-9]{1,3})?")
 # In bytes. Our largest record, a status with every reason for refusal, has less than 5000.

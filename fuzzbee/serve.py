@@ -26,7 +26,7 @@ from service.parameters import ParameterRequests
 from service.process import load_kernels
 from service.runner import Runner
 from service.signals import stop_on_signals
-from service.sinks.recording import RecordingSink
+from service.sinks.mavlink import RecordingSink
 from service.sinks.sink import Outbox, Sink
 from service.sinks.zenoh import ZenohSink
 from service.zenoh_session import OpeningSession

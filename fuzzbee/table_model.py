@@ -5,13 +5,14 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from drivers.places import PLACES
-from service.health import HAS_ATTITUDE, State
 from service.records import (
+    HAS_ATTITUDE,
     AttitudeRecord,
     Departed,
     Message,
     Output,
     Published,
+    State,
     StatusRecord,
     vehicle_name,
 )

@@ -5,8 +5,7 @@ from typing import NamedTuple
 
 from fuzzbee.table_model import Row, current_attitude, is_silent
 from service.alarms import Alarm
-from service.health import HAS_ATTITUDE, State
-from service.records import AttitudeRecord, StatusRecord
+from service.records import HAS_ATTITUDE, AttitudeRecord, State, StatusRecord
 
 # Bounds of sigma in degrees. An eye sees 3 degrees on an artificial horizon; at 10 a climb can be
 # a descent. A heading 10 off still points to the right field, one 30 off does not.

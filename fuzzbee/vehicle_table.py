@@ -18,8 +18,7 @@ from fuzzbee.table_model import (
 )
 from fuzzbee.trust import Level, trust
 from service.alarms import MEANINGS, Alarm
-from service.health import State
-from service.records import AttitudeRecord, StatusRecord
+from service.records import AttitudeRecord, State, StatusRecord
 
 MAX_LINES = 8  # more vehicles than this share one line
 MOST_WARNINGS = 3  # lines below the table

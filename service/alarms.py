@@ -1,4 +1,4 @@
-"""What tells that an attitude is not what it claims to be, though nothing is missing.
+"""What shows that an attitude is not what it claims to be, though nothing is missing.
 
 Things that must hold, whatever the vehicle does, by its own sensors seen from the published
 attitude: on average the specific force points up, since nothing accelerates for ever; the Earth's
@@ -16,7 +16,7 @@ from estimator.aiding.compass import CONTRADICTED
 from estimator.aiding.place import resembles
 from estimator.estimator import Estimator
 from estimator.geometry.earth import PlaceField
-from estimator.geometry.quaternion import rotate
+from estimator.geometry.quaternion import add, rotate, scale, subtract
 from estimator.profile import CONDITIONING_DEFAULTS, Profile
 from estimator.types import Attitude, ImuSample, Vec3
 
@@ -84,10 +84,17 @@ MEANINGS = {
 
 
 class Alarms:
-    """Looks at one vehicle's estimate twice a second of its time; a new one for a new attitude."""
+    """Looks at one vehicle's estimate twice a second of its time, and reports what changes."""
 
     def __init__(self) -> None:
-        self.words: frozenset[Alarm] = frozenset()
+        self.profile_is_unfit = False  # by the vehicle's own word
+        self._reported: frozenset[Alarm] = frozenset()
+        self._compass_reported: set[str] = set()
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget what was seen of another estimate."""
+        self.words: frozenset[Alarm] = frozenset()  # of the alarms that stand now
         self._next_us: int | None = None
         self._last_us = 0
         self._lasting = {word: Lasting(patience_s) for word, patience_s in PATIENCE_S.items()}
@@ -95,6 +102,11 @@ class Alarms:
         self._field: Vec3 | None = None  # mean field, NED, and its mean square
         self._field_square = 0.0
         self._pace_since_us: tuple[int, int] | None = None  # the vehicle's time, and arrival
+
+    @property
+    def in_words(self) -> str:
+        """The alarms that stand now, for a person; empty without any."""
+        return " and ".join(sorted(MEANINGS[each] for each in self.words))
 
     def is_due(self, time_us: int) -> bool:
         """Whether it is time to look again."""
@@ -106,17 +118,11 @@ class Alarms:
         arrival_us: int,
         attitude: Attitude,
         profile: Profile,
-        place: PlaceField | None,
-        leaning_rad: float = 0.0,
-        contradicted_axes: tuple[bool, bool, bool] = (False, False, False),
-        *,
-        hears_field: bool = True,
-    ) -> None:
-        """Compare a sample that arrived at ``arrival_us`` with the attitude at its time.
+        estimator: Estimator,
+    ) -> list[str]:
+        """Compare a sample with the attitude at its time; returns lines for a person.
 
-        ``place`` has the field of the place if that is known, ``leaning_rad`` is how far the
-        field contradicts the vertical, ``contradicted_axes`` tells which of the gyroscope's are.
-        A field that is not heard, because velocity contradicts it, says nothing of the attitude.
+        A field that is not used, because velocity contradicts it, says nothing of the attitude.
         """
         time_us = sample.time_us
         if self._next_us is None:
@@ -125,17 +131,41 @@ class Alarms:
         dt_s = min(1e-6 * (time_us - self._last_us), MEMORY_S)
         self._last_us = time_us
         self._remember(sample, attitude, dt_s / (MEMORY_S + dt_s))
+        # what contradicts the vertical is in sigma, and costs more to ask for
+        is_sure = degrees(attitude.sigma_inclination_rad) < LEANING_DEG
+        leaning_rad = 0.0 if is_sure else estimator.leaning_rad
+        why, place = estimator.compass_doubt, estimator.place_field
+        uses_field = why != CONTRADICTED
         seen = {
             Alarm.ACCELEROMETER: degrees(leaning_rad) > LEANING_DEG,
             Alarm.BIAS_AT_LIMIT: _is_at_limit(attitude, profile),
-            Alarm.FIELD_IMPOSSIBLE: not hears_field or self._is_field_impossible(attitude, place),
-            Alarm.SIGMA_TOO_SMALL: self._is_sigma_too_small(attitude, hears_field),
-            **dict(zip(AXES, contradicted_axes, strict=True)),
+            Alarm.FIELD_IMPOSSIBLE: not uses_field or self._is_field_impossible(attitude, place),
+            Alarm.SIGMA_TOO_SMALL: self._is_sigma_too_small(attitude, uses_field),
+            **dict(zip(AXES, estimator.contradicted_axes, strict=True)),
         }
         for word, is_so in seen.items():
             self._lasting[word].look(is_so, dt_s)
         self._follow_pace(time_us, arrival_us)
-        self.words = frozenset(word for word, each in self._lasting.items() if each.is_said)
+        self.words = frozenset(word for word, each in self._lasting.items() if each.is_on)
+        return [*self._compass_lines(why, estimator), *self._alarm_lines()]
+
+    def _compass_lines(self, why: str, estimator: Estimator) -> list[str]:
+        """Why the compass does not give the heading, once for each reason."""
+        if not why or why in self._compass_reported:
+            return []
+        self._compass_reported.add(why)
+        if why != CONTRADICTED:
+            return [f"heading ±45° until velocity shows it: {why}"]
+        off_deg = round(degrees(estimator.compass_off_rad))
+        asked = "; is its orientation set rightly?" * (abs(off_deg) >= LEAST_TURNED_DEG)
+        return [f"velocity shows the heading, not the compass, which is {off_deg}° off{asked}"]
+
+    def _alarm_lines(self) -> list[str]:
+        """The alarms that have begun or ended since the last look."""
+        before, self._reported = self._reported, self.words
+        begun = [f"warning: {MEANINGS[word]}" for word in sorted(self.words - before)]
+        ended = [f"no more: {MEANINGS[word]}" for word in sorted(before - self.words)]
+        return [*begun, *ended]
 
     def _remember(self, sample: ImuSample, attitude: Attitude, share: float) -> None:
         q = attitude.q_ned_frd
@@ -178,14 +208,14 @@ class Alarms:
         sigma = degrees(attitude.sigma_heading_rad)
         return off > SIGMAS * sigma + HEADING_OFF_DEG
 
-    def _is_sigma_too_small(self, attitude: Attitude, hears_field: bool) -> bool:
+    def _is_sigma_too_small(self, attitude: Attitude, uses_field: bool) -> bool:
         assert self._force is not None
         inclination = degrees(attitude.sigma_inclination_rad)
         north, east, down = self._force
         tilt = degrees(atan2(hypot(north, east), -down))
         if tilt > SIGMAS * inclination + TILT_DEG:
             return True
-        if self._field is None or not hears_field or _claims_no_heading(attitude):
+        if self._field is None or not uses_field or _claims_no_heading(attitude):
             return False
         mean_square = sum(b * b for b in self._field)
         scatter = degrees(sqrt(max(0.0, self._field_square / max(mean_square, 1e-12) - 1.0)))
@@ -211,13 +241,7 @@ def _claims_no_heading(attitude: Attitude) -> bool:
 
 
 def _towards(mean: Vec3 | None, value: Vec3, share: float) -> Vec3:
-    if mean is None:
-        return value
-    return (
-        mean[0] + share * (value[0] - mean[0]),
-        mean[1] + share * (value[1] - mean[1]),
-        mean[2] + share * (value[2] - mean[2]),
-    )
+    return value if mean is None else add(mean, scale(share, subtract(value, mean)))
 
 
 BEGIN_SHARE, END_SHARE = 0.6, 0.3
@@ -226,91 +250,16 @@ BEGIN_SHARE, END_SHARE = 0.6, 0.3
 class Lasting:
     """The share of time for which something is so; with a time constant of ``patience_s``.
 
-    It is said from 0.6 on, so after 0.92 of that time if it is so all the time, until 0.3: a start
-    or a magnet that passes says nothing.
+    It is on from 0.6 on, so after 0.92 of that time if it is so all the time, until 0.3: a start
+    or a magnet that passes is too short.
     """
 
     def __init__(self, patience_s: float) -> None:
         self.share = 0.0  # below zero for what is so the other way round
-        self.is_said = False
+        self.is_on = False
         self._patience_s = patience_s
 
     def look(self, is_so: int, dt_s: float) -> None:
         """Take what was so for ``dt_s``: 1, 0, or -1 for the other way round."""
         self.share += dt_s / (self._patience_s + dt_s) * (is_so - self.share)
-        self.is_said = abs(self.share) > (END_SHARE if self.is_said else BEGIN_SHARE)
-
-
-class EstimateChecks:
-    """The alarms of one vehicle, and what has been reported of them."""
-
-    def __init__(self) -> None:
-        self.profile_is_unfit = False  # by the vehicle's own word
-        self._alarms = Alarms()
-        self._reported: frozenset[Alarm] = frozenset()
-        self._compass_reported: set[str] = set()
-
-    @property
-    def words(self) -> frozenset[Alarm]:
-        """The alarms that stand now."""
-        return frozenset(self._alarms.words)
-
-    @property
-    def in_words(self) -> str:
-        """The same for a person; empty without any."""
-        return " and ".join(sorted(MEANINGS[each] for each in self._alarms.words))
-
-    def restart(self) -> None:
-        """Forget what was seen of another estimate."""
-        self._alarms = Alarms()
-
-    def is_due(self, time_us: int) -> bool:
-        """Whether it is time to look, twice a second of the vehicle's clock."""
-        return self._alarms.is_due(time_us)
-
-    def look(
-        self,
-        sample: ImuSample,
-        arrival_us: int,
-        attitude: Attitude,
-        profile: Profile,
-        estimator: Estimator,
-    ) -> tuple[list[str], bool]:
-        """Look once; lines for a person, and whether the gyroscope is contradicted."""
-        # what contradicts the vertical is in sigma, and costs more to ask for
-        is_sure = degrees(attitude.sigma_inclination_rad) < LEANING_DEG
-        leaning_rad = 0.0 if is_sure else estimator.leaning_rad
-        axes, place = estimator.contradicted_axes, estimator.place_field
-        why = estimator.compass_doubt
-        self._alarms.look(
-            sample,
-            arrival_us,
-            attitude,
-            profile,
-            place,
-            leaning_rad,
-            axes,
-            hears_field=why != CONTRADICTED,
-        )
-        return [*self._compass_lines(why, estimator), *self._alarm_lines()], any(axes)
-
-    def _compass_lines(self, why: str, estimator: Estimator) -> list[str]:
-        """Why the compass does not give the heading, once for each reason."""
-        if not why or why in self._compass_reported:
-            return []
-        self._compass_reported.add(why)
-        if why == CONTRADICTED:
-            off_deg = round(degrees(estimator.compass_off_rad))
-            asked = "; is its orientation set rightly?" * (abs(off_deg) >= LEAST_TURNED_DEG)
-            return [f"velocity shows the heading, not the compass, which is {off_deg}° off{asked}"]
-        return [f"heading ±45° until velocity shows it: {why}"]
-
-    def _alarm_lines(self) -> list[str]:
-        """The alarms that have begun or ended since the last look."""
-        before, now = self._reported, self.words
-        if now == before:
-            return []
-        self._reported = now
-        begun = [f"warning: {MEANINGS[word]}" for word in sorted(now - before)]
-        ended = [f"no more: {MEANINGS[word]}" for word in sorted(before - now)]
-        return [*begun, *ended]
+        self.is_on = abs(self.share) > (END_SHARE if self.is_on else BEGIN_SHARE)

@@ -36,8 +36,7 @@ class Evictions:
     def __init__(self) -> None:
         self.counts = EvictedCounts()  # so far
         self._limit = LineLimit("vehicles")
-        self._silence_us: dict[VehicleId, int] = {}
-        self._heard_us: dict[VehicleId, int] = {}
+        self._silence_us: dict[VehicleId, tuple[int, int]] = {}  # last arrival, and silence since
         self._looked_us: int | None = None
         self._profiles: OrderedDict[VehicleId, Profile] = OrderedDict()
 
@@ -46,14 +45,13 @@ class Evictions:
         step_us = 0 if self._looked_us is None else now_us - self._looked_us
         step_us = min(max(step_us, 0), LONGEST_LOOK_US)
         self._looked_us = now_us
-        before, silence_us = self._heard_us, self._silence_us
-        self._silence_us = {
-            address: silence_us.get(address, 0) + step_us
-            for address, last_us in heard_us.items()
-            if before.get(address) == last_us
-        }
-        self._heard_us = heard_us
-        return [each for each, us in self._silence_us.items() if us >= FORGOTTEN_US]
+        known = self._silence_us
+        self._silence_us = {}
+        for address, last_us in heard_us.items():
+            before_us, silence_us = known.get(address, (None, 0))
+            silence_us = silence_us + step_us if before_us == last_us else 0
+            self._silence_us[address] = (last_us, silence_us)
+        return [each for each, (_, us) in self._silence_us.items() if us >= FORGOTTEN_US]
 
     def lines(self, gone: list[VehicleId], now_us: int) -> list[str]:
         """Lines about vehicles that are forgotten, fewer of them where there are too many."""

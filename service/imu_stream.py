@@ -1,10 +1,10 @@
-"""Which of a vehicle's messages feed the estimator, and how often its IMU comes.
+"""Which of a vehicle's messages feed the estimator, how often its IMU comes, and since when not.
 
 Messages of one vehicle may come from different IMUs, mounted and calibrated differently, so they
 are never mixed: one is chosen. Another IMU is a last resort. On a lossy link one message may be
 missing for seconds while another's come through, so the chosen one must have been silent for long
-while the other came; and it must be back for as long before it is used again. One of whose
-gyroscope the estimator has had to doubt comes behind all others from then on.
+while the other came; and it must be back for as long before it is used again. One whose gyroscope
+the estimator contradicts comes behind all others from then on.
 
 Of messages that report the same, the best one is used as long as it comes: a change would look like
 a change of what they report. Velocity has two sources, the autopilot's filter and a receiver; the
@@ -13,18 +13,17 @@ estimator models the errors of each, and takes one message of each.
 
 from collections import Counter, deque
 
-import msgspec
-
 from drivers.events import Imu, Report, Shed
 from drivers.mavlink.imu_messages import imu_rank
 from drivers.samples.navigation import report_rank
-from drivers.value import Value
 from estimator.types import ImuSample, VelocitySample
-from service import health
+from service.records import State
 
 # Enough for a steady median, few enough to follow a stream whose rate was changed.
 PERIODS_KEPT = 51
 MEDIAN_EVERY = 8  # samples; a median of 51 changes little in that time
+LATE_MINIMUM_US, LATE_PERIODS = 500_000, 3
+LOST_MINIMUM_US, LOST_PERIODS = 5_000_000, 10
 
 
 class ImuStream:
@@ -32,10 +31,12 @@ class ImuStream:
 
     def __init__(self) -> None:
         self.choice = ImuChoice()
+        self.state = State.WAITING
         self.samples = 0
         self.worst_gap_us = 0
         self.last: Imu | None = None  # as the vehicle sent it
         self.last_sample: ImuSample | None = None  # in the body's axes
+        self.last_arrival_us: int | None = None  # of any sample so far
         self._periods_us: deque[int] = deque(maxlen=PERIODS_KEPT)
         self._median_us: float | None = None
         self._shed = 0  # of the message in use
@@ -65,18 +66,41 @@ class ImuStream:
         """Rate of the message in use while it came, 0 if unknown."""
         return 1e6 / self.median_period_us if self.median_period_us > 0.0 else 0.0
 
+    @property
+    def late_after_us(self) -> float:
+        """Silence that makes a running estimate degraded: max(0.5 s, 3 median periods)."""
+        return max(LATE_MINIMUM_US, LATE_PERIODS * self.median_period_us)
+
+    @property
+    def lost_after_us(self) -> float:
+        """Silence after which a vehicle is lost: max(5 s, 10 median periods)."""
+        return max(LOST_MINIMUM_US, LOST_PERIODS * self.median_period_us)
+
+    def silence_us(self, now_us: int) -> int:
+        """How long no sample has arrived."""
+        return 0 if self.last_arrival_us is None else max(0, now_us - self.last_arrival_us)
+
+    def state_at(self, now_us: int) -> State:
+        """What silence has made of the state by then; samples alone make it better."""
+        silence_us = self.silence_us(now_us)
+        if silence_us < LATE_MINIMUM_US:
+            return self.state
+        if silence_us >= self.lost_after_us:
+            return State.LOST
+        is_late = self.state is State.RUNNING and silence_us >= self.late_after_us
+        return State.DEGRADED if is_late else self.state
+
     def choose(self, event: Imu) -> tuple[bool, str | None]:
         """Whether a message is the one in use, and the message that it has just replaced, if any.
 
         A message that comes first replaces "".
         """
         before, period_us = self.choice.message, self.median_period_us
-        late_us = health.late_after_us(period_us)
-        self.choice = consider(self.choice, event.message, event.arrival_us, late_us, period_us)
-        if self.choice.message != event.message:
-            return False, None
-        if before == event.message:
-            return True, None
+        is_chosen = self.choice.consider(
+            event.message, event.arrival_us, self.late_after_us, period_us
+        )
+        if not is_chosen or before == event.message:
+            return is_chosen, None
         self._periods_us.clear()
         self._median_us = None
         if before is None:
@@ -108,14 +132,10 @@ class ImuStream:
         elif self.choice.message == event.message:
             self._shed += event.samples
 
-    def note_reboot(self, last_arrival_us: int | None) -> None:
-        """The vehicle began anew: which message was doubted before says nothing now."""
-        self.choice = trust_all(self.choice)
-        self._silent_since_us = last_arrival_us
-
-    def doubt(self) -> None:
-        """The gyroscope of the message in use is contradicted: any other message is better."""
-        self.choice = doubt(self.choice)
+    def note_reboot(self) -> None:
+        """The vehicle began anew, which may have mended what was contradicted before."""
+        self.choice.contradicted.clear()
+        self._silent_since_us = self.last_arrival_us
 
     def _note_gap(self, gap_us: int) -> None:
         self.worst_gap_us = max(self.worst_gap_us, gap_us)
@@ -129,150 +149,111 @@ LONGEST_SILENCE_US = 15_000_000  # in a longer one the link or the vehicle was g
 STAND_IN_GAP_US = 2_000_000  # a message that pauses for longer cannot stand in
 
 
-class ImuChoice(Value, frozen=True):
-    """The message in use, when it last arrived, and another one that is proving itself.
+class Candidate:
+    """A message that is proving itself beside the one in use."""
 
-    ``longest_silence_us`` is what the one in use has come back from, ``has_failed`` says that
-    another IMU has stood in before, ``doubted`` names those whose gyroscope was contradicted.
-    """
-
-    message: str | None = None
-    last_arrival_us: int = 0
-    longest_silence_us: int = 0
-    has_failed: bool = False
-    alternative: str | None = None
-    alternative_samples: int = 0
-    alternative_since_us: int = 0
-    alternative_arrival_us: int = 0
-    doubted: tuple[str, ...] = ()
-
-    def rank(self, message: str) -> tuple[bool, int]:
-        """Place of a message in the order of preference: the doubted ones come last."""
-        return message in self.doubted, imu_rank(message)
+    def __init__(self, message: str, arrival_us: int) -> None:
+        self.message = message
+        self.samples = 1
+        self.since_us = self.arrival_us = arrival_us
 
 
-def doubt(choice: ImuChoice) -> ImuChoice:
-    """The choice once the gyroscope of the message in use is contradicted."""
-    if choice.message is None or choice.message in choice.doubted:
-        return choice
-    return msgspec.structs.replace(choice, doubted=(*choice.doubted, choice.message))
+class ImuChoice:
+    """The message in use, and another one that may replace it."""
 
+    def __init__(self, message: str | None = None) -> None:
+        self.message = message
+        self.contradicted: set[str] = set()  # those whose gyroscope the estimator contradicts
+        self._arrival_us = 0  # the last of the message in use
+        self._longest_silence_us = 0  # that it has come back from
+        self._has_failed = False  # another IMU has stood in before
+        self._candidate: Candidate | None = None
 
-def trust_all(choice: ImuChoice) -> ImuChoice:
-    """The choice after a reboot, which may have mended what was doubted."""
-    return msgspec.structs.replace(choice, doubted=())
+    def contradict(self) -> None:
+        """The gyroscope of the message in use is contradicted: any other message is better."""
+        if self.message is not None:
+            self.contradicted.add(self.message)
 
+    def patience_us(self, late_after_us: float, period_us: float) -> float:
+        """How long the message in use may be silent, and a returning one must have been back."""
+        return max(late_after_us, SILENT_PERIODS * period_us, SILENCES * self._longest_silence_us)
 
-def patience_us(choice: ImuChoice, late_after_us: float, period_us: float) -> float:
-    """How long the message in use may be silent, and a returning one must have been back."""
-    return max(late_after_us, SILENT_PERIODS * period_us, SILENCES * choice.longest_silence_us)
+    def consider(
+        self, message: str, arrival_us: int, late_after_us: float, period_us: float = 0.0
+    ) -> bool:
+        """Whether ``message``, which has just arrived, is the one in use now.
 
+        ``late_after_us`` is the silence after which the message in use is late, ``period_us`` its
+        median interval.
+        """
+        if self.message is None:
+            self.message, self._arrival_us = message, arrival_us
+        elif message == self.message:
+            self._follow_own(arrival_us)
+        else:
+            self._follow_other(message, arrival_us, late_after_us, period_us)
+        return message == self.message
 
-def consider(
-    choice: ImuChoice, message: str, arrival_us: int, late_after_us: float, period_us: float = 0.0
-) -> ImuChoice:
-    """The choice after ``message`` arrived; it is in use if ``.message`` equals it.
+    def _rank(self, message: str) -> tuple[bool, int]:
+        """Place of a message in the order of preference."""
+        return message in self.contradicted, imu_rank(message)
 
-    ``late_after_us`` is the silence after which the message in use is late, ``period_us`` its
-    median interval.
-    """
-    if choice.message is None:
-        return ImuChoice(message, arrival_us)
-    if message == choice.message:
-        return _follow_own(choice, arrival_us)
-    is_preferred = choice.rank(message) < choice.rank(choice.message)
-    longest_gap_us = late_after_us if is_preferred else max(late_after_us, STAND_IN_GAP_US)
-    choice = _follow_rival(choice, message, arrival_us, longest_gap_us)
-    if choice.alternative != message:
-        return choice
-    lasts_us = arrival_us - choice.alternative_since_us
-    is_long = lasts_us >= patience_us(choice, late_after_us, period_us)
-    is_steady = choice.alternative_samples >= STEADY_SAMPLES
-    if is_steady and (is_long or (is_preferred and not choice.has_failed)):
-        has_failed = choice.has_failed or not is_preferred
-        return ImuChoice(message, arrival_us, has_failed=has_failed, doubted=choice.doubted)
-    return choice
+    def _follow_own(self, arrival_us: int) -> None:
+        """The message in use came: nobody needs to stand in for it."""
+        silence_us = arrival_us - self._arrival_us
+        if self._longest_silence_us < silence_us <= LONGEST_SILENCE_US:
+            self._longest_silence_us = silence_us
+        self._arrival_us = arrival_us
+        candidate = self._candidate
+        if candidate is not None and self._rank(candidate.message) >= self._rank(
+            self.message or ""
+        ):
+            self._candidate = None
 
-
-def longest_silence_us(longest_us: int, silence_us: int) -> int:
-    """The longest silence that a message has come back from, after one more."""
-    return silence_us if longest_us < silence_us <= LONGEST_SILENCE_US else longest_us
-
-
-def _follow_own(choice: ImuChoice, arrival_us: int) -> ImuChoice:
-    """The message in use came: nobody needs to stand in for it."""
-    longest_us = longest_silence_us(choice.longest_silence_us, arrival_us - choice.last_arrival_us)
-    alternative = choice.alternative
-    if alternative is not None and choice.rank(alternative) >= choice.rank(choice.message or ""):
-        alternative = None
-    # field by field: msgspec.structs.replace takes three times as long, at every sample
-    return ImuChoice(
-        choice.message,
-        arrival_us,
-        longest_us,
-        choice.has_failed,
-        alternative,
-        choice.alternative_samples,
-        choice.alternative_since_us,
-        choice.alternative_arrival_us,
-        choice.doubted,
-    )
-
-
-def _follow_rival(
-    choice: ImuChoice, message: str, arrival_us: int, longest_gap_us: float
-) -> ImuChoice:
-    """Another message came: make it the rival, unless a better message is the rival already."""
-    goes_on = arrival_us - choice.alternative_arrival_us <= longest_gap_us
-    if choice.alternative == message and goes_on:
-        return msgspec.structs.replace(
-            choice,
-            alternative_samples=choice.alternative_samples + 1,
-            alternative_arrival_us=arrival_us,
-        )
-    is_other = choice.alternative not in (None, message)
-    if is_other and goes_on and choice.rank(message) >= choice.rank(choice.alternative or ""):
-        return choice
-    return msgspec.structs.replace(
-        choice,
-        alternative=message,
-        alternative_samples=1,
-        alternative_since_us=arrival_us,
-        alternative_arrival_us=arrival_us,
-    )
+    def _follow_other(
+        self, message: str, arrival_us: int, late_after_us: float, period_us: float
+    ) -> None:
+        """Another message came, which takes over once it has proved itself."""
+        is_preferred = self._rank(message) < self._rank(self.message or "")
+        longest_gap_us = late_after_us if is_preferred else max(late_after_us, STAND_IN_GAP_US)
+        candidate = self._candidate
+        if candidate is None or arrival_us - candidate.arrival_us > longest_gap_us:
+            candidate = None
+        elif message != candidate.message and self._rank(message) >= self._rank(candidate.message):
+            return
+        if candidate is None or message != candidate.message:
+            self._candidate = Candidate(message, arrival_us)
+            return
+        candidate.samples += 1
+        candidate.arrival_us = arrival_us
+        lasts_us = arrival_us - candidate.since_us
+        is_long = lasts_us >= self.patience_us(late_after_us, period_us)
+        is_enough = is_long or (is_preferred and not self._has_failed)
+        if candidate.samples >= STEADY_SAMPLES and is_enough:
+            self.message, self._arrival_us = message, arrival_us
+            self._longest_silence_us, self._candidate = 0, None
+            self._has_failed = self._has_failed or not is_preferred
 
 
 SILENCE_US = 2_000_000  # after which the next best takes over
 
-Kind = tuple[type, bool]
-
-
-class ReportChoice(Value, frozen=True):
-    """The message in use and when it last arrived."""
-
-    message: str
-    last_arrival_us: int
-
-
-def kind_of(event: Report) -> Kind:
-    """What one message is chosen of: the type of the report, and whether it is a receiver's."""
-    sample = event.sample
-    return type(sample), isinstance(sample, VelocitySample) and sample.late_sigma_s > 0.0
-
 
 class ReportChoices:
-    """The choices of one vehicle, one for each kind of report."""
+    """The message in use of each kind of report of one vehicle, and when it last arrived.
+
+    A kind is the type of the report, and whether it is a receiver's.
+    """
 
     def __init__(self) -> None:
-        self._choices: dict[Kind, ReportChoice] = {}
+        self._choices: dict[tuple[type, bool], tuple[str, int]] = {}
 
     def take(self, event: Report) -> bool:
         """Whether the report is of a message in use."""
-        kind, message, now_us = kind_of(event), event.message, event.arrival_us
-        choice = self._choices.get(kind)
-        if choice is not None and message != choice.message:
-            is_better = report_rank(message) < report_rank(choice.message)
-            if not is_better and now_us - choice.last_arrival_us <= SILENCE_US:
-                return False
-        self._choices[kind] = ReportChoice(message, now_us)
+        sample, message, now_us = event.sample, event.message, event.arrival_us
+        kind = type(sample), isinstance(sample, VelocitySample) and sample.late_sigma_s > 0.0
+        in_use, last_us = self._choices.get(kind, (message, now_us))
+        is_other = message != in_use and report_rank(message) >= report_rank(in_use)
+        if is_other and now_us - last_us <= SILENCE_US:
+            return False
+        self._choices[kind] = (message, now_us)
         return True

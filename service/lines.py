@@ -1,4 +1,4 @@
-"""Lines for a person: what is told of links, and no more of a vehicle than can be read."""
+"""Lines for a person: of links, and no more of a vehicle than can be read."""
 
 from drivers.events import LinkDown, LinkUp
 
@@ -35,6 +35,16 @@ class LineLimit:
         return said
 
 
+# What is known of a link that works: of UDP and a device only that our end of it is open.
+UP = {
+    "udpin": "listening on {}",
+    "udpout": "sending to {}",
+    "sim": "{} started",
+    "tcp": "{} connected",
+    "tcpin": "{} connected",
+}
+
+
 class LinkLines:
     """A line for each change of a link; remembers which ones are up."""
 
@@ -46,23 +56,8 @@ class LinkLines:
         endpoint = event.endpoint
         if isinstance(event, LinkUp):
             self._up.add(endpoint)
-            return _link_text(endpoint)
+            return UP.get(endpoint.partition(":")[0], "{} open").format(endpoint)
         if endpoint not in self._up:
             return f"{endpoint}: {event.reason}; trying again"
         self._up.discard(endpoint)
         return f"{endpoint} lost: {event.reason}; trying again"
-
-
-def _link_text(endpoint: str) -> str:
-    """What is known of a link that works: of UDP and a device only that our end of it is open."""
-    kind, _, _ = endpoint.partition(":")
-    match kind:
-        case "udpin":
-            return f"listening on {endpoint}"
-        case "udpout":
-            return f"sending to {endpoint}"
-        case "sim":
-            return f"{endpoint} started"
-        case "tcp" | "tcpin":
-            return f"{endpoint} connected"
-    return f"{endpoint} open"

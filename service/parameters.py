@@ -4,11 +4,10 @@ Requests are asked on other threads and answered by the loop's. What is to be pu
 the next tick.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
-from contextlib import suppress
-from queue import Empty, Full, Queue
-from typing import Any, NamedTuple
+from queue import Full, Queue
+from typing import Any
 
 from drivers.events import BuiltIn, VehicleId
 from drivers.simulation.simulated_vehicle import PROFILES
@@ -25,20 +24,13 @@ ANSWER_TIMEOUT_S = 2.0
 Replace = Callable[[VehicleId, dict[str, Any], str | None], Profile]
 
 
-class Request(NamedTuple):
-    """A change that somebody waits for."""
-
-    vehicle: VehicleId
-    partial: dict[str, Any]
-    retuned: str | None
-    answer: "Future[Profile]"
-
-
 class ParameterRequests:
     """A mailbox between the threads that ask and the loop that owns the estimators."""
 
     def __init__(self) -> None:
-        self._queue: Queue[Request] = Queue(MAX_PENDING)
+        self._queue: Queue[tuple[VehicleId, dict[str, Any], str | None, Future[Profile]]] = Queue(
+            MAX_PENDING
+        )
         self._closed = False
 
     def ask(
@@ -54,7 +46,7 @@ class ParameterRequests:
             raise TimeoutError("the service is ending")
         answer: Future[Profile] = Future()
         try:
-            self._queue.put_nowait(Request(vehicle, partial, retuned, answer))
+            self._queue.put_nowait((vehicle, partial, retuned, answer))
         except Full:
             raise TimeoutError("too many requests") from None
         try:
@@ -66,17 +58,10 @@ class ParameterRequests:
         except CancelledError:
             raise TimeoutError("the service is ending") from None
 
-    def waiting(self) -> Iterator[Request]:
-        """Take the requests that wait, one after the other."""
-        with suppress(Empty):
-            while True:
-                yield self._queue.get_nowait()
-
     def serve(self, replace: Replace) -> None:
         """Answer the waiting requests; called by the loop."""
-        if self._queue.empty():  # nearly always, and an exception less
-            return
-        for vehicle, partial, retuned, answer in self.waiting():
+        while not self._queue.empty():
+            vehicle, partial, retuned, answer = self._queue.get_nowait()
             if not answer.set_running_or_notify_cancel():
                 continue
             try:
@@ -92,8 +77,9 @@ class ParameterRequests:
     def close(self) -> None:
         """Refuse all waiting and all later requests; called when the loop has ended."""
         self._closed = True
-        for request in self.waiting():
-            request.answer.cancel()
+        while not self._queue.empty():
+            *_, answer = self._queue.get_nowait()
+            answer.cancel()
 
 
 class ProfileChanges:
@@ -138,7 +124,7 @@ class ProfileChanges:
         profile = load_profile(name)
         if not self._fits_built_in:
             fits = vehicle.profile.conditioned == profile.conditioned
-            vehicle.checks.profile_is_unfit = not fits
+            vehicle.alarms.profile_is_unfit = not fits
             return [] if fits else [Message(f"{who}: profile {name} would fit, this one does not")]
         if vehicle.profile != profile:
             self._change(vehicle, profile)

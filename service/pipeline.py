@@ -21,6 +21,7 @@ from drivers.events import (
     Malformed,
     ModeChange,
     Notice,
+    OtherImu,
     Parameter,
     Position,
     ReferenceAttitude,
@@ -39,12 +40,11 @@ from estimator.estimator import Estimator
 from estimator.profile import Profile
 from estimator.reasons import Reason
 from service.evictions import EvictedCounts, Evictions
-from service.health import State
 from service.lines import LinkLines
 from service.load import Load, Losses
 from service.parameters import ProfileChanges
 from service.publishing import STATUS_PERIOD_US
-from service.records import Departed, Message, Output, Peer, Published, Replaced
+from service.records import Departed, Message, Output, Peer, Published, Replaced, State
 from service.vehicle import STANDARD_RATE_HZ, Vehicle
 from service.vehicle_status import status_record
 
@@ -104,7 +104,7 @@ class Pipeline:
     def imu_in_use(self, address: VehicleId) -> str | None:
         """The IMU message that is used of a vehicle; None while others may be better."""
         vehicle = self._vehicles.get(address)
-        if vehicle is None or vehicle.imu.message in vehicle.imu.choice.doubted:
+        if vehicle is None or vehicle.imu.message in vehicle.imu.choice.contradicted:
             return None
         return vehicle.imu.message
 
@@ -154,7 +154,7 @@ class Pipeline:
                 return []
         known = self._vehicles.get(event.vehicle)
         if known is None and isinstance(
-            event, Position | Report | FilterStatus | ClockReset | ModeChange
+            event, Position | Report | FilterStatus | ClockReset | ModeChange | OtherImu
         ):
             return []  # none of these makes a vehicle
         vehicle = known or self._meet(event.vehicle)
@@ -169,10 +169,12 @@ class Pipeline:
                 vehicle.on_position(event)
             case Heartbeat():
                 vehicle.on_heartbeat(event)
+            case OtherImu():
+                vehicle.on_other_imu(event)
             case ModeChange():
-                vehicle.flight.take(event)
+                vehicle.parameters.take_mode(event)
             case FilterStatus():
-                vehicle.comparison.take_filter_status(event)
+                vehicle.comparison.filter_status = event
             case Parameter():
                 vehicle.parameters.take(event, vehicle.estimator)
             case Rejected():
@@ -260,7 +262,7 @@ class Pipeline:
         if is_left_out or not vehicle.publishing.grid.is_due(now_us):
             return outputs
         is_held_back = self.load.is_shedding or self.load.has_just_woken
-        if is_held_back and vehicle.publishing.is_stale(now_us, vehicle.samples):
+        if is_held_back and vehicle.publishing.is_stale(now_us, vehicle.imu.samples):
             return outputs
         return outputs + self._published(vehicle, now_us)
 
@@ -331,8 +333,8 @@ class Pipeline:
         vehicle = self._vehicles.pop(address, None)
         if vehicle is None:
             return
-        rejected, publishing = vehicle.rejected.total(), vehicle.publishing
-        counts = EvictedCounts(1, vehicle.samples, vehicle.imu.shed, rejected, publishing.attitudes)
+        rejected, imu, publishing = vehicle.rejected.total(), vehicle.imu, vehicle.publishing
+        counts = EvictedCounts(1, imu.samples, imu.shed, rejected, publishing.attitudes)
         self.evictions.counts = self.evictions.counts.plus(counts)
         if vehicle.profile != self.profile and vehicle.built_in_motion is None:
             self.evictions.keep(address, vehicle.profile)

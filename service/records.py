@@ -4,7 +4,7 @@ Field names and order are the JSON schema. Angles are in degrees here because
 people and maps read these records; everything inside is in radians.
 """
 
-import math
+from enum import StrEnum
 from typing import Literal
 
 import msgspec
@@ -12,12 +12,23 @@ import msgspec
 from drivers.events import VehicleId
 from drivers.mavlink.constants import MAV_COMP_ID_AUTOPILOT1
 from drivers.value import Value
-from estimator.geometry.frames import euler_rad
 from estimator.profile import Profile
-from estimator.types import Attitude, ImuSample, Quaternion, Vec3
-from service.health import State
+from estimator.types import ImuSample, Quaternion, Vec3
 
 SCHEMA = 1
+
+
+class State(StrEnum):
+    """What the published attitude is worth."""
+
+    WAITING = "waiting"  # the vehicle has been heard, no IMU sample has come yet
+    ALIGNING = "aligning"  # IMU data arrive, no attitude yet
+    RUNNING = "running"  # attitude from fresh data
+    DEGRADED = "degraded"  # attitude, extrapolated: the IMU is silent
+    LOST = "lost"  # silent for so long that no attitude is published
+
+
+HAS_ATTITUDE = frozenset({State.RUNNING, State.DEGRADED})
 
 
 class Confidence(Value, frozen=True):
@@ -90,6 +101,13 @@ class Autopilot(Value, frozen=True):
         return f"autopilot {what} {self.off_deg:.0f}° off"
 
 
+class ImuDifference(Value, frozen=True):
+    """How another IMU differs from the one in use, on average over ten seconds."""
+
+    inclination_deg: float  # between the specific forces
+    rate_deg_s: float  # between the angular rates
+
+
 class StatusRecord(msgspec.Struct, frozen=True):
     """How the estimate of one vehicle is doing, once a second."""
 
@@ -114,6 +132,7 @@ class StatusRecord(msgspec.Struct, frozen=True):
     recording: str = ""  # "whole", "failed", or "" where nothing is recorded
     mode: str = ""  # the flight mode's name; "" where the vehicle does not say it
     armed: bool | None = None  # None where the vehicle does not say it
+    other_imus: dict[str, ImuDifference] = {}  # by message; empty where there is one IMU
 
 
 class Published(Value, frozen=True):
@@ -164,62 +183,3 @@ def vehicle_name(vehicle: VehicleId) -> str:
     if vehicle.component_id == MAV_COMP_ID_AUTOPILOT1:
         return str(vehicle.system_id)
     return f"{vehicle.system_id}-{vehicle.component_id}"
-
-
-def attitude_record(
-    attitude: Attitude,
-    *,
-    time_unix_us: int,
-    time_boot_us: int,
-    state: State = State.RUNNING,
-    age_us: int = 0,
-    sequence: int,
-) -> AttitudeRecord | None:
-    """The record of an attitude whose sample is ``age_us`` old; None if it is not finite."""
-    if not is_finite(attitude):
-        return None
-    return AttitudeRecord(
-        schema=SCHEMA,
-        time_unix_us=time_unix_us,
-        time_boot_us=time_boot_us,
-        q_ned_frd=attitude.q_ned_frd,
-        euler_deg=euler_deg(attitude.q_ned_frd),
-        rate_rad_s=attitude.rate_rad_s,
-        gyro_bias_rad_s=attitude.gyro_bias_rad_s,
-        error=attitude.error,
-        error_rate=attitude.error_rate_1_s,
-        gain=attitude.gain,
-        confidence=Confidence(attitude.confidence_gravity, attitude.confidence_magnetic),
-        sigma_deg=Sigma(
-            _bound_deg(attitude.sigma_inclination_rad), _bound_deg(attitude.sigma_heading_rad)
-        ),
-        heading_reference=attitude.heading_reference,
-        state=state.value,
-        age_ms=max(0, age_us) / 1e3,
-        sequence=sequence,
-    )
-
-
-def euler_deg(q_ned_frd: Quaternion) -> Vec3:
-    """Roll, pitch and yaw in degrees, yaw in [0, 360)."""
-    roll_rad, pitch_rad, yaw_rad = euler_rad(q_ned_frd)
-    return (math.degrees(roll_rad), math.degrees(pitch_rad), math.degrees(yaw_rad))
-
-
-def is_finite(attitude: Attitude) -> bool:
-    """Whether every number that must be finite is; an infinite sigma just means "unknown"."""
-    # one that is not finite makes the sum so; none is large enough for the sum of the others
-    total = (
-        sum((*attitude.q_ned_frd, *attitude.rate_rad_s, *attitude.gyro_bias_rad_s))
-        + attitude.error
-        + attitude.error_rate_1_s
-        + attitude.gain
-        + attitude.confidence_gravity
-        + attitude.confidence_magnetic
-    )
-    return math.isfinite(total)
-
-
-def _bound_deg(sigma_rad: float) -> float:
-    """The bound in degrees, at most half a turn: no angle can be further off."""
-    return math.degrees(sigma_rad) if sigma_rad < math.pi else 180.0

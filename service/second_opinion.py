@@ -1,10 +1,10 @@
-"""Whether the autopilot's attitude and ours agree, and which of them its witnesses contradict.
+"""Whether the autopilot's attitude and ours agree, and which of them other evidence contradicts.
 
-Both are seen at the same instant of the vehicle's clock. What may honestly lie between them is what
-sigma says of ours, what is usual between two that are right (trim, mounting, a compass's residual
-offsets), and what a lag makes of the turning. The witnesses are those that neither attitude is made
-of alone: over seconds the specific force less what velocity has gained points up, and the field
-points to magnetic north.
+Both are compared at the same instant of the vehicle's clock. What may honestly lie between them is
+what sigma says of ours, what is usual between two that are right (trim, mounting, a compass's
+residual offsets), and what a lag makes of the turning. The evidence is what neither attitude is
+made of alone: over seconds the specific force less what velocity has gained points up, and the
+field points to magnetic north.
 """
 
 from collections import Counter
@@ -12,12 +12,15 @@ from enum import StrEnum
 from math import atan2, cos, degrees, exp, hypot, radians, sin
 from typing import NamedTuple
 
+from drivers.events import FilterStatus, ReferenceAttitude
 from estimator.aiding.place import resembles
 from estimator.geometry import quaternion
 from estimator.geometry.earth import PlaceField
-from estimator.geometry.quaternion import add, conjugate, multiply, norm, rotate, scale
+from estimator.geometry.quaternion import add, conjugate, multiply, norm, rotate, scale, subtract
 from estimator.types import STANDARD_GRAVITY_M_S2, Attitude, ImuSample, Quaternion, Vec3
 from service.alarms import END_SHARE, Lasting
+from service.publishing import euler_deg
+from service.records import Autopilot, Peer
 
 LOOK_EVERY_US = 400_000
 # Between two attitudes that are both right lie up to some 8 deg of trim, mounting and compass.
@@ -31,8 +34,10 @@ DECLINATION_DEG = 20.0
 PATIENCE_S = 5.0  # of service.alarms
 # An autopilot that has said nothing for so long is not compared.
 SILENT_US = 2_000_000
-CONSISTENCY_S = 20.0  # memory of the witnesses
-# One of the two is named if its witness is nearer to it by this share of the difference.
+# What its filter reports of itself, once a second or so, holds until it reports something else.
+FILTER_STATUS_HOLDS_US = 5_000_000
+CONSISTENCY_S = 20.0  # memory of the evidence
+# One of the two is named if the evidence is nearer to the other by this share of the difference.
 NAMED_SHARE = 0.5
 # An accelerometer that is off across gravity makes the force larger; by this share of that is odd.
 ODD_SHARE = 0.25
@@ -74,7 +79,7 @@ class Difference(NamedTuple):
 
 
 class Doubts(NamedTuple):
-    """What speaks against each of the two beside force, velocity and field; in words, or empty."""
+    """What else speaks against each of the two, in words, or empty."""
 
     autopilot: str = ""
     ours: str = ""
@@ -106,17 +111,6 @@ class Interval(NamedTuple):
     evidence: str
 
 
-class Axis(Lasting):
-    """Whether one angle has been beyond what it may be."""
-
-    def __init__(self) -> None:
-        super().__init__(PATIENCE_S)
-
-    def agrees(self, difference: Difference) -> bool:
-        """Whether the two are known to be near each other, and have been."""
-        return difference.is_known and not difference.is_beyond and self.share < END_SHARE
-
-
 class Consistency:
     """What force, velocity and field have said of one attitude over the last seconds."""
 
@@ -145,24 +139,15 @@ class Consistency:
         self._across += share * ((x * v - y * u) / dt_s**2 - self._across)
         self._along += share * ((x * u + y * v) / dt_s**2 - self._along)
         self._square += share * ((u * u + v * v) / dt_s**2 - self._square)
-        self._stride = (0.0, 0.0, 0.0)
+        self.begin_stride()
 
     def begin_stride(self) -> None:
-        """Forget the present stride: velocity was not known."""
+        """Sum the force anew: the last stride has ended, or velocity was not known."""
         self._stride = (0.0, 0.0, 0.0)
 
-    def tilt_deg(self, gained_m_s2: Vec3) -> float:
-        """How far the mean force, less the velocity gained meanwhile, is from pointing up."""
-        x, y, z = self._held(gained_m_s2)
-        return degrees(atan2(hypot(x, y), -z))
-
-    def push_m_s2(self, gained_m_s2: Vec3) -> float:
-        """How strong it is."""
-        return norm(self._held(gained_m_s2))
-
-    def _held(self, gained_m_s2: Vec3) -> Vec3:
-        mean = scale(1.0 / max(self._weight, 1e-9), self._pushed)
-        return quaternion.subtract(mean, gained_m_s2)
+    def held_m_s2(self, gained_m_s2: Vec3) -> Vec3:
+        """The mean force less the velocity gained meanwhile, which should point up."""
+        return subtract(scale(1.0 / max(self._weight, 1e-9), self._pushed), gained_m_s2)
 
     def dip_deg(self, place: PlaceField | None) -> float | None:
         """How far the mean field's dip is off the place's; None where either is not known."""
@@ -188,23 +173,26 @@ class SecondOpinion:
     def __init__(self) -> None:
         self.intervals: list[Interval] = []
         self.looks: Counter[Verdict] = Counter()
+        self.peers: dict[str, Peer] = {}  # others' latest attitudes, until ours is published
+        self.filter_status: FilterStatus | None = None  # the autopilot's latest
+        self._differed = False  # at the last comparison
         self._next_us = 0
         self.restart()
-
-    def is_due(self, time_us: int) -> bool:
-        """Whether it is time to look again."""
-        return time_us >= self._next_us or self._last_us is None or time_us < self._last_us
 
     def restart(self) -> None:
         """Begin anew, as our attitude does; the intervals of before stay."""
         self.opinion: Opinion | None = None
         self._last_us: int | None = None
-        self._tilting, self._turning = Axis(), Axis()
+        self._tilting, self._turning = Lasting(PATIENCE_S), Lasting(PATIENCE_S)
         self._ours, self._theirs = Consistency(), Consistency()
         self._velocity: tuple[int, Vec3] | None = None  # at the stride's beginning
         self._gained: Vec3 = (0.0, 0.0, 0.0)  # mean acceleration by velocity, m/s^2
 
-    def hear_velocity(self, time_us: int, velocity_ned_m_s: Vec3) -> None:
+    def is_due(self, time_us: int) -> bool:
+        """Whether it is time to look again."""
+        return time_us >= self._next_us or self._last_us is None or time_us < self._last_us
+
+    def take_velocity(self, time_us: int, velocity_ned_m_s: Vec3) -> None:
         """Take the vehicle's velocity."""
         if self._velocity is None or not 0 < time_us - self._velocity[0] < SILENT_US:
             self._velocity = (time_us, velocity_ned_m_s)
@@ -214,12 +202,38 @@ class SecondOpinion:
         dt_s = 1e-6 * (time_us - self._velocity[0])
         if dt_s < STRIDE_S:
             return
-        gained = quaternion.subtract(velocity_ned_m_s, self._velocity[1])
+        gained = subtract(velocity_ned_m_s, self._velocity[1])
         for consistency in (self._ours, self._theirs):
             consistency.gain(gained, dt_s)
         share = 1.0 - exp(-dt_s / CONSISTENCY_S)
         self._gained = _towards(self._gained, scale(1.0 / dt_s, gained), share)
         self._velocity = (time_us, velocity_ned_m_s)
+
+    def compare(
+        self,
+        event: ReferenceAttitude,
+        theirs: Quaternion,
+        ours: Attitude,
+        sample: ImuSample,
+        place: PlaceField | None,
+        against_ours: str,
+    ) -> list[str]:
+        """Compare ``theirs`` of the IMU with ours, which is of ``event`` or a little later.
+
+        Returns a line when the two begin to differ, and one when that ends.
+        """
+        behind_us = max(sample.time_us - event.time_us, 0)
+        doubts = Doubts(self._against_autopilot(event.arrival_us), against_ours)
+        ours = turned_back(ours, 1e-6 * behind_us)
+        self.look(event.time_us, event.message, theirs, ours, sample, place, doubts)
+        opinion = self.opinion
+        differs = opinion is not None and opinion.verdict is Verdict.DIFFERS
+        before, self._differed = self._differed, differs
+        if opinion is None or differs == before:
+            return []
+        if differs:
+            return [in_words(opinion, event.time_us)]
+        return ["the autopilot's attitude and ours agree"]
 
     def look(
         self,
@@ -232,13 +246,8 @@ class SecondOpinion:
         doubts: Doubts = Doubts(),  # noqa: B008 - immutable
     ) -> None:
         """Compare both attitudes of the same instant, ``time_us``."""
-        last_us = self._last_us if self._last_us is not None else time_us
-        dt_s = 1e-6 * (time_us - last_us)
-        if not 0.0 <= dt_s < 1e-6 * SILENT_US:
-            self.restart()
-            dt_s = 0.0
-        self._last_us, self._next_us = time_us, time_us + LOOK_EVERY_US
         inclination, heading = differences(theirs, ours)
+        dt_s = self._begin_look(time_us)
         self._tilting.look(inclination.is_beyond, dt_s)
         self._turning.look(heading.is_beyond, dt_s)
         self._ours.look(ours.q_ned_frd, sample, dt_s)
@@ -247,71 +256,102 @@ class SecondOpinion:
         self.looks[verdict] += 1
         axis, wrong, evidence = "", "", ""
         if verdict is Verdict.DIFFERS:
-            axis = "inclination" if self._tilting.is_said else "heading"
-            wrong, evidence = self._accuse(axis, inclination, heading, place, doubts)
+            axis = "inclination" if self._tilting.is_on else "heading"
+            off_deg = (inclination if self._tilting.is_on else heading).off_deg
+            judge = self._judge_tilt if self._tilting.is_on else self._judge_heading
+            wrong, evidence = judge(abs(off_deg), place, doubts)
         before = self.opinion
         is_new = before is None or before.verdict is not verdict
         since_us = time_us if before is None or is_new else before.since_us
+        both = inclination, heading
         self.opinion = Opinion(
-            verdict,
-            axis,
-            message,
-            since_us,
-            inclination,
-            heading,
-            wrong,
-            evidence,
-            theirs,
-            ours.q_ned_frd,
+            verdict, axis, message, since_us, *both, wrong, evidence, theirs, ours.q_ned_frd
         )
-        self._note(self.opinion, time_us, is_new=is_new)
+        if verdict is Verdict.DIFFERS:
+            self._keep(self.opinion, time_us, is_new=is_new)
 
-    def forget(self, time_us: int) -> None:
-        """Say nothing any more if the autopilot has been silent until ``time_us``."""
+    def record(self, time_us: int) -> Autopilot | None:
+        """The verdict at a time of the vehicle's clock; None if it sends no attitude."""
         if self._last_us is not None and not 0 <= time_us - self._last_us < SILENT_US:
             self.opinion = None
+        opinion = self.opinion
+        if opinion is None:
+            return None
+        angles = zip(euler_deg(opinion.theirs), euler_deg(opinion.ours), strict=True)
+        turned = [round((a - b + 180.0) % 360.0 - 180.0, 2) for a, b in angles]
+        return Autopilot(
+            verdict=opinion.verdict.value,
+            message=opinion.message,
+            for_s=max(0.0, round(1e-6 * (time_us - opinion.since_us), 1)),
+            inclination_deg=round(opinion.inclination.off_deg, 2),
+            heading_deg=round(opinion.heading.off_deg, 2),
+            inclination_sigmas=round(opinion.inclination.sigmas, 1),
+            heading_sigmas=round(opinion.heading.sigmas, 1),
+            wrong=opinion.wrong,
+            evidence=opinion.evidence,
+            axis=opinion.axis,
+            roll_deg=turned[0],
+            pitch_deg=turned[1],
+        )
+
+    def _begin_look(self, time_us: int) -> float:
+        """The time since the last look, 0 after a longer silence."""
+        last_us = self._last_us if self._last_us is not None else time_us
+        dt_s = 1e-6 * (time_us - last_us)
+        if not 0.0 <= dt_s < 1e-6 * SILENT_US:
+            self.restart()
+            dt_s = 0.0
+        self._last_us, self._next_us = time_us, time_us + LOOK_EVERY_US
+        return dt_s
 
     def _verdict(self, inclination: Difference, heading: Difference) -> Verdict:
-        if self._tilting.is_said or self._turning.is_said:
+        axes = ((self._tilting, inclination), (self._turning, heading))
+        if any(lasting.is_on for lasting, _ in axes):
             return Verdict.DIFFERS
-        if self._tilting.agrees(inclination) and self._turning.agrees(heading):
-            return Verdict.AGREES
-        return Verdict.CANNOT_TELL
+        agrees = [
+            it.is_known and not it.is_beyond and lasting.share < END_SHARE for lasting, it in axes
+        ]
+        return Verdict.AGREES if all(agrees) else Verdict.CANNOT_TELL
 
-    def _accuse(
-        self,
-        axis: str,
-        inclination: Difference,
-        heading: Difference,
-        place: PlaceField | None,
-        doubts: Doubts,
-    ) -> tuple[str, str]:
-        """Which of the two its witness contradicts, and what it says of both."""
-        if axis == "inclination":
-            return self._accuse_tilt(inclination.off_deg, place, doubts)
-        of_ours, of_theirs = self._ours.turn_deg(place), self._theirs.turn_deg(place)
-        if of_ours is None or of_theirs is None:
-            return _doubted("", "nothing else shows the heading", doubts)
-        by, off_deg = of_ours[1], abs(heading.off_deg)
-        wrong, evidence = _named(by, abs(of_ours[0]), abs(of_theirs[0]), off_deg)
-        if wrong == "autopilot" and by != VELOCITY:  # a compass that is turned says the same
-            wrong, evidence = "", f"{evidence}, but ours is made of it"
-        return _doubted(wrong, evidence, doubts)
+    def _against_autopilot(self, now_us: int) -> str:
+        """What the autopilot's filter reports against itself."""
+        known = self.filter_status
+        if known is None or abs(now_us - known.arrival_us) > FILTER_STATUS_HOLDS_US:
+            return ""
+        if not known.has_attitude:
+            return "its own filter calls it not good"
+        if max(known.velocity_ratio, known.compass_ratio) > 1.0:
+            return "its own filter refuses velocity or compass"
+        return ""
 
-    def _accuse_tilt(
+    def _judge_heading(
         self, off_deg: float, place: PlaceField | None, doubts: Doubts
     ) -> tuple[str, str]:
-        """The force convicts ours; that it agrees with ours, which is made of it, proves less.
+        """Which heading velocity or the field contradicts, and the evidence in words."""
+        of_ours, of_theirs = self._ours.turn_deg(place), self._theirs.turn_deg(place)
+        if of_ours is None or of_theirs is None:
+            return _weighed("", "nothing else shows the heading", doubts)
+        by = of_ours[1]
+        wrong, evidence = _named(by, abs(of_ours[0]), abs(of_theirs[0]), off_deg)
+        if wrong == "autopilot" and by != VELOCITY:  # a compass that is turned shows the same
+            wrong, evidence = "", f"{evidence}, but ours is made of it"
+        return _weighed(wrong, evidence, doubts)
+
+    def _judge_tilt(
+        self, off_deg: float, place: PlaceField | None, doubts: Doubts
+    ) -> tuple[str, str]:
+        """Which inclination the mean force contradicts; if ours, which is made of it, that is sure.
 
         An accelerometer that leads ours astray seldom leaves the force as large as gravity, and
         shows in the field's dip.
         """
         both = self._ours, self._theirs
-        ours, theirs = (each.tilt_deg(self._gained) for each in both)
+        held = [each.held_m_s2(self._gained) for each in both]
+        ours, theirs = (degrees(atan2(hypot(x, y), -z)) for x, y, z in held)
         wrong, evidence = _named("the mean force", ours, theirs, off_deg)
         if wrong != "autopilot":
-            return _doubted(wrong, evidence, doubts)
-        excess = abs(self._ours.push_m_s2(self._gained) / STANDARD_GRAVITY_M_S2 - 1.0)
+            return _weighed(wrong, evidence, doubts)
+        excess = abs(norm(held[0]) / STANDARD_GRAVITY_M_S2 - 1.0)
         is_odd = excess > ODD_SHARE * (1.0 / max(cos(radians(off_deg)), 0.1) - 1.0)
         if is_odd:
             odd = f"of ours, the force is {excess:.0%} off gravity's strength"
@@ -319,25 +359,21 @@ class SecondOpinion:
         dips = [each.dip_deg(place) for each in both]
         by_dip = ""
         if dips[0] is not None and dips[1] is not None:
-            by_dip, said = _named("the field's dip", dips[0], dips[1], off_deg)
-            evidence += f"; {said}" if by_dip else ""
+            by_dip, text = _named("the field's dip", dips[0], dips[1], off_deg)
+            evidence += f"; {text}" if by_dip else ""
         if by_dip == "ours":
             wrong = "ours" if is_odd else ""
-        return _doubted(wrong, evidence, doubts)
+        return _weighed(wrong, evidence, doubts)
 
-    def _note(self, opinion: Opinion, time_us: int, *, is_new: bool) -> None:
+    def _keep(self, opinion: Opinion, time_us: int, *, is_new: bool) -> None:
         """Keep the times for which both differ."""
-        if opinion.verdict is not Verdict.DIFFERS:
-            return
-        tilt_deg, turn_deg = opinion.inclination.off_deg, abs(opinion.heading.off_deg)
         if is_new:
-            begun = Interval(time_us, time_us, 0.0, 0.0, "", "")
-            self.intervals.append(begun)
+            self.intervals.append(Interval(time_us, time_us, 0.0, 0.0, "", ""))
         now = self.intervals[-1]
         self.intervals[-1] = now._replace(
             end_us=time_us,
-            inclination_deg=max(now.inclination_deg, tilt_deg),
-            heading_deg=max(now.heading_deg, turn_deg),
+            inclination_deg=max(now.inclination_deg, opinion.inclination.off_deg),
+            heading_deg=max(now.heading_deg, abs(opinion.heading.off_deg)),
             wrong=opinion.wrong or now.wrong,
             evidence=opinion.evidence if opinion.wrong or not now.wrong else now.evidence,
         )
@@ -365,7 +401,7 @@ def turned_back(attitude: Attitude, by_s: float) -> Attitude:
 
 
 def _named(by: str, ours: float, theirs: float, off_deg: float) -> tuple[str, str]:
-    """Which one a witness contradicts, in degrees off each, and what it says."""
+    """Which one the evidence contradicts, given in degrees off each; and the same in words."""
     evidence = f"{by} is {ours:.0f} deg off ours and {theirs:.0f} off the autopilot's"
     least = NAMED_SHARE * off_deg
     if min(ours, theirs) > least or abs(theirs - ours) < least:
@@ -373,13 +409,12 @@ def _named(by: str, ours: float, theirs: float, off_deg: float) -> tuple[str, st
     return ("autopilot" if theirs > ours else "ours"), evidence
 
 
-def _doubted(wrong: str, evidence: str, doubts: Doubts) -> tuple[str, str]:
-    """What only one is doubted for names it, unless a witness names the other."""
-    told = [text for text in doubts if text]
-    doubted = {(True, False): "autopilot", (False, True): "ours"}.get(
-        (bool(doubts.autopilot), bool(doubts.ours)), wrong
-    )
-    return (doubted if wrong in ("", doubted) else ""), "; ".join([evidence, *told])
+def _weighed(wrong: str, evidence: str, doubts: Doubts) -> tuple[str, str]:
+    """What speaks against one alone names it, unless the evidence names the other."""
+    doubted = wrong
+    if bool(doubts.autopilot) != bool(doubts.ours):
+        doubted = "autopilot" if doubts.autopilot else "ours"
+    return (doubted if wrong in ("", doubted) else ""), "; ".join(filter(None, [evidence, *doubts]))
 
 
 def in_words(opinion: Opinion, time_us: int) -> str:
@@ -396,4 +431,4 @@ def in_words(opinion: Opinion, time_us: int) -> str:
 
 
 def _towards(mean: Vec3, value: Vec3, share: float) -> Vec3:
-    return add(mean, scale(share, quaternion.subtract(value, mean)))
+    return add(mean, scale(share, subtract(value, mean)))

@@ -7,6 +7,7 @@ from drivers.events import (
     ClockReset,
     Heartbeat,
     Imu,
+    OtherImu,
     Position,
     ReferenceAttitude,
     Rejected,
@@ -18,16 +19,13 @@ from estimator.estimator import Estimator
 from estimator.profile import Profile
 from estimator.reasons import Reason
 from estimator.types import ImuSample, VelocitySample
-from service import health, host_clock
-from service.alarms import EstimateChecks
-from service.autopilot_comparison import AutopilotComparison
-from service.flight_state import FlightState
-from service.health import Health, State
-from service.host_clock import HostClock
-from service.imu_stream import ImuStream, ReportChoices
+from service.alarms import Alarms
+from service.imu_stream import LATE_MINIMUM_US, ImuStream, ReportChoices
 from service.lines import LineLimit
-from service.publishing import Publishing
-from service.records import AttitudeRecord, attitude_record, is_finite, vehicle_name
+from service.other_imus import OtherImus
+from service.publishing import HostClock, Publishing, attitude_record, is_finite
+from service.records import HAS_ATTITUDE, AttitudeRecord, State, vehicle_name
+from service.second_opinion import SecondOpinion
 from service.vehicle_parameters import VehicleParameters
 
 # The estimate is checked for not being finite once in so many samples: once it is not, it stays so.
@@ -59,13 +57,11 @@ class Vehicle:
         self.rejected: Counter[Reason] = Counter()
         self.built_in_motion: str | None = None  # of fuzzbee's own vehicle
         self.imu = ImuStream()
+        self.others = OtherImus()
         self.parameters = VehicleParameters()
-        self.flight = FlightState()
-        self.comparison = AutopilotComparison()
-        self.checks = EstimateChecks()
+        self.comparison = SecondOpinion()
+        self.alarms = Alarms()
         self.publishing = Publishing(rate_hz)
-        self.clock = HostClock()
-        self._health = Health()
         self._report_choices = ReportChoices()
         self._limit = LineLimit(f"vehicle {self.name}")
 
@@ -77,12 +73,7 @@ class Vehicle:
     @property
     def state(self) -> State:
         """The state of health."""
-        return self._health.state
-
-    @property
-    def samples(self) -> int:
-        """Samples that the estimator has taken."""
-        return self.imu.samples
+        return self.imu.state
 
     def has_taken(self, event: Imu) -> bool:
         """Whether the estimator took that event last."""
@@ -95,6 +86,8 @@ class Vehicle:
         self.heard_us = event.arrival_us
         is_chosen, replaced = self.imu.choose(event)
         if not is_chosen:
+            _, gyr, acc, *_ = event.sample
+            self.others.take(event.message, event.arrival_us, gyr, acc, self.imu.last)
             return []
         lines = [] if replaced is None else self._change_message(replaced, event.message)
         sample = self.profile.to_body_axes(event.sample)
@@ -103,19 +96,26 @@ class Vehicle:
             self.reject(reason)
             return lines
         self.imu.note_taken(event, sample)
-        self.clock = host_clock.observe(self.clock, event.sample.time_us, event.arrival_us)
+        self.publishing.clock.observe(event.sample.time_us, event.arrival_us)
         if self.imu.samples % CHECKED_EVERY == 0:
             lines += self._check(event, sample)
-        return lines + self._note_taken(event)
+        self.imu.last_arrival_us = event.arrival_us
+        state = State.RUNNING if self.estimator.aligned else State.ALIGNING
+        return lines if state is self.imu.state else lines + self._become(state, event.arrival_us)
+
+    def on_other_imu(self, event: OtherImu) -> None:
+        """Compare an IMU that is not in use."""
+        reading = event.rate_rad_s, event.force_m_s2
+        self.others.take(event.message, event.arrival_us, *reading, self.imu.last)
 
     def on_clock_reset(self, event: ClockReset) -> list[str]:
         """The vehicle's clock began anew: what was known about its time and attitude is void."""
         if event.goes_on:
             return self._lines([f"clock jump by {event.step_s:+.1f} s, cut out"], event.arrival_us)
         self.restart()
-        self.clock = HostClock()
+        self.publishing.clock = HostClock()
         if event.reason == "reboot":
-            self.imu.note_reboot(self._health.last_arrival_us)
+            self.imu.note_reboot()
         text = f"clock {event.reason} by {event.step_s:+.1f} s, aligning anew"
         return self._lines([text], event.arrival_us)
 
@@ -142,9 +142,7 @@ class Vehicle:
     def on_heartbeat(self, event: Heartbeat) -> None:
         """Note that it is alive, and what carries the IMU if that is new."""
         self.heard_us = event.arrival_us
-        self.flight.take(event)
-        if not self.parameters.is_repeated(event):
-            self.parameters.take_heartbeat(event, self.estimator)
+        self.parameters.take_heartbeat(event, self.estimator)
 
     def on_report(self, event: Report) -> None:
         """Feed the estimator with what something beside the IMU has measured.
@@ -160,7 +158,7 @@ class Vehicle:
         if reason is not None:
             self.reject(reason)
         elif isinstance(sample, VelocitySample):
-            self.comparison.take_velocity(sample)
+            self.comparison.take_velocity(sample.time_us, sample.velocity_ned_m_s)
 
     def on_reference(self, event: ReferenceAttitude) -> list[str]:
         """Compare the autopilot's attitude with ours of the same instant, some times a second.
@@ -168,9 +166,9 @@ class Vehicle:
         None is compared that is stamped by another clock or more than a sample's interval away.
         """
         last, sample = self.imu.last, self.imu.last_sample
-        if event.source != "autopilot" or not self.comparison.opinion.is_due(event.time_us):
+        if event.source != "autopilot" or not self.comparison.is_due(event.time_us):
             return []
-        if last is None or sample is None or self.state not in health.HAS_ATTITUDE:
+        if last is None or sample is None or self.state not in HAS_ATTITUDE:
             return []
         ahead_us = event.time_us - sample.time_us
         late_us = event.arrival_us - last.arrival_us if event.message == UNSTAMPED else 0
@@ -183,58 +181,52 @@ class Vehicle:
         theirs = self.parameters.view.of_imu(event.message, event.q_ned_frd, ours.q_ned_frd)
         if theirs is None:
             return []
-        alarms = self.checks.in_words
-        lines = self.comparison.look(
-            event,
-            theirs,
-            ours,
-            sample,
-            self.estimator.place_field,
-            f"of ours, {alarms}" if alarms else "",
-        )
+        place, alarms = self.estimator.place_field, self.alarms.in_words
+        against_ours = f"of ours, {alarms}" if alarms else ""
+        lines = self.comparison.compare(event, theirs, ours, sample, place, against_ours)
         return self._lines(lines, event.arrival_us)
 
     def on_time(self, now_us: int) -> list[str]:
         """Change the state of health if the IMU has been silent for long."""
-        after = health.on_time(self._health, now_us, self.imu.median_period_us)
-        return [] if after is self._health else self._become(after, now_us)
+        after = self.imu.state_at(now_us)
+        return [] if after is self.state else self._become(after, now_us)
 
     # --- output
 
     def meets_grid(self, now_us: int) -> bool:
         """Whether the sample that was just taken is the one that the next attitude waits for."""
-        is_given = self._health.state in health.HAS_ATTITUDE
-        return is_given and self.publishing.grid.meets(now_us, self.imu.median_period_us)
+        period_us = self.imu.median_period_us
+        return self.state in HAS_ATTITUDE and self.publishing.grid.meets(now_us, period_us)
 
     def schedule(self, now_us: int) -> None:
         """Note when to look at it next, if nothing of it arrives until then."""
-        last_us, wake_us = self._health.last_arrival_us, float(self.publishing.status_due_us)
-        if last_us is None or self._health.state not in health.HAS_ATTITUDE:
-            self.publishing.wake_us = min(wake_us, now_us + health.LATE_MINIMUM_US)
-            return
-        deadline_us = self.publishing.grid.deadline_us(last_us, self.imu.median_period_us)
-        self.publishing.wake_us = min(wake_us, deadline_us)
+        last_us = self.imu.last_arrival_us
+        if last_us is None or self.state not in HAS_ATTITUDE:
+            due_us = float(now_us + LATE_MINIMUM_US)
+        else:
+            due_us = self.publishing.grid.deadline_us(last_us, self.imu.median_period_us)
+        self.publishing.wake_us = min(self.publishing.status_due_us, due_us)
 
     def is_left_out(self, now_us: int) -> bool:
         """Whether no sample was taken for long, but some have come."""
-        silence_us, median_us = self.silence_us(now_us), self.imu.median_period_us
-        is_late = silence_us >= health.late_after_us(median_us)
-        return is_late and health.is_left_out(silence_us, now_us - self.heard_us, median_us)
+        late_us, silence_us = self.imu.late_after_us, self.imu.silence_us(now_us)
+        is_heard = now_us - self.heard_us < late_us
+        return is_heard and late_us <= silence_us < self.imu.lost_after_us
 
     def attitude(self, now_us: int) -> AttitudeRecord | None:
         """The attitude propagated to ``now_us``, for output only; None if there is none to give."""
         last = self.imu.last
-        if last is None or self._health.state not in health.HAS_ATTITUDE:
+        if last is None or self.state not in HAS_ATTITUDE:
             return None
         taken_us = last.sample.time_us
-        time_us, age_us = host_clock.propagated_to(
-            self.clock, taken_us, last.arrival_us, self.imu.median_period_us, now_us
+        time_us, age_us = self.publishing.clock.propagated_to(
+            taken_us, last.arrival_us, self.imu.median_period_us, now_us
         )
         record = attitude_record(
             self.estimator.attitude(time_us),
             time_unix_us=now_us,
             time_boot_us=last.boot_us + time_us - taken_us,
-            state=self._health.state,
+            state=self.state,
             age_us=age_us,
             sequence=self.publishing.attitudes,
         )
@@ -242,17 +234,6 @@ class Vehicle:
             self.publishing.note_attitude(now_us, self.imu.samples)
             self.schedule(now_us)
         return record
-
-    @property
-    def imu_rate_hz(self) -> float:
-        """Rate of the IMU message in use, 0 if unknown or silent."""
-        is_heard = self.state in (State.ALIGNING, State.RUNNING)
-        return self.imu.median_rate_hz if is_heard else 0.0
-
-    def silence_us(self, now_us: int) -> int:
-        """How long no sample has arrived."""
-        last_us = self._health.last_arrival_us
-        return 0 if last_us is None else max(0, now_us - last_us)
 
     # --- changes
 
@@ -266,12 +247,11 @@ class Vehicle:
         If mounting or calibration change, the estimate restarts: it was made of other readings.
         """
         self.estimator.replace_profile(profile)
-        self.checks.restart()
-        was = self.profile
+        self.alarms.restart()
+        was, self.profile = self.profile, profile
         if (profile.mounting, profile.calibration) != (was.mounting, was.calibration):
             self.restart()
-        self.profile = profile
-        self.checks.profile_is_unfit = False
+        self.alarms.profile_is_unfit = False
 
     def on_profile(self, now_us: int, retuned: str | None = None) -> list[str]:
         """Report that the profile was replaced; a program may do it in a loop."""
@@ -281,7 +261,7 @@ class Vehicle:
     def restart(self) -> None:
         """Align anew; what was remembered of the attitude before says nothing of the next."""
         self.estimator.restart()
-        self.checks.restart()
+        self.alarms.restart()
         self.comparison.restart()
         self.imu.last = self.imu.last_sample = None
 
@@ -293,27 +273,18 @@ class Vehicle:
             self.restart()
             text = "the estimate is not finite, aligning anew"
             return self._lines([text], event.arrival_us)
-        if not self.estimator.aligned or not self.checks.is_due(sample.time_us):
+        if not self.estimator.aligned or not self.alarms.is_due(sample.time_us):
             return []
-        lines, is_doubted = self.checks.look(
-            sample, event.arrival_us, attitude, self.profile, self.estimator
-        )
-        if is_doubted:  # another one does no harm, and each second with this one does
-            self.imu.doubt()
+        lines = self.alarms.look(sample, event.arrival_us, attitude, self.profile, self.estimator)
+        if any(self.estimator.contradicted_axes):  # each second with this IMU does harm
+            self.imu.choice.contradict()
         return self._lines(lines, event.arrival_us)
-
-    def _note_taken(self, event: Imu) -> list[str]:
-        """A sample shows that the vehicle is alive."""
-        after = health.on_sample(self._health, event.arrival_us, aligned=self.estimator.aligned)
-        if after.state is self._health.state:
-            self._health = after
-            return []
-        return self._become(after, event.arrival_us)
 
     def _change_message(self, before: str, now: str) -> list[str]:
         if not before:
             return [f"vehicle {self.name}: IMU data from {now}"]
         self.estimator.change_imu()
+        self.others.restart()
         return [f"vehicle {self.name}: IMU data from {now} now, {before} is given up"]
 
     def _has_other_clock(self, arrival_us: int, time_us: int) -> bool:
@@ -327,11 +298,11 @@ class Vehicle:
         age_us = arrival_us - time_us
         return abs(age_us - (last.arrival_us - last.sample.time_us)) > OTHER_CLOCK_US
 
-    def _become(self, after: Health, now_us: int) -> list[str]:
-        before, self._health = self._health.state, after
-        if after.state is before or after.state is State.ALIGNING:
+    def _become(self, state: State, now_us: int) -> list[str]:
+        self.imu.state = state
+        if state is State.ALIGNING:
             return []  # alignment takes a sample or two: only its end is news
-        return self._lines([str(after.state)], now_us)
+        return self._lines([str(state)], now_us)
 
     def _lines(self, texts: list[str], now_us: int) -> list[str]:
         """Lines about this vehicle, fewer of them where there are too many."""

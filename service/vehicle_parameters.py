@@ -1,8 +1,8 @@
-"""What a vehicle's parameters and heartbeats say about its sensors, passed on to the estimator."""
+"""What a vehicle's parameters and heartbeats report, of its sensors and of its flight."""
 
 from math import pi, sqrt
 
-from drivers.events import COMPASS_CALIBRATED, Heartbeat, Parameter
+from drivers.events import COMPASS_CALIBRATED, Heartbeat, ModeChange, Parameter
 from drivers.mavlink.ardupilot import (
     ACC_FILTER,
     COMPASS_OFFSETS,
@@ -17,6 +17,7 @@ from drivers.mavlink.constants import (
     MAV_TYPE_GENERIC,
     MAV_TYPE_GROUND_ROVER,
 )
+from drivers.mavlink.flight_modes import mode_name
 from estimator.estimator import Estimator
 from estimator.vehicle_class import VehicleClass
 
@@ -24,22 +25,29 @@ from estimator.vehicle_class import VehicleClass
 BUTTERWORTH_DELAY = 1.0 / (sqrt(2.0) * pi)
 
 
-def vehicle_class_of(heartbeat: Heartbeat) -> VehicleClass:
-    """What carries the IMU: anything may be done to a vehicle that is not armed."""
-    if heartbeat.vehicle_type == MAV_TYPE_GROUND_ROVER:
-        return VehicleClass.WHEELS
-    is_vehicle = heartbeat.is_armed is not False and heartbeat.vehicle_type != MAV_TYPE_GENERIC
-    return VehicleClass.VEHICLE if is_vehicle else VehicleClass.ANYTHING
-
-
 class VehicleParameters:
-    """Parameters of one vehicle that matter to its attitude."""
+    """Parameters of one vehicle that matter to its attitude, and its flight mode."""
 
     def __init__(self) -> None:
-        self._heartbeat: Heartbeat | None = None  # the last one that brought something new
         self.view = AttitudeView()  # of what the autopilot's attitude is
+        self.is_armed: bool | None = None
+        self._mode: int | None = None
+        self._vehicle: tuple[int | None, int | None] = (None, None)  # autopilot and vehicle type
+        self._carrier: tuple[int, int, bool | None] | None = None  # both, and whether it is armed
         self._compass_offsets: dict[str, float] = {}
         self._filters_hz: dict[str, float] = {}
+
+    @property
+    def mode(self) -> str:
+        """The flight mode's name, empty before it is known."""
+        return "" if self._mode is None else mode_name(*self._vehicle, self._mode)
+
+    def take_mode(self, event: Heartbeat | ModeChange) -> None:
+        """Note what an event reports of the flight; most report a part."""
+        if event.is_armed is not None:
+            self.is_armed = event.is_armed
+        if event.custom_mode is not None:
+            self._mode = event.custom_mode
 
     def take(self, event: Parameter, estimator: Estimator) -> None:
         """Note compass offsets (all zero: nobody has calibrated it), the trim and filters."""
@@ -54,26 +62,30 @@ class VehicleParameters:
             if len(self._compass_offsets) == len(COMPASS_OFFSETS):
                 estimator.set_field_calibrated(any(self._compass_offsets.values()))
 
-    def is_repeated(self, event: Heartbeat) -> bool:
-        """Whether a heartbeat brings nothing new."""
-        known = self._heartbeat
-        return known is not None and (
-            (known.autopilot, known.vehicle_type, known.is_armed)
-            == (event.autopilot, event.vehicle_type, event.is_armed)
-        )
-
     def take_heartbeat(self, event: Heartbeat, estimator: Estimator) -> None:
-        """Note what carries the IMU, and the filters that ArduPilot gives such a vehicle."""
-        self._heartbeat = event
+        """Note mode, what carries the IMU, and the filters that ArduPilot gives such a vehicle.
+
+        Anything may be done to a vehicle that is not armed.
+        """
+        self.take_mode(event)
+        self._vehicle = event.autopilot, event.vehicle_type
+        carrier = (event.autopilot, event.vehicle_type, event.is_armed)
+        if carrier == self._carrier:
+            return
+        self._carrier = carrier
         self.view.vehicle_type = event.vehicle_type
-        vehicle_class = vehicle_class_of(event)
-        estimator.set_vehicle_class(vehicle_class)
-        if vehicle_class is VehicleClass.WHEELS and event.autopilot == MAV_AUTOPILOT_ARDUPILOTMEGA:
-            for name, cutoff_hz in ROVER_FILTERS_HZ.items():
-                self._note_filter(name, self._filters_hz.get(name, cutoff_hz), estimator)
+        if event.vehicle_type == MAV_TYPE_GROUND_ROVER:
+            estimator.set_vehicle_class(VehicleClass.WHEELS)
+            if event.autopilot == MAV_AUTOPILOT_ARDUPILOTMEGA:
+                for name, cutoff_hz in ROVER_FILTERS_HZ.items():
+                    self._note_filter(name, self._filters_hz.get(name, cutoff_hz), estimator)
+        elif event.is_armed is False or event.vehicle_type == MAV_TYPE_GENERIC:
+            estimator.set_vehicle_class(VehicleClass.ANYTHING)
+        else:
+            estimator.set_vehicle_class(VehicleClass.VEHICLE)
 
     def _note_filter(self, name: str, cutoff_hz: float, estimator: Estimator) -> None:
-        """Tell the estimator what low-passes delay; heard again it takes back nothing learnt."""
+        """Pass on what low-passes delay; a value that is repeated takes back nothing learnt."""
         known = self._filters_hz
         if known.get(name) == cutoff_hz:
             return

@@ -2,10 +2,9 @@
 
 from typing import Any
 
-from service import host_clock
 from service.alarms import Alarm
 from service.load import Load, Losses
-from service.records import StatusRecord
+from service.records import State, StatusRecord
 from service.second_opinion import Verdict
 from service.vehicle import Vehicle
 
@@ -30,18 +29,19 @@ def status_record(
 ) -> StatusRecord:
     """The vehicle's status at ``now_us``; a silence that still lasts counts as a gap, too."""
     imu, publishing = vehicle.imu, vehicle.publishing
-    words = set(vehicle.checks.words)
-    if vehicle.checks.profile_is_unfit:
+    words = set(vehicle.alarms.words)
+    if vehicle.alarms.profile_is_unfit:
         words.add(Alarm.PROFILE_UNFIT)
-    time_us = 0 if imu.last is None else host_clock.to_vehicle_us(vehicle.clock, now_us)
+    time_us = 0 if imu.last is None else publishing.clock.to_vehicle_us(now_us)
     autopilot = vehicle.comparison.record(time_us)
     if autopilot is not None and autopilot.verdict == Verdict.DIFFERS:
         words.add(Alarm.AUTOPILOT_DIFFERS)
+    is_heard = vehicle.state in (State.ALIGNING, State.RUNNING)
     return StatusRecord(
         state=vehicle.state.value,
         imu_message=imu.message,
-        imu_rate_hz=vehicle.imu_rate_hz,
-        worst_gap_s=max(imu.worst_gap_us, vehicle.silence_us(now_us)) / 1e6,
+        imu_rate_hz=imu.median_rate_hz if is_heard else 0.0,
+        worst_gap_s=max(imu.worst_gap_us, imu.silence_us(now_us)) / 1e6,
         rejected=dict(sorted(vehicle.rejected.items())),
         overruns=losses.overruns,
         dropped=losses.dropped,
@@ -57,6 +57,7 @@ def status_record(
         retuned=publishing.retuned,
         autopilot=autopilot,
         recording=losses.recording,
-        mode=vehicle.flight.mode,
-        armed=vehicle.flight.is_armed,
+        mode=vehicle.parameters.mode,
+        armed=vehicle.parameters.is_armed,
+        other_imus=vehicle.others.records(now_us),
     )

@@ -17,6 +17,7 @@ from drivers.events import (
     Event,
     Forgotten,
     Heartbeat,
+    OtherImu,
     Parameter,
     RefusedFrames,
     StatusText,
@@ -49,6 +50,7 @@ SILENT_US = 5_000_000
 
 # Messages of other IMUs than the one in use are decoded once that has been silent for so long
 IMU_SILENT_US = 500_000
+OTHER_IMU_US = 500_000  # until then one in so long is decoded, to be compared
 _PLACES = {message.name: place for place, message in enumerate(IMU_MESSAGES.values())}
 
 # Frames are missing where the sequence number steps by so much more than it usually does: not
@@ -70,6 +72,7 @@ class _Sender:
         self.version = b""  # the payload of its last AUTOPILOT_VERSION, and what that says
         self.motion: str | None = None
         self.imu_us: dict[str, int] = {}  # arrival of each IMU message's last frame
+        self.other_us: dict[int, int] = {}  # and of the last read one of those not in use
         self.intake = Intake(address)
         self.intake.takes_references = takes_references
         self._sequence: int | None = None  # the number of the last frame
@@ -158,7 +161,7 @@ class MavlinkDecoder:
             name = IMU_MESSAGES[frame.message_id].name
             sender.imu_us[name] = arrival_us
             if self._is_behind(sender, name, self.imu_in_use(sender.id), arrival_us):
-                return []
+                return self._other_imu(sender, frame, arrival_us)
         is_wanted = self._is_wanted.get(frame.message_id)
         if is_wanted is not None and not is_wanted(sender.intake, arrival_us):
             return []
@@ -176,6 +179,17 @@ class MavlinkDecoder:
         if heard_us is None or not 0 <= arrival_us - heard_us < IMU_SILENT_US:
             return False
         return _PLACES.get(better, len(_PLACES)) < _PLACES.get(name, len(_PLACES))
+
+    def _other_imu(self, sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:
+        """What an IMU that is not in use reads, twice a second; otherwise nothing is unpacked."""
+        message, last_us = IMU_MESSAGES[frame.message_id], sender.other_us.get(frame.message_id)
+        if last_us is not None and 0 <= arrival_us - last_us < OTHER_IMU_US:
+            return []
+        sender.other_us[frame.message_id] = arrival_us
+        if (fields := self._reader.fields(frame)) is None:
+            return []
+        gyr, acc, _ = message.vectors(fields)
+        return [OtherImu(sender.id, arrival_us, message.name, gyr, acc)]
 
     def _repeated_version(self, sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:
         """What an AUTOPILOT_VERSION says; once a second or so, and unpacked only if it is new."""

@@ -5,7 +5,7 @@ import numpy as np
 from drivers.logs.table import blocks
 from estimator.arrays import Times
 from fuzzbee.replays.trace import VehicleTrace
-from service.host_clock import HostClock, observe
+from service.publishing import HostClock
 
 # Stamps before September 2001 count from the vehicle's start: it knew no date.
 EARLIEST_UNIX_US = 10**15
@@ -32,6 +32,6 @@ def unix_times_us(trace: VehicleTrace) -> Times | None:
     for rows in blocks(len(found)):
         both = zip(times_us[rows].tolist(), arrivals_us[rows].tolist(), strict=True)
         for k, (time_us, arrival_us) in enumerate(both, rows.start):
-            clock = observe(clock, time_us, arrival_us)
+            clock.observe(time_us, arrival_us)
             found[k] = round(time_us + clock.offset_us)
     return np.maximum.accumulate(found) if found.max() < LATEST_UNIX_US else None

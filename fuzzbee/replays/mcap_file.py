@@ -19,7 +19,7 @@ from fuzzbee.attitudes import enu_flu
 from fuzzbee.replays.exports import ATTITUDE_COLUMNS, REFERENCE_COLUMNS, columns
 from fuzzbee.replays.log_clock import stamps_us
 from fuzzbee.replays.trace import VehicleTrace
-from service.records import attitude_record
+from service.publishing import attitude_record
 from service.sinks.ros_messages import imu_message
 
 # East, north, up; the vehicle's body; and the same body as the reference has it.

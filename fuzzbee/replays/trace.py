@@ -34,7 +34,8 @@ from estimator.types import Attitude, ImuSample, Vec3
 from fuzzbee.attitudes import PLACE
 from fuzzbee.replays.marks import Marks
 from service.pipeline import Pipeline
-from service.records import Message, is_finite
+from service.publishing import is_finite
+from service.records import Message
 from service.second_opinion import SecondOpinion
 from service.vehicle import Vehicle
 from tuning.online.retuned_estimator import RetunedEstimator
@@ -169,7 +170,7 @@ class Replay:
             trace = self._trace(vehicle.address)
             trace.rejected.update(vehicle.rejected)
             trace.rates = vehicle.estimator.rates
-            trace.second_opinion = vehicle.comparison.opinion
+            trace.second_opinion = vehicle.comparison
             trace.place_field = vehicle.estimator.place_field
             trace.malformed = self.pipeline.malformed
             trace.log_zero_us = windowed.zero_us(vehicle.address)
@@ -218,7 +219,7 @@ class Replay:
         if not is_finite(attitude):
             return  # as in the live service, where it is not published; the vehicle aligns anew
         trace.imu_messages[event.message] += 1
-        if trace.last_us is not None and (warnings := vehicle.checks.words):
+        if trace.last_us is not None and (warnings := vehicle.alarms.words):
             step_s = 1e-6 * (attitude.time_us - trace.last_us)
             trace.warned_s.update(dict.fromkeys(warnings, step_s))
         trace.append(event.arrival_us, attitude, sample, vehicle.estimator.is_aided)

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 from drivers.logs.table import blocks
 from estimator.types import Attitude, ImuSample
 from fuzzbee.replays.trace import VehicleTrace
-from service.records import Output, Peer, Published, attitude_record
+from service.publishing import attitude_record
+from service.records import Output, Peer, Published
 
 if TYPE_CHECKING:
     from fuzzbee.viewer.viewer import ViewerSink

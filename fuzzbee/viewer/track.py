@@ -8,8 +8,8 @@ from fuzzbee.trust import WORDS, Level, trust
 from fuzzbee.viewer import layout
 from fuzzbee.viewer.sdk import rr
 from fuzzbee.viewer.stream import TIMELINE, ViewerStream
-from service.health import HAS_ATTITUDE, State
-from service.records import AttitudeRecord, Peer, StatusRecord, euler_deg
+from service.publishing import euler_deg
+from service.records import HAS_ATTITUDE, AttitudeRecord, Peer, State, StatusRecord
 
 POINT_US = 100_000  # between two points of a curve
 FAST_RAD_S = 0.9  # 50 deg/s: a degree in the 20 ms that two messages are apart

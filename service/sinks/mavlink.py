@@ -19,8 +19,10 @@ from drivers.mavlink.encoder import (
     attitude_quaternion,
     attitude_quaternion_cov,
     heartbeat,
+    statustext,
     statustexts,
 )
+from drivers.mavlink.recorder import Recorder
 from drivers.mavlink.transports.open import open_transport
 from drivers.mavlink.transports.transport import LinkError
 from estimator.geometry.frames import euler_rad
@@ -30,6 +32,7 @@ from service.records import (
     Departed,
     Output,
     Published,
+    Replaced,
     StatusRecord,
     vehicle_name,
 )
@@ -117,15 +120,11 @@ class MavlinkSink:
         """Release the link."""
         self._transport.close()
 
-    def _forget(self, vehicle: VehicleId) -> None:
-        """Let another component speak for the system."""
-        sender = self._senders.get(vehicle.system_id)
-        if sender is not None and sender.vehicle == vehicle:
-            del self._senders[vehicle.system_id]
-
     def _frames(self, output: Output) -> list[bytes]:
         if isinstance(output, Departed):
-            self._forget(output.vehicle)
+            sender = self._senders.get(output.vehicle.system_id)
+            if sender is not None and sender.vehicle == output.vehicle:
+                del self._senders[output.vehicle.system_id]  # another component may be sent
         if not isinstance(output, Published):
             return []
         if self._appears_as is not None and isinstance(output.record, AttitudeRecord):
@@ -134,27 +133,22 @@ class MavlinkSink:
         sender = self._senders.setdefault(system, Sender(output.vehicle))
         if sender.vehicle != output.vehicle or component == mav.MAV_COMP_ID_ONBOARD_COMPUTER:
             return []
-        if isinstance(output.record, StatusRecord):
-            if not self._announces:
-                return []
-            return sender.announcement(output.record, output.time_unix_us)
-        return sender.frames(output.record) if self._attitudes else []
+        if isinstance(output.record, AttitudeRecord):
+            return sender.frames(output.record) if self._attitudes else []
+        return sender.announcement(output.record, output.time_unix_us) if self._announces else []
 
     def _frames_as(
         self, other: VehicleId, vehicle: VehicleId, record: AttitudeRecord
     ) -> list[bytes]:
         """Of the vehicle that appears as another one; never under an address that there is."""
         if vehicle.system_id == other.system_id:
-            raise LinkError(
-                f"vehicle {vehicle_name(vehicle)} is there already, not shown as another"
-            )
+            name = vehicle_name(vehicle)
+            raise LinkError(f"vehicle {name} is there already, not shown as another")
         self._shown = self._shown or vehicle
         if vehicle != self._shown:
             return []
-        return self._standing_in(other).frames(record)
-
-    def _standing_in(self, other: VehicleId) -> "Sender":
-        return self._senders.setdefault(other.system_id, Sender(other, is_vehicle=True))
+        sender = self._senders.setdefault(other.system_id, Sender(other, is_vehicle=True))
+        return sender.frames(record)
 
     def _reopen(self) -> None:
         if self._retry_at_s is None or self._now_s() < self._retry_at_s:
@@ -251,3 +245,33 @@ def announced(said: Autopilot) -> str:
 def _is_due(now_us: int, due_us: int, period_us: int) -> bool:
     """Whether it is time; also when the clock was set back by more than a period."""
     return now_us >= due_us or due_us - now_us > period_us
+
+
+class RecordingSink:
+    """Writes changes that the service made by itself to ``recorder``, beside what arrived.
+
+    A STATUSTEXT of component 191, so that whoever replays the recording sees when it was retuned.
+    """
+
+    name = "recording"
+
+    def __init__(
+        self, recorder: Recorder, unix_us: Callable[[], int] = lambda: time.time_ns() // 1000
+    ) -> None:
+        self._recorder = recorder
+        self._unix_us = unix_us
+        self._encoders: dict[int, FrameEncoder] = {}
+
+    def handle(self, outputs: Sequence[Output]) -> None:
+        """Keep the changes among the outputs."""
+        for output in outputs:
+            if not isinstance(output, Replaced) or output.retuned is None:
+                continue
+            system_id, now_us = output.vehicle.system_id, self._unix_us()
+            sender = VehicleId(system_id, mav.MAV_COMP_ID_ONBOARD_COMPUTER)
+            encoder = self._encoders.setdefault(system_id, FrameEncoder(sender))
+            frame = encoder.frame(statustext(f"retuned: {output.retuned}"), now_us)
+            self._recorder.write(now_us, [frame])
+
+    def close(self) -> None:
+        """Do nothing: the recorder is closed by its owner."""

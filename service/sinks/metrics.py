@@ -6,14 +6,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from estimator.errors import InputError, missing_extra
-from service.health import State
 from service.http_door import Answer, HttpDoor
 from service.records import (
     AttitudeRecord,
-    Autopilot,
     Departed,
     Output,
     Published,
+    State,
     StatusRecord,
     vehicle_name,
 )
@@ -28,7 +27,7 @@ _SIGMA = "68 % of errors lie under it."
 
 
 class Latest(NamedTuple):
-    """Of one vehicle; and when its IMU sample arrived (s, monotonic)."""
+    """Of one vehicle; ``sample_s`` is when its IMU sample arrived (s, monotonic)."""
 
     attitude: AttitudeRecord | None = None
     sample_s: float | None = None
@@ -39,15 +38,13 @@ class Latest(NamedTuple):
         """Whether the attitude is no longer valid."""
         return self.status is not None and self.status.state == State.LOST
 
-    @property
-    def valid(self) -> AttitudeRecord | None:
-        """The attitude, if it is valid."""
-        return None if self.is_lost else self.attitude
-
-    @property
-    def autopilot(self) -> Autopilot | None:
-        """The autopilot's attitude beside it, if there is one."""
-        return None if self.status is None else self.status.autopilot
+    def part(self, name: str) -> Any:
+        """What a metric is of: a field, a valid attitude or the autopilot's; None without one."""
+        if name == "valid":
+            return None if self.is_lost else self.attitude
+        if name == "autopilot":
+            return self.status and self.status.autopilot
+        return getattr(self, name)
 
 
 # Of a part of the latest: a metric's name, its help, and its number, or numbers by LABELS' label.
@@ -73,6 +70,7 @@ METRICS: tuple[tuple[str, str, str, Callable[[Any], Any]], ...] = (
 )
 LABELS = {"state": ("state",), "autopilot": ("verdict",), "rejected": ("reason",)}
 COUNTERS = ("attitudes", "rejected")
+TOTALS = {"overruns": "Ticks that came late.", "dropped": "Events and records lost."}
 
 
 class MetricsSink:
@@ -114,16 +112,18 @@ class MetricsSink:
                 if isinstance(output, Departed):
                     self._latest.pop(vehicle_name(output.vehicle), None)
                 elif isinstance(output, Published):
-                    name = vehicle_name(output.vehicle)
-                    known = self._latest.get(name, Latest())
-                    if isinstance(output.record, AttitudeRecord):
-                        arrived_s = time.monotonic() - output.record.age_ms / 1e3
-                        now = known._replace(attitude=output.record, sample_s=arrived_s)
-                    else:
-                        now = known._replace(status=output.record)
-                    if now.is_lost and not known.is_lost:
-                        self._latest.pop(name, None)
-                    self._latest[name] = now
+                    self._note(vehicle_name(output.vehicle), output.record)
+
+    def _note(self, name: str, record: AttitudeRecord | StatusRecord) -> None:
+        known = self._latest.get(name, Latest())
+        if isinstance(record, AttitudeRecord):
+            sample_s = time.monotonic() - record.age_ms / 1e3
+            now = known._replace(attitude=record, sample_s=sample_s)
+        else:
+            now = known._replace(status=record)
+        if now.is_lost and not known.is_lost:
+            self._latest.pop(name, None)
+        self._latest[name] = now
 
     def close(self) -> None:
         """End the server."""
@@ -150,15 +150,12 @@ class MetricsSink:
             further = LABELS.get(metric, ())
             family = kind(f"fuzzbee_{metric}", text, labels=("vehicle", *further))
             for name, each in latest.items():
-                if (record := getattr(each, part)) is not None:
+                if (record := each.part(part)) is not None:
                     found = number(record)
                     for word, value in found.items() if further else (("", found),):
                         family.add_metric([name, word][: 1 + len(further)], value)
             yield family
         statuses = [each.status for each in latest.values() if each.status is not None]
-        for metric, text in (
-            ("overruns", "Ticks that came late."),
-            ("dropped", "Events and records lost."),
-        ):
+        for metric, text in TOTALS.items():
             most = max((getattr(status, metric) for status in statuses), default=0)
             yield CounterMetricFamily(f"fuzzbee_{metric}", text, value=most)

@@ -8,12 +8,11 @@ tf2_msgs, diagnostic_msgs. A type's hash is that of REP 2016, the same in Humble
 """
 
 from math import log, radians, sqrt
-from struct import pack
+from struct import calcsize, pack
 
 from estimator.geometry.frames import enu_flu_from_ned_frd, flu_from_frd
 from estimator.types import ZERO_VEC3, Vec3
-from service.health import State
-from service.records import AttitudeRecord, StatusRecord
+from service.records import AttitudeRecord, State, StatusRecord
 
 HEADER = b"\x00\x01\x00\x00"
 
@@ -29,34 +28,23 @@ class CdrWriter:
         """Header and all values so far."""
         return HEADER + bytes(self._body)
 
-    def put_byte(self, value: int) -> None:
-        """One byte."""
-        self._body += pack("<B", value)
-
-    def put_count(self, value: int) -> None:
-        """An unsigned number of 32 bits, as that of the elements that follow."""
-        self._align(4)
-        self._body += pack("<I", value)
+    def put(self, kind: str, *values: float) -> None:
+        """Numbers of one kind of ``struct``, aligned to its size."""
+        self._body += bytes(-len(self._body) % calcsize(f"<{kind}"))
+        self._body += pack(f"<{len(values)}{kind}", *values)
 
     def put_stamp(self, unix_us: int) -> None:
         """A ``builtin_interfaces/Time``."""
         seconds, micros = divmod(unix_us, 1_000_000)
-        self._align(4)
-        self._body += pack("<iI", seconds, 1000 * micros)
+        self.put("i", seconds)
+        self.put("I", 1000 * micros)
 
-    def put_text(self, text: str) -> None:
-        """A string."""
-        content = text.encode() + b"\0"
-        self.put_count(len(content))
-        self._body += content
-
-    def put_numbers(self, *values: float) -> None:
-        """Doubles."""
-        self._align(8)
-        self._body += pack(f"<{len(values)}d", *values)
-
-    def _align(self, size: int) -> None:
-        self._body += bytes(-len(self._body) % size)
+    def put_text(self, *texts: str) -> None:
+        """Strings."""
+        for text in texts:
+            content = text.encode() + b"\0"
+            self.put("I", len(content))
+            self._body += content
 
 
 IMU_TYPE_NAME = "sensor_msgs::msg::dds_::Imu_"
@@ -82,7 +70,8 @@ def imu_message(record: AttitudeRecord, acc_frd_m_s2: Vec3 | None, frame_id: str
     out = CdrWriter()
     out.put_stamp(record.time_unix_us)
     out.put_text(frame_id)
-    out.put_numbers(
+    out.put(
+        "d",
         *(x, y, z, w),
         *orientation_covariance(record),
         *flu_from_frd(record.rate_rad_s),
@@ -111,11 +100,10 @@ def tf_message(record: AttitudeRecord, child: str) -> bytes:
     """One transform, from ``child`` (forward, left, up) to the world; the place stays zero."""
     w, x, y, z = enu_flu_from_ned_frd(record.q_ned_frd)
     out = CdrWriter()
-    out.put_count(1)
+    out.put("I", 1)
     out.put_stamp(record.time_unix_us)
-    out.put_text(WORLD)
-    out.put_text(child)
-    out.put_numbers(*NO_PLACE, x, y, z, w)
+    out.put_text(WORLD, child)
+    out.put("d", *NO_PLACE, x, y, z, w)
     return out.message
 
 
@@ -141,16 +129,14 @@ def diagnostics_message(record: StatusRecord, unix_us: int, hardware: str) -> by
     out = CdrWriter()
     out.put_stamp(unix_us)
     out.put_text("")
-    out.put_count(1)
-    out.put_byte(level)
-    out.put_text(f"{hardware}: attitude")
-    out.put_text(", ".join((record.state, *record.warnings)))
-    out.put_text(hardware)
+    out.put("I", 1)
+    out.put("B", level)
+    state = ", ".join((record.state, *record.warnings))
+    out.put_text(f"{hardware}: attitude", state, hardware)
     values = _values(record)
-    out.put_count(len(values))
-    for key, value in values.items():
-        out.put_text(key)
-        out.put_text(value)
+    out.put("I", len(values))
+    for pair in values.items():
+        out.put_text(*pair)
     return out.message
 
 

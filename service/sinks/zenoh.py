@@ -22,6 +22,7 @@ from service.records import (
     Output,
     Published,
     Replaced,
+    StatusRecord,
     vehicle_name,
 )
 from service.zenoh_session import close_session
@@ -36,13 +37,28 @@ LONGEST_PAYLOAD = 65_536  # bytes; a whole profile has some 4,000
 
 
 class _Topic:
-    """One vehicle's key for one kind of record, its publisher, and the last record."""
+    """One key, its publisher, and the last record."""
 
-    def __init__(self, key: str, publisher: "zenoh.Publisher") -> None:
+    def __init__(self, session: "zenoh.Session", key: str) -> None:
+        import zenoh
+
         self.key = key
-        self.put = publisher.put
-        self.publisher = publisher
         self.last = b""
+        self._publisher = session.declare_publisher(
+            key,
+            encoding=JSON,
+            congestion_control=zenoh.CongestionControl.DROP,
+            express=False,
+        )
+
+    def put(self, text: bytes) -> None:
+        """Publish one."""
+        self.last = text
+        self._publisher.put(text)
+
+    def withdraw(self) -> None:
+        """Take the key back."""
+        self._publisher.undeclare()  # type: ignore[no-untyped-call]
 
 
 class ZenohSink:
@@ -66,11 +82,9 @@ class ZenohSink:
         self._requests = requests
         self._on_conflict = on_conflict
         self._profile = profile
-        self._profiles: dict[str, Profile] = {}
-        self._addresses: dict[str, VehicleId] = {}
-        self._attitudes: dict[VehicleId, _Topic] = {}
-        self._statuses: dict[VehicleId, _Topic] = {}
-        self._tokens: dict[str, zenoh.LivelinessToken] = {}
+        self._profiles: dict[VehicleId, Profile] = {}
+        self._topics: dict[tuple[VehicleId, type], _Topic] = {}  # by the type of record
+        self._tokens: dict[VehicleId, zenoh.LivelinessToken] = {}
         self._encode = msgspec.json.Encoder().encode
         # one for all keys: zenoh runs a thread for each
         self._queryable = session.declare_queryable(f"{prefix}/*/*", self._on_query)
@@ -86,31 +100,23 @@ class ZenohSink:
         Returns the rest.
         """
         for k, output in enumerate(outputs):
-            if self._changes_keys(output):
+            is_new = isinstance(output, Published) and (
+                (output.vehicle, type(output.record)) not in self._topics
+            )
+            if is_new or isinstance(output, Departed):
                 return outputs[k:]
             self._take(output)
         return ()
 
-    def _changes_keys(self, output: Output) -> bool:
-        if isinstance(output, Published):
-            return output.vehicle not in self._topics_of(output)
-        return isinstance(output, Departed)
-
-    def _topics_of(self, output: Published) -> dict[VehicleId, "_Topic"]:
-        is_attitude = isinstance(output.record, AttitudeRecord)
-        return self._attitudes if is_attitude else self._statuses
-
     def _take(self, output: Output) -> None:
         if isinstance(output, Published):
-            topics = self._topics_of(output)
-            topic = topics.get(output.vehicle)
+            place = (output.vehicle, type(output.record))
+            topic = self._topics.get(place)
             if topic is None:
-                kind = "attitude" if topics is self._attitudes else "status"
-                topic = topics[output.vehicle] = self._new_topic(output.vehicle, kind)
-            topic.last = text = self._encode(output.record)
-            topic.put(text)
+                topic = self._topics[place] = self._new_topic(*place)
+            topic.put(self._encode(output.record))
         elif isinstance(output, Replaced):
-            self._profiles[vehicle_name(output.vehicle)] = output.profile
+            self._profiles[output.vehicle] = output.profile
         elif isinstance(output, Departed):
             self._disappear(output.vehicle)
 
@@ -118,39 +124,25 @@ class ZenohSink:
         """Close the session, which withdraws everything declared on it."""
         close_session(self._session)
 
-    def _new_topic(self, vehicle: VehicleId, kind: str) -> _Topic:
-        import zenoh
+    def _key(self, vehicle: VehicleId, kind: str) -> str:
+        return f"{self._prefix}/{vehicle_name(vehicle)}/{kind}"
 
-        name = vehicle_name(vehicle)
-        if name not in self._addresses:
-            self._appear(name, vehicle)
-        key = f"{self._prefix}/{name}/{kind}"
-        publisher = self._session.declare_publisher(
-            key,
-            encoding=JSON,
-            congestion_control=zenoh.CongestionControl.DROP,
-            express=False,
-        )
-        return _Topic(key, publisher)
-
-    def _appear(self, name: str, vehicle: VehicleId) -> None:
-        self._addresses[name] = vehicle
-        alive = f"{self._prefix}/{name}/alive"
-        if self._on_conflict is not None and self._is_alive(alive):
-            self._on_conflict(f"{self._prefix}/{name}")
-        self._tokens[name] = self._session.liveliness().declare_token(alive)
+    def _new_topic(self, vehicle: VehicleId, record: type) -> _Topic:
+        if vehicle not in self._tokens:
+            alive = self._key(vehicle, "alive")
+            if self._on_conflict is not None and self._is_alive(alive):
+                self._on_conflict(f"{self._prefix}/{vehicle_name(vehicle)}")
+            self._tokens[vehicle] = self._session.liveliness().declare_token(alive)
+        kind = "attitude" if record is AttitudeRecord else "status"
+        return _Topic(self._session, self._key(vehicle, kind))
 
     def _disappear(self, vehicle: VehicleId) -> None:
         """Withdraw everything of a vehicle."""
-        name = vehicle_name(vehicle)
-        for topics in (self._attitudes, self._statuses):
-            topic = topics.pop(vehicle, None)
-            if topic is not None:
-                topic.publisher.undeclare()  # type: ignore[no-untyped-call]
-        self._addresses.pop(name, None)
-        self._profiles.pop(name, None)
-        token = self._tokens.pop(name, None)
-        if token is not None:
+        for record in (AttitudeRecord, StatusRecord):
+            if (topic := self._topics.pop((vehicle, record), None)) is not None:
+                topic.withdraw()
+        self._profiles.pop(vehicle, None)
+        if (token := self._tokens.pop(vehicle, None)) is not None:
             token.undeclare()  # type: ignore[no-untyped-call]
 
     def _is_alive(self, key: str) -> bool:
@@ -163,24 +155,23 @@ class ZenohSink:
         import zenoh
 
         with query:
-            for topic in [*self._attitudes.values(), *self._statuses.values()]:
+            for topic in list(self._topics.values()):
                 if topic.last and query.key_expr.intersects(zenoh.KeyExpr(topic.key)):
                     query.reply(topic.key, topic.last, encoding=JSON)
-            for name, vehicle in list(self._addresses.items()):
-                key = f"{self._prefix}/{name}/parameters"
+            for vehicle in list(self._tokens):
+                key = self._key(vehicle, "parameters")
                 if query.key_expr.intersects(zenoh.KeyExpr(key)):
                     self._answer_parameters(query, key, vehicle)
 
     def _answer_parameters(self, query: "zenoh.Query", key: str, vehicle: VehicleId) -> None:
-        name = vehicle_name(vehicle)
         try:
             if query.payload is not None and len(query.payload) > 0:
                 partial = _json_object(query.payload.to_bytes())
-                self._profiles[name] = self._requests.ask(vehicle, partial)
+                self._profiles[vehicle] = self._requests.ask(vehicle, partial)
         except (InputError, TimeoutError) as error:
             query.reply_err(self._encode({"error": str(error)}), encoding=JSON)
             return
-        profile = self._profiles.get(name, self._profile)
+        profile = self._profiles.get(vehicle, self._profile)
         query.reply(key, self._encode(profile_to_json(profile)), encoding=JSON)
 
 
@@ -208,14 +199,7 @@ class TogetherSink:
         period_s: float,
         monotonic_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        import zenoh
-
-        self._publisher = session.declare_publisher(
-            f"{prefix}/attitudes",
-            encoding=JSON,
-            congestion_control=zenoh.CongestionControl.DROP,
-            express=False,
-        )
+        self._topic = _Topic(session, f"{prefix}/attitudes")
         self._period_s = period_s
         self._monotonic_s = monotonic_s
         self._due_s = 0.0
@@ -230,9 +214,9 @@ class TogetherSink:
         now_s = self._monotonic_s()
         if self._newest and now_s >= self._due_s:
             self._due_s = max(self._due_s + self._period_s, now_s)
-            self._publisher.put(self._encode(self._newest))
+            self._topic.put(self._encode(self._newest))
             self._newest.clear()
 
     def close(self) -> None:
         """Withdraw the key; the session is closed by who has opened it."""
-        self._publisher.undeclare()  # type: ignore[no-untyped-call]
+        self._topic.withdraw()

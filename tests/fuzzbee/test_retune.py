@@ -18,7 +18,7 @@ from service.load import Load, Losses
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
 from service.records import Message
-from service.sinks.recording import RecordingSink
+from service.sinks.mavlink import RecordingSink
 from service.vehicle_status import status_record
 from tests.paper_noise import NoiseScale, simulate_scaled
 from tests.service.streams import ONE, START_US

@@ -5,8 +5,7 @@ import pytest
 
 from fuzzbee.trust import Level, heading_text, plus_minus, trust
 from service.alarms import Alarm
-from service.health import State
-from service.records import StatusRecord
+from service.records import State, StatusRecord
 from tests.service.records import record
 
 STATUS = StatusRecord("running", "RAW_IMU", 50.0, 0.1, {}, 0, 0, 1)

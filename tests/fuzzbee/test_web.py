@@ -14,9 +14,8 @@ import pytest
 from drivers.events import VehicleId
 from estimator.errors import InputError
 from fuzzbee.web.server import Address, WebPage, open_page, parse_address
-from service.health import State
 from service.http_door import MOST_CONNECTIONS, STREAM_PART
-from service.records import Departed, Published, StatusRecord
+from service.records import Departed, Published, State, StatusRecord
 from tests.fuzzbee import browser
 from tests.service.records import differing, record
 

@@ -4,7 +4,17 @@ import pytest
 
 from service.process import load_kernels
 
+PATIENCE_S = 60.0
+
 
 @pytest.fixture(scope="session", autouse=True)
 def _compiled():
     load_kernels()
+
+
+@pytest.fixture(autouse=True)
+def _patient(monkeypatch):
+    """What a person waits for is short; a test on a busy machine waits for longer."""
+    monkeypatch.setattr("service.sinks.sink.CLOSE_TIMEOUT_S", PATIENCE_S)
+    monkeypatch.setattr("service.sinks.sink.LONGEST_WAIT_S", PATIENCE_S)
+    monkeypatch.setattr("service.parameters.ANSWER_TIMEOUT_S", PATIENCE_S)

@@ -4,8 +4,8 @@ from math import radians
 
 from estimator.geometry.frames import from_euler_rad
 from estimator.types import Attitude
-from service.health import State
-from service.records import Autopilot, StatusRecord, attitude_record
+from service.publishing import attitude_record
+from service.records import Autopilot, State, StatusRecord
 
 UNIX_US = 1_700_000_000_123_456
 

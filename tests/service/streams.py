@@ -1,8 +1,9 @@
-"""Event streams for the tests: a real simulated vehicle, as events."""
+"""For the tests: a simulated vehicle as events, and what is found in outputs."""
 
 from drivers.events import Event, Imu, VehicleId
 from drivers.simulation.simulated_vehicle import SimulatedVehicle
 from drivers.simulation.source import imu_sample
+from service.records import AttitudeRecord, Message, Published, StatusRecord
 
 START_US = 1_700_000_000_000_000
 ONE = VehicleId(1, 1)
@@ -17,3 +18,17 @@ def imu_events(count, *, vehicle=ONE, message="RAW_IMU", seed=0, start_us=START_
         arrival_us = start_us + sample.time_us + 2_000
         events.append(Imu(vehicle, arrival_us, sample.time_us, message, sample))
     return events
+
+
+def attitudes(outputs):
+    records = [each.record for each in outputs if isinstance(each, Published)]
+    return [record for record in records if isinstance(record, AttitudeRecord)]
+
+
+def statuses(outputs):
+    records = [each.record for each in outputs if isinstance(each, Published)]
+    return [record for record in records if isinstance(record, StatusRecord)]
+
+
+def texts(outputs):
+    return [each.text for each in outputs if isinstance(each, Message)]

@@ -1,6 +1,7 @@
 """Alarms: what contradicts an attitude is told, and nothing else is."""
 
 from math import cos, radians, sin
+from types import SimpleNamespace
 
 import pytest
 
@@ -13,8 +14,7 @@ from estimator.profile import load_profile
 from estimator.types import Attitude, ImuSample
 from service.alarms import Alarm, Alarms, bias_limit_rad_s
 from service.pipeline import Pipeline
-from service.records import Message, Published, StatusRecord
-from tests.service.streams import ONE, START_US, imu_events
+from tests.service.streams import ONE, START_US, imu_events, statuses, texts
 
 IMU, PAPER = load_profile("imu"), load_profile("paper")
 LEVEL = (1.0, 0.0, 0.0, 0.0)
@@ -39,30 +39,36 @@ def attitude(bias=(0.0, 0.0, 0.0), sigma_deg=1.0, heading_deg=1.0, q=LEVEL):
     )
 
 
-def words(
-    seconds, acc=(0.0, 0.0, -9.8), mag=FIELD, place=HERE, profile=IMU, host=lambda s: s, **claims
-):
-    """After so long of the same; ``acc`` and ``mag`` may be functions of the time.
+def looked(alarms, half, acc=(0.0, 0.0, -9.8), mag=FIELD, profile=IMU, host_s=None, **claims):
+    """Have a sample looked at after so many half seconds; returns the words that stand then."""
+    known = {"place_field": HERE, "leaning_rad": 0.0, "contradicted_axes": (False,) * 3}
+    estimator = SimpleNamespace(compass_doubt="", **known)
+    for name in known:
+        setattr(estimator, name, claims.pop(name, getattr(estimator, name)))
+    sample = ImuSample(half * 500_000, (0.0, 0.0, 0.0), acc, mag, has_mag=True)
+    arrival_us = START_US + round(1e6 * (half / 2 if host_s is None else host_s))
+    alarms.look(sample, arrival_us, attitude(**claims), profile, estimator)
+    return alarms.words
+
+
+def words(seconds, place=HERE, host=lambda s: s, **given):
+    """After so long of the same; what is given may be a function of the time.
 
     ``host`` gives the host's time of the vehicle's, both in seconds.
     """
     alarms = Alarms()
     for half in range(2 * seconds):
-        given = [value(half / 2) if callable(value) else value for value in (acc, mag)]
-        sample = ImuSample(half * 500_000, (0.0, 0.0, 0.0), *given, has_mag=True)
-        arrival_us = START_US + round(1e6 * host(half / 2))
-        alarms.look(sample, arrival_us, attitude(**claims), profile, place)
+        now = {name: x(half / 2) if callable(x) else x for name, x in given.items()}
+        looked(alarms, half, place_field=place, host_s=host(half / 2), **now)
     return alarms.words
 
 
 def test_contradicted_axes_are_named_once_it_lasts():
     alarms, named = Alarms(), []
     for half in range(20):
-        sample = ImuSample(500_000 * half, (0.0, 0.0, 0.0), (0.0, 0.0, -9.8), FIELD, has_mag=True)
-        axes = (3 <= half < 11, False, 3 <= half < 11)
-        alarms.look(sample, START_US + 500_000 * half, attitude(), IMU, HERE, 0.0, axes)
-        if alarms.words:
-            assert alarms.words == {Alarm.GYROSCOPE_X, Alarm.GYROSCOPE_Z}
+        is_off = 3 <= half < 11
+        if found := looked(alarms, half, contradicted_axes=(is_off, False, is_off)):
+            assert found == {Alarm.GYROSCOPE_X, Alarm.GYROSCOPE_Z}
             named.append(0.5 * half)
     assert (named[0], named[-1]) == (2.5, 6.0)
 
@@ -75,12 +81,8 @@ def test_what_agrees_says_nothing():
     ("leaning_deg", "seconds", "said"), [(9, 8, True), (9, 2, False), (4, 60, False)]
 )
 def test_a_vertical_that_the_field_contradicts_is_the_accelerometers(leaning_deg, seconds, said):
-    alarms = Alarms()
-    for half in range(2 * seconds):
-        sample = ImuSample(half * 500_000, (0.0, 0.0, 0.0), (0.0, 0.0, -9.8), FIELD, has_mag=True)
-        arrival_us, leaning_rad = START_US + half * 500_000, radians(leaning_deg)
-        alarms.look(sample, arrival_us, attitude(), IMU, HERE, leaning_rad)
-    assert (Alarm.ACCELEROMETER in alarms.words) == said
+    found = words(seconds, leaning_rad=radians(leaning_deg), sigma_deg=6.0)
+    assert (Alarm.ACCELEROMETER in found) == said
 
 
 @pytest.mark.parametrize(("seconds", "said"), [(4, set()), (7, {Alarm.BIAS_AT_LIMIT})])
@@ -203,16 +205,10 @@ def test_a_late_link_and_a_host_s_clock_that_is_set_are_no_clock_that_drifts():
             assert words(seconds, host=host) == set()
 
 
-def statuses(outputs):
-    return [o.record for o in outputs if isinstance(o, Published)
-            and isinstance(o.record, StatusRecord)]  # fmt: skip
-
-
 def test_the_paper_s_signals_under_imu_are_told():
     """42 deg off with a small sigma; the bias of 5.7 deg/s is beyond what imu allows."""
     pipeline = Pipeline(IMU)
-    said = [o.text for event in imu_events(2000) for o in pipeline.handle(event)
-            if isinstance(o, Message)]  # fmt: skip
+    said = texts(o for event in imu_events(2000) for o in pipeline.handle(event))
     assert "vehicle 1: warning: the gyroscope's bias stands at its limit" in said
     (status,) = statuses(pipeline.tick(START_US + 20_000_000))
     assert status.warnings == ("bias_at_limit",)
@@ -239,12 +235,8 @@ def test_a_profile_that_the_vehicle_contradicts_is_told_in_the_status():
 
 def test_a_word_is_said_until_it_has_not_been_so_for_a_while():
     limit, alarms = bias_limit_rad_s(IMU), Alarms()
-    said = []
-    for half in range(60):
-        bias = (0.0, limit if half < 20 else 0.0, 0.0)
-        sample = ImuSample(half * 500_000, (0.0, 0.0, 0.0), (0.0, 0.0, -9.8), FIELD, has_mag=True)
-        alarms.look(sample, START_US + sample.time_us, attitude(bias=bias), IMU, HERE)
-        said.append(bool(alarms.words))
+    biases = [(0.0, limit if half < 20 else 0.0, 0.0) for half in range(60)]
+    said = [bool(looked(alarms, half, bias=bias)) for half, bias in enumerate(biases)]
     # a share of 0.84 after ten seconds falls to 0.6 in 1.7 and to 0.3 in 5.2 s
     assert said[20:28] == [True] * 8
     assert said[34:] == [False] * 26

@@ -10,8 +10,7 @@ from estimator.geometry.frames import euler_rad, from_euler_rad
 from estimator.geometry.quaternion import exp, multiply
 from estimator.profile import load_profile
 from service.pipeline import Pipeline
-from service.records import Message, Published, StatusRecord
-from tests.service.streams import ONE, imu_events
+from tests.service.streams import ONE, imu_events, statuses, texts
 
 SAMPLES = 3000
 
@@ -36,7 +35,7 @@ def flown(
     show = shown or in_roll(turn_deg)
     profile = load_profile("paper")
     pipeline, twin = Pipeline(profile), Estimator(profile)
-    texts = []
+    lines = []
     pipeline.handle(Heartbeat(ONE, 0, 3, vehicle_type))
     for name, value in parameters:
         pipeline.handle(Parameter(ONE, 0, name, value))
@@ -60,20 +59,15 @@ def flown(
                     q,
                 )
             )
-        texts += [output.text for output in outputs if isinstance(output, Message)]
+        lines += texts(outputs)
         now_us = event.arrival_us
-    statuses = [
-        output.record
-        for output in pipeline.tick(now_us)
-        if isinstance(output, Published) and isinstance(output.record, StatusRecord)
-    ]
-    return [text for text in texts if "autopilot" in text], statuses[-1]
+    return [line for line in lines if "autopilot" in line], statuses(pipeline.tick(now_us))[-1]
 
 
 def test_a_wrong_attitude_is_told_once_and_warned_of():
-    texts, status = flown(60.0)
-    assert len(texts) == 1
-    assert "the autopilot's horizon has been" in texts[0]
+    lines, status = flown(60.0)
+    assert len(lines) == 1
+    assert "the autopilot's horizon has been" in lines[0]
     assert "autopilot_differs" in status.warnings
     assert status.autopilot.verdict == "differs"
     assert status.autopilot.message == "ATTITUDE"
@@ -81,23 +75,23 @@ def test_a_wrong_attitude_is_told_once_and_warned_of():
 
 
 def test_the_same_attitude_is_no_news():
-    texts, status = flown(0.0)
-    assert texts == []
+    lines, status = flown(0.0)
+    assert lines == []
     assert "autopilot_differs" not in status.warnings
     assert status.autopilot.verdict != "differs"
     assert status.autopilot.inclination_deg == pytest.approx(0.0, abs=1.0)
 
 
 def test_an_attitude_of_another_clock_is_not_compared():
-    texts, status = flown(60.0, clock_off_us=5_000_000)
-    assert texts == []
+    lines, status = flown(60.0, clock_off_us=5_000_000)
+    assert lines == []
     assert status.autopilot is None
 
 
 def test_the_vehicle_s_own_trim_is_no_difference():
     """The autopilot tells the vehicle's attitude, in which its IMU is mounted with a trim."""
-    texts, status = flown(-60.0, parameters=[("AHRS_TRIM_X", radians(60.0))])
-    assert texts == []
+    lines, status = flown(-60.0, parameters=[("AHRS_TRIM_X", radians(60.0))])
+    assert lines == []
     assert status.autopilot.inclination_deg == pytest.approx(0.0, abs=1.0)
 
 
@@ -139,10 +133,10 @@ QUADPLANE, SHOWS_ALL = ("Q_ENABLE", 1.0), ("FLIGHT_OPTIONS", 256.0)
 def test_what_an_autopilot_shows_its_pilot_is_known_by_parameters_and_type(
     shown, parameters, vehicle_type, verdict
 ):
-    texts, status = flown(shown=shown, parameters=parameters, vehicle_type=vehicle_type)
+    lines, status = flown(shown=shown, parameters=parameters, vehicle_type=vehicle_type)
     found = None if status.autopilot is None else status.autopilot.verdict
     assert found in ((verdict, "cannot_tell") if verdict == "agrees" else (verdict,))
-    assert bool(texts) is (verdict == "differs")
+    assert bool(lines) is (verdict == "differs")
 
 
 def test_an_attitude_without_a_stamp_is_compared_only_right_behind_its_imu_message():

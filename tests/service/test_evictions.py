@@ -63,7 +63,7 @@ def test_thousands_of_ids_in_a_row_each_find_a_place(monkeypatch):
     assert most == 512
     assert ONE not in gone
     assert gone == addresses(1200)[: len(gone)]  # who left first goes first
-    assert pipeline.vehicle(ONE).samples == 1200
+    assert pipeline.vehicle(ONE).imu.samples == 1200
     assert pipeline.evictions.counts.vehicles == len(gone) == 1201 - 512
     outputs = pipeline.tick(arrival_us)
     assert departed(outputs) == gone

@@ -14,7 +14,7 @@ from drivers.events import VehicleId
 from drivers.mavlink.dialect import mavlink
 from drivers.mavlink.encoder import FrameEncoder
 from drivers.mavlink.framing import FrameReader
-from service.health import State
+from service.records import State
 from tests.service.flight_rig import ONE, START_US, Rig, S
 
 SETTLE_S = 8.0

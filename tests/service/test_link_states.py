@@ -4,6 +4,7 @@
 """
 
 import os
+from collections import deque
 
 from hypothesis import Phase, settings
 from hypothesis import strategies as st
@@ -35,7 +36,8 @@ class Link(RuleBasedStateMachine):
         self.again = 0  # of them those that came before
         self.old: list[bytes] = []
         self.half = b""
-        self.heard_us = 0  # the vehicle's time of the last sample that was sent
+        # the vehicle's times of the last samples; of these the service may have refused some
+        self.sent_us: deque[int] = deque(maxlen=3)
         self.was_set_back = False  # by about a second or less: those may be late copies
         self.sequences: list[int] = []
         self.ticks = 0
@@ -48,8 +50,8 @@ class Link(RuleBasedStateMachine):
         sample = next(self.rig.samples)
         time_us = sample.time_us + self.rig.boot_shift_us
         if is_sent:
-            self.was_set_back |= 0 <= self.heard_us - time_us < 2 * S
-            self.heard_us = time_us
+            self.was_set_back |= any(0 <= sent_us - time_us < 2 * S for sent_us in self.sent_us)
+            self.sent_us.append(time_us)
         self.rig.now_us = max(self.rig.now_us, START_US + sample.time_us) + 1
         return self.rig.frame(sample)
 
@@ -135,7 +137,7 @@ class Link(RuleBasedStateMachine):
         status = status_record(vehicle, now_us, Load(), Losses(), 0)
         assert isinstance(status, StatusRecord)
         refused = sum(status.rejected.values())
-        handled = vehicle.samples + status.shed + refused
+        handled = vehicle.imu.samples + status.shed + refused
         whole = self.sent - bool(self.half)
         # a sample of another time, until the next one confirms or contradicts it; of a clock that
         # falls back by less than a second all, until it is known whether they are late copies

@@ -23,9 +23,8 @@ from drivers.simulation.fleet import Fleet, run_vehicles
 from estimator.profile import load_profile
 from service.load import WINDOW_S, WINDOWS_TO_BEGIN, WINDOWS_TO_END, Load, Overload
 from service.pipeline import Pipeline
-from service.records import AttitudeRecord, Message, Published, StatusRecord
 from service.runner import Runner
-from tests.service.streams import ONE, START_US, imu_events
+from tests.service.streams import ONE, START_US, attitudes, imu_events, statuses, texts
 
 
 def test_an_overload_begins_and_ends_with_what_is_left_out():
@@ -115,15 +114,6 @@ def test_samples_are_counted_that_were_left_out_before_the_first_was_taken():
     pipeline.handle(Shed(ONE, 0, "SCALED_IMU2", 9))
     pipeline.handle(Shed(ONE, 0, "RAW_IMU", 1))
     assert pipeline.vehicle(ONE).imu.shed == 8
-
-
-def attitudes(outputs):
-    records = [each.record for each in outputs if isinstance(each, Published)]
-    return [record for record in records if isinstance(record, AttitudeRecord)]
-
-
-def texts(outputs):
-    return [each.text for each in outputs if isinstance(each, Message)]
 
 
 class GivenTime:
@@ -226,20 +216,19 @@ def test_a_computer_that_is_too_slow_keeps_its_ticks_and_says_so():
     load_s, rate_hz = 4.0, 50.0
     pipeline, link, got = run_given(20, load_s, 12.0, room=256, cost_s=0.003)
     seen = attitudes(got)
-    statuses = [each.record for each in got if isinstance(each, Published)
-                and isinstance(each.record, StatusRecord)]  # fmt: skip
+    told = statuses(got)
     assert any(text.startswith("overloaded") for text in texts(got))
     assert any(text.startswith("no longer overloaded") for text in texts(got))
-    assert any(status.overloaded and status.published_hz < rate_hz for status in statuses)
-    assert not statuses[-1].overloaded
-    assert statuses[-1].published_hz == rate_hz
+    assert any(status.overloaded and status.published_hz < rate_hz for status in told)
+    assert not told[-1].overloaded
+    assert told[-1].published_hz == rate_hz
     # nothing vanished: what the vehicles sent was taken or is counted
     assert link.sent > 0.99 * 20 * 50 * load_s
-    counted = sum(each.samples + each.imu.shed for each in pipeline.vehicles)
+    counted = sum(each.imu.samples + each.imu.shed for each in pipeline.vehicles)
     refused = sum(sum(each.rejected.values()) for each in pipeline.vehicles)
     assert counted + refused + link.dropped == pytest.approx(link.sent, rel=0.01)
     # every vehicle has its turn: of a third of the samples
-    taken = [vehicle.samples for vehicle in pipeline.vehicles]
+    taken = [vehicle.imu.samples for vehicle in pipeline.vehicles]
     assert min(taken) > 0.25 * max(taken)
     # attitudes are of fresh samples all the time; without leaving any out they would be 8 s old
     begin_us = min(attitude.time_unix_us for attitude in seen)
@@ -257,7 +246,7 @@ def test_what_piled_up_in_a_stop_is_taken():
     assert {a.state for a in later} == {"running"}
     (vehicle,) = pipeline.vehicles
     assert vehicle.imu.shed == link.shed == 0
-    assert vehicle.samples == pytest.approx(50 * 4.0, rel=0.05)
+    assert vehicle.imu.samples == pytest.approx(50 * 4.0, rel=0.05)
 
 
 def free_port():
@@ -301,7 +290,7 @@ with MavlinkLink(parse_endpoint(f"udpin:127.0.0.1:{sys.argv[1]}")) as link, \\
         print("ready", flush=True)
         runner.run()
 vehicle, = pipeline.vehicles
-print("counts", vehicle.samples, vehicle.imu.shed, vehicle.rejected.total(), link.lost)
+print("counts", vehicle.imu.samples, vehicle.imu.shed, vehicle.rejected.total(), link.lost)
 """
 
 

@@ -21,9 +21,9 @@ from estimator.errors import InputError
 from estimator.profile import load_profile
 from service.load import Losses
 from service.pipeline import MOST_QUIET_HZ, Pipeline
-from service.records import AttitudeRecord, Message, Peer, Published, Replaced, StatusRecord
+from service.records import Message, Peer, Published, Replaced, StatusRecord
 from service.vehicle import Vehicle
-from tests.service.streams import ONE, START_US, imu_events
+from tests.service.streams import ONE, START_US, attitudes, imu_events, statuses, texts
 
 PAPER = load_profile("paper")
 ATTITUDE_KEYS = [
@@ -34,18 +34,8 @@ ATTITUDE_KEYS = [
 STATUS_KEYS = [
     "state", "imu_message", "imu_rate_hz", "worst_gap_s", "rejected", "overruns", "dropped",
     "sequence", "rates", "gain", "overloaded", "shed", "lost", "published_hz",
-    "malformed", "warnings", "retuned", "autopilot", "recording", "mode", "armed",
+    "malformed", "warnings", "retuned", "autopilot", "recording", "mode", "armed", "other_imus",
 ]  # fmt: skip
-
-
-def attitudes(outputs):
-    return [o.record for o in outputs if isinstance(o, Published)
-            and isinstance(o.record, AttitudeRecord)]  # fmt: skip
-
-
-def statuses(outputs):
-    return [o.record for o in outputs if isinstance(o, Published)
-            and isinstance(o.record, StatusRecord)]  # fmt: skip
 
 
 def fed(events, profile=PAPER):
@@ -323,7 +313,7 @@ def test_a_flood_of_profiles_is_told_a_few_times():
             pipeline.replace_profile(ONE, {"filter": {"gamma": 0.1 + 0.001 * step}})
         told += pipeline.tick(START_US + 1_000_000 + 10_000 * turn)
     assert len([output for output in told if isinstance(output, Replaced)]) == 500
-    lines = [output.text for output in told if isinstance(output, Message)]
+    lines = texts(told)
     # with the line that it runs 12 in a minute, and that there are more
     assert lines.count("vehicle 1: new parameters") == 11
     assert (
@@ -338,7 +328,7 @@ def test_a_vehicle_that_is_late_again_and_again_is_told_a_few_times():
     lines = []
     for event in imu_events(400):
         told = [*pipeline.handle(event), *pipeline.tick(event.arrival_us + 900_000)]
-        lines += [output.text for output in told if isinstance(output, Message)]
+        lines += texts(told)
     assert {"vehicle 1: running", "vehicle 1: degraded"} < {*lines}
     assert len(lines) < 16
 
@@ -367,7 +357,7 @@ def test_an_estimate_that_is_not_finite_is_made_anew_by_samples_and_not_by_ticks
         assert vehicle.estimator.aligned  # as it was
     lines = []
     for event in events[20:]:
-        lines += [output.text for output in pipeline.handle(event) if isinstance(output, Message)]
+        lines += texts(pipeline.handle(event))
     assert vehicle.rejected == {"estimate_not_finite": 1}
     assert lines[0] == "vehicle 1: the estimate is not finite, aligning anew"
     assert len(attitudes(pipeline.tick(events[-1].arrival_us))) == 1
@@ -399,15 +389,11 @@ def built_in(motion):
     return BuiltIn(ONE, START_US, motion)
 
 
-def told(outputs):
-    return [o.text for o in outputs if isinstance(o, Message)]
-
-
 def test_fuzzbee_s_own_vehicle_gets_the_profile_that_fits():
     """The paper's signals under imu are 42 deg off with a small sigma."""
     pipeline = Pipeline(load_profile("imu"), fits_built_in=True)
     noisy = "profile paper (signals so noisy that 5 to 10° remain)"
-    assert told(pipeline.handle(built_in("paper"))) == [
+    assert texts(pipeline.handle(built_in("paper"))) == [
         f"vehicle 1: fuzzbee's own, motion paper, {noisy}"
     ]
     assert pipeline.handle(built_in("paper")) == []
@@ -416,8 +402,8 @@ def test_fuzzbee_s_own_vehicle_gets_the_profile_that_fits():
     assert pipeline.vehicle(ONE).profile == PAPER
     outputs = pipeline.tick(START_US + 3_000_000)
     assert [o for o in outputs if isinstance(o, Replaced)] == [Replaced(ONE, PAPER)]
-    assert told(outputs) == []
-    assert told(pipeline.handle(built_in("flight"))) == [
+    assert texts(outputs) == []
+    assert texts(pipeline.handle(built_in("flight"))) == [
         "vehicle 1: fuzzbee's own, motion flight, profile imu"
     ]
     assert pipeline.vehicle(ONE).profile == load_profile("imu")
@@ -425,10 +411,10 @@ def test_fuzzbee_s_own_vehicle_gets_the_profile_that_fits():
 
 def test_a_profile_that_was_asked_for_stays_and_is_told_if_it_does_not_fit():
     pipeline = Pipeline(load_profile("imu"))
-    (text,) = told(pipeline.handle(built_in("paper")))
+    (text,) = texts(pipeline.handle(built_in("paper")))
     assert text.endswith("profile paper would fit, this one does not")
     assert pipeline.vehicle(ONE).profile == load_profile("imu")
-    assert told(pipeline.handle(built_in("flight"))) == []
+    assert texts(pipeline.handle(built_in("flight"))) == []
 
 
 def test_after_a_reboot_another_vehicle_may_have_the_address():

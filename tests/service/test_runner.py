@@ -1,6 +1,7 @@
 import os
 import signal
 import threading
+import time
 
 import pytest
 
@@ -10,29 +11,23 @@ from drivers.simulation.source import SimSource
 from estimator.profile import load_profile
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
-from service.records import AttitudeRecord, Published
 from service.runner import Runner
 from service.signals import stop_on_signals
 from service.sinks.sink import Outbox
 from tests.service.sinks.test_sink import Collector
-from tests.service.streams import ONE, imu_events
+from tests.service.streams import ONE, attitudes, imu_events
 
 PAPER = load_profile("paper")
-
-
-def attitudes(sink):
-    return [o.record for o in sink.got if isinstance(o, Published)
-            and isinstance(o.record, AttitudeRecord)]  # fmt: skip
 
 
 def test_each_sample_of_the_vehicle_is_published_at_once_and_none_twice():
     sink = Collector()
     with SimSource(SimulatedVehicle(seed=0)) as source, Outbox([sink]) as outbox:
         runner = Runner(source, Pipeline(PAPER), outbox, rate_hz=100.0)
-        runner.run(1.5)
-    records = attitudes(sink)
+        runner.run(60.0, is_over=lambda: len(attitudes(sink.got)) >= 140)
+    records = attitudes(sink.got)
     assert [a.sequence for a in records] == list(range(len(records)))
-    assert len(records) >= 140  # of 150; a busy computer loses some
+    assert len({a.time_boot_us for a in records}) == len(records) >= 140
 
 
 class LateClock:
@@ -68,9 +63,9 @@ def test_the_end_of_a_log_ends_the_loop():
             now_us=player.now_us,
             is_finished=player.is_finished,
         ).run()
-    assert pipeline.vehicle(ONE).samples == 50
-    assert attitudes(sink)[-1].state == "running"
-    assert attitudes(sink)[-1].time_unix_us >= events[-1].arrival_us
+    assert pipeline.vehicle(ONE).imu.samples == 50
+    assert attitudes(sink.got)[-1].state == "running"
+    assert attitudes(sink.got)[-1].time_unix_us >= events[-1].arrival_us
 
 
 def test_a_signal_ends_the_loop_and_handlers_are_put_back():
@@ -80,9 +75,9 @@ def test_a_signal_ends_the_loop_and_handlers_are_put_back():
         timer = threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGTERM))
         with stop_on_signals(runner.stop):
             timer.start()
-            runner.run(30.0)
+            runner.run(120.0)
         timer.join()
-    assert runner.ticks < 5
+    assert runner.was_stopped
     assert signal.getsignal(signal.SIGTERM) is before
 
 
@@ -95,13 +90,13 @@ def test_a_profile_asked_for_on_another_thread_is_replaced_by_the_loop():
 
         def ask():
             while pipeline.vehicle(ONE) is None:
-                pass
+                time.sleep(0.01)
             answers.append(requests.ask(ONE, {"filter": {"gamma": 0.125}}))
             runner.stop()
 
         thread = threading.Thread(target=ask)
         thread.start()
-        runner.run(10.0)
+        runner.run(120.0)
         thread.join()
     assert answers[0].filter.gamma == 0.125
     assert pipeline.vehicle(ONE).profile.filter.gamma == 0.125

@@ -113,10 +113,8 @@ def test_a_lag_in_a_fast_turn_is_no_difference():
 
 def test_an_autopilot_that_falls_silent_is_compared_no_more():
     opinion = told(TRUE, TRUE)
-    opinion.forget(opinion._last_us + 1_000_000)
-    assert opinion.opinion is not None
-    opinion.forget(opinion._last_us + 3_000_000)
-    assert opinion.opinion is None
+    assert opinion.record(opinion._last_us + 1_000_000).verdict == "agrees"
+    assert opinion.record(opinion._last_us + 3_000_000) is None
 
 
 def test_velocity_shows_which_heading_is_right_where_there_is_no_field():
@@ -129,7 +127,7 @@ def test_velocity_shows_which_heading_is_right_where_there_is_no_field():
         sample = ImuSample(time_us, (0.0, 0.0, 0.0), force, (0.0, 0.0, 0.0), False)
         opinion.look(time_us, "ATTITUDE", wrong, attitude(TRUE, time_us), sample, None)
         speed += push * step_s
-        opinion.hear_velocity(time_us, (speed, 0.0, 0.0))
+        opinion.take_velocity(time_us, (speed, 0.0, 0.0))
     assert opinion.opinion.wrong == "autopilot"
     assert "velocity" in opinion.opinion.evidence
 
@@ -170,7 +168,7 @@ def test_an_attitude_is_turned_back_by_its_rate():
         (Doubts("its own filter calls it not good", "of ours, a warning"), ""),
     ],
 )
-def test_where_no_witness_names_one_what_only_one_is_doubted_for_does(doubts, wrong):
+def test_where_no_evidence_names_one_what_speaks_against_one_alone_does(doubts, wrong):
     """A heading without a field and without velocity."""
     turned = multiply(turn(DOWN, 30.0), TRUE)
     said = told(TRUE, turned, place=None, doubts=doubts).opinion
@@ -178,18 +176,18 @@ def test_where_no_witness_names_one_what_only_one_is_doubted_for_does(doubts, wr
     assert all(text in said.evidence for text in doubts)
 
 
-def test_witnesses_begin_anew_with_our_attitude():
+def test_the_evidence_begins_anew_with_our_attitude():
     """A velocity that was gained before says nothing of the force after a restart."""
     opinion = told(TRUE, TRUE)
     for second in range(30):
-        opinion.hear_velocity(second * 1_000_000, (10.0 * second, 0.0, 0.0))
+        opinion.take_velocity(second * 1_000_000, (10.0 * second, 0.0, 0.0))
     opinion.restart()
     said = told(TRUE, multiply(turn(NORTH, 25.0), TRUE), opinion=opinion).opinion
     assert "the mean force is 0 deg off ours" in said.evidence
 
 
 @pytest.mark.parametrize("place", [PLACE, None])
-def test_an_accelerometer_that_leads_ours_astray_convicts_nobody_or_ours(place):
+def test_an_accelerometer_that_leads_ours_astray_is_nobody_s_fault_or_ours(place):
     """4 m/s^2 to the nose: the force is 8 % too large, and the dip is off as we see it."""
     tilt = multiply(turn(EAST, -degrees(atan2(4.0, 9.81))), TRUE)
     opinion = SecondOpinion()

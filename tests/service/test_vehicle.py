@@ -7,8 +7,8 @@ from estimator.estimator import Estimator
 from estimator.profile import load_profile
 from estimator.types import ZERO_VEC3, ImuSample, RateSample
 from estimator.vehicle_class import VehicleClass
-from service.health import State
 from service.load import Load, Losses
+from service.records import State
 from service.vehicle import Vehicle
 from service.vehicle_status import status_record
 from tests.service.streams import ONE, START_US
@@ -20,8 +20,8 @@ def tell(vehicle, parameter):
     vehicle.parameters.take(parameter, vehicle.estimator)
 
 
-def worst_gap_s(vehicle, now_us):
-    return status_record(vehicle, now_us, Load(), Losses(), 0).worst_gap_s
+def status(vehicle, now_us):
+    return status_record(vehicle, now_us, Load(), Losses(), 0)
 
 
 class Watched(Estimator):
@@ -95,7 +95,7 @@ def test_a_reboots_silence_is_a_gap_and_a_jumps_is_none(vehicle):
     vehicle.on_clock_reset(ClockReset(ONE, START_US + 3_000_000, "reboot", -0.2))
     vehicle.on_imu(imu(260_000, arrival_us=START_US + 3_202_000))
     assert vehicle.imu.worst_gap_us == 3_000_000  # from 0.202 s
-    assert worst_gap_s(vehicle, START_US + 3_202_000) == 3.0
+    assert status(vehicle, START_US + 3_202_000).worst_gap_s == 3.0
     vehicle.on_clock_reset(ClockReset(ONE, START_US + 9_000_000, "jump", 60.0))
     vehicle.on_imu(imu(280_000, arrival_us=START_US + 9_002_000))
     assert vehicle.imu.worst_gap_us == 3_000_000
@@ -103,12 +103,8 @@ def test_a_reboots_silence_is_a_gap_and_a_jumps_is_none(vehicle):
 
 def test_a_running_silence_counts_as_a_gap(vehicle):
     feed(vehicle, 1, 10)
-    assert status_record(
-        vehicle, START_US + 202_000, Load(), Losses(), 0
-    ).worst_gap_s == pytest.approx(0.02)
-    assert status_record(
-        vehicle, START_US + 902_000, Load(), Losses(), 0
-    ).worst_gap_s == pytest.approx(0.7)
+    for now_us, gap_s in ((202_000, 0.02), (902_000, 0.7)):
+        assert status(vehicle, START_US + now_us).worst_gap_s == pytest.approx(gap_s)
 
 
 def test_another_imu_takes_over_after_half_a_second_with_its_own_bias(vehicle):
@@ -166,10 +162,10 @@ def test_a_compass_is_judged_by_all_three_offsets(vehicle):
 
 def test_the_rate_is_that_of_the_imu_and_nothing_once_it_is_silent(vehicle):
     feed(vehicle, 1, 10)
-    assert vehicle.imu_rate_hz == pytest.approx(50.0)
+    assert status(vehicle, START_US + 202_000).imu_rate_hz == pytest.approx(50.0)
     vehicle.on_time(START_US + 1_500_000)
     assert vehicle.state is State.DEGRADED
-    assert vehicle.imu_rate_hz == 0.0
+    assert status(vehicle, START_US + 1_500_000).imu_rate_hz == 0.0
     assert vehicle.imu.median_rate_hz == pytest.approx(50.0)
 
 

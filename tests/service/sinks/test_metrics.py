@@ -23,7 +23,7 @@ def sink():
 
 def scrape(sink):
     """{(name, labels): value}, read by Prometheus' own parser."""
-    with urllib.request.urlopen(f"http://127.0.0.1:{sink.port}/metrics", timeout=10) as answer:
+    with urllib.request.urlopen(f"http://127.0.0.1:{sink.port}/metrics", timeout=60) as answer:
         families = text_string_to_metric_families(answer.read().decode())
     return {
         (sample.name, tuple(sorted(sample.labels.items()))): sample.value

@@ -35,7 +35,7 @@ class Blocker(Collector):
         self.release = threading.Event()
 
     def handle(self, outputs):
-        self.release.wait(30)
+        self.release.wait(60)
         super().handle(outputs)
 
 
@@ -63,7 +63,8 @@ def test_a_sink_that_raises_is_told_of_once_and_hurts_no_other():
     assert bad.closed
 
 
-def test_a_sink_that_blocks_loses_the_oldest_and_stops_nobody():
+def test_a_sink_that_blocks_loses_the_oldest_and_stops_nobody(monkeypatch):
+    monkeypatch.setattr("service.sinks.sink.CLOSE_TIMEOUT_S", 3.0)
     slow, good = Blocker(), Collector()
     outbox = Outbox([slow, good])
     sent = 0
@@ -98,7 +99,7 @@ class Quick(Collector):
         self.by, self.release = [], threading.Event()
 
     def handle(self, outputs):
-        self.release.wait(30)
+        self.release.wait(60)
         self._take(outputs)
 
     def handle_at_once(self, outputs):
@@ -145,8 +146,9 @@ def test_a_sink_for_eyes_takes_what_has_gathered_and_all_before_the_close():
     sink = Eyes()
     outbox = Outbox([sink])
     outbox.put([Message("0")])
-    assert sink.first.wait(10)
-    time.sleep(0.05)  # it rests
+    assert sink.first.wait(60)
+    while outbox._outlets[0].is_busy:
+        time.sleep(0.01)
     outbox.put([Message("1")])
     outbox.put([Message("2")])
     time.sleep(0.05)

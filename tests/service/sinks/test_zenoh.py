@@ -99,7 +99,7 @@ def test_a_plain_subscriber_receives_every_attitude(endpoint):
 def get(session, selector, payload=None):
     """(key, value) of each reply; (None, error) of an error reply."""
     out = []
-    for reply in session.get(selector, payload=payload):
+    for reply in session.get(selector, payload=payload, timeout=60.0):
         if reply.ok is not None:
             out.append((str(reply.ok.key_expr), json.loads(reply.ok.payload.to_bytes())))
         else:

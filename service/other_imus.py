@@ -1,0 +1,73 @@
+"""How a vehicle's other IMUs differ from the one in use, so that people see which sensor is bad."""
+
+from math import degrees, isfinite
+
+from drivers.events import Imu
+from estimator.geometry.quaternion import add, angle_between_vectors, norm, scale, subtract
+from estimator.types import ZERO_VEC3, Vec3
+from service.records import ImuDifference
+
+LOOK_EVERY_US = 500_000
+LOOKS = 20  # of the means: ten seconds, over which readings that are some ms apart agree
+SILENT_US = 5_000_000  # one that has not come for so long is not shown
+APART_US = 250_000  # arrivals of readings that are compared
+
+
+class _Means:
+    """Of one IMU and ours, as the vehicle sends both."""
+
+    def __init__(self) -> None:
+        self.looked_us = 0
+        self.looks = 0
+        self.force: Vec3 = ZERO_VEC3  # m/s^2
+        self.our_force: Vec3 = ZERO_VEC3
+        self.rate: Vec3 = ZERO_VEC3  # less ours, rad/s
+
+    def add(self, rate: Vec3, force: Vec3, ours: Imu) -> None:
+        """Take one reading of each."""
+        self.looks += 1
+        share = 1.0 / min(self.looks, LOOKS)
+        self.force = _towards(self.force, force, share)
+        self.our_force = _towards(self.our_force, ours.sample.acc_m_s2, share)
+        self.rate = _towards(self.rate, subtract(rate, ours.sample.gyr_rad_s), share)
+
+
+class OtherImus:
+    """Compares twice a second of the host's clock."""
+
+    def __init__(self) -> None:
+        self._means: dict[str, _Means] = {}  # by message
+
+    def restart(self) -> None:
+        """Forget all: another IMU is in use."""
+        self._means.clear()
+
+    def take(
+        self, message: str, arrival_us: int, rate: Vec3, force: Vec3, ours: Imu | None
+    ) -> None:
+        """Take a reading (rad/s, m/s^2) of another IMU, if it is time."""
+        means = self._means.get(message)
+        if means is not None and 0 <= arrival_us - means.looked_us < LOOK_EVERY_US:
+            return
+        if ours is None or abs(arrival_us - ours.arrival_us) > APART_US:
+            return
+        if not isfinite(sum((*rate, *force))):
+            return
+        means = self._means.setdefault(message, _Means())
+        means.looked_us = arrival_us
+        means.add(rate, force, ours)
+
+    def records(self, now_us: int) -> dict[str, ImuDifference]:
+        """The differences of those that still come, by message."""
+        return {
+            message: ImuDifference(
+                round(degrees(angle_between_vectors(each.force, each.our_force)), 2),
+                round(degrees(norm(each.rate)), 2),
+            )
+            for message, each in sorted(self._means.items())
+            if now_us - each.looked_us < SILENT_US and norm(each.force) > 0.0
+        }
+
+
+def _towards(mean: Vec3, value: Vec3, share: float) -> Vec3:
+    return add(mean, scale(share, subtract(value, mean)))

@@ -1,0 +1,52 @@
+"""A second and a third IMU beside the one in use: how far each is off, by bytes."""
+
+from math import radians
+
+import pytest
+
+from drivers.events import OtherImu
+from drivers.mavlink.dialect import mavlink
+from drivers.simulation.simulated_vehicle import SimulatedVehicle
+from estimator.geometry.quaternion import exp, rotate
+from tests.service.flight_rig import Rig
+
+M = mavlink()
+TILTED = exp((0.0, radians(6.0), 0.0))
+
+
+def scaled(kind, sample, q, rate_off_rad_s):
+    """A frame of another IMU that is turned by ``q`` and whose x rate is off."""
+    acc = [round(x / 9.80665e-3) for x in rotate(q, sample.acc_m_s2)]
+    gyr = [round(1e3 * x) for x in sample.gyr_rad_s]
+    gyr[0] += round(1e3 * rate_off_rad_s)
+    message = kind(sample.time_us // 1000, *acc, *gyr, 0, 0, 0)
+    return bytes(message.pack(M.MAVLink(None, srcSystem=1, srcComponent=1)))
+
+
+@pytest.mark.parametrize("skips", [True, False], ids=["those not in use are skipped", "all"])
+def test_a_status_has_each_imus_difference_from_the_one_in_use(skips):
+    rig, read = Rig(), []
+    rig.samples = SimulatedVehicle(seed=0, rate_hz=50.0, motion="rest", noise=0.1)
+    if skips:
+        rig.decoder.imu_in_use = rig.pipeline.imu_in_use
+    handle = rig.handle
+    rig.handle = lambda events: (read.extend(e for e in events if isinstance(e, OtherImu)),
+                                 handle(events))  # fmt: skip
+    frame = rig.frame
+    rig.frame = lambda sample: (
+        frame(sample)
+        + scaled(M.MAVLink_scaled_imu2_message, sample, exp((0.0, 0.0, 0.0)), 0.0)
+        + scaled(M.MAVLink_scaled_imu3_message, sample, TILTED, radians(5.0))
+    )
+    rig.fly(20.0)
+    status = rig.status()
+    assert status.imu_message == "RAW_IMU"
+    good, bad = status.other_imus["SCALED_IMU2"], status.other_imus["SCALED_IMU3"]
+    assert good.inclination_deg < 0.5
+    assert good.rate_deg_s < 0.5
+    assert bad.inclination_deg == pytest.approx(6.0, abs=1.5)
+    assert bad.rate_deg_s == pytest.approx(5.0, abs=0.5)
+    assert len(read) == (pytest.approx(2 * 40, abs=4) if skips else 0)  # twice a second, of 50
+    rig.frame = frame
+    rig.fly(6.0)
+    assert rig.status().other_imus == {}

@@ -1,0 +1,299 @@
+"""When attitudes leave, of which instant they are, and what is in their records."""
+
+import random
+from math import inf, nan, pi, radians
+
+import numpy as np
+import pytest
+
+from drivers.events import Imu
+from estimator.geometry.frames import from_euler_rad
+from estimator.profile import load_profile
+from estimator.types import Attitude, ImuSample
+from service.pipeline import Pipeline
+from service.publishing import MAX_DRIFT, HostClock, attitude_record, euler_deg, is_finite
+from service.records import State
+from tests.service.streams import ONE, START_US, attitudes
+
+OFFSET_US = 1_700_000_000_000_000
+
+
+def observed(count, period_us, drift, latency_us, seed=1):
+    """A clock after a stream with random latency, and the true offset at its end."""
+    rng = random.Random(seed)
+    clock, true = HostClock(), 0.0
+    for number in range(count):
+        vehicle_us = number * period_us
+        true = OFFSET_US + drift * vehicle_us
+        arrival = vehicle_us + true + rng.expovariate(1 / latency_us)
+        clock.observe(vehicle_us, round(arrival))
+    return clock, true
+
+
+def steady(count, period_us=20_000, late_us=0):
+    """A clock after messages that are all as late."""
+    clock = HostClock()
+    for k in range(count):
+        clock.observe(k * period_us, k * period_us + late_us)
+    return clock
+
+
+@pytest.mark.parametrize("drift", [0.0, 44e-3 / 60, 136e-3 / 60, -136e-3 / 60])
+@pytest.mark.parametrize(("period_us", "limit_us"), [(10_000, 730), (250_000, 5_200)])
+def test_the_offset_is_found_through_latency_and_drift(drift, period_us, limit_us):
+    clock, true = observed(2000, period_us, drift, latency_us=10_000)
+    # latency 10 ms: the best of the last few messages is much better than that
+    assert abs(clock.offset_us - true) < limit_us  # measured 451 to 609, 943 to 4332
+
+
+def test_a_burst_after_a_gap_does_not_move_the_clock():
+    clock, true = observed(1000, 10_000, 0.0, latency_us=500)
+    last = 999 * 10_000
+    for number in range(100):  # 1 s of messages that all arrive 2 s late
+        clock.observe(last + number * 10_000, round(last + true) + 3_000_000)
+    assert clock.offset_us - true <= 1_000 + MAX_DRIFT * 3_000_000
+
+
+def test_round_trip_and_set_back_arrivals():
+    clock = HostClock()
+    clock.observe(1_000, OFFSET_US + 1_000)
+    assert clock.to_vehicle_us(OFFSET_US + 5_000) == 5_000
+    clock.observe(2_000, OFFSET_US)  # the host's clock was set back by 2 ms
+    assert clock.to_vehicle_us(OFFSET_US) == 2_000
+
+
+@pytest.mark.parametrize("step_us", [60_000_000, 500_000, 130_000])
+def test_a_host_clock_set_forwards_is_followed_within_two_seconds(step_us):
+    clock = steady(100, late_us=2_000)
+    for k in range(100, 205):
+        clock.observe(k * 20_000, k * 20_000 + 2_000 + step_us)
+    # all were 2 ms under way, before and behind
+    seen_us = clock.to_vehicle_us(204 * 20_000 + step_us)
+    assert seen_us == pytest.approx(204 * 20_000 - 2_000, abs=1)
+
+
+def test_lateness_that_varies_is_no_step():
+    """A busy radio: nothing prompt for seconds, 100 to 400 ms late."""
+    rng, clock = random.Random(1), steady(100)
+    arrival_us = 0
+    for k in range(100, 600):  # in order, each as late as it or the one before it
+        arrival_us = max(arrival_us, k * 20_000 + rng.randrange(100_000, 400_000))
+        clock.observe(k * 20_000, arrival_us)
+    assert clock.offset_us < MAX_DRIFT * 10_400_000
+
+
+def test_messages_held_back_do_not_look_like_a_set_clock():
+    clock = steady(100, late_us=2_000)
+    for k in range(100, 250):  # all of 3 s come at once
+        clock.observe(k * 20_000, 250 * 20_000)
+    assert clock.to_vehicle_us(250 * 20_000) == pytest.approx(250 * 20_000 - 2_000, abs=10_000)
+
+
+def test_lateness_lasts_as_long_as_the_drift_allows():
+    """After prompt messages all are 80 ms late: the offset rises by 3 ms a second, no more."""
+    clock = steady(100, 100_000)
+    for k in range(100, 200):
+        clock.observe(k * 100_000, k * 100_000 + 80_000)
+    assert clock.offset_us == pytest.approx(MAX_DRIFT * 10_080_000, rel=0.01)  # 30.2 ms
+    for k in range(200, 400):
+        clock.observe(k * 100_000, k * 100_000 + 80_000)
+    assert clock.offset_us == pytest.approx(80_000)  # and never above what is seen
+
+
+@pytest.mark.parametrize(("late_us", "is_step"), [(90_000, False), (120_000, True)])
+def test_a_step_is_more_than_a_tenth_of_a_second(late_us, is_step):
+    clock = steady(100)
+    for k in range(100, 205):
+        clock.observe(k * 20_000, k * 20_000 + late_us)
+    assert (clock.offset_us == pytest.approx(late_us, abs=1)) is is_step
+
+
+@pytest.mark.parametrize(("count", "is_step"), [(2, False), (3, True)])
+def test_a_second_with_two_messages_shows_no_step(count, is_step):
+    clock = steady(10, 1_000_000)
+    for k in range(count + 1):
+        vehicle_us = 10_000_000 + k * 1_000_000 // count
+        clock.observe(vehicle_us, vehicle_us + 60_000_000)
+    assert (clock.offset_us > 50_000_000) is is_step
+
+
+def late_by(latenesses_us):
+    """The clock after prompt messages (2 ms) and then some that are late by so much."""
+    clock = steady(100, late_us=2_000)
+    for k, late_us in enumerate(latenesses_us, 100):
+        clock.observe(k * 20_000, k * 20_000 + 2_000 + late_us)
+    return clock
+
+
+@pytest.mark.parametrize(
+    ("step_us", "spread_us", "is_step"),
+    [
+        (300_000, 60_000, True),  # less than a quarter of the step
+        (300_000, 90_000, False),  # more
+        (2_000_000, 90_000, True),  # less than 0.1 s
+        (2_000_000, 150_000, False),  # more, though a small part of the step
+    ],
+)
+def test_latenesses_must_be_alike_to_show_a_step(step_us, spread_us, is_step):
+    latenesses = [step_us + (k % 2) * spread_us for k in range(120)]
+    followed = late_by(latenesses).offset_us > 0.9 * step_us
+    assert followed is is_step
+
+
+def test_a_step_is_followed_to_the_promptest_of_its_messages():
+    """Neither further (the vehicle would seem to be ahead), nor a step where one was prompt."""
+    latenesses = [500_000 + (k % 3) * 20_000 for k in range(120)]
+    assert late_by(latenesses).offset_us == pytest.approx(502_000, abs=290)  # measured 240
+    steady = [110_000 if k % 3 else 95_000 for k in range(120)]  # the promptest under 0.1 s
+    assert late_by(steady).offset_us < 2_000 + MAX_DRIFT * 2_600_000
+
+
+def test_a_host_clock_set_back_does_not_lower_the_bound_twice():
+    """Arrivals before the last one: the bound does not fall with negative time."""
+    clock = HostClock()
+    clock.observe(0, OFFSET_US)
+    clock.observe(-200_000_000, OFFSET_US - 200_000_000 + 100)  # before the first one
+    assert clock.offset_us == OFFSET_US
+    for time_us in (1_000_000, 1_010_000):
+        clock.observe(time_us, OFFSET_US + time_us - 600_000_000)
+    assert clock.offset_us == pytest.approx(OFFSET_US - 600_000_000, abs=1)
+
+
+def test_a_vehicles_clock_that_stands_still_is_followed_within_a_third_of_a_second():
+    """It stalls for 0.3 s under load; the output ran 0.3 s ahead for 2 s."""
+    clock = HostClock()
+    for k in range(100):
+        clock.observe(k * 20_000, k * 20_000 + 2_000 + 500 * (k % 3))
+    for k in range(100, 117):
+        clock.observe(k * 20_000, k * 20_000 + 302_000 + 500 * (k % 3))
+    ahead_us = clock.to_vehicle_us(116 * 20_000 + 302_000) - 116 * 20_000
+    assert ahead_us == pytest.approx(0, abs=150)  # measured -123
+
+
+@pytest.mark.parametrize(("unevenness_us", "risen_us"), [(40_000, 4_260), (100_000, 7_860)])
+def test_a_quarter_of_a_second_of_uneven_lateness_is_no_stall(unevenness_us, risen_us):
+    clock = steady(100)
+    for k in range(100, 140):
+        late_us = 200_000 + unevenness_us * (k % 2)
+        clock.observe(k * 20_000, k * 20_000 + late_us)
+    assert clock.offset_us == pytest.approx(risen_us, rel=0.2)
+
+
+def test_evenly_late_messages_move_the_clock_to_the_least_of_their_latenesses():
+    """By 0.3 s, and 4 to 20 ms more; it moves with the first that makes a quarter of a second."""
+    clock = steady(100, late_us=2_000)
+    for k in range(100, 120):
+        late_us = 300_000 + 4_000 * (1 + k % 5)
+        clock.observe(k * 20_000, k * 20_000 + late_us)
+        if clock.offset_us > 100_000:
+            break
+    assert k == 113
+    assert clock.offset_us == 304_000
+
+
+NUMBERS = ("error", "error_rate_1_s", "gain", "confidence_gravity", "confidence_magnetic")
+VECTORS = ("q_ned_frd", "rate_rad_s", "gyro_bias_rad_s")
+
+
+def attitude(**changes):
+    plain = Attitude(
+        time_us=7,
+        q_ned_frd=from_euler_rad(radians(10.0), radians(-20.0), radians(300.0)),
+        rate_rad_s=(0.1, -0.2, 0.3),
+        gyro_bias_rad_s=(0.01, 0.02, -0.03),
+        error=0.1,
+        error_rate_1_s=-0.2,
+        gain=3.0,
+        confidence_gravity=1.0,
+        confidence_magnetic=0.5,
+        sigma_inclination_rad=0.02,
+        sigma_heading_rad=0.04,
+        heading_reference="true",
+    )
+    return plain._replace(**changes)
+
+
+@pytest.mark.parametrize("bad", [nan, inf, -inf])
+def test_any_number_that_is_not_finite_makes_no_record(bad):
+    assert is_finite(attitude())
+    for name in NUMBERS:
+        assert not is_finite(attitude(**{name: bad})), name
+    for name in VECTORS:
+        whole = getattr(attitude(), name)
+        for k in range(len(whole)):
+            assert not is_finite(attitude(**{name: (*whole[:k], bad, *whole[k + 1 :])})), (name, k)
+    assert attitude_record(attitude(gain=bad), time_unix_us=1, time_boot_us=2, sequence=3) is None
+
+
+def test_numbers_keep_their_places():
+    made = attitude_record(
+        attitude(), time_unix_us=1, time_boot_us=2, state=State.DEGRADED, age_us=5_500, sequence=3
+    )
+    assert made.euler_deg == pytest.approx((10.0, -20.0, 300.0))
+    assert (made.time_unix_us, made.time_boot_us, made.sequence) == (1, 2, 3)
+    assert (made.state, made.age_ms) == ("degraded", 5.5)
+    assert (made.error, made.error_rate, made.gain) == (0.1, -0.2, 3.0)
+    assert (made.confidence.gravity, made.confidence.magnetic) == (1.0, 0.5)
+    assert made.sigma_deg.inclination == pytest.approx(0.02 * 180 / pi)
+    assert made.sigma_deg.heading == pytest.approx(0.04 * 180 / pi)
+
+
+def test_an_unknown_sigma_is_half_a_turn_and_an_age_never_below_zero():
+    made = attitude_record(
+        attitude(sigma_heading_rad=inf), time_unix_us=1, time_boot_us=2, age_us=-3, sequence=0
+    )
+    assert made.sigma_deg.heading == 180.0
+    assert made.age_ms == 0.0
+
+
+@pytest.mark.parametrize("yaw_rad", [-1e-17, -6e-16, -8e-16, 0.0, pi, -pi, 2.0 * pi])
+def test_yaw_is_below_360_degrees(yaw_rad):
+    assert 0.0 <= euler_deg(from_euler_rad(0.0, 0.0, yaw_rad))[2] < 360.0
+
+
+MINUTES = 10
+RATE_HZ = 50.0
+LEVEL = ((0.0, 0.0, 0.0), (0.0, 0.0, -9.81), (0.2, 0.0, 0.4))
+
+
+def arrivals_us(sample_hz, seed):
+    """Arrivals of a stream, up to 6 ms late and never in another order."""
+    rng = np.random.default_rng(seed)
+    times_us = np.arange(MINUTES * 60 * sample_hz) * 1e6 / sample_hz
+    return np.maximum.accumulate(times_us + rng.uniform(0.0, 6_000.0, len(times_us))).astype(int)
+
+
+def published(sample_hz, seed):
+    """(host time, record, newest sample's arrival) of each attitude; the host wakes when due."""
+    pipeline = Pipeline(load_profile("paper"), rate_hz=RATE_HZ)
+    found = []
+
+    def note(outputs, now_us, newest_us):
+        found.extend((now_us, record, newest_us) for record in attitudes(outputs))
+
+    newest_us = START_US
+    pipeline.tick(START_US)
+    for k, arrival_us in enumerate(arrivals_us(sample_hz, seed).tolist()):
+        now_us = START_US + arrival_us
+        while k and pipeline.wake_us < now_us:
+            woken_us = int(pipeline.wake_us) + 1
+            note(pipeline.tick(woken_us), woken_us, newest_us)
+        sample = ImuSample(round(1e6 * k / sample_hz) + 1, *LEVEL, True)
+        event = Imu(ONE, now_us, sample.time_us, "RAW_IMU", sample)
+        note(pipeline.handle(event, now_us), now_us, now_us)
+        newest_us = now_us
+    return found
+
+
+@pytest.mark.parametrize("sample_hz", [49.98, 50.0, 50.02, 100.0, 33.0, 10.0])
+def test_as_many_leave_as_the_rate_says_and_none_waits_for_the_grid(sample_hz):
+    found = published(sample_hz, seed=3)
+    assert [record.sequence for _, record, _ in found] == list(range(len(found)))
+    found = [each for each in found if each[0] > START_US + 5_000_000]  # its rate is known then
+    times_us = np.array([now_us for now_us, _, _ in found])
+    passed_s = 1e-6 * (times_us[-1] - times_us[0])
+    assert len(found) - 1 == pytest.approx(RATE_HZ * passed_s, abs=1.6)
+    assert np.diff(times_us).max() < 3.0e6 / RATE_HZ
+    if sample_hz >= RATE_HZ - 0.1:
+        with_its_sample = [now_us == newest_us for now_us, _, newest_us in found]
+        assert np.mean(with_its_sample) > 0.98
