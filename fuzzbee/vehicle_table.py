@@ -16,7 +16,7 @@ from fuzzbee.table_model import (
     is_silent,
     state_text,
 )
-from fuzzbee.trust import Level, trust
+from fuzzbee.verdict import Level, verdict_of
 from service.alarms import MEANINGS, Alarm
 from service.health import State
 from service.records import AttitudeRecord, StatusRecord
@@ -232,12 +232,12 @@ def _of_attitude(
 
 
 def _tilt_sigma(attitude: AttitudeRecord) -> Text:
-    level = trust(State(attitude.state), attitude).horizon
+    level = verdict_of(State(attitude.state), attitude).horizon
     return Text(_plus_minus(attitude.sigma_deg.inclination), style=TRUST_COLOURS[level])
 
 
 def _heading_sigma(attitude: AttitudeRecord) -> Text:
-    level = trust(State(attitude.state), attitude).heading
+    level = verdict_of(State(attitude.state), attitude).heading
     return Text(_plus_minus(attitude.sigma_deg.heading), style=TRUST_COLOURS[level])
 
 
