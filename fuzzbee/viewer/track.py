@@ -154,10 +154,8 @@ class Track:
             self._stream.recording.set_time(TIMELINE, timestamp=1e-6 * now_us)
             self._log(f"/state/{self._name}", rr.StateChange(state=[state.value]))
             self._stream.message(f"vehicle {self._name}: {state}", now_us)
-        now, (level, logged_us) = (
-            verdict_of(state, record, self._status, self._before),
-            self._verdict,
-        )
+        now = verdict_of(state, record, self._status, self._before)
+        level, logged_us = self._verdict
         if now.overall is not level and not 0 <= now_us - logged_us < VERDICT_EVERY_US:
             self._verdict = now.overall, now_us
             why = ", ".join(caveat.text for caveat in now.caveats)
