@@ -52,7 +52,7 @@ LEVEL_STYLE = dict(
 Marks = dict[tuple[int, int], str]  # letters by column and row
 
 
-class Ink(NamedTuple):
+class Capabilities(NamedTuple):
     """What the terminal can show; 0, 16 or more colours."""
 
     colours: int = 256
@@ -65,7 +65,7 @@ def has_room(width: int, height: int) -> bool:
 
 
 def screen(
-    row: Row, now_s: float, width: int, height: int, ink: Ink, message: str = ""
+    row: Row, now_s: float, width: int, height: int, capabilities: Capabilities, message: str = ""
 ) -> list[Text]:
     """``height`` lines of ``width`` cells: state, heading, horizon, figures, caveats."""
     attitude, judged = current_attitude(row, now_s), row_verdict(row, now_s)
@@ -79,8 +79,8 @@ def screen(
         tape = _tape(attitude, judged, width, other)
         rows -= len(tape)
         marks = _marks(attitude, other, flight, width, rows)
-        drawn = [*tape, *_horizon(attitude, _paint(judged, ink), marks, width, rows)]
-    if not ink.unicode:
+        drawn = [*tape, *_horizon(attitude, _paint(judged, capabilities), marks, width, rows)]
+    if not capabilities.unicode:
         for line in drawn:
             line.plain = line.plain.translate(ASCII)
     return [_bar(row, now_s, judged, width), *drawn, *tail, Text(message[:width], style="dim")]
@@ -171,11 +171,11 @@ def _halves(attitude: AttitudeRecord, width: int, rows: int) -> list[list[int]]:
     return halves
 
 
-def _paint(judged: Judgement, ink: Ink) -> tuple[str, ...]:
+def _paint(judged: Judgement, capabilities: Capabilities) -> tuple[str, ...]:
     """Colours of sky, ground, haze and line; none where the terminal has none."""
-    if not ink.colours:
+    if not capabilities.colours:
         return ()
-    few = ink.colours <= 16
+    few = capabilities.colours <= 16
     sky, ground, haze, line = PAINT_16 if few else PAINT
     return (sky, ground, (PAINTED_HAZE_16 if few else PAINTED_HAZE).get(judged.horizon, haze), line)
 
