@@ -95,7 +95,7 @@ def _block(rows: list[Row], now_s: float, width: int, cursor: str | None) -> Tab
 def _warnings(rows: list[Row], most: int) -> list[str]:
     """Lines on what contradicts an attitude; the last one counts those that have no room."""
     texts = _overload(rows) + [
-        f"! vehicle {row.name}: {told(word, row.status)}"
+        f"! vehicle {row.name}: {warning_text(word, row.status)}"
         for row in rows
         if row.status is not None
         for word in row.status.warnings
@@ -105,7 +105,7 @@ def _warnings(rows: list[Row], most: int) -> list[str]:
     return [*texts[: most - 1], f"! and {len(texts) - most + 1} more warnings"]
 
 
-def told(word: str, status: StatusRecord) -> str:
+def warning_text(word: str, status: StatusRecord) -> str:
     """A warning in words; of another attitude, how far it is off and who is likely wrong.
 
     A warning of another version keeps its own name.

@@ -3,7 +3,7 @@
 from typing import Any
 
 from fuzzbee.table_model import Row, current_attitude, flight_words, state_text
-from fuzzbee.vehicle_table import told
+from fuzzbee.vehicle_table import warning_text
 from fuzzbee.verdict import Judgement, heading_text, north_text, plus_minus, row_verdict
 from service.records import AttitudeRecord, StatusRecord
 from service.second_opinion import Verdict
@@ -40,7 +40,7 @@ def _of_status(status: StatusRecord | None) -> dict[str, Any]:
         "imu": status.imu_message or "",
         "rate_hz": round(status.imu_rate_hz, 1),
         "autopilot": off,
-        "warnings": [f"warning: {told(word, status)}" for word in status.warnings],
+        "warnings": [f"warning: {warning_text(word, status)}" for word in status.warnings],
     }
 
 
