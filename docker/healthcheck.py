@@ -19,7 +19,7 @@ STATUS_TIMEOUT_S = 3.0
 
 
 def main() -> int:
-    """0 or 1, with one line that says why."""
+    """0 or 1, with one line that gives the reason."""
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')
     config.insert_json5("scouting/multicast/enabled", "false")

@@ -13,14 +13,14 @@ import numpy as np
 from rich.text import Text
 
 from fuzzbee.table_model import Row, age_text, current_attitude, flight_words, state_text
-from fuzzbee.trust import (
+from fuzzbee.verdict import (
     POINTS,
+    Judgement,
     Level,
-    Trust,
     heading_text,
     north_text,
     plus_minus,
-    trust_in,
+    row_verdict,
 )
 from service.records import AttitudeRecord, Autopilot, StatusRecord
 from service.second_opinion import Verdict
@@ -52,7 +52,7 @@ LEVEL_STYLE = dict(
 Marks = dict[tuple[int, int], str]  # letters by column and row
 
 
-class Ink(NamedTuple):
+class Capabilities(NamedTuple):
     """What the terminal can show; 0, 16 or more colours."""
 
     colours: int = 256
@@ -65,10 +65,10 @@ def has_room(width: int, height: int) -> bool:
 
 
 def screen(
-    row: Row, now_s: float, width: int, height: int, ink: Ink, message: str = ""
+    row: Row, now_s: float, width: int, height: int, capabilities: Capabilities, message: str = ""
 ) -> list[Text]:
     """``height`` lines of ``width`` cells: state, heading, horizon, figures, caveats."""
-    attitude, judged = current_attitude(row, now_s), trust_in(row, now_s)
+    attitude, judged = current_attitude(row, now_s), row_verdict(row, now_s)
     tail = [*_figures(attitude, judged, width), _caveats(judged, width)]
     rows = height - 2 - len(tail)  # less the bar and the message
     flight = "  ".join(flight_words(row))
@@ -79,8 +79,8 @@ def screen(
         tape = _tape(attitude, judged, width, other)
         rows -= len(tape)
         marks = _marks(attitude, other, flight, width, rows)
-        drawn = [*tape, *_horizon(attitude, _paint(judged, ink), marks, width, rows)]
-    if not ink.unicode:
+        drawn = [*tape, *_horizon(attitude, _paint(judged, capabilities), marks, width, rows)]
+    if not capabilities.unicode:
         for line in drawn:
             line.plain = line.plain.translate(ASCII)
     return [_bar(row, now_s, judged, width), *drawn, *tail, Text(message[:width], style="dim")]
@@ -92,7 +92,7 @@ def _differing(status: StatusRecord | None) -> Autopilot | None:
     return other if other is not None and other.verdict == Verdict.DIFFERS else None
 
 
-def _bar(row: Row, now_s: float, judged: Trust, width: int) -> Text:
+def _bar(row: Row, now_s: float, judged: Judgement, width: int) -> Text:
     """State at the left, the word that sums up in the middle, the IMU at the right."""
     right = f"{age_text(row, now_s)} "
     if row.status is not None and row.status.imu_message is not None and width >= 60:
@@ -106,7 +106,7 @@ def _bar(row: Row, now_s: float, judged: Trust, width: int) -> Text:
 
 
 def _tape(
-    attitude: AttitudeRecord, judged: Trust, width: int, other: Autopilot | None
+    attitude: AttitudeRecord, judged: Judgement, width: int, other: Autopilot | None
 ) -> list[Text]:
     """Directions as they pass under the middle; below them the range of sigma, and the other's."""
     yaw, middle = attitude.euler_deg[2], width // 2
@@ -171,11 +171,11 @@ def _halves(attitude: AttitudeRecord, width: int, rows: int) -> list[list[int]]:
     return halves
 
 
-def _paint(judged: Trust, ink: Ink) -> tuple[str, ...]:
+def _paint(judged: Judgement, capabilities: Capabilities) -> tuple[str, ...]:
     """Colours of sky, ground, haze and line; none where the terminal has none."""
-    if not ink.colours:
+    if not capabilities.colours:
         return ()
-    few = ink.colours <= 16
+    few = capabilities.colours <= 16
     sky, ground, haze, line = PAINT_16 if few else PAINT
     return (sky, ground, (PAINTED_HAZE_16 if few else PAINTED_HAZE).get(judged.horizon, haze), line)
 
@@ -268,7 +268,7 @@ def _other_line(attitude: AttitudeRecord, other: Autopilot, width: int, rows: in
 # --- the rest of the screen
 
 
-def _cross(judged: Trust, flight: str, width: int, rows: int) -> list[Text]:
+def _cross(judged: Judgement, flight: str, width: int, rows: int) -> list[Text]:
     """A cross in place of the horizon, and the reason."""
     reach = max(1, (rows - 5) // 2)
     grid = [[" "] * width for _ in range(rows)]
@@ -284,7 +284,7 @@ def _cross(judged: Trust, flight: str, width: int, rows: int) -> list[Text]:
     return [Text("".join(row), style=f"bold {LEVEL_COLOUR[judged.overall]}") for row in grid]
 
 
-def _figures(attitude: AttitudeRecord | None, judged: Trust, width: int) -> list[Text]:
+def _figures(attitude: AttitudeRecord | None, judged: Judgement, width: int) -> list[Text]:
     """Roll, pitch and heading, and the sigmas under them."""
     third = width // 3
     if attitude is None:
@@ -299,7 +299,7 @@ def _figures(attitude: AttitudeRecord | None, judged: Trust, width: int) -> list
     return [line, below]
 
 
-def _caveats(judged: Trust, width: int) -> Text:
+def _caveats(judged: Judgement, width: int) -> Text:
     """The reasons, the worst first, as many as fit."""
     line = Text()
     for caveat in judged.caveats:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
 
-from fuzzbee.horizon import Ink, has_room, screen
+from fuzzbee.horizon import Capabilities, has_room, screen
 from fuzzbee.notify import printable
 from fuzzbee.table_model import Row, TableModel
 from fuzzbee.vehicle_table import BY_NAME, ORDERS, Look, lines, table
@@ -190,8 +190,8 @@ def one_vehicle(
 ) -> RenderableType:
     """One vehicle as an artificial horizon, in the characters and colours of the console."""
     colours = COLOURS_OF.get(console.color_system, 256)
-    ink = Ink(colours, console.encoding.startswith("utf"))
-    return Group(*screen(row, now_s, width, height, ink, foot))
+    capabilities = Capabilities(colours, console.encoding.startswith("utf"))
+    return Group(*screen(row, now_s, width, height, capabilities, foot))
 
 
 def _print(console: Console, texts: Iterable[str], style: str | None = None) -> None:

@@ -16,7 +16,7 @@ from fuzzbee.table_model import (
     is_silent,
     state_text,
 )
-from fuzzbee.trust import Level, trust
+from fuzzbee.verdict import Level, verdict_of
 from service.alarms import MEANINGS, Alarm
 from service.records import AttitudeRecord, State, StatusRecord
 
@@ -94,7 +94,7 @@ def _block(rows: list[Row], now_s: float, width: int, cursor: str | None) -> Tab
 def _warnings(rows: list[Row], most: int) -> list[str]:
     """Lines on what contradicts an attitude; the last one counts those that have no room."""
     texts = _overload(rows) + [
-        f"! vehicle {row.name}: {told(word, row.status)}"
+        f"! vehicle {row.name}: {warning_text(word, row.status)}"
         for row in rows
         if row.status is not None
         for word in row.status.warnings
@@ -104,7 +104,7 @@ def _warnings(rows: list[Row], most: int) -> list[str]:
     return [*texts[: most - 1], f"! and {len(texts) - most + 1} more warnings"]
 
 
-def told(word: str, status: StatusRecord) -> str:
+def warning_text(word: str, status: StatusRecord) -> str:
     """A warning in words; of another attitude, how far it is off and who is likely wrong.
 
     A warning of another version keeps its own name.
@@ -231,12 +231,12 @@ def _of_attitude(
 
 
 def _tilt_sigma(attitude: AttitudeRecord) -> Text:
-    level = trust(State(attitude.state), attitude).horizon
+    level = verdict_of(State(attitude.state), attitude).horizon
     return Text(_plus_minus(attitude.sigma_deg.inclination), style=TRUST_COLOURS[level])
 
 
 def _heading_sigma(attitude: AttitudeRecord) -> Text:
-    level = trust(State(attitude.state), attitude).heading
+    level = verdict_of(State(attitude.state), attitude).heading
     return Text(_plus_minus(attitude.sigma_deg.heading), style=TRUST_COLOURS[level])
 
 

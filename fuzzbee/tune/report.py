@@ -25,7 +25,7 @@ class Verdict(NamedTuple):
 
     before: Scores
     after: Scores
-    rival: Scores | None
+    random_search: Scores | None
     flights: tuple[tuple[str, FlightFigures, FlightFigures], ...] = ()
     harm: str | None = None
 
@@ -44,13 +44,13 @@ def judge(task: PaperTask | LogTask, found: Profile, by_chance: Profile | None) 
     then, now = (task.held_out_figures(profile) for profile in (task.base, found))
     flights = tuple((name, was, is_) for (name, was), (_, is_) in zip(then, now, strict=True))
     harmed = harm([f for _, f in then], [f for _, f in now]) if task.goal == "flight" else None
-    rival = None if by_chance is None else task.score(by_chance)
-    return Verdict(before, after, rival, flights, harmed)
+    random_search = None if by_chance is None else task.score(by_chance)
+    return Verdict(before, after, random_search, flights, harmed)
 
 
 def report_of(plan: Plan, search: Search, verdict: Verdict) -> dict[str, Any]:
     """The JSON, but for what concerns the run."""
-    before, after, rival = verdict[:3]
+    before, after, random_search = verdict[:3]
     report = {
         "evaluations": search.evaluations,
         "cycles": search.cycles,
@@ -67,7 +67,9 @@ def report_of(plan: Plan, search: Search, verdict: Verdict) -> dict[str, Any]:
     if isinstance(plan.task, LogTask):
         report["objective"] = plan.task.goal
         report["random_search"] = (
-            None if rival is None else {"cost": rival.tuning, "held_out": rival.held_out}
+            None
+            if random_search is None
+            else {"cost": random_search.tuning, "held_out": random_search.held_out}
         )
         report["held_out_flights"] = [
             {"name": name, "before": then.as_json(), "after": now.as_json()}
@@ -85,9 +87,9 @@ def in_words(plan: Plan, search: Search, report: dict[str, Any]) -> str:
         f"tuned on:  J {report['cost_before']:.4f} -> {report['cost_after']:.4f}{unit}",
         f"held out:  J {report['held_out_before']:.4f} -> {report['held_out_after']:.4f}{unit}",
     ]
-    rival = report.get("random_search")
-    if rival is not None:
-        costs = f"J {rival['cost']:.4f}, held out {rival['held_out']:.4f}"
+    random_search = report.get("random_search")
+    if random_search is not None:
+        costs = f"J {random_search['cost']:.4f}, held out {random_search['held_out']:.4f}"
         lines.append(f"random search, same budget: {costs}")
     flights = report.get("held_out_flights", [])
     lines += [f"  {each['name']}: {_change(each['before'], each['after'])}" for each in flights]

@@ -127,9 +127,9 @@ def _run(
         by_chance = None
         if is_finished and isinstance(task, LogTask):
             options = plan.options._replace(algorithm="random")
-            rival = Search(task.space, options, evaluate, lambda _: not stop.is_set())
-            if _is_run(rival, task):  # the result stands without it
-                by_chance = profile_with(task.space, task.base, rival.best_values)
+            random_search = Search(task.space, options, evaluate, lambda _: not stop.is_set())
+            if _is_run(random_search, task):  # the result stands without it
+                by_chance = profile_with(task.space, task.base, random_search.best_values)
     found = _found(plan, search, is_finished=is_finished)
     return Outcome(search, is_finished, found, by_chance)
 

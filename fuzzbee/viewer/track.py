@@ -4,7 +4,7 @@ from math import degrees, hypot, nan
 
 from estimator.geometry.quaternion import angle_between, norm, rotate, scale
 from estimator.types import STANDARD_GRAVITY_M_S2, ImuSample, Quaternion, Vec3
-from fuzzbee.trust import WORDS, Level, trust
+from fuzzbee.verdict import WORDS, Level, verdict_of
 from fuzzbee.viewer import layout
 from fuzzbee.viewer.sdk import rr
 from fuzzbee.viewer.stream import TIMELINE, ViewerStream
@@ -154,7 +154,8 @@ class Track:
             self._stream.recording.set_time(TIMELINE, timestamp=1e-6 * now_us)
             self._log(f"/state/{self._name}", rr.StateChange(state=[state.value]))
             self._stream.message(f"vehicle {self._name}: {state}", now_us)
-        now, (level, logged_us) = trust(state, record, self._status, self._before), self._verdict
+        now = verdict_of(state, record, self._status, self._before)
+        level, logged_us = self._verdict
         if now.overall is not level and not 0 <= now_us - logged_us < VERDICT_EVERY_US:
             self._verdict = now.overall, now_us
             why = ", ".join(caveat.text for caveat in now.caveats)

@@ -3,15 +3,15 @@
 from typing import Any
 
 from fuzzbee.table_model import Row, current_attitude, flight_words, state_text
-from fuzzbee.trust import Trust, heading_text, north_text, plus_minus, trust_in
-from fuzzbee.vehicle_table import told
+from fuzzbee.vehicle_table import warning_text
+from fuzzbee.verdict import Judgement, heading_text, north_text, plus_minus, row_verdict
 from service.records import AttitudeRecord, StatusRecord
 from service.second_opinion import Verdict
 
 
 def shown(row: Row, now_s: float) -> dict[str, Any]:
     """What the page is sent of a vehicle; degrees, and the IMU sample's age."""
-    attitude, judged = current_attitude(row, now_s), trust_in(row, now_s)
+    attitude, judged = current_attitude(row, now_s), row_verdict(row, now_s)
     return {
         "name": row.name,
         "state": state_text(row, now_s),
@@ -40,11 +40,11 @@ def _of_status(status: StatusRecord | None) -> dict[str, Any]:
         "imu": status.imu_message or "",
         "rate_hz": round(status.imu_rate_hz, 1),
         "autopilot": off,
-        "warnings": [f"warning: {told(word, status)}" for word in status.warnings],
+        "warnings": [f"warning: {warning_text(word, status)}" for word in status.warnings],
     }
 
 
-def _of_attitude(attitude: AttitudeRecord, judged: Trust) -> dict[str, Any]:
+def _of_attitude(attitude: AttitudeRecord, judged: Judgement) -> dict[str, Any]:
     sigma = attitude.sigma_deg
     return {
         "euler_deg": [round(angle, 2) for angle in attitude.euler_deg],

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from fuzzbee.trust import HEADING_DEG, HORIZON_DEG, WORDS
+from fuzzbee.verdict import HEADING_DEG, HORIZON_DEG, WORDS
 
 DOCS = Path(__file__).parents[2] / "docs"
 

@@ -1,4 +1,4 @@
-"""The example of docs/security.md, run as it stands there, with certificates made on the spot."""
+"""The example of docs/security.md, run as it stands there, with certificates made by its script."""
 
 import json
 import re
@@ -13,27 +13,21 @@ import zenoh
 
 from tests.fuzzbee.processes import free_port, started
 
-PAGE = Path(__file__).parents[2] / "docs" / "security.md"
+EXAMPLE = Path(__file__).parents[2] / "docs" / "tls"
 
 pytestmark = [
     pytest.mark.checkout,
-    pytest.mark.skipif(not PAGE.exists(), reason="needs the repository's docs"),
+    pytest.mark.skipif(not EXAMPLE.exists(), reason="needs the repository's docs"),
     pytest.mark.skipif(shutil.which("openssl") is None, reason="needs openssl"),
 ]
 
 
-def block(kind, containing):
-    """The fenced block of that kind with these words in it."""
-    blocks = re.findall(rf"```{kind}\n(.*?)```", PAGE.read_text("utf-8"), re.DOTALL)
-    return next(each for each in blocks if containing in each)
-
-
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Certificates by the page's own commands."""
+    """Certificates by the example's own commands."""
     made = tmp_path_factory.mktemp("tls")
-    script = block("sh", "openssl req")
-    subprocess.run(["sh", "-ec", script], cwd=made, check=True, capture_output=True)
+    script = EXAMPLE / "certificates.sh"
+    subprocess.run(["sh", "-e", str(script)], cwd=made, check=True, capture_output=True)
     return made
 
 
@@ -42,27 +36,26 @@ def port():
     return free_port()
 
 
-def configuration(folder, port, containing, name=None):
-    """A configuration of the page, with its files found and another port."""
-    text = block("json5", containing).replace(":7447", f":{port}")
-    if name is not None:
-        text = text.replace("tablet.", f"{name}.")
+def configuration(folder, port, name):
+    """A configuration of the example, with its files found and another port."""
+    file = EXAMPLE / ("service.json5" if name == "service" else "tablet.json5")
+    text = file.read_text("utf-8").replace(":7447", f":{port}").replace("tablet.", f"{name}.")
     text = re.sub(r'"(\w+\.(?:pem|key))"', lambda m: json.dumps(str(folder / m[1])), text)
-    path = folder / f"{name or 'service'}-{port}.json5"
+    path = folder / f"{name}-{port}.json5"
     path.write_text(text)
     return path
 
 
 @contextmanager
 def service(folder, port):
-    config = configuration(folder, port, "access_control")
+    config = configuration(folder, port, "service")
     with started("run", "sim:", "--rate", "20", "--json", "-c", str(config)) as process:
         yield process
 
 
 @contextmanager
 def client(folder, port, name):
-    config = configuration(folder, port, "connect_certificate", name)
+    config = configuration(folder, port, name)
     session = None
     end_s = time.monotonic() + 60.0
     while session is None:
@@ -107,9 +100,7 @@ def test_the_tablet_reads_and_the_office_changes(folder, port):
 def test_without_a_certificate_nobody_gets_in(folder, port):
     with service(folder, port), client(folder, port, "tablet") as tablet:
         assert first_attitude(tablet) is not None
-        config = zenoh.Config.from_file(
-            str(configuration(folder, port, "connect_certificate", "nobody"))
-        )
+        config = zenoh.Config.from_file(str(configuration(folder, port, "nobody")))
         for key in ("connect_certificate", "connect_private_key"):
             config.insert_json5(f"transport/link/tls/{key}", "null")
         config.insert_json5("transport/link/tls/enable_mtls", "false")
@@ -118,5 +109,5 @@ def test_without_a_certificate_nobody_gets_in(folder, port):
             session = zenoh.open(config)
         except zenoh.ZError:
             return
-        with session:  # TLS 1.3 lets the client believe so until it is told otherwise
+        with session:  # TLS 1.3 lets the client believe so at first
             assert first_attitude(session, 3.0) is None

@@ -3,7 +3,7 @@
 import msgspec
 import pytest
 
-from fuzzbee.trust import Level, heading_text, plus_minus, trust
+from fuzzbee.verdict import Level, heading_text, plus_minus, verdict_of
 from service.alarms import Alarm
 from service.records import State, StatusRecord
 from tests.service.records import record
@@ -15,7 +15,7 @@ GOOD, CARE, BAD, NONE = Level
 def judged(sigma_deg=(0.5, 2.0), state=State.RUNNING, changes=None, **status):
     """With ``changes`` of the attitude, and a status that is no more like the one before."""
     attitude = msgspec.structs.replace(record(sigma_deg=sigma_deg), **(changes or {}))
-    return trust(state, attitude, msgspec.structs.replace(STATUS, **status), STATUS)
+    return verdict_of(state, attitude, msgspec.structs.replace(STATUS, **status), STATUS)
 
 
 def texts(trusted):
@@ -34,7 +34,7 @@ def texts(trusted):
         ((0.5, 180.0), (GOOD, BAD, CARE)),
     ],
 )
-def test_trust_follows_sigma(sigma_deg, levels):
+def test_the_verdict_follows_sigma(sigma_deg, levels):
     found = judged(sigma_deg)
     assert (found.horizon, found.heading, found.overall) == levels
     assert bool(found.caveats) == (found.overall is not GOOD)
@@ -76,7 +76,7 @@ def test_each_reason_has_its_words(given, text, level):
 def test_a_few_losses_or_those_of_before_are_no_reason():
     assert texts(judged(overruns=5, dropped=5, rejected={"gap": 10})) == []
     after = msgspec.structs.replace(STATUS, overruns=30)
-    assert texts(trust(State.RUNNING, record(), after, after)) == []
+    assert texts(verdict_of(State.RUNNING, record(), after, after)) == []
 
 
 def test_a_heading_that_refers_to_nothing_is_bad_however_small_its_sigma():
@@ -85,7 +85,7 @@ def test_a_heading_that_refers_to_nothing_is_bad_however_small_its_sigma():
 
 @pytest.mark.parametrize("state", [State.WAITING, State.ALIGNING, State.LOST])
 def test_where_there_is_no_valid_attitude_nothing_is_trusted(state):
-    for found in (trust(state, None), judged(state=state)):  # a stale one changes nothing
+    for found in (verdict_of(state, None), judged(state=state)):  # a stale one changes nothing
         assert found[:3] == (NONE, NONE, NONE)
         assert found.word == "no attitude"
         assert found.caveats

@@ -1,4 +1,4 @@
-"""How far to trust an attitude: one word, one colour, and the reasons, alike in every view."""
+"""How far to rely on an attitude: one word, one colour, and the reasons, alike in every view."""
 
 from enum import IntEnum
 from typing import NamedTuple
@@ -31,7 +31,7 @@ class Level(IntEnum):
     GOOD = 0
     CARE = 1
     BAD = 2
-    NONE = 3  # there is nothing to trust
+    NONE = 3  # there is no attitude
 
 
 WORDS = {
@@ -43,13 +43,13 @@ WORDS = {
 
 
 class Caveat(NamedTuple):
-    """A reason to trust an attitude less, in few words."""
+    """A reason to rely on an attitude less, in few words."""
 
     level: Level
     text: str
 
 
-class Trust(NamedTuple):
+class Judgement(NamedTuple):
     """What to think of the horizon, of the heading, and of all together."""
 
     overall: Level
@@ -63,12 +63,12 @@ class Trust(NamedTuple):
         return WORDS[self.overall]
 
 
-def trust(
+def verdict_of(
     state: State,
     attitude: AttitudeRecord | None,
     status: StatusRecord | None = None,
     before: StatusRecord | None = None,
-) -> Trust:
+) -> Judgement:
     """What to think of a vehicle's ``attitude``, None if it is not valid any more.
 
     ``before`` is the status before ``status``: what grows between them is happening now.
@@ -76,7 +76,7 @@ def trust(
     service = _of_service(status, before)
     if attitude is None or state not in HAS_ATTITUDE:
         caveats = _sorted([Caveat(Level.NONE, _why_none(state)), *service])
-        return Trust(Level.NONE, Level.NONE, Level.NONE, caveats)
+        return Judgement(Level.NONE, Level.NONE, Level.NONE, caveats)
     horizon = _level(attitude.sigma_deg.inclination, HORIZON_DEG)
     is_relative = attitude.heading_reference == "none"
     heading = Level.BAD if is_relative else _level(attitude.sigma_deg.heading, HEADING_DEG)
@@ -98,15 +98,15 @@ def trust(
         ]
     )
     overall = max([horizon, *(caveat.level for caveat in caveats)])
-    return Trust(overall, horizon, heading, caveats)
+    return Judgement(overall, horizon, heading, caveats)
 
 
-def trust_in(row: Row, now_s: float) -> Trust:
+def row_verdict(row: Row, now_s: float) -> Judgement:
     """What to think of a row of the table; of one that its service has left, nothing."""
     if is_silent(row, now_s):
         nothing = (Caveat(Level.NONE, SILENT),)
-        return Trust(Level.NONE, Level.NONE, Level.NONE, nothing)
-    return trust(row.state, current_attitude(row, now_s), row.status, row.before)
+        return Judgement(Level.NONE, Level.NONE, Level.NONE, nothing)
+    return verdict_of(row.state, current_attitude(row, now_s), row.status, row.before)
 
 
 def _level(sigma_deg: float, bounds_deg: tuple[float, float]) -> Level:
