@@ -211,10 +211,6 @@ def _mode(row: Row, now_s: float) -> Text:
     return Text(f"{mark}{row.status.mode}"[: MODE.width])
 
 
-def _imu(row: Row, _now_s: float) -> Text:
-    return Text((row.status and row.status.imu_message) or "")
-
-
 def _rate(row: Row, _now_s: float) -> str:
     return f"{row.status.imu_rate_hz:.1f}" if row.status is not None else "?"
 
@@ -231,14 +227,14 @@ def _of_attitude(
     return cell
 
 
-def _tilt_sigma(attitude: AttitudeRecord) -> Text:
-    level = trust(State(attitude.state), attitude).horizon
-    return Text(_plus_minus(attitude.sigma_deg.inclination), style=TRUST_COLOURS[level])
+def _sigma(which: str, part: str) -> Callable[[Row, float], str | Text]:
+    """A sigma in the colour of how far that part of the attitude can be trusted with it."""
 
+    def show(attitude: AttitudeRecord) -> Text:
+        level = getattr(trust(State(attitude.state), attitude), part)
+        return Text(_plus_minus(getattr(attitude.sigma_deg, which)), style=TRUST_COLOURS[level])
 
-def _heading_sigma(attitude: AttitudeRecord) -> Text:
-    level = trust(State(attitude.state), attitude).heading
-    return Text(_plus_minus(attitude.sigma_deg.heading), style=TRUST_COLOURS[level])
+    return _of_attitude(show)
 
 
 def _plus_minus(sigma_deg: float) -> str:
@@ -275,13 +271,11 @@ COLUMNS = (
     MODE,
     Column("roll", 7, _of_attitude(lambda a: f"{a.euler_deg[0]:+.1f}°")),
     Column("pitch", 6, _of_attitude(lambda a: f"{a.euler_deg[1]:+.1f}°")),
-    Column("tilt ±", 6, _of_attitude(_tilt_sigma), COMPACT),
+    Column("tilt ±", 6, _sigma("inclination", "horizon"), COMPACT),
     Column("heading", 8, _of_attitude(_heading_with_arrow)),
-    Column("head ±", 6, _of_attitude(_heading_sigma), COMPACT),
+    Column("head ±", 6, _sigma("heading", "heading"), COMPACT),
     Column("gain", 5, _of_attitude(lambda a: f"{a.gain:.1f}"), NORMAL),
-    Column(
-        "IMU", 11, lambda row, _: Text((row.status and row.status.imu_message) or ""), WIDE, "left"
-    ),
+    Column("IMU", 11, lambda row, _: (row.status and row.status.imu_message) or "", WIDE, "left"),
     Column("IMU Hz", 6, _rate, NORMAL),
     Column("age", 6, age_text),
 )
