@@ -94,12 +94,14 @@ def _block(rows: list[Row], now_s: float, width: int, cursor: str | None) -> Tab
 
 def _warnings(rows: list[Row], most: int) -> list[str]:
     """Lines on what contradicts an attitude; the last one counts those that have no room."""
-    texts = _overload(rows) + [
-        f"! vehicle {row.name}: {told(word, row.status)}"
-        for row in rows
-        if row.status is not None
-        for word in row.status.warnings
-    ]
+    statuses = [(row.name, row.status) for row in rows if row.status is not None]
+    texts, overloaded = [], [status for _, status in statuses if status.overloaded]
+    if overloaded:
+        shed = sum(status.shed for status in overloaded)
+        slowest_hz = min(status.published_hz for status in overloaded)
+        texts += [f"! overloaded: {shed} samples left out so far, attitudes at {slowest_hz:.1f} Hz"]
+    for name, status in statuses:
+        texts += [f"! vehicle {name}: {told(word, status)}" for word in status.warnings]
     if len(texts) <= most:
         return texts
     return [*texts[: most - 1], f"! and {len(texts) - most + 1} more warnings"]
@@ -117,16 +119,6 @@ def told(word: str, status: StatusRecord) -> str:
         return MEANINGS[Alarm(word)]
     who = {"autopilot": "; its own is likely wrong", "ours": "; ours is likely wrong"}
     return printable(f"{autopilot.in_short} ours{who.get(autopilot.wrong, '')}")
-
-
-def _overload(rows: list[Row]) -> list[str]:
-    """A line on what an overloaded service leaves out."""
-    statuses = [row.status for row in rows if row.status is not None and row.status.overloaded]
-    if not statuses:
-        return []
-    shed = sum(status.shed for status in statuses)
-    slowest_hz = min(status.published_hz for status in statuses)
-    return [f"! overloaded: {shed} samples left out so far, attitudes at {slowest_hz:.1f} Hz"]
 
 
 # --- plain lines
@@ -166,11 +158,10 @@ def _words(status: StatusRecord | None) -> str:
     """The warnings, for the end of a line."""
     if status is None:
         return ""
-    short = {} if status.autopilot is None else {Alarm.AUTOPILOT_DIFFERS: status.autopilot.in_short}
-    words = ("overloaded",) * status.overloaded + tuple(
-        short.get(word, word)  # type: ignore[call-overload] # an alarm is a word
-        for word in status.warnings
-    )
+    words = ["overloaded"] * status.overloaded
+    for word in status.warnings:
+        differs = word == Alarm.AUTOPILOT_DIFFERS and status.autopilot is not None
+        words.append(status.autopilot.in_short if differs and status.autopilot else word)
     return "".join(f"  ! {printable(word, 40)}" for word in words)
 
 
