@@ -22,7 +22,7 @@ from fuzzbee.verdict import (
     plus_minus,
     row_verdict,
 )
-from service.records import AttitudeRecord, Autopilot, StatusRecord
+from service.records import AttitudeRecord, Autopilot
 from service.second_opinion import Verdict
 
 LEAST_WIDTH, LEAST_HEIGHT = 40, 12  # of a window that has room for it
@@ -45,9 +45,9 @@ PAINTED_HAZE = {Level.CARE: "rgb(214,160,64)", Level.BAD: "rgb(178,84,74)"}
 PAINT_16 = ("blue", "yellow", "bright_black", "bright_white")  # yellow is brown on many
 PAINTED_HAZE_16 = {Level.CARE: "bright_yellow", Level.BAD: "red"}
 LEVEL_COLOUR = dict(zip(Level, ("green", "yellow", "red", "red"), strict=True))
-LEVEL_STYLE = dict(
-    zip(Level, ("black on green", "black on yellow", *["white on red"] * 2), strict=True)
-)
+LEVEL_STYLE = {
+    level: f"{'white' if c == 'red' else 'black'} on {c}" for level, c in LEVEL_COLOUR.items()
+}
 
 Marks = dict[tuple[int, int], str]  # letters by column and row
 
@@ -75,7 +75,8 @@ def screen(
     if attitude is None:
         drawn = _cross(judged, flight, width, rows)
     else:
-        other = _differing(row.status)
+        told = None if row.status is None else row.status.autopilot
+        other = told if told is not None and told.verdict == Verdict.DIFFERS else None
         tape = _tape(attitude, judged, width, other)
         rows -= len(tape)
         marks = _marks(attitude, other, flight, width, rows)
@@ -84,12 +85,6 @@ def screen(
         for line in drawn:
             line.plain = line.plain.translate(ASCII)
     return [_bar(row, now_s, judged, width), *drawn, *tail, Text(message[:width], style="dim")]
-
-
-def _differing(status: StatusRecord | None) -> Autopilot | None:
-    """The autopilot's attitude, if it differs from ours."""
-    other = None if status is None else status.autopilot
-    return other if other is not None and other.verdict == Verdict.DIFFERS else None
 
 
 def _bar(row: Row, now_s: float, judged: Judgement, width: int) -> Text:
@@ -141,17 +136,16 @@ def _horizon(
     halves = _halves(attitude, width, rows)
     lines = []
     for row in range(rows):
-        cells = [
-            _cell(upper, lower, marks.get((column, row)), paint)
-            for column, (upper, lower) in enumerate(
-                zip(halves[2 * row], halves[2 * row + 1], strict=True)
-            )
-        ]
-        line = Text(no_wrap=True)
-        for style, alike in groupby(cells, key=lambda cell: cell[1]):
-            line.append("".join(letter for letter, _ in alike), style)
-        lines.append(line)
+        pairs = enumerate(zip(halves[2 * row], halves[2 * row + 1], strict=True))
+        cells = [_cell(*pair, marks.get((column, row)), paint) for column, pair in pairs]
+        lines.append(Text.assemble(*_runs(cells), no_wrap=True))
     return lines
+
+
+def _runs(cells: list[tuple[str, str]]) -> Iterator[tuple[str, str]]:
+    """Letters of one style together."""
+    for style, alike in groupby(cells, key=lambda cell: cell[1]):
+        yield "".join(letter for letter, _ in alike), style
 
 
 def _halves(attitude: AttitudeRecord, width: int, rows: int) -> list[list[int]]:
@@ -159,8 +153,7 @@ def _halves(attitude: AttitudeRecord, width: int, rows: int) -> list[list[int]]:
     roll, pitch, _ = attitude.euler_deg
     per_deg = 2.0 * rows / PITCH_SPAN_DEG  # halves to a degree
     c, s = cos(radians(roll)), sin(radians(roll))
-    # the line stays in sight, however steep the vehicle
-    shift = max(1.0 - rows, min(rows - 1.0, pitch * per_deg))
+    shift = _in_sight(pitch * per_deg, rows)
     x = np.arange(width) + 0.5 - width / 2
     y = np.arange(2 * rows)[:, None] + 0.5 - rows
     below = y * c + x * s - shift
@@ -229,40 +222,38 @@ def _ladder(
     # on its side there is less room from one to the next
     for rung in range(-80, 81, RUNG_DEG * (2 if abs(s) > STEEP else 1)):
         off = (pitch - rung) * per_deg
-        column = width / 2 + off * s * CELL_RATIO
-        row = int(rows / 2 + off * c)
-        text = f"─{rung}─"
-        if rung == 0 or not 0 < row < rows:  # the scale of bank begins in the first row
-            continue
-        for n, letter in enumerate(text):
-            yield (int(column - len(text) / 2) + n, row), letter
+        row, text = int(rows / 2 + off * c), f"─{rung}─"
+        begin = int(width / 2 + off * s * CELL_RATIO - len(text) / 2)
+        if rung != 0 and 0 < row < rows:  # the scale of bank begins in the first row
+            yield from (((begin + n, row), letter) for n, letter in enumerate(text))
 
 
 def _bank_scale(attitude: AttitudeRecord, width: int, rows: int) -> Marks:
     """Ticks on an arc above the vehicle, and a pointer that stays at the zenith's side."""
     radius = min(rows - 1.0, width / 2.0 - 2.0)  # columns, or halves of rows
-    turns = [(float(tick), "·") for tick in BANK_DEG] + [(-attitude.euler_deg[0], "▼")]
-    return {
-        (
-            int(width / 2 + radius * sin(radians(turn))),
-            int((rows - radius * cos(radians(turn))) / 2),
-        ): letter
-        for turn, letter in turns
-    }
+    marks = {}
+    for turn_deg, letter in (*((tick, "·") for tick in BANK_DEG), (-attitude.euler_deg[0], "▼")):
+        c, s = cos(radians(turn_deg)), sin(radians(turn_deg))
+        marks[int(width / 2 + radius * s), int((rows - radius * c) / 2)] = letter
+    return marks
 
 
 def _other_line(attitude: AttitudeRecord, other: Autopilot, width: int, rows: int) -> Marks:
     """Where the autopilot says that the horizon is, dotted; never out of sight."""
     roll, pitch, _ = attitude.euler_deg
     c, s = cos(radians(roll + other.roll_deg)), sin(radians(roll + other.roll_deg))
-    below = (pitch + other.pitch_deg) * 2.0 * rows / PITCH_SPAN_DEG
-    below = max(1.0 - rows, min(rows - 1.0, below))
+    below = _in_sight((pitch + other.pitch_deg) * 2.0 * rows / PITCH_SPAN_DEG, rows)
     dots = {}
     for along in range(-width, width + 1, THEIRS_EVERY):
         column, row = width / 2 + along * c + below * s, (rows - along * s + below * c) / 2
         if 0 <= column < width and 0 <= row < rows:
             dots[int(column), int(row)] = THEIRS
     return dots
+
+
+def _in_sight(shift: float, rows: int) -> float:
+    """Where the horizon is drawn, in halves of rows below the middle, however steep the vehicle."""
+    return max(1.0 - rows, min(rows - 1.0, shift))
 
 
 # --- the rest of the screen

@@ -105,7 +105,7 @@ class TerminalView:
         now_s = self._now_s()
         if self._live is not None:
             self._start_anew_if_needed(self._live)
-        elif now_s >= self._next_line_s and (rows := self._chosen()):
+        elif now_s >= self._next_line_s and (rows := self._rows(self.one)):
             self._next_line_s = now_s + LINE_PERIOD_S
             truth = self._truth(rows)
             _print(self._console, (f"{text}  {truth}".rstrip() for text in lines(rows, now_s)))
@@ -113,7 +113,7 @@ class TerminalView:
     def press(self, keys: Iterable[str]) -> None:
         """Quit, sort, choose a vehicle, show it alone or all again."""
         for key in keys:
-            names = [row.name for row in self.rows()]
+            names = [row.name for row in self._rows()]
             match key:
                 case "q":
                     self.is_closed = True
@@ -133,13 +133,10 @@ class TerminalView:
         if self._live is not None:
             self._live.stop()
 
-    def rows(self) -> list[Row]:
-        """All rows in the order chosen."""
-        rows = self.model.rows()
+    def _rows(self, one: str | None = None) -> list[Row]:
+        """All rows in the order chosen, or that of one vehicle."""
+        rows = [row for row in self.model.rows() if one in (None, row.name)]
         return rows if self.order == BY_NAME else sorted(rows, key=ORDERS[self.order])
-
-    def _chosen(self) -> list[Row]:
-        return [row for row in self.rows() if self.one in (None, row.name)]
 
     def _next_order(self) -> str:
         return _after(self.order, [BY_NAME, *ORDERS])
@@ -167,7 +164,7 @@ class TerminalView:
         """The vehicle that fills the screen, if it is there and has room."""
         if self.one is None or not has_room(*self._console.size):
             return None
-        return next(iter(self._chosen()), None)
+        return next(iter(self._rows(self.one)), None)
 
     def _table(self) -> RenderableType:
         (width, height), now_s = self._console.size, self._now_s()
@@ -175,7 +172,7 @@ class TerminalView:
         if alone is not None:
             foot = self._said if now_s - self._said_s < MESSAGE_S else self._keys
             return one_vehicle(alone, now_s, width, height - 1, self._console, foot)
-        rows = self._chosen()
+        rows = self._rows(self.one)
         look = Look(self.title, self._truth(rows) or self._keys, self.cursor)
         return table(rows, now_s, width, height, look)
 

@@ -93,12 +93,14 @@ def _block(rows: list[Row], now_s: float, width: int, cursor: str | None) -> Tab
 
 def _warnings(rows: list[Row], most: int) -> list[str]:
     """Lines on what contradicts an attitude; the last one counts those that have no room."""
-    texts = _overload(rows) + [
-        f"! vehicle {row.name}: {warning_text(word, row.status)}"
-        for row in rows
-        if row.status is not None
-        for word in row.status.warnings
-    ]
+    statuses = [(row.name, row.status) for row in rows if row.status is not None]
+    texts, overloaded = [], [status for _, status in statuses if status.overloaded]
+    if overloaded:
+        shed = sum(status.shed for status in overloaded)
+        slowest_hz = min(status.published_hz for status in overloaded)
+        texts += [f"! overloaded: {shed} samples left out so far, attitudes at {slowest_hz:.1f} Hz"]
+    for name, status in statuses:
+        texts += [f"! vehicle {name}: {warning_text(word, status)}" for word in status.warnings]
     if len(texts) <= most:
         return texts
     return [*texts[: most - 1], f"! and {len(texts) - most + 1} more warnings"]
@@ -116,16 +118,6 @@ def warning_text(word: str, status: StatusRecord) -> str:
         return MEANINGS[Alarm(word)]
     who = {"autopilot": "; its own is likely wrong", "ours": "; ours is likely wrong"}
     return printable(f"{autopilot.in_short} ours{who.get(autopilot.wrong, '')}")
-
-
-def _overload(rows: list[Row]) -> list[str]:
-    """A line on what an overloaded service leaves out."""
-    statuses = [row.status for row in rows if row.status is not None and row.status.overloaded]
-    if not statuses:
-        return []
-    shed = sum(status.shed for status in statuses)
-    slowest_hz = min(status.published_hz for status in statuses)
-    return [f"! overloaded: {shed} samples left out so far, attitudes at {slowest_hz:.1f} Hz"]
 
 
 # --- plain lines
@@ -165,11 +157,10 @@ def _words(status: StatusRecord | None) -> str:
     """The warnings, for the end of a line."""
     if status is None:
         return ""
-    short = {} if status.autopilot is None else {Alarm.AUTOPILOT_DIFFERS: status.autopilot.in_short}
-    words = ("overloaded",) * status.overloaded + tuple(
-        short.get(word, word)  # type: ignore[call-overload] # an alarm is a word
-        for word in status.warnings
-    )
+    words = ["overloaded"] * status.overloaded
+    for word in status.warnings:
+        differs = word == Alarm.AUTOPILOT_DIFFERS and status.autopilot is not None
+        words.append(status.autopilot.in_short if differs and status.autopilot else word)
     return "".join(f"  ! {printable(word, 40)}" for word in words)
 
 
@@ -210,10 +201,6 @@ def _mode(row: Row, now_s: float) -> Text:
     return Text(f"{mark}{row.status.mode}"[: MODE.width])
 
 
-def _imu(row: Row, _now_s: float) -> Text:
-    return Text((row.status and row.status.imu_message) or "")
-
-
 def _rate(row: Row, _now_s: float) -> str:
     return f"{row.status.imu_rate_hz:.1f}" if row.status is not None else "?"
 
@@ -230,14 +217,14 @@ def _of_attitude(
     return cell
 
 
-def _tilt_sigma(attitude: AttitudeRecord) -> Text:
-    level = verdict_of(State(attitude.state), attitude).horizon
-    return Text(_plus_minus(attitude.sigma_deg.inclination), style=TRUST_COLOURS[level])
+def _sigma(which: str, part: str) -> Callable[[Row, float], str | Text]:
+    """A sigma in the colour of how far that part of the attitude can be trusted with it."""
 
+    def show(attitude: AttitudeRecord) -> Text:
+        level = getattr(verdict_of(State(attitude.state), attitude), part)
+        return Text(_plus_minus(getattr(attitude.sigma_deg, which)), style=TRUST_COLOURS[level])
 
-def _heading_sigma(attitude: AttitudeRecord) -> Text:
-    level = verdict_of(State(attitude.state), attitude).heading
-    return Text(_plus_minus(attitude.sigma_deg.heading), style=TRUST_COLOURS[level])
+    return _of_attitude(show)
 
 
 def _plus_minus(sigma_deg: float) -> str:
@@ -274,13 +261,11 @@ COLUMNS = (
     MODE,
     Column("roll", 7, _of_attitude(lambda a: f"{a.euler_deg[0]:+.1f}°")),
     Column("pitch", 6, _of_attitude(lambda a: f"{a.euler_deg[1]:+.1f}°")),
-    Column("tilt ±", 6, _of_attitude(_tilt_sigma), COMPACT),
+    Column("tilt ±", 6, _sigma("inclination", "horizon"), COMPACT),
     Column("heading", 8, _of_attitude(_heading_with_arrow)),
-    Column("head ±", 6, _of_attitude(_heading_sigma), COMPACT),
+    Column("head ±", 6, _sigma("heading", "heading"), COMPACT),
     Column("gain", 5, _of_attitude(lambda a: f"{a.gain:.1f}"), NORMAL),
-    Column(
-        "IMU", 11, lambda row, _: Text((row.status and row.status.imu_message) or ""), WIDE, "left"
-    ),
+    Column("IMU", 11, lambda row, _: (row.status and row.status.imu_message) or "", WIDE, "left"),
     Column("IMU Hz", 6, _rate, NORMAL),
     Column("age", 6, age_text),
 )

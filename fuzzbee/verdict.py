@@ -18,10 +18,6 @@ MUCH_REFUSED = 0.2  # of those that come
 MUCH_LOST = 5
 # A field that is none of the place says nothing against the horizon, another's attitude little.
 HARMLESS = (Alarm.FIELD_IMPOSSIBLE, Alarm.AUTOPILOT_DIFFERS)
-# What the service warns of, in few words.
-WARNINGS: dict[str, str] = {word: word.value.replace("_", " ") for word in Alarm}
-
-
 SILENT = "the service is silent"
 
 
@@ -34,12 +30,8 @@ class Level(IntEnum):
     NONE = 3  # there is no attitude
 
 
-WORDS = {
-    Level.GOOD: "trust",
-    Level.CARE: "care",
-    Level.BAD: "do not trust",
-    Level.NONE: "no attitude",
-}
+WORDS = dict(zip(Level, ("trust", "care", "do not trust", "no attitude"), strict=True))
+WHY_NONE = {State.WAITING: "waiting for IMU data", State.ALIGNING: "aligning"}
 
 
 class Caveat(NamedTuple):
@@ -75,72 +67,57 @@ def verdict_of(
     """
     service = _of_service(status, before)
     if attitude is None or state not in HAS_ATTITUDE:
-        caveats = _sorted([Caveat(Level.NONE, _why_none(state)), *service])
-        return Judgement(Level.NONE, Level.NONE, Level.NONE, caveats)
-    horizon = _level(attitude.sigma_deg.inclination, HORIZON_DEG)
-    is_relative = attitude.heading_reference == "none"
-    heading = Level.BAD if is_relative else _level(attitude.sigma_deg.heading, HEADING_DEG)
+        why = Caveat(Level.NONE, WHY_NONE.get(state, "IMU silent"))
+        return _judged(Level.NONE, Level.NONE, [why, *service])
+    caveats = []
+    if state is State.DEGRADED:
+        caveats.append(Caveat(Level.CARE, f"IMU silent {1e-3 * attitude.age_ms:.1f} s"))
+    if abs(attitude.euler_deg[0]) > UPSIDE_DOWN_DEG:
+        caveats.append(Caveat(Level.GOOD, "upside down"))
+    sigma = attitude.sigma_deg
+    horizon, heading = _level(sigma.inclination, HORIZON_DEG), _level(sigma.heading, HEADING_DEG)
+    if horizon > Level.GOOD:
+        caveats.append(Caveat(horizon, f"horizon {plus_minus(sigma.inclination)}"))
+    # a horizon can be trusted without its heading: no heading is a matter of care
+    if attitude.heading_reference == "none":
+        heading = Level.BAD
+        caveats.append(Caveat(Level.CARE, "no north"))
+    elif heading > Level.GOOD:
+        caveats.append(Caveat(Level.CARE, f"heading {plus_minus(sigma.heading)}"))
     warnings = [] if status is None else _of_warnings(status)
-    words = () if status is None else status.warnings
+    words = set() if status is None else {*status.warnings}
     if Alarm.AUTOPILOT_DIFFERS in words:  # ours may be the one that is right
         horizon, heading = max(horizon, Level.CARE), max(heading, Level.CARE)
-    if set(words) - {Alarm.AUTOPILOT_DIFFERS}:
+    if words - {Alarm.AUTOPILOT_DIFFERS}:
         heading = Level.BAD
     if any(caveat.level is Level.BAD for caveat in warnings):
         horizon = Level.BAD
-    caveats = _sorted(
-        [
-            *_of_state(state, attitude),
-            *_of_sigma("horizon", attitude.sigma_deg.inclination, HORIZON_DEG),
-            *_of_heading(attitude, is_relative=is_relative),
-            *warnings,
-            *service,
-        ]
-    )
-    overall = max([horizon, *(caveat.level for caveat in caveats)])
-    return Judgement(overall, horizon, heading, caveats)
+    return _judged(horizon, heading, [*caveats, *warnings, *service])
 
 
 def row_verdict(row: Row, now_s: float) -> Judgement:
     """What to think of a row of the table; of one that its service has left, nothing."""
     if is_silent(row, now_s):
-        nothing = (Caveat(Level.NONE, SILENT),)
-        return Judgement(Level.NONE, Level.NONE, Level.NONE, nothing)
+        return _judged(Level.NONE, Level.NONE, [Caveat(Level.NONE, SILENT)])
     return verdict_of(row.state, current_attitude(row, now_s), row.status, row.before)
+
+
+def _judged(horizon: Level, heading: Level, caveats: list[Caveat]) -> Judgement:
+    worst_first = sorted(caveats, key=lambda caveat: -caveat.level)
+    overall = max([horizon, *(caveat.level for caveat in caveats)])
+    return Judgement(overall, horizon, heading, tuple(worst_first))
 
 
 def _level(sigma_deg: float, bounds_deg: tuple[float, float]) -> Level:
     return Level(sum(sigma_deg > bound for bound in bounds_deg))
 
 
-def _of_state(state: State, attitude: AttitudeRecord) -> list[Caveat]:
-    caveats = []
-    if state is State.DEGRADED:
-        caveats.append(Caveat(Level.CARE, f"IMU silent {1e-3 * attitude.age_ms:.1f} s"))
-    if abs(attitude.euler_deg[0]) > UPSIDE_DOWN_DEG:
-        caveats.append(Caveat(Level.GOOD, "upside down"))
-    return caveats
-
-
-def _of_sigma(what: str, sigma_deg: float, bounds_deg: tuple[float, float]) -> list[Caveat]:
-    level = _level(sigma_deg, bounds_deg)
-    return [] if level is Level.GOOD else [Caveat(level, f"{what} {plus_minus(sigma_deg)}")]
-
-
-def _of_heading(attitude: AttitudeRecord, *, is_relative: bool) -> list[Caveat]:
-    """A horizon can be trusted without its heading: no heading is a matter of care."""
-    if is_relative:
-        return [Caveat(Level.CARE, "no north")]
-    caveats = _of_sigma("heading", attitude.sigma_deg.heading, HEADING_DEG)
-    return [caveat._replace(level=Level.CARE) for caveat in caveats]
-
-
 def _of_warnings(status: StatusRecord) -> list[Caveat]:
     """What contradicts the attitude whatever sigma says; words of other versions are counted."""
-    known = [word for word in status.warnings if word in WARNINGS]
-    texts = WARNINGS
+    texts: dict[str, str] = {word: word.value.replace("_", " ") for word in Alarm}
     if status.autopilot is not None:
-        texts = {**texts, Alarm.AUTOPILOT_DIFFERS: status.autopilot.in_short}
+        texts[Alarm.AUTOPILOT_DIFFERS] = status.autopilot.in_short
+    known = [word for word in status.warnings if word in texts]
     caveats = [Caveat(Level.CARE if word in HARMLESS else Level.BAD, texts[word]) for word in known]
     unknown = len(status.warnings) - len(known)
     return [*caveats, Caveat(Level.CARE, f"{unknown} unknown warnings")] if unknown else caveats
@@ -157,26 +134,14 @@ def _of_service(status: StatusRecord | None, before: StatusRecord | None) -> lis
     if status.overloaded:
         shed = status.shed - before.shed
         caveats.append(Caveat(Level.GOOD, f"overloaded, {shed} left out" if shed else "overloaded"))
-    late = status.overruns - before.overruns
-    if late > MUCH_LOST:
-        caveats.append(Caveat(Level.GOOD, f"this computer is busy, {late} late ticks"))
-    dropped = status.dropped - before.dropped
-    if dropped > MUCH_LOST:
-        caveats.append(Caveat(Level.GOOD, f"this computer is busy, {dropped} records lost"))
+    late, lost = status.overruns - before.overruns, status.dropped - before.dropped
+    for count, what in ((late, "late ticks"), (lost, "records lost")):
+        if count > MUCH_LOST:
+            caveats.append(Caveat(Level.GOOD, f"this computer is busy, {count} {what}"))
     refused = sum(status.rejected.values()) - sum(before.rejected.values())
     if refused > max(1.0, MUCH_REFUSED * status.imu_rate_hz):
         caveats.append(Caveat(Level.CARE, f"{refused} refused"))
     return caveats
-
-
-def _why_none(state: State) -> str:
-    return {State.WAITING: "waiting for IMU data", State.ALIGNING: "aligning"}.get(
-        state, "IMU silent"
-    )
-
-
-def _sorted(caveats: list[Caveat]) -> tuple[Caveat, ...]:
-    return tuple(sorted(caveats, key=lambda caveat: -caveat.level))
 
 
 def plus_minus(sigma_deg: float) -> str:

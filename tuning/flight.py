@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.arrays import Bools, Floats
+from estimator.calibration import PLAIN, Calibration
 from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.live.rows import NOTHING_TOLD, Rows, cut
@@ -18,6 +19,7 @@ from estimator.profile import Profile
 from estimator.types import Quaternion
 from tuning.course import NOTHING_WRONG, Course, course_of
 from tuning.logged_calls import Call
+from tuning.task import sensor_axes
 
 LEAST_RATE_HZ = 1.0
 BETTER_LOG = "record a better log: fuzzbee run URL --request-rate 50 --record FILE"
@@ -38,7 +40,8 @@ class Flight(NamedTuple):
     after which nothing from before holds (the first, a reboot, a jump of the clock). ``truth``
     (N, 4) is the reference's ``q_ned_frd`` where ``known``; ``reference`` is "sim", "autopilot",
     "smooth" or "none". ``headed`` marks where the base profile told a heading. ``doubt_rad`` (N, 2)
-    are the reference's own sigmas of inclination and heading, if it has any.
+    are the reference's own sigmas of inclination and heading, if it has any. ``calibration`` is
+    what the rows are calibrated by, ``begin_s`` when in its log the flight begins.
     """
 
     name: str
@@ -53,6 +56,8 @@ class Flight(NamedTuple):
     headed: Bools
     told: Floats = NOTHING_TOLD
     doubt_rad: Floats | None = None
+    calibration: Calibration = PLAIN
+    begin_s: float = 0.0
 
     @property
     def time_s(self) -> Floats:
@@ -93,8 +98,18 @@ def fly(
     wrong_ned_frd: Mapping[int, Quaternion] = NOTHING_WRONG,
 ) -> Course:
     """The first ``last`` samples with the whole estimator of ``profile``; see :func:`course_of`."""
-    estimator = Estimator(profile)
-    return course_of(estimator, cut(flight.rows, 0, last), flight.calls, wrong_ned_frd, flight.told)
+    rows = cut(flight.rows, 0, last)
+    if profile.calibration != flight.calibration:
+        rows = _calibrated(rows, profile)
+    return course_of(Estimator(profile), rows, flight.calls, wrong_ned_frd, flight.told)
+
+
+def _calibrated(rows: Rows, profile: Profile) -> Rows:
+    """Readings in the body's axes, by the calibration of their sensors."""
+    R, sign = sensor_axes(profile.mounting), profile.mounting.acc_sign
+    as_read = rows.gyr_rad_s @ R, sign * rows.acc_m_s2 @ R, rows.mag_gauss @ R
+    gyr, acc, mag = map(np.ascontiguousarray, profile.to_body_rows(*as_read))
+    return rows._replace(gyr_rad_s=gyr, acc_m_s2=acc, mag_gauss=mag)
 
 
 def motion_s(flight: Flight) -> float:

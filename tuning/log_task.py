@@ -84,6 +84,8 @@ def split(flights: tuple[Flight, ...], held_out: frozenset[str] = frozenset()) -
 class LogTask:
     """Tuning of ``groups`` on flights, some of which are held out.
 
+    The search begins with ``base``; its result is judged beside ``judged_by``, if that is another.
+
     Raises:
         InputError: the base does not condition its vectors, or has no fuzzy gain whose
             memberships could be tuned; unknown groups.
@@ -93,6 +95,7 @@ class LogTask:
     groups: tuple[str, ...]
     split: Split
     goal: str = "flight"
+    judged_by: Profile | None = None
 
     batch: ClassVar[int] = 1
 
@@ -106,6 +109,11 @@ class LogTask:
     def space(self) -> Space:
         """See :class:`Task`."""
         return space_of(self.groups, CONDITIONED_GROUPS)
+
+    @property
+    def before(self) -> Profile:
+        """What the result is compared with."""
+        return self.judged_by or self.base
 
     def costs(self, values: Floats) -> Floats:
         """The goal's cost over the parts that are searched on."""

@@ -50,6 +50,11 @@ class PaperTask:
         paper_settings(self.base)
         require_fuzzy_gain(self.base)
 
+    @property
+    def before(self) -> Profile:
+        """See :class:`Task`."""
+        return self.base
+
     @cached_property
     def space(self) -> Space:
         """See :class:`Task`."""

@@ -6,6 +6,7 @@ from estimator.aiding.types import AidingParams
 from estimator.conditioning import ConditioningParams
 from estimator.errors import InputError
 from tuning.space import Space, join_spaces, membership_space
+from tuning.task import COMPASS_TURN
 
 # What decides how fast the conditioning stage believes which sensor; the rest of it
 # describes vehicles and events, which one log does not show.
@@ -32,6 +33,10 @@ NOISE_AIDED = (
     "receiver_error_m_s",
 )
 SIGMA = ("colour", "least_scale", "scatter_share")
+# What a fit of the sensors' constants leaves open: how far the compass is turned about the body's
+# down (rad), how late readings may be, and how far from its nose the vehicle moves.
+MOST_COMPASS_TURN_RAD = 0.2
+SIDESLIP_RAD = (0.02, 3.0)
 
 
 def _logarithmic(section: str, ranges: dict[str, tuple[float, float]]) -> Space:
@@ -73,6 +78,17 @@ CONDITIONED_GROUPS: dict[str, Space] = {
     ),
     "gain": _logarithmic("filter", {"fixed_gain": (1.0, 200.0)}),
     "sigma": _around_shipped("aiding", AidingParams, SIGMA),
+    "calibration": join_spaces(
+        Space(
+            (f"calibration.{COMPASS_TURN}",),
+            (-MOST_COMPASS_TURN_RAD,),
+            (MOST_COMPASS_TURN_RAD,),
+            logarithmic=(False,),
+        ),
+        _around_shipped("aiding", AidingParams, ("imu_lag_s",)),
+        _around_shipped("conditioning", ConditioningParams, ("field_lag_sigma_s",)),
+        _logarithmic("aiding", {"sideslip_rad": SIDESLIP_RAD}),
+    ),
 }
 
 

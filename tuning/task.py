@@ -1,14 +1,20 @@
 """What a search minimises, and the profiles that its values stand for."""
 
+from math import cos, sin
 from typing import Any, NamedTuple, Protocol
 
 import msgspec
 import numpy as np
 
 from estimator.arrays import Floats
+from estimator.calibration import UNCHANGED, Calibration
 from estimator.errors import InputError
+from estimator.geometry.quaternion import rotate
+from estimator.mounting import Mounting
 from estimator.profile import Profile, parse_profile, profile_to_json, profile_to_toml
 from tuning.space import Space
+
+COMPASS_TURN = "compass_turn_rad"  # a tuned number that stands in the calibration's mag_matrix
 
 
 class Scores(NamedTuple):
@@ -24,6 +30,10 @@ class Task(Protocol):
     @property
     def base(self) -> Profile:
         """Where the search starts."""
+
+    @property
+    def before(self) -> Profile:
+        """What its result is compared with."""
 
     @property
     def groups(self) -> tuple[str, ...]:
@@ -64,6 +74,7 @@ def require_fuzzy_gain(profile: Profile) -> None:
 def values_of(space: Space, profile: Profile) -> Floats:
     """The profile's values (D,) of the space's parameters, clipped to their bounds."""
     tree = profile_to_json(profile)
+    tree["calibration"] = {COMPASS_TURN: 0.0}  # beside what the profile has
     values = [float(tree[section][key]) for section, key in map(_address, space.names)]
     clipped: Floats = np.clip(values, space.lower, space.upper)
     return clipped
@@ -79,6 +90,9 @@ def profile_with(space: Space, base: Profile, values: Floats) -> Profile:
     for name, value in zip(space.names, values.tolist(), strict=True):
         section, key = _address(name)
         changes.setdefault(section, {})[key] = value
+    turn_rad = changes.pop("calibration", {}).get(COMPASS_TURN, 0.0)
+    if turn_rad != 0.0:
+        base = msgspec.structs.replace(base, calibration=_compass_turned(base, turn_rad))
     sections = {name: _replace_keys(getattr(base, name), keys) for name, keys in changes.items()}
     return parse_profile(profile_to_toml(msgspec.structs.replace(base, **sections)), "tuned")
 
@@ -87,6 +101,19 @@ def _replace_keys(section: Any, keys: dict[str, float]) -> Any:
     if isinstance(section, dict):
         return {**section, **keys}
     return msgspec.structs.replace(section, **keys)
+
+
+def _compass_turned(profile: Profile, turn_rad: float) -> Calibration:
+    """The profile's calibration with the compass's readings turned about the body's down."""
+    R, (c, s) = sensor_axes(profile.mounting), (cos(turn_rad), sin(turn_rad))
+    turn = R.T @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ R
+    matrix = (turn @ np.array(profile.calibration.mag_matrix)).round(6).tolist()
+    return msgspec.structs.replace(profile.calibration, mag_matrix=tuple(map(tuple, matrix)))
+
+
+def sensor_axes(mounting: Mounting) -> Floats:
+    """The sensors' axes as columns (3, 3) in the body's."""
+    return np.column_stack([rotate(mounting.q_frd_sensor, axis) for axis in UNCHANGED])
 
 
 def _address(name: str) -> tuple[str, str]:

@@ -84,7 +84,7 @@ def _error_over_time(task: PaperTask, tuned: Profile, axes: Any) -> None:
 def _error_on_log(task: LogTask, tuned: Profile, part: Part, axes: Any) -> None:
     """Inclination error over time on a held-out flight, before and after."""
     flight, known = part.flight, part.flight.known[part.window]
-    for name, profile in (("before", task.base), ("tuned", tuned)):
+    for name, profile in (("before", task.before), ("tuned", tuned)):
         course = fly(flight, profile, part.last)
         errors = batch_angle_errors(course.q_ned_frd[part.window], flight.truth[part.window])
         time_s = flight.time_s[part.window][known]

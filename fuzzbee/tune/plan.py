@@ -1,11 +1,15 @@
 """From the options of ``fuzzbee tune`` to a plan of the search; all checks come before any work."""
 
 import os
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import msgspec
+
+from drivers.logs.time_window import TimeWindow
+from estimator.calibration import Calibration
 from estimator.errors import InputError
 from estimator.profile import SHIPPED, Profile, load_profile, merge_profile, profile_to_toml
 from fuzzbee.notify import tell
@@ -21,6 +25,7 @@ from tuning.recovery import require_recoveries
 from tuning.search import ALGORITHMS, SearchOptions
 
 MIDPOINT = "midpoint"
+CALIBRATION = "calibration"  # the group of parameters that begins with a fit
 DEFAULT_NOISE_SEEDS = "100-107"
 DEFAULT_HELD_OUT_SEEDS = "200-219"
 # SciPy's differential evolution mixes three other members with two more.
@@ -105,7 +110,13 @@ def _log_plan(request: TuneRequest) -> Plan:
     base = load_profile(request.base or "imu")
     if not base.conditioned:
         raise InputError("base profile: logs are tuned with conditioning.enabled = true")
-    flights, held_out = _read_flights(request, base)
+    calibrates = CALIBRATION in _groups(request, ())
+    if calibrates and request.reference == "smooth":
+        raise InputError(
+            f"--reference smooth: not with --parameters {CALIBRATION}, which it would depend on"
+        )
+    plain = msgspec.structs.replace(base, calibration=Calibration()) if calibrates else base
+    flights, searched = _read_flights(request, plain, may_smooth=not calibrates)
     slowest = min(flights, key=lambda flight: flight.rate_hz)
     groups = _groups(request, default_groups(goal, slowest.rate_hz))
     if ("sigma" in groups) != (goal == "coverage"):
@@ -116,9 +127,16 @@ def _log_plan(request: TuneRequest) -> Plan:
             f"{slowest.rate_hz:.1f} Hz; the fuzzy controller is tuned from "
             f"{MEMBERSHIP_RATE_HZ:g} Hz on ({BETTER_LOG})"
         )
-    chosen = split(flights, held_out)
+    named = frozenset(flight.sha256 for flight in flights[len(searched) :])
+    chosen = split(flights, named)
     _require_references(goal, chosen)
-    task = LogTask(_with_tuned_gain(base, groups), groups, chosen, goal)
+    start = _with_tuned_gain(base, groups)
+    before = start
+    if calibrates:
+        start = msgspec.structs.replace(
+            start, calibration=_fitted(request, plain, chosen, searched)
+        )
+    task = LogTask(start, groups, chosen, goal, before if calibrates else None)
     inputs = []
     for flight in flights:
         use, reference = _use(chosen, flight), _reference_text(flight)
@@ -127,6 +145,24 @@ def _log_plan(request: TuneRequest) -> Plan:
         inputs.append({"name": flight.name, "sha256": flight.sha256, "use": use})
     reference = "; ".join(dict.fromkeys(map(_reference_text, flights)))
     return _plan(request, task, inputs, reference, {})
+
+
+def _fitted(
+    request: TuneRequest, plain: Profile, chosen: Split, paths: Mapping[str, Path]
+) -> Calibration:
+    """What ``fuzzbee calibrate`` finds in what is searched on, and in nothing else.
+
+    Raises:
+        InputError: it shows no constant.
+    """
+    from fuzzbee.sensor_report import report_sensors
+
+    begin, end = time_window(request.begin, request.end)
+    flight, _, last = chosen.tuning[0]
+    if last < len(flight.truth):  # the rest of the only one is held out
+        end = flight.begin_s + float(flight.time_s[last])
+    searched = [paths[part.flight.sha256] for part in chosen.tuning]
+    return report_sensors(searched, plain, window=TimeWindow(begin, end)).calibration
 
 
 def _with_tuned_gain(base: Profile, groups: tuple[str, ...]) -> Profile:
@@ -158,7 +194,7 @@ def _plan(
         "sources": sources,
         "cycles": cycles,
         "parameters": ",".join(task.groups),
-        "base": _base_identity(request, task.base),
+        "base": _base_identity(request, task.before),
         "limit": limit if request.algorithm == "abc" else None,
         "objective": task.goal if isinstance(task, LogTask) else None,
         "reference": request.reference,
@@ -174,8 +210,10 @@ def _plan(
     return Plan(task, search, request.output, identity, inputs, reference)
 
 
-def _read_flights(request: TuneRequest, base: Profile) -> tuple[tuple[Flight, ...], frozenset[str]]:
-    """All flights in the order given, and the SHA-256 of those that are asked to be held out.
+def _read_flights(
+    request: TuneRequest, base: Profile, *, may_smooth: bool
+) -> tuple[tuple[Flight, ...], dict[str, Path]]:
+    """All flights, first those not asked to be held out, and the paths of these by their SHA-256.
 
     A log that is held out may stand among the sources, too; but none may count twice.
     """
@@ -190,12 +228,12 @@ def _read_flights(request: TuneRequest, base: Profile) -> tuple[tuple[Flight, ..
     window = time_window(request.begin, request.end)
     flights: dict[str, Flight] = {}
     for path in (*searched, *request.held_out):
-        flight = read_flight(path, base, request.reference, window)
+        flight = read_flight(path, base, request.reference, window, may_smooth=may_smooth)
         require_substance(flight)
         same = flights.setdefault(flight.sha256, flight)
         if same is not flight:
             raise InputError(f"{flight.name}: the same log as {same.name}")
-    return tuple(flights.values()), frozenset([*flights][len(searched) :])
+    return tuple(flights.values()), dict(zip(flights, searched, strict=False))
 
 
 def _require_references(goal: str, chosen: Split) -> None:

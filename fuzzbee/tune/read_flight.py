@@ -51,8 +51,12 @@ def read_flight(
     profile: Profile,
     reference: str | None = None,
     window: TimeWindow = WHOLE_LOG,
+    *,
+    may_smooth: bool = True,
 ) -> Flight:
     """The vehicle with most IMU samples in ``window``, with all that its estimator was told.
+
+    The smoothed attitude is a reference where ``may_smooth``.
 
     Raises:
         InputError: the log cannot be read, has no IMU data, or the profile's estimate is no number;
@@ -88,7 +92,11 @@ def read_flight(
         known=known,
         headed=trace["heading_reference"] > PLACE["none"],
         told=told,
+        calibration=profile.calibration,
+        begin_s=1e-6 * float(trace["time_us"][0] - trace.zero_us),
     )
+    if not may_smooth:
+        return found
     if reference != "smooth" and (reference or found.reference == "sim"):
         return found
     return sure_flight(found, profile, is_wanted=reference == "smooth")

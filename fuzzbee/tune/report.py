@@ -14,11 +14,13 @@ from tuning.task import Scores, values_of
 
 # A profile gains if the held-out cost falls by this share at least: less is chance.
 LEAST_GAIN = 0.01
+_BY_CHANCE = "random search, same budget"
 
 
 class Verdict(NamedTuple):
     """The scores of base and result; and, on logs, what chance found with the same budget.
 
+    ``fitted`` are those of the calibration that a search began with, if it did.
     ``flights`` are the held-out flights' names and figures before and after, ``harm`` is what got
     worse on them, in words.
     """
@@ -28,6 +30,7 @@ class Verdict(NamedTuple):
     random_search: Scores | None
     flights: tuple[tuple[str, FlightFigures, FlightFigures], ...] = ()
     harm: str | None = None
+    fitted: Scores | None = None
 
     @property
     def gains(self) -> bool:
@@ -38,20 +41,21 @@ class Verdict(NamedTuple):
 
 def judge(task: PaperTask | LogTask, found: Profile, by_chance: Profile | None) -> Verdict:
     """Score base and result, and what chance has found with the same budget."""
-    before, after = task.score(task.base), task.score(found)
+    before, after = task.score(task.before), task.score(found)
     if not isinstance(task, LogTask):
         return Verdict(before, after, None)
-    then, now = (task.held_out_figures(profile) for profile in (task.base, found))
+    then, now = (task.held_out_figures(profile) for profile in (task.before, found))
     flights = tuple((name, was, is_) for (name, was), (_, is_) in zip(then, now, strict=True))
     harmed = harm([f for _, f in then], [f for _, f in now]) if task.goal == "flight" else None
     random_search = None if by_chance is None else task.score(by_chance)
-    return Verdict(before, after, random_search, flights, harmed)
+    fitted = None if task.judged_by is None else task.score(task.base)
+    return Verdict(before, after, random_search, flights, harmed, fitted)
 
 
 def report_of(plan: Plan, search: Search, verdict: Verdict) -> dict[str, Any]:
     """The JSON, but for what concerns the run."""
     before, after, random_search = verdict[:3]
-    report = {
+    report: dict[str, Any] = {
         "evaluations": search.evaluations,
         "cycles": search.cycles,
         "food_sources": plan.options.food_sources,
@@ -76,6 +80,9 @@ def report_of(plan: Plan, search: Search, verdict: Verdict) -> dict[str, Any]:
             for name, then, now in verdict.flights
         ]
         report["harm"] = verdict.harm
+    if verdict.fitted is not None:
+        cost, held_out = verdict.fitted
+        report["calibration_alone"] = {"cost": cost, "held_out": held_out}
     return report
 
 
@@ -87,10 +94,11 @@ def in_words(plan: Plan, search: Search, report: dict[str, Any]) -> str:
         f"tuned on:  J {report['cost_before']:.4f} -> {report['cost_after']:.4f}{unit}",
         f"held out:  J {report['held_out_before']:.4f} -> {report['held_out_after']:.4f}{unit}",
     ]
-    random_search = report.get("random_search")
-    if random_search is not None:
-        costs = f"J {random_search['cost']:.4f}, held out {random_search['held_out']:.4f}"
-        lines.append(f"random search, same budget: {costs}")
+    others = {"calibration_alone": "the calibration alone", "random_search": _BY_CHANCE}
+    for name, words in others.items():
+        if (other := report.get(name)) is not None:
+            costs = f"J {other['cost']:.4f}, held out {other['held_out']:.4f}"
+            lines.append(f"{words}: {costs}")
     flights = report.get("held_out_flights", [])
     lines += [f"  {each['name']}: {_change(each['before'], each['after'])}" for each in flights]
     space = plan.task.space

@@ -37,7 +37,7 @@ _FOOD_SOURCES = "Food sources, half of the colony. [default: 10; for sim: 100]"
 _CYCLES = "Cycles. [default: 15; for sim: 300]"
 _LIMIT = "Failures after which a food source is left. [default: sources x parameters]"
 _PARAMETERS = (
-    "membership, filter; for logs also noise, sigma, gain, confidence, conditioning."
+    "membership, filter; for logs also noise, sigma, gain, confidence, conditioning, calibration."
     " [default: by source, objective and rate]"
 )
 _NOISE_SEEDS = "sim: seeds. [default: 100-107]"

@@ -7,8 +7,7 @@ import numpy as np
 
 from fuzzbee.notify import notify
 from fuzzbee.tune.plan import Plan
-from fuzzbee.viewer.sdk import rr, rrb
-from fuzzbee.viewer.stream import CLOSED, ViewerOptions, ViewerStream
+from fuzzbee.viewer.stream import CLOSED, ViewerOptions, ViewerStream, rr, rrb
 from tuning.search import Search
 from tuning.space import bounds, encode
 

@@ -2,8 +2,7 @@
 
 from typing import Any, NamedTuple
 
-from fuzzbee.viewer.sdk import rrb
-from fuzzbee.viewer.stream import TIMELINE
+from fuzzbee.viewer.stream import TIMELINE, rrb
 
 Colour = tuple[int, ...]
 

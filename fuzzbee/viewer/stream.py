@@ -1,18 +1,34 @@
-"""Sends what is drawn to Rerun's viewer, to a file, or to both."""
+"""Sends what is drawn to Rerun's viewer, to a file, or to both.
 
+Rerun's library is imported here only, and this module only where a viewer is asked for.
+"""
+
+import atexit
+import os
 from collections.abc import Callable
 from concurrent.futures import Future, wait
 from contextlib import suppress
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from drivers.aside import aside
 from drivers.output_file import NotWholeError
 from estimator.errors import InputError
-from fuzzbee.viewer.process import ViewerProcess
-from fuzzbee.viewer.sdk import rr
+from fuzzbee.viewer.process import MISSING, ViewerProcess
 from service.signals import terminate_like_interrupt
+
+# The library logs errors, but not that the viewer is gone or a file not written: we report those.
+OURS = ("re_grpc_client", "re_sdk::recording_stream", "re_log_encoding")
+os.environ.setdefault("RUST_LOG", ",".join(["error", *(f"{name}=off" for name in OURS)]))
+try:
+    rr: Any = import_module("rerun")
+    rrb: Any = import_module("rerun.blueprint")
+except ImportError:
+    raise InputError(MISSING) from None
+# It waits at the process's end for what is pending, behind a full disk for ever; we close it.
+atexit.unregister(rr.rerun_shutdown)
 
 WEB = "web"
 TIMELINE = "time"

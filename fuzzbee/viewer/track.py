@@ -1,13 +1,13 @@
 """What is drawn of one vehicle."""
 
+from collections.abc import Sequence
 from math import degrees, hypot, nan
 
 from estimator.geometry.quaternion import angle_between, norm, rotate, scale
-from estimator.types import STANDARD_GRAVITY_M_S2, ImuSample, Quaternion, Vec3
-from fuzzbee.verdict import WORDS, Level, verdict_of
+from estimator.types import STANDARD_GRAVITY_M_S2, ImuSample, Quaternion
+from fuzzbee.verdict import Level, verdict_of
 from fuzzbee.viewer import layout
-from fuzzbee.viewer.sdk import rr
-from fuzzbee.viewer.stream import TIMELINE, ViewerStream
+from fuzzbee.viewer.stream import TIMELINE, ViewerStream, rr
 from service.publishing import euler_deg
 from service.records import HAS_ATTITUDE, AttitudeRecord, Peer, State, StatusRecord
 
@@ -31,11 +31,10 @@ class Track:
         self._is_live = is_live
         self._due_us: dict[str, int] = {}  # when the next point of a source is drawn
         self._others: dict[str, Quaternion] = {}  # attitudes that came since our last one
-        self._status: StatusRecord | None = None
-        self._before: StatusRecord | None = None
+        self._statuses: tuple[StatusRecord | None, ...] = (None, None)  # the latest, and before
         self._state: State | None = None
         self._verdict: tuple[Level | None, int] = (None, 0)  # logged last, and when
-        self._angles_deg: dict[str, list[float]] = {}  # of the points before
+        self._angles_deg: dict[str, Sequence[float]] = {}  # of the points before
         self._log = stream.recording.log
         self._log(f"/bodies/{name}", rr.ViewCoordinates.FRD, static=True)
         origin = rr.Transform3D(translation=(0.0, APART_M * place, 0.0))
@@ -44,9 +43,7 @@ class Track:
             shape = rr.Arrows3D.from_fields(colors=colour, radii=0.015)
             self._log(f"/bodies/{name}/{vector}", shape, static=True)
         for path, plot in layout.PLOTS.items():
-            names = [f"{name} {line}" for line in plot.lines]
-            lines = rr.SeriesLines(names=names, colors=list(plot.lines.values()))
-            self._log(f"/{path}/{name}", lines, static=True)
+            self._name_lines(f"/{path}/{name}", list(plot.lines), list(plot.lines.values()))
 
     def take_peer(self, peer: Peer) -> None:
         """Somebody else's attitude, which is compared with our next."""
@@ -54,7 +51,7 @@ class Track:
 
     def take_status(self, status: StatusRecord, now_us: int) -> None:
         """Keep it for the verdict; where there is no attitude it brings the state."""
-        self._before, self._status = self._status, status
+        self._statuses = (status, self._statuses[0])
         state = State(status.state)
         if state not in HAS_ATTITUDE:
             self._log_changes(state, None, now_us)
@@ -65,7 +62,7 @@ class Track:
         self._stream.recording.set_time(TIMELINE, timestamp=1e-6 * now_us)
         if self._is_due("ours", now_us):
             self._add_body("ours", record.q_ned_frd)
-            self._add_ours(record)
+            self._add_curves(record)
             if sample is not None:
                 self._add_measured(record.q_ned_frd, sample)
             self._log_changes(State(record.state), record, now_us)
@@ -88,15 +85,17 @@ class Track:
         colour, thickness = SOURCES[source], 0.03 if source == "ours" else 0.015
         body = rr.Arrows3D(vectors=_BODY, colors=colour, radii=thickness)
         self._log(f"/bodies/{self._name}/{source}", body, static=True)
-        if source != "ours":
-            for path, plot in layout.PLOTS.items():
-                if plot.of_others:
-                    names = [f"{self._name} {source} {line}" for line in plot.of_others]
-                    colours = [colour, (*colour, 130)][: len(names)]  # the second is paler
-                    lines = rr.SeriesLines(names=names, colors=colours)
-                    self._log(f"/{path}/{self._name}/{source}", lines, static=True)
+        for path, plot in layout.PLOTS.items():
+            if source != "ours" and plot.of_others:
+                names = [f"{source} {line}" for line in plot.of_others]
+                colours = [colour, (*colour, 130)][: len(names)]  # the second is paler
+                self._name_lines(f"/{path}/{self._name}/{source}", names, colours)
 
-    def _add_curve(self, plot: str, values: list[float], of: str = "") -> None:
+    def _name_lines(self, path: str, names: list[str], colours: Sequence[layout.Colour]) -> None:
+        lines = rr.SeriesLines(names=[f"{self._name} {name}" for name in names], colors=colours)
+        self._log(path, lines, static=True)
+
+    def _add_curve(self, plot: str, values: Sequence[float], of: str = "") -> None:
         """Points of our curves in a plot, or another's; a gap where an angle wraps round."""
         path = f"/{plot}/{self._name}{of}"
         if plot in ANGLES:
@@ -106,33 +105,30 @@ class Track:
             values = [nan if abs(now - was) > 180.0 else now for was, now in pairs]
         self._log(path, rr.Scalars(values))
 
+    def _add_curves(self, record: AttitudeRecord) -> None:
+        sigma, confidence = record.sigma_deg, record.confidence
+        self._add_curve("sigma", [sigma.inclination, sigma.heading])
+        self._add_curve("tilt", record.euler_deg[:2])
+        self._add_curve("heading", record.euler_deg[2:])
+        self._add_curve("error", [record.error])
+        self._add_curve("gain", [record.gain])
+        self._add_curve("confidence", [confidence.gravity, confidence.magnetic])
+        self._add_curve("rate", [*map(degrees, record.rate_rad_s)])
+        self._add_curve("bias", [*map(degrees, record.gyro_bias_rad_s)])
+
     def _add_body(self, source: str, q_ned_frd: Quaternion) -> None:
         w, x, y, z = q_ned_frd
-        turned = rr.Transform3D(quaternion=(x, y, z, w))
-        self._log(f"/bodies/{self._name}/{source}", turned)
-
-    def _add_vector(self, name: str, vector_ned: Vec3) -> None:
-        shape = rr.Arrows3D.from_fields(vectors=[vector_ned])
-        self._log(f"/bodies/{self._name}/{name}", shape)
+        self._log(f"/bodies/{self._name}/{source}", rr.Transform3D(quaternion=(x, y, z, w)))
 
     def _add_measured(self, q_ned_frd: Quaternion, sample: ImuSample) -> None:
         """Gravity and field as they were measured, in NED by our attitude."""
-        gravity = scale(-1.0 / STANDARD_GRAVITY_M_S2, rotate(q_ned_frd, sample.acc_m_s2))
-        self._add_vector("gravity", gravity)
+        measured = {"gravity": (sample.acc_m_s2, -1.0 / STANDARD_GRAVITY_M_S2)}
         size = norm(sample.mag_gauss)
         if sample.has_mag and size > 0.0:
-            self._add_vector("field", scale(1.0 / size, rotate(q_ned_frd, sample.mag_gauss)))
-
-    def _add_ours(self, record: AttitudeRecord) -> None:
-        roll, pitch, heading = record.euler_deg
-        self._add_curve("sigma", [record.sigma_deg.inclination, record.sigma_deg.heading])
-        self._add_curve("tilt", [roll, pitch])
-        self._add_curve("heading", [heading])
-        self._add_curve("error", [record.error])
-        self._add_curve("gain", [record.gain])
-        self._add_curve("confidence", [record.confidence.gravity, record.confidence.magnetic])
-        self._add_curve("rate", [degrees(x) for x in record.rate_rad_s])
-        self._add_curve("bias", [degrees(x) for x in record.gyro_bias_rad_s])
+            measured["field"] = (sample.mag_gauss, 1.0 / size)
+        for name, (vector, factor) in measured.items():
+            arrow = rr.Arrows3D.from_fields(vectors=[scale(factor, rotate(q_ned_frd, vector))])
+            self._log(f"/bodies/{self._name}/{name}", arrow)
 
     def _add_other(self, source: str, q_ned_frd: Quaternion, ours: AttitudeRecord) -> None:
         """Another's angles, and how far it is from ours.
@@ -140,9 +136,9 @@ class Track:
         That is left out live in a fast turn: there the time between two messages makes a larger
         angle than what they differ by.
         """
-        roll, pitch, heading = euler_deg(q_ned_frd)
-        self._add_curve("tilt", [roll, pitch], f"/{source}")
-        self._add_curve("heading", [heading], f"/{source}")
+        angles_deg = euler_deg(q_ned_frd)
+        self._add_curve("tilt", angles_deg[:2], f"/{source}")
+        self._add_curve("heading", angles_deg[2:], f"/{source}")
         if not (self._is_live and hypot(*ours.rate_rad_s) > FAST_RAD_S):
             difference = degrees(angle_between(ours.q_ned_frd, q_ned_frd))
             self._add_curve("sigma", [difference], f"/{source}")
@@ -154,10 +150,9 @@ class Track:
             self._stream.recording.set_time(TIMELINE, timestamp=1e-6 * now_us)
             self._log(f"/state/{self._name}", rr.StateChange(state=[state.value]))
             self._stream.message(f"vehicle {self._name}: {state}", now_us)
-        now = verdict_of(state, record, self._status, self._before)
-        level, logged_us = self._verdict
+        now, (level, logged_us) = verdict_of(state, record, *self._statuses), self._verdict
         if now.overall is not level and not 0 <= now_us - logged_us < VERDICT_EVERY_US:
             self._verdict = now.overall, now_us
             why = ", ".join(caveat.text for caveat in now.caveats)
-            text = f"vehicle {self._name}: {WORDS[now.overall]}" + (f" ({why})" if why else "")
+            text = f"vehicle {self._name}: {now.word}" + (f" ({why})" if why else "")
             self._stream.message(text, now_us)

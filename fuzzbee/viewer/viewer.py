@@ -85,14 +85,11 @@ class ViewerSink:
 
     def _track(self, vehicle: VehicleId) -> Track | None:
         """The vehicle's track; a new vehicle gets one as long as there is room."""
-        if vehicle not in self._tracks:
-            places = set(range(MOST_VEHICLES)) - {track.place for track in self._tracks.values()}
-            if not places:
-                if not self._has_left_out:
-                    text = f"only the first {MOST_VEHICLES} vehicles are drawn"
-                    self.stream.message(text, self._now_us)
-                self._has_left_out = True
-                return None
-            name = vehicle_name(vehicle)
-            self._tracks[vehicle] = Track(name, min(places), self.stream, self._is_live)
-        return self._tracks[vehicle]
+        taken = {track.place for track in self._tracks.values()}
+        free = next((place for place in range(MOST_VEHICLES) if place not in taken), None)
+        if vehicle not in self._tracks and free is not None:
+            self._tracks[vehicle] = Track(vehicle_name(vehicle), free, self.stream, self._is_live)
+        elif vehicle not in self._tracks and not self._has_left_out:
+            self._has_left_out = True
+            self.stream.message(f"only the first {MOST_VEHICLES} vehicles are drawn", self._now_us)
+        return self._tracks.get(vehicle)

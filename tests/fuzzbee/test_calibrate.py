@@ -138,9 +138,9 @@ def test_what_shows_nothing_is_one_line(log, complaint, capsys):
     assert "Traceback" not in err
 
 
-def bench(path, seed, motion="bench", seconds=120.0, rate_hz=50.0):
+def bench(path, seed, motion="bench", seconds=120.0, rate_hz=50.0, errors=None):
     """A table of a simulated vehicle whose sensors have the constant errors of a seed."""
-    vehicle = SimulatedVehicle(seed, rate_hz, motion, bias=0.0, errors_seed=seed)
+    vehicle = SimulatedVehicle(seed, rate_hz, motion, bias=0.0, errors_seed=errors or seed)
     heading = "time_s,gx_rad_s,gy_rad_s,gz_rad_s,ax_m_s2,ay_m_s2,az_m_s2,mx_gauss,my_gauss,mz_gauss"
     rows = [heading + ",qw,qx,qy,qz"]
     for _ in range(round(seconds * rate_hz)):
