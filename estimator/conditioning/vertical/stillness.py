@@ -15,12 +15,14 @@ from estimator.conditioning.times import LATELY_S, QUICK_S
 from estimator.conditioning.vertical.lowpass import approach
 from estimator.conditioning.vertical.rest import RestState
 from estimator.geometry.quaternion import add, cross, dot, scale, square, subtract, unit
-from estimator.types import ZERO_VEC3, Vec2, Vec3
+from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec2, Vec3
 
 # What calibrations leave of a direction's error, rad, of gravity and of the field.
 LEAST_DIRECTION_RAD = 0.005
 # By how much (rad) noise and a bent field turn the vectors while they are compared.
 STILL_RAD = 0.004
+# An accelerometer at rest feels gravity, but for its own error; in a banked turn it feels more.
+FORCE_AT_REST_M_S2 = 0.5
 # A share of two undoes a bias that was taken from a turn.
 MOST_TURNING = 2.0
 
@@ -37,7 +39,8 @@ class Stillness(NamedTuple):
     mean_down: Vec3 = ZERO_VEC3  # of gravity's direction, FRD
     shown: Vec3 = ZERO_VEC3  # turn since then, if the known bias is right, rad, FRD
     turning: Vec3 = ZERO_VEC3  # the turn that there is now, rad/s, FRD
-    variance: Vec3 = ZERO_VEC3  # of that, (rad/s)^2
+    level_variance: float = 0.0  # of that about each level axis, (rad/s)^2
+    down_variance: float = 0.0  # of that about down, (rad/s)^2
     proven: bool = False  # whether both stand still, and tell it of every axis
 
 
@@ -70,25 +73,42 @@ def watch_stillness(
         wait_s = 0.0
     if not rest.steady:
         zero = ZERO_VEC3
-        return Stillness(smooth, wait_s, direction(smooth), down, zero, zero, zero, False)
+        return Stillness(smooth, wait_s, direction(smooth), down, zero, zero, 0.0, 0.0, False)
     mean_down = mean_after(before.mean_down, down, rate, dt_s)
     shown = scale(LATELY_S / (LATELY_S + dt_s), add(before.shown, scale(dt_s, rate)))
     seen_field = direction(smooth) if wait_s <= params.rest_time_s else ZERO_VEC3
     unexpected, about_down = turn_between(mean_down, down, mean_field, seen_field)
-    seen = add(shown, unexpected)
-    w0, v0 = turn_of_axis(shown[0], seen[0], down[0], about_down, rate[0])
-    w1, v1 = turn_of_axis(shown[1], seen[1], down[1], about_down, rate[1])
-    w2, v2 = turn_of_axis(shown[2], seen[2], down[2], about_down, rate[2])
+    # about down, and about the axis across it about which the gyroscope shows a turn
+    shown_down, rate_down = dot(shown, down), dot(rate, down)
+    shown_level = subtract(shown, scale(shown_down, down))
+    rate_level = subtract(rate, scale(rate_down, down))
+    shown_size, rate_size = sqrt(square(shown_level)), sqrt(square(rate_level))
+    seen_level = shown_size + dot(unexpected, direction(shown_level))
+    level, level_variance = turn_of_axis(shown_size, seen_level, 0.0, rate_size)
+    seen_down = shown_down + dot(unexpected, down)
+    turn, down_variance = turn_of_axis(shown_down, seen_down, about_down, rate_down)
     left = subtract(subtract(seen_field, mean_field), cross(seen_field, unexpected))
     limit = params.bias_limit_rad_s
+    # a gyroscope that errs by more about level axes may err by as much about down
+    at_rest = abs(sqrt(square(rest.acc.value)) - STANDARD_GRAVITY_M_S2) < FORCE_AT_REST_M_S2
+    is_poor = at_rest and abs(rate_down) < max(limit, rate_size - abs(level))
     proven = (
         square(left) < (REACH * STILL_RAD) ** 2
-        and is_within(w0, v0, limit)
-        and is_within(w1, v1, limit)
-        and is_within(w2, v2, limit)
+        and is_within(level, level_variance, limit)
+        and (is_within(turn, down_variance, limit) or is_poor)
     )
-    turning, variance = (w0, w1, w2), (v0, v1, v2)
-    return Stillness(smooth, wait_s, mean_field, mean_down, shown, turning, variance, proven)
+    turning = add(scale(level, direction(rate_level)), scale(turn, down))
+    return Stillness(
+        smooth,
+        wait_s,
+        mean_field,
+        mean_down,
+        shown,
+        turning,
+        level_variance,
+        down_variance,
+        proven,
+    )
 
 
 @inlined
@@ -121,13 +141,14 @@ def turn_between(mean_down: Vec3, down: Vec3, mean_field: Vec3, field: Vec3) -> 
 
 
 @inlined
-def turn_of_axis(shown: float, seen: float, down: float, about_down: float, rate: float) -> Vec2:
-    """The rate about one axis of the body at which it turns, and its variance.
+def turn_of_axis(shown: float, seen: float, unseen: float, rate: float) -> Vec2:
+    """The rate about an axis at which the body turns, and its variance.
 
     The turn is a share of the ``rate`` that the gyroscope shows beyond its bias, the share that
-    ``seen`` is of ``shown``, with a prior of 0 +- 1.
+    ``seen`` is of ``shown``, with a prior of 0 +- 1. ``unseen`` (rad^2) is the variance of what the
+    vectors leave open about that axis.
     """
-    noise = STILL_RAD**2 + down * down * about_down
+    noise = STILL_RAD**2 + unseen
     whole = shown * shown + noise
     share = max(0.0, min(MOST_TURNING, shown * seen / whole))
     return share * rate, rate * rate * noise / whole
