@@ -146,7 +146,7 @@ def learn_at_rest(
     level = k.rest_noise + still.level_variance * lasting
     off = subtract(g, b)
     squared = 0.5 * (dot(off, axes.north) ** 2 + dot(off, axes.east) ** 2)
-    if squared > FAR * ((p[0] + p[4] + p[7]) / 3.0 + level):
+    if squared > FAR * params.bias_initial_sigma_rad_s**2:
         p = inflate_bias(p, squared)
     b, d, p = update(b, d, p, axes.north, 0.0, dot(axes.north, subtract(g, b)), level)
     b, d, p = update(b, d, p, axes.east, 0.0, dot(axes.east, subtract(g, b)), level)

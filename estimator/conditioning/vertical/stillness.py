@@ -21,8 +21,6 @@ from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec2, Vec3
 LEAST_DIRECTION_RAD = 0.005
 # By how much (rad) noise and a bent field turn the vectors while they are compared.
 STILL_RAD = 0.004
-# An accelerometer at rest feels gravity, but for its own error; in a banked turn it feels more.
-FORCE_AT_REST_M_S2 = 0.5
 # A share of two undoes a bias that was taken from a turn.
 MOST_TURNING = 2.0
 
@@ -90,8 +88,9 @@ def watch_stillness(
     left = subtract(subtract(seen_field, mean_field), cross(seen_field, unexpected))
     limit = params.bias_limit_rad_s
     # a gyroscope that errs by more about level axes may err by as much about down
-    at_rest = abs(sqrt(square(rest.acc.value)) - STANDARD_GRAVITY_M_S2) < FORCE_AT_REST_M_S2
-    is_poor = at_rest and abs(rate_down) < max(limit, rate_size - abs(level))
+    # and in a banked turn an accelerometer feels more than gravity
+    beyond = abs(sqrt(square(rest.acc.value)) - STANDARD_GRAVITY_M_S2)
+    is_poor = beyond < params.rest_acc_m_s2 and abs(rate_down) < max(limit, rate_size - abs(level))
     proven = (
         square(left) < (REACH * STILL_RAD) ** 2
         and is_within(level, level_variance, limit)
