@@ -8,19 +8,23 @@ from estimator.aiding import compass
 from estimator.aiding.phase import Phase
 from estimator.aiding.search import UNKNOWN_RAD
 from estimator.arrays import Floats
-from estimator.filter.gain_words import gain_in_words
+from estimator.filter.types import gain_in_words
 from estimator.geometry.earth import PlaceField
-from estimator.live import north
-from estimator.live.aiding_span import set_imu_lag, set_vehicle_class
-from estimator.live.contradiction import leaning_angle
-from estimator.live.core import apply_turn, change_imu
-from estimator.live.hearing import take_rate, take_report
+from estimator.live.compass_check import leaning_angle
+from estimator.live.core import Snapshot, apply_turn, change_imu
+from estimator.live.inputs import (
+    set_field_calibrated,
+    set_imu_lag,
+    set_position,
+    set_vehicle_class,
+    take_rate,
+    take_report,
+)
 from estimator.live.kernel_handle import AIDED, NOTHING_LAID, SHOWN_LATE, TAKEN
 from estimator.live.published import write
 from estimator.live.refusal import REASONS
 from estimator.live.rows import NORTHS, NOTHING_TOLD, Q, Rows
 from estimator.live.settings import Settings
-from estimator.live.snapshot import Snapshot
 from estimator.live.state import State
 from estimator.live.taking import decide, take_sample
 from estimator.profile import Profile
@@ -181,7 +185,7 @@ class Estimator:
         error to be corrected. Elsewhere the field is another one, and what was concluded from
         the one that is not this place's is taken back. Returns whether it was news.
         """
-        return north.set_position(self._state, latitude_deg, longitude_deg, altitude_m, unix_us)
+        return set_position(self._state, latitude_deg, longitude_deg, altitude_m, unix_us)
 
     def set_field_calibrated(self, calibrated: bool) -> None:
         """Whether somebody has calibrated the compass.
@@ -189,7 +193,7 @@ class Estimator:
         Without a word, and of one that is not, a heading by the field has a sigma of 45 deg until
         turns have shown its iron, and comes from velocity as soon as that shows it.
         """
-        north.set_field_calibrated(self._state, calibrated)
+        set_field_calibrated(self._state, calibrated)
 
     def set_imu_lag(self, gyr_s: float, acc_s: float) -> None:
         """How old gyroscope's and accelerometer's samples are when sent, mostly by low-passes (s).

@@ -148,6 +148,13 @@ class Profile(Struct, frozen=True, forbid_unknown_fields=True):
         return bool(self.conditioning["enabled"])
 
 
+# In the order in which they are written.
+SECTIONS = (
+    *("reference", "filter", "membership", "confidence", "conditioning", "aiding"),
+    *("mounting", "calibration", "rates", "provenance"),
+)
+
+
 def load_profile(name_or_path: str | Path) -> Profile:
     """A shipped profile by its name, or one from a TOML file.
 
@@ -227,19 +234,7 @@ def profile_to_json(profile: Profile) -> dict[str, Any]:
     tree: dict[str, Any] = msgspec.to_builtins(profile)
     tree["conditioning"] = {**CONDITIONING_DEFAULTS, **tree["conditioning"]}
     tree["aiding"] = {**AIDING_DEFAULTS, **tree["aiding"]}
-    sections = (
-        "reference",
-        "filter",
-        "membership",
-        "confidence",
-        "conditioning",
-        "aiding",
-        "mounting",
-        "calibration",
-        "rates",
-        "provenance",
-    )
-    return {section: tree[section] for section in sections}
+    return {section: tree[section] for section in SECTIONS}
 
 
 def profile_to_toml(profile: Profile) -> str:

@@ -15,6 +15,7 @@ from estimator.aiding.sources.velocity import SPEED_LIMIT_M_S
 from estimator.arrays import Floats, Times
 from estimator.compilation.notice import notify_programs
 from estimator.errors import InputError
+from estimator.live.core import Snapshot
 from estimator.live.rows import (
     HAS_VERTICAL,
     NORTH,
@@ -31,7 +32,6 @@ from estimator.live.rows import (
     rows_of,
     told_between,
 )
-from estimator.live.snapshot import Snapshot
 from estimator.profile import LEAST_GAIN, MOST_GAIN, Profile
 from estimator.reasons import Reason
 from estimator.row_taking import take

@@ -32,7 +32,7 @@ def show(profile: Name, as_json: AsJson = False, plot: Plot = None) -> None:
     """Print a profile with every value that was left to its default."""
     import tomli_w
 
-    from estimator.filter.gain_words import gain_in_words
+    from estimator.filter.types import gain_in_words
     from estimator.live.settings import settings_of
     from estimator.profile import load_profile, profile_to_json
 

@@ -11,8 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.arrays import Bools, Floats
-from estimator.compilation.compiled import compiled
-from estimator.compilation.direct import types_of
+from estimator.compilation.compiled import compiled, types_of
 from estimator.geometry.quaternion import exp, multiply, normalize, rotate, unit
 from estimator.live.rows import Rows
 

@@ -9,8 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.arrays import Bools, Floats, Ints, Times
-from estimator.compilation.compiled import compiled, inlined
-from estimator.compilation.direct import types_of
+from estimator.compilation.compiled import compiled, inlined, types_of
 from estimator.geometry.quaternion import add, norm, scale, subtract
 from estimator.types import Vec3
 

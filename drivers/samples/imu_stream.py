@@ -14,8 +14,7 @@ from drivers.samples.stuck import Readings
 from drivers.samples.vehicle_clock import Placed, TimeField
 from drivers.value import Value
 from estimator.arrays import Bools, Floats, Times
-from estimator.compilation.compiled import compiled, inlined
-from estimator.compilation.direct import types_of
+from estimator.compilation.compiled import compiled, inlined, types_of
 from estimator.reasons import Reason
 from estimator.types import ZERO_VEC3, ImuSample, Vec3
 

@@ -42,12 +42,6 @@ def watch_acceleration_tilt(
 
 
 @inlined
-def hear_report(acceleration_tilt: AccelerationTilt, velocity_ned_m_s: Vec3) -> AccelerationTilt:
-    """With one more report."""
-    return with_latest(acceleration_tilt, velocity_ned_m_s)
-
-
-@inlined
 def acceleration_tilt_angle(
     acceleration_tilt: AccelerationTilt, is_silent: bool, slow: float
 ) -> float:

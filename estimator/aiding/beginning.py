@@ -21,7 +21,6 @@ from estimator.aiding.types import (
     TURN,
     VELOCITY,
     AccelerationTilt,
-    Agreement,
     Agreements,
     AidingEstimate,
     AidingParams,
@@ -32,13 +31,11 @@ from estimator.aiding.types import (
     LastStep,
     Report,
     Roughness,
-    Scatter,
     Sigmas,
     Unlearnt,
     Wheels,
 )
 from estimator.aiding.velocity_history import new_velocity_history
-from estimator.conditioning.field.magnetic import FieldLook
 from estimator.conditioning.robust import FAR, REACH
 from estimator.conditioning.times import SPAN_S
 from estimator.geometry.quaternion import add, rotate, subtract
@@ -46,12 +43,6 @@ from estimator.geometry.spread import HALF_TURN_VARIANCE
 from estimator.types import IDENTITY, NO_SAMPLE, ZERO_VEC3, Quaternion, Sample, Vec3
 
 BEGIN_VELOCITY_SIGMA_M_S = 1.0
-UNHEARD = Agreement(
-    scatter=Scatter(1.0, innovation=1.0, reports=0.0, before=ZERO_VEC3, together=0.0),
-    wait_s=0.0,
-    inflation_s=0.0,
-)
-NEW_WHEELS = Wheels(slip_scale=1.0, rolled_s=0.0, contradict=False, show_north=False)
 
 
 class Beginning(NamedTuple):
@@ -97,17 +88,8 @@ def begin(
             q_ned_frd=q_ned_frd,
             velocity_ned_m_s=report.velocity_ned_m_s,
             gyr_bias_rad_s=gyr_bias,
-            acc_bias_m_s2=ZERO_VEC3,
             imu_lag_s=params.imu_lag_s,
-            acc_lead_s=0.0,
             field_lag_s=first.field_lag_s,
-            compass_turn_rad=0.0,
-            hard_iron_gauss=ZERO_VEC3,
-            earth_gauss=ZERO_VEC3,
-            receiver_lag_s=0.0,
-            filter_lag_s=0.0,
-            receiver_error_m_s=ZERO_VEC3,
-            filter_error_m_s=ZERO_VEC3,
         ),
         last=LastStep(
             gyr_rad_s=sample.gyr_rad_s,
@@ -116,27 +98,17 @@ def begin(
             rate_rad_s=subtract(sample.gyr_rad_s, gyr_bias),
             dt_s=SPAN_S,
         ),
-        field=FieldState(
-            look=FieldLook(horizontal=0.0, down=0.0, confidence=1.0),
-            off_rad=0.0,
-            samples=0.0,
-            wait_s=0.0,
-            inflation_s=0.0,
-            evidence=0.0,
-        ),
-        agreement=Agreements(by_filter=UNHEARD, by_receiver=UNHEARD),
-        sigma=Sigmas(
-            inclination_rad=first.tilt_sigma_rad,
-            heading_rad=sqrt(heading),
-        ),
-        rough=Roughness(second_difference=0.0, changed=0.0, knocked=0.0),
+        field=FieldState(),
+        agreement=Agreements(),
+        sigma=Sigmas(first.tilt_sigma_rad, sqrt(heading)),
+        rough=Roughness(),
         acceleration_tilt=AccelerationTilt(
             ZERO_VEC3, report.velocity_ned_m_s, report.velocity_ned_m_s
         ),
         correction_cusum=CorrectionCusum(
             ZERO_VEC3, gyr_bias, 3.0 * params.gyr_bias_sigma**2, 0.0, 0.0
         ),
-        wheels=NEW_WHEELS,
+        wheels=Wheels(),
         unlearnt=first_unlearnt(params),
     )
     return state, P, new_velocity_history(add(state.last.force_ned_m_s2, GRAVITY_NED))

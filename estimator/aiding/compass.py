@@ -81,15 +81,10 @@ def _until_us(then_us: int | None, for_s: float) -> int:
     return NEVER_US if then_us is None else then_us + round(1e6 * for_s)
 
 
-def lacks_a_word_only(compass: Compass, time_us: int) -> bool:
-    """Whether nothing speaks against it but that nobody has calibrated it, or has said so."""
-    return is_trusted(compass._replace(declared_calibrated=True), time_us)
-
-
 def is_unspoken(compass: Compass, time_us: int) -> bool:
     """Whether nothing is known for or against it: neither a word nor what velocity has shown."""
     is_open = compass.declared_calibrated is None and not compass.confirmed
-    return is_open and lacks_a_word_only(compass, time_us)
+    return is_open and is_trusted(compass._replace(declared_calibrated=True), time_us)
 
 
 def declare(compass: Compass, is_calibrated: bool) -> Compass:

@@ -16,7 +16,7 @@ from math import exp as real_exp
 from typing import NamedTuple
 
 from estimator.aiding.correction_cusum import USUAL_SQUARE
-from estimator.aiding.search import EMPTY_SEARCH, Window, extend_window, open_window
+from estimator.aiding.search import Window, extend_window, open_window
 from estimator.aiding.types import AidingEstimate, AidingParams, AidingState, Report, Sigmas
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
@@ -49,9 +49,9 @@ DOUBT_SHARE = 4.0
 class Direction(NamedTuple):
     """A direction that was measured, in the gyro-propagated frame G, and where it should point."""
 
-    g: Vec3  # unit vector in G
-    ned: Vec3  # unit vector in NED
-    share: float  # confidence, 0 to 1; 0 while there is none
+    g: Vec3 = (0.0, 0.0, 1.0)  # unit vector in G
+    ned: Vec3 = (0.0, 0.0, 1.0)  # unit vector in NED
+    share: float = 0.0  # confidence, 0 to 1; 0 while there is none
 
 
 class Apart(NamedTuple):
@@ -65,37 +65,24 @@ class Apart(NamedTuple):
 class Consistency(NamedTuple):
     """What was measured lately, and how far from the attitude it lies."""
 
-    q_g_frd: Quaternion  # body to G, by the gyroscope free of the bias that the aiding knows
-    window: Window  # of the force, since a report opened it
-    turned_rad: float  # since then, every way
-    by_receiver: bool  # whose reports open and close the window
-    report_wait_s: float  # since the last one of theirs
-    force_wait_s: float  # since a window was closed
-    field_wait_s: float  # since the last sample of the field
-    force: Direction
-    field: Direction
-    tilt: Apart
-    heading: Apart
-    error: float  # e of the published attitude against both directions, 0 to 1
-    error_rate_1_s: float  # its low-passed derivative
+    q_g_frd: Quaternion = (
+        IDENTITY  # body to G, by the gyroscope free of the bias that the aiding knows
+    )
+    window: Window = Window()  # of the force, since a report opened it
+    turned_rad: float = 0.0  # since then, every way
+    by_receiver: bool = False  # whose reports open and close the window
+    report_wait_s: float = 0.0  # since the last one of theirs
+    force_wait_s: float = 0.0  # since a window was closed
+    field_wait_s: float = 0.0  # since the last sample of the field
+    force: Direction = Direction()
+    field: Direction = Direction()
+    tilt: Apart = Apart(0.0, 0.0, LEAST_OFF_RAD**2)
+    heading: Apart = Apart(0.0, 0.0, 4.0 * LEAST_OFF_RAD**2)
+    error: float = 0.0  # e of the published attitude against both directions, 0 to 1
+    error_rate_1_s: float = 0.0  # its low-passed derivative
 
 
-NOWHERE = Direction(g=(0.0, 0.0, 1.0), ned=(0.0, 0.0, 1.0), share=0.0)
-NEW_CONSISTENCY = Consistency(
-    q_g_frd=IDENTITY,
-    window=EMPTY_SEARCH.window,
-    turned_rad=0.0,
-    by_receiver=False,
-    report_wait_s=0.0,
-    force_wait_s=0.0,
-    field_wait_s=0.0,
-    force=NOWHERE,
-    field=NOWHERE,
-    tilt=Apart(0.0, 0.0, LEAST_OFF_RAD**2),
-    heading=Apart(0.0, 0.0, 4.0 * LEAST_OFF_RAD**2),
-    error=0.0,
-    error_rate_1_s=0.0,
-)
+NEW_CONSISTENCY = Consistency()
 
 with_motion = replacer(Consistency, "q_g_frd", "window", "turned_rad")
 with_time = replacer(Consistency, "report_wait_s", "field_wait_s")

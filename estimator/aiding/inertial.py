@@ -117,7 +117,8 @@ def predict_motion(
     off = newest_bend(velocity_history)
     aliased_push = scale(dt, off)
     lasts = lasting_times(params, state)
-    add_noise(params, P, state, lasts, aliased_turn, aliased_push, dot(rate, rate), dt, seen_s)
+    unseen = (params.gyr_slow_noise_1_s * seen_s) ** 2 * dot(rate, rate) * dt
+    add_noise(params, P, state, lasts, aliased_turn, aliased_push, unseen, dt)
     add_knock(P, state.rough, off, dt)
     by_receiver = fade(estimate.receiver_error_m_s, dt, lasts.receiver_s)
     by_filter = fade(estimate.filter_error_m_s, dt, lasts.filter_s)
@@ -197,22 +198,19 @@ def add_noise(
     lasts: ErrorTimes,
     aliased_turn: Vec3,
     aliased_push: Vec3,
-    rate_square: float,
+    unseen: float,
     dt: float,
-    seen_s: float,
 ) -> None:
     """What a step adds to the covariance, in place.
 
     Between two samples things happen that neither shows. The more they differ, the more that
-    may have been. Of the turning something is seen every
-    ``seen_s``.
+    may have been. ``unseen`` (rad^2) is what else the step has missed of a turn about an axis.
     """
     aliasing = params.integration_noise**2
-    turn = (params.gyr_slow_noise_1_s * seen_s) ** 2 * rate_square * dt
     push = params.acc_noise**2 * dt
     iron = params.hard_iron_sigma_gauss**2
     for i in range(3):
-        P[TURN + i, TURN + i] += turn + aliasing * aliased_turn[i] ** 2
+        P[TURN + i, TURN + i] += unseen + aliasing * aliased_turn[i] ** 2
         P[VELOCITY + i, VELOCITY + i] += push + aliasing * aliased_push[i] ** 2
         P[GYR_BIAS + i, GYR_BIAS + i] += params.gyr_bias_sigma**2 * dt / LEARNT_LASTS_S
         P[ACC_BIAS + i, ACC_BIAS + i] += params.acc_bias_sigma**2 * dt / LEARNT_LASTS_S

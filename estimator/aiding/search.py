@@ -34,6 +34,7 @@ from estimator.geometry.quaternion import (
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Vec3
 
 Matrix = tuple[Vec3, Vec3, Vec3]  # row by row
+NOTHING: Matrix = (ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
 
 # A heading no more certain than this, rad, is as good as none, such as one by a compass that
 # nobody has calibrated: the aiding does not begin with it.
@@ -49,12 +50,12 @@ CORRELATED = 4.0
 class Window(NamedTuple):
     """What the accelerometer has measured since a report opened the window."""
 
-    pushed_m_s: Vec3  # integral of the specific force, in G
-    force_m_s2: Vec3  # the last sample's specific force, in G
-    first_force_m_s2: Vec3  # the specific force when the window began, in G
-    time_s: float  # since the window began
-    velocity_ned_m_s: Vec3  # by the report that opened it
-    is_open: bool  # False until the first report
+    pushed_m_s: Vec3 = ZERO_VEC3  # integral of the specific force, in G
+    force_m_s2: Vec3 = ZERO_VEC3  # the last sample's specific force, in G
+    first_force_m_s2: Vec3 = ZERO_VEC3  # the specific force when the window began, in G
+    time_s: float = 0.0  # since the window began
+    velocity_ned_m_s: Vec3 = ZERO_VEC3  # by the report that opened it
+    is_open: bool = False  # until the first report
 
 
 with_sample = replacer(Window, "pushed_m_s", "force_m_s2", "time_s")
@@ -66,42 +67,24 @@ class Evidence(NamedTuple):
     b is the integrated specific force. Older windows count less.
     """
 
-    correlation: Matrix  # B = sum a b', (m/s)^2
-    aged: Matrix  # sum of a b' times the window's age, (m/s)^2 s
-    lagging: Vec3  # sum of b x (change of force): how B turns per second of delay, (m/s)^2/s
-    squares: float  # sum of |a|^2 + |b|^2, (m/s)^2
-    windows: float  # how many, older ones in part
-    rolled: Rolled  # where that goes by its course
-    late_sigma_s: float  # uncertainty of the reports' age
+    correlation: Matrix = NOTHING  # B = sum a b', (m/s)^2
+    aged: Matrix = NOTHING  # sum of a b' times the window's age, (m/s)^2 s
+    # sum of b x (change of force): how B turns per second of delay, (m/s)^2/s
+    lagging: Vec3 = ZERO_VEC3
+    squares: float = 0.0  # sum of |a|^2 + |b|^2, (m/s)^2
+    windows: float = 0.0  # how many, older ones in part
+    rolled: Rolled = STANDING  # where that goes by its course
+    late_sigma_s: float = 0.0  # uncertainty of the reports' age
 
 
 class Search(NamedTuple):
     """The open window, and what the closed ones say."""
 
-    window: Window
-    evidence: Evidence
+    window: Window = Window()
+    evidence: Evidence = Evidence()
 
 
-NOTHING: Matrix = (ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
-EMPTY_SEARCH = Search(
-    window=Window(
-        pushed_m_s=ZERO_VEC3,
-        force_m_s2=ZERO_VEC3,
-        first_force_m_s2=ZERO_VEC3,
-        time_s=0.0,
-        velocity_ned_m_s=ZERO_VEC3,
-        is_open=False,
-    ),
-    evidence=Evidence(
-        correlation=NOTHING,
-        aged=NOTHING,
-        lagging=ZERO_VEC3,
-        squares=0.0,
-        windows=0.0,
-        rolled=STANDING,
-        late_sigma_s=0.0,
-    ),
-)
+EMPTY_SEARCH = Search()
 
 
 class Solution(NamedTuple):

@@ -13,8 +13,8 @@ import numpy as np
 
 from estimator.aiding.acceleration_tilt import (
     acceleration_tilt_angle,
-    hear_report,
     watch_acceleration_tilt,
+    with_latest,
 )
 from estimator.aiding.correction import apply_corrections, correct_last, part, prediction_at
 from estimator.aiding.correction_cusum import add_correction, known, pass_time
@@ -122,7 +122,7 @@ def aid(
     )
     acceleration_tilt = watch_acceleration_tilt(acceleration_tilt, last.force_ned_m_s2, dt)
     if report.given:
-        acceleration_tilt = hear_report(acceleration_tilt, report.velocity_ned_m_s)
+        acceleration_tilt = with_latest(acceleration_tilt, report.velocity_ned_m_s)
     state = AidingState(
         estimate=now.estimate,
         last=last,
@@ -151,7 +151,7 @@ def take_late_report(
     now = prediction_at(state, P, velocity_history)
     x = np.zeros(SIZE)
     agreement = take_report(params, state.agreement, now, state.last.dt_s, report, gravity_b, x)
-    acceleration_tilt = hear_report(state.acceleration_tilt, report.velocity_ned_m_s)
+    acceleration_tilt = with_latest(state.acceleration_tilt, report.velocity_ned_m_s)
     correction_cusum = add_correction(
         state.correction_cusum, part(x, TURN), known(P), known(now.covariance)
     )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from estimator.bounds import Acceleration, Angle, Field, Lag, Noise, Rate, Share, Speed, Time
 from estimator.conditioning.field.magnetic import FieldLook
-from estimator.types import ZERO_VEC3, Quaternion, Vec3
+from estimator.types import IDENTITY, ZERO_VEC3, Quaternion, Vec3
 
 Array = NDArray[np.float64]
 Two = tuple[float, float]
@@ -97,77 +97,70 @@ class AidingParams(NamedTuple):
 class Report(NamedTuple):
     """A velocity in NED, ``ago_s`` before the IMU sample at hand; absent where not ``given``."""
 
-    given: bool  # whether there is one; if not, the rest means nothing
-    velocity_ned_m_s: Vec3  # over ground
-    has_vertical: bool  # whether the third component is known
-    sigma_m_s: float  # the source's accuracy, 1 sigma
-    ago_s: float  # age at the IMU sample
-    late_sigma_s: float  # uncertainty of that age, 1 sigma; 0 where it is exact
+    given: bool = False  # whether there is one; if not, the rest means nothing
+    velocity_ned_m_s: Vec3 = ZERO_VEC3  # over ground
+    has_vertical: bool = False  # whether the third component is known
+    sigma_m_s: float = 0.0  # the source's accuracy, 1 sigma
+    ago_s: float = 0.0  # age at the IMU sample
+    late_sigma_s: float = 0.0  # uncertainty of that age, 1 sigma; 0 where it is exact
 
 
-NO_REPORT = Report(
-    given=False,
-    velocity_ned_m_s=ZERO_VEC3,
-    has_vertical=False,
-    sigma_m_s=0.0,
-    ago_s=0.0,
-    late_sigma_s=0.0,
-)
+NO_REPORT = Report()
 
 
 class FieldState(NamedTuple):
     """What is known about the field of the place, and how well measurements agree with it."""
 
-    look: FieldLook  # in NED, gauss
-    off_rad: float  # low-passed angle by which its heading is off the estimate
-    samples: float  # of the field so far
-    wait_s: float  # since the last sample of the field
-    inflation_s: float  # how long the heading has been far off
-    evidence: float  # for the place's field as read, against what was learnt; 2 ln of a ratio
+    look: FieldLook = FieldLook(0.0, 0.0, 1.0)  # in NED, gauss
+    off_rad: float = 0.0  # low-passed angle by which its heading is off the estimate
+    samples: float = 0.0  # of the field so far
+    wait_s: float = 0.0  # since the last sample of the field
+    inflation_s: float = 0.0  # how long the heading has been far off
+    evidence: float = 0.0  # for the place's field as read, against what was learnt; 2 ln of a ratio
 
 
 class Scatter(NamedTuple):
     """How the velocity reports scatter about their prediction."""
 
-    noise_scale: float  # of the reports' variance; under 1 only of those that no IMU has made
-    innovation: float  # mean square, in units of its expected variance
-    reports: float  # components of reports so far
-    before: Vec3  # the last innovation, in units of its expected sigma
-    together: float  # mean product of an innovation and the one before, in such units
+    noise_scale: float = 1.0  # of the reports' variance; under 1 only of those that no IMU has made
+    innovation: float = 1.0  # mean square, in units of its expected variance
+    reports: float = 0.0  # components of reports so far
+    before: Vec3 = ZERO_VEC3  # the last innovation, in units of its expected sigma
+    together: float = 0.0  # mean product of an innovation and the one before, in such units
 
 
 class Agreement(NamedTuple):
     """How well one source's reports agree with the prediction, and how long they have not."""
 
-    scatter: Scatter  # of reports about their prediction
-    wait_s: float  # since the last report
-    inflation_s: float  # how long reports have been far off
+    scatter: Scatter = Scatter()  # of reports about their prediction
+    wait_s: float = 0.0  # since the last report
+    inflation_s: float = 0.0  # how long reports have been far off
 
 
 class Agreements(NamedTuple):
     """Of either source: an autopilot's filter, and a receiver."""
 
-    by_filter: Agreement  # reports whose age is known
-    by_receiver: Agreement  # reports whose age is uncertain
+    by_filter: Agreement = Agreement()  # reports whose age is known
+    by_receiver: Agreement = Agreement()  # reports whose age is uncertain
 
 
 class AidingEstimate(NamedTuple):
     """What is estimated, in the order of its errors."""
 
-    q_ned_frd: Quaternion  # body to NED
-    velocity_ned_m_s: Vec3  # over ground
-    gyr_bias_rad_s: Vec3  # FRD
-    acc_bias_m_s2: Vec3  # FRD
-    imu_lag_s: float  # age of the gyroscope's samples
-    field_lag_s: float  # age of the magnetometer's readings
-    compass_turn_rad: float  # by which its readings are turned in the vehicle, about down
-    hard_iron_gauss: Vec3  # the vehicle's own field, FRD
-    earth_gauss: Vec3  # the place's field, NED
-    receiver_lag_s: float  # age of reports that do not know theirs
-    filter_lag_s: float  # how much older than they say the others are
-    receiver_error_m_s: Vec3  # slow error of a receiver's reports, NED
-    filter_error_m_s: Vec3  # slow error of a filter's reports, NED
-    acc_lead_s: float  # by how much the accelerometer's samples are younger; told, never learnt
+    q_ned_frd: Quaternion = IDENTITY  # body to NED
+    velocity_ned_m_s: Vec3 = ZERO_VEC3  # over ground
+    gyr_bias_rad_s: Vec3 = ZERO_VEC3  # FRD
+    acc_bias_m_s2: Vec3 = ZERO_VEC3  # FRD
+    imu_lag_s: float = 0.0  # age of the gyroscope's samples
+    field_lag_s: float = 0.0  # age of the magnetometer's readings
+    compass_turn_rad: float = 0.0  # by which its readings are turned in the vehicle, about down
+    hard_iron_gauss: Vec3 = ZERO_VEC3  # the vehicle's own field, FRD
+    earth_gauss: Vec3 = ZERO_VEC3  # the place's field, NED
+    receiver_lag_s: float = 0.0  # age of reports that do not know theirs
+    filter_lag_s: float = 0.0  # how much older than they say the others are
+    receiver_error_m_s: Vec3 = ZERO_VEC3  # slow error of a receiver's reports, NED
+    filter_error_m_s: Vec3 = ZERO_VEC3  # slow error of a filter's reports, NED
+    acc_lead_s: float = 0.0  # by how much the accelerometer's samples are younger; never learnt
 
 
 class LastStep(NamedTuple):
@@ -190,11 +183,10 @@ class Sigmas(NamedTuple):
 class Roughness(NamedTuple):
     """Mean squares over the latest readings."""
 
-    second_difference: (
-        float  # of how far the gyroscope's lie off the line through the two before, (rad/s)^2
-    )
-    changed: float  # of the differences of two of them, (rad/s)^2
-    knocked: float  # of how far the forces lie off such a line, (m/s^2)^2; one alone counts little
+    # of how far the gyroscope's lie off the line through the two before, (rad/s)^2
+    second_difference: float = 0.0
+    changed: float = 0.0  # of the differences of two of them, (rad/s)^2
+    knocked: float = 0.0  # of how far the forces lie off such a line, (m/s^2)^2; one counts little
 
 
 class AccelerationTilt(NamedTuple):
@@ -218,10 +210,10 @@ class CorrectionCusum(NamedTuple):
 class Wheels(NamedTuple):
     """What is known of wheels, and what they have shown."""
 
-    slip_scale: float  # variance of slips, in units of what is expected
-    rolled_s: float  # for how long slips were what kept them from telling the heading
-    contradict: bool  # the heading that it began with: velocity points elsewhere
-    show_north: bool  # that the field points there, which iron may have turned
+    slip_scale: float = 1.0  # variance of slips, in units of what is expected
+    rolled_s: float = 0.0  # for how long slips were what kept them from telling the heading
+    contradict: bool = False  # the heading that it began with: velocity points elsewhere
+    show_north: bool = False  # that the field points there, which iron may have turned
 
 
 class Unlearnt(NamedTuple):

@@ -1,14 +1,16 @@
 """The one place that decides how kernels are compiled."""
 
+import functools
 import os
 from collections.abc import Callable
 from typing import Any, TypeVar, overload
+
+import numba
 
 # Kernels are made for any CPU of the architecture, so that those of a clone, a wheel and an image
 # are the same; those of the host's own CPU are 3 % faster.
 os.environ.setdefault("NUMBA_CPU_NAME", "generic")
 
-import numba
 from numba.core import caching, event
 from numba.extending import register_jitable
 
@@ -24,6 +26,7 @@ Types = Callable[[], tuple[Any, ...]]  # numba's, of a call's arguments
 
 _numba_config: Any = numba.config  # numba ships no types
 _numba_config.reload_config()  # whoever has imported numba before had it read the variable then
+_typeof: Any = numba.typeof
 _caching: Any = caching
 _event: Any = event
 
@@ -99,6 +102,25 @@ def build(kernel: Any) -> None:
     types = KERNELS[kernel]
     assert types is not None
     kernel.compile(types())
+
+
+@functools.cache
+def direct(kernel: Any, types: tuple[Any, ...]) -> Callable[..., Any]:
+    """The form of a kernel that takes arguments of these types (numba's), and checks no more.
+
+    numba's dispatcher finds out at every call which types it has been given: for a handful of
+    numbers and a handle that takes longer than a step of the filter. It is compiled now, unless
+    that has been done; to ask numba for it takes 20 us even then. Without compiled code it is the
+    Python function.
+    """
+    if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
+        return kernel  # type: ignore[no-any-return]
+    return kernel.compile(types)  # type: ignore[no-any-return]
+
+
+def types_of(*arguments: Any) -> tuple[Any, ...]:
+    """What numba calls the types of these arguments."""
+    return tuple(map(_typeof, arguments))
 
 
 class _Listener(_event.Listener):  # type: ignore[misc]

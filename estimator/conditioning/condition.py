@@ -6,34 +6,65 @@ from typing import NamedTuple
 from estimator.bounds import TINY
 from estimator.compilation.compiled import compiled, inlined
 from estimator.compilation.replacing import replacer
+from estimator.conditioning.events.step import learn_events
 from estimator.conditioning.field.calibration import correct_field
-from estimator.conditioning.gather import STEP_S, gather
-from estimator.conditioning.learning import learn
+from estimator.conditioning.field.step import learn_field
+from estimator.conditioning.gather import NOTHING, STEP_S, gather, means
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.state import ConditioningState
+from estimator.conditioning.sigma import certainty_of
+from estimator.conditioning.state import ConditioningState, Directions
+from estimator.conditioning.vertical.gravity import level_to
 from estimator.conditioning.vertical.rate import at_interval_end, corrected_rate, is_mean
-from estimator.conditioning.vertical.step import VerticalState, begin_vertical, carry, free_rate
+from estimator.conditioning.vertical.step import (
+    VerticalState,
+    begin_vertical,
+    carry,
+    free_rate,
+    learn_vertical,
+)
 from estimator.conditioning.vertical.tilt import slowness
-from estimator.geometry.axes import FrameAxes, axes_of, to_body
+from estimator.geometry.axes import FrameAxes, axes_of, down_of, to_body
 from estimator.geometry.quaternion import conjugate, exp, log, multiply, rotate_inverse, scale
-from estimator.types import Quaternion, Sample, Vec3
+from estimator.types import IDENTITY, ZERO_VEC3, Between, Quaternion, Sample, Vec3
+
+with_step = replacer(
+    ConditioningState, "vertical", "field", "events", "gathered", "directions", "certainty"
+)
+
+
+@inlined
+def learn(
+    params: ConditioningParams, state: ConditioningState, between: Between
+) -> ConditioningState:
+    """One learning step on what was gathered; ``between`` is known of the last sample's turning."""
+    mean = means(state.gathered)
+    force_scatter = state.events.signs.gravity.force_scatter
+    levelled = learn_vertical(params, state.vertical, mean, between, force_scatter)
+    seen = learn_field(params, state.field, mean, levelled)
+    now = learn_events(params, state.events, mean, levelled, seen)
+    certainty = certainty_of(params, now.vertical, now.field, now.events)
+    q = level_to(now.vertical.gravity.q_6d_g, now.vertical.gravity.force.best.value)[0]
+    heading_rad = now.vertical.estimate.heading_rad
+    north_6d = (cos(heading_rad), -sin(heading_rad), 0.0)
+    directions = Directions(down_of(q), rotate_inverse(q, north_6d))
+    return with_step(state, now.vertical, now.field, now.events, NOTHING, directions, certainty)
 
 
 class Conditioned(NamedTuple):
     """The paper's vectors, and what else the filter and the publisher need."""
 
-    rate_rad_s: Vec3  # free of bias, and the one that integrates best over the step; FRD
-    turn: Quaternion  # by that rate over the step: the body's attitude after it in that before
-    bias_rad_s: Vec3  # of the gyroscope, FRD
-    gravity_b: Vec3  # down, a unit vector in FRD
-    magnetic_b: Vec3  # magnetic north, horizontal, a unit vector in FRD
-    weight: float  # of both vectors against the gyroscope; 1 for fast streams
-    has_heading: bool  # whether a field has told it
-    gravity_confidence: float  # 0..1, falls with accelerations
-    magnetic_confidence: float  # 0..1, of the present field; 0 without one
-    sigma_inclination_rad: float  # angle that 68 % of the errors lie under
-    sigma_brief_rad: float  # the same if no acceleration lasted
-    sigma_heading_rad: float  # angle that 68 % of the errors lie under; infinite without a heading
+    rate_rad_s: Vec3 = ZERO_VEC3  # free of bias, the one that integrates best over the step; FRD
+    turn: Quaternion = IDENTITY  # by that rate: the body's attitude after the step in that before
+    bias_rad_s: Vec3 = ZERO_VEC3  # of the gyroscope, FRD
+    gravity_b: Vec3 = (0.0, 0.0, 1.0)  # down, a unit vector in FRD
+    magnetic_b: Vec3 = (1.0, 0.0, 0.0)  # magnetic north, horizontal, a unit vector in FRD
+    weight: float = 1.0  # of both vectors against the gyroscope; 1 for fast streams
+    has_heading: bool = False  # whether a field has told it
+    gravity_confidence: float = 0.0  # 0..1, falls with accelerations
+    magnetic_confidence: float = 0.0  # 0..1, of the present field; 0 without one
+    sigma_inclination_rad: float = 0.0  # angle that 68 % of the errors lie under
+    sigma_brief_rad: float = 0.0  # the same if no acceleration lasted
+    sigma_heading_rad: float = 0.0  # likewise; infinite without a heading
 
 
 with_vectors = replacer(Sample, "acc_m_s2", "mag", "dt_s")
@@ -67,21 +98,12 @@ def condition(
         state = learn(params, state, sample.between)
         slow = 0.0 if is_first else slowness(params, dt)
         if slow > 0.0:
-            rate = rate_by_attitudes(vertical, state.vertical, rate, slow, dt)
+            # by how much gyroscope and vectors together have turned the vehicle
+            missed = log(multiply(conjugate(ned_of_g(vertical)), ned_of_g(state.vertical)))
+            missed = rotate_inverse(state.vertical.gravity.q_g_frd, missed)
+            rate = corrected_rate(rate, missed, slow, dt)
             turn = exp(scale(dt, rate))
     return state, result_of(state, axes_g, rate, turn)
-
-
-@inlined
-def rate_by_attitudes(
-    before: VerticalState, after: VerticalState, rate: Vec3, slow: float, dt_s: float
-) -> Vec3:
-    """The rate that makes of the attitude before a slow step the one after it.
-
-    It is what gyroscope and vectors together say the vehicle has turned.
-    """
-    correction = log(multiply(conjugate(ned_of_g(before)), ned_of_g(after)))
-    return corrected_rate(rate, rotate_inverse(after.gravity.q_g_frd, correction), slow, dt_s)
 
 
 @inlined

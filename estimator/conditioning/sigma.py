@@ -7,9 +7,8 @@ from estimator.compilation.compiled import inlined
 from estimator.conditioning.events.jump_signs import turn_of
 from estimator.conditioning.events.step import EventsState
 from estimator.conditioning.field.calibration import own_field
-from estimator.conditioning.field.heading import north_east, wrap_angle
 from estimator.conditioning.field.magnetic import MagneticState, has_heading, steepness
-from estimator.conditioning.field.step import MagnetometerState
+from estimator.conditioning.field.step import MagnetometerState, north_east, wrap_angle
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.times import BORNE_S, LONG_S, SPAN_S
 from estimator.conditioning.vertical.bias import SETTLED_HEADING_RAD

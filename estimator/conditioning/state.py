@@ -3,16 +3,14 @@
 from typing import NamedTuple
 
 from estimator.conditioning.events.axis_signs import AxisSigns
-from estimator.conditioning.events.proof import TurnSigns
-from estimator.conditioning.events.step import EventsState
+from estimator.conditioning.events.step import EventsState, TurnSigns
 from estimator.conditioning.field.calibration import first_calibration
 from estimator.conditioning.field.step import MagnetometerState
 from estimator.conditioning.gather import NOTHING, Gathered
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.sigma import Certainty
 from estimator.conditioning.vertical.bias import UNKNOWN_HEADING_VARIANCE, first_estimate
-from estimator.conditioning.vertical.coefficients import Coefficients
-from estimator.conditioning.vertical.lowpass import Smooth
+from estimator.conditioning.vertical.lowpass import Coefficients, Smooth
 from estimator.conditioning.vertical.step import VerticalState
 from estimator.conditioning.vertical.stillness import Stillness
 from estimator.geometry.axes import FrameAxes

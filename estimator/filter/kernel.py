@@ -9,8 +9,7 @@ from math import expm1, sqrt
 import numpy as np
 
 from estimator.arrays import Floats
-from estimator.compilation.compiled import compiled, inlined
-from estimator.compilation.direct import types_of
+from estimator.compilation.compiled import compiled, inlined, types_of
 from estimator.compilation.replacing import replacer
 from estimator.filter.fuzzy import operating_gain
 from estimator.filter.noise_gain import (

@@ -11,8 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.arrays import Floats, writable
-from estimator.compilation.compiled import compiled, inlined
-from estimator.compilation.direct import types_of
+from estimator.compilation.compiled import compiled, inlined, types_of
 from estimator.geometry.quaternion import conjugate, multiply
 from estimator.types import Quaternion
 

@@ -25,7 +25,7 @@ from estimator.aiding.acceleration_tilt import bears_out
 from estimator.aiding.beginning import loosen
 from estimator.aiding.consistency import doubted
 from estimator.aiding.course import forward_evidence, lean_rad, level_ahead
-from estimator.aiding.phase import Cause, Phase
+from estimator.aiding.phase import Cause
 from estimator.aiding.place import resembles
 from estimator.aiding.search import MOST_START_RAD, UNKNOWN_RAD, solve
 from estimator.aiding.sources.velocity import is_credible
@@ -49,14 +49,12 @@ from estimator.geometry.quaternion import (
     scale,
     shortest_rotation,
 )
-from estimator.live.aided import is_worse
-from estimator.live.conditioned import conditioned_vectors
+from estimator.live.aided import conditioned_vectors, is_worse
 from estimator.live.core import Core, flat, square, with_attitude
 from estimator.live.iron import MOUNTED_RAD
 from estimator.live.settings import Settings
 from estimator.live.state import State
 from estimator.types import DOWN, STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Vec3
-from estimator.vehicle_class import VehicleClass
 
 # However small its computed sigma, no heading is better known than this to begin with.
 LEAST_HEADING_SIGMA_RAD = MOUNTED_RAD
@@ -223,7 +221,9 @@ def give_up(state: State) -> None:
     if not is_credible(aided):
         aided, covariance = loosen(aided, covariance)
     is_borne = bears_out(aided.acceleration_tilt) and isfinite(hypot(*aided.sigma))
-    sigma = all_doubts(core, aided.sigma)
+    # with what the unaided down and the field show against it
+    inclination_rad = hypot(aided.sigma.inclination_rad, verticals_apart(core))
+    sigma = Sigmas(inclination_rad, doubted(aided.sigma, core.consistency).heading_rad)
     has_lost_down = is_worse(core.aided, core.seen) and not is_borne
     if is_borne or (is_better(sigma, other) and not has_lost_down):
         state.set_core(core._replace(aided=aided, covariance=flat(covariance)))
@@ -242,15 +242,6 @@ def give_up(state: State) -> None:
     is_lost = not isfinite(sum(core.filter.q_ned_frd))
     if is_lost or (core.seen.has_heading and slow_share(core.sample.dt_s) > 0.0):
         state.align()
-
-
-def all_doubts(now: Core, sigma: Sigmas) -> Sigmas:
-    """How far off the aided attitude may be, with what both other witnesses say against it.
-
-    One is the unaided down, the other the field.
-    """
-    heading_rad = doubted(sigma, now.consistency).heading_rad
-    return Sigmas(hypot(sigma.inclination_rad, verticals_apart(now)), heading_rad)
 
 
 def verticals_apart(now: Core) -> float:
@@ -337,20 +328,6 @@ def start_by_course(settings: Settings, now: Core, report: Report) -> Start | No
     ahead = level_ahead(down)
     q_level_frd = quaternion_from_matrix(np.array([ahead, cross(down, ahead), down]))
     return Start(multiply(exp((0.0, 0.0, heading_rad)), q_level_frd), sigma_rad, tilt_rad)
-
-
-def set_vehicle_class(state: State, vehicle_class: VehicleClass) -> None:
-    """See :meth:`estimator.estimator.Estimator.set_vehicle_class`."""
-    if vehicle_class is not state.context.vehicle_class:
-        state.change_context(vehicle_class=vehicle_class)
-        state.replace_profile(state.profile)
-
-
-def set_imu_lag(state: State, gyr_s: float, acc_s: float) -> None:
-    """See :meth:`estimator.estimator.Estimator.set_imu_lag`."""
-    state.change_context(imu_lag_s=gyr_s, acc_lead_s=gyr_s - acc_s)
-    if state.context.phase is Phase.AIDED:
-        state.set_core(with_imu_lag(state.core.core, gyr_s, gyr_s - acc_s))
 
 
 def with_imu_lag(core: Core, lag_s: float, lead_s: float) -> Core:

@@ -9,21 +9,27 @@ taken to be turned in the vehicle by the difference, and the aiding begins again
 velocity, which shows the rest of that turn. A heading that velocity has confirmed before is not
 given up for a sudden contradiction, because velocity may be what went wrong: only a difference that
 lasts for ``MEMORY_S`` decides against the compass. Meanwhile the heading's sigma is 45 deg.
+
+Beside that, how far the field contradicts the accelerometer, whatever the gyroscope shows.
 """
 
-from math import atan2, hypot
+from math import atan2, cos, hypot, sin
+
+import numpy as np
 
 from estimator.aiding import compass
 from estimator.aiding.compass import Compass
 from estimator.aiding.phase import Cause, Phase
 from estimator.aiding.search import UNKNOWN_RAD, Solution, solve
 from estimator.aiding.sources.wheels import rolls
-from estimator.aiding.types import COMPASS_TURN, Report
+from estimator.aiding.types import COMPASS_TURN, HARD_IRON, SIZE, Report, Sigmas
+from estimator.aiding.uncertainty import leaning
 from estimator.bounds import TINY
+from estimator.conditioning.field.magnetic import FieldLook, horizontal_down
 from estimator.conditioning.robust import REACH
 from estimator.conditioning.times import BORNE_S, MEMORY_S, SPAN_S
 from estimator.conditioning.vertical.rate import slow_share
-from estimator.geometry.quaternion import multiply, rotate
+from estimator.geometry.quaternion import angle_between_vectors, multiply, norm, rotate
 from estimator.live.aiding_span import (
     LEAST_HEADING_SIGMA_RAD,
     Start,
@@ -35,6 +41,7 @@ from estimator.live.aiding_span import (
 )
 from estimator.live.core import Core, square
 from estimator.live.iron import MOUNTED_RAD
+from estimator.live.settings import Settings
 from estimator.live.state import State
 
 
@@ -130,3 +137,27 @@ def mislead(state: State, start: Start, turn_rad: float, report: Report) -> None
         state.turn_compass(turn_rad)
     state.set_core(state.core.core._replace(search=now.search))
     set_out(state, start, report, has_heading=False)
+
+
+CERTAIN = Sigmas(inclination_rad=0.0, heading_rad=0.0)
+
+
+def leaning_angle(settings: Settings, core: Core) -> float:
+    """How far (rad) force and field as read lie otherwise apart than velocity and place have it.
+
+    The force is that of the last second or so, which the change of velocity explains. What was
+    learnt of the field meanwhile does not count, and what calibration leaves over is no
+    contradiction. 0 without either, and while nobody knows the place.
+    """
+    params, place_gauss = settings.aiding, settings.reference.place_gauss
+    force, sample = core.consistency.force, core.sample
+    n = norm(sample.mag)
+    if not sample.has_mag or force.share == 0.0 or norm(place_gauss) == 0.0 or n == 0.0:
+        return 0.0
+    apart = angle_between_vectors(force.g, rotate(core.consistency.q_g_frd, sample.mag))
+    dip = np.arctan2(*horizontal_down(place_gauss)[::-1])
+    dip += apart - angle_between_vectors(force.ned, place_gauss)
+    as_read = core.aided.field._replace(look=FieldLook(n * cos(dip), n * sin(dip), 0.0))
+    usual = np.zeros((SIZE, SIZE))
+    usual[HARD_IRON, HARD_IRON] = params.hard_iron_sigma_gauss**2
+    return leaning(params, CERTAIN, as_read, place_gauss, usual).inclination_rad

@@ -6,8 +6,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimator.aiding import AidingParams, AidingState, blank_aiding, forget_biases
+from estimator.aiding.compass import Compass
 from estimator.aiding.consistency import NEW_CONSISTENCY, Consistency
 from estimator.aiding.covariance import rotation_matrix
+from estimator.aiding.phase import Phase
+from estimator.aiding.place import Whereabouts
 from estimator.aiding.search import EMPTY_SEARCH, Search
 from estimator.aiding.types import HARD_IRON, SIZE
 from estimator.aiding.velocity_history import COLUMNS
@@ -17,28 +20,16 @@ from estimator.conditioning import apply_turn as turn_memory
 from estimator.conditioning import initial_state as initial_conditioning
 from estimator.filter.types import FilterState, initial_state
 from estimator.geometry.quaternion import conjugate, exp, multiply, normalize, rotate
-from estimator.live.pull import NO_PULL, Pull
+from estimator.live.published import NO_PULL, Pull
 from estimator.live.rows import TOLD
 from estimator.live.settings import Settings
 from estimator.live.turning import COLUMNS as RATE_COLUMNS
 from estimator.live.turning import STILL, Turning
-from estimator.types import IDENTITY, NO_SAMPLE, ZERO_VEC3, Quaternion, Sample
+from estimator.types import NO_SAMPLE, Quaternion, Sample
+from estimator.vehicle_class import VehicleClass
 
 # What the conditioning stage has said before it was asked.
-UNSEEN = Conditioned(
-    rate_rad_s=ZERO_VEC3,
-    turn=IDENTITY,
-    bias_rad_s=ZERO_VEC3,
-    gravity_b=(0.0, 0.0, 1.0),
-    magnetic_b=(1.0, 0.0, 0.0),
-    weight=1.0,
-    has_heading=False,
-    gravity_confidence=0.0,
-    magnetic_confidence=0.0,
-    sigma_inclination_rad=0.0,
-    sigma_brief_rad=0.0,
-    sigma_heading_rad=0.0,
-)
+UNSEEN = Conditioned()
 
 
 class Core(NamedTuple):
@@ -149,11 +140,6 @@ def without_aiding(settings: Settings, now: Core) -> Core:
     )
 
 
-def without_conditioning(settings: Settings, now: Core) -> Core:
-    """The core for raw vectors, to which nothing that conditioning has shown belongs."""
-    return without_aiding(settings, now)._replace(pull=NO_PULL, seen=UNSEEN)
-
-
 def with_attitude(now: Core, q_ned_frd: Quaternion) -> Core:
     """The core with another attitude of the filter."""
     return now._replace(filter=now.filter._replace(q_ned_frd=q_ned_frd))
@@ -206,3 +192,23 @@ def change_imu(settings: Settings, now: Core, *, is_aided: bool) -> Core:
         return now
     aided, P = forget_biases(settings.aiding, now.aided, square(now.covariance))
     return now._replace(aided=aided, covariance=flat(P))
+
+
+class Context(NamedTuple):
+    """What Python keeps beside the core."""
+
+    phase: Phase = Phase.EMPTY
+    reports: tuple[Any, ...] = ()  # of other sources than velocity, that wait for the IMU
+    compass: Compass = Compass()  # how far the field is trusted
+    is_by_field: bool = False  # whether the aiding began with the field's heading
+    whereabouts: Whereabouts = Whereabouts()  # and the field of the place
+    imu_lag_s: float | None = None  # of the gyroscope's samples, as far as somebody has told
+    acc_lead_s: float = 0.0  # by how much the accelerometer's are younger
+    vehicle_class: VehicleClass = VehicleClass.ANYTHING  # of the IMU, as far as somebody has told
+
+
+class Snapshot(NamedTuple):
+    """Everything that changes. Restoring it resumes with the same results."""
+
+    core: Core
+    context: Context

@@ -11,7 +11,7 @@ from estimator.aiding.sources.source import in_types_of
 from estimator.aiding.sources.table import source_of
 from estimator.aiding.types import NO_REPORT, Report
 from estimator.arrays import Floats
-from estimator.compilation.direct import direct
+from estimator.compilation.compiled import direct
 from estimator.live import kernel_handle
 from estimator.live.core import Core, in_arrays, in_tuples
 from estimator.live.reports import age_s

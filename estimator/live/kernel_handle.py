@@ -38,7 +38,6 @@ from estimator.conditioning import (
     ConditioningState,
     condition,
 )
-from estimator.conditioning.events.axis_signs import errors_squared
 from estimator.conditioning.times import SPAN_S
 from estimator.conditioning.vertical.rate import slow_share
 from estimator.filter import kernel
@@ -46,10 +45,8 @@ from estimator.filter.observation import ReferenceParams
 from estimator.filter.types import FilterParams, FilterState
 from estimator.geometry.quaternion import subtract
 from estimator.live import turning
-from estimator.live.aided import follow_aided, horizontal_north, is_worse
-from estimator.live.conditioned import follow_conditioned
+from estimator.live.aided import follow_aided, follow_conditioned, horizontal_north, is_worse
 from estimator.live.core import Core, in_arrays, initial_core
-from estimator.live.interval import is_gap, usual_interval
 from estimator.live.iron import DOUBTED, VOUCHED, mounted_rad, unshown_iron
 from estimator.live.published import (
     NOTHING_SAID,
@@ -58,12 +55,12 @@ from estimator.live.published import (
     aided_figures,
     conditioned_figures,
     motion,
+    pulled,
     raw_figures,
     widen,
     write,
 )
-from estimator.live.pull import pulled
-from estimator.live.refusal import FINE, fault_of
+from estimator.live.refusal import FINE, fault_of, is_gap, usual_interval
 from estimator.live.reports import enqueue_velocity, take_due_velocities
 from estimator.live.rows import (
     HAS_VERTICAL,
@@ -111,7 +108,7 @@ AIDED = 2
 
 
 class Situation(NamedTuple):
-    """What the steps ask of the context, see :mod:`estimator.live.snapshot`."""
+    """What the steps ask of the context, see :mod:`estimator.live.core`."""
 
     source: int = RAW
     standing: int = VOUCHED  # of the compass, see :mod:`estimator.live.iron`
@@ -279,7 +276,9 @@ def contradicted_axes(inside: Any) -> tuple[bool, bool, bool]:
     axes = inside.conditioning.events.signs.axes
     is_now = axes.since_s < SPAN_S
     least = inside.params.conditioning.bias_limit_rad_s**2
-    x, y, z = errors_squared(axes)
+    x, y, z = axes.squares
+    common = min(x, y, z)  # of a field that contradicts all three it is the field's own
+    x, y, z = x - common, y - common, z - common
     return is_now and x > least, is_now and y > least, is_now and z > least
 
 
@@ -374,7 +373,9 @@ def advance(
         if now.watches_gaps and not between.given and is_gap(usual_s, dt_s):
             is_aided, end = False, GAP
         has_mag = has_mag and time_us >= now.heard_from_us
-        mag = as_mounted(mag, now.turned_back) if has_mag else ZERO_VEC3
+        c, s = now.turned_back  # as a compass reads it that is not turned about the body's down
+        x, y, z = mag if has_mag else ZERO_VEC3
+        mag = (c * x + s * y, c * y - s * x, z)
         sample = Sample(
             gyr_rad_s=gyr, acc_m_s2=acc, mag=mag, has_mag=has_mag, dt_s=dt_s, between=between
         )
@@ -392,14 +393,6 @@ def advance(
         if not is_aided:
             inside.smooth_error = state.error
     return k, heard, end, said
-
-
-@inlined
-def as_mounted(mag: Vec3, turned_back: tuple[float, float]) -> Vec3:
-    """A field as a compass reads it that is turned about the body's down, turned back."""
-    c, s = turned_back
-    x, y, z = mag
-    return (c * x + s * y, c * y - s * x, z)
 
 
 @inlined

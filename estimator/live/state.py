@@ -9,22 +9,23 @@ from estimator.aiding.sources.wheels import rolls
 from estimator.conditioning import forget_coefficients
 from estimator.filter.alignment import align
 from estimator.geometry.earth import PlaceField
-from estimator.live.conditioned import conditioned_vectors
+from estimator.live.aided import conditioned_vectors
 from estimator.live.core import (
+    UNSEEN,
+    Context,
     Core,
+    Snapshot,
     initial_core,
     with_attitude,
     with_turned_compass,
     without_aiding,
-    without_conditioning,
 )
 from estimator.live.holder import Holder
 from estimator.live.iron import BY_TURNS, PROVEN, VOUCHED, unshown_iron
 from estimator.live.kernel_handle import AIDED, CONDITIONED, RAW, Situation, standing_at
-from estimator.live.published import Said
+from estimator.live.published import NO_PULL, Said
 from estimator.live.rows import NORTHS
 from estimator.live.settings import Settings, settings_of
-from estimator.live.snapshot import Context, Snapshot
 from estimator.profile import Profile
 
 # What the filter's vectors come from, as the compiled output takes it.
@@ -168,7 +169,8 @@ class State:
         if phase is before:
             return
         if phase is Phase.RAW:
-            self.set_core(without_conditioning(self.settings, self.core.core))
+            core = without_aiding(self.settings, self.core.core)
+            self.set_core(core._replace(pull=NO_PULL, seen=UNSEEN))
         elif before is Phase.AIDED:
             self.set_core(without_aiding(self.settings, self.core.core))
         self.change_context(phase=phase)

@@ -2,16 +2,53 @@
 
 from estimator.aiding.phase import Cause, Phase
 from estimator.aiding.velocity_history import OLDEST_S
+from estimator.compilation.compiled import plain
+from estimator.conditioning import condition
+from estimator.filter import kernel
+from estimator.filter.alignment import align
+from estimator.filter.observation import raw_vectors
+from estimator.filter.types import initial_state
 from estimator.geometry.quaternion import exp, rotate
+from estimator.live.aided import conditioned_vectors
 from estimator.live.aiding_span import begin_aided, give_up
 from estimator.live.compass_check import check_compass
-from estimator.live.first_sample import first_core
+from estimator.live.core import UNSEEN, Core
 from estimator.live.kernel_handle import FIRST_HEADING, GAP, LOST, REPORT, SHOWN, SHOWN_LATE, TAKEN
 from estimator.live.refusal import REASONS, refusal, sample_in_floats
 from estimator.live.reports import take_due
+from estimator.live.settings import Settings
 from estimator.live.state import State
 from estimator.reasons import Reason
-from estimator.types import ImuSample
+from estimator.types import ImuSample, Sample
+
+
+def first_core(settings: Settings, before: Core, sample: ImuSample) -> Core:
+    """Nothing has turned yet. Plain Python: a single step is quicker so than taken into memory."""
+    first = Sample(
+        gyr_rad_s=sample.gyr_rad_s,
+        acc_m_s2=sample.acc_m_s2,
+        mag=sample.mag_gauss,
+        has_mag=sample.has_mag,
+        dt_s=0.0,
+    )
+    memory, seen = before.conditioning, UNSEEN
+    if settings.conditioned:
+        memory, seen = plain(condition)(settings.conditioning, memory, first)
+        vectors = conditioned_vectors(settings.reference, seen)
+    else:
+        vectors = raw_vectors(settings.reference, first.acc_m_s2, first.mag, first.has_mag)
+    q = align(vectors) if settings.initial is None else settings.initial
+    first_step_s = settings.filter.first_step_s
+    state = plain(kernel.correct)(settings.filter, initial_state(q), vectors, first_step_s)
+    return before._replace(
+        time_us=sample.time_us,
+        sample=first,
+        filter=state,
+        smooth_error=state.error,
+        conditioning=memory,
+        seen=seen,
+        reports=(),
+    )
 
 
 def decide(state: State, end: int) -> Reason | None:

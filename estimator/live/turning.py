@@ -155,18 +155,13 @@ def take_between(
 
 
 @inlined
-def edge_us(step_us: int) -> int:
-    """How near the ends of a step a rate is a sample's own."""
-    of_step_us = max(1e6 * ONE_MOMENT_S, SAME_INSTANT * step_us)
-    return int(np.rint(min(1e6 * SAME_INSTANT_S, of_step_us)))
-
-
-@inlined
 def integrate(
     state: Turning, rates: Rates, passed: int, from_us: int, time_us: int, gyr_rad_s: Vec3
 ) -> Between:
     """The turn through all readings inside, if there are any and no two are too far apart."""
-    edge = edge_us(time_us - from_us)
+    # a rate so near the ends of the step is a sample's own
+    edge_us = max(1e6 * ONE_MOMENT_S, SAME_INSTANT * (time_us - from_us))
+    edge = int(np.rint(min(1e6 * SAME_INSTANT_S, edge_us)))
     turn, longest_s, squares, steps = IDENTITY, 0.0, ZERO_VEC3, 0
     t0, w0 = from_us, state.last_gyr_rad_s
     for k in range(passed + 1):

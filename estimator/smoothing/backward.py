@@ -12,11 +12,16 @@ from estimator.estimator import Estimator
 from estimator.geometry.rotations import exp, multiply
 from estimator.live.rows import (
     AIDED,
+    IS_RATE,
     LATE_S,
+    ROW,
     SAID,
     SIGMA,
+    TIME,
     Q,
     Rows,
+    X,
+    Z,
     blocks,
     rows_of,
     told_between,
@@ -26,7 +31,6 @@ from estimator.row_taking import take
 from estimator.smoothing.field import believed, without_lag
 from estimator.smoothing.path import stands_for_step
 from estimator.smoothing.recording import Estimates, Recording
-from estimator.smoothing.reports import turned_round
 
 # The least age that a profile allows (s): none.
 NO_AGE_S = 1e-4
@@ -39,7 +43,8 @@ def backward(recording: Recording) -> Estimates:
     recording = recording._replace(rows=recording.rows._replace(has_mag=believed(recording)))
     ages = Ages(recording.last)
     inner = of_reversed_time(recording.last)
-    times_us = mirrored_times(recording.rows.times_us)
+    times_us = recording.rows.times_us  # in time turned round
+    times_us = np.asarray((times_us[-1] - times_us + FIRST_US)[::-1])
     q, sigma, aided = np.full((n, 4), np.nan), np.full((n, 2), np.nan), np.zeros(n, np.bool_)
     mirrored_us = int(recording.rows.times_us[-1]) + FIRST_US
     told = turned_round(
@@ -90,11 +95,6 @@ def of_reversed_time(last: Estimator) -> Estimator:
     return inner
 
 
-def mirrored_times(times_us: Times) -> Times:
-    """The times (N,) in time turned round, which begins at ``FIRST_US``."""
-    return np.asarray((times_us[-1] - times_us + FIRST_US)[::-1])
-
-
 def mirror(recording: Recording, times_us: Times, begin: int, end: int, field_lag_s: float) -> Rows:
     """Rows in time turned round, from ``begin`` up to ``end`` of their ``times_us`` (N,).
 
@@ -107,3 +107,20 @@ def mirror(recording: Recording, times_us: Times, begin: int, end: int, field_la
     rate = rows.gyr_rad_s[behind] - recording.bias_rad_s[recording.last_rows(behind)]
     field = without_lag(rows.mag_gauss[behind], rate, field_lag_s)
     return rows_of(times_us[begin:end], -rate, rows.acc_m_s2[behind], field, rows.has_mag[behind])
+
+
+def turned_round(
+    told: Floats, times_us: Times, mirrored_us: int, velocity_age_s: Floats, late_s: float
+) -> Floats:
+    """Velocities and rates (M, TOLD) before the samples of ``times_us``, both turned round.
+
+    Times are those to ``mirrored_us``. A velocity is brought to its own time by its age (M,), and
+    is late by no more than ``late_s``.
+    """
+    is_rate, turned = told[:, IS_RATE] > 0.0, told.copy()
+    age_us = np.where(is_rate, 0.0, np.rint(1e6 * velocity_age_s))
+    turned[:, TIME] = mirrored_us - told[:, TIME] + age_us
+    turned[:, X : Z + 1] = -told[:, X : Z + 1]
+    turned[:, LATE_S] = np.minimum(told[:, LATE_S], late_s)
+    turned[:, ROW] = np.searchsorted(times_us, turned[:, TIME])
+    return np.asarray(turned[np.lexsort((~is_rate, turned[:, TIME]))])

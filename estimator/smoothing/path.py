@@ -6,8 +6,7 @@ import numpy as np
 
 from estimator.arrays import Bools, Floats
 from estimator.conditioning.vertical.averaging import MOST_ERROR
-from estimator.conditioning.vertical.clipping import LEAST_PEAK_RAD_S
-from estimator.conditioning.vertical.rate import SLOW_SAMPLE_S
+from estimator.conditioning.vertical.rate import LEAST_PEAK_RAD_S, SLOW_SAMPLE_S
 from estimator.geometry.rotations import chained, cross, exp, rotate
 from estimator.smoothing.recording import Recording, steps_s
 
@@ -43,7 +42,7 @@ def stands_for_step(recording: Recording) -> Bools:
 def aliased_turn(recording: Recording) -> Floats:
     """Variance (N,) of the turn missed at a gyroscope's end since the sample before, rad^2.
 
-    See :mod:`estimator.conditioning.vertical.clipping`.
+    See :mod:`estimator.conditioning.vertical.rate`.
     """
     gyr, dt_s = recording.rows.gyr_rad_s, steps_s(recording.rows)
     at, variance = np.arange(len(gyr)), np.zeros(len(gyr))

@@ -10,9 +10,8 @@ from estimator.conditioning.times import LONG_S
 from estimator.conditioning.vertical.rate import FAST_STEP_S
 from estimator.live.rows import BIAS, RATE, SIGMA, Q
 from estimator.smoothing.backward import backward
-from estimator.smoothing.joining import join
 from estimator.smoothing.recorder import Recorder
-from estimator.smoothing.recording import Recording, steps_s
+from estimator.smoothing.recording import Recording, join, steps_s
 from estimator.smoothing.unaided import LEAST_SAMPLES, pieces, put_unaided
 
 

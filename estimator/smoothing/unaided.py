@@ -11,10 +11,9 @@ from estimator.conditioning.times import QUICK_S
 from estimator.geometry.rotations import about_down, conjugate, heading_of, multiply
 from estimator.smoothing.field import field_of
 from estimator.smoothing.heading import Headed, turn_north
-from estimator.smoothing.joining import known_rows
 from estimator.smoothing.path import felt_down, path_of
-from estimator.smoothing.recording import Estimates, Recording, steps_s
-from estimator.smoothing.vertical import Vertical, level
+from estimator.smoothing.recording import Estimates, Recording, known_rows, steps_s
+from estimator.smoothing.vertical import level
 from estimator.smoothing.windows import windows_of
 
 # Fewer samples tell nothing that the estimator has not said.
@@ -69,15 +68,13 @@ def of_piece(recording: Recording) -> Estimates:
         params = recording.last.settings.conditioning
         headed = turn_north(params, windows, path, vertical, field)
     else:
-        headed = turn_as(vertical, recording.forward)
+        # without a field nothing but the way forward tells the heading
+        before = recording.forward
+        heading = heading_of(multiply(before.q_ned_frd, conjugate(vertical.q_6d_frd)))
+        q_ned_frd = multiply(about_down(heading), vertical.q_6d_frd)
+        headed = Headed(q_ned_frd, before.sigma_rad[:, 1])
     heading_rad = headed.sigma_rad
     shown = np.hypot(heading_rad, field.unshown_iron_rad)
     heading_rad = np.minimum(shown, np.maximum(heading_rad, UNKNOWN_RAD))
     sigma = np.stack([vertical.sigma_rad, heading_rad], axis=-1)
     return Estimates(headed.q_ned_frd, sigma, recording.forward.is_aided)
-
-
-def turn_as(vertical: Vertical, forward: Estimates) -> Headed:
-    """The levelled path turned as these attitudes are: without a field nothing else tells."""
-    heading = heading_of(multiply(forward.q_ned_frd, conjugate(vertical.q_6d_frd)))
-    return Headed(multiply(about_down(heading), vertical.q_6d_frd), forward.sigma_rad[:, 1])

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from estimator.arrays import Bools, Floats
-from estimator.conditioning.vertical.clipping import LEAST_PEAK_RAD_S
+from estimator.conditioning.vertical.rate import LEAST_PEAK_RAD_S
 from fuzzbee.replays.panels import BLUE, BROWN, GREY, ORANGE, PURPLE, RED, Band, Span
 from fuzzbee.replays.score import CONVERGED_RAD
 from fuzzbee.replays.trace import VehicleTrace

@@ -9,7 +9,6 @@ from drivers.simulation.simulated_vehicle import simulate
 from estimator.estimator import Estimator
 from estimator.geometry.earth import field_at
 from estimator.geometry.quaternion import exp, multiply, rotate_inverse, scale
-from estimator.live.aided import confidence
 from estimator.live.published import LEAST_SIGMA_RAD, widen
 from estimator.profile import load_profile
 from estimator.types import ImuSample
@@ -86,13 +85,6 @@ def test_a_turn_given_in_ned_turns_the_attitude_in_ned(name):
     estimator.turn(turn)
     after = estimator.attitude(stream[-1].time_us).q_ned_frd
     assert_attitude_close(after, multiply(turn, before), 1e-9)
-
-
-@pytest.mark.parametrize(
-    ("sigmas", "believed"), [(0.0, 1.0), (1.0, 0.5), (2.0, 0.2), (10.0, 0.0099)]
-)
-def test_confidence_falls_with_the_square_of_sigma(sigmas, believed):
-    assert confidence(sigmas * 0.1, 0.1) == pytest.approx(believed, rel=1e-3)
 
 
 @pytest.mark.parametrize(("ahead_s", "unseen_s"), [(-0.1, 0.0), (0.1, 0.05), (0.4, 0.32)])

@@ -6,9 +6,8 @@ import numpy as np
 
 from estimator.estimator import Estimator
 from estimator.geometry.quaternion import multiply
-from estimator.live.core import with_attitude
+from estimator.live.core import Snapshot, with_attitude
 from estimator.live.rows import Rows, cut, rows_of
-from estimator.live.snapshot import Snapshot
 from estimator.profile import Profile
 from estimator.types import ImuSample, Quaternion
 from tuning.course import Course, course_of, split_calls

@@ -42,6 +42,15 @@ class AxisSigns(NamedTuple):
     since_s: float = LATELY_S  # since any was contradicted, up to this time
 
 
+class Seen(NamedTuple):
+    """The field in G."""
+
+    y: Vec3  # its direction
+    moved: Vec3  # by how much that has left its mean
+    lag: Vec3  # what a second's lag would have made of the turning
+    noise: float  # variance, rad^2
+
+
 class Suspect(NamedTuple):
     """One axis' case."""
 
@@ -101,12 +110,11 @@ def watch_axes(
     )
     along = jump.quick_norm / usual_norm - 1.0
     noise = LEAST_DIRECTION_RAD**2 + along * along
-    lag = subtract(x, state.turning)
-    moved = moved_beyond_bias(state, vertical, axes, y)
+    seen = Seen(y, moved_beyond_bias(state, vertical, axes, y), subtract(x, state.turning), noise)
     cases = (
-        suspect(state, vertical, learnt, (1.0, 0.0, 0.0), y, moved, lag, noise, force_scatter),
-        suspect(state, vertical, learnt, (0.0, 1.0, 0.0), y, moved, lag, noise, force_scatter),
-        suspect(state, vertical, learnt, (0.0, 0.0, 1.0), y, moved, lag, noise, force_scatter),
+        suspect(state, vertical, learnt, (1.0, 0.0, 0.0), seen, force_scatter),
+        suspect(state, vertical, learnt, (0.0, 1.0, 0.0), seen, force_scatter),
+        suspect(state, vertical, learnt, (0.0, 0.0, 1.0), seen, force_scatter),
     )
     return judge(state, cases, dt_s)
 
@@ -130,18 +138,15 @@ def suspect(
     vertical: VerticalStep,
     learnt: Calibration,
     axis: Vec3,
-    y: Vec3,
-    moved: Vec3,
-    lag: Vec3,
-    noise: float,
+    field: Seen,
     force_scatter: float,
 ) -> Suspect:
-    """The case against one ``axis`` of the body; y is the field's direction in G, ``moved`` so far.
+    """The case against one ``axis`` of the body.
 
     A turn t about the axis a moves y by t a x y. The own field o, seen from G, moves by
     turned x R o, a field that is late by ``lag`` times that.
     """
-    axes = axes_of(vertical.state.gravity.q_g_frd)
+    axes, (y, moved, lag, noise) = axes_of(vertical.state.gravity.q_g_frd), field
     a = to_frame(axes, axis)
     d = cross(a, y)
     shown = max(square(d), 1e-9)
@@ -236,14 +241,3 @@ def is_strong(case: Suspect, least: float) -> bool:
     less than a standard deviation it may do so by chance.
     """
     return case.ratio > FAR and case.by_force > -1.0 and case.evidence > least
-
-
-@inlined
-def errors_squared(state: AxisSigns) -> Vec3:
-    """Squared error of each axis while it is contradicted, (rad/s)^2, FRD.
-
-    A field that contradicts all three is itself at fault: what they have in common is its own.
-    """
-    x, y, z = state.squares
-    least = min(x, y, z)
-    return x - least, y - least, z - least

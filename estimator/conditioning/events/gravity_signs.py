@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
-from estimator.conditioning.events.duration import duration_s
+from estimator.conditioning.events.heading_signs import duration_s
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.robust import MOST_DEVIATION
 from estimator.conditioning.times import LATELY_S

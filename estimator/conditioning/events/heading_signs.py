@@ -6,7 +6,6 @@ from typing import NamedTuple
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
-from estimator.conditioning.events.duration import duration_s
 from estimator.conditioning.field.magnetic import MagneticState
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.robust import robust_factor
@@ -16,6 +15,13 @@ from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.geometry.quaternion import direction
 from estimator.geometry.spread import HALF_TURN_VARIANCE
 from estimator.types import Vec2
+
+
+@inlined
+def duration_s(holds: bool, lasted_s: float, dt_s: float) -> float:
+    """For how long (s) something has held, which it has if it ``holds`` now."""
+    return lasted_s + min(dt_s, LONGEST_STEP_S) if holds else 0.0
+
 
 # A field points to a heading given up again within this share of the angle by which it is off the
 # present one.
@@ -65,7 +71,9 @@ def watch_heading(
     w = state.mean_confidence + a * (c - state.mean_confidence)
     known = 4.0 * estimate.covariance[9] < HALF_TURN_VARIANCE  # else it follows the field anyway
     away = direction(n, e)
-    elsewhere = off_share(params, away) if known else 0.0
+    # how surely that is an angle that honest drift does not reach, 0..1
+    off = 1.0 - 1.0 / robust_factor((away / params.turn_heading_rad) ** 2)
+    elsewhere = off if known else 0.0
     borne_s = borne_out(params, state, estimate.heading_rad - away, elsewhere, c, dt_s)
     if field.reference.is_new:  # the heading was that of a field that is not believed any more
         borne_s = min(borne_s, SPAN_S)
@@ -107,12 +115,6 @@ def is_back(
 def likely(confidence: float) -> float:
     """How well a field of that confidence fits the one expected: 1 - D^2, no less than 0."""
     return max(0.0, 2.0 - 1.0 / sqrt(max(confidence, TINY)))
-
-
-@inlined
-def off_share(params: ConditioningParams, away_rad: float) -> float:
-    """How surely an angle between field and heading is none that honest drift reaches, 0..1."""
-    return 1.0 - 1.0 / robust_factor((away_rad / params.turn_heading_rad) ** 2)
 
 
 @inlined

@@ -1,34 +1,211 @@
-"""A learning step of the events: whether the vehicle was turned unseen, and what follows."""
+"""A learning step of the events: whether the vehicle was turned unseen, and what follows.
 
-from math import atan2, pi
+A jump of the field inflates the variance of the vertical until the force shows it, then that of
+the heading. The vertical wing keeps the former.
+"""
+
+from math import asin, atan2, pi, sin, sqrt
 from typing import NamedTuple
 
+from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
-from estimator.conditioning.events.axis_signs import carry_axes, watch_axes
-from estimator.conditioning.events.gravity_signs import watch_gravity
-from estimator.conditioning.events.heading_signs import likely, watch_heading
-from estimator.conditioning.events.inflation import HeadingInflation, raise_doubt, release_inflation
-from estimator.conditioning.events.jump_signs import looks_turned, watch_field
-from estimator.conditioning.events.proof import (
-    TurnProof,
-    TurnSigns,
-    proof_of,
-    reset_signs,
-    tells_turn,
+from estimator.conditioning.events.axis_signs import AxisSigns, carry_axes, watch_axes
+from estimator.conditioning.events.gravity_signs import GravitySigns, watch_gravity, with_time
+from estimator.conditioning.events.heading_signs import (
+    HeadingSigns,
+    begin_anew,
+    give_up,
+    likely,
+    watch_heading,
 )
-from estimator.conditioning.field.calibration import restart_means
-from estimator.conditioning.field.magnetic import has_heading, reference_norm, steepness
+from estimator.conditioning.events.jump_signs import (
+    JumpSigns,
+    jump_share,
+    jump_variance,
+    looks_turned,
+    watch_field,
+    with_seen,
+)
+from estimator.conditioning.field.calibration import Calibration, with_age
+from estimator.conditioning.field.magnetic import (
+    NORM_SCALE,
+    MagneticState,
+    has_heading,
+    reference_norm,
+    steepness,
+)
 from estimator.conditioning.field.step import FieldStep, MagnetometerState
 from estimator.conditioning.gather import Gathered
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.vertical.bias import inflate_heading
+from estimator.conditioning.times import LONGEST_STEP_S, SPAN_S
+from estimator.conditioning.vertical.bias import Estimate, clip, inflate_heading
 from estimator.conditioning.vertical.gravity import restart_gravity
+from estimator.conditioning.vertical.lasting import SCALE_ERROR
 from estimator.conditioning.vertical.step import VerticalState, VerticalStep
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD, weighing, with_variance
 from estimator.geometry.quaternion import dot
 from estimator.geometry.spread import ANY_DIRECTION_VARIANCE, HALF_TURN_VARIANCE
 from estimator.types import Vec2
+
+# The share of a turn that its jump shows: of one within 0.4 s. Noise adds to either.
+SUDDEN_SHARE = 0.9
+
+
+class TurnSigns(NamedTuple):
+    """How strong each sign of an unsensed turn is, and how long it has lasted."""
+
+    heading: HeadingSigns = HeadingSigns()  # of the field
+    gravity: GravitySigns = GravitySigns()  # of the specific force
+    jump: JumpSigns = JumpSigns()  # of the field in G
+    axes: AxisSigns = AxisSigns()  # of the gyroscope's axes, by that field
+
+
+class FieldBefore(NamedTuple):
+    """The field before a turn that no sensor has felt."""
+
+    norm: float = 0.0  # in its own unit
+    confidence: float = 0.0  # averaged
+
+
+class HeadingInflation(NamedTuple):
+    """How far the heading is in doubt; it hears of that once the field looks as usual again."""
+
+    variance: float = 0.0  # rad^2
+    usual_s: float = 0.0  # for how long it has looked so, less the time it has not
+    before: FieldBefore = FieldBefore()  # the turn
+
+
+@inlined
+def raise_doubt(
+    inflation: HeadingInflation, signs: TurnSigns, variance: float, steepness: float
+) -> HeadingInflation:
+    """The doubt after the field has jumped, by a turn whose angle has the ``variance`` (rad^2).
+
+    A steep field makes more of it: ``steepness`` is the squared tangent of the dip.
+    """
+    before = FieldBefore(signs.jump.slow_norm, signs.heading.mean_confidence)
+    return HeadingInflation(
+        variance=min(inflation.variance + variance * (1.0 + steepness), HALF_TURN_VARIANCE),
+        usual_s=0.0,
+        before=before if inflation.variance == 0.0 else inflation.before,
+    )
+
+
+@inlined
+def is_sudden(noise: float, variance: float, steepness: float, horizontal: Vec2) -> bool:
+    """Whether most of the angle by which the field is off by now came in the jump at once.
+
+    A magnet that passes takes its time. ``noise`` (rad^2) is the variance of what a jump tells. A
+    heading off by h turns a field of dip d by 2 asin(cos d sin h/2).
+    """
+    off = abs(atan2(horizontal[1], horizontal[0]))
+    turned = 2.0 * asin(sin(0.5 * off) / sqrt(1.0 + steepness))
+    return SUDDEN_SHARE * turned - sqrt(noise) < sqrt(variance / (1.0 + steepness))
+
+
+@inlined
+def release_inflation(
+    params: ConditioningParams,
+    inflation: HeadingInflation,
+    tilt: float,
+    estimate: Estimate,
+    field: MagneticState,
+    jump: JumpSigns,
+    horizontal: Vec2,
+    dt_s: float,
+) -> tuple[HeadingInflation, float, Estimate, bool]:
+    """Hand the heading its doubt once the field has looked as usual for a while.
+
+    A magnet that has turned the field shows in norm or dip, now or soon, and must not draw the
+    heading: the field has to stand still again, and nothing is left of either doubt if its norm
+    is another. And a heading by the field is never better than the vertical it was taken with,
+    whose doubt is ``tilt`` (rad^2).
+
+    Returns both doubts, the estimate and whether the heading was given up.
+    """
+    # D^2 by which it looks less usual than before the turn, and by which it still moves
+    off = sqrt(max(inflation.before.confidence, TINY) / max(field.look.confidence, TINY)) - 1.0
+    off = max(0.0, off) + (jump.moves_rad / params.turn_jump_rad) ** 2
+    usual_s = max(0.0, inflation.usual_s + clip(2.0 * (1.0 - off), 1.0) * min(dt_s, LONGEST_STEP_S))
+    most = SCALE_ERROR + sqrt(field.reference.uneven)
+    left, before = inflation.variance, inflation.before
+    if left > 0.0 and abs(jump.quick_norm - before.norm) > most * before.norm:
+        return HeadingInflation(0.0, usual_s, before), 0.0, estimate, False
+    if usual_s <= SPAN_S:
+        return HeadingInflation(left, usual_s, before), tilt, estimate, False
+    steep = steepness(field.reference)
+    if not is_sudden(jump.usual / jump_share() ** 2, left, steep, horizontal):
+        left = 0.0
+    now = estimate.covariance[9]
+    raised = max(now + left, 0.5 * tilt * steep) - now
+    return (
+        HeadingInflation(0.0, usual_s, before),
+        tilt,
+        inflate_heading(estimate, raised),
+        left > 0.0,
+    )
+
+
+class TurnProof(NamedTuple):
+    """Which signs of an unsensed turn have lasted for long enough."""
+
+    heading: bool  # the field keeps pointing elsewhere
+    gravity: bool  # gravity keeps pulling elsewhere
+    jump: float  # variance (rad^2) of the turn by which the field has jumped; 0: it has not
+
+
+@inlined
+def tells_turn(proof: TurnProof) -> bool:
+    """Whether anything but a jump of the field proves a turn."""
+    return proof.heading or proof.gravity
+
+
+@inlined
+def proof_of(
+    params: ConditioningParams,
+    signs: TurnSigns,
+    learnt: Calibration,
+    usual_norm: float,
+) -> tuple[TurnProof, float]:
+    """Which signs have lasted for long enough, and the part (rad) of a jump that is told by now.
+
+    ``usual_norm`` is that of the place's field.
+    """
+    if not params.use_events:
+        return TurnProof(False, False, 0.0), 0.0
+    heading, gravity = signs.heading, signs.gravity
+    jump, seen_rad = jump_variance(params, signs.jump, learnt)
+    off = abs(signs.jump.quick_norm - usual_norm)
+    if likely(heading.mean_confidence) <= 0.0 or off >= NORM_SCALE * usual_norm:
+        jump = 0.0
+    return TurnProof(
+        heading=heading.borne_s <= 0.0 or heading.back_s > LONGEST_STEP_S,
+        gravity=gravity.off_s > LONGEST_STEP_S,
+        jump=jump,
+    ), seen_rad
+
+
+@inlined
+def reset_signs(
+    signs: TurnSigns, proof: TurnProof, seen_rad: float, heading_rad: float, given_up: bool
+) -> TurnSigns:
+    """The signs after a step: those that were proof enough start anew.
+
+    ``seen_rad`` is the part of a jump that is told by now, ``heading_rad`` the heading, which is
+    remembered where it was ``given_up``.
+    """
+    heading, gravity = signs.heading, signs.gravity
+    if tells_turn(proof):
+        heading = begin_anew(heading)
+    if given_up:
+        heading = give_up(heading, heading_rad)
+    return TurnSigns(
+        heading=heading,
+        gravity=with_time(gravity, 0.0 if proof.gravity else gravity.off_s),
+        jump=with_seen(signs.jump, seen_rad),
+        axes=signs.axes,
+    )
 
 
 class EventsState(NamedTuple):
@@ -123,7 +300,7 @@ def learn_events(
     turned = tells_turn(proof) or proof.jump > 0.0
     turned = turned or (field.seen and looks_turned(params, signs.jump))
     if turned or vertical.clipped > LEAST_OFF_RAD**2:
-        calibration = restart_means(calibration)
+        calibration = with_age(calibration, 0.0, False)  # its means are of the old attitude
     signs = reset_signs(signs, proof, seen_rad, heading_rad, proof.heading or released)
     return EventsStep(
         vertical=with_inflation(now, estimate, tilt),

@@ -7,7 +7,7 @@ from estimator.compilation.replacing import replacer
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.robust import MOST_DEVIATION, REACH, robust_factor
 from estimator.conditioning.times import FORGET_S, LONGEST_STEP_S
-from estimator.conditioning.vertical.kalman import Covariance, update
+from estimator.conditioning.vertical.bias import Covariance, update
 from estimator.conditioning.vertical.lowpass import approach
 from estimator.geometry.axes import FrameAxes, to_frame
 from estimator.geometry.quaternion import add, cross, dot, scale, subtract
@@ -185,9 +185,3 @@ def learn_calibration(
             lag_s = max(lag_s, 0.0)
     learnt = Calibration(lag_s, offset, p, norm)
     return CalibrationState(learnt, means, age_s, True, scatter)
-
-
-@inlined
-def restart_means(state: CalibrationState) -> CalibrationState:
-    """After an unsensed turn: keep what was learnt, forget the means of the old attitude."""
-    return with_age(state, 0.0, False)

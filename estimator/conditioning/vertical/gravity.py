@@ -10,8 +10,7 @@ from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.times import SPAN_S
-from estimator.conditioning.vertical.coefficients import Coefficients
-from estimator.conditioning.vertical.lowpass import Smooth, approach, smooth
+from estimator.conditioning.vertical.lowpass import Coefficients, Smooth, approach, smooth
 from estimator.conditioning.vertical.rate import FAST_STEP_S
 from estimator.geometry.quaternion import (
     multiply,
@@ -141,12 +140,6 @@ def level(state: GravityState) -> tuple[GravityState, Vec2]:
     """Frame 6D levelled by the low-passed force, and the step about north and east."""
     q, step = level_to(state.q_6d_g, state.force.down.value)
     return with_level(state, q), step
-
-
-@inlined
-def published_frame(state: GravityState) -> Quaternion:
-    """From G to 6D as it would be, levelled by the published vertical."""
-    return level_to(state.q_6d_g, state.force.best.value)[0]
 
 
 @inlined

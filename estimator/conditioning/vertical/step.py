@@ -19,13 +19,6 @@ from estimator.conditioning.vertical.bias import (
     learn_in_motion,
     predict,
 )
-from estimator.conditioning.vertical.clipping import (
-    Clipping,
-    aliased_turn,
-    watch_clipping,
-    with_aliasing,
-)
-from estimator.conditioning.vertical.coefficients import Coefficients, coefficients
 from estimator.conditioning.vertical.gravity import (
     GravityState,
     age_after_hole,
@@ -37,13 +30,28 @@ from estimator.conditioning.vertical.gravity import (
 )
 from estimator.conditioning.vertical.lasting import (
     Lasting,
+    Usual,
     lasting_variance,
     least_variance,
+    usual_variance,
     watch_lasting,
+    watch_usual,
 )
-from estimator.conditioning.vertical.rate import integration_rate
-from estimator.conditioning.vertical.rest import RestState, initial_rest, observe_rest
-from estimator.conditioning.vertical.stillness import Stillness, watch_stillness
+from estimator.conditioning.vertical.lowpass import Coefficients, coefficients
+from estimator.conditioning.vertical.rate import (
+    Clipping,
+    aliased_turn,
+    integration_rate,
+    watch_clipping,
+    with_aliasing,
+)
+from estimator.conditioning.vertical.stillness import (
+    RestState,
+    Stillness,
+    initial_rest,
+    observe_rest,
+    watch_stillness,
+)
 from estimator.conditioning.vertical.tilt import (
     LEAST_OFF_RAD,
     StepNoise,
@@ -54,9 +62,9 @@ from estimator.conditioning.vertical.tilt import (
     slowness,
     step_noise,
     weighing,
+    with_drift,
     with_known,
 )
-from estimator.conditioning.vertical.usual import Usual, usual_variance, watch_usual
 from estimator.geometry.axes import axes_of, down_of
 from estimator.geometry.quaternion import (
     dot,
@@ -167,7 +175,8 @@ def learn_vertical(
     p = before.estimate.covariance
     # a slow stream's rates are of whole mrad/s, so that rest teaches no more than motion
     unknown = max((p[0] + p[4] + p[7]) / 3.0, params.bias_motion_sigma_rad_s**2)
-    noise = step_noise(params, before.tilt, mean.gyr, rate, down, dt, usual_s, between, unknown)
+    drifted = with_drift(before.tilt, before.tilt.drift + unknown * dt)
+    noise = step_noise(params, drifted, mean.gyr, rate, down, dt, usual_s, between)
     clipped = aliased_turn(before.clipping, down)
     before, most = hold_by_usual(params, before, mean, noise.tilt)
     belief = weigh_force(params, k, before, mean, noise, clipped[0], force_scatter, most)
@@ -267,10 +276,9 @@ def weigh_force(
     if resting:  # who was shaken is not any more: a reading is off by no more than its own error
         share = before.usual.proofs / (1.0 + before.usual.proofs)
         scatter += share * (min(scatter, 4.0 * LEAST_OFF_RAD**2) - scatter)
-    known = with_known(before.tilt, max(before.tilt.variance, least) + weighed * inflation, scatter)
-    tilt, share = believe_force(
-        params, known, noise, mean.gyr, down_g, mean.gravity_g, dt, lasting, warm_up, most
-    )
+    variance = max(before.tilt.variance, least) + weighed * inflation + noise.tilt
+    known = with_known(before.tilt, min(variance, most), scatter)
+    tilt, share = believe_force(params, known, noise, down_g, mean.gravity_g, dt, lasting, warm_up)
     inflation *= 1.0 - weighed
     if inflation > 0.0:
         inflation, anew = force_after_turn(params, inflation, force_scatter, dt)

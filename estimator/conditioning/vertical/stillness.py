@@ -1,4 +1,4 @@
-"""Whether what looks like rest is a slow, even turn: gravity and field stand still in the body.
+"""Rest: gyroscope and accelerometer stay near their own low-pass. Or is it a slow, even turn?
 
 What a gyroscope at rest shows beyond its known bias is either more bias, or a turn. In a turn
 gravity and the field move in the body as the gyroscope says, at rest they stay. So they tell how
@@ -12,10 +12,65 @@ from estimator.compilation.compiled import inlined
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.robust import REACH
 from estimator.conditioning.times import LATELY_S, QUICK_S
-from estimator.conditioning.vertical.lowpass import approach
-from estimator.conditioning.vertical.rest import RestState
+from estimator.conditioning.vertical.lowpass import LowPass, Smooth, approach, smooth
 from estimator.geometry.quaternion import add, cross, dot, scale, square, subtract, unit
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec2, Vec3
+
+
+class RestState(NamedTuple):
+    """Whether the vehicle has been quiet for ``rest_time_s``, and whether it rests."""
+
+    gyr: Smooth = Smooth()  # rad/s, FRD
+    acc: Smooth = Smooth()  # m/s^2, FRD
+    gyr_square: float = 0.0  # how far from it of late, 1 is the limit of quiet
+    acc_square: float = 0.0  # the same
+    quiet_s: float = 0.0  # for how long both have been near their low-pass
+    steady: bool = False  # whether that is long enough for a rest, or for a steady turn
+    resting: bool = False  # whether it is a rest
+
+
+@inlined
+def observe_rest(
+    params: ConditioningParams, k: LowPass, state: RestState, gyr: Vec3, acc: Vec3, dt_s: float
+) -> RestState:
+    """Decide whether the vehicle is quiet, and whether it has been for long enough to rest.
+
+    Quiet: the root mean square of a - a_lp under its threshold, that of g - g_lp under the largest
+    usual bias; at rest every rate is, too, after VQF (Laidig and Seel 2023,
+    doi 10.1016/j.inffus.2022.10.014). Idling rotors shake single samples further.
+    The samples are compared with the low-pass before it takes them, so that
+    the test keeps its meaning at a few samples a second. A vehicle turning
+    steadily and slower than that looks the same, and one that rests with a poor gyroscope as if it
+    turned: gravity and field tell (:mod:`estimator.conditioning.vertical.stillness`).
+    """
+    limit = params.bias_limit_rad_s
+    gyr_off = square(subtract(gyr, state.gyr.value)) / (limit * limit)
+    acc_off = square(subtract(acc, state.acc.value)) / params.rest_acc_m_s2**2
+    share = dt_s / (QUICK_S + dt_s)
+    gyr_square = state.gyr_square + share * (min(gyr_off, REACH) - state.gyr_square)
+    acc_square = state.acc_square + share * (min(acc_off, REACH) - state.acc_square)
+    gyr_smooth = smooth(k, state.gyr, gyr)
+    g = gyr_smooth.value
+    slow = abs(g[0]) < limit and abs(g[1]) < limit and abs(g[2]) < limit
+    quiet_s = min(state.quiet_s + dt_s, 1e6) if gyr_square < 1.0 and acc_square < 1.0 else 0.0
+    steady = quiet_s >= params.rest_time_s
+    return RestState(
+        gyr=gyr_smooth,
+        acc=smooth(k, state.acc, acc),
+        gyr_square=gyr_square,
+        acc_square=acc_square,
+        quiet_s=quiet_s,
+        steady=steady,
+        resting=steady and slow,
+    )
+
+
+@inlined
+def initial_rest(gyr: Vec3, acc: Vec3) -> RestState:
+    """The state at the first reading, where both low-passes begin."""
+    zero = (0.0, 0.0, 0.0)
+    return RestState(Smooth(gyr, zero), Smooth(acc, zero), 0.0, 0.0, 0.0, False, False)
+
 
 # What calibrations leave of a direction's error, rad, of gravity and of the field.
 LEAST_DIRECTION_RAD = 0.005
@@ -76,27 +131,27 @@ def watch_stillness(
     shown = scale(LATELY_S / (LATELY_S + dt_s), add(before.shown, scale(dt_s, rate)))
     seen_field = direction(smooth) if wait_s <= params.rest_time_s else ZERO_VEC3
     unexpected, about_down = turn_between(mean_down, down, mean_field, seen_field)
-    # about down, and about the axis across it about which the gyroscope shows a turn
+    # about down, and about the level axes, of which gravity tells all
     shown_down, rate_down = dot(shown, down), dot(rate, down)
     shown_level = subtract(shown, scale(shown_down, down))
     rate_level = subtract(rate, scale(rate_down, down))
-    shown_size, rate_size = sqrt(square(shown_level)), sqrt(square(rate_level))
-    seen_level = shown_size + dot(unexpected, direction(shown_level))
-    level, level_variance = turn_of_axis(shown_size, seen_level, 0.0, rate_size)
+    seen_level = add(shown_level, subtract(unexpected, scale(dot(unexpected, down), down)))
+    level, level_variance = turn_of_level(shown_level, seen_level, rate_level)
     seen_down = shown_down + dot(unexpected, down)
-    turn, down_variance = turn_of_axis(shown_down, seen_down, about_down, rate_down)
+    turn, down_variance = turn_about_down(shown_down, seen_down, rate_down, about_down)
     left = subtract(subtract(seen_field, mean_field), cross(seen_field, unexpected))
     limit = params.bias_limit_rad_s
-    # a gyroscope that errs by more about level axes may err by as much about down
-    # and in a banked turn an accelerometer feels more than gravity
+    # a gyroscope that errs by more about level axes may err as much about down; but in a banked
+    # turn, where gravity seems to say so, an accelerometer feels more than gravity
+    poor = sqrt(square(subtract(rate_level, level)))
     beyond = abs(sqrt(square(rest.acc.value)) - STANDARD_GRAVITY_M_S2)
-    is_poor = beyond < params.rest_acc_m_s2 and abs(rate_down) < max(limit, rate_size - abs(level))
+    is_poor = beyond < params.rest_acc_m_s2 and abs(rate_down) < max(limit, poor)
     proven = (
         square(left) < (REACH * STILL_RAD) ** 2
-        and is_within(level, level_variance, limit)
+        and is_within(sqrt(square(level)), level_variance, limit)
         and (is_within(turn, down_variance, limit) or is_poor)
     )
-    turning = add(scale(level, direction(rate_level)), scale(turn, down))
+    turning = add(level, scale(turn, down))
     return Stillness(
         smooth,
         wait_s,
@@ -140,12 +195,29 @@ def turn_between(mean_down: Vec3, down: Vec3, mean_field: Vec3, field: Vec3) -> 
 
 
 @inlined
-def turn_of_axis(shown: float, seen: float, unseen: float, rate: float) -> Vec2:
-    """The rate about an axis at which the body turns, and its variance.
+def turn_of_level(shown: Vec3, seen: Vec3, rate: Vec3) -> tuple[Vec3, float]:
+    """The rate about level axes at which the body turns, and its variance about each.
+
+    ``seen`` is the turn (rad) that took as long as the gyroscope took for ``shown``, at its
+    ``rate`` beyond its bias. The prior of the turn is as large as ``rate``.
+    """
+    whole = square(shown) + STILL_RAD**2
+    size = square(rate)
+    turning = scale(sqrt(square(shown) * size) / whole, seen)
+    most = MOST_TURNING * sqrt(size)
+    turned = sqrt(square(turning))
+    if turned > most:
+        turning = scale(most / turned, turning)
+    return turning, size * STILL_RAD**2 / whole
+
+
+@inlined
+def turn_about_down(shown: float, seen: float, rate: float, unseen: float) -> Vec2:
+    """The rate about down at which the body turns, and its variance.
 
     The turn is a share of the ``rate`` that the gyroscope shows beyond its bias, the share that
     ``seen`` is of ``shown``, with a prior of 0 +- 1. ``unseen`` (rad^2) is the variance of what the
-    vectors leave open about that axis.
+    vectors leave open.
     """
     noise = STILL_RAD**2 + unseen
     whole = shown * shown + noise

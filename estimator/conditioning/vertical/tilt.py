@@ -42,6 +42,7 @@ class StepNoise(NamedTuple):
     change: Vec3  # of the rate since the step before, rad/s, FRD
     changed: float  # its square
     drift: float  # covariance of tilt and bias about an axis before the force is read, rad^2/s
+    gyr: Vec3  # of the step, rad/s, FRD
 
 
 class TiltState(NamedTuple):
@@ -61,6 +62,7 @@ class TiltState(NamedTuple):
 
 
 with_variance = replacer(TiltState, "variance")
+with_drift = replacer(TiltState, "drift")
 with_known = replacer(TiltState, "variance", "scatter")
 
 
@@ -93,7 +95,6 @@ def step_noise(
     dt_s: float,
     before_s: float,
     between: Between,
-    bias_variance: float,
 ) -> StepNoise:
     """Variances of the turn that one step has missed, about horizontal axes (both) and down.
 
@@ -105,7 +106,7 @@ def step_noise(
     least. Where others were read inside the step, a time s apart, the rate walks between those:
     q = dt s |dw|^2 / 12. To that comes (a s^2 |w|)^2 dt/s. A bias of the gyroscope, of the variance
     b^2, (rad/s)^2 about an axis, turns the vertical ever further: the covariance of the two grows
-    by b^2 dt, C <- C + b^2 dt, and the variance of both axes by 4 C dt.
+    by b^2 dt, C <- C + b^2 dt (it has in ``state``), and the variance of both axes by 4 C dt.
     """
     change = subtract(gyr, state.gyr)
     changed, seen_s = dot(change, change), dt_s
@@ -134,12 +135,11 @@ def step_noise(
     tilt = factor * max(tilting, state.tilting)
     yaw_noise = factor * max(yaw_noise_share, state.yaw_noise_share)
     hole = HOLE_RAD_S**2 * max(0.0, dt_s - SPAN_S) ** 2
-    drift = state.drift + bias_variance * dt_s
     return StepNoise(
         tilt=tilt
         + turn_factor * (max(0.0, turning - about_down) + MOST_ERROR * turning)
         + GYR_NOISE**2 * dt_s
-        + 4.0 * drift * dt_s
+        + 4.0 * state.drift * dt_s
         + hole,
         yaw_noise=yaw_noise
         + turn_factor * (about_down + MOST_ERROR * turning)
@@ -149,7 +149,8 @@ def step_noise(
         yaw_noise_share=yaw_noise_share,
         change=change,
         changed=changed,
-        drift=drift,
+        drift=state.drift,
+        gyr=gyr,
     )
 
 
@@ -158,24 +159,21 @@ def believe_force(
     params: ConditioningParams,
     state: TiltState,
     noise: StepNoise,
-    gyr: Vec3,
     down_g: Vec3,
     u: Vec3,
     dt_s: float,
     lasting: float,
     least_share: float,
-    most: float,
 ) -> tuple[TiltState, float]:
     """The variance after a step with the force ``u`` (minus it, in G), and the force's share.
 
-    A scalar Kalman filter: P <- P + q, K = P/(P + R), P <- (1 - K)^2 P + K^2 R. R is the
-    scatter of the force's direction, its mean square learnt from the innovations
-    by expectation (R/(P + R))^2 v^2 + P R/(P + R), more where the force has not
+    A scalar Kalman filter, whose P has grown by the step: K = P/(P + R),
+    P <- (1 - K)^2 P + K^2 R. R is the scatter of the force's direction, its mean square learnt from
+    the innovations by expectation (R/(P + R))^2 v^2 + P R/(P + R), more where the force has not
     its usual size, and times 2 T/dt: accelerations last for T. To that come those that last
-    longer, of the variance ``lasting`` (rad^2). No less than ``least_share`` is taken, and the
-    vertical is known no worse than ``most`` (rad^2).
+    longer, of the variance ``lasting`` (rad^2). No less than ``least_share`` is taken.
     """
-    p = min(state.variance + noise.tilt, most)
+    p = state.variance
     size = norm(u)
     usual = state.force
     unusual = size / usual - 1.0 if usual > 0.0 else 0.0
@@ -197,7 +195,7 @@ def believe_force(
             tilting=state.tilting + c * (noise.tilting - state.tilting),
             yaw_noise_share=state.yaw_noise_share
             + c * (noise.yaw_noise_share - state.yaw_noise_share),
-            gyr=gyr,
+            gyr=noise.gyr,
             change=noise.change,
             changed=state.changed + c * (noise.changed - state.changed),
             force=usual + b * (size - usual),

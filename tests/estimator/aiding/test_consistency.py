@@ -8,15 +8,12 @@ import pytest
 from estimator.aiding import AidingParams, Beginning, Report, begin
 from estimator.aiding.consistency import (
     NEW_CONSISTENCY,
-    Direction,
     compare,
     doubted,
     hear_field,
     hear_report,
-    hear_sample,
     watch,
 )
-from estimator.aiding.search import Window
 from estimator.aiding.types import NO_REPORT, Sigmas
 from estimator.conditioning.times import SPAN_S
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
@@ -211,74 +208,3 @@ def test_a_field_is_taken_as_old_as_it_is_and_without_the_iron():
         assert after.field.g == pytest.approx(matrix(G) @ now / np.linalg.norm(now))
         assert after.field.ned == pytest.approx(np.array(PLACE_GAUSS) / np.linalg.norm(PLACE_GAUSS))
         assert (after.field.share, after.field_wait_s) == (0.6, 0.0)
-
-
-def test_a_samples_force_counts_without_its_bias():
-    state = under_way(TRUTH)
-    state = state._replace(last=state.last._replace(rate_rad_s=(0.2, -0.1, 0.4)))
-    before = NEW_CONSISTENCY._replace(q_g_frd=exp((0.5, 0.6, -0.7)), turned_rad=0.3)
-    sample = NO_SAMPLE._replace(acc_m_s2=(1.0, 2.0, -9.0), dt_s=0.1)
-    after = hear_sample(before, state, sample)
-    q = multiply(before.q_g_frd, exp((0.02, -0.01, 0.04)))
-    force = matrix(q) @ (0.8, 2.3, -9.1)
-    assert after.window.force_m_s2 == pytest.approx(force)
-    assert after.window.pushed_m_s == pytest.approx(0.05 * force)  # half of it: the trapezoid
-    assert after.turned_rad == pytest.approx(0.3 + 0.1 * np.linalg.norm((0.2, -0.1, 0.4)))
-
-
-@pytest.mark.parametrize("late_sigma_s", [0.0, 0.1])
-@pytest.mark.parametrize("has_vertical", [True, False])
-def test_a_window_is_compared_with_the_change_of_velocity(late_sigma_s, has_vertical):
-    """Of 1.4 s, the report as old as it says, plus its lag, less that of the IMU."""
-    G, attitude = exp((0.5, 0.6, -0.7)), exp((0.3, -0.2, 2.0))
-    window = Window(
-        (1.0, 2.0, -13.0), (0.3, 2.2, -9.5), (0.9, 1.0, -9.2), 1.4, (1.0, 2.0, 3.0), True
-    )
-    before = NEW_CONSISTENCY._replace(
-        q_g_frd=G, window=window, turned_rad=0.7, by_receiver=late_sigma_s > 0.0
-    )
-    report = Report(True, (2.5, 1.0, 3.2), has_vertical, 0.3, 0.05, late_sigma_s)
-    after = hear_report(AidingParams(), before, under_way(attitude).estimate, report)
-    behind_s = 0.05 + (0.1 if late_sigma_s else 0.02) - 0.012
-    time_s = 1.4 - behind_s
-    pushed = np.subtract(window.pushed_m_s, behind_s * np.array(window.force_m_s2))
-    seen = matrix(attitude) @ matrix(G).T @ pushed
-    down = 0.2 - STANDARD_GRAVITY_M_S2 * time_s if has_vertical else seen[2]
-    expected = np.array((1.5, -1.0, down))
-    swing, push = np.linalg.norm((-0.6, 1.2, -0.3)), np.linalg.norm(pushed)
-    square = 0.2**2 + (0.012 * swing) ** 2 + (0.03 * 0.7 * push) ** 2
-    share = (0.2 * push / (STANDARD_GRAVITY_M_S2 * time_s)) ** 2 / square
-    assert share < 1.0
-    axis = np.cross(seen, expected)
-    angle = np.arctan2(np.linalg.norm(axis), seen @ expected)
-    turn = share * angle * axis / np.linalg.norm(axis) * time_s / (1.0 + time_s)
-    found = (after.tilt.mean_north_rad, after.tilt.mean_east_rad)
-    assert found == pytest.approx(turn[:2], rel=1e-9)
-    assert after.force.share == pytest.approx(share)
-    assert after.force.g == pytest.approx(pushed / np.linalg.norm(pushed))
-    assert after.force.ned == pytest.approx(expected / np.linalg.norm(expected))
-    assert after.window.time_s == pytest.approx(behind_s)
-    assert after.window.velocity_ned_m_s == report.velocity_ned_m_s
-    assert (after.turned_rad, after.report_wait_s, after.force_wait_s) == (0.0, 0.0, 0.0)
-
-
-def test_e_is_averaged_over_both_directions_by_their_confidence():
-    """Force and field are 0.2 and 0.5 rad from where they should point."""
-    G, attitude = exp((0.5, 0.6, -0.7)), exp((0.3, -0.2, 2.0))
-    to_g = matrix(G) @ matrix(attitude).T
-
-    def direction(ned, axis, off_rad, share):
-        there = matrix(exp(tuple(off_rad * np.array(axis)))) @ ned
-        return Direction(tuple(to_g @ there), ned, share)
-
-    consistency = NEW_CONSISTENCY._replace(
-        q_g_frd=G,
-        force=direction((0.0, 0.0, -1.0), (1.0, 0.0, 0.0), 0.2, 0.9),
-        field=direction((0.8, 0.0, 0.6), (0.0, 1.0, 0.0), 0.5, 0.3),
-        error=0.01,
-        error_rate_1_s=0.2,
-    )
-    after = compare(consistency, attitude, 0.1, 0.3)
-    e = (0.9 * sin(0.1) ** 2 + 0.3 * sin(0.25) ** 2) / 1.2
-    assert after.error == pytest.approx(e)
-    assert after.error_rate_1_s == pytest.approx(0.2 + (e - 0.01 - 0.1 * 0.2) / 0.4)

@@ -1,12 +1,12 @@
 """Turns that no gyroscope has felt: their sum against what the covariance expects of it."""
 
-from math import e, exp, hypot, radians, sqrt
+from math import e, hypot, radians, sqrt
 
 import numpy as np
 import pytest
 
 from estimator.aiding import AidingParams, blank_aiding
-from estimator.aiding.correction_cusum import add_correction, known, pass_time, surprised
+from estimator.aiding.correction_cusum import add_correction, known, pass_time
 from estimator.aiding.types import GYR_BIAS, HARD_IRON, SIZE, TURN, CorrectionCusum, Sigmas
 from estimator.aiding.uncertainty import leaning
 from estimator.conditioning.field.magnetic import FieldLook
@@ -30,15 +30,6 @@ def covariance(level, heading, bias=0.0):
     for i in range(GYR_BIAS, GYR_BIAS + 3):
         P[i, i] = bias
     return P
-
-
-def test_corrections_fade_and_so_does_what_was_expected_of_them():
-    before, after = known(covariance(5e-4, 4e-4)), known(covariance(2e-4, 1e-4))
-    found = add_correction(NOTHING, (0.03, -0.04, 0.1), before, after)
-    found = pass_time(PARAMS, found, BLANK.estimate, KNOWN, 6.0)
-    keep = exp(-6.0 / 30.0)
-    assert found.turn_rad == pytest.approx((0.03 * keep, -0.04 * keep, 0.1 * keep))
-    assert (found.level, found.heading) == pytest.approx((3e-4 * keep**2, 3e-4 * keep**2))
 
 
 def test_a_bias_that_has_changed_turns_the_attitude_until_its_mean_has_followed():
@@ -69,17 +60,6 @@ def test_a_bias_that_is_being_learnt_is_usual_as_far_as_it_is_known_better_than_
     assert better.least_variance == again.least_variance
     assert again.least_variance == found.least_variance
     assert again.bias_rad_s == pytest.approx(found.bias_rad_s, rel=1e-3)
-
-
-def test_sigma_grows_by_what_lies_beyond_two_sigmas_of_the_sum():
-    expected = NOTHING._replace(turn_rad=(0.03, -0.04, 0.1), level=1e-4, heading=1e-3)
-    by_bias = 1e-8 * (30.0 / e) ** 2
-    wide = surprised(SIGMA, expected, covariance(0.0, 0.0, bias=1e-8))
-    level = 0.05**2 - 4.0 * (1e-4 + 2.0 * by_bias)
-    assert wide.inclination_rad == pytest.approx(hypot(0.01, sqrt(level)))
-    assert wide.heading_rad == pytest.approx(hypot(0.02, sqrt(0.01 - 4.0 * (1e-3 + by_bias))))
-    usual = expected._replace(level=1e-3, heading=3e-3)
-    assert surprised(SIGMA, usual, covariance(0.0, 0.0)) == SIGMA
 
 
 def test_white_corrections_of_a_true_covariance_are_no_surprise():

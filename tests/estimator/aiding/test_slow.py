@@ -9,8 +9,8 @@ from estimator.aiding import blank_aiding
 from estimator.aiding.acceleration_tilt import (
     acceleration_tilt_angle,
     bears_out,
-    hear_report,
     watch_acceleration_tilt,
+    with_latest,
 )
 from estimator.aiding.inertial import Prediction
 from estimator.aiding.sources.unaided import observe_unaided
@@ -96,7 +96,7 @@ def lean_deg(acceleration: float, reported: float, *, is_silent: bool = False) -
         acceleration_tilt = watch_acceleration_tilt(
             acceleration_tilt, (acceleration, 0.0, -STANDARD_GRAVITY_M_S2), 0.25
         )
-        acceleration_tilt = hear_report(acceleration_tilt, (reported * 0.25 * k, 0.0, 0.0))
+        acceleration_tilt = with_latest(acceleration_tilt, (reported * 0.25 * k, 0.0, 0.0))
     return degrees(acceleration_tilt_angle(acceleration_tilt, is_silent, 0.0))
 
 
@@ -114,7 +114,7 @@ def borne_out(felt: float, reported: float) -> bool:
         acceleration_tilt = watch_acceleration_tilt(
             acceleration_tilt, (felt, 0.0, -STANDARD_GRAVITY_M_S2), 0.25
         )
-        acceleration_tilt = hear_report(acceleration_tilt, (reported * 0.25 * k, 0.0, 0.0))
+        acceleration_tilt = with_latest(acceleration_tilt, (reported * 0.25 * k, 0.0, 0.0))
     return bears_out(acceleration_tilt)
 
 

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from estimator.aiding import blank_aiding
-from estimator.aiding.beginning import NEW_WHEELS
 from estimator.aiding.course import (
     STANDING,
     fade_rolled,
@@ -22,7 +21,7 @@ from estimator.aiding.course import (
 from estimator.aiding.inertial import Prediction
 from estimator.aiding.phase import Phase
 from estimator.aiding.sources.wheels import judge_north, observe_wheels
-from estimator.aiding.types import EARTH, SIZE, TURN, VELOCITY, AidingParams, North, Report
+from estimator.aiding.types import EARTH, SIZE, TURN, VELOCITY, AidingParams, North, Report, Wheels
 from estimator.geometry.frames import from_euler_rad
 from estimator.geometry.metrics import angle_errors
 from estimator.geometry.quaternion import rotate, rotate_inverse
@@ -227,7 +226,7 @@ def test_velocity_turns_the_heading_towards_itself_or_its_opposite(sense, off_de
     """A slip of 3 s counts once: at its sigma the heading goes by the ratio of both variances."""
     now = prediction(from_euler_rad(0.0, 0.0, radians(off_deg)), (sense * 10.0, 0.0, 0.0))
     x = np.zeros(SIZE)
-    observe_wheels(WHEELS, now, NEW_WHEELS, x, 3.0)
+    observe_wheels(WHEELS, now, Wheels(), x, 3.0)
     share = radians(10.0) ** 2 * cos(radians(off_deg)) ** 2
     share /= share + 0.05**2 + (0.05**2 + 0.01**2) / 100.0
     turned = degrees(x[TURN + 2])
@@ -244,7 +243,7 @@ def test_velocity_turns_the_heading_towards_itself_or_its_opposite(sense, off_de
 def test_the_first_rolling_contradicts_a_heading_far_off(off_deg, rolled_s, contradict):
     """By four sigmas of slips and of the heading's own; later on it is a slip."""
     now = prediction(from_euler_rad(0.0, 0.0, radians(off_deg)), (10.0, 0.0, 0.0))
-    before = NEW_WHEELS._replace(rolled_s=rolled_s)
+    before = Wheels()._replace(rolled_s=rolled_s)
     wheels = observe_wheels(WHEELS, now, before, np.zeros(SIZE), 0.1)
     assert wheels.contradict == contradict
     assert wheels.rolled_s - rolled_s == pytest.approx(0.1 * 0.25 / 0.2525)
@@ -261,15 +260,15 @@ def test_the_field_points_north_where_velocity_has_shown_that(off_deg, known_deg
     across = radians(known_deg) * np.array((-turned[1], turned[0]))
     now.covariance[EARTH : EARTH + 2, EARTH : EARTH + 2] = np.outer(across, across)
     north = North(True, (cos(radians(10.0)), sin(radians(10.0))))
-    assert judge_north(NEW_WHEELS, now, north).show_north == shown
-    assert not judge_north(NEW_WHEELS, now, North(False, north.direction)).show_north
+    assert judge_north(Wheels(), now, north).show_north == shown
+    assert not judge_north(Wheels(), now, North(False, north.direction)).show_north
 
 
 def test_what_wheels_have_shown_outlasts_a_gap_unless_they_contradict_the_compass():
     settings = calibrated(load_profile("imu"))._state.settings
     core = initial_core(settings)
-    shown = NEW_WHEELS._replace(rolled_s=4.0, show_north=True)
-    for wheels, left in ((shown, shown), (shown._replace(contradict=True), NEW_WHEELS)):
+    shown = Wheels()._replace(rolled_s=4.0, show_north=True)
+    for wheels, left in ((shown, shown), (shown._replace(contradict=True), Wheels())):
         paused = without_aiding(settings, core._replace(aided=core.aided._replace(wheels=wheels)))
         assert paused.aided.wheels == left
         report = Report(True, (3.0, 0.0, 0.0), True, 0.3, 0.0, 0.0)

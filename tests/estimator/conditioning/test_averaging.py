@@ -7,14 +7,11 @@ import pytest
 
 from estimator.conditioning import ConditioningParams
 from estimator.conditioning.vertical.averaging import (
-    OCTAVES,
     WINDOW_S,
     Averaging,
     averaging_at_rest,
     follow_averaging,
-    half_square_turn,
 )
-from estimator.geometry.quaternion import angle_between_vectors
 
 PARAMS = ConditioningParams()
 G, DT = 9.8, 0.05
@@ -98,18 +95,6 @@ def test_little_is_known_at_first():
     assert state.factor == usual.factor
     assert state.variance == usual.variance
     assert all(octave.apart == 0.0 for octave in state.octaves)
-
-
-def test_every_octave_is_seen_in_time():
-    state = averaging(shaken(10.0, 3.0), nothing, time_s=2.1 * WINDOW_S * 2 ** (OCTAVES - 1))
-    assert all(octave.apart > 0.0 for octave in state.octaves)
-
-
-@pytest.mark.parametrize("angle_deg", [0.0, 1.0, 8.0])
-def test_half_the_square_of_a_small_angle(angle_deg):
-    u, v = (0.0, 0.0, G), (0.0, G * np.sin(radians(angle_deg)), G * np.cos(radians(angle_deg)))
-    expected = 0.5 * angle_between_vectors(u, v) ** 2
-    assert half_square_turn(u, v) == pytest.approx(expected, rel=0.01, abs=1e-12)
 
 
 def test_at_rest_what_was_left_goes_and_no_more_than_the_usual_time_is_asked_for():

@@ -1,7 +1,5 @@
 """A gyroscope's axis that is at fault, against formulas and on a body whose truth is known."""
 
-from math import radians
-
 import numpy as np
 import pytest
 
@@ -10,9 +8,7 @@ from estimator.conditioning.events.axis_signs import (
     AxisSigns,
     Suspect,
     carry_axes,
-    force_evidence,
     judge,
-    suspect,
     watch_axes,
 )
 from estimator.conditioning.events.jump_signs import JumpSigns
@@ -20,12 +16,10 @@ from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.robust import FAR
 from estimator.conditioning.times import SPAN_S
-from estimator.conditioning.vertical.coefficients import Coefficients
 from estimator.conditioning.vertical.gravity import Force, GravityState
-from estimator.conditioning.vertical.lowpass import Smooth, approach
+from estimator.conditioning.vertical.lowpass import Coefficients, Smooth, approach
 from estimator.conditioning.vertical.step import VerticalStep
-from estimator.geometry.axes import axes_of
-from estimator.geometry.quaternion import conjugate, exp, multiply, normalize, rotate, scale, unit
+from estimator.geometry.quaternion import conjugate, exp, multiply, normalize, rotate, scale
 from estimator.types import IDENTITY
 
 PARAMS = ConditioningParams()
@@ -117,51 +111,6 @@ def test_what_nothing_renews_is_forgotten():
     assert now.squares == pytest.approx(scale(np.exp(-1.0), before.squares), rel=1e-2)
 
 
-def test_a_case_against_an_axis_by_formula():
-    rng = np.random.default_rng(5)
-    q = normalize(tuple(rng.standard_normal(4)))
-    R = np.array(axes_of(q))
-    y = np.array(unit(tuple(rng.standard_normal(3))))
-    moved, lag, turned = (0.1 * rng.standard_normal(3) for _ in range(3))
-    B = 0.05 * rng.standard_normal((4, 4))
-    P = B @ B.T
-    upper = tuple(float(P[i, j]) for i in range(4) for j in range(i, 4))
-    learnt = Calibration(0.0, (0.0, 0.0, 0.0), upper, 1.0)
-    quicker, slower = 0.1 * rng.standard_normal(3), 0.1 * rng.standard_normal(3)
-    state = AxisSigns(
-        tuple(quicker), tuple(slower), (0.0, 0.0, 0.0), tuple(turned), 3e-4, 0.3, 2.0, 0.8
-    )
-    step = step_of(q, (0.0, 0.0, 0.0), down=(1.0, 2.0, 9.0), quick=(1.5, 1.0, 9.0))
-    seen = suspect(
-        state, step, learnt, (0.0, 1.0, 0.0), tuple(y), tuple(moved), tuple(lag), 4e-5, 0.02
-    )
-    a = R[:, 1]
-    d = np.cross(a, y)
-    off = moved @ d / (d @ d)
-    own = R.T @ np.cross(d, turned)
-    least = min(1.0, 3 * 0.1**2 / np.trace(P[:3, :3]))
-    by_turning = 0.3 * (least * own @ P[:3, :3] @ own + (d @ lag) ** 2 * P[3, 3]) / (d @ d) ** 2
-    by_noise = 2.0 * (4e-5 + radians(0.5) ** 2 * 0.8**2 + 3e-4) / (d @ d)
-    assert seen.turning_share == pytest.approx(by_turning / (by_turning + by_noise))
-    assert seen.ratio == pytest.approx(off**2 / (by_turning + by_noise))
-    assert seen.rate_rad_s == pytest.approx(off / 0.8)
-    force = force_evidence(step.state.gravity, tuple(a), (quicker - slower) @ d / (d @ d), 0.02)
-    assert seen.by_force == pytest.approx(force)
-    assert seen.evidence == pytest.approx(seen.ratio + force)
-
-
-def test_the_force_speaks_for_an_axis_about_which_gravity_turns_alike():
-    """Log of the likelihood ratio, twice: how much less is left of the angle between the two."""
-    down, quick, a = (1.0, 2.0, 9.0), (1.5, 1.0, 9.0), unit((0.6, 0.8, 0.1))
-    d = np.cross(a, unit(down))
-    ahead = np.subtract(unit(quick), unit(down)) @ d / np.linalg.norm(d)
-    for turn in (0.2, -0.2):
-        left = ahead - turn * np.linalg.norm(d)
-        gravity = GravityState(force=Force(down=Smooth(down), quick=quick))
-        expected = (ahead**2 - left**2) / (0.02 + 0.009**2)
-        assert force_evidence(gravity, a, turn, 0.02) == pytest.approx(expected)
-
-
 def test_a_case_much_weaker_than_another_is_dropped():
     strong, weak, none = (Suspect(0.3, e, 0.0, e, 0.25) for e in (60.0, 43.0, 1.0))
     squares = judge(AxisSigns(age_s=60.0), (strong, weak, none), 0.02).squares
@@ -172,13 +121,3 @@ def test_a_case_much_weaker_than_another_is_dropped():
     assert judge(AxisSigns(age_s=60.0), (by_magnet, none, none), 0.02).squares == (0.0, 0.0, 0.0)
     beneath = strong._replace(ratio=0.99 * FAR)
     assert judge(AxisSigns(age_s=60.0), (beneath, none, none), 0.02).squares == (0.0, 0.0, 0.0)
-
-
-def test_what_is_usual_is_learnt_from_what_it_is_due_to():
-    none = Suspect(0.0, 0.0, 0.0, 0.0, 0.0)
-    now = judge(AxisSigns(age_s=60.0), (Suspect(0.1, 8.0, 0.0, 8.0, 0.25), none, none), 0.5)
-    assert now.by_turning == pytest.approx(1.0 + 0.25 * 0.5 / 60.5)
-    assert now.by_noise == pytest.approx(1.0 + 0.75 * 0.5 / 60.5)
-    calm = judge(AxisSigns(age_s=60.0), (Suspect(0.1, 0.2, 0.0, 0.2, 0.25), none, none), 0.5)
-    assert calm.by_turning == pytest.approx(1.0 - 0.8 * 0.25 * 0.5 / 60.5)
-    assert calm.by_noise == 1.0

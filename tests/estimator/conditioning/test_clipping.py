@@ -3,7 +3,7 @@
 import pytest
 
 from estimator.conditioning.vertical.averaging import MOST_ERROR
-from estimator.conditioning.vertical.clipping import (
+from estimator.conditioning.vertical.rate import (
     Clipping,
     aliased_turn,
     watch_axis,

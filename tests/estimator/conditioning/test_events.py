@@ -1,6 +1,6 @@
 """The signs of an unsensed turn, each by its formula, with numbers that are all different."""
 
-from math import asin, atan2, hypot, radians, sin, sqrt
+from math import radians, sin, sqrt
 
 import numpy as np
 import pytest
@@ -12,37 +12,28 @@ from estimator.conditioning.events.heading_signs import (
     borne_out,
     watch_heading,
 )
-from estimator.conditioning.events.inflation import (
-    SUDDEN_SHARE,
-    FieldBefore,
-    HeadingInflation,
-    is_sudden,
-    raise_doubt,
-    release_inflation,
-)
 from estimator.conditioning.events.jump_signs import (
     JUMP_QUICK_S,
     JumpSigns,
     jump_share,
     jump_variance,
-    watch_field,
 )
-from estimator.conditioning.events.proof import TurnSigns
+from estimator.conditioning.events.step import (
+    FieldBefore,
+    HeadingInflation,
+    release_inflation,
+)
 from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.field.magnetic import FieldLook, FieldReference, MagneticState
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.times import BORNE_S, QUICK_S, SPAN_S, USUAL_S
+from estimator.conditioning.times import BORNE_S, QUICK_S
 from estimator.conditioning.vertical.bias import Estimate
-from estimator.conditioning.vertical.gravity import Force, GravityState
+from estimator.conditioning.vertical.gravity import Force
 from estimator.conditioning.vertical.lowpass import Smooth
 
 PARAMS = ConditioningParams()
 ZERO = (0.0, 0.0, 0.0)
 DT = 0.04
-
-
-def angle(u, v):
-    return atan2(np.linalg.norm(np.cross(u, v)), np.dot(u, v))
 
 
 JUMP = JumpSigns(
@@ -58,28 +49,6 @@ JUMP = JumpSigns(
     seen_rad=0.02,
     age_s=5.0,
 )
-
-
-def test_the_field_is_followed_quickly_and_slowly():
-    field, turning, unseen = np.array((0.17, 0.10, 0.38)), 0.16, 0.0002
-    now = watch_field(JUMP, tuple(field), turning, unseen, DT)
-    a, b, c = DT / (JUMP_QUICK_S + DT), DT / (QUICK_S + DT), DT / (JUMP.age_s + DT)
-    quick = (1.0 - a) * np.array(JUMP.quick) + a * field
-    slow = (1.0 - b) * np.array(JUMP.slow) + b * field
-    norm = np.linalg.norm(field)
-    assert now.quick == pytest.approx(quick)
-    assert now.slow == pytest.approx(slow)
-    assert now.quick_norm == pytest.approx((1.0 - a) * JUMP.quick_norm + a * norm)
-    assert now.slow_norm == pytest.approx((1.0 - b) * JUMP.slow_norm + b * norm)
-    share = (now.quick_norm / now.slow_norm - 1.0) ** 2
-    assert now.stretched == pytest.approx((1.0 - b) * 0.0007 + b * share)
-    assert now.apart_rad == pytest.approx(angle(quick, slow))
-    assert now.moves_rad == pytest.approx(angle(np.array(JUMP.quick), field))
-    assert now.usual == pytest.approx((1.0 - c) * JUMP.usual + c * angle(quick, slow) ** 2)
-    assert now.usual_turning == pytest.approx((1.0 - c) * JUMP.usual_turning + c * turning)
-    assert now.turning == pytest.approx((1.0 - b) * JUMP.turning + b * turning)
-    assert now.unseen == pytest.approx((1.0 - b) * JUMP.unseen + unseen)
-    assert now.seen_rad == JUMP.seen_rad
 
 
 @pytest.mark.parametrize(
@@ -105,26 +74,6 @@ def test_a_jump_is_more_than_what_else_turns_the_field(own, by_turning, share):
         assert seen_rad == signs.apart_rad
     told = signs._replace(seen_rad=1.01 * signs.apart_rad)
     assert jump_variance(PARAMS, told, learnt) == (0.0, told.seen_rad)
-
-
-def test_a_second_jump_adds_to_the_doubt_and_leaves_the_field_before_the_first():
-    signs = TurnSigns(HeadingSigns(mean_confidence=0.8), GravitySigns(), JUMP)
-    first = raise_doubt(HeadingInflation(), signs, 0.02, 3.0)
-    assert first == HeadingInflation(pytest.approx(0.08), 0.0, FieldBefore(JUMP.slow_norm, 0.8))
-    later = signs._replace(jump=JUMP._replace(slow_norm=0.3), heading=HeadingSigns())
-    second = raise_doubt(first._replace(usual_s=0.4), later, 0.01, 3.0)
-    assert second == HeadingInflation(pytest.approx(0.12), 0.0, first.before)
-
-
-@pytest.mark.parametrize("share", [0.97, 1.03])
-def test_a_turn_is_sudden_by_the_angle_between_the_fields_and_not_by_that_of_the_heading(share):
-    """The dip is 60 degrees: a heading that is off by 0.9 rad turns the field by half of that."""
-    steep, off = 3.0, 0.9
-    turned = 2.0 * asin(sin(0.5 * off) * 0.5)
-    least = SUDDEN_SHARE * turned - 0.02
-    horizontal = (np.cos(off), -np.sin(off))
-    variance = (share * least) ** 2 * (1.0 + steep)
-    assert is_sudden(0.02**2, variance, steep, horizontal) is (share > 1.0)
 
 
 def release(*, moves_rad=0.01, usual_s=1.2, confidence=0.7, norm=0.46, variance=0.4, tilt=0.05):
@@ -182,34 +131,6 @@ def heading_after(state, horizontal, *, confidence=0.9, variance=0.01, is_new=Fa
     return watch_heading(PARAMS, state, estimate, field, horizontal, DT)
 
 
-def gain(away_rad, confidence):
-    """What a step adds to the time that the field has borne the heading out."""
-    elsewhere = 1.0 - 1.0 / (1.0 + (away_rad / PARAMS.turn_heading_rad) ** 2) ** 2
-    return (2.0 - 1.0 / sqrt(confidence)) * (1.0 - 2.0 * elsewhere) * DT
-
-
-def test_the_mean_field_counts_by_its_confidence():
-    now = heading_after(SIGNS, (0.10, 0.22))
-    a, b = DT / (SPAN_S + DT), DT / (USUAL_S + DT)
-    north = (1.0 - a) * 0.20 + a * 0.9 * 0.10
-    east = (1.0 - a) * 0.05 + a * 0.9 * 0.22
-    assert (now.mean_north, now.mean_east) == pytest.approx((north, east))
-    assert now.mean_confidence == pytest.approx((1.0 - a) * 0.85 + a * 0.9)
-    assert now.scatter == pytest.approx((1.0 - b) * 0.002 + b * atan2(east, north) ** 2)
-    assert now.borne_s == pytest.approx(2.0 + gain(atan2(east, north), 0.9))
-    assert now.other_s == pytest.approx(20.0 - DT)
-    assert heading_after(SIGNS, (0.10, 0.22), variance=0.1).scatter == 0.002
-    assert heading_after(SIGNS, (0.10, 0.22), is_new=True).borne_s == 1.0
-
-
-def test_a_heading_that_was_given_up_needs_no_more_proof_than_a_new_one():
-    """The heading is 0.9, the field points 0.24 rad east of it: north lies at 0.66, not at 1.14."""
-    away = atan2(0.05, 0.20)
-    for other_rad, borne_s in ((0.9 - away, 1.0), (0.9 + away, 2.0 + gain(away, 0.9))):
-        state = SIGNS._replace(other_rad=other_rad)
-        assert heading_after(state, (0.20, 0.05)).borne_s == pytest.approx(borne_s)
-
-
 @pytest.mark.parametrize(("elsewhere", "sign"), [(0.0, 1.0), (0.5, 0.0), (1.0, -1.0)])
 def test_a_field_counts_for_and_against_the_heading_by_how_usual_it_looks(elsewhere, sign):
     for confidence, counts in ((1.0, 1.0), (0.64, 0.75), (0.2, 0.0), (0.0, 0.0)):
@@ -237,23 +158,6 @@ def test_a_field_that_is_back_is_told_from_one_that_is_elsewhere(
     now = heading_after(state, horizontal, confidence=confidence)
     assert now.back_s == pytest.approx(back_s)
     assert heading_after(state._replace(other_s=0.0), horizontal).back_s == 0.0
-
-
-def test_a_wander_is_remembered_as_a_mean_square():
-    down, quick, long = (0.5, -0.7, 9.2), (2.0, 0.4, 9.0), (0.1, 0.3, 9.6)
-    best = (0.3, -0.2, 9.4)
-    force = Force(Smooth(down), Smooth(best), quick, long, age_s=6.0)
-    gravity = GravityState(force=force)
-    before = GravitySigns(0.2, force_scatter=0.02, apart=0.003, uneven=0.001)
-    now = watch_gravity(PARAMS, before, gravity, DT, 0.0, 0.0)
-    a, b = DT / (10.0 + DT), DT / (6.0 + DT)
-    assert now.force_scatter == pytest.approx((1.0 - a) * 0.02 + a * angle(down, quick) ** 2)
-    assert now.apart == pytest.approx((1.0 - b) * 0.003 + b * angle(best, long) ** 2)
-    size = hypot(*down) / 9.80665 - 1.0
-    assert now.uneven == pytest.approx((1.0 - b) * 0.001 + b * size**2)
-    assert now.off_s == 0.0
-    # with a vertical in doubt the wander is that of the doubt
-    assert watch_gravity(PARAMS, before, gravity, DT, 0.01, 0.0).force_scatter == 0.02
 
 
 def test_gravity_that_pulls_elsewhere_is_timed():

@@ -6,18 +6,14 @@ import numpy as np
 import pytest
 
 from estimator.conditioning import initial_state
-from estimator.conditioning.field.heading import heading_noise, learn_heading
 from estimator.conditioning.field.magnetic import FieldLook
+from estimator.conditioning.field.step import learn_heading
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.robust import HEADING_REACH_RAD
-from estimator.conditioning.times import MEMORY_S, USUAL_S
 from estimator.conditioning.vertical.bias import predict
-from estimator.conditioning.vertical.coefficients import coefficients
+from estimator.conditioning.vertical.lowpass import coefficients
 
 PARAMS = ConditioningParams()
-DT = 0.01
 OLD_S = 1e5  # of a field: nothing is early any more
-ROWS = ((0, 0), (0, 1), (0, 2), (0, 3), (1, 1), (1, 2), (1, 3), (2, 2), (2, 3), (3, 3))
 
 
 def field_of(confidence, age_s, horizontal=0.2, down=0.4):
@@ -26,56 +22,9 @@ def field_of(confidence, age_s, horizontal=0.2, down=0.4):
     return field._replace(look=FieldLook(horizontal, down, confidence), reference=reference)
 
 
-def square(packed):
-    p = np.zeros((4, 4))
-    for (i, j), value in zip(ROWS, packed, strict=True):
-        p[i, j] = p[j, i] = value
-    return p
-
-
 def estimate_of(heading_sigma):
     estimate = initial_state(PARAMS).vertical.estimate
     return estimate._replace(covariance=(*estimate.covariance[:9], heading_sigma**2))
-
-
-@pytest.mark.parametrize("confidence", [0.3, 1.0])
-def test_noise_is_larger_for_a_new_field_and_a_doubtful_one(confidence):
-    new, later, old = (heading_noise(PARAMS, field_of(confidence, s), 1.0) for s in (0, 20, OLD_S))
-    doubtful = PARAMS.heading_doubt_noise_rad2_s * (1.0 / confidence - 1.0)
-    assert new > later > old
-    assert old - doubtful == pytest.approx(PARAMS.heading_noise_rad2_s, rel=1e-3)
-    # a tilted vertical, as of a start, turns the field as a magnet does
-    assert heading_noise(PARAMS, field_of(confidence, OLD_S), 0.1) > old
-
-
-def test_learning_is_a_kalman_filter_of_bias_and_heading():
-    """Ten seconds of a turning body; the plain filter has matrices and no packed covariance."""
-    rng = np.random.default_rng(3)
-    k = coefficients(PARAMS, DT, 1.0)
-    estimate = estimate_of(0.3)
-    x, p = np.zeros(4), square(estimate.covariance)
-    field = field_of(0.8, OLD_S)
-    for i in range(1000):
-        down = np.array([np.sin(0.01 * i), 0.3, np.cos(0.01 * i)])
-        down /= np.linalg.norm(down)
-        f = np.eye(4)
-        f[3, :3] = -DT * down
-        growth = PARAMS.bias_motion_sigma_rad_s**2 * DT / 100.0
-        growths = [growth * (p[n, n] < PARAMS.bias_initial_sigma_rad_s**2) for n in range(3)]
-        q = PARAMS.heading_noise_rad2_s * DT / USUAL_S**2
-        p = f @ p @ f.T + np.diag([*growths, q + PARAMS.heading_turning_noise_s * 0.5 * DT])
-        estimate = predict(PARAMS, k, estimate, tuple(down), 0.5, 0.0)
-        residual = rng.normal(0.02, 0.05)
-        r = PARAMS.heading_noise_rad2_s * (1.0 + MEMORY_S / (1.0 + OLD_S))
-        r = (r + PARAMS.heading_doubt_noise_rad2_s * (1.0 / 0.8 - 1.0)) / DT
-        r *= (1.0 + residual**2 / (HEADING_REACH_RAD**2 + 9.0 * p[3, 3])) ** 2
-        gain = p[:, 3] / (p[3, 3] + r)
-        x -= gain * residual
-        p -= np.outer(gain, p[3])
-        horizontal = (field.reference.horizontal, residual * field.reference.horizontal)
-        estimate = learn_heading(PARAMS, estimate, field, horizontal, 1.0, DT, 0.0)
-    assert (*estimate.bias_rad_s, estimate.heading_rad) == pytest.approx(x, rel=1e-9)
-    assert square(estimate.covariance) == pytest.approx(p, rel=1e-9, abs=1e-18)
 
 
 @pytest.mark.parametrize(("lasts_s", "sigma_deg", "expected"), [(0.3, 4.0, 1.0), (1.0, 1.5, 0.48)])

@@ -15,8 +15,8 @@ from estimator.conditioning.field.calibration import (
     learn_calibration,
     own_field,
 )
-from estimator.conditioning.field.heading import heading_noise, learn_heading
 from estimator.conditioning.field.magnetic import FieldLook
+from estimator.conditioning.field.step import heading_noise, learn_heading
 from estimator.conditioning.robust import HEADING_REACH_RAD
 from estimator.conditioning.times import FORGET_S
 from estimator.conditioning.vertical.bias import (
@@ -27,10 +27,8 @@ from estimator.conditioning.vertical.bias import (
     learn_in_motion,
     predict,
 )
-from estimator.conditioning.vertical.coefficients import coefficients
-from estimator.conditioning.vertical.lowpass import Smooth
-from estimator.conditioning.vertical.rest import RestState
-from estimator.conditioning.vertical.stillness import Stillness
+from estimator.conditioning.vertical.lowpass import Smooth, coefficients
+from estimator.conditioning.vertical.stillness import RestState, Stillness
 from estimator.geometry.axes import FrameAxes, axes_of
 from estimator.geometry.quaternion import exp, normalize, rotate
 

@@ -44,22 +44,10 @@ def test_one_scale_off_leaves_a_quarter(sign):
     assert confidence(0.5, DIP + sign * DIP_SCALE) == pytest.approx(0.25, abs=0.003)
 
 
-def test_both_add_up():
-    off = confidence(0.5 * (1.0 - NORM_SCALE), DIP + DIP_SCALE)
-    assert off == pytest.approx(1.0 / 9.0, abs=0.002)
-
-
 def test_nothing_resembles_a_field_of_nothing():
     """Readings that are zero teach a reference of zero; confidence stays a number."""
     assert confidence(0.0, 0.0, (0.0, 0.0)) == 0.0
     assert confidence(0.5, DIP, (0.0, 0.0)) == 0.0
-
-
-def test_the_dip_has_a_scale_of_its_own():
-    seen = look_at_field(
-        FieldLook(), (0.5 * cos(DIP + 0.2), 0.5 * sin(DIP + 0.2)), 1.0, EXPECTED, 0.1, 0.4
-    )
-    assert seen.confidence == pytest.approx(1.0 / (1.0 + (sin(0.2) / 0.4) ** 2) ** 2)
 
 
 LOOK = FieldLook(horizontal=0.28, down=0.41, confidence=0.6)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimator.conditioning.vertical.rate import at_interval_end, following_weight, slow_share
+from estimator.conditioning.vertical.rate import at_interval_end
 from estimator.geometry.quaternion import angle_between, exp, multiply, rotate_inverse, scale
 
 RATE = (1.5, -2.0, 0.7)  # rad/s
@@ -25,19 +25,6 @@ def test_a_mean_over_the_step_is_turned_to_its_end(dt):
     off = np.linalg.norm(np.subtract(at_interval_end(mean, RATE, dt), at_end))
     assert off == pytest.approx(0.067 * turn**2, rel=0.2)
     assert np.linalg.norm(np.subtract(mean, at_end)) == pytest.approx(0.40 * turn, rel=0.2)
-
-
-@pytest.mark.parametrize(
-    ("dt_s", "share"), [(0.01, 0.0), (0.04, 0.0), (0.095, 0.5), (0.15, 1.0), (1.0, 1.0)]
-)
-def test_streams_are_slow_from_25_to_7_hz(dt_s, share):
-    assert slow_share(dt_s) == pytest.approx(share)
-
-
-def test_vectors_count_more_the_slower_the_stream():
-    assert following_weight(0.0, 0.01) == 1.0
-    assert following_weight(1.0, 0.25) == pytest.approx(13.0)
-    assert following_weight(0.5, 0.07) == pytest.approx(1.0 + 1.5 / 0.07)
 
 
 def test_integration_of_a_turning_axis_has_the_cones_sign():

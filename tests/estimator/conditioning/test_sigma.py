@@ -8,22 +8,16 @@ import pytest
 from estimator.conditioning import ConditioningParams, condition, initial_state
 from estimator.conditioning.events.gravity_signs import GravitySigns
 from estimator.conditioning.events.heading_signs import HeadingSigns
-from estimator.conditioning.events.inflation import HeadingInflation
 from estimator.conditioning.events.jump_signs import JumpSigns
-from estimator.conditioning.events.proof import TurnSigns
-from estimator.conditioning.events.step import EventsState
-from estimator.conditioning.field.calibration import Calibration, CalibrationState
+from estimator.conditioning.events.step import EventsState, HeadingInflation, TurnSigns
 from estimator.conditioning.field.magnetic import (
     AlternativeField,
     FieldLook,
     FieldReference,
     MagneticState,
 )
-from estimator.conditioning.field.step import MagnetometerState
-from estimator.conditioning.sigma import alternative, sigma_heading, sigma_inclination
-from estimator.conditioning.vertical.coefficients import coefficients
-from estimator.conditioning.vertical.gravity import Force
-from estimator.conditioning.vertical.lowpass import Smooth
+from estimator.conditioning.sigma import alternative
+from estimator.conditioning.vertical.lowpass import coefficients
 from estimator.geometry.quaternion import exp, rotate, rotate_inverse
 from estimator.types import Sample
 from tests.estimator.conditioning.motion import fly, tumbling
@@ -101,52 +95,6 @@ def state_of(*, dt_s, wait_s=0.0, seen_s=0.0, **signs):
     signs = TurnSigns(heading, gravity, JumpSigns(slow=(0.1, 0.3, 0.4)))
     events = EventsState(signs, HeadingInflation(0.0023))
     return vertical, MagneticState(FieldLook(), reference, wait_s, True), events
-
-
-def with_own_field(magnetic):
-    """An own field of 3 % of the place's, known to a third of 3 % an axis: half of it is left."""
-    offset, variance = (0.01 * 3.0**0.5, 0.0, 0.0), 0.03**2
-    covariance = (variance, 0.0, 0.0, 0.0, variance, 0.0, 0.0, variance, 0.0, 0.0)
-    return MagnetometerState(CalibrationState(Calibration(0.0, offset, covariance, 0.5)), magnetic)
-
-
-@pytest.mark.parametrize(("dt_s", "slow"), [(0.01, 0.0), (0.095, 0.5), (0.2, 1.0)])
-def test_sigma_of_the_inclination_adds_up_what_may_tilt_it(dt_s, slow):
-    vertical, _, events = state_of(dt_s=dt_s)
-    fast = 0.0006 + 2.0 * 0.0005
-    square = 0.005**2 + 0.0004 + (1.0 - slow) * fast + slow * 0.005
-    assert sigma_inclination(PARAMS, vertical, events, 0.005) ** 2 == pytest.approx(square)
-
-
-def test_in_a_vehicle_the_force_of_a_second_contradicts_the_vertical():
-    """A force 0.3 rad off is an error or an acceleration: a tenth of its square is in sigma."""
-    vertical, magnetic, events = state_of(dt_s=0.01)
-    quick = rotate(exp((0.3, 0.0, 0.0)), (0.0, 0.0, 9.8))
-    force = Force(best=Smooth((0.0, 0.0, 9.8)), quick=quick)
-    vertical = vertical._replace(gravity=vertical.gravity._replace(force=force))
-    inside = PARAMS._replace(in_vehicle=True)
-    square = 0.005**2 + 0.0004 + 0.5 * 0.005 + 0.1 * 0.3**2
-    assert sigma_inclination(inside, vertical, events, 0.005) ** 2 == pytest.approx(square)
-    by_leaning = 4.0 * 0.5 * 0.5 * 0.005  # the squared tangent of the dip is 4
-    more = sigma_heading(inside, vertical, with_own_field(magnetic), events) ** 2
-    assert more - sigma_heading(
-        PARAMS, vertical, with_own_field(magnetic), events
-    ) ** 2 == pytest.approx(by_leaning)
-
-
-@pytest.mark.parametrize(
-    ("dt_s", "wait_s", "counts"),
-    [(0.01, 0.0, 0.0), (0.095, 0.0, 0.5), (0.01, 0.3, 0.3), (0.01, 9.0, 1.0)],
-)
-def test_sigma_of_the_heading_adds_up_what_may_turn_it(dt_s, wait_s, counts):
-    """The squared tangent of the dip is 4. The heading's own variance counts in full without a
-    field and in slow streams, and little once it is settled."""
-    vertical, magnetic, events = state_of(dt_s=dt_s, wait_s=wait_s)
-    own = 0.02 * (counts + (1.0 - counts) * 0.02 / (0.02 + 0.3**2))
-    lasting = 2.0 * 0.0007 + 0.005**2 + 4.0 * 0.5 * (0.0005 + 0.0004) + 0.0023
-    lasting += (1.0 + 4.0) * (2.0 * (0.004 - 0.03**2) + 0.5 * 0.5 * 0.03**2 / 9.0)
-    square = sigma_heading(PARAMS, vertical, with_own_field(magnetic), events) ** 2
-    assert square == pytest.approx(own + lasting)
 
 
 def test_another_heading_counts_by_how_far_it_is_borne_out():

@@ -8,9 +8,6 @@ from numpy.typing import NDArray
 
 from estimator.conditioning import Conditioned, ConditioningParams, condition, initial_state
 from estimator.conditioning.vertical.tilt import (
-    StepNoise,
-    TiltState,
-    believe_force,
     initial_tilt,
     slowness,
     step_noise,
@@ -21,7 +18,6 @@ from estimator.types import (
     NOTHING_BETWEEN,
     STANDARD_GRAVITY_M_S2,
     ZERO_VEC3,
-    Between,
     Sample,
     Vec3,
 )
@@ -53,7 +49,7 @@ def test_a_step_misses_the_more_the_longer_it_is_and_the_more_the_rate_has_chang
 
     def aliasing(rate: float, step_s: float) -> float:
         w = (rate, 0.0, 0.0)
-        return step_noise(PARAMS, state, w, w, DOWN, step_s, step_s, NOTHING_BETWEEN, 0.0).tilt
+        return step_noise(PARAMS, state, w, w, DOWN, step_s, step_s, NOTHING_BETWEEN).tilt
 
     assert aliasing(1.0, dt) == pytest.approx(4.0 * aliasing(0.5, dt), rel=0.01)  # of squares
     assert aliasing(0.5, 2.0 * dt) == pytest.approx(longer * aliasing(0.5, dt), rel=0.2)
@@ -62,7 +58,7 @@ def test_a_step_misses_the_more_the_longer_it_is_and_the_more_the_rate_has_chang
 def test_turning_about_down_is_missed_by_the_heading():
     state = initial_tilt(ZERO_VEC3, (0.0, 0.0, 9.8))
     w = (0.0, 0.0, 1.0)
-    noise = step_noise(PARAMS, state, w, w, DOWN, 0.5, 0.5, NOTHING_BETWEEN, 0.0)
+    noise = step_noise(PARAMS, state, w, w, DOWN, 0.5, 0.5, NOTHING_BETWEEN)
     assert noise.yaw_noise == pytest.approx(11.0 * noise.tilt, rel=0.2)
 
 
@@ -180,84 +176,3 @@ TILTED: Vec3 = (0.36, -0.48, 0.8)
 GYR_BEFORE: Vec3 = (0.3, -0.2, 0.5)
 GYR: Vec3 = (0.7, 0.4, -0.1)
 RATE: Vec3 = (0.65, 0.45, -0.2)
-BEFORE = TiltState(
-    variance=0.004,
-    scatter=0.003,
-    tilting=0.9,
-    yaw_noise_share=0.5,
-    gyr=GYR_BEFORE,
-    change=(0.5, 0.1, -0.4),
-    changed=1.1,
-    force=9.6,
-    drift=2e-4,
-)
-
-
-@pytest.mark.parametrize("dt", [0.3, 2.5])
-@pytest.mark.parametrize("between", [NOTHING_BETWEEN, Between(True, RATE, (0.2, 0.5, 0.1), 0.06)])
-def test_what_a_step_misses_by_its_formula(dt: float, between: Between) -> None:
-    """A step with readings between its samples is as many shorter ones; the one before had 0.5."""
-    change = np.subtract(GYR, GYR_BEFORE)
-    off = change - min(1.0, dt / 0.5) * np.array(BEFORE.change)
-    like = max(off @ off, (0.9 + 0.5) / 1.2) / (3.0 * max(change @ change, 1.1))
-    by_change = min(1.0, like) ** 2 * dt**2 / 12.0
-    if between.given:
-        off, by_change = np.array(between.change_rad_s), dt * between.step_s / 12.0
-    square, turn_square = off @ off, np.dot(RATE, RATE)
-    along, turn_along = np.dot(off, TILTED) ** 2, np.dot(RATE, TILTED) ** 2
-    tilting, yaw_noise_share = square - along + 0.1 * square, along + 0.1 * square
-    step_s = between.step_s if between.given else dt
-    by_turn = dt / step_s * (0.4 * step_s**2) ** 2
-    anyhow = 0.002**2 * dt + (0.3 * max(0.0, dt - 1.0)) ** 2
-    noise = step_noise(PARAMS, BEFORE, GYR, RATE, TILTED, dt, 0.5, between, 3e-5)
-    assert noise.change == pytest.approx(change)
-    assert noise.changed == pytest.approx(change @ change)
-    assert (noise.tilting, noise.yaw_noise_share) == pytest.approx((tilting, yaw_noise_share))
-    assert noise.drift == pytest.approx(2e-4 + 3e-5 * dt)
-    assert noise.tilt == pytest.approx(
-        by_change * max(tilting, 0.9)
-        + by_turn * (turn_square - turn_along + 0.1 * turn_square)
-        + 4.0 * noise.drift * dt
-        + anyhow
-    )
-    assert noise.yaw_noise == pytest.approx(
-        by_change * max(yaw_noise_share, 0.5) + by_turn * (turn_along + 0.1 * turn_square) + anyhow
-    )
-
-
-@pytest.mark.parametrize("least", [0.0, 0.6])
-@pytest.mark.parametrize("lasting", [0.0, 0.05])
-@pytest.mark.parametrize("most", [0.011, 1.0])
-def test_the_force_is_believed_as_by_a_kalman_filter(
-    least: float, lasting: float, most: float
-) -> None:
-    """A force of 10.4 m/s^2, 0.13 rad off, where 9.6 is usual."""
-    dt, u = 0.25, (1.0, -0.9, 10.312)
-    p, size = min(0.004 + 0.01, most), float(np.linalg.norm(u))
-    r = 0.003 + (size / 9.6 - 1.0) ** 2
-    white = r * 2.0 * 0.35 / dt + lasting * 2.0 * 3.0 / dt
-    share = max(least, p / (p + white))
-    off = np.arctan2(np.hypot(u[0], u[1]), u[2])
-    expected = (r / (p + r) * off) ** 2 + p * r / (p + r)
-    noise = StepNoise(
-        tilt=0.01,
-        yaw_noise=0.02,
-        tilting=0.7,
-        yaw_noise_share=0.3,
-        change=(0.1, 0.2, 0.3),
-        changed=0.14,
-        drift=1e-4,
-    )
-    after, found = believe_force(PARAMS, BEFORE, noise, GYR, DOWN, u, dt, lasting, least, most)
-    assert found == pytest.approx(share)
-    assert after.drift == pytest.approx((1.0 - share) * 1e-4)
-    assert after.variance == pytest.approx((1.0 - share) ** 2 * p + share**2 * white)
-    a, c = (dt / (tau + dt) for tau in (7.0, 3.0))
-    brief = r * 2.0 * 0.35 / dt
-    assert after.fresh == pytest.approx(p * brief / (p + brief))
-    assert after.scatter == pytest.approx(0.003 + a * (expected - 0.003))
-    assert after.tilting == pytest.approx(0.9 + c * (0.7 - 0.9))
-    assert after.yaw_noise_share == pytest.approx(0.5 + c * (0.3 - 0.5))
-    assert after.force == pytest.approx(9.6 + dt / (20.0 + dt) * (size - 9.6))
-    assert after.changed == pytest.approx(1.1 + c * (0.14 - 1.1))
-    assert (after.gyr, after.change) == (GYR, noise.change)

@@ -7,8 +7,8 @@ import pytest
 
 from estimator.conditioning import ConditioningParams, apply_turn, condition, initial_state
 from estimator.conditioning.events.jump_signs import watch_field
-from estimator.conditioning.events.proof import TurnProof, reset_signs
-from estimator.conditioning.vertical.clipping import Clipping, aliased_turn, watch_clipping
+from estimator.conditioning.events.step import TurnProof, reset_signs
+from estimator.conditioning.vertical.rate import Clipping, aliased_turn, watch_clipping
 from estimator.conditioning.vertical.tilt import force_after_turn
 from estimator.geometry.quaternion import add, angle_between_vectors, exp, rotate, rotate_inverse
 from estimator.types import Sample

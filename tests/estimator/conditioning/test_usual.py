@@ -3,13 +3,10 @@
 from math import pi, radians
 
 import numpy as np
-import pytest
 
 from estimator.conditioning import ConditioningParams, condition, initial_state
-from estimator.conditioning.vertical.usual import Usual, usual_variance, watch_usual
 from estimator.geometry.frames import from_euler_rad
 from estimator.geometry.quaternion import angle_between_vectors, rotate_inverse
-from estimator.geometry.spread import ANY_DIRECTION_VARIANCE
 from estimator.types import STANDARD_GRAVITY_M_S2, Sample
 
 DOWN, NO_FIELD, DT = (0.0, 0.0, 1.0), (0.0, 0.0, 0.0), 0.6
@@ -55,22 +52,3 @@ def test_who_leans_is_believed_by_his_force():
     errors = errors_deg(lambda t: 1.2 * np.sin(2.0 * pi * t / 40.0) * (t > 10.0), 0.3)
     assert rms(errors[:, 0]) < 3.2
     assert np.mean(errors[:, 0] < errors[:, 2]) > 0.8
-
-
-def test_before_a_step_has_lost_anything_any_tilt_is_usual():
-    usual = watch_usual(Usual(), (0.0, 0.0, -9.8), 0.0, DT)
-    assert usual_variance(Usual(), 0.0, DT) == ANY_DIRECTION_VARIANCE
-    assert usual_variance(usual, 0.0, DT) == ANY_DIRECTION_VARIANCE
-
-
-@pytest.mark.parametrize(("lean_rad", "least", "most"), [(0.0, 0.0, 0.005), (0.4, 0.28, 0.36)])
-def test_of_the_forces_scatter_what_its_size_does_not_explain_is_lean(lean_rad, least, most):
-    """Two axes of 0.4 rad are 0.32 rad^2 (measured .33), beside the prior, which is one step."""
-    rng, usual, g = np.random.default_rng(3), Usual(), STANDARD_GRAVITY_M_S2
-    for _ in range(2000):
-        roll, pitch = lean_rad * rng.standard_normal(2)
-        force = np.array(rotate_inverse(from_euler_rad(roll, pitch, 0.0), (0.0, 0.0, -g)))
-        force += 0.1 * g * rng.standard_normal(3)
-        usual = watch_usual(usual, tuple(force.tolist()), 1.0, DT)
-    prior = ANY_DIRECTION_VARIANCE / (1.0 + usual.proofs)
-    assert least <= usual_variance(usual, 0.0, DT) - prior <= most

@@ -2,7 +2,7 @@
 
 import pytest
 
-from estimator.live.interval import is_gap, usual_interval
+from estimator.live.refusal import is_gap, usual_interval
 
 
 def usual(steps_s):

@@ -1,19 +1,12 @@
 """A magnet that raw vectors follow shows in heading's sigma, as the gyroscope did not turn."""
 
-from math import cos, sin
-
 import numpy as np
 import pytest
 
 from drivers.simulation.simulated_vehicle import simulate
-from estimator.filter.types import initial_state
 from estimator.geometry.metrics import batch_angle_errors
-from estimator.live.pull import NO_PULL, pulled
 from estimator.profile import load_profile
-from estimator.types import IDENTITY
 from fuzzbee import Estimator
-
-STEP_S = 0.01
 
 
 def heading_scores(motion, magnet):
@@ -43,40 +36,3 @@ def test_without_a_magnet_sigma_is_little_wider():
     errors, sigmas = heading_scores("rest", None)
     assert np.mean(sigmas) == pytest.approx(12.0, rel=0.2)
     assert np.mean(errors <= sigmas) == 1.0
-
-
-def follow(pull, rates_rad_s, biases_rad_s, turns_rad_s, error=0.0):
-    """The pull while a body turns level as fast as the vectors say, not as the gyroscope does."""
-    before = IDENTITY
-    heading = 0.0
-    for rate, bias, turn in zip(rates_rad_s, biases_rad_s, turns_rad_s, strict=True):
-        heading += turn * STEP_S
-        q = (cos(0.5 * heading), 0.0, 0.0, sin(0.5 * heading))
-        state = initial_state(q)._replace(gyr_bias_rad_s=(0.0, 0.0, bias))
-        pull = pulled(pull, before, state, (0.0, 0.0, rate), error, STEP_S)
-        before = q
-    return pull
-
-
-def test_what_vectors_turn_alone_is_pulled_and_forgotten():
-    one = np.ones(100)
-    turned = follow(NO_PULL, 0.0 * one, 0.0 * one, 0.5 * one)
-    assert turned.heading_rad == pytest.approx(0.5 * 20.0 * (1.0 - np.exp(-1.0 / 20.0)), rel=1e-3)
-    later = follow(turned, *3 * [np.zeros(2000)])
-    assert later.heading_rad == pytest.approx(np.exp(-1.0) * turned.heading_rad, rel=1e-3)
-
-
-def test_a_turn_that_the_gyroscope_tells_or_sigma_foretold_is_none():
-    one = np.ones(100)
-    assert follow(NO_PULL, one, 0.0 * one, one).heading_rad == pytest.approx(0.0, abs=1e-12)
-    assert follow(NO_PULL, 0.0 * one, 0.0 * one, one, error=0.5).heading_rad == 0.0
-
-
-def test_only_a_bias_that_lasts_is_taken_off():
-    """What a magnet makes of the filter's bias within a second is part of its pull."""
-    one, rest = np.ones(100), np.zeros(2000)
-    known = follow(NO_PULL, rest + 0.1, rest + 0.1, rest)
-    assert known.heading_rad == pytest.approx(0.0, abs=1e-12)
-    new = follow(known, 0.1 * one, 0.1 - 0.5 * one, 0.5 * one)
-    assert new.heading_rad == pytest.approx(0.476, rel=0.01)
-    assert new.bias_rad_s[2] == pytest.approx(0.1 - 0.5 * (1.0 - np.exp(-1.0 / 20.0)), rel=1e-3)

@@ -143,52 +143,6 @@ def test_a_vibration_at_the_samples_own_rate_is_no_turn(samples_hz, most_rad_s):
     assert abs(turns[-1]) < most_rad_s
 
 
-def test_the_turn_goes_through_each_rate_in_turn():
-    """Rates of 0.1 and 0.3 s of a step of half a second, each with the samples' offset."""
-    offset = (0.02, -0.03, 0.05)
-    rates = ((0.4, -0.2, 0.1), (-0.3, 0.5, 0.2))
-    first, last = (0.1, 0.2, 0.3), (0.6, -0.1, -0.4)
-    state = Turning(waiting=2, last_gyr_rad_s=first, offset_rad_s=offset)
-    waiting = np.array([(1_100_000, *rates[0]), (1_300_000, *rates[1])])
-    after, shown = take_between(state, waiting, 1_000_000, 1_500_000, last)
-    points = [np.array(first), *(np.add(rate, offset) for rate in rates), np.array(last)]
-    q, squares = IDENTITY, np.zeros(3)
-    for w0, w1, step_s in zip(points, points[1:], (0.1, 0.2, 0.2), strict=False):
-        cone = step_s / 12.0 * np.cross(w0, w1)
-        q = multiply(q, exp(tuple(step_s * (0.5 * (w0 + w1) + cone))))
-        squares += (w1 - w0) ** 2
-    assert angle_between(q, exp(scale(0.5, shown.turn_rad_s))) < 1e-9
-    assert shown.change_rad_s == pytest.approx(np.sqrt(squares / 3.0))
-    assert shown.step_s == pytest.approx(0.2)
-    assert (after.waiting, after.used, after.last_gyr_rad_s) == (0, 1, last)
-    assert (after.before_us, after.before_rad_s) == (1_300_000, rates[1])
-
-
-def test_a_sample_is_held_against_the_rate_at_its_time():
-    """Which lies between the rates of 0.1 s before and 0.2 s behind, a third of the way."""
-    before, behind, gyr = np.array((0.4, -0.2, 0.1)), np.array((0.8, 0.6, -0.5)), (0.6, 0.1, 0.0)
-    state = Turning(
-        waiting=2,
-        offset_rad_s=(0.02, -0.03, 0.05),
-        misfit=(0.004, 0.001, 0.002),
-        turning=(0.3, 0.2, 0.1),
-        compared_s=30.0,
-    )
-    rates = np.array([(900_000, *before), (1_200_000, *behind)])
-    after, _ = take_between(state, rates, 500_000, 1_000_000, gyr)
-    assert after.waiting == 1
-    assert rates[0].tolist() == [1_200_000, *behind]
-    there = before + (behind - before) / 3.0
-    left = np.subtract(gyr, there) - state.offset_rad_s
-    share = (0.1 + 0.25) / (20.0 + 0.1 + 0.25)
-    assert after.offset_rad_s == pytest.approx(np.array(state.offset_rad_s) + share * left)
-    for mean, old, new in (
-        (after.misfit, state.misfit, left),
-        (after.turning, state.turning, np.array(gyr)),
-    ):
-        assert mean == pytest.approx(np.array(old) + share * (new**2 - old))
-
-
 def test_the_first_samples_tell_their_bias_at_once():
     """A mean of the differences so far, and not a twentieth of a second's after a second."""
     state, rates, bias = STILL, no_rates(), (0.01, -0.03, 0.02)

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from estimator.geometry.rotations import exp, log
-from estimator.smoothing.joining import joined
-from estimator.smoothing.recording import Estimates
+from estimator.smoothing.recording import Estimates, joined
 
 ONE_RAD, OTHER_RAD = 0.03, 0.04  # together 0.05
 

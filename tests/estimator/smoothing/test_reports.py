@@ -3,7 +3,7 @@
 import numpy as np
 
 from estimator.live.rows import ROW, report_of, told_of
-from estimator.smoothing.reports import turned_round
+from estimator.smoothing.backward import turned_round
 from estimator.types import RateSample, VelocitySample
 
 MIRRORED_US = 10_000_000
