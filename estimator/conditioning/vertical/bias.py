@@ -6,6 +6,7 @@ from typing import NamedTuple
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.robust import FAR
 from estimator.conditioning.vertical.lowpass import Coefficients, Smooth, approach, smooth
 from estimator.conditioning.vertical.stillness import RestState, Stillness
 from estimator.geometry.axes import FrameAxes
@@ -99,6 +100,13 @@ def inflate_heading(estimate: Estimate, variance: float) -> Estimate:
 
 
 @inlined
+def inflate_bias(p: Covariance, variance: float) -> Covariance:
+    """Raise the variance of the bias about each axis, (rad/s)^2."""
+    p00, p01, p02, p03, p11, p12, p13, p22, p23, p33 = p
+    return (p00 + variance, p01, p02, p03, p11 + variance, p12, p13, p22 + variance, p23, p33)
+
+
+@inlined
 def clip(x: float, limit: float) -> float:
     """``x`` limited to [-limit, limit]."""
     return max(-limit, min(limit, x))
@@ -159,6 +167,7 @@ def learn_at_rest(
     params: ConditioningParams,
     k: Coefficients,
     estimate: Estimate,
+    axes: FrameAxes,
     rest: RestState,
     still: Stillness,
 ) -> Estimate:
@@ -166,16 +175,21 @@ def learn_at_rest(
 
     Less ``still.turning``, the slow turn that gravity and field tell. What they leave in doubt is
     an error that lasts as long as a rest does at least: without a field, the further the gyroscope
-    is off a known bias, the less that moves.
+    is off a known bias, the less that moves. A gyroscope that errs about the level ``axes`` by more
+    than was known of it may err as much about any other.
     """
     g = subtract(rest.gyr.value, still.turning)
     b, d, p = estimate
-    most = params.bias_limit_rad_s
-    axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     lasting = params.rest_time_s / k.dt_s
-    for i in range(3):
-        noise = k.rest_noise + still.variance[i] * lasting
-        b, d, p = update(b, d, p, axes[i], 0.0, clip(g[i] - b[i], most), noise)
+    level = k.rest_noise + still.level_variance * lasting
+    off = subtract(g, b)
+    squared = 0.5 * (dot(off, axes.north) ** 2 + dot(off, axes.east) ** 2)
+    if squared > FAR * params.bias_initial_sigma_rad_s**2:
+        p = inflate_bias(p, squared)
+    b, d, p = update(b, d, p, axes.north, 0.0, dot(axes.north, subtract(g, b)), level)
+    b, d, p = update(b, d, p, axes.east, 0.0, dot(axes.east, subtract(g, b)), level)
+    noise = k.rest_noise + still.down_variance * lasting
+    b, d, p = update(b, d, p, axes.down, 0.0, dot(axes.down, subtract(g, b)), noise)
     return Estimate(clip_each(b, MOST_BIAS_RAD_S, estimate.bias_rad_s), d, p)
 
 

@@ -193,7 +193,7 @@ def learn_vertical(
     if belief.weighed == weighed:
         was_known = before.gravity.force.age_s > params.gravity_tau_s
         if rest.resting and params.use_rest:
-            estimate = learn_at_rest(params, k, estimate, rest, still)
+            estimate = learn_at_rest(params, k, estimate, axes, rest, still)
         if params.use_motion_bias and was_known:
             # of the vertical's own variance: what a step of that share moves by
             unseen = max(slow * noise.tilt, weighed * share * belief.tilt.variance) / dt**2

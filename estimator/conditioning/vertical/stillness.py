@@ -14,7 +14,7 @@ from estimator.conditioning.robust import REACH
 from estimator.conditioning.times import LATELY_S, QUICK_S
 from estimator.conditioning.vertical.lowpass import LowPass, Smooth, approach, smooth
 from estimator.geometry.quaternion import add, cross, dot, scale, square, subtract, unit
-from estimator.types import ZERO_VEC3, Vec2, Vec3
+from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec2, Vec3
 
 
 class RestState(NamedTuple):
@@ -22,6 +22,8 @@ class RestState(NamedTuple):
 
     gyr: Smooth = Smooth()  # rad/s, FRD
     acc: Smooth = Smooth()  # m/s^2, FRD
+    gyr_square: float = 0.0  # how far from it of late, 1 is the limit of quiet
+    acc_square: float = 0.0  # the same
     quiet_s: float = 0.0  # for how long both have been near their low-pass
     steady: bool = False  # whether that is long enough for a rest, or for a steady turn
     resting: bool = False  # whether it is a rest
@@ -33,24 +35,30 @@ def observe_rest(
 ) -> RestState:
     """Decide whether the vehicle is quiet, and whether it has been for long enough to rest.
 
-    Quiet: |a - a_lp| under its threshold, |g - g_lp| under the largest usual bias; at rest every
-    rate is, too, after VQF (Laidig and Seel 2023, doi 10.1016/j.inffus.2022.10.014).
+    Quiet: the root mean square of a - a_lp under its threshold, that of g - g_lp under the largest
+    usual bias; at rest every rate is, too, after VQF (Laidig and Seel 2023,
+    doi 10.1016/j.inffus.2022.10.014). Idling rotors shake single samples further.
     The samples are compared with the low-pass before it takes them, so that
     the test keeps its meaning at a few samples a second. A vehicle turning
     steadily and slower than that looks the same, and one that rests with a poor gyroscope as if it
     turned: gravity and field tell (:mod:`estimator.conditioning.vertical.stillness`).
     """
     limit = params.bias_limit_rad_s
-    steady_gyr = square(subtract(gyr, state.gyr.value)) < limit * limit
-    steady_acc = square(subtract(acc, state.acc.value)) < params.rest_acc_m_s2**2
+    gyr_off = square(subtract(gyr, state.gyr.value)) / (limit * limit)
+    acc_off = square(subtract(acc, state.acc.value)) / params.rest_acc_m_s2**2
+    share = dt_s / (QUICK_S + dt_s)
+    gyr_square = state.gyr_square + share * (min(gyr_off, REACH) - state.gyr_square)
+    acc_square = state.acc_square + share * (min(acc_off, REACH) - state.acc_square)
     gyr_smooth = smooth(k, state.gyr, gyr)
     g = gyr_smooth.value
     slow = abs(g[0]) < limit and abs(g[1]) < limit and abs(g[2]) < limit
-    quiet_s = min(state.quiet_s + dt_s, 1e6) if steady_gyr and steady_acc else 0.0
+    quiet_s = min(state.quiet_s + dt_s, 1e6) if gyr_square < 1.0 and acc_square < 1.0 else 0.0
     steady = quiet_s >= params.rest_time_s
     return RestState(
         gyr=gyr_smooth,
         acc=smooth(k, state.acc, acc),
+        gyr_square=gyr_square,
+        acc_square=acc_square,
         quiet_s=quiet_s,
         steady=steady,
         resting=steady and slow,
@@ -61,7 +69,7 @@ def observe_rest(
 def initial_rest(gyr: Vec3, acc: Vec3) -> RestState:
     """The state at the first reading, where both low-passes begin."""
     zero = (0.0, 0.0, 0.0)
-    return RestState(Smooth(gyr, zero), Smooth(acc, zero), 0.0, False, False)
+    return RestState(Smooth(gyr, zero), Smooth(acc, zero), 0.0, 0.0, 0.0, False, False)
 
 
 # What calibrations leave of a direction's error, rad, of gravity and of the field.
@@ -84,7 +92,8 @@ class Stillness(NamedTuple):
     mean_down: Vec3 = ZERO_VEC3  # of gravity's direction, FRD
     shown: Vec3 = ZERO_VEC3  # turn since then, if the known bias is right, rad, FRD
     turning: Vec3 = ZERO_VEC3  # the turn that there is now, rad/s, FRD
-    variance: Vec3 = ZERO_VEC3  # of that, (rad/s)^2
+    level_variance: float = 0.0  # of that about each level axis, (rad/s)^2
+    down_variance: float = 0.0  # of that about down, (rad/s)^2
     proven: bool = False  # whether both stand still, and tell it of every axis
 
 
@@ -117,25 +126,43 @@ def watch_stillness(
         wait_s = 0.0
     if not rest.steady:
         zero = ZERO_VEC3
-        return Stillness(smooth, wait_s, direction(smooth), down, zero, zero, zero, False)
+        return Stillness(smooth, wait_s, direction(smooth), down, zero, zero, 0.0, 0.0, False)
     mean_down = mean_after(before.mean_down, down, rate, dt_s)
     shown = scale(LATELY_S / (LATELY_S + dt_s), add(before.shown, scale(dt_s, rate)))
     seen_field = direction(smooth) if wait_s <= params.rest_time_s else ZERO_VEC3
     unexpected, about_down = turn_between(mean_down, down, mean_field, seen_field)
-    seen = add(shown, unexpected)
-    w0, v0 = turn_of_axis(shown[0], seen[0], down[0], about_down, rate[0])
-    w1, v1 = turn_of_axis(shown[1], seen[1], down[1], about_down, rate[1])
-    w2, v2 = turn_of_axis(shown[2], seen[2], down[2], about_down, rate[2])
+    # about down, and about the level axes, of which gravity tells all
+    shown_down, rate_down = dot(shown, down), dot(rate, down)
+    shown_level = subtract(shown, scale(shown_down, down))
+    rate_level = subtract(rate, scale(rate_down, down))
+    seen_level = add(shown_level, subtract(unexpected, scale(dot(unexpected, down), down)))
+    level, level_variance = turn_of_level(shown_level, seen_level, rate_level)
+    seen_down = shown_down + dot(unexpected, down)
+    turn, down_variance = turn_about_down(shown_down, seen_down, rate_down, about_down)
     left = subtract(subtract(seen_field, mean_field), cross(seen_field, unexpected))
     limit = params.bias_limit_rad_s
+    # a gyroscope that errs by more about level axes may err as much about down; but in a banked
+    # turn, where gravity seems to say so, an accelerometer feels more than gravity
+    poor = sqrt(square(subtract(rate_level, level)))
+    beyond = abs(sqrt(square(rest.acc.value)) - STANDARD_GRAVITY_M_S2)
+    is_poor = beyond < params.rest_acc_m_s2 and abs(rate_down) < max(limit, poor)
     proven = (
         square(left) < (REACH * STILL_RAD) ** 2
-        and is_within(w0, v0, limit)
-        and is_within(w1, v1, limit)
-        and is_within(w2, v2, limit)
+        and is_within(sqrt(square(level)), level_variance, limit)
+        and (is_within(turn, down_variance, limit) or is_poor)
     )
-    turning, variance = (w0, w1, w2), (v0, v1, v2)
-    return Stillness(smooth, wait_s, mean_field, mean_down, shown, turning, variance, proven)
+    turning = add(level, scale(turn, down))
+    return Stillness(
+        smooth,
+        wait_s,
+        mean_field,
+        mean_down,
+        shown,
+        turning,
+        level_variance,
+        down_variance,
+        proven,
+    )
 
 
 @inlined
@@ -168,13 +195,31 @@ def turn_between(mean_down: Vec3, down: Vec3, mean_field: Vec3, field: Vec3) -> 
 
 
 @inlined
-def turn_of_axis(shown: float, seen: float, down: float, about_down: float, rate: float) -> Vec2:
-    """The rate about one axis of the body at which it turns, and its variance.
+def turn_of_level(shown: Vec3, seen: Vec3, rate: Vec3) -> tuple[Vec3, float]:
+    """The rate about level axes at which the body turns, and its variance about each.
+
+    ``seen`` is the turn (rad) that took as long as the gyroscope took for ``shown``, at its
+    ``rate`` beyond its bias. The prior of the turn is as large as ``rate``.
+    """
+    whole = square(shown) + STILL_RAD**2
+    size = square(rate)
+    turning = scale(sqrt(square(shown) * size) / whole, seen)
+    most = MOST_TURNING * sqrt(size)
+    turned = sqrt(square(turning))
+    if turned > most:
+        turning = scale(most / turned, turning)
+    return turning, size * STILL_RAD**2 / whole
+
+
+@inlined
+def turn_about_down(shown: float, seen: float, rate: float, unseen: float) -> Vec2:
+    """The rate about down at which the body turns, and its variance.
 
     The turn is a share of the ``rate`` that the gyroscope shows beyond its bias, the share that
-    ``seen`` is of ``shown``, with a prior of 0 +- 1.
+    ``seen`` is of ``shown``, with a prior of 0 +- 1. ``unseen`` (rad^2) is the variance of what the
+    vectors leave open.
     """
-    noise = STILL_RAD**2 + down * down * about_down
+    noise = STILL_RAD**2 + unseen
     whole = shown * shown + noise
     share = max(0.0, min(MOST_TURNING, shown * seen / whole))
     return share * rate, rate * rate * noise / whole

@@ -6,6 +6,7 @@ another. So an update that is right for the first of two measurements only shows
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from estimator.conditioning import ConditioningParams, initial_state
 from estimator.conditioning.field.calibration import (
@@ -101,12 +102,14 @@ def test_rest_tells_the_bias(seed):
     k, before = coefficients(PARAMS, DT, 1.0), estimate_of(rng)
     gyr = rng.normal(0.0, 0.004, 3)
     x, p = vector_of(before)
-    turning, variance = rng.normal(0.0, 0.002, 3), rng.uniform(0.0, 1e-4, 3)
+    turning, (level, down) = rng.normal(0.0, 0.002, 3), rng.uniform(0.0, 1e-4, 2)
     rest = RestState(gyr=Smooth(tuple(gyr), STILL))
-    still = Stillness(turning=tuple(turning), variance=tuple(variance))
-    after = learn_at_rest(PARAMS, k, before, rest, still)
-    noises = k.rest_noise + variance * PARAMS.rest_time_s / DT
-    x, p = updated(x, p, np.eye(3, 4), gyr - turning - x[:3], noises)
+    still = Stillness(turning=tuple(turning), level_variance=level, down_variance=down)
+    axes = axes_of(tuple(np.roll(Rotation.random(random_state=seed).as_quat(), 1).tolist()))
+    after = learn_at_rest(PARAMS, k, before, axes, rest, still)
+    noises = k.rest_noise + np.array([level, level, down]) * PARAMS.rest_time_s / DT
+    h = np.column_stack([axes, np.zeros(3)])
+    x, p = updated(x, p, h, h[:, :3] @ (gyr - turning - x[:3]), noises)
     assert_is(after, x, p)
 
 
