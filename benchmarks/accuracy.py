@@ -8,9 +8,8 @@ mean over the recordings; ``free`` is the total with a constant heading per reco
 the published sigma (0.68 is honest). ``change`` is the mean change of the total against the first
 filter, by recording, with its bootstrapped 95 % interval.
 
-Filters are names with commas between them, or ``rivals``, ``gains`` (the profile imu with other
-gains) or ``steps`` (one step of the conditioning off at a time). Ways are those of common/ways.py,
-or ``all``.
+Filters are names with commas between them, ``rivals``, ``acausal`` or ``gains`` (the profile imu
+with other gains). Ways are those of common/ways.py, or ``all``.
 """
 
 import sys
@@ -72,7 +71,7 @@ def main() -> int:
 def arguments():
     made = parser(__doc__, plots=True)
     add_folders(made)
-    made.add_argument("--filters", default="rivals", help="names, rivals, gains or steps")
+    made.add_argument("--filters", default="rivals", help="names, rivals, acausal or gains")
     made.add_argument("--ways", nargs="+", choices=[*WAYS, "all"], default=["as recorded"])
     made.add_argument("--seed", type=int, default=0)
     return made.parse_args()

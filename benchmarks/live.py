@@ -3,11 +3,9 @@
     python benchmarks/live.py --vehicles 200 --rate 50 --seconds 20 [--plain]
 
 The vehicles send over UDP on loopback, ``fuzzbee run`` estimates and publishes on Zenoh, a third
-process subscribes. With ``--log FILE.tlog`` they send all that an autopilot has sent, velocity and
-ATTITUDE stamped apart among it (tests/data/sitl_copter_takeoff.tlog has 50 Hz). ``--plain``: a
-script of pymavlink and ahrs (processes/plain.py) has the service's place. ``--slow 0.2``: it gets a
-fifth of a core (processes/slow.py). ``--record FOLDER``: it records there all that comes. Times are
-median, 99th percentile and worst in ms, of an attitude:
+process subscribes. ``--plain``: a script of pymavlink and ahrs (processes/plain.py) has the
+service's place. ``--record FOLDER``: it records there all that comes. Times are median, 99th
+percentile and worst in ms, of an attitude:
 
 - ``sample to subscriber``: from the sending of its latest sample's datagram to the subscriber's
   callback; ``new sample to subscriber`` of the first attitude after each sample only.
@@ -26,7 +24,6 @@ from argparse import Namespace
 
 from common.filters import is_installed
 from common.report import MISSING, Row, parser, show
-from processes.slow import slowed
 from processes.trial import (
     WARM_UP_S,
     BeginService,
@@ -47,18 +44,17 @@ CARRIED = 0.001
 FIRST_VEHICLES, MOST_VEHICLES, FINENESS = 64, 500, 0.1
 
 
-def measure(shape: Shape, begin_service: BeginService, share: float = 1.0) -> Row:
-    """One run of the processes, whose service gets that ``share`` of a core."""
+def measure(shape: Shape, begin_service: BeginService) -> Row:
+    """One run of the processes."""
     marks: list[tuple[int, list[float]]] = []
     memory: list[float] = []
 
     def meanwhile(service: Process, others: list[int]) -> None:
-        with slowed(service.pid, share):
-            time.sleep(WARM_UP_S)
-            processes = [*family(service.pid), *others]
-            for wait_s in (0.0, shape.seconds - WARM_UP_S - 0.2):
-                time.sleep(wait_s)
-                marks.append((time.time_ns(), [cpu_s(pid) for pid in processes]))
+        time.sleep(WARM_UP_S)
+        processes = [*family(service.pid), *others]
+        for wait_s in (0.0, shape.seconds - WARM_UP_S - 0.2):
+            time.sleep(wait_s)
+            marks.append((time.time_ns(), [cpu_s(pid) for pid in processes]))
         memory.extend(memory_mb(pid) for pid in processes[: -len(others)])
 
     seen = run(shape, begin_service, meanwhile)
@@ -81,7 +77,7 @@ def capacity(options: Namespace, begin_service: BeginService) -> Row:
     carried, too_many, best = 0, MOST_VEHICLES + 1, None
     vehicles = FIRST_VEHICLES
     while too_many - carried > max(1, carried * FINENESS):
-        result = measure(shape_of(options, vehicles), begin_service, options.slow)
+        result = measure(shape_of(options, vehicles), begin_service)
         lost = 1.0 - result["taken"] / max(1, result["sent"])
         print(f"{vehicles} vehicles: {lost:.2%} not taken", file=sys.stderr)
         if lost < CARRIED:
@@ -97,7 +93,7 @@ def capacity(options: Namespace, begin_service: BeginService) -> Row:
 
 def shape_of(options: Namespace, vehicles: int) -> Shape:
     publish_hz = options.rate if options.publish_rate is None else options.publish_rate
-    return Shape(vehicles, options.rate, options.seconds, publish_hz, log=options.log)
+    return Shape(vehicles, options.rate, options.seconds, publish_hz)
 
 
 def main() -> int:
@@ -106,15 +102,12 @@ def main() -> int:
     made.add_argument("--rate", type=float, default=50.0, help="samples a second and vehicle")
     made.add_argument("--seconds", type=float, default=10.0)
     made.add_argument("--publish-rate", type=float, help="attitudes a second [as --rate]")
-    made.add_argument("--log", default="", help="vehicles say what this telemetry log's says")
     made.add_argument("--record", default="", help="folder that the service records to")
     made.add_argument("--plain", action="store_true", help="pymavlink and ahrs instead")
-    made.add_argument("--slow", type=float, default=1.0, help="share of a core for the service")
     made.add_argument("--capacity", action="store_true", help="search the most vehicles")
     options = made.parse_args()
     if options.smoke:
         options.vehicles, options.seconds, options.capacity = 2, WARM_UP_S + 2.0, False
-        options.slow = 0.5
     if options.seconds <= WARM_UP_S:
         made.error(f"--seconds: more than {WARM_UP_S:g}")
 
@@ -135,7 +128,7 @@ def main() -> int:
         if options.capacity:
             found = capacity(options, begin_service)
         else:
-            found = measure(shape_of(options, options.vehicles), begin_service, options.slow)
+            found = measure(shape_of(options, options.vehicles), begin_service)
         rows.append({"service": name, **found})
     show({"live": rows}, as_json=options.json)
     return 0

@@ -12,18 +12,17 @@ Degrees RMS; the share of errors under sigma in motion and at rest. Then medians
 """
 
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from statistics import median
 
 import numpy as np
 from common.recordings import Array, Bools
-from common.report import Row, parser, show
+from common.report import Row, log_files, parser, show
 from common.scores import by, rms
 from flying.replayed import tilt_deg
 from scipy.spatial.transform import Rotation
 
-from drivers.logs.open import SUFFIXES
 from estimator.errors import InputError
 from estimator.geometry.rotations import rotate_inverse
 from estimator.profile import Profile, load_profile
@@ -153,15 +152,6 @@ def groups(logs: Sequence[Row]) -> list[Row]:
         for name, those in by(chosen, lambda log: rate_group(log["Hz"])).items():
             rows.append({"": "moving" if moving else "at rest", "Hz": name, **group(those)})
     return rows
-
-
-def log_files(folders: Iterable[Path]) -> list[Path]:
-    """The logs in folders, and files given as such."""
-    files: list[Path] = []
-    for folder in folders:
-        inside = sorted(folder.iterdir()) if folder.is_dir() else [folder]
-        files += [path for path in inside if path.suffix in SUFFIXES]
-    return files
 
 
 def measure(path: Path, profile: Profile) -> Row | None:

@@ -113,7 +113,7 @@ def judge(filter_: Filter, trial: Trial, rng: np.random.Generator) -> Iterator[R
 def main() -> int:
     made = parser(__doc__)
     add_folders(made)
-    made.add_argument("--filters", default="fuzzbee,vqf", help="names, rivals, gains or steps")
+    made.add_argument("--filters", default="fuzzbee,vqf", help="names, rivals, acausal or gains")
     made.add_argument("--seed", type=int, default=0)
     made.add_argument("--half", choices=("even", "odd"), help="every other recording only")
     options = made.parse_args()

@@ -1,11 +1,9 @@
 """What does each tuned number move?
 
     python benchmarks/sensitivity.py DIR [DIR ...] [--logs LOG [LOG ...]] [--flights A-B]
-    NUMBA_DISABLE_JIT=1 python benchmarks/sensitivity.py DIR --logs LOG --constants --seconds 60
 
 Every numeric key of conditioning and aiding is multiplied by 0.7 and 1.4, and each switch is turned
-off; with ``--constants`` the constants of their modules instead, in plain Python, which alone reads
-them anew. A row a number: the largest change of an error (percent of it, at least ``LEAST_DEG``) or
+off. A row a number: the largest change of an error (percent of it, at least ``LEAST_DEG``) or
 of a recovery time, and of a coverage, and on which set. Sets are folders of recordings as they are,
 with turns that no sensor has felt, and with magnets that pass (seed 0); logs with a truth; and
 simulated flights of these seeds at 50 and at 4 Hz. What flies does so with velocity, without, and
@@ -14,12 +12,10 @@ a single flight's moves by chance. The last line counts the numbers that move no
 1 %, no coverage by 0.02.
 """
 
-import ast
 import sys
 from argparse import Namespace
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -32,14 +28,13 @@ from common.ways import WAYS
 from flying.cases import CASES, DURATION_S, recorded
 from flying.replayed import UNAIDED, Events, changed, fly, read, start_us
 from rich.console import Console
-from rich.progress import track as bar
+from rich.progress import track
 from turns import MOST_ALONE_DEG, turn_about
 
 from drivers.events import Imu
 from estimator.errors import InputError
 from estimator.profile import load_profile, merge_profile, profile_to_json
 
-ROOT = Path(__file__).parents[1]
 SECTIONS = ("conditioning", "aiding")
 FACTORS = (0.7, 1.4)
 LEAST_DEG, LEAST_SHARE, LEAST_COVERAGE = 0.3, 0.01, 0.02
@@ -53,12 +48,11 @@ Score = Callable[[Changes], list[float]]
 
 
 class Question(NamedTuple):
-    """A number, and what is made of it: changes of the profile, or of a module's constant."""
+    """A number, and what is made of it."""
 
     name: str
     change: str
     profile: Changes
-    constant: tuple[str, str, float] | None = None  # module, name, factor
 
 
 def scores(folders: dict[str, list[Trial]], flown: dict[str, list[Events]]) -> dict[str, Score]:
@@ -165,47 +159,13 @@ def keys(only: Sequence[str]) -> Iterator[Question]:
                     yield Question(name, f"x{factor:g}", {section: {name: factor * value}})
 
 
-def constants(only: Sequence[str]) -> Iterator[Question]:
-    """Every constant of a fraction in the sections' modules; counts and sizes are left alone."""
-    for section in SECTIONS:
-        for path in sorted((ROOT / "estimator" / section).rglob("*.py")):
-            module = ".".join(path.relative_to(ROOT).with_suffix("").parts)
-            for node in ast.parse(path.read_text("utf-8")).body:
-                if not isinstance(node, ast.Assign) or not isinstance(node.targets[0], ast.Name):
-                    continue
-                name = node.targets[0].id
-                value = getattr(import_module(module), name, None)
-                if name.isupper() and isinstance(value, float) and (not only or name in only):
-                    for factor in FACTORS:
-                        yield Question(
-                            f"{module}.{name}", f"x{factor:g}", {}, (module, name, factor)
-                        )
-
-
-def set_constant(module: str, name: str, factor: float) -> None:
-    """Change a constant wherever it has been imported; compiled code would not notice."""
-    old = getattr(import_module(module), name)
-    for each in list(sys.modules.values()):
-        if (
-            getattr(each, "__name__", "").startswith("estimator.")
-            and getattr(each, name, None) is old
-        ):
-            setattr(each, name, factor * old)
-
-
 def answer(question: Question) -> dict[str, list[float]]:
     """The scores of every set with that change; a profile that is refused has none."""
-    if question.constant:
-        set_constant(*question.constant)
     try:
         merge_profile(load_profile("imu"), question.profile)
         return {name: score(question.profile) for name, score in SCORES.items()}
     except InputError:
         return {}
-    finally:
-        if question.constant:
-            module, name, factor = question.constant
-            set_constant(module, name, 1.0 / factor)
 
 
 SCORES: dict[str, Score] = {}  # of a process
@@ -256,14 +216,16 @@ def moves(row: Row) -> bool:
 
 def main() -> int:
     options = arguments()
-    asked = list((constants if options.constants else keys)(options.only))
+    asked = list(keys(options.only))
     if options.smoke:
         asked = asked[:2]
     with ProcessPoolExecutor(options.jobs, initializer=prepare, initargs=(options,)) as pool:
         base = pool.submit(answer, Question("", "", {})).result()
         answers = pool.map(answer, asked)
         rows: list[Row] = []
-        for question, found in zip(asked, track(answers, len(asked)), strict=True):
+        for question, found in zip(
+            asked, track(answers, total=len(asked), console=Console(stderr=True)), strict=True
+        ):
             head = {"number": question.name, "change": question.change}
             rows.append({**head, **moved(base, found)} if found else {**head, "error %": None})
     still = {row["number"] for row in rows} - {
@@ -286,20 +248,12 @@ def arguments() -> Namespace:
         "--own-heading", default="", metavar="NAME,NAME", help="folders without true north"
     )
     made.add_argument("--only", type=lambda text: text.split(","), default=[], metavar="NAME,NAME")
-    made.add_argument("--constants", action="store_true", help="needs NUMBA_DISABLE_JIT=1")
     made.add_argument("--seconds", type=float, default=0.0, help="of each recording; 0: all")
     made.add_argument("--jobs", type=int, default=2)
     options = made.parse_args()
     if options.own_heading:
         options.own_heading = names([each.name for each in options.folders], options.own_heading)
     return options
-
-
-def track(
-    answers: Iterator[dict[str, list[float]]], count: int
-) -> Iterator[dict[str, list[float]]]:
-    """A bar on standard error, for people."""
-    yield from bar(answers, total=count, console=Console(stderr=True), description="asking")
 
 
 if __name__ == "__main__":

@@ -1,18 +1,14 @@
 """Do memory, file descriptors or threads of the live service grow over a long time?
 
     python benchmarks/soak.py [--seconds 240] [--vehicles 50] [--rate 100]
-    python benchmarks/soak.py --seconds 4320 --skip 720 --vehicles 20 --rate 50 --stay 3
 
 Simulated vehicles over UDP, ``fuzzbee run`` with a recording, the viewer into a file and metrics
-that are read each second, and a subscriber. With ``--stay`` they sign, and each leaves after so
-many seconds for another one, until the table of vehicles is full and beyond. ``MB``,
-``descriptors`` and ``threads`` are those of the thirds of the run without the seconds to skip;
-start-up and warm-up are in the first. ``curve`` has the MB of its tenths. Exit status 1 if
-something grew.
+that are read each second, and a subscriber. ``MB``, ``descriptors`` and ``threads`` are those of
+the thirds of the run without the seconds to skip; start-up and warm-up are in the first. ``curve``
+has the MB of its tenths. Exit status 1 if something grew.
 """
 
 import os
-import secrets
 import sys
 import tempfile
 import urllib.request
@@ -38,7 +34,7 @@ class Look(NamedTuple):
     threads: int
 
 
-def soak(shape: Shape, skip_s: float, stay_s: float | None) -> Row:
+def soak(shape: Shape, skip_s: float) -> Row:
     """Fly for so long, and look at the service meanwhile."""
     looks: list[Look] = []
     metrics = free_port()
@@ -51,19 +47,12 @@ def soak(shape: Shape, skip_s: float, stay_s: float | None) -> Row:
 
     with tempfile.TemporaryDirectory() as name:
         files = ("--record", f"{name}/recorded", "--rrd", f"{name}/seen.rrd")
-        everything, passers = (*files, "--metrics", str(metrics)), ()
-        if stay_s is not None:
-            key = Path(name, "key")
-            key.touch(0o600)
-            key.write_bytes(secrets.token_bytes(32))
-            everything += ("--signing-key-file", str(key))
-            passers = (str(stay_s), str(key))
-        seen = run(shape, lambda *where: fuzzbee(*where, *everything), meanwhile, passers)
+        everything = (*files, "--metrics", str(metrics))
+        seen = run(shape, lambda *where: fuzzbee(*where, *everything), meanwhile)
         recorded_mb = sum(f.stat().st_size for f in Path(name, "recorded").iterdir()) / 1e6
     row = {"vehicles": shape.vehicles, "Hz": shape.rate_hz, **counts(seen)}
-    places = len(seen.summary["vehicles"])
     left = looks[round(skip_s / LOOK_S) :]
-    return {**row, "in the table": places, "recorded MB": round(recorded_mb, 1), **verdict(left)}
+    return {**row, "recorded MB": round(recorded_mb, 1), **verdict(left)}
 
 
 def look(pid: int, metrics: int) -> Look:
@@ -106,12 +95,11 @@ def main() -> int:
     made.add_argument("--vehicles", type=int, default=50)
     made.add_argument("--rate", type=float, default=100.0)
     made.add_argument("--skip", type=float, default=0.0, help="seconds that are not judged")
-    made.add_argument("--stay", type=float, help="seconds that a vehicle stays [all]")
     options = made.parse_args()
     if options.smoke:
         options.seconds, options.vehicles = 4.0, 2
     shape = Shape(options.vehicles, options.rate, options.seconds, PUBLISH_HZ)
-    row = soak(shape, options.skip, options.stay)
+    row = soak(shape, options.skip)
     show({"the service over time": [row]}, as_json=options.json)
     return 0 if row["flat"] or options.smoke else 1  # seconds are start-up only
 

@@ -1,18 +1,28 @@
-"""What does a sample cost a program, as a batch and call by call, beside other filters?
+"""What does a sample cost a program: in batches, call by call, from a log, in a loop at 1 kHz?
 
-    python benchmarks/speed.py [DIR]
+    python benchmarks/speed.py [DIR] [--logs LOG ...] [--loop SECONDS]
 
-``fuzzbee.Estimator`` with its defaults, checks and sigmas against ``vqf.VQF``'s own binding and
-imufusion: microseconds of processor a sample, the best of rounds in which all take turns, the one
-that other programs disturbed least. Compiling, and building a filter, are not timed. ``ratio`` is
-fuzzbee's time over the other's in the same run: it is the figure that holds on other machines.
+``time a sample``: ``fuzzbee.Estimator`` with its defaults, checks and sigmas against ``vqf.VQF``'s
+own binding and imufusion: microseconds of processor, the best of rounds in which all take turns,
+the one that other programs disturbed least. Compiling, and building a filter, are not timed. With
+``--logs`` the time for each IMU sample of a log that is used: ``replay`` is all that ``fuzzbee
+replay`` does, ``rows`` the estimate alone, of samples and reports in columns, as ``tune`` does for
+each candidate, ``pymavlink`` its bare reading, ``vqf`` its batch without velocity. ``ratio`` is
+fuzzbee's (``replay``'s) time over the other's in the same run: it holds on other machines.
+
+With ``--loop`` instead one ``Estimator.update`` each millisecond, by the clock, the rest of which
+the loop sleeps: median, 99.9th percentile and the worst, in microseconds. The readings are those of
+a small IMU at rest, in the 16 bits of its registers; the field comes at 100 Hz. The garbage
+collector is off, as ``run`` has it.
 """
 
+import gc
 import sys
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
 from math import inf
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,20 +30,25 @@ from common.filters import ImufusionRun, body_readings, is_installed
 from common.recordings import Trial, add_folders, chosen_sets, made_up
 from common.report import MISSING, Row, parser, show
 
-from fuzzbee import Estimator
+from drivers.simulation.simulated_vehicle import simulate
+from estimator.profile import load_profile
+from fuzzbee import Estimator, replay
+from fuzzbee.tune.read_flight import read_flight
+from tuning.flight import fly
 
 ROWS = slice(1000, 7000)  # past the rest that recordings begin with
 CALLS = 600  # of them: what takes longer than a few ms, other programs always interrupt
-ROUNDS, SMOKE_ROUNDS = 100, 3
-Start = Callable[[], Callable[[], object]]  # builds a filter and gives what is to be timed
-Rows = list[tuple[Any, ...]]
-WAYS = (
-    ("batch", "fuzzbee"),
-    ("batch", "vqf"),
-    ("call", "fuzzbee"),
-    ("call", "vqf"),
-    ("call", "imufusion"),
+ROUNDS, LOG_ROUNDS, SMOKE_ROUNDS = 100, 5, 3
+SHORT_LOG = Path(__file__).parents[1] / "tests" / "data" / "sitl_copter_flips.tlog"
+PERIOD_S, MAG_EVERY = 1e-3, 10  # of the loop, and samples
+GYR_LSB_RAD_S, ACC_LSB_M_S2, MAG_LSB_GAUSS = (
+    np.radians(2000.0 / 32768),
+    16 * 9.80665 / 32768,
+    0.0015,
 )
+
+Start = Callable[[], Callable[[], object]]  # builds a filter and gives what is to be timed
+Ways = dict[tuple[str, str], tuple[Start | None, int]]  # by way and filter; how many samples
 
 
 def begun(trial: Trial) -> Estimator:
@@ -43,31 +58,39 @@ def begun(trial: Trial) -> Estimator:
     return estimator
 
 
-def starts(trial: Trial) -> Iterator[tuple[str, str, Start]]:
-    """Each way and filter that is installed."""
+def of_samples(trial: Trial) -> Ways:
+    """Each way and filter; None for one that is not installed."""
     ours = [column[ROWS] for column in body_readings(trial)]
     calls = list(zip(*(column[:CALLS] for column in ours), strict=True))
-    yield "batch", "fuzzbee", lambda: partial(begun(trial).update_batch, *ours)
-    yield "call", "fuzzbee", lambda: partial(each, begun(trial).update, calls)
+    count = len(ours[0])
+    found: Ways = {
+        ("batch", "fuzzbee"): (lambda: partial(begun(trial).update_batch, *ours), count),
+        ("batch", "vqf"): (None, count),
+        ("call", "fuzzbee"): (lambda: partial(each, begun(trial).update, calls), CALLS),
+        ("call", "vqf"): (None, CALLS),
+        ("call", "imufusion"): (None, CALLS),
+    }
     if is_installed("vqf"):
         from vqf import VQF
 
         columns = (trial.gyr_rad_s, trial.acc_m_s2, trial.mag_ut)
         theirs = [np.ascontiguousarray(column[ROWS]) for column in columns]
         rows = list(zip(*(column[:CALLS] for column in theirs), strict=True))
-        yield "batch", "vqf", lambda: partial(VQF(trial.dt_s).updateBatch, *theirs)
-        yield "call", "vqf", lambda: partial(each_asked, VQF(trial.dt_s), rows)
+        found["batch", "vqf"] = lambda: partial(VQF(trial.dt_s).updateBatch, *theirs), count
+        found["call", "vqf"] = lambda: partial(each_asked, VQF(trial.dt_s), rows), CALLS
     if is_installed("imufusion"):
         short = trial.cut(slice(ROWS.start, ROWS.start + CALLS))
-        yield "call", "imufusion", lambda: partial(ImufusionRun(short).advance, slice(0, None))
+        run = lambda: partial(ImufusionRun(short).advance, slice(0, None))  # noqa: E731
+        found["call", "imufusion"] = run, CALLS
+    return found
 
 
-def each(update: Callable[..., object], rows: Rows) -> None:
+def each(update: Callable[..., object], rows: list[tuple[Any, ...]]) -> None:
     for row in rows:
         update(*row)
 
 
-def each_asked(vqf: Any, rows: Rows) -> None:
+def each_asked(vqf: Any, rows: list[tuple[Any, ...]]) -> None:
     """VQF's call gives no attitude, which is asked for beside."""
     update, attitude = vqf.update, vqf.getQuat9D
     for row in rows:
@@ -75,36 +98,102 @@ def each_asked(vqf: Any, rows: Rows) -> None:
         attitude()
 
 
-def measure(trial: Trial, rounds: int) -> list[Row]:
-    """Microseconds a sample of each, and fuzzbee's over it; what is not there says so."""
-    found = {(way, name): start for way, name, start in starts(trial)}
-    batch = min(len(trial.moving), ROWS.stop) - ROWS.start
-    best = dict.fromkeys(found, inf)
+def of_log(log: Path) -> Ways:
+    """Each way through a log; None where what it needs is not installed."""
+    profile = load_profile("imu")
+    flight = read_flight(log, profile)
+    count = len(flight.truth)
+    found: Ways = {
+        ("log", "replay"): (lambda: partial(replay, log, profile), count),
+        ("log", "rows"): (lambda: partial(fly, flight, profile, count), count),
+    }
+    if log.suffix == ".tlog":
+        found["log", "pymavlink"] = lambda: partial(read_by_pymavlink, log), count
+    found["log", "vqf"] = None, count
+    if is_installed("vqf"):
+        from vqf import VQF
+
+        _, *readings, _ = flight.rows
+        columns = [np.ascontiguousarray(column * (1.0, -1.0, -1.0)) for column in readings]
+        run = lambda: partial(VQF(1.0 / flight.rate_hz).updateBatch, *columns)  # noqa: E731
+        found["log", "vqf"] = run, count
+    return found
+
+
+def read_by_pymavlink(log: Path) -> None:
+    from pymavlink import mavutil
+
+    reader = mavutil.mavlink_connection(str(log))
+    while reader.recv_msg() is not None:
+        pass
+
+
+def measure(ways: Ways, rounds: int) -> list[Row]:
+    """Microseconds a sample of each, and those of the first of its way over them."""
+    best = dict.fromkeys(ways, inf)
     for _ in range(rounds):
-        for (way, name), start in found.items():
-            run = start()
-            begin = time.thread_time()
-            run()
-            us = 1e6 * (time.thread_time() - begin) / (batch if way == "batch" else CALLS)
-            best[way, name] = min(best[way, name], us)
+        for key, (start, count) in ways.items():
+            if start is not None:
+                run = start()
+                begin = time.thread_time()
+                run()
+                best[key] = min(best[key], 1e6 * (time.thread_time() - begin) / count)
+    first: dict[str, float] = {}
     rows: list[Row] = []
-    for way, name in WAYS:
-        row: Row = {"way": way, "filter": name}
-        if (way, name) in best:
-            us = best[way, name]
-            rows.append({**row, "us a sample": us, "ratio": best[way, "fuzzbee"] / us})
-        else:
-            rows.append({**row, "us a sample": MISSING})
+    for (way, name), us in best.items():
+        is_there = us < inf
+        ratio = {"ratio": first.setdefault(way, us) / us} if is_there else {}
+        us_or_not = us if is_there else MISSING
+        rows.append({"way": way, "filter": name, "us a sample": us_or_not, **ratio})
     return rows
+
+
+def loop(samples: int, *, has_mag: bool) -> Iterator[float]:
+    """Microseconds of each call of ``update``."""
+    made, estimator = simulate(0, samples, 1000.0, "rest", noise=0.05, bias=0.0), Estimator()
+    lsb = ((made.gyr_rad_s, GYR_LSB_RAD_S), (made.acc_m_s2, ACC_LSB_M_S2))
+    gyr, acc, mag = (
+        (column / unit).round() * unit for column, unit in (*lsb, (made.mag_gauss, MAG_LSB_GAUSS))
+    )
+    estimator.update((0.0, 0.0, 0.0), (0.0, 0.0, -9.8), time_s=-1.0)  # compiles, once
+    begin_s = time.perf_counter()
+    for k in range(samples):
+        given = [gyr[k].tolist(), acc[k].tolist()]
+        given.append(mag[k].tolist() if has_mag and k % MAG_EVERY == 0 else None)
+        called_s = time.perf_counter()
+        estimator.update(*given, time_s=PERIOD_S * k)
+        yield 1e6 * (time.perf_counter() - called_s)
+        time.sleep(max(0.0, begin_s + PERIOD_S * (k + 1) - time.perf_counter()))
+
+
+def loop_row(name: str, took_us: list[float]) -> Row:
+    median, rare, worst = np.percentile(took_us, (50.0, 99.9, 100.0)).round(1).tolist()
+    return {"update": name, "median us": median, "99.9 % us": rare, "worst us": worst}
 
 
 def main() -> int:
     made = parser(__doc__)
     add_folders(made)
+    made.add_argument("--logs", type=Path, nargs="+", default=[], metavar="LOG")
+    made.add_argument("--loop", type=float, default=0.0, metavar="SECONDS")
     options = made.parse_args()
-    trial = next(iter(chosen_sets(options).values()))[0] if options.folders else made_up()
-    rounds = SMOKE_ROUNDS if options.smoke else ROUNDS
-    show({f"time a sample, {trial.name}": measure(trial, rounds)}, as_json=options.json)
+    rounds, log_rounds = ROUNDS, LOG_ROUNDS
+    tables: dict[str, list[Row]] = {}
+    if options.smoke:
+        rounds, log_rounds, options.logs, options.loop = SMOKE_ROUNDS, 1, [SHORT_LOG], 1.0
+    if options.smoke or not (options.logs or options.loop):
+        trial = next(iter(chosen_sets(options).values()))[0] if options.folders else made_up()
+        tables[f"time a sample, {trial.name}"] = measure(of_samples(trial), rounds)
+    for log in options.logs:
+        tables[f"time an IMU sample, {log.name}"] = measure(of_log(log), log_rounds)
+    if options.loop:
+        gc.disable()
+        count = round(options.loop / PERIOD_S)
+        ways = (("6D", False), ("9D", True))
+        rows = [loop_row(name, [*loop(count, has_mag=has_mag)]) for name, has_mag in ways]
+        gc.enable()
+        tables["one call at 1 kHz"] = rows
+    show(tables, as_json=options.json)
     return 0
 
 

@@ -17,7 +17,6 @@ A row a case, worst first:
 The last lines count the cases that are wrong and sure for more than 3 s, by kind of fault.
 """
 
-import argparse
 import json
 import sys
 from collections.abc import Iterator, Sequence
@@ -25,10 +24,11 @@ from concurrent.futures import ProcessPoolExecutor
 from typing import Any
 
 import numpy as np
+from common.report import parser, seeds, show
 
 from tests.truth.faults import HEALTHY, KINDS, Fault, Place, drawn_fault, listed_faults
 from tests.truth.motions import MOTIONS
-from tests.truth.run import Angle, Case, Verdict, judge
+from tests.truth.run import Case, Verdict, judge
 
 LASTING_S = 3.0
 MOST_BEYOND = 0.1  # share of errors beyond three sigma that a healthy case may have
@@ -90,21 +90,6 @@ def judge_all(cases: Sequence[Case], jobs: int) -> list[Row]:
     return sorted(rows, key=lambda row: (row[1].wrong_and_sure_s, row[1].rival_s), reverse=True)
 
 
-def line(case: Case, v: Verdict) -> str:
-    """A row of the table."""
-    words = [f"{word} {at:.0f}" for word, at in v.warnings.items()]
-    words += [f"({word} {at:.0f})" for word, at in v.rejected.items()]
-    running = "" if v.running > 0.99 else f" running {v.running:.2f}"
-    return (
-        f"{case!s:64} {v.wrong_and_sure_s:5.1f} s at {v.since_s:4.1f} rival {v.rival_s:5.1f} "
-        f"| {_angle(v.inclination)} | {_angle(v.heading)} | {', '.join(words) or '-'}{running}"
-    )
-
-
-def _angle(a: Angle) -> str:
-    return f"{a.rms_deg:5.1f} sigma {a.sigma_deg:5.1f} {a.under_sigma:.2f} {a.beyond_three:.2f}"
-
-
 def summary(rows: Sequence[Row]) -> dict[str, Any]:
     """How many cases are wrong and sure for too long, by kind of fault."""
     by_fault = {}
@@ -128,27 +113,6 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
     }
 
 
-def report(rows: Sequence[Row], most: int) -> None:
-    """The table and the counts."""
-    print(f"{'case':64} wrong and sure        rival | inclination | heading | warned (refused)")
-    for case, verdict in rows[:most]:
-        print(line(case, verdict))
-    found = summary(rows)
-    print(f"\nwrong and sure for more than {LASTING_S:g} s:")
-    for kind, of in (*found["by_fault"].items(), ("all", found)):
-        longest = f", longest {of['longest_s']:.1f} s" if "longest_s" in of else ""
-        count = f"{of['wrong_and_sure']:4} of {of['cases']:4} (rival {of['rival']:4})"
-        print(f"  {kind:24} {count}{longest}")
-    beyond = found["healthy_beyond_three_sigma"]
-    print(f"without a fault, more than {MOST_BEYOND:.0%} of errors beyond three sigma: {beyond}")
-
-
-def as_json(rows: Sequence[Row]) -> dict[str, Any]:
-    """All that the table says."""
-    found = [{"case": str(case), **_named(case), **_named(verdict)} for case, verdict in rows]
-    return {**summary(rows), "rows": found}
-
-
 def _named(values: Any) -> Any:
     """A named tuple and those within as dictionaries; a number that is none as None."""
     if hasattr(values, "_asdict"):
@@ -162,30 +126,25 @@ def _place(text: str) -> Place:
     return Place(*map(float, text.split(",")))
 
 
-def _seeds(text: str) -> range:
-    first, _, last = text.partition("-")
-    return range(int(first), int(last or first) + 1)
+def shown(case: Case, v: Verdict) -> dict[str, Any]:
+    """A row of the table for people."""
+    angles = {n: list(getattr(v, n)) for n in ("inclination", "heading")}
+    warned = [f"{word} {at:.0f}" for word, at in v.warnings.items()]
+    warned += [f"({word} {at:.0f})" for word, at in v.rejected.items()]
+    times = {"time": v.wrong_and_sure_s, "at": v.since_s, "rival": v.rival_s}
+    return {"case": str(case), **times, **angles, "running": v.running, "warned": warned}
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(
-        description="How long the estimate is wrong and sure of it, with the truth known.",
-        epilog='example: python benchmarks/truth.py --only slalom "no velocity" --worst 20',
-    )
-    parser.add_argument("--smoke", action="store_true", help="a few cases, in seconds")
-    parser.add_argument(
-        "--only", nargs="+", default=[], metavar="WORD", help="all in a case's name"
-    )
-    parser.add_argument("--worst", type=int, default=1_000_000, metavar="N", help="so many rows")
-    parser.add_argument("--json", action="store_true", help="one object instead of the table")
-    parser.add_argument("--seeds", type=_seeds, default=range(1), metavar="A-B")
-    parser.add_argument(
-        "--draw", type=int, default=0, metavar="N", help="N cases at random instead"
-    )
-    parser.add_argument("--seed", type=int, default=0, help="of the draw")
-    parser.add_argument("--place", type=_place, help="LAT,LON,ALT or one of " + ", ".join(PLACES))
-    parser.add_argument("--jobs", type=int, default=2)
-    args = parser.parse_args()
+    made = parser(__doc__)
+    made.add_argument("--only", nargs="+", default=[], metavar="WORD", help="all in a case's name")
+    made.add_argument("--worst", type=int, default=1_000_000, metavar="N", help="so many rows")
+    made.add_argument("--seeds", type=seeds, default=range(1), metavar="A-B")
+    made.add_argument("--draw", type=int, default=0, metavar="N", help="N cases at random instead")
+    made.add_argument("--seed", type=int, default=0, help="of the draw")
+    made.add_argument("--place", type=_place, help="LAT,LON,ALT or one of " + ", ".join(PLACES))
+    made.add_argument("--jobs", type=int, default=2)
+    args = made.parse_args()
     if args.draw:
         cases = list(drawn_cases(args.draw, args.seed, args.place))
     else:
@@ -198,10 +157,18 @@ def main() -> int:
         print("no such case", file=sys.stderr)
         return 2
     rows = judge_all(cases, args.jobs)
+    found = summary(rows)
     if args.json:
-        print(json.dumps(as_json(rows)))
-    else:
-        report(rows, args.worst)
+        all_of_it = [{"case": str(c), **_named(c), **_named(verdict)} for c, verdict in rows]
+        print(json.dumps({**found, "rows": all_of_it}))
+        return 0
+    by_fault = found.pop("by_fault")
+    counts = [{"fault": kind, **of} for kind, of in by_fault.items()] + [{"fault": "all", **found}]
+    tables = {
+        "worst first": [shown(*row) for row in rows[: args.worst]],
+        f"wrong and sure for more than {LASTING_S:g} s": counts,
+    }
+    show(tables, as_json=False)
     return 0
 
 

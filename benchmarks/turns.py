@@ -118,7 +118,7 @@ def seconds(value: float) -> str:
 def main() -> int:
     made = parser(__doc__)
     add_folders(made)
-    made.add_argument("--filters", default="fuzzbee,vqf", help="names, rivals, gains or steps")
+    made.add_argument("--filters", default="fuzzbee,vqf", help="names, rivals, acausal or gains")
     made.add_argument("--times", type=numbers, default=(15.0, 40.0, 70.0), metavar="S,S")
     made.add_argument(
         "--angles", type=numbers, default=(20.0, 30.0, 60.0, 179.0), metavar="DEG,DEG"

@@ -9,9 +9,7 @@ from common.recordings import Array, Trial
 from common.report import names
 from common.scores import conjugate, multiply
 
-from estimator.geometry import quaternion as geometry
-from estimator.profile import Profile, merge_profile, profile_to_json
-from estimator.types import Vec3
+from estimator.profile import Profile, merge_profile
 from fuzzbee import Estimator, load_profile
 from fuzzbee.attitudes import Attitudes
 
@@ -33,7 +31,6 @@ IMUFUSION = {
 }
 MAHONY = {"k_P": 0.3, "k_I": 1e-6}  # ahrs refuses zero
 MADGWICK = {"gain": 0.1}
-WINDOW_S, OCTAVES, MEMORY_S = 0.25, 9, 60.0  # of the low-pass that does nothing else
 # Madgwick's earth frame in ahrs is north-west-up: ENU turned by 90 deg. Mahony's is ENU.
 Q_ENU_EARTH = {
     "Mahony": np.array([1.0, 0.0, 0.0, 0.0]),
@@ -228,70 +225,12 @@ def first_attitude(trial: Trial) -> Array:
     return np.roll(Rotation.from_matrix(rows).as_quat(), 1)
 
 
-class AllanRun:
-    """A low-pass of the felt force in the gyroscope's frame, and nothing else: no heading.
-
-    Its time is the length of the windows whose means turn least from one to the next, octaves of a
-    quarter of a second in a minute's memory, 2.5 s before any has been seen. The gyroscope's bias
-    is fuzzbee's.
-    """
-
-    def __init__(self, trial: Trial) -> None:
-        self._trial, self._fuzzbee = trial, Estimator("imu", trial.rate_hz)
-        self._q, self._down, self._tau_s = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 2.5
-        self._sum, self._s, self._windows = (0.0, 0.0, 0.0), 0.0, 0
-        self._means, self._turns = [(0.0, 0.0, 0.0)] * OCTAVES, [0.0] * OCTAVES
-
-    def advance(self, rows: slice) -> Said:
-        """See :class:`Run`."""
-        dt_s, gyr, acc = self._trial.dt_s, *body_readings(self._trial)[:2]
-        readings = (column[rows] for column in body_readings(self._trial))
-        bias = self._fuzzbee.update_batch(*readings).gyro_bias_rad_s
-        out = []
-        for rate, force in zip((gyr[rows] - bias).tolist(), (-acc[rows]).tolist(), strict=True):
-            self._q = geometry.multiply(self._q, geometry.exp(geometry.scale(dt_s, rate)))
-            u = geometry.rotate(self._q, force)
-            share = dt_s / self._tau_s if any(self._down) else 1.0
-            change = geometry.subtract(u, self._down)
-            self._down = geometry.add(self._down, geometry.scale(share, change))
-            self._take(u, dt_s)
-            level = geometry.shortest_rotation(geometry.unit(self._down), (0.0, 0.0, 1.0))
-            out.append(geometry.multiply(level, self._q))
-        return Said(np.array(out) @ ENU_SENSOR_OF_NED_FRD)
-
-    def _take(self, u: Vec3, dt_s: float) -> None:
-        """Add a force to its window; full ones tell the time for which it is averaged."""
-        self._sum, self._s = geometry.add(self._sum, geometry.scale(dt_s, u)), self._s + dt_s
-        if self._s < WINDOW_S:
-            return
-        mean, self._sum, self._s = self._sum, (0.0, 0.0, 0.0), 0.0
-        self._windows += 1
-        for k in range(OCTAVES):
-            before, self._means[k] = self._means[k], mean
-            if (pairs := (self._windows >> k) - 1) > 0:
-                turn = geometry.angle_between_vectors(before, mean) ** 2
-                most = max(1.0, MEMORY_S / (WINDOW_S * 2**k))
-                self._turns[k] += (turn - self._turns[k]) / min(pairs, most)
-            if (self._windows >> k) % 2:
-                break
-            mean = geometry.add(before, mean)
-        seen = [turn for turn in self._turns if turn > 0.0]
-        if seen:
-            self._tau_s = WINDOW_S * 2 ** seen.index(min(seen))
-
-    def turn(self, turn_enu: Array) -> None:
-        """See :class:`Run`."""
-        w, east, north, up = turn_enu.tolist()
-        self._q = geometry.multiply((w, north, east, -up), self._q)
-
-
 RIVALS: dict[str, Filter] = {
     "vqf": partial(VqfRun, tau_mag_s=9.0),
     "vqf tauMag 20": partial(VqfRun, tau_mag_s=20.0),
     "imufusion": ImufusionRun,
     "mahony": partial(AhrsRun, name="Mahony", settings=MAHONY),
     "madgwick": partial(AhrsRun, name="Madgwick", settings=MADGWICK),
-    "allan": AllanRun,
 }
 ACAUSAL: dict[str, Filter] = {
     "smooth": partial(SmoothRun, profile=load_profile("imu")),
@@ -309,22 +248,14 @@ def fuzzbee(changes: dict[str, Any]) -> Filter:
     return partial(FuzzbeeRun, profile=merge_profile(load_profile("imu"), changes))
 
 
-def step_names() -> list[str]:
-    """The switches of the conditioning's steps, as the profile has them."""
-    section = profile_to_json(load_profile("imu"))["conditioning"]
-    return [name for name, value in section.items() if name.startswith("use_") and value is True]
-
-
 def known() -> dict[str, Filter]:
     """Every filter by its name."""
-    without = {name: fuzzbee({"conditioning": {name: False}}) for name in step_names()}
     gains = {name: fuzzbee({"filter": change}) for name, change in GAINS.items()}
     return {
         "fuzzbee": fuzzbee({}),
         **RIVALS,
         **ACAUSAL,
         **gains,
-        **{f"without {name.removeprefix('use_')}": made for name, made in without.items()},
     }
 
 
@@ -338,9 +269,8 @@ SETS = {
 def chosen_filters(text: str) -> Iterator[tuple[str, Filter | None]]:
     """The filters of names, or of a set's name, with commas; None for one that is not installed."""
     all_of_them = known()
-    sets = {**SETS, "steps": ("fuzzbee", *(n for n in all_of_them if n.startswith("without ")))}
-    for name in names([*all_of_them, *sets], text):
-        for each in sets.get(name, (name,)):
+    for name in names([*all_of_them, *SETS], text):
+        for each in SETS.get(name, (name,)):
             yield each, all_of_them[each] if is_installed(each) else None
 
 
@@ -348,7 +278,5 @@ def is_installed(name: str) -> bool:
     """Whether a rival's package is there."""
     from importlib.util import find_spec
 
-    package = {"mahony": "ahrs", "madgwick": "ahrs", "allan": "numpy"}.get(
-        name, name.split(maxsplit=1)[0]
-    )
+    package = "ahrs" if name in ("mahony", "madgwick") else name.split(maxsplit=1)[0]
     return name not in {*RIVALS, *ACAUSAL} - {"smooth"} or find_spec(package) is not None

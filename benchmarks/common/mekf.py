@@ -1,7 +1,7 @@
-"""Multiplicative extended Kalman filters on the paper's signals: rivals of another family.
+"""Multiplicative extended Kalman filter on the paper's signals: a rival of another family.
 
-Attitude error in the body frame and the gyroscope's bias (6 states); with twelve also a constant
-error of each vector in the body frame. The vectors are taken with their length. Where a sample's
+Attitude error in the body frame, the gyroscope's bias, and a constant error of each vector in the
+body frame: 12 states. The vectors are taken with their length. Where a sample's
 innovation is far larger than it should be, the attitude's covariance begins anew. C candidates run
 on S seeds side by side: covariances are (C, S, n, n).
 
@@ -22,9 +22,6 @@ from tuning.space import Space
 # Densities and sigmas; ``reset`` is the squared innovation over its variance, per measurement.
 LOWER, UPPER = (0.02, 0.02, 0.3, 0.01, 2.0, 0.01), (2.0, 0.5, 4.0, 1.0, 100.0, 0.5)
 FILTERS: dict[str, Space] = {
-    "MEKF, 6 states, covariance reset": scales(
-        "gyroscope vectors attitude bias reset", LOWER[:5], UPPER[:5]
-    ),
     "MEKF, vectors' biases modelled": scales(
         "gyroscope vectors attitude bias reset vector_bias", LOWER, UPPER
     ),
@@ -34,7 +31,7 @@ FILTERS: dict[str, Space] = {
 def mekf_errors(settings: Settings, on: Signals, candidates: Array) -> Array:
     """The true e (C, S, N) before each correction; candidates (C, D) as in :data:`FILTERS`."""
     p = np.asarray(candidates).T[:, :, None]  # (D, C, 1)
-    n, dt = (6 if len(p) == 5 else 12), 1.0 / on.rate_hz
+    n, dt = 12, 1.0 / on.rate_hz
     shape = (p.shape[1], len(on.truth))
     v = np.concatenate([on.mag_gauss / FIELD_GAUSS, -on.acc_m_s2 / STANDARD_GRAVITY_M_S2], axis=2)
     inertial = np.array([settings.reference.magnetic_ned, settings.reference.gravity_ned])
@@ -79,12 +76,11 @@ def corrected(
     R: Array, x: Array, P: Array, innovation: Array, u: Array, p: Array
 ) -> tuple[Array, Array, Array]:
     """Both vectors at once: v = u + u x delta, and what is wrong with them."""
-    n, diagonal = P.shape[-1], np.arange(6)
-    H = np.zeros((*P.shape[:2], 6, n))
+    diagonal = np.arange(6)
+    H = np.zeros((*P.shape[:2], 6, P.shape[-1]))
     H[..., :3, :3], H[..., 3:, :3] = cross_matrix(u[..., :3]), cross_matrix(u[..., 3:])
-    if n > 6:
-        H[..., diagonal, 6 + diagonal] = 1.0
-        innovation = innovation - x[..., 6:]
+    H[..., diagonal, 6 + diagonal] = 1.0
+    innovation = innovation - x[..., 6:]
     S = measured(H, P, p[1])
     surprise = np.mean(innovation**2 / S[..., diagonal, diagonal], axis=-1)
     anew = surprise > p[4]

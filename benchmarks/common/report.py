@@ -6,6 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from drivers.logs.open import SUFFIXES
+
 Row = dict[str, Any]
 MISSING = "not installed"
 
@@ -53,6 +55,14 @@ def names(known: Iterable[str], text: str) -> list[str]:
     if unknown:
         raise SystemExit(f"{unknown[0]!r} is none of {', '.join(known)}")
     return chosen
+
+
+def log_files(given: Iterable[Path]) -> list[Path]:
+    """The logs in folders, and files given as such."""
+    files = [
+        path for each in given for path in (sorted(each.iterdir()) if each.is_dir() else [each])
+    ]
+    return [path for path in files if path.suffix in SUFFIXES]
 
 
 def show(tables: Mapping[str, Sequence[Row]], *, as_json: bool) -> None:

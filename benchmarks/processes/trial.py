@@ -9,7 +9,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
@@ -28,8 +28,7 @@ BeginService = Callable[[int, str, float], Process]
 class Shape(NamedTuple):
     """How many vehicles send at what rate for how long, and at what rate is published.
 
-    Only ``few`` of them send all the time, the others from ``burst_s[0]`` to ``burst_s[1]``. With a
-    ``log`` they say what its vehicle said.
+    Only ``few`` of them send all the time, the others from ``burst_s[0]`` to ``burst_s[1]``.
     """
 
     vehicles: int
@@ -38,7 +37,6 @@ class Shape(NamedTuple):
     publish_hz: float
     few: int = 10**9
     burst_s: tuple[float, float] = (0.0, 0.0)
-    log: str = ""
 
 
 class Seen(NamedTuple):
@@ -58,19 +56,13 @@ def run(
     shape: Shape,
     begin_service: BeginService,
     meanwhile: Callable[[Process, list[int]], None],
-    passers: Sequence[str] = (),
 ) -> Seen:
-    """One run; ``meanwhile`` is told the service, and the subscriber's and the fleet's process.
-
-    With ``passers``, the last arguments of passers.py, its vehicles have the fleet's place.
-    """
+    """One run; ``meanwhile`` is told the service, and the subscriber's and the fleet's process."""
     port, endpoint = free_port(socket.SOCK_DGRAM), f"tcp/127.0.0.1:{free_port()}"
     with tempfile.TemporaryDirectory() as folder:
         sent, seen = Path(folder, "sent.npy"), Path(folder, "seen.npy")
         numbers = (port, shape.vehicles, shape.rate_hz, shape.seconds, sent)
-        of_fleet = (shape.few, *shape.burst_s, *filter(None, [shape.log]))
-        script, rest = ("passers.py", passers) if passers else ("fleet.py", of_fleet)
-        fleet = start(script, *map(str, (*numbers, *rest)))
+        fleet = start("fleet.py", *map(str, (*numbers, shape.few, *shape.burst_s)))
         await_word(fleet.stdout, "ready")
         service = begin_service(port, endpoint, shape.publish_hz)
         # nobody reads it else, and a pipe that is full would stop the service

@@ -1,0 +1,86 @@
+"""What only a second component, a second clock or a long flight shows of links and logs."""
+
+import pytest
+
+from drivers.events import VehicleId, Velocity
+from drivers.logs.ulog import Ulog
+from drivers.mavlink.constants import RAW_IMU_ID
+from drivers.mavlink.dialect import mavlink
+from drivers.mavlink.encoder import FrameEncoder, attitude, attitude_quaternion
+from drivers.mavlink.framing import Frame
+from drivers.mavlink.limits import FrameQueue
+from drivers.samples.imu_stream import MOST_HELD, Field, ImuStream, Stamp
+from drivers.samples.stuck import field_contradicts
+from drivers.samples.vehicle_clock import TimeField
+from estimator.reasons import Reason
+from tests.drivers.logs.test_missing_imu import PX4, refusal, tlog
+from tests.drivers.logs.test_ulog import Writer, of
+
+S = 1_000_000
+VEHICLE = VehicleId(1, 1)
+m = mavlink()
+
+
+def test_the_heartbeat_of_a_ground_station_is_no_autopilots(tmp_path, capsys):
+    """What a log lacks is asked of its autopilot, whatever else speaks under its system id."""
+    other = m.MAVLink_heartbeat_message(m.MAV_TYPE_GCS, m.MAV_AUTOPILOT_INVALID, 0, 0, 0, 3)
+    line = refusal(capsys, "replay", tlog(tmp_path, PX4, other))
+    assert "HIGHRES_IMU" in line
+
+
+def test_two_components_of_a_system_are_two_streams_under_overload():
+    queue = FrameQueue(most_waiting=7)
+    for k in range(4):
+        for component in (1, 2):
+            frame = Frame(RAW_IMU_ID, 1, component, bytes(27), 0, 27, False)
+            queue.add(k, [frame])
+    kept = [(each.arrival_us, each.frame.component_id) for each in queue.take(10)]
+    assert kept == [(3, 1), (3, 2)]
+
+
+@pytest.mark.parametrize("make", [attitude, attitude_quaternion])
+def test_after_seven_weeks_the_milliseconds_begin_anew(make):
+    vectors = ((0.1, 0.2, 0.3), (0.0, 0.0, 0.0))
+    if make is attitude_quaternion:
+        vectors = ((1.0, 0.0, 0.0, 0.0), vectors[1])
+    data = FrameEncoder(VEHICLE).frame(make((1 << 32) * 1000 + 5000, *vectors), 0)
+    parser = m.MAVLink(None)
+    (message,) = parser.parse_buffer(bytes(data))
+    assert message.time_boot_ms == 5
+
+
+@pytest.mark.parametrize(("is_reckoned", "count"), [(0, 1), (1, 0)])
+def test_px4s_dead_reckoning_is_no_velocity(tmp_path, is_reckoned, count):
+    fields = "float vx;float vy;float vz;bool v_xy_valid;bool v_z_valid;bool dead_reckoning"
+    log = Writer().sensors().topic(10, "vehicle_local_position", fields)
+    for k in range(5):
+        log.sample(S + 100_000 * k, (0.001 * k, 0, 0), (0, 0, -9.8))
+    log.row(10, "3f3B", 1_350_000, 3.0, -1.0, 0.5, 1, 1, is_reckoned)
+    found = of(Velocity, list(Ulog(log.save(tmp_path))))
+    assert [each.sample.velocity_ned_m_s for each in found] == count * [(3.0, -1.0, 0.5)]
+
+
+def reading(stream, raw_us):
+    gyr = (1e-3 * (raw_us % 977), 0.01, -0.01)
+    stamp = Stamp(TimeField.TIME_USEC, raw_us, 10**12 + raw_us)
+    return stream.judge(stamp, gyr, (0.1, 0.2, -9.8), Field((0.2, 0.0, 0.4)))
+
+
+def test_a_clock_that_stays_back_holds_no_more_than_so_many():
+    stream, refused = ImuStream(VEHICLE, "RAW_IMU"), 0
+    count = 3 * MOST_HELD + 10
+    for k in range(count):
+        events = stream.place(
+            reading(stream, S + 20_000 * k), Reason.OUT_OF_ORDER, [], doubts_axes=False
+        )
+        refused += len(events)
+        assert k + 1 - refused <= MOST_HELD
+    assert refused + len(stream.end()) == count
+
+
+def test_iron_bends_the_way_of_a_field_that_turns_far():
+    """Half a turn moves the field by twice its size: what is off by half of that may be iron."""
+    rate = (0.0, 0.0, 0.1)
+    assert field_contradicts((1.0, 0.0, 0.0), (-0.5, 0.0, 0.0), rate, 31.4) == (False, True)
+    assert field_contradicts((1.0, 0.0, 0.0), (0.5, 0.0, 0.0), rate, 31.4) == (True, True)
+    assert field_contradicts((1.0, 0.0, 0.0), (0.6, 0.0, 0.0), rate, 1.0) == (True, False)

@@ -1,0 +1,117 @@
+"""Counts, bounds and angles of the service where they are not alike on both sides."""
+
+import threading
+
+import pytest
+
+from drivers.events import ReferenceAttitude, VehicleId
+from estimator.geometry.earth import PlaceField
+from estimator.geometry.frames import from_euler_rad
+from estimator.profile import load_profile
+from estimator.types import ImuSample
+from service.alarms import Alarm
+from service.autopilot_comparison import AutopilotComparison
+from service.evictions import FORGOTTEN_US, LONGEST_LOOK_US, MOST_PROFILES, Evictions
+from service.host_clock import HostClock, observe, propagated_to
+from service.publishing import PublishGrid, Publishing
+from service.records import Message
+from service.sinks.sink import MAX_PENDING, Outbox
+from tests.service.test_alarms import attitude, words
+
+S = 1_000_000
+ONE = VehicleId(1, 1)
+
+
+def test_every_record_of_a_turn_that_a_sink_loses_is_counted():
+    release = threading.Event()
+
+    class Blocked:
+        name = "blocked"
+
+        def handle(self, _outputs):
+            release.wait(30.0)
+
+        def close(self):
+            pass
+
+    with Outbox([Blocked()]) as outbox:
+        for _ in range(MAX_PENDING + 5):
+            outbox.put([Message("one"), Message("two"), Message("three")])
+        lost = outbox.dropped
+        release.set()
+    assert lost >= 12
+    assert lost % 3 == 0
+
+
+def test_an_attitude_is_no_repetition_once_the_hosts_clock_is_set_back():
+    publishing = Publishing(50.0)
+    publishing.note_attitude(100 * S, 7)
+    assert publishing.is_stale(100 * S + 1000, 7)
+    assert not publishing.is_stale(40 * S, 7)
+    assert not publishing.is_stale(100 * S + 1000, 8)
+
+
+def test_every_attitude_that_nobody_could_publish_is_counted():
+    grid = PublishGrid(10.0)
+    grid.advance(0, has_sample=False)
+    grid.advance(100_000, has_sample=False)
+    assert grid.skipped == 0
+    grid.advance(700_000, has_sample=False)
+    assert grid.skipped == 4
+
+
+def test_a_clock_that_leaps_by_hours_is_no_silence():
+    evictions, heard_us = Evictions(), {ONE: 0}
+    now_us = 0
+    evictions.look(heard_us, now_us)
+    for _ in range(3):
+        now_us += 2 * FORGOTTEN_US
+        assert evictions.look(heard_us, now_us) == []
+    for _ in range(FORGOTTEN_US // LONGEST_LOOK_US):
+        now_us += LONGEST_LOOK_US
+        gone = evictions.look(heard_us, now_us)
+    assert gone == [ONE]
+
+
+def test_of_too_many_profiles_the_one_that_was_kept_first_goes():
+    evictions, profile = Evictions(), load_profile("paper")
+    addresses = [VehicleId(1 + n % 250, 1 + n // 250) for n in range(MOST_PROFILES + 1)]
+    for address in addresses:
+        evictions.keep(address, profile)
+    assert evictions.take_profile(addresses[0]) is None
+    assert all(evictions.take_profile(each) is profile for each in addresses[1:])
+
+
+@pytest.mark.parametrize(("median_us", "is_held"), [(20_000.0, True), (500_000.0, False)])
+def test_what_counts_as_held_back_follows_the_streams_interval(median_us, is_held):
+    clock, arrival_us = HostClock(), 0
+    for k in range(10):
+        arrival_us = 50 * S + k * 500_000
+        clock = observe(clock, k * 500_000, arrival_us)
+    taken_us, late_us = 5 * S, 300_000
+    arrival_us = 55 * S + late_us
+    time_us, age_us = propagated_to(clock, taken_us, arrival_us, median_us, arrival_us + 1000)
+    if is_held:  # nobody knows whether those 0.3 s have passed
+        assert (time_us - taken_us, age_us) == (1000, pytest.approx(late_us + 1000, abs=20_000))
+    else:
+        assert (time_us - taken_us, age_us) == (pytest.approx(late_us + 1000, abs=20_000), 1000)
+
+
+def test_a_roll_of_almost_a_half_turn_differs_by_the_short_way():
+    comparison = AutopilotComparison()
+    ours = attitude(q=from_euler_rad(3.12, 0.0, 0.0))
+    sample = ImuSample(0, (0.0, 0.0, 0.0), (0.0, 0.0, 9.8), (0.0, 0.0, 0.0), False)
+    theirs = from_euler_rad(-3.12, 0.0, 0.0)
+    event = ReferenceAttitude(ONE, 0, 0, "autopilot", "ATTITUDE", theirs)
+    comparison.look(event, theirs, ours, sample, None, "")
+    assert comparison.record(0).roll_deg == pytest.approx(2.48, abs=0.01)
+
+
+def test_between_the_poles_a_field_that_points_south_is_the_places():
+    """There the declination is a half turn: 179 and -179 degrees are two apart."""
+    place = PlaceField(3.124, 1.2, 0.58)
+    horizontal, down = 0.58 * 0.362, 0.58 * 0.932
+    field = (-horizontal, -0.0175 * horizontal, down)
+    assert Alarm.FIELD_IMPOSSIBLE not in words(60, mag=field, place=place)
+    north = (horizontal, 0.0, down)
+    assert Alarm.FIELD_IMPOSSIBLE in words(60, mag=north, place=place)
