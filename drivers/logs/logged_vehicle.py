@@ -7,11 +7,14 @@ them.
 from collections.abc import Callable
 from typing import Any, Literal
 
-from drivers.events import Event, Malformed, VehicleId
+from drivers.events import Event, Malformed, Rejected, VehicleId
+from drivers.mavlink.gate import Repeats
+from drivers.samples.clock_line import REORDERED_US
 from drivers.samples.imu_stream import Field, RepeatedField, Stamp, finite_or_zero
 from drivers.samples.intake import Intake
 from drivers.samples.navigation import Fix, Navigation
 from drivers.samples.vehicle_clock import TimeField
+from estimator.reasons import Reason
 from estimator.types import ZERO_VEC3, Quaternion, Vec3
 
 LONGEST_HOLE_US = 600 * 1_000_000  # a longer hole in a log is taken for a leap of its clock
@@ -69,6 +72,7 @@ class LoggedVehicle:
         self._mag_gauss = ZERO_VEC3  # the latest reading, zero where that was no number
         self._mag_us, self._mag_number = 0, 0  # of the latest one that is data
         self._repetition = RepeatedField()
+        self._repeats, self._last_us = Repeats(), dict[str, int]()  # of IMU rows
 
     def at(
         self, raw_us: int, clock: TimeField = TimeField.TIME_USEC, arrival_us: int | None = None
@@ -121,9 +125,15 @@ class LoggedVehicle:
 
     def imu(self, stream: str, gyr_rad_s: Vec3, acc_m_s2: Vec3) -> list[Event]:
         """The sample, with the magnetic field if that is new; or why it is none."""
-        is_stale = abs(self._stamp.raw_us - self._mag_us) > STALE_US
-        field = Field(self._mag_gauss, 0 if is_stale else self._mag_number)
-        return self._intake.imu(stream, self._stamp, _floats(gyr_rad_s), _floats(acc_m_s2), field)
+        raw_us, gyr, acc = self._stamp.raw_us, _floats(gyr_rad_s), _floats(acc_m_s2)
+        has_come = self._repeats.before(hash((stream, raw_us, gyr, acc)), raw_us) is not None
+        if has_come and 0 < self._last_us.get(stream, raw_us) - raw_us <= REORDERED_US:
+            return [Rejected(self.id, self.arrival_us, Reason.DUPLICATE, stream)]
+        self._last_us[stream] = raw_us
+        field = Field(
+            self._mag_gauss, 0 if abs(raw_us - self._mag_us) > STALE_US else self._mag_number
+        )
+        return self._intake.imu(stream, self._stamp, gyr, acc, field)
 
     def attitude(
         self, name: str, source: Literal["autopilot", "sim"], q_ned_frd: Quaternion | None

@@ -17,7 +17,7 @@ from drivers.logs.logged_vehicle import LoggedVehicle
 from drivers.logs.ulog_format import TIMES, Found, Row, UlogReader
 from drivers.mavlink.constants import GPS_FIX_TYPE_3D_FIX, MAV_AUTOPILOT_PX4
 from drivers.samples.attitudes import unit_or_none
-from drivers.samples.clock_line import REORDERED_US
+from drivers.samples.clock_line import LEAST_BACK_US
 from drivers.samples.navigation import Fix
 from estimator.errors import InputError
 from estimator.reasons import Reason
@@ -243,10 +243,14 @@ def _in_time_order(rows: Iterable[Found], topics: Sequence[str]) -> Iterator[Fou
 
 
 def _with_epochs(rows: Iterable[Found]) -> Iterator[tuple[int, Found]]:
-    """Rows, and how often the clock had been set back: two rows of a topic in turn show it."""
-    epoch, latest_us, behind = 0, dict[str, int](), dict[str, Found]()
+    """Rows, and how often the clock had been set back: two rows of a topic in turn show it.
+
+    They are behind the last two, since one may come early.
+    """
+    epoch, latest_us, behind = 0, dict[str, tuple[int, int]](), dict[str, Found]()
     for row in rows:
-        is_behind = row.time_us < latest_us.get(row.topic, row.time_us) - REORDERED_US
+        last_us, before_us = latest_us.get(row.topic, (row.time_us, row.time_us))
+        is_behind = row.time_us <= before_us and row.time_us < last_us - LEAST_BACK_US
         if is_behind and row.topic not in behind and row.topic != DAMAGE:
             behind[row.topic] = row
             continue
@@ -257,7 +261,7 @@ def _with_epochs(rows: Iterable[Found]) -> Iterator[tuple[int, Found]]:
             behind.clear()
         elif row.topic in behind:  # it came alone: its time was garbled
             yield epoch, behind.pop(row.topic)
-        latest_us[row.topic] = row.time_us
+        latest_us[row.topic] = row.time_us, latest_us.get(row.topic, (row.time_us,))[0]
         yield epoch, row
     yield from ((epoch, each) for each in behind.values())
 

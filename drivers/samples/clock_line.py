@@ -176,7 +176,9 @@ class ClockLine:
         None where they may just be late.
         """
         back_us = first.arrival_us - last.arrival_us - (first.boot_us - last.boot_us)
-        if back_us < LEAST_BACK_US or (self.hears_arrivals and not self.pace.is_steady):
+        is_young = self.counts_from_boot and first.boot_us - self.wrapped_us <= BOOT_US
+        is_sure = is_young or not self.hears_arrivals or self.pace.is_steady
+        if back_us < LEAST_BACK_US or not is_sure:
             return None
         self.boot_us, self.arrival_us = last
         self.read_us, self.leap_us = now.boot_us, min(self.leap_us, back_us // 2)
@@ -199,7 +201,8 @@ class ClockLine:
         step_us = began.boot_us - self.boot_us
         elapsed_us = max(began.arrival_us - self.arrival_us, 0)
         is_near_zero = 0 <= began.boot_us - self.wrapped_us <= elapsed_us + BOOT_US
-        is_boot = self.counts_from_boot and step_us < -REORDERED_US and is_near_zero
+        is_back = step_us < (-REORDERED_US if self._is_steady() else 0)
+        is_boot = self.counts_from_boot and is_back and is_near_zero
         goes_on = not is_boot and self._is_steady() and abs(step_us - elapsed_us) < LONGEST_LEAP_US
         if not goes_on:
             self.beside = Moment(self.boot_us, self.arrival_us)

@@ -1,13 +1,11 @@
 """One IMU message of a vehicle: its readings are judged, and become samples in their place."""
 
 import math
-from array import array
 from typing import Literal, NamedTuple
 
 import numpy as np
 
 from drivers.events import Event, Imu, Notice, Rejected, TrackLost, VehicleId
-from drivers.samples.clock_line import REORDERED_US
 from drivers.samples.plausibility import AXES_COMPLAINT, Plausibility, imu_refusal, is_field
 from drivers.samples.sensor_faults import SensorFaults
 from drivers.samples.stuck import Readings
@@ -22,7 +20,6 @@ from estimator.types import ZERO_VEC3, ImuSample, Vec3
 REPEAT_US = 240_000  # autopilots repeat a 10 Hz field; equal values in a 4 Hz stream are data
 # Of those that may be a clock's that was set back so many wait for it to be sure.
 MOST_HELD = 64
-REMEMBERED = 512  # readings, 1.3 s at 400 Hz: what comes again later is found by the gate
 
 
 class Stamp(NamedTuple):
@@ -111,8 +108,6 @@ class ImuStream:
         self._vehicle, self._name = vehicle, name
         self._repetition = RepeatedField()
         self._field_number = 0  # of the last one that a sample had
-        self._recent = array("q", bytes(8 * REMEMBERED))  # hashes of readings, in turn
-        self._last_us, self._count = 0, 0
         self._plausibility = Plausibility()
         self._faults = SensorFaults()
         # Those that the next ones tell more of: whether the clock began anew or was set back
@@ -130,26 +125,11 @@ class ImuStream:
         refusal = self._faults.refusal(readings, raw_us)
         if refusal is not None:
             return refusal
-        if self._comes_again(raw_us, gyr):
-            return Reason.DUPLICATE
         if self._faults.mag_is_stuck:
             mag = ZERO_VEC3
         if mag is not field.gauss:
             field = Field(mag, field.number)
         return Reading(raw_us, arrival_us, gyr, acc, field)
-
-    def _comes_again(self, raw_us: int, gyr: Vec3) -> bool:
-        """Whether it is a copy, by another way, of a reading that has come; remembers it if not.
-
-        Copies whose originals are missing meanwhile look like a clock that was set back.
-        """
-        key = hash((raw_us, gyr))
-        if 0 < self._last_us - raw_us <= REORDERED_US and key in self._recent:
-            return True
-        self._last_us = raw_us
-        self._recent[self._count % REMEMBERED] = key
-        self._count += 1
-        return False
 
     def place(
         self,
