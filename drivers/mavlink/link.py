@@ -61,7 +61,7 @@ class MavlinkLink(Closing):
         key: bytes | None = None,
         references: bool = True,
     ) -> None:
-        self._connection = Connection(endpoint, on_break=self._forget_peers)
+        self._connection = Connection(endpoint, self._forget_peers)
         self._recorder = recorder
         self._limits = RateLimits()
         self._readers: OrderedDict[str, FrameReader] = OrderedDict()

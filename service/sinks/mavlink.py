@@ -12,6 +12,7 @@ from math import log, radians, sqrt
 from drivers.endpoint import Endpoint
 from drivers.events import VehicleId
 from drivers.mavlink import constants as mav
+from drivers.mavlink.connection import open_transport
 from drivers.mavlink.encoder import (
     FrameEncoder,
     Message,
@@ -21,7 +22,6 @@ from drivers.mavlink.encoder import (
     heartbeat,
     statustexts,
 )
-from drivers.mavlink.transports.open import open_transport
 from drivers.mavlink.transports.transport import LinkError
 from estimator.geometry.frames import euler_rad
 from service.records import (
