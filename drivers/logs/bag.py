@@ -19,8 +19,7 @@ from drivers.logs.bag_bounds import BoundedPath, bound_bags
 from drivers.logs.log_file import LATEST_US, LogFile
 from drivers.logs.logged_vehicle import LoggedVehicle, dated_vehicle
 from drivers.logs.mcap_channels import McapChannels, from_json
-from drivers.samples.attitudes import unit_or_none
-from drivers.samples.navigation import Fix
+from drivers.samples.navigation import Fix, unit_or_none
 from estimator.errors import InputError, missing_extra
 from estimator.geometry.frames import flu_from_frd, ned_frd_from_enu_flu
 from estimator.types import IDENTITY, Vec3

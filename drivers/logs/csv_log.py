@@ -11,8 +11,7 @@ from drivers.logs.csv_columns import Part, columns, description
 from drivers.logs.csv_text import CsvText, csv_rows, csv_text
 from drivers.logs.log_file import LATEST_US, LogFile
 from drivers.logs.logged_vehicle import LoggedVehicle, dated_vehicle
-from drivers.samples.attitudes import quaternion_from_euler, unit_or_none
-from drivers.samples.navigation import Fix
+from drivers.samples.navigation import Fix, quaternion_from_euler, unit_or_none
 from estimator.errors import InputError
 from estimator.geometry.frames import ned_frd_from_enu_flu
 from estimator.types import Quaternion, Vec3

@@ -17,8 +17,7 @@ from drivers.logs.log_file import LogFile, Window, windowed
 from drivers.logs.logged_vehicle import LoggedVehicle
 from drivers.mavlink import constants as mav
 from drivers.mavlink.ardupilot import SYSTEM_ID
-from drivers.samples.attitudes import quaternion_from_euler, unit_or_none
-from drivers.samples.navigation import Fix
+from drivers.samples.navigation import Fix, quaternion_from_euler, unit_or_none
 from drivers.samples.vehicle_clock import TimeField
 
 MILLIGAUSS = 1e-3

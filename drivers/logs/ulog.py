@@ -16,9 +16,8 @@ from drivers.logs.log_file import LATEST_US, LogFile, windowed
 from drivers.logs.logged_vehicle import LoggedVehicle
 from drivers.logs.ulog_format import TIMES, Found, Row, UlogReader
 from drivers.mavlink.constants import GPS_FIX_TYPE_3D_FIX, MAV_AUTOPILOT_PX4
-from drivers.samples.attitudes import unit_or_none
 from drivers.samples.clock_line import LEAST_BACK_US
-from drivers.samples.navigation import Fix
+from drivers.samples.navigation import Fix, unit_or_none
 from estimator.errors import InputError
 from estimator.reasons import Reason
 from estimator.types import Vec3

@@ -11,10 +11,9 @@ from typing import Any, NamedTuple
 
 from drivers.events import Event
 from drivers.mavlink import constants as mav
-from drivers.samples.attitudes import quaternion_from_euler, unit_or_none
 from drivers.samples.imu_stream import Stamp
 from drivers.samples.intake import Intake
-from drivers.samples.navigation import Fix
+from drivers.samples.navigation import Fix, quaternion_from_euler, unit_or_none
 from drivers.samples.vehicle_clock import TimeField
 from estimator.types import Quaternion, Vec3
 

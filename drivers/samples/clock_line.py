@@ -191,8 +191,9 @@ class ClockLine:
             since_us, most_us = new.boot_us - began.boot_us, JUMP_US
             if self._is_steady():
                 most_us = LEAP_US
-            if 0 < since_us <= max(new.arrival_us - began.arrival_us, 0) + most_us:
-                return self._reset(began, new)
+            if 0 <= since_us <= max(new.arrival_us - began.arrival_us, 0) + most_us:
+                # another message of the same moment confirms nothing
+                return self._reset(began, new) if since_us else Reason.CLOCK_STEP
             self.pace.steady_seconds = 0  # it may be the clock that is not
         self.candidate = new
         return Reason.CLOCK_STEP

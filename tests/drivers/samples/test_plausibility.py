@@ -2,9 +2,8 @@
 
 import pytest
 
-from drivers.samples.imu_stream import RepeatedField
+from drivers.samples.imu_stream import AXES_COMPLAINT, SPACING_US, Plausibility, RepeatedField
 from drivers.samples.navigation import Fix
-from drivers.samples.plausibility import AXES_COMPLAINT, SPACING_US, Plausibility
 from estimator.types import ImuSample
 
 GYR, FORCE, FIELD = (0.1, -0.2, 0.1), (0.5, -0.4, -9.7), (0.2, -0.1, 0.4)

@@ -190,6 +190,23 @@ def test_a_garbled_time_of_long_ago_confirms_nothing():
     assert not resets(good + after)
 
 
+@pytest.mark.parametrize("step_us", [1_900_000, -1_900_000, 700_000])
+def test_a_leap_and_back_of_which_two_messages_of_a_moment_speak(step_us):
+    """An IMU message and an attitude with one stamp: each costs a few of them, and no more."""
+    clock, refused = VehicleClock(), []
+    for k in range(2000):
+        raw_us = 100 * S + 20_000 * k + step_us * (800 <= k < 1100)
+        now_us = UNIX + 20_000 * k
+        imu(clock, raw_us, now_us)
+        results = (
+            imu(clock, raw_us, now_us, BOOT_MS, "SCALED_IMU2"),
+            clock.other("ATTITUDE", BOOT_MS, raw_us, now_us),
+        )
+        refused += [k for each in results if isinstance(each, Reason)]
+    assert len(refused) <= 12
+    assert set(refused) <= {*range(800, 803), *range(1100, 1103)}
+
+
 def test_two_garbled_times_in_a_row_that_disagree_are_no_new_boot():
     clock = VehicleClock()
     before, arrival_us = steady(clock, 300 * S, 5)
