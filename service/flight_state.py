@@ -1,7 +1,7 @@
 """What a vehicle says of its flight: armed or not, and in which mode."""
 
 from drivers.events import Heartbeat, ModeChange
-from drivers.mavlink.flight_modes import mode_name
+from drivers.mavlink.constants import mode_name
 
 
 class FlightState:

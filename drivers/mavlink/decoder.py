@@ -23,8 +23,7 @@ from drivers.events import (
     VehicleId,
 )
 from drivers.mavlink import constants as mav
-from drivers.mavlink.fields import FieldReader
-from drivers.mavlink.framing import MAGIC_V2, Frame
+from drivers.mavlink.framing import MAGIC_V2, FieldReader, Frame
 from drivers.mavlink.imu_messages import (
     IMU_MESSAGES,
     ImuMessage,

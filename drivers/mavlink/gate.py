@@ -12,8 +12,7 @@ from functools import cache
 from typing import NamedTuple
 
 from drivers.events import Event, Notice, RefusedFrames, VehicleId
-from drivers.mavlink.fields import layout
-from drivers.mavlink.framing import Frame
+from drivers.mavlink.framing import Frame, layout
 from drivers.mavlink.imu_messages import IMU_MESSAGES
 from drivers.mavlink.messages import MESSAGES
 from drivers.mavlink.signing import SigningCheck

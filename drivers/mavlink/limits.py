@@ -100,6 +100,7 @@ class RateLimits:
 
 
 MOST_WAITING = 4096  # frames: 0.4 s of 200 vehicles at 50 Hz
+WHO_IS_THERE = frozenset({HEARTBEAT_ID, AUTOPILOT_VERSION_ID})
 REPORT_EVERY_US = 250_000  # how often what was left out is reported
 
 
@@ -156,7 +157,7 @@ class FrameQueue:
         kept: deque[Arrived] = deque()
         for arrived in reversed(self._frames):
             frame = arrived.frame
-            if frame.message_id in _STREAMS:
+            if _is_stream(frame.message_id):
                 number = imu_number(frame)
                 stream = (frame.system_id, frame.component_id, frame.message_id, number)
                 if stream in seen:
@@ -177,15 +178,6 @@ class FrameQueue:
             self.shed += 1
 
 
-class _Streams:
-    """Messages of which a newer one makes an older one old; the tables may be extended."""
-
-    _WHO_IS_THERE = frozenset({HEARTBEAT_ID, AUTOPILOT_VERSION_ID})
-
-    def __contains__(self, message_id: int) -> bool:
-        return (
-            message_id in IMU_MESSAGES or message_id in MESSAGES or message_id in self._WHO_IS_THERE
-        )
-
-
-_STREAMS = _Streams()
+def _is_stream(message_id: int) -> bool:
+    """Whether a newer message makes an older one old; the tables may be extended."""
+    return message_id in IMU_MESSAGES or message_id in MESSAGES or message_id in WHO_IS_THERE
