@@ -23,7 +23,7 @@ from drivers.events import (
     VehicleId,
 )
 from drivers.mavlink import constants as mav
-from drivers.mavlink.framing import MAGIC_V2, FieldReader, Frame
+from drivers.mavlink.framing import FieldReader, Frame
 from drivers.mavlink.imu_messages import (
     IMU_MESSAGES,
     ImuMessage,
@@ -77,8 +77,7 @@ class _Sender:
     def note(self, frame: Frame, arrival_us: int) -> None:
         """Note that a frame has arrived, and whether others before it are missing."""
         self.intake.heard_us = arrival_us
-        data = frame.data
-        number = data[4] if data[0] == MAGIC_V2 else data[2]
+        number = frame.sequence
         if self._sequence is not None:
             step = (number - self._sequence) & 0xFF
             usual = self._usual_step

@@ -46,6 +46,11 @@ class Frame(NamedTuple):
     payload_end: int
     is_signed: bool
 
+    @property
+    def sequence(self) -> int:
+        """The number that its sender gave it, 0 to 255 and again."""
+        return self.data[4] if self.data[0] == MAGIC_V2 else self.data[2]
+
 
 class FrameFormat:
     """Cuts frames out of bytes and judges their checksums.
