@@ -8,19 +8,10 @@ from concurrent.futures import Future, wait
 from drivers.aside import aside
 from drivers.endpoint import Endpoint
 from drivers.events import Event, LinkDown, LinkUp, Notice
-from drivers.mavlink.transports.serial import SerialLine
-from drivers.mavlink.transports.tcp import TcpClient, TcpServer
-from drivers.mavlink.transports.transport import SOCKET_BUFFER_BYTES, Packet, Transport, unix_us
-from drivers.mavlink.transports.udp import UdpIn, UdpOut
+from drivers.mavlink.transports import open_transport
+from drivers.mavlink.transports.transport import SOCKET_BUFFER_BYTES, Packet, unix_us
 from estimator.errors import InputError
 
-TRANSPORTS: dict[str, Callable[[Endpoint], Transport]] = {
-    "udpin": UdpIn,
-    "udpout": UdpOut,
-    "tcp": TcpClient,
-    "tcpin": TcpServer,
-    "serial": SerialLine,
-}
 CLOSE_S = 0.5
 # back-off between attempts; a vehicle that returns is read again within 1 s
 FIRST_RETRY_S, LONGEST_RETRY_S = 0.1, 1.0
@@ -28,18 +19,6 @@ LOSS_LOOK_S = 0.25
 REPEAT_S = 60.0  # an error or a loss that goes on is mentioned this often
 
 _logger = logging.getLogger(__name__)
-
-
-def open_transport(endpoint: Endpoint) -> Transport:
-    """The transport for a socket or serial endpoint, not yet open.
-
-    Raises:
-        InputError: the endpoint is neither.
-    """
-    transport = TRANSPORTS.get(endpoint.kind)
-    if transport is None:
-        raise InputError(f"{endpoint} is no MAVLink link: use udpin, udpout, tcp or tcpin")
-    return transport(endpoint)
 
 
 class Connection:

@@ -12,7 +12,6 @@ from math import log, radians, sqrt
 from drivers.endpoint import Endpoint
 from drivers.events import VehicleId
 from drivers.mavlink import constants as mav
-from drivers.mavlink.connection import open_transport
 from drivers.mavlink.encoder import (
     FrameEncoder,
     Message,
@@ -22,6 +21,7 @@ from drivers.mavlink.encoder import (
     heartbeat,
     statustexts,
 )
+from drivers.mavlink.transports import open_transport
 from drivers.mavlink.transports.transport import LinkError
 from estimator.geometry.frames import euler_rad
 from service.records import (
