@@ -41,8 +41,7 @@ class Connection:
         self._transport = open_transport(endpoint)
         self._on_break, self._report = on_break, report
         self._events: list[Event] = []
-        self._diagnostics = LinkDiagnostics(endpoint)
-        self._errors = _Failures()
+        self._diagnostics, self._errors = LinkDiagnostics(endpoint), _Failures()
         self._losses = _Losses()
         self._opening: Future[None] | None = None
         self._is_up: bool | None = None  # None: no event has been given yet
