@@ -42,12 +42,12 @@ class LogTime:
 
 
 class LoggedVehicle:
-    """Takes one vehicle's readings, each with the time that :meth:`at` has said last.
+    """Takes one vehicle's readings, each with the time that :meth:`at` was given last.
 
-    ``unix_us`` is Unix time minus the log's time. Readings may be numbers of any kind, as the log
-    has them. Without ``counts_from_boot`` the log's clock is a computer's. ``doubts_axes`` says
-    that its axes may be others than FRD, ``hears_arrivals`` that the log has arrivals which tell a
-    gap from a leap of the clock.
+    ``unix_us`` is Unix time minus the log's time, which counts from ``begin_us``. Readings may be
+    numbers of any kind, as the log has them. Without ``counts_from_boot`` the log's clock is a
+    computer's. ``doubts_axes`` is set where the axes may be others than FRD, ``hears_arrivals``
+    where the log has arrivals, which distinguish a gap from a leap of the clock.
 
     Raises:
         TypeError, ValueError: what should be a number is none.
@@ -58,13 +58,14 @@ class LoggedVehicle:
         vehicle: VehicleId,
         unix_us: int,
         *,
+        begin_us: int = 0,
         counts_from_boot: bool = True,
         doubts_axes: bool = False,
         hears_arrivals: bool = False,
     ) -> None:
         self.id = vehicle
         self.uses_first_filter = True  # of several that the log tells of
-        self._unix_us = unix_us
+        self._unix_us, self._begin_us = unix_us, begin_us
         self._stamp = Stamp(TimeField.TIME_USEC, 0, unix_us)
         log_time = None if hears_arrivals else LogTime().arrival_us
         self._intake = Intake(vehicle, log_time, counts_from_boot=counts_from_boot)
@@ -78,6 +79,7 @@ class LoggedVehicle:
         self, raw_us: int, clock: TimeField = TimeField.TIME_USEC, arrival_us: int | None = None
     ) -> None:
         """What follows is of that time on the log's clock; without an arrival it stands in."""
+        raw_us -= self._begin_us
         arrival_us = self._unix_us + raw_us if arrival_us is None else arrival_us
         self._stamp = Stamp(clock, raw_us, arrival_us)
 
@@ -167,6 +169,7 @@ def dated_vehicle(
     return LoggedVehicle(
         VehicleId(1, 1),
         begin_us if is_date else 0,
+        begin_us=begin_us,
         counts_from_boot=not is_date,
         doubts_axes=doubts_axes,
         hears_arrivals=hears_arrivals,
