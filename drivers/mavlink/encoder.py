@@ -77,11 +77,10 @@ class FrameEncoder:
         self._sequence = (self._sequence + 1) & 0xFF
         checksum = crc16.mcrf4xx(body + bytes((message.crc_extra,)))
         frame = b"\xfd" + body + _CHECKSUM.pack(checksum)
-        return frame if self._key is None else self._sign(frame, self._key, unix_us)
-
-    def _sign(self, frame: bytes, key: bytes, unix_us: int) -> bytes:
+        if self._key is None:
+            return frame
         frame += bytes((self._link_id,)) + self._stamp(unix_us).to_bytes(6, "little")
-        return frame + hashlib.sha256(key + frame).digest()[:6]
+        return frame + hashlib.sha256(self._key + frame).digest()[:6]
 
     def _next_stamp(self, unix_us: int) -> int:
         # it must grow with every frame, also within one tick of 10 us

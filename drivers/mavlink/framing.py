@@ -156,7 +156,8 @@ class FrameReader:
                 continue
             frame = None if end is None else self._format.frame(data, position, end)
             if frame is None or end is None:
-                self._note_bad()
+                self._malformed += not self._in_bad_stretch
+                self._in_bad_stretch = True
                 left -= 1
                 position = next(_markers(data, position + 1), size) if left else size
                 continue
@@ -170,11 +171,6 @@ class FrameReader:
         """How many unreadable stretches there were since the last call."""
         count, self._malformed = self._malformed, 0
         return count
-
-    def _note_bad(self) -> None:
-        if not self._in_bad_stretch:
-            self._in_bad_stretch = True
-            self._malformed += 1
 
 
 def frame_end(data: Data, start: int) -> int | None:

@@ -58,6 +58,10 @@ class _Peer:
         self.others = _TokenBucket(PACKETS_HZ, now_s)
         self.with_imu = _TokenBucket(IMU_PACKETS_HZ, now_s)
 
+    def has_imu(self, now_s: float) -> bool:
+        """Whether it has sent IMU data lately."""
+        return now_s - self.imu_s < IMU_COUNTS_S
+
 
 class RateLimits:
     """Tells whether a peer's packet is read; ``refused`` counts those that are not.
@@ -75,11 +79,11 @@ class RateLimits:
         """Whether a packet of ``size`` bytes is read that arrived at ``now_s``."""
         known = self._peers.get(peer)
         if known is None:
-            if len(self._peers) >= MOST_PEERS:
-                self._drop_idle(now_s)
+            if len(self._peers) >= MOST_PEERS:  # the budget of all without an IMU still holds
+                self._peers = {k: p for k, p in self._peers.items() if p.has_imu(now_s)}
             known = self._peers[peer] = _Peer(now_s)
         packets = 1 + size // FRAME_BYTES
-        if now_s - known.imu_s < IMU_COUNTS_S:
+        if known.has_imu(now_s):
             is_admitted = known.with_imu.take(packets, now_s)
         else:
             is_admitted = known.others.take(packets, now_s) and self._all.take(packets, now_s)
@@ -91,12 +95,6 @@ class RateLimits:
         known = self._peers.get(peer)
         if known is not None:
             known.imu_s = now_s
-
-    def _drop_idle(self, now_s: float) -> None:
-        """Forget who sends no IMU data; the budget of all of them still holds."""
-        self._peers = {
-            peer: known for peer, known in self._peers.items() if now_s - known.imu_s < IMU_COUNTS_S
-        }
 
 
 MOST_WAITING = 4096  # frames: 0.4 s of 200 vehicles at 50 Hz
