@@ -316,7 +316,9 @@ def test_highres_fields_come_in_gauss_whatever_the_firmware_thinks(factor):
         (highres, {"acc": (0.0, 0.0, -2.1 * G)}, ARDUPILOT, "accelerometer reads"),
         (highres, {"gyr": (0.0, 0.0, 40.0)}, PX4, "gyroscope"),
         (raw_imu, {"mag": (8000, 0, 0)}, ARDUPILOT, "magnetometer reads 8"),
+        (highres, {"gyr": (-30.0, -30.0, 1.0)}, ARDUPILOT, "gyroscope reads 2.43e+03 deg/s"),
         (raw_imu, {"acc": (0, 0, 1025)}, GENERIC, "accelerometer z is positive"),
+        (highres, {"acc": (0.0, -9.0, 4.0)}, GENERIC, ""),  # far from level, it may be right
         (raw_imu, {"acc": (0, 0, 1025)}, GENERIC, "[mounting] acc_sign = -1"),
     ],
 )
