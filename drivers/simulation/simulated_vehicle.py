@@ -18,6 +18,7 @@ each sample takes nine normal numbers in one order.
 
 from collections.abc import Iterator
 from functools import lru_cache
+from itertools import islice
 from math import ceil, floor, isfinite
 from typing import Literal, NamedTuple, TypeVar, get_args
 
@@ -201,12 +202,12 @@ def simulate(
     Raises:
         InputError: a value is out of its range, or the motion is unknown.
     """
-    _check(rate_hz, motion, noise, bias, magnet)
     if samples < 1:
         raise InputError(f"the simulated vehicle needs at least 1 sample, not {samples}")
-    truth = _truth(motion, rate_hz, samples)
-    normals = _generator(seed).standard_normal((samples, 9))
-    return _measure(truth, normals, _disturbance(motion, noise, bias, magnet, calm=False))
+    vehicle = SimulatedVehicle(seed, rate_hz, motion, noise, bias, magnet)
+    blocks = islice(vehicle.blocks(0, IDENTITY, rate_hz), ceil(samples / CHUNK_SAMPLES))
+    columns = (np.concatenate(column)[:samples] for column in zip(*blocks, strict=True))
+    return _read_only(Recording._make(columns))
 
 
 class SimulatedVehicle:
@@ -275,13 +276,16 @@ class SimulatedVehicle:
         self._samples = self._from(first, start, rate_hz)
 
     def _from(self, first: int, start: Quaternion, rate_hz: float) -> Iterator[Sample]:
+        for block in self.blocks(first, start, rate_hz):
+            columns = (map(tuple, each.tolist()) for each in block[1:])
+            yield from map(Sample._make, zip(block.time_us.tolist(), *columns, strict=True))
+
+    def blocks(self, first: int, start: Quaternion, rate_hz: float) -> Iterator[Recording]:
         """Samples number ``first``, ``first`` + 1, ..., the first at attitude ``start``."""
         while True:
             truth, start = _truth_chunk(self.motion, rate_hz, first, start)
             normals = self._generator.standard_normal((CHUNK_SAMPLES, 9))
-            block = _measure(truth, normals, self._disturbance)
-            columns = (map(tuple, each.tolist()) for each in block[1:])
-            yield from map(Sample._make, zip(block.time_us.tolist(), *columns, strict=True))
+            yield _measure(truth, normals, self._disturbance)
             first += CHUNK_SAMPLES
 
 
@@ -367,18 +371,7 @@ def _magnet_gauss(time_s: Floats, magnet: tuple[float, float]) -> Floats:
     return bump
 
 
-@lru_cache(maxsize=8)
-def _truth(motion: Motion, rate_hz: float, samples: int) -> _Truth:
-    """All chunks of the truth up to ``samples``, joined."""
-    chunks, start = [], IDENTITY
-    for first in range(0, samples, CHUNK_SAMPLES):
-        chunk, start = _truth_chunk(motion, rate_hz, first, start)
-        chunks.append(chunk)
-    columns = [np.concatenate(column)[:samples] for column in zip(*chunks, strict=True)]
-    return _read_only(_Truth._make(columns))
-
-
-@lru_cache(maxsize=8)  # vehicles that fly side by side share the truth
+@lru_cache(maxsize=64)  # vehicles that fly side by side share the truth, and seeds of one motion
 def _truth_chunk(
     motion: Motion, rate_hz: float, first: int, start: Quaternion
 ) -> tuple[_Truth, Quaternion]:
