@@ -226,8 +226,8 @@ class StreamCopies:
         is_repeat = False
         if frame.message_id in IMU_MESSAGES:
             before = known.repeats.before(hash(payload), arrival_us, peer)
-            is_repeat = self._repeats(known, before, time_us, arrival_us)
-            if is_repeat and known.proofs >= PROOFS and known.late_us == arrival_us:
+            is_repeat, is_proof = self._repeats(known, before, time_us, arrival_us)
+            if is_proof:
                 self._late_peers[*address, peer] = arrival_us
         if self._is_late(known, frame.message_id, arrival_us - time_us, arrival_us):
             known.late_us = arrival_us
@@ -251,8 +251,8 @@ class StreamCopies:
 
     def _repeats(
         self, known: _Address, before: tuple[int, str] | None, time_us: int, arrival_us: int
-    ) -> bool:
-        """Whether an IMU frame is a copy of one that came ``before``, and how late copies are.
+    ) -> tuple[bool, bool]:
+        """Whether an IMU frame is a copy of one that came ``before``; whether it proves a late way.
 
         A vehicle that has just started may have started again, and repeat itself: there frames are
         copies where new ones come between them.
@@ -261,19 +261,20 @@ class StreamCopies:
             if known.is_repeat and time_us > known.latest_us:
                 known.mixed_us = arrival_us
             known.is_repeat, known.latest_us = False, time_us
-            return False
+            return False, False
         known.is_repeat = True
         delay_us = arrival_us - before[0]
         if time_us <= YOUNG_US:
             is_mixed = 0 <= arrival_us - known.mixed_us < COPIES_US
-            return is_mixed and delay_us >= LEAST_US
-        if delay_us >= LATE_US:
-            is_other = abs(delay_us - known.delay_us) > delay_us // 2
-            if arrival_us - known.late_us > COPIES_US or is_other:
-                known.proofs = 0
-            known.proofs += 1
-            known.delay_us, known.late_us, known.source = delay_us, arrival_us, before[1]
-        return delay_us >= LEAST_US
+            return is_mixed and delay_us >= LEAST_US, False
+        if delay_us < LATE_US:
+            return delay_us >= LEAST_US, False
+        is_other = abs(delay_us - known.delay_us) > delay_us // 2
+        if arrival_us - known.late_us > COPIES_US or is_other:
+            known.proofs = 0
+        known.proofs += 1
+        known.delay_us, known.late_us, known.source = delay_us, arrival_us, before[1]
+        return True, known.proofs >= PROOFS
 
     def _is_late(self, known: _Address, message_id: int, offset_us: int, arrival_us: int) -> bool:
         """Whether a frame is as late as the copies are, while the originals come."""

@@ -247,18 +247,14 @@ class ClockLine:
     def _is_steady(self) -> bool:
         return self.hears_arrivals and self.pace.is_steady
 
-    def _is_off_line(self, boot_us: int, arrival_us: int) -> bool:
-        """Whether a message does not go on with this line at its pace."""
-        step_us, here_us = boot_us - self.boot_us, arrival_us - self.arrival_us
-        if 0 < step_us <= BESIDE_US:
-            return False
-        return 0 <= here_us < ALIVE_US and abs(step_us - here_us) >= BESIDE_US
-
     def _goes_on_beside(self, beside: Moment, boot_us: int, arrival_us: int) -> bool:
         """Whether a message goes on with another line that keeps this one's pace, not with this."""
         step_us, elapsed_us = boot_us - beside.boot_us, arrival_us - beside.arrival_us
-        goes_on = step_us > 0 and abs(step_us - elapsed_us) < BESIDE_US
-        return goes_on and self._is_off_line(boot_us, arrival_us)
+        if step_us <= 0 or abs(step_us - elapsed_us) >= BESIDE_US:
+            return False
+        step_us, elapsed_us = boot_us - self.boot_us, arrival_us - self.arrival_us
+        is_near = 0 < step_us <= BESIDE_US or abs(step_us - elapsed_us) < BESIDE_US
+        return 0 <= elapsed_us < ALIVE_US and not is_near
 
     def _accept(self, boot_us: int, arrival_us: int) -> int | None:
         """Go on to a message; the time that was lost, if the clock keeps time again since that."""

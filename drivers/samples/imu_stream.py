@@ -53,10 +53,12 @@ class Reading(Value, frozen=True):
 
 
 class RepeatedField:
-    """A slow magnetometer's field: fresh unless it repeats the last within 0.24 s."""
+    """A slow magnetometer's field: fresh unless it repeats the last within 0.24 s.
+
+    ``last`` is the last fresh field (gauss) and its time (us); it may be set.
+    """
 
     def __init__(self) -> None:
-        # the last fresh field (gauss) and its time (us); may be set to go on from there
         self.last: tuple[Vec3, int] = ZERO_VEC3, 0
 
     def is_fresh(self, mag_gauss: Vec3, time_us: int) -> bool:
@@ -159,8 +161,9 @@ class ImuStream:
             events.append(TrackLost(self._vehicle, reading.arrival_us, self._name, *blinded))
         if self._faults.mag_is_stuck:
             events.append(self._rejected(reading, Reason.MAGNETOMETER_STUCK))
-        at_us = placed.time_us, placed.boot_us
-        return events + self._samples(reading, *at_us, doubts_axes=doubts_axes)
+        return events + self._samples(
+            reading, placed.time_us, placed.boot_us, doubts_axes=doubts_axes
+        )
 
     def end(self) -> list[Event]:
         """Nothing has come that explains those that were held: they are refused."""
@@ -172,16 +175,15 @@ class ImuStream:
         return self._held[0].arrival_us if self._held else reading.arrival_us
 
     def _refuse(self, reading: Reading, reason: Reason) -> list[Event]:
-        is_behind = reason == Reason.OUT_OF_ORDER
-        goes_on = is_behind and self._held and reading.raw_us > self._held[-1].raw_us
-        events: list[Event] = []
-        if not goes_on or reason != self._held_for or len(self._held) >= MOST_HELD:
-            events = self.end()
-        if is_behind or reason == Reason.CLOCK_STEP:
-            self._held_for = reason
-            self._held.append(reading)
-            return events
-        return [*events, self._rejected(reading, reason)]
+        held, is_behind = self._held, reason == Reason.OUT_OF_ORDER
+        goes_on = is_behind and held and reading.raw_us > held[-1].raw_us
+        is_more = goes_on and reason == self._held_for and len(held) < MOST_HELD
+        events = [] if is_more else self.end()
+        if not is_behind and reason != Reason.CLOCK_STEP:
+            return [*events, self._rejected(reading, reason)]
+        self._held_for = reason
+        self._held.append(reading)
+        return events
 
     def _samples(
         self, reading: Reading, time_us: int, boot_us: int, *, doubts_axes: bool

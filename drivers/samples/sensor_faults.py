@@ -121,7 +121,11 @@ class SensorFaults:
     def refusal(self, readings: Readings, raw_us: int) -> Reason | None:
         """Why a reading at ``raw_us`` on the vehicle's clock is no data; None if it is."""
         step_us = raw_us - self.last_us
-        why = self._saturation(readings, MICROSECOND * step_us)
+        why: Reason | None = None
+        if self.gyr_end.is_reached(readings.gyr_rad_s, MICROSECOND * step_us):
+            why = Reason.GYROSCOPE_SATURATED
+        if self.acc_end.is_reached(readings.acc_m_s2, MICROSECOND * step_us):
+            why = Reason.ACCELEROMETER_SATURATED
         if why is None:
             why = self.stuck.refusal(readings, self.last, raw_us)
         if why is None and self.gyr_end.is_large and self._is_spike(readings.gyr_rad_s, raw_us):
@@ -148,12 +152,6 @@ class SensorFaults:
     def mag_is_stuck(self) -> bool:
         """Whether the field of the last reading has not followed the vehicle's turning."""
         return self.mag.mag.is_proven
-
-    def _saturation(self, readings: Readings, step_s: float) -> Reason | None:
-        gyr_is_at_end = self.gyr_end.is_reached(readings.gyr_rad_s, step_s)
-        if self.acc_end.is_reached(readings.acc_m_s2, step_s):
-            return Reason.ACCELEROMETER_SATURATED
-        return Reason.GYROSCOPE_SATURATED if gyr_is_at_end else None
 
     def _is_spike(self, gyr: Vec3, raw_us: int) -> bool:
         """Whether the rate leapt away from the last good one, and the reading before did not."""

@@ -135,8 +135,10 @@ class StuckImu:
             self.field_gauss, self.field_us = mag, raw_us
             if not (gyr_equal or acc_equal):  # nearly always
                 return None
-        if acc_equal:
-            self._turn_force(now, step_us)
+        if acc_equal and largest(gyr) > MOVING_GYR_RAD_S and not carries_weight(acc, gyr):
+            # the repeated force turns as the gyroscope says (dv/dt = v x w), but in a steady turn
+            step_s = min(max(MICROSECOND * step_us, 0.0), LONGEST_STEP_S)
+            self.turned = vector_after_turn(self.turned, gyr, step_s)
         return self._judge(now, raw_us)
 
     def _judge(self, now: Readings, raw_us: int) -> Reason | None:
@@ -157,16 +159,6 @@ class StuckImu:
         lasts_us = raw_us - gyr.begin_us
         is_over = lasts_us > HELD_US or (gyr.equal >= STUCK_SAMPLES and lasts_us >= STUCK_US)
         return Reason.REPEATED if is_unlikely and not is_over else None
-
-    def _turn_force(self, now: Readings, step_us: int) -> None:
-        """Turn the repeated specific force as the gyroscope says (dv/dt = v x w).
-
-        In a steady turn it stays as it is.
-        """
-        gyr, acc, _ = now
-        if largest(gyr) > MOVING_GYR_RAD_S and not carries_weight(acc, gyr):
-            step_s = min(max(MICROSECOND * step_us, 0.0), LONGEST_STEP_S)
-            self.turned = vector_after_turn(self.turned, gyr, step_s)
 
     def _repeats_untruly(self, now: Readings, raw_us: int) -> bool:
         """Whether what gyroscope and accelerometer repeat cannot be true."""

@@ -110,6 +110,23 @@ def udp_link(recorder=None, **options):
         yield link, sender
 
 
+@contextlib.contextmanager
+def tcp_link(host=HOST):
+    """A link that accepts, and what connects to it, from an address of its own if one is given."""
+    port = free_port(socket.SOCK_STREAM)
+    with contextlib.ExitStack() as stack:
+        link = stack.enter_context(MavlinkLink(Endpoint("tcpin", host, port)))
+
+        def connect(source=None):
+            source = source and (source, 0)
+            client = socket.create_connection((HOST, port), PATIENCE_S, source)
+            stack.enter_context(client)
+            link.drain(0.0)
+            return client
+
+        yield link, connect
+
+
 @pytest.fixture(autouse=True)
 def nothing_leaks():
     """Every test ends with the threads and file descriptors it began with."""
@@ -243,15 +260,7 @@ def test_tcpin_accepts_several_clients():
 @pytest.mark.parametrize("noise", [b"", b"\0"], ids=["silent", "babbling"])
 def test_idle_clients_give_way_to_a_vehicle_and_it_does_not_to_them(noise, caplog):
     """Those go first, whoever is the latest; that is said once a minute at most."""
-    port = free_port(socket.SOCK_STREAM)
-    with contextlib.ExitStack() as stack:
-        link = stack.enter_context(MavlinkLink(Endpoint("tcpin", HOST, port)))
-
-        def connect():
-            client = socket.create_connection((HOST, port), PATIENCE_S)
-            link.drain(0.0)
-            return stack.enter_context(client)
-
+    with tcp_link() as (link, connect):
         idle = [connect() for _ in range(MOST_TCP_CLIENTS)]
         for client in idle:
             client.sendall(noise)
@@ -266,18 +275,8 @@ def test_idle_clients_give_way_to_a_vehicle_and_it_does_not_to_them(noise, caplo
 
 def test_chattering_clients_of_as_many_hosts_as_places_give_way_to_a_vehicle():
     """Sound frames without an IMU hold no place, from wherever they come."""
-    port = free_port(socket.SOCK_STREAM)
-    with contextlib.ExitStack() as stack:
-        link = stack.enter_context(MavlinkLink(Endpoint("tcpin", "0.0.0.0", port)))
-        chatter = [
-            (
-                stack.enter_context(
-                    socket.create_connection((HOST, port), PATIENCE_S, (f"127.0.0.{n + 2}", 0))
-                ),
-                Vehicle(n + 2),
-            )
-            for n in range(MOST_TCP_CLIENTS)
-        ]
+    with tcp_link("0.0.0.0") as (link, connect):
+        chatter = [(connect(f"127.0.0.{n}"), Vehicle(n)) for n in range(2, MOST_TCP_CLIENTS + 2)]
 
         def chat():
             for client, vehicle in chatter:
@@ -285,8 +284,7 @@ def test_chattering_clients_of_as_many_hosts_as_places_give_way_to_a_vehicle():
                     client.sendall(vehicle.heartbeat())
 
         collect(link, count(Heartbeat, MOST_TCP_CLIENTS), chat)
-        flying = stack.enter_context(socket.create_connection((HOST, port), PATIENCE_S))
-        vehicle = Vehicle(1)
+        flying, vehicle = connect(), Vehicle(1)
 
         def fly():
             chat()
@@ -296,19 +294,12 @@ def test_chattering_clients_of_as_many_hosts_as_places_give_way_to_a_vehicle():
 
 
 def test_a_host_that_has_most_places_gives_one_to_another_host():
-    port, vehicle = free_port(socket.SOCK_STREAM), Vehicle(1)
-    with contextlib.ExitStack() as stack:
-        link = stack.enter_context(MavlinkLink(Endpoint("tcpin", "0.0.0.0", port)))
-        talking = {}
-        for number in range(MOST_TCP_CLIENTS):
-            client = socket.create_connection((HOST, port), PATIENCE_S)
-            talking[stack.enter_context(client)] = Vehicle(number + 2)
-            link.drain(0.0)
-        for client, other in talking.items():
+    vehicle = Vehicle(1)
+    with tcp_link("0.0.0.0") as (link, connect):
+        for client, other in [(connect(), Vehicle(n)) for n in range(2, MOST_TCP_CLIENTS + 2)]:
             client.sendall(other.imu())
         collect(link, count(Imu, MOST_TCP_CLIENTS))
-        flying = socket.create_connection((HOST, port), PATIENCE_S, ("127.0.0.2", 0))
-        stack.enter_context(flying)
+        flying = connect("127.0.0.2")
         own = lambda events: [e for e in of_type(events, Imu) if e.vehicle.system_id == 1]  # noqa: E731
         collect(link, lambda events: len(own(events)) > 2, lambda: flying.sendall(vehicle.imu()))
 
@@ -404,14 +395,8 @@ def test_no_sample_is_refused_after_a_stop(monkeypatch):
 
 
 def test_talking_clients_do_not_give_way_to_new_ones():
-    port = free_port(socket.SOCK_STREAM)
-    with contextlib.ExitStack() as stack:
-        link = stack.enter_context(MavlinkLink(Endpoint("tcpin", HOST, port)))
-        clients = {}
-        for number in range(MOST_TCP_CLIENTS):
-            client = socket.create_connection((HOST, port), PATIENCE_S)
-            clients[stack.enter_context(client)] = Vehicle(number + 1)
-            link.drain(0.0)
+    with tcp_link() as (link, connect):
+        clients = {connect(): Vehicle(number + 1) for number in range(MOST_TCP_CLIENTS)}
 
         def talk():
             for client, vehicle in clients.items():
@@ -421,7 +406,7 @@ def test_talking_clients_do_not_give_way_to_new_ones():
             return len({event.vehicle for event in of_type(events, Imu)}) == MOST_TCP_CLIENTS
 
         collect(link, everybody, talk)
-        late = stack.enter_context(socket.create_connection((HOST, port), PATIENCE_S))
+        late = connect()
         link.drain(0.1)
         assert late.recv(1) == b""  # not let in
         collect(link, everybody, talk)
