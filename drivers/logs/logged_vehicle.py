@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from drivers.events import Event, Malformed, Rejected, VehicleId
 from drivers.mavlink.gate import Repeats
-from drivers.samples.clock_line import REORDERED_US
+from drivers.samples.clock_line import BOOT_US, REORDERED_US
 from drivers.samples.imu_stream import Field, RepeatedField, Stamp, finite_or_zero
 from drivers.samples.intake import Intake
 from drivers.samples.navigation import Fix, Navigation
@@ -73,6 +73,7 @@ class LoggedVehicle:
         self._mag_gauss = ZERO_VEC3  # the latest reading, zero where that was no number
         self._mag_us, self._mag_number = 0, 0  # of the latest one that is data
         self._repetition = RepeatedField()
+        self._counts_from_boot = counts_from_boot
         self._repeats, self._last_us = Repeats(), dict[str, int]()  # of IMU rows
 
     def at(
@@ -129,6 +130,8 @@ class LoggedVehicle:
         """The sample, with the magnetic field if that is new; or why it is none."""
         raw_us, gyr, acc = self._stamp.raw_us, _floats(gyr_rad_s), _floats(acc_m_s2)
         has_come = self._repeats.before(hash((stream, raw_us, gyr, acc)), raw_us) is not None
+        if self._counts_from_boot and raw_us <= BOOT_US:  # it may have started again
+            has_come = False
         if has_come and 0 < self._last_us.get(stream, raw_us) - raw_us <= REORDERED_US:
             return [Rejected(self.id, self.arrival_us, Reason.DUPLICATE, stream)]
         self._last_us[stream] = raw_us

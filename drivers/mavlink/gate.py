@@ -16,6 +16,7 @@ from drivers.mavlink.framing import Frame, layout
 from drivers.mavlink.imu_messages import IMU_MESSAGES
 from drivers.mavlink.messages import MESSAGES
 from drivers.mavlink.signing import SigningCheck
+from drivers.samples.clock_line import BOOT_US
 from estimator.reasons import Reason
 
 # Another sender of the same address may take over once the first has been silent for so long
@@ -157,7 +158,6 @@ LEAST_US = (
     40_000  # a frame that comes again earlier is refused by the clock: it looks like no reset
 )
 LATE_US = 300_000  # from here on copies are told by their lateness, too
-YOUNG_US = 10_000_000  # boot time; a vehicle that starts again may repeat what it sent first
 MEMORY_US = 10_000_000  # copies that are later than that are not found
 COPIES_US = 2_000_000  # without a copy for so long there are none any more
 PROOFS = 10  # repeated frames that show a late copy
@@ -264,7 +264,7 @@ class StreamCopies:
             return False, False
         known.is_repeat = True
         delay_us = arrival_us - before[0]
-        if time_us <= YOUNG_US:
+        if time_us <= BOOT_US:
             is_mixed = 0 <= arrival_us - known.mixed_us < COPIES_US
             return is_mixed and delay_us >= LEAST_US, False
         if delay_us < LATE_US:
