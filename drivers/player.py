@@ -75,8 +75,8 @@ class Player:
             if step_us > MAX_GAP_US or step_us < -MAX_BACK_US:
                 if events:
                     break  # what is there belongs to the old time
-                self._jump_to(self._next.arrival_us)
-                now_us = self._running_us()
+                self._last_us = self._base_us = now_us = self._next.arrival_us
+                self._base_s = self._monotonic_s()
             if self._next.arrival_us > now_us:
                 break
             self._last_us = self._next.arrival_us
@@ -91,7 +91,3 @@ class Player:
         if self._next.arrival_us >= self._last_us and self._running_us() > latest_us:
             self.waited_s += 1e-6 * (self._running_us() - latest_us)
             self._base_us, self._base_s = latest_us, self._monotonic_s()
-
-    def _jump_to(self, stamp_us: int) -> None:
-        self._base_us, self._base_s = stamp_us, self._monotonic_s()
-        self._last_us = stamp_us

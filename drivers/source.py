@@ -73,14 +73,8 @@ def open_live(
     if endpoint.kind != "sim":
         from drivers.mavlink.link import MavlinkLink
 
-        return MavlinkLink(
-            endpoint,
-            recorder,
-            request_rate_hz,
-            policy=policy,
-            key=key,
-            references=references,
-        )
+        options = (endpoint, recorder, request_rate_hz)
+        return MavlinkLink(*options, policy=policy, key=key, references=references)
     if recorder is not None or request_rate_hz is not None:
         raise InputError("sim: has no MAVLink to record or to ask: start fuzzbee sim --to URL")
     from drivers.simulation.source import SimSource

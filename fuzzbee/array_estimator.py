@@ -8,8 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from drivers.samples.imu_stream import RepeatedField, finite_or_zero
-from drivers.samples.plausibility import MAG_LIMIT_GAUSS, is_field
+from drivers.samples.imu_stream import MAG_LIMIT_GAUSS, RepeatedField, finite_or_zero, is_field
 from estimator import estimator
 from estimator.aiding.sources.velocity import SPEED_LIMIT_M_S
 from estimator.arrays import Floats, Times

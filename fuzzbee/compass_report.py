@@ -11,7 +11,7 @@ import numpy as np
 from drivers.logs.currents import currents
 from drivers.logs.open import open_log
 from drivers.logs.table import blocks
-from drivers.mavlink.compass_parameters import Orientation, corrected, orientation
+from drivers.mavlink.ardupilot import Orientation, corrected, orientation
 from drivers.mavlink.constants import MAV_AUTOPILOT_ARDUPILOTMEGA
 from estimator.arrays import Bools, Floats
 from estimator.errors import InputError

@@ -11,9 +11,8 @@ import numpy as np
 from drivers.events import Parameter, Velocity
 from drivers.logs.open import open_log
 from drivers.logs.time_window import WHOLE_LOG, TimeWindow, WindowedEvents
-from drivers.mavlink.ardupilot import ORIENTATION
+from drivers.mavlink.ardupilot import INERTIAL, ORIENTATION, inertial_parameters
 from drivers.mavlink.constants import MAV_AUTOPILOT_ARDUPILOTMEGA
-from drivers.mavlink.inertial_parameters import INERTIAL, inertial_parameters
 from estimator.arrays import Bools, Floats
 from estimator.calibration import UNCHANGED, Calibration
 from estimator.errors import InputError

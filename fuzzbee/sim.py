@@ -79,8 +79,7 @@ def sim(options: SimOptions) -> int:
     """
     stop = threading.Event()
     with stop_on_signals(stop.set):
-        from drivers.mavlink.transports.open import open_transport
-        from drivers.mavlink.transports.transport import LinkError
+        from drivers.mavlink.connection import Connection
         from drivers.simulation.fleet import Fleet, run_vehicles
 
         endpoint = _link(options.to or options.url)
@@ -88,19 +87,15 @@ def sim(options: SimOptions) -> int:
         if seconds is not None and not seconds > 0:
             raise InputError(f"--seconds must be positive, not {seconds:g}")
         fleet = Fleet(_vehicle_options(options), vehicles)
-        transport = open_transport(endpoint)
-        try:
-            transport.open()
-        except LinkError as error:
-            transport.close()
-            raise InputError(f"{endpoint}: {error}") from error
+        connection = Connection(endpoint, report=_say)
+        connection.open()
         _say(
-            f"{vehicles} vehicle{'s' * (vehicles > 1)} at {options.rate:g} Hz, {transport.address}"
+            f"{vehicles} vehicle{'s' * (vehicles > 1)} at {options.rate:g} Hz, {connection.address}"
         )
         for name, told in _errors_told(options).items():
             _say(f"{name}: {told}")
         begun_s = time.monotonic()
-        run_vehicles(fleet, transport, stop.is_set, seconds, _say)
+        run_vehicles(fleet, connection, stop.is_set, seconds, _say)
         if options.as_json:
             _print_json(str(endpoint), options, fleet, time.monotonic() - begun_s)
         if seconds is not None and not fleet.counts.was_connected and not stop.is_set():

@@ -17,7 +17,7 @@ from drivers.mavlink.constants import (
     MAV_TYPE_GENERIC,
     MAV_TYPE_GROUND_ROVER,
 )
-from drivers.mavlink.flight_modes import mode_name
+from drivers.mavlink.constants import mode_name
 from estimator.estimator import Estimator
 from estimator.vehicle_class import VehicleClass
 

@@ -19,8 +19,7 @@ from drivers.logs.bag_bounds import BoundedPath, bound_bags
 from drivers.logs.log_file import LATEST_US, LogFile
 from drivers.logs.logged_vehicle import LoggedVehicle, dated_vehicle
 from drivers.logs.mcap_channels import McapChannels, from_json
-from drivers.samples.attitudes import unit_or_none
-from drivers.samples.navigation import Fix
+from drivers.samples.navigation import Fix, unit_or_none
 from estimator.errors import InputError, missing_extra
 from estimator.geometry.frames import flu_from_frd, ned_frd_from_enu_flu
 from estimator.types import IDENTITY, Vec3
@@ -169,7 +168,7 @@ def _stamp_ns(message: Any) -> int:
 
 def _events(reader: Any, decode: Decode, topics: _Topics) -> Iterator[Event]:
     """All of the bag; a damaged message is counted, and where the bag is damaged it ends."""
-    begin_ns, vehicle = 0, None
+    vehicle = None
     hears_arrivals = _hears_arrivals(reader, decode, topics)
     try:
         for connection, recorded_ns, data in reader.messages(topics.connections):
@@ -179,10 +178,9 @@ def _events(reader: Any, decode: Decode, topics: _Topics) -> Iterator[Event]:
                 if abs(time_ns) >= 1000 * LATEST_US:
                     raise ValueError(f"stamped {time_ns} ns")  # noqa: TRY301 - as the library would
                 if vehicle is None:
-                    begin_ns = time_ns
-                    vehicle = dated_vehicle(begin_ns // 1000, hears_arrivals=hears_arrivals)
+                    vehicle = dated_vehicle(time_ns // 1000, hears_arrivals=hears_arrivals)
                 arrival_us = recorded_ns // 1000 if hears_arrivals else None
-                vehicle.at((time_ns - begin_ns) // 1000, arrival_us=arrival_us)
+                vehicle.at(time_ns // 1000, arrival_us=arrival_us)
                 events = _told(vehicle, topics, connection, message)
             except Exception:  # noqa: BLE001 - as below
                 events = [Malformed(0, 1)]

@@ -11,8 +11,7 @@ from drivers.logs.csv_columns import Part, columns, description
 from drivers.logs.csv_text import CsvText, csv_rows, csv_text
 from drivers.logs.log_file import LATEST_US, LogFile
 from drivers.logs.logged_vehicle import LoggedVehicle, dated_vehicle
-from drivers.samples.attitudes import quaternion_from_euler, unit_or_none
-from drivers.samples.navigation import Fix
+from drivers.samples.navigation import Fix, quaternion_from_euler, unit_or_none
 from estimator.errors import InputError
 from estimator.geometry.frames import ned_frd_from_enu_flu
 from estimator.types import Quaternion, Vec3
@@ -48,20 +47,19 @@ class CsvLog(LogFile):
 
     def __iter__(self) -> Iterator[Event]:
         """The events; times count from the first row, also backwards: clocks are set."""
-        begin_us, vehicle = 0, None
+        vehicle = None
         with csv_rows(self.path, self._text, self.on_read) as rows:
             for row in rows:
                 time_us = None if row is None else _time_us(self._text, row, self._columns.time)
                 if vehicle is None:
-                    begin_us = time_us or 0
-                    vehicle = dated_vehicle(begin_us, doubts_axes=self._columns.doubts_axes)
+                    vehicle = dated_vehicle(time_us or 0, doubts_axes=self._columns.doubts_axes)
                     if (word := self._columns.compass_calibrated) is not None:
                         about = vehicle.id, vehicle.arrival_us
                         yield Parameter(*about, COMPASS_CALIBRATED, word)
                 if row is None or time_us is None:
                     yield vehicle.malformed()
                 else:
-                    vehicle.at(time_us - begin_us)
+                    vehicle.at(time_us)
                     yield from self._events(vehicle, row)
             if vehicle is not None:
                 yield from vehicle.end()

@@ -79,7 +79,8 @@ def csv_rows(
             lines = _lines(file, on_read)
             for _ in range(text.lines_above):
                 next(lines, None)
-            yield _rows(lines, text.delimiter)
+            rows = (_fields(line, text.delimiter) for line in lines)
+            yield (row for row in rows if row is None or row)
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
 
@@ -92,13 +93,6 @@ def _lines(file: TextIO, on_read: OnRead | None) -> Iterator[str]:
             unsaid = 0
             on_read(os.lseek(file.fileno(), 0, os.SEEK_CUR))
         yield line
-
-
-def _rows(lines: Iterator[str], delimiter: str) -> Iterator[list[str] | None]:
-    while (line := next(lines, None)) is not None:
-        row = _fields(line, delimiter)
-        if row is None or row:
-            yield row
 
 
 def _fields(line: str, delimiter: str) -> list[str] | None:

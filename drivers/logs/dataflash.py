@@ -17,8 +17,7 @@ from drivers.logs.log_file import LogFile, Window, windowed
 from drivers.logs.logged_vehicle import LoggedVehicle
 from drivers.mavlink import constants as mav
 from drivers.mavlink.ardupilot import SYSTEM_ID
-from drivers.samples.attitudes import quaternion_from_euler, unit_or_none
-from drivers.samples.navigation import Fix
+from drivers.samples.navigation import Fix, quaternion_from_euler, unit_or_none
 from drivers.samples.vehicle_clock import TimeField
 
 MILLIGAUSS = 1e-3
@@ -184,16 +183,12 @@ def _identity(window: Window) -> tuple[int, int]:
             if unix_us is None and name == "GPS":
                 unix_us = _unix_us(row)
             elif system_id is None and name == "PARM" and row["Name"] in SYSTEM_ID:
-                system_id = _system_id(row["Value"])
+                system_id = int(row["Value"]) if 1 <= row["Value"] <= 255 else None
         except (LookupError, TypeError, ValueError, OverflowError):
             continue  # garbage; another one may be sound
         if system_id is not None and unix_us is not None:
             break
     return system_id or 1, unix_us or 0
-
-
-def _system_id(value: float) -> int | None:
-    return int(value) if 1 <= value <= 255 else None
 
 
 def _unix_us(row: Row) -> int | None:

@@ -143,27 +143,12 @@ def _degrees(stored: int) -> float:
 
 # For each character of a format: how struct reads the field, and the function that converts it
 FIELDS: dict[str, tuple[str, Callable[[Any], Any] | None]] = {
+    **{code: (code, None) for code in "bBhHiIfdqQ"},
+    **{code: (stored, None) for code, stored in (("g", "e"), ("M", "b"))},
     "a": ("64s", None),  # 32 numbers, in no message that is read here
-    "b": ("b", None),
-    "B": ("B", None),
-    "g": ("e", None),
-    "h": ("h", None),
-    "H": ("H", None),
-    "i": ("i", None),
-    "I": ("I", None),
-    "f": ("f", None),
-    "d": ("d", None),
-    "n": ("4s", _text),
-    "N": ("16s", _text),
-    "Z": ("64s", _text),
-    "c": ("h", _hundredths),
-    "C": ("H", _hundredths),
-    "e": ("i", _hundredths),
-    "E": ("I", _hundredths),
+    **{code: (stored, _text) for code, stored in (("n", "4s"), ("N", "16s"), ("Z", "64s"))},
+    **{code: (stored, _hundredths) for code, stored in zip("cCeE", "hHiI", strict=True)},
     "L": ("i", _degrees),
-    "M": ("b", None),
-    "q": ("q", None),
-    "Q": ("Q", None),
 }
 
 FMT = Format(

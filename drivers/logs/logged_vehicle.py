@@ -7,11 +7,14 @@ them.
 from collections.abc import Callable
 from typing import Any, Literal
 
-from drivers.events import Event, Malformed, VehicleId
+from drivers.events import Event, Malformed, Rejected, VehicleId
+from drivers.mavlink.gate import Repeats
+from drivers.samples.clock_line import BOOT_US, REORDERED_US
 from drivers.samples.imu_stream import Field, RepeatedField, Stamp, finite_or_zero
 from drivers.samples.intake import Intake
 from drivers.samples.navigation import Fix, Navigation
 from drivers.samples.vehicle_clock import TimeField
+from estimator.reasons import Reason
 from estimator.types import ZERO_VEC3, Quaternion, Vec3
 
 LONGEST_HOLE_US = 600 * 1_000_000  # a longer hole in a log is taken for a leap of its clock
@@ -39,12 +42,12 @@ class LogTime:
 
 
 class LoggedVehicle:
-    """Takes one vehicle's readings, each with the time that :meth:`at` has said last.
+    """Takes one vehicle's readings, each with the time that :meth:`at` was given last.
 
-    ``unix_us`` is Unix time minus the log's time. Readings may be numbers of any kind, as the log
-    has them. Without ``counts_from_boot`` the log's clock is a computer's. ``doubts_axes`` says
-    that its axes may be others than FRD, ``hears_arrivals`` that the log has arrivals which tell a
-    gap from a leap of the clock.
+    ``unix_us`` is Unix time minus the log's time, which counts from ``begin_us``. Readings may be
+    numbers of any kind, as the log has them. Without ``counts_from_boot`` the log's clock is a
+    computer's. ``doubts_axes`` is set where the axes may be others than FRD, ``hears_arrivals``
+    where the log has arrivals, which distinguish a gap from a leap of the clock.
 
     Raises:
         TypeError, ValueError: what should be a number is none.
@@ -55,13 +58,14 @@ class LoggedVehicle:
         vehicle: VehicleId,
         unix_us: int,
         *,
+        begin_us: int = 0,
         counts_from_boot: bool = True,
         doubts_axes: bool = False,
         hears_arrivals: bool = False,
     ) -> None:
         self.id = vehicle
         self.uses_first_filter = True  # of several that the log tells of
-        self._unix_us = unix_us
+        self._unix_us, self._begin_us = unix_us, begin_us
         self._stamp = Stamp(TimeField.TIME_USEC, 0, unix_us)
         log_time = None if hears_arrivals else LogTime().arrival_us
         self._intake = Intake(vehicle, log_time, counts_from_boot=counts_from_boot)
@@ -69,11 +73,14 @@ class LoggedVehicle:
         self._mag_gauss = ZERO_VEC3  # the latest reading, zero where that was no number
         self._mag_us, self._mag_number = 0, 0  # of the latest one that is data
         self._repetition = RepeatedField()
+        self._counts_from_boot = counts_from_boot
+        self._repeats, self._last_us = Repeats(), dict[str, int]()  # of IMU rows
 
     def at(
         self, raw_us: int, clock: TimeField = TimeField.TIME_USEC, arrival_us: int | None = None
     ) -> None:
         """What follows is of that time on the log's clock; without an arrival it stands in."""
+        raw_us -= self._begin_us
         arrival_us = self._unix_us + raw_us if arrival_us is None else arrival_us
         self._stamp = Stamp(clock, raw_us, arrival_us)
 
@@ -121,9 +128,17 @@ class LoggedVehicle:
 
     def imu(self, stream: str, gyr_rad_s: Vec3, acc_m_s2: Vec3) -> list[Event]:
         """The sample, with the magnetic field if that is new; or why it is none."""
-        is_stale = abs(self._stamp.raw_us - self._mag_us) > STALE_US
-        field = Field(self._mag_gauss, 0 if is_stale else self._mag_number)
-        return self._intake.imu(stream, self._stamp, _floats(gyr_rad_s), _floats(acc_m_s2), field)
+        raw_us, gyr, acc = self._stamp.raw_us, _floats(gyr_rad_s), _floats(acc_m_s2)
+        has_come = self._repeats.before(hash((stream, raw_us, gyr, acc)), raw_us) is not None
+        if self._counts_from_boot and raw_us <= BOOT_US:  # it may have started again
+            has_come = False
+        if has_come and 0 < self._last_us.get(stream, raw_us) - raw_us <= REORDERED_US:
+            return [Rejected(self.id, self.arrival_us, Reason.DUPLICATE, stream)]
+        self._last_us[stream] = raw_us
+        field = Field(
+            self._mag_gauss, 0 if abs(raw_us - self._mag_us) > STALE_US else self._mag_number
+        )
+        return self._intake.imu(stream, self._stamp, gyr, acc, field)
 
     def attitude(
         self, name: str, source: Literal["autopilot", "sim"], q_ned_frd: Quaternion | None
@@ -157,6 +172,7 @@ def dated_vehicle(
     return LoggedVehicle(
         VehicleId(1, 1),
         begin_us if is_date else 0,
+        begin_us=begin_us,
         counts_from_boot=not is_date,
         doubts_axes=doubts_axes,
         hears_arrivals=hears_arrivals,

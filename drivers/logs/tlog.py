@@ -13,8 +13,7 @@ from drivers.events import Event, Malformed
 from drivers.logs.log_file import LATEST_US, LogFile, Window, windowed
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.dialect import mavlink
-from drivers.mavlink.fields import FieldReader
-from drivers.mavlink.framing import Data, Frame, FrameFormat, frame_end
+from drivers.mavlink.framing import Data, FieldReader, Frame, FrameFormat, frame_end
 from drivers.mavlink.gate import FrameGate, Policy
 from estimator.errors import InputError
 
@@ -58,10 +57,6 @@ def believe(
             held = stamp_us, frame
     if held is not None:
         yield last_us, held[1]
-
-
-def _agree(stamp_us: int, other_us: int) -> bool:
-    return -STAMP_BACK_US <= stamp_us - other_us <= STAMP_STEP_US
 
 
 class Tlog(LogFile):
@@ -131,8 +126,9 @@ class TlogRecords:
                 self._data = self._window.data
             if position + STAMP_SIZE >= len(self._data):
                 return
-            end = self._record_end(position)
-            frame = None
+            end, frame = frame_end(self._data, position + STAMP_SIZE), None
+            if end is not None and end > len(self._data):
+                end = None
             if end is not None:
                 frame = self._format.frame(self._data, position + STAMP_SIZE, end)
             if end is None or frame is None:
@@ -140,22 +136,14 @@ class TlogRecords:
                 position = self._behind_unreadable(position, end)
                 continue
             if frame.message_id in self._wanted:
-                stamp_us = self._stamp_us(position)
+                stamp = self._data[position : position + STAMP_SIZE]
+                stamp_us = min(int.from_bytes(stamp, "big"), LATEST_US)
                 yield stamp_us, frame
             position = end
 
     def readable(self) -> Iterator[tuple[int, Frame]]:
         """The records without the unreadable ones."""
         return ((stamp_us, frame) for stamp_us, frame in self if frame is not None)
-
-    def _stamp_us(self, position: int) -> int:
-        stamp_us = int.from_bytes(self._data[position : position + STAMP_SIZE], "big")
-        return min(stamp_us, LATEST_US)
-
-    def _record_end(self, position: int) -> int | None:
-        """Where the record ends by its frame's own header; None if that cannot be."""
-        end = frame_end(self._data, position + STAMP_SIZE)
-        return end if end is not None and end <= len(self._data) else None
 
     def _behind_unreadable(self, position: int, end: int | None) -> int:
         """The next record behind an unreadable one that claims to end at ``end``."""
@@ -175,7 +163,7 @@ def _first_stamp_us(window: Window) -> int:
     """The first stamp that the next one agrees with: a file may begin in mid-record."""
     previous_us = 0
     for number, (stamp_us, _) in enumerate(TlogRecords(window, None).readable()):
-        if number and _agree(stamp_us, previous_us):
+        if number and -STAMP_BACK_US <= stamp_us - previous_us <= STAMP_STEP_US:
             return previous_us
         if number >= FIRST_RECORDS:
             break

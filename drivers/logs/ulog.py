@@ -16,9 +16,8 @@ from drivers.logs.log_file import LATEST_US, LogFile, windowed
 from drivers.logs.logged_vehicle import LoggedVehicle
 from drivers.logs.ulog_format import TIMES, Found, Row, UlogReader
 from drivers.mavlink.constants import GPS_FIX_TYPE_3D_FIX, MAV_AUTOPILOT_PX4
-from drivers.samples.attitudes import unit_or_none
-from drivers.samples.clock_line import REORDERED_US
-from drivers.samples.navigation import Fix
+from drivers.samples.clock_line import LEAST_BACK_US, REORDERED_US
+from drivers.samples.navigation import Fix, unit_or_none
 from estimator.errors import InputError
 from estimator.reasons import Reason
 from estimator.types import Vec3
@@ -32,6 +31,8 @@ CHOICES = (IMU_TOPICS, MAG_TOPICS, GPS_TOPICS)
 FIRST_TOPICS = {choice[0] for choice in CHOICES}
 DAMAGE = ""  # stands in a topic's place
 LONGEST_LOG_US = 7 * 86_400 * 1_000_000  # times further from the beginning's middle are garbage
+# So many rows in order show that the clock was set back, by less than a second or by more
+ROWS_BACK, ROWS_FAR_BACK = 5, 2
 MOST_HELD = 1 << 14  # rows: so many later ones are known when one is used; some 10 s
 
 
@@ -243,23 +244,31 @@ def _in_time_order(rows: Iterable[Found], topics: Sequence[str]) -> Iterator[Fou
 
 
 def _with_epochs(rows: Iterable[Found]) -> Iterator[tuple[int, Found]]:
-    """Rows, and how often the clock had been set back: two rows of a topic in turn show it."""
-    epoch, latest_us, behind = 0, dict[str, int](), dict[str, Found]()
+    """Rows, and how often the clock had been set back.
+
+    Some rows of a topic in order, all behind what came before, show it: a single one is garbled,
+    and those that a logger has written late come in no order.
+    """
+    epoch, behind = 0, dict[str, list[Found]]()
+    latest_us = dict[str, tuple[int, int]]()  # the latest time of a topic, and the one before
     for row in rows:
-        is_behind = row.time_us < latest_us.get(row.topic, row.time_us) - REORDERED_US
-        if is_behind and row.topic not in behind and row.topic != DAMAGE:
-            behind[row.topic] = row
-            continue
-        if is_behind:
-            epoch += 1
-            latest_us.clear()
-            yield from ((epoch, each) for each in behind.values())
+        first = row.time_us, row.time_us - 1
+        last_us, before_us = latest_us.setdefault(row.topic, first)
+        held = behind.get(row.topic, [])
+        back_us = last_us - row.time_us if row.time_us <= before_us else 0
+        if back_us > LEAST_BACK_US and (not held or row.time_us > held[-1].time_us):
+            behind[row.topic] = [*held, row]
+            if len(held) + 1 < (ROWS_FAR_BACK if back_us > REORDERED_US else ROWS_BACK):
+                continue
+            epoch, latest_us = epoch + 1, {row.topic: (row.time_us, held[-1].time_us)}
+            yield from ((epoch, each) for topic in behind.values() for each in topic)
             behind.clear()
-        elif row.topic in behind:  # it came alone: its time was garbled
-            yield epoch, behind.pop(row.topic)
-        latest_us[row.topic] = row.time_us
+            continue
+        yield from ((epoch, each) for each in behind.pop(row.topic, ()))
+        if row.time_us > last_us:
+            latest_us[row.topic] = row.time_us, last_us
         yield epoch, row
-    yield from ((epoch, each) for each in behind.values())
+    yield from ((epoch, each) for topic in behind.values() for each in topic)
 
 
 def _vector(row: Row, field: str) -> Vec3:

@@ -31,20 +31,8 @@ LONGEST_NAME = 128
 FORMAT_BODY = re.compile(rb"\w{1,128}+:(?:[\w\[\]]{1,128}+ \w{1,128}+;)++", re.ASCII)
 FIELD = re.compile(r"(\w+)(?:\[(\d{1,5})\])? (\w+)", re.ASCII)
 
-CODES = {
-    "int8_t": "b",
-    "uint8_t": "B",
-    "int16_t": "h",
-    "uint16_t": "H",
-    "int32_t": "i",
-    "uint32_t": "I",
-    "int64_t": "q",
-    "uint64_t": "Q",
-    "float": "f",
-    "double": "d",
-    "bool": "?",
-    "char": "c",
-}
+INTEGERS = [f"{sign}int{bits}_t" for bits in (8, 16, 32, 64) for sign in ("", "u")]
+CODES = dict(zip((*INTEGERS, "float", "double", "bool", "char"), "bBhHiIqQfd?c", strict=True))
 TIMES = ("timestamp_sample", "timestamp")  # the first that is not zero is the row's time
 
 Row = dict[str, Any]

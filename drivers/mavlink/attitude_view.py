@@ -7,7 +7,7 @@ and a tailsitter shows a copter while it hovers: the same attitude, seen along a
 from math import isfinite, pi, radians
 
 from drivers.mavlink.ardupilot import TRIM
-from drivers.samples.attitudes import quaternion_from_euler
+from drivers.samples.navigation import quaternion_from_euler
 from estimator.geometry.frames import euler_rad, from_euler_rad
 from estimator.geometry.quaternion import multiply
 from estimator.types import IDENTITY, Quaternion

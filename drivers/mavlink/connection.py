@@ -8,16 +8,15 @@ from concurrent.futures import Future, wait
 from drivers.aside import aside
 from drivers.endpoint import Endpoint
 from drivers.events import Event, LinkDown, LinkUp, Notice
-from drivers.mavlink.transports.open import open_transport
-from drivers.mavlink.transports.transport import SOCKET_BUFFER_BYTES, LinkError, Packet, unix_us
+from drivers.mavlink.transports import open_transport
+from drivers.mavlink.transports.transport import SOCKET_BUFFER_BYTES, Packet, unix_us
 from estimator.errors import InputError
 
 CLOSE_S = 0.5
 # back-off between attempts; a vehicle that returns is read again within 1 s
-FIRST_RETRY_S = 0.1
-LONGEST_RETRY_S = 1.0
+FIRST_RETRY_S, LONGEST_RETRY_S = 0.1, 1.0
 LOSS_LOOK_S = 0.25
-LOSS_REPORT_S = 60.0
+REPEAT_S = 60.0  # an error or a loss that goes on is mentioned this often
 
 _logger = logging.getLogger(__name__)
 
@@ -25,30 +24,39 @@ _logger = logging.getLogger(__name__)
 class Connection:
     """A transport that is opened again after each failure.
 
-    ``lost`` counts datagrams that the system threw away, ``is_open`` tells whether bytes may come.
-    ``on_break`` is called whenever the connection breaks: half-read frames and peers are void then.
+    ``lost`` counts datagrams that the system threw away, ``breaks`` the failures; ``is_open`` is
+    whether bytes may come. ``on_break`` is called whenever the connection breaks: half-read frames
+    and peers are void then. ``report`` gets a line for each new kind of failure.
     """
 
-    def __init__(self, endpoint: Endpoint, on_break: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        endpoint: Endpoint,
+        on_break: Callable[[], None] = lambda: None,
+        report: Callable[[str], None] = _logger.warning,
+    ) -> None:
         self.endpoint = endpoint
-        self.lost = 0
-        self._transport = open_transport(endpoint)
-        self._on_break = on_break
-        self._events: list[Event] = []
-        self._diagnostics = LinkDiagnostics(endpoint)
-        self._errors = ErrorSummary()
-        self._opening: Future[None] | None = None
         self.is_open = False
-        self._is_up: bool | None = None  # None: nobody has been told yet
+        self.breaks = 0
+        self._transport = open_transport(endpoint)
+        self._on_break, self._report = on_break, report
+        self._events: list[Event] = []
+        self._diagnostics, self._errors = LinkDiagnostics(endpoint), _Failures()
+        self._losses = _Losses()
+        self._opening: Future[None] | None = None
+        self._is_up: bool | None = None  # None: no event has been given yet
         self._has_data = False
-        self._retry_s = FIRST_RETRY_S
-        self._retry_due_s = 0.0
-        self._losses = _Losses(endpoint)
+        self._retry_s, self._retry_due_s = FIRST_RETRY_S, 0.0
 
     @property
     def address(self) -> str:
         """The address in use (with the real port, where 0 was bound)."""
         return self._transport.address
+
+    @property
+    def lost(self) -> int:
+        """Datagrams that the system has thrown away, as of the last look for them."""
+        return self._losses.total
 
     def open(self) -> None:
         """Open the endpoint for the first time.
@@ -59,8 +67,8 @@ class Connection:
         try:
             self._transport.open()
             self.is_open = True
-        except LinkError as error:
-            self._note_break(str(error))
+        except OSError as error:
+            self._note_break(error)
         except InputError:
             self._transport.close()
             raise
@@ -83,11 +91,8 @@ class Connection:
             return []
         try:
             packets = self._transport.receive(wait_s)
-        except LinkError as error:
-            self._note_break(str(error))
-            return []
-        except OSError as error:  # no file descriptors left, or no memory
-            self._note_break(error.strerror or str(error))
+        except OSError as error:  # the link broke, or no file descriptors or memory are left
+            self._note_break(error)
             return []
         if self._transport.connected != bool(self._is_up):
             self._note_state()
@@ -96,14 +101,14 @@ class Connection:
             self._note_data()
         else:
             is_up = bool(self._is_up)
-            self._tell(self._diagnostics.silence(now_s, is_up=is_up, has_data=self._has_data))
+            self._notify(self._diagnostics.silence(now_s, is_up=is_up, has_data=self._has_data))
         if now_s >= self._losses.look_s:
             self._count_lost(now_s)
         return packets
 
     def note_read(self, size: int, frames: int) -> None:
         """So many bytes held so many frames."""
-        self._tell(self._diagnostics.bytes_read(size, frames, time.monotonic()))
+        self._notify(self._diagnostics.bytes_read(size, frames, time.monotonic()))
 
     def credit(self, peer: str) -> None:
         """A peer has sent IMU data: it keeps its place."""
@@ -116,7 +121,7 @@ class Connection:
         try:
             self._transport.send(data)
         except OSError as error:
-            self._note_break(error.strerror or str(error))
+            self._note_break(error)
 
     def take_events(self) -> list[Event]:
         """What has happened to the connection since the last call."""
@@ -138,17 +143,15 @@ class Connection:
         error, self._opening = self._opening.exception(), None
         if error is None:
             self.is_open = True
-        elif isinstance(error, LinkError | InputError):
-            self._note_break(str(error))
-        elif isinstance(error, OSError):
-            self._note_break(error.strerror or str(error))
+        elif isinstance(error, OSError | InputError):
+            self._note_break(error)
         else:
             raise error
 
     def _note_state(self) -> None:
         """The transport began or ceased to be connected."""
         if self._is_up:
-            self._tell_down("the last client has left")
+            self._note_down("the last client has left")
             return
         self._is_up = True
         self._events.append(LinkUp(unix_us(), str(self.endpoint)))
@@ -162,68 +165,88 @@ class Connection:
         after = f" after {attempts} failed attempts" if attempts else ""
         _logger.info("%s: data arrives%s", self.endpoint, after)
 
-    def _note_break(self, reason: str) -> None:
-        if self.is_open:
-            self._count_lost(time.monotonic())
-        self._losses.keep()
-        self._retry_due_s = time.monotonic() + self._retry_s
+    def _note_break(self, error: OSError | InputError) -> None:
+        reason, now_s = getattr(error, "strerror", None) or str(error), time.monotonic()
+        self.breaks += 1
+        self._count_lost(now_s)
+        self._losses.before = self._losses.total
+        self._retry_due_s = now_s + self._retry_s
         self._transport.close()
         self._on_break()
         self.is_open = self._has_data = False
-        line = self._errors.line(reason, time.monotonic())
+        line = self._errors.line(reason, now_s)
         if line is not None:
-            _logger.warning("%s: %s; trying again", self.endpoint, line)
+            self._report(f"{self.endpoint}: {line}; trying again")
         if self._is_up is not False:
-            self._tell_down(reason)
+            self._note_down(reason)
 
-    def _tell_down(self, reason: str) -> None:
+    def _note_down(self, reason: str) -> None:
         self._is_up = False
         self._events.append(LinkDown(unix_us(), str(self.endpoint), reason))
 
-    def _tell(self, text: str | None) -> None:
+    def _notify(self, text: str | None) -> None:
         if text is not None:
             self._events.append(Notice(None, unix_us(), text))
 
     def _count_lost(self, now_s: float) -> None:
-        if self.is_open:
-            self._tell(self._losses.line(self._transport.lost, now_s))
-            self.lost = self._losses.total
+        count = self._losses.count(self._transport.lost, now_s) if self.is_open else 0
+        if count:
+            self._notify(
+                f"{self.endpoint}: {count} datagrams were lost, the system had no room for them; "
+                f"sysctl net.core.rmem_max={SOCKET_BUFFER_BYTES} gives it more"
+            )
 
 
 class _Losses:
-    """Datagrams that the system threw away, and the line about them, once a minute at most."""
+    """Datagrams that the system threw away, to be reported once a minute at most."""
 
-    def __init__(self, endpoint: Endpoint) -> None:
+    def __init__(self) -> None:
         self.total = 0
+        self.before = 0  # by transports that are closed
         self.look_s = 0.0  # when to look next
-        self._endpoint = endpoint
-        self._before = 0  # by transports that are closed
         self._reported = 0
         self._report_due_s = 0.0
 
-    def line(self, of_transport: int, now_s: float) -> str | None:
-        """Count what this transport has lost so far; a line if it is time for one."""
+    def count(self, of_transport: int, now_s: float) -> int:
+        """Count what this transport has lost so far; how many are to be reported now."""
         self.look_s = now_s + LOSS_LOOK_S
-        self.total = self._before + of_transport
+        self.total = self.before + of_transport
         if self.total == self._reported or now_s < self._report_due_s:
-            return None
-        self._report_due_s = now_s + LOSS_REPORT_S
+            return 0
+        self._report_due_s = now_s + REPEAT_S
         count, self._reported = self.total - self._reported, self.total
-        return (
-            f"{self._endpoint}: {count} datagrams were lost, the system had no room for them; "
-            f"sysctl net.core.rmem_max={SOCKET_BUFFER_BYTES} gives it more"
-        )
+        return count
 
-    def keep(self) -> None:
-        """The transport is closed; the next one counts from nothing."""
-        self._before = self.total
+
+class _Failures:
+    """Decides which repetitions of a failure are worth a line."""
+
+    def __init__(self) -> None:
+        self._reason = ""
+        self._count = 0
+        self._reported_s = 0.0
+
+    def line(self, reason: str, now_s: float) -> str | None:
+        """The reason, the reason with its count, or nothing."""
+        if reason != self._reason:
+            self._reason, self._count, self._reported_s = reason, 1, now_s
+            return reason
+        self._count += 1
+        if now_s - self._reported_s < REPEAT_S:
+            return None
+        self._reported_s = now_s
+        return f"{reason} ({self._count} times)"
+
+    def clear(self) -> int:
+        """Forget the failure, because it is over; returns how often it was seen."""
+        count, self._reason, self._count = self._count, "", 0
+        return count
 
 
 SILENT_S = 5.0  # after the link was opened, without a byte
 # Noise of a wrong baud rate: so many bytes for so long, and not one readable frame
 UNREADABLE_BYTES = 500
 UNREADABLE_S = 2.0
-REPEAT_S = 60.0  # an error that goes on is mentioned this often
 
 ADVICE = {
     "udpin": "does the vehicle or the ground station send to this address?",
@@ -275,28 +298,3 @@ class LinkDiagnostics:
         why = OTHER_BAUD if self._endpoint.kind == "serial" else "is it a MAVLink stream?"
         count = f"{self._unread_bytes} bytes and not one MAVLink frame"
         return f"{self._endpoint}: {count}: {why}"
-
-
-class ErrorSummary:
-    """Decides which repetitions of an error are worth a line. Time comes in as an argument."""
-
-    def __init__(self) -> None:
-        self._reason = ""
-        self._count = 0
-        self._said_s = 0.0
-
-    def line(self, reason: str, now_s: float) -> str | None:
-        """What to say about ``reason`` now: the reason, the reason with its count, or nothing."""
-        if reason != self._reason:
-            self._reason, self._count, self._said_s = reason, 1, now_s
-            return reason
-        self._count += 1
-        if now_s - self._said_s < REPEAT_S:
-            return None
-        self._said_s = now_s
-        return f"{reason} ({self._count} times)"
-
-    def clear(self) -> int:
-        """Forget the error, because it is over; returns how often it was seen."""
-        count, self._reason, self._count = self._count, "", 0
-        return count

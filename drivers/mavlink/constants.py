@@ -3,6 +3,8 @@
 Source: https://mavlink.io/en/messages/common.html.
 """
 
+from functools import cache
+
 # Messages
 HEARTBEAT_ID = 0
 PARAM_VALUE_ID = 22
@@ -96,3 +98,14 @@ def _enum_name(enum: str, number: int) -> str:
 
     entry = mavlink().enums[enum].get(number)
     return str(number) if entry is None else str(entry.name).removeprefix(f"{enum}_")
+
+
+@cache
+def mode_name(autopilot: int | None, vehicle_type: int | None, number: int) -> str:
+    """The name that people know a mode by: its ``custom_mode``, by MAV_AUTOPILOT and MAV_TYPE."""
+    from pymavlink import mavutil  # late: it takes 40 ms
+
+    if autopilot == MAV_AUTOPILOT_PX4:
+        return str(mavutil.interpret_px4_mode(1, number))
+    names = mavutil.mode_mapping_bynumber(vehicle_type) or {}
+    return str(names.get(number, f"mode {number}"))

@@ -24,8 +24,7 @@ from drivers.events import (
     VehicleId,
 )
 from drivers.mavlink import constants as mav
-from drivers.mavlink.fields import FieldReader
-from drivers.mavlink.framing import MAGIC_V2, Frame
+from drivers.mavlink.framing import FieldReader, Frame
 from drivers.mavlink.imu_messages import (
     IMU_MESSAGES,
     ImuMessage,
@@ -81,8 +80,7 @@ class _Sender:
     def note(self, frame: Frame, arrival_us: int) -> None:
         """Note that a frame has arrived, and whether others before it are missing."""
         self.intake.heard_us = arrival_us
-        data = frame.data
-        number = data[4] if data[0] == MAGIC_V2 else data[2]
+        number = frame.sequence
         if self._sequence is not None:
             step = (number - self._sequence) & 0xFF
             usual = self._usual_step
@@ -208,8 +206,10 @@ class MavlinkDecoder:
         gone: list[Event] = []
         if len(self._flying) + len(self._idle) >= MOST_SENDERS:
             left = self._make_room(arrival_us, brings_imu=frame.message_id in IMU_MESSAGES)
-            if left is None:
-                return _turned_away(frame, arrival_us)
+            if left is None:  # its samples count
+                address = VehicleId(frame.system_id, frame.component_id)
+                refused = RefusedFrames(address, arrival_us, Reason.NO_PLACE, 1)
+                return [refused] if frame.message_id in IMU_MESSAGES else []
             gone = [Forgotten(left, arrival_us)]
         address = VehicleId(frame.system_id, frame.component_id)
         self._idle[address] = _Sender(address, takes_references=self._references)
@@ -229,17 +229,14 @@ class MavlinkDecoder:
 
     def _param_value(self, sender: _Sender, m: Any, arrival_us: int) -> list[Event]:
         value = ParameterValue(m.param_id, m.param_value, m.param_type)
-        address = owner(sender.id, self._autopilots())
+        known = self._known()  # who has said so, or sends IMU data
+        autopilots = [s.id for s in known if s.autopilot is not None or s.intake.has_imu]
+        address = owner(sender.id, autopilots)
         if address is None:
             self._parameters.hold(sender.id.system_id, value)
             return []
         autopilot = (self._flying.get(address) or self._idle[address]).autopilot
         return [Parameter(address, arrival_us, value.name, value.value(autopilot))]
-
-    def _autopilots(self) -> list[VehicleId]:
-        """Who has said so, or sends IMU data."""
-        known = self._known()
-        return [each.id for each in known if each.autopilot is not None or each.intake.has_imu]
 
     def _heartbeat(self, sender: _Sender, m: Any, arrival_us: int) -> list[Event]:
         if not mav.is_autopilot(m.autopilot, m.type):
@@ -261,14 +258,6 @@ class MavlinkDecoder:
 
     def _command_ack(self, sender: _Sender, m: Any, arrival_us: int) -> list[Event]:
         return [CommandAck(sender.id, arrival_us, m.command, m.result)]
-
-
-def _turned_away(frame: Frame, arrival_us: int) -> list[Event]:
-    """What is told of a sender for whom there is no place: its samples count."""
-    if frame.message_id not in IMU_MESSAGES:
-        return []
-    address = VehicleId(frame.system_id, frame.component_id)
-    return [RefusedFrames(address, arrival_us, Reason.NO_PLACE, 1)]
 
 
 def _motion(m: Any) -> str | None:

@@ -71,27 +71,16 @@ class FrameEncoder:
         """The next frame. ``unix_us`` is the time that a signature carries."""
         # trailing zeros are not sent, except the first byte
         payload = message.payload.rstrip(b"\0") or b"\0"
-        body = (
-            _HEADER.pack(
-                len(payload),
-                SIGNED_FLAG if self._key else 0,
-                0,
-                self._sequence,
-                self._sender.system_id,
-                self._sender.component_id,
-                message.id & 0xFFFF,
-                message.id >> 16,
-            )
-            + payload
-        )
+        flags, (page, number) = SIGNED_FLAG if self._key else 0, divmod(message.id, 1 << 16)
+        body = _HEADER.pack(len(payload), flags, 0, self._sequence, *self._sender, number, page)
+        body += payload
         self._sequence = (self._sequence + 1) & 0xFF
         checksum = crc16.mcrf4xx(body + bytes((message.crc_extra,)))
         frame = b"\xfd" + body + _CHECKSUM.pack(checksum)
-        return frame if self._key is None else self._sign(frame, self._key, unix_us)
-
-    def _sign(self, frame: bytes, key: bytes, unix_us: int) -> bytes:
+        if self._key is None:
+            return frame
         frame += bytes((self._link_id,)) + self._stamp(unix_us).to_bytes(6, "little")
-        return frame + hashlib.sha256(key + frame).digest()[:6]
+        return frame + hashlib.sha256(self._key + frame).digest()[:6]
 
     def _next_stamp(self, unix_us: int) -> int:
         # it must grow with every frame, also within one tick of 10 us
@@ -119,21 +108,9 @@ def heartbeat(vehicle_type: int, autopilot: int, state: int = mav.MAV_STATE_ACTI
 
 def raw_imu(boot_us: int, acc_m_s2: Vec3, gyr_rad_s: Vec3, mag_gauss: Vec3) -> Message:
     """RAW_IMU in whole mg, mrad/s and mGauss, rounded to the nearest; too large values saturate."""
-    return _message(
-        mav.RAW_IMU_ID,
-        boot_us,
-        _int16(acc_m_s2[0] * _MG),
-        _int16(acc_m_s2[1] * _MG),
-        _int16(acc_m_s2[2] * _MG),
-        _int16(gyr_rad_s[0] * 1000.0),
-        _int16(gyr_rad_s[1] * 1000.0),
-        _int16(gyr_rad_s[2] * 1000.0),
-        _int16(mag_gauss[0] * 1000.0),
-        _int16(mag_gauss[1] * 1000.0),
-        _int16(mag_gauss[2] * 1000.0),
-        0,
-        0,
-    )
+    acc = [_int16(each * _MG) for each in acc_m_s2]
+    gyr_mag = [_int16(each * 1000.0) for each in gyr_rad_s + mag_gauss]
+    return _message(mav.RAW_IMU_ID, boot_us, *acc, *gyr_mag, 0, 0)
 
 
 def attitude(boot_us: int, euler_rad: Vec3, rate_rad_s: Vec3) -> Message:
@@ -218,9 +195,8 @@ def statustexts(text: str, severity: int, number: int) -> list[Message]:
 
 def param_value(name: str, value: float, count: int, index: int) -> Message:
     """PARAM_VALUE as REAL32; the name has at most 16 letters."""
-    return _message(
-        mav.PARAM_VALUE_ID, value, count, index, name.encode(), mav.MAV_PARAM_TYPE_REAL32
-    )
+    kind = mav.MAV_PARAM_TYPE_REAL32
+    return _message(mav.PARAM_VALUE_ID, value, count, index, name.encode(), kind)
 
 
 def command_long(

@@ -1,18 +1,21 @@
-"""MAVLink frames: where they begin and end, and whether their checksums fit.
+"""MAVLink frames: where they begin and end, whether their checksums fit, and their fields.
 
-Links and telemetry logs read their frames here; what is in them is looked at
-elsewhere, and only if somebody wants it. Layouts:
-https://mavlink.io/en/guide/serialization.html.
+Links and telemetry logs read their frames here. Fields are unpacked only if somebody wants them.
+Layouts: https://mavlink.io/en/guide/serialization.html.
 """
 
 import mmap
 import re
-from collections.abc import Iterator
-from typing import NamedTuple
+from collections import namedtuple
+from collections.abc import Callable, Iterator
+from functools import cache
+from struct import Struct
+from typing import Any, NamedTuple
 
 from fastcrc import crc16
 
-from drivers.mavlink.dialect import mavlink
+from drivers.mavlink.constants import ATTITUDE_QUATERNION_ID
+from drivers.mavlink.dialect import Unpacker, mavlink
 
 MAGIC_V1, MAGIC_V2 = 0xFE, 0xFD
 HEADER_V1, HEADER_V2 = 6, 10  # bytes, the marker included
@@ -42,6 +45,11 @@ class Frame(NamedTuple):
     payload_at: int
     payload_end: int
     is_signed: bool
+
+    @property
+    def sequence(self) -> int:
+        """The number that its sender gave it, 0 to 255 and again."""
+        return self.data[4] if self.data[0] == MAGIC_V2 else self.data[2]
 
 
 class FrameFormat:
@@ -148,7 +156,8 @@ class FrameReader:
                 continue
             frame = None if end is None else self._format.frame(data, position, end)
             if frame is None or end is None:
-                self._note_bad()
+                self._malformed += not self._in_bad_stretch
+                self._in_bad_stretch = True
                 left -= 1
                 position = next(_markers(data, position + 1), size) if left else size
                 continue
@@ -162,11 +171,6 @@ class FrameReader:
         """How many unreadable stretches there were since the last call."""
         count, self._malformed = self._malformed, 0
         return count
-
-    def _note_bad(self) -> None:
-        if not self._in_bad_stretch:
-            self._in_bad_stretch = True
-            self._malformed += 1
 
 
 def frame_end(data: Data, start: int) -> int | None:
@@ -200,3 +204,61 @@ def _markers(data: Data, position: int) -> Iterator[int]:
         if data.find(b"\xfd", begin, end) >= 0 or data.find(b"\xfe", begin, end) >= 0:
             for magic in _MAGIC.finditer(data, begin, end):
                 yield magic.start()
+
+
+_ARRAY_AT_END = frozenset({ATTITUDE_QUATERNION_ID})
+
+
+class Layout(NamedTuple):
+    """A message's fields in the order of the wire, and what makes a named tuple of them."""
+
+    names: tuple[str, ...]
+    struct: Struct
+    make: Callable[[tuple[Any, ...]], Any]
+
+
+@cache
+def layout(message_id: int) -> Layout | None:
+    """The layout of a message; None if the dialect does not know it, or arrays matter in it.
+
+    Extensions stand at the end; an array among them is left out.
+    """
+    kind = mavlink().mavlink_map.get(message_id)
+    if kind is None:
+        return None
+    names, struct = tuple(kind.ordered_fieldnames), kind.unpacker
+    arrays = [k for k, length in enumerate(kind.array_lengths) if length]
+    if arrays:
+        if message_id not in _ARRAY_AT_END:
+            return None
+        names = names[: arrays[0]]
+        struct = Struct("<" + kind.unpacker.format.lstrip("<")[: arrays[0]])
+    new: Any = namedtuple  # noqa: PYI024 - of names that are the dialect's
+    return Layout(names, struct, new(kind.msgname, names)._make)
+
+
+class FieldReader:
+    """Makes of a frame what has its fields as attributes.
+
+    pymavlink builds a large object of every message. Fields before the first array, which are all
+    that matter of nearly all messages that come often, are unpacked straight from the frame.
+    """
+
+    def __init__(self) -> None:
+        self._unpacker = Unpacker()
+
+    def fields(self, frame: Frame) -> Any | None:
+        """The fields of a frame with a sound checksum; None if it is no message of the dialect.
+
+        Zeros at a payload's end are not sent, nor fields that the sender does not know; what is
+        longer than the definition comes from a newer one.
+        """
+        known = layout(frame.message_id)
+        if known is None:
+            return self._unpacker.message(frame.data)
+        _, struct, make = known
+        payload = frame.data[frame.payload_at : frame.payload_end]
+        missing = struct.size - len(payload)
+        if missing > 0:
+            payload += bytes(missing)
+        return make(struct.unpack_from(payload))

@@ -2,22 +2,21 @@
 
 Of a stream that comes twice the fresher copy is let in. A router may have two ways to one vehicle,
 one of them seconds behind. An IMU frame that comes again with the same stamp and the same readings
-proves such a copy, and how late it is. From then on all stamped frames of the address that are as
-late are known for copies, also those whose originals were lost. Only a repeated frame is proof: a
-clock that is ahead may be another vehicle's.
+is such a copy, and shows how late it is. Some of them are proof: from then on all stamped frames of
+the address that are as late are known for copies, also those whose originals were lost. Only a
+repeated frame is proof: a clock that is ahead may be another vehicle's.
 """
 
 from collections import Counter
 from functools import cache
 from typing import NamedTuple
-from zlib import crc32
 
 from drivers.events import Event, Notice, RefusedFrames, VehicleId
-from drivers.mavlink.fields import layout
-from drivers.mavlink.framing import Frame
+from drivers.mavlink.framing import Frame, layout
 from drivers.mavlink.imu_messages import IMU_MESSAGES
 from drivers.mavlink.messages import MESSAGES
 from drivers.mavlink.signing import SigningCheck
+from drivers.samples.clock_line import BOOT_US
 from estimator.reasons import Reason
 
 # Another sender of the same address may take over once the first has been silent for so long
@@ -121,7 +120,7 @@ class FrameGate:
             if refusal is not None:
                 return refusal
         sender = self._senders.get(address)
-        source = self._copies.source(frame, peer, arrival_us)
+        source, is_repeat = self._copies.look(frame, peer, arrival_us)
         if source is not None:
             if source != peer:  # whoever brings the originals is followed
                 self._senders[address] = _Sender(source, arrival_us)
@@ -132,6 +131,8 @@ class FrameGate:
             if self._is_heard(sender, arrival_us):
                 return Reason.ADDRESS_CONFLICT
             sender = None
+        if is_repeat:
+            return Reason.DUPLICATE
         if sender is None or sender.last_us != arrival_us:  # once for all frames of a datagram
             self._senders[address] = _Sender(peer, arrival_us)
             if sender is None and len(self._senders) > self._most_senders:
@@ -153,30 +154,54 @@ class FrameGate:
         self._copies.forget(set(self._senders))
 
 
-LATE_US = 300_000  # a frame that comes again earlier is a mere duplicate, which the clock refuses
-YOUNG_US = 10_000_000  # boot time; a vehicle that starts again may repeat what it sent first
+LEAST_US = (
+    40_000  # a frame that comes again earlier is refused by the clock: it looks like no reset
+)
+LATE_US = 300_000  # from here on copies are told by their lateness, too
 MEMORY_US = 10_000_000  # copies that are later than that are not found
 COPIES_US = 2_000_000  # without a copy for so long there are none any more
-PROOFS = 3  # repeated frames that show a late copy
-REMEMBERED = 3  # frames are remembered whose hash has none of these bits: one in four
-MOST_REMEMBERED = 4096  # frames of an address in MEMORY_US
+PROOFS = 10  # repeated frames that show a late copy
+MOST_REMEMBERED = 16_384  # frames of an address in MEMORY_US
 STAMPS = {"time_usec": (8, 1), "time_boot_ms": (4, 1000)}  # bytes, and us a unit
+
+
+class Repeats:
+    """Remembers for some seconds what has come, by the hash of each, and from whom."""
+
+    def __init__(self) -> None:
+        self._recent: dict[int, tuple[int, str]] = {}
+        self._older: dict[int, tuple[int, str]] = {}
+        self._turned_us = 0
+
+    def before(self, key: int, now_us: int, peer: str = "") -> tuple[int, str] | None:
+        """When the same has come before, and from whom; remembers it if it has not."""
+        found = self._recent.get(key) or self._older.get(key)
+        if found is None:
+            is_old = not 0 <= now_us - self._turned_us < MEMORY_US
+            if is_old or len(self._recent) >= MOST_REMEMBERED:
+                self._older, self._recent, self._turned_us = self._recent, {}, now_us
+            self._recent[key] = (now_us, peer)
+        return found
 
 
 class _Address:
     """What is known of one address: its latest frames, and how late copies of them come."""
 
-    __slots__ = ("delay_us", "fresh", "late_us", "older", "proofs", "recent", "source", "turned_us")
+    __slots__ = (
+        *("delay_us", "fresh", "is_repeat", "late_us", "latest_us", "mixed_us", "proofs"),
+        *("repeats", "source"),
+    )
 
-    def __init__(self, now_us: int) -> None:
-        self.recent: dict[int, tuple[int, str]] = {}  # arrival and peer, by the frame's hash
-        self.older: dict[int, tuple[int, str]] = {}
-        self.turned_us = now_us
+    def __init__(self) -> None:
+        self.repeats = Repeats()
         self.fresh: dict[int, tuple[int, int]] = {}  # offset and arrival, by message
         self.proofs = 0
         self.delay_us = 0  # of the copies
         self.late_us = 0  # arrival of the last copy
         self.source = ""  # the peer that brings the originals
+        self.is_repeat = False  # the last IMU frame
+        self.latest_us = 0  # stamp of the last that was none
+        self.mixed_us = 0  # arrival of the last that came right behind one, and was new
 
 
 class StreamCopies:
@@ -186,29 +211,30 @@ class StreamCopies:
         self._addresses: dict[tuple[int, int], _Address] = {}
         self._late_peers: dict[tuple[int, int, str], int] = {}
 
-    def source(self, frame: Frame, peer: str, arrival_us: int) -> str | None:
-        """The peer that brings the original if the frame is a late copy; None if it is none."""
+    def look(self, frame: Frame, peer: str, arrival_us: int) -> tuple[str | None, bool]:
+        """The peer that brings the original if the frame is a late copy; whether it is a repeat."""
         stamp = _stamp(frame.message_id)
         if stamp is None:
-            return None
+            return None, False
         size, unit_us = stamp
         address = (frame.system_id, frame.component_id)
         known = self._addresses.get(address)
         if known is None:
-            known = self._addresses[address] = _Address(arrival_us)
+            known = self._addresses[address] = _Address()
         payload = frame.data[frame.payload_at : frame.payload_end]
         time_us = int.from_bytes(payload[:size], "little") * unit_us
-        if frame.message_id in IMU_MESSAGES and time_us > YOUNG_US:
-            # the same frames in each process: Python salts its hashes
-            is_chosen = not crc32(payload) & REMEMBERED
-            if is_chosen and self._repeats(known, hash(payload), peer, arrival_us):
+        is_repeat = False
+        if frame.message_id in IMU_MESSAGES:
+            before = known.repeats.before(hash(payload), arrival_us, peer)
+            is_repeat, is_proof = self._repeats(known, before, time_us, arrival_us)
+            if is_proof:
                 self._late_peers[*address, peer] = arrival_us
         if self._is_late(known, frame.message_id, arrival_us - time_us, arrival_us):
             known.late_us = arrival_us
-            return known.source
-        if known.proofs < PROOFS or peer == known.source:
+            return known.source, is_repeat
+        if not is_repeat and (known.proofs < PROOFS or peer == known.source):
             known.fresh[frame.message_id] = (arrival_us - time_us, arrival_us)
-        return None
+        return None, is_repeat
 
     def is_late(self, address: tuple[int, int], peer: str, arrival_us: int) -> bool:
         """Whether a peer has lately brought copies of frames that another one had brought."""
@@ -223,23 +249,32 @@ class StreamCopies:
         self._addresses = {k: known for k, known in self._addresses.items() if k in addresses}
         self._late_peers = {k: us for k, us in self._late_peers.items() if k[:2] in addresses}
 
-    def _repeats(self, known: _Address, key: int, peer: str, arrival_us: int) -> bool:
-        """Whether an IMU frame was there before, long enough ago; remembers it if not."""
-        is_old = not 0 <= arrival_us - known.turned_us < MEMORY_US
-        if is_old or len(known.recent) >= MOST_REMEMBERED:
-            known.older, known.recent, known.turned_us = known.recent, {}, arrival_us
-        before = known.recent.get(key) or known.older.get(key)
+    def _repeats(
+        self, known: _Address, before: tuple[int, str] | None, time_us: int, arrival_us: int
+    ) -> tuple[bool, bool]:
+        """Whether an IMU frame is a copy of one that came ``before``; whether it proves a late way.
+
+        A vehicle that has just started may have started again, and repeat itself: there frames are
+        copies where new ones come between them.
+        """
         if before is None:
-            known.recent[key] = (arrival_us, peer)
-            return False
+            if known.is_repeat and time_us > known.latest_us:
+                known.mixed_us = arrival_us
+            known.is_repeat, known.latest_us = False, time_us
+            return False, False
+        known.is_repeat = True
         delay_us = arrival_us - before[0]
+        if time_us <= BOOT_US:
+            is_mixed = 0 <= arrival_us - known.mixed_us < COPIES_US
+            return is_mixed and delay_us >= LEAST_US, False
         if delay_us < LATE_US:
-            return False
-        if arrival_us - known.late_us > COPIES_US or abs(delay_us - known.delay_us) > delay_us // 2:
+            return delay_us >= LEAST_US, False
+        is_other = abs(delay_us - known.delay_us) > delay_us // 2
+        if arrival_us - known.late_us > COPIES_US or is_other:
             known.proofs = 0
         known.proofs += 1
         known.delay_us, known.late_us, known.source = delay_us, arrival_us, before[1]
-        return known.proofs >= PROOFS
+        return True, known.proofs >= PROOFS
 
     def _is_late(self, known: _Address, message_id: int, offset_us: int, arrival_us: int) -> bool:
         """Whether a frame is as late as the copies are, while the originals come."""

@@ -10,8 +10,7 @@ from struct import calcsize
 from typing import Any, NamedTuple
 
 from drivers.mavlink import constants as mav
-from drivers.mavlink.fields import layout
-from drivers.mavlink.framing import Frame
+from drivers.mavlink.framing import Frame, layout
 from drivers.samples.vehicle_clock import TimeField
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec3
 

@@ -58,6 +58,10 @@ class _Peer:
         self.others = _TokenBucket(PACKETS_HZ, now_s)
         self.with_imu = _TokenBucket(IMU_PACKETS_HZ, now_s)
 
+    def has_imu(self, now_s: float) -> bool:
+        """Whether it has sent IMU data lately."""
+        return now_s - self.imu_s < IMU_COUNTS_S
+
 
 class RateLimits:
     """Tells whether a peer's packet is read; ``refused`` counts those that are not.
@@ -75,11 +79,11 @@ class RateLimits:
         """Whether a packet of ``size`` bytes is read that arrived at ``now_s``."""
         known = self._peers.get(peer)
         if known is None:
-            if len(self._peers) >= MOST_PEERS:
-                self._drop_idle(now_s)
+            if len(self._peers) >= MOST_PEERS:  # the budget of all without an IMU still holds
+                self._peers = {k: p for k, p in self._peers.items() if p.has_imu(now_s)}
             known = self._peers[peer] = _Peer(now_s)
         packets = 1 + size // FRAME_BYTES
-        if now_s - known.imu_s < IMU_COUNTS_S:
+        if known.has_imu(now_s):
             is_admitted = known.with_imu.take(packets, now_s)
         else:
             is_admitted = known.others.take(packets, now_s) and self._all.take(packets, now_s)
@@ -92,14 +96,9 @@ class RateLimits:
         if known is not None:
             known.imu_s = now_s
 
-    def _drop_idle(self, now_s: float) -> None:
-        """Forget who sends no IMU data; the budget of all of them still holds."""
-        self._peers = {
-            peer: known for peer, known in self._peers.items() if now_s - known.imu_s < IMU_COUNTS_S
-        }
-
 
 MOST_WAITING = 4096  # frames: 0.4 s of 200 vehicles at 50 Hz
+WHO_IS_THERE = frozenset({HEARTBEAT_ID, AUTOPILOT_VERSION_ID})
 REPORT_EVERY_US = 250_000  # how often what was left out is reported
 
 
@@ -156,7 +155,7 @@ class FrameQueue:
         kept: deque[Arrived] = deque()
         for arrived in reversed(self._frames):
             frame = arrived.frame
-            if frame.message_id in _STREAMS:
+            if _is_stream(frame.message_id):
                 number = imu_number(frame)
                 stream = (frame.system_id, frame.component_id, frame.message_id, number)
                 if stream in seen:
@@ -177,15 +176,6 @@ class FrameQueue:
             self.shed += 1
 
 
-class _Streams:
-    """Messages of which a newer one makes an older one old; the tables may be extended."""
-
-    _WHO_IS_THERE = frozenset({HEARTBEAT_ID, AUTOPILOT_VERSION_ID})
-
-    def __contains__(self, message_id: int) -> bool:
-        return (
-            message_id in IMU_MESSAGES or message_id in MESSAGES or message_id in self._WHO_IS_THERE
-        )
-
-
-_STREAMS = _Streams()
+def _is_stream(message_id: int) -> bool:
+    """Whether a newer message makes an older one old; the tables may be extended."""
+    return message_id in IMU_MESSAGES or message_id in MESSAGES or message_id in WHO_IS_THERE

@@ -61,7 +61,7 @@ class MavlinkLink(Closing):
         key: bytes | None = None,
         references: bool = True,
     ) -> None:
-        self._connection = Connection(endpoint, on_break=self._forget_peers)
+        self._connection = Connection(endpoint, self._forget_peers)
         self._recorder = recorder
         self._limits = RateLimits()
         self._readers: OrderedDict[str, FrameReader] = OrderedDict()
@@ -75,7 +75,8 @@ class MavlinkLink(Closing):
         self._look_s = 0.0  # when all that was there had been read
         self._found_some = False  # at the last look
         self._is_closed = False
-        self._ahead: _ReadAhead | None = None
+        self._ahead: Future[None] | None = None
+        self._is_drained = False
 
     @property
     def dropped(self) -> int:
@@ -99,7 +100,7 @@ class MavlinkLink(Closing):
 
     def __enter__(self) -> Self:
         self._connection.open()
-        self._ahead = _ReadAhead(self._receive)
+        self._ahead = aside(self._read_ahead, "mavlink-read-ahead")
         return self
 
     def close(self) -> None:
@@ -107,8 +108,7 @@ class MavlinkLink(Closing):
         if self._is_closed:
             return
         self._is_closed = True
-        if self._ahead is not None:
-            self._ahead.stop()
+        self._stop_ahead()
         if self._connection.is_open:
             self._receive(0.0)
         self._connection.close()
@@ -121,9 +121,7 @@ class MavlinkLink(Closing):
         """Events of what has arrived, after waiting at most ``timeout_s`` for the first."""
         if self._is_closed:
             return []
-        if self._ahead is not None:
-            self._ahead.stop()
-            self._ahead = None
+        self._stop_ahead()
         is_idle = not len(self._queue)
         if is_idle or time.monotonic() - self._look_s >= BUSY_REST_S:
             self._receive(timeout_s if is_idle and not self._events else 0.0)
@@ -140,6 +138,18 @@ class MavlinkLink(Closing):
         for frame_bytes in self._outbound.take_frames(now_us):
             self._connection.send(frame_bytes)
         return events
+
+    def _read_ahead(self) -> None:
+        """Look again and again, until somebody drains: kernels may be compiled first."""
+        while not self._is_drained:
+            self._receive(AHEAD_S)
+
+    def _stop_ahead(self) -> None:
+        """Wait for the end of the last look; raises what went wrong in one."""
+        self._is_drained = True
+        if self._ahead is not None:
+            ahead, self._ahead = self._ahead, None
+            ahead.result()
 
     def _receive(self, wait_s: float) -> None:
         """Take in all that has arrived: frames into the recording and into the queue."""
@@ -194,21 +204,3 @@ class MavlinkLink(Closing):
     def _forget_peers(self) -> None:
         self._readers.clear()
         self._gate.forget()
-
-
-class _ReadAhead:
-    """Looks at a link again and again, until somebody drains it: kernels may be compiled first."""
-
-    def __init__(self, look: Callable[[float], None]) -> None:
-        self._look = look
-        self._is_over = False
-        self._done: Future[None] = aside(self._work, "mavlink-read-ahead")
-
-    def stop(self) -> None:
-        """Wait for the end of the last look; raises what went wrong in one."""
-        self._is_over = True
-        self._done.result()
-
-    def _work(self) -> None:
-        while not self._is_over:
-            self._look(AHEAD_S)

@@ -6,15 +6,15 @@ else: cm/s and degrees come in, SI and radians go out.
 
 import math
 from collections.abc import Callable
+from functools import partial
 from math import isfinite
 from typing import Any, NamedTuple
 
 from drivers.events import Event
 from drivers.mavlink import constants as mav
-from drivers.samples.attitudes import quaternion_from_euler, unit_or_none
 from drivers.samples.imu_stream import Stamp
 from drivers.samples.intake import Intake
-from drivers.samples.navigation import Fix
+from drivers.samples.navigation import Fix, Source, quaternion_from_euler, unit_or_none
 from drivers.samples.vehicle_clock import TimeField
 from estimator.types import Quaternion, Vec3
 
@@ -70,17 +70,10 @@ def _attitude_quaternion(intake: Intake, said: Said) -> list[Event]:
     return intake.attitude(said.name, said.boot_stamp, "autopilot", _quaternion(said.fields))
 
 
-def _ahrs2(intake: Intake, said: Said) -> list[Event]:
-    """The autopilot's second filter."""
-    return intake.unstamped(said.name, said.arrival_us, "autopilot", _from_euler(said.fields))
-
-
-def _sim_state(intake: Intake, said: Said) -> list[Event]:
-    return intake.unstamped(said.name, said.arrival_us, "sim", _quaternion(said.fields))
-
-
-def _simstate(intake: Intake, said: Said) -> list[Event]:
-    return intake.unstamped(said.name, said.arrival_us, "sim", _from_euler(said.fields))
+def _unstamped(
+    source: Source, read: Callable[[Any], Quaternion | None], intake: Intake, said: Said
+) -> list[Event]:
+    return intake.unstamped(said.name, said.arrival_us, source, read(said.fields))
 
 
 def _from_euler(m: Any) -> Quaternion | None:
@@ -159,9 +152,17 @@ MESSAGES: dict[int, MessageKind] = {
             _attitude_quaternion,
             is_wanted=Intake.wants_attitude,
         ),
-        MessageKind(mav.AHRS2_ID, "AHRS2", _ahrs2),
-        MessageKind(mav.SIM_STATE_ID, "SIM_STATE", _sim_state, is_reference=True),
-        MessageKind(mav.SIMSTATE_ID, "SIMSTATE", _simstate, is_reference=True),
+        # the autopilot's second filter
+        MessageKind(mav.AHRS2_ID, "AHRS2", partial(_unstamped, "autopilot", _from_euler)),
+        MessageKind(
+            mav.SIM_STATE_ID,
+            "SIM_STATE",
+            partial(_unstamped, "sim", _quaternion),
+            is_reference=True,
+        ),
+        MessageKind(
+            mav.SIMSTATE_ID, "SIMSTATE", partial(_unstamped, "sim", _from_euler), is_reference=True
+        ),
         MessageKind(mav.GLOBAL_POSITION_INT_ID, "GLOBAL_POSITION_INT", _global_position),
         MessageKind(mav.LOCAL_POSITION_NED_ID, "LOCAL_POSITION_NED", _local_position),
         MessageKind(mav.GPS_RAW_INT_ID, "GPS_RAW_INT", _gps_raw),

@@ -9,7 +9,6 @@ Source: https://mavlink.io/en/services/command.html (retries with a growing conf
 common.xml (MAV_CMD 511).
 """
 
-import time
 from collections import deque
 from dataclasses import dataclass, field
 from math import isfinite
@@ -27,18 +26,13 @@ from drivers.events import (
     VehicleId,
 )
 from drivers.mavlink import constants as mav
-from drivers.mavlink.constants import (
-    MAV_AUTOPILOT_INVALID,
-    MAV_COMP_ID_ONBOARD_COMPUTER,
-    MAV_TYPE_ONBOARD_CONTROLLER,
-)
 from drivers.mavlink.encoder import FrameEncoder, Message, heartbeat, message_interval_request
 from drivers.mavlink.gate import Policy
 from drivers.mavlink.imu_messages import ImuMessage, message_to_ask_for
 from estimator.errors import InputError
 
 MOST_UNSENT_FRAMES = 64  # new ones replace the oldest
-HEARTBEAT_S = 1.0
+HEARTBEAT_US = 1_000_000
 
 
 class Outbound:
@@ -53,8 +47,8 @@ class Outbound:
     ) -> None:
         self._request = None if request_rate_hz is None else StreamRequest(request_rate_hz)
         # nobody can answer an address that never sends anything
-        self._sends_heartbeats = endpoint.kind == "udpout"
-        self._heartbeat_due_s = 0.0
+        self._speaks_first = endpoint.kind == "udpout"
+        self._heartbeat_us: int | None = None  # when the last ones were sent
         self._key = key
         self._stamp = None if policy.signing is None else policy.signing.stamp
         self._encoders: dict[int, FrameEncoder] = {}
@@ -64,28 +58,34 @@ class Outbound:
         """Ask for rates because of the events; returns what a person should know of it."""
         if self._request is None:
             return []
-        messages, notices = self._request.take(events, now_us)
-        for each in messages:
-            self._frames.append(self._encoder(each.system_id).frame(each.message, now_us))
-        return notices
+        out = self._request.tick(now_us)
+        for event in events:
+            out += self._request.handle(event, now_us)
+        for each in out:
+            if isinstance(each, Outgoing):
+                self._send(each.system_id, each.message, now_us)
+        return [each for each in out if isinstance(each, Notice)]
 
     def take_frames(self, now_us: int) -> list[bytes]:
-        """Every frame that is to be sent by now."""
-        now_s = time.monotonic()
-        if self._sends_heartbeats and now_s >= self._heartbeat_due_s:
-            self._heartbeat_due_s = now_s + HEARTBEAT_S
-            own_system = next(iter(self._encoders), 1)  # of the first vehicle that was asked
-            message = heartbeat(MAV_TYPE_ONBOARD_CONTROLLER, MAV_AUTOPILOT_INVALID)
-            self._frames.append(self._encoder(own_system).frame(message, now_us))
+        """Every frame that is to be sent by now, with a heartbeat a second in each system asked."""
+        systems = [] if self._request is None else self._request.systems
+        if self._speaks_first and not systems:
+            systems = [1]
+        last_us = self._heartbeat_us
+        if systems and (last_us is None or not 0 <= now_us - last_us < HEARTBEAT_US):
+            self._heartbeat_us = now_us
+            message = heartbeat(mav.MAV_TYPE_ONBOARD_CONTROLLER, mav.MAV_AUTOPILOT_INVALID)
+            for system_id in systems:
+                self._send(system_id, message, now_us)
         frames = list(self._frames)
         self._frames.clear()
         return frames
 
-    def _encoder(self, system_id: int) -> FrameEncoder:
+    def _send(self, system_id: int, message: Message, now_us: int) -> None:
         if system_id not in self._encoders:
-            sender = VehicleId(system_id, MAV_COMP_ID_ONBOARD_COMPUTER)
+            sender = VehicleId(system_id, mav.MAV_COMP_ID_ONBOARD_COMPUTER)
             self._encoders[system_id] = FrameEncoder(sender, self._key, stamp=self._stamp)
-        return self._encoders[system_id]
+        self._frames.append(self._encoders[system_id].frame(message, now_us))
 
 
 ACK_TIMEOUT_US = 1_500_000
@@ -98,7 +98,6 @@ FIRST_PAUSE_US = 5_000_000
 LONGEST_PAUSE_US = 80_000_000
 MOST_REQUESTS = 6  # in a row without success
 MOST_STREAMS = 512  # more senders of heartbeats than that are noise or an attack
-HEARTBEAT_US = 1_000_000
 
 _Phase = Literal["asking", "measuring", "pausing", "given_up"]
 
@@ -138,15 +137,11 @@ class StreamRequest:
             raise InputError(f"the requested rate must be above 0 and up to 1000 Hz, not {rate_hz}")
         self._rate_hz = rate_hz
         self._streams: dict[VehicleId, _Stream] = {}
-        self._heartbeat_due_us: int | None = None
 
-    def take(self, events: list[Event], now_us: int) -> tuple[list[Outgoing], list[Notice]]:
-        """What to send and to say by now, and because of the events."""
-        out = self.tick(now_us)
-        for event in events:
-            out += self.handle(event, now_us)
-        notices = [each for each in out if isinstance(each, Notice)]
-        return [each for each in out if isinstance(each, Outgoing)], notices
+    @property
+    def systems(self) -> list[int]:
+        """The systems whose vehicles are asked."""
+        return sorted({vehicle.system_id for vehicle in self._streams})
 
     def handle(self, event: Event, now_us: int) -> list[Outgoing | Notice]:
         """What to send and to say because of ``event``."""
@@ -180,23 +175,13 @@ class StreamRequest:
                 out += self._act(stream, now_us)
             out += stream.notices
             stream.notices.clear()
-        return self._heartbeats(now_us) + out
+        return out
 
     def _meet(self, event: Heartbeat, now_us: int) -> None:
         if event.vehicle in self._streams or len(self._streams) >= MOST_STREAMS:
             return
         message = message_to_ask_for(event.autopilot)
         self._streams[event.vehicle] = _Stream(event.vehicle, message, "asking", now_us)
-
-    def _heartbeats(self, now_us: int) -> list[Outgoing | Notice]:
-        if not self._streams:
-            return []
-        if self._heartbeat_due_us is not None and now_us < self._heartbeat_due_us:
-            return []
-        self._heartbeat_due_us = now_us + HEARTBEAT_US
-        message = heartbeat(mav.MAV_TYPE_ONBOARD_CONTROLLER, mav.MAV_AUTOPILOT_INVALID)
-        systems = sorted({vehicle.system_id for vehicle in self._streams})
-        return [Outgoing(system_id, message) for system_id in systems]
 
     def _act(self, stream: _Stream, now_us: int) -> list[Outgoing | Notice]:
         match stream.phase:

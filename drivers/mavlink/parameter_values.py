@@ -41,23 +41,18 @@ class WaitingParameters:
     """Parameters of systems whose autopilot has not been heard yet; the latest of each name."""
 
     def __init__(self) -> None:
-        self._values: dict[int, dict[str, ParameterValue]] = {}
-        self._count = 0
+        self._values: dict[tuple[int, str], ParameterValue] = {}
 
     def hold(self, system_id: int, value: ParameterValue) -> None:
         """Keep a value until the system's autopilot is known."""
-        of_system = self._values.setdefault(system_id, {})
-        if value.name not in of_system:
-            if self._count >= MOST_WAITING:
-                return
-            self._count += 1
-        of_system[value.name] = value
+        key = system_id, value.name
+        if key in self._values or len(self._values) < MOST_WAITING:
+            self._values[key] = value
 
     def take(self, system_id: int) -> list[ParameterValue]:
         """What was kept for a system, once."""
-        of_system = self._values.pop(system_id, {})
-        self._count -= len(of_system)
-        return list(of_system.values())
+        keys = [key for key in self._values if key[0] == system_id]
+        return [self._values.pop(key) for key in keys]
 
 
 def owner(sender: VehicleId, autopilots: Iterable[VehicleId]) -> VehicleId | None:

@@ -51,9 +51,8 @@ class Recorder(Closing):
     def __init__(
         self, target: str | Path, *, in_folder: bool = False, max_file_bytes: int = MAX_FILE_BYTES
     ) -> None:
-        self._writer: _Writer = (
-            _FolderWriter(Path(target), max_file_bytes) if in_folder else _Writer(TlogFile(target))
-        )
+        folder = Path(target) if in_folder else None
+        self._writer = _Writer(None if in_folder else TlogFile(target), folder, max_file_bytes)
         self._too_many = 0  # frames for which there was no room
         self._waiting: deque[_Batch] = deque()
         self._waiting_bytes = 0
@@ -121,15 +120,28 @@ def _joined(batches: list[_Batch]) -> _Batch:
 
 
 class _Writer:
-    """Appends to a file; a full disk costs frames. ``lost`` counts them."""
+    """Appends to a tlog, or to the newest one of a folder; a full disk costs frames.
 
-    def __init__(self, file: TlogFile | None) -> None:
-        self.lost = 0
+    Raises:
+        InputError: the folder cannot be made or written.
+    """
+
+    def __init__(self, file: TlogFile | None, folder: Path | None, max_file_bytes: int) -> None:
+        self.lost = 0  # frames
         self.is_damaged = False
-        self._file = file
+        self._file, self._folder, self._max_file_bytes = file, folder, max_file_bytes
+        self._begun_us = 0  # the file in the folder
         self._is_gone = False  # the file was removed or replaced
-        self._is_told = False  # that it is damaged
+        self._is_reported = False  # that it is damaged
         self._retry_us: int | None = None
+        if folder is None:
+            return
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except (OSError, ValueError) as error:
+            raise cannot_record(f"the folder {str(folder)!r}", error) from error
+        if not os.access(folder, os.W_OK | os.X_OK):
+            raise InputError(f"cannot record to the folder {str(folder)!r}: Permission denied")
 
     def write(self, batch: _Batch) -> None:
         """Append the records, unless a failure is too recent."""
@@ -143,20 +155,20 @@ class _Writer:
             self.lost += batch.frames
             if self._retry_us is None:
                 why = getattr(error, "strerror", None) or error
-                _logger.warning("cannot record to %s: %s; the estimate goes on", self._name, why)
+                _logger.warning("cannot record to %s: %s; the estimate goes on", self._path, why)
             self._retry_us = batch.arrival_us + RETRY_US
             return
         if self._retry_us is not None:
             self._retry_us = None
-            _logger.warning("recording to %s again; %d frames are missing", self._name, self.lost)
+            _logger.warning("recording to %s again; %d frames are missing", self._path, self.lost)
 
     def look(self) -> None:
         """Notice what another program has done to the file."""
         if self._file is not None and (what := self._file.damage()):
-            if not self._is_told:
+            if not self._is_reported:
                 text = "%s was %s by another program: the recording is not whole"
-                _logger.warning(text, self._name, what)
-            self.is_damaged = self._is_told = True
+                _logger.warning(text, self._path, what)
+            self.is_damaged = self._is_reported = True
             self._is_gone = what in ("removed", "replaced")
 
     def close(self) -> None:
@@ -165,69 +177,40 @@ class _Writer:
             self._file.close()
 
     @property
-    def _name(self) -> str:
-        return "?" if self._file is None else str(self._file.path)
-
-    def _prepared(self, _arrival_us: int) -> TlogFile:
-        """The file; a new one of the same name where somebody has taken the old one away."""
-        self.look()
-        assert self._file is not None
-        if self._is_gone:
-            self._change_to(TlogFile(self._file.path))
-        return self._file
-
-    def _change_to(self, file: TlogFile) -> None:
-        if self._file is not None:
-            self._file.close()
-        self._file, self._is_gone, self._is_told = file, False, False
-
-
-class _FolderWriter(_Writer):
-    """Appends to the newest tlog of a folder, and begins the next one when it is time for it.
-
-    Raises:
-        InputError: the folder cannot be made or written.
-    """
-
-    def __init__(self, folder: Path, max_file_bytes: int) -> None:
-        super().__init__(None)
-        self._folder = folder
-        self._max_file_bytes = max_file_bytes
-        self._begun_us = 0
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except (OSError, ValueError) as error:
-            raise cannot_record(f"the folder {str(folder)!r}", error) from error
-        if not os.access(folder, os.W_OK | os.X_OK):
-            raise InputError(f"cannot record to the folder {str(folder)!r}: Permission denied")
-
-    @property
-    def _name(self) -> str:
-        return str(self._folder if self._file is None else self._file.path)
+    def _path(self) -> Path | None:
+        return self._folder if self._file is None else self._file.path
 
     def _prepared(self, arrival_us: int) -> TlogFile:
-        """A new file if it is time for one, or the old one where none can be made."""
+        """The file; a new one where it was taken away, or where a folder's is long enough."""
         self.look()
         file = self._file
-        is_over = file is not None and (
-            file.written >= self._max_file_bytes or abs(arrival_us - self._begun_us) >= MAX_FILE_US
-        )
-        if file is not None and not is_over and not self._is_gone:
+        if file is not None and not self._is_gone and not self._is_over(file, arrival_us):
             return file
-        with suppress(OSError):  # it may have gone with its folder
-            self._folder.mkdir(parents=True, exist_ok=True)
+        if self._folder is not None:
+            with suppress(OSError):  # it may have gone with its folder
+                self._folder.mkdir(parents=True, exist_ok=True)
         try:
-            following = TlogFile(self._free_path(arrival_us))
+            following = TlogFile(self._following_path(arrival_us))
         except InputError as error:
             if file is None or self._is_gone:
                 raise
             _logger.warning("%s; going on in %s", error, file.path)
         else:
-            self._change_to(file := following)
+            self.close()
+            self._file, self._is_gone, self._is_reported = following, False, False
+            file = following
         self._begun_us = arrival_us
         return file
 
-    def _free_path(self, arrival_us: int) -> Path:
+    def _is_over(self, file: TlogFile, arrival_us: int) -> bool:
+        is_long = abs(arrival_us - self._begun_us) >= MAX_FILE_US
+        return self._folder is not None and (is_long or file.written >= self._max_file_bytes)
+
+    def _following_path(self, arrival_us: int) -> Path:
+        """Where to go on: in the file that was, or in a folder's file of that time."""
+        if self._folder is None:
+            assert self._file is not None
+            return self._file.path
         start = datetime.fromtimestamp(arrival_us / 1e6, UTC).strftime("%Y%m%dT%H%M%SZ")
         path, number = self._folder / f"{start}.tlog", 1
         with suppress(OSError):  # whoever opens it reports what else is wrong

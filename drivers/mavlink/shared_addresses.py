@@ -8,7 +8,7 @@ Source: https://mavlink.io/en/guide/serialization.html#packet_format
 from collections import Counter
 
 from drivers.events import Notice
-from drivers.mavlink.framing import MAGIC_V2, Frame
+from drivers.mavlink.framing import Frame
 
 # Frames are looked at for the first 2 s of every 10: two senders stay two.
 EVERY_US = 10_000_000
@@ -83,7 +83,7 @@ class SharedAddresses:
 
     def _take(self, peer: str, frame: Frame, now_us: int) -> Notice | None:
         data, address = frame.data, (frame.system_id, frame.component_id)
-        number = data[4] if data[0] == MAGIC_V2 else data[2]
+        number = frame.sequence
         counters = self._counters.get((peer, *address))
         if counters is None:
             if len(self._counters) < MOST_ADDRESSES:

@@ -51,15 +51,12 @@ def state_path() -> Path:
     """Where the stamps are kept: ``$XDG_STATE_HOME/fuzzbee/signing.json``."""
     base = Path(os.environ.get("XDG_STATE_HOME", ""))
     if not base.is_absolute():  # nothing of the current folder's counts
-        base = _home() / ".local" / "state"
+        try:
+            base = Path.home() / ".local" / "state"
+        except RuntimeError:
+            text = "signing: no home directory for the stamps: set XDG_STATE_HOME"
+            raise InputError(text) from None
     return base / "fuzzbee" / "signing.json"
-
-
-def _home() -> Path:
-    try:
-        return Path.home()
-    except RuntimeError:
-        raise InputError("signing: no home directory for the stamps: set XDG_STATE_HOME") from None
 
 
 class Heard(NamedTuple):
@@ -154,13 +151,8 @@ class SigningCheck:
         stamps = Stamps(self._stamps_ahead(floor), self._kept.ours, floor)
         if any(self._is_new(stream, now) for stream in fresh):
             self._keep(stamps)
-            return
-
-        def work() -> Stamps:
-            self._write(stamps)
-            return stamps
-
-        self._writing = aside(work, "signing stamps")
+        else:
+            self._writing = aside(lambda: self._write(stamps), "signing stamps")
 
     def _is_due(self, stream: Stream, now: int) -> bool:
         """Whether the file has to be written anew: half-way to the stamp that it keeps."""
@@ -239,10 +231,9 @@ class SigningCheck:
             self._writing = None
 
     def _keep(self, stamps: Stamps) -> None:
-        self._kept = stamps
-        self._write(stamps)
+        self._kept = self._write(stamps)
 
-    def _write(self, stamps: Stamps) -> None:
+    def _write(self, stamps: Stamps) -> Stamps:
         try:
             _write(self._file, self._add_others(stamps))
         except (OSError, InputError) as error:
@@ -255,6 +246,7 @@ class SigningCheck:
             self._is_failing = True
         else:
             self._is_failing = False
+        return stamps
 
     def _add_others(self, stamps: Stamps) -> Stamps:
         """And of the streams not heard here what another process may have kept."""
@@ -275,9 +267,11 @@ def _ticks(unix_us: int) -> int:
 def _read(file: Path) -> Stamps:
     try:
         content = json.loads(file.read_text("utf-8"))
-        ours = _check_ticks(content.pop(OURS, 0))
-        floor = _check_ticks(content.pop(FLOOR, 0))
-        stamps = {_parse_stream(name): _parse_heard(values) for name, values in content.items()}
+        ours, floor = (_checked(content.pop(name, 0)) for name in (OURS, FLOOR))
+        stamps = {
+            _stream(name): Heard(_checked(ticks), int(lag))
+            for name, (ticks, lag) in content.items()
+        }
     except FileNotFoundError:
         return Stamps({}, 0)
     except OSError as error:
@@ -289,20 +283,15 @@ def _read(file: Path) -> Stamps:
     return Stamps(stamps, ours, floor)
 
 
-def _parse_stream(name: str) -> Stream:
-    system, component, link = (int(part) for part in name.split("-"))
-    return system, component, link
-
-
-def _parse_heard(values: list[int]) -> Heard:
-    ticks, lag = values
-    return Heard(_check_ticks(ticks), int(lag))
-
-
-def _check_ticks(ticks: int) -> int:
+def _checked(ticks: int) -> int:
     if not 0 <= int(ticks) < LARGEST_TICKS:
         raise ValueError(ticks)
     return int(ticks)
+
+
+def _stream(name: str) -> Stream:
+    system, component, link = (int(part) for part in name.split("-"))
+    return system, component, link
 
 
 def _write(file: Path, stamps: Stamps) -> None:

@@ -176,7 +176,9 @@ class ClockLine:
         None where they may just be late.
         """
         back_us = first.arrival_us - last.arrival_us - (first.boot_us - last.boot_us)
-        if back_us < LEAST_BACK_US or (self.hears_arrivals and not self.pace.is_steady):
+        is_young = self.counts_from_boot and first.boot_us - self.wrapped_us <= BOOT_US
+        is_sure = is_young or not self.hears_arrivals or self.pace.is_steady
+        if back_us < LEAST_BACK_US or not is_sure:
             return None
         self.boot_us, self.arrival_us = last
         self.read_us, self.leap_us = now.boot_us, min(self.leap_us, back_us // 2)
@@ -189,8 +191,9 @@ class ClockLine:
             since_us, most_us = new.boot_us - began.boot_us, JUMP_US
             if self._is_steady():
                 most_us = LEAP_US
-            if 0 < since_us <= max(new.arrival_us - began.arrival_us, 0) + most_us:
-                return self._reset(began, new)
+            if 0 <= since_us <= max(new.arrival_us - began.arrival_us, 0) + most_us:
+                # another message of the same moment confirms nothing
+                return self._reset(began, new) if since_us else Reason.CLOCK_STEP
             self.pace.steady_seconds = 0  # it may be the clock that is not
         self.candidate = new
         return Reason.CLOCK_STEP
@@ -199,7 +202,8 @@ class ClockLine:
         step_us = began.boot_us - self.boot_us
         elapsed_us = max(began.arrival_us - self.arrival_us, 0)
         is_near_zero = 0 <= began.boot_us - self.wrapped_us <= elapsed_us + BOOT_US
-        is_boot = self.counts_from_boot and step_us < -REORDERED_US and is_near_zero
+        is_back = step_us < (-REORDERED_US if self._is_steady() else 0)
+        is_boot = self.counts_from_boot and is_back and is_near_zero
         goes_on = not is_boot and self._is_steady() and abs(step_us - elapsed_us) < LONGEST_LEAP_US
         if not goes_on:
             self.beside = Moment(self.boot_us, self.arrival_us)
@@ -243,18 +247,14 @@ class ClockLine:
     def _is_steady(self) -> bool:
         return self.hears_arrivals and self.pace.is_steady
 
-    def _is_off_line(self, boot_us: int, arrival_us: int) -> bool:
-        """Whether a message does not go on with this line at its pace."""
-        step_us, here_us = boot_us - self.boot_us, arrival_us - self.arrival_us
-        if 0 < step_us <= BESIDE_US:
-            return False
-        return 0 <= here_us < ALIVE_US and abs(step_us - here_us) >= BESIDE_US
-
     def _goes_on_beside(self, beside: Moment, boot_us: int, arrival_us: int) -> bool:
         """Whether a message goes on with another line that keeps this one's pace, not with this."""
         step_us, elapsed_us = boot_us - beside.boot_us, arrival_us - beside.arrival_us
-        goes_on = step_us > 0 and abs(step_us - elapsed_us) < BESIDE_US
-        return goes_on and self._is_off_line(boot_us, arrival_us)
+        if step_us <= 0 or abs(step_us - elapsed_us) >= BESIDE_US:
+            return False
+        step_us, elapsed_us = boot_us - self.boot_us, arrival_us - self.arrival_us
+        is_near = 0 < step_us <= BESIDE_US or abs(step_us - elapsed_us) < BESIDE_US
+        return 0 <= elapsed_us < ALIVE_US and not is_near
 
     def _accept(self, boot_us: int, arrival_us: int) -> int | None:
         """Go on to a message; the time that was lost, if the clock keeps time again since that."""

@@ -1,27 +1,25 @@
 """One IMU message of a vehicle: its readings are judged, and become samples in their place."""
 
 import math
-from array import array
+from collections import deque
 from typing import Literal, NamedTuple
 
 import numpy as np
 
 from drivers.events import Event, Imu, Notice, Rejected, TrackLost, VehicleId
-from drivers.samples.clock_line import REORDERED_US
-from drivers.samples.plausibility import AXES_COMPLAINT, Plausibility, imu_refusal, is_field
 from drivers.samples.sensor_faults import SensorFaults
 from drivers.samples.stuck import Readings
 from drivers.samples.vehicle_clock import Placed, TimeField
 from drivers.value import Value
 from estimator.arrays import Bools, Floats, Times
 from estimator.compilation.compiled import compiled, inlined, types_of
+from estimator.live.refusal import ACC_LIMIT_M_S2, RATE_LIMIT_RAD_S
 from estimator.reasons import Reason
-from estimator.types import ZERO_VEC3, ImuSample, Vec3
+from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, ImuSample, Vec3
 
 REPEAT_US = 240_000  # autopilots repeat a 10 Hz field; equal values in a 4 Hz stream are data
 # Of those that may be a clock's that was set back so many wait for it to be sure.
 MOST_HELD = 64
-REMEMBERED = 512  # readings, 1.3 s at 400 Hz: what comes again later is found by the gate
 
 
 class Stamp(NamedTuple):
@@ -54,10 +52,12 @@ class Reading(Value, frozen=True):
 
 
 class RepeatedField:
-    """A slow magnetometer's field: fresh unless it repeats the last within 0.24 s."""
+    """A slow magnetometer's field: fresh unless it repeats the last within 0.24 s.
+
+    ``last`` is the last fresh field (gauss) and its time (us); it may be set.
+    """
 
     def __init__(self) -> None:
-        # the last fresh field (gauss) and its time (us); may be set to go on from there
         self.last: tuple[Vec3, int] = ZERO_VEC3, 0
 
     def is_fresh(self, mag_gauss: Vec3, time_us: int) -> bool:
@@ -110,8 +110,6 @@ class ImuStream:
         self._vehicle, self._name = vehicle, name
         self._repetition = RepeatedField()
         self._field_number = 0  # of the last one that a sample had
-        self._recent = array("q", bytes(8 * REMEMBERED))  # hashes of readings, in turn
-        self._last_us, self._count = 0, 0
         self._plausibility = Plausibility()
         self._faults = SensorFaults()
         # Those that the next ones tell more of: whether the clock began anew or was set back
@@ -129,26 +127,11 @@ class ImuStream:
         refusal = self._faults.refusal(readings, raw_us)
         if refusal is not None:
             return refusal
-        if self._comes_again(raw_us, gyr):
-            return Reason.DUPLICATE
         if self._faults.mag_is_stuck:
             mag = ZERO_VEC3
         if mag is not field.gauss:
             field = Field(mag, field.number)
         return Reading(raw_us, arrival_us, gyr, acc, field)
-
-    def _comes_again(self, raw_us: int, gyr: Vec3) -> bool:
-        """Whether it is a copy, by another way, of a reading that has come; remembers it if not.
-
-        Copies whose originals are missing meanwhile look like a clock that was set back.
-        """
-        key = hash((raw_us, gyr))
-        if 0 < self._last_us - raw_us <= REORDERED_US and key in self._recent:
-            return True
-        self._last_us = raw_us
-        self._recent[self._count % REMEMBERED] = key
-        self._count += 1
-        return False
 
     def place(
         self,
@@ -174,12 +157,12 @@ class ImuStream:
                 else:
                     events.append(self._rejected(each, self._held_for))
         if (blinded := self._faults.take_blindness()) is not None:
-            lost = (blinded.reason, blinded.span_us * 1e-6)
-            events.append(TrackLost(self._vehicle, reading.arrival_us, self._name, *lost))
+            events.append(TrackLost(self._vehicle, reading.arrival_us, self._name, *blinded))
         if self._faults.mag_is_stuck:
             events.append(self._rejected(reading, Reason.MAGNETOMETER_STUCK))
-        at_us = placed.time_us, placed.boot_us
-        return events + self._samples(reading, *at_us, doubts_axes=doubts_axes)
+        return events + self._samples(
+            reading, placed.time_us, placed.boot_us, doubts_axes=doubts_axes
+        )
 
     def end(self) -> list[Event]:
         """Nothing has come that explains those that were held: they are refused."""
@@ -191,16 +174,15 @@ class ImuStream:
         return self._held[0].arrival_us if self._held else reading.arrival_us
 
     def _refuse(self, reading: Reading, reason: Reason) -> list[Event]:
-        is_behind = reason == Reason.OUT_OF_ORDER
-        goes_on = is_behind and self._held and reading.raw_us > self._held[-1].raw_us
-        events: list[Event] = []
-        if not goes_on or reason != self._held_for or len(self._held) >= MOST_HELD:
-            events = self.end()
-        if is_behind or reason == Reason.CLOCK_STEP:
-            self._held_for = reason
-            self._held.append(reading)
-            return events
-        return [*events, self._rejected(reading, reason)]
+        held, is_behind = self._held, reason == Reason.OUT_OF_ORDER
+        goes_on = is_behind and held and reading.raw_us > held[-1].raw_us
+        is_more = goes_on and reason == self._held_for and len(held) < MOST_HELD
+        events = [] if is_more else self.end()
+        if not is_behind and reason != Reason.CLOCK_STEP:
+            return [*events, self._rejected(reading, reason)]
+        self._held_for = reason
+        self._held.append(reading)
+        return events
 
     def _samples(
         self, reading: Reading, time_us: int, boot_us: int, *, doubts_axes: bool
@@ -230,3 +212,98 @@ class ImuStream:
 
     def _rejected(self, reading: Reading, reason: Reason) -> Rejected:
         return Rejected(self._vehicle, reading.arrival_us, reason, self._name)
+
+
+MAG_LIMIT_GAUSS = 8.0  # ten times the Earth's field and more; common magnetometers end there
+LATITUDE_DEG, LONGITUDE_DEG = 90.0, 180.0
+ALTITUDES_M = (-12_000.0, 1_000_000.0)  # from the deepest sea to space
+
+SPACING_US = 200_000  # a window must outlast a flip or a fall, at any rate
+WINDOW_SAMPLES = 50  # magnitudes are judged by their median over this many
+FIRST_LOOK_SAMPLES, LEAST_SAMPLES = 20, 5
+UNIT_LIMIT_GAUSS = 1e6  # no field in another unit, but a number that stands for none
+
+AXES_COMPLAINT = (
+    "accelerometer z is positive: upside down, or axes other than FRD. If it stands level, write "
+    "into the profile: [mounting] acc_sign = -1 (or rotation_deg = [180, 0, 0] if y and z of the "
+    "gyroscope are the other way round, too)"
+)
+
+
+WRONG_UNIT = "wrong unit or scale?"
+# Where a median usually is, and what to report of another
+USUAL: dict[str, tuple[float, float, str]] = {
+    "force": (0.5, 2.0, f"accelerometer reads {{:.3g}} g, expected about 1 g: {WRONG_UNIT}"),
+    # z, which is about -1 g where axes are FRD
+    "axes": (-math.inf, 0.5, AXES_COMPLAINT),
+    # the range of common MEMS gyroscopes
+    "rate": (0.0, 2000.0, f"gyroscope reads {{:.3g}} deg/s: {WRONG_UNIT}"),
+    # the Earth's is 0.25 to 0.65; scale and hard iron are often off
+    "field": (0.05, 5.0, f"magnetometer reads {{:.3g}} gauss, expected about 0.5: {WRONG_UNIT}"),
+}
+
+
+def imu_refusal(gyr_rad_s: Vec3, acc_m_s2: Vec3) -> Reason | None:
+    """Why a reading is no data whatever came before it; None if it is."""
+    if not all(map(math.isfinite, gyr_rad_s + acc_m_s2)):
+        return Reason.NOT_FINITE
+    if not _is_below(gyr_rad_s, RATE_LIMIT_RAD_S):
+        return Reason.GYROSCOPE_OUT_OF_RANGE
+    if not _is_below(acc_m_s2, ACC_LIMIT_M_S2):
+        return Reason.ACCELEROMETER_OUT_OF_RANGE
+    return Reason.ZERO_ACCELEROMETER if acc_m_s2 == ZERO_VEC3 else None
+
+
+def is_field(mag_gauss: Vec3) -> bool:
+    """Whether a finite reading can be one of a magnetometer."""
+    return _is_below(mag_gauss, MAG_LIMIT_GAUSS)
+
+
+def is_place(position: Vec3) -> bool:
+    """Whether latitude and longitude (degrees) and altitude (m) are those of a place."""
+    latitude_deg, longitude_deg, altitude_m = position
+    is_on_earth = abs(latitude_deg) <= LATITUDE_DEG and abs(longitude_deg) <= LONGITUDE_DEG
+    return is_on_earth and ALTITUDES_M[0] <= altitude_m <= ALTITUDES_M[1]
+
+
+def _is_below(vector: Vec3, most: float) -> bool:
+    x, y, z = vector
+    return -most <= x <= most and -most <= y <= most and -most <= z <= most
+
+
+class Plausibility:
+    """Says once, in words, when an IMU's magnitudes cannot be right."""
+
+    def __init__(self) -> None:
+        # the latest of each, of which the median counts
+        self._latest = {name: deque[float](maxlen=WINDOW_SAMPLES) for name in USUAL}
+        self._seen = 0
+        self._next_us = 0  # when to look next
+        self._told: set[str] = set()
+
+    def look(self, sample: ImuSample, field: Vec3 | None, *, doubts_axes: bool) -> list[str]:
+        """New complaints about the stream, each given once; usually none.
+
+        ``field`` is the new magnetic field beside the sample, used or refused. ``doubts_axes``:
+        the sender is not known for sending FRD.
+        """
+        if 0 <= self._next_us - sample.time_us <= SPACING_US:
+            return []
+        self._next_us = sample.time_us + SPACING_US
+        latest, acc = self._latest, sample.acc_m_s2
+        latest["force"].append(math.hypot(*acc) / STANDARD_GRAVITY_M_S2)
+        latest["axes"].append(acc[2] / STANDARD_GRAVITY_M_S2)
+        latest["rate"].append(math.degrees(math.hypot(*sample.gyr_rad_s)))
+        if field is not None and _is_below(field, UNIT_LIMIT_GAUSS):
+            latest["field"].append(math.hypot(*field))
+        self._seen += 1
+        if self._seen % WINDOW_SAMPLES != 0 and self._seen != FIRST_LOOK_SAMPLES:
+            return []
+        new: list[str] = []
+        for name, (low, high, complaint) in USUAL.items():
+            values = sorted(latest[name])
+            is_judged = len(values) >= LEAST_SAMPLES and (doubts_axes or name != "axes")
+            if is_judged and not low <= (median := values[len(values) // 2]) < high:
+                new += [] if name in self._told else [complaint.format(median)]
+                self._told.add(name)
+        return new

@@ -19,19 +19,19 @@ from drivers.events import (
     VehicleId,
     Velocity,
 )
-from drivers.samples.attitudes import Source, UnstampedAttitudes
-from drivers.samples.imu_stream import Field, ImuStream, Stamp
+from drivers.samples.imu_stream import Field, ImuStream, Stamp, is_place
 from drivers.samples.navigation import (
     Fix,
     Navigation,
+    Source,
+    UnstampedAttitudes,
     filter_status,
     is_receiver,
     velocity_sample,
 )
-from drivers.samples.plausibility import is_place
 from drivers.samples.vehicle_clock import Placed, VehicleClock
 from estimator.reasons import Reason
-from estimator.types import Quaternion, RateSample, Vec3, VelocitySample
+from estimator.types import Quaternion, RateSample, Vec3
 
 MOST_STREAMS = 16  # IMUs of one vehicle; real ones have three, and four messages for them
 # Where nobody shows attitudes of others, so many are enough to compare ours with.
@@ -104,14 +104,13 @@ class Intake:
         rate_rad_s: Vec3 | None = None,
     ) -> list[Event]:
         """Somebody's attitude, None for one that is no rotation, with the body rates beside it."""
-        placed = None if q_ned_frd is None else self._place(name, stamp)
-        if placed is None or q_ned_frd is None:
+        time_us, events = (None, []) if q_ned_frd is None else self._place(name, stamp)
+        if time_us is None or q_ned_frd is None:
             return []
-        vehicle, arrival_us, time_us = self.vehicle, stamp.arrival_us, placed.time_us
-        events = self._resets(placed, arrival_us)
-        events.append(ReferenceAttitude(vehicle, arrival_us, time_us, source, name, q_ned_frd))
+        about = self.vehicle, stamp.arrival_us
+        events.append(ReferenceAttitude(*about, time_us, source, name, q_ned_frd))
         if rate_rad_s is not None:
-            events.append(BodyRates(vehicle, arrival_us, name, RateSample(time_us, rate_rad_s)))
+            events.append(BodyRates(*about, name, RateSample(time_us, rate_rad_s)))
         return events
 
     def wants_attitude(self, arrival_us: int) -> bool:
@@ -139,11 +138,10 @@ class Intake:
 
         ``sample_at`` makes the sample of its time (us) on the vehicle's continuous clock.
         """
-        placed = self._place(name, stamp)
-        if placed is None:
-            return []
-        event = kind(self.vehicle, stamp.arrival_us, name, sample_at(placed.time_us))
-        return [*self._resets(placed, stamp.arrival_us), event]
+        time_us, events = self._place(name, stamp)
+        if time_us is not None:
+            events.append(kind(self.vehicle, stamp.arrival_us, name, sample_at(time_us)))
+        return events
 
     def unstamped(
         self, name: str, arrival_us: int, source: Source, q_ned_frd: Quaternion | None
@@ -169,34 +167,35 @@ class Intake:
 
         An autopilot's filter is believed as far as it believes itself.
         """
-        placed = self._place(name, stamp) if fix.is_solved else None
-        if placed is None:
+        time_us, events = self._place(name, stamp) if fix.is_solved else (None, [])
+        if time_us is None:
             return []
-        arrival_us, time_us = stamp.arrival_us, placed.time_us
-        events = self._resets(placed, arrival_us)
+        arrival_us = stamp.arrival_us
         place, velocity = fix.position, velocity_sample(name, fix, time_us)
         if place is not None and all(map(math.isfinite, place)):
             if not is_place(place):
                 events.append(Rejected(self.vehicle, arrival_us, Reason.POSITION_OUT_OF_RANGE))
             elif is_receiver(name) or self.navigation.believes_place(*place[:2], arrival_us):
                 events.append(Position(self.vehicle, arrival_us, time_us, name, *place))
-        if velocity is not None and not is_receiver(name):
-            velocity = self._believed(velocity, arrival_us)
         if velocity is not None:
-            events.append(Velocity(self.vehicle, arrival_us, name, velocity))
+            sigma_m_s: float | None = velocity.sigma_m_s
+            if not is_receiver(name):
+                sigma_m_s = self.navigation.velocity_sigma_m_s(velocity.sigma_m_s, arrival_us)
+            if sigma_m_s is not None:
+                velocity = velocity._replace(sigma_m_s=sigma_m_s)
+                events.append(Velocity(self.vehicle, arrival_us, name, velocity))
         return events
-
-    def _believed(self, sample: VelocitySample, arrival_us: int) -> VelocitySample | None:
-        sigma_m_s = self.navigation.velocity_sigma_m_s(sample.sigma_m_s, arrival_us)
-        return None if sigma_m_s is None else sample._replace(sigma_m_s=sigma_m_s)
 
     def _heard(self, stamp: Stamp) -> int:
         """What tells a gap from a leap of the clock."""
         return stamp.arrival_us if self._log_time is None else self._log_time(stamp.raw_us)
 
-    def _place(self, name: str, stamp: Stamp) -> Placed | None:
+    def _place(self, name: str, stamp: Stamp) -> tuple[int | None, list[Event]]:
+        """The time of a message beside the IMU's, None without one, and the resets it shows."""
         placed = self.clock.other(name, stamp.clock, stamp.raw_us, self._heard(stamp))
-        return None if isinstance(placed, Reason) else placed
+        if isinstance(placed, Reason):
+            return None, []
+        return placed.time_us, self._resets(placed, stamp.arrival_us)
 
     def _resets(self, placed: Placed | Reason, arrival_us: int) -> list[Event]:
         reset = None if isinstance(placed, Reason) else placed.reset

@@ -1,4 +1,4 @@
-"""How far a vehicle's word on its place and its velocity is believed.
+"""What others know of a vehicle: attitudes, and how far its place and velocity are believed.
 
 Autopilots send what their navigation filter has even while it has nothing: before the first
 fix ArduPlane reports a place a few metres from (0, 0), and without satellites its velocity
@@ -7,11 +7,12 @@ whether it has a fix. A filter is believed as far as it believes itself; one tha
 anything of itself is believed as it stands.
 """
 
-from math import hypot, isfinite
-from typing import NamedTuple
+from math import hypot, isfinite, sqrt
+from typing import Literal, NamedTuple
 
-from drivers.events import FilterStatus, VehicleId
-from estimator.types import Vec3, VelocitySample
+from drivers.events import Event, FilterStatus, ReferenceAttitude, VehicleId
+from estimator.geometry.frames import from_euler_rad
+from estimator.types import Quaternion, Vec3, VelocitySample
 
 # Of messages that report the same, the one to prefer. They are never mixed: velocities differ in
 # errors and delays, and a change of source looks like an acceleration.
@@ -80,8 +81,7 @@ def velocity_sample(message: str, fix: Fix, time_us: int) -> VelocitySample | No
         return None
     late_sigma_s = RECEIVER_LATE_SIGMA_S if is_receiver(message) else 0.0
     if sigma_m_s is None:
-        typical = RECEIVER_VELOCITY_SIGMA_M_S if late_sigma_s else FILTER_VELOCITY_SIGMA_M_S
-        sigma_m_s = typical
+        sigma_m_s = RECEIVER_VELOCITY_SIGMA_M_S if late_sigma_s else FILTER_VELOCITY_SIGMA_M_S
     if not isfinite(sigma_m_s):
         return None
     return VelocitySample(time_us, velocity, fix.has_vertical, sigma_m_s, late_sigma_s)
@@ -138,11 +138,6 @@ class Said(NamedTuple):
         return abs(now_us - self.arrival_us) <= WORD_HOLDS_US
 
 
-def is_nowhere(latitude_deg: float, longitude_deg: float) -> bool:
-    """Whether a place is so near to (0, 0) that it is none, in all likelihood."""
-    return METRES_A_DEGREE * hypot(latitude_deg, longitude_deg) < NOWHERE_M
-
-
 class Navigation:
     """The last words of one vehicle's receiver and filter; times are those of arrival."""
 
@@ -184,6 +179,79 @@ class Navigation:
         has_status = place is not None and place.holds(arrival_us)
         if has_status and place is not None and place.is_so:
             return True
-        if is_nowhere(latitude_deg, longitude_deg):
+        if METRES_A_DEGREE * hypot(latitude_deg, longitude_deg) < NOWHERE_M:
             return False
         return fix.is_so if fix is not None and fix.holds(arrival_us) else not has_status
+
+
+UNIT_NORM_TOLERANCE = 0.05  # quaternions further from unit length are not attitudes
+SAME_BURST_US = 2_000  # messages that are sent together arrive together
+MOST_WAITING = 16
+
+Source = Literal["autopilot", "sim"]
+
+
+def quaternion_from_euler(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Quaternion | None:
+    """q_ned_frd of aerospace angles (yaw, then pitch, then roll), or None if one is not finite."""
+    angles = roll_rad, pitch_rad, yaw_rad
+    return from_euler_rad(*angles) if all(map(isfinite, angles)) else None
+
+
+def unit_or_none(q: Quaternion) -> Quaternion | None:
+    """``q`` at unit length, or None if it is not close to that already (or not finite)."""
+    w, x, y, z = q
+    norm = sqrt(w * w + x * x + y * y + z * z)
+    if not abs(norm - 1.0) <= UNIT_NORM_TOLERANCE:  # also refuses NaN
+        return None
+    return (w / norm, x / norm, y / norm, z / norm)
+
+
+class UnstampedAttitudes:
+    """Gives each the time of the IMU message before it.
+
+    A simulator's may as well have been sent right before its IMU message: unless it comes right
+    behind one, it waits for the next, and belongs to that if both come together. A second one of
+    the same IMU message is left out: its own was lost.
+    """
+
+    def __init__(self, vehicle: VehicleId) -> None:
+        self._vehicle = vehicle
+        self._last: tuple[int, int] | None = None  # time and arrival of the latest IMU sample
+        self._waiting: list[tuple[str, int, Quaternion]] = []
+        self._given_us: dict[str, int] = {}  # the time that each message has had last
+
+    def imu(self, time_us: int, arrival_us: int) -> list[Event]:
+        """A sample has come; the attitudes that have waited for it."""
+        before_us, _ = (time_us, 0) if self._last is None else self._last
+        events: list[Event] = []
+        for name, heard_us, q_ned_frd in self._waiting:
+            is_next = abs(arrival_us - heard_us) <= SAME_BURST_US
+            events += self._at(time_us if is_next else before_us, name, heard_us, "sim", q_ned_frd)
+        self._waiting.clear()
+        self._last = time_us, arrival_us
+        return events
+
+    def end(self) -> list[Event]:
+        """No sample comes any more; the attitudes that have waited belong to the last."""
+        return [] if self._last is None else self.imu(*self._last)
+
+    def attitude(
+        self, name: str, arrival_us: int, source: Source, q_ned_frd: Quaternion
+    ) -> list[Event]:
+        """An attitude has come; nothing if it has to wait, or belongs to no sample."""
+        if self._last is None:
+            return []
+        time_us, heard_us = self._last
+        if source == "autopilot" or arrival_us - heard_us <= SAME_BURST_US:
+            return self._at(time_us, name, arrival_us, source, q_ned_frd)
+        if len(self._waiting) < MOST_WAITING:
+            self._waiting.append((name, arrival_us, q_ned_frd))
+        return []
+
+    def _at(
+        self, time_us: int, name: str, arrival_us: int, source: Source, q_ned_frd: Quaternion
+    ) -> list[Event]:
+        if self._given_us.get(name, time_us - 1) >= time_us:
+            return []
+        self._given_us[name] = time_us
+        return [ReferenceAttitude(self._vehicle, arrival_us, time_us, source, name, q_ned_frd)]

@@ -1,7 +1,6 @@
 """Readings that look like data and are none: of sensors that are stuck, at their end, or leap."""
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 from drivers.samples.stuck import (
     MICROSECOND,
@@ -14,17 +13,14 @@ from drivers.samples.stuck import (
 )
 from estimator.geometry.quaternion import subtract
 from estimator.reasons import Reason
-from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec3
+from estimator.types import STANDARD_GRAVITY_M_S2 as G
+from estimator.types import ZERO_VEC3, Vec3
 
 # While readings are refused for one of these the vehicle may turn unseen, and the first of them
 # were believed, until the fault showed.
-BLINDING = frozenset(
-    {
-        Reason.STUCK,
-        Reason.GYROSCOPE_STUCK,
-        Reason.ACCELEROMETER_STUCK,
-        Reason.GYROSCOPE_SATURATED,
-    }
+BLINDING = (
+    *(Reason.STUCK, Reason.GYROSCOPE_STUCK),
+    *(Reason.ACCELEROMETER_STUCK, Reason.GYROSCOPE_SATURATED),
 )
 BLIND_US = 30_000  # from the first refused reading on
 RAIL_SAMPLES = 4  # equal large values
@@ -32,13 +28,6 @@ LONGEST_STEP_S = 0.05  # over a longer one a wrapped value and a fast change loo
 # No vehicle changes its rate faster.
 RATE_STEP_RAD_S = 10.0
 RATE_STEP_RAD_S2 = 500.0
-
-
-class Blindness(NamedTuple):
-    """A stretch of refused readings: why, and for how long."""
-
-    reason: Reason
-    span_us: int
 
 
 @dataclass(slots=True)
@@ -107,23 +96,18 @@ class RangeEnd:
         return self.wraps[axis] != 0
 
 
-def gyroscope_end() -> RangeEnd:
-    """Of common ones ranges begin at 250 deg/s; no more than 4000 deg/s are sold."""
-    return RangeEnd(4.3, 32.767, 70.0, RATE_STEP_RAD_S, RATE_STEP_RAD_S2)
-
-
-def accelerometer_end() -> RangeEnd:
-    """Of common ones ranges begin at 4 g; a shock may change it by 10 g between two readings."""
-    g = STANDARD_GRAVITY_M_S2
-    return RangeEnd(3.9 * g, 32.767 * g, 41.0 * g, 10.0 * g)
+# Of common gyroscopes ranges begin at 250 deg/s, and no more than 4000 deg/s are sold; of common
+# accelerometers at 4 g, and a shock may change it by 10 g between two readings.
+GYROSCOPE_END = (4.3, 32.767, 70.0, RATE_STEP_RAD_S, RATE_STEP_RAD_S2)
+ACCELEROMETER_END = (3.9 * G, 32.767 * G, 41.0 * G, 10.0 * G)
 
 
 @dataclass(slots=True)
 class SensorFaults:
     """Follows one IMU stream and finds the faults of its sensors."""
 
-    gyr_end: RangeEnd = field(default_factory=gyroscope_end)
-    acc_end: RangeEnd = field(default_factory=accelerometer_end)
+    gyr_end: RangeEnd = field(default_factory=lambda: RangeEnd(*GYROSCOPE_END))
+    acc_end: RangeEnd = field(default_factory=lambda: RangeEnd(*ACCELEROMETER_END))
     stuck: StuckImu = field(default_factory=StuckImu)
     mag: StuckField = field(default_factory=StuckField)
     last: Readings = NOTHING
@@ -132,12 +116,16 @@ class SensorFaults:
     good_us: int = 0
     blinding: Reason | None = None  # why and since when the vehicle may turn unseen
     blinding_us: int = 0
-    blinded: Blindness | None = None  # the last such stretch
+    blinded: tuple[Reason, float] | None = None  # why the last such stretch, and s
 
     def refusal(self, readings: Readings, raw_us: int) -> Reason | None:
         """Why a reading at ``raw_us`` on the vehicle's clock is no data; None if it is."""
         step_us = raw_us - self.last_us
-        why = self._saturation(readings, MICROSECOND * step_us)
+        why: Reason | None = None
+        if self.gyr_end.is_reached(readings.gyr_rad_s, MICROSECOND * step_us):
+            why = Reason.GYROSCOPE_SATURATED
+        if self.acc_end.is_reached(readings.acc_m_s2, MICROSECOND * step_us):
+            why = Reason.ACCELEROMETER_SATURATED
         if why is None:
             why = self.stuck.refusal(readings, self.last, raw_us)
         if why is None and self.gyr_end.is_large and self._is_spike(readings.gyr_rad_s, raw_us):
@@ -147,26 +135,23 @@ class SensorFaults:
         if why is None:
             self.good_gyr, self.good_us = readings.gyr_rad_s, raw_us
             if self.blinding is not None:
-                self._see_again(self.blinding, raw_us)
+                span_us = raw_us - self.blinding_us
+                if span_us >= BLIND_US or span_us < 0:  # or the clock began anew
+                    self.blinded = self.blinding, MICROSECOND * max(span_us, 0)
+                self.blinding = None
         elif self.blinding is None and why in BLINDING:
             self.blinding, self.blinding_us = why, raw_us
         return why
 
-    def take_blindness(self) -> Blindness | None:
-        """The stretch that ended with this reading, if it hides a rotation; given once."""
+    def take_blindness(self) -> tuple[Reason, float] | None:
+        """Why, and for how many s, if this reading ended a stretch that hides a rotation; once."""
         blinded, self.blinded = self.blinded, None
         return blinded
 
     @property
     def mag_is_stuck(self) -> bool:
         """Whether the field of the last reading has not followed the vehicle's turning."""
-        return self.mag.is_stuck
-
-    def _saturation(self, readings: Readings, step_s: float) -> Reason | None:
-        gyr_is_at_end = self.gyr_end.is_reached(readings.gyr_rad_s, step_s)
-        if self.acc_end.is_reached(readings.acc_m_s2, step_s):
-            return Reason.ACCELEROMETER_SATURATED
-        return Reason.GYROSCOPE_SATURATED if gyr_is_at_end else None
+        return self.mag.mag.is_proven
 
     def _is_spike(self, gyr: Vec3, raw_us: int) -> bool:
         """Whether the rate leapt away from the last good one, and the reading before did not."""
@@ -179,10 +164,3 @@ class SensorFaults:
         off = subtract(gyr, self.last.gyr_rad_s)
         # an axis that agrees to the last digit is at the end of its range, and no witness
         return largest(off) > limit or 0.0 in off
-
-    def _see_again(self, reason: Reason, raw_us: int) -> None:
-        """A good reading ends the stretch in which the vehicle may have turned unseen."""
-        span_us = raw_us - self.blinding_us
-        if span_us >= BLIND_US or span_us < 0:  # or the clock began anew
-            self.blinded = Blindness(reason, max(span_us, 0))
-        self.blinding = None

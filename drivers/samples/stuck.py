@@ -35,6 +35,7 @@ MOVING_GYR_RAD_S = 0.05
 MOVING_ACC_M_S2 = 0.5
 MOVING_RAD = 0.1
 TOLD_RAD = 0.05  # a turn so far is told from noise
+CONFIRMS_RAD = 0.25  # nearer than that to where the rate says, and half the way: it has turned so
 NOISY_SAMPLES = 50  # that many changes before prove that a sensor has noise
 STUCK_SAMPLES = 20  # equal readings
 STUCK_US = 500_000
@@ -134,8 +135,10 @@ class StuckImu:
             self.field_gauss, self.field_us = mag, raw_us
             if not (gyr_equal or acc_equal):  # nearly always
                 return None
-        if acc_equal:
-            self._turn_force(now, step_us)
+        if acc_equal and largest(gyr) > MOVING_GYR_RAD_S and not carries_weight(acc, gyr):
+            # the repeated force turns as the gyroscope says (dv/dt = v x w), but in a steady turn
+            step_s = min(max(MICROSECOND * step_us, 0.0), LONGEST_STEP_S)
+            self.turned = vector_after_turn(self.turned, gyr, step_s)
         return self._judge(now, raw_us)
 
     def _judge(self, now: Readings, raw_us: int) -> Reason | None:
@@ -157,16 +160,6 @@ class StuckImu:
         is_over = lasts_us > HELD_US or (gyr.equal >= STUCK_SAMPLES and lasts_us >= STUCK_US)
         return Reason.REPEATED if is_unlikely and not is_over else None
 
-    def _turn_force(self, now: Readings, step_us: int) -> None:
-        """Turn the repeated specific force as the gyroscope says (dv/dt = v x w).
-
-        In a steady turn it stays as it is.
-        """
-        gyr, acc, _ = now
-        if largest(gyr) > MOVING_GYR_RAD_S and not carries_weight(acc, gyr):
-            step_s = min(max(MICROSECOND * step_us, 0.0), LONGEST_STEP_S)
-            self.turned = vector_after_turn(self.turned, gyr, step_s)
-
     def _repeats_untruly(self, now: Readings, raw_us: int) -> bool:
         """Whether what gyroscope and accelerometer repeat cannot be true."""
         gyr, acc, mag = now
@@ -181,12 +174,17 @@ class StuckImu:
         return raw_us - self.both.begin_us >= STEADY_US
 
     def _field_contradicts(self, now: Readings, raw_us: int) -> bool:
-        """Whether the field of a reading is not where the repeated rate has turned it."""
+        """Whether the field of a reading is not where the repeated rate has turned it.
+
+        Well on its way it is watched from here on.
+        """
+        before, gyr = self.field_gauss, now.gyr_rad_s
         span_s = MICROSECOND * max(raw_us - self.field_us, 0)  # the clock may have begun anew
-        contradicts, is_far = field_contradicts(
-            self.field_gauss, now.mag_gauss, now.gyr_rad_s, span_s
-        )
-        if is_far and not contradicts:
+        expected = vector_after_turn(before, gyr, span_s)
+        way = norm(subtract(expected, before)) / norm(before)
+        off = norm(subtract(expected, now.mag_gauss)) / norm(before)
+        contradicts = off > max(FIELD_OFF + FIELD_LATE_S * norm(gyr), FIELD_OFF_SHARE * way)
+        if way >= FIELD_WAY and not contradicts:
             self.field_gauss, self.field_us = now.mag_gauss, raw_us
         return contradicts
 
@@ -202,7 +200,8 @@ class StuckImu:
         for before, after in ((begin.acc_m_s2, acc), mags):
             expected = vector_after_turn(before, gyr, span_s)
             way_rad = apart_rad(before, vector_after_turn(before, gyr, half_s))
-            if way_rad >= TOLD_RAD and apart_rad(expected, after) < 0.5 * way_rad:
+            near_rad = min(0.5 * way_rad, CONFIRMS_RAD)
+            if way_rad >= TOLD_RAD and apart_rad(expected, after) < near_rad:
                 return False  # it has turned as the gyroscope says
         if largest(gyr) > MOVING_GYR_RAD_S:
             return True
@@ -215,11 +214,6 @@ class StuckField:
 
     mag: Repetition = field(default_factory=Repetition)
     turn_rad: float = 0.0  # without a new field
-
-    @property
-    def is_stuck(self) -> bool:
-        """Whether the last reading's is."""
-        return self.mag.is_proven
 
     def observe(self, now: Readings, last: Readings, raw_us: int, step_us: int) -> None:
         """Take the reading behind ``last``."""
@@ -243,21 +237,6 @@ def largest(v: Vec3) -> float:
 def apart_rad(one: Vec3, other: Vec3) -> float:
     """The angle between two directions; 0 if one is none."""
     return 0.0 if ZERO_VEC3 in (one, other) else angle_between_vectors(one, other)
-
-
-def field_contradicts(
-    before_gauss: Vec3, mag_gauss: Vec3, gyr_rad_s: Vec3, span_s: float
-) -> tuple[bool, bool]:
-    """Whether a field is not where the rate has turned it in a time; whether it is well on its way.
-
-    Then it is to be watched from here on.
-    """
-    strength = norm(before_gauss)
-    expected = vector_after_turn(before_gauss, gyr_rad_s, span_s)
-    way = norm(subtract(expected, before_gauss)) / strength
-    off = norm(subtract(expected, mag_gauss)) / strength
-    allowed = max(FIELD_OFF + FIELD_LATE_S * norm(gyr_rad_s), FIELD_OFF_SHARE * way)
-    return off > allowed, way >= FIELD_WAY
 
 
 def carries_weight(acc_m_s2: Vec3, gyr_rad_s: Vec3) -> bool:

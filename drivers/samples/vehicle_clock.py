@@ -60,13 +60,6 @@ class Stream:
     first: Moment | None = None  # of those, and the time of the latest
     latest_us: int = 0
 
-    def go_on(self, time_us: int, boot_us: int, arrival_us: int) -> int:
-        """The next message is placed; where, since times only ever grow."""
-        self.before_us, self.row = self.boot_us, 0
-        self.boot_us, self.arrival_us = boot_us, arrival_us
-        self.time_us = max(time_us, self.time_us + 1)  # a learnt offset moved
-        return self.time_us
-
     def goes_back(self, now: Moment) -> Moment | None:
         """The first of a row up to this message that a clock which was set back would make.
 
@@ -170,7 +163,10 @@ class VehicleClock:
             return Placed(time_us, boot_us, found)
         if boot_us <= stream.boot_us:
             return Reason.DUPLICATE if boot_us == stream.boot_us else Reason.OUT_OF_ORDER
-        return Placed(stream.go_on(time_us, boot_us, arrival_us), boot_us, None)
+        stream.before_us, stream.row = stream.boot_us, 0
+        stream.boot_us, stream.arrival_us = boot_us, arrival_us
+        stream.time_us = max(time_us, stream.time_us + 1)  # a learnt offset moved
+        return Placed(stream.time_us, boot_us, None)
 
     @staticmethod
     def _set_back(line: ClockLine, stream: Stream, raw_us: int, arrival_us: int) -> Reset | None:

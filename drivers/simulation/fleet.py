@@ -8,11 +8,13 @@ so that hundreds of vehicles do not send in one burst.
 import heapq
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
+from drivers.events import LinkUp
+from drivers.mavlink.connection import Connection
 from drivers.mavlink.dialect import Unpacker
 from drivers.mavlink.framing import FrameReader
-from drivers.mavlink.transports.transport import LinkError, Transport
+from drivers.mavlink.transports.transport import unix_us
 from drivers.simulation.autopilot import SimulatedAutopilot, VehicleOptions
 from estimator.errors import InputError
 
@@ -21,7 +23,6 @@ MOST_VEHICLES = 1000  # those above 250 are the systems' second to fourth compon
 LONGEST_BACKLOG_US = 1_000_000  # after a longer stall the vehicle goes on with the present
 MOST_PEERS = 64  # whose half frames are kept
 RECEIVE_S = 0.1  # how often the process looks whether it should end
-RETRY_S = 0.5
 
 
 @dataclass(slots=True)
@@ -31,6 +32,15 @@ class FleetCounts:
     bytes_sent: int = 0
     link_errors: int = 0
     was_connected: bool = False
+
+    def note(self, connection: Connection, report: Callable[[str], None]) -> None:
+        """Take in what has become of the link."""
+        for event in connection.take_events():
+            if isinstance(event, LinkUp):
+                if self.link_errors:
+                    report("connected")
+                self.was_connected = True
+        self.link_errors = connection.breaks
 
 
 class Fleet:
@@ -59,20 +69,22 @@ class Fleet:
         """When, after the start, the next vehicle has something to send."""
         return self._due[0][0]
 
-    def send_due(self, now_us: float, unix_us: int, send: Callable[[bytes], None]) -> None:
+    def send_due(self, now_us: float, signed_us: int, send: Callable[[bytes], None]) -> None:
         """Send what is due ``now_us`` after the start, one datagram a vehicle and sample."""
         while self._due[0][0] <= now_us:
             due_us, i = self._due[0]
             vehicle, offset_us = self._vehicles[i], self._offsets_us[i]
             if now_us - due_us > LONGEST_BACKLOG_US:
                 vehicle.skip(now_us - offset_us)
-            data = vehicle.advance(vehicle.due_us, unix_us)
+            data = vehicle.advance(vehicle.due_us, signed_us)
             heapq.heapreplace(self._due, (vehicle.due_us + offset_us, i))
             if data:
                 self.counts.bytes_sent += len(data)
                 send(data)
 
-    def receive(self, peer: str, data: bytes, unix_us: int, send: Callable[[bytes], None]) -> None:
+    def receive(
+        self, peer: str, data: bytes, signed_us: int, send: Callable[[bytes], None]
+    ) -> None:
         """Answer bytes that came from ``peer``; no bytes mean that it has left."""
         if not data:
             self._readers.pop(peer, None)
@@ -85,7 +97,7 @@ class Fleet:
         for frame in self._readers[peer].feed(data):
             message = self._unpacker.message(frame.data)
             for vehicle in self._vehicles:
-                if answer := vehicle.handle(message, unix_us):
+                if answer := vehicle.handle(message, signed_us):
                     answered = True
                     send(answer)
         if answered:  # a changed rate changes what is due
@@ -100,92 +112,32 @@ class Fleet:
 
 def run_vehicles(
     fleet: Fleet,
-    transport: Transport,
+    connection: Connection,
     stopped: Callable[[], bool],
     seconds: float | None = None,
     report: Callable[[str], None] = lambda _: None,
 ) -> None:
-    """Play ``fleet`` on an open transport until ``stopped()`` or for ``seconds``.
+    """Play ``fleet`` on an open connection until ``stopped()`` or for ``seconds``.
 
-    A link that breaks is reported once and made again; the vehicles' time goes on meanwhile.
+    A link that breaks is made again; the vehicles' time goes on meanwhile.
     """
     start_us = _monotonic_us()
-    link = _Link(transport, report)
     try:
         while not stopped():
             now_us = _monotonic_us() - start_us
             if seconds is not None and now_us >= seconds * 1e6:
                 return
-            fleet.send_due(now_us, _unix_us(), link.send)
+            fleet.send_due(now_us, unix_us(), connection.send)
             wait_us = fleet.due_us - (_monotonic_us() - start_us)
             if seconds is not None:
                 wait_us = min(wait_us, seconds * 1e6 - now_us)
-            for peer, data in link.receive(min(RECEIVE_S, max(0.0, wait_us * 1e-6))):
-                fleet.receive(peer, data, _unix_us(), link.send)
+            for packet in connection.receive(min(RECEIVE_S, max(0.0, wait_us * 1e-6))):
+                fleet.receive(packet.peer, packet.data, unix_us(), connection.send)
+            fleet.counts.note(connection, report)
     finally:
-        fleet.counts = replace(
-            fleet.counts, link_errors=link.errors, was_connected=link.was_connected
-        )
-        transport.close()
-
-
-class _Link:
-    """A transport that is opened again after an error, while time goes on."""
-
-    def __init__(self, transport: Transport, report: Callable[[str], None]) -> None:
-        self._transport = transport
-        self._report = report
-        self._reported = ""
-        self._retry_s: float | None = None  # monotonic; None while open
-        self.errors = 0
-        self.was_connected = False
-
-    def send(self, data: bytes) -> None:
-        if self._retry_s is None:
-            try:
-                self._transport.send(data)
-            except LinkError as error:
-                self._note_loss(error)
-
-    def receive(self, timeout_s: float) -> list[tuple[str, bytes]]:
-        if self._retry_s is not None:
-            self._reopen(timeout_s)
-            return []
-        try:
-            packets = self._transport.receive(timeout_s)
-        except LinkError as error:
-            self._note_loss(error)
-            return []
-        self.was_connected |= self._transport.connected
-        if self._reported and self._transport.connected:
-            self._report("connected")
-            self._reported = ""
-        return [(packet.peer, packet.data) for packet in packets]
-
-    def _reopen(self, timeout_s: float) -> None:
-        assert self._retry_s is not None
-        wait_s = self._retry_s - time.monotonic()
-        if wait_s > 0:
-            time.sleep(min(wait_s, timeout_s))
-            return
-        try:
-            self._transport.open()
-            self._retry_s = None
-        except (LinkError, InputError) as error:
-            self._note_loss(error)
-
-    def _note_loss(self, error: Exception) -> None:
-        self._transport.close()
-        self.errors += 1
-        self._retry_s = time.monotonic() + RETRY_S
-        if str(error) != self._reported:
-            self._reported = str(error)
-            self._report(f"{error}; trying again")
+        fleet.counts.note(connection, report)
+        connection.close()
 
 
 def _monotonic_us() -> int:
     return time.monotonic_ns() // 1000
-
-
-def _unix_us() -> int:
-    return time.time_ns() // 1000

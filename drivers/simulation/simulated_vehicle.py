@@ -18,6 +18,7 @@ each sample takes nine normal numbers in one order.
 
 from collections.abc import Iterator
 from functools import lru_cache
+from itertools import islice
 from math import ceil, floor, isfinite
 from typing import Literal, NamedTuple, TypeVar, get_args
 
@@ -28,23 +29,12 @@ from drivers.simulation import flight
 from estimator.arrays import Floats
 from estimator.errors import InputError
 from estimator.geometry.rotations import exp, rotate_inverse, running_product
-from estimator.types import (
-    IDENTITY,
-    STANDARD_GRAVITY_M_S2,
-    Quaternion,
-    Vec3,
-)
+from estimator.types import IDENTITY, STANDARD_GRAVITY_M_S2, Quaternion, Vec3
 
 Motion = Literal["paper", "rest", "turn", "flight", "bench"]
 MOTIONS: tuple[str, ...] = get_args(Motion)
 # The shipped profile that fits the signals of each
-PROFILES = {
-    "paper": "paper",
-    "rest": "paper",
-    "turn": "paper",
-    "flight": "imu",
-    "bench": "imu",
-}
+PROFILES = dict.fromkeys(MOTIONS, "paper") | {"flight": "imu", "bench": "imu"}
 
 # The paper's inertial vectors (NED, unit length)
 MAGNETIC_NED: Vec3 = (1 / 3**0.5, -1 / 3**0.5, 1 / 3**0.5)
@@ -212,12 +202,12 @@ def simulate(
     Raises:
         InputError: a value is out of its range, or the motion is unknown.
     """
-    _check(rate_hz, motion, noise, bias, magnet)
     if samples < 1:
         raise InputError(f"the simulated vehicle needs at least 1 sample, not {samples}")
-    truth = _truth(motion, rate_hz, samples)
-    normals = _generator(seed).standard_normal((samples, 9))
-    return _measure(truth, normals, _disturbance(motion, noise, bias, magnet, calm=False))
+    vehicle = SimulatedVehicle(seed, rate_hz, motion, noise, bias, magnet)
+    blocks = islice(vehicle.blocks(0, IDENTITY, rate_hz), ceil(samples / CHUNK_SAMPLES))
+    columns = (np.concatenate(column)[:samples] for column in zip(*blocks, strict=True))
+    return _read_only(Recording._make(columns))
 
 
 class SimulatedVehicle:
@@ -286,7 +276,17 @@ class SimulatedVehicle:
         self._samples = self._from(first, start, rate_hz)
 
     def _from(self, first: int, start: Quaternion, rate_hz: float) -> Iterator[Sample]:
-        return _samples(self._generator, rate_hz, self.motion, self._disturbance, first, start)
+        for block in self.blocks(first, start, rate_hz):
+            columns = (map(tuple, each.tolist()) for each in block[1:])
+            yield from map(Sample._make, zip(block.time_us.tolist(), *columns, strict=True))
+
+    def blocks(self, first: int, start: Quaternion, rate_hz: float) -> Iterator[Recording]:
+        """Samples number ``first``, ``first`` + 1, ..., the first at attitude ``start``."""
+        while True:
+            truth, start = _truth_chunk(self.motion, rate_hz, first, start)
+            normals = self._generator.standard_normal((CHUNK_SAMPLES, 9))
+            yield _measure(truth, normals, self._disturbance)
+            first += CHUNK_SAMPLES
 
 
 def true_rate(motion: Motion, time_s: Floats) -> Floats:
@@ -328,33 +328,13 @@ def _generator(seed: int) -> np.random.Generator:
     return np.random.default_rng(seed)
 
 
-def _samples(
-    generator: np.random.Generator,
-    rate_hz: float,
-    motion: Motion,
-    disturbance: _Disturbance,
-    first: int,
-    start: Quaternion,
-) -> Iterator[Sample]:
-    """Samples number ``first``, ``first`` + 1, ..., of which the first has attitude ``start``."""
-    while True:
-        truth, start = _truth_chunk(motion, rate_hz, first, start)
-        block = _measure(truth, generator.standard_normal((CHUNK_SAMPLES, 9)), disturbance)
-        columns = (map(tuple, each.tolist()) for each in block[1:])
-        yield from map(Sample._make, zip(block.time_us.tolist(), *columns, strict=True))
-        first += CHUNK_SAMPLES
-
-
 def _disturbance(
     motion: Motion, noise: float, bias: float, magnet: tuple[float, float] | None, *, calm: bool
 ) -> _Disturbance:
-    if motion == "bench":
-        return _Disturbance(FLIGHT_SENSORS, noise, bias, magnet)
-    if motion != "flight":
-        return _Disturbance(PAPER_SENSORS, noise, bias, magnet)
-    if magnet is None and not calm:
-        return _Disturbance(FLIGHT_SENSORS, noise, bias, flight.MAGNET_S, flight.ROUND_S)
-    return _Disturbance(FLIGHT_SENSORS, noise, bias, magnet)
+    sensors = FLIGHT_SENSORS if motion in ("flight", "bench") else PAPER_SENSORS
+    if motion == "flight" and magnet is None and not calm:
+        return _Disturbance(sensors, noise, bias, flight.MAGNET_S, flight.ROUND_S)
+    return _Disturbance(sensors, noise, bias, magnet)
 
 
 def _measure(truth: _Truth, normals: Floats, disturbance: _Disturbance) -> Recording:
@@ -376,18 +356,11 @@ def _measure(truth: _Truth, normals: Floats, disturbance: _Disturbance) -> Recor
     if errors is not None:
         readings = zip(errors, (gyr, acc, mag), strict=True)
         gyr, acc, mag = (v @ each.matrix.T + each.bias for each, v in readings)
-    recording = Recording(
-        truth.time_us,
-        gyr,
-        acc,
-        mag,
-        truth.q_ned_frd,
-        truth.rate_rad_s,
-        -STANDARD_GRAVITY_M_S2 * truth.gravity_frd,
-        truth.velocity_ned_m_s,
-        truth.position_ned_m,
+    rates_forces = truth.rate_rad_s, -STANDARD_GRAVITY_M_S2 * truth.gravity_frd
+    ways = truth.velocity_ned_m_s, truth.position_ned_m
+    return _read_only(
+        Recording(truth.time_us, gyr, acc, mag, truth.q_ned_frd, *rates_forces, *ways)
     )
-    return _read_only(recording)
 
 
 def _magnet_gauss(time_s: Floats, magnet: tuple[float, float]) -> Floats:
@@ -398,58 +371,28 @@ def _magnet_gauss(time_s: Floats, magnet: tuple[float, float]) -> Floats:
     return bump
 
 
-@lru_cache(maxsize=8)
-def _truth(motion: Motion, rate_hz: float, samples: int) -> _Truth:
-    """All chunks of the truth up to ``samples``, joined."""
-    chunks, start = [], IDENTITY
-    for first in range(0, samples, CHUNK_SAMPLES):
-        chunk, start = _truth_chunk(motion, rate_hz, first, start)
-        chunks.append(chunk)
-    columns = [np.concatenate(column)[:samples] for column in zip(*chunks, strict=True)]
-    return _read_only(_Truth._make(columns))
-
-
-@lru_cache(maxsize=8)  # vehicles that fly side by side share the truth
+@lru_cache(maxsize=64)  # vehicles that fly side by side share the truth, and seeds of one motion
 def _truth_chunk(
     motion: Motion, rate_hz: float, first: int, start: Quaternion
 ) -> tuple[_Truth, Quaternion]:
     """The chunk from sample ``first`` on, whose attitude is ``start``, and the attitude after."""
-    k = first + np.arange(CHUNK_SAMPLES + 1)
-    time_s = k / rate_hz
+    time_s = (first + np.arange(CHUNK_SAMPLES + 1)) / rate_hz
+    time_us = np.rint(time_s[:-1] * 1e6).astype(np.int64)
     if motion == "flight":
-        return _flight_chunk(time_s[:-1]), IDENTITY
+        true = flight.flight_truth(time_s[:-1])
+        field = rotate_inverse(true.q_ned_frd, flight.FIELD_NED_GAUSS) / FIELD_GAUSS
+        gravity = true.force_frd_m_s2 / -STANDARD_GRAVITY_M_S2
+        ways = true.velocity_ned_m_s, true.position_ned_m
+        truth = _Truth(time_us, true.q_ned_frd, true.rate_rad_s, field, gravity, *ways)
+        return _read_only(truth), IDENTITY
     q = _integrate(motion, time_s, start)
     after: Quaternion = tuple((q[-1] / np.sqrt(np.sum(q[-1] ** 2))).tolist())
-    q = q[:-1]
-    truth = _Truth(
-        np.rint(time_s[:-1] * 1e6).astype(np.int64),
-        q,
-        true_rate(motion, time_s[:-1]),
-        rotate_inverse(q, _magnetic_ned(motion)),
-        rotate_inverse(q, GRAVITY_NED),
-        np.zeros((len(q), 3)),
-        np.zeros((len(q), 3)),
-    )
-    return _read_only(truth), after
-
-
-def _magnetic_ned(motion: Motion) -> Vec3:
-    """The field over ``FIELD_GAUSS`` of a motion on the spot."""
-    return _parts(flight.FIELD_NED_GAUSS, FIELD_GAUSS) if motion == "bench" else MAGNETIC_NED
-
-
-def _flight_chunk(time_s: Floats) -> _Truth:
-    true = flight.flight_truth(time_s)
-    truth = _Truth(
-        np.rint(time_s * 1e6).astype(np.int64),
-        true.q_ned_frd,
-        true.rate_rad_s,
-        rotate_inverse(true.q_ned_frd, flight.FIELD_NED_GAUSS) / FIELD_GAUSS,
-        true.force_frd_m_s2 / -STANDARD_GRAVITY_M_S2,
-        true.velocity_ned_m_s,
-        true.position_ned_m,
-    )
-    return _read_only(truth)
+    q, rate = q[:-1], true_rate(motion, time_s[:-1])
+    is_bench = motion == "bench"
+    magnetic_ned = _parts(flight.FIELD_NED_GAUSS, FIELD_GAUSS) if is_bench else MAGNETIC_NED
+    vectors = rotate_inverse(q, magnetic_ned), rotate_inverse(q, GRAVITY_NED)
+    still = np.zeros((len(q), 3))
+    return _read_only(_Truth(time_us, q, rate, *vectors, still, still.copy())), after
 
 
 def _read_only(columns: Columns) -> Columns:

@@ -23,7 +23,7 @@ from drivers.mavlink.encoder import (
     statustexts,
 )
 from drivers.mavlink.recorder import Recorder
-from drivers.mavlink.transports.open import open_transport
+from drivers.mavlink.transports import open_transport
 from drivers.mavlink.transports.transport import LinkError
 from estimator.geometry.frames import euler_rad
 from service.records import (

@@ -3,6 +3,8 @@
 import threading
 
 import pytest
+from service.autopilot_comparison import AutopilotComparison
+from service.host_clock import HostClock, observe, propagated_to
 
 from drivers.events import ReferenceAttitude, VehicleId
 from estimator.geometry.earth import PlaceField
@@ -10,9 +12,7 @@ from estimator.geometry.frames import from_euler_rad
 from estimator.profile import load_profile
 from estimator.types import ImuSample
 from service.alarms import Alarm
-from service.autopilot_comparison import AutopilotComparison
 from service.evictions import FORGOTTEN_US, LONGEST_LOOK_US, MOST_PROFILES, Evictions
-from service.host_clock import HostClock, observe, propagated_to
 from service.publishing import PublishGrid, Publishing
 from service.records import Message
 from service.sinks.sink import MAX_PENDING, Outbox

@@ -13,11 +13,11 @@ import pytest
 
 from drivers.endpoint import parse_endpoint
 from drivers.events import Imu, Shed
+from drivers.mavlink.connection import Connection
 from drivers.mavlink.constants import RAW_IMU_ID
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.limits import FrameQueue
-from drivers.mavlink.transports.open import open_transport
 from drivers.simulation.autopilot import VehicleOptions
 from drivers.simulation.fleet import Fleet, run_vehicles
 from estimator.profile import load_profile
@@ -311,13 +311,13 @@ def test_a_process_that_is_stopped_takes_what_piled_up():
 
     while service.stdout.readline().strip() != "ready":
         pass
-    transport = open_transport(parse_endpoint(f"udpout:127.0.0.1:{port}"))
-    transport.open()
-    sent, send = [], transport.send
-    transport.send = lambda data: (sent.append(data), send(data))
+    connection = Connection(parse_endpoint(f"udpout:127.0.0.1:{port}"))
+    connection.open()
+    sent, send = [], connection.send
+    connection.send = lambda data: (sent.append(data), send(data))
     fleet = Fleet(VehicleOptions(rate_hz=50.0), 1)
     done = threading.Event()
-    vehicles = threading.Thread(target=run_vehicles, args=(fleet, transport, done.is_set, 60.0))
+    vehicles = threading.Thread(target=run_vehicles, args=(fleet, connection, done.is_set, 60.0))
     vehicles.start()
     await_attitude()
     time.sleep(0.5)  # what is sent by then tells how often samples come
@@ -330,7 +330,6 @@ def test_a_process_that_is_stopped_takes_what_piled_up():
     await_attitude(time.time_ns() // 1000 + 200_000)
     service.send_signal(signal.SIGINT)
     said = service.communicate()[0].splitlines()
-    transport.close()
     samples, shed, rejected, lost = map(int, said[-1].split()[1:])
     frames = [frame for data in sent for frame in FrameReader().feed(data)]
     imu = sum(frame.message_id == RAW_IMU_ID for frame in frames)

@@ -63,7 +63,7 @@ class TcpClient(Transport):
         if self._stream is None:
             self._connect(timeout_s)
             return []
-        _wait([self._socket], timeout_s, writable=self._stream.unsent)
+        _wait([self._socket], timeout_s, writable=bool(self._stream.unsent))
         data = self._stream.receive()
         if data == b"":
             raise LinkError("closed by the other side")
@@ -200,7 +200,7 @@ class _Stream:
 
     def __init__(self, connected: socket.socket) -> None:
         self.socket = connected
-        self._unsent = bytearray()
+        self.unsent = bytearray()
         self.has_imu = False
         self.heard_s = time.monotonic()
         connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -208,10 +208,6 @@ class _Stream:
         for name, value in KEEPALIVE_OPTIONS:
             if hasattr(socket, name):
                 connected.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
-
-    @property
-    def unsent(self) -> bool:
-        return bool(self._unsent)
 
     @property
     def last_heard(self) -> tuple[bool, float]:
@@ -238,12 +234,12 @@ class _Stream:
         self.has_imu, self.heard_s = True, time.monotonic()
 
     def send(self, data: bytes) -> None:
-        if len(self._unsent) + len(data) <= MOST_UNSENT_BYTES:
-            self._unsent += data
-        if not self._unsent:
+        if len(self.unsent) + len(data) <= MOST_UNSENT_BYTES:
+            self.unsent += data
+        if not self.unsent:
             return
         try:
-            del self._unsent[: self.socket.send(self._unsent)]
+            del self.unsent[: self.socket.send(self.unsent)]
         except (BlockingIOError, InterruptedError):
             return
         except OSError as error:

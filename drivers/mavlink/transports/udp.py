@@ -152,7 +152,8 @@ class _UdpSocket:
         Raises:
             LinkError: the socket broke.
         """
-        self._wait(timeout_s)
+        if timeout_s > 0.0:
+            self._selector.select(timeout_s)
         datagrams: list[tuple[bytes, Any, int]] = []
         read, own = self._read, self.socket
         while len(datagrams) < RECEIVE_READS:
@@ -165,10 +166,6 @@ class _UdpSocket:
                     continue
                 raise LinkError(reason(error.errno)) from error
         return [each for each in datagrams if each[0]]
-
-    def _wait(self, timeout_s: float) -> None:
-        if timeout_s > 0.0:
-            self._selector.select(timeout_s)
 
     def send(self, data: bytes, target: Any) -> None:
         """Send a datagram, or lose it.

@@ -1,6 +1,7 @@
 """Bags of ROS 1 and 2, written by rosbags: a clip of a flight comes back as it was."""
 
 import json
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -129,6 +130,17 @@ def bag(request, tmp_path_factory, flown):
     return write(tmp_path_factory.mktemp("bags") / request.param, flown)
 
 
+@contextmanager
+def mcap(path, profile="", **options):
+    """A writer of an MCAP file."""
+    writers = pytest.importorskip("mcap.writer")
+    with path.open("wb") as file:
+        writer = writers.Writer(file, **options)
+        writer.start(profile)
+        yield writer
+        writer.finish()
+
+
 def of(kind, events):
     return [event for event in events if isinstance(event, kind)]
 
@@ -199,7 +211,6 @@ def test_an_mcap_file_of_others(tmp_path, encoding, has_index):
 
 def test_an_mcap_file_that_is_not_in_order_is_read_in_the_order_of_its_recording(tmp_path):
     """Two threads have written it, in chunks that overlap."""
-    writers = pytest.importorskip("mcap.writer")
     path, put = tmp_path / "a.mcap", []
     store = Bag(tmp_path / "unused")
     store.writer.open()
@@ -207,14 +218,11 @@ def test_an_mcap_file_that_is_not_in_order_is_read_in_the_order_of_its_recording
     for k in range(100):
         store.imu("/imu", 10_000 * (k + 1), (1.0, 0.0, 0.0, 0.0), UNKNOWN, (0.1, 0.2, 0.01 * k), UP)
     store.writer.close()
-    with path.open("wb") as file:
-        writer = writers.Writer(file, chunk_size=2000)
-        writer.start()
+    with mcap(path, chunk_size=2000) as writer:
         kind = writer.register_schema("sensor_msgs/msg/Imu", "ros2msg", b"")
         channel = writer.register_channel("/imu", "cdr", kind)
         for time_ns, data in (put[k ^ 7] for k in range(96)):
             writer.add_message(channel, time_ns, data, time_ns)
-        writer.finish()
     samples = [event.sample for event in of(Imu, open_log(path))]
     assert [s.gyr_rad_s[2] for s in samples] == pytest.approx([0.01 * k for k in range(96)])
 
@@ -240,16 +248,12 @@ def test_a_cameras_halves_of_an_imu_are_read_only_if_there_is_no_other(tmp_path,
 
 
 def test_a_bag_without_an_imu_is_told_what_it_has(tmp_path, capsys):
-    writers = pytest.importorskip("mcap.writer")
     path = tmp_path / "a.mcap"
-    with path.open("wb") as file:
-        writer = writers.Writer(file)
-        writer.start()
+    with mcap(path) as writer:
         kind = writer.register_schema("foxglove.Imu", "protobuf", b"")
         for topic, encoding in (("/imu", "protobuf"), ("/note", "json")):
             channel = writer.register_channel(topic, encoding, kind)
             writer.add_message(channel, 1, b"{}", 1)
-        writer.finish()
     assert main(["replay", str(path)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "no sensor_msgs/Imu; it has /imu (foxglove.Imu, protobuf), /note (foxglove.Imu)" in line
@@ -257,11 +261,8 @@ def test_a_bag_without_an_imu_is_told_what_it_has(tmp_path, capsys):
 
 def test_an_mcap_file_in_json(tmp_path):
     """Readings as rosbridge and web recorders write them: no orientation, a stamp in nsec."""
-    writers = pytest.importorskip("mcap.writer")
     path = tmp_path / "a.mcap"
-    with path.open("wb") as file:
-        writer = writers.Writer(file)
-        writer.start()
+    with mcap(path) as writer:
         channels = {
             name: writer.register_channel(
                 f"/{name.lower()}",
@@ -284,7 +285,6 @@ def test_an_mcap_file_in_json(tmp_path):
             rate, force = vector(0.1, -0.2, -0.01 * k), vector(0.0, 0.0, 9.8)
             put("Imu", k, angular_velocity=rate, linear_acceleration=force)
         put("NavSatFix", 40, latitude=47.0, longitude=8.0)
-        writer.finish()
     events = list(open_log(path))
     samples = [event.sample for event in of(Imu, events)]
     assert [sample.gyr_rad_s for sample in samples] == [
@@ -312,13 +312,10 @@ BEYOND = {"header": {"stamp": {"sec": 10**19}}}
     ],
 )
 def test_a_message_that_cannot_be_is_counted_and_the_next_one_read(tmp_path, capsys, damage):
-    writers = pytest.importorskip("mcap.writer")
     path = tmp_path / "a.mcap"
 
     def write(is_damaged):
-        with path.open("wb") as file:
-            writer = writers.Writer(file)
-            writer.start()
+        with mcap(path) as writer:
             schema = writer.register_schema("sensor_msgs/Imu", "jsonschema", b"{}")
             channel = writer.register_channel("/imu", "json", schema)
             for k in range(40):
@@ -329,7 +326,6 @@ def test_a_message_that_cannot_be_is_counted_and_the_next_one_read(tmp_path, cap
                 }
                 told = {**message, **damage} if is_damaged(k) else message
                 writer.add_message(channel, k, json.dumps(told).encode(), k)
-            writer.finish()
 
     write(lambda k: k == 7)
     events = list(open_log(path))
@@ -370,15 +366,12 @@ def test_a_chunk_that_becomes_very_large_is_not_unpacked(tmp_path, caplog, compr
     """39 KB had taken 2.6 GB of memory."""
     writing = pytest.importorskip("mcap.writer", reason="the extra bags is not installed")
     path = tmp_path / "bomb.mcap"
-    with path.open("wb") as file:
-        kind = getattr(writing.CompressionType, compression)
-        writer = writing.Writer(file, chunk_size=1 << 30, compression=kind)
-        writer.start("ros2")
+    kind = getattr(writing.CompressionType, compression)
+    with mcap(path, "ros2", chunk_size=1 << 30, compression=kind) as writer:
         schema = writer.register_schema("sensor_msgs/msg/Imu", "ros2msg", b"")
         channel = writer.register_channel("/imu", "cdr", schema)
         for time_ns in range(2):
             writer.add_message(channel, time_ns, bytes(40 << 20), time_ns)
-        writer.finish()
     assert path.stat().st_size < 1_000_000
     assert main(["replay", str(path)]) == 2
     assert "read no further: a chunk or message of more than 64 MB" in caplog.text

@@ -18,7 +18,6 @@ from drivers.events import (
     Parameter,
     Position,
     ReferenceAttitude,
-    Rejected,
     VehicleId,
     Velocity,
 )
@@ -197,27 +196,6 @@ def test_milliseconds_of_old_firmware(tmp_path):
     assert len(of(Velocity, events, "EKF1")) == 100
 
 
-def test_two_boots_in_one_file(tmp_path):
-    log = modern(2, start_us=500_000_000)
-    second = modern(2, start_us=3_000_000)
-    path = log.save(tmp_path)
-    path.write_bytes(log.data + second.data)
-    events = list(Dataflash(path))
-    (reset,) = of(ClockReset, events)
-    assert reset.reason == "reboot"
-    times_us = [event.sample.time_us for event in of(Imu, events, "IMU")]
-    assert max(b - a for a, b in pairwise(times_us)) <= 40_000
-    assert min(b - a for a, b in pairwise(times_us)) > 0
-
-
-def test_zero_and_broken_samples_are_refused_by_name(tmp_path):
-    log = modern(1)
-    log.write("IMU", 11_000_000, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    log.write("IMU", 11_020_000, 0, math.nan, 0.0, 0.0, 0.0, 0.0, -G)
-    events = list(Dataflash(log.save(tmp_path)))
-    assert [e.reason for e in of(Rejected, events)] == ["zero_accelerometer", "not_finite"]
-
-
 def test_messages_with_other_columns_are_counted_not_fatal(tmp_path):
     log = modern(1)
     log.format("EKF1", "Qf", "TimeUS,Something")
@@ -281,35 +259,6 @@ def test_messages_agree_with_dfreader(tmp_path, monkeypatch):
     ours = list(messages(Window(log.data), names))
     assert len(ours) > 250
     assert ours == theirs
-
-
-def of_sensors(change, count=600):
-    """A log of one noisy IMU, 200 samples of it as they are and the others changed."""
-    log, rng = Writer(), random.Random(3)
-    log.format("IMU", "QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ")
-    for k in range(count):
-        values = [x + rng.gauss(0, 0.01) for x in REST]
-        log.write("IMU", 1_000_000 + 5000 * k, 0, *(change(values) if k >= 200 else values))
-    return log
-
-
-REST = (0.3, 0.0, 0.0, 0.0, 0.0, -G)
-
-
-@pytest.mark.parametrize(
-    ("reason", "change"),
-    [
-        ("stuck", lambda _: REST),
-        ("gyroscope_saturated", lambda v: [*v[:2], 34.9, *v[3:]]),
-        ("accelerometer_saturated", lambda v: [*v[:4], -78.5, v[5]]),
-    ],
-)
-def test_sensors_that_repeat_themselves_are_refused(tmp_path, reason, change):
-    events = list(Dataflash(of_sensors(change).save(tmp_path)))
-    reasons = [event.reason for event in of(Rejected, events)]
-    # its first one leaps, the next ones are held back until it is known that it is stuck
-    assert set(reasons) - {"gyroscope_spike", "repeated"} == {reason}
-    assert len(reasons) > 250
 
 
 def test_a_message_of_unknown_type_ends_nothing(tmp_path):

@@ -10,7 +10,6 @@ from statistics import median
 import pytest
 
 from drivers.events import (
-    ClockReset,
     Heartbeat,
     Imu,
     Malformed,
@@ -238,36 +237,6 @@ def test_the_field_of_the_same_instant_comes_before_its_sample(tmp_path):
     samples = [event.sample for event in of(Imu, list(Ulog(log.save(tmp_path))))]
     fields = [sample.mag_gauss[1] for sample in samples]
     assert fields == pytest.approx([0.0, 0.001, 0.002, 0.003, 0.004])
-
-
-def test_a_clock_that_leaps_is_told(tmp_path):
-    log, rng = Writer().sensors(), random.Random(1)
-    for k in range(400):
-        leap_us = 4_000_000_000 if k >= 200 else 0
-        log.sample(1_000_000 + 5000 * k + leap_us, noisy(rng, (0, 0, 0)), noisy(rng, (0, 0, -9.8)))
-    events = list(Ulog(log.save(tmp_path)))
-    (reset,) = of(ClockReset, events)
-    assert reset.reason == "jump"
-    assert reset.step_s == pytest.approx(4000.0, abs=0.01)
-    times_us = [event.sample.time_us for event in of(Imu, events)]
-    assert max(b - a for a, b in pairwise(times_us)) <= 25_000
-
-
-@pytest.mark.parametrize("sensor", ["stuck", "gyroscope_saturated", "accelerometer_saturated"])
-def test_sensors_that_repeat_themselves_are_refused(tmp_path, sensor):
-    log, rng = Writer().sensors(), random.Random(1)
-    for k in range(600):
-        gyr, acc = noisy(rng, (0.3, 0, 0)), noisy(rng, (0, 0, -9.8))
-        if k >= 200:
-            gyr[0] = 34.9 if sensor == "gyroscope_saturated" else gyr[0]
-            acc[1] = 156.9 if sensor == "accelerometer_saturated" else acc[1]
-            gyr, acc = ([0.3, 0, 0], [0, 0, -9.8]) if sensor == "stuck" else (gyr, acc)
-        log.sample(1_000_000 + 5000 * k, gyr, acc)
-    events = list(Ulog(log.save(tmp_path)))
-    reasons = [event.reason for event in of(Rejected, events)]
-    # its first one leaps, the next ones are held back until it is known that it is stuck
-    assert set(reasons) - {"gyroscope_spike", "repeated"} == {sensor}
-    assert len(reasons) > 250
 
 
 def test_a_stuck_magnetometer_is_absent_and_counted(tmp_path):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drivers.mavlink.compass_parameters import corrected
+from drivers.mavlink.ardupilot import corrected
 
 
 def sent(parameters, raw, number=""):

@@ -119,6 +119,30 @@ def test_a_vehicle_that_starts_again_and_repeats_itself_is_no_copy(after_s, peer
     assert sum(isinstance(e, Imu) for e in events) > len(first) + len(again) - 50
 
 
+@pytest.mark.parametrize("after_s", [0.5, 0.9])
+@pytest.mark.parametrize("seed", [1, 2], ids=["as before", "with other readings"])
+def test_a_vehicle_that_starts_again_at_once_is_a_reboot_without_a_loss(after_s, seed):
+    first = [(at_us, "a", data) for at_us, data in flight(after_s, boot_us=S // 4)]
+    pause_us = round(after_s * S)
+    again = [(at_us + pause_us, "a", data) for at_us, data in flight(9.0, S // 4, seed)]
+    events = Wire().play(first + again)
+    assert [e.reason for e in events if isinstance(e, ClockReset)] == ["reboot"]
+    assert sum(isinstance(e, Imu) for e in events) == len(first) + len(again)
+
+
+@pytest.mark.parametrize("peers", ["ab", "aa"], ids=["two senders", "one wire"])
+@pytest.mark.parametrize("boot_us", [S, BOOT_US])
+@pytest.mark.parametrize("late_s", [0.08, 0.2, 0.6])
+def test_a_copy_that_is_a_little_late_is_no_clock_that_was_set_back(late_s, boot_us, peers):
+    """Where the originals are missing for a moment, a row of copies comes."""
+    sent = list(flight(20.0, boot_us))
+    fresh = [(at_us, peers[0], d) for n, (at_us, d) in enumerate(sent) if n < 100 or n % 50 > 9]
+    late = [(at_us + round(late_s * S), peers[1], d) for at_us, d in sent]
+    events = Wire().play(fresh + late)
+    assert not [e for e in events if isinstance(e, ClockReset)]
+    assert sum(isinstance(e, Imu) for e in events) >= len(fresh)
+
+
 def test_what_this_program_has_sent_is_no_vehicle_s():
     """Until an IMU's data come from there: this program sends none."""
     own, wire = FrameEncoder(VehicleId(200, 1)), Wire(Policy(own=VehicleId(200, 1)))

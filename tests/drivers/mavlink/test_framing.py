@@ -13,8 +13,7 @@ from drivers.mavlink import framing
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.dialect import Unpacker, mavlink
 from drivers.mavlink.encoder import FrameEncoder, raw_imu
-from drivers.mavlink.fields import FieldReader
-from drivers.mavlink.framing import Frame, FrameFormat, FrameReader, frame_end
+from drivers.mavlink.framing import FieldReader, Frame, FrameFormat, FrameReader, frame_end
 from drivers.samples.intake import ATTITUDE_EVERY_US
 from tests.drivers.mavlink.pymavlink_parser import PymavlinkParser
 from tests.drivers.mavlink.test_decoder import TABLE, UNIX, S, frame

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drivers.mavlink.inertial_parameters import inertial_parameters
+from drivers.mavlink.ardupilot import inertial_parameters
 from estimator.calibration import Calibration
 
 FOUND = Calibration(

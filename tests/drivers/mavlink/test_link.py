@@ -101,6 +101,32 @@ def udp_sender(port):
         yield sender
 
 
+@contextlib.contextmanager
+def udp_link(recorder=None, **options):
+    """A link that listens, and who sends to it."""
+    port = free_port(socket.SOCK_DGRAM)
+    link = MavlinkLink(Endpoint("udpin", HOST, port), recorder, **options)
+    with udp_sender(port) as sender, link:
+        yield link, sender
+
+
+@contextlib.contextmanager
+def tcp_link(host=HOST):
+    """A link that accepts, and what connects to it, from an address of its own if one is given."""
+    port = free_port(socket.SOCK_STREAM)
+    with contextlib.ExitStack() as stack:
+        link = stack.enter_context(MavlinkLink(Endpoint("tcpin", host, port)))
+
+        def connect(source=None):
+            source = source and (source, 0)
+            client = socket.create_connection((HOST, port), PATIENCE_S, source)
+            stack.enter_context(client)
+            link.drain(0.0)
+            return client
+
+        yield link, connect
+
+
 @pytest.fixture(autouse=True)
 def nothing_leaks():
     """Every test ends with the threads and file descriptors it began with."""
@@ -141,8 +167,7 @@ def test_udpin_takes_several_senders_and_answers_all():
 
 
 def test_a_listening_link_says_nothing():
-    port = free_port(socket.SOCK_DGRAM)
-    with MavlinkLink(Endpoint("udpin", HOST, port)) as link, udp_sender(port) as sender:
+    with udp_link() as (link, sender):
         vehicle = Vehicle()
         collect(link, count(Imu, 150), lambda: sender.send(vehicle.heartbeat() + vehicle.imu()))
         sender.setblocking(False)
@@ -232,18 +257,14 @@ def test_tcpin_accepts_several_clients():
             assert count(LinkUp)(collect(link, count(Imu)))
 
 
-def test_idle_clients_give_way_to_a_vehicle_and_it_does_not_to_them(caplog):
-    """The silent ones go first, whoever is the latest; that is said once a minute at most."""
-    port = free_port(socket.SOCK_STREAM)
-    with contextlib.ExitStack() as stack:
-        link = stack.enter_context(MavlinkLink(Endpoint("tcpin", HOST, port)))
-
-        def connect():
-            client = socket.create_connection((HOST, port), PATIENCE_S)
-            link.drain(0.0)
-            return stack.enter_context(client)
-
-        idle = [connect() for _ in range(MOST_TCP_CLIENTS + 8)]
+@pytest.mark.parametrize("noise", [b"", b"\0"], ids=["silent", "babbling"])
+def test_idle_clients_give_way_to_a_vehicle_and_it_does_not_to_them(noise, caplog):
+    """Those go first, whoever is the latest; that is said once a minute at most."""
+    with tcp_link() as (link, connect):
+        idle = [connect() for _ in range(MOST_TCP_CLIENTS)]
+        for client in idle:
+            client.sendall(noise)
+        idle += [connect() for _ in range(8)]
         flying, vehicle = connect(), Vehicle(1)
         collect(link, count(Imu, 2), lambda: flying.sendall(vehicle.imu()))
         idle += [connect() for _ in range(2 * MOST_TCP_CLIENTS)]
@@ -252,34 +273,10 @@ def test_idle_clients_give_way_to_a_vehicle_and_it_does_not_to_them(caplog):
     assert len(lines) == 1
 
 
-def test_babbling_clients_give_way_to_a_vehicle():
-    """Bytes that are no frames are no talk."""
-    port = free_port(socket.SOCK_STREAM)
-    with contextlib.ExitStack() as stack:
-        link = stack.enter_context(MavlinkLink(Endpoint("tcpin", HOST, port)))
-        for _ in range(MOST_TCP_CLIENTS):
-            client = stack.enter_context(socket.create_connection((HOST, port), PATIENCE_S))
-            client.sendall(b"\0")
-            link.drain(0.01)
-        flying = stack.enter_context(socket.create_connection((HOST, port), PATIENCE_S))
-        vehicle = Vehicle(1)
-        collect(link, count(Imu, 2), lambda: flying.sendall(vehicle.imu()))
-
-
 def test_chattering_clients_of_as_many_hosts_as_places_give_way_to_a_vehicle():
     """Sound frames without an IMU hold no place, from wherever they come."""
-    port = free_port(socket.SOCK_STREAM)
-    with contextlib.ExitStack() as stack:
-        link = stack.enter_context(MavlinkLink(Endpoint("tcpin", "0.0.0.0", port)))
-        chatter = [
-            (
-                stack.enter_context(
-                    socket.create_connection((HOST, port), PATIENCE_S, (f"127.0.0.{n + 2}", 0))
-                ),
-                Vehicle(n + 2),
-            )
-            for n in range(MOST_TCP_CLIENTS)
-        ]
+    with tcp_link("0.0.0.0") as (link, connect):
+        chatter = [(connect(f"127.0.0.{n}"), Vehicle(n)) for n in range(2, MOST_TCP_CLIENTS + 2)]
 
         def chat():
             for client, vehicle in chatter:
@@ -287,8 +284,7 @@ def test_chattering_clients_of_as_many_hosts_as_places_give_way_to_a_vehicle():
                     client.sendall(vehicle.heartbeat())
 
         collect(link, count(Heartbeat, MOST_TCP_CLIENTS), chat)
-        flying = stack.enter_context(socket.create_connection((HOST, port), PATIENCE_S))
-        vehicle = Vehicle(1)
+        flying, vehicle = connect(), Vehicle(1)
 
         def fly():
             chat()
@@ -298,19 +294,12 @@ def test_chattering_clients_of_as_many_hosts_as_places_give_way_to_a_vehicle():
 
 
 def test_a_host_that_has_most_places_gives_one_to_another_host():
-    port, vehicle = free_port(socket.SOCK_STREAM), Vehicle(1)
-    with contextlib.ExitStack() as stack:
-        link = stack.enter_context(MavlinkLink(Endpoint("tcpin", "0.0.0.0", port)))
-        talking = {}
-        for number in range(MOST_TCP_CLIENTS):
-            client = socket.create_connection((HOST, port), PATIENCE_S)
-            talking[stack.enter_context(client)] = Vehicle(number + 2)
-            link.drain(0.0)
-        for client, other in talking.items():
+    vehicle = Vehicle(1)
+    with tcp_link("0.0.0.0") as (link, connect):
+        for client, other in [(connect(), Vehicle(n)) for n in range(2, MOST_TCP_CLIENTS + 2)]:
             client.sendall(other.imu())
         collect(link, count(Imu, MOST_TCP_CLIENTS))
-        flying = socket.create_connection((HOST, port), PATIENCE_S, ("127.0.0.2", 0))
-        stack.enter_context(flying)
+        flying = connect("127.0.0.2")
         own = lambda events: [e for e in of_type(events, Imu) if e.vehicle.system_id == 1]  # noqa: E731
         collect(link, lambda events: len(own(events)) > 2, lambda: flying.sendall(vehicle.imu()))
 
@@ -390,8 +379,8 @@ def test_large_datagrams_of_another_keep_no_vehicle_out(content, has_imu):
 def test_no_sample_is_refused_after_a_stop(monkeypatch):
     """Whether a sender has an IMU is judged by when its packets came, not by when they are read."""
     monkeypatch.setattr(limits, "IMU_COUNTS_S", 0.1)
-    port, vehicle = free_port(socket.SOCK_DGRAM), Vehicle(1)
-    with MavlinkLink(Endpoint("udpin", HOST, port)) as link, udp_sender(port) as wire:
+    vehicle = Vehicle(1)
+    with udp_link() as (link, wire):
         collect(link, count(Imu, 2), lambda: wire.send(vehicle.imu()))
         for _ in range(400):
             wire.send(vehicle.imu())
@@ -406,14 +395,8 @@ def test_no_sample_is_refused_after_a_stop(monkeypatch):
 
 
 def test_talking_clients_do_not_give_way_to_new_ones():
-    port = free_port(socket.SOCK_STREAM)
-    with contextlib.ExitStack() as stack:
-        link = stack.enter_context(MavlinkLink(Endpoint("tcpin", HOST, port)))
-        clients = {}
-        for number in range(MOST_TCP_CLIENTS):
-            client = socket.create_connection((HOST, port), PATIENCE_S)
-            clients[stack.enter_context(client)] = Vehicle(number + 1)
-            link.drain(0.0)
+    with tcp_link() as (link, connect):
+        clients = {connect(): Vehicle(number + 1) for number in range(MOST_TCP_CLIENTS)}
 
         def talk():
             for client, vehicle in clients.items():
@@ -423,7 +406,7 @@ def test_talking_clients_do_not_give_way_to_new_ones():
             return len({event.vehicle for event in of_type(events, Imu)}) == MOST_TCP_CLIENTS
 
         collect(link, everybody, talk)
-        late = stack.enter_context(socket.create_connection((HOST, port), PATIENCE_S))
+        late = connect()
         link.drain(0.1)
         assert late.recv(1) == b""  # not let in
         collect(link, everybody, talk)
@@ -528,9 +511,8 @@ def test_a_taken_port_is_refused(kind, name):
 
 
 def test_what_waited_in_the_socket_is_read_and_nothing_is_left_out():
-    port = free_port(socket.SOCK_DGRAM)
     vehicle, frames = Vehicle(), 400
-    with MavlinkLink(Endpoint("udpin", HOST, port)) as link, udp_sender(port) as sender:
+    with udp_link() as (link, sender):
         for _ in range(frames):
             sender.send(vehicle.imu())
         time.sleep(0.5)
@@ -542,11 +524,8 @@ def test_what_waited_in_the_socket_is_read_and_nothing_is_left_out():
 
 def test_only_a_full_queue_leaves_samples_out_and_the_newest_stay(tmp_path):
     """Each is taken or counted, what is said once stays, and all are in the recording."""
-    port, path = free_port(socket.SOCK_DGRAM), tmp_path / "flight.tlog"
-    one, two = Vehicle(1), Vehicle(2)
-    endpoint = Endpoint("udpin", HOST, port)
-    with Recorder(path) as recorder, udp_sender(port) as sender, \
-            MavlinkLink(endpoint, recorder, most_waiting=100) as link:  # fmt: skip
+    path, one, two = tmp_path / "flight.tlog", Vehicle(1), Vehicle(2)
+    with Recorder(path) as recorder, udp_link(recorder, most_waiting=100) as (link, sender):
         sent = b""
         for number in range(150):
             frames = [one.imu(), two.imu(), *([two.heartbeat()] if number == 9 else [])]
@@ -571,9 +550,8 @@ def test_only_a_full_queue_leaves_samples_out_and_the_newest_stay(tmp_path):
 
 
 def test_garbage_is_counted_and_survived():
-    port = free_port(socket.SOCK_DGRAM)
     vehicle = Vehicle()
-    with MavlinkLink(Endpoint("udpin", HOST, port)) as link, udp_sender(port) as sender:
+    with udp_link() as (link, sender):
         sender.send(b"GET / HTTP/1.1\r\n\r\n" + bytes(range(256)))
         events = collect(link, count(Imu, 20), lambda: sender.send(vehicle.imu()))
     assert sum(e.frames for e in of_type(events, Malformed)) >= 1
@@ -602,10 +580,8 @@ def test_the_recording_holds_the_frames_as_they_came(tmp_path):
 
 def test_a_recording_begins_with_the_port_s_opening_and_not_with_the_first_look(tmp_path):
     """More comes than the system keeps for a socket, before anybody drains."""
-    port, path, sent = free_port(socket.SOCK_DGRAM), tmp_path / "flight.tlog", b""
-    vehicle, stamp = Vehicle(), 8
-    with Recorder(path) as recorder, udp_sender(port) as sender, \
-            MavlinkLink(Endpoint("udpin", HOST, port), recorder) as link:  # fmt: skip
+    path, sent, vehicle, stamp = tmp_path / "flight.tlog", b"", Vehicle(), 8
+    with Recorder(path) as recorder, udp_link(recorder) as (link, sender):
         for number in range(12_000):
             frame = vehicle.imu()
             sender.send(frame)
@@ -620,22 +596,17 @@ def test_a_recording_begins_with_the_port_s_opening_and_not_with_the_first_look(
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 def test_a_full_disk_does_not_stop_the_link():
-    port = free_port(socket.SOCK_DGRAM)
     vehicle = Vehicle()
-    with Recorder("/dev/full") as recorder, udp_sender(port) as sender, \
-            MavlinkLink(Endpoint("udpin", HOST, port), recorder) as link:  # fmt: skip
+    with Recorder("/dev/full") as recorder, udp_link(recorder) as (link, sender):
         collect(link, count(Imu, 20), lambda: sender.send(vehicle.imu()))
     assert recorder.lost >= 20
 
 
 def test_a_requested_rate_is_acknowledged_and_delivered():
     """The simulated autopilot answers on the same socket that it sends from."""
-    port = free_port(socket.SOCK_DGRAM)
     autopilot, parser = SimulatedAutopilot(VehicleOptions(rate_hz=2.0), 5), PymavlinkParser()
     boot_us, asked = 0, []
-
-    with MavlinkLink(Endpoint("udpin", HOST, port), request_rate_hz=100.0) as link, \
-            udp_sender(port) as sender:  # fmt: skip
+    with udp_link(request_rate_hz=100.0) as (link, sender):
 
         def play():
             nonlocal boot_us
@@ -660,10 +631,8 @@ def test_a_requested_rate_is_acknowledged_and_delivered():
 
 
 def test_a_mistake_of_ours_reaches_the_consumer(monkeypatch):
-    port = free_port(socket.SOCK_DGRAM)
     monkeypatch.setattr(mavlink_link.MavlinkDecoder, "events", lambda *_: 1 / 0)
-    with MavlinkLink(Endpoint("udpin", HOST, port)) as link, udp_sender(port) as sender, \
-            pytest.raises(ZeroDivisionError):  # fmt: skip
+    with udp_link() as (link, sender), pytest.raises(ZeroDivisionError):
         collect(link, lambda _: False, lambda: sender.send(Vehicle().imu()))
 
 
@@ -682,13 +651,10 @@ def test_ipv6():
 
 def test_what_a_link_hands_out_is_in_the_file_of_stamps(tmp_path):
     """A crash right afterwards lets nobody send it again: neither known vehicles nor new ones."""
-    port, key, file = free_port(socket.SOCK_DGRAM), bytes(range(32)), tmp_path / "signing.json"
+    key, file = bytes(range(32)), tmp_path / "signing.json"
     policy = Policy(signing=SigningCheck(key, file))
     now_us, sent = time.time_ns() // 1000, []
-    with (
-        MavlinkLink(Endpoint("udpin", HOST, port), policy=policy) as link,
-        udp_sender(port) as wire,
-    ):
+    with udp_link(policy=policy) as (link, wire):
         for number in range(1, 41):
             one = FrameEncoder(VehicleId(number, 1), key).frame(heartbeat(2, 3), now_us)
             sent += FrameReader().feed(one)

@@ -37,18 +37,51 @@ def file(tmp_path):
     return tmp_path / "state" / "signing.json"
 
 
-def test_a_good_signature_is_let_in_once(file):
-    check = SigningCheck(KEY, file)
-    assert judge(check, signed(), NOW) is None
-    assert judge(check, signed(), NOW) == "replayed"
-    assert judge(check, signed(NOW - 10), NOW) == "replayed"
-    assert judge(check, signed(NOW + 10), NOW) is None
+TWO, YEAR, OFF = VehicleId(2, 1), 365 * 86_400 * S, 3 * 86_400 * S
+# what comes in a row: when it was signed and by whom, when it arrives, and why it is refused
+CASES = {
+    "a good one is let in once": [
+        (NOW, {}, NOW, None),
+        (NOW, {}, NOW, "replayed"),
+        (NOW - 10, {}, NOW, "replayed"),
+        (NOW + 10, {}, NOW, None),
+    ],
+    "unsigned or with another key": [
+        (NOW, {"key": None}, NOW, "unsigned"),
+        (NOW, {"key": OTHER_KEY}, NOW, "wrong_signature"),
+    ],
+    "a forged time locks the vehicle not out": [
+        (NOW + 3600 * S, {"key": OTHER_KEY}, NOW, "wrong_signature"),
+        (NOW, {}, NOW, None),
+    ],
+    "streams of one vehicle have times of their own": [
+        (NOW + S, {"link": 0}, NOW, None),
+        (NOW, {"link": 1}, NOW, None),
+    ],
+    "more than a minute old": [
+        (NOW - 61 * S, {}, NOW, TOO_OLD),
+        (NOW - 59 * S, {}, NOW, None),
+    ],
+    "years ahead, which locks nobody out": [
+        (NOW + YEAR + S, {}, NOW, "signature_too_new"),
+        (NOW + 10**9 * S, {}, NOW, "signature_too_new"),
+        (NOW + 59 * S, {}, NOW, None),
+        (NOW, {"vehicle": TWO}, NOW, None),
+    ],
+    # three days behind, and then set right by the network
+    "a host whose clock stood still while it was off": [
+        (NOW, {}, NOW - OFF, None),
+        (NOW, {}, NOW - OFF + S, "replayed"),
+        (NOW + 20 * S, {}, NOW + 20 * S, None),
+    ],
+}
 
 
-def test_unsigned_and_wrongly_signed_frames_are_refused(file):
+@pytest.mark.parametrize("frames", CASES.values(), ids=CASES)
+def test_what_is_let_in(file, frames):
     check = SigningCheck(KEY, file)
-    assert judge(check, signed(key=None), NOW) == "unsigned"
-    assert judge(check, signed(key=OTHER_KEY), NOW) == "wrong_signature"
+    for signed_us, by, now_us, reason in frames:
+        assert judge(check, signed(signed_us, **by), now_us) == reason
 
 
 @pytest.mark.parametrize("byte", [4, 6, 12, -13, -12, -1])
@@ -58,42 +91,6 @@ def test_a_changed_byte_is_a_wrong_signature(file, byte):
     data[byte] ^= 1
     frame = frame._replace(data=bytes(data))
     assert judge(SigningCheck(KEY, file), frame, NOW) == "wrong_signature"
-
-
-def test_a_forged_time_stamp_does_not_lock_the_vehicle_out(file):
-    check = SigningCheck(KEY, file)
-    assert judge(check, signed(NOW + 3600 * S, OTHER_KEY), NOW) == "wrong_signature"
-    assert judge(check, signed(), NOW) is None
-
-
-def test_streams_of_one_vehicle_have_stamps_of_their_own(file):
-    check = SigningCheck(KEY, file)
-    assert judge(check, signed(NOW + S, link=0), NOW) is None
-    assert judge(check, signed(NOW, link=1), NOW) is None
-
-
-def test_a_signature_more_than_a_minute_old_is_refused(file):
-    check = SigningCheck(KEY, file)
-    assert judge(check, signed(NOW - 61 * S), NOW) == "signature_too_old"
-    assert judge(check, signed(NOW - 59 * S), NOW) is None
-
-
-def test_a_signature_years_ahead_is_refused_and_locks_nobody_out(file):
-    check = SigningCheck(KEY, file)
-    year = 365 * 86_400 * S
-    assert judge(check, signed(NOW + year + S), NOW) == "signature_too_new"
-    assert judge(check, signed(NOW + 10**9 * S), NOW) == "signature_too_new"
-    assert judge(check, signed(NOW + 59 * S), NOW) is None
-    assert judge(check, signed(NOW, vehicle=VehicleId(2, 1)), NOW) is None
-
-
-def test_a_host_whose_clock_stood_still_while_it_was_off_hears_its_vehicle(file):
-    """Three days behind, and then set right by the network."""
-    check = SigningCheck(KEY, file)
-    off = 3 * 86_400 * S
-    assert judge(check, signed(NOW), NOW - off) is None
-    assert judge(check, signed(NOW), NOW - off + S) == "replayed"
-    assert judge(check, signed(NOW + 20 * S), NOW + 20 * S) is None
 
 
 @pytest.mark.parametrize("crash_s", [None, 4, 600])

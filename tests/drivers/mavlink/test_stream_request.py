@@ -4,13 +4,16 @@ import itertools
 
 import pytest
 
+from drivers.endpoint import parse_endpoint
 from drivers.events import ClockReset, CommandAck, Heartbeat, Imu, Notice, VehicleId
 from drivers.mavlink.dialect import mavlink
 from drivers.mavlink.encoder import FrameEncoder
+from drivers.mavlink.gate import Policy
 from drivers.mavlink.outgoing import (
     MOST_REPEATS,
     MOST_REQUESTS,
     MOST_STREAMS,
+    Outbound,
     Outgoing,
     StreamRequest,
 )
@@ -31,7 +34,6 @@ class Conversation:
         self.rate_hz = 4.0
         self.message = "RAW_IMU"
         self.commands = []
-        self.heartbeats = []
         self.notices = []
         self.on_command = lambda _: None
         self.met = Heartbeat(VEHICLE, 0, autopilot, 2)
@@ -69,11 +71,8 @@ class Conversation:
             assert isinstance(each, Outgoing)
             frame = FrameEncoder(VehicleId(each.system_id, 191)).frame(each.message, 0)
             (message,) = mavlink().MAVLink(None).parse_buffer(frame)
-            if message.get_type() == "HEARTBEAT":
-                self.heartbeats.append((self.now_us, message))
-            else:
-                self.commands.append((self.now_us, message))
-                self.on_command(message)
+            self.commands.append((self.now_us, message))
+            self.on_command(message)
 
     @property
     def command_times_s(self):
@@ -98,12 +97,20 @@ def test_px4_is_asked_for_highres_imu():
     assert talk.commands[0][1].param2 == 10_000
 
 
-def test_heartbeats_are_an_onboard_controller_s_at_1_hz():
-    talk = Conversation().run(10)
-    assert len(talk.heartbeats) == 11
-    for _, message in talk.heartbeats:
+@pytest.mark.parametrize(("url", "asked_hz"), [("udpin", 50.0), ("udpout", 50.0), ("udpout", None)])
+def test_heartbeats_are_an_onboard_controller_s_at_1_hz(url, asked_hz):
+    """In the vehicle's system, once one is known; where somebody must speak first, in any case."""
+    outbound = Outbound(parse_endpoint(f"{url}:127.0.0.1:14550"), asked_hz, Policy(), None)
+    assert len(outbound.take_frames(0)) == (url == "udpout")
+    outbound.react([Heartbeat(VEHICLE, 0, 3, 2)], 0)
+    data = b"".join(frame for k in range(1, 1001) for frame in outbound.take_frames(10_000 * k))
+    sent = mavlink().MAVLink(None).parse_buffer(data)
+    beats = [message for message in sent if message.get_type() == "HEARTBEAT"]
+    assert len(beats) == 10
+    for message in beats:
         assert (message.type, message.autopilot) == (18, 8)
-        assert (message.get_srcSystem(), message.get_srcComponent()) == (3, 191)
+        system_id = 1 if asked_hz is None else 3
+        assert (message.get_srcSystem(), message.get_srcComponent()) == (system_id, 191)
 
 
 def test_nothing_is_sent_before_a_vehicle_is_known():
@@ -211,4 +218,4 @@ def test_a_flood_of_heartbeats_is_not_answered_without_end():
         for component in range(1, 5):
             out = request.handle(Heartbeat(VehicleId(system, component), 0, 3, 2), 0)
             asked |= {each.message.payload for each in out if isinstance(each, Outgoing)}
-    assert len(asked) == MOST_STREAMS + 1  # and our own heartbeat
+    assert len(asked) == MOST_STREAMS

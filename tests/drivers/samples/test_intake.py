@@ -17,7 +17,7 @@ from drivers.events import (
     Velocity,
 )
 from drivers.logs.logged_vehicle import LoggedVehicle
-from drivers.samples.imu_stream import Field, Stamp
+from drivers.samples.imu_stream import Field, RepeatedField, Stamp
 from drivers.samples.intake import MOST_STREAMS, Intake
 from drivers.samples.navigation import Fix
 from drivers.samples.vehicle_clock import TimeField
@@ -342,3 +342,14 @@ def test_a_place_that_is_none_is_refused_and_its_velocity_used(place, refused):
     assert kinds(events) == [Rejected if refused else Position, Velocity]
     if refused:
         assert events[0].reason == Reason.POSITION_OUT_OF_RANGE
+
+
+def test_a_field_repeated_after_the_clock_went_back_is_new():
+    field = RepeatedField()
+    times_us = (1_000_000, 1_239_999, 1_240_000, 1_100_000)
+    assert [field.is_fresh(FIELD, us) for us in times_us] == [True, False, True, True]
+
+
+@pytest.mark.parametrize("place", [(0, 0), (0, 8.5), (47.4, 0), (47.4, 8.5)])
+def test_on_the_equator_and_on_greenwichs_meridian_there_are_places(place):
+    assert Fix(position=(*place, 0.0)).is_solved is any(place)

@@ -91,13 +91,6 @@ def test_a_reboot_is_cut_out_and_reported():
     assert after[0] == "clock_step"  # one sample waits for the next to agree
 
 
-def test_a_reboot_just_before_the_wrap_is_no_wrap():
-    clock = VehicleClock()
-    before, arrival_us = steady(clock, 2**32 - 60 * S, 10)
-    after, _ = steady(clock, 3 * S, 5, arrival_us=arrival_us)  # the wrap was 57 s away
-    assert [reset.reason for reset in resets(before + after)] == ["reboot"]
-
-
 def test_a_jump_of_the_clock_is_cut_out_and_reported():
     """272 s within one arrival: no gap, the clock leapt (a PX4 bench recording does this)."""
     clock = VehicleClock()
@@ -112,12 +105,51 @@ def test_a_jump_of_the_clock_is_cut_out_and_reported():
     )
 
 
-def test_a_real_gap_stays_a_gap():
-    clock = VehicleClock()
-    before, arrival_us = steady(clock, 10 * S, 5)
-    after, _ = steady(clock, 141 * S, 5, arrival_us=arrival_us + 129 * S)
-    assert not resets(before + after)
-    assert times(after)[0] - times(before)[-1] == 130 * S
+# Steady stretches: the first time (s), how many, the seconds between them, and what passed before
+# by the arrivals; and the resets between them
+DAY_S = 86_400.0
+STRETCHES = {
+    "a reboot 57 s before the clock would wrap": (
+        [(2**32 / S - 60.0, 10, 0.25, 0.0), (3.0, 5, 0.25, 0.0)],
+        ["reboot"],
+    ),
+    "a real gap": ([(10.0, 5, 0.25, 0.0), (141.0, 5, 0.25, 129.0)], []),
+    "held back by 12 s for three minutes, then prompt": (
+        [(10.0, 40, 0.25, 0.0), (20.0, 720, 0.25, 12.0), (212.0, 5, 0.25, 0.0)],
+        [],
+    ),
+    "prompt, and a step of less than five seconds": (
+        [(10.0, 20, 0.02, 0.0), (15.28, 3, 0.02, -0.02)],
+        [],
+    ),
+    "prompt, and a step of more": ([(10.0, 20, 0.02, 0.0), (15.48, 3, 0.02, -0.02)], ["jump"]),
+    "two sessions, ten seconds apart by the clock and ten minutes by the arrivals": (
+        [(50.0, 5, 0.25, 0.0), (61.0, 5, 0.25, 600.0)],
+        ["jump"],
+    ),
+    "the host's clock is set forwards and back": (
+        [(50.0, 5, 0.25, 0.0), (51.25, 5, 0.25, DAY_S), (52.5, 5, 0.25, -DAY_S)],
+        [],
+    ),
+    "a leap after the host's clock was set": (
+        [(50.0, 5, 0.25, 0.0), (51.25, 20, 0.25, DAY_S), (76.25, 3, 0.25, 0.0)],
+        ["jump"],
+    ),
+}
+
+
+@pytest.mark.parametrize(("stretches", "reasons"), STRETCHES.values(), ids=STRETCHES)
+def test_what_is_a_reset_and_what_is_time(stretches, reasons):
+    clock, arrival_us, results, raws_us = VehicleClock(), UNIX, [], []
+    for first_s, count, step_s, passed_s in stretches:
+        arrival_us += round(passed_s * S)
+        first_us, step_us = round(first_s * S), round(step_s * S)
+        raws_us += [first_us + k * step_us for k in range(count)]
+        found, arrival_us = steady(clock, first_us, count, step_us, arrival_us)
+        results += found
+    assert [reset.reason for reset in resets(results)] == reasons
+    if not reasons:
+        assert times(results) == raws_us
 
 
 def test_samples_held_back_by_the_link_are_no_jump():
@@ -153,23 +185,6 @@ def test_lateness_explains_a_step_of_thirty_seconds_at_most(step_s, is_leap):
     assert bool(resets(after)) is is_leap
 
 
-def test_a_stream_that_was_late_for_minutes_may_catch_up_at_once():
-    """A radio holds all samples back by 12 s for 3 minutes, then none: no leap of the clock."""
-    clock = VehicleClock()
-    before, arrival_us = steady(clock, 10 * S, 40)
-    late, arrival_us = steady(clock, 20 * S, 720, arrival_us=arrival_us + 12 * S)
-    prompt, _ = steady(clock, 200 * S + 12 * S, 5, arrival_us=arrival_us)
-    assert not resets(before + late + prompt)
-
-
-@pytest.mark.parametrize(("step_s", "is_leap"), [(4.9, False), (5.1, True)])
-def test_a_prompt_stream_may_step_by_five_seconds(step_s, is_leap):
-    clock = VehicleClock()
-    _, arrival_us = steady(clock, 10 * S, 20, 20_000)
-    after, _ = steady(clock, 10_380_000 + round(step_s * S), 3, 20_000, arrival_us - 20_000)
-    assert bool(resets(after)) is is_leap
-
-
 @pytest.mark.parametrize(
     ("back_us", "word"), [(990_000, "out_of_order"), (1_010_000, "clock_step")]
 )
@@ -190,6 +205,23 @@ def test_a_garbled_time_of_long_ago_confirms_nothing():
     assert not resets(good + after)
 
 
+@pytest.mark.parametrize("step_us", [1_900_000, -1_900_000, 700_000])
+def test_a_leap_and_back_of_which_two_messages_of_a_moment_speak(step_us):
+    """An IMU message and an attitude with one stamp: each costs a few of them, and no more."""
+    clock, refused = VehicleClock(), []
+    for k in range(2000):
+        raw_us = 100 * S + 20_000 * k + step_us * (800 <= k < 1100)
+        now_us = UNIX + 20_000 * k
+        imu(clock, raw_us, now_us)
+        results = (
+            imu(clock, raw_us, now_us, BOOT_MS, "SCALED_IMU2"),
+            clock.other("ATTITUDE", BOOT_MS, raw_us, now_us),
+        )
+        refused += [k for each in results if isinstance(each, Reason)]
+    assert len(refused) <= 12
+    assert set(refused) <= {*range(800, 803), *range(1100, 1103)}
+
+
 def test_two_garbled_times_in_a_row_that_disagree_are_no_new_boot():
     clock = VehicleClock()
     before, arrival_us = steady(clock, 300 * S, 5)
@@ -208,32 +240,6 @@ def test_nor_does_it_for_a_clock_beside_the_line():
     attitudes = [clock.other("ATTITUDE", BOOT_MS, raw, UNIX + arrival) for raw, arrival in raws]
     assert [type(each) for each in attitudes] == [Reason, Placed, Reason]
     assert attitudes[0] == attitudes[2] == "clock_step"
-
-
-def test_two_sessions_glued_together_where_the_second_clock_is_ahead():
-    """Ten seconds on the vehicle's clock, but ten minutes of arrivals: another session."""
-    clock = VehicleClock()
-    before, arrival_us = steady(clock, 50 * S, 5)
-    after, _ = steady(clock, 61 * S, 5, arrival_us=arrival_us + 600 * S)
-    assert [reset.reason for reset in resets(before + after)] == ["jump"]
-
-
-def test_a_step_of_the_hosts_clock_is_none_of_the_vehicles():
-    clock = VehicleClock()
-    before, arrival_us = steady(clock, 50 * S, 5)
-    after, arrival_us = steady(clock, 51_250_000, 5, arrival_us=arrival_us + 86_400 * S)
-    back, _ = steady(clock, 52_500_000, 5, arrival_us=arrival_us - 86_400 * S)
-    results = before + after + back
-    assert not resets(results)
-    assert times(results) == [50 * S + 250_000 * k for k in range(15)]
-
-
-def test_after_a_step_of_the_hosts_clock_a_leap_is_told_as_before():
-    clock = VehicleClock()
-    _, arrival_us = steady(clock, 50 * S, 5)
-    _, arrival_us = steady(clock, 51_250_000, 20, arrival_us=arrival_us + 86_400 * S)
-    after, _ = steady(clock, 56_250_000 + 20 * S, 3, arrival_us=arrival_us)
-    assert [reset.reason for reset in resets(after)] == ["jump"]
 
 
 def test_a_single_garbled_time_changes_nothing():
