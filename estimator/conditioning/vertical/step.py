@@ -169,7 +169,7 @@ def learn_vertical(
         k = coefficients(params, dt, before.averaging.factor)
     rest = observe_rest(params, k.rest, before.rest, mean.gyr, mean.acc, dt)
     still = observe_stillness(params, before, rest, mean)
-    rest = with_resting(rest, rest.resting or still.proven)
+    rest = with_resting(rest, (rest.resting and not still.contradicted) or still.proven)
     rate = subtract(mean.gyr, before.estimate.bias_rad_s)
     down = rotate_inverse(before.gravity.q_g_frd, down_of(before.gravity.q_6d_g))
     p = before.estimate.covariance

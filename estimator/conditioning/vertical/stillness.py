@@ -94,7 +94,8 @@ class Stillness(NamedTuple):
     turning: Vec3 = ZERO_VEC3  # the turn that there is now, rad/s, FRD
     level_variance: float = 0.0  # of that about each level axis, (rad/s)^2
     down_variance: float = 0.0  # of that about down, (rad/s)^2
-    proven: bool = False  # whether both stand still, and tell it of every axis
+    proven: bool = False  # whether both stand still, and show it of every axis
+    contradicted: bool = False  # gravity turns in the body as no gyroscope shows it
 
 
 @inlined
@@ -126,7 +127,7 @@ def watch_stillness(
         wait_s = 0.0
     if not rest.steady:
         zero = ZERO_VEC3
-        return Stillness(smooth, wait_s, direction(smooth), down, zero, zero, 0.0, 0.0, False)
+        return Stillness(smooth, wait_s, direction(smooth), down, zero, zero, 0.0, 0.0, False, False)
     mean_down = mean_after(before.mean_down, down, rate, dt_s)
     shown = scale(LATELY_S / (LATELY_S + dt_s), add(before.shown, scale(dt_s, rate)))
     seen_field = direction(smooth) if wait_s <= params.rest_time_s else ZERO_VEC3
@@ -139,6 +140,9 @@ def watch_stillness(
     level, level_variance = turn_of_level(shown_level, seen_level, rate_level)
     seen_down = shown_down + dot(unexpected, down)
     turn, down_variance = turn_about_down(shown_down, seen_down, rate_down, about_down)
+    # an accelerometer that drifts shows what no turn explains
+    shown_rad, seen_rad = sqrt(square(shown_level)), sqrt(square(seen_level))
+    contradicted = seen_rad > MOST_TURNING * shown_rad + REACH * STILL_RAD
     left = subtract(subtract(seen_field, mean_field), cross(seen_field, unexpected))
     limit = params.bias_limit_rad_s
     # a gyroscope that errs by more about level axes may err as much about down; but in a banked
@@ -161,7 +165,8 @@ def watch_stillness(
         turning,
         level_variance,
         down_variance,
-        proven,
+        proven and not contradicted,
+        contradicted,
     )
 
 
