@@ -23,7 +23,7 @@ from estimator.live.inputs import (
 from estimator.live.kernel_handle import AIDED, NOTHING_LAID, SHOWN_LATE, TAKEN
 from estimator.live.published import write
 from estimator.live.refusal import REASONS
-from estimator.live.rows import NORTHS, NOTHING_TOLD, Q, Rows
+from estimator.live.rows import NO_REPORT_ROWS, NORTHS, Q, Rows
 from estimator.live.settings import Settings
 from estimator.live.state import State
 from estimator.live.taking import decide, take_sample
@@ -113,12 +113,12 @@ class Estimator:
         state = self._state
         if state.takes_raw_samples:
             end = state.core.advance_raw(time_us, *gyr_rad_s, *acc_m_s2, *mag_gauss, has_mag)
-            state.said = None
+            state.published = None
             return REASONS.get(end)
         if not state.takes_rows:
             return take_sample(state, ImuSample(time_us, gyr_rad_s, acc_m_s2, mag_gauss, has_mag))
         core = state.core if state.is_ready else state.ready()
-        _, _, end, state.said = core.advance(
+        _, _, end, state.published = core.advance(
             time_us, *gyr_rad_s, *acc_m_s2, *mag_gauss, has_mag, 0, 0, 0
         )
         return None if end == TAKEN else decide(state, end)
@@ -126,35 +126,37 @@ class Estimator:
     def update_rows(
         self,
         rows: Rows,
-        said: Floats,
-        told: Floats = NOTHING_TOLD,
+        published: Floats,
+        report_rows: Floats = NO_REPORT_ROWS,
         taken: int = 0,
-        heard: int = 0,
+        next_report: int = 0,
     ) -> tuple[int, int]:
-        """Take rows from ``taken`` on, with the reports ``told`` (M, TOLD) from ``heard`` on.
+        """Take rows from ``taken``, and ``report_rows`` (M, REPORT_SIZE) from ``next_report`` on.
 
-        To ``said`` (N, columns as in :mod:`estimator.live.rows`) the attitude after each row is
-        written. Returns the first row and the first report that were not taken: a row for
+        ``published`` (N, columns as in :mod:`estimator.live.rows`) gets each row's attitude.
+        Returns the first row and the first report that were not taken: a row for
         :meth:`take`, which knows what to do with it, or N. Behind a row whose attitude is not
         finite nothing is taken either.
         """
-        state, n, laid_on = self._state, len(said), None
+        state, n, laid_on = self._state, len(published), None
         while taken < n and state.takes_rows:
             core = state.ready()
             if core is not laid_on:
-                core.lay(rows, said, told)
+                core.lay(rows, published, report_rows)
                 laid_on = core
-            taken, heard, end, _ = core.advance(*NO_SAMPLE_ITSELF, taken, n, heard)
-            state.said = None
+            taken, next_report, end, _ = core.advance(*NO_SAMPLE_ITSELF, taken, n, next_report)
+            state.published = None
             if decide(state, end) is not None:
                 break
             if end not in (TAKEN, SHOWN_LATE):  # what was decided has changed the attitude
-                write(said[taken - 1], state.ready().publish(state.core.time_us), self.is_aided)
-                if not np.isfinite(said[taken - 1, Q]).all():
+                write(
+                    published[taken - 1], state.ready().publish(state.core.time_us), self.is_aided
+                )
+                if not np.isfinite(published[taken - 1, Q]).all():
                     break
         if state.core is laid_on:
             laid_on.lay(*NOTHING_LAID)
-        return taken, heard
+        return taken, next_report
 
     def update_velocity(self, report: VelocitySample) -> Reason | None:
         """Take a velocity report, see :meth:`update_report`."""
@@ -203,7 +205,7 @@ class Estimator:
         set_imu_lag(self._state, gyr_s, acc_s)
 
     def set_vehicle_class(self, vehicle_class: VehicleClass) -> None:
-        """What carries the IMU, which tells how it accelerates, and whether it slips sideways.
+        """What carries the IMU, which shows how it accelerates, and whether it slips sideways.
 
         It adds to the profile: to ``conditioning.in_vehicle`` where that is off, to
         ``aiding.sideslip_rad`` where that is as delivered.
@@ -226,10 +228,10 @@ class Estimator:
     def attitude(self, time_us: int) -> Attitude:
         """The attitude at ``time_us``, propagated from the last sample for output only."""
         state = self._state
-        said = state.said
-        if said is None or said[0] != time_us:
-            said = state.ready().publish(time_us)
-        _, moved, figures, north = said
+        published = state.published
+        if published is None or published[0] != time_us:
+            published = state.ready().publish(time_us)
+        _, moved, figures, north = published
         # an Attitude's own constructor takes three times as long
         values = (time_us, *moved, *figures, NORTHS[north])
         attitude: Attitude = _new(Attitude, values)
@@ -285,5 +287,5 @@ class Estimator:
 
     @property
     def place_field(self) -> PlaceField | None:
-        """The Earth's field where the vehicle is, None if nobody has said where."""
+        """The Earth's field where the vehicle is, None if nobody has published where."""
         return self._state.place_field

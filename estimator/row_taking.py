@@ -6,31 +6,33 @@ import numpy as np
 
 from estimator.arrays import Floats
 from estimator.estimator import Estimator
-from estimator.live.rows import NORTH, NORTHS, NOTHING_TOLD, ROW, Q, Rows, report_of
+from estimator.live.rows import NO_REPORT_ROWS, NORTH, NORTHS, ROW, Q, Rows, report_of
 from estimator.reasons import Reason
 
 
-def take(inner: Estimator, rows: Rows, said: Floats, told: Floats = NOTHING_TOLD) -> list[Reason]:
+def take(
+    inner: Estimator, rows: Rows, published: Floats, report_rows: Floats = NO_REPORT_ROWS
+) -> list[Reason]:
     """All rows and what comes before them, many at a time where nothing else is to be done.
 
-    To ``said`` (N, SAID) the attitude after each row is written, NaN where there is none. An
+    To ``published`` (N, SAID) the attitude after each row is written, NaN where there is none. An
     estimator whose attitude is not finite begins anew. Returns why something was refused.
     """
     refused: list[Reason | None] = []
-    taken, heard, n = 0, 0, len(said)
+    taken, next_report, n = 0, 0, len(published)
     while taken < n:
         begin = taken
-        taken, heard = inner.update_rows(rows, said, told, taken, heard)
-        if taken > begin and not np.isfinite(said[taken - 1, Q]).all():
-            refused.append(begin_anew(inner, said[taken - 1]))
+        taken, next_report = inner.update_rows(rows, published, report_rows, taken, next_report)
+        if taken > begin and not np.isfinite(published[taken - 1, Q]).all():
+            refused.append(begin_anew(inner, published[taken - 1]))
         if taken < n:
-            while heard < len(told) and told[heard, ROW] <= taken:
-                refused.append(inner.update_report(report_of(told[heard])))
-                heard += 1
+            while next_report < len(report_rows) and report_rows[next_report, ROW] <= taken:
+                refused.append(inner.update_report(report_of(report_rows[next_report])))
+                next_report += 1
             time_us, gyr, acc, mag, has_mag = (column[taken].tolist() for column in rows)
             field = tuple(mag) if has_mag else (0.0, 0.0, 0.0)
             refused.append(inner.take(time_us, tuple(gyr), tuple(acc), field, has_mag))
-            refused.append(put(inner, time_us, said[taken]))
+            refused.append(put(inner, time_us, published[taken]))
             taken += 1
     return [reason for reason in refused if reason is not None]
 

@@ -87,7 +87,7 @@ class VelocitySample(NamedTuple):
 
     ``has_vertical`` is False for sources that know the horizontal part only.
     ``sigma_m_s`` is the source's own accuracy (1 sigma), or a typical one;
-    ``late_sigma_s`` tells how uncertain ``time_us`` is, 0 where it is exact.
+    ``late_sigma_s`` shows how uncertain ``time_us`` is, 0 where it is exact.
     """
 
     time_us: int

@@ -17,13 +17,13 @@ from estimator.errors import InputError
 from estimator.live.core import Snapshot
 from estimator.live.rows import (
     HAS_VERTICAL,
+    NO_REPORT_ROWS,
     NORTH,
-    NOTHING_TOLD,
+    REPORT_SIZE,
     ROW,
     SAID,
     SIGMA_M_S,
     TIME,
-    TOLD,
     Rows,
     X,
     Z,
@@ -209,7 +209,7 @@ class Estimator:
     ) -> None:
         """Take a velocity over ground (3,), by a receiver or whoever knows it.
 
-        It tells acceleration from gravity and shows the heading. ``time_s`` is the time that it
+        It shows acceleration from gravity and shows the heading. ``time_s`` is the time that it
         was measured at, without which it is that of the last sample; a third component of NaN
         is unknown. One that cannot be used is counted in ``rejected``.
 
@@ -365,13 +365,13 @@ class Estimator:
         if not is_field[has_mag].all():
             self.rejected[Reason.MAGNETOMETER_OUT_OF_RANGE] += int((has_mag & ~is_field).sum())
             rows.has_mag[:] &= is_field
-        told = NOTHING_TOLD if velocity is None else self._velocities(times_us, velocity)
+        told = NO_REPORT_ROWS if velocity is None else self._velocities(times_us, velocity)
         return Batch(rows, told, positions, np.empty((n, SAID)), lines)
 
     def _velocities(self, times_us: Times, velocity: Floats) -> Floats:
-        """The rows (N, 3) of velocity whose horizontal part is known, as reports (M, TOLD)."""
+        """The rows (N, 3) of velocity that are known, as reports (M, REPORT_SIZE)."""
         known = np.flatnonzero(np.isfinite(velocity[:, :2]).all(axis=1))
-        told = np.zeros((len(known), TOLD))
+        told = np.zeros((len(known), REPORT_SIZE))
         told[:, ROW], told[:, TIME] = known, times_us[known]
         told[:, X : Z + 1], told[:, SIGMA_M_S] = velocity[known], VELOCITY_SIGMA_M_S
         told[:, HAS_VERTICAL] = np.isfinite(told[:, Z])
@@ -379,7 +379,7 @@ class Estimator:
         is_fast = np.abs(told[:, X : Z + 1]).max(axis=1, initial=0.0) > SPEED_LIMIT_M_S
         if is_fast.any():
             self.rejected[Reason.VELOCITY_OUT_OF_RANGE] += int(is_fast.sum())
-        return told[~is_fast] if self.profile.conditioned else NOTHING_TOLD
+        return told[~is_fast] if self.profile.conditioned else NO_REPORT_ROWS
 
     def _taken(self, batch: Batch) -> Batch:
         """The batch behind its way through the estimator, with a warning if most was rejected."""

@@ -140,7 +140,7 @@ def compass_lines(report: CompassReport) -> Iterator[str]:
 class _Readings(NamedTuple):
     """The field and the vertical (N, 3) in body axes, attitudes (N, 4), and the current (N,).
 
-    ``is_headed`` (N,) tells where velocity has shown the heading.
+    ``is_headed`` (N,) shows where velocity has shown the heading.
     """
 
     mag: Floats

@@ -26,7 +26,7 @@ PROCESSORS = Path("/proc/cpuinfo")
 
 
 def lacking_of_processor() -> list[str]:
-    """What numpy takes for granted and a 64-bit x86 processor does not tell that it has."""
+    """What numpy takes for granted and a 64-bit x86 processor does not show that it has."""
     try:
         with PROCESSORS.open(encoding="ascii", errors="replace") as lines:
             told = next((line.split() for line in lines if line.startswith("flags")), [])

@@ -142,7 +142,7 @@ def _shrunk(times_us: Times, factor: float) -> Times:
 
 
 def _true_step_s(rows: Rows, step_s: float) -> float:
-    """The time between samples by how vectors turn; that given, if they do not tell."""
+    """The time between samples by how vectors turn; that given, if they do not show."""
     best, true_s = EXPLAINED, step_s
     for tried_s, vectors in product((0.001, 0.004, 0.016), _vectors(rows)):
         spans = spans_of(_shrunk(rows.times_us, tried_s / step_s), rows.gyr_rad_s, *vectors)

@@ -26,7 +26,7 @@ MODULES = (
     "tuning.paper_cost",
     "tuning.prediction",
 )
-LONGEST = ("advance", "hear")
+LONGEST = ("advance", "take_report")
 
 
 def named_kernels() -> list[tuple[str, str]]:

@@ -57,7 +57,7 @@ def replay(
         skip_s: the first seconds, which are left out of the report's errors.
         system_id: the vehicle; without it the one with most IMU samples.
         gain: fixes K.
-        smooth: the attitudes that the whole log tells.
+        smooth: the attitudes that the whole log shows.
         columns: the TOML file that says what the columns of a table are.
         begin: where to begin in the log: seconds, "arm" or "disarm".
         end: where to end, likewise.

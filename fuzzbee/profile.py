@@ -1,4 +1,4 @@
-"""``fuzzbee profile show|check``: look at a profile, or tell what is wrong with one."""
+"""``fuzzbee profile show|check``: look at a profile, or show what is wrong with one."""
 
 import json
 from pathlib import Path

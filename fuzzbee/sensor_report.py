@@ -210,7 +210,7 @@ def _liveliest(times_s: Floats, gyr: Floats, known: Bools) -> slice:
 
 
 def _told(path: Path, trace: VehicleTrace, window: TimeWindow) -> _Told:
-    """The velocities of the message that tells most, and the IMU's parameters."""
+    """The velocities of the message that shows most, and the IMU's parameters."""
     velocities, parameters = [], {}
     with open_log(path) as log:
         for event in log if window == WHOLE_LOG else WindowedEvents(log, window):

@@ -75,7 +75,7 @@ def sim(options: SimOptions) -> int:
 
     They send HEARTBEAT, RAW_IMU, SIM_STATE (the truth), ATTITUDE and ATTITUDE_QUATERNION (the
     truth, too), in flight GLOBAL_POSITION_INT, and answer SET_MESSAGE_INTERVAL and parameter
-    requests. AUTOPILOT_VERSION tells fuzzbee run whose they are: it takes the profile that fits.
+    requests. AUTOPILOT_VERSION shows fuzzbee run whose they are: it takes the profile that fits.
     """
     stop = threading.Event()
     with stop_on_signals(stop.set):

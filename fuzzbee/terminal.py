@@ -46,7 +46,7 @@ class TerminalView:
 
     On a terminal a table is redrawn in place, or ``one`` vehicle as an artificial horizon.
     Elsewhere there is a line a vehicle and second, so that a log of it can be read. Keys go to
-    :meth:`press`, after which ``is_closed`` tells whether one of them was to quit.
+    :meth:`press`, after which ``is_closed`` shows whether one of them was to quit.
     """
 
     name = "terminal"
@@ -177,7 +177,7 @@ class TerminalView:
         return table(rows, now_s, width, height, look)
 
     def _truth(self, rows: list[Row]) -> str:
-        """How far off the only vehicle is that is shown, if a simulator tells."""
+        """How far off the only vehicle is that is shown, if a simulator shows."""
         score = (self.scores or {}).get(rows[0].name) if len(rows) == 1 else None
         return "" if score is None else score.line
 

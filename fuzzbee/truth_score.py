@@ -49,7 +49,7 @@ class Off(NamedTuple):
 
 
 class TruthScore:
-    """Errors so far of one vehicle; of fuzzbee's own its ``motion`` tells what happens when.
+    """Errors so far of one vehicle; of fuzzbee's own its ``motion`` shows what happens when.
 
     Its time is the vehicle's own, since its start.
     """
@@ -139,7 +139,7 @@ class TruthScore:
 
 
 class ScoredPipeline(Pipeline):
-    """A pipeline that compares what its vehicles' simulators tell, if it has ``scores``.
+    """A pipeline that compares what its vehicles' simulators show, if it has ``scores``.
 
     Those are by the vehicle's name, in the order of its first truth.
     """

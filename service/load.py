@@ -1,4 +1,4 @@
-"""What the loop tells the pipeline about itself: its losses, and overload as a state.
+"""What the loop shows the pipeline about itself: its losses, and overload as a state.
 
 What is left out is decided where frames wait (``drivers.mavlink.limits``), from moment to moment.
 A short stall leaves something out, too, and is no overload.

@@ -31,7 +31,7 @@ class Runner(Stoppable):
     """Runs a pipeline until stopped.
 
     ``now_us`` is the host time that arrivals are stamped with (Unix time for live sources),
-    ``monotonic_s`` the clock of the schedule; ``is_finished`` tells that nothing will come any
+    ``monotonic_s`` the clock of the schedule; ``is_finished`` shows that nothing will come any
     more. With an ``overload`` attitudes are left out, too, while the source leaves samples out.
     ``recording`` is asked for a word on the files that are recorded to.
     """

@@ -16,8 +16,8 @@ from drivers.mavlink.constants import (
     MAV_AUTOPILOT_ARDUPILOTMEGA,
     MAV_TYPE_GENERIC,
     MAV_TYPE_GROUND_ROVER,
+    mode_name,
 )
-from drivers.mavlink.constants import mode_name
 from estimator.estimator import Estimator
 from estimator.vehicle_class import VehicleClass
 

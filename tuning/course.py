@@ -12,14 +12,14 @@ from estimator.geometry.quaternion import exp, scale
 from estimator.live.core import with_attitude
 from estimator.live.rows import (
     BIAS,
-    NOTHING_TOLD,
+    NO_REPORT_ROWS,
     SAID,
     SIGMA,
     Q,
     Rows,
     cut,
+    report_rows_of,
     told_between,
-    told_of,
 )
 from estimator.row_taking import put, take
 from estimator.types import Quaternion, RateSample, VelocitySample
@@ -47,11 +47,11 @@ def course_of(
     rows: Rows,
     calls: Mapping[int, Sequence[Call]],
     wrong_ned_frd: Mapping[int, Quaternion] = NOTHING_WRONG,
-    told: Floats = NOTHING_TOLD,
+    told: Floats = NO_REPORT_ROWS,
 ) -> Course:
     """Have the estimator take all rows, before each of them what it was told then.
 
-    ``told`` (M, TOLD) are velocities and rates, ``calls`` what else. Behind each sample in
+    ``told`` (M, REPORT_SIZE) are velocities and rates, ``calls`` what else. Behind each sample in
     ``wrong_ned_frd`` the filter is given that attitude; what conditions its vectors goes on.
     """
     n, begin = len(rows.times_us), 0
@@ -71,7 +71,7 @@ def course_of(
 
 
 def split_calls(calls: Mapping[int, Sequence[Call]]) -> tuple[Floats, dict[int, Sequence[Call]]]:
-    """Velocities and rates behind all other calls of their sample as rows (M, TOLD), and those."""
+    """Velocities and rates behind all other calls of a sample (M, REPORT_SIZE), and those."""
     told, others = [], {}
     for k, each in calls.items():
         reports = [_report(call) for call in each]
@@ -79,11 +79,11 @@ def split_calls(calls: Mapping[int, Sequence[Call]]) -> tuple[Floats, dict[int, 
         told += [(k, report) for report in reports[first:] if report is not None]
         if first:
             others[k] = each[:first]
-    return told_of(told), others
+    return report_rows_of(told), others
 
 
 def _report(call: Call) -> VelocitySample | RateSample | None:
-    """What a call tells, if that is a velocity or rates."""
+    """What a call shows, if that is a velocity or rates."""
     words: Any = call.__reduce__()[1]  # of a methodcaller: its name and arguments
     is_report = words[0] == "update_report" and isinstance(words[1], VelocitySample | RateSample)
     return words[1] if is_report else None

@@ -14,7 +14,7 @@ from estimator.arrays import Bools, Floats
 from estimator.calibration import PLAIN, Calibration
 from estimator.errors import InputError
 from estimator.estimator import Estimator
-from estimator.live.rows import NOTHING_TOLD, Rows, cut
+from estimator.live.rows import NO_REPORT_ROWS, Rows, cut
 from estimator.profile import Profile
 from estimator.types import Quaternion
 from tuning.course import NOTHING_WRONG, Course, course_of
@@ -35,8 +35,8 @@ LEAST_FIELD_RATE_HZ = 0.2
 class Flight(NamedTuple):
     """N samples of one vehicle, as its estimator was told of them.
 
-    ``told`` (M, TOLD) are velocities and rates, ``calls[k]`` what else came before sample k, if
-    there was something. ``restart`` marks samples
+    ``told`` (M, REPORT_SIZE) are velocities and rates, ``calls[k]`` what else came before sample
+    k, if there was something. ``restart`` marks samples
     after which nothing from before holds (the first, a reboot, a jump of the clock). ``truth``
     (N, 4) is the reference's ``q_ned_frd`` where ``known``; ``reference`` is "sim", "autopilot",
     "smooth" or "none". ``headed`` marks where the base profile told a heading. ``doubt_rad`` (N, 2)
@@ -54,7 +54,7 @@ class Flight(NamedTuple):
     truth: Floats
     known: Bools
     headed: Bools
-    told: Floats = NOTHING_TOLD
+    told: Floats = NO_REPORT_ROWS
     doubt_rad: Floats | None = None
     calibration: Calibration = PLAIN
     begin_s: float = 0.0

@@ -1,6 +1,6 @@
 """Tuning on recorded flights: the whole estimator, aiding included, on what it was told in flight.
 
-The reference is the truth of a simulation, else the attitude that the whole log tells if that is
+The reference is the truth of a simulation, else the attitude that the whole log shows if that is
 sure, else the autopilot's. A log with none is tuned on how well its own vectors are foretold.
 """
 
@@ -46,7 +46,7 @@ GOALS = {
     # the errors that a user sees and the honesty of sigma, deg
     "flight": Goal(lambda profile, part: measure(profile, part).cost, geometric_mean, " deg"),
     "recovery": Goal(recovery_cost, _mean, ""),
-    # how far coverage is from what it should be: all that tells of what moves sigma alone
+    # how far coverage is from what it should be: all that shows of what moves sigma alone
     "coverage": Goal(lambda profile, part: measure(profile, part).miscoverage, _mean, ""),
 }
 

@@ -16,7 +16,7 @@ from estimator.geometry.quaternion import exp, multiply, normalize, rotate, unit
 from estimator.live.rows import Rows
 
 AHEAD_S = 0.5
-# A prediction over a longer silence tells of the silence.
+# A prediction over a longer silence shows of the silence.
 LONGEST_S = 1.5
 
 

@@ -1,7 +1,7 @@
 """Bags of ROS 1 and 2 (a folder, .mcap, .db3, .bag) with readings of ``sensor_msgs``.
 
 Imu, MagneticField and NavSatFix, by REP 103 and 145: SI units and tesla, axes forward, left, up,
-orientations from East-North-Up. Of several IMUs one is read that tells rates and forces: raw before
+orientations from East-North-Up. Of several IMUs one is read that shows rates and forces: raw before
 filtered, then the one with most messages; a filtered one beside it has the attitude to compare
 with.
 """
@@ -118,7 +118,7 @@ class Bag(LogFile):
 
 
 def _is_whole(reader: Any, decode: Decode, connection: Any) -> bool:
-    """Whether an IMU's first message tells rates and forces; a camera may send them apart.
+    """Whether an IMU's first message shows rates and forces; a camera may send them apart.
 
     The covariance of what is not told begins with -1 (REP 145).
     """
@@ -146,7 +146,7 @@ class _Topics:
 
 
 def _hears_arrivals(reader: Any, decode: Decode, topics: _Topics) -> bool:
-    """Whether the recorder's times are those of arrival, and tell a gap from a leap of the clock.
+    """Whether the recorder's times are those of arrival, and show a gap from a leap of the clock.
 
     They keep the stamps' pace then, but not to the nanosecond: what converts a recording writes
     the stamps once more, or its own time.

@@ -1,6 +1,6 @@
 """A table as text: its encoding, delimiter and decimal sign, and what its columns are called.
 
-Nothing of it is agreed upon between programs, so the first rows of numbers tell: what stands right
+Nothing of it is agreed upon between programs, so the first rows of numbers show: what stands right
 above them, in as many fields, is the heading.
 """
 

@@ -48,7 +48,7 @@ class Window:
     """A part of a file in memory, which moves forwards: a log may be larger than the memory.
 
     ``data`` begins where the last :meth:`move` said, ``offset`` bytes behind the file's start;
-    ``is_last`` tells that nothing follows it.
+    ``is_last`` shows that nothing follows it.
     """
 
     def __init__(

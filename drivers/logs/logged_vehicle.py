@@ -64,7 +64,7 @@ class LoggedVehicle:
         hears_arrivals: bool = False,
     ) -> None:
         self.id = vehicle
-        self.uses_first_filter = True  # of several that the log tells of
+        self.uses_first_filter = True  # of several that the log shows of
         self._unix_us, self._begin_us = unix_us, begin_us
         self._stamp = Stamp(TimeField.TIME_USEC, 0, unix_us)
         log_time = None if hears_arrivals else LogTime().arrival_us

@@ -83,7 +83,7 @@ def imu_events(log: LogFile) -> Iterator[Event]:
 def built_in_motion(log: LogFile) -> str | None:
     """The motion in a log of fuzzbee's own vehicle; None of any other log.
 
-    The vehicle says ten times a second whose it is, so the log's beginning tells.
+    The vehicle says ten times a second whose it is, so the log's beginning shows.
     """
     samples = 0
     with closing(iter(log)) as events:  # type: ignore[type-var]

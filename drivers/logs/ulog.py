@@ -120,7 +120,7 @@ def _attitude(vehicle: LoggedVehicle, topic: str, row: Row) -> list[Event]:
 
 def _local_position(vehicle: LoggedVehicle, topic: str, row: Row) -> list[Event]:
     if not row["v_xy_valid"] or row.get("dead_reckoning"):
-        return []  # a reckoning from the same IMU tells nothing of that
+        return []  # a reckoning from the same IMU shows nothing of that
     has_vertical = bool(row["v_z_valid"])
     velocity = (row["vx"], row["vy"], row["vz"] if has_vertical else 0.0)
     return vehicle.fix(topic, Fix(velocity, has_vertical=has_vertical))
@@ -186,7 +186,7 @@ WANTED = {name: frozenset((*TIMES, *topic.fields)) for name, topic in TOPICS.ite
 
 
 def _look_over(log: UlogReader) -> _Overview:
-    """Read as far as needed: where a GPS tells the time, the log's beginning is enough."""
+    """Read as far as needed: where a GPS shows the time, the log's beginning is enough."""
     begins_us: dict[str, int] = {}
     unix_us: dict[str, int] = {}
     times_us: list[int] = []

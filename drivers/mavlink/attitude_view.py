@@ -22,7 +22,7 @@ TRIMMED_MESSAGE = "ATTITUDE"  # no other one leaves the pitch's trim out
 
 
 class AttitudeView:
-    """What parameters and HEARTBEAT tell of it; ``vehicle_type`` is a MAV_TYPE."""
+    """What parameters and HEARTBEAT show of it; ``vehicle_type`` is a MAV_TYPE."""
 
     def __init__(self) -> None:
         self.vehicle_type: int | None = None
@@ -58,7 +58,7 @@ class AttitudeView:
 
     @property
     def _is_tailsitter(self) -> bool | None:
-        """None where neither a parameter nor the type tells."""
+        """None where neither a parameter nor the type shows."""
         told = self._values.get(IS_TAILSITTER)
         if told is not None:
             return told > 0.0 or self.vehicle_type in TAILSITTERS

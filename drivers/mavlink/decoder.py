@@ -2,7 +2,7 @@
 
 ``MavlinkDecoder`` turns the frames of a link or a log into the events of ``drivers.events``,
 without any I/O, and unpacks only what somebody wants. What a message says stands in two tables,
-``imu_messages`` and ``messages``; here is what tells one sender from another. Body axes are FRD on
+``imu_messages`` and ``messages``; here is what shows one sender from another. Body axes are FRD on
 both sides.
 """
 

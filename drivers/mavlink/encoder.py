@@ -181,7 +181,7 @@ def statustext(text: str) -> Message:
 
 
 def statustexts(text: str, severity: int, number: int) -> list[Message]:
-    """STATUSTEXTs of so many characters as need be; ``number`` (not 0) tells that parts are one.
+    """STATUSTEXTs of so many characters as need be; ``number`` (not 0) shows that parts are one.
 
     A zero ends the last part. Source: https://mavlink.io/en/messages/common.html#STATUSTEXT
     """

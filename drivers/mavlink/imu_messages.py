@@ -136,7 +136,7 @@ def has_imu_number(message_id: int) -> bool:
 
 
 def imu_number(frame: Frame) -> int:
-    """The number of the vehicle's IMU that the frame tells in its field ``id``, or 0."""
+    """The number of the vehicle's IMU that the frame shows in its field ``id``, or 0."""
     if frame.message_id not in IMU_MESSAGES:
         return 0
     at = number_at(frame.message_id)

@@ -1,6 +1,6 @@
 """One of a vehicle's clocks: where it goes on, wraps, leaps, begins anew or keeps no time.
 
-Arrivals come in with the data. They tell a gap from a leap of the clock.
+Arrivals come in with the data. They show a gap from a leap of the clock.
 """
 
 from dataclasses import dataclass, field

@@ -112,7 +112,7 @@ class ImuStream:
         self._field_number = 0  # of the last one that a sample had
         self._plausibility = Plausibility()
         self._faults = SensorFaults()
-        # Those that the next ones tell more of: whether the clock began anew or was set back
+        # Those that the next ones show more of: whether the clock began anew or was set back
         self._held: list[Reading] = []
         self._held_for = Reason.CLOCK_STEP
 

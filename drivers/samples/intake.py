@@ -187,7 +187,7 @@ class Intake:
         return events
 
     def _heard(self, stamp: Stamp) -> int:
-        """What tells a gap from a leap of the clock."""
+        """What shows a gap from a leap of the clock."""
         return stamp.arrival_us if self._log_time is None else self._log_time(stamp.raw_us)
 
     def _place(self, name: str, stamp: Stamp) -> tuple[int | None, list[Event]]:

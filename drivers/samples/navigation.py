@@ -72,7 +72,7 @@ class Fix(NamedTuple):
 
 
 def velocity_sample(message: str, fix: Fix, time_us: int) -> VelocitySample | None:
-    """The velocity that ``message`` tells, at ``time_us``; None if it tells none.
+    """The velocity that ``message`` shows, at ``time_us``; None if it shows none.
 
     A receiver's velocity is late; an autopilot's filter has corrected for that.
     """

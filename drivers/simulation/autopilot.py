@@ -274,7 +274,7 @@ def _euler(q: Quaternion) -> Vec3:
 
 
 def velocity_told(sample: Sample, noise: float, generator: np.random.Generator) -> Vec3:
-    """The velocity (m/s, NED) as a vehicle that flies tells it."""
+    """The velocity (m/s, NED) as a vehicle that flies shows it."""
     errors = noise * FLIGHT_VELOCITY_NOISE_M_S * generator.standard_normal(3)
     north, east, down = (sample.velocity_ned_m_s + errors).tolist()
     return (north, east, down)

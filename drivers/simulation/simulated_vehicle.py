@@ -42,7 +42,7 @@ GRAVITY_NED: Vec3 = (0.0, 0.0, 1.0)
 
 GYRO_NOISE_RAD_S = 0.2  # the paper's
 VECTOR_NOISE = 0.05  # the paper's, of a unit vector
-FLIGHT_VELOCITY_NOISE_M_S = 0.05  # of the velocity that a vehicle that flies tells
+FLIGHT_VELOCITY_NOISE_M_S = 0.05  # of the velocity that a vehicle that flies shows
 
 FIELD_GAUSS = 0.5  # a typical strength of the Earth's field
 TURN_RATE_RAD_S = 0.5  # "turn": level, to the right, one round in 12.6 s

@@ -63,7 +63,7 @@ class SimSource(Player, Closing):
                 yield from self._told(sample)
 
     def _told(self, sample: Sample) -> Iterator[Event]:
-        """What the simulated autopilot tells by MAVLink, as exact events."""
+        """What the simulated autopilot shows by MAVLink, as exact events."""
         time_us, about = sample.time_us, (self._id, self._start_unix_us + sample.time_us)
         if self._heartbeat.is_due(time_us):
             yield Heartbeat(*about, mav.MAV_AUTOPILOT_ARDUPILOTMEGA, mav.MAV_TYPE_QUADROTOR)

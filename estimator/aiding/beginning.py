@@ -109,7 +109,7 @@ def begin(
             ZERO_VEC3, gyr_bias, 3.0 * params.gyr_bias_sigma**2, 0.0, 0.0
         ),
         wheels=Wheels(),
-        unlearnt=first_unlearnt(params),
+        bias_prior=first_unlearnt(params),
     )
     return state, P, new_velocity_history(add(state.last.force_ned_m_s2, GRAVITY_NED))
 
@@ -166,5 +166,5 @@ def forget_biases(
         bias_rad_s=ZERO_VEC3, least_variance=3.0 * params.gyr_bias_sigma**2
     )
     return state._replace(
-        estimate=estimate, correction_cusum=correction_cusum, unlearnt=first_unlearnt(params)
+        estimate=estimate, correction_cusum=correction_cusum, bias_prior=first_unlearnt(params)
     ), P

@@ -122,7 +122,7 @@ def doubted(sigma: Sigmas, consistency: Consistency) -> Sigmas:
 
 
 @inlined
-def hear_sample(consistency: Consistency, aided: AidingState, sample: Sample) -> Consistency:
+def compare_sample(consistency: Consistency, aided: AidingState, sample: Sample) -> Consistency:
     """One sample's force added to the window; a doubt that nobody renews fades."""
     dt = sample.dt_s
     turn = exp(scale(dt, aided.last.rate_rad_s))
@@ -147,7 +147,7 @@ def hear_sample(consistency: Consistency, aided: AidingState, sample: Sample) ->
 
 
 @inlined
-def hear_report(
+def compare_report(
     params: AidingParams, consistency: Consistency, estimate: AidingEstimate, report: Report
 ) -> Consistency:
     """A report may close a window of the force, and opens the next.
@@ -214,7 +214,7 @@ def turn_between(a: Vec3, b: Vec3) -> Vec3:
 
 
 @inlined
-def hear_field(consistency: Consistency, aided: AidingState, sample: Sample) -> Consistency:
+def compare_field(consistency: Consistency, aided: AidingState, sample: Sample) -> Consistency:
     """A sample of the field, turned on by its age: it should point as the place's does.
 
     It counts as far as its strength and dip are those of the place.
@@ -265,9 +265,9 @@ def watch(
     report: Report,
 ) -> Consistency:
     """One sample with the report that belongs to it, after the aiding has learnt from both."""
-    consistency = hear_sample(consistency, aided, sample)
+    consistency = compare_sample(consistency, aided, sample)
     if report.given:
-        consistency = hear_report(params, consistency, aided.estimate, report)
+        consistency = compare_report(params, consistency, aided.estimate, report)
     if sample.has_mag:
-        consistency = hear_field(consistency, aided, sample)
+        consistency = compare_field(consistency, aided, sample)
     return consistency

@@ -61,12 +61,12 @@ def pass_time(
     usual = 3.0 * params.gyr_bias_sigma**2
     before = max(usual, correction_cusum.least_variance)
     least = max(usual, min(variance, before))
-    unlearnt = least / before
+    bias_prior = least / before
     change = subtract(estimate.gyr_bias_rad_s, correction_cusum.bias_rad_s)
     turned = scale(-dt, rotate(estimate.q_ned_frd, change))
     return CorrectionCusum(
         turn_rad=add(scale(keep, correction_cusum.turn_rad), turned),
-        bias_rad_s=add(correction_cusum.bias_rad_s, scale(1.0 - keep * unlearnt, change)),
+        bias_rad_s=add(correction_cusum.bias_rad_s, scale(1.0 - keep * bias_prior, change)),
         least_variance=least,
         level=keep * keep * correction_cusum.level,
         heading=keep * keep * correction_cusum.heading,

@@ -3,7 +3,7 @@
 Its course is its heading, or the opposite. Going forwards it is pushed as its velocity changes,
 seen from the course; in reverse the other way round. A vertical that leans adds to every push the
 same part of gravity, seen from the body, as does an accelerometer's bias. So the two ways differ
-in how pushes scatter about their mean, and the mean tells the lean.
+in how pushes scatter about their mean, and the mean shows the lean.
 """
 
 from math import hypot, log

@@ -231,7 +231,7 @@ def add_noise(
 
 
 @inlined
-def judge_biases(now: Prediction, unlearnt: Unlearnt) -> Unlearnt:
+def judge_biases(now: Prediction, bias_prior: Unlearnt) -> Unlearnt:
     """How uncertain biases of both sensors are that nothing has shown; in place, too.
 
     Three axes are one sensor's: where one is off by more than it was taken to be, the others may be
@@ -240,10 +240,10 @@ def judge_biases(now: Prediction, unlearnt: Unlearnt) -> Unlearnt:
     """
     estimate = now.estimate
     R = rotation_matrix(estimate.q_ned_frd)
-    gyr = judge_sensor(now.covariance, GYR_BIAS, estimate.gyr_bias_rad_s, unlearnt.gyr, R, 0.0)
+    gyr = judge_sensor(now.covariance, GYR_BIAS, estimate.gyr_bias_rad_s, bias_prior.gyr, R, 0.0)
     acceleration_tilt = 1.0 / STANDARD_GRAVITY_M_S2
     acc = judge_sensor(
-        now.covariance, ACC_BIAS, estimate.acc_bias_m_s2, unlearnt.acc, R, acceleration_tilt
+        now.covariance, ACC_BIAS, estimate.acc_bias_m_s2, bias_prior.acc, R, acceleration_tilt
     )
     return Unlearnt(gyr, acc)
 

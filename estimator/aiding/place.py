@@ -19,7 +19,7 @@ class Place(NamedTuple):
     field: PlaceField
 
 
-class Whereabouts(NamedTuple):
+class LastPosition(NamedTuple):
     """Where the vehicle is taken to be, and somewhere else it was said to be just now."""
 
     here: Place | None = None
@@ -27,8 +27,8 @@ class Whereabouts(NamedTuple):
 
 
 def update_whereabouts(
-    known: Whereabouts, latitude_deg: float, longitude_deg: float, altitude_m: float, unix_us: int
-) -> Whereabouts:
+    known: LastPosition, latitude_deg: float, longitude_deg: float, altitude_m: float, unix_us: int
+) -> LastPosition:
     """After a position was told.
 
     The first one counts. After that a place more than ``MOVED_M`` away must be told twice in a
@@ -44,7 +44,7 @@ def update_whereabouts(
         if before is None or distance_m(before, position) > MOVED_M:
             return known._replace(elsewhere_deg=position)
     field = field_at(latitude_deg, longitude_deg, altitude_m, unix_us)
-    return known if field is None else Whereabouts(Place(*position, field))
+    return known if field is None else LastPosition(Place(*position, field))
 
 
 def differ(one: PlaceField, other: PlaceField) -> bool:

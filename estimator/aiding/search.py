@@ -132,9 +132,9 @@ def open_window(window: Window, report: Report, behind_s: float) -> Window:
 def add_report(
     search: Search, report: Report, q_g_frd: Quaternion, down_frd: Vec3
 ) -> tuple[Search, bool]:
-    """Take a report; the second value tells whether it has closed a window.
+    """Take a report; the second value shows whether it has closed a window.
 
-    The report tells the velocity ``ago_s`` before the last sample, and as much earlier as its age
+    The report shows the velocity ``ago_s`` before the last sample, and as much earlier as its age
     is uncertain. ``down_frd`` is down in the body's axes, as it is taken to be.
     """
     window = search.window

@@ -105,14 +105,14 @@ def aid(
         has_told = state.wheels.rolled_s < ACCELERATION_LASTS_S <= wheels.rolled_s
         is_other = north.is_known and has_told and is_turned(now, north)
         if is_other or field.inflation_s > BORNE_S:
-            # velocity tells the heading, so the field is another one, and iron was learnt in error
+            # velocity shows the heading, so the field is another one, and iron was learnt in error
             field, wheels = begin_anew(field), with_shown(wheels, False)
             forget_iron(params, now.covariance, x, now.estimate.hard_iron_gauss)
     now = apply_corrections(now, x)
     correction_cusum = add_correction(
         correction_cusum, part(x, TURN), before, known(now.covariance)
     )
-    unlearnt = judge_biases(now, state.unlearnt)
+    bias_prior = judge_biases(now, state.bias_prior)
     last = LastStep(
         gyr_rad_s=sample.gyr_rad_s,
         gyr_before_rad_s=state.last.gyr_rad_s,
@@ -128,12 +128,12 @@ def aid(
         last=last,
         field=field,
         agreement=agreement,
-        sigma=sigmas(params, now, last, field, agreement, unlearnt),
+        sigma=sigmas(params, now, last, field, agreement, bias_prior),
         rough=rough,
         acceleration_tilt=acceleration_tilt,
         correction_cusum=correction_cusum,
         wheels=wheels,
-        unlearnt=unlearnt,
+        bias_prior=bias_prior,
     )
     return state, now.covariance, now.velocity_history
 

@@ -235,7 +235,7 @@ class AidingState(NamedTuple):
     acceleration_tilt: AccelerationTilt  # what deceives the unaided vertical
     correction_cusum: CorrectionCusum  # what was corrected lately
     wheels: Wheels  # what they have shown
-    unlearnt: Unlearnt  # what biases may be
+    bias_prior: Unlearnt  # what biases may be
 
 
 class North(NamedTuple):

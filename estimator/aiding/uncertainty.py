@@ -39,7 +39,7 @@ def sigmas(
     last: LastStep,
     field: FieldState,
     agreement: Agreements,
-    unlearnt: Unlearnt,
+    bias_prior: Unlearnt,
 ) -> Sigmas:
     """How uncertain the estimate is after a sample."""
     P, E = now.covariance, now.estimate.earth_gauss
@@ -47,14 +47,14 @@ def sigmas(
     # how far the hard iron of a calibrated compass may turn the field
     iron = params.hard_iron_sigma_gauss / max(hypot(E[0], E[1]), NORM_SCALE * abs(E[2]), TINY)
     return Sigmas(
-        inclination_rad=inclination_sigma(params, P, agreement, unlearnt, late),
+        inclination_rad=inclination_sigma(params, P, agreement, bias_prior, late),
         heading_rad=heading_sigma(params, P, agreement, field, iron, late),
     )
 
 
 @inlined
 def inclination_sigma(
-    params: AidingParams, P: Array, agreement: Agreements, unlearnt: Unlearnt, late_rad: float
+    params: AidingParams, P: Array, agreement: Agreements, bias_prior: Unlearnt, late_rad: float
 ) -> float:
     """From the covariance, as far as the reports' scatter bears it out, and ``late_rad``.
 
@@ -65,7 +65,7 @@ def inclination_sigma(
     variance = 0.5 * (P[TURN, TURN] + P[TURN + 1, TURN + 1])
     bias = P[ACC_BIAS, ACC_BIAS] + P[ACC_BIAS + 1, ACC_BIAS + 1] + P[ACC_BIAS + 2, ACC_BIAS + 2]
     leaning = 0.5 * bias / STANDARD_GRAVITY_M_S2**2
-    poor = max(0.0, 1.0 - params.acc_bias_sigma**2 / unlearnt.acc)
+    poor = max(0.0, 1.0 - params.acc_bias_sigma**2 / bias_prior.acc)
     square = scale * scale
     square += (1.0 - min(1.0, square)) * poor * min(1.0, leaning / max(variance, TINY))
     return sqrt(PLANE_68**2 * square * variance + late_rad * late_rad)

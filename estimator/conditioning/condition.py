@@ -77,7 +77,7 @@ def condition(
 ) -> tuple[ConditioningState, Conditioned]:
     """Take one sample, of which the field may be in any unit."""
     gyr, acc, mag, is_first = sample.gyr_rad_s, sample.acc_m_s2, sample.mag, not state.started
-    # Before the first sample there was no interval; what it tells counts as one step's.
+    # Before the first sample there was no interval; what it shows counts as one step's.
     dt = STEP_S if is_first else max(sample.dt_s, TINY)
     before = gyr if is_first else state.previous_gyr_rad_s
     rate = free_rate(params, state.vertical, before, sample, dt)

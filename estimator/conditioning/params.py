@@ -54,7 +54,7 @@ class ConditioningParams(NamedTuple):
     calibration_high_pass_s: Time = 3.0  # small: noise, large: the place's gradients count
     calibration_noise_s: Lag = 0.005  # of the relative field, squared; small: jumpy, large: slow
     calibration_reach: Share = 0.5  # relative residual that is no matter of calibration any more
-    calibration_turn: Share = 1.5  # squared distance of R from its mean that tells an offset
+    calibration_turn: Share = 1.5  # squared distance of R from its mean that shows an offset
 
     # The field's confidence.
     field_dip_scale_rad: Angle = 0.1  # deviation of the dip that counts as one; small: strict

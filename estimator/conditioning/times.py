@@ -2,7 +2,7 @@
 
 # Low-pass of the field's norm and dip, s. Small: noise counts, large: magnets are noticed late.
 FIELD_S = 0.05
-# Of samples further apart (s) what turned in between is mostly missed: one tells no own field, and
+# Of samples further apart (s) what turned in between is mostly missed: one shows no own field, and
 # is a sign of no more than this, so that several in a row have to agree.
 LONGEST_STEP_S = 0.15
 # The quick means of gyroscope, force and field, s: in a shorter one is noise, a longer one is late.
@@ -21,7 +21,7 @@ LATELY_S = 10.0
 # Mean squares that say how much something usually scatters, s: the size of force and field, the
 # heading's residual, and what betrays accelerations that last.
 USUAL_S = 20.0
-# What has been measured counts for so long, s: corrections, what velocities tell of the heading
+# What has been measured counts for so long, s: corrections, what velocities show of the heading
 # (meanwhile G drifts by less than that is wrong), what wheels contradict, that a field is new.
 MEMORY_S = 30.0
 # What is remembered, s: headings that were given up, how well means of the force agree, how far

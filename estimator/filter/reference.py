@@ -53,7 +53,7 @@ def three_vectors(v: Vectors, q: Quaternion) -> tuple[Floats, Floats, Floats, bo
     """Measured v_i, estimated v_hat_i = R_hat^T v_i^I as (3, 3) rows, and confidences s_i (3,).
 
     Eq. (10), "SO3_PPF_STCH_vB_hat"; v3 = v1 x v2, normalised like the others.
-    The last value tells whether v1 and v2 span a plane.
+    The last value shows whether v1 and v2 span a plane.
     """
     R = rotation_matrix(q)
     measured = [np.array(v.v1_frd), np.array(v.v2_frd)]

@@ -29,7 +29,7 @@ class FilterParams(NamedTuple):
     # Steps up to this long use K dt as the paper's continuous time suggests,
     # longer or stronger ones the exact decay, which cannot overshoot. 0: always the decay.
     euler_step_max_s: float
-    # The time that the first sample's correction stands for, s, as no sample before it tells.
+    # The time that the first sample's correction stands for, s, as no sample before it shows.
     # The paper's experiment: one step. 0: the first sample sets e and K and moves nothing.
     first_step_s: float
     # k1..k22 of the fuzzy controller.
@@ -47,7 +47,7 @@ NO_DECAY: Decay = (0.0, 0.0)
 
 
 class FilterState(NamedTuple):
-    """What changes. ``has_error`` tells that ``error`` is of an earlier sample, not a blank.
+    """What changes. ``has_error`` shows that ``error`` is of an earlier sample, not a blank.
 
     ``rate_rad_s`` is the rate that the last propagation turned the attitude with. ``noise`` is
     measured only for a gain that knows it. ``decay`` is the last step's: even steps share it.

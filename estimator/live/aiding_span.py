@@ -66,7 +66,7 @@ def begin_aided(state: State, report: Report, *, has_heading: bool) -> None:
     """Velocity starts to help once there is a heading from true north.
 
     It comes from the field, or from velocity itself where there is no field to be trusted
-    or no position that tells true from magnetic north.
+    or no position that shows true from magnetic north.
     """
     can_compare = has_heading and state.knows_north
     start = find_start_by_field(state) if can_compare else None
@@ -208,7 +208,7 @@ def give_up(state: State) -> None:
     lost, its heading goes on with the unaided vertical. An attitude that was taken to be the
     better one and is doubted that much speaks against the compass that it began with; one that
     has merely heard nothing for long does not. Where wheels contradict the heading that it began
-    with, velocity tells it anew.
+    with, velocity shows it anew.
     """
     core = state.core.core
     if core.aided.wheels.contradict:

@@ -10,7 +10,7 @@ from estimator.aiding.compass import Compass
 from estimator.aiding.consistency import NEW_CONSISTENCY, Consistency
 from estimator.aiding.covariance import rotation_matrix
 from estimator.aiding.phase import Phase
-from estimator.aiding.place import Whereabouts
+from estimator.aiding.place import LastPosition
 from estimator.aiding.search import EMPTY_SEARCH, Search
 from estimator.aiding.types import HARD_IRON, SIZE
 from estimator.aiding.velocity_history import COLUMNS
@@ -21,7 +21,7 @@ from estimator.conditioning import initial_state as initial_conditioning
 from estimator.filter.types import FilterState, initial_state
 from estimator.geometry.quaternion import conjugate, exp, multiply, normalize, rotate
 from estimator.live.published import NO_PULL, Pull
-from estimator.live.rows import TOLD
+from estimator.live.rows import REPORT_SIZE
 from estimator.live.settings import Settings
 from estimator.live.turning import COLUMNS as RATE_COLUMNS
 from estimator.live.turning import STILL, Turning
@@ -54,7 +54,7 @@ class Core(NamedTuple):
     )
     turning: Turning  # that others have seen between the IMU's samples
     rates: Any  # of theirs that wait for a sample: rows as in ``turning``, or row by row
-    reports: Any  # velocities that the samples have not reached: (N, TOLD), or row by row
+    reports: Any  # velocities that the samples have not reached: (N, REPORT_SIZE), or row by row
 
 
 @lru_cache(maxsize=16)  # which newcomers begin with
@@ -94,7 +94,7 @@ def in_arrays(core: Core) -> Core:
         covariance=square(core.covariance),
         velocity_history=in_rows(core.velocity_history),
         rates=in_rows(core.rates, RATE_COLUMNS),
-        reports=in_rows(core.reports, TOLD),
+        reports=in_rows(core.reports, REPORT_SIZE),
     )
 
 
@@ -201,7 +201,7 @@ class Context(NamedTuple):
     reports: tuple[Any, ...] = ()  # of other sources than velocity, that wait for the IMU
     compass: Compass = Compass()  # how far the field is trusted
     is_by_field: bool = False  # whether the aiding began with the field's heading
-    whereabouts: Whereabouts = Whereabouts()  # and the field of the place
+    whereabouts: LastPosition = LastPosition()  # and the field of the place
     imu_lag_s: float | None = None  # of the gyroscope's samples, as far as somebody has told
     acc_lead_s: float = 0.0  # by how much the accelerometer's are younger
     vehicle_class: VehicleClass = VehicleClass.ANYTHING  # of the IMU, as far as somebody has told

@@ -71,8 +71,8 @@ class Holder:
     _contradicted_axes = _step(kernel_handle.contradicted_axes)
     _lay = _step(kernel_handle.lay)
     brief = _step(kernel_handle.brief)
-    hear = _step(kernel_handle.hear)
-    hear_rate = _step(kernel_handle.hear_rate)
+    take_report = _step(kernel_handle.take_report)
+    take_rate = _step(kernel_handle.take_rate)
     _last_report = _step(kernel_handle.last_report)
     _turning = _step(kernel_handle.turning_of)
     _search = _step(kernel_handle.search)
@@ -129,17 +129,17 @@ class Holder:
         """See :func:`estimator.live.kernel_handle.last_report`."""
         return self._last_report()
 
-    def lay(self, rows: Rows, said: Floats, told: Floats) -> None:
+    def lay(self, rows: Rows, published: Floats, report_rows: Floats) -> None:
         """See :func:`estimator.live.kernel_handle.lay`; rows of another layout are copied."""
         rows = rows_of(*rows)
-        require_writable(said, len(rows.times_us))
-        self._lay(rows, said, told)
+        require_writable(published, len(rows.times_us))
+        self._lay(rows, published, report_rows)
 
     def search(self, report: Report) -> bool:
         """See :func:`estimator.live.kernel_handle.search`."""
         return self._search(in_types_of(NO_REPORT, report))
 
-    def hear_other(self, report: Any, time_us: int) -> None:
+    def take_other_report(self, report: Any, time_us: int) -> None:
         """Take another source's report that belongs to the last sample, of ``time_us``."""
         kind, source = type(report), source_of(report)
         report = in_types_of(source.blank, report)
@@ -153,16 +153,16 @@ class Holder:
 
         ``arguments`` are examples of its others; of the kernels in ``arguments_with`` none.
         """
-        inside = self._put_inside()
+        handle = self._put_inside()
         if self._is_in_python:
-            return partial(_in_plain_numbers(kernel), inside)
+            return partial(_in_plain_numbers(kernel), handle)
         if arguments:
-            return partial(direct(kernel, tuple(map(_typeof, (inside, *arguments)))), inside)
+            return partial(direct(kernel, tuple(map(_typeof, (handle, *arguments)))), handle)
         step = _steps.get(kernel)
         if step is None:
-            types = kernel_handle.arguments_with(_typeof(inside))[kernel]
+            types = kernel_handle.arguments_with(_typeof(handle))[kernel]
             step = _steps[kernel] = direct(kernel, types)
-        return partial(step, inside)
+        return partial(step, handle)
 
     def _put_inside(self) -> Any:
         if self._inside is None:

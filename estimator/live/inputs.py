@@ -15,7 +15,7 @@ from estimator.live.compass_check import check_compass
 from estimator.live.core import with_attitude
 from estimator.live.refusal import RATE_LIMIT_RAD_S
 from estimator.live.reports import MOST_WAITING, age_s
-from estimator.live.rows import told_of
+from estimator.live.rows import report_rows_of
 from estimator.live.state import State
 from estimator.reasons import Reason
 from estimator.types import RateSample, VelocitySample
@@ -35,14 +35,14 @@ def take_report(state: State, report: Any) -> Reason | None:
         return reason
     core = state.ready()
     if isinstance(report, VelocitySample):
-        if core.hear(told_of([(0, report)])[0]):
+        if core.take_report(report_rows_of([(0, report)])[0]):
             check_compass(state, core.last_report[0])
     elif state.context.phase is Phase.AIDED:
         if report.time_us > core.time_us:
             waiting = (*state.context.reports, report)
             state.change_context(reports=waiting[-MOST_WAITING:])
         elif age_s(report, core.time_us) <= OLDEST_S:
-            core.hear_other(report, core.time_us)
+            core.take_other_report(report, core.time_us)
     return None
 
 
@@ -55,7 +55,7 @@ def take_rate(state: State, rate: RateSample) -> Reason | None:
         return Reason.GYROSCOPE_OUT_OF_RANGE  # or no number
     if not state.profile.uses_attitude_rates:
         return None
-    state.core.hear_rate(rate.time_us, float(x), float(y), float(z))
+    state.core.take_rate(rate.time_us, float(x), float(y), float(z))
     return None
 
 

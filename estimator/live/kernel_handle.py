@@ -2,7 +2,7 @@
 
 The core is some two hundred numbers, with velocity aiding five hundred. To
 hand them to a compiled step and take them back costs Python fifty microseconds
-and more, the step itself about one. So an estimator leaves them inside and
+and more, the step itself about one. So an estimator leaves them handle and
 hands over samples only; all of it can be taken out and put back at any time.
 """
 
@@ -24,7 +24,7 @@ from estimator.aiding import (
     take_late_report,
 )
 from estimator.aiding.compass import NEVER_US
-from estimator.aiding.consistency import compare, hear_report, watch
+from estimator.aiding.consistency import compare, compare_report, watch
 from estimator.aiding.correction import correct_last, prediction_at
 from estimator.aiding.search import EMPTY_SEARCH, add_report, add_sample
 from estimator.aiding.sources.wheels import rolls
@@ -49,9 +49,9 @@ from estimator.live.aided import follow_aided, follow_conditioned, horizontal_no
 from estimator.live.core import Core, in_arrays, initial_core
 from estimator.live.iron import DOUBTED, VOUCHED, mounted_rad, unshown_iron
 from estimator.live.published import (
-    NOTHING_SAID,
+    NOTHING_PUBLISHED,
     OUTPUT_HORIZON_S,
-    Said,
+    Published,
     aided_figures,
     conditioned_figures,
     motion,
@@ -66,13 +66,13 @@ from estimator.live.rows import (
     HAS_VERTICAL,
     IS_RATE,
     LATE_S,
+    NO_REPORT_ROWS,
     NO_ROWS,
     NOTHING_TO_SAY,
-    NOTHING_TOLD,
+    REPORT_SIZE,
     ROW,
     SIGMA_M_S,
     TIME,
-    TOLD,
     Rows,
     X,
     Y,
@@ -93,7 +93,7 @@ SIGMA_TIME_S = 1.0
 # Why steps end: there are no more samples; one is refused, see :mod:`estimator.live.refusal`; or
 # the last one leaves something to decide, each a bit of a number.
 TAKEN = FINE
-FIRST_HEADING = 8  # it has told the first heading
+FIRST_HEADING = 8  # it has report_rows the first heading
 GAP = 16  # it came so late that it was taken without velocity
 REPORT = 32  # a velocity belongs to it that nothing has begun with yet
 LOST = 64  # the aided attitude is not credible
@@ -131,10 +131,10 @@ class Params(NamedTuple):
     aiding: AidingParams
 
 
-FIELDS = ("params", "now", "report", "rows", "said", "told", *Core._fields)
+FIELDS = ("params", "now", "report", "rows", "published", "report_rows", *Core._fields)
 # No arrays are laid.
-NOTHING_LAID = (NO_ROWS, NOTHING_TO_SAY, NOTHING_TOLD)
-NO_ROW = np.zeros(TOLD)  # of what others tell
+NOTHING_LAID = (NO_ROWS, NOTHING_TO_SAY, NO_REPORT_ROWS)
+NO_ROW = np.zeros(REPORT_SIZE)  # of what others show
 
 
 class InPython:
@@ -174,8 +174,8 @@ def example_types() -> tuple[tuple[Any, ...], Any]:
     params, core = params_of(settings), in_arrays(initial_core(settings))
     first = (params, Situation(), NO_REPORT, *NOTHING_LAID)
     fields = zip(FIELDS, (*first, *core), strict=True)
-    inside = _kernel_handle_type([(field, _typeof(value)) for field, value in fields])
-    return tuple(map(_typeof, (params, core, Situation(), *NOTHING_LAID))), inside
+    handle = _kernel_handle_type([(field, _typeof(value)) for field, value in fields])
+    return tuple(map(_typeof, (params, core, Situation(), *NOTHING_LAID))), handle
 
 
 def takes_handle(function: Function) -> Function:
@@ -185,40 +185,40 @@ def takes_handle(function: Function) -> Function:
 
 
 @functools.cache
-def arguments_with(inside: Any) -> dict[Any, tuple[Any, ...]]:
-    """The types of the arguments of all kernels that take a handle, which is of type ``inside``."""
+def arguments_with(handle: Any) -> dict[Any, tuple[Any, ...]]:
+    """The types of the arguments of all kernels that take a handle, which is of type ``handle``."""
     number, flag = types.float64, types.boolean
     whole = types.int64
     readings = (number,) * 9
     return {
-        contents: (inside,),
-        clock: (inside,),
-        contradicted_axes: (inside,),
-        advance_raw: (inside, whole, *readings, flag),
-        advance: (inside, whole, *readings, flag, whole, whole, whole),
-        brief: (inside, _typeof(Situation())),
-        lay: (inside, *(_typeof(value) for value in NOTHING_LAID)),
-        hear_rate: (inside, whole, number, number, number),
-        turning_of: (inside,),
-        hear: (inside, _typeof(NO_ROW)),
-        last_report: (inside,),
-        search: (inside, _typeof(NO_REPORT)),
-        publish: (inside, whole),
+        contents: (handle,),
+        clock: (handle,),
+        contradicted_axes: (handle,),
+        advance_raw: (handle, whole, *readings, flag),
+        advance: (handle, whole, *readings, flag, whole, whole, whole),
+        brief: (handle, _typeof(Situation())),
+        lay: (handle, *(_typeof(value) for value in NOTHING_LAID)),
+        take_rate: (handle, whole, number, number, number),
+        turning_of: (handle,),
+        take_report: (handle, _typeof(NO_ROW)),
+        last_report: (handle,),
+        search: (handle, _typeof(NO_REPORT)),
+        publish: (handle, whole),
     }
 
 
 @compiled(types=lambda: example_types()[0])
 def kernel_handle(
-    params: Params, core: Core, now: Situation, rows: Rows, said: Floats, told: Floats
+    params: Params, core: Core, now: Situation, rows: Rows, published: Floats, report_rows: Floats
 ) -> Any:
-    """Put everything inside; the arrays as in :func:`lay`."""
+    """Put everything handle; the arrays as in :func:`lay`."""
     return KernelHandle(
         params,
         now,
         NO_REPORT,
         rows,
-        said,
-        told,
+        published,
+        report_rows,
         core.time_us,
         core.usual_s,
         core.sample,
@@ -239,43 +239,43 @@ def kernel_handle(
 
 
 @takes_handle
-def contents(inside: Any) -> Core:
+def contents(handle: Any) -> Core:
     """Take the core out; the covariance is a copy."""
     return Core(
-        time_us=inside.time_us,
-        usual_s=inside.usual_s,
-        sample=inside.sample,
-        filter=inside.filter,
-        smooth_error=inside.smooth_error,
-        pull=inside.pull,
-        conditioning=inside.conditioning,
-        seen=inside.seen,
-        search=inside.search,
-        aided=inside.aided,
-        consistency=inside.consistency,
-        covariance=inside.covariance.copy(),
-        velocity_history=inside.velocity_history.copy(),
-        turning=inside.turning,
-        rates=inside.rates[: inside.turning.waiting].copy(),
-        reports=inside.reports.copy(),
+        time_us=handle.time_us,
+        usual_s=handle.usual_s,
+        sample=handle.sample,
+        filter=handle.filter,
+        smooth_error=handle.smooth_error,
+        pull=handle.pull,
+        conditioning=handle.conditioning,
+        seen=handle.seen,
+        search=handle.search,
+        aided=handle.aided,
+        consistency=handle.consistency,
+        covariance=handle.covariance.copy(),
+        velocity_history=handle.velocity_history.copy(),
+        turning=handle.turning,
+        rates=handle.rates[: handle.turning.waiting].copy(),
+        reports=handle.reports.copy(),
     )
 
 
 @takes_handle
-def clock(inside: Any) -> tuple[int, float]:
+def clock(handle: Any) -> tuple[int, float]:
     """Time (us) of the last sample, and the interval (s) that samples usually come at."""
-    return inside.time_us, inside.usual_s
+    return handle.time_us, handle.usual_s
 
 
 @takes_handle
-def contradicted_axes(inside: Any) -> tuple[bool, bool, bool]:
+def contradicted_axes(handle: Any) -> tuple[bool, bool, bool]:
     """Whether field and force contradict the gyroscope's axes x, y, z now.
 
     By more than a bias that the profile allows: such an error is not learnt.
     """
-    axes = inside.conditioning.events.signs.axes
+    axes = handle.conditioning.events.signs.axes
     is_now = axes.since_s < SPAN_S
-    least = inside.params.conditioning.bias_limit_rad_s**2
+    least = handle.params.conditioning.bias_limit_rad_s**2
     x, y, z = axes.squares
     common = min(x, y, z)  # of a field that contradicts all three it is the field's own
     x, y, z = x - common, y - common, z - common
@@ -284,7 +284,7 @@ def contradicted_axes(inside: Any) -> tuple[bool, bool, bool]:
 
 @takes_handle
 def advance_raw(
-    inside: Any,
+    handle: Any,
     time_us: int,
     gx: float,
     gy: float,
@@ -298,10 +298,10 @@ def advance_raw(
     has_mag: bool,
 ) -> int:
     """One sample of raw vectors; returns what is wrong with it, ``TAKEN`` if nothing is."""
-    end = fault_of((gx, gy, gz), (ax, ay, az), (mx, my, mz), time_us > inside.time_us)
+    end = fault_of((gx, gy, gz), (ax, ay, az), (mx, my, mz), time_us > handle.time_us)
     if end != FINE:
         return end
-    dt_s = 1e-6 * (time_us - inside.time_us)
+    dt_s = 1e-6 * (time_us - handle.time_us)
     sample = Sample(
         gyr_rad_s=(gx, gy, gz),
         acc_m_s2=(ax, ay, az),
@@ -310,23 +310,23 @@ def advance_raw(
         dt_s=dt_s,
         between=NOTHING_BETWEEN,
     )
-    params = inside.params
-    state = kernel.step(params.filter, params.reference, inside.filter, sample)
-    before = inside.smooth_error
-    inside.pull = pulled(
-        inside.pull, inside.filter.q_ned_frd, state, sample.gyr_rad_s, before, dt_s
+    params = handle.params
+    state = kernel.step(params.filter, params.reference, handle.filter, sample)
+    before = handle.smooth_error
+    handle.pull = pulled(
+        handle.pull, handle.filter.q_ned_frd, state, sample.gyr_rad_s, before, dt_s
     )
-    inside.smooth_error = before + dt_s / (SIGMA_TIME_S + dt_s) * (state.error - before)
-    inside.filter = state
-    inside.sample = sample
-    inside.time_us = time_us
-    inside.usual_s = usual_interval(inside.usual_s, dt_s)
+    handle.smooth_error = before + dt_s / (SIGMA_TIME_S + dt_s) * (state.error - before)
+    handle.filter = state
+    handle.sample = sample
+    handle.time_us = time_us
+    handle.usual_s = usual_interval(handle.usual_s, dt_s)
     return TAKEN
 
 
 @takes_handle
 def advance(
-    inside: Any,
+    handle: Any,
     time_us: int,
     gx: float,
     gy: float,
@@ -340,36 +340,36 @@ def advance(
     has_mag: bool,
     first: int,
     behind: int,
-    heard: int,
-) -> tuple[int, int, int, Said]:
+    next_report: int,
+) -> tuple[int, int, int, Published]:
     """One conditioned sample, or the rows from ``first`` up to ``behind`` of those that are laid.
 
     A sample is plain numbers because those cost the least to hand over; ``behind`` is 0 then.
-    Before each row come the reports that are laid with it, from ``heard`` on.
+    Before each row come the reports that are laid with it, from ``next_report`` on.
 
     Returns the row and the report that would be next, what has ended it there, and what there is
     to publish of the last sample.
     """
-    now = inside.now
-    memory, seen, state = inside.conditioning, inside.seen, inside.filter
-    laid, out, told = inside.rows, inside.said, inside.told
-    sample, last_us, usual_s = inside.sample, inside.time_us, inside.usual_s
+    now = handle.now
+    memory, seen, state = handle.conditioning, handle.seen, handle.filter
+    laid, out, report_rows = handle.rows, handle.published, handle.report_rows
+    sample, last_us, usual_s = handle.sample, handle.time_us, handle.usual_s
     gyr, acc, mag = (gx, gy, gz), (ax, ay, az), (mx, my, mz)
     # others read of the memory meanwhile
-    is_read = now.source == AIDED or turning.is_told(inside.turning) or len(told) > 0
-    said, is_aided, k, end = NOTHING_SAID, now.source == AIDED, first, TAKEN
+    is_read = now.source == AIDED or turning.has_rates(handle.turning) or len(report_rows) > 0
+    published, is_aided, k, end = NOTHING_PUBLISHED, now.source == AIDED, first, TAKEN
     while end == TAKEN and k < max(1, behind):
         if behind > 0:
             time_us, gyr, acc, mag, has_mag = reading_of(laid, k)
-            heard, end = hear_rows(inside, told, heard, k)
+            next_report, end = take_report_rows(handle, report_rows, next_report, k)
         if end == TAKEN:
             end = fault_of(gyr, acc, mag, time_us > last_us)
         if end != TAKEN:
             break
         dt_s = 1e-6 * (time_us - last_us)
         between = NOTHING_BETWEEN
-        if now.takes_rates and turning.is_told(inside.turning):
-            between, gyr = turn_to(inside, time_us, gyr)
+        if now.takes_rates and turning.has_rates(handle.turning):
+            between, gyr = turn_to(handle, time_us, gyr)
         if now.watches_gaps and not between.given and is_gap(usual_s, dt_s):
             is_aided, end = False, GAP
         has_mag = has_mag and time_us >= now.heard_from_us
@@ -380,24 +380,24 @@ def advance(
             gyr_rad_s=gyr, acc_m_s2=acc, mag=mag, has_mag=has_mag, dt_s=dt_s, between=between
         )
         last_us, usual_s = time_us, usual_interval(usual_s, dt_s)
-        ends, memory, seen, state, said = step(
-            inside, sample, last_us, memory, seen, state, is_aided, is_read
+        ends, memory, seen, state, published = step(
+            handle, sample, last_us, memory, seen, state, is_aided, is_read
         )
         end |= ends
         if behind > 0:
-            write(out[k], said, is_aided)
+            write(out[k], published, is_aided)
         k += 1
     if k > first:
-        keep(inside, last_us, memory, seen, sample)
-        inside.usual_s, inside.filter = usual_s, state
+        keep(handle, last_us, memory, seen, sample)
+        handle.usual_s, handle.filter = usual_s, state
         if not is_aided:
-            inside.smooth_error = state.error
-    return k, heard, end, said
+            handle.smooth_error = state.error
+    return k, next_report, end, published
 
 
 @inlined
 def step(
-    inside: Any,
+    handle: Any,
     sample: Sample,
     time_us: int,
     memory: ConditioningState,
@@ -405,84 +405,84 @@ def step(
     state: FilterState,
     is_aided: bool,
     is_read: bool,
-) -> tuple[int, ConditioningState, Conditioned, FilterState, Said]:
+) -> tuple[int, ConditioningState, Conditioned, FilterState, Published]:
     """One sound sample: what it leaves to decide, the states after it and what there is to say.
 
-    Where it ``is_read``, all that is inside is of this sample, too.
+    Where it ``is_read``, all that is handle is of this sample, too.
     """
-    params, now, dt_s = inside.params, inside.now, sample.dt_s
-    report, other = due_reports(inside, time_us, dt_s)
+    params, now, dt_s = handle.params, handle.now, sample.dt_s
+    report, other = due_reports(handle, time_us, dt_s)
     had_heading, end = seen.has_heading, TAKEN
     memory, seen = condition(params.conditioning, memory, sample)
-    search_on(inside, memory, sample.acc_m_s2, dt_s)
+    search_on(handle, memory, sample.acc_m_s2, dt_s)
     if is_read:
-        keep(inside, time_us, memory, seen, sample)
+        keep(handle, time_us, memory, seen, sample)
     if is_aided:
-        end = step_aided(inside, now, report, other)
-        state = inside.filter
-        said = said_by(inside, time_us)
+        end = step_aided(handle, now, report, other)
+        state = handle.filter
+        published = published_by(handle, time_us)
     else:
         state = follow_conditioned(params.filter, params.reference, state, seen, dt_s)
-        said = said_now(time_us, params, now, memory, seen, state, sample.gyr_rad_s)
+        published = published_now(time_us, params, now, memory, seen, state, sample.gyr_rad_s)
         if seen.has_heading and not had_heading:
             end = FIRST_HEADING
         if report.given and params.aiding.enabled:
-            inside.report = report
+            handle.report = report
             end |= REPORT
     q = state.q_ned_frd
     if not isfinite(q[0] + q[1] + q[2] + q[3]):
         end |= NOT_FINITE_NOW
-    return end, memory, seen, state, said
+    return end, memory, seen, state, published
 
 
 @inlined
 def keep(
-    inside: Any, time_us: int, memory: ConditioningState, seen: Conditioned, sample: Sample
+    handle: Any, time_us: int, memory: ConditioningState, seen: Conditioned, sample: Sample
 ) -> None:
-    """Put inside what a sample has changed of the conditioning stage."""
-    inside.conditioning = memory
-    inside.seen = seen
-    inside.sample = sample
-    inside.time_us = time_us
+    """Put handle what a sample has changed of the conditioning stage."""
+    handle.conditioning = memory
+    handle.seen = seen
+    handle.sample = sample
+    handle.time_us = time_us
 
 
 @inlined
-def hear_rows(inside: Any, told: Floats, heard: int, k: int) -> tuple[int, int]:
-    """Hear the reports from ``heard`` on that come before row k; which is next, and what ends."""
-    while heard < len(told) and told[heard, ROW] <= k:
-        has_shown = hear_row(inside, told[heard])
-        heard += 1
+def take_report_rows(handle: Any, report_rows: Floats, next_report: int, k: int) -> tuple[int, int]:
+    """Take the reports from ``next_report`` on before row k; which is next, and what ends."""
+    while next_report < len(report_rows) and report_rows[next_report, ROW] <= k:
+        has_shown = take_report_row(handle, report_rows[next_report])
+        next_report += 1
         if has_shown:
-            return heard, SHOWN_LATE
-    return heard, TAKEN
+            return next_report, SHOWN_LATE
+    return next_report, TAKEN
 
 
 @inlined
-def due_reports(inside: Any, time_us: int, dt_s: float) -> tuple[Report, Report]:
+def due_reports(handle: Any, time_us: int, dt_s: float) -> tuple[Report, Report]:
     """The velocities that have waited for the sample of ``time_us``, of either source."""
     report, other = NO_REPORT, NO_REPORT
-    if len(inside.reports) > 0:
+    if len(handle.reports) > 0:
         # one that came behind a slow stream's last sample is as old as the step is long
-        inside.reports, report, other = take_due_velocities(
-            inside.reports, time_us, max(OLDEST_S, dt_s)
+        handle.reports, report, other = take_due_velocities(
+            handle.reports, time_us, max(OLDEST_S, dt_s)
         )
     return report, other
 
 
 @inlined
-def search_on(inside: Any, memory: ConditioningState, acc: Vec3, dt_s: float) -> None:
+def search_on(handle: Any, memory: ConditioningState, acc: Vec3, dt_s: float) -> None:
     """Follow the force for the search by velocity, if that has begun."""
     if dt_s > SPAN_S:  # how the vehicle has turned meanwhile is not known
-        inside.search = EMPTY_SEARCH
-    elif inside.search.window.is_open:
+        handle.search = EMPTY_SEARCH
+    elif handle.search.window.is_open:
         vertical = memory.vertical
-        inside.search = add_sample(
-            inside.search, vertical.gravity.q_g_frd, acc, dt_s, vertical.tilt.aliasing
+        handle.search = add_sample(
+            handle.search, vertical.gravity.q_g_frd, acc, dt_s, vertical.tilt.aliasing
         )
 
 
 @inlined
-def said_now(
+def published_now(
     time_us: int,
     params: Params,
     now: Situation,
@@ -490,7 +490,7 @@ def said_now(
     seen: Conditioned,
     state: FilterState,
     gyr: Vec3,
-) -> Said:
+) -> Published:
     """What a conditioned sample without velocity leaves to be published."""
     iron_rad = unshown_iron(
         params.conditioning, memory, params.reference.place_gauss, standing_at(now, time_us)
@@ -513,160 +513,160 @@ def north_of(now: Situation, seen: Conditioned) -> int:
 
 
 @takes_handle
-def brief(inside: Any, now: Situation) -> None:
+def brief(handle: Any, now: Situation) -> None:
     """Tell the steps what they ask of the context."""
-    inside.now = now
+    handle.now = now
 
 
 @takes_handle
-def lay(inside: Any, rows: Rows, said: Floats, told: Floats) -> None:
+def lay(handle: Any, rows: Rows, published: Floats, report_rows: Floats) -> None:
     """Lay arrays for :func:`advance`, as in :mod:`estimator.live.rows`."""
-    inside.rows = rows
-    inside.said = said
-    inside.told = told
+    handle.rows = rows
+    handle.published = published
+    handle.report_rows = report_rows
 
 
 @takes_handle
-def hear_rate(inside: Any, time_us: int, x: float, y: float, z: float) -> None:
+def take_rate(handle: Any, time_us: int, x: float, y: float, z: float) -> None:
     """Body rates of another messenger."""
-    keep_rate(inside, time_us, (x, y, z))
+    keep_rate(handle, time_us, (x, y, z))
 
 
 @inlined
-def keep_rate(inside: Any, time_us: int, rate_rad_s: Vec3) -> None:
+def keep_rate(handle: Any, time_us: int, rate_rad_s: Vec3) -> None:
     """Keep body rates, unless they come too late.
 
     At the very times of the samples they are of use only where those are in doubt.
     """
-    state = inside.turning
-    is_kept = time_us > inside.time_us
-    if time_us == inside.time_us:
-        a, b, c = contradicted_axes(inside)
+    state = handle.turning
+    is_kept = time_us > handle.time_us
+    if time_us == handle.time_us:
+        a, b, c = contradicted_axes(handle)
         d, e, f = state.stands_in
         is_kept = a or b or c or d or e or f
     if is_kept:
-        inside.turning, inside.rates = turning.hear_rate(state, inside.rates, time_us, rate_rad_s)
+        handle.turning, handle.rates = turning.take_rate(state, handle.rates, time_us, rate_rad_s)
 
 
 @inlined
-def turn_to(inside: Any, time_us: int, gyr: Vec3) -> tuple[Between, Vec3]:
+def turn_to(handle: Any, time_us: int, gyr: Vec3) -> tuple[Between, Vec3]:
     """Up to the next sample by others' rates, too.
 
     Returns what those show of the turning up to there, and what the gyroscope reads, or what
     stands in for it.
     """
     state, between = turning.take_between(
-        inside.turning, inside.rates, inside.time_us, time_us, gyr
+        handle.turning, handle.rates, handle.time_us, time_us, gyr
     )
-    inside.turning, gyr = turning.stand_in(state, time_us, gyr, contradicted_axes(inside))
+    handle.turning, gyr = turning.stand_in(state, time_us, gyr, contradicted_axes(handle))
     return between, gyr
 
 
 @takes_handle
-def turning_of(inside: Any) -> tuple[int, tuple[bool, bool, bool]]:
+def turning_of(handle: Any) -> tuple[int, tuple[bool, bool, bool]]:
     """Steps that were integrated through others' rates, and the axes that they stand in for."""
-    return inside.turning.used, inside.turning.stands_in
+    return handle.turning.used, handle.turning.stands_in
 
 
 @inlined
-def step_aided(inside: Any, now: Situation, report: Report, other: Report) -> int:
+def step_aided(handle: Any, now: Situation, report: Report, other: Report) -> int:
     """The last sample with the velocity reports that belong to it, if any; what ends a run."""
-    params = inside.params
+    params = handle.params
     reference = params.reference
-    seen = inside.seen
+    seen = handle.seen
     north = horizontal_north(reference, now.knows_north)
     others = StepInputs(
         gravity_b=seen.gravity_b,
         gravity_sigma_rad=seen.sigma_brief_rad,
-        aliasing=inside.conditioning.vertical.tilt.aliasing,
+        aliasing=handle.conditioning.vertical.tilt.aliasing,
         north=north,
         place_gauss=reference.place_gauss,
     )
     aided, covariance, velocity_history = aid(
         params.aiding,
-        inside.aided,
-        inside.covariance,
-        inside.velocity_history,
-        inside.sample,
+        handle.aided,
+        handle.covariance,
+        handle.velocity_history,
+        handle.sample,
         report,
         others,
     )
-    before = inside.aided.estimate.q_ned_frd
+    before = handle.aided.estimate.q_ned_frd
     knows_north = now.knows_north or rolls(params.aiding)
-    state = follow_aided(params.filter, reference, inside.filter, aided, knows_north, before)
-    inside.filter = state
-    inside.smooth_error = state.error
-    inside.aided = aided
-    inside.covariance = covariance
-    inside.velocity_history = velocity_history
-    consistency = watch(params.aiding, inside.consistency, aided, inside.sample, report)
+    state = follow_aided(params.filter, reference, handle.filter, aided, knows_north, before)
+    handle.filter = state
+    handle.smooth_error = state.error
+    handle.aided = aided
+    handle.covariance = covariance
+    handle.velocity_history = velocity_history
+    consistency = watch(params.aiding, handle.consistency, aided, handle.sample, report)
     tau_s = params.filter.rate_time_constant_s
-    inside.consistency = compare(consistency, state.q_ned_frd, inside.sample.dt_s, tau_s)
-    has_shown = report.given and search_by(inside, report)
-    is_lost = slow_share(inside.sample.dt_s) > 0.0 and is_worse(aided, seen)
+    handle.consistency = compare(consistency, state.q_ned_frd, handle.sample.dt_s, tau_s)
+    has_shown = report.given and search_by(handle, report)
+    is_lost = slow_share(handle.sample.dt_s) > 0.0 and is_worse(aided, seen)
     if is_lost or not is_credible(aided):
         return LOST
     if other.given:
-        hear_late(inside, other)
+        take_late(handle, other)
     if has_shown:
-        inside.report = report
+        handle.report = report
     return SHOWN if has_shown else TAKEN
 
 
 @takes_handle
-def hear(inside: Any, row: Floats) -> bool:
-    """See :func:`hear_row`."""
-    return hear_row(inside, row)
+def take_report(handle: Any, row: Floats) -> bool:
+    """See :func:`take_report_row`."""
+    return take_report_row(handle, row)
 
 
 @inlined
-def hear_row(inside: Any, row: Floats) -> bool:
+def take_report_row(handle: Any, row: Floats) -> bool:
     """A row of what others have measured; whether it may have shown the attitude anew.
 
     A velocity waits for its sample, unless that was the last one or one just before it.
     """
     time_us, vector = int(row[TIME]), (row[X], row[Y], row[Z])
     if row[IS_RATE] > 0.0:
-        keep_rate(inside, time_us, vector)
+        keep_rate(handle, time_us, vector)
         return False
-    if inside.now.source != AIDED or time_us > inside.time_us:
-        inside.reports = enqueue_velocity(inside.reports, row)
+    if handle.now.source != AIDED or time_us > handle.time_us:
+        handle.reports = enqueue_velocity(handle.reports, row)
         return False
-    ago_s = 1e-6 * (inside.time_us - time_us)
+    ago_s = 1e-6 * (handle.time_us - time_us)
     if ago_s > OLDEST_S:
         return False
     has_vertical = row[HAS_VERTICAL] > 0.0
     report = Report(True, vector, has_vertical, row[SIGMA_M_S], ago_s, row[LATE_S])
-    inside.report = report
-    return hear_late(inside, report)
+    handle.report = report
+    return take_late(handle, report)
 
 
 @shared
-def hear_late(inside: Any, report: Report) -> bool:
+def take_late(handle: Any, report: Report) -> bool:
     """A report that belongs to the last sample, and comes behind it.
 
     Returns whether velocity alone may have shown the attitude anew.
     """
     aided, covariance = take_late_report(
-        inside.params.aiding,
-        inside.aided,
-        inside.covariance,
-        inside.velocity_history,
-        inside.seen.gravity_b,
+        handle.params.aiding,
+        handle.aided,
+        handle.covariance,
+        handle.velocity_history,
+        handle.seen.gravity_b,
         report,
     )
-    inside.aided = aided
-    inside.covariance = covariance
-    inside.consistency = hear_report(
-        inside.params.aiding, inside.consistency, aided.estimate, report
+    handle.aided = aided
+    handle.covariance = covariance
+    handle.consistency = compare_report(
+        handle.params.aiding, handle.consistency, aided.estimate, report
     )
-    return search_by(inside, report)
+    return search_by(handle, report)
 
 
 @takes_handle
-def last_report(inside: Any) -> tuple[Report, bool]:
-    """The report that a step has left to decide on, and whether the field tells a heading."""
-    return inside.report, inside.seen.has_heading
+def last_report(handle: Any) -> tuple[Report, bool]:
+    """The report that a step has left to decide on, and whether the field shows a heading."""
+    return handle.report, handle.seen.has_heading
 
 
 @functools.cache
@@ -676,70 +676,72 @@ def hearing(observe: Any) -> Any:
     See :class:`estimator.aiding.sources.source.Source`.
     """
 
-    def hear_other(inside: Any, report: Any, ago_s: float) -> None:
+    def take_other_report(handle: Any, report: Any, ago_s: float) -> None:
         """A report measured ``ago_s`` before the last sample."""
-        now = prediction_at(inside.aided, inside.covariance, inside.velocity_history)
+        now = prediction_at(handle.aided, handle.covariance, handle.velocity_history)
         x = np.zeros(SIZE)
-        observe(inside.params.aiding, now, report, ago_s, x)
-        inside.aided = correct_last(inside.aided, now, x)
-        inside.covariance = now.covariance
+        observe(handle.params.aiding, now, report, ago_s, x)
+        handle.aided = correct_last(handle.aided, now, x)
+        handle.covariance = now.covariance
 
     # the name of its file in the cache
-    hear_other.__qualname__ = f"hear_other.{observe.__module__}.{observe.__qualname__}"
-    return compiled(hear_other)
+    take_other_report.__qualname__ = (
+        f"take_other_report.{observe.__module__}.{observe.__qualname__}"
+    )
+    return compiled(take_other_report)
 
 
 @takes_handle
-def search(inside: Any, report: Report) -> bool:
+def search(handle: Any, report: Report) -> bool:
     """A report while there is no aiding; whether it may have shown the attitude."""
-    return search_by(inside, report)
+    return search_by(handle, report)
 
 
 @inlined
-def search_by(inside: Any, report: Report) -> bool:
+def search_by(handle: Any, report: Report) -> bool:
     """Take a report for the attitude by velocity alone; whether it may have shown that."""
-    found, last = inside.search, inside.sample
-    q_g_frd = inside.conditioning.vertical.gravity.q_g_frd
+    found, last = handle.search, handle.sample
+    q_g_frd = handle.conditioning.vertical.gravity.q_g_frd
     if not found.window.is_open:  # nobody has followed the force until now
         found = add_sample(found, q_g_frd, last.acc_m_s2, last.dt_s, 0.0)
-    found, closed = add_report(found, report, q_g_frd, inside.seen.gravity_b)
-    inside.search = found
+    found, closed = add_report(found, report, q_g_frd, handle.seen.gravity_b)
+    handle.search = found
     return bool(closed)
 
 
 @takes_handle
-def publish(inside: Any, time_us: int) -> Said:
+def publish(handle: Any, time_us: int) -> Published:
     """What there is to publish at a time, turned on from the last sample if that is before it."""
-    return said_by(inside, time_us)
+    return published_by(handle, time_us)
 
 
 @shared
-def said_by(inside: Any, time_us: int) -> Said:
+def published_by(handle: Any, time_us: int) -> Published:
     """See :func:`publish`."""
-    params, now = inside.params, inside.now
-    known_s = min(max(1e-6 * (time_us - inside.time_us), 0.0), OUTPUT_HORIZON_S)
+    params, now = handle.params, handle.now
+    known_s = min(max(1e-6 * (time_us - handle.time_us), 0.0), OUTPUT_HORIZON_S)
     ahead_s = known_s
-    error, error_rate_1_s = inside.filter.error, inside.filter.error_rate_1_s
+    error, error_rate_1_s = handle.filter.error, handle.filter.error_rate_1_s
     place_gauss = params.reference.place_gauss
     if now.source == AIDED:
-        consistency = inside.consistency
+        consistency = handle.consistency
         error, error_rate_1_s = consistency.error, consistency.error_rate_1_s
         figures = aided_figures(
             params.aiding,
-            inside.aided,
+            handle.aided,
             consistency,
             place_gauss,
-            inside.covariance,
+            handle.covariance,
             mounted_rad(now.standing),
         )
-        ahead_s += inside.aided.estimate.imu_lag_s  # the samples are that old
+        ahead_s += handle.aided.estimate.imu_lag_s  # the samples are that old
     elif now.source == CONDITIONED:
-        standing = standing_at(now, inside.time_us)
-        iron_rad = unshown_iron(params.conditioning, inside.conditioning, place_gauss, standing)
-        figures = conditioned_figures(inside.seen, iron_rad)
+        standing = standing_at(now, handle.time_us)
+        iron_rad = unshown_iron(params.conditioning, handle.conditioning, place_gauss, standing)
+        figures = conditioned_figures(handle.seen, iron_rad)
     else:
-        figures = raw_figures(params.reference, inside.smooth_error, inside.pull)
-    rate_rad_s = subtract(inside.sample.gyr_rad_s, inside.filter.gyr_bias_rad_s)
+        figures = raw_figures(params.reference, handle.smooth_error, handle.pull)
+    rate_rad_s = subtract(handle.sample.gyr_rad_s, handle.filter.gyr_bias_rad_s)
     figures = widen(figures, rate_rad_s, known_s)
-    moved = motion(inside.filter, rate_rad_s, ahead_s, error, error_rate_1_s)
-    return time_us, moved, figures, north_of(now, inside.seen)
+    moved = motion(handle.filter, rate_rad_s, ahead_s, error, error_rate_1_s)
+    return time_us, moved, figures, north_of(now, handle.seen)

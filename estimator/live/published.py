@@ -77,8 +77,8 @@ Motion = tuple[Quaternion, Vec3, Vec3, float, float, float]
 # Confidences of gravity and field, sigmas (rad) of inclination and heading.
 Figures = tuple[float, float, float, float]
 # The time (us) that they are for, both, and the place in ``NORTHS`` of what the heading is from.
-Said = tuple[int, Motion, Figures, int]
-NOTHING_SAID: Said = (-1, (IDENTITY, ZERO_VEC3, ZERO_VEC3, 0.0, 0.0, 0.0), (0.0,) * 4, 0)
+Published = tuple[int, Motion, Figures, int]
+NOTHING_PUBLISHED: Published = (-1, (IDENTITY, ZERO_VEC3, ZERO_VEC3, 0.0, 0.0, 0.0), (0.0,) * 4, 0)
 
 # The output is propagated this far beyond the last sample at most, s; then the
 # last rate says nothing about the vehicle any more.
@@ -98,7 +98,7 @@ def motion(
 
 @inlined
 def raw_figures(reference: ReferenceParams, smooth_error: float, pull: Pull) -> Figures:
-    """What raw vectors tell about themselves: their mean e is sin^2 of half an angle."""
+    """What raw vectors show about themselves: their mean e is sin^2 of half an angle."""
     sigma = at_most_half_turn(at_least(2.0 * asin(sqrt(smooth_error))))
     heading = at_most_half_turn(sqrt(sigma * sigma + pull.heading_rad * pull.heading_rad))
     return reference.s_gravity, reference.s_magnetic, sigma, heading
@@ -158,7 +158,7 @@ def widen(figures: Figures, rate_rad_s: Vec3, ahead_s: float) -> Figures:
 
 
 @inlined
-def write(row: Any, said: Said, is_aided: bool) -> None:
+def write(row: Any, said: Published, is_aided: bool) -> None:
     """All of it as the numbers of a row, in the order of :data:`estimator.live.rows.SAID`."""
     _, (q, rate, bias, error, error_rate, gain), figures, north = said
     for i in range(4):

@@ -73,7 +73,7 @@ SHARE = 0.1
 MOST_USUAL = 2.0
 # After so many usual intervals without a sample something is missing.
 GAP_INTERVALS = 3.0
-# Of a fast stream the readings at the ends of a hole tell how the vehicle was turning there, and
+# Of a fast stream the readings at the ends of a hole show how the vehicle was turning there, and
 # velocity corrects within a second what they miss, until the turn missed leaves nothing known.
 LONGEST_GAP_S = SPAN_S + UNKNOWN_RAD / HOLE_RAD_S
 

@@ -1,4 +1,4 @@
-"""Many samples and what is said about them, as rows of arrays."""
+"""Many samples and what is published about them, as rows of arrays."""
 
 from collections.abc import Iterable
 from typing import Any, NamedTuple
@@ -10,18 +10,18 @@ from estimator.compilation.compiled import inlined
 from estimator.errors import InputError
 from estimator.types import ZERO_VEC3, RateSample, Vec3, VelocitySample
 
-# Columns of a row that tells an attitude: q_ned_frd, rate, bias, e, its rate, K, the confidences
+# Columns of a row that shows an attitude: q_ned_frd, rate, bias, e, its rate, K, the confidences
 # of gravity and field, the sigmas of inclination and heading, the place in ``NORTHS`` of what the
 # heading is measured from, and 1 where velocity helps.
 SAID = 19
 Q, RATE, BIAS, SIGMA = slice(0, 4), slice(4, 7), slice(7, 10), slice(15, 17)
 NORTH, AIDED = 17, 18
 NORTHS = ("none", "magnetic", "true")
-# Columns of a row that tells what others have measured: the sample that it comes before, its time
+# Columns of a row that shows what others have measured: the sample that it comes before, its time
 # (us), 1 for body rates and 0 for a velocity, three components, and of a velocity both sigmas and 1
 # where the third component is known.
-TOLD = 9
-ROW, TIME, IS_RATE, X, Y, Z, SIGMA_M_S, LATE_S, HAS_VERTICAL = range(TOLD)
+REPORT_SIZE = 9
+ROW, TIME, IS_RATE, X, Y, Z, SIGMA_M_S, LATE_S, HAS_VERTICAL = range(REPORT_SIZE)
 # What is done row by row is done with so many at a time: an hour's take too much room at once.
 BLOCK = 100_000
 
@@ -42,7 +42,7 @@ class Rows(NamedTuple):
 NO_SAMPLES = np.zeros((0, 3))
 NO_ROWS = Rows(np.zeros(0, np.int64), NO_SAMPLES, NO_SAMPLES, NO_SAMPLES, np.zeros(0, np.bool_))
 NOTHING_TO_SAY = np.zeros((0, SAID))
-NOTHING_TOLD = np.zeros((0, TOLD))
+NO_REPORT_ROWS = np.zeros((0, REPORT_SIZE))
 
 
 def rows_of(
@@ -74,15 +74,19 @@ def _plain(values: Any, kind: type, shape: tuple[int, ...]) -> Any:
     return plain
 
 
-def require_writable(said: Any, n: int) -> None:
+def require_writable(published: Any, n: int) -> None:
     """Check that compiled code can write what it says about n samples into an array.
 
     Raises:
         InputError: it is not C-contiguous float64 of shape (n, SAID), or read only.
     """
-    is_plain = isinstance(said, np.ndarray) and said.flags.carray and said.dtype == np.float64
-    if not is_plain or said.shape != (n, SAID):
-        msg = f"what is said about rows takes a writable C-contiguous float64 array ({n}, {SAID})"
+    is_plain = (
+        isinstance(published, np.ndarray)
+        and published.flags.carray
+        and published.dtype == np.float64
+    )
+    if not is_plain or published.shape != (n, SAID):
+        msg = f"attitudes of rows take a writable C-contiguous float64 array ({n}, {SAID})"
         raise InputError(msg)
 
 
@@ -113,29 +117,29 @@ def cut(rows: Rows, begin: int, end: int | None = None, every: int = 1) -> Rows:
     return Rows(t[part], g[part], a[part], m[part], has[part])
 
 
-def told_of(reports: Iterable[tuple[int, VelocitySample | RateSample]]) -> Floats:
-    """Rows (M, TOLD) of reports, each with the sample that it comes before, in their order."""
-    told: list[tuple[float, ...]] = []
+def report_rows_of(reports: Iterable[tuple[int, VelocitySample | RateSample]]) -> Floats:
+    """Rows (M, REPORT_SIZE) of reports, each with the sample that it comes before, in order."""
+    report_rows: list[tuple[float, ...]] = []
     for row, report in reports:
         if isinstance(report, RateSample):
-            told.append((row, report.time_us, 1.0, *report.rate_rad_s, 0.0, 0.0, 0.0))
+            report_rows.append((row, report.time_us, 1.0, *report.rate_rad_s, 0.0, 0.0, 0.0))
         else:
             time_us, velocity, has_vertical, sigma_m_s, late_s = report
-            told.append((row, time_us, 0.0, *velocity, sigma_m_s, late_s, has_vertical))
-    return np.array(told, np.float64).reshape(-1, TOLD)
+            report_rows.append((row, time_us, 0.0, *velocity, sigma_m_s, late_s, has_vertical))
+    return np.array(report_rows, np.float64).reshape(-1, REPORT_SIZE)
 
 
 def report_of(row: Floats) -> VelocitySample | RateSample:
-    """What one row (TOLD,) tells."""
+    """What one row (REPORT_SIZE,) shows."""
     _, time_us, is_rate, x, y, z, sigma_m_s, late_s, has_vertical = row.tolist()
     if is_rate:
         return RateSample(int(time_us), (x, y, z))
     return VelocitySample(int(time_us), (x, y, z), bool(has_vertical), sigma_m_s, late_s)
 
 
-def told_between(told: Floats, begin: int, end: int) -> Floats:
+def told_between(report_rows: Floats, begin: int, end: int) -> Floats:
     """What comes before the rows from ``begin`` up to ``end``, counted from there."""
-    first, behind = np.searchsorted(told[:, ROW], (begin, end))
-    part = told[first:behind].copy()
+    first, behind = np.searchsorted(report_rows[:, ROW], (begin, end))
+    part = report_rows[first:behind].copy()
     part[:, ROW] -= begin
     return part

@@ -44,7 +44,7 @@ def settings_of(
     """The kernels' parameters; ``fixed_gain`` replaces the profile's K.
 
     ``place`` is the field of the vehicle's place, None as long as that is not known; its
-    declination is used where the profile leaves it to the position. The ``vehicle_class`` tells how
+    declination is used where the profile leaves it to the position. The ``vehicle_class`` shows how
     the IMU moves, as far as the profile does not.
 
     Raises:

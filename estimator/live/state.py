@@ -23,7 +23,7 @@ from estimator.live.core import (
 from estimator.live.holder import Holder
 from estimator.live.iron import BY_TURNS, PROVEN, VOUCHED, unshown_iron
 from estimator.live.kernel_handle import AIDED, CONDITIONED, RAW, Situation, standing_at
-from estimator.live.published import NO_PULL, Said
+from estimator.live.published import NO_PULL, Published
 from estimator.live.rows import NORTHS
 from estimator.live.settings import Settings, settings_of
 from estimator.profile import Profile
@@ -47,7 +47,7 @@ class State:
 
     core: Holder
     context: Context
-    said: Said | None  # what the last sample's step has said, while that holds
+    published: Published | None  # what the last sample's step has said, while that holds
     source: int  # RAW, CONDITIONED or AIDED
     takes_raw_samples: bool  # the paper's vectors, of which nothing else changes a step
     takes_rows: bool  # conditioned samples, with no more between them than rows can tell
@@ -76,7 +76,7 @@ class State:
     def set_core(self, core: Core) -> None:
         """Replace what the compiled steps work on."""
         self.core = Holder(self.settings, core)
-        self.said, self.is_ready = None, False
+        self.published, self.is_ready = None, False
 
     def change_context(self, **changes: object) -> None:
         """Replace some fields of the context."""
@@ -95,7 +95,7 @@ class State:
         """The core, whose steps know the context."""
         if not self.is_ready:
             self.core.brief(self.situation)
-            self.said, self.is_ready = None, True
+            self.published, self.is_ready = None, True
         return self.core
 
     @property

@@ -55,7 +55,7 @@ def decide(state: State, end: int) -> Reason | None:
     """Do what a step has ended for; why its sample was refused, if it was."""
     if end == TAKEN or end in REASONS:
         return REASONS.get(end)
-    state.said = None
+    state.published = None
     report, has_heading = state.core.last_report
     if end & GAP:
         state.enter(Cause.GAP)
@@ -76,7 +76,7 @@ def take_sample(state: State, sample: ImuSample) -> Reason | None:
     if reason is not None:
         return reason
     sample = sample_in_floats(sample)
-    state.said = None
+    state.published = None
     if state.context.phase is Phase.EMPTY:
         take_first(state, sample)
     elif sample.time_us <= state.core.time_us:
@@ -120,4 +120,4 @@ def take_beside(state: State, sample: ImuSample) -> None:
     # there was a heading before
     decide(state, end & ~FIRST_HEADING if was_raw else end)
     for other in due if is_aided else ():
-        state.core.hear_other(other, sample.time_us)
+        state.core.take_other_report(other, sample.time_us)

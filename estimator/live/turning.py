@@ -72,7 +72,7 @@ with_stands_in = replacer(Turning, "stands_in")
 
 
 @inlined
-def is_told(state: Turning) -> bool:
+def has_rates(state: Turning) -> bool:
     """Whether there has been any rate."""
     return state.waiting > 0 or state.before_us != NEVER_US
 
@@ -92,7 +92,7 @@ def agrees(state: Turning, but: Axes) -> bool:
 
 
 @inlined
-def hear_rate(
+def take_rate(
     state: Turning, rates: Rates, time_us: int, rate_rad_s: Vec3
 ) -> tuple[Turning, Rates]:
     """One more rate; those that are not later than the one before are dropped."""

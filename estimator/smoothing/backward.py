@@ -112,7 +112,7 @@ def mirror(recording: Recording, times_us: Times, begin: int, end: int, field_la
 def turned_round(
     told: Floats, times_us: Times, mirrored_us: int, velocity_age_s: Floats, late_s: float
 ) -> Floats:
-    """Velocities and rates (M, TOLD) before the samples of ``times_us``, both turned round.
+    """Velocities and rates (M, REPORT_SIZE) before the samples of ``times_us``, both turned round.
 
     Times are those to ``mirrored_us``. A velocity is brought to its own time by its age (M,), and
     is late by no more than ``late_s``.

@@ -25,7 +25,7 @@ class Field(NamedTuple):
     reference: FieldReference
     own_variance: float  # of an axis of the own field that is left, as a share of the place's
     declination_rad: float
-    is_known: bool  # whether it has a horizontal part that tells a heading
+    is_known: bool  # whether it has a horizontal part that shows a heading
     unshown_iron_rad: float  # how far iron may turn the heading by it
 
 
@@ -59,7 +59,7 @@ def believed(recording: Recording) -> Bools:
     """Which fields (N,) count on the way back, where velocity helps.
 
     While a field points elsewhere for long, either it or the heading may be wrong. That it points
-    as usual before and behind tells later that it was the field.
+    as usual before and behind shows later that it was the field.
     """
     rows, aided = recording.rows, recording.last.snapshot.core.aided
     counts = rows.has_mag.copy()

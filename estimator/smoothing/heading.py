@@ -2,7 +2,7 @@
 
 Between two windows the heading of the levelled path changes as the gyroscope errs, a random walk
 of variance q, and by the scale errors s of its axes, of the prior variance v; each window's field
-tells it with a variance r, larger where norm or dip are off the place's. The smoothed heading is
+shows it with a variance r, larger where norm or dip are off the place's. The smoothed heading is
 the least squares solution, a tridiagonal system beside three errors of scale:
 sum (z - x)^2 / r + sum (x' - x - a s)^2 / q + s^2 / v. Noises are those of the estimator's own
 heading.
@@ -149,7 +149,7 @@ def variances(r: Floats, q: Floats) -> Floats:
 
 
 def informed(r: Floats, q: Floats) -> Floats:
-    """What all before it tell of each, 1/rad^2."""
+    """What all before it show of each, 1/rad^2."""
     told = np.zeros_like(r)
     for k, (own, drift) in enumerate(zip((1.0 / r[:-1]).tolist(), q.tolist(), strict=True)):
         both = own + float(told[k])

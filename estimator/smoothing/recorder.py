@@ -7,7 +7,16 @@ import numpy as np
 
 from estimator.arrays import Floats
 from estimator.estimator import Estimator
-from estimator.live.rows import AIDED, BIAS, NOTHING_TOLD, SIGMA, TOLD, Q, Rows, told_of
+from estimator.live.rows import (
+    AIDED,
+    BIAS,
+    NO_REPORT_ROWS,
+    REPORT_SIZE,
+    SIGMA,
+    Q,
+    Rows,
+    report_rows_of,
+)
 from estimator.profile import Profile
 from estimator.reasons import Reason
 from estimator.smoothing.recording import Estimates, Recording
@@ -66,7 +75,7 @@ class Recorder(Estimator):
         self,
         rows: Rows,
         said: Floats,
-        told: Floats = NOTHING_TOLD,
+        told: Floats = NO_REPORT_ROWS,
         taken: int = 0,
         heard: int = 0,
     ) -> tuple[int, int]:
@@ -90,7 +99,7 @@ class Recorder(Estimator):
         """See :class:`Estimator`."""
         reason = super().update_report(report)
         if reason is None and isinstance(report, VelocitySample | RateSample):
-            self._told.frombytes(told_of([(0, report)]).tobytes())
+            self._told.frombytes(report_rows_of([(0, report)]).tobytes())
         return reason
 
     def restart(self) -> None:
@@ -115,7 +124,7 @@ class Recorder(Estimator):
         if self._is_aided:
             rows, (q, bias, sigma), places = self._taken()
             forward = Estimates(q, sigma, np.frombuffer(self._is_aided, np.bool_))
-            told = np.frombuffer(self._told).reshape(-1, TOLD)
+            told = np.frombuffer(self._told).reshape(-1, REPORT_SIZE)
             last = Estimator(self.profile, self.fixed_gain)
             last.snapshot = self.snapshot
             recording = Recording(rows, self._changes, told, forward, bias, last, places)

@@ -10,7 +10,7 @@ from estimator.arrays import Bools, Floats
 from estimator.conditioning.times import MEMORY_S
 from estimator.estimator import Estimator
 from estimator.geometry.rotations import conjugate, exp, log, multiply
-from estimator.live.rows import NOTHING_TOLD, Rows, blocks, cut
+from estimator.live.rows import NO_REPORT_ROWS, Rows, blocks, cut
 
 Places = NDArray[np.int64]
 
@@ -32,7 +32,7 @@ class Recording(NamedTuple):
 
     rows: Rows
     changes: Sequence[int]  # the rows from which on they are another IMU's
-    told: Floats  # (M, TOLD) by others, in the order in which it came
+    told: Floats  # (M, REPORT_SIZE) by others, in the order in which it came
     forward: Estimates  # of the estimator at the samples
     bias_rad_s: Floats  # (N, 3) of the gyroscope, as it was known then
     last: Estimator  # the estimator behind the last one
@@ -63,7 +63,7 @@ class Recording(NamedTuple):
         return self._replace(
             rows=cut(self.rows, begin, end),
             changes=(),
-            told=NOTHING_TOLD,
+            told=NO_REPORT_ROWS,
             forward=self.forward.part(rows),
             bias_rad_s=self.bias_rad_s[rows],
         )

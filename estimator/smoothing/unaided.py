@@ -16,7 +16,7 @@ from estimator.smoothing.recording import Estimates, Recording, known_rows, step
 from estimator.smoothing.vertical import level
 from estimator.smoothing.windows import windows_of
 
-# Fewer samples tell nothing that the estimator has not said.
+# Fewer samples show nothing that the estimator has not said.
 LEAST_SAMPLES = 50
 # Long recordings are taken in pieces of so many seconds, each with as much of its neighbours at
 # both ends as its heading could feel: memory is bounded, and each piece's averaging is its own.
@@ -24,7 +24,7 @@ PIECE_S, MARGIN_S = 600.0, 100.0
 
 
 class Piece(NamedTuple):
-    """Rows, and those around them that tell about them."""
+    """Rows, and those around them that show about them."""
 
     begin: int
     end: int
@@ -68,7 +68,7 @@ def of_piece(recording: Recording) -> Estimates:
         params = recording.last.settings.conditioning
         headed = turn_north(params, windows, path, vertical, field)
     else:
-        # without a field nothing but the way forward tells the heading
+        # without a field nothing but the way forward shows the heading
         before = recording.forward
         heading = heading_of(multiply(before.q_ned_frd, conjugate(vertical.q_6d_frd)))
         q_ned_frd = multiply(about_down(heading), vertical.q_6d_frd)

@@ -1,6 +1,6 @@
 """The vertical of a fast stream without velocity: the felt force in G, averaged both ways.
 
-For how long, the force of the whole recording tells, see :mod:`...vertical.averaging`.
+For how long, the force of the whole recording shows, see :mod:`...vertical.averaging`.
 """
 
 from typing import NamedTuple

@@ -17,7 +17,7 @@ CLIPPED = {
     "accelerometer": Reason.ACCELEROMETER_SATURATED,
     "gyroscope": Reason.GYROSCOPE_SATURATED,
 }
-DIFFERS = Alarm.AUTOPILOT_DIFFERS  # the differences tell more
+DIFFERS = Alarm.AUTOPILOT_DIFFERS  # the differences show more
 
 
 class Checked(NamedTuple):

@@ -135,7 +135,7 @@ class How(TypedDict, total=False):
 
     ``fixed_gain`` stands in for the fuzzy one. Of several vehicles it is the one with
     ``system_id``, or with most IMU samples. With ``retune`` a few numbers of the profile are
-    retuned on the way, with ``smooth`` the attitudes are those that the whole log tells.
+    retuned on the way, with ``smooth`` the attitudes are those that the whole log shows.
     ``columns`` describes a table. Only ``window`` is read; its seconds count from the log's
     beginning. ``reading`` is entered with the log while it is read.
     """

@@ -65,7 +65,7 @@ class Thinned:
         return np.insert(values[:: self._step], self._breaks, np.nan, axis=0)
 
     def largest(self, values: Floats) -> Floats:
-        """The same of values whose peaks tell: the largest around each."""
+        """The same of values whose peaks show: the largest around each."""
         found = np.fmax.reduceat(values, np.arange(0, len(values), self._step))
         return np.insert(np.asarray(found), self._breaks, np.nan, axis=0)
 

@@ -97,7 +97,7 @@ def constant_turn(columns: Any, counted: Bools, moved: Bools) -> ConstantTurn | 
     """The turn from estimate to reference of the samples that count (N,); None without any.
 
     R of the least sum of |R d - d_reference|^2 over down in the body d (Wahba's problem, by SVD:
-    F. L. Markley 1988). ``moved`` (N,) tells of motion.
+    F. L. Markley 1988). ``moved`` (N,) shows of motion.
     """
 
     def downs() -> Iterator[tuple[slice, Floats, Floats]]:

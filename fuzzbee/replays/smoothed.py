@@ -1,4 +1,4 @@
-"""A replay's attitudes with those in their places that the whole log tells."""
+"""A replay's attitudes with those in their places that the whole log shows."""
 
 from collections.abc import Callable
 

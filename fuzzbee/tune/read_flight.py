@@ -1,4 +1,4 @@
-"""A log as a flight to tune on: what the service tells its estimator is written down."""
+"""A log as a flight to tune on: what the service shows its estimator is written down."""
 
 from pathlib import Path
 

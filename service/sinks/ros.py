@@ -4,7 +4,7 @@ Source: https://github.com/ros2/rmw_zenoh/blob/rolling/docs/design.md. A topic's
 key is ``{domain}/{topic}/{type}/{type hash}``. Each message carries an attachment:
 sequence number and time in ns (8 bytes each, little endian), then the length
 (1 byte) and the 16 bytes of the publisher's id. Liveliness tokens under
-``@ros2_lv`` tell of the node and its publishers, so that ``ros2 topic list``
+``@ros2_lv`` show of the node and its publishers, so that ``ros2 topic list``
 knows them.
 """
 
@@ -138,7 +138,7 @@ class Publisher:
             key, congestion_control=zenoh.CongestionControl.DROP, express=False
         )
         self._token: Any = session.liveliness().declare_token(token)
-        # Subscribers tell publishers apart by it; rmw_zenoh hashes the token, too
+        # Subscribers show publishers apart by it; rmw_zenoh hashes the token, too
         self._id = hashlib.blake2b(token.encode(), digest_size=16).digest()
         self._sequence = 1
 

@@ -113,7 +113,7 @@ class Outlet:
             has_done_all = not self._pending and self.is_busy
             if has_done_all:
                 self.is_busy = False
-        if has_done_all:  # of what comes meanwhile nobody tells it: to wake it costs more than that
+        if has_done_all:  # of what comes meanwhile nobody shows it: to wake it costs more than that
             self._closing.wait(self._rest_s)
         with self._lock:
             while not self._pending and not self._closing.is_set():

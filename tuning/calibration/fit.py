@@ -78,7 +78,7 @@ def fit_sensors(recordings: Sequence[Recording]) -> SensorFit:
     _, covariance = problem.step()
     sigma = np.sqrt(np.diag(covariance))
     left = (sigma / problem.prior) ** 2
-    times = IN_FLIGHT**2 if any(each.is_told for each in trajectories) else 1.0
+    times = IN_FLIGHT**2 if any(each.has_rates for each in trajectories) else 1.0
     unsure = covariance + times * np.diag(problem.least_variance) / len(trajectories)
     return SensorFit(
         calibration_of(_believed(x, unsure, problem.prior)),
@@ -135,7 +135,7 @@ class _Problem:
         self._turn_variance = 1.0 / np.sum(self._turns * self._pins, axis=0)
 
     def improve(self) -> None:
-        """A few steps, and what they tell of the readings."""
+        """A few steps, and what they show of the readings."""
         for _ in range(STEPS):
             self.step()
         for each in self._trajectories:

@@ -52,7 +52,7 @@ HELD = np.array([1.0] * 3 + [1e-4] * 3 + [1e-6] * 3)
 class Trajectory:
     """The nodes of a recording, its constants ``x`` (36,) and its own numbers.
 
-    ``is_told`` says whether a velocity is.
+    ``has_rates`` says whether a velocity is.
     """
 
     def __init__(self, recording: Recording) -> None:
@@ -60,7 +60,7 @@ class Trajectory:
         q = recording.q_ned_frd[self._rows]
         self._R: Floats = Rotation.from_quat(np.roll(q, -1, axis=1)).as_matrix()
         self._times_s = recording.time_s[self._rows]
-        self.is_told = len(recording.velocity_time_s) > 0
+        self.has_rates = len(recording.velocity_time_s) > 0
         self._v, self._p = self._first_velocities(), np.zeros((len(q), 3))
         self.x, self._own = np.zeros(CONSTANTS), np.zeros(OWN)
         self.linearise()
@@ -145,7 +145,7 @@ class Trajectory:
         self._seen = np.maximum(self._seen, (TOO_GOOD * self._least) ** 2)
         self._variance = np.maximum(self._seen, self._least**2)
         self._sizes *= np.sqrt(self._variance / self._seen)
-        if self.is_told:
+        if self.has_rates:
             step_s = float(np.median(np.diff(self._recording.velocity_time_s)))
             self._velocity_size, seen = _learnt(self._velocity_residuals()[1], step_s)
             self._velocity_seen = max(seen, (TOO_GOOD * LEAST_VELOCITY_M_S) ** 2)
@@ -157,7 +157,7 @@ class Trajectory:
 
     def _first_velocities(self) -> Floats:
         told = self._recording
-        if not self.is_told:
+        if not self.has_rates:
             return np.zeros((len(self._rows), 3))
         columns = told.velocity_ned_m_s.T
         return np.column_stack([np.interp(self._times_s, told.velocity_time_s, v) for v in columns])
@@ -176,7 +176,7 @@ class Trajectory:
         weighted = np.swapaxes(weighted, 1, 2)
         H = weighted @ J.reshape(k, -1, COLUMNS)
         g = (weighted @ r.reshape(k, -1, 1))[:, :, 0]
-        if self.is_told:
+        if self.has_rates:
             at, r, J = self._velocity_residuals()
             w = _robust(r / self._velocity_size) / self._velocity_variance
             weighted = np.swapaxes(J, 1, 2) * w[:, None, None]
@@ -189,7 +189,7 @@ class Trajectory:
         w = _robust(r / self._sizes[:, None]) / self._variance
         w[:, :PLACE] *= self._spans.is_whole[:, None]
         w[:, FIELD] *= self._spans.has_field & self._is_heard
-        w[:, PLACE] *= not self.is_told
+        w[:, PLACE] *= not self.has_rates
         return np.asarray(w)
 
     def _residuals(self) -> tuple[Floats, Floats]:

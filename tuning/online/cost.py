@@ -20,7 +20,7 @@ PULL_IN_S = 1.0
 PULL_IN_WEIGHT = 1.0 / 300.0
 # Errors of half a second have something in common; those of different ones are nearly independent.
 BLOCK_S = 0.5
-# Two readings further apart tell about motion, not about noise.
+# Two readings further apart show about motion, not about noise.
 LONGEST_STEP_S = 0.15
 # Less noise than this counts as none: (1 mrad)^2, and (1 mrad/s)^2.
 LEAST_NOISE = 1e-6

@@ -21,7 +21,7 @@ LONGEST_GAP_S = 0.5
 class Segment(NamedTuple):
     """Some five seconds: the state before them, the profile in force, and what was told in them.
 
-    ``calls[k]`` are those before sample k. ``silent`` tells that there
+    ``calls[k]`` are those before sample k. ``silent`` shows that there
     was a gap inside, or a restart.
     """
 

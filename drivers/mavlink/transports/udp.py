@@ -30,7 +30,7 @@ MOST_UDP_PEERS = 32
 # A datagram that could not be delivered is like a lost one
 LOST_DATAGRAM = (errno.ECONNREFUSED, errno.ENOBUFS, errno.EMSGSIZE, errno.ECONNRESET)
 
-# Linux tells with each datagram when it arrived, which may be long before it is read
+# Linux shows with each datagram when it arrived, which may be long before it is read
 # (socket(7), SO_TIMESTAMPNS), and how many it has thrown away (SO_MEMINFO, linux/sock_diag.h).
 # Python has no names for these numbers, which are those of all processors but a few old ones.
 IS_LINUX = sys.platform == "linux"
@@ -140,7 +140,7 @@ class _UdpSocket:
         """Datagrams that the system has thrown away; to ask it takes as long as to read some."""
         if IS_LINUX:
             info = self.socket.getsockopt(socket.SOL_SOCKET, SO_MEMINFO, MEMINFO.size)
-            if len(info) == MEMINFO.size:  # old kernels tell less
+            if len(info) == MEMINFO.size:  # old kernels show less
                 self._lost = MEMINFO.unpack(info)[MEMINFO_DROPS]
         return self._lost
 

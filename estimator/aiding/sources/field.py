@@ -140,7 +140,7 @@ def compare_with_place(
     """Whether the place's field, as read, explains readings better than what was learnt of it.
 
     What is learnt beside a fault of the compass, or with a wrong attitude, need not be true of it
-    afterwards. Strength and dip tell, whatever the heading is. Beyond three sigmas either is no
+    afterwards. Strength and dip show, whatever the heading is. Beyond three sigmas either is no
     explanation, however far it is off.
     """
     n = norm(place)
@@ -196,9 +196,9 @@ def observe_heading(
     The reading is ``lag`` old, so it belongs to the attitude then, q exp(-lag w), and to the
     compass's own axes, which may be turned in the vehicle about its down axis. Where magnetic
     north is known, it holds the direction of the place's field, too.
-    Across the place's horizontal field the difference tells the heading; where the field dips, an
+    Across the place's horizontal field the difference shows the heading; where the field dips, an
     error of tilt shows there, too, as the row of the measurement says. Along the horizontal field
-    and down it tells the tilt across itself, the hard iron and the place's field.
+    and down it shows the tilt across itself, the hard iron and the place's field.
     """
     P, estimate = now.covariance, now.estimate
     rate = subtract(sample.gyr_rad_s, estimate.gyr_bias_rad_s)
@@ -285,7 +285,7 @@ def angle_row(R: Array, F: Vec3, dF: Vec3, E: Vec3) -> Array:
 def learn_place(
     P: Array, x: Array, R: Array, E: Vec3, F: Vec3, dF: Vec3, noise: float, is_near: bool
 ) -> None:
-    """The horizontal field along itself, and the one down; what they tell of the tilt, too.
+    """The horizontal field along itself, and the one down; what they show of the tilt, too.
 
     Where the field seen is not near the place's, the turn between them is no small one: then a
     tilt is not learnt and only adds to the noise.

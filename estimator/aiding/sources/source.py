@@ -11,7 +11,7 @@ from estimator.reasons import Reason
 class Source(NamedTuple):
     """A kind of measurement beside the IMU. Its reports are named tuples of numbers.
 
-    ``blank`` is one of them with any values: it tells the type of each field. The first one is
+    ``blank`` is one of them with any values: it shows the type of each field. The first one is
     ``time_us: int``, the vehicle's own clock when it was measured. The others may be numbers,
     flags, and tuples of them.
 

@@ -33,7 +33,7 @@ ARM_M = 1.0
 
 @inlined
 def rolls(params: AidingParams) -> bool:
-    """Whether the vehicle's velocity tells its heading."""
+    """Whether the vehicle's velocity shows its heading."""
     return params.sideslip_rad < 1.0
 
 

@@ -56,7 +56,7 @@ class Suspect(NamedTuple):
 
     rate_rad_s: float  # the error that would explain the field's turn
     evidence: float  # for it against none, twice the logarithm of the likelihood ratio or so
-    by_force: float  # the part of it that the force tells
+    by_force: float  # the part of it that the force shows
     ratio: float  # square of the field's turn over its variance
     turning_share: float  # of that variance, by turning
 

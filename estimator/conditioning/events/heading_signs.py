@@ -61,7 +61,7 @@ def watch_heading(
     A magnet that turns the field nearly always changes its norm or dip too, so
     its confidence falls; after a turn of the vehicle about the vertical both
     are as learnt. The means over ``SPAN_S`` are of the field weighted by its
-    confidence. What they tell is one sum, ``borne_s``, in seconds of a field beyond doubt.
+    confidence. What they show is one sum, ``borne_s``, in seconds of a field beyond doubt.
     """
     north, east = horizontal
     c = field.look.confidence

@@ -112,7 +112,7 @@ def jump_share() -> float:
 
 @inlined
 def jump_variance(params: ConditioningParams, state: JumpSigns, learnt: Calibration) -> Vec2:
-    """The variance (rad^2) of a turn that the field's jump tells, and the angle (rad) told by now.
+    """The variance (rad^2) of a turn that the field's jump shows, and the angle (rad) told by now.
 
     A jump is more than noise, than what the field usually does here, than what an unknown lag
     and own field make of turning, and than what slow samples miss. A magnet that turns the

@@ -96,7 +96,7 @@ def raise_doubt(
 def is_sudden(noise: float, variance: float, steepness: float, horizontal: Vec2) -> bool:
     """Whether most of the angle by which the field is off by now came in the jump at once.
 
-    A magnet that passes takes its time. ``noise`` (rad^2) is the variance of what a jump tells. A
+    A magnet that passes takes its time. ``noise`` (rad^2) is the variance of what a jump shows. A
     heading off by h turns a field of dip d by 2 asin(cos d sin h/2).
     """
     off = abs(atan2(horizontal[1], horizontal[0]))

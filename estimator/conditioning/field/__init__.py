@@ -1,1 +1,1 @@
-"""The magnetic field: its calibration, how far it is believed, and the heading it tells."""
+"""The magnetic field: its calibration, how far it is believed, and the heading it shows."""

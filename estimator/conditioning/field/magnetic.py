@@ -224,7 +224,7 @@ def steepness(reference: FieldReference) -> float:
     """Squared tangent of the learnt field's dip, 0 without a field.
 
     A tilt of the vertical bends the heading by that tangent. It is bounded by the steepest field
-    that still tells a heading.
+    that still shows a heading.
     """
     h = max(reference.horizontal, NORM_SCALE * abs(reference.down))
     return (reference.down / h) ** 2 if h > 0.0 else 0.0

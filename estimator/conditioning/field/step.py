@@ -112,7 +112,7 @@ class MagnetometerState(NamedTuple):
 
 
 class FieldStep(NamedTuple):
-    """What a learning step has taught the field wing, and what it tells the events."""
+    """What a learning step has taught the field wing, and what it shows the events."""
 
     state: MagnetometerState
     estimate: Estimate  # of bias and heading, with what the field has told about them

@@ -1,7 +1,7 @@
 """For how long the force is averaged for the vertical, and how far off its mean then is.
 
 Two enemies: accelerations, whose mean falls the longer it is taken, and the gyroscope, by which
-frame G drifts meanwhile. Means of the force over windows an octave apart tell how it turns at each
+frame G drifts meanwhile. Means of the force over windows an octave apart show how it turns at each
 scale: Allan's variance, half the mean square of the turn from each window to the next. No
 gyroscope errs by more than a share of the turn that it sees, so what is more than that has been an
 acceleration. A mean over a window T is off by all accelerations that last as long or longer,

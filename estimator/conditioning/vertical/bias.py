@@ -173,7 +173,7 @@ def learn_at_rest(
 ) -> Estimate:
     """At rest the low-passed gyro is the bias: three updates with innovation g_lp - b.
 
-    Less ``still.turning``, the slow turn that gravity and field tell. What they leave in doubt is
+    Less ``still.turning``, the slow turn that gravity and field show. What they leave in doubt is
     an error that lasts as long as a rest does at least: without a field, the further the gyroscope
     is off a known bias, the less that moves. A gyroscope that errs about the level ``axes`` by more
     than was known of it may err as much about any other.

@@ -72,7 +72,7 @@ def observe_gravity(
     its way, which :mod:`estimator.conditioning.vertical.tilt` has weighed.
     What is published is low-passed beside it, for the time that
     :mod:`estimator.conditioning.vertical.averaging` finds, and its long mean: how far the two
-    point apart tells sigma.
+    point apart shows sigma.
     Source: Laidig and Seel 2023, doi 10.1016/j.inffus.2022.10.014.
     """
     before = state.force

@@ -12,7 +12,7 @@ is less, the vertical is wrong, by an angle of that cosine.
 
 How a vehicle is usually tilted helps where the gyroscope has shown nothing of a step. One that is
 shaken faster than its samples come turns by any angle between two of them, and stays
-about where it was. Then the mean force, seen from the body, tells its tilt better than the latest
+about where it was. Then the mean force, seen from the body, shows its tilt better than the latest
 force does. What leans scatters the force's direction, and so does what shakes, but that scatters
 the force's size as well: along gravity by as much as about either axis across it.
 """

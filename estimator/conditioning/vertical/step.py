@@ -89,7 +89,7 @@ class VerticalState(NamedTuple):
     tilt: TiltState = TiltState()  # how well down is known
     lasting: Lasting = Lasting()  # accelerations of a slow stream that last
     inflation: float = (
-        0.0  # variance that an unsensed turn has given it, until the force tells, rad^2
+        0.0  # variance that an unsensed turn has given it, until the force shows, rad^2
     )
     rest: RestState = RestState()  # whether the vehicle rests
     still: Stillness = Stillness()  # whether gravity and field bear that out
@@ -99,7 +99,7 @@ class VerticalState(NamedTuple):
 
 
 class VerticalStep(NamedTuple):
-    """What a learning step has taught the vertical wing, and what it tells the other two."""
+    """What a learning step has taught the vertical wing, and what it shows the other two."""
 
     state: VerticalState
     rate: Vec3  # mean, less the bias as it was before, rad/s, FRD
@@ -261,7 +261,7 @@ def weigh_force(
     """How far the step's mean force is believed, against what was known of the vertical.
 
     ``clipped`` (rad^2) is the variance of a turn beyond the gyroscope's end. After such a turn, and
-    after one that no sensor has felt, the force may tell more than the low-pass would take from it.
+    after one that no sensor has felt, the force may show more than the low-pass would take from it.
     ``most`` (rad^2) is the variance that the vertical has at most.
     """
     dt = mean.time_s
@@ -296,7 +296,7 @@ def follow_lasting(
     aliasing: float,
     k: Coefficients,
 ) -> Lasting:
-    """What betrays accelerations that last after a step; a rest tells nothing of them."""
+    """What betrays accelerations that last after a step; a rest shows nothing of them."""
     if weighing(params, k.dt_s) == 0.0 or before.rest.resting:
         return before.lasting
     f, down_g = now.force, before.gravity.force.down.value

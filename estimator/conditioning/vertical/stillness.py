@@ -1,7 +1,7 @@
 """Rest: gyroscope and accelerometer stay near their own low-pass. Or is it a slow, even turn?
 
 What a gyroscope at rest shows beyond its known bias is either more bias, or a turn. In a turn
-gravity and the field move in the body as the gyroscope says, at rest they stay. So they tell how
+gravity and the field move in the body as the gyroscope says, at rest they stay. So they show how
 much of it is a turn, and how well that is known.
 """
 
@@ -41,7 +41,7 @@ def observe_rest(
     The samples are compared with the low-pass before it takes them, so that
     the test keeps its meaning at a few samples a second. A vehicle turning
     steadily and slower than that looks the same, and one that rests with a poor gyroscope as if it
-    turned: gravity and field tell (:mod:`estimator.conditioning.vertical.stillness`).
+    turned: gravity and field show (:mod:`estimator.conditioning.vertical.stillness`).
     """
     limit = params.bias_limit_rad_s
     gyr_off = square(subtract(gyr, state.gyr.value)) / (limit * limit)
@@ -127,12 +127,14 @@ def watch_stillness(
         wait_s = 0.0
     if not rest.steady:
         zero = ZERO_VEC3
-        return Stillness(smooth, wait_s, direction(smooth), down, zero, zero, 0.0, 0.0, False, False)
+        return Stillness(
+            smooth, wait_s, direction(smooth), down, zero, zero, 0.0, 0.0, False, False
+        )
     mean_down = mean_after(before.mean_down, down, rate, dt_s)
     shown = scale(LATELY_S / (LATELY_S + dt_s), add(before.shown, scale(dt_s, rate)))
     seen_field = direction(smooth) if wait_s <= params.rest_time_s else ZERO_VEC3
     unexpected, about_down = turn_between(mean_down, down, mean_field, seen_field)
-    # about down, and about the level axes, of which gravity tells all
+    # about down, and about the level axes, of which gravity shows all
     shown_down, rate_down = dot(shown, down), dot(rate, down)
     shown_level = subtract(shown, scale(shown_down, down))
     rate_level = subtract(rate, scale(rate_down, down))
@@ -187,8 +189,8 @@ def mean_after(mean: Vec3, v: Vec3, rate: Vec3, dt_s: float) -> Vec3:
 def turn_between(mean_down: Vec3, down: Vec3, mean_field: Vec3, field: Vec3) -> tuple[Vec3, float]:
     """The small turn (rad) that takes the means to the directions, and its variance about down.
 
-    A turn phi changes a direction v by v x phi. Gravity tells phi but about down, which the
-    field tells, the worse the steeper it is: without one it may be anything.
+    A turn phi changes a direction v by v x phi. Gravity shows phi but about down, which the
+    field shows, the worse the steeper it is: without one it may be anything.
     """
     level = cross(subtract(down, mean_down), down)
     across = cross(field, down)

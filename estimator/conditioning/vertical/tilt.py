@@ -33,7 +33,7 @@ LEAST_OFF_RAD = 0.009
 
 
 class StepNoise(NamedTuple):
-    """Variances (rad^2) of the turn that a step missed, and the changes of rate that tell them."""
+    """Variances (rad^2) of the turn that a step missed, and the changes of rate that show them."""
 
     tilt: float  # about both horizontal axes together
     yaw_noise: float  # about down

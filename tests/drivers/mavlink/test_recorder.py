@@ -120,12 +120,12 @@ def test_a_killed_process_leaves_whole_records(tmp_path):
         "import sys, time\n"
         "from pathlib import Path\n"
         "from drivers.mavlink.recorder import Recorder\n"
-        "recorder, is_told = Recorder(sys.argv[1]), False\n"
+        "recorder, has_rates = Recorder(sys.argv[1]), False\n"
         "while True:\n"
         "    recorder.write(1, [b'x' * 56] * 3)\n"
         "    time.sleep(1e-4)\n"
-        "    if not is_told and Path(sys.argv[1]).stat().st_size >= 64 * 300:\n"
-        "        is_told = True\n"
+        "    if not has_rates and Path(sys.argv[1]).stat().st_size >= 64 * 300:\n"
+        "        has_rates = True\n"
         "        print('ready', flush=True)\n"
     )
     with subprocess.Popen(

@@ -25,14 +25,14 @@ def judged(gyr_bias, acc_bias, *, learnt_axis):
         q_ned_frd=Q, gyr_bias_rad_s=gyr_bias, acc_bias_m_s2=acc_bias
     )
     now = Prediction(estimate, ZERO_VEC3, ZERO_VEC3, new_velocity_history(ZERO_VEC3), P.copy())
-    unlearnt = judge_biases(now, USUAL)
-    return P, now.covariance, unlearnt
+    bias_prior = judge_biases(now, USUAL)
+    return P, now.covariance, bias_prior
 
 
 def test_usual_biases_change_nothing():
-    before, after, unlearnt = judged((0.009, -0.01, 0.0), (0.0, 0.05, -0.03), learnt_axis=1)
+    before, after, bias_prior = judged((0.009, -0.01, 0.0), (0.0, 0.05, -0.03), learnt_axis=1)
     np.testing.assert_array_equal(before, after)
-    assert unlearnt == USUAL
+    assert bias_prior == USUAL
 
 
 @pytest.mark.parametrize(("first", "usual"), [(GYR_BIAS, USUAL.gyr), (ACC_BIAS, USUAL.acc)])
@@ -41,8 +41,8 @@ def test_one_axis_tells_of_the_others(first, usual):
     off = 5.0 * usual**0.5
     zero = (0.0, 0.0, 0.0)
     biases = ((0.0, off, 0.0), zero) if first == GYR_BIAS else (zero, (0.0, off, 0.0))
-    _, after, unlearnt = judged(*biases, learnt_axis=1)
-    assert unlearnt[first == ACC_BIAS] == pytest.approx(off * off)
+    _, after, bias_prior = judged(*biases, learnt_axis=1)
+    assert bias_prior[first == ACC_BIAS] == pytest.approx(off * off)
     diagonal = np.diag(after)[first : first + 3]
     np.testing.assert_allclose(diagonal[[0, 2]], off * off)
     assert diagonal[1] == pytest.approx(1.0 / (99.0 / usual + 1.0 / off**2))

@@ -9,9 +9,9 @@ from estimator.aiding import AidingParams, Beginning, Report, begin
 from estimator.aiding.consistency import (
     NEW_CONSISTENCY,
     compare,
+    compare_field,
+    compare_report,
     doubted,
-    hear_field,
-    hear_report,
     watch,
 )
 from estimator.aiding.types import NO_REPORT, Sigmas
@@ -116,13 +116,13 @@ def test_an_autopilots_filter_is_heard_only_while_there_is_no_receiver():
     state = aided(TRUTH)
     by_receiver = Report(True, ZERO_VEC3, False, 0.3, 0.0, 0.1)
     by_filter = by_receiver._replace(late_sigma_s=0.0)
-    consistency = hear_report(AidingParams(), NEW_CONSISTENCY, state.estimate, by_filter)
+    consistency = compare_report(AidingParams(), NEW_CONSISTENCY, state.estimate, by_filter)
     assert not consistency.by_receiver
-    consistency = hear_report(AidingParams(), consistency, state.estimate, by_receiver)
+    consistency = compare_report(AidingParams(), consistency, state.estimate, by_receiver)
     assert consistency.by_receiver
-    assert hear_report(AidingParams(), consistency, state.estimate, by_filter) is consistency
+    assert compare_report(AidingParams(), consistency, state.estimate, by_filter) is consistency
     silent = consistency._replace(report_wait_s=4.0)
-    assert not hear_report(AidingParams(), silent, state.estimate, by_filter).by_receiver
+    assert not compare_report(AidingParams(), silent, state.estimate, by_filter).by_receiver
 
 
 def test_what_is_usual_is_learnt_slowly():
@@ -201,7 +201,7 @@ def test_a_field_is_taken_as_old_as_it_is_and_without_the_iron():
         mag = np.add(rotate_inverse(then, PLACE_GAUSS), IRON_GAUSS)
         sample = NO_SAMPLE._replace(gyr_rad_s=GYR, mag=tuple(mag), has_mag=True, dt_s=DT)
         before = NEW_CONSISTENCY._replace(q_g_frd=G, field_wait_s=0.5)
-        after = hear_field(before, under_way(q), sample)
+        after = compare_field(before, under_way(q), sample)
         asked = -0.6 * off_rad * 0.5 / (SPAN_S + 0.5)
         assert after.heading.mean_north_rad == pytest.approx(asked, abs=1e-12)
         now = matrix(TRUTH).T @ PLACE_GAUSS

@@ -4,7 +4,7 @@ from math import cos, degrees, inf, nan, radians, sin
 
 import pytest
 
-from estimator.aiding.place import Whereabouts, differ, resembles, update_whereabouts
+from estimator.aiding.place import LastPosition, differ, resembles, update_whereabouts
 from estimator.geometry.earth import PlaceField, distance_m, field_at
 
 MICROSECONDS_2025 = 1_735_689_600_000_000
@@ -74,8 +74,8 @@ ZURICH, CANBERRA, NOWHERE = (47.4, 8.5), (-35.36, 149.17), (2e-4, -7e-5)
 
 
 def told(*places):
-    """Whereabouts after positions at sea level in 2025."""
-    known = Whereabouts()
+    """LastPosition after positions at sea level in 2025."""
+    known = LastPosition()
     for place in places:
         known = update_whereabouts(known, *place, 0.0, MICROSECONDS_2025)
     return known

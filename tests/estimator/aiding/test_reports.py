@@ -11,7 +11,7 @@ from estimator.aiding.sources.velocity import (
 )
 from estimator.aiding.types import Agreement, Agreements, Scatter
 from estimator.live.reports import MOST_WAITING, enqueue_velocity, take_due_velocities
-from estimator.live.rows import TIME, told_of
+from estimator.live.rows import TIME, report_rows_of
 from estimator.types import VelocitySample
 
 
@@ -21,7 +21,7 @@ def report(time_us, north=1.0, late_s=0.0):
 
 def due(*waiting, oldest_s=1.0):
     """What is due at 40 us, and the times of what is ahead then."""
-    rows = told_of((0, each) for each in waiting)
+    rows = report_rows_of((0, each) for each in waiting)
     ahead, *reports = take_due_velocities(rows, 40, oldest_s)
     return [each for each in reports if each.given], ahead[:, TIME].tolist()
 
@@ -46,9 +46,9 @@ def test_an_old_report_is_none():
 
 
 def test_when_too_many_wait_the_oldest_gives_way():
-    waiting = told_of(())
+    waiting = report_rows_of(())
     for time_us in range(MOST_WAITING + 3):
-        waiting = enqueue_velocity(waiting, told_of([(0, report(time_us))])[0])
+        waiting = enqueue_velocity(waiting, report_rows_of([(0, report(time_us))])[0])
     assert waiting[:, TIME].tolist() == list(range(3, MOST_WAITING + 3))
 
 

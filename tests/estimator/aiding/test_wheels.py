@@ -35,7 +35,7 @@ from tests.flight import calibrated
 WHEELS = AidingParams(sideslip_rad=0.05)
 BLANK, _, _ = blank_aiding(WHEELS)
 FIELD_NED = np.array((0.22, 0.0, 0.42))
-TOLD = {"aiding": {"sideslip_rad": 0.05}}
+REPORT_SIZE = {"aiding": {"sideslip_rad": 0.05}}
 # of gyroscope and accelerometer
 BIASES = (np.radians((2.5, -2.0, 2.4)), np.array((0.1, -0.1, 0.05)))
 
@@ -91,7 +91,7 @@ def driven(estimator, rows):
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_car_shows_its_heading_by_its_velocity(seed, reverse):
     """Without wheels it has none: its compass is off by 50 deg."""
-    estimator = calibrated(merge_profile(load_profile("imu"), TOLD))
+    estimator = calibrated(merge_profile(load_profile("imu"), REPORT_SIZE))
     errors, sigmas, begun_s = driven(estimator, ride(seed, reverse=reverse))
     late = errors[1500:]
     assert begun_s < 14.0  # measured 3.3 to 11.1

@@ -8,7 +8,7 @@ from estimator.aiding.types import NO_REPORT
 from estimator.errors import InputError
 from estimator.live.core import initial_core
 from estimator.live.holder import Holder
-from estimator.live.rows import NOTHING_TOLD, SAID, Rows
+from estimator.live.rows import NO_REPORT_ROWS, SAID, Rows
 from estimator.live.settings import settings_of
 from estimator.profile import load_profile
 from estimator.types import VelocitySample
@@ -29,9 +29,9 @@ def holder():
 
 
 @pytest.mark.parametrize("wrong", [None, "1", (1.0, 2.0), [], REPORT._replace(sigma_m_s=None)])
-@pytest.mark.parametrize("step", ["hear_other", "search"])
+@pytest.mark.parametrize("step", ["take_other_report", "search"])
 def test_what_is_no_report(holder, step, wrong):
-    others = {"hear_other": (0,)}.get(step, ())
+    others = {"take_other_report": (0,)}.get(step, ())
     before = holder.core
     with pytest.raises(InputError, match=r"stands where|no source of aiding"):
         getattr(holder, step)(wrong, *others)
@@ -72,7 +72,7 @@ def test_rows_of_another_type_or_layout_are_converted(holder, kind, spread):
     other = Holder(settings, holder.core)
     said, wanted = np.zeros((4, SAID)), np.zeros((4, SAID))
     for one, given, out in ((holder, rows(), wanted), (other, rows(kind, spread), said)):
-        one.lay(given, out, NOTHING_TOLD)
+        one.lay(given, out, NO_REPORT_ROWS)
         assert one.advance(0, *(0.0,) * 9, False, 0, 4, 0)[0] == 4
     assert np.array_equal(said, wanted)
     assert said.any()
@@ -90,7 +90,7 @@ def test_rows_of_another_type_or_layout_are_converted(holder, kind, spread):
 )
 def test_rows_that_do_not_fit_each_other(holder, wrong):
     with pytest.raises(InputError, match="rows of samples take"):
-        holder.lay(rows()._replace(**wrong), np.zeros((4, SAID)), NOTHING_TOLD)
+        holder.lay(rows()._replace(**wrong), np.zeros((4, SAID)), NO_REPORT_ROWS)
 
 
 @pytest.mark.parametrize(
@@ -106,7 +106,7 @@ def test_rows_that_do_not_fit_each_other(holder, wrong):
 )
 def test_where_nothing_can_be_written(holder, said):
     with pytest.raises(InputError, match="writable"):
-        holder.lay(rows(), said, NOTHING_TOLD)
+        holder.lay(rows(), said, NO_REPORT_ROWS)
 
 
 def test_a_report_of_whole_numbers_is_taken(holder):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from estimator.live.rows import ROW, report_of, told_of
+from estimator.live.rows import ROW, report_of, report_rows_of
 from estimator.smoothing.backward import turned_round
 from estimator.types import RateSample, VelocitySample
 
@@ -16,7 +16,7 @@ def velocity(time_us: int, north_m_s: float) -> VelocitySample:
 def test_time_turned_round_changes_signs_and_order_and_takes_ages_off():
     velocities = [velocity(1_000_000, 3.0), velocity(2_000_000, 4.0)]
     rates = [RateSample(1_000_000 * k, (0.1 * k, 0.0, -0.2)) for k in (1, 2, 3)]
-    told = told_of((0, report) for report in (*velocities, *rates))
+    told = report_rows_of((0, report) for report in (*velocities, *rates))
     times_us = np.array([6_000_000, 8_100_000])
     rows = turned_round(told, times_us, MIRRORED_US, np.full(len(told), 0.25), late_s=1e-4)
     back = [report_of(row) for row in rows]
