@@ -59,6 +59,7 @@ def test_ours_are_taken():
         ("fuzzbee/1/status", {**STATUS, "imu_message": "\x1b[2J"}, "imu_message"),
         ("fuzzbee/1/status", {**STATUS, "imu_message": "[red]"}, "imu_message"),
         ("fuzzbee/1/status", {**STATUS, "imu_rate_hz": 1e308}, "numbers"),
+        ("fuzzbee/1/status", {**STATUS, "imu_rate_hz": -1.0}, "rate"),
         ("fuzzbee/1/status", {**STATUS, "mode": "\x1b[2J"}, "mode"),
         ("fuzzbee/1/status", {**STATUS, "rejected": {"x" * 40_000: 1}}, "bytes"),
     ],

@@ -5,7 +5,7 @@ from math import cos, degrees, inf, nan, radians, sin
 import pytest
 
 from estimator.aiding.place import LastPosition, differ, resembles, update_whereabouts
-from estimator.geometry.earth import PlaceField, distance_m, field_at
+from estimator.geometry.earth import PlaceField, distance_m, field_at, in_ned
 
 MICROSECONDS_2025 = 1_735_689_600_000_000
 
@@ -29,6 +29,11 @@ def test_published_dip_and_strength():
     field = field_at(80.0, 0.0, 0.0, MICROSECONDS_2025)
     assert degrees(field.dip_rad) == pytest.approx(83.21, abs=0.01)
     assert field.strength_gauss == pytest.approx(0.551785, abs=1e-6)
+
+
+def test_an_eastern_declination_and_a_dip_point_east_and_down():
+    field = in_ned(PlaceField(radians(30.0), radians(60.0), 0.5))
+    assert field == pytest.approx((0.25 * cos(radians(30.0)), 0.125, 0.5 * sin(radians(60.0))))
 
 
 @pytest.mark.parametrize(
