@@ -21,7 +21,6 @@ MAGIC_V1, MAGIC_V2 = 0xFE, 0xFD
 HEADER_V1, HEADER_V2 = 6, 10  # bytes, the marker included
 CHECKSUM_SIZE, SIGNATURE_SIZE = 2, 13
 UNSIGNED_V2 = HEADER_V2 + CHECKSUM_SIZE
-LONGEST_FRAME = 255 + UNSIGNED_V2 + SIGNATURE_SIZE  # bytes
 # Frames that are none are looked for so often in bytes that come together, and once more for so
 # many of them: beyond that somebody wants it to take long.
 MOST_TRIED, BYTES_A_TRY = 100, 64

@@ -7,6 +7,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from drivers.events import Event, Imu, Notice, Rejected, TrackLost, VehicleId
+from drivers.samples.clock_line import REORDERED_US
 from drivers.samples.sensor_faults import SensorFaults
 from drivers.samples.stuck import Readings
 from drivers.samples.vehicle_clock import Placed, TimeField
@@ -114,7 +115,7 @@ class ImuStream:
         self._faults = SensorFaults()
         # Those that the next ones show more of: whether the clock began anew or was set back
         self._held: list[Reading] = []
-        self._held_for = Reason.CLOCK_STEP
+        self._held_for, self._held_since = Reason.CLOCK_STEP, 0
 
     def judge(self, stamp: Stamp, gyr: Vec3, acc: Vec3, field: Field) -> Reading | Reason:
         """The reading, or why it is no data."""
@@ -138,24 +139,27 @@ class ImuStream:
         reading: Reading,
         placed: Placed | Reason,
         resets: list[Event],
+        clock_resets: int,
         *,
         doubts_axes: bool,
     ) -> list[Event]:
-        """The events of a reading that the clock has placed, with the resets it has found."""
+        """The events of a reading that the clock has placed, with the resets it has found.
+
+        ``clock_resets`` counts the clock's, by any message.
+        """
         if isinstance(placed, Reason):
-            return self._refuse(reading, placed)
-        if placed.reset is None:
-            events = self.end() if self._held else []
-        else:
-            held, self._held = self._held, []
-            events = resets
-            for each in held:
-                ago_us = reading.raw_us - each.raw_us
-                if 0 < ago_us <= placed.reset.since_us:
-                    at_us = placed.time_us - ago_us, placed.boot_us - ago_us
-                    events += self._samples(each, *at_us, doubts_axes=doubts_axes)
-                else:
-                    events.append(self._rejected(each, self._held_for))
+            return self._refuse(reading, placed, clock_resets)
+        # those that were held belong to a clock that began anew, as this or another stream shows
+        since_us = REORDERED_US if clock_resets != self._held_since else 0
+        since_us = since_us if placed.reset is None else placed.reset.since_us
+        events, held, self._held = resets, self._held, []
+        for each in held:
+            ago_us = reading.raw_us - each.raw_us
+            if 0 < ago_us <= since_us:
+                at_us = placed.time_us - ago_us, placed.boot_us - ago_us
+                events += self._samples(each, *at_us, doubts_axes=doubts_axes)
+            else:
+                events.append(self._rejected(each, self._held_for))
         if (blinded := self._faults.take_blindness()) is not None:
             events.append(TrackLost(self._vehicle, reading.arrival_us, self._name, *blinded))
         if self._faults.mag_is_stuck:
@@ -173,14 +177,14 @@ class ImuStream:
         """When the first reading arrived that is placed with this one."""
         return self._held[0].arrival_us if self._held else reading.arrival_us
 
-    def _refuse(self, reading: Reading, reason: Reason) -> list[Event]:
+    def _refuse(self, reading: Reading, reason: Reason, clock_resets: int) -> list[Event]:
         held, is_behind = self._held, reason == Reason.OUT_OF_ORDER
         goes_on = is_behind and held and reading.raw_us > held[-1].raw_us
         is_more = goes_on and reason == self._held_for and len(held) < MOST_HELD
         events = [] if is_more else self.end()
         if not is_behind and reason != Reason.CLOCK_STEP:
             return [*events, self._rejected(reading, reason)]
-        self._held_for = reason
+        self._held_for, self._held_since = reason, clock_resets
         self._held.append(reading)
         return events
 

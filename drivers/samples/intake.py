@@ -85,7 +85,8 @@ class Intake:
             return [Rejected(self.vehicle, stamp.arrival_us, reading, name)]
         placed = self.clock.imu(name, stamp.clock, stamp.raw_us, self._heard(stamp))
         resets = self._resets(placed, stream.arrival_us(reading))
-        events = stream.place(reading, placed, resets, doubts_axes=self.doubts_axes)
+        clock_resets = self.clock.resets
+        events = stream.place(reading, placed, resets, clock_resets, doubts_axes=self.doubts_axes)
         if isinstance(placed, Placed):
             events += self._unstamped.imu(placed.time_us, stamp.arrival_us)
         return events

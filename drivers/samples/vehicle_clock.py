@@ -117,6 +117,7 @@ class VehicleClock:
         self._offsets = [ClockOffset() for _ in TimeField]
         self._waiting: set[TimeField] = set()  # clocks reset while the line may be about to be
         self.misses_some = False  # messages that were lost right before the next one
+        self.resets = 0  # of any of the clocks
         self._primary: TimeField | None = None  # the clock that the line of time is made of
         self._shift_us = 0  # continuous time less boot time on that
         self._latest_us = 0  # continuous time given
@@ -179,6 +180,7 @@ class VehicleClock:
 
     def _begin_anew(self, field: TimeField, reset: Reset, boot_us: int) -> None:
         """A clock was reset, as a message shows: what was known of its messages counts no more."""
+        self.resets += 1
         self._offsets[field] = ClockOffset()
         self._waiting.add(field)
         self._streams[field].clear()

@@ -70,6 +70,20 @@ def test_the_first_reading_of_a_new_boot_waits_and_is_not_lost():
     assert (first.sample.mag_gauss, second.sample.mag_gauss) == ((0.1, 0.0, 0.4), (0.1, 0.1, 0.4))
 
 
+@pytest.mark.parametrize("back_us", [400_000, 600_000, 1_200_000])
+def test_no_stream_loses_anything_where_another_one_shows_a_second_boot(back_us):
+    intake, events = Intake(VEHICLE), []
+    for k in range(200):
+        raw_us = 300_000 + 20_000 * k - back_us * (k >= back_us // 20_000)
+        for name in ("SCALED_IMU2", "SCALED_IMU"):
+            events += imu(intake, raw_us, UNIX + 20_000 * k, name=name)
+    assert [each.reason for each in events if isinstance(each, ClockReset)] == ["reboot"]
+    for name in ("SCALED_IMU2", "SCALED_IMU"):
+        times_us = [e.sample.time_us for e in events if isinstance(e, Imu) and e.message == name]
+        assert len(times_us) == 200
+        assert times_us == sorted(set(times_us))
+
+
 def test_a_garbled_time_costs_its_reading_alone_and_is_counted_when_that_is_sure():
     intake, arrival_us = running()
     assert imu(intake, 7 * S, arrival_us) == []
