@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from estimator.errors import InputError
 from estimator.profile import SHIPPED, Profile, load_profile, merge_profile, profile_to_toml
-from fuzzbee.notify import tell
+from fuzzbee.notify import notify, tell
 from fuzzbee.options import require_extra, seed_range
 from fuzzbee.time_window import time_window
 from fuzzbee.tune.read_flight import REFERENCES, read_flight
@@ -105,7 +105,8 @@ def _log_plan(request: TuneRequest) -> Plan:
     base = load_profile(request.base or "imu")
     if not base.conditioned:
         raise InputError("base profile: logs are tuned with conditioning.enabled = true")
-    flights, held_out = _read_flights(request, base)
+    refused: list[str] = []  # printed when all checks have passed: an error is one single line
+    flights, held_out = _read_flights(request, base, refused)
     slowest = min(flights, key=lambda flight: flight.rate_hz)
     groups = _groups(request, default_groups(goal, slowest.rate_hz))
     if ("sigma" in groups) != (goal == "coverage"):
@@ -119,6 +120,8 @@ def _log_plan(request: TuneRequest) -> Plan:
     chosen = split(flights, held_out)
     _require_references(goal, chosen)
     task = LogTask(_with_tuned_gain(base, groups), groups, chosen, goal)
+    for line in refused:
+        notify(line)
     inputs = []
     for flight in flights:
         use, reference = _use(chosen, flight), _reference_text(flight)
@@ -174,10 +177,13 @@ def _plan(
     return Plan(task, search, request.output, identity, inputs, reference)
 
 
-def _read_flights(request: TuneRequest, base: Profile) -> tuple[tuple[Flight, ...], frozenset[str]]:
+def _read_flights(
+    request: TuneRequest, base: Profile, refused: list[str]
+) -> tuple[tuple[Flight, ...], frozenset[str]]:
     """All flights in the order given, and the SHA-256 of those that are asked to be held out.
 
-    A log that is held out may stand among the sources, too; but none may count twice.
+    A log that is held out may stand among the sources, too; but none may count twice. ``refused``
+    takes a line for each log of which much was.
     """
     paths = [Path(source) for source in request.sources]
     for path in (*paths, *request.held_out):
@@ -190,7 +196,7 @@ def _read_flights(request: TuneRequest, base: Profile) -> tuple[tuple[Flight, ..
     window = time_window(request.begin, request.end)
     flights: dict[str, Flight] = {}
     for path in (*searched, *request.held_out):
-        flight = read_flight(path, base, request.reference, window)
+        flight = read_flight(path, base, request.reference, window, refused.append)
         require_substance(flight)
         same = flights.setdefault(flight.sha256, flight)
         if same is not flight:
