@@ -157,9 +157,7 @@ def groups(logs: Sequence[Row]) -> list[Row]:
 def measure(path: Path, profile: Profile) -> Row | None:
     """One log replayed and scored; None where it holds nothing to compare."""
     try:
-        trace = replay_log(
-            path, profile, fixed_gain=None, start_wrong_deg=0.0, system_id=None, tell=lambda _: None
-        )
+        trace = replay_log(path, profile)
     except InputError as error:
         print(error, file=sys.stderr)
         return None

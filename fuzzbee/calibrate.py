@@ -18,11 +18,13 @@ _PROFILE = "imu, adaptive or a TOML file; its own calibration is set aside."
 _PLACE = "Where it flew, in degrees. [default: what the log says]"
 _OUTPUT = "Write that profile with the calibration found."
 _SYSTEM_ID = "Which vehicle. [default: the one with most IMU samples]"
+_COMPASS = "Which compass, from 0 on. [default: that of the IMU's message]"
 
 EPILOG = examples(
     "fuzzbee calibrate flight.tlog",
     "fuzzbee calibrate bench1.tlog bench2.tlog -o mine.toml",
     "fuzzbee calibrate flight.bin --from 120 --to 300 > mine.toml",
+    "fuzzbee calibrate flight.bin --compass 1",
     "fuzzbee calibrate imu.csv --place 47.40,8.55",
     "fuzzbee calibrate flight.tlog --json",
 )
@@ -39,6 +41,7 @@ class CalibrateOptions(NamedTuple):
     profile: Annotated[str, option(_PROFILE)] = "imu"
     place: Annotated[str | None, option(_PLACE, metavar="LAT,LON")] = None
     system_id: Annotated[int | None, option(_SYSTEM_ID)] = None
+    compass: Annotated[int | None, option(_COMPASS, metavar="0..2")] = None
     begin: From = None
     end: To = None
     as_json: Json = False
@@ -56,12 +59,17 @@ def calibrate(options: CalibrateOptions) -> None:
     import msgspec
 
     from estimator.profile import load_profile, profile_to_toml
-    from fuzzbee.sensor_report import report_lines, report_sensors
+    from fuzzbee.calibration_report import report_calibration, report_lines
+    from fuzzbee.notify import notify
 
     field = None if options.place is None else field_there(options.place)
     window = time_window(options.begin, options.end)
     profile = load_profile(options.profile)
-    report = report_sensors(options.logs, profile, field, options.system_id, window)
+    report = report_calibration(
+        options.logs, profile, field, options.system_id, window, options.compass
+    )
+    for line in report.refused:
+        notify(line)
     if options.output is not None:
         from drivers.output_file import written_whole
 

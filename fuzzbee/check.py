@@ -112,7 +112,7 @@ def _line(checked: "Checked") -> str:
 
 def _sensors(checked: "Checked") -> Iterator[str]:
     """Vibration beside ArduPilot's limits, clipping, and the warnings of the live service."""
-    from fuzzbee.replays.vibration import MOST_M_S2, USUAL_M_S2
+    from fuzzbee.replays.log_check import MOST_M_S2, USUAL_M_S2
     from service.alarms import MEANINGS, Alarm
 
     if checked.vibration is not None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from estimator.arrays import Bools, Floats, Times
 from estimator.live.rows import Rows, cut
-from tuning.compass_orientation import TURNS
+from tuning.compass_fit import TURNS
 from tuning.turning import MOST, SLOW_S, Spans, root, spans_of, squares_left, usual_step_us
 
 LEAST_S = 5.0  # shorter recordings say too little

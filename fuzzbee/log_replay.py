@@ -10,8 +10,9 @@ from estimator.profile import Profile
 from fuzzbee.angle_curves import euler_curves_deg
 from fuzzbee.arguments import file, number, profile_of
 from fuzzbee.attitudes import Attitudes, attitudes_of
-from fuzzbee.replays.log_report import LogReport, report_log
-from fuzzbee.replays.trace import VehicleTrace
+from fuzzbee.replays.log_report import report_log
+from fuzzbee.replays.schema import LogReport
+from fuzzbee.replays.trace import How, VehicleTrace
 from fuzzbee.time_window import time_window
 
 
@@ -71,13 +72,15 @@ def replay(
     report = report_log(
         file("log", log),
         chosen,
-        fixed_gain=gain,
+        How(
+            gain,
+            system_id,
+            smooth=smooth,
+            columns=None if columns is None else file("columns", columns),
+            window=time_window(begin, end, ("begin", "end")),
+        ),
         reference=reference,
         skip_s=number("skip_s", skip_s, 0.0, of=" of seconds"),
-        system_id=system_id,
-        smooth=smooth,
-        columns=None if columns is None else file("columns", columns),
-        window=time_window(begin, end, ("begin", "end")),
         exports=[found.append],
     )
     (trace,) = found

@@ -7,10 +7,10 @@ than one standard error of that. So is c I, the field of the battery's current I
 known.
 """
 
+from itertools import permutations, product
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from estimator.arrays import Floats
@@ -30,6 +30,21 @@ BASIS = np.zeros((6, 3, 3))
 for _k, (_i, _j) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))):
     BASIS[_k, _i, _j] = BASIS[_k, _j, _i] = 1.0
 PLAIN = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+
+LEAST_READINGS = 50
+# A right angle moves the field's horizontal part by more than this share of its strength where the
+# vehicle turns; less shows nothing, and is iron.
+LEAST_MISFIT = 0.15
+CLEAR = 0.5  # of the misfit of any other way, at most
+
+# The signed permutations of axes; as given first.
+TURNS: Floats = np.array(
+    [
+        np.diag(signs) @ np.eye(3)[list(order)]
+        for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3))
+    ]
+)
+RIGHT_ANGLED: Floats = TURNS[np.linalg.det(TURNS) > 0.0]  # the first turns nothing
 
 
 class CompassFit(NamedTuple):
@@ -101,49 +116,66 @@ def fit_compass(
     """
     # two readings of one field are at most twice its strength apart
     apart = np.linalg.norm(mag_gauss - np.median(mag_gauss, axis=0), axis=1)
-    near = apart <= 2.0 * field.strength_gauss
-    step = -(-int(near.sum()) // MOST_SAMPLES) or 1
-    none = np.zeros((-(-int(near.sum()) // step), 0))
-    problem = _Problem(mag_gauss[near][::step], down[near][::step], field, none)
-    if len(problem.mag) < BLOCKS:
+    near = np.flatnonzero(apart <= 2.0 * field.strength_gauss)
+    near = near[:: -(-len(near) // MOST_SAMPLES) or 1]
+    problem = _Problem(mag_gauss[near], down[near], field, np.zeros((len(near), 0)))
+    if len(near) < BLOCKS:
         return None
-    block = np.arange(len(problem.mag)) * BLOCKS // len(problem.mag)
-    scale = field.strength_gauss
-    hard = np.zeros(3)
-    for _ in range(2):  # what is usual is known after a first time
+    scale, hard = field.strength_gauss, np.zeros(3)
+    for _ in range(2):  # the usual misfit is known after a first time
         hard = _solved(problem, hard, scale)
         scale = max(NORMAL * _usual(problem.misfit(hard)), 1e-6)
-    (p, others), loss = _left_out(problem, block, hard, scale)
-    covariance = _covariance(problem, p, others, scale)
-    if _is_vague(covariance, field):
+    found = _solution(problem, hard, scale)
+    if _is_vague(found.covariance, field):
         return None
-    largest_a = 0.0
-    if current_a is not None:
-        current = current_a[near][::step, None]
-        largest_a = float(np.ptp(current))
+    current = np.zeros((len(near), 1)) if current_a is None else current_a[near, None]
+    largest_a = float(np.ptp(current))
     if largest_a > LEAST_CURRENT_A:
         powered = problem._replace(current=current / largest_a)
-        start = np.concatenate([p, np.zeros(3)])
-        (with_c, c_others), c_loss = _left_out(powered, block, start, scale)
-        c_covariance = _covariance(powered, with_c, c_others, scale)
-        if _says_more(c_loss, loss) and not _is_vague(c_covariance, field):
-            problem, p, loss, covariance = powered, with_c, c_loss, c_covariance
-    (soft, others), soft_loss = _left_out(problem, block, np.concatenate([p, PLAIN]), scale)
-    soft_covariance = _covariance(problem, soft, others, scale)
-    shows_matrix = _says_more(soft_loss, loss) and not _is_vague(soft_covariance, field)
-    sigma = np.sqrt(np.diag(soft_covariance))[problem.irons :]
-    if shows_matrix:
-        p, covariance = soft, soft_covariance
+        found = _better(found, powered, np.zeros(3), scale)
+    found = _better(found, found.problem, PLAIN, scale)
+    problem, p, covariance, _ = found
+    irons, sigma = problem.irons, np.sqrt(np.diag(covariance))
+    has_current, has_matrix = irons > 3, len(p) > irons
     return CompassFit(
         p[:3],
         covariance[:3, :3],
-        p[3:6] / largest_a if problem.irons > 3 else None,
-        np.sqrt(np.diag(covariance))[3:6] / largest_a if problem.irons > 3 else None,
-        problem.matrix(p) if shows_matrix else None,
-        np.tensordot(sigma, BASIS, 1) if shows_matrix else None,
+        p[3:6] / largest_a if has_current else None,
+        sigma[3:6] / largest_a if has_current else None,
+        problem.matrix(p) if has_matrix else None,
+        np.tensordot(sigma[irons:], BASIS, 1) if has_matrix else None,
         _unseen(problem.corrected(p)),
-        (_usual(problem.misfit(np.zeros(problem.irons))), _usual(problem.misfit(p))),
+        (_usual(problem.misfit(np.zeros(irons))), _usual(problem.misfit(p))),
     )
+
+
+class _Solution(NamedTuple):
+    """The numbers found, their covariance, and the loss on each block by all others."""
+
+    problem: _Problem
+    p: Floats
+    covariance: Floats
+    losses: Floats
+
+
+def _solution(problem: _Problem, start: Floats, scale: float) -> _Solution:
+    block = np.arange(len(problem.mag)) * BLOCKS // len(problem.mag)
+    p = _solved(problem, start, scale)
+    others = np.array([_solved(problem.part(block != k), p, scale) for k in range(BLOCKS)])
+    left = [problem.part(block == k).misfit(other) for k, other in enumerate(others)]
+    losses = np.array([np.sqrt(1.0 + (each / scale) ** 2).mean() for each in left])
+    return _Solution(problem, p, _covariance(problem, p, others, scale), losses)
+
+
+def _better(simple: _Solution, problem: _Problem, more: Floats, scale: float) -> _Solution:
+    """The solution with more numbers, if they reduce the losses and leave the offset known.
+
+    Losses on blocks left out have to fall by more than one standard error of that.
+    """
+    rich = _solution(problem, np.concatenate([simple.p, more]), scale)
+    gains = simple.losses - rich.losses
+    is_better = gains.mean() > gains.std(ddof=1) / np.sqrt(BLOCKS)
+    return rich if is_better and not _is_vague(rich.covariance, problem.field) else simple
 
 
 def _solved(problem: _Problem, start: Floats, scale: float) -> Floats:
@@ -159,22 +191,6 @@ def _slope(problem: _Problem, p: Floats) -> Floats:
     ways = step * np.eye(len(p))
     columns = [problem.misfit(p + way) - problem.misfit(p - way) for way in ways]
     return np.column_stack(columns) / (2.0 * step)
-
-
-def _left_out(
-    problem: _Problem, block: NDArray[np.int_], start: Floats, scale: float
-) -> tuple[tuple[Floats, Floats], Floats]:
-    """The solution, those without each block in turn, and their losses on the blocks left out."""
-    p = _solved(problem, start, scale)
-    others = np.array([_solved(problem.part(block != k), p, scale) for k in range(BLOCKS)])
-    left = [problem.part(block == k).misfit(other) for k, other in enumerate(others)]
-    return (p, others), np.array([np.sqrt(1.0 + (each / scale) ** 2).mean() for each in left])
-
-
-def _says_more(after: Floats, before: Floats) -> bool:
-    """Whether losses on blocks left out have fallen by more than one standard error of that."""
-    gains = before - after
-    return bool(gains.mean() > gains.std(ddof=1) / np.sqrt(BLOCKS))
 
 
 def _covariance(problem: _Problem, p: Floats, others: Floats, scale: float) -> Floats:
@@ -210,3 +226,27 @@ def _unseen(field: Floats) -> tuple[str, ...]:
 
 def _usual(misfit: Floats) -> float:
     return float(np.median(np.abs(misfit)))
+
+
+def compass_turn(mag_gauss: Floats, expected_gauss: Floats) -> Floats | None:
+    """The rotation (3, 3) that takes readings (N, 3) into the body's axes; None for none.
+
+    ``expected_gauss`` (N, 3) is the place's field in the body's axes by an attitude whose heading
+    the compass has not shown. A constant offset is left to the search for iron.
+    """
+    if len(mag_gauss) < LEAST_READINGS:
+        return None
+    misfits = np.array([_apart(mag_gauss, expected_gauss @ R) for R in RIGHT_ANGLED])
+    best, second = (int(k) for k in np.argsort(misfits)[:2])
+    strength = float(np.median(np.linalg.norm(expected_gauss, axis=1)))
+    is_clear = misfits[best] < CLEAR * misfits[second]
+    if best == 0 or not is_clear or misfits[0] < LEAST_MISFIT * strength:
+        return None
+    turn: Floats = RIGHT_ANGLED[best]
+    return turn
+
+
+def _apart(mag: Floats, seen: Floats) -> float:
+    """Median distance between readings and what would be seen, beyond a constant offset."""
+    off = mag - seen
+    return float(np.median(np.linalg.norm(off - np.median(off, axis=0), axis=1)))

@@ -206,6 +206,7 @@ def _report_logs(
     from fuzzbee.replays.plot import ComparisonPlot
     from fuzzbee.replays.reading_bar import reading_bar
     from fuzzbee.replays.table import print_reports
+    from fuzzbee.replays.trace import How
 
     told: list[str] = []  # printed when all went well only: a refusal must be one single line
     runs = [(Path(source), name) for source in options.sources for name in profiles]
@@ -214,19 +215,22 @@ def _report_logs(
         profiles[name] if options.profile else _fitting(path, profiles[name], options)
         for path, name in runs
     ]
+    how = How(
+        options.gain,
+        options.system_id,
+        options.start_wrong,
+        options.retune,
+        options.smooth,
+        options.columns,
+        window,
+    )
     reports = [
         report_log(
             path,
             profile,
-            fixed_gain=options.gain,
+            how,
             reference=options.reference,
             skip_s=options.skip,
-            start_wrong_deg=options.start_wrong,
-            system_id=options.system_id,
-            retune=options.retune,
-            smooth=options.smooth,
-            columns=options.columns,
-            window=window,
             tell=told.append,
             profile_name=name if len(profiles) > 1 else None,
             reading=reading_bar,
@@ -289,26 +293,25 @@ def _replay_simulation(options: ReplayOptions) -> None:
     import msgspec
 
     from estimator.profile import load_profile
-    from fuzzbee.replays import simulation_files
+    from fuzzbee.replays import simulation
     from fuzzbee.replays.exports import write_csv
     from fuzzbee.replays.figure import require_plot
-    from fuzzbee.replays.simulation_report import Export, report_simulation
     from fuzzbee.replays.table import print_simulation
 
     started = time.perf_counter()
     outputs.require_own_files(options.given("csv", "plot"), options.profile or ())
     _require_writable(options)
     name, seeds, gain = (options.profile or ["paper"])[0], options.seeds or "0", options.gain
-    exports: list[Export] = []
+    exports: list[simulation.Export] = []
     if options.csv is not None:
         csv = options.csv
-        exports.append(lambda *made: write_csv(csv, simulation_files.columns(*made)))
+        exports.append(lambda *made: write_csv(csv, simulation.columns(*made)))
     if options.plot is not None:
         require_plot(options.plot)
         what = f"profile {Path(name).stem}" if gain is None else f"K = {gain:g}"
         title = f"The paper's experiment, {what}, noise seeds {seeds}"
-        exports.append(partial(simulation_files.draw, options.plot, title))
-    report = report_simulation(load_profile(name), seed_range(seeds), gain, exports)
+        exports.append(partial(simulation.draw, options.plot, title))
+    report = simulation.report_simulation(load_profile(name), seed_range(seeds), gain, exports)
     report = msgspec.structs.replace(report, wall_s=time.perf_counter() - started)
     if options.as_json:
         print(msgspec.json.encode(report).decode())

@@ -22,12 +22,16 @@ from estimator.errors import InputError
 from estimator.live.rows import NORTHS
 from fuzzbee.angle_curves import euler_curves_deg
 from fuzzbee.attitudes import enu_flu
-from fuzzbee.replays.log_clock import stamps_us, unix_times_us
 from fuzzbee.replays.trace import VehicleTrace
+from service.publishing import HostClock
 
 Columns = dict[str, NDArray[Any]]  # (N,) each
 
 LARGE = 1e8  # a date in seconds, to the microsecond
+# Stamps before September 2001 count from the vehicle's start: it knew no date.
+EARLIEST_UNIX_US = 10**15
+# ROS has 31 bits for the seconds, until 2038: a later date is a garbled stamp.
+LATEST_UNIX_US = 10**6 << 31
 
 ATTITUDE_COLUMNS = (
     *("time_s", "time_unix_s"),
@@ -46,6 +50,30 @@ REFERENCE_COLUMNS = (
     *("error_total_deg", "error_heading_deg", "error_inclination_deg"),
 )
 COLUMNS = ATTITUDE_COLUMNS + REFERENCE_COLUMNS
+
+
+def stamps_us(trace: VehicleTrace) -> Times:
+    """Unix time (N,) of the samples, or the time since the first where that is not known."""
+    unix_us = unix_times_us(trace)
+    return trace["time_us"] - trace.zero_us if unix_us is None else unix_us
+
+
+def unix_times_us(trace: VehicleTrace) -> Times | None:
+    """Unix time (N,) of the samples; None if the log's stamps are no dates.
+
+    A message is stamped when it arrives, now soon, now late: the vehicle's own clock is carried
+    over as in the live service. Times never go back.
+    """
+    times_us, arrivals_us = trace["time_us"], trace["arrival_us"]
+    if not len(arrivals_us) or arrivals_us[0] < EARLIEST_UNIX_US:
+        return None
+    clock, found = HostClock(), np.empty(len(arrivals_us), dtype=np.int64)
+    for rows in blocks(len(found)):
+        both = zip(times_us[rows].tolist(), arrivals_us[rows].tolist(), strict=True)
+        for k, (time_us, arrival_us) in enumerate(both, rows.start):
+            clock.observe(time_us, arrival_us)
+            found[k] = round(time_us + clock.offset_us)
+    return np.maximum.accumulate(found) if found.max() < LATEST_UNIX_US else None
 
 
 def columns(trace: VehicleTrace) -> Iterator[Columns]:

@@ -16,8 +16,7 @@ from drivers.logs.table import blocks
 from drivers.output_file import written_for
 from estimator.types import Attitude, ImuSample
 from fuzzbee.attitudes import enu_flu
-from fuzzbee.replays.exports import ATTITUDE_COLUMNS, REFERENCE_COLUMNS, columns
-from fuzzbee.replays.log_clock import stamps_us
+from fuzzbee.replays.exports import ATTITUDE_COLUMNS, REFERENCE_COLUMNS, columns, stamps_us
 from fuzzbee.replays.trace import VehicleTrace
 from service.publishing import attitude_record
 from service.sinks.ros_messages import imu_message

@@ -10,9 +10,8 @@ from rich.text import Text
 
 from fuzzbee.notify import printable
 from fuzzbee.replays.comparison import REFERENCES
-from fuzzbee.replays.log_report import LogReport
+from fuzzbee.replays.schema import LogReport, SimulationReport
 from fuzzbee.replays.score import ConstantTurn
-from fuzzbee.replays.simulation_report import SimulationReport
 
 # Fewer headings from magnetic north than this do not change a figure's last digit much.
 LEAST_TOLD_SHARE = 0.01

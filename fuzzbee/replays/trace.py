@@ -3,7 +3,8 @@
 from collections import Counter
 from collections.abc import Callable, Iterable
 from math import radians
-from typing import Any, TypeVar
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,7 @@ from drivers.events import (
 from drivers.logs.reference_track import ReferenceTrack
 from drivers.logs.table import Table
 from drivers.logs.time_window import WHOLE_LOG, TimeWindow, WindowedEvents
-from drivers.mavlink.ardupilot import COMPASS
+from drivers.mavlink.ardupilot import COMPASS, INERTIAL, ORIENTATION
 from drivers.mavlink.attitude_view import NAMES as VIEW_PARAMETERS
 from drivers.mavlink.attitude_view import AttitudeView
 from estimator.arrays import Floats
@@ -43,6 +44,7 @@ from tuning.online.retuner import Decision
 
 Row = TypeVar("Row", Attitude, ImuSample)
 
+SENSORS = (COMPASS, INERTIAL, ORIENTATION)  # what the names of their parameters begin with
 # The axis (NED) of a wrong start: every sensor can see a turn about it.
 WRONG_START_AXIS: Vec3 = (3**-0.5, 3**-0.5, 3**-0.5)
 # A row: when it came, the attitude after it (the reference of its heading by the place in NORTHS),
@@ -61,6 +63,29 @@ COLUMNS = {
     "has_mag": "?",
     "is_aided": "?",
 }
+
+
+class How(NamedTuple):
+    """How a log is replayed.
+
+    ``fixed_gain`` stands in for the fuzzy one. Of several vehicles it is the one with
+    ``system_id``, or with most IMU samples. ``start_wrong_deg`` turns the vehicle's estimate about
+    NED (1,1,1)/sqrt 3, once, at the first sample for which a reference is known. With ``retune`` a
+    few numbers of the profile are retuned on the way, with ``smooth`` the attitudes are by the
+    whole log. ``columns`` describes a table. Only ``window`` is read; its seconds count from the
+    log's beginning.
+    """
+
+    fixed_gain: float | None = None
+    system_id: int | None = None
+    start_wrong_deg: float = 0.0
+    retune: bool = False
+    smooth: bool = False
+    columns: Path | None = None
+    window: TimeWindow = WHOLE_LOG
+
+
+AS_LIVE = How()
 
 
 class VehicleTrace:
@@ -89,7 +114,7 @@ class VehicleTrace:
         self.decisions: list[tuple[int, Decision]] | None = None  # where it was retuned
         self.marks = Marks()
         self.view = AttitudeView()  # of what the autopilot's attitude is
-        self.compass: dict[str, float] = {}  # what the autopilot has been set to
+        self.parameters: dict[str, float] = {}  # what its sensors have been set to
         self.place_field: PlaceField | None = None
         self.second_opinion = SecondOpinion()
 
@@ -129,41 +154,40 @@ class VehicleTrace:
 class Replay:
     """Feeds events through the live pipeline and keeps its estimates.
 
-    ``start_wrong_deg`` turns each vehicle's estimate about NED (1,1,1)/sqrt 3, once, at
-    the first sample for which a reference is known. With ``retune`` a few numbers of the profile
-    are retuned on the way. ``new_estimator`` makes the estimators. Only ``window`` of the log is
-    used.
+    ``new_estimator`` makes the estimators instead of those that ``how`` asks for.
     """
 
     def __init__(
         self,
         profile: Profile,
+        how: How = AS_LIVE,
         *,
-        fixed_gain: float | None = None,
-        system_id: int | None = None,
-        start_wrong_deg: float = 0.0,
         tell: Callable[[str], None] = lambda _: None,
-        retune: bool = False,
         new_estimator: Callable[[Profile], Estimator] | None = None,
-        window: TimeWindow = WHOLE_LOG,
     ) -> None:
-        self._window = window
+        self._how = how
         self.why_empty: str | None = None  # why nothing of the log lay in the window
-        kind = RetunedEstimator if retune else Estimator
         self.pipeline = Pipeline(
             profile,
-            system_id=system_id,
-            new_estimator=new_estimator or (lambda chosen: kind(chosen, fixed_gain)),
+            system_id=how.system_id,
+            new_estimator=new_estimator or self._new_estimator,
         )
-        self._wrong_turn = exp(scale(radians(start_wrong_deg), WRONG_START_AXIS))
-        self._start_wrong = start_wrong_deg != 0.0
+        self._wrong_turn = exp(scale(radians(how.start_wrong_deg), WRONG_START_AXIS))
         self._tell = tell
         self.traces: dict[VehicleId, VehicleTrace] = {}
 
+    def _new_estimator(self, profile: Profile) -> Estimator:
+        if self._how.smooth:
+            from estimator.smoothing import Recorder
+
+            return Recorder(profile, self._how.fixed_gain)
+        kind = RetunedEstimator if self._how.retune else Estimator
+        return kind(profile, self._how.fixed_gain)
+
     def run(self, events: Iterable[Event]) -> None:
         """Take all events."""
-        windowed = WindowedEvents(events, self._window)
-        for event in events if self._window == WHOLE_LOG else windowed:
+        windowed = WindowedEvents(events, self._how.window)
+        for event in events if self._how.window == WHOLE_LOG else windowed:
             self._take(event)
         self.why_empty = windowed.why_empty()
         for vehicle in self.pipeline.vehicles:
@@ -198,8 +222,8 @@ class Replay:
                 self._trace(address).references[source].add(event)
             case Parameter(vehicle=address, name=name, value=value) if name in VIEW_PARAMETERS:
                 self._trace(address).view.take(name, value)
-            case Parameter(vehicle=address, name=name, value=value) if name.startswith(COMPASS):
-                self._trace(address).compass[name] = value
+            case Parameter(vehicle=address, name=name, value=value) if name.startswith(SENSORS):
+                self._trace(address).parameters[name] = value
             case Heartbeat(vehicle=address):
                 trace = self._trace(address)
                 trace.autopilot, trace.vehicle_type = event.autopilot, event.vehicle_type
@@ -226,7 +250,7 @@ class Replay:
 
     def _turn_wrong(self, vehicle: Vehicle, trace: VehicleTrace) -> None:
         """Turn the estimate once, at the first sample that a reference is known at."""
-        if not self._start_wrong or trace.turned_at_us is not None:
+        if not self._how.start_wrong_deg or trace.turned_at_us is not None:
             return
         if any(track.message is not None for track in trace.references.values()):
             vehicle.estimator.turn(self._wrong_turn)
@@ -237,3 +261,19 @@ class Replay:
         if trace is None:
             trace = self.traces[address] = VehicleTrace(address)
         return trace
+
+
+def smooth(trace: VehicleTrace, estimator: Estimator | None) -> None:
+    """Put the smoothed attitudes into the trace; what the end knows of north holds for all."""
+    from estimator.smoothing import Recorder, smooth_all
+
+    assert isinstance(estimator, Recorder)
+    times_us, now = smooth_all(estimator)
+    at = np.searchsorted(times_us, trace["time_us"])
+    trace.table.put("q_ned_frd", [now.q_ned_frd[at]])
+    trace.table.put("rate_rad_s", [now.rate_rad_s[at]])
+    trace.table.put("gyro_bias_rad_s", [now.bias_rad_s[at]])
+    trace.table.put("sigma_inclination_rad", [now.sigma_rad[at, 0]])
+    trace.table.put("sigma_heading_rad", [now.sigma_rad[at, 1]])
+    north = trace["heading_reference"]
+    trace.table.put("heading_reference", [np.full_like(north, north[-1])])

@@ -12,7 +12,7 @@ from drivers.logs.time_window import TimeWindow
 from estimator.calibration import Calibration
 from estimator.errors import InputError
 from estimator.profile import SHIPPED, Profile, load_profile, merge_profile, profile_to_toml
-from fuzzbee.notify import tell
+from fuzzbee.notify import notify, tell
 from fuzzbee.options import require_extra, seed_range
 from fuzzbee.time_window import time_window
 from fuzzbee.tune.read_flight import REFERENCES, read_flight
@@ -116,7 +116,8 @@ def _log_plan(request: TuneRequest) -> Plan:
             f"--reference smooth: not with --parameters {CALIBRATION}, which it would depend on"
         )
     plain = msgspec.structs.replace(base, calibration=Calibration()) if calibrates else base
-    flights, searched = _read_flights(request, plain, may_smooth=not calibrates)
+    refused: list[str] = []  # printed when all checks have passed: an error is one single line
+    flights, searched = _read_flights(request, plain, refused, may_smooth=not calibrates)
     slowest = min(flights, key=lambda flight: flight.rate_hz)
     groups = _groups(request, default_groups(goal, slowest.rate_hz))
     if ("sigma" in groups) != (goal == "coverage"):
@@ -137,6 +138,8 @@ def _log_plan(request: TuneRequest) -> Plan:
             start, calibration=_fitted(request, plain, chosen, searched)
         )
     task = LogTask(start, groups, chosen, goal, before if calibrates else None)
+    for line in refused:
+        notify(line)
     inputs = []
     for flight in flights:
         use, reference = _use(chosen, flight), _reference_text(flight)
@@ -155,14 +158,14 @@ def _fitted(
     Raises:
         InputError: it shows no constant.
     """
-    from fuzzbee.sensor_report import report_sensors
+    from fuzzbee.calibration_report import report_calibration
 
     begin, end = time_window(request.begin, request.end)
     flight, _, last = chosen.tuning[0]
     if last < len(flight.truth):  # the rest of the only one is held out
         end = flight.begin_s + float(flight.time_s[last])
     searched = [paths[part.flight.sha256] for part in chosen.tuning]
-    return report_sensors(searched, plain, window=TimeWindow(begin, end)).calibration
+    return report_calibration(searched, plain, window=TimeWindow(begin, end)).calibration
 
 
 def _with_tuned_gain(base: Profile, groups: tuple[str, ...]) -> Profile:
@@ -211,11 +214,12 @@ def _plan(
 
 
 def _read_flights(
-    request: TuneRequest, base: Profile, *, may_smooth: bool
+    request: TuneRequest, base: Profile, refused: list[str], *, may_smooth: bool
 ) -> tuple[tuple[Flight, ...], dict[str, Path]]:
     """All flights, first those not asked to be held out, and the paths of these by their SHA-256.
 
-    A log that is held out may stand among the sources, too; but none may count twice.
+    A log that is held out may stand among the sources, too; but none may count twice. ``refused``
+    takes a line for each log of which much was.
     """
     paths = [Path(source) for source in request.sources]
     for path in (*paths, *request.held_out):
@@ -228,7 +232,9 @@ def _read_flights(
     window = time_window(request.begin, request.end)
     flights: dict[str, Flight] = {}
     for path in (*searched, *request.held_out):
-        flight = read_flight(path, base, request.reference, window, may_smooth=may_smooth)
+        flight = read_flight(
+            path, base, request.reference, window, refused.append, may_smooth=may_smooth
+        )
         require_substance(flight)
         same = flights.setdefault(flight.sha256, flight)
         if same is not flight:

@@ -1,5 +1,6 @@
 """A log as a flight to tune on: what the service shows its estimator is written down."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,8 @@ from estimator.profile import Profile
 from estimator.types import IDENTITY, ImuSample
 from fuzzbee.attitudes import PLACE
 from fuzzbee.replays.comparison import compare
-from fuzzbee.replays.trace import Replay
+from fuzzbee.replays.log_report import refused_text
+from fuzzbee.replays.trace import How, Replay
 from tuning.course import split_calls
 from tuning.flight import Flight
 from tuning.logged_calls import Call, LoggedEstimator
@@ -51,18 +53,20 @@ def read_flight(
     profile: Profile,
     reference: str | None = None,
     window: TimeWindow = WHOLE_LOG,
+    report_refused: Callable[[str], None] = lambda _: None,
     *,
     may_smooth: bool = True,
 ) -> Flight:
-    """The vehicle with most IMU samples in ``window``, with all that its estimator was told.
+    """The vehicle with most IMU samples in ``window``, with all that its estimator was given.
 
-    The smoothed attitude is a reference where ``may_smooth``.
+    ``report_refused`` is given a line if much of the log was refused. The smoothed attitude is a
+    reference where ``may_smooth``.
 
     Raises:
         InputError: the log cannot be read, has no IMU data, or the profile's estimate is no number;
             the wanted reference is not there, or not sure of itself.
     """
-    replay = Replay(profile, new_estimator=RecordingEstimator, window=window)
+    replay = Replay(profile, How(window=window), new_estimator=RecordingEstimator)
     with open_log(path) as log:
         sha256 = log.sha256()
         replay.run(log)
@@ -95,8 +99,9 @@ def read_flight(
         calibration=profile.calibration,
         begin_s=1e-6 * float(trace["time_us"][0] - trace.zero_us),
     )
-    if not may_smooth:
-        return found
-    if reference != "smooth" and (reference or found.reference == "sim"):
-        return found
-    return sure_flight(found, profile, is_wanted=reference == "smooth")
+    is_wanted = reference == "smooth"
+    if may_smooth and (is_wanted or not (reference or found.reference == "sim")):
+        found = sure_flight(found, profile, is_wanted=is_wanted)
+    if (refused := refused_text(trace)) is not None:
+        report_refused(f"{path}: {refused}")
+    return found

@@ -10,7 +10,6 @@ from drivers.mavlink.encoder import FrameEncoder, attitude, attitude_quaternion
 from drivers.mavlink.framing import Frame
 from drivers.mavlink.limits import FrameQueue
 from drivers.samples.imu_stream import MOST_HELD, Field, ImuStream, Stamp
-from drivers.samples.stuck import field_contradicts
 from drivers.samples.vehicle_clock import TimeField
 from estimator.reasons import Reason
 from tests.drivers.logs.test_missing_imu import PX4, refusal, tlog
@@ -71,16 +70,8 @@ def test_a_clock_that_stays_back_holds_no_more_than_so_many():
     count = 3 * MOST_HELD + 10
     for k in range(count):
         events = stream.place(
-            reading(stream, S + 20_000 * k), Reason.OUT_OF_ORDER, [], doubts_axes=False
+            reading(stream, S + 20_000 * k), Reason.OUT_OF_ORDER, [], 0, doubts_axes=False
         )
         refused += len(events)
         assert k + 1 - refused <= MOST_HELD
     assert refused + len(stream.end()) == count
-
-
-def test_iron_bends_the_way_of_a_field_that_turns_far():
-    """Half a turn moves the field by twice its size: what is off by half of that may be iron."""
-    rate = (0.0, 0.0, 0.1)
-    assert field_contradicts((1.0, 0.0, 0.0), (-0.5, 0.0, 0.0), rate, 31.4) == (False, True)
-    assert field_contradicts((1.0, 0.0, 0.0), (0.5, 0.0, 0.0), rate, 31.4) == (True, True)
-    assert field_contradicts((1.0, 0.0, 0.0), (0.6, 0.0, 0.0), rate, 1.0) == (True, False)

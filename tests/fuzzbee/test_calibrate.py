@@ -14,6 +14,7 @@ from drivers.simulation.simulated_vehicle import SimulatedVehicle, imu_errors
 from estimator.profile import load_profile
 from fuzzbee.cli import main
 from tests.fuzzbee.iron import with_iron
+from tests.fuzzbee.tlogs import rewritten
 
 DATA = Path(__file__).parent.parent / "data"
 PLANE = DATA / "sitl_plane_4hz.tlog"
@@ -88,6 +89,40 @@ def test_a_compass_that_is_turned_is_turned_back(tmp_path, capsys, name):
         for each, profile in ((PLANE, "imu"), (log, tmp_path / "mine.toml"))
     ]
     assert errors[1]["heading_rms"] < 1.2 * errors[0]["heading_rms"]
+
+
+def test_another_compass_of_the_log_is_fitted(tmp_path, capsys):
+    """The first carries iron, the second none; its parameters have its number."""
+    log = with_iron(PLANE, tmp_path / "iron.tlog", OFFSET_MGAUSS, left_out=("SCALED_IMU3",))
+    first, chosen, second = (
+        json.loads(said(capsys, "calibrate", log, "--json", *options))
+        for options in ((), ("--compass", "0"), ("--compass", "1"))
+    )
+    offsets = [each["calibration"]["mag_offset_gauss"] for each in (first, chosen, second)]
+    assert offsets[1] == pytest.approx(offsets[0], abs=1e-4)
+    assert 1e3 * np.array(offsets[2]) == pytest.approx((0.0, 0.0, 0.0), abs=2.0)  # mG
+    assert (first["message"], second["message"]) == ("RAW_IMU", "SCALED_IMU2")
+    assert set(second["ardupilot"]) == {f"COMPASS_OFS2_{axis}" for axis in "XYZ"}
+    assert main(["calibrate", str(log), "--compass", "2"]) == 2
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert "no compass 2 (there is: 0, 1)" in err
+
+
+@pytest.mark.parametrize("verb", ["calibrate", "tune"])
+def test_a_log_of_which_much_was_refused_is_named(tmp_path, capsys, verb):
+    def change(seconds, message):
+        if message.get_type() == "RAW_IMU" and seconds % 5.0 < 1.0:
+            message.xacc = message.yacc = message.zacc = 0
+            return [message]
+        return None
+
+    log = rewritten(PLANE, tmp_path / "bad.tlog", change)
+    budget = ("--sources", "2", "--cycles", "1", "--parameters", "gain", "--force")
+    options = ("-o", str(tmp_path / "tuned.toml"), *budget) if verb == "tune" else ()
+    assert main([verb, str(log), *options]) == 0
+    (line,) = [each for each in capsys.readouterr().err.splitlines() if "refused" in each]
+    assert line.startswith(f"fuzzbee: {log}: much was refused: ")
 
 
 def test_a_compass_in_its_place_has_no_other(capsys):

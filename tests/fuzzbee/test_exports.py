@@ -13,7 +13,7 @@ from drivers.mavlink.framing import frame_end
 from estimator.geometry.frames import enu_flu_from_ned_frd
 from fuzzbee.cli import main
 from fuzzbee.replays.exports import ATTITUDE_COLUMNS, COLUMNS
-from fuzzbee.replays.simulation_files import COLUMNS as SIMULATION_COLUMNS
+from fuzzbee.replays.simulation import COLUMNS as SIMULATION_COLUMNS
 
 LOG = Path(__file__).parent.parent / "data" / "sitl_copter_4hz.tlog"
 

@@ -148,8 +148,7 @@ def test_what_a_sender_was_is_forgotten_by_the_gate_and_the_requests():
         assert gate.lets_in(imu_frame(vehicle, 0), "a", arrival_us)
     assert len(gate._senders) <= MOST_GATED
     assert not gate.lets_in(imu_frame(vehicle, 1), "b", arrival_us + TAKE_OVER_US // 2)
-    request.handle(Heartbeat(ONE, 0, 3, 2), 0)
-    assert request.tick(SECOND_US)
+    assert request.handle(Heartbeat(ONE, 0, 3, 2), 0)
     request.handle(Forgotten(ONE, 0), 0)
     assert request.tick(10 * SECOND_US) == []
 

@@ -3,18 +3,17 @@
 import threading
 
 import pytest
-from service.autopilot_comparison import AutopilotComparison
-from service.host_clock import HostClock, observe, propagated_to
 
-from drivers.events import ReferenceAttitude, VehicleId
+from drivers.events import VehicleId
 from estimator.geometry.earth import PlaceField
 from estimator.geometry.frames import from_euler_rad
 from estimator.profile import load_profile
 from estimator.types import ImuSample
 from service.alarms import Alarm
 from service.evictions import FORGOTTEN_US, LONGEST_LOOK_US, MOST_PROFILES, Evictions
-from service.publishing import PublishGrid, Publishing
+from service.publishing import HostClock, Publishing
 from service.records import Message
+from service.second_opinion import SecondOpinion
 from service.sinks.sink import MAX_PENDING, Outbox
 from tests.service.test_alarms import attitude, words
 
@@ -51,15 +50,6 @@ def test_an_attitude_is_no_repetition_once_the_hosts_clock_is_set_back():
     assert not publishing.is_stale(100 * S + 1000, 8)
 
 
-def test_every_attitude_that_nobody_could_publish_is_counted():
-    grid = PublishGrid(10.0)
-    grid.advance(0, has_sample=False)
-    grid.advance(100_000, has_sample=False)
-    assert grid.skipped == 0
-    grid.advance(700_000, has_sample=False)
-    assert grid.skipped == 4
-
-
 def test_a_clock_that_leaps_by_hours_is_no_silence():
     evictions, heard_us = Evictions(), {ONE: 0}
     now_us = 0
@@ -87,10 +77,10 @@ def test_what_counts_as_held_back_follows_the_streams_interval(median_us, is_hel
     clock, arrival_us = HostClock(), 0
     for k in range(10):
         arrival_us = 50 * S + k * 500_000
-        clock = observe(clock, k * 500_000, arrival_us)
+        clock.observe(k * 500_000, arrival_us)
     taken_us, late_us = 5 * S, 300_000
     arrival_us = 55 * S + late_us
-    time_us, age_us = propagated_to(clock, taken_us, arrival_us, median_us, arrival_us + 1000)
+    time_us, age_us = clock.propagated_to(taken_us, arrival_us, median_us, arrival_us + 1000)
     if is_held:  # nobody knows whether those 0.3 s have passed
         assert (time_us - taken_us, age_us) == (1000, pytest.approx(late_us + 1000, abs=20_000))
     else:
@@ -98,13 +88,12 @@ def test_what_counts_as_held_back_follows_the_streams_interval(median_us, is_hel
 
 
 def test_a_roll_of_almost_a_half_turn_differs_by_the_short_way():
-    comparison = AutopilotComparison()
+    opinion = SecondOpinion()
     ours = attitude(q=from_euler_rad(3.12, 0.0, 0.0))
     sample = ImuSample(0, (0.0, 0.0, 0.0), (0.0, 0.0, 9.8), (0.0, 0.0, 0.0), False)
     theirs = from_euler_rad(-3.12, 0.0, 0.0)
-    event = ReferenceAttitude(ONE, 0, 0, "autopilot", "ATTITUDE", theirs)
-    comparison.look(event, theirs, ours, sample, None, "")
-    assert comparison.record(0).roll_deg == pytest.approx(2.48, abs=0.01)
+    opinion.look(0, "ATTITUDE", theirs, ours, sample, None)
+    assert opinion.record(0).roll_deg == pytest.approx(2.48, abs=0.01)
 
 
 def test_between_the_poles_a_field_that_points_south_is_the_places():

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from estimator.arrays import Bools, Floats
 
@@ -149,16 +150,10 @@ def cross_matrix(v: Floats) -> Floats:
 
 
 def rotation(phi: Floats) -> Floats:
-    """exp [phi]x = 1 + sin/angle [phi]x + (1 - cos)/angle^2 [phi]x [phi]x, (K, 3, 3)."""
-    angle = np.linalg.norm(phi, axis=1)[:, None, None]
-    X = cross_matrix(phi)
-    half = np.sinc(0.5 * angle / np.pi)
-    return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * X + 0.5 * half**2 * (X @ X))
+    """exp [phi]x of (K, 3), (K, 3, 3)."""
+    return np.asarray(Rotation.from_rotvec(phi).as_matrix())
 
 
 def rotation_vector(R: Floats) -> Floats:
     """The rotation vectors (K, 3) of matrices (K, 3, 3), of less than half a turn."""
-    v = 0.5 * np.stack([R[:, i, j] - R[:, j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=1)
-    sine = np.linalg.norm(v, axis=1)
-    angle = np.arctan2(sine, 0.5 * (np.trace(R, axis1=1, axis2=2) - 1.0))
-    return np.asarray(v * np.where(sine > 1e-9, angle / np.maximum(sine, 1e-9), 1.0)[:, None])
+    return np.asarray(Rotation.from_matrix(R).as_rotvec())

@@ -1,0 +1,161 @@
+"""What ``fuzzbee calibrate`` fits of a replayed log: its IMU, one compass, velocities, current."""
+
+from collections import Counter
+from math import radians
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from drivers.events import Velocity
+from drivers.logs.compasses import compasses
+from drivers.logs.currents import currents
+from drivers.logs.open import open_log
+from drivers.logs.table import blocks
+from drivers.logs.time_window import WHOLE_LOG, TimeWindow, WindowedEvents
+from drivers.samples.imu_stream import RepeatedField
+from estimator.arrays import Bools, Floats
+from estimator.errors import InputError
+from estimator.geometry.earth import PlaceField, in_ned
+from estimator.geometry.rotations import rotate_inverse
+from estimator.profile import Profile
+from estimator.types import DOWN
+from fuzzbee.attitudes import PLACE
+from fuzzbee.replays.trace import VehicleTrace
+from tuning.calibration.spans import Recording
+
+MOST_S = 1200.0  # of a recording: the stretch that turns most is used
+HEADED_RAD = radians(15.0)  # sigma of a heading that the compass is judged by
+SETTLED = 0.1  # of the samples: the estimate has begun by then
+BESIDE_US = 200_000  # a reading further from every sample belongs to none
+
+
+class CompassReadings(NamedTuple):
+    """The field and the vertical (N, 3) in body axes, attitudes (N, 4), and the current (N,).
+
+    ``is_headed`` (N,) tells where velocity has shown the heading.
+    """
+
+    mag: Floats
+    down: Floats
+    q_ned_frd: Floats
+    is_headed: Bools
+    current_a: Floats | None
+
+    def beside(self, field: PlaceField) -> tuple[Floats, Floats]:
+        """Readings where velocity has shown the heading, and the place's field there (M, 3)."""
+        there = self.is_headed
+        return self.mag[there], rotate_inverse(self.q_ned_frd[there], in_ned(field))
+
+
+def message_of(trace: VehicleTrace) -> str:
+    """The IMU message that was used most."""
+    return trace.imu_messages.most_common(1)[0][0]
+
+
+def rate_hz(trace: VehicleTrace) -> float:
+    """Samples a second, by the median; 0 of one alone."""
+    steps_us = np.diff(trace["time_us"])
+    return 1e6 / float(np.median(steps_us)) if len(steps_us) else 0.0
+
+
+def choose_compass(path: Path, trace: VehicleTrace, profile: Profile, number: int | None) -> str:
+    """Put the field of another compass into the trace's columns; the name of its message.
+
+    Raises:
+        InputError: the log has no such compass.
+    """
+    if number is None:
+        return message_of(trace)
+    with open_log(path) as log:
+        found = compasses(log, trace.address.system_id)
+    if not found and number == 0 and trace["has_mag"].any():
+        return message_of(trace)
+    if number not in found:
+        known = ", ".join(map(str, sorted(found))) or ("0" if trace["has_mag"].any() else "none")
+        raise InputError(f"{path}: no compass {number} (there is: {known})")
+    message, arrivals_us, mag = found[number]
+    samples_us = trace["arrival_us"]
+    after = np.clip(np.searchsorted(samples_us, arrivals_us), 1, max(1, len(samples_us) - 1))
+    before = after - 1
+    after = np.minimum(after, len(samples_us) - 1)
+    is_later = samples_us[after] - arrivals_us < arrivals_us - samples_us[before]
+    rows = np.where(is_later, after, before)
+    used = RepeatedField().fresh_rows(mag, arrivals_us)
+    used &= np.abs(samples_us[rows] - arrivals_us) <= BESIDE_US
+    columns, has_mag = np.zeros((len(samples_us), 3)), np.zeros(len(samples_us), np.bool_)
+    columns[rows[used]], has_mag[rows[used]] = mag[used], True
+    _, _, columns = profile.to_body_rows(0.0 * columns, 0.0 * columns, columns)
+    trace.table.put("mag_gauss", [columns])
+    trace.table.put("has_mag", [has_mag])
+    return message
+
+
+def compass_readings(path: Path, trace: VehicleTrace) -> CompassReadings:
+    """Those of all samples with a field, once the estimate has begun."""
+    mag, q = trace["mag_gauss"], trace["q_ned_frd"]
+    is_known = trace["has_mag"] & mag.any(axis=1) & np.isfinite(mag).all(axis=1)
+    there = np.flatnonzero(is_known & np.isfinite(q).all(axis=1))
+    there = there[int(SETTLED * len(there)) :]
+    is_headed = trace["is_aided"] & (trace["heading_reference"] == PLACE["true"])
+    is_headed &= trace["sigma_heading_rad"] < HEADED_RAD
+    parts = [rotate_inverse(q[there[rows]], DOWN) for rows in blocks(len(there))]
+    down = np.concatenate([np.empty((0, 3)), *parts])
+    with open_log(path) as log:
+        found = currents(log, trace.address.system_id)
+    current_a = None
+    if found:
+        times_us, amperes = zip(*((each.arrival_us, each.ampere) for each in found), strict=True)
+        current_a = np.interp(trace["arrival_us"][there], times_us, amperes)
+    return CompassReadings(mag[there], down, q[there], is_headed[there], current_a)
+
+
+def recording(
+    path: Path, trace: VehicleTrace, field: PlaceField | None, window: TimeWindow = WHOLE_LOG
+) -> Recording:
+    """The stretch of a trace that turns most, of what the estimate has an attitude for."""
+    q = trace["q_ned_frd"]
+    times_s, gyr = trace.time_s + 1e-6 * trace.zero_us, trace["gyr_rad_s"]
+    rows = _liveliest(times_s, gyr, np.isfinite(q[:, 0]))
+    times_us, velocity_ned_m_s = _velocities(path, trace, window)
+    first_us, last_us = 1e6 * times_s[rows][[0, -1]]
+    inside = (times_us >= first_us) & (times_us <= last_us)
+    mag, place = trace["mag_gauss"][rows], field or trace.place_field
+    return Recording(
+        times_s[rows],
+        gyr[rows],
+        trace["acc_m_s2"][rows],
+        mag,
+        trace["has_mag"][rows] & mag.any(axis=1),
+        q[rows],
+        1e-6 * times_us[inside],
+        velocity_ned_m_s[inside],
+        None if place is None else np.array(in_ned(place)),
+    )
+
+
+def _liveliest(times_s: Floats, gyr: Floats, known: Bools) -> slice:
+    """The ``MOST_S`` that turn most, behind the first row with an attitude."""
+    first = int(np.argmax(known))
+    ends = np.searchsorted(times_s, times_s + MOST_S) - 1
+    turned = np.concatenate([[0.0], np.cumsum((gyr**2).sum(axis=1))])
+    begin = first + int(np.argmax(turned[ends[first:]] - turned[first : len(ends)]))
+    if times_s[-1] - times_s[first] <= MOST_S:
+        begin = first
+    return slice(begin, int(ends[begin]) + 1)
+
+
+def _velocities(path: Path, trace: VehicleTrace, window: TimeWindow) -> tuple[Floats, Floats]:
+    """Times (M,) in us and velocities (M, 3) of the message that has most of them, in order."""
+    with open_log(path) as log:
+        found = [
+            event
+            for event in (log if window == WHOLE_LOG else WindowedEvents(log, window))
+            if isinstance(event, Velocity) and event.vehicle == trace.address
+        ]
+    most = Counter(each.message for each in found).most_common(1)
+    chosen = [each.sample for each in found if each.message == most[0][0]]
+    times_us = np.array([each.time_us for each in chosen], dtype=float)
+    order = np.argsort(times_us, kind="stable")
+    vectors = np.array([each.velocity_ned_m_s for each in chosen], dtype=float).reshape(-1, 3)
+    return times_us[order], vectors[order]

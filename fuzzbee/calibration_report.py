@@ -1,0 +1,290 @@
+"""The figures of ``fuzzbee calibrate``: what is constantly wrong with an IMU's sensors.
+
+One fit of trajectories and constants takes all recordings. A single flight's compass is fitted to
+the World Magnetic Model instead, which a stream of any rate allows.
+"""
+
+from collections.abc import Iterator, Sequence
+from math import atan2, cos, degrees
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+import numpy as np
+
+from drivers.logs.time_window import WHOLE_LOG, TimeWindow
+from drivers.mavlink.ardupilot import COMPASS, corrected, inertial_parameters, orientation
+from drivers.mavlink.constants import MAV_AUTOPILOT_ARDUPILOTMEGA
+from estimator.arrays import Floats
+from estimator.calibration import UNCHANGED, Calibration
+from estimator.errors import InputError
+from estimator.geometry.earth import PlaceField
+from estimator.geometry.quaternion import rotate
+from estimator.mounting import Mounting
+from estimator.profile import Profile
+from fuzzbee.calibration_readings import (
+    choose_compass,
+    compass_readings,
+    message_of,
+    rate_hz,
+    recording,
+)
+from fuzzbee.replays.log_report import refused_text, replay_log
+from fuzzbee.replays.trace import How, VehicleTrace
+from tuning.calibration.fit import SensorFit, fit_sensors
+from tuning.compass_fit import CompassFit, compass_turn, fit_compass
+
+SLOWEST_HZ = 19.0  # turning between the samples of slower streams does not show
+LEAST_S = 10.0  # of a recording
+UNSHOWN = 0.3  # of the variance before
+UNITS = {"gyr_bias_rad_s": "rad/s", "acc_bias_m_s2": "m/s²", "mag_offset_gauss": "gauss"}
+# By ArduPilot's numbers of a compass, as its parameters are known by
+NUMBERED = {1: "SCALED_IMU2", 2: "SCALED_IMU3"}
+
+
+class CompassReport(msgspec.Struct, frozen=True):
+    """Gauss, body axes.
+
+    ``calibration`` holds the profile's keys, ``ardupilot`` the parameters to set. Where
+    ``ardupilot_adds`` the log does not say what was set: its OFS are to be added to that. A compass
+    that sits otherwise than set has ``orientation``; ``calibration`` then holds that turn, too.
+    ``heading_sigma_deg`` is what the offset's uncertainty makes of a level vehicle's heading.
+    """
+
+    source: str
+    message: str
+    readings: int
+    field_gauss: float
+    dip_deg: float
+    offset_sigma_gauss: list[float]
+    current_gauss_a: list[float] | None
+    current_sigma_gauss_a: list[float] | None
+    matrix_sigma: list[list[float]] | None
+    heading_sigma_deg: float
+    misfit_gauss: tuple[float, float]
+    unseen: tuple[str, ...]
+    calibration: dict[str, Any]
+    ardupilot: dict[str, float]
+    ardupilot_adds: bool
+    orientation: str | None = None  # MAV_SENSOR_ORIENTATION that it should have, if another
+
+
+class CalibrationReport(NamedTuple):
+    """What all recordings show together.
+
+    ``calibration`` is in the sensors' axes. ``fit`` is None for streams too slow, ``compass``
+    where one log's flight does not show it. ``refused`` has a line for each log of which much was.
+    """
+
+    sources: list[str]
+    calibration: Calibration
+    ardupilot: dict[str, float]
+    fit: SensorFit | None
+    compass: CompassReport | None
+    refused: list[str]
+
+    def as_json(self) -> dict[str, Any]:
+        """The schema of ``calibrate --json``: the compass's figures, and those of all sensors."""
+        found: dict[str, Any] = {} if self.compass is None else msgspec.to_builtins(self.compass)
+        found |= {"source": ", ".join(self.sources)}
+        found |= {"calibration": msgspec.to_builtins(self.calibration), "ardupilot": self.ardupilot}
+        if self.fit is not None:
+            names = ("sigma", "left", "field_misfits", "lags_s")
+            found["sensors"] = {name: getattr(self.fit, name) for name in names}
+        return found
+
+
+def report_calibration(
+    paths: Sequence[Path],
+    profile: Profile,
+    field: PlaceField | None = None,
+    system_id: int | None = None,
+    window: TimeWindow = WHOLE_LOG,
+    compass: int | None = None,
+) -> CalibrationReport:
+    """What the logs of one IMU show of its sensors, in the ``field`` of their place or one given.
+
+    ``compass`` is the number of another compass than the one that the IMU's message has.
+
+    Raises:
+        InputError: a log cannot be read, has no such compass, or none of the constants shows.
+    """
+    plain = msgspec.structs.replace(profile, calibration=Calibration())
+    how = How(system_id=system_id, window=window)
+    traces = [replay_log(path, plain, how) for path in paths]
+    messages = [choose_compass(*each, plain, compass) for each in zip(paths, traces, strict=True)]
+    is_fast = min(map(rate_hz, traces)) > SLOWEST_HZ
+    way_out = "turn it slowly about all axes, for two minutes or more"
+    if not is_fast:
+        way_out = "several logs together need 20 samples a second or more"
+    of_compass, why = None, InputError(f"{paths[0]}: no constant shows: {way_out}")
+    if len(paths) == 1:
+        try:
+            of_compass = _report_compass(paths[0], traces[0], field, messages[0], compass)
+        except InputError as error:
+            why = error
+    fit, ardupilot, found = None, dict[str, float](), Calibration()
+    if is_fast:
+        fit = _fit(paths, traces, field, window)
+        found = fit.found
+        if _is_ardupilot(traces[0]):
+            ardupilot = inertial_parameters(traces[0].parameters, message_of(traces[0]), found)
+    if of_compass is not None:
+        iron = {"mag_matrix": UNCHANGED, **of_compass.calibration}
+        found = msgspec.structs.replace(found, **iron)
+        ardupilot |= of_compass.ardupilot
+    if found.is_plain:
+        raise why
+    texts = ((path, refused_text(trace)) for path, trace in zip(paths, traces, strict=True))
+    refused = [f"{path}: {text}" for path, text in texts if text is not None]
+    found = in_sensor_axes(found, profile.mounting)
+    sources = [str(path) for path in paths]
+    return CalibrationReport(sources, found, ardupilot, fit, of_compass, refused)
+
+
+def _is_ardupilot(trace: VehicleTrace) -> bool:
+    return trace.autopilot in (None, MAV_AUTOPILOT_ARDUPILOTMEGA)
+
+
+def _fit(
+    paths: Sequence[Path],
+    traces: Sequence[VehicleTrace],
+    field: PlaceField | None,
+    window: TimeWindow,
+) -> SensorFit:
+    both = zip(paths, traces, strict=True)
+    recordings = [recording(path, trace, field, window) for path, trace in both]
+    if max(each.time_s[-1] - each.time_s[0] for each in recordings) < LEAST_S:
+        raise InputError(f"{paths[0]}: shorter than {LEAST_S:g} s")
+    try:
+        return fit_sensors(recordings)
+    except np.linalg.LinAlgError as error:
+        raise InputError(f"{paths[0]}: nothing fits these readings: {error}") from None
+
+
+def _report_compass(
+    path: Path, trace: VehicleTrace, field: PlaceField | None, message: str, compass: int | None
+) -> CompassReport:
+    """What a log's trace says of its compass, in the ``field`` of its place or of the one given.
+
+    Raises:
+        InputError: no position, no compass, or too few turns to find any offset.
+    """
+    readings = compass_readings(path, trace)
+    field = field or trace.place_field
+    if not len(readings.mag):
+        raise InputError(f"{path}: no magnetometer")
+    if field is None:
+        raise InputError(f"{path}: no position; --place LAT,LON says which field is there")
+    turn = compass_turn(*readings.beside(field))
+    mag = readings.mag if turn is None else readings.mag @ turn.T
+    fit = fit_compass(mag, readings.down, field, readings.current_a)
+    if fit is None:
+        raise InputError(
+            f"{path}: too few turns to find an offset: fly level through all headings, and tilt"
+        )
+    number = message if compass is None else NUMBERED.get(compass, "")
+    parameters: dict[str, float] = {}
+    set_to = None if turn is None else orientation(turn, trace.parameters, number)
+    if turn is None:
+        irons = fit.offset_gauss, fit.matrix, fit.current_gauss_a
+        parameters = corrected(trace.parameters, number, *irons)
+    elif set_to is not None:  # offsets need another flight with it set right
+        parameters = {set_to.parameter: float(set_to.value)}
+    usual_a = 0.0 if readings.current_a is None else float(readings.current_a.mean())
+    horizontal_gauss = field.strength_gauss * cos(field.dip_rad)
+    worst_gauss = float(np.linalg.eigvalsh(fit.offset_covariance[:2, :2])[-1]) ** 0.5
+    return CompassReport(
+        source=str(path),
+        message=message,
+        readings=len(mag),
+        field_gauss=field.strength_gauss,
+        dip_deg=degrees(field.dip_rad),
+        offset_sigma_gauss=np.sqrt(np.diag(fit.offset_covariance)).tolist(),
+        current_gauss_a=_listed(fit.current_gauss_a),
+        current_sigma_gauss_a=_listed(fit.current_sigma_gauss_a),
+        matrix_sigma=_listed(fit.matrix_sigma),
+        heading_sigma_deg=degrees(atan2(worst_gauss, horizontal_gauss)),
+        misfit_gauss=fit.misfit_gauss,
+        unseen=fit.unseen,
+        calibration=_calibration(fit, usual_a, turn),
+        ardupilot=parameters if _is_ardupilot(trace) else {},
+        orientation=None if set_to is None else set_to.meaning,
+        ardupilot_adds=not any(name.startswith(COMPASS) for name in trace.parameters),
+    )
+
+
+def _listed(values: Floats | None) -> Any:
+    return None if values is None else values.tolist()
+
+
+def _calibration(fit: CompassFit, usual_a: float, turn: Floats | None) -> dict[str, Any]:
+    """The profile's keys; it knows no current, so that the usual one's field counts as iron."""
+    offset, matrix = fit.offset_gauss, fit.matrix
+    if fit.current_gauss_a is not None:
+        offset = offset + usual_a * fit.current_gauss_a
+    if turn is not None:  # S (R m - b) = S R (m - R^T b)
+        offset, matrix = turn.T @ offset, turn if matrix is None else matrix @ turn
+    keys = {"mag_offset_gauss": offset.round(5).tolist()}
+    return keys if matrix is None else {**keys, "mag_matrix": matrix.round(5).tolist()}
+
+
+def in_sensor_axes(body: Calibration, mounting: Mounting) -> Calibration:
+    """A calibration of readings in the body's axes as one of those in the sensors'."""
+    if mounting.has_body_axes:
+        return body
+    q = mounting.q_frd_sensor
+    R = np.column_stack([rotate(q, axis) for axis in UNCHANGED])
+    keys: dict[str, Any] = {}
+    for key, value in msgspec.to_builtins(body).items():
+        sign = mounting.acc_sign if key == "acc_bias_m_s2" else 1
+        turned = R.T @ np.array(value) @ R if "matrix" in key else sign * R.T @ np.array(value)
+        keys[key] = turned.round(6).tolist()
+    return msgspec.convert(keys, Calibration)
+
+
+def report_lines(report: CalibrationReport) -> Iterator[str]:
+    """A profile's section, with all else in comments."""
+    compass, fit = report.compass, report.fit
+    if compass is not None:
+        yield from _compass_lines(compass)
+    for key, sigma in {} if fit is None else fit.sigma.items():
+        if fit is not None and (compass is None or "mag" not in key):
+            size = f"sigma at most {max(sigma):.4f} {UNITS.get(key, '')}".rstrip()
+            shows = fit.left[key] < UNSHOWN
+            yield f"# {key}: {size if shows else f'not shown ({size}): as before where so'}"
+    yield "[calibration]"
+    for key, value in msgspec.to_builtins(report.calibration).items():
+        if value != msgspec.to_builtins(getattr(Calibration(), key)):
+            yield f"{key} = {msgspec.json.encode(value).decode()}"
+    if report.ardupilot:
+        adds = ""
+        if compass is not None and compass.ardupilot_adds:
+            how = "add OFS to that" if compass.orientation is None else "taken for NONE"
+            adds = f"; the log does not say what was set: {how}"
+        yield f"# ArduPilot, to be looked at before use{adds}:"
+    for name, number in report.ardupilot.items():
+        digits = 0 if "MOTCT" in name or "ORIENT" in name else 1 if "COMPASS_OFS" in name else 4
+        yield f"# {name} {number:.{digits}f}"
+
+
+def _compass_lines(report: CompassReport) -> Iterator[str]:
+    before, after = (1e3 * each for each in report.misfit_gauss)
+    sigma = ", ".join(f"{1e3 * each:.1f}" for each in report.offset_sigma_gauss)
+    yield f"# {Path(report.source).name}: {report.readings} readings of {report.message}"
+    yield f"# the field there: {1e3 * report.field_gauss:.0f} mG, dip {report.dip_deg:.1f} deg"
+    yield f"# median misfit: {before:.1f} mG as it is, {after:.1f} mG corrected"
+    yield f"# sigma: offset {sigma} mG, of a heading by it {report.heading_sigma_deg:.1f} deg"
+    if report.current_gauss_a is not None and report.current_sigma_gauss_a is not None:
+        pairs = zip(report.current_gauss_a, report.current_sigma_gauss_a, strict=True)
+        each_a = ", ".join(f"{1e3 * each:.2f} (sigma {1e3 * sigma:.2f})" for each, sigma in pairs)
+        yield f"# of the battery's current: {each_a} mG for each ampere; below at the usual one"
+    if report.matrix_sigma is None:
+        yield "# soft iron: these turns show none"
+    else:
+        yield f"# sigma of the matrix: at most {np.max(report.matrix_sigma):.3f}"
+    if report.orientation is not None:
+        yield f"# the compass is turned: its orientation should be {report.orientation}"
+        yield "# set that, then calibrate by another flight; the matrix below is for this log"
+    if report.unseen:
+        yield f"# not flown: the field never came within 45 deg of {', '.join(report.unseen)}"
