@@ -20,6 +20,7 @@ import gc
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from functools import partial
 from math import inf
 from pathlib import Path
@@ -123,9 +124,9 @@ def of_log(log: Path) -> Ways:
 def read_by_pymavlink(log: Path) -> None:
     from pymavlink import mavutil
 
-    reader = mavutil.mavlink_connection(str(log))
-    while reader.recv_msg() is not None:
-        pass
+    with closing(mavutil.mavlink_connection(str(log))) as reader:
+        while reader.recv_msg() is not None:
+            pass
 
 
 def measure(ways: Ways, rounds: int) -> list[Row]:
