@@ -59,6 +59,12 @@ from fuzzbee.replays.comparison import compare
 from fuzzbee.replays.log_report import score
 from fuzzbee.replays.trace import VehicleTrace
 
+def most_kb():
+    line = next(each for each in open("/proc/self/status") if each.startswith("VmHWM"))
+    return int(line.split()[1])  # of this program alone, unlike ru_maxrss
+
+
+before_kb = most_kb()  # libraries without bytecode take 60 MB more to import
 trace, n = VehicleTrace(VehicleId(1, 1)), 1_440_000
 for k in range(0, n, 10_000):
     rows = np.random.default_rng(k).normal(0.0, 1e-4, (10_000, 25)).tolist()
@@ -70,14 +76,13 @@ for k in range(0, n, 10_000):
     trace.references["sim"].add(ReferenceAttitude(trace.address, us, us, "sim", "SIM", IDENTITY))
 compare(Path("x"), trace, None)
 report = score(Path("x"), trace, 0.0)
-most = next(each for each in open("/proc/self/status") if each.startswith("VmHWM"))
-print(report.imu.samples, most.split()[1])  # of this program alone, unlike ru_maxrss
+print(report.imu.samples, most_kb() - before_kb)
 """
 
 
 def test_an_hour_at_400_hz_takes_no_more_memory_than_its_columns_one_by_one():
-    """The numbers alone are 400 MB."""
+    """The numbers alone are 400 MB; measured 150 MB beside 114 of libraries."""
     done = run([sys.executable, "-c", LONG], capture_output=True, text=True, check=True)
-    samples, most_kb = map(int, done.stdout.split())
+    samples, taken_kb = map(int, done.stdout.split())
     assert samples == 1_440_000
-    assert most_kb < 300_000
+    assert taken_kb < 186_000
