@@ -84,16 +84,24 @@ def answers(session, key, payload=None):
     return [reply.ok.payload.to_string() for reply in replies if reply.ok is not None]
 
 
+def awaited_answers(session, key, payload=None, timeout_s=120.0):
+    """Answers as soon as there are any: a session learns of what it can ask only by and by."""
+    end_s = time.monotonic() + timeout_s
+    while not (found := answers(session, key, payload)) and time.monotonic() < end_s:
+        time.sleep(0.1)
+    return found
+
+
 def test_the_tablet_reads_and_the_office_changes(folder, port):
     change = json.dumps({"filter": {"gamma": 2.0}})
     with service(folder, port):
         with client(folder, port, "tablet") as tablet:
             assert first_attitude(tablet)["schema"] == 1
-            assert answers(tablet, "fuzzbee/*/status")
+            assert awaited_answers(tablet, "fuzzbee/*/status")
             assert answers(tablet, "fuzzbee/1/parameters", change) == []
         with client(folder, port, "office") as office:
             assert first_attitude(office)["schema"] == 1
-            (profile,) = answers(office, "fuzzbee/1/parameters", change)
+            (profile,) = awaited_answers(office, "fuzzbee/1/parameters", change)
             assert json.loads(profile)["filter"]["gamma"] == 2.0
 
 
