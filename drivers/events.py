@@ -7,6 +7,7 @@ Every event but the link's own names the vehicle it came from and carries
 ``estimator.types``.
 """
 
+from collections.abc import Callable
 from typing import Any, Literal, NamedTuple
 
 from drivers.value import Value
@@ -19,6 +20,10 @@ class VehicleId(NamedTuple):
 
     system_id: int
     component_id: int
+
+
+# The IMU message that is used of a vehicle; None where it is not known.
+ImuInUse = Callable[[VehicleId], str | None]
 
 
 class VehicleEvent(Value, frozen=True):

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Iterable
 
-from drivers.events import Event
+from drivers.events import Event, ImuInUse
 
 # A stamp further ahead or further back than this is broken, or begins another recording in the same
 # file: the player goes on from there without waiting.
@@ -21,7 +21,7 @@ class Player:
     The player has a clock of its own, ``now_us``, in the events' time: it runs
     ``speed`` times as fast as the host's, so that silence in a log is as long
     for the service as it was for the recorder. It ``is_finished`` behind the last event, and has
-    waited for the service for ``waited_s``.
+    waited for the service for ``waited_s``. ``follow`` is where it is heard which IMU is in use.
     """
 
     # events wait for the service, so nothing is ever dropped
@@ -34,9 +34,11 @@ class Player:
         speed: float,
         monotonic_s: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
+        follow: Callable[[ImuInUse], None] = lambda _: None,
     ) -> None:
         self._events = iter(events)
         self._speed = speed
+        self.follow = follow
         self._monotonic_s = monotonic_s
         self._sleep = sleep
         self._next = next(self._events, None)

@@ -98,7 +98,7 @@ def open_source(
         from drivers.logs.open import imu_events, open_log  # which loads every format
 
         log = stack.enter_context(open_log(Path(endpoint.path)))
-        return Player(imu_events(log), options.speed)
+        return Player(imu_events(log), options.speed, follow=log.follow)
     policy = security.open_policy(options.security, key, stack)
     if options.outputs.send_as is not None:
         policy = policy._replace(own=parse_address_of(options.outputs.send_as))
@@ -127,8 +127,7 @@ def make_runner(
     So has the vehicle in process, if it is to fly for some seconds.
     """
     more: dict[str, Any] = {"overload": Overload()}
-    if not isinstance(source, Player | SimSource):
-        source.follow(pipeline.imu_in_use)
+    source.follow(pipeline.imu_in_use)
     if isinstance(source, Player):
         more = {"now_us": source.now_us, "is_finished": source.is_finished}
     if isinstance(source, SimSource) and (seconds := options.seconds) is not None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from drivers.closing import Closing
-from drivers.events import Event
+from drivers.events import Event, ImuInUse, VehicleId
 from estimator.errors import InputError
 
 OnRead = Callable[[int], None]
@@ -30,6 +30,15 @@ class LogFile(Closing):
     def __init__(self, path: Path) -> None:
         self.path = path
         self.on_read: OnRead | None = None
+        self._follows: ImuInUse | None = None
+
+    def follow(self, imu_in_use: ImuInUse) -> None:
+        """Skip a vehicle's other IMU messages, as a live link does."""
+        self._follows = imu_in_use
+
+    def imu_in_use(self, vehicle: VehicleId) -> str | None:
+        """The IMU message that is used of the vehicle, if somebody has said so by now."""
+        return None if self._follows is None else self._follows(vehicle)
 
     @abstractmethod
     def __iter__(self) -> Iterator[Event]:

@@ -80,6 +80,7 @@ class Tlog(LogFile):
 
     def __iter__(self) -> Iterator[Event]:
         gate, decoder = FrameGate(Policy()), MavlinkDecoder(texts=True)
+        decoder.imu_in_use = self.imu_in_use
         for arrival_us, frame in self._frames(decoder.wanted):
             if frame is None:
                 yield Malformed(arrival_us, 1)

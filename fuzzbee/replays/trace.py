@@ -19,6 +19,7 @@ from drivers.events import (
     StatusText,
     VehicleId,
 )
+from drivers.logs.log_file import LogFile
 from drivers.logs.reference_track import ReferenceTrack
 from drivers.logs.table import Table
 from drivers.logs.time_window import WHOLE_LOG, TimeWindow, WindowedEvents
@@ -185,7 +186,9 @@ class Replay:
         return kind(profile, self._how.fixed_gain)
 
     def run(self, events: Iterable[Event]) -> None:
-        """Take all events."""
+        """Take all events; a log skips what a live link skips."""
+        if isinstance(events, LogFile):
+            events.follow(self.pipeline.imu_in_use)
         windowed = WindowedEvents(events, self._how.window)
         for event in events if self._how.window == WHOLE_LOG else windowed:
             self._take(event)

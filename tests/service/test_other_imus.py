@@ -1,13 +1,18 @@
 """A second and a third IMU beside the one in use: how far each is off, by bytes."""
 
+from collections import Counter
 from math import radians
 
 import pytest
 
 from drivers.events import OtherImu
+from drivers.logs.tlog import Tlog
 from drivers.mavlink.dialect import mavlink
+from drivers.mavlink.framing import FrameReader
 from drivers.simulation.simulated_vehicle import SimulatedVehicle
 from estimator.geometry.quaternion import exp, rotate
+from estimator.profile import load_profile
+from fuzzbee.replays.trace import Replay
 from tests.service.flight_rig import Rig
 
 M = mavlink()
@@ -23,6 +28,42 @@ def scaled(kind, sample, q, rate_off_rad_s):
     return bytes(message.pack(M.MAVLink(None, srcSystem=1, srcComponent=1)))
 
 
+def three_imus(rig):
+    """Have frames hold two more IMUs; the third is turned."""
+    frame = rig.frame
+    rig.frame = lambda sample: (
+        frame(sample)
+        + scaled(M.MAVLink_scaled_imu2_message, sample, exp((0.0, 0.0, 0.0)), 0.0)
+        + scaled(M.MAVLink_scaled_imu3_message, sample, TILTED, radians(5.0))
+    )
+    return frame
+
+
+def test_a_log_skips_what_a_live_link_skips(tmp_path):
+    """Both take the same readings, so that they have the same estimate to the last bit."""
+    rig, records = Rig(), []
+    three_imus(rig)
+    rig.decoder.imu_in_use = rig.pipeline.imu_in_use
+    frame = rig.frame
+    rig.frame = lambda sample: records.append((rig.now_us, frame(sample))) or records[-1][1]
+    rig.fly(10.0)
+    path = tmp_path / "three.tlog"
+    with path.open("wb") as file:
+        for arrival_us, data in records:
+            for one in FrameReader().feed(data):
+                file.write(arrival_us.to_bytes(8, "big") + one.data)
+    replay, read = Replay(load_profile("paper")), Counter()
+    handle = replay.pipeline.handle
+    replay.pipeline.handle = lambda event: (read.update([type(event).__name__]), handle(event))[1]
+    replay.run(Tlog(path))
+    assert read["Imu"] < 1.1 * len(records)
+    trace = replay.longest()
+    assert {*trace.imu_messages} == {"RAW_IMU"}
+    replayed = replay.pipeline.vehicle(trace.address)
+    assert {*replayed.others.records(rig.now_us)} == {"SCALED_IMU2", "SCALED_IMU3"}
+    assert replayed.estimator.snapshot.core == rig.vehicle.estimator.snapshot.core
+
+
 @pytest.mark.parametrize("skips", [True, False], ids=["those not in use are skipped", "all"])
 def test_a_status_has_each_imus_difference_from_the_one_in_use(skips):
     rig, read = Rig(), []
@@ -32,12 +73,7 @@ def test_a_status_has_each_imus_difference_from_the_one_in_use(skips):
     handle = rig.handle
     rig.handle = lambda events: (read.extend(e for e in events if isinstance(e, OtherImu)),
                                  handle(events))  # fmt: skip
-    frame = rig.frame
-    rig.frame = lambda sample: (
-        frame(sample)
-        + scaled(M.MAVLink_scaled_imu2_message, sample, exp((0.0, 0.0, 0.0)), 0.0)
-        + scaled(M.MAVLink_scaled_imu3_message, sample, TILTED, radians(5.0))
-    )
+    frame = three_imus(rig)
     rig.fly(20.0)
     status = rig.status()
     assert status.imu_message == "RAW_IMU"
