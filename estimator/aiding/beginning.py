@@ -58,6 +58,11 @@ class Beginning(NamedTuple):
     field_lag_s: float = 0.0  # of the magnetometer's readings, and the sigma of that
 
 
+def lag_variance(lag_s: float) -> float:
+    """Of an IMU's lag that is known by what usually delays its samples, s^2."""
+    return (lag_s / REACH) ** 2
+
+
 def begin(
     params: AidingParams, first: Beginning, sample: Sample, report: Report
 ) -> tuple[AidingState, Array, Array]:
@@ -74,7 +79,7 @@ def begin(
     diagonal[VELOCITY : VELOCITY + 3] = BEGIN_VELOCITY_SIGMA_M_S**2
     diagonal[GYR_BIAS : GYR_BIAS + 3] = params.gyr_bias_sigma**2
     diagonal[ACC_BIAS : ACC_BIAS + 3] = params.acc_bias_sigma**2
-    diagonal[IMU_LAG] = (params.imu_lag_s / REACH) ** 2
+    diagonal[IMU_LAG] = lag_variance(params.imu_lag_s)
     diagonal[FILTER_LAG] = params.imu_lag_s**2
     diagonal[FILTER_ERROR : FILTER_ERROR + 3] = params.filter_error_m_s**2
     diagonal[RECEIVER_ERROR : RECEIVER_ERROR + 3] = params.receiver_error_m_s**2

@@ -22,7 +22,7 @@ import numpy as np
 
 from estimator.aiding import Beginning, Report, begin, compass
 from estimator.aiding.acceleration_tilt import bears_out
-from estimator.aiding.beginning import loosen
+from estimator.aiding.beginning import lag_variance, loosen
 from estimator.aiding.consistency import doubted
 from estimator.aiding.course import forward_evidence, lean_rad, level_ahead
 from estimator.aiding.phase import Cause
@@ -30,7 +30,7 @@ from estimator.aiding.place import resembles
 from estimator.aiding.search import MOST_START_RAD, UNKNOWN_RAD, solve
 from estimator.aiding.sources.velocity import is_credible
 from estimator.aiding.sources.wheels import rolls
-from estimator.aiding.types import NO_REPORT, Sigmas
+from estimator.aiding.types import IMU_LAG, NO_REPORT, Sigmas
 from estimator.bounds import TINY
 from estimator.conditioning import ConditioningState
 from estimator.conditioning.field.magnetic import horizontal_down
@@ -331,9 +331,12 @@ def start_by_course(settings: Settings, now: Core, report: Report) -> Start | No
 
 
 def with_imu_lag(core: Core, lag_s: float, lead_s: float) -> Core:
-    """The core with other ages of the IMU's samples, as uncertain as before."""
+    """The core with other ages of the IMU's samples, as uncertain as at the beginning."""
     estimate = core.aided.estimate._replace(imu_lag_s=lag_s, acc_lead_s=lead_s)
-    return core._replace(aided=core.aided._replace(estimate=estimate))
+    P = square(core.covariance)
+    P[IMU_LAG, :] = P[:, IMU_LAG] = 0.0
+    P[IMU_LAG, IMU_LAG] = lag_variance(lag_s)
+    return core._replace(aided=core.aided._replace(estimate=estimate), covariance=flat(P))
 
 
 def begin_aiding(
