@@ -19,7 +19,6 @@ from estimator.conditioning.events.jump_signs import (
     jump_variance,
 )
 from estimator.conditioning.events.step import (
-    FieldBefore,
     HeadingInflation,
     release_inflation,
 )
@@ -80,7 +79,7 @@ def release(*, moves_rad=0.01, usual_s=1.2, confidence=0.7, norm=0.46, variance=
     """The doubt after a step beside a field of dip 60 degrees that is off by 0.3 rad."""
     reference = FieldReference(horizontal=0.25, down=0.25 * sqrt(3.0), uneven=0.0001)
     field = MagneticState(FieldLook(0.25, 0.43, confidence), reference, 0.0, True)
-    inflation = HeadingInflation(variance, usual_s, FieldBefore(0.461, 0.9))
+    inflation = HeadingInflation(variance, usual_s, 0.461, 0.9)
     estimate = Estimate(ZERO, 0.2, (1e-4, 0, 0, 0, 1e-4, 0, 0, 1e-4, 0, 0.03))
     jump = JUMP._replace(quick_norm=norm, moves_rad=moves_rad)
     return release_inflation(
