@@ -11,14 +11,6 @@ from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.events.axis_signs import AxisSigns, carry_axes, watch_axes
-from estimator.conditioning.events.gravity_signs import GravitySigns, watch_gravity, with_time
-from estimator.conditioning.events.heading_signs import (
-    HeadingSigns,
-    begin_anew,
-    give_up,
-    likely,
-    watch_heading,
-)
 from estimator.conditioning.events.jump_signs import (
     JumpSigns,
     jump_share,
@@ -26,6 +18,16 @@ from estimator.conditioning.events.jump_signs import (
     looks_turned,
     watch_field,
     with_seen,
+)
+from estimator.conditioning.events.lasting_signs import (
+    GravitySigns,
+    HeadingSigns,
+    begin_anew,
+    give_up,
+    likely,
+    watch_gravity,
+    watch_heading,
+    with_time,
 )
 from estimator.conditioning.field.calibration import Calibration, with_age
 from estimator.conditioning.field.magnetic import (
@@ -242,7 +244,7 @@ def follow_signs(
         heading = watch_heading(params, heading, now.estimate, magnetic, field.horizontal, since_s)
     dt = mean.time_s
     weighed = weighing(params, dt)
-    gravity = watch_gravity(params, before.gravity, now.gravity, dt, now.inflation, weighed)
+    gravity = watch_gravity(before.gravity, now.gravity, dt, now.inflation, weighed)
     return TurnSigns(heading, gravity, jump, axes)
 
 
