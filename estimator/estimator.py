@@ -5,21 +5,15 @@ from typing import Any
 import numpy as np
 
 from estimator.aiding import compass
-from estimator.aiding.phase import Phase
+from estimator.aiding.phase import Cause, Phase
 from estimator.aiding.search import UNKNOWN_RAD
 from estimator.arrays import Floats
 from estimator.filter.types import gain_in_words
 from estimator.geometry.earth import PlaceField
+from estimator.live.aiding_span import with_imu_lag
 from estimator.live.compass_check import leaning_angle
 from estimator.live.core import Snapshot, apply_turn, change_imu
-from estimator.live.inputs import (
-    set_field_calibrated,
-    set_imu_lag,
-    set_position,
-    set_vehicle_class,
-    take_rate,
-    take_report,
-)
+from estimator.live.inputs import set_position, take_rate, take_report
 from estimator.live.kernel_handle import AIDED, NOTHING_LAID, SHOWN_LATE, TAKEN
 from estimator.live.published import write
 from estimator.live.refusal import REASONS
@@ -195,14 +189,20 @@ class Estimator:
         Without a word, and of one that is not, a heading by the field has a sigma of 45 deg until
         turns have shown its iron, and comes from velocity as soon as that shows it.
         """
-        set_field_calibrated(self._state, calibrated)
+        state, before = self._state, self._state.context.compass
+        state.change_context(compass=compass.declare(before, calibrated))
+        if compass.is_trusted(before, state.core.time_us) and not calibrated:
+            state.enter(Cause.MISLED)
 
     def set_imu_lag(self, gyr_s: float, acc_s: float) -> None:
         """How old gyroscope's and accelerometer's samples are when sent, mostly by low-passes (s).
 
         Without a word it is taken for that of most vehicles, ``imu_lag_s`` of the profile.
         """
-        set_imu_lag(self._state, gyr_s, acc_s)
+        state, lead_s = self._state, gyr_s - acc_s
+        state.change_context(imu_lag_s=gyr_s, acc_lead_s=lead_s)
+        if self.is_aided:
+            state.set_core(with_imu_lag(state.core.core, gyr_s, lead_s))
 
     def set_vehicle_class(self, vehicle_class: VehicleClass) -> None:
         """What carries the IMU, which shows how it accelerates, and whether it slips sideways.
@@ -210,7 +210,10 @@ class Estimator:
         It adds to the profile: to ``conditioning.in_vehicle`` where that is off, to
         ``aiding.sideslip_rad`` where that is as delivered.
         """
-        set_vehicle_class(self._state, vehicle_class)
+        state = self._state
+        if vehicle_class is not state.context.vehicle_class:
+            state.change_context(vehicle_class=vehicle_class)
+            state.replace_profile(state.profile)
 
     def change_imu(self) -> None:
         """The samples are another IMU's from now on: its biases are its own."""

@@ -60,6 +60,8 @@ class Between(NamedTuple):
     step_s: float  # the longest time between two readings
 
 
+# Times (us) before any and after any.
+NEVER_US, EVER_US = -(1 << 62), 1 << 62
 # Two readings further apart than this (s) do not show the turning between them.
 UNSEEN_STEP_S = 0.35
 NOTHING_BETWEEN = Between(False, ZERO_VEC3, ZERO_VEC3, 0.0)

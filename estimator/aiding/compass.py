@@ -10,13 +10,11 @@ beside iron, or tilted, gets another chance.
 from typing import NamedTuple
 
 from estimator.conditioning.times import FORGET_S, LONG_S, MEMORY_S
+from estimator.types import EVER_US, NEVER_US
 
 # A compass whose heading was wrong twice counts as not calibrated for FORGET_S. It was if the
 # aiding gives up again while the first time is remembered (LONG_S). After a field that did not look
 # like the place's own, it must have looked so for MEMORY_S.
-
-
-NEVER_US, EVER_US = -(1 << 62), 1 << 62
 
 
 class Compass(NamedTuple):

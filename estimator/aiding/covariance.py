@@ -4,24 +4,14 @@ import numpy as np
 
 from estimator.aiding.types import ACC_BIAS, GYR_BIAS, SIZE, TURN, VELOCITY, Array
 from estimator.compilation.compiled import inlined
+from estimator.geometry.axes import axes_of
 from estimator.types import Quaternion, Vec3
 
 
 @inlined
 def rotation_matrix(q: Quaternion) -> Array:
     """(3, 3) of q_ned_frd: columns are the body axes in NED."""
-    w, x, y, z = q
-    R = np.empty((3, 3))
-    R[0, 0] = 1.0 - 2.0 * (y * y + z * z)
-    R[0, 1] = 2.0 * (x * y - w * z)
-    R[0, 2] = 2.0 * (x * z + w * y)
-    R[1, 0] = 2.0 * (x * y + w * z)
-    R[1, 1] = 1.0 - 2.0 * (x * x + z * z)
-    R[1, 2] = 2.0 * (y * z - w * x)
-    R[2, 0] = 2.0 * (x * z - w * y)
-    R[2, 1] = 2.0 * (y * z + w * x)
-    R[2, 2] = 1.0 - 2.0 * (x * x + y * y)
-    return R
+    return np.array(axes_of(q))
 
 
 @inlined

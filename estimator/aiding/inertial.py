@@ -58,18 +58,11 @@ moved = replacer(
 with_knocked = replacer(Roughness, "knocked")
 
 
-class ErrorVariances(NamedTuple):
-    """Of the sources' slow errors, (m/s)^2."""
+class OfSources(NamedTuple):
+    """Something about either source's slow error."""
 
     by_filter: float
     by_receiver: float
-
-
-class ErrorTimes(NamedTuple):
-    """For how long the sources' slow errors stay the same, s."""
-
-    filter_s: float
-    receiver_s: float
 
 
 class Prediction(NamedTuple):
@@ -120,8 +113,8 @@ def predict_motion(
     unseen = (params.gyr_slow_noise_1_s * seen_s) ** 2 * dot(rate, rate) * dt
     add_noise(params, P, state, lasts, aliased_turn, aliased_push, unseen, dt)
     add_knock(P, state.rough, off, dt)
-    by_receiver = fade(estimate.receiver_error_m_s, dt, lasts.receiver_s)
-    by_filter = fade(estimate.filter_error_m_s, dt, lasts.filter_s)
+    by_receiver = fade(estimate.receiver_error_m_s, dt, lasts.by_receiver)
+    by_filter = fade(estimate.filter_error_m_s, dt, lasts.by_filter)
     return Prediction(
         estimate=moved(estimate, q, v, by_receiver, by_filter),
         force_ned_m_s2=force,
@@ -195,7 +188,7 @@ def add_noise(
     params: AidingParams,
     P: Array,
     state: AidingState,
-    lasts: ErrorTimes,
+    lasts: OfSources,
     aliased_turn: Vec3,
     aliased_push: Vec3,
     unseen: float,
@@ -217,9 +210,9 @@ def add_noise(
         if P[HARD_IRON + i, HARD_IRON + i] < iron:
             P[HARD_IRON + i, HARD_IRON + i] += iron * dt / LEARNT_LASTS_S
     usual = usual_variances(params, state)
-    keep = real_exp(-dt / lasts.filter_s)
+    keep = real_exp(-dt / lasts.by_filter)
     renew_error(P, FILTER_ERROR, usual.by_filter, dt / params.error_tau_s, keep)
-    keep = real_exp(-dt / lasts.receiver_s)
+    keep = real_exp(-dt / lasts.by_receiver)
     renew_error(P, RECEIVER_ERROR, usual.by_receiver, dt / params.error_tau_s, keep)
     E = state.estimate.earth_gauss
     field = params.field_walk**2 * dt
@@ -277,28 +270,29 @@ def judge_sensor(
 
 
 @inlined
-def usual_variances(params: AidingParams, state: AidingState) -> ErrorVariances:
-    """Of either source's slow error, per component, as long as nothing has happened to it."""
+def usual_variances(params: AidingParams, state: AidingState) -> OfSources:
+    """Its variance, (m/s)^2 per component, as long as nothing has happened to it."""
     pushed = state.last.force_ned_m_s2
     turning = params.filter_turning_s**2 * (pushed[0] ** 2 + pushed[1] ** 2)
     by_filter, by_receiver = state.agreement
-    return ErrorVariances(
+    return OfSources(
         by_filter=(params.filter_error_m_s**2 + turning) * max(1.0, by_filter.scatter.noise_scale),
         by_receiver=params.receiver_error_m_s**2 * max(1.0, by_receiver.scatter.noise_scale),
     )
 
 
 @inlined
-def lasting_times(params: AidingParams, state: AidingState) -> ErrorTimes:
-    """For how long either source's error lasts: one that is large has jumped, and lasts long.
+def lasting_times(params: AidingParams, state: AidingState) -> OfSources:
+    """For how long (s) it lasts: one that is large has jumped, and lasts long.
 
     Were it taken to fade as usual errors do, the attitude would have to explain that it stays.
     """
     usual = usual_variances(params, state)
     estimate = state.estimate
-    return ErrorTimes(
-        filter_s=params.error_tau_s * persistence(estimate.filter_error_m_s, usual.by_filter),
-        receiver_s=params.error_tau_s * persistence(estimate.receiver_error_m_s, usual.by_receiver),
+    return OfSources(
+        by_filter=params.error_tau_s * persistence(estimate.filter_error_m_s, usual.by_filter),
+        by_receiver=params.error_tau_s
+        * persistence(estimate.receiver_error_m_s, usual.by_receiver),
     )
 
 

@@ -20,6 +20,7 @@ from estimator.aiding.course import STANDING, Rolled, fade_rolled, roll_on
 from estimator.aiding.types import Array, Report
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
+from estimator.conditioning.robust import HEADING_REACH_RAD
 from estimator.conditioning.times import ACCELERATION_LASTS_S, MEMORY_S, SPAN_S
 from estimator.filter.alignment import nearest_rotation, quaternion_from_matrix
 from estimator.geometry.quaternion import (
@@ -39,9 +40,6 @@ NOTHING: Matrix = (ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
 # A heading no more certain than this, rad, is as good as none, such as one by a compass that
 # nobody has calibrated: the aiding does not begin with it.
 UNKNOWN_RAD = radians(45.0)
-# The aiding begins with no heading that may be further off than this: neither velocity's, whose
-# pushes may be a vehicle's shaking, nor a field's that somebody vouches for.
-MOST_START_RAD = radians(25.0)
 # Two windows in a row share the report between them, and more share the reports' slow error:
 # the variance is this many times that of independent ones.
 CORRELATED = 4.0
@@ -228,7 +226,7 @@ def solve(search: Search, bias_sigma_rad_s: float) -> Solution | None:
     by_bias = bias_sigma_rad_s * float(np.linalg.norm(heading @ _information(aged)))
     by_noise = CORRELATED * loss / (3.0 * evidence.windows - 3.0) * float(heading[2])
     sigma = sqrt(by_noise + by_age**2 + by_bias**2)
-    return Solution(quaternion_from_matrix(R), sigma) if sigma < MOST_START_RAD else None
+    return Solution(quaternion_from_matrix(R), sigma) if sigma < HEADING_REACH_RAD else None
 
 
 def _information(together: Array) -> Array:

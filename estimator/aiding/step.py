@@ -19,7 +19,7 @@ from estimator.aiding.acceleration_tilt import (
 from estimator.aiding.correction import apply_corrections, correct_last, part, prediction_at
 from estimator.aiding.correction_cusum import add_correction, known, pass_time
 from estimator.aiding.inertial import judge_biases, predict_motion, watch_knocks
-from estimator.aiding.sources.field import begin_anew, forget_iron, observe_heading, wait_for_field
+from estimator.aiding.sources.field import begin_anew, forget_iron, observe_heading, with_wait
 from estimator.aiding.sources.unaided import observe_unaided
 from estimator.aiding.sources.velocity import take_report, wait_for_reports
 from estimator.aiding.sources.wheels import (
@@ -93,7 +93,8 @@ def aid(
     before = known(now.covariance)
     if report.given:
         agreement = take_report(params, agreement, now, dt, report, others.gravity_b, x)
-    field, wheels, north = wait_for_field(state.field, dt), state.wheels, others.north
+    field = with_wait(state.field, state.field.wait_s + dt)
+    wheels, north = state.wheels, others.north
     if rolls(params):
         if field.samples > 0.0:
             wheels = judge_north(wheels, now, north)

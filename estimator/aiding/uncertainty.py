@@ -61,7 +61,7 @@ def inclination_sigma(
     That is what comes from turning alone. Of what a poor accelerometer's bias may
     have turned the reports say nothing, however well they agree.
     """
-    scale = params.colour * scatter_scale(params, agreement, params.least_scale)
+    scale = params.colour * scatter_scale(params, agreement)
     variance = 0.5 * (P[TURN, TURN] + P[TURN + 1, TURN + 1])
     bias = P[ACC_BIAS, ACC_BIAS] + P[ACC_BIAS + 1, ACC_BIAS + 1] + P[ACC_BIAS + 2, ACC_BIAS + 2]
     leaning = 0.5 * bias / STANDARD_GRAVITY_M_S2**2
@@ -85,7 +85,7 @@ def heading_sigma(
     ``iron_rad`` is how far hard iron may turn the field. A heading that is no more certain than
     that comes from the field, and how well the reports agree says nothing about it.
     """
-    scale = scatter_scale(params, agreement, params.least_scale)
+    scale = scatter_scale(params, agreement)
     if field.samples == 0.0:
         scale *= params.colour  # by velocity alone
     heading = P[TURN + 2, TURN + 2]
@@ -133,7 +133,7 @@ def unexplained(scatter: Scatter) -> float:
 
 
 @inlined
-def scatter_scale(params: AidingParams, agreement: Agreements, least: float) -> float:
+def scatter_scale(params: AidingParams, agreement: Agreements) -> float:
     """How far reports scatter, of what the covariance expects; without reports 1 at least.
 
     The covariance is that of the roughest IMU and the poorest reports that it is made for. How
@@ -143,7 +143,7 @@ def scatter_scale(params: AidingParams, agreement: Agreements, least: float) -> 
     """
     by_filter, by_receiver = agreement.by_filter, agreement.by_receiver
     scatter = by_filter.scatter if by_filter.wait_s <= by_receiver.wait_s else by_receiver.scatter
-    square = least * least + params.scatter_share * scatter.innovation
+    square = params.least_scale**2 + params.scatter_share * scatter.innovation
     if by_receiver.wait_s <= SPAN_S:
         square = max(square, unexplained(by_receiver.scatter))
     if min(by_filter.wait_s, by_receiver.wait_s) > SPAN_S:

@@ -14,17 +14,29 @@ from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.sigma import certainty_of
 from estimator.conditioning.state import ConditioningState, Directions
 from estimator.conditioning.vertical.gravity import level_to
-from estimator.conditioning.vertical.rate import at_interval_end, corrected_rate, is_mean
+from estimator.conditioning.vertical.rate import (
+    at_interval_end,
+    corrected_rate,
+    integration_rate,
+    is_mean,
+)
 from estimator.conditioning.vertical.step import (
     VerticalState,
     begin_vertical,
     carry,
-    free_rate,
     learn_vertical,
 )
 from estimator.conditioning.vertical.tilt import slowness
 from estimator.geometry.axes import FrameAxes, axes_of, down_of, to_body
-from estimator.geometry.quaternion import conjugate, exp, log, multiply, rotate_inverse, scale
+from estimator.geometry.quaternion import (
+    conjugate,
+    exp,
+    log,
+    multiply,
+    rotate_inverse,
+    scale,
+    subtract,
+)
 from estimator.types import IDENTITY, ZERO_VEC3, Between, Quaternion, Sample, Vec3
 
 with_step = replacer(
@@ -51,7 +63,10 @@ def learn(
 
 
 class Conditioned(NamedTuple):
-    """The paper's vectors, and what else the filter and the publisher need."""
+    """The paper's vectors, and what else the filter and the publisher need.
+
+    The last fields are those of a :class:`~estimator.conditioning.sigma.Certainty`.
+    """
 
     rate_rad_s: Vec3 = ZERO_VEC3  # free of bias, the one that integrates best over the step; FRD
     turn: Quaternion = IDENTITY  # by that rate: the body's attitude after the step in that before
@@ -80,7 +95,10 @@ def condition(
     # Before the first sample there was no interval; what it shows counts as one step's.
     dt = STEP_S if is_first else max(sample.dt_s, TINY)
     before = gyr if is_first else state.previous_gyr_rad_s
-    rate = free_rate(params, state.vertical, before, sample, dt)
+    rate = integration_rate(before, gyr, dt, params.averaged_samples)
+    if sample.between.given:
+        rate = sample.between.turn_rad_s
+    rate = subtract(rate, state.vertical.estimate.bias_rad_s)
     turn = exp(scale(dt, rate))
     if is_mean(dt, params.averaged_samples) and not is_first:
         acc = at_interval_end(acc, gyr, dt)
@@ -118,18 +136,7 @@ def result_of(
     state: ConditioningState, axes_g: FrameAxes, rate: Vec3, turn: Quaternion
 ) -> Conditioned:
     """The result for the filter and the publisher."""
-    directions, known = state.directions, state.certainty
-    return Conditioned(
-        rate_rad_s=rate,
-        turn=turn,
-        bias_rad_s=state.vertical.estimate.bias_rad_s,
-        gravity_b=to_body(axes_g, directions.down_g),
-        magnetic_b=to_body(axes_g, directions.north_g),
-        weight=known.weight,
-        has_heading=known.has_heading,
-        gravity_confidence=known.gravity_confidence,
-        magnetic_confidence=known.magnetic_confidence,
-        sigma_inclination_rad=known.sigma_inclination_rad,
-        sigma_brief_rad=known.sigma_brief_rad,
-        sigma_heading_rad=known.sigma_heading_rad,
-    )
+    bias_rad_s = state.vertical.estimate.bias_rad_s
+    gravity_b = to_body(axes_g, state.directions.down_g)
+    magnetic_b = to_body(axes_g, state.directions.north_g)
+    return Conditioned(rate, turn, bias_rad_s, gravity_b, magnetic_b, *state.certainty[:])

@@ -70,7 +70,6 @@ class ConditioningParams(NamedTuple):
 
     # Events.
     turn_heading_rad: Angle = radians(10.0)  # residual no honest drift reaches; small: false alarms
-    turn_moving_rad: Angle = radians(60.0)  # gravity off by so much, about any axis
     turn_jump_rad: Angle = radians(3.2)  # turn of the field in G that is no noise
 
     # Source.

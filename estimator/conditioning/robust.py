@@ -10,7 +10,8 @@ REACH = 3.0
 # an hour of independent seconds.
 FAR = 16.0
 # A residual of the heading that counts a quarter, rad. Small: a wrong heading never returns, large:
-# magnets draw it.
+# magnets draw it. The aiding begins with no heading that may be further off: neither velocity's,
+# whose pushes may be a vehicle's shaking, nor a field's that somebody vouches for.
 HEADING_REACH_RAD = radians(25.0)
 # A vector that is off its mean by this share of its size has been turned, not measured badly.
 MOST_DEVIATION = 0.6

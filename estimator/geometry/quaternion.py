@@ -208,13 +208,6 @@ def shortest_rotation(u: Vec3, v: Vec3) -> Quaternion:
 
 
 @inlined
-def slerp(p: Quaternion, q: Quaternion, fraction: float) -> Quaternion:
-    """Interpolate along the shorter arc: p exp(fraction log(p* q))."""
-    step = log(multiply(conjugate(p), q))
-    return multiply(p, exp(scale(fraction, step)))
-
-
-@inlined
 def normalized_distance(p: Quaternion, q: Quaternion) -> float:
     """The paper's |R~|_I = Tr(I - R^T R_hat)/4 = sin^2(angle/2), in [0, 1]."""
     d = multiply(conjugate(p), q)

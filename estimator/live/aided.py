@@ -8,11 +8,11 @@ from estimator.compilation.compiled import inlined
 from estimator.conditioning import Conditioned
 from estimator.conditioning.field.magnetic import NORM_SCALE
 from estimator.conditioning.vertical.rate import corrected_rate, following_weight, slow_share
-from estimator.filter.kernel import correct, integrate_rate, turn_on
+from estimator.filter.kernel import correct, integrate_rate
 from estimator.filter.observation import ReferenceParams, weighted_vectors
 from estimator.filter.types import FilterParams, FilterState, Vectors
 from estimator.geometry.quaternion import conjugate, exp, log, multiply, rotate_inverse, scale
-from estimator.types import Quaternion, Vec3
+from estimator.types import Quaternion
 
 
 @inlined
@@ -30,19 +30,6 @@ def conditioned_vectors(reference: ReferenceParams, seen: Conditioned) -> Vector
         gravity_share=1.0,
         weight=seen.weight,
     )
-
-
-@inlined
-def follow_conditioned(
-    params: FilterParams,
-    reference: ReferenceParams,
-    state: FilterState,
-    seen: Conditioned,
-    dt: float,
-) -> FilterState:
-    """The filter propagated free of bias and corrected with the conditioned vectors."""
-    state = turn_on(state, seen.turn, seen.rate_rad_s, seen.bias_rad_s)
-    return correct(params, state, conditioned_vectors(reference, seen), dt)
 
 
 # Sigmas at which a vector's confidence is one half.
@@ -100,15 +87,6 @@ def is_worse(state: AidingState, seen: Conditioned) -> bool:
 
 
 @inlined
-def rate_of_aided(before: Quaternion, state: AidingState, slow: float, dt: float) -> Vec3:
-    """The rate that makes of the aided attitude before a slow step the one after it."""
-    rate = state.last.rate_rad_s
-    expected = multiply(before, exp(scale(dt, rate)))
-    correction = log(multiply(conjugate(expected), state.estimate.q_ned_frd))
-    return corrected_rate(rate, correction, slow, dt)
-
-
-@inlined
 def follow_aided(
     params: FilterParams,
     reference: ReferenceParams,
@@ -121,7 +99,11 @@ def follow_aided(
     last, bias = aided.last, aided.estimate.gyr_bias_rad_s
     dt = last.dt_s
     slow = slow_share(dt)
-    rate = last.rate_rad_s if slow == 0.0 else rate_of_aided(before, aided, slow, dt)
+    rate = last.rate_rad_s
+    if slow > 0.0:  # the one that makes of the attitude before the step that after it
+        expected = multiply(before, exp(scale(dt, rate)))
+        correction = log(multiply(conjugate(expected), aided.estimate.q_ned_frd))
+        rate = corrected_rate(rate, correction, slow, dt)
     state = integrate_rate(state, rate, dt, bias)
     weight = following_weight(slow, dt)
     return correct(params, state, aided_vectors(reference, aided, knows_north, weight), dt)

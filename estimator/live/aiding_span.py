@@ -27,14 +27,14 @@ from estimator.aiding.consistency import doubted
 from estimator.aiding.course import forward_evidence, lean_rad, level_ahead
 from estimator.aiding.phase import Cause
 from estimator.aiding.place import resembles
-from estimator.aiding.search import MOST_START_RAD, UNKNOWN_RAD, solve
+from estimator.aiding.search import UNKNOWN_RAD, solve
 from estimator.aiding.sources.velocity import is_credible
 from estimator.aiding.sources.wheels import rolls
 from estimator.aiding.types import IMU_LAG, NO_REPORT, Sigmas
 from estimator.bounds import TINY
 from estimator.conditioning import ConditioningState
 from estimator.conditioning.field.magnetic import horizontal_down
-from estimator.conditioning.robust import REACH
+from estimator.conditioning.robust import HEADING_REACH_RAD, REACH
 from estimator.conditioning.times import LONG_S
 from estimator.conditioning.vertical.rate import slow_share
 from estimator.filter.alignment import align, quaternion_from_matrix
@@ -164,7 +164,7 @@ def most_field_sigma_rad(settings: Settings, now: Core) -> float:
     """
     if slow_share(now.sample.dt_s) > 0.0:
         return UNKNOWN_RAD
-    return inf if rolls(settings.aiding) else MOST_START_RAD
+    return inf if rolls(settings.aiding) else HEADING_REACH_RAD
 
 
 def is_settled(settings: Settings, now: Core) -> bool:

@@ -1,4 +1,4 @@
-"""What others than the IMU report: velocity, rates, the place, the compass, the vehicle."""
+"""What others than the IMU report: velocity, rates, the place."""
 
 from typing import Any
 
@@ -10,7 +10,6 @@ from estimator.aiding.sources.table import source_of
 from estimator.aiding.sources.wheels import rolls
 from estimator.aiding.velocity_history import OLDEST_S
 from estimator.geometry.quaternion import exp, multiply
-from estimator.live.aiding_span import with_imu_lag
 from estimator.live.compass_check import check_compass
 from estimator.live.core import with_attitude
 from estimator.live.refusal import RATE_LIMIT_RAD_S
@@ -19,7 +18,6 @@ from estimator.live.rows import report_rows_of
 from estimator.live.state import State
 from estimator.reasons import Reason
 from estimator.types import RateSample, VelocitySample
-from estimator.vehicle_class import VehicleClass
 
 
 def take_report(state: State, report: Any) -> Reason | None:
@@ -87,25 +85,3 @@ def set_position(
             state.turn_compass(-state.context.compass.turned_rad)
         state.change_context(compass=compass.restart(state.context.compass))
     return True
-
-
-def set_field_calibrated(state: State, calibrated: bool) -> None:
-    """See :meth:`estimator.estimator.Estimator.set_field_calibrated`."""
-    before = state.context.compass
-    state.change_context(compass=compass.declare(before, calibrated))
-    if compass.is_trusted(before, state.core.time_us) and not calibrated:
-        state.enter(Cause.MISLED)
-
-
-def set_vehicle_class(state: State, vehicle_class: VehicleClass) -> None:
-    """See :meth:`estimator.estimator.Estimator.set_vehicle_class`."""
-    if vehicle_class is not state.context.vehicle_class:
-        state.change_context(vehicle_class=vehicle_class)
-        state.replace_profile(state.profile)
-
-
-def set_imu_lag(state: State, gyr_s: float, acc_s: float) -> None:
-    """See :meth:`estimator.estimator.Estimator.set_imu_lag`."""
-    state.change_context(imu_lag_s=gyr_s, acc_lead_s=gyr_s - acc_s)
-    if state.context.phase is Phase.AIDED:
-        state.set_core(with_imu_lag(state.core.core, gyr_s, gyr_s - acc_s))

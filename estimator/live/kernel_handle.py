@@ -8,6 +8,7 @@ hands over samples only; all of it can be taken out and put back at any time.
 
 import functools
 from math import isfinite
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numba
@@ -23,7 +24,6 @@ from estimator.aiding import (
     is_credible,
     take_late_report,
 )
-from estimator.aiding.compass import NEVER_US
 from estimator.aiding.consistency import compare, compare_report, watch
 from estimator.aiding.correction import correct_last, prediction_at
 from estimator.aiding.search import EMPTY_SEARCH, add_report, add_sample
@@ -45,7 +45,12 @@ from estimator.filter.observation import ReferenceParams
 from estimator.filter.types import FilterParams, FilterState
 from estimator.geometry.quaternion import subtract
 from estimator.live import turning
-from estimator.live.aided import follow_aided, follow_conditioned, horizontal_north, is_worse
+from estimator.live.aided import (
+    conditioned_vectors,
+    follow_aided,
+    horizontal_north,
+    is_worse,
+)
 from estimator.live.core import Core, in_arrays, initial_core
 from estimator.live.iron import DOUBTED, VOUCHED, mounted_rad, unshown_iron
 from estimator.live.published import (
@@ -81,7 +86,7 @@ from estimator.live.rows import (
 )
 from estimator.live.settings import Settings, settings_of
 from estimator.profile import load_profile
-from estimator.types import NOTHING_BETWEEN, ZERO_VEC3, Between, Sample, Vec3
+from estimator.types import NEVER_US, NOTHING_BETWEEN, ZERO_VEC3, Between, Sample, Vec3
 
 # numba ships no types
 _numba_config: Any = numba.config
@@ -137,16 +142,11 @@ NOTHING_LAID = (NO_ROWS, NOTHING_TO_SAY, NO_REPORT_ROWS)
 NO_ROW = np.zeros(REPORT_SIZE)  # of what others show
 
 
-class InPython:
-    """What compiled memory is in plain Python: an object with these fields."""
-
-    def __init__(self, *values: Any) -> None:
-        for name, value in zip(FIELDS, values, strict=True):
-            setattr(self, name, value)
-
-
 if _numba_config.DISABLE_JIT:
-    KernelHandle: Any = InPython
+
+    def KernelHandle(*values: Any) -> Any:  # noqa: N802 - in compiled code it is a type
+        """What compiled memory is in plain Python: an object with these fields."""
+        return SimpleNamespace(**dict(zip(FIELDS, values, strict=True)))
 else:
 
     class KernelHandle(structref.StructRefProxy):  # type: ignore[no-redef]
@@ -212,30 +212,7 @@ def kernel_handle(
     params: Params, core: Core, now: Situation, rows: Rows, published: Floats, report_rows: Floats
 ) -> Any:
     """Put everything handle; the arrays as in :func:`lay`."""
-    return KernelHandle(
-        params,
-        now,
-        NO_REPORT,
-        rows,
-        published,
-        report_rows,
-        core.time_us,
-        core.usual_s,
-        core.sample,
-        core.filter,
-        core.smooth_error,
-        core.pull,
-        core.conditioning,
-        core.seen,
-        core.search,
-        core.aided,
-        core.consistency,
-        core.covariance,
-        core.velocity_history,
-        core.turning,
-        core.rates,
-        core.reports,
-    )
+    return KernelHandle(params, now, NO_REPORT, rows, published, report_rows, *core[:])
 
 
 @takes_handle
@@ -422,7 +399,9 @@ def step(
         state = handle.filter
         published = published_by(handle, time_us)
     else:
-        state = follow_conditioned(params.filter, params.reference, state, seen, dt_s)
+        state = kernel.turn_on(state, seen.turn, seen.rate_rad_s, seen.bias_rad_s)
+        vectors = conditioned_vectors(params.reference, seen)
+        state = kernel.correct(params.filter, state, vectors, dt_s)
         published = published_now(time_us, params, now, memory, seen, state, sample.gyr_rad_s)
         if seen.has_heading and not had_heading:
             end = FIRST_HEADING
@@ -613,12 +592,6 @@ def step_aided(handle: Any, now: Situation, report: Report, other: Report) -> in
     return SHOWN if has_shown else TAKEN
 
 
-@takes_handle
-def take_report(handle: Any, row: Floats) -> bool:
-    """See :func:`take_report_row`."""
-    return take_report_row(handle, row)
-
-
 @inlined
 def take_report_row(handle: Any, row: Floats) -> bool:
     """A row of what others have measured; whether it may have shown the attitude anew.
@@ -639,6 +612,12 @@ def take_report_row(handle: Any, row: Floats) -> bool:
     report = Report(True, vector, has_vertical, row[SIGMA_M_S], ago_s, row[LATE_S])
     handle.report = report
     return take_late(handle, report)
+
+
+@takes_handle
+def take_report(handle: Any, row: Floats) -> bool:
+    """See :func:`take_report_row`."""
+    return take_report_row(handle, row)
 
 
 @shared
@@ -691,12 +670,6 @@ def hearing(observe: Any) -> Any:
     return compiled(take_other_report)
 
 
-@takes_handle
-def search(handle: Any, report: Report) -> bool:
-    """A report while there is no aiding; whether it may have shown the attitude."""
-    return search_by(handle, report)
-
-
 @inlined
 def search_by(handle: Any, report: Report) -> bool:
     """Take a report for the attitude by velocity alone; whether it may have shown that."""
@@ -710,14 +683,14 @@ def search_by(handle: Any, report: Report) -> bool:
 
 
 @takes_handle
-def publish(handle: Any, time_us: int) -> Published:
-    """What there is to publish at a time, turned on from the last sample if that is before it."""
-    return published_by(handle, time_us)
+def search(handle: Any, report: Report) -> bool:
+    """A report while there is no aiding; whether it may have shown the attitude."""
+    return search_by(handle, report)
 
 
 @shared
 def published_by(handle: Any, time_us: int) -> Published:
-    """See :func:`publish`."""
+    """What there is to publish at a time, turned on from the last sample if that is before it."""
     params, now = handle.params, handle.now
     known_s = min(max(1e-6 * (time_us - handle.time_us), 0.0), OUTPUT_HORIZON_S)
     ahead_s = known_s
@@ -745,3 +718,9 @@ def published_by(handle: Any, time_us: int) -> Published:
     figures = widen(figures, rate_rad_s, known_s)
     moved = motion(handle.filter, rate_rad_s, ahead_s, error, error_rate_1_s)
     return time_us, moved, figures, north_of(now, handle.seen)
+
+
+@takes_handle
+def publish(handle: Any, time_us: int) -> Published:
+    """See :func:`published_by`."""
+    return published_by(handle, time_us)

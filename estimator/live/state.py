@@ -27,6 +27,7 @@ from estimator.live.published import NO_PULL, Published
 from estimator.live.rows import NORTHS
 from estimator.live.settings import Settings, settings_of
 from estimator.profile import Profile
+from estimator.types import NEVER_US
 
 # What the filter's vectors come from, as the compiled output takes it.
 SOURCE = {
@@ -120,7 +121,7 @@ class State:
         return Situation(
             source=self.source,
             standing=VOUCHED if vouched and standing != PROVEN else standing,
-            doubted_until_us=compass.NEVER_US if is_aided else compass.doubted_until_us(known),
+            doubted_until_us=NEVER_US if is_aided else compass.doubted_until_us(known),
             heard_from_us=compass.heard_from_us(known),
             knows_north=self.knows_north,
             turned_back=(cos(known.turned_rad), sin(known.turned_rad)),

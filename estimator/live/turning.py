@@ -18,7 +18,15 @@ from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.vertical.rate import integration_rate
 from estimator.geometry.quaternion import add, exp, log, multiply, norm, scale, subtract
-from estimator.types import IDENTITY, NOTHING_BETWEEN, UNSEEN_STEP_S, ZERO_VEC3, Between, Vec3
+from estimator.types import (
+    IDENTITY,
+    NEVER_US,
+    NOTHING_BETWEEN,
+    UNSEEN_STEP_S,
+    ZERO_VEC3,
+    Between,
+    Vec3,
+)
 
 # Arrays of float64.
 Rates = Any
@@ -46,7 +54,6 @@ LEAST_COMPARED_S = 0.5
 
 Axes = tuple[bool, bool, bool]
 NO_AXES: Axes = (False, False, False)
-NEVER_US = -(1 << 62)
 
 
 class Turning(NamedTuple):

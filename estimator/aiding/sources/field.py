@@ -47,12 +47,6 @@ with_off = replacer(FieldState, "off_rad", "inflation_s")
 
 
 @inlined
-def wait_for_field(state: FieldState, dt: float) -> FieldState:
-    """The state ``dt`` later, without a sample of the field since."""
-    return with_wait(state, state.wait_s + dt)
-
-
-@inlined
 def begin_anew(state: FieldState) -> FieldState:
     """The place's field is what the next sample shows; what was learnt of it is void."""
     return with_off(with_look(state, state.look, 0.0, state.wait_s), state.off_rad, 0.0)

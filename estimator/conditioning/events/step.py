@@ -11,14 +11,6 @@ from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.events.axis_signs import AxisSigns, carry_axes, watch_axes
-from estimator.conditioning.events.gravity_signs import GravitySigns, watch_gravity, with_time
-from estimator.conditioning.events.heading_signs import (
-    HeadingSigns,
-    begin_anew,
-    give_up,
-    likely,
-    watch_heading,
-)
 from estimator.conditioning.events.jump_signs import (
     JumpSigns,
     jump_share,
@@ -26,6 +18,16 @@ from estimator.conditioning.events.jump_signs import (
     looks_turned,
     watch_field,
     with_seen,
+)
+from estimator.conditioning.events.lasting_signs import (
+    GravitySigns,
+    HeadingSigns,
+    begin_anew,
+    give_up,
+    likely,
+    watch_gravity,
+    watch_heading,
+    with_time,
 )
 from estimator.conditioning.field.calibration import Calibration, with_age
 from estimator.conditioning.field.magnetic import (
@@ -61,19 +63,16 @@ class TurnSigns(NamedTuple):
     axes: AxisSigns = AxisSigns()  # of the gyroscope's axes, by that field
 
 
-class FieldBefore(NamedTuple):
-    """The field before a turn that no sensor has felt."""
-
-    norm: float = 0.0  # in its own unit
-    confidence: float = 0.0  # averaged
-
-
 class HeadingInflation(NamedTuple):
     """How far the heading is in doubt; it hears of that once the field looks as usual again."""
 
     variance: float = 0.0  # rad^2
     usual_s: float = 0.0  # for how long it has looked so, less the time it has not
-    before: FieldBefore = FieldBefore()  # the turn
+    norm_before: float = 0.0  # of the field before the turn, in its own unit
+    confidence_before: float = 0.0  # likewise, averaged
+
+
+with_usual = replacer(HeadingInflation, "variance", "usual_s")
 
 
 @inlined
@@ -84,12 +83,10 @@ def raise_doubt(
 
     A steep field makes more of it: ``steepness`` is the squared tangent of the dip.
     """
-    before = FieldBefore(signs.jump.slow_norm, signs.heading.mean_confidence)
-    return HeadingInflation(
-        variance=min(inflation.variance + variance * (1.0 + steepness), HALF_TURN_VARIANCE),
-        usual_s=0.0,
-        before=before if inflation.variance == 0.0 else inflation.before,
-    )
+    raised = min(inflation.variance + variance * (1.0 + steepness), HALF_TURN_VARIANCE)
+    if inflation.variance > 0.0:
+        return with_usual(inflation, raised, 0.0)
+    return HeadingInflation(raised, 0.0, signs.jump.slow_norm, signs.heading.mean_confidence)
 
 
 @inlined
@@ -125,26 +122,22 @@ def release_inflation(
     Returns both doubts, the estimate and whether the heading was given up.
     """
     # D^2 by which it looks less usual than before the turn, and by which it still moves
-    off = sqrt(max(inflation.before.confidence, TINY) / max(field.look.confidence, TINY)) - 1.0
+    off = sqrt(max(inflation.confidence_before, TINY) / max(field.look.confidence, TINY)) - 1.0
     off = max(0.0, off) + (jump.moves_rad / params.turn_jump_rad) ** 2
     usual_s = max(0.0, inflation.usual_s + clip(2.0 * (1.0 - off), 1.0) * min(dt_s, LONGEST_STEP_S))
     most = SCALE_ERROR + sqrt(field.reference.uneven)
-    left, before = inflation.variance, inflation.before
-    if left > 0.0 and abs(jump.quick_norm - before.norm) > most * before.norm:
-        return HeadingInflation(0.0, usual_s, before), 0.0, estimate, False
+    left, norm = inflation.variance, inflation.norm_before
+    if left > 0.0 and abs(jump.quick_norm - norm) > most * norm:
+        return with_usual(inflation, 0.0, usual_s), 0.0, estimate, False
     if usual_s <= SPAN_S:
-        return HeadingInflation(left, usual_s, before), tilt, estimate, False
+        return with_usual(inflation, left, usual_s), tilt, estimate, False
     steep = steepness(field.reference)
     if not is_sudden(jump.usual / jump_share() ** 2, left, steep, horizontal):
         left = 0.0
     now = estimate.covariance[9]
     raised = max(now + left, 0.5 * tilt * steep) - now
-    return (
-        HeadingInflation(0.0, usual_s, before),
-        tilt,
-        inflate_heading(estimate, raised),
-        left > 0.0,
-    )
+    doubt = with_usual(inflation, 0.0, usual_s)
+    return doubt, tilt, inflate_heading(estimate, raised), left > 0.0
 
 
 class TurnProof(NamedTuple):
@@ -251,7 +244,7 @@ def follow_signs(
         heading = watch_heading(params, heading, now.estimate, magnetic, field.horizontal, since_s)
     dt = mean.time_s
     weighed = weighing(params, dt)
-    gravity = watch_gravity(params, before.gravity, now.gravity, dt, now.inflation, weighed)
+    gravity = watch_gravity(before.gravity, now.gravity, dt, now.inflation, weighed)
     return TurnSigns(heading, gravity, jump, axes)
 
 

@@ -10,7 +10,7 @@ which the force is averaged, which is where their sum is lowest, and into sigma.
 Source: Percival and Walden 2000, doi 10.1017/CBO9780511841040 (Haar's wavelets).
 """
 
-from math import sqrt
+from math import ceil, log2, sqrt
 from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
@@ -23,7 +23,7 @@ from estimator.types import ZERO_VEC3, Vec3
 
 # The shortest window (s), which is the shortest time constant, too; each octave's is twice as long.
 WINDOW_S = 0.25
-OCTAVES = 9
+OCTAVES = ceil(log2(LONG_S / WINDOW_S))
 # The low-pass's time constant, over the length of the windows whose means are as good.
 TAU_SHARE = 0.27
 # In so many windows an octave counts as much as the one below, and how those usually compare:

@@ -30,7 +30,8 @@ from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec3
 PRIOR_VARIANCE = 0.02
 # By so much a sensor's scale may be off, as a share, and what it measures with it.
 SCALE_ERROR = 0.03
-# An angle by which the force is off counts up to this, rad: what is further off is no scatter.
+# An angle by which the force is off counts up to this, rad: what is further off is no scatter, but
+# a turn that no sensor has felt, if it lasts.
 MOST_APART_RAD = 1.0
 
 

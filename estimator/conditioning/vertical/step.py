@@ -41,7 +41,6 @@ from estimator.conditioning.vertical.lowpass import Coefficients, coefficients
 from estimator.conditioning.vertical.rate import (
     Clipping,
     aliased_turn,
-    integration_rate,
     watch_clipping,
     with_aliasing,
 )
@@ -76,7 +75,7 @@ from estimator.geometry.quaternion import (
     subtract,
 )
 from estimator.geometry.spread import ANY_DIRECTION_VARIANCE, HALF_TURN_VARIANCE
-from estimator.types import ZERO_VEC3, Between, Quaternion, Sample, Vec3
+from estimator.types import ZERO_VEC3, Between, Quaternion, Vec3
 
 
 class VerticalState(NamedTuple):
@@ -120,17 +119,6 @@ with_turn = replacer(VerticalState, "gravity", "clipping")
 with_usual = replacer(VerticalState, "gravity", "usual")
 with_first = replacer(VerticalState, "rest", "tilt")
 with_resting = replacer(RestState, "resting")
-
-
-@inlined
-def free_rate(
-    params: ConditioningParams, state: VerticalState, previous: Vec3, sample: Sample, dt_s: float
-) -> Vec3:
-    """The rate (rad/s, FRD) over one sample's interval, less the gyroscope's known errors."""
-    rate = integration_rate(previous, sample.gyr_rad_s, dt_s, params.averaged_samples)
-    if sample.between.given:
-        rate = sample.between.turn_rad_s
-    return subtract(rate, state.estimate.bias_rad_s)
 
 
 @inlined

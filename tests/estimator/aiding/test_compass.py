@@ -262,13 +262,6 @@ def test_being_told_again_costs_nothing(flight, word):
     assert again == flown(quiet, flight)
 
 
-def test_velocity_may_be_switched_off_in_flight(flight):
-    one = estimator()
-    off = merge_profile(one.profile, {"aiding": {"enabled": False}})
-    flown(one, flight, after=lambda k: one.replace_profile(off) if k == 1500 else None)
-    assert one.snapshot.context.phase is not Phase.AIDED
-
-
 def test_raw_vectors_for_a_while_end_the_aiding(flight):
     """Another profile comes and goes: what the aiding knew before is out of date."""
     one = calibrated(load_profile("imu"))

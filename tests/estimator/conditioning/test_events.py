@@ -6,20 +6,20 @@ import numpy as np
 import pytest
 
 from estimator.conditioning import initial_state
-from estimator.conditioning.events.gravity_signs import GravitySigns, watch_gravity
-from estimator.conditioning.events.heading_signs import (
-    HeadingSigns,
-    borne_out,
-    watch_heading,
-)
 from estimator.conditioning.events.jump_signs import (
     JUMP_QUICK_S,
     JumpSigns,
     jump_share,
     jump_variance,
 )
+from estimator.conditioning.events.lasting_signs import (
+    GravitySigns,
+    HeadingSigns,
+    borne_out,
+    watch_gravity,
+    watch_heading,
+)
 from estimator.conditioning.events.step import (
-    FieldBefore,
     HeadingInflation,
     release_inflation,
 )
@@ -80,7 +80,7 @@ def release(*, moves_rad=0.01, usual_s=1.2, confidence=0.7, norm=0.46, variance=
     """The doubt after a step beside a field of dip 60 degrees that is off by 0.3 rad."""
     reference = FieldReference(horizontal=0.25, down=0.25 * sqrt(3.0), uneven=0.0001)
     field = MagneticState(FieldLook(0.25, 0.43, confidence), reference, 0.0, True)
-    inflation = HeadingInflation(variance, usual_s, FieldBefore(0.461, 0.9))
+    inflation = HeadingInflation(variance, usual_s, 0.461, 0.9)
     estimate = Estimate(ZERO, 0.2, (1e-4, 0, 0, 0, 1e-4, 0, 0, 1e-4, 0, 0.03))
     jump = JUMP._replace(quick_norm=norm, moves_rad=moves_rad)
     return release_inflation(
@@ -161,12 +161,12 @@ def test_a_field_that_is_back_is_told_from_one_that_is_elsewhere(
 
 
 def test_gravity_that_pulls_elsewhere_is_timed():
-    """61 degrees count, about any axis."""
+    """By more than a radian, about any axis."""
     state = initial_state(PARAMS).vertical.gravity
-    for off_deg, lasts in ((59.0, False), (61.0, True)):
+    for off_deg, lasts in ((57.0, False), (58.0, True)):
         quick = (0.0, -9.8 * sin(radians(off_deg)), 9.8 * np.cos(radians(off_deg)))
         gravity = state._replace(force=Force(Smooth((0.0, 0.0, 9.8)), quick=quick, age_s=5.0))
-        now = watch_gravity(PARAMS, GravitySigns(off_s=0.1), gravity, DT, 0.0, 0.0)
+        now = watch_gravity(GravitySigns(off_s=0.1), gravity, DT, 0.0, 0.0)
         assert now.off_s == pytest.approx(0.1 + DT if lasts else 0.0)
 
 

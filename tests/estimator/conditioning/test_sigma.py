@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from estimator.conditioning import ConditioningParams, condition, initial_state
-from estimator.conditioning.events.gravity_signs import GravitySigns
-from estimator.conditioning.events.heading_signs import HeadingSigns
 from estimator.conditioning.events.jump_signs import JumpSigns
+from estimator.conditioning.events.lasting_signs import GravitySigns, HeadingSigns
 from estimator.conditioning.events.step import EventsState, HeadingInflation, TurnSigns
 from estimator.conditioning.field.magnetic import (
     AlternativeField,

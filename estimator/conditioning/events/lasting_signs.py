@@ -1,4 +1,8 @@
-"""A field that looks as usual and points elsewhere: a turn about the vertical, or steel."""
+"""Signs of an unsensed turn that last.
+
+A field that looks as usual and points elsewhere: a turn about the vertical, or steel. Gravity that
+keeps pulling elsewhere than the low-passed one: a turn about a level axis.
+"""
 
 from math import cos, sqrt
 from typing import NamedTuple
@@ -8,13 +12,15 @@ from estimator.compilation.compiled import inlined
 from estimator.compilation.replacing import replacer
 from estimator.conditioning.field.magnetic import MagneticState
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.robust import robust_factor
+from estimator.conditioning.robust import MOST_DEVIATION, robust_factor
 from estimator.conditioning.times import BORNE_S, LATELY_S, LONG_S, LONGEST_STEP_S, SPAN_S, USUAL_S
 from estimator.conditioning.vertical.bias import SETTLED_HEADING_RAD, Estimate
+from estimator.conditioning.vertical.gravity import GravityState
+from estimator.conditioning.vertical.lasting import MOST_APART_RAD, PRIOR_VARIANCE
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
-from estimator.geometry.quaternion import direction
+from estimator.geometry.quaternion import angle_between_vectors, direction, norm, square
 from estimator.geometry.spread import HALF_TURN_VARIANCE
-from estimator.types import Vec2
+from estimator.types import STANDARD_GRAVITY_M_S2, Vec2
 
 
 @inlined
@@ -153,3 +159,46 @@ def give_up(state: HeadingSigns, heading_rad: float) -> HeadingSigns:
     is_same = state.other_s > LONG_S - LATELY_S
     other_rad = state.other_rad if is_same else heading_rad
     return with_other(begin_anew(state), SPAN_S, other_rad, LONG_S)
+
+
+class GravitySigns(NamedTuple):
+    """What the specific force says about an unsensed turn about a level axis."""
+
+    off_s: float = 0.0  # for how long gravity has pulled elsewhere
+    force_scatter: float = PRIOR_VARIANCE  # mean square angle between quick and slow gravity, rad^2
+    apart: float = 0.0  # mean square angle between published gravity and its long mean, rad^2
+    uneven: float = 0.0  # mean square of how far the size of gravity is off, as a share
+
+
+with_time = replacer(GravitySigns, "off_s")
+
+
+@inlined
+def watch_gravity(
+    state: GravitySigns,
+    gravity: GravityState,
+    dt_s: float,
+    inflation: float,
+    weighed: float,
+) -> GravitySigns:
+    """Look for gravity that keeps pulling elsewhere than the low-passed one in G.
+
+    Accelerations reverse within a second or two and rarely exceed 1 g, a turn stays. A vertical
+    that is ``weighed`` has a variance that says how far to believe the force.
+    """
+    f = gravity.force.down.value
+    quick = gravity.force.quick
+    # Falling, or in the middle of a turn, the force has no direction to compare.
+    falls = square(quick) <= (1.0 - MOST_DEVIATION) ** 2 * square(f)
+    off = 0.0 if falls else angle_between_vectors(quick, f)
+    elsewhere = weighed == 0.0 and off > MOST_APART_RAD
+    a = dt_s / (LATELY_S + dt_s) if inflation == 0.0 else 0.0
+    lag = angle_between_vectors(gravity.force.best.value, gravity.force.long)
+    size = norm(f) / STANDARD_GRAVITY_M_S2 - 1.0
+    b = dt_s / (min(LATELY_S, gravity.force.age_s) + dt_s)
+    return GravitySigns(
+        off_s=duration_s(elsewhere, state.off_s, dt_s),
+        force_scatter=state.force_scatter + a * (off * off - state.force_scatter),
+        apart=state.apart + b * (lag * lag - state.apart),
+        uneven=state.uneven + b * (size * size - state.uneven),
+    )
