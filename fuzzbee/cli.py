@@ -162,8 +162,8 @@ def _replace_closed_streams() -> None:
         os.set_inheritable(number, True)
     os.close(number)
     if sys.stdout is None:
-        # a service goes on; of other verbs the output is what they are for
-        is_service = _is_endless(sys.argv[1:])
+        # a service goes on; of other verbs, and of JSON, the output is what they are for
+        is_service = _is_endless(sys.argv[1:]) and "--json" not in sys.argv
         sys.stdout = Path(os.devnull).open("w") if is_service else _ClosedOutput()  # noqa: SIM115
     if sys.stderr is None:
         sys.stderr = Path(os.devnull).open("w")  # noqa: SIM115

@@ -175,7 +175,7 @@ class Vehicle:
         is_near = max(late_us, abs(ahead_us)) <= max(self.imu.median_period_us, 1)
         if not is_near or self._has_other_clock(event.arrival_us, event.time_us):
             return []
-        ours = self.estimator.attitude(sample.time_us + max(ahead_us, 0))
+        ours = self.estimator.attitude(event.time_us)
         if not is_finite(ours):
             return []
         theirs = self.parameters.view.of_imu(event.message, event.q_ned_frd, ours.q_ned_frd)

@@ -189,7 +189,7 @@ def _infer(params: FilterParams, step: Step, lanes: Floats) -> None:
     dt = step.corrected_s
     for j in range(LANES):
         k = unpack(lanes, j)
-        e = fuzzify(k, min(max(lanes[ERROR, j], 0.0), 1.0))
+        e = fuzzify(k, lanes[ERROR, j])
         rate = fuzzify(k, min(abs(lanes[RATE, j]), 1.0))
         K = 1.0 + centroid(fire(e, rate), fuzzy_sets(k).output)
         g = step_gain(params, K, step.fastest, dt)

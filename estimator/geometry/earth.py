@@ -60,7 +60,7 @@ def field_at(
     model = _model(5 * int(year // 5))
     result = model.calculate(
         glat=latitude_deg,
-        glon=(longitude_deg + 180.0) % 360.0 - 180.0,
+        glon=longitude_deg,
         alt=1e-3 * altitude_m,
         time=year,
         allow_date_outside_lifespan=True,

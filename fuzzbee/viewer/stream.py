@@ -37,7 +37,8 @@ FINISH_FLUSH_S = 60.0
 STALLED_S = 3.0  # a file that has not grown for so long is on a full disk
 FILE_OPEN_S = 5.0  # for the arrangement of the views, 60 kB
 CLOSED = "closed; the rest goes on without it"
-OF_FILE = "File-writer"  # begins what the library says of a file that it could not write
+# So begins what the library says of a file that it could not write, later or at once.
+OF_FILE = ("File-writer", "Failed to encode LogMsg")
 
 
 class ViewerOptions(NamedTuple):

@@ -91,6 +91,11 @@ def test_rungs_of_the_ladder_have_signs():
     assert "─-20─" in text
 
 
+def test_the_first_row_is_left_to_the_scale_of_bank():
+    for pitch_deg in range(-60, 61):
+        assert "─" not in horizon(record(pitch_deg=float(pitch_deg)))[3]
+
+
 @pytest.mark.parametrize(("sigma_deg", "cells"), [(0.3, 1), (15.0, 6), (180.0, 39)])
 def test_the_tape_shows_how_uncertain_the_heading_is(sigma_deg, cells):
     """At least beside the mark, which would hide a small one."""
@@ -248,6 +253,8 @@ def test_an_autopilot_that_differs_is_marked_where_it_says_that_horizon_and_head
     # rows are as high as two cells are wide
     slope = 2.0 * (down[right] - down[left]) / (right - left)
     assert math.degrees(math.atan(slope)) == pytest.approx(20.0, abs=2.0)
+    # 10 of 60 degrees below the middle of sixteen rows, across the line
+    assert down[38] == 10
     assert "autopilot horizon 28° off" in lines[21]
     turned = horizon(encoding=encoding, status=differing("heading", 25.0))
     assert turned[2].index(mark) - 40 == 10

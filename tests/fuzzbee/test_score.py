@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from estimator.geometry.rotations import exp
 from fuzzbee import replay
 from fuzzbee.cli import main
 from fuzzbee.replays import motion
+from fuzzbee.replays.score import constant_turn, convergence_s
 from tests.flight import banked_flight
 from tests.fuzzbee.recording import recorded
 
@@ -138,3 +140,24 @@ def test_a_heading_by_velocity_is_scored_without_a_magnetometer(tmp_path):
     assert report.error_deg.heading_rms < 5.0
     assert report.error_deg.total_rms < 5.0
     assert report.coverage.heading is not None
+
+
+def test_convergence_is_timed_from_the_first_sample_with_a_reference():
+    times_us = 250_000 * np.arange(6)
+    total_rad = np.array([np.nan, np.nan, 0.5, 0.2, 0.01, 0.3])
+    assert convergence_s(times_us, total_rad) == pytest.approx(0.5)
+    assert convergence_s(times_us, np.full(6, 0.5)) is None
+
+
+def test_a_mirror_is_no_turn():
+    """The reference rolls to the other side: a reflection would explain all of it."""
+    roll, pitch = 0.3 * np.array([(1, 0), (0, 1), (-1, 0), (0, -1)]).T
+    columns = {
+        "q_ned_frd": exp(np.stack([roll, pitch, 0.0 * roll], axis=1)),
+        "reference_q_ned_frd": exp(np.stack([-roll, pitch, 0.0 * roll], axis=1)),
+        "sigma_inclination_rad": np.full(4, 0.01),
+    }
+    found = constant_turn(columns, np.ones(4, bool), np.ones(4, bool))
+    # two of four are off by twice 0.3 rad whichever way it turns
+    assert found.inclination_rms == pytest.approx(np.degrees(0.6 / np.sqrt(2.0)), rel=0.01)
+    assert found.inclination_coverage == 0.5

@@ -47,6 +47,7 @@ def _compiled():
         ('"$@" >&-', (*REPLAY, JSON), 1, "standard output: it is closed"),
         ('"$@" >&-', REPLAY, 1, "standard output: it is closed"),
         ('"$@" >&-', (*CHECK, JSON), 1, "standard output: it is closed"),
+        ('"$@" >&-', (*RUN, JSON), 1, "standard output: it is closed"),
         ('"$@" >&-', RUN, 0, "attitudes of 1 vehicle"),  # as a supervisor may start a service
         ('"$@" | true', RUN, 0, "attitudes of 1 vehicle"),  # a table that nobody reads
         ('"$@" | true', ("replay", "sim:", JSON), 0, ""),
@@ -133,3 +134,10 @@ def test_a_drawing_that_is_not_whole_is_told_and_all_else_is_there(tmp_path, ver
     if verb[0] == "run":
         assert result["recording"] == "failed"
         assert result["vehicles"]["1"]["attitudes"] > 300
+
+
+def test_a_drawing_on_a_disk_that_is_full_from_the_start_is_status_1():
+    pytest.importorskip("rerun", reason="the extra viewer is not installed")
+    done = shell('"$@"', *REPLAY, JSON, "--rrd", "/dev/full")
+    assert done.returncode == 1, done.stderr
+    assert done.stderr.endswith("--rrd /dev/full: could not be written, and is not whole\n")

@@ -190,6 +190,10 @@ def test_a_clock_that_is_some_per_cent_off_is_told_after_a_minute(pace, seconds,
     assert words(seconds, host=lambda s: s / pace) == said
 
 
+def test_a_clock_that_drifts_is_told_though_the_host_s_was_set_back_by_an_hour():
+    assert words(120, host=lambda s: s / 0.95 - 3600 * (s > 5)) == {Alarm.CLOCK_DRIFT}
+
+
 def test_a_late_link_and_a_host_s_clock_that_is_set_are_no_clock_that_drifts():
     def bursts(time_s):  # all that was held back for 14 s comes at once
         return time_s - time_s % 28 + max(time_s % 28, 14)

@@ -82,8 +82,9 @@ def test_the_same_attitude_is_no_news():
     assert status.autopilot.inclination_deg == pytest.approx(0.0, abs=1.0)
 
 
-def test_an_attitude_of_another_clock_is_not_compared():
-    lines, status = flown(60.0, clock_off_us=5_000_000)
+@pytest.mark.parametrize("clock_off_us", [5_000_000, -5_000_000, -200_000])
+def test_an_attitude_of_another_clock_is_not_compared(clock_off_us):
+    lines, status = flown(60.0, clock_off_us=clock_off_us)
     assert lines == []
     assert status.autopilot is None
 

@@ -629,3 +629,11 @@ def test_replay_of_a_table_described_elsewhere(tmp_path, capsys):
     assert report["imu"]["messages"] == {"CSV": ROWS}
     assert main(["replay", str(path), "--columns", str(tmp_path / "none.toml")]) == 2
     assert "none.toml: no such file" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("number", [0, -1, 12])
+def test_columns_are_numbered_from_1_to_the_last(number, tmp_path):
+    described = NAMELESS.replace("[2]", f"[{number}]")
+    path = written(tmp_path / "a.csv", nameless(), toml=described)
+    with pytest.raises(InputError, match=f"there is no column {number}, only 1 to 11"):
+        list(open_log(path))

@@ -313,3 +313,10 @@ def test_before_2017_it_was_called_otherwise(tmp_path):
     log.write("CURR", 10_000_000, 12.5, 7.5)
     assert [each.ampere for each in currents(Dataflash(log.save(tmp_path)), 7)] == [7.5]
     assert currents(Dataflash(modern().save(tmp_path)), 7) == []
+
+
+@pytest.mark.parametrize(("number", "system_id"), [(255.0, 255), (256.0, 1), (0.0, 1)])
+def test_a_number_that_is_no_system_is_no_name(number, system_id, tmp_path):
+    log = modern(seconds=1)
+    log.data = log.data.replace(struct.pack("<f", 7.0), struct.pack("<f", number), 1)
+    assert {event.vehicle for event in Dataflash(log.save(tmp_path))} == {VehicleId(system_id, 1)}

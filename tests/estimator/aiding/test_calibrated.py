@@ -3,6 +3,7 @@
 from estimator.aiding.compass import (
     Compass,
     declare,
+    doubted_until_us,
     is_trusted,
     record_giving_up,
     restart,
@@ -59,3 +60,11 @@ def test_a_reboot_leaves_what_was_told():
     once = restart(record_giving_up(VOUCHED, NOW_US))
     assert is_trusted(record_giving_up(once, 1_000_000), 1_000_000)
     assert not is_trusted(restart(declare(Compass(), False)), 0)
+
+
+def test_what_velocity_contradicted_counts_until_velocity_confirms_it():
+    contradicted = VOUCHED._replace(contradicted_us=NOW_US)
+    assert doubted_until_us(contradicted) == NOW_US + DISTRUST_US
+    assert doubted_until_us(contradicted._replace(confirmed=True)) < 0
+    assert not is_trusted(contradicted, NOW_US)
+    assert is_trusted(contradicted._replace(confirmed=True), NOW_US)

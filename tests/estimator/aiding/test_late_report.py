@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from estimator.aiding.phase import Phase
+from estimator.aiding.types import AidingParams
 from estimator.estimator import Estimator
 from estimator.profile import load_profile, merge_profile
 from estimator.types import VelocitySample
@@ -28,9 +29,23 @@ def flying():
 
 
 def numbers(snapshot):
-    """Every estimate of the aiding, one after the other."""
-    parts = [np.atleast_1d(np.asarray(part)) for part in snapshot.core.aided.estimate]
+    """Every estimate of the aiding and the velocities reported, one after the other."""
+    aided = snapshot.core.aided
+    reported = aided.acceleration_tilt.reported_m_s, aided.acceleration_tilt.latest_m_s
+    parts = [np.atleast_1d(np.asarray(part)) for part in (*aided.estimate, *reported)]
     return np.concatenate(parts)
+
+
+def learnt_from(flying, **changes):
+    """The numbers after one more sample and a report."""
+    flight, profile, state = flying
+    time_us = flight.samples[SAMPLES].time_us
+    report = VelocitySample(time_us, (3.0, 19.0, 0.3), True, 0.3)._replace(**changes)
+    estimator = Estimator(profile)
+    estimator.snapshot = state
+    estimator.update_velocity(report)
+    estimator.update(flight.samples[SAMPLES])
+    return numbers(estimator.snapshot)
 
 
 @pytest.mark.parametrize("late_sigma_s", [0.0, 0.1])
@@ -51,3 +66,19 @@ def test_before_or_behind_its_sample(flying, late_sigma_s):
     learnt = after["before"] - after["never"]
     assert np.abs(learnt).max() == pytest.approx(18.0, rel=0.2)  # m/s; measured 18.3 and 17.4
     np.testing.assert_allclose(after["behind"], after["before"], rtol=1e-12, atol=1e-15)
+
+
+def test_a_report_that_claims_to_be_better_than_a_receiver_can_be_is_worth_no_more(flying):
+    least = AidingParams().report_sigma_m_s
+    usual = learnt_from(flying, sigma_m_s=least)
+    assert np.array_equal(learnt_from(flying, sigma_m_s=0.1 * least), usual)
+    assert not np.allclose(learnt_from(flying, sigma_m_s=3.0 * least), usual)
+
+
+def test_a_report_without_its_vertical_teaches_nothing_by_it(flying):
+    one, other = (
+        learnt_from(flying, velocity_ned_m_s=(3.0, 19.0, down), has_vertical=False)[:-6]
+        for down in (0.3, 9.0)
+    )
+    assert np.array_equal(one, other)
+    assert not np.allclose(one, learnt_from(flying)[:-6])

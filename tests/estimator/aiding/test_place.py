@@ -17,6 +17,7 @@ MICROSECONDS_2025 = 1_735_689_600_000_000
         (80.0, 0.0, 0.0, 1.28),
         (0.0, 120.0, 0.0, -0.16),
         (-80.0, 240.0, 0.0, 68.78),
+        (-80.0, -120.0, 0.0, 68.78),  # the same place
     ],
 )
 def test_published_values(latitude, longitude, altitude_m, expected_deg):
@@ -98,6 +99,7 @@ def where(known):
         ([ZURICH, CANBERRA, ZURICH, CANBERRA], ZURICH),
         ([ZURICH, CANBERRA, (nan, 0.0), CANBERRA], CANBERRA),
         ([NOWHERE, CANBERRA, CANBERRA], CANBERRA),
+        ([ZURICH, CANBERRA, NOWHERE], ZURICH),  # each of them was reported once
         ([ZURICH, (47.5, 8.5), (47.6, 8.5), (47.62, 8.5)], (47.62, 8.5)),  # 25 km on
         ([ZURICH, (47.5, 8.5), (47.5, 8.6)], ZURICH),
         ([(90.0, 0.0), (90.0, 0.0)], None),

@@ -59,7 +59,8 @@ def test_when_too_many_wait_the_oldest_gives_way():
         ((0.0, inf, 0.0), 0.3, "velocity_not_finite"),
         ((0.0, 0.0, 0.0), nan, "velocity_not_finite"),
         ((0.0, 0.0, SPEED_LIMIT_M_S + 1.0), 0.3, "velocity_out_of_range"),
-        ((SPEED_LIMIT_M_S, 0.0, 0.0), 0.3, None),
+        ((0.0, -SPEED_LIMIT_M_S - 1.0, 0.0), 0.3, "velocity_out_of_range"),
+        ((SPEED_LIMIT_M_S, -SPEED_LIMIT_M_S, 0.0), 0.3, None),
     ],
 )
 def test_what_cannot_be_a_velocity_is_refused(velocity, sigma, reason):

@@ -21,6 +21,8 @@ from estimator.conditioning.events.lasting_signs import (
 )
 from estimator.conditioning.events.step import (
     HeadingInflation,
+    TurnSigns,
+    proof_of,
     release_inflation,
 )
 from estimator.conditioning.field.calibration import Calibration
@@ -174,3 +176,20 @@ def test_the_share_of_a_jump_is_the_largest_between_its_low_passes():
     since_s = np.linspace(0.0, 3.0, 100_001)
     between = np.exp(-since_s / QUICK_S) - np.exp(-since_s / JUMP_QUICK_S)
     assert jump_share() == pytest.approx(between.max(), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("confidence", "norm", "is_proof"),
+    [(0.85, 0.448, True), (0.0, 0.448, False), (0.85, 0.9, False), (0.0, 0.9, False)],
+)
+def test_a_jump_of_a_field_that_is_seldom_the_place_s_or_of_another_norm_proves_nothing(
+    confidence, norm, is_proof
+):
+    learnt = Calibration(0.0, ZERO, (0.0,) * 10, 0.5)
+    signs = TurnSigns(
+        heading=SIGNS._replace(mean_confidence=confidence),
+        jump=JUMP._replace(apart_rad=1.0, quick_norm=norm, usual=1e-5),
+    )
+    proof, seen_rad = proof_of(PARAMS, signs, learnt, 0.45)
+    assert (proof.jump > 0.0) is is_proof
+    assert seen_rad == 1.0

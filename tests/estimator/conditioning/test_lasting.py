@@ -46,6 +46,14 @@ def test_what_drift_does_not_explain_or_the_size_tells_has_been_acceleration(
     assert lasting_variance(state) == pytest.approx(variance)
 
 
+def test_a_force_that_has_turned_over_counts_as_one_that_is_off_by_a_radian() -> None:
+    up, down = (0.0, 0.0, -G), (0.0, 0.0, G)
+    state = Lasting(long=down)
+    for _ in range(2000):
+        state = watch_lasting(state, up, up, down, 0.0, 0.0, 0.25)
+    assert state.apart == pytest.approx(1.0, rel=0.01)
+
+
 def test_a_vertical_along_which_the_force_is_less_than_gravity_is_wrong() -> None:
     """After 60 s at 40 deg: 2 (1 - cos 40 deg) less 2 * 3 %, which is 36.5 deg squared."""
     state, off = Lasting(), radians(40.0)

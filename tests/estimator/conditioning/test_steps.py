@@ -1,5 +1,6 @@
 """Each step by itself."""
 
+import itertools
 from math import atan2, cos, degrees, expm1, pi, radians, sin
 
 import numpy as np
@@ -150,6 +151,18 @@ def test_a_late_magnetometer_bends_the_heading_only_where_the_step_is_off():
         )
     assert degrees(worst[True]) == pytest.approx(0.399, rel=0.2)
     assert degrees(worst[False]) == pytest.approx(3.35, rel=0.2)
+
+
+@pytest.mark.parametrize(("dt", "is_negative"), [(0.25, False), (0.05, True)])
+def test_beside_slow_samples_no_magnetometer_is_taken_to_be_early(dt, is_negative):
+    """Its readings are those of the next sample."""
+    flight = list(fly(tumbling, 120.0, dt))
+    early = [s._replace(mag=after.mag) for s, after in itertools.pairwise(flight)]
+    state, lags_s = initial_state(PARAMS), []
+    for s in early:
+        state, _ = condition(PARAMS, state, Sample(s.gyr, s.acc, s.mag, True, dt))
+        lags_s.append(state.field.calibration.learnt.lag_s)
+    assert (min(lags_s) < 0.0) is is_negative
 
 
 def shaken(seed, push_m_s2=3.0, rates_hz=(0.5, 0.7, 0.9)):

@@ -251,3 +251,13 @@ def test_what_agrees_is_not_announced_and_nothing_is_without_being_asked(receive
     sink = opened()
     sink.handle(statuses(differing(), 25))
     assert messages(receiver) == []
+
+
+def test_after_the_hosts_clock_was_set_back_it_sends_no_more_often(receiver, opened):
+    sink = opened()
+    sink.handle(attitudes(1, 0))
+    messages(receiver)
+    for start in (-360_000, -359_900):  # an hour ago, 100 a second
+        sink.handle(attitudes(100, 10_000, start=start))
+    got = [m for m in messages(receiver) if m.get_type() == "ATTITUDE_QUATERNION"]
+    assert len(got) == pytest.approx(100, abs=1)

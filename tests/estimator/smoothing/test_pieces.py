@@ -1,0 +1,23 @@
+"""A long recording is smoothed piece by piece, each with what is around it."""
+
+import numpy as np
+
+from estimator.profile import load_profile
+from estimator.smoothing import Recorder, smooth_all, unaided
+from tests.flight import banked_flight, flown
+
+
+def smoothed(flight):
+    recorder = Recorder(load_profile("imu"))
+    flown(recorder, flight, reports=[])
+    _, found = smooth_all(recorder)
+    return np.hstack([found.q_ned_frd, found.sigma_rad])
+
+
+def test_pieces_with_wide_margins_are_what_the_whole_is(monkeypatch):
+    flight = banked_flight(seconds=40.0, rate_hz=50.0)
+    whole = smoothed(flight)
+    monkeypatch.setattr(unaided, "PIECE_S", 10.0)
+    np.testing.assert_array_equal(smoothed(flight), whole)
+    monkeypatch.setattr(unaided, "MARGIN_S", 1.0)
+    assert not np.array_equal(smoothed(flight), whole)
