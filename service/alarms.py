@@ -169,13 +169,11 @@ class Alarms:
 
     def _remember(self, sample: ImuSample, attitude: Attitude, share: float) -> None:
         q = attitude.q_ned_frd
-        self._force = _towards(self._force, rotate(q, sample.acc_m_s2), share)
-        if not sample.has_mag:
-            return
-        square = sum(b * b for b in sample.mag_gauss)
-        first = self._field is None
-        self._field = _towards(self._field, rotate(q, sample.mag_gauss), share)
-        self._field_square += (1.0 if first else share) * (square - self._field_square)
+        self._force = towards(self._force, rotate(q, sample.acc_m_s2), share)
+        if sample.has_mag:
+            square = sum(b * b for b in sample.mag_gauss) - self._field_square
+            self._field_square += square if self._field is None else share * square
+            self._field = towards(self._field, rotate(q, sample.mag_gauss), share)
 
     def _follow_pace(self, time_us: int, arrival_us: int) -> None:
         """Every ten seconds of the host, note whether the vehicle's clock was too fast or slow.
@@ -240,7 +238,8 @@ def _claims_no_heading(attitude: Attitude) -> bool:
     return degrees(attitude.sigma_heading_rad) > UNKNOWN_HEADING_DEG
 
 
-def _towards(mean: Vec3 | None, value: Vec3, share: float) -> Vec3:
+def towards(mean: Vec3 | None, value: Vec3, share: float) -> Vec3:
+    """A running mean with one value more, of that share."""
     return value if mean is None else add(mean, scale(share, subtract(value, mean)))
 
 

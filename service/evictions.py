@@ -56,7 +56,7 @@ class Evictions:
     def lines(self, gone: list[VehicleId], now_us: int) -> list[str]:
         """Lines about vehicles that are forgotten, fewer of them where there are too many."""
         texts = [f"vehicle {vehicle_name(each)}: gone, and forgotten" for each in gone]
-        return self._limit.lines(texts, now_us) if texts else []
+        return self._limit.lines(texts, now_us)
 
     def keep(self, address: VehicleId, profile: Profile) -> None:
         """Keep the parameters that somebody gave a vehicle, for when it comes back."""

@@ -24,6 +24,8 @@ PERIODS_KEPT = 51
 MEDIAN_EVERY = 8  # samples; a median of 51 changes little in that time
 LATE_MINIMUM_US, LATE_PERIODS = 500_000, 3
 LOST_MINIMUM_US, LOST_PERIODS = 5_000_000, 10
+# The ages of two messages stamped by one clock differ by less than this.
+OTHER_CLOCK_US = 1_000_000
 
 
 class ImuStream:
@@ -136,6 +138,16 @@ class ImuStream:
         """The vehicle began anew, which may have mended what was contradicted before."""
         self.choice.contradicted.clear()
         self._silent_since_us = self.last_arrival_us
+
+    def has_other_clock(self, arrival_us: int, time_us: int) -> bool:
+        """Whether a message's clock is another than the IMU's, or there is no IMU yet.
+
+        Some autopilots stamp ATTITUDE seconds off; its rates are then those of another time.
+        """
+        if self.last is None:
+            return True
+        age_us, our_age_us = arrival_us - time_us, self.last.arrival_us - self.last.sample.time_us
+        return abs(age_us - our_age_us) > OTHER_CLOCK_US
 
     def _note_gap(self, gap_us: int) -> None:
         self.worst_gap_us = max(self.worst_gap_us, gap_us)

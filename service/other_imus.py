@@ -3,8 +3,9 @@
 from math import degrees, isfinite
 
 from drivers.events import Imu
-from estimator.geometry.quaternion import add, angle_between_vectors, norm, scale, subtract
+from estimator.geometry.quaternion import angle_between_vectors, norm, subtract
 from estimator.types import ZERO_VEC3, Vec3
+from service.alarms import towards
 from service.records import ImuDifference
 
 LOOK_EVERY_US = 500_000
@@ -27,9 +28,9 @@ class _Means:
         """Take one reading of each."""
         self.looks += 1
         share = 1.0 / min(self.looks, LOOKS)
-        self.force = _towards(self.force, force, share)
-        self.our_force = _towards(self.our_force, ours.sample.acc_m_s2, share)
-        self.rate = _towards(self.rate, subtract(rate, ours.sample.gyr_rad_s), share)
+        self.force = towards(self.force, force, share)
+        self.our_force = towards(self.our_force, ours.sample.acc_m_s2, share)
+        self.rate = towards(self.rate, subtract(rate, ours.sample.gyr_rad_s), share)
 
 
 class OtherImus:
@@ -67,7 +68,3 @@ class OtherImus:
             for message, each in sorted(self._means.items())
             if now_us - each.looked_us < SILENT_US and norm(each.force) > 0.0
         }
-
-
-def _towards(mean: Vec3, value: Vec3, share: float) -> Vec3:
-    return add(mean, scale(share, subtract(value, mean)))

@@ -22,14 +22,10 @@ from drivers.events import (
     ModeChange,
     Notice,
     OtherImu,
-    Parameter,
     Position,
     ReferenceAttitude,
     RefusedFrames,
-    Rejected,
     Report,
-    Shed,
-    TrackLost,
     VehicleEvent,
     VehicleId,
 )
@@ -49,6 +45,8 @@ from service.vehicle import STANDARD_RATE_HZ, Vehicle
 from service.vehicle_status import status_record
 
 MAX_VEHICLES = PLACES  # on one link
+# None of these makes a vehicle
+OF_KNOWN = Position | Report | FilterStatus | ClockReset | ModeChange | OtherImu
 # What changes only when something comes. Together these vehicles have so many statuses a second:
 # thousands that came and went must not keep those that are there waiting.
 QUIET = frozenset({State.LOST, State.WAITING})
@@ -117,9 +115,17 @@ class Pipeline:
         """
         if isinstance(event, Imu):  # most events are
             return self._on_imu(event, now_us)
-        if isinstance(event, VehicleEvent):
-            return self._on_vehicle_event(event)
         match event:
+            case ReferenceAttitude():
+                return self.on_reference(event)
+            case Forgotten(vehicle=address):
+                self._forget(address)
+            case RefusedFrames(vehicle=address, reason=reason, frames=frames):
+                self.refused_frames[reason] += frames
+                if (vehicle := self._vehicles.get(address)) is not None:  # refused, nobody appears
+                    vehicle.rejected[reason] += frames
+            case VehicleEvent():
+                return self._on_vehicle_event(event)
             case Malformed(frames=frames):
                 self.malformed += frames
             case Notice(vehicle=address, text=text):
@@ -141,77 +147,29 @@ class Pipeline:
         return outputs
 
     def _on_vehicle_event(self, event: VehicleEvent) -> list[Output]:
-        match event:
-            case ReferenceAttitude():
-                return self.on_reference(event)
-            case Forgotten(vehicle=address):
-                self._forget(address)
+        """Pass an event on to the vehicle that it is about, which may be a new one."""
+        if isinstance(event, Heartbeat):
+            if not is_autopilot(event.autopilot, event.vehicle_type):
                 return []
-            case RefusedFrames():
-                self._on_refused(event)
-                return []
-            case Heartbeat() if not self._is_vehicles(event):
-                return []
-        known = self._vehicles.get(event.vehicle)
-        if known is None and isinstance(
-            event, Position | Report | FilterStatus | ClockReset | ModeChange | OtherImu
-        ):
-            return []  # none of these makes a vehicle
-        vehicle = known or self._meet(event.vehicle)
-        return [] if vehicle is None else self._inform(vehicle, event)
-
-    def _inform(self, vehicle: Vehicle, event: VehicleEvent) -> list[Output]:
-        """Pass an event on to the vehicle that it is about."""
-        match event:
-            case Report():
-                vehicle.on_report(event)
-            case Position():
-                vehicle.on_position(event)
-            case Heartbeat():
-                vehicle.on_heartbeat(event)
-            case OtherImu():
-                vehicle.on_other_imu(event)
-            case ModeChange():
-                vehicle.parameters.take_mode(event)
-            case FilterStatus():
-                vehicle.comparison.filter_status = event
-            case Parameter():
-                vehicle.parameters.take(event, vehicle.estimator)
-            case Rejected():
-                vehicle.on_rejected(event)
-            case Shed():
-                vehicle.heard_us = event.arrival_us
-                vehicle.imu.note_shed(event)
-            case TrackLost():
-                return _messages(vehicle.on_track_lost(event))
-            case ClockReset():
-                if event.reason == "reboot":
-                    self._changes.note_reboot(vehicle)
-                return _messages(vehicle.on_clock_reset(event))
-            case BuiltIn():
-                return self._changes.fit(vehicle, event)
-        return []
+            self.heard.add(event.vehicle.system_id)
+        vehicle = self._vehicles.get(event.vehicle)
+        if vehicle is None and not isinstance(event, OF_KNOWN):
+            vehicle = self._meet(event.vehicle)
+        if vehicle is None:
+            return []
+        if isinstance(event, BuiltIn):
+            return self._changes.fit(vehicle, event)
+        if isinstance(event, ClockReset) and event.reason == "reboot":
+            self._changes.note_reboot(vehicle)
+        return _messages(vehicle.take(event))
 
     def on_reference(self, event: ReferenceAttitude) -> list[Output]:
         """Take another's attitude, if there is time for it: samples come first."""
         vehicle = self._vehicles.get(event.vehicle)
         if self.load.is_shedding or vehicle is None:
             return []
-        vehicle.comparison.peers[event.source] = Peer(event.vehicle, event.source, event.q_ned_frd)
+        vehicle.peers[event.source] = Peer(event.vehicle, event.source, event.q_ned_frd)
         return _messages(vehicle.on_reference(event))
-
-    def _on_refused(self, event: RefusedFrames) -> None:
-        self.refused_frames[event.reason] += event.frames
-        vehicle = self._vehicles.get(event.vehicle)  # refused, nobody appears
-        if vehicle is not None:
-            vehicle.reject(event.reason, event.frames)
-
-    def _is_vehicles(self, event: Heartbeat) -> bool:
-        """Whether a heartbeat is a vehicle's, of one that is wanted or may be told of."""
-        if not is_autopilot(event.autopilot, event.vehicle_type):
-            return False
-        self.heard.add(event.vehicle.system_id)
-        return True
 
     # --- time
 
@@ -271,10 +229,10 @@ class Pipeline:
         if attitude is None:
             return []
         published = Published(vehicle.address, attitude, vehicle.imu.last_sample)
-        if not vehicle.comparison.peers:
+        if not vehicle.peers:
             return [published]
-        peers = list(vehicle.comparison.peers.values())
-        vehicle.comparison.peers.clear()
+        peers = list(vehicle.peers.values())
+        vehicle.peers.clear()
         return [*peers, published]
 
     def _status(self, vehicle: Vehicle, now_us: int, losses: Losses) -> Published:

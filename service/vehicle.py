@@ -5,14 +5,19 @@ from collections import Counter
 from drivers.events import (
     BodyRates,
     ClockReset,
+    FilterStatus,
     Heartbeat,
     Imu,
+    ModeChange,
     OtherImu,
+    Parameter,
     Position,
     ReferenceAttitude,
     Rejected,
     Report,
+    Shed,
     TrackLost,
+    VehicleEvent,
     VehicleId,
 )
 from estimator.estimator import Estimator
@@ -24,14 +29,12 @@ from service.imu_stream import LATE_MINIMUM_US, ImuStream, ReportChoices
 from service.lines import LineLimit
 from service.other_imus import OtherImus
 from service.publishing import HostClock, Publishing, attitude_record, is_finite
-from service.records import HAS_ATTITUDE, AttitudeRecord, State, vehicle_name
+from service.records import HAS_ATTITUDE, AttitudeRecord, Peer, State, vehicle_name
 from service.second_opinion import SecondOpinion
 from service.vehicle_parameters import VehicleParameters
 
 # The estimate is checked for not being finite once in so many samples: once it is not, it stays so.
 CHECKED_EVERY = 8
-# The ages of two messages stamped by one clock differ by less than this.
-OTHER_CLOCK_US = 1_000_000
 UNSTAMPED = "AHRS2"  # an attitude of the IMU message before it
 STANDARD_RATE_HZ = 100.0
 
@@ -55,6 +58,7 @@ class Vehicle:
         self.estimator = estimator
         self.heard_us = 0  # the latest arrival of anything that is a vehicle's own
         self.rejected: Counter[Reason] = Counter()
+        self.peers: dict[str, Peer] = {}  # others' latest attitudes, until ours is published
         self.built_in_motion: str | None = None  # of fuzzbee's own vehicle
         self.imu = ImuStream()
         self.others = OtherImus()
@@ -93,7 +97,7 @@ class Vehicle:
         sample = self.profile.to_body_axes(event.sample)
         reason = self.estimator.update(sample)
         if reason is not None:
-            self.reject(reason)
+            self.rejected[reason] += 1
             return lines
         self.imu.note_taken(event, sample)
         self.publishing.clock.observe(event.sample.time_us, event.arrival_us)
@@ -103,12 +107,41 @@ class Vehicle:
         state = State.RUNNING if self.estimator.aligned else State.ALIGNING
         return lines if state is self.imu.state else lines + self._become(state, event.arrival_us)
 
-    def on_other_imu(self, event: OtherImu) -> None:
-        """Compare an IMU that is not in use."""
-        reading = event.rate_rad_s, event.force_m_s2
-        self.others.take(event.message, event.arrival_us, *reading, self.imu.last)
+    def take(self, event: VehicleEvent) -> list[str]:
+        """Take whatever else it has sent, or was noticed of it."""
+        match event:
+            case Report():
+                self._on_report(event)
+            case Position(latitude_deg=latitude_deg, longitude_deg=longitude_deg):
+                height_m, now_us = event.altitude_m, event.arrival_us
+                self.estimator.set_position(latitude_deg, longitude_deg, height_m, now_us)
+            case Heartbeat():
+                self.heard_us = event.arrival_us
+                self.parameters.take_heartbeat(event, self.estimator)
+            case OtherImu(message=message, arrival_us=now_us, rate_rad_s=rate, force_m_s2=force):
+                self.others.take(message, now_us, rate, force, self.imu.last)
+            case ModeChange():
+                self.parameters.take_mode(event)
+            case FilterStatus():
+                self.comparison.filter_status = event
+            case Parameter():
+                self.parameters.take(event, self.estimator)
+            case Rejected():
+                self.heard_us = event.arrival_us
+                if not event.message or self.imu.message in (None, event.message):
+                    self.rejected[event.reason] += 1
+            case Shed():
+                self.heard_us = event.arrival_us
+                self.imu.note_shed(event)
+            case TrackLost() if event.message == self.imu.message:
+                self.restart()
+                text = f"{event.reason} for {event.blind_s:.1f} s, aligning anew"
+                return self._lines([text], event.arrival_us)
+            case ClockReset():
+                return self._on_clock_reset(event)
+        return []
 
-    def on_clock_reset(self, event: ClockReset) -> list[str]:
+    def _on_clock_reset(self, event: ClockReset) -> list[str]:
         """The vehicle's clock began anew: what was known about its time and attitude is void."""
         if event.goes_on:
             return self._lines([f"clock jump by {event.step_s:+.1f} s, cut out"], event.arrival_us)
@@ -119,44 +152,21 @@ class Vehicle:
         text = f"clock {event.reason} by {event.step_s:+.1f} s, aligning anew"
         return self._lines([text], event.arrival_us)
 
-    def on_track_lost(self, event: TrackLost) -> list[str]:
-        """The vehicle has turned unseen, nobody knows how far: its attitude is void."""
-        if event.message != self.imu.message:
-            return []
-        self.restart()
-        text = f"{event.reason} for {event.blind_s:.1f} s, aligning anew"
-        return self._lines([text], event.arrival_us)
-
-    def on_rejected(self, event: Rejected) -> None:
-        """Count a refused sample, unless it is of another IMU than the one in use."""
-        self.heard_us = event.arrival_us
-        if not event.message or self.imu.message in (None, event.message):
-            self.reject(event.reason)
-
-    def on_position(self, event: Position) -> None:
-        """Tell the estimator where it is, for the declination."""
-        self.estimator.set_position(
-            event.latitude_deg, event.longitude_deg, event.altitude_m, event.arrival_us
-        )
-
-    def on_heartbeat(self, event: Heartbeat) -> None:
-        """Note that it is alive, and what carries the IMU if that is new."""
-        self.heard_us = event.arrival_us
-        self.parameters.take_heartbeat(event, self.estimator)
-
-    def on_report(self, event: Report) -> None:
+    def _on_report(self, event: Report) -> None:
         """Feed the estimator with what something beside the IMU has measured.
 
         Of several messages that report the same, only with the chosen one.
         """
         sample = event.sample
-        if isinstance(event, BodyRates) and self._has_other_clock(event.arrival_us, sample.time_us):
+        if isinstance(event, BodyRates) and self.imu.has_other_clock(
+            event.arrival_us, sample.time_us
+        ):
             return
         if not self._report_choices.take(event):
             return
         reason = self.estimator.update_report(sample)
         if reason is not None:
-            self.reject(reason)
+            self.rejected[reason] += 1
         elif isinstance(sample, VelocitySample):
             self.comparison.take_velocity(sample.time_us, sample.velocity_ned_m_s)
 
@@ -173,7 +183,7 @@ class Vehicle:
         ahead_us = event.time_us - sample.time_us
         late_us = event.arrival_us - last.arrival_us if event.message == UNSTAMPED else 0
         is_near = max(late_us, abs(ahead_us)) <= max(self.imu.median_period_us, 1)
-        if not is_near or self._has_other_clock(event.arrival_us, event.time_us):
+        if not is_near or self.imu.has_other_clock(event.arrival_us, event.time_us):
             return []
         ours = self.estimator.attitude(sample.time_us + max(ahead_us, 0))
         if not is_finite(ours):
@@ -237,10 +247,6 @@ class Vehicle:
 
     # --- changes
 
-    def reject(self, reason: Reason, count: int = 1) -> None:
-        """Count refused samples (or frames, which were not even opened)."""
-        self.rejected[reason] += count
-
     def replace_profile(self, profile: Profile) -> None:
         """Use another profile from the next sample on; the estimate stays.
 
@@ -269,7 +275,7 @@ class Vehicle:
         """Check that the estimate is finite and, twice a second, that nothing contradicts it."""
         attitude = self.estimator.attitude(sample.time_us)
         if not is_finite(attitude):  # no sample would repair it
-            self.reject(Reason.ESTIMATE_NOT_FINITE)
+            self.rejected[Reason.ESTIMATE_NOT_FINITE] += 1
             self.restart()
             text = "the estimate is not finite, aligning anew"
             return self._lines([text], event.arrival_us)
@@ -287,17 +293,6 @@ class Vehicle:
         self.others.restart()
         return [f"vehicle {self.name}: IMU data from {now} now, {before} is given up"]
 
-    def _has_other_clock(self, arrival_us: int, time_us: int) -> bool:
-        """Whether a message's clock is another than the IMU's, or there is no IMU yet.
-
-        Some autopilots stamp ATTITUDE seconds off; its rates are then those of another time.
-        """
-        last = self.imu.last
-        if last is None:
-            return True
-        age_us = arrival_us - time_us
-        return abs(age_us - (last.arrival_us - last.sample.time_us)) > OTHER_CLOCK_US
-
     def _become(self, state: State, now_us: int) -> list[str]:
         self.imu.state = state
         if state is State.ALIGNING:
@@ -306,6 +301,4 @@ class Vehicle:
 
     def _lines(self, texts: list[str], now_us: int) -> list[str]:
         """Lines about this vehicle, fewer of them where there are too many."""
-        if not texts:
-            return []
         return self._limit.lines([f"vehicle {self.name}: {text}" for text in texts], now_us)

@@ -233,13 +233,10 @@ def _with_covariance(record: AttitudeRecord) -> Message:
 
 def announced(said: Autopilot) -> str:
     """A text whose first 50 letters, which any ground station shows, say the most."""
-    is_tilted = said.axis == "inclination"
-    sigmas = said.inclination_sigmas if is_tilted else said.heading_sigmas
-    sigma_deg = said.off_deg / max(sigmas, 0.1)
     what = said.in_short.replace("°", " deg")
     who = {"autopilot": "the autopilot's", "ours": "ours"}.get(said.wrong)
     named = f"likely wrong: {who}" if who else "which is wrong is not known"
-    return f"{what} ours (+-{sigma_deg:.0f} deg); {named}"
+    return f"{what} ours (+-{said.sigma_deg:.0f} deg); {named}"
 
 
 def _is_due(now_us: int, due_us: int, period_us: int) -> bool:

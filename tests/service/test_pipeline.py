@@ -14,6 +14,7 @@ from drivers.events import (
     Notice,
     Parameter,
     ReferenceAttitude,
+    RefusedFrames,
     Rejected,
     VehicleId,
 )
@@ -51,6 +52,15 @@ def test_a_parameter_that_comes_before_the_first_sample_counts():
     pipeline.handle(Parameter(VehicleId(2, 1), START_US, "INS_GYRO_FILTER", 4.0))  # unwanted
     (vehicle,) = pipeline.vehicles
     assert vehicle.estimator.snapshot.context.imu_lag_s == pytest.approx(0.05627, abs=1e-5)
+
+
+def test_frames_that_are_not_let_in_count_for_a_vehicle_that_is_there_and_make_none():
+    pipeline = fed(
+        [*imu_events(3), *(RefusedFrames(VehicleId(k, 1), 0, "unsigned", 7) for k in (1, 2))]
+    )
+    (vehicle,) = pipeline.vehicles
+    assert vehicle.rejected == {"unsigned": 7}
+    assert pipeline.refused_frames == {"unsigned": 14}
 
 
 @pytest.mark.parametrize("profile", ["paper", "imu"])
