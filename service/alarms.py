@@ -95,8 +95,7 @@ class Alarms:
     def restart(self) -> None:
         """Forget what was seen of another estimate."""
         self.words: frozenset[Alarm] = frozenset()  # of the alarms that stand now
-        self._next_us: int | None = None
-        self._last_us = 0
+        self._last_us: int | None = None  # of the vehicle's time
         self._lasting = {word: Lasting(patience_s) for word, patience_s in PATIENCE_S.items()}
         self._force: Vec3 | None = None  # mean specific force, NED
         self._field: Vec3 | None = None  # mean field, NED, and its mean square
@@ -110,7 +109,7 @@ class Alarms:
 
     def is_due(self, time_us: int) -> bool:
         """Whether it is time to look again."""
-        return self._next_us is None or time_us >= self._next_us
+        return self._last_us is None or time_us - self._last_us >= LOOK_EVERY_US
 
     def look(
         self,
@@ -125,11 +124,8 @@ class Alarms:
         A field that is not used, because velocity contradicts it, says nothing of the attitude.
         """
         time_us = sample.time_us
-        if self._next_us is None:
-            self._last_us = time_us
-        self._next_us = time_us + LOOK_EVERY_US
-        dt_s = min(1e-6 * (time_us - self._last_us), MEMORY_S)
-        self._last_us = time_us
+        last_us, self._last_us = self._last_us, time_us
+        dt_s = 0.0 if last_us is None else min(1e-6 * (time_us - last_us), MEMORY_S)
         self._remember(sample, attitude, dt_s / (MEMORY_S + dt_s))
         # what contradicts the vertical is in sigma, and costs more to ask for
         is_sure = degrees(attitude.sigma_inclination_rad) < LEANING_DEG

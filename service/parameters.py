@@ -141,17 +141,11 @@ class ProfileChanges:
 
     def report(self, replaced: Replaced) -> None:
         """Publish a vehicle's parameters with the next tick; only the latest count."""
-        others = [
-            output
-            for output in self.outputs
-            if not (isinstance(output, Replaced) and output.vehicle == replaced.vehicle)
-        ]
-        self.outputs = [*others, replaced]
-
-    def take_outputs(self) -> list[Output]:
-        """What is to be published, once."""
-        outputs, self.outputs = self.outputs, []
-        return outputs
+        for each in self.outputs:
+            if isinstance(each, Replaced) and each.vehicle == replaced.vehicle:
+                self.outputs.remove(each)
+                break
+        self.outputs.append(replaced)
 
     def _change(self, vehicle: Vehicle, profile: Profile) -> None:
         vehicle.replace_profile(profile)

@@ -35,12 +35,21 @@ from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.profile import Profile
 from estimator.reasons import Reason
-from service.evictions import EvictedCounts, Evictions
-from service.lines import LinkLines
+from service.evictions import Evictions
+from service.lines import LineLimit, LinkLines
 from service.load import Load, Losses
 from service.parameters import ProfileChanges
 from service.publishing import STATUS_PERIOD_US
-from service.records import Departed, Message, Output, Peer, Published, Replaced, State
+from service.records import (
+    Departed,
+    Message,
+    Output,
+    Peer,
+    Published,
+    Replaced,
+    State,
+    vehicle_name,
+)
 from service.vehicle import STANDARD_RATE_HZ, Vehicle
 from service.vehicle_status import status_record
 
@@ -85,15 +94,13 @@ class Pipeline:
         self._changes = ProfileChanges(profile, fits_built_in=fits_built_in)
         self._vehicles: dict[VehicleId, Vehicle] = {}
         self._links = LinkLines()
+        self._limit = LineLimit("vehicles")
         self._look_us = 0  # when silent vehicles are looked for next
 
     @property
     def vehicles(self) -> tuple[Vehicle, ...]:
         """All vehicles but those that are forgotten, in the order of their appearance."""
         return tuple(self._vehicles.values())
-
-    def __len__(self) -> int:
-        return len(self._vehicles)
 
     def vehicle(self, address: VehicleId) -> Vehicle | None:
         """The vehicle of that address, if it has been seen."""
@@ -185,7 +192,7 @@ class Pipeline:
         """
         if load is not None:
             self.load = load
-        outputs = self._changes.take_outputs()
+        outputs, self._changes.outputs = self._changes.outputs, []
         if not 0 < self._look_us - now_us <= LOOK_US:
             self._look_us = now_us + LOOK_US
             outputs += self._forget_silent(now_us)
@@ -217,7 +224,7 @@ class Pipeline:
         outputs: list[Output] = []
         if not (self.load.has_just_woken or is_left_out):
             outputs = _messages(vehicle.on_time(now_us))
-        if is_left_out or not vehicle.publishing.grid.is_due(now_us):
+        if is_left_out or not vehicle.publishing.is_attitude_due(now_us):
             return outputs
         is_held_back = self.load.is_shedding or self.load.has_just_woken
         if is_held_back and vehicle.publishing.is_stale(now_us, vehicle.imu.samples):
@@ -273,7 +280,7 @@ class Pipeline:
         kept = self.evictions.take_profile(address)
         profile = kept or self.profile
         vehicle = Vehicle(address, profile, self._new_estimator(profile), self._rate_hz)
-        vehicle.publishing.stagger(len(self._vehicles) + self.evictions.counts.vehicles)
+        vehicle.publishing.stagger(len(self._vehicles) + self.evictions.counts["vehicles"])
         self._vehicles[address] = vehicle
         if kept is not None:
             self._changes.report(Replaced(address, kept))
@@ -284,16 +291,21 @@ class Pipeline:
         gone = self.evictions.look(heard_us, now_us)
         for address in gone:
             self._forget(address)
-        return _messages(self.evictions.lines(gone, now_us))
+        lines = [f"vehicle {vehicle_name(each)}: gone, and forgotten" for each in gone]
+        return _messages(self._limit.lines(lines, now_us))
 
     def _forget(self, address: VehicleId) -> None:
         """Forget a vehicle, all but the parameters that somebody gave it."""
         vehicle = self._vehicles.pop(address, None)
         if vehicle is None:
             return
-        rejected, imu, publishing = vehicle.rejected.total(), vehicle.imu, vehicle.publishing
-        counts = EvictedCounts(1, imu.samples, imu.shed, rejected, publishing.attitudes)
-        self.evictions.counts = self.evictions.counts.plus(counts)
+        self.evictions.counts.update(
+            vehicles=1,
+            samples=vehicle.imu.samples,
+            shed=vehicle.imu.shed,
+            rejected=vehicle.rejected.total(),
+            attitudes=vehicle.publishing.attitudes,
+        )
         if vehicle.profile != self.profile and vehicle.built_in_motion is None:
             self.evictions.keep(address, vehicle.profile)
         self._changes.outputs.append(Departed(address))

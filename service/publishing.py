@@ -28,19 +28,23 @@ from service.records import SCHEMA, AttitudeRecord, Confidence, Retuned, Sigma, 
 STATUS_PERIOD_US = 1_000_000
 # While samples are left out, an attitude of an old sample is repeated no more often than this.
 REPEATED_US = 250_000
+# How far the grid moves towards an arrival, as a share of what separates them.
+SLIDE = 0.125
 GOLDEN = 0.6180339887498949  # its multiples spread evenly over the unit interval
 
 
 class Publishing:
-    """Counts of the records of one vehicle, and their schedule. Times are the host's."""
+    """Counts of the records of one vehicle, and their grid. Times are the host's."""
 
     def __init__(self, rate_hz: float) -> None:
-        self.grid = PublishGrid(rate_hz)
         self.clock = HostClock()
         self.attitudes = 0
         self.statuses = 0
         self.retuned: Retuned | None = None
         self.status_due_us = 0
+        self._period_us = 1e6 / rate_hz  # of the grid
+        self._due_us = 0.0  # of the next attitude, without the offset
+        self._offset_us = 0.0
         self.wake_us = 0.0  # when to look next, as far as was known at the last look
         self._samples = -1  # at the last attitude,
         self._attitude_us = 0  # and when that was
@@ -55,7 +59,7 @@ class Publishing:
 
     def note_attitude(self, now_us: int, samples: int) -> None:
         """An attitude was published, after so many samples."""
-        self.grid.advance(now_us, has_sample=samples != self._samples)
+        self._advance(now_us, has_sample=samples != self._samples)
         self.attitudes += 1
         self._samples, self._attitude_us = samples, now_us
 
@@ -92,32 +96,18 @@ class Publishing:
             return load.rate_hz
         return min(load.rate_hz, round(1e6 * count / since_us, 1))
 
-
-# How far the grid moves towards an arrival, as a share of what separates them.
-SLIDE = 0.125
-
-
-class PublishGrid:
-    """The grid of one vehicle."""
-
-    def __init__(self, rate_hz: float) -> None:
-        self._period_us = 1e6 / rate_hz
-        self._due_us = 0.0  # without the offset
-        self._offset_us = 0.0
-        self._begun = False
-
     @property
     def due_us(self) -> float:
         """When the next attitude is due."""
         return self._due_us + self._offset_us
 
-    def is_due(self, now_us: int) -> bool:
+    def is_attitude_due(self, now_us: int) -> bool:
         """Whether the next attitude is due; at once if the host's clock was set back."""
         return not 0.0 < self.due_us - now_us <= 2.0 * self._period_us
 
     def meets(self, now_us: int, sample_period_us: float) -> bool:
         """Whether the sample taken at ``now_us`` is the one that the next attitude waits for."""
-        if not self._begun or self.is_due(now_us):
+        if self.attitudes == 0 or self.is_attitude_due(now_us):
             return True
         early_us = min(0.5 * sample_period_us, 0.5 * self._period_us)
         return self.due_us - now_us <= early_us
@@ -132,11 +122,10 @@ class PublishGrid:
         waits = sample_period_us > 0.0 and due_us - half_us < expected_us < due_us + half_us
         return due_us + half_us if waits else due_us
 
-    def advance(self, now_us: int, *, has_sample: bool) -> None:
-        """An attitude was published at ``now_us``, with a sample of its own or without."""
+    def _advance(self, now_us: int, *, has_sample: bool) -> None:
+        """Move the grid on: an attitude was published, with a sample of its own or without."""
         late_us = now_us - self.due_us
-        if not self._begun or abs(late_us) > 2e6:  # the first, or the clock was set
-            self._begun = True
+        if self.attitudes == 0 or abs(late_us) > 2e6:  # the first, or the clock was set
             self._due_us, self._offset_us = now_us + self._period_us, 0.0
             return
         if has_sample:

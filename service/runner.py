@@ -14,7 +14,6 @@ from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
 from service.process import Frozen, steady
 from service.records import Message, Output
-from service.signals import Stoppable
 from service.sinks.sink import Outbox
 
 # A loop that wakes so late was stopped, with the computer or by itself: for a while nobody can tell
@@ -27,7 +26,7 @@ LEAST_REST = 0.25
 MAX_WAIT_S = 0.1
 
 
-class Runner(Stoppable):
+class Runner:
     """Runs a pipeline until stopped.
 
     ``now_us`` is the host time that arrivals are stamped with (Unix time for live sources),
@@ -50,7 +49,7 @@ class Runner(Stoppable):
         overload: Overload | None = None,
         recording: Callable[[], str] = str,
     ) -> None:
-        super().__init__()
+        self.was_stopped = False
         self.overruns = 0
         self.ticks = 0
         self._source = source
@@ -74,6 +73,10 @@ class Runner(Stoppable):
     def dropped(self) -> int:
         """Events and records lost so far."""
         return self._source.dropped + self._outbox.dropped
+
+    def stop(self) -> None:
+        """Have the loop end at its next turn; from any thread or signal handler."""
+        self.was_stopped = True
 
     def run(self, seconds: float | None = None, is_over: Callable[[], object] = bool) -> None:
         """Loop until stopped or over, for ``seconds`` if given, or to the end of a finite source.
@@ -100,7 +103,7 @@ class Runner(Stoppable):
             if now_s >= due_s:
                 self.overruns += int((now_s - due_s) * self._rate_hz)
                 due_s = self._tick(now_s)
-                frozen.add(len(self._pipeline), now_s)
+                frozen.add(len(self._pipeline.vehicles), now_s)
         self._tick(self._monotonic_s())  # publishes what the last events have changed
 
     def _take(self, timeout_s: float) -> None:

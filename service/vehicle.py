@@ -206,7 +206,7 @@ class Vehicle:
     def meets_grid(self, now_us: int) -> bool:
         """Whether the sample that was just taken is the one that the next attitude waits for."""
         period_us = self.imu.median_period_us
-        return self.state in HAS_ATTITUDE and self.publishing.grid.meets(now_us, period_us)
+        return self.state in HAS_ATTITUDE and self.publishing.meets(now_us, period_us)
 
     def schedule(self, now_us: int) -> None:
         """Note when to look at it next, if nothing of it arrives until then."""
@@ -214,7 +214,7 @@ class Vehicle:
         if last_us is None or self.state not in HAS_ATTITUDE:
             due_us = float(now_us + LATE_MINIMUM_US)
         else:
-            due_us = self.publishing.grid.deadline_us(last_us, self.imu.median_period_us)
+            due_us = self.publishing.deadline_us(last_us, self.imu.median_period_us)
         self.publishing.wake_us = min(self.publishing.status_due_us, due_us)
 
     def is_left_out(self, now_us: int) -> bool:

@@ -103,9 +103,8 @@ class OpeningSession:
             if "shm" not in str(error):
                 raise
             self.note = f"zenoh: no shared memory, going on without: {_one_line(error)}"
-        config = _config(self._options)
-        _set(config, "transport/shared_memory/enabled", False)
-        return zenoh.open(config)
+        settings = (*self._options.settings, "transport/shared_memory/enabled:false")
+        return zenoh.open(_config(self._options._replace(settings=settings)))
 
 
 def _close_opened(opened: "Future[zenoh.Session]") -> None:
