@@ -11,14 +11,12 @@ from typing import NamedTuple
 class Load(NamedTuple):
     """Whether the loop leaves anything out now.
 
-    ``rate_hz`` is how often attitudes are published where there is time for it. While it
-    ``is_shedding``, only vehicles with a new sample have theirs published. Right after a stop
-    (``has_just_woken``) nobody can tell yet whose silence is his own.
+    While it ``is_shedding``, only vehicles with a new sample have their attitude published. Right
+    after a stop (``has_just_woken``) nobody can tell yet whose silence is his own.
     """
 
     is_shedding: bool = False
     has_just_woken: bool = False
-    rate_hz: float = 0.0
 
 
 class Losses(NamedTuple):

@@ -17,20 +17,9 @@ APART_US = 250_000  # arrivals of readings that are compared
 class _Means:
     """Of one IMU and ours, as the vehicle sends both."""
 
-    def __init__(self) -> None:
-        self.looked_us = 0
-        self.looks = 0
-        self.force: Vec3 = ZERO_VEC3  # m/s^2
-        self.our_force: Vec3 = ZERO_VEC3
-        self.rate: Vec3 = ZERO_VEC3  # less ours, rad/s
-
-    def add(self, rate: Vec3, force: Vec3, ours: Imu) -> None:
-        """Take one reading of each."""
-        self.looks += 1
-        share = 1.0 / min(self.looks, LOOKS)
-        self.force = towards(self.force, force, share)
-        self.our_force = towards(self.our_force, ours.sample.acc_m_s2, share)
-        self.rate = towards(self.rate, subtract(rate, ours.sample.gyr_rad_s), share)
+    looked_us = looks = 0
+    force = our_force = ZERO_VEC3  # m/s^2
+    rate = ZERO_VEC3  # less ours, rad/s
 
 
 class OtherImus:
@@ -56,7 +45,11 @@ class OtherImus:
             return
         means = self._means.setdefault(message, _Means())
         means.looked_us = arrival_us
-        means.add(rate, force, ours)
+        means.looks += 1
+        share = 1.0 / min(means.looks, LOOKS)
+        means.force = towards(means.force, force, share)
+        means.our_force = towards(means.our_force, ours.sample.acc_m_s2, share)
+        means.rate = towards(means.rate, subtract(rate, ours.sample.gyr_rad_s), share)
 
     def records(self, now_us: int) -> dict[str, ImuDifference]:
         """The differences of those that still come, by message."""

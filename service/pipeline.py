@@ -8,27 +8,8 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
-from drivers.events import (
-    BuiltIn,
-    ClockReset,
-    Event,
-    FilterStatus,
-    Forgotten,
-    Heartbeat,
-    Imu,
-    LinkDown,
-    LinkUp,
-    Malformed,
-    ModeChange,
-    Notice,
-    OtherImu,
-    Position,
-    ReferenceAttitude,
-    RefusedFrames,
-    Report,
-    VehicleEvent,
-    VehicleId,
-)
+from drivers import events
+from drivers.events import Event, Imu, VehicleEvent, VehicleId
 from drivers.mavlink.constants import is_autopilot
 from drivers.places import PLACES
 from estimator.errors import InputError
@@ -55,13 +36,19 @@ from service.vehicle_status import status_record
 
 MAX_VEHICLES = PLACES  # on one link
 # None of these makes a vehicle
-OF_KNOWN = Position | Report | FilterStatus | ClockReset | ModeChange | OtherImu
+OF_KNOWN = (
+    events.Position,
+    events.Report,
+    events.FilterStatus,
+    events.ClockReset,
+    events.ModeChange,
+    events.OtherImu,
+)
 # What changes only when something comes. Together these vehicles have so many statuses a second:
 # thousands that came and went must not keep those that are there waiting.
 QUIET = frozenset({State.LOST, State.WAITING})
 MOST_QUIET_HZ = 64
-LOOK_US = 1_000_000  # so often silent vehicles are looked for
-MOST_WAIT_US = 1_000_000  # no vehicle is looked at later than that
+LOOK_US = 1_000_000  # so often each vehicle is looked at, and silent ones are looked for
 
 
 class Pipeline:
@@ -86,7 +73,7 @@ class Pipeline:
         self.refused_frames: Counter[Reason] = Counter()
         self.heard: set[int] = set()
         self.evictions = Evictions()
-        self.load = Load(rate_hz=rate_hz)
+        self.load = Load()
         self._rate_hz = rate_hz
         self.wake_us = 0.0  # when :meth:`tick` has something to do next, if nothing arrives
         self._system_id = system_id
@@ -123,23 +110,25 @@ class Pipeline:
         if isinstance(event, Imu):  # most events are
             return self._on_imu(event, now_us)
         match event:
-            case ReferenceAttitude():
+            case events.ReferenceAttitude():
                 return self.on_reference(event)
-            case Forgotten(vehicle=address):
+            case events.Forgotten(vehicle=address):
                 self._forget(address)
-            case RefusedFrames(vehicle=address, reason=reason, frames=frames):
+            case events.RefusedFrames(vehicle=address, reason=reason, frames=frames):
                 self.refused_frames[reason] += frames
                 if (vehicle := self._vehicles.get(address)) is not None:  # refused, nobody appears
                     vehicle.rejected[reason] += frames
             case VehicleEvent():
                 return self._on_vehicle_event(event)
-            case Malformed(frames=frames):
+            case events.Malformed(frames=frames):
                 self.malformed += frames
-            case Notice(vehicle=address, text=text):
-                is_wanted = address is None or self._is_wanted(address)
-                if is_wanted and not self._is_settled(event):
+            case events.Notice(vehicle=address, text=text):
+                vehicle = None if address is None else self._vehicles.get(address)
+                mounting = (vehicle or self).profile.mounting
+                is_settled = event.section == "mounting" and not mounting.has_body_axes
+                if not is_settled and (address is None or self._is_wanted(address)):
                     return [Message(text)]
-            case LinkUp() | LinkDown():
+            case events.LinkUp() | events.LinkDown():
                 return [Message(self._links.line(event))]
         return []
 
@@ -148,14 +137,13 @@ class Pipeline:
         if vehicle is None:
             return []
         outputs = _messages(vehicle.on_imu(event))
-        is_taken = now_us is not None and vehicle.has_taken(event)
-        if is_taken and now_us is not None and vehicle.meets_grid(now_us):
+        if now_us is not None and vehicle.has_taken(event) and vehicle.meets_grid(now_us):
             outputs += self._published(vehicle, now_us)
         return outputs
 
     def _on_vehicle_event(self, event: VehicleEvent) -> list[Output]:
         """Pass an event on to the vehicle that it is about, which may be a new one."""
-        if isinstance(event, Heartbeat):
+        if isinstance(event, events.Heartbeat):
             if not is_autopilot(event.autopilot, event.vehicle_type):
                 return []
             self.heard.add(event.vehicle.system_id)
@@ -164,13 +152,13 @@ class Pipeline:
             vehicle = self._meet(event.vehicle)
         if vehicle is None:
             return []
-        if isinstance(event, BuiltIn):
+        if isinstance(event, events.BuiltIn):
             return self._changes.fit(vehicle, event)
-        if isinstance(event, ClockReset) and event.reason == "reboot":
+        if isinstance(event, events.ClockReset) and event.reason == "reboot":
             self._changes.note_reboot(vehicle)
         return _messages(vehicle.take(event))
 
-    def on_reference(self, event: ReferenceAttitude) -> list[Output]:
+    def on_reference(self, event: events.ReferenceAttitude) -> list[Output]:
         """Take another's attitude, if there is time for it: samples come first."""
         vehicle = self._vehicles.get(event.vehicle)
         if self.load.is_shedding or vehicle is None:
@@ -198,7 +186,7 @@ class Pipeline:
             outputs += self._forget_silent(now_us)
         self.wake_us = float(self._look_us)
         for vehicle in self._vehicles.values():
-            if not now_us < vehicle.publishing.wake_us <= now_us + MOST_WAIT_US:
+            if not now_us < vehicle.publishing.wake_us <= now_us + LOOK_US:
                 outputs += self._look_at(vehicle, now_us, ask_losses)
             self.wake_us = min(self.wake_us, vehicle.publishing.wake_us)
         return outputs
@@ -235,12 +223,9 @@ class Pipeline:
         attitude = vehicle.attitude(now_us)
         if attitude is None:
             return []
-        published = Published(vehicle.address, attitude, vehicle.imu.last_sample)
-        if not vehicle.peers:
-            return [published]
         peers = list(vehicle.peers.values())
         vehicle.peers.clear()
-        return [*peers, published]
+        return [*peers, Published(vehicle.address, attitude, vehicle.imu.last_sample)]
 
     def _status(self, vehicle: Vehicle, now_us: int, losses: Losses) -> Published:
         status = status_record(vehicle, now_us, self.load, losses, self.malformed)
@@ -273,9 +258,7 @@ class Pipeline:
     def _meet(self, address: VehicleId) -> Vehicle | None:
         """A new vehicle of an address that has none; None if it is not wanted."""
         self.heard.add(address.system_id)
-        if not self._is_wanted(address):
-            return None
-        if len(self._vehicles) >= MAX_VEHICLES:
+        if not self._is_wanted(address) or len(self._vehicles) >= MAX_VEHICLES:
             return None
         kept = self.evictions.take_profile(address)
         profile = kept or self.profile
@@ -309,12 +292,6 @@ class Pipeline:
         if vehicle.profile != self.profile and vehicle.built_in_motion is None:
             self.evictions.keep(address, vehicle.profile)
         self._changes.outputs.append(Departed(address))
-
-    def _is_settled(self, notice: Notice) -> bool:
-        """Whether the vehicle's profile already sets what the notice asks the user to set."""
-        vehicle = None if notice.vehicle is None else self._vehicles.get(notice.vehicle)
-        profile = self.profile if vehicle is None else vehicle.profile
-        return notice.section == "mounting" and not profile.mounting.has_body_axes
 
     def _is_wanted(self, address: VehicleId) -> bool:
         return self._system_id is None or address.system_id == self._system_id

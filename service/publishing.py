@@ -22,7 +22,6 @@ from math import degrees, isfinite, pi
 
 from estimator.geometry.frames import euler_rad
 from estimator.types import Attitude, Quaternion, Vec3
-from service.load import Load
 from service.records import SCHEMA, AttitudeRecord, Confidence, Retuned, Sigma, State
 
 STATUS_PERIOD_US = 1_000_000
@@ -42,6 +41,7 @@ class Publishing:
         self.statuses = 0
         self.retuned: Retuned | None = None
         self.status_due_us = 0
+        self._rate_hz = rate_hz
         self._period_us = 1e6 / rate_hz  # of the grid
         self._due_us = 0.0  # of the next attitude, without the offset
         self._offset_us = 0.0
@@ -87,14 +87,14 @@ class Publishing:
         count = 0 if self.retuned is None else self.retuned.count
         self.retuned = Retuned(count + 1, summary)
 
-    def published_hz(self, now_us: int, load: Load) -> float:
-        """Attitudes a second since the last status; the rate asked for where there is no need."""
+    def published_hz(self, now_us: int, *, is_shedding: bool) -> float:
+        """Attitudes a second since the last status; the rate asked for where nothing is shed."""
         since_us = None if self._status_us is None else now_us - self._status_us
         count = self.attitudes - self._attitudes_then
         self._status_us, self._attitudes_then = now_us, self.attitudes
-        if not load.is_shedding or since_us is None or since_us <= 0:
-            return load.rate_hz
-        return min(load.rate_hz, round(1e6 * count / since_us, 1))
+        if not is_shedding or since_us is None or since_us <= 0:
+            return self._rate_hz
+        return min(self._rate_hz, round(1e6 * count / since_us, 1))
 
     @property
     def due_us(self) -> float:

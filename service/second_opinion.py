@@ -19,7 +19,14 @@ from estimator.aiding.place import resembles
 from estimator.geometry import quaternion
 from estimator.geometry.earth import PlaceField
 from estimator.geometry.quaternion import add, conjugate, multiply, norm, rotate, scale, subtract
-from estimator.types import STANDARD_GRAVITY_M_S2, Attitude, ImuSample, Quaternion, Vec3
+from estimator.types import (
+    STANDARD_GRAVITY_M_S2,
+    ZERO_VEC3,
+    Attitude,
+    ImuSample,
+    Quaternion,
+    Vec3,
+)
 from service.alarms import END_SHARE, Lasting, towards
 from service.publishing import euler_deg
 from service.records import Autopilot
@@ -46,7 +53,7 @@ ODD_SHARE = 0.25
 # So much horizontal acceleration (m/s^2) shows a heading.
 SHOWING_M_S2 = 0.7
 VELOCITY = "velocity"
-STRIDE_S = 1.0  # velocity's gain and the force are compared over so long
+STRIDE_US = 1_000_000  # velocity's gain and the force are compared over so long
 
 
 class Verdict(StrEnum):
@@ -97,52 +104,56 @@ class Consistency:
     """What force, velocity and field have said of one attitude over the last seconds."""
 
     def __init__(self) -> None:
-        self._pushed: Vec3 = (0.0, 0.0, 0.0)  # mean specific force, NED
-        self._north: Vec3 = (0.0, 0.0, 0.0)  # mean field, NED
-        self._stride: Vec3 = (0.0, 0.0, 0.0)  # velocity that the force has given in this stride
-        self._across = self._along = self._square = 0.0
         self._weight = 0.0
+        self._force = self._field = ZERO_VEC3  # means, NED
+        self._gained = ZERO_VEC3  # mean acceleration by velocity, NED
+        self._turn = ZERO_VEC3  # mean of what is across and along of it, and of its square
+        self._stride = ZERO_VEC3  # velocity that the force has given since
+        self._begun: tuple[int, Vec3] | None = None  # this time and velocity
 
     def look(self, q: Quaternion, sample: ImuSample, dt_s: float) -> None:
         """Take the force and the field as the attitude ``q`` sees them."""
         share = 1.0 - exp(-dt_s / CONSISTENCY_S)
         force = rotate(q, sample.acc_m_s2)
-        self._pushed = towards(self._pushed, force, share)
+        self._force = towards(self._force, force, share)
         if sample.has_mag:
-            self._north = towards(self._north, rotate(q, sample.mag_gauss), share)
+            self._field = towards(self._field, rotate(q, sample.mag_gauss), share)
         self._weight += share * (1.0 - self._weight)
         self._stride = add(self._stride, scale(dt_s, force))
 
-    def gain(self, gained_m_s: Vec3, dt_s: float) -> None:
-        """Compare what the force has given with what velocity has gained in ``dt_s``."""
-        share = 1.0 - exp(-dt_s / CONSISTENCY_S)
-        x, y, _ = self._stride
-        u, v, _ = gained_m_s
-        self._across += share * ((x * v - y * u) / dt_s**2 - self._across)
-        self._along += share * ((x * u + y * v) / dt_s**2 - self._along)
-        self._square += share * ((u * u + v * v) / dt_s**2 - self._square)
-        self.begin_stride()
+    def take_velocity(self, time_us: int, velocity: Vec3) -> None:
+        """Compare, once a second, what the force has given with what velocity has gained."""
+        begun_us, begun = self._begun or (time_us, velocity)
+        passed_us = time_us - begun_us
+        if 0 < passed_us < STRIDE_US:
+            return
+        if STRIDE_US <= passed_us < SILENT_US:
+            dt_s = 1e-6 * passed_us
+            share = 1.0 - exp(-dt_s / CONSISTENCY_S)
+            gained = subtract(velocity, begun)
+            self._gained = towards(self._gained, scale(1.0 / dt_s, gained), share)
+            (x, y, _), (u, v, _) = self._stride, gained
+            turn = (x * v - y * u, x * u + y * v, u * u + v * v)
+            self._turn = towards(self._turn, scale(1.0 / dt_s**2, turn), share)
+        self._begun, self._stride = (time_us, velocity), ZERO_VEC3
 
-    def begin_stride(self) -> None:
-        """Sum the force anew: the last stride has ended, or velocity was not known."""
-        self._stride = (0.0, 0.0, 0.0)
-
-    def held_m_s2(self, gained_m_s2: Vec3) -> Vec3:
+    def held_m_s2(self) -> Vec3:
         """The mean force less the velocity gained meanwhile, which should point up."""
-        return subtract(scale(1.0 / max(self._weight, 1e-9), self._pushed), gained_m_s2)
+        return subtract(scale(1.0 / max(self._weight, 1e-9), self._force), self._gained)
 
     def dip_deg(self, place: PlaceField | None) -> float | None:
         """How far the mean field's dip is off the place's; None where either is not known."""
-        north, east, down = self._north
-        if place is None or not any(self._north):
+        north, east, down = self._field
+        if place is None or not any(self._field):
             return None
         return abs(degrees(atan2(down, hypot(north, east)) - place.dip_rad))
 
     def turn_deg(self, place: PlaceField | None) -> tuple[float, str] | None:
         """How far (deg) the heading is off by velocity, else by the field; None if neither says."""
-        if self._square > SHOWING_M_S2**2:
-            return degrees(atan2(-self._across, self._along)), VELOCITY
-        north, east, down = self._north
+        across, along, square = self._turn
+        if square > SHOWING_M_S2**2:
+            return degrees(atan2(-across, along)), VELOCITY
+        north, east, down = self._field
         if place is None or not resembles(place, hypot(north, east), down):
             return None
         off = atan2(east, north) - place.declination_rad
@@ -166,8 +177,6 @@ class SecondOpinion:
         self._last_us: int | None = None
         self._tilting, self._turning = Lasting(PATIENCE_S), Lasting(PATIENCE_S)
         self._ours, self._theirs = Consistency(), Consistency()
-        self._velocity: tuple[int, Vec3] | None = None  # at the stride's beginning
-        self._gained: Vec3 = (0.0, 0.0, 0.0)  # mean acceleration by velocity, m/s^2
 
     def is_due(self, time_us: int) -> bool:
         """Whether it is time to look again."""
@@ -175,20 +184,8 @@ class SecondOpinion:
 
     def take_velocity(self, time_us: int, velocity_ned_m_s: Vec3) -> None:
         """Take the vehicle's velocity."""
-        if self._velocity is None or not 0 < time_us - self._velocity[0] < SILENT_US:
-            self._velocity = (time_us, velocity_ned_m_s)
-            self._ours.begin_stride()
-            self._theirs.begin_stride()
-            return
-        dt_s = 1e-6 * (time_us - self._velocity[0])
-        if dt_s < STRIDE_S:
-            return
-        gained = subtract(velocity_ned_m_s, self._velocity[1])
-        for consistency in (self._ours, self._theirs):
-            consistency.gain(gained, dt_s)
-        share = 1.0 - exp(-dt_s / CONSISTENCY_S)
-        self._gained = towards(self._gained, scale(1.0 / dt_s, gained), share)
-        self._velocity = (time_us, velocity_ned_m_s)
+        for each in (self._ours, self._theirs):
+            each.take_velocity(time_us, velocity_ned_m_s)
 
     def compare(
         self,
@@ -332,7 +329,7 @@ class SecondOpinion:
         shows in the field's dip.
         """
         both = self._ours, self._theirs
-        held = [each.held_m_s2(self._gained) for each in both]
+        held = [each.held_m_s2() for each in both]
         ours, theirs = (degrees(atan2(hypot(x, y), -z)) for x, y, z in held)
         wrong, evidence = _named("the mean force", ours, theirs, off_deg)
         if wrong != "autopilot":

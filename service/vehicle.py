@@ -2,24 +2,8 @@
 
 from collections import Counter
 
-from drivers.events import (
-    BodyRates,
-    ClockReset,
-    FilterStatus,
-    Heartbeat,
-    Imu,
-    ModeChange,
-    OtherImu,
-    Parameter,
-    Position,
-    ReferenceAttitude,
-    Rejected,
-    Report,
-    Shed,
-    TrackLost,
-    VehicleEvent,
-    VehicleId,
-)
+from drivers import events
+from drivers.events import Imu, VehicleEvent, VehicleId
 from estimator.estimator import Estimator
 from estimator.profile import Profile
 from estimator.reasons import Reason
@@ -110,38 +94,39 @@ class Vehicle:
     def take(self, event: VehicleEvent) -> list[str]:
         """Take whatever else it has sent, or was noticed of it."""
         match event:
-            case Report():
+            case events.Report():
                 self._on_report(event)
-            case Position(latitude_deg=latitude_deg, longitude_deg=longitude_deg):
+            case events.Position(latitude_deg=latitude_deg, longitude_deg=longitude_deg):
                 height_m, now_us = event.altitude_m, event.arrival_us
                 self.estimator.set_position(latitude_deg, longitude_deg, height_m, now_us)
-            case Heartbeat():
+            case events.Heartbeat():
                 self.heard_us = event.arrival_us
                 self.parameters.take_heartbeat(event, self.estimator)
-            case OtherImu(message=message, arrival_us=now_us, rate_rad_s=rate, force_m_s2=force):
+            case events.OtherImu(message=message, arrival_us=now_us):
+                rate, force = event.rate_rad_s, event.force_m_s2
                 self.others.take(message, now_us, rate, force, self.imu.last)
-            case ModeChange():
+            case events.ModeChange():
                 self.parameters.take_mode(event)
-            case FilterStatus():
+            case events.FilterStatus():
                 self.comparison.filter_status = event
-            case Parameter():
+            case events.Parameter():
                 self.parameters.take(event, self.estimator)
-            case Rejected():
+            case events.Rejected():
                 self.heard_us = event.arrival_us
                 if not event.message or self.imu.message in (None, event.message):
                     self.rejected[event.reason] += 1
-            case Shed():
+            case events.Shed():
                 self.heard_us = event.arrival_us
                 self.imu.note_shed(event)
-            case TrackLost() if event.message == self.imu.message:
+            case events.TrackLost() if event.message == self.imu.message:
                 self.restart()
                 text = f"{event.reason} for {event.blind_s:.1f} s, aligning anew"
                 return self._lines([text], event.arrival_us)
-            case ClockReset():
+            case events.ClockReset():
                 return self._on_clock_reset(event)
         return []
 
-    def _on_clock_reset(self, event: ClockReset) -> list[str]:
+    def _on_clock_reset(self, event: events.ClockReset) -> list[str]:
         """The vehicle's clock began anew: what was known about its time and attitude is void."""
         if event.goes_on:
             return self._lines([f"clock jump by {event.step_s:+.1f} s, cut out"], event.arrival_us)
@@ -152,13 +137,13 @@ class Vehicle:
         text = f"clock {event.reason} by {event.step_s:+.1f} s, aligning anew"
         return self._lines([text], event.arrival_us)
 
-    def _on_report(self, event: Report) -> None:
+    def _on_report(self, event: events.Report) -> None:
         """Feed the estimator with what something beside the IMU has measured.
 
         Of several messages that report the same, only with the chosen one.
         """
         sample = event.sample
-        if isinstance(event, BodyRates) and self.imu.has_other_clock(
+        if isinstance(event, events.BodyRates) and self.imu.has_other_clock(
             event.arrival_us, sample.time_us
         ):
             return
@@ -170,7 +155,7 @@ class Vehicle:
         elif isinstance(sample, VelocitySample):
             self.comparison.take_velocity(sample.time_us, sample.velocity_ned_m_s)
 
-    def on_reference(self, event: ReferenceAttitude) -> list[str]:
+    def on_reference(self, event: events.ReferenceAttitude) -> list[str]:
         """Compare the autopilot's attitude with ours of the same instant, some times a second.
 
         None is compared that is stamped by another clock or more than a sample's interval away.

@@ -55,7 +55,7 @@ def test_a_long_overload_is_one_although_a_window_is_without():
 
 def test_while_samples_are_left_out_attitudes_are_of_new_ones():
     pipeline, events = Pipeline(load_profile("paper")), imu_events(20)
-    shedding = Load(is_shedding=True, rate_hz=50.0)
+    shedding = Load(is_shedding=True)
     for event in events[:10]:
         pipeline.handle(event)
     begin_us = events[9].arrival_us
@@ -73,7 +73,7 @@ def test_while_samples_are_left_out_attitudes_are_of_new_ones():
 def test_whose_samples_are_left_out_is_not_silent(is_left_out):
     """Its last attitude is not shown again, either; who is silent is degraded."""
     pipeline, events = Pipeline(load_profile("paper")), imu_events(20)
-    shedding = Load(is_shedding=True, rate_hz=50.0)
+    shedding = Load(is_shedding=True)
     for event in events:
         pipeline.handle(event)
     begin_us = events[-1].arrival_us
@@ -133,7 +133,7 @@ class SlowPipeline(Pipeline):
     """A computer on which a sample takes ``cost_s``; it is stopped for a while at ``stop_at_s``."""
 
     def __init__(self, clock, cost_s=0.0, stop_at_s=math.inf, stop_s=0.0):
-        super().__init__(load_profile("paper"))
+        super().__init__(load_profile("paper"), rate_hz=50.0)
         self._clock, self._cost_s = clock, cost_s
         self._stop_at_s, self._stop_s = stop_at_s, stop_s
 
