@@ -132,9 +132,10 @@ class Alarms:
         leaning_rad = 0.0 if is_sure else estimator.leaning_rad
         why, place = estimator.compass_doubt, estimator.place_field
         uses_field = why != CONTRADICTED
+        limit = AT_LIMIT * bias_limit_rad_s(profile)
         seen = {
             Alarm.ACCELEROMETER: degrees(leaning_rad) > LEANING_DEG,
-            Alarm.BIAS_AT_LIMIT: _is_at_limit(attitude, profile),
+            Alarm.BIAS_AT_LIMIT: limit > 0.0 and max(map(abs, attitude.gyro_bias_rad_s)) >= limit,
             Alarm.FIELD_IMPOSSIBLE: not uses_field or self._is_field_impossible(attitude, place),
             Alarm.SIGMA_TOO_SMALL: self._is_sigma_too_small(attitude, uses_field),
             **dict(zip(AXES, estimator.contradicted_axes, strict=True)),
@@ -223,11 +224,6 @@ def bias_limit_rad_s(profile: Profile) -> float:
         return profile.filter.bias_bound_rad_s
     given = profile.conditioning.get("bias_limit_rad_s", CONDITIONING_DEFAULTS["bias_limit_rad_s"])
     return float(given)
-
-
-def _is_at_limit(attitude: Attitude, profile: Profile) -> bool:
-    limit = AT_LIMIT * bias_limit_rad_s(profile)
-    return limit > 0.0 and max(map(abs, attitude.gyro_bias_rad_s)) >= limit
 
 
 def _claims_no_heading(attitude: Attitude) -> bool:

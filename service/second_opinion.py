@@ -72,11 +72,6 @@ class Difference(NamedTuple):
     allowed_deg: float
 
     @property
-    def is_known(self) -> bool:
-        """Whether a difference that matters could be seen."""
-        return self.allowed_deg <= TELLING_DEG
-
-    @property
     def is_beyond(self) -> bool:
         """Whether it is more than may be."""
         return abs(self.off_deg) > self.allowed_deg
@@ -291,10 +286,11 @@ class SecondOpinion:
         axes = ((self._tilting, inclination), (self._turning, heading))
         if any(lasting.is_on for lasting, _ in axes):
             return Verdict.DIFFERS
-        agrees = [
-            it.is_known and not it.is_beyond and lasting.share < END_SHARE for lasting, it in axes
-        ]
-        return Verdict.AGREES if all(agrees) else Verdict.CANNOT_TELL
+        agrees = all(
+            lasting.share < END_SHARE and abs(it.off_deg) <= it.allowed_deg <= TELLING_DEG
+            for lasting, it in axes
+        )
+        return Verdict.AGREES if agrees else Verdict.CANNOT_TELL
 
     def _against_autopilot(self, now_us: int) -> str:
         """What the autopilot's filter reports against itself."""

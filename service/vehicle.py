@@ -268,7 +268,7 @@ class Vehicle:
             return []
         lines = self.alarms.look(sample, event.arrival_us, attitude, self.profile, self.estimator)
         if any(self.estimator.contradicted_axes):  # each second with this IMU does harm
-            self.imu.choice.contradict()
+            self.imu.choice.contradicted.add(event.message)
         return self._lines(lines, event.arrival_us)
 
     def _change_message(self, before: str, now: str) -> list[str]:

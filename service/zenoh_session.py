@@ -159,13 +159,8 @@ def _config(options: ZenohOptions) -> "zenoh.Config":
         for endpoint in endpoints:
             check_endpoint(name, endpoint)
     config = _base(options)
-    if options.config_file is None:
-        _set(config, "transport/link/tx/queue/size/data", TX_BATCHES)
-    if options.config_file is None or options.mode != "peer":
-        _set(config, "mode", options.mode)
-    if options.multicast or options.config_file is None:
-        _set(config, "scouting/multicast/enabled", options.multicast)
-    _set_endpoints(config, options)
+    for key, value in _chosen(options).items():
+        _insert(config, key, json.dumps(value), f"{key} {value!r}")
     for setting in options.settings:
         key, colon, value = setting.partition(":")
         if not colon:
@@ -200,30 +195,28 @@ def _base(options: ZenohOptions) -> "zenoh.Config":
         raise InputError(f"{what}: {_one_line(error)}") from None
 
 
-def _set_endpoints(config: "zenoh.Config", options: ZenohOptions) -> None:
-    """The addresses that were given; else the default ones, unless a configuration file is used."""
-    default = options.config_file is None
-    client = options.mode == "client"
+def _chosen(options: ZenohOptions) -> dict[str, Any]:
+    """The library's settings by key: what was asked for, and our own without a file of them."""
+    default, client = options.config_file is None, options.mode == "client"
+    chosen: dict[str, Any] = {}
+    if default:
+        chosen["transport/link/tx/queue/size/data"] = TX_BATCHES
+    if default or client:
+        chosen["mode"] = options.mode
+    if default or options.multicast:
+        chosen["scouting/multicast/enabled"] = options.multicast
     if options.listen:
-        _set(config, "listen/endpoints", options.listen)
-        _set(config, "listen/exit_on_failure", True)
+        chosen |= {"listen/endpoints": options.listen, "listen/exit_on_failure": True}
     elif default:
-        _set(config, "listen/endpoints", () if client else (DEFAULT_ENDPOINT, FREE_ENDPOINT))
-        _set(config, "listen/exit_on_failure", False)
+        chosen["listen/endpoints"] = () if client else (DEFAULT_ENDPOINT, FREE_ENDPOINT)
         # no second try: a session that still tries to listen cannot be closed (1.10.2)
-        _set(config, "listen/timeout_ms", 0)
-    if options.connect:
-        _set(config, "connect/endpoints", options.connect)
-    elif default:
-        _set(config, "connect/endpoints", (DEFAULT_ENDPOINT,))
+        chosen |= {"listen/exit_on_failure": False, "listen/timeout_ms": 0}
     if default or options.connect:
-        _set(config, "connect/exit_on_failure", client)
-        _set(config, "connect/timeout_ms", CLIENT_TIMEOUT_MS if client else -1)
-        _set(config, "connect/retry", RETRY)
-
-
-def _set(config: "zenoh.Config", key: str, value: Any) -> None:
-    _insert(config, key, json.dumps(value), f"{key} {value!r}")
+        chosen["connect/endpoints"] = options.connect or (DEFAULT_ENDPOINT,)
+        chosen["connect/exit_on_failure"] = client
+        chosen["connect/timeout_ms"] = CLIENT_TIMEOUT_MS if client else -1
+        chosen["connect/retry"] = RETRY
+    return chosen
 
 
 def _insert(config: "zenoh.Config", key: str, json5: str, what: str) -> None:
