@@ -28,10 +28,6 @@ class OtherImus:
     def __init__(self) -> None:
         self._means: dict[str, _Means] = {}  # by message
 
-    def restart(self) -> None:
-        """Forget all: another IMU is in use."""
-        self._means.clear()
-
     def take(
         self, message: str, arrival_us: int, rate: Vec3, force: Vec3, ours: Imu | None
     ) -> None:

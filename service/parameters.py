@@ -97,12 +97,7 @@ class ProfileChanges:
     def replace(
         self, vehicle: Vehicle, partial: dict[str, Any], retuned: str | None = None
     ) -> Profile:
-        """Use the vehicle's profile with the keys of ``partial`` replaced; returns it.
-
-        Raises:
-            InputError: unknown keys, values out of bounds or of no use together. The profile of
-                before stays in force.
-        """
+        """Do :meth:`service.pipeline.Pipeline.replace_profile` for a vehicle that is there."""
         profile = merge_profile(vehicle.profile, partial)
         try:
             vehicle.replace_profile(profile)

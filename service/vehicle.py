@@ -1,6 +1,6 @@
 """One vehicle as the service sees it: its estimator and everything that is known beside it."""
 
-from collections import Counter
+from collections import Counter, deque
 
 from drivers import events
 from drivers.events import Imu, VehicleEvent, VehicleId
@@ -19,6 +19,7 @@ from service.vehicle_parameters import VehicleParameters
 
 # The estimate is checked for not being finite once in so many samples: once it is not, it stays so.
 CHECKED_EVERY = 8
+MOST_VELOCITIES = 128  # two seconds of them
 UNSTAMPED = "AHRS2"  # an attitude of the IMU message before it
 STANDARD_RATE_HZ = 100.0
 
@@ -51,6 +52,8 @@ class Vehicle:
         self.alarms = Alarms()
         self.publishing = Publishing(rate_hz)
         self._report_choices = ReportChoices()
+        # since the autopilot's attitude came last, which alone needs them
+        self._velocities: deque[VelocitySample] = deque(maxlen=MOST_VELOCITIES)
         self._limit = LineLimit(f"vehicle {self.name}")
 
     @property
@@ -143,9 +146,8 @@ class Vehicle:
         Of several messages that report the same, only with the chosen one.
         """
         sample = event.sample
-        if isinstance(event, events.BodyRates) and self.imu.has_other_clock(
-            event.arrival_us, sample.time_us
-        ):
+        is_rates = isinstance(event, events.BodyRates)
+        if is_rates and self.imu.has_other_clock(event.arrival_us, sample.time_us):
             return
         if not self._report_choices.take(event):
             return
@@ -153,7 +155,7 @@ class Vehicle:
         if reason is not None:
             self.rejected[reason] += 1
         elif isinstance(sample, VelocitySample):
-            self.comparison.take_velocity(sample.time_us, sample.velocity_ned_m_s)
+            self._velocities.append(sample)
 
     def on_reference(self, event: events.ReferenceAttitude) -> list[str]:
         """Compare the autopilot's attitude with ours of the same instant, some times a second.
@@ -176,6 +178,9 @@ class Vehicle:
         theirs = self.parameters.view.of_imu(event.message, event.q_ned_frd, ours.q_ned_frd)
         if theirs is None:
             return []
+        while self._velocities:
+            velocity = self._velocities.popleft()
+            self.comparison.take_velocity(velocity.time_us, velocity.velocity_ned_m_s)
         place, alarms = self.estimator.place_field, self.alarms.in_words
         against_ours = f"of ours, {alarms}" if alarms else ""
         lines = self.comparison.compare(event, theirs, ours, sample, place, against_ours)
@@ -254,6 +259,7 @@ class Vehicle:
         self.estimator.restart()
         self.alarms.restart()
         self.comparison.restart()
+        self._velocities.clear()
         self.imu.last = self.imu.last_sample = None
 
     def _check(self, event: Imu, sample: ImuSample) -> list[str]:
@@ -275,7 +281,7 @@ class Vehicle:
         if not before:
             return [f"vehicle {self.name}: IMU data from {now}"]
         self.estimator.change_imu()
-        self.others.restart()
+        self.others = OtherImus()
         return [f"vehicle {self.name}: IMU data from {now} now, {before} is given up"]
 
     def _become(self, state: State, now_us: int) -> list[str]:
