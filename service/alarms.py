@@ -16,9 +16,10 @@ from estimator.aiding.compass import CONTRADICTED
 from estimator.aiding.place import resembles
 from estimator.estimator import Estimator
 from estimator.geometry.earth import PlaceField
-from estimator.geometry.quaternion import add, rotate, scale, subtract
+from estimator.geometry.quaternion import rotate
 from estimator.profile import CONDITIONING_DEFAULTS, Profile
 from estimator.types import Attitude, ImuSample, Vec3
+from service.evidence import Lasting, towards
 
 LOOK_EVERY_US = 500_000
 MEMORY_S = 20.0  # of the averages
@@ -60,7 +61,7 @@ AXES = (Alarm.GYROSCOPE_X, Alarm.GYROSCOPE_Y, Alarm.GYROSCOPE_Z)
 
 # A compass that is this far off may be mounted otherwise than its orientation says; iron does less.
 LEAST_TURNED_DEG = 40
-# Time constants of :class:`service.alarms.Lasting`.
+# Time constants of :class:`service.evidence.Lasting`.
 PATIENCE_S = {
     Alarm.ACCELEROMETER: 5.0,
     Alarm.BIAS_AT_LIMIT: 5.0,
@@ -228,29 +229,3 @@ def bias_limit_rad_s(profile: Profile) -> float:
 
 def _claims_no_heading(attitude: Attitude) -> bool:
     return degrees(attitude.sigma_heading_rad) > UNKNOWN_HEADING_DEG
-
-
-def towards(mean: Vec3 | None, value: Vec3, share: float) -> Vec3:
-    """A running mean with one value more, of that share."""
-    return value if mean is None else add(mean, scale(share, subtract(value, mean)))
-
-
-BEGIN_SHARE, END_SHARE = 0.6, 0.3
-
-
-class Lasting:
-    """The share of time for which something is so; with a time constant of ``patience_s``.
-
-    It is on from 0.6 on, so after 0.92 of that time if it is so all the time, until 0.3: a start
-    or a magnet that passes is too short.
-    """
-
-    def __init__(self, patience_s: float) -> None:
-        self.share = 0.0  # below zero for what is so the other way round
-        self.is_on = False
-        self._patience_s = patience_s
-
-    def look(self, is_so: int, dt_s: float) -> None:
-        """Take what was so for ``dt_s``: 1, 0, or -1 for the other way round."""
-        self.share += dt_s / (self._patience_s + dt_s) * (is_so - self.share)
-        self.is_on = abs(self.share) > (END_SHARE if self.is_on else BEGIN_SHARE)

@@ -5,7 +5,7 @@ from math import degrees, isfinite
 from drivers.events import Imu
 from estimator.geometry.quaternion import angle_between_vectors, norm, subtract
 from estimator.types import ZERO_VEC3, Vec3
-from service.alarms import towards
+from service.evidence import towards
 from service.records import ImuDifference
 
 LOOK_EVERY_US = 500_000

@@ -9,25 +9,17 @@ field points to magnetic north.
 
 from collections import Counter
 from enum import StrEnum
-from math import atan2, cos, degrees, exp, hypot, radians, sin
+from math import atan2, cos, degrees, hypot, radians
 from typing import NamedTuple
 
 from msgspec.structs import replace
 
 from drivers.events import FilterStatus, ReferenceAttitude
-from estimator.aiding.place import resembles
 from estimator.geometry import quaternion
 from estimator.geometry.earth import PlaceField
-from estimator.geometry.quaternion import add, conjugate, multiply, norm, rotate, scale, subtract
-from estimator.types import (
-    STANDARD_GRAVITY_M_S2,
-    ZERO_VEC3,
-    Attitude,
-    ImuSample,
-    Quaternion,
-    Vec3,
-)
-from service.alarms import END_SHARE, Lasting, towards
+from estimator.geometry.quaternion import conjugate, multiply, norm, scale
+from estimator.types import STANDARD_GRAVITY_M_S2, Attitude, ImuSample, Quaternion, Vec3
+from service.evidence import END_SHARE, SILENT_US, VELOCITY, Consistency, Lasting
 from service.publishing import euler_deg
 from service.records import Autopilot
 
@@ -40,20 +32,13 @@ LAG_S = 0.1
 TELLING_DEG = 20.0
 # A heading from magnetic north may be a declination off; where people fly it is under this.
 DECLINATION_DEG = 20.0
-PATIENCE_S = 5.0  # of service.alarms
-# An autopilot that has said nothing for so long is not compared.
-SILENT_US = 2_000_000
+PATIENCE_S = 5.0  # of service.evidence.Lasting
 # What its filter reports of itself, once a second or so, holds until it reports something else.
 FILTER_STATUS_HOLDS_US = 5_000_000
-CONSISTENCY_S = 20.0  # memory of the evidence
 # One of the two is named if the evidence is nearer to the other by this share of the difference.
 NAMED_SHARE = 0.5
 # An accelerometer that is off across gravity makes the force larger; by this share of that is odd.
 ODD_SHARE = 0.25
-# So much horizontal acceleration (m/s^2) shows a heading.
-SHOWING_M_S2 = 0.7
-VELOCITY = "velocity"
-STRIDE_US = 1_000_000  # velocity's gain and the force are compared over so long
 
 
 class Verdict(StrEnum):
@@ -93,66 +78,6 @@ class Interval(NamedTuple):
     heading_deg: float
     wrong: str
     evidence: str
-
-
-class Consistency:
-    """What force, velocity and field have said of one attitude over the last seconds."""
-
-    def __init__(self) -> None:
-        self._weight = 0.0
-        self._force = self._field = ZERO_VEC3  # means, NED
-        self._gained = ZERO_VEC3  # mean acceleration by velocity, NED
-        self._turn = ZERO_VEC3  # mean of what is across and along of it, and of its square
-        self._stride = ZERO_VEC3  # velocity that the force has given since
-        self._begun: tuple[int, Vec3] | None = None  # this time and velocity
-
-    def look(self, q: Quaternion, sample: ImuSample, dt_s: float) -> None:
-        """Take the force and the field as the attitude ``q`` sees them."""
-        share = 1.0 - exp(-dt_s / CONSISTENCY_S)
-        force = rotate(q, sample.acc_m_s2)
-        self._force = towards(self._force, force, share)
-        if sample.has_mag:
-            self._field = towards(self._field, rotate(q, sample.mag_gauss), share)
-        self._weight += share * (1.0 - self._weight)
-        self._stride = add(self._stride, scale(dt_s, force))
-
-    def take_velocity(self, time_us: int, velocity: Vec3) -> None:
-        """Compare, once a second, what the force has given with what velocity has gained."""
-        begun_us, begun = self._begun or (time_us, velocity)
-        passed_us = time_us - begun_us
-        if 0 < passed_us < STRIDE_US:
-            return
-        if STRIDE_US <= passed_us < SILENT_US:
-            dt_s = 1e-6 * passed_us
-            share = 1.0 - exp(-dt_s / CONSISTENCY_S)
-            gained = subtract(velocity, begun)
-            self._gained = towards(self._gained, scale(1.0 / dt_s, gained), share)
-            (x, y, _), (u, v, _) = self._stride, gained
-            turn = (x * v - y * u, x * u + y * v, u * u + v * v)
-            self._turn = towards(self._turn, scale(1.0 / dt_s**2, turn), share)
-        self._begun, self._stride = (time_us, velocity), ZERO_VEC3
-
-    def held_m_s2(self) -> Vec3:
-        """The mean force less the velocity gained meanwhile, which should point up."""
-        return subtract(scale(1.0 / max(self._weight, 1e-9), self._force), self._gained)
-
-    def dip_deg(self, place: PlaceField | None) -> float | None:
-        """How far the mean field's dip is off the place's; None where either is not known."""
-        north, east, down = self._field
-        if place is None or not any(self._field):
-            return None
-        return abs(degrees(atan2(down, hypot(north, east)) - place.dip_rad))
-
-    def turn_deg(self, place: PlaceField | None) -> tuple[float, str] | None:
-        """How far (deg) the heading is off by velocity, else by the field; None if neither says."""
-        across, along, square = self._turn
-        if square > SHOWING_M_S2**2:
-            return degrees(atan2(-across, along)), VELOCITY
-        north, east, down = self._field
-        if place is None or not resembles(place, hypot(north, east), down):
-            return None
-        off = atan2(east, north) - place.declination_rad
-        return degrees(atan2(sin(off), cos(off))), "the magnetic field"
 
 
 class SecondOpinion:
