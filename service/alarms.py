@@ -103,11 +103,6 @@ class Alarms:
         self._field_square = 0.0
         self._pace_since_us: tuple[int, int] | None = None  # the vehicle's time, and arrival
 
-    @property
-    def in_words(self) -> str:
-        """The alarms that stand now, for a person; empty without any."""
-        return " and ".join(sorted(MEANINGS[each] for each in self.words))
-
     def is_due(self, time_us: int) -> bool:
         """Whether it is time to look again."""
         return self._last_us is None or time_us - self._last_us >= LOOK_EVERY_US

@@ -14,7 +14,7 @@ from drivers.source import EventSource
 from service.load import Load, Losses, Overload
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
-from service.process import Frozen, steady
+from service.process import steady
 from service.records import Message, Output
 from service.sinks.sink import Outbox
 
@@ -73,28 +73,24 @@ class Runner:
 
         ``is_over`` is asked at every turn.
         """
+        due_s = self.monotonic_s()
+        end_s = inf if seconds is None else due_s + seconds
         with steady() as frozen:
-            self._loop(seconds, is_over, frozen)
+            while not self.was_stopped and not self.is_finished():
+                now_s = self.monotonic_s()
+                if now_s >= end_s or is_over():
+                    break
+                if now_s - due_s > STOPPED_S:
+                    self.woken_s = now_s
+                self._take(max(0.0, min(due_s, end_s) - now_s))
+                now_s = self.monotonic_s()
+                if now_s >= due_s:
+                    self.overruns += int((now_s - due_s) * self.rate_hz)
+                    due_s = self._tick(now_s)
+                    frozen.add(len(self.pipeline.vehicles), now_s)
+            self._tick(self.monotonic_s())  # publishes what the last events have changed
         if self.requests is not None:
             self.requests.close()
-
-    def _loop(self, seconds: float | None, is_over: Callable[[], object], frozen: Frozen) -> None:
-        now_s = self.monotonic_s()
-        end_s = inf if seconds is None else now_s + seconds
-        due_s = now_s
-        while not self.was_stopped and not self.is_finished():
-            now_s = self.monotonic_s()
-            if now_s >= end_s or is_over():
-                break
-            if now_s - due_s > STOPPED_S:
-                self.woken_s = now_s
-            self._take(max(0.0, min(due_s, end_s) - now_s))
-            now_s = self.monotonic_s()
-            if now_s >= due_s:
-                self.overruns += int((now_s - due_s) * self.rate_hz)
-                due_s = self._tick(now_s)
-                frozen.add(len(self.pipeline.vehicles), now_s)
-        self._tick(self.monotonic_s())  # publishes what the last events have changed
 
     def _take(self, timeout_s: float) -> None:
         """Handle what has arrived, after waiting for it."""

@@ -8,7 +8,7 @@ from estimator.estimator import Estimator
 from estimator.profile import Profile
 from estimator.reasons import Reason
 from estimator.types import ImuSample, VelocitySample
-from service.alarms import Alarms
+from service.alarms import MEANINGS, Alarms
 from service.imu_stream import LATE_MINIMUM_US, ImuStream, ReportChoices
 from service.lines import LineLimit
 from service.other_imus import OtherImus
@@ -181,7 +181,8 @@ class Vehicle:
         while self._velocities:
             velocity = self._velocities.popleft()
             self.comparison.take_velocity(velocity.time_us, velocity.velocity_ned_m_s)
-        place, alarms = self.estimator.place_field, self.alarms.in_words
+        place = self.estimator.place_field
+        alarms = " and ".join(sorted(MEANINGS[each] for each in self.alarms.words))
         against_ours = f"of ours, {alarms}" if alarms else ""
         lines = self.comparison.compare(event, theirs, ours, sample, place, against_ours)
         return self._lines(lines, event.arrival_us)

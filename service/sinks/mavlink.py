@@ -176,8 +176,7 @@ class Sender:
         """What is due to be told of the autopilot's attitude."""
         messages, said = self._heartbeats(now_us), status.autopilot
         differs = said is not None and said.verdict == Verdict.DIFFERS
-        if differs and self._is_due("announcement", now_us, ANNOUNCED_US):
-            assert said is not None
+        if said and differs and self._is_due("announcement", now_us, ANNOUNCED_US):
             self._announcements += 1
             number = 1 + self._announcements % 0xFFFF
             messages += statustexts(announced(said), mav.MAV_SEVERITY_WARNING, number)
