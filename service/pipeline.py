@@ -270,8 +270,7 @@ class Pipeline:
         return vehicle
 
     def _forget_silent(self, now_us: int) -> list[Output]:
-        heard_us = {address: vehicle.heard_us for address, vehicle in self._vehicles.items()}
-        gone = self.evictions.look(heard_us, now_us)
+        gone = self.evictions.look({k: v.heard_us for k, v in self._vehicles.items()}, now_us)
         for address in gone:
             self._forget(address)
         lines = [f"vehicle {vehicle_name(each)}: gone, and forgotten" for each in gone]

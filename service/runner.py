@@ -120,9 +120,8 @@ class Runner:
 
     def _observe_load(self, now_s: float) -> bool:
         """Whether samples are left out; reports when that begins and when it ends."""
-        overload = self.overload
-        if overload is None:
+        if self.overload is None:
             return False
-        if overload.observe(self.source.shed + self.source.lost, now_s):
-            self.outbox.put([Message(overload.line)])
-        return overload.is_on
+        if line := self.overload.observe(self.source.shed + self.source.lost, now_s):
+            self.outbox.put([Message(line)])
+        return self.overload.is_on

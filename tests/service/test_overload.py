@@ -27,30 +27,22 @@ from service.runner import Runner
 from tests.service.streams import ONE, START_US, attitudes, imu_events, statuses, texts
 
 
-def test_an_overload_begins_and_ends_with_what_is_left_out():
+@pytest.mark.parametrize(
+    ("is_full", "windows"),
+    [
+        (lambda k: 10 <= k < 20, [9 + WINDOWS_TO_BEGIN, 19 + WINDOWS_TO_END]),
+        (lambda k: k % WINDOWS_TO_BEGIN == 0, []),  # short stalls
+        (lambda k: k % WINDOWS_TO_END, [WINDOWS_TO_BEGIN]),  # a window without now and then
+    ],
+)
+def test_an_overload_begins_and_ends_with_what_is_left_out(is_full, windows):
     overload, count, changes = Overload(), 0, []
     for k in range(40):
-        count += 5 if 10 <= k < 20 else 0
+        count += 5 if is_full(k) else 0
         if overload.observe(count, k * WINDOW_S):
-            changes.append((k, overload.is_on))
-    begin, end = 9 + WINDOWS_TO_BEGIN, 19 + WINDOWS_TO_END
-    assert changes == [(begin, True), (end, False)]
-
-
-def test_a_short_stall_is_no_overload():
-    overload, count = Overload(), 0
-    for k in range(40):
-        count += 5 if k % WINDOWS_TO_BEGIN == 0 else 0
-        assert not overload.observe(count, k * WINDOW_S)
-
-
-def test_a_long_overload_is_one_although_a_window_is_without():
-    overload, count = Overload(), 0
-    changes = 0
-    for k in range(60):
-        count += 5 if k % WINDOWS_TO_END else 0
-        changes += overload.observe(count, k * WINDOW_S)
-    assert changes == 1
+            changes.append(k)
+            assert overload.is_on == (len(changes) % 2 == 1)
+    assert changes == windows
 
 
 def test_while_samples_are_left_out_attitudes_are_of_new_ones():
