@@ -61,11 +61,10 @@ class OpeningSession:
     In a thread of its own: while the library waits for a silent peer, it lets no signal through.
 
     Raises:
-        InputError: an address or setting that cannot be used.
+        InputError: a prefix, address or setting that cannot be used.
     """
 
     def __init__(self, options: ZenohOptions) -> None:
-        check_prefix(options.prefix)
         self.note: str | None = None  # a line for a person, once it is open
         self._where = ", ".join(options.listen + options.connect) or DEFAULT_ENDPOINT
         self._options = options
@@ -124,40 +123,24 @@ def close_session(session: "zenoh.Session") -> None:
     closer.join(CLOSE_S)
 
 
-def check_prefix(prefix: str) -> None:
-    """Refuse what cannot begin a key.
-
-    Raises:
-        InputError: empty, slashes at an end, or wildcards.
-    """
+def _config(options: ZenohOptions) -> "zenoh.Config":
+    """The library's own; it would look for ever for what can be no address."""
     import zenoh
 
     try:
-        zenoh.KeyExpr(prefix)
+        zenoh.KeyExpr(options.prefix)
     except zenoh.ZError as error:
-        raise InputError(f"--prefix {prefix!r}: {_one_line(error)}") from None
-    if "*" in prefix:
-        raise InputError(f"--prefix {prefix!r}: wildcards cannot be published on")
-
-
-def check_endpoint(name: str, endpoint: str) -> None:
-    """Refuse what can be no address: zenoh would look for it for ever.
-
-    Raises:
-        InputError: no protocol, host or port.
-    """
-    protocol, _, address = endpoint.partition("/")
-    place = PLACE if protocol in WITH_PORT else re.compile(".+")
-    if not protocol or not place.fullmatch(address):
-        raise InputError(f"{name} {endpoint!r}: should be like {DEFAULT_ENDPOINT}")
-
-
-def _config(options: ZenohOptions) -> "zenoh.Config":
+        raise InputError(f"--prefix {options.prefix!r}: {_one_line(error)}") from None
+    if "*" in options.prefix:
+        raise InputError(f"--prefix {options.prefix!r}: wildcards cannot be published on")
     if options.mode not in MODES:
         raise InputError(f"--mode {options.mode!r}: should be peer or client")
     for name, endpoints in (("--listen", options.listen), ("--connect", options.connect)):
         for endpoint in endpoints:
-            check_endpoint(name, endpoint)
+            protocol, _, address = endpoint.partition("/")
+            place = PLACE if protocol in WITH_PORT else re.compile(".+")
+            if not protocol or not place.fullmatch(address):
+                raise InputError(f"{name} {endpoint!r}: should be like {DEFAULT_ENDPOINT}")
     config = _base(options)
     for key, value in _chosen(options).items():
         _insert(config, key, json.dumps(value), f"{key} {value!r}")
