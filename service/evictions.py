@@ -20,7 +20,7 @@ class Evictions:
         self.counts = Counter(vehicles=0, samples=0, shed=0, rejected=0, attitudes=0)
         self._silence_us: dict[VehicleId, tuple[int, int]] = {}  # last arrival, and silence since
         self._looked_us: int | None = None
-        self._profiles: dict[VehicleId, Profile] = {}
+        self.profiles: dict[VehicleId, Profile] = {}  # kept of those that are gone
 
     def look(self, heard_us: dict[VehicleId, int], now_us: int) -> list[VehicleId]:
         """The vehicles to forget, given when each was heard last."""
@@ -37,10 +37,6 @@ class Evictions:
 
     def keep(self, address: VehicleId, profile: Profile) -> None:
         """Keep the parameters that somebody gave a vehicle, for when it comes back."""
-        self._profiles[address] = profile
-        if len(self._profiles) > MOST_PROFILES:
-            del self._profiles[next(iter(self._profiles))]
-
-    def take_profile(self, address: VehicleId) -> Profile | None:
-        """The parameters that were kept for a vehicle, once."""
-        return self._profiles.pop(address, None)
+        self.profiles[address] = profile
+        if len(self.profiles) > MOST_PROFILES:
+            del self.profiles[next(iter(self.profiles))]

@@ -260,7 +260,7 @@ class Pipeline:
         self.heard.add(address.system_id)
         if not self._is_wanted(address) or len(self._vehicles) >= MAX_VEHICLES:
             return None
-        kept = self.evictions.take_profile(address)
+        kept = self.evictions.profiles.pop(address, None)
         profile = kept or self.profile
         vehicle = Vehicle(address, profile, self._new_estimator(profile), self._rate_hz)
         vehicle.publishing.stagger(len(self._vehicles) + self.evictions.counts["vehicles"])

@@ -75,7 +75,7 @@ class Runner:
         """
         due_s = self.monotonic_s()
         end_s = inf if seconds is None else due_s + seconds
-        with steady() as frozen:
+        with steady() as add_objects:
             while not self.was_stopped and not self.is_finished():
                 now_s = self.monotonic_s()
                 if now_s >= end_s or is_over():
@@ -87,7 +87,7 @@ class Runner:
                 if now_s >= due_s:
                     self.overruns += int((now_s - due_s) * self.rate_hz)
                     due_s = self._tick(now_s)
-                    frozen.add(len(self.pipeline.vehicles), now_s)
+                    add_objects(len(self.pipeline.vehicles), now_s)
             self._tick(self.monotonic_s())  # publishes what the last events have changed
         if self.requests is not None:
             self.requests.close()
