@@ -58,8 +58,16 @@ class Publishing:
         self._second_status = 1.0 - number * GOLDEN % 1.0
 
     def note_attitude(self, now_us: int, samples: int) -> None:
-        """An attitude was published, after so many samples."""
-        self._advance(now_us, has_sample=samples != self._samples)
+        """An attitude was published, after so many samples: the grid moves on."""
+        late_us = now_us - self.due_us
+        if self.attitudes == 0 or abs(late_us) > 2e6:  # the first, or the clock was set
+            self._due_us, self._offset_us = now_us + self._period_us, 0.0
+        else:
+            if samples != self._samples:
+                self._slide(late_us)
+            self._due_us += self._period_us
+            missed = int((now_us - self.due_us) // self._period_us)  # while nobody could publish
+            self._due_us += max(0, missed) * self._period_us
         self.attitudes += 1
         self._samples, self._attitude_us = samples, now_us
 
@@ -121,18 +129,6 @@ class Publishing:
         expected_us = last_arrival_us + sample_period_us
         waits = sample_period_us > 0.0 and due_us - half_us < expected_us < due_us + half_us
         return due_us + half_us if waits else due_us
-
-    def _advance(self, now_us: int, *, has_sample: bool) -> None:
-        """Move the grid on: an attitude was published, with a sample of its own or without."""
-        late_us = now_us - self.due_us
-        if self.attitudes == 0 or abs(late_us) > 2e6:  # the first, or the clock was set
-            self._due_us, self._offset_us = now_us + self._period_us, 0.0
-            return
-        if has_sample:
-            self._slide(late_us)
-        self._due_us += self._period_us
-        missed = int((now_us - self.due_us) // self._period_us)  # while nobody could publish
-        self._due_us += max(0, missed) * self._period_us
 
     def _slide(self, late_us: float) -> None:
         half_us = 0.5 * self._period_us

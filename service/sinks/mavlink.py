@@ -187,15 +187,14 @@ class Sender:
         now_us = record.time_unix_us
         messages = self._heartbeats(now_us)
         if self._is_due("attitude", now_us, ATTITUDE_US):
-            messages.append(self._attitude(record))
-            if not self._is_vehicle and self._is_due("covariance", now_us, COVARIANCE_US):
-                messages.append(_with_covariance(record))
+            time_us, q, rate_rad_s = record.time_boot_us, record.q_ned_frd, record.rate_rad_s
+            if self._is_vehicle:
+                messages.append(attitude(time_us, euler_rad(q), rate_rad_s))
+            else:
+                messages.append(attitude_quaternion(time_us, q, rate_rad_s))
+                if self._is_due("covariance", now_us, COVARIANCE_US):
+                    messages.append(_with_covariance(record))
         return [self._encoder.frame(message, now_us) for message in messages]
-
-    def _attitude(self, record: AttitudeRecord) -> Message:
-        if not self._is_vehicle:
-            return attitude_quaternion(record.time_boot_us, record.q_ned_frd, record.rate_rad_s)
-        return attitude(record.time_boot_us, euler_rad(record.q_ned_frd), record.rate_rad_s)
 
     def _heartbeats(self, now_us: int) -> list[Message]:
         if not self._is_due("heartbeat", now_us, HEARTBEAT_US):
