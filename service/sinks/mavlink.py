@@ -90,11 +90,6 @@ class MavlinkSink:
         except LinkError:
             self._wait_for_retry()
 
-    @property
-    def address(self) -> str:
-        """The address in use (with the real port, where 0 was bound)."""
-        return self._transport.address
-
     def handle(self, outputs: Sequence[Output]) -> None:
         """Send what is due of the outputs.
 
