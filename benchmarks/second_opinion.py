@@ -27,7 +27,7 @@ from estimator.geometry.quaternion import multiply
 from estimator.profile import load_profile
 from estimator.types import Attitude, ImuSample, Quaternion, Vec3
 from fuzzbee.replays.trace import Replay
-from service.second_opinion import Doubts, SecondOpinion, Verdict
+from service.second_opinion import Doubts, SecondOpinion, Verdict, differences
 
 DATA = Path(__file__).parents[1] / "tests" / "data"
 BEGIN_SHARES, LASTS_S, CREEPS_S = (0.3, 0.6), 40.0, 20.0
@@ -140,7 +140,7 @@ def answer(recording: Recording, case: Case) -> Answer:
         said = opinion.opinion
         if not is_wrong or said is None:
             continue
-        axis = said.heading if case.axis == 2 else said.inclination
+        axis = differences(theirs, ours)[case.axis == 2]
         rooms.append(case.size_deg - axis.allowed_deg)
         if said.verdict is Verdict.DIFFERS:
             said_s = after_s if said_s is None else said_s

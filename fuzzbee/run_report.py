@@ -44,7 +44,7 @@ def summary(
         "refused": dict(sorted(pipeline.refused_frames.items())),
         **({"recording": recording} if recording else {}),
         "heard": sorted(pipeline.heard),
-        "departed": pipeline.evictions.counts._asdict(),
+        "departed": dict(pipeline.evictions.counts),
         "vehicles": {vehicle.name: counts(vehicle) for vehicle in pipeline.vehicles},
     }
 

@@ -16,9 +16,10 @@ from estimator.aiding.compass import CONTRADICTED
 from estimator.aiding.place import resembles
 from estimator.estimator import Estimator
 from estimator.geometry.earth import PlaceField
-from estimator.geometry.quaternion import add, rotate, scale, subtract
+from estimator.geometry.quaternion import rotate
 from estimator.profile import CONDITIONING_DEFAULTS, Profile
 from estimator.types import Attitude, ImuSample, Vec3
+from service.evidence import Lasting, towards
 
 LOOK_EVERY_US = 500_000
 MEMORY_S = 20.0  # of the averages
@@ -60,7 +61,7 @@ AXES = (Alarm.GYROSCOPE_X, Alarm.GYROSCOPE_Y, Alarm.GYROSCOPE_Z)
 
 # A compass that is this far off may be mounted otherwise than its orientation says; iron does less.
 LEAST_TURNED_DEG = 40
-# Time constants of :class:`service.alarms.Lasting`.
+# Time constants of :class:`service.evidence.Lasting`.
 PATIENCE_S = {
     Alarm.ACCELEROMETER: 5.0,
     Alarm.BIAS_AT_LIMIT: 5.0,
@@ -95,22 +96,16 @@ class Alarms:
     def restart(self) -> None:
         """Forget what was seen of another estimate."""
         self.words: frozenset[Alarm] = frozenset()  # of the alarms that stand now
-        self._next_us: int | None = None
-        self._last_us = 0
+        self._last_us: int | None = None  # of the vehicle's time
         self._lasting = {word: Lasting(patience_s) for word, patience_s in PATIENCE_S.items()}
         self._force: Vec3 | None = None  # mean specific force, NED
         self._field: Vec3 | None = None  # mean field, NED, and its mean square
         self._field_square = 0.0
         self._pace_since_us: tuple[int, int] | None = None  # the vehicle's time, and arrival
 
-    @property
-    def in_words(self) -> str:
-        """The alarms that stand now, for a person; empty without any."""
-        return " and ".join(sorted(MEANINGS[each] for each in self.words))
-
     def is_due(self, time_us: int) -> bool:
         """Whether it is time to look again."""
-        return self._next_us is None or time_us >= self._next_us
+        return self._last_us is None or time_us - self._last_us >= LOOK_EVERY_US
 
     def look(
         self,
@@ -125,20 +120,18 @@ class Alarms:
         A field that is not used, because velocity contradicts it, says nothing of the attitude.
         """
         time_us = sample.time_us
-        if self._next_us is None:
-            self._last_us = time_us
-        self._next_us = time_us + LOOK_EVERY_US
-        dt_s = min(1e-6 * (time_us - self._last_us), MEMORY_S)
-        self._last_us = time_us
+        last_us, self._last_us = self._last_us, time_us
+        dt_s = 0.0 if last_us is None else min(1e-6 * (time_us - last_us), MEMORY_S)
         self._remember(sample, attitude, dt_s / (MEMORY_S + dt_s))
         # what contradicts the vertical is in sigma, and costs more to ask for
         is_sure = degrees(attitude.sigma_inclination_rad) < LEANING_DEG
         leaning_rad = 0.0 if is_sure else estimator.leaning_rad
         why, place = estimator.compass_doubt, estimator.place_field
         uses_field = why != CONTRADICTED
+        limit = AT_LIMIT * bias_limit_rad_s(profile)
         seen = {
             Alarm.ACCELEROMETER: degrees(leaning_rad) > LEANING_DEG,
-            Alarm.BIAS_AT_LIMIT: _is_at_limit(attitude, profile),
+            Alarm.BIAS_AT_LIMIT: limit > 0.0 and max(map(abs, attitude.gyro_bias_rad_s)) >= limit,
             Alarm.FIELD_IMPOSSIBLE: not uses_field or self._is_field_impossible(attitude, place),
             Alarm.SIGMA_TOO_SMALL: self._is_sigma_too_small(attitude, uses_field),
             **dict(zip(AXES, estimator.contradicted_axes, strict=True)),
@@ -169,13 +162,11 @@ class Alarms:
 
     def _remember(self, sample: ImuSample, attitude: Attitude, share: float) -> None:
         q = attitude.q_ned_frd
-        self._force = _towards(self._force, rotate(q, sample.acc_m_s2), share)
-        if not sample.has_mag:
-            return
-        square = sum(b * b for b in sample.mag_gauss)
-        first = self._field is None
-        self._field = _towards(self._field, rotate(q, sample.mag_gauss), share)
-        self._field_square += (1.0 if first else share) * (square - self._field_square)
+        self._force = towards(self._force, rotate(q, sample.acc_m_s2), share)
+        if sample.has_mag:
+            square = sum(b * b for b in sample.mag_gauss) - self._field_square
+            self._field_square += square if self._field is None else share * square
+            self._field = towards(self._field, rotate(q, sample.mag_gauss), share)
 
     def _follow_pace(self, time_us: int, arrival_us: int) -> None:
         """Every ten seconds of the host, note whether the vehicle's clock was too fast or slow.
@@ -231,35 +222,5 @@ def bias_limit_rad_s(profile: Profile) -> float:
     return float(given)
 
 
-def _is_at_limit(attitude: Attitude, profile: Profile) -> bool:
-    limit = AT_LIMIT * bias_limit_rad_s(profile)
-    return limit > 0.0 and max(map(abs, attitude.gyro_bias_rad_s)) >= limit
-
-
 def _claims_no_heading(attitude: Attitude) -> bool:
     return degrees(attitude.sigma_heading_rad) > UNKNOWN_HEADING_DEG
-
-
-def _towards(mean: Vec3 | None, value: Vec3, share: float) -> Vec3:
-    return value if mean is None else add(mean, scale(share, subtract(value, mean)))
-
-
-BEGIN_SHARE, END_SHARE = 0.6, 0.3
-
-
-class Lasting:
-    """The share of time for which something is so; with a time constant of ``patience_s``.
-
-    It is on from 0.6 on, so after 0.92 of that time if it is so all the time, until 0.3: a start
-    or a magnet that passes is too short.
-    """
-
-    def __init__(self, patience_s: float) -> None:
-        self.share = 0.0  # below zero for what is so the other way round
-        self.is_on = False
-        self._patience_s = patience_s
-
-    def look(self, is_so: int, dt_s: float) -> None:
-        """Take what was so for ``dt_s``: 1, 0, or -1 for the other way round."""
-        self.share += dt_s / (self._patience_s + dt_s) * (is_so - self.share)
-        self.is_on = abs(self.share) > (END_SHARE if self.is_on else BEGIN_SHARE)

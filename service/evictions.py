@@ -1,13 +1,9 @@
 """Which vehicles have been silent for so long that they are forgotten, and what is kept of them."""
 
-from collections import OrderedDict
-from operator import add
-from typing import NamedTuple
+from collections import Counter
 
 from drivers.events import VehicleId
 from estimator.profile import Profile
-from service.lines import LineLimit
-from service.records import vehicle_name
 
 # A battery is changed, a flight goes out of reach and comes back: that is still the same vehicle.
 FORGOTTEN_US = 3_600_000_000
@@ -16,29 +12,15 @@ LONGEST_LOOK_US = 60_000_000
 MOST_PROFILES = 512  # of vehicles that are gone; the one that left first goes
 
 
-class EvictedCounts(NamedTuple):
-    """What is counted of the vehicles that were forgotten."""
-
-    vehicles: int = 0
-    samples: int = 0  # theirs, as in the counts of one that is there
-    shed: int = 0
-    rejected: int = 0
-    attitudes: int = 0
-
-    def plus(self, other: "EvictedCounts") -> "EvictedCounts":
-        """Both together."""
-        return EvictedCounts(*map(add, self, other))
-
-
 class Evictions:
     """Counts silence by the time between looks. Times are given."""
 
     def __init__(self) -> None:
-        self.counts = EvictedCounts()  # so far
-        self._limit = LineLimit("vehicles")
+        # what was counted of the vehicles that were forgotten, as of one that is there
+        self.counts = Counter(vehicles=0, samples=0, shed=0, rejected=0, attitudes=0)
         self._silence_us: dict[VehicleId, tuple[int, int]] = {}  # last arrival, and silence since
         self._looked_us: int | None = None
-        self._profiles: OrderedDict[VehicleId, Profile] = OrderedDict()
+        self.profiles: dict[VehicleId, Profile] = {}  # kept of those that are gone
 
     def look(self, heard_us: dict[VehicleId, int], now_us: int) -> list[VehicleId]:
         """The vehicles to forget, given when each was heard last."""
@@ -53,17 +35,8 @@ class Evictions:
             self._silence_us[address] = (last_us, silence_us)
         return [each for each, (_, us) in self._silence_us.items() if us >= FORGOTTEN_US]
 
-    def lines(self, gone: list[VehicleId], now_us: int) -> list[str]:
-        """Lines about vehicles that are forgotten, fewer of them where there are too many."""
-        texts = [f"vehicle {vehicle_name(each)}: gone, and forgotten" for each in gone]
-        return self._limit.lines(texts, now_us) if texts else []
-
     def keep(self, address: VehicleId, profile: Profile) -> None:
         """Keep the parameters that somebody gave a vehicle, for when it comes back."""
-        self._profiles[address] = profile
-        if len(self._profiles) > MOST_PROFILES:
-            self._profiles.popitem(last=False)
-
-    def take_profile(self, address: VehicleId) -> Profile | None:
-        """The parameters that were kept for a vehicle, once."""
-        return self._profiles.pop(address, None)
+        self.profiles[address] = profile
+        if len(self.profiles) > MOST_PROFILES:
+            del self.profiles[next(iter(self.profiles))]

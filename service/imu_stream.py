@@ -12,6 +12,7 @@ estimator models the errors of each, and takes one message of each.
 """
 
 from collections import Counter, deque
+from dataclasses import dataclass
 
 from drivers.events import Imu, Report, Shed
 from drivers.mavlink.imu_messages import imu_rank
@@ -24,6 +25,8 @@ PERIODS_KEPT = 51
 MEDIAN_EVERY = 8  # samples; a median of 51 changes little in that time
 LATE_MINIMUM_US, LATE_PERIODS = 500_000, 3
 LOST_MINIMUM_US, LOST_PERIODS = 5_000_000, 10
+# The ages of two messages stamped by one clock differ by less than this.
+OTHER_CLOCK_US = 1_000_000
 
 
 class ImuStream:
@@ -110,18 +113,18 @@ class ImuStream:
 
     def note_taken(self, event: Imu, sample: ImuSample) -> None:
         """Measure interval and gap of a sample that the estimator took, by the vehicle's clock."""
+        gaps_us = [self.worst_gap_us]
         if self._silent_since_us is not None:
-            self._note_gap(event.arrival_us - self._silent_since_us)
+            gaps_us.append(event.arrival_us - self._silent_since_us)
             self._silent_since_us = None
-        last = self.last
-        if last is not None:
-            period_us = event.sample.time_us - last.sample.time_us
-            self._note_gap(period_us)
-            if event.message == last.message:
-                periods_us = self._periods_us
-                periods_us.append(period_us)
-                if len(periods_us) < PERIODS_KEPT or self.samples % MEDIAN_EVERY == 0:
+        if self.last is not None:
+            period_us = event.sample.time_us - self.last.sample.time_us
+            gaps_us.append(period_us)
+            if event.message == self.last.message:
+                self._periods_us.append(period_us)
+                if len(self._periods_us) < PERIODS_KEPT or self.samples % MEDIAN_EVERY == 0:
                     self._median_us = None
+        self.worst_gap_us = max(gaps_us)
         self.last, self.last_sample = event, sample
         self.samples += 1
 
@@ -137,8 +140,15 @@ class ImuStream:
         self.choice.contradicted.clear()
         self._silent_since_us = self.last_arrival_us
 
-    def _note_gap(self, gap_us: int) -> None:
-        self.worst_gap_us = max(self.worst_gap_us, gap_us)
+    def has_other_clock(self, arrival_us: int, time_us: int) -> bool:
+        """Whether a message's clock is another than the IMU's, or there is no IMU yet.
+
+        Some autopilots stamp ATTITUDE seconds off; its rates are then those of another time.
+        """
+        if self.last is None:
+            return True
+        age_us, our_age_us = arrival_us - time_us, self.last.arrival_us - self.last.sample.time_us
+        return abs(age_us - our_age_us) > OTHER_CLOCK_US
 
 
 STEADY_SAMPLES = 3  # of a preferred message before it takes over for the first time
@@ -149,13 +159,14 @@ LONGEST_SILENCE_US = 15_000_000  # in a longer one the link or the vehicle was g
 STAND_IN_GAP_US = 2_000_000  # a message that pauses for longer cannot stand in
 
 
+@dataclass(slots=True)
 class Candidate:
     """A message that is proving itself beside the one in use."""
 
-    def __init__(self, message: str, arrival_us: int) -> None:
-        self.message = message
-        self.samples = 1
-        self.since_us = self.arrival_us = arrival_us
+    message: str
+    since_us: int
+    arrival_us: int
+    samples: int = 1
 
 
 class ImuChoice:
@@ -168,11 +179,6 @@ class ImuChoice:
         self._longest_silence_us = 0  # that it has come back from
         self._has_failed = False  # another IMU has stood in before
         self._candidate: Candidate | None = None
-
-    def contradict(self) -> None:
-        """The gyroscope of the message in use is contradicted: any other message is better."""
-        if self.message is not None:
-            self.contradicted.add(self.message)
 
     def patience_us(self, late_after_us: float, period_us: float) -> float:
         """How long the message in use may be silent, and a returning one must have been back."""
@@ -188,8 +194,14 @@ class ImuChoice:
         """
         if self.message is None:
             self.message, self._arrival_us = message, arrival_us
-        elif message == self.message:
-            self._follow_own(arrival_us)
+        elif message == self.message:  # nobody needs to stand in for it
+            silence_us = arrival_us - self._arrival_us
+            if self._longest_silence_us < silence_us <= LONGEST_SILENCE_US:
+                self._longest_silence_us = silence_us
+            self._arrival_us = arrival_us
+            other = self._candidate
+            if other is not None and self._rank(other.message) >= self._rank(message):
+                self._candidate = None
         else:
             self._follow_other(message, arrival_us, late_after_us, period_us)
         return message == self.message
@@ -198,18 +210,6 @@ class ImuChoice:
         """Place of a message in the order of preference."""
         return message in self.contradicted, imu_rank(message)
 
-    def _follow_own(self, arrival_us: int) -> None:
-        """The message in use came: nobody needs to stand in for it."""
-        silence_us = arrival_us - self._arrival_us
-        if self._longest_silence_us < silence_us <= LONGEST_SILENCE_US:
-            self._longest_silence_us = silence_us
-        self._arrival_us = arrival_us
-        candidate = self._candidate
-        if candidate is not None and self._rank(candidate.message) >= self._rank(
-            self.message or ""
-        ):
-            self._candidate = None
-
     def _follow_other(
         self, message: str, arrival_us: int, late_after_us: float, period_us: float
     ) -> None:
@@ -217,12 +217,14 @@ class ImuChoice:
         is_preferred = self._rank(message) < self._rank(self.message or "")
         longest_gap_us = late_after_us if is_preferred else max(late_after_us, STAND_IN_GAP_US)
         candidate = self._candidate
-        if candidate is None or arrival_us - candidate.arrival_us > longest_gap_us:
-            candidate = None
-        elif message != candidate.message and self._rank(message) >= self._rank(candidate.message):
+        if (
+            candidate is None
+            or arrival_us - candidate.arrival_us > longest_gap_us
+            or self._rank(message) < self._rank(candidate.message)
+        ):
+            self._candidate = Candidate(message, arrival_us, arrival_us)
             return
-        if candidate is None or message != candidate.message:
-            self._candidate = Candidate(message, arrival_us)
+        if message != candidate.message:
             return
         candidate.samples += 1
         candidate.arrival_us = arrival_us

@@ -20,6 +20,8 @@ class LineLimit:
 
     def lines(self, texts: list[str], now_us: int) -> list[str]:
         """The lines to print for ``texts`` at ``now_us``."""
+        if not texts:
+            return []
         if self._since_us is None or not 0 <= now_us - self._since_us < MINUTE_US:
             left_out = max(0, self._lines - MOST_LINES)
             self._since_us, self._lines = now_us, 0

@@ -11,14 +11,12 @@ from typing import NamedTuple
 class Load(NamedTuple):
     """Whether the loop leaves anything out now.
 
-    ``rate_hz`` is how often attitudes are published where there is time for it. While it
-    ``is_shedding``, only vehicles with a new sample have theirs published. Right after a stop
-    (``has_just_woken``) nobody can tell yet whose silence is his own.
+    While it ``is_shedding``, only vehicles with a new sample have their attitude published. Right
+    after a stop (``has_just_woken``) nobody can tell yet whose silence is his own.
     """
 
     is_shedding: bool = False
     has_just_woken: bool = False
-    rate_hz: float = 0.0
 
 
 class Losses(NamedTuple):
@@ -55,21 +53,16 @@ class Overload:
         self._count: int | None = None
         self._windows = 0  # in a row that speak against the present state
 
-    @property
-    def line(self) -> str:
-        """The present state, for a person."""
-        return BEGINS if self.is_on else ENDS
-
-    def observe(self, left_out: int, now_s: float) -> bool:
-        """Take the count at ``now_s``; True if the overload begins or ends."""
+    def observe(self, left_out: int, now_s: float) -> str:
+        """Take the count at ``now_s``; a line for a person if the overload begins or ends."""
         if now_s < self.due_s:
-            return False
+            return ""
         before, self._count, self.due_s = self._count, left_out, now_s + WINDOW_S
         if before is None:
-            return False
+            return ""
         is_full = left_out > before
         self._windows = self._windows + 1 if is_full != self.is_on else 0
         if self._windows < (WINDOWS_TO_END if self.is_on else WINDOWS_TO_BEGIN):
-            return False
+            return ""
         self.is_on, self._windows = not self.is_on, 0
-        return True
+        return BEGINS if self.is_on else ENDS

@@ -3,8 +3,9 @@
 from math import degrees, isfinite
 
 from drivers.events import Imu
-from estimator.geometry.quaternion import add, angle_between_vectors, norm, scale, subtract
+from estimator.geometry.quaternion import angle_between_vectors, norm, subtract
 from estimator.types import ZERO_VEC3, Vec3
+from service.evidence import towards
 from service.records import ImuDifference
 
 LOOK_EVERY_US = 500_000
@@ -16,20 +17,9 @@ APART_US = 250_000  # arrivals of readings that are compared
 class _Means:
     """Of one IMU and ours, as the vehicle sends both."""
 
-    def __init__(self) -> None:
-        self.looked_us = 0
-        self.looks = 0
-        self.force: Vec3 = ZERO_VEC3  # m/s^2
-        self.our_force: Vec3 = ZERO_VEC3
-        self.rate: Vec3 = ZERO_VEC3  # less ours, rad/s
-
-    def add(self, rate: Vec3, force: Vec3, ours: Imu) -> None:
-        """Take one reading of each."""
-        self.looks += 1
-        share = 1.0 / min(self.looks, LOOKS)
-        self.force = _towards(self.force, force, share)
-        self.our_force = _towards(self.our_force, ours.sample.acc_m_s2, share)
-        self.rate = _towards(self.rate, subtract(rate, ours.sample.gyr_rad_s), share)
+    looked_us = looks = 0
+    force = our_force = ZERO_VEC3  # m/s^2
+    rate = ZERO_VEC3  # less ours, rad/s
 
 
 class OtherImus:
@@ -37,10 +27,6 @@ class OtherImus:
 
     def __init__(self) -> None:
         self._means: dict[str, _Means] = {}  # by message
-
-    def restart(self) -> None:
-        """Forget all: another IMU is in use."""
-        self._means.clear()
 
     def take(
         self, message: str, arrival_us: int, rate: Vec3, force: Vec3, ours: Imu | None
@@ -55,7 +41,11 @@ class OtherImus:
             return
         means = self._means.setdefault(message, _Means())
         means.looked_us = arrival_us
-        means.add(rate, force, ours)
+        means.looks += 1
+        share = 1.0 / min(means.looks, LOOKS)
+        means.force = towards(means.force, force, share)
+        means.our_force = towards(means.our_force, ours.sample.acc_m_s2, share)
+        means.rate = towards(means.rate, subtract(rate, ours.sample.gyr_rad_s), share)
 
     def records(self, now_us: int) -> dict[str, ImuDifference]:
         """The differences of those that still come, by message."""
@@ -67,7 +57,3 @@ class OtherImus:
             for message, each in sorted(self._means.items())
             if now_us - each.looked_us < SILENT_US and norm(each.force) > 0.0
         }
-
-
-def _towards(mean: Vec3, value: Vec3, share: float) -> Vec3:
-    return add(mean, scale(share, subtract(value, mean)))

@@ -97,12 +97,7 @@ class ProfileChanges:
     def replace(
         self, vehicle: Vehicle, partial: dict[str, Any], retuned: str | None = None
     ) -> Profile:
-        """Use the vehicle's profile with the keys of ``partial`` replaced; returns it.
-
-        Raises:
-            InputError: unknown keys, values out of bounds or of no use together. The profile of
-                before stays in force.
-        """
+        """Do :meth:`service.pipeline.Pipeline.replace_profile` for a vehicle that is there."""
         profile = merge_profile(vehicle.profile, partial)
         try:
             vehicle.replace_profile(profile)
@@ -141,17 +136,11 @@ class ProfileChanges:
 
     def report(self, replaced: Replaced) -> None:
         """Publish a vehicle's parameters with the next tick; only the latest count."""
-        others = [
-            output
-            for output in self.outputs
-            if not (isinstance(output, Replaced) and output.vehicle == replaced.vehicle)
-        ]
-        self.outputs = [*others, replaced]
-
-    def take_outputs(self) -> list[Output]:
-        """What is to be published, once."""
-        outputs, self.outputs = self.outputs, []
-        return outputs
+        for each in self.outputs:
+            if isinstance(each, Replaced) and each.vehicle == replaced.vehicle:
+                self.outputs.remove(each)
+                break
+        self.outputs.append(replaced)
 
     def _change(self, vehicle: Vehicle, profile: Profile) -> None:
         vehicle.replace_profile(profile)

@@ -8,53 +8,47 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
-from drivers.events import (
-    BuiltIn,
-    ClockReset,
-    Event,
-    FilterStatus,
-    Forgotten,
-    Heartbeat,
-    Imu,
-    LinkDown,
-    LinkUp,
-    Malformed,
-    ModeChange,
-    Notice,
-    OtherImu,
-    Parameter,
-    Position,
-    ReferenceAttitude,
-    RefusedFrames,
-    Rejected,
-    Report,
-    Shed,
-    TrackLost,
-    VehicleEvent,
-    VehicleId,
-)
+from drivers import events
+from drivers.events import Event, Imu, VehicleEvent, VehicleId
 from drivers.mavlink.constants import is_autopilot
 from drivers.places import PLACES
 from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.profile import Profile
 from estimator.reasons import Reason
-from service.evictions import EvictedCounts, Evictions
-from service.lines import LinkLines
+from service.evictions import Evictions
+from service.lines import LineLimit, LinkLines
 from service.load import Load, Losses
 from service.parameters import ProfileChanges
 from service.publishing import STATUS_PERIOD_US
-from service.records import Departed, Message, Output, Peer, Published, Replaced, State
+from service.records import (
+    Departed,
+    Message,
+    Output,
+    Peer,
+    Published,
+    Replaced,
+    State,
+    vehicle_name,
+)
 from service.vehicle import STANDARD_RATE_HZ, Vehicle
 from service.vehicle_status import status_record
 
 MAX_VEHICLES = PLACES  # on one link
+# None of these makes a vehicle
+OF_KNOWN = (
+    events.Position,
+    events.Report,
+    events.FilterStatus,
+    events.ClockReset,
+    events.ModeChange,
+    events.OtherImu,
+)
 # What changes only when something comes. Together these vehicles have so many statuses a second:
 # thousands that came and went must not keep those that are there waiting.
 QUIET = frozenset({State.LOST, State.WAITING})
 MOST_QUIET_HZ = 64
-LOOK_US = 1_000_000  # so often silent vehicles are looked for
-MOST_WAIT_US = 1_000_000  # no vehicle is looked at later than that
+LOOK_US = 1_000_000  # so often each vehicle is looked at, and silent ones are looked for
 
 
 class Pipeline:
@@ -79,7 +73,7 @@ class Pipeline:
         self.refused_frames: Counter[Reason] = Counter()
         self.heard: set[int] = set()
         self.evictions = Evictions()
-        self.load = Load(rate_hz=rate_hz)
+        self.load = Load()
         self._rate_hz = rate_hz
         self.wake_us = 0.0  # when :meth:`tick` has something to do next, if nothing arrives
         self._system_id = system_id
@@ -87,15 +81,13 @@ class Pipeline:
         self._changes = ProfileChanges(profile, fits_built_in=fits_built_in)
         self._vehicles: dict[VehicleId, Vehicle] = {}
         self._links = LinkLines()
+        self._limit = LineLimit("vehicles")
         self._look_us = 0  # when silent vehicles are looked for next
 
     @property
     def vehicles(self) -> tuple[Vehicle, ...]:
         """All vehicles but those that are forgotten, in the order of their appearance."""
         return tuple(self._vehicles.values())
-
-    def __len__(self) -> int:
-        return len(self._vehicles)
 
     def vehicle(self, address: VehicleId) -> Vehicle | None:
         """The vehicle of that address, if it has been seen."""
@@ -117,16 +109,26 @@ class Pipeline:
         """
         if isinstance(event, Imu):  # most events are
             return self._on_imu(event, now_us)
-        if isinstance(event, VehicleEvent):
-            return self._on_vehicle_event(event)
         match event:
-            case Malformed(frames=frames):
+            case events.ReferenceAttitude():
+                return self.on_reference(event)
+            case events.Forgotten(vehicle=address):
+                self._forget(address)
+            case events.RefusedFrames(vehicle=address, reason=reason, frames=frames):
+                self.refused_frames[reason] += frames
+                if (vehicle := self._vehicles.get(address)) is not None:  # refused, nobody appears
+                    vehicle.rejected[reason] += frames
+            case VehicleEvent():
+                return self._on_vehicle_event(event)
+            case events.Malformed(frames=frames):
                 self.malformed += frames
-            case Notice(vehicle=address, text=text):
-                is_wanted = address is None or self._is_wanted(address)
-                if is_wanted and not self._is_settled(event):
+            case events.Notice(vehicle=address, text=text):
+                vehicle = None if address is None else self._vehicles.get(address)
+                mounting = (vehicle or self).profile.mounting
+                is_settled = event.section == "mounting" and not mounting.has_body_axes
+                if not is_settled and (address is None or self._is_wanted(address)):
                     return [Message(text)]
-            case LinkUp() | LinkDown():
+            case events.LinkUp() | events.LinkDown():
                 return [Message(self._links.line(event))]
         return []
 
@@ -135,83 +137,34 @@ class Pipeline:
         if vehicle is None:
             return []
         outputs = _messages(vehicle.on_imu(event))
-        is_taken = now_us is not None and vehicle.has_taken(event)
-        if is_taken and now_us is not None and vehicle.meets_grid(now_us):
+        if now_us is not None and vehicle.has_taken(event) and vehicle.meets_grid(now_us):
             outputs += self._published(vehicle, now_us)
         return outputs
 
     def _on_vehicle_event(self, event: VehicleEvent) -> list[Output]:
-        match event:
-            case ReferenceAttitude():
-                return self.on_reference(event)
-            case Forgotten(vehicle=address):
-                self._forget(address)
+        """Pass an event on to the vehicle that it is about, which may be a new one."""
+        if isinstance(event, events.Heartbeat):
+            if not is_autopilot(event.autopilot, event.vehicle_type):
                 return []
-            case RefusedFrames():
-                self._on_refused(event)
-                return []
-            case Heartbeat() if not self._is_vehicles(event):
-                return []
-        known = self._vehicles.get(event.vehicle)
-        if known is None and isinstance(
-            event, Position | Report | FilterStatus | ClockReset | ModeChange | OtherImu
-        ):
-            return []  # none of these makes a vehicle
-        vehicle = known or self._meet(event.vehicle)
-        return [] if vehicle is None else self._inform(vehicle, event)
+            self.heard.add(event.vehicle.system_id)
+        vehicle = self._vehicles.get(event.vehicle)
+        if vehicle is None and not isinstance(event, OF_KNOWN):
+            vehicle = self._meet(event.vehicle)
+        if vehicle is None:
+            return []
+        if isinstance(event, events.BuiltIn):
+            return self._changes.fit(vehicle, event)
+        if isinstance(event, events.ClockReset) and event.reason == "reboot":
+            self._changes.note_reboot(vehicle)
+        return _messages(vehicle.take(event))
 
-    def _inform(self, vehicle: Vehicle, event: VehicleEvent) -> list[Output]:
-        """Pass an event on to the vehicle that it is about."""
-        match event:
-            case Report():
-                vehicle.on_report(event)
-            case Position():
-                vehicle.on_position(event)
-            case Heartbeat():
-                vehicle.on_heartbeat(event)
-            case OtherImu():
-                vehicle.on_other_imu(event)
-            case ModeChange():
-                vehicle.parameters.take_mode(event)
-            case FilterStatus():
-                vehicle.comparison.filter_status = event
-            case Parameter():
-                vehicle.parameters.take(event, vehicle.estimator)
-            case Rejected():
-                vehicle.on_rejected(event)
-            case Shed():
-                vehicle.heard_us = event.arrival_us
-                vehicle.imu.note_shed(event)
-            case TrackLost():
-                return _messages(vehicle.on_track_lost(event))
-            case ClockReset():
-                if event.reason == "reboot":
-                    self._changes.note_reboot(vehicle)
-                return _messages(vehicle.on_clock_reset(event))
-            case BuiltIn():
-                return self._changes.fit(vehicle, event)
-        return []
-
-    def on_reference(self, event: ReferenceAttitude) -> list[Output]:
+    def on_reference(self, event: events.ReferenceAttitude) -> list[Output]:
         """Take another's attitude, if there is time for it: samples come first."""
         vehicle = self._vehicles.get(event.vehicle)
         if self.load.is_shedding or vehicle is None:
             return []
-        vehicle.comparison.peers[event.source] = Peer(event.vehicle, event.source, event.q_ned_frd)
+        vehicle.peers[event.source] = Peer(event.vehicle, event.source, event.q_ned_frd)
         return _messages(vehicle.on_reference(event))
-
-    def _on_refused(self, event: RefusedFrames) -> None:
-        self.refused_frames[event.reason] += event.frames
-        vehicle = self._vehicles.get(event.vehicle)  # refused, nobody appears
-        if vehicle is not None:
-            vehicle.reject(event.reason, event.frames)
-
-    def _is_vehicles(self, event: Heartbeat) -> bool:
-        """Whether a heartbeat is a vehicle's, of one that is wanted or may be told of."""
-        if not is_autopilot(event.autopilot, event.vehicle_type):
-            return False
-        self.heard.add(event.vehicle.system_id)
-        return True
 
     # --- time
 
@@ -227,13 +180,13 @@ class Pipeline:
         """
         if load is not None:
             self.load = load
-        outputs = self._changes.take_outputs()
+        outputs, self._changes.outputs = self._changes.outputs, []
         if not 0 < self._look_us - now_us <= LOOK_US:
             self._look_us = now_us + LOOK_US
             outputs += self._forget_silent(now_us)
         self.wake_us = float(self._look_us)
         for vehicle in self._vehicles.values():
-            if not now_us < vehicle.publishing.wake_us <= now_us + MOST_WAIT_US:
+            if not now_us < vehicle.publishing.wake_us <= now_us + LOOK_US:
                 outputs += self._look_at(vehicle, now_us, ask_losses)
             self.wake_us = min(self.wake_us, vehicle.publishing.wake_us)
         return outputs
@@ -259,7 +212,7 @@ class Pipeline:
         outputs: list[Output] = []
         if not (self.load.has_just_woken or is_left_out):
             outputs = _messages(vehicle.on_time(now_us))
-        if is_left_out or not vehicle.publishing.grid.is_due(now_us):
+        if is_left_out or not vehicle.publishing.is_attitude_due(now_us):
             return outputs
         is_held_back = self.load.is_shedding or self.load.has_just_woken
         if is_held_back and vehicle.publishing.is_stale(now_us, vehicle.imu.samples):
@@ -270,12 +223,9 @@ class Pipeline:
         attitude = vehicle.attitude(now_us)
         if attitude is None:
             return []
-        published = Published(vehicle.address, attitude, vehicle.imu.last_sample)
-        if not vehicle.comparison.peers:
-            return [published]
-        peers = list(vehicle.comparison.peers.values())
-        vehicle.comparison.peers.clear()
-        return [*peers, published]
+        peers = list(vehicle.peers.values())
+        vehicle.peers.clear()
+        return [*peers, Published(vehicle.address, attitude, vehicle.imu.last_sample)]
 
     def _status(self, vehicle: Vehicle, now_us: int, losses: Losses) -> Published:
         status = status_record(vehicle, now_us, self.load, losses, self.malformed)
@@ -308,43 +258,39 @@ class Pipeline:
     def _meet(self, address: VehicleId) -> Vehicle | None:
         """A new vehicle of an address that has none; None if it is not wanted."""
         self.heard.add(address.system_id)
-        if not self._is_wanted(address):
+        if not self._is_wanted(address) or len(self._vehicles) >= MAX_VEHICLES:
             return None
-        if len(self._vehicles) >= MAX_VEHICLES:
-            return None
-        kept = self.evictions.take_profile(address)
+        kept = self.evictions.profiles.pop(address, None)
         profile = kept or self.profile
         vehicle = Vehicle(address, profile, self._new_estimator(profile), self._rate_hz)
-        vehicle.publishing.stagger(len(self._vehicles) + self.evictions.counts.vehicles)
+        vehicle.publishing.stagger(len(self._vehicles) + self.evictions.counts["vehicles"])
         self._vehicles[address] = vehicle
         if kept is not None:
             self._changes.report(Replaced(address, kept))
         return vehicle
 
     def _forget_silent(self, now_us: int) -> list[Output]:
-        heard_us = {address: vehicle.heard_us for address, vehicle in self._vehicles.items()}
-        gone = self.evictions.look(heard_us, now_us)
+        gone = self.evictions.look({k: v.heard_us for k, v in self._vehicles.items()}, now_us)
         for address in gone:
             self._forget(address)
-        return _messages(self.evictions.lines(gone, now_us))
+        lines = [f"vehicle {vehicle_name(each)}: gone, and forgotten" for each in gone]
+        return _messages(self._limit.lines(lines, now_us))
 
     def _forget(self, address: VehicleId) -> None:
         """Forget a vehicle, all but the parameters that somebody gave it."""
         vehicle = self._vehicles.pop(address, None)
         if vehicle is None:
             return
-        rejected, imu, publishing = vehicle.rejected.total(), vehicle.imu, vehicle.publishing
-        counts = EvictedCounts(1, imu.samples, imu.shed, rejected, publishing.attitudes)
-        self.evictions.counts = self.evictions.counts.plus(counts)
+        self.evictions.counts.update(
+            vehicles=1,
+            samples=vehicle.imu.samples,
+            shed=vehicle.imu.shed,
+            rejected=vehicle.rejected.total(),
+            attitudes=vehicle.publishing.attitudes,
+        )
         if vehicle.profile != self.profile and vehicle.built_in_motion is None:
             self.evictions.keep(address, vehicle.profile)
         self._changes.outputs.append(Departed(address))
-
-    def _is_settled(self, notice: Notice) -> bool:
-        """Whether the vehicle's profile already sets what the notice asks the user to set."""
-        vehicle = None if notice.vehicle is None else self._vehicles.get(notice.vehicle)
-        profile = self.profile if vehicle is None else vehicle.profile
-        return notice.section == "mounting" and not profile.mounting.has_body_axes
 
     def _is_wanted(self, address: VehicleId) -> bool:
         return self._system_id is None or address.system_id == self._system_id

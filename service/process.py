@@ -5,7 +5,7 @@ import gc
 import importlib
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
 from estimator.compilation.compiled import build, called_kernels, is_compiled_code
@@ -19,39 +19,31 @@ ADD_EVERY_S = 1.0
 MANY_OBJECTS = 50_000
 
 
-class Frozen:
-    """What the garbage collector leaves alone."""
-
-    def __init__(self) -> None:
-        self._vehicles = 0
-        self._due_s = 0.0
-
-    def add(self, vehicles: int, now_s: float) -> None:
-        """Add what has come with vehicles, at most once a second; there are so many now.
-
-        Each brings a thousand objects that stay.
-        """
-        if now_s < self._due_s:
-            return
-        self._due_s = now_s + ADD_EVERY_S
-        if vehicles > self._vehicles:
-            gc.freeze()
-        self._vehicles = vehicles
-
-
 @contextmanager
-def steady() -> Iterator[Frozen]:
+def steady() -> Iterator[Callable[[int, float], None]]:
     """While it lasts, the garbage collector leaves alone what existed before, and what is added.
 
     Half a million objects of libraries never become garbage. Looking through them takes 0.1 s,
-    several ticks.
+    several ticks. Each vehicle brings a thousand objects that stay: the function that this yields
+    adds them, at most once a second; it is given how many vehicles there are, and the time (s).
     """
+    known, due_s = 0, 0.0
+
+    def add(vehicles: int, now_s: float) -> None:
+        nonlocal known, due_s
+        if now_s < due_s:
+            return
+        due_s = now_s + ADD_EVERY_S
+        if vehicles > known:
+            gc.freeze()
+        known = vehicles
+
     interval_s, thresholds = sys.getswitchinterval(), gc.get_threshold()
     gc.set_threshold(MANY_OBJECTS, *thresholds[1:])
     gc.freeze()  # without collecting first, which takes as long and finds little
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     try:
-        yield Frozen()
+        yield add
     finally:
         sys.setswitchinterval(interval_s)
         gc.set_threshold(*thresholds)

@@ -22,25 +22,29 @@ from math import degrees, isfinite, pi
 
 from estimator.geometry.frames import euler_rad
 from estimator.types import Attitude, Quaternion, Vec3
-from service.load import Load
 from service.records import SCHEMA, AttitudeRecord, Confidence, Retuned, Sigma, State
 
 STATUS_PERIOD_US = 1_000_000
 # While samples are left out, an attitude of an old sample is repeated no more often than this.
 REPEATED_US = 250_000
+# How far the grid moves towards an arrival, as a share of what separates them.
+SLIDE = 0.125
 GOLDEN = 0.6180339887498949  # its multiples spread evenly over the unit interval
 
 
 class Publishing:
-    """Counts of the records of one vehicle, and their schedule. Times are the host's."""
+    """Counts of the records of one vehicle, and their grid. Times are the host's."""
 
     def __init__(self, rate_hz: float) -> None:
-        self.grid = PublishGrid(rate_hz)
         self.clock = HostClock()
         self.attitudes = 0
         self.statuses = 0
         self.retuned: Retuned | None = None
         self.status_due_us = 0
+        self._rate_hz = rate_hz
+        self._period_us = 1e6 / rate_hz  # of the grid
+        self._due_us = 0.0  # of the next attitude, without the offset
+        self._offset_us = 0.0
         self.wake_us = 0.0  # when to look next, as far as was known at the last look
         self._samples = -1  # at the last attitude,
         self._attitude_us = 0  # and when that was
@@ -54,8 +58,16 @@ class Publishing:
         self._second_status = 1.0 - number * GOLDEN % 1.0
 
     def note_attitude(self, now_us: int, samples: int) -> None:
-        """An attitude was published, after so many samples."""
-        self.grid.advance(now_us, has_sample=samples != self._samples)
+        """An attitude was published, after so many samples: the grid moves on."""
+        late_us = now_us - self.due_us
+        if self.attitudes == 0 or abs(late_us) > 2e6:  # the first, or the clock was set
+            self._due_us, self._offset_us = now_us + self._period_us, 0.0
+        else:
+            if samples != self._samples:
+                self._slide(late_us)
+            self._due_us += self._period_us
+            missed = int((now_us - self.due_us) // self._period_us)  # while nobody could publish
+            self._due_us += max(0, missed) * self._period_us
         self.attitudes += 1
         self._samples, self._attitude_us = samples, now_us
 
@@ -83,41 +95,27 @@ class Publishing:
         count = 0 if self.retuned is None else self.retuned.count
         self.retuned = Retuned(count + 1, summary)
 
-    def published_hz(self, now_us: int, load: Load) -> float:
-        """Attitudes a second since the last status; the rate asked for where there is no need."""
+    def published_hz(self, now_us: int, *, is_shedding: bool) -> float:
+        """Attitudes a second since the last status; the rate asked for where nothing is shed."""
         since_us = None if self._status_us is None else now_us - self._status_us
         count = self.attitudes - self._attitudes_then
         self._status_us, self._attitudes_then = now_us, self.attitudes
-        if not load.is_shedding or since_us is None or since_us <= 0:
-            return load.rate_hz
-        return min(load.rate_hz, round(1e6 * count / since_us, 1))
-
-
-# How far the grid moves towards an arrival, as a share of what separates them.
-SLIDE = 0.125
-
-
-class PublishGrid:
-    """The grid of one vehicle."""
-
-    def __init__(self, rate_hz: float) -> None:
-        self._period_us = 1e6 / rate_hz
-        self._due_us = 0.0  # without the offset
-        self._offset_us = 0.0
-        self._begun = False
+        if not is_shedding or since_us is None or since_us <= 0:
+            return self._rate_hz
+        return min(self._rate_hz, round(1e6 * count / since_us, 1))
 
     @property
     def due_us(self) -> float:
         """When the next attitude is due."""
         return self._due_us + self._offset_us
 
-    def is_due(self, now_us: int) -> bool:
+    def is_attitude_due(self, now_us: int) -> bool:
         """Whether the next attitude is due; at once if the host's clock was set back."""
         return not 0.0 < self.due_us - now_us <= 2.0 * self._period_us
 
     def meets(self, now_us: int, sample_period_us: float) -> bool:
         """Whether the sample taken at ``now_us`` is the one that the next attitude waits for."""
-        if not self._begun or self.is_due(now_us):
+        if self.attitudes == 0 or self.is_attitude_due(now_us):
             return True
         early_us = min(0.5 * sample_period_us, 0.5 * self._period_us)
         return self.due_us - now_us <= early_us
@@ -131,19 +129,6 @@ class PublishGrid:
         expected_us = last_arrival_us + sample_period_us
         waits = sample_period_us > 0.0 and due_us - half_us < expected_us < due_us + half_us
         return due_us + half_us if waits else due_us
-
-    def advance(self, now_us: int, *, has_sample: bool) -> None:
-        """An attitude was published at ``now_us``, with a sample of its own or without."""
-        late_us = now_us - self.due_us
-        if not self._begun or abs(late_us) > 2e6:  # the first, or the clock was set
-            self._begun = True
-            self._due_us, self._offset_us = now_us + self._period_us, 0.0
-            return
-        if has_sample:
-            self._slide(late_us)
-        self._due_us += self._period_us
-        missed = int((now_us - self.due_us) // self._period_us)  # while nobody could publish
-        self._due_us += max(0, missed) * self._period_us
 
     def _slide(self, late_us: float) -> None:
         half_us = 0.5 * self._period_us

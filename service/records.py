@@ -95,6 +95,14 @@ class Autopilot(Value, frozen=True):
         return self.inclination_deg if self.axis == "inclination" else abs(self.heading_deg)
 
     @property
+    def sigma_deg(self) -> float:
+        """Our sigma in that axis."""
+        is_tilted = self.axis == "inclination"
+        return self.off_deg / max(
+            self.inclination_sigmas if is_tilted else self.heading_sigmas, 0.1
+        )
+
+    @property
     def in_short(self) -> str:
         """The axis and by how much, for places with little room."""
         what = "horizon" if self.axis == "inclination" else self.axis or "attitude"

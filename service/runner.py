@@ -7,14 +7,15 @@ published once; nothing is made up for.
 
 import time
 from collections.abc import Callable
+from dataclasses import KW_ONLY, dataclass
+from math import inf
 
 from drivers.source import EventSource
 from service.load import Load, Losses, Overload
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
-from service.process import Frozen, steady
+from service.process import steady
 from service.records import Message, Output
-from service.signals import Stoppable
 from service.sinks.sink import Outbox
 
 # A loop that wakes so late was stopped, with the computer or by itself: for a while nobody can tell
@@ -27,7 +28,8 @@ LEAST_REST = 0.25
 MAX_WAIT_S = 0.1
 
 
-class Runner(Stoppable):
+@dataclass
+class Runner:
     """Runs a pipeline until stopped.
 
     ``now_us`` is the host time that arrivals are stamped with (Unix time for live sources),
@@ -36,108 +38,90 @@ class Runner(Stoppable):
     ``recording`` is asked for a word on the files that are recorded to.
     """
 
-    def __init__(
-        self,
-        source: EventSource,
-        pipeline: Pipeline,
-        outbox: Outbox,
-        *,
-        rate_hz: float,
-        now_us: Callable[[], int] = lambda: time.time_ns() // 1000,
-        monotonic_s: Callable[[], float] = time.monotonic,
-        requests: ParameterRequests | None = None,
-        is_finished: Callable[[], bool] = bool,
-        overload: Overload | None = None,
-        recording: Callable[[], str] = str,
-    ) -> None:
-        super().__init__()
-        self.overruns = 0
-        self.ticks = 0
-        self._source = source
-        self._pipeline = pipeline
-        self._outbox = outbox
-        self._rate_hz = rate_hz
-        self._now_us = now_us
-        self._monotonic_s = monotonic_s
-        self._requests = requests
-        self._is_finished = is_finished
-        self._overload = overload
-        self._recording = recording
-        self._woken_s = float("-inf")  # when the loop went on after a stop
+    source: EventSource
+    pipeline: Pipeline
+    outbox: Outbox
+    _: KW_ONLY
+    rate_hz: float
+    now_us: Callable[[], int] = lambda: time.time_ns() // 1000
+    monotonic_s: Callable[[], float] = time.monotonic
+    requests: ParameterRequests | None = None
+    is_finished: Callable[[], bool] = bool
+    overload: Overload | None = None
+    recording: Callable[[], str] = str
+    was_stopped: bool = False
+    overruns: int = 0
+    ticks: int = 0
+    woken_s: float = -inf  # when the loop went on after a stop
 
     @property
     def lost(self) -> int:
         """Datagrams that the system threw away before they could be read."""
-        return self._source.lost
+        return self.source.lost
 
     @property
     def dropped(self) -> int:
         """Events and records lost so far."""
-        return self._source.dropped + self._outbox.dropped
+        return self.source.dropped + self.outbox.dropped
+
+    def stop(self) -> None:
+        """Have the loop end at its next turn; from any thread or signal handler."""
+        self.was_stopped = True
 
     def run(self, seconds: float | None = None, is_over: Callable[[], object] = bool) -> None:
         """Loop until stopped or over, for ``seconds`` if given, or to the end of a finite source.
 
         ``is_over`` is asked at every turn.
         """
-        with steady() as frozen:
-            self._loop(seconds, is_over, frozen)
-        if self._requests is not None:
-            self._requests.close()
-
-    def _loop(self, seconds: float | None, is_over: Callable[[], object], frozen: Frozen) -> None:
-        now_s = self._monotonic_s()
-        end_s = float("inf") if seconds is None else now_s + seconds
-        due_s = now_s
-        while not self.was_stopped and not self._is_finished():
-            now_s = self._monotonic_s()
-            if now_s >= end_s or is_over():
-                break
-            if now_s - due_s > STOPPED_S:
-                self._woken_s = now_s
-            self._take(max(0.0, min(due_s, end_s) - now_s))
-            now_s = self._monotonic_s()
-            if now_s >= due_s:
-                self.overruns += int((now_s - due_s) * self._rate_hz)
-                due_s = self._tick(now_s)
-                frozen.add(len(self._pipeline), now_s)
-        self._tick(self._monotonic_s())  # publishes what the last events have changed
+        due_s = self.monotonic_s()
+        end_s = inf if seconds is None else due_s + seconds
+        with steady() as add_objects:
+            while not self.was_stopped and not self.is_finished():
+                now_s = self.monotonic_s()
+                if now_s >= end_s or is_over():
+                    break
+                if now_s - due_s > STOPPED_S:
+                    self.woken_s = now_s
+                self._take(max(0.0, min(due_s, end_s) - now_s))
+                now_s = self.monotonic_s()
+                if now_s >= due_s:
+                    self.overruns += int((now_s - due_s) * self.rate_hz)
+                    due_s = self._tick(now_s)
+                    add_objects(len(self.pipeline.vehicles), now_s)
+            self._tick(self.monotonic_s())  # publishes what the last events have changed
+        if self.requests is not None:
+            self.requests.close()
 
     def _take(self, timeout_s: float) -> None:
         """Handle what has arrived, after waiting for it."""
-        events = self._source.drain(timeout_s)
-        handle, now_us = self._pipeline.handle, self._now_us
+        events = self.source.drain(timeout_s)
+        handle, now_us = self.pipeline.handle, self.now_us
         outputs: list[Output] = []
         for event in events:
             outputs += handle(event, now_us())
-        if self._requests is not None:
-            self._requests.serve(self._pipeline.replace_profile)
+        if self.requests is not None:
+            self.requests.serve(self.pipeline.replace_profile)
         if outputs:
-            self._outbox.put(outputs)
+            self.outbox.put(outputs)
 
     def _tick(self, now_s: float) -> float:
         """Publish what is due; returns when the next record will be."""
         self.ticks += 1
-        load = Load(
-            is_shedding=self._observe_load(now_s),
-            has_just_woken=now_s - self._woken_s < WAKING_S,
-            rate_hz=self._rate_hz,
-        )
-        now_us = self._now_us()
-        outputs = self._pipeline.tick(now_us, load, self._losses)
+        load = Load(self._observe_load(now_s), now_s - self.woken_s < WAKING_S)
+        now_us = self.now_us()
+        outputs = self.pipeline.tick(now_us, load, self._losses)
         if outputs:
-            self._outbox.put(outputs)
-        wait_s = 1e-6 * (self._pipeline.wake_us - now_us)
-        return now_s + min(MAX_WAIT_S, max(LEAST_REST / self._rate_hz, wait_s))
+            self.outbox.put(outputs)
+        wait_s = 1e-6 * (self.pipeline.wake_us - now_us)
+        return now_s + min(MAX_WAIT_S, max(LEAST_REST / self.rate_hz, wait_s))
 
     def _losses(self) -> Losses:
-        return Losses(self.overruns, self.dropped, self._source.lost, self._recording())
+        return Losses(self.overruns, self.dropped, self.source.lost, self.recording())
 
     def _observe_load(self, now_s: float) -> bool:
         """Whether samples are left out; reports when that begins and when it ends."""
-        overload = self._overload
-        if overload is None:
+        if self.overload is None:
             return False
-        if overload.observe(self._source.shed + self._source.lost, now_s):
-            self._outbox.put([Message(overload.line)])
-        return overload.is_on
+        if line := self.overload.observe(self.source.shed + self.source.lost, now_s):
+            self.outbox.put([Message(line)])
+        return self.overload.is_on

@@ -9,18 +9,19 @@ field points to magnetic north.
 
 from collections import Counter
 from enum import StrEnum
-from math import atan2, cos, degrees, exp, hypot, radians, sin
+from math import atan2, cos, degrees, hypot, radians
 from typing import NamedTuple
 
+from msgspec.structs import replace
+
 from drivers.events import FilterStatus, ReferenceAttitude
-from estimator.aiding.place import resembles
 from estimator.geometry import quaternion
 from estimator.geometry.earth import PlaceField
-from estimator.geometry.quaternion import add, conjugate, multiply, norm, rotate, scale, subtract
+from estimator.geometry.quaternion import conjugate, multiply, norm, scale
 from estimator.types import STANDARD_GRAVITY_M_S2, Attitude, ImuSample, Quaternion, Vec3
-from service.alarms import END_SHARE, Lasting
+from service.evidence import END_SHARE, SILENT_US, VELOCITY, Consistency, Lasting
 from service.publishing import euler_deg
-from service.records import Autopilot, Peer
+from service.records import Autopilot
 
 LOOK_EVERY_US = 400_000
 # Between two attitudes that are both right lie up to some 8 deg of trim, mounting and compass.
@@ -31,20 +32,13 @@ LAG_S = 0.1
 TELLING_DEG = 20.0
 # A heading from magnetic north may be a declination off; where people fly it is under this.
 DECLINATION_DEG = 20.0
-PATIENCE_S = 5.0  # of service.alarms
-# An autopilot that has said nothing for so long is not compared.
-SILENT_US = 2_000_000
+PATIENCE_S = 5.0  # of service.evidence.Lasting
 # What its filter reports of itself, once a second or so, holds until it reports something else.
 FILTER_STATUS_HOLDS_US = 5_000_000
-CONSISTENCY_S = 20.0  # memory of the evidence
 # One of the two is named if the evidence is nearer to the other by this share of the difference.
 NAMED_SHARE = 0.5
 # An accelerometer that is off across gravity makes the force larger; by this share of that is odd.
 ODD_SHARE = 0.25
-# So much horizontal acceleration (m/s^2) shows a heading.
-SHOWING_M_S2 = 0.7
-VELOCITY = "velocity"
-STRIDE_S = 1.0  # velocity's gain and the force are compared over so long
 
 
 class Verdict(StrEnum):
@@ -63,16 +57,6 @@ class Difference(NamedTuple):
     allowed_deg: float
 
     @property
-    def sigmas(self) -> float:
-        """The same, in sigmas of ours."""
-        return abs(self.off_deg) / max(self.sigma_deg, 0.01)
-
-    @property
-    def is_known(self) -> bool:
-        """Whether a difference that matters could be seen."""
-        return self.allowed_deg <= TELLING_DEG
-
-    @property
     def is_beyond(self) -> bool:
         """Whether it is more than may be."""
         return abs(self.off_deg) > self.allowed_deg
@@ -83,21 +67,6 @@ class Doubts(NamedTuple):
 
     autopilot: str = ""
     ours: str = ""
-
-
-class Opinion(NamedTuple):
-    """What is said of one vehicle's two attitudes."""
-
-    verdict: Verdict
-    axis: str  # in which they differ: "inclination" or "heading", or ""
-    message: str  # that the autopilot's comes from
-    since_us: int  # of the verdict, on the vehicle's clock
-    inclination: Difference
-    heading: Difference
-    wrong: str  # "autopilot", "ours", or "" where nothing says which
-    evidence: str  # in words
-    theirs: Quaternion  # compared last
-    ours: Quaternion
 
 
 class Interval(NamedTuple):
@@ -111,103 +80,32 @@ class Interval(NamedTuple):
     evidence: str
 
 
-class Consistency:
-    """What force, velocity and field have said of one attitude over the last seconds."""
-
-    def __init__(self) -> None:
-        self._pushed: Vec3 = (0.0, 0.0, 0.0)  # mean specific force, NED
-        self._north: Vec3 = (0.0, 0.0, 0.0)  # mean field, NED
-        self._stride: Vec3 = (0.0, 0.0, 0.0)  # velocity that the force has given in this stride
-        self._across = self._along = self._square = 0.0
-        self._weight = 0.0
-
-    def look(self, q: Quaternion, sample: ImuSample, dt_s: float) -> None:
-        """Take the force and the field as the attitude ``q`` sees them."""
-        share = 1.0 - exp(-dt_s / CONSISTENCY_S)
-        force = rotate(q, sample.acc_m_s2)
-        self._pushed = _towards(self._pushed, force, share)
-        if sample.has_mag:
-            self._north = _towards(self._north, rotate(q, sample.mag_gauss), share)
-        self._weight += share * (1.0 - self._weight)
-        self._stride = add(self._stride, scale(dt_s, force))
-
-    def gain(self, gained_m_s: Vec3, dt_s: float) -> None:
-        """Compare what the force has given with what velocity has gained in ``dt_s``."""
-        share = 1.0 - exp(-dt_s / CONSISTENCY_S)
-        x, y, _ = self._stride
-        u, v, _ = gained_m_s
-        self._across += share * ((x * v - y * u) / dt_s**2 - self._across)
-        self._along += share * ((x * u + y * v) / dt_s**2 - self._along)
-        self._square += share * ((u * u + v * v) / dt_s**2 - self._square)
-        self.begin_stride()
-
-    def begin_stride(self) -> None:
-        """Sum the force anew: the last stride has ended, or velocity was not known."""
-        self._stride = (0.0, 0.0, 0.0)
-
-    def held_m_s2(self, gained_m_s2: Vec3) -> Vec3:
-        """The mean force less the velocity gained meanwhile, which should point up."""
-        return subtract(scale(1.0 / max(self._weight, 1e-9), self._pushed), gained_m_s2)
-
-    def dip_deg(self, place: PlaceField | None) -> float | None:
-        """How far the mean field's dip is off the place's; None where either is not known."""
-        north, east, down = self._north
-        if place is None or not any(self._north):
-            return None
-        return abs(degrees(atan2(down, hypot(north, east)) - place.dip_rad))
-
-    def turn_deg(self, place: PlaceField | None) -> tuple[float, str] | None:
-        """How far (deg) the heading is off by velocity, else by the field; None if neither says."""
-        if self._square > SHOWING_M_S2**2:
-            return degrees(atan2(-self._across, self._along)), VELOCITY
-        north, east, down = self._north
-        if place is None or not resembles(place, hypot(north, east), down):
-            return None
-        off = atan2(east, north) - place.declination_rad
-        return degrees(atan2(sin(off), cos(off))), "the magnetic field"
-
-
 class SecondOpinion:
     """Compares one vehicle's two attitudes, a few times a second of its clock."""
 
     def __init__(self) -> None:
         self.intervals: list[Interval] = []
         self.looks: Counter[Verdict] = Counter()
-        self.peers: dict[str, Peer] = {}  # others' latest attitudes, until ours is published
         self.filter_status: FilterStatus | None = None  # the autopilot's latest
         self._differed = False  # at the last comparison
-        self._next_us = 0
+        self._since_us = 0  # of the verdict, on the vehicle's clock
         self.restart()
 
     def restart(self) -> None:
         """Begin anew, as our attitude does; the intervals of before stay."""
-        self.opinion: Opinion | None = None
+        self.opinion: Autopilot | None = None  # at the last comparison
         self._last_us: int | None = None
         self._tilting, self._turning = Lasting(PATIENCE_S), Lasting(PATIENCE_S)
         self._ours, self._theirs = Consistency(), Consistency()
-        self._velocity: tuple[int, Vec3] | None = None  # at the stride's beginning
-        self._gained: Vec3 = (0.0, 0.0, 0.0)  # mean acceleration by velocity, m/s^2
 
     def is_due(self, time_us: int) -> bool:
         """Whether it is time to look again."""
-        return time_us >= self._next_us or self._last_us is None or time_us < self._last_us
+        return self._last_us is None or not 0 <= time_us - self._last_us < LOOK_EVERY_US
 
     def take_velocity(self, time_us: int, velocity_ned_m_s: Vec3) -> None:
         """Take the vehicle's velocity."""
-        if self._velocity is None or not 0 < time_us - self._velocity[0] < SILENT_US:
-            self._velocity = (time_us, velocity_ned_m_s)
-            self._ours.begin_stride()
-            self._theirs.begin_stride()
-            return
-        dt_s = 1e-6 * (time_us - self._velocity[0])
-        if dt_s < STRIDE_S:
-            return
-        gained = subtract(velocity_ned_m_s, self._velocity[1])
-        for consistency in (self._ours, self._theirs):
-            consistency.gain(gained, dt_s)
-        share = 1.0 - exp(-dt_s / CONSISTENCY_S)
-        self._gained = _towards(self._gained, scale(1.0 / dt_s, gained), share)
-        self._velocity = (time_us, velocity_ned_m_s)
+        for each in (self._ours, self._theirs):
+            each.take_velocity(time_us, velocity_ned_m_s)
 
     def compare(
         self,
@@ -226,14 +124,12 @@ class SecondOpinion:
         doubts = Doubts(self._against_autopilot(event.arrival_us), against_ours)
         ours = turned_back(ours, 1e-6 * behind_us)
         self.look(event.time_us, event.message, theirs, ours, sample, place, doubts)
-        opinion = self.opinion
-        differs = opinion is not None and opinion.verdict is Verdict.DIFFERS
+        opinion = self.record(event.time_us)
+        differs = opinion is not None and opinion.verdict == Verdict.DIFFERS
         before, self._differed = self._differed, differs
         if opinion is None or differs == before:
             return []
-        if differs:
-            return [in_words(opinion, event.time_us)]
-        return ["the autopilot's attitude and ours agree"]
+        return [in_words(opinion) if differs else "the autopilot's attitude and ours agree"]
 
     def look(
         self,
@@ -255,44 +151,51 @@ class SecondOpinion:
         verdict = self._verdict(inclination, heading)
         self.looks[verdict] += 1
         axis, wrong, evidence = "", "", ""
-        if verdict is Verdict.DIFFERS:
-            axis = "inclination" if self._tilting.is_on else "heading"
-            off_deg = (inclination if self._tilting.is_on else heading).off_deg
-            judge = self._judge_tilt if self._tilting.is_on else self._judge_heading
-            wrong, evidence = judge(abs(off_deg), place, doubts)
-        before = self.opinion
-        is_new = before is None or before.verdict is not verdict
-        since_us = time_us if before is None or is_new else before.since_us
-        both = inclination, heading
-        self.opinion = Opinion(
-            verdict, axis, message, since_us, *both, wrong, evidence, theirs, ours.q_ned_frd
+        if verdict is Verdict.DIFFERS and self._tilting.is_on:
+            axis = "inclination"
+            wrong, evidence = self._judge_tilt(inclination.off_deg, place, doubts)
+        elif verdict is Verdict.DIFFERS:
+            axis = "heading"
+            wrong, evidence = self._judge_heading(abs(heading.off_deg), place, doubts)
+        is_new = self.opinion is None or self.opinion.verdict != verdict
+        if is_new:
+            self._since_us = time_us
+        angles = zip(euler_deg(theirs), euler_deg(ours.q_ned_frd), strict=True)
+        roll_deg, pitch_deg, _ = (round((a - b + 180.0) % 360.0 - 180.0, 2) for a, b in angles)
+        self.opinion = Autopilot(
+            verdict=verdict,
+            message=message,
+            for_s=0.0,
+            inclination_deg=round(inclination.off_deg, 2),
+            heading_deg=round(heading.off_deg, 2),
+            inclination_sigmas=round(inclination.off_deg / max(inclination.sigma_deg, 0.01), 1),
+            heading_sigmas=round(abs(heading.off_deg) / max(heading.sigma_deg, 0.01), 1),
+            wrong=wrong,
+            evidence=evidence,
+            axis=axis,
+            roll_deg=roll_deg,
+            pitch_deg=pitch_deg,
         )
         if verdict is Verdict.DIFFERS:
-            self._keep(self.opinion, time_us, is_new=is_new)
+            if is_new:
+                self.intervals.append(Interval(time_us, time_us, 0.0, 0.0, "", ""))
+            now = self.intervals[-1]
+            self.intervals[-1] = now._replace(
+                end_us=time_us,
+                inclination_deg=max(now.inclination_deg, inclination.off_deg),
+                heading_deg=max(now.heading_deg, abs(heading.off_deg)),
+                wrong=wrong or now.wrong,
+                evidence=evidence if wrong or not now.wrong else now.evidence,
+            )
 
     def record(self, time_us: int) -> Autopilot | None:
         """The verdict at a time of the vehicle's clock; None if it sends no attitude."""
         if self._last_us is not None and not 0 <= time_us - self._last_us < SILENT_US:
             self.opinion = None
-        opinion = self.opinion
-        if opinion is None:
+        if self.opinion is None:
             return None
-        angles = zip(euler_deg(opinion.theirs), euler_deg(opinion.ours), strict=True)
-        turned = [round((a - b + 180.0) % 360.0 - 180.0, 2) for a, b in angles]
-        return Autopilot(
-            verdict=opinion.verdict.value,
-            message=opinion.message,
-            for_s=max(0.0, round(1e-6 * (time_us - opinion.since_us), 1)),
-            inclination_deg=round(opinion.inclination.off_deg, 2),
-            heading_deg=round(opinion.heading.off_deg, 2),
-            inclination_sigmas=round(opinion.inclination.sigmas, 1),
-            heading_sigmas=round(opinion.heading.sigmas, 1),
-            wrong=opinion.wrong,
-            evidence=opinion.evidence,
-            axis=opinion.axis,
-            roll_deg=turned[0],
-            pitch_deg=turned[1],
-        )
+        for_s = max(0.0, round(1e-6 * (time_us - self._since_us), 1))
+        return replace(self.opinion, for_s=for_s)
 
     def _begin_look(self, time_us: int) -> float:
         """The time since the last look, 0 after a longer silence."""
@@ -301,17 +204,18 @@ class SecondOpinion:
         if not 0.0 <= dt_s < 1e-6 * SILENT_US:
             self.restart()
             dt_s = 0.0
-        self._last_us, self._next_us = time_us, time_us + LOOK_EVERY_US
+        self._last_us = time_us
         return dt_s
 
     def _verdict(self, inclination: Difference, heading: Difference) -> Verdict:
         axes = ((self._tilting, inclination), (self._turning, heading))
         if any(lasting.is_on for lasting, _ in axes):
             return Verdict.DIFFERS
-        agrees = [
-            it.is_known and not it.is_beyond and lasting.share < END_SHARE for lasting, it in axes
-        ]
-        return Verdict.AGREES if all(agrees) else Verdict.CANNOT_TELL
+        agrees = all(
+            lasting.share < END_SHARE and abs(it.off_deg) <= it.allowed_deg <= TELLING_DEG
+            for lasting, it in axes
+        )
+        return Verdict.AGREES if agrees else Verdict.CANNOT_TELL
 
     def _against_autopilot(self, now_us: int) -> str:
         """What the autopilot's filter reports against itself."""
@@ -346,7 +250,7 @@ class SecondOpinion:
         shows in the field's dip.
         """
         both = self._ours, self._theirs
-        held = [each.held_m_s2(self._gained) for each in both]
+        held = [each.held_m_s2() for each in both]
         ours, theirs = (degrees(atan2(hypot(x, y), -z)) for x, y, z in held)
         wrong, evidence = _named("the mean force", ours, theirs, off_deg)
         if wrong != "autopilot":
@@ -364,19 +268,6 @@ class SecondOpinion:
         if by_dip == "ours":
             wrong = "ours" if is_odd else ""
         return _weighed(wrong, evidence, doubts)
-
-    def _keep(self, opinion: Opinion, time_us: int, *, is_new: bool) -> None:
-        """Keep the times for which both differ."""
-        if is_new:
-            self.intervals.append(Interval(time_us, time_us, 0.0, 0.0, "", ""))
-        now = self.intervals[-1]
-        self.intervals[-1] = now._replace(
-            end_us=time_us,
-            inclination_deg=max(now.inclination_deg, opinion.inclination.off_deg),
-            heading_deg=max(now.heading_deg, abs(opinion.heading.off_deg)),
-            wrong=opinion.wrong or now.wrong,
-            evidence=opinion.evidence if opinion.wrong or not now.wrong else now.evidence,
-        )
 
 
 def differences(theirs: Quaternion, ours: Attitude) -> tuple[Difference, Difference]:
@@ -417,18 +308,13 @@ def _weighed(wrong: str, evidence: str, doubts: Doubts) -> tuple[str, str]:
     return (doubted if wrong in ("", doubted) else ""), "; ".join(filter(None, [evidence, *doubts]))
 
 
-def in_words(opinion: Opinion, time_us: int) -> str:
+def in_words(opinion: Autopilot) -> str:
     """One line for a person, of two that differ."""
-    is_tilted = opinion.axis == "inclination"
-    what, it = ("horizon", opinion.inclination) if is_tilted else ("heading", opinion.heading)
-    lasted_s = PATIENCE_S + 1e-6 * (time_us - opinion.since_us)
+    what = "horizon" if opinion.axis == "inclination" else "heading"
+    lasted_s = PATIENCE_S + opinion.for_s
     who = {"autopilot": "the autopilot's is likely wrong", "ours": "ours is likely wrong"}
     named = who.get(opinion.wrong, "which is wrong is not known")
     return (
-        f"the autopilot's {what} has been {abs(it.off_deg):.0f} deg off ours for {lasted_s:.0f} s, "
-        f"and ours is good to {it.sigma_deg:.0f} deg; {named}: {opinion.evidence}"
+        f"the autopilot's {what} has been {opinion.off_deg:.0f} deg off ours for {lasted_s:.0f} s, "
+        f"and ours is good to {opinion.sigma_deg:.0f} deg; {named}: {opinion.evidence}"
     )
-
-
-def _towards(mean: Vec3, value: Vec3, share: float) -> Vec3:
-    return add(mean, scale(share, subtract(value, mean)))

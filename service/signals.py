@@ -17,17 +17,6 @@ _met: list[int] = []  # the signals that have interrupted the command
 POLL_S = 0.1
 
 
-class Stoppable:
-    """A loop that ends at its next turn once somebody has asked for it."""
-
-    def __init__(self) -> None:
-        self.was_stopped = False  # whether somebody asked for the end
-
-    def stop(self) -> None:
-        """Ask for the end; from any thread or signal handler."""
-        self.was_stopped = True
-
-
 def ending_signals() -> tuple[signal.Signals, ...]:
     """The signals that end a command; without SIGHUP where ``nohup`` has it ignored."""
     ending = (signal.SIGINT, signal.SIGTERM)

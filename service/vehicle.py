@@ -1,37 +1,25 @@
 """One vehicle as the service sees it: its estimator and everything that is known beside it."""
 
-from collections import Counter
+from collections import Counter, deque
 
-from drivers.events import (
-    BodyRates,
-    ClockReset,
-    Heartbeat,
-    Imu,
-    OtherImu,
-    Position,
-    ReferenceAttitude,
-    Rejected,
-    Report,
-    TrackLost,
-    VehicleId,
-)
+from drivers import events
+from drivers.events import Imu, VehicleEvent, VehicleId
 from estimator.estimator import Estimator
 from estimator.profile import Profile
 from estimator.reasons import Reason
 from estimator.types import ImuSample, VelocitySample
-from service.alarms import Alarms
+from service.alarms import MEANINGS, Alarms
 from service.imu_stream import LATE_MINIMUM_US, ImuStream, ReportChoices
 from service.lines import LineLimit
 from service.other_imus import OtherImus
 from service.publishing import HostClock, Publishing, attitude_record, is_finite
-from service.records import HAS_ATTITUDE, AttitudeRecord, State, vehicle_name
+from service.records import HAS_ATTITUDE, AttitudeRecord, Peer, State, vehicle_name
 from service.second_opinion import SecondOpinion
 from service.vehicle_parameters import VehicleParameters
 
 # The estimate is checked for not being finite once in so many samples: once it is not, it stays so.
 CHECKED_EVERY = 8
-# The ages of two messages stamped by one clock differ by less than this.
-OTHER_CLOCK_US = 1_000_000
+MOST_VELOCITIES = 128  # two seconds of them
 UNSTAMPED = "AHRS2"  # an attitude of the IMU message before it
 STANDARD_RATE_HZ = 100.0
 
@@ -55,6 +43,7 @@ class Vehicle:
         self.estimator = estimator
         self.heard_us = 0  # the latest arrival of anything that is a vehicle's own
         self.rejected: Counter[Reason] = Counter()
+        self.peers: dict[str, Peer] = {}  # others' latest attitudes, until ours is published
         self.built_in_motion: str | None = None  # of fuzzbee's own vehicle
         self.imu = ImuStream()
         self.others = OtherImus()
@@ -63,6 +52,8 @@ class Vehicle:
         self.alarms = Alarms()
         self.publishing = Publishing(rate_hz)
         self._report_choices = ReportChoices()
+        # since the autopilot's attitude came last, which alone needs them
+        self._velocities: deque[VelocitySample] = deque(maxlen=MOST_VELOCITIES)
         self._limit = LineLimit(f"vehicle {self.name}")
 
     @property
@@ -93,7 +84,7 @@ class Vehicle:
         sample = self.profile.to_body_axes(event.sample)
         reason = self.estimator.update(sample)
         if reason is not None:
-            self.reject(reason)
+            self.rejected[reason] += 1
             return lines
         self.imu.note_taken(event, sample)
         self.publishing.clock.observe(event.sample.time_us, event.arrival_us)
@@ -103,12 +94,42 @@ class Vehicle:
         state = State.RUNNING if self.estimator.aligned else State.ALIGNING
         return lines if state is self.imu.state else lines + self._become(state, event.arrival_us)
 
-    def on_other_imu(self, event: OtherImu) -> None:
-        """Compare an IMU that is not in use."""
-        reading = event.rate_rad_s, event.force_m_s2
-        self.others.take(event.message, event.arrival_us, *reading, self.imu.last)
+    def take(self, event: VehicleEvent) -> list[str]:
+        """Take whatever else it has sent, or was noticed of it."""
+        match event:
+            case events.Report():
+                self._on_report(event)
+            case events.Position(latitude_deg=latitude_deg, longitude_deg=longitude_deg):
+                height_m, now_us = event.altitude_m, event.arrival_us
+                self.estimator.set_position(latitude_deg, longitude_deg, height_m, now_us)
+            case events.Heartbeat():
+                self.heard_us = event.arrival_us
+                self.parameters.take_heartbeat(event, self.estimator)
+            case events.OtherImu(message=message, arrival_us=now_us):
+                rate, force = event.rate_rad_s, event.force_m_s2
+                self.others.take(message, now_us, rate, force, self.imu.last)
+            case events.ModeChange():
+                self.parameters.take_mode(event)
+            case events.FilterStatus():
+                self.comparison.filter_status = event
+            case events.Parameter():
+                self.parameters.take(event, self.estimator)
+            case events.Rejected():
+                self.heard_us = event.arrival_us
+                if not event.message or self.imu.message in (None, event.message):
+                    self.rejected[event.reason] += 1
+            case events.Shed():
+                self.heard_us = event.arrival_us
+                self.imu.note_shed(event)
+            case events.TrackLost() if event.message == self.imu.message:
+                self.restart()
+                text = f"{event.reason} for {event.blind_s:.1f} s, aligning anew"
+                return self._lines([text], event.arrival_us)
+            case events.ClockReset():
+                return self._on_clock_reset(event)
+        return []
 
-    def on_clock_reset(self, event: ClockReset) -> list[str]:
+    def _on_clock_reset(self, event: events.ClockReset) -> list[str]:
         """The vehicle's clock began anew: what was known about its time and attitude is void."""
         if event.goes_on:
             return self._lines([f"clock jump by {event.step_s:+.1f} s, cut out"], event.arrival_us)
@@ -119,48 +140,24 @@ class Vehicle:
         text = f"clock {event.reason} by {event.step_s:+.1f} s, aligning anew"
         return self._lines([text], event.arrival_us)
 
-    def on_track_lost(self, event: TrackLost) -> list[str]:
-        """The vehicle has turned unseen, nobody knows how far: its attitude is void."""
-        if event.message != self.imu.message:
-            return []
-        self.restart()
-        text = f"{event.reason} for {event.blind_s:.1f} s, aligning anew"
-        return self._lines([text], event.arrival_us)
-
-    def on_rejected(self, event: Rejected) -> None:
-        """Count a refused sample, unless it is of another IMU than the one in use."""
-        self.heard_us = event.arrival_us
-        if not event.message or self.imu.message in (None, event.message):
-            self.reject(event.reason)
-
-    def on_position(self, event: Position) -> None:
-        """Tell the estimator where it is, for the declination."""
-        self.estimator.set_position(
-            event.latitude_deg, event.longitude_deg, event.altitude_m, event.arrival_us
-        )
-
-    def on_heartbeat(self, event: Heartbeat) -> None:
-        """Note that it is alive, and what carries the IMU if that is new."""
-        self.heard_us = event.arrival_us
-        self.parameters.take_heartbeat(event, self.estimator)
-
-    def on_report(self, event: Report) -> None:
+    def _on_report(self, event: events.Report) -> None:
         """Feed the estimator with what something beside the IMU has measured.
 
         Of several messages that report the same, only with the chosen one.
         """
         sample = event.sample
-        if isinstance(event, BodyRates) and self._has_other_clock(event.arrival_us, sample.time_us):
+        is_rates = isinstance(event, events.BodyRates)
+        if is_rates and self.imu.has_other_clock(event.arrival_us, sample.time_us):
             return
         if not self._report_choices.take(event):
             return
         reason = self.estimator.update_report(sample)
         if reason is not None:
-            self.reject(reason)
+            self.rejected[reason] += 1
         elif isinstance(sample, VelocitySample):
-            self.comparison.take_velocity(sample.time_us, sample.velocity_ned_m_s)
+            self._velocities.append(sample)
 
-    def on_reference(self, event: ReferenceAttitude) -> list[str]:
+    def on_reference(self, event: events.ReferenceAttitude) -> list[str]:
         """Compare the autopilot's attitude with ours of the same instant, some times a second.
 
         None is compared that is stamped by another clock or more than a sample's interval away.
@@ -173,7 +170,7 @@ class Vehicle:
         ahead_us = event.time_us - sample.time_us
         late_us = event.arrival_us - last.arrival_us if event.message == UNSTAMPED else 0
         is_near = max(late_us, abs(ahead_us)) <= max(self.imu.median_period_us, 1)
-        if not is_near or self._has_other_clock(event.arrival_us, event.time_us):
+        if not is_near or self.imu.has_other_clock(event.arrival_us, event.time_us):
             return []
         ours = self.estimator.attitude(event.time_us)
         if not is_finite(ours):
@@ -181,7 +178,11 @@ class Vehicle:
         theirs = self.parameters.view.of_imu(event.message, event.q_ned_frd, ours.q_ned_frd)
         if theirs is None:
             return []
-        place, alarms = self.estimator.place_field, self.alarms.in_words
+        while self._velocities:
+            velocity = self._velocities.popleft()
+            self.comparison.take_velocity(velocity.time_us, velocity.velocity_ned_m_s)
+        place = self.estimator.place_field
+        alarms = " and ".join(sorted(MEANINGS[each] for each in self.alarms.words))
         against_ours = f"of ours, {alarms}" if alarms else ""
         lines = self.comparison.compare(event, theirs, ours, sample, place, against_ours)
         return self._lines(lines, event.arrival_us)
@@ -196,7 +197,7 @@ class Vehicle:
     def meets_grid(self, now_us: int) -> bool:
         """Whether the sample that was just taken is the one that the next attitude waits for."""
         period_us = self.imu.median_period_us
-        return self.state in HAS_ATTITUDE and self.publishing.grid.meets(now_us, period_us)
+        return self.state in HAS_ATTITUDE and self.publishing.meets(now_us, period_us)
 
     def schedule(self, now_us: int) -> None:
         """Note when to look at it next, if nothing of it arrives until then."""
@@ -204,7 +205,7 @@ class Vehicle:
         if last_us is None or self.state not in HAS_ATTITUDE:
             due_us = float(now_us + LATE_MINIMUM_US)
         else:
-            due_us = self.publishing.grid.deadline_us(last_us, self.imu.median_period_us)
+            due_us = self.publishing.deadline_us(last_us, self.imu.median_period_us)
         self.publishing.wake_us = min(self.publishing.status_due_us, due_us)
 
     def is_left_out(self, now_us: int) -> bool:
@@ -237,10 +238,6 @@ class Vehicle:
 
     # --- changes
 
-    def reject(self, reason: Reason, count: int = 1) -> None:
-        """Count refused samples (or frames, which were not even opened)."""
-        self.rejected[reason] += count
-
     def replace_profile(self, profile: Profile) -> None:
         """Use another profile from the next sample on; the estimate stays.
 
@@ -263,13 +260,14 @@ class Vehicle:
         self.estimator.restart()
         self.alarms.restart()
         self.comparison.restart()
+        self._velocities.clear()
         self.imu.last = self.imu.last_sample = None
 
     def _check(self, event: Imu, sample: ImuSample) -> list[str]:
         """Check that the estimate is finite and, twice a second, that nothing contradicts it."""
         attitude = self.estimator.attitude(sample.time_us)
         if not is_finite(attitude):  # no sample would repair it
-            self.reject(Reason.ESTIMATE_NOT_FINITE)
+            self.rejected[Reason.ESTIMATE_NOT_FINITE] += 1
             self.restart()
             text = "the estimate is not finite, aligning anew"
             return self._lines([text], event.arrival_us)
@@ -277,26 +275,15 @@ class Vehicle:
             return []
         lines = self.alarms.look(sample, event.arrival_us, attitude, self.profile, self.estimator)
         if any(self.estimator.contradicted_axes):  # each second with this IMU does harm
-            self.imu.choice.contradict()
+            self.imu.choice.contradicted.add(event.message)
         return self._lines(lines, event.arrival_us)
 
     def _change_message(self, before: str, now: str) -> list[str]:
         if not before:
             return [f"vehicle {self.name}: IMU data from {now}"]
         self.estimator.change_imu()
-        self.others.restart()
+        self.others = OtherImus()
         return [f"vehicle {self.name}: IMU data from {now} now, {before} is given up"]
-
-    def _has_other_clock(self, arrival_us: int, time_us: int) -> bool:
-        """Whether a message's clock is another than the IMU's, or there is no IMU yet.
-
-        Some autopilots stamp ATTITUDE seconds off; its rates are then those of another time.
-        """
-        last = self.imu.last
-        if last is None:
-            return True
-        age_us = arrival_us - time_us
-        return abs(age_us - (last.arrival_us - last.sample.time_us)) > OTHER_CLOCK_US
 
     def _become(self, state: State, now_us: int) -> list[str]:
         self.imu.state = state
@@ -306,6 +293,4 @@ class Vehicle:
 
     def _lines(self, texts: list[str], now_us: int) -> list[str]:
         """Lines about this vehicle, fewer of them where there are too many."""
-        if not texts:
-            return []
         return self._limit.lines([f"vehicle {self.name}: {text}" for text in texts], now_us)

@@ -32,15 +32,15 @@ class VehicleParameters:
         self.view = AttitudeView()  # of what the autopilot's attitude is
         self.is_armed: bool | None = None
         self._mode: int | None = None
-        self._vehicle: tuple[int | None, int | None] = (None, None)  # autopilot and vehicle type
-        self._carrier: tuple[int, int, bool | None] | None = None  # both, and whether it is armed
+        # autopilot, vehicle type, and whether it is armed
+        self._carrier: tuple[int | None, int | None, bool | None] = (None, None, None)
         self._compass_offsets: dict[str, float] = {}
         self._filters_hz: dict[str, float] = {}
 
     @property
     def mode(self) -> str:
         """The flight mode's name, empty before it is known."""
-        return "" if self._mode is None else mode_name(*self._vehicle, self._mode)
+        return "" if self._mode is None else mode_name(*self._carrier[:2], self._mode)
 
     def take_mode(self, event: Heartbeat | ModeChange) -> None:
         """Note what an event reports of the flight; most report a part."""
@@ -68,7 +68,6 @@ class VehicleParameters:
         Anything may be done to a vehicle that is not armed.
         """
         self.take_mode(event)
-        self._vehicle = event.autopilot, event.vehicle_type
         carrier = (event.autopilot, event.vehicle_type, event.is_armed)
         if carrier == self._carrier:
             return

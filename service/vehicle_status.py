@@ -51,7 +51,7 @@ def status_record(
         overloaded=load.is_shedding,
         shed=imu.shed,
         lost=losses.lost,
-        published_hz=publishing.published_hz(now_us, load),
+        published_hz=publishing.published_hz(now_us, is_shedding=load.is_shedding),
         malformed=malformed,
         warnings=tuple(sorted(words)),
         retuned=publishing.retuned,

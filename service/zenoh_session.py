@@ -61,11 +61,10 @@ class OpeningSession:
     In a thread of its own: while the library waits for a silent peer, it lets no signal through.
 
     Raises:
-        InputError: an address or setting that cannot be used.
+        InputError: a prefix, address or setting that cannot be used.
     """
 
     def __init__(self, options: ZenohOptions) -> None:
-        check_prefix(options.prefix)
         self.note: str | None = None  # a line for a person, once it is open
         self._where = ", ".join(options.listen + options.connect) or DEFAULT_ENDPOINT
         self._options = options
@@ -103,9 +102,8 @@ class OpeningSession:
             if "shm" not in str(error):
                 raise
             self.note = f"zenoh: no shared memory, going on without: {_one_line(error)}"
-        config = _config(self._options)
-        _set(config, "transport/shared_memory/enabled", False)
-        return zenoh.open(config)
+        settings = (*self._options.settings, "transport/shared_memory/enabled:false")
+        return zenoh.open(_config(self._options._replace(settings=settings)))
 
 
 def _close_opened(opened: "Future[zenoh.Session]") -> None:
@@ -125,48 +123,27 @@ def close_session(session: "zenoh.Session") -> None:
     closer.join(CLOSE_S)
 
 
-def check_prefix(prefix: str) -> None:
-    """Refuse what cannot begin a key.
-
-    Raises:
-        InputError: empty, slashes at an end, or wildcards.
-    """
+def _config(options: ZenohOptions) -> "zenoh.Config":
+    """The library's own; it would look for ever for what can be no address."""
     import zenoh
 
     try:
-        zenoh.KeyExpr(prefix)
+        zenoh.KeyExpr(options.prefix)
     except zenoh.ZError as error:
-        raise InputError(f"--prefix {prefix!r}: {_one_line(error)}") from None
-    if "*" in prefix:
-        raise InputError(f"--prefix {prefix!r}: wildcards cannot be published on")
-
-
-def check_endpoint(name: str, endpoint: str) -> None:
-    """Refuse what can be no address: zenoh would look for it for ever.
-
-    Raises:
-        InputError: no protocol, host or port.
-    """
-    protocol, _, address = endpoint.partition("/")
-    place = PLACE if protocol in WITH_PORT else re.compile(".+")
-    if not protocol or not place.fullmatch(address):
-        raise InputError(f"{name} {endpoint!r}: should be like {DEFAULT_ENDPOINT}")
-
-
-def _config(options: ZenohOptions) -> "zenoh.Config":
+        raise InputError(f"--prefix {options.prefix!r}: {_one_line(error)}") from None
+    if "*" in options.prefix:
+        raise InputError(f"--prefix {options.prefix!r}: wildcards cannot be published on")
     if options.mode not in MODES:
         raise InputError(f"--mode {options.mode!r}: should be peer or client")
     for name, endpoints in (("--listen", options.listen), ("--connect", options.connect)):
         for endpoint in endpoints:
-            check_endpoint(name, endpoint)
+            protocol, _, address = endpoint.partition("/")
+            place = PLACE if protocol in WITH_PORT else re.compile(".+")
+            if not protocol or not place.fullmatch(address):
+                raise InputError(f"{name} {endpoint!r}: should be like {DEFAULT_ENDPOINT}")
     config = _base(options)
-    if options.config_file is None:
-        _set(config, "transport/link/tx/queue/size/data", TX_BATCHES)
-    if options.config_file is None or options.mode != "peer":
-        _set(config, "mode", options.mode)
-    if options.multicast or options.config_file is None:
-        _set(config, "scouting/multicast/enabled", options.multicast)
-    _set_endpoints(config, options)
+    for key, value in _chosen(options).items():
+        _insert(config, key, json.dumps(value), f"{key} {value!r}")
     for setting in options.settings:
         key, colon, value = setting.partition(":")
         if not colon:
@@ -201,30 +178,28 @@ def _base(options: ZenohOptions) -> "zenoh.Config":
         raise InputError(f"{what}: {_one_line(error)}") from None
 
 
-def _set_endpoints(config: "zenoh.Config", options: ZenohOptions) -> None:
-    """The addresses that were given; else the default ones, unless a configuration file is used."""
-    default = options.config_file is None
-    client = options.mode == "client"
+def _chosen(options: ZenohOptions) -> dict[str, Any]:
+    """The library's settings by key: what was asked for, and our own without a file of them."""
+    default, client = options.config_file is None, options.mode == "client"
+    chosen: dict[str, Any] = {}
+    if default:
+        chosen["transport/link/tx/queue/size/data"] = TX_BATCHES
+    if default or client:
+        chosen["mode"] = options.mode
+    if default or options.multicast:
+        chosen["scouting/multicast/enabled"] = options.multicast
     if options.listen:
-        _set(config, "listen/endpoints", options.listen)
-        _set(config, "listen/exit_on_failure", True)
+        chosen |= {"listen/endpoints": options.listen, "listen/exit_on_failure": True}
     elif default:
-        _set(config, "listen/endpoints", () if client else (DEFAULT_ENDPOINT, FREE_ENDPOINT))
-        _set(config, "listen/exit_on_failure", False)
+        chosen["listen/endpoints"] = () if client else (DEFAULT_ENDPOINT, FREE_ENDPOINT)
         # no second try: a session that still tries to listen cannot be closed (1.10.2)
-        _set(config, "listen/timeout_ms", 0)
-    if options.connect:
-        _set(config, "connect/endpoints", options.connect)
-    elif default:
-        _set(config, "connect/endpoints", (DEFAULT_ENDPOINT,))
+        chosen |= {"listen/exit_on_failure": False, "listen/timeout_ms": 0}
     if default or options.connect:
-        _set(config, "connect/exit_on_failure", client)
-        _set(config, "connect/timeout_ms", CLIENT_TIMEOUT_MS if client else -1)
-        _set(config, "connect/retry", RETRY)
-
-
-def _set(config: "zenoh.Config", key: str, value: Any) -> None:
-    _insert(config, key, json.dumps(value), f"{key} {value!r}")
+        chosen["connect/endpoints"] = options.connect or (DEFAULT_ENDPOINT,)
+        chosen["connect/exit_on_failure"] = client
+        chosen["connect/timeout_ms"] = CLIENT_TIMEOUT_MS if client else -1
+        chosen["connect/retry"] = RETRY
+    return chosen
 
 
 def _insert(config: "zenoh.Config", key: str, json5: str, what: str) -> None:

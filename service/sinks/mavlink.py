@@ -38,7 +38,7 @@ from service.records import (
 )
 from service.second_opinion import Verdict
 
-MAX_RATE_HZ = 50.0  # of attitudes per vehicle: 2.6 kB/s, which a 57600 baud radio can take
+ATTITUDE_US = 20_000  # between two of a vehicle: 2.6 kB/s, which a 57600 baud radio can take
 COVARIANCE_US = 200_000  # between two ATTITUDE_QUATERNION_COV: sigma changes slowly
 HEARTBEAT_US = 1_000_000
 # 68 % of the lengths of two equal normal errors are below this many standard deviations.
@@ -89,11 +89,6 @@ class MavlinkSink:
             self._transport.open()
         except LinkError:
             self._wait_for_retry()
-
-    @property
-    def address(self) -> str:
-        """The address in use (with the real port, where 0 was bound)."""
-        return self._transport.address
 
     def handle(self, outputs: Sequence[Output]) -> None:
         """Send what is due of the outputs.
@@ -169,19 +164,14 @@ class Sender:
         self._is_vehicle = is_vehicle  # itself, rather than an onboard computer of it
         component = vehicle.component_id if is_vehicle else mav.MAV_COMP_ID_ONBOARD_COMPUTER
         self._encoder = FrameEncoder(VehicleId(vehicle.system_id, component))
-        self._attitude_due_us = 0
-        self._covariance_due_us = 0
-        self._heartbeat_due_us = 0
-        self._announcement_due_us = 0
+        self._due_us: dict[str, int] = {}  # by what is sent
         self._announcements = 0
 
     def announcement(self, status: StatusRecord, now_us: int) -> list[bytes]:
         """What is due to be told of the autopilot's attitude."""
         messages, said = self._heartbeats(now_us), status.autopilot
         differs = said is not None and said.verdict == Verdict.DIFFERS
-        if differs and _is_due(now_us, self._announcement_due_us, ANNOUNCED_US):
-            assert said is not None
-            self._announcement_due_us = now_us + ANNOUNCED_US
+        if said and differs and self._is_due("announcement", now_us, ANNOUNCED_US):
             self._announcements += 1
             number = 1 + self._announcements % 0xFFFF
             messages += statustexts(announced(said), mav.MAV_SEVERITY_WARNING, number)
@@ -190,33 +180,36 @@ class Sender:
     def frames(self, record: AttitudeRecord) -> list[bytes]:
         """The messages that are due at the record's time."""
         now_us = record.time_unix_us
-        period_us = round(1e6 / MAX_RATE_HZ)
         messages = self._heartbeats(now_us)
-        if _is_due(now_us, self._attitude_due_us, period_us):
-            # from the due time on, not from now: ticks that jitter must not slow it down
-            late_us = now_us - self._attitude_due_us
-            start_us = self._attitude_due_us if 0 <= late_us < period_us else now_us
-            self._attitude_due_us = start_us + period_us
-            messages.append(self._attitude(record))
-            if _is_due(now_us, self._covariance_due_us, COVARIANCE_US) and not self._is_vehicle:
-                self._covariance_due_us = now_us + COVARIANCE_US
-                messages.append(_with_covariance(record))
+        if self._is_due("attitude", now_us, ATTITUDE_US):
+            time_us, q, rate_rad_s = record.time_boot_us, record.q_ned_frd, record.rate_rad_s
+            if self._is_vehicle:
+                messages.append(attitude(time_us, euler_rad(q), rate_rad_s))
+            else:
+                messages.append(attitude_quaternion(time_us, q, rate_rad_s))
+                if self._is_due("covariance", now_us, COVARIANCE_US):
+                    messages.append(_with_covariance(record))
         return [self._encoder.frame(message, now_us) for message in messages]
 
-    def _attitude(self, record: AttitudeRecord) -> Message:
-        if not self._is_vehicle:
-            return attitude_quaternion(record.time_boot_us, record.q_ned_frd, record.rate_rad_s)
-        return attitude(record.time_boot_us, euler_rad(record.q_ned_frd), record.rate_rad_s)
-
     def _heartbeats(self, now_us: int) -> list[Message]:
-        if not _is_due(now_us, self._heartbeat_due_us, HEARTBEAT_US):
+        if not self._is_due("heartbeat", now_us, HEARTBEAT_US):
             return []
-        self._heartbeat_due_us = now_us + HEARTBEAT_US
-        if self._is_vehicle:
-            return [
-                heartbeat(mav.MAV_TYPE_GENERIC, mav.MAV_AUTOPILOT_GENERIC, mav.MAV_STATE_STANDBY)
-            ]
-        return [heartbeat(mav.MAV_TYPE_ONBOARD_CONTROLLER, mav.MAV_AUTOPILOT_INVALID)]
+        if not self._is_vehicle:
+            return [heartbeat(mav.MAV_TYPE_ONBOARD_CONTROLLER, mav.MAV_AUTOPILOT_INVALID)]
+        kind = mav.MAV_TYPE_GENERIC, mav.MAV_AUTOPILOT_GENERIC, mav.MAV_STATE_STANDBY
+        return [heartbeat(*kind)]
+
+    def _is_due(self, what: str, now_us: int, period_us: int) -> bool:
+        """Whether it is time, also when the clock was set back by more than a period.
+
+        The next one is due a period after this one was, so that ticks that jitter slow nothing.
+        """
+        due_us = self._due_us.get(what, 0)
+        late_us = now_us - due_us
+        if -period_us <= late_us < 0:
+            return False
+        self._due_us[what] = (due_us if 0 <= late_us < period_us else now_us) + period_us
+        return True
 
 
 def _with_covariance(record: AttitudeRecord) -> Message:
@@ -233,18 +226,10 @@ def _with_covariance(record: AttitudeRecord) -> Message:
 
 def announced(said: Autopilot) -> str:
     """A text whose first 50 letters, which any ground station shows, say the most."""
-    is_tilted = said.axis == "inclination"
-    sigmas = said.inclination_sigmas if is_tilted else said.heading_sigmas
-    sigma_deg = said.off_deg / max(sigmas, 0.1)
     what = said.in_short.replace("°", " deg")
     who = {"autopilot": "the autopilot's", "ours": "ours"}.get(said.wrong)
     named = f"likely wrong: {who}" if who else "which is wrong is not known"
-    return f"{what} ours (+-{sigma_deg:.0f} deg); {named}"
-
-
-def _is_due(now_us: int, due_us: int, period_us: int) -> bool:
-    """Whether it is time; also when the clock was set back by more than a period."""
-    return now_us >= due_us or due_us - now_us > period_us
+    return f"{what} ours (+-{said.sigma_deg:.0f} deg); {named}"
 
 
 class RecordingSink:

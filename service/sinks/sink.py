@@ -56,8 +56,8 @@ class Outlet:
         self._lock = threading.Lock()
         self._changed = threading.Condition(self._lock)
         # a daemon: a sink that blocks for ever must not keep the process alive
-        self._thread = threading.Thread(target=self._work, name=f"sink {sink.name}", daemon=True)
-        self._thread.start()
+        self.thread = threading.Thread(target=self._work, name=f"sink {sink.name}", daemon=True)
+        self.thread.start()
 
     def put(self, outputs: Sequence[Output]) -> None:
         """Hand over outputs; never blocks."""
@@ -90,11 +90,6 @@ class Outlet:
         self._closing.set()
         with self._lock:
             self._changed.notify()
-
-    def join(self, timeout_s: float) -> bool:
-        """Wait for the end; False if it did not come in time."""
-        self._thread.join(timeout_s)
-        return not self._thread.is_alive()
 
     def _work(self) -> None:
         take: Callable[[Any], None] = self.sink.handle
@@ -163,7 +158,8 @@ class Outbox:
         for outlet in self._outlets:
             outlet.begin_close()
         for outlet in self._outlets:
-            if not outlet.join(max(0.01, end_s - time.monotonic())):
+            outlet.thread.join(max(0.01, end_s - time.monotonic()))
+            if outlet.thread.is_alive():
                 self.stuck.append(outlet.sink.name)
         self.untold += [each.take_error() for each in self._outlets if each.error is not None]
 

@@ -130,9 +130,11 @@ class ZenohSink:
     def _new_topic(self, vehicle: VehicleId, record: type) -> _Topic:
         if vehicle not in self._tokens:
             alive = self._key(vehicle, "alive")
-            if self._on_conflict is not None and self._is_alive(alive):
+            liveliness = self._session.liveliness()
+            others = liveliness.get(alive, timeout=LIVELINESS_S) if self._on_conflict else ()
+            if self._on_conflict and any(reply.ok is not None for reply in others):
                 self._on_conflict(f"{self._prefix}/{vehicle_name(vehicle)}")
-            self._tokens[vehicle] = self._session.liveliness().declare_token(alive)
+            self._tokens[vehicle] = liveliness.declare_token(alive)
         kind = "attitude" if record is AttitudeRecord else "status"
         return _Topic(self._session, self._key(vehicle, kind))
 
@@ -144,11 +146,6 @@ class ZenohSink:
         self._profiles.pop(vehicle, None)
         if (token := self._tokens.pop(vehicle, None)) is not None:
             token.undeclare()  # type: ignore[no-untyped-call]
-
-    def _is_alive(self, key: str) -> bool:
-        """Whether somebody else holds the token of a vehicle."""
-        replies = self._session.liveliness().get(key, timeout=LIVELINESS_S)
-        return any(reply.ok is not None for reply in replies)
 
     def _on_query(self, query: "zenoh.Query") -> None:
         """Answer a get; on a thread of zenoh's, where an exception would vanish unseen."""

@@ -11,7 +11,7 @@ from estimator.profile import load_profile
 from fuzzbee.attitudes import attitudes_of_rows
 from fuzzbee.run_options import RunOptions
 from fuzzbee.run_report import summary
-from service.evictions import EvictedCounts, Evictions
+from service.evictions import Evictions
 from service.imu_stream import ImuChoice
 from service.vehicle import Vehicle
 
@@ -37,7 +37,7 @@ def test_the_result_of_a_run_names_what_was_counted_in_its_units():
     vehicle.imu.worst_gap_us, vehicle.imu._median_us = 250_000, 1e6 / 49.87654
     vehicle.imu.choice, vehicle.rejected["late"] = ImuChoice("RAW_IMU"), 35
     evictions = Evictions()
-    evictions.counts = EvictedCounts(51, 52, 53, 54, 55)
+    evictions.counts.update(vehicles=51, samples=52, shed=53, rejected=54, attitudes=55)
     runner = SimpleNamespace(ticks=41, overruns=42, dropped=43, lost=71)
     refused = {"signature": 61, "id": 62}
     pipeline = SimpleNamespace(

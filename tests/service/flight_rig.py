@@ -56,7 +56,7 @@ class Rig:
 
     def status(self) -> StatusRecord:
         now_us = self.now_us + self.host_shift_us
-        return status_record(self.vehicle, now_us, Load(rate_hz=50.0), Losses(), 0)
+        return status_record(self.vehicle, now_us, Load(), Losses(), 0)
 
     def fly(
         self,

@@ -10,6 +10,22 @@ from service.records import Autopilot, State, StatusRecord
 UNIX_US = 1_700_000_000_123_456
 
 
+ATTITUDE = Attitude(
+    time_us=1_000_000,
+    q_ned_frd=(1.0, 0.0, 0.0, 0.0),
+    rate_rad_s=(0.1, 0.2, 0.3),
+    gyro_bias_rad_s=(0.01, 0.02, 0.03),
+    error=0.01,
+    error_rate_1_s=0.1,
+    gain=3.0,
+    confidence_gravity=1.0,
+    confidence_magnetic=0.5,
+    sigma_inclination_rad=radians(1.0),
+    sigma_heading_rad=radians(5.0),
+    heading_reference="true",
+)
+
+
 def record(
     roll_deg=0.0,
     pitch_deg=0.0,
@@ -21,19 +37,12 @@ def record(
     time_boot_us=1_000_000,
     state=State.RUNNING,
 ):
-    attitude = Attitude(
+    attitude = ATTITUDE._replace(
         time_us=time_boot_us,
         q_ned_frd=from_euler_rad(radians(roll_deg), radians(pitch_deg), radians(yaw_deg)),
         rate_rad_s=rate_rad_s,
-        gyro_bias_rad_s=(0.01, 0.02, 0.03),
-        error=0.01,
-        error_rate_1_s=0.1,
-        gain=3.0,
-        confidence_gravity=1.0,
-        confidence_magnetic=0.5,
         sigma_inclination_rad=radians(sigma_deg[0]),
         sigma_heading_rad=radians(sigma_deg[1]),
-        heading_reference="true",
     )
     made = attitude_record(
         attitude,

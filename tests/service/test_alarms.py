@@ -11,9 +11,10 @@ from drivers.simulation.source import imu_sample
 from estimator.geometry.earth import PlaceField
 from estimator.geometry.quaternion import exp, multiply, rotate_inverse, scale
 from estimator.profile import load_profile
-from estimator.types import Attitude, ImuSample
+from estimator.types import ImuSample
 from service.alarms import Alarm, Alarms, bias_limit_rad_s
 from service.pipeline import Pipeline
+from tests.service.records import ATTITUDE
 from tests.service.streams import ONE, START_US, imu_events, statuses, texts
 
 IMU, PAPER = load_profile("imu"), load_profile("paper")
@@ -23,20 +24,11 @@ FIELD = (0.218, 0.0, 0.428)
 
 
 def attitude(bias=(0.0, 0.0, 0.0), sigma_deg=1.0, heading_deg=1.0, q=LEVEL):
-    return Attitude(
-        time_us=0,
-        q_ned_frd=q,
-        rate_rad_s=(0.0, 0.0, 0.0),
-        gyro_bias_rad_s=bias,
-        error=0.0,
-        error_rate_1_s=0.0,
-        gain=1.0,
-        confidence_gravity=1.0,
-        confidence_magnetic=1.0,
-        sigma_inclination_rad=radians(sigma_deg),
-        sigma_heading_rad=radians(heading_deg),
-        heading_reference="true",
-    )
+    sigmas = {
+        "sigma_inclination_rad": radians(sigma_deg),
+        "sigma_heading_rad": radians(heading_deg),
+    }
+    return ATTITUDE._replace(q_ned_frd=q, gyro_bias_rad_s=bias, **sigmas)
 
 
 def looked(alarms, half, acc=(0.0, 0.0, -9.8), mag=FIELD, profile=IMU, host_s=None, **claims):

@@ -277,12 +277,21 @@ def test_a_simulator_without_noise_is_not_called_stuck(motion):
     assert states(rig) == ["running"]
 
 
-def test_a_saturated_gyroscope_is_refused_and_the_estimate_recovers(rig):
-    rig.fly(0.4, lambda s: s._replace(gyr_rad_s=(34.9, s.gyr_rad_s[1], -34.9)))
-    assert rig.rejected["gyroscope_saturated"] == 21  # all of 0.4 s
+@pytest.mark.parametrize(
+    ("sensor", "field", "limit", "seconds", "refused", "error_deg"),
+    [
+        ("gyroscope", "gyr_rad_s", 34.9, 0.4, 21, 0.88),  # all of 0.4 s
+        ("accelerometer", "acc_m_s2", 4 * 9.80665, 0.6, 27, 0.99),
+    ],
+)
+def test_a_saturated_sensor_is_refused_and_the_estimate_recovers(
+    rig, sensor, field, limit, seconds, refused, error_deg
+):
+    rig.fly(seconds, lambda s: s._replace(**{field: (limit, getattr(s, field)[1], -limit)}))
+    assert rig.rejected[f"{sensor}_saturated"] == pytest.approx(refused, rel=0.2)
     rig.fly(2.0)
     rig.fly(3.0)
-    assert max(rig.errors_deg) == pytest.approx(0.88, rel=0.2)
+    assert max(rig.errors_deg) == pytest.approx(error_deg, rel=0.2)
 
 
 @pytest.mark.parametrize("limit_rad_s", [4.363, 8.727, 17.45, 34.9])
@@ -298,15 +307,6 @@ def test_after_a_saturated_gyroscope_the_attitude_is_aligned_anew(profile, limit
     last = slice(-200, None)  # behind the alignment
     apart = [abs(a - b) for a, b in zip(rig.errors_deg[last], quiet.errors_deg[last], strict=True)]
     assert max(apart) == pytest.approx({"paper": 0.89, "imu": 0.82}[profile], rel=0.2)
-
-
-def test_a_clipped_accelerometer_is_refused_and_the_estimate_recovers(rig):
-    limit = 4 * 9.80665
-    rig.fly(0.6, lambda s: s._replace(acc_m_s2=(limit, s.acc_m_s2[1], -limit)))
-    assert rig.rejected["accelerometer_saturated"] == pytest.approx(27, rel=0.2)
-    rig.fly(2.0)
-    rig.fly(3.0)
-    assert max(rig.errors_deg) == pytest.approx(0.99, rel=0.2)
 
 
 def highres(sample, **fields):

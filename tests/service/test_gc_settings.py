@@ -17,15 +17,15 @@ def test_the_process_is_as_before_afterwards():
 
 
 def test_what_newcomers_bring_is_left_alone_too_once_a_second():
-    with steady() as frozen:
-        frozen.add(0, 10.0)
+    with steady() as add:
+        add(0, 10.0)
         before = gc.get_freeze_count()
         brought = [[] for _ in range(1000)]
-        frozen.add(1, 10.5)
+        add(1, 10.5)
         assert gc.get_freeze_count() <= before  # what is frozen may be freed meanwhile
-        frozen.add(1, 11.0)
+        add(1, 11.0)
         assert gc.get_freeze_count() >= before + len(brought)
         before = gc.get_freeze_count()
         brought += [[] for _ in range(1000)]
-        frozen.add(1, 12.0)
+        add(1, 12.0)
         assert gc.get_freeze_count() <= before

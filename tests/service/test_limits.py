@@ -1,7 +1,5 @@
 """Counts, bounds and angles of the service where they are not alike on both sides."""
 
-import threading
-
 import pytest
 
 from drivers.events import VehicleId
@@ -15,6 +13,7 @@ from service.publishing import HostClock, Publishing
 from service.records import Message
 from service.second_opinion import SecondOpinion
 from service.sinks.sink import MAX_PENDING, Outbox
+from tests.service.sinks.test_sink import Blocker
 from tests.service.test_alarms import attitude, words
 
 S = 1_000_000
@@ -22,22 +21,12 @@ ONE = VehicleId(1, 1)
 
 
 def test_every_record_of_a_turn_that_a_sink_loses_is_counted():
-    release = threading.Event()
-
-    class Blocked:
-        name = "blocked"
-
-        def handle(self, _outputs):
-            release.wait(30.0)
-
-        def close(self):
-            pass
-
-    with Outbox([Blocked()]) as outbox:
+    sink = Blocker()
+    with Outbox([sink]) as outbox:
         for _ in range(MAX_PENDING + 5):
             outbox.put([Message("one"), Message("two"), Message("three")])
         lost = outbox.dropped
-        release.set()
+        sink.release.set()
     assert lost >= 12
     assert lost % 3 == 0
 
@@ -68,8 +57,7 @@ def test_of_too_many_profiles_the_one_that_was_kept_first_goes():
     addresses = [VehicleId(1 + n % 250, 1 + n // 250) for n in range(MOST_PROFILES + 1)]
     for address in addresses:
         evictions.keep(address, profile)
-    assert evictions.take_profile(addresses[0]) is None
-    assert all(evictions.take_profile(each) is profile for each in addresses[1:])
+    assert list(evictions.profiles) == addresses[1:]
 
 
 @pytest.mark.parametrize(("median_us", "is_held"), [(20_000.0, True), (500_000.0, False)])

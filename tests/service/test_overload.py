@@ -27,35 +27,27 @@ from service.runner import Runner
 from tests.service.streams import ONE, START_US, attitudes, imu_events, statuses, texts
 
 
-def test_an_overload_begins_and_ends_with_what_is_left_out():
+@pytest.mark.parametrize(
+    ("is_full", "windows"),
+    [
+        (lambda k: 10 <= k < 20, [9 + WINDOWS_TO_BEGIN, 19 + WINDOWS_TO_END]),
+        (lambda k: k % WINDOWS_TO_BEGIN == 0, []),  # short stalls
+        (lambda k: k % WINDOWS_TO_END, [WINDOWS_TO_BEGIN]),  # a window without now and then
+    ],
+)
+def test_an_overload_begins_and_ends_with_what_is_left_out(is_full, windows):
     overload, count, changes = Overload(), 0, []
     for k in range(40):
-        count += 5 if 10 <= k < 20 else 0
+        count += 5 if is_full(k) else 0
         if overload.observe(count, k * WINDOW_S):
-            changes.append((k, overload.is_on))
-    begin, end = 9 + WINDOWS_TO_BEGIN, 19 + WINDOWS_TO_END
-    assert changes == [(begin, True), (end, False)]
-
-
-def test_a_short_stall_is_no_overload():
-    overload, count = Overload(), 0
-    for k in range(40):
-        count += 5 if k % WINDOWS_TO_BEGIN == 0 else 0
-        assert not overload.observe(count, k * WINDOW_S)
-
-
-def test_a_long_overload_is_one_although_a_window_is_without():
-    overload, count = Overload(), 0
-    changes = 0
-    for k in range(60):
-        count += 5 if k % WINDOWS_TO_END else 0
-        changes += overload.observe(count, k * WINDOW_S)
-    assert changes == 1
+            changes.append(k)
+            assert overload.is_on == (len(changes) % 2 == 1)
+    assert changes == windows
 
 
 def test_while_samples_are_left_out_attitudes_are_of_new_ones():
     pipeline, events = Pipeline(load_profile("paper")), imu_events(20)
-    shedding = Load(is_shedding=True, rate_hz=50.0)
+    shedding = Load(is_shedding=True)
     for event in events[:10]:
         pipeline.handle(event)
     begin_us = events[9].arrival_us
@@ -73,7 +65,7 @@ def test_while_samples_are_left_out_attitudes_are_of_new_ones():
 def test_whose_samples_are_left_out_is_not_silent(is_left_out):
     """Its last attitude is not shown again, either; who is silent is degraded."""
     pipeline, events = Pipeline(load_profile("paper")), imu_events(20)
-    shedding = Load(is_shedding=True, rate_hz=50.0)
+    shedding = Load(is_shedding=True)
     for event in events:
         pipeline.handle(event)
     begin_us = events[-1].arrival_us
@@ -133,7 +125,7 @@ class SlowPipeline(Pipeline):
     """A computer on which a sample takes ``cost_s``; it is stopped for a while at ``stop_at_s``."""
 
     def __init__(self, clock, cost_s=0.0, stop_at_s=math.inf, stop_s=0.0):
-        super().__init__(load_profile("paper"))
+        super().__init__(load_profile("paper"), rate_hz=50.0)
         self._clock, self._cost_s = clock, cost_s
         self._stop_at_s, self._stop_s = stop_at_s, stop_s
 

@@ -9,10 +9,11 @@ import pytest
 from drivers.events import Imu
 from estimator.geometry.frames import from_euler_rad
 from estimator.profile import load_profile
-from estimator.types import Attitude, ImuSample
+from estimator.types import ImuSample
 from service.pipeline import Pipeline
 from service.publishing import MAX_DRIFT, HostClock, attitude_record, euler_deg, is_finite
 from service.records import State
+from tests.service.records import ATTITUDE
 from tests.service.streams import ONE, START_US, attitudes
 
 OFFSET_US = 1_700_000_000_000_000
@@ -196,21 +197,8 @@ VECTORS = ("q_ned_frd", "rate_rad_s", "gyro_bias_rad_s")
 
 
 def attitude(**changes):
-    plain = Attitude(
-        time_us=7,
-        q_ned_frd=from_euler_rad(radians(10.0), radians(-20.0), radians(300.0)),
-        rate_rad_s=(0.1, -0.2, 0.3),
-        gyro_bias_rad_s=(0.01, 0.02, -0.03),
-        error=0.1,
-        error_rate_1_s=-0.2,
-        gain=3.0,
-        confidence_gravity=1.0,
-        confidence_magnetic=0.5,
-        sigma_inclination_rad=0.02,
-        sigma_heading_rad=0.04,
-        heading_reference="true",
-    )
-    return plain._replace(**changes)
+    turned = from_euler_rad(radians(10.0), radians(-20.0), radians(300.0))
+    return ATTITUDE._replace(q_ned_frd=turned)._replace(**changes)
 
 
 @pytest.mark.parametrize("bad", [nan, inf, -inf])
@@ -232,10 +220,10 @@ def test_numbers_keep_their_places():
     assert made.euler_deg == pytest.approx((10.0, -20.0, 300.0))
     assert (made.time_unix_us, made.time_boot_us, made.sequence) == (1, 2, 3)
     assert (made.state, made.age_ms) == ("degraded", 5.5)
-    assert (made.error, made.error_rate, made.gain) == (0.1, -0.2, 3.0)
+    assert (made.error, made.error_rate, made.gain) == (0.01, 0.1, 3.0)
     assert (made.confidence.gravity, made.confidence.magnetic) == (1.0, 0.5)
-    assert made.sigma_deg.inclination == pytest.approx(0.02 * 180 / pi)
-    assert made.sigma_deg.heading == pytest.approx(0.04 * 180 / pi)
+    assert made.sigma_deg.inclination == pytest.approx(1.0)
+    assert made.sigma_deg.heading == pytest.approx(5.0)
 
 
 def test_an_unknown_sigma_is_half_a_turn_and_an_age_never_below_zero():

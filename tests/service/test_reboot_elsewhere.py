@@ -14,10 +14,11 @@ from estimator.geometry.earth import field_at
 from estimator.profile import load_profile
 from service.pipeline import Pipeline
 from service.process import load_kernels
-from service.records import AttitudeRecord, Published
 from service.runner import Runner
 from service.sinks.sink import Outbox
-from tests.service.streams import ONE
+from tests.fuzzbee.processes import free_port
+from tests.service.sinks.test_sink import Collector
+from tests.service.streams import ONE, attitudes
 
 HOST = "127.0.0.1"
 PATIENCE_S = 120.0  # a slow machine fails no test
@@ -72,25 +73,6 @@ class Level:
         self._link.sendto(data, (HOST, self._port))
 
 
-class Kept:
-    """A sink that keeps the attitudes."""
-
-    name = "kept"
-
-    def __init__(self):
-        self.records = []
-
-    def handle(self, outputs):
-        self.records += [
-            output.record
-            for output in outputs
-            if isinstance(output, Published) and isinstance(output.record, AttitudeRecord)
-        ]
-
-    def close(self):
-        """Nothing to release."""
-
-
 def yaw_deg(record):
     """In -180 to 180."""
     return (record.euler_deg[2] + 180.0) % 360.0 - 180.0
@@ -102,15 +84,9 @@ def faces_north(record, before_us, after_us):
     return inside and record.heading_reference == "true" and abs(yaw_deg(record)) < 2.0
 
 
-def free_port():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind((HOST, 0))
-        return probe.getsockname()[1]
-
-
 @pytest.fixture
 def vehicle():
-    one = Level(free_port())
+    one = Level(free_port(socket.SOCK_DGRAM))
     yield one
     one.close()
 
@@ -120,7 +96,7 @@ def test_after_a_reboot_elsewhere_north_is_that_places(vehicle):
     places = [field_at(*place, 0.0, UNIX_US) for place in (CAPE_TOWN, SEATTLE)]
     apart = abs(degrees(places[0].declination_rad - places[1].declination_rad))
     assert apart == pytest.approx(41.0, abs=1.0)
-    kept = Kept()
+    kept = Collector()
     load_kernels()  # compiling takes longer than any patience
     pipeline = Pipeline(load_profile("imu"))
     endpoint = parse_endpoint(f"udpin:{HOST}:{vehicle._port}")
@@ -132,10 +108,12 @@ def test_after_a_reboot_elsewhere_north_is_that_places(vehicle):
 
             def is_over(begin_us=begin_us):
                 vehicle.send_due()
-                return any(faces_north(r, begin_us, begin_us + 90e6) for r in kept.records[-5:])
+                return any(
+                    faces_north(r, begin_us, begin_us + 90e6) for r in attitudes(kept.got[-9:])
+                )
 
             runner.run(PATIENCE_S, is_over=is_over)
-            assert is_over(), kept.records[-3:]
-    turned = [yaw_deg(r) for r in kept.records if r.time_boot_us < 90e6]
+            assert is_over(), kept.got[-3:]
+    turned = [yaw_deg(r) for r in attitudes(kept.got) if r.time_boot_us < 90e6]
     # until its position has come the old place's declination counts
     assert max(map(abs, turned)) == pytest.approx(41.0, abs=2.0)

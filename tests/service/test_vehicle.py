@@ -78,7 +78,7 @@ def test_a_clock_that_began_anew_voids_attitude_and_offset(vehicle):
     feed(vehicle, 1, 10)
     assert vehicle.attitude(START_US + 202_000) is not None
     now_us = START_US + 300_000
-    (text,) = vehicle.on_clock_reset(ClockReset(ONE, now_us, "reboot", -5.0))
+    (text,) = vehicle.take(ClockReset(ONE, now_us, "reboot", -5.0))
     assert "clock reboot by -5.0 s" in text
     assert vehicle.estimator.calls == ["restart"]
     assert not vehicle.estimator.aligned
@@ -92,11 +92,11 @@ def test_a_clock_that_began_anew_voids_attitude_and_offset(vehicle):
 
 def test_a_reboots_silence_is_a_gap_and_a_jumps_is_none(vehicle):
     feed(vehicle, 1, 10)
-    vehicle.on_clock_reset(ClockReset(ONE, START_US + 3_000_000, "reboot", -0.2))
+    vehicle.take(ClockReset(ONE, START_US + 3_000_000, "reboot", -0.2))
     vehicle.on_imu(imu(260_000, arrival_us=START_US + 3_202_000))
     assert vehicle.imu.worst_gap_us == 3_000_000  # from 0.202 s
     assert status(vehicle, START_US + 3_202_000).worst_gap_s == 3.0
-    vehicle.on_clock_reset(ClockReset(ONE, START_US + 9_000_000, "jump", 60.0))
+    vehicle.take(ClockReset(ONE, START_US + 9_000_000, "jump", 60.0))
     vehicle.on_imu(imu(280_000, arrival_us=START_US + 9_002_000))
     assert vehicle.imu.worst_gap_us == 3_000_000
 
@@ -126,24 +126,21 @@ def test_another_imu_takes_over_after_half_a_second_with_its_own_bias(vehicle):
 def test_a_blind_sensor_counts_if_it_is_the_one_in_use(vehicle):
     feed(vehicle, 1, 10)
     lost = TrackLost(ONE, START_US + 400_000, "SCALED_IMU2", "gyroscope_stuck", 1.0)
-    assert vehicle.on_track_lost(lost) == []
+    assert vehicle.take(lost) == []
     assert vehicle.estimator.aligned
-    (text,) = vehicle.on_track_lost(
-        TrackLost(ONE, START_US + 400_000, "RAW_IMU", "gyroscope_stuck", 1.0)
-    )
+    (text,) = vehicle.take(TrackLost(ONE, START_US + 400_000, "RAW_IMU", "gyroscope_stuck", 1.0))
     assert "gyroscope_stuck for 1.0 s" in text
     assert not vehicle.estimator.aligned
     assert vehicle.attitude(START_US + 402_000) is None
 
 
 def test_refusals_are_counted_of_the_imu_in_use(vehicle):
-    vehicle.on_rejected(Rejected(ONE, START_US, "zero", "SCALED_IMU3"))  # none in use yet
+    vehicle.take(Rejected(ONE, START_US, "zero", "SCALED_IMU3"))  # none in use yet
     feed(vehicle, 1, 3)
-    vehicle.on_rejected(Rejected(ONE, START_US, "zero", "SCALED_IMU3"))
-    vehicle.on_rejected(Rejected(ONE, START_US, "stuck", "RAW_IMU"))
-    vehicle.on_rejected(Rejected(ONE, START_US, "no_time"))
-    vehicle.reject("signature", 7)
-    assert vehicle.rejected == {"zero": 1, "stuck": 1, "no_time": 1, "signature": 7}
+    vehicle.take(Rejected(ONE, START_US, "zero", "SCALED_IMU3"))
+    vehicle.take(Rejected(ONE, START_US, "stuck", "RAW_IMU"))
+    vehicle.take(Rejected(ONE, START_US, "no_time"))
+    assert vehicle.rejected == {"zero": 1, "stuck": 1, "no_time": 1}
 
 
 def test_a_compass_is_judged_by_all_three_offsets(vehicle):
@@ -217,19 +214,19 @@ def test_rates_stamped_by_another_clock_than_the_imu_s_are_not_used(vehicle, off
     feed(vehicle, 1, 10)
     arrival_us = START_US + 10 * PERIOD_US + 3_000
     sample = RateSample(10 * PERIOD_US + 1_000 + off_us, (0.1, 0.2, 0.3))
-    vehicle.on_report(BodyRates(ONE, arrival_us, "ATTITUDE", sample))
+    vehicle.take(BodyRates(ONE, arrival_us, "ATTITUDE", sample))
     assert (sample in vehicle.estimator.calls) == taken
 
 
 def test_rates_before_the_first_imu_sample_are_not_used(vehicle):
-    vehicle.on_report(BodyRates(ONE, START_US, "ATTITUDE", RateSample(0, (0.1, 0.2, 0.3))))
+    vehicle.take(BodyRates(ONE, START_US, "ATTITUDE", RateSample(0, (0.1, 0.2, 0.3))))
     assert vehicle.estimator.calls == []
 
 
 def test_the_worst_gap_stays_when_a_shorter_one_comes_with_a_reboot(vehicle):
     feed(vehicle, 1, 3)
     vehicle.on_imu(imu(4_000_000))
-    vehicle.on_clock_reset(ClockReset(ONE, START_US + 4_100_000, "reboot", -4.0))
+    vehicle.take(ClockReset(ONE, START_US + 4_100_000, "reboot", -4.0))
     vehicle.on_imu(imu(20_000, arrival_us=START_US + 5_000_000))
     assert vehicle.imu.worst_gap_us == 4_000_000 - 3 * PERIOD_US
 
@@ -248,7 +245,7 @@ def test_the_sensors_filters_tell_how_old_the_samples_are(vehicle):
 def test_a_heartbeat_tells_what_carries_the_imu(vehicle):
     """MAV_TYPE_GROUND_ROVER, MAV_TYPE_QUADROTOR, _GENERIC; who is not armed may be in a hand."""
     for vehicle_type, is_armed in ((10, True), (10, False), (2, True), (2, False), (0, True)):
-        vehicle.on_heartbeat(Heartbeat(ONE, START_US + 5, 12, vehicle_type, is_armed))
+        vehicle.take(Heartbeat(ONE, START_US + 5, 12, vehicle_type, is_armed))
     wheels, anything = VehicleClass.WHEELS, VehicleClass.ANYTHING
     assert vehicle.estimator.calls == [wheels, wheels, VehicleClass.VEHICLE, anything, anything]
     assert vehicle.heard_us == START_US + 5
@@ -256,10 +253,10 @@ def test_a_heartbeat_tells_what_carries_the_imu(vehicle):
 
 def test_ardupilots_rovers_filter_at_4_and_10_hz_unless_they_say_otherwise(vehicle):
     rover, px4 = Heartbeat(ONE, START_US, 3, 10), Heartbeat(ONE, START_US, 12, 10)
-    vehicle.on_heartbeat(px4)
+    vehicle.take(px4)
     assert vehicle.estimator.snapshot.context.imu_lag_s is None
-    vehicle.on_heartbeat(rover)
+    vehicle.take(rover)
     tell(vehicle, Parameter(ONE, START_US, "INS_GYRO_FILTER", 20.0))
-    vehicle.on_heartbeat(rover)
+    vehicle.take(rover)
     lags = [call for call in vehicle.estimator.calls if isinstance(call, tuple)]
     assert lags[1:] == [("lag", 56.27, 22.51), ("lag", 11.25, 22.51)]

@@ -1,0 +1,103 @@
+"""What is so for long, and what force, velocity and field show of an attitude meanwhile."""
+
+from math import atan2, cos, degrees, exp, hypot, sin
+
+from estimator.aiding.place import resembles
+from estimator.geometry.earth import PlaceField
+from estimator.geometry.quaternion import add, rotate, scale, subtract
+from estimator.types import ZERO_VEC3, ImuSample, Quaternion, Vec3
+
+
+def towards(mean: Vec3 | None, value: Vec3, share: float) -> Vec3:
+    """A running mean with one value more, of that share."""
+    return value if mean is None else add(mean, scale(share, subtract(value, mean)))
+
+
+BEGIN_SHARE, END_SHARE = 0.6, 0.3
+
+
+class Lasting:
+    """The share of time for which something is so; with a time constant of ``patience_s``.
+
+    It is on from 0.6 on, so after 0.92 of that time if it is so all the time, until 0.3: a start
+    or a magnet that passes is too short.
+    """
+
+    def __init__(self, patience_s: float) -> None:
+        self.share = 0.0  # below zero for what is so the other way round
+        self.is_on = False
+        self._patience_s = patience_s
+
+    def look(self, is_so: int, dt_s: float) -> None:
+        """Take what was so for ``dt_s``: 1, 0, or -1 for the other way round."""
+        self.share += dt_s / (self._patience_s + dt_s) * (is_so - self.share)
+        self.is_on = abs(self.share) > (END_SHARE if self.is_on else BEGIN_SHARE)
+
+
+CONSISTENCY_S = 20.0  # memory of the evidence
+# So much horizontal acceleration (m/s^2) shows a heading.
+SHOWING_M_S2 = 0.7
+VELOCITY = "velocity"
+STRIDE_US = 1_000_000  # velocity's gain and the force are compared over so long
+# What has not come for so long, velocity or an autopilot's attitude, is not compared.
+SILENT_US = 2_000_000
+
+
+class Consistency:
+    """What force, velocity and field have said of one attitude over the last seconds."""
+
+    def __init__(self) -> None:
+        self._weight = 0.0
+        self._force = self._field = ZERO_VEC3  # means, NED
+        self._gained = ZERO_VEC3  # mean acceleration by velocity, NED
+        self._turn = ZERO_VEC3  # mean of what is across and along of it, and of its square
+        self._stride = ZERO_VEC3  # velocity that the force has given since
+        self._begun: tuple[int, Vec3] | None = None  # this time and velocity
+
+    def look(self, q: Quaternion, sample: ImuSample, dt_s: float) -> None:
+        """Take the force and the field as the attitude ``q`` sees them."""
+        share = 1.0 - exp(-dt_s / CONSISTENCY_S)
+        force = rotate(q, sample.acc_m_s2)
+        self._force = towards(self._force, force, share)
+        if sample.has_mag:
+            self._field = towards(self._field, rotate(q, sample.mag_gauss), share)
+        self._weight += share * (1.0 - self._weight)
+        self._stride = add(self._stride, scale(dt_s, force))
+
+    def take_velocity(self, time_us: int, velocity: Vec3) -> None:
+        """Compare, once a second, what the force has given with what velocity has gained."""
+        begun_us, begun = self._begun or (time_us, velocity)
+        passed_us = time_us - begun_us
+        if 0 < passed_us < STRIDE_US:
+            return
+        if STRIDE_US <= passed_us < SILENT_US:
+            dt_s = 1e-6 * passed_us
+            share = 1.0 - exp(-dt_s / CONSISTENCY_S)
+            gained = subtract(velocity, begun)
+            self._gained = towards(self._gained, scale(1.0 / dt_s, gained), share)
+            (x, y, _), (u, v, _) = self._stride, gained
+            turn = (x * v - y * u, x * u + y * v, u * u + v * v)
+            self._turn = towards(self._turn, scale(1.0 / dt_s**2, turn), share)
+        self._begun, self._stride = (time_us, velocity), ZERO_VEC3
+
+    def held_m_s2(self) -> Vec3:
+        """The mean force less the velocity gained meanwhile, which should point up."""
+        return subtract(scale(1.0 / max(self._weight, 1e-9), self._force), self._gained)
+
+    def dip_deg(self, place: PlaceField | None) -> float | None:
+        """How far the mean field's dip is off the place's; None where either is not known."""
+        north, east, down = self._field
+        if place is None or not any(self._field):
+            return None
+        return abs(degrees(atan2(down, hypot(north, east)) - place.dip_rad))
+
+    def turn_deg(self, place: PlaceField | None) -> tuple[float, str] | None:
+        """How far (deg) the heading is off by velocity, else by the field; None if neither says."""
+        across, along, square = self._turn
+        if square > SHOWING_M_S2**2:
+            return degrees(atan2(-across, along)), VELOCITY
+        north, east, down = self._field
+        if place is None or not resembles(place, hypot(north, east), down):
+            return None
+        off = atan2(east, north) - place.declination_rad
+        return degrees(atan2(sin(off), cos(off))), "the magnetic field"
