@@ -28,11 +28,7 @@ DEFAULT_PROFILE = "imu"
 
 
 def require_fitting(options: RunOptions, endpoint: Endpoint) -> None:
-    """Refuse options that the source has no use for.
-
-    Raises:
-        InputError: names the option.
-    """
+    """Refuse options that the source has no use for."""
     of_link = {"--record": options.record, "--request-rate": options.request_rate_hz}
     asked = [option for option, value in of_link.items() if value is not None]
     checks = options.security.given
@@ -61,11 +57,7 @@ def default_profile(endpoint: Endpoint) -> str:
 def open_recorded(
     endpoint: Endpoint, options: RunOptions, key: bytes | None, stack: ExitStack
 ) -> "tuple[MavlinkLink | Player, Recorder | None]":
-    """Open the source and its recorder, if one is asked for.
-
-    Raises:
-        InputError: one of them cannot be opened; no empty recording is left behind.
-    """
+    """Open the source and its recorder, if one is asked for."""
     target = None if options.record is None else Path(options.record)
     is_new = target is not None and not target.exists()
     recorder = open_recorder(options.record, stack)

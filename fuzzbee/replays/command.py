@@ -3,6 +3,7 @@
 import time
 from collections.abc import Iterable
 from functools import partial
+from importlib.util import find_spec
 from math import inf
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -16,6 +17,8 @@ from fuzzbee import outputs
 from fuzzbee.notify import tell
 from fuzzbee.options import (
     PROFILES,
+    From,
+    To,
     command,
     examples,
     of_estimate,
@@ -26,9 +29,9 @@ from fuzzbee.options import (
     require_extra,
     require_gain,
     seed_range,
+    time_window,
 )
 from fuzzbee.run_options import RETUNE
-from fuzzbee.time_window import From, To, time_window
 
 if TYPE_CHECKING:
     from estimator.profile import Profile
@@ -204,8 +207,7 @@ def _report_logs(
 
     from fuzzbee.replays.log_report import report_log
     from fuzzbee.replays.plot import ComparisonPlot
-    from fuzzbee.replays.reading_bar import reading_bar
-    from fuzzbee.replays.table import print_reports
+    from fuzzbee.replays.table import print_reports, reading_bar
     from fuzzbee.replays.trace import How
 
     told: list[str] = []  # printed when all went well only: a refusal must be one single line
@@ -261,11 +263,7 @@ def _fitting(path: Path, usual: "Profile", options: ReplayOptions) -> "Profile":
 
 
 def _exports(options: ReplayOptions) -> "list[Export]":
-    """The files to write; what cannot be written is refused before the replay.
-
-    Raises:
-        InputError: a suffix that is none, a missing library.
-    """
+    """The files to write; what cannot be written is refused before the replay."""
     from fuzzbee.replays import exports, mcap_file, plot
     from fuzzbee.replays.figure import require_plot
 
@@ -280,7 +278,8 @@ def _exports(options: ReplayOptions) -> "list[Export]":
         chosen.append(partial(exports.write_tum, options.tum))
     if options.parquet is not None:
         parquet = options.parquet
-        exports.require_parquet(parquet)
+        if find_spec("pyarrow") is None:
+            raise InputError(f"--parquet {parquet}: needs pyarrow: pip install pyarrow")
         chosen.append(lambda trace: exports.write_parquet(parquet, exports.columns(trace)))
     if options.plot is not None:
         require_plot(options.plot)

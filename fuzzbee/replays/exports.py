@@ -2,12 +2,11 @@
 
 ``time_s`` is on the vehicle's continuous clock, 0 at the log's first IMU sample, ``time_unix_s`` by
 the log's own stamps. Nothing depends on the computer's clock, so a log replayed twice gives the
-same bytes.
+same bytes. A file that cannot be written is an InputError, here as in every other export.
 """
 
 import csv
 from collections.abc import Iterable, Iterator
-from importlib.util import find_spec
 from math import isnan
 from pathlib import Path
 from typing import Any
@@ -18,10 +17,8 @@ from numpy.typing import NDArray
 from drivers.logs.table import blocks
 from drivers.output_file import written_for
 from estimator.arrays import Floats, Times
-from estimator.errors import InputError
 from estimator.live.rows import NORTHS
-from fuzzbee.angle_curves import euler_curves_deg
-from fuzzbee.attitudes import enu_flu
+from fuzzbee.attitudes import enu_flu, euler_curves_deg
 from fuzzbee.replays.trace import VehicleTrace
 from service.publishing import HostClock
 
@@ -98,11 +95,7 @@ def columns(trace: VehicleTrace) -> Iterator[Columns]:
 
 
 def write_csv(path: Path, parts: Iterable[Columns]) -> None:
-    """Columns as CSV with a heading; nine significant digits, empty where unknown.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
+    """Columns as CSV with a heading; nine significant digits, empty where unknown."""
     with (
         written_for("--csv", path) as fresh,
         fresh.open("w", encoding="utf-8", newline="") as file,
@@ -123,22 +116,8 @@ def _text(value: float | str) -> str:
     return f"{value:.6f}" if value > LARGE else f"{value:.9g}"
 
 
-def require_parquet(path: Path) -> None:
-    """Refuse early what cannot be written.
-
-    Raises:
-        InputError: the library is missing.
-    """
-    if find_spec("pyarrow") is None:
-        raise InputError(f"--parquet {path}: needs pyarrow: pip install pyarrow")
-
-
 def write_parquet(path: Path, parts: Iterable[Columns]) -> None:
-    """The rows that a CSV has, for tables too large for a text; null where unknown.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
+    """The rows that a CSV has, for tables too large for a text; null where unknown."""
     import pyarrow as pa
     from pyarrow.parquet import ParquetWriter
 
@@ -163,9 +142,6 @@ def write_tum(path: Path, trace: VehicleTrace) -> None:
 
     A line a sample: time in s, place (zero: there is none), orientation x y z w of
     forward-left-up in East-North-Up (https://cvg.cit.tum.de/data/datasets/rgbd-dataset/file_formats).
-
-    Raises:
-        InputError: a file cannot be written.
     """
     times_us, reference = stamps_us(trace), trace["reference_q_ned_frd"]
     known = ~np.isnan(reference[:, 0])

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.arrays import Floats
-from fuzzbee.angle_curves import drawn_angles_deg
+from fuzzbee.attitudes import euler_curves_deg
 from fuzzbee.replays.bands import bands, gaps
 from fuzzbee.replays.comparison import REFERENCES, has_peer
 from fuzzbee.replays.figure import save
@@ -71,11 +71,7 @@ class Thinned:
 
 
 def draw(path: Path, title: str, trace: VehicleTrace) -> None:
-    """Draw a trace that has been compared into a file whose suffix says how.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
+    """Draw a trace that has been compared into a file whose suffix says how."""
     time_s = trace.time_s
     points, span = Thinned(time_s), (float(time_s[0]), max(float(time_s[-1]), time_s[0] + 1e-3))
     panels = [
@@ -97,7 +93,9 @@ def angle_panels(span: Span, time_s: Floats, curves: Sequence[tuple[Line, Floats
     """Roll, pitch and heading over time (N,): of each curve its look and attitudes (N, 4)."""
     panels = [Panel(span, ylabel=f"{name} in °") for name in ("roll", "pitch", "heading")]
     for (color, label, width, dash), attitudes in curves:
-        for panel, angle in zip(panels, drawn_angles_deg(attitudes).T, strict=True):
+        angles = euler_curves_deg(attitudes)
+        angles[1:][np.abs(np.diff(angles, axis=0)) > 180.0] = np.nan  # no line across a wrap
+        for panel, angle in zip(panels, angles.T, strict=True):
             panel.curves.append(Curve(time_s, angle, color, label, width, dash))
     panels[0].names = len(curves)
     return panels
@@ -187,11 +185,7 @@ class ComparisonPlot:
         self._rows.setdefault(log, []).append((profile, points.time_s, points.largest(errors)))
 
     def draw(self, path: Path) -> None:
-        """Write the figure.
-
-        Raises:
-            InputError: the file cannot be written.
-        """
+        """Write the figure."""
         rows = [self._panels(log) for log in self._rows]
         size = (PAGE_INCHES[0], ROW_INCHES * (1 + len(rows)))
         save(Figure("", rows, size), path)

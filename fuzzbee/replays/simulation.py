@@ -39,11 +39,7 @@ def report_simulation(
     fixed_gain: float | None = None,
     exports: Sequence[Export] = (),
 ) -> SimulationReport:
-    """Run all seeds, and hand them to the exports. Errors in degrees are over all their samples.
-
-    Raises:
-        InputError: the profile is not one of raw vectors, or an export cannot be written.
-    """
+    """Run all seeds, and hand them to the exports. Errors in degrees are over all their samples."""
     results = [run_experiment(profile, seed, fixed_gain) for seed in seeds]
     for export in exports:
         export(seeds, results)
@@ -98,11 +94,7 @@ def columns(seeds: Sequence[int], results: Results) -> Iterator[Columns]:
 
 
 def draw(path: Path, title: str, seeds: Sequence[int], results: Results) -> None:
-    """The paper's figures: e and K over time, median and bands of the seeds; one seed's angles.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
+    """The paper's figures: e and K over time, median and bands of the seeds; one seed's angles."""
     time_s = np.arange(len(results[0].true_error)) / COST_RATE_HZ
     end_s = float(time_s[-1])
     errors, gains = (np.array([getattr(r, of) for r in results]) for of in ("true_error", "gains"))

@@ -6,9 +6,7 @@ from math import isnan
 from typing import TYPE_CHECKING
 
 from drivers.logs.table import blocks
-from estimator.types import Attitude, ImuSample
 from fuzzbee.replays.trace import VehicleTrace
-from service.publishing import attitude_record
 from service.records import Output, Peer, Published
 
 if TYPE_CHECKING:
@@ -30,20 +28,12 @@ def outputs(trace: VehicleTrace) -> Iterator[Output]:
     for rows in blocks(len(trace)):
         times_us, arrivals_us = trace["time_us"][rows], trace["arrival_us"][rows].tolist()
         peers = {name: track.at(times_us).tolist() for name, track in trace.references.items()}
-        samples = trace.records(ImuSample, rows)
-        for k, attitude in enumerate(trace.records(Attitude, rows)):
-            record = attitude_record(
-                attitude,
-                time_unix_us=arrivals_us[k],
-                time_boot_us=attitude.time_us,
-                sequence=rows.start + k,
-            )
+        for k, (record, sample) in enumerate(trace.published(rows, arrivals_us)):
             if record is None:
                 continue
             for source, attitudes in peers.items():
                 w, x, y, z = attitudes[k]
                 if not isnan(w):
-                    yield Peer(
-                        trace.address, "sim" if source == "sim" else "autopilot", (w, x, y, z)
-                    )
-            yield Published(trace.address, record, samples[k])
+                    is_truth = source == "sim"
+                    yield Peer(trace.address, "sim" if is_truth else "autopilot", (w, x, y, z))
+            yield Published(trace.address, record, sample)

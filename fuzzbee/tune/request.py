@@ -6,8 +6,7 @@ from typing import Annotated, NamedTuple
 import typer
 
 from fuzzbee import outputs
-from fuzzbee.options import Json, option
-from fuzzbee.time_window import From, To
+from fuzzbee.options import From, Json, To, option
 
 SIMULATION = "sim:"
 # A candidate is a flight flown again: a tenth of a second and more, on the paper's signals 50 us.

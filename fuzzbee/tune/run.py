@@ -56,9 +56,6 @@ def run_plan(plan: Plan, request: TuneRequest, viewer: "ViewerOptions | None") -
 
     On logs a profile that gains nothing on what was held out, or harms it, is written with
     ``force`` only.
-
-    Raises:
-        InputError: nothing to resume, no cluster, no viewer, or a file that cannot be written.
     """
     started = time.perf_counter()
     checkpoint = checkpoint_path(plan.output)
