@@ -121,18 +121,18 @@ class Estimator:
         if gain is not None:
             gain = number("gain", gain, LEAST_GAIN, MOST_GAIN)
         self.profile = profile_of(profile)
+        self._made_with = self.profile, rate_hz, gain, compass_calibrated
         self._is_plain = self.profile.has_plain_imu
         self._rate_hz = rate_hz
-        self._gain = gain
-        self._compass_calibrated = compass_calibrated
         self.reset()
 
     def reset(self) -> None:
         """Begin as if nothing had come yet; a position is forgotten, too."""
         self.rejected: Counter[str] = Counter()  # samples and reports that were refused, by reason
-        self._inner = estimator.Estimator(self.profile, self._gain)
-        if self._compass_calibrated is not None:
-            self._inner.set_field_calibrated(self._compass_calibrated)
+        *_, gain, compass_calibrated = self._made_with
+        self._inner = estimator.Estimator(self.profile, gain)
+        if compass_calibrated is not None:
+            self._inner.set_field_calibrated(compass_calibrated)
         self._number = 0  # of the next sample
         self._last_us = 0  # the time of the last one
         self._field = RepeatedField()
@@ -166,10 +166,6 @@ class Estimator:
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _resumed, (*self._made_with, self.state)
-
-    @property
-    def _made_with(self) -> tuple[Profile, float | None, float | None, bool | None]:
-        return self.profile, self._rate_hz, self._gain, self._compass_calibrated
 
     def update(
         self,
@@ -276,7 +272,7 @@ class Estimator:
         forward = Estimator(profile, rate_hz, gain=gain, compass_calibrated=calibrated)
         readings = (gyr_rad_s, acc_m_s2, mag_gauss, time_s, velocity_ned_m_s, position)
         batch = forward._batch(*readings)
-        recorder = Recorder(self.profile, self._gain, Offered(batch.rows, batch.said))
+        recorder = Recorder(profile, gain, Offered(batch.rows, batch.said))
         recorder.snapshot = self._inner.snapshot
         recorder.restart()
         forward._inner = recorder

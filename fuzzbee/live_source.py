@@ -57,10 +57,17 @@ def default_profile(endpoint: Endpoint) -> str:
 def open_recorded(
     endpoint: Endpoint, options: RunOptions, key: bytes | None, stack: ExitStack
 ) -> "tuple[MavlinkLink | Player, Recorder | None]":
-    """Open the source and its recorder, if one is asked for."""
+    """Open the source and its recorder, if one is asked for.
+
+    It records into a file; or into a folder, if there is one or the name has no suffix.
+    """
     target = None if options.record is None else Path(options.record)
     is_new = target is not None and not target.exists()
-    recorder = open_recorder(options.record, stack)
+    recorder = None
+    if target is not None:
+        in_folder = str(options.record).endswith("/") or target.is_dir()
+        in_folder |= is_new and not target.suffix
+        recorder = stack.enter_context(Recorder(target, in_folder=in_folder))
     try:
         return open_source(endpoint, options, key, recorder, stack), recorder
     except InputError:
@@ -134,12 +141,3 @@ def make_runner(
         recording=recording,
         **more,
     )
-
-
-def open_recorder(target: str | None, stack: ExitStack) -> Recorder | None:
-    """A recorder into a file; or into a folder, if there is one or the name has no suffix."""
-    if target is None:
-        return None
-    is_file = Path(target).suffix or Path(target).exists()
-    in_folder = target.endswith("/") or Path(target).is_dir() or not is_file
-    return stack.enter_context(Recorder(target, in_folder=in_folder))

@@ -1,13 +1,13 @@
 """``fuzzbee replay``: the filter over logs, or over the paper's signals, scored."""
 
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import partial
 from importlib.util import find_spec
 from math import inf
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -36,6 +36,7 @@ from fuzzbee.run_options import RETUNE
 if TYPE_CHECKING:
     from estimator.profile import Profile
     from fuzzbee.replays.log_report import Export
+    from fuzzbee.replays.trace import VehicleTrace
 
 SIMULATION = "sim:"
 MOST_WRONG_DEG = 180.0
@@ -267,25 +268,25 @@ def _exports(options: ReplayOptions) -> "list[Export]":
     from fuzzbee.replays import exports, mcap_file, plot
     from fuzzbee.replays.figure import require_plot
 
-    chosen: list[Export] = []
-    if options.csv is not None:
-        csv = options.csv
-        chosen.append(lambda trace: exports.write_csv(csv, exports.columns(trace)))
     if options.mcap is not None:
         require_extra("mcap", f"--mcap {options.mcap}", "mcap")
-        chosen.append(partial(mcap_file.write_mcap, options.mcap))
-    if options.tum is not None:
-        chosen.append(partial(exports.write_tum, options.tum))
-    if options.parquet is not None:
-        parquet = options.parquet
-        if find_spec("pyarrow") is None:
-            raise InputError(f"--parquet {parquet}: needs pyarrow: pip install pyarrow")
-        chosen.append(lambda trace: exports.write_parquet(parquet, exports.columns(trace)))
+    if options.parquet is not None and find_spec("pyarrow") is None:
+        raise InputError(f"--parquet {options.parquet}: needs pyarrow: pip install pyarrow")
     if options.plot is not None:
         require_plot(options.plot)
-        if len(options.sources) * len(options.profile or [""]) == 1:
-            chosen.append(partial(plot.draw, options.plot, Path(options.sources[0]).name))
-    return chosen
+    writers: dict[str, Callable[[Any, VehicleTrace], None]] = {
+        "csv": lambda path, trace: exports.write_csv(path, exports.columns(trace)),
+        "mcap": mcap_file.write_mcap,
+        "tum": exports.write_tum,
+        "parquet": lambda path, trace: exports.write_parquet(path, exports.columns(trace)),
+    }
+    if len(options.sources) * len(options.profile or [""]) == 1:  # several are one figure
+        writers["plot"] = partial(plot.draw, Path(options.sources[0]).name)
+    return [
+        partial(write, getattr(options, name))
+        for name, write in writers.items()
+        if getattr(options, name) is not None
+    ]
 
 
 def _replay_simulation(options: ReplayOptions) -> None:

@@ -70,7 +70,7 @@ class Thinned:
         return np.insert(np.asarray(found), self._breaks, np.nan, axis=0)
 
 
-def draw(path: Path, title: str, trace: VehicleTrace) -> None:
+def draw(title: str, path: Path, trace: VehicleTrace) -> None:
     """Draw a trace that has been compared into a file whose suffix says how."""
     time_s = trace.time_s
     points, span = Thinned(time_s), (float(time_s[0]), max(float(time_s[-1]), time_s[0] + 1e-3))
