@@ -134,50 +134,6 @@ def test_a_gain_that_never_settles_has_no_settling_time(capsys):
     assert report["settling_s"] is None
 
 
-@pytest.mark.parametrize(
-    ("arguments", "part"),
-    [
-        (["no_such.tlog"], "no_such.tlog"),
-        (["sim:", "--seeds", "9-3"], "9-3"),
-        (["sim:", "--seeds", "x"], "--seeds x"),
-        (["sim:", "--gain", "0"], "--gain 0"),
-        (["sim:", "--gain", "nan"], "--gain nan"),
-        (["sim:", "--profile", "imu"], "raw vectors"),
-        (["sim:", "--skip", "1"], "--skip"),
-        (["sim:", "a.tlog"], "sim:"),
-        (["a.tlog", "--seeds", "1-2"], "--seeds"),
-        (["a.tlog", "--skip", "-1"], "--skip"),
-        (["a.tlog", "--skip", "nan"], "--skip"),
-        (["a.tlog", "--start-wrong", "900"], "--start-wrong 900: must be"),
-        (["a.tlog", "--start-wrong", "nan"], "--start-wrong nan: must be"),
-        ([str(DATA / "sitl_copter_4hz.tlog"), "--skip", "9999"], "after 9999 s of 150 s"),
-        (["a.tlog", "--reference", "gps"], "gps"),
-        (["a.tlog", "--profile", "nope"], "nope"),
-    ],
-)
-def test_a_mistake_is_one_line_and_status_2(capsys, arguments, part):
-    status = main(["replay", *arguments])
-    out, err = capsys.readouterr()
-    assert status == 2
-    assert out == ""
-    assert part in err
-    assert err.count("\n") == 1
-
-
-def test_an_empty_log_and_one_without_imu_say_so(capsys, tmp_path):
-    empty = tmp_path / "empty.tlog"
-    empty.write_bytes(b"")
-    status, _, err = replay(capsys, empty, "--json")
-    assert (status, err.count("\n")) == (2, 1)
-    assert "empty" in err
-
-
-def test_a_missing_system_id_names_those_that_are_there(capsys):
-    status, _, err = replay(capsys, DATA / "sub_bluerov.tlog", "--system-id", 77, "--json")
-    assert status == 2
-    assert "77" in err
-
-
 def test_a_recording_of_fuzzbee_s_own_vehicle_is_replayed_with_the_profile_that_fits(
     capsys, tmp_path
 ):

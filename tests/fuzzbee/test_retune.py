@@ -40,11 +40,6 @@ def _report(capsys, *options):
     return json.loads(capsys.readouterr().out)
 
 
-def test_the_papers_experiment_is_too_short(capsys):
-    assert main(["replay", "sim:", "--retune"]) == 2
-    assert "--retune is for logs" in capsys.readouterr().err
-
-
 def noisy_events(seconds, noisy_from_s):
     """The paper's signals at 100 Hz as a vehicle's events; then its vectors' noise times five."""
     n = round(100 * seconds)

@@ -146,25 +146,6 @@ def test_the_page_shows_the_options_of_what_is_seen(tmp_path, capsys):
     assert "fuzzbee replay LOG --from ${from} --to ${to}" in page.read_text()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (("--from", "soon"), "--from soon: must be seconds (0 or more), arm or disarm"),
-        (("--to", "-1"), "--to -1: must be seconds (0 or more), arm or disarm"),
-        (("--from", "nan"), "--from nan: must be seconds (0 or more), arm or disarm"),
-        (("--from", "9", "--to", "9"), "--to 9: must be later than --from 9"),
-        (("--from", "1e4"), "no IMU data from 10000 s on: the log lasts"),
-    ],
-)
-def test_windows_that_cannot_be(capsys, arguments, said):
-    assert said in refusal(capsys, "replay", TAKEOFF, *arguments)
-
-
 def test_a_log_that_was_never_armed(tmp_path, capsys):
     log = armed_between(TAKEOFF, tmp_path / "idle.tlog", 1e6, 1e6)
     assert "the vehicle was never armed" in refusal(capsys, "replay", log, "--from", "arm")
-
-
-@pytest.mark.parametrize("verb", [("replay", "sim:"), ("tune", "sim:", "-o", "x.toml")])
-def test_the_papers_signals_have_no_parts(capsys, verb):
-    assert "--from" in refusal(capsys, *verb, "--from", "3")
