@@ -13,7 +13,7 @@ from drivers.simulation.source import SimSource
 from drivers.source import SIM_MOTION, open_live
 from estimator.errors import InputError
 from fuzzbee import security
-from fuzzbee.run_options import RunOptions
+from fuzzbee.run import RunOptions
 from fuzzbee.sinks import parse_address_of
 from service.load import Overload
 from service.parameters import ParameterRequests

@@ -56,6 +56,7 @@ Verbose = Annotated[bool, of_showing("Say more on standard error.", "--verbose",
 Json = Annotated[bool, of_showing("JSON on standard output, nothing else there.", "--json")]
 From = Annotated[str | None, of_source(_FROM, "--from", metavar="S|arm")]
 To = Annotated[str | None, of_source(_TO, "--to", metavar="S|disarm")]
+Retune = Annotated[bool, of_estimate("Retune a few numbers whenever the sensors' noise changes.")]
 Seconds = Annotated[float | None, of_source("End after N seconds.", metavar="N")]
 
 

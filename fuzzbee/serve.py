@@ -19,7 +19,7 @@ from estimator.profile import Profile, load_profile
 from fuzzbee import outputs, security
 from fuzzbee.live_source import default_profile, make_runner, open_recorded, require_fitting
 from fuzzbee.notify import notify
-from fuzzbee.run_options import RunOptions
+from fuzzbee.run import RunOptions
 from fuzzbee.run_report import conclude, recording_word, summary
 from fuzzbee.terminal import PersonConsole, TerminalView
 from fuzzbee.truth_score import ScoredPipeline

@@ -18,6 +18,7 @@ from fuzzbee.notify import tell
 from fuzzbee.options import (
     PROFILES,
     From,
+    Retune,
     To,
     command,
     examples,
@@ -31,7 +32,6 @@ from fuzzbee.options import (
     seed_range,
     time_window,
 )
-from fuzzbee.run_options import RETUNE
 
 if TYPE_CHECKING:
     from estimator.profile import Profile
@@ -82,7 +82,7 @@ class ReplayOptions(NamedTuple):
     ] = None
     gain: Annotated[float | None, of_estimate(_GAIN, metavar="K")] = None
     start_wrong: Annotated[float, of_estimate(_START_WRONG, metavar="DEG")] = 0.0
-    retune: Annotated[bool, of_estimate(RETUNE)] = False
+    retune: Retune = False
     smooth: Annotated[bool, of_estimate(_SMOOTH)] = False
     reference: Annotated[str | None, of_score(_REFERENCE, metavar="sim|autopilot")] = None
     skip: Annotated[float, of_score(_SKIP, metavar="S")] = 0.0
@@ -187,7 +187,7 @@ def _replay_logs(options: ReplayOptions) -> None:
     viewer = outputs.open_viewer(options.view, options.rrd)
     try:
         if viewer is not None:
-            from fuzzbee.replays.viewer_replay import show
+            from fuzzbee.replays.exports import show
 
             exports.append(partial(show, viewer))
         _report_logs(options, profiles, window, exports)

@@ -1,4 +1,4 @@
-"""Every sample of a replay as a row of a table: CSV, Parquet, and trajectories for evo.
+"""Every sample of a replay as a row of a table: CSV, Parquet, trajectories for evo; the viewer.
 
 ``time_s`` is on the vehicle's continuous clock, 0 at the log's first IMU sample, ``time_unix_s`` by
 the log's own stamps. Nothing depends on the computer's clock, so a log replayed twice gives the
@@ -7,9 +7,10 @@ same bytes. A file that cannot be written is an InputError, here as in every oth
 
 import csv
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from math import isnan
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,10 @@ from estimator.live.rows import NORTHS
 from fuzzbee.attitudes import enu_flu, euler_curves_deg
 from fuzzbee.replays.trace import VehicleTrace
 from service.publishing import HostClock
+from service.records import Output, Peer, Published
+
+if TYPE_CHECKING:
+    from fuzzbee.viewer.viewer import ViewerSink
 
 Columns = dict[str, NDArray[Any]]  # (N,) each
 
@@ -156,3 +161,29 @@ def _write_poses(path: Path, times_us: Times, q_ned_frd: Floats) -> None:
             q = enu_flu(q_ned_frd[rows])[:, [1, 2, 3, 0]]
             poses = np.column_stack([1e-6 * times_us[rows], np.zeros((len(q), 3)), q])
             np.savetxt(file, poses, "%.6f %d %d %d %.9f %.9f %.9f %.9f")
+
+
+def show(viewer: "ViewerSink", trace: VehicleTrace) -> None:
+    """Draw a trace in the viewer at the log's own times, with the attitudes by others beside it."""
+    for output in _outputs(trace):
+        if not viewer.stream.is_wanted:  # a full disk: it is said at the end
+            break
+        with suppress(ConnectionError):  # the viewer was closed: a file may still be wanted
+            viewer.handle([output])
+    viewer.finish()
+
+
+def _outputs(trace: VehicleTrace) -> Iterator[Output]:
+    """What the service would have published at the samples."""
+    for rows in blocks(len(trace)):
+        times_us, arrivals_us = trace["time_us"][rows], trace["arrival_us"][rows].tolist()
+        peers = {name: track.at(times_us).tolist() for name, track in trace.references.items()}
+        for k, (record, sample) in enumerate(trace.published(rows, arrivals_us)):
+            if record is None:
+                continue
+            for source, attitudes in peers.items():
+                w, x, y, z = attitudes[k]
+                if not isnan(w):
+                    is_truth = source == "sim"
+                    yield Peer(trace.address, "sim" if is_truth else "autopilot", (w, x, y, z))
+            yield Published(trace.address, record, sample)

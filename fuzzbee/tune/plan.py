@@ -14,8 +14,8 @@ from estimator.errors import InputError
 from estimator.profile import SHIPPED, Profile, load_profile, merge_profile, profile_to_toml
 from fuzzbee.notify import notify, tell
 from fuzzbee.options import require_extra, seed_range, time_window
+from fuzzbee.tune.command import SIMULATION, TuneRequest
 from fuzzbee.tune.read_flight import REFERENCES, read_flight
-from fuzzbee.tune.request import SIMULATION, TuneRequest
 from fuzzbee.version import __version__
 from tuning.flight import BETTER_LOG, Flight, require_substance
 from tuning.log_task import GOALS, MEMBERSHIP_RATE_HZ, LogTask, Split, default_groups, split

@@ -9,7 +9,7 @@ from estimator.estimator import Estimator
 from estimator.live.rows import NORTH, NORTHS, SAID
 from estimator.profile import load_profile
 from fuzzbee.attitudes import attitudes_of_rows
-from fuzzbee.run_options import RunOptions
+from fuzzbee.run import RunOptions
 from fuzzbee.run_report import summary
 from service.evictions import EvictedCounts, Evictions
 from service.imu_stream import ImuChoice
