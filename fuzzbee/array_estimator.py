@@ -308,7 +308,8 @@ class Estimator:
         w, x, y, z = attitude.q_ned_frd
         if isfinite(w + x + y + z):
             return attitude
-        self._begin_anew()
+        self._count(Reason.ESTIMATE_NOT_FINITE)
+        inner.restart()  # no later sample would repair it
         return None
 
     def _look(self, rows: Rows, *, strict: bool) -> tuple[str, ...]:
@@ -405,11 +406,6 @@ class Estimator:
             if position:
                 self.set_position(*position)
             begin = end
-
-    def _begin_anew(self) -> None:
-        """Restart after an attitude that is not finite: no later sample would repair it."""
-        self._count(Reason.ESTIMATE_NOT_FINITE)
-        self._inner.restart()
 
     def _next_us(self, time_s: float | None) -> int:
         """The time of the next sample, given or by its number."""

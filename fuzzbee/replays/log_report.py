@@ -155,7 +155,11 @@ def score(path: Path, trace: VehicleTrace, skip_s: float) -> LogReport:
         window = (begin_s, end_s)
     return LogReport(
         source=printable(str(path)),
-        vehicle=_vehicle_summary(trace),
+        vehicle=VehicleSummary(
+            *trace.address,
+            None if trace.autopilot is None else autopilot_name(trace.autopilot),
+            None if trace.vehicle_type is None else vehicle_type_name(trace.vehicle_type),
+        ),
         imu=_imu_summary(trace),
         duration_s=lasts_s,
         reference=trace.reference,
@@ -217,14 +221,6 @@ def _retuned_summary(trace: VehicleTrace) -> RetunedSummary | msgspec.UnsetType:
         for time_us, made in trace.decisions
     ]
     return RetunedSummary(len(changes), changes)
-
-
-def _vehicle_summary(trace: VehicleTrace) -> VehicleSummary:
-    return VehicleSummary(
-        *trace.address,
-        None if trace.autopilot is None else autopilot_name(trace.autopilot),
-        None if trace.vehicle_type is None else vehicle_type_name(trace.vehicle_type),
-    )
 
 
 def _imu_summary(trace: VehicleTrace) -> ImuSummary:

@@ -115,7 +115,10 @@ def tune(request: TuneRequest) -> None:
     from fuzzbee.tune.run import run_plan
     from tuning.checkpoint import checkpoint_path
 
-    _require_machine(request)
+    if request.threads is not None and request.threads < 1:
+        raise InputError(f"--threads {request.threads}: at least 1 is needed")
+    if request.cluster is not None and request.threads is not None:
+        raise InputError("--threads and --cluster contradict each other: the workers compute")
     if request.plot is not None:
         if request.plot.exists() and not request.plot.is_dir():
             raise InputError(f"--plot {request.plot}: not a folder")
@@ -127,10 +130,3 @@ def tune(request: TuneRequest) -> None:
     status = run_plan(plan(request), request, viewer)
     if status:
         raise typer.Exit(status)
-
-
-def _require_machine(request: TuneRequest) -> None:
-    if request.threads is not None and request.threads < 1:
-        raise InputError(f"--threads {request.threads}: at least 1 is needed")
-    if request.cluster is not None and request.threads is not None:
-        raise InputError("--threads and --cluster contradict each other: the workers compute")
