@@ -1,4 +1,4 @@
-"""What programs give, checked: a number, three numbers, rows of three, times."""
+"""What programs give, checked: numbers, vectors, rows, times; an InputError names what is none."""
 
 from math import inf, nan
 from os import PathLike
@@ -19,11 +19,7 @@ MOST_S = 9e12
 
 
 def number(name: str, given: Any, low: float = -inf, high: float = inf, of: str = "") -> float:
-    """A finite number from ``low`` to ``high``; ``of`` says what it counts.
-
-    Raises:
-        InputError: it is none.
-    """
+    """A finite number from ``low`` to ``high``; ``of`` says what it counts."""
     try:
         value = nan if isinstance(given, str | bytes | bool) else float(given)
     except (TypeError, ValueError, OverflowError):
@@ -37,11 +33,7 @@ def number(name: str, given: Any, low: float = -inf, high: float = inf, of: str 
 
 
 def vector(name: str, given: ArrayLike) -> Vec3:
-    """Three numbers, not necessarily finite.
-
-    Raises:
-        InputError: it has not three numbers.
-    """
+    """Three numbers, not necessarily finite."""
     values: Any = given.tolist() if isinstance(given, np.ndarray) else given
     try:
         x, y, z = values
@@ -55,11 +47,7 @@ def vector(name: str, given: ArrayLike) -> Vec3:
 
 
 def matrix(name: str, given: ArrayLike, rows: int | None = None, width: int = 3) -> Floats:
-    """(N, 3) numbers, or as many in a row as ``width`` says.
-
-    Raises:
-        InputError: another shape, or something else than numbers.
-    """
+    """(N, 3) numbers, or as many in a row as ``width`` says."""
     values = numbers(name, given)
     if values.ndim != 2 or values.shape[1] != width or rows not in (None, len(values)):
         wanted = "N" if rows is None else rows
@@ -68,11 +56,7 @@ def matrix(name: str, given: ArrayLike, rows: int | None = None, width: int = 3)
 
 
 def rotation(name: str, given: ArrayLike) -> Floats:
-    """A rotation matrix (3, 3).
-
-    Raises:
-        InputError: another shape, or axes that are no right-handed, orthonormal ones.
-    """
+    """A rotation matrix (3, 3)."""
     R = matrix(name, given, 3)
     if not (np.abs(R.T @ R - np.eye(3)).max() < 1e-6 and np.linalg.det(R) > 0.0):
         raise InputError(f"{name}: must be a rotation matrix")
@@ -80,40 +64,24 @@ def rotation(name: str, given: ArrayLike) -> Floats:
 
 
 def file(name: str, given: Any) -> Path:
-    """The path of a file.
-
-    Raises:
-        InputError: it is none.
-    """
+    """The path of a file."""
     if not isinstance(given, str | PathLike):
         raise InputError(f"{name} {given!s:.60}: must be the name of a file")
     return Path(given)
 
 
 def profile_of(given: Any) -> Profile:
-    """A profile, or the one of this name or file.
-
-    Raises:
-        InputError: there is none.
-    """
+    """A profile, or the one of this name or file."""
     return given if isinstance(given, Profile) else load_profile(given)
 
 
 def microseconds(time_s: float) -> int:
-    """A time as the estimator counts it.
-
-    Raises:
-        InputError: it is not a number of seconds.
-    """
+    """A time as the estimator counts it."""
     return round(MICROSECONDS * number("time_s", time_s, -MOST_S, MOST_S, " of seconds"))
 
 
 def microseconds_of_rows(given: ArrayLike, rows: int) -> Times:
-    """Times (N,) of so many rows, in microseconds.
-
-    Raises:
-        InputError: another shape, or something else than numbers of seconds.
-    """
+    """Times (N,) of so many rows, in microseconds."""
     values = numbers("time_s", given)
     if values.shape != (rows,):
         raise InputError(f"time_s: must have the shape ({rows},), not {values.shape}")
@@ -124,11 +92,7 @@ def microseconds_of_rows(given: ArrayLike, rows: int) -> Times:
 
 
 def numbers(name: str, given: ArrayLike) -> Floats:
-    """``given`` as an array of numbers, NaN where one is masked.
-
-    Raises:
-        InputError: it holds something else.
-    """
+    """``given`` as an array of numbers, NaN where one is masked."""
     try:
         values: Any = np.ma.asarray(given)
         if values.dtype.kind not in "biufO":

@@ -121,18 +121,18 @@ class Estimator:
         if gain is not None:
             gain = number("gain", gain, LEAST_GAIN, MOST_GAIN)
         self.profile = profile_of(profile)
+        self._made_with = self.profile, rate_hz, gain, compass_calibrated
         self._is_plain = self.profile.has_plain_imu
         self._rate_hz = rate_hz
-        self._gain = gain
-        self._compass_calibrated = compass_calibrated
         self.reset()
 
     def reset(self) -> None:
         """Begin as if nothing had come yet; a position is forgotten, too."""
         self.rejected: Counter[str] = Counter()  # samples and reports that were refused, by reason
-        self._inner = estimator.Estimator(self.profile, self._gain)
-        if self._compass_calibrated is not None:
-            self._inner.set_field_calibrated(self._compass_calibrated)
+        *_, gain, compass_calibrated = self._made_with
+        self._inner = estimator.Estimator(self.profile, gain)
+        if compass_calibrated is not None:
+            self._inner.set_field_calibrated(compass_calibrated)
         self._number = 0  # of the next sample
         self._last_us = 0  # the time of the last one
         self._field = RepeatedField()
@@ -166,10 +166,6 @@ class Estimator:
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _resumed, (*self._made_with, self.state)
-
-    @property
-    def _made_with(self) -> tuple[Profile, float | None, float | None, bool | None]:
-        return self.profile, self._rate_hz, self._gain, self._compass_calibrated
 
     def update(
         self,
@@ -276,7 +272,7 @@ class Estimator:
         forward = Estimator(profile, rate_hz, gain=gain, compass_calibrated=calibrated)
         readings = (gyr_rad_s, acc_m_s2, mag_gauss, time_s, velocity_ned_m_s, position)
         batch = forward._batch(*readings)
-        recorder = Recorder(self.profile, self._gain, Offered(batch.rows, batch.said))
+        recorder = Recorder(profile, gain, Offered(batch.rows, batch.said))
         recorder.snapshot = self._inner.snapshot
         recorder.restart()
         forward._inner = recorder
@@ -312,7 +308,8 @@ class Estimator:
         w, x, y, z = attitude.q_ned_frd
         if isfinite(w + x + y + z):
             return attitude
-        self._begin_anew()
+        self._count(Reason.ESTIMATE_NOT_FINITE)
+        inner.restart()  # no later sample would repair it
         return None
 
     def _look(self, rows: Rows, *, strict: bool) -> tuple[str, ...]:
@@ -409,11 +406,6 @@ class Estimator:
             if position:
                 self.set_position(*position)
             begin = end
-
-    def _begin_anew(self) -> None:
-        """Restart after an attitude that is not finite: no later sample would repair it."""
-        self._count(Reason.ESTIMATE_NOT_FINITE)
-        self._inner.restart()
 
     def _next_us(self, time_s: float | None) -> int:
         """The time of the next sample, given or by its number."""

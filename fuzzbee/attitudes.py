@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 
 from estimator.arrays import Floats, Times
 from estimator.errors import InputError
-from estimator.geometry.frames import Q_ENU_NED, Q_FRD_FLU
+from estimator.geometry.frames import Q_ENU_NED, Q_FRD_FLU, euler_rad
 from estimator.geometry.rotations import multiply, unit
 from estimator.live.rows import NORTH, NORTHS
-from fuzzbee.angle_curves import euler_curves_deg
 
 PLACE = {north: place for place, north in enumerate(NORTHS)}
 
@@ -85,6 +84,12 @@ class Attitudes:
     def q_enu_flu(self) -> Floats:
         """The attitudes (N, 4) as ROS has them: forward, left, up to east, north, up."""
         return enu_flu(self.q_ned_frd)
+
+
+def euler_curves_deg(q_ned_frd: Floats) -> Floats:
+    """Roll, pitch, heading in degrees (N, 3) of attitudes (N, 4), NaN where there is none."""
+    angles = [euler_rad((w, x, y, z)) for w, x, y, z in q_ned_frd.tolist()]
+    return np.where(np.isnan(q_ned_frd[:, :1]), np.nan, np.degrees(angles).reshape(-1, 3))
 
 
 def enu_flu(q_ned_frd: Floats) -> Floats:

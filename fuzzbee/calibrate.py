@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import typer
 
 from estimator.errors import InputError
-from fuzzbee.options import Json, command, examples, option
-from fuzzbee.time_window import From, To, time_window
+from fuzzbee.options import From, Json, To, command, examples, option, time_window
 
 if TYPE_CHECKING:
     from estimator.geometry.earth import PlaceField

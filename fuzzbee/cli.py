@@ -72,12 +72,11 @@ def _status(arguments: list[str]) -> int:
         if type(error).__name__ == "NoArgsIsHelpError":  # a group of verbs without a verb
             print(error.format_message(), file=sys.stderr)  # type: ignore[attr-defined]
             return BAD_INPUT
-        if _is_usage_error(error):
+        # what the parser refused; its classes moved between versions
+        if hasattr(error, "format_message") and hasattr(error, "exit_code"):
             return _fail(_in_our_words(error), BAD_INPUT)
         if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
-            return _fail(
-                f"{error.filename}: {error.strerror}", BAD_INPUT
-            )  # any option may cause it
+            return _fail(f"{error.filename}: {error.strerror}", BAD_INPUT)  # of any option
         if isinstance(error, OSError) and error.errno in UNWRITABLE and error.filename is None:
             return _fail(f"standard output: {error.strerror}", FAILED)
         if "-v" in arguments or "--verbose" in arguments:
@@ -94,14 +93,11 @@ def _spell_out(arguments: Sequence[str]) -> list[str]:
     A word behind it is its value, unless it may be a source or a log that comes after it.
     """
     following = [*arguments[1:], ""]
+    may_be_view = [after.isalpha() and not Path(after).exists() for after in following]
     return [
-        "--view=window" if word == "--view" and not _may_be_view(after) else word
-        for word, after in zip(arguments, following, strict=False)
+        "--view=window" if word == "--view" and not has_view else word
+        for word, has_view in zip(arguments, may_be_view, strict=False)
     ]
-
-
-def _may_be_view(word: str) -> bool:
-    return word.isalpha() and not Path(word).exists()
 
 
 def _run_verb(arguments: list[str]) -> object:
@@ -182,11 +178,6 @@ def _write_what_can_be_written() -> None:
     for stream in (sys.stdout, sys.stderr):
         with suppress(AttributeError, ValueError):  # one of somebody else's making
             stream.reconfigure(errors="replace")  # type: ignore[union-attr]
-
-
-def _is_usage_error(error: Exception) -> bool:
-    """Whether the argument parser refused something; its classes moved between versions."""
-    return hasattr(error, "format_message") and hasattr(error, "exit_code")
 
 
 def _in_our_words(error: Any) -> str:

@@ -71,11 +71,7 @@ def surface(k: Memberships, steps: int = STEPS) -> Floats:
 
 
 def draw_controller(path: Path, name: str, k: Memberships) -> None:
-    """Draw memberships, rules and the surface of K into a file.
-
-    Raises:
-        InputError: a suffix that is none, a missing library, a file that cannot be written.
-    """
+    """Draw memberships, rules and the surface of K into a file."""
     require_plot(path)
     require_extra("skfuzzy", f"--plot {path}", "plot")
     variables = {variable.label: variable for variable in control_system(k).fuzzy_variables}

@@ -13,7 +13,7 @@ from drivers.simulation.source import SimSource
 from drivers.source import SIM_MOTION, open_live
 from estimator.errors import InputError
 from fuzzbee import security
-from fuzzbee.run_options import RunOptions
+from fuzzbee.run import RunOptions
 from fuzzbee.sinks import parse_address_of
 from service.load import Overload
 from service.parameters import ParameterRequests
@@ -28,11 +28,7 @@ DEFAULT_PROFILE = "imu"
 
 
 def require_fitting(options: RunOptions, endpoint: Endpoint) -> None:
-    """Refuse options that the source has no use for.
-
-    Raises:
-        InputError: names the option.
-    """
+    """Refuse options that the source has no use for."""
     of_link = {"--record": options.record, "--request-rate": options.request_rate_hz}
     asked = [option for option, value in of_link.items() if value is not None]
     checks = options.security.given
@@ -63,12 +59,15 @@ def open_recorded(
 ) -> "tuple[MavlinkLink | Player, Recorder | None]":
     """Open the source and its recorder, if one is asked for.
 
-    Raises:
-        InputError: one of them cannot be opened; no empty recording is left behind.
+    It records into a file; or into a folder, if there is one or the name has no suffix.
     """
     target = None if options.record is None else Path(options.record)
     is_new = target is not None and not target.exists()
-    recorder = open_recorder(options.record, stack)
+    recorder = None
+    if target is not None:
+        in_folder = str(options.record).endswith("/") or target.is_dir()
+        in_folder |= is_new and not target.suffix
+        recorder = stack.enter_context(Recorder(target, in_folder=in_folder))
     try:
         return open_source(endpoint, options, key, recorder, stack), recorder
     except InputError:
@@ -141,12 +140,3 @@ def make_runner(
         recording=recording,
         **more,
     )
-
-
-def open_recorder(target: str | None, stack: ExitStack) -> Recorder | None:
-    """A recorder into a file; or into a folder, if there is one or the name has no suffix."""
-    if target is None:
-        return None
-    is_file = Path(target).suffix or Path(target).exists()
-    in_folder = target.endswith("/") or Path(target).is_dir() or not is_file
-    return stack.enter_context(Recorder(target, in_folder=in_folder))

@@ -7,13 +7,12 @@ import numpy as np
 
 from estimator.arrays import Floats
 from estimator.profile import Profile
-from fuzzbee.angle_curves import euler_curves_deg
 from fuzzbee.arguments import file, number, profile_of
-from fuzzbee.attitudes import Attitudes, attitudes_of
+from fuzzbee.attitudes import Attitudes, attitudes_of, euler_curves_deg
+from fuzzbee.options import time_window
 from fuzzbee.replays.log_report import report_log
 from fuzzbee.replays.schema import LogReport
 from fuzzbee.replays.trace import How, VehicleTrace
-from fuzzbee.time_window import time_window
 
 
 @dataclass(frozen=True)

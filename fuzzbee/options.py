@@ -1,16 +1,20 @@
-"""Options as fields: a verb takes one named tuple, whose fields are its arguments and options."""
+"""Options as fields: a verb takes one named tuple, whose fields are its arguments and options.
+
+What checks a value raises an InputError that names the option and the value.
+"""
 
 import inspect
 from collections.abc import Callable, Iterator
 from copy import copy
 from functools import partial, wraps
 from importlib.util import find_spec
-from math import isfinite
+from math import inf, isfinite
 from typing import Annotated, Any, NamedTuple, TypeVar, get_args, get_type_hints
 
 import typer
 from typer.models import OptionInfo
 
+from drivers.logs.time_window import Moment, TimeWindow
 from estimator.errors import InputError, missing_extra
 
 MAX_GAIN = 1e6
@@ -46,8 +50,13 @@ def examples(*lines: str) -> str:
     return "\n\n".join(["Examples:", *(f"  {line}" for line in lines)])
 
 
+_FROM = "Begin there: seconds of the log, arm or disarm."
+_TO = "End there: seconds of the log, arm or disarm."
 Verbose = Annotated[bool, of_showing("Say more on standard error.", "--verbose", "-v")]
 Json = Annotated[bool, of_showing("JSON on standard output, nothing else there.", "--json")]
+From = Annotated[str | None, of_source(_FROM, "--from", metavar="S|arm")]
+To = Annotated[str | None, of_source(_TO, "--to", metavar="S|disarm")]
+Retune = Annotated[bool, of_estimate("Retune a few numbers whenever the sensors' noise changes.")]
 Seconds = Annotated[float | None, of_source("End after N seconds.", metavar="N")]
 
 
@@ -102,41 +111,25 @@ def _made(form: Any, given: dict[str, Any]) -> Any:
 
 
 def require_gain(gain: float | None) -> None:
-    """Refuse a fixed gain that is no number above 0, or beyond any use.
-
-    Raises:
-        InputError: names the value.
-    """
+    """Refuse a fixed gain that is no number above 0, or beyond any use."""
     if gain is not None and not 0.0 < gain <= MAX_GAIN:
         raise InputError(f"--gain {gain:g}: K should be above 0 and at most {MAX_GAIN:g}")
 
 
 def require_extra(package: str, what: str, extra: str) -> None:
-    """Refuse, before any work, what needs a package that only an extra brings.
-
-    Raises:
-        InputError: it is missing; says how to get it.
-    """
+    """Refuse, before any work, what needs a package that only an extra brings."""
     if find_spec(package) is None:
         raise missing_extra(what, extra)
 
 
 def require_positive(name: str, value: float | None) -> None:
-    """Refuse zero, negative numbers, infinity and NaN.
-
-    Raises:
-        InputError: names the option and the value.
-    """
+    """Refuse zero, negative numbers, infinity and NaN."""
     if value is not None and not (isfinite(value) and value > 0.0):
         raise InputError(f"{name} {value:g}: should be a number above 0")
 
 
 def seed_range(text: str, name: str = "--seeds") -> range:
-    """``A-B``, both included, or a single ``A``.
-
-    Raises:
-        InputError: not of that form, or empty; names the option.
-    """
+    """``A-B``, both included, or a single ``A``."""
     first, dash, last = text.partition("-")
     if not first.isdecimal() or (dash and not last.isdecimal()):
         raise InputError(f"{name} {text}: must be A-B with whole numbers, such as 0-19")
@@ -144,3 +137,24 @@ def seed_range(text: str, name: str = "--seeds") -> range:
     if not seeds:
         raise InputError(f"{name} {text}: the range is empty")
     return seeds
+
+
+def time_window(begin: Any, end: Any, names: tuple[str, str] = ("--from", "--to")) -> TimeWindow:
+    """The window between two moments: seconds as a number or text, "arm", "disarm" or None."""
+    window = TimeWindow(_moment(names[0], begin), _moment(names[1], end))
+    first, last = window
+    if isinstance(first, float) and isinstance(last, float) and last <= first:
+        raise InputError(f"{names[1]} {last:g}: must be later than {names[0]} {first:g}")
+    return window
+
+
+def _moment(name: str, given: Any) -> Moment | None:
+    if given is None or given in ("arm", "disarm"):
+        return given  # type: ignore[no-any-return]
+    try:
+        seconds = float(given)
+    except (TypeError, ValueError):
+        seconds = -inf
+    if not 0.0 <= seconds < inf:
+        raise InputError(f"{name} {given!s:.60}: must be seconds (0 or more), arm or disarm")
+    return seconds

@@ -52,11 +52,7 @@ class OutputOptions(_options_of_sinks()):  # type: ignore[misc] # its fields are
 def open_outputs(
     options: OutputOptions, session: "zenoh.Session | None", prefix: str, rate_hz: float
 ) -> "Iterator[Sink]":
-    """Open the sinks that were asked for, one after the other.
-
-    Raises:
-        InputError: an address, port or file that cannot be used, or an extra that is missing.
-    """
+    """Open the sinks that were asked for, one after the other."""
     for entry in SINKS:
         if entry.is_wanted(options):
             sink = entry.open(Opening(options._asdict(), session, prefix, rate_hz))
@@ -68,11 +64,7 @@ def open_outputs(
 
 
 def open_viewer(view: str | None, rrd: str | None, *, live: bool = False) -> "ViewerSink | None":
-    """The viewer that was asked for, if any; says where its page is.
-
-    Raises:
-        InputError: the extra is missing, the viewer does not start, or the file cannot be written.
-    """
+    """The viewer that was asked for, if any; says where its page is."""
     options = viewer_options(view, rrd)
     if options is None:
         return None
@@ -84,11 +76,7 @@ def open_viewer(view: str | None, rrd: str | None, *, live: bool = False) -> "Vi
 
 
 def viewer_options(view: str | None, rrd: str | None) -> "ViewerOptions | None":
-    """The viewer that the options ask for; None if they ask for none.
-
-    Raises:
-        InputError: no such view, or the extra is missing.
-    """
+    """The viewer that the options ask for; None if they ask for none."""
     if view is None and rrd is None:
         return None
     if view not in (None, WINDOW, WEB):
@@ -106,9 +94,6 @@ def require_own_files(
 
     A link leads to the same file, by whatever name; a bag is a folder, and what a table's columns
     are stands beside it.
-
-    Raises:
-        InputError: it would be overwritten.
     """
     taken = [Path(each) for each in inputs if each is not None]
     taken += [columns_beside(each) for each in taken if each.suffix.lower() in TABLES]

@@ -1,11 +1,29 @@
 """``fuzzbee run``: the live service."""
 
+from typing import Annotated, NamedTuple
+
+import typer
+
 from estimator.errors import InputError
-from fuzzbee import outputs
-from fuzzbee.options import command, examples, require_gain, require_positive
-from fuzzbee.run_options import RunOptions
-from fuzzbee.security import parse_system_ids
-from fuzzbee.zenoh_options import opening
+from fuzzbee.options import (
+    PROFILES,
+    Json,
+    Retune,
+    Seconds,
+    Verbose,
+    command,
+    examples,
+    of_estimate,
+    of_publishing,
+    of_recording,
+    of_source,
+    require_gain,
+    require_positive,
+)
+from fuzzbee.outputs import OutputOptions, require_own_files
+from fuzzbee.security import SecurityOptions, parse_system_ids
+from fuzzbee.zenoh_options import ZenohArguments, opening
+from fuzzbee.zenoh_options import option as zenoh_option
 
 MAX_RATE_HZ = 1000.0
 
@@ -17,6 +35,45 @@ EPILOG = examples(
     "fuzzbee run tcp:127.0.0.1:5760 -m client -e tcp/192.168.1.10:7447",
 )
 
+_SOURCE = "sim:, sim:flight, udpin:H:P, udpout:H:P, tcp:H:P, tcpin:H:P, DEVICE:BAUD or a log file."
+_PROFILE = (
+    "paper, imu, adaptive or a TOML file. Default: imu, but for fuzzbee's own vehicle with the"
+    " paper's signals: paper."
+)
+_RECORD = "Record what arrives: FILE.tlog, or a folder for a file an hour."
+_GAIN = "A fixed gain instead of the fuzzy one."
+_TRUTH = "Compare with what a simulator tells (SIM_STATE, SIMSTATE), and end with a verdict."
+
+
+class RunOptions(NamedTuple):
+    """The arguments and options of the verb; the help has them by panels."""
+
+    source: Annotated[str, typer.Argument(help=_SOURCE)] = "sim:"
+    seconds: Seconds = None
+    request_rate_hz: Annotated[
+        float | None,
+        of_source("Ask for this IMU rate.", "--request-rate", metavar="HZ"),
+    ] = None
+    speed: Annotated[float, of_source("Play a log X times as fast.", metavar="X")] = 1.0
+    system_id: Annotated[int | None, of_source("Only this vehicle.", metavar="ID")] = None
+    security: SecurityOptions = SecurityOptions()
+    profile: Annotated[  # None: the one that fits
+        str | None, of_estimate(_PROFILE, metavar="NAME|FILE", words=PROFILES)
+    ] = None
+    gain: Annotated[float | None, of_estimate(_GAIN, metavar="K")] = None
+    retune: Retune = False
+    truth: Annotated[bool, of_estimate(_TRUTH)] = False
+    rate_hz: Annotated[float, of_publishing("Attitudes a second.", "--rate", metavar="HZ")] = 100.0
+    no_zenoh: Annotated[bool, of_publishing("Publish nothing on Zenoh.")] = False
+    outputs: OutputOptions = OutputOptions()
+    record: Annotated[str | None, of_recording(_RECORD, metavar="FILE|DIR")] = None
+    zenoh: ZenohArguments = ZenohArguments()
+    second: Annotated[
+        bool, zenoh_option("Publish even if another service publishes the same vehicle.")
+    ] = False
+    as_json: Json = False
+    verbose: Verbose = False
+
 
 @command
 def run(options: RunOptions) -> int:
@@ -27,7 +84,7 @@ def run(options: RunOptions) -> int:
     parse_system_ids(options.security.allow_system_ids)
     asked = (("--record", options.record), ("--rrd", options.outputs.rrd))
     inputs = (options.source, options.profile, options.security.signing_key_file)
-    outputs.require_own_files(asked, (*inputs, options.zenoh.config_file))
+    require_own_files(asked, (*inputs, options.zenoh.config_file))
     with opening(None if options.no_zenoh else options.zenoh) as session:
         from fuzzbee.serve import serve
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from drivers.simulation.simulated_vehicle import PROFILES
 from fuzzbee.notify import notify
-from fuzzbee.run_options import RunOptions
+from fuzzbee.run import RunOptions
 from service.pipeline import Pipeline
 from service.runner import Runner
 from service.sinks.sink import Outbox

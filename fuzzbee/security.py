@@ -41,11 +41,7 @@ class SecurityOptions(NamedTuple):
 
 
 def parse_system_ids(text: str | None) -> frozenset[int] | None:
-    """The numbers in a list like ``1,2,10-19``.
-
-    Raises:
-        InputError: something in it is no number from 1 to 255, or no range of them.
-    """
+    """The numbers in a list like ``1,2,10-19``."""
     if text is None:
         return None
     ids: set[int] = set()
@@ -61,12 +57,7 @@ def parse_system_ids(text: str | None) -> frozenset[int] | None:
 
 
 def key_of(path: Path | None, *, is_insecure: bool) -> bytes | None:
-    """The key in a file, if one was named; warns of a pass phrase that is short.
-
-    Raises:
-        InputError: it cannot be read, is empty, or too long to be one; or others may read it, or
-            its group write to it, unless that is what is wanted.
-    """
+    """The key in a file, if one was named; warns of a pass phrase that is short."""
     if path is None:
         return None
     from drivers.mavlink.encoder import is_phrase, signing_key
@@ -80,11 +71,7 @@ def key_of(path: Path | None, *, is_insecure: bool) -> bytes | None:
 
 
 def open_policy(options: SecurityOptions, key: bytes | None, stack: ExitStack) -> "Policy":
-    """The policy for frames: which systems are let in, and whether frames must be signed.
-
-    Raises:
-        InputError: the file of time stamps cannot be used.
-    """
+    """The policy for frames: which systems are let in, and whether frames must be signed."""
     from drivers.mavlink.gate import Policy
 
     system_ids = parse_system_ids(options.allow_system_ids)

@@ -19,7 +19,7 @@ from estimator.profile import Profile, load_profile
 from fuzzbee import outputs, security
 from fuzzbee.live_source import default_profile, make_runner, open_recorded, require_fitting
 from fuzzbee.notify import notify
-from fuzzbee.run_options import RunOptions
+from fuzzbee.run import RunOptions
 from fuzzbee.run_report import conclude, recording_word, summary
 from fuzzbee.terminal import PersonConsole, TerminalView
 from fuzzbee.truth_score import ScoredPipeline
@@ -43,9 +43,6 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
     """Open everything, loop until the end, close everything, and report the result.
 
     Returns 1 if no vehicle was heard in the time given, else 0.
-
-    Raises:
-        InputError: a source, profile, file or address that cannot be used.
     """
     endpoint = parse_endpoint(options.source)
     require_openable(endpoint)
@@ -91,11 +88,7 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
 def _loop(
     runner: Runner, seconds: float | None, conflicts: list[InputError]
 ) -> tuple[float, Exception | None]:
-    """Loop until the end; returns how long (s), and what went wrong.
-
-    Raises:
-        InputError: a log that cannot be read any further.
-    """
+    """Loop until the end; returns how long (s), and what went wrong."""
     started_s = time.monotonic()
     failure: Exception | None = None
     with stop_on_signals(runner.stop):
@@ -145,9 +138,6 @@ def _open_sinks(
     """Open what was asked for, and a view last, which prints what the source says.
 
     If another service publishes there, ``conflicts`` get an error.
-
-    Raises:
-        InputError: one of them cannot be opened; those before it are closed.
     """
 
     def on_conflict(key: str) -> None:

@@ -92,11 +92,7 @@ def _mavlink_sink(opening: Opening, name: str, *, announces: bool) -> "Sink":
 
 
 def parse_address_of(text: str) -> "VehicleId":
-    """A vehicle's address, as ``--as`` has it.
-
-    Raises:
-        InputError: not two numbers of 1 to 255.
-    """
+    """A vehicle's address, as ``--as`` has it."""
     from drivers.events import VehicleId
 
     numbers = [int(part) if part.isdecimal() else 0 for part in text.split(":")]

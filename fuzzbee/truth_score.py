@@ -1,6 +1,5 @@
 """The estimate beside a simulator's truth: live, and as a verdict at the end."""
 
-from collections.abc import Iterator
 from math import degrees, inf, sqrt
 from typing import Any, NamedTuple
 
@@ -64,29 +63,22 @@ class TruthScore:
         self._worst: tuple[Off, float] | None = None
         self.line = ""  # for the view
 
-    @property
-    def _chapters(self) -> tuple[Chapter, ...]:
-        return CHAPTERS.get(self.motion or "", ())
-
-    def _in_round(self, time_s: float) -> tuple[float, float]:
-        """Which round of a flight that is, and how far into it; the others do not begin again."""
-        return divmod(time_s, ROUND_S if self.motion == "flight" else inf)
+    def _here(self, time_s: float) -> tuple[int, list[Chapter]]:
+        """The round of a flight, the others do not begin again; and what it is in there."""
+        number, in_round_s = divmod(time_s, ROUND_S if self.motion == "flight" else inf)
+        chapters = CHAPTERS.get(self.motion or "", ())
+        return int(number), [c for c in chapters if c.begin_s <= in_round_s < c.end_s]
 
     def look(self, time_us: int, attitude: Attitude | None, truth: Quaternion) -> list[str]:
         """Take the attitude of a sample and the truth then; what is to be told."""
         time_s = 1e-6 * time_us
         if attitude is not None:
             self._add(off_truth(attitude, truth), time_s)
-        return [*self._news(time_s)]
-
-    def _news(self, time_s: float) -> Iterator[str]:
-        number, in_round_s = self._in_round(time_s)
-        for chapter in self._chapters:
-            key = (int(number), chapter.line)
-            is_now = chapter.begin_s <= in_round_s < chapter.end_s
-            if is_now and chapter.line and key not in self._told:
-                self._told.add(key)
-                yield f"now: {chapter.line}"
+        number, here = self._here(time_s)
+        news = [(number, chapter.line) for chapter in here if chapter.line]
+        news = [each for each in news if each not in self._told]
+        self._told.update(news)
+        return [f"now: {line}" for _, line in news]
 
     def _add(self, off: Off, time_s: float) -> None:
         self._count += 1
@@ -106,6 +98,7 @@ class TruthScore:
             return None
         rms = [round(sqrt(square / self._count), 3) for square in self._squares]
         off, time_s = self._worst
+        _, here = self._here(time_s)
         return {
             "rms_deg": dict(zip(("total", "inclination", "heading"), rms, strict=True)),
             "coverage": {
@@ -114,7 +107,7 @@ class TruthScore:
             },
             "worst_deg": round(off.total, 2),
             "worst_s": round(time_s, 2),
-            "worst_when": self._when(time_s),
+            "worst_when": here[0].name if here else "",
         }
 
     def verdict(self) -> str:
@@ -131,11 +124,6 @@ class TruthScore:
             f" {inside['heading']:.0%} of the errors (68 % is honest, more is careful);"
             f" worst {result['worst_deg']:.1f}° at {result['worst_s']:.1f} s{when}{why}"
         )
-
-    def _when(self, time_s: float) -> str:
-        _, in_round_s = self._in_round(time_s)
-        here = [each for each in self._chapters if each.begin_s <= in_round_s < each.end_s]
-        return here[0].name if here else ""
 
 
 class ScoredPipeline(Pipeline):

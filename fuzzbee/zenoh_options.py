@@ -61,11 +61,7 @@ def opened(awaited: "OpeningSession", stack: ExitStack) -> "zenoh.Session":
 
 @contextmanager
 def opening(arguments: ZenohArguments | None) -> "Iterator[OpeningSession | None]":
-    """A session on its way, half a second, in which all else is loaded; None without arguments.
-
-    Raises:
-        InputError: an address or setting that cannot be used.
-    """
+    """A session on its way, half a second, in which all else is loaded; None without arguments."""
     if arguments is None:
         yield None
         return

@@ -33,7 +33,9 @@ def bands(time_s: Floats, trace: VehicleTrace) -> Iterator[Band]:
     yield Band("gyroscope at its end", BROWN, 0.35, _clipped(time_s, trace))
     if trace.turned_at_us is not None:
         yield Band("wrong start", RED, 0.2, _wrong(time_s, trace))
-    yield Band("autopilot differs", ORANGE, 0.2, _differing(trace))
+    intervals, zero_us = trace.second_opinion.intervals, trace.zero_us
+    differing = [(1e-6 * (i.begin_us - zero_us), 1e-6 * (i.end_us - zero_us)) for i in intervals]
+    yield Band("autopilot differs", ORANGE, 0.2, differing)
     yield Band("gap", GREY, 1.0, gaps(time_s))
 
 
@@ -66,14 +68,6 @@ def _wrong(time_s: Floats, trace: VehicleTrace) -> list[Span]:
     begin = int(np.argmax(turned))
     end = int(np.argmax(small)) if small.any() else len(time_s) - 1
     return [(float(time_s[begin]), float(time_s[end]))]
-
-
-def _differing(trace: VehicleTrace) -> list[Span]:
-    start_us = trace.zero_us
-    return [
-        (1e-6 * (each.begin_us - start_us), 1e-6 * (each.end_us - start_us))
-        for each in trace.second_opinion.intervals
-    ]
 
 
 def gaps(time_s: Floats) -> list[Span]:

@@ -1,12 +1,13 @@
 """``fuzzbee replay``: the filter over logs, or over the paper's signals, scored."""
 
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import partial
+from importlib.util import find_spec
 from math import inf
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -16,6 +17,9 @@ from fuzzbee import outputs
 from fuzzbee.notify import tell
 from fuzzbee.options import (
     PROFILES,
+    From,
+    Retune,
+    To,
     command,
     examples,
     of_estimate,
@@ -26,13 +30,13 @@ from fuzzbee.options import (
     require_extra,
     require_gain,
     seed_range,
+    time_window,
 )
-from fuzzbee.run_options import RETUNE
-from fuzzbee.time_window import From, To, time_window
 
 if TYPE_CHECKING:
     from estimator.profile import Profile
     from fuzzbee.replays.log_report import Export
+    from fuzzbee.replays.trace import VehicleTrace
 
 SIMULATION = "sim:"
 MOST_WRONG_DEG = 180.0
@@ -78,7 +82,7 @@ class ReplayOptions(NamedTuple):
     ] = None
     gain: Annotated[float | None, of_estimate(_GAIN, metavar="K")] = None
     start_wrong: Annotated[float, of_estimate(_START_WRONG, metavar="DEG")] = 0.0
-    retune: Annotated[bool, of_estimate(RETUNE)] = False
+    retune: Retune = False
     smooth: Annotated[bool, of_estimate(_SMOOTH)] = False
     reference: Annotated[str | None, of_score(_REFERENCE, metavar="sim|autopilot")] = None
     skip: Annotated[float, of_score(_SKIP, metavar="S")] = 0.0
@@ -183,7 +187,7 @@ def _replay_logs(options: ReplayOptions) -> None:
     viewer = outputs.open_viewer(options.view, options.rrd)
     try:
         if viewer is not None:
-            from fuzzbee.replays.viewer_replay import show
+            from fuzzbee.replays.exports import show
 
             exports.append(partial(show, viewer))
         _report_logs(options, profiles, window, exports)
@@ -204,8 +208,7 @@ def _report_logs(
 
     from fuzzbee.replays.log_report import report_log
     from fuzzbee.replays.plot import ComparisonPlot
-    from fuzzbee.replays.reading_bar import reading_bar
-    from fuzzbee.replays.table import print_reports
+    from fuzzbee.replays.table import print_reports, reading_bar
     from fuzzbee.replays.trace import How
 
     told: list[str] = []  # printed when all went well only: a refusal must be one single line
@@ -261,32 +264,29 @@ def _fitting(path: Path, usual: "Profile", options: ReplayOptions) -> "Profile":
 
 
 def _exports(options: ReplayOptions) -> "list[Export]":
-    """The files to write; what cannot be written is refused before the replay.
-
-    Raises:
-        InputError: a suffix that is none, a missing library.
-    """
+    """The files to write; what cannot be written is refused before the replay."""
     from fuzzbee.replays import exports, mcap_file, plot
     from fuzzbee.replays.figure import require_plot
 
-    chosen: list[Export] = []
-    if options.csv is not None:
-        csv = options.csv
-        chosen.append(lambda trace: exports.write_csv(csv, exports.columns(trace)))
     if options.mcap is not None:
         require_extra("mcap", f"--mcap {options.mcap}", "mcap")
-        chosen.append(partial(mcap_file.write_mcap, options.mcap))
-    if options.tum is not None:
-        chosen.append(partial(exports.write_tum, options.tum))
-    if options.parquet is not None:
-        parquet = options.parquet
-        exports.require_parquet(parquet)
-        chosen.append(lambda trace: exports.write_parquet(parquet, exports.columns(trace)))
+    if options.parquet is not None and find_spec("pyarrow") is None:
+        raise InputError(f"--parquet {options.parquet}: needs pyarrow: pip install pyarrow")
     if options.plot is not None:
         require_plot(options.plot)
-        if len(options.sources) * len(options.profile or [""]) == 1:
-            chosen.append(partial(plot.draw, options.plot, Path(options.sources[0]).name))
-    return chosen
+    writers: dict[str, Callable[[Any, VehicleTrace], None]] = {
+        "csv": lambda path, trace: exports.write_csv(path, exports.columns(trace)),
+        "mcap": mcap_file.write_mcap,
+        "tum": exports.write_tum,
+        "parquet": lambda path, trace: exports.write_parquet(path, exports.columns(trace)),
+    }
+    if len(options.sources) * len(options.profile or [""]) == 1:  # several are one figure
+        writers["plot"] = partial(plot.draw, Path(options.sources[0]).name)
+    return [
+        partial(write, getattr(options, name))
+        for name, write in writers.items()
+        if getattr(options, name) is not None
+    ]
 
 
 def _replay_simulation(options: ReplayOptions) -> None:

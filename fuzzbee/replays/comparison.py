@@ -20,9 +20,6 @@ def compare(path: Path, trace: VehicleTrace, wanted: str | None) -> None:
 
     Columns: ``reference_q_ned_frd`` (N, 4) and ``error_rad`` (N, 3: total, heading, inclination),
     and beside a truth ``autopilot_q_ned_frd`` and ``autopilot_error_rad``. NaN where not known.
-
-    Raises:
-        InputError: the wanted reference is not in the log.
     """
     available = [name for name in REFERENCES if trace.references[name].message is not None]
     if wanted is not None and wanted not in available:

@@ -1,16 +1,16 @@
-"""Every sample of a replay as a row of a table: CSV, Parquet, and trajectories for evo.
+"""Every sample of a replay as a row of a table: CSV, Parquet, trajectories for evo; the viewer.
 
 ``time_s`` is on the vehicle's continuous clock, 0 at the log's first IMU sample, ``time_unix_s`` by
 the log's own stamps. Nothing depends on the computer's clock, so a log replayed twice gives the
-same bytes.
+same bytes. A file that cannot be written is an InputError, here as in every other export.
 """
 
 import csv
 from collections.abc import Iterable, Iterator
-from importlib.util import find_spec
+from contextlib import suppress
 from math import isnan
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,12 +18,14 @@ from numpy.typing import NDArray
 from drivers.logs.table import blocks
 from drivers.output_file import written_for
 from estimator.arrays import Floats, Times
-from estimator.errors import InputError
 from estimator.live.rows import NORTHS
-from fuzzbee.angle_curves import euler_curves_deg
-from fuzzbee.attitudes import enu_flu
+from fuzzbee.attitudes import enu_flu, euler_curves_deg
 from fuzzbee.replays.trace import VehicleTrace
 from service.publishing import HostClock
+from service.records import Output, Peer, Published
+
+if TYPE_CHECKING:
+    from fuzzbee.viewer.viewer import ViewerSink
 
 Columns = dict[str, NDArray[Any]]  # (N,) each
 
@@ -98,11 +100,7 @@ def columns(trace: VehicleTrace) -> Iterator[Columns]:
 
 
 def write_csv(path: Path, parts: Iterable[Columns]) -> None:
-    """Columns as CSV with a heading; nine significant digits, empty where unknown.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
+    """Columns as CSV with a heading; nine significant digits, empty where unknown."""
     with (
         written_for("--csv", path) as fresh,
         fresh.open("w", encoding="utf-8", newline="") as file,
@@ -123,22 +121,8 @@ def _text(value: float | str) -> str:
     return f"{value:.6f}" if value > LARGE else f"{value:.9g}"
 
 
-def require_parquet(path: Path) -> None:
-    """Refuse early what cannot be written.
-
-    Raises:
-        InputError: the library is missing.
-    """
-    if find_spec("pyarrow") is None:
-        raise InputError(f"--parquet {path}: needs pyarrow: pip install pyarrow")
-
-
 def write_parquet(path: Path, parts: Iterable[Columns]) -> None:
-    """The rows that a CSV has, for tables too large for a text; null where unknown.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
+    """The rows that a CSV has, for tables too large for a text; null where unknown."""
     import pyarrow as pa
     from pyarrow.parquet import ParquetWriter
 
@@ -163,9 +147,6 @@ def write_tum(path: Path, trace: VehicleTrace) -> None:
 
     A line a sample: time in s, place (zero: there is none), orientation x y z w of
     forward-left-up in East-North-Up (https://cvg.cit.tum.de/data/datasets/rgbd-dataset/file_formats).
-
-    Raises:
-        InputError: a file cannot be written.
     """
     times_us, reference = stamps_us(trace), trace["reference_q_ned_frd"]
     known = ~np.isnan(reference[:, 0])
@@ -180,3 +161,29 @@ def _write_poses(path: Path, times_us: Times, q_ned_frd: Floats) -> None:
             q = enu_flu(q_ned_frd[rows])[:, [1, 2, 3, 0]]
             poses = np.column_stack([1e-6 * times_us[rows], np.zeros((len(q), 3)), q])
             np.savetxt(file, poses, "%.6f %d %d %d %.9f %.9f %.9f %.9f")
+
+
+def show(viewer: "ViewerSink", trace: VehicleTrace) -> None:
+    """Draw a trace in the viewer at the log's own times, with the attitudes by others beside it."""
+    for output in _outputs(trace):
+        if not viewer.stream.is_wanted:  # a full disk: it is said at the end
+            break
+        with suppress(ConnectionError):  # the viewer was closed: a file may still be wanted
+            viewer.handle([output])
+    viewer.finish()
+
+
+def _outputs(trace: VehicleTrace) -> Iterator[Output]:
+    """What the service would have published at the samples."""
+    for rows in blocks(len(trace)):
+        times_us, arrivals_us = trace["time_us"][rows], trace["arrival_us"][rows].tolist()
+        peers = {name: track.at(times_us).tolist() for name, track in trace.references.items()}
+        for k, (record, sample) in enumerate(trace.published(rows, arrivals_us)):
+            if record is None:
+                continue
+            for source, attitudes in peers.items():
+                w, x, y, z = attitudes[k]
+                if not isnan(w):
+                    is_truth = source == "sim"
+                    yield Peer(trace.address, "sim" if is_truth else "autopilot", (w, x, y, z))
+            yield Published(trace.address, record, sample)

@@ -34,11 +34,7 @@ TITLE_WIDTH = 84  # letters in a line; a file's name may have no blanks
 
 
 def require_plot(path: Path) -> None:
-    """Refuse early what cannot be drawn.
-
-    Raises:
-        InputError: an unknown suffix, or a missing library.
-    """
+    """Refuse early what cannot be drawn."""
     suffix = path.suffix.lower()
     if suffix not in (*METADATA, PAGE):
         raise InputError(f"--plot {path}: should end in {', '.join((*METADATA, PAGE))}")
@@ -47,11 +43,7 @@ def require_plot(path: Path) -> None:
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write the figure as the file's suffix says, the same bytes each time.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
+    """Write the figure as the file's suffix says, the same bytes each time."""
     figure.title = "\n".join(wrap(figure.title, TITLE_WIDTH))
     suffix = path.suffix.lower()
     with written_for("--plot", path) as fresh:

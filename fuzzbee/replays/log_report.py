@@ -60,12 +60,7 @@ def report_log(
     reading: Reading = nullcontext,
     exports: Sequence[Export] = (),
 ) -> LogReport:
-    """Replay a log and score it; ``exports`` are given the compared trace.
-
-    Raises:
-        InputError: the log cannot be read, holds no IMU data of that vehicle, or lacks the
-            reference that was asked for.
-    """
+    """Replay a log and score it; ``exports`` are given the compared trace."""
     started = time.perf_counter()
     name = path.name if profile_name is None else f"{path.name} with {profile_name}"
     trace = replay_log(path, profile, how, lambda text: tell(f"{name}: {text}"), reading)
@@ -101,11 +96,7 @@ def replay_log(
     tell: Callable[[str], None] = lambda _: None,
     reading: Reading = nullcontext,
 ) -> VehicleTrace:
-    """The trace of one vehicle; ``reading`` is entered with the log while it is read.
-
-    Raises:
-        InputError: see :func:`report_log`.
-    """
+    """The trace of one vehicle; ``reading`` is entered with the log while it is read."""
     replay = Replay(profile, how, tell=tell)
     with open_log(path, how.columns) as log, reading(log):
         replay.run(log)
@@ -145,11 +136,7 @@ def _seen_text(replay: Replay) -> str:
 
 
 def score(path: Path, trace: VehicleTrace, skip_s: float) -> LogReport:
-    """The figures of a trace that has been compared.
-
-    Raises:
-        InputError: nothing is left to score after ``skip_s``.
-    """
+    """The figures of a trace that has been compared."""
     times_us, norths = trace["time_us"], trace["heading_reference"]
     lasts_s = 1e-6 * float(times_us[-1] - times_us[0])
     total_rad = errors_of(trace, 0)
@@ -168,7 +155,11 @@ def score(path: Path, trace: VehicleTrace, skip_s: float) -> LogReport:
         window = (begin_s, end_s)
     return LogReport(
         source=printable(str(path)),
-        vehicle=_vehicle_summary(trace),
+        vehicle=VehicleSummary(
+            *trace.address,
+            None if trace.autopilot is None else autopilot_name(trace.autopilot),
+            None if trace.vehicle_type is None else vehicle_type_name(trace.vehicle_type),
+        ),
         imu=_imu_summary(trace),
         duration_s=lasts_s,
         reference=trace.reference,
@@ -230,14 +221,6 @@ def _retuned_summary(trace: VehicleTrace) -> RetunedSummary | msgspec.UnsetType:
         for time_us, made in trace.decisions
     ]
     return RetunedSummary(len(changes), changes)
-
-
-def _vehicle_summary(trace: VehicleTrace) -> VehicleSummary:
-    return VehicleSummary(
-        *trace.address,
-        None if trace.autopilot is None else autopilot_name(trace.autopilot),
-        None if trace.vehicle_type is None else vehicle_type_name(trace.vehicle_type),
-    )
 
 
 def _imu_summary(trace: VehicleTrace) -> ImuSummary:

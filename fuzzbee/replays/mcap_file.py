@@ -14,11 +14,9 @@ from typing import Any
 
 from drivers.logs.table import blocks
 from drivers.output_file import written_for
-from estimator.types import Attitude, ImuSample
 from fuzzbee.attitudes import enu_flu
 from fuzzbee.replays.exports import ATTITUDE_COLUMNS, REFERENCE_COLUMNS, columns, stamps_us
 from fuzzbee.replays.trace import VehicleTrace
-from service.publishing import attitude_record
 from service.sinks.ros_messages import imu_message
 
 # East, north, up; the vehicle's body; and the same body as the reference has it.
@@ -49,11 +47,7 @@ Put = Callable[[str, int, bytes], None]
 
 
 def write_mcap(path: Path, trace: VehicleTrace) -> None:
-    """The topics /attitude, /reference, /tf and /imu.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
+    """The topics /attitude, /reference, /tf and /imu."""
     from mcap.writer import CompressionType, Writer
 
     with written_for("--mcap", path) as fresh, fresh.open("wb") as file:
@@ -121,15 +115,12 @@ def _put_poses(put: Put, trace: VehicleTrace) -> None:
         both = [
             enu_flu(trace[name][rows]).tolist() for name in ("q_ned_frd", "reference_q_ned_frd")
         ]
-        records = trace.records(Attitude, rows), trace.records(ImuSample, rows)
-        each = zip(stamps[rows].tolist(), *both, *records, strict=True)
-        for number, (time_us, ours, beside, attitude, sample) in enumerate(each, rows.start):
+        times_us = stamps[rows].tolist()
+        each = zip(times_us, *both, trace.published(rows, times_us), strict=True)
+        for time_us, ours, beside, (record, sample) in each:
             put("/tf", time_us, _transform(time_us, BODY, ours))
             if not isnan(beside[0]):
                 put("/tf", time_us, _transform(time_us, REFERENCE_BODY, beside))
-            record = attitude_record(
-                attitude, time_unix_us=time_us, time_boot_us=attitude.time_us, sequence=number
-            )
             if record is not None:
                 put("/imu", time_us, imu_message(record, sample.acc_m_s2, BODY))
 

@@ -29,11 +29,7 @@ show();
 
 
 def write_page(figure: Figure, path: Path) -> None:
-    """Write a figure as an interactive page; the same figure gives the same bytes.
-
-    Raises:
-        OSError: the file cannot be written.
-    """
+    """Write a figure as an interactive page; the same figure gives the same bytes."""
     from plotly.subplots import make_subplots
 
     height, count = PIXELS_AN_INCH * figure.inches[1], figure.columns

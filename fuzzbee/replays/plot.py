@@ -1,14 +1,13 @@
 """A replay as a figure: attitude, errors and sigma, gain, confidences, bias and gaps."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from math import isnan
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from estimator.arrays import Floats
-from fuzzbee.angle_curves import drawn_angles_deg
+from fuzzbee.attitudes import euler_curves_deg
 from fuzzbee.replays.bands import bands, gaps
 from fuzzbee.replays.comparison import REFERENCES, has_peer
 from fuzzbee.replays.figure import save
@@ -39,15 +38,6 @@ COLORS = (BLUE, ORANGE, GREEN, RED, PURPLE)
 TIME = "time in s"
 
 
-class Line(NamedTuple):
-    """How a curve looks: told apart in print without colours, too, thick, dashed or thin."""
-
-    color: str
-    label: str
-    width: float = 0.8
-    dash: str = "-"
-
-
 class Thinned:
     """No more points of lines over time than are seen, and none across a gap.
 
@@ -70,16 +60,12 @@ class Thinned:
         return np.insert(np.asarray(found), self._breaks, np.nan, axis=0)
 
 
-def draw(path: Path, title: str, trace: VehicleTrace) -> None:
-    """Draw a trace that has been compared into a file whose suffix says how.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
+def draw(title: str, path: Path, trace: VehicleTrace) -> None:
+    """Draw a trace that has been compared into a file whose suffix says how."""
     time_s = trace.time_s
     points, span = Thinned(time_s), (float(time_s[0]), max(float(time_s[-1]), time_s[0] + 1e-3))
     panels = [
-        *angle_panels(span, points.time_s, _attitudes(trace, points)),
+        *angle_panels(span, [*_attitudes(trace, points)]),
         *_errors(span, trace, points),
         *_internals(span, trace, points),
     ]
@@ -93,25 +79,28 @@ def draw(path: Path, title: str, trace: VehicleTrace) -> None:
     save(Figure(title, [[panel] for panel in panels], PAGE_INCHES, is_over_log=True), path)
 
 
-def angle_panels(span: Span, time_s: Floats, curves: Sequence[tuple[Line, Floats]]) -> list[Panel]:
-    """Roll, pitch and heading over time (N,): of each curve its look and attitudes (N, 4)."""
+def angle_panels(span: Span, curves: Sequence[Curve]) -> list[Panel]:
+    """Roll, pitch and heading of curves whose y are attitudes (N, 4)."""
     panels = [Panel(span, ylabel=f"{name} in °") for name in ("roll", "pitch", "heading")]
-    for (color, label, width, dash), attitudes in curves:
-        for panel, angle in zip(panels, drawn_angles_deg(attitudes).T, strict=True):
-            panel.curves.append(Curve(time_s, angle, color, label, width, dash))
+    for curve in curves:
+        angles = euler_curves_deg(curve.y)
+        angles[1:][np.abs(np.diff(angles, axis=0)) > 180.0] = np.nan  # no line across a wrap
+        for panel, angle in zip(panels, angles.T, strict=True):
+            panel.curves.append(curve._replace(y=angle))
     panels[0].names = len(curves)
     return panels
 
 
-def _attitudes(trace: VehicleTrace, points: Thinned) -> list[tuple[Line, Floats]]:
-    """The reference, the autopilot beside a truth, and the estimate."""
-    curves = {}
+def _attitudes(trace: VehicleTrace, points: Thinned) -> Iterator[Curve]:
+    """The reference, the autopilot beside a truth, and the estimate, as attitudes (N, 4)."""
+    time_s = points.time_s
     if trace.reference is not None:
-        curves["reference_q_ned_frd"] = Line(BLACK, REFERENCES[trace.reference], 1.6)
+        known, name = points.every(trace["reference_q_ned_frd"]), REFERENCES[trace.reference]
+        yield Curve(time_s, known, BLACK, name, 1.6)
     if has_peer(trace):
-        curves["autopilot_q_ned_frd"] = Line(GREEN, "autopilot", 0.9, "--")
-    curves["q_ned_frd"] = Line(ORANGE, "estimate")
-    return [(line, points.every(trace[name])) for name, line in curves.items()]
+        theirs = points.every(trace["autopilot_q_ned_frd"])
+        yield Curve(time_s, theirs, GREEN, "autopilot", 0.9, "--")
+    yield Curve(time_s, points.every(trace["q_ned_frd"]), ORANGE, "estimate")
 
 
 def _errors(span: Span, trace: VehicleTrace, points: Thinned) -> list[Panel]:
@@ -187,11 +176,7 @@ class ComparisonPlot:
         self._rows.setdefault(log, []).append((profile, points.time_s, points.largest(errors)))
 
     def draw(self, path: Path) -> None:
-        """Write the figure.
-
-        Raises:
-            InputError: the file cannot be written.
-        """
+        """Write the figure."""
         rows = [self._panels(log) for log in self._rows]
         size = (PAGE_INCHES[0], ROW_INCHES * (1 + len(rows)))
         save(Figure("", rows, size), path)

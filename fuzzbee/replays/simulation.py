@@ -12,7 +12,7 @@ from estimator.profile import Profile
 from fuzzbee.replays.exports import Columns
 from fuzzbee.replays.figure import save
 from fuzzbee.replays.panels import BLACK, BLUE, DARK, ORANGE, Area, Curve, Figure, Panel
-from fuzzbee.replays.plot import TIME, Line, angle_panels
+from fuzzbee.replays.plot import TIME, angle_panels
 from fuzzbee.replays.schema import ImuSummary, SimulationReport, VehicleSummary
 from fuzzbee.replays.score import CONVERGED_RAD, Coverage, error_summary
 from tuning.paper_experiment import SETTLED_ERROR, ExperimentResult, run_experiment
@@ -39,11 +39,7 @@ def report_simulation(
     fixed_gain: float | None = None,
     exports: Sequence[Export] = (),
 ) -> SimulationReport:
-    """Run all seeds, and hand them to the exports. Errors in degrees are over all their samples.
-
-    Raises:
-        InputError: the profile is not one of raw vectors, or an export cannot be written.
-    """
+    """Run all seeds, and hand them to the exports. Errors in degrees are over all their samples."""
     results = [run_experiment(profile, seed, fixed_gain) for seed in seeds]
     for export in exports:
         export(seeds, results)
@@ -98,11 +94,7 @@ def columns(seeds: Sequence[int], results: Results) -> Iterator[Columns]:
 
 
 def draw(path: Path, title: str, seeds: Sequence[int], results: Results) -> None:
-    """The paper's figures: e and K over time, median and bands of the seeds; one seed's angles.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
+    """The paper's figures: e and K over time, median and bands of the seeds; one seed's angles."""
     time_s = np.arange(len(results[0].true_error)) / COST_RATE_HZ
     end_s = float(time_s[-1])
     errors, gains = (np.array([getattr(r, of) for r in results]) for of in ("true_error", "gains"))
@@ -118,9 +110,9 @@ def draw(path: Path, title: str, seeds: Sequence[int], results: Results) -> None
         panel.xlabel, panel.low, panel.high = TIME, 0.0, 1.05 * float(gains.max())
     rows[0][0].title, rows[0][1].title = "the first second", f"all {end_s:g} s"
     rows[1][1].names = 3 if len(results) > 1 else 0
-    true = Line(BLACK, "true", 1.4), results[0].truth
-    estimate = Line(ORANGE, "estimate"), results[0].estimates
-    angles = angle_panels((0.0, end_s), time_s, (true, estimate))
+    true = Curve(time_s, results[0].truth, BLACK, "true", 1.4)
+    estimate = Curve(time_s, results[0].estimates, ORANGE, "estimate")
+    angles = angle_panels((0.0, end_s), (true, estimate))
     angles[0].title, angles[2].xlabel = f"angles, noise seed {seeds[0]}", TIME
     rows += [[panel] for panel in angles]
     heights, widths = [1.0, 1.0, 0.6, 0.6, 0.6], [1.0, 1.6]

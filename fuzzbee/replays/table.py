@@ -1,13 +1,16 @@
-"""Replay reports for a person: one log as a list of figures, several as a table."""
+"""Replays for a person: one log as a list of figures, several as a table; a bar meanwhile."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import msgspec
 from rich.console import Console
+from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
 
+from drivers.logs.log_file import LogFile
 from fuzzbee.notify import printable
 from fuzzbee.replays.comparison import REFERENCES
 from fuzzbee.replays.schema import LogReport, SimulationReport
@@ -171,3 +174,26 @@ def _number(value: float | None, digits: int = 2) -> str:
 
 def _share(value: float | None) -> str:
     return "-" if value is None else f"{100.0 * value:.0f} %"
+
+
+@contextmanager
+def reading_bar(log: LogFile) -> Iterator[None]:
+    """How far a log has been read, from its second piece on, where that goes to a terminal."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield
+        return
+    name = TextColumn("{task.description}", markup=False)
+    columns = (name, BarColumn(), DownloadColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True) as bar:
+        size = log.path.stat().st_size
+        task = bar.add_task(printable(log.path.name), total=size, visible=False)
+
+        def show(done_with: int) -> None:
+            bar.update(task, completed=done_with, visible=done_with > 0)
+
+        log.on_read = show
+        try:
+            yield
+        finally:
+            log.on_read = None

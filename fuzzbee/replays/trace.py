@@ -1,10 +1,10 @@
 """The result of replaying a log: a table of estimates and samples, references, counts."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from math import radians
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,14 +36,12 @@ from estimator.types import Attitude, ImuSample, Vec3
 from fuzzbee.attitudes import PLACE
 from fuzzbee.replays.marks import Marks
 from service.pipeline import Pipeline
-from service.publishing import is_finite
-from service.records import Message
+from service.publishing import attitude_record, is_finite
+from service.records import AttitudeRecord, Message
 from service.second_opinion import SecondOpinion
 from service.vehicle import Vehicle
 from tuning.online.retuned_estimator import RetunedEstimator
 from tuning.online.retuner import Decision
-
-Row = TypeVar("Row", Attitude, ImuSample)
 
 SENSORS = (COMPASS, INERTIAL, ORIENTATION)  # what the names of their parameters begin with
 # The axis (NED) of a wrong start: every sensor can see a turn about it.
@@ -132,14 +130,28 @@ class VehicleTrace:
         self.has_heading |= sample.has_mag or north > 0
         self.table.append(arrival_us, *attitude[:-1], north, *sample[1:], aided)
 
-    def records(self, kind: type[Row], rows: slice) -> list[Row]:
+    def published(
+        self, rows: slice, stamps_us: Iterable[int]
+    ) -> Iterator[tuple[AttitudeRecord | None, ImuSample]]:
+        """What the service would have published with samples, whose Unix times are given."""
+        both = zip(self._rows(Attitude, rows), self._rows(ImuSample, rows), stamps_us, strict=True)
+        for sequence, (attitude, sample, stamp_us) in enumerate(both, rows.start):
+            record = attitude_record(
+                attitude,
+                time_unix_us=stamp_us,
+                time_boot_us=sample.time_us,
+                sequence=sequence,
+            )
+            yield record, sample
+
+    def _rows(self, kind: Any, rows: slice) -> Iterator[Any]:
         """The attitudes or the samples of some rows as the estimator has them."""
         columns = []
         for name in kind._fields:
             found = self[name][rows]
             values = np.array(NORTHS)[found] if name == "heading_reference" else found
             columns.append(map(tuple, values.tolist()) if values.ndim > 1 else values.tolist())
-        return [kind(*row) for row in zip(*columns, strict=True)]
+        return map(kind, *columns)
 
     @property
     def zero_us(self) -> int:

@@ -29,11 +29,7 @@ Panel = Callable[[Any], None]
 
 
 def draw(folder: Path, task: PaperTask | LogTask, tuned: Profile, search: Search) -> None:
-    """Draw into ``folder`` how the search went, and what its result changes where it never was.
-
-    Raises:
-        InputError: the folder cannot be made or written to.
-    """
+    """Draw into ``folder`` how the search went, and what its result changes where it never was."""
     from matplotlib.figure import Figure
 
     panels: list[Panel] = [partial(_convergence, search)]

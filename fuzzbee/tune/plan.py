@@ -13,10 +13,9 @@ from estimator.calibration import Calibration
 from estimator.errors import InputError
 from estimator.profile import SHIPPED, Profile, load_profile, merge_profile, profile_to_toml
 from fuzzbee.notify import notify, tell
-from fuzzbee.options import require_extra, seed_range
-from fuzzbee.time_window import time_window
+from fuzzbee.options import require_extra, seed_range, time_window
+from fuzzbee.tune.command import SIMULATION, TuneRequest
 from fuzzbee.tune.read_flight import REFERENCES, read_flight
-from fuzzbee.tune.request import SIMULATION, TuneRequest
 from fuzzbee.version import __version__
 from tuning.flight import BETTER_LOG, Flight, require_substance
 from tuning.log_task import GOALS, MEMBERSHIP_RATE_HZ, LogTask, Split, default_groups, split
@@ -54,12 +53,7 @@ class Plan(NamedTuple):
 
 
 def plan(request: TuneRequest) -> Plan:
-    """Check everything and prepare the search; says what each log is for.
-
-    Raises:
-        InputError: options that are infeasible, empty or contradict each other,
-            and sources that cannot be used.
-    """
+    """Check everything and prepare the search; says what each log is for."""
     _require_numbers(request)
     output = request.output
     if output.is_dir():
@@ -153,11 +147,7 @@ def _log_plan(request: TuneRequest) -> Plan:
 def _fitted(
     request: TuneRequest, plain: Profile, chosen: Split, paths: Mapping[str, Path]
 ) -> Calibration:
-    """What ``fuzzbee calibrate`` finds in what is searched on, and in nothing else.
-
-    Raises:
-        InputError: it shows no constant.
-    """
+    """What ``fuzzbee calibrate`` finds in what is searched on, and in nothing else."""
     from fuzzbee.calibration_report import report_calibration
 
     begin, end = time_window(request.begin, request.end)

@@ -61,10 +61,6 @@ def read_flight(
 
     ``report_refused`` is given a line if much of the log was refused. The smoothed attitude is a
     reference where ``may_smooth``.
-
-    Raises:
-        InputError: the log cannot be read, has no IMU data, or the profile's estimate is no number;
-            the wanted reference is not there, or not sure of itself.
     """
     replay = Replay(profile, How(window=window), new_estimator=RecordingEstimator)
     with open_log(path) as log:

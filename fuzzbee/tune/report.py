@@ -70,20 +70,19 @@ def report_of(plan: Plan, search: Search, verdict: Verdict) -> dict[str, Any]:
     }
     if isinstance(plan.task, LogTask):
         report["objective"] = plan.task.goal
-        report["random_search"] = (
-            None
-            if random_search is None
-            else {"cost": random_search.tuning, "held_out": random_search.held_out}
-        )
+        report["random_search"] = None if random_search is None else _costs(random_search)
         report["held_out_flights"] = [
             {"name": name, "before": then.as_json(), "after": now.as_json()}
             for name, then, now in verdict.flights
         ]
         report["harm"] = verdict.harm
     if verdict.fitted is not None:
-        cost, held_out = verdict.fitted
-        report["calibration_alone"] = {"cost": cost, "held_out": held_out}
+        report["calibration_alone"] = _costs(verdict.fitted)
     return report
+
+
+def _costs(scores: Scores) -> dict[str, float]:
+    return {"cost": scores.tuning, "held_out": scores.held_out}
 
 
 def in_words(plan: Plan, search: Search, report: dict[str, Any]) -> str:

@@ -14,9 +14,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from estimator.profile import Profile, Provenance, profile_to_toml
 from fuzzbee.notify import tell
+from fuzzbee.tune.command import TuneRequest
 from fuzzbee.tune.plan import Plan
 from fuzzbee.tune.report import in_words, judge, remarks, report_of
-from fuzzbee.tune.request import TuneRequest
 from service.signals import stop_on_signals
 from tuning.checkpoint import checkpoint_path, read_checkpoint, write_atomically, write_checkpoint
 from tuning.log_task import LogTask
@@ -56,9 +56,6 @@ def run_plan(plan: Plan, request: TuneRequest, viewer: "ViewerOptions | None") -
 
     On logs a profile that gains nothing on what was held out, or harms it, is written with
     ``force`` only.
-
-    Raises:
-        InputError: nothing to resume, no cluster, no viewer, or a file that cannot be written.
     """
     started = time.perf_counter()
     checkpoint = checkpoint_path(plan.output)

@@ -33,12 +33,7 @@ def blueprint() -> Any:
 
 
 class SearchView:
-    """Draws a search of ``plan`` after its cycles, at most every ``PERIOD_S``.
-
-    Raises:
-        InputError: the extra is not installed, the viewer does not start, or the file
-            cannot be written.
-    """
+    """Draws a search of ``plan`` after its cycles, at most every ``PERIOD_S``."""
 
     def __init__(self, options: ViewerOptions, plan: Plan) -> None:
         self._space = plan.task.space

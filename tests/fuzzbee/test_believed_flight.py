@@ -4,11 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from drivers.logs.log_file import Window
-from drivers.logs.tlog import TlogRecords
-from drivers.mavlink.dialect import Unpacker, mavlink
 from estimator.profile import load_profile
 from fuzzbee.replays.log_report import report_log
+from tests.fuzzbee.tlogs import rewritten
 
 DATA = Path(__file__).parent.parent / "data"
 PLANE = DATA / "sitl_plane_4hz.tlog"
@@ -19,17 +17,11 @@ CONST_POS_MODE = 0xA7
 
 def changed(folder, change, source=PLANE):
     """The recording with each message as ``change(seconds, message)`` leaves it; None drops it."""
-    m, unpacker, data, begin_us = mavlink(), Unpacker(), [], None
-    for stamp_us, frame in TlogRecords(Window(source.read_bytes()), None).readable():
-        begin_us = stamp_us if begin_us is None else begin_us
-        message = unpacker.message(frame.data)
-        kept = change((stamp_us - begin_us) * 1e-6, message)
-        if kept is not None:
-            link = m.MAVLink(None, message.get_srcSystem(), message.get_srcComponent())
-            data.append(stamp_us.to_bytes(8, "big") + bytes(kept.pack(link)))
-    path = folder / "changed.tlog"
-    path.write_bytes(b"".join(data))
-    return path
+
+    def kept(seconds, message):
+        return [left] if (left := change(seconds, message)) is not None else []
+
+    return rewritten(source, folder / "changed.tlog", kept)
 
 
 def total_deg(path, skip_s=SKIP_S):

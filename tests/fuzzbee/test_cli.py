@@ -1,8 +1,6 @@
 import importlib
 import re
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +9,7 @@ import pytest
 from fuzzbee import environment
 from fuzzbee.cli import main
 from fuzzbee.version import __version__
+from tests.programs import run_python
 
 LOG = Path(__file__).parents[1] / "data" / "sitl_copter_flips.tlog"
 
@@ -26,55 +25,90 @@ def test_version_and_help(capsys):
         assert "╭" not in out  # boxes are for terminals
 
 
-@pytest.mark.parametrize("verb", ["run", "sim", "watch", "replay"])
-def test_each_verb_has_help_with_examples(verb, capsys):
-    assert main([verb, "--help"]) == 0
-    out = capsys.readouterr().out
-    assert "Examples:" in out
-    assert f"fuzzbee {verb}" in out
+BAD = [
+    (["nosuch"], "nosuch"),
+    (["run", "--bogus"], "--bogus"),
+    (["run", "--rate", "0"], "--rate 0"),
+    (["run", "--rate", "-5"], "--rate -5"),
+    (["run", "--rate", "nan"], "--rate nan"),
+    (["run", "--rate", "inf"], "--rate inf"),
+    (["run", "--rate", "x"], "--rate x: should be a number\n"),
+    (["run", "--seconds", "0"], "--seconds 0"),
+    (["run", "--gain", "nan"], "--gain nan"),
+    (["run", "--speed", "0"], "--speed 0"),
+    (["run", "--speed", "2"], "--speed"),
+    (["run", "--request-rate", "0"], "--request-rate 0"),
+    (["run", "--system-id", "256"], "256"),
+    (["run", "--profile", "nosuch"], "nosuch"),
+    (["run", "--no-zenoh", "/no/such/flight.tlog"], "flight.tlog"),
+    (["run", "--no-zenoh", "/dev/ttyNOSUCH:57600"], "ttyNOSUCH"),
+    (["run", "--no-zenoh", "udpin:127.0.0.1:0"], "port"),
+    (["run", "--no-zenoh", "--record", "x.tlog"], "--record"),
+    (["run", "--view", "hologram"], "--view hologram: should be window or web"),
+    (["run", "-m", "router"], "router"),
+    (["watch", "--prefix", "a/*"], "wildcards"),
+    (["watch", "-e", "tcp//127.0.0.1:7447"], "--connect 'tcp//127.0.0.1:7447': should be like"),
+    (["watch", "-e", "tcp/127.0.0.1"], "--connect 'tcp/127.0.0.1': should be like"),
+    (["run", "-l", "tls/[::1]"], "--listen 'tls/[::1]': should be like"),
+    (["run", "-l", "7447"], "--listen '7447': should be like"),
+    (["watch", "-n", "0"], "--count 0"),
+    (["watch", "-n", "x"], "--count x: should be a whole number\n"),
+    (["run", "--profil", "imu"], "(Possible options: --profile)"),
+    (["run", "--no-zenoh", "sim:", "--allow-system-ids", "1"], "ids is for a MAVLink link"),
+    (["run", "--workers", "2"], "No such option: --workers"),
+    (["run", "--baud", "57600"], "No such option: --baud\n"),
+    (["sim"], "--to udpout:127.0.0.1:14550"),
+    (["replay", "udpin:127.0.0.1:14550"], "a live source is for fuzzbee run"),
+    (["replay", "imu", "x.tlog"], "the profile is --profile imu"),
+    (["replay", str(LOG), "--system-id", "9"], "(vehicles seen: 1)"),
+    (["watch", "-m", "client", "-e", "tcp/127.0.0.1:9"], "tcp/127.0.0.1:9: nobody answers\n"),
+    # of replay, before anything is read
+    (["replay", "no_such.tlog"], "no_such.tlog"),
+    (["replay", "sim:", "--seeds", "9-3"], "9-3"),
+    (["replay", "sim:", "--seeds", "x"], "--seeds x"),
+    (["replay", "sim:", "--gain", "0"], "--gain 0"),
+    (["replay", "sim:", "--gain", "nan"], "--gain nan"),
+    (["replay", "sim:", "--profile", "imu"], "raw vectors"),
+    (["replay", "sim:", "--skip", "1"], "--skip"),
+    (["replay", "sim:", "--smooth"], "--smooth is for logs"),
+    (["replay", "sim:", "--retune"], "--retune is for logs"),
+    (["replay", "sim:", "--from", "3"], "--from is for logs"),
+    (["replay", "sim:", "--mcap", "a.mcap"], "--mcap is for logs"),
+    (["replay", "sim:", "a.tlog"], "sim:"),
+    (["replay", "a.tlog", "--smooth", "--retune"], "--retune"),
+    (["replay", "a.tlog", "--seeds", "1-2"], "--seeds"),
+    (["replay", "a.tlog", "--skip", "-1"], "--skip"),
+    (["replay", "a.tlog", "--skip", "nan"], "--skip"),
+    (["replay", "a.tlog", "--start-wrong", "900"], "--start-wrong 900: must be"),
+    (["replay", "a.tlog", "--start-wrong", "nan"], "--start-wrong nan: must be"),
+    (["replay", "a.tlog", "--reference", "gps"], "gps"),
+    (["replay", "a.tlog", "--profile", "nope"], "nope"),
+    (["replay", "a.tlog", "b.tlog", "--csv", "a.csv"], "takes one log"),
+    # a window of a log
+    (["tune", "sim:", "-o", "x.toml", "--from", "3"], "--from"),
+    (["replay", "a.tlog", "--from", "soon"], "--from soon: must be seconds (0 or more), arm or"),
+    (["replay", "a.tlog", "--to", "-1"], "--to -1: must be seconds (0 or more), arm or disarm"),
+    (["replay", "a.tlog", "--from", "nan"], "--from nan: must be seconds (0 or more), arm or"),
+    (["replay", "a.tlog", "--from", "9", "--to", "9"], "--to 9: must be later than --from 9"),
+    (["replay", str(LOG), "--from", "1e4"], "no IMU data from 10000 s on: the log lasts"),
+    (["replay", str(LOG), "--skip", "9999"], "after 9999 s of 20 s"),
+    # what could not be written
+    *((["replay", log, "--plot", "a.jpeg"], ".png, .svg, .pdf") for log in ("a.tlog", "sim:")),
+    *(
+        (["replay", "a.tlog", f"--{kind}", f"missing/a.{kind}"], "missing")
+        for kind in ("csv", "tum", "parquet")
+    ),
+    (["replay", "sim:", "--csv", "missing/a.csv"], "missing"),
+    (["replay", "a.tlog", "--plot", "missing/a.png"], "there is no such folder"),
+    (["replay", "a.tlog", "--plot", "folder.png"], "is a folder"),
+    (["replay", "a.tlog", "--csv", "/proc/a.csv"], "/proc/a.csv: No such file"),
+]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["nosuch"], "nosuch"),
-        (["run", "--bogus"], "--bogus"),
-        (["run", "--rate", "0"], "--rate 0"),
-        (["run", "--rate", "-5"], "--rate -5"),
-        (["run", "--rate", "nan"], "--rate nan"),
-        (["run", "--rate", "inf"], "--rate inf"),
-        (["run", "--rate", "x"], "--rate x: should be a number\n"),
-        (["run", "--seconds", "0"], "--seconds 0"),
-        (["run", "--gain", "nan"], "--gain nan"),
-        (["run", "--speed", "0"], "--speed 0"),
-        (["run", "--speed", "2"], "--speed"),
-        (["run", "--request-rate", "0"], "--request-rate 0"),
-        (["run", "--system-id", "256"], "256"),
-        (["run", "--profile", "nosuch"], "nosuch"),
-        (["run", "--no-zenoh", "/no/such/flight.tlog"], "flight.tlog"),
-        (["run", "--no-zenoh", "/dev/ttyNOSUCH:57600"], "ttyNOSUCH"),
-        (["run", "--no-zenoh", "udpin:127.0.0.1:0"], "port"),
-        (["run", "--no-zenoh", "--record", "x.tlog"], "--record"),
-        (["run", "--view", "hologram"], "--view hologram: should be window or web"),
-        (["run", "-m", "router"], "router"),
-        (["watch", "--prefix", "a/*"], "wildcards"),
-        (["watch", "-e", "tcp//127.0.0.1:7447"], "--connect 'tcp//127.0.0.1:7447': should be like"),
-        (["watch", "-e", "tcp/127.0.0.1"], "--connect 'tcp/127.0.0.1': should be like"),
-        (["run", "-l", "tls/[::1]"], "--listen 'tls/[::1]': should be like"),
-        (["run", "-l", "7447"], "--listen '7447': should be like"),
-        (["watch", "-n", "0"], "--count 0"),
-        (["watch", "-n", "x"], "--count x: should be a whole number\n"),
-        (["run", "--profil", "imu"], "(Possible options: --profile)"),
-        (["run", "--workers", "2"], "No such option: --workers"),
-        (["run", "--baud", "57600"], "No such option: --baud\n"),
-        (["sim"], "--to udpout:127.0.0.1:14550"),
-        (["replay", "udpin:127.0.0.1:14550"], "a live source is for fuzzbee run"),
-        (["replay", "imu", "x.tlog"], "the profile is --profile imu"),
-        (["replay", str(LOG), "--system-id", "9"], "(vehicles seen: 1)"),
-        (["watch", "-m", "client", "-e", "tcp/127.0.0.1:9"], "tcp/127.0.0.1:9: nobody answers\n"),
-    ],
-)
-def test_bad_input_is_one_line_and_status_2(arguments, words, capfd):
+@pytest.mark.parametrize(("arguments", "words"), BAD, ids=[" ".join(each) for each, _ in BAD])
+def test_bad_input_is_one_line_and_status_2(arguments, words, capfd, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder.png").mkdir()
     assert main(arguments) == 2
     out, err = capfd.readouterr()
     assert out == ""
@@ -89,9 +123,7 @@ def test_help_does_not_import_what_is_slow():
         "import sys; from fuzzbee.cli import main; main(['--help']);"
         f"sys.exit(' '.join(m for m in {heavy} if m in sys.modules) or 0)"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60
-    )
+    done = run_python("-c", code, timeout_s=60, check=False)
     assert done.returncode == 0, done.stderr
 
 
@@ -161,16 +193,14 @@ cli.entry_point()
 @pytest.mark.parametrize(("verb", "status"), [("run", 0), ("tune", 130)])
 def test_an_interrupt_inside_an_exec_ends_with_our_status(verb, status):
     """Python would end by SIGINT, although the interrupt has been handled."""
-    ended = subprocess.run([sys.executable, "-c", IN_A_TEXT, verb], timeout=900, check=False)
+    ended = run_python("-c", IN_A_TEXT, verb, timeout_s=900, check=False)
     assert ended.returncode == status
 
 
 def test_what_is_left_for_the_end_is_done():
     program = "import atexit, sys; from fuzzbee import cli; sys.argv = ['fuzzbee', '--version']\n"
     program += "atexit.register(print, 'the end'); cli.entry_point()"
-    ended = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, timeout=900, check=False
-    )
+    ended = run_python("-c", program, timeout_s=900, check=False)
     assert ended.returncode == 0
     assert ended.stdout.splitlines()[-1] == "the end"
 
@@ -200,9 +230,7 @@ def test_without_x86_64_v2_the_command_ends_with_a_line(tmp_path):
     program = f"""import atexit, pathlib, sys; from fuzzbee import cli, environment
 environment.PROCESSORS = pathlib.Path({str(told)!r})
 atexit.register(lambda: print("numpy" in sys.modules)); cli.entry_point()"""
-    ended = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, timeout=900, check=False
-    )
+    ended = run_python("-c", program, timeout_s=900, check=False)
     assert (ended.returncode, ended.stdout.strip()) == (1, "False")
     assert ended.stderr == (
         "fuzzbee: this processor has no sse4_1, sse4_2: numpy needs x86-64-v2\n"
@@ -216,13 +244,7 @@ def test_an_interrupt_during_the_first_imports_is_no_traceback():
         "from fuzzbee import sigint_guard; os.kill(os.getpid(), signal.SIGINT); print('went on')"
     )
     for verb, status in (("watch", 0), ("replay", 130)):
-        done = subprocess.run(
-            [sys.executable, "-c", script, verb],
-            check=False,
-            capture_output=True,
-            text=True,
-            timeout=900,
-        )
+        done = run_python("-c", script, verb, timeout_s=900, check=False)
         assert (done.returncode, done.stdout, done.stderr) == (status, "", "")
 
 
@@ -231,13 +253,7 @@ def test_after_the_imports_an_interrupt_is_an_exception_again():
         "import os, signal, fuzzbee.cli\n"
         "try:\n    os.kill(os.getpid(), signal.SIGINT)\nexcept KeyboardInterrupt:\n    print('yes')"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", script],
-        check=False,
-        capture_output=True,
-        text=True,
-        timeout=900,
-    )
+    done = run_python("-c", script, timeout_s=900)
     assert done.stdout == "yes\n"
 
 
@@ -263,9 +279,10 @@ def test_help_on_a_terminal_keeps_its_defaults():
     ],
 )
 def test_options_stand_in_the_panels_of_what_they_are_for(verb, panels, capsys):
-    """Nothing but the help itself is left over."""
+    """Nothing but the help itself is left over; below are examples."""
     assert main([verb, "--help"]) == 0
     text = capsys.readouterr().out
+    assert f"fuzzbee {verb}" in text.partition("Examples:")[2]
     found = dict(re.findall(r"^(\w+):\n((?:  .*\n|\n)+)", text, re.MULTILINE))
     assert set(panels) == set(found) - {"Arguments", "Options", "Examples"}
     assert re.findall(r"--[\w-]+", found["Options"].split("Examples:")[0]) == ["--help"]

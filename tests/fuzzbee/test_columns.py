@@ -2,32 +2,16 @@
 
 from types import SimpleNamespace
 
-import numpy as np
-
 from drivers.events import VehicleId
 from estimator.estimator import Estimator
-from estimator.live.rows import NORTH, NORTHS, SAID
 from estimator.profile import load_profile
-from fuzzbee.attitudes import attitudes_of_rows
-from fuzzbee.run_options import RunOptions
+from fuzzbee.run import RunOptions
 from fuzzbee.run_report import summary
 from service.evictions import Evictions
 from service.imu_stream import ImuChoice
 from service.vehicle import Vehicle
 
 ONE = VehicleId(1, 1)
-
-
-def test_rows_of_an_array_become_the_fields_of_their_names():
-    said = np.arange(float(SAID))[None, :]
-    said[0, NORTH] = NORTHS.index("true")
-    found = attitudes_of_rows(np.array([2_500_000]), said, ())
-    assert found.heading_reference.tolist() == ["true"]
-    assert found.time_s.tolist() == [2.5]
-    assert found.gyro_bias_rad_s.tolist() == [[7.0, 8.0, 9.0]]
-    names = ("error", "gain", "confidence_gravity", "confidence_magnetic")
-    names += ("sigma_inclination_rad", "sigma_heading_rad")
-    assert [getattr(found, name)[0] for name in names] == [10.0, 12.0, 13.0, 14.0, 15.0, 16.0]
 
 
 def test_the_result_of_a_run_names_what_was_counted_in_its_units():

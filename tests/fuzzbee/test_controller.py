@@ -43,9 +43,3 @@ def test_a_profile_is_drawn(tmp_path, capfd):
     assert file.read_bytes().startswith(b"\x89PNG")
     assert main(["profile", "show", "paper", "--plot", str(tmp_path / "rules.doc")]) == 2
     assert "should end in" in capfd.readouterr().err
-
-
-def test_a_file_that_cannot_be_made_is_refused_before_the_replay(tmp_path, capfd):
-    file = tmp_path / "no" / "flight.png"
-    assert main(["replay", str(tmp_path / "is_not_read.tlog"), "--plot", str(file)]) == 2
-    assert "there is no such folder" in capfd.readouterr().err

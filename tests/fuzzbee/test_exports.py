@@ -11,24 +11,20 @@ import pytest
 from drivers.logs import table
 from drivers.mavlink.framing import frame_end
 from estimator.geometry.frames import enu_flu_from_ned_frd
-from fuzzbee.cli import main
 from fuzzbee.replays.exports import ATTITUDE_COLUMNS, COLUMNS
 from fuzzbee.replays.simulation import COLUMNS as SIMULATION_COLUMNS
 
 LOG = Path(__file__).parent.parent / "data" / "sitl_copter_4hz.tlog"
 
 
-def replay(capsys, *arguments):
-    status = main(["replay", *map(str, arguments)])
-    out, err = capsys.readouterr()
-    return status, out, err
+def rows_of(path):
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
 
 
-def test_csv_holds_every_sample_with_its_reference(capsys, tmp_path):
-    _, out, _ = replay(capsys, LOG, "--csv", tmp_path / "a.csv", "--json")
-    report = json.loads(out)
-    with (tmp_path / "a.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
+def test_csv_holds_every_sample_with_its_reference(replayed, tmp_path):
+    report = replayed(LOG, "--csv", tmp_path / "a.csv")
+    rows = rows_of(tmp_path / "a.csv")
     assert tuple(rows[0]) == COLUMNS
     assert len(rows) == report["imu"]["samples"]
     assert float(rows[-1]["time_s"]) == pytest.approx(report["duration_s"])
@@ -37,14 +33,13 @@ def test_csv_holds_every_sample_with_its_reference(capsys, tmp_path):
     assert squares**0.5 == pytest.approx(report["error_deg"]["inclination_rms"], rel=1e-6)
 
 
-def test_parquet_has_the_rows_of_the_csv(capsys, tmp_path, monkeypatch):
+def test_parquet_has_the_rows_of_the_csv(replayed, tmp_path, monkeypatch):
     """Written in parts, of which the last is not full."""
     parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
     monkeypatch.setattr(table, "BLOCK", 250)
     files = ("--csv", tmp_path / "a.csv", "--parquet", tmp_path / "a.parquet")
-    replay(capsys, LOG, *files, "--json")
-    with (tmp_path / "a.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
+    replayed(LOG, *files)
+    rows = rows_of(tmp_path / "a.csv")
     found = parquet.read_table(tmp_path / "a.parquet").to_pylist()
     assert tuple(found[0]) == COLUMNS
     assert len(found) == len(rows)
@@ -58,15 +53,14 @@ def test_parquet_has_the_rows_of_the_csv(capsys, tmp_path, monkeypatch):
             assert value == (told if is_text else pytest.approx(float(told), rel=1e-8, abs=1e-12))
 
 
-def test_trajectories_turn_as_the_errors_say(capsys, tmp_path):
+def test_trajectories_turn_as_the_errors_say(replayed, tmp_path):
     """East-North-Up to forward-left-up, beside the reference; between both lies the error.
 
     The autopilot's attitude begins after the first sample.
     """
     files = ("--csv", tmp_path / "a.csv", "--tum", tmp_path / "a.tum")
-    replay(capsys, LOG, "--reference", "autopilot", *files, "--json")
-    with (tmp_path / "a.csv").open(newline="") as file:
-        every = list(csv.DictReader(file))
+    replayed(LOG, "--reference", "autopilot", *files)
+    every = rows_of(tmp_path / "a.csv")
     rows = [row for row in every if row["error_total_deg"]]
     estimates, lines = (np.loadtxt(tmp_path / name) for name in ("a.tum", "a.reference.tum"))
     ours = {t: (w, x, y, z) for t, *_, x, y, z, w in estimates}
@@ -91,13 +85,13 @@ def read_mcap(path):
         ]
 
 
-def test_mcap_holds_the_same_and_is_read_by_the_library(capsys, tmp_path):
-    _, out, _ = replay(capsys, LOG, "--mcap", tmp_path / "a.mcap", "--json")
+def test_mcap_holds_the_same_and_is_read_by_the_library(replayed, tmp_path):
+    report = replayed(LOG, "--mcap", tmp_path / "a.mcap")
     messages = read_mcap(tmp_path / "a.mcap")
     attitudes = [
         (time, json.loads(data)) for _, topic, time, data in messages if topic == "/attitude"
     ]
-    assert len(attitudes) == json.loads(out)["imu"]["samples"]
+    assert len(attitudes) == report["imu"]["samples"]
     assert set(attitudes[0][1]) == set(ATTITUDE_COLUMNS)
     assert attitudes[-1][0] == pytest.approx(1e9 * attitudes[-1][1]["time_unix_s"], abs=1000)
     assert any(topic == "/reference" for _, topic, _, _ in messages)
@@ -106,16 +100,15 @@ def test_mcap_holds_the_same_and_is_read_by_the_library(capsys, tmp_path):
         assert {chunk.compression for chunk in chunks} == {"zstd"}
 
 
-def test_dates_are_those_of_the_log(capsys, tmp_path):
+def test_dates_are_those_of_the_log(replayed, tmp_path):
     """The log's own stamps, read by pymavlink, carried over to a clock that is steady."""
     from pymavlink import mavutil
 
     with closing(mavutil.mavlink_connection(str(LOG))) as log:
         messages = iter(lambda: log.recv_match(type="RAW_IMU"), None)
         stamps = [message._timestamp for message in messages]
-    replay(capsys, LOG, "--csv", tmp_path / "a.csv", "--json")
-    with (tmp_path / "a.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
+    replayed(LOG, "--csv", tmp_path / "a.csv")
+    rows = rows_of(tmp_path / "a.csv")
     dates = np.array([float(row["time_unix_s"]) for row in rows])
     times = np.array([float(row["time_s"]) for row in rows])
     # no stamp lies before its sample; the recording stamps them 76 ms late at most
@@ -127,33 +120,28 @@ def test_dates_are_those_of_the_log(capsys, tmp_path):
     assert np.abs(np.diff(dates - times)).max() < 5.7e-3
 
 
-def test_a_log_without_dates_has_none(capsys, tmp_path):
-    """PX4's clock of a clip that begins before the first fix counts from its start."""
-    hover = LOG.with_name("px4_hover.ulg")
-    replay(capsys, hover, "--csv", tmp_path / "a.csv", "--mcap", tmp_path / "a.mcap", "--json")
-    with (tmp_path / "a.csv").open(newline="") as file:
-        assert {row["time_unix_s"] for row in csv.DictReader(file)} == {""}
+@pytest.mark.parametrize("stamp_us", [None, 1 << 62, (1 << 31) * 10**6])
+def test_stamps_that_are_no_dates_are_none(replayed, tmp_path, stamp_us):
+    """PX4's clock of a clip that begins before the first fix counts from its start.
+
+    ROS and Foxglove have 31 bits for the seconds: later dates are none either.
+    """
+    log, data, at = LOG.with_name("px4_hover.ulg"), bytearray(LOG.read_bytes()), 0
+    if stamp_us is not None:
+        log = tmp_path / "late.tlog"
+        while at + 8 < len(data):
+            begin, at = at, frame_end(data, at + 8)
+            data[begin : begin + 8] = (stamp_us + 100 * begin).to_bytes(8, "big")
+        log.write_bytes(data)
+    replayed(log, "--csv", tmp_path / "a.csv", "--mcap", tmp_path / "a.mcap")
+    assert {row["time_unix_s"] for row in rows_of(tmp_path / "a.csv")} == {""}
     assert read_mcap(tmp_path / "a.mcap")[0][2] == 0
 
 
-@pytest.mark.parametrize("stamp_us", [1 << 62, (1 << 31) * 10**6])
-def test_stamps_after_any_date_are_no_dates(capsys, tmp_path, stamp_us):
-    """ROS and Foxglove have 31 bits for the seconds."""
-    log, data, at = tmp_path / "late.tlog", bytearray(LOG.read_bytes()), 0
-    while at + 8 < len(data):
-        begin, at = at, frame_end(data, at + 8)
-        data[begin : begin + 8] = (stamp_us + 100 * begin).to_bytes(8, "big")
-    log.write_bytes(data)
-    replay(capsys, log, "--csv", tmp_path / "a.csv", "--mcap", tmp_path / "a.mcap", "--json")
-    with (tmp_path / "a.csv").open(newline="") as file:
-        assert {row["time_unix_s"] for row in csv.DictReader(file)} == {""}
-    assert read_mcap(tmp_path / "a.mcap")[0][2] == 0
-
-
-def test_mcap_has_the_types_that_viewers_draw(capsys, tmp_path):
+def test_mcap_has_the_types_that_viewers_draw(replayed, tmp_path):
     """Each message decoded by the schema in the file itself, with rosbags; axes as ROS has them."""
     rosbags = pytest.importorskip("rosbags.typesys")
-    replay(capsys, LOG, "--mcap", tmp_path / "a.mcap", "--json")
+    replayed(LOG, "--mcap", tmp_path / "a.mcap")
     messages = read_mcap(tmp_path / "a.mcap")
     schema, *_ = next(each for each in messages if each[1] == "/imu")
     assert (schema.name, schema.encoding) == ("sensor_msgs/msg/Imu", "ros2msg")
@@ -180,13 +168,11 @@ def test_mcap_has_the_types_that_viewers_draw(capsys, tmp_path):
     assert level.linear_acceleration.z == pytest.approx(9.8, abs=1.0)
 
 
-def test_csv_of_the_experiment_gives_its_cost_and_its_settling(capsys, tmp_path):
+def test_csv_of_the_experiment_gives_its_cost_and_its_settling(replayed, tmp_path):
     """Every sample of every seed: the reported figures come out of the file again."""
     file = tmp_path / "a.csv"
-    _, out, _ = replay(capsys, "sim:", "--seeds", "300-302", "--csv", file, "--json")
-    report = json.loads(out)
-    with file.open(newline="") as lines:
-        rows = list(csv.DictReader(lines))
+    report = replayed("sim:", "--seeds", "300-302", "--csv", file)
+    rows = rows_of(file)
     assert tuple(rows[0]) == SIMULATION_COLUMNS
     assert len(rows) == report["imu"]["samples"]
     e = np.array([float(row["error"]) for row in rows]).reshape(3, -1)
@@ -197,29 +183,3 @@ def test_csv_of_the_experiment_gives_its_cost_and_its_settling(capsys, tmp_path)
     assert np.sin(total / 2.0) ** 2 == pytest.approx(e.ravel(), abs=1e-8)
     gains = [float(row["gain"]) for row in rows]
     assert np.mean(gains) == pytest.approx(report["mean_gain"], rel=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "expected"),
-    [
-        ((LOG, LOG, "--csv", "a.csv"), "takes one log"),
-        ((LOG, "--plot", "a.jpeg"), ".png, .svg, .pdf"),
-        ((LOG, "--csv", "missing/a.csv"), "missing"),
-        ((LOG, "--tum", "missing/a.tum"), "missing"),
-        ((LOG, "--parquet", "missing/a.parquet"), "missing"),
-        (("no.tlog", "--plot", "missing/a.png"), "no such folder"),
-        (("no.tlog", "--plot", "folder.png"), "is a folder"),
-        (("no.tlog", "--csv", "/proc/a.csv"), "/proc/a.csv: No such file"),
-        (("sim:", "--mcap", "a.mcap"), "is for logs"),
-        (("sim:", "--plot", "a.jpeg"), ".png, .svg, .pdf"),
-        (("sim:", "--csv", "missing/a.csv"), "missing"),
-    ],
-)
-def test_what_cannot_be_written_is_one_line(capsys, tmp_path, monkeypatch, arguments, expected):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "folder.png").mkdir()
-    status, out, err = replay(capsys, *arguments)
-    assert status == 2
-    assert out == ""
-    assert expected in err
-    assert err.count("\n") == 1

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from fuzzbee.cli import main
 from fuzzbee.replays.plot import Thinned
 from tests.fuzzbee import browser
 from tests.fuzzbee.tlogs import rewritten
@@ -18,17 +17,6 @@ DATA = Path(__file__).parents[1] / "data"
 LOG = DATA / "sitl_copter_4hz.tlog"
 for module in ("matplotlib", "plotly"):
     pytest.importorskip(module, reason="an extra is not installed")
-
-
-@pytest.fixture
-def replay(capsys):
-    """Replays, and gives the report."""
-
-    def run(*arguments):
-        assert main(["replay", *map(str, arguments), "--json"]) == 0
-        return json.loads(capsys.readouterr().out)
-
-    return run
 
 
 @pytest.fixture
@@ -87,9 +75,9 @@ def legends_apart(figure):
     return len(legends)
 
 
-def test_curves_are_the_reports_figures_on_paper_and_on_the_page(replay, tmp_path, drawn):
-    report = replay(LOG, "--plot", tmp_path / "a.png")
-    replay(LOG, "--plot", tmp_path / "a.html")
+def test_curves_are_the_reports_figures_on_paper_and_on_the_page(replayed, tmp_path, drawn):
+    report = replayed(LOG, "--plot", tmp_path / "a.png")
+    replayed(LOG, "--plot", tmp_path / "a.html")
     curves, layout = page_of(tmp_path / "a.html")
     assert legends_apart(drawn[0]) == 5
     lines = {line.get_label(): line.get_ydata() for line in drawn[0].axes[3].lines}
@@ -108,10 +96,10 @@ def test_curves_are_the_reports_figures_on_paper_and_on_the_page(replay, tmp_pat
 @pytest.mark.parametrize(
     "source", [(LOG,), ("sim:", "--profile", "adaptive", "--seeds", "300-301")]
 )
-def test_the_same_figure_twice_is_the_same_bytes(replay, tmp_path, suffix, source):
+def test_the_same_figure_twice_is_the_same_bytes(replayed, tmp_path, suffix, source):
     first, second = (tmp_path / f"{name}.{suffix}" for name in "ab")
     for file in (first, second):
-        replay(*source, "--plot", file)
+        replayed(*source, "--plot", file)
     assert first.stat().st_size > 10_000
     assert first.read_bytes() == second.read_bytes()
 
@@ -147,8 +135,8 @@ def bands_of(layout):
     return found
 
 
-def test_each_band_is_where_it_was(replay, tmp_path):
-    replay(disturbed(tmp_path / "a.csv"), "--start-wrong", 90, "--plot", tmp_path / "a.html")
+def test_each_band_is_where_it_was(replayed, tmp_path):
+    replayed(disturbed(tmp_path / "a.csv"), "--start-wrong", 90, "--plot", tmp_path / "a.html")
     found = bands_of(page_of(tmp_path / "a.html")[1])
     assert found["gap"] == [pytest.approx((39.95, 45.0))]
     assert found["gyroscope at its end"] == [pytest.approx((10.0, 10.3), abs=0.11)]
@@ -158,14 +146,14 @@ def test_each_band_is_where_it_was(replay, tmp_path):
     ((begin, end),) = found["wrong start"]
     assert begin < 1.0
     assert begin < end < 10.0
-    replay(LOG, "--plot", tmp_path / "a.html")
+    replayed(LOG, "--plot", tmp_path / "a.html")
     found = bands_of(page_of(tmp_path / "a.html")[1])
     assert found == {"no velocity": [pytest.approx((0.0, 2.3), abs=0.4)]}
 
 
-def test_errors_that_are_cut_off_are_told(replay, tmp_path, drawn):
-    replay(LOG, "--plot", tmp_path / "whole.png")
-    replay(disturbed(tmp_path / "a.csv"), "--start-wrong", 170, "--plot", tmp_path / "a.png")
+def test_errors_that_are_cut_off_are_told(replayed, tmp_path, drawn):
+    replayed(LOG, "--plot", tmp_path / "whole.png")
+    replayed(disturbed(tmp_path / "a.csv"), "--start-wrong", 170, "--plot", tmp_path / "a.png")
     panels = [ax for figure in drawn for ax in figure.axes[3:5]]
     peaks = [max(np.nanmax(line.get_ydata()) for line in ax.lines) for ax in panels]
     is_cut = [peak > ax.get_ylim()[1] for ax, peak in zip(panels, peaks, strict=True)]
@@ -180,25 +168,25 @@ def svg_texts(path):
     return set(re.findall(r"<!-- (.+?) -->", path.read_text("utf-8")))
 
 
-def test_curves_have_their_names_and_a_title_its_lines(replay, tmp_path):
+def test_curves_have_their_names_and_a_title_its_lines(replayed, tmp_path):
     name = "a_long_name_" * 12 + "of_a_flight"
     (tmp_path / f"{name}.tlog").write_bytes(LOG.read_bytes())
-    replay(tmp_path / f"{name}.tlog", "--plot", tmp_path / "a.svg")
+    replayed(tmp_path / f"{name}.tlog", "--plot", tmp_path / "a.svg")
     texts = svg_texts(tmp_path / "a.svg")
     assert {"truth", "autopilot", "estimate", "autopilot's error", "error", "sigma"} <= texts
     lines = [text for text in texts if "a_long_name_" in text]
     assert len(lines) > 1
     assert max(map(len, lines)) <= 84
-    replay(DATA / "sub_bluerov.tlog", "--plot", tmp_path / "a.svg")
+    replayed(DATA / "sub_bluerov.tlog", "--plot", tmp_path / "a.svg")
     texts = svg_texts(tmp_path / "a.svg")
     assert {"autopilot", "estimate", "difference"} <= texts
     assert not {"truth", "error", "autopilot's error"} & texts
 
 
-def test_where_nothing_is_to_compare_a_figure_says_so(replay, tmp_path, drawn, alone):
-    replay(alone, "--plot", tmp_path / "a.png")
-    replay(alone, LOG, "--plot", tmp_path / "b.png")
-    replay(alone, LOG, "--plot", tmp_path / "b.html")
+def test_where_nothing_is_to_compare_a_figure_says_so(replayed, tmp_path, drawn, alone):
+    replayed(alone, "--plot", tmp_path / "a.png")
+    replayed(alone, LOG, "--plot", tmp_path / "b.png")
+    replayed(alone, LOG, "--plot", tmp_path / "b.html")
     single, several = (figure.axes for figure in drawn)
     assert [line.get_label() for ax in single[3:5] for line in ax.lines] == []
     assert [ax.get_ylabel() for ax in single[3:5]] == [
@@ -211,8 +199,8 @@ def test_where_nothing_is_to_compare_a_figure_says_so(replay, tmp_path, drawn, a
     assert texts.count("nothing to compare with") == 2
 
 
-def test_no_legend_of_the_papers_figures_lies_on_its_data(replay, tmp_path, drawn):
-    replay("sim:", "--seeds", "300-302", "--plot", tmp_path / "a.png")
+def test_no_legend_of_the_papers_figures_lies_on_its_data(replayed, tmp_path, drawn):
+    replayed("sim:", "--seeds", "300-302", "--plot", tmp_path / "a.png")
     assert legends_apart(drawn[0]) == 2
     assert len(drawn[0].axes) == 7
 
@@ -230,8 +218,8 @@ def test_of_many_points_the_peaks_are_drawn_and_no_line_across_a_gap():
     assert np.isnan(points.largest(np.full((30_000, 2), np.nan))).all()
 
 
-def test_an_angle_is_cut_at_the_sample_behind_its_wrap(replay, tmp_path):
-    replay(DATA / "sitl_copter_flips.tlog", "--plot", tmp_path / "a.html")
+def test_an_angle_is_cut_at_the_sample_behind_its_wrap(replayed, tmp_path):
+    replayed(DATA / "sitl_copter_flips.tlog", "--plot", tmp_path / "a.html")
     curves, _ = page_of(tmp_path / "a.html")
     for panel in ("y", "y2", "y3"):
         steps = np.diff(curves[panel, "estimate"])
@@ -264,7 +252,7 @@ SAID = {
         (("--from", "7"), ["LOITER", "RTL", "disarmed"]),  # begins with the mode that it is in
     ],
 )
-def test_modes_arming_and_warnings_are_named(replay, tmp_path, options, expected):
+def test_modes_arming_and_warnings_are_named(replayed, tmp_path, options, expected):
     waiting = sorted(SAID.items(), key=lambda each: each[0])
 
     def change(seconds, message):
@@ -274,7 +262,7 @@ def test_modes_arming_and_warnings_are_named(replay, tmp_path, options, expected
         return [*due, *kept] if due or not kept else None
 
     log = rewritten(DATA / "sitl_copter_takeoff.tlog", tmp_path / "said.tlog", change)
-    replay(log, "--plot", tmp_path / "a.html", *options)
+    replayed(log, "--plot", tmp_path / "a.html", *options)
     _, layout = page_of(tmp_path / "a.html")
     named = [(each["x"], each["text"]) for each in layout["annotations"] if each["xref"] == "x"]
     assert sorted(name for _, name in named) == sorted(expected)
@@ -285,9 +273,9 @@ LAYOUT = "document.getElementById('fuzzbee')._fullLayout"
 
 
 @pytest.mark.skipif(browser.program() is None, reason="there is no Chromium")
-def test_the_panels_of_a_page_zoom_together_without_a_network(replay, tmp_path):
+def test_the_panels_of_a_page_zoom_together_without_a_network(replayed, tmp_path):
     """The mouse is drawn over the second quarter of the third panel."""
-    replay(LOG, "--plot", tmp_path / "a.html")
+    replayed(LOG, "--plot", tmp_path / "a.html")
     of = f"Object.keys({LAYOUT}).filter(k => k.startsWith('xaxis')).map(k => {LAYOUT}[k].range)"
     panel = "document.querySelector('.nsewdrag[data-subplot=x3y3]').getBoundingClientRect()"
     options = "document.querySelector('pre').textContent"

@@ -21,97 +21,74 @@ def flight():
     return recorded(FLIPS)[:4]
 
 
-def degrees(time_s, gyr, acc, mag):
-    return time_s, np.degrees(gyr), acc, mag
-
-
-def degrees_without_field(time_s, gyr, acc, mag):
-    return time_s, np.degrees(gyr), acc, np.full_like(mag, np.nan)
-
-
-def flu(time_s, gyr, acc, mag):
-    return time_s, gyr * FRD, acc * FRD, mag * FRD
-
-
-def milliseconds(time_s, gyr, acc, mag):
-    return 1e3 * time_s, gyr, acc, mag
-
-
-def backwards(time_s, gyr, acc, mag):
-    return time_s[::-1], gyr, acc, mag
-
-
-def g(time_s, gyr, acc, mag):
-    return time_s, gyr, acc / 9.80665, mag
-
-
-def microtesla(time_s, gyr, acc, mag):
-    return time_s, gyr, acc, 100.0 * mag
-
-
-def nanoseconds(time_s, gyr, acc, mag):
-    return 1e9 * time_s, gyr, acc, mag
-
-
-def numbers_of_samples(time_s, gyr, acc, mag):
-    return np.arange(len(time_s), dtype=float), gyr, acc, mag
-
-
-def milliradians(time_s, gyr, acc, mag):
-    return time_s, 1e3 * gyr, acc, mag
-
-
-def angles_of_samples(time_s, gyr, acc, mag):
-    return time_s, gyr * np.median(np.diff(time_s)), acc, mag
-
-
-def feet(time_s, gyr, acc, mag):
-    return time_s, gyr, acc / 0.3048, mag
-
-
-def raw_field(time_s, gyr, acc, mag):
-    return time_s, gyr, acc, 10.0 * mag
-
-
-def field_for_force(time_s, gyr, acc, mag):
-    return time_s, gyr, np.full_like(mag, 0.3), acc
-
-
-def no_rates(time_s, gyr, acc, mag):
-    return time_s, 0.0 * gyr, acc, mag
-
-
-def rates_for_force(time_s, gyr, acc, mag):
-    return time_s, acc, gyr, mag
-
-
-def x_reversed(time_s, gyr, acc, mag):
-    return time_s, gyr * (-1.0, 1.0, 1.0), acc, mag
-
-
-def x_and_y_swapped(time_s, gyr, acc, mag):
-    return time_s, gyr[:, [1, 0, 2]], acc, mag
-
-
+# What becomes of times, gyroscope, accelerometer and magnetometer, and what is said then.
 WRONG = {
-    degrees: r"agree 4\d\d times better with gyr \* pi / 180$",
-    degrees_without_field: r"accelerometer agree 4\d times better with gyr \* pi / 180$",
-    flu: r"upside down .* want \* \(1, -1, -1\) for all three",
-    milliseconds: r"^samples are 20 s apart: milliseconds want time_s / 1000$",
-    backwards: "^time_s runs backwards",
-    g: r"reads 1.01 mostly, which would fit as acc \* 9.80665",
-    microtesla: "reads 58 mostly, which would fit as mag / 100",
-    nanoseconds: r"^samples are 2e\+07 s apart: nanoseconds want time_s / 1e\+09$",
-    numbers_of_samples: "^samples are 1 s apart and turn as if 0.021 s were between$",
-    milliradians: r"better with gyr \* 0.001: its unit, or the times, are others$",
-    angles_of_samples: r"better with gyr \* 5\d: its unit, or the times, are others$",
-    feet: r"reads 32.6 mostly, which would fit as acc \* 0.3048 \(feet\)$",
-    raw_field: "^the magnetometer reads 5.8 mostly, 0.05 to 5 is usual$",
-    field_for_force: "^mag reads 9.95 mostly, as acc should: they may be swapped$",
-    rates_for_force: "^gyr reads 9.93 mostly, as acc should: they may be swapped$",
-    no_rates: "^the gyroscope reads nothing but 0$",
-    x_reversed: r"agree 13 times better with gyr \* \(-1, 1, 1\)$",
-    x_and_y_swapped: r"agree 10 times better with gyr\[:, \[1, 0, 2\]\]$",
+    "degrees": (
+        lambda t, w, f, m: (t, np.degrees(w), f, m),
+        r"agree 4\d\d times better with gyr \* pi / 180$",
+    ),
+    "degrees without field": (
+        lambda t, w, f, m: (t, np.degrees(w), f, np.full_like(m, np.nan)),
+        r"accelerometer agree 4\d times better with gyr \* pi / 180$",
+    ),
+    "flu": (
+        lambda t, w, f, m: (t, w * FRD, f * FRD, m * FRD),
+        r"upside down .* want \* \(1, -1, -1\) for all three",
+    ),
+    "milliseconds": (
+        lambda t, w, f, m: (1e3 * t, w, f, m),
+        r"^samples are 20 s apart: milliseconds want time_s / 1000$",
+    ),
+    "backwards": (lambda t, w, f, m: (t[::-1], w, f, m), "^time_s runs backwards"),
+    "g": (
+        lambda t, w, f, m: (t, w, f / 9.80665, m),
+        r"reads 1.01 mostly, which would fit as acc \* 9.80665",
+    ),
+    "microtesla": (
+        lambda t, w, f, m: (t, w, f, 100.0 * m),
+        "reads 58 mostly, which would fit as mag / 100",
+    ),
+    "nanoseconds": (
+        lambda t, w, f, m: (1e9 * t, w, f, m),
+        r"^samples are 2e\+07 s apart: nanoseconds want time_s / 1e\+09$",
+    ),
+    "numbers of samples": (
+        lambda t, w, f, m: (np.arange(len(t), dtype=float), w, f, m),
+        "^samples are 1 s apart and turn as if 0.021 s were between$",
+    ),
+    "milliradians": (
+        lambda t, w, f, m: (t, 1e3 * w, f, m),
+        r"better with gyr \* 0.001: its unit, or the times, are others$",
+    ),
+    "angles of samples": (
+        lambda t, w, f, m: (t, w * np.median(np.diff(t)), f, m),
+        r"better with gyr \* 5\d: its unit, or the times, are others$",
+    ),
+    "feet": (
+        lambda t, w, f, m: (t, w, f / 0.3048, m),
+        r"reads 32.6 mostly, which would fit as acc \* 0.3048 \(feet\)$",
+    ),
+    "raw field": (
+        lambda t, w, f, m: (t, w, f, 10.0 * m),
+        "^the magnetometer reads 5.8 mostly, 0.05 to 5 is usual$",
+    ),
+    "field for force": (
+        lambda t, w, f, m: (t, w, np.full_like(m, 0.3), f),
+        "^mag reads 9.95 mostly, as acc should: they may be swapped$",
+    ),
+    "no rates": (lambda t, w, f, m: (t, 0.0 * w, f, m), "^the gyroscope reads nothing but 0$"),
+    "rates for force": (
+        lambda t, w, f, m: (t, f, w, m),
+        "^gyr reads 9.93 mostly, as acc should: they may be swapped$",
+    ),
+    "x reversed": (
+        lambda t, w, f, m: (t, w * (-1.0, 1.0, 1.0), f, m),
+        r"agree 13 times better with gyr \* \(-1, 1, 1\)$",
+    ),
+    "x and y swapped": (
+        lambda t, w, f, m: (t, w[:, [1, 0, 2]], f, m),
+        r"agree 10 times better with gyr\[:, \[1, 0, 2\]\]$",
+    ),
 }
 
 
@@ -130,16 +107,17 @@ def test_sound_readings_are_nothing_to_warn_of(flight):
 
 @pytest.mark.parametrize("wrong", WRONG)
 def test_what_does_not_fit_is_told_once_with_what_would(flight, wrong):
-    time_s, *readings = wrong(*flight)
+    spoil, line = WRONG[wrong]
+    time_s, *readings = spoil(*flight)
     estimator = Estimator()
-    with pytest.warns(Unfit, match=WRONG[wrong]):
+    with pytest.warns(Unfit, match=line):
         told = estimator.update_batch(*readings, time_s).warnings
     assert len(told) == 1
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of times that are not later
         again = estimator.update_batch(*readings, time_s + 30.0).warnings
     assert not {*told} & {*again}
-    with pytest.raises(InputError, match=WRONG[wrong]):
+    with pytest.raises(InputError, match=line):
         Estimator().update_batch(*readings, time_s, strict=True)
 
 
@@ -187,7 +165,7 @@ def test_spikes_are_nothing_to_warn_of(flight, spikes):
 
 @pytest.mark.parametrize("rows", [0, 1, 2, 200])
 def test_a_few_samples_are_not_judged(flight, rows):
-    time_s, *readings = (values[:rows] for values in degrees(*flight))
+    time_s, *readings = (values[:rows] for values in WRONG["degrees"][0](*flight))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         Estimator().update_batch(*readings, time_s, strict=True)

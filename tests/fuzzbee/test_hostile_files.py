@@ -97,7 +97,7 @@ def test_what_is_damaged_or_misnamed_is_read(name, tmp_path, capfd):
 
 
 @pytest.mark.parametrize("verb", ["replay", "tune", "run"])
-@pytest.mark.parametrize("name", ["folder", "fifo", "loop", "missing"])
+@pytest.mark.parametrize("name", ["folder", "fifo", "loop", "missing", 300 * "x" + ".tlog"])
 def test_what_is_no_file_is_refused_with_one_line(verb, name, tmp_path, capfd):
     path = tmp_path / name
     if name == "folder":
@@ -110,11 +110,4 @@ def test_what_is_no_file_is_refused_with_one_line(verb, name, tmp_path, capfd):
     assert main([verb, str(path), *options]) == 2
     err = capfd.readouterr().err
     assert err.count("\n") == 1
-    assert name in err
-
-
-@pytest.mark.parametrize("verb", ["replay", "tune", "run"])
-def test_a_name_too_long_for_any_file_is_told_in_one_line(verb, tmp_path, capsys):
-    name = str(tmp_path / ("x" * 300 + ".tlog"))
-    assert main([verb, name, *(["-o", str(tmp_path / "out.toml")] if verb == "tune" else [])]) == 2
-    assert len(capsys.readouterr().err.splitlines()) == 1
+    assert name[:10] in err  # of a long one no more may be shown

@@ -60,18 +60,6 @@ def test_a_file_of_the_kernel_is_empty(verb):
     assert main([*verb, str(KERNEL_LOG)]) == 2
 
 
-def listening(key_file):
-    return main(
-        [
-            "run",
-            "udpin:127.0.0.1:0",
-            "--no-zenoh",
-            "--seconds=0.1",
-            f"--signing-key-file={key_file}",
-        ]
-    )
-
-
 def test_a_key_that_nobody_writes_into_its_pipe_is_empty(pipe, monkeypatch, capfd):
     monkeypatch.setattr(security, "PIPE_S", 0.2)
     source = f"udpin:127.0.0.1:{free_port()}"

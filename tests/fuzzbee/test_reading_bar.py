@@ -9,7 +9,7 @@ import pytest
 
 from drivers.logs import csv_text, log_file
 from drivers.logs.open import open_log
-from fuzzbee.replays.reading_bar import reading_bar
+from fuzzbee.replays.table import reading_bar
 
 DATA = Path(__file__).parents[1] / "data"
 

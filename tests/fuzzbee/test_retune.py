@@ -1,6 +1,5 @@
 """``replay --retune`` and ``run --retune`` from the command line."""
 
-import json
 import time
 from pathlib import Path
 
@@ -12,7 +11,6 @@ from drivers.events import Imu
 from drivers.mavlink.recorder import Recorder
 from estimator.profile import load_profile
 from estimator.types import ImuSample
-from fuzzbee.cli import main
 from fuzzbee.retuning import Retuning
 from service.load import Load, Losses
 from service.parameters import ParameterRequests
@@ -26,23 +24,13 @@ from tests.service.streams import ONE, START_US
 LOG = Path(__file__).resolve().parents[1] / "data" / "px4_hover.ulg"
 
 
-def test_a_flight_in_which_no_noise_changes_is_replayed_to_the_same_digit(capsys):
-    plain, retuned = (_report(capsys, *options) for options in ((), ("--retune",)))
+def test_a_flight_in_which_no_noise_changes_is_replayed_to_the_same_digit(replayed):
+    plain, retuned = (replayed(LOG, *options) for options in ((), ("--retune",)))
     assert "retuned" not in plain
     assert retuned.pop("retuned") == {"count": 0, "changes": []}
     for report in (plain, retuned):
         report.pop("wall_s")
     assert retuned == plain
-
-
-def _report(capsys, *options):
-    assert main(["replay", str(LOG), "--json", *options]) == 0
-    return json.loads(capsys.readouterr().out)
-
-
-def test_the_papers_experiment_is_too_short(capsys):
-    assert main(["replay", "sim:", "--retune"]) == 2
-    assert "--retune is for logs" in capsys.readouterr().err
 
 
 def noisy_events(seconds, noisy_from_s):

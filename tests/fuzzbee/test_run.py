@@ -3,6 +3,7 @@ import os
 import signal
 import socket
 import time
+from contextlib import contextmanager
 
 import pytest
 
@@ -37,16 +38,20 @@ def test_a_fixed_gain_is_what_is_published(capfd):
     assert [record["gain"] for record in records] == [7.0] * 5
 
 
-def test_a_taken_port_is_status_2(capfd):
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+@contextmanager
+def taken_port(kind):
+    with socket.socket(socket.AF_INET, kind) as taken:
         taken.bind(("127.0.0.1", 0))
-        port = taken.getsockname()[1]
+        if kind == socket.SOCK_STREAM:
+            taken.listen()
+        yield taken.getsockname()[1]
+
+
+def test_a_taken_port_is_status_2(capfd):
+    with taken_port(socket.SOCK_DGRAM) as port:
         assert main(["run", "--no-zenoh", f"udpin:127.0.0.1:{port}"]) == 2
     assert str(port) in capfd.readouterr().err
-    with socket.socket() as taken:
-        taken.bind(("127.0.0.1", 0))
-        taken.listen()
-        port = taken.getsockname()[1]
+    with taken_port(socket.SOCK_STREAM) as port:
         assert main(["run", "-l", f"tcp/127.0.0.1:{port}"]) == 2
     assert str(port) in capfd.readouterr().err
 
@@ -209,19 +214,13 @@ def test_vehicles_that_were_not_wanted_are_named(capfd):
     assert "no vehicle but system id 1 was heard" in capfd.readouterr().err
 
 
+@pytest.mark.parametrize("is_older", [False, True])
 @pytest.mark.parametrize("name", ["flight.tlog", "flights/"])
-def test_a_taken_port_leaves_no_recording(tmp_path, name):
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
-        taken.bind(("127.0.0.1", 0))
-        url = f"udpin:127.0.0.1:{taken.getsockname()[1]}"
-        assert main(["run", url, "--no-zenoh", "--record", f"{tmp_path}/{name}"]) == 2
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_taken_port_leaves_an_older_recording_as_it_is(tmp_path):
-    (tmp_path / "flight.tlog").touch()
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
-        taken.bind(("127.0.0.1", 0))
-        url = f"udpin:127.0.0.1:{taken.getsockname()[1]}"
-        assert main(["run", url, "--no-zenoh", "--record", str(tmp_path / "flight.tlog")]) == 2
-    assert [each.name for each in tmp_path.iterdir()] == ["flight.tlog"]
+def test_a_taken_port_leaves_no_recording_and_an_older_one_as_it_is(tmp_path, name, is_older):
+    if is_older:
+        (tmp_path / name).mkdir() if name.endswith("/") else (tmp_path / name).touch()
+    before = [*tmp_path.rglob("*")]
+    with taken_port(socket.SOCK_DGRAM) as port:
+        command = ["run", f"udpin:127.0.0.1:{port}", "--no-zenoh", "--record"]
+        assert main([*command, f"{tmp_path}/{name}"]) == 2
+    assert [*tmp_path.rglob("*")] == before

@@ -136,6 +136,7 @@ def test_two_services_on_a_router_each_with_its_share(capfd):
             wait_for(lambda: all(seen.count(str(n)) > 30 for n in range(1, 5)), 30.0)
             results = [end(each, keep_reading(each)) for each in (one, two)]
     assert [sorted(result["vehicles"]) for result in results] == [["1", "2"], ["3", "4"]]
+    assert all(result["refused"]["system_not_allowed"] > 50 for result in results)
     for records in seen.attitudes.values():
         sequences = [record["sequence"] for _, record in records]
         assert sequences == list(range(sequences[0], sequences[0] + len(sequences)))

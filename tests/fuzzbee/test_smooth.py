@@ -130,9 +130,6 @@ def test_the_command(capsys):
     assert main(["replay", log, "--smooth", "--json"]) == 0
     score = json.loads(capsys.readouterr().out)["error_deg"]
     assert score["inclination_rms"] == pytest.approx(0.111, rel=0.2)
-    for arguments, part in (([log, "--retune"], "--retune"), (["sim:"], "for logs")):
-        assert main(["replay", *arguments, "--smooth"]) == 2
-        assert part in capsys.readouterr().err
 
 
 def test_of_rows_given_nothing_is_kept_twice(shaken):

@@ -110,19 +110,6 @@ def test_streams_that_are_closed_do_not_lead_into_the_next_file(tmp_path):
     assert file.read_bytes() == b""
 
 
-@pytest.mark.parametrize("option", ["--csv", "--mcap", "--parquet", "--tum"])
-def test_an_export_that_finds_no_room_is_status_1_and_leaves_nothing(tmp_path, option):
-    """A tenth of what the file needs may be written."""
-    package = {"--mcap": "mcap", "--parquet": "pyarrow"}.get(option)
-    if package is not None:
-        pytest.importorskip(package)
-    file = tmp_path / "flight.out"
-    done = shell(f'{SMALL} "$@"', *REPLAY, JSON, option, file)
-    assert done.returncode == 1, done.stderr
-    assert done.stderr == f"fuzzbee: {option} {file}: File too large, not written\n"
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.parametrize("verb", [(*RUN[:4], "8", JSON), (*REPLAY, JSON)])
 def test_a_drawing_that_is_not_whole_is_told_and_all_else_is_there(tmp_path, verb):
     pytest.importorskip("rerun", reason="the extra viewer is not installed")

@@ -28,6 +28,10 @@ from tuning.task import Scores
 
 SMALL = ["sim:", "--sources", "6", "--cycles", "4", "--noise-seeds", "100-101"]
 SMALL += ["--held-out-seeds", "200"]
+DATA = Path(__file__).resolve().parents[1] / "data"
+SLOW_LOG = DATA / "sitl_copter_4hz.tlog"
+FEW = ["--sources", "3", "--cycles", "2", "--threads", "1"]
+EVALUATIONS = 3 * (1 + 2 * 2)
 
 
 def command(*arguments):
@@ -151,6 +155,31 @@ def test_bad_options_are_refused_in_one_line(refused, options, told):
     assert re.search(told, refused("sim:", "--noise-seeds", "100-101", *options))
 
 
+REFUSED_WITH_A_LOG = [
+    (["--parameters", "membership"], "fuzzy controller is tuned from 10 Hz"),
+    (["--objective", "speed"], "--objective speed"),
+    (["--reference", "gut"], "--reference gut"),
+    (["--parameters", "sigma"], "--objective coverage"),
+    (["--parameters", "noise", "--objective", "coverage"], "--objective coverage"),
+    (["--hold-out", "no-such.tlog"], "no such file"),
+    (["--hold-out", str(SLOW_LOG)], "nothing is left to tune on"),
+    (["--noise-seeds", "100-101"], "goes with sim: only"),
+    (["--held-out-seeds", "1-2"], "goes with sim: only"),
+    (["--base", "paper"], "conditioning.enabled"),
+    (["--parameters", "calibration", "--reference", "smooth"], "--reference smooth"),
+    ([str(SLOW_LOG)], "the same log"),
+    (["no-such.tlog"], "no such file"),
+    ([str(DATA / "sub_on_its_side.tlog")], "sub_on_its_side.tlog: .*at least 60 s"),
+    ([str(DATA / "px4_hover.ulg")], "px4_hover.ulg: .*at least 60 s"),
+    ([str(DATA / "copter_reboot.tlog")], "copter_reboot.tlog: .*no motion"),
+]
+
+
+@pytest.mark.parametrize(("options", "told"), REFUSED_WITH_A_LOG)
+def test_bad_options_with_a_log_are_refused_in_one_line(refused, options, told):
+    assert re.search(told, refused(SLOW_LOG, *FEW, *options))
+
+
 def test_the_output_must_be_writable(tmp_path, capsys):
     for output, told in ((tmp_path / "none" / "x.toml", "no such folder"), (tmp_path, "a folder")):
         assert command(*SMALL, "-o", output) == 2
@@ -188,11 +217,6 @@ def test_a_checkpoint_of_something_else_is_refused_in_one_line(tmp_path, refused
 def test_a_pipe_for_a_checkpoint_is_not_waited_for(tmp_path, refused):
     os.mkfifo(tmp_path / "x.toml.checkpoint")
     assert "not a checkpoint" in refused(*SMALL, "--resume")
-
-
-SLOW_LOG = Path(__file__).resolve().parents[1] / "data" / "sitl_copter_4hz.tlog"
-FEW = ["--sources", "3", "--cycles", "2", "--threads", "1"]
-EVALUATIONS = 3 * (1 + 2 * 2)
 
 
 @pytest.fixture
@@ -361,40 +385,6 @@ def test_a_log_gives_the_same_file_wherever_it_lies_and_whoever_computes(tmp_pat
     command(SLOW_LOG, "-o", tmp_path / "a.toml", *FEW, "--force")
     command(other / SLOW_LOG.name, "-o", tmp_path / "b.toml", *FEW[:-1], "2", "--force")
     assert (tmp_path / "a.toml").read_bytes() == (tmp_path / "b.toml").read_bytes()
-
-
-@pytest.mark.parametrize(
-    ("options", "told"),
-    [
-        (["--parameters", "membership"], "fuzzy controller is tuned from 10 Hz"),
-        (["--objective", "speed"], "--objective speed"),
-        (["--reference", "gut"], "--reference gut"),
-        (["--parameters", "sigma"], "--objective coverage"),
-        (["--parameters", "noise", "--objective", "coverage"], "--objective coverage"),
-        (["--hold-out", "no-such.tlog"], "no such file"),
-        (["--hold-out", str(SLOW_LOG)], "nothing is left to tune on"),
-        (["--noise-seeds", "100-101"], "goes with sim: only"),
-        (["--held-out-seeds", "1-2"], "goes with sim: only"),
-        (["--base", "paper"], "conditioning.enabled"),
-        (["--parameters", "calibration", "--reference", "smooth"], "--reference smooth"),
-        ([str(SLOW_LOG)], "the same log"),
-        (["no-such.tlog"], "no such file"),
-    ],
-)
-def test_bad_options_with_a_log_are_refused_in_one_line(refused, options, told):
-    assert told in refused(SLOW_LOG, *FEW, *options)
-
-
-@pytest.mark.parametrize(
-    ("name", "told"),
-    [
-        ("sub_on_its_side.tlog", "at least 60 s"),
-        ("px4_hover.ulg", "at least 60 s"),
-        ("copter_reboot.tlog", "no motion"),
-    ],
-)
-def test_a_log_that_tells_nothing_is_refused_in_one_line(refused, name, told):
-    assert re.match(rf"fuzzbee: {name}: .*{told}", refused(SLOW_LOG.parent / name))
 
 
 def test_the_output_is_no_source(tmp_path, capsys):

@@ -132,6 +132,7 @@ def test_numbers_that_are_none(given):
         (lambda: PaperFilter(np.eye(3), R_hat=np.diag((1.0, 1.0, -1.0))), "R_hat"),
         (lambda: PaperFilter(np.eye(3), R_hat=np.eye(3) * nan), "R_hat"),
         (lambda: replay(None), "log None"),
+        (lambda: replay("nowhere.tlog"), "nowhere"),
         (lambda: replay(FLIPS, 3), "profile"),
         (lambda: replay(FLIPS, skip_s="x"), "skip_s"),
         (lambda: replay(FLIPS, skip_s=-1.0), "skip_s"),
