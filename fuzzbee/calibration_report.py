@@ -4,7 +4,7 @@ One fit of trajectories and constants takes all recordings. A single flight's co
 the World Magnetic Model instead, which a stream of any rate allows.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from math import atan2, cos, degrees
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,7 +13,14 @@ import msgspec
 import numpy as np
 
 from drivers.logs.time_window import WHOLE_LOG, TimeWindow
-from drivers.mavlink.ardupilot import COMPASS, corrected, inertial_parameters, orientation
+from drivers.mavlink.ardupilot import (
+    AXES,
+    COMPASS,
+    MOTORS,
+    corrected,
+    inertial_parameters,
+    orientation,
+)
 from drivers.mavlink.constants import MAV_AUTOPILOT_ARDUPILOTMEGA
 from estimator.arrays import Floats
 from estimator.calibration import UNCHANGED, Calibration
@@ -189,6 +196,7 @@ def _report_compass(
     if turn is None:
         irons = fit.offset_gauss, fit.matrix, fit.current_gauss_a
         parameters = corrected(trace.parameters, number, *irons)
+        parameters = _unmixed(trace.parameters, parameters)
     elif set_to is not None:  # offsets need another flight with it set right
         parameters = {set_to.parameter: float(set_to.value)}
     usual_a = 0.0 if readings.current_a is None else float(readings.current_a.mean())
@@ -212,6 +220,17 @@ def _report_compass(
         orientation=None if set_to is None else set_to.meaning,
         ardupilot_adds=not any(name.startswith(COMPASS) for name in trace.parameters),
     )
+
+
+def _unmixed(was: Mapping[str, float], parameters: dict[str, float]) -> dict[str, float]:
+    """With 0 for what other compasses have for motors, if COMPASS_MOTCT, which all share, changes.
+
+    Else a number by throttle, or one that was not in use, would count for each ampere.
+    """
+    if parameters.get(MOTORS) in (None, was.get(MOTORS)):
+        return parameters
+    names = [f"{COMPASS}MOT{number}_{axis}" for number in ("", "2", "3") for axis in AXES]
+    return {name: 0.0 for name in names if was.get(name)} | parameters
 
 
 def _listed(values: Floats | None) -> Any:

@@ -12,6 +12,7 @@ import pytest
 
 from drivers.simulation.simulated_vehicle import SimulatedVehicle, imu_errors
 from estimator.profile import load_profile
+from fuzzbee import calibration_report
 from fuzzbee.cli import main
 from tests.fuzzbee.iron import with_iron
 from tests.fuzzbee.tlogs import rewritten
@@ -252,3 +253,21 @@ def test_a_fit_of_a_dozen_numbers_is_one_threads_work():
         check=True,
     )
     assert done.stdout.splitlines()[-1] == "1"
+
+
+@pytest.mark.parametrize(
+    ("was", "others"),
+    [
+        (
+            {"COMPASS_MOTCT": 1.0, "COMPASS_MOT_X": 30.0, "COMPASS_MOT2_X": 5.0},
+            {"COMPASS_MOT_X": 0},
+        ),
+        ({"COMPASS_MOT3_Z": 4.0}, {"COMPASS_MOT3_Z": 0}),
+        ({"COMPASS_MOTCT": 2.0, "COMPASS_MOT_X": 30.0}, {}),
+    ],
+)
+def test_that_no_other_compass_has_its_motors_counted_by_current(
+    was: dict[str, float], others: dict[str, float]
+) -> None:
+    found = {"COMPASS_MOTCT": 2.0, "COMPASS_MOT2_X": -7.0}
+    assert calibration_report._unmixed(was, found) == found | others
