@@ -16,7 +16,7 @@ from fuzzbee.table_model import (
     is_silent,
     state_text,
 )
-from fuzzbee.verdict import Level, verdict_of
+from fuzzbee.verdict import Level, imus_off, verdict_of
 from service.alarms import MEANINGS, Alarm
 from service.records import AttitudeRecord, State, StatusRecord
 
@@ -100,7 +100,8 @@ def _warnings(rows: list[Row], most: int) -> list[str]:
         slowest_hz = min(status.published_hz for status in overloaded)
         texts += [f"! overloaded: {shed} samples left out so far, attitudes at {slowest_hz:.1f} Hz"]
     for name, status in statuses:
-        texts += [f"! vehicle {name}: {warning_text(word, status)}" for word in status.warnings]
+        words = [*(warning_text(word, status) for word in status.warnings), *imus_off(status)]
+        texts += [f"! vehicle {name}: {word}" for word in words]
     if len(texts) <= most:
         return texts
     return [*texts[: most - 1], f"! and {len(texts) - most + 1} more warnings"]
@@ -161,6 +162,7 @@ def _words(status: StatusRecord | None) -> str:
     for word in status.warnings:
         differs = word == Alarm.AUTOPILOT_DIFFERS and status.autopilot is not None
         words.append(status.autopilot.in_short if differs and status.autopilot else word)
+    words += imus_off(status)
     return "".join(f"  ! {printable(word, 40)}" for word in words)
 
 

@@ -1,17 +1,19 @@
 """How far to rely on an attitude: one word, one colour, and the reasons, alike in every view."""
 
+import re
 from enum import IntEnum
 from typing import NamedTuple
 
 from fuzzbee.table_model import Row, current_attitude, is_silent
 from service.alarms import Alarm
-from service.records import HAS_ATTITUDE, AttitudeRecord, State, StatusRecord
+from service.records import HAS_ATTITUDE, AttitudeRecord, ImuDifference, State, StatusRecord
 
 # Bounds of sigma in degrees. An eye sees 3 degrees on an artificial horizon; at 10 a climb can be
 # a descent. A heading 10 off still points to the right field, one 30 off does not.
 HORIZON_DEG = (3.0, 10.0)
 HEADING_DEG = (10.0, 30.0)
 UPSIDE_DOWN_DEG = 90.0  # of roll
+IMUS_DEG, IMUS_DEG_S = 3.0, 5.0  # between two sound IMUs at most
 POINTS = {0: "N", 45: "NE", 90: "E", 135: "SE", 180: "S", 225: "SW", 270: "W", 315: "NW"}
 # A few refused samples, late ticks or lost records a second are no reason to worry.
 MUCH_REFUSED = 0.2  # of those that come
@@ -84,7 +86,7 @@ def verdict_of(
         caveats.append(Caveat(Level.CARE, "no north"))
     elif heading > Level.GOOD:
         caveats.append(Caveat(Level.CARE, f"heading {plus_minus(sigma.heading)}"))
-    warnings = [] if status is None else _of_warnings(status)
+    warnings = [] if status is None else [*_of_warnings(status), *_of_imus(status)]
     words = set() if status is None else {*status.warnings}
     if Alarm.AUTOPILOT_DIFFERS in words:  # ours may be the one that is right
         horizon, heading = max(horizon, Level.CARE), max(heading, Level.CARE)
@@ -121,6 +123,45 @@ def _of_warnings(status: StatusRecord) -> list[Caveat]:
     caveats = [Caveat(Level.CARE if word in HARMLESS else Level.BAD, texts[word]) for word in known]
     unknown = len(status.warnings) - len(known)
     return [*caveats, Caveat(Level.CARE, f"{unknown} unknown warnings")] if unknown else caveats
+
+
+def other_imus(status: StatusRecord) -> dict[str, ImuDifference]:
+    """The difference of each other IMU from the one in use, by a short name: "IMU 2"."""
+    return {
+        message
+        if (number := _imu_number(message)) == _imu_number(status.imu_message or "")
+        else f"IMU {number}": difference
+        for message, difference in status.other_imus.items()
+    }
+
+
+def imus_off(status: StatusRecord) -> list[str]:
+    """The IMUs that differ from the one in use by more than two sound ones, and by how much."""
+    return [
+        f"{name} off by {_difference_text(each)}"
+        for name, each in other_imus(status).items()
+        if each.inclination_deg > IMUS_DEG or each.rate_deg_s > IMUS_DEG_S
+    ]
+
+
+def _difference_text(each: ImuDifference) -> str:
+    if each.rate_deg_s <= IMUS_DEG_S:
+        return f"{each.inclination_deg:.1f}°"
+    rate = f"{each.rate_deg_s:.1f}°/s"
+    return rate if each.inclination_deg <= IMUS_DEG else f"{each.inclination_deg:.1f}°, {rate}"
+
+
+def _imu_number(message: str) -> int:
+    """2 of SCALED_IMU2 and of HIGHRES_IMU:1, which counts from 0."""
+    found = re.search(r"(:?)(\d+)$", message)
+    return 1 if found is None else int(found[2]) + bool(found[1])
+
+
+def _of_imus(status: StatusRecord) -> list[Caveat]:
+    """If all others differ the one in use may be the wrong one."""
+    texts = imus_off(status)
+    level = Level.CARE if len(texts) == len(status.other_imus) else Level.GOOD
+    return [Caveat(level, text) for text in texts]
 
 
 def _of_service(status: StatusRecord | None, before: StatusRecord | None) -> list[Caveat]:

@@ -4,7 +4,14 @@ from typing import Any
 
 from fuzzbee.table_model import Row, current_attitude, flight_words, state_text
 from fuzzbee.vehicle_table import warning_text
-from fuzzbee.verdict import Judgement, heading_text, north_text, plus_minus, row_verdict
+from fuzzbee.verdict import (
+    Judgement,
+    heading_text,
+    north_text,
+    other_imus,
+    plus_minus,
+    row_verdict,
+)
 from service.records import AttitudeRecord, StatusRecord
 from service.second_opinion import Verdict
 
@@ -32,7 +39,7 @@ def _age_ms(attitude: AttitudeRecord, since_s: float) -> int:
 def _of_status(status: StatusRecord | None) -> dict[str, Any]:
     """The IMU, how far off the autopilot's roll, pitch and heading are, and the warnings."""
     if status is None:
-        return {"imu": "", "rate_hz": None, "autopilot": None, "warnings": []}
+        return {"imu": "", "rate_hz": None, "autopilot": None, "warnings": [], "imus": []}
     other = status.autopilot
     differs = other is not None and other.verdict == Verdict.DIFFERS
     off = (other.roll_deg, other.pitch_deg, other.heading_deg) if other and differs else None
@@ -41,6 +48,10 @@ def _of_status(status: StatusRecord | None) -> dict[str, Any]:
         "rate_hz": round(status.imu_rate_hz, 1),
         "autopilot": off,
         "warnings": [f"warning: {warning_text(word, status)}" for word in status.warnings],
+        "imus": [
+            f"{name}: {each.inclination_deg:.1f}°, {each.rate_deg_s:.1f}°/s"
+            for name, each in other_imus(status).items()
+        ],
     }
 
 

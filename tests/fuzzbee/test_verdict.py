@@ -3,9 +3,9 @@
 import msgspec
 import pytest
 
-from fuzzbee.verdict import Level, heading_text, plus_minus, verdict_of
+from fuzzbee.verdict import Level, heading_text, other_imus, plus_minus, verdict_of
 from service.alarms import Alarm
-from service.records import State, StatusRecord
+from service.records import ImuDifference, State, StatusRecord
 from tests.service.records import record
 
 STATUS = StatusRecord("running", "RAW_IMU", 50.0, 0.1, {}, 0, 0, 1)
@@ -109,3 +109,27 @@ def test_sigma_has_as_many_digits_as_it_deserves(sigma_deg, text):
 def test_north_is_zero_from_either_side(yaw_deg, text):
     attitude = msgspec.structs.replace(record(), euler_deg=(0.0, 0.0, yaw_deg))
     assert heading_text(attitude) == text
+
+
+@pytest.mark.parametrize(
+    ("others", "found", "level"),
+    [
+        ({"SCALED_IMU2": (2.9, 4.9)}, [], GOOD),
+        ({"SCALED_IMU2": (3.14, 0.2)}, ["IMU 2 off by 3.1°"], CARE),
+        ({"SCALED_IMU2": (3.14, 0.2), "SCALED_IMU3": (0.1, 0.2)}, ["IMU 2 off by 3.1°"], GOOD),
+        ({"HIGHRES_IMU:2": (0.1, 9.0)}, ["IMU 3 off by 9.0°/s"], CARE),
+        ({"HIGHRES_IMU": (7.0, 9.0)}, ["HIGHRES_IMU off by 7.0°, 9.0°/s"], CARE),
+    ],
+)
+def test_an_imu_that_differs_is_named_and_ours_may_be_wrong_if_all_do(others, found, level):
+    """Of several others one that agrees with ours shows which is wrong."""
+    differences = {message: ImuDifference(*each) for message, each in others.items()}
+    assert texts(judged(other_imus=differences)) == found
+    assert judged(other_imus=differences).overall is level
+
+
+def test_each_imu_has_a_short_name():
+    messages = ("SCALED_IMU2", "SCALED_IMU3", "HIGHRES_IMU:1", "IMU")
+    given = dict.fromkeys(messages, ImuDifference(1.0, 1.0))
+    status = msgspec.structs.replace(STATUS, imu_message="SCALED_IMU2", other_imus=given)
+    assert [*other_imus(status)] == ["SCALED_IMU2", "IMU 3", "HIGHRES_IMU:1", "IMU 1"]

@@ -15,7 +15,7 @@ from drivers.events import VehicleId
 from estimator.errors import InputError
 from fuzzbee.web.server import Address, WebPage, open_page, parse_address
 from service.http_door import MOST_CONNECTIONS, STREAM_PART
-from service.records import Departed, Published, State, StatusRecord
+from service.records import Departed, ImuDifference, Published, State, StatusRecord
 from tests.fuzzbee import browser
 from tests.service.records import differing, record
 
@@ -172,6 +172,10 @@ def test_a_browser_shows_one_vehicle_or_all_and_what_is_stale(page, clock, tmp_p
 
         page.handle([Published(ONE, running(("clock_drift",)))])
         seen.wait_for("at('told').innerText.endsWith('clock runs too fast or too slow')")
+        imus = {"SCALED_IMU2": ImuDifference(3.14, 0.04)}
+        page.handle([Published(ONE, msgspec.structs.replace(running(), other_imus=imus))])
+        seen.wait_for("at('imus').innerText.endsWith('IMU 2: 3.1°, 0.0°/s')")
+        assert "IMU 2 off by 3.1°" in seen.value("at('plates').innerText")
         (folder / "web-warned.png").write_bytes(seen.screenshot())
         assert seen.value("document.documentElement.scrollHeight") == 844
 
