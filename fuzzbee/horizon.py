@@ -18,8 +18,6 @@ from fuzzbee.verdict import (
     Judgement,
     Level,
     heading_text,
-    north_text,
-    plus_minus,
     row_verdict,
 )
 from service.records import AttitudeRecord, Autopilot
@@ -284,9 +282,9 @@ def _figures(attitude: AttitudeRecord | None, judged: Judgement, width: int) -> 
     roll, pitch, _ = attitude.euler_deg
     shown = (f"roll {roll:+.1f}°", f"pitch {pitch:+.1f}°", f"heading {heading_text(attitude)}")
     line = Text("".join(text.center(third) for text in shown), style="bold")
-    horizon = f"horizon {plus_minus(attitude.sigma_deg.inclination)}".center(2 * third)
+    horizon = f"horizon {judged.horizon_text}".center(2 * third)
     below = Text(horizon, style=LEVEL_COLOUR[judged.horizon])
-    below.append(north_text(attitude).center(third), style=LEVEL_COLOUR[judged.heading])
+    below.append(judged.heading_text.center(third), style=LEVEL_COLOUR[judged.heading])
     return [line, below]
 
 

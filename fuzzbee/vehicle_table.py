@@ -16,8 +16,8 @@ from fuzzbee.table_model import (
     is_silent,
     state_text,
 )
-from fuzzbee.verdict import Level, imus_off, verdict_of
-from service.alarms import MEANINGS, Alarm
+from fuzzbee.verdict import Level, imus_off, verdict_of, warning_text
+from service.alarms import Alarm
 from service.records import AttitudeRecord, State, StatusRecord
 
 MAX_LINES = 8  # more vehicles than this share one line
@@ -105,20 +105,6 @@ def _warnings(rows: list[Row], most: int) -> list[str]:
     if len(texts) <= most:
         return texts
     return [*texts[: most - 1], f"! and {len(texts) - most + 1} more warnings"]
-
-
-def warning_text(word: str, status: StatusRecord) -> str:
-    """A warning in words; of another attitude, how far it is off and who is likely wrong.
-
-    A warning of another version keeps its own name.
-    """
-    autopilot = status.autopilot
-    if word not in MEANINGS:
-        return printable(word, 40)
-    if word != Alarm.AUTOPILOT_DIFFERS or autopilot is None:
-        return MEANINGS[Alarm(word)]
-    who = {"autopilot": "; its own is likely wrong", "ours": "; ours is likely wrong"}
-    return printable(f"{autopilot.in_short} ours{who.get(autopilot.wrong, '')}")
 
 
 # --- plain lines

@@ -4,8 +4,9 @@ import re
 from enum import IntEnum
 from typing import NamedTuple
 
+from fuzzbee.notify import printable
 from fuzzbee.table_model import Row, current_attitude, is_silent
-from service.alarms import Alarm
+from service.alarms import MEANINGS, Alarm
 from service.records import HAS_ATTITUDE, AttitudeRecord, ImuDifference, State, StatusRecord
 
 # Bounds of sigma in degrees. An eye sees 3 degrees on an artificial horizon; at 10 a climb can be
@@ -21,6 +22,7 @@ MUCH_LOST = 5
 # A field that is none of the place says nothing against the horizon, another's attitude little.
 HARMLESS = (Alarm.FIELD_IMPOSSIBLE, Alarm.AUTOPILOT_DIFFERS)
 SILENT = "the service is silent"
+CONTRADICTED = "unsure"  # in place of a sigma that a warning contradicts
 
 
 class Level(IntEnum):
@@ -37,19 +39,25 @@ WHY_NONE = {State.WAITING: "waiting for IMU data", State.ALIGNING: "aligning"}
 
 
 class Caveat(NamedTuple):
-    """A reason to rely on an attitude less, in few words."""
+    """A reason to rely on an attitude less, in few words; of a warning, also in a sentence."""
 
     level: Level
     text: str
+    sentence: str = ""
 
 
 class Judgement(NamedTuple):
-    """What to think of the horizon, of the heading, and of all together."""
+    """What to think of the horizon, of the heading, and of all together.
+
+    ``horizon_text`` and ``heading_text`` are their sigmas, unless something contradicts them.
+    """
 
     overall: Level
     horizon: Level
     heading: Level
     caveats: tuple[Caveat, ...]  # the worst first
+    horizon_text: str = ""
+    heading_text: str = ""
 
     @property
     def word(self) -> str:
@@ -88,13 +96,16 @@ def verdict_of(
         caveats.append(Caveat(Level.CARE, f"heading {plus_minus(sigma.heading)}"))
     warnings = [] if status is None else [*_of_warnings(status), *_of_imus(status)]
     words = set() if status is None else {*status.warnings}
+    texts = [plus_minus(sigma.inclination), north_text(attitude)]
     if Alarm.AUTOPILOT_DIFFERS in words:  # ours may be the one that is right
         horizon, heading = max(horizon, Level.CARE), max(heading, Level.CARE)
     if words - {Alarm.AUTOPILOT_DIFFERS}:
+        texts[1] = texts[1] if heading is Level.BAD else CONTRADICTED
         heading = Level.BAD
     if any(caveat.level is Level.BAD for caveat in warnings):
+        texts[0] = texts[0] if horizon is Level.BAD else CONTRADICTED
         horizon = Level.BAD
-    return _judged(horizon, heading, [*caveats, *warnings, *service])
+    return _judged(horizon, heading, [*caveats, *warnings, *service], *texts)
 
 
 def row_verdict(row: Row, now_s: float) -> Judgement:
@@ -104,10 +115,10 @@ def row_verdict(row: Row, now_s: float) -> Judgement:
     return verdict_of(row.state, current_attitude(row, now_s), row.status, row.before)
 
 
-def _judged(horizon: Level, heading: Level, caveats: list[Caveat]) -> Judgement:
+def _judged(horizon: Level, heading: Level, caveats: list[Caveat], *texts: str) -> Judgement:
     worst_first = sorted(caveats, key=lambda caveat: -caveat.level)
     overall = max([horizon, *(caveat.level for caveat in caveats)])
-    return Judgement(overall, horizon, heading, tuple(worst_first))
+    return Judgement(overall, horizon, heading, tuple(worst_first), *texts)
 
 
 def _level(sigma_deg: float, bounds_deg: tuple[float, float]) -> Level:
@@ -120,9 +131,28 @@ def _of_warnings(status: StatusRecord) -> list[Caveat]:
     if status.autopilot is not None:
         texts[Alarm.AUTOPILOT_DIFFERS] = status.autopilot.in_short
     known = [word for word in status.warnings if word in texts]
-    caveats = [Caveat(Level.CARE if word in HARMLESS else Level.BAD, texts[word]) for word in known]
+    caveats = [
+        Caveat(
+            Level.CARE if word in HARMLESS else Level.BAD, texts[word], warning_text(word, status)
+        )
+        for word in known
+    ]
     unknown = len(status.warnings) - len(known)
     return [*caveats, Caveat(Level.CARE, f"{unknown} unknown warnings")] if unknown else caveats
+
+
+def warning_text(word: str, status: StatusRecord) -> str:
+    """A warning in words; of another attitude, how far it is off and who is likely wrong.
+
+    A warning of another version keeps its own name.
+    """
+    autopilot = status.autopilot
+    if word not in MEANINGS:
+        return printable(word, 40)
+    if word != Alarm.AUTOPILOT_DIFFERS or autopilot is None:
+        return MEANINGS[Alarm(word)]
+    who = {"autopilot": "; its own is likely wrong", "ours": "; ours is likely wrong"}
+    return printable(f"{autopilot.in_short} ours{who.get(autopilot.wrong, '')}")
 
 
 def other_imus(status: StatusRecord) -> dict[str, ImuDifference]:

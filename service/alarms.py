@@ -123,6 +123,7 @@ class Alarms:
         """Compare a sample with the attitude at its time; returns lines for a person.
 
         A field that is not used, because velocity contradicts it, says nothing of the attitude.
+        While velocity helps, a field that scatters is wrong itself.
         """
         time_us = sample.time_us
         if self._next_us is None:
@@ -136,11 +137,14 @@ class Alarms:
         leaning_rad = 0.0 if is_sure else estimator.leaning_rad
         why, place = estimator.compass_doubt, estimator.place_field
         uses_field = why != CONTRADICTED
+        scatters = uses_field and self._does_field_scatter(attitude)
+        is_impossible = not uses_field or self._is_field_impossible(attitude, place)
         seen = {
             Alarm.ACCELEROMETER: degrees(leaning_rad) > LEANING_DEG,
             Alarm.BIAS_AT_LIMIT: _is_at_limit(attitude, profile),
-            Alarm.FIELD_IMPOSSIBLE: not uses_field or self._is_field_impossible(attitude, place),
-            Alarm.SIGMA_TOO_SMALL: self._is_sigma_too_small(attitude, uses_field),
+            Alarm.FIELD_IMPOSSIBLE: is_impossible or (scatters and estimator.is_aided),
+            Alarm.SIGMA_TOO_SMALL: self._is_tilted(attitude)
+            or (scatters and not estimator.is_aided),
             **dict(zip(AXES, estimator.contradicted_axes, strict=True)),
         }
         for word, is_so in seen.items():
@@ -208,18 +212,20 @@ class Alarms:
         sigma = degrees(attitude.sigma_heading_rad)
         return off > SIGMAS * sigma + HEADING_OFF_DEG
 
-    def _is_sigma_too_small(self, attitude: Attitude, uses_field: bool) -> bool:
+    def _is_tilted(self, attitude: Attitude) -> bool:
+        """Whether the mean force is far from the vertical, by sigma."""
         assert self._force is not None
-        inclination = degrees(attitude.sigma_inclination_rad)
         north, east, down = self._force
         tilt = degrees(atan2(hypot(north, east), -down))
-        if tilt > SIGMAS * inclination + TILT_DEG:
-            return True
-        if self._field is None or not uses_field or _claims_no_heading(attitude):
+        return tilt > SIGMAS * degrees(attitude.sigma_inclination_rad) + TILT_DEG
+
+    def _does_field_scatter(self, attitude: Attitude) -> bool:
+        """Whether the field's direction varies by more than sigma explains."""
+        if self._field is None or _claims_no_heading(attitude):
             return False
         mean_square = sum(b * b for b in self._field)
         scatter = degrees(sqrt(max(0.0, self._field_square / max(mean_square, 1e-12) - 1.0)))
-        sigma = hypot(inclination, degrees(attitude.sigma_heading_rad))
+        sigma = degrees(hypot(attitude.sigma_inclination_rad, attitude.sigma_heading_rad))
         return scatter > SIGMAS * sigma + SCATTER_DEG
 
 

@@ -3,14 +3,12 @@
 from typing import Any
 
 from fuzzbee.table_model import Row, current_attitude, flight_words, state_text
-from fuzzbee.vehicle_table import warning_text
 from fuzzbee.verdict import (
     Judgement,
     heading_text,
-    north_text,
     other_imus,
-    plus_minus,
     row_verdict,
+    warning_text,
 )
 from service.records import AttitudeRecord, StatusRecord
 from service.second_opinion import Verdict
@@ -26,6 +24,7 @@ def shown(row: Row, now_s: float) -> dict[str, Any]:
         "word": judged.word,
         "level": int(judged.overall),
         "reasons": [(int(each.level), each.text) for each in judged.caveats],
+        "plates": [(int(each.level), each.sentence or each.text) for each in judged.caveats],
         "age_ms": None if row.attitude is None else _age_ms(row.attitude, now_s - row.attitude_s),
         **_of_status(row.status),
         "attitude": None if attitude is None else _of_attitude(attitude, judged),
@@ -61,8 +60,8 @@ def _of_attitude(attitude: AttitudeRecord, judged: Judgement) -> dict[str, Any]:
         "euler_deg": [round(angle, 2) for angle in attitude.euler_deg],
         "sigma_deg": [round(sigma.inclination, 2), round(sigma.heading, 2)],
         "levels": [int(judged.horizon), int(judged.heading)],
-        "horizon": plus_minus(sigma.inclination),
+        "horizon": judged.horizon_text,
         "heading": heading_text(attitude),
-        "north": north_text(attitude),
+        "north": judged.heading_text,
         "has_north": attitude.heading_reference != "none",
     }

@@ -52,6 +52,8 @@ def test_a_warning_counts_whatever_sigma_says(word):
     assert found.heading is (CARE if word is Alarm.AUTOPILOT_DIFFERS else BAD)
     assert found.overall is max(CARE, found.horizon)
     assert texts(found) == [word.value.replace("_", " ")]
+    assert (found.horizon_text == "unsure") == (found.horizon is BAD)
+    assert (found.heading_text == "unsure") == (found.heading is BAD)
 
 
 @pytest.mark.parametrize(

@@ -41,7 +41,8 @@ def attitude(bias=(0.0, 0.0, 0.0), sigma_deg=1.0, heading_deg=1.0, q=LEVEL):
 
 def looked(alarms, half, acc=(0.0, 0.0, -9.8), mag=FIELD, profile=IMU, host_s=None, **claims):
     """Have a sample looked at after so many half seconds; returns the words that stand then."""
-    known = {"place_field": HERE, "leaning_rad": 0.0, "contradicted_axes": (False,) * 3}
+    known = {"place_field": HERE, "leaning_rad": 0.0, "contradicted_axes": (False,) * 3,
+             "is_aided": False}  # fmt: skip
     estimator = SimpleNamespace(compass_doubt="", **known)
     for name in known:
         setattr(estimator, name, claims.pop(name, getattr(estimator, name)))
@@ -172,6 +173,7 @@ def test_a_field_that_wanders_contradicts_sigma_and_a_magnet_that_passes_does_no
         return (0.218, 0.5, 0.428) if 30 <= time_s < 32 else FIELD
 
     assert words(60, mag=swinging) == {Alarm.SIGMA_TOO_SMALL}
+    assert words(60, mag=swinging, is_aided=True) == {Alarm.FIELD_IMPOSSIBLE}
     for seconds in range(30, 60, 3):
         assert words(seconds, mag=passing) == set()
 
