@@ -96,6 +96,8 @@ def profile_of(given: Any) -> Profile:
     Raises:
         InputError: there is none.
     """
+    if isinstance(given, int | float):
+        raise InputError(f"profile {given}: must be a name or a file (a rate is rate_hz={given})")
     return given if isinstance(given, Profile) else load_profile(given)
 
 
