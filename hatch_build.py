@@ -19,5 +19,5 @@ class KernelTag(BuildHookInterface):  # type: ignore[type-arg, misc]
         if version == "standard" and kernels.is_dir() and any(kernels.iterdir()):
             build_data["pure_python"] = False
             build_data["infer_tag"] = True
-            pinned = re.findall(r"^numba==\S+", Path(self.root, "constraints.txt").read_text(), re.M)
-            build_data["dependencies"] = pinned
+            constraints = Path(self.root, "constraints.txt").read_text(encoding="utf-8")
+            build_data["dependencies"] = re.findall(r"(?m)^numba==\S+", constraints)

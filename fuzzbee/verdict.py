@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from fuzzbee.notify import printable
 from fuzzbee.table_model import Row, current_attitude, is_silent
-from service.alarms import MEANINGS, Alarm
+from service.alarms import AXES, MEANINGS, Alarm
 from service.records import HAS_ATTITUDE, AttitudeRecord, ImuDifference, State, StatusRecord
 
 # Bounds of sigma in degrees. An eye sees 3 degrees on an artificial horizon; at 10 a climb can be
@@ -136,8 +136,14 @@ def _of_warnings(status: StatusRecord) -> list[Caveat]:
             Level.CARE if word in HARMLESS else Level.BAD, texts[word], warning_text(word, status)
         )
         for word in known
+        if word not in AXES
     ]
     unknown = len(status.warnings) - len(known)
+    axes = [word[len("gyroscope_")] for word in known if word in AXES]
+    if axes:
+        text = f"gyroscope {', '.join(axes)} contradict{'s' * (len(axes) == 1)}"
+        meaning = f"field and force contradict the gyroscope ({', '.join(axes)}); so does a magnet"
+        caveats.append(Caveat(Level.BAD, text, meaning))
     return [*caveats, Caveat(Level.CARE, f"{unknown} unknown warnings")] if unknown else caveats
 
 

@@ -64,6 +64,11 @@ def test_a_warning_counts_whatever_sigma_says(word):
         ({"dropped": 30}, "this computer is busy, 30 records lost", GOOD),
         ({"rejected": {"gap": 11}}, "11 refused", CARE),
         ({"warnings": ("\x1b[31m[bold]",)}, "1 unknown warnings", CARE),  # of another version
+        (
+            {"warnings": ("gyroscope_x_contradicts", "gyroscope_z_contradicts")},
+            "gyroscope x, z contradict",
+            BAD,
+        ),
         ({"changes": {"heading_reference": "none"}}, "no north", CARE),
         ({"changes": {"age_ms": 1700.0}, "state": State.DEGRADED}, "IMU silent 1.7 s", CARE),
         ({"changes": {"euler_deg": (-120.0, 0.0, 0.0)}}, "upside down", GOOD),
