@@ -6,13 +6,13 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console, Group, RenderableType
+from rich.console import Console, RenderableType
 from rich.live import Live
 
-from fuzzbee.horizon import Capabilities, has_room, screen
+from fuzzbee.horizon import has_room, screen
 from fuzzbee.notify import printable
 from fuzzbee.table_model import Row, TableModel
-from fuzzbee.vehicle_table import BY_NAME, ORDERS, Look, lines, table
+from fuzzbee.vehicle_table import BY_NAME, ORDERS, lines, table
 from service.records import Output
 
 if TYPE_CHECKING:
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 REFRESH_HZ = 8
 LINE_PERIOD_S = 1.0
 MESSAGE_S = 8.0  # so long a message stands at the foot of one vehicle's screen
-COLOURS_OF = {None: 0, "standard": 16, "windows": 16}
 KEYS = "q quit   s sort by {order}   ↑ ↓ Enter one vehicle"
 KEYS_OF_ONE = "q quit   Esc all vehicles   ↑ ↓ the next one"
 
@@ -108,7 +107,7 @@ class TerminalView:
         elif now_s >= self._next_line_s and (rows := self._rows(self.one)):
             self._next_line_s = now_s + LINE_PERIOD_S
             truth = self._truth(rows)
-            _print(self._console, (f"{text}  {truth}".rstrip() for text in lines(rows, now_s)))
+            _print(self._console, (f"{text}  {truth}".rstrip() for text in lines(rows)))
 
     def press(self, keys: Iterable[str]) -> None:
         """Quit, sort, choose a vehicle, show it alone or all again."""
@@ -135,7 +134,7 @@ class TerminalView:
 
     def _rows(self, one: str | None = None) -> list[Row]:
         """All rows in the order chosen, or that of one vehicle."""
-        rows = [row for row in self.model.rows() if one in (None, row.name)]
+        rows = [row for row in self.model.rows(self._now_s()) if one in (None, row.name)]
         return rows if self.order == BY_NAME else sorted(rows, key=ORDERS[self.order])
 
     def _next_order(self) -> str:
@@ -167,28 +166,19 @@ class TerminalView:
         return next(iter(self._rows(self.one)), None)
 
     def _table(self) -> RenderableType:
-        (width, height), now_s = self._console.size, self._now_s()
+        width, height = self._console.size
         alone = self._alone()
         if alone is not None:
-            foot = self._said if now_s - self._said_s < MESSAGE_S else self._keys
-            return one_vehicle(alone, now_s, width, height - 1, self._console, foot)
+            foot = self._said if self._now_s() - self._said_s < MESSAGE_S else self._keys
+            return screen(alone, width, height - 1, self._console, foot)
         rows = self._rows(self.one)
-        look = Look(self.title, self._truth(rows) or self._keys, self.cursor)
-        return table(rows, now_s, width, height, look)
+        keys = self._truth(rows) or self._keys
+        return table(rows, width, height, self.title, keys, self.cursor)
 
     def _truth(self, rows: list[Row]) -> str:
         """How far off the only vehicle is that is shown, if a simulator shows."""
         score = (self.scores or {}).get(rows[0].name) if len(rows) == 1 else None
         return "" if score is None else score.line
-
-
-def one_vehicle(
-    row: Row, now_s: float, width: int, height: int, console: Console, foot: str
-) -> RenderableType:
-    """One vehicle as an artificial horizon, in the characters and colours of the console."""
-    colours = COLOURS_OF.get(console.color_system, 256)
-    capabilities = Capabilities(colours, console.encoding.startswith("utf"))
-    return Group(*screen(row, now_s, width, height, capabilities, foot))
 
 
 def _print(console: Console, texts: Iterable[str], style: str | None = None) -> None:

@@ -8,14 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from fuzzbee.notify import printable
-from fuzzbee.table_model import (
-    Row,
-    age_text,
-    current_attitude,
-    flight_words,
-    is_silent,
-    state_text,
-)
+from fuzzbee.table_model import Row
 from fuzzbee.verdict import Level, imus_off, verdict_of, warning_text
 from service.alarms import Alarm
 from service.records import AttitudeRecord, State, StatusRecord
@@ -34,29 +27,24 @@ COLOURS = {
     State.LOST: "red",
 }
 # Of a sigma, by how far the attitude can be trusted with it
-TRUST_COLOURS = {Level.GOOD: "", Level.CARE: "yellow", Level.BAD: "red", Level.NONE: "red"}
+SIGMA_COLOURS = {Level.GOOD: "", Level.CARE: "yellow", Level.BAD: "red", Level.NONE: "red"}
 ATTENTION = (State.LOST, State.DEGRADED, State.WAITING, State.ALIGNING, State.RUNNING)
 ARROWS = "↑↗→↘↓↙←↖"  # the heading, north up
 
 
-Cell = Callable[[Row, float], str | Text]  # of a row at a time (s)
+Cell = Callable[[Row], str | Text]
 
 
-class Look(NamedTuple):
-    """What stands around the rows: a title, what keys do, and which row they are about."""
-
-    title: str
-    keys: str = ""
-    cursor: str | None = None
-
-
-def table(rows: list[Row], now_s: float, width: int, height: int, look: Look) -> RenderableType:
+def table(
+    rows: list[Row], width: int, height: int, title: str, keys: str = "", cursor: str | None = None
+) -> RenderableType:
     """The rows that fit into ``height`` lines, those that need attention first if not all do.
 
-    Where one column of rows is not enough, several stand side by side.
+    Where one column of rows is not enough, several stand side by side. ``keys`` says what keys do,
+    ``cursor`` names the row that they are about.
     """
     warned = _warnings(rows, MOST_WARNINGS)
-    room = max(1, height - FRAME_LINES - len(warned) - bool(look.keys))
+    room = max(1, height - FRAME_LINES - len(warned) - bool(keys))
     width -= max([0, *(len(row.name) - COLUMNS[0].width for row in rows)])
     across = max(1, min((width + BLOCK_GAP) // (COMPACT + BLOCK_GAP), -(-len(rows) // room)))
     # in their order: nothing jumps
@@ -67,19 +55,19 @@ def table(rows: list[Row], now_s: float, width: int, height: int, look: Look) ->
     blocks = Table.grid(padding=(0, BLOCK_GAP, 0, 0))
     within = width if across == 1 else COMPACT
     starts = range(0, max(1, len(shown)), each)
-    blocks.add_row(*(_block(shown[n : n + each], now_s, within, look.cursor) for n in starts))
-    parts: list[RenderableType] = [Text(look.title, style="bold", no_wrap=True), blocks]
+    blocks.add_row(*(_block(shown[n : n + each], within, cursor) for n in starts))
+    parts: list[RenderableType] = [Text(title, style="bold", no_wrap=True), blocks]
     if not rows:
         parts.append(Text("waiting for a vehicle", style="dim italic"))
     if hidden:
         parts.append(Text(f"… {summary(hidden, 'more')}", style="dim italic"))
-    if look.keys:
-        parts.append(Text(look.keys, style="dim", no_wrap=True))
+    if keys:
+        parts.append(Text(keys, style="dim", no_wrap=True))
     parts += [Text(text, style="yellow", no_wrap=True, overflow="ellipsis") for text in warned]
     return Group(*parts)
 
 
-def _block(rows: list[Row], now_s: float, width: int, cursor: str | None) -> Table:
+def _block(rows: list[Row], width: int, cursor: str | None) -> Table:
     gap = 2 if width >= SPACIOUS else 1
     view = Table(box=None, header_style="bold", padding=(0, gap, 0, 0), pad_edge=False)
     columns = [column for column in COLUMNS if column.least <= width]
@@ -87,7 +75,7 @@ def _block(rows: list[Row], now_s: float, width: int, cursor: str | None) -> Tab
         view.add_column(column.name, justify=column.justify, no_wrap=True, min_width=column.width)
     for row in rows:
         style = "reverse" if row.name == cursor else None
-        view.add_row(*(column.cell(row, now_s) for column in columns), style=style)
+        view.add_row(*(column.cell(row) for column in columns), style=style)
     return view
 
 
@@ -110,11 +98,11 @@ def _warnings(rows: list[Row], most: int) -> list[str]:
 # --- plain lines
 
 
-def lines(rows: list[Row], now_s: float) -> list[str]:
+def lines(rows: list[Row]) -> list[str]:
     """A line a vehicle, or one line for many."""
     if len(rows) > MAX_LINES:
         return [summary(rows, "vehicles")]
-    return [_line(row, now_s) for row in rows]
+    return [_line(row) for row in rows]
 
 
 def summary(rows: list[Row], noun: str) -> str:
@@ -124,19 +112,19 @@ def summary(rows: list[Row], noun: str) -> str:
     return f"{len(rows)} {noun}: {', '.join(parts)}"
 
 
-def _line(row: Row, now_s: float) -> str:
-    start = f"{row.name:>5}  {state_text(row, now_s):<9}"
-    attitude = current_attitude(row, now_s)
+def _line(row: Row) -> str:
+    start = f"{row.name:>5}  {row.state_text:<9}"
+    attitude = row.valid_attitude
     if attitude is None:
         return start
     roll, pitch, _ = attitude.euler_deg
     sigma = attitude.sigma_deg
-    flight = "".join(f"  {word}" for word in flight_words(row))
+    flight = "".join(f"  {word}" for word in row.flight_words)
     return (
         f"{start} roll {roll:+7.1f}  pitch {pitch:+6.1f} {_plus_minus(sigma.inclination):<6}"
         f"  heading {_heading(attitude)} {_plus_minus(sigma.heading):<6}"
-        f"  K {attitude.gain:5.1f}  {_rate(row, now_s):>6} Hz"
-        f"  age {age_text(row, now_s)}{flight}{_words(row.status)}"
+        f"  K {attitude.gain:5.1f}  {_rate(row):>6} Hz"
+        f"  age {row.age_text}{flight}{_words(row.status)}"
     )
 
 
@@ -172,47 +160,40 @@ ORDERS: dict[str, Callable[[Row], float]] = {"attention": _attention, "sigma": _
 # --- cells
 
 
-def _state(row: Row, now_s: float) -> Text:
+def _state(row: Row) -> Text:
     """The state; with a mark and in yellow where something contradicts it, or the autopilot."""
-    words = () if row.status is None or is_silent(row, now_s) else row.status.warnings
+    words = () if row.status is None or row.is_silent else row.status.warnings
     if words:
         mark = "≠" if Alarm.AUTOPILOT_DIFFERS in words else "!"
-        return Text(f"{state_text(row, now_s)}{mark}", style="bold yellow")
-    return Text(state_text(row, now_s), style=COLOURS[row.state])
+        return Text(f"{row.state_text}{mark}", style="bold yellow")
+    return Text(row.state_text, style=COLOURS[row.state])
 
 
-def _mode(row: Row, now_s: float) -> Text:
+def _mode(row: Row) -> Text:
     """The flight mode behind a full circle if it is armed, an empty one if not."""
-    if row.status is None or is_silent(row, now_s):
+    if row.status is None or row.is_silent:
         return Text()
     mark = {None: "", True: "●", False: "○"}[row.status.armed]
     return Text(f"{mark}{row.status.mode}"[: MODE.width])
 
 
-def _rate(row: Row, _now_s: float) -> str:
+def _rate(row: Row) -> str:
     return f"{row.status.imu_rate_hz:.1f}" if row.status is not None else "?"
 
 
-def _of_attitude(
-    show: Callable[[AttitudeRecord], str | Text],
-) -> Callable[[Row, float], str | Text]:
+def _of_attitude(show: Callable[[AttitudeRecord], str | Text]) -> Cell:
     """A cell that is empty where there is no attitude."""
-
-    def cell(row: Row, now_s: float) -> str | Text:
-        attitude = current_attitude(row, now_s)
-        return "" if attitude is None else show(attitude)
-
-    return cell
+    return lambda row: "" if (valid := row.valid_attitude) is None else show(valid)
 
 
-def _sigma(which: str, part: str) -> Callable[[Row, float], str | Text]:
-    """A sigma in the colour of how far that part of the attitude can be trusted with it."""
+def _tilt_sigma(attitude: AttitudeRecord) -> Text:
+    level = verdict_of(State(attitude.state), attitude).horizon
+    return Text(_plus_minus(attitude.sigma_deg.inclination), style=SIGMA_COLOURS[level])
 
-    def show(attitude: AttitudeRecord) -> Text:
-        level = getattr(verdict_of(State(attitude.state), attitude), part)
-        return Text(_plus_minus(getattr(attitude.sigma_deg, which)), style=TRUST_COLOURS[level])
 
-    return _of_attitude(show)
+def _heading_sigma(attitude: AttitudeRecord) -> Text:
+    level = verdict_of(State(attitude.state), attitude).heading
+    return Text(_plus_minus(attitude.sigma_deg.heading), style=SIGMA_COLOURS[level])
 
 
 def _plus_minus(sigma_deg: float) -> str:
@@ -244,16 +225,16 @@ class Column(NamedTuple):
 
 MODE = Column("mode", 11, _mode, MODES, "left")
 COLUMNS = (
-    Column("id", 3, lambda row, _: Text(row.name), justify="left"),  # with a component longer
+    Column("id", 3, lambda row: Text(row.name), justify="left"),  # with a component longer
     Column("state", 9, _state, justify="left"),
     MODE,
     Column("roll", 7, _of_attitude(lambda a: f"{a.euler_deg[0]:+.1f}°")),
     Column("pitch", 6, _of_attitude(lambda a: f"{a.euler_deg[1]:+.1f}°")),
-    Column("tilt ±", 6, _sigma("inclination", "horizon"), COMPACT),
+    Column("tilt ±", 6, _of_attitude(_tilt_sigma), COMPACT),
     Column("heading", 8, _of_attitude(_heading_with_arrow)),
-    Column("head ±", 6, _sigma("heading", "heading"), COMPACT),
+    Column("head ±", 6, _of_attitude(_heading_sigma), COMPACT),
     Column("gain", 5, _of_attitude(lambda a: f"{a.gain:.1f}"), NORMAL),
-    Column("IMU", 11, lambda row, _: (row.status and row.status.imu_message) or "", WIDE, "left"),
+    Column("IMU", 11, lambda row: (row.status and row.status.imu_message) or "", WIDE, "left"),
     Column("IMU Hz", 6, _rate, NORMAL),
-    Column("age", 6, age_text),
+    Column("age", 6, lambda row: row.age_text),
 )

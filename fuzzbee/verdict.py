@@ -5,7 +5,7 @@ from enum import IntEnum
 from typing import NamedTuple
 
 from fuzzbee.notify import printable
-from fuzzbee.table_model import Row, current_attitude, is_silent
+from fuzzbee.table_model import Row
 from service.alarms import AXES, MEANINGS, Alarm
 from service.records import HAS_ATTITUDE, AttitudeRecord, ImuDifference, State, StatusRecord
 
@@ -108,11 +108,11 @@ def verdict_of(
     return _judged(horizon, heading, [*caveats, *warnings, *service], *texts)
 
 
-def row_verdict(row: Row, now_s: float) -> Judgement:
+def row_verdict(row: Row) -> Judgement:
     """What to think of a row of the table; of one that its service has left, nothing."""
-    if is_silent(row, now_s):
+    if row.is_silent:
         return _judged(Level.NONE, Level.NONE, [Caveat(Level.NONE, SILENT)])
-    return verdict_of(row.state, current_attitude(row, now_s), row.status, row.before)
+    return verdict_of(row.state, row.valid_attitude, row.status, row.before)
 
 
 def _judged(horizon: Level, heading: Level, caveats: list[Caveat], *texts: str) -> Judgement:

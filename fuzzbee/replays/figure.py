@@ -97,15 +97,14 @@ def _draw_panel(ax: Any, panel: Panel) -> None:
     for x, y, color, label, width, dash in panel.curves:
         ax.plot(x, y, dash, color=color, lw=width, label=label or "_curve")
     least = 0.0 if panel.span is None else NEAR * (panel.span[1] - panel.span[0])
-    side: str = "left"
-    last = -inf
+    last, is_right = -inf, False
     for at, label in panel.marks:
         ax.axvline(at, color=DARK, lw=0.5, ls=":", label="_mark")
         if label:
             # of two that are near each other one name stands on either side
-            side = "right" if at - last < least and side == "left" else "left"
-            last = at
-            turned: Any = {"rotation": 90.0, "fontsize": 5.5, "va": "top", "ha": side}
+            is_right, last = at - last < least and not is_right, at
+            turned: Any = {"rotation": 90.0, "fontsize": 5.5, "va": "top"}
+            turned["ha"] = "right" if is_right else "left"
             ax.text(at, 0.97, label, **turned, transform=ax.get_xaxis_transform())
     for text, across, up, is_centred in panel.words:
         side = ("center", "center") if is_centred else ("left", "top")

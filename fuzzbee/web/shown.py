@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from fuzzbee.table_model import Row, current_attitude, flight_words, state_text
+from fuzzbee.table_model import Row
 from fuzzbee.verdict import (
     Judgement,
     heading_text,
@@ -14,25 +14,21 @@ from service.records import AttitudeRecord, StatusRecord
 from service.second_opinion import Verdict
 
 
-def shown(row: Row, now_s: float) -> dict[str, Any]:
+def shown(row: Row) -> dict[str, Any]:
     """What the page is sent of a vehicle; degrees, and the IMU sample's age."""
-    attitude, judged = current_attitude(row, now_s), row_verdict(row, now_s)
+    attitude, judged = row.valid_attitude, row_verdict(row)
     return {
         "name": row.name,
-        "state": state_text(row, now_s),
-        "flight": flight_words(row),
+        "state": row.state_text,
+        "flight": row.flight_words,
         "word": judged.word,
         "level": int(judged.overall),
         "reasons": [(int(each.level), each.text) for each in judged.caveats],
         "plates": [(int(each.level), each.sentence or each.text) for each in judged.caveats],
-        "age_ms": None if row.attitude is None else _age_ms(row.attitude, now_s - row.attitude_s),
+        "age_ms": None if row.age_ms is None else round(row.age_ms),
         **_of_status(row.status),
         "attitude": None if attitude is None else _of_attitude(attitude, judged),
     }
-
-
-def _age_ms(attitude: AttitudeRecord, since_s: float) -> int:
-    return round(attitude.age_ms + 1e3 * max(0.0, since_s))
 
 
 def _of_status(status: StatusRecord | None) -> dict[str, Any]:
