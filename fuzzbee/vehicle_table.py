@@ -16,6 +16,7 @@ from service.records import AttitudeRecord, State, StatusRecord
 MAX_LINES = 8  # more vehicles than this share one line
 MOST_WARNINGS = 3  # lines below the table
 FRAME_LINES = 4  # title and header above the rows, summary and cursor below them
+LONGEST_IMU = 16  # letters of its message
 BLOCK_GAP = 3  # between blocks of rows that stand side by side
 # Windows at least so wide have more columns; those of the last have wider gaps, too.
 COMPACT, NORMAL, MODES, WIDE, SPACIOUS = 58, 72, 84, 96, 108
@@ -181,6 +182,10 @@ def _rate(row: Row) -> str:
     return f"{row.status.imu_rate_hz:.1f}" if row.status is not None else "?"
 
 
+def _imu(row: Row) -> str:
+    return ((row.status and row.status.imu_message) or "")[:LONGEST_IMU]
+
+
 def _of_attitude(show: Callable[[AttitudeRecord], str | Text]) -> Cell:
     """A cell that is empty where there is no attitude."""
     return lambda row: "" if (valid := row.valid_attitude) is None else show(valid)
@@ -234,7 +239,7 @@ COLUMNS = (
     Column("heading", 8, _of_attitude(_heading_with_arrow)),
     Column("head ±", 6, _of_attitude(_heading_sigma), COMPACT),
     Column("gain", 5, _of_attitude(lambda a: f"{a.gain:.1f}"), NORMAL),
-    Column("IMU", 11, lambda row: (row.status and row.status.imu_message) or "", WIDE, "left"),
+    Column("IMU", 11, _imu, WIDE, "left"),
     Column("IMU Hz", 6, _rate, NORMAL),
     Column("age", 6, lambda row: row.age_text),
 )
