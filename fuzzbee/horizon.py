@@ -66,11 +66,6 @@ class _Scene(NamedTuple):
         return floor(self.width / 2 + x * c + y * s), floor((self.rows - x * s + y * c) / 2)
 
 
-def has_room(width: int, height: int) -> bool:
-    """Whether a window is large enough."""
-    return width >= LEAST_WIDTH and height >= LEAST_HEIGHT
-
-
 def screen(row: Row, width: int, height: int, console: Console, message: str = "") -> Group:
     """``height`` lines of ``width`` cells: state, heading, horizon, figures, caveats.
 
@@ -228,10 +223,8 @@ def _cross(judged: Judgement, flight: str, width: int, rows: int) -> list[Text]:
     grid = [[" "] * width for _ in range(rows)]
     middle_row, middle = rows // 2, width // 2
     for step in range(-reach, reach + 1):
-        for side in (-1, 1):
-            column = middle + 2 * side * step
-            if 0 <= column < width:
-                grid[middle_row + step][column] = "╳"
+        _write(grid[middle_row + step], middle - 2 * step, "╳")
+        _write(grid[middle_row + step], middle + 2 * step, "╳")
     text = f"  {judged.word}: {judged.caveats[0].text}  "
     _write(grid[middle_row], middle - len(text) // 2, text)
     _write(grid[-1], 1, flight)

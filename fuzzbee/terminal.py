@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console, RenderableType
 from rich.live import Live
 
-from fuzzbee.horizon import has_room, screen
+from fuzzbee.horizon import LEAST_HEIGHT, LEAST_WIDTH, screen
 from fuzzbee.notify import printable
 from fuzzbee.table_model import Row, TableModel
 from fuzzbee.vehicle_table import BY_NAME, ORDERS, lines, table
@@ -161,7 +161,8 @@ class TerminalView:
 
     def _alone(self) -> Row | None:
         """The vehicle that fills the screen, if it is there and has room."""
-        if self.one is None or not has_room(*self._console.size):
+        width, height = self._console.size
+        if self.one is None or width < LEAST_WIDTH or height < LEAST_HEIGHT:
             return None
         return next(iter(self._rows(self.one)), None)
 
