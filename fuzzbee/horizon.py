@@ -15,7 +15,14 @@ from rich.console import Console, Group
 from rich.text import Text
 
 from fuzzbee.table_model import Row
-from fuzzbee.verdict import POINTS, Judgement, Level, heading_text, row_verdict
+from fuzzbee.verdict import (
+    POINTS,
+    Judgement,
+    Level,
+    compass_off_deg,
+    heading_text,
+    row_verdict,
+)
 from service.records import AttitudeRecord, Autopilot
 from service.second_opinion import Verdict
 
@@ -28,8 +35,9 @@ BANK_DEG = (-60, -45, -30, -20, -10, 0, 10, 20, 30, 45, 60)  # of the scale's ti
 OWN_SYMBOL = "━━━━━┓  ●  ┏━━━━━"  # the vehicle
 THEIRS = "◆"  # the autopilot's horizon and heading, where they differ from ours
 THEIRS_EVERY = 4  # columns
+COMPASS = "◇"  # the compass's own heading, where it disagrees
 # Of a terminal without Unicode
-ASCII = str.maketrans("━┓┏●▲▼·◆─╳█▀▄▒░", "=..o^v'A-X---~:")
+ASCII = str.maketrans("━┓┏●▲▼·◆◇─╳█▀▄▒░", "=..o^v'AC-X---~:")
 
 SKY, GROUND, HAZE, LINE = range(4)
 # Sky, ground, haze by its level, and the line
@@ -44,11 +52,16 @@ LEVEL_STYLE = {
 
 
 class _Scene(NamedTuple):
-    """What the horizon is drawn of, and its size; ``other`` is the autopilot's, if it differs."""
+    """What the horizon is drawn of, and its size.
+
+    ``other`` is the autopilot's, and ``compass_deg`` the compass's heading less ours, if they
+    differ.
+    """
 
     attitude: AttitudeRecord
     judged: Judgement
     other: Autopilot | None
+    compass_deg: float | None
     width: int
     rows: int
 
@@ -80,7 +93,9 @@ def screen(row: Row, width: int, height: int, console: Console, message: str = "
     else:
         told = None if row.status is None else row.status.autopilot
         other = told if told is not None and told.verdict == Verdict.DIFFERS else None
-        scene = _Scene(attitude, judged, other, width, rows - 2)  # less the tape
+        scene = _Scene(
+            attitude, judged, other, compass_off_deg(row.status), width, rows - 2
+        )  # less the tape
         drawn = [*_tape(scene), *_horizon(scene, flight, _paint(judged, console))]
     if not console.encoding.startswith("utf"):
         for line in drawn:
@@ -117,9 +132,11 @@ def _tape(scene: _Scene) -> list[Text]:
     # the vehicle's own mark would hide a band of no more than its cell
     reach = max(1, round(min(attitude.sigma_deg.heading, 180.0) / TAPE_DEG_PER_CELL))
     _write(marks, middle - reach, ("━" if has_north else "?") * (2 * reach + 1))
-    if other is not None and other.axis == "heading":
-        at = middle + round(other.heading_deg / TAPE_DEG_PER_CELL)
-        marks[max(0, min(width - 1, at))] = THEIRS
+    theirs = other.heading_deg if other is not None and other.axis == "heading" else None
+    for off_deg, letter in ((scene.compass_deg, COMPASS), (theirs, THEIRS)):
+        if off_deg is not None:
+            at = middle + round(off_deg / TAPE_DEG_PER_CELL)
+            marks[max(0, min(width - 1, at))] = letter
     marks[middle] = "▲"
     number = f" {heading_text(attitude)} "
     begin = middle - len(number) // 2

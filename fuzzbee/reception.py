@@ -77,6 +77,8 @@ def _fault(record: Record) -> str | None:
             return "its imu_message is no IMU's message"
         if not MODE.fullmatch(record.mode):
             return "its mode is no flight mode"
+        if not -MOST_ANGLE_DEG <= (record.compass_off_deg or 0.0) <= MOST_ANGLE_DEG:
+            return "its compass_off_deg is no angle"
         return None if 0.0 <= record.imu_rate_hz <= MOST_RATE_HZ else "its rate is no rate"
     if record.schema != SCHEMA:
         return f"its schema is not {SCHEMA}: of another version of fuzzbee"

@@ -15,6 +15,7 @@ HORIZON_DEG = (3.0, 10.0)
 HEADING_DEG = (10.0, 30.0)
 UPSIDE_DOWN_DEG = 90.0  # of roll
 IMUS_DEG, IMUS_DEG_S = 3.0, 5.0  # between two sound IMUs at most
+COMPASS_DEG = 20.0  # that its offsets explain
 POINTS = {0: "N", 45: "NE", 90: "E", 135: "SE", 180: "S", 225: "SW", 270: "W", 315: "NW"}
 # A few refused samples, late ticks or lost records a second are no reason to worry.
 MUCH_REFUSED = 0.2  # of those that come
@@ -130,6 +131,8 @@ def _of_warnings(status: StatusRecord) -> list[Caveat]:
     texts: dict[str, str] = {word: word.value.replace("_", " ") for word in Alarm}
     if status.autopilot is not None:
         texts[Alarm.AUTOPILOT_DIFFERS] = status.autopilot.in_short
+    if (off_deg := compass_off_deg(status)) is not None:
+        texts[Alarm.FIELD_IMPOSSIBLE] = f"compass {abs(off_deg):.0f}° off"
     known = [word for word in status.warnings if word in texts]
     caveats = [
         Caveat(
@@ -152,13 +155,21 @@ def warning_text(word: str, status: StatusRecord) -> str:
 
     A warning of another version keeps its own name.
     """
-    autopilot = status.autopilot
+    autopilot, off_deg = status.autopilot, compass_off_deg(status)
     if word not in MEANINGS:
         return printable(word, 40)
+    if word == Alarm.FIELD_IMPOSSIBLE and off_deg is not None:
+        return f"{MEANINGS[Alarm.FIELD_IMPOSSIBLE]}, the compass is {abs(off_deg):.0f}° off"
     if word != Alarm.AUTOPILOT_DIFFERS or autopilot is None:
         return MEANINGS[Alarm(word)]
     who = {"autopilot": "; its own is likely wrong", "ours": "; ours is likely wrong"}
     return printable(f"{autopilot.in_short} ours{who.get(autopilot.wrong, '')}")
+
+
+def compass_off_deg(status: StatusRecord | None) -> float | None:
+    """The compass's own heading less ours, where they disagree."""
+    off_deg = None if status is None else status.compass_off_deg
+    return None if off_deg is None or abs(off_deg) <= COMPASS_DEG else off_deg
 
 
 def other_imus(status: StatusRecord) -> dict[str, ImuDifference]:

@@ -95,6 +95,7 @@ class Alarms:
     def restart(self) -> None:
         """Forget what was seen of another estimate."""
         self.words: frozenset[Alarm] = frozenset()  # of the alarms that stand now
+        self.compass_off_deg: float | None = None  # its own heading less ours, averaged
         self._next_us: int | None = None
         self._last_us = 0
         self._lasting = {word: Lasting(patience_s) for word, patience_s in PATIENCE_S.items()}
@@ -137,6 +138,7 @@ class Alarms:
         leaning_rad = 0.0 if is_sure else estimator.leaning_rad
         why, place = estimator.compass_doubt, estimator.place_field
         uses_field = why != CONTRADICTED
+        self.compass_off_deg = self._compass_off_deg(attitude, profile, place)
         scatters = uses_field and self._does_field_scatter(attitude)
         is_impossible = not uses_field or self._is_field_impossible(attitude, place)
         seen = {
@@ -207,10 +209,21 @@ class Alarms:
             return not WEAKEST_GAUSS <= hypot(horizontal, down) <= STRONGEST_GAUSS
         if not resembles(place, horizontal, down):
             return True
-        off = degrees(atan2(east, north) - place.declination_rad)
-        off = abs((off + 180.0) % 360.0 - 180.0)
         sigma = degrees(attitude.sigma_heading_rad)
-        return off > SIGMAS * sigma + HEADING_OFF_DEG
+        return abs(self.compass_off_deg or 0.0) > SIGMAS * sigma + HEADING_OFF_DEG
+
+    def _compass_off_deg(
+        self, attitude: Attitude, profile: Profile, place: PlaceField | None
+    ) -> float | None:
+        """None without a field or a north; a field to the east of north makes it read less."""
+        if self._field is None or attitude.heading_reference == "none" or not profile.conditioned:
+            return None
+        declination = profile.reference.declination_deg
+        north_deg = 0.0 if isinstance(declination, str) else declination
+        if place is not None:
+            north_deg = degrees(place.declination_rad)
+        north, east, _ = self._field
+        return (180.0 + north_deg - degrees(atan2(east, north))) % 360.0 - 180.0
 
     def _is_tilted(self, attitude: Attitude) -> bool:
         """Whether the mean force is far from the vertical, by sigma."""

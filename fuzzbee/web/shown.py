@@ -5,6 +5,7 @@ from typing import Any
 from fuzzbee.table_model import Row
 from fuzzbee.verdict import (
     Judgement,
+    compass_off_deg,
     heading_text,
     other_imus,
     row_verdict,
@@ -34,7 +35,14 @@ def shown(row: Row) -> dict[str, Any]:
 def _of_status(status: StatusRecord | None) -> dict[str, Any]:
     """The IMU, how far off the autopilot's roll, pitch and heading are, and the warnings."""
     if status is None:
-        return {"imu": "", "rate_hz": None, "autopilot": None, "warnings": [], "imus": []}
+        return {
+            "imu": "",
+            "rate_hz": None,
+            "autopilot": None,
+            "warnings": [],
+            "imus": [],
+            "compass": None,
+        }
     other = status.autopilot
     differs = other is not None and other.verdict == Verdict.DIFFERS
     off = (other.roll_deg, other.pitch_deg, other.heading_deg) if other and differs else None
@@ -42,6 +50,7 @@ def _of_status(status: StatusRecord | None) -> dict[str, Any]:
         "imu": status.imu_message or "",
         "rate_hz": round(status.imu_rate_hz, 1),
         "autopilot": off,
+        "compass": compass_off_deg(status),
         "warnings": [f"warning: {warning_text(word, status)}" for word in status.warnings],
         "imus": [
             f"{name}: {each.inclination_deg:.1f}°, {each.rate_deg_s:.1f}°/s"

@@ -252,3 +252,15 @@ def test_a_wandering_field_is_told_soon_and_allowed_by_the_headings_sigma():
 
     assert words(30, mag=swinging, place=None) == {Alarm.SIGMA_TOO_SMALL}
     assert words(60, mag=swinging, place=None, heading_deg=20.0) == set()
+
+
+@pytest.mark.parametrize(
+    ("mag_deg", "place", "off_deg"),
+    [(0.0, HERE, 0.0), (90.0, HERE, -90.0), (-170.0, None, 170.0),
+     (10.0, HERE._replace(declination_rad=radians(10.0)), 0.0)],
+)  # fmt: skip
+def test_the_compass_s_own_heading_is_less_where_its_north_is_to_the_east(mag_deg, place, off_deg):
+    alarms, mag = Alarms(), (0.2 * cos(radians(mag_deg)), 0.2 * sin(radians(mag_deg)), 0.4)
+    for half in range(9):
+        looked(alarms, half, place_field=place, mag=mag)
+    assert alarms.compass_off_deg == pytest.approx(off_deg, abs=1e-6)
