@@ -20,11 +20,11 @@ from fuzzbee.verdict import (
     Judgement,
     Level,
     compass_off_deg,
+    differing,
     heading_text,
     row_verdict,
 )
 from service.records import AttitudeRecord, Autopilot
-from service.second_opinion import Verdict
 
 LEAST_WIDTH, LEAST_HEIGHT = 40, 12  # of a window that has room for it
 PITCH_SPAN_DEG = 60.0  # shown from top to bottom
@@ -91,11 +91,8 @@ def screen(row: Row, width: int, height: int, console: Console, message: str = "
     if attitude is None:
         drawn = _cross(judged, flight, width, rows)
     else:
-        told = None if row.status is None else row.status.autopilot
-        other = told if told is not None and told.verdict == Verdict.DIFFERS else None
-        scene = _Scene(
-            attitude, judged, other, compass_off_deg(row.status), width, rows - 2
-        )  # less the tape
+        off = differing(row.status), compass_off_deg(row.status)
+        scene = _Scene(attitude, judged, *off, width, rows - 2)  # less the tape
         drawn = [*_tape(scene), *_horizon(scene, flight, _paint(judged, console))]
     if not console.encoding.startswith("utf"):
         for line in drawn:

@@ -1,5 +1,6 @@
 """Vehicles as a table that fits a terminal, and as plain lines."""
 
+from collections import Counter
 from collections.abc import Callable
 from typing import Literal, NamedTuple
 
@@ -20,16 +21,16 @@ LONGEST_IMU = 16  # letters of its message
 BLOCK_GAP = 3  # between blocks of rows that stand side by side
 # Windows at least so wide have more columns; those of the last have wider gaps, too.
 COMPACT, NORMAL, MODES, WIDE, SPACIOUS = 58, 72, 84, 96, 108
+# Of a state; those that need attention come first
 COLOURS = {
+    State.LOST: "red",
+    State.DEGRADED: "yellow",
     State.WAITING: "dim",
     State.ALIGNING: "cyan",
     State.RUNNING: "green",
-    State.DEGRADED: "yellow",
-    State.LOST: "red",
 }
 # Of a sigma, by how far the attitude can be trusted with it
 SIGMA_COLOURS = {Level.GOOD: "", Level.CARE: "yellow", Level.BAD: "red", Level.NONE: "red"}
-ATTENTION = (State.LOST, State.DEGRADED, State.WAITING, State.ALIGNING, State.RUNNING)
 ARROWS = "↑↗→↘↓↙←↖"  # the heading, north up
 
 
@@ -108,8 +109,8 @@ def lines(rows: list[Row]) -> list[str]:
 
 def summary(rows: list[Row], noun: str) -> str:
     """How many there are in which state."""
-    counts = {state: sum(row.state is state for row in rows) for state in ATTENTION}
-    parts = [f"{count} {state}" for state, count in counts.items() if count]
+    counts = Counter(row.state for row in rows)
+    parts = [f"{counts[state]} {state}" for state in COLOURS if state in counts]
     return f"{len(rows)} {noun}: {', '.join(parts)}"
 
 
@@ -133,11 +134,10 @@ def _words(status: StatusRecord | None) -> str:
     """The warnings, for the end of a line."""
     if status is None:
         return ""
-    words = ["overloaded"] * status.overloaded
-    for word in status.warnings:
-        differs = word == Alarm.AUTOPILOT_DIFFERS and status.autopilot is not None
-        words.append(status.autopilot.in_short if differs and status.autopilot else word)
-    words += imus_off(status)
+    differs = Alarm.AUTOPILOT_DIFFERS.value
+    in_short = {} if status.autopilot is None else {differs: status.autopilot.in_short}
+    words = [in_short.get(word, word) for word in status.warnings]
+    words = ["overloaded"] * status.overloaded + words + imus_off(status)
     return "".join(f"  ! {printable(word, 40)}" for word in words)
 
 
@@ -146,7 +146,7 @@ def _words(status: StatusRecord | None) -> str:
 
 def _attention(row: Row) -> int:
     is_warned = row.status is not None and bool(row.status.warnings)
-    return 2 * ATTENTION.index(row.state) - is_warned
+    return 2 * [*COLOURS].index(row.state) - is_warned
 
 
 def _worst_sigma(row: Row) -> float:
@@ -191,14 +191,12 @@ def _of_attitude(show: Callable[[AttitudeRecord], str | Text]) -> Cell:
     return lambda row: "" if (valid := row.valid_attitude) is None else show(valid)
 
 
-def _tilt_sigma(attitude: AttitudeRecord) -> Text:
-    level = verdict_of(State(attitude.state), attitude).horizon
-    return Text(_plus_minus(attitude.sigma_deg.inclination), style=SIGMA_COLOURS[level])
-
-
-def _heading_sigma(attitude: AttitudeRecord) -> Text:
-    level = verdict_of(State(attitude.state), attitude).heading
-    return Text(_plus_minus(attitude.sigma_deg.heading), style=SIGMA_COLOURS[level])
+def _sigmas(attitude: AttitudeRecord) -> tuple[Text, Text]:
+    """Those of inclination and heading, in the colours of their levels."""
+    judged, sigma = verdict_of(State(attitude.state), attitude), attitude.sigma_deg
+    pairs = (sigma.inclination, judged.horizon), (sigma.heading, judged.heading)
+    tilt, heading = (Text(_plus_minus(x), style=SIGMA_COLOURS[level]) for x, level in pairs)
+    return tilt, heading
 
 
 def _plus_minus(sigma_deg: float) -> str:
@@ -235,9 +233,9 @@ COLUMNS = (
     MODE,
     Column("roll", 7, _of_attitude(lambda a: f"{a.euler_deg[0]:+.1f}°")),
     Column("pitch", 6, _of_attitude(lambda a: f"{a.euler_deg[1]:+.1f}°")),
-    Column("tilt ±", 6, _of_attitude(_tilt_sigma), COMPACT),
+    Column("tilt ±", 6, _of_attitude(lambda a: _sigmas(a)[0]), COMPACT),
     Column("heading", 8, _of_attitude(_heading_with_arrow)),
-    Column("head ±", 6, _of_attitude(_heading_sigma), COMPACT),
+    Column("head ±", 6, _of_attitude(lambda a: _sigmas(a)[1]), COMPACT),
     Column("gain", 5, _of_attitude(lambda a: f"{a.gain:.1f}"), NORMAL),
     Column("IMU", 11, _imu, WIDE, "left"),
     Column("IMU Hz", 6, _rate, NORMAL),

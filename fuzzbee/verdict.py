@@ -7,7 +7,15 @@ from typing import NamedTuple
 from fuzzbee.notify import printable
 from fuzzbee.table_model import Row
 from service.alarms import AXES, MEANINGS, Alarm
-from service.records import HAS_ATTITUDE, AttitudeRecord, ImuDifference, State, StatusRecord
+from service.records import (
+    HAS_ATTITUDE,
+    AttitudeRecord,
+    Autopilot,
+    ImuDifference,
+    State,
+    StatusRecord,
+)
+from service.second_opinion import Verdict
 
 # Bounds of sigma in degrees. An eye sees 3 degrees on an artificial horizon; at 10 a climb can be
 # a descent. A heading 10 off still points to the right field, one 30 off does not.
@@ -164,6 +172,12 @@ def warning_text(word: str, status: StatusRecord) -> str:
         return MEANINGS[Alarm(word)]
     who = {"autopilot": "; its own is likely wrong", "ours": "; ours is likely wrong"}
     return printable(f"{autopilot.in_short} ours{who.get(autopilot.wrong, '')}")
+
+
+def differing(status: StatusRecord | None) -> Autopilot | None:
+    """The autopilot's attitude beside ours, if it differs."""
+    theirs = None if status is None else status.autopilot
+    return theirs if theirs is not None and theirs.verdict == Verdict.DIFFERS else None
 
 
 def compass_off_deg(status: StatusRecord | None) -> float | None:

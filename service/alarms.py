@@ -223,7 +223,7 @@ class Alarms:
         if place is not None:
             north_deg = degrees(place.declination_rad)
         north, east, _ = self._field
-        return (180.0 + north_deg - degrees(atan2(east, north))) % 360.0 - 180.0
+        return round((180.0 + north_deg - degrees(atan2(east, north))) % 360.0 - 180.0, 2)
 
     def _is_tilted(self, attitude: Attitude) -> bool:
         """Whether the mean force is far from the vertical, by sigma."""

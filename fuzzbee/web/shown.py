@@ -6,18 +6,22 @@ from fuzzbee.table_model import Row
 from fuzzbee.verdict import (
     Judgement,
     compass_off_deg,
+    differing,
     heading_text,
     other_imus,
     row_verdict,
     warning_text,
 )
-from service.records import AttitudeRecord, StatusRecord
-from service.second_opinion import Verdict
+from service.records import AttitudeRecord
 
 
 def shown(row: Row) -> dict[str, Any]:
-    """What the page is sent of a vehicle; degrees, and the IMU sample's age."""
-    attitude, judged = row.valid_attitude, row_verdict(row)
+    """What the page is sent of a vehicle; degrees, and the IMU sample's age.
+
+    ``autopilot`` is how far off its roll, pitch and heading are, if they differ.
+    """
+    attitude, judged, status = row.valid_attitude, row_verdict(row), row.status
+    theirs = differing(status)
     return {
         "name": row.name,
         "state": row.state_text,
@@ -27,35 +31,18 @@ def shown(row: Row) -> dict[str, Any]:
         "reasons": [(int(each.level), each.text) for each in judged.caveats],
         "plates": [(int(each.level), each.sentence or each.text) for each in judged.caveats],
         "age_ms": None if row.age_ms is None else round(row.age_ms),
-        **_of_status(row.status),
-        "attitude": None if attitude is None else _of_attitude(attitude, judged),
-    }
-
-
-def _of_status(status: StatusRecord | None) -> dict[str, Any]:
-    """The IMU, how far off the autopilot's roll, pitch and heading are, and the warnings."""
-    if status is None:
-        return {
-            "imu": "",
-            "rate_hz": None,
-            "autopilot": None,
-            "warnings": [],
-            "imus": [],
-            "compass": None,
-        }
-    other = status.autopilot
-    differs = other is not None and other.verdict == Verdict.DIFFERS
-    off = (other.roll_deg, other.pitch_deg, other.heading_deg) if other and differs else None
-    return {
-        "imu": status.imu_message or "",
-        "rate_hz": round(status.imu_rate_hz, 1),
-        "autopilot": off,
+        "imu": (status and status.imu_message) or "",
+        "rate_hz": status and round(status.imu_rate_hz, 1),
+        "autopilot": theirs and (theirs.roll_deg, theirs.pitch_deg, theirs.heading_deg),
         "compass": compass_off_deg(status),
-        "warnings": [f"warning: {warning_text(word, status)}" for word in status.warnings],
+        "warnings": [f"warning: {warning_text(x, status)}" for x in status.warnings]
+        if status
+        else [],
         "imus": [
             f"{name}: {each.inclination_deg:.1f}°, {each.rate_deg_s:.1f}°/s"
-            for name, each in other_imus(status).items()
+            for name, each in (other_imus(status) if status else {}).items()
         ],
+        "attitude": None if attitude is None else _of_attitude(attitude, judged),
     }
 
 
