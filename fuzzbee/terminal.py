@@ -12,7 +12,7 @@ from rich.live import Live
 from fuzzbee.horizon import LEAST_HEIGHT, LEAST_WIDTH, screen
 from fuzzbee.notify import printable
 from fuzzbee.table_model import Row, TableModel
-from fuzzbee.vehicle_table import BY_NAME, ORDERS, lines, table
+from fuzzbee.vehicle_table import ORDERS, lines, table
 from service.records import Output
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ class TerminalView:
         self.model = TableModel()
         self.title = title
         self.one = self.cursor = one  # the vehicle that is shown alone, that Enter shows alone
-        self.order = BY_NAME
+        self.order = next(iter(ORDERS))
         self.is_closed = False
         self.scores: dict[str, TruthScore] | None = None  # by the vehicle's name
         self._console = console
@@ -117,7 +117,7 @@ class TerminalView:
                 case "q":
                     self.is_closed = True
                 case "s":
-                    self.order = self._next_order()
+                    self.order = _after(self.order, [*ORDERS])
                 case "up" | "k" | "down" | "j" if names:
                     self.cursor = _after(self.cursor, names[::-1] if key in ("up", "k") else names)
                     self.one = self.one and self.cursor
@@ -125,7 +125,8 @@ class TerminalView:
                     self.one = self.cursor = self.cursor or names[0]
                 case "escape" | "a":
                     self.one = self.cursor = None
-        self._keys = KEYS_OF_ONE if self.one else KEYS.format(order=self._next_order())
+        next_order = _after(self.order, [*ORDERS])
+        self._keys = KEYS_OF_ONE if self.one else KEYS.format(order=next_order)
 
     def close(self) -> None:
         """Leave the last table standing."""
@@ -135,10 +136,7 @@ class TerminalView:
     def _rows(self, one: str | None = None) -> list[Row]:
         """All rows in the order chosen, or that of one vehicle."""
         rows = [row for row in self.model.rows(self._now_s()) if one in (None, row.name)]
-        return rows if self.order == BY_NAME else sorted(rows, key=ORDERS[self.order])
-
-    def _next_order(self) -> str:
-        return _after(self.order, [BY_NAME, *ORDERS])
+        return sorted(rows, key=ORDERS[self.order])
 
     def _start(self) -> Live:
         live = Live(

@@ -154,8 +154,11 @@ def _worst_sigma(row: Row) -> float:
     return 0.0 if sigma is None else -max(sigma.inclination, sigma.heading)
 
 
-BY_NAME = "name"
-ORDERS: dict[str, Callable[[Row], float]] = {"attention": _attention, "sigma": _worst_sigma}
+ORDERS: dict[str, Callable[[Row], float]] = {
+    "name": lambda _: 0.0,  # as the rows come
+    "attention": _attention,
+    "sigma": _worst_sigma,
+}
 
 
 # --- cells
