@@ -7,8 +7,8 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
-ARROWS = {"\x1b[A": "up", "\x1bOA": "up", "\x1b[B": "down", "\x1bOB": "down"}
-NAMES = {**ARROWS, "\x1b": "escape", "\r": "enter", "\n": "enter"}
+NAMES = {"\x1b": "escape", "\r": "enter", "\n": "enter"}
+NAMES |= {"\x1b[A": "up", "\x1bOA": "up", "\x1b[B": "down", "\x1bOB": "down"}
 MOST_BYTES = 64
 
 
