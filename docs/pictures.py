@@ -20,9 +20,9 @@ from rich.terminal_theme import MONOKAI
 from drivers.events import Imu
 from drivers.logs.open import open_log
 from estimator.profile import load_profile
+from fuzzbee.horizon import screen
 from fuzzbee.table_model import TableModel
-from fuzzbee.terminal import one_vehicle
-from fuzzbee.vehicle_table import Look, table
+from fuzzbee.vehicle_table import table
 from service.pipeline import Pipeline
 from service.records import Output, Published
 
@@ -75,8 +75,8 @@ def draw_watch() -> None:
     model = TableModel()
     for vehicle in FLEET:
         fly(model, *vehicle)
-    look = Look("fuzzbee watch fuzzbee/*")
-    save("watch.svg", "fuzzbee watch", table(model.rows(), 0.0, WIDTH, HEIGHT, look), 5)
+    shown = table(model.rows(), WIDTH, HEIGHT, "fuzzbee watch fuzzbee/*")
+    save("watch.svg", "fuzzbee watch", shown, 5)
 
 
 def draw_watch_one() -> None:
@@ -84,7 +84,7 @@ def draw_watch_one() -> None:
     model = TableModel()
     fly(model, *ONE)
     console = Console(color_system="truecolor", force_terminal=True, file=io.StringIO())
-    shown = one_vehicle(model.rows()[0], 0.0, WIDTH, HEIGHT, console, "")
+    shown = screen(model.rows()[0], WIDTH, HEIGHT, console)
     save("watch-one.svg", f"fuzzbee watch {ONE[0]}", shown, HEIGHT)
 
 

@@ -72,6 +72,8 @@ def file(name: str, given: Any) -> Path:
 
 def profile_of(given: Any) -> Profile:
     """A profile, or the one of this name or file."""
+    if isinstance(given, int | float):
+        raise InputError(f"profile {given}: must be a name or a file (a rate is rate_hz={given})")
     return given if isinstance(given, Profile) else load_profile(given)
 
 

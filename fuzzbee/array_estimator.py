@@ -126,6 +126,12 @@ class Estimator:
         self._rate_hz = rate_hz
         self.reset()
 
+    def __repr__(self) -> str:
+        """How far it has come."""
+        rate = "" if self._rate_hz is None else f" at {self._rate_hz:g} Hz"
+        refused = f", {self.rejected.total()} refused" if self.rejected else ""
+        return f"<fuzzbee.Estimator after {self._number} samples{rate}{refused}>"
+
     def reset(self) -> None:
         """Begin as if nothing had come yet; a position is forgotten, too."""
         self.rejected: Counter[str] = Counter()  # samples and reports that were refused, by reason

@@ -111,15 +111,22 @@ def _line(checked: "Checked") -> str:
 
 def _sensors(checked: "Checked") -> Iterator[str]:
     """Vibration beside ArduPilot's limits, clipping, and the warnings of the live service."""
-    from fuzzbee.replays.log_check import MOST_M_S2, USUAL_M_S2
+    from fuzzbee.replays.log_check import MOST_M_S2, USUAL_CLIPS, USUAL_M_S2
     from service.alarms import MEANINGS, Alarm
 
-    if checked.vibration is not None:
+    ours, own = checked.vibration, checked.autopilot_vibration
+    found = [] if ours is None else [f"vibration {ours.verdict}, {max(ours.m_s2):.1f} m/s²"]
+    if own is not None and own.m_s2 is not None:
+        found.append(f"the autopilot's {own.message} {own.verdict}, {max(own.m_s2):.1f} m/s²")
+    if found:
         most = f"usual: under {USUAL_M_S2:.0f}, a problem: over {MOST_M_S2:.0f}"
-        size = checked.vibration.largest_m_s2
-        yield f"vibration {checked.vibration.verdict}, {size:.1f} m/s² ({most})"
+        yield f"{', '.join(found)} ({most})"
     for sensor, count in checked.clipped.items():
         yield f"{sensor} clipped {count} times"
+    clips = {} if own is None else {imu: count for imu, count in own.clipped.items() if count}
+    if own is not None and clips:
+        counts = ", ".join(f"{count} by IMU {imu + 1}" for imu, count in clips.items())
+        yield f"readings clipped as {own.message} counts: {counts} (usual: under {USUAL_CLIPS})"
     for word, seconds in checked.warnings.items():
         yield f"{MEANINGS[Alarm(word)]} for {seconds:.0f} s"
 

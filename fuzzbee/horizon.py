@@ -2,32 +2,32 @@
 
 Nothing is said by colour alone: sky, ground, haze and the horizon's line have characters of their
 own, and every sigma and caveat is written out. The haze around the line is as high as sigma.
+Across the horizon x counts cells to the right and y halves of rows down, which are as high as cells
+are wide.
 """
 
-from collections.abc import Iterator
 from itertools import groupby
-from math import cos, radians, sin
+from math import cos, floor, radians, sin
 from typing import NamedTuple
 
 import numpy as np
+from rich.console import Console, Group
 from rich.text import Text
 
-from fuzzbee.table_model import Row, age_text, current_attitude, flight_words, state_text
+from fuzzbee.table_model import Row
 from fuzzbee.verdict import (
     POINTS,
     Judgement,
     Level,
+    compass_off_deg,
+    differing,
     heading_text,
-    north_text,
-    plus_minus,
     row_verdict,
 )
 from service.records import AttitudeRecord, Autopilot
-from service.second_opinion import Verdict
 
 LEAST_WIDTH, LEAST_HEIGHT = 40, 12  # of a window that has room for it
 PITCH_SPAN_DEG = 60.0  # shown from top to bottom
-CELL_RATIO = 2.0  # a cell is so much higher than wide
 TAPE_DEG_PER_CELL = 2.5
 RUNG_DEG = 10
 STEEP = 0.7  # sine of the roll
@@ -35,8 +35,9 @@ BANK_DEG = (-60, -45, -30, -20, -10, 0, 10, 20, 30, 45, 60)  # of the scale's ti
 OWN_SYMBOL = "━━━━━┓  ●  ┏━━━━━"  # the vehicle
 THEIRS = "◆"  # the autopilot's horizon and heading, where they differ from ours
 THEIRS_EVERY = 4  # columns
+COMPASS = "◇"  # the compass's own heading, where it disagrees
 # Of a terminal without Unicode
-ASCII = str.maketrans("━┓┏●▲▼·◆─╳█▀▄▒░", "=..o^v'A-X---~:")
+ASCII = str.maketrans("━┓┏●▲▼·◆◇─╳█▀▄▒░", "=..o^v'AC-X---~:")
 
 SKY, GROUND, HAZE, LINE = range(4)
 # Sky, ground, haze by its level, and the line
@@ -49,61 +50,72 @@ LEVEL_STYLE = {
     level: f"{'white' if c == 'red' else 'black'} on {c}" for level, c in LEVEL_COLOUR.items()
 }
 
-Marks = dict[tuple[int, int], str]  # letters by column and row
+
+class _Scene(NamedTuple):
+    """What the horizon is drawn of, and its size.
+
+    ``other`` is the autopilot's, and ``compass_deg`` the compass's heading less ours, if they
+    differ.
+    """
+
+    attitude: AttitudeRecord
+    judged: Judgement
+    other: Autopilot | None
+    compass_deg: float | None
+    width: int
+    rows: int
+
+    def halves(self, angle_deg: float) -> float:
+        """How high an angle is, in halves of rows."""
+        return angle_deg * 2.0 * self.rows / PITCH_SPAN_DEG
+
+    def in_sight(self, pitch_deg: float) -> float:
+        """How far below the middle a horizon is drawn, however steep the vehicle."""
+        return max(1.0 - self.rows, min(self.rows - 1.0, self.halves(pitch_deg)))
+
+    def cell(self, x: float, y: float, roll_deg: float) -> tuple[int, int]:
+        """Column and row of a place that the roll turns about the middle."""
+        c, s = cos(radians(roll_deg)), sin(radians(roll_deg))
+        return floor(self.width / 2 + x * c + y * s), floor((self.rows - x * s + y * c) / 2)
 
 
-class Capabilities(NamedTuple):
-    """What the terminal can show; 0, 16 or more colours."""
+def screen(row: Row, width: int, height: int, console: Console, message: str = "") -> Group:
+    """``height`` lines of ``width`` cells: state, heading, horizon, figures, caveats.
 
-    colours: int = 256
-    unicode: bool = True
-
-
-def has_room(width: int, height: int) -> bool:
-    """Whether a window is large enough."""
-    return width >= LEAST_WIDTH and height >= LEAST_HEIGHT
-
-
-def screen(
-    row: Row, now_s: float, width: int, height: int, capabilities: Capabilities, message: str = ""
-) -> list[Text]:
-    """``height`` lines of ``width`` cells: state, heading, horizon, figures, caveats."""
-    attitude, judged = current_attitude(row, now_s), row_verdict(row, now_s)
+    In the characters and colours of the console.
+    """
+    attitude, judged = row.valid_attitude, row_verdict(row)
     tail = [*_figures(attitude, judged, width), _caveats(judged, width)]
     rows = height - 2 - len(tail)  # less the bar and the message
-    flight = "  ".join(flight_words(row))
+    flight = "  ".join(row.flight_words)
     if attitude is None:
         drawn = _cross(judged, flight, width, rows)
     else:
-        told = None if row.status is None else row.status.autopilot
-        other = told if told is not None and told.verdict == Verdict.DIFFERS else None
-        tape = _tape(attitude, judged, width, other)
-        rows -= len(tape)
-        marks = _marks(attitude, other, flight, width, rows)
-        drawn = [*tape, *_horizon(attitude, _paint(judged, capabilities), marks, width, rows)]
-    if not capabilities.unicode:
+        off = differing(row.status), compass_off_deg(row.status)
+        scene = _Scene(attitude, judged, *off, width, rows - 2)  # less the tape
+        drawn = [*_tape(scene), *_horizon(scene, flight, _paint(judged, console))]
+    if not console.encoding.startswith("utf"):
         for line in drawn:
             line.plain = line.plain.translate(ASCII)
-    return [_bar(row, now_s, judged, width), *drawn, *tail, Text(message[:width], style="dim")]
+    return Group(_bar(row, judged, width), *drawn, *tail, Text(message[:width], style="dim"))
 
 
-def _bar(row: Row, now_s: float, judged: Judgement, width: int) -> Text:
+def _bar(row: Row, judged: Judgement, width: int) -> Text:
     """State at the left, the word that sums up in the middle, the IMU at the right."""
-    right = f"{age_text(row, now_s)} "
+    right = f"{row.age_text} "
     if row.status is not None and row.status.imu_message is not None and width >= 60:
         right = f"{row.status.imu_message} {row.status.imu_rate_hz:.1f} Hz  {right}"
     word = f" {judged.word.upper()} "
     line = [" "] * width
-    _write(line, 0, f" vehicle {row.name}  {state_text(row, now_s)}")
+    _write(line, 0, f" vehicle {row.name}  {row.state_text}")
     _write(line, width - len(right), right)
     _write(line, (width - len(word)) // 2, word)
     return Text("".join(line), f"bold {LEVEL_STYLE[judged.overall]}", no_wrap=True)
 
 
-def _tape(
-    attitude: AttitudeRecord, judged: Judgement, width: int, other: Autopilot | None
-) -> list[Text]:
+def _tape(scene: _Scene) -> list[Text]:
     """Directions as they pass under the middle; below them the range of sigma, and the other's."""
+    attitude, width, other = scene.attitude, scene.width, scene.other
     yaw, middle = attitude.euler_deg[2], width // 2
     names, marks = [" "] * width, [" "] * width
     has_north = attitude.heading_reference != "none"
@@ -117,58 +129,51 @@ def _tape(
     # the vehicle's own mark would hide a band of no more than its cell
     reach = max(1, round(min(attitude.sigma_deg.heading, 180.0) / TAPE_DEG_PER_CELL))
     _write(marks, middle - reach, ("━" if has_north else "?") * (2 * reach + 1))
-    if other is not None and other.axis == "heading":
-        at = middle + round(other.heading_deg / TAPE_DEG_PER_CELL)
-        marks[max(0, min(width - 1, at))] = THEIRS
+    theirs = other.heading_deg if other is not None and other.axis == "heading" else None
+    for off_deg, letter in ((scene.compass_deg, COMPASS), (theirs, THEIRS)):
+        if off_deg is not None:
+            at = middle + round(off_deg / TAPE_DEG_PER_CELL)
+            marks[max(0, min(width - 1, at))] = letter
     marks[middle] = "▲"
     number = f" {heading_text(attitude)} "
     begin = middle - len(number) // 2
     _write(names, begin, number)
     line = Text("".join(names))
     line.stylize("bold", begin, begin + len(number))
-    return [line, Text("".join(marks), style=LEVEL_COLOUR[judged.heading])]
+    return [line, Text("".join(marks), style=LEVEL_COLOUR[scene.judged.heading])]
 
 
-def _horizon(
-    attitude: AttitudeRecord, paint: tuple[str, ...], marks: Marks, width: int, rows: int
-) -> list[Text]:
+def _horizon(scene: _Scene, flight: str, paint: tuple[str, ...]) -> list[Text]:
     """Sky and ground, the haze of sigma and the line, in halves of cells, under the marks."""
-    halves = _halves(attitude, width, rows)
-    lines = []
-    for row in range(rows):
+    halves, marks, lines = _halves(scene), _marks(scene, flight), []
+    for row in range(scene.rows):
         pairs = enumerate(zip(halves[2 * row], halves[2 * row + 1], strict=True))
         cells = [_cell(*pair, marks.get((column, row)), paint) for column, pair in pairs]
-        lines.append(Text.assemble(*_runs(cells), no_wrap=True))
+        runs = groupby(cells, key=lambda cell: cell[1])  # of one style
+        parts = [("".join(letter for letter, _ in alike), style) for style, alike in runs]
+        lines.append(Text.assemble(*parts, no_wrap=True))
     return lines
 
 
-def _runs(cells: list[tuple[str, str]]) -> Iterator[tuple[str, str]]:
-    """Letters of one style together."""
-    for style, alike in groupby(cells, key=lambda cell: cell[1]):
-        yield "".join(letter for letter, _ in alike), style
-
-
-def _halves(attitude: AttitudeRecord, width: int, rows: int) -> list[list[int]]:
-    """What the upper and the lower halves of all cells show: as high as cells are wide."""
-    roll, pitch, _ = attitude.euler_deg
-    per_deg = 2.0 * rows / PITCH_SPAN_DEG  # halves to a degree
+def _halves(scene: _Scene) -> list[list[int]]:
+    """What the upper and the lower halves of all cells show."""
+    roll, pitch, _ = scene.attitude.euler_deg
     c, s = cos(radians(roll)), sin(radians(roll))
-    shift = _in_sight(pitch * per_deg, rows)
-    x = np.arange(width) + 0.5 - width / 2
-    y = np.arange(2 * rows)[:, None] + 0.5 - rows
-    below = y * c + x * s - shift
+    x = np.arange(scene.width) + 0.5 - scene.width / 2
+    y = np.arange(2 * scene.rows)[:, None] + 0.5 - scene.rows
+    below = y * c + x * s - scene.in_sight(pitch)
     seen = np.where(below > 0.0, GROUND, SKY)
-    seen[np.abs(below) <= attitude.sigma_deg.inclination * per_deg] = HAZE
+    seen[np.abs(below) <= scene.halves(scene.attitude.sigma_deg.inclination)] = HAZE
     seen[np.abs(below) <= 0.5 * (abs(c) + abs(s))] = LINE
     halves: list[list[int]] = seen.tolist()
     return halves
 
 
-def _paint(judged: Judgement, capabilities: Capabilities) -> tuple[str, ...]:
+def _paint(judged: Judgement, console: Console) -> tuple[str, ...]:
     """Colours of sky, ground, haze and line; none where the terminal has none."""
-    if not capabilities.colours:
+    if console.color_system is None:
         return ()
-    few = capabilities.colours <= 16
+    few = console.color_system in ("standard", "windows")
     sky, ground, haze, line = PAINT_16 if few else PAINT
     return (sky, ground, (PAINTED_HAZE_16 if few else PAINTED_HAZE).get(judged.horizon, haze), line)
 
@@ -195,65 +200,32 @@ def _plain(upper: int, lower: int) -> str:
     return "░" if lower == upper == GROUND else " "
 
 
-# --- marks: letters over sky and ground
+# --- marks: letters over sky and ground, by column and row
 
 
-def _marks(
-    attitude: AttitudeRecord, other: Autopilot | None, flight: str, width: int, rows: int
-) -> Marks:
+def _marks(scene: _Scene, flight: str) -> dict[tuple[int, int], str]:
     """Ladder, scale of bank, the other's horizon, the vehicle, mode and arming; the last win."""
-    marks = dict(_ladder(attitude, width, rows))
-    marks |= _bank_scale(attitude, width, rows)
-    if other is not None and other.axis == "inclination":
-        marks |= _other_line(attitude, other, width, rows)
-    left = width // 2 - len(OWN_SYMBOL) // 2
-    own = enumerate(OWN_SYMBOL, left)
-    marks |= {(column, rows // 2): letter for column, letter in own if letter != " "}
-    return marks | {(1 + n, rows - 1): letter for n, letter in enumerate(flight)}
-
-
-def _ladder(
-    attitude: AttitudeRecord, width: int, rows: int
-) -> Iterator[tuple[tuple[int, int], str]]:
-    """The pitch every ten degrees, with its number, where it lies level enough to be written."""
-    roll, pitch, _ = attitude.euler_deg
-    per_deg = rows / PITCH_SPAN_DEG  # rows to a degree
-    c, s = cos(radians(roll)), sin(radians(roll))
-    # on its side there is less room from one to the next
-    for rung in range(-80, 81, RUNG_DEG * (2 if abs(s) > STEEP else 1)):
-        off = (pitch - rung) * per_deg
-        row, text = int(rows / 2 + off * c), f"─{rung}─"
-        begin = int(width / 2 + off * s * CELL_RATIO - len(text) / 2)
-        if rung != 0 and 0 < row < rows:  # the scale of bank begins in the first row
-            yield from (((begin + n, row), letter) for n, letter in enumerate(text))
-
-
-def _bank_scale(attitude: AttitudeRecord, width: int, rows: int) -> Marks:
-    """Ticks on an arc above the vehicle, and a pointer that stays at the zenith's side."""
-    radius = min(rows - 1.0, width / 2.0 - 2.0)  # columns, or halves of rows
-    marks = {}
-    for turn_deg, letter in (*((tick, "·") for tick in BANK_DEG), (-attitude.euler_deg[0], "▼")):
-        c, s = cos(radians(turn_deg)), sin(radians(turn_deg))
-        marks[int(width / 2 + radius * s), int((rows - radius * c) / 2)] = letter
-    return marks
-
-
-def _other_line(attitude: AttitudeRecord, other: Autopilot, width: int, rows: int) -> Marks:
-    """Where the autopilot says that the horizon is, dotted; never out of sight."""
-    roll, pitch, _ = attitude.euler_deg
-    c, s = cos(radians(roll + other.roll_deg)), sin(radians(roll + other.roll_deg))
-    below = _in_sight((pitch + other.pitch_deg) * 2.0 * rows / PITCH_SPAN_DEG, rows)
-    dots = {}
-    for along in range(-width, width + 1, THEIRS_EVERY):
-        column, row = width / 2 + along * c + below * s, (rows - along * s + below * c) / 2
-        if 0 <= column < width and 0 <= row < rows:
-            dots[int(column), int(row)] = THEIRS
-    return dots
-
-
-def _in_sight(shift: float, rows: int) -> float:
-    """Where the horizon is drawn, in halves of rows below the middle, however steep the vehicle."""
-    return max(1.0 - rows, min(rows - 1.0, shift))
+    marks: dict[tuple[int, int], str] = {}
+    roll, pitch, _ = scene.attitude.euler_deg
+    # on its side there is less room from one rung to the next
+    step = RUNG_DEG * (2 if abs(sin(radians(roll))) > STEEP else 1)
+    for rung in range(-80, 81, step):
+        text = f"─{rung}─"
+        column, row = scene.cell(0.0, scene.halves(pitch - rung), roll)
+        if rung != 0 and row > 0:  # the scale of bank begins in the first row
+            begin = column - len(text) // 2
+            marks |= {(begin + n, row): letter for n, letter in enumerate(text)}
+    radius = min(scene.rows - 1.0, scene.width / 2.0 - 2.0)
+    for turn_deg, letter in (*((tick, "·") for tick in BANK_DEG), (-roll, "▼")):
+        marks[scene.cell(0.0, -radius, -turn_deg)] = letter
+    other = scene.other
+    if other is not None and other.axis == "inclination":  # dotted; never out of sight
+        below = scene.in_sight(pitch + other.pitch_deg)
+        for along in range(-scene.width, scene.width + 1, THEIRS_EVERY):
+            marks[scene.cell(along, below, roll + other.roll_deg)] = THEIRS
+    own = enumerate(OWN_SYMBOL, scene.width // 2 - len(OWN_SYMBOL) // 2)
+    marks |= {(column, scene.rows // 2): letter for column, letter in own if letter != " "}
+    return marks | {(1 + n, scene.rows - 1): letter for n, letter in enumerate(flight)}
 
 
 # --- the rest of the screen
@@ -265,10 +237,8 @@ def _cross(judged: Judgement, flight: str, width: int, rows: int) -> list[Text]:
     grid = [[" "] * width for _ in range(rows)]
     middle_row, middle = rows // 2, width // 2
     for step in range(-reach, reach + 1):
-        for side in (-1, 1):
-            column = middle + round(side * step * CELL_RATIO)
-            if 0 <= column < width:
-                grid[middle_row + step][column] = "╳"
+        _write(grid[middle_row + step], middle - 2 * step, "╳")
+        _write(grid[middle_row + step], middle + 2 * step, "╳")
     text = f"  {judged.word}: {judged.caveats[0].text}  "
     _write(grid[middle_row], middle - len(text) // 2, text)
     _write(grid[-1], 1, flight)
@@ -284,9 +254,9 @@ def _figures(attitude: AttitudeRecord | None, judged: Judgement, width: int) -> 
     roll, pitch, _ = attitude.euler_deg
     shown = (f"roll {roll:+.1f}°", f"pitch {pitch:+.1f}°", f"heading {heading_text(attitude)}")
     line = Text("".join(text.center(third) for text in shown), style="bold")
-    horizon = f"horizon {plus_minus(attitude.sigma_deg.inclination)}".center(2 * third)
+    horizon = f"horizon {judged.horizon_text}".center(2 * third)
     below = Text(horizon, style=LEVEL_COLOUR[judged.horizon])
-    below.append(north_text(attitude).center(third), style=LEVEL_COLOUR[judged.heading])
+    below.append(judged.heading_text.center(third), style=LEVEL_COLOUR[judged.heading])
     return [line, below]
 
 

@@ -7,8 +7,8 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
-ARROWS = {"A": "up", "B": "down"}
 NAMES = {"\x1b": "escape", "\r": "enter", "\n": "enter"}
+NAMES |= {"\x1b[A": "up", "\x1bOA": "up", "\x1b[B": "down", "\x1bOB": "down"}
 MOST_BYTES = 64
 
 
@@ -31,7 +31,7 @@ class Keys:
         if not text:  # the terminal is gone
             self._descriptor = None
         found = re.findall(r"\x1b[\[O][AB]|.", text, re.DOTALL)
-        return [NAMES.get(key, key) if len(key) == 1 else ARROWS[key[-1]] for key in found]
+        return [NAMES.get(key, key) for key in found]
 
 
 @contextmanager

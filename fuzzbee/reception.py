@@ -12,7 +12,8 @@ from service.records import SCHEMA, AttitudeRecord, State, StatusRecord
 VEHICLE = re.compile(r"[0-9]{1,3}(-[0-9]{1,3})?")
 # In bytes. Our largest record, a status with every reason for refusal, has less than 5000.
 LONGEST_PAYLOAD = 16_384
-IMU_MESSAGE = re.compile(r"[A-Z0-9_]{1,32}")
+IMU_MESSAGE = re.compile(r"[A-Za-z0-9_/:.-]{1,64}")  # or a topic of a bag
+MOST_IMUS = 33  # of a vehicle, by whatever messages
 MODE = re.compile(r"[A-Za-z0-9_ .:/-]{0,32}")
 STATES = frozenset(state.value for state in State)
 HEADING_REFERENCES = ("true", "magnetic", "none")
@@ -70,10 +71,14 @@ def _fault(record: Record) -> str | None:
     if any(not -MOST <= number <= MOST for number in _numbers(msgspec.structs.astuple(record))):
         return "its numbers are no measurements"
     if isinstance(record, StatusRecord):
-        if record.imu_message is not None and not IMU_MESSAGE.fullmatch(record.imu_message):
-            return "its imu_message is no MAVLink message"
+        messages = [*record.other_imus, *filter(None, [record.imu_message])]
+        are_some = record.imu_message != "" and len(messages) <= MOST_IMUS
+        if not are_some or not all(map(IMU_MESSAGE.fullmatch, messages)):
+            return "its imu_message is no IMU's message"
         if not MODE.fullmatch(record.mode):
             return "its mode is no flight mode"
+        if not -MOST_ANGLE_DEG <= (record.compass_off_deg or 0.0) <= MOST_ANGLE_DEG:
+            return "its compass_off_deg is no angle"
         return None if 0.0 <= record.imu_rate_hz <= MOST_RATE_HZ else "its rate is no rate"
     if record.schema != SCHEMA:
         return f"its schema is not {SCHEMA}: of another version of fuzzbee"
@@ -93,6 +98,8 @@ def _numbers(values: Any) -> Iterator[float]:
     for value in values:
         if isinstance(value, float):
             yield value
+        elif isinstance(value, dict):
+            yield from _numbers(tuple(value.values()))
         elif isinstance(value, tuple):
             yield from _numbers(value)
         elif isinstance(value, msgspec.Struct):

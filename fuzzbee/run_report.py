@@ -67,7 +67,7 @@ def conclude(
 ) -> int:
     """Tell the result and raise what went wrong.
 
-    The status is 1 if nobody was heard in the time given, or a recording is not whole, else 0.
+    The status is 1 if nobody was heard until the end, or a recording is not whole, else 0.
 
     Who was refused has been heard, too.
     """
@@ -83,7 +83,7 @@ def conclude(
             raise problem
     heard = result["vehicles"] or result["departed"]["vehicles"] or result["refused"]
     is_whole = result.get("recording") != NOT_WHOLE
-    return OK if is_whole and (heard or was_stopped or options.seconds is None) else FAILED
+    return OK if is_whole and (heard or was_stopped) else FAILED
 
 
 def _report(result: dict[str, Any], *, as_json: bool) -> None:

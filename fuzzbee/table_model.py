@@ -22,7 +22,7 @@ LONGEST_MODE = 12  # letters
 
 
 class Row(NamedTuple):
-    """The latest of one vehicle; ``heard_s`` is when (monotonic)."""
+    """The latest of one vehicle, as it is worth at ``now_s``; ``heard_s`` is when (monotonic)."""
 
     name: str
     attitude: AttitudeRecord | None = None
@@ -30,6 +30,7 @@ class Row(NamedTuple):
     attitude_s: float = 0.0
     heard_s: float = 0.0
     before: StatusRecord | None = None  # the status before
+    now_s: float = 0.0
 
     @property
     def state(self) -> State:
@@ -37,6 +38,46 @@ class Row(NamedTuple):
         if self.attitude is not None and self.attitude_s >= self.heard_s:
             return State(self.attitude.state)
         return State(self.status.state) if self.status is not None else State.WAITING
+
+    @property
+    def is_silent(self) -> bool:
+        """Whether the service says nothing about it any more."""
+        return self.now_s - self.heard_s > SILENT_AFTER_S
+
+    @property
+    def valid_attitude(self) -> AttitudeRecord | None:
+        """The attitude, or None where the state says that it is no longer valid."""
+        return self.attitude if self.state in HAS_ATTITUDE and not self.is_silent else None
+
+    @property
+    def state_text(self) -> str:
+        """The state in a word, "silent" if the service says nothing about it any more."""
+        return "silent" if self.is_silent else self.state.value
+
+    @property
+    def flight_words(self) -> list[str]:
+        """The flight mode, and "armed" or "disarmed", as far as the vehicle says them."""
+        if self.status is None:
+            return []
+        armed = {None: "", True: "armed", False: "disarmed"}[self.status.armed]
+        return [word for word in (self.status.mode[:LONGEST_MODE], armed) if word]
+
+    @property
+    def age_ms(self) -> float | None:
+        """How old the IMU's sample is by now; None without an attitude."""
+        if self.attitude is None:
+            return None
+        return self.attitude.age_ms + 1e3 * max(0.0, self.now_s - self.attitude_s)
+
+    @property
+    def age_text(self) -> str:
+        """The age with its unit; nothing without one."""
+        age_ms = self.age_ms
+        if age_ms is None:
+            return ""
+        if age_ms < 1e3:
+            return f"{age_ms:.0f} ms"
+        return f"{age_ms / 1e3:.1f} s" if age_ms < 100e3 else f"{age_ms / 60e3:.0f} min"
 
 
 class TableModel:
@@ -74,53 +115,17 @@ class TableModel:
         with self._lock:
             if name not in self._rows and len(self._rows) >= PLACES:
                 del self._rows[min(self._rows.values(), key=lambda row: row.heard_s).name]
-            _, attitude, status, attitude_s, heard_s, before = self._rows.get(name) or Row(name)
+            _, attitude, status, attitude_s, heard_s, before, _ = self._rows.get(name) or Row(name)
             if isinstance(record, StatusRecord):
                 status, before = record, status
             else:
                 attitude, attitude_s = record, now_s
             # Row._make is the quickest way, and this runs thousands of times a second
-            values = (name, attitude, status, attitude_s, max(heard_s, now_s), before)
+            values = (name, attitude, status, attitude_s, max(heard_s, now_s), before, now_s)
             self._rows[name] = Row._make(values)
 
-    def rows(self) -> list[Row]:
-        """All rows by name, numbers in their order."""
+    def rows(self, now_s: float = 0.0) -> list[Row]:
+        """All rows by name, numbers in their order, as they are at ``now_s``."""
         with self._lock:
-            rows = list(self._rows.values())
+            rows = [row._replace(now_s=now_s) for row in self._rows.values()]
         return sorted(rows, key=lambda row: [int(part) for part in row.name.split("-")])
-
-
-def current_attitude(row: Row, now_s: float) -> AttitudeRecord | None:
-    """The attitude, or None where the state says that it is no longer valid."""
-    given = row.state in HAS_ATTITUDE and not is_silent(row, now_s)
-    return row.attitude if given else None
-
-
-def is_silent(row: Row, now_s: float) -> bool:
-    """Whether the service says nothing about it any more."""
-    return now_s - row.heard_s > SILENT_AFTER_S
-
-
-def state_text(row: Row, now_s: float) -> str:
-    """The state in a word, "silent" if the service says nothing about it any more."""
-    return "silent" if is_silent(row, now_s) else row.state.value
-
-
-def flight_words(row: Row) -> list[str]:
-    """The flight mode, and "armed" or "disarmed", as far as the vehicle says them."""
-    if row.status is None:
-        return []
-    armed = {None: "", True: "armed", False: "disarmed"}[row.status.armed]
-    return [word for word in (row.status.mode[:LONGEST_MODE], armed) if word]
-
-
-def age_text(row: Row, now_s: float) -> str:
-    """How old the attitude is by now; nothing without one."""
-    if row.attitude is None:
-        return ""
-    age_ms = row.attitude.age_ms + 1e3 * max(0.0, now_s - row.attitude_s)
-    if age_ms < 1e3:
-        return f"{age_ms:.0f} ms"
-    if age_ms < 100e3:
-        return f"{age_ms / 1e3:.1f} s"
-    return f"{age_ms / 60e3:.0f} min"

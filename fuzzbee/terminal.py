@@ -6,13 +6,13 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console, Group, RenderableType
+from rich.console import Console, RenderableType
 from rich.live import Live
 
-from fuzzbee.horizon import Capabilities, has_room, screen
+from fuzzbee.horizon import LEAST_HEIGHT, LEAST_WIDTH, screen
 from fuzzbee.notify import printable
 from fuzzbee.table_model import Row, TableModel
-from fuzzbee.vehicle_table import BY_NAME, ORDERS, Look, lines, table
+from fuzzbee.vehicle_table import ORDERS, lines, table
 from service.records import Output
 
 if TYPE_CHECKING:
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 REFRESH_HZ = 8
 LINE_PERIOD_S = 1.0
 MESSAGE_S = 8.0  # so long a message stands at the foot of one vehicle's screen
-COLOURS_OF = {None: 0, "standard": 16, "windows": 16}
 KEYS = "q quit   s sort by {order}   ↑ ↓ Enter one vehicle"
 KEYS_OF_ONE = "q quit   Esc all vehicles   ↑ ↓ the next one"
 
@@ -63,7 +62,7 @@ class TerminalView:
         self.model = TableModel()
         self.title = title
         self.one = self.cursor = one  # the vehicle that is shown alone, that Enter shows alone
-        self.order = BY_NAME
+        self.order = next(iter(ORDERS))
         self.is_closed = False
         self.scores: dict[str, TruthScore] | None = None  # by the vehicle's name
         self._console = console
@@ -108,7 +107,7 @@ class TerminalView:
         elif now_s >= self._next_line_s and (rows := self._rows(self.one)):
             self._next_line_s = now_s + LINE_PERIOD_S
             truth = self._truth(rows)
-            _print(self._console, (f"{text}  {truth}".rstrip() for text in lines(rows, now_s)))
+            _print(self._console, (f"{text}  {truth}".rstrip() for text in lines(rows)))
 
     def press(self, keys: Iterable[str]) -> None:
         """Quit, sort, choose a vehicle, show it alone or all again."""
@@ -118,7 +117,7 @@ class TerminalView:
                 case "q":
                     self.is_closed = True
                 case "s":
-                    self.order = self._next_order()
+                    self.order = _after(self.order, [*ORDERS])
                 case "up" | "k" | "down" | "j" if names:
                     self.cursor = _after(self.cursor, names[::-1] if key in ("up", "k") else names)
                     self.one = self.one and self.cursor
@@ -126,7 +125,8 @@ class TerminalView:
                     self.one = self.cursor = self.cursor or names[0]
                 case "escape" | "a":
                     self.one = self.cursor = None
-        self._keys = KEYS_OF_ONE if self.one else KEYS.format(order=self._next_order())
+        next_order = _after(self.order, [*ORDERS])
+        self._keys = KEYS_OF_ONE if self.one else KEYS.format(order=next_order)
 
     def close(self) -> None:
         """Leave the last table standing."""
@@ -135,11 +135,8 @@ class TerminalView:
 
     def _rows(self, one: str | None = None) -> list[Row]:
         """All rows in the order chosen, or that of one vehicle."""
-        rows = [row for row in self.model.rows() if one in (None, row.name)]
-        return rows if self.order == BY_NAME else sorted(rows, key=ORDERS[self.order])
-
-    def _next_order(self) -> str:
-        return _after(self.order, [BY_NAME, *ORDERS])
+        rows = [row for row in self.model.rows(self._now_s()) if one in (None, row.name)]
+        return sorted(rows, key=ORDERS[self.order])
 
     def _start(self) -> Live:
         live = Live(
@@ -162,33 +159,25 @@ class TerminalView:
 
     def _alone(self) -> Row | None:
         """The vehicle that fills the screen, if it is there and has room."""
-        if self.one is None or not has_room(*self._console.size):
+        width, height = self._console.size
+        if self.one is None or width < LEAST_WIDTH or height < LEAST_HEIGHT:
             return None
         return next(iter(self._rows(self.one)), None)
 
     def _table(self) -> RenderableType:
-        (width, height), now_s = self._console.size, self._now_s()
+        width, height = self._console.size
         alone = self._alone()
         if alone is not None:
-            foot = self._said if now_s - self._said_s < MESSAGE_S else self._keys
-            return one_vehicle(alone, now_s, width, height - 1, self._console, foot)
+            foot = self._said if self._now_s() - self._said_s < MESSAGE_S else self._keys
+            return screen(alone, width, height - 1, self._console, foot)
         rows = self._rows(self.one)
-        look = Look(self.title, self._truth(rows) or self._keys, self.cursor)
-        return table(rows, now_s, width, height, look)
+        keys = self._truth(rows) or self._keys
+        return table(rows, width, height, self.title, keys, self.cursor)
 
     def _truth(self, rows: list[Row]) -> str:
         """How far off the only vehicle is that is shown, if a simulator shows."""
         score = (self.scores or {}).get(rows[0].name) if len(rows) == 1 else None
         return "" if score is None else score.line
-
-
-def one_vehicle(
-    row: Row, now_s: float, width: int, height: int, console: Console, foot: str
-) -> RenderableType:
-    """One vehicle as an artificial horizon, in the characters and colours of the console."""
-    colours = COLOURS_OF.get(console.color_system, 256)
-    capabilities = Capabilities(colours, console.encoding.startswith("utf"))
-    return Group(*screen(row, now_s, width, height, capabilities, foot))
 
 
 def _print(console: Console, texts: Iterable[str], style: str | None = None) -> None:

@@ -1,5 +1,6 @@
 """Vehicles as a table that fits a terminal, and as plain lines."""
 
+from collections import Counter
 from collections.abc import Callable
 from typing import Literal, NamedTuple
 
@@ -8,55 +9,44 @@ from rich.table import Table
 from rich.text import Text
 
 from fuzzbee.notify import printable
-from fuzzbee.table_model import (
-    Row,
-    age_text,
-    current_attitude,
-    flight_words,
-    is_silent,
-    state_text,
-)
-from fuzzbee.verdict import Level, verdict_of
-from service.alarms import MEANINGS, Alarm
+from fuzzbee.table_model import Row
+from fuzzbee.verdict import Level, imus_off, verdict_of, warning_text
+from service.alarms import Alarm
 from service.records import AttitudeRecord, State, StatusRecord
 
 MAX_LINES = 8  # more vehicles than this share one line
 MOST_WARNINGS = 3  # lines below the table
 FRAME_LINES = 4  # title and header above the rows, summary and cursor below them
+LONGEST_IMU = 16  # letters of its message
 BLOCK_GAP = 3  # between blocks of rows that stand side by side
 # Windows at least so wide have more columns; those of the last have wider gaps, too.
 COMPACT, NORMAL, MODES, WIDE, SPACIOUS = 58, 72, 84, 96, 108
+# Of a state; those that need attention come first
 COLOURS = {
+    State.LOST: "red",
+    State.DEGRADED: "yellow",
     State.WAITING: "dim",
     State.ALIGNING: "cyan",
     State.RUNNING: "green",
-    State.DEGRADED: "yellow",
-    State.LOST: "red",
 }
 # Of a sigma, by how far the attitude can be trusted with it
-TRUST_COLOURS = {Level.GOOD: "", Level.CARE: "yellow", Level.BAD: "red", Level.NONE: "red"}
-ATTENTION = (State.LOST, State.DEGRADED, State.WAITING, State.ALIGNING, State.RUNNING)
+SIGMA_COLOURS = {Level.GOOD: "", Level.CARE: "yellow", Level.BAD: "red", Level.NONE: "red"}
 ARROWS = "↑↗→↘↓↙←↖"  # the heading, north up
 
 
-Cell = Callable[[Row, float], str | Text]  # of a row at a time (s)
+Cell = Callable[[Row], str | Text]
 
 
-class Look(NamedTuple):
-    """What stands around the rows: a title, what keys do, and which row they are about."""
-
-    title: str
-    keys: str = ""
-    cursor: str | None = None
-
-
-def table(rows: list[Row], now_s: float, width: int, height: int, look: Look) -> RenderableType:
+def table(
+    rows: list[Row], width: int, height: int, title: str, keys: str = "", cursor: str | None = None
+) -> RenderableType:
     """The rows that fit into ``height`` lines, those that need attention first if not all do.
 
-    Where one column of rows is not enough, several stand side by side.
+    Where one column of rows is not enough, several stand side by side. ``keys`` says what keys do,
+    ``cursor`` names the row that they are about.
     """
     warned = _warnings(rows, MOST_WARNINGS)
-    room = max(1, height - FRAME_LINES - len(warned) - bool(look.keys))
+    room = max(1, height - FRAME_LINES - len(warned) - bool(keys))
     width -= max([0, *(len(row.name) - COLUMNS[0].width for row in rows)])
     across = max(1, min((width + BLOCK_GAP) // (COMPACT + BLOCK_GAP), -(-len(rows) // room)))
     # in their order: nothing jumps
@@ -67,19 +57,19 @@ def table(rows: list[Row], now_s: float, width: int, height: int, look: Look) ->
     blocks = Table.grid(padding=(0, BLOCK_GAP, 0, 0))
     within = width if across == 1 else COMPACT
     starts = range(0, max(1, len(shown)), each)
-    blocks.add_row(*(_block(shown[n : n + each], now_s, within, look.cursor) for n in starts))
-    parts: list[RenderableType] = [Text(look.title, style="bold", no_wrap=True), blocks]
+    blocks.add_row(*(_block(shown[n : n + each], within, cursor) for n in starts))
+    parts: list[RenderableType] = [Text(title, style="bold", no_wrap=True), blocks]
     if not rows:
         parts.append(Text("waiting for a vehicle", style="dim italic"))
     if hidden:
         parts.append(Text(f"… {summary(hidden, 'more')}", style="dim italic"))
-    if look.keys:
-        parts.append(Text(look.keys, style="dim", no_wrap=True))
+    if keys:
+        parts.append(Text(keys, style="dim", no_wrap=True))
     parts += [Text(text, style="yellow", no_wrap=True, overflow="ellipsis") for text in warned]
     return Group(*parts)
 
 
-def _block(rows: list[Row], now_s: float, width: int, cursor: str | None) -> Table:
+def _block(rows: list[Row], width: int, cursor: str | None) -> Table:
     gap = 2 if width >= SPACIOUS else 1
     view = Table(box=None, header_style="bold", padding=(0, gap, 0, 0), pad_edge=False)
     columns = [column for column in COLUMNS if column.least <= width]
@@ -87,7 +77,7 @@ def _block(rows: list[Row], now_s: float, width: int, cursor: str | None) -> Tab
         view.add_column(column.name, justify=column.justify, no_wrap=True, min_width=column.width)
     for row in rows:
         style = "reverse" if row.name == cursor else None
-        view.add_row(*(column.cell(row, now_s) for column in columns), style=style)
+        view.add_row(*(column.cell(row) for column in columns), style=style)
     return view
 
 
@@ -100,56 +90,43 @@ def _warnings(rows: list[Row], most: int) -> list[str]:
         slowest_hz = min(status.published_hz for status in overloaded)
         texts += [f"! overloaded: {shed} samples left out so far, attitudes at {slowest_hz:.1f} Hz"]
     for name, status in statuses:
-        texts += [f"! vehicle {name}: {warning_text(word, status)}" for word in status.warnings]
+        words = [*(warning_text(word, status) for word in status.warnings), *imus_off(status)]
+        texts += [f"! vehicle {name}: {word}" for word in words]
     if len(texts) <= most:
         return texts
     return [*texts[: most - 1], f"! and {len(texts) - most + 1} more warnings"]
 
 
-def warning_text(word: str, status: StatusRecord) -> str:
-    """A warning in words; of another attitude, how far it is off and who is likely wrong.
-
-    A warning of another version keeps its own name.
-    """
-    autopilot = status.autopilot
-    if word not in MEANINGS:
-        return printable(word, 40)
-    if word != Alarm.AUTOPILOT_DIFFERS or autopilot is None:
-        return MEANINGS[Alarm(word)]
-    who = {"autopilot": "; its own is likely wrong", "ours": "; ours is likely wrong"}
-    return printable(f"{autopilot.in_short} ours{who.get(autopilot.wrong, '')}")
-
-
 # --- plain lines
 
 
-def lines(rows: list[Row], now_s: float) -> list[str]:
+def lines(rows: list[Row]) -> list[str]:
     """A line a vehicle, or one line for many."""
     if len(rows) > MAX_LINES:
         return [summary(rows, "vehicles")]
-    return [_line(row, now_s) for row in rows]
+    return [_line(row) for row in rows]
 
 
 def summary(rows: list[Row], noun: str) -> str:
     """How many there are in which state."""
-    counts = {state: sum(row.state is state for row in rows) for state in ATTENTION}
-    parts = [f"{count} {state}" for state, count in counts.items() if count]
+    counts = Counter(row.state for row in rows)
+    parts = [f"{counts[state]} {state}" for state in COLOURS if state in counts]
     return f"{len(rows)} {noun}: {', '.join(parts)}"
 
 
-def _line(row: Row, now_s: float) -> str:
-    start = f"{row.name:>5}  {state_text(row, now_s):<9}"
-    attitude = current_attitude(row, now_s)
+def _line(row: Row) -> str:
+    start = f"{row.name:>5}  {row.state_text:<9}"
+    attitude = row.valid_attitude
     if attitude is None:
         return start
     roll, pitch, _ = attitude.euler_deg
     sigma = attitude.sigma_deg
-    flight = "".join(f"  {word}" for word in flight_words(row))
+    flight = "".join(f"  {word}" for word in row.flight_words)
     return (
         f"{start} roll {roll:+7.1f}  pitch {pitch:+6.1f} {_plus_minus(sigma.inclination):<6}"
         f"  heading {_heading(attitude)} {_plus_minus(sigma.heading):<6}"
-        f"  K {attitude.gain:5.1f}  {_rate(row, now_s):>6} Hz"
-        f"  age {age_text(row, now_s)}{flight}{_words(row.status)}"
+        f"  K {attitude.gain:5.1f}  {_rate(row):>6} Hz"
+        f"  age {row.age_text}{flight}{_words(row.status)}"
     )
 
 
@@ -157,10 +134,10 @@ def _words(status: StatusRecord | None) -> str:
     """The warnings, for the end of a line."""
     if status is None:
         return ""
-    words = ["overloaded"] * status.overloaded
-    for word in status.warnings:
-        differs = word == Alarm.AUTOPILOT_DIFFERS and status.autopilot is not None
-        words.append(status.autopilot.in_short if differs and status.autopilot else word)
+    differs = Alarm.AUTOPILOT_DIFFERS.value
+    in_short = {} if status.autopilot is None else {differs: status.autopilot.in_short}
+    words = [in_short.get(word, word) for word in status.warnings]
+    words = ["overloaded"] * status.overloaded + words + imus_off(status)
     return "".join(f"  ! {printable(word, 40)}" for word in words)
 
 
@@ -169,7 +146,7 @@ def _words(status: StatusRecord | None) -> str:
 
 def _attention(row: Row) -> int:
     is_warned = row.status is not None and bool(row.status.warnings)
-    return 2 * ATTENTION.index(row.state) - is_warned
+    return 2 * [*COLOURS].index(row.state) - is_warned
 
 
 def _worst_sigma(row: Row) -> float:
@@ -177,54 +154,52 @@ def _worst_sigma(row: Row) -> float:
     return 0.0 if sigma is None else -max(sigma.inclination, sigma.heading)
 
 
-BY_NAME = "name"
-ORDERS: dict[str, Callable[[Row], float]] = {"attention": _attention, "sigma": _worst_sigma}
+ORDERS: dict[str, Callable[[Row], float]] = {
+    "name": lambda _: 0.0,  # as the rows come
+    "attention": _attention,
+    "sigma": _worst_sigma,
+}
 
 
 # --- cells
 
 
-def _state(row: Row, now_s: float) -> Text:
+def _state(row: Row) -> Text:
     """The state; with a mark and in yellow where something contradicts it, or the autopilot."""
-    words = () if row.status is None or is_silent(row, now_s) else row.status.warnings
+    words = () if row.status is None or row.is_silent else row.status.warnings
     if words:
         mark = "≠" if Alarm.AUTOPILOT_DIFFERS in words else "!"
-        return Text(f"{state_text(row, now_s)}{mark}", style="bold yellow")
-    return Text(state_text(row, now_s), style=COLOURS[row.state])
+        return Text(f"{row.state_text}{mark}", style="bold yellow")
+    return Text(row.state_text, style=COLOURS[row.state])
 
 
-def _mode(row: Row, now_s: float) -> Text:
+def _mode(row: Row) -> Text:
     """The flight mode behind a full circle if it is armed, an empty one if not."""
-    if row.status is None or is_silent(row, now_s):
+    if row.status is None or row.is_silent:
         return Text()
     mark = {None: "", True: "●", False: "○"}[row.status.armed]
     return Text(f"{mark}{row.status.mode}"[: MODE.width])
 
 
-def _rate(row: Row, _now_s: float) -> str:
+def _rate(row: Row) -> str:
     return f"{row.status.imu_rate_hz:.1f}" if row.status is not None else "?"
 
 
-def _of_attitude(
-    show: Callable[[AttitudeRecord], str | Text],
-) -> Callable[[Row, float], str | Text]:
+def _imu(row: Row) -> str:
+    return ((row.status and row.status.imu_message) or "")[:LONGEST_IMU]
+
+
+def _of_attitude(show: Callable[[AttitudeRecord], str | Text]) -> Cell:
     """A cell that is empty where there is no attitude."""
-
-    def cell(row: Row, now_s: float) -> str | Text:
-        attitude = current_attitude(row, now_s)
-        return "" if attitude is None else show(attitude)
-
-    return cell
+    return lambda row: "" if (valid := row.valid_attitude) is None else show(valid)
 
 
-def _sigma(which: str, part: str) -> Callable[[Row, float], str | Text]:
-    """A sigma in the colour of how far that part of the attitude can be trusted with it."""
-
-    def show(attitude: AttitudeRecord) -> Text:
-        level = getattr(verdict_of(State(attitude.state), attitude), part)
-        return Text(_plus_minus(getattr(attitude.sigma_deg, which)), style=TRUST_COLOURS[level])
-
-    return _of_attitude(show)
+def _sigmas(attitude: AttitudeRecord) -> tuple[Text, Text]:
+    """Those of inclination and heading, in the colours of their levels."""
+    judged, sigma = verdict_of(State(attitude.state), attitude), attitude.sigma_deg
+    pairs = (sigma.inclination, judged.horizon), (sigma.heading, judged.heading)
+    tilt, heading = (Text(_plus_minus(x), style=SIGMA_COLOURS[level]) for x, level in pairs)
+    return tilt, heading
 
 
 def _plus_minus(sigma_deg: float) -> str:
@@ -256,16 +231,16 @@ class Column(NamedTuple):
 
 MODE = Column("mode", 11, _mode, MODES, "left")
 COLUMNS = (
-    Column("id", 3, lambda row, _: Text(row.name), justify="left"),  # with a component longer
+    Column("id", 3, lambda row: Text(row.name), justify="left"),  # with a component longer
     Column("state", 9, _state, justify="left"),
     MODE,
     Column("roll", 7, _of_attitude(lambda a: f"{a.euler_deg[0]:+.1f}°")),
     Column("pitch", 6, _of_attitude(lambda a: f"{a.euler_deg[1]:+.1f}°")),
-    Column("tilt ±", 6, _sigma("inclination", "horizon"), COMPACT),
+    Column("tilt ±", 6, _of_attitude(lambda a: _sigmas(a)[0]), COMPACT),
     Column("heading", 8, _of_attitude(_heading_with_arrow)),
-    Column("head ±", 6, _sigma("heading", "heading"), COMPACT),
+    Column("head ±", 6, _of_attitude(lambda a: _sigmas(a)[1]), COMPACT),
     Column("gain", 5, _of_attitude(lambda a: f"{a.gain:.1f}"), NORMAL),
-    Column("IMU", 11, lambda row, _: (row.status and row.status.imu_message) or "", WIDE, "left"),
+    Column("IMU", 11, _imu, WIDE, "left"),
     Column("IMU Hz", 6, _rate, NORMAL),
-    Column("age", 6, age_text),
+    Column("age", 6, lambda row: row.age_text),
 )

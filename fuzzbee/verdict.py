@@ -1,17 +1,29 @@
 """How far to rely on an attitude: one word, one colour, and the reasons, alike in every view."""
 
+import re
 from enum import IntEnum
 from typing import NamedTuple
 
-from fuzzbee.table_model import Row, current_attitude, is_silent
-from service.alarms import Alarm
-from service.records import HAS_ATTITUDE, AttitudeRecord, State, StatusRecord
+from fuzzbee.notify import printable
+from fuzzbee.table_model import Row
+from service.alarms import AXES, MEANINGS, Alarm
+from service.records import (
+    HAS_ATTITUDE,
+    AttitudeRecord,
+    Autopilot,
+    ImuDifference,
+    State,
+    StatusRecord,
+)
+from service.second_opinion import Verdict
 
 # Bounds of sigma in degrees. An eye sees 3 degrees on an artificial horizon; at 10 a climb can be
 # a descent. A heading 10 off still points to the right field, one 30 off does not.
 HORIZON_DEG = (3.0, 10.0)
 HEADING_DEG = (10.0, 30.0)
 UPSIDE_DOWN_DEG = 90.0  # of roll
+IMUS_DEG, IMUS_DEG_S = 3.0, 5.0  # between two sound IMUs at most
+COMPASS_DEG = 20.0  # that its offsets explain
 POINTS = {0: "N", 45: "NE", 90: "E", 135: "SE", 180: "S", 225: "SW", 270: "W", 315: "NW"}
 # A few refused samples, late ticks or lost records a second are no reason to worry.
 MUCH_REFUSED = 0.2  # of those that come
@@ -19,6 +31,7 @@ MUCH_LOST = 5
 # A field that is none of the place says nothing against the horizon, another's attitude little.
 HARMLESS = (Alarm.FIELD_IMPOSSIBLE, Alarm.AUTOPILOT_DIFFERS)
 SILENT = "the service is silent"
+CONTRADICTED = "unsure"  # in place of a sigma that a warning contradicts
 
 
 class Level(IntEnum):
@@ -35,19 +48,25 @@ WHY_NONE = {State.WAITING: "waiting for IMU data", State.ALIGNING: "aligning"}
 
 
 class Caveat(NamedTuple):
-    """A reason to rely on an attitude less, in few words."""
+    """A reason to rely on an attitude less, in few words; of a warning, also in a sentence."""
 
     level: Level
     text: str
+    sentence: str = ""
 
 
 class Judgement(NamedTuple):
-    """What to think of the horizon, of the heading, and of all together."""
+    """What to think of the horizon, of the heading, and of all together.
+
+    ``horizon_text`` and ``heading_text`` are their sigmas, unless something contradicts them.
+    """
 
     overall: Level
     horizon: Level
     heading: Level
     caveats: tuple[Caveat, ...]  # the worst first
+    horizon_text: str = ""
+    heading_text: str = ""
 
     @property
     def word(self) -> str:
@@ -84,28 +103,31 @@ def verdict_of(
         caveats.append(Caveat(Level.CARE, "no north"))
     elif heading > Level.GOOD:
         caveats.append(Caveat(Level.CARE, f"heading {plus_minus(sigma.heading)}"))
-    warnings = [] if status is None else _of_warnings(status)
+    warnings = [] if status is None else [*_of_warnings(status), *_of_imus(status)]
     words = set() if status is None else {*status.warnings}
+    texts = [plus_minus(sigma.inclination), north_text(attitude)]
     if Alarm.AUTOPILOT_DIFFERS in words:  # ours may be the one that is right
         horizon, heading = max(horizon, Level.CARE), max(heading, Level.CARE)
     if words - {Alarm.AUTOPILOT_DIFFERS}:
+        texts[1] = texts[1] if heading is Level.BAD else CONTRADICTED
         heading = Level.BAD
     if any(caveat.level is Level.BAD for caveat in warnings):
+        texts[0] = texts[0] if horizon is Level.BAD else CONTRADICTED
         horizon = Level.BAD
-    return _judged(horizon, heading, [*caveats, *warnings, *service])
+    return _judged(horizon, heading, [*caveats, *warnings, *service], *texts)
 
 
-def row_verdict(row: Row, now_s: float) -> Judgement:
+def row_verdict(row: Row) -> Judgement:
     """What to think of a row of the table; of one that its service has left, nothing."""
-    if is_silent(row, now_s):
+    if row.is_silent:
         return _judged(Level.NONE, Level.NONE, [Caveat(Level.NONE, SILENT)])
-    return verdict_of(row.state, current_attitude(row, now_s), row.status, row.before)
+    return verdict_of(row.state, row.valid_attitude, row.status, row.before)
 
 
-def _judged(horizon: Level, heading: Level, caveats: list[Caveat]) -> Judgement:
+def _judged(horizon: Level, heading: Level, caveats: list[Caveat], *texts: str) -> Judgement:
     worst_first = sorted(caveats, key=lambda caveat: -caveat.level)
     overall = max([horizon, *(caveat.level for caveat in caveats)])
-    return Judgement(overall, horizon, heading, tuple(worst_first))
+    return Judgement(overall, horizon, heading, tuple(worst_first), *texts)
 
 
 def _level(sigma_deg: float, bounds_deg: tuple[float, float]) -> Level:
@@ -117,10 +139,90 @@ def _of_warnings(status: StatusRecord) -> list[Caveat]:
     texts: dict[str, str] = {word: word.value.replace("_", " ") for word in Alarm}
     if status.autopilot is not None:
         texts[Alarm.AUTOPILOT_DIFFERS] = status.autopilot.in_short
+    if (off_deg := compass_off_deg(status)) is not None:
+        texts[Alarm.FIELD_IMPOSSIBLE] = f"compass {abs(off_deg):.0f}° off"
     known = [word for word in status.warnings if word in texts]
-    caveats = [Caveat(Level.CARE if word in HARMLESS else Level.BAD, texts[word]) for word in known]
+    caveats = [
+        Caveat(
+            Level.CARE if word in HARMLESS else Level.BAD, texts[word], warning_text(word, status)
+        )
+        for word in known
+        if word not in AXES
+    ]
     unknown = len(status.warnings) - len(known)
+    axes = [word[len("gyroscope_")] for word in known if word in AXES]
+    if axes:
+        text = f"gyroscope {', '.join(axes)} contradict{'s' * (len(axes) == 1)}"
+        meaning = f"field and force contradict the gyroscope ({', '.join(axes)}); so does a magnet"
+        caveats.append(Caveat(Level.BAD, text, meaning))
     return [*caveats, Caveat(Level.CARE, f"{unknown} unknown warnings")] if unknown else caveats
+
+
+def warning_text(word: str, status: StatusRecord) -> str:
+    """A warning in words; of another attitude, how far it is off and who is likely wrong.
+
+    A warning of another version keeps its own name.
+    """
+    autopilot, off_deg = status.autopilot, compass_off_deg(status)
+    if word not in MEANINGS:
+        return printable(word, 40)
+    if word == Alarm.FIELD_IMPOSSIBLE and off_deg is not None:
+        return f"{MEANINGS[Alarm.FIELD_IMPOSSIBLE]}, the compass is {abs(off_deg):.0f}° off"
+    if word != Alarm.AUTOPILOT_DIFFERS or autopilot is None:
+        return MEANINGS[Alarm(word)]
+    who = {"autopilot": "; its own is likely wrong", "ours": "; ours is likely wrong"}
+    return printable(f"{autopilot.in_short} ours{who.get(autopilot.wrong, '')}")
+
+
+def differing(status: StatusRecord | None) -> Autopilot | None:
+    """The autopilot's attitude beside ours, if it differs."""
+    theirs = None if status is None else status.autopilot
+    return theirs if theirs is not None and theirs.verdict == Verdict.DIFFERS else None
+
+
+def compass_off_deg(status: StatusRecord | None) -> float | None:
+    """The compass's own heading less ours, where they disagree."""
+    off_deg = None if status is None else status.compass_off_deg
+    return None if off_deg is None or abs(off_deg) <= COMPASS_DEG else off_deg
+
+
+def other_imus(status: StatusRecord) -> dict[str, ImuDifference]:
+    """The difference of each other IMU from the one in use, by a short name: "IMU 2"."""
+    return {
+        message
+        if (number := _imu_number(message)) == _imu_number(status.imu_message or "")
+        else f"IMU {number}": difference
+        for message, difference in status.other_imus.items()
+    }
+
+
+def imus_off(status: StatusRecord) -> list[str]:
+    """The IMUs that differ from the one in use by more than two sound ones, and by how much."""
+    return [
+        f"{name} off by {_difference_text(each)}"
+        for name, each in other_imus(status).items()
+        if each.inclination_deg > IMUS_DEG or each.rate_deg_s > IMUS_DEG_S
+    ]
+
+
+def _difference_text(each: ImuDifference) -> str:
+    if each.rate_deg_s <= IMUS_DEG_S:
+        return f"{each.inclination_deg:.1f}°"
+    rate = f"{each.rate_deg_s:.1f}°/s"
+    return rate if each.inclination_deg <= IMUS_DEG else f"{each.inclination_deg:.1f}°, {rate}"
+
+
+def _imu_number(message: str) -> int:
+    """2 of SCALED_IMU2 and of HIGHRES_IMU:1, which counts from 0."""
+    found = re.search(r"(:?)(\d+)$", message)
+    return 1 if found is None else int(found[2]) + bool(found[1])
+
+
+def _of_imus(status: StatusRecord) -> list[Caveat]:
+    """If all others differ the one in use may be the wrong one."""
+    texts = imus_off(status)
+    level = Level.CARE if len(texts) == len(status.other_imus) else Level.GOOD
+    return [Caveat(level, text) for text in texts]
 
 
 def _of_service(status: StatusRecord | None, before: StatusRecord | None) -> list[Caveat]:

@@ -96,6 +96,7 @@ class Alarms:
     def restart(self) -> None:
         """Forget what was seen of another estimate."""
         self.words: frozenset[Alarm] = frozenset()  # of the alarms that stand now
+        self.compass_off_deg: float | None = None  # its own heading less ours, averaged
         self._last_us: int | None = None  # of the vehicle's time
         self._lasting = {word: Lasting(patience_s) for word, patience_s in PATIENCE_S.items()}
         self._force: Vec3 | None = None  # mean specific force, NED
@@ -118,6 +119,7 @@ class Alarms:
         """Compare a sample with the attitude at its time; returns lines for a person.
 
         A field that is not used, because velocity contradicts it, says nothing of the attitude.
+        While velocity helps, a field that scatters is wrong itself.
         """
         time_us = sample.time_us
         last_us, self._last_us = self._last_us, time_us
@@ -129,11 +131,15 @@ class Alarms:
         why, place = estimator.compass_doubt, estimator.place_field
         uses_field = why != CONTRADICTED
         limit = AT_LIMIT * bias_limit_rad_s(profile)
+        self.compass_off_deg = self._compass_off_deg(attitude, profile, place)
+        scatters = uses_field and self._does_field_scatter(attitude)
+        is_impossible = not uses_field or self._is_field_impossible(attitude, place)
         seen = {
             Alarm.ACCELEROMETER: degrees(leaning_rad) > LEANING_DEG,
             Alarm.BIAS_AT_LIMIT: limit > 0.0 and max(map(abs, attitude.gyro_bias_rad_s)) >= limit,
-            Alarm.FIELD_IMPOSSIBLE: not uses_field or self._is_field_impossible(attitude, place),
-            Alarm.SIGMA_TOO_SMALL: self._is_sigma_too_small(attitude, uses_field),
+            Alarm.FIELD_IMPOSSIBLE: is_impossible or (scatters and estimator.is_aided),
+            Alarm.SIGMA_TOO_SMALL: self._is_tilted(attitude)
+            or (scatters and not estimator.is_aided),
             **dict(zip(AXES, estimator.contradicted_axes, strict=True)),
         }
         for word, is_so in seen.items():
@@ -194,23 +200,36 @@ class Alarms:
             return not WEAKEST_GAUSS <= hypot(horizontal, down) <= STRONGEST_GAUSS
         if not resembles(place, horizontal, down):
             return True
-        off = degrees(atan2(east, north) - place.declination_rad)
-        off = abs((off + 180.0) % 360.0 - 180.0)
         sigma = degrees(attitude.sigma_heading_rad)
-        return off > SIGMAS * sigma + HEADING_OFF_DEG
+        return abs(self.compass_off_deg or 0.0) > SIGMAS * sigma + HEADING_OFF_DEG
 
-    def _is_sigma_too_small(self, attitude: Attitude, uses_field: bool) -> bool:
+    def _compass_off_deg(
+        self, attitude: Attitude, profile: Profile, place: PlaceField | None
+    ) -> float | None:
+        """None without a field or a north; a field to the east of north makes it read less."""
+        if self._field is None or attitude.heading_reference == "none" or not profile.conditioned:
+            return None
+        declination = profile.reference.declination_deg
+        north_deg = 0.0 if isinstance(declination, str) else declination
+        if place is not None:
+            north_deg = degrees(place.declination_rad)
+        north, east, _ = self._field
+        return round((180.0 + north_deg - degrees(atan2(east, north))) % 360.0 - 180.0, 2)
+
+    def _is_tilted(self, attitude: Attitude) -> bool:
+        """Whether the mean force is far from the vertical, by sigma."""
         assert self._force is not None
-        inclination = degrees(attitude.sigma_inclination_rad)
         north, east, down = self._force
         tilt = degrees(atan2(hypot(north, east), -down))
-        if tilt > SIGMAS * inclination + TILT_DEG:
-            return True
-        if self._field is None or not uses_field or _claims_no_heading(attitude):
+        return tilt > SIGMAS * degrees(attitude.sigma_inclination_rad) + TILT_DEG
+
+    def _does_field_scatter(self, attitude: Attitude) -> bool:
+        """Whether the field's direction varies by more than sigma explains."""
+        if self._field is None or _claims_no_heading(attitude):
             return False
         mean_square = sum(b * b for b in self._field)
         scatter = degrees(sqrt(max(0.0, self._field_square / max(mean_square, 1e-12) - 1.0)))
-        sigma = hypot(inclination, degrees(attitude.sigma_heading_rad))
+        sigma = degrees(hypot(attitude.sigma_inclination_rad, attitude.sigma_heading_rad))
         return scatter > SIGMAS * sigma + SCATTER_DEG
 
 

@@ -141,6 +141,7 @@ class StatusRecord(msgspec.Struct, frozen=True):
     mode: str = ""  # the flight mode's name; "" where the vehicle does not say it
     armed: bool | None = None  # None where the vehicle does not say it
     other_imus: dict[str, ImuDifference] = {}  # by message; empty where there is one IMU
+    compass_off_deg: float | None = None  # its own heading less ours; None without one
 
 
 class Published(Value, frozen=True):

@@ -60,4 +60,5 @@ def status_record(
         mode=vehicle.parameters.mode,
         armed=vehicle.parameters.is_armed,
         other_imus=vehicle.others.records(now_us),
+        compass_off_deg=vehicle.alarms.compass_off_deg,
     )

@@ -29,13 +29,14 @@ from drivers.mavlink.imu_messages import (
     IMU_MESSAGES,
     ImuMessage,
     has_imu_number,
+    imu_number,
     imu_stream_name,
 )
 from drivers.mavlink.messages import MESSAGES, MessageKind, Said
 from drivers.mavlink.parameter_values import ParameterValue, WaitingParameters, owner
 from drivers.places import PLACES
 from drivers.samples.imu_stream import Field, Stamp
-from drivers.samples.intake import VERSION_EVERY_US, Intake
+from drivers.samples.intake import MOST_STREAMS, VERSION_EVERY_US, Intake
 from drivers.samples.vehicle_clock import TimeField
 from estimator.reasons import Reason
 
@@ -71,7 +72,7 @@ class _Sender:
         self.version = b""  # the payload of its last AUTOPILOT_VERSION, and what that says
         self.motion: str | None = None
         self.imu_us: dict[str, int] = {}  # arrival of each IMU message's last frame
-        self.other_us: dict[int, int] = {}  # and of the last read one of those not in use
+        self.other_us: dict[str, int] = {}  # and of the last read one of each IMU not in use
         self.intake = Intake(address)
         self.intake.takes_references = takes_references
         self._sequence: int | None = None  # the number of the last frame
@@ -180,14 +181,18 @@ class MavlinkDecoder:
 
     def _other_imu(self, sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:
         """What an IMU that is not in use reads, twice a second; otherwise nothing is unpacked."""
-        message, last_us = IMU_MESSAGES[frame.message_id], sender.other_us.get(frame.message_id)
+        message = IMU_MESSAGES[frame.message_id]
+        name = imu_stream_name(message.name, imu_number(frame))
+        last_us = sender.other_us.get(name)
         if last_us is not None and 0 <= arrival_us - last_us < OTHER_IMU_US:
             return []
-        sender.other_us[frame.message_id] = arrival_us
+        if last_us is None and len(sender.other_us) >= MOST_STREAMS:
+            return []
+        sender.other_us[name] = arrival_us
         if (fields := self._reader.fields(frame)) is None:
             return []
         gyr, acc, _ = message.vectors(fields)
-        return [OtherImu(sender.id, arrival_us, message.name, gyr, acc)]
+        return [OtherImu(sender.id, arrival_us, name, gyr, acc)]
 
     def _repeated_version(self, sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:
         """What an AUTOPILOT_VERSION says; once a second or so, and unpacked only if it is new."""

@@ -1,5 +1,6 @@
 """A figure in a file: PNG, SVG and PDF by matplotlib, and a page that zooms."""
 
+from math import inf
 from pathlib import Path
 from textwrap import wrap
 from typing import Any
@@ -30,6 +31,7 @@ STYLE: Any = {
     "svg.hashsalt": "fuzzbee",  # stands for the random names that SVG elements would get
 }
 LAYOUT_DIGITS = 5
+NEAR = 0.015  # of the width: names of two marks would hide each other
 TITLE_WIDTH = 84  # letters in a line; a file's name may have no blanks
 
 
@@ -86,10 +88,15 @@ def _draw_panel(ax: Any, panel: Panel) -> None:
             ax.axvspan(*span, color=color, alpha=alpha, lw=0, label=name)
     for x, y, color, label, width, dash in panel.curves:
         ax.plot(x, y, dash, color=color, lw=width, label=label or "_curve")
+    least = 0.0 if panel.span is None else NEAR * (panel.span[1] - panel.span[0])
+    last, is_right = -inf, False
     for at, label in panel.marks:
         ax.axvline(at, color=DARK, lw=0.5, ls=":", label="_mark")
         if label:
-            turned: Any = {"rotation": 90.0, "fontsize": 5.5, "va": "top", "ha": "left"}
+            # of two that are near each other one name stands on either side
+            is_right, last = at - last < least and not is_right, at
+            turned: Any = {"rotation": 90.0, "fontsize": 5.5, "va": "top"}
+            turned["ha"] = "right" if is_right else "left"
             ax.text(at, 0.97, label, **turned, transform=ax.get_xaxis_transform())
     for text, across, up, is_centred in panel.words:
         side = ("center", "center") if is_centred else ("left", "top")

@@ -2,21 +2,27 @@
 
 ArduPilot's VIBE message measures vibration so: a reading less its mean (low-passed at 5 Hz) is
 squared, low-passed at 2 Hz, and the root taken, axis by axis. ArduPilot's page "Measuring
-Vibration" gives the limits. A stream may be filtered before it is sent, and so vibrate less.
+Vibration" gives the limits. A stream may be filtered before it is sent, and so vibrate less: what
+the autopilot has measured stands beside it.
 """
 
-from math import pi
+from collections import defaultdict
+from itertools import pairwise
+from math import isfinite, pi
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import msgspec
 import numpy as np
 
+from drivers.logs.open import open_log
 from drivers.logs.time_window import WHOLE_LOG, TimeWindow
+from drivers.logs.vibration import vibrations
 from estimator.arrays import Floats
 from estimator.errors import InputError
 from estimator.profile import load_profile
 from estimator.reasons import Reason
+from estimator.types import Vec3
 from fuzzbee.replays.log_report import differences_of, refused_text, replay_log, verdicts
 from fuzzbee.replays.trace import How, VehicleTrace
 from service.alarms import Alarm
@@ -28,6 +34,7 @@ CLIPPED = {
 DIFFERS = Alarm.AUTOPILOT_DIFFERS  # the differences tell more
 MEAN_HZ, SQUARE_HZ = 5.0, 2.0
 USUAL_M_S2, MOST_M_S2 = 30.0, 60.0  # below it is usual, above it nearly always a problem
+USUAL_CLIPS = 100  # fewer are those of a hard landing
 LEAST_RATE_HZ = 20.0  # a slower stream does not show what the mean is
 PERCENT = 95.0  # of the time it is no larger
 
@@ -37,21 +44,31 @@ Verdict = Literal["usual", "high", "too high"]
 class Vibration(msgspec.Struct, frozen=True):
     """Vibration along each body axis in m/s^2, which is exceeded for 5 % of the time."""
 
-    m_s2: tuple[float, float, float]
+    m_s2: Vec3
     verdict: Verdict
 
-    @property
-    def largest_m_s2(self) -> float:
-        """That of the worst axis."""
-        return max(self.m_s2)
+
+class OwnVibration(msgspec.Struct, frozen=True):
+    """What the autopilot has measured itself, by its ``message``.
+
+    ``m_s2`` and ``verdict`` are as in :class:`Vibration`, of the IMU that vibrates most; None where
+    the message does not have them. ``clipped`` counts clipping in the log, by IMU from 0.
+    """
+
+    message: str
+    imu: int
+    m_s2: Vec3 | None
+    verdict: Verdict | None
+    clipped: dict[int, int]
 
 
 class Checked(NamedTuple):
     """What was found in one log, or why it cannot be read.
 
     ``clipped`` counts readings at the end of a sensor's range, ``warnings`` the seconds for which
-    each warning stood (docs/troubleshooting.md). ``vibration`` is None below 20 Hz. ``refused``
-    says what was refused of a log that lost much to it.
+    each warning stood (docs/troubleshooting.md). ``vibration`` is None below 20 Hz, and
+    ``autopilot_vibration`` without VIBE or VIBRATION. ``refused`` says what was refused of a log
+    that lost much to it.
     """
 
     log: str
@@ -62,6 +79,7 @@ class Checked(NamedTuple):
     clipped: dict[str, int] = {}  # noqa: RUF012 - never changed
     warnings: dict[str, float] = {}  # noqa: RUF012 - never changed
     refused: str = ""
+    autopilot_vibration: OwnVibration | None = None
 
     @property
     def rank(self) -> tuple[bool, float, float]:
@@ -89,6 +107,7 @@ def check_log(path: Path, profile: str, window: TimeWindow = WHOLE_LOG) -> Check
         clipped,
         dict(sorted(warned_s.items())),
         refused_text(trace) or "",
+        _own_vibration(path, trace, window),
     )
 
 
@@ -103,8 +122,43 @@ def vibration(trace: VehicleTrace) -> Vibration | None:
         square = _low_pass((acc - _low_pass(acc, MEAN_HZ, step_s)) ** 2, SQUARE_HZ, step_s)
         sizes.append(round(float(np.percentile(np.sqrt(square), PERCENT)), 2))
     x, y, z = sizes
-    verdict: Verdict = "usual" if max(sizes) < USUAL_M_S2 else "high"
-    return Vibration((x, y, z), "too high" if max(sizes) > MOST_M_S2 else verdict)
+    return Vibration((x, y, z), _verdict((x, y, z)))
+
+
+def _own_vibration(path: Path, trace: VehicleTrace, window: TimeWindow) -> OwnVibration | None:
+    """The autopilot's own figures, in the window alone if there is one."""
+    with open_log(path) as log:
+        readings = [*vibrations(log, trace.address, trace.autopilot)]
+    if window != WHOLE_LOG:
+        begin_us, end_us = trace["arrival_us"][[0, -1]].tolist()
+        readings = [each for each in readings if begin_us <= each.arrival_us <= end_us]
+    if not readings:
+        return None
+    sizes: defaultdict[int, list[Vec3]] = defaultdict(list)
+    counts: defaultdict[int, list[int]] = defaultdict(list)
+    for each in readings:
+        if each.m_s2 is not None and all(map(isfinite, each.m_s2)):
+            sizes[each.imu].append(each.m_s2)
+        for imu, count in each.clipped.items():
+            counts[imu].append(count)
+    clipped = {imu: _increase(each) for imu, each in sorted(counts.items())}
+    exceeded = {imu: np.percentile(each, PERCENT, axis=0).tolist() for imu, each in sizes.items()}
+    if not exceeded:
+        return OwnVibration(readings[0].message, 0, None, None, clipped)
+    imu, (x, y, z) = max(exceeded.items(), key=lambda each: max(each[1]))
+    m_s2 = (round(x, 2), round(y, 2), round(z, 2))
+    return OwnVibration(readings[0].message, imu, m_s2, _verdict(m_s2), clipped)
+
+
+def _increase(counts: list[int]) -> int:
+    """By how much a count has grown, which a restart of the autopilot sets back to zero."""
+    return sum(now - before if now >= before else now for before, now in pairwise(counts))
+
+
+def _verdict(m_s2: Vec3) -> Verdict:
+    if max(m_s2) < USUAL_M_S2:
+        return "usual"
+    return "too high" if max(m_s2) > MOST_M_S2 else "high"
 
 
 def _low_pass(values: Floats, cutoff_hz: float, step_s: float) -> Floats:

@@ -156,17 +156,18 @@ def cap(panel: Panel, *angles_deg: Floats) -> None:
         panel.high = max(1.0, 1.3 * float(np.percentile(finite, 99.0)))
     peak = max((np.nanmax(curve.y, initial=0.0) for curve in panel.curves), default=0.0)
     if peak > panel.high:
-        panel.words.append(Words(f"cut off: errors up to {peak:.0f}°"))
+        panel.words.append(Words(f"cut off: up to {peak:.0f}°"))
 
 
 class ComparisonPlot:
-    """Several replays in one figure: their errors, a row a log, a line a profile.
+    """Several replays in one figure: their errors or differences, a row a log, a line a profile.
 
     Collects replays; each keeps no more than a line needs.
     """
 
     def __init__(self) -> None:
         self._rows: dict[str, list[tuple[str, Floats, Floats]]] = {}
+        self._words: dict[str, str] = {}  # of each log, what an angle to its reference is
 
     def add(self, log: str, profile: str, trace: VehicleTrace) -> None:
         """Take one replay."""
@@ -174,6 +175,7 @@ class ComparisonPlot:
         if not trace.has_heading:
             errors[:, 1] = np.nan  # a heading from nowhere has no error
         self._rows.setdefault(log, []).append((profile, points.time_s, points.largest(errors)))
+        self._words[log] = ERROR_WORDS.get(trace.reference or "", "error")
 
     def draw(self, path: Path) -> None:
         """Write the figure."""
@@ -186,7 +188,7 @@ class ComparisonPlot:
         span = (min(t[0] for _, t, _ in replays), max(t[-1] for _, t, _ in replays))
         panels = []
         for name, i in (("inclination", 2), ("heading", 1)):
-            panel = Panel(span, xlabel=TIME, ylabel=f"{name} error in °")
+            panel = Panel(span, xlabel=TIME, ylabel=f"{name} {self._words[log]} in °")
             for number, (profile, time_s, errors) in enumerate(replays):
                 color = COLORS[number % len(COLORS)]
                 panel.curves.append(Curve(time_s, errors[:, i], color, profile))

@@ -121,12 +121,11 @@ class WebPage:
 
     def event(self, vehicle: str | None) -> bytes:
         """What is sent: all vehicles, or one of them, with the server's time (ms)."""
-        now_s = self.now_s()
-        rows = [row for row in self.model.rows() if vehicle in (None, row.name)]
+        rows = [row for row in self.model.rows(self.now_s()) if vehicle in (None, row.name)]
         content: dict[str, Any] = {
             "title": self.title,
             "sent_ms": round(1e3 * time.monotonic()),
-            "vehicles": [shown(row, now_s) for row in rows],
+            "vehicles": [shown(row) for row in rows],
         }
         return b"data: " + msgspec.json.encode(content) + b"\n\n"
 

@@ -2,45 +2,47 @@
 
 from typing import Any
 
-from fuzzbee.table_model import Row, current_attitude, flight_words, state_text
-from fuzzbee.vehicle_table import warning_text
-from fuzzbee.verdict import Judgement, heading_text, north_text, plus_minus, row_verdict
-from service.records import AttitudeRecord, StatusRecord
-from service.second_opinion import Verdict
+from fuzzbee.table_model import Row
+from fuzzbee.verdict import (
+    Judgement,
+    compass_off_deg,
+    differing,
+    heading_text,
+    other_imus,
+    row_verdict,
+    warning_text,
+)
+from service.records import AttitudeRecord
 
 
-def shown(row: Row, now_s: float) -> dict[str, Any]:
-    """What the page is sent of a vehicle; degrees, and the IMU sample's age."""
-    attitude, judged = current_attitude(row, now_s), row_verdict(row, now_s)
+def shown(row: Row) -> dict[str, Any]:
+    """What the page is sent of a vehicle; degrees, and the IMU sample's age.
+
+    ``autopilot`` is how far off its roll, pitch and heading are, if they differ.
+    """
+    attitude, judged, status = row.valid_attitude, row_verdict(row), row.status
+    theirs = differing(status)
     return {
         "name": row.name,
-        "state": state_text(row, now_s),
-        "flight": flight_words(row),
+        "state": row.state_text,
+        "flight": row.flight_words,
         "word": judged.word,
         "level": int(judged.overall),
         "reasons": [(int(each.level), each.text) for each in judged.caveats],
-        "age_ms": None if row.attitude is None else _age_ms(row.attitude, now_s - row.attitude_s),
-        **_of_status(row.status),
+        "plates": [(int(each.level), each.sentence or each.text) for each in judged.caveats],
+        "age_ms": None if row.age_ms is None else round(row.age_ms),
+        "imu": (status and status.imu_message) or "",
+        "rate_hz": status and round(status.imu_rate_hz, 1),
+        "autopilot": theirs and (theirs.roll_deg, theirs.pitch_deg, theirs.heading_deg),
+        "compass": compass_off_deg(status),
+        "warnings": [f"warning: {warning_text(x, status)}" for x in status.warnings]
+        if status
+        else [],
+        "imus": [
+            f"{name}: {each.inclination_deg:.1f}°, {each.rate_deg_s:.1f}°/s"
+            for name, each in (other_imus(status) if status else {}).items()
+        ],
         "attitude": None if attitude is None else _of_attitude(attitude, judged),
-    }
-
-
-def _age_ms(attitude: AttitudeRecord, since_s: float) -> int:
-    return round(attitude.age_ms + 1e3 * max(0.0, since_s))
-
-
-def _of_status(status: StatusRecord | None) -> dict[str, Any]:
-    """The IMU, how far off the autopilot's roll, pitch and heading are, and the warnings."""
-    if status is None:
-        return {"imu": "", "rate_hz": None, "autopilot": None, "warnings": []}
-    other = status.autopilot
-    differs = other is not None and other.verdict == Verdict.DIFFERS
-    off = (other.roll_deg, other.pitch_deg, other.heading_deg) if other and differs else None
-    return {
-        "imu": status.imu_message or "",
-        "rate_hz": round(status.imu_rate_hz, 1),
-        "autopilot": off,
-        "warnings": [f"warning: {warning_text(word, status)}" for word in status.warnings],
     }
 
 
@@ -50,8 +52,8 @@ def _of_attitude(attitude: AttitudeRecord, judged: Judgement) -> dict[str, Any]:
         "euler_deg": [round(angle, 2) for angle in attitude.euler_deg],
         "sigma_deg": [round(sigma.inclination, 2), round(sigma.heading, 2)],
         "levels": [int(judged.horizon), int(judged.heading)],
-        "horizon": plus_minus(sigma.inclination),
+        "horizon": judged.horizon_text,
         "heading": heading_text(attitude),
-        "north": north_text(attitude),
+        "north": judged.heading_text,
         "has_north": attitude.heading_reference != "none",
     }

@@ -160,7 +160,7 @@ def test_errors_that_are_cut_off_are_told(replayed, tmp_path, drawn):
     assert set(is_cut) == {True, False}
     for ax, peak, cut in zip(panels, peaks, is_cut, strict=True):
         told = [text.get_text() for text in ax.texts if text.get_text()]
-        assert told == ([f"cut off: errors up to {peak:.0f}°"] if cut else [])
+        assert told == ([f"cut off: up to {peak:.0f}°"] if cut else [])
 
 
 def svg_texts(path):

@@ -260,3 +260,15 @@ def test_an_autopilot_that_differs_is_marked_where_it_says_that_horizon_and_head
     assert turned[2].index(mark) - 40 == 10
     assert "autopilot heading 25° off" in turned[21]
     assert mark not in "".join(horizon(encoding=encoding)[2:-4])
+
+
+@pytest.mark.parametrize(("encoding", "mark"), [("utf-8", "◇"), ("latin-1", "C")])
+@pytest.mark.parametrize(
+    ("off_deg", "column"), [(-50.0, 20), (75.0, 70), (179.0, 79), (19.0, None)]
+)
+def test_a_compass_that_disagrees_is_marked_on_the_tape(off_deg, column, encoding, mark):
+    tape = horizon(encoding=encoding, compass_off_deg=off_deg)[2]
+    assert (tape.index(mark) if mark in tape else None) == column
+    shown = vehicle("1", compass_off_deg=off_deg, warnings=("field_impossible",))
+    plates = terminal(shown, one="1")[21]
+    assert (f"compass {abs(off_deg):.0f}° off" in plates) == (column is not None)

@@ -43,7 +43,7 @@ def test_an_output_that_somebody_reads_is_written_whole(pipe, tmp_path):
     descriptor = os.open(pipe, os.O_WRONLY)  # waits until the reader is there
     assert main(["replay", str(TLOG), "--csv", str(pipe)]) == 0
     os.close(descriptor)
-    reader.join(60.0)
+    reader.join()
     assert main(["replay", str(TLOG), "--csv", str(tmp_path / "file.csv")]) == 0
     assert read == [(tmp_path / "file.csv").read_bytes()]
 

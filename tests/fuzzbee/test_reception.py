@@ -18,9 +18,11 @@ from tests.fuzz.cases import built, fuzzed
 from tests.service.records import record as attitude_record
 
 ATTITUDE = json.loads(msgspec.json.encode(attitude_record()))
+DIFFERENCE = {"inclination_deg": 1.0, "rate_deg_s": 1.0}
 STATUS = {
     "state": "running", "imu_message": "RAW_IMU", "imu_rate_hz": 50.0, "worst_gap_s": 0.1,
     "rejected": {}, "overruns": 0, "dropped": 0, "sequence": 3, "mode": "LOITER", "armed": True,
+    "other_imus": {"SCALED_IMU2": DIFFERENCE},
 }  # fmt: skip
 HOSTILE_TEXTS = ("\x1b[2J\x1b]0;owned\x07", "[bold red]x[/]", "[/]", "a\nb", "\u202etxt", "\x9b31m",
                  "x" * 100_000, "\ud800", "")  # fmt: skip
@@ -41,6 +43,12 @@ def test_ours_are_taken():
     assert (name, record.imu_message, told) == ("7", "RAW_IMU", [])
 
 
+@pytest.mark.parametrize("message", ["HIGHRES_IMU:1", "sensor_combined", "/imu/data_raw", "IMU2"])
+def test_every_sources_imu_is_taken(message):
+    status = {**STATUS, "imu_message": message, "other_imus": {message: DIFFERENCE}}
+    assert received("fuzzbee/1/status", status)[1] == []
+
+
 @pytest.mark.parametrize(
     ("key", "record", "words"),
     [
@@ -58,6 +66,18 @@ def test_ours_are_taken():
         ("fuzzbee/1/attitude", b"[" * 5000, "no attitude record"),
         ("fuzzbee/1/status", {**STATUS, "imu_message": "\x1b[2J"}, "imu_message"),
         ("fuzzbee/1/status", {**STATUS, "imu_message": "[red]"}, "imu_message"),
+        ("fuzzbee/1/status", {**STATUS, "imu_message": ""}, "imu_message"),
+        ("fuzzbee/1/status", {**STATUS, "other_imus": {"\x1b[2J": DIFFERENCE}}, "imu_message"),
+        (
+            "fuzzbee/1/status",
+            {**STATUS, "other_imus": {f"IMU{n}": DIFFERENCE for n in range(99)}},
+            "imu_message",
+        ),
+        (
+            "fuzzbee/1/status",
+            {**STATUS, "other_imus": {"A": {**DIFFERENCE, "rate_deg_s": 1e300}}},
+            "numbers",
+        ),
         ("fuzzbee/1/status", {**STATUS, "imu_rate_hz": 1e308}, "numbers"),
         ("fuzzbee/1/attitude", {**ATTITUDE, "error": -0.1}, "attitude"),
         ("fuzzbee/1/attitude", {**ATTITUDE, "error": 1.1}, "attitude"),

@@ -8,7 +8,7 @@ from rich.console import Console
 
 from drivers.events import VehicleId
 from fuzzbee.terminal import TerminalView
-from service.records import Message, Published, Sigma
+from service.records import ImuDifference, Message, Published, Sigma
 from tests.fuzzbee.screen import lines, terminal, vehicle
 from tests.service.records import differing, record
 
@@ -156,6 +156,13 @@ def test_an_autopilot_that_differs_is_marked_in_its_row_and_told_by_how_much():
     assert text.count("running≠") == 1
     assert "! vehicle 2: autopilot heading 25° off ours; its own is likely wrong" in text
     assert lines(shown)[0].endswith("! autopilot heading 25° off")
+
+
+def test_another_imu_that_is_off_is_named():
+    shown = vehicle("2", other_imus={"SCALED_IMU2": ImuDifference(3.1, 0.1)})
+    assert "! vehicle 2: IMU 2 off by 3.1°" in terminal(shown)
+    assert lines(shown)[0].endswith("! IMU 2 off by 3.1°")
+    assert "IMU 2 off by 3.1°" in "\n".join(terminal(shown, one="2"))
 
 
 @pytest.mark.parametrize(

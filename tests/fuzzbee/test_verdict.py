@@ -3,9 +3,9 @@
 import msgspec
 import pytest
 
-from fuzzbee.verdict import Level, heading_text, plus_minus, verdict_of
+from fuzzbee.verdict import Level, heading_text, other_imus, plus_minus, verdict_of
 from service.alarms import Alarm
-from service.records import State, StatusRecord
+from service.records import ImuDifference, State, StatusRecord
 from tests.service.records import record
 
 STATUS = StatusRecord("running", "RAW_IMU", 50.0, 0.1, {}, 0, 0, 1)
@@ -52,6 +52,8 @@ def test_a_warning_counts_whatever_sigma_says(word):
     assert found.heading is (CARE if word is Alarm.AUTOPILOT_DIFFERS else BAD)
     assert found.overall is max(CARE, found.horizon)
     assert texts(found) == [word.value.replace("_", " ")]
+    assert (found.horizon_text == "unsure") == (found.horizon is BAD)
+    assert (found.heading_text == "unsure") == (found.heading is BAD)
 
 
 @pytest.mark.parametrize(
@@ -62,6 +64,11 @@ def test_a_warning_counts_whatever_sigma_says(word):
         ({"dropped": 30}, "this computer is busy, 30 records lost", GOOD),
         ({"rejected": {"gap": 11}}, "11 refused", CARE),
         ({"warnings": ("\x1b[31m[bold]",)}, "1 unknown warnings", CARE),  # of another version
+        (
+            {"warnings": ("gyroscope_x_contradicts", "gyroscope_z_contradicts")},
+            "gyroscope x, z contradict",
+            BAD,
+        ),
         ({"changes": {"heading_reference": "none"}}, "no north", CARE),
         ({"changes": {"age_ms": 1700.0}, "state": State.DEGRADED}, "IMU silent 1.7 s", CARE),
         ({"changes": {"euler_deg": (-120.0, 0.0, 0.0)}}, "upside down", GOOD),
@@ -109,3 +116,27 @@ def test_sigma_has_as_many_digits_as_it_deserves(sigma_deg, text):
 def test_north_is_zero_from_either_side(yaw_deg, text):
     attitude = msgspec.structs.replace(record(), euler_deg=(0.0, 0.0, yaw_deg))
     assert heading_text(attitude) == text
+
+
+@pytest.mark.parametrize(
+    ("others", "found", "level"),
+    [
+        ({"SCALED_IMU2": (2.9, 4.9)}, [], GOOD),
+        ({"SCALED_IMU2": (3.14, 0.2)}, ["IMU 2 off by 3.1°"], CARE),
+        ({"SCALED_IMU2": (3.14, 0.2), "SCALED_IMU3": (0.1, 0.2)}, ["IMU 2 off by 3.1°"], GOOD),
+        ({"HIGHRES_IMU:2": (0.1, 9.0)}, ["IMU 3 off by 9.0°/s"], CARE),
+        ({"HIGHRES_IMU": (7.0, 9.0)}, ["HIGHRES_IMU off by 7.0°, 9.0°/s"], CARE),
+    ],
+)
+def test_an_imu_that_differs_is_named_and_ours_may_be_wrong_if_all_do(others, found, level):
+    """Of several others one that agrees with ours shows which is wrong."""
+    differences = {message: ImuDifference(*each) for message, each in others.items()}
+    assert texts(judged(other_imus=differences)) == found
+    assert judged(other_imus=differences).overall is level
+
+
+def test_each_imu_has_a_short_name():
+    messages = ("SCALED_IMU2", "SCALED_IMU3", "HIGHRES_IMU:1", "IMU")
+    given = dict.fromkeys(messages, ImuDifference(1.0, 1.0))
+    status = msgspec.structs.replace(STATUS, imu_message="SCALED_IMU2", other_imus=given)
+    assert [*other_imus(status)] == ["SCALED_IMU2", "IMU 3", "HIGHRES_IMU:1", "IMU 1"]

@@ -2,11 +2,14 @@
 
 import json
 from math import hypot, sqrt
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from drivers.mavlink.dialect import mavlink
 from fuzzbee.cli import main
+from tests.fuzzbee.tlogs import rewritten
 
 RATE_HZ, SECONDS, G = 400.0, 40.0, 9.80665
 TONE_HZ, CORNER_HZ = 40.0, 5.0
@@ -65,3 +68,56 @@ def test_the_line_names_limits_and_clipping(tmp_path, capsys):
     assert "vibration high, " in line
     assert "usual: under 30, a problem: over 60" in line
     assert "gyroscope clipped " in line
+
+
+TAKEOFF = Path(__file__).parents[1] / "data" / "sitl_copter_takeoff.tlog"
+
+
+def with_vibration(folder, autopilot=3, restarts=False):
+    """A flight whose autopilot measures 12, 40 and 5 m/s^2, and clips ten times a second."""
+
+    def change(seconds, message):
+        if message.get_type() == "VIBRATION":
+            return []
+        if message.get_type() == "HEARTBEAT":
+            message.autopilot = autopilot
+            return [message]
+        if message.get_type() != "RAW_IMU":
+            return None
+        since = seconds - 5.0 if restarts and seconds > 5.0 else seconds
+        clips = 7 + int(10.0 * since)
+        made = mavlink().MAVLink_vibration_message(0, 12.0, 40.0, 5.0, clips, 2, 0)
+        return [message, made]
+
+    return rewritten(TAKEOFF, folder / "flight.tlog", change)
+
+
+def test_what_the_autopilot_has_measured_stands_beside_it(tmp_path, capsys):
+    path = with_vibration(tmp_path)
+    found = checked(capsys, path)["autopilot_vibration"]
+    assert found["m_s2"] == [12.0, 40.0, 5.0]
+    assert (found["message"], found["imu"], found["verdict"]) == ("VIBRATION", 0, "high")
+    seconds = found["clipped"]["0"] / 10.0
+    assert found["clipped"] == {"0": pytest.approx(10.0 * seconds), "1": 0, "2": 0}
+    assert seconds > 20.0
+    main(["check", str(path)])
+    (line,) = capsys.readouterr().out.splitlines()
+    assert "the autopilot's VIBRATION high, 40.0 m/s² (usual: under 30, a problem" in line
+    assert f"VIBRATION counts: {found['clipped']['0']} by IMU 1 (usual: under 100)" in line
+
+    assert main(["check", str(path), "--from", "4", "--to", "8", "--json"]) == 0
+    (log,) = json.loads(capsys.readouterr().out)["logs"]
+    assert log["autopilot_vibration"]["clipped"]["0"] == pytest.approx(40, abs=4)
+
+
+def test_a_restart_sets_the_count_of_clipping_back(tmp_path, capsys):
+    all_the_time = checked(capsys, with_vibration(tmp_path))["autopilot_vibration"]
+    restarted = checked(capsys, with_vibration(tmp_path, restarts=True))["autopilot_vibration"]
+    most = all_the_time["clipped"]["0"]
+    assert restarted["clipped"]["0"] == pytest.approx(most + 7, abs=1)
+
+
+def test_the_figures_of_px4_have_other_units(tmp_path, capsys):
+    found = checked(capsys, with_vibration(tmp_path, autopilot=12))["autopilot_vibration"]
+    assert (found["m_s2"], found["verdict"]) == (None, None)
+    assert found["clipped"]["0"] > 100

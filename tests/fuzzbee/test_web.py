@@ -15,7 +15,7 @@ from drivers.events import VehicleId
 from estimator.errors import InputError
 from fuzzbee.web.server import Address, WebPage, open_page, parse_address
 from service.http_door import MOST_CONNECTIONS, STREAM_PART
-from service.records import Departed, Published, State, StatusRecord
+from service.records import Departed, ImuDifference, Published, State, StatusRecord
 from tests.fuzzbee import browser
 from tests.service.records import differing, record
 
@@ -66,7 +66,9 @@ def test_an_event_tells_of_all_vehicles_or_of_one(page, clock):
     (sentence,) = one["warnings"]
     assert sentence == "warning: the magnetic field contradicts the accelerometer's vertical"
     assert one["attitude"]["euler_deg"] == [10.0, -20.0, 30.0]
-    assert (one["attitude"]["horizon"], one["attitude"]["north"]) == ("±1.0°", "±5.0° true")
+    assert (one["attitude"]["horizon"], one["attitude"]["north"]) == ("unsure", "unsure")
+    assert one["attitude"]["sigma_deg"] == [1.0, 5.0]
+    assert one["plates"] == [[2, sentence.removeprefix("warning: ")]]
     assert (lost["word"], lost["attitude"]) == ("no attitude", None)
     assert [each["name"] for each in event(page, "/events?vehicle=1")["vehicles"]] == ["1"]
     clock[0] += 2.0  # the service says nothing any more
@@ -171,7 +173,12 @@ def test_a_browser_shows_one_vehicle_or_all_and_what_is_stale(page, clock, tmp_p
         seen.resize(390, 844)
 
         page.handle([Published(ONE, running(("clock_drift",)))])
-        seen.wait_for("at('told').innerText.endsWith('clock runs too fast or too slow')")
+        seen.wait_for("at('plates').innerText.endsWith('clock runs too fast or too slow')")
+        assert seen.value("at('sigma').innerText") == "horizon unsure"
+        imus = {"SCALED_IMU2": ImuDifference(3.14, 0.04)}
+        page.handle([Published(ONE, msgspec.structs.replace(running(), other_imus=imus))])
+        seen.wait_for("at('imus').innerText.endsWith('IMU 2: 3.1°, 0.0°/s')")
+        assert "IMU 2 off by 3.1°" in seen.value("at('plates').innerText")
         (folder / "web-warned.png").write_bytes(seen.screenshot())
         assert seen.value("document.documentElement.scrollHeight") == 844
 

@@ -33,7 +33,8 @@ def attitude(bias=(0.0, 0.0, 0.0), sigma_deg=1.0, heading_deg=1.0, q=LEVEL):
 
 def looked(alarms, half, acc=(0.0, 0.0, -9.8), mag=FIELD, profile=IMU, host_s=None, **claims):
     """Have a sample looked at after so many half seconds; returns the words that stand then."""
-    known = {"place_field": HERE, "leaning_rad": 0.0, "contradicted_axes": (False,) * 3}
+    known = {"place_field": HERE, "leaning_rad": 0.0, "contradicted_axes": (False,) * 3,
+             "is_aided": False}  # fmt: skip
     estimator = SimpleNamespace(compass_doubt="", **known)
     for name in known:
         setattr(estimator, name, claims.pop(name, getattr(estimator, name)))
@@ -164,6 +165,7 @@ def test_a_field_that_wanders_contradicts_sigma_and_a_magnet_that_passes_does_no
         return (0.218, 0.5, 0.428) if 30 <= time_s < 32 else FIELD
 
     assert words(60, mag=swinging) == {Alarm.SIGMA_TOO_SMALL}
+    assert words(60, mag=swinging, is_aided=True) == {Alarm.FIELD_IMPOSSIBLE}
     for seconds in range(30, 60, 3):
         assert words(seconds, mag=passing) == set()
 
@@ -246,3 +248,15 @@ def test_a_wandering_field_is_told_soon_and_allowed_by_the_headings_sigma():
 
     assert words(30, mag=swinging, place=None) == {Alarm.SIGMA_TOO_SMALL}
     assert words(60, mag=swinging, place=None, heading_deg=20.0) == set()
+
+
+@pytest.mark.parametrize(
+    ("mag_deg", "place", "off_deg"),
+    [(0.0, HERE, 0.0), (90.0, HERE, -90.0), (-170.0, None, 170.0),
+     (10.0, HERE._replace(declination_rad=radians(10.0)), 0.0)],
+)  # fmt: skip
+def test_the_compass_s_own_heading_is_less_where_its_north_is_to_the_east(mag_deg, place, off_deg):
+    alarms, mag = Alarms(), (0.2 * cos(radians(mag_deg)), 0.2 * sin(radians(mag_deg)), 0.4)
+    for half in range(9):
+        looked(alarms, half, place_field=place, mag=mag)
+    assert alarms.compass_off_deg == pytest.approx(off_deg, abs=1e-6)

@@ -64,6 +64,30 @@ def test_a_log_skips_what_a_live_link_skips(tmp_path):
     assert replayed.estimator.snapshot.core == rig.vehicle.estimator.snapshot.core
 
 
+def highres(sample, q, number):
+    """A HIGHRES_IMU of the IMU of that number."""
+    values = *rotate(q, sample.acc_m_s2), *sample.gyr_rad_s, *[0.0] * 7
+    message = M.MAVLink_highres_imu_message(sample.time_us, *values, 63, number)
+    return bytes(message.pack(M.MAVLink(None, srcSystem=1, srcComponent=1)))
+
+
+def test_imus_that_share_a_message_are_compared_by_their_numbers():
+    rig = Rig()
+    rig.samples = SimulatedVehicle(seed=0, rate_hz=50.0, motion="rest", noise=0.1)
+    rig.decoder.imu_in_use = rig.pipeline.imu_in_use
+    frame = rig.frame
+    rig.frame = lambda sample: (
+        frame(sample)
+        + highres(sample, exp((0.0, 0.0, 0.0)), 1)
+        + b"".join(highres(sample, TILTED, number) for number in range(2, 40))
+    )
+    rig.fly(20.0)
+    found = rig.status().other_imus
+    assert found["HIGHRES_IMU:1"].inclination_deg < 0.5
+    assert found["HIGHRES_IMU:2"].inclination_deg == pytest.approx(6.0, abs=1.5)
+    assert len(found) == 16  # nobody has so many
+
+
 @pytest.mark.parametrize("skips", [True, False], ids=["those not in use are skipped", "all"])
 def test_a_status_has_each_imus_difference_from_the_one_in_use(skips):
     rig, read = Rig(), []

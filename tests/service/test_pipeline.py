@@ -36,6 +36,7 @@ STATUS_KEYS = [
     "state", "imu_message", "imu_rate_hz", "worst_gap_s", "rejected", "overruns", "dropped",
     "sequence", "rates", "gain", "overloaded", "shed", "lost", "published_hz",
     "malformed", "warnings", "retuned", "autopilot", "recording", "mode", "armed", "other_imus",
+    "compass_off_deg",
 ]  # fmt: skip
 
 

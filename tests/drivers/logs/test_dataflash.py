@@ -26,6 +26,7 @@ from drivers.logs.dataflash import Dataflash
 from drivers.logs.dataflash_format import messages
 from drivers.logs.log_file import Window
 from drivers.logs.open import imu_events
+from drivers.logs.vibration import vibrations
 from estimator.errors import InputError
 
 G = 9.80665
@@ -320,3 +321,28 @@ def test_a_number_that_is_no_system_is_no_name(number, system_id, tmp_path):
     log = modern(seconds=1)
     log.data = log.data.replace(struct.pack("<f", 7.0), struct.pack("<f", number), 1)
     assert {event.vehicle for event in Dataflash(log.save(tmp_path))} == {VehicleId(system_id, 1)}
+
+
+@pytest.mark.parametrize(
+    ("codes", "columns", "rows", "clipped"),
+    [
+        ("QBfffI", "TimeUS,IMU,VibeX,VibeY,VibeZ,Clip", [(0, 1.0, 2.0, 3.0, 4)], {0: 4}),
+        ("QBfffI", "TimeUS,IMU,VibeX,VibeY,VibeZ,Clip", [(1, 1.0, 2.0, 3.0, 5)], {1: 5}),
+        (
+            "QfffIII",
+            "TimeUS,VibeX,VibeY,VibeZ,Clip0,Clip1,Clip2",
+            [(1.0, 2.0, 3.0, 6, 7, 8)],
+            {0: 6, 1: 7, 2: 8},
+        ),
+        ("Qfff", "TimeUS,VibeX,VibeY,VibeZ", [(1.0, 2.0, 3.0)], {}),
+        ("Qff", "TimeUS,VibeX,VibeY", [(1.0, 2.0)], None),
+    ],
+)
+def test_vibration_of_every_firmware(tmp_path, codes, columns, rows, clipped):
+    log = modern()
+    log.format("VIBE", codes, columns)
+    for row in rows:
+        log.write("VIBE", 10_000_000, *row)
+    found = [*vibrations(Dataflash(log.save(tmp_path)), VehicleId(7, 1), None)]
+    assert [each.clipped for each in found] == ([] if clipped is None else [clipped])
+    assert all(each.m_s2 == (1.0, 2.0, 3.0) for each in found)
