@@ -12,10 +12,11 @@ core.
 
 import sys
 import time
+from argparse import Namespace
 from collections.abc import Iterator
 
 import numpy as np
-from common.report import Point, Row, draw, parser, show
+from common.report import PLOT, Point, Row, Tables, benchmark, draw, option
 
 from tuning.optimizers import run_search
 from tuning.paper_task import PaperTask, midpoint_profile
@@ -71,21 +72,12 @@ def judged(task: PaperTask, values: np.ndarray) -> tuple[float, float]:
     return scores.tuning, scores.held_out
 
 
-def main() -> int:
-    made = parser(__doc__, plots=True)
-    made.add_argument("--runs", type=int, default=10, help="of each algorithm")
-    made.add_argument("--cycles", type=int, default=125, help="40 (1 + 2 cycles) evaluations a run")
-    made.add_argument("--paper", action="store_true", help="the time of the paper's scale")
-    options = made.parse_args()
+def tables(options: Namespace) -> Tables:
     if options.smoke:
         options.runs, options.cycles = 1, 1
     if options.paper:
-        table = [paper_scale(1 if options.smoke else 300)]
-        show({"the paper's optimisation": table}, as_json=options.json)
-        return 0
-    task = PaperTask(
-        midpoint_profile(), ("membership",), tuple(range(100, 104)), tuple(range(200, 220))
-    )
+        return {"the paper's optimisation": [paper_scale(1 if options.smoke else 300)]}
+    task = PaperTask(midpoint_profile(), ("membership",), (*range(100, 104),), (*range(200, 220),))
     found = list(runs(task, options.runs, options.cycles))
     before = task.score(task.base)
     rows: list[Row] = [{"by": "before", "searched on": before.tuning, "held out": before.held_out}]
@@ -101,12 +93,17 @@ def main() -> int:
             Point(p, name, p, J) for name, pair in found for p, J in zip(PARTS, pair, strict=True)
         ]
         draw(options.plot, points, "cost J")
-    show(
-        {f"J after {FOOD_SOURCES * (1 + 2 * options.cycles)} evaluations": rows},
-        as_json=options.json,
-    )
-    return 0
+    return {f"J after {FOOD_SOURCES * (1 + 2 * options.cycles)} evaluations": rows}
 
+
+main = benchmark(
+    __doc__,
+    tables,
+    PLOT,
+    option("--runs", type=int, default=10, help="of each algorithm"),
+    option("--cycles", type=int, default=125, help="40 (1 + 2 cycles) evaluations a run"),
+    option("--paper", action="store_true", help="the time of the paper's scale"),
+)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -10,6 +10,7 @@ leave room for the difference to be seen.
 """
 
 import sys
+from argparse import Namespace
 from collections.abc import Iterable
 from itertools import product
 from math import cos, radians, sin
@@ -17,7 +18,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
 
-from common.report import Row, log_files, parser, show
+from common.report import Row, Tables, benchmark, log_files, option
 
 from drivers.events import Event, ReferenceAttitude, VehicleId
 from drivers.logs.open import open_log
@@ -124,7 +125,7 @@ def turned(case: Case, after_s: float, q: Quaternion) -> Quaternion:
 def answer(recording: Recording, case: Case) -> Answer:
     """Give it all again, with the fault."""
     opinion, begun_us = SecondOpinion(), recording.span_us[0]
-    said_s, wrong, agreed, rooms = None, "", False, []
+    reported_s, wrong, agreed, rooms = None, "", False, []
     for each in recording.given:
         if not isinstance(each, Look):
             opinion.take_velocity(*each)
@@ -137,17 +138,17 @@ def answer(recording: Recording, case: Case) -> Answer:
         elif is_wrong:
             ours = ours._replace(q_ned_frd=turned(case, after_s, ours.q_ned_frd))
         opinion.look(*each._replace(theirs=theirs, ours=ours))
-        said = opinion.opinion
-        if not is_wrong or said is None:
+        now = opinion.opinion
+        if not is_wrong or now is None:
             continue
-        axis = said.heading if case.axis == 2 else said.inclination
+        axis = now.heading if case.axis == 2 else now.inclination
         rooms.append(case.size_deg - axis.allowed_deg)
-        if said.verdict is Verdict.DIFFERS:
-            said_s = after_s if said_s is None else said_s
-            wrong = said.wrong or wrong
+        if now.verdict is Verdict.DIFFERS:
+            reported_s = after_s if reported_s is None else reported_s
+            wrong = now.wrong or wrong
         is_whole = after_s >= case.creeps_s and case.size_deg > 20.0
-        agreed = agreed or (is_whole and said.verdict is Verdict.AGREES)
-    return Answer(said_s, wrong, agreed, median(rooms or [-1.0]) > 0.0)
+        agreed = agreed or (is_whole and now.verdict is Verdict.AGREES)
+    return Answer(reported_s, wrong, agreed, median(rooms or [-1.0]) > 0.0)
 
 
 def cases(span_s: float, sizes: Iterable[float]) -> Iterable[Case]:
@@ -177,9 +178,9 @@ def table(found: list[tuple[Case, bool, Answer]]) -> list[Row]:
                 "deg": size,
                 "within s": creeps,
                 "cases": len(those),
-                "said": len(seconds),
+                "reported": len(seconds),
                 "known": len(known),
-                "known and said": sum(each.after_s is not None for each in known),
+                "known and reported": sum(each.after_s is not None for each in known),
                 "after s": median(seconds) if seconds else None,
                 "named": len(named),
                 "named right": named.count(whose),
@@ -189,16 +190,12 @@ def table(found: list[tuple[Case, bool, Answer]]) -> list[Row]:
     return rows
 
 
-def main() -> None:
-    """Print the tables."""
-    options = parser(__doc__)
-    options.add_argument("logs", nargs="*", type=Path, default=[DATA])
-    given = options.parse_args()
-    paths = log_files(given.logs)
-    sizes = SIZES_DEG[1:2] if given.smoke else SIZES_DEG
+def tables(options: Namespace) -> Tables:
+    paths = log_files(options.logs)
+    sizes = SIZES_DEG[1:2] if options.smoke else SIZES_DEG
     found: list[tuple[Case, bool, Answer]] = []
     healthy: list[Row] = []
-    for path in paths[:3] if given.smoke else paths:
+    for path in paths[:3] if options.smoke else paths:
         try:
             recording, rate_hz = recorded(path)
         except InputError as error:
@@ -216,8 +213,10 @@ def main() -> None:
         found += [(case, rate_hz >= FAST_HZ, answer(recording, case)) for case in faults]
     s, alarms = (sum(row[name] for row in healthy) for name in ("s", "alarms"))
     total = {"log": f"all, {s / 3600.0:.2f} h", "s": s, "alarms": alarms}
-    show({"as recorded": [*healthy, total], "with a fault": table(found)}, as_json=given.json)
+    return {"as recorded": [*healthy, total], "with a fault": table(found)}
 
+
+main = benchmark(__doc__, tables, option("logs", nargs="*", type=Path, default=[DATA]))
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -21,8 +21,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from common.filters import fuzzbee
-from common.recordings import Trial, add_folders, chosen_sets
-from common.report import Row, names, parser, seeds, show
+from common.recordings import Trial, chosen_sets
+from common.report import FOLDERS, Row, Tables, benchmark, names, option, seeds
 from common.scores import LEAST_ROWS, errors_deg, heading_free, rms
 from common.ways import WAYS
 from flying.cases import CASES, DURATION_S, recorded
@@ -58,39 +58,27 @@ class Question(NamedTuple):
 def scores(folders: dict[str, list[Trial]], flown: dict[str, list[Events]]) -> dict[str, Score]:
     """By the set's name how a profile does on it."""
     made: dict[str, Score] = {}
+
+    def add(name: str, of: Callable[[Changes, Any], list[float]], items: list[Any]) -> None:
+        made[name] = lambda changes: mean([of(changes, each) for each in items])
+
     for folder, trials in folders.items():
         with_field = [trial for trial in trials if trial.has_mag]
-        made[folder] = lambda changes, some=trials: mean(on_trial(changes, t) for t in some)
-        made[f"{folder}, turned"] = lambda changes, some=with_field: mean(
-            after_turn(changes, t) for t in some
-        )
         rngs = [np.random.default_rng([SEED, k]) for k in range(len(with_field))]
-        beside = [
-            m for t, rng in zip(with_field, rngs, strict=True) for m in WAYS["magnets pass"](t, rng)
-        ]
-        made[f"{folder}, magnets"] = lambda changes, some=beside: mean(
-            on_trial(changes, t) for t in some
-        )
+        magnets = [WAYS["magnets pass"](t, rng) for t, rng in zip(with_field, rngs, strict=True)]
+        add(folder, on_trial, trials)
+        add(f"{folder}, turned", after_turn, with_field)
+        add(f"{folder}, magnets", on_trial, [trial for some in magnets for trial in some])
     for name, flights in flown.items():
-        lost = [without(events, 0.4, 0.8) for events in flights]
-        made[name] = lambda changes, some=flights: mean(on_flight(changes, f) for f in some)
-        made[f"{name}, velocity lost"] = lambda changes, some=lost: mean(
-            on_flight(changes, f) for f in some
-        )
-        made[f"{name}, no velocity"] = lambda changes, some=flights: mean(
-            on_flight({**changes, "aiding": {**changes.get("aiding", {}), **UNAIDED["aiding"]}}, f)
-            for f in some
-        )
+        add(name, on_flight, flights)
+        add(f"{name}, velocity lost", on_flight, [without(each, 0.4, 0.8) for each in flights])
+        add(f"{name}, no velocity", unaided, flights)
     return made
 
 
-def mean(rows: Iterator[list[float]]) -> list[float]:
+def mean(rows: list[list[float]]) -> list[float]:
     """Column by column, without what is not a number."""
-    stacked = np.array(list(rows))
-    with np.errstate(invalid="ignore"):
-        known = ~np.isnan(stacked)
-        summed = np.where(known, stacked, 0.0).sum(axis=0)
-        means: list[float] = (summed / np.maximum(known.sum(axis=0), 1)).tolist()
+    means: list[float] = np.ma.masked_invalid(rows).mean(axis=0).filled(0.0).tolist()
     return means
 
 
@@ -143,6 +131,11 @@ def on_flight(changes: Changes, events: Events) -> list[float]:
     _, heading, inclination = rms(flown.errors_deg[counted])
     under = flown.errors_deg[counted][:, [2, 1]] <= flown.sigma_deg[counted]
     return [inclination, heading, *under.mean(axis=0).tolist(), np.nan, np.nan]
+
+
+def unaided(changes: Changes, events: Events) -> list[float]:
+    aiding = {**changes.get("aiding", {}), **UNAIDED["aiding"]}
+    return on_flight({**changes, "aiding": aiding}, events)
 
 
 def keys(only: Sequence[str]) -> Iterator[Question]:
@@ -214,11 +207,10 @@ def moves(row: Row) -> bool:
     return abs(row["error %"]) > 100.0 * LEAST_SHARE or abs(row["coverage"]) > LEAST_COVERAGE
 
 
-def main() -> int:
-    options = arguments()
-    asked = list(keys(options.only))
-    if options.smoke:
-        asked = asked[:2]
+def tables(options: Namespace) -> Tables:
+    if options.own_heading:
+        options.own_heading = names([each.name for each in options.folders], options.own_heading)
+    asked = list(keys(options.only))[: 2 if options.smoke else None]
     with ProcessPoolExecutor(options.jobs, initializer=prepare, initargs=(options,)) as pool:
         base = pool.submit(answer, Question("", "", {})).result()
         answers = pool.map(answer, asked)
@@ -232,29 +224,21 @@ def main() -> int:
         row["number"] for row in rows if row["error %"] is None or moves(row)
     }
     rows.sort(key=lambda row: -abs(row["error %"] or 0.0))
-    show(
-        {"what a number moves": rows, "move nothing": [{"n": len(still), "names": sorted(still)}]},
-        as_json=options.json,
-    )
-    return 0
+    nothing = [{"n": len(still), "names": sorted(still)}]
+    return {"what a number moves": rows, "move nothing": nothing}
 
 
-def arguments() -> Namespace:
-    made = parser(__doc__)
-    add_folders(made)
-    made.add_argument("--logs", type=Path, nargs="*", default=[], help="with a truth")
-    made.add_argument("--flights", type=seeds, default=(), metavar="A-B", help="seeds of these")
-    made.add_argument(
-        "--own-heading", default="", metavar="NAME,NAME", help="folders without true north"
-    )
-    made.add_argument("--only", type=lambda text: text.split(","), default=[], metavar="NAME,NAME")
-    made.add_argument("--seconds", type=float, default=0.0, help="of each recording; 0: all")
-    made.add_argument("--jobs", type=int, default=2)
-    options = made.parse_args()
-    if options.own_heading:
-        options.own_heading = names([each.name for each in options.folders], options.own_heading)
-    return options
-
+main = benchmark(
+    __doc__,
+    tables,
+    *FOLDERS,
+    option("--logs", type=Path, nargs="*", default=[], help="with a truth"),
+    option("--flights", type=seeds, default=(), metavar="A-B", help="seeds of these"),
+    option("--own-heading", default="", metavar="NAME,NAME", help="folders without true north"),
+    option("--only", type=lambda text: text.split(","), default=[], metavar="NAME,NAME"),
+    option("--seconds", type=float, default=0.0, help="of each recording; 0: all"),
+    option("--jobs", type=int, default=2),
+)
 
 if __name__ == "__main__":
     sys.exit(main())

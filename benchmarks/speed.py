@@ -19,6 +19,7 @@ collector is off, as ``run`` has it.
 import gc
 import sys
 import time
+from argparse import Namespace
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from functools import partial
@@ -28,8 +29,9 @@ from typing import Any
 
 import numpy as np
 from common.filters import ImufusionRun, body_readings, is_installed
-from common.recordings import Trial, add_folders, chosen_sets, made_up
-from common.report import MISSING, Row, parser, show
+from common.recordings import Trial, chosen_sets, made_up
+from common.report import FOLDERS, MISSING, Row, Tables, benchmark, option
+from flying.replayed import SHORT_LOG
 
 from drivers.simulation.simulated_vehicle import simulate
 from estimator.profile import load_profile
@@ -40,7 +42,6 @@ from tuning.flight import fly
 ROWS = slice(1000, 7000)  # past the rest that recordings begin with
 CALLS = 600  # of them: what takes longer than a few ms, other programs always interrupt
 ROUNDS, LOG_ROUNDS, SMOKE_ROUNDS = 100, 5, 3
-SHORT_LOG = Path(__file__).parents[1] / "tests" / "data" / "sitl_copter_flips.tlog"
 PERIOD_S, MAG_EVERY = 1e-3, 10  # of the loop, and samples
 GYR_LSB_RAD_S, ACC_LSB_M_S2, MAG_LSB_GAUSS = (
     np.radians(2000.0 / 32768),
@@ -172,31 +173,34 @@ def loop_row(name: str, took_us: list[float]) -> Row:
     return {"update": name, "median us": median, "99.9 % us": rare, "worst us": worst}
 
 
-def main() -> int:
-    made = parser(__doc__)
-    add_folders(made)
-    made.add_argument("--logs", type=Path, nargs="+", default=[], metavar="LOG")
-    made.add_argument("--loop", type=float, default=0.0, metavar="SECONDS")
-    options = made.parse_args()
+def tables(options: Namespace) -> Tables:
     rounds, log_rounds = ROUNDS, LOG_ROUNDS
-    tables: dict[str, list[Row]] = {}
+    found: dict[str, list[Row]] = {}
     if options.smoke:
         rounds, log_rounds, options.logs, options.loop = SMOKE_ROUNDS, 1, [SHORT_LOG], 1.0
     if options.smoke or not (options.logs or options.loop):
         trial = next(iter(chosen_sets(options).values()))[0] if options.folders else made_up()
-        tables[f"time a sample, {trial.name}"] = measure(of_samples(trial), rounds)
+        found[f"time a sample, {trial.name}"] = measure(of_samples(trial), rounds)
     for log in options.logs:
-        tables[f"time an IMU sample, {log.name}"] = measure(of_log(log), log_rounds)
+        found[f"time an IMU sample, {log.name}"] = measure(of_log(log), log_rounds)
     if options.loop:
         gc.disable()
         count = round(options.loop / PERIOD_S)
         ways = (("6D", False), ("9D", True))
-        rows = [loop_row(name, [*loop(count, has_mag=has_mag)]) for name, has_mag in ways]
+        found["one call at 1 kHz"] = [
+            loop_row(name, [*loop(count, has_mag=has_mag)]) for name, has_mag in ways
+        ]
         gc.enable()
-        tables["one call at 1 kHz"] = rows
-    show(tables, as_json=options.json)
-    return 0
+    return found
 
+
+main = benchmark(
+    __doc__,
+    tables,
+    *FOLDERS,
+    option("--logs", type=Path, nargs="+", default=[], metavar="LOG"),
+    option("--loop", type=float, default=0.0, metavar="SECONDS"),
+)
 
 if __name__ == "__main__":
     sys.exit(main())
