@@ -5,9 +5,9 @@
 Every log goes through the same reading and pipeline as ``fuzzbee replay``. The plain filters see
 the same samples: the accelerometer alone, and complementary filters of several time constants, of
 which the best is chosen in hindsight, log by log. ``mean of force`` is that of the last 10 s in the
-body. All are compared with the simulator's truth where the log has it, else with the autopilot's own
-attitude, less one constant rotation, since IMU and autopilot may be mounted apart. Degrees RMS; the
-share of errors under sigma in motion and at rest. Then medians by motion and rate.
+body. All are compared with the simulator's truth where the log has it, else with the autopilot's
+own attitude, less one constant rotation, since IMU and autopilot may be mounted apart. Degrees RMS;
+the share of errors under sigma in motion and at rest. Then medians by motion and rate.
 """
 
 import sys
