@@ -123,7 +123,7 @@ def turned(case: Case, after_s: float, q: Quaternion) -> Quaternion:
 def answer(recording: Recording, case: Case) -> Answer:
     """Give it all again, with the fault."""
     opinion, begun_us = SecondOpinion(), recording.span_us[0]
-    reported_s, wrong, agreed, rooms = None, "", False, []
+    said_s, wrong, agreed, rooms = None, "", False, []
     for each in recording.given:
         if not isinstance(each, Look):
             opinion.take_velocity(*each)
@@ -136,17 +136,17 @@ def answer(recording: Recording, case: Case) -> Answer:
         elif is_wrong:
             ours = ours._replace(q_ned_frd=turned(case, after_s, ours.q_ned_frd))
         opinion.look(*each._replace(theirs=theirs, ours=ours))
-        now = opinion.opinion
-        if not is_wrong or now is None:
+        said = opinion.opinion
+        if not is_wrong or said is None:
             continue
-        axis = now.heading if case.axis == 2 else now.inclination
+        axis = said.heading if case.axis == 2 else said.inclination
         rooms.append(case.size_deg - axis.allowed_deg)
-        if now.verdict is Verdict.DIFFERS:
-            reported_s = after_s if reported_s is None else reported_s
-            wrong = now.wrong or wrong
+        if said.verdict is Verdict.DIFFERS:
+            said_s = after_s if said_s is None else said_s
+            wrong = said.wrong or wrong
         is_whole = after_s >= case.creeps_s and case.size_deg > 20.0
-        agreed = agreed or (is_whole and now.verdict is Verdict.AGREES)
-    return Answer(reported_s, wrong, agreed, median(rooms or [-1.0]) > 0.0)
+        agreed = agreed or (is_whole and said.verdict is Verdict.AGREES)
+    return Answer(said_s, wrong, agreed, median(rooms or [-1.0]) > 0.0)
 
 
 def cases(span_s: float, sizes: Iterable[float]) -> Iterable[Case]:
