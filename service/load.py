@@ -13,7 +13,7 @@ class Load(NamedTuple):
 
     ``rate_hz`` is how often attitudes are published where there is time for it. While it
     ``is_shedding``, only vehicles with a new sample have theirs published. Right after a stop
-    (``has_just_woken``) it is not known yet whose silence is his own.
+    (``has_just_woken``) nobody can tell yet whose silence is his own.
     """
 
     is_shedding: bool = False
