@@ -1,6 +1,6 @@
 """How accurate are fuzzbee, its variants and other filters on recordings with optical truth?
 
-    python benchmarks/accuracy.py DIR [DIR ...] [--filters rivals] [--ways all] [--plot FILE]
+    python benchmarks/accuracy.py DIR [DIR ...] [--filters peers] [--ways all] [--plot FILE]
 
 A row a folder, way of recording and filter: RMS errors in motion in degrees (BROAD's protocol),
 mean over the recordings; ``free`` is the total with a constant heading per recording taken off,
@@ -8,28 +8,26 @@ mean over the recordings; ``free`` is the total with a constant heading per reco
 the published sigma (0.68 is honest). ``change`` is the mean change of the total against the first
 filter, by recording, with its bootstrapped 95 % interval.
 
-Filters are names with commas between them, ``rivals``, ``acausal`` or ``gains`` (the profile imu
+Filters are names with commas between them, ``peers``, ``acausal`` or ``gains`` (the profile imu
 with other gains). Ways are those of common/ways.py, or ``all``.
 """
 
 import sys
+from argparse import Namespace
 from collections.abc import Sequence
 
 import numpy as np
 from common.filters import Filter, chosen_filters
-from common.recordings import Trial, add_folders, chosen_sets
-from common.report import MISSING, Point, Row, draw, parser, show
+from common.recordings import Trial, chosen_sets
+from common.report import FOLDERS, MISSING, PLOT, Point, Row, Tables, benchmark, draw, option
 from common.scores import change, mean_of, score
 from common.ways import WAYS
 
 
 def judge(filter_: Filter, trials: Sequence[Trial]) -> list[Row]:
     """The scores of each recording."""
-    rows = []
-    for trial in trials:
-        said = filter_(trial).advance(slice(0, None))
-        rows.append({"name": trial.name, **score(trial, *said)})
-    return rows
+    runs = ((trial, filter_(trial).advance(slice(0, None))) for trial in trials)
+    return [{"name": trial.name, **score(trial, *output)} for trial, output in runs]
 
 
 def worse(trials: Sequence[Trial], way: str, seed: int) -> list[Trial]:
@@ -46,8 +44,7 @@ def summary(rows: Sequence[Row], base: Sequence[Row]) -> Row:
     return {**found, "change": change(totals, [row["total"] for row in base])}
 
 
-def main() -> int:
-    options = arguments()
+def tables(options: Namespace) -> Tables:
     table: list[Row] = []
     points: list[Point] = []
     for folder, trials in chosen_sets(options).items():
@@ -64,18 +61,18 @@ def main() -> int:
                 points += [Point(f"{folder}, {way}", r["name"], name, r["total"]) for r in rows]
     if options.plot:
         draw(options.plot, points, "total RMS error, degrees", is_log=True)
-    show({"accuracy, degrees": table}, as_json=options.json)
-    return 0
+    return {"accuracy, degrees": table}
 
 
-def arguments():
-    made = parser(__doc__, plots=True)
-    add_folders(made)
-    made.add_argument("--filters", default="rivals", help="names, rivals, acausal or gains")
-    made.add_argument("--ways", nargs="+", choices=[*WAYS, "all"], default=["as recorded"])
-    made.add_argument("--seed", type=int, default=0)
-    return made.parse_args()
-
+main = benchmark(
+    __doc__,
+    tables,
+    *FOLDERS,
+    PLOT,
+    option("--filters", default="peers", help="names, peers, acausal or gains"),
+    option("--ways", nargs="+", choices=[*WAYS, "all"], default=["as recorded"]),
+    option("--seed", type=int, default=0),
+)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -7,8 +7,8 @@ Every recording gets the constant errors of one made-up sensor a seed: scales an
 Constants are fitted on four recordings that turn about all axes and applied to all others, or on a
 recording's first half and scored on the rest. A row a folder and kind of errors: the mean over
 recordings of total, total with free heading and inclination (degrees), free of the errors
-(``clean``), with them, and calibrated, and the worst ratio of calibrated to clean. Rivals are VQF
-with and without the same calibration, and a sphere or an ellipsoid fitted to the field.
+(``clean``), with them, and calibrated, and the worst ratio of calibrated to clean. Beside it are
+VQF with and without the same calibration, and a sphere fitted to the field.
 """
 
 import sys
@@ -19,9 +19,9 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from common.filters import FRD_OF_SENSOR, RIVALS, body_readings, fuzzbee, is_installed
-from common.recordings import Array, Trial, add_folders, chosen_sets
-from common.report import Row, parser, seeds, show
+from common.filters import FRD_OF_SENSOR, PEERS, body_readings, fuzzbee, is_installed
+from common.recordings import Array, Trial, chosen_sets
+from common.report import FOLDERS, Row, Tables, benchmark, option, seeds
 from common.scores import by, mean_of, score
 from common.ways import WAYS, direction
 
@@ -36,12 +36,8 @@ FIGURES = ("total", "free", "inclination")
 Rng = np.random.Generator
 
 
-def scales(trial: Trial, rng: Rng) -> Trial:
-    return next(WAYS["scales and axes"](trial, rng))
-
-
-def bias(trial: Trial, rng: Rng) -> Trial:
-    return next(WAYS["accelerometer's bias"](trial, rng))
+def by_way(trial: Trial, rng: Rng, way: str) -> Trial:
+    return next(WAYS[way](trial, rng))
 
 
 def iron(trial: Trial, rng: Rng, share: float) -> Trial:
@@ -51,8 +47,7 @@ def iron(trial: Trial, rng: Rng, share: float) -> Trial:
 STRENGTH_UT = 45.0  # the same iron in all recordings of a sensor
 ERRORS: dict[str, Callable[[Trial, Rng], Trial]] = {
     "none": lambda trial, _: trial,
-    "scales and axes": scales,
-    "accelerometer's bias": bias,
+    **{way: partial(by_way, way=way) for way in ("scales and axes", "accelerometer's bias")},
     "5 % of iron": partial(iron, share=0.05),
     "20 % of iron": partial(iron, share=0.2),
 }
@@ -75,24 +70,12 @@ def calibrated(trial: Trial, found: Calibration) -> Trial:
     return replace(trial, gyr_rad_s=gyr, acc_m_s2=acc, mag_ut=100.0 * mag)
 
 
-def round_field(trial: Trial, fitted_on: list[Trial], *, is_ellipsoid: bool) -> Trial:
-    """The field made round by a sphere or an ellipsoid, by linear least squares."""
+def centred_field(trial: Trial, fitted_on: list[Trial]) -> Trial:
+    """The field less the centre of a sphere, by linear least squares: m^2 = 2 b.m + d."""
     m = np.concatenate([each.mag_ut for each in fitted_on])
-    scale = float(np.median(np.linalg.norm(m, axis=1)))
-    x, y, z = (m / scale).T
-    columns = [2 * x, 2 * y, 2 * z, np.ones_like(x)]
-    if is_ellipsoid:
-        squares = [x * x + y * y - 2 * z * z, x * x + z * z - 2 * y * y]
-        columns += [*squares, 2 * x * y, 2 * x * z, 2 * y * z]
-    # x^2 + y^2 + z^2 = 2 b.m + d + what of the squares is no sphere's
-    p = np.linalg.lstsq(np.column_stack(columns), x * x + y * y + z * z, rcond=None)[0]
-    A = np.eye(3)
-    if is_ellipsoid:
-        u, v, xy, xz, yz = p[4:]
-        A -= np.array([[u + v, xy, xz], [xy, u - 2 * v, yz], [xz, yz, v - 2 * u]])
-    values, ways = np.linalg.eigh(A)
-    root = ways @ np.diag(np.sqrt(np.maximum(values, 1e-3))) @ ways.T
-    return replace(trial, mag_ut=(trial.mag_ut - scale * np.linalg.solve(A, p[:3])) @ root)
+    columns = np.column_stack([2.0 * m, np.ones(len(m))])
+    centre = np.linalg.lstsq(columns, np.sum(m * m, axis=1), rcond=None)[0][:3]
+    return replace(trial, mag_ut=trial.mag_ut - centre)
 
 
 def turns_all_ways(trial: Trial) -> bool:
@@ -129,9 +112,7 @@ def rows_of(folder: str, trials: list[Trial], kind: str, seed: int, way: str) ->
             for name, each in (("clean", trial), ("as is", bad), ("calibrated", good)):
                 row[name] = figures(each, "fuzzbee")
             if trial.has_mag:
-                for name, is_ellipsoid in (("sphere", False), ("ellipsoid", True)):
-                    rounded = round_field(bad, wrong, is_ellipsoid=is_ellipsoid)
-                    row[name] = figures(rounded, "fuzzbee")
+                row["sphere"] = figures(centred_field(bad, wrong), "fuzzbee")
             if is_installed("vqf"):
                 row["vqf"], row["vqf calibrated"] = (figures(each, "vqf") for each in (bad, good))
             rows.append(row)
@@ -140,18 +121,15 @@ def rows_of(folder: str, trials: list[Trial], kind: str, seed: int, way: str) ->
 
 def figures(trial: Trial, name: str) -> list[float]:
     """Total, free of a constant heading, inclination."""
-    run = (RIVALS[name] if name in RIVALS else fuzzbee({}))(trial)
-    said = run.advance(slice(0, None))
-    scored = score(trial, said.q_enu_sensor, said.sigma_deg)
+    run = (PEERS[name] if name in PEERS else fuzzbee({}))(trial)
+    scored = score(trial, *run.advance(slice(0, None)))
     return [scored[figure] for figure in FIGURES]
 
 
-def main() -> int:
-    options = arguments()
-    sets = chosen_sets(options)
+def tables(options: Namespace) -> Tables:
     jobs = [
         (folder, trials, kind, seed, options.by)
-        for folder, trials in sets.items()
+        for folder, trials in chosen_sets(options).items()
         for kind in (list(ERRORS)[:2] if options.smoke else ERRORS)
         for seed in options.seeds
     ]
@@ -163,18 +141,17 @@ def main() -> int:
         named = [{k: v for k, v in row.items() if k not in ("folder", "errors")} for row in group]
         worst: Array = np.max(ratios, axis=0)
         shown.append({"folder": folder, "errors": kind, **mean_of(named), "worst": worst.tolist()})
-    show({", ".join(FIGURES): shown}, as_json=options.json)
-    return 0
+    return {", ".join(FIGURES): shown}
 
 
-def arguments() -> Namespace:
-    made = parser(__doc__)
-    add_folders(made)
-    made.add_argument("--seeds", type=seeds, default=range(1, 2), metavar="A-B")
-    made.add_argument("--by", choices=("others", "half"), default="others")
-    made.add_argument("--jobs", type=int, default=2)
-    return made.parse_args()
-
+main = benchmark(
+    __doc__,
+    tables,
+    *FOLDERS,
+    option("--seeds", type=seeds, default=range(1, 2), metavar="A-B"),
+    option("--by", choices=("others", "half"), default="others"),
+    option("--jobs", type=int, default=2),
+)
 
 if __name__ == "__main__":
     sys.exit(main())

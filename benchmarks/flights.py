@@ -11,8 +11,9 @@ in all and in the worst 20 s; ``accelerometer`` is the inclination by the accele
 """
 
 import sys
+from argparse import Namespace
 
-from common.report import Row, names, parser, seeds, show
+from common.report import Row, Tables, benchmark, names, option, seeds
 from flying.cases import CASES, DURATION_S, SKIP_S, recorded
 from flying.replayed import UNAIDED, fly, score
 
@@ -27,19 +28,21 @@ def row(case: str, motion: str, seed: int, duration_s: float) -> Row:
     return found
 
 
-def main() -> int:
-    made = parser(__doc__)
-    made.add_argument("--seeds", type=seeds, default=range(100, 103), metavar="A-B")
-    made.add_argument("--cases", default=",".join(CASES), help="names, with commas between them")
-    options = made.parse_args()
+def tables(options: Namespace) -> Tables:
     cases = [(c, motion) for c in names(CASES, options.cases) for motion in CASES[c].motions]
     if options.smoke:
         cases, options.seeds = [("4 Hz", "rover")], options.seeds[:1]
     length_s = SMOKE_S if options.smoke else DURATION_S
     rows = [row(case, motion, seed, length_s) for case, motion in cases for seed in options.seeds]
-    show({"simulated flights, degrees": rows}, as_json=options.json)
-    return 0
+    return {"simulated flights, degrees": rows}
 
+
+main = benchmark(
+    __doc__,
+    tables,
+    option("--seeds", type=seeds, default=range(100, 103), metavar="A-B"),
+    option("--cases", default=",".join(CASES), help="names, with commas between them"),
+)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -19,7 +19,7 @@ from common.mekf import FILTERS, mekf_errors
 from common.paper_filter import Signals, errors_of, kernel_errors, require_equal, signals_of
 from common.paper_laws import KINDS, Kind, fuzzy, tune
 from common.recordings import Array
-from common.report import Point, Row, draw, parser, seeds, show
+from common.report import PLOT, Point, Row, Tables, benchmark, draw, option, seeds
 
 from estimator.geometry.metrics import STEADY, TRANSIENT, TRANSIENT_WEIGHT
 from estimator.live.settings import Settings, settings_of
@@ -114,8 +114,9 @@ def points(tables: Mapping[str, Sequence[Row]]) -> list[Point]:
     ]
 
 
-def main() -> int:
-    options = arguments()
+def tables(options: Namespace) -> Tables:
+    if options.smoke:
+        options.seeds, options.mixes, options.cycles = options.seeds[:1], "1x1", 1
     require_equal(PAPER, fuzzy(np.array(PAPER.k)))
     tuned, parameters = tuned_contenders(options)
     mixes = {}
@@ -126,23 +127,18 @@ def main() -> int:
     if options.plot is not None:
         draw(options.plot, points(mixes), "over the best fixed K's", is_log=True)
     tuned_on = {"tuned on the seeds 100-107": parameters} if parameters else {}
-    show({**tuned_on, **mixes}, as_json=options.json)
-    return 0
+    return {**tuned_on, **mixes}
 
 
-def arguments() -> Namespace:
-    made = parser(__doc__, plots=True)
-    made.add_argument("--seeds", type=seeds, default=range(5000, 5040), help="that are scored on")
-    made.add_argument("--mixes", default=MIXES, help="GxV: times gyroscope's x vectors', or wide")
-    made.add_argument(
-        "--cycles", type=int, default=CYCLES, help="20 (1 + 2 cycles) evaluations each"
-    )
-    made.add_argument("--only", choices=("profiles",), help="tune nothing")
-    options = made.parse_args()
-    if options.smoke:
-        options.seeds, options.mixes, options.cycles = options.seeds[:1], "1x1", 1
-    return options
-
+main = benchmark(
+    __doc__,
+    tables,
+    PLOT,
+    option("--seeds", type=seeds, default=range(5000, 5040), help="that are scored on"),
+    option("--mixes", default=MIXES, help="GxV: times gyroscope's x vectors', or wide"),
+    option("--cycles", type=int, default=CYCLES, help="20 (1 + 2 cycles) evaluations each"),
+    option("--only", choices=("profiles",), help="tune nothing"),
+)
 
 if __name__ == "__main__":
     sys.exit(main())

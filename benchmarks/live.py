@@ -1,38 +1,60 @@
-"""How many vehicles does the live service carry, how late, and at what cost?
+"""How many vehicles does the live service carry, how late, at what cost, and with what troubles?
 
-    python benchmarks/live.py --vehicles 200 --rate 50 --seconds 20 [--plain]
+    python benchmarks/live.py --vehicles 200 --rate 50 --seconds 20 [--plain] [--record FOLDER]
+    python benchmarks/live.py --capacity | --troubles burst,stopped,busy | --soak
 
 The vehicles send over UDP on loopback, ``fuzzbee run`` estimates and publishes on Zenoh, a third
-process subscribes. ``--plain``: a script of pymavlink and ahrs (processes/plain.py) has the
-service's place. ``--record FOLDER``: it records there all that comes. Times are median, 99th
-percentile and worst in ms, of an attitude:
+process subscribes. With ``--plain`` a script of pymavlink and ahrs (processes/plain.py) has the
+service's place. Times are median, 99th percentile and worst in ms, of an attitude:
 
 - ``sample to subscriber``: from the sending of its latest sample's datagram to the subscriber's
   callback; ``new sample to subscriber`` of the first attitude after each sample only.
 - ``tick late``: the tick against its schedule, the grid of periods under all ticks; a tick that is
   a whole period late shows in ``ticks apart``.
 
-``shed`` samples are those that an overloaded service left out and counted, ``lost`` those that the
-system threw away, as the service has counted, ``uncounted`` the others that were not taken.
-Cores and memory are those of all processes of the service. With ``--capacity`` the number of
-vehicles is searched that is carried with less than 0.1 % not taken.
+``shed`` samples are those that an overloaded service left out, ``lost`` those that the system
+dropped, as the service has counted; ``uncounted`` the others that were not taken. Cores and memory
+are those of all processes of the service. ``--capacity`` searches the number of vehicles that is
+carried with less than 0.1 % not taken.
+
+``--troubles``: ten times as many vehicles for a third of the time (``burst``), a service that is
+stopped (SIGSTOP) for 9 s, or two processes that compute beside it (``busy``). Rows are the time
+before, during and after, of the vehicles that are there all the time, then what became of all
+samples; ``longest gap s`` is the longest time without an attitude, median and worst of the
+vehicles with one over 0.2 s.
+
+``--soak``: four minutes of 50 vehicles at 100 Hz with a recording, the viewer into a file and
+metrics. ``MB``, ``descriptors`` and ``threads`` are those of the thirds of the run; ``flat`` is
+whether none of them grew from the second to the last.
 """
 
+import itertools
+import os
+import signal
+import subprocess
 import sys
+import tempfile
 import time
+import urllib.request
 from argparse import Namespace
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
 
+import numpy as np
 from common.filters import is_installed
-from common.report import MISSING, Row, parser, show
+from common.report import MISSING, Row, Tables, benchmark, names, option
 from processes.trial import (
     WARM_UP_S,
     BeginService,
     Process,
+    Seen,
     Shape,
     counts,
     cpu_s,
     family,
     figures,
+    free_port,
     fuzzbee,
     memory_mb,
     plain,
@@ -42,6 +64,9 @@ from processes.trial import (
 # A number of vehicles is carried if less than this share of the samples is lost or left out.
 CARRIED = 0.001
 FIRST_VEHICLES, MOST_VEHICLES, FINENESS = 64, 500, 0.1
+STOP_S, RECOVERY_S, GAP_S = 9.0, 1.0, 0.2
+BURST, BUSY = 10, 2  # times the vehicles, and processes
+MOST_GROWTH = 0.05  # between the second third and the last: noise of the allocator
 
 
 def measure(shape: Shape, begin_service: BeginService) -> Row:
@@ -72,12 +97,12 @@ def measure(shape: Shape, begin_service: BeginService) -> Row:
     }
 
 
-def capacity(options: Namespace, begin_service: BeginService) -> Row:
+def capacity(shape: Shape, begin_service: BeginService) -> Row:
     """The run with the most vehicles that is carried, found by bisection."""
     carried, too_many, best = 0, MOST_VEHICLES + 1, None
     vehicles = FIRST_VEHICLES
     while too_many - carried > max(1, carried * FINENESS):
-        result = measure(shape_of(options, vehicles), begin_service)
+        result = measure(shape._replace(vehicles=vehicles), begin_service)
         lost = 1.0 - result["taken"] / max(1, result["sent"])
         print(f"{vehicles} vehicles: {lost:.2%} not taken", file=sys.stderr)
         if lost < CARRIED:
@@ -91,48 +116,178 @@ def capacity(options: Namespace, begin_service: BeginService) -> Row:
     return best
 
 
-def shape_of(options: Namespace, vehicles: int) -> Shape:
-    publish_hz = options.rate if options.publish_rate is None else options.publish_rate
-    return Shape(vehicles, options.rate, options.seconds, publish_hz)
-
-
-def main() -> int:
-    made = parser(__doc__)
-    made.add_argument("--vehicles", type=int, default=1)
-    made.add_argument("--rate", type=float, default=50.0, help="samples a second and vehicle")
-    made.add_argument("--seconds", type=float, default=10.0)
-    made.add_argument("--publish-rate", type=float, help="attitudes a second [as --rate]")
-    made.add_argument("--record", default="", help="folder that the service records to")
-    made.add_argument("--plain", action="store_true", help="pymavlink and ahrs instead")
-    made.add_argument("--capacity", action="store_true", help="search the most vehicles")
-    options = made.parse_args()
-    if options.smoke:
-        options.vehicles, options.seconds, options.capacity = 2, WARM_UP_S + 2.0, False
-    if options.seconds <= WARM_UP_S:
-        made.error(f"--seconds: more than {WARM_UP_S:g}")
-
-    def recording(port: int, endpoint: str, publish_hz: float) -> Process:
-        return fuzzbee(port, endpoint, publish_hz, "--record", options.record)
-
-    rivals: dict[str, BeginService | None] = {
-        "fuzzbee": recording if options.record else fuzzbee,
+def load(shape: Shape, options: Namespace) -> list[Row]:
+    """A row a service."""
+    recorder = ("--record", options.record) if options.record else ()
+    services: dict[str, BeginService | None] = {
+        "fuzzbee": lambda *where: fuzzbee(*where, *recorder),
         "plain script": plain if is_installed("mahony") else None,
     }
-    chosen = ["plain script"] if options.plain else ["fuzzbee"]
-    rows: list[Row] = []
-    for name in list(rivals) if options.smoke else chosen:
-        begin_service = rivals[name]
-        if begin_service is None:
-            rows.append({"service": name, "vehicles": f"ahrs: {MISSING}"})
-            continue
-        if options.capacity:
-            found = capacity(options, begin_service)
-        else:
-            found = measure(shape_of(options, options.vehicles), begin_service)
-        rows.append({"service": name, **found})
-    show({"live": rows}, as_json=options.json)
-    return 0
+    chosen = list(services) if options.smoke else ["plain script" if options.plain else "fuzzbee"]
+    found = capacity if options.capacity else measure
+    rows = []
+    for name in chosen:
+        begin = services[name]
+        row = found(shape, begin) if begin else {"vehicles": f"ahrs: {MISSING}"}
+        rows.append({"service": name, **row})
+    return rows
 
+
+def nothing(_service: int, seconds: float) -> None:
+    time.sleep(seconds)
+
+
+def stop(service: int, seconds: float) -> None:
+    os.kill(service, signal.SIGSTOP)
+    time.sleep(seconds)
+    os.kill(service, signal.SIGCONT)
+
+
+def compete(_service: int, seconds: float) -> None:
+    command = [sys.executable, "-c", "while True: pass"]
+    busy = [subprocess.Popen(command) for _ in range(BUSY)]  # noqa: S603
+    time.sleep(seconds)
+    for process in busy:
+        process.kill()
+        process.wait()
+
+
+# By name: what is done to the service's process for how long (s); the vehicles of that time come on
+# top, as many times as the others.
+TROUBLES: dict[str, tuple[Callable[[int, float], None], int]] = {
+    "burst": (nothing, BURST),
+    "stopped": (stop, 1),
+    "busy": (compete, 1),
+}
+
+
+def troubled(name: str, shape: Shape) -> list[Row]:
+    """One run with the trouble in the middle third of it."""
+    trouble, times = TROUBLES[name]
+    third_s = (shape.seconds - WARM_UP_S) / 3.0
+    begin_s, lasts_s = WARM_UP_S + third_s, STOP_S if name == "stopped" else third_s
+    few, span_s = shape.vehicles, (begin_s, begin_s + lasts_s)
+    shape = shape._replace(vehicles=few * times, few=few, burst_s=span_s)
+
+    def meanwhile(service: Process, _others: list[int]) -> None:
+        time.sleep(begin_s)
+        trouble(service.pid, lasts_s)
+
+    seen = run(shape, fuzzbee, meanwhile)
+    always = seen._replace(attitudes=seen.attitudes[seen.attitudes[:, 0] <= few])
+    marks_s = (WARM_UP_S, *span_s, span_s[1] + RECOVERY_S, shape.seconds)
+    marks_ns = [seen.start_ns + int(mark_s * 1e9) for mark_s in marks_s]
+    parts = zip(("before", "during", "", "after"), itertools.pairwise(marks_ns), strict=True)
+    rows: list[Row] = [
+        {"trouble": name, "when": when, **figures(always, window_ns, shape.publish_hz)}
+        for when, window_ns in parts
+        if when
+    ]
+    gaps = {"longest gap s": longest_gaps(always, marks_ns[0])}
+    return [*rows, {"trouble": name, "when": "in all", **counts(seen), **gaps}]
+
+
+def longest_gaps(seen: Seen, begin_ns: int) -> list[float] | None:
+    """Of the vehicles that were without an attitude for long: median and worst, s."""
+    rows = seen.attitudes[seen.attitudes[:, 1] >= begin_ns]
+    gaps = [
+        1e-9 * float(np.diff(rows[rows[:, 0] == vehicle, 1]).max(initial=0))
+        for vehicle in np.unique(rows[:, 0])
+    ]
+    found = [gap for gap in gaps if gap > GAP_S]
+    return [round(float(np.median(found)), 3), round(max(found), 3)] if found else None
+
+
+def soak(shape: Shape) -> Row:
+    """Look at the service each second of a long run."""
+    looks: list[tuple[float, int, int]] = []
+    metrics = free_port()
+
+    def meanwhile(service: Process, _others: list[int]) -> None:
+        end_s = time.monotonic() + shape.seconds - 1.0
+        while time.monotonic() < end_s:
+            time.sleep(1.0)
+            looks.append(look(service.pid, metrics))
+
+    with tempfile.TemporaryDirectory() as name:
+        files = ("--record", f"{name}/recorded", "--rrd", f"{name}/seen.rrd")
+        everything = (*files, "--metrics", str(metrics))
+        seen = run(shape, lambda *where: fuzzbee(*where, *everything), meanwhile)
+        recorded_mb = sum(f.stat().st_size for f in Path(name, "recorded").iterdir()) / 1e6
+    row = {"vehicles": shape.vehicles, "Hz": shape.rate_hz, **counts(seen)}
+    return {**row, "recorded MB": round(recorded_mb, 1), **verdict(looks)}
+
+
+def look(pid: int, metrics: int) -> tuple[float, int, int]:
+    """Memory (MB), descriptors and threads of a process, after its metrics have been read."""
+    with suppress(OSError):  # at its beginning nobody answers
+        urllib.request.urlopen(f"http://127.0.0.1:{metrics}/metrics", timeout=5.0).read()
+    status = Path(f"/proc/{pid}/status").read_text()
+    fields = dict(line.split(":", 1) for line in status.splitlines())
+    descriptors = len(os.listdir(f"/proc/{pid}/fd"))  # noqa: PTH208 - numbers, no paths
+    return int(fields["VmRSS"].split()[0]) / 1024, descriptors, int(fields["Threads"])
+
+
+def verdict(looks: list[tuple[float, int, int]]) -> Row:
+    """The thirds of the run side by side.
+
+    Descriptors and threads are judged by the least number that was seen: Zenoh's attempts to
+    connect come and go, and what leaks is there at every look.
+    """
+    mb, descriptors, threads = (np.array_split(column, 3) for column in zip(*looks, strict=True))
+    means = [round(float(np.mean(part)), 1) for part in mb]
+    grew = means[2] - means[1] >= MOST_GROWTH * means[1] or any(
+        part[2].min() > part[1].min() for part in (descriptors, threads)
+    )
+    row: Row = {"MB": means}
+    for name, parts in (("descriptors", descriptors), ("threads", threads)):
+        row[name] = [f"{part.min()}..{part.max()}" for part in parts]
+    return {**row, "flat": not grew}
+
+
+def tables(options: Namespace) -> Tables:
+    """The chosen one, or all in a smoke test."""
+    sizes = {"load": (1, 50.0, 10.0), "troubles": (30, 50.0, 26.0), "soak": (50, 100.0, 240.0)}
+    if options.smoke:
+        sizes = {"load": (2, 50.0, 4.0), "troubles": (2, 50.0, 6.5), "soak": (2, 50.0, 4.0)}
+        options.capacity, options.troubles = False, "burst"
+
+    def shape(kind: str, publish_hz: float | None = None) -> Shape:
+        given = (options.vehicles, options.rate, options.seconds)
+        vehicles, rate, seconds = (
+            usual if own is None else own for own, usual in zip(given, sizes[kind], strict=True)
+        )
+        return Shape(vehicles, rate, seconds, publish_hz or rate)
+
+    found: dict[str, Callable[[], list[Row]]] = {
+        "troubles": lambda: [
+            row
+            for name in names(TROUBLES, options.troubles)
+            for row in troubled(name, shape("troubles"))
+        ],
+        "soak": lambda: [soak(shape("soak", 10.0))],
+        "load": lambda: load(shape("load", options.publish_rate), options),
+    }
+    is_load = not (options.troubles or options.soak)
+    asked = {"troubles": options.troubles, "soak": options.soak, "load": is_load}
+    return {kind: make() for kind, make in found.items() if asked[kind] or options.smoke}
+
+
+main = benchmark(
+    __doc__,
+    tables,
+    option("--vehicles", type=int),
+    option("--rate", type=float, help="samples a second and vehicle"),
+    option("--seconds", type=float),
+    option("--publish-rate", type=float, help="attitudes a second [as --rate]"),
+    option("--record", default="", help="folder that the service records to"),
+    option("--plain", action="store_true", help="pymavlink and ahrs instead"),
+    option("--capacity", action="store_true", help="search the most vehicles"),
+    option(
+        "--troubles", nargs="?", const=",".join(TROUBLES), help="names with commas between them"
+    ),
+    option("--soak", action="store_true", help="does anything grow over a long time?"),
+)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -1,24 +1,24 @@
-"""How far is the inclination off on recorded logs, beside what plain rivals do?
+"""How far is the inclination off on recorded logs, beside what plain filters do?
 
     python benchmarks/logs.py DIR|LOG...
 
-Every log goes through the same reading and pipeline as ``fuzzbee replay``. The rivals see the same
-samples: the accelerometer alone and complementary filters of several time constants. The best of
-them is chosen in hindsight, log by log: a filter tuned on the answer. ``mean of force`` is that of
-the last 10 s in the body, which keeps a vehicle that is shaken but never rolls. All are compared
-with the simulator's truth where the log has it, else with the autopilot's own attitude, which is no
-truth. From each one constant rotation is taken off, since IMU and autopilot may be mounted apart.
-Degrees RMS; the share of errors under sigma in motion and at rest. Then medians by motion and rate.
+Every log goes through the same reading and pipeline as ``fuzzbee replay``. The plain filters see
+the same samples: the accelerometer alone, and complementary filters of several time constants, of
+which the best is chosen in hindsight, log by log. ``mean of force`` is that of the last 10 s in the
+body. All are compared with the simulator's truth where the log has it, else with the autopilot's
+own attitude, less one constant rotation, since IMU and autopilot may be mounted apart. Degrees RMS;
+the share of errors under sigma in motion and at rest. Then medians by motion and rate.
 """
 
 import sys
+from argparse import Namespace
 from collections.abc import Sequence
 from pathlib import Path
 from statistics import median
 
 import numpy as np
 from common.recordings import Array, Bools
-from common.report import Row, log_files, parser, show
+from common.report import Row, Tables, benchmark, log_files, option
 from common.scores import by, rms
 from flying.replayed import tilt_deg
 from scipy.spatial.transform import Rotation
@@ -70,7 +70,7 @@ def mean_force(acc: Array, dt_s: Array) -> Array:
     return down
 
 
-def rivals(trace: VehicleTrace) -> dict[str, Array]:
+def plain_filters(trace: VehicleTrace) -> dict[str, Array]:
     """Down (N, 3) by the accelerometer alone and by complementary filters."""
     gyr, acc = trace["gyr_rad_s"], trace["acc_m_s2"]
     up = acc / np.maximum(np.linalg.norm(acc, axis=1, keepdims=True), 1e-6)
@@ -85,9 +85,9 @@ def errors_deg(down: Array, reference: Array) -> Array:
     return tilt_deg(down @ (u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt), reference)
 
 
-def share(inside: Bools, which: Bools) -> float | None:
-    """Share of the chosen samples that are inside; None if the chosen are too few."""
-    return float(np.mean(inside[which])) if np.count_nonzero(which) >= LEAST_COMPARED else None
+def share(under: Bools, which: Bools) -> float | None:
+    """Share of the chosen samples that are under sigma; None if the chosen are too few."""
+    return float(np.mean(under[which])) if np.count_nonzero(which) >= LEAST_COMPARED else None
 
 
 def score(path: Path, trace: VehicleTrace) -> Row | None:
@@ -101,7 +101,9 @@ def score(path: Path, trace: VehicleTrace) -> Row | None:
     downs = rotate_inverse(truth[known], DOWN)
     moving = motion_mask(trace)[known]
     ours = errors_deg(rotate_inverse(trace["q_ned_frd"][known], DOWN), downs)
-    others = {name: rms(errors_deg(down[known], downs)) for name, down in rivals(trace).items()}
+    others = {
+        name: rms(errors_deg(down[known], downs)) for name, down in plain_filters(trace).items()
+    }
     sigma = np.degrees(trace["sigma_inclination_rad"])[known]
     by_mean = mean_force(trace["acc_m_s2"], np.roll(steps_s, 1))
     best = min(others, key=lambda name: others[name])
@@ -164,20 +166,22 @@ def measure(path: Path, profile: Profile) -> Row | None:
     return score(path, trace)
 
 
-def main() -> int:
-    made = parser(__doc__)
-    made.add_argument("folders", nargs="*", type=Path, metavar="DIR|LOG")
-    made.add_argument("--profile", default="imu", help="imu or a TOML file [default: imu]")
-    options = made.parse_args()
+def tables(options: Namespace) -> Tables:
     if options.smoke:
         options.folders = options.folders or [DATA / "sub_bluerov.tlog", DATA / "px4_hover.ulg"]
     profile = load_profile(options.profile)
     logs = [row for path in log_files(options.folders) if (row := measure(path, profile))]
     if not logs:
-        made.error("give logs with a reference or folders of them, or --smoke")
-    show({"logs, degrees": logs, "medians": groups(logs)}, as_json=options.json)
-    return 0
+        raise SystemExit("give logs with a reference or folders of them, or --smoke")
+    return {"logs, degrees": logs, "medians": groups(logs)}
 
+
+main = benchmark(
+    __doc__,
+    tables,
+    option("folders", nargs="*", type=Path, metavar="DIR|LOG"),
+    option("--profile", default="imu", help="imu or a TOML file [default: imu]"),
+)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -32,7 +32,7 @@ from common.paper_filter import (
 )
 from common.paper_laws import TABLE, fixed, fuzzy, tune
 from common.recordings import Array
-from common.report import Row, names, parser, show
+from common.report import Row, Tables, benchmark, names, option
 
 from estimator.filter.alignment import quaternion_from_matrix
 from estimator.geometry.metrics import COST_RATE_HZ, COST_SAMPLES, TRANSIENT_WEIGHT
@@ -41,7 +41,7 @@ from estimator.profile import Profile, load_profile, merge_profile
 from tests.paper_noise import PAPER_NOISE, NoiseScale
 from tuning.space import membership_space
 
-TUNING_SEEDS, JUDGING_SEEDS, SEARCH_SEEDS = range(100, 108), range(3000, 3040), range(5)
+TUNING_SEEDS, JUDGING_SEEDS = range(100, 108), range(3000, 3040)
 FOOD_SOURCES, CYCLES = 40, 100
 PAPER = load_profile("paper")
 # The table's "V" (L, as built) read as VL: a misprint of the other neighbour.
@@ -164,20 +164,19 @@ def retuned_table(options: Namespace) -> list[Row]:
 TABLES = {"shipped": shipped_table, "long steps": long_steps_table, "retuned": retuned_table}
 
 
-def main() -> int:
-    made = parser(__doc__)
-    made.add_argument("--tables", default=",".join(TABLES), help="which, with commas between them")
-    options = made.parse_args()
-    options.tuning, options.judging = TUNING_SEEDS, JUDGING_SEEDS
-    options.search, options.cycles = SEARCH_SEEDS, CYCLES
+def tables(options: Namespace) -> Tables:
+    options.tuning, options.judging, options.cycles = TUNING_SEEDS, JUDGING_SEEDS, CYCLES
     if options.smoke:
-        options.tuning, options.judging = TUNING_SEEDS[:1], JUDGING_SEEDS[:1]
-        options.search, options.cycles = SEARCH_SEEDS[:1], 1
+        options.tuning, options.judging, options.cycles = TUNING_SEEDS[:1], JUDGING_SEEDS[:1], 1
     require_equal(PAPER, fuzzy(np.array(PAPER.k)))
-    tables = {name: TABLES[name](options) for name in names(TABLES, options.tables)}
-    show(tables, as_json=options.json)
-    return 0
+    return {name: TABLES[name](options) for name in names(TABLES, options.tables)}
 
+
+main = benchmark(
+    __doc__,
+    tables,
+    option("--tables", default=",".join(TABLES), help="which, with commas between them"),
+)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -10,6 +10,7 @@ leave room for the difference to be seen.
 """
 
 import sys
+from argparse import Namespace
 from collections.abc import Iterable
 from itertools import product
 from math import cos, radians, sin
@@ -17,7 +18,8 @@ from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
 
-from common.report import Row, log_files, parser, show
+from common.report import Row, Tables, benchmark, log_files, option
+from common.scores import by
 
 from drivers.events import Event, ReferenceAttitude, VehicleId
 from drivers.logs.open import open_log
@@ -55,12 +57,10 @@ class Recording(SecondOpinion):
         self.given: list[Look | tuple[int, Vec3]] = []
 
     def look(self, *given: Any) -> None:
-        """See :class:`SecondOpinion`."""
         self.given.append(Look(*given))
         super().look(*given)
 
     def take_velocity(self, time_us: int, velocity_ned_m_s: Vec3) -> None:
-        """See :class:`SecondOpinion`."""
         self.given.append((time_us, velocity_ned_m_s))
         super().take_velocity(time_us, velocity_ned_m_s)
 
@@ -82,9 +82,9 @@ class Case(NamedTuple):
 
 
 class Answer(NamedTuple):
-    """What was reported of a case."""
+    """What was reported of a case, and so long after its beginning."""
 
-    after_s: float | None  # its beginning
+    after_s: float | None
     wrong: str
     agreed: bool  # at a time when one was off by all of it, and over 20 deg
     is_known: bool
@@ -108,8 +108,7 @@ def recorded(path: Path) -> tuple[Recording, float]:
     if not kept:
         return Recording(), 0.0
     address = max(kept, key=lambda each: len(kept[each].given))
-    vehicle = replay.pipeline.vehicle(address)
-    return kept[address], 0.0 if vehicle is None else vehicle.imu.median_rate_hz
+    return kept[address], replay.pipeline.vehicle(address).imu.median_rate_hz
 
 
 def turned(case: Case, after_s: float, q: Quaternion) -> Quaternion:
@@ -160,45 +159,37 @@ def cases(span_s: float, sizes: Iterable[float]) -> Iterable[Case]:
 
 def table(found: list[tuple[Case, bool, Answer]]) -> list[Row]:
     """One row for each kind of case."""
-    groups: dict[tuple[Any, ...], list[Answer]] = {}
-    for c, is_fast, each in found:
-        key = (c.whose, is_fast, c.size_deg, c.creeps_s, c.axis == 2)
-        groups.setdefault(key, []).append(each)
     rows: list[Row] = []
-    for (whose, is_fast, size, creeps, is_heading), those in sorted(groups.items()):
-        known = [each for each in those if each.is_known]
-        seconds = [each.after_s for each in those if each.after_s is not None]
-        named = [each.wrong for each in those if each.after_s is not None and each.wrong]
-        rows.append(
-            {
-                "wrong": whose,
-                "rate": "10 Hz and above" if is_fast else "slower",
-                "angle": "heading" if is_heading else "inclination",
-                "deg": size,
-                "within s": creeps,
-                "cases": len(those),
-                "said": len(seconds),
-                "known": len(known),
-                "known and said": sum(each.after_s is not None for each in known),
-                "after s": median(seconds) if seconds else None,
-                "named": len(named),
-                "named right": named.count(whose),
-                "agreed meanwhile": sum(each.agreed for each in those),
-            }
-        )
+    kinds = by(found, lambda one: (one[0].whose, one[1], *one[0][2:4], one[0].axis == 2))
+    for (whose, is_fast, size, creeps, is_heading), some in sorted(kinds.items()):
+        those = [each for *_, each in some]
+        reported = [each for each in those if each.after_s is not None]
+        named = [each.wrong for each in reported if each.wrong]
+        row: Row = {
+            "wrong": whose,
+            "rate": "10 Hz and above" if is_fast else "slower",
+            "angle": "heading" if is_heading else "inclination",
+            "deg": size,
+            "within s": creeps,
+            "cases": len(those),
+            "reported": len(reported),
+            "known": sum(each.is_known for each in those),
+            "known and reported": sum(each.is_known for each in reported),
+            "after s": median(each.after_s for each in reported) if reported else None,
+            "named": len(named),
+            "named right": named.count(whose),
+            "agreed meanwhile": sum(each.agreed for each in those),
+        }
+        rows.append(row)
     return rows
 
 
-def main() -> None:
-    """Print the tables."""
-    options = parser(__doc__)
-    options.add_argument("logs", nargs="*", type=Path, default=[DATA])
-    given = options.parse_args()
-    paths = log_files(given.logs)
-    sizes = SIZES_DEG[1:2] if given.smoke else SIZES_DEG
+def tables(options: Namespace) -> Tables:
+    paths = log_files(options.logs)
+    sizes = SIZES_DEG[1:2] if options.smoke else SIZES_DEG
     found: list[tuple[Case, bool, Answer]] = []
     healthy: list[Row] = []
-    for path in paths[:3] if given.smoke else paths:
+    for path in paths[:3] if options.smoke else paths:
         try:
             recording, rate_hz = recorded(path)
         except InputError as error:
@@ -216,8 +207,10 @@ def main() -> None:
         found += [(case, rate_hz >= FAST_HZ, answer(recording, case)) for case in faults]
     s, alarms = (sum(row[name] for row in healthy) for name in ("s", "alarms"))
     total = {"log": f"all, {s / 3600.0:.2f} h", "s": s, "alarms": alarms}
-    show({"as recorded": [*healthy, total], "with a fault": table(found)}, as_json=given.json)
+    return {"as recorded": [*healthy, total], "with a fault": table(found)}
 
+
+main = benchmark(__doc__, tables, option("logs", nargs="*", type=Path, default=[DATA]))
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -19,6 +19,7 @@ collector is off, as ``run`` has it.
 import gc
 import sys
 import time
+from argparse import Namespace
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from functools import partial
@@ -28,8 +29,9 @@ from typing import Any
 
 import numpy as np
 from common.filters import ImufusionRun, body_readings, is_installed
-from common.recordings import Trial, add_folders, chosen_sets, made_up
-from common.report import MISSING, Row, parser, show
+from common.recordings import Trial, chosen_sets, made_up
+from common.report import FOLDERS, MISSING, Row, Tables, benchmark, option
+from flying.replayed import SHORT_LOG
 
 from drivers.simulation.simulated_vehicle import simulate
 from estimator.profile import load_profile
@@ -40,7 +42,6 @@ from tuning.flight import fly
 ROWS = slice(1000, 7000)  # past the rest that recordings begin with
 CALLS = 600  # of them: what takes longer than a few ms, other programs always interrupt
 ROUNDS, LOG_ROUNDS, SMOKE_ROUNDS = 100, 5, 3
-SHORT_LOG = Path(__file__).parents[1] / "tests" / "data" / "sitl_copter_flips.tlog"
 PERIOD_S, MAG_EVERY = 1e-3, 10  # of the loop, and samples
 GYR_LSB_RAD_S, ACC_LSB_M_S2, MAG_LSB_GAUSS = (
     np.radians(2000.0 / 32768),
@@ -52,38 +53,43 @@ Start = Callable[[], Callable[[], object]]  # builds a filter and gives what is 
 Ways = dict[tuple[str, str], tuple[Start | None, int]]  # by way and filter; how many samples
 
 
-def begun(trial: Trial) -> Estimator:
-    """An estimator that is aligned."""
-    estimator = Estimator("imu", trial.rate_hz)
-    estimator.update_batch(*(column[:10] for column in body_readings(trial)))
-    return estimator
-
-
 def of_samples(trial: Trial) -> Ways:
     """Each way and filter; None for one that is not installed."""
     ours = [column[ROWS] for column in body_readings(trial)]
-    calls = list(zip(*(column[:CALLS] for column in ours), strict=True))
-    count = len(ours[0])
-    found: Ways = {
-        ("batch", "fuzzbee"): (lambda: partial(begun(trial).update_batch, *ours), count),
-        ("batch", "vqf"): (None, count),
-        ("call", "fuzzbee"): (lambda: partial(each, begun(trial).update, calls), CALLS),
-        ("call", "vqf"): (None, CALLS),
-        ("call", "imufusion"): (None, CALLS),
-    }
-    if is_installed("vqf"):
-        from vqf import VQF
+    theirs = [
+        np.ascontiguousarray(c[ROWS]) for c in (trial.gyr_rad_s, trial.acc_m_s2, trial.mag_ut)
+    ]
+    calls, rows = (list(zip(*(c[:CALLS] for c in some), strict=True)) for some in (ours, theirs))
+    short, count = trial.cut(slice(ROWS.start, ROWS.start + CALLS)), len(ours[0])
 
-        columns = (trial.gyr_rad_s, trial.acc_m_s2, trial.mag_ut)
-        theirs = [np.ascontiguousarray(column[ROWS]) for column in columns]
-        rows = list(zip(*(column[:CALLS] for column in theirs), strict=True))
-        found["batch", "vqf"] = lambda: partial(VQF(trial.dt_s).updateBatch, *theirs), count
-        found["call", "vqf"] = lambda: partial(each_asked, VQF(trial.dt_s), rows), CALLS
-    if is_installed("imufusion"):
-        short = trial.cut(slice(ROWS.start, ROWS.start + CALLS))
-        run = lambda: partial(ImufusionRun(short).advance, slice(0, None))  # noqa: E731
-        found["call", "imufusion"] = run, CALLS
-    return found
+    def begun() -> Estimator:
+        estimator = Estimator("imu", trial.rate_hz)
+        estimator.update_batch(*(column[:10] for column in body_readings(trial)))
+        return estimator
+
+    starts: dict[tuple[str, str], tuple[Start, int]] = {
+        ("batch", "fuzzbee"): (lambda: partial(begun().update_batch, *ours), count),
+        ("batch", "vqf"): (lambda: partial(vqf(trial.rate_hz).updateBatch, *theirs), count),
+        ("call", "fuzzbee"): (lambda: partial(each, begun().update, calls), CALLS),
+        ("call", "vqf"): (lambda: partial(each_asked, vqf(trial.rate_hz), rows), CALLS),
+        ("call", "imufusion"): (lambda: partial(ImufusionRun(short).advance, slice(None)), CALLS),
+    }
+    return installed(starts)
+
+
+def installed(starts: dict[tuple[str, str], tuple[Start, int]]) -> Ways:
+    """None in place of a filter that is not."""
+    theirs = ("vqf", "imufusion")
+    return {
+        key: (start if key[1] not in theirs or is_installed(key[1]) else None, count)
+        for key, (start, count) in starts.items()
+    }
+
+
+def vqf(rate_hz: float) -> Any:
+    from vqf import VQF
+
+    return VQF(1.0 / rate_hz)
 
 
 def each(update: Callable[..., object], rows: list[tuple[Any, ...]]) -> None:
@@ -91,9 +97,9 @@ def each(update: Callable[..., object], rows: list[tuple[Any, ...]]) -> None:
         update(*row)
 
 
-def each_asked(vqf: Any, rows: list[tuple[Any, ...]]) -> None:
-    """VQF's call gives no attitude, which is asked for beside."""
-    update, attitude = vqf.update, vqf.getQuat9D
+def each_asked(filter_: Any, rows: list[tuple[Any, ...]]) -> None:
+    """VQF's call gives no attitude, which is a call of its own."""
+    update, attitude = filter_.update, filter_.getQuat9D
     for row in rows:
         update(*row)
         attitude()
@@ -103,22 +109,17 @@ def of_log(log: Path) -> Ways:
     """Each way through a log; None where what it needs is not installed."""
     profile = load_profile("imu")
     flight = read_flight(log, profile)
-    count = len(flight.truth)
-    found: Ways = {
-        ("log", "replay"): (lambda: partial(replay, log, profile), count),
-        ("log", "rows"): (lambda: partial(fly, flight, profile, count), count),
+    _, *readings, _ = flight.rows
+    columns = [np.ascontiguousarray(column * (1.0, -1.0, -1.0)) for column in readings]
+    starts: dict[str, Start] = {
+        "replay": lambda: partial(replay, log, profile),
+        "rows": lambda: partial(fly, flight, profile, len(flight.truth)),
+        "pymavlink": lambda: partial(read_by_pymavlink, log),
+        "vqf": lambda: partial(vqf(flight.rate_hz).updateBatch, *columns),
     }
-    if log.suffix == ".tlog":
-        found["log", "pymavlink"] = lambda: partial(read_by_pymavlink, log), count
-    found["log", "vqf"] = None, count
-    if is_installed("vqf"):
-        from vqf import VQF
-
-        _, *readings, _ = flight.rows
-        columns = [np.ascontiguousarray(column * (1.0, -1.0, -1.0)) for column in readings]
-        run = lambda: partial(VQF(1.0 / flight.rate_hz).updateBatch, *columns)  # noqa: E731
-        found["log", "vqf"] = run, count
-    return found
+    if log.suffix != ".tlog":
+        del starts["pymavlink"]
+    return installed({("log", name): (start, len(flight.truth)) for name, start in starts.items()})
 
 
 def read_by_pymavlink(log: Path) -> None:
@@ -172,31 +173,34 @@ def loop_row(name: str, took_us: list[float]) -> Row:
     return {"update": name, "median us": median, "99.9 % us": rare, "worst us": worst}
 
 
-def main() -> int:
-    made = parser(__doc__)
-    add_folders(made)
-    made.add_argument("--logs", type=Path, nargs="+", default=[], metavar="LOG")
-    made.add_argument("--loop", type=float, default=0.0, metavar="SECONDS")
-    options = made.parse_args()
+def tables(options: Namespace) -> Tables:
     rounds, log_rounds = ROUNDS, LOG_ROUNDS
-    tables: dict[str, list[Row]] = {}
+    found: dict[str, list[Row]] = {}
     if options.smoke:
         rounds, log_rounds, options.logs, options.loop = SMOKE_ROUNDS, 1, [SHORT_LOG], 1.0
     if options.smoke or not (options.logs or options.loop):
         trial = next(iter(chosen_sets(options).values()))[0] if options.folders else made_up()
-        tables[f"time a sample, {trial.name}"] = measure(of_samples(trial), rounds)
+        found[f"time a sample, {trial.name}"] = measure(of_samples(trial), rounds)
     for log in options.logs:
-        tables[f"time an IMU sample, {log.name}"] = measure(of_log(log), log_rounds)
+        found[f"time an IMU sample, {log.name}"] = measure(of_log(log), log_rounds)
     if options.loop:
         gc.disable()
         count = round(options.loop / PERIOD_S)
         ways = (("6D", False), ("9D", True))
-        rows = [loop_row(name, [*loop(count, has_mag=has_mag)]) for name, has_mag in ways]
+        found["one call at 1 kHz"] = [
+            loop_row(name, [*loop(count, has_mag=has_mag)]) for name, has_mag in ways
+        ]
         gc.enable()
-        tables["one call at 1 kHz"] = rows
-    show(tables, as_json=options.json)
-    return 0
+    return found
 
+
+main = benchmark(
+    __doc__,
+    tables,
+    *FOLDERS,
+    option("--logs", type=Path, nargs="+", default=[], metavar="LOG"),
+    option("--loop", type=float, default=0.0, metavar="SECONDS"),
+)
 
 if __name__ == "__main__":
     sys.exit(main())

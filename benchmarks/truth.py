@@ -9,29 +9,29 @@ A row a case, worst first:
     time    the longest time wrong and sure: inclination or heading more than 15 deg wrong at a
             sigma of that angle of at most 5 deg, state running, no warning in the status; from
             the beginning of the fault on
-    rival   the same time for the same estimator with a flat sigma of 5 deg
+    flat    the same time for the same estimator with a flat sigma of 5 deg
     inclination, heading: error RMS (deg), median sigma (deg), share of errors under sigma (0.68 is
             honest), share beyond three sigma
     warned  what the status warned of, and when (in brackets: what it refused)
 
-The last lines count the cases that are wrong and sure for more than 3 s, by kind of fault.
+The last lines count the cases that are wrong and sure for more than 3 s, by kind of fault, and
+those with a tenth of the errors beyond three sigma.
 """
 
-import json
 import sys
+from argparse import Namespace
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from typing import Any
 
 import numpy as np
-from common.report import parser, seeds, show
+from common.report import Row, Tables, benchmark, option, seeds
 
 from tests.truth.faults import HEALTHY, KINDS, Fault, Place, drawn_fault, listed_faults
 from tests.truth.motions import MOTIONS
 from tests.truth.run import Case, Verdict, judge
 
 LASTING_S = 3.0
-MOST_BEYOND = 0.1  # share of errors beyond three sigma that a healthy case may have
+MOST_BEYOND = 0.1  # share of errors beyond three sigma that a case may have
 RATES_HZ = (50.0, 4.0)
 DRAWN_RATES_HZ = (50.0, 25.0, 10.0, 4.0)
 DRAWN_SPREAD = 0.5
@@ -45,7 +45,7 @@ PLACES = {
 SMOKE = ("slalom 30", "still", "climb and turn")
 SMOKE_FAULTS = (HEALTHY, Fault("gyroscope offset", 2, 0.5), Fault("clock pace", 0, 1e-3))
 
-Row = tuple[Case, Verdict]
+Judged = tuple[Case, Verdict]
 
 
 def listed_cases(seeds: Sequence[int], place: Place) -> Iterator[Case]:
@@ -82,42 +82,34 @@ def drawn_cases(count: int, seed: int, place: Place | None) -> Iterator[Case]:
         )
 
 
-def judge_all(cases: Sequence[Case], jobs: int) -> list[Row]:
+def judge_all(cases: Sequence[Case], jobs: int) -> list[Judged]:
     """All verdicts, worst first."""
     with ProcessPoolExecutor(jobs) as pool:
         verdicts = list(pool.map(judge, cases, chunksize=8))
     rows = list(zip(cases, verdicts, strict=True))
-    return sorted(rows, key=lambda row: (row[1].wrong_and_sure_s, row[1].rival_s), reverse=True)
+    return sorted(rows, key=lambda row: (row[1].wrong_and_sure_s, row[1].flat_s), reverse=True)
 
 
-def summary(rows: Sequence[Row]) -> dict[str, Any]:
-    """How many cases are wrong and sure for too long, by kind of fault."""
-    by_fault = {}
-    for kind in ("none", *KINDS):
-        own = [v for case, v in rows if case.fault.kind == kind]
+def summary(rows: Sequence[Judged]) -> list[Row]:
+    """How many cases are wrong and sure for too long, by kind of fault.
+
+    ``beyond`` counts those with many errors of more than three sigma.
+    """
+    by_fault: list[Row] = []
+    for kind in ("none", *KINDS, "all"):
+        own = [v for case, v in rows if kind in (case.fault.kind, "all")]
+        beyond = [np.fmax(v.inclination.beyond_three, v.heading.beyond_three) for v in own]
         if own:
-            by_fault[kind] = {
+            found = {
+                "fault": kind,
                 "cases": len(own),
-                "wrong_and_sure": sum(v.wrong_and_sure_s > LASTING_S for v in own),
-                "rival": sum(v.rival_s > LASTING_S for v in own),
-                "longest_s": round(max(v.wrong_and_sure_s for v in own), 1),
+                "wrong and sure": sum(v.wrong_and_sure_s > LASTING_S for v in own),
+                "flat sigma": sum(v.flat_s > LASTING_S for v in own),
+                "longest s": round(max(v.wrong_and_sure_s for v in own), 1),
+                "beyond": sum(bool(share > MOST_BEYOND) for share in beyond),
             }
-    healthy = [v for case, v in rows if case.fault.kind == "none"]
-    beyond = [np.fmax(v.inclination.beyond_three, v.heading.beyond_three) for v in healthy]
-    return {
-        "cases": len(rows),
-        "wrong_and_sure": sum(of["wrong_and_sure"] for of in by_fault.values()),
-        "rival": sum(of["rival"] for of in by_fault.values()),
-        "healthy_beyond_three_sigma": sum(bool(share > MOST_BEYOND) for share in beyond),
-        "by_fault": by_fault,
-    }
-
-
-def _named(values: Any) -> Any:
-    """A named tuple and those within as dictionaries; a number that is none as None."""
-    if hasattr(values, "_asdict"):
-        return {name: _named(value) for name, value in values._asdict().items()}
-    return None if values != values else values  # noqa: PLR0124 - nan is not itself
+            by_fault.append(found)
+    return by_fault
 
 
 def _place(text: str) -> Place:
@@ -126,51 +118,47 @@ def _place(text: str) -> Place:
     return Place(*map(float, text.split(",")))
 
 
-def shown(case: Case, v: Verdict) -> dict[str, Any]:
-    """A row of the table for people."""
-    angles = {n: list(getattr(v, n)) for n in ("inclination", "heading")}
+def shown(case: Case, v: Verdict) -> Row:
+    """A row of the table; what is not known is None."""
+    angles = {
+        name: [None if value != value else value for value in getattr(v, name)]  # noqa: PLR0124
+        for name in ("inclination", "heading")
+    }
     warned = [f"{word} {at:.0f}" for word, at in v.warnings.items()]
     warned += [f"({word} {at:.0f})" for word, at in v.rejected.items()]
-    times = {"time": v.wrong_and_sure_s, "at": v.since_s, "rival": v.rival_s}
+    times = {"time": v.wrong_and_sure_s, "at": v.since_s, "flat sigma": v.flat_s}
     return {"case": str(case), **times, **angles, "running": v.running, "warned": warned}
 
 
-def main() -> int:
-    made = parser(__doc__)
-    made.add_argument("--only", nargs="+", default=[], metavar="WORD", help="all in a case's name")
-    made.add_argument("--worst", type=int, default=1_000_000, metavar="N", help="so many rows")
-    made.add_argument("--seeds", type=seeds, default=range(1), metavar="A-B")
-    made.add_argument("--draw", type=int, default=0, metavar="N", help="N cases at random instead")
-    made.add_argument("--seed", type=int, default=0, help="of the draw")
-    made.add_argument("--place", type=_place, help="LAT,LON,ALT or one of " + ", ".join(PLACES))
-    made.add_argument("--jobs", type=int, default=2)
-    args = made.parse_args()
-    if args.draw:
-        cases = list(drawn_cases(args.draw, args.seed, args.place))
+def tables(options: Namespace) -> Tables:
+    if options.draw:
+        cases = list(drawn_cases(options.draw, options.seed, options.place))
     else:
-        cases = list(listed_cases(args.seeds, args.place or Place()))
-    if args.smoke:
+        cases = list(listed_cases(options.seeds, options.place or Place()))
+    if options.smoke:
         slow = [case for case in cases if case.rate_hz == min(RATES_HZ)]
         cases = [case for case in slow if case.motion in SMOKE and case.fault in SMOKE_FAULTS]
-    cases = [case for case in cases if all(word in str(case) for word in args.only)]
+    cases = [case for case in cases if all(word in str(case) for word in options.only)]
     if not cases:
-        print("no such case", file=sys.stderr)
-        return 2
-    rows = judge_all(cases, args.jobs)
-    found = summary(rows)
-    if args.json:
-        all_of_it = [{"case": str(c), **_named(c), **_named(verdict)} for c, verdict in rows]
-        print(json.dumps({**found, "rows": all_of_it}))
-        return 0
-    by_fault = found.pop("by_fault")
-    counts = [{"fault": kind, **of} for kind, of in by_fault.items()] + [{"fault": "all", **found}]
-    tables = {
-        "worst first": [shown(*row) for row in rows[: args.worst]],
-        f"wrong and sure for more than {LASTING_S:g} s": counts,
+        raise SystemExit("no such case")
+    rows = judge_all(cases, options.jobs)
+    return {
+        "worst first": [shown(*row) for row in rows[: options.worst]],
+        f"wrong and sure for more than {LASTING_S:g} s": summary(rows),
     }
-    show(tables, as_json=False)
-    return 0
 
+
+main = benchmark(
+    __doc__,
+    tables,
+    option("--only", nargs="+", default=[], metavar="WORD", help="all in a case's name"),
+    option("--worst", type=int, default=1_000_000, metavar="N", help="so many rows"),
+    option("--seeds", type=seeds, default=range(1), metavar="A-B"),
+    option("--draw", type=int, default=0, metavar="N", help="N cases at random instead"),
+    option("--seed", type=int, default=0, help="of the draw"),
+    option("--place", type=_place, help="LAT,LON,ALT or one of " + ", ".join(PLACES)),
+    option("--jobs", type=int, default=2),
+)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -14,10 +14,11 @@ that is off by 1.5 deg all the time and by 0.8 deg of slow noise.
 
 import sys
 import tempfile
+from argparse import Namespace
 from pathlib import Path
 
 import numpy as np
-from common.report import Row, parser, show
+from common.report import Row, Tables, benchmark, option
 from common.scores import multiply
 from flying.cases import SKIP_S, write
 from scipy.signal import lfilter
@@ -57,7 +58,7 @@ def flown(case: str, motion: str, seed: int, duration_s: float) -> Flight:
 
 
 def by_autopilot(flight: Flight, seed: int) -> Flight:
-    """The flight beside what an autopilot's filter would say."""
+    """The flight beside what an autopilot's filter would report."""
     rng, n = np.random.default_rng([88, seed]), len(flight.truth)
     keep = np.exp(-1.0 / (flight.rate_hz * TAU_S))
     slow = lfilter([np.sqrt(1.0 - keep**2)], [1.0, -keep], rng.standard_normal((n, 3)), axis=0)
@@ -122,12 +123,7 @@ def of_vehicle(
     return [{"vehicle": f"{motion}, {case}", **row} for row in rows]
 
 
-def main() -> int:
-    made = parser(__doc__)
-    made.add_argument("--seed", type=int, default=900, help="of the first flight")
-    made.add_argument("--sources", type=int, default=6)
-    made.add_argument("--cycles", type=int, default=8)
-    options = made.parse_args()
+def tables(options: Namespace) -> Tables:
     vehicles, length_s = VEHICLES, FLIGHT_S
     seeds = range(options.seed, options.seed + 2 + JUDGED)
     if options.smoke:
@@ -136,12 +132,18 @@ def main() -> int:
     budget = SearchOptions("abc", options.sources, options.cycles, 48, seed=0)
     rows = []
     for case, motion in vehicles:
+        print(f"{motion}, {case} ...", file=sys.stderr, flush=True)
         rows += of_vehicle(case, motion, budget, seeds, length_s)
-        if not options.json:
-            show({f"{motion}, {case}": rows[-5:]}, as_json=False)
-    show({"profiles on flights that they were not tuned on": rows}, as_json=options.json)
-    return 0
+    return {"profiles on flights that they were not tuned on": rows}
 
+
+main = benchmark(
+    __doc__,
+    tables,
+    option("--seed", type=int, default=900, help="of the first flight"),
+    option("--sources", type=int, default=6),
+    option("--cycles", type=int, default=8),
+)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -2,7 +2,7 @@
 
     python benchmarks/turns.py DIR [DIR ...] [--times 15,40,70] [--angles 20,30,60,179]
 
-Every attitude inside a filter is turned about an axis of ENU, either way; it is not told. Seconds
+Every attitude of a filter is turned about an axis of ENU, either way, without a reading. Seconds
 until the total error is first under 5 deg, within 25 s, where it stays under 4 deg without the turn
 (95th percentile): median (worst) by axis, then all axes' median, 95th percentile, and how many took
 longer than 8 s or were never found. ``aware`` is the share of the errors over 5 deg, from 2 s after
@@ -10,14 +10,15 @@ the turn on, that lie under two sigmas. Recordings with a disturbance are left o
 """
 
 import sys
+from argparse import Namespace
 from collections.abc import Iterator, Sequence
 from statistics import median
 from typing import NamedTuple
 
 import numpy as np
 from common.filters import Filter, chosen_filters
-from common.recordings import Array, Trial, add_folders, chosen_sets
-from common.report import MISSING, Row, numbers, parser, show
+from common.recordings import Array, Trial, chosen_sets
+from common.report import FOLDERS, MISSING, Row, Tables, benchmark, numbers, option
 from common.scores import by, errors_deg
 
 AXES_ENU = {"z": (0, 0, 1), "x": (1, 0, 0), "y": (0, 1, 0), "diagonal": (1, 1, 1)}
@@ -115,15 +116,7 @@ def seconds(value: float) -> str:
     return "never" if value == np.inf else f"{value:.1f}"
 
 
-def main() -> int:
-    made = parser(__doc__)
-    add_folders(made)
-    made.add_argument("--filters", default="fuzzbee,vqf", help="names, rivals, acausal or gains")
-    made.add_argument("--times", type=numbers, default=(15.0, 40.0, 70.0), metavar="S,S")
-    made.add_argument(
-        "--angles", type=numbers, default=(20.0, 30.0, 60.0, 179.0), metavar="DEG,DEG"
-    )
-    options = made.parse_args()
+def tables(options: Namespace) -> Tables:
     options.undisturbed = True
     if options.smoke:
         options.times, options.angles = (20.0,), (60.0,)
@@ -137,12 +130,17 @@ def main() -> int:
         groups = by(found, lambda f: (f.where, f.angle_deg))
         for (where, angle), some in sorted(groups.items(), reverse=True):
             table.append({"filter": name, "where": where, "deg": angle, **summary(some)})
-    show(
-        {"seconds until the total error is under 5 deg: median (worst)": table},
-        as_json=options.json,
-    )
-    return 0
+    return {"seconds until the total error is under 5 deg: median (worst)": table}
 
+
+main = benchmark(
+    __doc__,
+    tables,
+    *FOLDERS,
+    option("--filters", default="fuzzbee,vqf", help="names, peers, acausal or gains"),
+    option("--times", type=numbers, default=(15.0, 40.0, 70.0), metavar="S,S"),
+    option("--angles", type=numbers, default=(20.0, 30.0, 60.0, 179.0), metavar="DEG,DEG"),
+)
 
 if __name__ == "__main__":
     sys.exit(main())

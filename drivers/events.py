@@ -206,7 +206,7 @@ class RefusedFrames(VehicleEvent, frozen=True):
 
 
 class Notice(Value, frozen=True):
-    """Something a person should be told once, in one line.
+    """Something a person should see once, in one line.
 
     ``section`` names the section of the profile that settles it, if one does.
     """

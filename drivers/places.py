@@ -28,10 +28,10 @@ def total_bytes() -> float:
 
 def _limit(file: Path) -> float:
     try:
-        told = file.read_text("ascii").strip()
+        text = file.read_text("ascii").strip()
     except OSError:
         return inf
-    return float(told) if told.isdigit() else inf
+    return float(text) if text.isdigit() else inf
 
 
 PLACES = places()

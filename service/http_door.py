@@ -192,4 +192,4 @@ class _Handler(BaseHTTPRequestHandler):
                     break
 
     def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 - as it is named there
-        """Nobody is told who asks."""
+        """Requests are not logged."""

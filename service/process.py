@@ -65,7 +65,7 @@ def load_kernels() -> None:
     for kernel in called_kernels():
         if kernel.py_func.__module__.startswith(ROOMS):
             build(kernel)
-    with suppress(AttributeError, OSError, TypeError):  # only the GNU C library has to be told
+    with suppress(AttributeError, OSError, TypeError):  # only the GNU C library needs it
         ctypes.CDLL(None).malloc_trim(0)  # 9 MB that loading has freed
 
 

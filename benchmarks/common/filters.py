@@ -1,4 +1,4 @@
-"""Fuzzbee, its variants and its rivals behind one face: rows in, attitudes out."""
+"""Fuzzbee, its variants and other filters behind one face: rows in, attitudes out."""
 
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -11,7 +11,6 @@ from common.scores import conjugate, multiply
 
 from estimator.profile import Profile, merge_profile
 from fuzzbee import Estimator, load_profile
-from fuzzbee.attitudes import Attitudes
 
 HALF_ROOT = np.sqrt(0.5)
 # Body axes are forward, right, down; the recordings' forward, left, up.
@@ -21,7 +20,7 @@ GAUSS_PER_MICRO_TESLA = 0.01
 Q_ENU_NED, Q_FRD_SENSOR = np.array([0.0, HALF_ROOT, HALF_ROOT, 0.0]), np.array([0.0, 1.0, 0.0, 0.0])
 ENU_SENSOR_OF_NED_FRD = multiply(Q_ENU_NED, multiply(np.eye(4), Q_FRD_SENSOR))
 STANDARD_GRAVITY_M_S2 = 9.80665
-# Of the rivals: the best common settings over the trials this was developed on.
+# Of the other filters: the best common settings over the trials this was developed on.
 IMUFUSION = {
     "gain": 0.2,
     "gyroscope_range": 0.0,
@@ -38,7 +37,7 @@ Q_ENU_EARTH = {
 }
 
 
-class Said(NamedTuple):
+class Output(NamedTuple):
     """N attitudes, sensor to ENU, w first; sigmas (N, 2) of inclination and heading, degrees."""
 
     q_enu_sensor: Array
@@ -48,12 +47,12 @@ class Said(NamedTuple):
 class Run(Protocol):
     """A filter at work on one trial."""
 
-    def advance(self, rows: slice) -> Said:
+    def advance(self, rows: slice) -> Output:
         """Take the rows, in order."""
         ...
 
     def turn(self, turn_enu: Array) -> None:
-        """Turn every attitude inside by a rotation given in ENU that no sensor has felt."""
+        """Turn every attitude of the filter by a rotation in ENU that no sensor has felt."""
         ...
 
 
@@ -69,19 +68,15 @@ class FuzzbeeRun:
             merge_profile(profile, averaged), trial.rate_hz, compass_calibrated=True
         )
         self._readings = body_readings(trial)
+        self._estimate = self._estimator.update_batch
 
-    def advance(self, rows: slice) -> Said:
-        """See :class:`Run`."""
-        return self._said(
-            self._estimator.update_batch(*(column[rows] for column in self._readings))
-        )
-
-    def _said(self, said: Attitudes) -> Said:
-        sigma = np.stack([said.sigma_inclination_rad, said.sigma_heading_rad], axis=1)
-        return Said(said.q_ned_frd @ ENU_SENSOR_OF_NED_FRD, np.degrees(sigma))
+    def advance(self, rows: slice) -> Output:
+        found = self._estimate(*(column[rows] for column in self._readings))
+        sigma = np.stack([found.sigma_inclination_rad, found.sigma_heading_rad], axis=1)
+        return Output(found.q_ned_frd @ ENU_SENSOR_OF_NED_FRD, np.degrees(sigma))
 
     def turn(self, turn_enu: Array) -> None:
-        """See :class:`Run`; only tests do this, so the public class has no name for it."""
+        # only tests do this, so the public class has no name for it
         w, east, north, up = turn_enu.tolist()
         self._estimator._inner.turn((w, north, east, -up))  # noqa: SLF001
 
@@ -89,9 +84,16 @@ class FuzzbeeRun:
 class SmoothRun(FuzzbeeRun):
     """The same with what came later: all rows at once."""
 
-    def advance(self, rows: slice) -> Said:
-        """See :class:`Run`."""
-        return self._said(self._estimator.smooth(*(column[rows] for column in self._readings)))
+    def __init__(self, trial: Trial, profile: Profile) -> None:
+        super().__init__(trial, profile)
+        self._estimate = self._estimator.smooth
+
+
+def body_readings(trial: Trial) -> tuple[Array, Array, Array]:
+    """Rad/s, m/s^2 and gauss, forward, right, down."""
+    mag = trial.mag_ut * GAUSS_PER_MICRO_TESLA
+    gyr, acc, mag = (column * FRD_OF_SENSOR for column in (trial.gyr_rad_s, trial.acc_m_s2, mag))
+    return gyr, acc, mag
 
 
 class OfflineVqfRun:
@@ -100,24 +102,16 @@ class OfflineVqfRun:
     def __init__(self, trial: Trial) -> None:
         self._trial = trial
 
-    def advance(self, rows: slice) -> Said:
-        """See :class:`Run`."""
+    def advance(self, rows: slice) -> Output:
         from vqf import offlineVQF
 
         t = self._trial
         mag = t.mag_ut[rows] if t.has_mag else None
         result = offlineVQF(t.gyr_rad_s[rows], t.acc_m_s2[rows], mag, t.dt_s)
-        return Said(np.asarray(result["quat9D" if t.has_mag else "quat6D"]))
+        return Output(np.asarray(result["quat9D" if t.has_mag else "quat6D"]))
 
     def turn(self, turn_enu: Array) -> None:
-        """Its end knows better than a wrong start: nothing."""
-
-
-def body_readings(trial: Trial) -> tuple[Array, Array, Array]:
-    """Rad/s, m/s^2 and gauss, forward, right, down."""
-    mag = trial.mag_ut * GAUSS_PER_MICRO_TESLA
-    gyr, acc, mag = (column * FRD_OF_SENSOR for column in (trial.gyr_rad_s, trial.acc_m_s2, mag))
-    return gyr, acc, mag
+        """Nothing: it knows what comes later."""
 
 
 class VqfRun:
@@ -129,18 +123,13 @@ class VqfRun:
         self._trial, self._vqf = trial, VQF(trial.dt_s, tauMag=tau_mag_s)
         self._attitude = self._vqf.getQuat9D if trial.has_mag else self._vqf.getQuat6D
 
-    def advance(self, rows: slice) -> Said:
-        """See :class:`Run`."""
+    def advance(self, rows: slice) -> Output:
         t = self._trial
-        if t.has_mag:
-            result = self._vqf.updateBatch(t.gyr_rad_s[rows], t.acc_m_s2[rows], t.mag_ut[rows])
-            return Said(np.asarray(result["quat9D"]))
-        return Said(
-            np.asarray(self._vqf.updateBatch(t.gyr_rad_s[rows], t.acc_m_s2[rows])["quat6D"])
-        )
+        mag = (t.mag_ut[rows],) if t.has_mag else ()
+        result = self._vqf.updateBatch(t.gyr_rad_s[rows], t.acc_m_s2[rows], *mag)
+        return Output(np.asarray(result["quat9D" if t.has_mag else "quat6D"]))
 
     def turn(self, turn_enu: Array) -> None:
-        """See :class:`Run`."""
         state = self._vqf.state
         body = body_turn(self._attitude(), turn_enu)
         state["gyrQuat"] = list(multiply(np.array(state["gyrQuat"]), body))
@@ -167,8 +156,7 @@ class ImufusionRun:
         self._ahrs.set_settings(settings)
         self._bias.set_settings(bias)
 
-    def advance(self, rows: slice) -> Said:
-        """See :class:`Run`."""
+    def advance(self, rows: slice) -> Output:
         t, ahrs = self._trial, self._ahrs
         gyr, acc = np.degrees(t.gyr_rad_s[rows]), t.acc_m_s2[rows] / STANDARD_GRAVITY_M_S2
         mag = np.nan_to_num(t.mag_ut[rows])
@@ -176,10 +164,9 @@ class ImufusionRun:
         for k in range(len(gyr)):
             ahrs.update(self._bias.update(gyr[k]), acc[k], mag[k])
             out[k] = ahrs.get_quaternion()
-        return Said(out)
+        return Output(out)
 
     def turn(self, turn_enu: Array) -> None:
-        """See :class:`Run`."""
         q = np.array(self._ahrs.get_quaternion(), dtype=float)
         self._ahrs.set_quaternion(multiply(q, body_turn(q, turn_enu)))
 
@@ -194,8 +181,7 @@ class AhrsRun:
         self._filter: Any = getattr(ahrs.filters, name)(frequency=trial.rate_hz, **settings)
         self._q = multiply(conjugate(self._q_enu_earth), first_attitude(trial))
 
-    def advance(self, rows: slice) -> Said:
-        """See :class:`Run`."""
+    def advance(self, rows: slice) -> Output:
         t, q = self._trial, self._q
         gyr, acc, mag = t.gyr_rad_s[rows], t.acc_m_s2[rows], t.mag_ut[rows]
         out = np.empty((len(gyr), 4))
@@ -206,10 +192,9 @@ class AhrsRun:
                 q = self._filter.updateIMU(q, gyr[k], acc[k], t.dt_s)
             out[k] = q
         self._q = q
-        return Said(multiply(self._q_enu_earth, out))
+        return Output(multiply(self._q_enu_earth, out))
 
     def turn(self, turn_enu: Array) -> None:
-        """See :class:`Run`."""
         q = multiply(self._q_enu_earth, self._q)
         self._q = multiply(self._q, body_turn(q, turn_enu))
 
@@ -225,7 +210,7 @@ def first_attitude(trial: Trial) -> Array:
     return np.roll(Rotation.from_matrix(rows).as_quat(), 1)
 
 
-RIVALS: dict[str, Filter] = {
+PEERS: dict[str, Filter] = {
     "vqf": partial(VqfRun, tau_mag_s=9.0),
     "vqf tauMag 20": partial(VqfRun, tau_mag_s=20.0),
     "imufusion": ImufusionRun,
@@ -253,14 +238,14 @@ def known() -> dict[str, Filter]:
     gains = {name: fuzzbee({"filter": change}) for name, change in GAINS.items()}
     return {
         "fuzzbee": fuzzbee({}),
-        **RIVALS,
+        **PEERS,
         **ACAUSAL,
         **gains,
     }
 
 
 SETS = {
-    "rivals": ("fuzzbee", *RIVALS),
+    "peers": ("fuzzbee", *PEERS),
     "acausal": ("fuzzbee", *ACAUSAL),
     "gains": ("fuzzbee", *GAINS),
 }
@@ -275,8 +260,8 @@ def chosen_filters(text: str) -> Iterator[tuple[str, Filter | None]]:
 
 
 def is_installed(name: str) -> bool:
-    """Whether a rival's package is there."""
+    """Whether a filter's package is there."""
     from importlib.util import find_spec
 
     package = "ahrs" if name in ("mahony", "madgwick") else name.split(maxsplit=1)[0]
-    return name not in {*RIVALS, *ACAUSAL} - {"smooth"} or find_spec(package) is not None
+    return name not in {*PEERS, *ACAUSAL} - {"smooth"} or find_spec(package) is not None

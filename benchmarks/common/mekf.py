@@ -1,4 +1,4 @@
-"""Multiplicative extended Kalman filter on the paper's signals: a rival of another family.
+"""Multiplicative extended Kalman filter on the paper's signals, another family of filter.
 
 Attitude error in the body frame, the gyroscope's bias, and a constant error of each vector in the
 body frame: 12 states. The vectors are taken with their length. Where a sample's

@@ -1,6 +1,6 @@
 """Recordings of an IMU beside optical truth, in the format of BROAD (doi 10.3390/data6070072)."""
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -61,12 +61,6 @@ class Trial:
         return replace(self, rate_hz=self.rate_hz / (rows.step or 1), **columns)
 
 
-def add_folders(parser: ArgumentParser) -> None:
-    """The folders with recordings, as arguments of a script."""
-    parser.add_argument("folders", type=Path, nargs="*", metavar="DIR", help="with *.mat files")
-    parser.add_argument("--undisturbed", action="store_true", help="leave out what is disturbed")
-
-
 def chosen_sets(options: Namespace) -> dict[str, list[Trial]]:
     """The recordings by folder; for a smoke test a part of the first one, or made up without any.
 
@@ -75,9 +69,12 @@ def chosen_sets(options: Namespace) -> dict[str, list[Trial]]:
     """
     if options.smoke and not options.folders:
         return {"made up": [made_up()]}
-    sets = {folder.name: load_trials(folder) for folder in options.folders}
+    sets = {f.name: [*map(load_trial, sorted(f.glob("*.mat")))] for f in options.folders}
     if options.undisturbed:
-        sets = {name: [t for t in trials if is_undisturbed(t)] for name, trials in sets.items()}
+        sets = {
+            name: [t for t in trials if "_disturbed_" not in t.name]
+            for name, trials in sets.items()
+        }
     if not sets or not all(sets.values()):
         raise SystemExit("give folders with BROAD's *.mat files, or --smoke")
     if options.smoke:
@@ -87,11 +84,6 @@ def chosen_sets(options: Namespace) -> dict[str, list[Trial]]:
     return sets
 
 
-def load_trials(folder: Path) -> list[Trial]:
-    """Read every ``*.mat`` of the folder."""
-    return [load_trial(path) for path in sorted(folder.glob("*.mat"))]
-
-
 def load_trial(path: Path) -> Trial:
     """One file."""
     data = loadmat(path, squeeze_me=True)
@@ -99,11 +91,6 @@ def load_trial(path: Path) -> Trial:
     readings = (np.ascontiguousarray(data[f"imu_{name}"], float) for name in ("gyr", "acc", "mag"))
     scored = moving & ~np.isnan(q).any(axis=1)
     return Trial(path.stem, float(data["sampling_rate"]), *readings, q, scored, moving)
-
-
-def is_undisturbed(trial: Trial) -> bool:
-    """Whether the name tells of no disturbance; sets other than BROAD name none."""
-    return "_disturbed_" not in trial.name
 
 
 def made_up(seed: int = 0) -> Trial:

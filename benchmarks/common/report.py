@@ -2,14 +2,19 @@
 
 import argparse
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from argparse import Namespace
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from drivers.logs.open import SUFFIXES
 
 Row = dict[str, Any]
+Tables = Mapping[str, Sequence[Row]]
+Option = tuple[tuple[str, ...], dict[str, Any]]
 MISSING = "not installed"
+JSON = (("--json",), {"action": "store_true", "help": "one JSON object on standard output"})
+SMOKE = (("--smoke",), {"action": "store_true", "help": "a few seconds, to see that it runs"})
 
 
 class Point(NamedTuple):
@@ -21,16 +26,35 @@ class Point(NamedTuple):
     value: float
 
 
-def parser(text: str | None, *, plots: bool = False) -> argparse.ArgumentParser:
-    """Options that all benchmarks share; ``text`` is the script's docstring."""
-    made = argparse.ArgumentParser(
-        description=text, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    made.add_argument("--json", action="store_true", help="one JSON object on standard output")
-    made.add_argument("--smoke", action="store_true", help="a few seconds, to see that it runs")
-    if plots:
-        made.add_argument("--plot", type=Path, metavar="FILE", help="a picture; needs matplotlib")
-    return made
+def option(*names: str, **settings: Any) -> Option:
+    """An option of a script, as ``ArgumentParser.add_argument`` takes it."""
+    return names, settings
+
+
+PLOT = option("--plot", type=Path, metavar="FILE", help="a picture; needs matplotlib")
+# Folders with recordings, which ``recordings.chosen_sets`` reads.
+FOLDERS = (
+    option("folders", type=Path, nargs="*", metavar="DIR", help="with *.mat files"),
+    option("--undisturbed", action="store_true", help="leave out what is disturbed"),
+)
+
+
+def benchmark(
+    text: str | None, tables: Callable[[Namespace], Tables], *options: Option
+) -> Callable[[], int]:
+    """The ``main`` of a script with these options, whose docstring is ``text``."""
+
+    def main() -> int:
+        made = argparse.ArgumentParser(
+            description=text, formatter_class=argparse.RawDescriptionHelpFormatter
+        )
+        for names, settings in (JSON, SMOKE, *options):
+            made.add_argument(*names, **settings)
+        given = made.parse_args()
+        show(tables(given), as_json=given.json)
+        return 0
+
+    return main
 
 
 def numbers(text: str) -> list[float]:
@@ -65,7 +89,7 @@ def log_files(given: Iterable[Path]) -> list[Path]:
     return [path for path in files if path.suffix in SUFFIXES]
 
 
-def show(tables: Mapping[str, Sequence[Row]], *, as_json: bool) -> None:
+def show(tables: Tables, *, as_json: bool) -> None:
     """Print tables by their titles, for people or as one JSON object."""
     if as_json:
         print(json.dumps(tables))

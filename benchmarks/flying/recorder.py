@@ -2,8 +2,8 @@
 
 The stream has what real ones have: an IMU low-passed at 20 Hz and truncated toward zero, a field
 averaged to 10 Hz, sample times that miss the grid, velocities from an autopilot's filter and from
-a receiver, each with its own faults, positions before there are any, and what the autopilot says
-about its own filter. The truth comes behind each IMU sample as SIM_STATE.
+a receiver, each with its own faults, positions before there are any, and the autopilot's report
+of its own filter. The truth comes behind each IMU sample as SIM_STATE.
 """
 
 import struct
@@ -36,6 +36,7 @@ LOST_FLAGS = 0x01 | 0x04 | 0x20 | 0x80  # constant position: no velocity, no pos
 BEFORE_FIX_FLAGS = 0x01 | 0x04 | 0x20 | 0x80 | 0x400
 FIX_NONE, FIX_3D = 1, 3
 VIBRATION_S, FORGETS_S = 3.0, 1.0  # how long it lasts, and how long in a filter's velocity
+MIX = (0.68, 0.31, 0.01)  # of a plane's intervals
 WRONG_M_S = 4.0  # what velocities are off by while the satellites are wrong
 
 
@@ -73,7 +74,7 @@ class Receiver(NamedTuple):
     noise_m_s: float = 0.05
     slow_m_s: float = 0.1
     tau_s: float = 20.0
-    says_m_s: float = 0.3  # the accuracy that it reports of itself; 0: none
+    reported_m_s: float = 0.3  # the accuracy that it reports of itself; 0: none
 
 
 class Link(NamedTuple):
@@ -83,10 +84,7 @@ class Link(NamedTuple):
     mixed: bool = False  # 20 and 40 ms, as planes send them
     late_s: float = 0.006  # mean delay beyond the shortest one, exponentially distributed
     drift: float = 1e-3  # the vehicle's clock runs slow by this share
-    jitter: float = 0.0  # share of the period by which samples scatter
-    loss: float = 0.0  # share of the samples that do not arrive
-    holes: int = 0  # stretches in which nothing arrives
-    hole_s: tuple[float, float] = (3.0, 12.0)  # the shortest and the longest
+    holes: int = 0  # stretches of 1 to 5 s in which nothing arrives
 
 
 class Trouble(NamedTuple):
@@ -199,77 +197,52 @@ def _slow(n: int, sigma: float, tau_s: float, rng: np.random.Generator) -> Float
 
 def sample_times(link: Link, end_s: float, rng: np.random.Generator) -> Floats:
     """Seconds at which the IMU is sent."""
-    times, t = [], 0.5
+    sent, t = [], 0.5
     while t < end_s - 0.5:
-        times.append(t)
-        period = link.period_s
-        if link.mixed:
-            period = float(rng.choice((0.02, 0.04, 0.1), p=(0.68, 0.31, 0.01)))
-        if link.jitter > 0.0:
-            period *= 1.0 + link.jitter * float(rng.uniform(-1.0, 1.0))
-        t += period
-    return _arriving(np.array(times), link, end_s, rng)
-
-
-def _arriving(times: Floats, link: Link, end_s: float, rng: np.random.Generator) -> Floats:
-    """Those that no radio loses."""
-    kept = np.ones(len(times), bool)
-    if link.loss > 0.0:
-        kept &= rng.random(len(times)) >= link.loss
+        sent.append(t)
+        t += float(rng.choice((0.02, 0.04, 0.1), p=MIX)) if link.mixed else link.period_s
+    times = np.array(sent)
     for begin in rng.uniform(40.0, end_s - 20.0, link.holes):
-        kept &= (times < begin) | (times > begin + rng.uniform(*link.hole_s))
-    return times[kept]
-
-
-class Tlog:
-    """Frames behind their stamps."""
-
-    def __init__(self, path: Path) -> None:
-        self._file = path.open("wb")
-        self._mav = ardupilotmega.MAVLink(None, srcSystem=1, srcComponent=1)
-
-    def put(self, arrival_us: int, name: str, *fields: Any) -> None:
-        """One message, by the name of its definition."""
-        message = getattr(ardupilotmega, f"MAVLink_{name}_message")(*fields)
-        self._file.write(struct.pack(">Q", arrival_us & ~3) + message.pack(self._mav))
-
-    def close(self) -> None:
-        """No more messages."""
-        self._file.close()
+        times = times[(times < begin) | (times > begin + rng.uniform(1.0, 5.0))]
+    return times
 
 
 def record(path: Path, motion: Motion, flight: Flight, seed: int) -> None:
     """Write the telemetry log of one flight."""
     rng = np.random.default_rng(1000 + seed)
     now = signals(motion, flight, rng)
-    out = Tlog(path)
-    for k, axis in enumerate("XYZ"):
-        out.put(START_UNIX_US, "param_value", f"COMPASS_OFS_{axis}".encode(), 40.0 + k, 9, 4, k)
+    mav, file = ardupilotmega.MAVLink(None, srcSystem=1, srcComponent=1), path.open("wb")
+
+    def put(arrival_us: int, name: str, *fields: Any) -> None:
+        message = getattr(ardupilotmega, f"MAVLink_{name}_message")(*fields)
+        file.write(struct.pack(">Q", arrival_us & ~3) + message.pack(mav))
+
     reports = _Reports(flight, now, rng)
-    link = flight.link
+    link, sensors = flight.link, flight.sensors
     end_s = len(motion.attitude) / FINE_HZ
     mg, mrad, arrival_us, next_beat_s = 1000.0 / STANDARD_GRAVITY_M_S2, 1000.0, 0, 0.0
     times = sample_times(link, end_s, rng)
-    for t in times:
-        i = int(t * FINE_HZ)  # up to 2.5 ms older than its stamp
-        stamp_us = round(1e6 * (5.0 + t * (1.0 - link.drift)))
-        late_s = 0.002 + float(rng.exponential(link.late_s))
-        arrival_us = max(arrival_us, START_UNIX_US + round(1e6 * (t + late_s)))
-        if t >= next_beat_s:
-            next_beat_s = t + 1.0
-            out.put(arrival_us, "heartbeat", flight.vehicle_type, 3, ARMED, 0, 4, 3)
-        for message in reports.until(t, stamp_us):
-            out.put(arrival_us, *message)
-        q = motion.attitude[i].tolist()
-        readings = (*now.acc[i] * mg, *now.gyr[i] * mrad, *now.mag[i] * 1000.0)
-        out.put(arrival_us, "raw_imu", stamp_us, *(int(value) for value in readings))
-        roll, pitch, yaw = euler_rad((q[0], q[1], q[2], q[3]))
-        out.put(arrival_us, "sim_state", *q, roll, pitch, yaw, *(0.0,) * 14)
-        if t == times[0]:  # a parameter counts once its vehicle is known
-            told = flight.sensors
-            out.put(arrival_us, "param_value", b"INS_GYRO_FILTER", told.gyr_hz, 9, 4, 3)
-            out.put(arrival_us, "param_value", b"INS_ACCEL_FILTER", told.acc_hz, 9, 4, 3)
-    out.close()
+    with file:
+        for k, axis in enumerate("XYZ"):
+            put(START_UNIX_US, "param_value", f"COMPASS_OFS_{axis}".encode(), 40.0 + k, 9, 4, k)
+        for t in times:
+            i = int(t * FINE_HZ)  # up to 2.5 ms older than its stamp
+            stamp_us = round(1e6 * (5.0 + t * (1.0 - link.drift)))
+            late_s = 0.002 + float(rng.exponential(link.late_s))
+            arrival_us = max(arrival_us, START_UNIX_US + round(1e6 * (t + late_s)))
+            if t >= next_beat_s:
+                next_beat_s = t + 1.0
+                put(arrival_us, "heartbeat", flight.vehicle_type, 3, ARMED, 0, 4, 3)
+            for message in reports.until(t, stamp_us):
+                put(arrival_us, *message)
+            q = motion.attitude[i].tolist()
+            readings = (*now.acc[i] * mg, *now.gyr[i] * mrad, *now.mag[i] * 1000.0)
+            put(arrival_us, "raw_imu", stamp_us, *(int(value) for value in readings))
+            roll, pitch, yaw = euler_rad((q[0], q[1], q[2], q[3]))
+            put(arrival_us, "sim_state", *q, roll, pitch, yaw, *(0.0,) * 14)
+            if t == times[0]:  # a parameter counts once its vehicle is known
+                put(arrival_us, "param_value", b"INS_GYRO_FILTER", sensors.gyr_hz, 9, 4, 3)
+                put(arrival_us, "param_value", b"INS_ACCEL_FILTER", sensors.acc_hz, 9, 4, 3)
 
 
 class _Reports:
@@ -305,17 +278,17 @@ class _Reports:
 
     def _filter(self, t: float, stamp_us: int) -> Iterator[tuple[Any, ...]]:
         i = int(t * FINE_HZ)
-        said = self._now.by_filter[i] + self._satellite_error(t - 2.0)
+        velocity = self._now.by_filter[i] + self._satellite_error(t - 2.0)
         if self._are_satellites_lost(t) and t >= FILTER_S:
             self._drift += 0.3 * self._rng.standard_normal(3)
-            said = said + self._drift + np.array([3.0, -3.0, 0.0])
+            velocity = velocity + self._drift + np.array([3.0, -3.0, 0.0])
         elif t < FILTER_S:
-            said = 0.02 * self._rng.standard_normal(3)
+            velocity = 0.02 * self._rng.standard_normal(3)
         else:
             self._drift[:] = 0.0
-            yield ("local_position_ned", stamp_us // 1000, 0.0, 0.0, 0.0, *said.tolist())
+            yield ("local_position_ned", stamp_us // 1000, 0.0, 0.0, 0.0, *velocity.tolist())
         lat, lon = (2081, -732) if t < FIX_S else self._place(i)  # near (0, 0) before the fix
-        cm_s = (int(100.0 * v) for v in said)
+        cm_s = (int(100.0 * v) for v in velocity)
         alt = round(1e3 * ALTITUDE_M)
         yield ("global_position_int", stamp_us // 1000, lat, lon, alt, 0, *cm_s, 0)
 
@@ -330,8 +303,8 @@ class _Reports:
         speed = min(65534, round(100.0 * float(np.hypot(v[0], v[1]))))
         course = round(100.0 * float(np.degrees(np.arctan2(v[1], v[0])))) % 36000
         lat, lon = self._place(i) if fix == FIX_3D else (0, 0)
-        alt, said = round(1e3 * ALTITUDE_M), round(1e3 * chosen.says_m_s)
-        accuracy = (0, 500, 800, said, 0)
+        alt, sigma = round(1e3 * ALTITUDE_M), round(1e3 * chosen.reported_m_s)
+        accuracy = (0, 500, 800, sigma, 0)
         yield ("gps_raw_int", stamp_us, fix, lat, lon, alt, 90, 90, speed, course, 12, *accuracy)
 
     def _place(self, i: int) -> tuple[int, int]:

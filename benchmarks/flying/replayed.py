@@ -22,6 +22,7 @@ Events = list[Event]
 # What becomes of a sample at a time in s since the first one; None leaves it out.
 ChangeImu = Callable[[float, ImuSample], ImuSample | None]
 ChangeVelocity = Callable[[float, VelocitySample, str], VelocitySample | None]
+SHORT_LOG = Path(__file__).parents[2] / "tests" / "data" / "sitl_copter_flips.tlog"
 UNAIDED = {"aiding": {"enabled": False}}
 STRETCH_S = 20.0
 

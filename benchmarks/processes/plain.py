@@ -19,21 +19,15 @@ from pymavlink import mavutil
 
 G_M_S2 = 9.80665
 FLU_FRD = np.array([1.0, -1.0, -1.0])
-START = np.array([1.0, 0.0, 0.0, 0.0])
 
 
 class Vehicle:
     """One vehicle's filter and its latest attitude."""
 
     def __init__(self, publisher: zenoh.Publisher) -> None:
-        self.samples = 0
-        self.sequence = 0
-        self._publisher = publisher
-        self._filter = Mahony(k_P=0.3, k_I=1e-6)
-        self._q_enu_flu = START
-        self._gyr_rad_s = np.zeros(3)
-        self._time_us = 0
-        self._arrival_us = 0
+        self.samples, self._sequence, self._publisher = 0, 0, publisher
+        self._filter, self._q_enu_flu = Mahony(k_P=0.3, k_I=1e-6), np.array([1.0, 0.0, 0.0, 0.0])
+        self._gyr_rad_s, self._time_us, self._arrival_us = np.zeros(3), 0, 0
 
     def update(self, m: Any) -> None:
         """Take a RAW_IMU."""
@@ -41,13 +35,9 @@ class Vehicle:
         acc = np.array([m.xacc, m.yacc, m.zacc]) * (1e-3 * G_M_S2)
         mag = np.array([m.xmag, m.ymag, m.zmag]) * 1e-3
         if self.samples:
-            self._q_enu_flu = self._filter.updateMARG(
-                self._q_enu_flu,
-                gyr * FLU_FRD,
-                acc * FLU_FRD,
-                mag * FLU_FRD,
-                1e-6 * (m.time_usec - self._time_us),
-            )
+            readings = (gyr * FLU_FRD, acc * FLU_FRD, mag * FLU_FRD)
+            dt_s = 1e-6 * (m.time_usec - self._time_us)
+            self._q_enu_flu = self._filter.updateMARG(self._q_enu_flu, *readings, dt_s)
         self._gyr_rad_s, self._time_us = gyr, m.time_usec
         self._arrival_us = time.time_ns() // 1000
         self.samples += 1
@@ -60,10 +50,10 @@ class Vehicle:
             "q_enu_flu": self._q_enu_flu.tolist(),
             "rate_rad_s": (self._gyr_rad_s - self._filter.b).tolist(),
             "age_ms": (now_us - self._arrival_us) / 1e3,
-            "sequence": self.sequence,
+            "sequence": self._sequence,
         }
         self._publisher.put(json.dumps(record))
-        self.sequence += 1
+        self._sequence += 1
 
 
 def main() -> None:
@@ -85,21 +75,21 @@ def main() -> None:
                 now_us = time.time_ns() // 1000
                 for vehicle in vehicles.values():
                     vehicle.publish(now_us)
-                aliasing = int(-left_s / period_s)
-                overruns += aliasing
-                due_s += (aliasing + 1) * period_s
-                continue
-            message = link.recv_match(type="RAW_IMU", blocking=True, timeout=left_s)
-            if message is None:
-                continue
-            system = message.get_srcSystem()
-            if system not in vehicles:
-                key = f"fuzzbee/{system}/attitude"
-                drop = zenoh.CongestionControl.DROP
-                vehicles[system] = Vehicle(session.declare_publisher(key, congestion_control=drop))
-            vehicles[system].update(message)
-    told = {name: {"samples": each.samples, "rejected": {}} for name, each in vehicles.items()}
-    print(json.dumps({"vehicles": told, "overruns": overruns, "dropped": 0}))
+                missed = int(-left_s / period_s)
+                overruns += missed
+                due_s += (missed + 1) * period_s
+            elif message := link.recv_match(type="RAW_IMU", blocking=True, timeout=left_s):
+                system = message.get_srcSystem()
+                if system not in vehicles:
+                    vehicles[system] = Vehicle(
+                        session.declare_publisher(
+                            f"fuzzbee/{system}/attitude",
+                            congestion_control=zenoh.CongestionControl.DROP,
+                        )
+                    )
+                vehicles[system].update(message)
+    counts = {name: {"samples": each.samples, "rejected": {}} for name, each in vehicles.items()}
+    print(json.dumps({"vehicles": counts, "overruns": overruns, "dropped": 0}))
 
 
 if __name__ == "__main__":

@@ -57,7 +57,7 @@ def run(
     begin_service: BeginService,
     meanwhile: Callable[[Process, list[int]], None],
 ) -> Seen:
-    """One run; ``meanwhile`` is told the service, and the subscriber's and the fleet's process."""
+    """One run; ``meanwhile`` gets the service, and the subscriber's and the fleet's process id."""
     port, endpoint = free_port(socket.SOCK_DGRAM), f"tcp/127.0.0.1:{free_port()}"
     with tempfile.TemporaryDirectory() as folder:
         sent, seen = Path(folder, "sent.npy"), Path(folder, "seen.npy")
@@ -83,12 +83,12 @@ def run(
 
 
 def end(service: Process) -> dict[str, Any]:
-    """End the service; what it says of itself."""
+    """End the service; the summary that it prints."""
     service.send_signal(signal.SIGINT)
     assert service.stdout is not None
-    told: dict[str, Any] = json.loads(service.stdout.read())
+    summary: dict[str, Any] = json.loads(service.stdout.read())
     service.wait()
-    return told
+    return summary
 
 
 def start(script: str, *arguments: str) -> Process:
@@ -130,12 +130,12 @@ def _listening(command: list[str]) -> Process:
 def await_word(stream: IO[str] | None, word: str) -> None:
     """Read until a line has ``word`` in it."""
     assert stream is not None
-    said = ""
+    lines = []
     for line in stream:
-        said += line
+        lines.append(line.strip())
         if word in line:
             return
-    raise SystemExit(f"a process ended early: {said.strip()}")
+    raise SystemExit(f"a process ended early: {lines}")
 
 
 def free_port(kind: int = socket.SOCK_STREAM) -> int:
@@ -159,15 +159,11 @@ def memory_mb(pid: int) -> float:
     return 0.0
 
 
-def children(process: int) -> list[int]:
-    """The processes whose parent this is, the oldest first."""
-    tasks = Path(f"/proc/{process}/task").iterdir()
-    return sorted(int(child) for task in tasks for child in (task / "children").read_text().split())
-
-
 def family(process: int) -> list[int]:
     """A process and all below it."""
-    return [process, *(each for child in children(process) for each in family(child))]
+    tasks = Path(f"/proc/{process}/task").iterdir()
+    children = [int(child) for task in tasks for child in (task / "children").read_text().split()]
+    return [process, *(each for child in sorted(children) for each in family(child))]
 
 
 def figures(seen: Seen, window_ns: tuple[int, int], publish_hz: float) -> Row:
@@ -212,10 +208,10 @@ def percentiles(values_ms: np.ndarray) -> list[float] | None:
 
 def counts(seen: Seen) -> Row:
     """What became of the samples, in all."""
-    told, departed = seen.summary["vehicles"].values(), seen.summary.get("departed", {})
-    taken = sum(each["samples"] + sum(each["rejected"].values()) for each in told)
+    vehicles, departed = seen.summary["vehicles"].values(), seen.summary.get("departed", {})
+    taken = sum(each["samples"] + sum(each["rejected"].values()) for each in vehicles)
     taken += departed.get("samples", 0) + departed.get("rejected", 0)
-    shed = sum(each.get("shed", 0) for each in told) + departed.get("shed", 0)
+    shed = sum(each.get("shed", 0) for each in vehicles) + departed.get("shed", 0)
     lost = seen.summary.get("lost", 0)
     return {
         "sent": len(seen.sent),

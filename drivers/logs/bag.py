@@ -120,7 +120,7 @@ class Bag(LogFile):
 def _is_whole(reader: Any, decode: Decode, connection: Any) -> bool:
     """Whether an IMU's first message shows rates and forces; a camera may send them apart.
 
-    The covariance of what is not told begins with -1 (REP 145).
+    The covariance of what is unknown begins with -1 (REP 145).
     """
     with suppress(Exception):  # whatever a damaged file makes of the library
         message = decode(*next((c, data) for c, _, data in reader.messages([connection])))

@@ -65,8 +65,8 @@ class Columns(NamedTuple):
     ``parts`` has those of the other quantities that are there, by the names in :data:`KINDS`:
     rad/s, m/s^2, gauss (FRD), m/s (NED), degrees and m. Attitudes are four numbers, w first, or
     three angles (roll, pitch, yaw) in rad; those that are East-North-Up and FLU are named in
-    ``enu_flu``. Where nobody told the axes they may be others. Nobody vouches for the compass where
-    ``compass_calibrated`` is None.
+    ``enu_flu``. Axes that nobody gave may be others. Whether the compass is calibrated is not
+    known where ``compass_calibrated`` is None.
     """
 
     time: tuple[Part, ...]
@@ -94,8 +94,8 @@ WORLD_AXES = {"ned": ("x", "y", "z"), "enu": ("y", "x", "-z")}
 class Kind(NamedTuple):
     """What a quantity may be.
 
-    How many columns it has; units and what they are of ours (a quaternion's four have none, w first
-    is said); its axes by name, of which the first is meant where none is told; what it is called.
+    How many columns it has; units and what they are of ours (a quaternion's four have none, w is
+    first); its axes by name, of which the first is meant where none is given; its names.
     """
 
     counts: tuple[int, ...]
@@ -162,20 +162,20 @@ def description(path: Path, given: Path | None) -> Description:
         raise InputError(f"{file}: no TOML file ({error or 'too deep'})") from None
 
 
-def columns(text: CsvText, told: Description) -> Columns:
+def columns(text: CsvText, layout: Description) -> Columns:
     """Which columns to read.
 
     Raises:
         InputError: time, gyroscope or accelerometer is not there, or something is not clear.
     """
-    time = _time(text, told.time)
-    found = {name: _quantity(text, name, getattr(told, name), told.axes) for name in KINDS}
+    time = _time(text, layout.time)
+    found = {name: _quantity(text, name, getattr(layout, name), layout.axes) for name in KINDS}
     for name in ("gyroscope", "accelerometer"):
         if not found[name]:
             raise InputError(f"no column is known as the {name}'s x; {_there(text)}; {HELP}")
-    attitudes = {"truth": told.truth, "autopilot": told.autopilot}
+    attitudes = {"truth": layout.truth, "autopilot": layout.autopilot}
     world = {
-        name: each.axes or told.axes or "frd" for name, each in attitudes.items() if each.columns
+        name: each.axes or layout.axes or "frd" for name, each in attitudes.items() if each.columns
     }
     if unknown := [axes for axes in world.values() if axes not in ("frd", "flu")]:
         raise InputError(f"axes {unknown[0]!r} of an attitude: must be frd (from NED) or flu (ENU)")
@@ -183,18 +183,18 @@ def columns(text: CsvText, told: Description) -> Columns:
         time=time,
         parts={name: parts for name, parts in found.items() if parts},
         enu_flu=frozenset(name for name, axes in world.items() if axes == "flu"),
-        doubts_axes=not (told.axes or told.accelerometer.axes),
-        compass_calibrated=told.compass_calibrated,
+        doubts_axes=not (layout.axes or layout.accelerometer.axes),
+        compass_calibrated=layout.compass_calibrated,
     )
 
 
-def _time(text: CsvText, told: Quantity) -> tuple[Part, ...]:
+def _time(text: CsvText, entry: Quantity) -> tuple[Part, ...]:
     units = "|".join(TIME)
     pattern = re.compile(
         rf"({units})elapsed|(?:{TIME_WORDS})(?:since[a-z]+?)?(?:in)?({units}|{ISO})?"
     )
-    if told.columns:
-        index, *others = _named(text, "time", told.columns, (1, 2))
+    if entry.columns:
+        index, *others = _named(text, "time", entry.columns, (1, 2))
         found = [(index, "")]
     else:
         others = []
@@ -203,7 +203,7 @@ def _time(text: CsvText, told: Quantity) -> tuple[Part, ...]:
     if not found:
         raise InputError(f"no column is known as the time; {_there(text)}; {HELP}")
     given = [
-        _compact(told.unit) or ISO * is_date(text.first[i]) or unit or _own_unit(text, i, TIME)
+        _compact(entry.unit) or ISO * is_date(text.first[i]) or unit or _own_unit(text, i, TIME)
         for i, unit in found
     ]
     best = next((k for k, unit in enumerate(given) if unit), 0)
@@ -214,28 +214,28 @@ def _time(text: CsvText, told: Quantity) -> tuple[Part, ...]:
         said = f"{first!r} in column {text.titles()[index]!r}"
         raise InputError(f"the time {said} is no number, and no date as ISO 8601 has them; {HELP}")
     factor = 0.0 if unit == ISO else _factor(text, "time", index, unit, {**TIME, ISO: 0.0})
-    return tuple((i, told.scale * factor) for i in (index, *others))
+    return tuple((i, entry.scale * factor) for i in (index, *others))
 
 
 def _quantity(
-    text: CsvText, name: str, told: Quantity, axes: str | tuple[str, ...]
+    text: CsvText, name: str, entry: Quantity, axes: str | tuple[str, ...]
 ) -> tuple[Part, ...]:
     """Its columns, along our axes; nothing if it is not there."""
     kind = KINDS[name]
-    if told.columns:
-        found = [(i, "") for i in _named(text, name, told.columns, kind.counts)]
+    if entry.columns:
+        found = [(i, "") for i in _named(text, name, entry.columns, kind.counts)]
     else:
         found = _by_title(text, name, kind) if kind.words else []
     units = kind.units if len(found) < 4 else QUATERNION
-    given = [_compact(told.unit) or unit or _own_unit(text, i, units) for i, unit in found]
+    given = [_compact(entry.unit) or unit or _own_unit(text, i, units) for i, unit in found]
     parts = tuple(
-        (i, told.scale * _factor(text, name, i, unit, units))
+        (i, entry.scale * _factor(text, name, i, unit, units))
         for (i, _), unit in zip(found, given, strict=True)
     )
     if not parts or kind.axes is None:
         return parts
     return _turned(
-        parts, told.axes or (axes if kind.words else "") or next(iter(kind.axes)), kind.axes
+        parts, entry.axes or (axes if kind.words else "") or next(iter(kind.axes)), kind.axes
     )
 
 
@@ -308,7 +308,7 @@ def _factor(text: CsvText, what: str, index: int, unit: str, units: Mapping[str,
     known = ", ".join(filter(None, units))
     if unit:
         raise InputError(f"{what}: no unit of it is known as {unit!r} ({known})")
-    raise InputError(f"the unit of {what}, column {text.titles()[index]!r}, is not told; {HELP}")
+    raise InputError(f"the unit of {what}, column {text.titles()[index]!r}, is not given; {HELP}")
 
 
 def _turned(

@@ -39,9 +39,9 @@ class CsvLog(LogFile):
         if text is None:
             raise InputError(f"{path}: no table: no row has three rates and three forces")
         self._text = text
-        told = description(path, described)
+        layout = description(path, described)
         try:
-            self._columns = columns(text, told)
+            self._columns = columns(text, layout)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
 

@@ -69,7 +69,7 @@ def csv_rows(
 ) -> Iterator[Iterator[list[str] | None]]:
     """The rows below the heading as lists of fields; None for one that cannot be read.
 
-    ``on_read`` is told now and then how many of the file's bytes have been read.
+    ``on_read`` is called now and then with the number of the file's bytes that have been read.
 
     Raises:
         InputError: the file cannot be read.

@@ -24,7 +24,7 @@ class LogFile(Closing):
     """A recording as the events of a live link, for as often as it is iterated.
 
     The file is open only while it is iterated, so that there is nothing to close. ``on_read`` is
-    told how many of its bytes are done with, if it is read in pieces.
+    called with the bytes that are done with, if it is read in pieces.
     """
 
     def __init__(self, path: Path) -> None:

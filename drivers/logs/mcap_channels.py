@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from drivers.logs.bag_bounds import bound_mcap
 
 ENCODINGS = ("cdr", "ros1", "json")
-NOT_TOLD = {
+DEFAULTS = {
     "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 0.0},
     "orientation_covariance": [0.0],
     "status": {"status": 0},
@@ -23,22 +23,22 @@ NANOSECONDS = ("nanosec", "nsec", "nsecs")  # ROS 2's name and those of others
 
 
 def from_json(data: bytes) -> Any:
-    """A message that was written as JSON; what it may leave out has a value that says so.
+    """A message that was written as JSON; what it may leave out has its value for "unknown".
 
     Raises:
         TypeError, ValueError: it is no message.
     """
-    told = json.loads(data)
-    if not isinstance(told, dict):
+    message = json.loads(data)
+    if not isinstance(message, dict):
         raise TypeError("a message that is no object")
-    stamp = told.get("header", {}).get("stamp", {})
-    told["header"] = {
+    stamp = message.get("header", {}).get("stamp", {})
+    message["header"] = {
         "stamp": {
             "sec": int(stamp.get("sec", stamp.get("secs", 0))),
             "nanosec": int(next((stamp[name] for name in NANOSECONDS if name in stamp), 0)),
         }
     }
-    return _named({**NOT_TOLD, **told})
+    return _named({**DEFAULTS, **message})
 
 
 def _named(value: Any) -> Any:

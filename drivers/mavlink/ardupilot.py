@@ -84,18 +84,18 @@ def corrected(
         d = np.eye(3)
     for (i, j), value in zip(OFF_DIAGONAL, values("ODI", 0.0), strict=True):
         d[i, j] = d[j, i] = value
-    told = {"OFS": values("OFS", 0.0) - np.linalg.solve(scale * d, MILLIGAUSS * offset_gauss)}
+    changed = {"OFS": values("OFS", 0.0) - np.linalg.solve(scale * d, MILLIGAUSS * offset_gauss)}
     if matrix is not None:
         d = matrix @ d
         d = (d + d.T) / 2.0  # ArduPilot has no more; what turns the field is left out
-        told |= {"DIA": np.diag(d), "ODI": np.array([d[at] for at in OFF_DIAGONAL])}
+        changed |= {"DIA": np.diag(d), "ODI": np.array([d[at] for at in OFF_DIAGONAL])}
     single = {}
     if current_gauss_a is not None:
         motor = values("MOT", 0.0) if was.get(MOTORS) == BY_CURRENT else np.zeros(3)
         motor = motor - MILLIGAUSS * current_gauss_a
-        told["MOT"] = motor if matrix is None else matrix @ motor
+        changed["MOT"] = motor if matrix is None else matrix @ motor
         single[MOTORS] = BY_CURRENT
-    return single | _named({f"{COMPASS}{name}{number}": v for name, v in told.items()})
+    return single | _named({f"{COMPASS}{name}{number}": v for name, v in changed.items()})
 
 
 class Orientation(NamedTuple):
@@ -142,8 +142,8 @@ def _rotations() -> list[tuple[int, str, Floats]]:
 def inertial_parameters(was: Parameters, message: str, found: Calibration) -> dict[str, float]:
     """What to set for that calibration, in the IMU's axes, given what was set; none of no change.
 
-    A parameter that is not in ``was`` counts as ArduPilot's default. Of a board that is turned in
-    its vehicle nothing is told: the parameters are in the board's axes.
+    A parameter that is not in ``was`` counts as ArduPilot's default. A board that is turned in
+    its vehicle has none: the parameters are in the board's axes.
     """
     if was.get(ORIENTATION):
         return {}
@@ -151,15 +151,15 @@ def inertial_parameters(was: Parameters, message: str, found: Calibration) -> di
     gyr = f"{INERTIAL}GYR{number}OFFS" if number else f"{INERTIAL}GYROFFS"
     acc = f"{INERTIAL}ACC{number}"
 
-    told: dict[str, Floats] = {}
+    changed: dict[str, Floats] = {}
     if any(found.gyr_bias_rad_s):
-        told[gyr] = _values(was, gyr, 0.0) + found.gyr_bias_rad_s
+        changed[gyr] = _values(was, gyr, 0.0) + found.gyr_bias_rad_s
     scales = np.diag(np.array(found.acc_matrix))
     if any(found.acc_bias_m_s2) or (scales != 1.0).any():
         before = _values(was, f"{acc}SCAL", 1.0)
         before = np.where(before == 0.0, 1.0, before)
-        told[f"{acc}OFFS"] = (
+        changed[f"{acc}OFFS"] = (
             _values(was, f"{acc}OFFS", 0.0) + np.array(found.acc_bias_m_s2) / before
         )
-        told[f"{acc}SCAL"] = scales * before
-    return _named(told)
+        changed[f"{acc}SCAL"] = scales * before
+    return _named(changed)

@@ -45,7 +45,7 @@ class AttitudeView:
         return quaternion_from_euler(roll, pitch, yaw) or IDENTITY
 
     def of_imu(self, message: str, shown: Quaternion, ours: Quaternion) -> Quaternion | None:
-        """The attitude of the IMU that ``message`` shows; None if that cannot be told.
+        """The attitude of the IMU that ``message`` shows; None if it is not known.
 
         Which view a vehicle shows that can hover depends on what it does: it is the one that is
         nearest to ``ours``.
@@ -59,9 +59,9 @@ class AttitudeView:
     @property
     def _is_tailsitter(self) -> bool | None:
         """None where neither a parameter nor the type shows."""
-        told = self._values.get(IS_TAILSITTER)
-        if told is not None:
-            return told > 0.0 or self.vehicle_type in TAILSITTERS
+        parameter = self._values.get(IS_TAILSITTER)
+        if parameter is not None:
+            return parameter > 0.0 or self.vehicle_type in TAILSITTERS
         if self.vehicle_type in TAILSITTERS:
             return True
         return None if self.vehicle_type in VTOLS else False

@@ -264,37 +264,37 @@ class LinkDiagnostics:
     def __init__(self, endpoint: Endpoint) -> None:
         self._endpoint = endpoint
         self._open_since_s: float | None = None
-        self._is_silence_told = False
+        self._is_silence_logged = False
         self._unread_bytes = 0  # since the last readable frame
         self._unread_since_s = 0.0
-        self._is_noise_told = False
+        self._is_noise_logged = False
 
     def silence(self, now_s: float, *, is_up: bool, has_data: bool) -> str | None:
-        """Whether the link has been open for long without a byte; told once."""
+        """Whether the link has been open for long without a byte; logged once."""
         if not is_up or has_data:
             self._open_since_s = None
             return None
         if self._open_since_s is None:
             self._open_since_s = now_s
-        if self._is_silence_told or now_s - self._open_since_s < SILENT_S:
+        if self._is_silence_logged or now_s - self._open_since_s < SILENT_S:
             return None
-        self._is_silence_told = True
+        self._is_silence_logged = True
         advice = ADVICE[self._endpoint.kind]
         return f"{self._endpoint}: nothing has arrived in {SILENT_S:g} s; {advice}"
 
     def bytes_read(self, size: int, frames: int, now_s: float) -> str | None:
-        """After ``size`` bytes that held so many frames; told once until one can be read."""
+        """After ``size`` bytes that held so many frames; logged once until one can be read."""
         self._open_since_s = None
         if frames:
-            self._unread_bytes, self._is_noise_told = 0, False
+            self._unread_bytes, self._is_noise_logged = 0, False
             return None
         if self._unread_bytes == 0:
             self._unread_since_s = now_s
         self._unread_bytes += size
         is_long = now_s - self._unread_since_s >= UNREADABLE_S
-        if self._is_noise_told or not is_long or self._unread_bytes < UNREADABLE_BYTES:
+        if self._is_noise_logged or not is_long or self._unread_bytes < UNREADABLE_BYTES:
             return None
-        self._is_noise_told = True
+        self._is_noise_logged = True
         why = OTHER_BAUD if self._endpoint.kind == "serial" else "is it a MAVLink stream?"
         count = f"{self._unread_bytes} bytes and not one MAVLink frame"
         return f"{self._endpoint}: {count}: {why}"

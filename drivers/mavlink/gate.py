@@ -157,7 +157,7 @@ class FrameGate:
 LEAST_US = (
     40_000  # a frame that comes again earlier is refused by the clock: it looks like no reset
 )
-LATE_US = 300_000  # from here on copies are told by their lateness, too
+LATE_US = 300_000  # from here on copies are known by their lateness, too
 MEMORY_US = 10_000_000  # copies that are later than that are not found
 COPIES_US = 2_000_000  # without a copy for so long there are none any more
 PROOFS = 10  # repeated frames that show a late copy

@@ -121,7 +121,7 @@ class _Stream:
     failures: int = 0
     first_boot_us: int | None = None
     count: int = 0
-    told: bool = False
+    is_noticed: bool = False
     notices: list[Notice] = field(default_factory=list)
 
 
@@ -246,8 +246,8 @@ class StreamRequest:
             stream.phase = "given_up"
             stream.notices.append(self._notice(stream, f"{problem}: not asking again", now_us))
             return
-        if not stream.told:  # a ground station may reset the rate all day
-            stream.told = True
+        if not stream.is_noticed:  # a ground station may reset the rate all day
+            stream.is_noticed = True
             stream.notices.append(self._notice(stream, f"{problem}: asking again", now_us))
         pause_us = FIRST_PAUSE_US * 2 ** (stream.failures - 1)
         stream.phase = "pausing"

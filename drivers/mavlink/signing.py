@@ -204,7 +204,7 @@ class SigningCheck:
     def _stamps_ahead(self, floor: int) -> dict[Stream, Heard]:
         """The streams' stamps as they will be in two seconds, each at its own pace.
 
-        One that was heard too short a time ago to tell its pace is left to the floor, or keeps its
+        One that came too short a time ago to show its pace is left to the floor, or keeps its
         stamp: else each new stream would take the others' lead away, and the file were written at
         every frame.
         """

@@ -110,20 +110,20 @@ def constant_turn(columns: Any, counted: Bools, moved: Bools) -> ConstantTurn | 
         return None
     u, _, vt = np.linalg.svd(sum(theirs.T @ ours for _, ours, theirs in downs()))
     turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
-    inside, leaned, left = np.zeros_like(counted), 0.0, 0.0
+    under, leaned, left = np.zeros_like(counted), 0.0, 0.0
     for rows, ours, theirs in downs():
         turned = ours @ turn.T
         apart = _between(turned, theirs)
         leaned += float(np.sum(_between(turned, ours) ** 2))
         left += float(np.sum(apart**2))
         sigma = columns["sigma_inclination_rad"][rows][counted[rows]]
-        inside[rows][counted[rows]] = apart <= sigma
+        under[rows][counted[rows]] = apart <= sigma
     count = int(np.count_nonzero(counted))
     return ConstantTurn(
         turn_deg=float(np.degrees(np.sqrt(leaned / count))),
         inclination_rms=float(np.degrees(np.sqrt(left / count))),
-        inclination_coverage=float(np.count_nonzero(inside)) / count,
-        inclination_coverage_moving=mean(inside[counted & moved]),
+        inclination_coverage=float(np.count_nonzero(under)) / count,
+        inclination_coverage_moving=mean(under[counted & moved]),
     )
 
 

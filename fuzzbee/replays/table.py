@@ -68,7 +68,7 @@ def _figures(report: LogReport) -> Table:
         grid.add_row(f"{word}, RMS", _errors_text(errors))
         grid.add_row("", f"inclination 95 %: {_number(errors.inclination_p95)}°")
         grid.add_row(
-            "inside sigma",
+            "under sigma",
             f"inclination {_share(report.coverage.inclination)}, "
             f"heading {_share(report.coverage.heading)} (honest: 68 %); in motion "
             f"{_share(report.coverage.inclination_moving)}, "
@@ -105,7 +105,7 @@ def _turn_text(turn: ConstantTurn) -> str:
     """What of the inclination's error would go with the mounting's or the trim's turn."""
     return (
         f"{turn.turn_deg:.1f}° of it is a constant turn: mounting or trim; inclination without "
-        f"{turn.inclination_rms:.2f}°, {_share(turn.inclination_coverage)} inside sigma"
+        f"{turn.inclination_rms:.2f}°, {_share(turn.inclination_coverage)} under sigma"
     )
 
 

@@ -47,7 +47,7 @@ class Outlet:
         self.sink = sink
         self.dropped = 0
         self.errors = 0
-        self.error: str | None = None  # the latest that has not been told yet
+        self.error: str | None = None  # the latest that has not been logged yet
         self._pending: deque[tuple[float, Sequence[Output]]] = deque()  # and since when, s
         self.is_busy = False  # something is pending, or in hand
         self._handle_at_once: AtOnce | None = getattr(sink, "handle_at_once", None)
@@ -81,7 +81,7 @@ class Outlet:
                 self._changed.notify()
 
     def take_error(self) -> str:
-        """The latest error, as a text; it is told now."""
+        """The latest error, as a text, to be logged now."""
         error, self.error = self.error, None
         return error or ""
 
@@ -116,7 +116,7 @@ class Outlet:
             return self._pending.popleft()[1] if self._pending else None
 
     def _note(self, error: BaseException) -> None:
-        """Repeated errors are counted; the first and every hundredth are told."""
+        """Repeated errors are counted; the first and every hundredth are logged."""
         if self.errors % 100 == 0:
             self.error = f"{self.sink.name}: {error or type(error).__name__}"
         self.errors += 1

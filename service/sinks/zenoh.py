@@ -95,7 +95,7 @@ class ZenohSink:
             self._take(output)
 
     def handle_at_once(self, outputs: Sequence[Output]) -> Sequence[Output]:
-        """Publish what comes before the first output that changes keys, which others are told of.
+        """Publish what comes before the first output that changes keys, which others have to know.
 
         Returns the rest.
         """

@@ -26,7 +26,7 @@ START_UNIX_US = 1_760_000_000_000_000
 UNDER_WAY_S = 0.002
 METRES_A_DEGREE = 111_195.0
 WRONG_DEG = 15.0
-SURE_DEG = 5.0  # a sigma of at most this is sure; that of the rival is always this
+SURE_DEG = 5.0  # a sigma of at most this is sure; a flat sigma is always this
 ARDUPILOT, ACTIVE, ARMED, DISARMED, FIX_3D = 3, 4, 0xD1, 0x51, 3
 FILTER_IS_WELL = 0x01 | 0x02 | 0x04 | 0x08 | 0x10 | 0x20
 MG, MILLI = 1000.0 / STANDARD_GRAVITY_M_S2, 1000.0
@@ -68,7 +68,7 @@ class Verdict(NamedTuple):
 
     wrong_and_sure_s: float  # the longest time, from the beginning of the fault on
     since_s: float  # when that began
-    rival_s: float  # the same with the rival's sigma
+    flat_s: float  # the same with a flat sigma
     inclination: Angle
     heading: Angle
     running: float  # share of the samples for which an attitude was published as running
@@ -215,9 +215,9 @@ def _score(
     wrong = (errors > WRONG_DEG) & is_silent[:, None]
     period_s = 1.0 / case.rate_hz
     longest_s, since_s = _longest(time_s, np.any(wrong & (sigmas <= SURE_DEG), axis=1), period_s)
-    rival_s, _ = _longest(time_s, np.any(wrong, axis=1), period_s)
+    flat_s, _ = _longest(time_s, np.any(wrong, axis=1), period_s)
     inclination, heading = (_angle(errors[:, k], sigmas[:, k]) for k in range(2))
-    return longest_s, since_s, rival_s, inclination, heading
+    return longest_s, since_s, flat_s, inclination, heading
 
 
 def _errors_deg(case: Case, motion: Motion, readings: Readings, said: list[_Said]) -> Floats:

@@ -146,7 +146,7 @@ class Retuner:
         return self._consider((earlier[0], segment), noise) if self._trials or is_due else None
 
     def _consider(self, window: tuple[Segment, Segment], noise: Floats) -> Decision | None:
-        """Search on the earlier segment, unless rivals are on trial; compare them on the later."""
+        """Search on the earlier segment, unless some are on trial; compare on the later."""
         now = self._cost(self._now, *window)
         if now.max() > EVENT:
             return None
@@ -170,11 +170,11 @@ class Retuner:
         _, places = np.unique(known, axis=0, return_index=True)
         first = known[np.sort(places)][:FOOD_SOURCES]
         tried, costs, self._kept = self._look(space, first, evaluate, self._generator)
-        rivals = [
+        candidates = [
             Trial(tried[int(np.argmin(costs))], CHANGED),
             *(Trial(each, BACK) for each in back),
         ]
-        return [rival for rival in rivals if np.any(rival.factors != self._now)]
+        return [each for each in candidates if np.any(each.factors != self._now)]
 
     def _move(self, won: Trial) -> Decision:
         """Put it in force."""

@@ -61,7 +61,7 @@ class MagneticState(NamedTuple):
 
 with_confidence = replacer(FieldLook, "confidence")
 with_seen = replacer(AlternativeField, "seen_s")
-with_rival = replacer(FieldReference, "horizontal", "down", "borne_s", "other", "is_new")
+with_alternative = replacer(FieldReference, "horizontal", "down", "borne_s", "other", "is_new")
 with_wait = replacer(MagneticState, "wait_s")
 
 
@@ -137,7 +137,7 @@ def observe_field(
     learn = min(1.0, dt_s / USUAL_S) * look.confidence
     if age < USUAL_S:
         learn = max(learn, weight / samples)
-    other, borne_s = watch_rival(params, before, look, dt_s)
+    other, borne_s = watch_alternative(params, before, look, dt_s)
     reference = FieldReference(
         horizontal=before.horizontal + learn * (look.horizontal - before.horizontal),
         down=before.down + learn * (look.down - before.down),
@@ -149,7 +149,7 @@ def observe_field(
         uneven=unevenness(before, look, dt_s),
     )
     if other.seen_s > borne_s:
-        reference = believe_rival(reference)
+        reference = accept_alternative(reference)
     if not params.use_confidence:
         look = with_confidence(look, 1.0)
     return MagneticState(look, reference, 0.0, True)
@@ -168,7 +168,7 @@ def unevenness(reference: FieldReference, look: FieldLook, dt_s: float) -> float
 
 
 @inlined
-def watch_rival(
+def watch_alternative(
     params: ConditioningParams, reference: FieldReference, look: FieldLook, dt_s: float
 ) -> tuple[AlternativeField, float]:
     """The other field that is seen, and for how long the expected one has been borne out.
@@ -199,11 +199,11 @@ def watch_rival(
 
 
 @inlined
-def believe_rival(reference: FieldReference) -> FieldReference:
+def accept_alternative(reference: FieldReference) -> FieldReference:
     """The reference once the other field has lasted longer: the two fields change places."""
     other = reference.other
     given_up = AlternativeField(reference.horizontal, reference.down, reference.borne_s)
-    return with_rival(reference, other.horizontal, other.down, other.seen_s, given_up, True)
+    return with_alternative(reference, other.horizontal, other.down, other.seen_s, given_up, True)
 
 
 @inlined

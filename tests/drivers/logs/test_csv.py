@@ -554,7 +554,7 @@ def test_a_field_that_is_not_there_costs_no_sample(tmp_path, blank):
     [
         (NAMES.replace("gyr_x", "rate_x"), None, "gyroscope x is missing"),
         (NAMES.replace("time_s", "stamp"), None, "is known as the time; there are: stamp"),
-        (NAMES.replace("time_s", "time"), None, "unit of time, column 'time', is not told"),
+        (NAMES.replace("time_s", "time"), None, "unit of time, column 'time', is not given"),
         (NAMES.replace("gyr_y_rad_s", "gyr_y"), None, "unit of gyroscope, column 'gyr_y'"),
         (NAMES.replace("acc_z_m_s2", "gyr_x_deg_s"), None, "may be 'gyr_x_rad_s', 'gyr_x_deg_s'"),
         (NAMES, 'gyroscope = { columns = ["a", "b", "c"] }', "no column is called 'a'"),

@@ -12,12 +12,12 @@ from estimator.conditioning.field.magnetic import (
     FieldLook,
     FieldReference,
     MagneticState,
-    believe_rival,
+    accept_alternative,
     look_at_field,
     observe_field,
     steepness,
     unevenness,
-    watch_rival,
+    watch_alternative,
 )
 
 PARAMS = ConditioningParams()
@@ -75,7 +75,7 @@ def test_how_uneven_a_field_is_counts_norm_and_dip():
 def test_what_the_other_field_gains_the_expected_one_loses():
     alike = look_at_field(LOOK, (0.28, 0.41), 0.0, (0.29, 0.40), 0.1, 0.1).confidence
     assert alike > 0.8
-    other, borne_s = watch_rival(PARAMS, REFERENCE, LOOK, 0.1)
+    other, borne_s = watch_alternative(PARAMS, REFERENCE, LOOK, 0.1)
     gain = 0.1 * (alike - 0.6)
     assert other.seen_s == pytest.approx(3.0 + gain)
     assert borne_s == pytest.approx(7.0 + 0.1 * 0.6 - gain)
@@ -83,13 +83,13 @@ def test_what_the_other_field_gains_the_expected_one_loses():
     assert other.horizontal == pytest.approx(0.29 + share * (0.28 - 0.29))
     assert other.down == pytest.approx(0.40 + share * (0.41 - 0.40))
     # a field like the expected one takes nothing from it
-    other, borne_s = watch_rival(PARAMS, REFERENCE, LOOK._replace(confidence=1.0), 0.1)
+    other, borne_s = watch_alternative(PARAMS, REFERENCE, LOOK._replace(confidence=1.0), 0.1)
     assert other.seen_s == pytest.approx(3.0 - 0.1 * (1.0 - alike))
     assert borne_s == pytest.approx(7.1)
 
 
 def test_two_fields_change_places():
-    believed = believe_rival(REFERENCE)
+    believed = accept_alternative(REFERENCE)
     assert (believed.horizontal, believed.down, believed.borne_s) == (0.29, 0.40, 3.0)
     assert believed.other == AlternativeField(0.25, 0.43, 7.0)
     assert believed.is_new
