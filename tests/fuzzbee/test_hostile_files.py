@@ -98,8 +98,9 @@ def test_what_is_damaged_or_misnamed_is_read(name, tmp_path, capfd):
 
 @pytest.mark.parametrize("verb", ["replay", "tune", "run"])
 @pytest.mark.parametrize("name", ["folder", "fifo", "loop", "missing", 300 * "x" + ".tlog"])
-def test_what_is_no_file_is_refused_with_one_line(verb, name, tmp_path, capfd):
-    path = tmp_path / name
+def test_what_is_no_file_is_refused_with_one_line(verb, name, tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)  # a line shows the beginning of what is long
+    path = Path(name) if len(name) > 100 else tmp_path / name
     if name == "folder":
         path.mkdir()
     elif name == "fifo":

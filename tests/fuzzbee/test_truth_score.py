@@ -106,7 +106,6 @@ UDP, TCP = "--to udpout:127.0.0.1:14550", "--to tcpin:127.0.0.1:5760"
 SCORED = {
     f"{UDP} --motion flight": (100, 1.06, 0.955, 1.0),
     f"{UDP} --vehicles 3 --rate 50": (60, 10.9, 0.814, 0.945),
-    f"{TCP} --motion turn --drop 0.02": (60, 10.5, 0.666, 0.710),
     f"{UDP} --motion turn --seconds 122 --seed 0": (122, 9.9, 0.668, 0.712),
     f"{UDP} --signing-key-file fleet.key": (10, 13.7, 0.697, 1.0),
 }
