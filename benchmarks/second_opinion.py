@@ -13,7 +13,7 @@ import sys
 from argparse import Namespace
 from collections.abc import Iterable
 from itertools import product
-from math import cos, radians, sin
+from math import radians
 from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
@@ -25,7 +25,7 @@ from drivers.events import Event, ReferenceAttitude, VehicleId
 from drivers.logs.open import open_log
 from estimator.errors import InputError
 from estimator.geometry.earth import PlaceField
-from estimator.geometry.quaternion import multiply
+from estimator.geometry.quaternion import exp, multiply, scale
 from estimator.profile import load_profile
 from estimator.types import Attitude, ImuSample, Quaternion, Vec3
 from fuzzbee.replays.trace import Replay
@@ -35,6 +35,7 @@ DATA = Path(__file__).parents[1] / "tests" / "data"
 BEGIN_SHARES, LASTS_S, CREEPS_S = (0.3, 0.6), 40.0, 20.0
 SIZES_DEG = (10.0, 20.0, 45.0)
 FAST_HZ = 9.0
+AXES_NED = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 class Look(NamedTuple):
@@ -114,10 +115,8 @@ def recorded(path: Path) -> tuple[Recording, float]:
 def turned(case: Case, after_s: float, q: Quaternion) -> Quaternion:
     """An attitude with the case's fault, so long after its beginning."""
     share = 1.0 if case.creeps_s == 0.0 else min(1.0, after_s / case.creeps_s)
-    half = 0.5 * radians(share * case.size_deg)
-    turn = [cos(half), 0.0, 0.0, 0.0]
-    turn[1 + case.axis] = sin(half)
-    return multiply((turn[0], turn[1], turn[2], turn[3]), q)
+    turn_ned = scale(radians(share * case.size_deg), AXES_NED[case.axis])
+    return multiply(exp(turn_ned), q)
 
 
 def answer(recording: Recording, case: Case) -> Answer:

@@ -19,11 +19,10 @@ from pathlib import Path
 
 import numpy as np
 from common.report import Row, Tables, benchmark, option
-from common.scores import multiply
 from flying.cases import SKIP_S, write
 from scipy.signal import lfilter
 
-from estimator.geometry.rotations import exp
+from estimator.geometry.rotations import exp, multiply
 from estimator.profile import Profile, load_profile
 from fuzzbee.tune.read_flight import read_flight
 from fuzzbee.tune.report import Verdict

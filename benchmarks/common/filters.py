@@ -7,8 +7,8 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from common.recordings import Array, Trial
 from common.report import names
-from common.scores import conjugate, multiply
 
+from estimator.geometry.rotations import conjugate, multiply
 from estimator.profile import Profile, merge_profile
 from fuzzbee import Estimator, load_profile
 

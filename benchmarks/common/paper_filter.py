@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from estimator.filter import kernel
 from estimator.filter.types import initial_state
+from estimator.geometry.rotations import unit
 from estimator.live.settings import Settings, settings_of
 from estimator.profile import Profile
 from tests.paper_noise import PAPER_NOISE, NoiseScale, simulate_scaled
@@ -79,22 +80,10 @@ def matrices(q: Array) -> Array:
     return np.asarray(Rotation.from_quat(np.roll(np.atleast_2d(q), -1, axis=1)).as_matrix())
 
 
-def unit(v: Array) -> Array:
-    """Vectors of length 1."""
-    return np.asarray(v / np.linalg.norm(v, axis=-1, keepdims=True))
-
-
 def exponential(phi: Array) -> Array:
-    """exp [phi]x = cos I + sin/angle [phi]x + (1 - cos)/angle^2 phi phi', of phi (..., 3)."""
-    square = np.sum(phi * phi, axis=-1)
-    angle = np.sqrt(np.maximum(square, 1e-24))
-    c, s = np.cos(angle), (np.sin(angle) / angle)[..., None] * phi
-    R = ((1.0 - c) / angle**2)[..., None, None] * phi[..., :, None] * phi[..., None, :]
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        R[..., i, i] += c
-        R[..., i, j] -= s[..., k]
-        R[..., j, i] += s[..., k]
-    return np.asarray(R)
+    """Rotation matrices of rotation vectors (..., 3)."""
+    made = Rotation.from_rotvec(phi.reshape(-1, 3)).as_matrix()
+    return np.asarray(made.reshape(*phi.shape, 3))
 
 
 def errors_of(

@@ -8,30 +8,11 @@ from common.recordings import Array, Bools, Trial
 from common.report import Row
 
 from estimator.geometry.metrics import batch_angle_errors
+from estimator.geometry.rotations import about_down, conjugate, heading_of, multiply
 
 SETTLED_S = 5.0  # sigma counts from then on
 LEAST_ROWS = 50
 BOOTSTRAP_DRAWS = 10_000
-
-
-def multiply(p: Array, q: Array) -> Array:
-    """Hamilton product, rows or single quaternions."""
-    pw, px, py, pz = np.moveaxis(p, -1, 0)
-    qw, qx, qy, qz = np.moveaxis(q, -1, 0)
-    return np.stack(
-        [
-            pw * qw - px * qx - py * qy - pz * qz,
-            pw * qx + px * qw + py * qz - pz * qy,
-            pw * qy - px * qz + py * qw + pz * qx,
-            pw * qz + px * qy - py * qx + pz * qw,
-        ],
-        axis=-1,
-    )
-
-
-def conjugate(q: Array) -> Array:
-    """The inverse of unit quaternions."""
-    return q * np.array([1.0, -1.0, -1.0, -1.0])
 
 
 def errors_deg(estimate: Array, truth: Array) -> Array:
@@ -56,10 +37,9 @@ def covered(errors: Array, sigmas: Array) -> list[float] | None:
 
 def heading_free(estimate: Array, truth: Array, rows: Bools) -> Array:
     """The estimates turned about the vertical so that their mean heading error vanishes."""
-    w, _, _, z = multiply(estimate, conjugate(truth))[rows].T
-    error = 2.0 * np.arctan2(z, w)
-    half = -0.5 * np.arctan2(np.sin(error).mean(), np.cos(error).mean())
-    return multiply(np.array([np.cos(half), 0.0, 0.0, np.sin(half)]), estimate)
+    error = heading_of(multiply(estimate, conjugate(truth))[rows])
+    mean = np.arctan2(np.sin(error).mean(), np.cos(error).mean())
+    return multiply(about_down(np.array([-mean])), estimate)
 
 
 def score(trial: Trial, q: Array, sigma_deg: Array | None) -> Row:
