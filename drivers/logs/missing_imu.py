@@ -12,7 +12,7 @@ from drivers.mavlink.constants import (
     is_autopilot,
 )
 from drivers.mavlink.dialect import Unpacker
-from drivers.mavlink.imu_messages import IMU_MESSAGES, message_to_ask_for
+from drivers.mavlink.messages import IMU_MESSAGES, message_to_ask_for
 
 MOST_TOPICS = 8
 ATTITUDES = {ATTITUDE_ID: "ATTITUDE", ATTITUDE_QUATERNION_ID: "ATTITUDE_QUATERNION"}

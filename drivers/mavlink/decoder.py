@@ -1,9 +1,8 @@
 """Frames to events, and who is who.
 
 ``MavlinkDecoder`` turns the frames of a link or a log into the events of ``drivers.events``,
-without any I/O, and unpacks only what somebody wants. What a message says stands in two tables,
-``imu_messages`` and ``messages``; here is what shows one sender from another. Body axes are FRD on
-both sides.
+without any I/O, and unpacks only what somebody wants. What is in a message is in the tables of
+``messages``; here one sender is kept apart from another. Body axes are FRD on both sides.
 """
 
 from collections import OrderedDict
@@ -25,14 +24,17 @@ from drivers.events import (
 )
 from drivers.mavlink import constants as mav
 from drivers.mavlink.framing import FieldReader, Frame
-from drivers.mavlink.imu_messages import (
+from drivers.mavlink.messages import (
     IMU_MESSAGES,
+    MESSAGES,
     ImuMessage,
-    has_imu_number,
+    MessageKind,
+    Received,
     imu_number,
+    imu_number_offset,
+    imu_rank,
     imu_stream_name,
 )
-from drivers.mavlink.messages import MESSAGES, MessageKind, Said
 from drivers.mavlink.parameter_values import ParameterValue, WaitingParameters, owner
 from drivers.places import PLACES
 from drivers.samples.imu_stream import Field, Stamp
@@ -51,7 +53,6 @@ SILENT_US = 5_000_000
 # Messages of other IMUs than the one in use are decoded once that has been silent for so long
 IMU_SILENT_US = 500_000
 OTHER_IMU_US = 500_000  # until then one in so long is decoded, to be compared
-_PLACES = {message.name: place for place, message in enumerate(IMU_MESSAGES.values())}
 
 # Frames are missing where the sequence number steps by so much more than it usually does: not
 # all frames are of messages that are decoded
@@ -116,7 +117,8 @@ class MavlinkDecoder:
         if texts:
             self._handlers[mav.STATUSTEXT_ID] = self._status_text
         for number, imu in IMU_MESSAGES.items():
-            self._handlers[number] = partial(_imu_events, imu, has_imu_number(number))
+            is_numbered = imu_number_offset(number) is not None
+            self._handlers[number] = partial(_imu_events, imu, is_numbered)
         self._is_wanted = {
             number: kind.is_wanted for number, kind in MESSAGES.items() if kind.is_wanted
         }
@@ -171,13 +173,13 @@ class MavlinkDecoder:
 
     def _is_behind(self, sender: _Sender, name: str, in_use: str | None, arrival_us: int) -> bool:
         """Whether an IMU message is not needed, as a better one is in use and comes."""
-        if in_use is None:
+        better = in_use.partition(":")[0] if in_use is not None else name
+        if better == name:
             return False
-        better = in_use.partition(":")[0]
-        heard_us = sender.imu_us.get(better)
-        if heard_us is None or not 0 <= arrival_us - heard_us < IMU_SILENT_US:
+        last_us = sender.imu_us.get(better)
+        if last_us is None or not 0 <= arrival_us - last_us < IMU_SILENT_US:
             return False
-        return _PLACES.get(better, len(_PLACES)) < _PLACES.get(name, len(_PLACES))
+        return imu_rank(better) < imu_rank(name)
 
     def _other_imu(self, sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:
         """What an IMU that is not in use reads, twice a second; otherwise nothing is unpacked."""
@@ -288,4 +290,4 @@ def _imu_events(
 
 
 def _events(kind: MessageKind, sender: _Sender, m: Any, arrival_us: int) -> list[Event]:
-    return kind.events(sender.intake, Said(kind.name, m, arrival_us))
+    return kind.events(sender.intake, Received(kind.name, m, arrival_us))

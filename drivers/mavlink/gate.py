@@ -13,8 +13,7 @@ from typing import NamedTuple
 
 from drivers.events import Event, Notice, RefusedFrames, VehicleId
 from drivers.mavlink.framing import Frame, layout
-from drivers.mavlink.imu_messages import IMU_MESSAGES
-from drivers.mavlink.messages import MESSAGES
+from drivers.mavlink.messages import IMU_MESSAGES, MESSAGES
 from drivers.mavlink.signing import SigningCheck
 from drivers.samples.clock_line import BOOT_US
 from estimator.reasons import Reason

@@ -18,8 +18,8 @@ from drivers.mavlink.connection import Connection
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.framing import Frame, FrameReader
 from drivers.mavlink.gate import FrameGate, Policy
-from drivers.mavlink.imu_messages import IMU_MESSAGES
 from drivers.mavlink.limits import MOST_WAITING, FrameQueue, RateLimits
+from drivers.mavlink.messages import IMU_MESSAGES
 from drivers.mavlink.outgoing import Outbound
 from drivers.mavlink.recorder import Recorder
 from drivers.mavlink.shared_addresses import SharedAddresses

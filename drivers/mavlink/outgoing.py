@@ -28,7 +28,7 @@ from drivers.events import (
 from drivers.mavlink import constants as mav
 from drivers.mavlink.encoder import FrameEncoder, Message, heartbeat, message_interval_request
 from drivers.mavlink.gate import Policy
-from drivers.mavlink.imu_messages import ImuMessage, message_to_ask_for
+from drivers.mavlink.messages import ImuMessage, message_to_ask_for
 from estimator.errors import InputError
 
 MOST_UNSENT_FRAMES = 64  # new ones replace the oldest

@@ -28,7 +28,7 @@ from drivers.mavlink.decoder import (
 )
 from drivers.mavlink.dialect import mavlink
 from drivers.mavlink.framing import FrameReader
-from drivers.mavlink.imu_messages import IMU_MESSAGES, ImuMessage
+from drivers.mavlink.messages import IMU_MESSAGES, ImuMessage
 from drivers.samples.intake import MOST_STREAMS
 from drivers.samples.navigation import quaternion_from_euler, unit_or_none
 from drivers.samples.vehicle_clock import TimeField
