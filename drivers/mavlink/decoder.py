@@ -23,6 +23,7 @@ from drivers.events import (
     VehicleId,
 )
 from drivers.mavlink import constants as mav
+from drivers.mavlink.ardupilot import ParameterValue, owner
 from drivers.mavlink.framing import FieldReader, Frame
 from drivers.mavlink.messages import (
     IMU_MESSAGES,
@@ -35,7 +36,6 @@ from drivers.mavlink.messages import (
     imu_rank,
     imu_stream_name,
 )
-from drivers.mavlink.parameter_values import ParameterValue, WaitingParameters, owner
 from drivers.places import PLACES
 from drivers.samples.imu_stream import Field, Stamp
 from drivers.samples.intake import MOST_STREAMS, VERSION_EVERY_US, Intake
@@ -59,6 +59,8 @@ OTHER_IMU_US = 500_000  # until then one in so long is decoded, to be compared
 USUAL_STEPS = 4
 MORE_STEPS = 8
 STEP_WEIGHT = 1 / 32  # of a frame in what is usual
+
+MOST_WAITING = 4096  # an autopilot has some 1500 parameters
 
 # What fuzzbee's own vehicle puts where others have a commit
 BUILT_IN = "fuzzbee"
@@ -107,7 +109,8 @@ class MavlinkDecoder:
         # those with an IMU and those without, of each first who has been silent for longest
         self._flying: OrderedDict[tuple[int, int], _Sender] = OrderedDict()
         self._idle: OrderedDict[tuple[int, int], _Sender] = OrderedDict()
-        self._parameters = WaitingParameters()
+        # of systems whose autopilot is not known yet; the latest of each name
+        self._waiting: dict[tuple[int, str], ParameterValue] = {}
         self._references = references
         self._handlers: dict[int, Callable[[_Sender, Any, int], list[Event]]] = {
             mav.PARAM_VALUE_ID: self._param_value,
@@ -240,7 +243,9 @@ class MavlinkDecoder:
         autopilots = [s.id for s in known if s.autopilot is not None or s.intake.has_imu]
         address = owner(sender.id, autopilots)
         if address is None:
-            self._parameters.hold(sender.id.system_id, value)
+            key = sender.id.system_id, value.name
+            if key in self._waiting or len(self._waiting) < MOST_WAITING:
+                self._waiting[key] = value
             return []
         autopilot = (self._flying.get(address) or self._idle[address]).autopilot
         return [Parameter(address, arrival_us, value.name, value.value(autopilot))]
@@ -252,7 +257,8 @@ class MavlinkDecoder:
         sender.intake.doubts_axes = m.autopilot not in FRD_AUTOPILOTS
         is_armed = bool(m.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
         beat = Heartbeat(sender.id, arrival_us, m.autopilot, m.type, is_armed, m.custom_mode)
-        waiting = self._parameters.take(sender.id.system_id)
+        keys = [key for key in self._waiting if key[0] == sender.id.system_id]
+        waiting = [self._waiting.pop(key) for key in keys]
         return [
             beat,
             *(Parameter(sender.id, arrival_us, p.name, p.value(m.autopilot)) for p in waiting),

@@ -22,8 +22,8 @@ import pytest
 from drivers.events import Imu, Report, VehicleId
 from drivers.logs.missing_imu import advice
 from drivers.logs.open import open_log
+from drivers.mavlink.constants import mavlink
 from drivers.mavlink.decoder import MavlinkDecoder
-from drivers.mavlink.dialect import mavlink
 from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.limits import FrameQueue
 from drivers.mavlink.messages import IMU_MESSAGES, MESSAGES

@@ -22,11 +22,11 @@ from drivers.events import (
     VehicleId,
     Velocity,
 )
+from drivers.mavlink.constants import mavlink
 from drivers.mavlink.decoder import (
     MOST_SENDERS,
     MavlinkDecoder,
 )
-from drivers.mavlink.dialect import mavlink
 from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.messages import IMU_MESSAGES, ImuMessage
 from drivers.samples.intake import MOST_STREAMS

@@ -6,7 +6,7 @@ import pytest
 
 from drivers.endpoint import parse_endpoint
 from drivers.events import ClockReset, CommandAck, Forgotten, Heartbeat, Imu, VehicleId
-from drivers.mavlink.dialect import mavlink
+from drivers.mavlink.constants import mavlink
 from drivers.mavlink.gate import Policy
 from drivers.mavlink.outgoing import MOST_REPEATS, MOST_REQUESTS, MOST_STREAMS, Outbound
 from estimator.errors import InputError
