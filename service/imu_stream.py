@@ -15,7 +15,7 @@ from collections import Counter, deque
 from dataclasses import dataclass
 
 from drivers.events import Imu, Report, Shed
-from drivers.mavlink.imu_messages import imu_rank
+from drivers.mavlink.messages import imu_rank
 from drivers.samples.navigation import report_rank
 from estimator.types import ImuSample, VelocitySample
 from service.records import State

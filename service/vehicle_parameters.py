@@ -9,9 +9,9 @@ from drivers.mavlink.ardupilot import (
     GYRO_FILTER,
     PX4_COMPASS_OFFSETS,
     ROVER_FILTERS_HZ,
+    VIEW_PARAMETERS,
+    AttitudeView,
 )
-from drivers.mavlink.attitude_view import NAMES as VIEW_PARAMETERS
-from drivers.mavlink.attitude_view import AttitudeView
 from drivers.mavlink.constants import (
     MAV_AUTOPILOT_ARDUPILOTMEGA,
     MAV_TYPE_GENERIC,

@@ -15,7 +15,7 @@ from drivers.logs.dataflash import MILLIGAUSS, Dataflash
 from drivers.logs.log_file import LogFile
 from drivers.logs.tlog import Tlog
 from drivers.mavlink import constants as mav
-from drivers.mavlink.imu_messages import IMU_MESSAGES
+from drivers.mavlink.messages import IMU_MESSAGES
 from estimator.arrays import Floats, Times
 from estimator.types import Vec3
 

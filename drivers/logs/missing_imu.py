@@ -11,8 +11,8 @@ from drivers.mavlink.constants import (
     HEARTBEAT_ID,
     is_autopilot,
 )
-from drivers.mavlink.dialect import Unpacker
-from drivers.mavlink.imu_messages import IMU_MESSAGES, message_to_ask_for
+from drivers.mavlink.framing import FieldReader
+from drivers.mavlink.messages import IMU_MESSAGES, message_to_ask_for
 
 MOST_TOPICS = 8
 ATTITUDES = {ATTITUDE_ID: "ATTITUDE", ATTITUDE_QUATERNION_ID: "ATTITUDE_QUATERNION"}
@@ -40,7 +40,7 @@ def advice(log: LogFile, system_id: int | None = None) -> str | None:
 
 
 def _of_telemetry(log: Tlog, system_id: int | None) -> str | None:
-    attitude, autopilot, unpacker = None, None, Unpacker()
+    attitude, autopilot, reader = None, None, FieldReader()
     with windowed(log.path) as window:
         wanted = frozenset({HEARTBEAT_ID, *IMU_MESSAGES, *ATTITUDES})
         for _, frame in TlogRecords(window, wanted).readable():
@@ -49,7 +49,7 @@ def _of_telemetry(log: Tlog, system_id: int | None) -> str | None:
             if frame.message_id in IMU_MESSAGES:
                 return None
             attitude = ATTITUDES.get(frame.message_id, attitude)
-            beat = unpacker.message(frame.data) if frame.message_id == HEARTBEAT_ID else None
+            beat = reader.fields(frame) if frame.message_id == HEARTBEAT_ID else None
             if beat is not None and is_autopilot(beat.autopilot, beat.type):
                 autopilot = beat.autopilot
     if attitude is None:

@@ -11,8 +11,8 @@ from typing import Any
 
 from drivers.events import Event, Malformed
 from drivers.logs.log_file import LATEST_US, LogFile, Window, windowed
+from drivers.mavlink.constants import mavlink
 from drivers.mavlink.decoder import MavlinkDecoder
-from drivers.mavlink.dialect import mavlink
 from drivers.mavlink.framing import Data, FieldReader, Frame, FrameFormat, frame_end
 from drivers.mavlink.gate import FrameGate, Policy
 from estimator.errors import InputError

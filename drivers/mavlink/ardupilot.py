@@ -1,6 +1,13 @@
-"""Autopilots' parameters by name, and calibrations as ArduPilot's parameters.
+"""Autopilots' parameters: their values, what they show, and calibrations as ArduPilot's parameters.
 
 Source of the names: https://ardupilot.org/copter/docs/parameters.html.
+
+A ground station that fetched the parameters as a file writes them to its log under an address
+of its own on the vehicle's system (MAVProxy: component 190). They are the autopilot's.
+
+An attitude that ArduPilot sends may be its IMU's, the vehicle's, or a view for its pilot. ArduPilot
+trims the IMU in the vehicle. A plane shows its pitch less the one that it cruises with, and a
+tailsitter shows a copter while it hovers: the same attitude, seen along another axis.
 
 A compass: ArduPilot sends ``m = scale D (raw + OFS)`` in mGauss, D symmetric of DIA and ODI
 (``AP_Compass_Backend::correct_field``). Corrected once more to S (m - b) that is
@@ -12,17 +19,22 @@ An IMU: it sends rates ``raw - GYROFFS`` and forces ``ACCSCAL (raw - ACCOFFS)``,
 once more to M (a - b) that is ACCOFFS' = ACCOFFS + b / ACCSCAL, ACCSCAL' = M's diagonal ACCSCAL.
 """
 
-from collections.abc import Mapping
-from math import radians
+import struct
+from collections.abc import Iterable, Mapping
+from math import isfinite, pi, radians
 from typing import NamedTuple
 
 import numpy as np
 
-from drivers.mavlink.dialect import mavlink
+from drivers.events import VehicleId
+from drivers.mavlink import constants as mav
+from drivers.samples.navigation import quaternion_from_euler
 from estimator.arrays import Floats
 from estimator.calibration import Calibration
-from estimator.geometry.frames import from_euler_rad
+from estimator.geometry.frames import euler_rad, from_euler_rad
+from estimator.geometry.quaternion import multiply
 from estimator.geometry.rotations import rotate
+from estimator.types import IDENTITY, Quaternion
 
 COMPASS = "COMPASS_"
 # What calibrating the first compass has found, in mGauss; all zero: nobody has calibrated it
@@ -38,6 +50,14 @@ TRIM = ("AHRS_TRIM_X", "AHRS_TRIM_Y", "AHRS_TRIM_Z")
 ORIENTATION = "AHRS_ORIENTATION"  # of the board in the vehicle; applied before anything is sent
 SYSTEM_ID = ("SYSID_THISMAV", "MAV_SYSID")  # until 4.6, and since
 
+PITCH_TRIMS = {"PTCH_TRIM_DEG": radians(1.0), "TRIM_PITCH_CD": radians(0.01)}  # since 4.5, before
+FLIGHT_OPTIONS, SHOWS_ALL = "FLIGHT_OPTIONS", 1 << 8  # the pitch is shown with that trim
+IS_QUADPLANE, IS_TAILSITTER = "Q_ENABLE", "Q_TAILSIT_ENABLE"
+VIEW_PARAMETERS = frozenset({*TRIM, *PITCH_TRIMS, FLIGHT_OPTIONS, IS_QUADPLANE, IS_TAILSITTER})
+TAILSITTERS, VTOLS = frozenset((19, 20, 23)), frozenset(range(19, 26))  # MAV_TYPE
+UPRIGHT = from_euler_rad(0.0, 0.5 * pi, 0.0)
+TRIMMED_MESSAGE = "ATTITUDE"  # no other one leaves the pitch's trim out
+
 AXES = "XYZ"
 MILLIGAUSS = 1e3  # in a gauss
 NUMBERS = {"SCALED_IMU2": "2", "SCALED_IMU3": "3"}  # other messages carry the first sensors
@@ -46,7 +66,103 @@ INERTIAL = "INS_"
 ROTATION = "MAV_SENSOR_ROTATION_"
 OFF_DIAGONAL = ((0, 1), (0, 2), (1, 2))  # of ODI_X, ODI_Y and ODI_Z
 
+INTEGER_PARAMETERS = {
+    mav.MAV_PARAM_TYPE_UINT8: "B",
+    mav.MAV_PARAM_TYPE_INT8: "b",
+    mav.MAV_PARAM_TYPE_UINT16: "H",
+    mav.MAV_PARAM_TYPE_INT16: "h",
+    mav.MAV_PARAM_TYPE_UINT32: "I",
+    mav.MAV_PARAM_TYPE_INT32: "i",
+}
+
 Parameters = Mapping[str, float]
+
+
+class ParameterValue(NamedTuple):
+    """The fields of a PARAM_VALUE."""
+
+    name: str
+    raw: float
+    kind: int  # MAV_PARAM_TYPE
+
+    def value(self, autopilot: int | None) -> float:
+        """The number: PX4 puts an integer's bytes into the float field, ArduPilot its value."""
+        kind = INTEGER_PARAMETERS.get(self.kind)
+        if autopilot != mav.MAV_AUTOPILOT_PX4 or kind is None:
+            return self.raw
+        return float(struct.unpack_from("<" + kind, struct.pack("<f", self.raw))[0])
+
+
+def owner(sender: VehicleId, autopilots: Iterable[VehicleId]) -> VehicleId | None:
+    """Whose parameter it is; None while no autopilot of the sender's system is known.
+
+    Who is an autopilot has parameters of its own. All others on a system speak of its
+    autopilot's: of several, the one with the lowest component id, by convention 1.
+    """
+    if sender.component_id == mav.MAV_COMP_ID_AUTOPILOT1:
+        return sender
+    known = [each for each in autopilots if each.system_id == sender.system_id]
+    return sender if sender in known else min(known, default=None)
+
+
+class AttitudeView:
+    """What parameters and HEARTBEAT show of it; ``vehicle_type`` is a MAV_TYPE."""
+
+    def __init__(self) -> None:
+        self.vehicle_type: int | None = None
+        self._values: dict[str, float] = {}
+
+    def take(self, name: str, value: float) -> None:
+        """Note one of the parameters in :data:`VIEW_PARAMETERS`."""
+        if isfinite(value):
+            self._values[name] = value
+
+    @property
+    def is_imus(self) -> bool:
+        """Whether what is shown is the IMU's attitude in any case."""
+        return not any(self._values.values()) and self.vehicle_type not in VTOLS
+
+    @property
+    def trim(self) -> Quaternion:
+        """From the vehicle's axes to those of its IMU."""
+        roll, pitch, yaw = (self._values.get(name, 0.0) for name in TRIM)
+        return quaternion_from_euler(roll, pitch, yaw) or IDENTITY
+
+    def of_imu(self, message: str, shown: Quaternion, ours: Quaternion) -> Quaternion | None:
+        """The attitude of the IMU that ``message`` shows; None if it is not known.
+
+        Which view a vehicle shows that can hover depends on what it does: it is the one that is
+        nearest to ``ours``.
+        """
+        trim = self.trim
+        views = [multiply(view, trim) for view in self._views(message, shown)]
+        nearest = max(views, key=lambda view: abs(sum(map(float.__mul__, view, ours))))
+        is_sure = self._is_tailsitter is not None or nearest is not views[-1]
+        return nearest if is_sure or len(views) == 1 else None
+
+    @property
+    def _is_tailsitter(self) -> bool | None:
+        """None where neither a parameter nor the type shows."""
+        parameter = self._values.get(IS_TAILSITTER)
+        if parameter is not None:
+            return parameter > 0.0 or self.vehicle_type in TAILSITTERS
+        if self.vehicle_type in TAILSITTERS:
+            return True
+        return None if self.vehicle_type in VTOLS else False
+
+    def _views(self, message: str, shown: Quaternion) -> list[Quaternion]:
+        """What may be shown; a tailsitter's comes last."""
+        if message != TRIMMED_MESSAGE:
+            return [shown]
+        trim_rad = sum(unit * self._values.get(name, 0.0) for name, unit in PITCH_TRIMS.items())
+        if int(self._values.get(FLIGHT_OPTIONS, 0.0)) & SHOWS_ALL:
+            trim_rad = 0.0
+        views = [shown]
+        if trim_rad:
+            roll, pitch, yaw = euler_rad(shown)
+            hovers = self._values.get(IS_QUADPLANE, 0.0) > 0.0 or self.vehicle_type in VTOLS
+            views = [from_euler_rad(roll, pitch + trim_rad, yaw), *([shown] if hovers else [])]
+        return views if self._is_tailsitter is False else [*views, multiply(shown, UPRIGHT)]
 
 
 def _values(was: Parameters, name: str, default: float) -> Floats:
@@ -127,7 +243,7 @@ def orientation(turn: Floats, was: Parameters, message: str) -> Orientation | No
 def _rotations() -> list[tuple[int, str, Floats]]:
     """Number, name and matrix (sensor to body) of each orientation by right angles."""
     found: list[tuple[int, str, Floats]] = []
-    for value, entry in mavlink().enums["MAV_SENSOR_ORIENTATION"].items():
+    for value, entry in mav.mavlink().enums["MAV_SENSOR_ORIENTATION"].items():
         words = entry.name.removeprefix(ROTATION).split("_")
         angles = dict(zip(words[::2], words[1::2], strict=False))
         if words != ["NONE"] and not all(each.isdigit() for each in words[1::2]):

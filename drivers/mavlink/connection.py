@@ -9,6 +9,7 @@ from drivers.aside import aside
 from drivers.endpoint import Endpoint
 from drivers.events import Event, LinkDown, LinkUp, Notice
 from drivers.mavlink.transports import open_transport
+from drivers.mavlink.transports.tcp import TcpServer
 from drivers.mavlink.transports.transport import SOCKET_BUFFER_BYTES, Packet, unix_us
 from estimator.errors import InputError
 
@@ -24,7 +25,7 @@ _logger = logging.getLogger(__name__)
 class Connection:
     """A transport that is opened again after each failure.
 
-    ``lost`` counts datagrams that the system threw away, ``breaks`` the failures; ``is_open`` is
+    ``breaks`` counts the failures; ``is_open`` is
     whether bytes may come. ``on_break`` is called whenever the connection breaks: half-read frames
     and peers are void then. ``report`` gets a line for each new kind of failure.
     """
@@ -41,22 +42,22 @@ class Connection:
         self._transport = open_transport(endpoint)
         self._on_break, self._report = on_break, report
         self._events: list[Event] = []
-        self._diagnostics, self._errors = LinkDiagnostics(endpoint), _Failures()
-        self._losses = _Losses()
+        self._diagnostics = LinkDiagnostics(endpoint)
+        self._loss_look_s = 0.0  # when to look for losses next
         self._opening: Future[None] | None = None
         self._is_up: bool | None = None  # None: no event has been given yet
         self._has_data = False
         self._retry_s, self._retry_due_s = FIRST_RETRY_S, 0.0
 
     @property
+    def lost(self) -> int:
+        """Datagrams that the system has thrown away, as of the last look for them."""
+        return self._diagnostics.lost
+
+    @property
     def address(self) -> str:
         """The address in use (with the real port, where 0 was bound)."""
         return self._transport.address
-
-    @property
-    def lost(self) -> int:
-        """Datagrams that the system has thrown away, as of the last look for them."""
-        return self._losses.total
 
     def open(self) -> None:
         """Open the endpoint for the first time.
@@ -100,9 +101,9 @@ class Connection:
         if packets:
             self._note_data()
         else:
-            is_up = bool(self._is_up)
-            self._notify(self._diagnostics.silence(now_s, is_up=is_up, has_data=self._has_data))
-        if now_s >= self._losses.look_s:
+            is_silent = bool(self._is_up) and not self._has_data
+            self._notify(self._diagnostics.silence(now_s, is_silent=is_silent))
+        if now_s >= self._loss_look_s:
             self._count_lost(now_s)
         return packets
 
@@ -111,8 +112,9 @@ class Connection:
         self._notify(self._diagnostics.bytes_read(size, frames, time.monotonic()))
 
     def credit(self, peer: str) -> None:
-        """A peer has sent IMU data: it keeps its place."""
-        self._transport.credit(peer)
+        """A peer has sent IMU data: it keeps its place, where there are not as many as peers."""
+        if isinstance(self._transport, TcpServer):
+            self._transport.credit(peer)
 
     def send(self, data: bytes) -> None:
         """Send whole frames to every peer; what cannot be sent now is dropped."""
@@ -161,7 +163,7 @@ class Connection:
         if self._has_data:
             return
         self._has_data, self._retry_s = True, FIRST_RETRY_S
-        attempts = self._errors.clear()
+        attempts = self._diagnostics.end_failures()
         after = f" after {attempts} failed attempts" if attempts else ""
         _logger.info("%s: data arrives%s", self.endpoint, after)
 
@@ -169,14 +171,12 @@ class Connection:
         reason, now_s = getattr(error, "strerror", None) or str(error), time.monotonic()
         self.breaks += 1
         self._count_lost(now_s)
-        self._losses.before = self._losses.total
         self._retry_due_s = now_s + self._retry_s
         self._transport.close()
         self._on_break()
         self.is_open = self._has_data = False
-        line = self._errors.line(reason, now_s)
-        if line is not None:
-            self._report(f"{self.endpoint}: {line}; trying again")
+        if (line := self._diagnostics.failure(reason, now_s)) is not None:
+            self._report(line)
         if self._is_up is not False:
             self._note_down(reason)
 
@@ -189,58 +189,9 @@ class Connection:
             self._events.append(Notice(None, unix_us(), text))
 
     def _count_lost(self, now_s: float) -> None:
-        count = self._losses.count(self._transport.lost, now_s) if self.is_open else 0
-        if count:
-            self._notify(
-                f"{self.endpoint}: {count} datagrams were lost, the system had no room for them; "
-                f"sysctl net.core.rmem_max={SOCKET_BUFFER_BYTES} gives it more"
-            )
-
-
-class _Losses:
-    """Datagrams that the system threw away, to be reported once a minute at most."""
-
-    def __init__(self) -> None:
-        self.total = 0
-        self.before = 0  # by transports that are closed
-        self.look_s = 0.0  # when to look next
-        self._reported = 0
-        self._report_due_s = 0.0
-
-    def count(self, of_transport: int, now_s: float) -> int:
-        """Count what this transport has lost so far; how many are to be reported now."""
-        self.look_s = now_s + LOSS_LOOK_S
-        self.total = self.before + of_transport
-        if self.total == self._reported or now_s < self._report_due_s:
-            return 0
-        self._report_due_s = now_s + REPEAT_S
-        count, self._reported = self.total - self._reported, self.total
-        return count
-
-
-class _Failures:
-    """Decides which repetitions of a failure are worth a line."""
-
-    def __init__(self) -> None:
-        self._reason = ""
-        self._count = 0
-        self._reported_s = 0.0
-
-    def line(self, reason: str, now_s: float) -> str | None:
-        """The reason, the reason with its count, or nothing."""
-        if reason != self._reason:
-            self._reason, self._count, self._reported_s = reason, 1, now_s
-            return reason
-        self._count += 1
-        if now_s - self._reported_s < REPEAT_S:
-            return None
-        self._reported_s = now_s
-        return f"{reason} ({self._count} times)"
-
-    def clear(self) -> int:
-        """Forget the failure, because it is over; returns how often it was seen."""
-        count, self._reason, self._count = self._count, "", 0
-        return count
+        self._loss_look_s = now_s + LOSS_LOOK_S
+        if self.is_open:
+            self._notify(self._diagnostics.losses(self._transport.lost, now_s))
 
 
 SILENT_S = 5.0  # after the link was opened, without a byte
@@ -259,42 +210,75 @@ OTHER_BAUD = "another baud rate? 57600 (radios), 115200 (USB), 921600 (wired)"
 
 
 class LinkDiagnostics:
-    """One link's bytes and frames; each method returns a line for a person, or None."""
+    """What a person should know about one link; each method returns a line for them, or None."""
 
     def __init__(self, endpoint: Endpoint) -> None:
+        self.lost = 0  # datagrams
         self._endpoint = endpoint
-        self._open_since_s: float | None = None
-        self._is_silence_logged = False
+        self._silent_since_s: float | None = None
+        self._is_silence_reported = False
         self._unread_bytes = 0  # since the last readable frame
         self._unread_since_s = 0.0
-        self._is_noise_logged = False
+        self._is_noise_reported = False
+        self._lost_before = 0  # by transports that are closed
+        self._lost_reported, self._loss_due_s = 0, 0.0
+        self._failure, self._failures, self._failure_due_s = "", 0, 0.0
 
-    def silence(self, now_s: float, *, is_up: bool, has_data: bool) -> str | None:
-        """Whether the link has been open for long without a byte; logged once."""
-        if not is_up or has_data:
-            self._open_since_s = None
+    def silence(self, now_s: float, *, is_silent: bool) -> str | None:
+        """Whether the link has been open for long without a byte; reported once."""
+        if not is_silent:
+            self._silent_since_s = None
             return None
-        if self._open_since_s is None:
-            self._open_since_s = now_s
-        if self._is_silence_logged or now_s - self._open_since_s < SILENT_S:
+        if self._silent_since_s is None:
+            self._silent_since_s = now_s
+        if self._is_silence_reported or now_s - self._silent_since_s < SILENT_S:
             return None
-        self._is_silence_logged = True
+        self._is_silence_reported = True
         advice = ADVICE[self._endpoint.kind]
         return f"{self._endpoint}: nothing has arrived in {SILENT_S:g} s; {advice}"
 
     def bytes_read(self, size: int, frames: int, now_s: float) -> str | None:
-        """After ``size`` bytes that held so many frames; logged once until one can be read."""
-        self._open_since_s = None
+        """After ``size`` bytes that held so many frames; reported once until one can be read."""
+        self._silent_since_s = None
         if frames:
-            self._unread_bytes, self._is_noise_logged = 0, False
+            self._unread_bytes, self._is_noise_reported = 0, False
             return None
         if self._unread_bytes == 0:
             self._unread_since_s = now_s
         self._unread_bytes += size
         is_long = now_s - self._unread_since_s >= UNREADABLE_S
-        if self._is_noise_logged or not is_long or self._unread_bytes < UNREADABLE_BYTES:
+        if self._is_noise_reported or not is_long or self._unread_bytes < UNREADABLE_BYTES:
             return None
-        self._is_noise_logged = True
+        self._is_noise_reported = True
         why = OTHER_BAUD if self._endpoint.kind == "serial" else "is it a MAVLink stream?"
         count = f"{self._unread_bytes} bytes and not one MAVLink frame"
         return f"{self._endpoint}: {count}: {why}"
+
+    def losses(self, of_transport: int, now_s: float) -> str | None:
+        """After so many datagrams were lost by this transport; reported once a minute at most."""
+        self.lost = self._lost_before + of_transport
+        count = self.lost - self._lost_reported
+        if not count or now_s < self._loss_due_s:
+            return None
+        self._lost_reported, self._loss_due_s = self.lost, now_s + REPEAT_S
+        return (
+            f"{self._endpoint}: {count} datagrams were lost, the system had no room for them; "
+            f"sysctl net.core.rmem_max={SOCKET_BUFFER_BYTES} gives it more"
+        )
+
+    def failure(self, reason: str, now_s: float) -> str | None:
+        """After the transport failed; reported at once, and once a minute while it goes on."""
+        self._lost_before = self.lost
+        if reason != self._failure:
+            self._failure, self._failures, self._failure_due_s = reason, 0, now_s
+        self._failures += 1
+        if now_s < self._failure_due_s:
+            return None
+        self._failure_due_s = now_s + REPEAT_S
+        times = f" ({self._failures} times)" if self._failures > 1 else ""
+        return f"{self._endpoint}: {reason}{times}; trying again"
+
+    def end_failures(self) -> int:
+        """Forget the failure, because it is over; returns how often it occurred."""
+        count, self._failure, self._failures = self._failures, "", 0
+        return count

@@ -1,9 +1,12 @@
 """MAVLink's numbers, under the names that common.xml and ardupilotmega.xml give them.
 
+All other definitions are pymavlink's: :func:`mavlink`.
 Source: https://mavlink.io/en/messages/common.html.
 """
 
+import os
 from functools import cache
+from typing import Any
 
 # Messages
 HEARTBEAT_ID = 0
@@ -78,6 +81,15 @@ HIGHRES_IMU_UPDATED_MAG = 0b1_1100_0000  # HIGHRES_IMU_UPDATED_XMAG, YMAG and ZM
 UNKNOWN_UINT16 = 65535  # in most fields of 16 bits
 
 
+def mavlink() -> Any:
+    """Import pymavlink's ardupilotmega dialect (it includes common), late: it takes 40 ms."""
+    os.environ["MAVLINK20"] = "1"  # read by pymavlink when it is imported
+    os.environ["MAVLINK_DIALECT"] = "ardupilotmega"
+    from pymavlink.dialects.v20 import ardupilotmega
+
+    return ardupilotmega
+
+
 def is_autopilot(autopilot: int, vehicle_type: int) -> bool:
     """Whether a HEARTBEAT (MAV_AUTOPILOT, MAV_TYPE) is that of a vehicle's autopilot."""
     return autopilot != MAV_AUTOPILOT_INVALID and vehicle_type != MAV_TYPE_GCS
@@ -94,8 +106,6 @@ def vehicle_type_name(number: int) -> str:
 
 
 def _enum_name(enum: str, number: int) -> str:
-    from drivers.mavlink.dialect import mavlink
-
     entry = mavlink().enums[enum].get(number)
     return str(number) if entry is None else str(entry.name).removeprefix(f"{enum}_")
 

@@ -1,9 +1,8 @@
 """Frames to events, and who is who.
 
 ``MavlinkDecoder`` turns the frames of a link or a log into the events of ``drivers.events``,
-without any I/O, and unpacks only what somebody wants. What a message says stands in two tables,
-``imu_messages`` and ``messages``; here is what shows one sender from another. Body axes are FRD on
-both sides.
+without any I/O, and unpacks only what somebody wants. What is in a message is in the tables of
+``messages``; here one sender is kept apart from another. Body axes are FRD on both sides.
 """
 
 from collections import OrderedDict
@@ -24,16 +23,19 @@ from drivers.events import (
     VehicleId,
 )
 from drivers.mavlink import constants as mav
+from drivers.mavlink.ardupilot import ParameterValue, owner
 from drivers.mavlink.framing import FieldReader, Frame
-from drivers.mavlink.imu_messages import (
+from drivers.mavlink.messages import (
     IMU_MESSAGES,
+    MESSAGES,
     ImuMessage,
-    has_imu_number,
+    MessageKind,
+    Received,
     imu_number,
+    imu_number_offset,
+    imu_rank,
     imu_stream_name,
 )
-from drivers.mavlink.messages import MESSAGES, MessageKind, Said
-from drivers.mavlink.parameter_values import ParameterValue, WaitingParameters, owner
 from drivers.places import PLACES
 from drivers.samples.imu_stream import Field, Stamp
 from drivers.samples.intake import MOST_STREAMS, VERSION_EVERY_US, Intake
@@ -51,13 +53,14 @@ SILENT_US = 5_000_000
 # Messages of other IMUs than the one in use are decoded once that has been silent for so long
 IMU_SILENT_US = 500_000
 OTHER_IMU_US = 500_000  # until then one in so long is decoded, to be compared
-_PLACES = {message.name: place for place, message in enumerate(IMU_MESSAGES.values())}
 
 # Frames are missing where the sequence number steps by so much more than it usually does: not
 # all frames are of messages that are decoded
 USUAL_STEPS = 4
 MORE_STEPS = 8
 STEP_WEIGHT = 1 / 32  # of a frame in what is usual
+
+MOST_WAITING = 4096  # an autopilot has some 1500 parameters
 
 # What fuzzbee's own vehicle puts where others have a commit
 BUILT_IN = "fuzzbee"
@@ -106,7 +109,8 @@ class MavlinkDecoder:
         # those with an IMU and those without, of each first who has been silent for longest
         self._flying: OrderedDict[tuple[int, int], _Sender] = OrderedDict()
         self._idle: OrderedDict[tuple[int, int], _Sender] = OrderedDict()
-        self._parameters = WaitingParameters()
+        # of systems whose autopilot is not known yet; the latest of each name
+        self._waiting: dict[tuple[int, str], ParameterValue] = {}
         self._references = references
         self._handlers: dict[int, Callable[[_Sender, Any, int], list[Event]]] = {
             mav.PARAM_VALUE_ID: self._param_value,
@@ -116,7 +120,8 @@ class MavlinkDecoder:
         if texts:
             self._handlers[mav.STATUSTEXT_ID] = self._status_text
         for number, imu in IMU_MESSAGES.items():
-            self._handlers[number] = partial(_imu_events, imu, has_imu_number(number))
+            is_numbered = imu_number_offset(number) is not None
+            self._handlers[number] = partial(_imu_events, imu, is_numbered)
         self._is_wanted = {
             number: kind.is_wanted for number, kind in MESSAGES.items() if kind.is_wanted
         }
@@ -171,13 +176,13 @@ class MavlinkDecoder:
 
     def _is_behind(self, sender: _Sender, name: str, in_use: str | None, arrival_us: int) -> bool:
         """Whether an IMU message is not needed, as a better one is in use and comes."""
-        if in_use is None:
+        better = in_use.partition(":")[0] if in_use is not None else name
+        if better == name:
             return False
-        better = in_use.partition(":")[0]
-        heard_us = sender.imu_us.get(better)
-        if heard_us is None or not 0 <= arrival_us - heard_us < IMU_SILENT_US:
+        last_us = sender.imu_us.get(better)
+        if last_us is None or not 0 <= arrival_us - last_us < IMU_SILENT_US:
             return False
-        return _PLACES.get(better, len(_PLACES)) < _PLACES.get(name, len(_PLACES))
+        return imu_rank(better) < imu_rank(name)
 
     def _other_imu(self, sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:
         """What an IMU that is not in use reads, twice a second; otherwise nothing is unpacked."""
@@ -238,7 +243,9 @@ class MavlinkDecoder:
         autopilots = [s.id for s in known if s.autopilot is not None or s.intake.has_imu]
         address = owner(sender.id, autopilots)
         if address is None:
-            self._parameters.hold(sender.id.system_id, value)
+            key = sender.id.system_id, value.name
+            if key in self._waiting or len(self._waiting) < MOST_WAITING:
+                self._waiting[key] = value
             return []
         autopilot = (self._flying.get(address) or self._idle[address]).autopilot
         return [Parameter(address, arrival_us, value.name, value.value(autopilot))]
@@ -250,7 +257,8 @@ class MavlinkDecoder:
         sender.intake.doubts_axes = m.autopilot not in FRD_AUTOPILOTS
         is_armed = bool(m.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
         beat = Heartbeat(sender.id, arrival_us, m.autopilot, m.type, is_armed, m.custom_mode)
-        waiting = self._parameters.take(sender.id.system_id)
+        keys = [key for key in self._waiting if key[0] == sender.id.system_id]
+        waiting = [self._waiting.pop(key) for key in keys]
         return [
             beat,
             *(Parameter(sender.id, arrival_us, p.name, p.value(m.autopilot)) for p in waiting),
@@ -288,4 +296,4 @@ def _imu_events(
 
 
 def _events(kind: MessageKind, sender: _Sender, m: Any, arrival_us: int) -> list[Event]:
-    return kind.events(sender.intake, Said(kind.name, m, arrival_us))
+    return kind.events(sender.intake, Received(kind.name, m, arrival_us))

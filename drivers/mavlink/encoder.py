@@ -21,7 +21,7 @@ from fastcrc import crc16
 
 from drivers.events import VehicleId
 from drivers.mavlink import constants as mav
-from drivers.mavlink.dialect import mavlink
+from drivers.mavlink.constants import mavlink
 from drivers.mavlink.framing import SIGNED_FLAG
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Vec3
 

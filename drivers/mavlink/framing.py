@@ -14,8 +14,7 @@ from typing import Any, NamedTuple
 
 from fastcrc import crc16
 
-from drivers.mavlink.constants import ATTITUDE_QUATERNION_ID
-from drivers.mavlink.dialect import Unpacker, mavlink
+from drivers.mavlink.constants import ATTITUDE_QUATERNION_ID, mavlink
 
 MAGIC_V1, MAGIC_V2 = 0xFE, 0xFD
 HEADER_V1, HEADER_V2 = 6, 10  # bytes, the marker included
@@ -244,7 +243,8 @@ class FieldReader:
     """
 
     def __init__(self) -> None:
-        self._unpacker = Unpacker()
+        self._dialect = mavlink()
+        self._mav = self._dialect.MAVLink(None)
 
     def fields(self, frame: Frame) -> Any | None:
         """The fields of a frame with a sound checksum; None if it is no message of the dialect.
@@ -254,10 +254,17 @@ class FieldReader:
         """
         known = layout(frame.message_id)
         if known is None:
-            return self._unpacker.message(frame.data)
+            return self.message(frame.data)
         _, struct, make = known
         payload = frame.data[frame.payload_at : frame.payload_end]
         missing = struct.size - len(payload)
         if missing > 0:
             payload += bytes(missing)
         return make(struct.unpack_from(payload))
+
+    def message(self, data: bytes) -> Any | None:
+        """pymavlink's message of exactly one sound frame; None if it is none of the dialect."""
+        try:
+            return self._mav.decode(bytearray(data))
+        except self._dialect.MAVError:
+            return None

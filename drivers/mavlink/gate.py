@@ -1,5 +1,7 @@
 """Which frames of a link or log are let in: allowed systems, good signatures, one sender each.
 
+Two senders with one address are found by their peers, and on one wire by their sequence numbers.
+
 Of a stream that comes twice the fresher copy is let in. A router may have two ways to one vehicle,
 one of them seconds behind. An IMU frame that comes again with the same stamp and the same readings
 is such a copy, and shows how late it is. Some of them are proof: from then on all stamped frames of
@@ -8,13 +10,13 @@ repeated frame is proof: a clock that is ahead may be another vehicle's.
 """
 
 from collections import Counter
+from dataclasses import dataclass, field
 from functools import cache
 from typing import NamedTuple
 
 from drivers.events import Event, Notice, RefusedFrames, VehicleId
 from drivers.mavlink.framing import Frame, layout
-from drivers.mavlink.imu_messages import IMU_MESSAGES
-from drivers.mavlink.messages import MESSAGES
+from drivers.mavlink.messages import IMU_MESSAGES, MESSAGES
 from drivers.mavlink.signing import SigningCheck
 from drivers.samples.clock_line import BOOT_US
 from estimator.reasons import Reason
@@ -23,7 +25,7 @@ from estimator.reasons import Reason
 TAKE_OVER_US = 1_000_000
 TOGETHER_US = 100_000  # what has come in such a time is not always judged in its order
 MOST_SENDERS = 1024  # before those are dropped that have been silent for longer than that
-MOST_TOLD = 64  # a flood of addresses does not fill memory or the screen
+MOST_REPORTED = 64  # a flood of addresses does not fill memory or the screen
 
 EXPLANATIONS = {
     Reason.UNSIGNED: "frames without a signature are refused",
@@ -61,11 +63,14 @@ class FrameGate:
         self._copies = StreamCopies()
         self._senders: dict[tuple[int, int], _Sender] = {}
         self._most_senders = MOST_SENDERS
+        self._shared = SharedAddresses()
         self._refused: Counter[tuple[VehicleId, Reason]] = Counter()
-        self._told: set[tuple[VehicleId, Reason]] = set()
+        self._notices: list[Event] = []
+        self._reported: set[tuple[VehicleId, Reason]] = set()
 
     def let_in(self, frames: list[Frame], peer: str, arrival_us: int) -> list[Frame]:
         """The good ones of frames that came together; the others are counted."""
+        self._notices += self._shared.look(peer, frames, arrival_us)
         return [frame for frame in frames if self.lets_in(frame, peer, arrival_us)]
 
     def lets_in(self, frame: Frame, peer: str, arrival_us: int) -> bool:
@@ -88,21 +93,19 @@ class FrameGate:
 
     def take_refused(self, arrival_us: int) -> list[Event]:
         """What was refused since the last call, and a line for each new reason."""
-        if not self._refused:
-            return []
-        events: list[Event] = []
+        events, self._notices = self._notices, []
         for (vehicle, reason), frames in self._refused.items():
             events.append(RefusedFrames(vehicle, arrival_us, reason, frames))
-            known = (vehicle, reason) in self._told or len(self._told) >= MOST_TOLD
+            known = (vehicle, reason) in self._reported or len(self._reported) >= MOST_REPORTED
             if not known and reason in EXPLANATIONS:
-                self._told.add((vehicle, reason))
+                self._reported.add((vehicle, reason))
                 text = f"system {vehicle.system_id}: {EXPLANATIONS[reason]}"
                 events.append(Notice(None, arrival_us, text))
         self._refused.clear()
         return events
 
     def forget(self, peer: str | None = None) -> None:
-        """A peer has left, or all have: another may speak for its vehicles at once."""
+        """A peer has left, or all have: another may send for its vehicles at once."""
         self._senders = {
             address: sender
             for address, sender in self._senders.items()
@@ -128,7 +131,7 @@ class FrameGate:
         if sender is not None and sender.peer != peer:
             if self._copies.is_late(address, peer, arrival_us):
                 return Reason.DUPLICATE
-            if self._is_heard(sender, arrival_us):
+            if self._is_active(sender, arrival_us):
                 return Reason.ADDRESS_CONFLICT
             sender = None
         if is_repeat:
@@ -139,16 +142,16 @@ class FrameGate:
                 self._drop_silent(arrival_us)
         return None
 
-    def _is_heard(self, sender: _Sender, now_us: int) -> bool:
-        """Whether the sender of an address still speaks."""
+    def _is_active(self, sender: _Sender, now_us: int) -> bool:
+        """Whether the sender of an address still sends."""
         return -TOGETHER_US <= now_us - sender.last_us < TAKE_OVER_US
 
     def _drop_silent(self, now_us: int) -> None:
-        """Drop what means nothing any more; a flood is looked through each time it has doubled."""
+        """Drop silent senders; in a flood, each time their number has doubled."""
         self._senders = {
             address: sender
             for address, sender in self._senders.items()
-            if self._is_heard(sender, now_us)
+            if self._is_active(sender, now_us)
         }
         self._most_senders = max(MOST_SENDERS, 2 * len(self._senders))
         self._copies.forget(set(self._senders))
@@ -184,24 +187,19 @@ class Repeats:
         return found
 
 
+@dataclass(slots=True)
 class _Address:
-    """What is known of one address: its latest frames, and how late copies of them come."""
+    """The latest frames of one address, and how late copies of them come."""
 
-    __slots__ = (
-        *("delay_us", "fresh", "is_repeat", "late_us", "latest_us", "mixed_us", "proofs"),
-        *("repeats", "source"),
-    )
-
-    def __init__(self) -> None:
-        self.repeats = Repeats()
-        self.fresh: dict[int, tuple[int, int]] = {}  # offset and arrival, by message
-        self.proofs = 0
-        self.delay_us = 0  # of the copies
-        self.late_us = 0  # arrival of the last copy
-        self.source = ""  # the peer that brings the originals
-        self.is_repeat = False  # the last IMU frame
-        self.latest_us = 0  # stamp of the last that was none
-        self.mixed_us = 0  # arrival of the last that came right behind one, and was new
+    repeats: Repeats = field(default_factory=Repeats)
+    fresh: dict[int, tuple[int, int]] = field(default_factory=dict)  # offset, arrival; by message
+    proofs: int = 0
+    delay_us: int = 0  # of the copies
+    late_us: int = 0  # arrival of the last copy
+    source: str = ""  # the peer that brings the originals
+    is_repeat: bool = False  # the last IMU frame
+    latest_us: int = 0  # stamp of the last that was none
+    mixed_us: int = 0  # arrival of the last that came right behind one, and was new
 
 
 class StreamCopies:
@@ -292,3 +290,92 @@ def _stamp(message_id: int) -> tuple[int, int] | None:
     """Size and unit of the time that a message begins with; None if it is not used or has none."""
     known = layout(message_id) if message_id in IMU_MESSAGES or message_id in MESSAGES else None
     return None if known is None else STAMPS.get(known.names[0])
+
+
+# MAVLink's senders number their frames, 0 to 255 and again. Two of them on one wire are two
+# counters that go on in turns. Losses, late frames and copies of one sender's frames look
+# different. Source: https://mavlink.io/en/guide/serialization.html#packet_format
+
+# Frames are looked at for the first 2 s of every 10: two senders stay two.
+EVERY_US = 10_000_000
+STRETCH_US = 2_000_000
+SETTLE_US = 500_000  # of a stretch: what is late by two ways has come by then
+NEAR = 100  # frames; a single sender's number comes again after 256
+LATE = 24  # frames; what comes so far behind a later number is late
+TURNS = 8  # from one counter to the other within a stretch
+MOST_ADDRESSES = 64  # in a stretch
+SHARED = "two senders use its address on one wire: two vehicles, or one by two ways"
+
+
+@dataclass(slots=True)
+class _Counters:
+    """The last two counters of one address in a stretch, and whether each has gone on."""
+
+    latest: int
+    latest_goes_on: bool = False
+    other: int = -1
+    other_goes_on: bool = False
+    frames: int = 0
+    seen: dict[int, tuple[int, bytes]] = field(default_factory=dict)  # by number: the last frame
+
+    def take(self, number: int, data: bytes) -> bool:
+        """Follow one frame; whether it is a sign of two senders.
+
+        A copy of an earlier frame, by another way, is none, nor is a late frame.
+        """
+        self.frames += 1
+        before = self.seen.get(number)
+        if before is not None and before[1] == data:
+            return False
+        is_repeated = self._has_seen(number, NEAR)
+        self.seen[number] = self.frames, data
+        if number == (self.latest + 1) & 0xFF:
+            self.latest, self.latest_goes_on = number, True
+        elif any(self._has_seen(number + ahead, LATE) for ahead in range(1, LATE + 1)):
+            pass  # late
+        elif self.other >= 0 and number == (self.other + 1) & 0xFF:
+            is_turn = self.other_goes_on and self.latest_goes_on
+            self.other, self.other_goes_on = self.latest, self.latest_goes_on
+            self.latest, self.latest_goes_on = number, True
+            return is_turn or is_repeated
+        else:
+            self.other, self.other_goes_on = number, False  # losses, or another sender
+        return is_repeated
+
+    def _has_seen(self, number: int, ago: int) -> bool:
+        seen = self.seen.get(number & 0xFF)
+        return seen is not None and self.frames - seen[0] < ago
+
+
+class SharedAddresses:
+    """Reports once which address has two senders on one wire."""
+
+    def __init__(self) -> None:
+        self._begun_us: int | None = None
+        self._counters: dict[tuple[str, int, int], _Counters] = {}
+        self._turns: Counter[tuple[int, int]] = Counter()
+        self._reported: set[tuple[int, int]] = set()
+
+    def look(self, peer: str, frames: list[Frame], now_us: int) -> list[Notice]:
+        """A line for each address that proves to have two senders; nearly always none."""
+        if self._begun_us is None or not 0 <= now_us - self._begun_us < EVERY_US:
+            self._begun_us = now_us
+            self._counters.clear()
+            self._turns.clear()
+        if now_us - self._begun_us > STRETCH_US:
+            return []
+        is_settled = now_us - self._begun_us >= SETTLE_US
+        notices = []
+        for frame in frames:
+            address = (frame.system_id, frame.component_id)
+            counters = self._counters.get((peer, *address))
+            if counters is None:
+                if len(self._counters) < MOST_ADDRESSES:
+                    self._counters[peer, *address] = _Counters(frame.sequence)
+                continue
+            self._turns[address] += counters.take(frame.sequence, frame.data) and is_settled
+            is_new = address not in self._reported and len(self._reported) < MOST_REPORTED
+            if self._turns[address] >= TURNS and is_new:
+                self._reported.add(address)
+                notices.append(Notice(None, now_us, f"system {frame.system_id}: {SHARED}"))
+        return notices

@@ -17,8 +17,7 @@ from typing import NamedTuple
 from drivers.events import Shed, VehicleId
 from drivers.mavlink.constants import AUTOPILOT_VERSION_ID, HEARTBEAT_ID
 from drivers.mavlink.framing import Frame
-from drivers.mavlink.imu_messages import IMU_MESSAGES, imu_number, imu_stream_name
-from drivers.mavlink.messages import MESSAGES
+from drivers.mavlink.messages import IMU_MESSAGES, MESSAGES, imu_number, imu_stream_name
 
 PACKETS_HZ = 200.0  # of a peer without an IMU; a ground station sends a tenth of that
 ALL_PACKETS_HZ = 2000.0  # of all those together
@@ -156,7 +155,7 @@ class FrameQueue:
         for arrived in reversed(self._frames):
             frame = arrived.frame
             if _is_stream(frame.message_id):
-                number = imu_number(frame)
+                number = imu_number(frame) if frame.message_id in IMU_MESSAGES else 0
                 stream = (frame.system_id, frame.component_id, frame.message_id, number)
                 if stream in seen:
                     self._count_shed(frame, number)

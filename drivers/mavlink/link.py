@@ -18,12 +18,11 @@ from drivers.mavlink.connection import Connection
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.framing import Frame, FrameReader
 from drivers.mavlink.gate import FrameGate, Policy
-from drivers.mavlink.imu_messages import IMU_MESSAGES
 from drivers.mavlink.limits import MOST_WAITING, FrameQueue, RateLimits
+from drivers.mavlink.messages import IMU_MESSAGES
 from drivers.mavlink.outgoing import Outbound
 from drivers.mavlink.recorder import Recorder
-from drivers.mavlink.shared_addresses import SharedAddresses
-from drivers.mavlink.transports.transport import Packet, unix_us
+from drivers.mavlink.transports.transport import Packet
 from drivers.places import PLACES
 
 MOST_READERS = PLACES  # half-read frames of that many senders; the one silent for longest goes
@@ -65,7 +64,6 @@ class MavlinkLink(Closing):
         self._recorder = recorder
         self._limits = RateLimits()
         self._readers: OrderedDict[str, FrameReader] = OrderedDict()
-        self._shared = SharedAddresses()
         self._gate = FrameGate(policy)
         self._queue = FrameQueue(most_waiting)
         self._decoder = MavlinkDecoder(references=references)
@@ -125,14 +123,14 @@ class MavlinkLink(Closing):
         is_idle = not len(self._queue)
         if is_idle or time.monotonic() - self._look_s >= BUSY_REST_S:
             self._receive(timeout_s if is_idle and not self._events else 0.0)
+        now_us = time.time_ns() // 1000
         events = [*self._connection.take_events(), *self._events]
         self._events.clear()
         if self._malformed:
-            events.append(Malformed(unix_us(), self._malformed))
+            events.append(Malformed(now_us, self._malformed))
             self._malformed = 0
         for arrival_us, frame in self._queue.take(MOST_AT_ONCE):
             events += self._decoder.events(frame, arrival_us)
-        now_us = unix_us()
         events += self._queue.take_shed(now_us)
         events += self._outbound.react(events, now_us)
         for frame_bytes in self._outbound.take_frames(now_us):
@@ -161,7 +159,7 @@ class MavlinkLink(Closing):
         frames = sum([self._take(packet) for packet in packets])
         if packets:
             self._connection.note_read(sum([len(packet.data) for packet in packets]), frames)
-            now_us = unix_us()
+            now_us = time.time_ns() // 1000
             self._gate.keep(now_us)
             self._events += self._gate.take_refused(now_us)
 
@@ -176,7 +174,6 @@ class MavlinkLink(Closing):
             return 0
         reader = self._readers.get(peer) or self._new_reader(peer)
         frames = reader.feed(data)
-        self._events += self._shared.look(peer, frames, arrival_us)
         self._malformed += reader.take_malformed()
         let_in = self._gate.let_in(frames, peer, arrival_us)
         if let_in:

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 
 from drivers.events import LinkUp
 from drivers.mavlink.connection import Connection
-from drivers.mavlink.dialect import Unpacker
-from drivers.mavlink.framing import FrameReader
+from drivers.mavlink.framing import FieldReader, FrameReader
 from drivers.mavlink.transports.transport import unix_us
 from drivers.simulation.autopilot import SimulatedAutopilot, VehicleOptions
 from estimator.errors import InputError
@@ -61,7 +60,7 @@ class Fleet:
         self._offsets_us = [i * spread_us for i in range(vehicles)]
         self._due = [(offset, i) for i, offset in enumerate(self._offsets_us)]  # a heap
         self._readers: dict[str, FrameReader] = {}
-        self._unpacker = Unpacker()
+        self._fields = FieldReader()
         self.counts = FleetCounts()
 
     @property
@@ -95,7 +94,7 @@ class Fleet:
             self._readers[peer] = FrameReader()
         answered = False
         for frame in self._readers[peer].feed(data):
-            message = self._unpacker.message(frame.data)
+            message = self._fields.message(frame.data)
             for vehicle in self._vehicles:
                 if answer := vehicle.handle(message, signed_us):
                     answered = True

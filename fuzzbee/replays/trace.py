@@ -23,9 +23,13 @@ from drivers.logs.log_file import LogFile
 from drivers.logs.reference_track import ReferenceTrack
 from drivers.logs.table import Table
 from drivers.logs.time_window import WHOLE_LOG, TimeWindow, WindowedEvents
-from drivers.mavlink.ardupilot import COMPASS, INERTIAL, ORIENTATION
-from drivers.mavlink.attitude_view import NAMES as VIEW_PARAMETERS
-from drivers.mavlink.attitude_view import AttitudeView
+from drivers.mavlink.ardupilot import (
+    COMPASS,
+    INERTIAL,
+    ORIENTATION,
+    VIEW_PARAMETERS,
+    AttitudeView,
+)
 from estimator.arrays import Floats
 from estimator.estimator import Estimator
 from estimator.geometry.earth import PlaceField

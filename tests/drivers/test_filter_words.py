@@ -6,8 +6,8 @@ import pytest
 
 from drivers.events import ClockReset, Imu, Position, Velocity
 from drivers.logs.open import open_log
+from drivers.mavlink.constants import mavlink
 from drivers.mavlink.decoder import MavlinkDecoder
-from drivers.mavlink.dialect import mavlink
 from drivers.mavlink.framing import FrameReader
 from tests.drivers.logs import test_dataflash, test_ulog
 

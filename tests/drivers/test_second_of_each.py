@@ -4,8 +4,7 @@ import pytest
 
 from drivers.events import VehicleId, Velocity
 from drivers.logs.ulog import Ulog
-from drivers.mavlink.constants import RAW_IMU_ID
-from drivers.mavlink.dialect import mavlink
+from drivers.mavlink.constants import RAW_IMU_ID, mavlink
 from drivers.mavlink.encoder import FrameEncoder, attitude, attitude_quaternion
 from drivers.mavlink.framing import Frame
 from drivers.mavlink.limits import FrameQueue

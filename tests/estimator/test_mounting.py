@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from drivers.events import Imu, Notice, VehicleId
+from drivers.mavlink.constants import mavlink
 from drivers.mavlink.decoder import MavlinkDecoder
-from drivers.mavlink.dialect import mavlink
 from drivers.mavlink.framing import FrameReader
 from drivers.simulation.simulated_vehicle import SimulatedVehicle
 from estimator.errors import InputError

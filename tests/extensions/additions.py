@@ -7,8 +7,7 @@ Here the entries are made from outside: ``add`` puts them into the tables of thi
 import math
 from pathlib import Path
 
-from drivers.mavlink.imu_messages import IMU_MESSAGES, ImuMessage
-from drivers.mavlink.messages import MESSAGES, MessageKind
+from drivers.mavlink.messages import IMU_MESSAGES, MESSAGES, ImuMessage, MessageKind
 from drivers.samples.imu_stream import Stamp
 from drivers.samples.vehicle_clock import TimeField
 from estimator.aiding.sources.table import SOURCES
@@ -30,15 +29,15 @@ HIL_SENSOR = ImuMessage(
 )
 
 
-def gps2_heading(intake, said):
+def gps2_heading(intake, message):
     """GPS2_RAW of a receiver with two antennas: its yaw is in 0.01 degrees."""
-    m = said.fields
+    m = message.fields
     if m.yaw == NO_YAW:
         return []
-    stamp = Stamp(TimeField.GPS, m.time_usec, said.arrival_us)
+    stamp = Stamp(TimeField.GPS, m.time_usec, message.arrival_us)
     heading_rad = math.radians(0.01 * m.yaw)
     return intake.report(
-        said.name, stamp, lambda time_us: HeadingSample(time_us, heading_rad, HEADING_SIGMA_RAD)
+        message.name, stamp, lambda time_us: HeadingSample(time_us, heading_rad, HEADING_SIGMA_RAD)
     )
 
 

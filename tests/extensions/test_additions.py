@@ -22,12 +22,11 @@ import pytest
 from drivers.events import Imu, Report, VehicleId
 from drivers.logs.missing_imu import advice
 from drivers.logs.open import open_log
+from drivers.mavlink.constants import mavlink
 from drivers.mavlink.decoder import MavlinkDecoder
-from drivers.mavlink.dialect import mavlink
 from drivers.mavlink.framing import FrameReader
-from drivers.mavlink.imu_messages import IMU_MESSAGES
 from drivers.mavlink.limits import FrameQueue
-from drivers.mavlink.messages import MESSAGES
+from drivers.mavlink.messages import IMU_MESSAGES, MESSAGES
 from estimator.aiding.sources.table import SOURCES
 from estimator.geometry.frames import euler_rad
 from estimator.live.rows import report_of, told_between

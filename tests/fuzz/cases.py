@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from drivers.events import VehicleId
 from drivers.logs.dataflash_format import FIELDS
 from drivers.logs.ulog_format import CODES, FIELD
-from drivers.mavlink.dialect import mavlink
+from drivers.mavlink.constants import mavlink
 from drivers.mavlink.encoder import FrameEncoder, Message
 
 DATA = Path(__file__).parent.parent / "data"

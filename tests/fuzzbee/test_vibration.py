@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.mavlink.dialect import mavlink
+from drivers.mavlink.constants import mavlink
 from fuzzbee.cli import main
 from tests.fuzzbee.tlogs import rewritten
 

@@ -2,7 +2,8 @@
 
 from drivers.logs.log_file import Window
 from drivers.logs.tlog import TlogRecords
-from drivers.mavlink.dialect import Unpacker, mavlink
+from drivers.mavlink.constants import mavlink
+from drivers.mavlink.framing import FieldReader
 
 
 def rewritten(log, made, change):
@@ -10,10 +11,10 @@ def rewritten(log, made, change):
 
     None leaves it as it is. Seconds count from the first stamp; others have its address and number.
     """
-    data, unpacker, first_us = bytearray(), Unpacker(), None
+    data, reader, first_us = bytearray(), FieldReader(), None
     for stamp_us, frame in TlogRecords(Window(log.read_bytes()), None).readable():
         first_us = stamp_us if first_us is None else first_us
-        message = unpacker.message(frame.data)
+        message = reader.message(frame.data)
         given = change(1e-6 * (stamp_us - first_us), message)
         frames = [frame.data]
         if given is not None:

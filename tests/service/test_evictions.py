@@ -9,7 +9,6 @@ from drivers.mavlink.encoder import FrameEncoder, command_ack, raw_imu
 from drivers.mavlink.framing import Frame, FrameReader
 from drivers.mavlink.gate import MOST_SENDERS as MOST_GATED
 from drivers.mavlink.gate import TAKE_OVER_US, FrameGate, Policy
-from drivers.mavlink.outgoing import StreamRequest
 from drivers.places import PLACES
 from estimator.profile import load_profile
 from fuzzbee.table_model import TableModel
@@ -141,16 +140,13 @@ def test_a_set_clock_is_no_silence(step_s):
     assert departed(outputs) == []
 
 
-def test_what_a_sender_was_is_forgotten_by_the_gate_and_the_requests():
-    gate, request = FrameGate(Policy()), StreamRequest(50.0)
+def test_what_a_sender_was_is_forgotten_by_the_gate():
+    gate = FrameGate(Policy())
     for number, vehicle in enumerate(addresses(10_000)):
         arrival_us = START_US + 2_000 * number
         assert gate.lets_in(imu_frame(vehicle, 0), "a", arrival_us)
     assert len(gate._senders) <= MOST_GATED
     assert not gate.lets_in(imu_frame(vehicle, 1), "b", arrival_us + TAKE_OVER_US // 2)
-    assert request.handle(Heartbeat(ONE, 0, 3, 2), 0)
-    request.handle(Forgotten(ONE, 0), 0)
-    assert request.tick(10 * SECOND_US) == []
 
 
 def test_a_table_has_room_for_the_latest():

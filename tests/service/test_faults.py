@@ -11,7 +11,7 @@ import struct
 import pytest
 
 from drivers.events import VehicleId
-from drivers.mavlink.dialect import mavlink
+from drivers.mavlink.constants import mavlink
 from drivers.mavlink.encoder import FrameEncoder
 from drivers.mavlink.framing import FrameReader
 from service.records import State

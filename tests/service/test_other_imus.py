@@ -7,7 +7,7 @@ import pytest
 
 from drivers.events import OtherImu
 from drivers.logs.tlog import Tlog
-from drivers.mavlink.dialect import mavlink
+from drivers.mavlink.constants import mavlink
 from drivers.mavlink.framing import FrameReader
 from drivers.simulation.simulated_vehicle import SimulatedVehicle
 from estimator.geometry.quaternion import exp, rotate

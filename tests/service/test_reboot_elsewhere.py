@@ -7,7 +7,7 @@ from math import cos, degrees, sin
 import pytest
 
 from drivers.endpoint import parse_endpoint
-from drivers.mavlink.dialect import mavlink
+from drivers.mavlink.constants import mavlink
 from drivers.mavlink.encoder import FrameEncoder, raw_imu
 from drivers.source import open_live
 from estimator.geometry.earth import field_at

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from drivers.mavlink.constants import mavlink
 from drivers.mavlink.decoder import MavlinkDecoder
-from drivers.mavlink.dialect import mavlink
 from drivers.mavlink.framing import FrameReader
 from estimator.arrays import Floats
 from estimator.geometry.rotations import conjugate, exp, multiply

@@ -104,7 +104,7 @@ class TcpServer(Transport):
 
     @property
     def address(self) -> str:
-        return local_address("tcpin", self._socket) or str(self._endpoint)
+        return str(self._endpoint) if self._socket is None else local_address("tcpin", self._socket)
 
     def open(self) -> None:
         self._socket = listening_socket(self._endpoint, socket.SOCK_STREAM)
@@ -128,6 +128,7 @@ class TcpServer(Transport):
                 client.send(data)
 
     def credit(self, peer: str) -> None:
+        """An IMU's frames have come from a peer, which therefore keeps its place."""
         if peer in self._clients:
             self._clients[peer].note_imu()
 

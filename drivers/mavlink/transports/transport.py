@@ -84,9 +84,6 @@ class Transport(ABC):
             LinkError: the link broke.
         """
 
-    def credit(self, peer: str) -> None:  # noqa: B027 - most have as many places as peers
-        """An IMU's frames have come from a peer: whoever sends them keeps a place."""
-
     @abstractmethod
     def close(self) -> None:
         """Release everything; the transport can be opened again."""
@@ -153,10 +150,8 @@ def _way_out(endpoint: Endpoint, number: int | None) -> str:
     return ""
 
 
-def local_address(kind: str, bound: socket.socket | None) -> str | None:
+def local_address(kind: str, bound: socket.socket) -> str:
     """The address that a socket is bound to, in our spelling."""
-    if bound is None:
-        return None
     host, port = bound.getsockname()[:2]
     return f"{kind}:[{host}]:{port}" if ":" in host else f"{kind}:{host}:{port}"
 

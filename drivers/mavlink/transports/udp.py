@@ -43,24 +43,75 @@ ANCILLARY_BYTES = 64
 
 
 class _Udp(Transport):
-    """What both have in common."""
+    """A UDP socket with a selector of its own: to make one takes as long as eight datagrams."""
 
-    def __init__(self, endpoint: Endpoint) -> None:
-        super().__init__(endpoint)
-        self._socket: _UdpSocket | None = None
+    _socket: socket.socket
+    _selector: selectors.BaseSelector | None = None  # None: closed
+    _lost = 0
 
     @property
     def connected(self) -> bool:
-        return self._socket is not None
+        return self._selector is not None
 
     @property
     def lost(self) -> int:
-        return 0 if self._socket is None else self._socket.lost
+        """Datagrams that the system has thrown away; to ask it takes as long as to read some."""
+        if IS_LINUX and self.connected:
+            info = self._socket.getsockopt(socket.SOL_SOCKET, SO_MEMINFO, MEMINFO.size)
+            if len(info) == MEMINFO.size:  # old kernels show less
+                self._lost = MEMINFO.unpack(info)[MEMINFO_DROPS]
+        return self._lost
 
     def close(self) -> None:
-        if self._socket is not None:
+        if self._selector is not None:
+            self._selector.close()
             self._socket.close()
-        self._socket = None
+        self._selector = None
+
+    def _use(self, created: socket.socket) -> None:
+        self._socket, self._lost = created, 0
+        self._selector = selectors.DefaultSelector()
+        self._selector.register(created, selectors.EVENT_READ)
+        if IS_LINUX:
+            created.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+
+    def _datagrams(self, timeout_s: float) -> list[tuple[bytes, Any, int]]:
+        """Data, sender and arrival of all datagrams that are there, after at most ``timeout_s``.
+
+        One without a byte is left out: it ends no connection as in a stream.
+
+        Raises:
+            LinkError: the socket broke.
+        """
+        assert self._selector is not None
+        if timeout_s > 0.0:
+            self._selector.select(timeout_s)
+        datagrams: list[tuple[bytes, Any, int]] = []
+        read, own = _read_stamped if IS_LINUX else _read, self._socket
+        while len(datagrams) < RECEIVE_READS:
+            try:
+                datagrams.append(read(own))
+            except (BlockingIOError, InterruptedError):
+                break
+            except OSError as error:
+                if error.errno in LOST_DATAGRAM:
+                    continue
+                raise LinkError(reason(error.errno)) from error
+        return [each for each in datagrams if each[0]]
+
+    def _send(self, data: bytes, target: Any) -> None:
+        """Send a datagram, or lose it.
+
+        Raises:
+            LinkError: the socket broke.
+        """
+        try:
+            self._socket.sendto(data, target)
+        except (BlockingIOError, InterruptedError):
+            return
+        except OSError as error:
+            if error.errno not in LOST_DATAGRAM:
+                raise LinkError(reason(error.errno)) from error
 
 
 class UdpIn(_Udp):
@@ -72,22 +123,19 @@ class UdpIn(_Udp):
 
     @property
     def address(self) -> str:
-        bound = None if self._socket is None else self._socket.socket
-        return local_address("udpin", bound) or str(self._endpoint)
+        return local_address("udpin", self._socket) if self.connected else str(self._endpoint)
 
     def open(self) -> None:
         self._peers.clear()
-        self._socket = _UdpSocket(listening_socket(self._endpoint, socket.SOCK_DGRAM))
+        self._use(listening_socket(self._endpoint, socket.SOCK_DGRAM))
 
     def receive(self, timeout_s: float) -> list[Packet]:
-        assert self._socket is not None
-        datagrams = self._socket.receive(timeout_s)
+        datagrams = self._datagrams(timeout_s)
         return [Packet(self._peer(sender), data, us) for data, sender, us in datagrams]
 
     def send(self, data: bytes) -> None:
-        assert self._socket is not None
         for sender in self._peers:
-            self._socket.send(data, sender)
+            self._send(data, sender)
 
     def _peer(self, sender: Any) -> str:
         """The name of a sender, who is remembered."""
@@ -108,83 +156,17 @@ class UdpOut(_Udp):
 
     def open(self) -> None:
         family, self._target = resolve(self._endpoint, socket.SOCK_DGRAM)
-        self._socket = _UdpSocket(new_socket(family, socket.SOCK_DGRAM))
+        self._use(new_socket(family, socket.SOCK_DGRAM))
 
     def receive(self, timeout_s: float) -> list[Packet]:
-        assert self._socket is not None
         return [
             Packet(f"{sender[0]}:{sender[1]}", data, us)
-            for data, sender, us in self._socket.receive(timeout_s)
+            for data, sender, us in self._datagrams(timeout_s)
             if sender[0] == self._target[0]
         ]
 
     def send(self, data: bytes) -> None:
-        assert self._socket is not None
-        self._socket.send(data, self._target)
-
-
-class _UdpSocket:
-    """A UDP socket with a selector of its own: to make one takes as long as eight datagrams."""
-
-    def __init__(self, created: socket.socket) -> None:
-        self.socket = created
-        self._selector = selectors.DefaultSelector()
-        self._selector.register(created, selectors.EVENT_READ)
-        self._lost = 0
-        if IS_LINUX:
-            created.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
-        self._read = _read_stamped if IS_LINUX else _read
-
-    @property
-    def lost(self) -> int:
-        """Datagrams that the system has thrown away; to ask it takes as long as to read some."""
-        if IS_LINUX:
-            info = self.socket.getsockopt(socket.SOL_SOCKET, SO_MEMINFO, MEMINFO.size)
-            if len(info) == MEMINFO.size:  # old kernels show less
-                self._lost = MEMINFO.unpack(info)[MEMINFO_DROPS]
-        return self._lost
-
-    def receive(self, timeout_s: float) -> list[tuple[bytes, Any, int]]:
-        """Data, sender and arrival of all datagrams that are there, after at most ``timeout_s``.
-
-        One without a byte says nothing, and ends no connection as in a stream.
-
-        Raises:
-            LinkError: the socket broke.
-        """
-        if timeout_s > 0.0:
-            self._selector.select(timeout_s)
-        datagrams: list[tuple[bytes, Any, int]] = []
-        read, own = self._read, self.socket
-        while len(datagrams) < RECEIVE_READS:
-            try:
-                datagrams.append(read(own))
-            except (BlockingIOError, InterruptedError):
-                break
-            except OSError as error:
-                if error.errno in LOST_DATAGRAM:
-                    continue
-                raise LinkError(reason(error.errno)) from error
-        return [each for each in datagrams if each[0]]
-
-    def send(self, data: bytes, target: Any) -> None:
-        """Send a datagram, or lose it.
-
-        Raises:
-            LinkError: the socket broke.
-        """
-        try:
-            self.socket.sendto(data, target)
-        except (BlockingIOError, InterruptedError):
-            return
-        except OSError as error:
-            if error.errno not in LOST_DATAGRAM:
-                raise LinkError(reason(error.errno)) from error
-
-    def close(self) -> None:
-        """Release both."""
-        self._selector.close()
-        self.socket.close()
+        self._send(data, self._target)
 
 
 def _read(own: socket.socket) -> tuple[bytes, Any, int]:

@@ -11,7 +11,7 @@ from fastcrc import crc16
 
 from drivers.events import ClockReset, Imu, Rejected
 from drivers.logs.open import open_log
-from drivers.mavlink.dialect import mavlink
+from drivers.mavlink.constants import mavlink
 from drivers.simulation.simulated_vehicle import SimulatedVehicle
 from estimator.profile import load_profile
 from fuzzbee.cli import main

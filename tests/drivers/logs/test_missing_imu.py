@@ -2,7 +2,7 @@
 
 import pytest
 
-from drivers.mavlink.dialect import mavlink
+from drivers.mavlink.constants import mavlink
 from fuzzbee.cli import main
 from tests.drivers.logs import test_dataflash
 

@@ -8,7 +8,7 @@ import pytest
 
 from drivers.events import Imu
 from drivers.logs.open import imu_events, open_log
-from drivers.mavlink.dialect import mavlink
+from drivers.mavlink.constants import mavlink
 from estimator.errors import InputError
 
 DATA = Path(__file__).parents[2] / "data"

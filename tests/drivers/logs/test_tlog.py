@@ -11,8 +11,7 @@ import pytest
 from drivers.events import ClockReset, Heartbeat, Imu, Malformed, ReferenceAttitude, Rejected
 from drivers.logs.log_file import Window
 from drivers.logs.tlog import Tlog, TlogRecords, believe
-from drivers.mavlink.constants import RAW_IMU_ID
-from drivers.mavlink.dialect import mavlink
+from drivers.mavlink.constants import RAW_IMU_ID, mavlink
 from estimator.errors import InputError
 
 DATA = Path(__file__).parents[2] / "data"

@@ -1,6 +1,6 @@
 """pymavlink's own parser, which knows nothing of ours: what ours is compared with."""
 
-from drivers.mavlink.dialect import mavlink
+from drivers.mavlink.constants import mavlink
 
 
 class PymavlinkParser:

@@ -3,7 +3,7 @@
 import pytest
 
 from drivers.mavlink import constants
-from drivers.mavlink.dialect import mavlink
+from drivers.mavlink.constants import mavlink
 
 NAMES = [name for name in vars(constants) if name.isupper()]
 OF_OURS = {"HIGHRES_IMU_UPDATED_MAG", "UNKNOWN_UINT16"}

@@ -22,13 +22,13 @@ from drivers.events import (
     VehicleId,
     Velocity,
 )
+from drivers.mavlink.constants import mavlink
 from drivers.mavlink.decoder import (
     MOST_SENDERS,
     MavlinkDecoder,
 )
-from drivers.mavlink.dialect import mavlink
 from drivers.mavlink.framing import FrameReader
-from drivers.mavlink.imu_messages import IMU_MESSAGES, ImuMessage
+from drivers.mavlink.messages import IMU_MESSAGES, ImuMessage
 from drivers.samples.intake import MOST_STREAMS
 from drivers.samples.navigation import quaternion_from_euler, unit_or_none
 from drivers.samples.vehicle_clock import TimeField

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from drivers.events import VehicleId
 from drivers.mavlink import encoder
-from drivers.mavlink.dialect import mavlink
+from drivers.mavlink.constants import mavlink
 
 UNIX_US = 1_790_000_000_000_000
 VEHICLE = VehicleId(7, 1)

@@ -15,7 +15,7 @@ from drivers.endpoint import Endpoint, parse_endpoint
 from drivers.events import CommandAck, Heartbeat, Imu, LinkDown, LinkUp, Malformed, Shed, VehicleId
 from drivers.mavlink import limits
 from drivers.mavlink import link as mavlink_link
-from drivers.mavlink.dialect import mavlink
+from drivers.mavlink.constants import mavlink
 from drivers.mavlink.encoder import FrameEncoder, heartbeat, raw_imu
 from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.gate import Policy

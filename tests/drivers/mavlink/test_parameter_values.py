@@ -5,10 +5,9 @@ import struct
 import pytest
 
 from drivers.events import Parameter, VehicleId
-from drivers.mavlink.decoder import MavlinkDecoder
-from drivers.mavlink.dialect import mavlink
+from drivers.mavlink.constants import mavlink
+from drivers.mavlink.decoder import MOST_WAITING, MavlinkDecoder
 from drivers.mavlink.framing import FrameReader
-from drivers.mavlink.parameter_values import MOST_WAITING, ParameterValue, WaitingParameters
 from estimator.profile import load_profile
 from fuzzbee.replays.trace import Replay
 from service.pipeline import Pipeline
@@ -79,14 +78,13 @@ def test_an_integer_is_read_as_its_autopilot_writes_it(autopilot, value):
         assert found.value == value
 
 
-def test_what_waits_is_bounded():
-    waiting = WaitingParameters()
-    for k in range(2 * MOST_WAITING):
-        waiting.hold(k % 250, ParameterValue(f"P{k}", 0.0, REAL))
-    assert sum(len(waiting.take(system)) for system in range(256)) == MOST_WAITING
-    waiting.hold(1, ParameterValue("A", 1.0, REAL))
-    waiting.hold(1, ParameterValue("A", 2.0, REAL))
-    assert [each.raw for each in waiting.take(1)] == [2.0]
+def test_what_waits_is_bounded_and_the_latest_of_each_name():
+    others = [(1 + k % 8, 190, parameter(b"P%d" % k)) for k in range(MOST_WAITING)]
+    sent = [(1, 190, parameter(b"A", 1.0)), (1, 190, parameter(b"A", 2.0)), *others]
+    found = events_of(*sent, *((system, 1, heartbeat()) for system in range(1, 9)))
+    found = [event for event in found if isinstance(event, Parameter)]
+    assert len(found) == MOST_WAITING
+    assert [event.value for event in found if event.name == "A"] == [2.0]
 
 
 def test_replay_and_service_take_them():

@@ -10,8 +10,8 @@ from drivers.endpoint import Endpoint
 from drivers.events import Notice, VehicleId
 from drivers.mavlink.encoder import FrameEncoder, raw_imu
 from drivers.mavlink.framing import FrameReader
+from drivers.mavlink.gate import EVERY_US, SharedAddresses
 from drivers.mavlink.link import MavlinkLink
-from drivers.mavlink.shared_addresses import EVERY_US, SharedAddresses
 
 ONE = VehicleId(1, 1)
 S = 1_000_000

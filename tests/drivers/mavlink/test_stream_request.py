@@ -1,22 +1,14 @@
-"""The request logic, told what happens and when."""
+"""Requests for a rate, and heartbeats: what a link sends, given events and times."""
 
 import itertools
 
 import pytest
 
 from drivers.endpoint import parse_endpoint
-from drivers.events import ClockReset, CommandAck, Heartbeat, Imu, Notice, VehicleId
-from drivers.mavlink.dialect import mavlink
-from drivers.mavlink.encoder import FrameEncoder
+from drivers.events import ClockReset, CommandAck, Forgotten, Heartbeat, Imu, VehicleId
+from drivers.mavlink.constants import mavlink
 from drivers.mavlink.gate import Policy
-from drivers.mavlink.outgoing import (
-    MOST_REPEATS,
-    MOST_REQUESTS,
-    MOST_STREAMS,
-    Outbound,
-    Outgoing,
-    StreamRequest,
-)
+from drivers.mavlink.outgoing import MOST_REPEATS, MOST_REQUESTS, MOST_STREAMS, Outbound
 from estimator.errors import InputError
 from estimator.types import ImuSample
 
@@ -24,11 +16,19 @@ VEHICLE = VehicleId(3, 1)
 SECOND = 1_000_000
 
 
+def outbound(asked_hz, url="udpin"):
+    return Outbound(parse_endpoint(f"{url}:127.0.0.1:14550"), asked_hz, Policy(), None)
+
+
+def sent(outbound, now_us):
+    return mavlink().MAVLink(None).parse_buffer(b"".join(outbound.take_frames(now_us))) or []
+
+
 class Conversation:
     """Drives a request at 10 ms steps; the vehicle streams at ``rate_hz``, if it does."""
 
     def __init__(self, asked_hz=50.0, autopilot=3):
-        self.request = StreamRequest(asked_hz)
+        self.outbound = outbound(asked_hz)
         self.now_us = 0
         self.boot_us = 0.0
         self.rate_hz = 4.0
@@ -45,11 +45,11 @@ class Conversation:
             while self.rate_hz and self.boot_us <= self.now_us:
                 self.event(self._imu())
                 self.boot_us += SECOND / self.rate_hz
-            self._note(self.request.tick(self.now_us))
+            self._react([])
         return self
 
     def event(self, event):
-        self._note(self.request.handle(event, self.now_us))
+        self._react([event])
 
     def ack(self, result):
         self.event(CommandAck(VEHICLE, self.now_us, 511, result))
@@ -63,16 +63,13 @@ class Conversation:
         zero = (0.0, 0.0, 0.0)
         return Imu(VEHICLE, self.now_us, t, self.message, ImuSample(t, zero, zero, zero, False))
 
-    def _note(self, out):
-        for each in out:
-            if isinstance(each, Notice):
-                self.notices.append(each.text)
-                continue
-            assert isinstance(each, Outgoing)
-            frame = FrameEncoder(VehicleId(each.system_id, 191)).frame(each.message, 0)
-            (message,) = mavlink().MAVLink(None).parse_buffer(frame)
-            self.commands.append((self.now_us, message))
-            self.on_command(message)
+    def _react(self, events):
+        self.notices += [each.text for each in self.outbound.react(events, self.now_us)]
+        for message in sent(self.outbound, self.now_us):
+            assert (message.get_srcSystem(), message.get_srcComponent()) == (3, 191)
+            if message.get_type() == "COMMAND_LONG":
+                self.commands.append((self.now_us, message))
+                self.on_command(message)
 
     @property
     def command_times_s(self):
@@ -100,12 +97,11 @@ def test_px4_is_asked_for_highres_imu():
 @pytest.mark.parametrize(("url", "asked_hz"), [("udpin", 50.0), ("udpout", 50.0), ("udpout", None)])
 def test_heartbeats_are_an_onboard_controller_s_at_1_hz(url, asked_hz):
     """In the vehicle's system, once one is known; where somebody must speak first, in any case."""
-    outbound = Outbound(parse_endpoint(f"{url}:127.0.0.1:14550"), asked_hz, Policy(), None)
-    assert len(outbound.take_frames(0)) == (url == "udpout")
-    outbound.react([Heartbeat(VEHICLE, 0, 3, 2)], 0)
-    data = b"".join(frame for k in range(1, 1001) for frame in outbound.take_frames(10_000 * k))
-    sent = mavlink().MAVLink(None).parse_buffer(data)
-    beats = [message for message in sent if message.get_type() == "HEARTBEAT"]
+    link, beats = outbound(asked_hz, url), []
+    assert len(sent(link, 0)) == (url == "udpout")
+    link.react([Heartbeat(VEHICLE, 0, 3, 2)], 0)
+    for k in range(1, 1001):
+        beats += [each for each in sent(link, 10_000 * k) if each.get_type() == "HEARTBEAT"]
     assert len(beats) == 10
     for message in beats:
         assert (message.type, message.autopilot) == (18, 8)
@@ -113,11 +109,11 @@ def test_heartbeats_are_an_onboard_controller_s_at_1_hz(url, asked_hz):
         assert (message.get_srcSystem(), message.get_srcComponent()) == (system_id, 191)
 
 
-def test_nothing_is_sent_before_a_vehicle_is_known():
-    request = StreamRequest(50)
-    assert request.tick(10 * SECOND) == []
-    ground_station = Heartbeat(VehicleId(255, 190), 0, 8, 6)
-    assert request.handle(ground_station, 11 * SECOND) == []
+def test_nothing_is_sent_before_a_vehicle_is_known_nor_after_it_is_forgotten():
+    link, ground_station = outbound(50.0), Heartbeat(VehicleId(255, 190), 0, 8, 6)
+    for events in ([], [ground_station], [Heartbeat(VEHICLE, 0, 3, 2), Forgotten(VEHICLE, 0)]):
+        assert link.react(events, 10 * SECOND) == []
+        assert sent(link, 10 * SECOND) == []
 
 
 def test_without_an_answer_the_request_is_repeated_then_paused():
@@ -209,13 +205,17 @@ def test_a_reboot_is_asked_at_once():
 @pytest.mark.parametrize("rate", [0, -1, float("nan"), float("inf"), 1e6])
 def test_impossible_rates_are_refused(rate):
     with pytest.raises(InputError, match="rate"):
-        StreamRequest(rate)
+        outbound(rate)
 
 
 def test_a_flood_of_heartbeats_is_not_answered_without_end():
-    request, asked = StreamRequest(50.0), set()
+    link, asked = outbound(50.0), set()
     for system in range(1, 256):
         for component in range(1, 5):
-            out = request.handle(Heartbeat(VehicleId(system, component), 0, 3, 2), 0)
-            asked |= {each.message.payload for each in out if isinstance(each, Outgoing)}
+            link.react([Heartbeat(VehicleId(system, component), 0, 3, 2)], 0)
+            asked |= {
+                (message.target_system, message.target_component)
+                for message in sent(link, 0)
+                if message.get_type() == "COMMAND_LONG"
+            }
     assert len(asked) == MOST_STREAMS

@@ -1,6 +1,6 @@
 """What the tests of the simulated vehicles say and read, by pymavlink."""
 
-from drivers.mavlink.dialect import mavlink
+from drivers.mavlink.constants import mavlink
 from tests.drivers.mavlink.pymavlink_parser import PymavlinkParser
 
 SECOND = 1_000_000
