@@ -1,6 +1,6 @@
 """What is so for long, and what force, velocity and field show of an attitude meanwhile."""
 
-from math import atan2, cos, degrees, exp, hypot, sin
+from math import atan2, degrees, exp, hypot, remainder
 
 from estimator.aiding.place import resembles
 from estimator.geometry.earth import PlaceField
@@ -11,6 +11,12 @@ from estimator.types import ZERO_VEC3, ImuSample, Quaternion, Vec3
 def towards(mean: Vec3 | None, value: Vec3, share: float) -> Vec3:
     """A running mean with one value more, of that share."""
     return value if mean is None else add(mean, scale(share, subtract(value, mean)))
+
+
+def off_north_deg(field_ned: Vec3, declination_rad: float) -> float:
+    """How far an attitude's heading is off, if the field that it sees points to magnetic north."""
+    north, east, _ = field_ned
+    return remainder(degrees(atan2(east, north) - declination_rad), 360.0)
 
 
 BEGIN_SHARE, END_SHARE = 0.6, 0.3
@@ -99,5 +105,4 @@ class Consistency:
         north, east, down = self._field
         if place is None or not resembles(place, hypot(north, east), down):
             return None
-        off = atan2(east, north) - place.declination_rad
-        return degrees(atan2(sin(off), cos(off))), "the magnetic field"
+        return off_north_deg(self._field, place.declination_rad), "the magnetic field"
