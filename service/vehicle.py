@@ -9,8 +9,8 @@ from estimator.profile import Profile
 from estimator.reasons import Reason
 from estimator.types import ImuSample, VelocitySample
 from service.alarms import MEANINGS, Alarms
+from service.evidence import OtherImus
 from service.lines import LineLimit
-from service.other_imus import OtherImus
 from service.publishing import HostClock, Publishing, attitude_record, is_finite
 from service.records import HAS_ATTITUDE, AttitudeRecord, Peer, State, vehicle_name
 from service.second_opinion import SecondOpinion
