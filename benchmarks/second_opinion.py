@@ -16,7 +16,7 @@ from itertools import product
 from math import radians
 from pathlib import Path
 from statistics import median
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from common.report import Row, Tables, benchmark, log_files, option
 from common.scores import by
@@ -24,30 +24,17 @@ from common.scores import by
 from drivers.events import Event, ReferenceAttitude, VehicleId
 from drivers.logs.open import open_log
 from estimator.errors import InputError
-from estimator.geometry.earth import PlaceField
 from estimator.geometry.quaternion import exp, multiply, scale
 from estimator.profile import load_profile
-from estimator.types import Attitude, ImuSample, Quaternion, Vec3
+from estimator.types import Quaternion, Vec3
 from fuzzbee.replays.trace import Replay
-from service.second_opinion import Doubts, SecondOpinion, Verdict, differences
+from service.second_opinion import Look, SecondOpinion, Verdict, differences
 
 DATA = Path(__file__).parents[1] / "tests" / "data"
 BEGIN_SHARES, LASTS_S, CREEPS_S = (0.3, 0.6), 40.0, 20.0
 SIZES_DEG = (10.0, 20.0, 45.0)
 FAST_HZ = 9.0
 AXES_NED = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-
-
-class Look(NamedTuple):
-    """What :meth:`SecondOpinion.look` was given."""
-
-    time_us: int
-    message: str
-    theirs: Quaternion
-    ours: Attitude
-    sample: ImuSample
-    place: PlaceField | None
-    doubts: Doubts = Doubts()
 
 
 class Recording(SecondOpinion):
@@ -57,9 +44,9 @@ class Recording(SecondOpinion):
         super().__init__()
         self.given: list[Look | tuple[int, Vec3]] = []
 
-    def look(self, *given: Any) -> None:
-        self.given.append(Look(*given))
-        super().look(*given)
+    def look(self, look: Look) -> None:
+        self.given.append(look)
+        super().look(look)
 
     def take_velocity(self, time_us: int, velocity_ned_m_s: Vec3) -> None:
         self.given.append((time_us, velocity_ned_m_s))
@@ -134,7 +121,7 @@ def answer(recording: Recording, case: Case) -> Answer:
             theirs = turned(case, after_s, theirs)
         elif is_wrong:
             ours = ours._replace(q_ned_frd=turned(case, after_s, ours.q_ned_frd))
-        opinion.look(*each._replace(theirs=theirs, ours=ours))
+        opinion.look(each._replace(theirs=theirs, ours=ours))
         said = opinion.opinion
         if not is_wrong or said is None:
             continue

@@ -15,10 +15,9 @@ from estimator.errors import InputError
 from fuzzbee import security
 from fuzzbee.run import RunOptions
 from fuzzbee.sinks import parse_address_of
-from service.load import Overload
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
-from service.runner import Runner
+from service.runner import Overload, Runner
 from service.sinks.sink import Outbox
 
 if TYPE_CHECKING:

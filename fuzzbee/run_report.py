@@ -44,7 +44,7 @@ def summary(
         "refused": dict(sorted(pipeline.refused_frames.items())),
         **({"recording": recording} if recording else {}),
         "heard": sorted(pipeline.heard),
-        "departed": dict(pipeline.evictions.counts),
+        "departed": dict(pipeline.departed),
         "vehicles": {vehicle.name: counts(vehicle) for vehicle in pipeline.vehicles},
     }
 

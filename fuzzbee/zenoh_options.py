@@ -41,11 +41,7 @@ class ZenohArguments(NamedTuple):
         """The options as a session takes them."""
         from service.zenoh_session import ZenohOptions
 
-        several = (self.listen, self.connect, self.settings)
-        listen, connect, settings = (tuple(given or ()) for given in several)
-        return ZenohOptions(
-            listen, connect, self.mode, self.config_file, settings, self.multicast, self.prefix
-        )
+        return ZenohOptions(**{name: v for name, v in self._asdict().items() if v is not None})
 
 
 def opened(awaited: "OpeningSession", stack: ExitStack) -> "zenoh.Session":

@@ -10,7 +10,7 @@ is read; times are the vehicle's, and those of arrival.
 """
 
 from enum import StrEnum
-from math import atan2, degrees, hypot, sqrt
+from math import atan2, degrees, hypot, radians, sqrt
 
 from estimator.aiding.compass import CONTRADICTED
 from estimator.aiding.place import resembles
@@ -19,7 +19,7 @@ from estimator.geometry.earth import PlaceField
 from estimator.geometry.quaternion import rotate
 from estimator.profile import CONDITIONING_DEFAULTS, Profile
 from estimator.types import Attitude, ImuSample, Vec3
-from service.evidence import Lasting, towards
+from service.evidence import Lasting, off_north_deg, towards
 
 LOOK_EVERY_US = 500_000
 MEMORY_S = 20.0  # of the averages
@@ -209,12 +209,11 @@ class Alarms:
         """None without a field or a north; a field to the east of north makes it read less."""
         if self._field is None or attitude.heading_reference == "none" or not profile.conditioned:
             return None
-        declination = profile.reference.declination_deg
-        north_deg = 0.0 if isinstance(declination, str) else declination
+        given = profile.reference.declination_deg
+        declination_rad = 0.0 if isinstance(given, str) else radians(given)
         if place is not None:
-            north_deg = degrees(place.declination_rad)
-        north, east, _ = self._field
-        return round((180.0 + north_deg - degrees(atan2(east, north))) % 360.0 - 180.0, 2)
+            declination_rad = place.declination_rad
+        return round(-off_north_deg(self._field, declination_rad), 2)
 
     def _is_tilted(self, attitude: Attitude) -> bool:
         """Whether the mean force is far from the vertical, by sigma."""

@@ -1,16 +1,24 @@
-"""What is so for long, and what force, velocity and field show of an attitude meanwhile."""
+"""What lasts, what force, velocity and field show of an attitude, and how other IMUs differ."""
 
-from math import atan2, cos, degrees, exp, hypot, sin
+from math import atan2, degrees, exp, hypot, isfinite, remainder
 
+from drivers.events import Imu
 from estimator.aiding.place import resembles
 from estimator.geometry.earth import PlaceField
-from estimator.geometry.quaternion import add, rotate, scale, subtract
+from estimator.geometry.quaternion import add, angle_between_vectors, norm, rotate, scale, subtract
 from estimator.types import ZERO_VEC3, ImuSample, Quaternion, Vec3
+from service.records import ImuDifference
 
 
 def towards(mean: Vec3 | None, value: Vec3, share: float) -> Vec3:
     """A running mean with one value more, of that share."""
     return value if mean is None else add(mean, scale(share, subtract(value, mean)))
+
+
+def off_north_deg(field_ned: Vec3, declination_rad: float) -> float:
+    """How far an attitude's heading is off, if the field that it sees points to magnetic north."""
+    north, east, _ = field_ned
+    return remainder(degrees(atan2(east, north) - declination_rad), 360.0)
 
 
 BEGIN_SHARE, END_SHARE = 0.6, 0.3
@@ -99,5 +107,58 @@ class Consistency:
         north, east, down = self._field
         if place is None or not resembles(place, hypot(north, east), down):
             return None
-        off = atan2(east, north) - place.declination_rad
-        return degrees(atan2(sin(off), cos(off))), "the magnetic field"
+        return off_north_deg(self._field, place.declination_rad), "the magnetic field"
+
+
+IMU_LOOK_EVERY_US = 500_000
+IMU_LOOKS = 20  # of the means: ten seconds, over which readings that are some ms apart agree
+IMU_SILENT_US = 5_000_000  # one that has not come for so long is not shown
+APART_US = 250_000  # arrivals of readings that are compared
+
+
+class _Means:
+    """Of one IMU and ours, as the vehicle sends both."""
+
+    looked_us = looks = 0
+    force = our_force = ZERO_VEC3  # m/s^2
+    rate = ZERO_VEC3  # less ours, rad/s
+
+
+class OtherImus:
+    """How a vehicle's other IMUs differ from the one in use: which sensor is bad.
+
+    Compares twice a second of the host's clock.
+    """
+
+    def __init__(self) -> None:
+        self._means: dict[str, _Means] = {}  # by message
+
+    def take(
+        self, message: str, arrival_us: int, rate: Vec3, force: Vec3, ours: Imu | None
+    ) -> None:
+        """Take a reading (rad/s, m/s^2) of another IMU, if it is time."""
+        means = self._means.get(message)
+        if means is not None and 0 <= arrival_us - means.looked_us < IMU_LOOK_EVERY_US:
+            return
+        if ours is None or abs(arrival_us - ours.arrival_us) > APART_US:
+            return
+        if not isfinite(sum((*rate, *force))):
+            return
+        means = self._means.setdefault(message, _Means())
+        means.looked_us = arrival_us
+        means.looks += 1
+        share = 1.0 / min(means.looks, IMU_LOOKS)
+        means.force = towards(means.force, force, share)
+        means.our_force = towards(means.our_force, ours.sample.acc_m_s2, share)
+        means.rate = towards(means.rate, subtract(rate, ours.sample.gyr_rad_s), share)
+
+    def records(self, now_us: int) -> dict[str, ImuDifference]:
+        """The differences of those that still come, by message."""
+        return {
+            message: ImuDifference(
+                round(degrees(angle_between_vectors(each.force, each.our_force)), 2),
+                round(degrees(norm(each.rate)), 2),
+            )
+            for message, each in sorted(self._means.items())
+            if now_us - each.looked_us < IMU_SILENT_US and norm(each.force) > 0.0
+        }

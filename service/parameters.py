@@ -13,11 +13,12 @@ from drivers.events import BuiltIn, VehicleId
 from drivers.simulation.simulated_vehicle import PROFILES
 from estimator.errors import InputError
 from estimator.profile import Profile, load_profile, merge_profile
-from service.records import Message, Output, Replaced
+from service.records import Departed, Message, Output, Replaced
 from service.vehicle import Vehicle
 
 # Replacements are rare and made by hand; more waiting requests than this are refused.
 MAX_PENDING = 16
+MOST_PROFILES = 512  # of vehicles that are gone; the one that left first goes
 ANSWER_TIMEOUT_S = 2.0
 
 # The last is why, if it was retuned and nobody has asked for it
@@ -91,6 +92,7 @@ class ProfileChanges:
 
     def __init__(self, base: Profile, *, fits_built_in: bool) -> None:
         self.outputs: list[Output] = []
+        self.kept: dict[VehicleId, Profile] = {}  # given to vehicles that are gone
         self._base = base
         self._fits_built_in = fits_built_in
 
@@ -133,6 +135,14 @@ class ProfileChanges:
         vehicle.built_in_motion = None
         if self._fits_built_in and vehicle.profile != self._base:
             self._change(vehicle, self._base)
+
+    def note_departure(self, vehicle: Vehicle) -> None:
+        """Keep the parameters that somebody gave a vehicle, for when it comes back."""
+        if vehicle.profile != self._base and vehicle.built_in_motion is None:
+            self.kept[vehicle.address] = vehicle.profile
+            if len(self.kept) > MOST_PROFILES:
+                del self.kept[next(iter(self.kept))]
+        self.outputs.append(Departed(vehicle.address))
 
     def report(self, replaced: Replaced) -> None:
         """Publish a vehicle's parameters with the next tick; only the latest count."""

@@ -16,23 +16,19 @@ from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.profile import Profile
 from estimator.reasons import Reason
-from service.evictions import Evictions
 from service.lines import LineLimit, LinkLines
-from service.load import Load, Losses
 from service.parameters import ProfileChanges
 from service.publishing import STATUS_PERIOD_US
 from service.records import (
-    Departed,
     Message,
     Output,
     Peer,
     Published,
     Replaced,
     State,
-    vehicle_name,
 )
 from service.vehicle import STANDARD_RATE_HZ, Vehicle
-from service.vehicle_status import status_record
+from service.vehicle_status import Load, status_record
 
 MAX_VEHICLES = PLACES  # on one link
 # None of these makes a vehicle
@@ -49,6 +45,9 @@ OF_KNOWN = (
 QUIET = frozenset({State.LOST, State.WAITING})
 MOST_QUIET_HZ = 64
 LOOK_US = 1_000_000  # so often each vehicle is looked at, and silent ones are looked for
+# Silent for an hour; by looks, since the host's clock may be set. A battery is changed, a flight
+# goes out of reach and comes back: that is still the same vehicle.
+FORGOTTEN_LOOKS = 3600
 
 
 class Pipeline:
@@ -72,7 +71,8 @@ class Pipeline:
         self.malformed = 0
         self.refused_frames: Counter[Reason] = Counter()
         self.heard: set[int] = set()
-        self.evictions = Evictions()
+        # what was counted of the vehicles that were forgotten, as of one that is there
+        self.departed = Counter(vehicles=0, samples=0, shed=0, rejected=0, attitudes=0)
         self.load = Load()
         self._rate_hz = rate_hz
         self.wake_us = 0.0  # when :meth:`tick` has something to do next, if nothing arrives
@@ -168,18 +168,9 @@ class Pipeline:
 
     # --- time
 
-    def tick(
-        self,
-        now_us: int,
-        load: Load | None = None,
-        ask_losses: Callable[[], Losses] = Losses,
-    ) -> list[Output]:
-        """The records that are due at ``now_us`` (host time) without a sample of their own.
-
-        ``ask_losses`` is called if a status is due.
-        """
-        if load is not None:
-            self.load = load
+    def tick(self, now_us: int, load: Load | None = None) -> list[Output]:
+        """The records that are due at ``now_us`` (host time) without a sample of their own."""
+        self.load = load or self.load
         outputs, self._changes.outputs = self._changes.outputs, []
         if not 0 < self._look_us - now_us <= LOOK_US:
             self._look_us = now_us + LOOK_US
@@ -187,20 +178,18 @@ class Pipeline:
         self.wake_us = float(self._look_us)
         for vehicle in self._vehicles.values():
             if not now_us < vehicle.publishing.wake_us <= now_us + LOOK_US:
-                outputs += self._look_at(vehicle, now_us, ask_losses)
+                outputs += self._look_at(vehicle, now_us)
             self.wake_us = min(self.wake_us, vehicle.publishing.wake_us)
         return outputs
 
-    def _look_at(
-        self, vehicle: Vehicle, now_us: int, ask_losses: Callable[[], Losses]
-    ) -> list[Output]:
+    def _look_at(self, vehicle: Vehicle, now_us: int) -> list[Output]:
         """What is due of one vehicle, unless samples have come since its time was noted."""
         vehicle.schedule(now_us)
         if vehicle.publishing.wake_us > now_us:
             return []
         outputs = self._on_time(vehicle, now_us)
         if vehicle.publishing.is_status_due(now_us):
-            outputs.append(self._status(vehicle, now_us, ask_losses()))
+            outputs.append(self._status(vehicle, now_us))
         vehicle.schedule(now_us)
         if vehicle.publishing.wake_us <= now_us:  # held back: its next sample brings it
             vehicle.publishing.wake_us = now_us + 1e6 / self._rate_hz
@@ -227,8 +216,8 @@ class Pipeline:
         vehicle.peers.clear()
         return [*peers, Published(vehicle.address, attitude, vehicle.imu.last_sample)]
 
-    def _status(self, vehicle: Vehicle, now_us: int, losses: Losses) -> Published:
-        status = status_record(vehicle, now_us, self.load, losses, self.malformed)
+    def _status(self, vehicle: Vehicle, now_us: int) -> Published:
+        status = status_record(vehicle, now_us, self.load, self.malformed)
         period_us = STATUS_PERIOD_US
         if vehicle.state in QUIET:
             period_us *= 1 + len(self._vehicles) // MOST_QUIET_HZ
@@ -260,20 +249,24 @@ class Pipeline:
         self.heard.add(address.system_id)
         if not self._is_wanted(address) or len(self._vehicles) >= MAX_VEHICLES:
             return None
-        kept = self.evictions.profiles.pop(address, None)
+        kept = self._changes.kept.pop(address, None)
         profile = kept or self.profile
         vehicle = Vehicle(address, profile, self._new_estimator(profile), self._rate_hz)
-        vehicle.publishing.stagger(len(self._vehicles) + self.evictions.counts["vehicles"])
+        vehicle.publishing.stagger(len(self._vehicles) + self.departed["vehicles"])
         self._vehicles[address] = vehicle
         if kept is not None:
             self._changes.report(Replaced(address, kept))
         return vehicle
 
     def _forget_silent(self, now_us: int) -> list[Output]:
-        gone = self.evictions.look({k: v.heard_us for k, v in self._vehicles.items()}, now_us)
-        for address in gone:
-            self._forget(address)
-        lines = [f"vehicle {vehicle_name(each)}: gone, and forgotten" for each in gone]
+        gone: list[Vehicle] = []
+        for vehicle in self.vehicles:
+            is_silent = abs(now_us - vehicle.heard_us) > 2 * LOOK_US
+            vehicle.silent_looks = vehicle.silent_looks + 1 if is_silent else 0
+            if vehicle.silent_looks >= FORGOTTEN_LOOKS:
+                gone.append(vehicle)
+                self._forget(vehicle.address)
+        lines = [f"vehicle {each.name}: gone, and forgotten" for each in gone]
         return _messages(self._limit.lines(lines, now_us))
 
     def _forget(self, address: VehicleId) -> None:
@@ -281,16 +274,14 @@ class Pipeline:
         vehicle = self._vehicles.pop(address, None)
         if vehicle is None:
             return
-        self.evictions.counts.update(
+        self.departed.update(
             vehicles=1,
             samples=vehicle.imu.samples,
             shed=vehicle.imu.shed,
             rejected=vehicle.rejected.total(),
             attitudes=vehicle.publishing.attitudes,
         )
-        if vehicle.profile != self.profile and vehicle.built_in_motion is None:
-            self.evictions.keep(address, vehicle.profile)
-        self._changes.outputs.append(Departed(address))
+        self._changes.note_departure(vehicle)
 
     def _is_wanted(self, address: VehicleId) -> bool:
         return self._system_id is None or address.system_id == self._system_id

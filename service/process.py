@@ -65,6 +65,9 @@ def load_kernels() -> None:
     for kernel in called_kernels():
         if kernel.py_func.__module__.startswith(ROOMS):
             build(kernel)
+            for overload in kernel.overloads.values():
+                # 26 MB, with which only another kernel that calls it would be linked
+                overload.library._shared_module = None  # noqa: SLF001 - numba has no other way
     with suppress(AttributeError, OSError, TypeError):  # only the GNU C library needs it
         ctypes.CDLL(None).malloc_trim(0)  # 9 MB that loading has freed
 

@@ -1,19 +1,21 @@
 """What the service publishes: attitudes and statuses, whose numbers are all finite.
 
 Field names and order are the JSON schema. Angles are in degrees here because
-people and maps read these records; everything inside is in radians.
+people and maps read these records; everything inside is in radians. Bounds are
+those of what is shown of records that come from the network.
 """
 
 from enum import StrEnum
-from typing import Literal
+from typing import Annotated, Literal
 
 import msgspec
+from msgspec import Meta
 
 from drivers.events import VehicleId
 from drivers.mavlink.constants import MAV_COMP_ID_AUTOPILOT1
 from drivers.value import Value
 from estimator.profile import Profile
-from estimator.types import ImuSample, Quaternion, Vec3
+from estimator.types import ImuSample, Quaternion
 
 SCHEMA = 1
 
@@ -31,18 +33,27 @@ class State(StrEnum):
 HAS_ATTITUDE = frozenset({State.RUNNING, State.DEGRADED})
 
 
+Number = Annotated[float, Meta(ge=-1e12, le=1e12)]
+Angle = Annotated[float, Meta(ge=-360.0, le=360.0)]
+Vector = tuple[Number, Number, Number]
+StateWord = Annotated[str, Meta(pattern=rf"^({'|'.join(State)})\Z")]
+HeadingReference = Annotated[str, Meta(pattern=r"^(true|magnetic|none)\Z")]
+ImuMessage = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_/:.-]{1,64}\Z")]  # or a topic of a bag
+Mode = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_ .:/-]{0,32}\Z")]
+
+
 class Confidence(Value, frozen=True):
     """The paper's s_i as they count at this moment."""
 
-    gravity: float
-    magnetic: float
+    gravity: Number
+    magnetic: Number
 
 
 class Sigma(Value, frozen=True):
     """Angles that 68 % of the errors lie under."""
 
-    inclination: float
-    heading: float
+    inclination: Number
+    heading: Number
 
 
 class AttitudeRecord(Value, frozen=True):
@@ -51,18 +62,18 @@ class AttitudeRecord(Value, frozen=True):
     schema: int
     time_unix_us: int
     time_boot_us: int
-    q_ned_frd: Quaternion
-    euler_deg: Vec3  # roll, pitch, yaw; yaw in [0, 360)
-    rate_rad_s: Vec3
-    gyro_bias_rad_s: Vec3
-    error: float
-    error_rate: float
-    gain: float
+    q_ned_frd: tuple[Number, Number, Number, Number]
+    euler_deg: tuple[Angle, Angle, Angle]  # roll, pitch, yaw; yaw in [0, 360)
+    rate_rad_s: Vector
+    gyro_bias_rad_s: Vector
+    error: Annotated[float, Meta(ge=0.0, le=1.0)]
+    error_rate: Number
+    gain: Annotated[float, Meta(ge=0.0, le=1e7)]
     confidence: Confidence
     sigma_deg: Sigma
-    heading_reference: str
-    state: str
-    age_ms: float
+    heading_reference: HeadingReference
+    state: StateWord
+    age_ms: Annotated[float, Meta(ge=0.0, le=1e12)]
     sequence: int
 
 
@@ -78,16 +89,16 @@ class Autopilot(Value, frozen=True):
 
     verdict: str  # "agrees", "differs" or "cannot_tell"
     message: str  # that its attitude comes from
-    for_s: float  # the verdict stands
-    inclination_deg: float  # between the two
-    heading_deg: float  # by how much the autopilot's is clockwise of ours
-    inclination_sigmas: float  # the same by our sigma
-    heading_sigmas: float
+    for_s: Number  # the verdict stands
+    inclination_deg: Number  # between the two
+    heading_deg: Number  # by how much the autopilot's is clockwise of ours
+    inclination_sigmas: Number  # the same by our sigma
+    heading_sigmas: Number
     wrong: str  # "autopilot", "ours", or "" where nothing says which
     evidence: str
     axis: str = ""  # in which they differ: "inclination" or "heading"
-    roll_deg: float = 0.0  # by how much the autopilot's is more than ours
-    pitch_deg: float = 0.0
+    roll_deg: Number = 0.0  # by how much the autopilot's is more than ours
+    pitch_deg: Number = 0.0
 
     @property
     def off_deg(self) -> float:
@@ -112,17 +123,17 @@ class Autopilot(Value, frozen=True):
 class ImuDifference(Value, frozen=True):
     """How another IMU differs from the one in use, on average over ten seconds."""
 
-    inclination_deg: float  # between the specific forces
-    rate_deg_s: float  # between the angular rates
+    inclination_deg: Number  # between the specific forces
+    rate_deg_s: Number  # between the angular rates
 
 
 class StatusRecord(msgspec.Struct, frozen=True):
     """How the estimate of one vehicle is doing, once a second."""
 
-    state: str
-    imu_message: str | None
-    imu_rate_hz: float
-    worst_gap_s: float
+    state: StateWord
+    imu_message: ImuMessage | None
+    imu_rate_hz: Annotated[float, Meta(ge=0.0, le=1e6)]
+    worst_gap_s: Number
     rejected: dict[str, int]
     overruns: int
     dropped: int
@@ -132,16 +143,17 @@ class StatusRecord(msgspec.Struct, frozen=True):
     overloaded: bool = False  # more arrives than can be handled: samples are left out
     shed: int = 0  # samples of this vehicle left out so far
     lost: int = 0  # datagrams of all vehicles that the system threw away before they could be read
-    published_hz: float = 0.0  # attitudes a second, less than asked for when overloaded
+    published_hz: Number = 0.0  # attitudes a second, less than asked for when overloaded
     malformed: int = 0  # unreadable frames on the vehicle's link so far, whoever sent them
     warnings: tuple[str, ...] = ()  # words of service.alarms.Alarm
     retuned: Retuned | None = None  # by itself, with --retune
     autopilot: Autopilot | None = None  # None where it sends no attitude
     recording: str = ""  # "whole", "failed", or "" where nothing is recorded
-    mode: str = ""  # the flight mode's name; "" where the vehicle does not say it
+    mode: Mode = ""  # the flight mode's name; "" where the vehicle does not say it
     armed: bool | None = None  # None where the vehicle does not say it
-    other_imus: dict[str, ImuDifference] = {}  # by message; empty where there is one IMU
-    compass_off_deg: float | None = None  # its own heading less ours; None without one
+    # by message; empty where there is one IMU
+    other_imus: Annotated[dict[ImuMessage, ImuDifference], Meta(max_length=32)] = {}
+    compass_off_deg: Angle | None = None  # its own heading less ours; None without one
 
 
 class Published(Value, frozen=True):

@@ -11,12 +11,12 @@ from dataclasses import KW_ONLY, dataclass
 from math import inf
 
 from drivers.source import EventSource
-from service.load import Load, Losses, Overload
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
 from service.process import steady
 from service.records import Message, Output
 from service.sinks.sink import Outbox
+from service.vehicle_status import Load
 
 # A loop that wakes so late was stopped, with the computer or by itself: for a while nobody can tell
 # whose silence is his own.
@@ -26,6 +26,45 @@ WAKING_S = 0.5
 LEAST_REST = 0.25
 # Between wake-ups the loop looks at its stop flag and mailbox this often.
 MAX_WAIT_S = 0.1
+
+
+# Samples left out in that many windows in a row begin an overload, and as long without any end it.
+WINDOW_S = 0.25
+WINDOWS_TO_BEGIN = 2
+WINDOWS_TO_END = 4
+
+BEGINS = (
+    "overloaded: more arrives than this computer can handle; "
+    "of each vehicle the newest samples are taken, and the ticks stay on time"
+)
+ENDS = "no longer overloaded: every sample counts again"
+
+
+class Overload:
+    """Overload as a state, by a count of what has been left out so far. Times are given, in s.
+
+    A short stall leaves something out, too, and is none.
+    """
+
+    def __init__(self) -> None:
+        self.is_on = False
+        self.due_s = -inf  # before that a count says nothing
+        self._count: int | None = None
+        self._windows = 0  # in a row that speak against the present state
+
+    def observe(self, left_out: int, now_s: float) -> str:
+        """Take the count at ``now_s``; a line for a person if the overload begins or ends."""
+        if now_s < self.due_s:
+            return ""
+        before, self._count, self.due_s = self._count, left_out, now_s + WINDOW_S
+        if before is None:
+            return ""
+        is_full = left_out > before
+        self._windows = self._windows + 1 if is_full != self.is_on else 0
+        if self._windows < (WINDOWS_TO_END if self.is_on else WINDOWS_TO_BEGIN):
+            return ""
+        self.is_on, self._windows = not self.is_on, 0
+        return BEGINS if self.is_on else ENDS
 
 
 @dataclass
@@ -107,16 +146,20 @@ class Runner:
     def _tick(self, now_s: float) -> float:
         """Publish what is due; returns when the next record will be."""
         self.ticks += 1
-        load = Load(self._observe_load(now_s), now_s - self.woken_s < WAKING_S)
+        load = Load(
+            self._observe_load(now_s),
+            now_s - self.woken_s < WAKING_S,
+            self.overruns,
+            self.dropped,
+            self.source.lost,
+            self.recording(),
+        )
         now_us = self.now_us()
-        outputs = self.pipeline.tick(now_us, load, self._losses)
+        outputs = self.pipeline.tick(now_us, load)
         if outputs:
             self.outbox.put(outputs)
         wait_s = 1e-6 * (self.pipeline.wake_us - now_us)
         return now_s + min(MAX_WAIT_S, max(LEAST_REST / self.rate_hz, wait_s))
-
-    def _losses(self) -> Losses:
-        return Losses(self.overruns, self.dropped, self.source.lost, self.recording())
 
     def _observe_load(self, now_s: float) -> bool:
         """Whether samples are left out; reports when that begins and when it ends."""

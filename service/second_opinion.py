@@ -7,9 +7,9 @@ made of alone: over seconds the specific force less what velocity has gained poi
 field points to magnetic north.
 """
 
-from collections import Counter
+from collections import Counter, deque
 from enum import StrEnum
-from math import atan2, cos, degrees, hypot, radians
+from math import atan2, cos, degrees, hypot, radians, remainder
 from typing import NamedTuple
 
 from msgspec.structs import replace
@@ -28,6 +28,7 @@ LOOK_EVERY_US = 400_000
 USUAL_DEG = 8.0
 SIGMAS = 3.0
 LAG_S = 0.1
+MOST_VELOCITIES = 128  # two seconds of them
 # What is said to agree is nearer than this, and what could hide more than this is not known.
 TELLING_DEG = 20.0
 # A heading from magnetic north may be a declination off; where people fly it is under this.
@@ -57,16 +58,33 @@ class Difference(NamedTuple):
     allowed_deg: float
 
     @property
+    def in_sigmas(self) -> float:
+        """The same by our sigma."""
+        return round(abs(self.off_deg) / max(self.sigma_deg, 0.01), 1)
+
+    @property
     def is_beyond(self) -> bool:
         """Whether it is more than may be."""
         return abs(self.off_deg) > self.allowed_deg
 
 
-class Doubts(NamedTuple):
-    """What else speaks against each of the two, in words, or empty."""
+class KnownFaults(NamedTuple):
+    """What else is known to be wrong with each of the two, in words, or empty."""
 
     autopilot: str = ""
     ours: str = ""
+
+
+class Look(NamedTuple):
+    """Both attitudes of the same instant, the sample before it and what is known beside them."""
+
+    time_us: int
+    message: str  # that the autopilot's comes from
+    theirs: Quaternion
+    ours: Attitude
+    sample: ImuSample
+    place: PlaceField | None
+    faults: KnownFaults = KnownFaults()
 
 
 class Interval(NamedTuple):
@@ -97,15 +115,15 @@ class SecondOpinion:
         self._last_us: int | None = None
         self._tilting, self._turning = Lasting(PATIENCE_S), Lasting(PATIENCE_S)
         self._ours, self._theirs = Consistency(), Consistency()
+        self._velocities: deque[tuple[int, Vec3]] = deque(maxlen=MOST_VELOCITIES)  # since then
 
     def is_due(self, time_us: int) -> bool:
         """Whether it is time to look again."""
         return self._last_us is None or not 0 <= time_us - self._last_us < LOOK_EVERY_US
 
     def take_velocity(self, time_us: int, velocity_ned_m_s: Vec3) -> None:
-        """Take the vehicle's velocity."""
-        for each in (self._ours, self._theirs):
-            each.take_velocity(time_us, velocity_ned_m_s)
+        """Take the vehicle's velocity, which the next look needs."""
+        self._velocities.append((time_us, velocity_ned_m_s))
 
     def compare(
         self,
@@ -120,10 +138,11 @@ class SecondOpinion:
 
         Returns a line when the two begin to differ, and one when that ends.
         """
-        behind_us = max(sample.time_us - event.time_us, 0)
-        doubts = Doubts(self._against_autopilot(event.arrival_us), against_ours)
-        ours = turned_back(ours, 1e-6 * behind_us)
-        self.look(event.time_us, event.message, theirs, ours, sample, place, doubts)
+        behind_s = 1e-6 * max(sample.time_us - event.time_us, 0)
+        turn = quaternion.exp(scale(-behind_s, ours.rate_rad_s))
+        ours = ours._replace(q_ned_frd=multiply(ours.q_ned_frd, turn))
+        faults = KnownFaults(self._autopilots_fault(event.arrival_us), against_ours)
+        self.look(Look(event.time_us, event.message, theirs, ours, sample, place, faults))
         opinion = self.record(event.time_us)
         differs = opinion is not None and opinion.verdict == Verdict.DIFFERS
         before, self._differed = self._differed, differs
@@ -131,62 +150,37 @@ class SecondOpinion:
             return []
         return [in_words(opinion) if differs else "the autopilot's attitude and ours agree"]
 
-    def look(
-        self,
-        time_us: int,
-        message: str,
-        theirs: Quaternion,
-        ours: Attitude,
-        sample: ImuSample,
-        place: PlaceField | None,
-        doubts: Doubts = Doubts(),  # noqa: B008 - immutable
-    ) -> None:
-        """Compare both attitudes of the same instant, ``time_us``."""
-        inclination, heading = differences(theirs, ours)
-        dt_s = self._begin_look(time_us)
-        self._tilting.look(inclination.is_beyond, dt_s)
-        self._turning.look(heading.is_beyond, dt_s)
-        self._ours.look(ours.q_ned_frd, sample, dt_s)
-        self._theirs.look(theirs, sample, dt_s)
+    def look(self, look: Look) -> None:
+        """Compare both attitudes of one instant."""
+        inclination, heading = differences(look.theirs, look.ours)
+        self._gather(look, inclination, heading)
         verdict = self._verdict(inclination, heading)
         self.looks[verdict] += 1
+        if self.opinion is None or self.opinion.verdict != verdict:
+            self._since_us = look.time_us
         axis, wrong, evidence = "", "", ""
         if verdict is Verdict.DIFFERS and self._tilting.is_on:
-            axis = "inclination"
-            wrong, evidence = self._judge_tilt(inclination.off_deg, place, doubts)
+            axis, (wrong, evidence) = "inclination", self._judge_tilt(inclination.off_deg, look)
         elif verdict is Verdict.DIFFERS:
-            axis = "heading"
-            wrong, evidence = self._judge_heading(abs(heading.off_deg), place, doubts)
-        is_new = self.opinion is None or self.opinion.verdict != verdict
-        if is_new:
-            self._since_us = time_us
-        angles = zip(euler_deg(theirs), euler_deg(ours.q_ned_frd), strict=True)
-        roll_deg, pitch_deg, _ = (round((a - b + 180.0) % 360.0 - 180.0, 2) for a, b in angles)
+            axis, (wrong, evidence) = "heading", self._judge_heading(abs(heading.off_deg), look)
+        if axis:
+            self._note_interval(look.time_us, (inclination, heading), wrong, evidence)
+        angles = zip(euler_deg(look.theirs), euler_deg(look.ours.q_ned_frd), strict=True)
+        roll_deg, pitch_deg, _ = (round(remainder(a - b, 360.0), 2) for a, b in angles)
         self.opinion = Autopilot(
             verdict=verdict,
-            message=message,
+            message=look.message,
             for_s=0.0,
             inclination_deg=round(inclination.off_deg, 2),
             heading_deg=round(heading.off_deg, 2),
-            inclination_sigmas=round(inclination.off_deg / max(inclination.sigma_deg, 0.01), 1),
-            heading_sigmas=round(abs(heading.off_deg) / max(heading.sigma_deg, 0.01), 1),
+            inclination_sigmas=inclination.in_sigmas,
+            heading_sigmas=heading.in_sigmas,
             wrong=wrong,
             evidence=evidence,
             axis=axis,
             roll_deg=roll_deg,
             pitch_deg=pitch_deg,
         )
-        if verdict is Verdict.DIFFERS:
-            if is_new:
-                self.intervals.append(Interval(time_us, time_us, 0.0, 0.0, "", ""))
-            now = self.intervals[-1]
-            self.intervals[-1] = now._replace(
-                end_us=time_us,
-                inclination_deg=max(now.inclination_deg, inclination.off_deg),
-                heading_deg=max(now.heading_deg, abs(heading.off_deg)),
-                wrong=wrong or now.wrong,
-                evidence=evidence if wrong or not now.wrong else now.evidence,
-            )
 
     def record(self, time_us: int) -> Autopilot | None:
         """The verdict at a time of the vehicle's clock; None if it sends no attitude."""
@@ -197,15 +191,37 @@ class SecondOpinion:
         for_s = max(0.0, round(1e-6 * (time_us - self._since_us), 1))
         return replace(self.opinion, for_s=for_s)
 
-    def _begin_look(self, time_us: int) -> float:
-        """The time since the last look, 0 after a longer silence."""
-        last_us = self._last_us if self._last_us is not None else time_us
-        dt_s = 1e-6 * (time_us - last_us)
-        if not 0.0 <= dt_s < 1e-6 * SILENT_US:
+    def _gather(self, look: Look, inclination: Difference, heading: Difference) -> None:
+        """Take what a look shows; begin anew after a silence."""
+        while self._velocities:
+            velocity = self._velocities.popleft()
+            for each in (self._ours, self._theirs):
+                each.take_velocity(*velocity)
+        passed_us = look.time_us - (look.time_us if self._last_us is None else self._last_us)
+        if not 0 <= passed_us < SILENT_US:
             self.restart()
-            dt_s = 0.0
-        self._last_us = time_us
-        return dt_s
+            passed_us = 0
+        self._last_us, dt_s = look.time_us, 1e-6 * passed_us
+        self._tilting.look(inclination.is_beyond, dt_s)
+        self._turning.look(heading.is_beyond, dt_s)
+        self._ours.look(look.ours.q_ned_frd, look.sample, dt_s)
+        self._theirs.look(look.theirs, look.sample, dt_s)
+
+    def _note_interval(
+        self, time_us: int, off: tuple[Difference, Difference], wrong: str, evidence: str
+    ) -> None:
+        """Lengthen the interval in which both differ, or begin one."""
+        if self._since_us == time_us:
+            self.intervals.append(Interval(time_us, time_us, 0.0, 0.0, "", ""))
+        now, (inclination, heading) = self.intervals[-1], off
+        self.intervals[-1] = Interval(
+            now.begin_us,
+            time_us,
+            max(now.inclination_deg, inclination.off_deg),
+            max(now.heading_deg, abs(heading.off_deg)),
+            wrong or now.wrong,
+            evidence if wrong or not now.wrong else now.evidence,
+        )
 
     def _verdict(self, inclination: Difference, heading: Difference) -> Verdict:
         axes = ((self._tilting, inclination), (self._turning, heading))
@@ -217,7 +233,7 @@ class SecondOpinion:
         )
         return Verdict.AGREES if agrees else Verdict.CANNOT_TELL
 
-    def _against_autopilot(self, now_us: int) -> str:
+    def _autopilots_fault(self, now_us: int) -> str:
         """What the autopilot's filter reports against itself."""
         known = self.filter_status
         if known is None or abs(now_us - known.arrival_us) > FILTER_STATUS_HOLDS_US:
@@ -228,53 +244,49 @@ class SecondOpinion:
             return "its own filter refuses velocity or compass"
         return ""
 
-    def _judge_heading(
-        self, off_deg: float, place: PlaceField | None, doubts: Doubts
-    ) -> tuple[str, str]:
+    def _judge_heading(self, off_deg: float, look: Look) -> tuple[str, str]:
         """Which heading velocity or the field contradicts, and the evidence in words."""
-        of_ours, of_theirs = self._ours.turn_deg(place), self._theirs.turn_deg(place)
+        of_ours, of_theirs = self._ours.turn_deg(look.place), self._theirs.turn_deg(look.place)
         if of_ours is None or of_theirs is None:
-            return _weighed("", "nothing else shows the heading", doubts)
+            return _weighed("", "nothing else shows the heading", look.faults)
         by = of_ours[1]
         wrong, evidence = _named(by, abs(of_ours[0]), abs(of_theirs[0]), off_deg)
         if wrong == "autopilot" and by != VELOCITY:  # a compass that is turned shows the same
             wrong, evidence = "", f"{evidence}, but ours is made of it"
-        return _weighed(wrong, evidence, doubts)
+        return _weighed(wrong, evidence, look.faults)
 
-    def _judge_tilt(
-        self, off_deg: float, place: PlaceField | None, doubts: Doubts
-    ) -> tuple[str, str]:
+    def _judge_tilt(self, off_deg: float, look: Look) -> tuple[str, str]:
         """Which inclination the mean force contradicts; if ours, which is made of it, that is sure.
 
         An accelerometer that leads ours astray seldom leaves the force as large as gravity, and
         shows in the field's dip.
         """
-        both = self._ours, self._theirs
+        both, faults = (self._ours, self._theirs), look.faults
         held = [each.held_m_s2() for each in both]
         ours, theirs = (degrees(atan2(hypot(x, y), -z)) for x, y, z in held)
         wrong, evidence = _named("the mean force", ours, theirs, off_deg)
         if wrong != "autopilot":
-            return _weighed(wrong, evidence, doubts)
+            return _weighed(wrong, evidence, faults)
         excess = abs(norm(held[0]) / STANDARD_GRAVITY_M_S2 - 1.0)
         is_odd = excess > ODD_SHARE * (1.0 / max(cos(radians(off_deg)), 0.1) - 1.0)
         if is_odd:
             odd = f"of ours, the force is {excess:.0%} off gravity's strength"
-            doubts = doubts._replace(ours="; ".join(filter(None, [odd, doubts.ours])))
-        dips = [each.dip_deg(place) for each in both]
+            faults = faults._replace(ours="; ".join(filter(None, [odd, faults.ours])))
+        dips = [each.dip_deg(look.place) for each in both]
         by_dip = ""
         if dips[0] is not None and dips[1] is not None:
             by_dip, text = _named("the field's dip", dips[0], dips[1], off_deg)
             evidence += f"; {text}" if by_dip else ""
         if by_dip == "ours":
             wrong = "ours" if is_odd else ""
-        return _weighed(wrong, evidence, doubts)
+        return _weighed(wrong, evidence, faults)
 
 
 def differences(theirs: Quaternion, ours: Attitude) -> tuple[Difference, Difference]:
     """How far the autopilot's attitude is off ours, in inclination and in heading."""
     w, x, y, z = multiply(theirs, conjugate(ours.q_ned_frd))
     tilt_deg = degrees(2.0 * atan2(hypot(x, y), hypot(w, z)))
-    turn_deg = (degrees(2.0 * atan2(z, w)) + 180.0) % 360.0 - 180.0
+    turn_deg = remainder(degrees(2.0 * atan2(z, w)), 360.0)
     lag_deg = degrees(norm(ours.rate_rad_s)) * LAG_S
     by_tilt = degrees(ours.sigma_inclination_rad)
     by_turn = degrees(ours.sigma_heading_rad) if ours.heading_reference != "none" else 180.0
@@ -283,12 +295,6 @@ def differences(theirs: Quaternion, ours: Attitude) -> tuple[Difference, Differe
         Difference(tilt_deg, by_tilt, USUAL_DEG + SIGMAS * by_tilt + lag_deg),
         Difference(turn_deg, by_turn, USUAL_DEG + SIGMAS * by_turn + lag_deg + unknown_deg),
     )
-
-
-def turned_back(attitude: Attitude, by_s: float) -> Attitude:
-    """The attitude so long before, as the vehicle turns now."""
-    turn = quaternion.exp(scale(-by_s, attitude.rate_rad_s))
-    return attitude._replace(q_ned_frd=multiply(attitude.q_ned_frd, turn))
 
 
 def _named(by: str, ours: float, theirs: float, off_deg: float) -> tuple[str, str]:
@@ -300,12 +306,12 @@ def _named(by: str, ours: float, theirs: float, off_deg: float) -> tuple[str, st
     return ("autopilot" if theirs > ours else "ours"), evidence
 
 
-def _weighed(wrong: str, evidence: str, doubts: Doubts) -> tuple[str, str]:
-    """What speaks against one alone names it, unless the evidence names the other."""
-    doubted = wrong
-    if bool(doubts.autopilot) != bool(doubts.ours):
-        doubted = "autopilot" if doubts.autopilot else "ours"
-    return (doubted if wrong in ("", doubted) else ""), "; ".join(filter(None, [evidence, *doubts]))
+def _weighed(wrong: str, evidence: str, faults: KnownFaults) -> tuple[str, str]:
+    """A known fault of one alone names it, unless the evidence names the other."""
+    faulty = wrong
+    if bool(faults.autopilot) != bool(faults.ours):
+        faulty = "autopilot" if faults.autopilot else "ours"
+    return (faulty if wrong in ("", faulty) else ""), "; ".join(filter(None, [evidence, *faults]))
 
 
 def in_words(opinion: Autopilot) -> str:

@@ -1,6 +1,6 @@
 """One vehicle as the service sees it: its estimator and everything that is known beside it."""
 
-from collections import Counter, deque
+from collections import Counter
 
 from drivers import events
 from drivers.events import Imu, VehicleEvent, VehicleId
@@ -9,17 +9,16 @@ from estimator.profile import Profile
 from estimator.reasons import Reason
 from estimator.types import ImuSample, VelocitySample
 from service.alarms import MEANINGS, Alarms
-from service.imu_stream import LATE_MINIMUM_US, ImuStream, ReportChoices
+from service.evidence import OtherImus
 from service.lines import LineLimit
-from service.other_imus import OtherImus
 from service.publishing import HostClock, Publishing, attitude_record, is_finite
 from service.records import HAS_ATTITUDE, AttitudeRecord, Peer, State, vehicle_name
 from service.second_opinion import SecondOpinion
+from service.stream_state import LATE_MINIMUM_US, ImuStream
 from service.vehicle_parameters import VehicleParameters
 
 # The estimate is checked for not being finite once in so many samples: once it is not, it stays so.
 CHECKED_EVERY = 8
-MOST_VELOCITIES = 128  # two seconds of them
 UNSTAMPED = "AHRS2"  # an attitude of the IMU message before it
 STANDARD_RATE_HZ = 100.0
 
@@ -42,6 +41,7 @@ class Vehicle:
         self.profile = profile
         self.estimator = estimator
         self.heard_us = 0  # the latest arrival of anything that is a vehicle's own
+        self.silent_looks = 0  # of the pipeline since then
         self.rejected: Counter[Reason] = Counter()
         self.peers: dict[str, Peer] = {}  # others' latest attitudes, until ours is published
         self.built_in_motion: str | None = None  # of fuzzbee's own vehicle
@@ -51,9 +51,6 @@ class Vehicle:
         self.comparison = SecondOpinion()
         self.alarms = Alarms()
         self.publishing = Publishing(rate_hz)
-        self._report_choices = ReportChoices()
-        # since the autopilot's attitude came last, which alone needs them
-        self._velocities: deque[VelocitySample] = deque(maxlen=MOST_VELOCITIES)
         self._limit = LineLimit(f"vehicle {self.name}")
 
     @property
@@ -149,13 +146,13 @@ class Vehicle:
         is_rates = isinstance(event, events.BodyRates)
         if is_rates and self.imu.has_other_clock(event.arrival_us, sample.time_us):
             return
-        if not self._report_choices.take(event):
+        if not self.imu.reports.take(event):
             return
         reason = self.estimator.update_report(sample)
         if reason is not None:
             self.rejected[reason] += 1
         elif isinstance(sample, VelocitySample):
-            self._velocities.append(sample)
+            self.comparison.take_velocity(sample.time_us, sample.velocity_ned_m_s)
 
     def on_reference(self, event: events.ReferenceAttitude) -> list[str]:
         """Compare the autopilot's attitude with ours of the same instant, some times a second.
@@ -178,9 +175,6 @@ class Vehicle:
         theirs = self.parameters.view.of_imu(event.message, event.q_ned_frd, ours.q_ned_frd)
         if theirs is None:
             return []
-        while self._velocities:
-            velocity = self._velocities.popleft()
-            self.comparison.take_velocity(velocity.time_us, velocity.velocity_ned_m_s)
         place = self.estimator.place_field
         alarms = " and ".join(sorted(MEANINGS[each] for each in self.alarms.words))
         against_ours = f"of ours, {alarms}" if alarms else ""
@@ -260,7 +254,6 @@ class Vehicle:
         self.estimator.restart()
         self.alarms.restart()
         self.comparison.restart()
-        self._velocities.clear()
         self.imu.last = self.imu.last_sample = None
 
     def _check(self, event: Imu, sample: ImuSample) -> list[str]:

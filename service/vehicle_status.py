@@ -1,12 +1,28 @@
 """The status record of one vehicle, made once a second, and its counts at the end of a run."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 from service.alarms import Alarm
-from service.load import Load, Losses
 from service.records import State, StatusRecord
 from service.second_opinion import Verdict
 from service.vehicle import Vehicle
+
+
+class Load(NamedTuple):
+    """What the loop shows of itself.
+
+    While it ``is_shedding``, only vehicles with a new sample have their attitude published. Right
+    after a stop (``has_just_woken``) nobody can tell yet whose silence is his own. ``overruns`` are
+    late ticks so far, ``dropped`` events and records thrown away, ``lost`` datagrams that the
+    system threw away; ``recording`` is a word on the files that are recorded to.
+    """
+
+    is_shedding: bool = False
+    has_just_woken: bool = False
+    overruns: int = 0
+    dropped: int = 0
+    lost: int = 0
+    recording: str = ""
 
 
 def counts(vehicle: Vehicle) -> dict[str, Any]:
@@ -24,9 +40,7 @@ def counts(vehicle: Vehicle) -> dict[str, Any]:
     }
 
 
-def status_record(
-    vehicle: Vehicle, now_us: int, load: Load, losses: Losses, malformed: int
-) -> StatusRecord:
+def status_record(vehicle: Vehicle, now_us: int, load: Load, malformed: int) -> StatusRecord:
     """The vehicle's status at ``now_us``; a silence that still lasts counts as a gap, too."""
     imu, publishing = vehicle.imu, vehicle.publishing
     words = set(vehicle.alarms.words)
@@ -43,20 +57,20 @@ def status_record(
         imu_rate_hz=imu.median_rate_hz if is_heard else 0.0,
         worst_gap_s=max(imu.worst_gap_us, imu.silence_us(now_us)) / 1e6,
         rejected=dict(sorted(vehicle.rejected.items())),
-        overruns=losses.overruns,
-        dropped=losses.dropped,
+        overruns=load.overruns,
+        dropped=load.dropped,
         sequence=publishing.statuses,
         rates=vehicle.estimator.rates,
         gain=vehicle.estimator.gain_in_words,
         overloaded=load.is_shedding,
         shed=imu.shed,
-        lost=losses.lost,
+        lost=load.lost,
         published_hz=publishing.published_hz(now_us, is_shedding=load.is_shedding),
         malformed=malformed,
         warnings=tuple(sorted(words)),
         retuned=publishing.retuned,
         autopilot=autopilot,
-        recording=losses.recording,
+        recording=load.recording,
         mode=vehicle.parameters.mode,
         armed=vehicle.parameters.is_armed,
         other_imus=vehicle.others.records(now_us),

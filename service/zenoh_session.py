@@ -12,6 +12,7 @@ remain connect to it as soon as it is there.
 import json
 import re
 import threading
+from collections.abc import Sequence
 from concurrent.futures import Future
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -46,11 +47,11 @@ CLOSE_S = 0.6
 class ZenohOptions(NamedTuple):
     """What a person may choose; empty means the default session."""
 
-    listen: tuple[str, ...] = ()
-    connect: tuple[str, ...] = ()
+    listen: Sequence[str] = ()
+    connect: Sequence[str] = ()
     mode: str = "peer"
     config_file: str | None = None
-    settings: tuple[str, ...] = ()  # KEY:JSON5
+    settings: Sequence[str] = ()  # KEY:JSON5
     multicast: bool = False
     prefix: str = DEFAULT_PREFIX
 
@@ -66,7 +67,7 @@ class OpeningSession:
 
     def __init__(self, options: ZenohOptions) -> None:
         self.note: str | None = None  # a line for a person, once it is open
-        self._where = ", ".join(options.listen + options.connect) or DEFAULT_ENDPOINT
+        self._where = ", ".join([*options.listen, *options.connect]) or DEFAULT_ENDPOINT
         self._options = options
         self._config = _config(options)
         self._opened = aside(self._any_session, OPENER_THREAD)

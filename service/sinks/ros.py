@@ -85,18 +85,14 @@ class RosSink:
         """The attitude, with the specific force of the last sample, and as a transform."""
         acc = None if sample is None else sample.acc_m_s2
         topic, body = imu_topic(self._prefix, vehicle), f"{_hardware(vehicle)}/base_link"
-        imu = self._publisher(topic, ros.IMU_TYPE_NAME, ros.IMU_TYPE_HASH)
+        imu = self._publisher(topic, ros.IMU_TYPE)
         imu.put(ros.imu_message(record, acc, body), record.time_unix_us)
-        tf = self._publisher(ros.TF_TOPIC, ros.TF_TYPE_NAME, ros.TF_TYPE_HASH)
+        tf = self._publisher(ros.TF_TOPIC, ros.TF_TYPE)
         tf.put(ros.tf_message(record, body), record.time_unix_us)
 
     def _put_status(self, vehicle: VehicleId, record: StatusRecord) -> None:
         now_us = self._unix_us()
-        publisher = self._publisher(
-            ros.DIAGNOSTICS_TOPIC,
-            ros.DIAGNOSTICS_TYPE_NAME,
-            ros.DIAGNOSTICS_TYPE_HASH,
-        )
+        publisher = self._publisher(ros.DIAGNOSTICS_TOPIC, ros.DIAGNOSTICS_TYPE)
         message = ros.diagnostics_message(record, now_us, _hardware(vehicle))
         publisher.put(message, now_us)
 
@@ -109,23 +105,19 @@ class RosSink:
                 publisher.close()
             self._node.undeclare()
 
-    def _publisher(self, topic: str, type_name: str, type_hash: str) -> "Publisher":
+    def _publisher(self, topic: str, kind: str) -> "Publisher":
         if topic not in self._publishers:
-            kind = f"{type_name}/{type_hash}"
             self._declared += 1
-            token = self._token("MP", self._declared, f"{topic}/{kind}")
+            node = self._token("MP", self._declared)
+            token = f"{node}/{topic.replace('/', NOT_SET)}/{kind}/{QUALITY}"
             key = f"{self._domain}{topic}/{kind}"
             self._publishers[topic] = Publisher(self._session, key, token)
         return self._publishers[topic]
 
-    def _token(self, kind: str, number: int, what: str | None = None) -> str:
-        """The liveliness token of the node, or of a publisher of ``what``: topic, type and hash."""
+    def _token(self, kind: str, number: int) -> str:
+        """The node's liveliness token, or the beginning of a publisher's."""
         entity = f"@ros2_lv/{self._domain}/{self._session.zid()}/0/{number}/{kind}"
-        node = f"{entity}/{NOT_SET}/{NOT_SET}/{NODE}"
-        if what is None:
-            return node
-        topic, type_name, type_hash = what.rsplit("/", 2)
-        return f"{node}/{topic.replace('/', '%')}/{type_name}/{type_hash}/{QUALITY}"
+        return f"{entity}/{NOT_SET}/{NOT_SET}/{NODE}"
 
 
 class Publisher:

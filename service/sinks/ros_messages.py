@@ -47,8 +47,11 @@ class CdrWriter:
             self._body += content
 
 
-IMU_TYPE_NAME = "sensor_msgs::msg::dds_::Imu_"
-IMU_TYPE_HASH = "RIHS01_7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b"
+# A type's name and hash, as keys have them
+IMU_TYPE = (
+    "sensor_msgs::msg::dds_::Imu_/"
+    "RIHS01_7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b"
+)
 
 # The inclination's error has two components. If each is normal with deviation s, their
 # length is Rayleigh distributed: 68 % of it lies under s sqrt(-2 ln 0.32) = 1.51 s.
@@ -90,8 +93,10 @@ def orientation_covariance(record: AttitudeRecord) -> tuple[float, ...]:
 
 
 TF_TOPIC = "/tf"
-TF_TYPE_NAME = "tf2_msgs::msg::dds_::TFMessage_"
-TF_TYPE_HASH = "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087"
+TF_TYPE = (
+    "tf2_msgs::msg::dds_::TFMessage_/"
+    "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087"
+)
 WORLD = "map"  # east, north, up
 NO_PLACE = (0.0, 0.0, 0.0)
 
@@ -108,8 +113,10 @@ def tf_message(record: AttitudeRecord, child: str) -> bytes:
 
 
 DIAGNOSTICS_TOPIC = "/diagnostics"
-DIAGNOSTICS_TYPE_NAME = "diagnostic_msgs::msg::dds_::DiagnosticArray_"
-DIAGNOSTICS_TYPE_HASH = "RIHS01_5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e"
+DIAGNOSTICS_TYPE = (
+    "diagnostic_msgs::msg::dds_::DiagnosticArray_/"
+    "RIHS01_5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e"
+)
 
 OK, WARN, ERROR, STALE = 0, 1, 2, 3
 LEVELS = {

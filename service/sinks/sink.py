@@ -52,9 +52,8 @@ class Outlet:
         self.is_busy = False  # something is pending, or in hand
         self._handle_at_once: AtOnce | None = getattr(sink, "handle_at_once", None)
         self._rest_s: float = getattr(sink, "rest_s", 0.0)
-        self._closing = threading.Event()
-        self._lock = threading.Lock()
-        self._changed = threading.Condition(self._lock)
+        self._is_closing = False
+        self._changed = threading.Condition()
         # a daemon: a sink that blocks for ever must not keep the process alive
         self.thread = threading.Thread(target=self._work, name=f"sink {sink.name}", daemon=True)
         self.thread.start()
@@ -70,7 +69,7 @@ class Outlet:
             if not outputs:
                 return
         now_s = time.monotonic()
-        with self._lock:
+        with self._changed:
             while len(self._pending) >= MAX_PENDING or (
                 self._pending and now_s - self._pending[0][0] > LONGEST_WAIT_S
             ):
@@ -87,8 +86,8 @@ class Outlet:
 
     def begin_close(self) -> None:
         """Have the sink closed once it has taken what is pending; does not wait for that."""
-        self._closing.set()
-        with self._lock:
+        with self._changed:
+            self._is_closing = True
             self._changed.notify()
 
     def _work(self) -> None:
@@ -104,15 +103,11 @@ class Outlet:
             self._note(error)
 
     def _next(self) -> Sequence[Output] | None:
-        with self._lock:
-            has_done_all = not self._pending and self.is_busy
-            if has_done_all:
+        with self._changed:
+            if not self._pending and self.is_busy:
                 self.is_busy = False
-        if has_done_all:  # of what comes meanwhile nobody shows it: to wake it costs more than that
-            self._closing.wait(self._rest_s)
-        with self._lock:
-            while not self._pending and not self._closing.is_set():
-                self._changed.wait()
+                self._changed.wait_for(lambda: self._is_closing, self._rest_s)
+            self._changed.wait_for(lambda: self._pending or self._is_closing)
             return self._pending.popleft()[1] if self._pending else None
 
     def _note(self, error: BaseException) -> None:
@@ -137,11 +132,6 @@ class Outbox:
     def dropped(self) -> int:
         """Records that lagging sinks lost."""
         return sum(outlet.dropped for outlet in self._outlets)
-
-    @property
-    def errors(self) -> int:
-        """How often sinks failed."""
-        return sum(outlet.errors for outlet in self._outlets)
 
     def put(self, outputs: Sequence[Output]) -> None:
         """Hand outputs to every sink, and one sink's errors to all; never blocks."""

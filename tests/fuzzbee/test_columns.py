@@ -1,5 +1,6 @@
 """What goes into files and results, column by column, of data in which no two numbers are alike."""
 
+from collections import Counter
 from types import SimpleNamespace
 
 from drivers.events import VehicleId
@@ -7,8 +8,7 @@ from estimator.estimator import Estimator
 from estimator.profile import load_profile
 from fuzzbee.run import RunOptions
 from fuzzbee.run_report import summary
-from service.evictions import Evictions
-from service.imu_stream import ImuChoice
+from service.stream_state import ImuChoice
 from service.vehicle import Vehicle
 
 ONE = VehicleId(1, 1)
@@ -20,14 +20,13 @@ def test_the_result_of_a_run_names_what_was_counted_in_its_units():
     vehicle.imu.samples, vehicle.imu._shed, vehicle.publishing.attitudes = 31, 32, 33
     vehicle.imu.worst_gap_us, vehicle.imu._median_us = 250_000, 1e6 / 49.87654
     vehicle.imu.choice, vehicle.rejected["late"] = ImuChoice("RAW_IMU"), 35
-    evictions = Evictions()
-    evictions.counts.update(vehicles=51, samples=52, shed=53, rejected=54, attitudes=55)
+    departed = Counter(vehicles=51, samples=52, shed=53, rejected=54, attitudes=55)
     runner = SimpleNamespace(ticks=41, overruns=42, dropped=43, lost=71)
     refused = {"signature": 61, "id": 62}
     pipeline = SimpleNamespace(
         malformed=72,
         refused_frames=refused,
-        evictions=evictions,
+        departed=departed,
         vehicles=(vehicle,),
         heard={3, 1},
     )

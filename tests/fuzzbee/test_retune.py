@@ -12,12 +12,11 @@ from drivers.mavlink.recorder import Recorder
 from estimator.profile import load_profile
 from estimator.types import ImuSample
 from fuzzbee.retuning import Retuning
-from service.load import Load, Losses
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
 from service.records import Message
 from service.sinks.mavlink import RecordingSink
-from service.vehicle_status import status_record
+from service.vehicle_status import Load, status_record
 from tests.paper_noise import NoiseScale, simulate_scaled
 from tests.service.streams import ONE, START_US
 
@@ -64,7 +63,7 @@ def test_a_live_vehicle_is_retuned_by_a_thread_beside_it(tmp_path):
         outputs = pipeline.tick(START_US + 40_200_000)
         sink.handle(outputs)
         said = [o.text for o in outputs if isinstance(o, Message)]
-        status = status_record(vehicle, START_US, Load(), Losses(), 0)
+        status = status_record(vehicle, START_US, Load(), 0)
     requests.close()
     assert vehicle.profile.confidence.gravity < 0.6  # vectors x5
     assert status.retuned.count == 1

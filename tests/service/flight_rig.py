@@ -16,10 +16,9 @@ from drivers.mavlink.gate import FrameGate, Policy
 from drivers.simulation.simulated_vehicle import Sample, SimulatedVehicle
 from estimator.geometry.quaternion import conjugate, multiply, rotate_inverse
 from estimator.profile import load_profile
-from service.load import Load, Losses
 from service.pipeline import Pipeline
 from service.records import AttitudeRecord, Message, Published, StatusRecord
-from service.vehicle_status import status_record
+from service.vehicle_status import Load, status_record
 
 START_US = 1_700_000_000_000_000
 UNDER_WAY_US = 2_000
@@ -56,7 +55,7 @@ class Rig:
 
     def status(self) -> StatusRecord:
         now_us = self.now_us + self.host_shift_us
-        return status_record(self.vehicle, now_us, Load(), Losses(), 0)
+        return status_record(self.vehicle, now_us, Load(), 0)
 
     def fly(
         self,

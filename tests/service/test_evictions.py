@@ -12,8 +12,7 @@ from drivers.mavlink.gate import TAKE_OVER_US, FrameGate, Policy
 from drivers.places import PLACES
 from estimator.profile import load_profile
 from fuzzbee.table_model import TableModel
-from service.evictions import FORGOTTEN_US
-from service.pipeline import Pipeline
+from service.pipeline import FORGOTTEN_LOOKS, Pipeline
 from service.records import Departed, Message, Published, Replaced, vehicle_name
 from tests.service.records import record
 from tests.service.streams import ONE, START_US, imu_events
@@ -63,7 +62,7 @@ def test_thousands_of_ids_in_a_row_each_find_a_place(monkeypatch):
     assert ONE not in gone
     assert gone == addresses(1200)[: len(gone)]  # who left first goes first
     assert pipeline.vehicle(ONE).imu.samples == 1200
-    assert pipeline.evictions.counts["vehicles"] == len(gone) == 1201 - 512
+    assert pipeline.departed["vehicles"] == len(gone) == 1201 - 512
     outputs = pipeline.tick(arrival_us)
     assert departed(outputs) == gone
     said = [each.text for each in outputs if isinstance(each, Message) and "gone" in each.text]
@@ -106,14 +105,13 @@ def test_a_vehicle_is_forgotten_after_an_hour_and_its_parameters_are_not():
     for event in events:
         pipeline.handle(event)
     changed = pipeline.replace_profile(ONE, {"filter": {"gamma": 0.5}})
-    hour_s = FORGOTTEN_US // SECOND_US
-    outputs, now_us = silence(pipeline, hour_s - 2, events[-1].arrival_us)
+    outputs, now_us = silence(pipeline, FORGOTTEN_LOOKS - 2, events[-1].arrival_us)
     assert departed(outputs) == []
-    outputs, now_us = silence(pipeline, 5, now_us)
+    outputs, now_us = silence(pipeline, 8, now_us)
     assert departed(outputs) == [ONE]
     assert not any(isinstance(each, Published) for each in outputs[-2:])
     assert pipeline.vehicles == ()
-    assert list(pipeline.evictions.counts.values()) == [1, 100, 0, 0, 4]
+    assert list(pipeline.departed.values()) == [1, 100, 0, 0, 4]
     back = msgspec.structs.replace(events[0], arrival_us=now_us)
     pipeline.handle(back)
     assert pipeline.vehicle(ONE).profile == changed
@@ -123,7 +121,7 @@ def test_a_vehicle_is_forgotten_after_an_hour_and_its_parameters_are_not():
 
 def test_heartbeats_alone_keep_a_vehicle():
     pipeline, now_us, outputs = Pipeline(PAPER), START_US, []
-    for _ in range(FORGOTTEN_US // SECOND_US + 10):
+    for _ in range(FORGOTTEN_LOOKS + 10):
         now_us += SECOND_US
         pipeline.handle(Heartbeat(ONE, now_us, 3, 2))
         outputs += pipeline.tick(now_us)

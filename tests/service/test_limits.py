@@ -2,22 +2,22 @@
 
 import pytest
 
-from drivers.events import VehicleId
+from drivers.events import Forgotten, Heartbeat, VehicleId
 from estimator.geometry.earth import PlaceField
 from estimator.geometry.frames import from_euler_rad
 from estimator.profile import load_profile
 from estimator.types import ImuSample
 from service.alarms import Alarm
-from service.evictions import FORGOTTEN_US, LONGEST_LOOK_US, MOST_PROFILES, Evictions
+from service.parameters import MOST_PROFILES
+from service.pipeline import Pipeline
 from service.publishing import HostClock, Publishing
 from service.records import Message
-from service.second_opinion import SecondOpinion
+from service.second_opinion import Look, SecondOpinion
 from service.sinks.sink import MAX_PENDING, Outbox
 from tests.service.sinks.test_sink import Blocker
 from tests.service.test_alarms import attitude, words
 
 S = 1_000_000
-ONE = VehicleId(1, 1)
 
 
 def test_every_record_of_a_turn_that_a_sink_loses_is_counted():
@@ -39,25 +39,17 @@ def test_an_attitude_is_no_repetition_once_the_hosts_clock_is_set_back():
     assert not publishing.is_stale(100 * S + 1000, 8)
 
 
-def test_a_clock_that_leaps_by_hours_is_no_silence():
-    evictions, heard_us = Evictions(), {ONE: 0}
-    now_us = 0
-    evictions.look(heard_us, now_us)
-    for _ in range(3):
-        now_us += 2 * FORGOTTEN_US
-        assert evictions.look(heard_us, now_us) == []
-    for _ in range(FORGOTTEN_US // LONGEST_LOOK_US):
-        now_us += LONGEST_LOOK_US
-        gone = evictions.look(heard_us, now_us)
-    assert gone == [ONE]
-
-
 def test_of_too_many_profiles_the_one_that_was_kept_first_goes():
-    evictions, profile = Evictions(), load_profile("paper")
+    pipeline = Pipeline(load_profile("paper"))
     addresses = [VehicleId(1 + n % 250, 1 + n // 250) for n in range(MOST_PROFILES + 1)]
     for address in addresses:
-        evictions.keep(address, profile)
-    assert list(evictions.profiles) == addresses[1:]
+        pipeline.handle(Heartbeat(address, S, 3, 2))
+        pipeline.replace_profile(address, {"filter": {"gamma": 0.5}})
+        pipeline.handle(Forgotten(address, S))
+    pipeline.tick(S)
+    for address in addresses[:2]:
+        pipeline.handle(Heartbeat(address, S, 3, 2))
+    assert [each.profile.filter.gamma == 0.5 for each in pipeline.vehicles] == [False, True]
 
 
 @pytest.mark.parametrize(("median_us", "is_held"), [(20_000.0, True), (500_000.0, False)])
@@ -80,7 +72,7 @@ def test_a_roll_of_almost_a_half_turn_differs_by_the_short_way():
     ours = attitude(q=from_euler_rad(3.12, 0.0, 0.0))
     sample = ImuSample(0, (0.0, 0.0, 0.0), (0.0, 0.0, 9.8), (0.0, 0.0, 0.0), False)
     theirs = from_euler_rad(-3.12, 0.0, 0.0)
-    opinion.look(0, "ATTITUDE", theirs, ours, sample, None)
+    opinion.look(Look(0, "ATTITUDE", theirs, ours, sample, None))
     assert opinion.record(0).roll_deg == pytest.approx(2.48, abs=0.01)
 
 

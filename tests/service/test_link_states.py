@@ -15,9 +15,8 @@ from drivers.mavlink.encoder import FrameEncoder, raw_imu
 from drivers.mavlink.framing import FrameReader
 from drivers.samples.imu_stream import MOST_HELD
 from estimator.types import ZERO_VEC3
-from service.load import Load, Losses
 from service.records import StatusRecord
-from service.vehicle_status import status_record
+from service.vehicle_status import Load, status_record
 from tests.service.flight_rig import START_US, Rig, S
 
 RATE_HZ = 50.0
@@ -134,7 +133,7 @@ class Link(RuleBasedStateMachine):
         if vehicle is None:
             return
         now_us = self.rig.now_us + self.rig.host_shift_us
-        status = status_record(vehicle, now_us, Load(), Losses(), 0)
+        status = status_record(vehicle, now_us, Load(), 0)
         assert isinstance(status, StatusRecord)
         refused = sum(status.rejected.values())
         handled = vehicle.imu.samples + status.shed + refused

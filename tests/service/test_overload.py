@@ -21,9 +21,9 @@ from drivers.mavlink.limits import FrameQueue
 from drivers.simulation.autopilot import VehicleOptions
 from drivers.simulation.fleet import Fleet, run_vehicles
 from estimator.profile import load_profile
-from service.load import WINDOW_S, WINDOWS_TO_BEGIN, WINDOWS_TO_END, Load, Overload
 from service.pipeline import Pipeline
-from service.runner import Runner
+from service.runner import WINDOW_S, WINDOWS_TO_BEGIN, WINDOWS_TO_END, Overload, Runner
+from service.vehicle_status import Load
 from tests.service.streams import ONE, START_US, attitudes, imu_events, statuses, texts
 
 
@@ -252,10 +252,9 @@ import sys
 from drivers.endpoint import parse_endpoint
 from drivers.mavlink.link import MavlinkLink
 from estimator.profile import load_profile
-from service.load import Overload
 from service.pipeline import Pipeline
 from service.records import Message, Published, StatusRecord
-from service.runner import Runner
+from service.runner import Overload, Runner
 from service.signals import stop_on_signals
 from service.sinks.sink import Outbox
 from service.process import load_kernels

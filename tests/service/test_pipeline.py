@@ -20,10 +20,10 @@ from drivers.events import (
 )
 from estimator.errors import InputError
 from estimator.profile import load_profile
-from service.load import Losses
 from service.pipeline import MOST_QUIET_HZ, Pipeline
 from service.records import Message, Peer, Published, Replaced, StatusRecord
 from service.vehicle import Vehicle
+from service.vehicle_status import Load
 from tests.service.streams import ONE, START_US, attitudes, imu_events, statuses, texts
 
 PAPER = load_profile("paper")
@@ -83,20 +83,10 @@ def test_the_tick_schedule_does_not_touch_the_states_at_the_samples(profile):
     assert all(other == states[0] for other in states[1:])
 
 
-def test_losses_are_asked_for_only_where_a_status_tells_them():
-    pipeline, asked = fed(imu_events(100)), []
-    for k in range(100):
-        outputs = pipeline.tick(
-            START_US + 1_000_000 + 10_000 * k, ask_losses=lambda: asked.append(1) or Losses()
-        )
-        assert len(asked) == len(statuses(outputs))
-        asked.clear()
-
-
 def test_records_have_the_published_schema():
     pipeline = fed(imu_events(100))
     now = START_US + 1_000_000
-    outputs = pipeline.tick(now, ask_losses=lambda: Losses(overruns=3, dropped=4))
+    outputs = pipeline.tick(now, Load(overruns=3, dropped=4))
     (attitude,), (status,) = attitudes(outputs), statuses(outputs)
     decoded = json.loads(msgspec.json.encode(attitude), parse_constant=pytest.fail)
     assert list(decoded) == ATTITUDE_KEYS

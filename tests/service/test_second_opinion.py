@@ -4,18 +4,20 @@ from math import atan2, cos, degrees, hypot, radians, sin
 
 import pytest
 
+from drivers.events import ReferenceAttitude
 from estimator.geometry.earth import PlaceField
 from estimator.geometry.quaternion import multiply, rotate_inverse
 from estimator.types import Attitude, ImuSample
 from service.second_opinion import (
     LOOK_EVERY_US,
-    Doubts,
+    KnownFaults,
+    Look,
     SecondOpinion,
     Verdict,
     differences,
     in_words,
-    turned_back,
 )
+from tests.service.streams import ONE
 
 PLACE = PlaceField(radians(10.0), radians(60.0), 0.5)
 FIELD = (
@@ -23,7 +25,7 @@ FIELD = (
     0.25 * sin(radians(10.0)),
     0.5 * sin(radians(60.0)),
 )
-NONE = Doubts()
+NONE = KnownFaults()
 NORTH, EAST, DOWN = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
 
@@ -41,7 +43,7 @@ def attitude(q, time_us=0, *, sigma_deg=1.0, heading_sigma_deg=2.0, north="true"
 
 
 def told(
-    ours, theirs, *, seconds=20.0, opinion=None, begin_us=0, place=PLACE, doubts=NONE, **claims
+    ours, theirs, *, seconds=20.0, opinion=None, begin_us=0, place=PLACE, faults=NONE, **claims
 ):
     """What is said after so long of two attitudes of a vehicle that hovers at ``TRUE``."""
     opinion = opinion or SecondOpinion()
@@ -50,7 +52,7 @@ def told(
         force, field = rotate_inverse(TRUE, (0.0, 0.0, -9.81)), rotate_inverse(TRUE, FIELD)
         sample = ImuSample(time_us, (0.0, 0.0, 0.0), force, field, True)
         shown = attitude(ours, time_us, **claims)
-        opinion.look(time_us, "ATTITUDE", theirs, shown, sample, place, doubts)
+        opinion.look(Look(time_us, "ATTITUDE", theirs, shown, sample, place, faults))
     return opinion
 
 
@@ -125,7 +127,7 @@ def test_velocity_shows_which_heading_is_right_where_there_is_no_field():
         time_us, push = k * LOOK_EVERY_US, 2.0 * cos(0.5 * k * step_s)
         force = rotate_inverse(TRUE, (push, 0.0, -9.81))
         sample = ImuSample(time_us, (0.0, 0.0, 0.0), force, (0.0, 0.0, 0.0), False)
-        opinion.look(time_us, "ATTITUDE", wrong, attitude(TRUE, time_us), sample, None)
+        opinion.look(Look(time_us, "ATTITUDE", wrong, attitude(TRUE, time_us), sample, None))
         speed += push * step_s
         opinion.take_velocity(time_us, (speed, 0.0, 0.0))
     assert opinion.opinion.wrong == "autopilot"
@@ -152,28 +154,30 @@ def test_intervals_are_kept_with_their_largest_difference():
     assert opinion.opinion.verdict is Verdict.AGREES
 
 
-def test_an_attitude_is_turned_back_by_its_rate():
-    spinning = attitude(TRUE, rate=(0.0, 0.0, radians(50.0)))
-    inclination, _ = differences(TRUE, turned_back(spinning, 0.0))
-    assert inclination.off_deg == pytest.approx(0.0, abs=1e-6)
-    assert differences(TRUE, turned_back(spinning, 0.1))[1].off_deg == pytest.approx(5.0, abs=0.1)
+@pytest.mark.parametrize(("behind_us", "off_deg"), [(0, 0.0), (100_000, 5.0)])
+def test_ours_is_turned_back_to_the_autopilots_time_by_its_rate(behind_us, off_deg):
+    spinning, opinion = attitude(TRUE, rate=(0.0, 0.0, radians(50.0))), SecondOpinion()
+    sample = ImuSample(behind_us, (0.0, 0.0, 0.0), (0.0, 0.0, -9.81), FIELD, True)
+    event = ReferenceAttitude(ONE, 0, 0, "autopilot", "ATTITUDE", TRUE)
+    opinion.compare(event, TRUE, spinning, sample, None, "")
+    assert opinion.opinion.heading_deg == pytest.approx(off_deg, abs=0.1)
 
 
 @pytest.mark.parametrize(
-    ("doubts", "wrong"),
+    ("faults", "wrong"),
     [
         (NONE, ""),
-        (Doubts(autopilot="its own filter calls it not good"), "autopilot"),
-        (Doubts(ours="of ours, the bias stands at its limit"), "ours"),
-        (Doubts("its own filter calls it not good", "of ours, a warning"), ""),
+        (KnownFaults(autopilot="its own filter calls it not good"), "autopilot"),
+        (KnownFaults(ours="of ours, the bias stands at its limit"), "ours"),
+        (KnownFaults("its own filter calls it not good", "of ours, a warning"), ""),
     ],
 )
-def test_where_no_evidence_names_one_what_speaks_against_one_alone_does(doubts, wrong):
+def test_where_no_evidence_names_one_what_speaks_against_one_alone_does(faults, wrong):
     """A heading without a field and without velocity."""
     turned = multiply(turn(DOWN, 30.0), TRUE)
-    said = told(TRUE, turned, place=None, doubts=doubts).opinion
+    said = told(TRUE, turned, place=None, faults=faults).opinion
     assert said.wrong == wrong
-    assert all(text in said.evidence for text in doubts)
+    assert all(text in said.evidence for text in faults)
 
 
 def test_the_evidence_begins_anew_with_our_attitude():
@@ -195,7 +199,7 @@ def test_an_accelerometer_that_leads_ours_astray_is_nobody_s_fault_or_ours(place
         time_us = k * LOOK_EVERY_US
         force = rotate_inverse(tilt, (0.0, 0.0, -hypot(9.81, 4.0)))
         sample = ImuSample(time_us, (0.0, 0.0, 0.0), force, rotate_inverse(TRUE, FIELD), True)
-        opinion.look(time_us, "ATTITUDE", TRUE, attitude(tilt, time_us), sample, place)
+        opinion.look(Look(time_us, "ATTITUDE", TRUE, attitude(tilt, time_us), sample, place))
     assert opinion.opinion.verdict is Verdict.DIFFERS
     assert opinion.opinion.wrong == ("" if place is None else "ours")
     assert "8% off gravity's strength" in opinion.opinion.evidence

@@ -7,10 +7,9 @@ from estimator.estimator import Estimator
 from estimator.profile import load_profile
 from estimator.types import ZERO_VEC3, ImuSample, RateSample
 from estimator.vehicle_class import VehicleClass
-from service.load import Load, Losses
 from service.records import State
 from service.vehicle import Vehicle
-from service.vehicle_status import status_record
+from service.vehicle_status import Load, status_record
 from tests.service.streams import ONE, START_US
 
 PERIOD_US = 20_000
@@ -21,7 +20,7 @@ def tell(vehicle, parameter):
 
 
 def status(vehicle, now_us):
-    return status_record(vehicle, now_us, Load(), Losses(), 0)
+    return status_record(vehicle, now_us, Load(), 0)
 
 
 class Watched(Estimator):

@@ -12,7 +12,7 @@ from estimator.types import ImuSample
 from service.records import Departed, Published, StatusRecord
 from service.sinks import ros_messages
 from service.sinks.ros import RosSink, imu_topic
-from service.sinks.ros_messages import IMU_TYPE_HASH, imu_message
+from service.sinks.ros_messages import IMU_TYPE, TF_TYPE, imu_message
 from service.zenoh_session import close_session
 from tests.service.records import UNIX_US, record
 from tests.service.sessions import open_session
@@ -24,9 +24,6 @@ REST_FRD = (0.0, 0.0, -9.8)
 # REP 103: ENU has east, north and up, FLU forward, left and up
 ENU_FROM_NED = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]])
 FRD_FROM_FLU = np.diag([1, -1, -1])
-
-
-TF = f"tf2_msgs::msg::dds_::TFMessage_/{ros_messages.TF_TYPE_HASH}"
 
 
 def decode(data, kind="sensor_msgs/msg/Imu"):
@@ -52,9 +49,9 @@ def xyz(vector):
     ],
 )
 def test_the_type_is_the_one_of_ros(store, kind, prefix):
-    assert get_typestore(store).hash_rihs01(kind) == getattr(ros_messages, f"{prefix}_TYPE_HASH")
     package, _, name = kind.split("/")
-    assert f"{package}::msg::dds_::{name}_" == getattr(ros_messages, f"{prefix}_TYPE_NAME")
+    expected = f"{package}::msg::dds_::{name}_/{get_typestore(store).hash_rihs01(kind)}"
+    assert getattr(ros_messages, f"{prefix}_TYPE") == expected
 
 
 @pytest.mark.parametrize("frame", ["", "a", "base_link", "vehicle_1/base_link"])
@@ -224,8 +221,8 @@ def test_keys_attachments_and_tokens_are_rmw_zenohs(endpoint):  # noqa: F811
         tokens = [str(reply.ok.key_expr) for reply in client.liveliness().get("@ros2_lv/3/**")]
         sink.close()
         wait_for(lambda: not list(client.liveliness().get("@ros2_lv/3/**")))
-    key = f"fuzzbee/vehicle_1/imu/sensor_msgs::msg::dds_::Imu_/{IMU_TYPE_HASH}"
-    assert {str(each.key_expr) for each in got} == {f"3/{key}", f"3/tf/{TF}"}
+    key = f"fuzzbee/vehicle_1/imu/{IMU_TYPE}"
+    assert {str(each.key_expr) for each in got} == {f"3/{key}", f"3/tf/{TF_TYPE}"}
     got = [each for each in got if "imu" in str(each.key_expr)]
     attachments = [each.attachment.to_bytes() for each in got]
     assert {len(each) for each in attachments} == {33}
@@ -243,7 +240,7 @@ def test_keys_attachments_and_tokens_are_rmw_zenohs(endpoint):  # noqa: F811
     node, tf, publisher = sorted(tokens, key=len)
     start = f"@ros2_lv/3/{session.zid()}/0"
     assert node == f"{start}/0/NN/%/%/fuzzbee"
-    assert tf == f"{start}/2/MP/%/%/fuzzbee/%tf/{TF}/::,10:,:,:,,"
+    assert tf == f"{start}/2/MP/%/%/fuzzbee/%tf/{TF_TYPE}/::,10:,:,:,,"
     mangled = "%fuzzbee%vehicle_1%imu/" + key.split("/imu/")[1]
     assert publisher == f"{start}/1/MP/%/%/fuzzbee/{mangled}/::,10:,:,:,,"
     close_session(session)

@@ -6,8 +6,8 @@ import pytest
 
 from drivers.events import Report, VehicleId
 from estimator.types import VelocitySample
-from service.imu_stream import LONGEST_SILENCE_US, ImuChoice, ImuStream, ReportChoices
 from service.records import State
+from service.stream_state import LONGEST_SILENCE_US, ImuChoice, ImuStream, ReportChoices
 
 LATE_US = 500_000
 BOTH = ("RAW_IMU", "SCALED_IMU2") * 3

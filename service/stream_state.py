@@ -34,6 +34,7 @@ class ImuStream:
 
     def __init__(self) -> None:
         self.choice = ImuChoice()
+        self.reports = ReportChoices()
         self.state = State.WAITING
         self.samples = 0
         self.worst_gap_us = 0
