@@ -95,9 +95,9 @@ class Consistency:
         """How far (deg) the heading is off by velocity, else by the field; None if neither says."""
         across, along, square = self._turn
         if square > SHOWING_M_S2**2:
-            return degrees(atan2(-across, along)), VELOCITY
+            return degrees(abs(atan2(across, along))), VELOCITY
         north, east, down = self._field
         if place is None or not resembles(place, hypot(north, east), down):
             return None
         off = atan2(east, north) - place.declination_rad
-        return degrees(atan2(sin(off), cos(off))), "the magnetic field"
+        return degrees(abs(atan2(sin(off), cos(off)))), "the magnetic field"
