@@ -103,11 +103,11 @@ class Consistency:
         """How far (deg) the heading is off by velocity, else by the field; None if neither says."""
         across, along, square = self._turn
         if square > SHOWING_M_S2**2:
-            return degrees(atan2(-across, along)), VELOCITY
+            return degrees(abs(atan2(across, along))), VELOCITY
         north, east, down = self._field
         if place is None or not resembles(place, hypot(north, east), down):
             return None
-        return off_north_deg(self._field, place.declination_rad), "the magnetic field"
+        return abs(off_north_deg(self._field, place.declination_rad)), "the magnetic field"
 
 
 IMU_LOOK_EVERY_US = 500_000

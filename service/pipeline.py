@@ -185,10 +185,11 @@ class Pipeline:
     def _look_at(self, vehicle: Vehicle, now_us: int) -> list[Output]:
         """What is due of one vehicle, unless samples have come since its time was noted."""
         vehicle.schedule(now_us)
-        if vehicle.publishing.wake_us > now_us:
+        is_status_due = vehicle.publishing.is_status_due(now_us)
+        if vehicle.publishing.wake_us > now_us and not is_status_due:
             return []
         outputs = self._on_time(vehicle, now_us)
-        if vehicle.publishing.is_status_due(now_us):
+        if is_status_due:
             outputs.append(self._status(vehicle, now_us))
         vehicle.schedule(now_us)
         if vehicle.publishing.wake_us <= now_us:  # held back: its next sample brings it

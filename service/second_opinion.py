@@ -250,7 +250,7 @@ class SecondOpinion:
         if of_ours is None or of_theirs is None:
             return _weighed("", "nothing else shows the heading", look.faults)
         by = of_ours[1]
-        wrong, evidence = _named(by, abs(of_ours[0]), abs(of_theirs[0]), off_deg)
+        wrong, evidence = _named(by, of_ours[0], of_theirs[0], off_deg)
         if wrong == "autopilot" and by != VELOCITY:  # a compass that is turned shows the same
             wrong, evidence = "", f"{evidence}, but ours is made of it"
         return _weighed(wrong, evidence, look.faults)

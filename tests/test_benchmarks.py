@@ -2,12 +2,12 @@
 
 import importlib
 import json
-import os
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from tests.programs import run_python
 
 FOLDER = Path(__file__).parents[1] / "benchmarks"
 SCRIPTS = sorted(path.stem for path in FOLDER.glob("*.py"))
@@ -17,14 +17,8 @@ pytestmark = [pytest.mark.checkout, pytest.mark.slow]
 
 
 def run(name, *arguments):
-    done = subprocess.run(
-        [sys.executable, str(FOLDER / f"{name}.py"), *arguments],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=600,
-        env={**os.environ, "PYTHONWARNINGS": "default"},
-    )
+    script = str(FOLDER / f"{name}.py")
+    done = run_python(script, *arguments, timeout_s=600, check=False, PYTHONWARNINGS="default")
     assert done.returncode == 0, done.stderr
     assert "Traceback" not in done.stderr
     return done.stdout
@@ -37,10 +31,6 @@ def numbers_in(value):
     if isinstance(value, list):
         return [each for one in value for each in numbers_in(one)]
     return [value] if isinstance(value, int | float) else []
-
-
-def test_there_are_benchmarks():
-    assert len(SCRIPTS) > 10
 
 
 @pytest.fixture
@@ -71,6 +61,7 @@ def test_a_benchmark_runs(printed):
 
 def test_a_table_is_for_people():
     """Columns under their names, each row with as many cells."""
+    assert len(SCRIPTS) > 10
     title, head, *rows = run("speed", "--smoke").strip().splitlines()
     assert title.startswith("time a sample")
     assert head.split()[:2] == ["way", "filter"]

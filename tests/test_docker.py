@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 from ruamel.yaml import YAML
 
+from fuzzbee.cli import main
 from tests.fuzzbee.processes import free_port, started
 
 ROOT = Path(__file__).parents[1]
@@ -44,20 +45,20 @@ def instructions():
     return [tuple(line.split(None, 1)) for line in lines if line.strip()]
 
 
-def test_hadolint_finds_nothing():
-    done = subprocess.run(
-        [tool("hadolint"), str(DOCKERFILE)], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stdout
+def ran(*command, **options):
+    """What came of a command."""
+    return subprocess.run(command, capture_output=True, text=True, check=False, **options)
 
 
-def test_the_compose_file_keeps_to_its_schema():
-    done = subprocess.run(
-        [tool("check-jsonschema"), "--builtin-schema", "vendor.compose-spec", str(COMPOSE)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+@pytest.mark.parametrize(
+    ("name", "arguments"),
+    [
+        ("hadolint", [str(DOCKERFILE)]),
+        ("check-jsonschema", ["--builtin-schema", "vendor.compose-spec", str(COMPOSE)]),
+    ],
+)
+def test_the_tools_find_nothing(name, arguments):
+    done = ran(tool(name), *arguments)
     assert done.returncode == 0, done.stdout
 
 
@@ -87,11 +88,8 @@ def test_everything_that_is_copied_reaches_the_build():
     assert named <= allowed
 
 
-def test_the_image_runs_as_nobody_in_particular():
+def test_every_service_is_the_one_image_locked_down_and_runs_as_nobody_in_particular():
     assert ("USER", "10001:10001") in instructions()
-
-
-def test_every_service_is_the_one_image_locked_down():
     for service in services().values():
         assert service["image"] == "fuzzbee:local"
         assert (COMPOSE.parent / service["build"]["context"] / "docker/Dockerfile").exists()
@@ -104,28 +102,15 @@ def test_every_service_is_the_one_image_locked_down():
 def test_the_commands_are_ours_and_name_each_other():
     commands = {name: service["command"] for name, service in services().items()}
     for command in commands.values():
-        # an unknown option is an error, with --help too
-        done = subprocess.run(
-            [sys.executable, "-m", "fuzzbee", *command, "--help"],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        assert done.returncode == 0, done.stderr
+        assert main([*command, "--help"]) == 0  # an unknown option is an error
     addresses = [word for command in commands.values() for word in command if ":" in word]
     hosts = {re.fullmatch(r"\w+[:/]([\w.]+):\d+", address)[1] for address in addresses}
     assert hosts == {"0.0.0.0", "sim", "service"}
 
 
-def health(endpoint, timeout_s=120):
-    return subprocess.run(
-        [sys.executable, str(HEALTHCHECK)],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=timeout_s,
-        env={**os.environ, "FUZZBEE_HEALTH_ENDPOINT": endpoint},
-    )
+def health(endpoint):
+    environment = {**os.environ, "FUZZBEE_HEALTH_ENDPOINT": endpoint}
+    return ran(sys.executable, str(HEALTHCHECK), timeout=120, env=environment)
 
 
 def test_the_composition_shows_attitudes_and_is_healthy():
@@ -133,15 +118,10 @@ def test_the_composition_shows_attitudes_and_is_healthy():
     private = ["--cfg", f"listen/endpoints:{json.dumps([f'tcp/127.0.0.1:{free_port()}'])}"]
 
     def here(name):
-        words = services()[name]["command"]
-        for host in ("0.0.0.0", "sim", "service"):
-            words = [
-                word.replace(f":{host}:5760", f":127.0.0.1:{link}").replace(
-                    f"/{host}:7447", f"/127.0.0.1:{session}"
-                )
-                for word in words
-            ]
-        return words
+        text = json.dumps(services()[name]["command"])
+        for service, own in ((":5760", link), (":7447", session)):
+            text = re.sub(rf"(0\.0\.0\.0|sim|service){service}", f"127.0.0.1:{own}", text)
+        return json.loads(text)
 
     endpoint = f"tcp/127.0.0.1:{session}"
     assert health(endpoint).returncode == 1  # nobody there

@@ -146,8 +146,6 @@ def score(path: Path, trace: VehicleTrace, skip_s: float) -> LogReport:
         raise InputError(f"{path}: nothing is left to score after {skip_s:g} s of {lasts_s:.0f} s")
     moved = motion_mask(trace) if counted.any() else counted
     has_heading = (norths > PLACE["none"]) & trace.has_heading
-    turned = int(np.searchsorted(times_us, trace.turned_at_us or 0))
-    converged = convergence_s(times_us[turned:], total_rad[turned:])
     counts = np.bincount(norths[counted], minlength=len(NORTHS)).tolist()
     window: tuple[float, float] | msgspec.UnsetType = msgspec.UNSET
     if trace.log_zero_us is not None:
@@ -166,7 +164,7 @@ def score(path: Path, trace: VehicleTrace, skip_s: float) -> LogReport:
         error_deg=error_summary(trace, counted, has_heading),
         coverage=coverage(trace, counted, has_heading, moved),
         peers=_peers(trace, counted),
-        convergence_s=converged if trace.has_heading else None,
+        convergence_s=convergence_s(times_us, total_rad) if trace.has_heading else None,
         mean_gain=float(np.mean(trace["gain"])),
         rejected=by_name(trace.rejected + Counter(malformed=trace.malformed)),
         wall_s=0.0,

@@ -139,14 +139,13 @@ class VehicleTrace:
     ) -> Iterator[tuple[AttitudeRecord | None, ImuSample]]:
         """What the service would have published with samples, whose Unix times are given."""
         both = zip(self._rows(Attitude, rows), self._rows(ImuSample, rows), stamps_us, strict=True)
-        for sequence, (attitude, sample, stamp_us) in enumerate(both, rows.start):
-            record = attitude_record(
-                attitude,
-                time_unix_us=stamp_us,
-                time_boot_us=sample.time_us,
-                sequence=sequence,
+        for attitude, sample, stamp_us in both:
+            yield (
+                attitude_record(
+                    attitude, time_unix_us=stamp_us, time_boot_us=sample.time_us, sequence=0
+                ),
+                sample,
             )
-            yield record, sample
 
     def _rows(self, kind: Any, rows: slice) -> Iterator[Any]:
         """The attitudes or the samples of some rows as the estimator has them."""

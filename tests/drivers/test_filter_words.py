@@ -128,7 +128,8 @@ def test_an_on_board_log_of_ardupilot(flags, ratio, sigmas, tmp_path):
     assert found == pytest.approx(sigmas)
 
 
-def ulog(folder, flags, *, ratio=0.1, dead_reckoning=False, primary=0):
+def ulog(folder, flags, *, ratio=0.1, dead_reckoning=False, primary=0, changes=False):
+    """Where the filter in use ``changes`` the first one was, when it said what it says."""
     log = test_ulog.Writer().sensors()
     log.sample(S - 1, (0.0, 0.0, 0.0), (0.0, 0.0, -9.8))
     topics = {
@@ -147,7 +148,10 @@ def ulog(folder, flags, *, ratio=0.1, dead_reckoning=False, primary=0):
     for number, (name, (fields, layout, values)) in enumerate(topics.items()):
         log.write(b"F", f"{name}:uint64_t timestamp;{fields}".encode())
         log.write(b"A", struct.pack("<BH", 0, number) + name.encode())
-        log.write(b"D", struct.pack("<HQ" + layout, number, S + number, *values))
+        log.write(b"D", struct.pack("<HQ" + layout, number, S + number * number, *values))
+        if changes and number == 0:
+            log.write(b"D", struct.pack("<HQB", 0, S - 1, 0))
+            log.write(b"D", struct.pack("<HQB", 0, S + 2, 1))
     return log.save(folder)
 
 
@@ -159,6 +163,7 @@ def ulog(folder, flags, *, ratio=0.1, dead_reckoning=False, primary=0):
         (FLYING, {"dead_reckoning": True}, []),
         (STANDING, {}, []),
         (STANDING, {"primary": 1}, [0.3]),  # another filter's word than the velocity's
+        (STANDING, {"changes": True}, [0.3]),
     ],
 )
 def test_an_on_board_log_of_px4(flags, told, sigmas, tmp_path):

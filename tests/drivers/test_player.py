@@ -71,3 +71,15 @@ def test_a_service_that_cannot_keep_up_hears_no_silence():
             last_us = event.arrival_us
             clock.now_s += 0.005  # each event takes ten times as long as it may
         assert player.now_us() - last_us <= 20_000
+
+
+@pytest.mark.parametrize(("stall_s", "waited_s"), [(0.09, 0.0), (0.3, 10.0)])
+def test_events_wait_for_a_service_that_is_a_tenth_of_a_second_behind(stall_s, waited_s):
+    """Of the host's time; at a speed of 50, so that 0.2 s are 10 s of the events'."""
+    clock = Clock()
+    events = [Malformed(n * 20_000, 1) for n in range(2000)]
+    player = Player(events, 50.0, clock.monotonic_s, clock.sleep)
+    player.drain(0.01)
+    clock.now_s += stall_s
+    player.drain(0.01)
+    assert player.waited_s == pytest.approx(waited_s, abs=0.1)

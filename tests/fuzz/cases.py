@@ -18,19 +18,12 @@ from drivers.events import VehicleId
 from drivers.logs.dataflash_format import FIELDS
 from drivers.logs.ulog_format import CODES, FIELD
 from drivers.mavlink.constants import mavlink
+from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.encoder import FrameEncoder, Message
 
 DATA = Path(__file__).parent.parent / "data"
 IS_LONG = bool(os.environ.get("FUZZBEE_FUZZ_LONG"))
-NAMES = (
-    "RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3", "HIGHRES_IMU", "ATTITUDE",
-    "ATTITUDE_QUATERNION", "SIM_STATE", "SIMSTATE", "GLOBAL_POSITION_INT", "LOCAL_POSITION_NED",
-    "GPS_RAW_INT", "PARAM_VALUE", "HEARTBEAT", "COMMAND_ACK", "STATUSTEXT",
-)  # fmt: skip
-m = mavlink()
-KINDS = [kind for kind in m.mavlink_map.values() if kind.msgname in NAMES]
-
-
+KINDS = [mavlink().mavlink_map[number] for number in sorted(MavlinkDecoder(texts=True).wanted)]
 EXTREMES = [
     b"\0" * 8,
     b"\xff" * 8,

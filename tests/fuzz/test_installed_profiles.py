@@ -57,6 +57,8 @@ def profile_change(rng):
         keys = sorted(WHOLE[section])
         chosen = rng.sample(keys, min(len(keys), rng.choice((1, 1, 1, 2, 5, 40))))
         partial[section] = {key: changed(WHOLE[section][key], rng) for key in chosen}
+    if rng.random() < 0.05:
+        partial[rng.choice(("", "unknown", "filter"))] = changed({"x": 1}, rng)
     return partial
 
 

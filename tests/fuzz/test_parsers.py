@@ -6,10 +6,10 @@ each time; a hang shows as a test that does not end.
 
 import json
 import math
-import struct
 from importlib import resources
 
 import msgspec
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -19,11 +19,12 @@ from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.gate import FrameGate, Policy
 from estimator.errors import InputError
-from estimator.profile import load_profile, parse_profile, profile_to_json
+from estimator.profile import load_profile, parse_profile
 from fuzzbee.replays.log_report import report_log
 from service.pipeline import MAX_VEHICLES, Pipeline
 from service.records import AttitudeRecord, Published
 from service.sinks.zenoh import _json_object
+from tests.drivers.logs.test_dataflash import Writer
 from tests.fuzz.cases import (
     built,
     clip,
@@ -55,8 +56,9 @@ def _no_constant(name):
     raise AssertionError(f"{name} is no JSON")
 
 
-def _says(words, error):
+def one_line(words, error):
     assert words in str(error)
+    assert "\n" not in str(error)
 
 
 def feed(pipeline, events, now_us):
@@ -98,92 +100,54 @@ def test_a_flight_with_hostile_frames_between(data):
         check([Published(VehicleId(1, 1), record)])
 
 
-def read_log(path, profile):
-    pipeline = Pipeline(profile)
+def dataflash():
+    """A small DataFlash log: some rows of IMU, MAG and ATT."""
+    log = Writer()
+    log.format("IMU", "QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ")
+    log.format("MAG", "QBhhh", "TimeUS,I,MagX,MagY,MagZ")
+    log.format("ATT", "QccC", "TimeUS,Roll,Pitch,Yaw")
+    for time_us in range(1_000_000, 1_240_000, 20_000):
+        log.write("IMU", time_us, 0, 0.1, 0.0, 0.0, 0.0, 0.1, -9.8)
+        log.write("MAG", time_us, 0, 200, 10, 400)
+        log.write("ATT", time_us, 1.0, 2.0, 3.0)
+    return log.data
+
+
+def records(rng):
+    """A telemetry log of hostile frames, stamped anyhow."""
+    stamped = (rng.randbytes(8) + frame(rng) for _ in range(rng.randrange(11)))
+    return b"".join(stamped)
+
+
+LOGS = {
+    "tlog": lambda rng: damage(TLOG, rng),
+    "hostile.tlog": records,
+    "bin": lambda rng: damage(SMALL, rng),
+    "any fields.bin": dataflash_formats,
+    "ulg": lambda rng: damage(ULOG[: rng.randint(1_000, 40_000)], rng),
+    "any fields.ulg": ulog_formats,
+}
+
+
+@pytest.mark.parametrize("kind", LOGS)
+@fuzzed(20, 9000)
+@given(built(lambda rng: rng))
+def test_logs(tmp_path_factory, kind, rng):
+    path = tmp_path_factory.getbasetemp() / f"fuzz.{kind.rpartition('.')[2]}"
+    content = LOGS[kind](rng)
+    path.write_bytes(damage(content, rng) if " " in kind and rng.random() < 0.5 else content)
+    pipeline = Pipeline(rng.choice(PROFILES))
     try:
         for number, event in enumerate(open_log(path)):
             pipeline.handle(event)
             if number % 20 == 0:
                 check(pipeline.tick(event.arrival_us))
     except InputError as error:
-        one_line(path, error)
+        one_line(path.name, error)
 
 
-def read_content(tmp_path_factory, suffix, content):
-    path = tmp_path_factory.getbasetemp() / f"fuzz.{suffix}"
-    path.write_bytes(content)
-    read_log(path, PROFILES[1])
-
-
-def perhaps_damaged(data, content):
-    return data.draw(damaged(content)) if data.draw(st.booleans()) else content
-
-
-def one_line(path, error):
-    text = str(error)
-    assert path.name in text
-    assert "\n" not in text
-
-
-@fuzzed(40, 18000)
-@given(damaged(TLOG))
-def test_telemetry_logs(tmp_path_factory, data):
-    read_content(tmp_path_factory, "tlog", data)
-
-
-@fuzzed(20, 12000)
-@given(st.lists(st.tuples(st.integers(0, 2**64 - 1), built(frame)), max_size=10), st.data())
-def test_telemetry_logs_of_hostile_frames(tmp_path_factory, records, data):
-    path = tmp_path_factory.getbasetemp() / "fuzz.tlog"
-    content = b"".join(struct.pack(">Q", stamp) + each for stamp, each in records)
-    path.write_bytes(perhaps_damaged(data, content))
-    read_log(path, PROFILES[0])
-
-
-def dataflash():
-    """A small DataFlash log: formats of IMU, MAG and ATT, and some rows."""
-
-    def fmt(number, length, name, types, columns):
-        head = struct.pack("<BB4s16s64s", number, length, name, types, columns)
-        return b"\xa3\x95\x80" + head
-
-    data = fmt(128, 89, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns")
-    data += fmt(130, 3 + 8 + 1 + 24, b"IMU", b"QBffffff", b"TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ")
-    data += fmt(131, 3 + 8 + 1 + 6, b"MAG", b"QBhhh", b"TimeUS,I,MagX,MagY,MagZ")
-    data += fmt(132, 3 + 8 + 6, b"ATT", b"QccC", b"TimeUS,Roll,Pitch,Yaw")
-    for k in range(12):
-        time_us = 1_000_000 + 20_000 * k
-        data += b"\xa3\x95\x82" + struct.pack("<QB6f", time_us, 0, 0.1, 0, 0, 0, 0.1, -9.8)
-        data += b"\xa3\x95\x83" + struct.pack("<QB3h", time_us, 0, 200, 10, 400)
-        data += b"\xa3\x95\x84" + struct.pack("<QhhH", time_us, 100, 200, 300)
-    return data
-
-
-@fuzzed(20, 8000)
-@given(damaged(dataflash()))
-def test_dataflash_logs(tmp_path_factory, data):
-    read_content(tmp_path_factory, "bin", data)
-
-
-@fuzzed(20, 8000)
-@given(built(dataflash_formats), st.data())
-def test_dataflash_logs_of_any_fields(tmp_path_factory, content, data):
-    read_content(tmp_path_factory, "bin", perhaps_damaged(data, content))
-
-
-@fuzzed(5, 2000)
-@given(built(lambda rng: damage(ULOG[: rng.randint(1_000, len(ULOG))], rng)))
-def test_ulogs(tmp_path_factory, data):
-    read_content(tmp_path_factory, "ulg", data)
-
-
-@fuzzed(20, 8000)
-@given(built(ulog_formats), st.data())
-def test_ulogs_of_any_fields(tmp_path_factory, content, data):
-    read_content(tmp_path_factory, "ulg", perhaps_damaged(data, content))
-
-
-WHOLE = [ULOG, clip("sub_bluerov.tlog", 60_000), clip("copter_reboot.tlog", 60_000), dataflash()]
+SMALL = dataflash()
+WHOLE = [ULOG, clip("sub_bluerov.tlog", 60_000), clip("copter_reboot.tlog", 60_000), SMALL]
 
 
 @fuzzed(5, 1500)
@@ -196,52 +160,11 @@ def test_recordings_cut_swapped_and_joined(tmp_path_factory, one, other, rng):
     try:
         report = report_log(path, PROFILES[1], tell=told.append)
     except InputError as error:
-        one_line(path, error)
+        one_line(path.name, error)
     else:
         json.loads(msgspec.json.encode(report), parse_constant=_no_constant)
     assert len(told) < 200
     assert not [line for line in told if "\n" in line]
-
-
-JSON = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
-    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=8), inner),
-    max_leaves=12,
-)
-
-
-@st.composite
-def profile_changes(draw):
-    """A partial profile with real keys and any values."""
-    whole = msgspec.to_builtins(profile_to_json(PROFILES[1]))
-    partial = {}
-    for section in draw(st.lists(st.sampled_from(sorted(whole)), max_size=3)):
-        fields = whole[section]
-        if not isinstance(fields, dict):  # a key above the sections
-            partial[section] = draw(st.just(fields) | JSON)
-            continue
-        keys = draw(st.lists(st.sampled_from(sorted(fields)), max_size=4)) if fields else []
-        partial[section] = {key: draw(st.just(fields[key]) | JSON) for key in keys}
-    return partial
-
-
-@fuzzed(30, 4000)
-@given(st.one_of(profile_changes(), st.dictionaries(st.text(max_size=8), JSON, max_size=3)))
-def test_parameters_put_on_zenoh(partial):
-    from tests.service.streams import ONE, imu_events
-
-    pipeline = Pipeline(PROFILES[1])
-    events = imu_events(6)
-    for event in events[:3]:
-        pipeline.handle(event)
-    try:
-        payload = json.dumps(partial).encode()
-        pipeline.replace_profile(ONE, _json_object(payload))
-    except InputError:
-        assert pipeline.vehicle(ONE).profile == PROFILES[1]
-    for event in events[3:]:
-        pipeline.handle(event)
-        check(pipeline.tick(event.arrival_us))
 
 
 @fuzzed(20, 19000)
@@ -250,7 +173,7 @@ def test_payloads_that_are_no_json(payload):
     try:
         assert isinstance(_json_object(payload), dict)
     except InputError as error:
-        _says("payload", error)
+        one_line("payload", error)
 
 
 TOML = resources.files("estimator").joinpath("profiles", "imu.toml").read_bytes()
@@ -262,6 +185,6 @@ def test_profiles(data):
     try:
         profile = parse_profile(data.decode("utf-8", "replace"), "fuzz.toml")
     except InputError as error:
-        _says("fuzz.toml", error)
+        one_line("fuzz.toml", error)
     else:
         assert parse_profile(data.decode("utf-8", "replace"), "fuzz.toml") == profile

@@ -183,3 +183,16 @@ def test_csv_of_the_experiment_gives_its_cost_and_its_settling(replayed, tmp_pat
     assert np.sin(total / 2.0) ** 2 == pytest.approx(e.ravel(), abs=1e-8)
     gains = [float(row["gain"]) for row in rows]
     assert np.mean(gains) == pytest.approx(report["mean_gain"], rel=1e-6)
+
+
+def test_dates_never_go_back_though_the_recorder_s_clock_was_set_back(replayed, tmp_path):
+    data, at = bytearray(LOG.read_bytes()), 0
+    while at + 8 < len(data):
+        begin, at = at, frame_end(data, at + 8)
+        stamp_us = int.from_bytes(data[begin : begin + 8], "big") - 2_000_000 * (2 * at > len(data))
+        data[begin : begin + 8] = stamp_us.to_bytes(8, "big")
+    (tmp_path / "back.tlog").write_bytes(data)
+    replayed(tmp_path / "back.tlog", "--csv", tmp_path / "a.csv")
+    dates = [float(row["time_unix_s"]) for row in rows_of(tmp_path / "a.csv")]
+    assert len(dates) > 500
+    assert np.diff(dates).min() == 0.0

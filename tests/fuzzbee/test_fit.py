@@ -56,6 +56,10 @@ WRONG = {
         lambda t, w, f, m: (np.arange(len(t), dtype=float), w, f, m),
         "^samples are 1 s apart and turn as if 0.021 s were between$",
     ),
+    "numbers of samples, and degrees": (
+        lambda t, w, f, m: (np.arange(len(t), dtype=float), np.degrees(w), f, m),
+        "^samples are 1 s apart and turn as if 0.00036 s were between$",
+    ),
     "milliradians": (
         lambda t, w, f, m: (t, 1e3 * w, f, m),
         r"better with gyr \* 0.001: its unit, or the times, are others$",

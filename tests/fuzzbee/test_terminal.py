@@ -8,7 +8,7 @@ from rich.console import Console
 
 from drivers.events import VehicleId
 from fuzzbee.terminal import TerminalView
-from service.records import ImuDifference, Message, Published, Sigma
+from service.records import Departed, ImuDifference, Message, Published, Sigma
 from tests.fuzzbee.screen import lines, terminal, vehicle
 from tests.service.records import differing, record
 
@@ -201,3 +201,12 @@ def test_a_key_quits():
     assert not view.is_closed
     view.press(["q"])
     assert view.is_closed
+
+
+def test_of_two_in_one_state_the_warned_one_needs_attention_first():
+    shown = vehicle("1"), vehicle("2", warnings=("bias_at_limit",)), vehicle("3", state="degraded")
+    assert [line[:1] for line in terminal(*shown, keys=["s"])[2:5]] == ["3", "2", "1"]
+
+
+def test_a_vehicle_that_has_departed_is_shown_no_more():
+    assert lines([*vehicle("2"), *vehicle("1"), Departed(VehicleId(1, 1))]) == lines(vehicle("2"))

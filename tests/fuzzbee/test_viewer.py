@@ -299,3 +299,9 @@ def test_without_the_extra_a_viewer_is_refused_and_nothing_else(monkeypatch, cap
     assert main(["run", "--no-zenoh", "--view", "web"]) == 2
     assert "[viewer]" in capfd.readouterr().err
     assert main(["run", "--no-zenoh", "--seconds", "0.2", "--json"]) == 0
+
+
+def test_points_go_on_though_the_host_s_clock_was_set_back(tmp_path):
+    before = Published(ONE, at_time(record(), 10_000_000))
+    turns = [[before], *([each] for each in attitudes(ONE, 10, 200_000))]
+    assert rows(drawn(tmp_path, turns), "/tilt/1") == 1 + 11  # with the lines' names

@@ -229,6 +229,9 @@ def test_a_profile_that_the_vehicle_contradicts_is_told_in_the_status():
     pipeline.handle(BuiltIn(ONE, START_US, "paper"))
     (status,) = statuses(pipeline.tick(START_US))
     assert status.warnings == ("profile_unfit",)
+    pipeline.replace_profile(ONE, {"filter": {"gamma": 0.5}})  # somebody knows better
+    (status,) = statuses(pipeline.tick(START_US + 2_000_000))
+    assert status.warnings == ()
 
 
 def test_a_word_is_said_until_it_has_not_been_so_for_a_while():

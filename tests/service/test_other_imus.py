@@ -5,15 +5,18 @@ from math import radians
 
 import pytest
 
-from drivers.events import OtherImu
+from drivers.events import Imu, OtherImu
 from drivers.logs.tlog import Tlog
 from drivers.mavlink.constants import mavlink
 from drivers.mavlink.framing import FrameReader
 from drivers.simulation.simulated_vehicle import SimulatedVehicle
 from estimator.geometry.quaternion import exp, rotate
 from estimator.profile import load_profile
+from estimator.types import ImuSample
 from fuzzbee.replays.trace import Replay
+from service.other_imus import OtherImus
 from tests.service.flight_rig import Rig
+from tests.service.streams import ONE
 
 M = mavlink()
 TILTED = exp((0.0, radians(6.0), 0.0))
@@ -110,3 +113,14 @@ def test_a_status_has_each_imus_difference_from_the_one_in_use(skips):
     rig.frame = frame
     rig.fly(6.0)
     assert rig.status().other_imus == {}
+
+
+def test_what_was_long_ago_is_forgotten():
+    """An IMU that was tilted for a minute stands level since half a minute."""
+    others, level = OtherImus(), (0.0, 0.0, -9.81)
+    for k in range(180):
+        us = 500_000 * (k + 1)
+        ours = Imu(ONE, us, us, "RAW_IMU", ImuSample(us, (0.0,) * 3, level, (0.0,) * 3, False))
+        force = rotate(TILTED, level) if k < 120 else level
+        others.take("SCALED_IMU2", us, (0.0,) * 3, force, ours)
+    assert others.records(us)["SCALED_IMU2"].inclination_deg < 1.0

@@ -455,3 +455,11 @@ def test_a_tick_looks_at_no_vehicle_that_is_lost(monkeypatch):
     monkeypatch.setattr(Vehicle, "state", property(lambda v: looked.append(v) or state(v)))
     pipeline.tick(now_us + 2)
     assert {each.address for each in looked} <= {ONE}
+
+
+def test_a_host_clock_that_is_set_back_brings_no_flood_of_statuses():
+    pipeline, found = fed(imu_events(10)), []
+    for begin_us in (START_US, START_US - 3_600_000_000):
+        for tick in range(50):
+            found += statuses(pipeline.tick(begin_us + 100_000 * tick))
+    assert len(found) == pytest.approx(10, abs=2)

@@ -8,6 +8,7 @@ from drivers.events import ReferenceAttitude
 from estimator.geometry.earth import PlaceField
 from estimator.geometry.quaternion import multiply, rotate_inverse
 from estimator.types import Attitude, ImuSample
+from service.evidence import Consistency
 from service.second_opinion import (
     LOOK_EVERY_US,
     KnownFaults,
@@ -108,8 +109,8 @@ def test_a_heading_from_elsewhere_than_true_north_says_little(north):
 
 
 def test_a_lag_in_a_fast_turn_is_no_difference():
-    turning = {"rate": (0.0, 0.0, 3.0)}
-    behind = multiply(turn(DOWN, degrees(-0.08 * 3.0)), TRUE)
+    turning = {"rate": (0.0, 0.0, 6.0)}
+    behind = multiply(turn(DOWN, degrees(-0.08 * 6.0)), TRUE)
     assert told(TRUE, behind, **turning).opinion.verdict is not Verdict.DIFFERS
 
 
@@ -203,3 +204,23 @@ def test_an_accelerometer_that_leads_ours_astray_is_nobody_s_fault_or_ours(place
     assert opinion.opinion.verdict is Verdict.DIFFERS
     assert opinion.opinion.wrong == ("" if place is None else "ours")
     assert "8% off gravity's strength" in opinion.opinion.evidence
+
+
+def test_the_evidence_that_named_one_stays_with_the_interval():
+    turned = multiply(turn(DOWN, 30.0), TRUE)
+    opinion = told(TRUE, turned, place=None, doubts=Doubts("its own filter calls it not good"))
+    later_us = opinion._last_us + LOOK_EVERY_US
+    told(TRUE, turned, place=None, opinion=opinion, begin_us=later_us)
+    (interval,) = opinion.intervals
+    assert (interval.end_us > later_us, interval.wrong) == (True, "autopilot")
+    assert "calls it not good" in interval.evidence
+
+
+def test_a_push_of_less_than_0_7_m_s2_shows_no_heading_however_seldom_velocity_comes():
+    seen, step_s = Consistency(), 1.6
+    for k in range(60):
+        time_us, force = round(1e6 * step_s * k), rotate_inverse(TRUE, (0.6, 0.0, -9.81))
+        sample = ImuSample(time_us, (0.0, 0.0, 0.0), force, (0.0, 0.0, 0.0), False)
+        seen.look(TRUE, sample, step_s)
+        seen.take_velocity(time_us, (0.6 * step_s * k, 0.0, 0.0))
+    assert seen.turn_deg(None) is None

@@ -110,81 +110,62 @@ def impair(healthy: Readings, fault: Fault, seed: int) -> Readings:
 
 
 Kind = Callable[[Readings, Fault, Flags, np.random.Generator], Readings]
+# What becomes of readings (M,) of one axis, or (M, 3), at those times (M,).
+Change = Callable[[Floats, Fault, Floats, np.random.Generator], Floats]
 
 
-def _on_axis(sensor: str, change: Callable[[Floats, float, np.random.Generator], Floats]) -> Kind:
-    """A fault of one axis: ``change`` is given its readings from begin to end, and the size."""
+def _of(sensor: str, change: Change, *, every: bool = False) -> Kind:
+    """A fault of a sensor, of the fault's axis alone or of ``every`` one."""
 
     def apply(r: Readings, fault: Fault, wrong: Flags, rng: np.random.Generator) -> Readings:
         values = getattr(r, sensor).copy()
-        values[wrong, fault.axis] = change(values[wrong, fault.axis], fault.size, rng)
+        at = wrong if every else (wrong, fault.axis)
+        values[at] = change(values[at], fault, r.time_s[wrong], rng)
         return r._replace(**{sensor: values})
 
     return apply
 
 
-def _saturated(values: Floats, share: float, _: np.random.Generator) -> Floats:
+def _offset(v: Floats, fault: Fault, *_: object) -> Floats:
+    return v + fault.size
+
+
+def _scaled(v: Floats, fault: Fault, *_: object) -> Floats:
+    return v * fault.size
+
+
+def _first(v: Floats, *_: object) -> Floats:
+    return np.broadcast_to(v[0], v.shape)
+
+
+def _growing(v: Floats, fault: Fault, time_s: Floats, _: np.random.Generator) -> Floats:
+    return v + fault.size * (time_s - fault.begin_s)
+
+
+def _noisy(v: Floats, fault: Fault, _: Floats, rng: np.random.Generator) -> Floats:
+    return v + fault.size * rng.standard_normal(len(v))
+
+
+def _saturated(v: Floats, fault: Fault, *_: object) -> Floats:
     """The end of the range is a share of the largest reading."""
-    end = share * float(np.max(np.abs(values)))
-    return np.clip(values, -end, end)
+    end = fault.size * float(np.max(np.abs(v)))
+    return np.clip(v, -end, end)
 
 
-def _growing(r: Readings, fault: Fault, wrong: Flags, _: np.random.Generator) -> Readings:
-    acc = r.acc_m_s2.copy()
-    acc[wrong, fault.axis] += fault.size * (r.time_s[wrong] - fault.begin_s)
-    return r._replace(acc_m_s2=acc)
-
-
-def _vibrating(r: Readings, fault: Fault, wrong: Flags, rng: np.random.Generator) -> Readings:
-    acc = r.acc_m_s2.copy()
-    swing = np.sin(2 * np.pi * VIBRATION_HZ * r.time_s[wrong][:, None] + rng.uniform(0, 6.3, 3))
-    acc[wrong] += fault.size * rng.uniform(0.5, 1.5, swing.shape) * swing * (0.5, 0.5, 1.0)
-    return r._replace(acc_m_s2=acc)
-
-
-def _frozen(r: Readings, _: Fault, wrong: Flags, __: np.random.Generator) -> Readings:
-    mag = r.mag_gauss.copy()
-    mag[wrong] = mag[wrong][0]
-    return r._replace(mag_gauss=mag)
-
-
-def _absent(r: Readings, _: Fault, wrong: Flags, __: np.random.Generator) -> Readings:
-    """There is no field, as a message without a compass says."""
-    return r._replace(mag_gauss=np.where(wrong[:, None], 0.0, r.mag_gauss))
-
-
-def _mounted(r: Readings, fault: Fault, wrong: Flags, _: np.random.Generator) -> Readings:
-    """The compass is mounted otherwise than its orientation says, about the vehicle's down."""
-    turned = np.where(wrong[:, None], r.mag_gauss @ _about_down(fault.size).T, r.mag_gauss)
-    return r._replace(mag_gauss=turned)
-
-
-def _knocked(r: Readings, fault: Fault, wrong: Flags, _: np.random.Generator) -> Readings:
+def _knocked(v: Floats, fault: Fault, *_: object) -> Floats:
     """One sample alone, as at a motor's start."""
-    acc = r.acc_m_s2.copy()
-    acc[np.argmax(wrong), fault.axis] += fault.size
-    return r._replace(acc_m_s2=acc)
+    return v + fault.size * (np.arange(len(v)) == 0)
 
 
-def _drifting(r: Readings, fault: Fault, wrong: Flags, _: np.random.Generator) -> Readings:
-    gyr = r.gyr_rad_s.copy()
-    gyr[wrong, fault.axis] += fault.size * (r.time_s[wrong] - fault.begin_s)
-    return r._replace(gyr_rad_s=gyr)
+def _vibrating(v: Floats, fault: Fault, time_s: Floats, rng: np.random.Generator) -> Floats:
+    swing = np.sin(2 * np.pi * VIBRATION_HZ * time_s[:, None] + rng.uniform(0, 6.3, 3))
+    return np.asarray(v + fault.size * rng.uniform(0.5, 1.5, v.shape) * swing * (0.5, 0.5, 1.0))
 
 
-def _larger(r: Readings, fault: Fault, wrong: Flags, _: np.random.Generator) -> Readings:
-    factor = np.where(wrong, fault.size, 1.0)[:, None]
-    return r._replace(velocity_m_s=factor * r.velocity_m_s)
-
-
-def _turned(r: Readings, fault: Fault, wrong: Flags, _: np.random.Generator) -> Readings:
-    velocity = np.where(wrong[:, None], r.velocity_m_s @ _about_down(fault.size).T, r.velocity_m_s)
-    return r._replace(velocity_m_s=velocity)
-
-
-def _other_unit(r: Readings, fault: Fault, wrong: Flags, _: np.random.Generator) -> Readings:
-    """The IMU's own stamp is counted in another unit, all others are right."""
-    return r._replace(stamp_s=np.where(wrong, fault.size * r.stamp_s, r.stamp_s))
+def _turned(v: Floats, fault: Fault, *_: object) -> Floats:
+    """About the third axis, as a compass that is mounted otherwise than its orientation says."""
+    c, s = cos(radians(fault.size)), sin(radians(fault.size))
+    return np.asarray(v @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]))
 
 
 def _other_pace(r: Readings, fault: Fault, wrong: Flags, _: np.random.Generator) -> Readings:
@@ -194,32 +175,25 @@ def _other_pace(r: Readings, fault: Fault, wrong: Flags, _: np.random.Generator)
     return r._replace(boot_s=boot_s, stamp_s=boot_s)
 
 
-def _about_down(angle_deg: float) -> Floats:
-    """The matrix of a turn about the third axis."""
-    c, s = cos(radians(angle_deg)), sin(radians(angle_deg))
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-
-
 KINDS: dict[str, Kind] = {
-    "gyroscope stuck": _on_axis("gyr_rad_s", lambda v, _, __: np.full_like(v, v[0])),
-    "gyroscope offset": _on_axis("gyr_rad_s", lambda v, size, _: v + size),
-    "gyroscope scale": _on_axis("gyr_rad_s", lambda v, size, _: v * size),
-    "gyroscope noise": _on_axis(
-        "gyr_rad_s", lambda v, size, rng: v + size * rng.standard_normal(len(v))
-    ),
-    "gyroscope saturated": _on_axis("gyr_rad_s", _saturated),
-    "gyroscope drift": _drifting,
-    "accelerometer knock": _knocked,
-    "accelerometer offset": _on_axis("acc_m_s2", lambda v, size, _: v + size),
-    "accelerometer growing": _growing,
-    "accelerometer vibration": _vibrating,
-    "magnetometer offset": _on_axis("mag_gauss", lambda v, size, _: v + size),
-    "magnetometer frozen": _frozen,
-    "magnetometer turned": _mounted,
-    "magnetometer absent": _absent,
-    "velocity scale": _larger,
-    "velocity turned": _turned,
-    "clock unit": _other_unit,
+    "gyroscope stuck": _of("gyr_rad_s", _first),
+    "gyroscope offset": _of("gyr_rad_s", _offset),
+    "gyroscope scale": _of("gyr_rad_s", _scaled),
+    "gyroscope noise": _of("gyr_rad_s", _noisy),
+    "gyroscope saturated": _of("gyr_rad_s", _saturated),
+    "gyroscope drift": _of("gyr_rad_s", _growing),
+    "accelerometer knock": _of("acc_m_s2", _knocked),
+    "accelerometer offset": _of("acc_m_s2", _offset),
+    "accelerometer growing": _of("acc_m_s2", _growing),
+    "accelerometer vibration": _of("acc_m_s2", _vibrating, every=True),
+    "magnetometer offset": _of("mag_gauss", _offset),
+    "magnetometer frozen": _of("mag_gauss", _first, every=True),
+    "magnetometer turned": _of("mag_gauss", _turned, every=True),
+    # no field, as a message without a compass has it
+    "magnetometer absent": _of("mag_gauss", lambda v, *_: 0.0 * v, every=True),
+    "velocity scale": _of("velocity_m_s", _scaled, every=True),
+    "velocity turned": _of("velocity_m_s", _turned, every=True),
+    "clock unit": _of("stamp_s", _scaled, every=True),  # of the IMU's own stamp alone
     "clock pace": _other_pace,
 }
 

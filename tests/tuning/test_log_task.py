@@ -249,3 +249,11 @@ def test_reads_a_log_with_the_truth_of_a_simulation(recorded):
     assert recorded.known.mean() > 0.95
     assert recorded.restart[0]
     assert motion_s(recorded) > 30.0
+
+
+def test_a_slow_stream_may_lack_two_samples_in_a_row():
+    """A silence of 1.5 s, which is three of its periods."""
+    made = flight(rate_hz=2.0)
+    late_us = made.rows.times_us + 1_000_000 * (np.arange(len(made.truth)) >= 60)
+    found = recoveries(whole(made._replace(rows=made.rows._replace(times_us=late_us))))
+    assert len(found) == len(recoveries(whole(made)))

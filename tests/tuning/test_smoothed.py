@@ -52,6 +52,9 @@ def test_the_whole_flight_knows_better_and_how_well(flown):
     assert sure.inclination.coverage > 0.95
     assert 0.5 < by_smooth.inclination.coverage < 0.8
     assert by_smooth.inclination.rms_deg > 1.5 * sure.inclination.rms_deg
+    # where the base profile has told no heading there is none
+    told = np.arange(len(flown.headed)) < 100
+    assert not smoothed_flight(flown._replace(headed=told), IMU).headed[100:].any()
 
 
 def test_what_is_not_sure_is_no_reference():

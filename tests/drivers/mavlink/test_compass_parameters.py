@@ -34,3 +34,12 @@ def test_with_the_new_parameters_it_sends_the_corrected_field(message, number, w
     wanted = matrix @ (sent(was, raw, number) - 1e3 * offset)
     assert sent(new, raw, number) == pytest.approx(wanted)
     assert not any("DIA" in name for name in corrected(was, message, offset, None))
+
+
+def test_what_throttle_does_is_nothing_to_begin_with_for_what_the_current_does():
+    was = {"COMPASS_MOT_X": 7.0, "COMPASS_MOT_Y": 0.0, "COMPASS_MOT_Z": 0.0}
+    found = [
+        corrected(was | {"COMPASS_MOTCT": by}, "RAW_IMU", np.zeros(3), None, np.full(3, 1e-3))
+        for by in (1.0, 2.0)
+    ]
+    assert [each["COMPASS_MOT_X"] for each in found] == pytest.approx([-1.0, 6.0])

@@ -662,3 +662,17 @@ def test_what_a_link_hands_out_is_in_the_file_of_stamps(tmp_path):
         collect(link, count(Heartbeat, 40))
         after = SigningCheck(key, file)
     assert {after.refusal(frame, now_us) for frame in sent} == {"replayed"}
+
+
+def test_datagrams_that_were_lost_before_a_break_still_count(monkeypatch):
+    monkeypatch.setattr(UdpIn, "lost", 3)
+
+    def fail(*_):
+        raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
+
+    with udp_link() as (link, _):
+        until(lambda: link.lost == 3, lambda: link.drain(0.01))
+        with monkeypatch.context() as patch:
+            patch.setattr(UdpIn, "receive", fail)
+            collect(link, count(LinkDown))
+        until(lambda: link.lost == 6, lambda: link.drain(0.01))

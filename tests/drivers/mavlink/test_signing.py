@@ -362,3 +362,18 @@ def test_many_streams_are_kept_as_one_floor_and_none_can_be_replayed(file, monke
     assert judge(check, signed(now_us + S, vehicle=ONE), later_us) == "replayed"
     assert judge(check, signed(later_us, vehicle=ONE), later_us) is None
     assert judge(check, signed(NOW + 67 * S, vehicle=slow), later_us) is None
+
+
+def test_a_floor_of_before_a_crash_never_falls(file, monkeypatch):
+    """A stream of before it, older than the floor, is merged into that after the restart."""
+    monkeypatch.setattr(signing, "MOST_STREAMS", 4)
+    before = SigningCheck(KEY, file)
+    for at_us in (NOW - 50 * S, NOW - 45 * S):
+        assert judge(before, signed(at_us), at_us) is None
+    last = signed(NOW + 20 * S, vehicle=TWO)
+    assert judge(before, last, NOW + 20 * S) is None
+    check, now_us = SigningCheck(KEY, file), NOW + 25 * S
+    for number in range(10, 16):
+        assert judge(check, signed(now_us, vehicle=VehicleId(number, 1)), now_us) is None
+    assert ONE not in {VehicleId(*stream[:2]) for stream in check._last}
+    assert judge(check, last, now_us) == "replayed"

@@ -31,6 +31,8 @@ PLACES = [
     (STANDING, 3, CANBERRA, True),  # on the bench, before the filter uses it
     (STANDING, 3, NEAR_NOWHERE, False),
     (0x400, 1, NEAR_NOWHERE, False),
+    (FLYING & ~0x02, None, NEAR_NOWHERE, True),  # a place without a velocity
+    (FLYING & ~0x10, None, CANBERRA, False),  # and a velocity without a place
 ]
 
 
@@ -75,6 +77,8 @@ def test_words_hold_for_a_while_and_not_beyond_a_reboot():
     assert navigation.velocity_sigma_m_s(0.3, NOW_US + WORD_HOLDS_US) is None
     assert navigation.velocity_sigma_m_s(0.3, NOW_US + WORD_HOLDS_US + 1) == 0.3
     navigation.hear_status(FilterStatus(ONE, NOW_US, False, True))
+    navigation.hear_fix(False, NOW_US)
     navigation.forget()
+    assert navigation.believes_place(*CANBERRA, NOW_US)
     assert navigation.velocity_sigma_m_s(0.3, NOW_US) == 0.3
     assert not navigation.believes_place(*NEAR_NOWHERE, NOW_US)

@@ -396,3 +396,29 @@ def test_a_clock_in_two_fields_that_is_set_back_and_forwards_invents_no_time(bac
         given_us += [placed.time_us] if isinstance(placed, Placed) else []
     assert given_us[-1] - given_us[0] == 20_000 * (50 * 40 - 1)
     assert max(b - a for a, b in itertools.pairwise(given_us)) <= 60_000  # two wait for the third
+
+
+def test_reports_keep_their_intervals_where_their_own_clock_takes_over():
+    """The first three came 0.4 s late, so that prompt ones are placed ahead until then."""
+    clock = VehicleClock()
+    imu(clock, 100 * S, UNIX, BOOT_MS, "SCALED_IMU2")
+
+    def report(after_us, late_us=0):
+        return clock.other("REPORT", USEC, 5000 * S + after_us, UNIX + after_us + late_us).time_us
+
+    for k in range(3):
+        report(20_000 * k, late_us=400_000)
+    before_us = report(500_000)
+    imu(clock, 5000 * S + 520_000, UNIX + 520_000)
+    assert report(540_000) - before_us == pytest.approx(30_000, abs=10_000)
+
+
+def test_a_clock_that_was_set_back_far_is_watched_as_closely_as_before():
+    """Set back and forwards by 0.2 s, then back by 0.9 s and forwards by 0.2 s."""
+    clock, given_us = VehicleClock(), []
+    for k in range(50 * 60):
+        now_us = 100 * S + 20_000 * k
+        off_us = (0, -200_000, 0, -900_000, -700_000)[k // 600]
+        placed = imu(clock, now_us + off_us, UNIX + now_us)
+        given_us += [placed.time_us] if isinstance(placed, Placed) else []
+    assert given_us[-1] - given_us[0] == 20_000 * (50 * 60 - 1)

@@ -21,7 +21,7 @@ from estimator.types import (
     Vec3,
 )
 
-BIAS = 0.01
+BIAS = 0.05
 STEP_S = 0.5
 SECOND = 1_000_000
 

@@ -1,9 +1,12 @@
 """A long recording is smoothed piece by piece, each with what is around it."""
 
 import numpy as np
+import pytest
 
+from estimator.conditioning.vertical.averaging import WINDOW_S
 from estimator.profile import load_profile
 from estimator.smoothing import Recorder, smooth_all, unaided
+from estimator.smoothing.windows import low_passed
 from tests.flight import banked_flight, flown
 
 
@@ -21,3 +24,11 @@ def test_pieces_with_wide_margins_are_what_the_whole_is(monkeypatch):
     np.testing.assert_array_equal(smoothed(flight), whole)
     monkeypatch.setattr(unaided, "MARGIN_S", 1.0)
     assert not np.array_equal(smoothed(flight), whole)
+
+
+def test_a_low_pass_there_and_back_leaves_half_at_its_cutoff():
+    """sqrt(2) / (2 pi tau), as of the estimator's own."""
+    tau_s = 5.0
+    wave = np.sin(np.sqrt(2.0) / tau_s * WINDOW_S * np.arange(2000))[:, None]
+    left = low_passed(wave, tau_s)[500:1500]
+    assert np.sqrt(np.mean(left**2) / np.mean(wave**2)) == pytest.approx(0.5, abs=0.01)
