@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from math import isfinite
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -10,9 +11,8 @@ from estimator.arrays import Floats
 from estimator.geometry.metrics import COST_RATE_HZ, COST_SAMPLES, batch_angle_errors
 from estimator.profile import Profile
 from fuzzbee.replays.exports import Columns
-from fuzzbee.replays.figure import save
-from fuzzbee.replays.panels import BLACK, BLUE, DARK, ORANGE, Area, Curve, Figure, Panel
-from fuzzbee.replays.plot import TIME, angle_panels
+from fuzzbee.replays.figure import BLACK, BLUE, DARK, ORANGE, add_legend, written_figure
+from fuzzbee.replays.plot import TIME, draw_angles
 from fuzzbee.replays.schema import ImuSummary, SimulationReport, VehicleSummary
 from fuzzbee.replays.score import CONVERGED_RAD, Coverage, error_summary
 from tuning.paper_experiment import SETTLED_ERROR, ExperimentResult, run_experiment
@@ -98,35 +98,39 @@ def draw(path: Path, title: str, seeds: Sequence[int], results: Results) -> None
     time_s = np.arange(len(results[0].true_error)) / COST_RATE_HZ
     end_s = float(time_s[-1])
     errors, gains = (np.array([getattr(r, of) for r in results]) for of in ("true_error", "gains"))
-    rows = []
-    for name, values in (("$e(\\tilde R)$", errors), ("gain $K$", gains)):
-        rows.append([_panel(time_s, values, span_s) for span_s in (TRANSIENT_S, end_s)])
-        rows[-1][0].ylabel = name
-    for panel in rows[0]:
-        panel.is_log, panel.low, panel.high = True, LEAST_SHOWN_ERROR, 1.5
-        level = np.full(2, SETTLED_ERROR)
-        panel.curves.append(Curve(np.array(panel.span), level, DARK, width=0.7, dash=":"))
-    for panel in rows[1]:
-        panel.xlabel, panel.low, panel.high = TIME, 0.0, 1.05 * float(gains.max())
-    rows[0][0].title, rows[0][1].title = "the first second", f"all {end_s:g} s"
-    rows[1][1].names = 3 if len(results) > 1 else 0
-    true = Curve(time_s, results[0].truth, BLACK, "true", 1.4)
-    estimate = Curve(time_s, results[0].estimates, ORANGE, "estimate")
-    angles = angle_panels((0.0, end_s), (true, estimate))
-    angles[0].title, angles[2].xlabel = f"angles, noise seed {seeds[0]}", TIME
-    rows += [[panel] for panel in angles]
-    heights, widths = [1.0, 1.0, 0.6, 0.6, 0.6], [1.0, 1.6]
-    save(Figure(title, rows, FIGURE_INCHES, heights, widths), path)
+    with written_figure(path, title, FIGURE_INCHES) as sheet:
+        ratios = {"height_ratios": [1.0, 1.0, 0.6, 0.6, 0.6], "width_ratios": [1.0, 1.6]}
+        grid = sheet.add_gridspec(5, 2, **ratios)
+        for column, span_s in enumerate((TRANSIENT_S, end_s)):
+            above, below = (sheet.add_subplot(grid[row, column]) for row in (0, 1))
+            _draw_seeds(above, time_s, errors, span_s)
+            above.set_yscale("log")
+            above.set(ylim=(LEAST_SHOWN_ERROR, 1.5), ylabel="" if column else "$e(\\tilde R)$")
+            above.plot((0.0, span_s), np.full(2, SETTLED_ERROR), ":", color=DARK, lw=0.7)
+            above.set_title(f"all {end_s:g} s" if column else "the first second")
+            _draw_seeds(below, time_s, gains, span_s)
+            below.set(ylim=(0.0, 1.05 * float(gains.max())), ylabel="" if column else "gain $K$")
+            below.set_xlabel(TIME)
+        if len(results) > 1:
+            add_legend(below, 3)
+        axes = [sheet.add_subplot(grid[row, :]) for row in (2, 3, 4)]
+        draw_angles(axes, time_s, results[0].truth, color=BLACK, label="true", lw=1.4)
+        draw_angles(axes, time_s, results[0].estimates, color=ORANGE, label="estimate")
+        axes[0].set_title(f"angles, noise seed {seeds[0]}")
+        axes[2].set_xlabel(TIME)
+        for ax in axes:
+            ax.set_xlim(0.0, end_s)
+        add_legend(axes[0], 2)
 
 
-def _panel(time_s: Floats, values: Floats, end_s: float) -> Panel:
+def _draw_seeds(ax: Any, time_s: Floats, values: Floats, end_s: float) -> None:
     """Median and bands of (seeds, N) up to ``end_s``."""
     shown = time_s <= end_s
     time_s, values = time_s[shown], values[:, shown]
-    panel = Panel((0.0, end_s))
     for low, high, alpha in BANDS if len(values) > 1 else ():
-        bottom, top = np.percentile(values, (low, high), axis=0)
-        panel.areas.append(Area(time_s, bottom, top, BLUE, alpha, f"{low:g} to {high:g} %"))
+        between = np.percentile(values, (low, high), axis=0)
+        label = f"{low:g} to {high:g} %"
+        ax.fill_between(time_s, *between, color=BLUE, alpha=alpha, lw=0, label=label)
     middle = np.percentile(values, MEDIAN, axis=0)
-    panel.curves.append(Curve(time_s, middle, BLUE, "median of the seeds", 0.9))
-    return panel
+    ax.plot(time_s, middle, color=BLUE, lw=0.9, label="median of the seeds")
+    ax.set_xlim(0.0, end_s)
