@@ -1,6 +1,7 @@
 """The paper's experiment over several noise seeds: its figures, every sample, the paper's plots."""
 
-from collections.abc import Callable, Iterator, Sequence
+import time
+from collections.abc import Callable, Sequence
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ import numpy as np
 from estimator.arrays import Floats
 from estimator.geometry.metrics import COST_RATE_HZ, COST_SAMPLES, batch_angle_errors
 from estimator.profile import Profile
-from fuzzbee.replays.exports import Columns
+from fuzzbee.replays.exports import Columns, write_columns
 from fuzzbee.replays.figure import BLACK, BLUE, DARK, ORANGE, add_legend, written_figure
 from fuzzbee.replays.plot import TIME, draw_angles
 from fuzzbee.replays.schema import ImuSummary, SimulationReport, VehicleSummary
@@ -40,6 +41,7 @@ def report_simulation(
     exports: Sequence[Export] = (),
 ) -> SimulationReport:
     """Run all seeds, and hand them to the exports. Errors in degrees are over all their samples."""
+    started = time.perf_counter()
     results = [run_experiment(profile, seed, fixed_gain) for seed in seeds]
     for export in exports:
         export(seeds, results)
@@ -47,16 +49,16 @@ def report_simulation(
     all_errors = np.concatenate(errors)
     everywhere = np.ones(len(all_errors), np.bool_)
     columns = {"time_us": everywhere, "error_rad": all_errors}
-    settling = float(np.median([r.settling_s for r in results]))
     below = [np.flatnonzero(each[:, 0] < CONVERGED_RAD) for each in errors]
-    converged = float(np.median([i[0] / COST_RATE_HZ if len(i) else np.inf for i in below]))
+    converged = [i[0] / COST_RATE_HZ if len(i) else np.inf for i in below]
+    samples = len(all_errors)
     return SimulationReport(
         source="sim:",
         vehicle=VehicleSummary(1, 1, None, None),
         imu=ImuSummary(
             message="RAW_IMU",
-            samples=COST_SAMPLES * len(results),
-            messages={"RAW_IMU": COST_SAMPLES * len(results)},
+            samples=samples,
+            messages={"RAW_IMU": samples},
             median_rate_hz=COST_RATE_HZ,
             mean_rate_hz=COST_RATE_HZ,
             worst_gap_s=1.0 / COST_RATE_HZ,
@@ -67,30 +69,43 @@ def report_simulation(
         error_deg=error_summary(columns, everywhere, everywhere),
         coverage=Coverage(),
         peers={},
-        convergence_s=converged if isfinite(converged) else None,
-        mean_gain=float(np.mean([r.mean_gain for r in results])),
+        convergence_s=_median(converged),
+        mean_gain=_mean([r.mean_gain for r in results]),
         rejected={},
-        wall_s=0.0,
+        wall_s=time.perf_counter() - started,
         seeds=(seeds[0], seeds[-1]),
-        cost=float(np.mean([r.cost for r in results])),
+        cost=_mean([r.cost for r in results]),
         cost_per_seed=[r.cost for r in results],
-        steady_state_error=float(np.mean([r.steady_state_error for r in results])),
-        settling_s=settling if isfinite(settling) else None,
+        steady_state_error=_mean([r.steady_state_error for r in results]),
+        settling_s=_median([r.settling_s for r in results]),
     )
 
 
-def columns(seeds: Sequence[int], results: Results) -> Iterator[Columns]:
+def _mean(values: Sequence[float]) -> float:
+    return float(np.mean(values))
+
+
+def _median(times_s: Sequence[float]) -> float | None:
+    """None if it is infinite."""
+    median_s = float(np.median(times_s))
+    return median_s if isfinite(median_s) else None
+
+
+def write_csv(path: Path, seeds: Sequence[int], results: Results) -> None:
     """A row for every sample of every seed: the columns :data:`COLUMNS`.
 
     ``error`` is the true e, sin^2 of half the error's angle, and the quaternion is the estimate
     before the sample's correction; ``gain`` is the correction's.
     """
-    for seed, result in zip(seeds, results, strict=True):
-        angles = np.degrees(batch_angle_errors(result.estimates, result.truth))
-        time_s = np.arange(len(angles)) / COST_RATE_HZ
-        found = (time_s, result.true_error, result.gains, result.estimates, result.truth, angles)
-        values = (np.full(len(angles), seed), *np.column_stack(found).T)
-        yield dict(zip(COLUMNS, values, strict=True))
+    write_columns(path, map(_columns, seeds, results))
+
+
+def _columns(seed: int, result: ExperimentResult) -> Columns:
+    angles = np.degrees(batch_angle_errors(result.estimates, result.truth))
+    time_s = np.arange(len(angles)) / COST_RATE_HZ
+    found = (time_s, result.true_error, result.gains, result.estimates, result.truth, angles)
+    values = (np.full(len(angles), seed), *np.column_stack(found).T)
+    return dict(zip(COLUMNS, values, strict=True))
 
 
 def draw(path: Path, title: str, seeds: Sequence[int], results: Results) -> None:
