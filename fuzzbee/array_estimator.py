@@ -2,7 +2,9 @@
 
 import warnings
 from collections import Counter
-from math import inf, isfinite
+from copy import copy
+from functools import partial
+from math import isfinite
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,27 +12,11 @@ from numpy.typing import ArrayLike
 
 from drivers.samples.imu_stream import MAG_LIMIT_GAUSS, RepeatedField, finite_or_zero, is_field
 from estimator import estimator
-from estimator.aiding.sources.velocity import SPEED_LIMIT_M_S
 from estimator.arrays import Floats, Times
 from estimator.compilation.notice import notify_programs
 from estimator.errors import InputError
 from estimator.live.core import Snapshot
-from estimator.live.rows import (
-    HAS_VERTICAL,
-    NO_REPORT_ROWS,
-    NORTH,
-    REPORT_SIZE,
-    ROW,
-    SAID,
-    SIGMA_M_S,
-    TIME,
-    Rows,
-    X,
-    Z,
-    cut,
-    rows_of,
-    told_between,
-)
+from estimator.live.rows import NO_REPORT_ROWS, NORTH, SAID, cut, rows_of, told_between
 from estimator.profile import LEAST_GAIN, MOST_GAIN, Profile
 from estimator.reasons import Reason
 from estimator.row_taking import take
@@ -46,37 +32,14 @@ from fuzzbee.arguments import (
     vector,
 )
 from fuzzbee.attitudes import Attitudes, attitudes_of_rows
+from fuzzbee.batch import VELOCITY_SIGMA_M_S, Batch, positions_of, velocities_of
 from fuzzbee.fit import advice, is_enough
 
-# What a satellite receiver's or an autopilot's velocity is good for if nobody says.
-VELOCITY_SIGMA_M_S = 0.3
-# Latitude, longitude (deg), altitude (m), Unix time (s).
-MOST_PLACE = (90.0, 360.0, inf, MOST_S)
 notify_programs()
-NO_TIME = "an estimator without rate_hz needs time_s with every sample"
 
 
 class Unfit(UserWarning):
     """Readings that would fit each other better in another unit or in other axes."""
-
-
-class Batch(NamedTuple):
-    """Rows of readings and of reports as :mod:`estimator.live.rows` has them, and warnings.
-
-    ``said`` (N, :data:`SAID`) takes the attitudes; before the rows in ``positions`` (K, 5) somebody
-    has said where the vehicle is: row, latitude, longitude (deg), altitude (m), Unix time (s).
-    """
-
-    rows: Rows
-    told: Floats
-    positions: Floats
-    said: Floats
-    warnings: tuple[str, ...]
-
-    @property
-    def attitudes(self) -> Attitudes:
-        """What is said."""
-        return attitudes_of_rows(self.rows.times_us, self.said, self.warnings)
 
 
 class EstimatorState(NamedTuple):
@@ -87,7 +50,7 @@ class EstimatorState(NamedTuple):
     last_us: int  # the time of the last one
     field: tuple[Vec3, int]  # the last one that was new, and its time
     rejected: dict[str, int]
-    is_looked_at: bool
+    is_checked: bool  # whether units and axes have been compared
 
 
 class Estimator:
@@ -95,13 +58,14 @@ class Estimator:
 
     Body axes are forward, right, down (FRD), the inertial ones north, east, down (NED). The
     accelerometer gives the specific force: (0, 0, -9.8) m/s^2 where the vehicle stands level.
-    The magnetometer's unit is the gauss (1 uT is 0.01 gauss).
+    The magnetometer's unit is the gauss (1 uT is 0.01 gauss). ``rejected`` counts the samples and
+    reports that were refused, by reason.
 
     Args:
         profile: what ``load_profile`` gives, or the name or file it would be given.
         rate_hz: samples a second, 1e-6 to 1e6, for data whose samples have no times of their own.
         gain: fixes K, the gain that otherwise the profile's rules set.
-        compass_calibrated: whether somebody has calibrated the magnetometer. Without a word its
+        compass_calibrated: whether the magnetometer has been calibrated. If that is not known its
             heading has a sigma of 45 deg until turns have shown its iron, or velocity the heading.
 
     Raises:
@@ -127,22 +91,21 @@ class Estimator:
         self.reset()
 
     def __repr__(self) -> str:
-        """How far it has come."""
         rate = "" if self._rate_hz is None else f" at {self._rate_hz:g} Hz"
         refused = f", {self.rejected.total()} refused" if self.rejected else ""
         return f"<fuzzbee.Estimator after {self._number} samples{rate}{refused}>"
 
     def reset(self) -> None:
         """Begin as if nothing had come yet; a position is forgotten, too."""
-        self.rejected: Counter[str] = Counter()  # samples and reports that were refused, by reason
+        self.rejected: Counter[str] = Counter()
         *_, gain, compass_calibrated = self._made_with
         self._inner = estimator.Estimator(self.profile, gain)
         if compass_calibrated is not None:
             self._inner.set_field_calibrated(compass_calibrated)
         self._number = 0  # of the next sample
-        self._last_us = 0  # the time of the last one
+        self._last_us = 0
         self._field = RepeatedField()
-        self._is_looked_at = False  # whether units and axes fit
+        self._is_checked = False
 
     @property
     def state(self) -> EstimatorState:
@@ -150,28 +113,34 @@ class Estimator:
 
         It can be pickled, for another process with the same version of fuzzbee.
         """
-        rejected = dict(self.rejected)
-        times = self._number, self._last_us
         return EstimatorState(
-            self._inner.snapshot, *times, self._field.last, rejected, self._is_looked_at
+            self._inner.snapshot,
+            self._number,
+            self._last_us,
+            self._field.last,
+            dict(self.rejected),
+            self._is_checked,
         )
 
     @state.setter
     def state(self, state: EstimatorState) -> None:
         if not isinstance(state, EstimatorState):
             raise InputError(f"state {state!s:.60}: must be one of an Estimator")
-        self._inner.snapshot = state.snapshot
-        self._number, self._last_us = state.number, state.last_us
-        self._field.last = state.field
-        self.rejected = Counter(state.rejected)
-        self._is_looked_at = state.is_looked_at
+        snapshot, self._number, self._last_us, last_field, rejected, self._is_checked = state
+        self._inner.snapshot, self._field.last = snapshot, last_field
+        self.rejected = Counter(rejected)
 
     def copy(self) -> "Estimator":
         """Another one that goes on from here by itself."""
-        return _resumed(*self._made_with, self.state)
+        return copy(self)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _resumed, (*self._made_with, self.state)
+        profile, rate_hz, gain, calibrated = self._made_with
+        make = partial(type(self), gain=gain, compass_calibrated=calibrated)
+        return make, (profile, rate_hz), self.state
+
+    def __setstate__(self, state: EstimatorState) -> None:
+        self.state = state
 
     def update(
         self,
@@ -190,18 +159,28 @@ class Estimator:
             InputError: neither ``time_s`` nor a rate is given, or a reading has not three numbers.
         """
         gyr, acc = vector("gyr_rad_s", gyr_rad_s), vector("acc_m_s2", acc_m_s2)
-        mag = ZERO_VEC3 if mag_gauss is None else vector("mag_gauss", mag_gauss)
+        mag = ZERO_VEC3 if mag_gauss is None else finite_or_zero(vector("mag_gauss", mag_gauss))
         time_us = self._next_us(time_s)
-        mag = finite_or_zero(mag)
         has_mag = self._field.is_fresh(mag, time_us)
         if has_mag and not is_field(mag):
             self._count(Reason.MAGNETOMETER_OUT_OF_RANGE)
             has_mag = False
         mag = mag if has_mag else ZERO_VEC3
+        inner = self._inner
         if self._is_plain:
-            return self._take(time_us, gyr, acc, mag, has_mag)
-        sample = ImuSample(time_us, gyr, acc, mag, has_mag)
-        return self._take(*self.profile.to_body_axes(sample))
+            self._count(inner.take(time_us, gyr, acc, mag, has_mag))
+        else:
+            sample = ImuSample(time_us, gyr, acc, mag, has_mag)
+            self._count(inner.take(*self.profile.to_body_axes(sample)))
+        if not inner.aligned:
+            return None
+        attitude = inner.attitude(time_us)
+        w, x, y, z = attitude.q_ned_frd
+        if isfinite(w + x + y + z):
+            return attitude
+        self._count(Reason.ESTIMATE_NOT_FINITE)
+        inner.restart()  # no later sample would repair it
+        return None
 
     def update_velocity(
         self,
@@ -209,7 +188,7 @@ class Estimator:
         time_s: float | None = None,
         sigma_m_s: float = VELOCITY_SIGMA_M_S,
     ) -> None:
-        """Take a velocity over ground (3,), by a receiver or whoever knows it.
+        """Take a velocity over ground (3,), as of a satellite receiver.
 
         It shows acceleration from gravity and shows the heading. ``time_s`` is the time that it
         was measured at, without which it is that of the last sample; a third component of NaN
@@ -223,8 +202,9 @@ class Estimator:
         time_us = self._last_us if time_s is None else microseconds(time_s)
         has_down = isfinite(down)
         velocity = (north, east, down if has_down else 0.0)
-        reason = self._inner.update_velocity(VelocitySample(time_us, velocity, has_down, sigma_m_s))
-        self._count(reason)
+        self._count(
+            self._inner.update_velocity(VelocitySample(time_us, velocity, has_down, sigma_m_s))
+        )
 
     def update_batch(
         self,
@@ -252,7 +232,10 @@ class Estimator:
             InputError: arrays of other shapes, or no times; ``strict``, and there are warnings.
         """
         readings = (gyr_rad_s, acc_m_s2, mag_gauss, time_s, velocity_ned_m_s, position)
-        return self._taken(self._batch(*readings, strict=strict)).attitudes
+        batch = self._batch(*readings, strict=strict)
+        published = np.empty((len(batch.rows.times_us), SAID))
+        lines = self._take(batch, published)
+        return attitudes_of_rows(batch.rows.times_us, published, lines)
 
     def smooth(
         self,
@@ -276,16 +259,16 @@ class Estimator:
 
         profile, rate_hz, gain, calibrated = self._made_with
         forward = Estimator(profile, rate_hz, gain=gain, compass_calibrated=calibrated)
-        readings = (gyr_rad_s, acc_m_s2, mag_gauss, time_s, velocity_ned_m_s, position)
-        batch = forward._batch(*readings)
-        recorder = Recorder(profile, gain, Offered(batch.rows, batch.said))
+        batch = forward._batch(gyr_rad_s, acc_m_s2, mag_gauss, time_s, velocity_ned_m_s, position)
+        published = np.empty((len(batch.rows.times_us), SAID))
+        recorder = Recorder(profile, gain, Offered(batch.rows, published))
         recorder.snapshot = self._inner.snapshot
         recorder.restart()
         forward._inner = recorder
-        batch = forward._taken(batch)
-        for places in smooth_offered(recorder, batch.said):
-            batch.said[places, NORTH] = batch.said[-1, NORTH]
-        return batch.attitudes
+        lines = forward._take(batch, published)
+        for places in smooth_offered(recorder, published):
+            published[places, NORTH] = published[-1, NORTH]
+        return attitudes_of_rows(batch.rows.times_us, published, lines)
 
     def set_position(
         self, latitude_deg: float, longitude_deg: float, altitude_m: float, unix_s: float
@@ -302,34 +285,6 @@ class Estimator:
             round(MICROSECONDS * number("unix_s", unix_s, -MOST_S, MOST_S, " of seconds")),
         )
 
-    def _take(
-        self, time_us: int, gyr: Vec3, acc: Vec3, mag: Vec3, has_mag: bool
-    ) -> Attitude | None:
-        """One sample in body axes; the attitude after it, if there is any yet."""
-        inner = self._inner
-        self._count(inner.take(time_us, gyr, acc, mag, has_mag))
-        if not inner.aligned:
-            return None
-        attitude = inner.attitude(time_us)
-        w, x, y, z = attitude.q_ned_frd
-        if isfinite(w + x + y + z):
-            return attitude
-        self._count(Reason.ESTIMATE_NOT_FINITE)
-        inner.restart()  # no later sample would repair it
-        return None
-
-    def _look(self, rows: Rows, *, strict: bool) -> tuple[str, ...]:
-        """What :mod:`fuzzbee.fit` says of the first rows that are enough, and of all if strict."""
-        if self._is_looked_at and not strict:
-            return ()
-        found = advice(rows)
-        self._is_looked_at = self._is_looked_at or is_enough(rows.times_us)
-        if found and strict:
-            raise InputError("; ".join(found))
-        for line in found:
-            warnings.warn(line, Unfit, stacklevel=4)
-        return found
-
     def _batch(
         self,
         gyr_rad_s: ArrayLike,
@@ -341,117 +296,85 @@ class Estimator:
         *,
         strict: bool = False,
     ) -> Batch:
-        """The arguments of ``update_batch`` as rows, and what :meth:`_look` says of them."""
+        """The arguments of ``update_batch``, checked, as rows; their units and axes compared."""
         gyr = matrix("gyr_rad_s", gyr_rad_s)
         n = len(gyr)
         acc = matrix("acc_m_s2", acc_m_s2, n)
         mag = np.zeros((n, 3)) if mag_gauss is None else matrix("mag_gauss", mag_gauss, n)
-        velocity = velocity_ned_m_s
-        velocity = None if velocity is None else matrix("velocity_ned_m_s", velocity, n)
-        positions = np.zeros((0, 5))
-        if position is not None:
-            places = matrix("position", position, n, 4)
-            known = np.flatnonzero(np.isfinite(places).all(axis=1))
-            positions = np.column_stack((known, places[known]))
-            wrong = places[known][(np.abs(places[known]) > MOST_PLACE).any(axis=1)]
-            if len(wrong):
-                raise InputError(f"position {wrong[0].tolist()}: no place on Earth, or no time")
+        velocity = np.full((n, 3), np.nan)
+        if velocity_ned_m_s is not None:
+            velocity = matrix("velocity_ned_m_s", velocity_ned_m_s, n)
+        positions = np.zeros((0, 5)) if position is None else positions_of(position, n)
         times_us = self._next_times_us(time_s, n)
         has_mag = self._field.fresh_rows(mag, times_us)
         is_field = np.abs(mag).max(axis=1, initial=0.0) <= MAG_LIMIT_GAUSS
         readings = (gyr, acc, mag)
         if not self._is_plain:
-            mag = np.where(has_mag[:, None], mag, 0.0)
-            readings = self.profile.to_body_rows(gyr, acc, mag)
+            readings = self.profile.to_body_rows(gyr, acc, np.where(has_mag[:, None], mag, 0.0))
         rows = rows_of(times_us, *readings, has_mag)
-        lines = self._look(rows, strict=strict)
-        if not is_field[has_mag].all():
-            self.rejected[Reason.MAGNETOMETER_OUT_OF_RANGE] += int((has_mag & ~is_field).sum())
-            rows.has_mag[:] &= is_field
-        told = NO_REPORT_ROWS if velocity is None else self._velocities(times_us, velocity)
-        return Batch(rows, told, positions, np.empty((n, SAID)), lines)
+        lines: tuple[str, ...] = ()
+        if strict or not self._is_checked:
+            lines = advice(rows)
+            self._is_checked = self._is_checked or is_enough(times_us)
+        if lines and strict:
+            raise InputError("; ".join(lines))
+        for line in lines:
+            warnings.warn(line, Unfit, stacklevel=3)
+        self._count(Reason.MAGNETOMETER_OUT_OF_RANGE, int((has_mag & ~is_field).sum()))
+        rows.has_mag[:] &= is_field
+        velocities, fast = velocities_of(times_us, velocity)
+        self._count(Reason.VELOCITY_OUT_OF_RANGE, fast)
+        velocities = velocities if self.profile.conditioned else NO_REPORT_ROWS
+        return Batch(rows, velocities, positions, lines)
 
-    def _velocities(self, times_us: Times, velocity: Floats) -> Floats:
-        """The rows (N, 3) of velocity that are known, as reports (M, REPORT_SIZE)."""
-        known = np.flatnonzero(np.isfinite(velocity[:, :2]).all(axis=1))
-        told = np.zeros((len(known), REPORT_SIZE))
-        told[:, ROW], told[:, TIME] = known, times_us[known]
-        told[:, X : Z + 1], told[:, SIGMA_M_S] = velocity[known], VELOCITY_SIGMA_M_S
-        told[:, HAS_VERTICAL] = np.isfinite(told[:, Z])
-        told[told[:, HAS_VERTICAL] == 0.0, Z] = 0.0
-        is_fast = np.abs(told[:, X : Z + 1]).max(axis=1, initial=0.0) > SPEED_LIMIT_M_S
-        if is_fast.any():
-            self.rejected[Reason.VELOCITY_OUT_OF_RANGE] += int(is_fast.sum())
-        return told[~is_fast] if self.profile.conditioned else NO_REPORT_ROWS
+    def _take(self, batch: Batch, published: Floats) -> tuple[str, ...]:
+        """All rows, with positions between them; all warnings, one if most rows were rejected.
 
-    def _taken(self, batch: Batch) -> Batch:
-        """The batch behind its way through the estimator, with a warning if most was rejected."""
-        before, n = self.rejected.copy(), len(batch.said)
-        self._take_rows(batch)
-        refused = self.rejected - before
-        if batch.warnings or 2 * refused.total() <= n:
-            return batch
-        most, count = refused.most_common(1)[0]
-        line = f"most of the samples could not be used: {count} of {n} are {most}"
-        warnings.warn(line, Unfit, stacklevel=3)
-        return batch._replace(warnings=(line,))
-
-    def _take_rows(self, batch: Batch) -> None:
-        """All rows; where somebody has said where the vehicle is, that comes between."""
-        rows, told, positions, said, _ = batch
-        begin = 0
-        for row, *position in (*positions.tolist(), (len(said),)):
+        ``published`` (N, :data:`SAID`) is given the attitudes.
+        """
+        rows, velocities, positions, lines = batch
+        begin, n, refused = 0, len(published), Counter[str]()
+        for row, *position in (*positions.tolist(), (n,)):
             end = int(row)
-            refused = take(
-                self._inner,
-                cut(rows, begin, end),
-                said[begin:end],
-                told_between(told, begin, end),
-            )
-            self.rejected.update(reason.value for reason in refused)
+            reports = told_between(velocities, begin, end)
+            reasons = take(self._inner, cut(rows, begin, end), published[begin:end], reports)
+            refused.update(reason.value for reason in reasons)
             if position:
                 self.set_position(*position)
             begin = end
+        self.rejected += refused
+        if lines or 2 * refused.total() <= n:
+            return lines
+        most, count = refused.most_common(1)[0]
+        line = f"most of the samples could not be used: {count} of {n} are {most}"
+        warnings.warn(line, Unfit, stacklevel=3)
+        return (line,)
 
     def _next_us(self, time_s: float | None) -> int:
         """The time of the next sample, given or by its number."""
-        if time_s is not None:
-            self._last_us = microseconds(time_s)
-        elif self._rate_hz is None:
-            raise InputError(NO_TIME)
+        if time_s is None:
+            self._last_us = round(MICROSECONDS * self._number / self._rate())
         else:
-            self._last_us = round(MICROSECONDS * self._number / self._rate_hz)
+            self._last_us = microseconds(time_s)
         self._number += 1
         return self._last_us
 
     def _next_times_us(self, time_s: ArrayLike | None, n: int) -> Times:
         """The times (N,) of the next ``n`` samples, given or by their numbers."""
-        if time_s is not None:
-            times_us = microseconds_of_rows(time_s, n)
-        elif self._rate_hz is None:
-            raise InputError(NO_TIME)
-        else:
+        if time_s is None:
             numbers = np.arange(self._number, self._number + n, dtype=float)
-            numbers *= MICROSECONDS
-            numbers /= self._rate_hz
-            times_us = np.rint(numbers, out=numbers).astype(np.int64)
+            times_us = np.rint(MICROSECONDS * numbers / self._rate()).astype(np.int64)
+        else:
+            times_us = microseconds_of_rows(time_s, n)
         self._number += n
         self._last_us = int(times_us[-1]) if n else self._last_us
         return times_us
 
-    def _count(self, reason: Reason | None) -> None:
-        if reason is not None:
-            self.rejected[reason.value] += 1
+    def _rate(self) -> float:
+        if self._rate_hz is None:
+            raise InputError("an estimator without rate_hz needs time_s with every sample")
+        return self._rate_hz
 
-
-def _resumed(
-    profile: Profile,
-    rate_hz: float | None,
-    gain: float | None,
-    compass_calibrated: bool | None,
-    state: EstimatorState,
-) -> Estimator:
-    """What pickle and copy make of an estimator."""
-    made = Estimator(profile, rate_hz, gain=gain, compass_calibrated=compass_calibrated)
-    made.state = state
-    return made
+    def _count(self, reason: Reason | None, times: int = 1) -> None:
+        if reason is not None and times:
+            self.rejected[reason.value] += times

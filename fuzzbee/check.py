@@ -133,7 +133,7 @@ def _sensors(checked: "Checked") -> Iterator[str]:
 
 def _agreement(checked: "Checked") -> str:
     from fuzzbee.notify import printable
-    from fuzzbee.replays.table import spoken
+    from fuzzbee.replays.table import difference_text
 
     name = printable(checked.log)
     if checked.fault:
@@ -147,4 +147,4 @@ def _agreement(checked: "Checked") -> str:
         return f"{name}: no difference; known to agree for {share:.0%} of the time"
     worst = max(checked.differences, key=lambda each: each["end_s"] - each["begin_s"])
     more = len(checked.differences) - 1
-    return f"{name}: differs, {spoken(worst)}" + (f" (and {more} more)" if more else "")
+    return f"{name}: differs, {difference_text(worst)}" + (f" (and {more} more)" if more else "")

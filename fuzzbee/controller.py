@@ -9,9 +9,7 @@ from estimator.arrays import Floats
 from estimator.filter.fuzzy import RULES, fuzzy_gain
 from estimator.filter.memberships import TERMS, Five, Memberships, fuzzy_sets
 from fuzzbee.options import require_extra
-from fuzzbee.replays.figure import require_plot, save
-from fuzzbee.replays.panels import Curve, Figure, Heat, Panel, Words
-from fuzzbee.replays.plot import COLORS
+from fuzzbee.replays.figure import COLORS, add_legend, add_text, require_plot, written_figure
 
 if TYPE_CHECKING:
     from skfuzzy.control import ControlSystem
@@ -75,28 +73,31 @@ def draw_controller(path: Path, name: str, k: Memberships) -> None:
     require_plot(path)
     require_extra("skfuzzy", f"--plot {path}", "plot")
     variables = {variable.label: variable for variable in control_system(k).fuzzy_variables}
-    inputs = _sets(variables[ERROR], 1.0, "error e, and its rate in 1/s")
-    output = _sets(variables[GAIN], FULL, "k_op")
-    gains = Panel((0.0, 1.0), "error e", "rate of e in 1/s", "K = 1 + k_op", 0.0, 1.0)
-    grid = np.linspace(0.0, 1.0, STEPS)
-    gains.heat = Heat(grid, grid, surface(k))
-    rows = [[inputs, output], [_rules(), gains]]
-    save(Figure(f"Fuzzy controller of profile {name}", rows, FIGURE_INCHES), path)
+    with written_figure(path, f"Fuzzy controller of profile {name}", FIGURE_INCHES) as sheet:
+        (inputs, output), (rules, gains) = sheet.subplots(2, 2)
+        _draw_sets(inputs, variables[ERROR], 1.0, "error e, and its rate in 1/s")
+        _draw_sets(output, variables[GAIN], FULL, "k_op")
+        _draw_rules(rules)
+        gains.grid(visible=False)
+        grid = np.linspace(0.0, 1.0, STEPS)
+        sheet.colorbar(gains.pcolormesh(grid, grid, surface(k), rasterized=True), ax=gains)
+        gains.set(xlim=(0.0, 1.0), xlabel="error e", ylim=(0.0, 1.0), ylabel="rate of e in 1/s")
+        gains.set_title("K = 1 + k_op")
 
 
-def _sets(variable: Any, end: float, label: str) -> Panel:
-    panel = Panel((0.0, end), label, "membership", names=len(TERMS))
+def _draw_sets(ax: Any, variable: Any, end: float, label: str) -> None:
     for (term, known), color in zip(variable.terms.items(), COLORS, strict=True):
-        panel.curves.append(Curve(variable.universe, known.mf, color, term, width=1.2))
-    return panel
+        ax.plot(variable.universe, known.mf, color=color, label=term, lw=1.2)
+    ax.set(xlim=(0.0, end), xlabel=label, ylabel="membership")
+    add_legend(ax, len(TERMS))
 
 
-def _rules() -> Panel:
+def _draw_rules(ax: Any) -> None:
     """The table of rules."""
-    panel = Panel(None, title="k_op by rate (rows) and error (columns)")
+    ax.axis("off")
+    ax.set_title("k_op by rate (rows) and error (columns)")
     words = [["", *TERMS], *([TERMS[k], *(TERMS[i] for i in row)] for k, row in enumerate(RULES))]
     for row, texts in enumerate(words):
         for column, text in enumerate(texts):
             place = (column + 0.5) / len(texts), 1.0 - (row + 0.5) / len(words)
-            panel.words.append(Words(text, *place, is_centred=True))
-    return panel
+            add_text(ax, text, *place, ha="center", va="center")

@@ -1,12 +1,13 @@
 """Times of a replay that a figure shades: what was wrong then, and what helped."""
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 
 from estimator.arrays import Bools, Floats
 from estimator.conditioning.vertical.rate import LEAST_PEAK_RAD_S
-from fuzzbee.replays.panels import BLUE, BROWN, GREY, ORANGE, PURPLE, RED, Band, Span
+from fuzzbee.replays.figure import BLUE, BROWN, GREY, ORANGE, PURPLE, RED
 from fuzzbee.replays.score import CONVERGED_RAD
 from fuzzbee.replays.trace import VehicleTrace
 
@@ -18,6 +19,17 @@ DOUBTED = 0.5
 # What lasts less (s) is no band, and two bands that are nearer to each other are one.
 LEAST_S = 1.0
 CLIPPED_SAMPLES = 2  # in a row at the same largest reading: chance has one
+
+Span = tuple[float, float]
+
+
+class Band(NamedTuple):
+    """Spans of time that are shaded over the whole height."""
+
+    label: str
+    color: str
+    alpha: float
+    spans: list[Span]
 
 
 def bands(time_s: Floats, trace: VehicleTrace) -> Iterator[Band]:

@@ -1,7 +1,5 @@
 """``fuzzbee replay``: the filter over logs, or over the paper's signals, scored."""
 
-import time
-from collections.abc import Callable, Iterable
 from functools import partial
 from importlib.util import find_spec
 from math import inf
@@ -36,10 +34,16 @@ from fuzzbee.options import (
 if TYPE_CHECKING:
     from estimator.profile import Profile
     from fuzzbee.replays.log_report import Export
-    from fuzzbee.replays.trace import VehicleTrace
 
 SIMULATION = "sim:"
 MOST_WRONG_DEG = 180.0
+FLAGS = {"begin": "--from", "end": "--to"}
+FOR_LOGS = {
+    "smooth": "",
+    "retune": ": the paper's experiment ends after 15 s",
+    "skip start_wrong": "; sim: starts wrong by itself",
+    "begin end mcap tum parquet view rrd columns": ", not for sim:",
+}
 _SOURCES = "Log files, or sim: for the paper's signals."
 of_score = partial(option, panel="Score")
 _PROFILE = "paper, imu, adaptive or a TOML file; several. [default: imu; for sim: paper]"
@@ -95,10 +99,10 @@ class ReplayOptions(NamedTuple):
     view: outputs.View = None
     as_json: Annotated[bool, of_showing("One JSON object on standard output.", "--json")] = False
 
-    def given(self, *names: str) -> "Iterable[tuple[str, object]]":
-        """Name on the command line and value of those of these options that were given."""
-        pairs = ((name, getattr(self, name)) for name in names)
-        return [(f"--{name.replace('_', '-')}", value) for name, value in pairs if value]
+    def given(self, *names: str) -> "dict[str, Any]":
+        """By their flags those of these options that were given."""
+        values = {FLAGS.get(n, f"--{n.replace('_', '-')}"): getattr(self, n) for n in names}
+        return {flag: value for flag, value in values.items() if value not in (None, False, 0.0)}
 
 
 @command
@@ -141,54 +145,43 @@ def _require_simulation(options: ReplayOptions) -> None:
         raise InputError("replay: sim: stands alone, not beside logs")
     if len(options.profile or ()) > 1:
         raise InputError("replay: sim: takes one --profile")
-    if options.smooth:
-        raise InputError("--smooth is for logs")
-    if options.retune:
-        raise InputError("--retune is for logs: the paper's experiment ends after 15 s")
-    for name, _ in options.given("skip", "start_wrong"):
-        raise InputError(f"{name} is for logs; sim: starts wrong by itself")
-    for name, given in (("--from", options.begin), ("--to", options.end)):
-        if given is not None:
-            raise InputError(f"{name} is for logs, not for sim:")
-    for name, _ in options.given("mcap", "tum", "parquet", "view", "rrd", "columns"):
-        raise InputError(f"{name} is for logs, not for sim:")
+    for names, why in FOR_LOGS.items():
+        for flag in options.given(*names.split()):
+            raise InputError(f"{flag} is for logs{why}")
 
 
-def _require_writable(options: ReplayOptions) -> None:
+def _require_writable(files: "dict[str, Any]") -> None:
     """Refuse before the replay what could not be written after it."""
-    for name, file in options.given("csv", "mcap", "tum", "parquet", "plot"):
-        path = Path(str(file))
+    for flag, path in files.items():
         if path.is_dir():
-            raise InputError(f"{name} {path}: is a folder")
+            raise InputError(f"{flag} {path}: is a folder")
         if not path.exists():
             try:
                 TemporaryFile(dir=path.parent).close()
             except OSError as error:
-                raise InputError(f"{name} {path}: {error.strerror}") from None
+                raise InputError(f"{flag} {path}: {error.strerror}") from None
 
 
 def _replay_logs(options: ReplayOptions) -> None:
     from estimator.profile import load_profile
+    from fuzzbee.replays.exports import reference_path, show
 
     names, window = options.profile or ["imu"], time_window(options.begin, options.end)
-    runs = len(options.sources) * len(names)
-    if runs > 1:
-        for name, file in options.given("csv", "mcap", "tum", "parquet", "view", "rrd"):
-            raise InputError(f"{name} {file}: takes one log and one profile, not {runs}")
-    written = list(options.given("csv", "mcap", "tum", "parquet", "plot", "rrd"))
+    runs = [(Path(source), name) for source in options.sources for name in names]
+    if len(runs) > 1:
+        for flag, file in options.given("csv", "mcap", "tum", "parquet", "view", "rrd").items():
+            raise InputError(f"{flag} {file}: takes one log and one profile, not {len(runs)}")
+    written = options.given("csv", "mcap", "tum", "parquet", "plot")
+    files = [*written.items(), ("--rrd", options.rrd)]
     if options.tum is not None:
-        from fuzzbee.replays.exports import reference_path
-
-        written.append(("--tum", reference_path(options.tum)))
-    outputs.require_own_files(written, [*options.sources, *names, options.columns])
-    _require_writable(options)
-    exports = _exports(options)
+        files.append(("--tum", reference_path(options.tum)))
+    outputs.require_own_files(files, [*options.sources, *names, options.columns])
+    _require_writable(written)
+    exports = _exports(options, len(runs) == 1)
     profiles = {name: load_profile(name) for name in names}
     viewer = outputs.open_viewer(options.view, options.rrd)
     try:
         if viewer is not None:
-            from fuzzbee.replays.exports import show
-
             exports.append(partial(show, viewer))
         _report_logs(options, profiles, window, exports)
         if viewer is not None:
@@ -204,14 +197,12 @@ def _report_logs(
     window: TimeWindow,
     exports: "list[Export]",
 ) -> None:
-    import msgspec
-
     from fuzzbee.replays.log_report import report_log
     from fuzzbee.replays.plot import ComparisonPlot
     from fuzzbee.replays.table import print_reports, reading_bar
     from fuzzbee.replays.trace import How
 
-    told: list[str] = []  # printed when all went well only: a refusal must be one single line
+    lines: list[str] = []  # printed when all went well only: a refusal must be one single line
     runs = [(Path(source), name) for source in options.sources for name in profiles]
     figure = ComparisonPlot() if options.plot and len(runs) > 1 else None
     chosen = [
@@ -234,7 +225,7 @@ def _report_logs(
             how,
             reference=options.reference,
             skip_s=options.skip,
-            tell=told.append,
+            notify=lines.append,
             profile_name=name if len(profiles) > 1 else None,
             reading=reading_bar,
             exports=[*exports, partial(figure.add, path.name, name)] if figure else exports,
@@ -243,17 +234,16 @@ def _report_logs(
     ]
     if figure is not None and options.plot is not None:
         figure.draw(options.plot)
-    for line in told:
+    for line in lines:
         tell(line)
     if options.as_json:
-        result = reports[0] if len(reports) == 1 else {"logs": reports}
-        print(msgspec.json.encode(result).decode())
+        _print_json(reports[0] if len(reports) == 1 else {"logs": reports})
     else:
         print_reports(reports)
 
 
 def _fitting(path: Path, usual: "Profile", options: ReplayOptions) -> "Profile":
-    """The profile of a log for which none was chosen: fuzzbee's own vehicle says which fits."""
+    """The profile for a log for which none was chosen: that of fuzzbee's own vehicle's motion."""
     from drivers.logs.open import built_in_motion, open_log
     from drivers.simulation.simulated_vehicle import PROFILES
     from estimator.profile import load_profile
@@ -263,57 +253,56 @@ def _fitting(path: Path, usual: "Profile", options: ReplayOptions) -> "Profile":
     return usual if name is None else load_profile(name)
 
 
-def _exports(options: ReplayOptions) -> "list[Export]":
+def _exports(options: ReplayOptions, is_single: bool) -> "list[Export]":
     """The files to write; what cannot be written is refused before the replay."""
     from fuzzbee.replays import exports, mcap_file, plot
     from fuzzbee.replays.figure import require_plot
 
+    found: list[Export] = []
+    if options.csv is not None:
+        found.append(partial(exports.write_csv, options.csv))
     if options.mcap is not None:
         require_extra("mcap", f"--mcap {options.mcap}", "mcap")
-    if options.parquet is not None and find_spec("pyarrow") is None:
-        raise InputError(f"--parquet {options.parquet}: needs pyarrow: pip install pyarrow")
+        found.append(partial(mcap_file.write_mcap, options.mcap))
+    if options.tum is not None:
+        found.append(partial(exports.write_tum, options.tum))
+    if options.parquet is not None:
+        if find_spec("pyarrow") is None:
+            raise InputError(f"--parquet {options.parquet}: needs pyarrow: pip install pyarrow")
+        found.append(partial(exports.write_parquet, options.parquet))
     if options.plot is not None:
         require_plot(options.plot)
-    writers: dict[str, Callable[[Any, VehicleTrace], None]] = {
-        "csv": lambda path, trace: exports.write_csv(path, exports.columns(trace)),
-        "mcap": mcap_file.write_mcap,
-        "tum": exports.write_tum,
-        "parquet": lambda path, trace: exports.write_parquet(path, exports.columns(trace)),
-    }
-    if len(options.sources) * len(options.profile or [""]) == 1:  # several are one figure
-        writers["plot"] = partial(plot.draw, Path(options.sources[0]).name)
-    return [
-        partial(write, getattr(options, name))
-        for name, write in writers.items()
-        if getattr(options, name) is not None
-    ]
+        if is_single:  # several are one figure
+            found.append(partial(plot.draw, Path(options.sources[0]).name, options.plot))
+    return found
 
 
 def _replay_simulation(options: ReplayOptions) -> None:
-    import msgspec
-
     from estimator.profile import load_profile
     from fuzzbee.replays import simulation
-    from fuzzbee.replays.exports import write_csv
     from fuzzbee.replays.figure import require_plot
     from fuzzbee.replays.table import print_simulation
 
-    started = time.perf_counter()
-    outputs.require_own_files(options.given("csv", "plot"), options.profile or ())
-    _require_writable(options)
+    written = options.given("csv", "plot")
+    outputs.require_own_files(written.items(), options.profile or ())
+    _require_writable(written)
     name, seeds, gain = (options.profile or ["paper"])[0], options.seeds or "0", options.gain
     exports: list[simulation.Export] = []
     if options.csv is not None:
-        csv = options.csv
-        exports.append(lambda *made: write_csv(csv, simulation.columns(*made)))
+        exports.append(partial(simulation.write_csv, options.csv))
     if options.plot is not None:
         require_plot(options.plot)
         what = f"profile {Path(name).stem}" if gain is None else f"K = {gain:g}"
         title = f"The paper's experiment, {what}, noise seeds {seeds}"
         exports.append(partial(simulation.draw, options.plot, title))
     report = simulation.report_simulation(load_profile(name), seed_range(seeds), gain, exports)
-    report = msgspec.structs.replace(report, wall_s=time.perf_counter() - started)
     if options.as_json:
-        print(msgspec.json.encode(report).decode())
+        _print_json(report)
     else:
         print_simulation(report)
+
+
+def _print_json(result: object) -> None:
+    import msgspec
+
+    print(msgspec.json.encode(result).decode())

@@ -52,6 +52,10 @@ REFERENCE_COLUMNS = (
     *("error_total_deg", "error_heading_deg", "error_inclination_deg"),
 )
 COLUMNS = ATTITUDE_COLUMNS + REFERENCE_COLUMNS
+SAME = (
+    *("rate_rad_s", "gyro_bias_rad_s", "error", "error_rate_1_s", "gain"),
+    *("confidence_gravity", "confidence_magnetic"),
+)
 
 
 def stamps_us(trace: VehicleTrace) -> Times:
@@ -81,25 +85,24 @@ def unix_times_us(trace: VehicleTrace) -> Times | None:
 def columns(trace: VehicleTrace) -> Iterator[Columns]:
     """The columns :data:`COLUMNS`, some rows at a time; NaN where something is not known."""
     unix_us, time_s = unix_times_us(trace), trace.time_s
+    unix_s = np.full(len(trace), np.nan) if unix_us is None else 1e-6 * unix_us
     for rows in blocks(len(trace)):
         q, reference = trace["q_ned_frd"][rows], trace["reference_q_ned_frd"][rows]
-        own = (
-            time_s[rows],
-            np.full(len(q), np.nan) if unix_us is None else 1e-6 * unix_us[rows],
-            q,
-            euler_curves_deg(q),
-            *(trace[name][rows] for name in ("rate_rad_s", "gyro_bias_rad_s")),
-            *(trace[name][rows] for name in ("error", "error_rate_1_s", "gain")),
-            *(trace[f"confidence_{name}"][rows] for name in ("gravity", "magnetic")),
-            *(np.degrees(trace[f"sigma_{of}_rad"][rows]) for of in ("inclination", "heading")),
-        )
+        own = [time_s[rows], unix_s[rows], q, euler_curves_deg(q)]
+        own += [trace[name][rows] for name in SAME]
+        own += [np.degrees(trace[f"sigma_{of}_rad"][rows]) for of in ("inclination", "heading")]
         beside = (reference, euler_curves_deg(reference), np.degrees(trace["error_rad"][rows]))
         norths = np.array(NORTHS)[trace["heading_reference"][rows]]
         values = (*np.column_stack(own).T, norths, *np.column_stack(beside).T)
         yield dict(zip(COLUMNS, values, strict=True))
 
 
-def write_csv(path: Path, parts: Iterable[Columns]) -> None:
+def write_csv(path: Path, trace: VehicleTrace) -> None:
+    """The columns :data:`COLUMNS` of a trace as CSV."""
+    write_columns(path, columns(trace))
+
+
+def write_columns(path: Path, parts: Iterable[Columns]) -> None:
     """Columns as CSV with a heading; nine significant digits, empty where unknown."""
     with (
         written_for("--csv", path) as fresh,
@@ -121,7 +124,7 @@ def _text(value: float | str) -> str:
     return f"{value:.6f}" if value > LARGE else f"{value:.9g}"
 
 
-def write_parquet(path: Path, parts: Iterable[Columns]) -> None:
+def write_parquet(path: Path, trace: VehicleTrace) -> None:
     """The rows that a CSV has, for tables too large for a text; null where unknown."""
     import pyarrow as pa
     from pyarrow.parquet import ParquetWriter
@@ -132,7 +135,7 @@ def write_parquet(path: Path, parts: Iterable[Columns]) -> None:
         fresh.open("wb") as file,
         ParquetWriter(file, pa.schema(kinds)) as writer,
     ):
-        for part in parts:
+        for part in columns(trace):
             arrays = {name: pa.array(part[name], kind, from_pandas=True) for name, kind in kinds}
             writer.write_table(pa.table(arrays))
 
@@ -179,11 +182,10 @@ def _outputs(trace: VehicleTrace) -> Iterator[Output]:
         times_us, arrivals_us = trace["time_us"][rows], trace["arrival_us"][rows].tolist()
         peers = {name: track.at(times_us).tolist() for name, track in trace.references.items()}
         for k, (record, sample) in enumerate(trace.published(rows, arrivals_us)):
-            if record is None:
-                continue
-            for source, attitudes in peers.items():
-                w, x, y, z = attitudes[k]
-                if not isnan(w):
-                    is_truth = source == "sim"
-                    yield Peer(trace.address, "sim" if is_truth else "autopilot", (w, x, y, z))
-            yield Published(trace.address, record, sample)
+            if record is not None:
+                for source, attitudes in peers.items():
+                    w, x, y, z = attitudes[k]
+                    if not isnan(w):
+                        of: Any = source
+                        yield Peer(trace.address, of, (w, x, y, z))
+                yield Published(trace.address, record, sample)

@@ -5,16 +5,17 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from drivers.logs.log_file import LogFile
 from drivers.logs.missing_imu import advice
 from drivers.logs.open import open_log
 from drivers.logs.reference_track import attitudes_at
 from drivers.mavlink.constants import autopilot_name, vehicle_type_name
-from estimator.arrays import Bools
 from estimator.errors import InputError
 from estimator.geometry.metrics import batch_angle_errors
 from estimator.live.rows import NORTHS
@@ -32,7 +33,6 @@ from fuzzbee.replays.schema import (
     VehicleSummary,
 )
 from fuzzbee.replays.score import (
-    ErrorSummary,
     constant_turn,
     convergence_s,
     coverage,
@@ -44,6 +44,7 @@ from fuzzbee.replays.trace import AS_LIVE, How, Replay, VehicleTrace, smooth
 Reading = Callable[[LogFile], AbstractContextManager[object]]
 Export = Callable[[VehicleTrace], None]
 
+PEER_ERRORS = "autopilot_error_rad"
 MUCH_REFUSED = 0.1  # of all readings: a line is printed
 MOST_REASONS = 3  # that it names
 
@@ -56,25 +57,24 @@ def report_log(
     reference: str | None = None,
     skip_s: float = 0.0,
     profile_name: str | None = None,
-    tell: Callable[[str], None] = lambda _: None,
+    notify: Callable[[str], None] = lambda _: None,
     reading: Reading = nullcontext,
     exports: Sequence[Export] = (),
 ) -> LogReport:
     """Replay a log and score it; ``exports`` are given the compared trace."""
     started = time.perf_counter()
     name = path.name if profile_name is None else f"{path.name} with {profile_name}"
-    trace = replay_log(path, profile, how, lambda text: tell(f"{name}: {text}"), reading)
+    trace = replay_log(path, profile, how, lambda text: notify(f"{name}: {text}"), reading)
     compare(path, trace, reference)
     report = score(path, trace, skip_s)
     if how.start_wrong_deg:
         rightly = how._replace(start_wrong_deg=0.0, system_id=trace.address.system_id)
         right = replay_log(path, profile, rightly, reading=reading)
-        report = msgspec.structs.replace(report, convergence_s=_forgotten_s(trace, right))
+        report = replace(report, convergence_s=_forgotten_s(trace, right))
     for write in exports:
         write(trace)
-    return msgspec.structs.replace(
-        report, wall_s=time.perf_counter() - started, profile=profile_name or msgspec.UNSET
-    )
+    took_s = time.perf_counter() - started
+    return replace(report, wall_s=took_s, profile=profile_name or msgspec.UNSET)
 
 
 def _forgotten_s(trace: VehicleTrace, right: VehicleTrace) -> float | None:
@@ -93,11 +93,11 @@ def replay_log(
     path: Path,
     profile: Profile,
     how: How = AS_LIVE,
-    tell: Callable[[str], None] = lambda _: None,
+    notify: Callable[[str], None] = lambda _: None,
     reading: Reading = nullcontext,
 ) -> VehicleTrace:
     """The trace of one vehicle; ``reading`` is entered with the log while it is read."""
-    replay = Replay(profile, how, tell=tell)
+    replay = Replay(profile, how, notify=notify)
     with open_log(path, how.columns) as log, reading(log):
         replay.run(log)
     trace = replay.longest()
@@ -106,7 +106,7 @@ def replay_log(
         none = f"no IMU data{whose} that can be used{_seen_text(replay)}"
         raise InputError(f"{path}: {replay.why_empty or advice(log, how.system_id) or none}")
     if (refused := refused_text(trace)) is not None:
-        tell(refused)
+        notify(refused)
     if how.smooth:
         smooth(trace, replay.estimator(trace.address))
     return trace
@@ -146,11 +146,11 @@ def score(path: Path, trace: VehicleTrace, skip_s: float) -> LogReport:
         raise InputError(f"{path}: nothing is left to score after {skip_s:g} s of {lasts_s:.0f} s")
     moved = motion_mask(trace) if counted.any() else counted
     has_heading = (norths > PLACE["none"]) & trace.has_heading
+    peers = {}
+    if has_peer(trace):  # which all has a heading
+        both = counted & ~np.isnan(errors_of(trace, 0, PEER_ERRORS))
+        peers["autopilot"] = error_summary(trace, both, np.ones_like(both), PEER_ERRORS)
     counts = np.bincount(norths[counted], minlength=len(NORTHS)).tolist()
-    window: tuple[float, float] | msgspec.UnsetType = msgspec.UNSET
-    if trace.log_zero_us is not None:
-        begin_s, end_s = (1e-6 * (times_us[[0, -1]] - trace.log_zero_us)).tolist()
-        window = (begin_s, end_s)
     return LogReport(
         source=printable(str(path)),
         vehicle=VehicleSummary(
@@ -163,7 +163,7 @@ def score(path: Path, trace: VehicleTrace, skip_s: float) -> LogReport:
         reference=trace.reference,
         error_deg=error_summary(trace, counted, has_heading),
         coverage=coverage(trace, counted, has_heading, moved),
-        peers=_peers(trace, counted),
+        peers=peers,
         convergence_s=convergence_s(times_us, total_rad) if trace.has_heading else None,
         mean_gain=float(np.mean(trace["gain"])),
         rejected=by_name(trace.rejected + Counter(malformed=trace.malformed)),
@@ -172,18 +172,8 @@ def score(path: Path, trace: VehicleTrace, skip_s: float) -> LogReport:
         constant_turn=constant_turn(trace, counted, moved),
         differences=differences_of(trace),
         agreement=verdicts(trace),
-        window_s=window,
-        retuned=_retuned_summary(trace),
+        **_of_options(trace),
     )
-
-
-def _peers(trace: VehicleTrace, counted: Bools) -> dict[str, ErrorSummary]:
-    """The autopilot's own errors beside a truth, all with a heading."""
-    if not has_peer(trace):
-        return {}
-    name = "autopilot_error_rad"
-    both = counted & ~np.isnan(errors_of(trace, 0, name))
-    return {"autopilot": error_summary(trace, both, np.ones_like(both), name)}
 
 
 def by_name(counts: Mapping[str, int]) -> dict[str, int]:
@@ -192,7 +182,7 @@ def by_name(counts: Mapping[str, int]) -> dict[str, int]:
 
 
 def verdicts(trace: VehicleTrace) -> dict[str, int]:
-    """How many looks at both attitudes have ended with which word."""
+    """How many comparisons of both attitudes have ended with which verdict."""
     return by_name({word.value: n for word, n in trace.second_opinion.looks.items()})
 
 
@@ -211,14 +201,18 @@ def differences_of(trace: VehicleTrace) -> list[DifferenceSummary]:
     ]
 
 
-def _retuned_summary(trace: VehicleTrace) -> RetunedSummary | msgspec.UnsetType:
-    if trace.decisions is None:
-        return msgspec.UNSET
-    changes = [
-        Retuning((time_us - trace.zero_us) * 1e-6, made.reason, made.gain, made.update)
-        for time_us, made in trace.decisions
-    ]
-    return RetunedSummary(len(changes), changes)
+def _of_options(trace: VehicleTrace) -> dict[str, Any]:
+    """What a report has of a window and with ``--retune`` only."""
+    found: dict[str, Any] = {}
+    if trace.log_zero_us is not None:
+        found["window_s"] = tuple(trace.time_s[[0, -1]].tolist())
+    if trace.decisions is not None:
+        changes = [
+            Retuning((time_us - trace.zero_us) * 1e-6, made.reason, made.gain, made.update)
+            for time_us, made in trace.decisions
+        ]
+        found["retuned"] = RetunedSummary(len(changes), changes)
+    return found
 
 
 def _imu_summary(trace: VehicleTrace) -> ImuSummary:

@@ -7,7 +7,9 @@ types that it is made of, as https://mcap.dev/spec/registry#ros2msg wants them.
 """
 
 import json
-from collections.abc import Callable, Iterable, Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from itertools import chain
 from math import isnan
 from pathlib import Path
 from typing import Any
@@ -43,7 +45,7 @@ float64[9] linear_acceleration_covariance""",
     )
 )
 
-Put = Callable[[str, int, bytes], None]
+Message = tuple[str, int, bytes]  # topic, time (us), data
 
 
 def write_mcap(path: Path, trace: VehicleTrace) -> None:
@@ -57,15 +59,11 @@ def write_mcap(path: Path, trace: VehicleTrace) -> None:
         for topic, kind, encoding, schema_encoding, schema in _topics():
             number = writer.register_schema(kind, schema_encoding, schema)
             channels[topic] = writer.register_channel(topic, encoding, number)
-        counts = dict.fromkeys(channels, 0)
-
-        def put(topic: str, time_us: int, data: bytes) -> None:
+        counts: Counter[str] = Counter()
+        for topic, time_us, data in chain(_tables(trace), _poses(trace)):
             time_ns = 1000 * time_us
             writer.add_message(channels[topic], time_ns, data, time_ns, counts[topic])
             counts[topic] += 1
-
-        _put_tables(put, trace)
-        _put_poses(put, trace)
         writer.finish()
 
 
@@ -74,7 +72,8 @@ def _topics() -> Iterator[tuple[str, str, str, str, bytes]]:
     number, whole, text = ({"type": kind} for kind in ("number", "integer", "string"))
     for topic, names in TABLES.items():
         kinds = {name: text if name == "heading_reference" else number for name in names}
-        yield topic, f"fuzzbee{topic.replace('/', '.')}", "json", "jsonschema", _schema(kinds)
+        schema = json.dumps(_object(kinds)).encode()
+        yield topic, f"fuzzbee{topic.replace('/', '.')}", "json", "jsonschema", schema
     parts = {
         "timestamp": _object({"sec": whole, "nsec": whole}, "time"),
         "parent_frame_id": text,
@@ -82,7 +81,8 @@ def _topics() -> Iterator[tuple[str, str, str, str, bytes]]:
         "translation": _object(dict.fromkeys("xyz", number), "foxglove.Vector3"),
         "rotation": _object(dict.fromkeys("xyzw", number), "foxglove.Quaternion"),
     }
-    yield "/tf", FRAME_TRANSFORM, "json", "jsonschema", _schema(parts, FRAME_TRANSFORM)
+    schema = json.dumps(_object(parts, FRAME_TRANSFORM)).encode()
+    yield "/tf", FRAME_TRANSFORM, "json", "jsonschema", schema
     yield "/imu", IMU, "cdr", "ros2msg", IMU_DEFINITION.encode()
 
 
@@ -91,24 +91,19 @@ def _object(properties: dict[str, Any], title: str | None = None) -> dict[str, A
     return {"type": "object", **named, "properties": properties}
 
 
-def _schema(properties: dict[str, Any], title: str | None = None) -> bytes:
-    return json.dumps(_object(properties, title)).encode()
-
-
-def _put_tables(put: Put, trace: VehicleTrace) -> None:
+def _tables(trace: VehicleTrace) -> Iterator[Message]:
     """The rows that a CSV has, without what is not known."""
     stamps = iter(stamps_us(trace).tolist())
     for part in columns(trace):
-        values = {name: column.tolist() for name, column in part.items()}
-        for k in range(len(part["time_s"])):
-            time_us = next(stamps)
+        for values in zip(*(column.tolist() for column in part.values()), strict=True):
+            time_us, row = next(stamps), dict(zip(part, values, strict=True))
             for topic, names in TABLES.items():
-                row = {name: value for name in names if (value := values[name][k]) == value}
-                if names[-1] in row:  # there is a reference at this sample
-                    put(topic, time_us, json.dumps(row).encode())
+                known = {name: row[name] for name in names if row[name] == row[name]}
+                if names[-1] in known:  # there is a reference at this sample
+                    yield topic, time_us, json.dumps(known).encode()
 
 
-def _put_poses(put: Put, trace: VehicleTrace) -> None:
+def _poses(trace: VehicleTrace) -> Iterator[Message]:
     """The attitude in space and as an IMU's message, the reference beside it."""
     stamps = stamps_us(trace)
     for rows in blocks(len(trace)):
@@ -118,11 +113,11 @@ def _put_poses(put: Put, trace: VehicleTrace) -> None:
         times_us = stamps[rows].tolist()
         each = zip(times_us, *both, trace.published(rows, times_us), strict=True)
         for time_us, ours, beside, (record, sample) in each:
-            put("/tf", time_us, _transform(time_us, BODY, ours))
+            yield "/tf", time_us, _transform(time_us, BODY, ours)
             if not isnan(beside[0]):
-                put("/tf", time_us, _transform(time_us, REFERENCE_BODY, beside))
+                yield "/tf", time_us, _transform(time_us, REFERENCE_BODY, beside)
             if record is not None:
-                put("/imu", time_us, imu_message(record, sample.acc_m_s2, BODY))
+                yield "/imu", time_us, imu_message(record, sample.acc_m_s2, BODY)
 
 
 def _transform(time_us: int, child: str, q_enu_flu: Iterable[float]) -> bytes:

@@ -1,17 +1,15 @@
-"""A figure as a page for a browser: one file that needs no network, its panels zoom together."""
+"""A figure as a page for a browser: one file that needs no network, its axes zoom together."""
 
-from math import log10
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from estimator.arrays import Floats
-from fuzzbee.replays.panels import DARK, Area, Figure, Panel, Words
-
-# A page as wide as a screen, and high enough for each panel to be read (pixels an inch).
-PIXELS_AN_INCH = 110
-BETWEEN, BESIDE_NAMES = 32, 75  # pixels from panel to panel; where axes have names
+# A page as wide as a screen, and high enough for each pair of axes to be read.
+PIXELS_AN_INCH = 130
+MARGIN = {"l": 0, "r": 0, "t": 30, "b": 0}  # for the buttons
+WIDER = 1.5  # than on paper a line has to be
 PAPER = "rgba(255,255,255,0.7)"  # under words, so that they are readable over a line
 DASHES = {"-": "solid", "--": "dash", ":": "dot"}
 BUTTONS = {"displaylogo": False, "responsive": True}
@@ -28,114 +26,113 @@ show();
 """
 
 
-def write_page(figure: Figure, path: Path) -> None:
-    """Write a figure as an interactive page; the same figure gives the same bytes."""
-    from plotly.subplots import make_subplots
+def write_page(sheet: Any, path: Path, *, is_over_log: bool) -> None:
+    """Write a matplotlib figure as an interactive page; the same figure gives the same bytes.
 
-    height, count = PIXELS_AN_INCH * figure.inches[1], figure.columns
-    between = BETWEEN
-    if any(panel.xlabel for row in figure.rows[:-1] for panel in row):
-        between = BESIDE_NAMES
-        height += between * (len(figure.rows) - 1)
-    alone = [{"colspan": count}, *[None] * (count - 1)]
-    page = make_subplots(
-        len(figure.rows),
-        count,
-        specs=[[{}] * count if len(row) == count else alone for row in figure.rows],
-        row_heights=figure.heights,
-        column_widths=figure.widths,
-        vertical_spacing=between / height,
-        horizontal_spacing=0.08,
-    )
-    page.update_layout(
-        title={"text": _lines(figure.title), "font": {"size": 14}},
-        height=height,
-        margin={"l": 70, "r": 20, "t": 80, "b": 50},
-        template="plotly_white",
-        hovermode="x",
-    )
-    firsts: dict[Any, int] = {}  # the panel that those of the same span zoom with
-    places = [(r, c, p) for r, row in enumerate(figure.rows, 1) for c, p in enumerate(row, 1)]
-    for number, (row, column, panel) in enumerate(places, 1):
-        first = firsts.setdefault(panel.span, number)
-        _set_axes(page, number, panel, None if first == number else f"x{first}")
-        _add_traces(page, panel, {"row": row, "col": column}, f"legend{number}")
-        _add_words(page, number, panel)
-    after = WINDOW_OPTIONS if figure.is_over_log else None
-    page.write_html(
-        path, include_plotlyjs=True, div_id="fuzzbee", config=BUTTONS, post_script=after
-    )
+    Axes with the same range of x zoom together.
+    """
+    from plotly.io import write_html
+
+    title = {"text": _html(sheet.get_suptitle()), "font": {"size": 14}, "x": 0.5, "y": 0.99}
+    layout: dict[str, Any] = {"title": title, "template": "plotly_white", "hovermode": "x"}
+    layout |= {"height": PIXELS_AN_INCH * sheet.get_figheight(), "margin": MARGIN}
+    layout |= {"shapes": [], "annotations": []}
+    data: list[dict[str, Any]] = []
+    firsts: dict[tuple[float, float], str] = {}
+    axes = [ax for ax in sheet.axes if not ax.get_label()]  # without those of a colour bar
+    for number, ax in enumerate(axes, 1):
+        here = "" if number == 1 else str(number)  # as plotly numbers axes
+        first = firsts.setdefault(ax.get_xlim(), here)
+        layout |= _axes(here, ax, f"x{first}" if first != here else None)
+        place = {"xaxis": f"x{here}", "yaxis": f"y{here}"}
+        data += [{**place, **trace} for trace in _traces(here, ax)]
+        place = {"xref": f"x{here}", "yref": f"y{here} domain"}
+        layout["shapes"] += [{**place, **shape} for shape in _shapes(here, ax)]
+        layout["annotations"] += [{**place, **text} for text in _texts(ax)]
+    options: Any = {"include_plotlyjs": True, "div_id": "fuzzbee", "config": BUTTONS}
+    after = WINDOW_OPTIONS if is_over_log else None
+    write_html({"data": data, "layout": layout}, path, post_script=after, **options)
 
 
-def _set_axes(page: Any, number: int, panel: Panel, matches: str | None) -> None:
-    """Ranges, names, and a legend above the panel's right end."""
-    x, y = page.layout[f"xaxis{number}"], page.layout[f"yaxis{number}"]
-    if panel.span is None:
-        x.visible = y.visible = False
-        return
-    x.update(title=panel.xlabel, range=panel.span, showticklabels=bool(panel.xlabel))
-    x.matches = matches
-    y.update(title=_lines(panel.ylabel), showticklabels=bool(panel.ylabel))
-    y.type, y.rangemode = "log" if panel.is_log else "linear", "tozero" if panel.low == 0 else None
-    if panel.low is not None and panel.high is not None:
-        limits = (panel.low, panel.high)
-        y.range = [log10(each) for each in limits] if panel.is_log else limits
-    corner = {"x": x.domain[1], "xanchor": "right", "y": y.domain[1], "yanchor": "bottom"}
-    page.update_layout({f"legend{number}": {"orientation": "h", **corner}})
+def _axes(here: str, ax: Any, matches: str | None) -> dict[str, Any]:
+    """Place, ranges, names, and a legend above the right end."""
+    (left, bottom), (right, top) = ax.get_position().get_points().tolist()
+    low_high = np.log10(ax.get_ylim()) if ax.get_yscale() == "log" else ax.get_ylim()
+    x = {"anchor": f"y{here}", "domain": (left, right), "range": ax.get_xlim(), "matches": matches}
+    y = {"anchor": f"x{here}", "domain": (bottom, top), "range": low_high, "type": ax.get_yscale()}
+    for axis, label in ((x, ax.get_xlabel()), (y, ax.get_ylabel())):
+        axis |= {"title": {"text": _html(label)}, "showticklabels": bool(label)}
+        axis["visible"] = ax.axison
+    corner = {"x": right, "xanchor": "right", "y": top, "yanchor": "bottom"}
+    legend = {"orientation": "h", **corner}
+    return {f"xaxis{here}": x, f"yaxis{here}": y, f"legend{here}": legend}
 
 
-def _add_traces(page: Any, panel: Panel, place: dict[str, int], legend: str) -> None:
-    def named(label: str, number: int = 0) -> dict[str, Any]:
-        is_shown = bool(panel.names and label and number == 0)
-        return {"name": label, "showlegend": is_shown, "legend": legend, **place}
+def _traces(here: str, ax: Any) -> Iterator[dict[str, Any]]:
+    """Areas, curves and a heat map."""
+    from matplotlib.colors import to_hex
 
-    for area in panel.areas:
-        x, y = _outline(area)
-        look = {"fill": "toself", "fillcolor": area.color, "opacity": area.alpha}
-        look |= {"mode": "lines", "line": {"width": 0}, "hoverinfo": "skip"}
-        page.add_scatter(x=x, y=y, **look, **named(area.label))
-    for curve in panel.curves:
-        look = {"color": curve.color, "dash": DASHES[curve.dash], "width": 1.5 * curve.width}
-        page.add_scatter(x=curve.x, y=curve.y, mode="lines", line=look, **named(curve.label))
-    for band in panel.bands:
-        look = {"fillcolor": band.color, "opacity": band.alpha, "line_width": 0, "layer": "below"}
-        for number, (begin, end) in enumerate(band.spans):
-            page.add_vrect(begin, end, **look, **named(band.label, number))
-    for mark in panel.marks:
-        page.add_vline(mark.x, line={"color": DARK, "width": 1, "dash": "dot"}, **place)
-    if panel.heat is not None:
-        x, y, values = panel.heat
-        page.add_heatmap(x=x, y=y, z=values, colorbar={"len": 0.4, "y": 0.2}, **place)
-
-
-def _outline(area: Area) -> tuple[Floats, Floats]:
-    """A closed line around each part of the area between two gaps."""
-    known = np.flatnonzero(np.isfinite(area.low + area.high))
-    gap = np.array([np.nan])
-    x, y = list[Floats](), list[Floats]()
-    for part in np.split(known, np.flatnonzero(np.diff(known) > 1) + 1):
-        x += [area.x[part], area.x[part][::-1], gap]
-        y += [area.low[part], area.high[part][::-1], gap]
-    return np.concatenate(x), np.concatenate(y)
+    for area in ax.collections:
+        if area.colorbar is not None:  # values on a grid
+            edges, box = area.get_coordinates(), area.colorbar.ax.get_position()
+            bar = {"x": box.x0, "y": box.y0, "yanchor": "bottom", "len": box.height}
+            values = {"x": edges[0, :, 0], "y": edges[:, 0, 1], "z": area.get_array()}
+            yield {"type": "heatmap", "colorbar": bar, **values}
+            continue
+        gap = [[np.nan, np.nan]]
+        outlines = [part for each in area.get_paths() for part in (each.vertices, gap)]
+        x, y = np.concatenate([np.empty((0, 2)), *outlines]).T
+        look: Any = {"fill": "toself", "fillcolor": to_hex(area.get_facecolor()[0])}
+        look |= {"opacity": area.get_alpha(), "line": {"width": 0}, "hoverinfo": "skip"}
+        yield {"x": x, "y": y, "mode": "lines", **look, **_named(here, ax, area)}
+    for curve in ax.lines:
+        if curve.get_transform() == ax.transData:
+            line = {"color": curve.get_color(), "dash": DASHES[curve.get_linestyle()]}
+            line["width"] = WIDER * curve.get_linewidth()
+            values = {"x": curve.get_xdata(), "y": curve.get_ydata()}
+            yield {"mode": "lines", "line": line, **values, **_named(here, ax, curve)}
 
 
-def _add_words(page: Any, number: int, panel: Panel) -> None:
-    """The title, what is written in the panel, and the names of moments."""
-    x, y = (page.layout[f"{axis}{number}"].domain for axis in ("xaxis", "yaxis"))
-    title = [Words(panel.title, 0.0, 1.0)] if panel.title else []
-    for text, at, up, is_centred in (*title, *panel.words):
-        place: Any = {"xref": "paper", "x": x[0] + at * (x[1] - x[0])}
-        place |= {"yref": "paper", "y": y[0] + up * (y[1] - y[0])}
-        place["xanchor"] = "center" if is_centred else "left"
-        place["yanchor"] = "middle" if is_centred else "bottom" if up == 1.0 else "top"
-        page.add_annotation(text=_lines(text), showarrow=False, bgcolor=PAPER, **place)
-    here = "" if number == 1 else str(number)  # which plotly leaves out of domains
-    corner: Any = {"xref": f"x{here}", "xanchor": "left", "yref": f"y{here} domain", "y": 0.97}
-    for at, label in (mark for mark in panel.marks if mark.label):
-        look = {"text": label, "textangle": -90, "bgcolor": PAPER, "yanchor": "top"}
-        page.add_annotation(x=at, showarrow=False, **look, **corner)
+def _shapes(here: str, ax: Any) -> Iterator[dict[str, Any]]:
+    """Bands and moments, which go over the whole height."""
+    from matplotlib.colors import to_hex
+
+    for band in ax.patches:
+        x = band.get_patch_transform().transform(band.get_path().vertices)[:, 0]
+        look = {"fillcolor": to_hex(band.get_facecolor()), "opacity": band.get_alpha()}
+        look |= {"layer": "below", "line": {"width": 0}, **_named(here, ax, band)}
+        yield {"type": "rect", "x0": x.min(), "x1": x.max(), "y0": 0, "y1": 1, **look}
+    for mark in ax.lines:
+        if mark.get_transform() != ax.transData:
+            line = {"color": mark.get_color(), "width": 1, "dash": "dot"}
+            at = float(mark.get_xdata()[0])
+            yield {"type": "line", "x0": at, "x1": at, "y0": 0, "y1": 1, "line": line}
 
 
-def _lines(text: str) -> str:
+def _named(here: str, ax: Any, artist: Any) -> dict[str, Any]:
+    """An artist's name, in the legend if there is one."""
+    name = artist.get_label().removeprefix("_")
+    is_shown = ax.get_legend() is not None and name == artist.get_label()
+    return {"name": name, "showlegend": is_shown, "legend": f"legend{here}"}
+
+
+def _texts(ax: Any) -> Iterator[dict[str, Any]]:
+    """The title, what is written in the axes, and the names of moments."""
+    corner, size = ax.get_position().get_points()[0], ax.get_position().size
+    paper = {"xref": "paper", "yref": "paper", "showarrow": False}
+    if title := ax.get_title("left"):
+        x, y = corner + size * (0.0, 1.0)
+        yield {"text": _html(title), "x": x, "y": y, "yanchor": "bottom", **paper}
+    for text in ax.texts:
+        place, side = text.get_position(), text.get_verticalalignment()
+        look = {"textangle": -text.get_rotation(), "bgcolor": PAPER, "showarrow": False}
+        look |= {"xanchor": text.get_horizontalalignment()}
+        look["yanchor"] = "middle" if side == "center" else side
+        if text.get_transform() == ax.transAxes:
+            place, look = corner + size * place, look | paper
+        yield {"text": _html(text.get_text()), "x": place[0], "y": place[1], **look}
+
+
+def _html(text: str) -> str:
     """A text in HTML; of mathematics the figures have no more than a tilde."""
     return text.replace("\n", "<br>").replace("$", "").replace(r"\tilde R", "R\N{COMBINING TILDE}")

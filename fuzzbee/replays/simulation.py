@@ -1,18 +1,19 @@
 """The paper's experiment over several noise seeds: its figures, every sample, the paper's plots."""
 
-from collections.abc import Callable, Iterator, Sequence
+import time
+from collections.abc import Callable, Sequence
 from math import isfinite
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from estimator.arrays import Floats
 from estimator.geometry.metrics import COST_RATE_HZ, COST_SAMPLES, batch_angle_errors
 from estimator.profile import Profile
-from fuzzbee.replays.exports import Columns
-from fuzzbee.replays.figure import save
-from fuzzbee.replays.panels import BLACK, BLUE, DARK, ORANGE, Area, Curve, Figure, Panel
-from fuzzbee.replays.plot import TIME, angle_panels
+from fuzzbee.replays.exports import Columns, write_columns
+from fuzzbee.replays.figure import BLACK, BLUE, DARK, ORANGE, add_legend, written_figure
+from fuzzbee.replays.plot import TIME, draw_angles
 from fuzzbee.replays.schema import ImuSummary, SimulationReport, VehicleSummary
 from fuzzbee.replays.score import CONVERGED_RAD, Coverage, error_summary
 from tuning.paper_experiment import SETTLED_ERROR, ExperimentResult, run_experiment
@@ -40,6 +41,7 @@ def report_simulation(
     exports: Sequence[Export] = (),
 ) -> SimulationReport:
     """Run all seeds, and hand them to the exports. Errors in degrees are over all their samples."""
+    started = time.perf_counter()
     results = [run_experiment(profile, seed, fixed_gain) for seed in seeds]
     for export in exports:
         export(seeds, results)
@@ -47,16 +49,16 @@ def report_simulation(
     all_errors = np.concatenate(errors)
     everywhere = np.ones(len(all_errors), np.bool_)
     columns = {"time_us": everywhere, "error_rad": all_errors}
-    settling = float(np.median([r.settling_s for r in results]))
     below = [np.flatnonzero(each[:, 0] < CONVERGED_RAD) for each in errors]
-    converged = float(np.median([i[0] / COST_RATE_HZ if len(i) else np.inf for i in below]))
+    converged = [i[0] / COST_RATE_HZ if len(i) else np.inf for i in below]
+    samples = len(all_errors)
     return SimulationReport(
         source="sim:",
         vehicle=VehicleSummary(1, 1, None, None),
         imu=ImuSummary(
             message="RAW_IMU",
-            samples=COST_SAMPLES * len(results),
-            messages={"RAW_IMU": COST_SAMPLES * len(results)},
+            samples=samples,
+            messages={"RAW_IMU": samples},
             median_rate_hz=COST_RATE_HZ,
             mean_rate_hz=COST_RATE_HZ,
             worst_gap_s=1.0 / COST_RATE_HZ,
@@ -67,30 +69,43 @@ def report_simulation(
         error_deg=error_summary(columns, everywhere, everywhere),
         coverage=Coverage(),
         peers={},
-        convergence_s=converged if isfinite(converged) else None,
-        mean_gain=float(np.mean([r.mean_gain for r in results])),
+        convergence_s=_median(converged),
+        mean_gain=_mean([r.mean_gain for r in results]),
         rejected={},
-        wall_s=0.0,
+        wall_s=time.perf_counter() - started,
         seeds=(seeds[0], seeds[-1]),
-        cost=float(np.mean([r.cost for r in results])),
+        cost=_mean([r.cost for r in results]),
         cost_per_seed=[r.cost for r in results],
-        steady_state_error=float(np.mean([r.steady_state_error for r in results])),
-        settling_s=settling if isfinite(settling) else None,
+        steady_state_error=_mean([r.steady_state_error for r in results]),
+        settling_s=_median([r.settling_s for r in results]),
     )
 
 
-def columns(seeds: Sequence[int], results: Results) -> Iterator[Columns]:
+def _mean(values: Sequence[float]) -> float:
+    return float(np.mean(values))
+
+
+def _median(times_s: Sequence[float]) -> float | None:
+    """None if it is infinite."""
+    median_s = float(np.median(times_s))
+    return median_s if isfinite(median_s) else None
+
+
+def write_csv(path: Path, seeds: Sequence[int], results: Results) -> None:
     """A row for every sample of every seed: the columns :data:`COLUMNS`.
 
     ``error`` is the true e, sin^2 of half the error's angle, and the quaternion is the estimate
     before the sample's correction; ``gain`` is the correction's.
     """
-    for seed, result in zip(seeds, results, strict=True):
-        angles = np.degrees(batch_angle_errors(result.estimates, result.truth))
-        time_s = np.arange(len(angles)) / COST_RATE_HZ
-        found = (time_s, result.true_error, result.gains, result.estimates, result.truth, angles)
-        values = (np.full(len(angles), seed), *np.column_stack(found).T)
-        yield dict(zip(COLUMNS, values, strict=True))
+    write_columns(path, map(_columns, seeds, results))
+
+
+def _columns(seed: int, result: ExperimentResult) -> Columns:
+    angles = np.degrees(batch_angle_errors(result.estimates, result.truth))
+    time_s = np.arange(len(angles)) / COST_RATE_HZ
+    found = (time_s, result.true_error, result.gains, result.estimates, result.truth, angles)
+    values = (np.full(len(angles), seed), *np.column_stack(found).T)
+    return dict(zip(COLUMNS, values, strict=True))
 
 
 def draw(path: Path, title: str, seeds: Sequence[int], results: Results) -> None:
@@ -98,35 +113,39 @@ def draw(path: Path, title: str, seeds: Sequence[int], results: Results) -> None
     time_s = np.arange(len(results[0].true_error)) / COST_RATE_HZ
     end_s = float(time_s[-1])
     errors, gains = (np.array([getattr(r, of) for r in results]) for of in ("true_error", "gains"))
-    rows = []
-    for name, values in (("$e(\\tilde R)$", errors), ("gain $K$", gains)):
-        rows.append([_panel(time_s, values, span_s) for span_s in (TRANSIENT_S, end_s)])
-        rows[-1][0].ylabel = name
-    for panel in rows[0]:
-        panel.is_log, panel.low, panel.high = True, LEAST_SHOWN_ERROR, 1.5
-        level = np.full(2, SETTLED_ERROR)
-        panel.curves.append(Curve(np.array(panel.span), level, DARK, width=0.7, dash=":"))
-    for panel in rows[1]:
-        panel.xlabel, panel.low, panel.high = TIME, 0.0, 1.05 * float(gains.max())
-    rows[0][0].title, rows[0][1].title = "the first second", f"all {end_s:g} s"
-    rows[1][1].names = 3 if len(results) > 1 else 0
-    true = Curve(time_s, results[0].truth, BLACK, "true", 1.4)
-    estimate = Curve(time_s, results[0].estimates, ORANGE, "estimate")
-    angles = angle_panels((0.0, end_s), (true, estimate))
-    angles[0].title, angles[2].xlabel = f"angles, noise seed {seeds[0]}", TIME
-    rows += [[panel] for panel in angles]
-    heights, widths = [1.0, 1.0, 0.6, 0.6, 0.6], [1.0, 1.6]
-    save(Figure(title, rows, FIGURE_INCHES, heights, widths), path)
+    with written_figure(path, title, FIGURE_INCHES) as sheet:
+        ratios = {"height_ratios": [1.0, 1.0, 0.6, 0.6, 0.6], "width_ratios": [1.0, 1.6]}
+        grid = sheet.add_gridspec(5, 2, **ratios)
+        for column, span_s in enumerate((TRANSIENT_S, end_s)):
+            above, below = (sheet.add_subplot(grid[row, column]) for row in (0, 1))
+            _draw_seeds(above, time_s, errors, span_s)
+            above.set_yscale("log")
+            above.set(ylim=(LEAST_SHOWN_ERROR, 1.5), ylabel="" if column else "$e(\\tilde R)$")
+            above.plot((0.0, span_s), np.full(2, SETTLED_ERROR), ":", color=DARK, lw=0.7)
+            above.set_title(f"all {end_s:g} s" if column else "the first second")
+            _draw_seeds(below, time_s, gains, span_s)
+            below.set(ylim=(0.0, 1.05 * float(gains.max())), ylabel="" if column else "gain $K$")
+            below.set_xlabel(TIME)
+        if len(results) > 1:
+            add_legend(below, 3)
+        axes = [sheet.add_subplot(grid[row, :]) for row in (2, 3, 4)]
+        draw_angles(axes, time_s, results[0].truth, color=BLACK, label="true", lw=1.4)
+        draw_angles(axes, time_s, results[0].estimates, color=ORANGE, label="estimate")
+        axes[0].set_title(f"angles, noise seed {seeds[0]}")
+        axes[2].set_xlabel(TIME)
+        for ax in axes:
+            ax.set_xlim(0.0, end_s)
+        add_legend(axes[0], 2)
 
 
-def _panel(time_s: Floats, values: Floats, end_s: float) -> Panel:
+def _draw_seeds(ax: Any, time_s: Floats, values: Floats, end_s: float) -> None:
     """Median and bands of (seeds, N) up to ``end_s``."""
     shown = time_s <= end_s
     time_s, values = time_s[shown], values[:, shown]
-    panel = Panel((0.0, end_s))
     for low, high, alpha in BANDS if len(values) > 1 else ():
-        bottom, top = np.percentile(values, (low, high), axis=0)
-        panel.areas.append(Area(time_s, bottom, top, BLUE, alpha, f"{low:g} to {high:g} %"))
+        between = np.percentile(values, (low, high), axis=0)
+        label = f"{low:g} to {high:g} %"
+        ax.fill_between(time_s, *between, color=BLUE, alpha=alpha, lw=0, label=label)
     middle = np.percentile(values, MEDIAN, axis=0)
-    panel.curves.append(Curve(time_s, middle, BLUE, "median of the seeds", 0.9))
-    return panel
+    ax.plot(time_s, middle, color=BLUE, lw=0.9, label="median of the seeds")
+    ax.set_xlim(0.0, end_s)

@@ -1,6 +1,6 @@
 """Replays for a person: one log as a list of figures, several as a table; a bar meanwhile."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -14,118 +14,116 @@ from drivers.logs.log_file import LogFile
 from fuzzbee.notify import printable
 from fuzzbee.replays.comparison import REFERENCES
 from fuzzbee.replays.schema import LogReport, SimulationReport
-from fuzzbee.replays.score import ConstantTurn
+from fuzzbee.replays.score import ErrorSummary
 
 # Fewer headings from magnetic north than this do not change a figure's last digit much.
-LEAST_TOLD_SHARE = 0.01
+LEAST_SHOWN_SHARE = 0.01
+# Two norths in one comparison leave the declination in the heading's error.
+_DECLINATION = "there the place's declination stands in the heading's error"
+TWO_NORTHS = {
+    True: f"the truth's is from true north: {_DECLINATION}",
+    False: "an autopilot's is from true north once it has a position: " + _DECLINATION,
+}
 MOST_DIFFERENCES = 10  # that are listed; --json has all
 
 
 def print_reports(reports: Sequence[LogReport]) -> None:
     """Print a list of figures for one log, a table for several; both fit 80 columns."""
-    console = Console()
     if len(reports) == 1:
-        console.print(_figures(reports[0]))
+        _print_grid([*_figures(reports[0]), *_after(reports[0])])
     else:
-        console.print(_table(reports))
+        Console().print(_table(reports))
 
 
 def print_simulation(report: SimulationReport) -> None:
     """Print the figures of the paper's experiment."""
-    grid = _grid()
-    grid.add_row("seeds", f"{report.seeds[0]}-{report.seeds[1]}")
-    grid.add_row("cost J", f"{report.cost:.3f}, mean over seeds")
-    grid.add_row("steady error e", f"{report.steady_state_error:.5f}, mean over 4..14 s")
-    grid.add_row("settled", f"{_number(report.settling_s)} s to e < 0.01, median")
-    grid.add_row("gain K", f"{report.mean_gain:.2f}, mean")
-    grid.add_row("took", f"{report.wall_s:.2f} s")
+    _print_grid(
+        [
+            ("seeds", f"{report.seeds[0]}-{report.seeds[1]}"),
+            ("cost J", f"{report.cost:.3f}, mean over seeds"),
+            ("steady error e", f"{report.steady_state_error:.5f}, mean over 4..14 s"),
+            ("settled", f"{_number(report.settling_s)} s to e < 0.01, median"),
+            ("gain K", f"{report.mean_gain:.2f}, mean"),
+            ("took", f"{report.wall_s:.2f} s"),
+        ]
+    )
+
+
+def _print_grid(rows: Iterable[tuple[str, str]]) -> None:
+    grid = Table.grid(padding=(0, 2))
+    grid.add_column(style="bold")
+    grid.add_column()
+    for name, text in rows:
+        grid.add_row(name, Text(text))
     Console().print(grid)
 
 
-def _figures(report: LogReport) -> Table:
+def _figures(report: LogReport) -> Iterator[tuple[str, str]]:
+    """Whose log it is, and how near the estimate is to the reference."""
     imu, vehicle, errors, window = report.imu, report.vehicle, report.error_deg, report.window_s
     kind = " ".join(name.lower() for name in (vehicle.autopilot, vehicle.type) if name)
     samples = ", ".join(f"{count} {name}" for name, count in imu.messages.items())
-    grid = _grid()
-    grid.add_row("log", Text(printable(report.source)))
+    yield "log", printable(report.source)
     if not isinstance(window, msgspec.UnsetType):
-        grid.add_row("window", f"{window[0]:.1f} to {window[1]:.1f} s of the log")
-    grid.add_row("vehicle", f"{vehicle.system_id} (component {vehicle.component_id}) {kind}")
-    grid.add_row(
-        "IMU",
+        yield "window", f"{window[0]:.1f} to {window[1]:.1f} s of the log"
+    yield "vehicle", f"{vehicle.system_id} (component {vehicle.component_id}) {kind}"
+    text = (
         f"{samples} at {_number(imu.median_rate_hz, 1)} Hz (median; "
         f"{_number(imu.mean_rate_hz, 1)} really came a second) over "
         f"{report.duration_s:.0f} s; worst gap {_number(imu.worst_gap_s)} s "
-        f"({_number(imu.worst_arrival_gap_s)} s between arrivals)",
+        f"({_number(imu.worst_arrival_gap_s)} s between arrivals)"
     )
+    yield "IMU", text
     if report.reference is None:
-        grid.add_row("reference", "none in this log: nothing to compare with")
-    else:
-        word = "error" if report.reference == "sim" else "difference"
-        truth = report.reference == "sim"
-        note = "" if truth else ": the autopilot's own estimate, which is no truth"
-        grid.add_row("reference", REFERENCES[report.reference] + note)
-        grid.add_row(f"{word}, RMS", _errors_text(errors))
-        grid.add_row("", f"inclination 95 %: {_number(errors.inclination_p95)}°")
-        grid.add_row(
-            "under sigma",
-            f"inclination {_share(report.coverage.inclination)}, "
-            f"heading {_share(report.coverage.heading)} (honest: 68 %); in motion "
-            f"{_share(report.coverage.inclination_moving)}, "
-            f"{_share(report.coverage.heading_moving)}",
+        yield "reference", "none in this log: nothing to compare with"
+        return
+    is_truth = report.reference == "sim"
+    note = "" if is_truth else ": the autopilot's own estimate, which is no truth"
+    yield "reference", REFERENCES[report.reference] + note
+    yield f"{'error' if is_truth else 'difference'}, RMS", _errors_text(errors)
+    yield "", f"inclination 95 %: {_number(errors.inclination_p95)}°"
+    under = report.coverage
+    text = (
+        f"inclination {_share(under.inclination)}, heading {_share(under.heading)} (honest: 68 %);"
+        f" in motion {_share(under.inclination_moving)}, {_share(under.heading_moving)}"
+    )
+    yield "under sigma", text
+    if (turn := report.constant_turn) is not None:
+        text = (
+            f"{turn.turn_deg:.1f}° of it is a constant turn: mounting or trim; inclination without "
+            f"{turn.inclination_rms:.2f}°, {_share(turn.inclination_coverage)} under sigma"
         )
-        if report.constant_turn is not None:
-            grid.add_row("", _turn_text(report.constant_turn))
-        if errors.heading_rms is not None and _magnetic_share(report) >= LEAST_TOLD_SHARE:
-            grid.add_row("", _magnetic_text(report))
+        yield "", text
+    norths = report.heading_references
+    magnetic = norths.get("magnetic", 0) / max(1, sum(norths.values()))
+    if errors.heading_rms is not None and magnetic >= LEAST_SHOWN_SHARE:
+        yield (
+            "",
+            f"{_share(magnetic)} of our headings are from magnetic north, {TWO_NORTHS[is_truth]}",
+        )
+
+
+def _after(report: LogReport) -> Iterator[tuple[str, str]]:
+    """What the log shows beside the reference."""
     for name, peer in report.peers.items():
-        grid.add_row(f"{name}'s error", _errors_text(peer))
+        yield f"{name}'s error", _errors_text(peer)
     for difference in report.differences[:MOST_DIFFERENCES]:
-        grid.add_row("autopilot differs", spoken(msgspec.to_builtins(difference)))
-    grid.add_row("under 5° after", f"{_number(report.convergence_s)} s")
-    grid.add_row("gain K", f"{report.mean_gain:.2f}, mean")
+        yield "autopilot differs", difference_text(msgspec.to_builtins(difference))
+    yield "under 5° after", f"{_number(report.convergence_s)} s"
+    yield "gain K", f"{report.mean_gain:.2f}, mean"
     counts = ", ".join(f"{count} {reason}" for reason, count in report.rejected.items())
-    grid.add_row("refused", counts or "nothing")
-    grid.add_row("took", f"{report.wall_s:.2f} s")
-    return grid
+    yield "refused", counts or "nothing"
+    yield "took", f"{report.wall_s:.2f} s"
 
 
-def spoken(difference: Mapping[str, Any]) -> str:
+def difference_text(difference: Mapping[str, Any]) -> str:
     """When the autopilot's attitude differed from ours, by how much, and who is likely wrong."""
     who = {"autopilot": "the autopilot's is likely wrong", "ours": "ours is likely wrong"}
-    said = who.get(difference["wrong"], "nothing says which is wrong")
+    wrong = who.get(difference["wrong"], "nothing says which is wrong")
     return (
         f"{difference['begin_s']:.0f} to {difference['end_s']:.0f} s, inclination by up to "
-        f"{difference['inclination_deg']:.0f}°, heading {difference['heading_deg']:.0f}°; {said}: "
+        f"{difference['inclination_deg']:.0f}°, heading {difference['heading_deg']:.0f}°; {wrong}: "
         f"{difference['evidence']}"
-    )
-
-
-def _turn_text(turn: ConstantTurn) -> str:
-    """What of the inclination's error would go with the mounting's or the trim's turn."""
-    return (
-        f"{turn.turn_deg:.1f}° of it is a constant turn: mounting or trim; inclination without "
-        f"{turn.inclination_rms:.2f}°, {_share(turn.inclination_coverage)} under sigma"
-    )
-
-
-def _magnetic_share(report: LogReport) -> float:
-    """The share of the scored samples whose heading is from magnetic north."""
-    norths = report.heading_references
-    return norths.get("magnetic", 0) / max(1, sum(norths.values()))
-
-
-def _magnetic_text(report: LogReport) -> str:
-    """Two norths in one comparison leave the declination in the heading's error."""
-    whose = (
-        "the truth's is from true north"
-        if report.reference == "sim"
-        else "an autopilot's is from true north once it has a position"
-    )
-    share = _share(_magnetic_share(report))
-    return (
-        f"{share} of our headings are from magnetic north, {whose}: there the place's "
-        "declination stands in the heading's error"
     )
 
 
@@ -154,18 +152,11 @@ def _table(reports: Sequence[LogReport]) -> Table:
     return table
 
 
-def _grid() -> Table:
-    grid = Table.grid(padding=(0, 2))
-    grid.add_column(style="bold")
-    grid.add_column()
-    return grid
-
-
-def _errors_text(errors: object) -> str:
-    total, heading, inclination = (
-        _number(getattr(errors, name)) for name in ("total_rms", "heading_rms", "inclination_rms")
+def _errors_text(errors: ErrorSummary) -> str:
+    return (
+        f"total {_number(errors.total_rms)}°, heading {_number(errors.heading_rms)}°,"
+        f" inclination {_number(errors.inclination_rms)}°"
     )
-    return f"total {total}°, heading {heading}°, inclination {inclination}°"
 
 
 def _number(value: float | None, digits: int = 2) -> str:

@@ -140,12 +140,8 @@ class VehicleTrace:
         """What the service would have published with samples, whose Unix times are given."""
         both = zip(self._rows(Attitude, rows), self._rows(ImuSample, rows), stamps_us, strict=True)
         for attitude, sample, stamp_us in both:
-            yield (
-                attitude_record(
-                    attitude, time_unix_us=stamp_us, time_boot_us=sample.time_us, sequence=0
-                ),
-                sample,
-            )
+            times = {"time_unix_us": stamp_us, "time_boot_us": sample.time_us}
+            yield attitude_record(attitude, sequence=0, **times), sample
 
     def _rows(self, kind: Any, rows: slice) -> Iterator[Any]:
         """The attitudes or the samples of some rows as the estimator has them."""
@@ -167,6 +163,14 @@ class VehicleTrace:
         return np.array(1e-6 * (self["time_us"] - self.zero_us), dtype=float)
 
 
+class Traces(dict[VehicleId, VehicleTrace]):
+    """Those of all vehicles that sent anything."""
+
+    def __missing__(self, address: VehicleId) -> VehicleTrace:
+        self[address] = VehicleTrace(address)
+        return self[address]
+
+
 class Replay:
     """Feeds events through the live pipeline and keeps its estimates.
 
@@ -178,7 +182,7 @@ class Replay:
         profile: Profile,
         how: How = AS_LIVE,
         *,
-        tell: Callable[[str], None] = lambda _: None,
+        notify: Callable[[str], None] = lambda _: None,
         new_estimator: Callable[[Profile], Estimator] | None = None,
     ) -> None:
         self._how = how
@@ -189,8 +193,8 @@ class Replay:
             new_estimator=new_estimator or self._new_estimator,
         )
         self._wrong_turn = exp(scale(radians(how.start_wrong_deg), WRONG_START_AXIS))
-        self._tell = tell
-        self.traces: dict[VehicleId, VehicleTrace] = {}
+        self._notify = notify
+        self.traces = Traces()
 
     def _new_estimator(self, profile: Profile) -> Estimator:
         if self._how.smooth:
@@ -209,7 +213,7 @@ class Replay:
             self._take(event)
         self.why_empty = windowed.why_empty()
         for vehicle in self.pipeline.vehicles:
-            trace = self._trace(vehicle.address)
+            trace = self.traces[vehicle.address]
             trace.rejected.update(vehicle.rejected)
             trace.rates = vehicle.estimator.rates
             trace.second_opinion = vehicle.comparison
@@ -232,30 +236,30 @@ class Replay:
     def _take(self, event: Event) -> None:
         for output in self.pipeline.handle(event):
             if isinstance(output, Message):
-                self._tell(output.text)
+                self._notify(output.text)
         match event:
             case Imu():
                 self._after_imu(event)
             case ReferenceAttitude(vehicle=address, source=source):
-                self._trace(address).references[source].add(event)
+                self.traces[address].references[source].add(event)
             case Parameter(vehicle=address, name=name, value=value) if name in VIEW_PARAMETERS:
-                self._trace(address).view.take(name, value)
+                self.traces[address].view.take(name, value)
             case Parameter(vehicle=address, name=name, value=value) if name.startswith(SENSORS):
-                self._trace(address).parameters[name] = value
+                self.traces[address].parameters[name] = value
             case Heartbeat(vehicle=address):
-                trace = self._trace(address)
+                trace = self.traces[address]
                 trace.autopilot, trace.vehicle_type = event.autopilot, event.vehicle_type
                 trace.view.vehicle_type = event.vehicle_type
                 trace.marks.take(event)
             case ModeChange() | StatusText():
-                self._trace(event.vehicle).marks.take(event)
+                self.traces[event.vehicle].marks.take(event)
 
     def _after_imu(self, event: Imu) -> None:
         vehicle = self.pipeline.vehicle(event.vehicle)
         sample = None if vehicle is None else vehicle.imu.last_sample
         if vehicle is None or sample is None or not vehicle.has_taken(event):
             return
-        trace = self._trace(event.vehicle)
+        trace = self.traces[event.vehicle]
         self._turn_wrong(vehicle, trace)
         attitude = vehicle.estimator.attitude(event.sample.time_us)
         if not is_finite(attitude):
@@ -274,12 +278,6 @@ class Replay:
             vehicle.estimator.turn(self._wrong_turn)
             trace.turned_at_us = vehicle.estimator.snapshot.core.time_us
 
-    def _trace(self, address: VehicleId) -> VehicleTrace:
-        trace = self.traces.get(address)
-        if trace is None:
-            trace = self.traces[address] = VehicleTrace(address)
-        return trace
-
 
 def smooth(trace: VehicleTrace, estimator: Estimator | None) -> None:
     """Put the smoothed attitudes into the trace; what the end knows of north holds for all."""
@@ -287,11 +285,14 @@ def smooth(trace: VehicleTrace, estimator: Estimator | None) -> None:
 
     assert isinstance(estimator, Recorder)
     times_us, now = smooth_all(estimator)
-    at = np.searchsorted(times_us, trace["time_us"])
-    trace.table.put("q_ned_frd", [now.q_ned_frd[at]])
-    trace.table.put("rate_rad_s", [now.rate_rad_s[at]])
-    trace.table.put("gyro_bias_rad_s", [now.bias_rad_s[at]])
-    trace.table.put("sigma_inclination_rad", [now.sigma_rad[at, 0]])
-    trace.table.put("sigma_heading_rad", [now.sigma_rad[at, 1]])
-    north = trace["heading_reference"]
-    trace.table.put("heading_reference", [np.full_like(north, north[-1])])
+    at, north = np.searchsorted(times_us, trace["time_us"]), trace["heading_reference"]
+    smoothed = {
+        "q_ned_frd": now.q_ned_frd[at],
+        "rate_rad_s": now.rate_rad_s[at],
+        "gyro_bias_rad_s": now.bias_rad_s[at],
+        "sigma_inclination_rad": now.sigma_rad[at, 0],
+        "sigma_heading_rad": now.sigma_rad[at, 1],
+        "heading_reference": np.full_like(north, north[-1]),
+    }
+    for name, values in smoothed.items():
+        trace.table.put(name, [values])

@@ -158,7 +158,7 @@ def test_recordings_cut_swapped_and_joined(tmp_path_factory, one, other, rng):
     path.write_bytes(rearranged(one, rng) + (other if rng.random() < 0.2 else b""))
     told = []
     try:
-        report = report_log(path, PROFILES[1], tell=told.append)
+        report = report_log(path, PROFILES[1], notify=told.append)
     except InputError as error:
         one_line(path.name, error)
     else:
