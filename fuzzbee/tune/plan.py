@@ -41,25 +41,21 @@ class Plan(NamedTuple):
     """What is searched, and what goes into the file's provenance.
 
     ``identity`` is everything that determines the result, as plain JSON values.
-    ``reference`` says what the cost is measured against.
+    ``reference`` is what the cost is measured against.
     """
 
     task: PaperTask | LogTask
     options: SearchOptions
-    output: Path
     identity: dict[str, Any]
-    inputs: list[dict[str, str]]
     reference: str
 
 
 def plan(request: TuneRequest) -> Plan:
-    """Check everything and prepare the search; says what each log is for."""
+    """Check everything and prepare the search; prints what each log is for."""
     _require_numbers(request)
     output = request.output
     if output.is_dir():
         raise InputError(f"-o {output}: a folder, not a file")
-    if not output.parent.is_dir():
-        raise InputError(f"-o {output}: no such folder: {output.parent}")
     if not os.access(output.parent, os.W_OK):
         raise InputError(f"-o {output}: the folder cannot be written to")
     return _simulation_plan(request) if request.is_simulated else _log_plan(request)
@@ -95,9 +91,12 @@ def _simulation_plan(request: TuneRequest) -> Plan:
 
 
 def _log_plan(request: TuneRequest) -> Plan:
-    if (request.noise_seeds, request.held_out_seeds) != (None, None):
-        name = "--held-out-seeds" if request.noise_seeds is None else "--noise-seeds"
-        raise InputError(f"{name} goes with sim: only; a log has its own noise")
+    for name, given in (
+        ("--noise-seeds", request.noise_seeds),
+        ("--held-out-seeds", request.held_out_seeds),
+    ):
+        if given is not None:
+            raise InputError(f"{name} goes with sim: only; a log has its own noise")
     goal = request.objective or "flight"
     _require_known("--objective", goal, GOALS)
     _require_known("--reference", request.reference, (None, *REFERENCES))
@@ -125,18 +124,20 @@ def _log_plan(request: TuneRequest) -> Plan:
     named = frozenset(flight.sha256 for flight in flights[len(searched) :])
     chosen = split(flights, named)
     _require_references(goal, chosen)
-    start = _with_tuned_gain(base, groups)
-    before = start
+    start = before = _with_tuned_gain(base, groups)
     if calibrates:
-        start = msgspec.structs.replace(
-            start, calibration=_fitted(request, plain, chosen, searched)
-        )
+        fitted = _fitted(request, plain, chosen, searched)
+        start = msgspec.structs.replace(start, calibration=fitted)
     task = LogTask(start, groups, chosen, goal, before if calibrates else None)
     for line in refused:
         notify(line)
     inputs = []
     for flight in flights:
-        use, reference = _use(chosen, flight), _reference_text(flight)
+        is_searched, is_held_out = (any(p.flight is flight for p in parts) for parts in chosen)
+        use = "tuned on" if is_searched else "held out"
+        if is_searched and is_held_out:
+            use = "its later part held out"
+        reference = _reference_text(flight)
         rate = f"{flight.message} at {flight.rate_hz:.1f} Hz"
         tell(f"{flight.name}: {rate}, reference: {reference}, {use}")
         inputs.append({"name": flight.name, "sha256": flight.sha256, "use": use})
@@ -160,8 +161,10 @@ def _fitted(
 
 def _with_tuned_gain(base: Profile, groups: tuple[str, ...]) -> Profile:
     """The profile with the gain that the tuned numbers belong to: others would move nothing."""
-    wanted = "fuzzy" if {"membership", "filter"} & {*groups} else base.filter.gain
-    if "gain" in groups and wanted != "fuzzy":
+    wanted = base.filter.gain
+    if {"membership", "filter"} & {*groups}:
+        wanted = "fuzzy"
+    elif "gain" in groups and wanted != "fuzzy":
         wanted = "fixed"
     if wanted == base.filter.gain:
         return base
@@ -200,7 +203,7 @@ def _plan(
         "seeds": {"search": request.seed, **seeds},
         "version": __version__,
     }
-    return Plan(task, search, request.output, identity, inputs, reference)
+    return Plan(task, search, identity, reference)
 
 
 def _read_flights(
@@ -243,14 +246,6 @@ def _require_references(goal: str, chosen: Split) -> None:
             raise InputError(f"{flight.name}: no reference attitude where it would be scored")
         elif goal == "recovery":
             require_recoveries(part)
-
-
-def _use(chosen: Split, flight: Flight) -> str:
-    """What a flight is for."""
-    is_searched, is_held_out = (any(part.flight is flight for part in parts) for parts in chosen)
-    if is_searched and is_held_out:
-        return "its later part held out"
-    return "tuned on" if is_searched else "held out"
 
 
 def _reference_text(log: Flight) -> str:

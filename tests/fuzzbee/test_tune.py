@@ -15,16 +15,12 @@ import pytest
 
 from estimator.profile import load_profile, merge_profile, profile_to_toml
 from fuzzbee.cli import main
-from fuzzbee.tune.plan import Plan
-from fuzzbee.tune.report import Verdict, remarks
+from fuzzbee.tune.report import has_gained, remarks
 from tests.fuzzbee.iron import with_iron
 from tests.fuzzbee.processes import cpu_s
 from tests.fuzzbee.services import descendants
 from tests.fuzzbee.test_calibrate import PLANE, bench, truth_of
-from tuning.flight import Part
-from tuning.log_task import LogTask, Split
 from tuning.paper_experiment import run_experiment
-from tuning.task import Scores
 
 SMALL = ["sim:", "--sources", "6", "--cycles", "4", "--noise-seeds", "100-101"]
 SMALL += ["--held-out-seeds", "200"]
@@ -283,12 +279,10 @@ def test_what_gains_nothing_is_not_written_unless_forced(tmp_path, capsys):
     ],
 )
 def test_what_is_said_of_a_result_is_one_story(after, harm, written, line):
-    flight = Part(None, 0, 1)
-    task = LogTask(load_profile("imu"), ("noise",), Split((flight,), (flight,)))
-    made = Plan(task, None, Path("x.toml"), {}, [], "")
-    verdict = Verdict(Scores(3.0, 2.38), Scores(2.0, after), None, (), harm)
-    said = [*remarks(made, verdict, {"interrupted": False, "file": written})]
-    assert verdict.gains == (line is None)
+    report = {"interrupted": False, "file": written, "harm": harm}
+    report |= {"held_out_before": 2.38, "held_out_after": after}
+    said = [*remarks(Path("x.toml"), report, on_logs=True)]
+    assert has_gained(2.38, after, harm) == (line is None)
     end = "is written all the same" if written else "is not written; --force writes it"
     assert [line in each and each.endswith(f"x.toml {end}") for each in said] == [True] * bool(line)
 
