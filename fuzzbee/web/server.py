@@ -5,7 +5,8 @@ https://html.spec.whatwg.org/multipage/server-sent-events.html
 
 import ipaddress
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from importlib.resources import files
 from typing import Any, NamedTuple
 from urllib.parse import parse_qs, urlsplit
@@ -119,13 +120,10 @@ class WebPage:
         if url.path == "/events":
             vehicle = parse_qs(url.query).get("vehicle", [None])[0]
             period_s = 1.0 / (ALL_HZ if vehicle is None else ONE_HZ)
-            return Answer("text/event-stream", b"", self._events(vehicle), period_s)
+            events = iter(partial(self.event, vehicle), None)
+            return Answer("text/event-stream", b"", events, period_s)
         record = self.record(url.path)
         return None if record is None else Answer("application/json", record)
-
-    def _events(self, vehicle: str | None) -> Iterator[bytes]:
-        while True:
-            yield self.event(vehicle)
 
     def event(self, vehicle: str | None) -> bytes:
         """What is sent: all vehicles, or one of them, with the server's time (ms)."""
@@ -153,7 +151,7 @@ class WebPage:
 
 
 def open_page(text: str, title: str, model: TableModel | None = None) -> WebPage:
-    """The page at an address as it was typed; says where it is.
+    """The page at an address as it was typed; prints where it is.
 
     Raises:
         InputError: no such address, or it is taken.
