@@ -1,7 +1,7 @@
 """From the options of ``fuzzbee tune`` to a plan of the search; all checks come before any work."""
 
 import os
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,7 +20,7 @@ from fuzzbee.version import __version__
 from tuning.flight import BETTER_LOG, Flight, require_substance
 from tuning.log_task import GOALS, MEMBERSHIP_RATE_HZ, LogTask, Split, default_groups, split
 from tuning.paper_task import FIRST_RESERVED_SEED, PaperTask, midpoint_profile
-from tuning.recovery import require_recoveries
+from tuning.recovery import recoveries
 from tuning.search import ALGORITHMS, SearchOptions
 
 MIDPOINT = "midpoint"
@@ -110,7 +110,7 @@ def _log_plan(request: TuneRequest) -> Plan:
         )
     plain = msgspec.structs.replace(base, calibration=Calibration()) if calibrates else base
     refused: list[str] = []  # printed when all checks have passed: an error is one single line
-    flights, searched = _read_flights(request, plain, refused, may_smooth=not calibrates)
+    flights = _read_flights(request, plain, refused, may_smooth=not calibrates)
     slowest = min(flights, key=lambda flight: flight.rate_hz)
     groups = _groups(request, default_groups(goal, slowest.rate_hz))
     if ("sigma" in groups) != (goal == "coverage"):
@@ -121,12 +121,13 @@ def _log_plan(request: TuneRequest) -> Plan:
             f"{slowest.rate_hz:.1f} Hz; the fuzzy controller is tuned from "
             f"{MEMBERSHIP_RATE_HZ:g} Hz on ({BETTER_LOG})"
         )
-    named = frozenset(flight.sha256 for flight in flights[len(searched) :])
+    apart = {path.resolve() for path in request.held_out}
+    named = frozenset(flight.sha256 for flight in flights if flight.path.resolve() in apart)
     chosen = split(flights, named)
     _require_references(goal, chosen)
     start = before = _with_tuned_gain(base, groups)
     if calibrates:
-        fitted = _fitted(request, plain, chosen, searched)
+        fitted = _fitted(request, plain, chosen)
         start = msgspec.structs.replace(start, calibration=fitted)
     task = LogTask(start, groups, chosen, goal, before if calibrates else None)
     for line in refused:
@@ -145,9 +146,7 @@ def _log_plan(request: TuneRequest) -> Plan:
     return _plan(request, task, inputs, reference, {})
 
 
-def _fitted(
-    request: TuneRequest, plain: Profile, chosen: Split, paths: Mapping[str, Path]
-) -> Calibration:
+def _fitted(request: TuneRequest, plain: Profile, chosen: Split) -> Calibration:
     """What ``fuzzbee calibrate`` finds in what is searched on, and in nothing else."""
     from fuzzbee.calibration_report import report_calibration
 
@@ -155,7 +154,7 @@ def _fitted(
     flight, _, last = chosen.tuning[0]
     if last < len(flight.truth):  # the rest of the only one is held out
         end = flight.begin_s + float(flight.time_s[last])
-    searched = [paths[part.flight.sha256] for part in chosen.tuning]
+    searched = [part.flight.path for part in chosen.tuning]
     return report_calibration(searched, plain, window=TimeWindow(begin, end)).calibration
 
 
@@ -208,8 +207,8 @@ def _plan(
 
 def _read_flights(
     request: TuneRequest, base: Profile, refused: list[str], *, may_smooth: bool
-) -> tuple[tuple[Flight, ...], dict[str, Path]]:
-    """All flights, first those not asked to be held out, and the paths of these by their SHA-256.
+) -> tuple[Flight, ...]:
+    """All flights, first those not asked to be held out.
 
     A log that is held out may stand among the sources, too; but none may count twice. ``refused``
     takes a line for each log of which much was.
@@ -232,7 +231,7 @@ def _read_flights(
         same = flights.setdefault(flight.sha256, flight)
         if same is not flight:
             raise InputError(f"{flight.name}: the same log as {same.name}")
-    return tuple(flights.values()), dict(zip(flights, searched, strict=False))
+    return tuple(flights.values())
 
 
 def _require_references(goal: str, chosen: Split) -> None:
@@ -245,7 +244,7 @@ def _require_references(goal: str, chosen: Split) -> None:
         elif not flight.known[part.window].any():
             raise InputError(f"{flight.name}: no reference attitude where it would be scored")
         elif goal == "recovery":
-            require_recoveries(part)
+            recoveries(part)
 
 
 def _reference_text(log: Flight) -> str:
@@ -299,7 +298,7 @@ def _groups(request: TuneRequest, default: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _base_identity(request: TuneRequest, base: Profile) -> str:
-    """The base's name; for a file the SHA-256 of what it says, which its name does not fix."""
+    """The base's name; for a file the SHA-256 of its content, which its name does not fix."""
     name = request.base or (MIDPOINT if request.is_simulated else "imu")
     if name in (*SHIPPED, MIDPOINT):
         return name

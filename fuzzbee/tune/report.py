@@ -10,7 +10,7 @@ from tuning.checkpoint import checkpoint_path
 from tuning.flight_cost import harm
 from tuning.log_task import GOALS, LogTask
 from tuning.search import Search
-from tuning.task import Scores, values_of
+from tuning.task import values_of
 
 # A profile gains if the held-out cost falls by this share at least: less is chance.
 LEAST_GAIN = 0.01
@@ -42,8 +42,8 @@ def report_of(
         "parameters": [*task.groups],
         "reference": plan.reference,
         "inputs": plan.identity["inputs"],
-        "cost_before": before.tuning,
-        "cost_after": after.tuning,
+        "cost_before": before.cost,
+        "cost_after": after.cost,
         "held_out_before": before.held_out,
         "held_out_after": after.held_out,
     }
@@ -51,7 +51,7 @@ def report_of(
         return report
     then, now = (task.held_out_figures(profile) for profile in (task.before, found))
     report["objective"] = task.goal
-    report["random_search"] = None if by_chance is None else _costs(task.score(by_chance))
+    report["random_search"] = None if by_chance is None else task.score(by_chance)._asdict()
     report["held_out_flights"] = [
         {"name": name, "before": was.as_json(), "after": now_is.as_json()}
         for (name, was), (_, now_is) in zip(then, now, strict=True)
@@ -59,12 +59,8 @@ def report_of(
     figures = ([each for _, each in side] for side in (then, now))
     report["harm"] = harm(*figures) if task.goal == "flight" else None
     if task.judged_by is not None:
-        report["calibration_alone"] = _costs(task.score(task.base))
+        report["calibration_alone"] = task.score(task.base)._asdict()
     return report
-
-
-def _costs(scores: Scores) -> dict[str, float]:
-    return {"cost": scores.tuning, "held_out": scores.held_out}
 
 
 def in_words(plan: Plan, search: Search, report: dict[str, Any]) -> str:

@@ -12,17 +12,18 @@ import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from drivers.output_file import written_for
 from estimator.profile import Profile, Provenance, profile_to_toml
 from fuzzbee.notify import tell
 from fuzzbee.tune.command import TuneRequest
 from fuzzbee.tune.plan import Plan
 from fuzzbee.tune.report import has_gained, in_words, remarks, report_of
 from service.signals import stop_on_signals
-from tuning.checkpoint import checkpoint_path, read_checkpoint, write_atomically, write_checkpoint
+from tuning.checkpoint import checkpoint_path, read_checkpoint, write_checkpoint
 from tuning.log_task import LogTask
 from tuning.optimizers import run_search
 from tuning.processes import Pool, available_cores
-from tuning.search import Evaluate, InterruptedSearch, Record, Search, SearchOptions
+from tuning.search import Evaluate, Record, Search, SearchOptions
 from tuning.space import encode
 from tuning.task import Task, batches, profile_with, values_of
 
@@ -63,7 +64,8 @@ def run_plan(plan: Plan, request: TuneRequest, viewer: "ViewerOptions | None") -
         gained = has_gained(report["held_out_before"], report["held_out_after"], report.get("harm"))
         is_written = gained or request.force or not on_logs
         if is_written:
-            write_atomically(request.output, profile_to_toml(found).encode())
+            with written_for("--output", request.output) as fresh:
+                fresh.write_bytes(profile_to_toml(found).encode())
         if is_finished:
             checkpoint.unlink(missing_ok=True)
         if request.plot is not None:
@@ -110,21 +112,14 @@ def _run(
             return not stop.is_set()
 
         search = Search(task.space, plan.options, evaluate, observe, record)
-        is_finished, by_chance = _is_run(search, task), None
+        first = encode(task.space, values_of(task.space, task.base))
+        is_finished, by_chance = run_search(search, first), None
         if is_finished and isinstance(task, LogTask):
             options = plan.options._replace(algorithm="random")
             random_search = Search(task.space, options, evaluate, lambda _: not stop.is_set())
-            if _is_run(random_search, task):  # the result stands without it
+            if run_search(random_search, first):  # the result stands without it
                 by_chance = profile_with(task.space, task.base, random_search.best_values)
     return search, is_finished, by_chance
-
-
-def _is_run(search: Search, task: Task) -> bool:
-    """Run a search that begins with the base profile's values; whether it came to its end."""
-    with contextlib.suppress(InterruptedSearch):
-        run_search(search, encode(task.space, values_of(task.space, task.base)))
-        return True
-    return False
 
 
 @contextlib.contextmanager
