@@ -25,7 +25,7 @@ from scipy.signal import lfilter
 from estimator.geometry.rotations import exp, multiply
 from estimator.profile import Profile, load_profile
 from fuzzbee.tune.read_flight import read_flight
-from fuzzbee.tune.report import Verdict
+from fuzzbee.tune.report import has_gained
 from tuning.flight import Flight, Part
 from tuning.flight_cost import harm, measure
 from tuning.log_task import LogTask, Split
@@ -79,8 +79,8 @@ def tuned(searched: Flight, held_out: Flight, options: SearchOptions) -> tuple[P
     run_search(search, encode(task.space, values_of(task.space, BASE)))
     found = profile_with(task.space, BASE, search.best_values)
     before, after = ([f for _, f in task.held_out_figures(p)] for p in (BASE, found))
-    verdict = Verdict(task.score(BASE), task.score(found), None, (), harm(before, after))
-    return found, verdict.gains
+    scores = (task.score(profile).held_out for profile in (BASE, found))
+    return found, has_gained(*scores, harm(before, after))
 
 
 def judged(profile: Profile, flights: list[Flight]) -> Row:

@@ -19,7 +19,7 @@ MOST_S = 9e12
 
 
 def number(name: str, given: Any, low: float = -inf, high: float = inf, of: str = "") -> float:
-    """A finite number from ``low`` to ``high``; ``of`` says what it counts."""
+    """A finite number from ``low`` to ``high``; ``of`` is what it counts."""
     try:
         value = nan if isinstance(given, str | bytes | bool) else float(given)
     except (TypeError, ValueError, OverflowError):
@@ -47,7 +47,7 @@ def vector(name: str, given: ArrayLike) -> Vec3:
 
 
 def matrix(name: str, given: ArrayLike, rows: int | None = None, width: int = 3) -> Floats:
-    """(N, 3) numbers, or as many in a row as ``width`` says."""
+    """(N, 3) numbers, or ``width`` in a row."""
     values = numbers(name, given)
     if values.ndim != 2 or values.shape[1] != width or rows not in (None, len(values)):
         wanted = "N" if rows is None else rows

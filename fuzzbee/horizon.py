@@ -1,6 +1,6 @@
 """One vehicle on a terminal: an artificial horizon in characters, with numbers and sigma.
 
-Nothing is said by colour alone: sky, ground, haze and the horizon's line have characters of their
+Nothing is shown by colour alone: sky, ground, haze and the horizon's line have characters of their
 own, and every sigma and caveat is written out. The haze around the line is as high as sigma.
 Across the horizon x counts cells to the right and y halves of rows down, which are as high as cells
 are wide.

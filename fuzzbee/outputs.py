@@ -71,7 +71,7 @@ def open_viewer(view: str | None, rrd: str | None, *, live: bool = False) -> "Vi
     from fuzzbee.viewer.viewer import ViewerSink
 
     sink = ViewerSink(options._replace(live=live))
-    notify_page(sink.stream)
+    notify_page(sink)
     return sink
 
 

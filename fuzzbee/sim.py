@@ -44,6 +44,7 @@ _KEY = "sign with the key (32 bytes, 64 hex digits) or pass phrase in this file"
 _LINK_HELP = "\n\n".join(" ".join(row.split()) for row in endpoint_help(LINK_KINDS).splitlines())
 
 
+_notify = partial(notify, who="fuzzbee sim: ")
 of_link = partial(option, panel="Link")
 of_vehicle = partial(option, panel="Vehicle")
 
@@ -87,19 +88,19 @@ def sim(options: SimOptions) -> int:
         if seconds is not None and not seconds > 0:
             raise InputError(f"--seconds must be positive, not {seconds:g}")
         fleet = Fleet(_vehicle_options(options), vehicles)
-        connection = Connection(endpoint, report=_say)
+        connection = Connection(endpoint, report=_notify)
         connection.open()
-        _say(
+        _notify(
             f"{vehicles} vehicle{'s' * (vehicles > 1)} at {options.rate:g} Hz, {connection.address}"
         )
-        for name, told in _errors_told(options).items():
-            _say(f"{name}: {told}")
+        for name, errors in _imu_errors(options).items():
+            _notify(f"{name}: {errors}")
         begun_s = time.monotonic()
-        run_vehicles(fleet, connection, stop.is_set, seconds, _say)
+        run_vehicles(fleet, connection, stop.is_set, seconds, _notify)
         if options.as_json:
             _print_json(str(endpoint), options, fleet, time.monotonic() - begun_s)
         if seconds is not None and not fleet.counts.was_connected and not stop.is_set():
-            _say(f"{endpoint}: nobody was connected in {seconds:g} s")
+            _notify(f"{endpoint}: nobody was connected in {seconds:g} s")
             return 1
         return 0
 
@@ -137,11 +138,11 @@ def _print_json(to: str, options: SimOptions, fleet: "Fleet", seconds: float) ->
         "bytes_sent": fleet.counts.bytes_sent,
         "link_errors": fleet.counts.link_errors,
     }
-    errors = _errors_told(options)
+    errors = _imu_errors(options)
     print(json.dumps(result | {"imu_errors": errors} if errors else result), flush=True)
 
 
-def _errors_told(options: SimOptions) -> dict[str, Any]:
+def _imu_errors(options: SimOptions) -> dict[str, Any]:
     """The truth of ``--imu-errors`` of vehicle 1: the profile's [calibration] that undoes it."""
     if options.imu_errors is None:
         return {}
@@ -150,11 +151,11 @@ def _errors_told(options: SimOptions) -> dict[str, Any]:
     from drivers.simulation.simulated_vehicle import imu_errors
 
     names = ("gyr_bias_rad_s", "acc_bias_m_s2", "mag_offset_gauss")
-    told: dict[str, Any] = {}
+    errors: dict[str, Any] = {}
     for name, (matrix, bias) in zip(names, imu_errors(options.imu_errors), strict=True):
-        told[name] = bias.round(5).tolist()
-        told[f"{name[:3]}_matrix"] = np.linalg.inv(matrix).round(5).tolist()
-    return told
+        errors[name] = bias.round(5).tolist()
+        errors[f"{name[:3]}_matrix"] = np.linalg.inv(matrix).round(5).tolist()
+    return errors
 
 
 def parse_magnet(text: str) -> tuple[float, float]:
@@ -176,7 +177,3 @@ def _link(text: str | None) -> Endpoint:
         kinds = ", ".join(LINK_KINDS)
         raise InputError(f"--to {text}: the vehicle speaks over {kinds}, as in {EXAMPLE}")
     return endpoint
-
-
-def _say(text: str) -> None:
-    notify(text, "fuzzbee sim: ")

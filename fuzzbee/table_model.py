@@ -41,22 +41,22 @@ class Row(NamedTuple):
 
     @property
     def is_silent(self) -> bool:
-        """Whether the service says nothing about it any more."""
+        """Whether the service publishes nothing about it any more."""
         return self.now_s - self.heard_s > SILENT_AFTER_S
 
     @property
     def valid_attitude(self) -> AttitudeRecord | None:
-        """The attitude, or None where the state says that it is no longer valid."""
+        """The attitude, or None where by its state it is no longer valid."""
         return self.attitude if self.state in HAS_ATTITUDE and not self.is_silent else None
 
     @property
     def state_text(self) -> str:
-        """The state in a word, "silent" if the service says nothing about it any more."""
+        """The state in a word, "silent" if the service publishes nothing about it any more."""
         return "silent" if self.is_silent else self.state.value
 
     @property
     def flight_words(self) -> list[str]:
-        """The flight mode, and "armed" or "disarmed", as far as the vehicle says them."""
+        """The flight mode, and "armed" or "disarmed", as far as the vehicle sends them."""
         if self.status is None:
             return []
         armed = {None: "", True: "armed", False: "disarmed"}[self.status.armed]

@@ -70,7 +70,7 @@ class TerminalView:
         self._now_s = now_s
         self._keys = ""  # what the keys do, if there are any
         self._next_line_s = 0.0
-        self._said, self._said_s = "", -MESSAGE_S
+        self._message, self._message_s = "", -MESSAGE_S
         self._drawn = (console.size, False)  # the size, and whether one vehicle fills it
         is_live = console.is_terminal and not console.is_dumb_terminal
         self._live = self._start() if is_live else None
@@ -88,16 +88,16 @@ class TerminalView:
     def notify(self, *texts: str) -> None:
         """Lines for a person, above the table; on the screen of one vehicle the last at its foot.
 
-        All are written at one go: hundreds of vehicles that begin say several each.
+        All are written at one go: hundreds of vehicles that begin send several each.
         """
         if not texts:
             return
-        said = [*map(printable, texts)]
-        self._said, self._said_s = said[-1], self._now_s()
+        shown = [*map(printable, texts)]
+        self._message, self._message_s = shown[-1], self._now_s()
         if self._live is None:
-            _print(self._messages, said, style="dim")
+            _print(self._messages, shown, style="dim")
         elif not self._drawn[1]:  # at the foot it would be left above
-            _print(self._live.console, said, style="dim")
+            _print(self._live.console, shown, style="dim")
 
     def refresh(self) -> None:
         """Print plain lines when they are due; the table redraws itself."""
@@ -168,7 +168,8 @@ class TerminalView:
         width, height = self._console.size
         alone = self._alone()
         if alone is not None:
-            foot = self._said if self._now_s() - self._said_s < MESSAGE_S else self._keys
+            is_recent = self._now_s() - self._message_s < MESSAGE_S
+            foot = self._message if is_recent else self._keys
             return screen(alone, width, height - 1, self._console, foot)
         rows = self._rows(self.one)
         keys = self._truth(rows) or self._keys

@@ -42,7 +42,7 @@ def table(
 ) -> RenderableType:
     """The rows that fit into ``height`` lines, those that need attention first if not all do.
 
-    Where one column of rows is not enough, several stand side by side. ``keys`` says what keys do,
+    Where one column of rows is not enough, several stand side by side. ``keys`` is what keys do,
     ``cursor`` names the row that they are about.
     """
     warned = _warnings(rows, MOST_WARNINGS)

@@ -136,8 +136,8 @@ def follow(options: WatchOptions) -> int:
         seen = _loop(inbox, stop, view, options, keys)
     if (view is not None and view.is_closed) or stop.is_set() or seen >= (options.most or 1):
         return 0
-    said = f"{seen} attitudes" if seen else "no attitude"
-    notify(f"{said} on {_key(options)} in {options.seconds:g} s{'' if seen else NOBODY}")
+    found = f"{seen} attitudes" if seen else "no attitude"
+    notify(f"{found} on {_key(options)} in {options.seconds:g} s{'' if seen else NOBODY}")
     return FAILED
 
 
@@ -151,8 +151,8 @@ def _loop(
     """Show what comes until the end; returns the number of attitudes."""
     from fuzzbee.reception import Reception
 
-    told = notify if view is None else view.notify
-    reception = Reception(told)
+    report = notify if view is None else view.notify
+    reception = Reception(report)
     started_s, seen, has_heard = time.monotonic(), 0, False
     while not stop.is_set():
         for key, payload in inbox.drain(WAIT_S):
@@ -168,7 +168,7 @@ def _loop(
             break
         if not has_heard and now_s >= started_s + HINT_AFTER_S:
             has_heard = True
-            told(f"nothing on {_key(options)} yet{NOBODY} (Ctrl-C ends)")
+            report(f"nothing on {_key(options)} yet{NOBODY} (Ctrl-C ends)")
     return seen
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from drivers.output_file import written_whole
+from drivers.output_file import written_for
 from estimator.errors import InputError
 from tuning.search import Record
 
@@ -23,19 +23,6 @@ class Header(msgspec.Struct):
     asked_sha256: str
 
 
-def write_atomically(path: Path, content: bytes) -> None:
-    """Write all of a file: a reader sees the old content or the new one.
-
-    Raises:
-        InputError: the folder or the file cannot be written, or is somebody else's link.
-    """
-    try:
-        with written_whole(path) as fresh:
-            fresh.write_bytes(content)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
-
-
 def checkpoint_path(output: Path) -> Path:
     """FILE.checkpoint."""
     return Path(f"{output}.checkpoint")
@@ -46,10 +33,12 @@ def write_checkpoint(path: Path, identity: Mapping[str, Any], record: Record) ->
 
     Raises:
         InputError: the file cannot be written.
+        NotWholeError: the disk is full, or fails.
     """
     header = Header(SCHEMA, identity, len(record.costs), record.asked_sha256)
     line = msgspec.json.encode(header, order="sorted")
-    write_atomically(path, line + b"\n" + record.costs.astype("<f8").tobytes())
+    with written_for("--output", path) as fresh:
+        fresh.write_bytes(line + b"\n" + record.costs.astype("<f8").tobytes())
 
 
 def read_checkpoint(path: Path, identity: Mapping[str, Any]) -> Record:

@@ -1,4 +1,4 @@
-"""The artificial bee colony as ask and show.
+"""The artificial bee colony as ask and tell.
 
 The paper's Section III-A after D. Karaboga and B. Basturk, "On the performance
 of artificial bee colony (ABC) algorithm", Applied Soft Computing 8 (2008), with
@@ -38,7 +38,7 @@ class Colony:
     """N food sources over a space, in cycles of employed bees, onlookers and scout.
 
     ``first`` (M, D), M <= N, are positions to begin with; the others are
-    random. :meth:`ask` gives a batch of candidates (n, D), :meth:`show` takes
+    random. :meth:`ask` gives a batch of candidates (n, D), :meth:`tell` takes
     their costs (n,); they alternate.
     """
 
@@ -66,7 +66,7 @@ class Colony:
         )
 
     def ask(self) -> Floats:
-        """The candidates of the next phase, all feasible; the same until :meth:`show`."""
+        """The candidates of the next phase, all feasible; the same until :meth:`tell`."""
         return self._asked
 
     def tell(self, costs: Floats) -> None:

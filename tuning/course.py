@@ -1,8 +1,8 @@
-"""What an estimator says when it is told again what one was told in flight."""
+"""What an estimator publishes when it is given again what one was given in flight."""
 
 from collections.abc import Mapping, Sequence
 from math import radians
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,10 +29,11 @@ from tuning.logged_calls import Call
 # begins (e = 0.992).
 WRONG_TURN = exp(scale(radians(170.0), (3**-0.5, 3**-0.5, 3**-0.5)))
 NOTHING_WRONG: Mapping[int, Quaternion] = {}
+Calls = Mapping[int, Sequence[Call]]  # before the sample of that number
 
 
 class Course(NamedTuple):
-    """What an estimator said at its N samples.
+    """What an estimator published at its N samples.
 
     ``q_ned_frd`` (N, 4); ``sigma_rad`` (N, 2) of inclination and heading; ``bias_rad_s`` (N, 3).
     """
@@ -45,45 +46,44 @@ class Course(NamedTuple):
 def course_of(
     estimator: Estimator,
     rows: Rows,
-    calls: Mapping[int, Sequence[Call]],
+    calls: Calls,
     wrong_ned_frd: Mapping[int, Quaternion] = NOTHING_WRONG,
-    told: Floats = NO_REPORT_ROWS,
+    reports: Floats = NO_REPORT_ROWS,
 ) -> Course:
-    """Have the estimator take all rows, before each of them what it was told then.
+    """Have the estimator take all rows, and before each of them its calls.
 
-    ``told`` (M, REPORT_SIZE) are velocities and rates, ``calls`` what else. Behind each sample in
+    ``reports`` (M, REPORT_SIZE) are velocities and rates. Behind each sample in
     ``wrong_ned_frd`` the filter is given that attitude; what conditions its vectors goes on.
     """
     n, begin = len(rows.times_us), 0
-    said = np.empty((n, SAID))
+    published = np.empty((n, SAID))
     for end in sorted({k for k in (*calls, *(k + 1 for k in wrong_ned_frd), n) if 0 < k <= n}):
         for call in calls.get(begin, ()):
             call(estimator)
         part = cut(rows, begin, end)
-        take(estimator, part, said[begin:end], told_between(told, begin, end))
+        take(estimator, part, published[begin:end], told_between(reports, begin, end))
         if end - 1 in wrong_ned_frd:
             now = estimator.snapshot
             core = with_attitude(now.core, wrong_ned_frd[end - 1])
             estimator.snapshot = now._replace(core=core)
-            put(estimator, int(part.times_us[-1]), said[end - 1])
+            put(estimator, int(part.times_us[-1]), published[end - 1])
         begin = end
-    return Course(said[:, Q], said[:, SIGMA], said[:, BIAS])
+    return Course(published[:, Q], published[:, SIGMA], published[:, BIAS])
 
 
-def split_calls(calls: Mapping[int, Sequence[Call]]) -> tuple[Floats, dict[int, Sequence[Call]]]:
+def split_calls(calls: Calls) -> tuple[Floats, Calls]:
     """Velocities and rates behind all other calls of a sample (M, REPORT_SIZE), and those."""
-    told, others = [], {}
+    reports, others = [], {}
     for k, each in calls.items():
-        reports = [_report(call) for call in each]
-        first = max((at + 1 for at, report in enumerate(reports) if report is None), default=0)
-        told += [(k, report) for report in reports[first:] if report is not None]
+        first = max((at for at, call in enumerate(each, 1) if not _is_row(call)), default=0)
+        reports += [(k, call.values[0]) for call in each[first:]]
         if first:
             others[k] = each[:first]
-    return report_rows_of(told), others
+    return report_rows_of(reports), others
 
 
-def _report(call: Call) -> VelocitySample | RateSample | None:
-    """What a call shows, if that is a velocity or rates."""
-    words: Any = call.__reduce__()[1]  # of a methodcaller: its name and arguments
-    is_report = words[0] == "update_report" and isinstance(words[1], VelocitySample | RateSample)
-    return words[1] if is_report else None
+def _is_row(call: Call) -> bool:
+    """Whether a call is a velocity or rates, which rows can show."""
+    return call.method == "update_report" and isinstance(
+        call.values[0], VelocitySample | RateSample
+    )

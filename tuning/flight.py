@@ -1,11 +1,12 @@
-"""A recorded flight as what an estimator was told, and the replay of it with any profile.
+"""A recorded flight as what an estimator was given, and the replay of it with any profile.
 
 What the service does with a log before its estimator (which message, which clock, what is refused)
 does not depend on the numbers that are tuned. So it is done once and written down as calls; a
 candidate's whole estimator, aiding included, then takes the same calls.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -17,8 +18,7 @@ from estimator.estimator import Estimator
 from estimator.live.rows import NO_REPORT_ROWS, Rows, cut
 from estimator.profile import Profile
 from estimator.types import Quaternion
-from tuning.course import NOTHING_WRONG, Course, course_of
-from tuning.logged_calls import Call
+from tuning.course import NOTHING_WRONG, Calls, Course, course_of
 from tuning.task import sensor_axes
 
 LEAST_RATE_HZ = 1.0
@@ -28,36 +28,47 @@ LEAST_DURATION_S = 60.0
 # copes with motion. At rest, engines running, the rates of recorded vehicles stay below 0.02 rad/s.
 MOTION_RAD_S = 0.05
 LEAST_MOTION_S = 10.0
-# A compass that speaks less often than this is as good as none.
+# A compass that sends less often than this is as good as none.
 LEAST_FIELD_RATE_HZ = 0.2
 
 
 class Flight(NamedTuple):
-    """N samples of one vehicle, as its estimator was told of them.
+    """N samples of one vehicle, as its estimator was given them.
 
-    ``told`` (M, REPORT_SIZE) are velocities and rates, ``calls[k]`` what else came before sample
-    k, if there was something. ``restart`` marks samples
-    after which nothing from before holds (the first, a reboot, a jump of the clock). ``truth``
-    (N, 4) is the reference's ``q_ned_frd`` where ``known``; ``reference`` is "sim", "autopilot",
-    "smooth" or "none". ``headed`` marks where the base profile told a heading. ``doubt_rad`` (N, 2)
-    are the reference's own sigmas of inclination and heading, if it has any. ``calibration`` is
-    what the rows are calibrated by, ``begin_s`` when in its log the flight begins.
+    ``reports`` (M, REPORT_SIZE) are velocities and rates, ``calls[k]`` what else came before sample
+    k, if there was something. ``truth`` (N, 4) is the reference's ``q_ned_frd`` where ``known``;
+    ``reference`` is "sim", "autopilot", "smooth" or "none". ``headed`` marks where the base profile
+    gave a heading. ``truth_sigma_rad`` (N, 2) are the reference's own sigmas of inclination and
+    heading, if it has any. ``calibration`` is what the rows are calibrated by, ``begin_s`` when in
+    its log the flight begins.
     """
 
-    name: str
+    path: Path
     sha256: str
     message: str
     reference: str
     rows: Rows
-    calls: Mapping[int, Sequence[Call]]
-    restart: Bools
+    calls: Calls
     truth: Floats
     known: Bools
     headed: Bools
-    told: Floats = NO_REPORT_ROWS
-    doubt_rad: Floats | None = None
+    reports: Floats = NO_REPORT_ROWS
+    truth_sigma_rad: Floats | None = None
     calibration: Calibration = PLAIN
     begin_s: float = 0.0
+
+    @property
+    def name(self) -> str:
+        """The log's, which does not depend on where it lies."""
+        return self.path.name
+
+    @property
+    def restart(self) -> Bools:
+        """Samples (N,) after which nothing from before holds: the first, a reboot, a new clock."""
+        found = np.zeros(len(self.truth), dtype=bool)
+        again = (k for k, calls in self.calls.items() if any(c.method == "restart" for c in calls))
+        found[[0, *(k for k in again if k < len(found))]] = True
+        return found
 
     @property
     def time_s(self) -> Floats:
@@ -101,7 +112,7 @@ def fly(
     rows = cut(flight.rows, 0, last)
     if profile.calibration != flight.calibration:
         rows = _calibrated(rows, profile)
-    return course_of(Estimator(profile), rows, flight.calls, wrong_ned_frd, flight.told)
+    return course_of(Estimator(profile), rows, flight.calls, wrong_ned_frd, flight.reports)
 
 
 def _calibrated(rows: Rows, profile: Profile) -> Rows:

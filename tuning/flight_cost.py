@@ -16,7 +16,6 @@ from tuning.prediction import (
     heading_errors,
     levelling_errors,
     predicted_vectors,
-    readings_of,
     rms_known,
 )
 from tuning.smoothed import possible_truths
@@ -38,12 +37,12 @@ class Figure(NamedTuple):
 
     @property
     def cost(self) -> float:
-        """What the search sees of it, deg."""
+        """What the search minimises, deg."""
         return self.rms_deg + SIGMA_WEIGHT * self.sigma_loss_deg
 
 
 class FlightFigures(NamedTuple):
-    """A part's figures; ``heading`` is None where none was told."""
+    """A part's figures; ``heading`` is None where there was none."""
 
     inclination: Figure
     heading: Figure | None
@@ -116,12 +115,12 @@ def _figures(part: Part, course: Course) -> FlightFigures:
     """Errors against the reference, wherever it is known."""
     flight, window = part.flight, part.window
     known = flight.known[window]
-    doubt = None if flight.doubt_rad is None else flight.doubt_rad[window]
+    truth_sigma = None if flight.truth_sigma_rad is None else flight.truth_sigma_rad[window]
     estimate = course.q_ned_frd[window]
     sigma = np.degrees(course.sigma_rad[window])
     headed = known & flight.headed[window]
     inclination, heading = [], []
-    for truth in possible_truths(flight.truth[window], doubt):
+    for truth in possible_truths(flight.truth[window], truth_sigma):
         errors = np.degrees(batch_angle_errors(estimate, truth))
         inclination.append(score_errors(errors[known, 2], sigma[known, 0]))
         heading.append(score_errors(errors[headed, 1], sigma[headed, 1]))
@@ -149,9 +148,9 @@ def score_errors(errors: Floats, sigma: Floats) -> Figure:
 
 
 def _figures_without_truth(part: Part, course: Course) -> FlightFigures:
-    """Errors of the vectors that the estimate foretells; no sigma is said of these."""
-    readings = readings_of(cut(part.flight.rows, 0, part.last))
-    down, field = predicted_vectors(readings, course.q_ned_frd, course.bias_rad_s, part.first)
+    """Errors of the vectors that the estimate predicts, which have no sigma."""
+    rows = cut(part.flight.rows, 0, part.last)
+    down, field = predicted_vectors(rows, course.q_ned_frd, course.bias_rad_s, part.first)
     level, north = rms_known(levelling_errors(down)), rms_known(heading_errors(field))
     figures = [
         None if error is None else Figure(float(np.degrees(error)), 0.0, None)

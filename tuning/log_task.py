@@ -1,13 +1,12 @@
-"""Tuning on recorded flights: the whole estimator, aiding included, on what it was told in flight.
+"""Tuning on recorded flights: the whole estimator, aiding included, on what it got in flight.
 
 The reference is the truth of a simulation, else the attitude that the whole log shows if that is
-sure, else the autopilot's. A log with none is tuned on how well its own vectors are foretold.
+sure, else the autopilot's. A log with none is tuned on how well its own vectors are predicted.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,10 +15,9 @@ from estimator.errors import InputError
 from estimator.profile import Profile
 from tuning.flight import Flight, Part
 from tuning.flight_cost import FlightFigures, geometric_mean, measure
-from tuning.parameters import CONDITIONED_GROUPS, space_of
+from tuning.parameters import CONDITIONED_GROUPS
 from tuning.recovery import recovery_cost
-from tuning.space import Space
-from tuning.task import Scores, profile_with, require_fuzzy_gain
+from tuning.task import Scores, Task, profile_with, require_fuzzy_gain
 
 # Below this rate the gyroscope is aliased, and the first second has only a handful of samples: they
 # cannot show which memberships are better, as the paper's are made for 100 Hz.
@@ -81,7 +79,7 @@ def split(flights: tuple[Flight, ...], held_out: frozenset[str] = frozenset()) -
 
 
 @dataclass(frozen=True)
-class LogTask:
+class LogTask(Task):
     """Tuning of ``groups`` on flights, some of which are held out.
 
     The search begins with ``base``; its result is judged beside ``judged_by``, if that is another.
@@ -91,13 +89,11 @@ class LogTask:
             memberships could be tuned; unknown groups.
     """
 
-    base: Profile
-    groups: tuple[str, ...]
     split: Split
     goal: str = "flight"
     judged_by: Profile | None = None
 
-    batch: ClassVar[int] = 1
+    known_groups = CONDITIONED_GROUPS
 
     def __post_init__(self) -> None:
         if not self.base.conditioned:
@@ -105,14 +101,9 @@ class LogTask:
         if "k1" in self.space.names:
             require_fuzzy_gain(self.base)
 
-    @cached_property
-    def space(self) -> Space:
-        """See :class:`Task`."""
-        return space_of(self.groups, CONDITIONED_GROUPS)
-
     @property
     def before(self) -> Profile:
-        """What the result is compared with."""
+        """See :class:`Task`."""
         return self.judged_by or self.base
 
     def costs(self, values: Floats) -> Floats:

@@ -1,63 +1,65 @@
 """An estimator that logs its calls, so that others can be given the same."""
 
-from collections.abc import Callable
-from operator import methodcaller
-from typing import Any
+from typing import Any, NamedTuple
 
 from estimator.estimator import Estimator
 from estimator.profile import Profile
 from estimator.reasons import Reason
 from estimator.types import ImuSample
 
-Call = Callable[[Estimator], object]
+
+class Call(NamedTuple):
+    """A method of an estimator, and what it was called with."""
+
+    method: str
+    values: tuple[Any, ...] = ()
+
+    def __call__(self, estimator: Estimator) -> None:
+        """Call it again."""
+        getattr(estimator, self.method)(*self.values)
 
 
-def _logged(name: str) -> Any:
+def _logged(method: str) -> Any:
     """A method of the estimator that is logged before it takes effect."""
 
-    def method(logged: "LoggedEstimator", *values: Any, **named: Any) -> Any:
-        logged._waiting.append(methodcaller(name, *values, **named))  # noqa: SLF001 - its method
-        return getattr(Estimator, name)(logged, *values, **named)
+    def call(logged: "LoggedEstimator", *values: Any) -> Any:
+        logged.log(method, *values)
+        return getattr(Estimator, method)(logged, *values)
 
-    return method
+    return call
 
 
 class LoggedEstimator(Estimator):
-    """Calls :meth:`note_sample` with every sample it took, and the calls since the last."""
+    """Counts the samples it has taken; ``calls[k]`` came between the sample before k and k."""
 
     def __init__(self, profile: Profile, fixed_gain: float | None = None) -> None:
         super().__init__(profile, fixed_gain)
-        self._waiting: list[Call] = []
+        self.begin_log()
 
-    def note_sample(self, sample: ImuSample, calls: tuple[Call, ...]) -> None:
-        """A sample was taken, behind these calls and before this one."""
+    def begin_log(self) -> None:
+        """Forget what has been logged."""
+        self.taken = 0
+        self.calls: dict[int, list[Call]] = {}
 
-    def note_restart(self) -> None:
-        """The attitude is about to be forgotten."""
+    def log(self, method: str, *values: Any) -> None:
+        """Remember a call before the next sample."""
+        self.calls.setdefault(self.taken, []).append(Call(method, values))
 
     def update(self, sample: ImuSample) -> Reason | None:
         """See :class:`Estimator`."""
         reason = super().update(sample)
-        if reason is None:
-            calls = tuple(self._waiting)
-            self._waiting.clear()
-            self.note_sample(sample, calls)
+        self.taken += reason is None
         return reason
 
     def set_position(self, *place: Any) -> bool:
         """See :class:`Estimator`; what is no news changes nothing, whatever the numbers."""
         is_news = super().set_position(*place)
         if is_news:
-            self._waiting.append(methodcaller("set_position", *place))
+            self.log("set_position", *place)
         return is_news
 
-    def restart(self) -> None:
-        """See :class:`Estimator`."""
-        self.note_restart()
-        self._waiting.append(methodcaller("restart"))
-        super().restart()
-
     update_report = _logged("update_report")  # velocities and rates come this way, too
+    restart = _logged("restart")
     set_field_calibrated = _logged("set_field_calibrated")
     set_imu_lag = _logged("set_imu_lag")
     set_vehicle_class = _logged("set_vehicle_class")

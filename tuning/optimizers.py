@@ -11,7 +11,7 @@ import numpy as np
 from estimator.arrays import Floats
 from estimator.errors import InputError
 from tuning.colony import Colony
-from tuning.search import BudgetSpent, Search
+from tuning.search import BudgetSpent, InterruptedSearch, Search
 from tuning.space import bounds, random_positions
 
 # Standard deviation of the first generation, as a share of the width of the bounds: from the
@@ -19,18 +19,22 @@ from tuning.space import bounds, random_positions
 CMA_SIGMA = 0.3
 
 
-def run_search(search: Search, first: Floats) -> None:
+def run_search(search: Search, first: Floats) -> bool:
     """Run the algorithm that the search's options name, from position ``first`` (D,), to the end.
 
+    Returns whether it came to its end: the observer may have asked to stop.
+
     Raises:
-        InterruptedSearch: the observer asked to stop.
         InputError: the record is not of this search.
     """
     generator = np.random.default_rng(search.options.seed)
     try:
         RUNNERS[search.options.algorithm](search, first, generator)
     except BudgetSpent:
-        return
+        return True
+    except InterruptedSearch:
+        return False
+    return True
 
 
 def bees(search: Search, first: Floats, generator: np.random.Generator) -> None:

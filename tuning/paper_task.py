@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
 
 import msgspec
 import numpy as np
@@ -14,9 +13,8 @@ from estimator.profile import Profile, Provenance, load_profile
 from estimator.types import IDENTITY
 from tuning.paper_cost import LANES, Base, Signals, costs, paper_signals
 from tuning.paper_experiment import paper_settings, run_experiment
-from tuning.parameters import RAW_GROUPS, space_of
-from tuning.space import Space
-from tuning.task import Scores, profile_with, require_fuzzy_gain
+from tuning.parameters import RAW_GROUPS
+from tuning.task import Scores, Task, profile_with, require_fuzzy_gain
 
 # Noise seeds from here on are reserved for judging results; nothing may be tuned on them.
 FIRST_RESERVED_SEED = 5000
@@ -32,33 +30,22 @@ def midpoint_profile() -> Profile:
 
 
 @dataclass(frozen=True)
-class PaperTask:
+class PaperTask(Task):
     """The paper's optimisation: searched on ``noise_seeds``, scored on ``held_out_seeds``, too.
 
     Raises:
         InputError: the base conditions its vectors, has no R_hat(0) or no fuzzy gain.
     """
 
-    base: Profile
-    groups: tuple[str, ...]
     noise_seeds: tuple[int, ...]
     held_out_seeds: tuple[int, ...]
 
-    batch: ClassVar[int] = LANES
+    known_groups = RAW_GROUPS
+    batch = LANES
 
     def __post_init__(self) -> None:
         paper_settings(self.base)
         require_fuzzy_gain(self.base)
-
-    @property
-    def before(self) -> Profile:
-        """See :class:`Task`."""
-        return self.base
-
-    @cached_property
-    def space(self) -> Space:
-        """See :class:`Task`."""
-        return space_of(self.groups, RAW_GROUPS)
 
     @cached_property
     def _signals(self) -> Signals:

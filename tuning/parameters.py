@@ -6,7 +6,8 @@ from estimator.aiding.types import AidingParams
 from estimator.conditioning import ConditioningParams
 from estimator.errors import InputError
 from tuning.space import Space, join_spaces, membership_space
-from tuning.task import COMPASS_TURN
+
+COMPASS_TURN = "compass_turn_rad"  # a tuned number that stands in the calibration's mag_matrix
 
 # What decides how fast the conditioning stage believes which sensor; the rest of it
 # describes vehicles and events, which one log does not show.
@@ -23,7 +24,7 @@ CONDITIONING = (
 SHIPPED_FACTOR = 5.0
 # How noisy the vehicle's sensors and velocity reports are: few numbers that differ from vehicle to
 # vehicle, without a velocity and with one. What moves sigma alone is a group of its own: errors do
-# not tell it, coverage does.
+# not show it, coverage does.
 NOISE_UNAIDED = ("gravity_tau_s", "heading_noise_rad2_s")
 NOISE_AIDED = (
     "gyr_slow_noise_1_s",

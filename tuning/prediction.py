@@ -1,16 +1,15 @@
-"""How well an estimate foretells its own vectors by the gyroscope alone: a cost without truth.
+"""How well an estimate predicts its own vectors by the gyroscope alone: a cost without truth.
 
-From each sample on, the attitude is turned for half a second by the gyroscope less the bias that
-the estimate names, and what it then says of gravity and of north is compared with what is
-measured. An attitude or a bias that is off is off in its prediction, too.
+From each sample on, the attitude is turned for half a second by the gyroscope less the estimated
+bias, and gravity and north as they then should be are compared with what is measured. An attitude
+or a bias that is off is off in its prediction, too.
 """
 
 from math import atan2, pi, sqrt
-from typing import NamedTuple
 
 import numpy as np
 
-from estimator.arrays import Bools, Floats
+from estimator.arrays import Floats
 from estimator.compilation.compiled import compiled, types_of
 from estimator.geometry.quaternion import exp, multiply, normalize, rotate, unit
 from estimator.live.rows import Rows
@@ -20,36 +19,20 @@ AHEAD_S = 0.5
 LONGEST_S = 1.5
 
 
-class Readings(NamedTuple):
-    """N samples as arrays: times (N,), readings (N, 3) in FRD, and where there is a field (N,)."""
-
-    time_s: Floats
-    gyr_rad_s: Floats
-    acc_m_s2: Floats
-    mag: Floats
-    has_mag: Bools
+_EXAMPLE = Rows(np.zeros(1, np.int64), *(np.zeros((1, 3)),) * 3, np.zeros(1, np.bool_))
 
 
-def readings_of(rows: Rows) -> Readings:
-    """Samples with their times from the first."""
-    return Readings(1e-6 * (rows.times_us - rows.times_us[0]), *rows[1:])
-
-
-def example_readings() -> Readings:
-    """Readings of the types that kernels take."""
-    return Readings(np.zeros(1), *(np.zeros((1, 3)),) * 3, np.zeros(1, np.bool_))
-
-
-@compiled(types=lambda: types_of(example_readings(), np.zeros((1, 4)), np.zeros((1, 3)), 0))
+@compiled(types=lambda: types_of(_EXAMPLE, np.zeros((1, 4)), np.zeros((1, 3)), 0))
 def predicted_vectors(
-    readings: Readings, q_ned_frd: Floats, bias_rad_s: Floats, first: int
+    rows: Rows, q_ned_frd: Floats, bias_rad_s: Floats, first: int
 ) -> tuple[Floats, Floats]:
     """Minus the force, and the field, in NED by the prediction that ends at each sample.
 
     Unit vectors (N, 3), not numbers where there is no prediction or no field. Predictions begin
     at sample ``first`` or later.
     """
-    time_s, gyr, acc, mag, has_mag = readings
+    times_us, gyr, acc, mag, has_mag = rows
+    time_s = 1e-6 * (times_us - times_us[0])
     n = len(time_s)
     down, field = np.full((n, 3), np.nan), np.full((n, 3), np.nan)
     for k in range(first, n):

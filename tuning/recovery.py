@@ -52,7 +52,7 @@ def recovery_cost(profile: Profile, part: Part) -> float:
     Raises:
         InputError: the part has no recovery.
     """
-    found = require_recoveries(part)
+    found = recoveries(part)
     errors = _errors(profile, part, found)
     return sum(float(w @ errors[first : last + 1]) for first, last, w in found) / len(found)
 
@@ -71,23 +71,12 @@ def _errors(profile: Profile, part: Part, found: list[Recovery]) -> Floats:
     return np.where(np.isfinite(e), e, WORST_ERROR)
 
 
-def require_recoveries(part: Part) -> list[Recovery]:
-    """The part's recoveries.
+def recoveries(part: Part) -> list[Recovery]:
+    """Stretches of 14 s of a part, one after the other, none across a restart or a long silence.
 
     Raises:
         InputError: there is none.
     """
-    found = recoveries(part)
-    if not found:
-        raise InputError(
-            f"{part.flight.name}: no stretch of 14 s without gaps and with a reference "
-            "in what is to be tuned on or held out"
-        )
-    return found
-
-
-def recoveries(part: Part) -> list[Recovery]:
-    """Stretches of 14 s of a part, one after the other, none across a restart or a long silence."""
     time_s = part.flight.time_s
     found = []
     for begin, end in _stretches(part):
@@ -100,6 +89,11 @@ def recoveries(part: Part) -> list[Recovery]:
             if weights is not None:
                 found.append(Recovery(first, last, weights))
             start_s = time_s[last] + 1e-6
+    if not found:
+        raise InputError(
+            f"{part.flight.name}: no stretch of 14 s without gaps and with a reference "
+            "in what is to be tuned on or held out"
+        )
     return found
 
 

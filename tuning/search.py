@@ -88,7 +88,7 @@ class Search:
         self._evaluate = evaluate
         self._observe = observe
         self._earlier = record
-        self._told: list[Floats] = []
+        self._known: list[Floats] = []
         self._asked = hashlib.sha256()
         self._scouts = 0
         self.evaluations = 0
@@ -105,7 +105,7 @@ class Search:
     @property
     def record(self) -> Record:
         """What a checkpoint has to hold."""
-        costs = np.concatenate([np.empty(0), *self._told])
+        costs = np.concatenate([np.empty(0), *self._known])
         return Record(costs, self._asked.hexdigest())
 
     def costs(self, positions: Floats, *, scouts: bool = False) -> Floats:
@@ -150,7 +150,7 @@ class Search:
         return record.costs[self.evaluations : self.evaluations + count]
 
     def _remember(self, values: Floats, costs: Floats) -> None:
-        self._told.append(np.array(costs))
+        self._known.append(np.array(costs))
         self.evaluations += len(costs)
         best = int(np.argmin(costs))
         if costs[best] < self.best_cost:

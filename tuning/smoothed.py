@@ -1,8 +1,8 @@
 """The reference that a flight gives itself: its attitude by the whole recording.
 
 It is made once, before the search, with the base profile: no number under search can draw it to
-itself, and what is held out is judged by a reference that nothing was chosen on. How far it may be
-off, its own sigma says; a cost is the mean over attitudes that lie so far around it.
+itself, and what is held out is judged by a reference that nothing was chosen on. Its own sigma is
+how far it may be off; a cost is the mean over attitudes that lie so far around it.
 """
 
 from collections.abc import Iterator
@@ -21,7 +21,7 @@ from tuning.flight import Flight
 # A smoothed inclination, and a heading, count where their sigmas are below these, deg; a flight if
 # half of them do. Autopilots' own attitudes are hardly better.
 SURE_DEG = (2.0, 5.0)
-# Attitudes around a reference in doubt.
+# Attitudes around a reference that is uncertain.
 AROUND = 8
 # Of a normal error a share of 0.68 lies under so many standard deviations: of one component, and
 # of two together.
@@ -33,14 +33,14 @@ GOLDEN = 0.618034
 def smoothed_flight(flight: Flight, profile: Profile) -> Flight:
     """The flight with its smoothed attitude for a reference."""
     recorder = Recorder(profile)
-    course_of(recorder, flight.rows, flight.calls, told=flight.told)
+    course_of(recorder, flight.rows, flight.calls, reports=flight.reports)
     times_us, smoothed = smooth_all(recorder)
     at = np.searchsorted(times_us, flight.rows.times_us)
-    truth, doubt = smoothed.q_ned_frd[at], smoothed.sigma_rad[at]
-    sure = np.isfinite(truth).all(axis=1, keepdims=True) & (np.degrees(doubt) < SURE_DEG)
+    truth, sigma = smoothed.q_ned_frd[at], smoothed.sigma_rad[at]
+    sure = np.isfinite(truth).all(axis=1, keepdims=True) & (np.degrees(sigma) < SURE_DEG)
     headed = flight.headed & sure[:, 1]
     return flight._replace(
-        reference="smooth", truth=truth, known=sure[:, 0], headed=headed, doubt_rad=doubt
+        reference="smooth", truth=truth, known=sure[:, 0], headed=headed, truth_sigma_rad=sigma
     )
 
 
@@ -65,9 +65,9 @@ def sure_flight(flight: Flight, profile: Profile, *, is_wanted: bool) -> Flight:
     return flight
 
 
-def possible_truths(truth: Floats, doubt_rad: Floats | None) -> Iterator[Floats]:
-    """References (N, 4), and if they are in doubt ``AROUND`` others as likely as each other."""
-    if doubt_rad is None:
+def possible_truths(truth: Floats, sigma_rad: Floats | None) -> Iterator[Floats]:
+    """References (N, 4), or if they have sigmas ``AROUND`` others as likely as each other."""
+    if sigma_rad is None:
         yield truth
         return
     share = (np.arange(AROUND) + 0.5) / AROUND
@@ -75,7 +75,7 @@ def possible_truths(truth: Floats, doubt_rad: Floats | None) -> Iterator[Floats]
     azimuth = 2.0 * np.pi * GOLDEN * np.arange(AROUND)
     # in another order than the tilts
     turn = ndtri(share[np.argsort(GOLDEN * np.arange(AROUND) % 1.0)]) / ONE
-    level, north = doubt_rad.T
+    level, north = sigma_rad.T
     for t, a, h in zip(tilt, azimuth, turn, strict=True):
         each = np.stack([level * t * np.cos(a), level * t * np.sin(a), north * h], axis=-1)
         yield multiply(exp(each), truth)

@@ -1,7 +1,10 @@
 """What a search minimises, and the profiles that its values stand for."""
 
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
 from math import cos, sin
-from typing import Any, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple
 
 import msgspec
 import numpy as np
@@ -12,44 +15,45 @@ from estimator.errors import InputError
 from estimator.geometry.quaternion import rotate
 from estimator.mounting import Mounting
 from estimator.profile import Profile, parse_profile, profile_to_json, profile_to_toml
+from tuning.parameters import COMPASS_TURN, space_of
 from tuning.space import Space
-
-COMPASS_TURN = "compass_turn_rad"  # a tuned number that stands in the calibration's mag_matrix
 
 
 class Scores(NamedTuple):
     """Mean costs by the live filter's kernels, on the data of the search and on held-out data."""
 
-    tuning: float
+    cost: float
     held_out: float
 
 
-class Task(Protocol):
-    """Parameters of a base profile, and data on which they are searched."""
+@dataclass(frozen=True)
+class Task(ABC):
+    """Groups of parameters of a base profile, and data on which they are searched.
 
-    @property
-    def base(self) -> Profile:
-        """Where the search starts."""
+    ``batch`` is how many candidates one process best takes at a time.
+    """
+
+    base: Profile
+    groups: tuple[str, ...]
+
+    known_groups: ClassVar[dict[str, Space]]
+    batch: ClassVar[int] = 1
 
     @property
     def before(self) -> Profile:
-        """What its result is compared with."""
+        """What the result is compared with."""
+        return self.base
 
-    @property
-    def groups(self) -> tuple[str, ...]:
-        """The groups of parameters that are tuned."""
-
-    @property
+    @cached_property
     def space(self) -> Space:
         """The parameters that are tuned."""
+        return space_of(self.groups, self.known_groups)
 
-    @property
-    def batch(self) -> int:
-        """How many candidates one process best takes at a time."""
-
+    @abstractmethod
     def costs(self, values: Floats) -> Floats:
         """Costs (C,) of parameter values (C, D), each with the same bits beside any others."""
 
+    @abstractmethod
     def score(self, profile: Profile) -> Scores:
         """The costs of a profile, on what is searched on and on what is held out."""
 

@@ -185,7 +185,7 @@ def _replay_logs(options: ReplayOptions) -> None:
             exports.append(partial(show, viewer))
         _report_logs(options, profiles, window, exports)
         if viewer is not None:
-            viewer.stream.stay_open()
+            viewer.stay_open()
     finally:
         if viewer is not None:
             viewer.close()

@@ -24,7 +24,7 @@ _OBJECTIVE = (
     " recovery, the paper's J from wrong starts. [default: flight]"
 )
 _REFERENCE = (
-    "Logs: sim, smooth (what the whole log tells) or autopilot."
+    "Logs: sim, smooth (by the whole log) or autopilot."
     " [default: sim, else smooth if it is sure, else autopilot]"
 )
 _HOLD_OUT = (

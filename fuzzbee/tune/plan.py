@@ -1,7 +1,7 @@
 """From the options of ``fuzzbee tune`` to a plan of the search; all checks come before any work."""
 
 import os
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,7 +20,7 @@ from fuzzbee.version import __version__
 from tuning.flight import BETTER_LOG, Flight, require_substance
 from tuning.log_task import GOALS, MEMBERSHIP_RATE_HZ, LogTask, Split, default_groups, split
 from tuning.paper_task import FIRST_RESERVED_SEED, PaperTask, midpoint_profile
-from tuning.recovery import require_recoveries
+from tuning.recovery import recoveries
 from tuning.search import ALGORITHMS, SearchOptions
 
 MIDPOINT = "midpoint"
@@ -41,25 +41,21 @@ class Plan(NamedTuple):
     """What is searched, and what goes into the file's provenance.
 
     ``identity`` is everything that determines the result, as plain JSON values.
-    ``reference`` says what the cost is measured against.
+    ``reference`` is what the cost is measured against.
     """
 
     task: PaperTask | LogTask
     options: SearchOptions
-    output: Path
     identity: dict[str, Any]
-    inputs: list[dict[str, str]]
     reference: str
 
 
 def plan(request: TuneRequest) -> Plan:
-    """Check everything and prepare the search; says what each log is for."""
+    """Check everything and prepare the search; prints what each log is for."""
     _require_numbers(request)
     output = request.output
     if output.is_dir():
         raise InputError(f"-o {output}: a folder, not a file")
-    if not output.parent.is_dir():
-        raise InputError(f"-o {output}: no such folder: {output.parent}")
     if not os.access(output.parent, os.W_OK):
         raise InputError(f"-o {output}: the folder cannot be written to")
     return _simulation_plan(request) if request.is_simulated else _log_plan(request)
@@ -95,9 +91,12 @@ def _simulation_plan(request: TuneRequest) -> Plan:
 
 
 def _log_plan(request: TuneRequest) -> Plan:
-    if (request.noise_seeds, request.held_out_seeds) != (None, None):
-        name = "--held-out-seeds" if request.noise_seeds is None else "--noise-seeds"
-        raise InputError(f"{name} goes with sim: only; a log has its own noise")
+    for name, given in (
+        ("--noise-seeds", request.noise_seeds),
+        ("--held-out-seeds", request.held_out_seeds),
+    ):
+        if given is not None:
+            raise InputError(f"{name} goes with sim: only; a log has its own noise")
     goal = request.objective or "flight"
     _require_known("--objective", goal, GOALS)
     _require_known("--reference", request.reference, (None, *REFERENCES))
@@ -111,7 +110,7 @@ def _log_plan(request: TuneRequest) -> Plan:
         )
     plain = msgspec.structs.replace(base, calibration=Calibration()) if calibrates else base
     refused: list[str] = []  # printed when all checks have passed: an error is one single line
-    flights, searched = _read_flights(request, plain, refused, may_smooth=not calibrates)
+    flights = _read_flights(request, plain, refused, may_smooth=not calibrates)
     slowest = min(flights, key=lambda flight: flight.rate_hz)
     groups = _groups(request, default_groups(goal, slowest.rate_hz))
     if ("sigma" in groups) != (goal == "coverage"):
@@ -122,21 +121,24 @@ def _log_plan(request: TuneRequest) -> Plan:
             f"{slowest.rate_hz:.1f} Hz; the fuzzy controller is tuned from "
             f"{MEMBERSHIP_RATE_HZ:g} Hz on ({BETTER_LOG})"
         )
-    named = frozenset(flight.sha256 for flight in flights[len(searched) :])
+    apart = {path.resolve() for path in request.held_out}
+    named = frozenset(flight.sha256 for flight in flights if flight.path.resolve() in apart)
     chosen = split(flights, named)
     _require_references(goal, chosen)
-    start = _with_tuned_gain(base, groups)
-    before = start
+    start = before = _with_tuned_gain(base, groups)
     if calibrates:
-        start = msgspec.structs.replace(
-            start, calibration=_fitted(request, plain, chosen, searched)
-        )
+        fitted = _fitted(request, plain, chosen)
+        start = msgspec.structs.replace(start, calibration=fitted)
     task = LogTask(start, groups, chosen, goal, before if calibrates else None)
     for line in refused:
         notify(line)
     inputs = []
     for flight in flights:
-        use, reference = _use(chosen, flight), _reference_text(flight)
+        is_searched, is_held_out = (any(p.flight is flight for p in parts) for parts in chosen)
+        use = "tuned on" if is_searched else "held out"
+        if is_searched and is_held_out:
+            use = "its later part held out"
+        reference = _reference_text(flight)
         rate = f"{flight.message} at {flight.rate_hz:.1f} Hz"
         tell(f"{flight.name}: {rate}, reference: {reference}, {use}")
         inputs.append({"name": flight.name, "sha256": flight.sha256, "use": use})
@@ -144,9 +146,7 @@ def _log_plan(request: TuneRequest) -> Plan:
     return _plan(request, task, inputs, reference, {})
 
 
-def _fitted(
-    request: TuneRequest, plain: Profile, chosen: Split, paths: Mapping[str, Path]
-) -> Calibration:
+def _fitted(request: TuneRequest, plain: Profile, chosen: Split) -> Calibration:
     """What ``fuzzbee calibrate`` finds in what is searched on, and in nothing else."""
     from fuzzbee.calibration_report import report_calibration
 
@@ -154,14 +154,16 @@ def _fitted(
     flight, _, last = chosen.tuning[0]
     if last < len(flight.truth):  # the rest of the only one is held out
         end = flight.begin_s + float(flight.time_s[last])
-    searched = [paths[part.flight.sha256] for part in chosen.tuning]
+    searched = [part.flight.path for part in chosen.tuning]
     return report_calibration(searched, plain, window=TimeWindow(begin, end)).calibration
 
 
 def _with_tuned_gain(base: Profile, groups: tuple[str, ...]) -> Profile:
     """The profile with the gain that the tuned numbers belong to: others would move nothing."""
-    wanted = "fuzzy" if {"membership", "filter"} & {*groups} else base.filter.gain
-    if "gain" in groups and wanted != "fuzzy":
+    wanted = base.filter.gain
+    if {"membership", "filter"} & {*groups}:
+        wanted = "fuzzy"
+    elif "gain" in groups and wanted != "fuzzy":
         wanted = "fixed"
     if wanted == base.filter.gain:
         return base
@@ -200,13 +202,13 @@ def _plan(
         "seeds": {"search": request.seed, **seeds},
         "version": __version__,
     }
-    return Plan(task, search, request.output, identity, inputs, reference)
+    return Plan(task, search, identity, reference)
 
 
 def _read_flights(
     request: TuneRequest, base: Profile, refused: list[str], *, may_smooth: bool
-) -> tuple[tuple[Flight, ...], dict[str, Path]]:
-    """All flights, first those not asked to be held out, and the paths of these by their SHA-256.
+) -> tuple[Flight, ...]:
+    """All flights, first those not asked to be held out.
 
     A log that is held out may stand among the sources, too; but none may count twice. ``refused``
     takes a line for each log of which much was.
@@ -229,7 +231,7 @@ def _read_flights(
         same = flights.setdefault(flight.sha256, flight)
         if same is not flight:
             raise InputError(f"{flight.name}: the same log as {same.name}")
-    return tuple(flights.values()), dict(zip(flights, searched, strict=False))
+    return tuple(flights.values())
 
 
 def _require_references(goal: str, chosen: Split) -> None:
@@ -242,15 +244,7 @@ def _require_references(goal: str, chosen: Split) -> None:
         elif not flight.known[part.window].any():
             raise InputError(f"{flight.name}: no reference attitude where it would be scored")
         elif goal == "recovery":
-            require_recoveries(part)
-
-
-def _use(chosen: Split, flight: Flight) -> str:
-    """What a flight is for."""
-    is_searched, is_held_out = (any(part.flight is flight for part in parts) for parts in chosen)
-    if is_searched and is_held_out:
-        return "its later part held out"
-    return "tuned on" if is_searched else "held out"
+            recoveries(part)
 
 
 def _reference_text(log: Flight) -> str:
@@ -304,7 +298,7 @@ def _groups(request: TuneRequest, default: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _base_identity(request: TuneRequest, base: Profile) -> str:
-    """The base's name; for a file the SHA-256 of what it says, which its name does not fix."""
+    """The base's name; for a file the SHA-256 of its content, which its name does not fix."""
     name = request.base or (MIDPOINT if request.is_simulated else "imu")
     if name in (*SHIPPED, MIDPOINT):
         return name

@@ -1,4 +1,4 @@
-"""A log as a flight to tune on: what the service shows its estimator is written down."""
+"""A log as a flight to tune on: what the service gives its estimator is written down."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -11,37 +11,17 @@ from drivers.logs.time_window import WHOLE_LOG, TimeWindow
 from estimator.errors import InputError
 from estimator.live.rows import Rows
 from estimator.profile import Profile
-from estimator.types import IDENTITY, ImuSample
+from estimator.types import IDENTITY
 from fuzzbee.attitudes import PLACE
 from fuzzbee.replays.comparison import compare
 from fuzzbee.replays.log_report import refused_text
 from fuzzbee.replays.trace import How, Replay
 from tuning.course import split_calls
 from tuning.flight import Flight
-from tuning.logged_calls import Call, LoggedEstimator
+from tuning.logged_calls import LoggedEstimator
 from tuning.smoothed import sure_flight
 
 ROWS = ("time_us", "gyr_rad_s", "acc_m_s2", "mag_gauss", "has_mag")  # as columns of a trace
-
-
-class RecordingEstimator(LoggedEstimator):
-    """An estimator that remembers what it is told between the samples that it takes."""
-
-    def __init__(self, profile: Profile) -> None:
-        super().__init__(profile)
-        self.samples = 0
-        self.calls: dict[int, tuple[Call, ...]] = {}
-        self.restarts: list[int] = [0]
-
-    def note_sample(self, _sample: ImuSample, calls: tuple[Call, ...]) -> None:
-        """See :class:`LoggedEstimator`."""
-        if calls:
-            self.calls[self.samples] = calls
-        self.samples += 1
-
-    def note_restart(self) -> None:
-        """See :class:`LoggedEstimator`."""
-        self.restarts.append(self.samples)
 
 
 # What a flight may be measured against; the first that there is, if none is wanted.
@@ -62,7 +42,7 @@ def read_flight(
     ``report_refused`` is given a line if much of the log was refused. The smoothed attitude is a
     reference where ``may_smooth``.
     """
-    replay = Replay(profile, How(window=window), new_estimator=RecordingEstimator)
+    replay = Replay(profile, How(window=window), new_estimator=LoggedEstimator)
     with open_log(path) as log:
         sha256 = log.sha256()
         replay.run(log)
@@ -71,27 +51,24 @@ def read_flight(
         why = replay.why_empty or advice(log) or "no usable IMU data in this log"
         raise InputError(f"{path}: {why}")
     recorder = replay.estimator(trace.address)
-    assert isinstance(recorder, RecordingEstimator)
-    if recorder.samples != len(trace):
+    assert isinstance(recorder, LoggedEstimator)
+    if recorder.taken != len(trace):
         raise InputError(f"{path}: with the base profile the estimate is not finite")
     compare(path, trace, None if reference == "smooth" else reference)
     truth = np.array(trace["reference_q_ned_frd"])
     known = np.isfinite(truth[:, 0])
-    told, calls = split_calls(recorder.calls)
-    restart = np.zeros(recorder.samples, dtype=bool)
-    restart[[k for k in recorder.restarts if k < len(restart)]] = True
+    reports, calls = split_calls(recorder.calls)
     found = Flight(
-        name=path.name,
+        path=path,
         sha256=sha256,
         message=max(trace.imu_messages, key=lambda name: trace.imu_messages[name]),
         reference=trace.reference or "none",
         rows=Rows(*(np.array(trace[name]) for name in ROWS)),
         calls=calls,
-        restart=restart,
         truth=np.where(known[:, None], truth, IDENTITY),
         known=known,
         headed=trace["heading_reference"] > PLACE["none"],
-        told=told,
+        reports=reports,
         calibration=profile.calibration,
         begin_s=1e-6 * float(trace["time_us"][0] - trace.zero_us),
     )

@@ -5,24 +5,25 @@ import json
 import threading
 import time
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from drivers.output_file import written_for
 from estimator.profile import Profile, Provenance, profile_to_toml
 from fuzzbee.notify import tell
 from fuzzbee.tune.command import TuneRequest
 from fuzzbee.tune.plan import Plan
-from fuzzbee.tune.report import in_words, judge, remarks, report_of
+from fuzzbee.tune.report import has_gained, in_words, remarks, report_of
 from service.signals import stop_on_signals
-from tuning.checkpoint import checkpoint_path, read_checkpoint, write_atomically, write_checkpoint
+from tuning.checkpoint import checkpoint_path, read_checkpoint, write_checkpoint
 from tuning.log_task import LogTask
 from tuning.optimizers import run_search
 from tuning.processes import Pool, available_cores
-from tuning.search import Evaluate, InterruptedSearch, Record, Search, SearchOptions
+from tuning.search import Evaluate, Record, Search, SearchOptions
 from tuning.space import encode
 from tuning.task import Task, batches, profile_with, values_of
 
@@ -42,23 +43,14 @@ NO_GAIN = 1
 INTERRUPTED = 130
 
 
-class Outcome(NamedTuple):
-    """A search, whether it came to its end, what it found, and what chance does on its budget."""
-
-    search: Search
-    is_finished: bool
-    found: Profile
-    by_chance: Profile | None
-
-
 def run_plan(plan: Plan, request: TuneRequest, viewer: "ViewerOptions | None") -> int:
     """Search, write the profile, report; the exit status.
 
     On logs a profile that gains nothing on what was held out, or harms it, is written with
-    ``force`` only.
+    ``force`` only. A finished search needs no checkpoint.
     """
-    started = time.perf_counter()
-    checkpoint = checkpoint_path(plan.output)
+    started, on_logs = time.perf_counter(), isinstance(plan.task, LogTask)
+    checkpoint = checkpoint_path(request.output)
     record = read_checkpoint(checkpoint, plan.identity) if request.resume else None
     if record is None and checkpoint.exists():
         tell(f"{checkpoint}: an unfinished search, not resumed; it will be replaced")
@@ -66,36 +58,33 @@ def run_plan(plan: Plan, request: TuneRequest, viewer: "ViewerOptions | None") -
     with contextlib.ExitStack() as stack:
         view = _open_view(viewer, plan, stack)
         with stop_on_signals(stop.set):
-            outcome = _run(plan, request, record, stop, view)
-            verdict = judge(plan.task, outcome.found, outcome.by_chance)
-        is_written = verdict.gains or request.force or not isinstance(plan.task, LogTask)
-        _write(plan, request, outcome, is_written=is_written)
-        report = report_of(plan, outcome.search, verdict) | {
+            search, is_finished, by_chance = _run(plan, request, record, stop, view)
+            found = _found(plan, search, is_finished=is_finished)
+            report = report_of(plan, search, found, by_chance)
+        gained = has_gained(report["held_out_before"], report["held_out_after"], report.get("harm"))
+        is_written = gained or request.force or not on_logs
+        if is_written:
+            with written_for("--output", request.output) as fresh:
+                fresh.write_bytes(profile_to_toml(found).encode())
+        if is_finished:
+            checkpoint.unlink(missing_ok=True)
+        if request.plot is not None:
+            from fuzzbee.tune.figure import draw
+
+            draw(request.plot, plan.task, found, search)
+        report |= {
             "wall_s": time.perf_counter() - started,
-            "interrupted": not outcome.is_finished,
-            "file": str(plan.output) if is_written else None,
+            "interrupted": not is_finished,
+            "file": str(request.output) if is_written else None,
         }
-        said = json.dumps(report) if request.as_json else in_words(plan, outcome.search, report)
-        print(said, flush=True)
-        for line in remarks(plan, verdict, report):
+        print(json.dumps(report) if request.as_json else in_words(plan, search, report), flush=True)
+        for line in remarks(request.output, report, on_logs=on_logs):
             tell(line)
         if view is not None:
-            view.finish(outcome.search, stay=outcome.is_finished)
-    if not outcome.is_finished:
+            view.show_end(search, stay=is_finished)
+    if not is_finished:
         return INTERRUPTED
     return 0 if is_written else NO_GAIN
-
-
-def _write(plan: Plan, request: TuneRequest, outcome: Outcome, *, is_written: bool) -> None:
-    """The profile and the figure, if they are wanted; a finished search needs no checkpoint."""
-    if is_written:
-        write_atomically(plan.output, profile_to_toml(outcome.found).encode())
-    if outcome.is_finished:
-        checkpoint_path(plan.output).unlink(missing_ok=True)
-    if request.plot is not None:
-        from fuzzbee.tune.figure import draw
-
-        draw(request.plot, plan.task, outcome.found, outcome.search)
 
 
 def _run(
@@ -104,8 +93,11 @@ def _run(
     record: Record | None,
     stop: threading.Event,
     view: "SearchView | None",
-) -> Outcome:
-    """Search until the budget is spent or somebody stops it; the checkpoint is written then."""
+) -> tuple[Search, bool, Profile | None]:
+    """Search until the budget is spent or somebody stops it; the checkpoint is written then.
+
+    Returns the search, whether it came to its end, and on logs what random search finds.
+    """
     task, saved_s = plan.task, time.monotonic()
     with _evaluator(task, request) as evaluate, _progress_line(plan.options) as show:
 
@@ -115,28 +107,19 @@ def _run(
             if view is not None:
                 view.show(search)
             if time.monotonic() - saved_s > CHECKPOINT_PERIOD_S or stop.is_set():
-                write_checkpoint(checkpoint_path(plan.output), plan.identity, search.record)
+                write_checkpoint(checkpoint_path(request.output), plan.identity, search.record)
                 saved_s = time.monotonic()
             return not stop.is_set()
 
         search = Search(task.space, plan.options, evaluate, observe, record)
-        is_finished = _is_run(search, task)
-        by_chance = None
+        first = encode(task.space, values_of(task.space, task.base))
+        is_finished, by_chance = run_search(search, first), None
         if is_finished and isinstance(task, LogTask):
             options = plan.options._replace(algorithm="random")
             random_search = Search(task.space, options, evaluate, lambda _: not stop.is_set())
-            if _is_run(random_search, task):  # the result stands without it
+            if run_search(random_search, first):  # the result stands without it
                 by_chance = profile_with(task.space, task.base, random_search.best_values)
-    found = _found(plan, search, is_finished=is_finished)
-    return Outcome(search, is_finished, found, by_chance)
-
-
-def _is_run(search: Search, task: Task) -> bool:
-    """Run a search that begins with the base profile's values; whether it came to its end."""
-    with contextlib.suppress(InterruptedSearch):
-        run_search(search, encode(task.space, values_of(task.space, task.base)))
-        return True
-    return False
+    return search, is_finished, by_chance
 
 
 @contextlib.contextmanager
@@ -177,15 +160,15 @@ def _open_view(
     from fuzzbee.outputs import notify_page
     from fuzzbee.tune.view import SearchView
 
-    view = SearchView(viewer, plan)
-    stack.callback(view.stream.close)
-    notify_page(view.stream)
+    view = SearchView(viewer, plan.task.space)
+    stack.callback(view.close)
+    notify_page(view)
     return view
 
 
 def _found(plan: Plan, search: Search, *, is_finished: bool) -> Profile:
     """The base profile with the best values so far, and their provenance."""
-    groups = plan.identity["options"]["parameters"]
+    groups = ",".join(plan.task.groups)
     description = f"{groups} by {NAMES[plan.options.algorithm]} against the {plan.reference}"
     if not is_finished:
         description += f", interrupted after {search.evaluations} of {plan.options.budget}"

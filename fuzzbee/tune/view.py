@@ -6,10 +6,9 @@ from typing import Any
 import numpy as np
 
 from fuzzbee.notify import notify
-from fuzzbee.tune.plan import Plan
 from fuzzbee.viewer.stream import CLOSED, ViewerOptions, ViewerStream, rr, rrb
 from tuning.search import Search
-from tuning.space import bounds, encode
+from tuning.space import Space, bounds, encode
 
 PERIOD_S = 0.25  # often enough for the eye; drawing more would take time from the search
 CYCLE = "cycle"
@@ -32,45 +31,45 @@ def blueprint() -> Any:
     )
 
 
-class SearchView:
-    """Draws a search of ``plan`` after its cycles, at most every ``PERIOD_S``."""
+class SearchView(ViewerStream):
+    """Draws a search in ``space`` after its cycles, at most every ``PERIOD_S``."""
 
-    def __init__(self, options: ViewerOptions, plan: Plan) -> None:
-        self._space = plan.task.space
+    def __init__(self, options: ViewerOptions, space: Space) -> None:
+        self._space = space
         self._due_s = 0.0
         self._drawn_cycles = 0
-        self.stream = ViewerStream(options, blueprint)
+        super().__init__(options, blueprint())
         curves = rr.SeriesLines(names=list(CURVES), colors=list(CURVES.values()))
-        self.stream.recording.log("/cost", curves, static=True)
+        self.recording.log("/cost", curves, static=True)
         names = [name.rpartition(".")[2] for name in self._space.names]
-        self.stream.recording.log("/best", rr.SeriesLines(names=names), static=True)
+        self.recording.log("/best", rr.SeriesLines(names=names), static=True)
 
     def show(self, search: Search) -> None:
         """Draw the latest cycles, if that is due."""
-        if self.stream.take_loss():
+        if self.take_loss():
             notify(f"viewer {CLOSED}")
-        if not self.stream.is_wanted or search.cycles == self._drawn_cycles:
+        if not self.is_wanted or search.cycles == self._drawn_cycles:
             return
         now_s = time.monotonic()
         if now_s >= self._due_s:
             self._due_s = now_s + PERIOD_S
             self._draw(search)
 
-    def finish(self, search: Search, *, stay: bool) -> None:
+    def show_end(self, search: Search, *, stay: bool) -> None:
         """Draw the end; leave the viewer open, and ``stay`` until somebody closes it."""
         if search.cycles > self._drawn_cycles:
             self._draw(search)
-        self.stream.finish()
-        self.stream.require_whole()
+        self.finish()
+        self.require_whole()
         if stay:
-            self.stream.stay_open()
+            self.stay_open()
 
     def _draw(self, search: Search) -> None:
         """All cycles since the last drawing, with --resume those of the earlier run; the best."""
         new = search.history[self._drawn_cycles :]
         costs = [[p.best_cost, p.median_cost, p.mean_cost] for p in new]
         cycles = rr.TimeColumn(CYCLE, sequence=[p.cycles for p in new])
-        recording = self.stream.recording
+        recording = self.recording
         recording.send_columns("/cost", indexes=[cycles], columns=rr.Scalars.columns(scalars=costs))
         lower, upper = bounds(self._space)
         values = encode(self._space, np.asarray(search.best_values))

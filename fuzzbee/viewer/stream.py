@@ -5,7 +5,6 @@ Rerun's library is imported here only, and this module only where a viewer is as
 
 import atexit
 import os
-from collections.abc import Callable
 from concurrent.futures import Future, wait
 from contextlib import suppress
 from functools import partial
@@ -52,14 +51,15 @@ class ViewerOptions(NamedTuple):
 class ViewerStream:
     """Rerun's ``recording``, and the viewer's process if one was asked for.
 
-    ``blueprint`` says what is shown where.
+    ``blueprint`` is what is shown where. What may wait for ever, as where a disk is full, is done
+    in threads that are left behind if it takes too long.
 
     Raises:
         InputError: the extra is not installed, the viewer does not start, or the file
             cannot be written.
     """
 
-    def __init__(self, options: ViewerOptions, blueprint: Callable[[], Any]) -> None:
+    def __init__(self, options: ViewerOptions, blueprint: Any) -> None:
         # into a file alone at a flush only: many points a chunk; eyes get theirs every 0.2 s
         batches = rr.ChunkBatcherConfig.NEVER() if options.view is None else None
         self.recording: Any = rr.RecordingStream(
@@ -70,15 +70,13 @@ class ViewerStream:
         self.process: ViewerProcess | None = None
         self.is_whole = True  # the file, if there is one, has everything so far
         self._rrd = options.rrd
-        self._has_reported_loss = False
         sinks = [] if options.rrd is None else [_file_sink(options.rrd, live=options.live)]
         if options.view is not None:
             self.process = ViewerProcess(web=options.view == WEB, live=options.live)
             sinks.append(rr.GrpcSink(self.process.url))
-        self._call(
-            lambda: self.recording.set_sinks(*sinks, default_blueprint=blueprint()),
-            "viewer-open",
-            FINISH_FLUSH_S if options.rrd is None else FILE_OPEN_S,
+        opening = partial(self.recording.set_sinks, *sinks, default_blueprint=blueprint)
+        self._await(
+            aside(opening, "viewer-open"), FINISH_FLUSH_S if options.rrd is None else FILE_OPEN_S
         )
 
     @property
@@ -89,14 +87,14 @@ class ViewerStream:
     @property
     def is_wanted(self) -> bool:
         """Whether there is still somewhere to draw."""
-        has_viewer = self.process is not None and not self.process.has_ended
-        return has_viewer or (self._rrd is not None and self.is_whole)
+        return self.process is not None or (self._rrd is not None and self.is_whole)
 
     def take_loss(self) -> bool:
         """Whether somebody else has closed the viewer; True only once."""
-        if self._has_reported_loss or self.process is None or not self.process.has_ended:
+        if self.process is None or not self.process.has_ended:
             return False
-        self._has_reported_loss = True
+        self.process.close()
+        self.process = None
         return True
 
     def require_whole(self) -> None:
@@ -124,7 +122,7 @@ class ViewerStream:
         while not sending.done() and size > before:
             wait([sending], STALLED_S)
             size, before = _size(self._rrd), size
-        self._note(sending, 0.0)
+        self._await(sending, 0.0)
 
     def stay_open(self) -> None:
         """Wait until the window is closed or Ctrl-C is pressed; not at all without a viewer."""
@@ -133,27 +131,25 @@ class ViewerStream:
                 self.process.wait()
 
     def close(self) -> None:
-        """Send what is pending, and end the viewer."""
+        """Send what is pending, and end the viewer.
+
+        Raises:
+            NotWholeError: see :meth:`require_whole`.
+        """
         self.flush(CLOSE_FLUSH_S)
-        self._call(self.recording.disconnect, "viewer-close", CLOSE_FLUSH_S)
+        self._await(aside(self.recording.disconnect, "viewer-close"), CLOSE_FLUSH_S)
         if self.process is not None:
             self.process.close()
             self.process = None
+        self.require_whole()
 
     def flush(self, timeout_s: float = 0.0) -> None:
         """Send what is pending, and wait so long until it is."""
         flush = partial(self.recording.flush, timeout_sec=timeout_s)
-        self._call(flush, "viewer-flush", timeout_s + CLOSE_FLUSH_S)
+        self._await(aside(flush, "viewer-flush"), timeout_s + CLOSE_FLUSH_S)
 
-    def _call(self, work: Callable[[], object], name: str, timeout_s: float) -> None:
-        """Do it in a thread that is left behind if it takes too long.
-
-        Where a disk is full the library may wait for ever; the window may be closed already.
-        """
-        self._note(aside(work, name), timeout_s)
-
-    def _note(self, work: "Future[object]", timeout_s: float) -> None:
-        """Wait for it, and note whether the file still has everything."""
+    def _await(self, work: "Future[object]", timeout_s: float) -> None:
+        """Wait for work, and note whether the file still has everything."""
         try:
             work.result(timeout_s)
         except TimeoutError:

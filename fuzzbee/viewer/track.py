@@ -73,23 +73,20 @@ class Track:
         self._others.clear()
 
     def _is_due(self, source: str, now_us: int) -> bool:
+        """Whether to draw an attitude; its shapes and colours come with the first."""
         if 0 < self._due_us.get(source, 0) - now_us <= POINT_US:
             return False
         if source not in self._due_us:
-            self._introduce(source)
+            colour, thickness = SOURCES[source], 0.03 if source == "ours" else 0.015
+            body = rr.Arrows3D(vectors=_BODY, colors=colour, radii=thickness)
+            self._log(f"/bodies/{self._name}/{source}", body, static=True)
+            for path, plot in layout.PLOTS.items():
+                if source != "ours" and plot.of_others:
+                    names = [f"{source} {line}" for line in plot.of_others]
+                    colours = [colour, (*colour, 130)][: len(names)]  # the second is paler
+                    self._name_lines(f"/{path}/{self._name}/{source}", names, colours)
         self._due_us[source] = now_us + POINT_US
         return True
-
-    def _introduce(self, source: str) -> None:
-        """Shapes and colours of an attitude, when it comes for the first time."""
-        colour, thickness = SOURCES[source], 0.03 if source == "ours" else 0.015
-        body = rr.Arrows3D(vectors=_BODY, colors=colour, radii=thickness)
-        self._log(f"/bodies/{self._name}/{source}", body, static=True)
-        for path, plot in layout.PLOTS.items():
-            if source != "ours" and plot.of_others:
-                names = [f"{source} {line}" for line in plot.of_others]
-                colours = [colour, (*colour, 130)][: len(names)]  # the second is paler
-                self._name_lines(f"/{path}/{self._name}/{source}", names, colours)
 
     def _name_lines(self, path: str, names: list[str], colours: Sequence[layout.Colour]) -> None:
         lines = rr.SeriesLines(names=[f"{self._name} {name}" for name in names], colors=colours)

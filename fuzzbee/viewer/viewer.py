@@ -12,7 +12,7 @@ MOST_VEHICLES = 9  # drawn side by side; more cannot be read
 FLUSH_US = 60_000_000  # between two batches of points into a file
 
 
-class ViewerSink:
+class ViewerSink(ViewerStream):
     """Draws what the service publishes.
 
     Raises:
@@ -23,17 +23,12 @@ class ViewerSink:
     name = "viewer"
 
     def __init__(self, options: ViewerOptions) -> None:
-        self.stream = ViewerStream(options, layout.blueprint)
+        super().__init__(options, layout.blueprint())
         self._is_live = options.live
         self._tracks: dict[VehicleId, Track] = {}
         self._has_left_out = False
         self._now_us = 0
         self._flushed_us = 0
-
-    @property
-    def is_whole(self) -> bool:
-        """Whether the file that was asked for, if any, has everything so far."""
-        return self.stream.is_whole
 
     def handle(self, outputs: Sequence[Output]) -> None:
         """Take the outputs of one turn, and draw them once enough have come.
@@ -42,10 +37,10 @@ class ViewerSink:
             ConnectionError: once, if the viewer has been closed.
             NotWholeError: once, if the file cannot be written any more.
         """
-        self.stream.require_whole()
-        if self.stream.take_loss():
+        self.require_whole()
+        if self.take_loss():
             raise ConnectionError(CLOSED)
-        if not self.stream.is_wanted:
+        if not self.is_wanted:
             return
         for output in outputs:
             match output:
@@ -56,19 +51,10 @@ class ViewerSink:
                 case Departed(vehicle=vehicle) if vehicle in self._tracks:
                     del self._tracks[vehicle]
                 case Message(text=text) if self._now_us:  # before the first record there is no time
-                    self.stream.message(text, self._now_us)
+                    self.message(text, self._now_us)
         if not 0 <= self._now_us - self._flushed_us < FLUSH_US:
             self._flushed_us = self._now_us
-            self.stream.flush()
-
-    def finish(self) -> None:
-        """Send what is pending and leave the viewer open."""
-        self.stream.finish()
-
-    def close(self) -> None:
-        """Send what is pending, and end the viewer."""
-        self.stream.close()
-        self.stream.require_whole()
+            self.flush()
 
     def _take_published(self, output: Published) -> None:
         record = output.record
@@ -88,8 +74,8 @@ class ViewerSink:
         taken = {track.place for track in self._tracks.values()}
         free = next((place for place in range(MOST_VEHICLES) if place not in taken), None)
         if vehicle not in self._tracks and free is not None:
-            self._tracks[vehicle] = Track(vehicle_name(vehicle), free, self.stream, self._is_live)
+            self._tracks[vehicle] = Track(vehicle_name(vehicle), free, self, self._is_live)
         elif vehicle not in self._tracks and not self._has_left_out:
             self._has_left_out = True
-            self.stream.message(f"only the first {MOST_VEHICLES} vehicles are drawn", self._now_us)
+            self.message(f"only the first {MOST_VEHICLES} vehicles are drawn", self._now_us)
         return self._tracks.get(vehicle)

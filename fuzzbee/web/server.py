@@ -5,7 +5,8 @@ https://html.spec.whatwg.org/multipage/server-sent-events.html
 
 import ipaddress
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from importlib.resources import files
 from typing import Any, NamedTuple
 from urllib.parse import parse_qs, urlsplit
@@ -14,10 +15,18 @@ import msgspec
 
 from estimator.errors import InputError
 from fuzzbee.notify import notify
-from fuzzbee.table_model import TableModel
-from fuzzbee.web.shown import shown
+from fuzzbee.table_model import Row, TableModel
+from fuzzbee.verdict import (
+    Judgement,
+    compass_off_deg,
+    differing,
+    heading_text,
+    other_imus,
+    row_verdict,
+    warning_text,
+)
 from service.http_door import Answer, HttpDoor
-from service.records import Output
+from service.records import AttitudeRecord, Output
 
 HOST = "127.0.0.1"
 MOST_PORT = 65535
@@ -111,13 +120,10 @@ class WebPage:
         if url.path == "/events":
             vehicle = parse_qs(url.query).get("vehicle", [None])[0]
             period_s = 1.0 / (ALL_HZ if vehicle is None else ONE_HZ)
-            return Answer("text/event-stream", b"", self._events(vehicle), period_s)
+            events = iter(partial(self.event, vehicle), None)
+            return Answer("text/event-stream", b"", events, period_s)
         record = self.record(url.path)
         return None if record is None else Answer("application/json", record)
-
-    def _events(self, vehicle: str | None) -> Iterator[bytes]:
-        while True:
-            yield self.event(vehicle)
 
     def event(self, vehicle: str | None) -> bytes:
         """What is sent: all vehicles, or one of them, with the server's time (ms)."""
@@ -145,7 +151,7 @@ class WebPage:
 
 
 def open_page(text: str, title: str, model: TableModel | None = None) -> WebPage:
-    """The page at an address as it was typed; says where it is.
+    """The page at an address as it was typed; prints where it is.
 
     Raises:
         InputError: no such address, or it is taken.
@@ -154,3 +160,47 @@ def open_page(text: str, title: str, model: TableModel | None = None) -> WebPage
     elsewhere = "" if page.address.is_loopback else ", for all who reach this address"
     notify(f"the page is at {page.address.url}{elsewhere}")
     return page
+
+
+def shown(row: Row) -> dict[str, Any]:
+    """What the page is sent of a vehicle; degrees, and the IMU sample's age.
+
+    ``autopilot`` is how far off its roll, pitch and heading are, if they differ.
+    """
+    attitude, judged, status = row.valid_attitude, row_verdict(row), row.status
+    theirs = differing(status)
+    return {
+        "name": row.name,
+        "state": row.state_text,
+        "flight": row.flight_words,
+        "word": judged.word,
+        "level": int(judged.overall),
+        "reasons": [(int(each.level), each.text) for each in judged.caveats],
+        "plates": [(int(each.level), each.sentence or each.text) for each in judged.caveats],
+        "age_ms": None if row.age_ms is None else round(row.age_ms),
+        "imu": (status and status.imu_message) or "",
+        "rate_hz": status and round(status.imu_rate_hz, 1),
+        "autopilot": theirs and (theirs.roll_deg, theirs.pitch_deg, theirs.heading_deg),
+        "compass": compass_off_deg(status),
+        "warnings": [f"warning: {warning_text(x, status)}" for x in status.warnings]
+        if status
+        else [],
+        "imus": [
+            f"{name}: {each.inclination_deg:.1f}°, {each.rate_deg_s:.1f}°/s"
+            for name, each in (other_imus(status) if status else {}).items()
+        ],
+        "attitude": None if attitude is None else _of_attitude(attitude, judged),
+    }
+
+
+def _of_attitude(attitude: AttitudeRecord, judged: Judgement) -> dict[str, Any]:
+    sigma = attitude.sigma_deg
+    return {
+        "euler_deg": [round(angle, 2) for angle in attitude.euler_deg],
+        "sigma_deg": [round(sigma.inclination, 2), round(sigma.heading, 2)],
+        "levels": [int(judged.horizon), int(judged.heading)],
+        "horizon": judged.horizon_text,
+        "heading": heading_text(attitude),
+        "north": judged.heading_text,
+        "has_north": attitude.heading_reference != "none",
+    }

@@ -6,9 +6,8 @@ from pathlib import Path
 import pytest
 
 from drivers.mavlink.recorder import Recorder
-from drivers.output_file import output_path, written_whole
+from drivers.output_file import output_path, written_for, written_whole
 from estimator.errors import InputError
-from tuning.checkpoint import write_atomically
 
 needs_root = pytest.mark.skipif(os.name != "posix" or os.geteuid() != 0, reason="needs root")
 
@@ -20,16 +19,21 @@ def linked(tmp_path, content=b""):
     return target, link
 
 
+def replace(path):
+    with written_for("--output", path) as fresh:
+        fresh.write_bytes(b"whole")
+
+
 def test_our_own_link_is_followed_and_stays(tmp_path):
     target, link = linked(tmp_path)
-    write_atomically(link, b"whole")
+    replace(link)
     assert target.read_bytes() == b"whole"
     assert link.is_symlink()
     assert output_path(tmp_path / "not there") == tmp_path / "not there"
 
 
 @needs_root
-@pytest.mark.parametrize("write", [output_path, Recorder, lambda p: write_atomically(p, b"x")])
+@pytest.mark.parametrize("write", [output_path, Recorder, replace])
 def test_somebody_elses_is_not(tmp_path, write):
     target, link = linked(tmp_path)
     os.chown(link, 4321, 4321, follow_symlinks=False)

@@ -133,20 +133,6 @@ def test_without_a_valid_attitude_there_is_a_cross_and_no_number(state, after_s,
     assert not re.search(r"(roll|pitch) [+-]\d", text)
 
 
-@pytest.mark.parametrize(
-    ("sigma_deg", "changes", "word"),
-    [
-        (0.5, {}, "TRUST"),
-        (5.0, {}, "CARE"),
-        (25.0, {}, "DO NOT TRUST"),
-        (0.5, {"warnings": ("bias_at_limit",)}, "DO NOT TRUST"),
-        (0.5, {"overloaded": True}, "TRUST"),
-    ],
-)
-def test_one_word_sums_up(sigma_deg, changes, word):
-    assert re.search(rf"  {word}  ", horizon(record(sigma_deg=(sigma_deg, 2.0)), **changes)[0])
-
-
 @pytest.mark.parametrize(("width", "height"), [(40, 13), (80, 24), (81, 25), (200, 61)])
 @pytest.mark.parametrize("encoding", ["utf-8", "latin-1"])
 @pytest.mark.parametrize(

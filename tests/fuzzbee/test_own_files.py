@@ -75,6 +75,9 @@ TABLE = "time_s,gyro_x (rad/s),gyro_y (rad/s),gyro_z (rad/s),acc_x (g),acc_y (g)
     [
         ("imu.csv", "imu.toml", ("replay", "imu.csv", "--csv", "imu.toml")),
         ("imu.csv", "imu.toml", ("tune", "imu.csv", "-o", "imu.toml")),
+        ("imu.csv", "b.toml", ("tune", "imu.csv", "-o", "imu.csv")),
+        ("imu.csv", "b.toml", ("tune", "imu.csv", "-o", "b.toml", "--rrd", "imu.csv")),
+        ("imu.csv", "b.toml", ("tune", "imu.csv", "-o", "b.toml", "--rrd", "b.toml")),
         ("imu.csv", "imu.toml", ("run", "imu.csv", "--no-zenoh", "--rrd", "imu.toml")),
         ("a.reference.tlog", "b", ("replay", "a.reference.tlog", "--tum", "a.tlog")),
         ("a.toml.checkpoint", "b", ("tune", "a.toml.checkpoint", "-o", "a.toml")),

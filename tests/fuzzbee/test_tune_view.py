@@ -12,11 +12,9 @@ from tests.fuzzbee.processes import cpu_s, started
 
 pytest.importorskip("rerun", reason="the extra viewer is not installed")
 
-
 from fuzzbee.viewer.stream import CLOSED
 from tests.fuzzbee.rrd import listing, rows
 
-SLOW_LOG = Path(__file__).parents[1] / "data" / "sitl_copter_4hz.tlog"
 SMALL = ["--sources", "6", "--cycles", "4"]
 SIMULATED = ["tune", "sim:", *SMALL, "--noise-seeds", "100-101", "--held-out-seeds", "200"]
 ENTITIES = {"/cost", "/best"}
@@ -72,15 +70,3 @@ def test_a_viewer_that_ends_ends_nothing_else(tmp_path):
 def children(pid):
     tasks = Path(f"/proc/{pid}/task").glob("*/children")
     return [int(word) for path in tasks for word in path.read_text().split()]
-
-
-@pytest.mark.parametrize("name", ["x.toml", "flight.tlog"])
-def test_the_file_is_not_one_that_is_needed(tmp_path, capsys, name):
-    log, output = tmp_path / "flight.tlog", tmp_path / "x.toml"
-    log.write_bytes(SLOW_LOG.read_bytes())
-    output.write_text("before")
-    options = ["tune", str(log), "-o", str(output), *SMALL, "--rrd", str(tmp_path / name)]
-    assert main(options) == 2
-    assert "--rrd" in capsys.readouterr().err
-    assert log.read_bytes() == SLOW_LOG.read_bytes()
-    assert output.read_text() == "before"

@@ -73,7 +73,7 @@ def test_a_file_holds_every_curve_and_body_and_what_was_said(tmp_path):
     text = listing(drawn(tmp_path, turns), "-vvv")
     for entity in ("/bodies/1/ours", "/bodies/1/autopilot", "/state/1", "/messages"):
         assert f"{entity} " in text, entity
-    for plot, (_, _, _, of_others) in PLOTS.items():
+    for plot, (*_, of_others) in PLOTS.items():
         assert f"/{plot}/1 " in text
         assert (f"/{plot}/1/autopilot " in text) == bool(of_others)
     for line in ("half-way", "vehicle 2: waiting", "vehicle 1: running", "vehicle 1: lost"):
@@ -202,12 +202,12 @@ def test_a_viewer_that_is_closed_is_reported_once():
     try:
         first, *rest = attitudes(ONE, 3, 100_000)
         sink.handle([first])
-        sink.stream.process._process.kill()
-        sink.stream.process._process.wait()
+        sink.process._process.kill()
+        sink.process._process.wait()
         with pytest.raises(ConnectionError, match="closed"):
             sink.handle(rest)
         sink.handle(rest)
-        assert not sink.stream.is_wanted
+        assert not sink.is_wanted
     finally:
         sink.close()
 

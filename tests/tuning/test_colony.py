@@ -122,15 +122,6 @@ def test_a_scout_leaves_the_source_that_failed_more_often_than_the_limit():
     assert as_many > 3
 
 
-def test_what_is_asked_depends_on_seed_and_costs_only():
-    one, two, other = started(seed=5), started(seed=5), started(seed=6)
-    for _ in range(30):
-        assert np.array_equal(one.ask(), two.ask())
-        one.tell(sphere(one.ask()))
-        two.tell(sphere(two.ask()))
-    assert not np.array_equal(one.ask(), other.ask())
-
-
 def test_every_candidate_over_the_memberships_is_feasible():
     bees = Colony(membership_space(), 20, 3, np.random.default_rng(2), np.empty((0, 22)))
     draws = np.random.default_rng(7)
@@ -139,10 +130,3 @@ def test_every_candidate_over_the_memberships_is_feasible():
             require_feasible(tuple(k.tolist()))
         bees.tell(draws.random(len(bees.ask())))
     assert bees.scouts > 0
-
-
-def test_finds_the_bottom_of_a_bowl():
-    bees = started(sources=20)
-    while bees.cycles < 100:
-        bees.tell(sphere(bees.ask()))
-    assert bees.sources.costs.min() < 1e-6

@@ -1,6 +1,8 @@
 """Every call that changes an estimator is logged."""
 
 from estimator.estimator import Estimator
+from estimator.profile import load_profile
+from estimator.types import ZERO_VEC3, ImuSample, VelocitySample
 from tuning.logged_calls import LoggedEstimator
 
 ASKED = {
@@ -32,3 +34,14 @@ def test_every_change_from_outside_is_logged():
     public = {name for name in vars(Estimator) if not name.startswith("_")}
     logged = {name for name in vars(LoggedEstimator) if not name.startswith("_")}
     assert public - logged == ASKED | BY_OTHERS | OF_ARRAYS
+
+
+def test_of_samples_without_a_call_between_them_nothing_is_kept():
+    """Whoever keeps a call for each keeps 800 bytes for each."""
+    recorder = LoggedEstimator(load_profile("imu"))
+    for k in range(100):
+        if k == 50:
+            recorder.update_report(VelocitySample(1000 * k, ZERO_VEC3, True, 0.5))
+        recorder.update(ImuSample(1000 * k, ZERO_VEC3, (0.0, 0.0, -9.8), ZERO_VEC3, False))
+    assert recorder.taken == 100
+    assert [(k, len(calls)) for k, calls in recorder.calls.items()] == [(50, 1)]

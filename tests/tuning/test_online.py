@@ -137,10 +137,10 @@ def test_segments_flown_again_are_what_they_were_and_come_back_from_a_wrong_star
     assert not np.array_equal(judged, searched)
 
 
-@pytest.mark.parametrize(("late_s", "silent"), [(LONGEST_GAP_S + 0.05, True), (0.3, False)])
-def test_a_gap_makes_a_segment_silent(late_s, silent):
+@pytest.mark.parametrize(("late_s", "broken"), [(LONGEST_GAP_S + 0.05, True), (0.3, False)])
+def test_a_gap_breaks_a_segment(late_s, broken):
     parts, _ = segments_of(11.0, late_us=lambda time_s: round(1e6 * late_s) * (time_s >= 8.0))
-    assert [part.silent for part in parts] == [True, silent]  # the first begins without attitude
+    assert [part.is_broken for part in parts] == [True, broken]  # the first begins without attitude
 
 
 @pytest.mark.parametrize(

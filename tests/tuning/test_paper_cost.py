@@ -49,7 +49,7 @@ def test_agrees_with_the_experiment(groups, confidence):
 def test_score_is_the_experiments_cost():
     task = paper_task()
     score = task.score(task.base)
-    assert score.tuning == experiments_cost(task, np.array(task.base.k))
+    assert score.cost == experiments_cost(task, np.array(task.base.k))
     assert score.held_out == run_experiment(task.base, 200).cost
 
 

@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from estimator.errors import InputError
 from estimator.profile import load_profile
 from tuning.paper_experiment import run_experiment
 
@@ -37,13 +36,6 @@ def test_it_has_settled_when_the_error_is_first_below_one_percent(result):
     assert result.mean_gain == pytest.approx(result.gains.mean())
 
 
-def test_one_seed_one_result(result):
-    again = run_experiment(load_profile("paper"), seed=7)
-    other = run_experiment(load_profile("paper"), seed=8)
-    assert again.cost == result.cost
-    assert other.cost != result.cost
-
-
 def test_the_fuzzy_gain_beats_fixed_ones_within_the_papers_window():
     """The paper's claim for its own window and its own noise, on seeds that no parameter was chosen
     on: cheaper, and steadier over 4..14 s. No more is claimed: see docs/gains.md."""
@@ -59,8 +51,3 @@ def test_the_fuzzy_gain_beats_fixed_ones_within_the_papers_window():
     fixed = [mean(gain) for gain in (1.0, 5.0, 7.0, 10.0, 20.0, 50.0, 70.0, 100.0)]
     assert cost < 0.85 * min(c for c, _ in fixed)
     assert steady < min(s for _, s in fixed)
-
-
-def test_a_profile_that_is_not_the_papers_is_refused():
-    with pytest.raises(InputError, match="raw vectors"):
-        run_experiment(load_profile("imu"), seed=1)

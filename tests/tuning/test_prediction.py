@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from drivers.simulation.simulated_vehicle import simulate
+from estimator.live.rows import rows_of
 from tuning.prediction import (
     AHEAD_S,
-    Readings,
     heading_errors,
     levelling_errors,
     predicted_vectors,
@@ -19,9 +19,9 @@ N = 1000
 
 def flight(noise=0.0, bias=0.0):
     flown = simulate(5, N, RATE_HZ, noise=noise, bias=bias)
-    time_s = np.arange(N) / RATE_HZ
-    mag = np.ones(N, dtype=bool)
-    return Readings(time_s, flown.gyr_rad_s, flown.acc_m_s2, flown.mag_gauss, mag), flown.q_ned_frd
+    times_us, has_mag = 10_000 * np.arange(N), np.ones(N, dtype=bool)
+    rows = rows_of(times_us, flown.gyr_rad_s, flown.acc_m_s2, flown.mag_gauss, has_mag)
+    return rows, flown.q_ned_frd
 
 
 def turned(q, angle_rad, axis):

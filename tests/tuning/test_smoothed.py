@@ -48,7 +48,7 @@ def test_the_whole_flight_knows_better_and_how_well(flown):
     assert np.degrees(rms(errors[:, 2])) < 0.8 * by_truth.inclination.rms_deg
     by_smooth = measure(IMU, part._replace(flight=smooth))
     # without its doubt the reference, made of the same samples, is far too near
-    sure = measure(IMU, part._replace(flight=smooth._replace(doubt_rad=None)))
+    sure = measure(IMU, part._replace(flight=smooth._replace(truth_sigma_rad=None)))
     assert sure.inclination.coverage > 0.95
     assert 0.5 < by_smooth.inclination.coverage < 0.8
     assert by_smooth.inclination.rms_deg > 1.5 * sure.inclination.rms_deg

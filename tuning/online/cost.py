@@ -1,6 +1,6 @@
 """The cost of a profile on some seconds of flight, without truth, and the readings' own noise.
 
-The cost is sin^2 of half the angle between the vectors that the estimate foretells half a second
+The cost is sin^2 of half the angle between the vectors that the estimate predicts half a second
 ahead by the gyroscope alone, and those measured then. A wrong start's mean e over the second behind
 it is added, as if there were one each five minutes.
 """
@@ -14,7 +14,7 @@ from estimator.live.rows import Rows
 from estimator.profile import Profile
 from tuning.course import WRONG_TURN
 from tuning.online.segment import Segment, fly_segments, rows_of_all
-from tuning.prediction import heading_errors, predicted_vectors, readings_of
+from tuning.prediction import heading_errors, predicted_vectors
 
 PULL_IN_S = 1.0
 PULL_IN_WEIGHT = 1.0 / 300.0
@@ -30,16 +30,17 @@ CHANGED = 2.0
 
 def cost_on(profile: Profile, *segments: Segment) -> Floats:
     """The cost (B,) of each half second of the last segment, flown from the first on."""
-    readings = readings_of(rows_of_all(segments))
+    rows = rows_of_all(segments)
     flown = fly_segments(profile, segments)
     first = sum(len(segment.samples) for segment in segments[:-1])
-    down, field = predicted_vectors(readings, flown.q_ned_frd, flown.bias_rad_s, first)
+    down, field = predicted_vectors(rows, flown.q_ned_frd, flown.bias_rad_s, first)
     off = 0.5 * (1.0 - down[:, 2])
     # of the field that it keeps its azimuth: a magnet turns it as a whole
     off_north = np.sin(0.5 * heading_errors(field)) ** 2
     off = np.where(np.isfinite(off_north), 0.5 * (off + off_north), off)
     known = np.isfinite(off)
-    block = (readings.time_s[known] / BLOCK_S).astype(int)
+    time_s = 1e-6 * (rows.times_us[known] - rows.times_us[0])
+    block = (time_s / BLOCK_S).astype(int)
     found = [float(off[known][block == b].mean()) for b in np.unique(block)]
     return np.array(found or [0.0]) + PULL_IN_WEIGHT * _pull_in(profile, segments[-1])
 
@@ -58,7 +59,7 @@ def noise_of(rows: Rows) -> Floats | None:
     """Mean squares (3,) of the noise: of rate, (rad/s)^2, and of force and field as unit vectors.
 
     From how far a reading is from the one before, turned on by the gyroscope. None if they come
-    too slowly to tell.
+    too slowly to show it.
     """
     step_s = 1e-6 * np.diff(rows.times_us)
     is_fast = step_s <= LONGEST_STEP_S

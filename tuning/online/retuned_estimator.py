@@ -1,12 +1,13 @@
-"""An estimator that cuts what it is told into segments, by which a retuner decides."""
+"""An estimator that cuts what it is given into segments, by which a retuner decides."""
 
 from collections.abc import Callable
 
 from estimator.profile import Profile, profile_to_json
+from estimator.reasons import Reason
 from estimator.types import ImuSample
-from tuning.logged_calls import Call, LoggedEstimator
+from tuning.logged_calls import LoggedEstimator
 from tuning.online.retuner import Decision, Retuner
-from tuning.online.segment import LONGEST_GAP_S, SEGMENT_S, Segment
+from tuning.online.segment import SEGMENT_S, Segment
 
 
 class RetunedEstimator(LoggedEstimator):
@@ -27,38 +28,31 @@ class RetunedEstimator(LoggedEstimator):
         self.retuner = Retuner(profile) if retuner is None else retuner
         self.decisions: list[tuple[int, Decision]] = []  # with the vehicle's times, us
         self._on_segment = on_segment or self._decide
-        self._gain = fixed_gain
-        self._begin()
 
-    def _begin(self) -> None:
-        self._start = self.snapshot
-        self._told: list[tuple[Call, ...]] = []
+    def begin_log(self) -> None:
+        """See :class:`LoggedEstimator`: a segment begins."""
+        super().begin_log()
+        self._before = self.snapshot
         self._samples: list[ImuSample] = []
-        self._silent = not self.aligned
-        self._waiting.clear()
 
-    def note_restart(self) -> None:
-        """See :class:`LoggedEstimator`."""
-        self._silent = True
-
-    def note_sample(self, sample: ImuSample, calls: tuple[Call, ...]) -> None:
-        """See :class:`LoggedEstimator`."""
-        last_us = self._samples[-1].time_us if self._samples else sample.time_us
-        self._silent |= sample.time_us - last_us > 1e6 * LONGEST_GAP_S
-        self._told.append(calls)
-        self._samples.append(sample)
-        if sample.time_us - self._samples[0].time_us >= 1e6 * SEGMENT_S:
-            told = tuple(self._samples), tuple(self._told)
-            segment = Segment(self._start, self.profile, *told, self._silent, self._gain)
-            self._begin()
-            self._on_segment(segment)
+    def update(self, sample: ImuSample) -> Reason | None:
+        """See :class:`Estimator`."""
+        reason = super().update(sample)
+        if reason is None:
+            self._samples.append(sample)
+            if sample.time_us - self._samples[0].time_us >= 1e6 * SEGMENT_S:
+                now = self._before, self.profile, tuple(self._samples), self.calls
+                segment = Segment(*now, self.fixed_gain)
+                self.begin_log()
+                self._on_segment(segment)
+        return reason
 
     def replace_profile(self, profile: Profile) -> None:
         """See :class:`Estimator`. Somebody's own profile is the base from now on."""
         if profile_to_json(profile) != profile_to_json(self.retuner.profile):
             self.retuner = Retuner(profile)
         super().replace_profile(profile)
-        self._begin()
+        self.begin_log()
 
     def _decide(self, segment: Segment) -> None:
         decision = self.retuner.take(segment)

@@ -21,7 +21,7 @@ from estimator.profile import Profile, profile_to_json
 from tuning.colony import Colony
 from tuning.online.cost import cost_on, has_moved, noise_of
 from tuning.online.numbers import numbers_of, space_around, update_of, with_factors
-from tuning.online.segment import LONGEST_GAP_S, Segment, rows_of_all
+from tuning.online.segment import Segment, rows_of_all
 from tuning.space import Space, decode, encode
 
 LEAST_GAIN = 0.05
@@ -29,7 +29,7 @@ LEAST_GAIN = 0.05
 LEAST_T = 2.0
 # A candidate that seems to win is judged on so many segments at most, until it does beyond chance.
 MOST_SEGMENTS = 4
-# Half a second in which the vectors are 60 deg from what was foretold is an event, and no noise.
+# Half a second in which the vectors are 60 deg from what was predicted is an event, and no noise.
 EVENT = 0.25
 FOOD_SOURCES = 6
 CYCLES = 2
@@ -134,12 +134,12 @@ class Retuner:
         earlier, self._last = self._last, None
         noise = noise_of(rows_of_all((segment,)))
         is_own = profile_to_json(segment.profile) == profile_to_json(self.profile)
-        if segment.silent or noise is None or not is_own or not len(self._now):
+        if segment.is_broken or noise is None or not is_own or not len(self._now):
             return None
         self._last = segment, noise
         if self._learnt is None:
             self._learnt = noise
-        if earlier is None or not _follows(earlier[0], segment):
+        if earlier is None or not segment.follows(earlier[0]):
             return None
         has_settled = not has_moved(earlier[1], noise)
         is_due = self._is_fresh or (has_settled and has_moved(self._learnt, noise))
@@ -190,8 +190,3 @@ class Retuner:
 
     def _cost(self, factors: Floats, *segments: Segment) -> Floats:
         return cost_on(with_factors(self._base, factors), *segments)
-
-
-def _follows(earlier: Segment, later: Segment) -> bool:
-    """Whether nothing was left out between them."""
-    return later.samples[0].time_us - earlier.samples[-1].time_us <= 1e6 * LONGEST_GAP_S

@@ -110,7 +110,7 @@ def test_whoever_repeats_what_was_told_repeats_it_too(flying):
     one.update_report(HeadingSample(time_us, 0.2, 0.01))
     one.update_velocity(VelocitySample(time_us, (19.0, 1.0, 0.0), True, 0.3))
     one.update_report(RateSample(time_us + 5_000, (0.1, 0.0, 0.0)))
-    assert len(one._waiting) == 3
-    for call in one._waiting:
+    assert len(one.calls[0]) == 3
+    for call in one.calls[0]:
         call(other)
     assert one.snapshot == other.snapshot != state
