@@ -14,7 +14,7 @@ from estimator.geometry.quaternion import exp, rotate
 from estimator.profile import load_profile
 from estimator.types import ImuSample
 from fuzzbee.replays.trace import Replay
-from service.other_imus import OtherImus
+from service.evidence import OtherImus
 from tests.service.flight_rig import Rig
 from tests.service.streams import ONE
 

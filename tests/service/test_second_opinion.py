@@ -208,7 +208,7 @@ def test_an_accelerometer_that_leads_ours_astray_is_nobody_s_fault_or_ours(place
 
 def test_the_evidence_that_named_one_stays_with_the_interval():
     turned = multiply(turn(DOWN, 30.0), TRUE)
-    opinion = told(TRUE, turned, place=None, doubts=Doubts("its own filter calls it not good"))
+    opinion = told(TRUE, turned, place=None, faults=KnownFaults("its own filter calls it not good"))
     later_us = opinion._last_us + LOOK_EVERY_US
     told(TRUE, turned, place=None, opinion=opinion, begin_us=later_us)
     (interval,) = opinion.intervals
