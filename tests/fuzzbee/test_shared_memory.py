@@ -41,7 +41,7 @@ def test_a_run_goes_on_with_a_line(mount):
     session = default_session(free_port())
     done = run_in(mount, "run", "sim:", "--seconds", "2", "--json", *session)
     assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["vehicles"]["1"]["attitudes"] > 50
+    assert json.loads(done.stdout)["vehicles"]["1"]["attitudes"] > 0
     assert done.stderr.count("no shared memory, going on without") == 1
 
 

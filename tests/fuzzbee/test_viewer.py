@@ -266,7 +266,7 @@ def test_the_page_shows_the_attitude_moving(tmp_path):
                     (folder / f"viewer-{len(shots)}.png").write_bytes(data)
                     shots.append(attitude_view(picture))
         service.send_signal(signal.SIGINT)
-        assert service.wait(60) == 0
+        assert service.wait(60) == 0, service.stderr.read()
     assert len(shots) == 3
     for before, after in pairwise(shots):
         assert changed(before, after) > 200  # pixels: the vehicle turns
