@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from drivers.samples.imu_stream import MAG_LIMIT_GAUSS, RepeatedField, finite_or_zero, is_field
 from estimator import estimator
-from estimator.aiding.sources.velocity import SPEED_LIMIT_M_S
+from estimator.aiding.sources.source import SPEED_LIMIT_M_S
 from estimator.arrays import Floats, Times
 from estimator.compilation.notice import notify_programs
 from estimator.errors import InputError
@@ -19,17 +19,17 @@ from estimator.live.rows import (
     HAS_VERTICAL,
     NO_REPORT_ROWS,
     NORTH,
+    OUTPUT_SIZE,
     REPORT_SIZE,
     ROW,
-    SAID,
     SIGMA_M_S,
     TIME,
     Rows,
     X,
     Z,
     cut,
+    reports_between,
     rows_of,
-    told_between,
 )
 from estimator.profile import LEAST_GAIN, MOST_GAIN, Profile
 from estimator.reasons import Reason
@@ -63,8 +63,8 @@ class Unfit(UserWarning):
 class Batch(NamedTuple):
     """Rows of readings and of reports as :mod:`estimator.live.rows` has them, and warnings.
 
-    ``said`` (N, :data:`SAID`) takes the attitudes; before the rows in ``positions`` (K, 5) somebody
-    has said where the vehicle is: row, latitude, longitude (deg), altitude (m), Unix time (s).
+    ``said`` (N, :data:`OUTPUT_SIZE`) takes the attitudes. ``positions`` (K, 5) has the places that
+    are known before a row: row, latitude, longitude (deg), altitude (m), Unix time (s).
     """
 
     rows: Rows
@@ -369,7 +369,7 @@ class Estimator:
             self.rejected[Reason.MAGNETOMETER_OUT_OF_RANGE] += int((has_mag & ~is_field).sum())
             rows.has_mag[:] &= is_field
         told = NO_REPORT_ROWS if velocity is None else self._velocities(times_us, velocity)
-        return Batch(rows, told, positions, np.empty((n, SAID)), lines)
+        return Batch(rows, told, positions, np.empty((n, OUTPUT_SIZE)), lines)
 
     def _velocities(self, times_us: Times, velocity: Floats) -> Floats:
         """The rows (N, 3) of velocity that are known, as reports (M, REPORT_SIZE)."""
@@ -406,7 +406,7 @@ class Estimator:
                 self._inner,
                 cut(rows, begin, end),
                 said[begin:end],
-                told_between(told, begin, end),
+                reports_between(told, begin, end),
             )
             self.rejected.update(reason.value for reason in refused)
             if position:

@@ -2,7 +2,7 @@
 
 from math import atan2, cos, degrees, exp, hypot, sin
 
-from estimator.aiding.place import resembles
+from estimator.aiding.compass import resembles
 from estimator.geometry.earth import PlaceField
 from estimator.geometry.quaternion import add, rotate, scale, subtract
 from estimator.types import ZERO_VEC3, ImuSample, Quaternion, Vec3

@@ -9,7 +9,7 @@ import pytest
 from estimator.aiding.phase import Phase
 from estimator.aiding.types import AidingParams
 from estimator.bounds import bounds_of
-from estimator.conditioning import ConditioningParams
+from estimator.conditioning.params import ConditioningParams
 from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.profile import load_profile, merge_profile

@@ -30,6 +30,10 @@ G_NED = np.array([0.0, 0.0, 9.80665])
 STEP = 1e-6
 
 
+def floats(vector):
+    return tuple(float(v) for v in vector)
+
+
 def skew(v):
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
 

@@ -5,7 +5,7 @@ from math import nan, remainder, tau
 import pytest
 
 from estimator.aiding.phase import Phase
-from estimator.aiding.sources.table import SOURCES
+from estimator.aiding.sources.source import SOURCES
 from estimator.aiding.types import SIZE
 from estimator.errors import InputError
 from estimator.estimator import Estimator

@@ -3,9 +3,9 @@
 from estimator.aiding.compass import (
     Compass,
     declare,
-    doubted_until_us,
     is_trusted,
     record_giving_up,
+    rejected_until_us,
     restart,
 )
 from estimator.conditioning.times import FORGET_S, LONG_S, MEMORY_S
@@ -64,7 +64,7 @@ def test_a_reboot_leaves_what_was_told():
 
 def test_what_velocity_contradicted_counts_until_velocity_confirms_it():
     contradicted = VOUCHED._replace(contradicted_us=NOW_US)
-    assert doubted_until_us(contradicted) == NOW_US + DISTRUST_US
-    assert doubted_until_us(contradicted._replace(confirmed=True)) < 0
+    assert rejected_until_us(contradicted) == NOW_US + DISTRUST_US
+    assert rejected_until_us(contradicted._replace(confirmed=True)) < 0
     assert not is_trusted(contradicted, NOW_US)
     assert is_trusted(contradicted._replace(confirmed=True), NOW_US)

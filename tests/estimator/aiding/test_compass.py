@@ -71,12 +71,6 @@ def test_its_heading_is_not_claimed_before(flight):
     assert flown(told, flight)[50].sigma_heading_rad == pytest.approx(np.pi / 4)
 
 
-def test_being_told_in_flight_begins_anew(flight):
-    told = estimator()
-    flown(told, flight, after=lambda k: told.set_field_calibrated(False) if k == 1000 else None)
-    assert told.snapshot.context.phase is Phase.AIDED
-
-
 def test_a_field_unlike_the_places_own_is_not_taken_for_calibrated(flight):
     """Near Zurich the field is 0.48 gauss and dips 63 deg; this one dips 30."""
     wrong = changed(flight, mag_gauss=magnetised(0.3, 0.0, -0.12))
@@ -328,17 +322,6 @@ def test_interruptions_change_nothing(flight, phase, interruption):
             if k == k_then:
                 assert (one.snapshot.context.phase is Phase.AIDED) == phase.startswith("aided")
     assert broken.snapshot == straight.snapshot
-
-
-def test_a_gap_ends_the_search(flight):
-    """How the vehicle turned meanwhile nobody knows: what was shown before is void."""
-    bare = changed(flight, mag_gauss=lambda _: ZERO_VEC3, has_mag=lambda _: False)
-    one = estimator()
-    early = type(flight)(bare.samples[:250], [x for x in flight.reports if x[0] < 250], [])
-    flown(one, early)
-    assert one.snapshot.core.search.evidence.windows == pytest.approx(3.81, rel=0.2)
-    one.update(bare.samples[250]._replace(time_us=bare.samples[249].time_us + 1_500_000))
-    assert one.snapshot.core.search.evidence.windows == 0.0
 
 
 @pytest.mark.parametrize(("every", "first_us"), [(1, 6_020_000), (12, 6_240_000)])

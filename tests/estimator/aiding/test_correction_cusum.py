@@ -5,10 +5,18 @@ from math import e, hypot, radians, sqrt
 import numpy as np
 import pytest
 
-from estimator.aiding import AidingParams, blank_aiding
+from estimator.aiding.beginning import blank_aiding
 from estimator.aiding.correction_cusum import add_correction, known, pass_time
-from estimator.aiding.types import GYR_BIAS, HARD_IRON, SIZE, TURN, CorrectionCusum, Sigmas
-from estimator.aiding.uncertainty import leaning
+from estimator.aiding.types import (
+    GYR_BIAS,
+    HARD_IRON,
+    SIZE,
+    TURN,
+    AidingParams,
+    CorrectionCusum,
+    Sigmas,
+)
+from estimator.aiding.uncertainty import with_dip_error
 from estimator.conditioning.field.magnetic import FieldLook
 from estimator.geometry.earth import field_at, in_ned
 from estimator.profile import load_profile, merge_profile
@@ -93,12 +101,12 @@ def test_a_field_that_dips_otherwise_than_the_places_tells_a_leaning_vertical(
     P = np.zeros((SIZE, SIZE))
     P[HARD_IRON, HARD_IRON] = 0.01**2
     seen = BLANK.field._replace(look=look, samples=9.0)
-    wide = leaning(PARAMS, SIGMA, seen, PLACE, P)
+    wide = with_dip_error(PARAMS, SIGMA, seen, PLACE, P)
     square = np.sin(radians(dip_off_deg)) ** 2 - radians(10.0) ** 2 - 9e-4 / (h * h + d * d)
     square = max(0.0, square) / (1.0 + ((strength - 1.0) / 0.1) ** 2) ** 2
     assert wide.inclination_rad == pytest.approx(hypot(0.01, sqrt(square)))
     assert wide.heading_rad == SIGMA.heading_rad
-    assert leaning(PARAMS, SIGMA, seen, ZERO_VEC3, P) == SIGMA
+    assert with_dip_error(PARAMS, SIGMA, seen, ZERO_VEC3, P) == SIGMA
 
 
 def test_an_accelerometer_that_steps_widens_sigma_within_a_second():

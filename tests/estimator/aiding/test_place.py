@@ -4,8 +4,15 @@ from math import cos, degrees, inf, nan, radians, sin
 
 import pytest
 
-from estimator.aiding.place import LastPosition, differ, resembles, update_whereabouts
-from estimator.geometry.earth import PlaceField, distance_m, field_at, in_ned
+from estimator.aiding.compass import differ, resembles
+from estimator.geometry.earth import (
+    LastPosition,
+    PlaceField,
+    distance_m,
+    field_at,
+    in_ned,
+    update_position,
+)
 
 MICROSECONDS_2025 = 1_735_689_600_000_000
 
@@ -83,7 +90,7 @@ def told(*places):
     """LastPosition after positions at sea level in 2025."""
     known = LastPosition()
     for place in places:
-        known = update_whereabouts(known, *place, 0.0, MICROSECONDS_2025)
+        known = update_position(known, *place, 0.0, MICROSECONDS_2025)
     return known
 
 

@@ -4,13 +4,12 @@ from math import inf, nan
 
 import pytest
 
+from estimator.aiding.sources.source import SPEED_LIMIT_M_S, refusal_of_velocity
 from estimator.aiding.sources.velocity import (
-    SPEED_LIMIT_M_S,
-    refusal_of_velocity,
     wait_for_reports,
 )
 from estimator.aiding.types import Agreement, Agreements, Scatter
-from estimator.live.reports import MOST_WAITING, enqueue_velocity, take_due_velocities
+from estimator.live.reports import MOST_WAITING, enqueue, take_due_velocities
 from estimator.live.rows import TIME, report_rows_of
 from estimator.types import VelocitySample
 
@@ -48,7 +47,7 @@ def test_an_old_report_is_none():
 def test_when_too_many_wait_the_oldest_gives_way():
     waiting = report_rows_of(())
     for time_us in range(MOST_WAITING + 3):
-        waiting = enqueue_velocity(waiting, report_rows_of([(0, report(time_us))])[0])
+        waiting = enqueue(waiting, report_rows_of([(0, report(time_us))])[0], MOST_WAITING)
     assert waiting[:, TIME].tolist() == list(range(3, MOST_WAITING + 3))
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from estimator.aiding import Report
 from estimator.aiding.search import EMPTY_SEARCH, add_report, add_sample, solve
+from estimator.aiding.types import Report
 from estimator.conditioning.times import MEMORY_S, SPAN_S
 from estimator.geometry.metrics import angle_errors
 from estimator.types import IDENTITY, STANDARD_GRAVITY_M_S2

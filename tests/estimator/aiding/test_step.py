@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from estimator.aiding import Beginning, Report, aid, begin, blank_aiding
 from estimator.aiding.acceleration_tilt import acceleration_tilt_angle
+from estimator.aiding.beginning import Beginning, begin, blank_aiding
 from estimator.aiding.correction import apply_corrections
 from estimator.aiding.inertial import predict_motion
 from estimator.aiding.sources.unaided import observe_unaided
+from estimator.aiding.step import aid
 from estimator.aiding.types import (
     HARD_IRON,
     NO_REPORT,
@@ -16,6 +17,7 @@ from estimator.aiding.types import (
     Agreements,
     AidingParams,
     North,
+    Report,
     Roughness,
     Sigmas,
     StepInputs,
@@ -50,8 +52,8 @@ def test_a_step_that_is_slow_or_without_reports_is_corrected_once(dt_s, wait_s, 
     now, x = predict_motion(PARAMS, state, P, TRAIL, sample), np.zeros(SIZE)
     if dt_s == 0.5:
         watch_turning(PARAMS, state, now.covariance, sample, 0.0)
-    lean_rad = lean_m_s2 / STANDARD_GRAVITY_M_S2
-    observe_unaided(now, OTHERS.gravity_b, 0.1, lean_rad, x, 1.0, dt_s)
+    tilt_error_rad = lean_m_s2 / STANDARD_GRAVITY_M_S2
+    observe_unaided(now, OTHERS.gravity_b, 0.1, tilt_error_rad, x, 1.0, dt_s)
     assert np.abs(x[:3]).max() > 1e-4
     assert after.estimate == apply_corrections(now, x).estimate
     assert np.array_equal(after_P, now.covariance)

@@ -5,7 +5,7 @@ from math import degrees, radians, sqrt
 import numpy as np
 import pytest
 
-from estimator.conditioning import ConditioningParams
+from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.vertical.averaging import (
     WINDOW_S,
     Averaging,
@@ -18,11 +18,11 @@ G, DT = 9.8, 0.05
 KNOWN_BIAS = radians(0.01) ** 2
 
 
-def averaging(lean_rad, rate_rad_s, *, params=PARAMS, bias=KNOWN_BIAS, time_s=120.0):
+def averaging(tilt_error_rad, rate_rad_s, *, params=PARAMS, bias=KNOWN_BIAS, time_s=120.0):
     """After a force that leans by an angle about north, and a turn about it, functions of time."""
     state = Averaging()
     for i in range(round(time_s / DT)):
-        angle, rate = lean_rad(i * DT), rate_rad_s(i * DT)
+        angle, rate = tilt_error_rad(i * DT), rate_rad_s(i * DT)
         force = (0.0, -G * np.sin(angle), G * np.cos(angle))
         state = follow_averaging(params, state, force, (rate, 0.0, 0.0), bias, DT)
     return state

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from estimator.conditioning import ConditioningParams, initial_state
 from estimator.conditioning.field.calibration import (
     Calibration,
     correct_field,
@@ -17,7 +16,9 @@ from estimator.conditioning.field.calibration import (
 )
 from estimator.conditioning.field.magnetic import FieldLook
 from estimator.conditioning.field.step import heading_noise, learn_heading
+from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.robust import HEADING_REACH_RAD
+from estimator.conditioning.state import initial_state
 from estimator.conditioning.times import FORGET_S
 from estimator.conditioning.vertical.bias import (
     Estimate,

@@ -6,7 +6,9 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from estimator.conditioning import ConditioningParams, condition, initial_state
+from estimator.conditioning.condition import condition
+from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.state import initial_state
 from estimator.geometry.quaternion import rotate, rotate_inverse
 from estimator.types import Sample
 from tests.estimator.conditioning.motion import fly, resting, tumbling

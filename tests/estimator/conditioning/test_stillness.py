@@ -5,7 +5,9 @@ from math import cos, radians
 import numpy as np
 import pytest
 
-from estimator.conditioning import ConditioningParams, condition, initial_state
+from estimator.conditioning.condition import condition
+from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.state import initial_state
 from estimator.geometry.frames import from_euler_rad
 from estimator.geometry.quaternion import angle_between_vectors, rotate_inverse
 from estimator.types import Sample

@@ -6,12 +6,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from estimator.conditioning import Conditioned, ConditioningParams, condition, initial_state
+from estimator.conditioning.condition import Conditioned, condition
+from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.state import initial_state
 from estimator.conditioning.vertical.tilt import (
     initial_tilt,
     slowness,
     step_noise,
 )
+from estimator.geometry.metrics import rms
 from estimator.geometry.quaternion import exp, multiply, normalize, rotate_inverse
 from estimator.types import (
     IDENTITY,
@@ -127,10 +130,6 @@ def errors_deg(params: ConditioningParams, rate_hz: float, seeds: range) -> tupl
     return np.concatenate(errors), np.concatenate(inside)
 
 
-def rms(x: Floats) -> float:
-    return float(np.sqrt(np.mean(x * x)))
-
-
 @pytest.mark.parametrize(
     ("rate_hz", "measured_deg", "fixed_deg"),
     [(1.0, 5.07, 20.8), (2.0, 4.56, 10.2), (4.0, 3.60, 5.6)],
@@ -169,10 +168,3 @@ def test_after_a_hole_with_a_fast_turn_a_vehicle_at_rest_is_upright_within_two_s
     fixed = run(FIXED, gyr, acc, times)
     off_fixed = degrees(np.arccos(fixed[in_hole + 1].gravity_b[2]))
     assert off_fixed == pytest.approx(119.0, rel=0.2)
-
-
-# Nothing here is symmetric: down is along no axis, and the numbers are all different.
-TILTED: Vec3 = (0.36, -0.48, 0.8)
-GYR_BEFORE: Vec3 = (0.3, -0.2, 0.5)
-GYR: Vec3 = (0.7, 0.4, -0.1)
-RATE: Vec3 = (0.65, 0.45, -0.2)
