@@ -72,7 +72,7 @@ def require_survival(start, partial):
         assert all(map(math.isfinite, numbers)), (partial, k, attitude)
 
 
-def test_every_number_has_bounds_with_its_default_inside():
+def test_every_number_has_bounds_that_hold_its_default():
     for section, kind in SECTIONS.items():
         for name, default in kind._field_defaults.items():
             if not isinstance(default, bool):

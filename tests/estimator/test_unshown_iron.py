@@ -29,12 +29,12 @@ def in_hand(turning):
 def taken(one, readings):
     """Errors and sigmas of the heading (N,), deg."""
     *columns, q = readings
-    said = []
+    attitudes = []
     for k, (gyr, acc, mag) in enumerate(zip(*(c.tolist() for c in columns), strict=True)):
         one.update(ImuSample(20_000 * k, tuple(gyr), tuple(acc), tuple(mag), True))
-        said.append(one.attitude(20_000 * k))
-    errors = batch_angle_errors(np.array([each.q_ned_frd for each in said]), q)[:, HEADING]
-    return np.degrees(errors), np.degrees([each.sigma_heading_rad for each in said])
+        attitudes.append(one.attitude(20_000 * k))
+    errors = batch_angle_errors(np.array([each.q_ned_frd for each in attitudes]), q)[:, HEADING]
+    return np.degrees(errors), np.degrees([each.sigma_heading_rad for each in attitudes])
 
 
 @pytest.fixture
@@ -44,7 +44,7 @@ def uncalibrated():
     return one
 
 
-def test_turns_end_the_doubt(uncalibrated):
+def test_turns_end_the_uncertainty(uncalibrated):
     errors, sigmas = taken(uncalibrated, in_hand(1.6))
     ends = int(np.argmax(sigmas < 44.0))
     assert (sigmas[50:ends] > 44.0).all()
@@ -60,7 +60,7 @@ def test_without_turns_it_stays(uncalibrated):
     assert uncalibrated.compass_fault == "nobody has calibrated the compass"
 
 
-def test_turns_say_nothing_of_another_doubt(uncalibrated):
+def test_turns_do_not_refute_other_evidence(uncalibrated):
     """A field unlike the place's stays one, whatever its iron."""
     uncalibrated.set_position(-75.0, 40.0, 0.0, 1_700_000_000_000_000)
     taken(uncalibrated, in_hand(1.6))

@@ -36,7 +36,7 @@ def test_usual_biases_change_nothing():
 
 
 @pytest.mark.parametrize(("first", "usual"), [(GYR_BIAS, USUAL.gyr), (ACC_BIAS, USUAL.acc)])
-def test_one_axis_tells_of_the_others(first, usual):
+def test_one_axis_shows_the_others(first, usual):
     """What was learnt of that axis counts as before."""
     off = 5.0 * usual**0.5
     zero = (0.0, 0.0, 0.0)

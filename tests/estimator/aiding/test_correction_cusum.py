@@ -70,7 +70,7 @@ def test_a_bias_that_is_being_learnt_is_usual_as_far_as_it_is_known_better_than_
     assert again.bias_rad_s == pytest.approx(found.bias_rad_s, rel=1e-3)
 
 
-def test_white_corrections_of_a_true_covariance_are_no_surprise():
+def test_white_corrections_of_a_true_covariance_are_as_expected():
     """A Kalman filter of a walk: the sum's mean square is what is expected."""
     rng, found, ratios = np.random.default_rng(5), NOTHING, []
     true = estimate = 0.0
@@ -92,9 +92,7 @@ def test_white_corrections_of_a_true_covariance_are_no_surprise():
 
 @pytest.mark.parametrize("dip_off_deg", [-25.0, 4.0, 20.0])
 @pytest.mark.parametrize("strength", [1.0, 1.3])
-def test_a_field_that_dips_otherwise_than_the_places_tells_a_leaning_vertical(
-    dip_off_deg, strength
-):
+def test_a_field_that_dips_otherwise_than_the_places_shows_a_tilted_vertical(dip_off_deg, strength):
     h, d = hypot(*PLACE[:2]), PLACE[2]
     turn = np.exp(1j * radians(dip_off_deg)) * complex(h, d) * strength
     look = FieldLook(horizontal=float(turn.real), down=float(turn.imag), confidence=0.0)

@@ -256,10 +256,10 @@ def test_velocity(seed, is_receiver, off_m_s, is_alone, dt):
     far = noise_scale > 30.0 and matrix_of(q)[2, 2] < 0.7
     for i in range(3):
         v = np.array(known.velocity_ned_m_s)
-        said, h = velocity_row(
+        expected_m_s, h = velocity_row(
             times, accelerations, age, v, slow, i, error_at, lag_at, knows_lag=dt < LONGEST_STEP_S
         )
-        innovation_m_s = report.velocity_ned_m_s[i] - said
+        innovation_m_s = report.velocity_ned_m_s[i] - expected_m_s
         noise = noise_scale * sigma**2 + aliasing[i] ** 2
         left = innovation_m_s - h @ dense.x
         square = left**2 / (h @ dense.P @ h + noise)
@@ -406,10 +406,10 @@ def test_published_sigmas(heading_rad, innovation, wait_s, together, samples, dt
     last = LastStep(ZERO_VEC3, ZERO_VEC3, (2.0, -1.0, -9.0), (0.5, -0.3, 0.8), dt)
     look = BLANK.field.look
     state = FieldState(look, 0.04, samples, 0.0, 0.0, 0.0)
-    heard = Agreement(Scatter(1.0, innovation, 50.0, ZERO_VEC3, together), wait_s, 0.0)
+    recent = Agreement(Scatter(1.0, innovation, 50.0, ZERO_VEC3, together), wait_s, 0.0)
     silent = Agreement(Scatter(1.0, 99.0, 50.0, ZERO_VEC3, 9.0), wait_s + 1.0, 0.0)
     poor = BiasPrior(gyr=0.01**2, acc=worse**2 * p.acc_bias_sigma**2)
-    got = sigmas(p, now, last, state, Agreements(silent, heard), poor)
+    got = sigmas(p, now, last, state, Agreements(silent, recent), poor)
 
     def scatter(least):
         square = least**2 + p.scatter_share * innovation

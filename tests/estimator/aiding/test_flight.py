@@ -95,8 +95,8 @@ def test_a_single_wild_report_is_no_tilt(flight):
 
 def test_silence_of_the_reports_is_admitted(flight):
     """Without reports from 30 s on sigma grows, and the attitude stays better than unaided."""
-    heard = [(k, r) for k, r in flight.reports if r.time_us < 30e6]
-    attitudes = flown(estimator(), flight, reports=heard)
+    early = [(k, r) for k, r in flight.reports if r.time_us < 30e6]
+    attitudes = flown(estimator(), flight, reports=early)
     by_time = dict(zip([s.time_us for s in flight.samples], attitudes, strict=True))
     before, late = by_time[29_000_000], by_time[40_000_000]
     assert degrees(before.sigma_inclination_rad) == pytest.approx(0.338, rel=0.2)

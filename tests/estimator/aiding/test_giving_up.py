@@ -35,7 +35,7 @@ from tests.truth.faults import Fault
 from tests.truth.run import Case, judge
 
 
-def test_a_doubted_attitude_is_four_times_as_uncertain_and_its_doubts_begin_anew():
+def test_an_inflated_attitude_is_four_times_as_uncertain_and_its_times_begin_anew():
     state, P, _ = blank_aiding(AidingParams())
     root = 0.01 * np.random.default_rng(1).standard_normal((SIZE, SIZE))
     P = root @ root.T
@@ -54,7 +54,7 @@ def test_a_doubted_attitude_is_four_times_as_uncertain_and_its_doubts_begin_anew
     assert after.field.far_off_s == 0.0
 
 
-def test_no_attitude_is_loosened_beyond_half_a_turn():
+def test_no_attitude_is_inflated_beyond_half_a_turn():
     state, P, _ = blank_aiding(AidingParams())
     P = P + np.eye(SIZE)
     for _ in range(9):
@@ -138,7 +138,7 @@ def test_a_heading_as_good_as_none_goes_with_the_vertical(heading_deg, off_deg):
     assert state.context.phase is Phase.UNAIDED
 
 
-def test_an_attitude_that_nothing_contradicts_is_not_loosened():
+def test_an_attitude_that_nothing_contradicts_is_not_inflated():
     """It explains the reports' acceleration; loosened again and again its heading would be lost."""
     state = lost(heading_deg=10.0, acceleration_tilt=FELT_AS_REPORTED)
     before = state.core.core

@@ -23,7 +23,7 @@ UP: Vec3 = (0.0, 0.0, 1.0)
 
 
 def corrected(
-    tilt_deg: float, sigma_deg: float, unaided_sigma_deg: float, lean_deg: float = 0.0
+    tilt_deg: float, sigma_deg: float, unaided_sigma_deg: float, error_deg: float = 0.0
 ) -> float:
     """The tilt (deg) of a level vehicle after one look at the unaided gravity."""
     q: Quaternion = exp((radians(tilt_deg), 0.0, 0.0))
@@ -32,7 +32,7 @@ def corrected(
     velocity_history = np.zeros((1, 1))
     estimate = blank_aiding(AidingParams())[0].estimate._replace(q_ned_frd=q)
     now = Prediction(estimate, ZERO_VEC3, ZERO_VEC3, velocity_history, P)
-    observe_unaided(now, UP, radians(unaided_sigma_deg), radians(lean_deg), x, 1.0, 0.4)
+    observe_unaided(now, UP, radians(unaided_sigma_deg), radians(error_deg), x, 1.0, 0.4)
     down = rotate(exp((x[TURN], x[TURN + 1], x[TURN + 2])), rotate(q, UP))
     return degrees(np.arctan2(np.hypot(down[0], down[1]), down[2]))
 
@@ -42,9 +42,9 @@ def test_a_lost_attitude_follows_the_unaided_gravity_even_upside_down():
     assert corrected(160.0, 60.0, 2.0) == pytest.approx(0.44, rel=0.2)
 
 
-def test_an_attitude_that_velocity_knows_stays_where_the_unaided_leans():
+def test_an_attitude_that_velocity_knows_stays_where_the_unaided_tilts():
     """A lasting acceleration deceives the unaided gravity by more than its sigma says."""
-    assert corrected(20.0, 1.0, 1.0, lean_deg=20.0) > 19.99
+    assert corrected(20.0, 1.0, 1.0, error_deg=20.0) > 19.99
     assert corrected(20.0, 1.0, 1.0) == pytest.approx(14.3, rel=0.2)
 
 

@@ -64,9 +64,9 @@ def ride(seed, *, seconds=60.0, reverse=False, compass_off_deg=50.0, strength=1.
         sample = ImuSample(round(1e6 * k * dt), tuple(gyr), tuple(acc), mag, True)
         velocity = None
         if k % 5 == 0:
-            said = sense * speed * np.array((cos(yaw), sin(yaw), 0.0))
-            said = tuple((said + 0.05 * rng.standard_normal(3)).tolist())
-            velocity = VelocitySample(sample.time_us, said, True, 0.3)
+            output = sense * speed * np.array((cos(yaw), sin(yaw), 0.0))
+            output = tuple((output + 0.05 * rng.standard_normal(3)).tolist())
+            velocity = VelocitySample(sample.time_us, output, True, 0.3)
         yield sample, velocity, q
         speed, yaw = speed + push * dt, yaw + rate * dt
 
@@ -78,9 +78,9 @@ def driven(estimator, rows):
         if velocity is not None:
             assert estimator.update_velocity(velocity) is None
         assert estimator.update(sample) is None
-        said = estimator.attitude(sample.time_us)
-        errors.append(np.degrees(angle_errors(said.q_ned_frd, truth)))
-        sigmas.append(degrees(said.sigma_heading_rad))
+        output = estimator.attitude(sample.time_us)
+        errors.append(np.degrees(angle_errors(output.q_ned_frd, truth)))
+        sigmas.append(degrees(output.sigma_heading_rad))
         if begun_s is None and estimator.snapshot.context.phase is Phase.AIDED:
             begun_s = 1e-6 * sample.time_us
     return np.array(errors), np.array(sigmas), begun_s
@@ -109,7 +109,7 @@ def test_a_place_that_is_known_does_not_make_the_compass_right():
 
 
 @pytest.mark.parametrize("off_deg", [-120.0, 0.0])
-def test_a_compass_that_gave_the_heading_at_rest_is_borne_out_or_misled(off_deg):
+def test_a_compass_that_gave_the_heading_at_rest_is_confirmed_or_misled(off_deg):
     """The first metres tell; a compass that is right keeps its north."""
     estimator = calibrated(load_profile("imu"))
     estimator.set_vehicle_class(VehicleClass.WHEELS)
@@ -139,7 +139,7 @@ def test_iron_all_around_is_not_learnt_as_iron_of_its_own(seed):
     assert np.sqrt(np.mean(errors[2000:, 1] ** 2)) < 2.5  # measured 1.2, 2.1
 
 
-def test_who_says_nothing_has_no_wheels_and_the_profile_goes_first():
+def test_without_a_class_there_are_no_wheels_and_the_profile_goes_first():
     estimator = calibrated(load_profile("imu"))
     assert estimator._state.settings.aiding.sideslip_rad == 3.0
     estimator.set_vehicle_class(VehicleClass.WHEELS)
@@ -167,7 +167,7 @@ def rolled(rng, *, sense, windows=8, tilt=(0.0, 0.0), noise_m_s2=0.1):
 
 @pytest.mark.parametrize("sense", [1.0, -1.0])
 @pytest.mark.parametrize("tilt", [(0.0, 0.0), (0.2, -0.1)])
-def test_pushes_tell_forwards_from_reverse_however_the_vertical_leans(sense, tilt):
+def test_pushes_distinguish_forwards_from_reverse_whatever_the_tilt(sense, tilt):
     found = rolled(np.random.default_rng(1), sense=sense, tilt=tilt)
     assert sense * forward_evidence(found) > 30.0
     assert tilt_error_rad(found, sense) == pytest.approx(hypot(*tilt), abs=0.01)
@@ -189,7 +189,7 @@ def test_the_evidence_is_the_likelihoods_ratio():
     assert tilt_error_rad(half, 1.0) == pytest.approx(tilt_error_rad(found, 1.0))
 
 
-def test_who_stands_may_go_on_either_way():
+def test_what_stands_may_go_on_either_way():
     found = rolled(np.random.default_rng(3), sense=1.0)
     down = (0.0, 0.0, 1.0)
     stopped = roll_on(found, (1.0, 0.0, 0.0), (0.5, 0.0, 0.0), 0.3, 1.0, (-0.5, 0, -9.8), down)

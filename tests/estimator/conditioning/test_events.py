@@ -74,8 +74,8 @@ def test_a_jump_is_more_than_what_else_turns_the_field(own, by_turning, share):
     else:
         assert variance == pytest.approx((signs.apart_rad**2 - 0.02**2) / JUMP_SHARE**2)
         assert seen_rad == signs.apart_rad
-    told = signs._replace(seen_rad=1.01 * signs.apart_rad)
-    assert jump_variance(PARAMS, told, learnt) == (0.0, told.seen_rad)
+    counted = signs._replace(seen_rad=1.01 * signs.apart_rad)
+    assert jump_variance(PARAMS, counted, learnt) == (0.0, counted.seen_rad)
 
 
 def release(*, moves_rad=0.01, usual_s=1.2, confidence=0.7, norm=0.46, variance=0.4, tilt=0.05):
@@ -90,7 +90,7 @@ def release(*, moves_rad=0.01, usual_s=1.2, confidence=0.7, norm=0.46, variance=
     )
 
 
-def test_the_heading_hears_of_its_doubt_once_the_field_looks_as_usual():
+def test_the_heading_is_inflated_once_the_field_looks_as_usual():
     inflation, tilt, estimate, released = release()
     assert (inflation.variance, tilt, released) == (0.0, 0.05, True)
     assert estimate.covariance[9] == pytest.approx(0.03 + 0.4)
@@ -98,7 +98,7 @@ def test_the_heading_hears_of_its_doubt_once_the_field_looks_as_usual():
     assert release(tilt=0.5)[2].covariance[9] == pytest.approx(0.5 * 0.5 * 3.0)
 
 
-def test_a_field_that_still_moves_or_is_another_keeps_the_doubt():
+def test_a_field_that_still_moves_or_is_another_keeps_the_inflation():
     moved = (0.06 / PARAMS.turn_jump_rad) ** 2
     seldom = (0.01 / PARAMS.turn_jump_rad) ** 2 + sqrt(0.9 / 0.2) - 1.0
     for off, unlike in ((moved, {"moves_rad": 0.06}), (seldom, {"confidence": 0.2})):
@@ -151,9 +151,7 @@ def test_a_field_counts_for_and_against_the_heading_by_how_usual_it_looks(elsewh
         (0.5, 0.4, 0.2, 0.0),  # it does not look as usual
     ],
 )
-def test_a_field_that_is_back_is_told_from_one_that_is_elsewhere(
-    away_rad, other_rad, confidence, back_s
-):
+def test_a_field_that_is_back_is_not_one_that_is_elsewhere(away_rad, other_rad, confidence, back_s):
     """The heading is 0.9."""
     state = SIGNS._replace(other_rad=other_rad, back_s=0.1)
     horizontal = (0.25 * np.cos(away_rad), 0.25 * np.sin(away_rad))

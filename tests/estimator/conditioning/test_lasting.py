@@ -43,7 +43,7 @@ def test_shaking_is_no_acceleration_that_lasts() -> None:
         ),  # its size shows more
     ],
 )
-def test_what_drift_does_not_explain_or_the_size_tells_has_been_acceleration(
+def test_what_drift_does_not_explain_or_the_size_shows_has_been_acceleration(
     state: SlowAcceleration, variance: float
 ) -> None:
     assert slow_variance(state) == pytest.approx(variance)
@@ -93,7 +93,7 @@ def test_a_vehicle_without_velocity_that_accelerates_for_seconds(
     assert found.beyond_three <= 0.02
 
 
-def test_who_starts_in_motion_knows_that_the_force_may_be_an_acceleration() -> None:
+def test_a_start_in_motion_knows_that_the_force_may_be_an_acceleration() -> None:
     found = verdict("started moving", 50.0).inclination
     assert found.rms_deg == pytest.approx(4.7, rel=0.2)
     assert found.under_sigma == pytest.approx(0.70, rel=0.2)  # 0.4 without a prior

@@ -40,7 +40,7 @@ def sigmas_deg(samples):
     ("size_m_s2", "inclination_deg", "heading_deg"),
     [(9.80665, 0.298, 0.46), (9.95, 1.22, 1.52), (9.60, 1.73, 2.08)],
 )
-def test_a_force_of_another_size_than_gravity_tells_an_accelerometers_error(
+def test_a_force_of_another_size_than_gravity_shows_an_accelerometers_error(
     size_m_s2, inclination_deg, heading_deg
 ):
     """At rest for half a minute, the dip 65 degrees."""
@@ -52,7 +52,7 @@ def test_a_force_of_another_size_than_gravity_tells_an_accelerometers_error(
 
 
 @pytest.mark.parametrize(("bend_deg", "heading_deg"), [(0.0, 0.315), (6.0, 5.03)])
-def test_a_field_that_bends_to_and_fro_widens_the_headings_sigma(bend_deg, heading_deg):
+def test_a_field_that_turns_to_and_fro_widens_the_headings_sigma(bend_deg, heading_deg):
     """By so much, at 0.03 Hz, on a tumbling vehicle: as beside steel."""
 
     def distorted():
@@ -98,7 +98,7 @@ def state_of(*, dt_s, wait_s=0.0, seen_s=0.0, **signs):
     return vertical, MagneticState(FieldLook(), reference, wait_s, True), events
 
 
-def test_another_heading_counts_by_how_far_it_is_borne_out():
+def test_another_heading_counts_by_how_far_it_is_confirmed():
     """The heading is 3.0 rad; one of -3.1 rad is 0.18 rad from it, across the south."""
 
     def added(**state):

@@ -194,7 +194,7 @@ def test_a_magnet_put_on_and_taken_off_is_no_turn(seed, worst_deg):
     assert worst < 1.2 * worst_deg
 
 
-def test_a_doubted_vertical_takes_the_force_as_a_kalman_filter_does():
+def test_an_inflated_vertical_takes_the_force_as_a_kalman_filter_does():
     """With 0.04 rad^2 of doubt and 0.0004 of wander a second's mean leaves that mean's."""
     inflation, left = 0.04, 1.0
     for _ in range(100):

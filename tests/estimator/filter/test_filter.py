@@ -470,7 +470,7 @@ def test_attitude_and_bias_settle_together(rate_hz, gain):
     assert worst < 0.15 / 0.7 * max(1.0 / gain, dt) + 1e-3
 
 
-def test_coupled_poles_lie_inside_the_unit_circle():
+def test_coupled_poles_lie_within_the_unit_circle():
     """The linear (attitude, bias) iteration, differentiated numerically; gaps one after another."""
     truth = IDENTITY
     for rate_hz in (*RATES_HZ, *(1.0 / gap_s for gap_s in GAPS_S)):

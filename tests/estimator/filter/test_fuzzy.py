@@ -254,8 +254,8 @@ def test_output_stays_in_its_universe(seed, error, rate):
     k = random_memberships(np.random.default_rng(seed))
     gain = fuzzy.fuzzy_gain(k, error, rate)
     assert 0.0 <= gain <= 100.0
-    inside = fuzzy.fuzzy_gain(k, min(max(error, 0.0), 1.0), min(abs(rate), 1.0))
-    assert gain == inside
+    clipped = fuzzy.fuzzy_gain(k, min(max(error, 0.0), 1.0), min(abs(rate), 1.0))
+    assert gain == clipped
 
 
 @given(strengths, st.integers(0, 2**32 - 1), st.sampled_from((None, 0.05)))

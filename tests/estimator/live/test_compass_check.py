@@ -23,11 +23,11 @@ def turned(sample, angle_deg):
 
 
 def heading_errors_deg(flight, estimator):
-    said = flown(estimator, flight)
+    attitudes = flown(estimator, flight)
     return np.array(
         [
             degrees(remainder(euler_rad(a.q_ned_frd)[2] - euler_rad(q)[2], tau))
-            for a, q in zip(said, flight.truth, strict=True)
+            for a, q in zip(attitudes, flight.truth, strict=True)
         ]
     )
 

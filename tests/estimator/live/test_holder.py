@@ -70,12 +70,12 @@ def rows(kind=np.float64, spread=1, n=4):
 def test_rows_of_another_type_or_layout_are_converted(holder, kind, spread):
     settings = settings_of(load_profile("imu"))
     other = Holder(settings, holder.core)
-    said, wanted = np.zeros((4, OUTPUT_SIZE)), np.zeros((4, OUTPUT_SIZE))
-    for one, given, out in ((holder, rows(), wanted), (other, rows(kind, spread), said)):
+    output, wanted = np.zeros((4, OUTPUT_SIZE)), np.zeros((4, OUTPUT_SIZE))
+    for one, given, out in ((holder, rows(), wanted), (other, rows(kind, spread), output)):
         one.bind_rows(given, out, NO_REPORT_ROWS)
         assert one.advance(0, *(0.0,) * 9, False, 0, 4, 0)[0] == 4
-    assert np.array_equal(said, wanted)
-    assert said.any()
+    assert np.array_equal(output, wanted)
+    assert output.any()
 
 
 @pytest.mark.parametrize(
@@ -94,7 +94,7 @@ def test_rows_that_do_not_fit_each_other(holder, wrong):
 
 
 @pytest.mark.parametrize(
-    "said",
+    "output",
     [
         np.zeros((4, OUTPUT_SIZE), np.float32),
         np.zeros((3, OUTPUT_SIZE)),
@@ -104,9 +104,9 @@ def test_rows_that_do_not_fit_each_other(holder, wrong):
         None,
     ],
 )
-def test_where_nothing_can_be_written(holder, said):
+def test_where_nothing_can_be_written(holder, output):
     with pytest.raises(InputError, match="writable"):
-        holder.bind_rows(rows(), said, NO_REPORT_ROWS)
+        holder.bind_rows(rows(), output, NO_REPORT_ROWS)
 
 
 def test_a_report_of_whole_numbers_is_taken(holder):

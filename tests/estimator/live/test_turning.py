@@ -54,12 +54,12 @@ def gyr_at(time_s: float) -> Vec3:
 def flown(seconds: float, *, late_s: float = 0.0, every_s: float = 0.05) -> list[Between]:
     """What is between samples 0.5 s apart; the rates' clock is ``late_s`` off."""
     state, rates, shown = Turning(), no_rates(), []
-    heard, samples = 1, round(seconds / STEP_S)
+    next_rate, samples = 1, round(seconds / STEP_S)
     for k in range(1, samples):
-        while heard * every_s <= k * STEP_S:
-            stamp = round((heard * every_s + late_s) * SECOND)
-            rates = take_rate(state, rates, stamp, rate_at(heard * every_s))
-            heard += 1
+        while next_rate * every_s <= k * STEP_S:
+            stamp = round((next_rate * every_s + late_s) * SECOND)
+            rates = take_rate(state, rates, stamp, rate_at(next_rate * every_s))
+            next_rate += 1
         at = round(k * STEP_S * SECOND)
         state, rates, one = take_between(state, rates, at - SECOND // 2, at, gyr_at(k * STEP_S))
         shown.append(one)
@@ -111,7 +111,7 @@ def roll_after(profile_rates: str) -> tuple[float, str]:
     return worst, estimator.rates
 
 
-def test_the_profile_says_whether_they_are_used():
+def test_the_profile_decides_whether_they_are_used():
     with_rates, word = roll_after("imu+attitude")
     without, alone = roll_after("imu")
     assert (word, alone) == ("imu+attitude", "imu")
@@ -134,8 +134,8 @@ def test_a_vibration_at_the_samples_own_rate_is_no_turn(samples_hz, most_rad_s):
     step_us = SECOND // samples_hz
     state, rates, turns = STILL, no_rates(), []
     for k in range(1, 50):
-        for inside in range(SECOND // 50, step_us + 1, SECOND // 50):
-            at_us = (k - 1) * step_us + inside
+        for since_us in range(SECOND // 50, step_us + 1, SECOND // 50):
+            at_us = (k - 1) * step_us + since_us
             phase = 2.0 * pi * samples_hz * at_us / SECOND
             rates = take_rate(state, rates, at_us, (cos(phase), 0.0, 0.0))
         state, rates, shown = take_between(
@@ -145,7 +145,7 @@ def test_a_vibration_at_the_samples_own_rate_is_no_turn(samples_hz, most_rad_s):
     assert abs(turns[-1]) < most_rad_s
 
 
-def test_the_first_samples_tell_their_bias_at_once():
+def test_the_first_samples_show_their_bias_at_once():
     """A mean of the differences so far, and not a twentieth of a second's after a second."""
     state, rates, bias = STILL, no_rates(), (0.01, -0.03, 0.02)
     for k in range(1, 9):

@@ -40,9 +40,9 @@ def test_the_heading_is_the_least_squares_solution_with_its_variances():
     steps = np.concatenate([np.diff(np.eye(n), axis=0), -a], axis=1)
     prior = np.diag(np.concatenate([1.0 / r, np.full(3, SCALE_SIGMA**-2)]))
     information = prior + steps.T @ np.diag(1.0 / q) @ steps
-    told = np.concatenate([z / r, np.zeros(3)])
+    known = np.concatenate([z / r, np.zeros(3)])
     x, by_scale = least_squares(z, r, q, a)
-    assert np.allclose(x, np.linalg.solve(information, told)[:n], atol=1e-9)
+    assert np.allclose(x, np.linalg.solve(information, known)[:n], atol=1e-9)
     both = variances(r, q) + by_scale
     assert np.allclose(both, np.diag(np.linalg.inv(information))[:n], atol=1e-9)
     assert np.median(by_scale / both) > 0.1  # so that either part is seen
@@ -82,9 +82,9 @@ def velocity(time_us: int, north_m_s: float) -> VelocitySample:
 def test_time_turned_round_changes_signs_and_order_and_takes_ages_off():
     velocities = [velocity(1_000_000, 3.0), velocity(2_000_000, 4.0)]
     rates = [RateSample(1_000_000 * k, (0.1 * k, 0.0, -0.2)) for k in (1, 2, 3)]
-    told = report_rows_of((0, report) for report in (*velocities, *rates))
+    reports = report_rows_of((0, report) for report in (*velocities, *rates))
     times_us = np.array([6_000_000, 8_100_000])
-    rows = turned_round(told, times_us, MIRRORED_US, np.full(len(told), 0.25), late_s=1e-4)
+    rows = turned_round(reports, times_us, MIRRORED_US, np.full(len(reports), 0.25), late_s=1e-4)
     back = [report_of(row) for row in rows]
     assert rows[:, ROW].tolist() == [1, 1, 2, 2, 2]
     assert [report.time_us for report in back] == [
