@@ -66,7 +66,8 @@ def recording(trial: Trial) -> Recording:
 
 def calibrated(trial: Trial, found: Calibration) -> Trial:
     """The recording without what is wrong with its sensors."""
-    gyr, acc, mag = (FRD_OF_SENSOR * rows for rows in found.of_rows(*body_readings(trial)))
+    columns = found.applied(*(rows.T for rows in body_readings(trial)))
+    gyr, acc, mag = (FRD_OF_SENSOR * np.column_stack(each) for each in columns)
     return replace(trial, gyr_rad_s=gyr, acc_m_s2=acc, mag_ut=100.0 * mag)
 
 

@@ -14,7 +14,7 @@ from msgspec import Meta
 
 from estimator import bounds, profile
 from estimator.aiding.types import AidingParams
-from estimator.conditioning import ConditioningParams
+from estimator.conditioning.params import ConditioningParams
 
 PAGE = Path(__file__).with_name("parameters.md")
 TYPES = {"conditioning": ConditioningParams, "aiding": AidingParams}

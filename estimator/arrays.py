@@ -1,4 +1,4 @@
-"""Names for kinds of arrays; their shapes are said where they are used."""
+"""Names for kinds of arrays; their shapes are given where they are used."""
 
 import numpy as np
 from numpy.typing import NDArray

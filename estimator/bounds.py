@@ -1,4 +1,4 @@
-"""What a parameter may be: bounds that every estimator survives, told by the parameter's type.
+"""What a parameter may be: bounds that every estimator survives, declared by its type.
 
 Far wider than anything of use, and narrow enough that no square, quotient or exponential of
 them leaves the range of floating point numbers. The tests run an estimator with every

@@ -9,8 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 from msgspec import Meta, Struct
 
-from estimator.arrays import Floats
-from estimator.types import ImuSample, Vec3
+from estimator.types import Vec3
 
 Rate = Annotated[float, Meta(ge=-10.0, le=10.0)]
 Acceleration = Annotated[float, Meta(ge=-100.0, le=100.0)]
@@ -44,31 +43,16 @@ class Calibration(Struct, frozen=True, forbid_unknown_fields=True):
         """Whether readings stay as they are."""
         return self == PLAIN
 
-    def of_sample(self, sample: ImuSample) -> ImuSample:
-        """A sample without what is wrong with it; no field stays none."""
-        if self.is_plain:
-            return sample
-        return sample._replace(
-            gyr_rad_s=_applied(self.gyr_matrix, self.gyr_bias_rad_s, sample.gyr_rad_s),
-            acc_m_s2=_applied(self.acc_matrix, self.acc_bias_m_s2, sample.acc_m_s2),
-            mag_gauss=self._field(sample.mag_gauss),
-        )
-
-    def of_rows(self, gyr: Floats, acc: Floats, mag: Floats) -> tuple[Floats, Floats, Floats]:
-        """Readings (N, 3), as :meth:`of_sample` has them."""
-        if self.is_plain:
-            return gyr, acc, mag
-        return (
-            np.column_stack(_applied(self.gyr_matrix, self.gyr_bias_rad_s, gyr.T)),
-            np.column_stack(_applied(self.acc_matrix, self.acc_bias_m_s2, acc.T)),
-            np.column_stack(self._field(mag.T)),
-        )
-
-    def _field(self, mag: Any) -> Any:
+    def applied(self, gyr: Any, acc: Any, mag: Any) -> tuple[Any, Any, Any]:
+        """Readings less their errors, of one sample or of columns; no field stays none."""
         x, y, z = mag
         there = (x != 0.0) | (y != 0.0) | (z != 0.0)
         field = _applied(self.mag_matrix, self.mag_offset_gauss, mag)
-        return tuple(component * there for component in field)
+        return (
+            _applied(self.gyr_matrix, self.gyr_bias_rad_s, gyr),
+            _applied(self.acc_matrix, self.acc_bias_m_s2, acc),
+            tuple(component * there for component in field),
+        )
 
 
 PLAIN = Calibration()

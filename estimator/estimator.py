@@ -11,20 +11,27 @@ from estimator.arrays import Floats
 from estimator.filter.types import gain_in_words
 from estimator.geometry.earth import PlaceField
 from estimator.live.aiding_span import with_imu_lag
-from estimator.live.compass_check import leaning_angle
+from estimator.live.compass_check import dip_error_rad
 from estimator.live.core import Snapshot, apply_turn, change_imu
-from estimator.live.inputs import set_position, take_rate, take_report
-from estimator.live.kernel_handle import AIDED, NOTHING_LAID, SHOWN_LATE, TAKEN
+from estimator.live.kernel_handle import NO_ROWS_BOUND
 from estimator.live.published import write
 from estimator.live.refusal import REASONS
 from estimator.live.rows import NO_REPORT_ROWS, NORTHS, Q, Rows
 from estimator.live.settings import Settings
 from estimator.live.state import State
-from estimator.live.taking import decide, take_sample
+from estimator.live.step import AIDED, SHOWN_LATE, TAKEN
+from estimator.live.taking import decide, set_position, take_rate, take_report, take_sample
 from estimator.profile import Profile
 from estimator.reasons import Reason
-from estimator.types import Attitude, ImuSample, Quaternion, RateSample, Vec3, VelocitySample
-from estimator.vehicle_class import VehicleClass
+from estimator.types import (
+    Attitude,
+    ImuSample,
+    Quaternion,
+    RateSample,
+    Vec3,
+    VehicleClass,
+    VelocitySample,
+)
 
 # In place of a sample, where rows of them are laid.
 NO_SAMPLE_ITSELF = (0, *(0.0,) * 9, False)
@@ -83,12 +90,12 @@ class Estimator:
 
     @property
     def trusts_compass(self) -> bool:
-        """Whether nothing speaks against the compass now."""
+        """Whether there is no evidence against the compass now."""
         return self._state.trusts_compass
 
     @property
     def unshown_iron_rad(self) -> float:
-        """How far iron may turn a heading by the field, where nobody has calibrated the compass."""
+        """How far iron may turn a heading by the field, for an uncalibrated compass."""
         return self._state.unshown_iron_rad
 
     @property
@@ -132,12 +139,12 @@ class Estimator:
         :meth:`take`, which knows what to do with it, or N. Behind a row whose attitude is not
         finite nothing is taken either.
         """
-        state, n, laid_on = self._state, len(published), None
+        state, n, bound = self._state, len(published), None
         while taken < n and state.takes_rows:
             core = state.ready()
-            if core is not laid_on:
-                core.lay(rows, published, report_rows)
-                laid_on = core
+            if core is not bound:
+                core.bind_rows(rows, published, report_rows)
+                bound = core
             taken, next_report, end, _ = core.advance(*NO_SAMPLE_ITSELF, taken, n, next_report)
             state.published = None
             if decide(state, end) is not None:
@@ -148,8 +155,8 @@ class Estimator:
                 )
                 if not np.isfinite(published[taken - 1, Q]).all():
                     break
-        if state.core is laid_on:
-            laid_on.lay(*NOTHING_LAID)
+        if state.core is bound:
+            bound.bind_rows(*NO_ROWS_BOUND)
         return taken, next_report
 
     def update_velocity(self, report: VelocitySample) -> Reason | None:
@@ -159,7 +166,7 @@ class Estimator:
     def update_report(self, report: Any) -> Reason | None:
         """Take what something beside the IMU has measured; None, or why it was refused.
 
-        A report of a source of aiding (:mod:`estimator.aiding.sources.table`), such as a
+        A report of a source of aiding (:mod:`estimator.aiding.sources.source`), such as a
         :class:`VelocitySample`, waits for the sample that reaches its time. All but velocity
         count only while velocity helps. The paper's raw vectors have no use for any. A
         :class:`RateSample` shows the turning between the IMU samples around it, if it agrees
@@ -184,10 +191,10 @@ class Estimator:
         return set_position(self._state, latitude_deg, longitude_deg, altitude_m, unix_us)
 
     def set_field_calibrated(self, calibrated: bool) -> None:
-        """Whether somebody has calibrated the compass.
+        """Declare whether the compass is calibrated.
 
-        Without a word, and of one that is not, a heading by the field has a sigma of 45 deg until
-        turns have shown its iron, and comes from velocity as soon as that shows it.
+        If it is not, or without a declaration, a heading by the field has a sigma of 45 deg until
+        turns have shown its iron. It comes from velocity as soon as that shows it.
         """
         state, before = self._state, self._state.context.compass
         state.change_context(compass=compass.declare(before, calibrated))
@@ -197,7 +204,7 @@ class Estimator:
     def set_imu_lag(self, gyr_s: float, acc_s: float) -> None:
         """How old gyroscope's and accelerometer's samples are when sent, mostly by low-passes (s).
 
-        Without a word it is taken for that of most vehicles, ``imu_lag_s`` of the profile.
+        The default is that of most vehicles, ``imu_lag_s`` of the profile.
         """
         state, lead_s = self._state, gyr_s - acc_s
         state.change_context(imu_lag_s=gyr_s, acc_lead_s=lead_s)
@@ -223,7 +230,7 @@ class Estimator:
     def turn(self, turn_ned: Quaternion) -> None:
         """Turn the estimate by a rotation given in NED that no sensor has felt, to test recovery.
 
-        All that is inside turns with it.
+        Its whole state turns with it.
         """
         state = self._state
         state.set_core(apply_turn(state.core.core, turn_ned, is_aided=self.is_aided))
@@ -241,10 +248,10 @@ class Estimator:
         return attitude
 
     @property
-    def compass_doubt(self) -> str:
-        """Why the heading does not come from the field, in words; empty where nothing is doubted.
+    def compass_fault(self) -> str:
+        """Why the heading does not come from the field, in words; empty where it does.
 
-        Velocity shows it then.
+        Otherwise it comes from velocity.
         """
         state = self._state
         if compass.is_contradicted(state.context.compass, state.core.time_us):
@@ -254,7 +261,7 @@ class Estimator:
         time_us = state.core.time_us
         if self.attitude(time_us).sigma_heading_rad < UNKNOWN_RAD:  # turns have shown the iron
             return ""
-        return compass.inflation(state.context.compass, time_us)
+        return compass.evidence_against(state.context.compass, time_us)
 
     @property
     def compass_off_rad(self) -> float:
@@ -262,18 +269,18 @@ class Estimator:
         return self._state.context.compass.turned_rad
 
     @property
-    def leaning_rad(self) -> float:
+    def dip_error_rad(self) -> float:
         """How far the field, as read, contradicts the vertical of accelerometer and velocity.
 
         0 where it does not, and without velocity.
         """
         state = self._state
-        return leaning_angle(state.settings, state.core.core) if self.is_aided else 0.0
+        return dip_error_rad(state.settings, state.core.core) if self.is_aided else 0.0
 
     @property
     def rates(self) -> str:
         """Whose rates the turning was integrated through: "imu", or "imu+attitude"."""
-        return "imu+attitude" if self._state.core.turning[0] else "imu"
+        return "imu+attitude" if self._state.core.integrated_steps else "imu"
 
     @property
     def gain_in_words(self) -> str:
@@ -284,11 +291,9 @@ class Estimator:
     @property
     def contradicted_axes(self) -> tuple[bool, bool, bool]:
         """Whether field and force contradict the gyroscope's axes x, y, z, or others stand in."""
-        x, y, z = self._state.core.contradicted_axes
-        replaced = self._state.core.turning[1]
-        return x or replaced[0], y or replaced[1], z or replaced[2]
+        return self._state.core.contradicted_axes
 
     @property
     def place_field(self) -> PlaceField | None:
-        """The Earth's field where the vehicle is, None if nobody has published where."""
+        """The Earth's field where the vehicle is, None without a position."""
         return self._state.place_field

@@ -18,16 +18,17 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import msgspec
+import numpy as np
 from msgspec import Meta, Struct
 
 from estimator.aiding.types import AidingParams
 from estimator.arrays import Floats
 from estimator.bounds import require_within
-from estimator.calibration import Calibration
-from estimator.conditioning import ConditioningParams
+from estimator.calibration import PLAIN, Calibration
+from estimator.conditioning.params import ConditioningParams
 from estimator.errors import InputError
 from estimator.filter import memberships
-from estimator.mounting import Mounting
+from estimator.mounting import BODY_AXES, Mounting
 from estimator.text_file import file_text
 from estimator.types import ImuSample, Vec3
 
@@ -104,7 +105,7 @@ class Profile(Struct, frozen=True, forbid_unknown_fields=True):
     ``membership`` holds k1..k22. ``conditioning`` holds ``enabled`` (False:
     raw vectors, as in the paper) and any of the fields of
     :class:`estimator.conditioning.params.ConditioningParams`, ``aiding`` any of
-    those of :class:`estimator.aiding.types.AidingParams`. ``rates`` says whether the body
+    those of :class:`estimator.aiding.types.AidingParams`. ``rates`` decides whether the body
     rates of ATTITUDE show the turning between IMU samples; its angles are never used.
     """
 
@@ -120,22 +121,26 @@ class Profile(Struct, frozen=True, forbid_unknown_fields=True):
     provenance: Provenance = Provenance()
 
     @property
-    def uses_attitude_rates(self) -> bool:
-        """Whether the body rates that ATTITUDE carries may fill in between IMU samples."""
-        return self.conditioned and self.rates == "imu+attitude"
-
-    @property
     def has_plain_imu(self) -> bool:
         """Whether readings are taken as they are."""
-        return self.calibration.is_plain and self.mounting.has_body_axes
+        return self.calibration == PLAIN and self.mounting == BODY_AXES
 
     def to_body_axes(self, sample: ImuSample) -> ImuSample:
         """A sample of the sensor, calibrated, as the body would have it."""
-        return self.mounting.to_body_axes(self.calibration.of_sample(sample))
+        if self.calibration == PLAIN and self.mounting == BODY_AXES:
+            return sample
+        gyr, acc, mag = self._applied(sample.gyr_rad_s, sample.acc_m_s2, sample.mag_gauss)
+        return sample._replace(gyr_rad_s=gyr, acc_m_s2=acc, mag_gauss=mag)
 
     def to_body_rows(self, gyr: Floats, acc: Floats, mag: Floats) -> tuple[Floats, Floats, Floats]:
         """Readings (N, 3) of the sensor, calibrated, as the body would have them."""
-        return self.mounting.to_body_rows(*self.calibration.of_rows(gyr, acc, mag))
+        if self.has_plain_imu:
+            return gyr, acc, mag
+        gyr, acc, mag = map(np.column_stack, self._applied(gyr.T, acc.T, mag.T))
+        return gyr, acc, mag
+
+    def _applied(self, gyr: Any, acc: Any, mag: Any) -> tuple[Any, Any, Any]:
+        return self.mounting.applied(*self.calibration.applied(gyr, acc, mag))
 
     @property
     def k(self) -> memberships.Memberships:
@@ -159,7 +164,7 @@ def load_profile(name_or_path: str | Path) -> Profile:
     """A shipped profile by its name, or one from a TOML file.
 
     Raises:
-        InputError: no such name or file, or anything wrong inside it.
+        InputError: no such name or file, or anything wrong in it.
     """
     if not isinstance(name_or_path, str | Path):
         raise InputError(f"profile {name_or_path!s:.60}: must be a name or a file")

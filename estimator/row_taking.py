@@ -1,4 +1,4 @@
-"""Many samples through one estimator, which says something after each of them."""
+"""Many samples through one estimator, with its output after each of them."""
 
 from math import nan
 
@@ -13,9 +13,9 @@ from estimator.reasons import Reason
 def take(
     inner: Estimator, rows: Rows, published: Floats, report_rows: Floats = NO_REPORT_ROWS
 ) -> list[Reason]:
-    """All rows and what comes before them, many at a time where nothing else is to be done.
+    """Take all rows and the reports before them, many at a time where possible.
 
-    To ``published`` (N, SAID) the attitude after each row is written, NaN where there is none. An
+    ``published`` (N, OUTPUT_SIZE) gets the attitude after each row, NaN where there is none. An
     estimator whose attitude is not finite begins anew. Returns why something was refused.
     """
     refused: list[Reason | None] = []

@@ -1,4 +1,4 @@
-"""The immutable values that all packages speak.
+"""The immutable values that all packages exchange.
 
 Conventions, stated once:
 
@@ -16,6 +16,7 @@ The values are ``NamedTuple``s of floats and tuples of floats: constant,
 comparable, and readable by field name inside a compiled kernel.
 """
 
+from enum import Enum, auto
 from typing import NamedTuple
 
 Vec2 = tuple[float, float]
@@ -45,7 +46,7 @@ class ImuSample(NamedTuple):
 
 
 class RateSample(NamedTuple):
-    """Body rates, FRD, by another messenger than the IMU's samples, less somebody's bias."""
+    """Body rates, FRD, of another message than the IMU's samples, less its sender's bias."""
 
     time_us: int
     rate_rad_s: Vec3
@@ -100,7 +101,7 @@ class VelocitySample(NamedTuple):
 
 
 class Attitude(NamedTuple):
-    """What the estimator says about the attitude at ``time_us``.
+    """The estimator's output for ``time_us``.
 
     ``gain`` is the paper's K = 1 + k_op, ``error`` its e(R~) in [0, 1] from
     the measurements and ``error_rate_1_s`` the low-passed derivative. The
@@ -119,3 +120,11 @@ class Attitude(NamedTuple):
     sigma_inclination_rad: float
     sigma_heading_rad: float
     heading_reference: str  # "true", "magnetic" or "none"
+
+
+class VehicleClass(Enum):
+    """What carries the IMU, as declared."""
+
+    ANYTHING = auto()  # a hand, a robot's arm: quick turns, short accelerations, any gyroscope
+    VEHICLE = auto()  # accelerates for long, and has the gyroscope of an autopilot
+    WHEELS = auto()  # a vehicle that does not slip sideways: its velocity shows its heading

@@ -16,7 +16,7 @@ from estimator.arrays import Floats, Times
 from estimator.compilation.notice import notify_programs
 from estimator.errors import InputError
 from estimator.live.core import Snapshot
-from estimator.live.rows import NO_REPORT_ROWS, NORTH, SAID, cut, rows_of, told_between
+from estimator.live.rows import NO_REPORT_ROWS, NORTH, OUTPUT_SIZE, cut, reports_between, rows_of
 from estimator.profile import LEAST_GAIN, MOST_GAIN, Profile
 from estimator.reasons import Reason
 from estimator.row_taking import take
@@ -233,7 +233,7 @@ class Estimator:
         """
         readings = (gyr_rad_s, acc_m_s2, mag_gauss, time_s, velocity_ned_m_s, position)
         batch = self._batch(*readings, strict=strict)
-        published = np.empty((len(batch.rows.times_us), SAID))
+        published = np.empty((len(batch.rows.times_us), OUTPUT_SIZE))
         lines = self._take(batch, published)
         return attitudes_of_rows(batch.rows.times_us, published, lines)
 
@@ -260,7 +260,7 @@ class Estimator:
         profile, rate_hz, gain, calibrated = self._made_with
         forward = Estimator(profile, rate_hz, gain=gain, compass_calibrated=calibrated)
         batch = forward._batch(gyr_rad_s, acc_m_s2, mag_gauss, time_s, velocity_ned_m_s, position)
-        published = np.empty((len(batch.rows.times_us), SAID))
+        published = np.empty((len(batch.rows.times_us), OUTPUT_SIZE))
         recorder = Recorder(profile, gain, Offered(batch.rows, published))
         recorder.snapshot = self._inner.snapshot
         recorder.restart()
@@ -330,13 +330,13 @@ class Estimator:
     def _take(self, batch: Batch, published: Floats) -> tuple[str, ...]:
         """All rows, with positions between them; all warnings, one if most rows were rejected.
 
-        ``published`` (N, :data:`SAID`) is given the attitudes.
+        ``published`` (N, :data:`OUTPUT_SIZE`) is given the attitudes.
         """
         rows, velocities, positions, lines = batch
         begin, n, refused = 0, len(published), Counter[str]()
         for row, *position in (*positions.tolist(), (n,)):
             end = int(row)
-            reports = told_between(velocities, begin, end)
+            reports = reports_between(velocities, begin, end)
             reasons = take(self._inner, cut(rows, begin, end), published[begin:end], reports)
             refused.update(reason.value for reason in reasons)
             if position:

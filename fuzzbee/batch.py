@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from estimator.aiding.sources.velocity import SPEED_LIMIT_M_S
+from estimator.aiding.sources.source import SPEED_LIMIT_M_S
 from estimator.arrays import Floats, Times
 from estimator.errors import InputError
 from estimator.live.rows import HAS_VERTICAL, REPORT_SIZE, ROW, SIGMA_M_S, TIME, Rows, X, Z

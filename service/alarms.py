@@ -12,8 +12,7 @@ is read; times are the vehicle's, and those of arrival.
 from enum import StrEnum
 from math import atan2, degrees, hypot, radians, sqrt
 
-from estimator.aiding.compass import CONTRADICTED
-from estimator.aiding.place import resembles
+from estimator.aiding.compass import CONTRADICTED, resembles
 from estimator.estimator import Estimator
 from estimator.geometry.earth import PlaceField
 from estimator.geometry.quaternion import rotate
@@ -127,15 +126,15 @@ class Alarms:
         self._remember(sample, attitude, dt_s / (MEMORY_S + dt_s))
         # what contradicts the vertical is in sigma, and costs more to ask for
         is_sure = degrees(attitude.sigma_inclination_rad) < LEANING_DEG
-        leaning_rad = 0.0 if is_sure else estimator.leaning_rad
-        why, place = estimator.compass_doubt, estimator.place_field
+        dip_error_rad = 0.0 if is_sure else estimator.dip_error_rad
+        why, place = estimator.compass_fault, estimator.place_field
         uses_field = why != CONTRADICTED
         limit = AT_LIMIT * bias_limit_rad_s(profile)
         self.compass_off_deg = self._compass_off_deg(attitude, profile, place)
         scatters = uses_field and self._does_field_scatter(attitude)
         is_impossible = not uses_field or self._is_field_impossible(attitude, place)
         seen = {
-            Alarm.ACCELEROMETER: degrees(leaning_rad) > LEANING_DEG,
+            Alarm.ACCELEROMETER: degrees(dip_error_rad) > LEANING_DEG,
             Alarm.BIAS_AT_LIMIT: limit > 0.0 and max(map(abs, attitude.gyro_bias_rad_s)) >= limit,
             Alarm.FIELD_IMPOSSIBLE: is_impossible or (scatters and estimator.is_aided),
             Alarm.SIGMA_TOO_SMALL: self._is_tilted(attitude)

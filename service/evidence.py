@@ -3,7 +3,7 @@
 from math import atan2, degrees, exp, hypot, isfinite, remainder
 
 from drivers.events import Imu
-from estimator.aiding.place import resembles
+from estimator.aiding.compass import resembles
 from estimator.geometry.earth import PlaceField
 from estimator.geometry.quaternion import add, angle_between_vectors, norm, rotate, scale, subtract
 from estimator.types import ZERO_VEC3, ImuSample, Quaternion, Vec3

@@ -19,7 +19,7 @@ from drivers.mavlink.constants import (
     mode_name,
 )
 from estimator.estimator import Estimator
-from estimator.vehicle_class import VehicleClass
+from estimator.types import VehicleClass
 
 # A second-order Butterworth low-pass delays slow motions by this many periods of its cutoff.
 BUTTERWORTH_DELAY = 1.0 / (sqrt(2.0) * pi)

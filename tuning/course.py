@@ -13,13 +13,13 @@ from estimator.live.core import with_attitude
 from estimator.live.rows import (
     BIAS,
     NO_REPORT_ROWS,
-    SAID,
+    OUTPUT_SIZE,
     SIGMA,
     Q,
     Rows,
     cut,
     report_rows_of,
-    told_between,
+    reports_between,
 )
 from estimator.row_taking import put, take
 from estimator.types import Quaternion, RateSample, VelocitySample
@@ -56,12 +56,12 @@ def course_of(
     ``wrong_ned_frd`` the filter is given that attitude; what conditions its vectors goes on.
     """
     n, begin = len(rows.times_us), 0
-    published = np.empty((n, SAID))
+    published = np.empty((n, OUTPUT_SIZE))
     for end in sorted({k for k in (*calls, *(k + 1 for k in wrong_ned_frd), n) if 0 < k <= n}):
         for call in calls.get(begin, ()):
             call(estimator)
         part = cut(rows, begin, end)
-        take(estimator, part, published[begin:end], told_between(reports, begin, end))
+        take(estimator, part, published[begin:end], reports_between(reports, begin, end))
         if end - 1 in wrong_ned_frd:
             now = estimator.snapshot
             core = with_attitude(now.core, wrong_ned_frd[end - 1])

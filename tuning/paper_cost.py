@@ -12,8 +12,7 @@ import numpy as np
 
 from drivers.simulation.simulated_vehicle import simulate
 from estimator.arrays import Floats
-from estimator.compilation.compiled import compiled, inlined, types_of
-from estimator.compilation.replacing import replacer
+from estimator.compilation.compiled import compiled, inlined, replacer, types_of
 from estimator.filter.fuzzy import centroid, fire, fuzzify
 from estimator.filter.kernel import (
     attitude_error,

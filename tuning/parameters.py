@@ -3,7 +3,7 @@
 from typing import Any
 
 from estimator.aiding.types import AidingParams
-from estimator.conditioning import ConditioningParams
+from estimator.conditioning.params import ConditioningParams
 from estimator.errors import InputError
 from tuning.space import Space, join_spaces, membership_space
 

@@ -1,6 +1,6 @@
-"""How far a lasting acceleration may have drawn the unaided stage's vertical.
+"""How far a long acceleration may have tilted the unaided stage's vertical.
 
-That vertical is a mean of the specific force over seconds, so it leans by the mean acceleration
+That vertical is a mean of the specific force over seconds, so it tilts by the mean acceleration
 over gravity. The acceleration shows twice: felt by the IMU, seen through the aided attitude,
 and in how the reported velocity changes. A wrong attitude feels an acceleration that no report
 shows, and a receiver beside walls reports one that nothing feels. So the lesser of the two counts.
@@ -10,16 +10,15 @@ from math import hypot
 
 from estimator.aiding.inertial import GRAVITY_NED
 from estimator.aiding.types import AccelerationTilt
-from estimator.compilation.compiled import inlined
-from estimator.compilation.replacing import replacer
+from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.params import ConditioningParams
 from estimator.geometry.quaternion import add, scale, subtract
 from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
 
 # For so long the unaided stage averages.
 ACCELERATION_TILT_TAU_S = ConditioningParams().gravity_tau_s
-# An acceleration of less than this (m/s^2) tells no attitude from another.
-TELLING_M_S2 = 1.0
+# A smaller acceleration (m/s^2) does not distinguish two attitudes.
+LEAST_PUSH_M_S2 = 1.0
 # What the aided attitude leaves of it unexplained, to be believed rather than the unaided one.
 UNEXPLAINED = 0.5
 
@@ -45,7 +44,7 @@ def watch_acceleration_tilt(
 def acceleration_tilt_angle(
     acceleration_tilt: AccelerationTilt, is_silent: bool, slow: float
 ) -> float:
-    """The lean, rad; without reports by what is felt alone.
+    """The tilt (rad); without reports it follows from the felt acceleration.
 
     What a ``slow`` stream's aided attitude feels then is its own error.
     """
@@ -59,11 +58,11 @@ def acceleration_tilt_angle(
     return min(push, hypot(gained[0], gained[1]) / ACCELERATION_TILT_TAU_S) / STANDARD_GRAVITY_M_S2
 
 
-def bears_out(acceleration_tilt: AccelerationTilt) -> bool:
+def explains_acceleration(acceleration_tilt: AccelerationTilt) -> bool:
     """Whether the reports have accelerated as the aided attitude feels it, and clearly so.
 
     The unaided vertical is the mean force, so by it a vehicle has not accelerated at all over the
-    last seconds. Where the reports say that it has, the attitude that explains it is the better
+    last seconds. Where the reports show that it has, the attitude that explains it is the better
     one, however far off a report's speed or the field may be. One that is not a number explains
     nothing.
     """
@@ -73,4 +72,4 @@ def bears_out(acceleration_tilt: AccelerationTilt) -> bool:
     )
     left = subtract(acceleration_tilt.felt_m_s2, seen)
     push = hypot(seen[0], seen[1])
-    return push > TELLING_M_S2 and hypot(left[0], left[1]) < UNEXPLAINED * push
+    return push > LEAST_PUSH_M_S2 and hypot(left[0], left[1]) < UNEXPLAINED * push

@@ -26,20 +26,19 @@ from estimator.aiding.types import (
     AidingParams,
     AidingState,
     Array,
+    BiasPrior,
     CorrectionCusum,
     FieldState,
     LastStep,
     Report,
     Roughness,
     Sigmas,
-    Unlearnt,
     Wheels,
 )
 from estimator.aiding.velocity_history import new_velocity_history
-from estimator.conditioning.robust import FAR, REACH
+from estimator.conditioning.robust import FAR, HALF_TURN_VARIANCE, REACH
 from estimator.conditioning.times import SPAN_S
 from estimator.geometry.quaternion import add, rotate, subtract
-from estimator.geometry.spread import HALF_TURN_VARIANCE
 from estimator.types import IDENTITY, NO_SAMPLE, ZERO_VEC3, Quaternion, Sample, Vec3
 
 BEGIN_VELOCITY_SIGMA_M_S = 1.0
@@ -114,14 +113,14 @@ def begin(
             ZERO_VEC3, gyr_bias, 3.0 * params.gyr_bias_sigma**2, 0.0, 0.0
         ),
         wheels=Wheels(),
-        bias_prior=first_unlearnt(params),
+        bias_prior=initial_bias_prior(params),
     )
     return state, P, new_velocity_history(add(state.last.force_ned_m_s2, GRAVITY_NED))
 
 
-def first_unlearnt(params: AidingParams) -> Unlearnt:
+def initial_bias_prior(params: AidingParams) -> BiasPrior:
     """What biases are taken to be before anything is known of the sensors."""
-    return Unlearnt(params.gyr_bias_sigma**2, params.acc_bias_sigma**2)
+    return BiasPrior(params.gyr_bias_sigma**2, params.acc_bias_sigma**2)
 
 
 def blank_aiding(params: AidingParams) -> tuple[AidingState, Array, Array]:
@@ -131,7 +130,7 @@ def blank_aiding(params: AidingParams) -> tuple[AidingState, Array, Array]:
     return state, np.zeros_like(P), velocity_history
 
 
-def loosen(state: AidingState, covariance: Array) -> tuple[AidingState, Array]:
+def inflate_covariance(state: AidingState, covariance: Array) -> tuple[AidingState, Array]:
     """State and covariance after reports or a field have been far off for long.
 
     Were the attitude the reason, its variance would be ``FAR`` times what it is taken for. No
@@ -146,9 +145,9 @@ def loosen(state: AidingState, covariance: Array) -> tuple[AidingState, Array]:
     inclination, heading = state.sigma
     return state._replace(
         agreement=Agreements(
-            by_filter._replace(inflation_s=0.0), by_receiver._replace(inflation_s=0.0)
+            by_filter._replace(far_off_s=0.0), by_receiver._replace(far_off_s=0.0)
         ),
-        field=state.field._replace(inflation_s=0.0),
+        field=state.field._replace(far_off_s=0.0),
         sigma=Sigmas(factor * inclination, factor * heading),
     ), P
 
@@ -171,5 +170,5 @@ def forget_biases(
         bias_rad_s=ZERO_VEC3, least_variance=3.0 * params.gyr_bias_sigma**2
     )
     return state._replace(
-        estimate=estimate, correction_cusum=correction_cusum, bias_prior=first_unlearnt(params)
+        estimate=estimate, correction_cusum=correction_cusum, bias_prior=initial_bias_prior(params)
     ), P

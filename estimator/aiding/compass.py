@@ -1,15 +1,19 @@
 """Whether a compass may give the heading: what is known about its calibration, and since when.
 
-Somebody has to vouch for it, or velocity alone has to show the heading that it gives. What speaks
-against it: a word that nobody has calibrated it; a field that does not look like that of the place;
-velocity that shows another heading; an aiding, begun with its heading, that has to give up twice
-in a row. A word holds until another one. The others hold for a while only: a vehicle that has stood
-beside iron, or tilted, gets another chance.
+Somebody has to declare it calibrated, or velocity alone has to confirm its heading. Evidence
+against it is: a declaration that it is not calibrated, a field unlike the place's, velocity that
+shows another heading, and an aiding, begun with its heading, that gives up twice in a row. A
+declaration holds until another one. The rest expires: a vehicle that has stood beside iron, or
+tilted, gets another chance.
 """
 
+from math import dist
 from typing import NamedTuple
 
+from estimator.conditioning.field.magnetic import NORM_SCALE, horizontal_down
+from estimator.conditioning.robust import MOST_DEVIATION
 from estimator.conditioning.times import FORGET_S, LONG_S, MEMORY_S
+from estimator.geometry.earth import PlaceField, in_ned
 from estimator.types import EVER_US, NEVER_US
 
 # A compass whose heading was wrong twice counts as not calibrated for FORGET_S. It was if the
@@ -20,7 +24,7 @@ from estimator.types import EVER_US, NEVER_US
 class Compass(NamedTuple):
     """What is known about a compass; times are the vehicle's, None for what never happened."""
 
-    declared_calibrated: bool | None = None  # the last word about it; None: there was none
+    declared_calibrated: bool | None = None  # the last declaration; None: there was none
     unlike_us: int | None = None  # when its field last did not look like the place's own
     gave_up_us: int | None = None  # when the aiding last gave up
     misled_us: int | None = None  # when it last gave up for the second time in a row
@@ -36,16 +40,16 @@ NO_WORD = "nobody has said that the compass is calibrated"
 
 def is_trusted(compass: Compass, time_us: int) -> bool:
     """Whether its field is trusted at ``time_us``."""
-    return not inflation(compass, time_us)
+    return not evidence_against(compass, time_us)
 
 
 def is_contradicted(compass: Compass, time_us: int) -> bool:
-    """Whether velocity has shown that it is not mounted, or not calibrated, as somebody says."""
+    """Whether velocity has shown that it is not mounted, or not calibrated, as declared."""
     return compass.turned_rad != 0.0 or _is_recent(compass.contradicted_us, time_us, FORGET_S)
 
 
-def inflation(compass: Compass, time_us: int) -> str:
-    """What speaks against it at ``time_us``, in words; empty if nothing does."""
+def evidence_against(compass: Compass, time_us: int) -> str:
+    """The evidence against it at ``time_us``, in words; empty if there is none."""
     if compass.declared_calibrated is None and not compass.confirmed:
         return NO_WORD
     if compass.declared_calibrated is False:
@@ -57,8 +61,8 @@ def inflation(compass: Compass, time_us: int) -> str:
     return "the field is not like this place's" * _is_recent(compass.unlike_us, time_us, MEMORY_S)
 
 
-def doubted_until_us(compass: Compass) -> int:
-    """Until when something that was seen speaks against it."""
+def rejected_until_us(compass: Compass) -> int:
+    """Until when something that was seen is evidence against it."""
     if compass.turned_rad != 0.0 and not compass.confirmed:
         return EVER_US
     return max(
@@ -68,7 +72,7 @@ def doubted_until_us(compass: Compass) -> int:
     )
 
 
-def heard_from_us(compass: Compass) -> int:
+def used_from_us(compass: Compass) -> int:
     """From when on its field counts at all."""
     if compass.turned_rad != 0.0:
         return NEVER_US  # it is read as it is mounted
@@ -79,30 +83,44 @@ def _until_us(then_us: int | None, for_s: float) -> int:
     return NEVER_US if then_us is None else then_us + round(1e6 * for_s)
 
 
-def is_unspoken(compass: Compass, time_us: int) -> bool:
-    """Whether nothing is known for or against it: neither a word nor what velocity has shown."""
+def is_unknown(compass: Compass, time_us: int) -> bool:
+    """Whether nothing is known for or against it, by declaration or by velocity."""
     is_open = compass.declared_calibrated is None and not compass.confirmed
     return is_open and is_trusted(compass._replace(declared_calibrated=True), time_us)
 
 
 def declare(compass: Compass, is_calibrated: bool) -> Compass:
-    """After a word about its calibration; only a new word wipes out what was seen before."""
+    """After a declaration about its calibration; only a new one clears what was seen before."""
     if is_calibrated == compass.declared_calibrated:
         return compass
     return Compass(declared_calibrated=is_calibrated, turned_rad=compass.turned_rad)
 
 
 def record_giving_up(compass: Compass, time_us: int) -> Compass:
-    """After the aiding has given up; the second time in a row speaks against the compass."""
+    """After the aiding has given up; the second time in a row is evidence against the compass."""
     if _is_recent(compass.gave_up_us, time_us, LONG_S):
         compass = compass._replace(misled_us=time_us)
     return compass._replace(gave_up_us=time_us)
 
 
 def restart(compass: Compass) -> Compass:
-    """After a reboot. The clock begins anew, so only words and how it is mounted hold."""
+    """After a reboot. The clock begins anew, so only declarations and its mounting hold."""
     return Compass(compass.declared_calibrated, turned_rad=compass.turned_rad)
 
 
 def _is_recent(then_us: int | None, time_us: int, for_s: float) -> bool:
     return then_us is not None and time_us - then_us < 1e6 * for_s
+
+
+def differ(one: PlaceField, other: PlaceField) -> bool:
+    """Whether two places' fields differ by more than a calibration leaves; 200 km do less."""
+    return dist(in_ned(one), in_ned(other)) > NORM_SCALE * one.strength_gauss
+
+
+def resembles(place: PlaceField, horizontal_gauss: float, down_gauss: float) -> bool:
+    """Whether a field seen there may be the place's own: a compass that is calibrated sees it so.
+
+    Some autopilots' scale is half of reality.
+    """
+    own = horizontal_down(in_ned(place))
+    return dist((horizontal_gauss, down_gauss), own) <= MOST_DEVIATION * place.strength_gauss

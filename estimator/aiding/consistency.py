@@ -1,14 +1,13 @@
-"""Whether what is measured bears the aided attitude out: e from measured vectors, and a doubt.
+"""Consistency check of the aided attitude: e from measured vectors, and inflated variances.
 
-The paper's filter follows the aided attitude, so its own e says nothing. Here the vectors are
-measured ones: the specific force of the last second against the change of velocity that was
-reported over it, and the field free of the learnt hard iron against the place's. Neither takes
-part in the estimate a second time. A turn that the gyroscope has not felt, a bias that steps, a
-magnet, velocities that are wrong: whatever draws the attitude and the measurements apart shows
-here before the covariance knows of it.
+The paper's filter follows the aided attitude, so its own e shows nothing. Here the vectors are
+measured. The specific force of the last second is compared with the reported change of velocity,
+and the field without the learnt hard iron with the place's. Neither changes the estimate again. An
+unsensed turn, a bias that steps, a magnet or wrong velocities separate attitude and measurements.
+That shows here before the covariance grows.
 
-How far they usually lie apart is learnt, because it is mostly noise, and the better part of what
-slow streams miss. Only what goes far beyond that counts as doubt of the attitude.
+The usual difference is learnt, because it is mostly noise and what slow streams miss. Only a much
+larger one inflates the variance.
 """
 
 from math import atan2, hypot
@@ -18,8 +17,7 @@ from typing import NamedTuple
 from estimator.aiding.correction_cusum import USUAL_SQUARE
 from estimator.aiding.search import Window, extend_window, open_window
 from estimator.aiding.types import AidingEstimate, AidingParams, AidingState, Report, Sigmas
-from estimator.compilation.compiled import inlined
-from estimator.compilation.replacing import replacer
+from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.field.magnetic import NORM_SCALE
 from estimator.conditioning.robust import REACH
 from estimator.conditioning.times import ACCELERATION_LASTS_S, LONG_S, SPAN_S
@@ -41,9 +39,9 @@ from estimator.geometry.quaternion import (
 )
 from estimator.types import IDENTITY, STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Sample, Vec3
 
-# Beyond ``REACH`` times the usual the attitude is doubted, and by this share of the square beyond
-# it: an average lags behind an error that grows.
-DOUBT_SHARE = 4.0
+# A difference beyond ``REACH`` times the usual one inflates the variance, by this share of the
+# square beyond it: an average lags behind an error that grows.
+INFLATION_SHARE = 4.0
 
 
 class Direction(NamedTuple):
@@ -108,12 +106,12 @@ def average(apart: Apart, north_rad: float, east_rad: float, time_s: float) -> A
 def inflation(apart: Apart) -> float:
     """The mean square (rad^2) that the unusual part adds to the attitude's."""
     square = apart.mean_north_rad**2 + apart.mean_east_rad**2
-    return DOUBT_SHARE * max(0.0, square - REACH**2 * apart.usual_square)
+    return INFLATION_SHARE * max(0.0, square - REACH**2 * apart.usual_square)
 
 
 @inlined
-def doubted(sigma: Sigmas, consistency: Consistency) -> Sigmas:
-    """The sigmas with what speaks against the attitude."""
+def inflated(sigma: Sigmas, consistency: Consistency) -> Sigmas:
+    """The sigmas, inflated by what contradicts the attitude."""
     inclination, heading = sigma.inclination_rad, sigma.heading_rad
     return Sigmas(
         inclination_rad=(inclination * inclination + inflation(consistency.tilt)) ** 0.5,
@@ -123,7 +121,7 @@ def doubted(sigma: Sigmas, consistency: Consistency) -> Sigmas:
 
 @inlined
 def compare_sample(consistency: Consistency, aided: AidingState, sample: Sample) -> Consistency:
-    """One sample's force added to the window; a doubt that nobody renews fades."""
+    """One sample's force added to the window; differences fade while no window is closed."""
     dt = sample.dt_s
     turn = exp(scale(dt, aided.last.rate_rad_s))
     q_g_frd = normalize(multiply(consistency.q_g_frd, turn))
@@ -152,8 +150,8 @@ def compare_report(
 ) -> Consistency:
     """A report may close a window of the force, and opens the next.
 
-    A receiver's reports go first, since they know nothing of the IMU; an autopilot's filter is
-    heard while there are none.
+    A receiver's reports go first, since they know nothing of the IMU; an autopilot's filter
+    counts while there are none.
     """
     is_receiver = report.late_sigma_s > 0.0
     window = consistency.window

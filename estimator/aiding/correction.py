@@ -20,8 +20,7 @@ from estimator.aiding.types import (
     Array,
     LastStep,
 )
-from estimator.compilation.compiled import inlined
-from estimator.compilation.replacing import replacer
+from estimator.compilation.compiled import inlined, replacer
 from estimator.geometry.quaternion import add, exp, multiply, normalize, rotate, subtract
 from estimator.types import Vec3
 

@@ -1,10 +1,9 @@
 """How far the attitude was turned where the gyroscope felt no turn, and whether that was expected.
 
-Corrections of a filter whose model is true are white, and their variance is by how much the
-covariance shrinks with them. So their sum over the last half minute has a variance that is known.
-An accelerometer that steps, a compass that was learnt wrong or velocities that are wrong turn the
-attitude by many times that, and the covariance shrinks all the same: it takes what it is told for
-true. How far they have turned it is how far it may be wrong, until the sum is forgotten.
+If the filter's model is true, its corrections are white, and their variance is what the covariance
+loses. So their sum over the last half minute has a known variance. An accelerometer that steps, a
+compass that was learnt wrong or wrong velocities turn the attitude by many times that, while the
+covariance shrinks all the same. The attitude may be wrong by the sum, until that is forgotten.
 """
 
 from math import e, hypot, sqrt
@@ -38,7 +37,7 @@ class Known(NamedTuple):
 
 @inlined
 def known(P: Array) -> Known:
-    """What the covariance says of the attitude."""
+    """The attitude's variances by the covariance."""
     return Known(P[TURN, TURN] + P[TURN + 1, TURN + 1], P[TURN + 2, TURN + 2])
 
 
@@ -88,24 +87,18 @@ def add_correction(
 
 
 @inlined
-def expected_turn(correction_cusum: CorrectionCusum, P: Array) -> Known:
-    """Mean squares (rad^2) of what was corrected, if the covariance is true.
+def with_unexpected_turn(sigma: Sigmas, correction_cusum: CorrectionCusum, P: Array) -> Sigmas:
+    """The sigmas with what the corrections have turned beyond their expected variance.
 
     A bias that changes at once has turned the attitude by ``MEMORY_S``/e of that at most, until
     its mean has followed.
     """
     by_bias = (MEMORY_S / e) ** 2 / 3.0
     by_bias *= P[GYR_BIAS, GYR_BIAS] + P[GYR_BIAS + 1, GYR_BIAS + 1] + P[GYR_BIAS + 2, GYR_BIAS + 2]
-    return Known(correction_cusum.level + 2.0 * by_bias, correction_cusum.heading + by_bias)
-
-
-@inlined
-def surprised(sigma: Sigmas, correction_cusum: CorrectionCusum, P: Array) -> Sigmas:
-    """The sigmas with what the corrections have turned beyond all expectation."""
     north, east, down = correction_cusum.turn_rad
-    usual = expected_turn(correction_cusum, P)
-    level = north * north + east * east - USUAL_SQUARE * usual.level
-    heading = down * down - USUAL_SQUARE * usual.heading
+    level = north * north + east * east
+    level -= USUAL_SQUARE * (correction_cusum.level + 2.0 * by_bias)
+    heading = down * down - USUAL_SQUARE * (correction_cusum.heading + by_bias)
     return Sigmas(
         inclination_rad=hypot(sigma.inclination_rad, sqrt(max(0.0, level))),
         heading_rad=hypot(sigma.heading_rad, sqrt(max(0.0, heading))),

@@ -1,9 +1,9 @@
 """Which way a vehicle on wheels goes, and how far its vertical is off: by its pushes.
 
 Its course is its heading, or the opposite. Going forwards it is pushed as its velocity changes,
-seen from the course; in reverse the other way round. A vertical that leans adds to every push the
+seen from the course; in reverse the other way round. A tilted vertical adds to every push the
 same part of gravity, seen from the body, as does an accelerometer's bias. So the two ways differ
-in how pushes scatter about their mean, and the mean shows the lean.
+in how pushes scatter about their mean, and the mean shows the tilt.
 """
 
 from math import hypot, log
@@ -28,7 +28,7 @@ class Rolled(NamedTuple):
 
     windows: float
     reported: Level  # along the course
-    felt: Level  # along the body's level x axis, with what leaning adds
+    felt: Level  # along the body's level x axis, with what a tilt adds
     squares: float
     products: float
 
@@ -56,7 +56,7 @@ def roll_on(
     """With a window of ``time_s`` between two velocities (NED) that are known to ``sigma_m_s``.
 
     ``pushed_frd_m_s`` is the integrated specific force, ``down_frd`` what is taken for down, both
-    in the body's axes at the window's end. Who stands may go on either way.
+    in the body's axes at the window's end. A vehicle that stands may go on either way.
     """
     speed, least = hypot(after_m_s[0], after_m_s[1]), REACH * sigma_m_s
     if speed <= least:
@@ -113,6 +113,6 @@ def forward_evidence(rolled: Rolled) -> float:
     return 2.0 * (rolled.windows - 1.0) * log(scatter(rolled, -1.0) / scatter(rolled, 1.0))
 
 
-def lean_rad(rolled: Rolled, sense: float) -> float:
+def tilt_error_rad(rolled: Rolled, sense: float) -> float:
     """How far off the vertical is that the pushes were seen by."""
     return hypot(*mean_left(rolled, sense)) / STANDARD_GRAVITY_M_S2

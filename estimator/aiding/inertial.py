@@ -19,13 +19,12 @@ from estimator.aiding.types import (
     AidingParams,
     AidingState,
     Array,
+    BiasPrior,
     Roughness,
-    Unlearnt,
 )
 from estimator.aiding.velocity_history import ACCELERATION, TIME, extend_velocity_history, row
 from estimator.bounds import TINY
-from estimator.compilation.compiled import inlined
-from estimator.compilation.replacing import replacer
+from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.robust import FAR, REACH
 from estimator.conditioning.times import USUAL_S
 from estimator.conditioning.vertical.rate import integration_rate
@@ -101,13 +100,15 @@ def predict_motion(
         velocity_history, faster, add(force, GRAVITY_NED), dt
     )
     P = predict_covariance(P, rotation_matrix(q), gained, dt)
-    second_difference = bend(gyr, before.gyr_rad_s, before.gyr_before_rad_s, dt, before.dt_s)
+    second_difference = line_deviation(
+        gyr, before.gyr_rad_s, before.gyr_before_rad_s, dt, before.dt_s
+    )
     aliased_turn = rotate(q, scale(dt, second_difference))
     seen_s = dt
     if between.given:
         seen_s = between.step_s
         aliased_turn = rotate(q, scale(sqrt(dt * seen_s), between.change_rad_s))
-    off = newest_bend(velocity_history)
+    off = newest_deviation(velocity_history)
     aliased_push = scale(dt, off)
     lasts = lasting_times(params, state)
     unseen = (params.gyr_slow_noise_1_s * seen_s) ** 2 * dot(rate, rate) * dt
@@ -125,7 +126,7 @@ def predict_motion(
 
 
 @inlined
-def bend(third: Vec3, second: Vec3, first: Vec3, dt: float, before_s: float) -> Vec3:
+def line_deviation(third: Vec3, second: Vec3, first: Vec3, dt: float, before_s: float) -> Vec3:
     """How far the last of three readings lies off the line through the two before."""
     return subtract(
         subtract(third, second), scale(min(1.0, dt / before_s), subtract(second, first))
@@ -133,14 +134,14 @@ def bend(third: Vec3, second: Vec3, first: Vec3, dt: float, before_s: float) -> 
 
 
 @inlined
-def newest_bend(velocity_history: Array) -> Vec3:
+def newest_deviation(velocity_history: Array) -> Vec3:
     """How far the newest force (NED) lies off the line through the two before it."""
     second = row(velocity_history, 1, ACCELERATION)
     step_s, before_s = (
         velocity_history[0, TIME] - velocity_history[1, TIME],
         velocity_history[1, TIME] - velocity_history[2, TIME],
     )
-    return bend(
+    return line_deviation(
         row(velocity_history, 0, ACCELERATION),
         second,
         row(velocity_history, 2, ACCELERATION),
@@ -178,7 +179,7 @@ def add_knock(P: Array, rough: Roughness, off_m_s2: Vec3, dt: float) -> None:
 @inlined
 def watch_knocks(rough: Roughness, velocity_history: Array, dt: float) -> Roughness:
     """With one more force; one that is unusual teaches little."""
-    off = newest_bend(velocity_history)
+    off = newest_deviation(velocity_history)
     square = min(dot(off, off), usual_knock(rough))
     return with_knocked(rough, rough.knocked + dt / (USUAL_S + dt) * (square - rough.knocked))
 
@@ -224,7 +225,7 @@ def add_noise(
 
 
 @inlined
-def judge_biases(now: Prediction, bias_prior: Unlearnt) -> Unlearnt:
+def judge_biases(now: Prediction, bias_prior: BiasPrior) -> BiasPrior:
     """How uncertain biases of both sensors are that nothing has shown; in place, too.
 
     Three axes are one sensor's: where one is off by more than it was taken to be, the others may be
@@ -234,20 +235,20 @@ def judge_biases(now: Prediction, bias_prior: Unlearnt) -> Unlearnt:
     estimate = now.estimate
     R = rotation_matrix(estimate.q_ned_frd)
     gyr = judge_sensor(now.covariance, GYR_BIAS, estimate.gyr_bias_rad_s, bias_prior.gyr, R, 0.0)
-    acceleration_tilt = 1.0 / STANDARD_GRAVITY_M_S2
+    tilt_per_bias = 1.0 / STANDARD_GRAVITY_M_S2
     acc = judge_sensor(
-        now.covariance, ACC_BIAS, estimate.acc_bias_m_s2, bias_prior.acc, R, acceleration_tilt
+        now.covariance, ACC_BIAS, estimate.acc_bias_m_s2, bias_prior.acc, R, tilt_per_bias
     )
-    return Unlearnt(gyr, acc)
+    return BiasPrior(gyr, acc)
 
 
 @inlined
 def judge_sensor(
-    P: Array, first: int, bias: Vec3, variance: float, R: Array, acceleration_tilt: float
+    P: Array, first: int, bias: Vec3, variance: float, R: Array, tilt_per_bias: float
 ) -> float:
     """The variance of a sensor's bias that nothing has shown, and that of its axes, in place.
 
-    ``acceleration_tilt`` is by how much (rad) a bias across the vertical has turned the attitude.
+    ``tilt_per_bias`` is by how much (rad) a bias across the vertical has turned the attitude.
     """
     largest = max(bias[0] * bias[0], bias[1] * bias[1], bias[2] * bias[2])
     if largest <= variance:
@@ -256,7 +257,7 @@ def judge_sensor(
         i = first + k
         learnt = max(0.0, 1.0 / P[i, i] - 1.0 / variance)
         grown = max(0.0, 1.0 / (learnt + 1.0 / largest) - P[i, i])
-        north, east = acceleration_tilt * R[1, k], -acceleration_tilt * R[0, k]
+        north, east = tilt_per_bias * R[1, k], -tilt_per_bias * R[0, k]
         P[i, i] += grown
         P[i, TURN] += grown * north
         P[TURN, i] += grown * north

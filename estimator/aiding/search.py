@@ -18,8 +18,7 @@ import numpy as np
 from estimator.aiding.beginning import BEGIN_VELOCITY_SIGMA_M_S
 from estimator.aiding.course import STANDING, Rolled, fade_rolled, roll_on
 from estimator.aiding.types import Array, Report
-from estimator.compilation.compiled import inlined
-from estimator.compilation.replacing import replacer
+from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.robust import HEADING_REACH_RAD
 from estimator.conditioning.times import ACCELERATION_LASTS_S, MEMORY_S, SPAN_S
 from estimator.filter.alignment import nearest_rotation, quaternion_from_matrix
@@ -37,8 +36,8 @@ from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Vec3
 Matrix = tuple[Vec3, Vec3, Vec3]  # row by row
 NOTHING: Matrix = (ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
 
-# A heading no more certain than this, rad, is as good as none, such as one by a compass that
-# nobody has calibrated: the aiding does not begin with it.
+# A heading no more certain than this, rad, is as good as none, such as one by an
+# uncalibrated compass: the aiding does not begin with it.
 UNKNOWN_RAD = radians(45.0)
 # Two windows in a row share the report between them, and more share the reports' slow error:
 # the variance is this many times that of independent ones.
@@ -76,7 +75,7 @@ class Evidence(NamedTuple):
 
 
 class Search(NamedTuple):
-    """The open window, and what the closed ones say."""
+    """The open window, and the evidence of the closed ones."""
 
     window: Window = Window()
     evidence: Evidence = Evidence()

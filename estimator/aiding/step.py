@@ -18,7 +18,7 @@ from estimator.aiding.acceleration_tilt import (
 )
 from estimator.aiding.correction import apply_corrections, correct_last, part, prediction_at
 from estimator.aiding.correction_cusum import add_correction, known, pass_time
-from estimator.aiding.inertial import judge_biases, predict_motion, watch_knocks
+from estimator.aiding.inertial import Prediction, judge_biases, predict_motion, watch_knocks
 from estimator.aiding.sources.field import begin_anew, forget_iron, observe_heading, with_wait
 from estimator.aiding.sources.unaided import observe_unaided
 from estimator.aiding.sources.velocity import take_report, wait_for_reports
@@ -35,16 +35,18 @@ from estimator.aiding.types import (
     AidingParams,
     AidingState,
     Array,
+    CorrectionCusum,
+    FieldState,
     LastStep,
     North,
     Report,
     StepInputs,
+    Wheels,
 )
 from estimator.aiding.uncertainty import sigmas
 from estimator.aiding.unseen import watch_turning
-from estimator.compilation.compiled import inlined
-from estimator.compilation.replacing import replacer
-from estimator.conditioning.times import ACCELERATION_LASTS_S, BORNE_S, SPAN_S
+from estimator.compilation.compiled import inlined, replacer
+from estimator.conditioning.times import ACCELERATION_LASTS_S, CONFIRM_S, SPAN_S
 from estimator.conditioning.vertical.rate import slow_share
 from estimator.types import Sample, Vec3
 
@@ -67,48 +69,24 @@ def aid(
     The covariance and the velocity_history given stay as they are.
     """
     dt = sample.dt_s
-    now = predict_motion(params, state, P, velocity_history, sample)
-    x = np.zeros(SIZE)
-    agreement = wait_for_reports(state.agreement, dt)
-    wait_s = min(agreement.by_filter.wait_s, agreement.by_receiver.wait_s)
-    rough, acceleration_tilt = state.rough, state.acceleration_tilt
-    correction_cusum = pass_time(params, state.correction_cusum, now.estimate, now.covariance, dt)
     slow = slow_share(dt)
+    now = predict_motion(params, state, P, velocity_history, sample)
+    agreement = wait_for_reports(state.agreement, dt)
+    correction_cusum = pass_time(params, state.correction_cusum, now.estimate, now.covariance, dt)
+    rough = state.rough
     if slow > 0.0:
         rough = watch_turning(params, state, now.covariance, sample, slow * others.aliasing)
     rough = watch_knocks(rough, now.velocity_history, dt)
+    wait_s = min(agreement.by_filter.wait_s, agreement.by_receiver.wait_s)
     is_silent = not report.given and wait_s > SPAN_S + dt
-    share = 1.0 if is_silent else slow
-    if share > 0.0:
-        before = known(now.covariance)
-        sigma_rad = others.gravity_sigma_rad
-        lean_rad = acceleration_tilt_angle(acceleration_tilt, is_silent, slow)
-        observe_unaided(now, others.gravity_b, sigma_rad, lean_rad, x, share, dt)
-        # large turns do not add up, so this one is made before the next is looked for
-        now = apply_corrections(now, x)
-        correction_cusum = add_correction(
-            correction_cusum, part(x, TURN), before, known(now.covariance)
-        )
-        x = np.zeros(SIZE)
-    before = known(now.covariance)
+    if is_silent or slow > 0.0:
+        tilt_error_rad = acceleration_tilt_angle(state.acceleration_tilt, is_silent, slow)
+        share = 1.0 if is_silent else slow
+        now, correction_cusum = level(now, correction_cusum, others, tilt_error_rad, share, dt)
+    before, x = known(now.covariance), np.zeros(SIZE)
     if report.given:
         agreement = take_report(params, agreement, now, dt, report, others.gravity_b, x)
-    field = with_wait(state.field, state.field.wait_s + dt)
-    wheels, north = state.wheels, others.north
-    if rolls(params):
-        if field.samples > 0.0:
-            wheels = judge_north(wheels, now, north)
-        others = with_north(others, North(north.is_known and wheels.show_north, north.direction))
-    if sample.has_mag:
-        field = observe_heading(params, field, now, others, sample, x)
-    if rolls(params):
-        wheels = observe_wheels(params, now, wheels, x, dt)
-        has_told = state.wheels.rolled_s < ACCELERATION_LASTS_S <= wheels.rolled_s
-        is_other = north.is_known and has_told and is_turned(now, north)
-        if is_other or field.inflation_s > BORNE_S:
-            # velocity shows the heading, so the field is another one, and iron was learnt in error
-            field, wheels = begin_anew(field), with_shown(wheels, False)
-            forget_iron(params, now.covariance, x, now.estimate.hard_iron_gauss)
+    field, wheels = observe_field_and_wheels(params, state, now, sample, others, x)
     now = apply_corrections(now, x)
     correction_cusum = add_correction(
         correction_cusum, part(x, TURN), before, known(now.covariance)
@@ -121,7 +99,7 @@ def aid(
         rate_rad_s=now.rate_rad_s,
         dt_s=dt,
     )
-    acceleration_tilt = watch_acceleration_tilt(acceleration_tilt, last.force_ned_m_s2, dt)
+    acceleration_tilt = watch_acceleration_tilt(state.acceleration_tilt, now.force_ned_m_s2, dt)
     if report.given:
         acceleration_tilt = with_latest(acceleration_tilt, report.velocity_ned_m_s)
     state = AidingState(
@@ -137,6 +115,54 @@ def aid(
         bias_prior=bias_prior,
     )
     return state, now.covariance, now.velocity_history
+
+
+@inlined
+def level(
+    now: Prediction,
+    correction_cusum: CorrectionCusum,
+    others: StepInputs,
+    tilt_error_rad: float,
+    share: float,
+    dt: float,
+) -> tuple[Prediction, CorrectionCusum]:
+    """Learn from down by the unaided stage.
+
+    Large turns do not add up, so this correction is applied before the next ones are computed.
+    """
+    x, before = np.zeros(SIZE), known(now.covariance)
+    observe_unaided(now, others.gravity_b, others.gravity_sigma_rad, tilt_error_rad, x, share, dt)
+    now = apply_corrections(now, x)
+    return now, add_correction(correction_cusum, part(x, TURN), before, known(now.covariance))
+
+
+@inlined
+def observe_field_and_wheels(
+    params: AidingParams,
+    state: AidingState,
+    now: Prediction,
+    sample: Sample,
+    others: StepInputs,
+    x: Array,
+) -> tuple[FieldState, Wheels]:
+    """Learn from the sample's field, and from the vehicle's rolling if it has wheels."""
+    dt, north, wheels = sample.dt_s, others.north, state.wheels
+    field = with_wait(state.field, state.field.wait_s + dt)
+    if rolls(params):
+        if field.samples > 0.0:
+            wheels = judge_north(wheels, now, north)
+        others = with_north(others, North(north.is_known and wheels.show_north, north.direction))
+    if sample.has_mag:
+        field = observe_heading(params, field, now, others, sample, x)
+    if rolls(params):
+        wheels = observe_wheels(params, now, wheels, x, dt)
+        has_rolled = state.wheels.rolled_s < ACCELERATION_LASTS_S <= wheels.rolled_s
+        is_other = north.is_known and has_rolled and is_turned(now, north)
+        if is_other or field.far_off_s > CONFIRM_S:
+            # velocity shows the heading, so the field is another one, and iron was learnt in error
+            field, wheels = begin_anew(field), with_shown(wheels, False)
+            forget_iron(params, now.covariance, x, now.estimate.hard_iron_gauss)
+    return field, wheels
 
 
 @inlined

@@ -65,7 +65,7 @@ class AidingParams(NamedTuple):
     # Such a share where a slow stream's readings are as good as independent; small: the gyroscope
     # counts between them, large: the unaided vertical does.
     unseen_turn_noise: Noise = 0.3  # of readings a second apart without a line through them
-    # Biases at the beginning, and their change in 2500 s; samples truncated to mrad/s wander, too.
+    # Biases at the beginning, and their change in 2500 s; samples truncated to mrad/s drift, too.
     gyr_bias_sigma: Rate = 0.015  # rad/s; small: stiff, large: noisy
     acc_bias_sigma: Acceleration = 0.05  # m/s^2; small: stiff, large: noisy
 
@@ -115,7 +115,7 @@ class FieldState(NamedTuple):
     off_rad: float = 0.0  # low-passed angle by which its heading is off the estimate
     samples: float = 0.0  # of the field so far
     wait_s: float = 0.0  # since the last sample of the field
-    inflation_s: float = 0.0  # how long the heading has been far off
+    far_off_s: float = 0.0  # how long the heading has been far off
     evidence: float = 0.0  # for the place's field as read, against what was learnt; 2 ln of a ratio
 
 
@@ -134,7 +134,7 @@ class Agreement(NamedTuple):
 
     scatter: Scatter = Scatter()  # of reports about their prediction
     wait_s: float = 0.0  # since the last report
-    inflation_s: float = 0.0  # how long reports have been far off
+    far_off_s: float = 0.0  # how long reports have been far off
 
 
 class Agreements(NamedTuple):
@@ -157,7 +157,7 @@ class AidingEstimate(NamedTuple):
     hard_iron_gauss: Vec3 = ZERO_VEC3  # the vehicle's own field, FRD
     earth_gauss: Vec3 = ZERO_VEC3  # the place's field, NED
     receiver_lag_s: float = 0.0  # age of reports that do not know theirs
-    filter_lag_s: float = 0.0  # how much older than they say the others are
+    filter_lag_s: float = 0.0  # how much older the others are than stamped
     receiver_error_m_s: Vec3 = ZERO_VEC3  # slow error of a receiver's reports, NED
     filter_error_m_s: Vec3 = ZERO_VEC3  # slow error of a filter's reports, NED
     acc_lead_s: float = 0.0  # by how much the accelerometer's samples are younger; never learnt
@@ -190,7 +190,7 @@ class Roughness(NamedTuple):
 
 
 class AccelerationTilt(NamedTuple):
-    """How the vehicle has accelerated over the last seconds, by two witnesses; NED."""
+    """How the vehicle has accelerated over the last seconds, by IMU and reports; NED."""
 
     felt_m_s2: Vec3  # mean acceleration by the IMU, seen through the attitude
     reported_m_s: Vec3  # mean of the reported velocities
@@ -211,12 +211,12 @@ class Wheels(NamedTuple):
     """What is known of wheels, and what they have shown."""
 
     slip_scale: float = 1.0  # variance of slips, in units of what is expected
-    rolled_s: float = 0.0  # for how long slips were what kept them from telling the heading
+    rolled_s: float = 0.0  # for how long only slips have hidden the heading
     contradict: bool = False  # the heading that it began with: velocity points elsewhere
     show_north: bool = False  # that the field points there, which iron may have turned
 
 
-class Unlearnt(NamedTuple):
+class BiasPrior(NamedTuple):
     """Variance of an axis' bias as long as nothing has shown it."""
 
     gyr: float  # (rad/s)^2
@@ -235,7 +235,7 @@ class AidingState(NamedTuple):
     acceleration_tilt: AccelerationTilt  # what deceives the unaided vertical
     correction_cusum: CorrectionCusum  # what was corrected lately
     wheels: Wheels  # what they have shown
-    bias_prior: Unlearnt  # what biases may be
+    bias_prior: BiasPrior  # what biases may be
 
 
 class North(NamedTuple):
@@ -246,10 +246,10 @@ class North(NamedTuple):
 
 
 class StepInputs(NamedTuple):
-    """What the aiding is told about a sample by others."""
+    """What other stages know about a sample."""
 
     gravity_b: Vec3  # down by the unaided conditioning stage, a unit vector in FRD
     gravity_sigma_rad: float  # of that
     aliasing: float  # variance of the turn about both level axes that the last step missed, rad^2
     north: North
-    place_gauss: Vec3 = ZERO_VEC3  # the place's field by a model, NED; zero: nobody knows it
+    place_gauss: Vec3 = ZERO_VEC3  # the place's field by a model, NED; zero if unknown

@@ -11,11 +11,11 @@ from estimator.aiding.types import (
     Agreements,
     AidingParams,
     Array,
+    BiasPrior,
     FieldState,
     LastStep,
     Scatter,
     Sigmas,
-    Unlearnt,
 )
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
@@ -25,10 +25,9 @@ from estimator.conditioning.field.magnetic import (
     horizontal_down,
     norm_of,
 )
-from estimator.conditioning.robust import REACH, robust_factor
+from estimator.conditioning.robust import PLANE_68, REACH, robust_factor
 from estimator.conditioning.times import SPAN_S
 from estimator.geometry.quaternion import norm
-from estimator.geometry.spread import PLANE_68
 from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
 
 
@@ -39,7 +38,7 @@ def sigmas(
     last: LastStep,
     field: FieldState,
     agreement: Agreements,
-    bias_prior: Unlearnt,
+    bias_prior: BiasPrior,
 ) -> Sigmas:
     """How uncertain the estimate is after a sample."""
     P, E = now.covariance, now.estimate.earth_gauss
@@ -54,20 +53,20 @@ def sigmas(
 
 @inlined
 def inclination_sigma(
-    params: AidingParams, P: Array, agreement: Agreements, bias_prior: Unlearnt, late_rad: float
+    params: AidingParams, P: Array, agreement: Agreements, bias_prior: BiasPrior, late_rad: float
 ) -> float:
-    """From the covariance, as far as the reports' scatter bears it out, and ``late_rad``.
+    """From the covariance, as far as the reports' scatter confirms it, and ``late_rad``.
 
     That is what comes from turning alone. Of what a poor accelerometer's bias may
-    have turned the reports say nothing, however well they agree.
+    have turned the reports show nothing, however well they agree.
     """
     scale = params.colour * scatter_scale(params, agreement)
     variance = 0.5 * (P[TURN, TURN] + P[TURN + 1, TURN + 1])
     bias = P[ACC_BIAS, ACC_BIAS] + P[ACC_BIAS + 1, ACC_BIAS + 1] + P[ACC_BIAS + 2, ACC_BIAS + 2]
-    leaning = 0.5 * bias / STANDARD_GRAVITY_M_S2**2
+    with_dip_error = 0.5 * bias / STANDARD_GRAVITY_M_S2**2
     poor = max(0.0, 1.0 - params.acc_bias_sigma**2 / bias_prior.acc)
     square = scale * scale
-    square += (1.0 - min(1.0, square)) * poor * min(1.0, leaning / max(variance, TINY))
+    square += (1.0 - min(1.0, square)) * poor * min(1.0, with_dip_error / max(variance, TINY))
     return sqrt(PLANE_68**2 * square * variance + late_rad * late_rad)
 
 
@@ -83,7 +82,7 @@ def heading_sigma(
     """From the covariance, too, with the field's slow disagreement: either may be wrong.
 
     ``iron_rad`` is how far hard iron may turn the field. A heading that is no more certain than
-    that comes from the field, and how well the reports agree says nothing about it.
+    that comes from the field, and how well the reports agree does not matter.
     """
     scale = scatter_scale(params, agreement)
     if field.samples == 0.0:
@@ -97,7 +96,7 @@ def heading_sigma(
 
 
 @inlined
-def leaning(
+def with_dip_error(
     params: AidingParams, sigma: Sigmas, field: FieldState, place_gauss: Vec3, P: Array
 ) -> Sigmas:
     """The sigmas with how far the field dips otherwise than the place's does, seen level.
@@ -137,9 +136,9 @@ def scatter_scale(params: AidingParams, agreement: Agreements) -> float:
     """How far reports scatter, of what the covariance expects; without reports 1 at least.
 
     The covariance is that of the roughest IMU and the poorest reports that it is made for. How
-    far less they really scatter says how much less there is to be unsure of; but an autopilot's
+    far less they really scatter shows how much less is uncertain. But an autopilot's
     filter integrates the same IMU, so that even perfect agreement proves only so much. A receiver
-    knows nothing of it. Of its innovations what is like the one before is no noise of its own:
+    does not know it. What of its innovations is like the one before is not its own noise:
     """
     by_filter, by_receiver = agreement.by_filter, agreement.by_receiver
     scatter = by_filter.scatter if by_filter.wait_s <= by_receiver.wait_s else by_receiver.scatter

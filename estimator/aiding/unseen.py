@@ -3,25 +3,23 @@
 Readings that lie on a line are those of a motion that the samples show, and what integration
 misses of it is a small share of how far they lie off the line. Readings as good as independent of
 one another, of a vehicle that shakes or is shaken faster than it is sampled, show hardly anything
-of the turning between them. The two are told apart by the mean squares of second and first
+of the turning between them. The mean squares of second and first
 differences: of independent readings the former is three times the latter, of a smooth motion
 much less.
 """
 
-from estimator.aiding.inertial import bend
+from estimator.aiding.inertial import line_deviation
 from estimator.aiding.types import TURN, VELOCITY, AidingParams, AidingState, Array, Roughness
-from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.times import LATELY_S, LONGEST_STEP_S, SPAN_S
-from estimator.conditioning.vertical.rate import slow_share
+from estimator.conditioning.vertical.rate import likeness, slow_share
 from estimator.conditioning.vertical.tilt import HOLE_RAD_S
 from estimator.geometry.quaternion import dot, subtract
-from estimator.geometry.spread import INDEPENDENT_SECOND_DIFFERENCE
 from estimator.types import STANDARD_GRAVITY_M_S2, UNSEEN_STEP_S, Sample, Vec3
 
 # A smooth motion's readings have half of that and more at turns; the power leaves them out.
 SHARPNESS = 3
-# What a vehicle may gain in a hole beyond what the readings at its ends say, m/s^2: it tilts.
+# What a vehicle may gain in a hole beyond what the readings at its ends show, m/s^2: it tilts.
 HOLE_M_S2 = HOLE_RAD_S * STANDARD_GRAVITY_M_S2
 
 
@@ -37,7 +35,9 @@ def watch_turning(
     """
     last, dt, between = state.last, sample.dt_s, sample.between
     change = subtract(sample.gyr_rad_s, last.gyr_rad_s)
-    second_difference = bend(sample.gyr_rad_s, last.gyr_rad_s, last.gyr_before_rad_s, dt, last.dt_s)
+    second_difference = line_deviation(
+        sample.gyr_rad_s, last.gyr_rad_s, last.gyr_before_rad_s, dt, last.dt_s
+    )
     seen_s = dt
     if between.given:
         change = second_difference = between.change_rad_s
@@ -56,12 +56,6 @@ def watch_turning(
     P[TURN, TURN] = max(P[TURN, TURN], north)
     P[TURN + 1, TURN + 1] = max(P[TURN + 1, TURN + 1], east)
     return watch_roughness(rough, second_difference, change, dt)
-
-
-@inlined
-def likeness(second_difference: float, changed: float) -> float:
-    """How far readings look as if they were independent, by squared differences: 0 to 1."""
-    return min(1.0, second_difference / (INDEPENDENT_SECOND_DIFFERENCE * changed + TINY))
 
 
 @inlined

@@ -3,7 +3,7 @@
 import functools
 import os
 from collections.abc import Callable
-from typing import Any, TypeVar, overload
+from typing import Any, NamedTuple, TypeVar, overload
 
 import numba
 
@@ -22,10 +22,11 @@ from estimator.compilation.kernel_folder import (
 from estimator.compilation.notice import compiling_begins
 
 Function = TypeVar("Function", bound=Callable[..., Any])
+Value = TypeVar("Value", bound=NamedTuple)
 Types = Callable[[], tuple[Any, ...]]  # numba's, of a call's arguments
 
 _numba_config: Any = numba.config  # numba ships no types
-_numba_config.reload_config()  # whoever has imported numba before had it read the variable then
+_numba_config.reload_config()  # an earlier import of numba has read the variable before
 _typeof: Any = numba.typeof
 _caching: Any = caching
 _event: Any = event
@@ -50,7 +51,7 @@ def compiled(*, types: Types) -> Callable[[Function], Function]: ...
 def compiled(function: Any = None, *, types: Types | None = None) -> Any:
     """Compile ``function`` with numba in nopython mode; kept on disk where that is possible.
 
-    ``types`` says with what arguments commands call it (:func:`types_of`), for those who compile
+    ``types`` are those of the arguments that commands call it with (:func:`types_of`), to compile
     ahead (:func:`build`). ``NUMBA_DISABLE_JIT=1`` leaves plain Python.
     """
     if function is None:
@@ -80,6 +81,27 @@ def inlined(function: Function) -> Function:
 def shared(function: Function) -> Function:
     """A part of compiled functions that is large and called from several places of one."""
     return register_jitable(**{**OPTIONS, "forceinline": False})(function)
+
+
+def replacer(kind: type[Value], *names: str) -> Callable[..., Value]:
+    """A function of a ``kind`` and new values of the fields ``names``, which returns the new one.
+
+    ``replacer(State, "bias", "age_s")(state, bias, age_s)`` is ``state._replace(bias=bias,
+    age_s=age_s)``. numba does not know ``NamedTuple._replace``. Here it sees a call that names all
+    fields, in the order of the type.
+
+    Raises:
+        ValueError: ``kind`` has no such field, or it is named twice.
+    """
+    fields: tuple[str, ...] = kind._fields
+    strangers = [name for name in names if name not in fields]
+    if strangers or len(set(names)) < len(names):
+        raise ValueError(f"{kind.__name__} has the fields {fields}, once each, not {names}")
+    values = ", ".join(name if name in names else f"before.{name}" for name in fields)
+    source = f"def replace(before, {', '.join(names)}): return kind({values})"
+    made: dict[str, Any] = {"kind": kind, "__name__": __name__}
+    exec(source, made)  # noqa: S102 - the text is made of a type's field names
+    return inlined(made["replace"])  # type: ignore[no-any-return]
 
 
 def is_compiled_code() -> bool:
@@ -118,13 +140,27 @@ def direct(kernel: Any, types: tuple[Any, ...]) -> Callable[..., Any]:
     return kernel.compile(types)  # type: ignore[no-any-return]
 
 
+def entry_point(kernel: Any) -> Callable[..., Any]:
+    """The form that commands call of a kernel, as :func:`direct` gives it."""
+    if _numba_config.DISABLE_JIT:
+        return kernel  # type: ignore[no-any-return]
+    return _entry_point(kernel)
+
+
+@functools.cache
+def _entry_point(kernel: Any) -> Callable[..., Any]:
+    types = KERNELS[kernel]
+    assert types is not None
+    return direct(kernel, types())
+
+
 def types_of(*arguments: Any) -> tuple[Any, ...]:
     """What numba calls the types of these arguments."""
     return tuple(map(_typeof, arguments))
 
 
 class _Listener(_event.Listener):  # type: ignore[misc]
-    """Is told of each function that numba compiles; those from the cache are not compiled."""
+    """Notices each function that numba compiles; those from the cache are not compiled."""
 
     def on_start(self, event: Any) -> None:
         """Say so if the function is one of our kernels."""

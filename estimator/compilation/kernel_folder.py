@@ -21,7 +21,7 @@ from typing import Any, Self
 
 SOURCES = Path(__file__).parents[1]
 BESIDE = SOURCES / "kernels"
-KEPT = 3  # folders of other states of the sources, for whoever switches between branches
+KEPT = 3  # folders of other states of the sources, for switching between branches
 NO_FOLDER = (
     "no writable folder for compiled code, neither beside fuzzbee nor ~/.cache/fuzzbee: "
     "compiling in memory at each start"
@@ -76,7 +76,7 @@ class KernelLocator:
         return self.folder.digest
 
     def get_disambiguator(self) -> str:
-        """Nothing to tell apart: modules have folders of their own."""
+        """One name for all: modules have folders of their own."""
         return "kernel"
 
 
@@ -120,7 +120,7 @@ def made(path: Path) -> bool:
 
 
 def is_private(path: Path) -> bool:
-    """Whether nobody but the user may have put there what lies in the folder, which is run."""
+    """Whether only the user can write to the folder, whose content is run."""
     if not hasattr(os, "getuid"):
         return True
     for folder in (path, path.parent):

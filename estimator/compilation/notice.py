@@ -12,19 +12,19 @@ _listeners: list[Callable[[str], None]] = []
 _asked: list[Callable[[str], None]] = []
 
 
-def notify_compiling(tell: Callable[[str], None]) -> None:
-    """Have ``tell`` called with a line, once, when the first kernel has to be compiled."""
-    _listeners[:] = [tell]
-    _asked[:] = [tell]
+def notify_compiling(notify: Callable[[str], None]) -> None:
+    """Call ``notify`` with a line, once, when the first kernel has to be compiled."""
+    _listeners[:] = [notify]
+    _asked[:] = [notify]
 
 
 def notify_programs() -> None:
-    """Have standard error told, for programs that are no command of ours and have not asked."""
+    """Write to standard error, for programs other than our command that have not asked."""
     if not _asked:
         notify_compiling(lambda text: print(f"fuzzbee: {text}", file=sys.stderr, flush=True))
 
 
 def compiling_begins() -> None:
-    """A kernel is not in the cache; called by whoever compiles it, for each one."""
+    """Notify that a kernel is not in the cache; called before each one is compiled."""
     while _listeners:
         _listeners.pop()(COMPILING)

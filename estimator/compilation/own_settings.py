@@ -15,7 +15,7 @@ from typing import Any
 
 @contextmanager
 def _without_yaml() -> Iterator[None]:
-    """Numba then reads no file, and says so by a warning; nor does it at each compilation."""
+    """Keep numba from reading a file, now and at each compilation; its warning is dropped."""
     import warnings
 
     before = {name: sys.modules[name] for name in ("yaml",) if name in sys.modules}

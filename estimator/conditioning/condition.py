@@ -4,8 +4,7 @@ from math import cos, sin
 from typing import NamedTuple
 
 from estimator.bounds import TINY
-from estimator.compilation.compiled import compiled, inlined
-from estimator.compilation.replacing import replacer
+from estimator.compilation.compiled import compiled, inlined, replacer
 from estimator.conditioning.events.step import learn_events
 from estimator.conditioning.field.calibration import correct_field
 from estimator.conditioning.field.step import learn_field
@@ -74,7 +73,7 @@ class Conditioned(NamedTuple):
     gravity_b: Vec3 = (0.0, 0.0, 1.0)  # down, a unit vector in FRD
     magnetic_b: Vec3 = (1.0, 0.0, 0.0)  # magnetic north, horizontal, a unit vector in FRD
     weight: float = 1.0  # of both vectors against the gyroscope; 1 for fast streams
-    has_heading: bool = False  # whether a field has told it
+    has_heading: bool = False  # whether a field has shown it
     gravity_confidence: float = 0.0  # 0..1, falls with accelerations
     magnetic_confidence: float = 0.0  # 0..1, of the present field; 0 without one
     sigma_inclination_rad: float = 0.0  # angle that 68 % of the errors lie under

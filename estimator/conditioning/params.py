@@ -12,8 +12,8 @@ from estimator.bounds import Acceleration, Angle, Lag, Noise, Rate, Share, Time
 class ConditioningParams(NamedTuple):
     """What is chosen; every step has its own switch.
 
-    Each line says: meaning; effect of a small and of a large value. Units are
-    in the names.
+    Each line gives the meaning, and the effect of a small and of a large value. Units are in the
+    names.
     """
 
     # Switches, one a step.
@@ -63,7 +63,7 @@ class ConditioningParams(NamedTuple):
     heading_noise_rad2_s: Noise = (
         0.003  # of the field's heading; small: follows magnets, large: slow
     )
-    heading_doubt_noise_rad2_s: Noise = 0.015  # what a doubtful field adds; small: follows magnets
+    heading_doubt_noise_rad2_s: Noise = 0.015  # added at low confidence; small: follows magnets
     heading_turning_noise_s: Noise = (
         5e-6  # drift variance per squared rate: scale errors of the gyro
     )

@@ -10,7 +10,7 @@ from estimator.conditioning.field.calibration import own_field
 from estimator.conditioning.field.magnetic import MagneticState, has_heading, steepness
 from estimator.conditioning.field.step import MagnetometerState, north_east, wrap_angle
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.times import BORNE_S, LONG_S, SPAN_S
+from estimator.conditioning.times import CONFIRM_S, LONG_S, SPAN_S
 from estimator.conditioning.vertical.bias import SETTLED_HEADING_RAD
 from estimator.conditioning.vertical.gravity import heading_frame
 from estimator.conditioning.vertical.lasting import SCALE_ERROR
@@ -28,17 +28,17 @@ MEASURED_SQUARE = 2.0
 # accelerations that are taken to last long.
 LOW_PASS_SHARE = 0.5
 # The share of the square of the angle between the force of a second and the vertical: it is an
-# acceleration or an error, and for some seconds nobody can tell.
+# acceleration or an error, and for some seconds nothing shows which.
 CONTRADICTED_SQUARE = 0.1
-# The share by which a heading given up may still be right once another has been borne out.
-STILL_RIVAL = 0.15
+# The share by which a heading given up may still be right once another is confirmed.
+LEAST_ALTERNATIVE = 0.15
 
 
 class Certainty(NamedTuple):
     """How far the vectors can be trusted, and how well inclination and heading are known."""
 
     weight: float = 1.0  # of both vectors against the gyroscope; 1 for fast streams
-    has_heading: bool = False  # whether a field has told it
+    has_heading: bool = False  # whether a field has shown it
     gravity_confidence: float = 0.0  # 0..1, falls with accelerations
     magnetic_confidence: float = 0.0  # 0..1, of the present field; 0 without one
     sigma_inclination_rad: float = 0.0  # angle that 68 % of the errors lie under
@@ -119,12 +119,12 @@ def alternative(
             heading_frame(vertical.gravity, vertical.averaging.share), events.signs.jump.slow
         )
         north, east = north_east(heading_rad, field_6d)
-        by_other = seen_s / (seen_s + reference.borne_s) * atan2(east, north) ** 2
-    unborne = 1.0 - signs.borne_s / BORNE_S
+        by_other = seen_s / (seen_s + reference.confirmed_s) * atan2(east, north) ** 2
+    unconfirmed = 1.0 - signs.confirmed_s / CONFIRM_S
     away = atan2(signs.mean_east, signs.mean_north)
-    by_other = max(unborne * away * away, by_other)
+    by_other = max(unconfirmed * away * away, by_other)
     away = wrap_angle(signs.other_rad - heading_rad)
-    share = max(unborne, STILL_RIVAL) * signs.other_s / LONG_S
+    share = max(unconfirmed, LEAST_ALTERNATIVE) * signs.other_s / LONG_S
     return max(share * away * away, by_other)
 
 
@@ -139,7 +139,7 @@ def sigma_heading(
 
     The variance P takes the field's error for white, which it is for an uncertain heading. What
     is left of it after long is little beside errors that last: an own field that is not learnt
-    yet, steel, a place's gradient, a leaning vertical. They have no model here but are
+    yet, steel, a place's gradient, a tilted vertical. They have no model here but are
     measured: by what the field's mean of ``SPAN_S`` scatters, by how far norm and
     dip are off by more than noise, and by the size of gravity, whose error bends a steep
     field. So P counts as P^2/(P + P_1) only, but for slow streams, whose P is what they miss,
@@ -150,9 +150,9 @@ def sigma_heading(
     signs = events.signs
     lasting = MEASURED_SQUARE * signs.heading.scatter + alternative(vertical, magnetic, events)
     slow, carried = slow_and_carried(params, vertical.coefficients.dt_s)
-    leaning = vertical.inflation + carried * LOW_PASS_SHARE * vertical.tilt.variance
-    second_difference = 0.5 * steep * (signs.gravity.uneven + leaning)
-    lasting += LEAST_DIRECTION_RAD**2 + second_difference + events.inflation.variance
+    tilt_variance = vertical.inflation + carried * LOW_PASS_SHARE * vertical.tilt.variance
+    by_tilt = 0.5 * steep * (signs.gravity.uneven + tilt_variance)
+    lasting += LEAST_DIRECTION_RAD**2 + by_tilt + events.inflation.variance
     uneven = max(0.0, magnetic.reference.uneven - SCALE_ERROR**2)
     _, own_left = own_field(field.calibration.learnt)
     lasting += (1.0 + steep) * (MEASURED_SQUARE * uneven + 0.5 * own_left)

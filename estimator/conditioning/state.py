@@ -78,7 +78,7 @@ def forget_field(params: ConditioningParams, state: ConditioningState) -> Condit
 
 
 def apply_turn(state: ConditioningState, turn_frd: Quaternion) -> ConditioningState:
-    """Every attitude inside turned by one body rotation, as if the vehicle had turned unfelt."""
+    """Every attitude turned by one body rotation, as by a turn that the gyroscope missed."""
     vertical, calibration = state.vertical, state.field.calibration
     q = normalize(multiply(vertical.gravity.q_g_frd, turn_frd))
     lagged, means = vertical.lagged, calibration.means

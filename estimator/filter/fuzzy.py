@@ -1,9 +1,8 @@
 """The fuzzy gain controller, compiled: Mamdani inference with the exact centroid.
 
 min for AND, max over rules and for aggregation, clipped triangles, and the
-centroid of the piecewise-linear aggregate in closed form. The readable twin
-built on scikit-fuzzy is ``estimator/filter/fuzzy_reference.py``; the two agree to
-1e-9 relative. Paper: Section III-B, Table I
+centroid of the piecewise-linear aggregate in closed form. Tests hold it
+equal to scikit-fuzzy, to 1e-9 relative. Paper: Section III-B, Table I
 "FLC" (rules), Figs. 4 "FLC_Inp_MMF" and 5 "FLC_Out_MMF" (memberships).
 """
 
@@ -83,7 +82,7 @@ def fire(e: Strengths, d: Strengths) -> Strengths:
 def clipped_line(x: float, h: float, corners: Triangle, middle: float) -> float:
     """Extend to ``x`` the straight piece that min(h, triangle) follows around ``middle``.
 
-    Evaluating an edge by the piece inside the interval gives the one-sided
+    Evaluating an edge by the piece within the interval gives the one-sided
     limit, which is what a vertical edge needs.
     """
     a, b, c = corners
@@ -104,7 +103,7 @@ def centroid(strengths: Strengths, sets: Five) -> float:
 
     A zero area (all strong sets are single points; k12 = 0 is a likely optimum)
     gives the strength-weighted mean of the peaks. Any other area counts, however
-    small: an input just inside an edge fires a rule with 1e-16.
+    small: an input just within an edge fires a rule with 1e-16.
     """
     total = strengths[0] + strengths[1] + strengths[2] + strengths[3] + strengths[4]
     if total <= 0.0:

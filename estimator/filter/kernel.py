@@ -9,11 +9,10 @@ from math import expm1, sqrt
 import numpy as np
 
 from estimator.arrays import Floats
-from estimator.compilation.compiled import compiled, inlined, types_of
-from estimator.compilation.replacing import replacer
+from estimator.compilation.compiled import compiled, inlined, replacer, types_of
 from estimator.filter.fuzzy import operating_gain
 from estimator.filter.noise_gain import (
-    borne_error,
+    confirmed_error,
     noise_gain,
     observe_floor,
     observe_noise,
@@ -217,7 +216,7 @@ def correct(params: FilterParams, state: FilterState, vectors: Vectors, dt: floa
             if not knows_noise:
                 e = attitude_error(v1, v2, u1, u2, v_across, inverse, cosine)
     if knows_noise:
-        noise, e = borne_error(noise, v1, u1, s1, v2, u2, s2)
+        noise, e = confirmed_error(noise, v1, u1, s1, v2, u2, s2)
     elif not spans:
         e = single_vector_error(v1, v2, u1, u2, s1, s2)
     d = error_rate(params, state, e, dt)

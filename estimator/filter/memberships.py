@@ -28,7 +28,7 @@ UPPER: Memberships = (
     *(15.0, 20.0, 20.0, 30.0, 20.0, 50.0, 50.0, 50.0, 70.0, 90.0, 70.0),
 )
 
-# Indices (from 0) of each triangle's free corners; the order a <= b <= c holds inside each.
+# Indices (from 0) of each triangle's free corners; the order a <= b <= c holds within each.
 CHAINS: tuple[tuple[int, ...], ...] = (
     *((0,), (1, 2, 3), (4, 5, 6), (7, 8, 9), (10,)),
     *((11,), (12, 13, 14), (15, 16, 17), (18, 19, 20), (21,)),
@@ -64,7 +64,7 @@ def fuzzy_sets(k: Memberships) -> FuzzySets:
 
 
 def require_feasible(k: Memberships) -> None:
-    """Check count, bounds and the order inside each triangle.
+    """Check count, bounds and the order within each triangle.
 
     Raises:
         InputError: naming the first parameter that is out of place.

@@ -31,8 +31,7 @@ noisy as one sample, and K = 1/t averages all since.
 from math import log, sqrt
 from typing import NamedTuple
 
-from estimator.compilation.compiled import compiled, inlined
-from estimator.compilation.replacing import replacer
+from estimator.compilation.compiled import compiled, inlined, replacer
 from estimator.filter.fuzzy import RULES
 from estimator.geometry.quaternion import add, cross, dot, scale, subtract
 from estimator.types import ZERO_VEC3, Vec2, Vec3
@@ -48,7 +47,7 @@ FLOOR_TIME_S = 1.2
 # What one sample of e may add, in floors: a wrong start is not the sensors' error.
 FLOOR_CAP = 3.0
 # The resting gain over sqrt(q/r), and its bounds. Small: the gyroscope's bias shows; large: the
-# vectors' noise does. Vectors with errors of their own are worth less than their noise says.
+# vectors' noise does. Vectors with errors of their own are worth less than their noise shows.
 RESTING_SHARE = 0.55
 RESTING_LEAST = 1.3
 RESTING_MOST = 30.0
@@ -93,10 +92,10 @@ with_errors = replacer(NoiseState, "errors")
 
 
 @inlined
-def borne_error(
+def confirmed_error(
     noise: NoiseState, v1: Vec3, u1: Vec3, s1: float, v2: Vec3, u2: Vec3, s2: float
 ) -> tuple[NoiseState, float]:
-    """e as far as two samples in a row bear it out, by each vector for itself."""
+    """e as far as two samples in a row confirm it, by each vector for itself."""
     e1 = vector_error(v1, u1) if s1 > 0.0 else noise.errors[0]
     e2 = vector_error(v2, u2) if s2 > 0.0 else noise.errors[1]
     e = s1 * min(e1, noise.errors[0]) + s2 * min(e2, noise.errors[1])
@@ -110,7 +109,7 @@ def vector_error(v: Vec3, u: Vec3) -> float:
 
 
 @inlined
-def correction_cusum(before: Vec3, now: Vec3, turn: Vec3) -> float:
+def squared_change(before: Vec3, now: Vec3, turn: Vec3) -> float:
     """Squared distance of a vector from the one before, turned on: v - (v_before - turn x v)."""
     off = add(subtract(now, before), cross(turn, before))
     return dot(off, off)
@@ -125,10 +124,10 @@ def observe_noise(
     total = 0.0
     components = 0.0  # a direction has two, and the difference of two samples twice the variance
     if has_v1 and noise.has_v1:
-        total += correction_cusum(noise.v1_frd, v1, turn)
+        total += squared_change(noise.v1_frd, v1, turn)
         components += 4.0
     if has_v2 and noise.has_v2:
-        total += correction_cusum(noise.v2_frd, v2, turn)
+        total += squared_change(noise.v2_frd, v2, turn)
         components += 4.0
     samples, r, q = noise.samples, noise.vector_variance, noise.rate_variance
     if components > 0.0 and dt > 0.0:

@@ -16,7 +16,7 @@ class ReferenceParams(NamedTuple):
     s_magnetic: float
     s_gravity: float
     s_cross: float
-    place_gauss: Vec3 = ZERO_VEC3  # the place's field in NED; zero while nobody knows it
+    place_gauss: Vec3 = ZERO_VEC3  # the place's field in NED; zero while unknown
 
 
 @inlined

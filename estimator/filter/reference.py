@@ -5,14 +5,14 @@ SO(3): Fast Adaptation and Robustness", 2021. Equations are cited by the number
 that the paper prints and by the label in its source. Its structure is that of
 R. Mahony, T. Hamel and J.-M. Pflimlin, IEEE Trans. Automatic Control 53(5),
 2008, doi:10.1109/TAC.2008.923738. Where the paper leaves something open,
-docs/paper.md says what was chosen, and why.
+docs/paper.md has what was chosen, and why.
 
 The vehicle turns with dR/dt = R [Omega]x, Eq. (6) "Attit_R_Dynamics", and its
 gyroscope reads Omega_m = Omega + b + n, Eq. (7) "Attit_Angular". The filter,
 Eq. (12) "Attit_Filter", turns R_hat with Omega_m - b_hat - W. W draws the
 estimated directions R_hat^T v_i^I to the measured ones v_i^B; the gain K of W
 is set by fuzzy rules from the distance e between the two frames and its rate
-of change. e is what the measurements say of |R~|_I = Tr(I - R~)/4, with R~ =
+of change. e is what the measurements show of |R~|_I = Tr(I - R~)/4, with R~ =
 R^T R_hat of Eq. (8) "Attit_R_error": sin^2 of half the angle between truth and
 estimate.
 
@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from estimator.arrays import Floats
-from estimator.filter import fuzzy_reference
+from estimator.filter.fuzzy import fuzzy_gain
 from estimator.filter.noise_gain import NoiseState, noise_gain, observe_floor, observe_noise
 from estimator.filter.types import (
     PLAIN_STEP_LIMIT,
@@ -97,7 +97,7 @@ def single_vector_error(measured: Floats, estimated: Floats, s: Floats) -> float
     return float(np.clip(s[:2] @ half_angle_sine_sq / total, 0.0, 1.0)) if total > 0.0 else 0.0
 
 
-def borne_error(
+def confirmed_error(
     noise: NoiseState, measured: Floats, estimated: Floats, s: Floats
 ) -> tuple[NoiseState, float]:
     """The same, of each vector the smaller one of this sample and of the one before."""
@@ -120,7 +120,7 @@ def adaptive_gain(params: FilterParams, error: float, error_rate_1_s: float) -> 
     """K = 1 + k_op (below Eq. (12), "Attit_Filter")."""
     if params.gain_is_fixed:
         return params.fixed_gain
-    return 1.0 + fuzzy_reference.gain(params.memberships, error, error_rate_1_s)
+    return 1.0 + fuzzy_gain(params.memberships, error, error_rate_1_s)
 
 
 def largest_rate(measured: Floats, s: Floats) -> float:
@@ -189,7 +189,7 @@ def gain_in_noise(
 
     :mod:`estimator.filter.noise_gain`.
     """
-    noise, e = borne_error(state.noise, measured, estimated, s)
+    noise, e = confirmed_error(state.noise, measured, estimated, s)
     d = error_rate(params, state, e, dt)
     v1, v2 = ((float(x), float(y), float(z)) for x, y, z in measured[:2])
     noise = observe_noise(noise, v1, s[0] > 0.0, v2, s[1] > 0.0, state.rate_rad_s, dt)

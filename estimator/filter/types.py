@@ -97,7 +97,7 @@ def initial_state(
 
 
 def gain_in_words(params: FilterParams, *, conditioned: bool) -> str:
-    """One sentence. ``conditioned`` says whether the filter is given prepared vectors."""
+    """One sentence. ``conditioned``: whether the filter is given prepared vectors."""
     if params.gain_is_fixed:
         return f"a constant of {params.fixed_gain:g} sets K"
     if not params.gain_knows_noise:

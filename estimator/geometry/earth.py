@@ -48,7 +48,7 @@ def _direction(latitude_deg: float, longitude_deg: float) -> tuple[float, float,
 def field_at(
     latitude_deg: float, longitude_deg: float, altitude_m: float, unix_us: int
 ) -> PlaceField | None:
-    """The field at a place and a date; None where it cannot be told.
+    """The field at a place and a date; None where the model has none.
 
     World Magnetic Model (NOAA/NCEI and BGS) of the epoch that holds the date.
     """
@@ -77,3 +77,43 @@ def _model(epoch: int) -> Any:
     from pygeomag import GeoMag
 
     return GeoMag(base_year=epoch)
+
+
+# So far away the field is looked up anew; the declination changes by some 0.1 degrees in that.
+MOVED_M = 20_000.0
+
+
+class Place(NamedTuple):
+    """A place whose field has been looked up."""
+
+    latitude_deg: float
+    longitude_deg: float
+    field: PlaceField
+
+
+class LastPosition(NamedTuple):
+    """Where the vehicle is taken to be, and another place that was reported just now."""
+
+    here: Place | None = None
+    elsewhere_deg: tuple[float, float] | None = None
+
+
+def update_position(
+    known: LastPosition, latitude_deg: float, longitude_deg: float, altitude_m: float, unix_us: int
+) -> LastPosition:
+    """The place after one more position.
+
+    The first one counts. Later a place more than ``MOVED_M`` away must be reported twice in a row,
+    so that one bad position moves nothing.
+    """
+    here, position = known.here, (latitude_deg, longitude_deg)
+    if not (isfinite(latitude_deg) and isfinite(longitude_deg)):
+        return known
+    if here is not None:
+        if distance_m((here.latitude_deg, here.longitude_deg), position) < MOVED_M:
+            return known if known.elsewhere_deg is None else known._replace(elsewhere_deg=None)
+        before = known.elsewhere_deg
+        if before is None or distance_m(before, position) > MOVED_M:
+            return known._replace(elsewhere_deg=position)
+    field = field_at(latitude_deg, longitude_deg, altitude_m, unix_us)
+    return known if field is None else LastPosition(Place(*position, field))

@@ -14,7 +14,7 @@ from estimator.types import Quaternion, Vec3
 Q_ENU_NED: Quaternion = (0.0, sqrt(0.5), sqrt(0.5), 0.0)
 Q_FRD_FLU: Quaternion = (0.0, 1.0, 0.0, 0.0)
 
-# Sine of the pitch (89.99 deg) beyond which roll and yaw are not told apart.
+# Sine of the pitch (89.99 deg) beyond which roll and yaw cannot be separated.
 GIMBAL_LOCK_SINE = sin(radians(89.99))
 
 

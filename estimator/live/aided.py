@@ -2,10 +2,9 @@
 
 from math import hypot
 
-from estimator.aiding import AidingState
-from estimator.aiding.types import North
+from estimator.aiding.types import AidingState, North
 from estimator.compilation.compiled import inlined
-from estimator.conditioning import Conditioned
+from estimator.conditioning.condition import Conditioned
 from estimator.conditioning.field.magnetic import NORM_SCALE
 from estimator.conditioning.vertical.rate import corrected_rate, following_weight, slow_share
 from estimator.filter.kernel import correct, integrate_rate

@@ -20,21 +20,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.aiding import Beginning, Report, begin, compass
-from estimator.aiding.acceleration_tilt import bears_out
-from estimator.aiding.beginning import lag_variance, loosen
-from estimator.aiding.consistency import doubted
-from estimator.aiding.course import forward_evidence, lean_rad, level_ahead
+from estimator.aiding import compass
+from estimator.aiding.acceleration_tilt import explains_acceleration
+from estimator.aiding.beginning import Beginning, begin, inflate_covariance, lag_variance
+from estimator.aiding.consistency import inflated
+from estimator.aiding.course import forward_evidence, level_ahead, tilt_error_rad
 from estimator.aiding.phase import Cause
-from estimator.aiding.place import resembles
 from estimator.aiding.search import UNKNOWN_RAD, solve
 from estimator.aiding.sources.velocity import is_credible
 from estimator.aiding.sources.wheels import rolls
-from estimator.aiding.types import IMU_LAG, NO_REPORT, Sigmas
+from estimator.aiding.types import IMU_LAG, NO_REPORT, Report, Sigmas
 from estimator.bounds import TINY
-from estimator.conditioning import ConditioningState
 from estimator.conditioning.field.magnetic import horizontal_down
 from estimator.conditioning.robust import HEADING_REACH_RAD, REACH
+from estimator.conditioning.state import ConditioningState
 from estimator.conditioning.times import LONG_S
 from estimator.conditioning.vertical.rate import slow_share
 from estimator.filter.alignment import align, quaternion_from_matrix
@@ -77,7 +76,7 @@ def begin_aided(state: State, report: Report, *, has_heading: bool) -> None:
             return
         if can_compare and not rolls(state.settings.aiding):
             start = judge_field(state, start)
-    # a field that is contradicted has told no heading
+    # a field that is contradicted has shown no heading
     is_wrong = compass.is_contradicted(state.context.compass, state.core.time_us)
     set_out(state, start, report, has_heading=has_heading and not is_wrong)
 
@@ -102,12 +101,12 @@ def set_out(state: State, start: "Start", report: Report, *, has_heading: bool) 
 def find_start_by_field(state: State) -> "Start | None":
     """The heading by a field that is trusted and settled, if that is known well enough.
 
-    One that nobody vouches for begins it as a heading that may be ``UNKNOWN_RAD`` off, so that
-    velocity turns the heading before anything else; its own sigma shrinks by velocity alone.
+    An uncalibrated compass begins it with a heading sigma of ``UNKNOWN_RAD``, so velocity turns the
+    heading first. Only velocity makes that sigma smaller.
     """
     now = state.core.core  # taken out once: that takes longer than all that is asked of it
     is_trusted = trusts_field(state, now)
-    may_begin = is_trusted or compass.is_unspoken(state.context.compass, now.time_us)
+    may_begin = is_trusted or compass.is_unknown(state.context.compass, now.time_us)
     if not may_begin or not is_settled(state.settings, now):
         return None
     if now.seen.sigma_heading_rad >= UNKNOWN_RAD:
@@ -120,12 +119,16 @@ def find_start_by_field(state: State) -> "Start | None":
 
 
 def find_start_by_velocity(state: State, report: Report) -> "Start | None":
-    """The attitude that the reports show without any field."""
+    """The attitude that the reports show without any field, if its heading is certain enough."""
     if not state.core.search(report):
         return None
     now = state.core.core
     start = start_by_course(state.settings, now, report) if rolls(state.settings.aiding) else None
-    return start or start_by_velocity(now)
+    of_g = solve(now.search, bias_sigma_rad_s(now.conditioning)) if start is None else None
+    if of_g is None:
+        return start
+    q = multiply(of_g.q_ned_g, now.conditioning.vertical.gravity.q_g_frd)
+    return Start(q, max(of_g.sigma_heading_rad, LEAST_HEADING_SIGMA_RAD))
 
 
 def judge_field(state: State, start: "Start") -> "Start":
@@ -137,15 +140,15 @@ def judge_field(state: State, start: "Start") -> "Start":
     if compass.is_trusted(known, now.time_us):
         return start
     seen, field = now.seen, now.conditioning.field.magnetic.reference
-    leaning_rad = seen.sigma_inclination_rad * abs(field.down) / max(field.horizontal, TINY)
-    field_rad = hypot(max(seen.sigma_heading_rad, LEAST_HEADING_SIGMA_RAD), leaning_rad)
+    dip_error_rad = seen.sigma_inclination_rad * abs(field.down) / max(field.horizontal, TINY)
+    field_rad = hypot(max(seen.sigma_heading_rad, LEAST_HEADING_SIGMA_RAD), dip_error_rad)
     q = align(conditioned_vectors(state.settings.reference, now.seen))
     off_rad = heading_between(q, start.q_ned_frd)
     sigma_rad = hypot(start.sigma_heading_rad, field_rad)
     if abs(off_rad) > REACH * sigma_rad:
         state.turn_compass(off_rad)
         return start._replace(compass_sigma_rad=UNKNOWN_RAD)
-    if sigma_rad < 2.0 * LEAST_HEADING_SIGMA_RAD and compass.is_unspoken(known, now.time_us):
+    if sigma_rad < 2.0 * LEAST_HEADING_SIGMA_RAD and compass.is_unknown(known, now.time_us):
         state.change_context(compass=known._replace(confirmed=True))
     return start
 
@@ -177,7 +180,7 @@ def trusts_field(state: State, now: Core) -> bool:
     place = state.place_field
     if place is not None:
         learnt = now.conditioning.field.magnetic.reference
-        if not resembles(place, learnt.horizontal, learnt.down):
+        if not compass.resembles(place, learnt.horizontal, learnt.down):
             state.change_context(compass=state.context.compass._replace(unlike_us=now.time_us))
     return compass.is_trusted(state.context.compass, now.time_us)
 
@@ -186,7 +189,7 @@ def iron_sigma_gauss(state: State, now: Core) -> float:
     """How large the vehicle's own field may be, on each axis.
 
     What calibration has left over is not known better than the field's strength and dip, two of
-    its three components, lie off the place's. Where nobody has calibrated, it may be all that is
+    its three components, lie off the place's. Without a calibration it may be all that is
     seen.
     """
     aiding, place = state.settings.aiding, state.place_field
@@ -201,14 +204,13 @@ def iron_sigma_gauss(state: State, now: Core) -> float:
 
 
 def give_up(state: State) -> None:
-    """What is measured contradicts the aided attitude, or it is lost: the better known one counts.
+    """Measurements contradict the aided attitude, or it is lost: go on with the better known one.
 
-    Contradicted, the aided attitude goes on as far as it is doubted, unless the unaided one is
-    better known then: the reports or the field may be what is wrong. Where its vertical alone is
-    lost, its heading goes on with the unaided vertical. An attitude that was taken to be the
-    better one and is doubted that much speaks against the compass that it began with; one that
-    has merely heard nothing for long does not. Where wheels contradict the heading that it began
-    with, velocity shows it anew.
+    A contradicted aided attitude goes on with an inflated covariance, unless the unaided one is
+    better known then: the reports or the field may be wrong. Where only its vertical is lost, its
+    heading goes on with the unaided vertical. Giving up an attitude that seemed the better one is
+    evidence against the compass that it began with, unless reports have just been missing for long.
+    Where wheels contradict the heading that it began with, velocity shows it anew.
     """
     core = state.core.core
     if core.aided.wheels.contradict:
@@ -219,13 +221,13 @@ def give_up(state: State) -> None:
     other = unaided_sigma(state, core)
     aided, covariance = core.aided, square(core.covariance)
     if not is_credible(aided):
-        aided, covariance = loosen(aided, covariance)
-    is_borne = bears_out(aided.acceleration_tilt) and isfinite(hypot(*aided.sigma))
+        aided, covariance = inflate_covariance(aided, covariance)
+    is_consistent = explains_acceleration(aided.acceleration_tilt) and isfinite(hypot(*aided.sigma))
     # with what the unaided down and the field show against it
     inclination_rad = hypot(aided.sigma.inclination_rad, verticals_apart(core))
-    sigma = Sigmas(inclination_rad, doubted(aided.sigma, core.consistency).heading_rad)
-    has_lost_down = is_worse(core.aided, core.seen) and not is_borne
-    if is_borne or (is_better(sigma, other) and not has_lost_down):
+    sigma = Sigmas(inclination_rad, inflated(aided.sigma, core.consistency).heading_rad)
+    has_lost_down = is_worse(core.aided, core.seen) and not is_consistent
+    if is_consistent or (is_better(sigma, other) and not has_lost_down):
         state.set_core(core._replace(aided=aided, covariance=flat(covariance)))
         return
     if has_lost_down:
@@ -297,15 +299,6 @@ def start_level(now: Core, sigma_heading_rad: float) -> Start:
     return Start(multiply(level, q), off_rad)
 
 
-def start_by_velocity(now: Core) -> Start | None:
-    """The attitude by velocity alone, if its heading is certain enough."""
-    of_g = solve(now.search, bias_sigma_rad_s(now.conditioning))
-    if of_g is None:
-        return None
-    q = multiply(of_g.q_ned_g, now.conditioning.vertical.gravity.q_g_frd)
-    return Start(q, max(of_g.sigma_heading_rad, LEAST_HEADING_SIGMA_RAD))
-
-
 def start_by_course(settings: Settings, now: Core, report: Report) -> Start | None:
     """The unaided vertical with the heading by where it rolls, if it is clear which way that is.
 
@@ -319,7 +312,7 @@ def start_by_course(settings: Settings, now: Core, report: Report) -> Start | No
         return None
     unsure = max(report.sigma_m_s, aiding.report_sigma_m_s) / speed
     sense = copysign(1.0, forward)
-    tilt_rad = hypot(now.seen.sigma_inclination_rad, lean_rad(rolled, sense))
+    tilt_rad = hypot(now.seen.sigma_inclination_rad, tilt_error_rad(rolled, sense))
     sigma_rad = hypot(unsure, aiding.sideslip_rad, tilt_rad * down[0] / level)
     if sigma_rad > UNKNOWN_RAD:
         return None
@@ -344,7 +337,7 @@ def begin_aiding(
 ) -> Core:
     """The core with the aiding at its beginning, and the vehicle's own field as uncertain."""
     aiding = settings.aiding
-    # what has made the vertical lean may be either sensor's bias
+    # either sensor's bias may have tilted the vertical
     drift_rad_s = start.sigma_tilt_rad / settings.conditioning.gravity_tau_s
     push_m_s2 = start.sigma_tilt_rad * STANDARD_GRAVITY_M_S2
     aided, covariance, velocity_history = begin(

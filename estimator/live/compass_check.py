@@ -1,16 +1,17 @@
-"""Whether velocity alone contradicts the heading that the compass gives, and how it is mounted.
+"""Whether velocity alone contradicts the compass, and how the compass is mounted.
 
 The search for an attitude by velocity (:mod:`estimator.aiding.search`) goes on beside the aided
-estimate and never uses the field. It is held against both: the aided heading, which velocity may
-have drawn half the way, and a field that it has not confirmed, as it is read. Where they differ by
-more than their sigmas explain, the compass is one hypothesis and velocity the other. A compass
-whose heading velocity has never confirmed loses at once, by its field alone after a while: it is
-taken to be turned in the vehicle by the difference, and the aiding begins again from
-velocity, which shows the rest of that turn. A heading that velocity has confirmed before is not
-given up for a sudden contradiction, because velocity may be what went wrong: only a difference that
-lasts for ``MEMORY_S`` decides against the compass. Meanwhile the heading's sigma is 45 deg.
+estimate and never uses the field. It is compared with the aided heading, which velocity may have
+drawn half the way, and with a field as read that it has not confirmed. Where they differ by more
+than their sigmas explain, compass and velocity are two hypotheses.
 
-Beside that, how far the field contradicts the accelerometer, whatever the gyroscope shows.
+A compass that velocity has never confirmed is rejected at once, by its field alone after a while.
+It is taken to be turned in the vehicle by the difference. The aiding begins again from velocity,
+which shows the rest of that turn. A heading that velocity has confirmed before survives a sudden
+contradiction, because velocity may be wrong: only a difference that lasts for ``MEMORY_S`` rejects
+the compass. Meanwhile the heading's sigma is 45 deg.
+
+Here is also how far the field contradicts the accelerometer, whatever the gyroscope shows.
 """
 
 from math import atan2, cos, hypot, sin
@@ -23,11 +24,11 @@ from estimator.aiding.phase import Cause, Phase
 from estimator.aiding.search import UNKNOWN_RAD, Solution, solve
 from estimator.aiding.sources.wheels import rolls
 from estimator.aiding.types import COMPASS_TURN, HARD_IRON, SIZE, Report, Sigmas
-from estimator.aiding.uncertainty import leaning
+from estimator.aiding.uncertainty import with_dip_error
 from estimator.bounds import TINY
 from estimator.conditioning.field.magnetic import FieldLook, horizontal_down
 from estimator.conditioning.robust import REACH
-from estimator.conditioning.times import BORNE_S, MEMORY_S, SPAN_S
+from estimator.conditioning.times import CONFIRM_S, MEMORY_S, SPAN_S
 from estimator.conditioning.vertical.rate import slow_share
 from estimator.geometry.quaternion import angle_between_vectors, multiply, norm, rotate
 from estimator.live.aiding_span import (
@@ -46,7 +47,7 @@ from estimator.live.state import State
 
 
 def check_compass(state: State, report: Report) -> None:
-    """Hold the compass against velocity alone, and act if they contradict."""
+    """Compare the compass with velocity alone, and act if they contradict."""
     if state.context.phase is not Phase.AIDED:
         return
     now = state.core.core
@@ -63,8 +64,8 @@ def check_compass(state: State, report: Report) -> None:
     known = state.context.compass
     if not rolls(state.settings.aiding):
         turn_rad, turn_sigma_rad = compass_turn(state, now, found)
-    is_borne = known.confirmed or abs(turn_rad) <= REACH * turn_sigma_rad
-    if is_borne and abs(off_rad) <= REACH * sigma_rad:
+    is_consistent = known.confirmed or abs(turn_rad) <= REACH * turn_sigma_rad
+    if is_consistent and abs(off_rad) <= REACH * sigma_rad:
         is_confirmed = found.sigma_heading_rad < 2.0 * LEAST_HEADING_SIGMA_RAD
         known = known._replace(
             confirmed=known.confirmed or is_confirmed, contradicted_since_us=None
@@ -90,7 +91,7 @@ def least_s(now: Core, known: Compass, *, is_aided_off: bool) -> float:
         return MEMORY_S
     if is_aided_off:
         return 0.0
-    return BORNE_S if slow_share(now.sample.dt_s) > 0.0 else SPAN_S
+    return CONFIRM_S if slow_share(now.sample.dt_s) > 0.0 else SPAN_S
 
 
 def compass_turn(state: State, now: Core, found: Solution) -> tuple[float, float]:
@@ -106,14 +107,14 @@ def compass_turn(state: State, now: Core, found: Solution) -> tuple[float, float
 
 
 def judge_mounting(state: State, now: Core) -> None:
-    """By a heading that velocity has told: of a turned compass the rest of its turn.
+    """The rest of a turned compass's turn, by a heading from velocity.
 
-    Once that is known better than by a word, the readings are turned back by it, too.
+    Once that is known better than a calibration vouches for, readings are turned back by it, too.
     """
     estimate, known = now.aided.estimate, state.context.compass
     if not now.seen.has_heading or not state.knows_north or rolls(state.settings.aiding):
         return
-    if compass.is_unspoken(known, now.time_us):
+    if compass.is_unknown(known, now.time_us):
         judge_field(state, Start(estimate.q_ned_frd, now.aided.sigma.heading_rad))
     variance = square(now.covariance)[COMPASS_TURN, COMPASS_TURN]
     if not 0.0 < 2.0 * variance < MOUNTED_RAD**2:
@@ -142,12 +143,12 @@ def mislead(state: State, start: Start, turn_rad: float, report: Report) -> None
 CERTAIN = Sigmas(inclination_rad=0.0, heading_rad=0.0)
 
 
-def leaning_angle(settings: Settings, core: Core) -> float:
+def dip_error_rad(settings: Settings, core: Core) -> float:
     """How far (rad) force and field as read lie otherwise apart than velocity and place have it.
 
     The force is that of the last second or so, which the change of velocity explains. What was
     learnt of the field meanwhile does not count, and what calibration leaves over is no
-    contradiction. 0 without either, and while nobody knows the place.
+    contradiction. 0 without either, and while the place is unknown.
     """
     params, place_gauss = settings.aiding, settings.reference.place_gauss
     force, sample = core.consistency.force, core.sample
@@ -160,4 +161,4 @@ def leaning_angle(settings: Settings, core: Core) -> float:
     as_read = core.aided.field._replace(look=FieldLook(n * cos(dip), n * sin(dip), 0.0))
     usual = np.zeros((SIZE, SIZE))
     usual[HARD_IRON, HARD_IRON] = params.hard_iron_sigma_gauss**2
-    return leaning(params, CERTAIN, as_read, place_gauss, usual).inclination_rad
+    return with_dip_error(params, CERTAIN, as_read, place_gauss, usual).inclination_rad

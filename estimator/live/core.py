@@ -5,30 +5,30 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator.aiding import AidingParams, AidingState, blank_aiding, forget_biases
+from estimator.aiding.beginning import blank_aiding, forget_biases
 from estimator.aiding.compass import Compass
 from estimator.aiding.consistency import NEW_CONSISTENCY, Consistency
 from estimator.aiding.covariance import rotation_matrix
 from estimator.aiding.phase import Phase
-from estimator.aiding.place import LastPosition
 from estimator.aiding.search import EMPTY_SEARCH, Search
-from estimator.aiding.types import HARD_IRON, SIZE
+from estimator.aiding.types import HARD_IRON, SIZE, AidingParams, AidingState
 from estimator.aiding.velocity_history import COLUMNS
 from estimator.arrays import Floats
-from estimator.conditioning import Conditioned, ConditioningState, forget_bias, forget_field
-from estimator.conditioning import apply_turn as turn_memory
-from estimator.conditioning import initial_state as initial_conditioning
+from estimator.conditioning.condition import Conditioned
+from estimator.conditioning.state import ConditioningState, forget_bias, forget_field
+from estimator.conditioning.state import apply_turn as turn_memory
+from estimator.conditioning.state import initial_state as initial_conditioning
 from estimator.filter.types import FilterState, initial_state
+from estimator.geometry.earth import LastPosition
 from estimator.geometry.quaternion import conjugate, exp, multiply, normalize, rotate
 from estimator.live.published import NO_PULL, Pull
 from estimator.live.rows import REPORT_SIZE
 from estimator.live.settings import Settings
 from estimator.live.turning import COLUMNS as RATE_COLUMNS
 from estimator.live.turning import STILL, Turning
-from estimator.types import NO_SAMPLE, Quaternion, Sample
-from estimator.vehicle_class import VehicleClass
+from estimator.types import NO_SAMPLE, Quaternion, Sample, VehicleClass
 
-# What the conditioning stage has said before it was asked.
+# The conditioning stage's output before the first sample.
 UNSEEN = Conditioned()
 
 
@@ -146,7 +146,7 @@ def with_attitude(now: Core, q_ned_frd: Quaternion) -> Core:
 
 
 def apply_turn(now: Core, turn_ned: Quaternion, *, is_aided: bool) -> Core:
-    """Every attitude inside turned by the same body rotation: q* K q of the filter's q."""
+    """Every attitude turned by the same body rotation: q* K q of the filter's q."""
     q = now.filter.q_ned_frd
     turn_frd = multiply(conjugate(q), multiply(turn_ned, q))
     aided, consistency = now.aided, now.consistency
@@ -201,10 +201,10 @@ class Context(NamedTuple):
     reports: tuple[Any, ...] = ()  # of other sources than velocity, that wait for the IMU
     compass: Compass = Compass()  # how far the field is trusted
     is_by_field: bool = False  # whether the aiding began with the field's heading
-    whereabouts: LastPosition = LastPosition()  # and the field of the place
-    imu_lag_s: float | None = None  # of the gyroscope's samples, as far as somebody has told
+    last_position: LastPosition = LastPosition()  # and the field of the place
+    imu_lag_s: float | None = None  # of the gyroscope's samples, as declared
     acc_lead_s: float = 0.0  # by how much the accelerometer's are younger
-    vehicle_class: VehicleClass = VehicleClass.ANYTHING  # of the IMU, as far as somebody has told
+    vehicle_class: VehicleClass = VehicleClass.ANYTHING  # as declared
 
 
 class Snapshot(NamedTuple):

@@ -1,4 +1,4 @@
-"""A core: in compiled memory from its first step on, a tuple whenever somebody asks for it."""
+"""A core: in compiled memory from its first step on, a tuple on demand."""
 
 from collections.abc import Callable
 from functools import cached_property, partial
@@ -7,39 +7,30 @@ from typing import Any, Concatenate, ParamSpec, TypeVar
 import numba
 import numpy as np
 
-from estimator.aiding.sources.source import in_types_of
-from estimator.aiding.sources.table import source_of
+from estimator.aiding.sources.source import in_types_of, source_of
 from estimator.aiding.types import NO_REPORT, Report
 from estimator.arrays import Floats
-from estimator.compilation.compiled import direct
+from estimator.compilation.compiled import entry_point
 from estimator.live import kernel_handle
 from estimator.live.core import Core, in_arrays, in_tuples
 from estimator.live.reports import age_s
 from estimator.live.rows import Rows, require_writable, rows_of
 from estimator.live.settings import Settings
+from estimator.live.step import Situation
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
 _numba_config: Any = numba.config  # numba ships no types
-_typeof: Any = numba.typeof
-# What puts a core into memory, once there is one, and the steps by their kernels: all cores are of
-# one type, and to find that out takes a hundred times as long.
-_put_forms: list[Callable[..., Any]] = []
-_steps: dict[Any, Callable[..., Any]] = {}
 
 
 def _step(kernel: "Callable[Concatenate[Any, P], R]") -> "cached_property[Callable[P, R]]":
     """A kernel of :mod:`estimator.live.kernel_handle` as a function of all but its handle."""
-    return cached_property(lambda holder: holder.bind(kernel))
-
-
-def _in_plain_numbers(kernel: Callable[..., Any]) -> Callable[..., Any]:
-    """A kernel in Python, with numpy's numbers in its results as Python's own."""
-    return lambda *arguments: _plain_numbers(kernel(*arguments))
+    return cached_property(lambda holder: holder.bind(entry_point(kernel)))
 
 
 def _plain_numbers(value: Any) -> Any:
+    """A result of plain Python with numpy's numbers as Python's own."""
     if isinstance(value, np.generic):
         return value.item()
     if not isinstance(value, tuple):
@@ -48,46 +39,35 @@ def _plain_numbers(value: Any) -> Any:
     return kind(*parts) if hasattr(kind, "_fields") else kind(parts)
 
 
-def _put_form(values: tuple[Any, ...]) -> Callable[..., Any]:
-    if not _put_forms:
-        _put_forms.append(direct(kernel_handle.kernel_handle, tuple(map(_typeof, values))))
-    return _put_forms[0]
-
-
 class Holder:
     """A core and the steps that change it.
 
-    Compiled code is called without a look at its arguments. It takes plain numbers by their
-    values and raises TypeError or ValueError for what has none, so the steps of each sample take
-    only those.
-    Tuples and arrays are looked at here first: InputError is raised for those that do not fit.
+    Compiled code does not check its arguments. It takes plain numbers by their values and raises
+    TypeError or ValueError for anything else, so the steps of each sample take only numbers.
+    Tuples and arrays are checked here first: one that does not fit raises InputError.
     """
 
     advance = _step(kernel_handle.advance)
     advance_raw = _step(kernel_handle.advance_raw)
     publish = _step(kernel_handle.publish)
-    _contents = _step(kernel_handle.contents)
-    _clock = _step(kernel_handle.clock)
-    _contradicted_axes = _step(kernel_handle.contradicted_axes)
-    _lay = _step(kernel_handle.lay)
-    brief = _step(kernel_handle.brief)
+    set_situation = _step(kernel_handle.set_situation)
     take_report = _step(kernel_handle.take_report)
-    take_rate = _step(kernel_handle.take_rate)
+    _contents = _step(kernel_handle.contents)
+    _status = _step(kernel_handle.status)
+    _bind_rows = _step(kernel_handle.bind_rows)
     _last_report = _step(kernel_handle.last_report)
-    _turning = _step(kernel_handle.turning_of)
     _search = _step(kernel_handle.search)
 
     def __init__(self, settings: Settings, core: Core) -> None:
         self._params = kernel_handle.params_of(settings)
         self._core = core
-        self._inside: Any = None
         self._is_in_python = bool(_numba_config.DISABLE_JIT)
-        self._hearing: dict[type, Callable[[Any, float], None]] = {}
+        self._late_reports: dict[type, Callable[[Any, float], None]] = {}
 
     @property
     def core(self) -> Core:
         """The core as it is now."""
-        if self._inside is None:
+        if "_handle" not in self.__dict__:
             return self._core
         core: Core = in_tuples(self._contents())
         if not self._is_in_python:
@@ -99,41 +79,36 @@ class Holder:
         return as_put
 
     @property
-    def clock(self) -> tuple[int, float]:
-        """Time (us) of the last sample, and the interval (s) that samples usually come at."""
-        if self._inside is None:
-            return self._core.time_us, self._core.usual_s
-        return self._clock()
+    def time_us(self) -> int:
+        """Time of the last sample."""
+        return self._status()[0]
 
     @property
-    def turning(self) -> tuple[int, tuple[bool, bool, bool]]:
-        """See :func:`estimator.live.kernel_handle.turning_of`."""
-        if self._inside is None:
-            return self._core.turning.used, self._core.turning.stands_in
-        return self._turning()
+    def usual_s(self) -> float:
+        """The interval that samples usually come at."""
+        return self._status()[1]
+
+    @property
+    def integrated_steps(self) -> int:
+        """How many steps were integrated through others' rates."""
+        return self._status()[2]
 
     @property
     def contradicted_axes(self) -> tuple[bool, bool, bool]:
-        """See :func:`estimator.live.kernel_handle.contradicted_axes`."""
-        if self._inside is None:  # no sample has come since it was put here
-            return False, False, False
-        return self._contradicted_axes()
-
-    @property
-    def time_us(self) -> int:
-        """Time of the last sample."""
-        return self.clock[0]
+        """The gyroscope's axes that field and force contradict, or that others' rates replace."""
+        *_, (a, b, c), (x, y, z) = self._status()
+        return x or a, y or b, z or c
 
     @property
     def last_report(self) -> tuple[Report, bool]:
         """See :func:`estimator.live.kernel_handle.last_report`."""
         return self._last_report()
 
-    def lay(self, rows: Rows, published: Floats, report_rows: Floats) -> None:
-        """See :func:`estimator.live.kernel_handle.lay`; rows of another layout are copied."""
+    def bind_rows(self, rows: Rows, published: Floats, report_rows: Floats) -> None:
+        """See :func:`estimator.live.kernel_handle.bind_rows`; other layouts are copied."""
         rows = rows_of(*rows)
         require_writable(published, len(rows.times_us))
-        self._lay(rows, published, report_rows)
+        self._bind_rows(rows, published, report_rows)
 
     def search(self, report: Report) -> bool:
         """See :func:`estimator.live.kernel_handle.search`."""
@@ -143,31 +118,19 @@ class Holder:
         """Take another source's report that belongs to the last sample, of ``time_us``."""
         kind, source = type(report), source_of(report)
         report = in_types_of(source.blank, report)
-        if kind not in self._hearing:
-            kernel = kernel_handle.hearing(source.observe)
-            self._hearing[kind] = self.bind(kernel, source.blank, 0.0)
-        self._hearing[kind](report, age_s(report, time_us))
+        if kind not in self._late_reports:
+            self._late_reports[kind] = self.bind(kernel_handle.late_report_step(source))
+        self._late_reports[kind](report, age_s(report, time_us))
 
-    def bind(self, kernel: Any, *arguments: Any) -> Any:
-        """A step that knows what it works on.
-
-        ``arguments`` are examples of its others; of the kernels in ``arguments_with`` none.
-        """
-        handle = self._put_inside()
+    def bind(self, step: Callable[..., Any]) -> Any:
+        """A step that knows what it works on."""
         if self._is_in_python:
-            return partial(_in_plain_numbers(kernel), handle)
-        if arguments:
-            return partial(direct(kernel, tuple(map(_typeof, (handle, *arguments)))), handle)
-        step = _steps.get(kernel)
-        if step is None:
-            types = kernel_handle.arguments_with(_typeof(handle))[kernel]
-            step = _steps[kernel] = direct(kernel, types)
-        return partial(step, handle)
+            return lambda *arguments: _plain_numbers(step(self._handle, *arguments))
+        return partial(step, self._handle)
 
-    def _put_inside(self) -> Any:
-        if self._inside is None:
-            arrays = in_arrays(self._core)
-            values = (self._params, arrays, kernel_handle.Situation(), *kernel_handle.NOTHING_LAID)
-            put = kernel_handle.kernel_handle if self._is_in_python else _put_form(values)
-            self._inside = put(*values)
-        return self._inside
+    @cached_property
+    def _handle(self) -> Any:
+        """The handle on the core, which is put into compiled memory when it is first needed."""
+        put = entry_point(kernel_handle.new_handle)
+        arrays = in_arrays(self._core)
+        return put(self._params, arrays, Situation(), *kernel_handle.NO_ROWS_BOUND)

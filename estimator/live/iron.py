@@ -4,7 +4,6 @@ from math import acos, cos, hypot, pi, radians, sqrt
 
 from estimator.aiding.search import UNKNOWN_RAD
 from estimator.compilation.compiled import inlined
-from estimator.conditioning import ConditioningParams, ConditioningState
 from estimator.conditioning.field.calibration import most_variances
 from estimator.conditioning.field.magnetic import (
     NORM_SCALE,
@@ -12,16 +11,18 @@ from estimator.conditioning.field.magnetic import (
     horizontal_down,
     norm_of,
 )
+from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.state import ConditioningState
 from estimator.types import Vec3
 
-# What stands for the compass: velocity has shown the heading that it gives; somebody has calibrated
-# it; nobody has said so, but turns may show its iron; something speaks against it that no turn
-# takes away.
+# How far the compass is trusted: velocity has confirmed its heading; it is declared calibrated; it
+# is not declared, but turns may show its iron; there is evidence against it that turns cannot
+# refute.
 PROVEN = 0
 VOUCHED = 1
 BY_TURNS = 2
-DOUBTED = 3
-# A compass that somebody vouches for is mounted this well, rad: nothing but velocity shows more.
+CONTRADICTED = 3
+# A compass that is declared calibrated is mounted this well, rad: only velocity shows more.
 MOUNTED_RAD = radians(5.0)
 
 
@@ -39,11 +40,11 @@ def unshown_iron(
 ) -> float:
     """How far (rad) iron that nothing has shown may turn the heading; ``UNKNOWN_RAD`` at most.
 
-    Of a compass that somebody vouches for it is what the dip of the place's own field contradicts,
+    Of a compass that is declared calibrated it is what the dip of the place's field contradicts,
     beyond what calibrations leave; some autopilots' scale is not in gauss.
-    Of one without a word the turns' own information counts, which is that of the learnt offset
-    (:mod:`estimator.conditioning.field.calibration`) less the one supposed before:
-    s = norm / (H sqrt l), l its least eigenvalue. Against what else is doubted turns say nothing.
+    Of one that is not declared the turns' own information counts: that of the learnt offset
+    (:mod:`estimator.conditioning.field.calibration`) less the one supposed before. With its least
+    eigenvalue l, s = norm / (H sqrt l). Against any other fault turns prove nothing.
     """
     seen = memory.field.magnetic.reference
     h, norm = seen.horizontal, norm_of((seen.horizontal, seen.down))

@@ -3,20 +3,19 @@
 Plain tuples, not named ones: compiled code hands those to Python several times as fast.
 
 Raw vectors may pull the heading away from the gyroscope. A magnet that comes slowly leaves e
-small: the filter follows it. But then it turns against the gyroscope, freed of the bias that it
-had before. Which of both is wrong nobody can tell, so the angle between them counts as an error of
-the heading.
+small, because the filter follows it. But then the filter turns against the gyroscope, less its
+earlier bias. Either may be wrong, so the angle between them counts as an error of the heading.
 """
 
 from math import asin, atan2, hypot, pi, radians, sqrt
 from typing import Any, NamedTuple
 
-from estimator.aiding import AidingParams, AidingState
-from estimator.aiding.consistency import Consistency, doubted
-from estimator.aiding.correction_cusum import surprised
-from estimator.aiding.uncertainty import leaning
+from estimator.aiding.consistency import Consistency, inflated
+from estimator.aiding.correction_cusum import with_unexpected_turn
+from estimator.aiding.types import AidingParams, AidingState
+from estimator.aiding.uncertainty import with_dip_error
 from estimator.compilation.compiled import inlined
-from estimator.conditioning import Conditioned
+from estimator.conditioning.condition import Conditioned
 from estimator.conditioning.field.step import wrap_angle
 from estimator.conditioning.times import USUAL_S
 from estimator.filter.observation import ReferenceParams
@@ -53,8 +52,8 @@ def pulled(
 ) -> Pull:
     """The pull with one more sample, from the attitude ``before`` it to that of ``state``.
 
-    ``error`` is the mean e, by which sigma is 2 asin(sqrt(e)). A correction that sigma has
-    foretold, as after a wrong start, is no sign of a magnet: it counts by its cosine, 1 - 2 e.
+    ``error`` is the mean e, by which sigma is 2 asin(sqrt(e)). A correction that sigma
+    predicts, as after a wrong start, is no sign of a magnet: it counts by its cosine, 1 - 2 e.
     """
     seen_s = min(pull.seen_s + dt_s, USUAL_S)
     new = subtract(state.gyr_bias_rad_s, pull.bias_rad_s)
@@ -62,9 +61,9 @@ def pulled(
     alone = multiply(before, exp(scale(dt_s, subtract(gyr_rad_s, bias))))
     turn_ned = multiply(state.q_ned_frd, conjugate(alone))
     turned = wrap_angle(2.0 * atan2(turn_ned[3], turn_ned[0]))
-    surprising = max(0.0, 1.0 - 2.0 * error)
+    weight = max(0.0, 1.0 - 2.0 * error)
     kept = USUAL_S / (USUAL_S + dt_s)
-    return Pull(kept * (pull.heading_rad + surprising * turned), bias, seen_s)
+    return Pull(kept * (pull.heading_rad + weight * turned), bias, seen_s)
 
 
 # No estimate from these sensors is better than this; it also keeps sigma above zero.
@@ -81,7 +80,7 @@ Published = tuple[int, Motion, Figures, int]
 NOTHING_PUBLISHED: Published = (-1, (IDENTITY, ZERO_VEC3, ZERO_VEC3, 0.0, 0.0, 0.0), (0.0,) * 4, 0)
 
 # The output is propagated this far beyond the last sample at most, s; then the
-# last rate says nothing about the vehicle any more.
+# last rate shows nothing about the vehicle any more.
 OUTPUT_HORIZON_S = 1.0
 
 
@@ -124,13 +123,13 @@ def aided_figures(
     covariance: Any,
     mounted_rad: float,
 ) -> Figures:
-    """What the velocity aiding knows, and what measurements say against it.
+    """What the velocity aiding knows, widened by what measurements contradict.
 
     ``mounted_rad`` is how far the compass may be turned in the vehicle.
     """
     sigma = aided.sigma
-    wide = surprised(doubted(sigma, consistency), aided.correction_cusum, covariance)
-    wide = leaning(params, wide, aided.field, place_gauss, covariance)
+    wide = with_unexpected_turn(inflated(sigma, consistency), aided.correction_cusum, covariance)
+    wide = with_dip_error(params, wide, aided.field, place_gauss, covariance)
     return (
         confidence(sigma.inclination_rad, GRAVITY_HALF_RAD),
         confidence(sigma.heading_rad, MAGNETIC_HALF_RAD),
@@ -143,7 +142,7 @@ def aided_figures(
 def widen(figures: Figures, rate_rad_s: Vec3, ahead_s: float) -> Figures:
     """Both sigmas ``ahead_s`` beyond the last sample: the vehicle may have stopped turning.
 
-    Of the turn since then the share that nobody has seen grows from none to all.
+    The unseen share of the turn since then grows from none to all.
     """
     if ahead_s <= 0.0:
         return figures
@@ -158,9 +157,9 @@ def widen(figures: Figures, rate_rad_s: Vec3, ahead_s: float) -> Figures:
 
 
 @inlined
-def write(row: Any, said: Published, is_aided: bool) -> None:
-    """All of it as the numbers of a row, in the order of :data:`estimator.live.rows.SAID`."""
-    _, (q, rate, bias, error, error_rate, gain), figures, north = said
+def write(row: Any, output: Published, is_aided: bool) -> None:
+    """All of it as a row, in the order of the columns of :mod:`estimator.live.rows`."""
+    _, (q, rate, bias, error, error_rate, gain), figures, north = output
     for i in range(4):
         row[i] = q[i]
     for i in range(3):

@@ -16,7 +16,7 @@ RATE_LIMIT_RAD_S = 70.0
 ACC_LIMIT_M_S2 = 400.0
 
 
-# What is wrong with a sample, as compiled code says it.
+# What is wrong with a sample, as compiled code returns it.
 FINE = 0
 NOT_FINITE = 1
 GYROSCOPE_OUT_OF_RANGE = 2

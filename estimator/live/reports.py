@@ -17,9 +17,9 @@ MOST_WAITING = 8
 
 
 @inlined
-def enqueue_velocity(waiting: Floats, row: Floats) -> Floats:
-    """The waiting velocities with a new one; the oldest gives way to one too many."""
-    kept = waiting[max(0, len(waiting) + 1 - MOST_WAITING) :]
+def enqueue(waiting: Floats, row: Floats, most: int) -> Floats:
+    """The waiting rows with a new one; of more than ``most`` the oldest goes."""
+    kept = waiting[max(0, len(waiting) + 1 - most) :]
     longer = np.empty((len(kept) + 1, len(row)))
     longer[:-1] = kept
     longer[-1] = row

@@ -13,7 +13,7 @@ from estimator.types import ZERO_VEC3, RateSample, Vec3, VelocitySample
 # Columns of a row that shows an attitude: q_ned_frd, rate, bias, e, its rate, K, the confidences
 # of gravity and field, the sigmas of inclination and heading, the place in ``NORTHS`` of what the
 # heading is measured from, and 1 where velocity helps.
-SAID = 19
+OUTPUT_SIZE = 19
 Q, RATE, BIAS, SIGMA = slice(0, 4), slice(4, 7), slice(7, 10), slice(15, 17)
 NORTH, AIDED = 17, 18
 NORTHS = ("none", "magnetic", "true")
@@ -29,7 +29,7 @@ BLOCK = 100_000
 class Rows(NamedTuple):
     """N samples, FRD. Arrays as compiled code takes them: C-contiguous.
 
-    A field counts where ``has_mag`` says so; elsewhere its row may hold anything.
+    A field counts where ``has_mag`` is true; elsewhere its row may hold anything.
     """
 
     times_us: Times  # (N,)
@@ -41,7 +41,7 @@ class Rows(NamedTuple):
 
 NO_SAMPLES = np.zeros((0, 3))
 NO_ROWS = Rows(np.zeros(0, np.int64), NO_SAMPLES, NO_SAMPLES, NO_SAMPLES, np.zeros(0, np.bool_))
-NOTHING_TO_SAY = np.zeros((0, SAID))
+NO_OUTPUT = np.zeros((0, OUTPUT_SIZE))
 NO_REPORT_ROWS = np.zeros((0, REPORT_SIZE))
 
 
@@ -75,18 +75,18 @@ def _plain(values: Any, kind: type, shape: tuple[int, ...]) -> Any:
 
 
 def require_writable(published: Any, n: int) -> None:
-    """Check that compiled code can write what it says about n samples into an array.
+    """Check that compiled code can write its output for n samples into an array.
 
     Raises:
-        InputError: it is not C-contiguous float64 of shape (n, SAID), or read only.
+        InputError: it is not C-contiguous float64 of shape (n, OUTPUT_SIZE), or read only.
     """
     is_plain = (
         isinstance(published, np.ndarray)
         and published.flags.carray
         and published.dtype == np.float64
     )
-    if not is_plain or published.shape != (n, SAID):
-        msg = f"attitudes of rows take a writable C-contiguous float64 array ({n}, {SAID})"
+    if not is_plain or published.shape != (n, OUTPUT_SIZE):
+        msg = f"attitudes of rows take a writable C-contiguous float64 array ({n}, {OUTPUT_SIZE})"
         raise InputError(msg)
 
 
@@ -137,7 +137,7 @@ def report_of(row: Floats) -> VelocitySample | RateSample:
     return VelocitySample(int(time_us), (x, y, z), bool(has_vertical), sigma_m_s, late_s)
 
 
-def told_between(report_rows: Floats, begin: int, end: int) -> Floats:
+def reports_between(report_rows: Floats, begin: int, end: int) -> Floats:
     """What comes before the rows from ``begin`` up to ``end``, counted from there."""
     first, behind = np.searchsorted(report_rows[:, ROW], (begin, end))
     part = report_rows[first:behind].copy()

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator.aiding import AidingParams
-from estimator.conditioning import ConditioningParams
+from estimator.aiding.types import AidingParams
+from estimator.conditioning.params import ConditioningParams
 from estimator.errors import InputError
 from estimator.filter.alignment import nearest_rotation, quaternion_from_matrix
 from estimator.filter.observation import ReferenceParams
@@ -15,8 +15,7 @@ from estimator.filter.types import FilterParams
 from estimator.geometry.earth import PlaceField, in_ned
 from estimator.geometry.quaternion import exp, rotate, unit
 from estimator.profile import LEAST_GAIN, MOST_GAIN, Profile
-from estimator.types import ZERO_VEC3, Quaternion, Vec3
-from estimator.vehicle_class import VehicleClass
+from estimator.types import ZERO_VEC3, Quaternion, Vec3, VehicleClass
 
 MAGNETIC_NORTH: Vec3 = (1.0, 0.0, 0.0)
 # Between where wheels roll and where the IMU's x axis points: askew mounting, and tyres in turns.
@@ -31,6 +30,7 @@ class Settings(NamedTuple):
     conditioning: ConditioningParams
     aiding: AidingParams
     conditioned: bool
+    uses_rates: bool  # those of ATTITUDE may show the turning between IMU samples
     learns_north: bool  # the declination may come from a position
     initial: Quaternion | None
 
@@ -77,6 +77,7 @@ def settings_of(
         conditioning=_conditioning(profile, vehicle_class),
         aiding=_aiding(profile, vehicle_class),
         conditioned=profile.conditioned,
+        uses_rates=profile.conditioned and profile.rates == "imu+attitude",
         learns_north=profile.reference.magnetic == "learn"
         and profile.reference.declination_deg == "position",
         initial=_initial_attitude(profile.filter.initial_attitude),

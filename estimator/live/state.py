@@ -6,7 +6,7 @@ from estimator.aiding import compass
 from estimator.aiding.phase import Cause, Phase, after
 from estimator.aiding.search import UNKNOWN_RAD
 from estimator.aiding.sources.wheels import rolls
-from estimator.conditioning import forget_coefficients
+from estimator.conditioning.state import forget_coefficients
 from estimator.filter.alignment import align
 from estimator.geometry.earth import PlaceField
 from estimator.live.aided import conditioned_vectors
@@ -22,10 +22,10 @@ from estimator.live.core import (
 )
 from estimator.live.holder import Holder
 from estimator.live.iron import BY_TURNS, PROVEN, VOUCHED, unshown_iron
-from estimator.live.kernel_handle import AIDED, CONDITIONED, RAW, Situation, standing_at
 from estimator.live.published import NO_PULL, Published
 from estimator.live.rows import NORTHS
 from estimator.live.settings import Settings, settings_of
+from estimator.live.step import AIDED, CONDITIONED, RAW, Situation, standing_at
 from estimator.profile import Profile
 from estimator.types import NEVER_US
 
@@ -48,10 +48,10 @@ class State:
 
     core: Holder
     context: Context
-    published: Published | None  # what the last sample's step has said, while that holds
+    published: Published | None  # the last sample's output, while that holds
     source: int  # RAW, CONDITIONED or AIDED
     takes_raw_samples: bool  # the paper's vectors, of which nothing else changes a step
-    takes_rows: bool  # conditioned samples, with no more between them than rows can tell
+    takes_rows: bool  # conditioned samples, with only what rows can hold between them
     is_ready: bool  # whether the core's steps know the context
 
     def __init__(self, profile: Profile, fixed_gain: float | None) -> None:
@@ -95,7 +95,7 @@ class State:
     def ready(self) -> Holder:
         """The core, whose steps know the context."""
         if not self.is_ready:
-            self.core.brief(self.situation)
+            self.core.set_situation(self.situation)
             self.published, self.is_ready = None, True
         return self.core
 
@@ -106,13 +106,13 @@ class State:
         is_aided = self.source == AIDED
         vouched = known.declared_calibrated
         given = self.profile.reference.declination_deg != "position"
-        is_true = given or now.whereabouts.here is not None or not settings.conditioned
+        is_true = given or now.last_position.here is not None or not settings.conditioned
         north = NORTHS.index("true" if is_true else "magnetic")
-        if is_aided:  # which of both is wrong nobody knows; a heading by velocity is proven
-            is_doubtful = known.contradicted_since_us is not None
+        if is_aided:  # either may be wrong; a heading by velocity is proven
+            is_contradicted = known.contradicted_since_us is not None
             is_proven = known.confirmed or not now.is_by_field
-            vouched = vouched and not is_doubtful
-            standing = PROVEN if is_proven and not is_doubtful else BY_TURNS
+            vouched = vouched and not is_contradicted
+            standing = PROVEN if is_proven and not is_contradicted else BY_TURNS
             if rolls(settings.aiding):
                 north = NORTHS.index("true")  # by velocity
         else:
@@ -121,12 +121,12 @@ class State:
         return Situation(
             source=self.source,
             standing=VOUCHED if vouched and standing != PROVEN else standing,
-            doubted_until_us=NEVER_US if is_aided else compass.doubted_until_us(known),
-            heard_from_us=compass.heard_from_us(known),
+            rejected_until_us=NEVER_US if is_aided else compass.rejected_until_us(known),
+            used_from_us=compass.used_from_us(known),
             knows_north=self.knows_north,
             turned_back=(cos(known.turned_rad), sin(known.turned_rad)),
             watches_gaps=now.phase in (Phase.SEARCHING, Phase.AIDED),
-            takes_rates=self.profile.uses_attitude_rates,
+            takes_rates=settings.uses_rates,
             north=north,
             north_without={RAW: north, CONDITIONED: 0, AIDED: NORTHS.index("true")}[self.source],
         )
@@ -150,12 +150,12 @@ class State:
         return settings_of(profile, self.fixed_gain, self.place_field, vehicle_class)
 
     def restart(self) -> None:
-        """Forget the attitude. What is known of sensors by word, and of the place, stays."""
+        """Forget the attitude. What was declared about sensors, and the place, stay."""
         known = self.context
         self.set_context(
             Context(
                 compass=compass.restart(known.compass),
-                whereabouts=known.whereabouts,
+                last_position=known.last_position,
                 imu_lag_s=known.imu_lag_s,
                 acc_lead_s=known.acc_lead_s,
                 vehicle_class=known.vehicle_class,
@@ -200,7 +200,7 @@ class State:
 
     @property
     def trusts_compass(self) -> bool:
-        """Whether nothing speaks against the compass now."""
+        """Whether there is no evidence against the compass now."""
         known = self.context.compass
         return compass.is_trusted(known, self.core.time_us)
 
@@ -216,15 +216,9 @@ class State:
 
     @property
     def place_field(self) -> PlaceField | None:
-        """The Earth's field where the vehicle is, None if nobody has said where."""
-        place = self.context.whereabouts.here
+        """The Earth's field where the vehicle is, None without a position."""
+        place = self.context.last_position.here
         return None if place is None else place.field
-
-    @property
-    def declination_rad(self) -> float | None:
-        """Of the vehicle's place, if that is known."""
-        field = self.place_field
-        return None if field is None else field.declination_rad
 
     @property
     def knows_north(self) -> bool:

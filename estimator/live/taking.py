@@ -1,25 +1,31 @@
-"""What a compiled step leaves to Python: first samples, raw ones, and decisions behind a step."""
+"""What Python does itself: first and raw samples, decisions after a step, and other reports."""
 
+from typing import Any
+
+from estimator.aiding import compass
 from estimator.aiding.phase import Cause, Phase
+from estimator.aiding.sources.source import in_types_of, source_of
+from estimator.aiding.sources.wheels import rolls
 from estimator.aiding.velocity_history import OLDEST_S
 from estimator.compilation.compiled import plain
-from estimator.conditioning import condition
+from estimator.conditioning.condition import condition
 from estimator.filter import kernel
 from estimator.filter.alignment import align
 from estimator.filter.observation import raw_vectors
 from estimator.filter.types import initial_state
-from estimator.geometry.quaternion import exp, rotate
+from estimator.geometry.earth import update_position
+from estimator.geometry.quaternion import exp, multiply, rotate
 from estimator.live.aided import conditioned_vectors
 from estimator.live.aiding_span import begin_aided, give_up
 from estimator.live.compass_check import check_compass
-from estimator.live.core import UNSEEN, Core
-from estimator.live.kernel_handle import FIRST_HEADING, GAP, LOST, REPORT, SHOWN, SHOWN_LATE, TAKEN
-from estimator.live.refusal import REASONS, refusal, sample_in_floats
-from estimator.live.reports import take_due
+from estimator.live.core import UNSEEN, Core, with_attitude
+from estimator.live.refusal import RATE_LIMIT_RAD_S, REASONS, refusal, sample_in_floats
+from estimator.live.reports import MOST_WAITING, age_s, take_due
 from estimator.live.settings import Settings
 from estimator.live.state import State
+from estimator.live.step import FIRST_HEADING, GAP, LOST, REPORT, SHOWN, SHOWN_LATE, TAKEN
 from estimator.reasons import Reason
-from estimator.types import ImuSample, Sample
+from estimator.types import ImuSample, RateSample, Sample, VelocitySample
 
 
 def first_core(settings: Settings, before: Core, sample: ImuSample) -> Core:
@@ -121,3 +127,72 @@ def take_beside(state: State, sample: ImuSample) -> None:
     decide(state, end & ~FIRST_HEADING if was_raw else end)
     for other in due if is_aided else ():
         state.core.take_other_report(other, sample.time_us)
+
+
+def take_report(state: State, report: Any) -> Reason | None:
+    """Take a report of a source of aiding; None, or why it was refused.
+
+    Raises:
+        InputError: no source makes such reports, or a field is no number.
+    """
+    source = source_of(report)
+    report = in_types_of(source.blank, report)
+    reason = source.refusal(report)
+    if reason is not None or not state.settings.conditioned:
+        return reason
+    core = state.ready()
+    if isinstance(report, VelocitySample):
+        time_us, velocity, has_vertical, sigma_m_s, late_s = report
+        if core.take_report(False, time_us, *velocity, sigma_m_s, late_s, has_vertical):
+            check_compass(state, core.last_report[0])
+    elif state.context.phase is Phase.AIDED:
+        if report.time_us > core.time_us:
+            waiting = (*state.context.reports, report)
+            state.change_context(reports=waiting[-MOST_WAITING:])
+        elif age_s(report, core.time_us) <= OLDEST_S:
+            core.take_other_report(report, core.time_us)
+    return None
+
+
+def take_rate(state: State, rate: RateSample) -> Reason | None:
+    """Take body rates of another message; None, or why they were refused."""
+    x, y, z = rate.rate_rad_s
+    if not (
+        abs(x) <= RATE_LIMIT_RAD_S and abs(y) <= RATE_LIMIT_RAD_S and abs(z) <= RATE_LIMIT_RAD_S
+    ):
+        return Reason.GYROSCOPE_OUT_OF_RANGE  # or no number
+    if not state.settings.uses_rates:
+        return None
+    state.core.take_report(True, rate.time_us, x, y, z, 0.0, 0.0, False)
+    return None
+
+
+def set_position(
+    state: State, latitude_deg: float, longitude_deg: float, altitude_m: float, unix_us: int
+) -> bool:
+    """See :meth:`estimator.estimator.Estimator.set_position`."""
+    if not state.settings.learns_north:
+        return False
+    before = state.context.last_position
+    known = update_position(before, latitude_deg, longitude_deg, altitude_m, unix_us)
+    if known is before:
+        return False
+    place_field = state.place_field
+    declination_rad = 0.0 if place_field is None else place_field.declination_rad
+    state.change_context(last_position=known)
+    if known.here is None or known.here is before.here:
+        return True
+    state.replace_profile(state.profile)
+    now, field = state.core.core, known.here.field
+    is_aided = state.context.phase is Phase.AIDED
+    if not is_aided or (now.seen.has_heading and not rolls(state.settings.aiding)):
+        # magnetic until now, or by another place's declination; by velocity it is true already
+        turn = exp((0.0, 0.0, field.declination_rad - declination_rad))
+        state.set_core(with_attitude(now, multiply(turn, now.filter.q_ned_frd)))
+    if before.here is not None and compass.differ(before.here.field, field):
+        # verdicts on the compass, and the aiding, were drawn from another place's field
+        state.enter(Cause.MISLED)
+        if state.context.compass.turned_rad != 0.0:
+            state.turn_compass(-state.context.compass.turned_rad)
+        state.change_context(compass=compass.restart(state.context.compass))
+    return True

@@ -1,10 +1,10 @@
-"""Body rates by another messenger: what shows the turning between two IMU samples.
+"""Body rates of another message, which show the turning between two IMU samples.
 
 An autopilot's ATTITUDE carries the rates of its own gyroscope, less the bias it has learnt.
 Where it comes at other instants than the IMU's samples, the turn over a step is integrated
 through all of them. Where it comes with the samples, nothing is between and nothing changes, but
-for an axis that the samples' gyroscope has wrong by the word of field and force: there the rates
-stand in for it, if they agree with the samples about the other axes.
+for an axis of the gyroscope that field and force contradict. There the rates replace it, if they
+agree with the samples about the other axes.
 
 The rates that wait for a sample are rows of an array: time (us) and rate (rad/s).
 """
@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator.compilation.compiled import inlined
-from estimator.compilation.replacing import replacer
+from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.vertical.rate import integration_rate
 from estimator.geometry.quaternion import add, exp, log, multiply, norm, scale, subtract
+from estimator.live.reports import enqueue
 from estimator.types import (
     IDENTITY,
     NEVER_US,
@@ -34,8 +34,6 @@ Rates = Any
 # More rates than this are not kept: 5 s of 50 a second; a longer hole stays one.
 MOST_WAITING = 256
 COLUMNS = 4
-# At first there are places for so many.
-LEAST_WAITING = 4
 # A rate this near an IMU sample (s) is the sample's own. Of short steps it is that share of the
 # step, so that a rate half-way between two samples 40 ms apart counts, but no less than messages
 # of one moment are apart.
@@ -59,7 +57,6 @@ NO_AXES: Axes = (False, False, False)
 class Turning(NamedTuple):
     """What is known of the rates since the last IMU sample, and how well both have agreed."""
 
-    waiting: int = 0  # rates
     before_us: int = NEVER_US  # of the last one that a sample has passed
     before_rad_s: Vec3 = ZERO_VEC3
     last_gyr_rad_s: Vec3 = ZERO_VEC3
@@ -68,20 +65,19 @@ class Turning(NamedTuple):
     turning: Vec3 = ZERO_VEC3  # mean squares of the samples' rate, (rad/s)^2
     compared_s: float = 0.0  # for how long both have been compared
     used: int = 0  # steps that were integrated through rates
-    stands_in: Axes = NO_AXES  # where the rates stand in for the samples
+    stands_in: Axes = NO_AXES  # where the rates replace the samples
 
 
-STILL = Turning()  # nobody has told any
-with_waiting = replacer(Turning, "waiting")
-with_passed = replacer(Turning, "waiting", "before_us", "before_rad_s", "last_gyr_rad_s", "used")
+STILL = Turning()  # before any rate
+with_passed = replacer(Turning, "before_us", "before_rad_s", "last_gyr_rad_s", "used")
 with_compared = replacer(Turning, "offset_rad_s", "misfit", "turning", "compared_s")
 with_stands_in = replacer(Turning, "stands_in")
 
 
 @inlined
-def has_rates(state: Turning) -> bool:
+def has_rates(state: Turning, rates: Rates) -> bool:
     """Whether there has been any rate."""
-    return state.waiting > 0 or state.before_us != NEVER_US
+    return len(rates) > 0 or state.before_us != NEVER_US
 
 
 @inlined
@@ -99,32 +95,12 @@ def agrees(state: Turning, but: Axes) -> bool:
 
 
 @inlined
-def take_rate(
-    state: Turning, rates: Rates, time_us: int, rate_rad_s: Vec3
-) -> tuple[Turning, Rates]:
-    """One more rate; those that are not later than the one before are dropped."""
-    n = state.waiting
-    if time_us <= (state.before_us if n == 0 else rates[n - 1, 0]):
-        return state, rates
-    if n == MOST_WAITING:  # the oldest gives way
-        drop_rates(rates, 1, n)
-        n -= 1
-    elif n == len(rates):
-        more = np.zeros((max(LEAST_WAITING, 2 * n), COLUMNS))
-        more[:n] = rates
-        rates = more
-    rates[n, 0] = time_us
-    for axis in range(3):
-        rates[n, 1 + axis] = rate_rad_s[axis]
-    return with_waiting(state, n + 1), rates
-
-
-@inlined
-def drop_rates(rates: Rates, passed: int, waiting: int) -> None:
-    """Forget the first rates of those that wait."""
-    for k in range(waiting - passed):
-        for column in range(COLUMNS):
-            rates[k, column] = rates[k + passed, column]
+def take_rate(state: Turning, rates: Rates, time_us: int, rate_rad_s: Vec3) -> Rates:
+    """The waiting rates with one more; one that is not later than the last is dropped."""
+    if time_us <= (state.before_us if len(rates) == 0 else rates[-1, 0]):
+        return rates
+    x, y, z = rate_rad_s
+    return enqueue(rates, np.array((float(time_us), x, y, z)), MOST_WAITING)
 
 
 @inlined
@@ -142,30 +118,29 @@ def rate_of(rates: Rates, k: int) -> Vec3:
 @inlined
 def take_between(
     state: Turning, rates: Rates, from_us: int, time_us: int, gyr_rad_s: Vec3
-) -> tuple[Turning, Between]:
-    """What the rates show between the samples of ``from_us`` and ``time_us``, the latter's gyro."""
-    n, passed = state.waiting, 0
-    while passed < n and rates[passed, 0] <= time_us:
+) -> tuple[Turning, Rates, Between]:
+    """What the rates show between two samples, of ``gyr_rad_s`` the later one, and those ahead."""
+    passed = 0
+    while passed < len(rates) and rates[passed, 0] <= time_us:
         passed += 1
     shown = NOTHING_BETWEEN
-    if n == 0 and state.before_us == NEVER_US:
-        return state, shown
+    if not has_rates(state, rates):
+        return state, rates, shown
     state = compared(state, rates, passed, from_us, time_us, gyr_rad_s)
     if agrees(state, NO_AXES):
         shown = integrate(state, rates, passed, from_us, time_us, gyr_rad_s)
     before_us, before = state.before_us, state.before_rad_s
     if passed > 0:
         before_us, before = time_of(rates, passed - 1), rate_of(rates, passed - 1)
-        drop_rates(rates, passed, n)
     used = state.used + (1 if shown.given else 0)
-    return with_passed(state, n - passed, before_us, before, gyr_rad_s, used), shown
+    return with_passed(state, before_us, before, gyr_rad_s, used), rates[passed:].copy(), shown
 
 
 @inlined
 def integrate(
     state: Turning, rates: Rates, passed: int, from_us: int, time_us: int, gyr_rad_s: Vec3
 ) -> Between:
-    """The turn through all readings inside, if there are any and no two are too far apart."""
+    """The turn through all readings in between, if there are any and no two too far apart."""
     # a rate so near the ends of the step is a sample's own
     edge_us = max(1e6 * ONE_MOMENT_S, SAME_INSTANT * (time_us - from_us))
     edge = int(np.rint(min(1e6 * SAME_INSTANT_S, edge_us)))
@@ -210,7 +185,7 @@ def compared(
             return state
         apart_s, gyr_rad_s = 0.0, state.last_gyr_rad_s
     if apart_s > SAME_INSTANT_S:
-        if state.waiting == passed:
+        if len(rates) == passed:
             return state
         ahead_us = time_of(rates, passed)
         if 1e-6 * (ahead_us - near_us) > UNSEEN_STEP_S:
@@ -248,9 +223,9 @@ def stand_in(
     An axis stays replaced until the two agree about it again.
     """
     is_old = state.before_us == NEVER_US or 1e-6 * (time_us - state.before_us) > UNSEEN_STEP_S
-    x = is_doubted(state, contradicted, 0)
-    y = is_doubted(state, contradicted, 1)
-    z = is_doubted(state, contradicted, 2)
+    x = is_replaced(state, contradicted, 0)
+    y = is_replaced(state, contradicted, 1)
+    z = is_replaced(state, contradicted, 2)
     axes = (x, y, z)
     is_any, is_all = x or y or z, x and y and z
     if is_old or not is_any or is_all or not agrees(state, axes):
@@ -265,10 +240,10 @@ def stand_in(
 
 
 @inlined
-def is_doubted(state: Turning, contradicted: Axes, axis: int) -> bool:
+def is_replaced(state: Turning, contradicted: Axes, axis: int) -> bool:
     """Whether the rates are to stand in for an axis, or go on to do so.
 
-    Where both turn out to show the same turning, the field is what lies.
+    Where both turn out to show the same turning, the field is wrong.
     """
     least = MOST_MISFIT * LEAST_TURNING_RAD_S * LEAST_TURNING_RAD_S
     misfit = state.misfit[axis]

@@ -14,8 +14,8 @@ from estimator.live.rows import (
     AIDED,
     IS_RATE,
     LATE_S,
+    OUTPUT_SIZE,
     ROW,
-    SAID,
     SIGMA,
     TIME,
     Q,
@@ -23,8 +23,8 @@ from estimator.live.rows import (
     X,
     Z,
     blocks,
+    reports_between,
     rows_of,
-    told_between,
 )
 from estimator.profile import merge_profile
 from estimator.row_taking import take
@@ -47,17 +47,17 @@ def backward(recording: Recording) -> Estimates:
     times_us = np.asarray((times_us[-1] - times_us + FIRST_US)[::-1])
     q, sigma, aided = np.full((n, 4), np.nan), np.full((n, 2), np.nan), np.zeros(n, np.bool_)
     mirrored_us = int(recording.rows.times_us[-1]) + FIRST_US
-    told = turned_round(
-        recording.told, times_us, mirrored_us, ages.of(recording.told[:, LATE_S]), NO_AGE_S
+    reports = turned_round(
+        recording.reports, times_us, mirrored_us, ages.of(recording.reports[:, LATE_S]), NO_AGE_S
     )
     changes = {n - row for row in recording.changes}
     begin = 0
     for end in sorted(changes | {part.stop for part in blocks(n)}):
         mirrored = mirror(recording, times_us, begin, end, ages.field_s)
-        said = np.empty((end - begin, SAID))
-        take(inner, mirrored, said, told_between(told, begin, end))
-        q[begin:end], sigma[begin:end] = said[:, Q], said[:, SIGMA]
-        aided[begin:end] = said[:, AIDED] > 0.0
+        output = np.empty((end - begin, OUTPUT_SIZE))
+        take(inner, mirrored, output, reports_between(reports, begin, end))
+        q[begin:end], sigma[begin:end] = output[:, Q], output[:, SIGMA]
+        aided[begin:end] = output[:, AIDED] > 0.0
         if end in changes:
             inner.change_imu()
         begin = end
@@ -110,17 +110,17 @@ def mirror(recording: Recording, times_us: Times, begin: int, end: int, field_la
 
 
 def turned_round(
-    told: Floats, times_us: Times, mirrored_us: int, velocity_age_s: Floats, late_s: float
+    reports: Floats, times_us: Times, mirrored_us: int, velocity_age_s: Floats, late_s: float
 ) -> Floats:
     """Velocities and rates (M, REPORT_SIZE) before the samples of ``times_us``, both turned round.
 
     Times are those to ``mirrored_us``. A velocity is brought to its own time by its age (M,), and
     is late by no more than ``late_s``.
     """
-    is_rate, turned = told[:, IS_RATE] > 0.0, told.copy()
+    is_rate, turned = reports[:, IS_RATE] > 0.0, reports.copy()
     age_us = np.where(is_rate, 0.0, np.rint(1e6 * velocity_age_s))
-    turned[:, TIME] = mirrored_us - told[:, TIME] + age_us
-    turned[:, X : Z + 1] = -told[:, X : Z + 1]
-    turned[:, LATE_S] = np.minimum(told[:, LATE_S], late_s)
+    turned[:, TIME] = mirrored_us - reports[:, TIME] + age_us
+    turned[:, X : Z + 1] = -reports[:, X : Z + 1]
+    turned[:, LATE_S] = np.minimum(reports[:, LATE_S], late_s)
     turned[:, ROW] = np.searchsorted(times_us, turned[:, TIME])
     return np.asarray(turned[np.lexsort((~is_rate, turned[:, TIME]))])

@@ -5,11 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.aiding.sources.field import MOST_SECOND_DIFFERENCE
+from estimator.aiding.sources.field import MOST_DISTORTION
 from estimator.arrays import Bools, Floats
 from estimator.conditioning.field.calibration import own_field
 from estimator.conditioning.field.magnetic import FieldReference, has_heading
-from estimator.conditioning.times import BORNE_S
+from estimator.conditioning.times import CONFIRM_S
 from estimator.geometry.rotations import cross, rotate, wrap
 from estimator.live.rows import blocks
 from estimator.smoothing.path import late_s
@@ -73,6 +73,6 @@ def believed(recording: Recording) -> Bools:
         off[part] = np.arctan2(seen[:, 1], seen[:, 0])
     off -= np.median(off)
     usual_s = 1e-6 * float(np.median(np.diff(rows.times_us[at])))
-    count = max(1, round(2.0 * BORNE_S / usual_s))
-    counts[at] = np.abs(running_mean(wrap(off), count)) <= MOST_SECOND_DIFFERENCE
+    count = max(1, round(2.0 * CONFIRM_S / usual_s))
+    counts[at] = np.abs(running_mean(wrap(off), count)) <= MOST_DISTORTION
     return counts

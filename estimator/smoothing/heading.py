@@ -33,10 +33,10 @@ from estimator.types import DOWN
 ROUNDS = 8
 # The scale error of a small gyroscope, as a share of its rate.
 SCALE_SIGMA = 0.005
-# Of the drift that the estimator allows for: the bias is what later samples have told.
+# Of the drift that the estimator allows for: the bias is what later samples show.
 DRIFT_SHARE = 0.3
 # Of what the field is aside for a short time, for as long as the heading is averaged.
-LASTING_SHARE = 0.05
+SLOW_ERROR_SHARE = 0.05
 # The variance of a window without a field, rad^2.
 UNSEEN = 1e9
 
@@ -61,9 +61,9 @@ def turn_north(
     q = walk(params, turning) + (aliasing * count)[1:]
     z = np.where(known, -np.arctan2(seen[:, 1], seen[:, 0]), 0.0)
     x, weight, by_scale = solve(z, r, q, turned(windows, path, vertical), HEADING_REACH_RAD)
-    leaning = 0.5 * steepness(field.reference) * vertical.variance
+    tilt_variance = 0.5 * steepness(field.reference) * vertical.variance
     variance = variances(r * weight, q) + by_scale
-    variance += lasting(seen, known, field.reference, leaning)
+    variance += lasting(seen, known, field.reference, tilt_variance)
     variance += (1.0 + steepness(field.reference)) * field.own_variance
     heading = windows.at(path.time_s, x) + field.declination_rad
     q_ned_frd = multiply(about_down(heading), vertical.q_6d_frd)
@@ -75,8 +75,8 @@ def noise(params: ConditioningParams, seen: Floats, reference: FieldReference) -
     off_norm, off_dip = deviations(seen, reference)
     square = (off_norm / NORM_SCALE) ** 2 + (off_dip / params.field_dip_scale_rad) ** 2
     confidence = np.maximum((1.0 + square) ** -2, TINY)
-    doubtful = params.heading_doubt_noise_rad2_s * (1.0 / confidence - 1.0)
-    return np.asarray(params.heading_noise_rad2_s + doubtful)
+    uncertain = params.heading_doubt_noise_rad2_s * (1.0 / confidence - 1.0)
+    return np.asarray(params.heading_noise_rad2_s + uncertain)
 
 
 def deviations(seen: Floats, reference: FieldReference) -> tuple[Floats, Floats]:
@@ -150,15 +150,15 @@ def variances(r: Floats, q: Floats) -> Floats:
 
 def informed(r: Floats, q: Floats) -> Floats:
     """What all before it show of each, 1/rad^2."""
-    told = np.zeros_like(r)
+    reports = np.zeros_like(r)
     for k, (own, drift) in enumerate(zip((1.0 / r[:-1]).tolist(), q.tolist(), strict=True)):
-        both = own + float(told[k])
-        told[k + 1] = both / (1.0 + both * drift)
-    return told
+        both = own + float(reports[k])
+        reports[k + 1] = both / (1.0 + both * drift)
+    return reports
 
 
-def lasting(seen: Floats, known: Bools, reference: FieldReference, leaning: Floats) -> Floats:
-    """Variance (W,) of errors that last: by how far norm and dip are off, and a leaning vertical.
+def lasting(seen: Floats, known: Bools, reference: FieldReference, tilt_variance: Floats) -> Floats:
+    """Variance (W,) of errors that last: by how far norm and dip are off, and by a tilted vertical.
 
     What turns the field up or makes it longer turns it aside as well, see conditioning/sigma.
     """
@@ -166,4 +166,4 @@ def lasting(seen: Floats, known: Bools, reference: FieldReference, leaning: Floa
     square = filled(np.sum(off**2, axis=0)[:, None], known)[:, 0]
     uneven = np.maximum(0.0, running_mean(square, round(USUAL_S / WINDOW_S)) - SCALE_ERROR**2)
     aside = (1.0 + steepness(reference)) * uneven
-    return np.asarray(LASTING_SHARE * (aside + leaning) + LEAST_DIRECTION_RAD**2)
+    return np.asarray(SLOW_ERROR_SHARE * (aside + tilt_variance) + LEAST_DIRECTION_RAD**2)

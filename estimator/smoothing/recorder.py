@@ -27,10 +27,10 @@ WIDTHS = (3, 3, 3, 4, 3, 2)
 
 
 class Offered(NamedTuple):
-    """Arrays with all samples that will come, and with what is said of each."""
+    """Arrays with all samples that will come, and with the output for each."""
 
     rows: Rows
-    said: Floats  # (N, SAID), see :mod:`estimator.live.rows`
+    output: Floats  # (N, OUTPUT_SIZE), see :mod:`estimator.live.rows`
 
 
 class Recorder(Estimator):
@@ -62,10 +62,10 @@ class Recorder(Estimator):
         if reason is None:
             self._is_aided.append(self.is_aided)
             if self._offered is None:
-                said = self.attitude(time_us)
-                sigma = said.sigma_inclination_rad, said.sigma_heading_rad
-                told = (gyr_rad_s, acc_m_s2, mag_gauss, said[1], said[3], sigma)
-                for column, values in zip(self._kept, told, strict=True):
+                output = self.attitude(time_us)
+                sigma = output.sigma_inclination_rad, output.sigma_heading_rad
+                reports = (gyr_rad_s, acc_m_s2, mag_gauss, output[1], output[3], sigma)
+                for column, values in zip(self._kept, reports, strict=True):
                     column.extend(values)
                 self._times_us.append(time_us)
                 self._has_mag.append(has_mag)
@@ -74,32 +74,32 @@ class Recorder(Estimator):
     def update_rows(
         self,
         rows: Rows,
-        said: Floats,
-        told: Floats = NO_REPORT_ROWS,
+        output: Floats,
+        reports: Floats = NO_REPORT_ROWS,
         taken: int = 0,
-        heard: int = 0,
+        next_report: int = 0,
     ) -> tuple[int, int]:
         """See :class:`Estimator`."""
-        begin, first = taken, heard
-        taken, heard = super().update_rows(rows, said, told, taken, heard)
-        self._told.frombytes(told[first:heard].tobytes())
+        begin, first = taken, next_report
+        taken, next_report = super().update_rows(rows, output, reports, taken, next_report)
+        self._reports.frombytes(reports[first:next_report].tobytes())
         part = slice(begin, taken)
         self._is_taken.frombytes(b"\1" * (taken - begin))
-        self._is_aided.frombytes((said[part, AIDED] > 0.0).tobytes())
+        self._is_aided.frombytes((output[part, AIDED] > 0.0).tobytes())
         if self._offered is None:
             times_us, *readings, has_mag = (column[part] for column in rows)
-            kept = (*readings, *(said[part, columns] for columns in (Q, BIAS, SIGMA)))
+            kept = (*readings, *(output[part, columns] for columns in (Q, BIAS, SIGMA)))
             for column, values in zip(self._kept, kept, strict=True):
                 column.frombytes(values.tobytes())
             self._times_us.frombytes(times_us.tobytes())
             self._has_mag.frombytes(has_mag.tobytes())
-        return taken, heard
+        return taken, next_report
 
     def update_report(self, report: Any) -> Reason | None:
         """See :class:`Estimator`."""
         reason = super().update_report(report)
         if reason is None and isinstance(report, VelocitySample | RateSample):
-            self._told.frombytes(report_rows_of([(0, report)]).tobytes())
+            self._reports.frombytes(report_rows_of([(0, report)]).tobytes())
         return reason
 
     def restart(self) -> None:
@@ -116,7 +116,7 @@ class Recorder(Estimator):
         self._is_taken, self._is_aided = array("b"), array("b")
         self._times_us, self._kept = array("q"), [array("d") for _ in WIDTHS]
         self._has_mag = array("b")
-        self._told = array("d")
+        self._reports = array("d")
         self._changes: list[int] = []
 
     def _end(self) -> None:
@@ -124,10 +124,10 @@ class Recorder(Estimator):
         if self._is_aided:
             rows, (q, bias, sigma), places = self._taken()
             forward = Estimates(q, sigma, np.frombuffer(self._is_aided, np.bool_))
-            told = np.frombuffer(self._told).reshape(-1, REPORT_SIZE)
+            reports = np.frombuffer(self._reports).reshape(-1, REPORT_SIZE)
             last = Estimator(self.profile, self.fixed_gain)
             last.snapshot = self.snapshot
-            recording = Recording(rows, self._changes, told, forward, bias, last, places)
+            recording = Recording(rows, self._changes, reports, forward, bias, last, places)
             self._ended.append(recording)
         self._before += len(self._is_taken)
         self._begin()
@@ -137,14 +137,14 @@ class Recorder(Estimator):
         offered = self._offered
         if offered is None:
             pairs = zip(self._kept, WIDTHS, strict=True)
-            gyr, acc, mag, *said = (np.frombuffer(c).reshape(-1, width) for c, width in pairs)
+            gyr, acc, mag, *output = (np.frombuffer(c).reshape(-1, width) for c, width in pairs)
             has_mag = np.frombuffer(self._has_mag, np.bool_)
             times_us = np.frombuffer(self._times_us, np.int64)
-            return Rows(times_us, gyr, acc, mag, has_mag), tuple(said), slice(None)
+            return Rows(times_us, gyr, acc, mag, has_mag), tuple(output), slice(None)
         is_taken = np.frombuffer(self._is_taken, np.bool_)
         places: Any = slice(self._before, self._before + len(is_taken))
         if not is_taken.all():
             places = self._before + np.flatnonzero(is_taken)
-        said = offered.said[places]
+        output = offered.output[places]
         rows = Rows(*(column[places] for column in offered.rows))
-        return rows, tuple(said[:, part] for part in (Q, BIAS, SIGMA)), places
+        return rows, tuple(output[:, part] for part in (Q, BIAS, SIGMA)), places

@@ -1,4 +1,4 @@
-"""What smoothing takes: the readings, and what an estimator has said on its way through them."""
+"""What smoothing takes: the readings, and the output of an estimator on its way through them."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -32,7 +32,7 @@ class Recording(NamedTuple):
 
     rows: Rows
     changes: Sequence[int]  # the rows from which on they are another IMU's
-    told: Floats  # (M, REPORT_SIZE) by others, in the order in which it came
+    reports: Floats  # (M, REPORT_SIZE) by others, in the order in which it came
     forward: Estimates  # of the estimator at the samples
     bias_rad_s: Floats  # (N, 3) of the gyroscope, as it was known then
     last: Estimator  # the estimator behind the last one
@@ -63,7 +63,7 @@ class Recording(NamedTuple):
         return self._replace(
             rows=cut(self.rows, begin, end),
             changes=(),
-            told=NO_REPORT_ROWS,
+            reports=NO_REPORT_ROWS,
             forward=self.forward.part(rows),
             bias_rad_s=self.bias_rad_s[rows],
         )
@@ -118,7 +118,7 @@ def known_rows(estimates: Estimates) -> Bools:
 
 
 def chosen(rows: Bools, first: Estimates, second: Estimates) -> Estimates:
-    """The first where ``rows`` (N,) say so, else the second."""
+    """The first where ``rows`` (N,) are true, else the second."""
     if not rows.any():
         return second
     return Estimates(

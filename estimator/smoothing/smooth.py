@@ -36,7 +36,7 @@ def smooth(recording: Recording) -> Smoothed:
     best, n = recording.forward, len(recording.bias_rad_s)
     if n >= LEAST_SAMPLES:
         is_joined = of_both_ways(recording)
-        if is_joined.any() or len(recording.told):
+        if is_joined.any() or len(recording.reports):
             best = join(best, backward(recording))
             is_joined |= best.is_aided
         if not is_joined.all():
@@ -56,12 +56,12 @@ def of_both_ways(recording: Recording) -> Bools:
     return rows
 
 
-def smooth_offered(recorder: Recorder, said: Floats) -> Iterator[Any]:
+def smooth_offered(recorder: Recorder, output: Floats) -> Iterator[Any]:
     """Put smoothed attitudes into the rows that a recorder was offered with its samples; which."""
     for recording in recorder.recordings():
         smoothed = smooth(recording)
         for part, column in zip((Q, SIGMA, RATE, BIAS), smoothed, strict=True):
-            said[recording.places, part] = column
+            output[recording.places, part] = column
         yield recording.places
 
 

@@ -16,7 +16,7 @@ from estimator.smoothing.recording import Estimates, Recording, known_rows, step
 from estimator.smoothing.vertical import level
 from estimator.smoothing.windows import windows_of
 
-# Fewer samples show nothing that the estimator has not said.
+# Fewer samples show nothing beyond the estimator's own output.
 LEAST_SAMPLES = 50
 # Long recordings are taken in pieces of so many seconds, each with as much of its neighbours at
 # both ends as its heading could feel: memory is bounded, and each piece's averaging is its own.

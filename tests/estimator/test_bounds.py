@@ -9,7 +9,7 @@ import pytest
 from estimator.aiding.phase import Phase
 from estimator.aiding.types import AidingParams
 from estimator.bounds import bounds_of
-from estimator.conditioning import ConditioningParams
+from estimator.conditioning.params import ConditioningParams
 from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.profile import load_profile, merge_profile
@@ -72,7 +72,7 @@ def require_survival(start, partial):
         assert all(map(math.isfinite, numbers)), (partial, k, attitude)
 
 
-def test_every_number_has_bounds_with_its_default_inside():
+def test_every_number_has_bounds_that_hold_its_default():
     for section, kind in SECTIONS.items():
         for name, default in kind._field_defaults.items():
             if not isinstance(default, bool):

@@ -6,6 +6,7 @@ import pytest
 from estimator.estimator import Estimator
 from estimator.geometry.metrics import batch_angle_errors
 from estimator.geometry.rotations import chained, conjugate, exp, rotate
+from estimator.live.iron import largest_eigenvalue
 from estimator.profile import load_profile
 from estimator.types import ImuSample
 
@@ -28,12 +29,12 @@ def in_hand(turning):
 def taken(one, readings):
     """Errors and sigmas of the heading (N,), deg."""
     *columns, q = readings
-    said = []
+    attitudes = []
     for k, (gyr, acc, mag) in enumerate(zip(*(c.tolist() for c in columns), strict=True)):
         one.update(ImuSample(20_000 * k, tuple(gyr), tuple(acc), tuple(mag), True))
-        said.append(one.attitude(20_000 * k))
-    errors = batch_angle_errors(np.array([each.q_ned_frd for each in said]), q)[:, HEADING]
-    return np.degrees(errors), np.degrees([each.sigma_heading_rad for each in said])
+        attitudes.append(one.attitude(20_000 * k))
+    errors = batch_angle_errors(np.array([each.q_ned_frd for each in attitudes]), q)[:, HEADING]
+    return np.degrees(errors), np.degrees([each.sigma_heading_rad for each in attitudes])
 
 
 @pytest.fixture
@@ -43,23 +44,23 @@ def uncalibrated():
     return one
 
 
-def test_turns_end_the_doubt(uncalibrated):
+def test_turns_end_the_uncertainty(uncalibrated):
     errors, sigmas = taken(uncalibrated, in_hand(1.6))
     ends = int(np.argmax(sigmas < 44.0))
     assert (sigmas[50:ends] > 44.0).all()
     assert 75 < ends < 200  # at 2 s
     assert np.mean(errors[ends:] < sigmas[ends:]) > 0.68
     assert errors[-1] < sigmas[-1] < 10.0  # 0.5 and 5.8 deg, of 31 by the iron
-    assert uncalibrated.compass_doubt == ""
+    assert uncalibrated.compass_fault == ""
 
 
 def test_without_turns_it_stays(uncalibrated):
     _, sigmas = taken(uncalibrated, in_hand(0.0))
     assert sigmas[50:] == pytest.approx(45.0)
-    assert uncalibrated.compass_doubt == "nobody has calibrated the compass"
+    assert uncalibrated.compass_fault == "nobody has calibrated the compass"
 
 
-def test_turns_say_nothing_of_another_doubt(uncalibrated):
+def test_turns_do_not_refute_other_evidence(uncalibrated):
     """A field unlike the place's stays one, whatever its iron."""
     uncalibrated.set_position(-75.0, 40.0, 0.0, 1_700_000_000_000_000)
     taken(uncalibrated, in_hand(1.6))
@@ -68,3 +69,16 @@ def test_turns_say_nothing_of_another_doubt(uncalibrated):
     snapshot = uncalibrated.snapshot
     uncalibrated.snapshot = snapshot._replace(context=snapshot.context._replace(compass=now))
     assert np.degrees(uncalibrated.unshown_iron_rad) == pytest.approx(45.0)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_largest_eigenvalue_is_numpys(seed):
+    rng = np.random.default_rng(seed)
+    A = rng.standard_normal((3, 3)) * 10.0 ** rng.uniform(-4, 2)
+    S = A @ A.T
+    found = largest_eigenvalue(tuple(np.diag(S)), (S[1, 2], S[0, 2], S[0, 1]))
+    assert found == pytest.approx(np.linalg.eigvalsh(S)[-1], rel=1e-9)
+
+
+def test_of_equal_axes_it_is_theirs():
+    assert largest_eigenvalue((2.0, 2.0, 2.0), (0.0, 0.0, 0.0)) == 2.0

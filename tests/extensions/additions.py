@@ -10,7 +10,7 @@ from pathlib import Path
 from drivers.mavlink.messages import IMU_MESSAGES, MESSAGES, ImuMessage, MessageKind
 from drivers.samples.imu_stream import Stamp
 from drivers.samples.vehicle_clock import TimeField
-from estimator.aiding.sources.table import SOURCES
+from estimator.aiding.sources.source import SOURCES
 from fuzzbee.sinks import SINKS, SinkEntry, setting
 from service.records import AttitudeRecord, Published
 from tests.estimator.aiding.heading_source import HEADING_SOURCE, HeadingSample

@@ -27,9 +27,9 @@ from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.limits import FrameQueue
 from drivers.mavlink.messages import IMU_MESSAGES, MESSAGES
-from estimator.aiding.sources.table import SOURCES
+from estimator.aiding.sources.source import SOURCES
 from estimator.geometry.frames import euler_rad
-from estimator.live.rows import report_of, told_between
+from estimator.live.rows import report_of, reports_between
 from estimator.profile import load_profile, merge_profile, profile_to_toml
 from estimator.types import ImuSample, VelocitySample
 from fuzzbee.log_replay import replay
@@ -182,7 +182,7 @@ def test_tuning_and_retuning_repeat_the_reports(tmp_path):
     for k, sample in enumerate(samples):
         for call in flight.calls.get(k, ()):
             call(estimator)
-        for row in told_between(flight.reports, k, k + 1):
+        for row in reports_between(flight.reports, k, k + 1):
             estimator.update_report(report_of(row))
         estimator.update(sample)
         said.append(estimator.attitude(sample.time_us).q_ned_frd)

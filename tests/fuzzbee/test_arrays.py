@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from estimator.aiding.phase import Phase
 from estimator.estimator import Estimator as LiveEstimator
 from estimator.live.core import with_attitude
-from estimator.live.rows import SAID, cut, rows_of
+from estimator.live.rows import OUTPUT_SIZE, cut, rows_of
 from estimator.types import ImuSample, VelocitySample
 from fuzzbee import Estimator, InputError, load_profile
 from fuzzbee.array_estimator import Unfit
@@ -150,7 +150,7 @@ def test_the_rows_of_an_estimator_that_has_to_be_asked_are_left_to_calls(flight)
     time_s, gyr, acc, mag, _ = flight
     times_us = np.rint(1e6 * time_s).astype(np.int64)
     rows = rows_of(times_us, gyr, acc, mag, np.ones(ROWS, np.bool_))
-    said = np.zeros((ROWS, SAID))
+    said = np.zeros((ROWS, OUTPUT_SIZE))
     inner = Estimator(load_profile("imu"))._inner
     assert inner.update_rows(rows, said) == (0, 0)
     inner.update(ImuSample(int(times_us[0]), tuple(gyr[0]), tuple(acc[0]), tuple(mag[0]), True))

@@ -9,7 +9,7 @@ import pytest
 from estimator.geometry.metrics import batch_angle_errors
 from estimator.geometry.rotations import chained, conjugate, exp, rotate
 from estimator.live import rows
-from estimator.live.rows import SAID, cut, rows_of
+from estimator.live.rows import OUTPUT_SIZE, cut, rows_of
 from estimator.profile import load_profile, merge_profile
 from estimator.smoothing import Offered, Recorder, smooth_all
 from fuzzbee import Estimator, replay
@@ -137,7 +137,7 @@ def test_of_rows_given_nothing_is_kept_twice(shaken):
     gyr, acc, mag = (column[:1500] for column in shaken[:3])
     times_us = np.arange(1500) * 20_000
     rows = rows_of(times_us, gyr, acc, mag, np.ones(1500, np.bool_))
-    said = np.full((1500, SAID), np.nan)
+    said = np.full((1500, OUTPUT_SIZE), np.nan)
     recorder = Recorder(load_profile("imu"), offered=Offered(rows, said))
     recorder.take(0, *(tuple(column[0].tolist()) for column in (gyr, acc, mag)), has_mag=True)
     assert recorder.update_rows(cut(rows, 1, 1500), said[1:]) == (1499, 0)

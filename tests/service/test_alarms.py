@@ -33,9 +33,9 @@ def attitude(bias=(0.0, 0.0, 0.0), sigma_deg=1.0, heading_deg=1.0, q=LEVEL):
 
 def looked(alarms, half, acc=(0.0, 0.0, -9.8), mag=FIELD, profile=IMU, host_s=None, **claims):
     """Have a sample looked at after so many half seconds; returns the words that stand then."""
-    known = {"place_field": HERE, "leaning_rad": 0.0, "contradicted_axes": (False,) * 3,
+    known = {"place_field": HERE, "dip_error_rad": 0.0, "contradicted_axes": (False,) * 3,
              "is_aided": False}  # fmt: skip
-    estimator = SimpleNamespace(compass_doubt="", **known)
+    estimator = SimpleNamespace(compass_fault="", **known)
     for name in known:
         setattr(estimator, name, claims.pop(name, getattr(estimator, name)))
     sample = ImuSample(half * 500_000, (0.0, 0.0, 0.0), acc, mag, has_mag=True)
@@ -74,7 +74,7 @@ def test_what_agrees_says_nothing():
     ("leaning_deg", "seconds", "said"), [(9, 8, True), (9, 2, False), (4, 60, False)]
 )
 def test_a_vertical_that_the_field_contradicts_is_the_accelerometers(leaning_deg, seconds, said):
-    found = words(seconds, leaning_rad=radians(leaning_deg), sigma_deg=6.0)
+    found = words(seconds, dip_error_rad=radians(leaning_deg), sigma_deg=6.0)
     assert (Alarm.ACCELEROMETER in found) == said
 
 

@@ -5,8 +5,7 @@ import pytest
 from drivers.events import BodyRates, ClockReset, Heartbeat, Imu, Parameter, Rejected, TrackLost
 from estimator.estimator import Estimator
 from estimator.profile import load_profile
-from estimator.types import ZERO_VEC3, ImuSample, RateSample
-from estimator.vehicle_class import VehicleClass
+from estimator.types import ZERO_VEC3, ImuSample, RateSample, VehicleClass
 from service.records import State
 from service.vehicle import Vehicle
 from service.vehicle_status import Load, status_record

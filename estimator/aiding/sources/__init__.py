@@ -1,1 +1,1 @@
-"""What each source says about the aiding's errors: velocity, the magnetic field, gravity."""
+"""What each source shows about the aiding's errors: velocity, the magnetic field, gravity."""

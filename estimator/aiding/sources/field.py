@@ -1,4 +1,4 @@
-"""What a magnetic field sample says about heading, hard iron, the place's field and its lag."""
+"""What a magnetic field sample shows about heading, hard iron, the place's field and its lag."""
 
 from math import atan2, sqrt
 
@@ -22,8 +22,7 @@ from estimator.aiding.types import (
     Two,
 )
 from estimator.bounds import TINY
-from estimator.compilation.compiled import inlined
-from estimator.compilation.replacing import replacer
+from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.field.magnetic import (
     NORM_SCALE,
     FieldLook,
@@ -31,19 +30,19 @@ from estimator.conditioning.field.magnetic import (
     look_at_field,
 )
 from estimator.conditioning.robust import REACH, residual_factor
-from estimator.conditioning.times import BORNE_S, FIELD_S, LONG_S
+from estimator.conditioning.times import CONFIRM_S, FIELD_S, LONG_S
 from estimator.conditioning.vertical.bias import SETTLED_HEADING_RAD
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.geometry.quaternion import cross, dot, exp, multiply, norm, rotate, scale, subtract
 from estimator.types import ZERO_VEC3, Sample, Vec3
 
 # By this share of it (and angle, rad) a field is bent where nothing else is known about it.
-MOST_SECOND_DIFFERENCE = 0.2
+MOST_DISTORTION = 0.2
 
 with_wait = replacer(FieldState, "wait_s")
 with_look = replacer(FieldState, "look", "samples", "wait_s")
 with_evidence = replacer(FieldState, "evidence")
-with_off = replacer(FieldState, "off_rad", "inflation_s")
+with_off = replacer(FieldState, "off_rad", "far_off_s")
 
 
 @inlined
@@ -87,7 +86,7 @@ def begin_field(
     n = sqrt(h * h + F[2] * F[2])
     if n == 0.0:
         return state
-    along = (MOST_SECOND_DIFFERENCE * n) ** 2
+    along = (MOST_DISTORTION * n) ** 2
     known = north.is_known
     c, s = north.direction
     across = (LEAST_OFF_RAD * h) ** 2 if known else along
@@ -118,7 +117,7 @@ def begin_field(
     x[EARTH + 1] = h * s - before[1]
     x[EARTH + 2] = F[2] - before[2]
     state = with_evidence(with_look(state, FieldLook(h, F[2], confidence=1.0), 1.0, 0.0), 0.0)
-    return with_off(state, 0.0, state.inflation_s)
+    return with_off(state, 0.0, state.far_off_s)
 
 
 @inlined
@@ -142,7 +141,7 @@ def compare_with_place(
         return state
     most = REACH**2 * (NORM_SCALE * n) ** 2
     better = min(most, off_square(seen, learnt)) - min(most, off_square(as_read, place))
-    keep = BORNE_S / (BORNE_S + wait)
+    keep = CONFIRM_S / (CONFIRM_S + wait)
     return with_evidence(
         state, keep * (state.evidence + wait * better / (params.heading_noise * n) ** 2)
     )
@@ -191,7 +190,7 @@ def observe_heading(
     compass's own axes, which may be turned in the vehicle about its down axis. Where magnetic
     north is known, it holds the direction of the place's field, too.
     Across the place's horizontal field the difference shows the heading; where the field dips, an
-    error of tilt shows there, too, as the row of the measurement says. Along the horizontal field
+    error of tilt shows there, too, as the row of the measurement has it. Along the horizontal field
     and down it shows the tilt across itself, the hard iron and the place's field.
     """
     P, estimate = now.covariance, now.estimate
@@ -228,10 +227,10 @@ def observe_heading(
     angle = atan2(F_across, F_along)
     expected = expected_variance(P, across, 0.0)
     # Either may be wrong: the field, whose error lasts for T and is as noise of 2 T times its
-    # variance to who averages for longer, or the heading, as far as the field looks as usual.
+    # variance to a longer average, or the heading, as far as the field looks as usual.
     left = unexplained(params, field.off_rad, expected)
-    noise += 2.0 * BORNE_S * left / wait
-    P[TURN + 2, TURN + 2] += field.look.confidence * left * wait / BORNE_S
+    noise += 2.0 * CONFIRM_S * left / wait
+    P[TURN + 2, TURN + 2] += field.look.confidence * left * wait / CONFIRM_S
     noise *= residual_factor(angle, expected)
     is_near = F_along >= 0.5 * abs(F_across)
     # what is linear in the angle does not hold
@@ -319,7 +318,7 @@ def add_compass(h: Array, R: Array) -> None:
 
 @inlined
 def learn_declination(P: Array, x: Array, E: Vec3, north: Two, wait: float) -> None:
-    """The place's field points to magnetic north, as far as a model can tell."""
+    """The place's field points to magnetic north, as far as a model is right."""
     c, s = north
     square = E[0] * E[0] + E[1] * E[1]
     h = np.zeros(SIZE)
@@ -336,16 +335,16 @@ def unexplained(params: AidingParams, off_rad: float, expected: float) -> float:
 
     Of white noise of the density n the low-pass of ``off_rad``, with T, leaves n / (2 T).
     """
-    left = off_rad * off_rad - expected - params.heading_noise**2 / (2.0 * BORNE_S)
+    left = off_rad * off_rad - expected - params.heading_noise**2 / (2.0 * CONFIRM_S)
     return max(0.0, left)
 
 
 @inlined
 def update_off(field: FieldState, off: float, far: bool, wait: float) -> FieldState:
-    """Low-pass ``off`` (rad) with ``BORNE_S``: noise averages out, a wrong field does not."""
-    clipped = max(-MOST_SECOND_DIFFERENCE, min(MOST_SECOND_DIFFERENCE, off))
-    off_rad = field.off_rad + wait / (wait + BORNE_S) * (clipped - field.off_rad)
-    inflation_s = max(0.0, field.inflation_s - wait)
-    if far:  # one that does not look as usual says nothing about the attitude
-        inflation_s = field.inflation_s + wait * field.look.confidence
-    return with_off(field, off_rad, inflation_s)
+    """Low-pass ``off`` (rad) with ``CONFIRM_S``: noise averages out, a wrong field does not."""
+    clipped = max(-MOST_DISTORTION, min(MOST_DISTORTION, off))
+    off_rad = field.off_rad + wait / (wait + CONFIRM_S) * (clipped - field.off_rad)
+    far_off_s = max(0.0, field.far_off_s - wait)
+    if far:  # one that does not look as usual shows nothing about the attitude
+        far_off_s = field.far_off_s + wait * field.look.confidence
+    return with_off(field, off_rad, far_off_s)

@@ -1,4 +1,4 @@
-"""What a source of aiding has to say about itself, to be one line of the table of sources."""
+"""The sources of aiding, by the type of their reports. A new one is one line in the table."""
 
 from collections.abc import Callable
 from math import isfinite
@@ -6,6 +6,10 @@ from typing import Any, NamedTuple
 
 from estimator.errors import InputError
 from estimator.reasons import Reason
+from estimator.types import ZERO_VEC3, VelocitySample
+
+# Faster than sound in air: no vehicle this is for.
+SPEED_LIMIT_M_S = 400.0
 
 
 class Source(NamedTuple):
@@ -36,6 +40,36 @@ def numbers_of(value: Any) -> list[float]:
     if not isinstance(value, tuple):
         return [value]
     return [number for part in value for number in numbers_of(part)]
+
+
+def refusal_of_velocity(report: VelocitySample) -> Reason | None:
+    """Why a report cannot be used, None if it can."""
+    if not all(isfinite(v) for v in (*report.velocity_ned_m_s, report.sigma_m_s)):
+        return Reason.VELOCITY_NOT_FINITE
+    if max(abs(v) for v in report.velocity_ned_m_s) > SPEED_LIMIT_M_S:
+        return Reason.VELOCITY_OUT_OF_RANGE
+    return None
+
+
+SOURCES: dict[type, Source] = {
+    VelocitySample: Source(
+        blank=VelocitySample(0, ZERO_VEC3, True, 0.0), observe=None, refusal=refusal_of_velocity
+    ),
+}
+
+
+def source_of(report: Any) -> Source:
+    """The source that makes such reports.
+
+    Raises:
+        InputError: there is none.
+    """
+    source = SOURCES.get(type(report))
+    if source is None:
+        known = ", ".join(kind.__name__ for kind in SOURCES)
+        msg = f"no source of aiding reports a {type(report).__name__}; those that do: {known}"
+        raise InputError(msg)
+    return source
 
 
 def in_types_of(blank: Any, value: Any) -> Any:

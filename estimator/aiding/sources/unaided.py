@@ -1,4 +1,4 @@
-"""What the stage without velocity says about down, while no report comes or samples are few."""
+"""Down by the stage without velocity, while no report comes or samples are few."""
 
 from math import atan2, hypot
 
@@ -18,7 +18,7 @@ def observe_unaided(
     now: Prediction,
     gravity_b: Vec3,
     sigma_rad: float,
-    lean_rad: float,
+    tilt_error_rad: float,
     x: Array,
     share: float,
     dt: float,
@@ -26,16 +26,16 @@ def observe_unaided(
     """Two scalar updates with the ``share`` that down by the unaided stage counts.
 
     R_true gravity_b = z gives turn_east = -d_north and turn_north = d_east with d = R gravity_b.
-    It holds an attitude that velocity has lost. A lasting acceleration deceives it by
-    ``lean_rad``, so that in a banked turn it hardly counts. Its distance counts as a whole turn,
-    so an attitude that is upside down is not taken for a level one.
+    It holds an attitude that velocity has lost. A long acceleration tilts it by ``tilt_error_rad``,
+    so it hardly counts in a banked turn. The distance counts as a whole turn, so an attitude that
+    is upside down does not pass for a level one.
     """
     P = now.covariance
     d = rotate(now.estimate.q_ned_frd, gravity_b)
     level = hypot(d[0], d[1])
     turn = atan2(level, d[2]) / level if level > 0.0 else 1.0
     noise = sigma_rad**2 * max(1.0, SPAN_S / dt)
-    noise = (noise + lean_rad**2 * max(1.0, ACCELERATION_LASTS_S / dt)) / share
+    noise = (noise + tilt_error_rad**2 * max(1.0, ACCELERATION_LASTS_S / dt)) / share
     h = np.zeros(SIZE)
     h[TURN + 1] = 1.0
     learn(P, x, h, -turn * d[0], noise)

@@ -1,4 +1,4 @@
-"""What a velocity report says about attitude, biases and the IMU's lag."""
+"""What a velocity report shows about attitude, biases and the IMU's lag."""
 
 from math import cos, isfinite, sqrt
 from typing import NamedTuple
@@ -6,9 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.aiding.covariance import expected_variance, learn, residual
-from estimator.aiding.inertial import GRAVITY_NED, Prediction, newest_bend
+from estimator.aiding.inertial import GRAVITY_NED, Prediction, newest_deviation
 from estimator.aiding.search import UNKNOWN_RAD
-from estimator.aiding.sources.source import Source
 from estimator.aiding.types import (
     FILTER_ERROR,
     FILTER_LAG,
@@ -27,19 +26,15 @@ from estimator.aiding.types import (
     Scatter,
 )
 from estimator.aiding.velocity_history import look_back
-from estimator.compilation.compiled import inlined
-from estimator.compilation.replacing import replacer
+from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.robust import FAR, REACH
-from estimator.conditioning.times import BORNE_S, LONG_S, LONGEST_STEP_S, SPAN_S, USUAL_S
+from estimator.conditioning.times import CONFIRM_S, LONG_S, LONGEST_STEP_S, SPAN_S, USUAL_S
 from estimator.geometry.quaternion import rotate, scale, subtract
-from estimator.reasons import Reason
-from estimator.types import ZERO_VEC3, Vec3, VelocitySample
+from estimator.types import Vec3
 
 # After so long with reports far off, s, the attitude is given up. Shorter: a good one beside an
 # accelerometer's offset, longer: one that was turned over is taken for right.
-DOUBTED_S = 1.5
-# Faster than sound in air: no vehicle this is for.
-SPEED_LIMIT_M_S = 400.0
+DISAGREEMENT_S = 1.5
 # A squared innovation over its variance teaches the noise scale up to this value; a wild report
 # may be any distance off, and must not spoil the scale for the next hundred.
 CLIP = 25.0
@@ -63,20 +58,6 @@ class Reporter(NamedTuple):
 with_inflation = replacer(Scatter, "innovation", "reports")
 
 
-def refusal_of_velocity(report: VelocitySample) -> Reason | None:
-    """Why a report cannot be used, None if it can."""
-    if not all(isfinite(v) for v in (*report.velocity_ned_m_s, report.sigma_m_s)):
-        return Reason.VELOCITY_NOT_FINITE
-    if max(abs(v) for v in report.velocity_ned_m_s) > SPEED_LIMIT_M_S:
-        return Reason.VELOCITY_OUT_OF_RANGE
-    return None
-
-
-VELOCITY_SOURCE = Source(
-    blank=VelocitySample(0, ZERO_VEC3, True, 0.0), observe=None, refusal=refusal_of_velocity
-)
-
-
 @inlined
 def wait_for_reports(agreement: Agreements, dt: float) -> Agreements:
     """The agreements ``dt`` later, without a report since."""
@@ -87,12 +68,12 @@ def wait_for_reports(agreement: Agreements, dt: float) -> Agreements:
 def wait_longer(agreement: Agreement, dt: float) -> Agreement:
     """The agreement of one source ``dt`` later.
 
-    How well reports agreed before a hole says nothing of the attitude after it.
+    How well reports agreed before a hole shows nothing of the attitude after it.
     """
     scatter = agreement.scatter
     if dt > SPAN_S:
         scatter = with_inflation(scatter, 1.0, min(scatter.reports, 1.0))
-    return Agreement(scatter, agreement.wait_s + dt, agreement.inflation_s)
+    return Agreement(scatter, agreement.wait_s + dt, agreement.far_off_s)
 
 
 @inlined
@@ -141,7 +122,7 @@ def observe_velocity(
     """Three scalar updates (two without the vertical): report = v(then) + slow error + noise.
 
     v(then) is the velocity now less what was gained since, which the velocity history holds. A
-    turn t of the attitude changes that by t x (force since): a late report says less about it.
+    turn t of the attitude changes that by t x (force since): a late report shows less of it.
     A report that is far off loosens what is known of its source's error, or of the velocity
     where that is the only source, but not the attitude: then the reports' origin has jumped.
     The noise scale follows the innovations.
@@ -151,14 +132,14 @@ def observe_velocity(
     units = np.zeros(3)
     wait = min(agreement.wait_s, 1.0)
     share = wait / (wait + USUAL_S) / 3.0
-    if reporter.is_receiver and reports == 0.0:  # the first one says how late it may be
+    if reporter.is_receiver and reports == 0.0:  # the first one gives how late it may be
         P[reporter.lag_at, reporter.lag_at] = report.late_sigma_s**2
         x[reporter.lag_at] = report.late_sigma_s
     past = look_back(now.velocity_history, reporter.age_s)
     gained, a = past.gained_m_s, past.acceleration_m_s2
     pushed = subtract(gained, scale(reporter.age_s, GRAVITY_NED))
     behind = min(1.0, report.ago_s / dt)
-    aliasing = scale(params.integration_noise * dt * behind, newest_bend(now.velocity_history))
+    aliasing = scale(params.integration_noise * dt * behind, newest_deviation(now.velocity_history))
     sigma = params.receiver_noise_m_s if reporter.is_receiver else params.filter_noise_m_s
     sigma *= max(1.0, report.sigma_m_s / params.report_sigma_m_s)
     least = LEAST_RECEIVER_SCALE if reporter.is_receiver else 1.0
@@ -195,9 +176,9 @@ def observe_velocity(
             P[loose_at + i, loose_at + i] += left * left
             far = True
         learn(P, x, h, off, noise)
-    inflation_s = agreement.inflation_s + wait if far else max(0.0, agreement.inflation_s - wait)
+    far_off_s = agreement.far_off_s + wait if far else max(0.0, agreement.far_off_s - wait)
     latest = (units[0], units[1], units[2])
-    return Agreement(Scatter(noise_scale, innovation, reports, latest, together), 0.0, inflation_s)
+    return Agreement(Scatter(noise_scale, innovation, reports, latest, together), 0.0, far_off_s)
 
 
 @inlined
@@ -211,11 +192,11 @@ def is_credible(state: AidingState) -> bool:
         return False
     wait_s = min(by_filter.wait_s, by_receiver.wait_s)
     if max(by_filter.wait_s, by_receiver.wait_s) < SPAN_S:
-        inflation_s = min(by_filter.inflation_s, by_receiver.inflation_s)  # one is enough
+        far_off_s = min(by_filter.far_off_s, by_receiver.far_off_s)  # one is enough
     elif by_filter.wait_s < by_receiver.wait_s:
-        inflation_s = by_filter.inflation_s
+        far_off_s = by_filter.far_off_s
     else:
-        inflation_s = by_receiver.inflation_s
-    if state.field.inflation_s > BORNE_S or state.wheels.contradict:
+        far_off_s = by_receiver.far_off_s
+    if state.field.far_off_s > CONFIRM_S or state.wheels.contradict:
         return False
-    return wait_s <= LONG_S and inflation_s <= DOUBTED_S
+    return wait_s <= LONG_S and far_off_s <= DISAGREEMENT_S

@@ -1,4 +1,4 @@
-"""What it says about the attitude that a vehicle rolls forwards or back, but not aside or up."""
+"""The attitude of a vehicle that rolls forwards or back, but neither sideways nor up."""
 
 from math import atan2
 
@@ -18,8 +18,7 @@ from estimator.aiding.types import (
     Wheels,
 )
 from estimator.bounds import TINY
-from estimator.compilation.compiled import inlined
-from estimator.compilation.replacing import replacer
+from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.robust import FAR, REACH
 from estimator.conditioning.times import ACCELERATION_LASTS_S, MEMORY_S
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD

@@ -2,7 +2,7 @@
 
 In G, which the gyroscope carries along, the field of the place stands still. An axis that is
 stuck, stepped, scaled or saturated turns it about that axis, and gravity with it, for as long as
-the fault lasts. The turn of a second is held against all that turns a field in G beside that:
+the fault lasts. The turn of a second is compared with all that turns a field in G beside that:
 noise, what an unknown lag and own field make of turning, turns missed between samples and a
 magnet, which changes the norm, too. How large the ratio of the two squares usually is, is learnt:
 a field is as calm as it is. How much better or worse the force fits is the rest of the evidence.
@@ -10,8 +10,7 @@ a field is as calm as it is. How much better or worse the force fits is the rest
 
 from typing import NamedTuple
 
-from estimator.compilation.compiled import inlined
-from estimator.compilation.replacing import replacer
+from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.events.jump_signs import JumpSigns
 from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.field.magnetic import NORM_SCALE
@@ -28,7 +27,7 @@ from estimator.types import ZERO_VEC3, Vec3
 
 
 class AxisSigns(NamedTuple):
-    """What the field in G says about the gyroscope's axes."""
+    """What the field in G shows about the gyroscope's axes."""
 
     slow: Vec3 = ZERO_VEC3  # mean direction of the field in G
     slower: Vec3 = ZERO_VEC3  # mean of that, over the time that gravity is averaged
@@ -88,7 +87,7 @@ def watch_axes(
     force_scatter: float,
     dt_s: float,
 ) -> AxisSigns:
-    """Hold the field against its mean, ``dt_s`` after the field before.
+    """Compare the field with its mean, ``dt_s`` after the field before.
 
     ``usual_norm`` is that of the place's field, ``force_scatter`` as in
     :class:`~estimator.conditioning.events.lasting_signs.GravitySigns`.
@@ -195,10 +194,10 @@ def force_evidence(gravity: GravityState, a: Vec3, turn: float, force_scatter: f
 
 @inlined
 def judge(state: AxisSigns, cases: tuple[Suspect, Suspect, Suspect], dt_s: float) -> AxisSigns:
-    """Those axes come under suspicion whose case is strong, unless another's is so by as much more.
+    """An axis is suspected if its case is strong, and no other's is stronger by as much.
 
-    What field and force cannot tell apart is suspected alike. A ratio teaches what is usual as far
-    as it is no more than twice that, and what it is due to in proportion.
+    Axes that field and force cannot distinguish are suspected alike. A ratio of up to twice the
+    usual one teaches what is usual, and each cause in proportion.
     """
     most, ratio, turning = 0.0, 0.0, 0.0
     for case in cases:
@@ -237,7 +236,7 @@ def suspicion(before: float, case: Suspect, least: float, share: float) -> float
 def is_strong(case: Suspect, least: float) -> bool:
     """Whether an axis is contradicted, and its evidence beyond what another's leaves.
 
-    A magnet may turn the field by any angle, so that the force must not speak against the axis: by
+    A magnet may turn the field by any angle, so that the force must not contradict the axis: by
     less than a standard deviation it may do so by chance.
     """
     return case.ratio > FAR and case.by_force > -1.0 and case.evidence > least

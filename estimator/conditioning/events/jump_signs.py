@@ -3,8 +3,7 @@
 from typing import NamedTuple
 
 from estimator.bounds import TINY
-from estimator.compilation.compiled import inlined
-from estimator.compilation.replacing import replacer
+from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.robust import FAR
@@ -16,6 +15,10 @@ from estimator.types import ZERO_VEC3, Vec2, Vec3
 
 # The two low-passes of the field in G, s.
 JUMP_QUICK_S = 0.1
+# The largest part of a jump that lies between the two.
+JUMP_SHARE = (QUICK_S / JUMP_QUICK_S) ** (-1.0 / (QUICK_S / JUMP_QUICK_S - 1.0)) * (
+    1.0 - JUMP_QUICK_S / QUICK_S
+)
 # A reading whose norm is off by more than this share shows no turn: a spike, or a magnet. Both
 # low-passes take it slowly, so that they part no further, and follow a field that stays another.
 SPIKE_SHARE = 0.2
@@ -38,7 +41,7 @@ class JumpSigns(NamedTuple):
     usual_turning: float = 0.0  # mean square rate of the vehicle meanwhile, (rad/s)^2
     turning: float = 0.0  # mean square rate of the vehicle lately, (rad/s)^2
     unseen: float = 0.0  # variance of turns missed between samples lately, rad^2
-    seen_rad: float = 0.0  # largest angle of the jump at hand that has raised doubts already
+    seen_rad: float = 0.0  # largest angle of the present jump that has inflated a variance
     age_s: float = 0.0  # since the first field
 
 
@@ -103,16 +106,8 @@ def turn_of(u: Vec3, v: Vec3) -> float:
 
 
 @inlined
-def jump_share() -> float:
-    """The largest part of a jump that lies between the two low-passes."""
-    ratio = QUICK_S / JUMP_QUICK_S
-    share: float = ratio ** (-1.0 / (ratio - 1.0)) * (1.0 - 1.0 / ratio)
-    return share
-
-
-@inlined
 def jump_variance(params: ConditioningParams, state: JumpSigns, learnt: Calibration) -> Vec2:
-    """The variance (rad^2) of a turn that the field's jump shows, and the angle (rad) told by now.
+    """Variance (rad^2) of the turn that the field's jump shows, and the angle (rad) counted by now.
 
     A jump is more than noise, than what the field usually does here, than what an unknown lag
     and own field make of turning, and than what slow samples miss. A magnet that turns the
@@ -133,17 +128,16 @@ def jump_variance(params: ConditioningParams, state: JumpSigns, learnt: Calibrat
         return 0.0, 0.0
     if turned**2 < least or turned <= state.seen_rad:
         return 0.0, state.seen_rad
-    return (turned**2 - state.seen_rad**2) / jump_share() ** 2, turned
+    return (turned**2 - state.seen_rad**2) / JUMP_SHARE**2, turned
 
 
 @inlined
 def looks_turned(params: ConditioningParams, state: JumpSigns) -> bool:
     """Whether the field in G turns more than it usually does.
 
-    What an unknown lag or own field makes of turning is part of the usual. After a turn that
-    nobody has felt the calibration's means are of another attitude, and what has jumped would
-    pass for the vehicle's own field along an axis that has told nothing of it before. So would a
-    magnet.
+    What an unknown lag or own field makes of turning is part of the usual. After an
+    unsensed turn the calibration's means are of another attitude, and what has jumped would
+    pass for the vehicle's own field along an axis that is still unknown. So would a magnet.
     """
     least = params.turn_jump_rad**2 + MOST_USUAL**2 * (state.usual + state.unseen)
     return state.apart_rad**2 > least

@@ -8,18 +8,23 @@ from math import cos, sqrt
 from typing import NamedTuple
 
 from estimator.bounds import TINY
-from estimator.compilation.compiled import inlined
-from estimator.compilation.replacing import replacer
+from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.field.magnetic import MagneticState
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.robust import MOST_DEVIATION, robust_factor
-from estimator.conditioning.times import BORNE_S, LATELY_S, LONG_S, LONGEST_STEP_S, SPAN_S, USUAL_S
+from estimator.conditioning.robust import HALF_TURN_VARIANCE, MOST_DEVIATION, robust_factor
+from estimator.conditioning.times import (
+    CONFIRM_S,
+    LATELY_S,
+    LONG_S,
+    LONGEST_STEP_S,
+    SPAN_S,
+    USUAL_S,
+)
 from estimator.conditioning.vertical.bias import SETTLED_HEADING_RAD, Estimate
 from estimator.conditioning.vertical.gravity import GravityState
 from estimator.conditioning.vertical.lasting import MOST_APART_RAD, PRIOR_VARIANCE
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.geometry.quaternion import angle_between_vectors, direction, norm, square
-from estimator.geometry.spread import HALF_TURN_VARIANCE
 from estimator.types import STANDARD_GRAVITY_M_S2, Vec2
 
 
@@ -35,7 +40,7 @@ STILL_OFF = 0.5
 
 
 class HeadingSigns(NamedTuple):
-    """What the field says about an unsensed turn about the vertical."""
+    """What the field shows about an unsensed turn about the vertical."""
 
     mean_north: float = 0.0  # of the field weighted by its confidence, in the field's own unit
     mean_east: float = 0.0  # of that field, too
@@ -43,14 +48,14 @@ class HeadingSigns(NamedTuple):
     scatter: float = (
         LEAST_OFF_RAD**2
     )  # mean square of how far the mean field points elsewhere, rad^2
-    borne_s: float = SPAN_S  # for how long, less the time against it, the field has agreed
+    confirmed_s: float = SPAN_S  # for how long, less the time against it, the field has agreed
     other_rad: float = 0.0  # the heading that was given up last
     other_s: float = 0.0  # for how much longer that is remembered
     back_s: float = 0.0  # for how long the field has pointed there again
 
 
 with_means = replacer(HeadingSigns, "mean_north", "mean_east", "mean_confidence", "back_s")
-with_other = replacer(HeadingSigns, "borne_s", "other_rad", "other_s")
+with_other = replacer(HeadingSigns, "confirmed_s", "other_rad", "other_s")
 
 
 @inlined
@@ -67,7 +72,7 @@ def watch_heading(
     A magnet that turns the field nearly always changes its norm or dip too, so
     its confidence falls; after a turn of the vehicle about the vertical both
     are as learnt. The means over ``SPAN_S`` are of the field weighted by its
-    confidence. What they show is one sum, ``borne_s``, in seconds of a field beyond doubt.
+    confidence. What they show is summed in ``confirmed_s``, seconds of a field of full confidence.
     """
     north, east = horizontal
     c = field.look.confidence
@@ -80,9 +85,9 @@ def watch_heading(
     # how surely that is an angle that honest drift does not reach, 0..1
     off = 1.0 - 1.0 / robust_factor((away / params.turn_heading_rad) ** 2)
     elsewhere = off if known else 0.0
-    borne_s = borne_out(params, state, estimate.heading_rad - away, elsewhere, c, dt_s)
+    confirmed_s = confirmed_time_s(params, state, estimate.heading_rad - away, elsewhere, c, dt_s)
     if field.reference.is_new:  # the heading was that of a field that is not believed any more
-        borne_s = min(borne_s, SPAN_S)
+        confirmed_s = min(confirmed_s, SPAN_S)
     back = is_back(params, state, estimate, field, horizontal)
     b = dt_s / (USUAL_S + dt_s) if estimate.covariance[9] < SETTLED_HEADING_RAD**2 else 0.0
     return HeadingSigns(
@@ -90,7 +95,7 @@ def watch_heading(
         mean_east=e,
         mean_confidence=w,
         scatter=state.scatter + b * (away * away - state.scatter),
-        borne_s=borne_s,
+        confirmed_s=confirmed_s,
         other_rad=state.other_rad,
         other_s=max(0.0, state.other_s - dt_s),
         back_s=duration_s(known and back, state.back_s, dt_s),
@@ -124,7 +129,7 @@ def likely(confidence: float) -> float:
 
 
 @inlined
-def borne_out(
+def confirmed_time_s(
     params: ConditioningParams,
     state: HeadingSigns,
     by_field_rad: float,
@@ -132,16 +137,16 @@ def borne_out(
     confidence: float,
     dt_s: float,
 ) -> float:
-    """For how long (s) the field has borne the heading out, less the time for which it has not.
+    """For how long (s) the field has confirmed the heading, less the time for which it has not.
 
-    A heading that was given up lately and that the field points to again needs no more proof than
-    one that is new.
+    A heading that was given up lately, and that the field points to again, is confirmed as fast as
+    a new one.
     """
     apart = by_field_rad - state.other_rad
     again = state.other_s > 0.0 and cos(apart) > cos(params.turn_heading_rad)
-    most = SPAN_S if again and elsewhere > 0.5 else BORNE_S
+    most = SPAN_S if again and elsewhere > 0.5 else CONFIRM_S
     gain = likely(confidence) * (1.0 - 2.0 * elsewhere) * min(dt_s, LONGEST_STEP_S)
-    return max(0.0, min(state.borne_s + gain, most))
+    return max(0.0, min(state.confirmed_s + gain, most))
 
 
 @inlined
@@ -162,7 +167,7 @@ def give_up(state: HeadingSigns, heading_rad: float) -> HeadingSigns:
 
 
 class GravitySigns(NamedTuple):
-    """What the specific force says about an unsensed turn about a level axis."""
+    """What the specific force shows about an unsensed turn about a level axis."""
 
     off_s: float = 0.0  # for how long gravity has pulled elsewhere
     force_scatter: float = PRIOR_VARIANCE  # mean square angle between quick and slow gravity, rad^2
@@ -184,7 +189,7 @@ def watch_gravity(
     """Look for gravity that keeps pulling elsewhere than the low-passed one in G.
 
     Accelerations reverse within a second or two and rarely exceed 1 g, a turn stays. A vertical
-    that is ``weighed`` has a variance that says how far to believe the force.
+    that is ``weighed`` has a variance that decides how far to believe the force.
     """
     f = gravity.force.down.value
     quick = gravity.force.quick

@@ -8,12 +8,11 @@ from math import asin, atan2, pi, sin, sqrt
 from typing import NamedTuple
 
 from estimator.bounds import TINY
-from estimator.compilation.compiled import inlined
-from estimator.compilation.replacing import replacer
+from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.events.axis_signs import AxisSigns, carry_axes, watch_axes
 from estimator.conditioning.events.jump_signs import (
+    JUMP_SHARE,
     JumpSigns,
-    jump_share,
     jump_variance,
     looks_turned,
     watch_field,
@@ -40,15 +39,16 @@ from estimator.conditioning.field.magnetic import (
 from estimator.conditioning.field.step import FieldStep, MagnetometerState
 from estimator.conditioning.gather import Gathered
 from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.robust import ANY_DIRECTION_VARIANCE, HALF_TURN_VARIANCE
 from estimator.conditioning.times import LONGEST_STEP_S, SPAN_S
 from estimator.conditioning.vertical.bias import Estimate, clip, inflate_heading
-from estimator.conditioning.vertical.gravity import restart_gravity
+from estimator.conditioning.vertical.gravity import with_down, with_force
 from estimator.conditioning.vertical.lasting import SCALE_ERROR
+from estimator.conditioning.vertical.lowpass import Smooth
 from estimator.conditioning.vertical.step import VerticalState, VerticalStep
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD, weighing, with_variance
 from estimator.geometry.quaternion import dot
-from estimator.geometry.spread import ANY_DIRECTION_VARIANCE, HALF_TURN_VARIANCE
-from estimator.types import Vec2
+from estimator.types import ZERO_VEC3, Vec2
 
 # The share of a turn that its jump shows: of one within 0.4 s. Noise adds to either.
 SUDDEN_SHARE = 0.9
@@ -64,7 +64,7 @@ class TurnSigns(NamedTuple):
 
 
 class HeadingInflation(NamedTuple):
-    """How far the heading is in doubt; it hears of that once the field looks as usual again."""
+    """Variance that a jump adds to the heading once the field looks as usual again."""
 
     variance: float = 0.0  # rad^2
     usual_s: float = 0.0  # for how long it has looked so, less the time it has not
@@ -76,10 +76,10 @@ with_usual = replacer(HeadingInflation, "variance", "usual_s")
 
 
 @inlined
-def raise_doubt(
+def inflate_variance(
     inflation: HeadingInflation, signs: TurnSigns, variance: float, steepness: float
 ) -> HeadingInflation:
-    """The doubt after the field has jumped, by a turn whose angle has the ``variance`` (rad^2).
+    """The inflation after a jump of the field, by a turn whose angle has the ``variance`` (rad^2).
 
     A steep field makes more of it: ``steepness`` is the squared tangent of the dip.
     """
@@ -112,14 +112,14 @@ def release_inflation(
     horizontal: Vec2,
     dt_s: float,
 ) -> tuple[HeadingInflation, float, Estimate, bool]:
-    """Hand the heading its doubt once the field has looked as usual for a while.
+    """Add the inflation to the heading once the field has looked as usual for a while.
 
     A magnet that has turned the field shows in norm or dip, now or soon, and must not draw the
-    heading: the field has to stand still again, and nothing is left of either doubt if its norm
+    heading: the field has to stand still again, and both inflations are dropped if its norm
     is another. And a heading by the field is never better than the vertical it was taken with,
-    whose doubt is ``tilt`` (rad^2).
+    whose inflation is ``tilt`` (rad^2).
 
-    Returns both doubts, the estimate and whether the heading was given up.
+    Returns both inflations, the estimate and whether the heading was given up.
     """
     # D^2 by which it looks less usual than before the turn, and by which it still moves
     off = sqrt(max(inflation.confidence_before, TINY) / max(field.look.confidence, TINY)) - 1.0
@@ -132,12 +132,12 @@ def release_inflation(
     if usual_s <= SPAN_S:
         return with_usual(inflation, left, usual_s), tilt, estimate, False
     steep = steepness(field.reference)
-    if not is_sudden(jump.usual / jump_share() ** 2, left, steep, horizontal):
+    if not is_sudden(jump.usual / JUMP_SHARE**2, left, steep, horizontal):
         left = 0.0
     now = estimate.covariance[9]
     raised = max(now + left, 0.5 * tilt * steep) - now
-    doubt = with_usual(inflation, 0.0, usual_s)
-    return doubt, tilt, inflate_heading(estimate, raised), left > 0.0
+    inflation = with_usual(inflation, 0.0, usual_s)
+    return inflation, tilt, inflate_heading(estimate, raised), left > 0.0
 
 
 class TurnProof(NamedTuple):
@@ -149,7 +149,7 @@ class TurnProof(NamedTuple):
 
 
 @inlined
-def tells_turn(proof: TurnProof) -> bool:
+def shows_turn(proof: TurnProof) -> bool:
     """Whether anything but a jump of the field proves a turn."""
     return proof.heading or proof.gravity
 
@@ -161,7 +161,7 @@ def proof_of(
     learnt: Calibration,
     usual_norm: float,
 ) -> tuple[TurnProof, float]:
-    """Which signs have lasted for long enough, and the part (rad) of a jump that is told by now.
+    """Which signs have lasted for long enough, and the part (rad) of a jump that has counted.
 
     ``usual_norm`` is that of the place's field.
     """
@@ -173,7 +173,7 @@ def proof_of(
     if likely(heading.mean_confidence) <= 0.0 or off >= NORM_SCALE * usual_norm:
         jump = 0.0
     return TurnProof(
-        heading=heading.borne_s <= 0.0 or heading.back_s > LONGEST_STEP_S,
+        heading=heading.confirmed_s <= 0.0 or heading.back_s > LONGEST_STEP_S,
         gravity=gravity.off_s > LONGEST_STEP_S,
         jump=jump,
     ), seen_rad
@@ -185,11 +185,11 @@ def reset_signs(
 ) -> TurnSigns:
     """The signs after a step: those that were proof enough start anew.
 
-    ``seen_rad`` is the part of a jump that is told by now, ``heading_rad`` the heading, which is
+    ``seen_rad`` is the part of a jump that has counted, ``heading_rad`` the heading, which is
     remembered where it was ``given_up``.
     """
     heading, gravity = signs.heading, signs.gravity
-    if tells_turn(proof):
+    if shows_turn(proof):
         heading = begin_anew(heading)
     if given_up:
         heading = give_up(heading, heading_rad)
@@ -202,7 +202,7 @@ def reset_signs(
 
 
 class EventsState(NamedTuple):
-    """What speaks for an unsensed turn, and what is in doubt after one."""
+    """Signs of an unsensed turn, and the variance inflated after one."""
 
     signs: TurnSigns = TurnSigns()
     inflation: HeadingInflation = HeadingInflation()
@@ -250,13 +250,15 @@ def follow_signs(
 
 @inlined
 def react(proof: TurnProof, before: VerticalState, horizontal: Vec2) -> VerticalState:
-    """After an unsensed turn: gravity anew, and as much doubt in the heading as it needs.
+    """After an unsensed turn: gravity starts anew, and the heading's variance grows as needed.
 
     ``horizontal`` is the field's north and east part.
     """
     gravity, tilt, estimate = before.gravity, before.tilt, before.estimate
     if proof.gravity:
-        gravity = restart_gravity(gravity)
+        anew = Smooth(ZERO_VEC3, ZERO_VEC3)  # the low-pass of the force
+        force = with_down(gravity.force, anew, anew, ZERO_VEC3, 0.0)
+        gravity = with_force(gravity, force)
         tilt = with_variance(tilt, ANY_DIRECTION_VARIANCE)
         estimate = inflate_heading(estimate, HALF_TURN_VARIANCE)
     elif proof.heading:
@@ -275,12 +277,12 @@ def learn_events(
     """Look for a turn that the gyroscope has not shown, and undo what it has spoilt."""
     magnetic, calibration = field.state.magnetic, field.state.calibration
     signs = follow_signs(params, before.signs, mean, vertical, field)
-    inflation, was_doubted, released = before.inflation, before.inflation.variance > 0.0, False
+    inflation, was_inflated, released = before.inflation, before.inflation.variance > 0.0, False
     proof, seen_rad = proof_of(params, signs, calibration.learnt, reference_norm(magnetic))
     now = react(proof, with_estimate(vertical.state, field.estimate), field.horizontal)
     heading_rad, estimate, tilt = now.estimate.heading_rad, now.estimate, now.inflation
     if proof.jump > 0.0:
-        inflation = raise_doubt(inflation, signs, proof.jump, steepness(magnetic.reference))
+        inflation = inflate_variance(inflation, signs, proof.jump, steepness(magnetic.reference))
         # beside a magnet a turn is the less likely
         tilt += proof.jump * likely(signs.heading.mean_confidence)
         tilt = min(tilt, HALF_TURN_VARIANCE)
@@ -288,9 +290,9 @@ def learn_events(
         inflation, tilt, estimate, released = release_inflation(
             params, inflation, tilt, estimate, magnetic, signs.jump, field.horizontal, mean.time_s
         )
-    if was_doubted and inflation.variance == 0.0 and not released:
+    if was_inflated and inflation.variance == 0.0 and not released:
         seen_rad = pi  # the rest of that jump is a magnet's, too
-    turned = tells_turn(proof) or proof.jump > 0.0
+    turned = shows_turn(proof) or proof.jump > 0.0
     turned = turned or (field.seen and looks_turned(params, signs.jump))
     if turned or vertical.clipped > LEAST_OFF_RAD**2:
         calibration = with_age(calibration, 0.0, False)  # its means are of the old attitude

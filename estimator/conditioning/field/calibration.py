@@ -2,8 +2,7 @@
 
 from typing import NamedTuple
 
-from estimator.compilation.compiled import inlined
-from estimator.compilation.replacing import replacer
+from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.robust import MOST_DEVIATION, REACH, robust_factor
 from estimator.conditioning.times import FORGET_S, LONGEST_STEP_S
@@ -45,7 +44,7 @@ with_age = replacer(CalibrationState, "age_s", "started")
 
 
 def first_calibration(params: ConditioningParams) -> CalibrationState:
-    """Before the first sample: no lag and no own field, as uncertain as the parameters say."""
+    """Before the first sample: no lag and no own field, as uncertain as the parameters set it."""
     offset, lag = most_variances(params)
     covariance = (offset, 0.0, 0.0, 0.0, offset, 0.0, 0.0, offset, 0.0, lag)
     return CalibrationState(Calibration(0.0, ZERO_VEC3, covariance, 0.0))
@@ -169,14 +168,14 @@ def learn_calibration(
         )
         turned = dot(r[0], r[0]) + dot(r[1], r[1]) + dot(r[2], r[2])
         is_slow = dt_s > LONGEST_STEP_S
-        tells = turned >= params.calibration_turn and not is_slow
+        shows_offset = turned >= params.calibration_turn and not is_slow
         own = params.calibration_reach**2 * turned + p[9] * dot(dx, dx)
         excess = max(0.0, dot(dy, dy) - own) / 3.0
         scatter += dt_s / (params.calibration_high_pass_s + dt_s) * (excess - scatter)
         lasting_s = scatter * params.calibration_high_pass_s
         least = (params.calibration_noise_s + lasting_s) / dt_s + unseen
         for i in range(3):
-            row = r[i] if tells else ZERO_VEC3
+            row = r[i] if shows_offset else ZERO_VEC3
             # the residual of what was taken off: less what is estimated beside that
             e = dy[i] - dot(row, subtract(offset, taken_off)) - dx[i] * (lag_s - before.lag_s)
             noise = least * robust_factor((e * (1.0 / params.calibration_reach)) ** 2)

@@ -7,8 +7,7 @@ from math import sqrt
 from typing import NamedTuple
 
 from estimator.bounds import TINY
-from estimator.compilation.compiled import inlined
-from estimator.compilation.replacing import replacer
+from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.robust import robust_factor
 from estimator.conditioning.times import FIELD_S, USUAL_S
@@ -44,7 +43,7 @@ class FieldReference(NamedTuple):
     down: float = 0.0  # in the field's own unit
     samples: float = 0.0  # how many have taught it
     age_s: float = 0.0  # the time that they stand for
-    borne_s: float = 0.0  # for how long the field has looked so, less the time it has not
+    confirmed_s: float = 0.0  # for how long the field has looked so, less the time it has not
     other: AlternativeField = AlternativeField()  # another one that it may have
     is_new: bool = False  # whether this step has taken the other for it
     uneven: float = 0.0  # mean square of how far norm and dip are off, as shares and angles
@@ -61,7 +60,7 @@ class MagneticState(NamedTuple):
 
 with_confidence = replacer(FieldLook, "confidence")
 with_seen = replacer(AlternativeField, "seen_s")
-with_alternative = replacer(FieldReference, "horizontal", "down", "borne_s", "other", "is_new")
+with_alternative = replacer(FieldReference, "horizontal", "down", "confirmed_s", "other", "is_new")
 with_wait = replacer(MagneticState, "wait_s")
 
 
@@ -95,7 +94,7 @@ def look_at_field(
 ) -> FieldLook:
     """The look moved by ``share`` of its way to a sample, and its confidence.
 
-    ``seen`` and ``expected`` are (horizontal, down). Norm n and dip d say without any heading
+    ``seen`` and ``expected`` are (horizontal, down). Norm n and dip d show without any heading
     whether the field is the expected one: D^2 = ((n - n_r)/(s_n n_r))^2 + (sin(d - d_r)/s_d)^2,
     of which the confidence is the robust estimator's weight.
     """
@@ -137,18 +136,18 @@ def observe_field(
     learn = min(1.0, dt_s / USUAL_S) * look.confidence
     if age < USUAL_S:
         learn = max(learn, weight / samples)
-    other, borne_s = watch_alternative(params, before, look, dt_s)
+    other, confirmed_s = watch_alternative(params, before, look, dt_s)
     reference = FieldReference(
         horizontal=before.horizontal + learn * (look.horizontal - before.horizontal),
         down=before.down + learn * (look.down - before.down),
         samples=samples,
         age_s=age,
-        borne_s=borne_s,
+        confirmed_s=confirmed_s,
         other=other,
         is_new=False,
         uneven=unevenness(before, look, dt_s),
     )
-    if other.seen_s > borne_s:
+    if other.seen_s > confirmed_s:
         reference = accept_alternative(reference)
     if not params.use_confidence:
         look = with_confidence(look, 1.0)
@@ -171,11 +170,10 @@ def unevenness(reference: FieldReference, look: FieldLook, dt_s: float) -> float
 def watch_alternative(
     params: ConditioningParams, reference: FieldReference, look: FieldLook, dt_s: float
 ) -> tuple[AlternativeField, float]:
-    """The other field that is seen, and for how long the expected one has been borne out.
+    """The other field that is seen, and for how long (s) the expected one was confirmed.
 
-    Both times are in s. What one field gains the other loses, so the other has to last for as long
-    as the expected one has, :data:`USUAL_S` at most. A field that keeps changing is no
-    such field: it starts anew each time.
+    What one field gains the other loses. So the other has to last as long as the expected one has,
+    :data:`USUAL_S` at most. A field that keeps changing starts anew each time.
     """
     other, most = reference.other, 2.0 * USUAL_S
     norm_scale, dip_scale = NORM_SCALE, params.field_dip_scale_rad
@@ -183,26 +181,28 @@ def watch_alternative(
     expected = (other.horizontal, other.down)
     alike = look_at_field(look, seen, 0.0, expected, norm_scale, dip_scale).confidence
     gain = dt_s * (alike - look.confidence)
-    borne_s = max(0.0, min(reference.borne_s + dt_s * look.confidence - max(gain, 0.0), most))
+    confirmed_s = max(
+        0.0, min(reference.confirmed_s + dt_s * look.confidence - max(gain, 0.0), most)
+    )
     seen_s = min(other.seen_s + gain, most)
     is_third = alike + look.confidence < LEAST_ALIKE
     if is_third and seen_s > dt_s:
-        return with_seen(other, seen_s - dt_s), borne_s
+        return with_seen(other, seen_s - dt_s), confirmed_s
     if is_third or seen_s <= 0.0:
-        return AlternativeField(look.horizontal, look.down, 0.0), borne_s
+        return AlternativeField(look.horizontal, look.down, 0.0), confirmed_s
     share = alike * min(1.0, dt_s / (seen_s + dt_s))
     return AlternativeField(
         horizontal=other.horizontal + share * (look.horizontal - other.horizontal),
         down=other.down + share * (look.down - other.down),
         seen_s=seen_s,
-    ), borne_s
+    ), confirmed_s
 
 
 @inlined
 def accept_alternative(reference: FieldReference) -> FieldReference:
     """The reference once the other field has lasted longer: the two fields change places."""
     other = reference.other
-    given_up = AlternativeField(reference.horizontal, reference.down, reference.borne_s)
+    given_up = AlternativeField(reference.horizontal, reference.down, reference.confirmed_s)
     return with_alternative(reference, other.horizontal, other.down, other.seen_s, given_up, True)
 
 
@@ -214,7 +214,7 @@ def reference_norm(state: MagneticState) -> float:
 
 @inlined
 def has_heading(state: MagneticState) -> bool:
-    """Whether the learnt field has a horizontal part that can tell a heading."""
+    """Whether the learnt field has a horizontal part that shows a heading."""
     reference = state.reference
     return state.known and reference.horizontal > NORM_SCALE * abs(reference.down)
 

@@ -4,8 +4,7 @@ from math import atan2, cos, pi, sin
 from typing import NamedTuple
 
 from estimator.bounds import TINY
-from estimator.compilation.compiled import inlined
-from estimator.compilation.replacing import replacer
+from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.field.calibration import CalibrationState, learn_calibration
 from estimator.conditioning.field.magnetic import (
     MagneticState,
@@ -71,8 +70,8 @@ def heading_noise(params: ConditioningParams, field: MagneticState, settled: flo
     """
     confidence = max(field.look.confidence * settled, TINY)
     early = 1.0 + MEMORY_S / (SPAN_S + field.reference.age_s)
-    doubtful = params.heading_doubt_noise_rad2_s * (1.0 / confidence - 1.0)
-    return params.heading_noise_rad2_s * early + doubtful
+    uncertain = params.heading_doubt_noise_rad2_s * (1.0 / confidence - 1.0)
+    return params.heading_noise_rad2_s * early + uncertain
 
 
 @inlined
@@ -83,16 +82,16 @@ def learn_heading(
     horizontal: Vec2,
     settled: float,
     dt_s: float,
-    leaning: float,
+    tilt_variance: float,
 ) -> Estimate:
     """Scalar update of heading and bias by minus the residual, of variance R/dt.
 
     ``settled`` lowers the confidence while the vertical itself is new: a tilted 6D turns the
-    horizontal field. So does one that is uncertain by ``leaning`` (rad^2), the more the
+    horizontal field. So does one that is uncertain by ``tilt_variance`` (rad^2), the more the
     steeper the field.
     """
     noise = heading_noise(params, field, settled) / dt_s
-    noise += leaning * steepness(field.reference)
+    noise += tilt_variance * steepness(field.reference)
     off = residual(field, horizontal)
     b, d, p = estimate
     noise *= residual_factor(off, p[9])
@@ -115,7 +114,7 @@ class FieldStep(NamedTuple):
     """What a learning step has taught the field wing, and what it shows the events."""
 
     state: MagnetometerState
-    estimate: Estimate  # of bias and heading, with what the field has told about them
+    estimate: Estimate  # of bias and heading, after the field
     seen: bool  # whether there was a field
     horizontal: Vec2  # its north and east part before that, in its own unit; (1, 0) without one
     since_s: float  # since the field before
@@ -148,6 +147,8 @@ def learn_field(
         )
     if has_heading(magnetic):
         horizontal = north_east(estimate.heading_rad, field_6d)
-        leaning = 0.5 * (weighing(params, mean.time_s) * now.tilt.variance + now.inflation)
-        estimate = learn_heading(params, estimate, magnetic, horizontal, settled, since_s, leaning)
+        tilt_variance = 0.5 * (weighing(params, mean.time_s) * now.tilt.variance + now.inflation)
+        estimate = learn_heading(
+            params, estimate, magnetic, horizontal, settled, since_s, tilt_variance
+        )
     return FieldStep(MagnetometerState(calibration, magnetic), estimate, True, horizontal, since_s)

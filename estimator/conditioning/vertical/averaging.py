@@ -13,8 +13,7 @@ Source: Percival and Walden 2000, doi 10.1017/CBO9780511841040 (Haar's wavelets)
 from math import ceil, log2, sqrt
 from typing import NamedTuple
 
-from estimator.compilation.compiled import inlined
-from estimator.compilation.replacing import replacer
+from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.gather import accumulate
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.times import LONG_S
@@ -34,8 +33,8 @@ PRIOR_SLOPE = sqrt(0.5)
 # About other axes it shows no more of one either, averages over a step leave none (coning), and
 # beyond its end the rate goes on by as much (0.3: accelerations tilt the vertical, 0.05: late).
 MOST_ERROR = 0.1
-# Less than this (rad^2) is the accelerometer's own error: it tells no window from another, and
-# is all that is known before the first one.
+# Less than this (rad^2) is the accelerometer's own error: it distinguishes no windows, and is all
+# that is known before the first one.
 LEAST_VARIANCE = 0.014**2
 
 

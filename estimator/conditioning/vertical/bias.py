@@ -3,8 +3,7 @@
 from math import radians
 from typing import NamedTuple
 
-from estimator.compilation.compiled import inlined
-from estimator.compilation.replacing import replacer
+from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.robust import FAR
 from estimator.conditioning.vertical.lowpass import Coefficients, Smooth, approach, smooth
@@ -135,7 +134,7 @@ def predict(
 
     The heading correction has to undo the turn that a bias error gives to the
     6D frame about ``down``, its third axis seen from the body. So the field's heading, over time
-    and attitudes, also says what the bias is, with the right weight. The bias
+    and attitudes, also shows the bias, with the right weight. The bias
     walks until its variance is back at the initial one. Q has a constant part
     and one that grows with the squared rate ``turning``: a gyroscope's scale
     errors turn motion into drift. ``unseen`` (rad^2) is what a slow step adds.
@@ -173,9 +172,9 @@ def learn_at_rest(
 ) -> Estimate:
     """At rest the low-passed gyro is the bias: three updates with innovation g_lp - b.
 
-    Less ``still.turning``, the slow turn that gravity and field show. What they leave in doubt is
-    an error that lasts as long as a rest does at least: without a field, the further the gyroscope
-    is off a known bias, the less that moves. A gyroscope that errs about the level ``axes`` by more
+    Less ``still.turning``, the slow turn that gravity and field show. What they leave
+    open is an error that lasts as long as a rest: without a field, the further the gyroscope is
+    off a known bias, the less that moves. A gyroscope that errs about the level ``axes`` by more
     than was known of it may err as much about any other.
     """
     g = subtract(rest.gyr.value, still.turning)

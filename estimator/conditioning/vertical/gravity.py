@@ -6,8 +6,7 @@ slowly against the earth. 6D is G made level by the correction C, with an arbitr
 
 from typing import NamedTuple
 
-from estimator.compilation.compiled import inlined
-from estimator.compilation.replacing import replacer
+from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.times import SPAN_S
 from estimator.conditioning.vertical.lowpass import Coefficients, Smooth, approach, smooth
@@ -114,7 +113,7 @@ def age_after_hole(
     """What a hole in a fast stream leaves of the vertical's age.
 
     The first reading behind it, worth ``usual_s``, has made up ``share`` of the vertical. So the
-    next ones count as much as that says, and not as little as after seconds of averaging.
+    next ones count by that share, and not as little as after seconds of averaging.
     """
     is_fast = 0.0 < usual_s < FAST_STEP_S
     if slow <= 0.0 or dt <= SPAN_S or not is_fast:
@@ -147,10 +146,3 @@ def heading_frame(state: GravityState, share: float) -> Quaternion:
     """From G to 6D as the field sees it: levelled by the ``share`` of the published vertical."""
     down = approach(state.force.down.value, state.force.best.value, share)
     return level_to(state.q_6d_g, down)[0]
-
-
-@inlined
-def restart_gravity(state: GravityState) -> GravityState:
-    """Start the low-pass anew."""
-    anew = Smooth(ZERO_VEC3, ZERO_VEC3)
-    return with_force(state, with_down(state.force, anew, anew, ZERO_VEC3, 0.0))

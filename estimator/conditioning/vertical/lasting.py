@@ -1,29 +1,28 @@
-"""Accelerations of a slow stream that last too long to be averaged out, by what betrays them.
+"""Low-frequency accelerations of a slow stream, which last too long to be averaged out.
 
 A vehicle that turns, climbs or brakes for seconds draws the force of a second away from its own
 long mean in G. Frame G drifts as well where the gyroscope misses turns, by as much as the steps'
-noise says; what is more than that the vehicle has accelerated. The size of the force, of gravity
-and a horizontal acceleration a the root of g^2 + a^2, says how much that may have been at most, and
-where G drifts too much to tell, at least. Shaking makes it larger, too, but otherwise from one
-reading to the next.
+noise. The rest is an acceleration of the vehicle. The size of the force, the root of g^2 + a^2 for
+a horizontal acceleration a, limits that from above. Where G drifts too much, it also limits it from
+below. Shaking makes the force larger, too, but in another way from one reading to the next.
 
-For long no vehicle accelerates up or down, so along the vertical the mean force is gravity. If it
+No vehicle accelerates up or down for long, so along the vertical the mean force is gravity. If it
 is less, the vertical is wrong, by an angle of that cosine.
 
-How a vehicle is usually tilted helps where the gyroscope has shown nothing of a step. One that is
-shaken faster than its samples come turns by any angle between two of them, and stays
-about where it was. Then the mean force, seen from the body, shows its tilt better than the latest
-force does. What leans scatters the force's direction, and so does what shakes, but that scatters
-the force's size as well: along gravity by as much as about either axis across it.
+The vehicle's usual tilt helps where the gyroscope has shown nothing of a step. A vehicle that is
+shaken faster than it is sampled turns by any angle between two samples, and stays about where it
+was. Then the mean force, seen from the body, shows its tilt better than the latest force does.
+Tilting and shaking both scatter the force's direction. Shaking also scatters its size: along
+gravity by as much as about either axis across it.
 """
 
 from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
+from estimator.conditioning.robust import ANY_DIRECTION_VARIANCE
 from estimator.conditioning.times import LATELY_S, LONG_S, USUAL_S
 from estimator.conditioning.vertical.lowpass import approach
 from estimator.geometry.quaternion import angle_between_vectors, dot, norm, square
-from estimator.geometry.spread import ANY_DIRECTION_VARIANCE
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec3
 
 # Before anything is seen they turn the force by as much (rad^2).
@@ -35,7 +34,7 @@ SCALE_ERROR = 0.03
 MOST_APART_RAD = 1.0
 
 
-class Lasting(NamedTuple):
+class SlowAcceleration(NamedTuple):
     """What betrays accelerations that last; mean squares over ``USUAL_S``."""
 
     apart: float = PRIOR_VARIANCE  # angle between the force of a second and its long mean, rad^2
@@ -48,7 +47,15 @@ class Lasting(NamedTuple):
 
 
 @inlined
-def lasting_variance(state: Lasting) -> float:
+def apart_rad(u: Vec3, v: Vec3) -> float:
+    """Angle between two vectors, at most ``MOST_APART_RAD``, as where one has no direction."""
+    if square(u) * square(v) <= 0.0:
+        return MOST_APART_RAD
+    return min(angle_between_vectors(u, v), MOST_APART_RAD)
+
+
+@inlined
+def slow_variance(state: SlowAcceleration) -> float:
     """Variance (rad^2, both axes together) of the force's direction by such accelerations."""
     least = min(state.apart, state.excess - 2.0 * SCALE_ERROR)
     most = max(0.0, state.excess + 2.0 * SCALE_ERROR)
@@ -56,21 +63,21 @@ def lasting_variance(state: Lasting) -> float:
 
 
 @inlined
-def least_variance(state: Lasting) -> float:
+def least_variance(state: SlowAcceleration) -> float:
     """The least variance (rad^2) of the vertical: t^2 = 2 (1 - cos t) of what shows it is wrong."""
     return max(0.0, 2.0 * (1.0 - state.along - SCALE_ERROR))
 
 
 @inlined
-def watch_lasting(
-    state: Lasting,
+def watch_slow(
+    state: SlowAcceleration,
     u: Vec3,
     quick: Vec3,
     down_g: Vec3,
     long_share: float,
     aliasing: float,
     dt_s: float,
-) -> Lasting:
+) -> SlowAcceleration:
     """A step with the force ``u``, of which ``quick`` is the mean over a second (minus it, in G).
 
     ``down_g`` is where the vertical has been before it. The long mean moves by ``long_share`` a
@@ -79,16 +86,14 @@ def watch_lasting(
     """
     long = approach(state.long, u, long_share)
     lag = (1.0 - long_share) ** 2 * (state.lag + aliasing)
-    off = MOST_APART_RAD**2
-    if square(quick) * square(long) > 0.0:
-        off = min(angle_between_vectors(quick, long) ** 2, MOST_APART_RAD**2)
+    off = apart_rad(quick, long) ** 2
     size = norm(u) / STANDARD_GRAVITY_M_S2
     # half of the mean square of such changes is what shakes along the force; across it is the same
     shaken = 3.0 * 0.5 * (size - state.size) ** 2
     excess = size * size - 1.0 - shaken
     along = dot(u, down_g) / (norm(down_g) * STANDARD_GRAVITY_M_S2) if square(down_g) > 0.0 else 1.0
     b = dt_s / (USUAL_S + dt_s)
-    return Lasting(
+    return SlowAcceleration(
         apart=state.apart + b * (off - state.apart),
         lag=lag,
         drift=state.drift + b * (lag - state.drift),
@@ -106,7 +111,7 @@ class Usual(NamedTuple):
     seen_s: float = 0.0  # what that is the mean of
     steps: float = 0.0  # over ``LONG_S``
     proofs: float = 0.0  # of these, by how far the force's direction has scattered, too
-    leant: float = 0.0  # sum of squares of angles (rad^2) by which leaning has turned the force
+    tilted: float = 0.0  # sum of squares of angles (rad^2) by which a tilt has turned the force
     shaken: float = 0.0  # and shaking
 
 
@@ -127,19 +132,19 @@ def watch_usual(usual: Usual, force: Vec3, lost: float, dt_s: float) -> Usual:
         seen_s=seen_s,
         steps=keep * usual.steps + lost,
         proofs=keep * usual.proofs + proof,
-        leant=keep * usual.leant + lost * (off - shaken),
+        tilted=keep * usual.tilted + lost * (off - shaken),
         shaken=keep * usual.shaken + lost * shaken,
     )
 
 
 @inlined
 def usual_variance(usual: Usual, lasting: float, dt_s: float) -> float:
-    """Variance (rad^2) of the vertical about the usual one, which nobody knows before any step.
+    """Variance (rad^2) of the vertical about the usual one, which is unknown before any step.
 
-    A lean that shows as an acceleration in G, of the variance ``lasting``, is one, too.
+    A tilt that shows as an acceleration in G, of the variance ``lasting``, counts, too.
     """
     prior = ANY_DIRECTION_VARIANCE / (1.0 + usual.proofs)
-    leant = prior + max(0.0, usual.leant) / (1.0 + usual.steps) + lasting
+    tilted = prior + max(0.0, usual.tilted) / (1.0 + usual.steps) + lasting
     shaken = usual.shaken / (1.0 + usual.steps)
-    of_mean = (leant + shaken) * min(1.0, dt_s / max(usual.seen_s, dt_s))
-    return min(leant + of_mean, ANY_DIRECTION_VARIANCE)
+    of_mean = (tilted + shaken) * min(1.0, dt_s / max(usual.seen_s, dt_s))
+    return min(tilted + of_mean, ANY_DIRECTION_VARIANCE)

@@ -5,9 +5,9 @@ A reading that stands still at its largest value hides a faster turn.
 
 from typing import NamedTuple
 
-from estimator.compilation.compiled import inlined
-from estimator.compilation.replacing import replacer
-from estimator.conditioning.robust import REACH
+from estimator.bounds import TINY
+from estimator.compilation.compiled import inlined, replacer
+from estimator.conditioning.robust import INDEPENDENT_SECOND_DIFFERENCE, REACH
 from estimator.conditioning.times import LONGEST_STEP_S
 from estimator.conditioning.vertical.averaging import MOST_ERROR
 from estimator.geometry.quaternion import cross, exp, log, multiply, scale
@@ -62,6 +62,12 @@ def corrected_rate(rate: Vec3, correction: Vec3, share: float, dt_s: float) -> V
 def slow_share(dt_s: float) -> float:
     """0 for the steps of fast streams, 1 for those of slow ones."""
     return max(0.0, min(1.0, (dt_s - FAST_STEP_S) / (LONGEST_STEP_S - FAST_STEP_S)))
+
+
+@inlined
+def likeness(second_difference: float, changed: float) -> float:
+    """How far readings look as if they were independent, by squared differences: 0 to 1."""
+    return min(1.0, second_difference / (INDEPENDENT_SECOND_DIFFERENCE * changed + TINY))
 
 
 @inlined

@@ -2,10 +2,10 @@
 
 from typing import NamedTuple
 
-from estimator.compilation.compiled import inlined
-from estimator.compilation.replacing import replacer
+from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.gather import Gathered
 from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.robust import ANY_DIRECTION_VARIANCE, HALF_TURN_VARIANCE
 from estimator.conditioning.vertical.averaging import (
     Averaging,
     averaging_at_rest,
@@ -29,12 +29,12 @@ from estimator.conditioning.vertical.gravity import (
     with_frame,
 )
 from estimator.conditioning.vertical.lasting import (
-    Lasting,
+    SlowAcceleration,
     Usual,
-    lasting_variance,
     least_variance,
+    slow_variance,
     usual_variance,
-    watch_lasting,
+    watch_slow,
     watch_usual,
 )
 from estimator.conditioning.vertical.lowpass import Coefficients, coefficients
@@ -74,24 +74,23 @@ from estimator.geometry.quaternion import (
     scale,
     subtract,
 )
-from estimator.geometry.spread import ANY_DIRECTION_VARIANCE, HALF_TURN_VARIANCE
 from estimator.types import ZERO_VEC3, Between, Quaternion, Vec3
 
 
 class VerticalState(NamedTuple):
     """What is known of the vertical and of the gyroscope."""
 
-    estimate: Estimate  # bias, and the heading, whose errors hang together
+    estimate: Estimate  # bias and heading, whose errors are correlated
     clipping: Clipping = Clipping()  # of the gyroscope
     averaging: Averaging = Averaging()  # of gravity
     gravity: GravityState = GravityState()  # frame G, and down in it
     tilt: TiltState = TiltState()  # how well down is known
-    lasting: Lasting = Lasting()  # accelerations of a slow stream that last
+    lasting: SlowAcceleration = SlowAcceleration()  # accelerations of a slow stream that last
     inflation: float = (
         0.0  # variance that an unsensed turn has given it, until the force shows, rad^2
     )
     rest: RestState = RestState()  # whether the vehicle rests
-    still: Stillness = Stillness()  # whether gravity and field bear that out
+    still: Stillness = Stillness()  # whether gravity and field confirm that
     usual: Usual = Usual()  # how a slow stream's vehicle is usually tilted
     lagged: Lagged = Lagged()  # what bias learning in motion compares with
     coefficients: Coefficients = Coefficients()  # for the last step's length
@@ -112,7 +111,7 @@ class Belief(NamedTuple):
     tilt: TiltState  # after the step
     inflation: float  # after the step, rad^2
     share: float  # by which the vertical moves towards the force
-    weighed: float  # 1 if it moves by that share, 0 if the low-pass says by how much
+    weighed: float  # 1 if it moves by that share, 0 if the low-pass decides
 
 
 with_turn = replacer(VerticalState, "gravity", "clipping")
@@ -192,7 +191,7 @@ def learn_vertical(
         averaging=learn_averaging(params, before, gravity, rest, mean, rate),
         gravity=gravity,
         tilt=belief.tilt,
-        lasting=follow_lasting(params, before, gravity, mean.gravity_g, noise.tilt, k),
+        lasting=follow_slow(params, before, gravity, mean.gravity_g, noise.tilt, k),
         inflation=belief.inflation,
         rest=rest,
         still=still,
@@ -208,7 +207,7 @@ def learn_vertical(
 def observe_stillness(
     params: ConditioningParams, before: VerticalState, rest: RestState, mean: Gathered
 ) -> Stillness:
-    """Whether gravity and field bear out a rest."""
+    """Whether gravity and field confirm a rest."""
     shown = subtract(rest.gyr.value, before.estimate.bias_rad_s)
     field = rotate_inverse(before.gravity.q_g_frd, mean.field_g)
     has_field = mean.field_s > 0.0
@@ -228,7 +227,7 @@ def hold_by_usual(
     slow = slowness(params, dt)
     if slow <= 0.0:
         return before, ANY_DIRECTION_VARIANCE
-    most = usual_variance(usual, lasting_variance(before.lasting), dt)
+    most = usual_variance(usual, slow_variance(before.lasting), dt)
     lost = slow * max(0.0, 1.0 - most / (before.tilt.variance + aliasing))
     if usual.seen_s > 0.0:
         gravity = pull_to(gravity, usual.down, lost)
@@ -258,10 +257,10 @@ def weigh_force(
     down_g, age_s = before.gravity.force.down.value, before.gravity.force.age_s + dt
     warm_up = dt / age_s if age_s <= params.gravity_tau_s else 0.0
     resting = before.rest.resting
-    lasting = 0.0 if resting else weighed * lasting_variance(before.lasting)
+    lasting = 0.0 if resting else weighed * slow_variance(before.lasting)
     least = 0.0 if resting else least_variance(before.lasting)
     scatter = before.tilt.scatter
-    if resting:  # who was shaken is not any more: a reading is off by no more than its own error
+    if resting:  # shaking has ended: a reading is off by no more than its own error
         share = before.usual.proofs / (1.0 + before.usual.proofs)
         scatter += share * (min(scatter, 4.0 * LEAST_OFF_RAD**2) - scatter)
     variance = max(before.tilt.variance, least) + weighed * inflation + noise.tilt
@@ -276,20 +275,20 @@ def weigh_force(
 
 
 @inlined
-def follow_lasting(
+def follow_slow(
     params: ConditioningParams,
     before: VerticalState,
     now: GravityState,
     u: Vec3,
     aliasing: float,
     k: Coefficients,
-) -> Lasting:
+) -> SlowAcceleration:
     """What betrays accelerations that last after a step; a rest shows nothing of them."""
     if weighing(params, k.dt_s) == 0.0 or before.rest.resting:
         return before.lasting
     f, down_g = now.force, before.gravity.force.down.value
     share = long_share(k, f.age_s)
-    return watch_lasting(before.lasting, u, f.quick, down_g, share, aliasing, k.dt_s)
+    return watch_slow(before.lasting, u, f.quick, down_g, share, aliasing, k.dt_s)
 
 
 @inlined

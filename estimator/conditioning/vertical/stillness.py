@@ -1,14 +1,14 @@
 """Rest: gyroscope and accelerometer stay near their own low-pass. Or is it a slow, even turn?
 
 What a gyroscope at rest shows beyond its known bias is either more bias, or a turn. In a turn
-gravity and the field move in the body as the gyroscope says, at rest they stay. So they show how
+gravity and the field move in the body as the gyroscope shows, at rest they stay. So they show how
 much of it is a turn, and how well that is known.
 """
 
 from math import sqrt
 from typing import NamedTuple
 
-from estimator.compilation.compiled import inlined
+from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.robust import REACH
 from estimator.conditioning.times import LATELY_S, QUICK_S
@@ -81,7 +81,7 @@ MOST_TURNING = 2.0
 
 
 class Stillness(NamedTuple):
-    """What gravity and field say of a vehicle that seems to rest.
+    """What gravity and field show of a vehicle that seems to rest.
 
     The means are of ``LATELY_S``, turned in the body as they should be if the known bias is right.
     """
@@ -98,10 +98,8 @@ class Stillness(NamedTuple):
     contradicted: bool = False  # gravity turns in the body as no gyroscope shows it
 
 
-@inlined
-def direction(v: Vec3) -> Vec3:
-    """The unit vector along ``v``; zero if that is."""
-    return unit(v) if square(v) > 0.0 else v
+NOT_STEADY = Stillness()
+with_means = replacer(Stillness, "field", "wait_s", "mean_field", "mean_down")
 
 
 @inlined
@@ -120,19 +118,16 @@ def watch_stillness(
     still in the body, and the field does not.
     """
     smooth, mean_field, wait_s = before.field, before.mean_field, before.wait_s + dt_s
-    down = direction(rest.acc.value)
+    down = unit(rest.acc.value)
     if has_field:
         smooth = approach(smooth, field, wait_s / (QUICK_S + wait_s))
-        mean_field = mean_after(mean_field, direction(smooth), rate, wait_s)
+        mean_field = mean_after(mean_field, unit(smooth), rate, wait_s)
         wait_s = 0.0
     if not rest.steady:
-        zero = ZERO_VEC3
-        return Stillness(
-            smooth, wait_s, direction(smooth), down, zero, zero, 0.0, 0.0, False, False
-        )
+        return with_means(NOT_STEADY, smooth, wait_s, unit(smooth), down)
     mean_down = mean_after(before.mean_down, down, rate, dt_s)
     shown = scale(LATELY_S / (LATELY_S + dt_s), add(before.shown, scale(dt_s, rate)))
-    seen_field = direction(smooth) if wait_s <= params.rest_time_s else ZERO_VEC3
+    seen_field = unit(smooth) if wait_s <= params.rest_time_s else ZERO_VEC3
     unexpected, about_down = turn_between(mean_down, down, mean_field, seen_field)
     # about down, and about the level axes, of which gravity shows all
     shown_down, rate_down = dot(shown, down), dot(rate, down)
@@ -148,7 +143,7 @@ def watch_stillness(
     left = subtract(subtract(seen_field, mean_field), cross(seen_field, unexpected))
     limit = params.bias_limit_rad_s
     # a gyroscope that errs by more about level axes may err as much about down; but in a banked
-    # turn, where gravity seems to say so, an accelerometer feels more than gravity
+    # turn, where gravity seems to show it, an accelerometer feels more than gravity
     poor = sqrt(square(subtract(rate_level, level)))
     beyond = abs(sqrt(square(rest.acc.value)) - STANDARD_GRAVITY_M_S2)
     is_poor = beyond < params.rest_acc_m_s2 and abs(rate_down) < max(limit, poor)
@@ -159,22 +154,22 @@ def watch_stillness(
     )
     turning = add(level, scale(turn, down))
     return Stillness(
-        smooth,
-        wait_s,
-        mean_field,
-        mean_down,
-        shown,
-        turning,
-        level_variance,
-        down_variance,
-        proven and not contradicted,
-        contradicted,
+        field=smooth,
+        wait_s=wait_s,
+        mean_field=mean_field,
+        mean_down=mean_down,
+        shown=shown,
+        turning=turning,
+        level_variance=level_variance,
+        down_variance=down_variance,
+        proven=proven and not contradicted,
+        contradicted=contradicted,
     )
 
 
 @inlined
 def is_within(value: float, variance: float, limit: float) -> bool:
-    """Whether a value can be told to be no larger than a limit."""
+    """Whether a value is surely no larger than a limit."""
     return abs(value) + REACH * sqrt(variance) < limit
 
 

@@ -5,22 +5,21 @@ did meanwhile shows only in how much its rate has changed, and how much it has
 turned. So the vertical has a variance, which each step's unseen turning adds
 to and each reading of the specific force takes from. Their balance is the share
 by which the vertical follows the force: little while a vehicle accelerates for
-long, nearly all of it after a second in which nobody looked. Its root is the
+long, nearly all of it after a second without a sample. Its root is the
 published uncertainty of slow streams.
 """
 
 from typing import NamedTuple
 
 from estimator.bounds import TINY
-from estimator.compilation.compiled import inlined
-from estimator.compilation.replacing import replacer
+from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.robust import ANY_DIRECTION_VARIANCE
 from estimator.conditioning.times import ACCELERATION_LASTS_S, SPAN_S, USUAL_S
 from estimator.conditioning.vertical.averaging import MOST_ERROR
-from estimator.conditioning.vertical.lasting import MOST_APART_RAD
-from estimator.conditioning.vertical.rate import is_mean, slow_share
-from estimator.geometry.quaternion import angle_between_vectors, dot, norm, scale, square, subtract
-from estimator.geometry.spread import ANY_DIRECTION_VARIANCE, INDEPENDENT_SECOND_DIFFERENCE
+from estimator.conditioning.vertical.lasting import apart_rad
+from estimator.conditioning.vertical.rate import is_mean, likeness, slow_share
+from estimator.geometry.quaternion import dot, norm, scale, subtract
 from estimator.types import ZERO_VEC3, Between, Vec2, Vec3
 
 # White noise of a gyroscope and its truncation to mrad/s, rad/s/sqrt(Hz).
@@ -38,7 +37,7 @@ class StepNoise(NamedTuple):
     tilt: float  # about both horizontal axes together
     yaw_noise: float  # about down
     tilting: float  # what the rate does off its line about horizontal axes, squared, (rad/s)^2
-    yaw_noise_share: float  # the same about down, (rad/s)^2
+    yawing: float  # the same about down, (rad/s)^2
     change: Vec3  # of the rate since the step before, rad/s, FRD
     changed: float  # its square
     drift: float  # covariance of tilt and bias about an axis before the force is read, rad^2/s
@@ -52,7 +51,7 @@ class TiltState(NamedTuple):
     fresh: float = 0.0  # the same if no acceleration lasted, rad^2
     scatter: float = 0.0  # mean square angle of the specific force about it, rad^2
     tilting: float = 0.0  # mean square of what the rate does off its line about horizontal axes
-    yaw_noise_share: float = 0.0  # the same about down, (rad/s)^2
+    yawing: float = 0.0  # the same about down, (rad/s)^2
     gyr: Vec3 = ZERO_VEC3  # mean rate of the last step, rad/s, FRD
     change: Vec3 = ZERO_VEC3  # by which it differed from that of the step before
     changed: float = 0.0  # mean square of that
@@ -76,7 +75,7 @@ def slowness(params: ConditioningParams, dt_s: float) -> float:
 
 @inlined
 def weighing(params: ConditioningParams, dt_s: float) -> float:
-    """1 where the vertical's own variance says how far to believe the force, 0 if averaging does.
+    """1 where the vertical's own variance weighs the force, 0 where averaging does.
 
     It does so for slow streams, and in vehicles: their accelerations last for longer than any
     average, and the gyroscope of an autopilot carries what it knew before them. A hand's
@@ -103,7 +102,7 @@ def step_noise(
     random it is half of that, of a motion that the samples show next to nothing: L^2 of that, with
     L = |w''|^2 / (3 |dw|^2), 1 of independent readings and 2/3 of a walk, by the changes dw from
     reading to reading. One small difference may be chance, so the mean over the last seconds is the
-    least. Where others were read inside the step, a time s apart, the rate walks between those:
+    least. Where others were read within the step, a time s apart, the rate walks between those:
     q = dt s |dw|^2 / 12. To that comes (a s^2 |w|)^2 dt/s. A bias of the gyroscope, of the variance
     b^2, (rad/s)^2 about an axis, turns the vertical ever further: the covariance of the two grows
     by b^2 dt, C <- C + b^2 dt (it has in ``state``), and the variance of both axes by 4 C dt.
@@ -116,24 +115,20 @@ def step_noise(
     else:
         off = subtract(change, scale(min(1.0, dt_s / max(before_s, TINY)), state.change))
         second_difference = max(
-            dot(off, off), (state.tilting + state.yaw_noise_share) / (1.0 + 2.0 * MOST_ERROR)
+            dot(off, off), (state.tilting + state.yawing) / (1.0 + 2.0 * MOST_ERROR)
         )
-        like = min(
-            1.0,
-            second_difference
-            / (INDEPENDENT_SECOND_DIFFERENCE * max(changed, state.changed) + TINY),
-        )
+        like = likeness(second_difference, max(changed, state.changed))
         factor = like * like * dt_s * dt_s / 12.0
     along, all_of_it = dot(off, down) ** 2, dot(off, off)
     tilting = max(0.0, all_of_it - along) + MOST_ERROR * all_of_it
-    yaw_noise_share = along + MOST_ERROR * all_of_it
+    yawing = along + MOST_ERROR * all_of_it
     about_down = dot(rate, down) ** 2
     turning = dot(rate, rate)
     if is_mean(dt_s, params.averaged_samples):
         factor *= MOST_ERROR**2
     turn_factor = dt_s / seen_s * (params.step_turn_noise_1_s * seen_s * seen_s) ** 2
     tilt = factor * max(tilting, state.tilting)
-    yaw_noise = factor * max(yaw_noise_share, state.yaw_noise_share)
+    yaw_noise = factor * max(yawing, state.yawing)
     hole = HOLE_RAD_S**2 * max(0.0, dt_s - SPAN_S) ** 2
     return StepNoise(
         tilt=tilt
@@ -146,7 +141,7 @@ def step_noise(
         + GYR_NOISE**2 * dt_s
         + hole,
         tilting=tilting,
-        yaw_noise_share=yaw_noise_share,
+        yawing=yawing,
         change=change,
         changed=changed,
         drift=state.drift,
@@ -181,7 +176,7 @@ def believe_force(
     brief = r * max(1.0, 2.0 * params.force_lasts_s / dt_s)
     white = brief + lasting * max(1.0, 2.0 * ACCELERATION_LASTS_S / dt_s)
     share = max(least_share, p / (p + white))
-    off = innovation(down_g, u)
+    off = apart_rad(down_g, u)
     of_force = r / (p + r)
     expected = (of_force * off) ** 2 + p * of_force
     a = dt_s / (params.scatter_tau_s + dt_s)
@@ -193,8 +188,7 @@ def believe_force(
             fresh=p * brief / (p + brief),
             scatter=state.scatter + a * (max(expected, 4.0 * LEAST_OFF_RAD**2) - state.scatter),
             tilting=state.tilting + c * (noise.tilting - state.tilting),
-            yaw_noise_share=state.yaw_noise_share
-            + c * (noise.yaw_noise_share - state.yaw_noise_share),
+            yawing=state.yawing + c * (noise.yawing - state.yawing),
             gyr=noise.gyr,
             change=noise.change,
             changed=state.changed + c * (noise.changed - state.changed),
@@ -207,14 +201,6 @@ def believe_force(
 
 
 @inlined
-def innovation(down_g: Vec3, u: Vec3) -> float:
-    """Angle (rad) between the vertical and the force, at most ``MOST_APART_RAD``."""
-    if square(down_g) * square(u) <= 0.0:
-        return MOST_APART_RAD
-    return min(angle_between_vectors(down_g, u), MOST_APART_RAD)
-
-
-@inlined
 def initial_tilt(gyr: Vec3, u: Vec3) -> TiltState:
     """The state at the first reading: the direction of the force ``u`` is as good as unknown."""
     scatter = 16.0 * LEAST_OFF_RAD**2
@@ -223,7 +209,7 @@ def initial_tilt(gyr: Vec3, u: Vec3) -> TiltState:
         fresh=ANY_DIRECTION_VARIANCE,
         scatter=scatter,
         tilting=0.0,
-        yaw_noise_share=0.0,
+        yawing=0.0,
         gyr=gyr,
         change=ZERO_VEC3,
         changed=0.0,

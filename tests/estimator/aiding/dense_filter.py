@@ -30,6 +30,10 @@ G_NED = np.array([0.0, 0.0, 9.80665])
 STEP = 1e-6
 
 
+def floats(vector):
+    return tuple(float(v) for v in vector)
+
+
 def skew(v):
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
 
@@ -80,8 +84,8 @@ def velocity_then(times_s, accelerations, age_s, now_m_s, turn):
 
     Accelerations (N, 3) at ``times_s`` (N,), which end at 0, are straight lines in between.
     """
-    inside = times_s[times_s > -age_s]
-    at = np.concatenate([[-age_s], inside])
+    between = times_s[times_s > -age_s]
+    at = np.concatenate([[-age_s], between])
     forces = np.array(
         [
             [np.interp(t, times_s, accelerations[:, i]) for i in range(3)] - G_NED
@@ -95,7 +99,7 @@ def velocity_then(times_s, accelerations, age_s, now_m_s, turn):
 def velocity_row(times_s, accelerations, age_s, v, slow, i, error_at, lag_at, knows_lag):
     """What a report says of component i, and how that changes with each error."""
 
-    def said(e):
+    def reported(e):
         age = age_s + e[lag_at] - (e[IMU_LAG] if knows_lag else 0.0)
         then = velocity_then(times_s, accelerations, age, v + e[three(VELOCITY)], e[three(TURN)])
         return then[i] + slow[i] + e[error_at + i]
@@ -104,8 +108,8 @@ def velocity_row(times_s, accelerations, age_s, v, slow, i, error_at, lag_at, kn
     for k in range(SIZE):
         e = np.zeros(SIZE)
         e[k] = STEP
-        h[k] = (said(e) - said(-e)) / (2.0 * STEP)
-    return said(np.zeros(SIZE)), h
+        h[k] = (reported(e) - reported(-e)) / (2.0 * STEP)
+    return reported(np.zeros(SIZE)), h
 
 
 def field_rows(q_then, turn, rate, m, E):

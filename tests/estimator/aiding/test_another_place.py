@@ -131,14 +131,14 @@ def test_a_flight_of_some_hundred_kilometres_takes_nothing_back():
 
 def test_one_bad_position_changes_nothing():
     flight = flight_at(CANBERRA)
-    quiet, told = calibrated(load_profile("imu")), calibrated(load_profile("imu"))
+    quiet, misled = calibrated(load_profile("imu")), calibrated(load_profile("imu"))
 
     def bad(k):
-        placing(told, (0, CANBERRA))(k)
+        placing(misled, (0, CANBERRA))(k)
         if k % (5 * SECOND) == 100:
-            told.set_position(*SEATTLE, 0.0, UNIX_US)
-            told.set_position(*CANBERRA, 0.0, UNIX_US)
+            misled.set_position(*SEATTLE, 0.0, UNIX_US)
+            misled.set_position(*CANBERRA, 0.0, UNIX_US)
 
-    assert flown(told, flight, after=bad) == flown(
+    assert flown(misled, flight, after=bad) == flown(
         quiet, flight, after=placing(quiet, (0, CANBERRA))
     )

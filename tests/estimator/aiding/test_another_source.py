@@ -5,7 +5,7 @@ from math import nan, remainder, tau
 import pytest
 
 from estimator.aiding.phase import Phase
-from estimator.aiding.sources.table import SOURCES
+from estimator.aiding.sources.source import SOURCES
 from estimator.aiding.types import SIZE
 from estimator.errors import InputError
 from estimator.estimator import Estimator
@@ -96,12 +96,12 @@ def test_it_waits_for_velocity_and_is_refused_where_it_is_no_number():
 @pytest.mark.parametrize(
     "report", [None, (0, 0.1, 0.1), HeadingSample(0, None, 0.1), HeadingSample(0, (0.0,), 0.1)]
 )
-def test_what_no_source_reports_is_an_error_that_says_so(report):
+def test_what_no_source_reports_is_an_error_that_names_it(report):
     with pytest.raises(InputError, match=r"no source of aiding|stands where"):
         Estimator(load_profile("imu")).update_report(report)
 
 
-def test_whoever_repeats_what_was_told_repeats_it_too(flying):
+def test_a_replay_repeats_it_too(flying):
     """Retuning replays what was told: by whichever name it came, once, and in its order."""
     _, profile, state = flying
     one, other = LoggedEstimator(profile), Estimator(profile)

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from estimator.aiding import blank_aiding
+from estimator.aiding.beginning import blank_aiding
 from estimator.aiding.covariance import expected_variance, rotation_matrix
 from estimator.aiding.inertial import Prediction, judge_biases
-from estimator.aiding.types import ACC_BIAS, GYR_BIAS, SIZE, TURN, AidingParams, Unlearnt
+from estimator.aiding.types import ACC_BIAS, GYR_BIAS, SIZE, TURN, AidingParams, BiasPrior
 from estimator.aiding.velocity_history import new_velocity_history
 from estimator.geometry.quaternion import exp
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3
 
-USUAL = Unlearnt(gyr=0.01**2, acc=0.05**2)
+USUAL = BiasPrior(gyr=0.01**2, acc=0.05**2)
 Q = exp((0.3, -0.2, 1.1))
 
 
@@ -36,7 +36,7 @@ def test_usual_biases_change_nothing():
 
 
 @pytest.mark.parametrize(("first", "usual"), [(GYR_BIAS, USUAL.gyr), (ACC_BIAS, USUAL.acc)])
-def test_one_axis_tells_of_the_others(first, usual):
+def test_one_axis_shows_the_others(first, usual):
     """What was learnt of that axis counts as before."""
     off = 5.0 * usual**0.5
     zero = (0.0, 0.0, 0.0)

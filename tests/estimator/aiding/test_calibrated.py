@@ -3,9 +3,9 @@
 from estimator.aiding.compass import (
     Compass,
     declare,
-    doubted_until_us,
     is_trusted,
     record_giving_up,
+    rejected_until_us,
     restart,
 )
 from estimator.conditioning.times import FORGET_S, LONG_S, MEMORY_S
@@ -21,13 +21,13 @@ def given_up_twice(apart_us=AGAIN_US - 1):
     return record_giving_up(record_giving_up(VOUCHED, NOW_US - apart_us), NOW_US)
 
 
-def test_somebody_has_to_vouch_for_it():
+def test_it_has_to_be_declared_calibrated():
     assert not is_trusted(Compass(), NOW_US)
     assert is_trusted(VOUCHED, NOW_US)
     assert not is_trusted(declare(VOUCHED, False), NOW_US)
 
 
-def test_velocity_vouches_for_one_without_a_word_only():
+def test_velocity_confirms_only_one_without_a_declaration():
     assert is_trusted(Compass(confirmed=True), NOW_US)
     assert not is_trusted(Compass(declared_calibrated=False, confirmed=True), NOW_US)
 
@@ -48,13 +48,13 @@ def test_a_field_unlike_the_places_own_must_look_like_it_for_a_while():
     assert is_trusted(unlike, NOW_US + UNLIKE_US)
 
 
-def test_being_told_the_same_again_is_no_news():
+def test_declaring_the_same_again_is_no_news():
     """A ground station may fetch the parameters at any time."""
     assert declare(given_up_twice(), True) == given_up_twice()
     assert is_trusted(declare(declare(given_up_twice(), False), True), NOW_US)
 
 
-def test_a_reboot_leaves_what_was_told():
+def test_a_reboot_leaves_what_was_declared():
     """Times before it are of another clock."""
     assert restart(given_up_twice()) == VOUCHED
     once = restart(record_giving_up(VOUCHED, NOW_US))
@@ -64,7 +64,7 @@ def test_a_reboot_leaves_what_was_told():
 
 def test_what_velocity_contradicted_counts_until_velocity_confirms_it():
     contradicted = VOUCHED._replace(contradicted_us=NOW_US)
-    assert doubted_until_us(contradicted) == NOW_US + DISTRUST_US
-    assert doubted_until_us(contradicted._replace(confirmed=True)) < 0
+    assert rejected_until_us(contradicted) == NOW_US + DISTRUST_US
+    assert rejected_until_us(contradicted._replace(confirmed=True)) < 0
     assert not is_trusted(contradicted, NOW_US)
     assert is_trusted(contradicted._replace(confirmed=True), NOW_US)

@@ -5,16 +5,16 @@ from math import degrees, radians, sin
 import numpy as np
 import pytest
 
-from estimator.aiding import AidingParams, Beginning, Report, begin
+from estimator.aiding.beginning import Beginning, begin
 from estimator.aiding.consistency import (
     NEW_CONSISTENCY,
     compare,
     compare_field,
     compare_report,
-    doubted,
+    inflated,
     watch,
 )
-from estimator.aiding.types import NO_REPORT, Sigmas
+from estimator.aiding.types import NO_REPORT, AidingParams, Report, Sigmas
 from estimator.conditioning.times import SPAN_S
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.estimator import Estimator
@@ -60,20 +60,20 @@ def watched(state, *, seconds=12.0, noise_m_s=0.0, with_mag=True, silent_from=1e
         )
         report = NO_REPORT
         if k % REPORT_EVERY == 0 and k * DT < silent_from:
-            said = velocity + noise_m_s * rng.standard_normal(3)
-            report = Report(True, tuple(said), not receiver, 0.3, 0.0, 0.1 if receiver else 0.0)
+            reported = velocity + noise_m_s * rng.standard_normal(3)
+            report = Report(True, tuple(reported), not receiver, 0.3, 0.0, 0.1 if receiver else 0.0)
         consistency = watch(AidingParams(), consistency, state, sample, report)
         consistency = compare(consistency, state.estimate.q_ned_frd, DT, 0.3)
     return consistency
 
 
 @pytest.mark.parametrize("receiver", [False, True])
-def test_the_right_attitude_is_borne_out(receiver):
+def test_the_right_attitude_is_confirmed(receiver):
     consistency = watched(aided(TRUTH), receiver=receiver)
     assert consistency.error < 1e-6
     assert consistency.force.share > 0.9
     assert consistency.field.share == 1.0
-    assert doubted(SIGMAS, consistency) == pytest.approx(SIGMAS)
+    assert inflated(SIGMAS, consistency) == pytest.approx(SIGMAS)
 
 
 @pytest.mark.parametrize("receiver", [False, True])
@@ -82,7 +82,7 @@ def test_the_right_attitude_is_borne_out(receiver):
     ("turn_deg", "measured_e"),
     [((4.0, -3.0, 0.0), 0.0016), ((0.0, 0.0, 8.0), 0.00059)],
 )
-def test_a_turned_attitude_is_doubted_by_as_much(receiver, turn_deg, measured_e):
+def test_a_turned_attitude_is_inflated_by_as_much(receiver, turn_deg, measured_e):
     """R_true = exp(turn) R: the mean turn is the one that is missing, sigma about twice that."""
     wrong = multiply(exp(tuple(-radians(a) for a in turn_deg)), TRUTH)
     consistency = watched(aided(wrong), receiver=receiver)
@@ -90,29 +90,29 @@ def test_a_turned_attitude_is_doubted_by_as_much(receiver, turn_deg, measured_e)
     # pushes of 2 m/s^2 let a heading of 8 deg show as 1.5 deg of tilt
     assert np.abs(found - turn_deg[:2]).max() < 1.6
     angle = np.linalg.norm(turn_deg)
-    sigma = doubted(SIGMAS, consistency)
+    sigma = inflated(SIGMAS, consistency)
     widened = sigma.heading_rad if turn_deg[2] else sigma.inclination_rad
     assert degrees(widened) == pytest.approx(1.8 * angle, rel=0.2)
     assert consistency.error == pytest.approx(measured_e, rel=0.2)
 
 
-def test_noise_of_reports_is_not_doubt():
+def test_noise_of_reports_inflates_nothing():
     """0.1 m/s makes 0.8 deg of a second of gravity: usual, after a minute."""
     consistency = watched(aided(TRUTH), seconds=60.0, noise_m_s=0.1)
     assert degrees(consistency.tilt.usual_square**0.5) == pytest.approx(0.5, rel=0.2)
-    assert doubted(SIGMAS, consistency).inclination_rad == pytest.approx(SIGMAS.inclination_rad)
+    assert inflated(SIGMAS, consistency).inclination_rad == pytest.approx(SIGMAS.inclination_rad)
     assert consistency.error > 1e-6
 
 
-def test_without_reports_and_field_nothing_is_said():
+def test_without_reports_and_field_nothing_is_inflated():
     """What the last window has shown fades, and e is 0 where nothing is measured."""
     wrong = multiply(exp((radians(10.0), 0.0, 0.0)), TRUTH)
     consistency = watched(aided(wrong), seconds=30.0, with_mag=False, silent_from=6.0)
     assert consistency.error == 0.0
-    assert doubted(SIGMAS, consistency) == pytest.approx(SIGMAS)
+    assert inflated(SIGMAS, consistency) == pytest.approx(SIGMAS)
 
 
-def test_an_autopilots_filter_is_heard_only_while_there_is_no_receiver():
+def test_an_autopilots_filter_counts_only_while_there_is_no_receiver():
     state = aided(TRUTH)
     by_receiver = Report(True, ZERO_VEC3, False, 0.3, 0.0, 0.1)
     by_filter = by_receiver._replace(late_sigma_s=0.0)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimator.aiding import blank_aiding, forget_biases
+from estimator.aiding.beginning import blank_aiding, forget_biases
 from estimator.aiding.correction import apply_corrections
 from estimator.aiding.inertial import Prediction
 from estimator.aiding.types import ACC_BIAS, GYR_BIAS, SIZE, TURN, AidingParams
@@ -14,10 +14,6 @@ from tests.vocabulary import assert_attitude_close
 
 Q = exp((0.4, -0.9, 1.3))
 FORCE = (1.0, 2.0, -9.0)
-
-
-def floats(vector):
-    return tuple(float(v) for v in vector)
 
 
 @pytest.fixture

@@ -5,10 +5,18 @@ from math import e, hypot, radians, sqrt
 import numpy as np
 import pytest
 
-from estimator.aiding import AidingParams, blank_aiding
+from estimator.aiding.beginning import blank_aiding
 from estimator.aiding.correction_cusum import add_correction, known, pass_time
-from estimator.aiding.types import GYR_BIAS, HARD_IRON, SIZE, TURN, CorrectionCusum, Sigmas
-from estimator.aiding.uncertainty import leaning
+from estimator.aiding.types import (
+    GYR_BIAS,
+    HARD_IRON,
+    SIZE,
+    TURN,
+    AidingParams,
+    CorrectionCusum,
+    Sigmas,
+)
+from estimator.aiding.uncertainty import with_dip_error
 from estimator.conditioning.field.magnetic import FieldLook
 from estimator.geometry.earth import field_at, in_ned
 from estimator.profile import load_profile, merge_profile
@@ -62,7 +70,7 @@ def test_a_bias_that_is_being_learnt_is_usual_as_far_as_it_is_known_better_than_
     assert again.bias_rad_s == pytest.approx(found.bias_rad_s, rel=1e-3)
 
 
-def test_white_corrections_of_a_true_covariance_are_no_surprise():
+def test_white_corrections_of_a_true_covariance_are_as_expected():
     """A Kalman filter of a walk: the sum's mean square is what is expected."""
     rng, found, ratios = np.random.default_rng(5), NOTHING, []
     true = estimate = 0.0
@@ -84,21 +92,19 @@ def test_white_corrections_of_a_true_covariance_are_no_surprise():
 
 @pytest.mark.parametrize("dip_off_deg", [-25.0, 4.0, 20.0])
 @pytest.mark.parametrize("strength", [1.0, 1.3])
-def test_a_field_that_dips_otherwise_than_the_places_tells_a_leaning_vertical(
-    dip_off_deg, strength
-):
+def test_a_field_that_dips_otherwise_than_the_places_shows_a_tilted_vertical(dip_off_deg, strength):
     h, d = hypot(*PLACE[:2]), PLACE[2]
     turn = np.exp(1j * radians(dip_off_deg)) * complex(h, d) * strength
     look = FieldLook(horizontal=float(turn.real), down=float(turn.imag), confidence=0.0)
     P = np.zeros((SIZE, SIZE))
     P[HARD_IRON, HARD_IRON] = 0.01**2
     seen = BLANK.field._replace(look=look, samples=9.0)
-    wide = leaning(PARAMS, SIGMA, seen, PLACE, P)
+    wide = with_dip_error(PARAMS, SIGMA, seen, PLACE, P)
     square = np.sin(radians(dip_off_deg)) ** 2 - radians(10.0) ** 2 - 9e-4 / (h * h + d * d)
     square = max(0.0, square) / (1.0 + ((strength - 1.0) / 0.1) ** 2) ** 2
     assert wide.inclination_rad == pytest.approx(hypot(0.01, sqrt(square)))
     assert wide.heading_rad == SIGMA.heading_rad
-    assert leaning(PARAMS, SIGMA, seen, ZERO_VEC3, P) == SIGMA
+    assert with_dip_error(PARAMS, SIGMA, seen, ZERO_VEC3, P) == SIGMA
 
 
 def test_an_accelerometer_that_steps_widens_sigma_within_a_second():

@@ -5,7 +5,7 @@ from math import exp, sqrt
 import numpy as np
 import pytest
 
-from estimator.aiding import Report, blank_aiding
+from estimator.aiding.beginning import blank_aiding
 from estimator.aiding.inertial import Prediction, predict_motion
 from estimator.aiding.search import UNKNOWN_RAD
 from estimator.aiding.sources import field, unaided, velocity
@@ -24,12 +24,13 @@ from estimator.aiding.types import (
     Agreement,
     Agreements,
     AidingParams,
+    BiasPrior,
     FieldState,
     LastStep,
     North,
+    Report,
     Scatter,
     StepInputs,
-    Unlearnt,
 )
 from estimator.aiding.uncertainty import sigmas
 from estimator.aiding.velocity_history import ROWS, new_velocity_history
@@ -44,6 +45,7 @@ from tests.estimator.aiding.dense_filter import (
     G_NED,
     Dense,
     field_rows,
+    floats,
     matrix_of,
     predicted,
     sources,
@@ -62,10 +64,6 @@ SIGMAS = np.array(
         *(0.06, 0.01, 0.03, 0.02, 0.02, 0.04, 0.03, 0.05, 0.012, 0.15, 0.25, 0.1, 0.3, 0.2, 0.15),
     ]
 )
-
-
-def floats(vector):
-    return tuple(float(v) for v in vector)
 
 
 def covariance(rng):
@@ -108,7 +106,7 @@ def velocity_history_of(rng, step_s):
     return velocity_history
 
 
-def newest_bend(velocity_history):
+def newest_deviation(velocity_history):
     """How far the newest acceleration lies off the line through the two before."""
     (t0, t1, t2), (a0, a1, a2) = velocity_history[:3, 0], velocity_history[:3, 4:]
     return a0 - a1 - min(1.0, (t0 - t1) / (t1 - t2)) * (a1 - a2)
@@ -147,61 +145,59 @@ def test_prediction(seed, error_m_s, seen):
     assert now.estimate.velocity_ned_m_s == pytest.approx(v)
     assert now.force_ned_m_s2 == pytest.approx(felt)
 
-    p, seen_s = PARAMS, 0.01 if seen else dt
+    seen_s = 0.01 if seen else dt
     second_difference = dt * (-(dt / 0.05) * (gyr - earlier))
     aliased_turn = R @ (sqrt(dt * seen_s) * change if seen else second_difference)
-    new_history_ = np.vstack(
-        [[velocity_history[0, 0] + dt, *np.zeros(3), *(felt + G_NED)], velocity_history[:2]]
-    )
-    aliased_push = dt * newest_bend(new_history_)
+    newest = [velocity_history[0, 0] + dt, *np.zeros(3), *(felt + G_NED)]
+    off = newest_deviation(np.vstack([newest, velocity_history[:2]]))
+    keeps, variances = slow_errors(before, known, dt, force)
+    fades = np.array([now.estimate.receiver_error_m_s, now.estimate.filter_error_m_s])
+    slow = np.array([before.receiver_error_m_s, before.filter_error_m_s])
+    assert fades == pytest.approx(slow * np.array(keeps)[:, None])
+    unseen = (PARAMS.gyr_slow_noise_1_s * seen_s) ** 2 * (w @ w) * dt
+    Q = noise_of_step(P, before.earth_gauss, dt, unseen, aliased_turn, off, variances)
+    wanted = predicted(P, R, gained, dt, *keeps) + Q
+    np.testing.assert_allclose(now.covariance, wanted, rtol=1e-9, atol=1e-14)
+
+
+def slow_errors(before, known, dt, force):
+    """Of a receiver's slow error and a filter's: the share that stays, and the variance added."""
+    p, keeps, variances = PARAMS, [], []
+    push = p.filter_turning_s**2 * (force[0] ** 2 + force[1] ** 2)
+    for error, usual, agreement in (
+        (before.receiver_error_m_s, p.receiver_error_m_s**2, known.by_receiver),
+        (before.filter_error_m_s, p.filter_error_m_s**2 + push, known.by_filter),
+    ):
+        variance = usual * max(1.0, agreement.scatter.noise_scale)
+        longer = min(16.0, max(1.0, np.dot(error, error) / (9.0 * variance)))
+        keeps.append(exp(-dt / (5.0 * longer)))
+        variances.append(variance * (1.0 - exp(-dt / 5.0) ** 2))
+    return keeps, variances
+
+
+def noise_of_step(P, earth_gauss, dt, unseen, aliased_turn, off, slow_variances):
+    """(SIZE, SIZE) of one step, whose newest force lies ``off`` the line through two others."""
+    p, E, aliased_push = PARAMS, np.array(earth_gauss), dt * off
     Q = np.zeros((SIZE, SIZE))
     d = np.einsum("ii->i", Q)
-    d[three(TURN)] = (p.gyr_slow_noise_1_s * seen_s) ** 2 * (w @ w) * dt
-    d[three(TURN)] += (p.integration_noise * aliased_turn) ** 2
+    d[three(TURN)] = unseen + (p.integration_noise * aliased_turn) ** 2
     d[three(VELOCITY)] = p.acc_noise**2 * dt + (p.integration_noise * aliased_push) ** 2
     d[three(GYR_BIAS)] = p.gyr_bias_sigma**2 * dt / 2500.0
     d[three(ACC_BIAS)] = p.acc_bias_sigma**2 * dt / 2500.0
     iron = p.hard_iron_sigma_gauss**2
     d[three(HARD_IRON)] = np.where(np.diag(P)[three(HARD_IRON)] < iron, iron * dt / 2500.0, 0.0)
-    off = aliased_push / dt
-    knock = max(0.0, 1.0 - 16.0 * 5.0 / (off @ off)) * aliased_push**2  # usual: 5 (m/s^2)^2
-    E = np.array(before.earth_gauss)
     H = E[:2] @ E[:2]
     Q[EARTH : EARTH + 2, EARTH : EARTH + 2] = (
         p.field_walk**2 * dt * (1.0 + E[2] ** 2 / H) * np.outer(E[:2], E[:2])
     )
     d[EARTH + 2] = p.field_walk**2 * dt * (E @ E)
-    push = p.filter_turning_s**2 * (force[0] ** 2 + force[1] ** 2)
-    keeps = []
-    for at, error, usual, scatter, tau_s in (
-        (
-            RECEIVER_ERROR,
-            before.receiver_error_m_s,
-            p.receiver_error_m_s**2,
-            known.by_receiver.scatter,
-            5.0,
-        ),
-        (
-            FILTER_ERROR,
-            before.filter_error_m_s,
-            p.filter_error_m_s**2 + push,
-            known.by_filter.scatter,
-            5.0,
-        ),
-    ):
-        variance = usual * max(1.0, scatter.noise_scale)
-        longer = min(16.0, max(1.0, np.dot(error, error) / (9.0 * variance)))
-        keeps.append(exp(-dt / (tau_s * longer)))
-        d[three(at)] = variance * (1.0 - exp(-dt / tau_s) ** 2)
-    fades = np.array([now.estimate.receiver_error_m_s, now.estimate.filter_error_m_s])
-    slow = np.array([before.receiver_error_m_s, before.filter_error_m_s])
-    assert fades == pytest.approx(slow * np.array(keeps)[:, None])
+    d[three(RECEIVER_ERROR)], d[three(FILTER_ERROR)] = slow_variances
+    knock = max(0.0, 1.0 - 16.0 * 5.0 / (off @ off)) * aliased_push**2  # usual: 5 (m/s^2)^2
     for own, sign in ((VELOCITY, 1.0), (FILTER_ERROR, -1.0)):  # the filter's slow error is the same
         for k in range(3):
             Q[own + k, VELOCITY + k] += sign * knock[k]
             Q[own + k, FILTER_ERROR + k] -= sign * knock[k]
-    wanted = predicted(P, R, gained, dt, *keeps) + Q
-    np.testing.assert_allclose(now.covariance, wanted, rtol=1e-9, atol=1e-14)
+    return Q
 
 
 @pytest.mark.parametrize("step_s", [0.01, 0.4, 3.0])
@@ -252,7 +248,7 @@ def test_velocity(seed, is_receiver, off_m_s, is_alone, dt):
     p = PARAMS
     sigma = p.receiver_noise_m_s if is_receiver else p.filter_noise_m_s
     sigma *= max(1.0, 0.5 / p.report_sigma_m_s)
-    aliasing = p.integration_noise * dt * min(1.0, 0.07 / dt) * newest_bend(velocity_history)
+    aliasing = p.integration_noise * dt * min(1.0, 0.07 / dt) * newest_deviation(velocity_history)
     dense = Dense(P.copy(), x0.copy())
     noise_scale, innovation, reports, last, together = before.scatter
     units = []
@@ -260,10 +256,10 @@ def test_velocity(seed, is_receiver, off_m_s, is_alone, dt):
     far = noise_scale > 30.0 and matrix_of(q)[2, 2] < 0.7
     for i in range(3):
         v = np.array(known.velocity_ned_m_s)
-        said, h = velocity_row(
+        expected_m_s, h = velocity_row(
             times, accelerations, age, v, slow, i, error_at, lag_at, knows_lag=dt < LONGEST_STEP_S
         )
-        innovation_m_s = report.velocity_ned_m_s[i] - said
+        innovation_m_s = report.velocity_ned_m_s[i] - expected_m_s
         noise = noise_scale * sigma**2 + aliasing[i] ** 2
         left = innovation_m_s - h @ dense.x
         square = left**2 / (h @ dense.P @ h + noise)
@@ -285,7 +281,7 @@ def test_velocity(seed, is_receiver, off_m_s, is_alone, dt):
     assert untouched == other
     assert mine.scatter[:3] == pytest.approx((noise_scale, innovation, reports), rel=1e-6)
     assert (*mine.scatter.before, mine.scatter.together) == pytest.approx((*units, together))
-    assert (mine.wait_s, mine.inflation_s) == (0.0, pytest.approx(0.3 if far else 0.0))
+    assert (mine.wait_s, mine.far_off_s) == (0.0, pytest.approx(0.3 if far else 0.0))
     assert far == (off_m_s > 1.0)
 
 
@@ -355,8 +351,8 @@ def test_field(seed, is_known, unfelt_rad, off_rad):
     np.testing.assert_allclose(x, dense.x, rtol=1e-8, atol=1e-12)
     np.testing.assert_allclose(now.covariance, dense.P, rtol=1e-7, atol=1e-12)
     is_far = abs(angle) > UNKNOWN_RAD + 2.0 * sqrt(heading)
-    inflation_s = 0.4 + dt * after.look.confidence if is_far else 0.4 - dt
-    assert after.inflation_s == pytest.approx(inflation_s)
+    far_off_s = 0.4 + dt * after.look.confidence if is_far else 0.4 - dt
+    assert after.far_off_s == pytest.approx(far_off_s)
     slow = off_rad + dt / (dt + 4.0) * (max(-0.2, min(0.2, off)) - off_rad)
     assert after.off_rad == pytest.approx(slow)
 
@@ -410,10 +406,10 @@ def test_published_sigmas(heading_rad, innovation, wait_s, together, samples, dt
     last = LastStep(ZERO_VEC3, ZERO_VEC3, (2.0, -1.0, -9.0), (0.5, -0.3, 0.8), dt)
     look = BLANK.field.look
     state = FieldState(look, 0.04, samples, 0.0, 0.0, 0.0)
-    heard = Agreement(Scatter(1.0, innovation, 50.0, ZERO_VEC3, together), wait_s, 0.0)
+    recent = Agreement(Scatter(1.0, innovation, 50.0, ZERO_VEC3, together), wait_s, 0.0)
     silent = Agreement(Scatter(1.0, 99.0, 50.0, ZERO_VEC3, 9.0), wait_s + 1.0, 0.0)
-    poor = Unlearnt(gyr=0.01**2, acc=worse**2 * p.acc_bias_sigma**2)
-    got = sigmas(p, now, last, state, Agreements(silent, heard), poor)
+    poor = BiasPrior(gyr=0.01**2, acc=worse**2 * p.acc_bias_sigma**2)
+    got = sigmas(p, now, last, state, Agreements(silent, recent), poor)
 
     def scatter(least):
         square = least**2 + p.scatter_share * innovation

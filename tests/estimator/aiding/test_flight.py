@@ -7,14 +7,11 @@ import numpy as np
 import pytest
 
 from estimator.aiding.phase import Phase
-from estimator.aiding.types import SIZE
 from estimator.geometry.metrics import batch_angle_errors, rms
 from estimator.geometry.quaternion import exp, norm, rotate, rotate_inverse
-from estimator.live.rows import TIME
 from estimator.profile import load_profile, merge_profile
 from estimator.types import VelocitySample
 from tests.flight import banked_flight, calibrated, flown
-from tests.vocabulary import assert_attitudes_equal
 
 # 0.01 deg instead of the WMM's: north is known, and the field points there.
 TRUE_NORTH = {"reference": {"declination_deg": 0.01}}
@@ -98,8 +95,8 @@ def test_a_single_wild_report_is_no_tilt(flight):
 
 def test_silence_of_the_reports_is_admitted(flight):
     """Without reports from 30 s on sigma grows, and the attitude stays better than unaided."""
-    heard = [(k, r) for k, r in flight.reports if r.time_us < 30e6]
-    attitudes = flown(estimator(), flight, reports=heard)
+    early = [(k, r) for k, r in flight.reports if r.time_us < 30e6]
+    attitudes = flown(estimator(), flight, reports=early)
     by_time = dict(zip([s.time_us for s in flight.samples], attitudes, strict=True))
     before, late = by_time[29_000_000], by_time[40_000_000]
     assert degrees(before.sigma_inclination_rad) == pytest.approx(0.338, rel=0.2)
@@ -133,51 +130,6 @@ def test_sigma_covers_most_errors(flight):
     # reports without slow errors: sigma, which counts on them, is too large
     assert covered > 0.999  # measured 1.0
     assert np.mean(sigma) == pytest.approx(0.489, rel=0.2)
-
-
-def test_a_report_ahead_of_the_imu_waits(flight):
-    one = estimator()
-    flown(one, flight)
-    last = flight.samples[-1].time_us
-    assert one.update_velocity(VelocitySample(last + 5_000, (20.0, 0.0, 0.0), True, 0.3)) is None
-    assert one.snapshot.core.reports[TIME] == last + 5_000
-    step_us = flight.samples[1].time_us
-    assert one.update(flight.samples[-1]._replace(time_us=last + step_us)) is None
-    assert one.snapshot.core.reports == ()
-
-
-def test_a_gap_begins_anew(flight):
-    gapped = estimator()
-    flown(gapped, flight)
-    assert gapped.snapshot.context.phase is Phase.AIDED
-    later = flight.samples[-1].time_us + 6_000_000
-    assert gapped.update(flight.samples[-1]._replace(time_us=later)) is None
-    assert gapped.snapshot.context.phase is not Phase.AIDED
-
-
-def test_a_restored_snapshot_goes_on_with_the_same_results(flight):
-    straight, resumed = estimator(), estimator()
-    half = len(flight.samples) // 2
-    kept = []
-    flown(straight, flight, after=lambda k: kept.append(straight.snapshot) if k == half else None)
-    assert len(kept[0].core.covariance) == SIZE * SIZE
-    resumed.snapshot = kept[0]
-    behind = dict(flight.reports)
-    for k in range(half + 1, len(flight.samples)):
-        resumed.update(flight.samples[k])
-        if k in behind:
-            resumed.update_velocity(behind[k])
-    assert resumed.snapshot == straight.snapshot
-
-
-def test_a_restored_snapshot_publishes_the_same(flight):
-    """What is read out of compiled memory is what is read out of the snapshot."""
-    flown(straight := estimator(), flight)
-    restored = estimator()
-    restored.snapshot = straight.snapshot
-    assert restored.snapshot.context.phase is Phase.AIDED
-    time_us = straight.snapshot.core.time_us + 4_000
-    assert_attitudes_equal(restored.attitude(time_us), straight.attitude(time_us))
 
 
 def test_beyond_the_last_sample_sigma_grows_with_the_turn_that_nobody_has_seen(flight):

@@ -5,10 +5,17 @@ from math import atan, degrees, nan, pi, radians, tan
 import numpy as np
 import pytest
 
-from estimator.aiding import AidingParams, blank_aiding
-from estimator.aiding.beginning import loosen
+from estimator.aiding.beginning import blank_aiding, inflate_covariance
 from estimator.aiding.phase import Phase
-from estimator.aiding.types import GYR_BIAS, SIZE, TURN, AccelerationTilt, Agreements, Sigmas
+from estimator.aiding.types import (
+    GYR_BIAS,
+    SIZE,
+    TURN,
+    AccelerationTilt,
+    Agreements,
+    AidingParams,
+    Sigmas,
+)
 from estimator.conditioning.robust import FAR
 from estimator.geometry.metrics import angle_errors
 from estimator.geometry.quaternion import (
@@ -28,30 +35,30 @@ from tests.truth.faults import Fault
 from tests.truth.run import Case, judge
 
 
-def test_a_doubted_attitude_is_four_times_as_uncertain_and_its_doubts_begin_anew():
+def test_an_inflated_attitude_is_four_times_as_uncertain_and_its_times_begin_anew():
     state, P, _ = blank_aiding(AidingParams())
     root = 0.01 * np.random.default_rng(1).standard_normal((SIZE, SIZE))
     P = root @ root.T
-    late = Agreements(*(each._replace(inflation_s=2.0) for each in state.agreement))
+    late = Agreements(*(each._replace(far_off_s=2.0) for each in state.agreement))
     state = state._replace(
-        agreement=late, field=state.field._replace(inflation_s=5.0), sigma=Sigmas(0.01, 0.02)
+        agreement=late, field=state.field._replace(far_off_s=5.0), sigma=Sigmas(0.01, 0.02)
     )
-    after, loose = loosen(state, P)
+    after, loose = inflate_covariance(state, P)
     turn, other = slice(TURN, TURN + 3), slice(GYR_BIAS, SIZE)
     np.testing.assert_allclose(loose[turn, turn], FAR * P[turn, turn])
     np.testing.assert_array_equal(loose[turn, other], P[turn, other])
     np.testing.assert_array_equal(loose[other, other], P[other, other])
     np.testing.assert_array_equal(loose, loose.T)
     assert after.sigma == pytest.approx((0.04, 0.08))
-    assert [each.inflation_s for each in after.agreement] == [0.0, 0.0]
-    assert after.field.inflation_s == 0.0
+    assert [each.far_off_s for each in after.agreement] == [0.0, 0.0]
+    assert after.field.far_off_s == 0.0
 
 
-def test_no_attitude_is_loosened_beyond_half_a_turn():
+def test_no_attitude_is_inflated_beyond_half_a_turn():
     state, P, _ = blank_aiding(AidingParams())
     P = P + np.eye(SIZE)
     for _ in range(9):
-        state, P = loosen(state, P)
+        state, P = inflate_covariance(state, P)
     assert P[TURN, TURN] == pytest.approx(pi**2)
 
 
@@ -131,7 +138,7 @@ def test_a_heading_as_good_as_none_goes_with_the_vertical(heading_deg, off_deg):
     assert state.context.phase is Phase.UNAIDED
 
 
-def test_an_attitude_that_nothing_contradicts_is_not_loosened():
+def test_an_attitude_that_nothing_contradicts_is_not_inflated():
     """It explains the reports' acceleration; loosened again and again its heading would be lost."""
     state = lost(heading_deg=10.0, acceleration_tilt=FELT_AS_REPORTED)
     before = state.core.core
@@ -144,7 +151,7 @@ def test_one_that_is_contradicted_is():
     """Both sources have been far off for 2 s; by the unaided stage nothing is known."""
     state = lost(heading_deg=10.0)
     core = state.core.core
-    late = Agreements(*(each._replace(inflation_s=2.0) for each in core.aided.agreement))
+    late = Agreements(*(each._replace(far_off_s=2.0) for each in core.aided.agreement))
     aided = core.aided._replace(agreement=late)
     state.set_core(core._replace(aided=aided, seen=core.seen._replace(sigma_inclination_rad=pi)))
     give_up(state)

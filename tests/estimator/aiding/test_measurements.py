@@ -1,37 +1,30 @@
 """Each scalar measurement's row against finite differences of what it measures."""
 
-import itertools
-
 import numpy as np
 import pytest
 
-from estimator.aiding import Report, blank_aiding
+from estimator.aiding.beginning import blank_aiding
 from estimator.aiding.covariance import rotation_matrix
-from estimator.aiding.inertial import GRAVITY_NED, Prediction
-from estimator.aiding.sources import field, unaided, velocity
+from estimator.aiding.inertial import Prediction
+from estimator.aiding.sources import field, unaided
 from estimator.aiding.types import (
     COMPASS_TURN,
     EARTH,
     FIELD_LAG,
-    FILTER_ERROR,
-    FILTER_LAG,
     HARD_IRON,
-    IMU_LAG,
-    RECEIVER_ERROR,
-    RECEIVER_LAG,
     SIZE,
     TURN,
-    VELOCITY,
     AidingParams,
     North,
     StepInputs,
 )
-from estimator.aiding.velocity_history import extend_velocity_history, new_velocity_history
+from estimator.aiding.velocity_history import new_velocity_history
 from estimator.conditioning.field.magnetic import FieldLook
 from estimator.geometry.frames import from_euler_rad
 from estimator.geometry.quaternion import exp, multiply, normalize, rotate, rotate_inverse
 from estimator.types import ZERO_VEC3, Sample
 from tests.estimator.aiding import heading_source
+from tests.estimator.aiding.dense_filter import floats
 from tests.estimator.aiding.heading_source import HeadingSample
 
 PARAMS = AidingParams()
@@ -45,10 +38,6 @@ COMPASS_RAD = 0.4
 ACROSS, ALONG, DOWN, DECLINATION = range(4)
 
 
-def floats(vector):
-    return tuple(float(v) for v in vector)
-
-
 @pytest.fixture
 def learnt(monkeypatch):
     """The rows and innovations that a measurement learns from, in place of the learning."""
@@ -58,7 +47,6 @@ def learnt(monkeypatch):
         rows.append((h.copy(), off))
 
     monkeypatch.setattr(field, "learn", kept)
-    monkeypatch.setattr(velocity, "learn", kept)
     monkeypatch.setattr(unaided, "learn", kept)
     monkeypatch.setattr(heading_source, "learn", kept)
     return rows
@@ -136,73 +124,10 @@ def test_declination_of_a_field_learnt_the_wrong_way_round():
     assert abs(x[EARTH + 1]) == pytest.approx(0.61, rel=0.2)
 
 
-@pytest.mark.parametrize("late_sigma_s", [0.0, 0.1])
-def test_velocity(learnt, late_sigma_s):
-    """Either source's report, of a vehicle whose acceleration changes while it is on its way."""
-    rng = np.random.default_rng(3)
-    q = normalize(floats(rng.standard_normal(4)))
-    v, slow = 5.0 * rng.standard_normal(3), 0.2 * rng.standard_normal(3)
-    forces = 3.0 * rng.standard_normal((40, 3))
-    report = Report(True, (1.0, 2.0, 3.0), True, 0.3, 0.27, late_sigma_s)
-    agreement = BLANK.agreement.by_filter._replace(wait_s=0.1)
-    is_receiver = late_sigma_s > 0.0
-    lag_at = RECEIVER_LAG if is_receiver else FILTER_LAG
-    error_at = RECEIVER_ERROR if is_receiver else FILTER_ERROR
-
-    def observe(change):
-        """A turn of the attitude turns all that was felt since, and with it what was gained."""
-        learnt.clear()
-        turned = [rotate(exp(floats(change[TURN : TURN + 3])), floats(f)) for f in forces]
-        velocity_history = new_velocity_history(floats(np.array(turned[0]) + GRAVITY_NED))
-        for before, now in itertools.pairwise(turned):
-            gained = 0.01 * (np.array(before) + now) + 0.02 * np.array(GRAVITY_NED)
-            velocity_history = extend_velocity_history(
-                velocity_history, floats(gained), floats(np.array(now) + GRAVITY_NED), 0.02
-            )
-        estimate = BLANK.estimate._replace(
-            q_ned_frd=q, velocity_ned_m_s=floats(v + change[VELOCITY : VELOCITY + 3])
-        )
-        now = Prediction(estimate, turned[-1], ZERO_VEC3, velocity_history, np.eye(SIZE) * 1e-6)
-        reporter = velocity.Reporter(
-            is_receiver=is_receiver,
-            error_m_s=floats(slow + change[error_at : error_at + 3]),
-            age_s=report.ago_s + change[lag_at] - change[IMU_LAG],
-            error_at=error_at,
-            lag_at=lag_at,
-            is_alone=False,
-        )
-        x = np.zeros(SIZE)
-        velocity.observe_velocity(
-            PARAMS, agreement, now, reporter, 0.02, report, (0.0, 0.0, 1.0), x
-        )
-
-    errors = (*range(TURN, VELOCITY + 3), IMU_LAG, lag_at, *range(error_at, error_at + 3))
-    rows, slopes = rows_and_slopes(learnt, observe, errors)
-    assert rows == pytest.approx(slopes, abs=1e-9)  # measured 1.4e-10
-
-
 def prediction(q_ned_frd):
     """At rest with that attitude, of which nothing is known."""
     estimate = BLANK.estimate._replace(q_ned_frd=q_ned_frd)
     return Prediction(estimate, ZERO_VEC3, ZERO_VEC3, new_velocity_history(ZERO_VEC3), np.eye(SIZE))
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_unaided_gravity(learnt, seed):
-    """Down as the unaided stage has it, of a vehicle whose attitude is off by a small turn."""
-    q = normalize(floats(np.random.default_rng(seed).standard_normal(4)))
-    gravity_b = rotate_inverse(q, (0.0, 0.0, 1.0))
-
-    def observe(change):
-        learnt.clear()
-        turned = multiply(exp(floats(change[TURN : TURN + 3])), q)
-        now = prediction(turned)
-        unaided.observe_unaided(now, gravity_b, 0.1, 0.2, np.zeros(SIZE), 0.5, 0.02)
-
-    # both rows are one array, so they are kept as copies
-    rows, slopes = rows_and_slopes(learnt, observe, range(TURN, TURN + 3))
-    assert rows == pytest.approx(slopes, abs=1e-10)  # measured 4e-11
-    assert np.abs(rows).sum(axis=1) == pytest.approx([1.0, 1.0])
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -222,9 +147,11 @@ def test_a_heading_from_outside(learnt, seed):
     assert rows[0, TURN + 2] == pytest.approx(slopes[0, TURN + 2], abs=1e-4)
 
 
-@pytest.mark.parametrize(("sigma_rad", "lean_rad", "lasts_s"), [(0.1, 0.0, 1.0), (0.0, 0.2, 3.0)])
+@pytest.mark.parametrize(
+    ("sigma_rad", "tilt_error_rad", "lasts_s"), [(0.1, 0.0, 1.0), (0.0, 0.2, 3.0)]
+)
 def test_unaided_gravity_counts_as_one_measurement_in_its_correlation_time(
-    monkeypatch, sigma_rad, lean_rad, lasts_s
+    monkeypatch, sigma_rad, tilt_error_rad, lasts_s
 ):
     """An acceleration lasts 3 s: samples within that together weigh as much as one."""
     noises = []
@@ -233,9 +160,9 @@ def test_unaided_gravity_counts_as_one_measurement_in_its_correlation_time(
     for dt in (0.02, 0.25):
         noises.clear()
         down = (0.0, 0.0, 1.0)
-        unaided.observe_unaided(now, down, sigma_rad, lean_rad, np.zeros(SIZE), 1.0, dt)
+        unaided.observe_unaided(now, down, sigma_rad, tilt_error_rad, np.zeros(SIZE), 1.0, dt)
         weight = lasts_s / dt / noises[0]
-        assert weight == pytest.approx(1.0 / (sigma_rad**2 + lean_rad**2))
+        assert weight == pytest.approx(1.0 / (sigma_rad**2 + tilt_error_rad**2))
 
 
 @pytest.mark.parametrize("is_known", [True, False])
@@ -287,10 +214,10 @@ def test_a_field_begun_anew_hangs_together_with_all_that_is_known_of_the_iron(is
     noise = P[EARTH : EARTH + 3, EARTH : EARTH + 3]
     both = error @ to_compass.T @ turned.T - error[:, HARD_IRON : HARD_IRON + 3] @ A.T
     noise = noise - both
-    second_difference, declination = 0.2 * np.linalg.norm(seen), 0.009 * 0.2
+    distortion, declination = 0.2 * np.linalg.norm(seen), 0.009 * 0.2
     sigmas = np.sqrt(np.linalg.eigvalsh(noise))
     assert sigmas == pytest.approx(
-        (declination if is_known else second_difference, second_difference, second_difference)
+        (declination if is_known else distortion, distortion, distortion)
     )
 
 

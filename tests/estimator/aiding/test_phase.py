@@ -2,7 +2,7 @@
 
 import pytest
 
-from estimator.aiding import blank_aiding
+from estimator.aiding.beginning import blank_aiding
 from estimator.aiding.phase import Cause, Phase, after
 from estimator.aiding.search import EMPTY_SEARCH
 from estimator.conditioning.times import LONG_S

@@ -4,8 +4,15 @@ from math import cos, degrees, inf, nan, radians, sin
 
 import pytest
 
-from estimator.aiding.place import LastPosition, differ, resembles, update_whereabouts
-from estimator.geometry.earth import PlaceField, distance_m, field_at, in_ned
+from estimator.aiding.compass import differ, resembles
+from estimator.geometry.earth import (
+    LastPosition,
+    PlaceField,
+    distance_m,
+    field_at,
+    in_ned,
+    update_position,
+)
 
 MICROSECONDS_2025 = 1_735_689_600_000_000
 
@@ -79,11 +86,11 @@ def test_no_answer_where_there_is_none(place):
 ZURICH, CANBERRA, NOWHERE = (47.4, 8.5), (-35.36, 149.17), (2e-4, -7e-5)
 
 
-def told(*places):
+def after_positions(*places):
     """LastPosition after positions at sea level in 2025."""
     known = LastPosition()
     for place in places:
-        known = update_whereabouts(known, *place, 0.0, MICROSECONDS_2025)
+        known = update_position(known, *place, 0.0, MICROSECONDS_2025)
     return known
 
 
@@ -105,8 +112,8 @@ def where(known):
         ([(90.0, 0.0), (90.0, 0.0)], None),
     ],
 )
-def test_a_place_is_given_up_for_another_that_was_told_twice(places, here):
-    assert where(told(*places)) == here
+def test_a_place_is_given_up_for_another_that_was_reported_twice(places, here):
+    assert where(after_positions(*places)) == here
 
 
 @pytest.mark.parametrize(

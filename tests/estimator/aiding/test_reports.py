@@ -4,13 +4,12 @@ from math import inf, nan
 
 import pytest
 
+from estimator.aiding.sources.source import SPEED_LIMIT_M_S, refusal_of_velocity
 from estimator.aiding.sources.velocity import (
-    SPEED_LIMIT_M_S,
-    refusal_of_velocity,
     wait_for_reports,
 )
 from estimator.aiding.types import Agreement, Agreements, Scatter
-from estimator.live.reports import MOST_WAITING, enqueue_velocity, take_due_velocities
+from estimator.live.reports import MOST_WAITING, enqueue, take_due_velocities
 from estimator.live.rows import TIME, report_rows_of
 from estimator.types import VelocitySample
 
@@ -48,7 +47,7 @@ def test_an_old_report_is_none():
 def test_when_too_many_wait_the_oldest_gives_way():
     waiting = report_rows_of(())
     for time_us in range(MOST_WAITING + 3):
-        waiting = enqueue_velocity(waiting, report_rows_of([(0, report(time_us))])[0])
+        waiting = enqueue(waiting, report_rows_of([(0, report(time_us))])[0], MOST_WAITING)
     assert waiting[:, TIME].tolist() == list(range(3, MOST_WAITING + 3))
 
 
@@ -67,10 +66,10 @@ def test_what_cannot_be_a_velocity_is_refused(velocity, sigma, reason):
     assert refusal_of_velocity(VelocitySample(0, velocity, True, sigma)) == reason
 
 
-def test_how_well_reports_agreed_before_a_hole_says_nothing_after_it():
+def test_how_well_reports_agreed_before_a_hole_does_not_count_after_it():
     known = Scatter(2.0, innovation=0.01, reports=900.0, before=(1.0, 2.0, 3.0), together=0.1)
-    heard = Agreements(Agreement(known, 0.2, 0.7), Agreement())
+    before = Agreements(Agreement(known, 0.2, 0.7), Agreement())
     for dt, scatter in ((1.0, known), (1.1, known._replace(innovation=1.0, reports=1.0))):
-        by_filter, by_receiver = wait_for_reports(heard, dt)
+        by_filter, by_receiver = wait_for_reports(before, dt)
         assert by_filter == Agreement(scatter, 0.2 + dt, 0.7)
         assert by_receiver == Agreement()._replace(wait_s=dt)

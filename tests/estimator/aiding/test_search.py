@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from estimator.aiding import Report
 from estimator.aiding.search import EMPTY_SEARCH, add_report, add_sample, solve
+from estimator.aiding.types import Report
 from estimator.conditioning.times import MEMORY_S, SPAN_S
 from estimator.geometry.metrics import angle_errors
 from estimator.types import IDENTITY, STANDARD_GRAVITY_M_S2
@@ -35,14 +35,14 @@ def searched(rng, *, seconds=20.0, push_m_s2=2.0, noise_m_s=0.05):
         acc = truth.inv().apply(push - GRAVITY)
         search = add_sample(search, (1.0, 0.0, 0.0, 0.0), tuple(acc.tolist()), DT, 0.0)
         force = force + acc * DT
-        said = velocity + noise_m_s * rng.standard_normal(3)
+        reported = velocity + noise_m_s * rng.standard_normal(3)
         before = search
-        search, closed = add_report(search, report(said), IDENTITY, DOWN)
+        search, closed = add_report(search, report(reported), IDENTITY, DOWN)
         if closed:
             window = before.window
-            windows.append((said - starts - GRAVITY * window.time_s, window.pushed_m_s))
+            windows.append((reported - starts - GRAVITY * window.time_s, window.pushed_m_s))
         if closed or not before.window.is_open:
-            starts = said
+            starts = reported
     return search, truth, windows
 
 
@@ -142,8 +142,8 @@ def moved(
         acc = tuple(truth.inv().apply(pushes[k] - GRAVITY).tolist())
         search = add_sample(search, (w, x, y, z), acc, every * fine_s, 0.0)
         if k % max(spacing, every) == 0 and k > older:
-            said = report(velocities[k - older], ago_s, late_sigma_s)
-            search, _ = add_report(search, said, IDENTITY, DOWN)
+            reported = report(velocities[k - older], ago_s, late_sigma_s)
+            search, _ = add_report(search, reported, IDENTITY, DOWN)
     answer = solve(search, max(drift_rad_s, BIAS_SIGMA_RAD_S))
     if answer is None:
         return None, 0.0
@@ -156,7 +156,7 @@ def circle(t):
     return (6.0 * np.cos(t), 6.0 * np.sin(t), 0.0)
 
 
-def test_a_steady_push_is_not_told_from_gravity():
+def test_a_steady_push_looks_like_gravity():
     """A take-off run: every window is the same vector, about which anything may have turned."""
     answer, _ = moved(lambda _: (3.0, 0.0, 0.0), seconds=20.0)
     assert answer is None

@@ -5,13 +5,13 @@ from math import degrees, radians
 import numpy as np
 import pytest
 
-from estimator.aiding import blank_aiding
 from estimator.aiding.acceleration_tilt import (
     acceleration_tilt_angle,
-    bears_out,
+    explains_acceleration,
     watch_acceleration_tilt,
     with_latest,
 )
+from estimator.aiding.beginning import blank_aiding
 from estimator.aiding.inertial import Prediction
 from estimator.aiding.sources.unaided import observe_unaided
 from estimator.aiding.types import SIZE, TURN, VELOCITY, AccelerationTilt, AidingParams, Roughness
@@ -23,7 +23,7 @@ UP: Vec3 = (0.0, 0.0, 1.0)
 
 
 def corrected(
-    tilt_deg: float, sigma_deg: float, unaided_sigma_deg: float, lean_deg: float = 0.0
+    tilt_deg: float, sigma_deg: float, unaided_sigma_deg: float, error_deg: float = 0.0
 ) -> float:
     """The tilt (deg) of a level vehicle after one look at the unaided gravity."""
     q: Quaternion = exp((radians(tilt_deg), 0.0, 0.0))
@@ -32,7 +32,7 @@ def corrected(
     velocity_history = np.zeros((1, 1))
     estimate = blank_aiding(AidingParams())[0].estimate._replace(q_ned_frd=q)
     now = Prediction(estimate, ZERO_VEC3, ZERO_VEC3, velocity_history, P)
-    observe_unaided(now, UP, radians(unaided_sigma_deg), radians(lean_deg), x, 1.0, 0.4)
+    observe_unaided(now, UP, radians(unaided_sigma_deg), radians(error_deg), x, 1.0, 0.4)
     down = rotate(exp((x[TURN], x[TURN + 1], x[TURN + 2])), rotate(q, UP))
     return degrees(np.arctan2(np.hypot(down[0], down[1]), down[2]))
 
@@ -42,9 +42,9 @@ def test_a_lost_attitude_follows_the_unaided_gravity_even_upside_down():
     assert corrected(160.0, 60.0, 2.0) == pytest.approx(0.44, rel=0.2)
 
 
-def test_an_attitude_that_velocity_knows_stays_where_the_unaided_leans():
+def test_an_attitude_that_velocity_knows_stays_where_the_unaided_tilts():
     """A lasting acceleration deceives the unaided gravity by more than its sigma says."""
-    assert corrected(20.0, 1.0, 1.0, lean_deg=20.0) > 19.99
+    assert corrected(20.0, 1.0, 1.0, error_deg=20.0) > 19.99
     assert corrected(20.0, 1.0, 1.0) == pytest.approx(14.3, rel=0.2)
 
 
@@ -89,42 +89,46 @@ def test_a_hole_may_hide_any_turn():
     assert np.sqrt(P[VELOCITY, VELOCITY]) == pytest.approx(0.6 * 9.80665)
 
 
-def lean_deg(acceleration: float, reported: float, *, is_silent: bool = False) -> float:
+def pushed(felt: float, reported: float) -> AccelerationTilt:
     """Of a vehicle that has felt the one and reported the other for 10 s, m/s^2 to the north."""
-    acceleration_tilt = AccelerationTilt(ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
+    tilt = AccelerationTilt(ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
     for k in range(40):
-        acceleration_tilt = watch_acceleration_tilt(
-            acceleration_tilt, (acceleration, 0.0, -STANDARD_GRAVITY_M_S2), 0.25
-        )
-        acceleration_tilt = with_latest(acceleration_tilt, (reported * 0.25 * k, 0.0, 0.0))
-    return degrees(acceleration_tilt_angle(acceleration_tilt, is_silent, 0.0))
+        tilt = watch_acceleration_tilt(tilt, (felt, 0.0, -STANDARD_GRAVITY_M_S2), 0.25)
+        tilt = with_latest(tilt, (reported * 0.25 * k, 0.0, 0.0))
+    return tilt
 
 
-def test_only_an_acceleration_that_both_witnesses_show_deceives_the_unaided_vertical():
-    assert lean_deg(5.0, 5.0) == pytest.approx(28.0, rel=0.1)  # 5 m/s^2 of 9.8: 29 deg
-    assert lean_deg(5.0, 0.0) == 0.0  # a wrong attitude
-    assert lean_deg(0.0, 5.0) == 0.0  # a wrong receiver
-    assert lean_deg(5.0, 0.0, is_silent=True) == pytest.approx(28.0, rel=0.1)
+@pytest.mark.parametrize(
+    ("felt", "reported", "is_silent", "tilt_deg"),
+    [
+        (5.0, 5.0, False, 28.0),  # 5 m/s^2 of 9.8: 29 deg
+        (5.0, 0.0, False, 0.0),  # a wrong attitude
+        (0.0, 5.0, False, 0.0),  # a wrong receiver
+        (5.0, 0.0, True, 28.0),
+    ],
+)
+def test_only_an_acceleration_that_is_felt_and_reported_tilts_the_unaided_vertical(
+    felt: float, reported: float, is_silent: bool, tilt_deg: float
+) -> None:
+    found = degrees(acceleration_tilt_angle(pushed(felt, reported), is_silent, 0.0))
+    assert found == pytest.approx(tilt_deg, rel=0.1)
 
 
-def borne_out(felt: float, reported: float) -> bool:
-    """Of a vehicle that has felt the one and reported the other for 10 s, m/s^2 to the north."""
-    acceleration_tilt = AccelerationTilt(ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
-    for k in range(40):
-        acceleration_tilt = watch_acceleration_tilt(
-            acceleration_tilt, (felt, 0.0, -STANDARD_GRAVITY_M_S2), 0.25
-        )
-        acceleration_tilt = with_latest(acceleration_tilt, (reported * 0.25 * k, 0.0, 0.0))
-    return bears_out(acceleration_tilt)
-
-
-def test_an_attitude_is_borne_out_by_a_clear_acceleration_that_it_explains():
-    assert borne_out(5.0, 5.0)
-    assert borne_out(3.0, 5.0)
-    assert not borne_out(2.0, 5.0)  # explains too little of it
-    assert not borne_out(-5.0, 5.0)  # has it the wrong way round
-    assert not borne_out(0.5, 0.5)  # too little to tell
-    assert not borne_out(float("nan"), 5.0)
+@pytest.mark.parametrize(
+    ("felt", "reported", "explains"),
+    [
+        (5.0, 5.0, True),
+        (3.0, 5.0, True),
+        (2.0, 5.0, False),  # explains too little of it
+        (-5.0, 5.0, False),  # has it the wrong way round
+        (0.5, 0.5, False),  # too little to decide
+        (float("nan"), 5.0, False),
+    ],
+)
+def test_an_attitude_explains_a_clear_acceleration_that_it_has_felt(
+    felt: float, reported: float, explains: bool
+) -> None:
+    assert explains_acceleration(pushed(felt, reported)) == explains
 
 
 ROUGH = Roughness(second_difference=0.5, changed=0.3, knocked=0.0)

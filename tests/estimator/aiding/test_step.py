@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from estimator.aiding import Beginning, Report, aid, begin, blank_aiding
 from estimator.aiding.acceleration_tilt import acceleration_tilt_angle
+from estimator.aiding.beginning import Beginning, begin, blank_aiding
 from estimator.aiding.correction import apply_corrections
 from estimator.aiding.inertial import predict_motion
 from estimator.aiding.sources.unaided import observe_unaided
+from estimator.aiding.step import aid
 from estimator.aiding.types import (
     HARD_IRON,
     NO_REPORT,
@@ -16,6 +17,7 @@ from estimator.aiding.types import (
     Agreements,
     AidingParams,
     North,
+    Report,
     Roughness,
     Sigmas,
     StepInputs,
@@ -37,10 +39,10 @@ def covariance():
 
 
 @pytest.mark.parametrize(
-    ("dt_s", "wait_s", "lean_m_s2"),
+    ("dt_s", "wait_s", "push_m_s2"),
     [(0.5, 0.0, 1.0), (0.5, 3.0, 0.0), (0.02, 3.0, 3.0)],  # reported, not believed, felt
 )
-def test_a_step_that_is_slow_or_without_reports_is_corrected_once(dt_s, wait_s, lean_m_s2):
+def test_a_step_that_is_slow_or_without_reports_is_corrected_once(dt_s, wait_s, push_m_s2):
     """By the unaided gravity, and nothing else comes with it: no report, no field."""
     P, sample = covariance(), SAMPLE._replace(dt_s=dt_s)
     agreement = Agreements(*(each._replace(wait_s=wait_s) for each in STATE.agreement))
@@ -50,14 +52,14 @@ def test_a_step_that_is_slow_or_without_reports_is_corrected_once(dt_s, wait_s, 
     now, x = predict_motion(PARAMS, state, P, TRAIL, sample), np.zeros(SIZE)
     if dt_s == 0.5:
         watch_turning(PARAMS, state, now.covariance, sample, 0.0)
-    lean_rad = lean_m_s2 / STANDARD_GRAVITY_M_S2
-    observe_unaided(now, OTHERS.gravity_b, 0.1, lean_rad, x, 1.0, dt_s)
+    tilt_error_rad = push_m_s2 / STANDARD_GRAVITY_M_S2
+    observe_unaided(now, OTHERS.gravity_b, 0.1, tilt_error_rad, x, 1.0, dt_s)
     assert np.abs(x[:3]).max() > 1e-4
     assert after.estimate == apply_corrections(now, x).estimate
     assert np.array_equal(after_P, now.covariance)
 
 
-def test_a_step_remembers_the_velocity_that_it_was_told():
+def test_a_step_remembers_the_velocity_of_its_report():
     report = Report(True, (1.0, -2.0, 0.5), True, 0.3, 0.0, 0.0)
     after, _, _ = aid(PARAMS, STATE, covariance(), TRAIL, SAMPLE, report, OTHERS)
     assert after.acceleration_tilt.latest_m_s == report.velocity_ned_m_s
@@ -65,7 +67,7 @@ def test_a_step_remembers_the_velocity_that_it_was_told():
     assert after.agreement.by_receiver.wait_s == SAMPLE.dt_s
 
 
-def test_the_lean_is_the_lesser_acceleration_over_gravity():
+def test_the_tilt_is_the_lesser_acceleration_over_gravity():
     """Gained 2.5 m/s in the 2.5 s of the mean: 1 m/s^2, of 3 that were felt."""
     acceleration_tilt = AccelerationTilt((3.0, 0.0, 0.0), (1.0, 1.0, 9.0), (2.5, 3.0, 0.0))
     assert acceleration_tilt_angle(acceleration_tilt, is_silent=False, slow=0.0) == pytest.approx(
@@ -76,7 +78,7 @@ def test_the_lean_is_the_lesser_acceleration_over_gravity():
     )
 
 
-def test_the_beginning_is_as_uncertain_as_it_is_told():
+def test_the_beginning_is_as_uncertain_as_given():
     """About north and east by the tilt's sigma, about down by the heading's."""
     first = Beginning(IDENTITY, 0.1, 0.3, hard_iron_sigma_gauss=0.02, field_lag_s=0.05)
     _, P, _ = begin(PARAMS, first, SAMPLE, NO_REPORT)

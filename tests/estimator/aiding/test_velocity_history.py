@@ -33,7 +33,7 @@ def flown(seconds, dt):
 
 @pytest.mark.parametrize("dt", [0.0025, 0.01, 0.02, 0.04])
 @pytest.mark.parametrize("ago_s", [0.0, 0.013, 0.1, 0.305, 0.5])
-def test_looking_back_tells_velocity_and_acceleration_of_then(dt, ago_s):
+def test_looking_back_gives_velocity_and_acceleration_of_then(dt, ago_s):
     """A swing of 1.1 Hz: 0.16 mm/s off at 50 Hz, 1 mm/s at 25 Hz (chords of its acceleration)."""
     velocity_history, t = flown(2.0, dt)
     past = look_back(velocity_history, ago_s)

@@ -9,14 +9,14 @@ from math import cos, degrees, hypot, radians, sin
 import numpy as np
 import pytest
 
-from estimator.aiding import blank_aiding
+from estimator.aiding.beginning import blank_aiding
 from estimator.aiding.course import (
     STANDING,
     fade_rolled,
     forward_evidence,
-    lean_rad,
     level_ahead,
     roll_on,
+    tilt_error_rad,
 )
 from estimator.aiding.inertial import Prediction
 from estimator.aiding.phase import Phase
@@ -28,14 +28,13 @@ from estimator.geometry.quaternion import rotate, rotate_inverse
 from estimator.live.aiding_span import Start, begin_aiding
 from estimator.live.core import initial_core, without_aiding
 from estimator.profile import load_profile, merge_profile
-from estimator.types import STANDARD_GRAVITY_M_S2, ImuSample, VelocitySample
-from estimator.vehicle_class import VehicleClass
+from estimator.types import STANDARD_GRAVITY_M_S2, ImuSample, VehicleClass, VelocitySample
 from tests.flight import calibrated
 
 WHEELS = AidingParams(sideslip_rad=0.05)
 BLANK, _, _ = blank_aiding(WHEELS)
 FIELD_NED = np.array((0.22, 0.0, 0.42))
-REPORT_SIZE = {"aiding": {"sideslip_rad": 0.05}}
+WHEELED = {"aiding": {"sideslip_rad": 0.05}}
 # of gyroscope and accelerometer
 BIASES = (np.radians((2.5, -2.0, 2.4)), np.array((0.1, -0.1, 0.05)))
 
@@ -65,9 +64,9 @@ def ride(seed, *, seconds=60.0, reverse=False, compass_off_deg=50.0, strength=1.
         sample = ImuSample(round(1e6 * k * dt), tuple(gyr), tuple(acc), mag, True)
         velocity = None
         if k % 5 == 0:
-            said = sense * speed * np.array((cos(yaw), sin(yaw), 0.0))
-            said = tuple((said + 0.05 * rng.standard_normal(3)).tolist())
-            velocity = VelocitySample(sample.time_us, said, True, 0.3)
+            output = sense * speed * np.array((cos(yaw), sin(yaw), 0.0))
+            output = tuple((output + 0.05 * rng.standard_normal(3)).tolist())
+            velocity = VelocitySample(sample.time_us, output, True, 0.3)
         yield sample, velocity, q
         speed, yaw = speed + push * dt, yaw + rate * dt
 
@@ -79,9 +78,9 @@ def driven(estimator, rows):
         if velocity is not None:
             assert estimator.update_velocity(velocity) is None
         assert estimator.update(sample) is None
-        said = estimator.attitude(sample.time_us)
-        errors.append(np.degrees(angle_errors(said.q_ned_frd, truth)))
-        sigmas.append(degrees(said.sigma_heading_rad))
+        output = estimator.attitude(sample.time_us)
+        errors.append(np.degrees(angle_errors(output.q_ned_frd, truth)))
+        sigmas.append(degrees(output.sigma_heading_rad))
         if begun_s is None and estimator.snapshot.context.phase is Phase.AIDED:
             begun_s = 1e-6 * sample.time_us
     return np.array(errors), np.array(sigmas), begun_s
@@ -91,7 +90,7 @@ def driven(estimator, rows):
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_car_shows_its_heading_by_its_velocity(seed, reverse):
     """Without wheels it has none: its compass is off by 50 deg."""
-    estimator = calibrated(merge_profile(load_profile("imu"), REPORT_SIZE))
+    estimator = calibrated(merge_profile(load_profile("imu"), WHEELED))
     errors, sigmas, begun_s = driven(estimator, ride(seed, reverse=reverse))
     late = errors[1500:]
     assert begun_s < 14.0  # measured 3.3 to 11.1
@@ -110,7 +109,7 @@ def test_a_place_that_is_known_does_not_make_the_compass_right():
 
 
 @pytest.mark.parametrize("off_deg", [-120.0, 0.0])
-def test_a_compass_that_gave_the_heading_at_rest_is_borne_out_or_misled(off_deg):
+def test_a_compass_that_gave_the_heading_at_rest_is_confirmed_or_misled(off_deg):
     """The first metres tell; a compass that is right keeps its north."""
     estimator = calibrated(load_profile("imu"))
     estimator.set_vehicle_class(VehicleClass.WHEELS)
@@ -140,7 +139,7 @@ def test_iron_all_around_is_not_learnt_as_iron_of_its_own(seed):
     assert np.sqrt(np.mean(errors[2000:, 1] ** 2)) < 2.5  # measured 1.2, 2.1
 
 
-def test_who_says_nothing_has_no_wheels_and_the_profile_goes_first():
+def test_without_a_class_there_are_no_wheels_and_the_profile_goes_first():
     estimator = calibrated(load_profile("imu"))
     assert estimator._state.settings.aiding.sideslip_rad == 3.0
     estimator.set_vehicle_class(VehicleClass.WHEELS)
@@ -151,7 +150,7 @@ def test_who_says_nothing_has_no_wheels_and_the_profile_goes_first():
     assert estimator._state.settings.aiding.sideslip_rad == 0.4
 
 
-def rolled(rng, *, sense, windows=8, acceleration_tilt=(0.0, 0.0), noise_m_s2=0.1):
+def rolled(rng, *, sense, windows=8, tilt=(0.0, 0.0), noise_m_s2=0.1):
     """Windows of a second at speeds near 10 m/s, seen by a vertical that leans."""
     found, before = STANDING, np.array((10.0, 0.0))
     for _ in range(windows):
@@ -159,11 +158,7 @@ def rolled(rng, *, sense, windows=8, acceleration_tilt=(0.0, 0.0), noise_m_s2=0.
         after = before + change
         course = after / np.hypot(*after)
         felt = sense * np.array((course @ change, course[0] * change[1] - course[1] * change[0]))
-        felt = (
-            felt
-            + STANDARD_GRAVITY_M_S2 * np.array(acceleration_tilt)
-            + noise_m_s2 * rng.standard_normal(2)
-        )
+        felt = felt + STANDARD_GRAVITY_M_S2 * np.array(tilt) + noise_m_s2 * rng.standard_normal(2)
         v, w = (*before, 0.0), (*after, 0.0)
         found = roll_on(found, v, w, 0.3, 1.0, (*felt, -9.8), (0.0, 0.0, 1.0))
         before = after
@@ -171,11 +166,11 @@ def rolled(rng, *, sense, windows=8, acceleration_tilt=(0.0, 0.0), noise_m_s2=0.
 
 
 @pytest.mark.parametrize("sense", [1.0, -1.0])
-@pytest.mark.parametrize("acceleration_tilt", [(0.0, 0.0), (0.2, -0.1)])
-def test_pushes_tell_forwards_from_reverse_however_the_vertical_leans(sense, acceleration_tilt):
-    found = rolled(np.random.default_rng(1), sense=sense, acceleration_tilt=acceleration_tilt)
+@pytest.mark.parametrize("tilt", [(0.0, 0.0), (0.2, -0.1)])
+def test_pushes_distinguish_forwards_from_reverse_whatever_the_tilt(sense, tilt):
+    found = rolled(np.random.default_rng(1), sense=sense, tilt=tilt)
     assert sense * forward_evidence(found) > 30.0
-    assert lean_rad(found, sense) == pytest.approx(hypot(*acceleration_tilt), abs=0.01)
+    assert tilt_error_rad(found, sense) == pytest.approx(hypot(*tilt), abs=0.01)
 
 
 def test_the_evidence_is_the_likelihoods_ratio():
@@ -191,10 +186,10 @@ def test_the_evidence_is_the_likelihoods_ratio():
     half = fade_rolled(found, 0.5)
     assert np.array(half[1]) == pytest.approx(0.5 * np.array(reported))
     assert half.windows == 4.0
-    assert lean_rad(half, 1.0) == pytest.approx(lean_rad(found, 1.0))
+    assert tilt_error_rad(half, 1.0) == pytest.approx(tilt_error_rad(found, 1.0))
 
 
-def test_who_stands_may_go_on_either_way():
+def test_what_stands_may_go_on_either_way():
     found = rolled(np.random.default_rng(3), sense=1.0)
     down = (0.0, 0.0, 1.0)
     stopped = roll_on(found, (1.0, 0.0, 0.0), (0.5, 0.0, 0.0), 0.3, 1.0, (-0.5, 0, -9.8), down)

@@ -38,7 +38,7 @@ for k in (LOWER, midpoint(), UPPER):
     numbers += [fuzzy_gain(k, 0.01 * i, 0.013 * i) for i in range(101)]
 print([x.hex() for x in numbers])
 """
-REPORT_SIZE = """
+NOTIFYING = """
 from estimator.compilation.notice import notify_compiling
 notify_compiling(lambda text: print("told:", text))
 """
@@ -50,7 +50,7 @@ def sources(tmp_path):
     return copy_sources(tmp_path / "clone")
 
 
-def told(result):
+def notices(result):
     return [line for line in result.stdout.splitlines() if line.startswith("told:")]
 
 
@@ -70,14 +70,14 @@ def test_plain_python_gives_the_same_results():
 
 
 def test_kernels_are_compiled_once_and_kept_beside_the_sources(sources):
-    program = REPORT_SIZE + SMALL_PROGRAM + PLACE + MISSES
+    program = NOTIFYING + SMALL_PROGRAM + PLACE + MISSES
     # neither numba's own setting nor the current folder's counts
     cold = run(program, sources=sources, NUMBA_CACHE_DIR=str(sources / "other"))
-    assert len(told(cold)) == 1
+    assert len(notices(cold)) == 1
     assert str(sources / "estimator" / "kernels") in cold.stdout
     assert not (sources / "other").exists()
     warm = run(program, sources=sources)
-    assert told(warm) == []
+    assert notices(warm) == []
     assert warm.stdout.splitlines()[-1] == "0"
     assert warm.stdout.splitlines()[0] == cold.stdout.splitlines()[1]
     assert warm.stderr == cold.stderr == ""
@@ -118,17 +118,17 @@ def test_kernels_that_others_may_have_put_there_are_not_run(sources, tmp_path):
     cache = tmp_path / "cache"
     (cache / "fuzzbee").mkdir(parents=True)
     (cache / "fuzzbee").chmod(0o777)
-    result = run(REPORT_SIZE + SMALL_PROGRAM, sources=sources, XDG_CACHE_HOME=str(cache))
-    assert len(told(result)) == 1
+    result = run(NOTIFYING + SMALL_PROGRAM, sources=sources, XDG_CACHE_HOME=str(cache))
+    assert len(notices(result)) == 1
     assert "others may write to it" in result.stderr
     assert not list((cache / "fuzzbee").rglob("*.nbc"))
 
 
-def test_without_any_folder_it_compiles_in_memory_and_says_so_once(sources):
+def test_without_any_folder_it_compiles_in_memory_and_warns_once(sources):
     (sources / "estimator" / "kernels").write_text("no folder")
     below = str(sources / "estimator" / "kernels" / "below")
-    result = run(REPORT_SIZE + SMALL_PROGRAM, sources=sources, XDG_CACHE_HOME=below)
-    assert len(told(result)) == 1
+    result = run(NOTIFYING + SMALL_PROGRAM, sources=sources, XDG_CACHE_HOME=below)
+    assert len(notices(result)) == 1
     assert len(warnings(result)) == 1
     assert "no writable folder for compiled code" in result.stderr
 

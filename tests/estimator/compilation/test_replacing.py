@@ -4,8 +4,7 @@ from typing import NamedTuple
 
 import pytest
 
-from estimator.compilation.compiled import compiled
-from estimator.compilation.replacing import replacer
+from estimator.compilation.compiled import compiled, replacer
 
 
 class Inner(NamedTuple):

@@ -5,7 +5,7 @@ from math import degrees, radians, sqrt
 import numpy as np
 import pytest
 
-from estimator.conditioning import ConditioningParams
+from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.vertical.averaging import (
     WINDOW_S,
     Averaging,
@@ -18,18 +18,18 @@ G, DT = 9.8, 0.05
 KNOWN_BIAS = radians(0.01) ** 2
 
 
-def averaging(lean_rad, rate_rad_s, *, params=PARAMS, bias=KNOWN_BIAS, time_s=120.0):
+def averaging(tilt_error_rad, rate_rad_s, *, params=PARAMS, bias=KNOWN_BIAS, time_s=120.0):
     """After a force that leans by an angle about north, and a turn about it, functions of time."""
     state = Averaging()
     for i in range(round(time_s / DT)):
-        angle, rate = lean_rad(i * DT), rate_rad_s(i * DT)
+        angle, rate = tilt_error_rad(i * DT), rate_rad_s(i * DT)
         force = (0.0, -G * np.sin(angle), G * np.cos(angle))
         state = follow_averaging(params, state, force, (rate, 0.0, 0.0), bias, DT)
     return state
 
 
-def shaken(lean_deg, period_s):
-    return lambda t: radians(lean_deg) * np.sin(2 * np.pi * t / period_s)
+def shaken(tilt_deg, period_s):
+    return lambda t: radians(tilt_deg) * np.sin(2 * np.pi * t / period_s)
 
 
 def nothing(t):
@@ -50,10 +50,10 @@ def drifting(share, rate_rad_s):
     def turning(t):
         return rate_rad_s * np.sign(np.sin(np.pi * t / 20.0))
 
-    def leaning(t):
+    def tilting(t):
         return share * rate_rad_s * abs((t + 20.0) % 40.0 - 20.0)
 
-    return leaning, turning
+    return tilting, turning
 
 
 @pytest.mark.parametrize(
@@ -68,24 +68,24 @@ def test_accelerations_are_averaged_for_longer_than_they_last(period_s, tau, sig
 
 @pytest.mark.parametrize(("share", "tau", "sigma"), [(0.003, 0.65, 0.313), (0.06, 0.25, 0.704)])
 def test_a_gyroscope_that_drifts_as_it_turns_is_not_averaged_for_long(share, tau, sigma):
-    leaning, turning = drifting(share, 1.0)
-    state = averaging(leaning, turning)
+    tilting, turning = drifting(share, 1.0)
+    state = averaging(tilting, turning)
     assert tau_s(state) == pytest.approx(tau, rel=0.2)
     assert sigma_deg(state) == pytest.approx(sigma, rel=0.2)
 
 
 def test_a_drift_without_a_turn_is_an_acceleration():
     """What leans as that gyroscope makes it, but while it says that nothing turns."""
-    leaning, turning = drifting(0.06, 1.0)
-    driven, drifted = averaging(leaning, nothing), averaging(leaning, turning)
+    tilting, turning = drifting(0.06, 1.0)
+    driven, drifted = averaging(tilting, nothing), averaging(tilting, turning)
     assert tau_s(driven) > 10.0 * tau_s(drifted)  # measured 30
     assert sigma_deg(driven) > 5.0 * sigma_deg(drifted)  # measured 20
 
 
 def test_an_unknown_bias_may_have_made_it_drift():
-    leaning, _ = drifting(0.06, 1.0)
-    known = averaging(leaning, nothing)
-    unknown = averaging(leaning, nothing, bias=radians(5.0) ** 2)
+    tilting, _ = drifting(0.06, 1.0)
+    known = averaging(tilting, nothing)
+    unknown = averaging(tilting, nothing, bias=radians(5.0) ** 2)
     assert tau_s(unknown) < 0.2 * tau_s(known)
 
 

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from estimator.conditioning import initial_state
 from estimator.conditioning.events.axis_signs import (
     AxisSigns,
     Suspect,
@@ -15,6 +14,7 @@ from estimator.conditioning.events.jump_signs import JumpSigns
 from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.robust import FAR
+from estimator.conditioning.state import initial_state
 from estimator.conditioning.times import SPAN_S
 from estimator.conditioning.vertical.gravity import Force, GravityState
 from estimator.conditioning.vertical.lowpass import Coefficients, Smooth, approach

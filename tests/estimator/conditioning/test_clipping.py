@@ -1,14 +1,17 @@
-"""What a gyroscope at its end has missed, about which axis."""
+"""What a gyroscope at its end has missed, and what belongs to the end of a step."""
 
+import numpy as np
 import pytest
 
 from estimator.conditioning.vertical.averaging import MOST_ERROR
 from estimator.conditioning.vertical.rate import (
     Clipping,
     aliased_turn,
+    at_interval_end,
     watch_axis,
     watch_clipping,
 )
+from estimator.geometry.quaternion import exp, rotate_inverse, scale
 
 
 def test_the_missed_turn_grows_with_the_square_of_the_run():
@@ -41,3 +44,24 @@ def test_what_is_missed_about_down_is_not_missed_about_level_axes():
     level, about = aliased_turn(state, (0.48, -0.6, 0.64))
     assert about == pytest.approx(0.01 * 0.48**2 + 0.04 * 0.6**2 + 0.09 * 0.64**2)
     assert level == pytest.approx(0.14 - about)
+
+
+RATE = (1.5, -2.0, 0.7)  # rad/s
+
+
+@pytest.mark.parametrize("dt", [0.01, 0.05])
+def test_a_mean_over_the_step_is_turned_to_its_end(dt):
+    """A direction fixed in the world, seen from a body that turns steadily, averaged over the step.
+
+    What is left is of second order in the turn: under its square; turned the wrong way it would be
+    the turn itself.
+    """
+    fixed = (0.3, 0.8, -0.5)
+    times = (np.arange(1000) + 0.5) / 1000 * dt
+    seen = np.array([rotate_inverse(exp(scale(t, RATE)), fixed) for t in times])
+    mean = tuple(seen.mean(axis=0).tolist())
+    at_end = rotate_inverse(exp(scale(dt, RATE)), fixed)
+    turn = dt * np.linalg.norm(RATE)
+    off = np.linalg.norm(np.subtract(at_interval_end(mean, RATE, dt), at_end))
+    assert off == pytest.approx(0.067 * turn**2, rel=0.2)
+    assert np.linalg.norm(np.subtract(mean, at_end)) == pytest.approx(0.40 * turn, rel=0.2)

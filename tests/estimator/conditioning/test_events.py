@@ -5,17 +5,16 @@ from math import radians, sin, sqrt
 import numpy as np
 import pytest
 
-from estimator.conditioning import initial_state
 from estimator.conditioning.events.jump_signs import (
     JUMP_QUICK_S,
+    JUMP_SHARE,
     JumpSigns,
-    jump_share,
     jump_variance,
 )
 from estimator.conditioning.events.lasting_signs import (
     GravitySigns,
     HeadingSigns,
-    borne_out,
+    confirmed_time_s,
     watch_gravity,
     watch_heading,
 )
@@ -28,7 +27,8 @@ from estimator.conditioning.events.step import (
 from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.field.magnetic import FieldLook, FieldReference, MagneticState
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.times import BORNE_S, QUICK_S
+from estimator.conditioning.state import initial_state
+from estimator.conditioning.times import CONFIRM_S, QUICK_S
 from estimator.conditioning.vertical.bias import Estimate
 from estimator.conditioning.vertical.gravity import Force
 from estimator.conditioning.vertical.lowpass import Smooth
@@ -72,10 +72,10 @@ def test_a_jump_is_more_than_what_else_turns_the_field(own, by_turning, share):
     if share < 1.0:
         assert (variance, seen_rad) == (0.0, 0.02)
     else:
-        assert variance == pytest.approx((signs.apart_rad**2 - 0.02**2) / jump_share() ** 2)
+        assert variance == pytest.approx((signs.apart_rad**2 - 0.02**2) / JUMP_SHARE**2)
         assert seen_rad == signs.apart_rad
-    told = signs._replace(seen_rad=1.01 * signs.apart_rad)
-    assert jump_variance(PARAMS, told, learnt) == (0.0, told.seen_rad)
+    counted = signs._replace(seen_rad=1.01 * signs.apart_rad)
+    assert jump_variance(PARAMS, counted, learnt) == (0.0, counted.seen_rad)
 
 
 def release(*, moves_rad=0.01, usual_s=1.2, confidence=0.7, norm=0.46, variance=0.4, tilt=0.05):
@@ -90,7 +90,7 @@ def release(*, moves_rad=0.01, usual_s=1.2, confidence=0.7, norm=0.46, variance=
     )
 
 
-def test_the_heading_hears_of_its_doubt_once_the_field_looks_as_usual():
+def test_the_heading_is_inflated_once_the_field_looks_as_usual():
     inflation, tilt, estimate, released = release()
     assert (inflation.variance, tilt, released) == (0.0, 0.05, True)
     assert estimate.covariance[9] == pytest.approx(0.03 + 0.4)
@@ -98,7 +98,7 @@ def test_the_heading_hears_of_its_doubt_once_the_field_looks_as_usual():
     assert release(tilt=0.5)[2].covariance[9] == pytest.approx(0.5 * 0.5 * 3.0)
 
 
-def test_a_field_that_still_moves_or_is_another_keeps_the_doubt():
+def test_a_field_that_still_moves_or_is_another_keeps_the_inflation():
     moved = (0.06 / PARAMS.turn_jump_rad) ** 2
     seldom = (0.01 / PARAMS.turn_jump_rad) ** 2 + sqrt(0.9 / 0.2) - 1.0
     for off, unlike in ((moved, {"moves_rad": 0.06}), (seldom, {"confidence": 0.2})):
@@ -120,7 +120,7 @@ SIGNS = HeadingSigns(
     mean_east=0.05,
     mean_confidence=0.85,
     scatter=0.002,
-    borne_s=2.0,
+    confirmed_s=2.0,
     other_rad=-0.5,
     other_s=20.0,
 )
@@ -136,10 +136,10 @@ def heading_after(state, horizontal, *, confidence=0.9, variance=0.01, is_new=Fa
 @pytest.mark.parametrize(("elsewhere", "sign"), [(0.0, 1.0), (0.5, 0.0), (1.0, -1.0)])
 def test_a_field_counts_for_and_against_the_heading_by_how_usual_it_looks(elsewhere, sign):
     for confidence, counts in ((1.0, 1.0), (0.64, 0.75), (0.2, 0.0), (0.0, 0.0)):
-        borne_s = borne_out(PARAMS, SIGNS, 0.5, elsewhere, confidence, DT)
-        assert borne_s == pytest.approx(2.0 + sign * counts * DT)
-    most = SIGNS._replace(borne_s=BORNE_S - 0.01)
-    assert borne_out(PARAMS, most, 0.5, 0.0, 1.0, DT) == BORNE_S
+        confirmed_s = confirmed_time_s(PARAMS, SIGNS, 0.5, elsewhere, confidence, DT)
+        assert confirmed_s == pytest.approx(2.0 + sign * counts * DT)
+    most = SIGNS._replace(confirmed_s=CONFIRM_S - 0.01)
+    assert confirmed_time_s(PARAMS, most, 0.5, 0.0, 1.0, DT) == CONFIRM_S
 
 
 @pytest.mark.parametrize(
@@ -151,9 +151,7 @@ def test_a_field_counts_for_and_against_the_heading_by_how_usual_it_looks(elsewh
         (0.5, 0.4, 0.2, 0.0),  # it does not look as usual
     ],
 )
-def test_a_field_that_is_back_is_told_from_one_that_is_elsewhere(
-    away_rad, other_rad, confidence, back_s
-):
+def test_a_field_that_is_back_is_not_one_that_is_elsewhere(away_rad, other_rad, confidence, back_s):
     """The heading is 0.9."""
     state = SIGNS._replace(other_rad=other_rad, back_s=0.1)
     horizontal = (0.25 * np.cos(away_rad), 0.25 * np.sin(away_rad))
@@ -175,7 +173,7 @@ def test_gravity_that_pulls_elsewhere_is_timed():
 def test_the_share_of_a_jump_is_the_largest_between_its_low_passes():
     since_s = np.linspace(0.0, 3.0, 100_001)
     between = np.exp(-since_s / QUICK_S) - np.exp(-since_s / JUMP_QUICK_S)
-    assert jump_share() == pytest.approx(between.max(), rel=1e-6)
+    assert pytest.approx(between.max(), rel=1e-6) == JUMP_SHARE
 
 
 @pytest.mark.parametrize(

@@ -5,10 +5,10 @@ from math import exp, radians, sqrt
 import numpy as np
 import pytest
 
-from estimator.conditioning import initial_state
 from estimator.conditioning.field.magnetic import FieldLook
 from estimator.conditioning.field.step import learn_heading
 from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.state import initial_state
 from estimator.conditioning.vertical.bias import predict
 from estimator.conditioning.vertical.lowpass import coefficients
 
@@ -45,11 +45,11 @@ def test_variance_is_that_of_the_errors_of_a_field_that_wanders(lasts_s, sigma_d
         estimate = estimate_of(radians(5.0))
         truth, bias = rng.normal(0.0, radians(5.0)), rng.normal(0.0, radians(0.5))
         error = rng.normal(0.0, sigma)
-        for drift, force_scatter in rng.normal(size=(1200, 2)):
+        for drift, noise in rng.normal(size=(1200, 2)):
             estimate = predict(PARAMS, k, estimate, (0.0, 0.0, 1.0), 0.0, 0.0)
             truth -= step_s * (bias - estimate.bias_rad_s[2])
             truth += drift * sqrt(k.heading_growth)
-            error = left * error + sqrt(1.0 - left * left) * sigma * force_scatter
+            error = left * error + sqrt(1.0 - left * left) * sigma * noise
             off = estimate.heading_rad - truth + error
             estimate = learn_heading(PARAMS, estimate, field, (0.2, 0.2 * off), 1.0, step_s, 0.0)
         ratios.append((estimate.heading_rad - truth) ** 2 / estimate.covariance[9])

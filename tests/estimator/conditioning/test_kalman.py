@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from estimator.conditioning import ConditioningParams, initial_state
 from estimator.conditioning.field.calibration import (
     Calibration,
     correct_field,
@@ -17,7 +16,9 @@ from estimator.conditioning.field.calibration import (
 )
 from estimator.conditioning.field.magnetic import FieldLook
 from estimator.conditioning.field.step import heading_noise, learn_heading
+from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.robust import HEADING_REACH_RAD
+from estimator.conditioning.state import initial_state
 from estimator.conditioning.times import FORGET_S
 from estimator.conditioning.vertical.bias import (
     Estimate,
@@ -97,7 +98,7 @@ def test_time_passes_as_in_matrices(seed):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_rest_tells_the_bias(seed):
+def test_rest_shows_the_bias(seed):
     rng = np.random.default_rng(seed)
     k, before = coefficients(PARAMS, DT, 1.0), estimate_of(rng)
     gyr = rng.normal(0.0, 0.004, 3)
@@ -114,7 +115,7 @@ def test_rest_tells_the_bias(seed):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_levelling_in_motion_tells_the_bias(seed):
+def test_levelling_in_motion_shows_the_bias(seed):
     """Low-passed axes are neither unit vectors nor across each other."""
     rng = np.random.default_rng(seed)
     k, before = coefficients(PARAMS, DT, 1.0), estimate_of(rng)
@@ -131,22 +132,22 @@ def test_levelling_in_motion_tells_the_bias(seed):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_the_fields_heading_tells_heading_and_bias(seed):
+def test_the_fields_heading_shows_heading_and_bias(seed):
     rng = np.random.default_rng(seed)
     before = estimate_of(rng)
     field = initial_state(PARAMS).field.magnetic
     reference = field.reference._replace(horizontal=0.2, down=0.42, age_s=30.0)
     field = field._replace(look=FieldLook(0.2, 0.42, 0.7), reference=reference)
-    off, leaning = float(rng.uniform(-0.4, 0.4)), float(rng.uniform(0.0, 0.01))
+    off, tilt_variance = float(rng.uniform(-0.4, 0.4)), float(rng.uniform(0.0, 0.01))
     x, p = vector_of(before)
-    noise = heading_noise(PARAMS, field, 0.8) / DT + leaning * (0.42 / 0.2) ** 2
+    noise = heading_noise(PARAMS, field, 0.8) / DT + tilt_variance * (0.42 / 0.2) ** 2
     noise *= (1.0 + off**2 / (HEADING_REACH_RAD**2 + 9.0 * p[3, 3])) ** 2
-    after = learn_heading(PARAMS, before, field, (0.2, 0.2 * off), 0.8, DT, leaning)
+    after = learn_heading(PARAMS, before, field, (0.2, 0.2 * off), 0.8, DT, tilt_variance)
     h = np.array([[0.0, 0.0, 0.0, 1.0]])
     assert_is(after, *updated(x, p, h, np.array([-off]), [noise]))
 
 
-def test_doubt_in_the_heading_leaves_the_bias_as_it_is():
+def test_inflating_the_heading_leaves_the_bias_as_it_is():
     before = estimate_of(np.random.default_rng(1))
     x, p = vector_of(before)
     assert_is(inflate_heading(before, 0.3), x, p + np.diag([0.0, 0.0, 0.0, 0.3]))
@@ -168,7 +169,7 @@ def body_that_has_turned(rng):
 
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("turned", [True, False])
-def test_a_turning_body_tells_lag_and_own_field(seed, turned):
+def test_a_turning_body_shows_lag_and_own_field(seed, turned):
     """Where no residual is far, the three axes are one measurement of four unknowns.
 
     Of a body that has not ``turned`` enough they tell the lag only. What else has changed the field

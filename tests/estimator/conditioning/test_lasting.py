@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from estimator.conditioning.vertical.lasting import (
-    Lasting,
-    lasting_variance,
+    SlowAcceleration,
     least_variance,
-    watch_lasting,
+    slow_variance,
+    watch_slow,
 )
 from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
 from tests.truth.run import Case, Verdict, judge
@@ -20,11 +20,11 @@ G = STANDARD_GRAVITY_M_S2
 def test_shaking_is_no_acceleration_that_lasts() -> None:
     """Both make the mean square of the force the same: 1.25 times that of gravity."""
     rng = np.random.default_rng(1)
-    shaken, lasting, down = Lasting(), Lasting(), (0.0, 0.0, G)
+    shaken, lasting, down = SlowAcceleration(), SlowAcceleration(), (0.0, 0.0, G)
     for _ in range(1000):
         x, y, z = G * (np.array((0.0, 0.0, 1.0)) + (0.25 / 3.0) ** 0.5 * rng.standard_normal(3))
-        shaken = watch_lasting(shaken, (x, y, z), down, down, 0.03, 0.0, 0.25)
-        lasting = watch_lasting(lasting, (0.5 * G, 0.0, G), down, down, 0.03, 0.0, 0.25)
+        shaken = watch_slow(shaken, (x, y, z), down, down, 0.03, 0.0, 0.25)
+        lasting = watch_slow(lasting, (0.5 * G, 0.0, G), down, down, 0.03, 0.0, 0.25)
     assert lasting.excess == pytest.approx(0.25, rel=0.01)
     assert shaken.excess == pytest.approx(0.0, abs=0.05)
 
@@ -32,34 +32,37 @@ def test_shaking_is_no_acceleration_that_lasts() -> None:
 @pytest.mark.parametrize(
     ("state", "variance"),
     [
-        (Lasting(), 0.02),  # nothing is known yet
-        (Lasting(apart=0.02, drift=0.005), 0.015),  # more than G has drifted
-        (Lasting(apart=0.02, drift=0.5, excess=0.07), 0.01),  # by the size, less 2 * 3 %
-        (Lasting(apart=0.02, drift=0.5, excess=0.3), 0.02),  # no more than is seen
-        (Lasting(apart=0.02, drift=0.5, excess=-0.1), 0.0),
-        (Lasting(apart=0.2, drift=0.005, excess=0.03), 0.09),  # its size would have shown more
+        (SlowAcceleration(), 0.02),  # nothing is known yet
+        (SlowAcceleration(apart=0.02, drift=0.005), 0.015),  # more than G has drifted
+        (SlowAcceleration(apart=0.02, drift=0.5, excess=0.07), 0.01),  # by the size, less 2 * 3 %
+        (SlowAcceleration(apart=0.02, drift=0.5, excess=0.3), 0.02),  # no more than is seen
+        (SlowAcceleration(apart=0.02, drift=0.5, excess=-0.1), 0.0),
+        (
+            SlowAcceleration(apart=0.2, drift=0.005, excess=0.03),
+            0.09,
+        ),  # its size shows more
     ],
 )
-def test_what_drift_does_not_explain_or_the_size_tells_has_been_acceleration(
-    state: Lasting, variance: float
+def test_what_drift_does_not_explain_or_the_size_shows_has_been_acceleration(
+    state: SlowAcceleration, variance: float
 ) -> None:
-    assert lasting_variance(state) == pytest.approx(variance)
+    assert slow_variance(state) == pytest.approx(variance)
 
 
 def test_a_force_that_has_turned_over_counts_as_one_that_is_off_by_a_radian() -> None:
     up, down = (0.0, 0.0, -G), (0.0, 0.0, G)
-    state = Lasting(long=down)
+    state = SlowAcceleration(long=down)
     for _ in range(2000):
-        state = watch_lasting(state, up, up, down, 0.0, 0.0, 0.25)
+        state = watch_slow(state, up, up, down, 0.0, 0.0, 0.25)
     assert state.apart == pytest.approx(1.0, rel=0.01)
 
 
 def test_a_vertical_along_which_the_force_is_less_than_gravity_is_wrong() -> None:
     """After 60 s at 40 deg: 2 (1 - cos 40 deg) less 2 * 3 %, which is 36.5 deg squared."""
-    state, off = Lasting(), radians(40.0)
+    state, off = SlowAcceleration(), radians(40.0)
     down: Vec3 = (0.0, np.sin(off), cos(off))
     for _ in range(240):
-        state = watch_lasting(state, (0.0, 0.0, G), (0.0, 0.0, G), down, 0.03, 0.0, 0.25)
+        state = watch_slow(state, (0.0, 0.0, G), (0.0, 0.0, G), down, 0.03, 0.0, 0.25)
     assert least_variance(state) == pytest.approx(2.0 * (1.0 - cos(off)) - 0.06, rel=0.02)
     assert least_variance(state._replace(along=1.3)) == 0.0
 
@@ -90,7 +93,7 @@ def test_a_vehicle_without_velocity_that_accelerates_for_seconds(
     assert found.beyond_three <= 0.02
 
 
-def test_who_starts_in_motion_knows_that_the_force_may_be_an_acceleration() -> None:
+def test_a_start_in_motion_knows_that_the_force_may_be_an_acceleration() -> None:
     found = verdict("started moving", 50.0).inclination
     assert found.rms_deg == pytest.approx(4.7, rel=0.2)
     assert found.under_sigma == pytest.approx(0.70, rel=0.2)  # 0.4 without a prior

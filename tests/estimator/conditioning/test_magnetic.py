@@ -5,7 +5,6 @@ from math import cos, radians, sin
 import numpy as np
 import pytest
 
-from estimator.conditioning import ConditioningParams
 from estimator.conditioning.field.magnetic import (
     NORM_SCALE,
     AlternativeField,
@@ -19,6 +18,7 @@ from estimator.conditioning.field.magnetic import (
     unevenness,
     watch_alternative,
 )
+from estimator.conditioning.params import ConditioningParams
 
 PARAMS = ConditioningParams()
 
@@ -56,7 +56,7 @@ REFERENCE = FieldReference(
     down=0.43,
     samples=50.0,
     age_s=12.0,
-    borne_s=7.0,
+    confirmed_s=7.0,
     other=AlternativeField(0.29, 0.40, 3.0),
     uneven=0.002,
 )
@@ -75,22 +75,22 @@ def test_how_uneven_a_field_is_counts_norm_and_dip():
 def test_what_the_other_field_gains_the_expected_one_loses():
     alike = look_at_field(LOOK, (0.28, 0.41), 0.0, (0.29, 0.40), 0.1, 0.1).confidence
     assert alike > 0.8
-    other, borne_s = watch_alternative(PARAMS, REFERENCE, LOOK, 0.1)
+    other, confirmed_s = watch_alternative(PARAMS, REFERENCE, LOOK, 0.1)
     gain = 0.1 * (alike - 0.6)
     assert other.seen_s == pytest.approx(3.0 + gain)
-    assert borne_s == pytest.approx(7.0 + 0.1 * 0.6 - gain)
+    assert confirmed_s == pytest.approx(7.0 + 0.1 * 0.6 - gain)
     share = alike * 0.1 / (other.seen_s + 0.1)
     assert other.horizontal == pytest.approx(0.29 + share * (0.28 - 0.29))
     assert other.down == pytest.approx(0.40 + share * (0.41 - 0.40))
     # a field like the expected one takes nothing from it
-    other, borne_s = watch_alternative(PARAMS, REFERENCE, LOOK._replace(confidence=1.0), 0.1)
+    other, confirmed_s = watch_alternative(PARAMS, REFERENCE, LOOK._replace(confidence=1.0), 0.1)
     assert other.seen_s == pytest.approx(3.0 - 0.1 * (1.0 - alike))
-    assert borne_s == pytest.approx(7.1)
+    assert confirmed_s == pytest.approx(7.1)
 
 
 def test_two_fields_change_places():
     believed = accept_alternative(REFERENCE)
-    assert (believed.horizontal, believed.down, believed.borne_s) == (0.29, 0.40, 3.0)
+    assert (believed.horizontal, believed.down, believed.confirmed_s) == (0.29, 0.40, 3.0)
     assert believed.other == AlternativeField(0.25, 0.43, 7.0)
     assert believed.is_new
     assert (believed.samples, believed.age_s, believed.uneven) == (50.0, 12.0, 0.002)

@@ -6,7 +6,9 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from estimator.conditioning import ConditioningParams, condition, initial_state
+from estimator.conditioning.condition import condition
+from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.state import initial_state
 from estimator.geometry.quaternion import rotate, rotate_inverse
 from estimator.types import Sample
 from tests.estimator.conditioning.motion import fly, resting, tumbling
@@ -75,7 +77,7 @@ def test_a_passing_magnet_that_leaves_norm_and_dip_turns_no_heading(
 
 
 @pytest.mark.parametrize("motion", [resting, tumbling])
-def test_a_magnet_that_stays_is_followed_with_doubt_and_left_at_once(motion):
+def test_a_magnet_that_stays_is_followed_with_a_large_sigma_and_left_at_once(motion):
     """Nothing tells it from an unsensed turn; its end is known by the heading given up."""
     seen = headings(motion, 75.0, turned(30.0, 20.0, 1.0))
     assert seen.error[4500] == pytest.approx(60.0, rel=0.05)

@@ -5,7 +5,7 @@ from math import degrees, radians, sin
 import numpy as np
 import pytest
 
-from estimator.conditioning import ConditioningParams, condition, initial_state
+from estimator.conditioning.condition import condition
 from estimator.conditioning.events.jump_signs import JumpSigns
 from estimator.conditioning.events.lasting_signs import GravitySigns, HeadingSigns
 from estimator.conditioning.events.step import EventsState, HeadingInflation, TurnSigns
@@ -15,7 +15,9 @@ from estimator.conditioning.field.magnetic import (
     FieldReference,
     MagneticState,
 )
+from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.sigma import alternative
+from estimator.conditioning.state import initial_state
 from estimator.conditioning.vertical.lowpass import coefficients
 from estimator.geometry.quaternion import exp, rotate, rotate_inverse
 from estimator.types import Sample
@@ -38,7 +40,7 @@ def sigmas_deg(samples):
     ("size_m_s2", "inclination_deg", "heading_deg"),
     [(9.80665, 0.298, 0.46), (9.95, 1.22, 1.52), (9.60, 1.73, 2.08)],
 )
-def test_a_force_of_another_size_than_gravity_tells_an_accelerometers_error(
+def test_a_force_of_another_size_than_gravity_shows_an_accelerometers_error(
     size_m_s2, inclination_deg, heading_deg
 ):
     """At rest for half a minute, the dip 65 degrees."""
@@ -50,16 +52,16 @@ def test_a_force_of_another_size_than_gravity_tells_an_accelerometers_error(
 
 
 @pytest.mark.parametrize(("bend_deg", "heading_deg"), [(0.0, 0.315), (6.0, 5.03)])
-def test_a_field_that_bends_to_and_fro_widens_the_headings_sigma(bend_deg, heading_deg):
+def test_a_field_that_turns_to_and_fro_widens_the_headings_sigma(bend_deg, heading_deg):
     """By so much, at 0.03 Hz, on a tumbling vehicle: as beside steel."""
 
-    def second_difference():
+    def distorted():
         for i, s in enumerate(fly(tumbling, 90.0, DT)):
             angle = radians(bend_deg) * sin(2.0 * np.pi * 0.03 * DT * i)
             m = rotate_about_down(s, angle)
             yield s.gyr, s.acc, m
 
-    assert sigmas_deg(second_difference())[1] == pytest.approx(heading_deg, rel=0.2)
+    assert sigmas_deg(distorted())[1] == pytest.approx(heading_deg, rel=0.2)
 
 
 def rotate_about_down(s, angle):
@@ -88,15 +90,15 @@ def state_of(*, dt_s, wait_s=0.0, seen_s=0.0, **signs):
         coefficients=coefficients(PARAMS, dt_s, 1.0),
     )
     other = AlternativeField(0.3, 0.3, seen_s)
-    reference = FieldReference(0.2, 0.4, borne_s=5.0, other=other, uneven=0.004)
-    heading = HeadingSigns(**{"scatter": 0.0007, "borne_s": 1.0, **signs})
+    reference = FieldReference(0.2, 0.4, confirmed_s=5.0, other=other, uneven=0.004)
+    heading = HeadingSigns(**{"scatter": 0.0007, "confirmed_s": 1.0, **signs})
     gravity = GravitySigns(apart=0.0006, uneven=0.0005)
     signs = TurnSigns(heading, gravity, JumpSigns(slow=(0.1, 0.3, 0.4)))
     events = EventsState(signs, HeadingInflation(0.0023))
     return vertical, MagneticState(FieldLook(), reference, wait_s, True), events
 
 
-def test_another_heading_counts_by_how_far_it_is_borne_out():
+def test_another_heading_counts_by_how_far_it_is_confirmed():
     """The heading is 3.0 rad; one of -3.1 rad is 0.18 rad from it, across the south."""
 
     def added(**state):
@@ -106,7 +108,7 @@ def test_another_heading_counts_by_how_far_it_is_borne_out():
     away = 2.0 * np.pi - 6.1
     # 1 s of the 4 s that a heading needs; 50 s of the 100 s that it is remembered
     assert added(other_rad=-3.1, other_s=50.0) == pytest.approx(0.75 * 0.5 * away**2)
-    late = added(other_rad=-3.1, other_s=50.0, borne_s=3.9)
+    late = added(other_rad=-3.1, other_s=50.0, confirmed_s=3.9)
     assert late == pytest.approx(0.15 * 0.5 * away**2)
     # a field that points elsewhere
     off = added(mean_north=0.2, mean_east=-0.1)

@@ -5,7 +5,9 @@ from math import cos, radians
 import numpy as np
 import pytest
 
-from estimator.conditioning import ConditioningParams, condition, initial_state
+from estimator.conditioning.condition import condition
+from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.state import initial_state
 from estimator.geometry.frames import from_euler_rad
 from estimator.geometry.quaternion import angle_between_vectors, rotate_inverse
 from estimator.types import Sample
@@ -105,7 +107,7 @@ def test_without_a_field_gravity_shows_a_poor_gyroscope(shake_m_s2):
     assert np.degrees(np.max(np.abs(off))) < 0.2  # measured 0.02 and 0.04
 
 
-def test_without_a_field_nothing_tells_an_error_about_down_from_a_turn():
+def test_without_a_field_nothing_separates_an_error_about_down_from_a_turn():
     state = initial_state(PARAMS)
     for s in fly(resting, 10.0, 0.02):
         gyr = (s.gyr[0], s.gyr[1], s.gyr[2] + radians(4.0))

@@ -1,4 +1,4 @@
-"""The compiled inference against scikit-fuzzy and against exact arithmetic."""
+"""The compiled inference against exact arithmetic; tests/fuzzbee holds it to scikit-fuzzy."""
 
 from fractions import Fraction
 from itertools import combinations, pairwise, product
@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimator.filter import fuzzy, fuzzy_reference
+from estimator.filter import fuzzy
 from estimator.filter.memberships import LOWER, UPPER, fuzzy_sets, midpoint
 from tests.vocabulary import floats, random_memberships
 
@@ -64,10 +64,31 @@ def exact_centroid(heights, sets):
     return moment / area
 
 
+def membership(x, corners):
+    """Of a triangle, with its vertical edges belonging to the peak."""
+    x, a, b, c = map(Fraction, (x, *corners))
+    if x == b:
+        return Fraction(1)
+    if a < x < b:
+        return (x - a) / (b - a)
+    return (c - x) / (c - b) if b < x < c else Fraction(0)
+
+
+def exact_gain(k, error, rate):
+    """Mamdani's inference by all 25 rules."""
+    sets = fuzzy_sets(k)
+    e = [membership(min(max(error, 0.0), 1.0), corners) for corners in sets.inputs]
+    d = [membership(min(abs(rate), 1.0), corners) for corners in sets.inputs]
+    strengths = [Fraction(0)] * 5
+    for row, consequents in enumerate(fuzzy.RULES):
+        for column, consequent in enumerate(consequents):
+            strengths[consequent] = max(strengths[consequent], min(d[row], e[column]))
+    return float(exact_centroid(strengths, sets.output))
+
+
 def assert_same_gain(k, error, rate):
-    ours = fuzzy.fuzzy_gain(k, error, rate)
-    theirs = fuzzy_reference.gain(k, error, rate)
-    assert ours == pytest.approx(theirs, rel=RELATIVE, abs=1e-300), (k, error, rate)
+    ours, exact = fuzzy.fuzzy_gain(k, error, rate), exact_gain(k, error, rate)
+    assert ours == pytest.approx(exact, rel=RELATIVE, abs=1e-300), (k, error, rate)
 
 
 def assert_exact(heights, sets):
@@ -87,16 +108,16 @@ def random_inputs(rng):
     return (rng.uniform(0.0, 1.0, 2) * (0.5 if rng.random() < 0.5 else 1.0)).tolist()
 
 
-def test_agrees_with_scikit_fuzzy_on_random_inputs_over_random_memberships():
+def test_agrees_on_random_inputs_over_random_memberships():
     rng = np.random.default_rng(20)
-    for _ in range(10_000):
+    for _ in range(2_000):
         assert_same_gain(random_memberships(rng), *random_inputs(rng))
 
 
 def test_agrees_where_corners_of_different_sets_coincide():
     """Memberships on a grid of 0.05 and 5: vertical edges, points and shared corners abound."""
     rng = np.random.default_rng(21)
-    for _ in range(1_000):
+    for _ in range(500):
         k = random_memberships(rng, round_to=0.05)
         assert_same_gain(k, *random_inputs(rng))
         corners = corner_inputs(k)
@@ -181,7 +202,7 @@ def test_point_sets_without_area_give_the_mean_of_the_peaks():
     assert fuzzy.centroid((0.6, 0.0, 0.0, 0.0, 0.0), sets) == 0.0
     assert fuzzy.centroid((0.0, 0.3, 0.0, 0.0, 0.0), sets) == 20.0
     assert fuzzy.centroid((0.25, 0.75, 0.0, 0.0, 0.0), sets) == pytest.approx(15.0)
-    # through the whole controller, with the reference: e fires VS and S, the rate VS
+    # through the whole controller: e fires VS and S, the rate VS
     sloped = replaced(k, k1=0.15, k2=0.0, k3=0.1)
     assert_same_gain(sloped, 0.05, 0.0)
     assert 0.0 < fuzzy.fuzzy_gain(sloped, 0.05, 0.0) < 20.0
@@ -203,7 +224,6 @@ def test_no_rule_fires():
     k = replaced(midpoint(), k8=0.2, k9=0.2, k10=0.2, k11=0.7)
     for error, rate in ((0.5, 0.0), (0.0, 0.5), (0.5, 0.5)):
         assert fuzzy.fuzzy_gain(k, error, rate) == 0.0
-        assert fuzzy_reference.gain(k, error, rate) == 0.0
 
 
 def test_midpoint_by_hand():
@@ -211,15 +231,6 @@ def test_midpoint_by_hand():
     assert fuzzy.fuzzy_gain(midpoint(), 1.0, 0.0) == pytest.approx(55.0 + 45.0 * 2.0 / 3.0)
     # e = 0, rate 0: VS alone, a right triangle 0..7.5 that falls
     assert fuzzy.fuzzy_gain(midpoint(), 0.0, 0.0) == pytest.approx(2.5)
-
-
-@given(strengths, strengths)
-def test_grouped_rules_are_the_25_rules(e, d):
-    expected = [0.0] * 5
-    for row, consequents in enumerate(fuzzy.RULES):
-        for column, consequent in enumerate(consequents):
-            expected[consequent] = max(expected[consequent], min(d[row], e[column]))
-    assert fuzzy.fire(e, d) == tuple(expected)
 
 
 def test_rules_are_the_papers_table():
@@ -243,8 +254,8 @@ def test_output_stays_in_its_universe(seed, error, rate):
     k = random_memberships(np.random.default_rng(seed))
     gain = fuzzy.fuzzy_gain(k, error, rate)
     assert 0.0 <= gain <= 100.0
-    inside = fuzzy.fuzzy_gain(k, min(max(error, 0.0), 1.0), min(abs(rate), 1.0))
-    assert gain == inside
+    clipped = fuzzy.fuzzy_gain(k, min(max(error, 0.0), 1.0), min(abs(rate), 1.0))
+    assert gain == clipped
 
 
 @given(strengths, st.integers(0, 2**32 - 1), st.sampled_from((None, 0.05)))
@@ -257,13 +268,6 @@ def test_centroid_lies_under_the_aggregate(heights, seed, grid):
     else:
         slack = 1e-9 * (1.0 + x)
         assert min(s[0] for s in strong) - slack <= x <= max(s[2] for s in strong) + slack
-
-
-@given(floats(0.0, 1.0), st.integers(0, 2**32 - 1), st.sampled_from((None, 0.05)))
-def test_memberships_are_scikit_fuzzys(x, seed, grid):
-    k = random_memberships(np.random.default_rng(seed), grid)
-    theirs = tuple(fuzzy_reference.input_membership(x, corners) for corners in fuzzy_sets(k).inputs)
-    assert fuzzy.fuzzify(k, x) == theirs
 
 
 @pytest.mark.parametrize(
@@ -281,4 +285,4 @@ def test_memberships_are_scikit_fuzzys(x, seed, grid):
 )
 def test_vertical_edges_belong_to_the_peak(corners, x, expected):
     assert fuzzy.triangle(x, *corners) == pytest.approx(expected, rel=1e-12)
-    assert fuzzy_reference.input_membership(x, corners) == fuzzy.triangle(x, *corners)
+    assert membership(x, corners) == pytest.approx(expected, rel=1e-12)

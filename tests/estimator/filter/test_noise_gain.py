@@ -12,12 +12,12 @@ from estimator.filter.noise_gain import (
     RESTING_LEAST,
     RESTING_MOST,
     RESTING_SHARE,
-    correction_cusum,
     descend,
     noise_surface,
     observe_floor,
     observe_noise,
     resting_gain,
+    squared_change,
 )
 from estimator.filter.observation import raw_vectors
 from estimator.filter.types import initial_state
@@ -96,8 +96,8 @@ def test_turning_is_no_noise():
     turn = (0.03, -0.04, 0.0)
     before = unit((1.0, 2.0, 3.0))
     now = rotate_inverse(exp(turn), before)
-    assert correction_cusum(before, now, turn) < (0.5 * 0.05**2) ** 2
-    assert correction_cusum(before, now, (0.0, 0.0, 0.0)) > 0.03**2
+    assert squared_change(before, now, turn) < (0.5 * 0.05**2) ** 2
+    assert squared_change(before, now, (0.0, 0.0, 0.0)) > 0.03**2
 
 
 def test_a_vector_that_is_absent_is_not_measured():

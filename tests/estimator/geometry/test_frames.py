@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from scipy.spatial.transform import Rotation
 
+from estimator.geometry.axes import axes_of, down_of, to_body, to_frame
 from estimator.geometry.frames import (
     enu_flu_from_ned_frd,
     euler_rad,
@@ -14,7 +15,7 @@ from estimator.geometry.frames import (
     from_euler_rad,
     ned_frd_from_enu_flu,
 )
-from estimator.geometry.quaternion import rotate
+from estimator.geometry.quaternion import rotate, rotate_inverse
 from tests.vocabulary import (
     IDENTITY,
     any_rotation,
@@ -116,3 +117,11 @@ def test_yaw_starts_again_at_north():
     assert euler_rad(from_euler_rad(0.0, 0.0, -1e-18))[2] < 2.0 * pi
     assert euler_rad(from_euler_rad(0.0, 0.0, -0.1))[2] == pytest.approx(2.0 * pi - 0.1)
     assert euler_rad((-1.0, 0.0, 0.0, 0.0)) == pytest.approx((0.0, 0.0, 0.0))
+
+
+@given(any_rotation(), unit_vectors())
+def test_there_and_back(q, v):
+    axes = axes_of(q)
+    assert to_frame(axes, v) == pytest.approx(rotate(q, v), abs=1e-9)
+    assert to_body(axes, v) == pytest.approx(rotate_inverse(q, v), abs=1e-9)
+    assert down_of(q) == axes.down

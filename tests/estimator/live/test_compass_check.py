@@ -23,11 +23,11 @@ def turned(sample, angle_deg):
 
 
 def heading_errors_deg(flight, estimator):
-    said = flown(estimator, flight)
+    attitudes = flown(estimator, flight)
     return np.array(
         [
             degrees(remainder(euler_rad(a.q_ned_frd)[2] - euler_rad(q)[2], tau))
-            for a, q in zip(said, flight.truth, strict=True)
+            for a, q in zip(attitudes, flight.truth, strict=True)
         ]
     )
 
@@ -40,7 +40,7 @@ def test_a_turned_compass_is_read_as_it_is_mounted_once_velocity_shows_the_headi
     estimator = Estimator(PROFILE)
     errors = heading_errors_deg(replace(FLIGHT, samples=samples, reports=reports), estimator)
     assert np.abs(errors[len(errors) // 2 :]).max() < 7.0  # measured 5.4
-    assert estimator.compass_doubt == "velocity contradicts the compass"
+    assert estimator.compass_fault == "velocity contradicts the compass"
     off_deg = degrees(remainder(estimator.compass_off_rad - radians(angle_deg), tau))
     assert abs(off_deg) < 5.0
     late = estimator.attitude(samples[-1].time_us)
@@ -51,4 +51,4 @@ def test_a_compass_that_velocity_confirms_goes_on_giving_the_heading():
     estimator = Estimator(PROFILE)
     errors = heading_errors_deg(FLIGHT, estimator)
     assert np.abs(errors[len(errors) // 2 :]).max() < 3.0
-    assert estimator.compass_doubt == ""
+    assert estimator.compass_fault == ""

@@ -8,7 +8,7 @@ from estimator.aiding.types import NO_REPORT
 from estimator.errors import InputError
 from estimator.live.core import initial_core
 from estimator.live.holder import Holder
-from estimator.live.rows import NO_REPORT_ROWS, SAID, Rows
+from estimator.live.rows import NO_REPORT_ROWS, OUTPUT_SIZE, Rows
 from estimator.live.settings import settings_of
 from estimator.profile import load_profile
 from estimator.types import VelocitySample
@@ -70,12 +70,12 @@ def rows(kind=np.float64, spread=1, n=4):
 def test_rows_of_another_type_or_layout_are_converted(holder, kind, spread):
     settings = settings_of(load_profile("imu"))
     other = Holder(settings, holder.core)
-    said, wanted = np.zeros((4, SAID)), np.zeros((4, SAID))
-    for one, given, out in ((holder, rows(), wanted), (other, rows(kind, spread), said)):
-        one.lay(given, out, NO_REPORT_ROWS)
+    output, wanted = np.zeros((4, OUTPUT_SIZE)), np.zeros((4, OUTPUT_SIZE))
+    for one, given, out in ((holder, rows(), wanted), (other, rows(kind, spread), output)):
+        one.bind_rows(given, out, NO_REPORT_ROWS)
         assert one.advance(0, *(0.0,) * 9, False, 0, 4, 0)[0] == 4
-    assert np.array_equal(said, wanted)
-    assert said.any()
+    assert np.array_equal(output, wanted)
+    assert output.any()
 
 
 @pytest.mark.parametrize(
@@ -90,23 +90,23 @@ def test_rows_of_another_type_or_layout_are_converted(holder, kind, spread):
 )
 def test_rows_that_do_not_fit_each_other(holder, wrong):
     with pytest.raises(InputError, match="rows of samples take"):
-        holder.lay(rows()._replace(**wrong), np.zeros((4, SAID)), NO_REPORT_ROWS)
+        holder.bind_rows(rows()._replace(**wrong), np.zeros((4, OUTPUT_SIZE)), NO_REPORT_ROWS)
 
 
 @pytest.mark.parametrize(
-    "said",
+    "output",
     [
-        np.zeros((4, SAID), np.float32),
-        np.zeros((3, SAID)),
-        np.zeros((4, SAID + 1))[:, 1:],
-        np.zeros((SAID, 4)).T,
-        [[0.0] * SAID] * 4,
+        np.zeros((4, OUTPUT_SIZE), np.float32),
+        np.zeros((3, OUTPUT_SIZE)),
+        np.zeros((4, OUTPUT_SIZE + 1))[:, 1:],
+        np.zeros((OUTPUT_SIZE, 4)).T,
+        [[0.0] * OUTPUT_SIZE] * 4,
         None,
     ],
 )
-def test_where_nothing_can_be_written(holder, said):
+def test_where_nothing_can_be_written(holder, output):
     with pytest.raises(InputError, match="writable"):
-        holder.lay(rows(), said, NO_REPORT_ROWS)
+        holder.bind_rows(rows(), output, NO_REPORT_ROWS)
 
 
 def test_a_report_of_whole_numbers_is_taken(holder):

@@ -54,14 +54,14 @@ def gyr_at(time_s: float) -> Vec3:
 def flown(seconds: float, *, late_s: float = 0.0, every_s: float = 0.05) -> list[Between]:
     """What is between samples 0.5 s apart; the rates' clock is ``late_s`` off."""
     state, rates, shown = Turning(), no_rates(), []
-    heard, samples = 1, round(seconds / STEP_S)
+    next_rate, samples = 1, round(seconds / STEP_S)
     for k in range(1, samples):
-        while heard * every_s <= k * STEP_S:
-            stamp = round((heard * every_s + late_s) * SECOND)
-            state, rates = take_rate(state, rates, stamp, rate_at(heard * every_s))
-            heard += 1
+        while next_rate * every_s <= k * STEP_S:
+            stamp = round((next_rate * every_s + late_s) * SECOND)
+            rates = take_rate(state, rates, stamp, rate_at(next_rate * every_s))
+            next_rate += 1
         at = round(k * STEP_S * SECOND)
-        state, one = take_between(state, rates, at - SECOND // 2, at, gyr_at(k * STEP_S))
+        state, rates, one = take_between(state, rates, at - SECOND // 2, at, gyr_at(k * STEP_S))
         shown.append(one)
     return shown
 
@@ -86,8 +86,8 @@ def test_rates_of_another_time_are_noticed(late_s):
 
 
 def test_rates_too_far_apart_show_nothing():
-    state, rates = take_rate(STILL, no_rates(), SECOND // 10, (0.1, 0.0, 0.0))
-    _, shown = take_between(state, rates, 0, SECOND, ZERO_VEC3)
+    rates = take_rate(STILL, no_rates(), SECOND // 10, (0.1, 0.0, 0.0))
+    *_, shown = take_between(STILL, rates, 0, SECOND, ZERO_VEC3)
     assert shown == NOTHING_BETWEEN
 
 
@@ -111,7 +111,7 @@ def roll_after(profile_rates: str) -> tuple[float, str]:
     return worst, estimator.rates
 
 
-def test_the_profile_says_whether_they_are_used():
+def test_the_profile_decides_whether_they_are_used():
     with_rates, word = roll_after("imu+attitude")
     without, alone = roll_after("imu")
     assert (word, alone) == ("imu+attitude", "imu")
@@ -134,22 +134,24 @@ def test_a_vibration_at_the_samples_own_rate_is_no_turn(samples_hz, most_rad_s):
     step_us = SECOND // samples_hz
     state, rates, turns = STILL, no_rates(), []
     for k in range(1, 50):
-        for inside in range(SECOND // 50, step_us + 1, SECOND // 50):
-            at_us = (k - 1) * step_us + inside
+        for since_us in range(SECOND // 50, step_us + 1, SECOND // 50):
+            at_us = (k - 1) * step_us + since_us
             phase = 2.0 * pi * samples_hz * at_us / SECOND
-            state, rates = take_rate(state, rates, at_us, (cos(phase), 0.0, 0.0))
-        state, shown = take_between(state, rates, (k - 1) * step_us, k * step_us, (1.0, 0.0, 0.0))
+            rates = take_rate(state, rates, at_us, (cos(phase), 0.0, 0.0))
+        state, rates, shown = take_between(
+            state, rates, (k - 1) * step_us, k * step_us, (1.0, 0.0, 0.0)
+        )
         turns.append(shown.turn_rad_s[0] if shown.given else 1.0)
     assert abs(turns[-1]) < most_rad_s
 
 
-def test_the_first_samples_tell_their_bias_at_once():
+def test_the_first_samples_show_their_bias_at_once():
     """A mean of the differences so far, and not a twentieth of a second's after a second."""
     state, rates, bias = STILL, no_rates(), (0.01, -0.03, 0.02)
     for k in range(1, 9):
         at_us = k * SECOND // 2
-        state, rates = take_rate(state, rates, at_us, ZERO_VEC3)
-        state, _ = take_between(state, rates, at_us - SECOND // 2, at_us, bias)
+        rates = take_rate(state, rates, at_us, ZERO_VEC3)
+        state, rates, _ = take_between(state, rates, at_us - SECOND // 2, at_us, bias)
         assert state.offset_rad_s == pytest.approx(bias)
 
 
@@ -192,7 +194,7 @@ def test_rates_that_show_the_same_as_a_contradicted_axis_do_not_stand_in():
 def test_of_more_rates_than_are_kept_the_oldest_go():
     state, rates = STILL, no_rates()
     for k in range(turning.MOST_WAITING + 3):
-        state, rates = take_rate(state, rates, k, (1e-3 * k, 0.0, 0.0))
-    state, rates = take_rate(state, rates, k, ZERO_VEC3)  # not later: dropped
-    assert state.waiting == len(rates) == turning.MOST_WAITING
+        rates = take_rate(state, rates, k, (1e-3 * k, 0.0, 0.0))
+    rates = take_rate(state, rates, k, ZERO_VEC3)  # not later: dropped
+    assert len(rates) == turning.MOST_WAITING
     assert rates[[0, -1], :2].tolist() == [[3, 3e-3], [k, 1e-3 * k]]

@@ -1,11 +1,20 @@
-"""The smoother's sums beside plain ones."""
+"""The smoother's parts beside plain ones: sums, pieces, reversed reports, joint estimates."""
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
+from estimator.conditioning.vertical.averaging import WINDOW_S
 from estimator.geometry.rotations import chained, exp, log, rotate
+from estimator.live.rows import ROW, report_of, report_rows_of
+from estimator.profile import load_profile
+from estimator.smoothing import Recorder, smooth_all, unaided
+from estimator.smoothing.backward import turned_round
 from estimator.smoothing.heading import SCALE_SIGMA, least_squares, variances
+from estimator.smoothing.recording import Estimates, joined
 from estimator.smoothing.windows import low_passed
+from estimator.types import RateSample, VelocitySample
+from tests.flight import banked_flight, flown
 
 RNG = np.random.default_rng(5)
 
@@ -32,9 +41,9 @@ def test_the_heading_is_the_least_squares_solution_with_its_variances():
     steps = np.concatenate([np.diff(np.eye(n), axis=0), -a], axis=1)
     prior = np.diag(np.concatenate([1.0 / r, np.full(3, SCALE_SIGMA**-2)]))
     information = prior + steps.T @ np.diag(1.0 / q) @ steps
-    told = np.concatenate([z / r, np.zeros(3)])
+    known = np.concatenate([z / r, np.zeros(3)])
     x, by_scale = least_squares(z, r, q, a)
-    assert np.allclose(x, np.linalg.solve(information, told)[:n], atol=1e-9)
+    assert np.allclose(x, np.linalg.solve(information, known)[:n], atol=1e-9)
     both = variances(r, q) + by_scale
     assert np.allclose(both, np.diag(np.linalg.inv(information))[:n], atol=1e-9)
     assert np.median(by_scale / both) > 0.1  # so that either part is seen
@@ -46,3 +55,90 @@ def test_the_low_pass_has_no_delay():
     quick = np.sin(8.0 * time_s)[:, None]
     passed = low_passed(slow + quick, 1.0)[40:-40]
     assert np.allclose(passed, slow[40:-40], atol=0.01)  # the quick one, 60 times smaller
+
+
+def smoothed(flight):
+    recorder = Recorder(load_profile("imu"))
+    flown(recorder, flight, reports=[])
+    _, found = smooth_all(recorder)
+    return np.hstack([found.q_ned_frd, found.sigma_rad])
+
+
+def test_pieces_with_wide_margins_are_what_the_whole_is(monkeypatch):
+    flight = banked_flight(seconds=40.0, rate_hz=50.0)
+    whole = smoothed(flight)
+    monkeypatch.setattr(unaided, "PIECE_S", 10.0)
+    np.testing.assert_array_equal(smoothed(flight), whole)
+    monkeypatch.setattr(unaided, "MARGIN_S", 1.0)
+    assert not np.array_equal(smoothed(flight), whole)
+
+
+MIRRORED_US = 10_000_000
+
+
+def velocity(time_us: int, north_m_s: float) -> VelocitySample:
+    return VelocitySample(time_us, (north_m_s, 0.0, -1.0), True, 0.1, late_sigma_s=0.05)
+
+
+def test_time_turned_round_changes_signs_and_order_and_takes_ages_off():
+    velocities = [velocity(1_000_000, 3.0), velocity(2_000_000, 4.0)]
+    rates = [RateSample(1_000_000 * k, (0.1 * k, 0.0, -0.2)) for k in (1, 2, 3)]
+    reports = report_rows_of((0, report) for report in (*velocities, *rates))
+    times_us = np.array([6_000_000, 8_100_000])
+    rows = turned_round(reports, times_us, MIRRORED_US, np.full(len(reports), 0.25), late_s=1e-4)
+    back = [report_of(row) for row in rows]
+    assert rows[:, ROW].tolist() == [1, 1, 2, 2, 2]
+    assert [report.time_us for report in back] == [
+        *(7_000_000, 8_000_000, 8_250_000, 9_000_000, 9_250_000)
+    ]
+    assert [report for report in back if isinstance(report, RateSample)] == [
+        RateSample(MIRRORED_US - r.time_us, (-r.rate_rad_s[0], -0.0, 0.2)) for r in reversed(rates)
+    ]
+    assert back[-1] == velocities[0]._replace(
+        time_us=9_250_000, velocity_ned_m_s=(-3.0, 0.0, 1.0), late_sigma_s=1e-4
+    )
+
+
+ONE_RAD, OTHER_RAD = 0.03, 0.04  # together 0.05
+
+
+def estimates(heading_rad, sigma_rad, *, is_aided):
+    turns = np.array([[0.0, 0.0, heading_rad]])
+    return Estimates(exp(turns), np.full((1, 2), sigma_rad), np.array([is_aided]))
+
+
+def joint(between_rad, *, is_aided):
+    """Heading, and sigmas of inclination and heading."""
+    one = estimates(0.0, ONE_RAD, is_aided=is_aided)
+    both = joined(one, estimates(between_rad, OTHER_RAD, is_aided=is_aided))
+    return log(both.q_ned_frd)[0, 2], both.sigma_rad[0]
+
+
+@pytest.mark.parametrize("is_aided", [False, True])
+def test_a_heading_is_the_mean_by_both_variances(is_aided):
+    assert joint(0.05, is_aided=is_aided)[0] == pytest.approx(0.05 * 0.36)
+
+
+@pytest.mark.parametrize(
+    ("is_aided", "between_rad", "heading_rad"),
+    [
+        (True, 0.05, 0.024),  # independent errors: 0.03 * 0.04 / 0.05
+        (True, 0.2, 0.096),  # four times further apart than their sigmas are together
+        (False, 0.05, 0.0336),  # common errors: the mean, 0.64 * 0.03 + 0.36 * 0.04
+        (False, 0.2, 0.096),
+    ],
+)
+def test_sigma_knows_whether_errors_are_common_and_grows_by_what_is_between(
+    is_aided, between_rad, heading_rad
+):
+    inclination, heading = joint(between_rad, is_aided=is_aided)[1]
+    assert heading == pytest.approx(heading_rad)
+    assert inclination == pytest.approx(0.024 if is_aided else 0.0336)
+
+
+def test_a_low_pass_there_and_back_leaves_half_at_its_cutoff():
+    """sqrt(2) / (2 pi tau), as of the estimator's own."""
+    tau_s = 5.0
+    wave = np.sin(np.sqrt(2.0) / tau_s * WINDOW_S * np.arange(2000))[:, None]
+    left = low_passed(wave, tau_s)[500:1500]
+    assert np.sqrt(np.mean(left**2) / np.mean(wave**2)) == pytest.approx(0.5, abs=0.01)
