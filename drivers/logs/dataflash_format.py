@@ -111,7 +111,7 @@ def _learn(formats: dict[int, Format], row: Row) -> bool:
     if HEAD_SIZE + layout.size != row["Length"]:
         return False
     names = tuple(row["Columns"].split(","))[: len(fields)]  # or fewer: a long list is cut off
-    values = tuple((i, fields[i][1]) for i in range(len(names)) if fields[i][1] is not None)
+    values = tuple((i, value) for i, (_, value) in enumerate(fields[: len(names)]) if value)
     formats[row["Type"]] = Format(row["Name"], row["Length"], layout, names, values)
     return True
 

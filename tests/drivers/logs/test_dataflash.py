@@ -21,12 +21,11 @@ from drivers.events import (
     VehicleId,
     Velocity,
 )
-from drivers.logs.currents import currents
 from drivers.logs.dataflash import Dataflash
 from drivers.logs.dataflash_format import messages
 from drivers.logs.log_file import Window
 from drivers.logs.open import imu_events
-from drivers.logs.vibration import vibrations
+from drivers.logs.other_sensors import currents, vibrations
 from estimator.errors import InputError
 
 G = 9.80665
