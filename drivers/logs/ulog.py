@@ -16,8 +16,8 @@ from drivers.logs.log_file import LATEST_US, LogFile, windowed
 from drivers.logs.logged_vehicle import LoggedVehicle
 from drivers.logs.ulog_format import TIMES, Found, Row, UlogReader
 from drivers.mavlink.constants import GPS_FIX_TYPE_3D_FIX, MAV_AUTOPILOT_PX4
-from drivers.samples.clock_line import LEAST_BACK_US, REORDERED_US
 from drivers.samples.navigation import Fix, unit_or_none
+from drivers.samples.vehicle_clock import LEAST_BACK_US, REORDERED_US
 from estimator.errors import InputError
 from estimator.reasons import Reason
 from estimator.types import Vec3
@@ -130,7 +130,7 @@ def _estimator_status(vehicle: LoggedVehicle, _topic: str, row: Row) -> list[Eve
     if not vehicle.uses_first_filter or "solution_status_flags" not in row:
         return []
     ratios = row["vel_test_ratio"], row.get("mag_test_ratio", 0.0)
-    return vehicle.filter_says(row["solution_status_flags"], *ratios)
+    return vehicle.filter_status(row["solution_status_flags"], *ratios)
 
 
 def _selector_status(vehicle: LoggedVehicle, _topic: str, row: Row) -> list[Event]:

@@ -16,7 +16,7 @@ from drivers.mavlink.framing import Frame, layout
 from drivers.mavlink.imu_messages import IMU_MESSAGES
 from drivers.mavlink.messages import MESSAGES
 from drivers.mavlink.signing import SigningCheck
-from drivers.samples.clock_line import BOOT_US
+from drivers.samples.vehicle_clock import BOOT_US
 from estimator.reasons import Reason
 
 # Another sender of the same address may take over once the first has been silent for so long

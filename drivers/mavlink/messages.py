@@ -104,7 +104,7 @@ def _local_position(intake: Intake, said: Said) -> list[Event]:
 def _gps_raw(intake: Intake, said: Said) -> list[Event]:
     m = said.fields
     has_fix = m.fix_type >= mav.GPS_FIX_TYPE_3D_FIX
-    intake.navigation.hear_fix(has_fix, said.arrival_us)
+    intake.navigation.update_fix(has_fix, said.arrival_us)
     if not has_fix:
         return []
     fix = Fix(position=_position(m))
@@ -134,12 +134,12 @@ def _course_velocity(m: Any) -> Vec3:
 def _ekf_status(intake: Intake, said: Said) -> list[Event]:
     m = said.fields
     # test ratios, whatever their names
-    return intake.filter_says(said.arrival_us, m.flags, m.velocity_variance, m.compass_variance)
+    return intake.filter_status(said.arrival_us, m.flags, m.velocity_variance, m.compass_variance)
 
 
 def _estimator_status(intake: Intake, said: Said) -> list[Event]:
     m = said.fields
-    return intake.filter_says(said.arrival_us, m.flags, m.vel_ratio, m.mag_ratio)
+    return intake.filter_status(said.arrival_us, m.flags, m.vel_ratio, m.mag_ratio)
 
 
 MESSAGES: dict[int, MessageKind] = {
