@@ -194,15 +194,25 @@ def test_a_second_back_is_disorder_and_more_may_be_a_reboot(back_us, word):
     assert imu(clock, 10_380_000 - back_us, arrival_us) == word
 
 
-def test_a_garbled_time_of_long_ago_confirms_nothing():
-    """Twice the same garbage, with good samples between: neither is a new boot."""
-    clock = VehicleClock()
-    _, arrival_us = steady(clock, 50 * S, 5)
-    assert imu(clock, 3 * S, arrival_us) == "clock_step"
-    good, arrival_us = steady(clock, 51_250_000, 5, arrival_us=arrival_us)
-    assert imu(clock, 3 * S + 20_000, arrival_us) == "clock_step"
-    after, _ = steady(clock, 52_500_000, 5, arrival_us=arrival_us)
-    assert not resets(good + after)
+# Garbled times (s), one message each, with good samples between the groups
+GARBLED = {
+    "two in a row that disagree": [[3.0, 200.0]],
+    "of another age, and of long ago": [[7e9, 3.0]],
+    "the same garbage twice": [[3.0], [3.02]],
+}
+
+
+@pytest.mark.parametrize("groups", GARBLED.values(), ids=GARBLED)
+def test_garbled_times_are_no_new_boot_and_change_nothing(groups):
+    clock, first_us = VehicleClock(), 300 * S
+    results, arrival_us = steady(clock, first_us, 5)
+    for group in groups:
+        assert {imu(clock, round(s * S), arrival_us) for s in group} == {"clock_step"}
+        first_us += 1_250_000
+        good, arrival_us = steady(clock, first_us, 5, arrival_us=arrival_us)
+        results += good
+    assert times(results) == [300 * S + 250_000 * k for k in range(5 + 5 * len(groups))]
+    assert not resets(results)
 
 
 @pytest.mark.parametrize("step_us", [1_900_000, -1_900_000, 700_000])
@@ -222,16 +232,7 @@ def test_a_leap_and_back_of_which_two_messages_of_a_moment_speak(step_us):
     assert set(refused) <= {*range(800, 803), *range(1100, 1103)}
 
 
-def test_two_garbled_times_in_a_row_that_disagree_are_no_new_boot():
-    clock = VehicleClock()
-    before, arrival_us = steady(clock, 300 * S, 5)
-    assert imu(clock, 3 * S, arrival_us) == "clock_step"
-    assert imu(clock, 200 * S, arrival_us + 20_000) == "clock_step"
-    after, _ = steady(clock, 301_250_000, 5, arrival_us=arrival_us)
-    assert not resets(before + after)
-
-
-def test_nor_does_it_for_a_clock_beside_the_line():
+def test_nor_are_those_of_a_clock_beside_the_line():
     clock = VehicleClock()
     for raw_us in (50 * S, 51 * S):
         imu(clock, raw_us, UNIX + raw_us)
@@ -240,16 +241,6 @@ def test_nor_does_it_for_a_clock_beside_the_line():
     attitudes = [clock.place("ATTITUDE", BOOT_MS, raw, UNIX + arrival) for raw, arrival in raws]
     assert [type(each) for each in attitudes] == [Reason, Placed, Reason]
     assert attitudes[0] == attitudes[2] == "clock_step"
-
-
-def test_a_single_garbled_time_changes_nothing():
-    clock = VehicleClock()
-    before, arrival_us = steady(clock, 50 * S, 5)
-    assert imu(clock, 7 * 10**15, arrival_us) == "clock_step"
-    assert imu(clock, 3 * S, arrival_us) == "clock_step"
-    after, _ = steady(clock, 51_250_000, 5, arrival_us=arrival_us)
-    assert times(before + after) == [50 * S + 250_000 * k for k in range(10)]
-    assert not resets(after)
 
 
 def test_duplicates_and_reordered_samples_are_refused():
