@@ -8,9 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from drivers.events import Velocity
-from drivers.logs.compasses import compasses
-from drivers.logs.currents import currents
 from drivers.logs.open import open_log
+from drivers.logs.other_sensors import compasses, currents
 from drivers.logs.table import blocks
 from drivers.logs.time_window import WHOLE_LOG, TimeWindow, WindowedEvents
 from drivers.samples.imu_stream import RepeatedField

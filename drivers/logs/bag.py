@@ -145,7 +145,7 @@ class _Topics:
         self.connections = [c for c in connections if (c.msgtype, c.topic) in wanted]
 
 
-def _hears_arrivals(reader: Any, decode: Decode, topics: _Topics) -> bool:
+def _has_arrivals(reader: Any, decode: Decode, topics: _Topics) -> bool:
     """Whether the recorder's times are those of arrival, and show a gap from a leap of the clock.
 
     They keep the stamps' pace then, but not to the nanosecond: what converts a recording writes
@@ -169,7 +169,7 @@ def _stamp_ns(message: Any) -> int:
 def _events(reader: Any, decode: Decode, topics: _Topics) -> Iterator[Event]:
     """All of the bag; a damaged message is counted, and where the bag is damaged it ends."""
     vehicle = None
-    hears_arrivals = _hears_arrivals(reader, decode, topics)
+    has_arrivals = _has_arrivals(reader, decode, topics)
     try:
         for connection, recorded_ns, data in reader.messages(topics.connections):
             try:
@@ -178,8 +178,8 @@ def _events(reader: Any, decode: Decode, topics: _Topics) -> Iterator[Event]:
                 if abs(time_ns) >= 1000 * LATEST_US:
                     raise ValueError(f"stamped {time_ns} ns")  # noqa: TRY301 - as the library would
                 if vehicle is None:
-                    vehicle = dated_vehicle(time_ns // 1000, hears_arrivals=hears_arrivals)
-                arrival_us = recorded_ns // 1000 if hears_arrivals else None
+                    vehicle = dated_vehicle(time_ns // 1000, has_arrivals=has_arrivals)
+                arrival_us = recorded_ns // 1000 if has_arrivals else None
                 vehicle.at(time_ns // 1000, arrival_us=arrival_us)
                 events = _told(vehicle, topics, connection, message)
             except Exception:  # noqa: BLE001 - as below

@@ -72,7 +72,7 @@ class Columns(NamedTuple):
     time: tuple[Part, ...]
     parts: dict[str, tuple[Part, ...]]
     enu_flu: frozenset[str]
-    doubts_axes: bool
+    checks_axes: bool
     compass_calibrated: bool | None
 
 
@@ -183,7 +183,7 @@ def columns(text: CsvText, layout: Description) -> Columns:
         time=time,
         parts={name: parts for name, parts in found.items() if parts},
         enu_flu=frozenset(name for name, axes in world.items() if axes == "flu"),
-        doubts_axes=not (layout.axes or layout.accelerometer.axes),
+        checks_axes=not (layout.axes or layout.accelerometer.axes),
         compass_calibrated=layout.compass_calibrated,
     )
 

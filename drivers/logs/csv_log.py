@@ -52,7 +52,7 @@ class CsvLog(LogFile):
             for row in rows:
                 time_us = None if row is None else _time_us(self._text, row, self._columns.time)
                 if vehicle is None:
-                    vehicle = dated_vehicle(time_us or 0, doubts_axes=self._columns.doubts_axes)
+                    vehicle = dated_vehicle(time_us or 0, checks_axes=self._columns.checks_axes)
                     if (word := self._columns.compass_calibrated) is not None:
                         about = vehicle.id, vehicle.arrival_us
                         yield Parameter(*about, COMPASS_CALIBRATED, word)

@@ -108,7 +108,7 @@ def _filter_velocity(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]
 def _filter_status(vehicle: LoggedVehicle, _name: str, row: Row) -> list[Event]:
     if _is_other(row, "C") or "SS" not in row:  # the first years' filters did not say
         return []
-    return vehicle.filter_says(row["SS"], row["SV"], row.get("SM", 0.0))
+    return vehicle.filter_status(row["SS"], row["SV"], row.get("SM", 0.0))
 
 
 def _gps(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:

@@ -8,7 +8,7 @@ The reading goes forwards only and keeps nothing but the formats, so that no dam
 hang or grow. What is not followed by another message, or by the end, is passed over.
 """
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from struct import Struct
 from typing import Any, NamedTuple
 
@@ -43,28 +43,26 @@ def messages(window: Window, wanted: Collection[str]) -> Iterator[tuple[str, Row
     """(name, fields) of the messages of those names; None for each unreadable stretch."""
     formats = {FMT_TYPE: FMT}
     unwanted: dict[int, int] = {}  # the lengths of those
-    position = 0
-    while True:
-        position = _skip(window.data, position, unwanted)
-        if window.is_near_end(position):
-            position = window.move(position)
-            continue
+
+    def read(position: int) -> tuple[int, Sequence[tuple[str, Row] | None]] | None:
         data = window.data
-        if position >= len(data):
-            return
-        form = _sound(data, position, formats) if data[position : position + 2] == HEAD else None
+        skipped = _skip(data, position, unwanted)
+        if skipped > position:
+            return skipped, ()
+        form = _sound(data, position, formats)
         if form is None:
-            yield None
-            position = window.find(position + 1, lambda at: _next_sound(window.data, at, formats))
-            continue
+            return None
+        end = position + form.length
         if form is FMT:
-            if not _learn(formats, form.row(data, position)):
-                yield None
-            known = (*wanted, FMT.name)
-            unwanted = {k: f.length for k, f in formats.items() if f.name not in known}
-        elif form.name in wanted:
-            yield form.name, form.row(data, position)
-        position += form.length
+            is_known = _learn(formats, form.row(data, position))
+            unwanted.clear()
+            unwanted.update(
+                {k: f.length for k, f in formats.items() if f.name not in wanted and f is not FMT}
+            )
+            return end, () if is_known else (None,)
+        return end, ((form.name, form.row(data, position)),) if form.name in wanted else ()
+
+    return window.records(0, read, lambda at: _next_sound(window.data, at, formats))
 
 
 def _skip(data: bytes, position: int, lengths: dict[int, int]) -> int:
@@ -85,16 +83,12 @@ def _skip(data: bytes, position: int, lengths: dict[int, int]) -> int:
 
 
 def _sound(data: bytes, position: int, formats: dict[int, Format]) -> Format | None:
-    """The format of the message whose head is at ``position``, if all of it is there.
-
-    None also if neither another message nor the end follows it.
-    """
-    size = len(data)
-    form = formats.get(data[position + 2]) if position + HEAD_SIZE <= size else None
-    if form is None:
+    """The format of a message that is all there, with another one or the end behind it."""
+    if position + HEAD_SIZE > len(data) or data[position : position + 2] != HEAD:
         return None
-    end = position + form.length
-    return form if end == size or data[end : end + 2] == HEAD else None
+    form = formats.get(data[position + 2])
+    end = 0 if form is None else position + form.length
+    return form if end == len(data) or data[end : end + 2] == HEAD else None
 
 
 def _next_sound(data: bytes, position: int, formats: dict[int, Format]) -> int | None:
@@ -107,38 +101,23 @@ def _next_sound(data: bytes, position: int, formats: dict[int, Format]) -> int |
 
 
 def _learn(formats: dict[int, Format], row: Row) -> bool:
-    """Take in what an FMT message describes; False if that cannot be."""
+    """Take in what an FMT message describes; False if its codes do not fill its length."""
     if row["Type"] == FMT_TYPE:
         return True  # the description of FMT itself, which is always the same
-    form = _format(row["Name"], row["Length"], row["Format"], row["Columns"])
-    if form is not None:
-        formats[row["Type"]] = form
-    return form is not None
-
-
-def _format(name: str, length: int, codes: str, columns: str) -> Format | None:
-    """None if a code is unknown, or the codes do not fill the length."""
-    if not all(code in FIELDS for code in codes):
-        return None
-    fields = [FIELDS[code] for code in codes]
+    if not all(code in FIELDS for code in row["Format"]):
+        return False
+    fields = [FIELDS[code] for code in row["Format"]]
     layout = Struct("<" + "".join(stored for stored, _ in fields))
-    if HEAD_SIZE + layout.size != length:
-        return None
-    names = tuple(columns.split(","))[: len(fields)]  # or fewer: a long list is cut off
-    values = ((index, value) for index, (_, value) in enumerate(fields[: len(names)]))
-    return Format(name, length, layout, names, tuple((i, v) for i, v in values if v is not None))
+    if HEAD_SIZE + layout.size != row["Length"]:
+        return False
+    names = tuple(row["Columns"].split(","))[: len(fields)]  # or fewer: a long list is cut off
+    values = tuple((i, value) for i, (_, value) in enumerate(fields[: len(names)]) if value)
+    formats[row["Type"]] = Format(row["Name"], row["Length"], layout, names, values)
+    return True
 
 
 def _text(stored: bytes) -> str:
     return stored.partition(b"\0")[0].decode("utf-8", "replace")
-
-
-def _hundredths(stored: int) -> float:
-    return stored / 100
-
-
-def _degrees(stored: int) -> float:
-    return stored / 1e7
 
 
 # For each character of a format: how struct reads the field, and the function that converts it
@@ -147,8 +126,8 @@ FIELDS: dict[str, tuple[str, Callable[[Any], Any] | None]] = {
     **{code: (stored, None) for code, stored in (("g", "e"), ("M", "b"))},
     "a": ("64s", None),  # 32 numbers, in no message that is read here
     **{code: (stored, _text) for code, stored in (("n", "4s"), ("N", "16s"), ("Z", "64s"))},
-    **{code: (stored, _hundredths) for code, stored in zip("cCeE", "hHiI", strict=True)},
-    "L": ("i", _degrees),
+    **{code: (stored, lambda n: n / 100) for code, stored in zip("cCeE", "hHiI", strict=True)},
+    "L": ("i", lambda n: n / 1e7),
 }
 
 FMT = Format(

@@ -3,15 +3,16 @@
 import hashlib
 import logging
 from abc import abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, TypeVar
 
 from drivers.closing import Closing
 from drivers.events import Event, ImuInUse, VehicleId
 from estimator.errors import InputError
 
+T = TypeVar("T")
 OnRead = Callable[[int], None]
 READ_SIZE = 1 << 22
 LATEST_US = 1 << 62  # differences between times must fit 64 bits
@@ -86,12 +87,36 @@ class Window:
         self.data = kept + more
         return 0
 
-    def find(self, position: int, start_from: Callable[[int], int | None]) -> int:
-        """Where something begins that ``start_from`` a place of the data finds, or the data's end.
+    def records(
+        self,
+        position: int,
+        read: Callable[[int], tuple[int, Sequence[T | None]] | None],
+        search: Callable[[int], int | None],
+    ) -> Iterator[T | None]:
+        """What ``read`` finds from ``position`` on; None for each damaged stretch.
 
-        What begins near the end may go on behind it, so the data move on until it is found.
+        It gives where the record at a place of the data ends, and what it holds; None where no
+        sound one begins. ``search`` finds the next sound one then, from a place on.
         """
-        while (start := start_from(position)) is None and not self.is_last:
+        while True:
+            while self.is_near_end(position):
+                position = self.move(position)
+            if position >= len(self.data):
+                return
+            found = read(position)
+            if found is None:
+                yield None
+                position = self._next(position + 1, search)
+            else:
+                position = found[0]
+                yield from found[1]
+
+    def _next(self, position: int, search: Callable[[int], int | None]) -> int:
+        """Where the next sound record begins, or the data's end.
+
+        One that begins near the end may go on behind it, so the data move on until it is found.
+        """
+        while (start := search(position)) is None and not self.is_last:
             position = self.move(max(position, len(self.data) - MARGIN))
         return len(self.data) if start is None else start
 

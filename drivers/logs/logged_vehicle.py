@@ -9,11 +9,10 @@ from typing import Any, Literal
 
 from drivers.events import Event, Malformed, Rejected, VehicleId
 from drivers.mavlink.gate import Repeats
-from drivers.samples.clock_line import BOOT_US, REORDERED_US
 from drivers.samples.imu_stream import Field, RepeatedField, Stamp, finite_or_zero
 from drivers.samples.intake import Intake
 from drivers.samples.navigation import Fix, Navigation
-from drivers.samples.vehicle_clock import TimeField
+from drivers.samples.vehicle_clock import BOOT_US, REORDERED_US, TimeField
 from estimator.reasons import Reason
 from estimator.types import ZERO_VEC3, Quaternion, Vec3
 
@@ -46,7 +45,7 @@ class LoggedVehicle:
 
     ``unix_us`` is Unix time minus the log's time, which counts from ``begin_us``. Readings may be
     numbers of any kind, as the log has them. Without ``counts_from_boot`` the log's clock is a
-    computer's. ``doubts_axes`` is set where the axes may be others than FRD, ``hears_arrivals``
+    computer's. ``checks_axes`` is set where the axes may be others than FRD, ``has_arrivals``
     where the log has arrivals, which distinguish a gap from a leap of the clock.
 
     Raises:
@@ -60,16 +59,16 @@ class LoggedVehicle:
         *,
         begin_us: int = 0,
         counts_from_boot: bool = True,
-        doubts_axes: bool = False,
-        hears_arrivals: bool = False,
+        checks_axes: bool = False,
+        has_arrivals: bool = False,
     ) -> None:
         self.id = vehicle
         self.uses_first_filter = True  # of several that the log shows of
         self._unix_us, self._begin_us = unix_us, begin_us
         self._stamp = Stamp(TimeField.TIME_USEC, 0, unix_us)
-        log_time = None if hears_arrivals else LogTime().arrival_us
+        log_time = None if has_arrivals else LogTime().arrival_us
         self._intake = Intake(vehicle, log_time, counts_from_boot=counts_from_boot)
-        self._intake.doubts_axes = doubts_axes
+        self._intake.checks_axes = checks_axes
         self._mag_gauss = ZERO_VEC3  # the latest reading, zero where that was no number
         self._mag_us, self._mag_number = 0, 0  # of the latest one that is data
         self._repetition = RepeatedField()
@@ -111,12 +110,12 @@ class LoggedVehicle:
         """The log has ended: what has waited for more."""
         return self._intake.end()
 
-    def filter_says(
+    def filter_status(
         self, flags: int, velocity_ratio: float, compass_ratio: float = 0.0
     ) -> list[Event]:
         """What its filter says of itself."""
         ratios = float(velocity_ratio), float(compass_ratio)
-        return self._intake.filter_says(self.arrival_us, int(flags), *ratios)
+        return self._intake.filter_status(self.arrival_us, int(flags), *ratios)
 
     def put_mag(self, mag_gauss: Vec3) -> list[Event]:
         """Take a magnetic reading in, for the IMU samples behind it: each stream has it once."""
@@ -162,7 +161,7 @@ class LoggedVehicle:
 
 
 def dated_vehicle(
-    begin_us: int, *, doubts_axes: bool = True, hears_arrivals: bool = False
+    begin_us: int, *, checks_axes: bool = True, has_arrivals: bool = False
 ) -> LoggedVehicle:
     """The one vehicle of a log whose times count from its first row, which is at ``begin_us``.
 
@@ -174,8 +173,8 @@ def dated_vehicle(
         begin_us if is_date else 0,
         begin_us=begin_us,
         counts_from_boot=not is_date,
-        doubts_axes=doubts_axes,
-        hears_arrivals=hears_arrivals,
+        checks_axes=checks_axes,
+        has_arrivals=has_arrivals,
     )
 
 

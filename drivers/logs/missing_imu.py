@@ -4,7 +4,7 @@ from drivers.logs.bag import IMU, Bag
 from drivers.logs.dataflash import Dataflash
 from drivers.logs.dataflash_format import messages
 from drivers.logs.log_file import LogFile, windowed
-from drivers.logs.tlog import Tlog, TlogRecords
+from drivers.logs.tlog import Tlog, tlog_records
 from drivers.mavlink.constants import (
     ATTITUDE_ID,
     ATTITUDE_QUATERNION_ID,
@@ -43,7 +43,7 @@ def _of_telemetry(log: Tlog, system_id: int | None) -> str | None:
     attitude, autopilot, reader = None, None, FieldReader()
     with windowed(log.path) as window:
         wanted = frozenset({HEARTBEAT_ID, *IMU_MESSAGES, *ATTITUDES})
-        for _, frame in TlogRecords(window, wanted).readable():
+        for _, frame in filter(None, tlog_records(window, wanted)):
             if system_id not in (None, frame.system_id):
                 continue
             if frame.message_id in IMU_MESSAGES:

@@ -5,7 +5,7 @@ frame. Recorders put a link number into the two low bits, write garbage, and
 sometimes a time from another age; none of that stops the reading.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,20 +30,20 @@ RAW_FRAMES = 3  # that many sound frames end to end are no accident
 
 
 def believe(
-    records: Iterable[tuple[int, Frame | None]], last_us: int
+    records: Iterable[tuple[int, Frame] | None], last_us: int
 ) -> Iterator[tuple[int, Frame | None]]:
     """The records with times to believe, from ``last_us`` on.
 
     A stamp away from the last one waits for the next record: if that is nearer to it than
     to the last, there was a pause, or a second session in the same file; if not, it was
-    garbled, and the last good stamp stands in. An unreadable record's own stamp is as
-    doubtful as its frame.
+    garbled, and the last good stamp stands in.
     """
     held: tuple[int, Frame] | None = None
-    for stamp_us, frame in records:
-        if frame is None:
+    for record in records:
+        if record is None:
             yield last_us, None
             continue
+        stamp_us, frame = record
         if held is not None:
             held_us, held_frame = held
             held = None
@@ -75,7 +75,7 @@ class Tlog(LogFile):
                 raise InputError(
                     f"{path}: MAVLink without time stamps (a raw capture), use the .tlog beside it"
                 )
-            if next(TlogRecords(Window(data[:SNIFF_SIZE]), None).readable(), None) is None:
+            if not any(tlog_records(Window(data[:SNIFF_SIZE]))):
                 raise InputError(f"{path}: no MAVLink frame in it, not a telemetry log")
 
     def __iter__(self) -> Iterator[Event]:
@@ -102,68 +102,46 @@ class Tlog(LogFile):
         with windowed(self.path, self.on_read) as window:
             first_us = _first_stamp_us(window)
         with windowed(self.path, self.on_read) as window:
-            yield from believe(TlogRecords(window, wanted), first_us)
+            yield from believe(tlog_records(window, wanted), first_us)
 
 
-class TlogRecords:
-    """The records of a telemetry log: (stamp in us, frame, or None where it is unreadable).
+def tlog_records(
+    window: Window, wanted: frozenset[int] | None = None
+) -> Iterator[tuple[int, Frame] | None]:
+    """The records of a telemetry log: (stamp in us, frame); None for each unreadable one.
 
     Only frames of the messages ``wanted`` (by number; None: all that are known) are given.
     An unreadable frame between two records costs itself alone; where no record follows it,
     the next sound frame of a known message is looked for.
     """
+    frames = FrameFormat(gap=STAMP_SIZE)
+    wanted = frozenset(mavlink().mavlink_map) if wanted is None else wanted
 
-    def __init__(self, window: Window, wanted: frozenset[int] | None) -> None:
-        self._window = window
-        self._data = window.data
-        self._format = FrameFormat(gap=STAMP_SIZE)
-        self._wanted = frozenset(mavlink().mavlink_map) if wanted is None else wanted
+    def read(position: int) -> tuple[int, Sequence[tuple[int, Frame] | None]] | None:
+        data, start = window.data, position + STAMP_SIZE
+        if start >= len(data):
+            return len(data), ()
+        end = frame_end(data, start)
+        if end is None or end > len(data):
+            return None
+        frame = frames.frame(data, start, end)
+        if frame is None:
+            return (end, (None,)) if frames.is_followed(data, end) else None
+        if frame.message_id not in wanted:
+            return end, ()
+        return end, ((min(int.from_bytes(data[position:start], "big"), LATEST_US), frame),)
 
-    def __iter__(self) -> Iterator[tuple[int, Frame | None]]:
-        position, stamp_us = 0, 0
-        while True:
-            if self._window.is_near_end(position):
-                position = self._window.move(position)
-                self._data = self._window.data
-            if position + STAMP_SIZE >= len(self._data):
-                return
-            end, frame = frame_end(self._data, position + STAMP_SIZE), None
-            if end is not None and end > len(self._data):
-                end = None
-            if end is not None:
-                frame = self._format.frame(self._data, position + STAMP_SIZE, end)
-            if end is None or frame is None:
-                yield stamp_us, None
-                position = self._behind_unreadable(position, end)
-                continue
-            if frame.message_id in self._wanted:
-                stamp = self._data[position : position + STAMP_SIZE]
-                stamp_us = min(int.from_bytes(stamp, "big"), LATEST_US)
-                yield stamp_us, frame
-            position = end
-
-    def readable(self) -> Iterator[tuple[int, Frame]]:
-        """The records without the unreadable ones."""
-        return ((stamp_us, frame) for stamp_us, frame in self if frame is not None)
-
-    def _behind_unreadable(self, position: int, end: int | None) -> int:
-        """The next record behind an unreadable one that claims to end at ``end``."""
-        if end is not None and self._format.is_followed(self._data, end):
-            return end
-        found = self._window.find(position + 1, self._next_record)
-        self._data = self._window.data
-        return found
-
-    def _next_record(self, position: int) -> int | None:
-        """Where the record of the next sound frame begins, from there on."""
-        start = self._format.next_start(self._window.data, position + STAMP_SIZE)
+    def search(position: int) -> int | None:
+        start = frames.next_start(window.data, position + STAMP_SIZE)
         return None if start is None else start - STAMP_SIZE
+
+    return window.records(0, read, search)
 
 
 def _first_stamp_us(window: Window) -> int:
     """The first stamp that the next one agrees with: a file may begin in mid-record."""
     previous_us = 0
-    for number, (stamp_us, _) in enumerate(TlogRecords(window, None).readable()):
+    for number, (stamp_us, _) in enumerate(filter(None, tlog_records(window))):
         if number and -STAMP_BACK_US <= stamp_us - previous_us <= STAMP_STEP_US:
             return previous_us
         if number >= FIRST_RECORDS:

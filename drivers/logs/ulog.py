@@ -16,8 +16,8 @@ from drivers.logs.log_file import LATEST_US, LogFile, windowed
 from drivers.logs.logged_vehicle import LoggedVehicle
 from drivers.logs.ulog_format import TIMES, Found, Row, UlogReader
 from drivers.mavlink.constants import GPS_FIX_TYPE_3D_FIX, MAV_AUTOPILOT_PX4
-from drivers.samples.clock_line import LEAST_BACK_US, REORDERED_US
 from drivers.samples.navigation import Fix, unit_or_none
+from drivers.samples.vehicle_clock import LEAST_BACK_US, REORDERED_US
 from estimator.errors import InputError
 from estimator.reasons import Reason
 from estimator.types import Vec3
@@ -61,8 +61,7 @@ class Ulog(LogFile):
                     if row.topic == DAMAGE:
                         yield vehicle.malformed()
                     else:
-                        fields = log.tables[row.topic].row(row.body)
-                        yield from vehicle.decode(TOPICS[row.topic].events, row.topic, fields)
+                        yield from vehicle.decode(TOPICS[row.topic].events, row.topic, row.row)
                 yield from vehicle.end()
         except ValueError as error:
             raise InputError(f"{self.path}: cannot read this ULog, {error}") from error
@@ -131,7 +130,7 @@ def _estimator_status(vehicle: LoggedVehicle, _topic: str, row: Row) -> list[Eve
     if not vehicle.uses_first_filter or "solution_status_flags" not in row:
         return []
     ratios = row["vel_test_ratio"], row.get("mag_test_ratio", 0.0)
-    return vehicle.filter_says(row["solution_status_flags"], *ratios)
+    return vehicle.filter_status(row["solution_status_flags"], *ratios)
 
 
 def _selector_status(vehicle: LoggedVehicle, _topic: str, row: Row) -> list[Event]:
@@ -195,7 +194,7 @@ def _look_over(log: UlogReader) -> _Overview:
             continue
         begins_us.setdefault(row.topic, row.time_us)
         if row.topic in GPS_TOPICS and row.topic not in unix_us:
-            utc_us = log.tables[row.topic].row(row.body).get("time_utc_usec", 0)
+            utc_us = row.row.get("time_utc_usec", 0)
             if 0 < utc_us < LATEST_US:
                 unix_us[row.topic] = int(utc_us) - row.time_us
         if len(times_us) < MOST_HELD:
@@ -218,7 +217,7 @@ def _wanted(rows: Iterable[Found | None], overview: _Overview) -> Iterator[Found
     last_us = overview.begin_us
     for row in rows:
         if row is None:
-            yield Found(last_us, DAMAGE, b"")
+            yield Found(last_us, DAMAGE, {})
         elif (
             row.topic in overview.topics and abs(row.time_us - overview.middle_us) < LONGEST_LOG_US
         ):

@@ -254,7 +254,7 @@ class MavlinkDecoder:
         if not mav.is_autopilot(m.autopilot, m.type):
             return []
         sender.autopilot = m.autopilot
-        sender.intake.doubts_axes = m.autopilot not in FRD_AUTOPILOTS
+        sender.intake.checks_axes = m.autopilot not in FRD_AUTOPILOTS
         is_armed = bool(m.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
         beat = Heartbeat(sender.id, arrival_us, m.autopilot, m.type, is_armed, m.custom_mode)
         keys = [key for key in self._waiting if key[0] == sender.id.system_id]

@@ -18,7 +18,7 @@ from drivers.events import Event, Notice, RefusedFrames, VehicleId
 from drivers.mavlink.framing import Frame, layout
 from drivers.mavlink.messages import IMU_MESSAGES, MESSAGES
 from drivers.mavlink.signing import SigningCheck
-from drivers.samples.clock_line import BOOT_US
+from drivers.samples.vehicle_clock import BOOT_US
 from estimator.reasons import Reason
 
 # Another sender of the same address may take over once the first has been silent for so long

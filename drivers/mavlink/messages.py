@@ -244,7 +244,7 @@ def _local_position(intake: Intake, message: Received) -> list[Event]:
 def _gps_raw(intake: Intake, message: Received) -> list[Event]:
     m = message.fields
     has_fix = m.fix_type >= mav.GPS_FIX_TYPE_3D_FIX
-    intake.navigation.hear_fix(has_fix, message.arrival_us)
+    intake.navigation.update_fix(has_fix, message.arrival_us)
     if not has_fix:
         return []
     fix = Fix(position=_position(m))
@@ -274,12 +274,14 @@ def _course_velocity(m: Any) -> Vec3:
 def _ekf_status(intake: Intake, message: Received) -> list[Event]:
     m = message.fields
     # test ratios, whatever their names
-    return intake.filter_says(message.arrival_us, m.flags, m.velocity_variance, m.compass_variance)
+    return intake.filter_status(
+        message.arrival_us, m.flags, m.velocity_variance, m.compass_variance
+    )
 
 
 def _estimator_status(intake: Intake, message: Received) -> list[Event]:
     m = message.fields
-    return intake.filter_says(message.arrival_us, m.flags, m.vel_ratio, m.mag_ratio)
+    return intake.filter_status(message.arrival_us, m.flags, m.vel_ratio, m.mag_ratio)
 
 
 MESSAGES: dict[int, MessageKind] = {

@@ -7,10 +7,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from drivers.events import Event, Imu, Notice, Rejected, TrackLost, VehicleId
-from drivers.samples.clock_line import REORDERED_US
-from drivers.samples.sensor_faults import SensorFaults
-from drivers.samples.stuck import Readings
-from drivers.samples.vehicle_clock import Placed, TimeField
+from drivers.samples.sensor_faults import Readings, SensorFaults
+from drivers.samples.vehicle_clock import REORDERED_US, Placed, TimeField
 from drivers.value import Value
 from estimator.arrays import Bools, Floats, Times
 from estimator.compilation.compiled import compiled, inlined, types_of
@@ -105,7 +103,7 @@ def finite_or_zero(vector: Vec3) -> Vec3:
 
 
 class ImuStream:
-    """What is remembered about one IMU message of the vehicle."""
+    """One IMU message of the vehicle: its faults, its slow field, and what waits for more."""
 
     def __init__(self, vehicle: VehicleId, name: str) -> None:
         self._vehicle, self._name = vehicle, name
@@ -123,7 +121,7 @@ class ImuStream:
         refusal = imu_refusal(gyr, acc)
         if refusal is not None:
             return refusal
-        mag = finite_or_zero(field.gauss)
+        mag = self._faults.true_field(finite_or_zero(field.gauss), raw_us)
         readings = Readings(gyr, acc, mag if is_field(mag) else ZERO_VEC3)
         refusal = self._faults.refusal(readings, raw_us)
         if refusal is not None:
@@ -141,7 +139,7 @@ class ImuStream:
         resets: list[Event],
         clock_resets: int,
         *,
-        doubts_axes: bool,
+        checks_axes: bool,
     ) -> list[Event]:
         """The events of a reading that the clock has placed, with the resets it has found.
 
@@ -157,7 +155,7 @@ class ImuStream:
             ago_us = reading.raw_us - each.raw_us
             if 0 < ago_us <= since_us:
                 at_us = placed.time_us - ago_us, placed.boot_us - ago_us
-                events += self._samples(each, *at_us, doubts_axes=doubts_axes)
+                events += self._samples(each, *at_us, checks_axes=checks_axes)
             else:
                 events.append(self._rejected(each, self._held_for))
         if (blinded := self._faults.take_blindness()) is not None:
@@ -165,7 +163,7 @@ class ImuStream:
         if self._faults.mag_is_stuck:
             events.append(self._rejected(reading, Reason.MAGNETOMETER_STUCK))
         return events + self._samples(
-            reading, placed.time_us, placed.boot_us, doubts_axes=doubts_axes
+            reading, placed.time_us, placed.boot_us, checks_axes=checks_axes
         )
 
     def end(self) -> list[Event]:
@@ -189,7 +187,7 @@ class ImuStream:
         return events
 
     def _samples(
-        self, reading: Reading, time_us: int, boot_us: int, *, doubts_axes: bool
+        self, reading: Reading, time_us: int, boot_us: int, *, checks_axes: bool
     ) -> list[Event]:
         """The sample, with the magnetic field if that is new, and complaints about it."""
         fresh = reading.field.gauss if self._is_fresh(reading.field, time_us) else None
@@ -200,7 +198,7 @@ class ImuStream:
         events: list[Event] = [Imu(self._vehicle, arrival_us, boot_us, name, sample)]
         if fresh is not None and not has_mag:
             events.append(self._rejected(reading, Reason.MAGNETOMETER_OUT_OF_RANGE))
-        for text in self._plausibility.look(sample, fresh, doubts_axes=doubts_axes):
+        for text in self._plausibility.look(sample, fresh, checks_axes=checks_axes):
             section: Literal["", "mounting"] = "mounting" if text == AXES_COMPLAINT else ""
             events.append(Notice(self._vehicle, arrival_us, f"{name}: {text}", section))
         return events
@@ -285,10 +283,10 @@ class Plausibility:
         self._next_us = 0  # when to look next
         self._told: set[str] = set()
 
-    def look(self, sample: ImuSample, field: Vec3 | None, *, doubts_axes: bool) -> list[str]:
+    def look(self, sample: ImuSample, field: Vec3 | None, *, checks_axes: bool) -> list[str]:
         """New complaints about the stream, each given once; usually none.
 
-        ``field`` is the new magnetic field beside the sample, used or refused. ``doubts_axes``:
+        ``field`` is the new magnetic field beside the sample, used or refused. ``checks_axes``:
         the sender is not known for sending FRD.
         """
         if 0 <= self._next_us - sample.time_us <= SPACING_US:
@@ -306,7 +304,7 @@ class Plausibility:
         new: list[str] = []
         for name, (low, high, complaint) in USUAL.items():
             values = sorted(latest[name])
-            is_judged = len(values) >= LEAST_SAMPLES and (doubts_axes or name != "axes")
+            is_judged = len(values) >= LEAST_SAMPLES and (checks_axes or name != "axes")
             if is_judged and not low <= (median := values[len(values) // 2]) < high:
                 new += [] if name in self._told else [complaint.format(median)]
                 self._told.add(name)

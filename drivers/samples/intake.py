@@ -44,7 +44,7 @@ class Intake:
     """Takes one vehicle's readings; each method gives the events that come of them.
 
     ``log_time`` is what stands in for the arrivals of a log that has none; ``counts_from_boot`` as
-    in :class:`VehicleClock`. ``doubts_axes`` says that the axes may be others than FRD,
+    in :class:`VehicleClock`. ``checks_axes`` says that the axes may be others than FRD,
     ``takes_references`` that all attitudes of others are wanted, and not some a second.
     """
 
@@ -56,7 +56,7 @@ class Intake:
         counts_from_boot: bool = True,
     ) -> None:
         self.vehicle = vehicle
-        self.doubts_axes = False
+        self.checks_axes = False
         self.takes_references = True
         self.heard_us = 0  # arrival of the latest message, whatever it was
         self.attitude_given_us = 0
@@ -64,7 +64,7 @@ class Intake:
         self._has_attitude = False  # of the autopilot's, with a time of its own
         self._log_time = log_time
         self.navigation = Navigation()
-        self.clock = VehicleClock(hears_arrivals=log_time is None, count_from_boot=counts_from_boot)
+        self.clock = VehicleClock(has_arrivals=log_time is None, count_from_boot=counts_from_boot)
         self._imus: dict[str, ImuStream] = {}
         self._unstamped = UnstampedAttitudes(vehicle)
 
@@ -83,10 +83,10 @@ class Intake:
         reading = stream.judge(stamp, gyr, acc, field)
         if isinstance(reading, Reason):
             return [Rejected(self.vehicle, stamp.arrival_us, reading, name)]
-        placed = self.clock.imu(name, stamp.clock, stamp.raw_us, self._heard(stamp))
+        placed = self._placed(name, stamp, is_imu=True)
         resets = self._resets(placed, stream.arrival_us(reading))
         clock_resets = self.clock.resets
-        events = stream.place(reading, placed, resets, clock_resets, doubts_axes=self.doubts_axes)
+        events = stream.place(reading, placed, resets, clock_resets, checks_axes=self.checks_axes)
         if isinstance(placed, Placed):
             events += self._unstamped.imu(placed.time_us, stamp.arrival_us)
         return events
@@ -155,18 +155,18 @@ class Intake:
             return []
         return self._unstamped.attitude(name, arrival_us, source, q_ned_frd)
 
-    def filter_says(
+    def filter_status(
         self, arrival_us: int, flags: int, velocity_ratio: float, compass_ratio: float
     ) -> list[Event]:
-        """The vehicle's own filter speaks of itself; see :func:`filter_status`."""
+        """The status of the vehicle's own filter; see :func:`filter_status`."""
         status = filter_status(self.vehicle, arrival_us, flags, velocity_ratio, compass_ratio)
-        self.navigation.hear_status(status)
+        self.navigation.update_status(status)
         return [status]
 
     def fix(self, name: str, stamp: Stamp, fix: Fix) -> list[Event]:
         """A position and a velocity; each is left out where it is not finite.
 
-        An autopilot's filter is believed as far as it believes itself.
+        An autopilot's filter is believed as far as its status goes.
         """
         time_us, events = self._place(name, stamp) if fix.is_solved else (None, [])
         if time_us is None:
@@ -176,7 +176,7 @@ class Intake:
         if place is not None and all(map(math.isfinite, place)):
             if not is_place(place):
                 events.append(Rejected(self.vehicle, arrival_us, Reason.POSITION_OUT_OF_RANGE))
-            elif is_receiver(name) or self.navigation.believes_place(*place[:2], arrival_us):
+            elif is_receiver(name) or self.navigation.accepts_position(*place[:2], arrival_us):
                 events.append(Position(self.vehicle, arrival_us, time_us, name, *place))
         if velocity is not None:
             sigma_m_s: float | None = velocity.sigma_m_s
@@ -187,13 +187,15 @@ class Intake:
                 events.append(Velocity(self.vehicle, arrival_us, name, velocity))
         return events
 
-    def _heard(self, stamp: Stamp) -> int:
-        """What shows a gap from a leap of the clock."""
-        return stamp.arrival_us if self._log_time is None else self._log_time(stamp.raw_us)
+    def _placed(self, name: str, stamp: Stamp, *, is_imu: bool = False) -> Placed | Reason:
+        arrival_us = stamp.arrival_us
+        if self._log_time is not None:
+            arrival_us = self._log_time(stamp.raw_us)
+        return self.clock.place(name, stamp.clock, stamp.raw_us, arrival_us, is_imu=is_imu)
 
     def _place(self, name: str, stamp: Stamp) -> tuple[int | None, list[Event]]:
         """The time of a message beside the IMU's, None without one, and the resets it shows."""
-        placed = self.clock.other(name, stamp.clock, stamp.raw_us, self._heard(stamp))
+        placed = self._placed(name, stamp)
         if isinstance(placed, Reason):
             return None, []
         return placed.time_us, self._resets(placed, stamp.arrival_us)

@@ -2,9 +2,8 @@
 
 Autopilots send what their navigation filter has even while it has nothing: before the first
 fix ArduPlane reports a place a few metres from (0, 0), and without satellites its velocity
-goes on, metres a second wrong. But the filter also says how it is doing, and the receiver
-whether it has a fix. A filter is believed as far as it believes itself; one that never says
-anything of itself is believed as it stands.
+goes on, metres a second wrong. But the filter also reports its status, and the receiver
+whether it has a fix. A filter is believed as far as its status goes; without one, as it stands.
 """
 
 from math import hypot, isfinite, sqrt
@@ -15,22 +14,14 @@ from estimator.geometry.frames import from_euler_rad
 from estimator.types import Quaternion, Vec3, VelocitySample
 
 # Of messages that report the same, the one to prefer. They are never mixed: velocities differ in
-# errors and delays, and a change of source looks like an acceleration.
-# What an autopilot's filter says comes without delay, a receiver's word 0.1 to 0.2 s late
+# errors and delays, and a change of source looks like an acceleration. An autopilot's filter
+# corrects for the delay of 0.1 to 0.2 s that a receiver's velocity has.
 FILTER_VELOCITY = (
-    "LOCAL_POSITION_NED",
-    "GLOBAL_POSITION_INT",
-    "vehicle_local_position",
-    "XKF1",
-    "NKF1",
-    "EKF1",
+    *("LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "vehicle_local_position"),
+    *("XKF1", "NKF1", "EKF1"),
 )
-RECEIVER_VELOCITY = (
-    "vehicle_gps_position",
-    "sensor_gps",
-    "GPS",
-    "GPS_RAW_INT",  # horizontal only
-)
+# GPS_RAW_INT is horizontal only
+RECEIVER_VELOCITY = ("vehicle_gps_position", "sensor_gps", "GPS", "GPS_RAW_INT")
 REPORTS = FILTER_VELOCITY + RECEIVER_VELOCITY
 
 
@@ -40,13 +31,13 @@ def report_rank(message: str) -> int:
 
 
 def is_receiver(message: str) -> bool:
-    """Whether a velocity is the word of a satellite receiver, which no filter has worked on."""
+    """Whether a velocity is a satellite receiver's own, which no filter has worked on."""
     return message in RECEIVER_VELOCITY
 
 
 FILTER_VELOCITY_SIGMA_M_S = 0.3  # an autopilot's own filter, typical with GPS
 RECEIVER_VELOCITY_SIGMA_M_S = 0.5  # a GPS receiver that does not say
-RECEIVER_LATE_SIGMA_S = 0.1  # its word comes 0.1 to 0.2 s late, and does not say how late
+RECEIVER_LATE_SIGMA_S = 0.1  # how late it is, is not known better
 
 
 class Fix(NamedTuple):
@@ -72,10 +63,7 @@ class Fix(NamedTuple):
 
 
 def velocity_sample(message: str, fix: Fix, time_us: int) -> VelocitySample | None:
-    """The velocity that ``message`` shows, at ``time_us``; None if it shows none.
-
-    A receiver's velocity is late; an autopilot's filter has corrected for that.
-    """
+    """The velocity that ``message`` shows, at ``time_us``; None if it shows none."""
     velocity, sigma_m_s = fix.velocity_ned_m_s, fix.sigma_m_s
     if velocity is None or not all(map(isfinite, velocity)):
         return None
@@ -99,9 +87,9 @@ CONSTANT_POSITION = 0x80  # nothing but the IMU and the guess that the vehicle s
 # times less certain.
 GATE_SIGMAS = 5.0
 ORDINARY_SIGMAS = 2.0
-MOST_DOUBT = 20.0
-# Filters speak of themselves once a second or so; on a radio link words are missing for 25 s.
-WORD_HOLDS_US = 30_000_000
+MOST_INFLATION = 20.0
+# Filters report their status once a second or so; on a radio link it is missing for 25 s.
+STATUS_HOLDS_US = 30_000_000
 # A place this near to (0, 0) is a displacement from nowhere, unless its sender vouches for it.
 NOWHERE_M = 10_000.0
 METRES_A_DEGREE = 111_194.9  # of latitude, on a sphere of 6371 km
@@ -127,53 +115,53 @@ def filter_status(
     )
 
 
-class Said(NamedTuple):
-    """What somebody reported last, and when it arrived."""
+class Status(NamedTuple):
+    """Whether a filter or a receiver has something, and when that arrived."""
 
     is_so: bool
     arrival_us: int
 
     def holds(self, now_us: int) -> bool:
         """Whether it still counts."""
-        return abs(now_us - self.arrival_us) <= WORD_HOLDS_US
+        return abs(now_us - self.arrival_us) <= STATUS_HOLDS_US
 
 
 class Navigation:
-    """The last words of one vehicle's receiver and filter; times are those of arrival."""
+    """The last status of one vehicle's receiver and filter; times are those of arrival."""
 
     def __init__(self) -> None:
-        self._velocity: Said | None = None  # whether the filter has one
-        self._place: Said | None = None
-        self._fix: Said | None = None  # whether the receiver has one
-        self._doubt = 1.0  # what the filter's sigma of its velocity is to be multiplied by
+        self._inflation = 1.0  # of the sigma that the filter gives its velocity
+        self.forget()
 
     def forget(self) -> None:
-        """The vehicle has rebooted: what it said before says nothing now."""
-        self._velocity = self._place = self._fix = None
+        """Forget each status: the vehicle has rebooted."""
+        self._velocity: Status | None = None  # whether the filter has one
+        self._place: Status | None = None
+        self._fix: Status | None = None  # whether the receiver has one
 
-    def hear_status(self, status: FilterStatus) -> None:
-        """The filter spoke of itself."""
-        self._velocity = Said(status.has_velocity, status.arrival_us)
-        self._place = Said(status.has_place, status.arrival_us)
-        doubt = GATE_SIGMAS * status.velocity_ratio - (ORDINARY_SIGMAS - 1.0)
-        self._doubt = min(max(1.0, doubt), MOST_DOUBT)
+    def update_status(self, status: FilterStatus) -> None:
+        """Take the filter's status."""
+        self._velocity = Status(status.has_velocity, status.arrival_us)
+        self._place = Status(status.has_place, status.arrival_us)
+        inflation = GATE_SIGMAS * status.velocity_ratio - (ORDINARY_SIGMAS - 1.0)
+        self._inflation = min(max(1.0, inflation), MOST_INFLATION)
 
-    def hear_fix(self, has_fix: bool, arrival_us: int) -> None:
-        """The receiver spoke."""
-        self._fix = Said(has_fix, arrival_us)
+    def update_fix(self, has_fix: bool, arrival_us: int) -> None:
+        """Take the receiver's status."""
+        self._fix = Status(has_fix, arrival_us)
 
     def velocity_sigma_m_s(self, sigma_m_s: float, arrival_us: int) -> float | None:
         """How certain the filter's velocity is, by itself ``sigma_m_s``; None if it has none."""
-        said = self._velocity
-        if said is None or not said.holds(arrival_us):
+        status = self._velocity
+        if status is None or not status.holds(arrival_us):
             return sigma_m_s
-        return sigma_m_s * self._doubt if said.is_so else None
+        return sigma_m_s * self._inflation if status.is_so else None
 
-    def believes_place(self, latitude_deg: float, longitude_deg: float, arrival_us: int) -> bool:
-        """Whether the filter's place is one.
+    def accepts_position(self, latitude_deg: float, longitude_deg: float, arrival_us: int) -> bool:
+        """Whether the filter's position is one.
 
-        It is where the filter says that it knows its place. Where it does not, the receiver
-        must have a fix; where neither ever said anything, the place has only to be plausible.
+        It is if the filter's status has one. Else the receiver must have a fix; where neither has
+        reported anything, the position has only to be plausible.
         """
         place, fix = self._place, self._fix
         has_status = place is not None and place.holds(arrival_us)

@@ -1,21 +1,28 @@
-"""Readings that look like data and are none: of sensors that are stuck, at their end, or leap."""
+"""Readings that look like data and are none: of sensors that are stuck, at their end, or leap.
+
+Real sensors are noisy: equal readings, one after the other, come from a driver that has stopped
+reading. But fields are coarse, and simulators know rest without noise: so equal readings are
+refused only if what the other sensors say cannot be true beside them.
+"""
 
 from dataclasses import dataclass, field
+from math import log, pi
+from typing import NamedTuple
 
-from drivers.samples.stuck import (
-    MICROSECOND,
-    NOISY_SAMPLES,
-    NOTHING,
-    Readings,
-    StuckField,
-    StuckImu,
-    largest,
+from estimator.geometry.quaternion import (
+    angle_between_vectors,
+    dot,
+    exp,
+    norm,
+    rotate_inverse,
+    scale,
+    subtract,
 )
-from estimator.geometry.quaternion import subtract
 from estimator.reasons import Reason
 from estimator.types import STANDARD_GRAVITY_M_S2 as G
 from estimator.types import ZERO_VEC3, Vec3
 
+MICROSECOND = 1e-6
 # While readings are refused for one of these the vehicle may turn unseen, and the first of them
 # were believed, until the fault showed.
 BLINDING = (
@@ -24,10 +31,45 @@ BLINDING = (
 )
 BLIND_US = 30_000  # from the first refused reading on
 RAIL_SAMPLES = 4  # equal large values
-LONGEST_STEP_S = 0.05  # over a longer one a wrapped value and a fast change look alike
-# No vehicle changes its rate faster.
-RATE_STEP_RAD_S = 10.0
-RATE_STEP_RAD_S2 = 500.0
+RATE_STEP_RAD_S, RATE_STEP_RAD_S2 = 10.0, 500.0  # no vehicle changes its rate faster
+
+NOISY_SAMPLES = 50  # that many changes before prove that a sensor has noise
+STUCK_SAMPLES, STUCK_US = 20, 500_000  # equal readings
+SHARE_CHANGES = 200  # the share of equal readings goes back over so many changes
+# Equal readings are unlikely where chance would bring so many in a row less than once in 1e8
+# times. So rarely, since a smooth motion in coarse digits repeats itself more often than chance.
+BY_CHANCE = 1e-8
+HELD_SAMPLES = 3  # at least
+HELD_US = 2_000_000  # unlikely readings at most; by then it is known whether it is stuck
+FROZEN_US = 300_000  # so long a moving gyroscope does not repeat itself while others do not
+# Where there is no field, a steady turn explains equal readings for so long; noise ends it earlier
+STEADY_US = 3_000_000
+# An accelerometer alone is stuck once the gyroscope says that the vehicle has turned this far, in
+# radians; below MOVING_GYR_RAD_S that may be its bias
+STUCK_ACC_RAD = 0.35
+LONGEST_STEP_S = 0.1
+# What no vehicle at rest shows: more than a gyroscope's bias, not 1 g, force or field that turn
+MOVING_GYR_RAD_S, MOVING_ACC_M_S2, MOVING_RAD = 0.05, 0.5, 0.1
+TOLD_RAD = 0.05  # a turn so far is told from noise
+CONFIRMS_RAD = 0.25  # nearer than that to where the rate says, and half the way: it has turned so
+WEIGHT_M_S2 = 0.5  # from 1 g, of the force along the axis of a steady turn
+# Of the field's strength, and of the way that the rate gives it: so far off it may be, as hard iron
+# bends the way
+FIELD_OFF, FIELD_OFF_SHARE = 0.17, 0.5
+FIELD_LATE_S = 0.15  # magnetometers follow 0.1 s late, in steps
+FIELD_WAY = 0.5  # of the field's strength: having gone so far as the rate says, it begins anew
+MAG_STUCK_US, MAG_TURN_RAD = 2_000_000, 0.5  # turned so far, the field cannot be what it was
+
+
+class Readings(NamedTuple):
+    """One IMU message's vectors."""
+
+    gyr_rad_s: Vec3
+    acc_m_s2: Vec3
+    mag_gauss: Vec3
+
+
+NOTHING = Readings(ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
 
 
 @dataclass(slots=True)
@@ -36,7 +78,8 @@ class RangeEnd:
 
     ``rail`` is where ranges begin to end: below it equal values are none. ``field_end`` is where
     the messages' 16-bit fields end, ``most`` what the sensor can read at all, and ``step`` with
-    ``step_a_s`` what it can change by between two readings.
+    ``step_a_s`` what it can change by between two readings, ``longest_s`` apart at most: over a
+    longer time a wrapped value and a fast change look alike.
     """
 
     rail: float
@@ -44,6 +87,7 @@ class RangeEnd:
     most: float
     step: float
     step_a_s: float = 0.0
+    longest_s: float = 0.05
     last: Vec3 = ZERO_VEC3
     changes: list[int] = field(default_factory=lambda: [0, 0, 0])  # of each axis: it has noise
     equal: list[int] = field(default_factory=lambda: [0, 0, 0])  # readings at a rail in a row
@@ -53,53 +97,203 @@ class RangeEnd:
 
     def is_reached(self, now: Vec3, step_s: float) -> bool:
         """Whether a reading, ``step_s`` after the last, is at an end or beyond."""
-        x, y, z = now
-        rail, last, self.last = self.rail, self.last, now
-        if -rail < x < rail and -rail < y < rail and -rail < z < rail:
-            if self.is_noisy and not self.is_large:  # nearly always
-                return False
-            self.is_large = False
-        else:
-            self.is_large = True
-        self.is_noisy = True
-        is_reached = False
-        for axis in range(3):
-            if self._is_at_rail(axis, now[axis], last[axis]):
-                is_reached = True
-            if self._has_wrapped(axis, now[axis], last[axis], step_s):
-                is_reached = self.is_large = True
+        was_large, last, self.last = self.is_large, self.last, now
+        self.is_large = largest(now) >= self.rail
+        if self.is_noisy and not self.is_large and not was_large:  # nearly always
+            return False
+        self.is_noisy, is_reached = True, False
+        for axis, value in enumerate(now):
+            is_equal, size = value == last[axis], abs(value)
+            self.changes[axis] += not is_equal
+            self.equal[axis] = self.equal[axis] + 1 if is_equal and size >= self.rail else 0
+            self.wraps[axis] = self._wraps(value, last[axis] + self.span * self.wraps[axis], step_s)
+            is_noisy = self.changes[axis] >= NOISY_SAMPLES
+            # -32768 is further than 32767
+            at_end = (1 - 1e-9) * self.field_end <= size <= (1 + 1e-4) * self.field_end
+            at_rail = is_noisy and self.equal[axis] >= RAIL_SAMPLES
+            is_reached = is_reached or at_end or at_rail or self.wraps[axis] != 0
+            self.is_noisy = self.is_noisy and is_noisy
+        self.is_large = self.is_large or any(self.wraps)
         return is_reached
 
-    def _is_at_rail(self, axis: int, value: float, last: float) -> bool:
-        size = abs(value)
-        if value != last:
-            self.changes[axis] += 1
-        is_equal = value == last and size >= self.rail
-        self.equal[axis] = self.equal[axis] + 1 if is_equal else 0
-        is_noisy = self.changes[axis] >= NOISY_SAMPLES
-        self.is_noisy = self.is_noisy and is_noisy
-        # -32768 is further than 32767
-        at_end = (1 - 1e-9) * self.field_end <= size <= (1 + 1e-4) * self.field_end
-        return at_end or (is_noisy and self.equal[axis] >= RAIL_SAMPLES)
+    @property
+    def span(self) -> float:
+        """What the 16-bit fields hold, from end to end."""
+        return 2.0 * self.field_end * (32768 / 32767)
 
-    def _has_wrapped(self, axis: int, value: float, last: float, step_s: float) -> bool:
-        """Whether the true value is beyond the field's end: only there it goes on from the last."""
-        span = 2.0 * self.field_end * (32768 / 32767)
-        true_last = last + span * self.wraps[axis]
-        wraps = round((true_last - value) / span)
-        if wraps == 0 or not 0.0 < step_s <= LONGEST_STEP_S:
-            self.wraps[axis] = 0
-            return False
-        true = value + span * wraps
-        goes_on = abs(true - true_last) <= max(self.step, self.step_a_s * step_s)
-        self.wraps[axis] = wraps if goes_on and abs(true) <= self.most else 0
-        return self.wraps[axis] != 0
+    def _wraps(self, value: float, last: float, step_s: float) -> int:
+        """How often a value has wrapped that goes on from the last true one only so."""
+        wraps = round((last - value) / self.span)
+        is_in_field = abs(value) <= (1 + 1e-4) * self.field_end
+        if wraps == 0 or not is_in_field or not 0.0 < step_s <= self.longest_s:
+            return 0
+        true = value + self.span * wraps
+        goes_on = abs(true - last) <= max(self.step, self.step_a_s * step_s)
+        return wraps if goes_on and abs(true) <= self.most else 0
 
 
 # Of common gyroscopes ranges begin at 250 deg/s, and no more than 4000 deg/s are sold; of common
-# accelerometers at 4 g, and a shock may change it by 10 g between two readings.
+# accelerometers at 4 g, and a shock may change it by 10 g between two readings. No field near a
+# vehicle is stronger than that of a magnet's surface.
 GYROSCOPE_END = (4.3, 32.767, 70.0, RATE_STEP_RAD_S, RATE_STEP_RAD_S2)
 ACCELEROMETER_END = (3.9 * G, 32.767 * G, 41.0 * G, 10.0 * G)
+MAGNETOMETER_END = (16.0, 32.767, 1000.0, 16.0, 0.0, 0.3)
+
+
+@dataclass(slots=True)
+class Repetition:
+    """Counts a sensor's equal readings, and knows how often it repeats itself.
+
+    ``is_proven`` is for whoever finds that what is repeated cannot be true; the next change of the
+    reading takes it back.
+    """
+
+    changes: int = 0
+    equal: int = 0  # readings since the last change
+    begin_us: int = 0  # when they began
+    is_proven: bool = False
+    changed: float = 1.0  # pairs of readings, lately
+    repeated: float = 1.0
+
+    def observe(self, raw_us: int, *, repeats: bool) -> None:
+        """Take a reading's time, and whether it repeats the last."""
+        if repeats:
+            self.equal += 1
+            self.begin_us = min(self.begin_us, raw_us)  # the clock may have begun anew
+            return
+        self.changes += 1
+        if self.changed >= SHARE_CHANGES:
+            self.changed *= 0.5
+            self.repeated *= 0.5
+        self.changed += 1.0
+        self.repeated += self.equal
+        self.equal, self.begin_us, self.is_proven = 0, raw_us, False
+
+    def is_long(self, raw_us: int, least_us: int = STUCK_US) -> bool:
+        """Whether a noisy sensor has repeated itself for long enough to look closer."""
+        is_long = self.equal >= STUCK_SAMPLES and raw_us - self.begin_us >= least_us
+        return is_long and self.changes >= NOISY_SAMPLES
+
+    def is_unlikely(self) -> bool:
+        """Whether chance does not explain the equal readings."""
+        if self.equal < HELD_SAMPLES or self.changes < NOISY_SAMPLES:
+            return False
+        share = self.repeated / (self.repeated + self.changed)
+        return self.equal * log(share) < log(BY_CHANCE)
+
+
+@dataclass(slots=True)
+class StuckSensors:
+    """Finds sensors repeating what cannot be true, and a field that does not follow a turn."""
+
+    both: Repetition = field(default_factory=Repetition)
+    gyr: Repetition = field(default_factory=Repetition)
+    acc: Repetition = field(default_factory=Repetition)
+    mag: Repetition = field(default_factory=Repetition)
+    field_gauss: Vec3 = ZERO_VEC3  # at its first look since both repeat themselves
+    field_us: int = 0
+    gyr_begin: Readings = NOTHING  # when the gyroscope began to repeat itself
+    turned: Vec3 = ZERO_VEC3  # where the gyroscope says that the repeated force should be
+    mag_turn_rad: float = 0.0  # without a new field
+
+    def refusal(self, now: Readings, last: Readings, raw_us: int, step_us: int) -> Reason | None:
+        """Why the reading ``step_us`` behind ``last`` cannot be true."""
+        gyr, acc, mag = now
+        gyr_equal, acc_equal = gyr == last.gyr_rad_s, acc == last.acc_m_s2
+        self._observe_field(now, last, raw_us, step_us)
+        self.both.observe(raw_us, repeats=gyr_equal and acc_equal)
+        self.gyr.observe(raw_us, repeats=gyr_equal)
+        self.acc.observe(raw_us, repeats=acc_equal)
+        if not acc_equal:
+            self.turned = acc
+        if not gyr_equal:
+            self.gyr_begin = now
+        if not (gyr_equal and acc_equal):
+            self.field_gauss, self.field_us = mag, raw_us
+            if not (gyr_equal or acc_equal):  # nearly always
+                return None
+        if acc_equal and largest(gyr) > MOVING_GYR_RAD_S and not carries_weight(acc, gyr):
+            # the repeated force turns as the gyroscope says (dv/dt = v x w), but in a steady turn
+            step_s = min(max(MICROSECOND * step_us, 0.0), LONGEST_STEP_S)
+            self.turned = vector_after_turn(self.turned, gyr, step_s)
+        return self._judge(now, raw_us)
+
+    def _observe_field(self, now: Readings, last: Readings, raw_us: int, step_us: int) -> None:
+        """Take the field of the reading ``step_us`` behind ``last``."""
+        repeats = now.mag_gauss == last.mag_gauss and now.mag_gauss != ZERO_VEC3
+        self.mag.observe(raw_us, repeats=repeats)
+        if not repeats:
+            self.mag_turn_rad = 0.0
+            return
+        step_s = MICROSECOND * min(max(step_us, 0), MAG_STUCK_US)
+        self.mag_turn_rad += step_s * largest(now.gyr_rad_s)
+        if self.mag_turn_rad >= MAG_TURN_RAD and self.mag.is_long(raw_us, MAG_STUCK_US):
+            self.mag.is_proven = True
+
+    def _judge(self, now: Readings, raw_us: int) -> Reason | None:
+        both, gyr, acc = self.both, self.gyr, self.acc
+        if both.is_long(raw_us) and self._repeats_untruly(now, raw_us):
+            both.is_proven = True
+        if acc.is_long(raw_us) and apart_rad(self.turned, now.acc_m_s2) > STUCK_ACC_RAD:
+            acc.is_proven = True
+        is_unlikely = gyr.is_unlikely()
+        if is_unlikely and self._is_frozen(now, raw_us):
+            gyr.is_proven = True
+        if both.is_proven:
+            return Reason.STUCK
+        if acc.is_proven:
+            return Reason.ACCELEROMETER_STUCK
+        if gyr.is_proven:
+            return Reason.GYROSCOPE_STUCK
+        lasts_us = raw_us - gyr.begin_us
+        is_over = lasts_us > HELD_US or (gyr.equal >= STUCK_SAMPLES and lasts_us >= STUCK_US)
+        return Reason.REPEATED if is_unlikely and not is_over else None
+
+    def _repeats_untruly(self, now: Readings, raw_us: int) -> bool:
+        """Whether what gyroscope and accelerometer repeat cannot be true."""
+        gyr, acc, mag = now
+        has_field = ZERO_VEC3 not in (mag, self.field_gauss)
+        if largest(gyr) <= MOVING_GYR_RAD_S:
+            is_heavier = abs(norm(acc) - G) > MOVING_ACC_M_S2
+            return is_heavier or (has_field and self._field_contradicts(now, raw_us))
+        if not carries_weight(acc, gyr):
+            return True
+        if has_field:
+            return self._field_contradicts(now, raw_us)
+        return raw_us - self.both.begin_us >= STEADY_US
+
+    def _field_contradicts(self, now: Readings, raw_us: int) -> bool:
+        """Whether the field of a reading is not where the repeated rate has turned it.
+
+        Well on its way it is watched from here on.
+        """
+        before, gyr = self.field_gauss, now.gyr_rad_s
+        span_s = MICROSECOND * max(raw_us - self.field_us, 0)  # the clock may have begun anew
+        expected = vector_after_turn(before, gyr, span_s)
+        way = norm(subtract(expected, before)) / norm(before)
+        off = norm(subtract(expected, now.mag_gauss)) / norm(before)
+        contradicts = off > max(FIELD_OFF + FIELD_LATE_S * norm(gyr), FIELD_OFF_SHARE * way)
+        if way >= FIELD_WAY and not contradicts:
+            self.field_gauss, self.field_us = now.mag_gauss, raw_us
+        return contradicts
+
+    def _is_frozen(self, now: Readings, raw_us: int) -> bool:
+        """Whether the gyroscope alone has stopped, in a vehicle that moves otherwise."""
+        span_us = raw_us - self.gyr.begin_us
+        if span_us < FROZEN_US or 2 * self.acc.equal > self.gyr.equal:
+            return False
+        gyr, acc, mag = now
+        begin, span_s = self.gyr_begin, MICROSECOND * span_us
+        half_s = min(span_s, pi / max(norm(gyr), 1e-9))  # of a turn: no way is longer
+        pairs = ((begin.acc_m_s2, acc), (begin.mag_gauss, mag))
+        for before, after in pairs:
+            expected = vector_after_turn(before, gyr, span_s)
+            way_rad = apart_rad(before, vector_after_turn(before, gyr, half_s))
+            near_rad = min(0.5 * way_rad, CONFIRMS_RAD)
+            if way_rad >= TOLD_RAD and apart_rad(expected, after) < near_rad:
+                return False  # it has turned as the gyroscope says
+        moves = any(apart_rad(*pair) > MOVING_RAD for pair in pairs)
+        return moves or largest(gyr) > MOVING_GYR_RAD_S
 
 
 @dataclass(slots=True)
@@ -108,8 +302,8 @@ class SensorFaults:
 
     gyr_end: RangeEnd = field(default_factory=lambda: RangeEnd(*GYROSCOPE_END))
     acc_end: RangeEnd = field(default_factory=lambda: RangeEnd(*ACCELEROMETER_END))
-    stuck: StuckImu = field(default_factory=StuckImu)
-    mag: StuckField = field(default_factory=StuckField)
+    mag_end: RangeEnd = field(default_factory=lambda: RangeEnd(*MAGNETOMETER_END))
+    stuck: StuckSensors = field(default_factory=StuckSensors)
     last: Readings = NOTHING
     last_us: int = 0
     good_gyr: Vec3 = ZERO_VEC3  # the last good rate
@@ -118,19 +312,25 @@ class SensorFaults:
     blinding_us: int = 0
     blinded: tuple[Reason, float] | None = None  # why the last such stretch, and s
 
+    def true_field(self, mag_gauss: Vec3, raw_us: int) -> Vec3:
+        """The field of the reading that is judged next, as it was before it wrapped."""
+        step_s = MICROSECOND * (raw_us - self.last_us)
+        end = self.mag_end
+        if mag_gauss == ZERO_VEC3 or not end.is_reached(mag_gauss, step_s) or not any(end.wraps):
+            return mag_gauss
+        x, y, z = (v + end.span * n for v, n in zip(mag_gauss, end.wraps, strict=True))
+        return (x, y, z)
+
     def refusal(self, readings: Readings, raw_us: int) -> Reason | None:
         """Why a reading at ``raw_us`` on the vehicle's clock is no data; None if it is."""
-        step_us = raw_us - self.last_us
-        why: Reason | None = None
+        step_us, last = raw_us - self.last_us, self.last
+        why = self.stuck.refusal(readings, last, raw_us, step_us)
         if self.gyr_end.is_reached(readings.gyr_rad_s, MICROSECOND * step_us):
             why = Reason.GYROSCOPE_SATURATED
         if self.acc_end.is_reached(readings.acc_m_s2, MICROSECOND * step_us):
             why = Reason.ACCELEROMETER_SATURATED
-        if why is None:
-            why = self.stuck.refusal(readings, self.last, raw_us)
         if why is None and self.gyr_end.is_large and self._is_spike(readings.gyr_rad_s, raw_us):
             why = Reason.GYROSCOPE_SPIKE
-        self.mag.observe(readings, self.last, raw_us, step_us)
         self.last, self.last_us = readings, raw_us
         if why is None:
             self.good_gyr, self.good_us = readings.gyr_rad_s, raw_us
@@ -151,7 +351,7 @@ class SensorFaults:
     @property
     def mag_is_stuck(self) -> bool:
         """Whether the field of the last reading has not followed the vehicle's turning."""
-        return self.mag.mag.is_proven
+        return self.stuck.mag.is_proven
 
     def _is_spike(self, gyr: Vec3, raw_us: int) -> bool:
         """Whether the rate leapt away from the last good one, and the reading before did not."""
@@ -162,5 +362,32 @@ class SensorFaults:
         if largest(subtract(gyr, self.good_gyr)) <= limit:
             return False
         off = subtract(gyr, self.last.gyr_rad_s)
-        # an axis that agrees to the last digit is at the end of its range, and no witness
+        # an axis that agrees to the last digit is at the end of its range, and confirms nothing
         return largest(off) > limit or 0.0 in off
+
+
+def largest(v: Vec3) -> float:
+    """The largest part of a vector, without its sign."""
+    return max(abs(v[0]), abs(v[1]), abs(v[2]))
+
+
+def apart_rad(one: Vec3, other: Vec3) -> float:
+    """The angle between two directions; 0 if one is none."""
+    return 0.0 if ZERO_VEC3 in (one, other) else angle_between_vectors(one, other)
+
+
+def carries_weight(acc_m_s2: Vec3, gyr_rad_s: Vec3) -> bool:
+    """Whether the force is that of a turn that may go on for ever, as it is and at that rate.
+
+    In the mean over the turn its part along the axis is left, and must hold the vehicle up.
+    """
+    rate_rad_s = norm(gyr_rad_s)
+    if rate_rad_s == 0.0:
+        return False
+    along = dot(acc_m_s2, gyr_rad_s) / rate_rad_s
+    return abs(abs(along) - G) <= WEIGHT_M_S2
+
+
+def vector_after_turn(vector: Vec3, gyr_rad_s: Vec3, span_s: float) -> Vec3:
+    """A body vector of something fixed, after turning at that rate."""
+    return rotate_inverse(exp(scale(span_s, gyr_rad_s)), vector)

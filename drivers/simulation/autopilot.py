@@ -8,7 +8,7 @@ sample: whoever listens knows from the start what signals these are.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import inf, isfinite, remainder, tau
 from typing import Any
 
@@ -85,8 +85,12 @@ class VehicleOptions:
 class Schedule:
     """One message's stream; ``interval_us`` 0 means that it is off."""
 
-    interval_us: float
+    default_us: float
     due_us: float = 0.0
+    interval_us: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.interval_us = self.default_us
 
     def is_due(self, now_us: int) -> bool:
         """Whether to send with the sample at ``now_us``; moves on to the next time if so."""
@@ -112,6 +116,7 @@ class SimulatedAutopilot:
     ) -> None:
         options.check()
         self.id = VehicleId(system_id, component_id)
+        errors_seed = options.errors_seed
         self._vehicle = SimulatedVehicle(
             options.seed + system_id - 1,
             options.rate_hz,
@@ -120,33 +125,32 @@ class SimulatedAutopilot:
             options.bias,
             options.magnet,
             calm=options.calm,
-            errors_seed=None
-            if options.errors_seed is None
-            else options.errors_seed + system_id - 1,
+            errors_seed=None if errors_seed is None else errors_seed + system_id - 1,
         )
-        self._noise = options.noise
+        self._noise, self._drop = options.noise, options.drop
         self._encoder = FrameEncoder(self.id, options.signing_key)
-        self._drop = options.drop
         self._losses = np.random.default_rng([options.seed, system_id])
         self._receiver = np.random.default_rng([options.seed, system_id, 1])
-        self._default_us = 1e6 / options.rate_hz
-        self._told = self._messages_told()
-        self._streams = {each: Schedule(self._default_interval_us(each)) for each in self._told}
+        self._sample_us = self._default_us = 1e6 / options.rate_hz
+        self._messages = self._messages_of_samples()
+        slow_us = max(SLOW_US, self._default_us)
+        self._streams: dict[float, Schedule] = {
+            each: Schedule(slow_us if each in SLOW else self._default_us) for each in self._messages
+        }
+        self._heartbeat = Schedule(HEARTBEAT_US)
         self._answers: dict[str, Callable[[Any], list[Message]]] = {
             "COMMAND_LONG": self._command,
             "PARAM_REQUEST_LIST": lambda _: [_parameter(k) for k in range(len(PARAMETERS))],
             "PARAM_REQUEST_READ": _parameter_read,
         }
-        self._sample_us = self._default_us
-        self._heartbeat = Schedule(HEARTBEAT_US)
         self._next = next(self._vehicle)
 
-    def _messages_told(self) -> dict[int, Callable[[Sample], Message]]:
+    def _messages_of_samples(self) -> dict[float, Callable[[Sample], Message]]:
         """What goes with samples, in the order on the wire.
 
         SIM_STATE has no time of its own: it follows its RAW_IMU.
         """
-        told: dict[int, Callable[[Sample], Message]] = {
+        messages: dict[float, Callable[[Sample], Message]] = {
             mav.AUTOPILOT_VERSION_ID: lambda _: autopilot_version(BUILT_IN, self._vehicle.motion),
             mav.RAW_IMU_ID: lambda s: raw_imu(s.time_us, s.acc_m_s2, s.gyr_rad_s, s.mag_gauss),
             mav.SIM_STATE_ID: self._sim_state,
@@ -154,13 +158,11 @@ class SimulatedAutopilot:
             mav.ATTITUDE_QUATERNION_ID: lambda s: attitude_quaternion(
                 s.time_us, s.q_ned_frd, s.true_rate_rad_s
             ),
+            mav.GLOBAL_POSITION_INT_ID: self._global_position,
         }
-        if self._vehicle.tells_place:
-            told[mav.GLOBAL_POSITION_INT_ID] = self._global_position
-        return told
-
-    def _default_interval_us(self, message_id: int) -> float:
-        return max(SLOW_US, self._default_us) if message_id in SLOW else self._default_us
+        if not self._vehicle.tells_place:
+            del messages[mav.GLOBAL_POSITION_INT_ID]
+        return messages
 
     @property
     def due_us(self) -> float:
@@ -203,7 +205,7 @@ class SimulatedAutopilot:
         due = [each for each, stream in self._streams.items() if stream.is_due(sample.time_us)]
         if mav.RAW_IMU_ID not in due and mav.SIM_STATE_ID in due:
             due.remove(mav.SIM_STATE_ID)
-        return [self._told[each](sample) for each in due]
+        return [self._messages[each](sample) for each in due]
 
     def _sim_state(self, sample: Sample) -> Message:
         q, rate = sample.q_ned_frd, sample.true_rate_rad_s
@@ -232,14 +234,10 @@ class SimulatedAutopilot:
 
     def _set_interval(self, message_id: float, interval_us: float) -> int:
         """MAVLink's rule: -1 turns a message off, 0 restores its default."""
-        if message_id == mav.HEARTBEAT_ID:
-            stream, default_us = self._heartbeat, float(HEARTBEAT_US)
-        elif message_id in self._told:
-            stream = self._streams[int(message_id)]
-            default_us = self._default_interval_us(int(message_id))
-        else:
+        stream = {mav.HEARTBEAT_ID: self._heartbeat, **self._streams}.get(message_id)
+        if stream is None:
             return mav.MAV_RESULT_FAILED
-        interval_us = {-1.0: 0.0, 0.0: default_us}.get(interval_us, interval_us)
+        interval_us = {-1.0: 0.0, 0.0: stream.default_us}.get(interval_us, interval_us)
         if not (interval_us == 0.0 or 1e6 / FASTEST_RATE_HZ <= interval_us < inf):
             return mav.MAV_RESULT_DENIED
         stream.interval_us, stream.due_us = interval_us, self._next.time_us

@@ -19,7 +19,7 @@ each sample takes nine normal numbers in one order.
 from collections.abc import Iterator
 from functools import lru_cache
 from itertools import islice
-from math import ceil, floor, isfinite
+from math import ceil, floor, inf, isfinite
 from typing import Literal, NamedTuple, TypeVar, get_args
 
 import numpy as np
@@ -97,56 +97,20 @@ class Recording(NamedTuple):
 
 
 class _Truth(NamedTuple):
-    """What the noise is added to: times, attitude, rate and the two true body vectors.
+    """What the noise is added to.
 
-    ``magnetic_frd`` is the field over ``FIELD_GAUSS``, ``gravity_frd`` what an accelerometer
-    takes for gravity: the specific force over -g.
+    ``exact`` (N, 9) has Omega and the two true body vectors: the field over ``FIELD_GAUSS``, and
+    what an accelerometer takes for gravity, the specific force over -g.
     """
 
     time_us: npt.NDArray[np.int64]
     q_ned_frd: Floats
-    rate_rad_s: Floats
-    magnetic_frd: Floats
-    gravity_frd: Floats
+    exact: Floats
     velocity_ned_m_s: Floats
     position_ned_m: Floats
 
 
-class _Sensors(NamedTuple):
-    """Biases and noises: of the gyroscope in rad/s, of the vectors as parts of their length."""
-
-    gyro_bias_rad_s: Vec3
-    magnetic_bias: Vec3
-    gravity_bias: Vec3
-    gyro_noise_rad_s: float
-    magnetic_noise: float
-    gravity_noise: float
-
-
 Columns = TypeVar("Columns", Recording, _Truth)
-
-
-def _parts(vector: Vec3, of: float) -> Vec3:
-    return (vector[0] / of, vector[1] / of, vector[2] / of)
-
-
-PAPER_SENSORS = _Sensors(
-    gyro_bias_rad_s=(-0.1, 0.1, 0.05),
-    magnetic_bias=(0.1, -0.1, 0.1),
-    gravity_bias=(0.0, 0.0, 0.1),
-    gyro_noise_rad_s=GYRO_NOISE_RAD_S,
-    magnetic_noise=VECTOR_NOISE,
-    gravity_noise=VECTOR_NOISE,
-)
-# A small MEMS unit after the calibration that autopilots do; the field in gauss, the force in m/s^2
-FLIGHT_SENSORS = _Sensors(
-    gyro_bias_rad_s=(0.003, -0.004, 0.002),
-    magnetic_bias=_parts((0.004, -0.003, 0.005), FIELD_GAUSS),
-    gravity_bias=_parts((0.03, -0.025, 0.05), -STANDARD_GRAVITY_M_S2),
-    gyro_noise_rad_s=0.003,
-    magnetic_noise=0.003 / FIELD_GAUSS,
-    gravity_noise=0.1 / STANDARD_GRAVITY_M_S2,
-)
 
 
 class SensorErrors(NamedTuple):
@@ -170,19 +134,30 @@ def imu_errors(seed: int) -> tuple[SensorErrors, SensorErrors, SensorErrors]:
     return gyr, acc, mag
 
 
-class _Disturbance(NamedTuple):
-    """The sensors, scale factors of their noise and bias, and the magnet's times in s.
+class _Sensors(NamedTuple):
+    """Bias and noise (9,) of Omega (rad/s), v_1 and v_2 (parts of their length), and the magnet.
 
-    With ``round_s`` the magnet passes once in each round. ``errors`` are those of
+    It passes between two times (s), with ``round_s`` once in each round. ``errors`` are those of
     :func:`imu_errors`.
     """
 
-    sensors: _Sensors
-    noise: float
-    bias: float
-    magnet: tuple[float, float] | None
-    round_s: float | None = None
+    bias: Floats
+    noise: Floats
+    magnet: tuple[float, float] | None = None
+    round_s: float = inf
     errors: tuple[SensorErrors, SensorErrors, SensorErrors] | None = None
+
+
+PAPER_SENSORS = _Sensors(
+    np.array([-0.1, 0.1, 0.05, 0.1, -0.1, 0.1, 0.0, 0.0, 0.1]),
+    np.repeat([GYRO_NOISE_RAD_S, VECTOR_NOISE, VECTOR_NOISE], 3),
+)
+# A small MEMS unit after the calibration that autopilots do: rad/s, gauss and m/s^2
+UNITS = np.repeat([1.0, FIELD_GAUSS, -STANDARD_GRAVITY_M_S2], 3)
+FLIGHT_SENSORS = _Sensors(
+    np.array([0.003, -0.004, 0.002, 0.004, -0.003, 0.005, 0.03, -0.025, 0.05]) / UNITS,
+    np.repeat([0.003, 0.003, 0.1], 3) / np.abs(UNITS),
+)
 
 
 def simulate(
@@ -233,9 +208,15 @@ class SimulatedVehicle:
     ) -> None:
         _check(rate_hz, motion, noise, bias, magnet)
         self.motion = motion
-        self._disturbance = _disturbance(motion, noise, bias, magnet, calm=calm)
-        if errors_seed is not None:
-            self._disturbance = self._disturbance._replace(errors=imu_errors(errors_seed))
+        sensors = FLIGHT_SENSORS if motion in ("flight", "bench") else PAPER_SENSORS
+        self._sensors = sensors._replace(
+            bias=bias * sensors.bias,
+            noise=noise * sensors.noise,
+            magnet=magnet,
+            errors=None if errors_seed is None else imu_errors(errors_seed),
+        )
+        if motion == "flight" and magnet is None and not calm:
+            self._sensors = self._sensors._replace(magnet=flight.MAGNET_S, round_s=flight.ROUND_S)
         self._falls_silent = motion == "flight" and not calm
         self._generator = _generator(seed)
         self._last: Sample | None = None
@@ -263,7 +244,7 @@ class SimulatedVehicle:
         Raises:
             InputError: the rate is not positive.
         """
-        _check(rate_hz, self.motion, self._disturbance.noise, self._disturbance.bias, None)
+        _check(rate_hz)
         if self._last is None:
             self._samples = self._from(0, IDENTITY, rate_hz)
             return
@@ -285,7 +266,7 @@ class SimulatedVehicle:
         while True:
             truth, start = _truth_chunk(self.motion, rate_hz, first, start)
             normals = self._generator.standard_normal((CHUNK_SAMPLES, 9))
-            yield _measure(truth, normals, self._disturbance)
+            yield _measure(truth, normals, self._sensors)
             first += CHUNK_SAMPLES
 
 
@@ -309,7 +290,11 @@ def true_rate(motion: Motion, time_s: Floats) -> Floats:
 
 
 def _check(
-    rate_hz: float, motion: str, noise: float, bias: float, magnet: tuple[float, float] | None
+    rate_hz: float,
+    motion: str = "rest",
+    noise: float = 1.0,
+    bias: float = 1.0,
+    magnet: tuple[float, float] | None = None,
 ) -> None:
     if not (isfinite(rate_hz) and rate_hz > 0):
         raise InputError(f"the simulated vehicle's rate must be positive, not {rate_hz} Hz")
@@ -328,47 +313,23 @@ def _generator(seed: int) -> np.random.Generator:
     return np.random.default_rng(seed)
 
 
-def _disturbance(
-    motion: Motion, noise: float, bias: float, magnet: tuple[float, float] | None, *, calm: bool
-) -> _Disturbance:
-    sensors = FLIGHT_SENSORS if motion in ("flight", "bench") else PAPER_SENSORS
-    if motion == "flight" and magnet is None and not calm:
-        return _Disturbance(sensors, noise, bias, flight.MAGNET_S, flight.ROUND_S)
-    return _Disturbance(sensors, noise, bias, magnet)
-
-
-def _measure(truth: _Truth, normals: Floats, disturbance: _Disturbance) -> Recording:
+def _measure(truth: _Truth, normals: Floats, sensors: _Sensors) -> Recording:
     """Truth plus bias and noise; ``normals`` (N, 9) are gyroscope, v_1, v_2."""
-    sensors, noise, bias, magnet, round_s, errors = disturbance
-    # Omega_m = Omega + b + n
-    gyr = truth.rate_rad_s + bias * np.array(sensors.gyro_bias_rad_s)
-    gyr += noise * sensors.gyro_noise_rad_s * normals[:, 0:3]
-    # v_i^B = R^T v_i^I + b_i^B + n_i^B
-    v_1 = truth.magnetic_frd + bias * np.array(sensors.magnetic_bias)
-    v_1 += noise * sensors.magnetic_noise * normals[:, 3:6]
-    v_2 = truth.gravity_frd + bias * np.array(sensors.gravity_bias)
-    v_2 += noise * sensors.gravity_noise * normals[:, 6:9]
-    mag = FIELD_GAUSS * v_1
-    if magnet is not None:
-        time_s = truth.time_us.astype(np.float64) * 1e-6
-        mag[:, 1] += _magnet_gauss(time_s if round_s is None else time_s % round_s, magnet)
-    acc = -STANDARD_GRAVITY_M_S2 * v_2
-    if errors is not None:
-        readings = zip(errors, (gyr, acc, mag), strict=True)
+    # Omega_m = Omega + b + n and v_i^B = R^T v_i^I + b_i^B + n_i^B
+    gyr, v_1, v_2 = np.split(truth.exact + sensors.bias + sensors.noise * normals, 3, axis=1)
+    mag, acc = FIELD_GAUSS * v_1, -STANDARD_GRAVITY_M_S2 * v_2
+    if sensors.magnet is not None:
+        begin, end = sensors.magnet
+        phase = np.clip((truth.time_us * 1e-6 % sensors.round_s - begin) / (end - begin), 0.0, 1.0)
+        # (4 x (1 - x))^2 is sin^2(pi x) to within 0.07, and the same bit for bit in any block
+        mag[:, 1] += MAGNET_PEAK_GAUSS * (4.0 * phase * (1.0 - phase)) ** 2
+    if sensors.errors is not None:
+        readings = zip(sensors.errors, (gyr, acc, mag), strict=True)
         gyr, acc, mag = (v @ each.matrix.T + each.bias for each, v in readings)
-    rates_forces = truth.rate_rad_s, -STANDARD_GRAVITY_M_S2 * truth.gravity_frd
+    rate, _, gravity = np.split(truth.exact, 3, axis=1)
+    true = truth.q_ned_frd, rate, -STANDARD_GRAVITY_M_S2 * gravity
     ways = truth.velocity_ned_m_s, truth.position_ned_m
-    return _read_only(
-        Recording(truth.time_us, gyr, acc, mag, truth.q_ned_frd, *rates_forces, *ways)
-    )
-
-
-def _magnet_gauss(time_s: Floats, magnet: tuple[float, float]) -> Floats:
-    begin, end = magnet
-    phase = np.clip((time_s - begin) / (end - begin), 0.0, 1.0)
-    # (4 x (1 - x))^2 is sin^2(pi x) to within 0.07, and the same bit for bit in any block
-    bump: Floats = MAGNET_PEAK_GAUSS * (4.0 * phase * (1.0 - phase)) ** 2
-    return bump
+    return _read_only(Recording(truth.time_us, gyr, acc, mag, *true, *ways))
 
 
 @lru_cache(maxsize=64)  # vehicles that fly side by side share the truth, and seeds of one motion
@@ -382,17 +343,19 @@ def _truth_chunk(
         true = flight.flight_truth(time_s[:-1])
         field = rotate_inverse(true.q_ned_frd, flight.FIELD_NED_GAUSS) / FIELD_GAUSS
         gravity = true.force_frd_m_s2 / -STANDARD_GRAVITY_M_S2
+        exact = np.hstack([true.rate_rad_s, field, gravity])
         ways = true.velocity_ned_m_s, true.position_ned_m
-        truth = _Truth(time_us, true.q_ned_frd, true.rate_rad_s, field, gravity, *ways)
-        return _read_only(truth), IDENTITY
+        return _read_only(_Truth(time_us, true.q_ned_frd, exact, *ways)), IDENTITY
     q = _integrate(motion, time_s, start)
     after: Quaternion = tuple((q[-1] / np.sqrt(np.sum(q[-1] ** 2))).tolist())
-    q, rate = q[:-1], true_rate(motion, time_s[:-1])
-    is_bench = motion == "bench"
-    magnetic_ned = _parts(flight.FIELD_NED_GAUSS, FIELD_GAUSS) if is_bench else MAGNETIC_NED
-    vectors = rotate_inverse(q, magnetic_ned), rotate_inverse(q, GRAVITY_NED)
+    q = q[:-1]
+    field_ned = np.array(MAGNETIC_NED)
+    if motion == "bench":
+        field_ned = np.array(flight.FIELD_NED_GAUSS) / FIELD_GAUSS
+    vectors = rotate_inverse(q, field_ned), rotate_inverse(q, GRAVITY_NED)
+    exact = np.hstack([true_rate(motion, time_s[:-1]), *vectors])
     still = np.zeros((len(q), 3))
-    return _read_only(_Truth(time_us, q, rate, *vectors, still, still.copy())), after
+    return _read_only(_Truth(time_us, q, exact, still, still.copy())), after
 
 
 def _read_only(columns: Columns) -> Columns:

@@ -16,8 +16,8 @@ import msgspec
 import numpy as np
 
 from drivers.logs.open import open_log
+from drivers.logs.other_sensors import vibrations
 from drivers.logs.time_window import WHOLE_LOG, TimeWindow
-from drivers.logs.vibration import vibrations
 from estimator.arrays import Floats
 from estimator.errors import InputError
 from estimator.profile import load_profile

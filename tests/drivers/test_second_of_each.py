@@ -2,8 +2,7 @@
 
 import pytest
 
-from drivers.events import VehicleId, Velocity
-from drivers.logs.ulog import Ulog
+from drivers.events import VehicleId
 from drivers.mavlink.constants import RAW_IMU_ID, mavlink
 from drivers.mavlink.encoder import FrameEncoder, attitude, attitude_quaternion
 from drivers.mavlink.framing import Frame
@@ -12,7 +11,6 @@ from drivers.samples.imu_stream import MOST_HELD, Field, ImuStream, Stamp
 from drivers.samples.vehicle_clock import TimeField
 from estimator.reasons import Reason
 from tests.drivers.logs.test_missing_imu import PX4, refusal, tlog
-from tests.drivers.logs.test_ulog import Writer, of
 
 S = 1_000_000
 VEHICLE = VehicleId(1, 1)
@@ -47,17 +45,6 @@ def test_after_seven_weeks_the_milliseconds_begin_anew(make):
     assert message.time_boot_ms == 5
 
 
-@pytest.mark.parametrize(("is_reckoned", "count"), [(0, 1), (1, 0)])
-def test_px4s_dead_reckoning_is_no_velocity(tmp_path, is_reckoned, count):
-    fields = "float vx;float vy;float vz;bool v_xy_valid;bool v_z_valid;bool dead_reckoning"
-    log = Writer().sensors().topic(10, "vehicle_local_position", fields)
-    for k in range(5):
-        log.sample(S + 100_000 * k, (0.001 * k, 0, 0), (0, 0, -9.8))
-    log.row(10, "3f3B", 1_350_000, 3.0, -1.0, 0.5, 1, 1, is_reckoned)
-    found = of(Velocity, list(Ulog(log.save(tmp_path))))
-    assert [each.sample.velocity_ned_m_s for each in found] == count * [(3.0, -1.0, 0.5)]
-
-
 def reading(stream, raw_us):
     gyr = (1e-3 * (raw_us % 977), 0.01, -0.01)
     stamp = Stamp(TimeField.TIME_USEC, raw_us, 10**12 + raw_us)
@@ -69,7 +56,7 @@ def test_a_clock_that_stays_back_holds_no_more_than_so_many():
     count = 3 * MOST_HELD + 10
     for k in range(count):
         events = stream.place(
-            reading(stream, S + 20_000 * k), Reason.OUT_OF_ORDER, [], 0, doubts_axes=False
+            reading(stream, S + 20_000 * k), Reason.OUT_OF_ORDER, [], 0, checks_axes=False
         )
         refused += len(events)
         assert k + 1 - refused <= MOST_HELD

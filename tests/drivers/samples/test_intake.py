@@ -94,6 +94,44 @@ def test_a_garbled_time_costs_its_reading_alone_and_is_counted_when_that_is_sure
     assert after.boot_us == 301_500_000
 
 
+def moving(intake, k, raw_us, mag=FIELD):
+    """A reading with noise, 50 a second."""
+    gyr, acc = (1e-3 * (k % 7), 2e-3 * (k % 11), 0.0), (0.01 * (k % 5), 0.02 * (k % 3), -9.8)
+    return imu(intake, raw_us, UNIX + 20_000 * k, gyr, acc, mag)
+
+
+@pytest.mark.parametrize(
+    ("back_us", "count", "lost"),
+    [(300_000, 1, 1), (300_000, 2, 2), (300_000, 3, 0), (3 * S, 1, 1), (3 * S, 2, 0)],
+)
+def test_a_clock_set_back_for_a_few_readings_costs_two_of_them_at_most(back_us, count, lost):
+    """So few may as well be late. Those behind them are as if nothing had been."""
+    intake, events = Intake(VEHICLE), []
+    for k in range(600):
+        raw_us = 300 * S + 20_000 * k - back_us * (500 <= k < 500 + count)
+        events += moving(intake, k, raw_us)
+    times_us = [event.sample.time_us for event in events if isinstance(event, Imu)]
+    assert len(times_us) == 600 - lost
+    assert sum(isinstance(event, Rejected) for event in events) == lost
+    assert times_us[-1] - times_us[0] == 599 * 20_000
+    assert times_us == sorted(times_us)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("peak_gauss", [40.0, 66.0, 120.0])
+def test_a_field_that_wraps_is_out_of_range_until_it_is_back(peak_gauss, sign):
+    """Integers of 16 bits hold 32.8 gauss; a magnet of 66 shows what the Earth does."""
+    intake, used, refused = Intake(VEHICLE), [], 0
+    for k in range(800):
+        true = sign * (0.4 + peak_gauss * math.sin(math.pi * k / 800) ** 2)
+        shown = 1e-3 * ((round(1e3 * true) + 32768) % 65536 - 32768)
+        events = moving(intake, k, S + 20_000 * k, (0.2 + 1e-3 * (k % 3), 0.0, shown))
+        used += [true for e in events if isinstance(e, Imu) and e.sample.has_mag]
+        refused += sum(isinstance(event, Rejected) for event in events)
+    assert max(map(abs, used)) <= 8.0
+    assert len(used) + refused == 800
+
+
 OTHERS = {
     "attitude": lambda intake, at: intake.attitude("ATTITUDE", at, "autopilot", IDENTITY),
     "velocity": lambda intake, at: intake.fix("LOCAL_POSITION_NED", at, Fix((1.0, 0.0, 0.0))),
@@ -115,7 +153,7 @@ def test_a_reset_that_another_message_confirms_is_told_with_it(other):
 @pytest.mark.parametrize(("raw_us", "believed"), [(5 * S, True), (20 * S, False), (900 * S, False)])
 def test_a_reboot_voids_what_the_filter_said_of_itself_and_a_leap_does_not(raw_us, believed):
     intake, arrival_us = running()
-    intake.navigation.hear_status(
+    intake.navigation.update_status(
         FilterStatus(VEHICLE, arrival_us, has_velocity=False, has_place=False)
     )
     for k in range(2):
@@ -246,7 +284,7 @@ def test_streams_of_one_vehicle_are_limited():
 @pytest.mark.parametrize("doubts", [False, True])
 def test_axes_are_doubted_only_of_senders_not_known_for_frd(doubts):
     intake = Intake(VEHICLE)
-    intake.doubts_axes = doubts
+    intake.checks_axes = doubts
     events = []
     for k in range(60):
         events += imu(intake, S + 250_000 * k, acc=(0.01 * k, 0.0, STANDARD_GRAVITY_M_S2))

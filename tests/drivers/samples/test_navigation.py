@@ -5,7 +5,7 @@ import math
 import pytest
 
 from drivers.events import FilterStatus, VehicleId
-from drivers.samples.navigation import MOST_DOUBT, WORD_HOLDS_US, Navigation, filter_status
+from drivers.samples.navigation import MOST_INFLATION, STATUS_HOLDS_US, Navigation, filter_status
 
 ONE = VehicleId(1, 1)
 NOW_US = 1_700_000_000_000_000
@@ -40,17 +40,17 @@ PLACES = [
 def test_a_place_needs_a_word(flags, fix, place, believed):
     navigation = Navigation()
     if flags is not None:
-        navigation.hear_status(filter_status(ONE, NOW_US, flags, 0.1))
+        navigation.update_status(filter_status(ONE, NOW_US, flags, 0.1))
     if fix is not None:
-        navigation.hear_fix(fix >= 3, NOW_US)
-    assert navigation.believes_place(*place, NOW_US) is believed
+        navigation.update_fix(fix >= 3, NOW_US)
+    assert navigation.accepts_position(*place, NOW_US) is believed
 
 
 @pytest.mark.parametrize("flags", [STANDING, WITHOUT, 0, 0x400, FLYING & ~0x02])
 def test_a_filter_that_has_no_velocity_is_not_asked_for_it(flags):
     navigation = Navigation()
     assert navigation.velocity_sigma_m_s(0.3, NOW_US) == 0.3  # it has said nothing yet
-    navigation.hear_status(filter_status(ONE, NOW_US, flags, 0.0))
+    navigation.update_status(filter_status(ONE, NOW_US, flags, 0.0))
     assert navigation.velocity_sigma_m_s(0.3, NOW_US) is None
 
 
@@ -61,24 +61,24 @@ def test_a_filter_that_has_no_velocity_is_not_asked_for_it(flags):
         (0.4, 0.3),  # two of its gate's five sigmas
         (1.0, 1.2),
         (2.0, 2.7),
-        (1e9, 0.3 * MOST_DOUBT),
+        (1e9, 0.3 * MOST_INFLATION),
         (math.nan, 0.3),  # PX4 where there is nothing to test
     ],
 )
 def test_sigma_grows_with_the_test_ratio(ratio, sigma_m_s):
     navigation = Navigation()
-    navigation.hear_status(filter_status(ONE, NOW_US, FLYING, ratio))
+    navigation.update_status(filter_status(ONE, NOW_US, FLYING, ratio))
     assert navigation.velocity_sigma_m_s(0.3, NOW_US) == pytest.approx(sigma_m_s)
 
 
 def test_words_hold_for_a_while_and_not_beyond_a_reboot():
     navigation = Navigation()
-    navigation.hear_status(filter_status(ONE, NOW_US, STANDING, 0.0))
-    assert navigation.velocity_sigma_m_s(0.3, NOW_US + WORD_HOLDS_US) is None
-    assert navigation.velocity_sigma_m_s(0.3, NOW_US + WORD_HOLDS_US + 1) == 0.3
-    navigation.hear_status(FilterStatus(ONE, NOW_US, False, True))
-    navigation.hear_fix(False, NOW_US)
+    navigation.update_status(filter_status(ONE, NOW_US, STANDING, 0.0))
+    assert navigation.velocity_sigma_m_s(0.3, NOW_US + STATUS_HOLDS_US) is None
+    assert navigation.velocity_sigma_m_s(0.3, NOW_US + STATUS_HOLDS_US + 1) == 0.3
+    navigation.update_status(FilterStatus(ONE, NOW_US, False, True))
+    navigation.update_fix(False, NOW_US)
     navigation.forget()
-    assert navigation.believes_place(*CANBERRA, NOW_US)
+    assert navigation.accepts_position(*CANBERRA, NOW_US)
     assert navigation.velocity_sigma_m_s(0.3, NOW_US) == 0.3
-    assert not navigation.believes_place(*NEAR_NOWHERE, NOW_US)
+    assert not navigation.accepts_position(*NEAR_NOWHERE, NOW_US)

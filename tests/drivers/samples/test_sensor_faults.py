@@ -5,8 +5,7 @@ import random
 
 import pytest
 
-from drivers.samples.sensor_faults import SensorFaults
-from drivers.samples.stuck import Readings
+from drivers.samples.sensor_faults import Readings, SensorFaults
 from estimator.geometry.quaternion import exp, multiply, rotate_inverse
 from estimator.reasons import Reason
 from estimator.types import IDENTITY, STANDARD_GRAVITY_M_S2, ZERO_VEC3

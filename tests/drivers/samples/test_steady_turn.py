@@ -5,8 +5,7 @@ from math import atan2, cos, sin
 import numpy as np
 import pytest
 
-from drivers.samples.sensor_faults import SensorFaults
-from drivers.samples.stuck import Readings
+from drivers.samples.sensor_faults import Readings, SensorFaults
 from estimator.geometry.frames import from_euler_rad
 from estimator.geometry.quaternion import rotate_inverse
 from estimator.reasons import Reason

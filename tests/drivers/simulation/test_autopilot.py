@@ -148,6 +148,7 @@ def test_commands_to_others_are_left_alone():
 
 def test_parameters():
     autopilot = SimulatedAutopilot(VehicleOptions(), 1)
+    assert autopilot.id == VehicleId(1, 1)
     values = parsed(autopilot.handle(message("param_request_list", 1, 1), UNIX_US))
     assert [(v.param_id, v.param_value) for v in values] == list(PARAMETERS)
     assert [v.param_index for v in values] == list(range(len(PARAMETERS)))
@@ -157,10 +158,6 @@ def test_parameters():
         assert value.param_id == "COMPASS_OFS_Y"
     for name, index in ((b"NO_SUCH", -1), (b"", 99)):
         assert autopilot.handle(message("param_request_read", 1, 1, name, index), UNIX_US) == b""
-
-
-def test_identity_of_a_vehicle():
-    assert SimulatedAutopilot(VehicleOptions(), 9).id == VehicleId(9, 1)
 
 
 def test_it_says_whose_it_is_ahead_of_the_first_sample():
@@ -192,11 +189,6 @@ def test_a_flight_tells_its_place_and_velocity_and_falls_silent():
     calm = SimulatedAutopilot(VehicleOptions(motion="flight", rate_hz=50, calm=True), 1)
     calm_times = of_type(parsed(calm.advance(100 * SECOND - 1, UNIX_US)), "RAW_IMU")
     assert gaps(calm_times) == {20_000}
-
-
-def test_what_turns_on_the_spot_tells_no_place():
-    messages = parsed(SimulatedAutopilot(VehicleOptions(), 1).advance(2 * SECOND, UNIX_US))
-    assert not of_type(messages, "GLOBAL_POSITION_INT")
 
 
 def test_after_a_pause_slow_messages_keep_their_interval():
