@@ -372,20 +372,17 @@ def gps(course=0, vel_acc=0, speed=200):
     )
 
 
-def test_gps_has_its_accuracy_in_mm_s_or_none():
-    sample = only(Velocity, decode_all([raw_imu(), gps(vel_acc=250)]))[0].sample
-    assert sample.sigma_m_s == pytest.approx(0.25)
-    assert sample.late_sigma_s == 0.1
-    assert only(Velocity, decode_all([raw_imu(), gps()]))[0].sample.sigma_m_s == 0.5
-
-
 @pytest.mark.parametrize(
-    ("course", "north", "east"), [(0, 2, 0), (9000, 0, 2), (21_000, -1.732, -1)]
+    ("course", "vel_acc", "north", "east", "sigma_m_s"),
+    [(0, 0, 2, 0, 0.5), (9000, 0, 0, 2, 0.5), (21_000, 250, -1.732, -1, 0.25)],
 )
-def test_gps_course_turns_from_north_to_east(course, north, east):
-    velocity = only(Velocity, decode_all([raw_imu(), gps(course)]))[0].sample
+def test_gps_has_a_course_from_north_to_east_and_its_accuracy_or_none(
+    course, vel_acc, north, east, sigma_m_s
+):
+    velocity = only(Velocity, decode_all([raw_imu(), gps(course, vel_acc)]))[0].sample
     assert velocity.velocity_ned_m_s == pytest.approx((north, east, 0.0), abs=1e-3)
     assert not velocity.has_vertical
+    assert (velocity.sigma_m_s, velocity.late_sigma_s) == (pytest.approx(sigma_m_s), 0.1)
 
 
 REBOOTED = {

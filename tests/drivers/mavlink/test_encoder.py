@@ -90,8 +90,8 @@ def test_frames_are_those_that_pymavlink_packs(boot_us, q, a, b, target, number)
             m.MAVLink_param_value_message(b"ABCDEFGH_0123456", a[0], 9, 65535, number),
         ),
         (
-            encoder.command_long(target, 511, a, number),
-            m.MAVLink_command_long_message(*target, 511, number, *a, 0, 0, 0, 0),
+            encoder.message_interval_request(target, 27, a[0], number),
+            m.MAVLink_command_long_message(*target, 511, number, 27, a[0], 0, 0, 0, 0, 0),
         ),
         (
             encoder.command_ack(target, 511, number),
