@@ -96,7 +96,7 @@ class ParameterValue(NamedTuple):
 def owner(sender: VehicleId, autopilots: Iterable[VehicleId]) -> VehicleId | None:
     """Whose parameter it is; None while no autopilot of the sender's system is known.
 
-    Who is an autopilot has parameters of its own. All others on a system speak of its
+    An autopilot has parameters of its own. All others on a system send those of its
     autopilot's: of several, the one with the lowest component id, by convention 1.
     """
     if sender.component_id == mav.MAV_COMP_ID_AUTOPILOT1:

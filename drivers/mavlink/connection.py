@@ -203,7 +203,7 @@ ADVICE = {
     "udpin": "does the vehicle or the ground station send to this address?",
     "tcpin": "does the vehicle or the ground station send to this address?",
     "udpout": "perhaps nobody listens there",
-    "tcp": "whoever answers there says nothing",
+    "tcp": "the program that answers there sends nothing",
     "serial": "is the vehicle on, and the baud rate right?",
 }
 OTHER_BAUD = "another baud rate? 57600 (radios), 115200 (USB), 921600 (wired)"

@@ -33,7 +33,6 @@ from drivers.mavlink.messages import (
     Received,
     imu_number,
     imu_number_offset,
-    imu_rank,
     imu_stream_name,
 )
 from drivers.places import PLACES
@@ -62,8 +61,9 @@ STEP_WEIGHT = 1 / 32  # of a frame in what is usual
 
 MOST_WAITING = 4096  # an autopilot has some 1500 parameters
 
-# What fuzzbee's own vehicle puts where others have a commit
+# What fuzzbee's own vehicle puts where others have a commit, in AUTOPILOT_VERSION's payload
 BUILT_IN = "fuzzbee"
+FLIGHT_CUSTOM_VERSION, MIDDLEWARE_CUSTOM_VERSION = slice(36, 44), slice(44, 52)
 
 
 class _Sender:
@@ -72,8 +72,6 @@ class _Sender:
     def __init__(self, address: VehicleId, *, takes_references: bool) -> None:
         self.id = address
         self.autopilot: int | None = None
-        self.version = b""  # the payload of its last AUTOPILOT_VERSION, and what that says
-        self.motion: str | None = None
         self.imu_us: dict[str, int] = {}  # arrival of each IMU message's last frame
         self.other_us: dict[str, int] = {}  # and of the last read one of each IMU not in use
         self.intake = Intake(address)
@@ -96,7 +94,7 @@ class _Sender:
 class MavlinkDecoder:
     """Frames in, events out, for any number of vehicles.
 
-    ``references`` says whether attitudes of others are wanted, ``texts`` whether STATUSTEXT is;
+    With ``references`` attitudes of others are wanted, with ``texts`` STATUSTEXT is;
     ``wanted`` holds the numbers of the messages that become events, all others are skipped.
     ``imu_in_use`` gives the IMU message that is used of a vehicle, if any: those behind it in the
     order of preference are skipped while it comes. The tables are read here once: what is to be
@@ -119,6 +117,7 @@ class MavlinkDecoder:
         }
         if texts:
             self._handlers[mav.STATUSTEXT_ID] = self._status_text
+        self._imu_ranks = {imu.name: rank for rank, imu in enumerate(IMU_MESSAGES.values())}
         for number, imu in IMU_MESSAGES.items():
             is_numbered = imu_number_offset(number) is not None
             self._handlers[number] = partial(_imu_events, imu, is_numbered)
@@ -135,21 +134,21 @@ class MavlinkDecoder:
         if frame.message_id not in self.wanted:
             return []
         address = (frame.system_id, frame.component_id)
-        sender = self._flying.get(address)
-        if sender is not None:
-            self._flying.move_to_end(address)
-            sender.note(frame, arrival_us)
-            return self._events(sender, frame, arrival_us)
-        met = [] if address in self._idle else self._meet(frame, arrival_us)
-        if address not in self._idle:
-            return met
-        sender = self._idle[address]
-        self._idle.move_to_end(address)
+        senders = self._flying
+        sender = senders.get(address)
+        met: list[Event] = []
+        if sender is None:
+            senders = self._idle
+            if address not in senders:
+                met = self._meet(frame, arrival_us)
+            if (sender := senders.get(address)) is None:
+                return met
+        senders.move_to_end(address)
         sender.note(frame, arrival_us)
-        events = met + self._events(sender, frame, arrival_us)
-        if sender.intake.has_imu:
+        events = self._events(sender, frame, arrival_us)
+        if senders is self._idle and sender.intake.has_imu:
             self._flying[address] = self._idle.pop(address)
-        return events
+        return met + events if met else events
 
     def end(self) -> list[Event]:
         """No frame comes any more: the events of what has waited for more."""
@@ -160,7 +159,7 @@ class MavlinkDecoder:
 
     def _events(self, sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:
         if frame.message_id == mav.AUTOPILOT_VERSION_ID:
-            return self._repeated_version(sender, frame, arrival_us)
+            return _version(sender, frame, arrival_us)
         if self.imu_in_use is not None and frame.message_id in IMU_MESSAGES:
             name = IMU_MESSAGES[frame.message_id].name
             sender.imu_us[name] = arrival_us
@@ -182,7 +181,7 @@ class MavlinkDecoder:
         last_us = sender.imu_us.get(better)
         if last_us is None or not 0 <= arrival_us - last_us < IMU_SILENT_US:
             return False
-        return imu_rank(better) < imu_rank(name)
+        return self._imu_ranks.get(better, len(self._imu_ranks)) < self._imu_ranks[name]
 
     def _other_imu(self, sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:
         """What an IMU that is not in use reads, twice a second; otherwise nothing is unpacked."""
@@ -198,18 +197,6 @@ class MavlinkDecoder:
             return []
         gyr, acc, _ = message.vectors(fields)
         return [OtherImu(sender.id, arrival_us, name, gyr, acc)]
-
-    def _repeated_version(self, sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:
-        """What an AUTOPILOT_VERSION says; once a second or so, and unpacked only if it is new."""
-        intake = sender.intake
-        if 0 <= arrival_us - intake.version_given_us < VERSION_EVERY_US:
-            return []
-        intake.version_given_us = arrival_us
-        payload = frame.data[frame.payload_at : frame.payload_end]
-        if payload != sender.version:
-            message = self._reader.fields(frame)
-            sender.version, sender.motion = payload, None if message is None else _motion(message)
-        return [] if sender.motion is None else [BuiltIn(sender.id, arrival_us, sender.motion)]
 
     def _meet(self, frame: Frame, arrival_us: int) -> list[Event]:
         """Give a new sender a place, if there is one; too many are no link of real ones."""
@@ -239,7 +226,7 @@ class MavlinkDecoder:
 
     def _param_value(self, sender: _Sender, m: Any, arrival_us: int) -> list[Event]:
         value = ParameterValue(m.param_id, m.param_value, m.param_type)
-        known = self._known()  # who has said so, or sends IMU data
+        known = self._known()  # by HEARTBEAT or IMU data
         autopilots = [s.id for s in known if s.autopilot is not None or s.intake.has_imu]
         address = owner(sender.id, autopilots)
         if address is None:
@@ -258,10 +245,10 @@ class MavlinkDecoder:
         is_armed = bool(m.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
         beat = Heartbeat(sender.id, arrival_us, m.autopilot, m.type, is_armed, m.custom_mode)
         keys = [key for key in self._waiting if key[0] == sender.id.system_id]
-        waiting = [self._waiting.pop(key) for key in keys]
+        held = [self._waiting.pop(key) for key in keys]
         return [
             beat,
-            *(Parameter(sender.id, arrival_us, p.name, p.value(m.autopilot)) for p in waiting),
+            *(Parameter(sender.id, arrival_us, p.name, p.value(m.autopilot)) for p in held),
         ]
 
     def _status_text(self, sender: _Sender, m: Any, arrival_us: int) -> list[Event]:
@@ -273,16 +260,17 @@ class MavlinkDecoder:
         return [CommandAck(sender.id, arrival_us, m.command, m.result)]
 
 
-def _motion(m: Any) -> str | None:
-    """The motion of fuzzbee's own vehicle, by its AUTOPILOT_VERSION; None if it is another's."""
-    if _text(m.flight_custom_version) != BUILT_IN:
-        return None
-    return _text(m.middleware_custom_version)
-
-
-def _text(letters: list[int]) -> str:
-    """The text before the first zero byte."""
-    return bytes(letters).split(b"\0", 1)[0].decode("ascii", "replace")
+def _version(sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:
+    """The motion of fuzzbee's own vehicle, by its AUTOPILOT_VERSION; looked at once a second."""
+    if 0 <= arrival_us - sender.intake.version_given_us < VERSION_EVERY_US:
+        return []
+    sender.intake.version_given_us = arrival_us
+    payload = frame.data[frame.payload_at : frame.payload_end]
+    product, motion = (
+        payload[at].split(b"\0", 1)[0].decode("ascii", "replace")
+        for at in (FLIGHT_CUSTOM_VERSION, MIDDLEWARE_CUSTOM_VERSION)
+    )
+    return [BuiltIn(sender.id, arrival_us, motion)] if product == BUILT_IN else []
 
 
 def _imu_events(

@@ -1,9 +1,8 @@
 """Values to MAVLink 2 frames, for the few messages that we send ourselves.
 
 No I/O and no clock. Packing by ``struct`` takes 2 us a frame, a fifteenth of
-what pymavlink's classes take, so that one core can play hundreds of vehicles. Units
-change here as in the codec: SI inside, MAVLink's outside. Fields are packed by pymavlink's
-definitions, in wire order.
+what pymavlink's classes take, so that one core can play hundreds of vehicles. SI units come
+in, MAVLink's go out. Fields are packed by pymavlink's definitions, in wire order.
 
 Source of the frames' layout: https://mavlink.io/en/guide/serialization.html and
 https://mavlink.io/en/guide/message_signing.html.
@@ -11,7 +10,7 @@ https://mavlink.io/en/guide/message_signing.html.
 
 import hashlib
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cache
 from math import copysign
 from struct import Struct
@@ -199,14 +198,6 @@ def param_value(name: str, value: float, count: int, index: int) -> Message:
     return _message(mav.PARAM_VALUE_ID, value, count, index, name.encode(), kind)
 
 
-def command_long(
-    target: VehicleId, command: int, parameters: Sequence[float], confirmation: int = 0
-) -> Message:
-    """COMMAND_LONG with up to seven parameters."""
-    seven = (*parameters, *(7 - len(parameters)) * (0.0,))
-    return _message(mav.COMMAND_LONG_ID, *seven, command, *target, confirmation)
-
-
 def command_ack(target: VehicleId, command: int, result: int) -> Message:
     """COMMAND_ACK with a MAV_RESULT."""
     return _message(mav.COMMAND_ACK_ID, command, result, 0, 0, *target)
@@ -216,8 +207,9 @@ def message_interval_request(
     target: VehicleId, message_id: int, interval_us: float, confirmation: int = 0
 ) -> Message:
     """COMMAND_LONG that asks for a message every ``interval_us``."""
-    parameters = (float(message_id), interval_us)
-    return command_long(target, mav.MAV_CMD_SET_MESSAGE_INTERVAL, parameters, confirmation)
+    parameters = (message_id, interval_us, *(5 * (0.0,)))
+    command = mav.MAV_CMD_SET_MESSAGE_INTERVAL
+    return _message(mav.COMMAND_LONG_ID, *parameters, command, *target, confirmation)
 
 
 def signing_key(content: bytes) -> bytes:

@@ -6,12 +6,14 @@ budget of its own, so that nobody else's flood keeps its samples out.
 
 In the queue frames that were recorded wait to be decoded. Only when it is full is anything left
 out: of each sender's streams (one message of one IMU) the newest frame stays, in its place, and
-older ones go. A newer sample of a vehicle is worth more than an older one, and what says something
+older ones go. A newer sample of a vehicle is worth more than an older one, and what is sent only
 once (a parameter, an answer) stays.
 """
 
 from collections import Counter, deque
 from collections.abc import Iterable
+from dataclasses import dataclass
+from math import inf
 from typing import NamedTuple
 
 from drivers.events import Shed, VehicleId
@@ -27,43 +29,31 @@ FRAME_BYTES = 64  # of a usual frame: a packet that is larger counts as several
 MOST_PEERS = 1024
 
 
-class _TokenBucket:
+@dataclass(slots=True)
+class _Budget:
     """A second's worth of packets, refilled as time goes by."""
 
-    __slots__ = ("_at_s", "_left", "_rate_hz")
+    left: float
+    at_s: float
+    imu_s: float = -inf  # when its peer last sent IMU data
 
-    def __init__(self, rate_hz: float, now_s: float) -> None:
-        self._rate_hz = self._left = rate_hz
-        self._at_s = now_s
-
-    def take(self, packets: int, now_s: float) -> bool:
-        """Whether there are so many left, which are then taken; a full bucket is enough for any."""
-        left = self._left + self._rate_hz * max(0.0, now_s - self._at_s)  # the clock may be set
-        self._left, self._at_s = min(self._rate_hz, left), now_s
-        packets = min(packets, int(self._rate_hz))
-        if self._left < packets:
+    def take(self, packets: int, rate_hz: float, now_s: float) -> bool:
+        """Whether there are so many left, which are then taken; a full one is enough for any."""
+        left = self.left + rate_hz * max(0.0, now_s - self.at_s)  # the clock may be set
+        self.left, self.at_s = min(rate_hz, left), now_s
+        packets = min(packets, int(rate_hz))
+        if self.left < packets:
             return False
-        self._left -= packets
+        self.left -= packets
         return True
 
-
-class _Peer:
-    """One peer's budgets, and when it last sent IMU data."""
-
-    __slots__ = ("imu_s", "others", "with_imu")
-
-    def __init__(self, now_s: float) -> None:
-        self.imu_s = now_s - IMU_COUNTS_S
-        self.others = _TokenBucket(PACKETS_HZ, now_s)
-        self.with_imu = _TokenBucket(IMU_PACKETS_HZ, now_s)
-
     def has_imu(self, now_s: float) -> bool:
-        """Whether it has sent IMU data lately."""
+        """Whether its peer has sent IMU data lately."""
         return now_s - self.imu_s < IMU_COUNTS_S
 
 
 class RateLimits:
-    """Tells whether a peer's packet is read; ``refused`` counts those that are not.
+    """Decides whether a peer's packet is read; ``refused`` counts those that are not.
 
     Times are those of the packets' arrival, in s: nobody is refused because this process has not
     looked for a while.
@@ -71,8 +61,8 @@ class RateLimits:
 
     def __init__(self) -> None:
         self.refused = 0
-        self._peers: dict[str, _Peer] = {}
-        self._all = _TokenBucket(ALL_PACKETS_HZ, 0.0)
+        self._peers: dict[str, _Budget] = {}
+        self._all = _Budget(ALL_PACKETS_HZ, 0.0)
 
     def admits(self, peer: str, size: int, now_s: float) -> bool:
         """Whether a packet of ``size`` bytes is read that arrived at ``now_s``."""
@@ -80,19 +70,23 @@ class RateLimits:
         if known is None:
             if len(self._peers) >= MOST_PEERS:  # the budget of all without an IMU still holds
                 self._peers = {k: p for k, p in self._peers.items() if p.has_imu(now_s)}
-            known = self._peers[peer] = _Peer(now_s)
+            known = self._peers[peer] = _Budget(PACKETS_HZ, now_s)
         packets = 1 + size // FRAME_BYTES
         if known.has_imu(now_s):
-            is_admitted = known.with_imu.take(packets, now_s)
+            is_admitted = known.take(packets, IMU_PACKETS_HZ, now_s)
         else:
-            is_admitted = known.others.take(packets, now_s) and self._all.take(packets, now_s)
+            is_admitted = known.take(packets, PACKETS_HZ, now_s) and self._all.take(
+                packets, ALL_PACKETS_HZ, now_s
+            )
         self.refused += not is_admitted
         return is_admitted
 
     def note_imu(self, peer: str, now_s: float) -> None:
-        """IMU data of ``peer`` was let in."""
+        """IMU data of ``peer`` was let in; the first of it fills its larger budget."""
         known = self._peers.get(peer)
         if known is not None:
+            if not known.has_imu(now_s):
+                known.left = IMU_PACKETS_HZ
             known.imu_s = now_s
 
 

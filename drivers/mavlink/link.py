@@ -39,7 +39,7 @@ class MavlinkLink(Closing):
     """A socket or serial endpoint as a source of events.
 
     Entering the context opens the endpoint. ``recorder`` gets every readable frame that is let in;
-    it stays the caller's to close. ``policy`` says what is let in, ``key`` signs what we send, and
+    it stays the caller's to close. ``policy`` is what is let in, ``key`` signs what we send, and
     without ``references`` attitudes of others are not decoded. Everything is done by the thread
     that drains; until it does so first, another one reads and records what comes.
 

@@ -51,8 +51,7 @@ class Recorder(Closing):
     def __init__(
         self, target: str | Path, *, in_folder: bool = False, max_file_bytes: int = MAX_FILE_BYTES
     ) -> None:
-        folder = Path(target) if in_folder else None
-        self._writer = _Writer(None if in_folder else TlogFile(target), folder, max_file_bytes)
+        self._writer = _Writer(Path(target), in_folder, max_file_bytes)
         self._too_many = 0  # frames for which there was no room
         self._waiting: deque[_Batch] = deque()
         self._waiting_bytes = 0
@@ -126,22 +125,23 @@ class _Writer:
         InputError: the folder cannot be made or written.
     """
 
-    def __init__(self, file: TlogFile | None, folder: Path | None, max_file_bytes: int) -> None:
+    def __init__(self, target: Path, in_folder: bool, max_file_bytes: int) -> None:
         self.lost = 0  # frames
         self.is_damaged = False
-        self._file, self._folder, self._max_file_bytes = file, folder, max_file_bytes
+        self._target, self._in_folder, self._max_file_bytes = target, in_folder, max_file_bytes
+        self._file: TlogFile | None = None
         self._begun_us = 0  # the file in the folder
-        self._is_gone = False  # the file was removed or replaced
-        self._is_reported = False  # that it is damaged
+        self._damage = ""  # what another program has done to the file
         self._retry_us: int | None = None
-        if folder is None:
+        if not in_folder:
+            self._file = TlogFile(target)
             return
         try:
-            folder.mkdir(parents=True, exist_ok=True)
+            target.mkdir(parents=True, exist_ok=True)
         except (OSError, ValueError) as error:
-            raise cannot_record(f"the folder {str(folder)!r}", error) from error
-        if not os.access(folder, os.W_OK | os.X_OK):
-            raise InputError(f"cannot record to the folder {str(folder)!r}: Permission denied")
+            raise cannot_record(f"the folder {str(target)!r}", error) from error
+        if not os.access(target, os.W_OK | os.X_OK):
+            raise InputError(f"cannot record to the folder {str(target)!r}: Permission denied")
 
     def write(self, batch: _Batch) -> None:
         """Append the records, unless a failure is too recent."""
@@ -164,12 +164,12 @@ class _Writer:
 
     def look(self) -> None:
         """Notice what another program has done to the file."""
-        if self._file is not None and (what := self._file.damage()):
-            if not self._is_reported:
-                text = "%s was %s by another program: the recording is not whole"
-                _logger.warning(text, self._path, what)
-            self.is_damaged = self._is_reported = True
-            self._is_gone = what in ("removed", "replaced")
+        if self._file is None or not (damage := self._file.damage()):
+            return
+        if not self._damage:
+            text = "%s was %s by another program: the recording is not whole"
+            _logger.warning(text, self._file.path, damage)
+        self.is_damaged, self._damage = True, damage
 
     def close(self) -> None:
         """Close the file."""
@@ -177,42 +177,41 @@ class _Writer:
             self._file.close()
 
     @property
-    def _path(self) -> Path | None:
-        return self._folder if self._file is None else self._file.path
+    def _path(self) -> Path:
+        return self._target if self._file is None else self._file.path
 
     def _prepared(self, arrival_us: int) -> TlogFile:
         """The file; a new one where it was taken away, or where a folder's is long enough."""
         self.look()
-        file = self._file
-        if file is not None and not self._is_gone and not self._is_over(file, arrival_us):
+        file, is_gone = self._file, self._damage in ("removed", "replaced")
+        if file is not None and not is_gone and not self._is_over(file, arrival_us):
             return file
-        if self._folder is not None:
+        if self._in_folder:
             with suppress(OSError):  # it may have gone with its folder
-                self._folder.mkdir(parents=True, exist_ok=True)
+                self._target.mkdir(parents=True, exist_ok=True)
         try:
             following = TlogFile(self._following_path(arrival_us))
         except InputError as error:
-            if file is None or self._is_gone:
+            if file is None or is_gone:
                 raise
             _logger.warning("%s; going on in %s", error, file.path)
         else:
             self.close()
-            self._file, self._is_gone, self._is_reported = following, False, False
+            self._file, self._damage = following, ""
             file = following
         self._begun_us = arrival_us
         return file
 
     def _is_over(self, file: TlogFile, arrival_us: int) -> bool:
         is_long = abs(arrival_us - self._begun_us) >= MAX_FILE_US
-        return self._folder is not None and (is_long or file.written >= self._max_file_bytes)
+        return self._in_folder and (is_long or file.written >= self._max_file_bytes)
 
     def _following_path(self, arrival_us: int) -> Path:
         """Where to go on: in the file that was, or in a folder's file of that time."""
-        if self._folder is None:
-            assert self._file is not None
-            return self._file.path
+        if not self._in_folder:
+            return self._target
         start = datetime.fromtimestamp(arrival_us / 1e6, UTC).strftime("%Y%m%dT%H%M%SZ")
-        path, number = self._folder / f"{start}.tlog", 1
+        path, number = self._target / f"{start}.tlog", 1
         with suppress(OSError):  # whoever opens it reports what else is wrong
             while True:
                 try:
@@ -220,5 +219,5 @@ class _Writer:
                     break
                 except FileExistsError:
                     number += 1
-                    path = self._folder / f"{start}-{number}.tlog"
+                    path = self._target / f"{start}-{number}.tlog"
         return path

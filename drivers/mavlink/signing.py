@@ -25,8 +25,8 @@ from estimator.reasons import Reason
 SIGNATURE_BYTES = 6
 TICKS_PER_S = 1_000_000 // SIGNING_TICK_US
 # A stamp fits if it is no further than this behind the host's clock, or if its distance from that
-# has changed by no more since its stream was last heard: some senders count frames instead of
-# time. Older ones may be replays of what was not heard here.
+# has changed by no more since its stream's last one: some senders count frames instead of
+# time. Older ones may be replays of what did not arrive here.
 FITTING_TICKS = 60 * TICKS_PER_S
 # A host without a battery for its clock is behind by as long as it was off. A stamp further ahead
 # than this is nonsense, and once accepted would lock its own sender out.
@@ -59,7 +59,7 @@ def state_path() -> Path:
     return base / "fuzzbee" / "signing.json"
 
 
-class Heard(NamedTuple):
+class Accepted(NamedTuple):
     """The last stamp accepted of a stream, and how far behind the host's clock it was."""
 
     ticks: int
@@ -69,13 +69,13 @@ class Heard(NamedTuple):
 class Stamps(NamedTuple):
     """What was accepted, and the last stamp of ours."""
 
-    accepted: dict[Stream, Heard]
+    accepted: dict[Stream, Accepted]
     ours: int
     floor: int = 0  # at or under it nothing of a stream that is not in ``accepted`` is new
 
 
 class SigningCheck:
-    """Says which frames to refuse, and stamps ours.
+    """Decides which frames to refuse, and stamps ours.
 
     ``key`` has 32 bytes; ``file`` keeps the stamps, and those of other processes beside them.
 
@@ -93,9 +93,9 @@ class SigningCheck:
         self._floor = self._kept.floor
         self._most_streams = MOST_STREAMS
         self._writing: Future[Stamps] | None = None  # by a thread of its own
-        self._heard: set[Stream] = set()  # by this process
+        self._own: set[Stream] = set()  # accepted by this process
         self._fresh: set[Stream] = set()  # of them, since the file was looked after
-        self._written: dict[Stream, Heard] = {}  # what was heard when the file was written
+        self._written: dict[Stream, Accepted] = {}  # as accepted when the file was written
         self._is_failing = False
         try:
             file.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
@@ -127,8 +127,8 @@ class SigningCheck:
             return Reason.SIGNATURE_TOO_NEW
         if lag > FITTING_TICKS and (last is None or abs(lag - last.lag) > FITTING_TICKS):
             return Reason.SIGNATURE_TOO_OLD
-        self._last[stream] = Heard(ticks, lag)
-        self._heard.add(stream)
+        self._last[stream] = Accepted(ticks, lag)
+        self._own.add(stream)
         if len(self._last) > self._most_streams:
             self._merge_old(_ticks(unix_us))
         self._fresh.add(stream)
@@ -150,7 +150,7 @@ class SigningCheck:
         floor = max(self._floor, now + AHEAD_TICKS)
         stamps = Stamps(self._stamps_ahead(floor), self._kept.ours, floor)
         if any(self._is_new(stream, now) for stream in fresh):
-            self._keep(stamps)
+            self._kept = self._write(stamps)
         else:
             self._writing = aside(lambda: self._write(stamps), "signing stamps")
 
@@ -162,7 +162,7 @@ class SigningCheck:
         return written is None or self._last[stream].ticks > (kept.ticks + written.ticks) // 2
 
     def _is_new(self, stream: Stream, now: int) -> bool:
-        """Whether the file does not say yet that the stream's last stamp is an old one.
+        """Whether the file does not show yet that the stream's last stamp is an old one.
 
         Who is left to the floor has a stamp in it when that is past: else one that counts frames,
         and falls behind the clock, would be taken for an old one after a crash, for good.
@@ -175,13 +175,13 @@ class SigningCheck:
         self._ours = max(self._ours + 1, _ticks(unix_us))
         if self._ours > self._kept.ours:
             self._settle()
-            self._keep(self._kept._replace(ours=self._ours + AHEAD_TICKS))
+            self._kept = self._write(self._kept._replace(ours=self._ours + AHEAD_TICKS))
         return self._ours
 
     def close(self) -> None:
         """Write the exact stamps: a vehicle need not wait after a regular restart."""
         self._settle()
-        self._keep(Stamps(dict(self._last), self._ours, self._floor))
+        self._kept = self._write(Stamps(dict(self._last), self._ours, self._floor))
 
     def _merge_old(self, now: int) -> None:
         """Keep one floor for all streams that would be too old to be taken as new ones.
@@ -189,19 +189,19 @@ class SigningCheck:
         One whose clock is off would be taken, or refused, otherwise: it is kept by itself.
         """
         old = {
-            stream: heard.ticks
-            for stream, heard in self._last.items()
-            if abs(heard.lag) <= FITTING_TICKS < now - heard.ticks
+            stream: at.ticks
+            for stream, at in self._last.items()
+            if abs(at.lag) <= FITTING_TICKS < now - at.ticks
         }
         self._floor = max([self._floor, *old.values()])
         for stream in old:
             del self._last[stream]
             self._written.pop(stream, None)
-            self._heard.discard(stream)
+            self._own.discard(stream)
             self._fresh.discard(stream)
         self._most_streams = max(MOST_STREAMS, 2 * len(self._last))
 
-    def _stamps_ahead(self, floor: int) -> dict[Stream, Heard]:
+    def _stamps_ahead(self, floor: int) -> dict[Stream, Accepted]:
         """The streams' stamps as they will be in two seconds, each at its own pace.
 
         One that came too short a time ago to show its pace is left to the floor, or keeps its
@@ -230,9 +230,6 @@ class SigningCheck:
             self._kept = self._writing.result()
             self._writing = None
 
-    def _keep(self, stamps: Stamps) -> None:
-        self._kept = self._write(stamps)
-
     def _write(self, stamps: Stamps) -> Stamps:
         try:
             _write(self._file, self._add_others(stamps))
@@ -249,13 +246,13 @@ class SigningCheck:
         return stamps
 
     def _add_others(self, stamps: Stamps) -> Stamps:
-        """And of the streams not heard here what another process may have kept."""
+        """And of the streams not accepted here what another process may have kept."""
         found = _read(self._file)
         floor = max(stamps.floor, found.floor)
         others = {
             stream: at
             for stream, at in found.accepted.items()
-            if stream not in self._heard and (at.ticks > self._floor or abs(at.lag) > FITTING_TICKS)
+            if stream not in self._own and (at.ticks > self._floor or abs(at.lag) > FITTING_TICKS)
         }
         return Stamps({**stamps.accepted, **others}, max(stamps.ours, found.ours), floor)
 
@@ -266,10 +263,10 @@ def _ticks(unix_us: int) -> int:
 
 def _read(file: Path) -> Stamps:
     try:
-        content = json.loads(file.read_text("utf-8"))
+        content = json.loads(file.read_bytes())
         ours, floor = (_checked(content.pop(name, 0)) for name in (OURS, FLOOR))
         stamps = {
-            _stream(name): Heard(_checked(ticks), int(lag))
+            _stream(name): Accepted(_checked(ticks), int(lag))
             for name, (ticks, lag) in content.items()
         }
     except FileNotFoundError:
@@ -296,7 +293,7 @@ def _stream(name: str) -> Stream:
 
 def _write(file: Path, stamps: Stamps) -> None:
     """All or nothing: a crash in between leaves the old file."""
-    named = {"-".join(map(str, stream)): heard for stream, heard in stamps.accepted.items()}
+    named = {"-".join(map(str, stream)): at for stream, at in stamps.accepted.items()}
     text = json.dumps({**named, OURS: stamps.ours, FLOOR: stamps.floor})
     with written_whole(file) as fresh:
         fresh.write_text(text, "utf-8")

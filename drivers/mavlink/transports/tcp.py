@@ -8,6 +8,7 @@ import selectors
 import socket
 import time
 from collections import Counter
+from math import inf
 
 from drivers.endpoint import Endpoint
 from drivers.mavlink.transports.transport import (
@@ -32,8 +33,8 @@ CONNECT_TIMEOUT_S = 5.0
 LONG_SILENCE_S = 5.0  # then an IMU's client gives way to a new one, too
 NO_DESCRIPTORS = (errno.EMFILE, errno.ENFILE)
 NO_DESCRIPTORS_REST_S = 0.05
-TELL_S = 60.0
-# A peer that lost power says nothing: probe after 5 s, give up 6 s later
+WARN_S = 60.0
+# A peer that lost power sends nothing: probe after 5 s, give up 6 s later
 KEEPALIVE_OPTIONS = (("TCP_KEEPIDLE", 5), ("TCP_KEEPINTVL", 2), ("TCP_KEEPCNT", 3))
 
 
@@ -65,8 +66,6 @@ class TcpClient(Transport):
             return []
         _wait([self._socket], timeout_s, writable=bool(self._stream.unsent))
         data = self._stream.receive()
-        if data == b"":
-            raise LinkError("closed by the other side")
         return [Packet(str(self._endpoint), data, unix_us())] if data else []
 
     def send(self, data: bytes) -> None:
@@ -74,7 +73,8 @@ class TcpClient(Transport):
             self._stream.send(data)
 
     def close(self) -> None:
-        _close(self._socket)
+        if self._socket is not None:
+            self._socket.close()
         self._socket = self._stream = None
 
     def _connect(self, timeout_s: float) -> None:
@@ -96,7 +96,7 @@ class TcpServer(Transport):
         super().__init__(endpoint)
         self._socket: socket.socket | None = None
         self._clients: dict[str, _Stream] = {}
-        self._tell_due_s = 0.0
+        self._warn_due_s = 0.0
 
     @property
     def connected(self) -> bool:
@@ -116,7 +116,11 @@ class TcpServer(Transport):
         self._accept(self._socket)
         packets = []
         for name, client in list(self._clients.items()):
-            data = self._read(name, client)
+            try:
+                data = client.receive()
+            except LinkError:
+                data = b""  # it has left
+                self._drop(name)
             if data is not None:
                 packets.append(Packet(name, data, unix_us()))
         return packets
@@ -130,13 +134,13 @@ class TcpServer(Transport):
     def credit(self, peer: str) -> None:
         """An IMU's frames have come from a peer, which therefore keeps its place."""
         if peer in self._clients:
-            self._clients[peer].note_imu()
+            self._clients[peer].imu_s = time.monotonic()
 
     def close(self) -> None:
-        for client in self._clients.values():
-            client.socket.close()
-        self._clients.clear()
-        _close(self._socket)
+        for name in list(self._clients):
+            self._drop(name)
+        if self._socket is not None:
+            self._socket.close()
         self._socket = None
 
     def _accept(self, listener: socket.socket) -> None:
@@ -145,11 +149,11 @@ class TcpServer(Transport):
                 accepted, sender = listener.accept()
             except OSError as error:  # nobody there, or gone again
                 if error.errno in NO_DESCRIPTORS:  # who waits makes every look end at once
-                    self._tell(reason(error.errno))
+                    self._warn(reason(error.errno))
                     time.sleep(NO_DESCRIPTORS_REST_S)
                 return
             if len(self._clients) >= MOST_TCP_CLIENTS and not self._make_room(sender[0]):
-                self._tell(f"{MOST_TCP_CLIENTS} clients are connected, no more are let in")
+                self._warn(f"{MOST_TCP_CLIENTS} clients are connected, no more are let in")
                 accepted.close()
                 continue
             accepted.setblocking(False)
@@ -160,40 +164,29 @@ class TcpServer(Transport):
 
         One host must not keep others out, whatever it sends.
         """
-        now_s = time.monotonic()
-        hosts = {name: name.rpartition(":")[0] for name in self._clients}
-        crowd, size = Counter(hosts.values()).most_common(1)[0]
-        name, silent = min(self._clients.items(), key=lambda each: each[1].last_heard)
-        if silent.has_imu and now_s - silent.heard_s < LONG_SILENCE_S:
+        by_silence = sorted(self._clients, key=lambda name: self._clients[name].imu_s)
+        name = by_silence[0]  # of those without an IMU, which come first, who connected first
+        if time.monotonic() - self._clients[name].imu_s < LONG_SILENCE_S:
+            hosts = {each: each.rpartition(":")[0] for each in by_silence}
+            crowd, size = Counter(hosts.values()).most_common(1)[0]
             if crowd == host or size <= MOST_TCP_CLIENTS // 2:
                 return False
-            name = min(
-                (each for each in self._clients if hosts[each] == crowd),
-                key=lambda each: self._clients[each].last_heard,
-            )
-        self._tell(
+            name = next(each for each in by_silence if hosts[each] == crowd)
+        self._warn(
             f"{MOST_TCP_CLIENTS} clients are connected: {name}, silent for longest, is dropped"
         )
-        self._clients[name].socket.close()
-        del self._clients[name]
+        self._drop(name)
         return True
 
-    def _tell(self, text: str) -> None:
+    def _drop(self, name: str) -> None:
+        self._clients.pop(name).socket.close()
+
+    def _warn(self, text: str) -> None:
         """Log a line, once a minute at most: any client can cause it at will."""
         now_s = time.monotonic()
-        if now_s >= self._tell_due_s:
-            self._tell_due_s = now_s + TELL_S
+        if now_s >= self._warn_due_s:
+            self._warn_due_s = now_s + WARN_S
             _logger.warning("%s: %s", self._endpoint, text)
-
-    def _read(self, name: str, client: "_Stream") -> bytes | None:
-        try:
-            data = client.receive()
-        except LinkError:
-            data = b""
-        if data == b"":
-            client.socket.close()
-            del self._clients[name]
-        return data
 
 
 class _Stream:
@@ -202,24 +195,18 @@ class _Stream:
     def __init__(self, connected: socket.socket) -> None:
         self.socket = connected
         self.unsent = bytearray()
-        self.has_imu = False
-        self.heard_s = time.monotonic()
+        self.imu_s = -inf  # when it last sent IMU data: noise and chatter are not what we want
         connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         connected.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         for name, value in KEEPALIVE_OPTIONS:
             if hasattr(socket, name):
                 connected.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
 
-    @property
-    def last_heard(self) -> tuple[bool, float]:
-        """The order of silence: first who never had an IMU, then who was heard longest ago."""
-        return self.has_imu, self.heard_s
-
     def receive(self) -> bytes | None:
-        """Bytes, None if there are none yet, or b"" if the other side has closed.
+        """Bytes; None if there are none yet.
 
         Raises:
-            LinkError: the connection broke.
+            LinkError: the connection broke, or the other side has closed it.
         """
         self.send(b"")
         try:
@@ -228,11 +215,9 @@ class _Stream:
             return None
         except OSError as error:
             raise LinkError(reason(error.errno)) from error
+        if not data:
+            raise LinkError("closed by the other side")
         return data
-
-    def note_imu(self) -> None:
-        """What came is what we are here for: noise and chatter are not."""
-        self.has_imu, self.heard_s = True, time.monotonic()
 
     def send(self, data: bytes) -> None:
         if len(self.unsent) + len(data) <= MOST_UNSENT_BYTES:
@@ -254,8 +239,3 @@ def _wait(sockets: list[socket.socket], timeout_s: float, *, writable: bool = Fa
         for each in sockets:
             selector.register(each, wanted)
         return bool(selector.select(max(0.0, timeout_s)))
-
-
-def _close(used: socket.socket | None) -> None:
-    if used is not None:
-        used.close()

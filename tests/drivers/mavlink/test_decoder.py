@@ -1,7 +1,6 @@
 """Frames, units and who is who: messages packed by pymavlink, decoded by us."""
 
 import math
-import struct
 
 import numpy as np
 import pytest
@@ -214,8 +213,16 @@ def test_each_message_becomes_its_event(message, expected, force_mavlink1):
     assert_same(events[0], expected)
 
 
-def test_other_messages_become_nothing():
-    assert decode_all([m.MAVLink_vfr_hud_message(0, 0, 0, 0, 0, 0)]) == []
+@pytest.mark.parametrize(
+    "messages",
+    [
+        [m.MAVLink_vfr_hud_message(0, 0, 0, 0, 0, 0)],
+        [heartbeat(8, 30), heartbeat(8, 6), heartbeat(0, 6)],  # of cameras and ground stations
+        [m.MAVLink_attitude_message(1500, 0, 0, 0, 0, 0, 0)],  # of a companion without an IMU
+    ],
+)
+def test_what_is_no_vehicle_s_becomes_nothing(messages):
+    assert decode_all(messages) == []
 
 
 # --- who is who
@@ -226,20 +233,12 @@ def test_a_vehicle_may_have_system_id_255():
     assert {event.vehicle for event in events} == {VehicleId(255, 1)}
 
 
-def test_heartbeats_of_cameras_and_ground_stations_make_no_vehicle():
-    assert decode_all([heartbeat(8, 30), heartbeat(8, 6), heartbeat(0, 6)]) == []
-
-
 def test_vehicles_on_one_link_have_clocks_of_their_own():
     decoder = MavlinkDecoder()
     first = decode_all([raw_imu(500 * S + 20_000 * k) for k in range(5)], decoder)
     second = decode_all([raw_imu(S + 20_000 * k) for k in range(5)], decoder, system=2)
     assert [e.vehicle.system_id for e in only(Imu, first + second)] == [1] * 5 + [2] * 5
     assert not only(Rejected, first + second)
-
-
-def test_a_companions_attitude_without_imu_is_nobodys():
-    assert decode_all([m.MAVLink_attitude_message(1500, 0, 0, 0, 0, 0, 0)]) == []
 
 
 # --- what is no data
@@ -270,27 +269,29 @@ def test_a_zero_or_broken_field_is_absent(mag):
     assert event.sample.mag_gauss == ZERO_VEC3
 
 
-def test_a_repeated_field_is_absent_until_a_quarter_second_has_passed():
-    events = decode_all([raw_imu(S + 20_000 * k) for k in range(26)])
-    fresh_ms = [20 * k for k, event in enumerate(events) if event.sample.has_mag]
-    assert fresh_ms == [0, 240, 480]
+FIELDS = {
+    "a repeated one is absent until a quarter second has passed": (
+        [raw_imu(S + 20_000 * k) for k in range(26)],
+        [k in (0, 12, 24) for k in range(26)],
+    ),
+    # a still vehicle may read the same; its interval may be a little under 250 ms
+    "equal ones at 4 Hz are data": ([raw_imu(S + 249_900 * k) for k in range(8)], [True] * 8),
+    "a new one is fresh at once": (
+        [raw_imu(S + 20_000 * k, mag=(200 + k // 2, 0, 400)) for k in range(6)],
+        [True, False] * 3,
+    ),
+    "HIGHRES_IMU shows itself which are new": (
+        [highres(S, updated=0x3F), highres(S + 5000, updated=0x1FF)],
+        [False, True],
+    ),
+}
 
 
-def test_equal_fields_at_4_hz_are_data():
-    """A still vehicle may read the same; its interval may be a little under 250 ms."""
-    events = decode_all([raw_imu(S + 249_900 * k) for k in range(8)], interval_us=250_000)
-    assert all(event.sample.has_mag for event in events)
-
-
-def test_a_new_field_is_fresh_at_once():
-    events = decode_all([raw_imu(S + 20_000 * k, mag=(200 + k // 2, 0, 400)) for k in range(6)])
-    assert [event.sample.has_mag for event in events] == [True, False] * 3
-
-
-def test_highres_says_itself_which_fields_are_new():
-    not_mag, with_mag = highres(S, updated=0x3F), highres(S + 5000, updated=0x1FF)
-    events = decode_all([not_mag, with_mag], interval_us=5000)
-    assert [event.sample.has_mag for event in events] == [False, True]
+@pytest.mark.parametrize(("messages", "is_fresh"), FIELDS.values(), ids=FIELDS)
+def test_which_fields_are_fresh(messages, is_fresh):
+    interval_us = messages[1].time_usec - S
+    events = decode_all(messages, interval_us=interval_us)
+    assert [event.sample.has_mag for event in events] == is_fresh
 
 
 @pytest.mark.parametrize("factor", [1.0, 1e3, 1e6])
@@ -347,27 +348,21 @@ def test_truth_belongs_to_the_imu_message_it_follows_once():
     assert [event.time_us for event in only(ReferenceAttitude, events)] == [S, S + 40_000]
 
 
-def test_broken_attitudes_are_dropped():
-    bad = [
-        m.MAVLink_attitude_message(1500, math.nan, 0, 0, 0, 0, 0),
-        m.MAVLink_attitude_quaternion_message(1520, 0, 0, 0, 0, 0, 0, 0),
-        m.MAVLink_attitude_quaternion_message(1540, math.nan, 0, 0, 0, 0, 0, 0),
-    ]
-    assert not only(ReferenceAttitude, decode_all([raw_imu(), *bad]))
-
-
-def test_no_position_without_a_fix():
-    nothing = [
-        m.MAVLink_gps_raw_int_message(0, 1, 0, 0, 0, 0, 0, 65535, 65535, 0),
-        m.MAVLink_gps_raw_int_message(0, 2, 4 * 10**8, 10**8, 0, 0, 0, 0, 0, 4),
-        m.MAVLink_global_position_int_message(1500, 0, 0, 0, 0, 0, 0, 0, 0),
-    ]
-    assert len(decode_all([raw_imu(), *nothing])) == 1
-
-
-def test_gps_without_a_speed_still_knows_where_it_is():
-    gps = m.MAVLink_gps_raw_int_message(1, 3, 4 * 10**8, 10**8, 0, 0, 0, 65535, 0, 9)
-    assert [type(e) for e in decode_all([raw_imu(), gps])] == [Imu, Position]
+@pytest.mark.parametrize(
+    ("message", "kinds"),
+    [
+        (m.MAVLink_gps_raw_int_message(0, 1, 0, 0, 0, 0, 0, 65535, 65535, 0), []),
+        (m.MAVLink_gps_raw_int_message(0, 2, 4 * 10**8, 10**8, 0, 0, 0, 0, 0, 4), []),
+        (m.MAVLink_global_position_int_message(1500, 0, 0, 0, 0, 0, 0, 0, 0), []),
+        # without a speed it still knows where it is
+        (m.MAVLink_gps_raw_int_message(1, 3, 4 * 10**8, 10**8, 0, 0, 0, 65535, 0, 9), [Position]),
+        (m.MAVLink_attitude_message(1500, math.nan, 0, 0, 0, 0, 0), []),
+        (m.MAVLink_attitude_quaternion_message(1520, 0, 0, 0, 0, 0, 0, 0), []),
+        (m.MAVLink_attitude_quaternion_message(1540, math.nan, 0, 0, 0, 0, 0, 0), []),
+    ],
+)
+def test_what_is_broken_or_without_a_fix_is_dropped(message, kinds):
+    assert [type(event) for event in decode_all([raw_imu(), message])] == [Imu, *kinds]
 
 
 def gps(course=0, vel_acc=0, speed=200):
@@ -377,20 +372,17 @@ def gps(course=0, vel_acc=0, speed=200):
     )
 
 
-def test_gps_tells_its_accuracy_in_mm_s_or_not_at_all():
-    told = only(Velocity, decode_all([raw_imu(), gps(vel_acc=250)]))[0].sample
-    assert told.sigma_m_s == pytest.approx(0.25)
-    assert told.late_sigma_s == 0.1
-    assert only(Velocity, decode_all([raw_imu(), gps()]))[0].sample.sigma_m_s == 0.5
-
-
 @pytest.mark.parametrize(
-    ("course", "north", "east"), [(0, 2, 0), (9000, 0, 2), (21_000, -1.732, -1)]
+    ("course", "vel_acc", "north", "east", "sigma_m_s"),
+    [(0, 0, 2, 0, 0.5), (9000, 0, 0, 2, 0.5), (21_000, 250, -1.732, -1, 0.25)],
 )
-def test_gps_course_turns_from_north_to_east(course, north, east):
-    velocity = only(Velocity, decode_all([raw_imu(), gps(course)]))[0].sample
+def test_gps_has_a_course_from_north_to_east_and_its_accuracy_or_none(
+    course, vel_acc, north, east, sigma_m_s
+):
+    velocity = only(Velocity, decode_all([raw_imu(), gps(course, vel_acc)]))[0].sample
     assert velocity.velocity_ned_m_s == pytest.approx((north, east, 0.0), abs=1e-3)
     assert not velocity.has_vertical
+    assert (velocity.sigma_m_s, velocity.late_sigma_s) == (pytest.approx(sigma_m_s), 0.1)
 
 
 REBOOTED = {
@@ -404,18 +396,12 @@ REBOOTED = {
 
 
 @pytest.mark.parametrize("make", REBOOTED.values(), ids=REBOOTED)
-def test_a_reboot_is_told_by_whatever_confirms_it(make):
+def test_a_reboot_is_reported_by_whatever_confirms_it(make):
     """With SCALED_IMU alone all messages have one clock."""
     before = [m.MAVLink_scaled_imu_message(300_000 + 20 * k, 0, 0, -1000, *[0] * 6) for k in (0, 1)]
     events = decode_all([*before, make(5000), make(5020)])
     (reset,) = only(ClockReset, events)
     assert (reset.reason, reset.step_s) == ("reboot", pytest.approx(5.0 - 300.02))
-
-
-def test_px4_packs_integers_into_the_floats_bytes():
-    bits = struct.unpack("<f", struct.pack("<i", 7))[0]
-    messages = [heartbeat(PX4), m.MAVLink_param_value_message(b"MAV_TYPE", bits, 6, 1, 0)]
-    assert decode_all(messages)[-1].value == 7.0
 
 
 angles = st.floats(-math.pi, math.pi)
@@ -474,8 +460,8 @@ def test_a_sender_with_an_imu_takes_the_place_of_one_without():
 
 
 def test_other_imus_are_skipped_while_the_one_in_use_comes():
-    """After half a second without it they are decoded, a better one always, and in doubt all."""
-    said = [
+    """Half a second after its end they are decoded; a better one always, all if none is known."""
+    sent = [
         each
         for k in range(100)
         for each in (
@@ -489,7 +475,7 @@ def test_other_imus_are_skipped_while_the_one_in_use_comes():
     def taken(in_use):
         decoder = MavlinkDecoder()
         decoder.imu_in_use = lambda _: in_use
-        events = only(Imu, decode_all(said, decoder, interval_us=20_000 // 3))
+        events = only(Imu, decode_all(sent, decoder, interval_us=20_000 // 3))
         return {name: sum(e.message == name for e in events) for name in
                 ("RAW_IMU", "SCALED_IMU2", "SCALED_IMU3")}  # fmt: skip
 

@@ -90,14 +90,14 @@ def test_up_to_its_size_the_queue_keeps_everything_in_order():
 def test_a_full_queue_keeps_the_newest_of_each_stream_and_what_is_sent_once():
     """Two IMUs in one message are two streams; heartbeats make older ones old, but do not count."""
     queue = FrameQueue(most_waiting=20)
-    said = [
+    sent = [
         *((k, frame(1, RAW_IMU_ID)) for k in range(8)),
         *((k, frame(1, RAW_IMU_ID, 1)) for k in range(3)),
         *((k, frame(1, HEARTBEAT_ID)) for k in range(2)),
         *((k, frame(2, ATTITUDE_ID)) for k in range(5)),
         *((k, frame(1, PARAM_VALUE_ID)) for k in range(3)),
     ]
-    for arrival_us, each in said:
+    for arrival_us, each in sent:
         queue.add(arrival_us, [each])
     assert taken(queue) == [
         (7, RAW_IMU_ID),

@@ -1,4 +1,4 @@
-"""PARAM_VALUE of the autopilot, and of those who speak of its parameters."""
+"""PARAM_VALUE of the autopilot, and of those who send its parameters."""
 
 import struct
 
@@ -53,7 +53,7 @@ ONE, TWO = VehicleId(1, 1), VehicleId(1, 2)
     [
         ([(1, 1, parameter())], [ONE]),
         ([(1, 1, heartbeat()), (1, 190, parameter())], [ONE]),  # MAVProxy's
-        ([(1, 190, parameter()), (1, 1, heartbeat())], [ONE]),  # before anybody was heard
+        ([(1, 190, parameter()), (1, 1, heartbeat())], [ONE]),  # before any autopilot was
         ([(1, 190, parameter()), (1, 190, heartbeat(NO_AUTOPILOT))], []),
         ([(1, 1, heartbeat()), (2, 190, parameter())], []),  # another system's
         ([(1, 1, heartbeat()), (0, 190, parameter())], []),

@@ -32,7 +32,7 @@ class Sender:
         return [self.encoder.frame(self._message(time_us), 0) for _ in range(3)]
 
 
-def told(chunks, interval_us=20_000, watch=None, begin_us=S):
+def reported(chunks, interval_us=20_000, watch=None, begin_us=S):
     watch, reader, lines = watch or SharedAddresses(), FrameReader(), []
     for number, chunk in enumerate(chunks):
         now_us = begin_us + number * interval_us
@@ -42,12 +42,12 @@ def told(chunks, interval_us=20_000, watch=None, begin_us=S):
 
 @pytest.mark.parametrize("number", [0, 1, 45, 60, 100, 255])
 @pytest.mark.parametrize("in_a_row", [1, 4, 15])
-def test_two_senders_are_told_once(number, in_a_row):
+def test_two_senders_are_reported_once(number, in_a_row):
     """Also where both count the same numbers."""
     one, other = Sender(0, 1), Sender(number, 2)
     senders = [one] * in_a_row + [other] * in_a_row
     chunks = [senders[k % len(senders)].sample(20_000 * k) for k in range(1500)]
-    (line,) = told(chunks, 10_000)
+    (line,) = reported(chunks, 10_000)
     assert line == (
         "system 1: two senders use its address on one wire: two vehicles, or one by two ways"
     )
@@ -72,24 +72,24 @@ def test_a_bad_link_of_one_sender_is_none(kind, share):
             chunk += late
             late = []
         chunks.append(chunk)
-    assert told(chunks) == []
+    assert reported(chunks) == []
 
 
 def test_nor_are_two_ways_of_which_one_is_slower():
     one = Sender(0)
     samples = [one.sample(20_000 * k) for k in range(1000)]
-    assert told([a + b for a, b in zip(samples[7:], samples, strict=False)]) == []
+    assert reported([a + b for a, b in zip(samples[7:], samples, strict=False)]) == []
 
 
-def test_one_that_comes_later_is_told_at_the_next_look():
+def test_one_that_comes_later_is_reported_at_the_next_look():
     one, other, watch = Sender(0), Sender(9, 2), SharedAddresses()
     alone = [one.sample(20_000 * k) for k in range(150)]
-    assert told(alone, watch=watch) == []
+    assert reported(alone, watch=watch) == []
     after = [s.sample(20_000 * k) for k in range(1500) for s in (one, other)]
-    assert len(told(after, 10_000, watch, S + EVERY_US // 2)) == 1  # within two stretches
+    assert len(reported(after, 10_000, watch, S + EVERY_US // 2)) == 1  # within two stretches
 
 
-def test_a_link_tells_it():
+def test_a_link_reports_it():
     link = MavlinkLink(Endpoint("udpin", "127.0.0.1", 0))
     one, other = Sender(0), Sender(77, 2)
     with link:

@@ -96,7 +96,7 @@ def test_px4_is_asked_for_highres_imu():
 
 @pytest.mark.parametrize(("url", "asked_hz"), [("udpin", 50.0), ("udpout", 50.0), ("udpout", None)])
 def test_heartbeats_are_an_onboard_controller_s_at_1_hz(url, asked_hz):
-    """In the vehicle's system, once one is known; where somebody must speak first, in any case."""
+    """In the vehicle's system, once one is known; where the link must send first, in any case."""
     link, beats = outbound(asked_hz, url), []
     assert len(sent(link, 0)) == (url == "udpout")
     link.react([Heartbeat(VEHICLE, 0, 3, 2)], 0)
@@ -160,21 +160,20 @@ def test_a_ground_station_s_reset_is_noticed_and_undone():
     assert len(talk.notices) == 1
 
 
-def test_an_accepted_request_without_any_sample_fails():
+@pytest.mark.parametrize(
+    ("result", "rate_hz", "seconds", "problem"),
+    [
+        (0, 0.0, 9, "sends no RAW_IMU"),
+        *((result, 4.0, 300, f"MAV_RESULT {result}") for result in (2, 3, 4)),
+    ],
+)
+def test_no_sample_is_a_failure_and_a_refusal_is_final(result, rate_hz, seconds, problem):
     talk = Conversation()
-    talk.rate_hz = 0
-    talk.on_command = lambda _: talk.ack(0)
-    talk.run(9)
-    assert "sends no RAW_IMU" in talk.notices[0]
-
-
-@pytest.mark.parametrize("result", [2, 3, 4])
-def test_a_refusal_is_final(result):
-    talk = Conversation()
+    talk.rate_hz = rate_hz
     talk.on_command = lambda _: talk.ack(result)
-    talk.run(300)
+    talk.run(seconds)
     assert len(talk.commands) == 1
-    assert f"MAV_RESULT {result}" in talk.notices[0]
+    assert problem in talk.notices[0]
 
 
 def test_temporary_rejection_is_not():
