@@ -27,6 +27,7 @@ def test_the_result_of_a_run_names_what_was_counted_in_its_units():
         malformed=72,
         refused_frames=refused,
         departed=departed,
+        scores=None,
         vehicles=(vehicle,),
         heard={3, 1},
     )
