@@ -109,12 +109,7 @@ class Alarms:
         return self._last_us is None or time_us - self._last_us >= LOOK_EVERY_US
 
     def look(
-        self,
-        sample: ImuSample,
-        arrival_us: int,
-        attitude: Attitude,
-        profile: Profile,
-        estimator: Estimator,
+        self, sample: ImuSample, arrival_us: int, attitude: Attitude, estimator: Estimator
     ) -> list[str]:
         """Compare a sample with the attitude at its time; returns lines for a person.
 
@@ -130,8 +125,8 @@ class Alarms:
         leaning_rad = 0.0 if is_sure else estimator.leaning_rad
         why, place = estimator.compass_doubt, estimator.place_field
         uses_field = why != CONTRADICTED
-        limit = AT_LIMIT * bias_limit_rad_s(profile)
-        self.compass_off_deg = self._compass_off_deg(attitude, profile, place)
+        limit = AT_LIMIT * bias_limit_rad_s(estimator.profile)
+        self.compass_off_deg = self._compass_off_deg(attitude, estimator)
         scatters = uses_field and self._does_field_scatter(attitude)
         is_impossible = not uses_field or self._is_field_impossible(attitude, place)
         seen = {
@@ -203,10 +198,9 @@ class Alarms:
         sigma = degrees(attitude.sigma_heading_rad)
         return abs(self.compass_off_deg or 0.0) > SIGMAS * sigma + HEADING_OFF_DEG
 
-    def _compass_off_deg(
-        self, attitude: Attitude, profile: Profile, place: PlaceField | None
-    ) -> float | None:
+    def _compass_off_deg(self, attitude: Attitude, estimator: Estimator) -> float | None:
         """None without a field or a north; a field to the east of north makes it read less."""
+        profile, place = estimator.profile, estimator.place_field
         if self._field is None or attitude.heading_reference == "none" or not profile.conditioned:
             return None
         given = profile.reference.declination_deg

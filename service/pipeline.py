@@ -250,8 +250,7 @@ class Pipeline:
         if not self._is_wanted(address) or len(self._vehicles) >= MAX_VEHICLES:
             return None
         kept = self._changes.kept.pop(address, None)
-        profile = kept or self.profile
-        vehicle = Vehicle(address, profile, self._new_estimator(profile), self._rate_hz)
+        vehicle = Vehicle(address, self._new_estimator(kept or self.profile), self._rate_hz)
         vehicle.publishing.stagger(len(self._vehicles) + self.departed["vehicles"])
         self._vehicles[address] = vehicle
         if kept is not None:

@@ -272,13 +272,8 @@ def euler_deg(q_ned_frd: Quaternion) -> Vec3:
 
 def is_finite(attitude: Attitude) -> bool:
     """Whether every number that must be finite is; an infinite sigma just means "unknown"."""
+    _, q, rate_rad_s, bias_rad_s, *others = attitude[
+        :-3
+    ]  # without the sigmas, and the north's name
     # one that is not finite makes the sum so; none is large enough for the sum of the others
-    total = (
-        sum((*attitude.q_ned_frd, *attitude.rate_rad_s, *attitude.gyro_bias_rad_s))
-        + attitude.error
-        + attitude.error_rate_1_s
-        + attitude.gain
-        + attitude.confidence_gravity
-        + attitude.confidence_magnetic
-    )
-    return isfinite(total)
+    return isfinite(sum((*q, *rate_rad_s, *bias_rad_s, *others)))

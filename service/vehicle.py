@@ -33,12 +33,10 @@ class Vehicle:
     def __init__(
         self,
         address: VehicleId,
-        profile: Profile,
         estimator: Estimator,
         rate_hz: float = STANDARD_RATE_HZ,
     ) -> None:
         self.address = address
-        self.profile = profile
         self.estimator = estimator
         self.heard_us = 0  # the latest arrival of anything that is a vehicle's own
         self.silent_looks = 0  # of the pipeline since then
@@ -57,6 +55,11 @@ class Vehicle:
     def name(self) -> str:
         """The middle part of its keys."""
         return vehicle_name(self.address)
+
+    @property
+    def profile(self) -> Profile:
+        """The parameters in use."""
+        return self.estimator.profile
 
     @property
     def state(self) -> State:
@@ -237,9 +240,9 @@ class Vehicle:
 
         If mounting or calibration change, the estimate restarts: it was made of other readings.
         """
+        was = self.profile
         self.estimator.replace_profile(profile)
         self.alarms.restart()
-        was, self.profile = self.profile, profile
         if (profile.mounting, profile.calibration) != (was.mounting, was.calibration):
             self.restart()
         self.alarms.profile_is_unfit = False
@@ -266,7 +269,7 @@ class Vehicle:
             return self._lines([text], event.arrival_us)
         if not self.estimator.aligned or not self.alarms.is_due(sample.time_us):
             return []
-        lines = self.alarms.look(sample, event.arrival_us, attitude, self.profile, self.estimator)
+        lines = self.alarms.look(sample, event.arrival_us, attitude, self.estimator)
         if any(self.estimator.contradicted_axes):  # each second with this IMU does harm
             self.imu.choice.contradicted.add(event.message)
         return self._lines(lines, event.arrival_us)

@@ -15,8 +15,7 @@ ONE = VehicleId(1, 1)
 
 
 def test_the_result_of_a_run_names_what_was_counted_in_its_units():
-    profile = load_profile("imu")
-    vehicle = Vehicle(ONE, profile, Estimator(profile))
+    vehicle = Vehicle(ONE, Estimator(load_profile("imu")))
     vehicle.imu.samples, vehicle.imu._shed, vehicle.publishing.attitudes = 31, 32, 33
     vehicle.imu.worst_gap_us, vehicle.imu._median_us = 250_000, 1e6 / 49.87654
     vehicle.imu.choice, vehicle.rejected["late"] = ImuChoice("RAW_IMU"), 35

@@ -31,16 +31,16 @@ def attitude(bias=(0.0, 0.0, 0.0), sigma_deg=1.0, heading_deg=1.0, q=LEVEL):
     return ATTITUDE._replace(q_ned_frd=q, gyro_bias_rad_s=bias, **sigmas)
 
 
-def looked(alarms, half, acc=(0.0, 0.0, -9.8), mag=FIELD, profile=IMU, host_s=None, **claims):
+def looked(alarms, half, acc=(0.0, 0.0, -9.8), mag=FIELD, host_s=None, **claims):
     """Have a sample looked at after so many half seconds; returns the words that stand then."""
     known = {"place_field": HERE, "leaning_rad": 0.0, "contradicted_axes": (False,) * 3,
-             "is_aided": False}  # fmt: skip
+             "is_aided": False, "profile": IMU}  # fmt: skip
     estimator = SimpleNamespace(compass_doubt="", **known)
     for name in known:
         setattr(estimator, name, claims.pop(name, getattr(estimator, name)))
     sample = ImuSample(half * 500_000, (0.0, 0.0, 0.0), acc, mag, has_mag=True)
     arrival_us = START_US + round(1e6 * (half / 2 if host_s is None else host_s))
-    alarms.look(sample, arrival_us, attitude(**claims), profile, estimator)
+    alarms.look(sample, arrival_us, attitude(**claims), estimator)
     return alarms.words
 
 
