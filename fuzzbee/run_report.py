@@ -40,7 +40,7 @@ def summary(
         "ticks": runner.ticks,
         "overruns": runner.overruns,
         "dropped": runner.dropped,
-        "lost": runner.lost,
+        "lost": runner.source.lost,
         "malformed": pipeline.malformed,
         "refused": dict(sorted(pipeline.refused_frames.items())),
         "recording": recording,

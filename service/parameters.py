@@ -13,7 +13,7 @@ from drivers.events import BuiltIn, VehicleId
 from drivers.simulation.simulated_vehicle import PROFILES
 from estimator.errors import InputError
 from estimator.profile import Profile, load_profile, merge_profile
-from service.records import Departed, Message, Output, Replaced
+from service.records import Departed, Message, Output, Replaced, Retuned
 from service.vehicle import Vehicle
 
 # Replacements are rare and made by hand; more waiting requests than this are refused.
@@ -105,7 +105,8 @@ class ProfileChanges:
         except (ArithmeticError, ValueError, TypeError) as error:
             raise InputError(f"profile update: cannot be used: {error}") from error
         if retuned is not None:
-            vehicle.publishing.note_retuned(retuned)
+            before = vehicle.publishing.retuned
+            vehicle.publishing.retuned = Retuned(1 + (before.count if before else 0), retuned)
         self.report(Replaced(vehicle.address, profile, retuned))
         self.outputs += map(Message, vehicle.on_profile(vehicle.heard_us, retuned))
         return profile

@@ -35,6 +35,7 @@ class Vehicle:
         address: VehicleId,
         estimator: Estimator,
         rate_hz: float = STANDARD_RATE_HZ,
+        number: int = 0,
     ) -> None:
         self.address = address
         self.estimator = estimator
@@ -48,7 +49,7 @@ class Vehicle:
         self.parameters = VehicleParameters()
         self.comparison = SecondOpinion()
         self.alarms = Alarms()
-        self.publishing = Publishing(rate_hz)
+        self.publishing = Publishing(rate_hz, number)
         self._limit = LineLimit(f"vehicle {self.name}")
 
     @property
@@ -65,10 +66,6 @@ class Vehicle:
     def state(self) -> State:
         """The state of health."""
         return self.imu.state
-
-    def has_taken(self, event: Imu) -> bool:
-        """Whether the estimator took that event last."""
-        return self.imu.last is event
 
     # --- events
 
