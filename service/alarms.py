@@ -37,7 +37,7 @@ HEADING_OFF_DEG = 20.0
 # side for a minute is the clock. The longest that 46 recorded logs stayed there counts 0.5 at most.
 PACE_SPAN_US = 10_000_000
 PACE_OFF = 0.02
-UNKNOWN_HEADING_DEG = 40.0  # a sigma beyond this claims nothing
+UNKNOWN_HEADING_RAD = radians(40.0)  # a sigma beyond this claims nothing
 # The Earth's field is 0.22 to 0.67 gauss; compasses are off in scale by a factor.
 WEAKEST_GAUSS, STRONGEST_GAUSS = 0.1, 1.0
 
@@ -187,7 +187,7 @@ class Alarms:
         self._lasting[Alarm.CLOCK_DRIFT].look(side, PACE_SPAN_US * 1e-6)
 
     def _is_field_impossible(self, attitude: Attitude, place: PlaceField | None) -> bool:
-        if self._field is None or _claims_no_heading(attitude):
+        if self._field is None or attitude.sigma_heading_rad > UNKNOWN_HEADING_RAD:
             return False
         north, east, down = self._field
         horizontal = hypot(north, east)
@@ -218,7 +218,7 @@ class Alarms:
 
     def _does_field_scatter(self, attitude: Attitude) -> bool:
         """Whether the field's direction varies by more than sigma explains."""
-        if self._field is None or _claims_no_heading(attitude):
+        if self._field is None or attitude.sigma_heading_rad > UNKNOWN_HEADING_RAD:
             return False
         mean_square = sum(b * b for b in self._field)
         scatter = degrees(sqrt(max(0.0, self._field_square / max(mean_square, 1e-12) - 1.0)))
@@ -232,7 +232,3 @@ def bias_limit_rad_s(profile: Profile) -> float:
         return profile.filter.bias_bound_rad_s
     given = profile.conditioning.get("bias_limit_rad_s", CONDITIONING_DEFAULTS["bias_limit_rad_s"])
     return float(given)
-
-
-def _claims_no_heading(attitude: Attitude) -> bool:
-    return degrees(attitude.sigma_heading_rad) > UNKNOWN_HEADING_DEG

@@ -108,7 +108,8 @@ class ProfileChanges:
             before = vehicle.publishing.retuned
             vehicle.publishing.retuned = Retuned(1 + (before.count if before else 0), retuned)
         self.report(Replaced(vehicle.address, profile, retuned))
-        self.outputs += map(Message, vehicle.on_profile(vehicle.heard_us, retuned))
+        what = "new parameters" if retuned is None else f"retuned: {retuned}"
+        self.outputs += map(Message, vehicle.lines([what], vehicle.heard_us))
         return profile
 
     def fit(self, vehicle: Vehicle, event: BuiltIn) -> list[Output]:

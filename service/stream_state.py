@@ -73,7 +73,7 @@ class ImuStream:
     @property
     def late_after_us(self) -> float:
         """Silence that makes a running estimate degraded: max(0.5 s, 3 median periods)."""
-        return _late_after_us(self.median_period_us)
+        return max(LATE_MINIMUM_US, LATE_PERIODS * self.median_period_us)
 
     @property
     def lost_after_us(self) -> float:
@@ -150,10 +150,6 @@ class ImuStream:
         return abs(age_us - our_age_us) > OTHER_CLOCK_US
 
 
-def _late_after_us(period_us: float) -> float:
-    return max(LATE_MINIMUM_US, LATE_PERIODS * period_us)
-
-
 STEADY_SAMPLES = 3  # of a preferred message before it takes over for the first time
 SILENT_PERIODS = 20.0  # of the message in use, before another stands in
 # A message that has come back from silences counts as gone after this many of the longest one.
@@ -214,7 +210,8 @@ class ImuChoice:
     def _follow_other(self, message: str, arrival_us: int, period_us: float) -> None:
         """Another message came, which takes over once it has proved itself."""
         is_preferred = self._rank(message) < self._rank(self.message or "")
-        longest_gap_us = max(_late_after_us(period_us), 0 if is_preferred else STAND_IN_GAP_US)
+        stand_in_us = 0 if is_preferred else STAND_IN_GAP_US
+        longest_gap_us = max(LATE_MINIMUM_US, LATE_PERIODS * period_us, stand_in_us)
         candidate = self._candidate
         if (
             candidate is None
