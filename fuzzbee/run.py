@@ -55,7 +55,9 @@ class RunOptions(NamedTuple):
         of_source("Ask for this IMU rate.", "--request-rate", metavar="HZ"),
     ] = None
     speed: Annotated[float, of_source("Play a log X times as fast.", metavar="X")] = 1.0
-    system_id: Annotated[int | None, of_source("Only this vehicle.", metavar="ID")] = None
+    system_id: Annotated[
+        int | None, of_source("Only this vehicle.", metavar="ID", min=1, max=255)
+    ] = None
     security: SecurityOptions = SecurityOptions()
     profile: Annotated[  # None: the one that fits
         str | None, of_estimate(_PROFILE, metavar="NAME|FILE", words=PROFILES)
@@ -99,5 +101,3 @@ def _require_numbers(options: RunOptions) -> None:
     require_positive("--request-rate", options.request_rate_hz)
     require_positive("--speed", options.speed)
     require_gain(options.gain)
-    if options.system_id is not None and not 1 <= options.system_id <= 255:
-        raise InputError(f"--system-id {options.system_id}: should be 1 to 255")

@@ -7,6 +7,7 @@ from typing import Any
 from drivers.simulation.simulated_vehicle import PROFILES
 from fuzzbee.notify import notify
 from fuzzbee.run import RunOptions
+from fuzzbee.truth_score import ScoredPipeline, TruthScore
 from service.pipeline import Pipeline
 from service.runner import Runner
 from service.sinks.sink import Outbox
@@ -27,11 +28,11 @@ def summary(
     profile_name: str,
     seconds: float,
     runner: Runner,
-    pipeline: Pipeline,
+    pipeline: ScoredPipeline,
     recording: str,
 ) -> dict[str, Any]:
     """The result of a run, as --json prints it."""
-    return {
+    result = {
         "source": options.source,
         "profile": _in_force(options, profile_name, pipeline),
         "rate_hz": options.rate_hz,
@@ -39,14 +40,19 @@ def summary(
         "ticks": runner.ticks,
         "overruns": runner.overruns,
         "dropped": runner.dropped,
-        "lost": runner.lost,
+        "lost": runner.source.lost,
         "malformed": pipeline.malformed,
         "refused": dict(sorted(pipeline.refused_frames.items())),
-        **({"recording": recording} if recording else {}),
+        "recording": recording,
         "heard": sorted(pipeline.heard),
         "departed": dict(pipeline.departed),
         "vehicles": {vehicle.name: counts(vehicle) for vehicle in pipeline.vehicles},
     }
+    if not recording:
+        del result["recording"]
+    if pipeline.scores is not None:
+        result["truth"] = {name: score.result() for name, score in pipeline.scores.items()}
+    return result
 
 
 def _in_force(options: RunOptions, name: str, pipeline: Pipeline) -> str:
@@ -61,14 +67,14 @@ def conclude(
     options: RunOptions,
     result: dict[str, Any],
     outbox: Outbox,
-    problems: Iterable[Exception | None],
+    pipeline: ScoredPipeline,
+    problems: list[Exception],
     *,
     was_stopped: bool,
 ) -> int:
-    """Tell the result and raise what went wrong.
+    """Report the result and raise what went wrong first.
 
     The status is 1 if nobody was heard until the end, or a recording is not whole, else 0.
-
     Who was refused has been heard, too.
     """
     if outbox.stuck:
@@ -77,29 +83,28 @@ def conclude(
             result["recording"] = NOT_WHOLE
     for error in outbox.untold:
         notify(error)
-    _report(result, as_json=options.as_json)
-    for problem in problems:
-        if problem is not None:
-            raise problem
+    if options.as_json:
+        print(json.dumps(result), flush=True)
+    else:
+        _notify_result(result, pipeline.scores or {})
+    if problems:
+        raise problems[0]
     heard = result["vehicles"] or result["departed"]["vehicles"] or result["refused"]
     is_whole = result.get("recording") != NOT_WHOLE
     return OK if is_whole and (heard or was_stopped) else FAILED
 
 
-def _report(result: dict[str, Any], *, as_json: bool) -> None:
-    if as_json:
-        print(json.dumps(result), flush=True)
-        return
-    vehicles = result["vehicles"]
-    departed = result["departed"]
-    number = len(vehicles) + departed["vehicles"]
+def _notify_result(result: dict[str, Any], scores: dict[str, TruthScore]) -> None:
+    for name, score in scores.items():
+        if verdict := score.verdict():
+            notify(f"vehicle {name} {verdict}")
+    departed, lasted = result["departed"], f"in {result['seconds']:.1f} s"
+    number = len(result["vehicles"]) + departed["vehicles"]
     if not number:
         others = ", ".join(map(str, result["heard"]))
         which = f" but system id {others}" if others else ""
-        notify(f"no vehicle{which} was heard on {result['source']} in {result['seconds']:.1f} s")
+        notify(f"no vehicle{which} was heard on {result['source']} {lasted}")
         return
-    attitudes = sum(vehicle["attitudes"] for vehicle in vehicles.values()) + departed["attitudes"]
-    notify(
-        f"{attitudes} attitudes of {number} vehicle{'s' * (number != 1)}"
-        f" in {result['seconds']:.1f} s, {result['overruns']} overruns"
-    )
+    attitudes = departed["attitudes"] + sum(v["attitudes"] for v in result["vehicles"].values())
+    of_whom = f"{number} vehicle{'s' * (number != 1)}"
+    notify(f"{attitudes} attitudes of {of_whom} {lasted}, {result['overruns']} overruns")

@@ -30,15 +30,6 @@ class SecurityOptions(NamedTuple):
     signing_key_file: Annotated[Path | None, option(_KEY, metavar="FILE")] = None
     insecure_key_file: Annotated[bool, option(INSECURE)] = False
 
-    @property
-    def given(self) -> list[str]:
-        """The options that were given, by their names on the command line."""
-        return [
-            f"--{name.replace('_', '-')}"
-            for name, v in self._asdict().items()
-            if v not in (None, False)
-        ]
-
 
 def parse_system_ids(text: str | None) -> frozenset[int] | None:
     """The numbers in a list like ``1,2,10-19``."""

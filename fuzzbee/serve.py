@@ -17,7 +17,7 @@ from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.profile import Profile, load_profile
 from fuzzbee import outputs, security
-from fuzzbee.live_source import default_profile, make_runner, open_recorded, require_fitting
+from fuzzbee.live_source import default_profile, make_runner, open_source, require_fitting
 from fuzzbee.notify import notify
 from fuzzbee.run import RunOptions
 from fuzzbee.run_report import conclude, recording_word, summary
@@ -53,63 +53,46 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
     require_fitting(options, endpoint)
     outputs.viewer_options(options.outputs.view, options.outputs.rrd)
     requests = ParameterRequests()
-    conflicts: list[InputError] = []  # which end the run
+    problems: list[Exception] = []  # which end the run
     with ExitStack() as stack:
         # first, and once: what comes meanwhile is recorded
-        source, recorder = open_recorded(endpoint, options, key, stack)
+        source, recorder = open_source(endpoint, options, key, stack)
         session = None if opening is None else opened(opening, stack)
-        retuning = _open_retuning(options, requests, stack)
+        retuning = None
+        if options.retune:
+            from fuzzbee.retuning import Retuning  # which loads what searches
+
+            retuning = stack.enter_context(Retuning(requests, options.gain))
         pipeline = _pipeline(profile, options, retuning)
         if options.truth or endpoint.kind == "sim":
             pipeline.scores = {}
-        sinks = _open_sinks(options, session, pipeline, requests, conflicts)
+        sinks = _open_sinks(options, session, pipeline, requests, problems)
         if recorder is not None and retuning is not None:
             sinks.append(RecordingSink(recorder))
         outbox = stack.enter_context(Outbox(sinks))
         recording = partial(recording_word, [recorder, *sinks])
         # in a thread: the compiler's callbacks swallow what a signal raises in them
         aside(load_kernels, "kernels").result()
-        runner = make_runner(source, pipeline, outbox, requests, options, recording)
+        runner = make_runner(source, pipeline, outbox, options, requests, recording)
         end_s = None if isinstance(source, SimSource) else options.seconds
-        seconds, failure = _loop(runner, end_s, conflicts)
+        seconds = _loop(runner, end_s, problems)
     result = summary(options, profile_name, seconds, runner, pipeline, recording())
-    if pipeline.scores is not None:
-        result["truth"] = {name: score.result() for name, score in pipeline.scores.items()}
-    if not options.as_json:
-        if isinstance(source, SimSource) and source.waited_s >= LONG_WAIT_S:
-            notify(f"the vehicle waited {source.waited_s:.0f} s for this computer: it was too busy")
-        for name, score in (pipeline.scores or {}).items():
-            if score.verdict():
-                notify(f"vehicle {name} {score.verdict()}")
-    problems = [failure, *conflicts]
-    return conclude(options, result, outbox, problems, was_stopped=runner.was_stopped)
+    if isinstance(source, SimSource) and source.waited_s >= LONG_WAIT_S and not options.as_json:
+        notify(f"the vehicle waited {source.waited_s:.0f} s for this computer: it was too busy")
+    return conclude(options, result, outbox, pipeline, problems, was_stopped=runner.was_stopped)
 
 
-def _loop(
-    runner: Runner, seconds: float | None, conflicts: list[InputError]
-) -> tuple[float, Exception | None]:
-    """Loop until the end; returns how long (s), and what went wrong."""
+def _loop(runner: Runner, end_s: float | None, problems: list[Exception]) -> float:
+    """Loop until the end or the first problem; returns how long (s)."""
     started_s = time.monotonic()
-    failure: Exception | None = None
     with stop_on_signals(runner.stop):
         try:
-            runner.run(seconds, conflicts.__len__)
+            runner.run(end_s, problems.__len__)
         except InputError:
             raise
         except Exception as error:  # noqa: BLE001 - raised again when all is said
-            failure = error
-    return time.monotonic() - started_s, failure
-
-
-def _open_retuning(
-    options: RunOptions, requests: ParameterRequests, stack: ExitStack
-) -> "Retuning | None":
-    """The process that retunes, if it is asked for."""
-    if not options.retune:
-        return None
-    from fuzzbee.retuning import Retuning  # which loads what searches
-
-    return stack.enter_context(Retuning(requests, options.gain))
+            problems.append(error)
+    return time.monotonic() - started_s
 
 
 def _pipeline(profile: Profile, options: RunOptions, retuning: "Retuning | None") -> ScoredPipeline:
@@ -133,11 +116,11 @@ def _open_sinks(
     session: zenoh.Session | None,
     pipeline: ScoredPipeline,
     requests: ParameterRequests,
-    conflicts: list[InputError],
+    problems: list[Exception],
 ) -> list[Sink]:
-    """Open what was asked for, and a view last, which prints what the source says.
+    """Open what was asked for, and a view last, which prints what the source reports.
 
-    If another service publishes there, ``conflicts`` get an error.
+    That another service publishes there is one of ``problems``.
     """
 
     def on_conflict(key: str) -> None:
@@ -145,7 +128,7 @@ def _open_sinks(
             notify(f"another service publishes {key}, too")
             return
         text = f"another service publishes {key} already: stop it, give one of them another"
-        conflicts.append(InputError(f"{text} --prefix, or publish beside it with --second"))
+        problems.append(InputError(f"{text} --prefix, or publish beside it with --second"))
 
     sinks: list[Sink] = []
     prefix = options.zenoh.prefix
@@ -178,10 +161,10 @@ class _ViewHandler(logging.Handler):
 
     def __init__(self, notify: Callable[[str], None]) -> None:
         super().__init__()
-        self._say = notify
+        self._notify = notify
 
     def emit(self, record: logging.LogRecord) -> None:
-        self._say(self.format(record))
+        self._notify(self.format(record))
 
 
 def _show_log(notify: Callable[[str], None], *, verbose: bool) -> None:

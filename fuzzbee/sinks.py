@@ -12,8 +12,6 @@ if TYPE_CHECKING:
     from drivers.events import VehicleId
     from service.sinks.sink import Sink
 
-MAX_PORT = 65535
-
 WEB = "Serve a light page for browsers, on 127.0.0.1 unless an address is given."
 
 
@@ -104,10 +102,7 @@ def parse_address_of(text: str) -> "VehicleId":
 def _metrics(opening: Opening) -> "Sink":
     from service.sinks.metrics import MetricsSink
 
-    port = opening.options["metrics"]
-    if not 1 <= port <= MAX_PORT:
-        raise InputError(f"--metrics {port}: the port must be 1 to {MAX_PORT}")
-    return MetricsSink(port)
+    return MetricsSink(opening.options["metrics"])
 
 
 def _together(opening: Opening) -> "Sink":
@@ -147,7 +142,7 @@ SINKS: list[SinkEntry] = [
         _mavlink,
     ),
     SinkEntry({"announce": setting(str, _ANNOUNCE, metavar="URL")}, _announcer),
-    SinkEntry({"metrics": setting(int, _METRICS, metavar="PORT")}, _metrics),
+    SinkEntry({"metrics": setting(int, _METRICS, metavar="PORT", min=1, max=65535)}, _metrics),
     SinkEntry({"web": setting(str, WEB, panel="Show", metavar="[ADDRESS:]PORT")}, _web),
     SinkEntry({"together": setting(bool, _TOGETHER, default=False)}, _together),
 ]

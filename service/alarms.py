@@ -36,7 +36,7 @@ HEADING_OFF_DEG = 20.0
 # side for a minute is the clock. The longest that 46 recorded logs stayed there counts 0.5 at most.
 PACE_SPAN_US = 10_000_000
 PACE_OFF = 0.02
-UNKNOWN_HEADING_DEG = 40.0  # a sigma beyond this claims nothing
+UNKNOWN_HEADING_RAD = radians(40.0)  # a sigma beyond this claims nothing
 # The Earth's field is 0.22 to 0.67 gauss; compasses are off in scale by a factor.
 WEAKEST_GAUSS, STRONGEST_GAUSS = 0.1, 1.0
 
@@ -108,12 +108,7 @@ class Alarms:
         return self._last_us is None or time_us - self._last_us >= LOOK_EVERY_US
 
     def look(
-        self,
-        sample: ImuSample,
-        arrival_us: int,
-        attitude: Attitude,
-        profile: Profile,
-        estimator: Estimator,
+        self, sample: ImuSample, arrival_us: int, attitude: Attitude, estimator: Estimator
     ) -> list[str]:
         """Compare a sample with the attitude at its time; returns lines for a person.
 
@@ -129,8 +124,8 @@ class Alarms:
         dip_error_rad = 0.0 if is_sure else estimator.dip_error_rad
         why, place = estimator.compass_fault, estimator.place_field
         uses_field = why != CONTRADICTED
-        limit = AT_LIMIT * bias_limit_rad_s(profile)
-        self.compass_off_deg = self._compass_off_deg(attitude, profile, place)
+        limit = AT_LIMIT * bias_limit_rad_s(estimator.profile)
+        self.compass_off_deg = self._compass_off_deg(attitude, estimator)
         scatters = uses_field and self._does_field_scatter(attitude)
         is_impossible = not uses_field or self._is_field_impossible(attitude, place)
         seen = {
@@ -191,7 +186,7 @@ class Alarms:
         self._lasting[Alarm.CLOCK_DRIFT].look(side, PACE_SPAN_US * 1e-6)
 
     def _is_field_impossible(self, attitude: Attitude, place: PlaceField | None) -> bool:
-        if self._field is None or _claims_no_heading(attitude):
+        if self._field is None or attitude.sigma_heading_rad > UNKNOWN_HEADING_RAD:
             return False
         north, east, down = self._field
         horizontal = hypot(north, east)
@@ -202,10 +197,9 @@ class Alarms:
         sigma = degrees(attitude.sigma_heading_rad)
         return abs(self.compass_off_deg or 0.0) > SIGMAS * sigma + HEADING_OFF_DEG
 
-    def _compass_off_deg(
-        self, attitude: Attitude, profile: Profile, place: PlaceField | None
-    ) -> float | None:
+    def _compass_off_deg(self, attitude: Attitude, estimator: Estimator) -> float | None:
         """None without a field or a north; a field to the east of north makes it read less."""
+        profile, place = estimator.profile, estimator.place_field
         if self._field is None or attitude.heading_reference == "none" or not profile.conditioned:
             return None
         given = profile.reference.declination_deg
@@ -223,7 +217,7 @@ class Alarms:
 
     def _does_field_scatter(self, attitude: Attitude) -> bool:
         """Whether the field's direction varies by more than sigma explains."""
-        if self._field is None or _claims_no_heading(attitude):
+        if self._field is None or attitude.sigma_heading_rad > UNKNOWN_HEADING_RAD:
             return False
         mean_square = sum(b * b for b in self._field)
         scatter = degrees(sqrt(max(0.0, self._field_square / max(mean_square, 1e-12) - 1.0)))
@@ -237,7 +231,3 @@ def bias_limit_rad_s(profile: Profile) -> float:
         return profile.filter.bias_bound_rad_s
     given = profile.conditioning.get("bias_limit_rad_s", CONDITIONING_DEFAULTS["bias_limit_rad_s"])
     return float(given)
-
-
-def _claims_no_heading(attitude: Attitude) -> bool:
-    return degrees(attitude.sigma_heading_rad) > UNKNOWN_HEADING_DEG

@@ -13,7 +13,7 @@ from drivers.events import BuiltIn, VehicleId
 from drivers.simulation.simulated_vehicle import PROFILES
 from estimator.errors import InputError
 from estimator.profile import Profile, load_profile, merge_profile
-from service.records import Departed, Message, Output, Replaced
+from service.records import Departed, Message, Output, Replaced, Retuned
 from service.vehicle import Vehicle
 
 # Replacements are rare and made by hand; more waiting requests than this are refused.
@@ -22,6 +22,7 @@ MOST_PROFILES = 512  # of vehicles that are gone; the one that left first goes
 ANSWER_TIMEOUT_S = 2.0
 
 # The last is why, if it was retuned and nobody has asked for it
+Request = tuple[VehicleId, dict[str, Any], str | None]
 Replace = Callable[[VehicleId, dict[str, Any], str | None], Profile]
 
 
@@ -29,9 +30,7 @@ class ParameterRequests:
     """A mailbox between the threads that ask and the loop that owns the estimators."""
 
     def __init__(self) -> None:
-        self._queue: Queue[tuple[VehicleId, dict[str, Any], str | None, Future[Profile]]] = Queue(
-            MAX_PENDING
-        )
+        self._queue: Queue[tuple[Request, Future[Profile]]] = Queue(MAX_PENDING)
         self._closed = False
 
     def ask(
@@ -47,7 +46,7 @@ class ParameterRequests:
             raise TimeoutError("the service is ending")
         answer: Future[Profile] = Future()
         try:
-            self._queue.put_nowait((vehicle, partial, retuned, answer))
+            self._queue.put_nowait(((vehicle, partial, retuned), answer))
         except Full:
             raise TimeoutError("too many requests") from None
         try:
@@ -62,11 +61,11 @@ class ParameterRequests:
     def serve(self, replace: Replace) -> None:
         """Answer the waiting requests; called by the loop."""
         while not self._queue.empty():
-            vehicle, partial, retuned, answer = self._queue.get_nowait()
+            request, answer = self._queue.get_nowait()
             if not answer.set_running_or_notify_cancel():
                 continue
             try:
-                answer.set_result(replace(vehicle, partial, retuned))
+                answer.set_result(replace(*request))
             except InputError as error:
                 answer.set_exception(error)
             except RecursionError:  # nested deep, but not too deep for the parser
@@ -79,7 +78,7 @@ class ParameterRequests:
         """Refuse all waiting and all later requests; called when the loop has ended."""
         self._closed = True
         while not self._queue.empty():
-            *_, answer = self._queue.get_nowait()
+            _, answer = self._queue.get_nowait()
             answer.cancel()
 
 
@@ -106,9 +105,11 @@ class ProfileChanges:
         except (ArithmeticError, ValueError, TypeError) as error:
             raise InputError(f"profile update: cannot be used: {error}") from error
         if retuned is not None:
-            vehicle.publishing.note_retuned(retuned)
+            before = vehicle.publishing.retuned
+            vehicle.publishing.retuned = Retuned(1 + (before.count if before else 0), retuned)
         self.report(Replaced(vehicle.address, profile, retuned))
-        self.outputs += map(Message, vehicle.on_profile(vehicle.heard_us, retuned))
+        what = "new parameters" if retuned is None else f"retuned: {retuned}"
+        self.outputs += map(Message, vehicle.lines([what], vehicle.heard_us))
         return profile
 
     def fit(self, vehicle: Vehicle, event: BuiltIn) -> list[Output]:

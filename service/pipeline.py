@@ -137,7 +137,8 @@ class Pipeline:
         if vehicle is None:
             return []
         outputs = _messages(vehicle.on_imu(event))
-        if now_us is not None and vehicle.has_taken(event) and vehicle.meets_grid(now_us):
+        is_taken = vehicle.imu.last is event
+        if is_taken and now_us is not None and vehicle.meets_grid(now_us):
             outputs += self._published(vehicle, now_us)
         return outputs
 
@@ -251,10 +252,9 @@ class Pipeline:
         if not self._is_wanted(address) or len(self._vehicles) >= MAX_VEHICLES:
             return None
         kept = self._changes.kept.pop(address, None)
-        profile = kept or self.profile
-        vehicle = Vehicle(address, profile, self._new_estimator(profile), self._rate_hz)
-        vehicle.publishing.stagger(len(self._vehicles) + self.departed["vehicles"])
-        self._vehicles[address] = vehicle
+        estimator = self._new_estimator(kept or self.profile)
+        number = len(self._vehicles) + self.departed["vehicles"]
+        vehicle = self._vehicles[address] = Vehicle(address, estimator, self._rate_hz, number)
         if kept is not None:
             self._changes.report(Replaced(address, kept))
         return vehicle

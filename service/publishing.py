@@ -33,9 +33,12 @@ GOLDEN = 0.6180339887498949  # its multiples spread evenly over the unit interva
 
 
 class Publishing:
-    """Counts of the records of one vehicle, and their grid. Times are the host's."""
+    """Counts of the records of one vehicle, and their grid. Times are the host's.
 
-    def __init__(self, rate_hz: float) -> None:
+    ``number`` of the vehicles that came spreads their statuses over the second.
+    """
+
+    def __init__(self, rate_hz: float, number: int = 0) -> None:
         self.clock = HostClock()
         self.attitudes = 0
         self.statuses = 0
@@ -51,11 +54,7 @@ class Publishing:
         self._status_us: int | None = None
         self._attitudes_then = 0  # at the last status
         self._status_period_us = STATUS_PERIOD_US
-        self._second_status = 1.0  # a share of the period after the first
-
-    def stagger(self, number: int) -> None:
-        """Spread the statuses of vehicles over the second; this is the n-th that came."""
-        self._second_status = 1.0 - number * GOLDEN % 1.0
+        self._second_status = 1.0 - number * GOLDEN % 1.0  # a share of the period after the first
 
     def note_attitude(self, now_us: int, samples: int) -> None:
         """An attitude was published, after so many samples: the grid moves on."""
@@ -89,11 +88,6 @@ class Publishing:
         due_us = self.status_due_us + period_us
         is_steady = 0 < due_us - now_us <= period_us
         self.status_due_us = due_us if is_steady else now_us + period_us
-
-    def note_retuned(self, summary: str) -> None:
-        """The service has changed the profile by itself."""
-        count = 0 if self.retuned is None else self.retuned.count
-        self.retuned = Retuned(count + 1, summary)
 
     def published_hz(self, now_us: int, *, is_shedding: bool) -> float:
         """Attitudes a second since the last status; the rate asked for where nothing is shed."""
@@ -272,13 +266,8 @@ def euler_deg(q_ned_frd: Quaternion) -> Vec3:
 
 def is_finite(attitude: Attitude) -> bool:
     """Whether every number that must be finite is; an infinite sigma just means "unknown"."""
+    _, q, rate_rad_s, bias_rad_s, *others = attitude[
+        :-3
+    ]  # without the sigmas, and the north's name
     # one that is not finite makes the sum so; none is large enough for the sum of the others
-    total = (
-        sum((*attitude.q_ned_frd, *attitude.rate_rad_s, *attitude.gyro_bias_rad_s))
-        + attitude.error
-        + attitude.error_rate_1_s
-        + attitude.gain
-        + attitude.confidence_gravity
-        + attitude.confidence_magnetic
-    )
-    return isfinite(total)
+    return isfinite(sum((*q, *rate_rad_s, *bias_rad_s, *others)))

@@ -109,9 +109,8 @@ class Autopilot(Value, frozen=True):
     def sigma_deg(self) -> float:
         """Our sigma in that axis."""
         is_tilted = self.axis == "inclination"
-        return self.off_deg / max(
-            self.inclination_sigmas if is_tilted else self.heading_sigmas, 0.1
-        )
+        sigmas = self.inclination_sigmas if is_tilted else self.heading_sigmas
+        return self.off_deg / max(sigmas, 0.1)
 
     @property
     def in_short(self) -> str:

@@ -94,11 +94,6 @@ class Runner:
     woken_s: float = -inf  # when the loop went on after a stop
 
     @property
-    def lost(self) -> int:
-        """Datagrams that the system threw away before they could be read."""
-        return self.source.lost
-
-    @property
     def dropped(self) -> int:
         """Events and records lost so far."""
         return self.source.dropped + self.outbox.dropped

@@ -99,10 +99,8 @@ class ImuStream:
 
         A message that comes first replaces "".
         """
-        before, period_us = self.choice.message, self.median_period_us
-        is_chosen = self.choice.consider(
-            event.message, event.arrival_us, self.late_after_us, period_us
-        )
+        before = self.choice.message
+        is_chosen = self.choice.consider(event.message, event.arrival_us, self.median_period_us)
         if not is_chosen or before == event.message:
             return is_chosen, None
         self._periods_us.clear()
@@ -181,17 +179,15 @@ class ImuChoice:
         self._has_failed = False  # another IMU has stood in before
         self._candidate: Candidate | None = None
 
-    def patience_us(self, late_after_us: float, period_us: float) -> float:
+    def patience_us(self, period_us: float) -> float:
         """How long the message in use may be silent, and a returning one must have been back."""
-        return max(late_after_us, SILENT_PERIODS * period_us, SILENCES * self._longest_silence_us)
+        silence_us = SILENCES * self._longest_silence_us
+        return max(LATE_MINIMUM_US, SILENT_PERIODS * period_us, silence_us)
 
-    def consider(
-        self, message: str, arrival_us: int, late_after_us: float, period_us: float = 0.0
-    ) -> bool:
+    def consider(self, message: str, arrival_us: int, period_us: float = 0.0) -> bool:
         """Whether ``message``, which has just arrived, is the one in use now.
 
-        ``late_after_us`` is the silence after which the message in use is late, ``period_us`` its
-        median interval.
+        ``period_us`` is the median interval of the message in use.
         """
         if self.message is None:
             self.message, self._arrival_us = message, arrival_us
@@ -204,19 +200,18 @@ class ImuChoice:
             if other is not None and self._rank(other.message) >= self._rank(message):
                 self._candidate = None
         else:
-            self._follow_other(message, arrival_us, late_after_us, period_us)
+            self._follow_other(message, arrival_us, period_us)
         return message == self.message
 
     def _rank(self, message: str) -> tuple[bool, int]:
         """Place of a message in the order of preference."""
         return message in self.contradicted, imu_rank(message)
 
-    def _follow_other(
-        self, message: str, arrival_us: int, late_after_us: float, period_us: float
-    ) -> None:
+    def _follow_other(self, message: str, arrival_us: int, period_us: float) -> None:
         """Another message came, which takes over once it has proved itself."""
         is_preferred = self._rank(message) < self._rank(self.message or "")
-        longest_gap_us = late_after_us if is_preferred else max(late_after_us, STAND_IN_GAP_US)
+        stand_in_us = 0 if is_preferred else STAND_IN_GAP_US
+        longest_gap_us = max(LATE_MINIMUM_US, LATE_PERIODS * period_us, stand_in_us)
         candidate = self._candidate
         if (
             candidate is None
@@ -229,8 +224,7 @@ class ImuChoice:
             return
         candidate.samples += 1
         candidate.arrival_us = arrival_us
-        lasts_us = arrival_us - candidate.since_us
-        is_long = lasts_us >= self.patience_us(late_after_us, period_us)
+        is_long = arrival_us - candidate.since_us >= self.patience_us(period_us)
         is_enough = is_long or (is_preferred and not self._has_failed)
         if candidate.samples >= STEADY_SAMPLES and is_enough:
             self.message, self._arrival_us = message, arrival_us

@@ -33,12 +33,11 @@ class Vehicle:
     def __init__(
         self,
         address: VehicleId,
-        profile: Profile,
         estimator: Estimator,
         rate_hz: float = STANDARD_RATE_HZ,
+        number: int = 0,
     ) -> None:
         self.address = address
-        self.profile = profile
         self.estimator = estimator
         self.heard_us = 0  # the latest arrival of anything that is a vehicle's own
         self.silent_looks = 0  # of the pipeline since then
@@ -50,7 +49,7 @@ class Vehicle:
         self.parameters = VehicleParameters()
         self.comparison = SecondOpinion()
         self.alarms = Alarms()
-        self.publishing = Publishing(rate_hz)
+        self.publishing = Publishing(rate_hz, number)
         self._limit = LineLimit(f"vehicle {self.name}")
 
     @property
@@ -59,13 +58,14 @@ class Vehicle:
         return vehicle_name(self.address)
 
     @property
+    def profile(self) -> Profile:
+        """The parameters in use."""
+        return self.estimator.profile
+
+    @property
     def state(self) -> State:
         """The state of health."""
         return self.imu.state
-
-    def has_taken(self, event: Imu) -> bool:
-        """Whether the estimator took that event last."""
-        return self.imu.last is event
 
     # --- events
 
@@ -121,7 +121,7 @@ class Vehicle:
             case events.TrackLost() if event.message == self.imu.message:
                 self.restart()
                 text = f"{event.reason} for {event.blind_s:.1f} s, aligning anew"
-                return self._lines([text], event.arrival_us)
+                return self.lines([text], event.arrival_us)
             case events.ClockReset():
                 return self._on_clock_reset(event)
         return []
@@ -129,13 +129,13 @@ class Vehicle:
     def _on_clock_reset(self, event: events.ClockReset) -> list[str]:
         """The vehicle's clock began anew: what was known about its time and attitude is void."""
         if event.goes_on:
-            return self._lines([f"clock jump by {event.step_s:+.1f} s, cut out"], event.arrival_us)
+            return self.lines([f"clock jump by {event.step_s:+.1f} s, cut out"], event.arrival_us)
         self.restart()
         self.publishing.clock = HostClock()
         if event.reason == "reboot":
             self.imu.note_reboot()
         text = f"clock {event.reason} by {event.step_s:+.1f} s, aligning anew"
-        return self._lines([text], event.arrival_us)
+        return self.lines([text], event.arrival_us)
 
     def _on_report(self, event: events.Report) -> None:
         """Feed the estimator with what something beside the IMU has measured.
@@ -179,7 +179,7 @@ class Vehicle:
         alarms = " and ".join(sorted(MEANINGS[each] for each in self.alarms.words))
         against_ours = f"of ours, {alarms}" if alarms else ""
         lines = self.comparison.compare(event, theirs, ours, sample, place, against_ours)
-        return self._lines(lines, event.arrival_us)
+        return self.lines(lines, event.arrival_us)
 
     def on_time(self, now_us: int) -> list[str]:
         """Change the state of health if the IMU has been silent for long."""
@@ -237,17 +237,12 @@ class Vehicle:
 
         If mounting or calibration change, the estimate restarts: it was made of other readings.
         """
+        was = self.profile
         self.estimator.replace_profile(profile)
         self.alarms.restart()
-        was, self.profile = self.profile, profile
         if (profile.mounting, profile.calibration) != (was.mounting, was.calibration):
             self.restart()
         self.alarms.profile_is_unfit = False
-
-    def on_profile(self, now_us: int, retuned: str | None = None) -> list[str]:
-        """Report that the profile was replaced; a program may do it in a loop."""
-        what = "new parameters" if retuned is None else f"retuned: {retuned}"
-        return self._lines([what], now_us)
 
     def restart(self) -> None:
         """Align anew; what was remembered of the attitude before says nothing of the next."""
@@ -263,13 +258,13 @@ class Vehicle:
             self.rejected[Reason.ESTIMATE_NOT_FINITE] += 1
             self.restart()
             text = "the estimate is not finite, aligning anew"
-            return self._lines([text], event.arrival_us)
+            return self.lines([text], event.arrival_us)
         if not self.estimator.aligned or not self.alarms.is_due(sample.time_us):
             return []
-        lines = self.alarms.look(sample, event.arrival_us, attitude, self.profile, self.estimator)
+        lines = self.alarms.look(sample, event.arrival_us, attitude, self.estimator)
         if any(self.estimator.contradicted_axes):  # each second with this IMU does harm
             self.imu.choice.contradicted.add(event.message)
-        return self._lines(lines, event.arrival_us)
+        return self.lines(lines, event.arrival_us)
 
     def _change_message(self, before: str, now: str) -> list[str]:
         if not before:
@@ -282,8 +277,8 @@ class Vehicle:
         self.imu.state = state
         if state is State.ALIGNING:
             return []  # alignment takes a sample or two: only its end is news
-        return self._lines([str(state)], now_us)
+        return self.lines([str(state)], now_us)
 
-    def _lines(self, texts: list[str], now_us: int) -> list[str]:
+    def lines(self, texts: list[str], now_us: int) -> list[str]:
         """Lines about this vehicle, fewer of them where there are too many."""
         return self._limit.lines([f"vehicle {self.name}: {text}" for text in texts], now_us)

@@ -11,9 +11,8 @@ remain connect to it as soon as it is there.
 
 import json
 import re
-import threading
 from collections.abc import Sequence
-from concurrent.futures import Future
+from concurrent.futures import Future, wait
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -119,9 +118,7 @@ def close_session(session: "zenoh.Session") -> None:
         if not session.is_closed():
             session.close()  # type: ignore[no-untyped-call] # the library's stub lacks the None
 
-    closer = threading.Thread(target=close, name=CLOSER_THREAD, daemon=True)
-    closer.start()
-    closer.join(CLOSE_S)
+    wait([aside(close, CLOSER_THREAD)], CLOSE_S)
 
 
 def _config(options: ZenohOptions) -> "zenoh.Config":
@@ -143,14 +140,18 @@ def _config(options: ZenohOptions) -> "zenoh.Config":
             if not protocol or not place.fullmatch(address):
                 raise InputError(f"{name} {endpoint!r}: should be like {DEFAULT_ENDPOINT}")
     config = _base(options)
-    for key, value in _chosen(options).items():
-        _insert(config, key, json.dumps(value), f"{key} {value!r}")
+    chosen = [(key, json.dumps(v), f"{key} {v!r}") for key, v in _chosen(options).items()]
     for setting in options.settings:
         key, colon, value = setting.partition(":")
         if not colon:
             raise InputError(f"--cfg {setting!r}: should be KEY:JSON5")
         _require_flat(value, f"--cfg {key}")
-        _insert(config, key, value, f"--cfg {setting!r}")
+        chosen.append((key, value, f"--cfg {setting!r}"))
+    for key, json5, what in chosen:
+        try:
+            config.insert_json5(key, json5)
+        except zenoh.ZError as error:
+            raise InputError(f"zenoh: {what}: {_one_line(error)}") from None
     return config
 
 
@@ -201,15 +202,6 @@ def _chosen(options: ZenohOptions) -> dict[str, Any]:
         chosen["connect/timeout_ms"] = CLIENT_TIMEOUT_MS if client else -1
         chosen["connect/retry"] = RETRY
     return chosen
-
-
-def _insert(config: "zenoh.Config", key: str, json5: str, what: str) -> None:
-    import zenoh
-
-    try:
-        config.insert_json5(key, json5)
-    except zenoh.ZError as error:
-        raise InputError(f"zenoh: {what}: {_one_line(error)}") from None
 
 
 def _one_line(error: Exception) -> str:

@@ -257,7 +257,7 @@ class Replay:
     def _after_imu(self, event: Imu) -> None:
         vehicle = self.pipeline.vehicle(event.vehicle)
         sample = None if vehicle is None else vehicle.imu.last_sample
-        if vehicle is None or sample is None or not vehicle.has_taken(event):
+        if vehicle is None or sample is None or vehicle.imu.last is not event:
             return
         trace = self.traces[event.vehicle]
         self._turn_wrong(vehicle, trace)

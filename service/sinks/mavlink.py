@@ -12,6 +12,7 @@ from math import log, radians, sqrt
 from drivers.endpoint import Endpoint
 from drivers.events import VehicleId
 from drivers.mavlink import constants as mav
+from drivers.mavlink.connection import Connection
 from drivers.mavlink.encoder import (
     FrameEncoder,
     Message,
@@ -23,7 +24,6 @@ from drivers.mavlink.encoder import (
     statustexts,
 )
 from drivers.mavlink.recorder import Recorder
-from drivers.mavlink.transports import open_transport
 from drivers.mavlink.transports.transport import LinkError
 from estimator.geometry.frames import euler_rad
 from service.records import (
@@ -44,7 +44,6 @@ HEARTBEAT_US = 1_000_000
 # 68 % of the lengths of two equal normal errors are below this many standard deviations.
 RAYLEIGH_68 = sqrt(-2.0 * log(1.0 - 0.68))
 ANNOUNCED_US = 10_000_000
-RETRY_S = 1.0
 
 
 class MavlinkSink:
@@ -57,7 +56,7 @@ class MavlinkSink:
     generic and in standby: what ground stations show. It answers nothing.
 
     Of several components of one system only the one seen first is sent: they
-    would share one address. ``now_s`` is a monotonic clock, for the retries.
+    would share one address.
 
     Raises:
         InputError: the endpoint is no link, its port is taken, its device missing
@@ -69,26 +68,19 @@ class MavlinkSink:
     def __init__(
         self,
         endpoint: Endpoint,
-        now_s: Callable[[], float] = time.monotonic,
         *,
         attitudes: bool = True,
         announces: bool = False,
         appears_as: VehicleId | None = None,
     ) -> None:
-        self._endpoint = endpoint
         self._attitudes = attitudes
         self._announces = announces
         self._appears_as = appears_as
         self._shown: VehicleId | None = None  # the vehicle that appears so
-        self._now_s = now_s
-        self._transport = open_transport(endpoint)
         self._senders: dict[int, Sender] = {}
-        self._retry_at_s: float | None = None
-        self._is_told = False
-        try:
-            self._transport.open()
-        except LinkError:
-            self._wait_for_retry()
+        self._failures: list[str] = []  # that nobody has been shown
+        self._connection = Connection(endpoint, report=self._failures.append)
+        self._connection.open()
 
     def handle(self, outputs: Sequence[Output]) -> None:
         """Send what is due of the outputs.
@@ -97,23 +89,16 @@ class MavlinkSink:
             LinkError: the link broke, or could not be opened; once until it works again.
         """
         frames = [frame for output in outputs for frame in self._frames(output)]
-        try:
-            self._reopen()
-            if self._retry_at_s is not None:
-                return
-            self._transport.receive(0.0)  # learns whom to send to; what they say is not used
-            for frame in frames:
-                self._transport.send(frame)
-            self._is_told = self._is_told and not self._transport.connected
-        except LinkError as error:
-            self._wait_for_retry()
-            if not self._is_told:
-                self._is_told = True
-                raise LinkError(f"{self._endpoint}: {error}; trying again") from error
+        self._connection.receive(0.0)  # learns whom to send to; what they say is not used
+        for frame in frames:
+            self._connection.send(frame)
+        self._connection.take_events()
+        if self._failures:
+            raise LinkError(self._failures.pop())
 
     def close(self) -> None:
         """Release the link."""
-        self._transport.close()
+        self._connection.close()
 
     def _frames(self, output: Output) -> list[bytes]:
         if isinstance(output, Departed):
@@ -144,16 +129,6 @@ class MavlinkSink:
             return []
         sender = self._senders.setdefault(other.system_id, Sender(other, is_vehicle=True))
         return sender.frames(record)
-
-    def _reopen(self) -> None:
-        if self._retry_at_s is None or self._now_s() < self._retry_at_s:
-            return
-        self._transport.open()
-        self._retry_at_s = None
-
-    def _wait_for_retry(self) -> None:
-        self._transport.close()
-        self._retry_at_s = self._now_s() + RETRY_S
 
 
 class Sender:

@@ -47,7 +47,7 @@ class Outlet:
         self.sink = sink
         self.dropped = 0
         self.errors = 0
-        self.error: str | None = None  # the latest that has not been logged yet
+        self.error = ""  # the latest that has not been logged yet
         self._pending: deque[tuple[float, Sequence[Output]]] = deque()  # and since when, s
         self.is_busy = False  # something is pending, or in hand
         self._handle_at_once: AtOnce | None = getattr(sink, "handle_at_once", None)
@@ -81,8 +81,8 @@ class Outlet:
 
     def take_error(self) -> str:
         """The latest error, as a text, to be logged now."""
-        error, self.error = self.error, None
-        return error or ""
+        error, self.error = self.error, ""
+        return error
 
     def begin_close(self) -> None:
         """Have the sink closed once it has taken what is pending; does not wait for that."""
@@ -136,7 +136,7 @@ class Outbox:
     def put(self, outputs: Sequence[Output]) -> None:
         """Hand outputs to every sink, and one sink's errors to all; never blocks."""
         for outlet in self._outlets:
-            if outlet.error is not None:
+            if outlet.error:
                 outputs = [*outputs, Message(outlet.take_error())]
         if outputs:
             for outlet in self._outlets:
@@ -151,7 +151,7 @@ class Outbox:
             outlet.thread.join(max(0.01, end_s - time.monotonic()))
             if outlet.thread.is_alive():
                 self.stuck.append(outlet.sink.name)
-        self.untold += [each.take_error() for each in self._outlets if each.error is not None]
+        self.untold += [each.take_error() for each in self._outlets if each.error]
 
     def __enter__(self) -> Self:
         return self

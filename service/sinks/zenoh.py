@@ -189,16 +189,9 @@ class TogetherSink:
 
     name = "together"
 
-    def __init__(
-        self,
-        session: "zenoh.Session",
-        prefix: str,
-        period_s: float,
-        monotonic_s: Callable[[], float] = time.monotonic,
-    ) -> None:
+    def __init__(self, session: "zenoh.Session", prefix: str, period_s: float) -> None:
         self._topic = _Topic(session, f"{prefix}/attitudes")
         self._period_s = period_s
-        self._monotonic_s = monotonic_s
         self._due_s = 0.0
         self._newest: dict[str, AttitudeRecord] = {}
         self._encode = msgspec.json.Encoder().encode
@@ -208,7 +201,7 @@ class TogetherSink:
         for output in outputs:
             if isinstance(output, Published) and isinstance(output.record, AttitudeRecord):
                 self._newest[vehicle_name(output.vehicle)] = output.record
-        now_s = self._monotonic_s()
+        now_s = time.monotonic()
         if self._newest and now_s >= self._due_s:
             self._due_s = max(self._due_s + self._period_s, now_s)
             self._topic.put(self._encode(self._newest))

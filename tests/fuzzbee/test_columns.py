@@ -15,18 +15,18 @@ ONE = VehicleId(1, 1)
 
 
 def test_the_result_of_a_run_names_what_was_counted_in_its_units():
-    profile = load_profile("imu")
-    vehicle = Vehicle(ONE, profile, Estimator(profile))
+    vehicle = Vehicle(ONE, Estimator(load_profile("imu")))
     vehicle.imu.samples, vehicle.imu._shed, vehicle.publishing.attitudes = 31, 32, 33
     vehicle.imu.worst_gap_us, vehicle.imu._median_us = 250_000, 1e6 / 49.87654
     vehicle.imu.choice, vehicle.rejected["late"] = ImuChoice("RAW_IMU"), 35
     departed = Counter(vehicles=51, samples=52, shed=53, rejected=54, attitudes=55)
-    runner = SimpleNamespace(ticks=41, overruns=42, dropped=43, lost=71)
+    runner = SimpleNamespace(ticks=41, overruns=42, dropped=43, source=SimpleNamespace(lost=71))
     refused = {"signature": 61, "id": 62}
     pipeline = SimpleNamespace(
         malformed=72,
         refused_frames=refused,
         departed=departed,
+        scores=None,
         vehicles=(vehicle,),
         heard={3, 1},
     )

@@ -63,16 +63,6 @@ def test_round_trip_and_set_back_arrivals():
     assert clock.to_vehicle_us(OFFSET_US) == 2_000
 
 
-@pytest.mark.parametrize("step_us", [60_000_000, 500_000, 130_000])
-def test_a_host_clock_set_forwards_is_followed_within_two_seconds(step_us):
-    clock = steady(100, late_us=2_000)
-    for k in range(100, 205):
-        clock.observe(k * 20_000, k * 20_000 + 2_000 + step_us)
-    # all were 2 ms under way, before and behind
-    seen_us = clock.to_vehicle_us(204 * 20_000 + step_us)
-    assert seen_us == pytest.approx(204 * 20_000 - 2_000, abs=1)
-
-
 def test_lateness_that_varies_is_no_step():
     """A busy radio: nothing prompt for seconds, 100 to 400 ms late."""
     rng, clock = random.Random(1), steady(100)
@@ -101,14 +91,6 @@ def test_lateness_lasts_as_long_as_the_drift_allows():
     assert clock.offset_us == pytest.approx(80_000)  # and never above what is seen
 
 
-@pytest.mark.parametrize(("late_us", "is_step"), [(90_000, False), (120_000, True)])
-def test_a_step_is_more_than_a_tenth_of_a_second(late_us, is_step):
-    clock = steady(100)
-    for k in range(100, 205):
-        clock.observe(k * 20_000, k * 20_000 + late_us)
-    assert (clock.offset_us == pytest.approx(late_us, abs=1)) is is_step
-
-
 @pytest.mark.parametrize(("count", "is_step"), [(2, False), (3, True)])
 def test_a_second_with_two_messages_shows_no_step(count, is_step):
     clock = steady(10, 1_000_000)
@@ -127,18 +109,26 @@ def late_by(latenesses_us):
 
 
 @pytest.mark.parametrize(
-    ("step_us", "spread_us", "is_step"),
+    ("count", "step_us", "spread_us", "is_step"),
     [
-        (300_000, 60_000, True),  # less than a quarter of the step
-        (300_000, 90_000, False),  # more
-        (2_000_000, 90_000, True),  # less than 0.1 s
-        (2_000_000, 150_000, False),  # more, though a small part of the step
+        # a host clock set forwards is followed within two seconds
+        *((105, step_us, 0, True) for step_us in (60_000_000, 500_000, 130_000, 120_000)),
+        (105, 90_000, 0, False),  # a step is more than a tenth of a second
+        (120, 300_000, 60_000, True),  # less than a quarter of the step
+        (120, 300_000, 90_000, False),  # more
+        (120, 2_000_000, 90_000, True),  # less than 0.1 s
+        (120, 2_000_000, 150_000, False),  # more, though a small part of the step
+        # a quarter of a second of uneven lateness is no stall
+        (40, 200_000, 40_000, False),
+        (40, 200_000, 100_000, False),
     ],
 )
-def test_latenesses_must_be_alike_to_show_a_step(step_us, spread_us, is_step):
-    latenesses = [step_us + (k % 2) * spread_us for k in range(120)]
-    followed = late_by(latenesses).offset_us > 0.9 * step_us
-    assert followed is is_step
+def test_latenesses_that_are_large_and_alike_show_a_step(count, step_us, spread_us, is_step):
+    offset_us = late_by([step_us + (k % 2) * spread_us for k in range(count)]).offset_us
+    if is_step:  # to the promptest, and no further than the drift allows
+        assert offset_us == pytest.approx(2_000 + step_us, abs=1 if spread_us == 0 else 1_000)
+    else:
+        assert offset_us < 2_000 + 0.1 * step_us
 
 
 def test_a_step_is_followed_to_the_promptest_of_its_messages():
@@ -169,15 +159,6 @@ def test_a_vehicles_clock_that_stands_still_is_followed_within_a_third_of_a_seco
         clock.observe(k * 20_000, k * 20_000 + 302_000 + 500 * (k % 3))
     ahead_us = clock.to_vehicle_us(116 * 20_000 + 302_000) - 116 * 20_000
     assert ahead_us == pytest.approx(0, abs=150)  # measured -123
-
-
-@pytest.mark.parametrize(("unevenness_us", "risen_us"), [(40_000, 4_260), (100_000, 7_860)])
-def test_a_quarter_of_a_second_of_uneven_lateness_is_no_stall(unevenness_us, risen_us):
-    clock = steady(100)
-    for k in range(100, 140):
-        late_us = 200_000 + unevenness_us * (k % 2)
-        clock.observe(k * 20_000, k * 20_000 + late_us)
-    assert clock.offset_us == pytest.approx(risen_us, rel=0.2)
 
 
 def test_evenly_late_messages_move_the_clock_to_the_least_of_their_latenesses():

@@ -43,28 +43,55 @@ def attitude(q, time_us=0, *, sigma_deg=1.0, heading_sigma_deg=2.0, north="true"
     return Attitude(time_us, q, rate, (0.0, 0.0, 0.0), 0.0, 0.0, 20.0, 1.0, 1.0, *sigmas, north)
 
 
+def looked(opinion, time_us, theirs, ours, force, field, place=None, faults=NONE):
+    """One look; force and field are in NED."""
+    sample = ImuSample(time_us, (0.0, 0.0, 0.0), force, field or (0.0, 0.0, 0.0), bool(field))
+    opinion.look(Look(time_us, "ATTITUDE", theirs, ours, sample, place, faults))
+
+
 def told(
     ours, theirs, *, seconds=20.0, opinion=None, begin_us=0, place=PLACE, faults=NONE, **claims
 ):
     """What is said after so long of two attitudes of a vehicle that hovers at ``TRUE``."""
     opinion = opinion or SecondOpinion()
+    force, field = rotate_inverse(TRUE, (0.0, 0.0, -9.81)), rotate_inverse(TRUE, FIELD)
     for k in range(int(1e6 * seconds / LOOK_EVERY_US)):
         time_us = begin_us + k * LOOK_EVERY_US
-        force, field = rotate_inverse(TRUE, (0.0, 0.0, -9.81)), rotate_inverse(TRUE, FIELD)
-        sample = ImuSample(time_us, (0.0, 0.0, 0.0), force, field, True)
-        shown = attitude(ours, time_us, **claims)
-        opinion.look(Look(time_us, "ATTITUDE", theirs, shown, sample, place, faults))
+        looked(opinion, time_us, theirs, attitude(ours, time_us, **claims), force, field, place,
+               faults)  # fmt: skip
     return opinion
 
 
-def test_two_that_are_right_agree():
-    assert told(TRUE, TRUE).opinion.verdict is Verdict.AGREES
+def turned(axis, angle_deg):
+    return multiply(turn(axis, angle_deg), TRUE)
+
+
+BEHIND = turned(DOWN, degrees(-0.08 * 3.0))  # as we saw it 80 ms ago
+AGREES, DIFFERS, CANNOT_TELL = Verdict.AGREES, Verdict.DIFFERS, Verdict.CANNOT_TELL
+
+
+@pytest.mark.parametrize(
+    ("theirs", "claims", "verdict"),
+    [
+        (TRUE, {}, AGREES),
+        # nothing is claimed that sigma does not allow
+        (turned(NORTH, 20.0), {"sigma_deg": 5.0}, CANNOT_TELL),
+        (TRUE, {"sigma_deg": 10.0}, CANNOT_TELL),
+        (BEHIND, {"rate": (0.0, 0.0, 3.0)}, CANNOT_TELL),  # a lag in a fast turn
+        # a heading from elsewhere than true north shows little
+        *((turned(DOWN, 25.0), {"north": north}, CANNOT_TELL) for north in ("none", "magnetic")),
+        *((TRUE, {"north": north}, CANNOT_TELL) for north in ("none", "magnetic")),
+        *((turned(NORTH, 25.0), {"north": north}, DIFFERS) for north in ("none", "magnetic")),
+    ],
+)
+def test_two_differ_beyond_what_sigma_lag_and_north_allow(theirs, claims, verdict):
+    assert told(TRUE, theirs, **claims).opinion.verdict is verdict
 
 
 @pytest.mark.parametrize("axis", [NORTH, EAST, DOWN])
 @pytest.mark.parametrize("whose", ["autopilot", "ours"])
 def test_the_wrong_one_is_named(axis, whose):
-    wrong = multiply(turn(axis, 20.0), TRUE)
+    wrong = turned(axis, 20.0)
     pair = (TRUE, wrong) if whose == "autopilot" else (wrong, TRUE)
     said = told(*pair).opinion
     assert said.verdict is Verdict.DIFFERS
@@ -76,13 +103,13 @@ def test_the_wrong_one_is_named(axis, whose):
 
 
 def test_the_heading_s_sign_is_the_autopilot_s_clockwise_of_ours():
-    _, heading = differences(multiply(turn(DOWN, 25.0), TRUE), attitude(TRUE))
+    _, heading = differences(turned(DOWN, 25.0), attitude(TRUE))
     assert heading.off_deg == pytest.approx(25.0)
 
 
 def test_it_is_said_after_some_seconds_and_agrees_at_no_time_meanwhile():
     opinion = told(TRUE, TRUE)
-    wrong = multiply(turn(EAST, 25.0), TRUE)
+    wrong = turned(EAST, 25.0)
     begin_us, words = opinion._last_us, []
     for k in range(1, 30):
         told(TRUE, wrong, seconds=0.4, opinion=opinion, begin_us=begin_us + k * LOOK_EVERY_US)
@@ -90,28 +117,6 @@ def test_it_is_said_after_some_seconds_and_agrees_at_no_time_meanwhile():
     first = words.index(Verdict.DIFFERS)
     assert set(words[:first]) == {Verdict.CANNOT_TELL}
     assert first * LOOK_EVERY_US * 1e-6 == pytest.approx(4.8, rel=0.2)
-
-
-def test_nothing_is_claimed_that_sigma_does_not_allow():
-    wrong = multiply(turn(NORTH, 20.0), TRUE)
-    said = told(TRUE, wrong, sigma_deg=5.0).opinion
-    assert said.verdict is Verdict.CANNOT_TELL
-    assert told(TRUE, TRUE, sigma_deg=10.0).opinion.verdict is Verdict.CANNOT_TELL
-
-
-@pytest.mark.parametrize("north", ["none", "magnetic"])
-def test_a_heading_from_elsewhere_than_true_north_says_little(north):
-    wrong = multiply(turn(DOWN, 25.0), TRUE)
-    assert told(TRUE, wrong, north=north).opinion.verdict is Verdict.CANNOT_TELL
-    assert told(TRUE, TRUE, north=north).opinion.verdict is Verdict.CANNOT_TELL
-    tilted = multiply(turn(NORTH, 25.0), TRUE)
-    assert told(TRUE, tilted, north=north).opinion.verdict is Verdict.DIFFERS
-
-
-def test_a_lag_in_a_fast_turn_is_no_difference():
-    turning = {"rate": (0.0, 0.0, 6.0)}
-    behind = multiply(turn(DOWN, degrees(-0.08 * 6.0)), TRUE)
-    assert told(TRUE, behind, **turning).opinion.verdict is not Verdict.DIFFERS
 
 
 def test_an_autopilot_that_falls_silent_is_compared_no_more():
@@ -122,13 +127,12 @@ def test_an_autopilot_that_falls_silent_is_compared_no_more():
 
 def test_velocity_shows_which_heading_is_right_where_there_is_no_field():
     """A vehicle that is pushed to and fro along north, and tells how fast it is."""
-    wrong, opinion = multiply(turn(DOWN, -30.0), TRUE), SecondOpinion()
+    wrong, opinion = turned(DOWN, -30.0), SecondOpinion()
     speed, step_s = 0.0, LOOK_EVERY_US * 1e-6
     for k in range(150):
         time_us, push = k * LOOK_EVERY_US, 2.0 * cos(0.5 * k * step_s)
         force = rotate_inverse(TRUE, (push, 0.0, -9.81))
-        sample = ImuSample(time_us, (0.0, 0.0, 0.0), force, (0.0, 0.0, 0.0), False)
-        opinion.look(Look(time_us, "ATTITUDE", wrong, attitude(TRUE, time_us), sample, None))
+        looked(opinion, time_us, wrong, attitude(TRUE, time_us), force, None)
         speed += push * step_s
         opinion.take_velocity(time_us, (speed, 0.0, 0.0))
     assert opinion.opinion.wrong == "autopilot"
@@ -136,7 +140,7 @@ def test_velocity_shows_which_heading_is_right_where_there_is_no_field():
 
 
 def test_one_sentence_has_all_that_a_person_needs():
-    opinion = told(TRUE, multiply(turn(DOWN, 25.0), TRUE))
+    opinion = told(TRUE, turned(DOWN, 25.0))
     text = in_words(opinion.record(opinion._last_us))
     assert text.startswith(
         "the autopilot's heading has been 25 deg off ours for 20 s, and ours is good to 2 deg; "
@@ -145,7 +149,7 @@ def test_one_sentence_has_all_that_a_person_needs():
 
 
 def test_intervals_are_kept_with_their_largest_difference():
-    opinion = told(TRUE, multiply(turn(NORTH, 30.0), TRUE))
+    opinion = told(TRUE, turned(NORTH, 30.0))
     later_us = opinion._last_us + LOOK_EVERY_US
     told(TRUE, TRUE, opinion=opinion, begin_us=later_us)
     (interval,) = opinion.intervals
@@ -175,8 +179,7 @@ def test_ours_is_turned_back_to_the_autopilots_time_by_its_rate(behind_us, off_d
 )
 def test_where_no_evidence_names_one_what_speaks_against_one_alone_does(faults, wrong):
     """A heading without a field and without velocity."""
-    turned = multiply(turn(DOWN, 30.0), TRUE)
-    said = told(TRUE, turned, place=None, faults=faults).opinion
+    said = told(TRUE, turned(DOWN, 30.0), place=None, faults=faults).opinion
     assert said.wrong == wrong
     assert all(text in said.evidence for text in faults)
 
@@ -187,7 +190,7 @@ def test_the_evidence_begins_anew_with_our_attitude():
     for second in range(30):
         opinion.take_velocity(second * 1_000_000, (10.0 * second, 0.0, 0.0))
     opinion.restart()
-    said = told(TRUE, multiply(turn(NORTH, 25.0), TRUE), opinion=opinion).opinion
+    said = told(TRUE, turned(NORTH, 25.0), opinion=opinion).opinion
     assert "the mean force is 0 deg off ours" in said.evidence
 
 
@@ -199,8 +202,8 @@ def test_an_accelerometer_that_leads_ours_astray_is_nobody_s_fault_or_ours(place
     for k in range(50):
         time_us = k * LOOK_EVERY_US
         force = rotate_inverse(tilt, (0.0, 0.0, -hypot(9.81, 4.0)))
-        sample = ImuSample(time_us, (0.0, 0.0, 0.0), force, rotate_inverse(TRUE, FIELD), True)
-        opinion.look(Look(time_us, "ATTITUDE", TRUE, attitude(tilt, time_us), sample, place))
+        field = rotate_inverse(TRUE, FIELD)
+        looked(opinion, time_us, TRUE, attitude(tilt, time_us), force, field, place)
     assert opinion.opinion.verdict is Verdict.DIFFERS
     assert opinion.opinion.wrong == ("" if place is None else "ours")
     assert "8% off gravity's strength" in opinion.opinion.evidence

@@ -16,7 +16,7 @@ BOTH = ("RAW_IMU", "SCALED_IMU2") * 3
 def feed(choice, *messages, start_us=0, step_us=10_000):
     """The message in use after these."""
     for number, message in enumerate(messages):
-        choice.consider(message, start_us + number * step_us, LATE_US)
+        choice.consider(message, start_us + number * step_us)
     return choice.message
 
 
@@ -56,7 +56,7 @@ def alternate(drops, period_us, seconds, seed=0):
         now_us = k * period_us
         lost = any(a <= now_us / 1e6 < b for a, b in drops) or (k > 0 and rng.random() < 0.2)
         for name in ([] if lost else ["RAW_IMU"]) + ["SCALED_IMU2"]:
-            choice.consider(name, now_us, max(LATE_US, 3 * period_us), float(period_us))
+            choice.consider(name, now_us, float(period_us))
             if not used or used[-1] != choice.message:
                 used.append(choice.message)
     return used
@@ -107,7 +107,7 @@ def test_one_that_pauses_begins_anew():
 def test_a_silence_so_long_that_the_vehicle_was_gone_is_not_the_message_s(silence_us, patience):
     choice = ImuChoice()
     feed(choice, "RAW_IMU", "RAW_IMU", step_us=silence_us)
-    assert choice.patience_us(LATE_US, 0.0) == patience
+    assert choice.patience_us(0.0) == patience
 
 
 def test_another_message_is_used_while_the_gyroscope_of_the_first_is_contradicted():

@@ -56,8 +56,7 @@ class Watched(Estimator):
 
 @pytest.fixture
 def vehicle():
-    profile = load_profile("imu")
-    return Vehicle(ONE, profile, Watched(profile))
+    return Vehicle(ONE, Watched(load_profile("imu")))
 
 
 def imu(time_us, message="RAW_IMU", arrival_us=None, boot_us=None):

@@ -112,6 +112,6 @@ def test_nor_are_they_where_a_look_begins_among_what_is_late():
     """Of frames that came before it only the slower way's copies are seen."""
     one, watch = Sender(0), SharedAddresses()
     samples = [one.sample(20_000 * k) for k in range(200)]
-    assert told([[], *samples[:20]], watch=watch) == []
+    assert reported([[], *samples[:20]], watch=watch) == []
     pairs = [a + b for a, b in zip(samples[20:], samples, strict=False)]
-    assert told(pairs, watch=watch, begin_us=S + EVERY_US) == []
+    assert reported(pairs, watch=watch, begin_us=S + EVERY_US) == []
