@@ -263,3 +263,9 @@ def test_the_compass_s_own_heading_is_less_where_its_north_is_to_the_east(mag_de
     for half in range(9):
         looked(alarms, half, place_field=place, mag=mag)
     assert alarms.compass_off_deg == pytest.approx(off_deg, abs=1e-6)
+
+
+def test_a_single_look_after_an_hours_silence_is_no_alarm():
+    alarms = Alarms()
+    looked(alarms, 0)
+    assert looked(alarms, 7200, acc=(0.0, -4.0, -9.0)) == frozenset()
