@@ -86,9 +86,7 @@ class TlogFile(Closing):
         if (there.st_dev, there.st_ino) != (about.st_dev, about.st_ino):
             return "replaced"
         if about.st_size != self._size:
-            word = "truncated" if about.st_size < self._size else "changed"
-            self._size = about.st_size
-            return word
+            return "truncated" if about.st_size < self._size else "changed"
         return ""
 
     def close(self) -> None:

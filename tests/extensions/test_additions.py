@@ -9,12 +9,9 @@ import json
 import math
 import os
 import socket
-import subprocess
-import sys
 import threading
 import time
 from operator import itemgetter
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -37,17 +34,17 @@ from fuzzbee.tune.read_flight import read_flight
 from tests.estimator.aiding.heading_source import HEADING_SOURCE, HeadingSample
 from tests.extensions.additions import GPS2_RAW, HIL_SENSOR
 from tests.flight import banked_flight
-from tests.fuzzbee.processes import free_port
+from tests.fuzzbee.processes import free_port, started
+from tests.programs import ROOT
 from tests.service.sinks.test_zenoh import plain_client, wait_for
 from tuning.flight import fly
 from tuning.online.retuned_estimator import RetunedEstimator
 from tuning.online.segment import fly_segments
 
-ROOT = Path(__file__).resolve().parents[2]
 UNIX_US = 1_700_000_000_000_000
 BEGIN_US = 1_000_000
 TURNED_RAD = 0.12  # less than what velocity contradicts
-SECONDS = 30.0
+FLIGHT = banked_flight(seconds=30.0)
 IN_REAL_TIME_S = 10.0
 PX4 = 12
 # The field of the flight has no declination, and the profile says so.
@@ -55,27 +52,23 @@ PROFILE = merge_profile(load_profile("imu"), {"reference": {"declination_deg": 0
 m = mavlink()
 
 
-def messages(heading=True):
-    """(time in us, message) of the flight, by pymavlink's own classes."""
-    flight = banked_flight(seconds=SECONDS)
+def frames(heading=True):
+    """(time in us, bytes) of the flight, by pymavlink's own classes."""
+    flight, link = FLIGHT, m.MAVLink(None, srcSystem=1, srcComponent=1)
     behind = dict(flight.reports)
     for k, (sample, q) in enumerate(zip(flight.samples, flight.truth, strict=True)):
-        us = BEGIN_US + sample.time_us
+        us, messages = BEGIN_US + sample.time_us, []
         if k % 50 == 0:
-            yield us, m.MAVLink_heartbeat_message(2, PX4, 0, 0, 0, 3)
+            messages.append(m.MAVLink_heartbeat_message(2, PX4, 0, 0, 0, 3))
         vectors = (*sample.acc_m_s2, *sample.gyr_rad_s, *sample.mag_gauss)
-        yield us, m.MAVLink_hil_sensor_message(us, *vectors, 0, 0, 0, 0, 0b111111111)
+        messages.append(m.MAVLink_hil_sensor_message(us, *vectors, 0, 0, 0, 0, 0b111111111))
         if k in behind:
-            velocity = behind[k].velocity_ned_m_s
-            yield us, m.MAVLink_local_position_ned_message(us // 1000, 0, 0, 0, *velocity)
+            place, velocity = (0, 0, 0), behind[k].velocity_ned_m_s
+            messages.append(m.MAVLink_local_position_ned_message(us // 1000, *place, *velocity))
         if heading and k % 10 == 0:
             yaw = round(np.degrees(euler_rad(q)[2] + TURNED_RAD) * 100) % 36000 or 36000
-            yield us, m.MAVLink_gps2_raw_message(us, 3, *(0,) * 9, 0, yaw=yaw)
-
-
-def frames(heading=True):
-    link = m.MAVLink(None, srcSystem=1, srcComponent=1)
-    return [(us, bytes(each.pack(link))) for us, each in messages(heading)]
+            messages.append(m.MAVLink_gps2_raw_message(us, 3, *(0,) * 9, 0, yaw=yaw))
+        yield from ((us, bytes(each.pack(link))) for each in messages)
 
 
 def tlog(path, heading=True):
@@ -115,7 +108,7 @@ def test_without_the_entries_nothing_is_known_of_them():
 
 @pytest.mark.usefixtures("added")
 def test_both_messages_are_decoded():
-    flight, events = banked_flight(seconds=SECONDS), decoded()
+    flight, events = FLIGHT, decoded()
     samples = [event for event in events if isinstance(event, Imu)]
     assert {event.message for event in samples} == {"HIL_SENSOR"}
     assert len(samples) == len(flight.samples)
@@ -143,19 +136,15 @@ def test_under_overload_the_newest_of_each_stays():
     assert sorted(kept) == [0, 32, 107, 124]
     (shed,) = queue.take_shed(UNIX_US)
     assert (shed.vehicle, shed.message) == (VehicleId(1, 1), "HIL_SENSOR")
-    assert shed.samples == len(banked_flight(seconds=SECONDS).samples) - 1
-
-
-@pytest.mark.usefixtures("added")
-def test_a_log_with_the_message_is_none_without_imu(tmp_path):
-    with open_log(tlog(tmp_path / "x.tlog")) as log:
-        assert advice(log) is None
+    assert shed.samples == len(FLIGHT.samples) - 1
 
 
 @pytest.mark.usefixtures("added")
 def test_a_log_is_replayed_and_the_source_turns_the_estimate(tmp_path):
     with_it = replay(tlog(tmp_path / "with.tlog"), PROFILE)
     without = replay(tlog(tmp_path / "without.tlog", heading=False), PROFILE)
+    with open_log(tmp_path / "with.tlog") as log:
+        assert advice(log) is None  # it does not lack an IMU
     assert [*with_it.report.imu.messages] == ["HIL_SENSOR"]
     late = slice(len(with_it.attitudes.time_s) // 2, None)
     turned = yaw_difference(with_it.attitudes.q_ned_frd[late], without.attitudes.q_ned_frd[late])
@@ -168,7 +157,7 @@ def test_tuning_and_retuning_repeat_the_reports(tmp_path):
     flight = read_flight(path, PROFILE)
     called = [call for calls in flight.calls.values() for call in calls]
     headings = [call for call in called if isinstance(call.values[-1], HeadingSample)]
-    assert len(headings) == len(banked_flight(seconds=SECONDS).samples[::10])
+    assert len(headings) == len(FLIGHT.samples[::10])
     course = fly(flight, PROFILE, len(flight.time_s))
     assert np.array_equal(course.q_ned_frd, replay(path, PROFILE).attitudes.q_ned_frd)
 
@@ -209,16 +198,9 @@ def test_a_service_publishes_what_it_makes_of_all_three(tmp_path):
     headings, profile = tmp_path / "headings", tmp_path / "north.toml"
     profile.write_text(profile_to_toml(PROFILE))
     command = ["run", f"udpin:127.0.0.1:{port}", "--json", "--profile", str(profile)]
-    more = ["--headings", str(headings), "-l", endpoint, "-e", endpoint]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "fuzzbee", *command, *more],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])},
-    )
+    command += ["--headings", str(headings), "-l", endpoint, "-e", endpoint]
     published = []
-    try:
+    with started(*command, PYTHONPATH=os.pathsep.join([str(tmp_path), ROOT])) as process:
         for line in process.stderr:
             if "listening" in line:
                 break
@@ -231,11 +213,7 @@ def test_a_service_publishes_what_it_makes_of_all_three(tmp_path):
             fly_in_real_time(port)
             wait_for(lambda: published and headings.read_text().count("\n") > 100, 10.0)
         process.terminate()
-        out, _ = process.communicate(timeout=20)
-    finally:
-        if process.poll() is None:
-            process.kill()
-            process.wait()
+        out = process.stdout.read()
     vehicle = json.loads(out)["vehicles"]["1"]
     assert vehicle["imu_message"] == "HIL_SENSOR"
     written = [line.split() for line in headings.read_text().splitlines()]
@@ -245,9 +223,8 @@ def test_a_service_publishes_what_it_makes_of_all_three(tmp_path):
     )
     yaw_deg = last["euler_deg"][2]
     assert min(abs(float(yaw) - yaw_deg) for _, yaw in written) < 1e-6
-    flight = banked_flight(seconds=SECONDS)
-    k = round((last["time_boot_us"] - BEGIN_US) / flight.samples[1].time_us)
-    turned = math.radians(yaw_deg) - euler_rad(flight.truth[k])[2]
+    k = round((last["time_boot_us"] - BEGIN_US) / FLIGHT.samples[1].time_us)
+    turned = math.radians(yaw_deg) - euler_rad(FLIGHT.truth[k])[2]
     assert math.remainder(turned, math.tau) == pytest.approx(TURNED_RAD, abs=0.05)
 
 

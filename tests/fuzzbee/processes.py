@@ -23,14 +23,14 @@ def default_session(port):
 
 
 @contextmanager
-def started(*arguments):
+def started(*arguments, **environment):
     """A running command; killed if it is still there at the end."""
     process = subprocess.Popen(
         [sys.executable, "-m", "fuzzbee", *arguments],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        env={**os.environ, "PYTHONUNBUFFERED": "1", **environment},
     )
     try:
         yield process

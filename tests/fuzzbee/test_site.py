@@ -3,8 +3,6 @@
 import importlib.util
 import re
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -13,6 +11,7 @@ from typer.main import get_command
 import fuzzbee
 from fuzzbee.app import build_app
 from tests.fuzzbee import browser
+from tests.programs import run_python
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -85,14 +84,8 @@ def test_the_site_is_built_without_a_warning_and_fetches_nothing(tmp_path):
         copy = shutil.copytree if source.is_dir() else shutil.copyfile
         copy(source, tmp_path / name)
     site = tmp_path / "site"
-    done = subprocess.run(
-        [sys.executable, "-m", "mkdocs", "build", "--strict", "-q", "-d", str(site)],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=900,
-    )
+    command = ("-m", "mkdocs", "build", "--strict", "-q", "-d", str(site))
+    done = run_python(*command, timeout_s=900, folder=tmp_path, check=False)
     assert done.returncode == 0, done.stderr
     pages = list(site.glob("*.html"))
     assert len(pages) >= 20

@@ -8,6 +8,7 @@ import pytest
 from drivers.events import BuiltIn, Imu
 from drivers.simulation.simulated_vehicle import SimulatedVehicle
 from drivers.simulation.source import imu_sample
+from estimator.aiding.compass import CONTRADICTED
 from estimator.geometry.earth import PlaceField
 from estimator.geometry.quaternion import exp, multiply, rotate_inverse, scale
 from estimator.profile import load_profile
@@ -248,3 +249,24 @@ def test_the_compass_s_own_heading_is_less_where_its_north_is_to_the_east(mag_de
     for half in range(9):
         looked(alarms, half, place_field=place, mag=mag)
     assert alarms.compass_off_deg == pytest.approx(off_deg, abs=1e-6)
+
+
+def test_a_single_look_after_an_hours_silence_is_no_alarm():
+    alarms = Alarms()
+    looked(alarms, 0)
+    assert looked(alarms, 7200, acc=(0.0, -4.0, -9.0)) == frozenset()
+
+
+@pytest.mark.parametrize("off_deg", [-90, 90])
+def test_a_compass_that_is_far_off_to_either_side_may_be_mounted_otherwise(off_deg):
+    estimator = SimpleNamespace(
+        compass_doubt=CONTRADICTED,
+        compass_off_rad=radians(off_deg),
+        place_field=HERE,
+        leaning_rad=0.0,
+        contradicted_axes=(False,) * 3,
+        is_aided=True,
+    )
+    sample = ImuSample(0, (0.0, 0.0, 0.0), (0.0, 0.0, -9.8), FIELD, has_mag=True)
+    (line,) = Alarms().look(sample, START_US, attitude(), IMU, estimator)
+    assert line.endswith(f"which is {off_deg}° off; is its orientation set rightly?")

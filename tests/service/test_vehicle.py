@@ -113,6 +113,7 @@ def test_another_imu_takes_over_after_half_a_second_with_its_own_bias(vehicle):
     vehicle.on_imu(imu(36 * PERIOD_US, "SCALED_IMU2"))  # 0.52 s after it
     assert vehicle.imu.message == "SCALED_IMU2"
     assert vehicle.estimator.calls == ["change_imu"]
+    assert status(vehicle, START_US + 36 * PERIOD_US).other_imus == {}
     # its rate is measured anew, and the way from one IMU to the other is no period
     assert vehicle.imu.median_period_us == 0.0
     for number in range(38, 60, 4):

@@ -152,3 +152,17 @@ def test_what_this_program_has_sent_is_no_vehicle_s():
     assert wire.play([(9, "a", data)])
     sample = own.frame(raw_imu(S, (0.0, 0.0, -9.8), (0.0, 0.0, 0.0), (0.2, 0.0, 0.4)), 0)
     assert len(wire.play([(10, "a", sample), (11, "a", beat)])) >= 1
+
+
+@pytest.mark.parametrize("lost", [100, 255, 300])
+def test_frames_that_are_missing_took_their_time_however_steadily_the_next_ones_come(lost):
+    """A fresher copy takes over; of 255 that are missing the numbers say nothing."""
+    encoder, gyr, mag = FrameEncoder(ONE), (0.0, 0.0, 0.1), (0.2, 0.0, 0.4)
+    sent = [
+        encoder.frame(raw_imu(BOOT_US + 10_000 * k, (0.01 * (k % 7), 0.0, -9.8), gyr, mag), 0)
+        for k in range(2000)
+    ]
+    del sent[1000 : 1000 + lost]
+    events = Wire().play([(10_000 * n, "a", data) for n, data in enumerate(sent)])
+    assert sum(isinstance(e, Imu) for e in events) == len(sent)
+    assert not [e for e in events if isinstance(e, ClockReset)]

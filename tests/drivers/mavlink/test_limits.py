@@ -132,3 +132,5 @@ def test_what_was_left_out_is_reported_now_and_then():
         queue.take(9)
     assert reports == [1, 0, 2, 0]
     assert queue.shed == 4
+    queue.add(0, [frame(1, RAW_IMU_ID), frame(1, RAW_IMU_ID)])  # the host's clock was set back
+    assert sum(each.samples for each in queue.take_shed(0)) == 2

@@ -23,6 +23,7 @@ from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.recorder import Recorder
 from drivers.mavlink.signing import SigningCheck
 from drivers.mavlink.transports.tcp import MOST_TCP_CLIENTS
+from drivers.mavlink.transports.transport import Packet
 from drivers.mavlink.transports.udp import UdpIn
 from drivers.simulation.autopilot import SimulatedAutopilot, VehicleOptions
 from estimator.errors import InputError
@@ -631,3 +632,39 @@ def test_datagrams_that_were_lost_before_a_break_still_count(monkeypatch):
             patch.setattr(UdpIn, "receive", fail)
             collect(link, count(LinkDown))
         until(lambda: link.lost == 6, lambda: link.drain(0.01))
+
+
+def test_half_a_frame_of_a_client_that_has_left_costs_the_next_one_nothing(monkeypatch):
+    beat = Vehicle(1).heartbeat()
+    packets = [[Packet("a", data, 1)] for data in (beat[:9], b"", beat)]
+    monkeypatch.setattr(UdpIn, "receive", lambda *_: packets.pop(0) if packets else [])
+    with udp_link() as (link, _):
+        assert not of_type(collect(link, count(Heartbeat)), Malformed)
+
+
+def test_an_imu_that_is_silent_for_long_gives_way_to_a_new_client(monkeypatch):
+    vehicle = Vehicle(1)
+    with tcp_link() as (link, connect):
+        for client, other in [(connect(), Vehicle(n)) for n in range(2, MOST_TCP_CLIENTS + 2)]:
+            client.sendall(other.imu())
+        collect(link, count(Imu, MOST_TCP_CLIENTS))
+        monkeypatch.setattr("drivers.mavlink.transports.tcp.LONG_SILENCE_S", 0.0)
+        flying = connect()
+        collect(link, count(Imu), lambda: flying.sendall(vehicle.imu()))
+
+
+def test_of_too_many_senders_the_one_silent_for_longest_is_answered_no_more(monkeypatch):
+    monkeypatch.setattr("drivers.mavlink.transports.udp.MOST_UDP_PEERS", 2)
+    port = free_port(socket.SOCK_DGRAM)
+    transport = UdpIn(Endpoint("udpin", HOST, port))
+    with contextlib.closing(transport), udp_sender(port) as a, udp_sender(port) as b:
+        transport.open()
+        with udp_sender(port) as c:
+            for each in (a, b, a, c):
+                each.send(b"something")
+                until(lambda: transport.receive(0.05))
+            transport.send(b"answer")
+            assert a.recv(9) == c.recv(9) == b"answer"
+        b.setblocking(False)
+        with pytest.raises(BlockingIOError):
+            b.recv(9)

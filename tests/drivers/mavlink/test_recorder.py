@@ -265,18 +265,22 @@ def test_a_file_that_is_made_again_is_locked_again(tmp_path, caplog):
     assert path.read_bytes()[8:] == b"\xfd six" + (4 + RETRY_US).to_bytes(8, "big") + b"\xfd ten"
 
 
-def test_a_folder_that_is_removed_costs_frames_until_it_is_there_again(tmp_path, caplog):
+@pytest.mark.parametrize(("begin_us", "again_us"), [(1, 2 + RETRY_US), (9 * RETRY_US, 1)])
+def test_a_folder_that_is_removed_costs_frames_until_it_is_there_again(
+    begin_us, again_us, tmp_path, caplog
+):
+    """Also if the host's clock is set back meanwhile."""
     folder = tmp_path / "logs"
     folder.mkdir()
     with Recorder(folder / "flight.tlog") as recorder:
-        recorder.write(1, [b"\xfd one"])
+        recorder.write(begin_us, [b"\xfd one"])
         until(lambda: (folder / "flight.tlog").stat().st_size)
         shutil.rmtree(folder)
-        recorder.write(2, [b"\xfd two"])
+        recorder.write(begin_us + 1, [b"\xfd two"])
         until(lambda: recorder.lost == 1)
         assert "No such file" in caplog.text
         folder.mkdir()
-        recorder.write(2 + RETRY_US, [b"\xfd six"])
+        recorder.write(again_us, [b"\xfd six"])
     assert (folder / "flight.tlog").read_bytes().endswith(b"\xfd six")
 
 

@@ -218,3 +218,11 @@ def test_a_flood_of_heartbeats_is_not_answered_without_end():
                 if message.get_type() == "COMMAND_LONG"
             }
     assert len(asked) == MOST_STREAMS
+
+
+def test_what_failed_before_a_reboot_does_not_count_behind_it():
+    """Five of six requests, the last some 100 s after the first."""
+    talk = Conversation().run(120)
+    talk.event(ClockReset(VEHICLE, talk.now_us, "reboot", -100.0))
+    talk.run(30)
+    assert not [notice for notice in talk.notices if "not asking again" in notice]

@@ -307,3 +307,15 @@ def test_a_turn_the_other_way_round_is_no_wrap():
     stream = Stream()
     for rate in (20.0, -20.0, 20.0, -20.0):
         assert stream.feed(gyr=(*stream.noise((0.0, 0.0)), rate), step_us=250_000) is None
+
+
+@pytest.mark.parametrize("before", [5, 15])
+def test_a_fault_that_lasts_while_the_clock_begins_anew_is_found_by_the_new_one(before):
+    stream, equal = Stream(), {"gyr": (0.06, 0.0, 0.0), "acc": DOWN}
+    assert stream.first_refused(before, lambda _: equal) is None
+    stream.now_us = 0
+    reason, after_s = stream.first_refused(100, lambda _: equal)
+    assert (reason, after_s) == (Reason.STUCK, pytest.approx(0.5, abs=0.05))
+    stream.now_us = 0
+    assert stream.feed() is None
+    assert stream.faults.take_blindness() == (Reason.STUCK, 0.0)

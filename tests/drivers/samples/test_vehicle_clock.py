@@ -131,6 +131,10 @@ STRETCHES = {
         [(50.0, 5, 0.25, 0.0), (51.25, 5, 0.25, DAY_S), (52.5, 5, 0.25, -DAY_S)],
         [],
     ),
+    "a reboot while the host's clock is set back": (
+        [(300.0, 10, 0.25, 0.0), (3.0, 5, 0.25, -3600.0)],
+        ["reboot"],
+    ),
     "a leap after the host's clock was set": (
         [(50.0, 5, 0.25, 0.0), (51.25, 20, 0.25, DAY_S), (76.25, 3, 0.25, 0.0)],
         ["jump"],
@@ -413,3 +417,12 @@ def test_a_clock_that_was_set_back_far_is_watched_as_closely_as_before():
         placed = imu(clock, now_us + off_us, UNIX + now_us)
         given_us += [placed.time_us] if isinstance(placed, Placed) else []
     assert given_us[-1] - given_us[0] == 20_000 * (50 * 60 - 1)
+
+
+def test_a_clock_beside_the_line_that_leaps_alone_is_learnt_anew():
+    clock = VehicleClock()
+    feed_both(clock, 40, 0)
+    after = feed_both(clock, 40, 100 * S, first_us=110 * S)
+    placed = [(true_us, each) for true_us, each in after if isinstance(each, Placed)]
+    assert len(placed) > 35
+    assert all(abs(true_us - each.time_us) < 20_000 for true_us, each in placed)
