@@ -209,15 +209,8 @@ def _report_logs(
         profiles[name] if options.profile else _fitting(path, profiles[name], options)
         for path, name in runs
     ]
-    how = How(
-        options.gain,
-        options.system_id,
-        options.start_wrong,
-        options.retune,
-        options.smooth,
-        options.columns,
-        window,
-    )
+    way = (options.gain, options.system_id, options.start_wrong, options.retune, options.smooth)
+    how = How(*way, options.columns, window)
     reports = [
         report_log(
             path,

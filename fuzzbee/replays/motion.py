@@ -58,7 +58,7 @@ def _moved(readings: Floats, first: Ints, behind: Ints) -> Bools:
 
 
 def _extremes(values: Floats, first: Ints, behind: Ints) -> Floats:
-    """The least and the largest (2, N, ...) of values (M, ...) in windows, by halves that overlap."""
+    """The least and largest (2, N, ...) of values (M, ...) in windows, by halves that overlap."""
     low, high = values, values
     found = np.empty((2, len(first), *values.shape[1:]))
     length, lengths = 1, behind - first
