@@ -56,7 +56,7 @@ def check(options: CheckOptions) -> None:
         if each.fault and options.as_json:
             notify(each.fault)
     if options.as_json:
-        print(msgspec.json.encode({"logs": [each._asdict() for each in found]}).decode())
+        print(msgspec.json.encode({"logs": found}).decode())
     else:
         print(*map(_line, found), sep="\n")
     if any(each.differences for each in found):
@@ -134,7 +134,7 @@ def _agreement(checked: "Checked") -> str:
     if checked.fault:
         return f"not checked: {printable(checked.fault.removeprefix(f'{checked.log}: '))}"
     if checked.differences:
-        worst = max(checked.differences, key=lambda each: each["end_s"] - each["begin_s"])
+        worst = max(checked.differences, key=lambda each: each.end_s - each.begin_s)
         more = len(checked.differences) - 1
         return f"differs, {difference_text(worst)}" + (f" (and {more} more)" if more else "")
     looks = sum(checked.agreement.values())

@@ -10,7 +10,7 @@ from collections import defaultdict
 from itertools import pairwise
 from math import isfinite, pi
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Literal
 
 import msgspec
 import numpy as np
@@ -30,6 +30,7 @@ from fuzzbee.replays.log_report import (
     replay_log,
     verdicts,
 )
+from fuzzbee.replays.schema import DifferenceSummary
 from fuzzbee.replays.trace import How, VehicleTrace
 from service.alarms import Alarm
 
@@ -68,8 +69,8 @@ class OwnVibration(msgspec.Struct, frozen=True):
     clipped: dict[int, int]
 
 
-class Checked(NamedTuple):
-    """What was found in one log, or why it cannot be read.
+class Checked(msgspec.Struct, frozen=True):
+    """What was found in one log, or as ``fault`` why it cannot be read.
 
     ``clipped`` counts readings at the end of a sensor's range, ``warnings`` the seconds for which
     each warning stood (docs/troubleshooting.md). ``vibration`` is None below 20 Hz, and
@@ -78,19 +79,19 @@ class Checked(NamedTuple):
     """
 
     log: str
-    agreement: dict[str, int]
-    differences: list[dict[str, Any]]
-    fault: str
+    agreement: dict[str, int] = {}
+    differences: list[DifferenceSummary] = []
+    fault: str = ""
     vibration: Vibration | None = None
-    clipped: dict[str, int] = {}  # noqa: RUF012 - never changed
-    warnings: dict[str, float] = {}  # noqa: RUF012 - never changed
+    clipped: dict[str, int] = {}
+    warnings: dict[str, float] = {}
     refused: str = ""
     autopilot_vibration: OwnVibration | None = None
 
     @property
     def rank(self) -> tuple[bool, float, float]:
         """The larger, the worse."""
-        seconds = sum(each["end_s"] - each["begin_s"] for each in self.differences)
+        seconds = sum(each.end_s - each.begin_s for each in self.differences)
         return bool(self.differences), seconds, sum(self.warnings.values())
 
 
@@ -99,19 +100,18 @@ def check_log(path: Path, profile: str, window: TimeWindow = WHOLE_LOG) -> Check
     try:
         trace = replay_log(path, load_profile(profile), How(window=window))
     except InputError as error:
-        return Checked(str(path), {}, [], str(error))
+        return Checked(str(path), fault=str(error))
     counts = {sensor: trace.rejected[reason] for sensor, reason in CLIPPED.items()}
     warned_s = {word: round(s, 1) for word, s in trace.warned_s.items() if word != DIFFERS}
     return Checked(
         str(path),
         verdicts(trace),
-        [msgspec.to_builtins(each) for each in differences_of(trace)],
-        "",
-        vibration(trace),
-        {sensor: count for sensor, count in counts.items() if count},
-        by_name(warned_s),
-        refused_text(trace) or "",
-        _own_vibration(path, trace, window),
+        differences_of(trace),
+        vibration=vibration(trace),
+        clipped={sensor: count for sensor, count in counts.items() if count},
+        warnings=by_name(warned_s),
+        refused=refused_text(trace) or "",
+        autopilot_vibration=_own_vibration(path, trace, window),
     )
 
 
