@@ -285,18 +285,9 @@ class Estimator:
             round(MICROSECONDS * number("unix_s", unix_s, -MOST_S, MOST_S, " of seconds")),
         )
 
-    def _batch(
-        self,
-        gyr_rad_s: ArrayLike,
-        acc_m_s2: ArrayLike,
-        mag_gauss: ArrayLike | None,
-        time_s: ArrayLike | None,
-        velocity_ned_m_s: ArrayLike | None,
-        position: ArrayLike | None,
-        *,
-        strict: bool = False,
-    ) -> Batch:
+    def _batch(self, *given: Any, strict: bool = False) -> Batch:
         """The arguments of ``update_batch``, checked, as rows; their units and axes compared."""
+        gyr_rad_s, acc_m_s2, mag_gauss, time_s, velocity_ned_m_s, position = given
         gyr = matrix("gyr_rad_s", gyr_rad_s)
         n = len(gyr)
         acc = matrix("acc_m_s2", acc_m_s2, n)

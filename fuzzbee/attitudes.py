@@ -1,6 +1,6 @@
 """Attitudes as arrays, a row for each: what programs are given for many samples."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -10,16 +10,10 @@ from estimator.arrays import Floats, Times
 from estimator.errors import InputError
 from estimator.geometry.frames import Q_ENU_NED, Q_FRD_FLU, euler_rad
 from estimator.geometry.rotations import multiply, unit
-from estimator.live.rows import NORTH, NORTHS
+from estimator.live.rows import BIAS, NORTH, NORTHS, RATE, Q
 
 PLACE = {north: place for place, north in enumerate(NORTHS)}
-
-NUMBERS = (
-    *("sigma_inclination_rad", "sigma_heading_rad", "confidence_gravity", "confidence_magnetic"),
-    *("error", "gain"),
-)
-
-VECTORS = ("q_ned_frd", "rate_rad_s", "gyro_bias_rad_s")
+ADDED = ("time_s", "heading_reference", "warnings")
 
 
 @dataclass(frozen=True)
@@ -99,28 +93,27 @@ def enu_flu(q_ned_frd: Floats) -> Floats:
 
 def attitudes_of(columns: Any, start_us: int = 0) -> Attitudes:
     """The attitudes in columns by name, as those of a replay's trace are."""
-    same: Any = {name: np.array(columns[name]) for name in (*VECTORS, *NUMBERS)}
-    return Attitudes(
-        time_s=np.array(1e-6 * (columns["time_us"] - start_us), dtype=float),
-        **same,
-        heading_reference=np.array(NORTHS)[columns["heading_reference"]],
-    )
+    own = (field.name for field in fields(Attitudes) if field.name not in ADDED)
+    same: Any = {name: np.array(columns[name]) for name in own}
+    time_s = np.array(1e-6 * (columns["time_us"] - start_us), dtype=float)
+    norths = np.array(NORTHS)[columns["heading_reference"]]
+    return Attitudes(time_s=time_s, heading_reference=norths, **same)
 
 
-def attitudes_of_rows(times_us: Times, said: Floats, warnings: tuple[str, ...]) -> Attitudes:
+def attitudes_of_rows(times_us: Times, published: Floats, warnings: tuple[str, ...]) -> Attitudes:
     """The columns of rows as :mod:`estimator.live.rows` has them."""
-    error, _, gain, gravity, magnetic, inclination, heading = said[:, 10:17].T
+    error, _, gain, gravity, magnetic, inclination, heading = published[:, 10:17].T
     return Attitudes(
         time_s=1e-6 * times_us.astype(np.float64),
-        q_ned_frd=said[:, :4],
-        rate_rad_s=said[:, 4:7],
-        gyro_bias_rad_s=said[:, 7:10],
+        q_ned_frd=published[:, Q],
+        rate_rad_s=published[:, RATE],
+        gyro_bias_rad_s=published[:, BIAS],
         sigma_inclination_rad=inclination,
         sigma_heading_rad=heading,
         confidence_gravity=gravity,
         confidence_magnetic=magnetic,
         error=error,
         gain=gain,
-        heading_reference=np.array(NORTHS).take(said[:, NORTH].astype(np.uint8)),
+        heading_reference=np.array(NORTHS).take(published[:, NORTH].astype(np.uint8)),
         warnings=warnings,
     )

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import typer
 
 from estimator.errors import InputError
+from fuzzbee.notify import notify, printable
 from fuzzbee.options import From, Json, To, command, examples, option, time_window
 
 if TYPE_CHECKING:
@@ -42,25 +43,22 @@ def check(options: CheckOptions) -> None:
     import msgspec
 
     from estimator.profile import load_profile
-    from fuzzbee.notify import notify
     from fuzzbee.replays.log_check import check_log
 
     load_profile(options.profile)  # refused before the work
     window = time_window(options.begin, options.end)
-    paths = [*_files(options.logs)]
     work = partial(check_log, profile=options.profile, window=window)
-    found = sorted(_checked(paths, work), key=lambda each: each.rank, reverse=True)
+    found = _checked([*_files(options.logs)], work)
+    found.sort(key=lambda each: each.rank, reverse=True)
     for each in found:
         if each.refused:
             notify(f"{each.log}: {each.refused}")
+        if each.fault and options.as_json:
+            notify(each.fault)
     if options.as_json:
-        for each in found:
-            if each.fault:
-                notify(each.fault)
-        print(msgspec.json.encode({"logs": [each._asdict() for each in found]}).decode())
+        print(msgspec.json.encode({"logs": found}).decode())
     else:
-        for each in found:
-            print(_line(each))
+        print(*map(_line, found), sep="\n")
     if any(each.differences for each in found):
         raise typer.Exit(DIFFERS)
     if any(each.fault for each in found):
@@ -83,10 +81,10 @@ def _files(given: Iterable[Path]) -> Iterator[Path]:
             yield path
             continue
         found = [each for each in path.rglob("*") if not is_bag_folder(each.parent)]
-        inside = sorted(x for x in found if x.suffix.lower() in SUFFIXES or is_bag_folder(x))
-        if not inside:
+        logs = sorted(x for x in found if x.suffix.lower() in SUFFIXES or is_bag_folder(x))
+        if not logs:
             raise InputError(f"{path}: no log in this folder ({', '.join(SUFFIXES)})")
-        yield from inside
+        yield from logs
 
 
 def _checked(paths: list[Path], work: "Callable[[Path], Checked]") -> "list[Checked]":
@@ -106,7 +104,7 @@ def _checked(paths: list[Path], work: "Callable[[Path], Checked]") -> "list[Chec
 
 def _line(checked: "Checked") -> str:
     """One log's line: the autopilot's attitude, then the sensors."""
-    return "; ".join([_agreement(checked), *_sensors(checked)])
+    return f"{printable(checked.log)}: {'; '.join([_agreement(checked), *_sensors(checked)])}"
 
 
 def _sensors(checked: "Checked") -> Iterator[str]:
@@ -123,28 +121,24 @@ def _sensors(checked: "Checked") -> Iterator[str]:
         yield f"{', '.join(found)} ({most})"
     for sensor, count in checked.clipped.items():
         yield f"{sensor} clipped {count} times"
-    clips = {} if own is None else {imu: count for imu, count in own.clipped.items() if count}
-    if own is not None and clips:
-        counts = ", ".join(f"{count} by IMU {imu + 1}" for imu, count in clips.items())
+    if own is not None and any(own.clipped.values()):
+        counts = ", ".join(f"{n} by IMU {imu + 1}" for imu, n in own.clipped.items() if n)
         yield f"readings clipped as {own.message} counts: {counts} (usual: under {USUAL_CLIPS})"
     for word, seconds in checked.warnings.items():
         yield f"{MEANINGS[Alarm(word)]} for {seconds:.0f} s"
 
 
 def _agreement(checked: "Checked") -> str:
-    from fuzzbee.notify import printable
     from fuzzbee.replays.table import difference_text
 
-    name = printable(checked.log)
     if checked.fault:
-        fault = checked.fault.removeprefix(f"{checked.log}: ")
-        return f"{name}: not checked: {printable(fault)}"
-    if not checked.differences:
-        looks = sum(checked.agreement.values())
-        if not looks:
-            return f"{name}: no attitude of an autopilot to compare with"
-        share = checked.agreement.get("agrees", 0) / looks
-        return f"{name}: no difference; known to agree for {share:.0%} of the time"
-    worst = max(checked.differences, key=lambda each: each["end_s"] - each["begin_s"])
-    more = len(checked.differences) - 1
-    return f"{name}: differs, {difference_text(worst)}" + (f" (and {more} more)" if more else "")
+        return f"not checked: {printable(checked.fault.removeprefix(f'{checked.log}: '))}"
+    if checked.differences:
+        worst = max(checked.differences, key=lambda each: each.end_s - each.begin_s)
+        more = len(checked.differences) - 1
+        return f"differs, {difference_text(worst)}" + (f" (and {more} more)" if more else "")
+    looks = sum(checked.agreement.values())
+    if not looks:
+        return "no attitude of an autopilot to compare with"
+    share = checked.agreement.get("agrees", 0) / looks
+    return f"no difference; known to agree for {share:.0%} of the time"

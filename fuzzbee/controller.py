@@ -28,14 +28,15 @@ def control_system(k: Memberships, points: int = POINTS) -> "ControlSystem":
     1 + k_op. scikit-fuzzy integrates over ``points`` samples and the corners of the sets, the
     filter exactly: the more points, the closer the two are (1e-9 at 100 000).
     """
-    from skfuzzy import control
+    from skfuzzy import control, trimf
 
     sets = fuzzy_sets(k)
     error = control.Antecedent(_universe(sets.inputs, 1.0, points), ERROR)
     rate = control.Antecedent(_universe(sets.inputs, 1.0, points), ERROR_RATE)
     gain = control.Consequent(_universe(sets.output, FULL, points), GAIN)
     for variable, five in ((error, sets.inputs), (rate, sets.inputs), (gain, sets.output)):
-        _add_terms(variable, five)
+        for term, corners in zip(TERMS, five, strict=True):
+            variable[term] = trimf(variable.universe, np.array(corners))
     rules = [
         control.Rule(rate[TERMS[row]] & error[TERMS[column]], gain[TERMS[consequent]])
         for row, consequents in enumerate(RULES)
@@ -50,13 +51,6 @@ def _universe(sets: Five, end: float, points: int) -> Floats:
     sides = (np.nextafter(corners, -1.0), corners, np.nextafter(corners, 2.0 * end))
     grid = np.concatenate([np.linspace(0.0, end, points), *sides])
     return np.unique(np.clip(grid, 0.0, end))
-
-
-def _add_terms(variable: Any, sets: Five) -> None:
-    from skfuzzy import trimf
-
-    for term, corners in zip(TERMS, sets, strict=True):
-        variable[term] = trimf(variable.universe, np.array(corners))
 
 
 def surface(k: Memberships, steps: int = STEPS) -> Floats:

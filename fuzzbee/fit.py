@@ -1,6 +1,6 @@
 """Whether a recording's units and axes fit each other, and which would fit better.
 
-What the gyroscope says is compared with how the specific force, and the magnetic field without its
+The gyroscope is compared with how the specific force, and the magnetic field without its
 hard iron, turn from each twentieth of a second to the next, in every unit and with every axis and
 sign that data usually come in.
 """
@@ -17,16 +17,20 @@ from estimator.live.rows import Rows, cut
 from tuning.compass_fit import TURNS
 from tuning.turning import MOST, SLOW_S, Spans, root, spans_of, squares_left, usual_step_us
 
-LEAST_S = 5.0  # shorter recordings say too little
+LEAST_S = 5.0  # shorter recordings show too little
 FEWEST_SPANS = 25  # that a comparison needs
 SLOWEST_S = 2.0  # between samples: what is slower has another unit
-# Another way is believed if it leaves half as much, and the turning explains a third of the change.
+# Another way is reported if it leaves half as much, and the turning explains a third of the change.
 BETTER = 2.0
 EXPLAINED = 2.0 / 3.0
 # Beside accelerations nothing is explained, but a unit that is too large makes it so much worse.
 MUCH_BETTER = 8.0
-ALIKE = 1.05  # of two ways that leave as much the plainer one is told
+ALIKE = 1.05  # of two ways that leave as much the plainer one is reported
 UPSIDE_DOWN = 0.5  # mean of the unit force's z; -1 stands level
+UPSIDE_DOWN_LINE = (
+    "the vehicle is upside down most of the time: data in x forward, y left, z up want"
+    " * (1, -1, -1) for all three, gravity instead of specific force wants acc * -1"
+)
 
 # Medians that the units have: an IMU in g has 1, the Earth's field is 0.22 to 0.67 gauss.
 ACC_UNITS = (
@@ -93,7 +97,7 @@ def advice(rows: Rows) -> tuple[str, ...]:
         *_unit("accelerometer", sizes.acc, ACC_UNITS, ACC_USUAL),
         *_unit("magnetometer", sizes.mag, MAG_UNITS, MAG_USUAL, is_there=bool(rows.has_mag.any())),
         *_axes(rows),
-        *_upside_down(sizes),
+        *([UPSIDE_DOWN_LINE] if sizes.down > UPSIDE_DOWN else []),
     ]
     return tuple(found)
 
@@ -120,19 +124,16 @@ def is_enough(times_us: Times) -> bool:
 
 
 def _times(rows: Rows, step_s: float) -> tuple[list[str], float]:
-    """What is to be said of the times, and the factor that makes them fit."""
+    """A line about the times, and the factor that makes them fit."""
     if step_s <= SLOW_S:
         return [], 1.0
     unit, divisor = next(each[1:] for each in TIME_UNITS if step_s > each[0])
     true_s = _true_step_s(rows, step_s)
-    is_unit = BETTER > true_s * divisor / step_s > 1.0 / BETTER
-    shrunk = min(1.0, true_s / step_s)
-    if step_s > SLOWEST_S or is_unit:
-        return [f"samples are {step_s:.3g} s apart: {unit} want time_s / {divisor:g}"], shrunk
+    apart, shrunk = f"samples are {step_s:.3g} s apart", min(1.0, true_s / step_s)
+    if step_s > SLOWEST_S or BETTER > true_s * divisor / step_s > 1.0 / BETTER:
+        return [f"{apart}: {unit} want time_s / {divisor:g}"], shrunk
     if BETTER * true_s < step_s:
-        return [f"samples are {step_s:.3g} s apart and turn as if {true_s:.2g} s were between"], (
-            shrunk
-        )
+        return [f"{apart} and turn as if {true_s:.2g} s were between"], shrunk
     return [], 1.0
 
 
@@ -187,26 +188,16 @@ def _swapped(sizes: Sizes) -> Iterator[str]:
     """Whether another sensor reads what the accelerometer should; one that turns so fast varies."""
     if ACC_USUAL[0] <= sizes.acc <= ACC_USUAL[1]:
         return
-    has_field = MAG_USUAL[0] <= sizes.acc <= MAG_USUAL[1]
-    is_field = has_field and ACC_USUAL[0] <= sizes.mag <= ACC_USUAL[1]
-    for name, size, is_force in (
-        ("gyr", sizes.gyr, sizes.steady > EXPLAINED),
-        ("mag", sizes.mag, is_field),
-    ):
-        if is_force:
+    reads_field = MAG_USUAL[0] <= sizes.acc <= MAG_USUAL[1]
+    is_force = reads_field and ACC_USUAL[0] <= sizes.mag <= ACC_USUAL[1]
+    sensors = (("gyr", sizes.gyr, sizes.steady > EXPLAINED), ("mag", sizes.mag, is_force))
+    for name, size, is_swapped in sensors:
+        if is_swapped:
             yield f"{name} reads {size:.3g} mostly, as acc should: they may be swapped"
 
 
-def _upside_down(sizes: Sizes) -> Iterator[str]:
-    if sizes.down > UPSIDE_DOWN:
-        yield (
-            "the vehicle is upside down most of the time: data in x forward, y left, z up want"
-            " * (1, -1, -1) for all three, gravity instead of specific force wants acc * -1"
-        )
-
-
 def _axes(rows: Rows) -> Iterator[str]:
-    """What the turning of field and force says of the gyroscope, or of the field's axes."""
+    """What the turning of field and force shows of the gyroscope, or of the field's axes."""
     field, force = _vectors(rows)
     for what, vectors, is_field in (("magnetometer", field, True), ("accelerometer", force, False)):
         spans = spans_of(rows.times_us, rows.gyr_rad_s, *vectors)
@@ -231,13 +222,13 @@ def _better(spans: Spans, *, is_field: bool) -> str | None:
     is_other = max(scale, 1.0 / max(scale, 1e-9)) > BETTER and scaled <= explained
     is_scale = is_other and BETTER * scaled < least
     times = float(left[0] / max(scaled if is_scale else least, 1e-9))
-    said = f"{times:.{0 if times > 10.0 else 1}f} times better with"
+    better = f"{times:.{0 if times > 10.0 else 1}f} times better with"
     if is_scale:
-        return f"{said} gyr * {float(f'{scale:.2g}'):g}: its unit, or the times, are others"
+        return f"{better} gyr * {float(f'{scale:.2g}'):g}: its unit, or the times, are others"
     if not (times > BETTER and least <= explained):
         is_unit = times > MUCH_BETTER and unit_scale != 1.0
-        return f"{said} gyr{unit}" if is_unit else None
+        return f"{better} gyr{unit}" if is_unit else None
     if is_field and unit_scale == 1.0 and np.linalg.det(turn) > 0.0:
         # a rotation: the axes of either may be others
-        return f"{said} {as_written('mag', turn.T)}, or with {as_written('gyr', turn)}"
-    return f"{said} {as_written('gyr', turn, unit)}"
+        return f"{better} {as_written('mag', turn.T)}, or with {as_written('gyr', turn)}"
+    return f"{better} {as_written('gyr', turn, unit)}"

@@ -23,7 +23,7 @@ from fuzzbee.arguments import matrix, number, numbers, profile_of, rotation, vec
 if TYPE_CHECKING:
     from skfuzzy.control import ControlSystem
 
-# Below this share of the largest, the smallest eigenvalue of M says that vectors span no space.
+# Below this share of the largest, the smallest eigenvalue of M means that vectors span no space.
 FLAT = 1e-9
 Gain = Callable[[float, float], float]
 
@@ -32,7 +32,7 @@ class PaperFilter:
     """Eq. (12), "Attit_Filter": n vectors known in the inertial frame, and a gyroscope.
 
     ``R_hat`` (3, 3) takes body vectors to the inertial frame, ``b_hat`` (3,) is the gyroscope's
-    bias in rad/s, ``e`` what the measurements say of |R~|_I (0 to 1), ``e_rate`` its filtered
+    bias in rad/s, ``e`` the measured |R~|_I (0 to 1), ``e_rate`` its filtered
     derivative in 1/s and ``K`` the gain of the last step.
 
     Args:
@@ -58,8 +58,8 @@ class PaperFilter:
         profile: Profile | str = "paper",
     ) -> None:
         self.params = settings_of(profile_of(profile), None).filter
-        self._count = len(matrix("v_I", v_I))
-        self._v_I = _with_cross(_unit(matrix("v_I", v_I)))
+        vectors = matrix("v_I", v_I)
+        self._count, self._v_I = len(vectors), _with_cross(_unit(vectors))
         weights = np.ones(len(self._v_I)) if s is None else numbers("s", s)
         if weights.shape == (self._count,) != (len(self._v_I),):
             weights = np.append(weights, 1.0)
@@ -71,10 +71,8 @@ class PaperFilter:
             raise InputError("v_I: these vectors fix no attitude: they lie in a plane or on a line")
         by_rules = gain is None or callable(gain) or (isinstance(gain, str) and gain == "noise")
         self._gain = gain if by_rules else _checked(gain)
-        self._state = initial_state()
-        if R_hat is not None:
-            self._state = initial_state(quaternion_from_matrix(rotation("R_hat", R_hat)))
-        self._first = self._state
+        start = () if R_hat is None else (quaternion_from_matrix(rotation("R_hat", R_hat)),)
+        self._first = self._state = initial_state(*start)
 
     def reset(self) -> None:
         """Begin anew at the first attitude, without a bias."""
@@ -132,16 +130,15 @@ class PaperFilter:
         else:
             e = reference.attitude_error(measured, estimated, self._s)
             d = reference.error_rate(self.params, state, e, dt)
-            K = self._k(e, d)
-        self._state = reference.moved(
-            self.params, state, w, reference.largest_rate(measured, self._s), e, d, K, dt
-        )
+            K = self._fixed_or_asked(e, d)
+        largest = reference.largest_rate(measured, self._s)
+        self._state = reference.moved(self.params, state, w, largest, e, d, K, dt)
         return self.R_hat
 
-    def _k(self, e: float, e_rate: float) -> float:
+    def _fixed_or_asked(self, e: float, e_rate: float) -> float:
         if self._gain is None:
             return self.fuzzy_gain(e, e_rate)
-        return _checked(self._gain(e, e_rate)) if callable(self._gain) else float(self._gain)
+        return _checked(self._gain(e, e_rate) if callable(self._gain) else self._gain)
 
     def fuzzy_gain(self, e: float, e_rate: float) -> float:
         """K = 1 + k_op of the paper's controller alone; over a grid it is its surface."""

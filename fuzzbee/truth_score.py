@@ -1,11 +1,14 @@
 """The estimate beside a simulator's truth: live, and as a verdict at the end."""
 
-from math import degrees, inf, sqrt
+from math import degrees, inf
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from drivers.events import ReferenceAttitude
 from drivers.simulation.flight import ALOFT_S, EIGHTS_S, MAGNET_S, ROUND_S, SET_DOWN_S, SILENCE_S
 from drivers.simulation.simulated_vehicle import PROFILES
+from estimator.arrays import Floats
 from estimator.geometry.metrics import angle_errors
 from estimator.types import Attitude, Quaternion
 from service.pipeline import Pipeline
@@ -14,10 +17,11 @@ from service.records import Message, Output
 SMOOTHED = 0.02  # share of a new error in the one that is shown
 PAPER = "the paper's signals are that noisy: 0.2 rad/s and 5 % of the vectors, and biased"
 RELEASED = "somebody still sets the copter down: who aligns now starts wrong"
+ANGLES = ("total", "inclination", "heading")
 
 
 class Chapter(NamedTuple):
-    """A part of a flight: when it is in the round (s), what is said as it begins, and its name."""
+    """A part of a flight: when it is in the round (s), a line as it begins, and its name."""
 
     begin_s: float
     end_s: float
@@ -37,31 +41,32 @@ PAPER_START = (Chapter(0.0, 1.0, "", "at the start, which is the paper's: turned
 CHAPTERS = {"flight": FLIGHT, **dict.fromkeys(("paper", "rest", "turn"), PAPER_START)}
 
 
-class Off(NamedTuple):
-    """How far an attitude is from the truth, and sigma of both (deg)."""
-
-    total: float
-    inclination: float
-    heading: float
-    inclination_sigma: float
-    heading_sigma: float
-
-
 class TruthScore:
-    """Errors so far of one vehicle; of fuzzbee's own its ``motion`` shows what happens when.
+    """Errors so far (deg) of one vehicle; the ``motion`` of fuzzbee's own shows what happens when.
 
-    Its time is the vehicle's own, since its start.
+    Its time is the vehicle's own, since its start. Sums are kept, not samples: a run has no end.
     """
 
     def __init__(self, motion: str | None = None) -> None:
         self.motion = motion
-        self._told: set[tuple[int, str]] = set()
-        self._count = 0
-        self._squares = [0.0, 0.0, 0.0]
-        self._inside = [0, 0]
-        self._smooth: list[float] = []
-        self._worst: tuple[Off, float] | None = None
         self.line = ""  # for the view
+        self._announced: set[tuple[int, str]] = set()
+        self._count = 0
+        self._squares = np.zeros(3)  # of ANGLES
+        self._under_sigma = np.zeros(2)  # inclination and heading
+        self._smooth: Floats | None = None
+        self._worst, self._worst_s = 0.0, 0.0
+
+    def look(self, time_us: int, attitude: Attitude | None, truth: Quaternion) -> list[str]:
+        """Compare the attitude of a sample with the truth then; lines about what begins."""
+        time_s = 1e-6 * time_us
+        if attitude is not None:
+            self._add(attitude, truth, time_s)
+        number, here = self._here(time_s)
+        news = [(number, chapter.line) for chapter in here if chapter.line]
+        news = [each for each in news if each not in self._announced]
+        self._announced.update(news)
+        return [f"now: {line}" for _, line in news]
 
     def _here(self, time_s: float) -> tuple[int, list[Chapter]]:
         """The round of a flight, the others do not begin again; and what it is in there."""
@@ -69,44 +74,32 @@ class TruthScore:
         chapters = CHAPTERS.get(self.motion or "", ())
         return int(number), [c for c in chapters if c.begin_s <= in_round_s < c.end_s]
 
-    def look(self, time_us: int, attitude: Attitude | None, truth: Quaternion) -> list[str]:
-        """Take the attitude of a sample and the truth then; what is to be told."""
-        time_s = 1e-6 * time_us
-        if attitude is not None:
-            self._add(off_truth(attitude, truth), time_s)
-        number, here = self._here(time_s)
-        news = [(number, chapter.line) for chapter in here if chapter.line]
-        news = [each for each in news if each not in self._told]
-        self._told.update(news)
-        return [f"now: {line}" for _, line in news]
-
-    def _add(self, off: Off, time_s: float) -> None:
+    def _add(self, attitude: Attitude, truth: Quaternion, time_s: float) -> None:
+        total, heading, inclination = map(degrees, angle_errors(attitude.q_ned_frd, truth))
+        errors = np.array([total, inclination, heading])
         self._count += 1
-        self._squares = [a + b * b for a, b in zip(self._squares, off, strict=False)]
-        self._inside[0] += off.inclination <= off.inclination_sigma
-        self._inside[1] += off.heading <= off.heading_sigma
-        before = self._smooth or off[:3]
-        self._smooth = [a + SMOOTHED * (b - a) for a, b in zip(before, off, strict=False)]
-        if self._worst is None or off.total > self._worst[0].total:
-            self._worst = off, time_s
-        total, inclination, heading = self._smooth
+        self._squares += errors * errors
+        sigmas = attitude.sigma_inclination_rad, attitude.sigma_heading_rad
+        self._under_sigma += errors[1:] <= np.degrees(sigmas)
+        before = errors if self._smooth is None else self._smooth
+        self._smooth = before + SMOOTHED * (errors - before)
+        if total > self._worst or self._count == 1:
+            self._worst, self._worst_s = total, time_s
+        total, inclination, heading = self._smooth.tolist()
         self.line = f"truth: {total:.1f}° off (horizon {inclination:.1f}°, heading {heading:.1f}°)"
 
     def result(self) -> dict[str, Any] | None:
         """The verdict as numbers (deg), None if nothing was compared."""
-        if self._worst is None:
+        if not self._count:
             return None
-        rms = [round(sqrt(square / self._count), 3) for square in self._squares]
-        off, time_s = self._worst
-        _, here = self._here(time_s)
+        rms = np.sqrt(self._squares / self._count).round(3).tolist()
+        coverage = (self._under_sigma / self._count).round(3).tolist()
+        _, here = self._here(self._worst_s)
         return {
-            "rms_deg": dict(zip(("total", "inclination", "heading"), rms, strict=True)),
-            "coverage": {
-                "inclination": round(self._inside[0] / self._count, 3),
-                "heading": round(self._inside[1] / self._count, 3),
-            },
-            "worst_deg": round(off.total, 2),
-            "worst_s": round(time_s, 2),
+            "rms_deg": dict(zip(ANGLES, rms, strict=True)),
+            "coverage": dict(zip(ANGLES[1:], coverage, strict=True)),
+            "worst_deg": round(self._worst, 2),
+            "worst_s": round(self._worst_s, 2),
             "worst_when": here[0].name if here else "",
         }
 
@@ -115,13 +108,13 @@ class TruthScore:
         result = self.result()
         if result is None:
             return ""
-        rms, inside = result["rms_deg"], result["coverage"]
+        rms, coverage = result["rms_deg"], result["coverage"]
         when = f", {result['worst_when']}" if result["worst_when"] else ""
         why = f"; {PAPER}" if PROFILES.get(self.motion or "") == "paper" else ""
         return (
             f"beside the truth: {rms['total']:.1f}° RMS (horizon {rms['inclination']:.1f}°,"
-            f" heading {rms['heading']:.1f}°); under sigma {inside['inclination']:.0%} and"
-            f" {inside['heading']:.0%} of the errors (68 % is honest, more is careful);"
+            f" heading {rms['heading']:.1f}°); under sigma {coverage['inclination']:.0%} and"
+            f" {coverage['heading']:.0%} of the errors (68 % is honest, more is careful);"
             f" worst {result['worst_deg']:.1f}° at {result['worst_s']:.1f} s{when}{why}"
         )
 
@@ -137,21 +130,12 @@ class ScoredPipeline(Pipeline):
     def on_reference(self, event: ReferenceAttitude) -> list[Output]:
         """See :class:`Pipeline`; and compare the attitude with the truth."""
         outputs = super().on_reference(event)
-        if self.scores is None or event.source != "sim":
-            return outputs
         vehicle = self.vehicle(event.vehicle)
-        if vehicle is None:
+        if self.scores is None or event.source != "sim" or vehicle is None:
             return outputs
         score = self.scores.setdefault(vehicle.name, TruthScore())
-        score.motion = vehicle.built_in_motion  # told some times a second, maybe after this
+        score.motion = vehicle.built_in_motion  # sent some times a second, maybe after this
         estimator = vehicle.estimator
         attitude = estimator.attitude(event.time_us) if estimator.aligned else None
         lines = score.look(event.time_us, attitude, event.q_ned_frd)
         return [*outputs, *(Message(f"vehicle {vehicle.name}: {line}") for line in lines)]
-
-
-def off_truth(attitude: Attitude, truth: Quaternion) -> Off:
-    """The errors of an attitude."""
-    total, heading, inclination = angle_errors(attitude.q_ned_frd, truth)
-    sigmas = attitude.sigma_inclination_rad, attitude.sigma_heading_rad
-    return Off(*map(degrees, (total, inclination, heading, *sigmas)))

@@ -103,7 +103,11 @@ def verdict_of(
         caveats.append(Caveat(Level.CARE, "no north"))
     elif heading > Level.GOOD:
         caveats.append(Caveat(Level.CARE, f"heading {plus_minus(sigma.heading)}"))
-    warnings = [] if status is None else [*_of_warnings(status), *_of_imus(status)]
+    warnings = []
+    if status is not None:
+        off = imus_off(status)  # if all others differ, the one in use may be the wrong one
+        level = Level.CARE if len(off) == len(status.other_imus) else Level.GOOD
+        warnings = [*_of_warnings(status), *(Caveat(level, text) for text in off)]
     words = set() if status is None else {*status.warnings}
     texts = [plus_minus(sigma.inclination), north_text(attitude)]
     if Alarm.AUTOPILOT_DIFFERS in words:  # ours may be the one that is right
@@ -142,13 +146,11 @@ def _of_warnings(status: StatusRecord) -> list[Caveat]:
     if (off_deg := compass_off_deg(status)) is not None:
         texts[Alarm.FIELD_IMPOSSIBLE] = f"compass {abs(off_deg):.0f}° off"
     known = [word for word in status.warnings if word in texts]
-    caveats = [
-        Caveat(
-            Level.CARE if word in HARMLESS else Level.BAD, texts[word], warning_text(word, status)
-        )
-        for word in known
-        if word not in AXES
-    ]
+    caveats = []
+    for word in known:
+        if word not in AXES:
+            level = Level.CARE if word in HARMLESS else Level.BAD
+            caveats.append(Caveat(level, texts[word], warning_text(word, status)))
     unknown = len(status.warnings) - len(known)
     axes = [word[len("gyroscope_")] for word in known if word in AXES]
     if axes:
@@ -198,31 +200,19 @@ def other_imus(status: StatusRecord) -> dict[str, ImuDifference]:
 
 def imus_off(status: StatusRecord) -> list[str]:
     """The IMUs that differ from the one in use by more than two sound ones, and by how much."""
-    return [
-        f"{name} off by {_difference_text(each)}"
-        for name, each in other_imus(status).items()
-        if each.inclination_deg > IMUS_DEG or each.rate_deg_s > IMUS_DEG_S
-    ]
-
-
-def _difference_text(each: ImuDifference) -> str:
-    if each.rate_deg_s <= IMUS_DEG_S:
-        return f"{each.inclination_deg:.1f}°"
-    rate = f"{each.rate_deg_s:.1f}°/s"
-    return rate if each.inclination_deg <= IMUS_DEG else f"{each.inclination_deg:.1f}°, {rate}"
+    lines = []
+    for name, each in other_imus(status).items():
+        parts = [f"{each.inclination_deg:.1f}°"] if each.inclination_deg > IMUS_DEG else []
+        parts += [f"{each.rate_deg_s:.1f}°/s"] if each.rate_deg_s > IMUS_DEG_S else []
+        if parts:
+            lines.append(f"{name} off by {', '.join(parts)}")
+    return lines
 
 
 def _imu_number(message: str) -> int:
     """2 of SCALED_IMU2 and of HIGHRES_IMU:1, which counts from 0."""
     found = re.search(r"(:?)(\d+)$", message)
     return 1 if found is None else int(found[2]) + bool(found[1])
-
-
-def _of_imus(status: StatusRecord) -> list[Caveat]:
-    """If all others differ the one in use may be the wrong one."""
-    texts = imus_off(status)
-    level = Level.CARE if len(texts) == len(status.other_imus) else Level.GOOD
-    return [Caveat(level, text) for text in texts]
 
 
 def _of_service(status: StatusRecord | None, before: StatusRecord | None) -> list[Caveat]:

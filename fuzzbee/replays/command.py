@@ -1,5 +1,6 @@
 """``fuzzbee replay``: the filter over logs, or over the paper's signals, scored."""
 
+from contextlib import ExitStack
 from functools import partial
 from importlib.util import find_spec
 from math import inf
@@ -53,7 +54,7 @@ _REFERENCE = "sim (the truth) or autopilot. [default: sim if present]"
 _SYSTEM_ID = "Which vehicle. [default: the one with most IMU samples]"
 _GAIN = "Fixed gain K instead of the fuzzy one."
 _SEEDS = "Noise seeds for sim:, both included."
-_SMOOTH = "The attitude that the whole log tells, not only what came before."
+_SMOOTH = "The attitude that the whole log shows, not only what came before."
 _COLUMNS = "What a CSV's columns are. [default: LOG.toml beside it]"
 _TUM = "Write a TUM trajectory, for evo; the reference beside it."
 _PLOT = "Draw them: .png, .svg, .pdf or .html (zooms; extra: page)."
@@ -167,28 +168,26 @@ def _replay_logs(options: ReplayOptions) -> None:
     from fuzzbee.replays.exports import reference_path, show
 
     names, window = options.profile or ["imu"], time_window(options.begin, options.end)
-    runs = [(Path(source), name) for source in options.sources for name in names]
-    if len(runs) > 1:
+    count = len(options.sources) * len(names)
+    if count > 1:
         for flag, file in options.given("csv", "mcap", "tum", "parquet", "view", "rrd").items():
-            raise InputError(f"{flag} {file}: takes one log and one profile, not {len(runs)}")
+            raise InputError(f"{flag} {file}: takes one log and one profile, not {count}")
     written = options.given("csv", "mcap", "tum", "parquet", "plot")
     files = [*written.items(), ("--rrd", options.rrd)]
     if options.tum is not None:
         files.append(("--tum", reference_path(options.tum)))
     outputs.require_own_files(files, [*options.sources, *names, options.columns])
     _require_writable(written)
-    exports = _exports(options, len(runs) == 1)
+    exports = _exports(options, count == 1)
     profiles = {name: load_profile(name) for name in names}
-    viewer = outputs.open_viewer(options.view, options.rrd)
-    try:
+    with ExitStack() as stack:
+        viewer = outputs.open_viewer(options.view, options.rrd)
         if viewer is not None:
+            stack.callback(viewer.close)
             exports.append(partial(show, viewer))
         _report_logs(options, profiles, window, exports)
         if viewer is not None:
             viewer.stay_open()
-    finally:
-        if viewer is not None:
-            viewer.close()
 
 
 def _report_logs(
@@ -209,20 +208,12 @@ def _report_logs(
         profiles[name] if options.profile else _fitting(path, profiles[name], options)
         for path, name in runs
     ]
-    how = How(
-        options.gain,
-        options.system_id,
-        options.start_wrong,
-        options.retune,
-        options.smooth,
-        options.columns,
-        window,
-    )
+    way = (options.gain, options.system_id, options.start_wrong, options.retune, options.smooth)
     reports = [
         report_log(
             path,
             profile,
-            how,
+            How(*way, options.columns, window),
             reference=options.reference,
             skip_s=options.skip,
             notify=lines.append,

@@ -10,7 +10,7 @@ from collections import defaultdict
 from itertools import pairwise
 from math import isfinite, pi
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Literal
 
 import msgspec
 import numpy as np
@@ -23,7 +23,14 @@ from estimator.errors import InputError
 from estimator.profile import load_profile
 from estimator.reasons import Reason
 from estimator.types import Vec3
-from fuzzbee.replays.log_report import differences_of, refused_text, replay_log, verdicts
+from fuzzbee.replays.log_report import (
+    by_name,
+    differences_of,
+    refused_text,
+    replay_log,
+    verdicts,
+)
+from fuzzbee.replays.schema import DifferenceSummary
 from fuzzbee.replays.trace import How, VehicleTrace
 from service.alarms import Alarm
 
@@ -31,7 +38,7 @@ CLIPPED = {
     "accelerometer": Reason.ACCELEROMETER_SATURATED,
     "gyroscope": Reason.GYROSCOPE_SATURATED,
 }
-DIFFERS = Alarm.AUTOPILOT_DIFFERS  # the differences tell more
+DIFFERS = Alarm.AUTOPILOT_DIFFERS  # which the differences show better
 MEAN_HZ, SQUARE_HZ = 5.0, 2.0
 USUAL_M_S2, MOST_M_S2 = 30.0, 60.0  # below it is usual, above it nearly always a problem
 USUAL_CLIPS = 100  # fewer are those of a hard landing
@@ -62,52 +69,49 @@ class OwnVibration(msgspec.Struct, frozen=True):
     clipped: dict[int, int]
 
 
-class Checked(NamedTuple):
-    """What was found in one log, or why it cannot be read.
+class Checked(msgspec.Struct, frozen=True):
+    """What was found in one log, or as ``fault`` why it cannot be read.
 
     ``clipped`` counts readings at the end of a sensor's range, ``warnings`` the seconds for which
     each warning stood (docs/troubleshooting.md). ``vibration`` is None below 20 Hz, and
-    ``autopilot_vibration`` without VIBE or VIBRATION. ``refused`` says what was refused of a log
-    that lost much to it.
+    ``autopilot_vibration`` without VIBE or VIBRATION. ``refused`` is a line about one of
+    which much was refused.
     """
 
     log: str
-    agreement: dict[str, int]
-    differences: list[dict[str, Any]]
-    fault: str
+    agreement: dict[str, int] = {}
+    differences: list[DifferenceSummary] = []
+    fault: str = ""
     vibration: Vibration | None = None
-    clipped: dict[str, int] = {}  # noqa: RUF012 - never changed
-    warnings: dict[str, float] = {}  # noqa: RUF012 - never changed
+    clipped: dict[str, int] = {}
+    warnings: dict[str, float] = {}
     refused: str = ""
     autopilot_vibration: OwnVibration | None = None
 
     @property
     def rank(self) -> tuple[bool, float, float]:
         """The larger, the worse."""
-        seconds = sum(each["end_s"] - each["begin_s"] for each in self.differences)
+        seconds = sum(each.end_s - each.begin_s for each in self.differences)
         return bool(self.differences), seconds, sum(self.warnings.values())
 
 
 def check_log(path: Path, profile: str, window: TimeWindow = WHOLE_LOG) -> Checked:
-    """Replay a log; what cannot be read is said in its own line."""
+    """Replay a log; one that cannot be read has its reason as ``fault``."""
     try:
         trace = replay_log(path, load_profile(profile), How(window=window))
     except InputError as error:
-        return Checked(str(path), {}, [], str(error))
-    found = [msgspec.to_builtins(each) for each in differences_of(trace)]
+        return Checked(str(path), fault=str(error))
     counts = {sensor: trace.rejected[reason] for sensor, reason in CLIPPED.items()}
-    clipped = {sensor: count for sensor, count in counts.items() if count}
     warned_s = {word: round(s, 1) for word, s in trace.warned_s.items() if word != DIFFERS}
     return Checked(
         str(path),
         verdicts(trace),
-        found,
-        "",
-        vibration(trace),
-        clipped,
-        dict(sorted(warned_s.items())),
-        refused_text(trace) or "",
-        _own_vibration(path, trace, window),
+        differences_of(trace),
+        vibration=vibration(trace),
+        clipped={sensor: count for sensor, count in counts.items() if count},
+        warnings=by_name(warned_s),
+        refused=refused_text(trace) or "",
+        autopilot_vibration=_own_vibration(path, trace, window),
     )
 
 
@@ -117,12 +121,9 @@ def vibration(trace: VehicleTrace) -> Vibration | None:
     step_s = float(np.median(steps_s)) if len(steps_s) else 0.0
     if not 0.0 < step_s <= 1.0 / LEAST_RATE_HZ:
         return None
-    sizes = []
-    for acc in trace["acc_m_s2"].T:
-        square = _low_pass((acc - _low_pass(acc, MEAN_HZ, step_s)) ** 2, SQUARE_HZ, step_s)
-        sizes.append(round(float(np.percentile(np.sqrt(square), PERCENT)), 2))
-    x, y, z = sizes
-    return Vibration((x, y, z), _verdict((x, y, z)))
+    acc = trace["acc_m_s2"]
+    square = _low_pass((acc - _low_pass(acc, MEAN_HZ, step_s)) ** 2, SQUARE_HZ, step_s)
+    return Vibration(*_exceeded(np.sqrt(square)))
 
 
 def _own_vibration(path: Path, trace: VehicleTrace, window: TimeWindow) -> OwnVibration | None:
@@ -142,12 +143,11 @@ def _own_vibration(path: Path, trace: VehicleTrace, window: TimeWindow) -> OwnVi
         for imu, count in each.clipped.items():
             counts[imu].append(count)
     clipped = {imu: _increase(each) for imu, each in sorted(counts.items())}
-    exceeded = {imu: np.percentile(each, PERCENT, axis=0).tolist() for imu, each in sizes.items()}
+    exceeded = [(imu, *_exceeded(np.array(each))) for imu, each in sizes.items()]
     if not exceeded:
         return OwnVibration(readings[0].message, 0, None, None, clipped)
-    imu, (x, y, z) = max(exceeded.items(), key=lambda each: max(each[1]))
-    m_s2 = (round(x, 2), round(y, 2), round(z, 2))
-    return OwnVibration(readings[0].message, imu, m_s2, _verdict(m_s2), clipped)
+    imu, m_s2, verdict = max(exceeded, key=lambda each: max(each[1]))
+    return OwnVibration(readings[0].message, imu, m_s2, verdict, clipped)
 
 
 def _increase(counts: list[int]) -> int:
@@ -155,16 +155,18 @@ def _increase(counts: list[int]) -> int:
     return sum(now - before if now >= before else now for before, now in pairwise(counts))
 
 
-def _verdict(m_s2: Vec3) -> Verdict:
-    if max(m_s2) < USUAL_M_S2:
-        return "usual"
-    return "too high" if max(m_s2) > MOST_M_S2 else "high"
+def _exceeded(m_s2: Floats) -> tuple[Vec3, Verdict]:
+    """What vibration (N, 3) exceeds for 5 % of the time, and how high that is."""
+    x, y, z = np.percentile(m_s2, PERCENT, axis=0).round(2).tolist()
+    most = max(x, y, z)
+    verdict: Verdict = "too high" if most > MOST_M_S2 else "high"
+    return (x, y, z), verdict if most >= USUAL_M_S2 else "usual"
 
 
 def _low_pass(values: Floats, cutoff_hz: float, step_s: float) -> Floats:
-    """A low-pass of first order over values (N,); starts at the first."""
+    """A low-pass of first order over values (N, 3); starts at the first."""
     from scipy.signal import lfilter
 
     share = step_s / (step_s + 1.0 / (2.0 * pi * cutoff_hz))
-    start = [(1.0 - share) * values[0]]
-    return np.asarray(lfilter([share], [1.0, share - 1.0], values, zi=start)[0])
+    start = (1.0 - share) * values[:1]
+    return np.asarray(lfilter([share], [1.0, share - 1.0], values, axis=0, zi=start)[0])

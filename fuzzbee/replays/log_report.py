@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
@@ -43,6 +43,7 @@ from fuzzbee.replays.trace import AS_LIVE, How, Replay, VehicleTrace, smooth
 
 Reading = Callable[[LogFile], AbstractContextManager[object]]
 Export = Callable[[VehicleTrace], None]
+Number = TypeVar("Number", int, float)
 
 PEER_ERRORS = "autopilot_error_rad"
 MUCH_REFUSED = 0.1  # of all readings: a line is printed
@@ -176,7 +177,7 @@ def score(path: Path, trace: VehicleTrace, skip_s: float) -> LogReport:
     )
 
 
-def by_name(counts: Mapping[str, int]) -> dict[str, int]:
+def by_name(counts: Mapping[str, Number]) -> dict[str, Number]:
     """Counts in the order of their names, so that equal runs print equal text."""
     return dict(sorted(counts.items()))
 

@@ -1,8 +1,7 @@
 """Replays for a person: one log as a list of figures, several as a table; a bar meanwhile."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
 
 import msgspec
 from rich.console import Console
@@ -13,7 +12,7 @@ from rich.text import Text
 from drivers.logs.log_file import LogFile
 from fuzzbee.notify import printable
 from fuzzbee.replays.comparison import REFERENCES
-from fuzzbee.replays.schema import LogReport, SimulationReport
+from fuzzbee.replays.schema import DifferenceSummary, LogReport, SimulationReport
 from fuzzbee.replays.score import ErrorSummary
 
 # Fewer headings from magnetic north than this do not change a figure's last digit much.
@@ -108,7 +107,7 @@ def _after(report: LogReport) -> Iterator[tuple[str, str]]:
     for name, peer in report.peers.items():
         yield f"{name}'s error", _errors_text(peer)
     for difference in report.differences[:MOST_DIFFERENCES]:
-        yield "autopilot differs", difference_text(msgspec.to_builtins(difference))
+        yield "autopilot differs", difference_text(difference)
     yield "under 5° after", f"{_number(report.convergence_s)} s"
     yield "gain K", f"{report.mean_gain:.2f}, mean"
     counts = ", ".join(f"{count} {reason}" for reason, count in report.rejected.items())
@@ -116,14 +115,14 @@ def _after(report: LogReport) -> Iterator[tuple[str, str]]:
     yield "took", f"{report.wall_s:.2f} s"
 
 
-def difference_text(difference: Mapping[str, Any]) -> str:
+def difference_text(difference: DifferenceSummary) -> str:
     """When the autopilot's attitude differed from ours, by how much, and who is likely wrong."""
     who = {"autopilot": "the autopilot's is likely wrong", "ours": "ours is likely wrong"}
-    wrong = who.get(difference["wrong"], "nothing says which is wrong")
+    wrong = who.get(difference.wrong, "nothing says which is wrong")
     return (
-        f"{difference['begin_s']:.0f} to {difference['end_s']:.0f} s, inclination by up to "
-        f"{difference['inclination_deg']:.0f}°, heading {difference['heading_deg']:.0f}°; {wrong}: "
-        f"{difference['evidence']}"
+        f"{difference.begin_s:.0f} to {difference.end_s:.0f} s, inclination by up to "
+        f"{difference.inclination_deg:.0f}°, heading {difference.heading_deg:.0f}°; {wrong}: "
+        f"{difference.evidence}"
     )
 
 

@@ -17,7 +17,6 @@ from hypothesis import strategies as st
 from estimator.aiding.phase import Phase
 from estimator.estimator import Estimator as LiveEstimator
 from estimator.live.core import with_attitude
-from estimator.live.rows import OUTPUT_SIZE, cut, rows_of
 from estimator.types import ImuSample, VelocitySample
 from fuzzbee import Estimator, InputError, load_profile
 from fuzzbee.array_estimator import Unfit
@@ -89,12 +88,13 @@ def test_a_batch_is_the_same_as_calls_to_the_last_digit(flight, damage, has_velo
     ),
     has_velocity=st.booleans(),
     cut=st.integers(0, ROWS),
+    calibrated=st.sampled_from([None, False, True]),
 )
-def test_so_it_is_whatever_comes_together(flight, damages, has_velocity, cut):
-    assert_batches_equal_calls(flight, damages, has_velocity, (cut,))
+def test_so_it_is_whatever_comes_together(flight, damages, has_velocity, cut, calibrated):
+    assert_batches_equal_calls(flight, damages, has_velocity, (cut,), calibrated)
 
 
-def assert_batches_equal_calls(flight, damages, has_velocity, cuts):
+def assert_batches_equal_calls(flight, damages, has_velocity, cuts, calibrated=None):
     """Batches that go on from each other at the cuts."""
     time_s, gyr, acc, mag, velocity = (values.copy() for values in flight)
     if not has_velocity:
@@ -105,7 +105,7 @@ def assert_batches_equal_calls(flight, damages, has_velocity, cuts):
     position = np.full((ROWS, 4), np.nan)
     position[60:180:7] = (-35.363, 149.165, 584.0, 1.72e9)
     position[130:180:7, 0] = 48.0  # far away
-    calls = Estimator()
+    calls, batches = (Estimator(compass_calibrated=calibrated) for _ in range(2))
     told = []
     for k in range(ROWS):
         if np.isfinite(position[k]).all():
@@ -113,7 +113,6 @@ def assert_batches_equal_calls(flight, damages, has_velocity, cuts):
         if np.isfinite(velocity[k, :2]).all():
             calls.update_velocity(velocity[k], round(1e6 * time_s[k]) / 1e6)
         told.append(calls.update(gyr[k], acc[k], mag[k], time_s[k]))
-    batches = Estimator()
     edges, columns = (0, *cuts, ROWS), (gyr, acc, mag, time_s, velocity, position)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", Unfit)  # damaged rows may look like other axes
@@ -143,28 +142,6 @@ def test_a_batch_of_calls_that_nothing_disturbs_is_compiled_in_runs(flight, monk
     monkeypatch.setattr(inner, "take", lambda *sample: (taken.append(sample[0]), take(*sample))[1])
     estimator.update_batch(gyr, acc, mag, time_s)
     assert taken == [round(1e6 * time_s[k]) for k in (0, 100)]
-
-
-def test_the_rows_of_an_estimator_that_has_to_be_asked_are_left_to_calls(flight):
-    """Of one that has not begun; whether somebody has calibrated its compass is all the same."""
-    time_s, gyr, acc, mag, _ = flight
-    times_us = np.rint(1e6 * time_s).astype(np.int64)
-    rows = rows_of(times_us, gyr, acc, mag, np.ones(ROWS, np.bool_))
-    said = np.zeros((ROWS, OUTPUT_SIZE))
-    inner = Estimator(load_profile("imu"))._inner
-    assert inner.update_rows(rows, said) == (0, 0)
-    inner.update(ImuSample(int(times_us[0]), tuple(gyr[0]), tuple(acc[0]), tuple(mag[0]), True))
-    inner.set_field_calibrated(False)
-    assert inner.update_rows(cut(rows, 1, 5), said[1:5]) == (4, 0)
-    assert said[4, 16] == inner.attitude(int(times_us[4])).sigma_heading_rad
-    inner.set_field_calibrated(True)
-    assert inner.update_rows(cut(rows, 5, 9), said[5:9]) == (4, 0)
-    inner.update(ImuSample(int(times_us[9]), tuple(gyr[9]), tuple(acc[9]), tuple(mag[9]), True))
-    assert inner.update_rows(cut(rows, 10), said[10:]) == (ROWS - 10, 0)
-    for time_us in (times_us[-1], times_us[9]):  # what was said at an earlier sample is forgotten
-        last = inner.attitude(int(time_us))
-        assert tuple(said[-1, :4]) == last.q_ned_frd
-        assert said[-1, 16] == last.sigma_heading_rad
 
 
 def test_an_estimate_that_is_not_finite_begins_anew_in_a_batch_too(flight):

@@ -42,47 +42,38 @@ def check(capsys, *arguments):
     return status, out, err
 
 
-def test_a_good_log(capsys):
-    status, out, _ = check(capsys, GOOD)
-    assert status == 0
-    assert "no difference" in out
-
-
-@pytest.fixture
-def season(tmp_path):
+@pytest.fixture(scope="module")
+def season(tmp_path_factory):
     """A folder with a good flight, one whose autopilot is wrong, and a file that is no log."""
-    shutil.copy(GOOD, tmp_path / "good.tlog")
-    with_wrong_attitudes(GOOD, tmp_path / "wrong.tlog")
-    (tmp_path / "broken.tlog").write_bytes(b"not a log" * 100)
-    return tmp_path
+    folder = tmp_path_factory.mktemp("season")
+    shutil.copy(GOOD, folder / "good.tlog")
+    with_wrong_attitudes(GOOD, folder / "wrong.tlog")
+    (folder / "broken.tlog").write_bytes(b"not a log" * 100)
+    return folder
 
 
 def test_a_season_of_flights_begins_with_the_worst(capsys, season):
     status, out, err = check(capsys, season)
     lines = out.splitlines()
-    assert status == 1
-    assert len(lines) == 3
+    assert (status, len(lines), err) == (1, 3, "")
     assert "wrong.tlog: differs" in lines[0]
     assert "the autopilot's is likely wrong" in lines[0]
+    (good,) = (line for line in lines if line.startswith(f"{season / 'good.tlog'}: "))
+    assert "no difference" in good
     (broken,) = (line for line in lines[1:] if "broken.tlog: not checked" in line)
     assert broken.count("broken.tlog") == 1
-    assert err == ""
+    assert check(capsys, GOOD)[0] == 0
 
 
 def test_as_json(capsys, season):
-    status, out, _ = check(capsys, season / "wrong.tlog", "--json")
-    (log,) = json.loads(out)["logs"]
-    assert status == 1
-    (first, *_) = log["differences"]
+    status, out, err = check(capsys, season / "wrong.tlog", season / "broken.tlog", "--json")
+    wrong, broken = json.loads(out)["logs"]
+    assert (status, err.count("\n")) == (1, 1)
+    (first, *_) = wrong["differences"]
     assert first["inclination_deg"] == pytest.approx(34.4, abs=4.0)
     assert first["wrong"] == "autopilot"
-
-
-def test_a_log_that_cannot_be_read_is_no_success(capsys, season):
-    status, out, err = check(capsys, season / "broken.tlog", "--json")
-    assert status == 2
-    assert "no MAVLink frame" in json.loads(out)["logs"][0]["fault"]
-    assert err.count("\n") == 1
+    assert "no MAVLink frame" in broken["fault"]
+    assert check(capsys, season / "broken.tlog")[0] == 2  # no success
 
 
 @pytest.mark.parametrize("given", ["missing.tlog", "."])
@@ -94,7 +85,7 @@ def test_nothing_to_check(capsys, tmp_path, monkeypatch, given):
 
 
 def test_a_bags_folder_is_one_log(tmp_path):
-    """Its parts alone lack what its metadata say, as that they are compressed."""
+    """Its parts alone lack what its metadata hold, as that they are compressed."""
     bag, flight = tmp_path / "flights" / "bag", tmp_path / "flights" / "flight.tlog"
     bag.mkdir(parents=True)
     for file in (bag / "metadata.yaml", bag / "bag_0.db3", bag / "bag_1.db3", flight):
@@ -109,7 +100,7 @@ def test_replay_lists_them(capsys, season):
 
 
 @contextmanager
-def heard(peer):
+def received(peer):
     """What a peer is sent meanwhile; unread, a socket's buffer would soon be full."""
     got, ended = [], threading.Event()
 
@@ -127,15 +118,13 @@ def heard(peer):
         peer.close()
 
 
-def test_a_run_tells_ground_stations_if_it_is_asked_to(tmp_path):
+def test_a_run_warns_ground_stations_if_it_is_asked_to(season):
     """pymavlink's own connection listens, as a ground station does."""
-    wrong = tmp_path / "wrong.tlog"
-    with_wrong_attitudes(GOOD, wrong)
     peer = mavutil.mavlink_connection("udpin:127.0.0.1:0", dialect="ardupilotmega")
     url = f"udpout:127.0.0.1:{peer.port.getsockname()[1]}"
     options = ["--speed", "20", "--no-zenoh", "--announce", url, "--send-attitude", url]
-    with heard(peer) as got:
-        assert main(["run", str(wrong), *options]) == 0
+    with received(peer) as got:
+        assert main(["run", str(season / "wrong.tlog"), *options]) == 0
     first = next(m for m in got if m.get_type() == "STATUSTEXT")
     assert first.text.startswith("autopilot horizon ")
     assert (first.get_srcComponent(), first.severity) == (191, mavutil.mavlink.MAV_SEVERITY_WARNING)

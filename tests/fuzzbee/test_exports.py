@@ -85,21 +85,6 @@ def read_mcap(path):
         ]
 
 
-def test_mcap_holds_the_same_and_is_read_by_the_library(replayed, tmp_path):
-    report = replayed(LOG, "--mcap", tmp_path / "a.mcap")
-    messages = read_mcap(tmp_path / "a.mcap")
-    attitudes = [
-        (time, json.loads(data)) for _, topic, time, data in messages if topic == "/attitude"
-    ]
-    assert len(attitudes) == report["imu"]["samples"]
-    assert set(attitudes[0][1]) == set(ATTITUDE_COLUMNS)
-    assert attitudes[-1][0] == pytest.approx(1e9 * attitudes[-1][1]["time_unix_s"], abs=1000)
-    assert any(topic == "/reference" for _, topic, _, _ in messages)
-    with (tmp_path / "a.mcap").open("rb") as file:
-        chunks = pytest.importorskip("mcap.reader").make_reader(file).get_summary().chunk_indexes
-        assert {chunk.compression for chunk in chunks} == {"zstd"}
-
-
 def test_dates_are_those_of_the_log(replayed, tmp_path):
     """The log's own stamps, read by pymavlink, carried over to a clock that is steady."""
     from pymavlink import mavutil
@@ -138,11 +123,21 @@ def test_stamps_that_are_no_dates_are_none(replayed, tmp_path, stamp_us):
     assert read_mcap(tmp_path / "a.mcap")[0][2] == 0
 
 
-def test_mcap_has_the_types_that_viewers_draw(replayed, tmp_path):
+def test_mcap_has_the_rows_and_the_types_that_viewers_draw(replayed, tmp_path):
     """Each message decoded by the schema in the file itself, with rosbags; axes as ROS has them."""
     rosbags = pytest.importorskip("rosbags.typesys")
-    replayed(LOG, "--mcap", tmp_path / "a.mcap")
+    report = replayed(LOG, "--mcap", tmp_path / "a.mcap")
     messages = read_mcap(tmp_path / "a.mcap")
+    attitudes = [
+        (time, json.loads(data)) for _, topic, time, data in messages if topic == "/attitude"
+    ]
+    assert len(attitudes) == report["imu"]["samples"]
+    assert set(attitudes[0][1]) == set(ATTITUDE_COLUMNS)
+    assert attitudes[-1][0] == pytest.approx(1e9 * attitudes[-1][1]["time_unix_s"], abs=1000)
+    assert any(topic == "/reference" for _, topic, _, _ in messages)
+    with (tmp_path / "a.mcap").open("rb") as file:
+        chunks = pytest.importorskip("mcap.reader").make_reader(file).get_summary().chunk_indexes
+    assert {chunk.compression for chunk in chunks} == {"zstd"}
     schema, *_ = next(each for each in messages if each[1] == "/imu")
     assert (schema.name, schema.encoding) == ("sensor_msgs/msg/Imu", "ros2msg")
     types = rosbags.get_typestore(rosbags.Stores.EMPTY)

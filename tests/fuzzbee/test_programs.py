@@ -12,7 +12,7 @@ import fuzzbee
 from drivers.logs.open import open_log
 from estimator.geometry.metrics import batch_angle_errors
 from estimator.types import ImuSample
-from fuzzbee import Estimator, load_profile, replay
+from fuzzbee import Estimator, load_profile
 from fuzzbee.replays.trace import Replay
 from tests.fuzzbee.recording import recorded
 
@@ -153,12 +153,3 @@ def test_the_mounting_of_a_profile_is_used():
     straight = Estimator(rate_hz=100.0).update_batch(gyr, acc, mag)
     # to rounding: the quaternions are of order 1
     assert turned.update_batch(*seen).q_ned_frd == pytest.approx(straight.q_ned_frd, abs=1e-12)
-
-
-def test_a_replay_has_what_the_command_reports():
-    flight = replay(FLIPS)
-    assert flight.report.reference == "sim"
-    assert len(flight.attitudes) == flight.report.imu.samples == len(flight.error_rad)
-    known = np.isfinite(flight.error_rad[:, 0])
-    pair = flight.attitudes.q_ned_frd[known], flight.reference_q_ned_frd[known]
-    assert batch_angle_errors(*pair) == pytest.approx(flight.error_rad[known])

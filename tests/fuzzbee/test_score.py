@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from estimator.geometry.metrics import batch_angle_errors
 from estimator.geometry.rotations import exp
 from fuzzbee import replay
 from fuzzbee.cli import main
@@ -22,8 +23,8 @@ def rms(values):
     return pytest.approx(np.sqrt(np.mean(np.square(values))), rel=1e-9)
 
 
-def share(inside):
-    return pytest.approx(np.mean(inside), rel=1e-12) if len(inside) else None
+def share(flags):
+    return pytest.approx(np.mean(flags), rel=1e-12) if len(flags) else None
 
 
 def moved(log):
@@ -49,6 +50,9 @@ def test_every_figure_is_that_of_the_samples_that_count(log, skip_s, monkeypatch
     path = DATA / f"{log}.tlog"
     flight = replay(path, skip_s=skip_s)
     report, ours = flight.report, flight.attitudes
+    assert len(ours) == report.imu.samples == len(flight.error_rad)
+    pair = ours.q_ned_frd, flight.reference_q_ned_frd
+    assert batch_angle_errors(*pair) == pytest.approx(flight.error_rad, nan_ok=True)
     counted = np.isfinite(flight.error_rad[:, 0]) & (ours.time_s >= skip_s)
     total, heading, inclination = np.degrees(flight.error_rad[counted]).T
     told = ours.heading_reference[counted] != "none"
@@ -86,9 +90,9 @@ def assert_constant_turn(found, flight, counted, moving):
     left = apart_deg(turned, theirs)
     assert found.turn_deg == pytest.approx(np.sqrt(np.mean(apart_deg(turned, ours) ** 2)), rel=1e-5)
     assert found.inclination_rms == pytest.approx(np.sqrt(np.mean(left**2)), rel=1e-5)
-    inside = left <= np.degrees(flight.attitudes.sigma_inclination_rad[counted])
-    assert found.inclination_coverage == share(inside)
-    assert found.inclination_coverage_moving == share(inside[moving])
+    under = left <= np.degrees(flight.attitudes.sigma_inclination_rad[counted])
+    assert found.inclination_coverage == share(under)
+    assert found.inclination_coverage_moving == share(under[moving])
 
 
 def test_a_constant_turn_is_told(capsys):

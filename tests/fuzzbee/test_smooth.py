@@ -1,6 +1,5 @@
 """The attitude that a whole recording tells, beside the one that was known at the time."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,6 @@ from estimator.live.rows import OUTPUT_SIZE, cut, rows_of
 from estimator.profile import load_profile, merge_profile
 from estimator.smoothing import Offered, Recorder, smooth_all
 from fuzzbee import Estimator, replay
-from fuzzbee.cli import main
 
 DATA = Path(__file__).parents[1] / "data"
 RATE_HZ, SECONDS = 50.0, 120
@@ -123,13 +121,6 @@ def test_flights(log, heading, inclination):
     assert found[1] < score.inclination_rms
     assert smoothed.coverage.heading > 0.55
     assert smoothed.coverage.inclination > 0.55
-
-
-def test_the_command(capsys):
-    log = str(DATA / "sitl_copter_takeoff.tlog")
-    assert main(["replay", log, "--smooth", "--json"]) == 0
-    score = json.loads(capsys.readouterr().out)["error_deg"]
-    assert score["inclination_rms"] == pytest.approx(0.111, rel=0.2)
 
 
 def test_of_rows_given_nothing_is_kept_twice(shaken):

@@ -56,21 +56,15 @@ def test_seconds_count_from_the_logs_beginning(replayed, tmp_path):
 
 
 def test_from_arming_to_disarming(replayed, tmp_path):
-    log = armed_between(TAKEOFF, tmp_path / "armed.tlog", BEGIN_S, END_S)
-    begin_s, end_s = replayed(log, "--from", "arm", "--to", "disarm")["window_s"]
-    assert begin_s == pytest.approx(BEGIN_S, abs=1.2)  # a heartbeat a second
-    assert end_s == pytest.approx(END_S, abs=1.2)
-    after = replayed(log, "--from", "disarm")["window_s"]
-    assert after[0] == pytest.approx(end_s, abs=0.1)
-    before = replayed(log, "--to", "arm")["window_s"]
-    assert before == pytest.approx([0.0, begin_s], abs=0.1)
-
-
-def test_a_log_that_begins_in_flight_is_armed_from_its_beginning(replayed, tmp_path):
-    log = armed_between(TAKEOFF, tmp_path / "armed.tlog", 0.0, END_S)
-    begin_s, end_s = replayed(log, "--from", "arm", "--to", "disarm")["window_s"]
-    assert begin_s < 1.2
-    assert end_s == pytest.approx(END_S, abs=1.2)
+    """A heartbeat a second; a log that begins in flight is armed from its beginning."""
+    for first_s in (BEGIN_S, 0.0):
+        log = armed_between(TAKEOFF, tmp_path / "armed.tlog", first_s, END_S)
+        begin_s, end_s = replayed(log, "--from", "arm", "--to", "disarm")["window_s"]
+        assert (begin_s, end_s) == pytest.approx((first_s, END_S), abs=1.2)
+        after = replayed(log, "--from", "disarm")["window_s"]
+        assert after[0] == pytest.approx(end_s, abs=0.1)
+        if first_s:
+            assert replayed(log, "--to", "arm")["window_s"] == pytest.approx([0, begin_s], abs=0.1)
 
 
 @pytest.mark.parametrize(
@@ -128,13 +122,6 @@ def test_a_tuned_profile_names_its_part(tmp_path):
     assert main([*map(str, arguments)]) == 0
     options = tomllib.loads(tuned.read_text())["provenance"]["options"]
     assert (options["from"], options["to"]) == (20.0, 150.0)
-
-
-def test_the_page_shows_the_options_of_what_is_seen(replayed, tmp_path):
-    pytest.importorskip("plotly")
-    page = tmp_path / "flight.html"
-    replayed(TAKEOFF, "--plot", page)
-    assert "fuzzbee replay LOG --from ${from} --to ${to}" in page.read_text()
 
 
 def test_a_log_that_was_never_armed(tmp_path, capsys):

@@ -18,31 +18,24 @@ from fuzzbee.truth_score import ScoredPipeline, TruthScore
 from service.records import Message
 from tests.fuzzbee.test_docs import command_lines
 
-PROFILES = {"flight": "imu", "turn": "paper"}
 
-
-def flown(motion, seconds):
-    """A pipeline after so long, and what it has told, on a clock that runs as fast as it can."""
+def test_a_flight_is_announced_as_it_goes_and_judged_at_its_end():
+    """On a clock that runs as fast as it can."""
     clock_us = [0]
     source = SimSource(
-        SimulatedVehicle(0, 50.0, motion), monotonic_us=lambda: clock_us[0], unix_us=lambda: 0
+        SimulatedVehicle(0, 50.0, "flight"), monotonic_us=lambda: clock_us[0], unix_us=lambda: 0
     )
-    pipeline = ScoredPipeline(load_profile(PROFILES[motion]), fits_built_in=True)
+    pipeline, lines = ScoredPipeline(load_profile("imu"), fits_built_in=True), []
     pipeline.scores = {}
-    told = []
     with source:
-        while clock_us[0] < 1e6 * seconds:
+        while clock_us[0] < 100e6:
             for event in source.drain(0.0):
-                told += [each.text for each in pipeline.handle(event) if isinstance(each, Message)]
+                lines += [each.text for each in pipeline.handle(event) if isinstance(each, Message)]
             clock_us[0] += 20_000
-    return pipeline.scores["1"], told
-
-
-def test_a_flight_is_told_as_it_goes_and_judged_at_its_end():
-    score, told = flown("flight", 100.0)
-    news = [line for line in told if line.startswith("vehicle 1: now: ")]
+    news = [line for line in lines if line.startswith("vehicle 1: now: ")]
     assert [line.split()[-1] for line in news] == ["wrong", "passes", "s"]
-    assert not [line for line in told if "±45°" in line]
+    assert not [line for line in lines if "±45°" in line]
+    score = pipeline.scores["1"]
     result = score.result()
     assert result["rms_deg"]["total"] == pytest.approx(0.98, rel=0.2)  # with the wrong start
     assert result["worst_deg"] == pytest.approx(15.6, rel=0.2)
@@ -54,22 +47,6 @@ def test_a_flight_is_told_as_it_goes_and_judged_at_its_end():
     assert "while it was set down by hand" in verdict
 
 
-def test_of_the_paper_s_signals_it_says_that_they_are_noisy():
-    score, told = flown("turn", 10.0)
-    assert "the paper's signals are that noisy" in score.verdict()
-    assert not [line for line in told if line.startswith("vehicle 1: now: ")]
-
-
-def test_without_a_sample_there_is_no_verdict():
-    assert TruthScore().verdict() == ""
-    assert TruthScore().result() is None
-
-
-def told_attitude():
-    """Level and north."""
-    return Estimator(load_profile("imu")).attitude(0)
-
-
 def parsed(arguments):
     """What a line of the documents asks ``fuzzbee sim`` for."""
     app = typer.Typer()
@@ -79,7 +56,7 @@ def parsed(arguments):
     return SimOptions(**params, signing_key_file=None if key_file is None else Path(key_file))
 
 
-def told_on_the_wire(options, seconds, begin_s=0.0):
+def scored_on_the_wire(options, seconds, begin_s=0.0):
     """The scores of what ``run --truth`` hears of these vehicles between these times."""
     fleet = Fleet(_vehicle_options(options), options.vehicles)
     reader, decoder = FrameReader(), MavlinkDecoder()
@@ -123,18 +100,19 @@ def test_a_documented_vehicle_is_estimated_as_well_as_was_measured(line, tmp_pat
     monkeypatch.chdir(tmp_path)
     options = parsed(line.split())
     seconds, total, *coverage = SCORED[line]
-    scores = told_on_the_wire(options, seconds)
+    scores = scored_on_the_wire(options, seconds)
     assert [*scores] == [str(1 + k) for k in range(options.vehicles)]
     result = scores["1"].result()
     assert result["rms_deg"]["total"] == pytest.approx(total, rel=0.2)
     assert [*result["coverage"].values()] == pytest.approx(coverage, rel=0.2)
-    assert ("the paper's" in scores["1"].verdict()) == (options.motion != "flight")
+    is_noisy = "the paper's signals are that noisy" in scores["1"].verdict()
+    assert is_noisy == (options.motion != "flight")
 
 
 def test_a_magnet_beside_the_paper_s_vectors_turns_the_heading_round():
     """The filter follows it, but the gyroscope contradicts, as docs/sitl.md says: sigma knows."""
     options = parsed(f"{TCP} --motion turn --magnet 10:20".split())
-    result = told_on_the_wire(options, 25)["1"].result()
+    result = scored_on_the_wire(options, 25)["1"].result()
     assert result["worst_deg"] == pytest.approx(178.0, abs=4.0)
     assert 10.0 < result["worst_s"] < 20.0
     assert result["coverage"]["heading"] == pytest.approx(0.87, rel=0.1)  # by e alone 0.45
@@ -143,13 +121,14 @@ def test_a_magnet_beside_the_paper_s_vectors_turns_the_heading_round():
 def test_who_hears_a_flight_late_knows_where_it_is():
     """The motion is told ten times a second, behind the first truth that is heard."""
     options = parsed(f"{UDP} --motion flight".split())
-    score = told_on_the_wire(options, 2.0, begin_s=1.025)["1"]
+    score = scored_on_the_wire(options, 2.0, begin_s=1.025)["1"]
     assert score.result()["worst_s"] < 1.2
     assert score.result()["worst_when"] == "while it was set down by hand"
 
 
 def test_another_s_simulator_has_no_chapters():
-    """Of a motion that nobody knows the worst moment is told, and no reason."""
-    score = TruthScore(None)
-    score.look(500_000, told_attitude(), (0.0, 1.0, 0.0, 0.0))
+    """Of a motion that nobody knows the worst moment is named, and no reason."""
+    score = TruthScore()
+    assert (score.verdict(), score.result()) == ("", None)  # without a sample
+    score.look(500_000, Estimator(load_profile("imu")).attitude(0), (0.0, 1.0, 0.0, 0.0))
     assert score.verdict().endswith("worst 180.0° at 0.5 s")

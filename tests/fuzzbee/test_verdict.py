@@ -77,6 +77,7 @@ def test_a_warning_counts_whatever_sigma_says(word):
 def test_each_reason_has_its_words(given, text, level):
     found = judged(**given)
     assert found.overall is level
+    assert found.heading is BAD or text != "no north"  # however small its sigma
     assert texts(found) == [text]
 
 
@@ -85,10 +86,6 @@ def test_a_few_losses_or_those_of_before_are_no_reason():
     assert texts(judged(rejected={"gap": 1}, imu_rate_hz=4.0)) == []
     after = msgspec.structs.replace(STATUS, overruns=30)
     assert texts(verdict_of(State.RUNNING, record(), after, after)) == []
-
-
-def test_a_heading_that_refers_to_nothing_is_bad_however_small_its_sigma():
-    assert judged((0.5, 1.0), changes={"heading_reference": "none"}).heading is BAD
 
 
 @pytest.mark.parametrize("state", [State.WAITING, State.ALIGNING, State.LOST])
@@ -107,16 +104,17 @@ def test_the_worst_reason_comes_first():
 
 
 @pytest.mark.parametrize(
-    ("sigma_deg", "text"), [(0.84, "±0.8°"), (9.96, "±10.0°"), (14.4, "±14°"), (180.0, "unknown")]
+    ("sigma_deg", "yaw_deg", "texts"),
+    [
+        (0.84, 359.6, ("±0.8°", "000°")),  # north is zero from either side
+        (9.96, 359.4, ("±10.0°", "359°")),
+        (14.4, 0.4, ("±14°", "000°")),
+        (180.0, 45.0, ("unknown", "045°")),
+    ],
 )
-def test_sigma_has_as_many_digits_as_it_deserves(sigma_deg, text):
-    assert plus_minus(sigma_deg) == text
-
-
-@pytest.mark.parametrize(("yaw_deg", "text"), [(359.6, "000°"), (359.4, "359°"), (0.4, "000°")])
-def test_north_is_zero_from_either_side(yaw_deg, text):
+def test_angles_have_as_many_digits_as_they_deserve(sigma_deg, yaw_deg, texts):
     attitude = msgspec.structs.replace(record(), euler_deg=(0.0, 0.0, yaw_deg))
-    assert heading_text(attitude) == text
+    assert (plus_minus(sigma_deg), heading_text(attitude)) == texts
 
 
 @pytest.mark.parametrize(

@@ -19,6 +19,7 @@ UP = (0.0, 0.0, -9.8)
 BIG = 10**400
 DATES = np.zeros((N, 3), "M8[s]")
 FIELDS = [("x", float), ("y", float), ("z", float)]
+NOWHERE = np.full((N, 4), 91.0)
 MIXED = np.random.default_rng(0).permutation(TIME)
 
 NO_ROWS = [
@@ -38,20 +39,9 @@ NO_VECTORS = [
     (1j, 0, 0), (BIG, 0, 0), (None, 0, 0), ("a", 0, 0), [[0], [0, 1], 0],
 ]  # fmt: skip
 NO_NUMBERS = [
-    nan,
-    inf,
-    -inf,
-    "x",
-    "100",
-    b"1",
-    True,
-    [1, 2],
-    {},
-    1j,
-    BIG,
-    np.array([1.0, 2.0]),
+    nan, inf, -inf, "x", "100", b"1", True, [1, 2], {}, 1j, BIG, np.array([1.0, 2.0]),
     np.datetime64(0, "s"),
-]
+]  # fmt: skip
 
 
 def batch(**changed):
@@ -142,12 +132,7 @@ def test_numbers_that_are_none(given):
         (lambda: Estimator().update_batch(GYR, ACC), "rate_hz"),
         (lambda: Estimator().update_velocity((1, 2, 3), sigma_m_s=-1.0), "sigma_m_s"),
         (lambda: Estimator(rate_hz=9).update_batch(GYR, ACC, position=GYR), "(200, 4)"),
-        (
-            lambda: Estimator(rate_hz=9).update_batch(
-                GYR, ACC, position=np.full((len(GYR), 4), 91.0)
-            ),
-            "position",
-        ),
+        (lambda: Estimator(rate_hz=9).update_batch(GYR, ACC, position=NOWHERE), "position"),
         (lambda: Estimator().set_position(91.0, 0.0, 0.0, 0.0), "latitude_deg"),
         (lambda: Estimator().set_position(0.0, 999.0, 0.0, 0.0), "longitude_deg"),
     ],
