@@ -15,9 +15,8 @@ from fuzzbee.tune.read_flight import read_flight
 from tuning.course import WRONG_TURN
 from tuning.flight import Flight, Part, motion_s
 from tuning.flight_cost import FLOOR_DEG, geometric_mean, measure, score_errors
-from tuning.log_task import LATER_PART, LogTask, default_groups, split
+from tuning.log_task import LATER_PART, default_groups, split
 from tuning.logged_calls import Call
-from tuning.processes import Pool
 from tuning.recovery import (
     RECOVERY_S,
     SETTLE_S,
@@ -25,8 +24,6 @@ from tuning.recovery import (
     recoveries,
     recovery_cost,
 )
-from tuning.space import decode, random_positions
-from tuning.task import batches
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 SLOW_LOG = DATA / "sitl_copter_4hz.tlog"
@@ -63,10 +60,6 @@ def flight(rate_hz=50.0, duration_s=80.0, seed=3, **changes):
 
 def whole(made):
     return Part(made, 0, len(made.truth))
-
-
-def candidates(task, count):
-    return decode(task.space, random_positions(task.space, count, np.random.default_rng(1)))
 
 
 def test_a_flight_is_scored_as_replay_scores_it(recorded):
@@ -123,16 +116,6 @@ def test_of_several_every_third_is_held_out_or_those_that_are_named():
     tuning, held_out = split(flights, frozenset({"0", "3"}))
     assert [part.flight.sha256 for part in held_out] == ["0", "3"]
     assert len(tuning) == 3
-
-
-def test_costs_are_the_same_bits_whoever_computes(recorded):
-    task = LogTask(imu(), ("noise",), split((recorded,)))
-    values = candidates(task, 3)
-    here = task.costs(values)
-    assert np.ptp(here) > 0.0
-    assert np.array_equal(here[1:2], task.costs(values[1:2]))
-    with Pool(task.costs, 2) as pool:
-        assert np.array_equal(np.concatenate([*pool(batches(task, values))]), here)
 
 
 def test_without_a_reference_the_flight_must_foretell_its_own_vectors(recorded):
