@@ -70,12 +70,14 @@ def read_checkpoint(path: Path, identity: Mapping[str, Any]) -> Record:
 
 def _differences(wanted: Any, saved: Any, name: str = "") -> list[str]:
     """Dotted names of what is not equal."""
+    if wanted == saved:
+        return []
     if not isinstance(wanted, dict) or not isinstance(saved, dict):
-        return [] if wanted == saved else [name]
-    keys = sorted({*wanted, *saved})
-    dotted = [f"{name}.{key}" if name else key for key in keys]
+        return [name]
     return [
         difference
-        for key, inner in zip(keys, dotted, strict=True)
-        for difference in _differences(wanted.get(key), saved.get(key), inner)
+        for key in sorted({*wanted, *saved})
+        for difference in _differences(
+            wanted.get(key), saved.get(key), f"{name}.{key}" if name else key
+        )
     ]

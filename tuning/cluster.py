@@ -59,22 +59,17 @@ class ClusterEvaluator(Closing):
 
         for _ in range(ATTEMPTS):
             try:
-                return self._costs(values)
+                if self._sent is None:
+                    self._sent = self._client.scatter(self._task, broadcast=True, hash=False)
+                costs, parts = type(self._task).costs, batches(self._task, values)
+                futures = [self._client.submit(costs, self._sent, x, pure=False) for x in parts]
+                return np.concatenate(self._client.gather(futures))
             except (FutureCancelledError, KilledWorker, OSError):
                 self._sent = None
                 self._wait_for_workers()
             except ImportError as error:
                 raise InputError(f"--cluster {self._address}: on a worker: {error}") from None
         raise InputError(f"--cluster {self._address}: the workers keep failing")
-
-    def _costs(self, values: Floats) -> Floats:
-        if self._sent is None:
-            self._sent = self._client.scatter(self._task, broadcast=True, hash=False)
-        futures = [
-            self._client.submit(type(self._task).costs, self._sent, part, pure=False)
-            for part in batches(self._task, values)
-        ]
-        return np.concatenate(self._client.gather(futures))
 
     def _wait_for_workers(self) -> None:
         try:

@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.arrays import Floats
-from estimator.errors import InputError
 from estimator.profile import Profile
 from tuning.flight import Flight, Part
 from tuning.flight_cost import FlightFigures, geometric_mean, measure
@@ -85,8 +84,7 @@ class LogTask(Task):
     The search begins with ``base``; its result is judged beside ``judged_by``, if that is another.
 
     Raises:
-        InputError: the base does not condition its vectors, or has no fuzzy gain whose
-            memberships could be tuned; unknown groups.
+        InputError: the base has no fuzzy gain whose memberships could be tuned; unknown groups.
     """
 
     split: Split
@@ -96,8 +94,6 @@ class LogTask(Task):
     known_groups = CONDITIONED_GROUPS
 
     def __post_init__(self) -> None:
-        if not self.base.conditioned:
-            raise InputError("base profile: logs are tuned with conditioning.enabled = true")
         if "k1" in self.space.names:
             require_fuzzy_gain(self.base)
 

@@ -5,6 +5,7 @@ as its first mean), and each asks for the same number of evaluations.
 """
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,7 +30,7 @@ def run_search(search: Search, first: Floats) -> bool:
     """
     generator = np.random.default_rng(search.options.seed)
     try:
-        RUNNERS[search.options.algorithm](search, first, generator)
+        ALGORITHMS[search.options.algorithm].run(search, first, generator)
     except BudgetSpent:
         return True
     except InterruptedSearch:
@@ -47,12 +48,13 @@ def bees(search: Search, first: Floats, generator: np.random.Generator) -> None:
         generator=generator,
         first=first[None, :],
     )
+    flight = colony.fly()
+    asked = next(flight)
     while colony.cycles < options.cycles:
         cycle = colony.cycles
-        asked = colony.ask()
-        colony.tell(search.costs(asked, scouts=colony.is_scouting))
+        asked = flight.send(search.costs(asked, scouts=colony.is_scouting))
         if colony.cycles > cycle:
-            search.end_cycle(colony.sources.costs)
+            search.end_cycle(colony.costs)
 
 
 def cma_es(search: Search, first: Floats, generator: np.random.Generator) -> None:
@@ -128,9 +130,18 @@ def random_search(search: Search, first: Floats, generator: np.random.Generator)
         asked = random_positions(search.space, 2 * count, generator)
 
 
-RUNNERS: dict[str, Callable[[Search, Floats, np.random.Generator], None]] = {
-    "abc": bees,
-    "cmaes": cma_es,
-    "de": differential_evolution,
-    "random": random_search,
+class Algorithm(NamedTuple):
+    """Its name, how many food sources it needs at least, and what runs it."""
+
+    name: str
+    fewest_sources: int
+    run: Callable[[Search, Floats, np.random.Generator], None]
+
+
+ALGORITHMS = {
+    "abc": Algorithm("artificial bee colony", 2, bees),
+    "cmaes": Algorithm("CMA-ES", 1, cma_es),
+    # it mixes three other members with two more
+    "de": Algorithm("differential evolution", 5, differential_evolution),
+    "random": Algorithm("random search", 1, random_search),
 }

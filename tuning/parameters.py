@@ -20,7 +20,7 @@ CONDITIONING = (
     "heading_noise_rad2_s",
 )
 # The bounds are the shipped values divided and multiplied by this. Further away a parameter no
-# longer does what its name says.
+# longer does what it is named for.
 SHIPPED_FACTOR = 5.0
 # How noisy the vehicle's sensors and velocity reports are: few numbers that differ from vehicle to
 # vehicle, without a velocity and with one. What moves sigma alone is a group of its own: errors do

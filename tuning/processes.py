@@ -12,7 +12,7 @@ from typing import Any
 
 from drivers.closing import Closing
 
-# For the parent, which says what is to end: a terminal sends them to all.
+# For the parent, which ends its workers: a terminal sends them to all.
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _work: Callable[[Any], Any]  # of a process that has been started here
 
@@ -84,7 +84,7 @@ def _begin(work: Callable[[Any], Any]) -> None:
 
 
 def _end_with_parent() -> None:
-    """End when the parent does: one that was killed cannot say so."""
+    """End when the parent does: one that was killed cannot end us."""
     parent = parent_process()
     assert parent is not None
     parent.join()

@@ -20,8 +20,6 @@ from tuning.space import Space, decode, make_feasible
 
 Evaluate = Callable[[Floats], Floats]
 
-ALGORITHMS = ("abc", "cmaes", "de", "random")
-
 
 class SearchOptions(NamedTuple):
     """What determines the questions a search asks, besides the costs.

@@ -30,34 +30,27 @@ ONE, TWO = 0.994, 1.510
 GOLDEN = 0.618034
 
 
-def smoothed_flight(flight: Flight, profile: Profile) -> Flight:
-    """The flight with its smoothed attitude for a reference."""
+def sure_flight(flight: Flight, profile: Profile, *, is_wanted: bool) -> Flight:
+    """The flight with its smoothed attitude for a reference if that is sure of itself.
+
+    Raises:
+        InputError: it is not, and is wanted.
+    """
     recorder = Recorder(profile)
     course_of(recorder, flight.rows, flight.calls, reports=flight.reports)
     times_us, smoothed = smooth_all(recorder)
     at = np.searchsorted(times_us, flight.rows.times_us)
     truth, sigma = smoothed.q_ned_frd[at], smoothed.sigma_rad[at]
     sure = np.isfinite(truth).all(axis=1, keepdims=True) & (np.degrees(sigma) < SURE_DEG)
-    headed = flight.headed & sure[:, 1]
-    return flight._replace(
-        reference="smooth", truth=truth, known=sure[:, 0], headed=headed, truth_sigma_rad=sigma
-    )
-
-
-def sure_flight(flight: Flight, profile: Profile, *, is_wanted: bool) -> Flight:
-    """The flight with its smoothed attitude, if that is sure of itself; else as it is.
-
-    Raises:
-        InputError: it is not, and is wanted.
-    """
-    smoothed = smoothed_flight(flight, profile)
-    half = len(flight.truth) / 2
+    known, headed = sure[:, 0], flight.headed & sure[:, 1]
+    half = len(truth) / 2
     has_north = flight.has_field and flight.headed.sum() > half
-    headed = smoothed.known & smoothed.headed
-    if smoothed.known.sum() > half and (not has_north or headed.sum() > half):
-        return smoothed
+    shares = 50.0 * known.sum() / half, 50.0 * (known & headed).sum() / half
+    if shares[0] > 50.0 and (not has_north or shares[1] > 50.0):
+        return flight._replace(
+            reference="smooth", truth=truth, known=known, headed=headed, truth_sigma_rad=sigma
+        )
     if is_wanted:
-        shares = 50.0 * smoothed.known.sum() / half, 50.0 * headed.sum() / half
         raise InputError(
             f"{flight.name}: --reference smooth: the whole log knows inclination and heading to "
             f"{SURE_DEG[0]:g} and {SURE_DEG[1]:g} deg in {shares[0]:.0f} and {shares[1]:.0f} % only"

@@ -19,22 +19,15 @@ from fuzzbee.tune.read_flight import REFERENCES, read_flight
 from fuzzbee.version import __version__
 from tuning.flight import BETTER_LOG, Flight, require_substance
 from tuning.log_task import GOALS, MEMBERSHIP_RATE_HZ, LogTask, Split, default_groups, split
+from tuning.optimizers import ALGORITHMS
 from tuning.paper_task import FIRST_RESERVED_SEED, PaperTask, midpoint_profile
 from tuning.recovery import recoveries
-from tuning.search import ALGORITHMS, SearchOptions
+from tuning.search import SearchOptions
 
 MIDPOINT = "midpoint"
 CALIBRATION = "calibration"  # the group of parameters that begins with a fit
 DEFAULT_NOISE_SEEDS = "100-107"
 DEFAULT_HELD_OUT_SEEDS = "200-219"
-# SciPy's differential evolution mixes three other members with two more.
-FEWEST_SOURCES = {"abc": 2, "cmaes": 1, "de": 5, "random": 1}
-REFERENCE_NAMES = {
-    "sim": "simulator's truth",
-    "autopilot": "autopilot's attitude",
-    "smooth": "attitude smoothed over the whole log",
-    "none": "prediction of its own vectors, without a reference",
-}
 
 
 class Plan(NamedTuple):
@@ -249,8 +242,10 @@ def _require_references(goal: str, chosen: Split) -> None:
 
 def _reference_text(log: Flight) -> str:
     """What the cost of a log is measured against."""
-    name = REFERENCE_NAMES[log.reference]
-    return name if log.has_field or log.reference == "none" else f"{name}, inclination only"
+    if log.reference == "none":
+        return "prediction of its own vectors, without a reference"
+    name = REFERENCES[log.reference]
+    return name if log.has_field else f"{name}, inclination only"
 
 
 def _seeds(option: str, text: str) -> range:
@@ -278,10 +273,9 @@ def _require_numbers(request: TuneRequest) -> None:
     _require_known("--algorithm", algorithm, ALGORITHMS)
     if algorithm == "cmaes":
         require_extra("cmaes", "--algorithm cmaes", "optimizers")
-    if sources < FEWEST_SOURCES[algorithm]:
-        raise InputError(
-            f"--sources {sources}: {algorithm} needs at least {FEWEST_SOURCES[algorithm]}"
-        )
+    fewest = ALGORITHMS[algorithm].fewest_sources
+    if sources < fewest:
+        raise InputError(f"--sources {sources}: {algorithm} needs at least {fewest}")
     if request.limit is not None and algorithm != "abc":
         raise InputError(f"--limit is the bees' own; {algorithm} has none")
     for option, number in (("--cycles", cycles), ("--limit", request.limit)):

@@ -25,7 +25,11 @@ ROWS = ("time_us", "gyr_rad_s", "acc_m_s2", "mag_gauss", "has_mag")  # as column
 
 
 # What a flight may be measured against; the first that there is, if none is wanted.
-REFERENCES = ("sim", "smooth", "autopilot")
+REFERENCES = {
+    "sim": "simulator's truth",
+    "smooth": "attitude smoothed over the whole log",
+    "autopilot": "autopilot's attitude",
+}
 
 
 def read_flight(

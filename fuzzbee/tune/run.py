@@ -21,7 +21,7 @@ from fuzzbee.tune.report import has_gained, in_words, remarks, report_of
 from service.signals import stop_on_signals
 from tuning.checkpoint import checkpoint_path, read_checkpoint, write_checkpoint
 from tuning.log_task import LogTask
-from tuning.optimizers import run_search
+from tuning.optimizers import ALGORITHMS, run_search
 from tuning.processes import Pool, available_cores
 from tuning.search import Evaluate, Record, Search, SearchOptions
 from tuning.space import encode
@@ -31,12 +31,6 @@ if TYPE_CHECKING:
     from fuzzbee.tune.view import SearchView
     from fuzzbee.viewer.stream import ViewerOptions
 
-NAMES = {
-    "abc": "artificial bee colony",
-    "cmaes": "CMA-ES",
-    "de": "differential evolution",
-    "random": "random search",
-}
 # A checkpoint is written this often, so a power cut costs no more of a search.
 CHECKPOINT_PERIOD_S = 20.0
 NO_GAIN = 1
@@ -169,7 +163,9 @@ def _open_view(
 def _found(plan: Plan, search: Search, *, is_finished: bool) -> Profile:
     """The base profile with the best values so far, and their provenance."""
     groups = ",".join(plan.task.groups)
-    description = f"{groups} by {NAMES[plan.options.algorithm]} against the {plan.reference}"
+    description = (
+        f"{groups} by {ALGORITHMS[plan.options.algorithm].name} against the {plan.reference}"
+    )
     if not is_finished:
         description += f", interrupted after {search.evaluations} of {plan.options.budget}"
     best = profile_with(plan.task.space, plan.task.base, search.best_values)

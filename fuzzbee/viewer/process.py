@@ -41,10 +41,11 @@ class ViewerProcess:
             raise InputError("--view: no screen here; --view web serves a page for a browser")
         # removed also if something interrupts the start; the child itself ends with us
         self._folder = tempfile.TemporaryDirectory(prefix="fuzzbee-", ignore_cleanup_errors=True)
+        self.page: str | None = None
         try:
-            self.url, self.page = self._open(WEB_PORT if web else None, live=live)
+            self._open(WEB_PORT if web else None, live=live)
         except InputError:  # two that start at the same moment find the same ports free
-            self.url, self.page = self._open(0 if web else None, live=live)
+            self._open(0 if web else None, live=live)
 
     @property
     def has_ended(self) -> bool:
@@ -65,31 +66,24 @@ class ViewerProcess:
             self._process.wait()
         self._folder.cleanup()
 
-    def _open(self, web_port: int | None, *, live: bool) -> tuple[str, str | None]:
-        """Start it on free ports; where records go, and the page."""
-        port = _free_port(0)
-        url, page, ports = f"rerun+http://{HOST}:{port}/proxy", None, [port]
-        arguments = ["--bind", HOST, "--port", str(port), "--memory-limit", "2GB"]
+    def _open(self, web_port: int | None, *, live: bool) -> None:
+        """Start it on free ports."""
+        ports = [_free_port(0)]
+        self.url = f"rerun+http://{HOST}:{ports[0]}/proxy"
+        arguments = ["--bind", HOST, "--port", str(ports[0]), "--memory-limit", "2GB"]
         if web_port is None:
             arguments += ["--hide-welcome-screen", "--expect-data-soon"]
         else:
-            web_port = _free_port(web_port)
-            arguments += ["--serve-web", "--web-viewer-port", str(web_port)]
-            if live:
-                arguments += ["--server-memory-limit", LIVE_HISTORY]
-            page = f"http://{HOST}:{web_port}/?url={quote(url, safe='')}"
-            ports.append(web_port)
-        self._process = self._start(arguments)
-        self._wait_for(ports)
-        return url, page
-
-    def _start(self, arguments: list[str]) -> subprocess.Popen[bytes]:
+            ports.append(_free_port(web_port))
+            arguments += ["--serve-web", "--web-viewer-port", str(ports[1])]
+            arguments += ["--server-memory-limit", LIVE_HISTORY] if live else []
+            self.page = f"http://{HOST}:{ports[1]}/?url={quote(self.url, safe='')}"
         # Rerun must send no usage figures. As if for continuous integration it keeps none, either,
         # while `rerun analytics disable` sends those of its last run before it obeys.
         quiet = {"CI": "1", "XDG_CONFIG_HOME": self._folder.name, "RUST_LOG": "error"}
         self._errors = Path(self._folder.name) / "errors"
         with self._errors.open("wb") as errors:
-            return subprocess.Popen(  # noqa: S603
+            self._process = subprocess.Popen(  # noqa: S603
                 [_program(), *arguments],
                 env={**os.environ, **quiet},
                 stderr=errors,
@@ -100,6 +94,7 @@ class ViewerProcess:
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
             )
+        self._wait_for(ports)
 
     def _wait_for(self, ports: list[int]) -> None:
         end_s = time.monotonic() + START_TIMEOUT_S

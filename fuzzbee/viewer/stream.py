@@ -68,21 +68,18 @@ class ViewerStream:
         self.recording.set_log_time_enabled(False)  # what is drawn has a time of its own
         self.recording.set_log_tick_enabled(False)
         self.process: ViewerProcess | None = None
+        self.page: str | None = None  # the address for a browser
         self.is_whole = True  # the file, if there is one, has everything so far
         self._rrd = options.rrd
         sinks = [] if options.rrd is None else [_file_sink(options.rrd, live=options.live)]
         if options.view is not None:
             self.process = ViewerProcess(web=options.view == WEB, live=options.live)
+            self.page = self.process.page
             sinks.append(rr.GrpcSink(self.process.url))
         opening = partial(self.recording.set_sinks, *sinks, default_blueprint=blueprint)
         self._await(
             aside(opening, "viewer-open"), FINISH_FLUSH_S if options.rrd is None else FILE_OPEN_S
         )
-
-    @property
-    def page(self) -> str | None:
-        """The address for a browser."""
-        return None if self.process is None else self.process.page
 
     @property
     def is_wanted(self) -> bool:

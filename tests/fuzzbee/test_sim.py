@@ -90,16 +90,6 @@ def test_a_ground_station_gets_parameters_and_its_rate():
         assert set(np.diff(times)[5:].tolist()) == {5000}
 
 
-def test_the_truth_follows_its_sample():
-    with heard("--motion", "turn") as (ground, _):
-        messages = receive(ground, ["RAW_IMU", "SIM_STATE", "ATTITUDE"], 150)
-    kinds = [m.get_type() for m in messages]
-    assert kinds == 50 * ["RAW_IMU", "SIM_STATE", "ATTITUDE"]
-    yaw = [m.yaw for m in messages[1::3]]
-    times = [m.time_usec * 1e-6 for m in messages[::3]]
-    np.testing.assert_allclose(yaw, 0.5 * np.array(times), atol=1e-6)
-
-
 def test_udpin_answers_whoever_speaks_first():
     port = free_port(UDP)
     with started("sim", "--to", f"udpin:{HOST}:{port}") as vehicle:

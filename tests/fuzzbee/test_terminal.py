@@ -92,19 +92,13 @@ def test_an_attitude_that_is_not_valid_any_more_is_not_shown():
     assert "5 min" in "\n".join(terminal(vehicle(), after_s=300.0))
 
 
-def test_a_heading_that_refers_to_nothing_is_in_brackets():
-    relative = msgspec.structs.replace(record(yaw_deg=123.0), heading_reference="none")
-    assert "heading (123.0)" in lines(vehicle("1", relative))[0]
-
-
-def test_many_vehicles_share_a_line():
-    shown = [vehicle(str(n), state="lost" if n < 3 else "running") for n in range(20)]
-    assert lines(*shown) == ["20 vehicles: 3 lost, 17 running"]
-
-
-def test_rows_are_in_the_order_of_numbers():
+def test_lines_are_of_one_vehicle_each_in_the_order_of_numbers_or_of_many():
     shown = lines(*(vehicle(name) for name in ("10", "2", "1-154", "1")))
     assert [line.split()[0] for line in shown] == ["1", "1-154", "2", "10"]
+    many = [vehicle(str(n), state="lost" if n < 3 else "running") for n in range(20)]
+    assert lines(*many) == ["20 vehicles: 3 lost, 17 running"]
+    relative = msgspec.structs.replace(record(yaw_deg=123.0), heading_reference="none")
+    assert "heading (123.0)" in lines(vehicle("1", relative))[0]
 
 
 def test_without_a_terminal_there_is_a_line_a_second():

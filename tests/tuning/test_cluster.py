@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
@@ -17,67 +18,46 @@ pytest.importorskip("distributed")
 pytestmark = pytest.mark.slow
 
 REPOSITORY = Path(__file__).resolve().parents[2]
+LOOPBACK = ("--host", "127.0.0.1", "--no-dashboard", "--dashboard-address", "127.0.0.1:0")
 SEARCH = ["sim:", "--sources", "10", "--cycles", "300", "--noise-seeds", "100-101"]
 SEARCH += ["--held-out-seeds", "200"]
 
 
-def start(module, *arguments):
-    return subprocess.Popen(
-        [sys.executable, "-W", "ignore", "-m", f"distributed.cli.{module}", *arguments],
+@contextmanager
+def running(module, words, *options):
+    """A process of Dask once a line of its log holds ``words``, and that line."""
+    process = subprocess.Popen(
+        [sys.executable, "-W", "ignore", "-m", f"distributed.cli.{module}", *options, *LOOPBACK],
         env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
     )
-
-
-def wait_for(process, words):
-    """Read the log of a process until a line holds ``words``; that line."""
-    seen = []
-    for line in process.stderr:
-        seen.append(line)
-        if words in line:
-            return line
-    pytest.fail(f"the process ended without saying {words!r}:\n{''.join(seen)}")
-
-
-def stop(process):
-    process.kill()
-    process.wait()
-    process.stderr.close()
+    with process:
+        try:
+            line = next((line for line in process.stderr if words in line), None)
+            assert line, "it has ended"
+            yield process, line
+        finally:
+            process.kill()
 
 
 @pytest.fixture
 def scheduler():
-    process = start(
-        "dask_scheduler",
-        *("--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--no-show"),
-        *("--dashboard-address", "127.0.0.1:0"),
-    )
-    try:
-        yield wait_for(process, "Scheduler at:").split()[-1]
-    finally:
-        stop(process)
+    with running("dask_scheduler", "Scheduler at:", "--port", "0", "--no-show") as (_, line):
+        yield line.split()[-1]
 
 
 @pytest.fixture
 def workers(scheduler, tmp_path):
-    processes = [
-        start(
-            "dask_worker",
-            scheduler,
-            *("--host", "127.0.0.1", "--no-nanny", "--nthreads", "1", "--no-dashboard"),
-            *("--dashboard-address", "127.0.0.1:0", "--local-directory", str(tmp_path / name)),
-        )
-        for name in ("one", "two")
-    ]
-    try:
-        for process in processes:
-            wait_for(process, "Registered to:")
-        yield processes
-    finally:
-        for process in processes:
-            stop(process)
+    alone = ("--no-nanny", "--nthreads", "1", "--local-directory")
+    with ExitStack() as stack:
+        yield [
+            stack.enter_context(
+                running("dask_worker", "Registered to:", scheduler, *alone, str(tmp_path / name))
+            )[0]
+            for name in ("one", "two")
+        ]
 
 
 def test_the_same_file_with_a_worker_killed_in_mid_run(scheduler, workers, tmp_path):

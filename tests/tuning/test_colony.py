@@ -12,28 +12,42 @@ BOX = Space(tuple("abc"), (-5.0,) * 3, (5.0,) * 3, (), (False,) * 3)
 NONE = np.empty((0, 3))
 
 
+class Bees(Colony):
+    """One phase at a time: its candidates, and the source that each stands beside."""
+
+    def __init__(self, space, sources, limit, seed, first=NONE):
+        super().__init__(space, sources, limit, np.random.default_rng(seed), first)
+        self._flight = self.fly()
+        self.asked = next(self._flight)
+
+    @property
+    def visited(self):
+        """All coordinates but one are a source's."""
+        return np.array([np.argmax((self.positions == x).sum(axis=1)) for x in self.asked])
+
+    def take(self, costs):
+        self.asked = self._flight.send(costs)
+
+    def fail(self):
+        """No candidate is better than anything."""
+        self.take(np.full(len(self.asked), 1e9))
+
+
 def sphere(x):
     return np.sum(x**2, axis=1)
 
 
-def started(sources=10, limit=1000, seed=3, first=NONE):
-    bees = Colony(BOX, sources, limit, np.random.default_rng(seed), first)
-    bees.tell(sphere(bees.ask()))
+def started(sources=10, limit=1000, seed=3):
+    bees = Bees(BOX, sources, limit, seed)
+    bees.take(sphere(bees.asked))
     return bees
 
 
-def fail(bees):
-    """No candidate is better than anything."""
-    bees.tell(np.full(len(bees.ask()), 1e9))
-
-
 def test_starts_at_the_given_position_and_at_random_ones():
-    bees = Colony(BOX, 10, 1000, np.random.default_rng(3), np.array([[1.0, 2.0, 3.0]]))
-    asked = bees.ask()
-    assert asked.shape == (10, 3)
-    assert asked[0].tolist() == [1.0, 2.0, 3.0]
-    assert len(np.unique(asked[:, 0])) == 10
-    assert bees.ask() is asked  # asking twice asks the same
+    bees = Bees(BOX, 10, 1000, 3, np.array([[1.0, 2.0, 3.0]]))
+    assert bees.asked.shape == (10, 3)
+    assert bees.asked[0].tolist() == [1.0, 2.0, 3.0]
+    assert len(np.unique(bees.asked[:, 0])) == 10
 
 
 def test_each_bee_moves_one_coordinate_towards_or_away_from_another_source():
@@ -41,7 +55,7 @@ def test_each_bee_moves_one_coordinate_towards_or_away_from_another_source():
     for seed in range(200):
         bees = started(sources=3, seed=seed)
         for _ in range(2):
-            x, visited, asked = bees.sources.positions, bees._visited, bees.ask()
+            x, visited, asked = bees.positions, bees.visited, bees.asked
             at_bound = (np.abs(x[visited]) == 5.0).any(axis=1)
             changed = asked != x[visited]
             assert ((changed.sum(axis=1) == 1) | at_bound).all()
@@ -49,7 +63,7 @@ def test_each_bee_moves_one_coordinate_towards_or_away_from_another_source():
                 old = x[visited[i], j]
                 reach = np.abs(old - x[:, j]).max()  # |alpha| <= 1 times the farthest source
                 assert abs(asked[i, j] - old) <= reach
-            fail(bees)
+            bees.fail()
 
 
 def test_alpha_takes_both_signs_and_fills_its_interval():
@@ -57,7 +71,7 @@ def test_alpha_takes_both_signs_and_fills_its_interval():
     alphas = []
     for seed in range(300):
         bees = started(sources=2, seed=seed)
-        x, asked = bees.sources.positions, bees.ask()
+        x, asked = bees.positions, bees.asked
         for i in (0, 1):
             j = np.flatnonzero(asked[i] != x[i])
             if len(j) == 1 and abs(asked[i, j[0]]) < 5.0:  # not clipped to the box
@@ -68,22 +82,22 @@ def test_alpha_takes_both_signs_and_fills_its_interval():
 
 def test_a_source_never_gets_worse_and_failures_are_counted():
     bees = started()
-    before, costs = bees.sources, sphere(bees.ask())
-    bees.tell(costs)
-    better = costs < before.costs
+    before, costs = bees.costs.copy(), sphere(bees.asked)
+    bees.take(costs)
+    better = costs < before
     assert 0 < better.sum() < len(better)
-    assert np.array_equal(bees.sources.costs, np.minimum(before.costs, costs))
-    assert np.array_equal(bees.sources.failures, np.where(better, 0, 1))
+    assert np.array_equal(bees.costs, np.minimum(before, costs))
+    assert np.array_equal(bees.failures, np.where(better, 0, 1))
 
 
 def test_onlookers_prefer_fit_sources_in_proportion():
     """P_i = (1/(1 + J_i)) / sum: J = 0 is drawn four times as often as J = 3."""
     counts = np.zeros(2)
     for seed in range(2000):
-        bees = Colony(BOX, 2, 1000, np.random.default_rng(seed), NONE)
-        bees.tell(np.array([0.0, 3.0]))
-        fail(bees)
-        counts += np.bincount(bees._visited, minlength=2)
+        bees = Bees(BOX, 2, 1000, seed)
+        bees.take(np.array([0.0, 3.0]))
+        bees.fail()
+        counts += np.bincount(bees.visited, minlength=2)
     # 4000 draws at 0.8: three standard deviations are 0.019
     assert counts[0] / counts.sum() == pytest.approx(0.8, abs=0.019)
 
@@ -92,15 +106,15 @@ def test_of_two_onlookers_at_one_source_the_better_is_kept():
     bees = next(
         bees
         for bees in (started(sources=3, seed=seed) for seed in range(50))
-        if fail(bees) or np.bincount(bees._visited, minlength=3).max() >= 2
+        if bees.fail() or np.bincount(bees.visited, minlength=3).max() >= 2
     )
-    twice = int(np.argmax(np.bincount(bees._visited)))
-    rounds, costs = np.flatnonzero(bees._visited == twice), np.full(3, 1e9)
+    twice = int(np.argmax(np.bincount(bees.visited)))
+    rounds, costs = np.flatnonzero(bees.visited == twice), np.full(3, 1e9)
     costs[rounds[:2]] = -2.0, -1.0
-    first = bees.ask()[rounds[0]].copy()
-    bees.tell(costs)
-    assert bees.sources.costs[twice] == -2.0
-    assert np.array_equal(bees.sources.positions[twice], first)
+    first = bees.asked[rounds[0]].copy()
+    bees.take(costs)
+    assert bees.costs[twice] == -2.0
+    assert np.array_equal(bees.positions[twice], first)
 
 
 def test_a_scout_leaves_the_source_that_failed_more_often_than_the_limit():
@@ -108,25 +122,28 @@ def test_a_scout_leaves_the_source_that_failed_more_often_than_the_limit():
     for limit in range(3, 15):
         bees = started(sources=4, limit=limit, seed=limit)
         for _ in range(2):
+            cycle = bees.cycles
             while not bees.is_scouting:
-                fail(bees)
-                if bees._phase == "employed":  # a cycle ended without a scout
-                    assert bees.sources.failures.max() <= limit
-                    as_many += bees.sources.failures.max() == limit
-            assert bees.ask().shape == (1, 3)
-            left, cycle = int(np.argmax(bees.sources.failures)), bees.cycles
-            assert bees.sources.failures[left] > limit
-            bees.tell(np.array([2e9]))  # worse, and accepted all the same
-            assert (bees.sources.costs[left], bees.sources.failures[left]) == (2e9, 0)
+                bees.fail()
+                if bees.cycles > cycle:  # one ended without a scout
+                    cycle = bees.cycles
+                    assert bees.failures.max() <= limit
+                    as_many += bees.failures.max() == limit
+            assert bees.asked.shape == (1, 3)
+            left = int(np.argmax(bees.failures))
+            assert bees.failures[left] > limit
+            bees.take(np.array([2e9]))  # worse, and accepted all the same
+            assert (bees.costs[left], bees.failures[left]) == (2e9, 0)
             assert bees.cycles == cycle + 1
     assert as_many > 3
 
 
 def test_every_candidate_over_the_memberships_is_feasible():
-    bees = Colony(membership_space(), 20, 3, np.random.default_rng(2), np.empty((0, 22)))
-    draws = np.random.default_rng(7)
+    bees = Bees(membership_space(), 20, 3, 2, np.empty((0, 22)))
+    draws, scouts = np.random.default_rng(7), 0
     for _ in range(100):
-        for k in bees.ask():
+        for k in bees.asked:
             require_feasible(tuple(k.tolist()))
-        bees.tell(draws.random(len(bees.ask())))
-    assert bees.scouts > 0
+        scouts += bees.is_scouting
+        bees.take(draws.random(len(bees.asked)))
+    assert scouts > 0

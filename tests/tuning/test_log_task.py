@@ -1,5 +1,6 @@
 """Tuning on recorded flights: what is scored is what ``replay`` says, and what a user sees."""
 
+import re
 from itertools import pairwise
 from pathlib import Path
 
@@ -10,14 +11,22 @@ from drivers.simulation.simulated_vehicle import simulate
 from estimator.errors import InputError
 from estimator.live.rows import rows_of
 from estimator.profile import load_profile, merge_profile
+from fuzzbee import replay
 from fuzzbee.replays.log_report import report_log
 from fuzzbee.tune.read_flight import read_flight
 from tuning.course import WRONG_TURN
-from tuning.flight import Flight, Part, motion_s
-from tuning.flight_cost import FLOOR_DEG, geometric_mean, measure, score_errors
-from tuning.log_task import LATER_PART, LogTask, default_groups, split
+from tuning.flight import Flight, Part, fly, motion_s
+from tuning.flight_cost import (
+    FLOOR_DEG,
+    Figure,
+    FlightFigures,
+    geometric_mean,
+    harm,
+    measure,
+    score_errors,
+)
+from tuning.log_task import LATER_PART, default_groups, split
 from tuning.logged_calls import Call
-from tuning.processes import Pool
 from tuning.recovery import (
     RECOVERY_S,
     SETTLE_S,
@@ -25,11 +34,10 @@ from tuning.recovery import (
     recoveries,
     recovery_cost,
 )
-from tuning.space import decode, random_positions
-from tuning.task import batches
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 SLOW_LOG = DATA / "sitl_copter_4hz.tlog"
+LOGS = sorted(path for path in DATA.iterdir() if path.suffix in (".tlog", ".ulg", ".bin"))
 
 
 def imu(**changes):
@@ -63,10 +71,6 @@ def flight(rate_hz=50.0, duration_s=80.0, seed=3, **changes):
 
 def whole(made):
     return Part(made, 0, len(made.truth))
-
-
-def candidates(task, count):
-    return decode(task.space, random_positions(task.space, count, np.random.default_rng(1)))
 
 
 def test_a_flight_is_scored_as_replay_scores_it(recorded):
@@ -123,16 +127,6 @@ def test_of_several_every_third_is_held_out_or_those_that_are_named():
     tuning, held_out = split(flights, frozenset({"0", "3"}))
     assert [part.flight.sha256 for part in held_out] == ["0", "3"]
     assert len(tuning) == 3
-
-
-def test_costs_are_the_same_bits_whoever_computes(recorded):
-    task = LogTask(imu(), ("noise",), split((recorded,)))
-    values = candidates(task, 3)
-    here = task.costs(values)
-    assert np.ptp(here) > 0.0
-    assert np.array_equal(here[1:2], task.costs(values[1:2]))
-    with Pool(task.costs, 2) as pool:
-        assert np.array_equal(np.concatenate([*pool(batches(task, values))]), here)
 
 
 def test_without_a_reference_the_flight_must_foretell_its_own_vectors(recorded):
@@ -236,3 +230,62 @@ def test_a_slow_stream_may_lack_two_samples_in_a_row():
     late_us = made.rows.times_us + 1_000_000 * (np.arange(len(made.truth)) >= 60)
     found = recoveries(whole(made._replace(rows=made.rows._replace(times_us=late_us))))
     assert len(found) == len(recoveries(whole(made)))
+
+
+@pytest.mark.parametrize("path", LOGS, ids=lambda path: path.name)
+def test_a_log_in_rows_says_what_its_replay_says(path):
+    """Replay takes each sample and report by itself, as the live service does."""
+    profile = load_profile("imu")
+    try:
+        flight = read_flight(path, profile, "autopilot")
+    except InputError:
+        flight = read_flight(path, profile)
+    course = fly(flight, profile, len(flight.truth))
+    one_by_one = replay(path, profile).attitudes
+    assert np.array_equal(course.q_ned_frd, one_by_one.q_ned_frd)
+    assert np.array_equal(course.bias_rad_s, one_by_one.gyro_bias_rad_s)
+    assert np.array_equal(course.sigma_rad[:, 0], one_by_one.sigma_inclination_rad)
+    assert np.array_equal(course.sigma_rad[:, 1], one_by_one.sigma_heading_rad)
+
+
+# --- what a tuned profile may not make worse
+
+FINE = FlightFigures(Figure(2.0, 0.5, 0.70), Figure(4.0, 1.0, 0.65))
+SAME_ELSEWHERE = FlightFigures(Figure(1.0, 0.2, 0.95), None)
+
+
+def changed(angle, **fields):
+    return FINE._replace(**{angle: getattr(FINE, angle)._replace(**fields)})
+
+
+def test_what_holds_does_no_harm():
+    flights = [FINE, SAME_ELSEWHERE]
+    assert harm(flights, flights) is None
+    assert harm(flights, [changed("inclination", rms_deg=1.9), SAME_ELSEWHERE]) is None
+    # from one end of what is honest to the other, and nearer to it
+    assert harm([FINE], [changed("heading", coverage=0.76)]) is None
+    too_sure = changed("heading", coverage=0.3)
+    assert harm([too_sure], [changed("heading", coverage=0.5)]) is None
+
+
+@pytest.mark.parametrize(
+    ("after", "words"),
+    [
+        (changed("inclination", rms_deg=2.1), "error rises from 2.016 to 2.049"),
+        (changed("inclination", coverage=0.57), "coverage of 0.70 becomes 0.57"),
+        (changed("heading", coverage=0.79), "coverage of 0.65 becomes 0.79"),
+        (FINE._replace(heading=None), "error rises"),
+    ],
+)
+def test_an_error_that_rises_or_a_sigma_that_lies_is_harm(after, words):
+    said = harm([FINE, SAME_ELSEWHERE], [after, SAME_ELSEWHERE])
+    assert said is not None
+    assert re.search(words, said)
+
+
+def test_one_flight_may_be_worse_if_the_others_are_better_by_more():
+    """Errors are weighed over all; coverage holds on each."""
+    before, better = [FINE, FINE], changed("inclination", rms_deg=1.5)
+    worse = changed("inclination", rms_deg=2.2)
+    assert harm(before, [better, worse]) is None
+    assert harm(before, [better, worse._replace(heading=Figure(4.0, 1.0, 0.5))]) is not None

@@ -11,9 +11,18 @@ from estimator.types import ImuSample
 from tests.paper_noise import NoiseScale, simulate_scaled
 from tuning.course import WRONG_TURN
 from tuning.online.cost import cost_on, has_moved, noise_of
-from tuning.online.numbers import MOST_FACTOR, MOST_MOVE, numbers_of, space_around, update_of
 from tuning.online.retuned_estimator import RetunedEstimator
-from tuning.online.retuner import CHANGED, LEAST_GAIN, Retuner, Trial
+from tuning.online.retuner import (
+    CHANGED,
+    LEAST_GAIN,
+    MOST_FACTOR,
+    MOST_MOVE,
+    Retuner,
+    Trial,
+    numbers_of,
+    space_around,
+    update_of,
+)
 from tuning.online.segment import LONGEST_GAP_S, SEGMENT_S, fly_segments
 
 PAPER = load_profile("paper")

@@ -8,9 +8,8 @@ from estimator.errors import InputError
 from estimator.profile import load_profile
 from tuning.paper_experiment import run_experiment
 from tuning.paper_task import PaperTask, midpoint_profile
-from tuning.processes import Pool
 from tuning.space import decode, random_positions
-from tuning.task import batches, profile_with
+from tuning.task import profile_with
 
 SEEDS = (100, 101, 102)
 
@@ -53,14 +52,12 @@ def test_score_is_the_experiments_cost():
     assert score.held_out == run_experiment(task.base, 200).cost
 
 
-def test_costs_are_the_same_bits_for_any_batch_and_any_process():
+def test_costs_are_the_same_bits_for_any_batch():
     task = paper_task()
     values = candidates(task.space, 19)
     together = task.costs(values)
     alone = np.concatenate([task.costs(one[None, :]) for one in values])
     assert np.array_equal(together, alone)
-    with Pool(task.costs, 2) as pool:
-        assert np.array_equal(together, np.concatenate([*pool(batches(task, values))]))
 
 
 def test_refuses_a_base_that_is_not_the_papers_system():

@@ -6,30 +6,21 @@ from estimator.profile import load_profile
 from tuning.paper_experiment import run_experiment
 
 
-@pytest.fixture(scope="module")
-def result():
-    return run_experiment(load_profile("paper"), seed=7)
+def test_its_figures_are_those_of_the_paper_and_of_scipy():
+    """The angle, the paper's sum, and when the error is first below one percent.
 
-
-def test_it_starts_next_to_the_unstable_equilibrium(result):
+    It starts next to the unstable equilibrium.
+    """
+    result = run_experiment(load_profile("paper"), seed=7)
     assert result.true_error[0] == pytest.approx(0.9997, abs=5e-5)
-
-
-def test_the_error_is_the_angle_that_scipy_measures(result):
     truth = Rotation.from_quat(np.roll(result.truth, -1, axis=1))
     estimate = Rotation.from_quat(np.roll(result.estimates, -1, axis=1))
     angle = (truth.inv() * estimate).magnitude()
     np.testing.assert_allclose(result.true_error, np.sin(angle / 2.0) ** 2, atol=1e-12)
-
-
-def test_the_cost_is_the_papers_sum(result):
     t = np.arange(1501) * 0.01
     transient, steady = t <= 1.0 + 1e-9, (t >= 4.0 - 1e-9) & (t <= 14.0 + 1e-9)
     expected = 0.3 * result.true_error[transient].sum() + result.true_error[steady].sum()
     assert result.cost == pytest.approx(expected, rel=1e-12)
-
-
-def test_it_has_settled_when_the_error_is_first_below_one_percent(result):
     first = next(k for k, e in enumerate(result.true_error) if e < 0.01)
     assert 0 < first < 1000
     assert result.settling_s == pytest.approx(0.01 * first)

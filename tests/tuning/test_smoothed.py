@@ -11,7 +11,7 @@ from estimator.profile import load_profile
 from fuzzbee.tune.read_flight import read_flight
 from tuning.flight import Part
 from tuning.flight_cost import measure
-from tuning.smoothed import possible_truths, smoothed_flight, sure_flight
+from tuning.smoothed import possible_truths, sure_flight
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 IMU = load_profile("imu")
@@ -38,7 +38,7 @@ def test_truths_lie_around_a_reference_as_its_sigmas_say():
 
 
 def test_the_whole_flight_knows_better_and_how_well(flown):
-    smooth = smoothed_flight(flown, IMU)
+    smooth = sure_flight(flown, IMU, is_wanted=False)
     assert smooth.reference == "smooth"
     known = smooth.known & smooth.headed
     assert known.mean() > 0.8
