@@ -12,7 +12,7 @@ import pytest
 
 from drivers.simulation.simulated_vehicle import SimulatedVehicle, imu_errors
 from estimator.profile import load_profile
-from fuzzbee import calibration_report
+from fuzzbee.calibration_report import unmixed
 from fuzzbee.cli import main
 from tests.fuzzbee.iron import with_iron
 from tests.fuzzbee.tlogs import rewritten
@@ -270,4 +270,4 @@ def test_that_no_other_compass_has_its_motors_counted_by_current(
     was: dict[str, float], others: dict[str, float]
 ) -> None:
     found = {"COMPASS_MOTCT": 2.0, "COMPASS_MOT2_X": -7.0}
-    assert calibration_report._unmixed(was, found) == found | others
+    assert unmixed(was, found) == found | others
