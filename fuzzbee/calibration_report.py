@@ -196,7 +196,7 @@ def _report_compass(
     if turn is None:
         irons = fit.offset_gauss, fit.matrix, fit.current_gauss_a
         parameters = corrected(trace.parameters, number, *irons)
-        parameters = _unmixed(trace.parameters, parameters)
+        parameters = unmixed(trace.parameters, parameters)
     elif set_to is not None:  # offsets need another flight with it set right
         parameters = {set_to.parameter: float(set_to.value)}
     usual_a = 0.0 if readings.current_a is None else float(readings.current_a.mean())
@@ -222,7 +222,7 @@ def _report_compass(
     )
 
 
-def _unmixed(was: Mapping[str, float], parameters: dict[str, float]) -> dict[str, float]:
+def unmixed(was: Mapping[str, float], parameters: dict[str, float]) -> dict[str, float]:
     """With 0 for what other compasses have for motors, if COMPASS_MOTCT, which all share, changes.
 
     Else a number by throttle, or one that was not in use, would count for each ampere.

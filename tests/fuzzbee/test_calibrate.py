@@ -12,8 +12,8 @@ import pytest
 
 from drivers.simulation.simulated_vehicle import SimulatedVehicle, imu_errors
 from estimator.profile import load_profile
-from fuzzbee import calibration_report
 from fuzzbee.calibration_readings import recording
+from fuzzbee.calibration_report import unmixed
 from fuzzbee.cli import main
 from fuzzbee.replays.log_report import replay_log
 from tests.fuzzbee.iron import with_iron
@@ -272,7 +272,7 @@ def test_that_no_other_compass_has_its_motors_counted_by_current(
     was: dict[str, float], others: dict[str, float]
 ) -> None:
     found = {"COMPASS_MOTCT": 2.0, "COMPASS_MOT2_X": -7.0}
-    assert calibration_report._unmixed(was, found) == found | others
+    assert unmixed(was, found) == found | others
 
 
 def test_of_several_messages_with_a_velocity_one_is_read() -> None:

@@ -54,7 +54,9 @@ def test_the_whole_flight_knows_better_and_how_well(flown):
     assert by_smooth.inclination.rms_deg > 1.5 * sure.inclination.rms_deg
     # where the base profile has told no heading there is none
     told = np.arange(len(flown.headed)) < 100
-    assert not smoothed_flight(flown._replace(headed=told), IMU).headed[100:].any()
+    part_headed = sure_flight(flown._replace(headed=told), IMU, is_wanted=False)
+    assert part_headed.reference == "smooth"
+    assert not part_headed.headed[100:].any()
 
 
 def test_what_is_not_sure_is_no_reference():

@@ -14,7 +14,7 @@ from scipy.linalg import cho_factor, cho_solve
 from estimator.arrays import Bools, Floats
 from estimator.calibration import Calibration, Matrix
 from estimator.types import Vec3
-from tuning.calibration.spans import ACC, CONSTANTS, GYR, MAG, Recording, cross_matrix
+from tuning.calibration.spans import ACC, CONSTANTS, GYR, MAG, Recording, cross_matrix, pieces
 from tuning.calibration.trajectory import SHOWN, Trajectory
 
 ROUNDS, STEPS = 3, 2  # readings are summed up anew each round
@@ -22,8 +22,8 @@ ROUNDS, STEPS = 3, 2  # readings are summed up anew each round
 GYR_SHARE, GYR_RAD_S = 0.01, 0.02
 ACC_SHARE, ACC_M_S2 = 0.015, 0.2
 MAG_SHARE, MAG_IRON = 0.05, 0.2
-# How far they vary from recording to recording, and seem to: temperature, a place's field. The
-# scatter of several is learnt from there; of one nobody can tell, but less is not believed.
+# How far they vary from piece to piece, and seem to: temperature, a place's field. The scatter of
+# several is learnt from there; of one nobody can tell, but less is not believed.
 VARY = np.array([0.001] * 9 + [0.005] * 3 + [0.0015] * 9 + [0.03] * 3 + [0.01] * 9 + [0.01] * 3)
 GROUPS = np.repeat(np.arange(6), [9, 3, 9, 3, 9, 3])
 WORTH = 6.0  # as many numbers as that supposition counts
@@ -32,7 +32,7 @@ WORTH = 6.0  # as many numbers as that supposition counts
 LEFT, CHI_SQUARE = 0.3, 40.0
 IN_FLIGHT = 3.0  # times as much: errors and lags of velocity look like an accelerometer's
 MOST_MISFIT = 0.03  # of the field: beside more, a compass shows nothing
-PINNED = 1e6
+PINNED, NO_SCATTER = 1e6, 1e-6
 KEYS = {
     "gyr_bias_rad_s": slice(9, 12),
     "gyr_matrix": slice(0, 9),
@@ -46,11 +46,12 @@ KEYS = {
 class SensorFit(NamedTuple):
     """The constants found, and how sure they are.
 
-    ``sigma`` has the keys of ``found``, matrices as nine numbers; ``left`` says of each key which
-    share of the variance before the recordings have left, of a matrix on its diagonal. ``x`` (36,)
-    is the whole result, in the order of :mod:`tuning.calibration.spans`, of which ``found`` is what
-    may be believed. ``field_misfits`` are shares of the field's strength, ``lags_s`` those of
-    velocity, accelerometer and compass behind the gyroscope, each of a recording.
+    ``sigma`` has the keys of ``found``, matrices as nine numbers; of one recording it leaves out
+    how much its pieces differ. ``left`` says of each key which share of the variance before the
+    recordings have left, of a matrix on its diagonal. ``x`` (36,) is the whole result, in the order
+    of :mod:`tuning.calibration.spans`, of which ``found`` is what may be believed.
+    ``field_misfits`` are shares of the field's strength, ``lags_s`` those of velocity,
+    accelerometer and compass behind the gyroscope, each of a recording.
     """
 
     found: Calibration
@@ -64,7 +65,8 @@ class SensorFit(NamedTuple):
 
 def fit_sensors(recordings: Sequence[Recording]) -> SensorFit:
     """What is wrong with the sensors of one IMU, of which there may be several recordings."""
-    trajectories = [Trajectory(recording) for recording in recordings]
+    cut = [[Trajectory(piece) for piece in pieces(each)] for each in recordings]
+    trajectories = [piece for of_one in cut for piece in of_one]
     problem = _Problem(trajectories)
     for _ in range(ROUNDS):
         problem.improve()
@@ -75,19 +77,23 @@ def fit_sensors(recordings: Sequence[Recording]) -> SensorFit:
     x, _ = problem.step()
     for each in trajectories:
         each.believe_sigmas()
+    _, unsure = problem.step()
+    if len(recordings) == 1:
+        problem.leave_out_scatter()
     _, covariance = problem.step()
     sigma = np.sqrt(np.diag(covariance))
     left = (sigma / problem.prior) ** 2
     times = IN_FLIGHT**2 if any(each.has_rates for each in trajectories) else 1.0
-    unsure = covariance + times * np.diag(problem.least_variance) / len(trajectories)
+    unsure = unsure + times * np.diag(problem.least_variance) / len(trajectories)
+    misfits = [[each.field_misfit for each in of_one if each.has_field] for of_one in cut]
     return SensorFit(
         calibration_of(_believed(x, unsure, problem.prior)),
         {key: sigma[at].tolist() for key, at in KEYS.items()},
         {key: float(left[at][:: 4 if "matrix" in key else 1].mean()) for key, at in KEYS.items()},
         x,
         covariance,
-        [each.field_misfit for each in trajectories if each.has_field],
-        [each.lags_s.tolist() for each in trajectories],
+        [float(np.mean(of_one)) for of_one in misfits if of_one],
+        [np.median([each.lags_s for each in of_one], axis=0).tolist() for of_one in cut],
     )
 
 
@@ -115,8 +121,16 @@ def _matrix(m: Any) -> Matrix:
     return (a, b, c)
 
 
+class _Own(NamedTuple):
+    """A piece's own step (42,) is by_common @ that of the common constants - alone."""
+
+    alone: Floats
+    by_common: Floats
+    covariance: Floats  # once the common constants are known
+
+
 class _Problem:
-    """Constants common to recordings, x, and those of each, which vary a little around them."""
+    """Constants common to pieces, x, and those of each, which vary a little around them."""
 
     def __init__(self, trajectories: list[Trajectory]) -> None:
         self._trajectories = trajectories
@@ -126,13 +140,17 @@ class _Problem:
         for sigmas in (self.prior, vary):
             sigmas[33:] *= max(each.strength_gauss for each in trajectories)
         self.least_variance = vary**2
-        # of one recording it cannot be told from the constants
-        self._vary = self.least_variance * (1.0 if len(trajectories) > 1 else 1e-6)
+        # of one piece it cannot be told from the constants
+        self._vary = self.least_variance * (1.0 if len(trajectories) > 1 else NO_SCATTER)
         self._x = np.zeros(CONSTANTS)
         # A common turn of all sensors is what the constants before say: rounding would move it.
         self._turns = _common_turns()
         self._pins = self._turns / self.prior[:, None] ** 2
         self._turn_variance = 1.0 / np.sum(self._turns * self._pins, axis=0)
+
+    def leave_out_scatter(self) -> None:
+        """Let all pieces have the same constants from now on."""
+        self._vary = NO_SCATTER * self.least_variance
 
     def improve(self) -> None:
         """A few steps, and what they show of the readings."""
@@ -143,44 +161,45 @@ class _Problem:
             each.linearise()
 
     def step(self) -> tuple[Floats, Floats]:
-        """The common constants (36,) after a step of all, and their covariance."""
-        many, common = self._trajectories, np.arange(CONSTANTS)
-        size = CONSTANTS + SHOWN * len(many)
-        normal, gradient = np.zeros((size, size)), np.zeros(size)
-        normal[common, common], gradient[common] = self.prior**-2, self._x / self.prior**2
-        pins = PINNED * self._pins * self._turn_variance
-        normal[:CONSTANTS, :CONSTANTS] += pins @ self._pins.T
-        gradient[common] += pins @ (self._pins.T @ self._x)
-        places = [CONSTANTS + SHOWN * k + np.arange(SHOWN) for k in range(len(many))]
-        for at, each in zip(places, many, strict=True):
-            normal[np.ix_(at, at)], gradient[at] = each.normal_equations()
-            own, tie = at[:CONSTANTS], 1.0 / self._vary
-            normal[common, common] += tie
-            normal[own, own] += tie
-            normal[common, own] = normal[own, common] = -tie
-            gradient[common] += tie * (self._x - each.x)
-            gradient[own] += tie * (each.x - self._x)
-        factor = cho_factor(normal)
-        step, covariance = -cho_solve(factor, gradient), cho_solve(factor, np.eye(size))
-        self._x = self._x + step[common]
-        for at, each in zip(places, many, strict=True):
-            each.move(step[at])
-        if len(many) > 1:
-            self._learn_scatter(covariance, places)
-        of_turn = (self._turns * self._turn_variance) @ self._turns.T
-        return self._x, covariance[:CONSTANTS, :CONSTANTS] + of_turn
+        """The common constants (36,) after a step of all, and their covariance.
 
-    def _learn_scatter(self, covariance: Floats, places: list[Any]) -> None:
-        """The variance of what the recordings have of their own: its expected square."""
-        common, squares = np.arange(CONSTANTS), []
-        for at, each in zip(places, self._trajectories, strict=True):
-            own = at[:CONSTANTS]
-            unsure = covariance[common, common] + covariance[own, own]
-            squares.append((each.x - self._x) ** 2 + unsure - 2.0 * covariance[common, own])
+        A piece is tied to them alone, so what is its own is eliminated piece by piece.
+        """
+        x, tie, common = self._x, 1.0 / self._vary, np.arange(CONSTANTS)
+        pins = PINNED * self._pins * self._turn_variance
+        normal = np.diag(self.prior**-2) + pins @ self._pins.T
+        gradient = normal @ x
+        solved: list[_Own] = []
+        for each in self._trajectories:
+            own, slope = each.normal_equations()
+            own[common, common] += tie
+            slope[:CONSTANTS] += tie * (each.x - x)
+            covariance = cho_solve(cho_factor(own), np.eye(SHOWN))
+            by_common = covariance[:, :CONSTANTS] * tie
+            normal += np.diag(tie) - tie[:, None] * by_common[:CONSTANTS]
+            gradient += tie * (x - each.x) + by_common.T @ slope
+            solved.append(_Own(covariance @ slope, by_common, covariance))
+        covariance = cho_solve(cho_factor(normal), np.eye(CONSTANTS))
+        step = -covariance @ gradient
+        self._x = x + step
+        for each, one in zip(self._trajectories, solved, strict=True):
+            each.move(one.by_common @ step - one.alone)
+        if len(solved) > 1:
+            self._learn_scatter(covariance, solved)
+        of_turn = (self._turns * self._turn_variance) @ self._turns.T
+        return self._x, covariance + of_turn
+
+    def _learn_scatter(self, covariance: Floats, solved: list[_Own]) -> None:
+        """The variance of what the pieces have of their own: its expected square."""
+        squares = []
+        for each, one in zip(self._trajectories, solved, strict=True):
+            apart = one.by_common[:CONSTANTS] - np.eye(CONSTANTS)
+            unsure = np.diag(one.covariance[:CONSTANTS, :CONSTANTS] + apart @ covariance @ apart.T)
+            squares.append((each.x - self._x) ** 2 + unsure)
         expected = np.mean(squares, axis=0)
         for group in range(6):
             of: Bools = np.equal(group, GROUPS)
-            count = len(places) * of.sum()
+            count = len(solved) * of.sum()
             total = count * expected[of].mean() + WORTH * self.least_variance[of][0]
             self._vary[of] = total / (count + WORTH)
 

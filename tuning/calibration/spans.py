@@ -7,6 +7,7 @@ Preintegration: C. Forster et al., "On-Manifold Preintegration for Real-Time Vis
 Odometry", IEEE Transactions on Robotics 33(1), 2017, doi 10.1109/TRO.2016.2597321.
 """
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from estimator.arrays import Bools, Floats
 
+PIECE_S = 30.0  # of a recording, about: errors that turn with it are alike for no longer
 SPAN_S = 0.2  # between two nodes
 LONGEST_STEP_S = 0.5  # between two samples: what is longer is not bridged
 MOST_FIELDS = 10  # readings of the field that are used of a span, about
@@ -40,6 +42,24 @@ class Recording(NamedTuple):
     velocity_time_s: Floats
     velocity_ned_m_s: Floats
     field_ned_gauss: Floats | None = None
+
+
+def pieces(recording: Recording) -> Iterator[Recording]:
+    """A recording in equal parts; one with velocities stays whole, for its lags."""
+    told, n = recording, len(recording.time_s)
+    count = max(1, round((told.time_s[-1] - told.time_s[0]) / PIECE_S))
+    if len(told.velocity_time_s):
+        count = 1
+    for k in range(count):
+        rows = slice(k * n // count, (k + 1) * n // count)
+        yield told._replace(
+            time_s=told.time_s[rows],
+            gyr_rad_s=told.gyr_rad_s[rows],
+            acc_m_s2=told.acc_m_s2[rows],
+            mag_gauss=told.mag_gauss[rows],
+            has_mag=told.has_mag[rows],
+            q_ned_frd=told.q_ned_frd[rows],
+        )
 
 
 class Spans(NamedTuple):
