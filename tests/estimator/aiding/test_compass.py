@@ -324,6 +324,17 @@ def test_interruptions_change_nothing(flight, phase, interruption):
     assert broken.snapshot == straight.snapshot
 
 
+def test_a_gap_ends_the_search(flight):
+    """How the vehicle has turned meanwhile is not known: what was shown before is void."""
+    bare = changed(flight, mag_gauss=lambda _: ZERO_VEC3, has_mag=lambda _: False)
+    one = estimator()
+    early = type(flight)(bare.samples[:250], [x for x in flight.reports if x[0] < 250], [])
+    flown(one, early)
+    assert one.snapshot.core.search.evidence.windows == pytest.approx(3.81, rel=0.2)
+    one.update(bare.samples[250]._replace(time_us=bare.samples[249].time_us + 1_500_000))
+    assert one.snapshot.core.search.evidence.windows == 0.0
+
+
 @pytest.mark.parametrize(("every", "first_us"), [(1, 6_020_000), (12, 6_240_000)])
 def test_the_field_does_not_begin_with_a_heading_as_good_as_none(flight, every, first_us):
     """Half as strong as near Zurich, the field may be 54 deg off; velocity tells it in the turn."""

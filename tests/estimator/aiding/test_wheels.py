@@ -14,7 +14,6 @@ from estimator.aiding.course import (
     STANDING,
     fade_rolled,
     forward_evidence,
-    level_ahead,
     roll_on,
     tilt_error_rad,
 )
@@ -197,12 +196,6 @@ def test_what_stands_may_go_on_either_way():
     again = roll_on(stopped, (0.5, 0.0, 0.0), (2.5, 0.0, 0.0), 0.3, 1.0, (2.0, 0, -9.8), down)
     assert again.windows == 1.0
     assert forward_evidence(again) == 0.0
-
-
-def test_level_ahead_is_the_body_s_x_without_its_pitch():
-    down = rotate_inverse(from_euler_rad(0.3, 0.4, 1.0), (0.0, 0.0, 1.0))
-    ahead = rotate(from_euler_rad(0.3, 0.4, 0.0), level_ahead(down))
-    assert ahead == pytest.approx((1.0, 0.0, 0.0))
 
 
 def prediction(q, velocity):
