@@ -102,7 +102,7 @@ def test_a_field_unlike_the_places_own_makes_the_first_heading_uncertain(flight)
 
 @pytest.mark.parametrize("late_s", [0.1, 0.2])
 def test_how_late_a_receivers_reports_are_is_learnt(flight, late_s):
-    """Each report tells the velocity of so long before, and says that it may."""
+    """Each report has the velocity of so long before, and says that it may."""
     steps = round(late_s * 10.0)  # ten reports a second
     reports = [
         (k, flight.reports[max(0, i - steps)][1]._replace(time_us=r.time_us, late_sigma_s=0.1))
@@ -293,7 +293,7 @@ PHASES = {
 
 
 @pytest.mark.parametrize("phase", PHASES)
-@pytest.mark.parametrize("interruption", ["restored", "replaced", "told the same"])
+@pytest.mark.parametrize("interruption", ["restored", "replaced", "declared the same"])
 def test_interruptions_change_nothing(flight, phase, interruption):
     """Taking the state out and putting it back, just before a report that belongs to it."""
     k_then, readings = PHASES[phase]

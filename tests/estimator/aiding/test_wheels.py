@@ -99,7 +99,7 @@ def test_a_car_shows_its_heading_by_its_velocity(seed, reverse):
 
 
 def test_a_place_that_is_known_does_not_make_the_compass_right():
-    """It begins by the field at once, and wheels tell that iron has turned it."""
+    """It begins by the field at once, and wheels show that iron has turned it."""
     estimator = calibrated(load_profile("imu"))
     estimator.set_vehicle_class(VehicleClass.WHEELS)
     estimator.set_position(47.4, 8.5, 400.0, 1_760_000_000_000_000)
@@ -109,7 +109,7 @@ def test_a_place_that_is_known_does_not_make_the_compass_right():
 
 @pytest.mark.parametrize("off_deg", [-120.0, 0.0])
 def test_a_compass_that_gave_the_heading_at_rest_is_confirmed_or_misled(off_deg):
-    """The first metres tell; a compass that is right keeps its north."""
+    """The first metres decide; a compass that is right keeps its north."""
     estimator = calibrated(load_profile("imu"))
     estimator.set_vehicle_class(VehicleClass.WHEELS)
     estimator.set_position(47.4, 8.5, 400.0, 1_760_000_000_000_000)
