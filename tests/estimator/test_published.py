@@ -97,7 +97,7 @@ def test_beyond_the_last_sample_both_sigmas_grow_by_a_share_of_the_turn(ahead_s,
 
 
 def test_another_place_turns_the_heading_by_the_difference_of_the_declinations():
-    """About down, of a vehicle that is tilted; the first place told turns it by all of it."""
+    """About down, of a vehicle that is tilted; the first place turns it by all of it."""
     estimator = Estimator(load_profile("imu"))
     q = exp((0.4, -0.3, 1.0))
     force, field = rotate_inverse(q, (0.0, 0.0, -9.8)), rotate_inverse(q, (0.2, 0.0, 0.42))

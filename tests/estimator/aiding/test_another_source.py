@@ -102,7 +102,7 @@ def test_what_no_source_reports_is_an_error_that_names_it(report):
 
 
 def test_a_replay_repeats_it_too(flying):
-    """Retuning replays what was told: by whichever name it came, once, and in its order."""
+    """Retuning replays what was reported: by whichever name it came, once, and in its order."""
     _, profile, state = flying
     one, other = LoggedEstimator(profile), Estimator(profile)
     one.snapshot = other.snapshot = state

@@ -102,7 +102,7 @@ def test_a_field_unlike_the_places_own_makes_the_first_heading_uncertain(flight)
 
 @pytest.mark.parametrize("late_s", [0.1, 0.2])
 def test_how_late_a_receivers_reports_are_is_learnt(flight, late_s):
-    """Each report tells the velocity of so long before, and says that it may."""
+    """Each report has the velocity of so long before, and says that it may."""
     steps = round(late_s * 10.0)  # ten reports a second
     reports = [
         (k, flight.reports[max(0, i - steps)][1]._replace(time_us=r.time_us, late_sigma_s=0.1))
@@ -293,7 +293,7 @@ PHASES = {
 
 
 @pytest.mark.parametrize("phase", PHASES)
-@pytest.mark.parametrize("interruption", ["restored", "replaced", "told the same"])
+@pytest.mark.parametrize("interruption", ["restored", "replaced", "declared the same"])
 def test_interruptions_change_nothing(flight, phase, interruption):
     """Taking the state out and putting it back, just before a report that belongs to it."""
     k_then, readings = PHASES[phase]
@@ -322,6 +322,17 @@ def test_interruptions_change_nothing(flight, phase, interruption):
             if k == k_then:
                 assert (one.snapshot.context.phase is Phase.AIDED) == phase.startswith("aided")
     assert broken.snapshot == straight.snapshot
+
+
+def test_a_gap_ends_the_search(flight):
+    """How the vehicle has turned meanwhile is not known: what was shown before is void."""
+    bare = changed(flight, mag_gauss=lambda _: ZERO_VEC3, has_mag=lambda _: False)
+    one = estimator()
+    early = type(flight)(bare.samples[:250], [x for x in flight.reports if x[0] < 250], [])
+    flown(one, early)
+    assert one.snapshot.core.search.evidence.windows == pytest.approx(3.81, rel=0.2)
+    one.update(bare.samples[250]._replace(time_us=bare.samples[249].time_us + 1_500_000))
+    assert one.snapshot.core.search.evidence.windows == 0.0
 
 
 @pytest.mark.parametrize(("every", "first_us"), [(1, 6_020_000), (12, 6_240_000)])

@@ -1,4 +1,4 @@
-"""What measured vectors say of an aided attitude that is right, turned, noisy or in the dark."""
+"""What measured vectors show of an aided attitude that is right, turned, noisy or unmeasured."""
 
 from math import degrees, radians, sin
 
@@ -47,7 +47,7 @@ def aided(q_ned_frd):
 
 
 def watched(state, *, seconds=12.0, noise_m_s=0.0, with_mag=True, silent_from=1e9, receiver=False):
-    """A witness that has seen a vehicle, held at ``TRUTH``, pushed to and fro."""
+    """A consistency check of a vehicle, held at ``TRUTH``, pushed to and fro."""
     rng = np.random.default_rng(5)
     consistency, velocity = NEW_CONSISTENCY, np.zeros(3)
     mag = np.array(rotate_inverse(TRUTH, EARTH_GAUSS)) + IRON_GAUSS
@@ -135,7 +135,7 @@ def test_what_is_usual_is_learnt_slowly():
 def test_a_step_of_the_gyroscopes_bias_widens_sigma():
     """0.02 rad/s more on every axis in a banked turn: by the covariance alone sigma knows less.
 
-    The attitude itself is the same as without a witness.
+    The attitude itself is the same as without the check.
     """
     flight = banked_flight()
     step = [
@@ -163,7 +163,7 @@ def test_a_step_of_the_gyroscopes_bias_widens_sigma():
     assert np.median(e[after]) == pytest.approx(4.07e-4, rel=0.2)
 
 
-# A place with declination, a vehicle with iron, lags of every kind, and a witness under way.
+# A place with declination, a vehicle with iron, lags of every kind, and a check under way.
 PLACE_GAUSS = (0.21, -0.06, 0.40)
 GYR = (0.3, -0.5, 0.8)
 BIAS = (0.01, 0.02, -0.03)

@@ -388,7 +388,7 @@ def test_unaided_gravity(seed):
 def test_published_sigmas(heading_rad, innovation, wait_s, together, samples, dt, worse):
     """Of tilts that differ, with a field or without, by reports that agree or do not.
 
-    What of a receiver's innovations is like the one before tells a variance that is too small.
+    What of a receiver's innovations is like the one before shows a variance that is too small.
     """
     p = PARAMS
     P = np.eye(SIZE)

@@ -98,7 +98,7 @@ def test_two_windows_are_enough_and_one_is_not():
     ("aliasing", "off_deg", "sigma_deg"), [(4.0, 5.26, 11.8), (0.0, 40.0, 16.2)]
 )
 def test_what_was_seen_before_a_missed_turn_counts_less(aliasing, off_deg, sigma_deg):
-    """G turns by a radian at 20 s; 8 s later the search knows it, if it is told what was missed.
+    """G turns by a radian at 20 s; 8 s later the search knows it, if it is given what was missed.
 
     It is not exact: in one window G has turned.
     """
@@ -124,7 +124,7 @@ def moved(
 ):
     """What a search finds that is fed without noise, and the error of its heading, rad.
 
-    ``push_at(t)`` is the acceleration in NED; five reports a second each tell the velocity of
+    ``push_at(t)`` is the acceleration in NED; five reports a second each have the velocity of
     ``ago_s + late_s`` before, of which they say ``ago_s``. The frame G turns by ``drift_rad_s``.
     """
     fine_s = 1e-3

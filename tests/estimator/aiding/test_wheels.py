@@ -14,7 +14,6 @@ from estimator.aiding.course import (
     STANDING,
     fade_rolled,
     forward_evidence,
-    level_ahead,
     roll_on,
     tilt_error_rad,
 )
@@ -100,7 +99,7 @@ def test_a_car_shows_its_heading_by_its_velocity(seed, reverse):
 
 
 def test_a_place_that_is_known_does_not_make_the_compass_right():
-    """It begins by the field at once, and wheels tell that iron has turned it."""
+    """It begins by the field at once, and wheels show that iron has turned it."""
     estimator = calibrated(load_profile("imu"))
     estimator.set_vehicle_class(VehicleClass.WHEELS)
     estimator.set_position(47.4, 8.5, 400.0, 1_760_000_000_000_000)
@@ -110,7 +109,7 @@ def test_a_place_that_is_known_does_not_make_the_compass_right():
 
 @pytest.mark.parametrize("off_deg", [-120.0, 0.0])
 def test_a_compass_that_gave_the_heading_at_rest_is_confirmed_or_misled(off_deg):
-    """The first metres tell; a compass that is right keeps its north."""
+    """The first metres decide; a compass that is right keeps its north."""
     estimator = calibrated(load_profile("imu"))
     estimator.set_vehicle_class(VehicleClass.WHEELS)
     estimator.set_position(47.4, 8.5, 400.0, 1_760_000_000_000_000)
@@ -197,12 +196,6 @@ def test_what_stands_may_go_on_either_way():
     again = roll_on(stopped, (0.5, 0.0, 0.0), (2.5, 0.0, 0.0), 0.3, 1.0, (2.0, 0, -9.8), down)
     assert again.windows == 1.0
     assert forward_evidence(again) == 0.0
-
-
-def test_level_ahead_is_the_body_s_x_without_its_pitch():
-    down = rotate_inverse(from_euler_rad(0.3, 0.4, 1.0), (0.0, 0.0, 1.0))
-    ahead = rotate(from_euler_rad(0.3, 0.4, 0.0), level_ahead(down))
-    assert ahead == pytest.approx((1.0, 0.0, 0.0))
 
 
 def prediction(q, velocity):

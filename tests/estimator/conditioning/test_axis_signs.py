@@ -73,9 +73,9 @@ def after(
 
 @pytest.mark.parametrize("axis", range(3))
 def test_an_axis_with_an_offset_is_contradicted_within_a_second(axis):
-    """Of 0.2 rad/s a fifth is told within a second, and nearly all within three.
+    """Of 0.2 rad/s a fifth is found within a second, and nearly all within three.
 
-    About x and z the field turns alike here: the force tells one from the other a second later.
+    About x and z the field turns alike here: the force separates them a second later.
     """
     error = [0.0, 0.0, 0.0]
     error[axis] = 0.2

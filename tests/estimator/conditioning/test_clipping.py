@@ -1,5 +1,7 @@
 """What a gyroscope at its end has missed, and what belongs to the end of a step."""
 
+from math import pi, sin
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,7 @@ from estimator.conditioning.vertical.rate import (
     watch_clipping,
 )
 from estimator.geometry.quaternion import exp, rotate_inverse, scale
+from estimator.types import ZERO_VEC3
 
 
 def test_the_missed_turn_grows_with_the_square_of_the_run():
@@ -65,3 +68,12 @@ def test_a_mean_over_the_step_is_turned_to_its_end(dt):
     off = np.linalg.norm(np.subtract(at_interval_end(mean, RATE, dt), at_end))
     assert off == pytest.approx(0.067 * turn**2, rel=0.2)
     assert np.linalg.norm(np.subtract(mean, at_end)) == pytest.approx(0.40 * turn, rel=0.2)
+
+
+def test_only_a_reading_that_stands_still_at_its_largest_is_at_the_end():
+    state, before = Clipping(), ZERO_VEC3
+    for k in range(60):
+        gyr = (5.0 * sin(pi * 0.01 * k), 0.0, 0.0)
+        state, before = watch_clipping(state, before, gyr, 0.01), gyr
+    assert state.peak_rad_s[0] == pytest.approx(5.0)
+    assert aliased_turn(state, (0.0, 0.0, 1.0)) == (0.0, 0.0)

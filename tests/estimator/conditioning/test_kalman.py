@@ -172,7 +172,7 @@ def body_that_has_turned(rng):
 def test_a_turning_body_shows_lag_and_own_field(seed, turned):
     """Where no residual is far, the three axes are one measurement of four unknowns.
 
-    Of a body that has not ``turned`` enough they tell the lag only. What else has changed the field
+    Of a body that has not ``turned`` enough they show only the lag. What else has changed the field
     lately, a mean square of 0.004, is noise.
     """
     rng = np.random.default_rng(seed)

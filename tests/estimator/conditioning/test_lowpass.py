@@ -33,20 +33,6 @@ def test_any_time_step_ends_at_the_input(dt):
     assert y == pytest.approx(1.0, abs=1e-5)
 
 
-def test_cut_off_is_3_db():
-    """Butterworth: gain sqrt(1/2) at sqrt(2)/(2 pi tau)."""
-    tau, dt = 0.5, 1e-4
-    frequency = np.sqrt(2.0) / (2.0 * pi * tau)
-    k = low_pass(tau, dt)
-    y = w = 0.0
-    out = []
-    for i in range(round(12.0 / frequency / dt)):
-        y, w = smooth_scalar(k, y, w, np.sin(2.0 * pi * frequency * i * dt))
-        out.append(y)
-    steady = out[len(out) // 2 :]
-    assert max(steady) == pytest.approx(np.sqrt(0.5), rel=1e-2)
-
-
 def test_another_time_constant_leaves_no_swing_behind():
     """Shaken to and fro about 1 at 1 Hz: from 2.5 s to 4 s at any phase.
 

@@ -1,4 +1,4 @@
-"""A slow, even turn looks like rest to gyroscope and accelerometer: gravity and field tell."""
+"""A slow, even turn looks like rest to gyroscope and accelerometer: gravity and field show."""
 
 from math import cos, radians
 

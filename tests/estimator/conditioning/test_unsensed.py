@@ -163,7 +163,7 @@ def swept(sample, t):
 
 
 def test_a_magnet_that_is_swept_past_moves_no_vertical():
-    """The field turns before its norm shows a magnet; the doubts go with it."""
+    """The field turns before its norm shows a magnet; the inflation goes with it."""
     state, worst = initial_state(PARAMS), 0.0
     for i, s in enumerate(fly(tumbling, 40.0, DT)):
         t = i * DT
@@ -228,7 +228,7 @@ def test_a_gyroscope_at_its_end_widens_the_variances():
 
 
 def whirling(t):
-    """Round and round one axis: an own field along it would tell nothing of itself."""
+    """Round and round one axis: an own field along it would not show."""
     return (0.3 * sin(1.3 * t), 6.0 + 0.5 * sin(0.9 * t), 0.3 * cos(1.1 * t))
 
 

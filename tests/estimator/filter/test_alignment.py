@@ -66,18 +66,6 @@ def test_papers_start_is_projected():
     assert normalized_distance(IDENTITY, q) == pytest.approx(0.9997, abs=5e-5)
 
 
-def test_nearest_rotation_is_nearer_than_its_neighbours():
-    rng = np.random.default_rng(50)
-    for _ in range(20):
-        A = rng.standard_normal((3, 3))
-        R = nearest_rotation(A)
-        assert np.linalg.det(R) == pytest.approx(1.0)
-        least = np.linalg.norm(R - A)
-        for _ in range(20):
-            other = R @ Rotation.from_rotvec(rng.normal(0.0, 0.1, 3)).as_matrix()
-            assert np.linalg.norm(other - A) >= least - 1e-12
-
-
 @given(any_rotation())
 def test_exact_vectors_give_the_attitude(q):
     assert_attitude_close(align(seen_from(q)), q, 1e-13)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from estimator.geometry.metrics import angle_errors, batch_angle_errors, paper_cost, rms
+from estimator.geometry.metrics import angle_errors, batch_angle_errors, paper_cost
 from estimator.geometry.quaternion import exp, multiply
 from tests.vocabulary import IDENTITY, any_rotation, floats, random_quaternion, scipy_rotation
 
@@ -84,7 +84,3 @@ def test_cost_counts_both_ends_and_nothing_between():
 def test_cost_refuses_another_experiment(shape):
     with pytest.raises(ValueError, match="1501"):
         paper_cost(np.zeros(shape))
-
-
-def test_rms():
-    assert rms(np.array([3.0, -4.0])) == pytest.approx(sqrt(12.5))

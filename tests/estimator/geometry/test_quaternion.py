@@ -1,6 +1,6 @@
 """Group axioms of the quaternion algebra, and scipy as the independent second opinion."""
 
-from math import cos, nan, pi, sin, sqrt
+from math import cos, pi, sin, sqrt
 
 import numpy as np
 import pytest
@@ -169,23 +169,6 @@ def test_vector_algebra_agrees_with_numpy(u, v):
     np.testing.assert_array_equal(qn.add(u, v), np.add(u, v))
     np.testing.assert_array_equal(qn.subtract(u, v), np.subtract(u, v))
     assert qn.norm(u) == pytest.approx(np.linalg.norm(u), rel=1e-14)
-
-
-@pytest.mark.parametrize("bad", [(nan, 0.0, 0.0, 0.0), (2.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0)])
-def test_the_vocabulary_refuses_what_is_no_attitude(bad):
-    with pytest.raises(AssertionError):
-        assert_attitude_close(bad, IDENTITY, 10.0)
-    with pytest.raises(AssertionError):
-        assert_attitude_close(IDENTITY, bad, 10.0)
-
-
-@given(any_rotation())
-def test_the_vocabulary_measures_angles(q):
-    assert_attitude_close(q, tuple(-x for x in q), 0.0)
-    turned = qn.multiply(q, qn.exp((0.0, 1e-3, 0.0)))
-    assert_attitude_close(q, turned, 1.001e-3)
-    with pytest.raises(AssertionError):
-        assert_attitude_close(q, turned, 0.999e-3)
 
 
 @pytest.mark.parametrize("half_angle", [1e-9, 1e-4, 0.01, 0.03, 0.0499, 0.0501, 0.3])
