@@ -171,9 +171,7 @@ def _link(text: str | None) -> Endpoint:
     if text is None:
         raise InputError(f"a link to send on is needed, as in {EXAMPLE}")
     name, colon, _ = text.partition(":")
-    is_link = bool(colon) and name.strip().lower() in LINK_NAMES
-    endpoint = parse_endpoint(text) if is_link else None
-    if endpoint is None or endpoint.kind not in LINK_KINDS:
+    if not colon or name.strip().lower() not in LINK_NAMES:
         kinds = ", ".join(LINK_KINDS)
         raise InputError(f"--to {text}: the vehicle speaks over {kinds}, as in {EXAMPLE}")
-    return endpoint
+    return parse_endpoint(text)
