@@ -60,7 +60,7 @@ def require_plot(path: Path) -> None:
 def written_figure(
     path: Path, title: str, inches: tuple[float, float], *, is_over_log: bool = False
 ) -> Iterator[Any]:
-    """A matplotlib figure to draw on, then written as the suffix says, the same bytes each time.
+    """A matplotlib figure to draw on, then written by the suffix, the same bytes each time.
 
     A page of one that ``is_over_log`` shows which options replay the seconds that are seen.
     """
