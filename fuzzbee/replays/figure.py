@@ -52,8 +52,8 @@ def require_plot(path: Path) -> None:
     suffix = path.suffix.lower()
     if suffix not in (*METADATA, PAGE):
         raise InputError(f"--plot {path}: should end in {', '.join((*METADATA, PAGE))}")
-    library, extra = ("plotly", "page") if suffix == PAGE else ("matplotlib", "plot")
-    require_extra(library, f"--plot {path}", extra)
+    for library in ("matplotlib", "plotly") if suffix == PAGE else ("matplotlib",):
+        require_extra(library, f"--plot {path}", "page" if suffix == PAGE else "plot")
 
 
 @contextmanager
