@@ -248,8 +248,8 @@ class Estimator:
     ) -> Attitudes:
         """The attitudes of a whole recording, each by all that came before and behind it.
 
-        Arguments are those of ``update_batch``. The estimator itself goes on as if nobody had
-        asked: of it only profile, rate, gain and position count. ``error``, ``gain`` and the
+        Arguments are those of ``update_batch``. The estimator itself stays as it was:
+        of it only profile, rate, gain and position count. ``error``, ``gain`` and the
         confidences are those of its way forward.
 
         Raises:

@@ -22,9 +22,9 @@ class Attitudes:
 
     ``q_ned_frd`` (N, 4) is Hamilton, scalar first, and takes body vectors (forward, right, down)
     to north, east, down. The sigmas (N,) are the angles that 68 % of the errors lie under,
-    of the inclination and of the heading. ``heading_reference`` (N,) says what the heading is
+    of the inclination and of the heading. ``heading_reference`` (N,) is what the heading is
     measured from: "true" or "magnetic" north, or "none". ``error`` is the paper's e(R~) from the
-    measurements, ``gain`` its K. ``warnings`` say which units and axes would fit better.
+    measurements, ``gain`` its K. ``warnings`` name units and axes that would fit better.
     """
 
     time_s: Floats

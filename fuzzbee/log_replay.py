@@ -19,8 +19,8 @@ from fuzzbee.replays.trace import How, VehicleTrace
 class LogReplay:
     """The estimates of a log beside its reference, N rows, one for each sample that was used.
 
-    ``reference_q_ned_frd`` (N, 4) is the simulator's truth or the autopilot's estimate, as
-    ``report.reference`` says; ``error_rad`` (N, 3) the difference to it: total, heading and
+    ``reference_q_ned_frd`` (N, 4) is the simulator's truth or the autopilot's estimate, by
+    ``report.reference``; ``error_rad`` (N, 3) the difference to it: total, heading and
     inclination. Both are NaN where the log has none. Times count from the first sample.
     """
 
@@ -58,7 +58,7 @@ def replay(
         system_id: the vehicle; without it the one with most IMU samples.
         gain: fixes K.
         smooth: the attitudes that the whole log shows.
-        columns: the TOML file that says what the columns of a table are.
+        columns: the TOML file that describes the columns of a table.
         begin: where to begin in the log: seconds, "arm" or "disarm".
         end: where to end, likewise.
 

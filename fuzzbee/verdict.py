@@ -28,7 +28,7 @@ POINTS = {0: "N", 45: "NE", 90: "E", 135: "SE", 180: "S", 225: "SW", 270: "W", 3
 # A few refused samples, late ticks or lost records a second are no reason to worry.
 MUCH_REFUSED = 0.2  # of those that come
 MUCH_LOST = 5
-# A field that is none of the place says nothing against the horizon, another's attitude little.
+# A field that is none of the place is no evidence against the horizon, another's attitude little.
 HARMLESS = (Alarm.FIELD_IMPOSSIBLE, Alarm.AUTOPILOT_DIFFERS)
 SILENT = "the service is silent"
 CONTRADICTED = "unsure"  # in place of a sigma that a warning contradicts
@@ -139,7 +139,7 @@ def _level(sigma_deg: float, bounds_deg: tuple[float, float]) -> Level:
 
 
 def _of_warnings(status: StatusRecord) -> list[Caveat]:
-    """What contradicts the attitude whatever sigma says; words of other versions are counted."""
+    """What contradicts the attitude whatever sigma is; words of other versions are counted."""
     texts: dict[str, str] = {word: word.value.replace("_", " ") for word in Alarm}
     if status.autopilot is not None:
         texts[Alarm.AUTOPILOT_DIFFERS] = status.autopilot.in_short
@@ -237,7 +237,7 @@ def _of_service(status: StatusRecord | None, before: StatusRecord | None) -> lis
 
 
 def plus_minus(sigma_deg: float) -> str:
-    """A sigma with as many digits as it deserves; the largest says nothing at all."""
+    """A sigma with as many digits as it deserves; the largest means nothing."""
     if sigma_deg >= 180.0:
         return "unknown"
     return f"±{sigma_deg:.1f}°" if sigma_deg < 10.0 else f"±{sigma_deg:.0f}°"

@@ -14,8 +14,8 @@ from fuzzbee.replays.trace import VehicleTrace
 # Silence this many median periods long, and this long (s), is a gap to be shown.
 GAP_PERIODS = 5.0
 LEAST_GAP_S = 0.3
-# A field counts as doubted where its confidence is this share of the usual one or less.
-DOUBTED = 0.5
+# A field is contradicted where its confidence is this share of the usual one or less.
+CONTRADICTED = 0.5
 # What lasts less (s) is no band, and two bands that are nearer to each other are one.
 LEAST_S = 1.0
 CLIPPED_SAMPLES = 2  # in a row at the same largest reading: chance has one
@@ -40,8 +40,8 @@ def bands(time_s: Floats, trace: VehicleTrace) -> Iterator[Band]:
     confidence = trace["confidence_magnetic"]
     usual = float(np.median(confidence))
     if usual > 0.0:
-        doubted = runs(time_s, confidence <= DOUBTED * usual)
-        yield Band("field doubted", PURPLE, 0.2, doubted)
+        spans = runs(time_s, confidence <= CONTRADICTED * usual)
+        yield Band("field doubted", PURPLE, 0.2, spans)
     yield Band("gyroscope at its end", BROWN, 0.35, _clipped(time_s, trace))
     if trace.turned_at_us is not None:
         yield Band("wrong start", RED, 0.2, _wrong(time_s, trace))

@@ -169,7 +169,7 @@ def _write_poses(path: Path, times_us: Times, q_ned_frd: Floats) -> None:
 def show(viewer: "ViewerSink", trace: VehicleTrace) -> None:
     """Draw a trace in the viewer at the log's own times, with the attitudes by others beside it."""
     for output in _outputs(trace):
-        if not viewer.is_wanted:  # a full disk: it is said at the end
+        if not viewer.is_wanted:  # a full disk, which is reported at the end
             break
         with suppress(ConnectionError):  # the viewer was closed: a file may still be wanted
             viewer.handle([output])

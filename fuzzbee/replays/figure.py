@@ -52,15 +52,15 @@ def require_plot(path: Path) -> None:
     suffix = path.suffix.lower()
     if suffix not in (*METADATA, PAGE):
         raise InputError(f"--plot {path}: should end in {', '.join((*METADATA, PAGE))}")
-    library, extra = ("plotly", "page") if suffix == PAGE else ("matplotlib", "plot")
-    require_extra(library, f"--plot {path}", extra)
+    for library in ("matplotlib", "plotly") if suffix == PAGE else ("matplotlib",):
+        require_extra(library, f"--plot {path}", "page" if suffix == PAGE else "plot")
 
 
 @contextmanager
 def written_figure(
     path: Path, title: str, inches: tuple[float, float], *, is_over_log: bool = False
 ) -> Iterator[Any]:
-    """A matplotlib figure to draw on, then written as the suffix says, the same bytes each time.
+    """A matplotlib figure to draw on, then written by the suffix, the same bytes each time.
 
     A page of one that ``is_over_log`` shows which options replay the seconds that are seen.
     """

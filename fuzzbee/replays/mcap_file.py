@@ -9,7 +9,6 @@ types that it is made of, as https://mcap.dev/spec/registry#ros2msg wants them.
 import json
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from itertools import chain
 from math import isnan
 from pathlib import Path
 from typing import Any
@@ -60,7 +59,7 @@ def write_mcap(path: Path, trace: VehicleTrace) -> None:
             number = writer.register_schema(kind, schema_encoding, schema)
             channels[topic] = writer.register_channel(topic, encoding, number)
         counts: Counter[str] = Counter()
-        for topic, time_us, data in chain(_tables(trace), _poses(trace)):
+        for topic, time_us, data in _messages(trace):
             time_ns = 1000 * time_us
             writer.add_message(channels[topic], time_ns, data, time_ns, counts[topic])
             counts[topic] += 1
@@ -91,31 +90,23 @@ def _object(properties: dict[str, Any], title: str | None = None) -> dict[str, A
     return {"type": "object", **named, "properties": properties}
 
 
-def _tables(trace: VehicleTrace) -> Iterator[Message]:
-    """The rows that a CSV has, without what is not known."""
-    stamps = iter(stamps_us(trace).tolist())
-    for part in columns(trace):
-        for values in zip(*(column.tolist() for column in part.values()), strict=True):
-            time_us, row = next(stamps), dict(zip(part, values, strict=True))
+def _messages(trace: VehicleTrace) -> Iterator[Message]:
+    """Of each sample the rows that a CSV has, the attitude in space, and an IMU's message."""
+    stamps = stamps_us(trace)
+    for rows, part in zip(blocks(len(trace)), columns(trace), strict=True):
+        times_us = stamps[rows].tolist()
+        poses = (enu_flu(trace[name][rows]) for name in ("q_ned_frd", "reference_q_ned_frd"))
+        own = zip(*(column.tolist() for column in part.values()), strict=True)
+        each = zip(times_us, own, *poses, trace.published(rows, times_us), strict=True)
+        for time_us, values, pose, beside, (record, sample) in each:
+            row = dict(zip(part, values, strict=True))
             for topic, names in TABLES.items():
                 known = {name: row[name] for name in names if row[name] == row[name]}
                 if names[-1] in known:  # there is a reference at this sample
                     yield topic, time_us, json.dumps(known).encode()
-
-
-def _poses(trace: VehicleTrace) -> Iterator[Message]:
-    """The attitude in space and as an IMU's message, the reference beside it."""
-    stamps = stamps_us(trace)
-    for rows in blocks(len(trace)):
-        both = [
-            enu_flu(trace[name][rows]).tolist() for name in ("q_ned_frd", "reference_q_ned_frd")
-        ]
-        times_us = stamps[rows].tolist()
-        each = zip(times_us, *both, trace.published(rows, times_us), strict=True)
-        for time_us, ours, beside, (record, sample) in each:
-            yield "/tf", time_us, _transform(time_us, BODY, ours)
+            yield "/tf", time_us, _transform(time_us, BODY, pose.tolist())
             if not isnan(beside[0]):
-                yield "/tf", time_us, _transform(time_us, REFERENCE_BODY, beside)
+                yield "/tf", time_us, _transform(time_us, REFERENCE_BODY, beside.tolist())
             if record is not None:
                 yield "/imu", time_us, imu_message(record, sample.acc_m_s2, BODY)
 

@@ -59,7 +59,7 @@ class Thinned:
 
 
 def draw(title: str, path: Path, trace: VehicleTrace) -> None:
-    """Draw a trace that has been compared into a file whose suffix says how."""
+    """Draw a trace that has been compared into a file; its suffix is the format."""
     time_s = trace.time_s
     span = (float(time_s[0]), max(float(time_s[-1]), time_s[0] + 1e-3))
     with written_figure(path, title, PAGE_INCHES, is_over_log=True) as sheet:

@@ -48,7 +48,7 @@ class RetunedSummary(msgspec.Struct, frozen=True):
 
 
 class DifferenceSummary(msgspec.Struct, frozen=True):
-    """A time for which the autopilot's attitude and ours differed, and what speaks for whom."""
+    """A time for which the autopilot's attitude and ours differed, and the evidence."""
 
     begin_s: float
     end_s: float

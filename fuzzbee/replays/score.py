@@ -36,7 +36,7 @@ class Coverage(msgspec.Struct, frozen=True):
 class ConstantTurn(msgspec.Struct, frozen=True):
     """One turn of the body that fits best, and what is left of the inclination's errors without.
 
-    ``turn_deg`` is by how much it leans the vertical, RMS over the samples.
+    ``turn_deg`` is by how much it tilts the vertical, RMS over the samples.
     """
 
     turn_deg: float
@@ -110,17 +110,17 @@ def constant_turn(columns: Any, counted: Bools, moved: Bools) -> ConstantTurn | 
         return None
     u, _, vt = np.linalg.svd(sum(theirs.T @ ours for _, ours, theirs in downs()))
     turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
-    under, leaned, left = np.zeros_like(counted), 0.0, 0.0
+    under, tilted, left = np.zeros_like(counted), 0.0, 0.0
     for rows, ours, theirs in downs():
         turned = ours @ turn.T
         apart = _between(turned, theirs)
-        leaned += float(np.sum(_between(turned, ours) ** 2))
+        tilted += float(np.sum(_between(turned, ours) ** 2))
         left += float(np.sum(apart**2))
         sigma = columns["sigma_inclination_rad"][rows][counted[rows]]
         under[rows][counted[rows]] = apart <= sigma
     count = int(np.count_nonzero(counted))
     return ConstantTurn(
-        turn_deg=float(np.degrees(np.sqrt(leaned / count))),
+        turn_deg=float(np.degrees(np.sqrt(tilted / count))),
         inclination_rms=float(np.degrees(np.sqrt(left / count))),
         inclination_coverage=float(np.count_nonzero(under)) / count,
         inclination_coverage_moving=mean(under[counted & moved]),
