@@ -144,8 +144,10 @@ def test_warnings_stand_below_the_table_and_mark_the_state():
 
 
 def test_an_overloaded_service_says_what_it_leaves_out():
-    busy = {"overloaded": True, "published_hz": 12.5}
-    shown = vehicle("1", shed=30, **busy), vehicle("2", shed=12, **busy)
+    shown = (
+        vehicle("1", shed=30, overloaded=True, published_hz=12.5),
+        vehicle("2", shed=12, overloaded=True, published_hz=50.0),
+    )
     assert "! overloaded: 42 samples left out so far, attitudes at 12.5 Hz" in terminal(*shown)
     assert "! overloaded" in lines(*shown)[0]
 
