@@ -6,13 +6,17 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from drivers.events import VehicleId
 from estimator.geometry.rotations import exp
+from estimator.types import ImuSample
 from fuzzbee import replay
 from fuzzbee.cli import main
 from fuzzbee.replays import motion
 from fuzzbee.replays.score import Coverage, constant_turn, convergence_s, coverage
+from fuzzbee.replays.trace import VehicleTrace
 from tests.flight import banked_flight
 from tests.fuzzbee.recording import recorded
+from tests.service.records import ATTITUDE
 
 DATA = Path(__file__).parents[1] / "data"
 DOWN = (0.0, 0.0, 1.0)
@@ -182,3 +186,11 @@ def test_a_steady_rate_beyond_any_bias_is_a_turn_to_either_side(sign):
     acc = np.tile([0.0, 0.0, -9.8], (40, 1))
     columns = {"time_us": np.arange(40) * 250_000, "gyr_rad_s": gyr, "acc_m_s2": acc}
     assert motion.motion_mask(columns).all()
+
+
+@pytest.mark.parametrize("norths", ["none true", "true none", "none none"])
+def test_a_heading_is_scored_wherever_it_was_known(norths):
+    trace, sample = VehicleTrace(VehicleId(1, 1)), ImuSample(0, *((0.0, 0.0, 0.0),) * 3, False)
+    for north in norths.split():
+        trace.append(0, ATTITUDE._replace(heading_reference=north), sample, False)
+    assert trace.has_heading == ("true" in norths)
