@@ -139,8 +139,6 @@ def _liveliest(times_s: Floats, gyr: Floats, known: Bools) -> slice:
     ends = np.searchsorted(times_s, times_s + MOST_S) - 1
     turned = np.concatenate([[0.0], np.cumsum((gyr**2).sum(axis=1))])
     begin = first + int(np.argmax(turned[ends[first:]] - turned[first : len(ends)]))
-    if times_s[-1] - times_s[first] <= MOST_S:
-        begin = first
     return slice(begin, int(ends[begin]) + 1)
 
 

@@ -53,7 +53,9 @@ def test_ground_is_where_a_pilot_sees_it(roll_deg, pitch_deg):
         assert expected in found, "\n".join(lines)
 
 
-@pytest.mark.parametrize(("pitch_deg", "rows"), [(15.0, 4), (0.0, 0), (-15.0, -4), (80.0, 7)])
+@pytest.mark.parametrize(
+    ("pitch_deg", "rows"), [(15.0, 4), (0.0, 0), (-15.0, -4), (80.0, 7), (-80.0, -7)]
+)
 def test_the_line_is_below_the_middle_as_the_nose_is_up_and_never_out_of_sight(pitch_deg, rows):
     lines = horizon(record(pitch_deg=pitch_deg))
     found = [row for row in range(-8, 8) if at(lines, 35, row) in LINE]

@@ -6,14 +6,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from drivers.events import VehicleId
 from estimator.geometry.metrics import batch_angle_errors
 from estimator.geometry.rotations import exp
+from estimator.types import ImuSample
 from fuzzbee import replay
 from fuzzbee.cli import main
 from fuzzbee.replays import motion
-from fuzzbee.replays.score import constant_turn, convergence_s
+from fuzzbee.replays.score import Coverage, constant_turn, convergence_s, coverage
+from fuzzbee.replays.trace import VehicleTrace
 from tests.flight import banked_flight
 from tests.fuzzbee.recording import recorded
+from tests.service.records import ATTITUDE
 
 DATA = Path(__file__).parents[1] / "data"
 DOWN = (0.0, 0.0, 1.0)
@@ -165,3 +169,32 @@ def test_a_mirror_is_no_turn():
     # two of four are off by twice 0.3 rad whichever way it turns
     assert found.inclination_rms == pytest.approx(np.degrees(0.6 / np.sqrt(2.0)), rel=0.01)
     assert found.inclination_coverage == 0.5
+
+
+def test_where_there_is_no_heading_its_sigma_covers_nothing():
+    columns = {
+        "time_us": np.arange(4),
+        "error_rad": np.full((4, 3), 0.1),
+        "sigma_heading_rad": np.array([0.2, 0.2, 0.05, 0.05]),
+        "sigma_inclination_rad": np.full(4, 0.2),
+    }
+    has_heading, moving = np.array([True, True, False, False]), np.array([True, False, True, False])
+    found = coverage(columns, np.ones(4, bool), has_heading, moving)
+    assert found == Coverage(1.0, 1.0, 1.0, 1.0)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_steady_rate_beyond_any_bias_is_a_turn_to_either_side(sign):
+    gyr = np.zeros((40, 3))
+    gyr[:, 2] = sign * 1.01 * motion.MOST_BIAS_RAD_S + 0.004 * np.tile([-1.0, 0.0, 0.0, 1.0], 10)
+    acc = np.tile([0.0, 0.0, -9.8], (40, 1))
+    columns = {"time_us": np.arange(40) * 250_000, "gyr_rad_s": gyr, "acc_m_s2": acc}
+    assert motion.motion_mask(columns).all()
+
+
+@pytest.mark.parametrize("norths", ["none true", "true none", "none none"])
+def test_a_heading_is_scored_wherever_it_was_known(norths):
+    trace, sample = VehicleTrace(VehicleId(1, 1)), ImuSample(0, *((0.0, 0.0, 0.0),) * 3, False)
+    for north in norths.split():
+        trace.append(0, ATTITUDE._replace(heading_reference=north), sample, False)
+    assert trace.has_heading == ("true" in norths)

@@ -7,6 +7,7 @@ import pytest
 from rich.console import Console
 
 from drivers.events import VehicleId
+from fuzzbee.table_model import TableModel
 from fuzzbee.terminal import TerminalView
 from service.records import Departed, ImuDifference, Message, Published, Sigma
 from tests.fuzzbee.screen import lines, terminal, vehicle
@@ -138,8 +139,10 @@ def test_warnings_stand_below_the_table_and_mark_the_state():
 
 
 def test_an_overloaded_service_says_what_it_leaves_out():
-    busy = {"overloaded": True, "published_hz": 12.5}
-    shown = vehicle("1", shed=30, **busy), vehicle("2", shed=12, **busy)
+    shown = (
+        vehicle("1", shed=30, overloaded=True, published_hz=12.5),
+        vehicle("2", shed=12, overloaded=True, published_hz=50.0),
+    )
     assert "! overloaded: 42 samples left out so far, attitudes at 12.5 Hz" in terminal(*shown)
     assert "! overloaded" in lines(*shown)[0]
 
@@ -204,3 +207,11 @@ def test_of_two_in_one_state_the_warned_one_needs_attention_first():
 
 def test_a_vehicle_that_has_departed_is_shown_no_more():
     assert lines([*vehicle("2"), *vehicle("1"), Departed(VehicleId(1, 1))]) == lines(vehicle("2"))
+
+
+def test_where_there_is_no_place_who_was_silent_for_longest_goes(monkeypatch):
+    monkeypatch.setattr("fuzzbee.table_model.PLACES", 2)
+    model = TableModel()
+    for now_s, name in enumerate(("1", "2", "1", "3")):
+        model.update(name, record(), now_s)
+    assert [row.name for row in model.rows()] == ["1", "3"]

@@ -9,6 +9,7 @@ from typer.main import get_command
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.framing import FrameReader
 from drivers.simulation.fleet import Fleet
+from drivers.simulation.flight import MAGNET_S, ROUND_S
 from drivers.simulation.simulated_vehicle import SimulatedVehicle
 from drivers.simulation.source import SimSource
 from estimator.estimator import Estimator
@@ -132,3 +133,10 @@ def test_another_s_simulator_has_no_chapters():
     assert (score.verdict(), score.result()) == ("", None)  # without a sample
     score.look(500_000, Estimator(load_profile("imu")).attitude(0), (0.0, 1.0, 0.0, 0.0))
     assert score.verdict().endswith("worst 180.0° at 0.5 s")
+
+
+def test_what_happens_in_each_round_is_told_in_each():
+    score, truth = TruthScore("flight"), (1.0, 0.0, 0.0, 0.0)
+    times_s = (MAGNET_S[0], MAGNET_S[0] + 0.1, MAGNET_S[0] + ROUND_S)
+    told = [len(score.look(round(1e6 * time_s) + 1, None, truth)) for time_s in times_s]
+    assert told == [1, 0, 1]

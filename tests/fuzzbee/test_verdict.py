@@ -84,6 +84,8 @@ def test_each_reason_has_its_words(given, text, level):
 def test_a_few_losses_or_those_of_before_are_no_reason():
     assert texts(judged(overruns=5, dropped=5, rejected={"gap": 10})) == []
     assert texts(judged(rejected={"gap": 1}, imu_rate_hz=4.0)) == []
+    busy = [msgspec.structs.replace(STATUS, overloaded=True, shed=shed) for shed in (140, 100)]
+    assert texts(verdict_of(State.RUNNING, record(), *busy)) == ["overloaded, 40 left out"]
     after = msgspec.structs.replace(STATUS, overruns=30)
     assert texts(verdict_of(State.RUNNING, record(), after, after)) == []
 

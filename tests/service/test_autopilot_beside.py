@@ -28,6 +28,7 @@ def flown(
     parameters=(),
     message="ATTITUDE",
     word=None,
+    word_off_us=0,
     shown=None,
     vehicle_type=1,
 ):
@@ -47,7 +48,8 @@ def flown(
         if k % 10 == 5:
             time_us = event.sample.time_us
             if word is not None:
-                pipeline.handle(FilterStatus(ONE, event.arrival_us, True, True, **word))
+                said_us = event.arrival_us + word_off_us
+                pipeline.handle(FilterStatus(ONE, said_us, True, True, **word))
             q = show(twin.attitude(time_us).q_ned_frd)
             outputs += pipeline.handle(
                 ReferenceAttitude(
@@ -166,3 +168,9 @@ def test_the_axis_and_the_angles_are_told():
     assert status.autopilot.axis == "inclination"
     assert status.autopilot.roll_deg == pytest.approx(60.0, abs=6.0)
     assert status.autopilot.in_short == f"autopilot horizon {status.autopilot.off_deg:.0f}° off"
+
+
+@pytest.mark.parametrize("off_us", [-3_600_000_000, 3_600_000_000])
+def test_what_its_filter_said_at_another_time_of_the_host_s_clock_is_none(off_us):
+    _, status = flown(60.0, word={"has_attitude": False}, word_off_us=off_us)
+    assert "its own filter" not in status.autopilot.evidence

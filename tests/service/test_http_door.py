@@ -5,6 +5,8 @@ import resource
 import socket
 import time
 from contextlib import ExitStack, closing, suppress
+from itertools import repeat
+from types import SimpleNamespace
 
 import pytest
 
@@ -104,3 +106,17 @@ def test_who_leaves_is_no_error(door, capfd):
         leaving.sendall(HELLO)
     assert status(door) == (200, b"hello")
     assert capfd.readouterr().err == ""
+
+
+def test_a_stream_outlasts_the_deadline_of_a_request(monkeypatch):
+    def stream(_target, _headers):
+        return Answer("text/plain", events=repeat(b"event"), period_s=0.05)
+
+    with closing(HttpDoor("test", ("127.0.0.1", 0), stream)) as door, connected(door) as client:
+        client.sendall(HELLO)
+        while b"event" not in client.recv(1000):
+            pass
+        later = SimpleNamespace(monotonic=lambda: time.monotonic() + 3600.0, sleep=time.sleep)
+        monkeypatch.setattr(http_door, "time", later)
+        for _ in range(30):  # over 1.5 s; who is late is looked for twice a second
+            assert client.recv(5)

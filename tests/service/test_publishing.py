@@ -11,7 +11,14 @@ from estimator.geometry.frames import from_euler_rad
 from estimator.profile import load_profile
 from estimator.types import ImuSample
 from service.pipeline import Pipeline
-from service.publishing import MAX_DRIFT, HostClock, attitude_record, euler_deg, is_finite
+from service.publishing import (
+    MAX_DRIFT,
+    HostClock,
+    Publishing,
+    attitude_record,
+    euler_deg,
+    is_finite,
+)
 from service.records import State
 from tests.service.records import ATTITUDE
 from tests.service.streams import ONE, START_US, attitudes
@@ -266,3 +273,12 @@ def test_as_many_leave_as_the_rate_says_and_none_waits_for_the_grid(sample_hz):
     if sample_hz >= RATE_HZ - 0.1:
         with_its_sample = [now_us == newest_us for now_us, _, newest_us in found]
         assert np.mean(with_its_sample) > 0.98
+
+
+def test_under_overload_the_rate_is_that_since_the_last_status():
+    publishing, found = Publishing(RATE_HZ), []
+    for second, count in enumerate((0, 20, 5)):
+        for k in range(count):
+            publishing.note_attitude(1_000_000 * second - 1_000 * (count - k), k)
+        found.append(publishing.published_hz(1_000_000 * second, is_shedding=True))
+    assert found == [RATE_HZ, 20.0, 5.0]

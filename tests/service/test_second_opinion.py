@@ -227,3 +227,11 @@ def test_a_push_of_less_than_0_7_m_s2_shows_no_heading_however_seldom_velocity_c
         seen.look(TRUE, sample, step_s)
         seen.take_velocity(time_us, (0.6 * step_s * k, 0.0, 0.0))
     assert seen.turn_deg(None) is None
+
+
+def test_a_look_at_an_earlier_time_begins_anew():
+    wrong = multiply(turn(NORTH, 30.0), TRUE)
+    opinion = told(TRUE, wrong, begin_us=100_000_000)
+    assert opinion.opinion.verdict is Verdict.DIFFERS
+    told(TRUE, wrong, seconds=0.4, opinion=opinion)
+    assert opinion.opinion.verdict is Verdict.CANNOT_TELL
