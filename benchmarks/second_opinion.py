@@ -45,12 +45,8 @@ class Recording(SecondOpinion):
         self.given: list[Look | tuple[int, Vec3]] = []
 
     def look(self, look: Look) -> None:
-        self.given.append(look)
+        self.given += [*self.velocities, look]
         super().look(look)
-
-    def take_velocity(self, time_us: int, velocity_ned_m_s: Vec3) -> None:
-        self.given.append((time_us, velocity_ned_m_s))
-        super().take_velocity(time_us, velocity_ned_m_s)
 
     @property
     def span_us(self) -> tuple[int, int]:
@@ -112,7 +108,7 @@ def answer(recording: Recording, case: Case) -> Answer:
     said_s, wrong, agreed, rooms = None, "", False, []
     for each in recording.given:
         if not isinstance(each, Look):
-            opinion.take_velocity(*each)
+            opinion.velocities.append(each)
             continue
         after_s = 1e-6 * (each.time_us - begun_us) - case.begin_s
         is_wrong = 0.0 <= after_s <= LASTS_S

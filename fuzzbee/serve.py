@@ -5,7 +5,6 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
-from typing import TYPE_CHECKING
 
 import zenoh
 
@@ -33,9 +32,6 @@ from service.sinks.sink import Outbox, Sink
 from service.sinks.zenoh import ZenohSink
 from service.zenoh_session import OpeningSession
 
-if TYPE_CHECKING:
-    from fuzzbee.retuning import Retuning
-
 LONG_WAIT_S = 1.0
 
 
@@ -58,16 +54,11 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
         # first, and once: what comes meanwhile is recorded
         source, recorder = open_source(endpoint, options, key, stack)
         session = None if opening is None else opened(opening, stack)
-        retuning = None
-        if options.retune:
-            from fuzzbee.retuning import Retuning  # which loads what searches
-
-            retuning = stack.enter_context(Retuning(requests, options.gain))
-        pipeline = _pipeline(profile, options, retuning)
+        pipeline = _pipeline(profile, options, requests, stack)
         if options.truth or endpoint.kind == "sim":
             pipeline.scores = {}
         sinks = _open_sinks(options, session, pipeline, requests, problems)
-        if recorder is not None and retuning is not None:
+        if recorder is not None and options.retune:
             sinks.append(RecordingSink(recorder))
         outbox = stack.enter_context(Outbox(sinks))
         recording = partial(recording_word, [recorder, *sinks])
@@ -95,8 +86,15 @@ def _loop(runner: Runner, end_s: float | None, problems: list[Exception]) -> flo
     return time.monotonic() - started_s
 
 
-def _pipeline(profile: Profile, options: RunOptions, retuning: "Retuning | None") -> ScoredPipeline:
-    """The pipeline, whose estimators speak with the process that retunes."""
+def _pipeline(
+    profile: Profile, options: RunOptions, requests: ParameterRequests, stack: ExitStack
+) -> ScoredPipeline:
+    """The pipeline, whose estimators are watched by a thread that retunes if that is asked for."""
+    retuning = None
+    if options.retune:
+        from fuzzbee.retuning import Retuning  # which loads what searches
+
+        retuning = stack.enter_context(Retuning(requests, options.gain))
     pipeline = ScoredPipeline(
         profile,
         system_id=options.system_id,

@@ -1,6 +1,7 @@
 """The table of sinks that ``run`` opens when it is asked to: an entry each, options included."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from estimator.errors import InputError
@@ -64,26 +65,20 @@ def _ros(opening: Opening) -> "Sink":
     return RosSink(opening.session, opening.prefix, domain)
 
 
-def _mavlink(opening: Opening) -> "Sink":
-    """Sends announcements, too, if they go to the same place: there is one such component."""
-    announces = opening.options["announce"] == opening.options["send_attitude"]
-    return _mavlink_sink(opening, "send_attitude", announces=announces)
-
-
-def _announcer(opening: Opening) -> "Sink | None":
-    if opening.options["announce"] == opening.options["send_attitude"]:
-        return None
-    return _mavlink_sink(opening, "announce", announces=True)
-
-
-def _mavlink_sink(opening: Opening, name: str, *, announces: bool) -> "Sink":
+def _mavlink(opening: Opening, name: str = "send_attitude") -> "Sink | None":
+    """Sends attitudes or announcements; both to the same place: there is one such component."""
     from drivers.endpoint import parse_endpoint
     from service.sinks.mavlink import MavlinkSink
 
-    attitudes, given = name == "send_attitude", opening.options["send_as"]
-    other = parse_address_of(given) if attitudes and given is not None else None
+    options, attitudes = opening.options, name == "send_attitude"
+    is_same = options["announce"] == options["send_attitude"]
+    if is_same and not attitudes:
+        return None
+    given = options["send_as"] if attitudes else None
+    other = None if given is None else parse_address_of(given)
+    announces = is_same or not attitudes
     try:
-        endpoint = parse_endpoint(opening.options[name])
+        endpoint = parse_endpoint(options[name])
         return MavlinkSink(endpoint, attitudes=attitudes, announces=announces, appears_as=other)
     except InputError as error:
         raise InputError(f"--{name.replace('_', '-')}: {error}") from error
@@ -141,7 +136,9 @@ SINKS: list[SinkEntry] = [
         },
         _mavlink,
     ),
-    SinkEntry({"announce": setting(str, _ANNOUNCE, metavar="URL")}, _announcer),
+    SinkEntry(
+        {"announce": setting(str, _ANNOUNCE, metavar="URL")}, partial(_mavlink, name="announce")
+    ),
     SinkEntry({"metrics": setting(int, _METRICS, metavar="PORT", min=1, max=65535)}, _metrics),
     SinkEntry({"web": setting(str, WEB, panel="Show", metavar="[ADDRESS:]PORT")}, _web),
     SinkEntry({"together": setting(bool, _TOGETHER, default=False)}, _together),

@@ -115,15 +115,12 @@ class SecondOpinion:
         self._last_us: int | None = None
         self._tilting, self._turning = Lasting(PATIENCE_S), Lasting(PATIENCE_S)
         self._ours, self._theirs = Consistency(), Consistency()
-        self._velocities: deque[tuple[int, Vec3]] = deque(maxlen=MOST_VELOCITIES)  # since then
+        # the vehicle's times (us) and velocities (NED, m/s) since the last look
+        self.velocities: deque[tuple[int, Vec3]] = deque(maxlen=MOST_VELOCITIES)
 
     def is_due(self, time_us: int) -> bool:
         """Whether it is time to look again."""
         return self._last_us is None or not 0 <= time_us - self._last_us < LOOK_EVERY_US
-
-    def take_velocity(self, time_us: int, velocity_ned_m_s: Vec3) -> None:
-        """Take the vehicle's velocity, which the next look needs."""
-        self._velocities.append((time_us, velocity_ned_m_s))
 
     def compare(
         self,
@@ -193,8 +190,8 @@ class SecondOpinion:
 
     def _gather(self, look: Look, inclination: Difference, heading: Difference) -> None:
         """Take what a look shows; begin anew after a silence."""
-        while self._velocities:
-            velocity = self._velocities.popleft()
+        while self.velocities:
+            velocity = self.velocities.popleft()
             for each in (self._ours, self._theirs):
                 each.take_velocity(*velocity)
         passed_us = look.time_us - (look.time_us if self._last_us is None else self._last_us)

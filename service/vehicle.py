@@ -152,7 +152,7 @@ class Vehicle:
         if reason is not None:
             self.rejected[reason] += 1
         elif isinstance(sample, VelocitySample):
-            self.comparison.take_velocity(sample.time_us, sample.velocity_ned_m_s)
+            self.comparison.velocities.append((sample.time_us, sample.velocity_ned_m_s))
 
     def on_reference(self, event: events.ReferenceAttitude) -> list[str]:
         """Compare the autopilot's attitude with ours of the same instant, some times a second.

@@ -305,20 +305,26 @@ def test_a_profile_that_raises_while_it_is_installed_changes_nothing(monkeypatch
 
 
 def test_a_flood_of_profiles_is_told_a_few_times():
+    """And how many lines were left out once there is room again; a clock set back makes room."""
     pipeline = fed(imu_events(100))
-    told = []
-    for turn in range(500):
-        for step in range(4):
+
+    def replaced(times, now_us):
+        for step in range(times):
             pipeline.replace_profile(ONE, {"filter": {"gamma": 0.1 + 0.001 * step}})
-        told += pipeline.tick(START_US + 1_000_000 + 10_000 * turn)
+        return pipeline.tick(now_us)
+
+    told = [o for k in range(500) for o in replaced(4, START_US + 1_000_000 + 10_000 * k)]
     assert len([output for output in told if isinstance(output, Replaced)]) == 500
-    lines = texts(told)
+    lines, limit = texts(told), "there were more than 12 within a minute"
     # with the line that it runs 12 in a minute, and that there are more
     assert lines.count("vehicle 1: new parameters") == 11
-    assert (
-        lines.count("vehicle 1: more lines are left out: there were more than 12 within a minute")
-        == 1
-    )
+    assert lines.count(f"vehicle 1: more lines are left out: {limit}") == 1
+    later = START_US + 62_000_000
+    pipeline.handle(imu_events(1, start_us=later)[0])
+    assert f"vehicle 1: 1990 lines were left out: {limit}" in texts(replaced(1, later))
+    earlier = START_US - 3_600_000_000
+    pipeline.handle(imu_events(1, start_us=earlier)[0])
+    assert "vehicle 1: new parameters" in texts(replaced(20, earlier))
 
 
 def test_a_vehicle_that_is_late_again_and_again_is_told_a_few_times():

@@ -134,7 +134,7 @@ def test_velocity_shows_which_heading_is_right_where_there_is_no_field():
         force = rotate_inverse(TRUE, (push, 0.0, -9.81))
         looked(opinion, time_us, wrong, attitude(TRUE, time_us), force, None)
         speed += push * step_s
-        opinion.take_velocity(time_us, (speed, 0.0, 0.0))
+        opinion.velocities.append((time_us, (speed, 0.0, 0.0)))
     assert opinion.opinion.wrong == "autopilot"
     assert "velocity" in opinion.opinion.evidence
 
@@ -188,7 +188,7 @@ def test_the_evidence_begins_anew_with_our_attitude():
     """A velocity that was gained before says nothing of the force after a restart."""
     opinion = told(TRUE, TRUE)
     for second in range(30):
-        opinion.take_velocity(second * 1_000_000, (10.0 * second, 0.0, 0.0))
+        opinion.velocities.append((second * 1_000_000, (10.0 * second, 0.0, 0.0)))
     opinion.restart()
     said = told(TRUE, turned(NORTH, 25.0), opinion=opinion).opinion
     assert "the mean force is 0 deg off ours" in said.evidence

@@ -92,6 +92,12 @@ def test_a_slow_but_steady_preferred_message_proves_itself_by_its_last_arrival()
     assert used == ["SCALED_IMU2", "SCALED_IMU2", "RAW_IMU"]
 
 
+def test_a_stand_in_may_come_once_a_second():
+    choice = ImuChoice("RAW_IMU")
+    used = [feed(choice, "SCALED_IMU2", start_us=1_000_000 * second) for second in range(1, 5)]
+    assert used == ["RAW_IMU", "RAW_IMU", "SCALED_IMU2", "SCALED_IMU2"]
+
+
 def test_one_that_pauses_begins_anew():
     choice = ImuChoice("SCALED_IMU2")
     feed(choice, "RAW_IMU", "RAW_IMU", "SCALED_IMU2", start_us=10_000)

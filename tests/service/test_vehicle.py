@@ -71,22 +71,6 @@ def feed(vehicle, first, last, message="RAW_IMU"):
         vehicle.on_imu(imu(number * PERIOD_US, message))
 
 
-def test_a_clock_that_began_anew_voids_attitude_and_offset(vehicle):
-    feed(vehicle, 1, 10)
-    assert vehicle.attitude(START_US + 202_000) is not None
-    now_us = START_US + 300_000
-    (text,) = vehicle.take(ClockReset(ONE, now_us, "reboot", -5.0))
-    assert "clock reboot by -5.0 s" in text
-    assert vehicle.estimator.calls == ["restart"]
-    assert not vehicle.estimator.aligned
-    assert vehicle.attitude(now_us) is None
-    # the new offset counts at once, though the old one was far below it
-    vehicle.on_imu(imu(250_000, arrival_us=START_US + 40_000_000, boot_us=1_000))
-    record = vehicle.attitude(START_US + 40_010_000)
-    assert record.time_boot_us == 1_000 + 10_000
-    assert record.age_ms == 10.0
-
-
 def test_a_reboots_silence_is_a_gap_and_a_jumps_is_none(vehicle):
     feed(vehicle, 1, 10)
     vehicle.take(ClockReset(ONE, START_US + 3_000_000, "reboot", -0.2))
