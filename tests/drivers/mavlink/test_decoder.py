@@ -22,10 +22,7 @@ from drivers.events import (
     Velocity,
 )
 from drivers.mavlink.constants import mavlink
-from drivers.mavlink.decoder import (
-    MOST_SENDERS,
-    MavlinkDecoder,
-)
+from drivers.mavlink.decoder import MOST_SENDERS, MavlinkDecoder
 from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.messages import IMU_MESSAGES, ImuMessage
 from drivers.samples.intake import MOST_STREAMS
@@ -217,7 +214,9 @@ def test_each_message_becomes_its_event(message, expected, force_mavlink1):
     "messages",
     [
         [m.MAVLink_vfr_hud_message(0, 0, 0, 0, 0, 0)],
-        [heartbeat(8, 30), heartbeat(8, 6), heartbeat(0, 6)],  # of cameras and ground stations
+        [
+            heartbeat(*kind) for kind in ((8, 30), (8, 2), (8, 6), (0, 6), (3, 6))
+        ],  # cameras, stations
         [m.MAVLink_attitude_message(1500, 0, 0, 0, 0, 0, 0)],  # of a companion without an IMU
     ],
 )
