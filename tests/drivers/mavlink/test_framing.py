@@ -13,7 +13,7 @@ from drivers.mavlink import framing
 from drivers.mavlink.constants import mavlink
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.encoder import FrameEncoder, raw_imu
-from drivers.mavlink.framing import FieldReader, Frame, FrameFormat, FrameReader, frame_end
+from drivers.mavlink.framing import FieldReader, FrameFormat, FrameReader, frame_end
 from drivers.samples.intake import ATTITUDE_EVERY_US
 from tests.drivers.mavlink.pymavlink_parser import PymavlinkParser
 from tests.drivers.mavlink.test_decoder import TABLE, UNIX, S, frame
@@ -168,14 +168,6 @@ def test_of_attitudes_of_others_a_few_a_second_may_be_enough():
     arrivals_us = sorted({event.arrival_us for event in others})
     assert len(others) == len({(event.vehicle, event.arrival_us) for event in others})
     assert min(np.diff(arrivals_us), default=ATTITUDE_EVERY_US) >= ATTITUDE_EVERY_US
-
-
-def test_a_second_imu_in_the_same_message_is_another_stream():
-    message = m.MAVLink_raw_imu_message(S, 0, 0, -1000, 0, 0, 0, 200, 0, 400, 2)
-    (each,) = read(frame(message))
-    (event,) = MavlinkDecoder().events(each, UNIX)
-    assert event.message == "RAW_IMU:2"
-    assert isinstance(each, Frame)
 
 
 @given(st.lists(st.sampled_from(b"\xfd\xfe\0\0\0\0\xff")).map(bytes), st.integers(0, 9))
