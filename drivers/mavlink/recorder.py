@@ -103,19 +103,12 @@ class Recorder(Closing):
                 batches = list(self._waiting)
                 self._waiting.clear()
                 self._waiting_bytes = 0
+            # batches of one second are one write
             for _, group in groupby(batches, lambda batch: batch.arrival_us // 1_000_000):
-                self._writer.write(_joined(list(group)))
+                arrivals_us, records, frames = zip(*group, strict=True)
+                self._writer.write(_Batch(arrivals_us[0], b"".join(records), sum(frames)))
             self._writer.look()
         self._writer.close()
-
-
-def _joined(batches: list[_Batch]) -> _Batch:
-    """Batches of one second as one write."""
-    return _Batch(
-        batches[0].arrival_us,
-        b"".join([batch.records for batch in batches]),
-        sum(batch.frames for batch in batches),
-    )
 
 
 class _Writer:

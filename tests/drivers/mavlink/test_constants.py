@@ -20,11 +20,3 @@ def test_the_magnetometer_s_bits():
     m = mavlink()
     bits = (m.HIGHRES_IMU_UPDATED_XMAG, m.HIGHRES_IMU_UPDATED_YMAG, m.HIGHRES_IMU_UPDATED_ZMAG)
     assert sum(bits) == constants.HIGHRES_IMU_UPDATED_MAG
-
-
-@pytest.mark.parametrize(
-    ("autopilot", "vehicle_type", "expected"),
-    [(3, 2, True), (12, 13, True), (0, 2, True), (8, 2, False), (8, 6, False), (3, 6, False)],
-)
-def test_who_is_an_autopilot(autopilot, vehicle_type, expected):
-    assert constants.is_autopilot(autopilot, vehicle_type) is expected

@@ -22,10 +22,7 @@ from drivers.events import (
     Velocity,
 )
 from drivers.mavlink.constants import mavlink
-from drivers.mavlink.decoder import (
-    MOST_SENDERS,
-    MavlinkDecoder,
-)
+from drivers.mavlink.decoder import MOST_SENDERS, MavlinkDecoder
 from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.messages import IMU_MESSAGES, ImuMessage
 from drivers.samples.intake import MOST_STREAMS
@@ -125,6 +122,10 @@ PLACE = 4 * 10**8, -(10**8), 50_500
 MS, US = 1500, 1_500_000
 TABLE = [
     (
+        m.MAVLink_raw_imu_message(2 * S, 0, 0, -1000, 0, 0, 0, 200, 0, 400, id=2),
+        sample("RAW_IMU:2", 2 * S, (0, 0, 0), (0, 0, -G - 0.5e-3 * G), (0.2005, 0, 0.4005)),
+    ),
+    (
         raw_imu(2 * S, (100, -200, -1000), (1, -2, 3), (200, -100, 400)),
         sample(
             "RAW_IMU",
@@ -217,7 +218,9 @@ def test_each_message_becomes_its_event(message, expected, force_mavlink1):
     "messages",
     [
         [m.MAVLink_vfr_hud_message(0, 0, 0, 0, 0, 0)],
-        [heartbeat(8, 30), heartbeat(8, 6), heartbeat(0, 6)],  # of cameras and ground stations
+        [
+            heartbeat(*kind) for kind in ((8, 30), (8, 2), (8, 6), (0, 6), (3, 6))
+        ],  # cameras, stations
         [m.MAVLink_attitude_message(1500, 0, 0, 0, 0, 0, 0)],  # of a companion without an IMU
     ],
 )

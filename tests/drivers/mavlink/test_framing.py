@@ -13,7 +13,7 @@ from drivers.mavlink import framing
 from drivers.mavlink.constants import mavlink
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.encoder import FrameEncoder, raw_imu
-from drivers.mavlink.framing import FieldReader, Frame, FrameFormat, FrameReader, frame_end
+from drivers.mavlink.framing import FieldReader, FrameFormat, FrameReader, frame_end
 from drivers.samples.intake import ATTITUDE_EVERY_US
 from tests.drivers.mavlink.pymavlink_parser import PymavlinkParser
 from tests.drivers.mavlink.test_decoder import TABLE, UNIX, S, frame
@@ -57,43 +57,35 @@ def _is_known(data):
     return number in m.mavlink_map
 
 
-def test_a_damaged_frame_is_counted_once_and_costs_itself_alone():
-    damaged = bytearray(GOOD[0])
-    damaged[-1] ^= 0x10
+def changed(byte, change):
+    """The first frame with another byte there."""
+    data = bytearray(GOOD[0])
+    data[byte] = change(data[byte])
+    return bytes(data)
+
+
+BAD, UNKNOWN = changed(-1, lambda b: b ^ 0x10), b"\xfd\1\0\0\0\1\1\xff\xff\xff\0\0\0"
+# what comes, the frames in it, and how many unreadable stretches are counted
+STREAMS = {
+    "a damaged frame": ([GOOD[2], BAD, GOOD[4]], [GOOD[2], GOOD[4]], 1),
+    "each damaged stretch": (
+        [*[BAD, GOOD[2]] * 3, BAD, BAD, GOOD[4]],
+        [*[GOOD[2]] * 3, GOOD[4]],
+        4,
+    ),
+    "a damaged length": ([changed(1, lambda _: 255), *GOOD * 4], GOOD * 4, 1),
+    "unknown incompatibility flags": ([changed(2, lambda _: 2), GOOD[2]], [GOOD[2]], 1),
+    "an unknown message before a frame": ([UNKNOWN, GOOD[0]], [UNKNOWN, GOOD[0]], 0),
+    "an unknown message at the end": ([UNKNOWN], [UNKNOWN], 0),
+    "an unknown message before noise": ([UNKNOWN, b"\0", GOOD[0]], [GOOD[0]], 1),
+}
+
+
+@pytest.mark.parametrize(("parts", "frames", "malformed"), STREAMS.values(), ids=STREAMS)
+def test_what_is_unreadable_costs_itself_alone(parts, frames, malformed):
     reader = FrameReader()
-    frames = reader.feed(GOOD[2] + bytes(damaged) + GOOD[4])
-    assert [each.data for each in frames] == [GOOD[2], GOOD[4]]
-    assert reader.take_malformed() == 1
-
-
-def test_each_damaged_stretch_is_counted():
-    damaged = bytearray(GOOD[0])
-    damaged[-1] ^= 0x10
-    reader = FrameReader()
-    reader.feed((bytes(damaged) + GOOD[2]) * 3 + bytes(damaged) * 2 + GOOD[4])
-    assert reader.take_malformed() == 4
-
-
-def test_a_damaged_length_does_not_swallow_what_follows():
-    damaged = bytearray(GOOD[0])
-    damaged[1] = 255
-    frames = FrameReader().feed(bytes(damaged) + b"".join(GOOD) * 4)
-    assert [each.data for each in frames] == GOOD * 4
-
-
-def test_frames_with_unknown_incompatibility_flags_are_refused():
-    strange = bytearray(GOOD[0])
-    strange[2] = 0x02
-    reader = FrameReader()
-    assert reader.feed(bytes(strange) + GOOD[2])[0].data == GOOD[2]
-    assert reader.take_malformed() == 1
-
-
-def test_an_unknown_message_counts_if_another_frame_or_nothing_follows():
-    unknown = b"\xfd\x01\x00\x00\x00\x01\x01\xff\xff\xff\x00\x00\x00"
-    assert [each.data for each in read(unknown + GOOD[0])] == [unknown, GOOD[0]]
-    assert [each.data for each in read(unknown)] == [unknown]
-    assert [each.data for each in read(unknown + b"\x00" + GOOD[0])] == [GOOD[0]]
+    assert [each.data for each in reader.feed(b"".join(parts))] == frames
+    assert reader.take_malformed() == malformed
 
 
 @given(st.lists(st.binary(max_size=40), min_size=8, max_size=8))
@@ -123,11 +115,10 @@ def test_frames_measure_themselves():
 
 
 def test_in_a_log_an_unknown_message_counts_if_a_record_or_nothing_follows():
-    unknown, stamp = b"\xfd\x01\x00\x00\x00\x01\x01\xff\xff\xff\x00\x00\x00", bytes(8)
-    frames, end = FrameFormat(gap=len(stamp)), len(unknown)
+    stamp, frames, end = bytes(8), FrameFormat(gap=8), len(UNKNOWN)
     for follower, counts in ((stamp + GOOD[0], True), (b"", True), (GOOD[0], False)):
-        assert (frames.frame(unknown + follower, 0, end) is not None) == counts
-    frame_at = frames.next_start(unknown + stamp + GOOD[0], 0)
+        assert (frames.frame(UNKNOWN + follower, 0, end) is not None) == counts
+    frame_at = frames.next_start(UNKNOWN + stamp + GOOD[0], 0)
     assert frame_at == end + len(stamp)  # of an unknown message it is not sure that it is one
 
 
@@ -177,14 +168,6 @@ def test_of_attitudes_of_others_a_few_a_second_may_be_enough():
     arrivals_us = sorted({event.arrival_us for event in others})
     assert len(others) == len({(event.vehicle, event.arrival_us) for event in others})
     assert min(np.diff(arrivals_us), default=ATTITUDE_EVERY_US) >= ATTITUDE_EVERY_US
-
-
-def test_a_second_imu_in_the_same_message_is_another_stream():
-    message = m.MAVLink_raw_imu_message(S, 0, 0, -1000, 0, 0, 0, 200, 0, 400, 2)
-    (each,) = read(frame(message))
-    (event,) = MavlinkDecoder().events(each, UNIX)
-    assert event.message == "RAW_IMU:2"
-    assert isinstance(each, Frame)
 
 
 @given(st.lists(st.sampled_from(b"\xfd\xfe\0\0\0\0\xff")).map(bytes), st.integers(0, 9))

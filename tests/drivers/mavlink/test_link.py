@@ -49,6 +49,10 @@ class Vehicle:
         return self._frames.frame(heartbeat(2, 3), 0)
 
 
+def port_of(link):
+    return int(link.address.rpartition(":")[2])
+
+
 def free_port(kind):
     with socket.socket(socket.AF_INET, kind) as probe:
         probe.bind((HOST, 0))
@@ -63,14 +67,6 @@ def collect(link, enough, provoke=lambda: None):
         provoke()
         events += link.drain(0.02)
     return events
-
-
-def until(condition, provoke=lambda: None):
-    deadline = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < deadline
-        provoke()
-        time.sleep(0.005)
 
 
 def accept(server, link, events):
@@ -111,19 +107,20 @@ def udp_link(recorder=None, **options):
 
 
 @contextlib.contextmanager
-def tcp_link(host=HOST):
+def tcp_link(host=HOST, **options):
     """A link that accepts, and what connects to it, from an address of its own if one is given."""
     port = free_port(socket.SOCK_STREAM)
     with contextlib.ExitStack() as stack:
-        link = stack.enter_context(MavlinkLink(Endpoint("tcpin", host, port)))
+        link = stack.enter_context(MavlinkLink(Endpoint("tcpin", host, port), **options))
 
         def connect(source=None):
             source = source and (source, 0)
             client = socket.create_connection((HOST, port), PATIENCE_S, source)
             stack.enter_context(client)
-            link.drain(0.0)
+            connect.events += link.drain(0.0)
             return client
 
+        connect.events = []
         yield link, connect
 
 
@@ -148,9 +145,7 @@ def open_descriptors():
 
 
 def test_udpin_takes_several_senders_and_answers_all():
-    port = free_port(socket.SOCK_DGRAM)
-    with MavlinkLink(Endpoint("udpin", HOST, port), request_rate_hz=50.0) as link, \
-            udp_sender(port) as a, udp_sender(port) as b:  # fmt: skip
+    with udp_link(request_rate_hz=50.0) as (link, a), udp_sender(port_of(link)) as b:
         for sender, vehicle in ((a, Vehicle(1)), (b, Vehicle(2))):
             sender.send(vehicle.heartbeat())
             frame = vehicle.imu()
@@ -198,7 +193,6 @@ def test_a_refused_tcp_connection_is_retried(caplog):
             link.drain(0.01)
         assert len(caplog.records) == 1  # one line
         with socket.create_server((HOST, port)) as server:
-            server.settimeout(PATIENCE_S)
             events = []
             accepted = accept(server, link, events)
             with accepted:
@@ -210,7 +204,6 @@ def test_a_refused_tcp_connection_is_retried(caplog):
 
 def test_a_lost_tcp_connection_is_made_again():
     with socket.create_server((HOST, 0)) as server:
-        server.settimeout(PATIENCE_S)
         vehicle = Vehicle()
         with MavlinkLink(Endpoint("tcp", HOST, server.getsockname()[1])) as link:
             for _ in range(2):
@@ -229,32 +222,30 @@ def test_a_lost_tcp_connection_is_made_again():
 
 def test_a_server_that_hangs_up_at_once_does_not_fill_the_log(caplog):
     with socket.create_server((HOST, 0)) as server, caplog.at_level(logging.INFO):
-        server.settimeout(PATIENCE_S)
         with MavlinkLink(Endpoint("tcp", HOST, server.getsockname()[1])) as link:
             events = []
             for _ in range(4):
                 accept(server, link, events).close()
-            until(lambda: of_type(events, LinkDown), lambda: events.extend(link.drain(0.01)))
+            if not of_type(events, LinkDown):
+                collect(link, count(LinkDown))
         assert len(caplog.records) == 1
 
 
 def test_tcpin_accepts_several_clients():
-    port = free_port(socket.SOCK_STREAM)
-    with MavlinkLink(Endpoint("tcpin", HOST, port), request_rate_hz=50.0) as link:
-        with socket.create_connection((HOST, port), PATIENCE_S) as a, \
-                socket.create_connection((HOST, port), PATIENCE_S) as b:  # fmt: skip
+    with tcp_link(request_rate_hz=50.0) as (link, connect):
+        with connect() as a, connect() as b:
             one = Vehicle(1)
             a.sendall(one.heartbeat() + one.imu())
             b.sendall(Vehicle(2).imu())
-            events = collect(link, count(Imu, 2))
+            events = connect.events + collect(link, count(Imu, 2))
             assert len(of_type(events, LinkUp)) == 1
             link.drain(0)
             assert a.recv(100) == b.recv(100)  # it asks for the rate
         (down,) = of_type(collect(link, count(LinkDown)), LinkDown)
         assert "client" in down.reason
-        with socket.create_connection((HOST, port), PATIENCE_S) as c:
-            c.sendall(Vehicle(3).imu())
-            assert count(LinkUp)(collect(link, count(Imu)))
+        connect.events.clear()
+        connect().sendall(Vehicle(3).imu())
+        assert count(LinkUp)(connect.events + collect(link, count(Imu)))
 
 
 @pytest.mark.parametrize("noise", [b"", b"\0"], ids=["silent", "babbling"])
@@ -274,47 +265,39 @@ def test_idle_clients_give_way_to_a_vehicle_and_it_does_not_to_them(noise, caplo
 
 
 @pytest.mark.parametrize(
-    ("first_host", "imu", "host", "is_let_in"),
+    ("hosts", "sent", "host", "is_let_in"),
     [
-        (2, False, 1, True),  # sound frames without an IMU hold no place, from wherever they come
-        (1, True, 2, True),  # a host that has most places gives one to another host
-        (1, True, 1, False),  # but not to itself
+        (range(2, 34), Vehicle.heartbeat, 1, True),  # without an IMU they hold no place
+        ([1] * 32, Vehicle.imu, 2, True),  # who has most places gives one to another host
+        ([1] * 32, Vehicle.imu, 1, False),  # but not to itself
     ],
 )
-def test_who_sends_imu_data_holds_its_place(first_host, imu, host, is_let_in):
-    others = range(2, MOST_TCP_CLIENTS + 2)
+def test_who_sends_imu_data_holds_its_place(hosts, sent, host, is_let_in):
+    assert len(hosts) == MOST_TCP_CLIENTS
     with tcp_link("0.0.0.0") as (link, connect):
-        step = 0 if imu else 1
-        clients = [
-            (connect(f"127.0.0.{first_host + n * step}"), Vehicle(2 + n))
-            for n in range(len(others))
-        ]
+        clients = {connect(f"127.0.0.{each}"): Vehicle(2 + n) for n, each in enumerate(hosts)}
+        flying = Vehicle(1)
 
         def send():
-            for client, vehicle in clients:
+            for client, vehicle in clients.items():
                 with contextlib.suppress(OSError):  # one of them may have given way
-                    client.sendall(vehicle.imu() if imu else vehicle.heartbeat())
+                    client.sendall(vehicle.imu() if vehicle is flying else sent(vehicle))
 
-        def everybody(events):
-            return {
-                event.vehicle.system_id for event in events if isinstance(event, Imu | Heartbeat)
-            } >= {*others}
+        def systems(events):
+            return {each.vehicle.system_id for each in events if isinstance(each, Imu | Heartbeat)}
 
-        collect(link, everybody, send)
-        late, vehicle = connect(f"127.0.0.{host}"), Vehicle(1)
-        if not is_let_in:
+        collect(link, lambda events: len(systems(events)) == MOST_TCP_CLIENTS, send)
+        clients[late := connect(f"127.0.0.{host}")] = flying
+        if is_let_in:
+            collect(
+                link,
+                lambda events: sum(e.vehicle.system_id == 1 for e in of_type(events, Imu)) > 9,
+                send,
+            )
+        else:
             link.drain(0.1)
             assert late.recv(1) == b""
-            collect(link, everybody, send)
-            return
-
-        def fly():
-            late.sendall(vehicle.imu())
-            if not imu:
-                send()
-
-        own = lambda events: [e for e in of_type(events, Imu) if e.vehicle.system_id == 1]  # noqa: E731
-        collect(link, lambda events: len(own(events)) >= 3, fly)
+            collect(link, lambda events: len(systems(events)) == MOST_TCP_CLIENTS, send)
 
 
 @pytest.mark.parametrize(

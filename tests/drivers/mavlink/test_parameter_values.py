@@ -41,10 +41,6 @@ def imu(k=0):
     return m.MAVLink_raw_imu_message(S + 20_000 * k, k, 0, -1000, 0, 0, 0, 200, 0, 400)
 
 
-def owners(*sent):
-    return [event.vehicle for event in events_of(*sent) if isinstance(event, Parameter)]
-
-
 ONE, TWO = VehicleId(1, 1), VehicleId(1, 2)
 
 
@@ -63,7 +59,7 @@ ONE, TWO = VehicleId(1, 1), VehicleId(1, 2)
     ],
 )
 def test_whose_a_parameter_is(sent, expected):
-    assert owners(*sent) == expected
+    assert [e.vehicle for e in events_of(*sent) if isinstance(e, Parameter)] == expected
 
 
 @pytest.mark.parametrize(("autopilot", "value"), [(PX4, 21.0), (ARDUPILOT, 2.942726775082116e-44)])

@@ -145,17 +145,16 @@ def test_our_stamps_grow_also_over_a_restart_with_the_clock_set_back(file):
 
 def test_two_processes_keep_their_streams_in_one_file(file):
     """Each knows the other's from its start only, and must not write that back."""
-    two = VehicleId(2, 1)
-    judge(SigningCheck(KEY, file), signed(vehicle=two), NOW)
+    judge(SigningCheck(KEY, file), signed(vehicle=TWO), NOW)
     here, there = SigningCheck(KEY, file), SigningCheck(KEY, file)
     for now in range(NOW + 3 * S, NOW + 20 * S, S):
         assert judge(here, signed(now), now) is None
-        assert judge(there, signed(now, vehicle=two), now) is None
+        assert judge(there, signed(now, vehicle=TWO), now) is None
     there.close()
     here.close()
     again = SigningCheck(KEY, file)
     assert judge(again, signed(now), now) == "replayed"
-    assert judge(again, signed(now, vehicle=two), now) == "replayed"
+    assert judge(again, signed(now, vehicle=TWO), now) == "replayed"
     assert judge(again, signed(now + 10), now) is None  # after a regular end
 
 
@@ -175,7 +174,7 @@ def test_two_crashes_forget_nothing_of_a_vehicle_known_before(file):
     before, soon = SigningCheck(KEY, file), NOW + S
     assert judge(before, signed(), NOW) is None
     before.close()
-    judge(SigningCheck(KEY, file), signed(soon, vehicle=VehicleId(2, 1)), soon)
+    judge(SigningCheck(KEY, file), signed(soon, vehicle=TWO), soon)
     assert judge(SigningCheck(KEY, file), signed(NOW + S // 2), soon) is None
     assert judge(SigningCheck(KEY, file), signed(NOW + S // 2), soon) == "replayed"
 
@@ -274,11 +273,10 @@ def refused(gate):
 
 def test_only_allowed_systems_are_let_in():
     gate = FrameGate(Policy(frozenset({1})))
-    two = VehicleId(2, 1)
     assert gate.lets_in(signed(), "a", NOW)
     for _ in range(3):
-        assert not gate.lets_in(signed(vehicle=two), "a", NOW)
-    assert refused(gate) == [(two, "system_not_allowed", 3)]
+        assert not gate.lets_in(signed(vehicle=TWO), "a", NOW)
+    assert refused(gate) == [(TWO, "system_not_allowed", 3)]
     assert refused(gate) == []
 
 

@@ -76,22 +76,19 @@ class Conversation:
         return [round(t / SECOND, 1) for t, _ in self.commands]
 
 
-def test_asks_by_message_interval_and_stays_content():
-    talk = Conversation()
-    talk.on_command = talk.accept
+@pytest.mark.parametrize(
+    ("autopilot", "message", "number"), [(3, "RAW_IMU", 27), (12, "HIGHRES_IMU", 105)]
+)
+def test_asks_by_message_interval_and_stays_content(autopilot, message, number):
+    talk = Conversation(autopilot=autopilot)
+    talk.on_command, talk.message = talk.accept, message
     talk.run(60)
     ((at, command),) = talk.commands
     assert at == 0
-    assert (command.get_type(), command.command) == ("COMMAND_LONG", 511)
+    assert command.command == 511
     assert (command.target_system, command.target_component) == VEHICLE
-    assert (command.param1, command.param2, command.confirmation) == (27, 20_000, 0)
+    assert (command.param1, command.param2, command.confirmation) == (number, 20_000, 0)
     assert talk.notices == []
-
-
-def test_px4_is_asked_for_highres_imu():
-    talk = Conversation(asked_hz=100, autopilot=12).run(0)
-    assert talk.commands[0][1].param1 == 105
-    assert talk.commands[0][1].param2 == 10_000
 
 
 @pytest.mark.parametrize(("url", "asked_hz"), [("udpin", 50.0), ("udpout", 50.0), ("udpout", None)])
