@@ -94,39 +94,30 @@ WORLD_AXES = {"ned": ("x", "y", "z"), "enu": ("y", "x", "-z")}
 class Kind(NamedTuple):
     """What a quantity may be.
 
-    How many columns it has; units and what they are of ours (a quaternion's four have none, w is
-    first); its axes by name, of which the first is meant where none is given; its names.
+    Units and what they are of ours (a quaternion's four columns have none, w is first); its axes by
+    name, of which the first is meant where none is given; its names; how many columns it has.
     """
 
-    counts: tuple[int, ...]
     units: Mapping[str, float]
     axes: Mapping[str, tuple[str, str, str]] | None = None
     words: str = ""
+    counts: tuple[int, ...] = (3,)
 
 
+RATE = (
+    "gyro?s?|gyroscope|ang(?:ular)?vel(?:ocity)?|angularrate|(?:gyro)?rotation(?:rate)?|omega|w|g"
+)
+FORCE = "acc|accel|accelerometer|(?:accelerometer)?acceleration|a"
+# B and H are other things without a unit
+FIELD = "magn?|magneto(?:meter)?|magnetic(?:field)?|m|[bh](?=.*(?:t|tesla|gauss)$)"
 KINDS = {
-    "gyroscope": Kind(
-        (3,),
-        GYROSCOPE,
-        BODY_AXES,
-        "gyro?s?|gyroscope|ang(?:ular)?vel(?:ocity)?|angularrate|(?:gyro)?rotation(?:rate)?|omega|w|g",
-    ),
-    "accelerometer": Kind(
-        (3,),
-        ACCELEROMETER,
-        BODY_AXES,
-        "acc|accel|accelerometer|(?:accelerometer)?acceleration|a",
-    ),
-    "magnetometer": Kind(
-        (3,),
-        MAGNETOMETER,
-        BODY_AXES,  # B and H are other things without a unit
-        "magn?|magneto(?:meter)?|magnetic(?:field)?|m|[bh](?=.*(?:t|tesla|gauss)$)",
-    ),
-    "position": Kind((2, 3), {"": 1.0, "deg": 1.0}),
-    "velocity": Kind((3,), {"": 1.0, "ms": 1.0}, WORLD_AXES),
-    "truth": Kind((3, 4), ANGLE),
-    "autopilot": Kind((3, 4), ANGLE),
+    "gyroscope": Kind(GYROSCOPE, BODY_AXES, RATE),
+    "accelerometer": Kind(ACCELEROMETER, BODY_AXES, FORCE),
+    "magnetometer": Kind(MAGNETOMETER, BODY_AXES, FIELD),
+    "position": Kind({"": 1.0, "deg": 1.0}, counts=(2, 3)),
+    "velocity": Kind({"": 1.0, "ms": 1.0}, WORLD_AXES),
+    "truth": Kind(ANGLE, counts=(3, 4)),
+    "autopilot": Kind(ANGLE, counts=(3, 4)),
 }
 QUATERNION = {"": 1.0, "wxyz": 1.0}
 TIME_WORDS = "(?:accelerometer|imu|sensor)?(?:time|zeit|timestamp|t|elapsed|elapsedtime|sampletime)"
@@ -234,9 +225,8 @@ def _quantity(
     )
     if not parts or kind.axes is None:
         return parts
-    return _turned(
-        parts, entry.axes or (axes if kind.words else "") or next(iter(kind.axes)), kind.axes
-    )
+    along = entry.axes or (axes if kind.words else "") or next(iter(kind.axes))
+    return _turned(parts, along, kind.axes)
 
 
 def _by_title(text: CsvText, name: str, kind: Kind) -> list[tuple[int, str]]:

@@ -160,9 +160,6 @@ class Topic(NamedTuple):
     fields: tuple[str, ...]
 
 
-DELTAS = ("delta_angle", "delta_velocity", "delta_angle_dt", "delta_velocity_dt")
-VELOCITY = ("vx", "vy", "vz", "v_xy_valid", "v_z_valid", "dead_reckoning")
-STATUS = ("solution_status_flags", "vel_test_ratio")
 GPS = (
     *("fix_type", "time_utc_usec", "vel_n_m_s", "vel_e_m_s", "vel_d_m_s", "s_variance_m_s"),
     *("latitude_deg", "longitude_deg", "altitude_msl_m"),
@@ -170,13 +167,17 @@ GPS = (
 )
 TOPICS = {
     "sensor_combined": Topic(_sensor_combined, ("gyro_rad", "accelerometer_m_s2")),
-    "vehicle_imu": Topic(_vehicle_imu, DELTAS),
+    "vehicle_imu": Topic(
+        _vehicle_imu, ("delta_angle", "delta_velocity", "delta_angle_dt", "delta_velocity_dt")
+    ),
     "vehicle_magnetometer": Topic(_mag, ("magnetometer_ga",)),
     "sensor_mag": Topic(_mag, ("x", "y", "z")),
     "vehicle_attitude": Topic(_attitude, ("q",)),
     TRUTH_TOPIC: Topic(_attitude, ("q",)),
-    "vehicle_local_position": Topic(_local_position, VELOCITY),
-    "estimator_status": Topic(_estimator_status, STATUS),
+    "vehicle_local_position": Topic(
+        _local_position, ("vx", "vy", "vz", "v_xy_valid", "v_z_valid", "dead_reckoning")
+    ),
+    "estimator_status": Topic(_estimator_status, ("solution_status_flags", "vel_test_ratio")),
     "estimator_selector_status": Topic(_selector_status, ("primary_instance",)),
     "vehicle_status": Topic(_status, ("arming_state",)),
     **dict.fromkeys(GPS_TOPICS, Topic(_gps, GPS)),
@@ -218,9 +219,9 @@ def _wanted(rows: Iterable[Found | None], overview: _Overview) -> Iterator[Found
     for row in rows:
         if row is None:
             yield Found(last_us, DAMAGE, {})
-        elif (
-            row.topic in overview.topics and abs(row.time_us - overview.middle_us) < LONGEST_LOG_US
-        ):
+            continue
+        is_near = abs(row.time_us - overview.middle_us) < LONGEST_LOG_US
+        if is_near and row.topic in overview.topics:
             last_us = row.time_us
             yield row
 

@@ -30,10 +30,9 @@ class Stamp(NamedTuple):
 
 
 class Field(NamedTuple):
-    """A magnetic field (gauss, FRD), zero where there is none, and which reading of it it is.
+    """A magnetic field (gauss, FRD), zero where there is none.
 
-    Without a number it is the IMU message's own. Of a magnetometer that is logged beside, each
-    reading has another; 0 if it is too old.
+    Readings of a magnetometer that is logged beside are numbered; 0 is too old.
     """
 
     gauss: Vec3
@@ -83,10 +82,7 @@ def is_fresh(mag_gauss: Vec3, time_us: int, last: Vec3, last_us: int) -> bool:
 def fresh_of_rows(
     mag_gauss: Floats, times_us: Times, last: Vec3, last_us: int
 ) -> tuple[Bools, Vec3, int]:
-    """What :meth:`RepeatedField.is_fresh` says of each row, and the last fresh field and its time.
-
-    ``mag_gauss`` is (N, 3), ``times_us`` (N,).
-    """
+    """:meth:`RepeatedField.is_fresh` of rows (N, 3) at times (N,); the last fresh one, its time."""
     fresh = np.zeros(len(times_us), np.bool_)
     for k in range(len(times_us)):
         field, time_us = (mag_gauss[k, 0], mag_gauss[k, 1], mag_gauss[k, 2]), times_us[k]
@@ -107,11 +103,9 @@ class ImuStream:
 
     def __init__(self, vehicle: VehicleId, name: str) -> None:
         self._vehicle, self._name = vehicle, name
-        self._repetition = RepeatedField()
-        self._field_number = 0  # of the last one that a sample had
-        self._plausibility = Plausibility()
-        self._faults = SensorFaults()
-        # Those that the next ones show more of: whether the clock began anew or was set back
+        self._repetition, self._field_number = RepeatedField(), 0  # of the last that a sample had
+        self._plausibility, self._faults = Plausibility(), SensorFaults()
+        # Those that wait for the next ones to show whether the clock began anew or was set back
         self._held: list[Reading] = []
         self._held_for, self._held_since = Reason.CLOCK_STEP, 0
 
@@ -128,8 +122,7 @@ class ImuStream:
             return refusal
         if self._faults.mag_is_stuck:
             mag = ZERO_VEC3
-        if mag is not field.gauss:
-            field = Field(mag, field.number)
+        field = field if mag is field.gauss else field._replace(gauss=mag)
         return Reading(raw_us, arrival_us, gyr, acc, field)
 
     def place(
@@ -162,9 +155,8 @@ class ImuStream:
             events.append(TrackLost(self._vehicle, reading.arrival_us, self._name, *blinded))
         if self._faults.mag_is_stuck:
             events.append(self._rejected(reading, Reason.MAGNETOMETER_STUCK))
-        return events + self._samples(
-            reading, placed.time_us, placed.boot_us, checks_axes=checks_axes
-        )
+        at_us = placed.time_us, placed.boot_us
+        return events + self._samples(reading, *at_us, checks_axes=checks_axes)
 
     def end(self) -> list[Event]:
         """Nothing has come that explains those that were held: they are refused."""
@@ -230,7 +222,6 @@ AXES_COMPLAINT = (
     "into the profile: [mounting] acc_sign = -1 (or rotation_deg = [180, 0, 0] if y and z of the "
     "gyroscope are the other way round, too)"
 )
-
 
 WRONG_UNIT = "wrong unit or scale?"
 # Where a median usually is, and what to report of another

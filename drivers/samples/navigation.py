@@ -195,11 +195,10 @@ def unit_or_none(q: Quaternion) -> Quaternion | None:
 
 
 class UnstampedAttitudes:
-    """Gives each the time of the IMU message before it.
+    """Gives each the time of the IMU message before it, once: its own was lost otherwise.
 
     A simulator's may as well have been sent right before its IMU message: unless it comes right
-    behind one, it waits for the next, and belongs to that if both come together. A second one of
-    the same IMU message is left out: its own was lost.
+    behind one, it waits for the next, and belongs to that if both come together.
     """
 
     def __init__(self, vehicle: VehicleId) -> None:

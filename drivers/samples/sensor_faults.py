@@ -70,16 +70,16 @@ class Readings(NamedTuple):
 
 
 NOTHING = Readings(ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
+SPAN = 2.0 * 32768 / 32767  # of a 16-bit field from end to end, by its upper end
 
 
 @dataclass(slots=True)
 class RangeEnd:
     """Follows one sensor's three axes.
 
-    ``rail`` is where ranges begin to end: below it equal values are none. ``field_end`` is where
-    the messages' 16-bit fields end, ``most`` what the sensor can read at all, and ``step`` with
-    ``step_a_s`` what it can change by between two readings, ``longest_s`` apart at most: over a
-    longer time a wrapped value and a fast change look alike.
+    Ranges begin to end at ``rail``, the messages' 16-bit fields at ``field_end``. ``most`` is what
+    the sensor can read at all, ``step`` with ``step_a_s`` what it changes by between two readings:
+    more than ``longest_s`` apart a wrapped value and a fast change look alike.
     """
 
     rail: float
@@ -106,7 +106,8 @@ class RangeEnd:
             is_equal, size = value == last[axis], abs(value)
             self.changes[axis] += not is_equal
             self.equal[axis] = self.equal[axis] + 1 if is_equal and size >= self.rail else 0
-            self.wraps[axis] = self._wraps(value, last[axis] + self.span * self.wraps[axis], step_s)
+            true_last = last[axis] + SPAN * self.field_end * self.wraps[axis]
+            self.wraps[axis] = self._wraps(value, true_last, step_s)
             is_noisy = self.changes[axis] >= NOISY_SAMPLES
             # -32768 is further than 32767
             at_end = (1 - 1e-9) * self.field_end <= size <= (1 + 1e-4) * self.field_end
@@ -116,18 +117,14 @@ class RangeEnd:
         self.is_large = self.is_large or any(self.wraps)
         return is_reached
 
-    @property
-    def span(self) -> float:
-        """What the 16-bit fields hold, from end to end."""
-        return 2.0 * self.field_end * (32768 / 32767)
-
     def _wraps(self, value: float, last: float, step_s: float) -> int:
         """How often a value has wrapped that goes on from the last true one only so."""
-        wraps = round((last - value) / self.span)
+        span = SPAN * self.field_end
+        wraps = round((last - value) / span)
         is_in_field = abs(value) <= (1 + 1e-4) * self.field_end
         if wraps == 0 or not is_in_field or not 0.0 < step_s <= self.longest_s:
             return 0
-        true = value + self.span * wraps
+        true = value + span * wraps
         goes_on = abs(true - last) <= max(self.step, self.step_a_s * step_s)
         return wraps if goes_on and abs(true) <= self.most else 0
 
@@ -144,8 +141,7 @@ MAGNETOMETER_END = (16.0, 32.767, 1000.0, 16.0, 0.0, 0.3)
 class Repetition:
     """Counts a sensor's equal readings, and knows how often it repeats itself.
 
-    ``is_proven`` is for whoever finds that what is repeated cannot be true; the next change of the
-    reading takes it back.
+    ``is_proven`` is set where what is repeated cannot be true; the next change takes it back.
     """
 
     changes: int = 0
@@ -263,7 +259,7 @@ class StuckSensors:
         return raw_us - self.both.begin_us >= STEADY_US
 
     def _field_contradicts(self, now: Readings, raw_us: int) -> bool:
-        """Whether the field of a reading is not where the repeated rate has turned it.
+        """Whether the field is not where the repeated rate has turned it.
 
         Well on its way it is watched from here on.
         """
@@ -318,7 +314,8 @@ class SensorFaults:
         end = self.mag_end
         if mag_gauss == ZERO_VEC3 or not end.is_reached(mag_gauss, step_s) or not any(end.wraps):
             return mag_gauss
-        x, y, z = (v + end.span * n for v, n in zip(mag_gauss, end.wraps, strict=True))
+        span = SPAN * end.field_end
+        x, y, z = (v + span * n for v, n in zip(mag_gauss, end.wraps, strict=True))
         return (x, y, z)
 
     def refusal(self, readings: Readings, raw_us: int) -> Reason | None:

@@ -391,10 +391,7 @@ class VehicleClock:
         return Placed(stream.time_us, now.boot_us, None)
 
     def _choose_line(self, new: ClockLine, raw: Moment) -> None:
-        """Let the clock of an IMU message make the line of time, if it is to from now on.
-
-        One that takes over does so without a break in time.
-        """
+        """Let the clock of an IMU message make the line of time if it is to, without a break."""
         old = self._primary
         if old is None:
             self._primary = new

@@ -58,7 +58,7 @@ class Fleet:
             SimulatedAutopilot(options, i % SYSTEMS + 1, i // SYSTEMS + 1) for i in range(vehicles)
         ]
         self._offsets_us = [i * spread_us for i in range(vehicles)]
-        self._due = [(offset, i) for i, offset in enumerate(self._offsets_us)]  # a heap
+        self._schedule()
         self._readers: dict[str, FrameReader] = {}
         self._fields = FieldReader()
         self.counts = FleetCounts()
@@ -100,13 +100,12 @@ class Fleet:
                     answered = True
                     send(answer)
         if answered:  # a changed rate changes what is due
-            self._due = [
-                (vehicle.due_us + offset_us, i)
-                for i, (vehicle, offset_us) in enumerate(
-                    zip(self._vehicles, self._offsets_us, strict=True)
-                )
-            ]
-            heapq.heapify(self._due)
+            self._schedule()
+
+    def _schedule(self) -> None:
+        vehicles = zip(self._vehicles, self._offsets_us, strict=True)
+        self._due = [(each.due_us + offset_us, i) for i, (each, offset_us) in enumerate(vehicles)]
+        heapq.heapify(self._due)
 
 
 def run_vehicles(

@@ -40,7 +40,7 @@ EIGHT_M = (45.0, 16.0)  # half the length and half the width of the figure
 EIGHT_S = 20.0  # once around it
 HEIGHT_M = 20.0
 DRAG_1_S = 0.15  # deceleration by the air, per speed
-ACCELERATION_STEP_S = 1e-2
+DERIVATIVE_STEP_S = 1e-2
 RATE_STEP_S = 1e-3
 
 
@@ -57,7 +57,7 @@ class FlightTruth(NamedTuple):
 def flight_truth(time_s: Floats) -> FlightTruth:
     """The flight at times (N,) in s from its start."""
     q = _attitude(time_s)
-    force = _acceleration(time_s)
+    velocity, force = _derivatives(time_s)
     force[:, 0] += _shake(time_s)
     force[:, 2] -= STANDARD_GRAVITY_M_S2
     h = RATE_STEP_S
@@ -67,7 +67,7 @@ def flight_truth(time_s: Floats) -> FlightTruth:
         q,
         log(multiply(conjugate(before), after)) / (2 * h),
         rotate_inverse(q, force),
-        _velocity(time_s),
+        velocity,
         _position(time_s),
     )
 
@@ -128,24 +128,19 @@ def _step(x: Floats) -> Floats:
     return smooth
 
 
-def _velocity(time_s: Floats) -> Floats:
-    h = ACCELERATION_STEP_S
-    p = [_position(time_s + k * h) for k in (-2, -1, 1, 2)]
-    # five points, error h^4/30 of the fifth derivative
-    velocity: Floats = (p[0] - 8 * p[1] + 8 * p[2] - p[3]) / (12 * h)
-    return velocity
-
-
-def _acceleration(time_s: Floats) -> Floats:
-    h = ACCELERATION_STEP_S
+def _derivatives(time_s: Floats) -> tuple[Floats, Floats]:
+    """Velocity and acceleration by five points, errors h^4/30 and h^4/90 of higher derivatives."""
+    h = DERIVATIVE_STEP_S
     p = [_position(time_s + k * h) for k in (-2, -1, 0, 1, 2)]
+    velocity: Floats = (p[0] - 8 * p[1] + 8 * p[3] - p[4]) / (12 * h)
     acceleration: Floats = (-p[0] + 16 * p[1] - 30 * p[2] + 16 * p[3] - p[4]) / (12 * h**2)
-    return acceleration
+    return velocity, acceleration
 
 
 def _attitude(time_s: Floats) -> Floats:
     """Body down along gravity less acceleration and drag, the nose towards the yaw."""
-    down = -_acceleration(time_s) - DRAG_1_S * _velocity(time_s)
+    velocity, acceleration = _derivatives(time_s)
+    down = -acceleration - DRAG_1_S * velocity
     down[:, 2] += STANDARD_GRAVITY_M_S2
     down /= np.linalg.norm(down, axis=1, keepdims=True)
     yaw = _yaw(time_s)

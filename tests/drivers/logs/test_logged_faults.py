@@ -7,7 +7,6 @@ from collections import Counter
 from itertools import pairwise
 
 import pytest
-from fastcrc import crc16
 
 from drivers.events import ClockReset, Imu, Rejected
 from drivers.logs.open import open_log
@@ -33,14 +32,19 @@ def flight():
         yield sample.time_us / S, sample._replace(time_us=sample.time_us + 5 * S)
 
 
-def tlog(samples, folder, arrival_us=lambda k: START_US + round((k + 1) * S / RATE_HZ)):
-    """HIGHRES_IMU, whose fields are floats, and the true attitude behind each."""
+def tlog(samples, folder, arrival_us=lambda k: START_US + round((k + 1) * S / RATE_HZ), lost=None):
+    """HIGHRES_IMU, whose fields are floats, and the true attitude behind each.
+
+    ``lost`` has the number of the sample that frames are missing before, and how many.
+    """
     m = mavlink()
     data, link = b"", m.MAVLink(None, srcSystem=1, srcComponent=1)
     for k, sample in enumerate(samples):
         vectors = (*sample.acc_m_s2, *sample.gyr_rad_s, *sample.mag_gauss)
         imu = m.MAVLink_highres_imu_message(sample.time_us, *vectors, 0, 0, 0, 0, 0)
         truth = m.MAVLink_sim_state_message(*sample.q_ned_frd, *[0] * 17)
+        if lost is not None and k == lost[0]:
+            link.seq = (link.seq + lost[1]) % 256
         for message in (imu, truth):
             data += arrival_us(k).to_bytes(8, "big") + bytes(message.pack(link))
             link.seq = (link.seq + 1) % 256
@@ -115,68 +119,29 @@ def mcap(samples, folder, recorded_ns=lambda k: k):
 SENSORS = {"gyro": "_rad_s", "acc": "_m_s2", "mag": "_gauss"}
 WRITERS = {"tlog": tlog, "dataflash": dataflash, "ulog": ulog, "csv": table}
 ALL_WRITERS = {**WRITERS, "mcap": mcap}
-NO_NUMBERS = (math.inf, math.nan)  # a table has no NaN: it is an empty field
+ZERO, SENTINEL = (0.0, 0.0, 0.0), (3e34, 3e34, 3e34)
 
 
-def stuck(samples):
-    first = samples[0]
-    return [each._replace(gyr_rad_s=first.gyr_rad_s, acc_m_s2=first.acc_m_s2) for each in samples]
-
-
-def stuck_gyroscope(samples):
-    return [each._replace(gyr_rad_s=samples[0].gyr_rad_s) for each in samples]
-
-
-def stuck_accelerometer(samples):
-    return [each._replace(acc_m_s2=samples[0].acc_m_s2) for each in samples]
-
-
-def saturated(samples):
-    return [each._replace(gyr_rad_s=(34.9, *each.gyr_rad_s[1:])) for each in samples]
-
-
-def clipped(samples):
-    return [each._replace(acc_m_s2=(*each.acc_m_s2[:2], -156.9)) for each in samples]
-
-
-def not_finite(samples):
-    return [
-        s if k % 5 else s._replace(acc_m_s2=(NO_NUMBERS[k % 2], 0.0, -9.8))
-        for k, s in enumerate(samples)
+def held(*names):
+    """The first reading again and again."""
+    return lambda samples: [
+        each._replace(**{name: getattr(samples[0], name) for name in names}) for each in samples
     ]
 
 
-def without_acceleration(samples):
-    zero = (0.0, 0.0, 0.0)
-    return [s if k % 5 else s._replace(acc_m_s2=zero) for k, s in enumerate(samples)]
-
-
-def spikes(samples):
-    return [
-        s if k % 30 else s._replace(gyr_rad_s=(s.gyr_rad_s[0] + 25.0, *s.gyr_rad_s[1:]))
-        for k, s in enumerate(samples)
+def every(number, change):
+    """``change(k, sample)`` in the place of every so manieth sample."""
+    return lambda samples: [
+        each if k % number else change(k, each) for k, each in enumerate(samples)
     ]
 
 
-def sentinels(samples):
-    """What stands for no field in every other sample."""
-    return [s if k % 2 else s._replace(mag_gauss=(3e34,) * 3) for k, s in enumerate(samples)]
+def spiking(_, s):
+    return s._replace(gyr_rad_s=(s.gyr_rad_s[0] + 25.0, *s.gyr_rad_s[1:]))
 
 
-def another_unit(samples):
-    """Of some samples the field is no use, the rest of the row is."""
-    return [
-        s if k % 3 else s._replace(mag_gauss=tuple(20.0 * x for x in s.mag_gauss))
-        for k, s in enumerate(samples)
-    ]
-
-
-def impossible_rates(samples):
-    return [s if k % 5 else s._replace(gyr_rad_s=(3e38, 0.0, 0.0)) for k, s in enumerate(samples)]
-
-
-def impossible_forces(samples):
-    return [s if k % 5 else s._replace(acc_m_s2=(0.0, 0.0, -3e38)) for k, s in enumerate(samples)]
+def not_finite(k, s):  # a table has no NaN: it is an empty field
+    return s._replace(acc_m_s2=((math.inf, math.nan)[k % 2], 0.0, -9.8))
 
 
 def wrapping(samples):
@@ -190,25 +155,41 @@ def wrapping(samples):
     return turned
 
 
-def duplicated(samples):
-    return [sample for sample in samples for _ in range(2)]
-
-
+BOTH = "gyr_rad_s", "acc_m_s2"
 FAULTS = {
-    "stuck": (stuck, {"repeated", "stuck"}),
-    "stuck gyroscope": (stuck_gyroscope, {"repeated", "gyroscope_stuck"}),
-    "stuck accelerometer": (stuck_accelerometer, {"accelerometer_stuck"}),
-    "saturated": (saturated, {"gyroscope_saturated", "gyroscope_spike"}),
-    "clipped": (clipped, {"accelerometer_saturated"}),
-    "not finite": (not_finite, {"not_finite"}),
-    "zero": (without_acceleration, {"zero_accelerometer"}),
-    "spikes": (spikes, {"gyroscope_spike"}),
-    "sentinels": (sentinels, {"magnetometer_out_of_range"}),
-    "another unit": (another_unit, {"magnetometer_out_of_range"}),
-    "impossible rates": (impossible_rates, {"gyroscope_out_of_range"}),
-    "impossible forces": (impossible_forces, {"accelerometer_out_of_range"}),
+    "stuck": (held(*BOTH), {"repeated", "stuck"}),
+    "stuck gyroscope": (held(BOTH[0]), {"repeated", "gyroscope_stuck"}),
+    "stuck accelerometer": (held(BOTH[1]), {"accelerometer_stuck"}),
+    "saturated": (
+        every(1, lambda _, s: s._replace(gyr_rad_s=(34.9, *s.gyr_rad_s[1:]))),
+        {"gyroscope_saturated", "gyroscope_spike"},
+    ),
+    "clipped": (
+        every(1, lambda _, s: s._replace(acc_m_s2=(*s.acc_m_s2[:2], -156.9))),
+        {"accelerometer_saturated"},
+    ),
+    "not finite": (every(5, not_finite), {"not_finite"}),
+    "zero": (every(5, lambda _, s: s._replace(acc_m_s2=ZERO)), {"zero_accelerometer"}),
+    "spikes": (every(30, spiking), {"gyroscope_spike"}),
+    # what stands for no field; and a field in another unit
+    "sentinels": (
+        every(2, lambda _, s: s._replace(mag_gauss=SENTINEL)),
+        {"magnetometer_out_of_range"},
+    ),
+    "another unit": (
+        every(3, lambda _, s: s._replace(mag_gauss=tuple(20.0 * x for x in s.mag_gauss))),
+        {"magnetometer_out_of_range"},
+    ),
+    "impossible rates": (
+        every(5, lambda _, s: s._replace(gyr_rad_s=(3e38, 0.0, 0.0))),
+        {"gyroscope_out_of_range"},
+    ),
+    "impossible forces": (
+        every(5, lambda _, s: s._replace(acc_m_s2=(0.0, 0.0, -3e38))),
+        {"accelerometer_out_of_range"},
+    ),
     "wrapping": (wrapping, {"gyroscope_saturated"}),
-    "duplicated": (duplicated, {"duplicate"}),
+    "duplicated": (lambda samples: [s for s in samples for _ in range(2)], {"duplicate"}),
 }
 
 
@@ -423,35 +404,15 @@ def test_what_comes_last_in_a_log_is_counted(kind, tmp_path):
 
 
 def test_a_short_leap_where_messages_are_missing_is_a_gap(tmp_path):
+    """All samples arrive one after the other, though the link has lost 190 frames."""
     samples = [sample for time_s, sample in flight() if not BEGIN_S <= time_s < BEGIN_S + 1.9]
-    path = tlog(samples, tmp_path)  # that all arrive one after the other
-    data, records = bytearray(path.read_bytes()), 0
-    at, kept = 0, round(BEGIN_S * RATE_HZ)
-    while at < len(data):
-        if records >= 2 * kept:  # the link has lost 190 frames
-            data[at + 8 + 4] = (data[at + 8 + 4] + 190) % 256
-        at, records = at + 8 + 12 + data[at + 9], records + 1
-    path.write_bytes(_with_checksums(bytes(data)))
+    path = tlog(samples, tmp_path, lost=(round(BEGIN_S * RATE_HZ), 190))
     events = list(open_log(path))
     assert not [event for event in events if isinstance(event, ClockReset)]
     times_us = [event.sample.time_us for event in events if isinstance(event, Imu)]
     assert max(b - a for a, b in pairwise(times_us)) == pytest.approx(1.92 * S)
 
 
-def _with_checksums(data):
-    """The records with the checksums of what they hold now."""
-    m, at, out = mavlink(), 0, b""
-    while at < len(data):
-        size = data[at + 9]
-        body = data[at + 9 : at + 8 + 10 + size]
-        extra = m.mavlink_map[int.from_bytes(body[6:9], "little")].crc_extra
-        out += data[at : at + 9] + body
-        out += crc16.mcrf4xx(body + bytes((extra,))).to_bytes(2, "little")
-        at += 8 + 12 + size
-    return out
-
-
-ZERO, SENTINEL = (0.0, 0.0, 0.0), (3e34, 3e34, 3e34)
 # of a row: what it becomes, and the word that it, or a part of it, is counted under
 DAMAGES = [
     (lambda s: s, None),

@@ -247,6 +247,19 @@ def test_nor_are_those_of_a_clock_beside_the_line():
     assert attitudes[0] == attitudes[2] == "clock_step"
 
 
+def test_two_vehicles_with_one_address_are_not_one_that_leaps_to_and_fro():
+    """The second one is taken for a leap, where some of the first were lost; then they differ."""
+    clock, second, first = VehicleClock(), [], []
+    steady(clock, 100 * S, 50, 20_000)
+    for k in range(50):
+        now_us = UNIX + S + 20_000 * k
+        second.append(imu(clock, 900 * S + 20_000 * k, now_us))
+        first += [imu(clock, 101 * S + 20_000 * k, now_us + 5_000)] if k >= 2 else []
+    assert len(resets(second)) == 1
+    assert len(times(second)) == 49
+    assert set(first) == {Reason.ADDRESS_CONFLICT}
+
+
 def test_duplicates_and_reordered_samples_are_refused():
     clock = VehicleClock()
     steady(clock, 50 * S, 5)

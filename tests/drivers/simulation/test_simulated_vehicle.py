@@ -109,12 +109,6 @@ def test_stream_and_block_are_bit_equal(options):
         assert np.array_equal(np.array([getattr(s, name) for s in streamed]), expected), name
 
 
-def test_a_longer_block_begins_with_the_shorter_one():
-    short, long = simulate(3, 100), simulate(3, 1501)
-    assert np.array_equal(short.gyr_rad_s, long.gyr_rad_s[:100])
-    assert np.array_equal(short.q_ned_frd, long.q_ned_frd[:100])
-
-
 def test_seeds_differ_and_repeat():
     assert np.array_equal(simulate(1, 50).acc_m_s2, simulate(1, 50).acc_m_s2)
     assert not np.array_equal(simulate(1, 50).acc_m_s2, simulate(2, 50).acc_m_s2)
