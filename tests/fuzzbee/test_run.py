@@ -4,11 +4,13 @@ import signal
 import socket
 import time
 from contextlib import contextmanager
+from types import SimpleNamespace
 
 import pytest
 
 from drivers.simulation.source import SimSource
 from fuzzbee.cli import main
+from fuzzbee.run_report import recording_word
 from tests.fuzzbee.processes import default_session, free_port, started
 from tests.fuzzbee.test_streams import shell
 
@@ -224,3 +226,11 @@ def test_a_taken_port_leaves_no_recording_and_an_older_one_as_it_is(tmp_path, na
         command = ["run", f"udpin:127.0.0.1:{port}", "--no-zenoh", "--record"]
         assert main([*command, f"{tmp_path}/{name}"]) == 2
     assert [*tmp_path.rglob("*")] == before
+
+
+@pytest.mark.parametrize(
+    ("are_whole", "word"), [((), ""), ((True, True), "whole"), ((True, False), "failed")]
+)
+def test_a_recording_is_whole_if_each_of_its_parts_is(are_whole, word):
+    things = [SimpleNamespace(is_whole=each) for each in are_whole]
+    assert recording_word([object(), *things]) == word

@@ -264,6 +264,7 @@ def test_what_holds_does_no_harm():
     assert harm(flights, [changed("inclination", rms_deg=1.9), SAME_ELSEWHERE]) is None
     # from one end of what is honest to the other, and nearer to it
     assert harm([FINE], [changed("heading", coverage=0.76)]) is None
+    assert harm([FINE], [changed("heading", coverage=0.59)]) is None  # and hardly outside
     too_sure = changed("heading", coverage=0.3)
     assert harm([too_sure], [changed("heading", coverage=0.5)]) is None
 
