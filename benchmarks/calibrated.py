@@ -1,38 +1,58 @@
 """What does a calibration win, of sensors whose errors are added, and of recordings as they are?
 
     python benchmarks/calibrated.py DIR [DIR ...] [--seeds 1-3] [--by others|half]
+    python benchmarks/calibrated.py --by flights|bench [--seeds 1-3]
 
 Every recording gets the constant errors of one made-up sensor a seed: scales and crossed axes of
 0.5, 1 and 2 % (gyroscope, accelerometer, magnetometer), 0.15 m/s^2 of bias, 5 or 20 % of iron.
 Constants are fitted on four recordings that turn about all axes and applied to all others, or on a
 recording's first half and scored on the rest. A row a folder and kind of errors: the mean over
-recordings of total, total with free heading and inclination (degrees), free of the errors
-(``clean``), with them, and calibrated, and the worst ratio of calibrated to clean. Beside it are
-VQF with and without the same calibration, and a sphere fitted to the field.
+recordings of total, total with free heading, inclination, and total with a free turn of all sensors
+alike (degrees), free of the errors (``clean``), with them, and calibrated, and the worst ratio of
+calibrated to clean. Beside it are VQF with and without the same calibration, and a sphere and an
+ellipsoid fitted to the field.
+
+``flights`` are those of simulated vehicles, with the errors of ``sim --imu-errors``: one is fitted,
+another one scored (total, heading, inclination). ``bench`` fits ``sim --motion bench``: the share
+of scales, biases and iron within their sigma of the truth, and of the variance before that is left.
 """
 
 import sys
+import tempfile
 from argparse import Namespace
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
+import msgspec
 import numpy as np
 from common.filters import FRD_OF_SENSOR, PEERS, body_readings, fuzzbee, is_installed
 from common.recordings import Array, Trial, chosen_sets
-from common.report import FOLDERS, Row, Tables, benchmark, option, seeds
-from common.scores import by, mean_of, score
+from common.report import FOLDERS, Row, Tables, benchmark, names, option, seeds
+from common.scores import by, conjugate, errors_deg, mean_of, multiply, rms, score
 from common.ways import WAYS, direction
+from flying.cases import DURATION_S, SKIP_S, write
+from flying.motions import MOTIONS
+from flying.replayed import changed, fly, read
+from flying.replayed import score as flight_score
 
+from drivers.simulation.simulated_vehicle import SimulatedVehicle, imu_errors
 from estimator.calibration import Calibration
+from estimator.types import ImuSample
 from fuzzbee import Estimator
-from tuning.calibration.fit import fit_sensors
+from fuzzbee.calibration_readings import recording as flown_recording
+from tuning.calibration.fit import KEYS, fit_sensors
 from tuning.calibration.spans import Recording
 
 FITTED_ON = 4  # recordings
 SIDES_SEEN = 0.5  # a recording turns about all axes if its field has been so far along each way
-FIGURES = ("total", "free", "inclination")
+FIGURES = ("total", "free", "inclination", "turn free")
+FLIGHT_FIGURES = ("total", "heading", "inclination")
+FLOWN_APART = 100  # between the seeds of the flight that is fitted and of that which is scored
+BENCH_S, BENCH_HZ = 180.0, 50.0
+SENSORS, BIASES = ("gyr", "acc", "mag"), ("gyr_bias_rad_s", "acc_bias_m_s2", "mag_offset_gauss")
 Rng = np.random.Generator
 
 
@@ -79,6 +99,21 @@ def centred_field(trial: Trial, fitted_on: list[Trial]) -> Trial:
     return replace(trial, mag_ut=trial.mag_ut - centre)
 
 
+def ellipsoidal_field(trial: Trial, fitted_on: list[Trial]) -> Trial:
+    """The field as a sphere again, by a linear fit of an ellipsoid: m.A m + b.m = 1."""
+    m = np.concatenate([each.mag_ut for each in fitted_on]) / STRENGTH_UT
+    x, y, z = m.T
+    columns = np.column_stack([x * x, y * y, z * z, 2 * x * y, 2 * x * z, 2 * y * z, 2 * m])
+    a, b, c, d, e, f, *rest = np.linalg.lstsq(columns, np.ones(len(m)))[0]
+    A = np.array([[a, d, e], [d, b, f], [e, f, c]])
+    values, axes = np.linalg.eigh(A)
+    if values.min() <= 0.0:  # too few turns for one
+        return centred_field(trial, fitted_on)
+    centre = -np.linalg.solve(A, rest)
+    root = axes * np.sqrt(values / np.exp(np.mean(np.log(values)))) @ axes.T
+    return replace(trial, mag_ut=(trial.mag_ut - STRENGTH_UT * centre) @ root)
+
+
 def turns_all_ways(trial: Trial) -> bool:
     """Whether a recording has turned about all axes."""
     if not trial.has_mag:
@@ -112,8 +147,8 @@ def rows_of(folder: str, trials: list[Trial], kind: str, seed: int, way: str) ->
             row: Row = {"folder": folder, "errors": kind}
             for name, each in (("clean", trial), ("as is", bad), ("calibrated", good)):
                 row[name] = figures(each, "fuzzbee")
-            if trial.has_mag:
-                row["sphere"] = figures(centred_field(bad, wrong), "fuzzbee")
+            for fit, refit in (("sphere", centred_field), ("ellipsoid", ellipsoidal_field)):
+                row[fit] = figures(refit(bad, wrong), "fuzzbee") if trial.has_mag else None
             if is_installed("vqf"):
                 row["vqf"], row["vqf calibrated"] = (figures(each, "vqf") for each in (bad, good))
             rows.append(row)
@@ -121,17 +156,85 @@ def rows_of(folder: str, trials: list[Trial], kind: str, seed: int, way: str) ->
 
 
 def figures(trial: Trial, name: str) -> list[float]:
-    """Total, free of a constant heading, inclination."""
+    """Total, free of a constant heading, inclination, free of a constant turn of the sensors."""
     run = (PEERS[name] if name in PEERS else fuzzbee({}))(trial)
-    scored = score(trial, *run.advance(slice(0, None)))
+    output = run.advance(slice(0, None))
+    scored = score(trial, *output)
+    q, truth = (each[trial.scored] for each in (output.q_enu_sensor, trial.q_enu_sensor))
+    turn = multiply(conjugate(q), truth)
+    turn = np.mean(turn * np.sign(turn[:, :1]), axis=0)
+    scored["turn free"] = rms(errors_deg(multiply(q, turn / np.linalg.norm(turn)), truth))[0]
     return [scored[figure] for figure in FIGURES]
 
 
+def flight_row(motion: str, seed: int) -> Row:
+    """A flight free of errors, with those of a seed, and by the constants of another flight."""
+    errors = imu_errors(seed)
+    case = "cabin" if motion == "car" else "sound"
+
+    def spoiled(_: float, sample: ImuSample) -> ImuSample:
+        readings = (sample.gyr_rad_s, sample.acc_m_s2, sample.mag_gauss)
+        wrong = [
+            tuple((M @ read + b * any(read)).tolist())
+            for (M, b), read in zip(errors, readings, strict=True)
+        ]
+        return sample._replace(gyr_rad_s=wrong[0], acc_m_s2=wrong[1], mag_gauss=wrong[2])
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "fitted.tlog"
+        write(path, case, motion, seed + FLOWN_APART, DURATION_S)
+        trace = fly(changed(read(path), spoiled)).trace
+        found = fit_sensors([flown_recording(path, trace, None)]).found
+        path = Path(folder) / "scored.tlog"
+        write(path, case, motion, seed, DURATION_S)
+        events = read(path)
+    wrong, row = changed(events, spoiled), Row()
+    calibration = {"calibration": msgspec.to_builtins(found)}
+    flights = {"clean": (events, {}), "as is": (wrong, {}), "calibrated": (wrong, calibration)}
+    for name, (flown, changes) in flights.items():
+        scored = flight_score(fly(flown, changes), SKIP_S)
+        row[name] = [scored[figure] for figure in FLIGHT_FIGURES]
+    return row
+
+
+def bench_row(seed: int) -> Row:
+    """How many constants of a bench recording are within their sigma, without a common turn."""
+    vehicle = SimulatedVehicle(seed, BENCH_HZ, "bench", bias=0.0, errors_seed=seed)
+    read = [next(vehicle) for _ in range(round(BENCH_S * BENCH_HZ))]
+    gyr, acc, mag, q = (
+        np.array([getattr(each, name) for each in read])
+        for name in ("gyr_rad_s", "acc_m_s2", "mag_gauss", "q_ned_frd")
+    )
+    times_s = 1e-6 * np.array([each.time_us for each in read])
+    has_mag, none = np.ones(len(read), np.bool_), np.zeros((0, 3))
+    fit = fit_sensors([Recording(times_s, gyr, acc, mag, has_mag, q, none[:, 0], none)])
+    truth: dict[str, Array] = {}
+    for sensor, bias, (M, b) in zip(SENSORS, BIASES, imu_errors(seed), strict=True):
+        inverse = M if sensor == "mag" else np.linalg.inv(M)  # of a compass what it reads
+        truth |= {
+            f"{sensor}_matrix": inverse - np.eye(3),
+            bias: b if sensor == "mag" else inverse @ b,
+        }
+    row: Row = {}
+    for key, at in KEYS.items():
+        scales = slice(None, None, 4 if "matrix" in key else 1)
+        wrong = np.abs(fit.x[at] - truth[key].ravel())[scales]
+        row[key] = float(np.mean(wrong < np.array(fit.sigma[key])[scales]))
+        row[f"{key} left"] = fit.left[key]
+    return row
+
+
 def tables(options: Namespace) -> Tables:
+    if options.by == "bench":
+        return {"within sigma": [mean_of([bench_row(seed) for seed in options.seeds])]}
+    if options.by == "flights":
+        each = {motion: [flight_row(motion, seed) for seed in options.seeds] for motion in MOTIONS}
+        flown = [{"vehicle": motion, **mean_of(rows)} for motion, rows in each.items()]
+        return {", ".join(FLIGHT_FIGURES): flown}
     jobs = [
         (folder, trials, kind, seed, options.by)
         for folder, trials in chosen_sets(options).items()
-        for kind in (list(ERRORS)[:2] if options.smoke else ERRORS)
+        for kind in (list(ERRORS)[:2] if options.smoke else names(ERRORS, options.errors))
         for seed in options.seeds
     ]
     with ProcessPoolExecutor(options.jobs) as pool:
@@ -150,7 +253,8 @@ main = benchmark(
     tables,
     *FOLDERS,
     option("--seeds", type=seeds, default=range(1, 2), metavar="A-B"),
-    option("--by", choices=("others", "half"), default="others"),
+    option("--by", choices=("others", "half", "flights", "bench"), default="others"),
+    option("--errors", default=",".join(ERRORS), help="names, with commas between them"),
     option("--jobs", type=int, default=2),
 )
 

@@ -71,7 +71,7 @@ def fit_sensors(recordings: Sequence[Recording]) -> SensorFit:
     for _ in range(ROUNDS):
         problem.improve()
     for each in trajectories:
-        if each.has_field and each.field_misfit > MOST_MISFIT:
+        if each.has_field and (each.field_misfit > MOST_MISFIT or each.is_field_foreign):
             each.leave_out_field()
     problem.improve()
     x, _ = problem.step()

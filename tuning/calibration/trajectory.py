@@ -38,6 +38,7 @@ GRAVITY_NED = np.array([0.0, 0.0, STANDARD_GRAVITY_M_S2])
 
 # Sigmas that a recording's own numbers have before it is read
 LAGS_S, KNOWN_FIELD = (0.15, 0.01, 0.02), 0.03
+FOREIGN = 3.0  # sigma: a field further from its place's shows nothing of the compass
 # Sigmas of a span's residuals at first, and the least later: rad, m/s, m, share of the field, m
 FIRST = (2e-3, 0.05, 0.03, 0.03, 1.0)
 LEAST = (1e-3, 0.01, 0.01, 0.01, 1.0)
@@ -91,6 +92,12 @@ class Trajectory:
     def field_misfit(self) -> float:
         """Of the field, as a share of its strength."""
         return float(self._sizes[FIELD]) / self.strength_gauss
+
+    @property
+    def is_field_foreign(self) -> bool:
+        """Whether the field is none of the place: iron all around has turned it."""
+        off = self._own[OWN_FIELD] / self._own_sigma[OWN_FIELD]
+        return bool(np.linalg.norm(off) > FOREIGN)
 
     def leave_out_field(self) -> None:
         """Do without the compass from now on."""
