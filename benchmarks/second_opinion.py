@@ -118,16 +118,16 @@ def answer(recording: Recording, case: Case) -> Answer:
         elif is_wrong:
             ours = ours._replace(q_ned_frd=turned(case, after_s, ours.q_ned_frd))
         opinion.look(each._replace(theirs=theirs, ours=ours))
-        said = opinion.opinion
-        if not is_wrong or said is None:
+        seen = opinion.opinion
+        if not is_wrong or seen is None:
             continue
         axis = differences(theirs, ours)[case.axis == 2]
         rooms.append(case.size_deg - axis.allowed_deg)
-        if said.verdict is Verdict.DIFFERS:
+        if seen.verdict is Verdict.DIFFERS:
             said_s = after_s if said_s is None else said_s
-            wrong = said.wrong or wrong
+            wrong = seen.wrong or wrong
         is_whole = after_s >= case.creeps_s and case.size_deg > 20.0
-        agreed = agreed or (is_whole and said.verdict is Verdict.AGREES)
+        agreed = agreed or (is_whole and seen.verdict is Verdict.AGREES)
     return Answer(said_s, wrong, agreed, median(rooms or [-1.0]) > 0.0)
 
 

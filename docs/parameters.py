@@ -51,12 +51,12 @@ def lines_of(kind: type) -> list[str]:
 def bounds_of_kinds() -> str:
     """What each kind of number may be, in one sentence."""
     kinds = {name: get_args(hint) for name, hint in vars(bounds).items()}
-    told = [
+    reported = [
         f"{name.lower()} {_bounds_text(*marks[1])}"
         for name, marks in kinds.items()
         if len(marks) == 2 and isinstance(marks[1], bounds.Within)
     ]
-    return f"Bounds by the kind of number, in its unit: {', '.join(told)}."
+    return f"Bounds by the kind of number, in its unit: {', '.join(reported)}."
 
 
 def fill_bounds(text: str) -> str:

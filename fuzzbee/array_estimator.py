@@ -225,7 +225,7 @@ class Estimator:
         arguments of ``set_position``, which comes before each row that is known.
 
         The first five seconds or more are looked at as a whole: where another unit or other axes
-        would fit much better, the attitudes' ``warnings`` say which, and so does a Python warning
+        would fit much better, the attitudes' ``warnings`` name it, and so does a Python warning
         (:class:`Unfit`). So do both where most samples were rejected.
 
         Raises:

@@ -32,7 +32,7 @@ BESIDE_US = 200_000  # a reading further from every sample belongs to none
 class CompassReadings(NamedTuple):
     """The field and the vertical (N, 3) in body axes, attitudes (N, 4), and the current (N,).
 
-    ``is_headed`` (N,) tells where velocity has shown the heading.
+    ``is_headed`` (N,) is true where velocity has shown the heading.
     """
 
     mag: Floats

@@ -53,7 +53,7 @@ class CompassReport(msgspec.Struct, frozen=True):
     """Gauss, body axes.
 
     ``calibration`` holds the profile's keys, ``ardupilot`` the parameters to set. Where
-    ``ardupilot_adds`` the log does not say what was set: its OFS are to be added to that. A compass
+    ``ardupilot_adds`` the log does not have what was set: its OFS are to be added to that. A compass
     that sits otherwise than set has ``orientation``; ``calibration`` then holds that turn, too.
     ``heading_sigma_deg`` is what the offset's uncertainty makes of a level vehicle's heading.
     """
@@ -172,7 +172,7 @@ def _fit(
 def _report_compass(
     path: Path, trace: VehicleTrace, field: PlaceField | None, message: str, compass: int | None
 ) -> CompassReport:
-    """What a log's trace says of its compass, in the ``field`` of its place or of the one given.
+    """What a log's trace shows of its compass, in the ``field`` of its place or of the one given.
 
     Raises:
         InputError: no position, no compass, or too few turns to find any offset.

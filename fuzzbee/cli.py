@@ -84,7 +84,7 @@ def _status(arguments: list[str]) -> int:
 
             traceback.print_exc()
         return _fail(f"{type(error).__name__}: {error}", FAILED)
-    return status if isinstance(status, int) else OK  # the parser, too, says INTERRUPTED
+    return status if isinstance(status, int) else OK  # the parser, too, returns INTERRUPTED
 
 
 def _spell_out(arguments: Sequence[str]) -> list[str]:

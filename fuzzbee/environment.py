@@ -29,10 +29,10 @@ def lacking_of_processor() -> list[str]:
     """What numpy takes for granted and a 64-bit x86 processor does not show that it has."""
     try:
         with PROCESSORS.open(encoding="ascii", errors="replace") as lines:
-            told = next((line.split() for line in lines if line.startswith("flags")), [])
+            reported = next((line.split() for line in lines if line.startswith("flags")), [])
     except OSError:  # another system
         return []
-    return [word for word in X86_64_V2 if word not in told] if "lm" in told else []
+    return [word for word in X86_64_V2 if word not in reported] if "lm" in reported else []
 
 
 def settle_environment() -> str | None:

@@ -12,8 +12,8 @@ def notify(text: str, who: str = "fuzzbee: ") -> None:
         print(f"{who}{printable(text)}", file=sys.stderr, flush=True)
 
 
-def tell(text: str) -> None:
-    """Print one line that does not say who speaks."""
+def print_line(text: str) -> None:
+    """Print one line without the name of the program."""
     notify(text, "")
 
 

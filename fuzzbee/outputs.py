@@ -64,7 +64,7 @@ def open_outputs(
 
 
 def open_viewer(view: str | None, rrd: str | None, *, live: bool = False) -> "ViewerSink | None":
-    """The viewer that was asked for, if any; says where its page is."""
+    """The viewer that was asked for, if any; prints where its page is."""
     options = viewer_options(view, rrd)
     if options is None:
         return None
@@ -122,6 +122,6 @@ def _are_same(one: Path, other: Path) -> bool:
 
 
 def notify_page(stream: "ViewerStream") -> None:
-    """Tell a person where a browser finds the page."""
+    """Print where a browser finds the page."""
     if stream.page is not None:
         notify(f"the viewer is at {stream.page}")

@@ -52,9 +52,9 @@ def show(profile: Name, as_json: AsJson = False, plot: Plot = None) -> None:
 
 @profile_app.command(epilog=EPILOG)
 def check(profile: Name, as_json: AsJson = False) -> None:
-    """Tell whether a profile can be used.
+    """Check whether a profile can be used.
 
-    If it cannot, say what is wrong and where, and end with status 2.
+    If it cannot, report what is wrong and where, and end with status 2.
     """
     from estimator.profile import load_profile
 

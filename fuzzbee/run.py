@@ -42,7 +42,7 @@ _PROFILE = (
 )
 _RECORD = "Record what arrives: FILE.tlog, or a folder for a file an hour."
 _GAIN = "A fixed gain instead of the fuzzy one."
-_TRUTH = "Compare with what a simulator tells (SIM_STATE, SIMSTATE), and end with a verdict."
+_TRUTH = "Compare with a simulator's truth (SIM_STATE, SIMSTATE), and end with a verdict."
 
 
 class RunOptions(NamedTuple):

@@ -44,7 +44,7 @@ def summary(
         "malformed": pipeline.malformed,
         "refused": dict(sorted(pipeline.refused_frames.items())),
         "recording": recording,
-        "heard": sorted(pipeline.heard),
+        "heard": sorted(pipeline.received),
         "departed": dict(pipeline.departed),
         "vehicles": {vehicle.name: counts(vehicle) for vehicle in pipeline.vehicles},
     }
@@ -75,13 +75,13 @@ def conclude(
     """Report the result and raise what went wrong first.
 
     The status is 1 if nobody was heard until the end, or a recording is not whole, else 0.
-    Who was refused has been heard, too.
+    A vehicle that was refused has been heard, too.
     """
     if outbox.stuck:
         notify(f"not closed in time: {', '.join(outbox.stuck)}")
         if "recording" in result:  # nobody knows what it lacks
             result["recording"] = NOT_WHOLE
-    for error in outbox.untold:
+    for error in outbox.unreported:
         notify(error)
     if options.as_json:
         print(json.dumps(result), flush=True)
@@ -89,9 +89,9 @@ def conclude(
         _notify_result(result, pipeline.scores or {})
     if problems:
         raise problems[0]
-    heard = result["vehicles"] or result["departed"]["vehicles"] or result["refused"]
+    received = result["vehicles"] or result["departed"]["vehicles"] or result["refused"]
     is_whole = result.get("recording") != NOT_WHOLE
-    return OK if is_whole and (heard or was_stopped) else FAILED
+    return OK if is_whole and (received or was_stopped) else FAILED
 
 
 def _notify_result(result: dict[str, Any], scores: dict[str, TruthScore]) -> None:

@@ -42,7 +42,7 @@ WEAKEST_GAUSS, STRONGEST_GAUSS = 0.1, 1.0
 
 
 class Alarm(StrEnum):
-    """The words of a status's warnings; docs/troubleshooting.md says what a person can do."""
+    """The words of a status's warnings; docs/troubleshooting.md lists what a person can do."""
 
     ACCELEROMETER = "accelerometer_contradicts"
     AUTOPILOT_DIFFERS = "autopilot_differs"
@@ -112,7 +112,7 @@ class Alarms:
     ) -> list[str]:
         """Compare a sample with the attitude at its time; returns lines for a person.
 
-        A field that is not used, because velocity contradicts it, says nothing of the attitude.
+        A field that is not used, because velocity contradicts it, shows nothing of the attitude.
         While velocity helps, a field that scatters is wrong itself.
         """
         time_us = sample.time_us

@@ -2,7 +2,7 @@
 
 from drivers.events import LinkDown, LinkUp
 
-MOST_LINES = 12  # a minute; one further line says that the rest is left out
+MOST_LINES = 12  # a minute; one further line reports that the rest is left out
 MINUTE_US = 60_000_000
 TOO_MANY = f"there were more than {MOST_LINES} within a minute"
 
@@ -27,14 +27,14 @@ class LineLimit:
             self._since_us, self._lines = now_us, 0
             if left_out:
                 texts = [f"{self._who}: {left_out} lines were left out: {TOO_MANY}", *texts]
-        said = []
+        kept = []
         for text in texts:
             self._lines += 1
             if self._lines <= MOST_LINES:
-                said.append(text)
+                kept.append(text)
             elif self._lines == MOST_LINES + 1:
-                said.append(f"{self._who}: more lines are left out: {TOO_MANY}")
-        return said
+                kept.append(f"{self._who}: more lines are left out: {TOO_MANY}")
+        return kept
 
 
 # What is known of a link that works: of UDP and a device only that our end of it is open.

@@ -54,8 +54,8 @@ class Pipeline:
     """One estimator per vehicle, from events to records.
 
     ``new_estimator`` makes an estimator for a profile. ``system_id`` limits the pipeline to one
-    vehicle; ``heard`` has the systems of all. With ``fits_built_in`` a vehicle that says that it
-    is fuzzbee's own gets the profile that fits its signals; otherwise this is only reported.
+    vehicle; ``received`` has the systems of all. With ``fits_built_in`` a vehicle that reports to
+    be fuzzbee's own gets the profile that fits its signals; otherwise this is only reported.
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class Pipeline:
         self.profile = profile
         self.malformed = 0
         self.refused_frames: Counter[Reason] = Counter()
-        self.heard: set[int] = set()
+        self.received: set[int] = set()
         # what was counted of the vehicles that were forgotten, as of one that is there
         self.departed = Counter(vehicles=0, samples=0, shed=0, rejected=0, attitudes=0)
         self.load = Load()
@@ -147,7 +147,7 @@ class Pipeline:
         if isinstance(event, events.Heartbeat):
             if not is_autopilot(event.autopilot, event.vehicle_type):
                 return []
-            self.heard.add(event.vehicle.system_id)
+            self.received.add(event.vehicle.system_id)
         vehicle = self._vehicles.get(event.vehicle)
         if vehicle is None and not isinstance(event, OF_KNOWN):
             vehicle = self._meet(event.vehicle)
@@ -233,7 +233,7 @@ class Pipeline:
     ) -> Profile:
         """Use a vehicle's profile with the keys of ``partial`` replaced; returns it.
 
-        ``retuned`` says why, if it was retuned by itself.
+        ``retuned`` is the reason, if it was retuned by itself.
 
         Raises:
             InputError: no such vehicle, unknown keys, values out of bounds or of no use
@@ -248,7 +248,7 @@ class Pipeline:
 
     def _meet(self, address: VehicleId) -> Vehicle | None:
         """A new vehicle of an address that has none; None if it is not wanted."""
-        self.heard.add(address.system_id)
+        self.received.add(address.system_id)
         if not self._is_wanted(address) or len(self._vehicles) >= MAX_VEHICLES:
             return None
         kept = self._changes.kept.pop(address, None)

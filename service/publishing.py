@@ -71,7 +71,7 @@ class Publishing:
         self._samples, self._attitude_us = samples, now_us
 
     def is_stale(self, now_us: int, samples: int) -> bool:
-        """Whether an attitude would say nothing new: its sample was published just before."""
+        """Whether an attitude would bring nothing new: its sample was published just before."""
         return samples == self._samples and 0 <= now_us - self._attitude_us < REPEATED_US
 
     def is_status_due(self, now_us: int) -> bool:

@@ -94,7 +94,7 @@ class Autopilot(Value, frozen=True):
     heading_deg: Number  # by how much the autopilot's is clockwise of ours
     inclination_sigmas: Number  # the same by our sigma
     heading_sigmas: Number
-    wrong: str  # "autopilot", "ours", or "" where nothing says which
+    wrong: str  # "autopilot", "ours", or "" where nothing shows which
     evidence: str
     axis: str = ""  # in which they differ: "inclination" or "heading"
     roll_deg: Number = 0.0  # by how much the autopilot's is more than ours
@@ -148,8 +148,8 @@ class StatusRecord(msgspec.Struct, frozen=True):
     retuned: Retuned | None = None  # by itself, with --retune
     autopilot: Autopilot | None = None  # None where it sends no attitude
     recording: str = ""  # "whole", "failed", or "" where nothing is recorded
-    mode: Mode = ""  # the flight mode's name; "" where the vehicle does not say it
-    armed: bool | None = None  # None where the vehicle does not say it
+    mode: Mode = ""  # the flight mode's name; "" where the vehicle does not report it
+    armed: bool | None = None  # None where the vehicle does not report it
     # by message; empty where there is one IMU
     other_imus: Annotated[dict[ImuMessage, ImuDifference], Meta(max_length=32)] = {}
     compass_off_deg: Angle | None = None  # its own heading less ours; None without one
@@ -158,7 +158,7 @@ class StatusRecord(msgspec.Struct, frozen=True):
 class Published(Value, frozen=True):
     """A record and the vehicle it is about; with an attitude, the sample it comes from.
 
-    ``time_unix_us`` is when a status was made, which does not say it itself.
+    ``time_unix_us`` is when a status was made, which does not have it itself.
     """
 
     vehicle: VehicleId
@@ -176,7 +176,7 @@ class Peer(Value, frozen=True):
 
 
 class Replaced(Value, frozen=True):
-    """A vehicle's parameters have been replaced, by these; ``retuned`` says why, if by itself."""
+    """A vehicle's parameters have been replaced, by these; ``retuned`` is the reason, if by itself."""
 
     vehicle: VehicleId
     profile: Profile

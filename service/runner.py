@@ -48,7 +48,7 @@ class Overload:
 
     def __init__(self) -> None:
         self.is_on = False
-        self.due_s = -inf  # before that a count says nothing
+        self.due_s = -inf  # before that a count means nothing
         self._count: int | None = None
         self._windows = 0  # in a row that speak against the present state
 

@@ -1,7 +1,7 @@
 """Whether the autopilot's attitude and ours agree, and which of them other evidence contradicts.
 
 Both are compared at the same instant of the vehicle's clock. What may honestly lie between them is
-what sigma says of ours, what is usual between two that are right (trim, mounting, a compass's
+our sigma, what is usual between two that are right (trim, mounting, a compass's
 residual offsets), and what a lag makes of the turning. The evidence is what neither attitude is
 made of alone: over seconds the specific force less what velocity has gained points up, and the
 field points to magnetic north.

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 T = TypeVar("T")
 
-# Where an interrupt falls into a callback or a destructor, Python says so and goes on without it.
+# Where an interrupt falls into a callback or a destructor, Python prints it and goes on without it.
 _interrupted = threading.Event()
 _met: list[int] = []  # the signals that have interrupted the command
 # So long (s) whoever waits goes without asking whether that has happened.

@@ -39,7 +39,7 @@ CLIENT_TIMEOUT_MS = 2000  # then the command ends: a client is useless without i
 TX_BATCHES = 16
 MOST_BRACKETS = 4096  # it ends between 16,000 and 50,000 that are one within the other
 OPENER_THREAD, CLOSER_THREAD = "zenoh opener", "zenoh closer"
-# The library waits for a peer that accepts and never says a word, some 8 s. Nobody else has to.
+# The library waits for a peer that accepts and never answers, some 8 s. Nobody else has to.
 CLOSE_S = 0.6
 
 

@@ -40,8 +40,8 @@ def licence(name):
     """What its metadata says, in the order in which tools came to say it."""
     metadata = distribution(name).metadata
     classifiers = [each for each in metadata.get_all("Classifier", []) if "License" in each]
-    said = (metadata.get("License-Expression"), *classifiers, metadata.get("License"))
-    return " ".join(each for each in said if each)
+    output = (metadata.get("License-Expression"), *classifiers, metadata.get("License"))
+    return " ".join(each for each in output if each)
 
 
 def test_every_dependency_is_permissive_or_named_in_the_docs():

@@ -124,12 +124,12 @@ def _is_whole(reader: Any, decode: Decode, connection: Any) -> bool:
     """
     with suppress(Exception):  # whatever a damaged file makes of the library
         message = decode(*next((c, data) for c, _, data in reader.messages([connection])))
-        untold = [
+        unreported = [
             getattr(message, f"{name}_covariance", [0.0])[0] == -1.0
             for name in ("angular_velocity", "linear_acceleration")
         ]
         vectors = message.angular_velocity, message.linear_acceleration
-        return all(any(_vector(each)) for each in vectors) and not any(untold)
+        return all(any(_vector(each)) for each in vectors) and not any(unreported)
     return False
 
 
@@ -181,7 +181,7 @@ def _events(reader: Any, decode: Decode, topics: _Topics) -> Iterator[Event]:
                     vehicle = dated_vehicle(time_ns // 1000, has_arrivals=has_arrivals)
                 arrival_us = recorded_ns // 1000 if has_arrivals else None
                 vehicle.at(time_ns // 1000, arrival_us=arrival_us)
-                events = _told(vehicle, topics, connection, message)
+                events = _reported(vehicle, topics, connection, message)
             except Exception:  # noqa: BLE001 - as below
                 events = [Malformed(0, 1)]
             yield from events
@@ -197,7 +197,9 @@ def _words(error: Exception) -> str:
     return str(error) or type(error).__name__
 
 
-def _told(vehicle: LoggedVehicle, topics: _Topics, connection: Any, message: Any) -> list[Event]:
+def _reported(
+    vehicle: LoggedVehicle, topics: _Topics, connection: Any, message: Any
+) -> list[Event]:
     """The events of a message."""
     if connection.msgtype == FIELD:
         x, y, z = flu_from_frd(_vector(message.magnetic_field))
@@ -214,8 +216,8 @@ def _told(vehicle: LoggedVehicle, topics: _Topics, connection: Any, message: Any
         events += vehicle.imu(topic, gyr, acc)
     q = message.orientation
     q_enu_flu = unit_or_none((float(q.w), float(q.x), float(q.y), float(q.z)))
-    is_told = q_enu_flu not in (None, IDENTITY) and message.orientation_covariance[0] != -1.0
-    if topic == topics.attitude and is_told and q_enu_flu is not None:
+    is_reported = q_enu_flu not in (None, IDENTITY) and message.orientation_covariance[0] != -1.0
+    if topic == topics.attitude and is_reported and q_enu_flu is not None:
         name, q_ned_frd = f"{topic}.orientation", ned_frd_from_enu_flu(q_enu_flu)
         events += vehicle.attitude(name, "autopilot", q_ned_frd)
     return events

@@ -202,8 +202,10 @@ def _time(text: CsvText, entry: Quantity) -> tuple[Part, ...]:
     first = " ".join(text.first[i].strip() for i in (index, *others))
     unit = ISO if others and is_date(first) else unit
     if unit != ISO and first and not is_number(first, comma=text.has_decimal_comma):
-        said = f"{first!r} in column {text.titles()[index]!r}"
-        raise InputError(f"the time {said} is no number, and no date as ISO 8601 has them; {HELP}")
+        units_named = f"{first!r} in column {text.titles()[index]!r}"
+        raise InputError(
+            f"the time {units_named} is no number, and no date as ISO 8601 has them; {HELP}"
+        )
     factor = 0.0 if unit == ISO else _factor(text, "time", index, unit, {**TIME, ISO: 0.0})
     return tuple((i, entry.scale * factor) for i in (index, *others))
 
@@ -277,9 +279,9 @@ def _matches(text: CsvText, pattern: re.Pattern[str]) -> list[tuple[int, re.Matc
     """The columns whose title, or the upper part of it, is of that kind."""
     found = []
     for i, parts in enumerate(text.names):
-        said = ["".join(parts[:n]) for n in range(len(parts), 0, -1)]
-        said += [CIRCUIT.sub("", each) for each in said]
-        matches = filter(None, (pattern.fullmatch(_compact(each)) for each in said))
+        units_named = ["".join(parts[:n]) for n in range(len(parts), 0, -1)]
+        units_named += [CIRCUIT.sub("", each) for each in units_named]
+        matches = filter(None, (pattern.fullmatch(_compact(each)) for each in units_named))
         found += [(i, match) for match in islice(matches, 1)]
     return found
 
@@ -287,9 +289,9 @@ def _matches(text: CsvText, pattern: re.Pattern[str]) -> list[tuple[int, re.Matc
 def _own_unit(text: CsvText, index: int, units: Mapping[str, float]) -> str:
     """The unit at the end of a name that was given: in brackets, behind the axis, or below."""
     title = text.titles()[index]
-    said = re.findall(r"[\[(]([^\])]*)[\])]\s*$", title) + list(text.names[index][1:])
-    said += re.findall(r"[^a-z][xyz][^a-z]+([a-z].*)$", title.lower())
-    return next((unit for each in said if (unit := _compact(each)) in units), "")
+    units_named = re.findall(r"[\[(]([^\])]*)[\])]\s*$", title) + list(text.names[index][1:])
+    units_named += re.findall(r"[^a-z][xyz][^a-z]+([a-z].*)$", title.lower())
+    return next((unit for each in units_named if (unit := _compact(each)) in units), "")
 
 
 def _factor(text: CsvText, what: str, index: int, unit: str, units: Mapping[str, float]) -> float:
@@ -317,8 +319,8 @@ def _turned(
 def _compact(name: str) -> str:
     """The name in small letters and digits alone, units in one spelling."""
     text = name.lower()
-    for said, meant in SPELLINGS:
-        text = text.replace(said, meant)
+    for units_named, meant in SPELLINGS:
+        text = text.replace(units_named, meant)
     return re.sub(r"[^a-z0-9]", "", text)
 
 

@@ -86,11 +86,11 @@ def csv_rows(
 
 
 def _lines(file: TextIO, on_read: OnRead | None) -> Iterator[str]:
-    unsaid = 0
+    unreported = 0
     while line := file.readline(LONGEST_LINE):
-        unsaid += len(line)
-        if on_read is not None and unsaid > READ_SIZE:
-            unsaid = 0
+        unreported += len(line)
+        if on_read is not None and unreported > READ_SIZE:
+            unreported = 0
             on_read(os.lseek(file.fileno(), 0, os.SEEK_CUR))
         yield line
 

@@ -272,7 +272,7 @@ class Plausibility:
         self._latest = {name: deque[float](maxlen=WINDOW_SAMPLES) for name in USUAL}
         self._seen = 0
         self._next_us = 0  # when to look next
-        self._told: set[str] = set()
+        self._reported: set[str] = set()
 
     def look(self, sample: ImuSample, field: Vec3 | None, *, checks_axes: bool) -> list[str]:
         """New complaints about the stream, each given once; usually none.
@@ -297,6 +297,6 @@ class Plausibility:
             values = sorted(latest[name])
             is_judged = len(values) >= LEAST_SAMPLES and (checks_axes or name != "axes")
             if is_judged and not low <= (median := values[len(values) // 2]) < high:
-                new += [] if name in self._told else [complaint.format(median)]
-                self._told.add(name)
+                new += [] if name in self._reported else [complaint.format(median)]
+                self._reported.add(name)
         return new

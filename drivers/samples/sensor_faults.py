@@ -50,7 +50,7 @@ STUCK_ACC_RAD = 0.35
 LONGEST_STEP_S = 0.1
 # What no vehicle at rest shows: more than a gyroscope's bias, not 1 g, force or field that turn
 MOVING_GYR_RAD_S, MOVING_ACC_M_S2, MOVING_RAD = 0.05, 0.5, 0.1
-TOLD_RAD = 0.05  # a turn so far is told from noise
+DISTINCT_RAD = 0.05  # a turn so far is told from noise
 CONFIRMS_RAD = 0.25  # nearer than that to where the rate says, and half the way: it has turned so
 WEIGHT_M_S2 = 0.5  # from 1 g, of the force along the axis of a steady turn
 # Of the field's strength, and of the way that the rate gives it: so far off it may be, as hard iron
@@ -286,7 +286,7 @@ class StuckSensors:
             expected = vector_after_turn(before, gyr, span_s)
             way_rad = apart_rad(before, vector_after_turn(before, gyr, half_s))
             near_rad = min(0.5 * way_rad, CONFIRMS_RAD)
-            if way_rad >= TOLD_RAD and apart_rad(expected, after) < near_rad:
+            if way_rad >= DISTINCT_RAD and apart_rad(expected, after) < near_rad:
                 return False  # it has turned as the gyroscope says
         moves = any(apart_rad(*pair) > MOVING_RAD for pair in pairs)
         return moves or largest(gyr) > MOVING_GYR_RAD_S

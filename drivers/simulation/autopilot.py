@@ -216,7 +216,7 @@ class SimulatedAutopilot:
 
     def _global_position(self, sample: Sample) -> Message:
         place, height_m = geodetic(sample.position_ned_m), -sample.position_ned_m[2]
-        velocity = velocity_told(sample, self._noise, self._receiver)
+        velocity = velocity_reported(sample, self._noise, self._receiver)
         return global_position(sample.time_us, place, height_m, velocity)
 
     def _frames(self, messages: list[Message], unix_us: int) -> bytes:
@@ -271,7 +271,7 @@ def _euler(q: Quaternion) -> Vec3:
     return (roll, pitch, remainder(yaw, tau))
 
 
-def velocity_told(sample: Sample, noise: float, generator: np.random.Generator) -> Vec3:
+def velocity_reported(sample: Sample, noise: float, generator: np.random.Generator) -> Vec3:
     """The velocity (m/s, NED) as a vehicle that flies shows it."""
     errors = noise * FLIGHT_VELOCITY_NOISE_M_S * generator.standard_normal(3)
     north, east, down = (sample.velocity_ned_m_s + errors).tolist()

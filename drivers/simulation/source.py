@@ -21,7 +21,13 @@ from drivers.events import (
 from drivers.mavlink import constants as mav
 from drivers.player import Player
 from drivers.samples.navigation import Fix, velocity_sample
-from drivers.simulation.autopilot import HEARTBEAT_US, PARAMETERS, SLOW_US, Schedule, velocity_told
+from drivers.simulation.autopilot import (
+    HEARTBEAT_US,
+    PARAMETERS,
+    SLOW_US,
+    Schedule,
+    velocity_reported,
+)
 from drivers.simulation.flight import geodetic
 from drivers.simulation.simulated_vehicle import Sample, SimulatedVehicle
 from estimator.types import ImuSample
@@ -60,9 +66,9 @@ class SimSource(Player, Closing):
         yield LinkUp(self._start_unix_us, f"sim:{self._vehicle.motion}")
         for sample in self._vehicle:
             if not self._vehicle.is_silent(sample.time_us):
-                yield from self._told(sample)
+                yield from self._reported(sample)
 
-    def _told(self, sample: Sample) -> Iterator[Event]:
+    def _reported(self, sample: Sample) -> Iterator[Event]:
         """What the simulated autopilot shows by MAVLink, as exact events."""
         time_us, about = sample.time_us, (self._id, self._start_unix_us + sample.time_us)
         if self._heartbeat.is_due(time_us):
@@ -72,7 +78,7 @@ class SimSource(Player, Closing):
         yield Imu(*about, time_us, "RAW_IMU", imu_sample(sample))
         yield ReferenceAttitude(*about, time_us, "sim", "SIM_STATE", sample.q_ned_frd)
         if self._vehicle.tells_place and self._place.is_due(time_us):
-            name, fix = "GLOBAL_POSITION_INT", Fix(velocity_told(sample, 1.0, self._receiver))
+            name, fix = "GLOBAL_POSITION_INT", Fix(velocity_reported(sample, 1.0, self._receiver))
             yield Position(*about, time_us, name, *geodetic(sample.position_ned_m))
             velocity = velocity_sample(name, fix, time_us)
             if velocity is not None:

@@ -13,7 +13,7 @@ import typer
 from drivers.logs.time_window import TimeWindow
 from estimator.errors import InputError
 from fuzzbee import outputs
-from fuzzbee.notify import tell
+from fuzzbee.notify import print_line
 from fuzzbee.options import (
     PROFILES,
     From,
@@ -226,7 +226,7 @@ def _report_logs(
     if figure is not None and options.plot is not None:
         figure.draw(options.plot)
     for line in lines:
-        tell(line)
+        print_line(line)
     if options.as_json:
         _print_json(reports[0] if len(reports) == 1 else {"logs": reports})
     else:

@@ -12,7 +12,7 @@ from drivers.logs.time_window import TimeWindow
 from estimator.calibration import Calibration
 from estimator.errors import InputError
 from estimator.profile import SHIPPED, Profile, load_profile, merge_profile, profile_to_toml
-from fuzzbee.notify import notify, tell
+from fuzzbee.notify import notify, print_line
 from fuzzbee.options import require_extra, seed_range, time_window
 from fuzzbee.tune.command import SIMULATION, TuneRequest
 from fuzzbee.tune.read_flight import REFERENCES, read_flight
@@ -133,7 +133,7 @@ def _log_plan(request: TuneRequest) -> Plan:
             use = "its later part held out"
         reference = _reference_text(flight)
         rate = f"{flight.message} at {flight.rate_hz:.1f} Hz"
-        tell(f"{flight.name}: {rate}, reference: {reference}, {use}")
+        print_line(f"{flight.name}: {rate}, reference: {reference}, {use}")
         inputs.append({"name": flight.name, "sha256": flight.sha256, "use": use})
     reference = "; ".join(dict.fromkeys(map(_reference_text, flights)))
     return _plan(request, task, inputs, reference, {})
@@ -160,7 +160,7 @@ def _with_tuned_gain(base: Profile, groups: tuple[str, ...]) -> Profile:
         wanted = "fixed"
     if wanted == base.filter.gain:
         return base
-    tell(f'the numbers of that gain are tuned: the result has filter.gain = "{wanted}"')
+    print_line(f'the numbers of that gain are tuned: the result has filter.gain = "{wanted}"')
     return merge_profile(base, {"filter": {"gain": wanted}})
 
 

@@ -14,7 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from drivers.output_file import written_for
 from estimator.profile import Profile, Provenance, profile_to_toml
-from fuzzbee.notify import tell
+from fuzzbee.notify import print_line
 from fuzzbee.tune.command import TuneRequest
 from fuzzbee.tune.plan import Plan
 from fuzzbee.tune.report import has_gained, in_words, remarks, report_of
@@ -47,7 +47,7 @@ def run_plan(plan: Plan, request: TuneRequest, viewer: "ViewerOptions | None") -
     checkpoint = checkpoint_path(request.output)
     record = read_checkpoint(checkpoint, plan.identity) if request.resume else None
     if record is None and checkpoint.exists():
-        tell(f"{checkpoint}: an unfinished search, not resumed; it will be replaced")
+        print_line(f"{checkpoint}: an unfinished search, not resumed; it will be replaced")
     stop = threading.Event()
     with contextlib.ExitStack() as stack:
         view = _open_view(viewer, plan, stack)
@@ -73,7 +73,7 @@ def run_plan(plan: Plan, request: TuneRequest, viewer: "ViewerOptions | None") -
         }
         print(json.dumps(report) if request.as_json else in_words(plan, search, report), flush=True)
         for line in remarks(request.output, report, on_logs=on_logs):
-            tell(line)
+            print_line(line)
         if view is not None:
             view.show_end(search, stay=is_finished)
     if not is_finished:

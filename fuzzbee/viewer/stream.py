@@ -36,7 +36,7 @@ FINISH_FLUSH_S = 60.0
 STALLED_S = 3.0  # a file that has not grown for so long is on a full disk
 FILE_OPEN_S = 5.0  # for the arrangement of the views, 60 kB
 CLOSED = "closed; the rest goes on without it"
-# So begins what the library says of a file that it could not write, later or at once.
+# So begins what the library prints of a file that it could not write, later or at once.
 OF_FILE = ("File-writer", "Failed to encode LogMsg")
 
 

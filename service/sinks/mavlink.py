@@ -2,7 +2,7 @@
 
 The sender is the vehicle's system with component 191 (MAV_COMP_ID_ONBOARD_COMPUTER),
 never the autopilot: a ground station must not mix the two, and no vehicle should fly by our
-attitude without being told to. A heartbeat each second says what we are.
+attitude without being asked to. A heartbeat each second shows what we are.
 """
 
 import time
@@ -89,7 +89,7 @@ class MavlinkSink:
             LinkError: the link broke, or could not be opened; once until it works again.
         """
         frames = [frame for output in outputs for frame in self._frames(output)]
-        self._connection.receive(0.0)  # learns whom to send to; what they say is not used
+        self._connection.receive(0.0)  # learns whom to send to; what they send is not used
         for frame in frames:
             self._connection.send(frame)
         self._connection.take_events()
@@ -143,13 +143,13 @@ class Sender:
         self._announcements = 0
 
     def announcement(self, status: StatusRecord, now_us: int) -> list[bytes]:
-        """What is due to be told of the autopilot's attitude."""
-        messages, said = self._heartbeats(now_us), status.autopilot
-        differs = said is not None and said.verdict == Verdict.DIFFERS
-        if said and differs and self._is_due("announcement", now_us, ANNOUNCED_US):
+        """What is due to be announced of the autopilot's attitude."""
+        messages, opinion = self._heartbeats(now_us), status.autopilot
+        differs = opinion is not None and opinion.verdict == Verdict.DIFFERS
+        if opinion and differs and self._is_due("announcement", now_us, ANNOUNCED_US):
             self._announcements += 1
             number = 1 + self._announcements % 0xFFFF
-            messages += statustexts(announced(said), mav.MAV_SEVERITY_WARNING, number)
+            messages += statustexts(announced(opinion), mav.MAV_SEVERITY_WARNING, number)
         return [self._encoder.frame(message, now_us) for message in messages]
 
     def frames(self, record: AttitudeRecord) -> list[bytes]:
@@ -199,12 +199,12 @@ def _with_covariance(record: AttitudeRecord) -> Message:
     )
 
 
-def announced(said: Autopilot) -> str:
-    """A text whose first 50 letters, which any ground station shows, say the most."""
-    what = said.in_short.replace("°", " deg")
-    who = {"autopilot": "the autopilot's", "ours": "ours"}.get(said.wrong)
+def announced(opinion: Autopilot) -> str:
+    """A text whose first 50 letters, which any ground station shows, matter most."""
+    what = opinion.in_short.replace("°", " deg")
+    who = {"autopilot": "the autopilot's", "ours": "ours"}.get(opinion.wrong)
     named = f"likely wrong: {who}" if who else "which is wrong is not known"
-    return f"{what} ours (+-{said.sigma_deg:.0f} deg); {named}"
+    return f"{what} ours (+-{opinion.sigma_deg:.0f} deg); {named}"
 
 
 class RecordingSink:

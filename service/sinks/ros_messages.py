@@ -67,7 +67,7 @@ def imu_message(record: AttitudeRecord, acc_frd_m_s2: Vec3 | None, frame_id: str
     """The message at the record's time.
 
     ``acc_frd_m_s2`` is the specific force, which ROS calls linear acceleration
-    (at rest it points up); without it the message says so.
+    (at rest it points up); without it the message is marked so.
     """
     w, x, y, z = enu_flu_from_ned_frd(record.q_ned_frd)
     out = CdrWriter()
@@ -159,6 +159,8 @@ def _values(record: StatusRecord) -> dict[str, str]:
         "shed": str(record.shed),
         "malformed": str(record.malformed),
     }
-    if (said := record.autopilot) is not None:
-        values["autopilot"] = f"{said.verdict} {said.in_short}" if said.axis else said.verdict
+    if (output := record.autopilot) is not None:
+        values["autopilot"] = (
+            f"{output.verdict} {output.in_short}" if output.axis else output.verdict
+        )
     return values | {f"rejected.{reason}": str(count) for reason, count in record.rejected.items()}

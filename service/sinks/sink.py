@@ -126,7 +126,7 @@ class Outbox:
     def __init__(self, sinks: Sequence[Sink]) -> None:
         self._outlets = tuple(Outlet(sink) for sink in sinks)
         self.stuck: list[str] = []
-        self.untold: list[str] = []  # errors that came last
+        self.unreported: list[str] = []  # errors that came last
 
     @property
     def dropped(self) -> int:
@@ -151,7 +151,7 @@ class Outbox:
             outlet.thread.join(max(0.01, end_s - time.monotonic()))
             if outlet.thread.is_alive():
                 self.stuck.append(outlet.sink.name)
-        self.untold += [each.take_error() for each in self._outlets if each.error]
+        self.unreported += [each.take_error() for each in self._outlets if each.error]
 
     def __enter__(self) -> Self:
         return self

@@ -42,7 +42,7 @@ def test_spellings(text, expected):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "output"),
     [
         ("", "empty"),
         ("udpin:127.0.0.1", "no port|port must be"),
@@ -74,8 +74,8 @@ def test_spellings(text, expected):
         ("a\0b", "no source|no such file"),
     ],
 )
-def test_bad_addresses_say_what_and_where(text, said):
-    with pytest.raises(InputError, match=said) as caught:
+def test_bad_addresses_say_what_and_where(text, output):
+    with pytest.raises(InputError, match=output) as caught:
         parse_endpoint(text)
     assert "\n" not in str(caught.value)
 

@@ -156,7 +156,7 @@ def ulog(folder, flags, *, ratio=0.1, dead_reckoning=False, primary=0, changes=F
 
 
 @pytest.mark.parametrize(
-    ("flags", "told", "sigmas"),
+    ("flags", "reported", "sigmas"),
     [
         (FLYING, {}, [0.3]),
         (FLYING, {"ratio": 1.0}, [1.2]),
@@ -166,7 +166,7 @@ def ulog(folder, flags, *, ratio=0.1, dead_reckoning=False, primary=0, changes=F
         (STANDING, {"changes": True}, [0.3]),
     ],
 )
-def test_an_on_board_log_of_px4(flags, told, sigmas, tmp_path):
-    events = list(open_log(ulog(tmp_path, flags, **told)))
+def test_an_on_board_log_of_px4(flags, reported, sigmas, tmp_path):
+    events = list(open_log(ulog(tmp_path, flags, **reported)))
     found = [e.sample.sigma_m_s for e in events if isinstance(e, Velocity)]
     assert found == pytest.approx(sigmas)

@@ -163,7 +163,7 @@ def test_tuning_and_retuning_repeat_the_reports(tmp_path):
 
     segments = []
     estimator = RetunedEstimator(PROFILE, on_segment=segments.append)
-    said = []
+    output = []
     samples = [
         ImuSample(time_us, *map(tuple, vectors), has_mag)
         for time_us, *vectors, has_mag in zip(*map(np.ndarray.tolist, flight.rows), strict=True)
@@ -174,11 +174,11 @@ def test_tuning_and_retuning_repeat_the_reports(tmp_path):
         for row in reports_between(flight.reports, k, k + 1):
             estimator.update_report(report_of(row))
         estimator.update(sample)
-        said.append(estimator.attitude(sample.time_us).q_ned_frd)
+        output.append(estimator.attitude(sample.time_us).q_ned_frd)
     last = segments[-1]
     repeated = fly_segments(PROFILE, (last,)).q_ned_frd
     end = samples.index(last.samples[-1]) + 1
-    assert np.array_equal(repeated, said[end - len(last.samples) : end])
+    assert np.array_equal(repeated, output[end - len(last.samples) : end])
     deaf = last._replace(
         calls={
             k: [c for c in calls if not isinstance(c.values[-1], HeadingSample)]

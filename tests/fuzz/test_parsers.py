@@ -156,15 +156,15 @@ def test_recordings_cut_swapped_and_joined(tmp_path_factory, one, other, rng):
     """Through the report that ``replay --json`` prints."""
     path = tmp_path_factory.getbasetemp() / "fuzz.log"
     path.write_bytes(rearranged(one, rng) + (other if rng.random() < 0.2 else b""))
-    told = []
+    reported = []
     try:
-        report = report_log(path, PROFILES[1], notify=told.append)
+        report = report_log(path, PROFILES[1], notify=reported.append)
     except InputError as error:
         one_line(path.name, error)
     else:
         json.loads(msgspec.json.encode(report), parse_constant=_no_constant)
-    assert len(told) < 200
-    assert not [line for line in told if "\n" in line]
+    assert len(reported) < 200
+    assert not [line for line in reported if "\n" in line]
 
 
 @fuzzed(20, 19000)

@@ -72,12 +72,12 @@ def only(endpoint):
 
 
 def await_line(process, words):
-    said = ""
+    output = ""
     for line in process.stderr:
-        said += line
+        output += line
         if words in line:
-            return said
-    pytest.fail(f"{words!r} was never said, but: {said}")
+            return output
+    pytest.fail(f"{words!r} was never said, but: {output}")
 
 
 def keep_reading(process):

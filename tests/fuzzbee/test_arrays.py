@@ -106,13 +106,13 @@ def assert_batches_equal_calls(flight, damages, has_velocity, cuts, calibrated=N
     position[60:180:7] = (-35.363, 149.165, 584.0, 1.72e9)
     position[130:180:7, 0] = 48.0  # far away
     calls, batches = (Estimator(compass_calibrated=calibrated) for _ in range(2))
-    told = []
+    reported = []
     for k in range(ROWS):
         if np.isfinite(position[k]).all():
             calls.set_position(*position[k])
         if np.isfinite(velocity[k, :2]).all():
             calls.update_velocity(velocity[k], round(1e6 * time_s[k]) / 1e6)
-        told.append(calls.update(gyr[k], acc[k], mag[k], time_s[k]))
+        reported.append(calls.update(gyr[k], acc[k], mag[k], time_s[k]))
     edges, columns = (0, *cuts, ROWS), (gyr, acc, mag, time_s, velocity, position)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", Unfit)  # damaged rows may look like other axes
@@ -120,10 +120,10 @@ def assert_batches_equal_calls(flight, damages, has_velocity, cuts, calibrated=N
             batches.update_batch(*(column[a:b] for column in columns)) for a, b in pairwise(edges)
         ]
     assert batches.rejected == calls.rejected
-    known = [k for k in range(ROWS) if told[k] is not None]
+    known = [k for k in range(ROWS) if reported[k] is not None]
     for name in FIELDS:
         found = np.concatenate([getattr(part, name) for part in parts])
-        expected = np.array([getattr(told[k], name) for k in known])
+        expected = np.array([getattr(reported[k], name) for k in known])
         assert np.array_equal(found[known], expected), name
     unknown = sorted(set(range(ROWS)) - set(known))
     assert np.isnan(np.concatenate([part.q_ned_frd for part in parts])[unknown]).all()
@@ -153,10 +153,12 @@ def test_an_estimate_that_is_not_finite_begins_anew_in_a_batch_too(flight):
         poisoned = with_attitude(inner.snapshot.core, (np.nan,) * 4)
         inner.snapshot = inner.snapshot._replace(core=poisoned)
     found = batch.update_batch(gyr[50:60], acc[50:60], mag[50:60], time_s[50:60])
-    told = [calls.update(gyr[k], acc[k], mag[k], time_s[k]) for k in range(50, 60)]
-    assert told[0] is None
+    reported = [calls.update(gyr[k], acc[k], mag[k], time_s[k]) for k in range(50, 60)]
+    assert reported[0] is None
     assert np.isnan([*found.q_ned_frd[0], *found.rate_rad_s[0], found.gain[0]]).all()
-    assert [tuple(q) for q in found.q_ned_frd[1:]] == [attitude.q_ned_frd for attitude in told[1:]]
+    assert [tuple(q) for q in found.q_ned_frd[1:]] == [
+        attitude.q_ned_frd for attitude in reported[1:]
+    ]
     assert batch.rejected == calls.rejected == {"estimate_not_finite": 1}
 
 

@@ -24,7 +24,7 @@ PLANE = DATA / "sitl_plane_4hz.tlog"
 OFFSET_MGAUSS = (60.0, -40.0, 50.0)
 
 
-def said(capsys, *arguments):
+def output(capsys, *arguments):
     assert main([*map(str, arguments)]) == 0
     return capsys.readouterr().out
 
@@ -32,14 +32,14 @@ def said(capsys, *arguments):
 def test_a_profile_that_it_prints_gives_the_heading_back(tmp_path, capsys):
     """As recorded the heading is 1.66 deg off, with the iron 5.17, with the profile 1.66 (RMS)."""
     log = with_iron(PLANE, tmp_path / "iron.tlog", OFFSET_MGAUSS)
-    printed = said(capsys, "calibrate", log)
+    printed = output(capsys, "calibrate", log)
     found = 1e3 * np.array(tomllib.loads(printed)["calibration"]["mag_offset_gauss"])
     assert found == pytest.approx(OFFSET_MGAUSS, abs=2.0)  # mG; there are 1.3 without the iron
     assert "COMPASS_OFS_X -60." in printed
     (tmp_path / "mine.toml").write_text(printed)
     replays = [(PLANE, "imu"), (log, "imu"), (log, tmp_path / "mine.toml")]
     before, iron, after = (
-        json.loads(said(capsys, "replay", each, "--profile", profile, "--json"))["error_deg"][
+        json.loads(output(capsys, "replay", each, "--profile", profile, "--json"))["error_deg"][
             "heading_rms"
         ]
         for each, profile in replays
@@ -51,7 +51,7 @@ def test_what_the_current_adds_is_told_apart(tmp_path, capsys):
     """1.5, -2 and 1 mG for each of 10 to 30 A, and as ArduPilot's COMPASS_MOT what undoes it."""
     own = (1.5, -2.0, 1.0)
     log = with_iron(PLANE, tmp_path / "current.tlog", OFFSET_MGAUSS, current_mgauss_a=own)
-    report = json.loads(said(capsys, "calibrate", log, "--json"))
+    report = json.loads(output(capsys, "calibrate", log, "--json"))
     found, sigma = (1e3 * np.array(report[f"current_{each}gauss_a"]) for each in ("", "sigma_"))
     assert found == pytest.approx(own, abs=0.25)  # mG/A; it is 0.17 off
     assert (np.abs(found - own) < 3.0 * sigma).all()
@@ -59,11 +59,11 @@ def test_what_the_current_adds_is_told_apart(tmp_path, capsys):
     usual = 1e3 * np.array(report["calibration"]["mag_offset_gauss"]) - 20.0 * np.array(own)
     assert report["matrix_sigma"] is None  # what it says more is by chance
     assert usual == pytest.approx(OFFSET_MGAUSS, abs=5.0)
-    told = report["ardupilot"]
-    offsets = [told[f"COMPASS_OFS_{axis}"] for axis in "XYZ"]
+    reported = report["ardupilot"]
+    offsets = [reported[f"COMPASS_OFS_{axis}"] for axis in "XYZ"]
     assert offsets == pytest.approx([-each for each in OFFSET_MGAUSS], abs=5.0)
-    assert told["COMPASS_MOTCT"] == 2
-    assert [told[f"COMPASS_MOT_{axis}"] for axis in "XYZ"] == pytest.approx((-found).tolist())
+    assert reported["COMPASS_MOTCT"] == 2
+    assert [reported[f"COMPASS_MOT_{axis}"] for axis in "XYZ"] == pytest.approx((-found).tolist())
 
 
 TURNS = {
@@ -79,16 +79,16 @@ def test_a_compass_that_is_turned_is_turned_back(tmp_path, capsys, name):
     number, turn = TURNS[name]
     others = ("SCALED_IMU2", "SCALED_IMU3")
     log = with_iron(PLANE, tmp_path / "turned.tlog", OFFSET_MGAUSS, np.array(turn), left_out=others)
-    report = json.loads(said(capsys, "calibrate", log, "--json"))
+    report = json.loads(output(capsys, "calibrate", log, "--json"))
     assert report["orientation"] == name
     found = 1e3 * np.array(report["calibration"]["mag_offset_gauss"])
     assert found == pytest.approx(OFFSET_MGAUSS, abs=4.0)  # mG, in the axes of the readings
     assert report["ardupilot"] == {"COMPASS_ORIENT": number}
-    printed = said(capsys, "calibrate", log)
+    printed = output(capsys, "calibrate", log)
     assert f"should be {name}" in printed
     (tmp_path / "mine.toml").write_text(printed)
     errors = [
-        json.loads(said(capsys, "replay", each, "--profile", profile, "--json"))["error_deg"]
+        json.loads(output(capsys, "replay", each, "--profile", profile, "--json"))["error_deg"]
         for each, profile in ((PLANE, "imu"), (log, tmp_path / "mine.toml"))
     ]
     assert errors[1]["heading_rms"] < 1.2 * errors[0]["heading_rms"]
@@ -98,7 +98,7 @@ def test_another_compass_of_the_log_is_fitted(tmp_path, capsys):
     """The first carries iron, the second none; its parameters have its number."""
     log = with_iron(PLANE, tmp_path / "iron.tlog", OFFSET_MGAUSS, left_out=("SCALED_IMU3",))
     first, chosen, second = (
-        json.loads(said(capsys, "calibrate", log, "--json", *options))
+        json.loads(output(capsys, "calibrate", log, "--json", *options))
         for options in ((), ("--compass", "0"), ("--compass", "1"))
     )
     offsets = [each["calibration"]["mag_offset_gauss"] for each in (first, chosen, second)]
@@ -129,11 +129,11 @@ def test_a_log_of_which_much_was_refused_is_named(tmp_path, capsys, verb):
 
 
 def test_a_compass_in_its_place_has_no_other(capsys):
-    assert json.loads(said(capsys, "calibrate", PLANE, "--json"))["orientation"] is None
+    assert json.loads(output(capsys, "calibrate", PLANE, "--json"))["orientation"] is None
 
 
 def test_json_names_what_was_not_flown(capsys):
-    report = json.loads(said(capsys, "calibrate", PLANE, "--json"))
+    report = json.loads(output(capsys, "calibrate", PLANE, "--json"))
     assert report["unseen"] == ["bottom", "tail"]
     assert report["matrix_sigma"] is None
     assert report["ardupilot_adds"]
@@ -141,12 +141,12 @@ def test_json_names_what_was_not_flown(capsys):
     assert report["heading_sigma_deg"] < 0.5  # 0.3 deg
 
 
-def test_a_log_without_a_position_is_told_where_it_was(tmp_path, capsys):
+def test_a_log_without_a_position_is_reported_where_it_was(tmp_path, capsys):
     there = ("GLOBAL_POSITION_INT", "GPS_RAW_INT", "GPS2_RAW", "HOME_POSITION")
     log = with_iron(PLANE, tmp_path / "iron.tlog", OFFSET_MGAUSS, left_out=there)
     assert main(["calibrate", str(log)]) == 2
     assert "no position; --place LAT,LON" in capsys.readouterr().err
-    report = json.loads(said(capsys, "calibrate", log, "--place", "-35.363,149.165", "--json"))
+    report = json.loads(output(capsys, "calibrate", log, "--place", "-35.363,149.165", "--json"))
     found = 1e3 * np.array(report["calibration"]["mag_offset_gauss"])
     assert found == pytest.approx(OFFSET_MGAUSS, abs=2.0)  # mG; 1.6 on the third axis
     assert report["dip_deg"] == pytest.approx(-66.0, abs=0.1)  # of Canberra
@@ -155,9 +155,9 @@ def test_a_log_without_a_position_is_told_where_it_was(tmp_path, capsys):
 @pytest.mark.parametrize("place", ["here", "47.4", "90,0", "nan,8", "47,1000", "1,2,3"])
 def test_a_place_that_is_none_is_one_line(place, capsys):
     assert main(["calibrate", str(PLANE), "--place", place]) == 2
-    told = capsys.readouterr().err
-    assert told.startswith("fuzzbee: --place")
-    assert told.count("\n") == 1
+    reported = capsys.readouterr().err
+    assert reported.startswith("fuzzbee: --place")
+    assert reported.count("\n") == 1
 
 
 @pytest.mark.parametrize(
@@ -171,8 +171,8 @@ def test_what_shows_nothing_is_one_line(log, complaint, capsys):
     assert main(["calibrate", str(DATA / log)]) == 2
     out, err = capsys.readouterr()
     assert not out
-    told = err.splitlines()[-1]  # before it may stand that the filter is compiled
-    assert complaint in told
+    reported = err.splitlines()[-1]  # before it may stand that the filter is compiled
+    assert complaint in reported
     assert "Traceback" not in err
 
 
@@ -202,17 +202,17 @@ SENSORS = ("gyr_bias_rad_s", "acc_bias_m_s2", "mag_offset_gauss")
 
 def truth_of(seed):
     """[calibration] that undoes the errors of a seed."""
-    told = {}
+    reported = {}
     for name, (matrix, bias) in zip(SENSORS, imu_errors(seed), strict=True):
-        told |= {name: bias, f"{name[:3]}_matrix": np.linalg.inv(matrix)}
-    return told
+        reported |= {name: bias, f"{name[:3]}_matrix": np.linalg.inv(matrix)}
+    return reported
 
 
 def test_a_bench_recording_shows_the_whole_imu(tmp_path, capsys):
     """Two recordings of one IMU, and another one that is better for it."""
     logs = [bench(tmp_path / f"{k}.csv", 3) for k in (1, 2)]
     mine = tmp_path / "mine.toml"
-    report = json.loads(said(capsys, "calibrate", *logs, "-o", mine, "--json"))
+    report = json.loads(output(capsys, "calibrate", *logs, "-o", mine, "--json"))
     truth, found = truth_of(3), report["calibration"]
     assert found["acc_bias_m_s2"] == pytest.approx(truth["acc_bias_m_s2"], abs=0.05)
     assert found["mag_offset_gauss"] == pytest.approx(truth["mag_offset_gauss"], abs=0.005)
@@ -223,7 +223,7 @@ def test_a_bench_recording_shows_the_whole_imu(tmp_path, capsys):
     assert max(report["sensors"]["field_misfits"]) < 0.02
     another = bench(tmp_path / "another.csv", 3, seconds=60.0)
     before, after = (
-        json.loads(said(capsys, "replay", another, "--profile", profile, "--json"))["error_deg"]
+        json.loads(output(capsys, "replay", another, "--profile", profile, "--json"))["error_deg"]
         for profile in ("imu", mine)
     )
     assert after["inclination_rms"] < 0.5 * before["inclination_rms"]

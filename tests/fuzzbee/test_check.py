@@ -146,9 +146,9 @@ def test_an_interrupt_of_all_processes_ends_them_without_a_word():
     while not (workers := [p for p in descendants(process.pid) if is_worker(p)]):
         assert process.poll() is None
     os.killpg(process.pid, signal.SIGHUP)
-    _, said = process.communicate(timeout=60)
+    _, output = process.communicate(timeout=60)
     assert process.returncode == 128 + signal.SIGHUP
-    assert said == ""
+    assert output == ""
     assert not any(map(is_alive, workers))
 
 

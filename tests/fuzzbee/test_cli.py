@@ -233,18 +233,18 @@ def test_an_interrupt_ends_with_our_status_and_no_traceback(program, verb, statu
 def test_a_processor_that_numpy_cannot_use_is_named_before_it_is_imported(
     flags, lacking, tmp_path, monkeypatch
 ):
-    told = tmp_path / "cpuinfo"
+    reported = tmp_path / "cpuinfo"
     if flags is not None:
-        told.write_text(f"processor\t: 0\nflags\t\t: {flags}\nbogomips\t: 1\n")
-    monkeypatch.setattr(environment, "PROCESSORS", told)
+        reported.write_text(f"processor\t: 0\nflags\t\t: {flags}\nbogomips\t: 1\n")
+    monkeypatch.setattr(environment, "PROCESSORS", reported)
     assert ", ".join(environment.lacking_of_processor()) == lacking
 
 
 def test_without_x86_64_v2_the_command_ends_with_a_line(tmp_path):
-    told = tmp_path / "cpuinfo"
-    told.write_text("flags : lm sse2 cx16 lahf_lm popcnt ssse3\n")
+    reported = tmp_path / "cpuinfo"
+    reported.write_text("flags : lm sse2 cx16 lahf_lm popcnt ssse3\n")
     program = f"""import atexit, pathlib, sys; from fuzzbee import cli, environment
-environment.PROCESSORS = pathlib.Path({str(told)!r})
+environment.PROCESSORS = pathlib.Path({str(reported)!r})
 atexit.register(lambda: print("numpy" in sys.modules)); cli.entry_point()"""
     ended = run_python("-c", program, timeout_s=900, check=False)
     assert (ended.returncode, ended.stdout.strip()) == (1, "False")

@@ -47,10 +47,12 @@ def test_parquet_has_the_rows_of_the_csv(replayed, tmp_path, monkeypatch):
     assert len(found) % 250
     for ours, text in zip(found[::50], rows[::50], strict=True):
         for name, value in ours.items():
-            told = text[name] or None
-            is_text = name == "heading_reference" or told is None
+            reported = text[name] or None
+            is_text = name == "heading_reference" or reported is None
             # the text has nine digits
-            assert value == (told if is_text else pytest.approx(float(told), rel=1e-8, abs=1e-12))
+            assert value == (
+                reported if is_text else pytest.approx(float(reported), rel=1e-8, abs=1e-12)
+            )
 
 
 def test_trajectories_turn_as_the_errors_say(replayed, tmp_path):

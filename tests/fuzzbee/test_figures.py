@@ -151,7 +151,7 @@ def test_each_band_is_where_it_was(replayed, tmp_path):
     assert found == {"no velocity": [pytest.approx((0.0, 2.3), abs=0.4)]}
 
 
-def test_errors_that_are_cut_off_are_told(replayed, tmp_path, drawn):
+def test_errors_that_are_cut_off_are_reported(replayed, tmp_path, drawn):
     replayed(LOG, "--plot", tmp_path / "whole.png")
     replayed(disturbed(tmp_path / "a.csv"), "--start-wrong", 170, "--plot", tmp_path / "a.png")
     panels = [ax for figure in drawn for ax in figure.axes[3:5]]
@@ -159,8 +159,8 @@ def test_errors_that_are_cut_off_are_told(replayed, tmp_path, drawn):
     is_cut = [peak > ax.get_ylim()[1] for ax, peak in zip(panels, peaks, strict=True)]
     assert set(is_cut) == {True, False}
     for ax, peak, cut in zip(panels, peaks, is_cut, strict=True):
-        told = [text.get_text() for text in ax.texts if text.get_text()]
-        assert told == ([f"cut off: up to {peak:.0f}°"] if cut else [])
+        reported = [text.get_text() for text in ax.texts if text.get_text()]
+        assert reported == ([f"cut off: up to {peak:.0f}°"] if cut else [])
 
 
 def svg_texts(path):
@@ -193,8 +193,8 @@ def test_where_nothing_is_to_compare_a_figure_says_so(replayed, tmp_path, drawn,
         "inclination\nsigma in °",
         "heading\nsigma in °",
     ]
-    told = [text.get_text() for ax in several[:2] for text in ax.texts]
-    assert told == ["nothing to compare with"] * 2
+    reported = [text.get_text() for ax in several[:2] for text in ax.texts]
+    assert reported == ["nothing to compare with"] * 2
     texts = [each["text"] for each in page_of(tmp_path / "b.html")[1]["annotations"]]
     assert texts.count("nothing to compare with") == 2
 

@@ -100,8 +100,8 @@ def advice(time_s, *readings):
     """What is said of units and axes, whatever becomes of the samples."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        told = Estimator().update_batch(*readings, time_s).warnings
-    return tuple(line for line in told if not line.startswith("most of the samples"))
+        reported = Estimator().update_batch(*readings, time_s).warnings
+    return tuple(line for line in reported if not line.startswith("most of the samples"))
 
 
 def test_sound_readings_are_nothing_to_warn_of(flight):
@@ -110,17 +110,17 @@ def test_sound_readings_are_nothing_to_warn_of(flight):
 
 
 @pytest.mark.parametrize("wrong", WRONG)
-def test_what_does_not_fit_is_told_once_with_what_would(flight, wrong):
+def test_what_does_not_fit_is_reported_once_with_what_would(flight, wrong):
     spoil, line = WRONG[wrong]
     time_s, *readings = spoil(*flight)
     estimator = Estimator()
     with pytest.warns(Unfit, match=line):
-        told = estimator.update_batch(*readings, time_s).warnings
-    assert len(told) == 1
+        reported = estimator.update_batch(*readings, time_s).warnings
+    assert len(reported) == 1
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of times that are not later
         again = estimator.update_batch(*readings, time_s + 30.0).warnings
-    assert not {*told} & {*again}
+    assert not {*reported} & {*again}
     with pytest.raises(InputError, match=line):
         Estimator().update_batch(*readings, time_s, strict=True)
 
@@ -154,8 +154,8 @@ def test_a_field_in_other_axes_is_told_apart_from_units():
         for _ in range(10):
             vectors = vectors - 0.001 * np.cross(rate, vectors)
     assert advice(time_s, gyr, acc, mag) == ()
-    (said,) = advice(time_s, gyr, acc, mag[:, [1, 0, 2]] * (1, 1, -1))
-    assert said.endswith(
+    (output,) = advice(time_s, gyr, acc, mag[:, [1, 0, 2]] * (1, 1, -1))
+    assert output.endswith(
         "with mag[:, [1, 0, 2]] * (1, 1, -1), or with gyr[:, [1, 0, 2]] * (1, 1, -1)"
     )
 
@@ -182,8 +182,8 @@ def test_numbers_that_are_no_readings_are_nothing_to_compare(flight, value):
         readings[100:] = value
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        told = Estimator().update_batch(gyr, acc, mag, time_s, strict=True).warnings
-    assert [line.split(":")[0] for line in told] == ["most of the samples could not be used"]
+        reported = Estimator().update_batch(gyr, acc, mag, time_s, strict=True).warnings
+    assert [line.split(":")[0] for line in reported] == ["most of the samples could not be used"]
 
 
 def test_an_accelerometer_that_reads_nothing_is_named(flight):

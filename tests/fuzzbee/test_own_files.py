@@ -46,10 +46,10 @@ def test_on_a_full_disk_the_files_of_before_stay(tmp_path, capfd):
         }
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
-    told = [
+    reported = [
         f"fuzzbee: {option} {out}: File too large, not written" for option, out in files.items()
     ]
-    assert capfd.readouterr().err.splitlines() == told
+    assert capfd.readouterr().err.splitlines() == reported
     assert [file.read_text() for file in tmp_path.iterdir()] == ["before"] * len(files)
 
 

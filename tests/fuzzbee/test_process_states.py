@@ -181,13 +181,13 @@ class Service(RuleBasedStateMachine):
             family = descendants(self.process.pid)
             time.sleep(1.0)
             self.process.send_signal(signal.SIGINT)
-            said = self.process.stdout.read()
+            output = self.process.stdout.read()
             status = self.process.wait(20)
             self.session.close()
             wait_for(lambda: not any(map(is_alive, family)), 10.0)
-            told = "".join(self.lines)
-            assert "Traceback" not in told, told[-2000:]
-            self.adds_up(json.loads(said), status)
+            reported = "".join(self.lines)
+            assert "Traceback" not in reported, reported[-2000:]
+            self.adds_up(json.loads(output), status)
 
     def adds_up(self, result, status):
         is_whole = result["recording"] == "whole"
@@ -197,15 +197,15 @@ class Service(RuleBasedStateMachine):
         assert is_whole or "record" in "".join(self.lines)
         lost = result["lost"] + result["dropped"]
         for k in range(VEHICLES):
-            told = result["vehicles"][str(k + 1)]
-            handled = told["samples"] + told["shed"] + sum(told["rejected"].values())
+            reported = result["vehicles"][str(k + 1)]
+            handled = reported["samples"] + reported["shed"] + sum(reported["rejected"].values())
             held = 1  # a sample of another time, until the next one confirms it
             assert self.sent[k] - lost - held <= handled <= self.sent[k] + self.again[k]
             for seen in (*self.gone, self.subscriber.attitudes):
                 numbers = [record["sequence"] for _, record in seen.get(str(k + 1), ())]
                 assert numbers == sorted(set(numbers))
-                assert not numbers or numbers[-1] < told["attitudes"]
-                assert told["samples"] > 0
+                assert not numbers or numbers[-1] < reported["attitudes"]
+                assert reported["samples"] > 0
 
 
 Service.TestCase.settings = settings(

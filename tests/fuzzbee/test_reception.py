@@ -30,17 +30,17 @@ NUMBERS = (1e308, -1e308, 1e12, 721.0, -721.0, 10**30, -1, float("nan"), "1", No
 
 
 def received(key, record):
-    told = []
+    reported = []
     payload = record if isinstance(record, bytes) else json.dumps(record).encode()
-    return Reception(told.append).record(key, payload), told
+    return Reception(reported.append).record(key, payload), reported
 
 
 def test_ours_are_taken():
-    (name, record), told = received("fuzzbee/12-3/attitude", ATTITUDE)
-    assert (name, told) == ("12-3", [])
+    (name, record), reported = received("fuzzbee/12-3/attitude", ATTITUDE)
+    assert (name, reported) == ("12-3", [])
     assert json.loads(msgspec.json.encode(record)) == ATTITUDE
-    (name, record), told = received("a/b/7/status", STATUS)
-    assert (name, record.imu_message, told) == ("7", "RAW_IMU", [])
+    (name, record), reported = received("a/b/7/status", STATUS)
+    assert (name, record.imu_message, reported) == ("7", "RAW_IMU", [])
 
 
 @pytest.mark.parametrize("message", ["HIGHRES_IMU:1", "sensor_combined", "/imu/data_raw", "IMU2"])
@@ -89,21 +89,21 @@ def test_every_sources_imu_is_taken(message):
         ("fuzzbee/1/status", {**STATUS, "rejected": {"x" * 40_000: 1}}, "bytes"),
     ],
 )
-def test_others_are_not_and_that_is_said(key, record, words):
-    taken, told = received(key, record)
+def test_others_are_not_and_that_is_reported(key, record, words):
+    taken, reported = received(key, record)
     assert taken is None
-    (line,) = told
+    (line,) = reported
     assert words in line
     assert line == printable(line)
     assert len(line) < 300
 
 
-def test_it_is_said_once():
-    told = []
-    reception = Reception(told.append)
+def test_it_is_reported_once():
+    reported = []
+    reception = Reception(reported.append)
     for number in range(9):
         reception.record(f"fuzzbee/no{number}/status", json.dumps(STATUS).encode())
-    assert len(told) == 1
+    assert len(reported) == 1
 
 
 def changed(rng):

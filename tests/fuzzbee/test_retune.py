@@ -48,7 +48,7 @@ def noisy_events(seconds, noisy_from_s):
 @pytest.mark.slow
 def test_a_live_vehicle_is_retuned_by_a_thread_beside_it(tmp_path):
     """The loop's part is done here. The decision comes by the mailbox."""
-    requests, said = ParameterRequests(), []
+    requests, output = ParameterRequests(), []
     with Retuning(requests, None) as retuning, Recorder(tmp_path / "x.tlog") as recorder:
         pipeline = Pipeline(load_profile("paper"), new_estimator=retuning.estimator)
         retuning.watch(pipeline)
@@ -62,13 +62,13 @@ def test_a_live_vehicle_is_retuned_by_a_thread_beside_it(tmp_path):
             time.sleep(0.02)
         outputs = pipeline.tick(START_US + 40_200_000)
         sink.handle(outputs)
-        said = [o.text for o in outputs if isinstance(o, Message)]
+        output = [o.text for o in outputs if isinstance(o, Message)]
         status = status_record(vehicle, START_US, Load(), 0)
     requests.close()
     assert vehicle.profile.confidence.gravity < 0.6  # vectors x5
     assert status.retuned.count == 1
     assert status.retuned.last.startswith("gain x0.")
-    assert any("retuned: gain x0." in line for line in said)
+    assert any("retuned: gain x0." in line for line in output)
     log = mavutil.mavlink_connection(str(tmp_path / "x.tlog"))
     frame = log.recv_match()
     log.close()

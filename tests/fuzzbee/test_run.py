@@ -87,14 +87,14 @@ def test_a_vehicle_that_is_killed_and_started_again():
     """Degraded, lost, and running again without restarting the service."""
     port = free_port(socket.SOCK_DGRAM)
     vehicle = ["sim", "--to", f"udpout:127.0.0.1:{port}"]
-    told = []
+    reported = []
 
     def wait_for(service, words):
         for line in service.stderr:
-            told.append(line)
+            reported.append(line)
             if words in line:
                 return
-        pytest.fail(f"{words!r} was never told, but: {told}")
+        pytest.fail(f"{words!r} was never told, but: {reported}")
 
     with started(
         "run", f"udpin:127.0.0.1:{port}", "--profile", "paper", "--no-zenoh", "--json"
@@ -111,7 +111,7 @@ def test_a_vehicle_that_is_killed_and_started_again():
             out, _ = service.communicate(timeout=60)
     assert service.returncode == 0
     assert json.loads(out)["vehicles"]["1"]["state"] == "running"
-    assert any("reboot" in line for line in told)
+    assert any("reboot" in line for line in reported)
 
 
 def test_ros_nodes_hear_of_the_vehicle(capfd, monkeypatch):

@@ -59,18 +59,18 @@ def test_every_figure_is_that_of_the_samples_that_count(log, skip_s, monkeypatch
     assert batch_angle_errors(*pair) == pytest.approx(flight.error_rad, nan_ok=True)
     counted = np.isfinite(flight.error_rad[:, 0]) & (ours.time_s >= skip_s)
     total, heading, inclination = np.degrees(flight.error_rad[counted]).T
-    told = ours.heading_reference[counted] != "none"
-    assert report.error_deg.total_rms == rms(total[told])
-    assert report.error_deg.heading_rms == rms(heading[told])
+    reported = ours.heading_reference[counted] != "none"
+    assert report.error_deg.total_rms == rms(total[reported])
+    assert report.error_deg.heading_rms == rms(heading[reported])
     assert report.error_deg.inclination_rms == rms(inclination)
     assert report.error_deg.inclination_p95 == pytest.approx(np.percentile(inclination, 95.0))
     upright = inclination <= np.degrees(ours.sigma_inclination_rad[counted])
     pointed = heading <= np.degrees(ours.sigma_heading_rad[counted])
     moving = moved(path)[-len(counted) :][counted]
     assert report.coverage.inclination == share(upright)
-    assert report.coverage.heading == share(pointed[told])
+    assert report.coverage.heading == share(pointed[reported])
     assert report.coverage.inclination_moving == share(upright[moving])
-    assert report.coverage.heading_moving == share(pointed[told & moving])
+    assert report.coverage.heading_moving == share(pointed[reported & moving])
     names, counts = np.unique(ours.heading_reference[counted], return_counts=True)
     assert report.heading_references == dict(zip(names.tolist(), counts.tolist(), strict=True))
     assert report.mean_gain == pytest.approx(np.mean(ours.gain))
@@ -99,7 +99,7 @@ def assert_constant_turn(found, flight, counted, moving):
     assert found.inclination_coverage_moving == share(under[moving])
 
 
-def test_a_constant_turn_is_told(capsys):
+def test_a_constant_turn_is_reported(capsys):
     log = DATA / "sub_bluerov.tlog"
     turn = replay(log).report.constant_turn
     assert main(["replay", str(log)]) == 0
@@ -134,8 +134,8 @@ def test_a_heading_by_velocity_is_scored_without_a_magnetometer(tmp_path):
     sensors = [f"gyro_{axis}_rad_s" for axis in "xyz"] + [f"acc_{axis}_m_s2" for axis in "xyz"]
     lines = [",".join(["time_s", *sensors, "vn,ve,vd,w,x,y,z"])]
     for k, (sample, q) in enumerate(zip(flight.samples, flight.truth, strict=True)):
-        told = velocity.get(k, ("", "", ""))
-        row = (1e-6 * sample.time_us, *sample.gyr_rad_s, *sample.acc_m_s2, *told, *q)
+        reported = velocity.get(k, ("", "", ""))
+        row = (1e-6 * sample.time_us, *sample.gyr_rad_s, *sample.acc_m_s2, *reported, *q)
         lines.append(",".join(map(str, row)))
     path = tmp_path / "flight.csv"
     path.write_text("\n".join(lines))

@@ -53,7 +53,7 @@ def test_beside_a_signed_vehicle_an_unsigned_one_is_refused_and_counted(key, tmp
         started("sim", "--to", to, "--vehicles", "2"),  # an unsigned 1 and an unsigned 2
         started("sim", "--to", to, "--signing-key-file", str(other)),
     ):
-        result, said = run_service(port, "--signing-key-file", str(key))
+        result, output = run_service(port, "--signing-key-file", str(key))
     assert list(result["vehicles"]) == ["1"]
     assert result["vehicles"]["1"]["state"] == "running"
     assert result["vehicles"]["1"]["samples"] > 100
@@ -62,7 +62,7 @@ def test_beside_a_signed_vehicle_an_unsigned_one_is_refused_and_counted(key, tmp
     assert counted["wrong_signature"] > 100
     assert result["refused"]["unsigned"] > 200
     assert result["refused"]["wrong_signature"] > 100
-    assert "without a signature" in said
+    assert "without a signature" in output
 
 
 class Peer:
@@ -140,10 +140,10 @@ def test_secrets_are_in_no_argument_log_recording_status_or_error(key, tmp_path)
             arguments.append(Path(f"/proc/{process.pid}/cmdline").read_bytes())
             arguments.append(Path(f"/proc/{process.pid}/environ").read_bytes())
         service.send_signal(signal.SIGINT)
-        result, said = service.communicate()
+        result, output = service.communicate()
     state = (tmp_path / "state" / "fuzzbee" / "signing.json").read_bytes()
     assert len(log.read_bytes()) > 1000
-    texts = [result.encode(), said.encode(), state, log.read_bytes(), *arguments, *seen]
+    texts = [result.encode(), output.encode(), state, log.read_bytes(), *arguments, *seen]
     for text in texts:
         assert secret not in text
         assert digest not in text
@@ -188,7 +188,7 @@ def test_lists_of_system_ids(capfd):
     "verb", [("run", "udpout:127.0.0.1:9"), ("sim", "--to", "udpout:127.0.0.1:9")]
 )
 @pytest.mark.parametrize(
-    ("content", "mode", "said"),
+    ("content", "mode", "output"),
     [
         (b"s3cret phrase", 0o644, "others may read the key file "),
         (b"s3cret phrase", 0o604, "others may read the key file "),
@@ -200,7 +200,7 @@ def test_lists_of_system_ids(capfd):
     ],
 )
 def test_a_key_file_that_cannot_be_one_is_refused_without_its_content(
-    verb, content, mode, said, tmp_path, capfd
+    verb, content, mode, output, tmp_path, capfd
 ):
     path = tmp_path / "key"
     if content is not None:
@@ -209,7 +209,7 @@ def test_a_key_file_that_cannot_be_one_is_refused_without_its_content(
     command = [*verb, "--seconds", "0.1", "--signing-key-file", str(path)]
     assert main(command) == 2
     (line,) = capfd.readouterr().err.splitlines()
-    assert line.startswith(f"fuzzbee: {said}")
+    assert line.startswith(f"fuzzbee: {output}")
     assert "s3cret" not in line
     if mode != 0o600:
         assert main([*command, "--insecure-key-file"]) != 2
@@ -220,6 +220,6 @@ def test_a_short_pass_phrase_warns(key, phrase, warns, capfd):
     key.write_text(phrase)
     command = ["sim", "--to", "udpout:127.0.0.1:9", "--seconds", "0.1"]
     assert main([*command, "--signing-key-file", str(key)]) == 0
-    said = capfd.readouterr().err
-    assert ("easily guessed" in said) == warns
-    assert phrase not in said
+    output = capfd.readouterr().err
+    assert ("easily guessed" in output) == warns
+    assert phrase not in output

@@ -75,9 +75,9 @@ def assert_one_pipeline_says(records, frames, system):
         [frame] = FrameReader().feed(data)
         if frame.system_id == system:
             events += decoder.events(frame, arrival_us)
-    told = [record for record in records if record["age_ms"] > 0.0]
-    assert len(told) > 0.8 * len(records)
-    for record in told:
+    reported = [record for record in records if record["age_ms"] > 0.0]
+    assert len(reported) > 0.8 * len(records)
+    for record in reported:
         time_us = record["time_unix_us"]
         last_us = time_us - round(1e3 * record["age_ms"])
         while events and (not isinstance(events[0], Imu) or events[0].arrival_us <= last_us):

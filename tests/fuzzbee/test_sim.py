@@ -44,7 +44,7 @@ def ground_station(address):
 
 
 @contextlib.contextmanager
-def heard(*options):
+def received(*options):
     """A ground station, and the vehicle that sends to it by UDP."""
     port = free_port(UDP)
     with (
@@ -62,7 +62,7 @@ def wait_for_imu(link, n=20):
 
 
 def test_udpout_to_pymavlink_until_a_signal():
-    with heard("--seed", "6", "--rate", "200") as (ground, vehicle):
+    with received("--seed", "6", "--rate", "200") as (ground, vehicle):
         raw = receive(ground, "RAW_IMU", 100)
         expected = simulate(6, 100, rate_hz=200.0)
         assert [m.time_usec for m in raw] == expected.time_us.tolist()
@@ -71,14 +71,14 @@ def test_udpout_to_pymavlink_until_a_signal():
         beat = receive(ground, "HEARTBEAT", 1)[0]
         assert (beat.type, beat.autopilot) == (2, 3)
         vehicle.send_signal(signal.SIGTERM)
-        _, said = vehicle.communicate(timeout=PATIENCE_S)
+        _, output = vehicle.communicate(timeout=PATIENCE_S)
         assert vehicle.returncode == 0
-        assert said.count("\n") == 1
-        assert f"udpout:{HOST}:" in said
+        assert output.count("\n") == 1
+        assert f"udpout:{HOST}:" in output
 
 
 def test_a_ground_station_gets_parameters_and_its_rate():
-    with heard("--rate", "10") as (ground, _):
+    with received("--rate", "10") as (ground, _):
         ground.wait_heartbeat(timeout=PATIENCE_S)
         ground.mav.param_request_list_send(1, 1)
         first = receive(ground, "PARAM_VALUE", 1)[0]
@@ -120,7 +120,7 @@ def test_tcp_connects_as_soon_as_somebody_listens():
 
 
 def test_seconds_end_it_and_the_schedule_does_not_drift():
-    with heard("--rate", "50", "--seconds", "2") as (ground, vehicle):
+    with received("--rate", "50", "--seconds", "2") as (ground, vehicle):
         times = [m.time_usec for m in receive(ground, "RAW_IMU", 100)]
         assert times == [20_000 * k for k in range(100)]
         assert vehicle.wait(PATIENCE_S) == 0
@@ -132,7 +132,7 @@ def test_signed_frames(tmp_path):
     key_file = tmp_path / "key"
     key_file.write_text("open sesame\n")
     key_file.chmod(0o600)
-    with heard("--signing-key-file", str(key_file)) as (ground, _):
+    with received("--signing-key-file", str(key_file)) as (ground, _):
         ground.setup_signing(signing_key(b"open sesame"), sign_outgoing=False)
         receive(ground, "RAW_IMU", 50)
         assert ground.mav.signing.goodsig_count >= 50
@@ -140,7 +140,7 @@ def test_signed_frames(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "output"),
     [
         (("--to", "udpout:127.0.0.1"), "no port"),
         (("--to", "sim:"), "--to sim:"),
@@ -160,10 +160,10 @@ def test_signed_frames(tmp_path):
         (("--signing-key-file", os.devnull), "empty"),
     ],
 )
-def test_bad_options_are_refused(options, said, capfd):
+def test_bad_options_are_refused(options, output, capfd):
     assert main(["sim", "--to", "udpout:127.0.0.1:14550", *options]) == 2
     (line,) = capfd.readouterr().err.splitlines()
-    assert said in line
+    assert output in line
 
 
 def test_a_taken_port_is_refused(capfd):
@@ -179,17 +179,17 @@ def test_a_bounded_run_that_nobody_heard_is_a_failure(capfd):
     assert "nobody was connected in 0.5 s" in capfd.readouterr().err
 
 
-def test_the_errors_of_its_sensors_are_told(capsys):
+def test_the_errors_of_its_sensors_are_reported(capsys):
     """And sent: the calibration that it prints makes the field one of constant strength."""
     with socket.socket(socket.AF_INET, UDP) as hearer:
         hearer.bind((HOST, 0))
         to = f"udpout:{HOST}:{hearer.getsockname()[1]}"
         options = ("--motion", "bench", "--imu-errors", "3", "--seconds", "0.1", "--json")
         assert main(["sim", "--to", to, *options]) in (0, 1)
-    told = json.loads(capsys.readouterr().out)["imu_errors"]
+    reported = json.loads(capsys.readouterr().out)["imu_errors"]
     vehicle = SimulatedVehicle(0, 50.0, "bench", noise=0.0, bias=0.0, errors_seed=3)
     read = np.array([next(vehicle).mag_gauss for _ in range(500)])
-    field = (read - told["mag_offset_gauss"]) @ np.array(told["mag_matrix"]).T
+    field = (read - reported["mag_offset_gauss"]) @ np.array(reported["mag_matrix"]).T
     strengths = np.linalg.norm(field, axis=1)
     assert np.ptp(np.linalg.norm(read, axis=1)) > 0.02  # gauss
     assert np.ptp(strengths) < 1e-4

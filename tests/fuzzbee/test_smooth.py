@@ -86,7 +86,7 @@ def test_what_is_done_in_blocks_is_what_is_done_at_once(shaken, monkeypatch):
         *slow, velocity_ned_m_s=velocity
     )
     truth = shaken[3][:3000:10]
-    ours, before = (rms(errors_deg(said, truth)[50:]) for said in (whole, causal))
+    ours, before = (rms(errors_deg(output, truth)[50:]) for output in (whole, causal))
     assert (ours < 0.85 * before).all()  # 1.8 and 2.7 deg for 2.5 and 4.0
 
 
@@ -128,23 +128,23 @@ def test_of_rows_given_nothing_is_kept_twice(shaken):
     gyr, acc, mag = (column[:1500] for column in shaken[:3])
     times_us = np.arange(1500) * 20_000
     rows = rows_of(times_us, gyr, acc, mag, np.ones(1500, np.bool_))
-    said = np.full((1500, OUTPUT_SIZE), np.nan)
-    recorder = Recorder(load_profile("imu"), offered=Offered(rows, said))
+    output = np.full((1500, OUTPUT_SIZE), np.nan)
+    recorder = Recorder(load_profile("imu"), offered=Offered(rows, output))
     recorder.take(0, *(tuple(column[0].tolist()) for column in (gyr, acc, mag)), has_mag=True)
-    assert recorder.update_rows(cut(rows, 1, 1500), said[1:]) == (1499, 0)
+    assert recorder.update_rows(cut(rows, 1, 1500), output[1:]) == (1499, 0)
     (made,) = recorder.recordings()
     assert all(np.shares_memory(*pair) for pair in zip(made.rows, rows, strict=True))
     for kept in (made.forward.q_ned_frd, made.forward.sigma_rad, made.bias_rad_s):
-        assert np.shares_memory(kept, said)
+        assert np.shares_memory(kept, output)
     alone = Recorder(load_profile("imu"))  # of rows that nobody keeps it keeps copies
     alone.take(0, *(tuple(column[0].tolist()) for column in (gyr, acc, mag)), has_mag=True)
-    assert alone.update_rows(cut(rows, 1, 1500), said[1:].copy()) == (1499, 0)
+    assert alone.update_rows(cut(rows, 1, 1500), output[1:].copy()) == (1499, 0)
     (own,) = alone.recordings()
     assert all(np.array_equal(*pair) for pair in zip(own.rows, rows, strict=True))
     for name in ("q_ned_frd", "sigma_rad"):
         kept, given = (getattr(each.forward, name)[1:] for each in (own, made))
         assert np.array_equal(kept, given, equal_nan=True)
-        assert not np.shares_memory(kept, said)
+        assert not np.shares_memory(kept, output)
 
 
 def test_recorded_sample_by_sample_it_is_the_same(shaken):

@@ -98,7 +98,7 @@ def test_run_listens_on_loopback_only():
 
 
 @pytest.mark.parametrize("kind", ["udpin", "tcpin"])
-def test_sim_listens_where_it_is_told_only(kind):
+def test_sim_listens_where_it_is_reported_only(kind):
     port = free_port(socket.SOCK_DGRAM if kind == "udpin" else socket.SOCK_STREAM)
     with started("sim", "--to", f"{kind}:127.0.0.1:{port}") as process:
         found = settled(process, bool)

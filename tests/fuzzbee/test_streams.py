@@ -38,7 +38,7 @@ def _compiled():
 
 
 @pytest.mark.parametrize(
-    ("line", "arguments", "status", "said"),
+    ("line", "arguments", "status", "output"),
     [
         ('"$@" >/dev/full', (*RUN, JSON), 1, "No space left"),
         ('"$@" >/dev/full', (*REPLAY, JSON), 1, "standard output: No space left on device"),
@@ -56,11 +56,11 @@ def _compiled():
     ],
 )
 def test_output_that_cannot_be_written_is_a_line_and_a_reader_that_leaves_is_none(
-    line, arguments, status, said
+    line, arguments, status, output
 ):
     done = shell(line, *arguments)
     assert done.returncode == status, done.stderr
-    assert said in done.stderr
+    assert output in done.stderr
     assert "Traceback" not in done.stderr
     assert "Broken" not in done.stderr
     if "/dev/stdout" in arguments:
@@ -111,12 +111,12 @@ def test_streams_that_are_closed_do_not_lead_into_the_next_file(tmp_path):
 
 
 @pytest.mark.parametrize("verb", [(*RUN[:4], "8", JSON), (*REPLAY, JSON)])
-def test_a_drawing_that_is_not_whole_is_told_and_all_else_is_there(tmp_path, verb):
+def test_a_drawing_that_is_not_whole_is_reported_and_all_else_is_there(tmp_path, verb):
     pytest.importorskip("rerun", reason="the extra viewer is not installed")
     done = shell(f'{SMALL} "$@"', *verb, "--rrd", tmp_path / "flight.rrd")
     assert done.returncode == 1, done.stderr
-    told = done.stderr.count("is not whole")
-    assert told == 1 or "not closed in time: viewer" in done.stderr  # on a busy computer
+    reported = done.stderr.count("is not whole")
+    assert reported == 1 or "not closed in time: viewer" in done.stderr  # on a busy computer
     result = json.loads(done.stdout)
     if verb[0] == "run":
         assert result["recording"] == "failed"

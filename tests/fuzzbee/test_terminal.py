@@ -38,7 +38,7 @@ def test_a_vehicle_fits_a_line_and_columns_without_room_are_left_out_not_cut(wid
     assert ("LOITER" in text) == ("●LOITER" in columns)
 
 
-def test_mode_and_arming_are_told_as_far_as_there_is_room():
+def test_mode_and_arming_are_reported_as_far_as_there_is_room():
     shown = vehicle("1", armed=False, mode="GUIDED_NOGPS")
     assert "○GUIDED_NOG " in terminal(shown, width=90)[2]
     assert lines(shown)[0].endswith("GUIDED_NOGPS  disarmed")
@@ -119,9 +119,9 @@ def test_without_a_terminal_there_is_a_line_a_second():
 
 def test_messages_stand_above_the_table_and_at_the_foot_of_one_vehicle():
     """Of a line that was wrapped before, nothing is left above."""
-    said = [Message("nothing yet " * 12 + "(Ctrl-C ends)"), Message("one more line")]
-    assert "one more line" in terminal(said[1:], vehicle("3"))[0]
-    shown = terminal(said, vehicle("3"), one="3", height=25)
+    output = [Message("nothing yet " * 12 + "(Ctrl-C ends)"), Message("one more line")]
+    assert "one more line" in terminal(output[1:], vehicle("3"))[0]
+    shown = terminal(output, vehicle("3"), one="3", height=25)
     assert shown[0].startswith(" vehicle 3  running")
     assert shown[23] == "one more line"
     assert "ends)" not in "".join(shown)
@@ -147,7 +147,7 @@ def test_an_overloaded_service_says_what_it_leaves_out():
     assert "! overloaded" in lines(*shown)[0]
 
 
-def test_an_autopilot_that_differs_is_marked_in_its_row_and_told_by_how_much():
+def test_an_autopilot_that_differs_is_marked_in_its_row_and_reported_by_how_much():
     shown = vehicle("2", status=differing("heading", 25.0))
     text = "\n".join(terminal(vehicle("1"), shown))
     assert text.count("running≠") == 1

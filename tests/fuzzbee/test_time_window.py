@@ -75,11 +75,11 @@ def test_dataflash_logs_report_arming(replayed, tmp_path, name, column, words):
     writer = Writer()
     writer.format(name, "QB", f"TimeUS,{column}")
     writer.format("IMU", "QffffffB", "TimeUS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ,I")
-    told = dict(zip((11_000_000, 13_000_000), words, strict=True))
+    reported = dict(zip((11_000_000, 13_000_000), words, strict=True))
     for k in range(400):
         us = 10_000_000 + 10_000 * k
-        if us in told:
-            writer.write(name, us, told[us])
+        if us in reported:
+            writer.write(name, us, reported[us])
         writer.write("IMU", us, 0.01 * np.sin(k), 0.01, 0.0, 0.1, 0.01 * np.cos(k), -9.8, 0)
     window = ("--from", "arm", "--to", "disarm")
     begin_s, end_s = replayed(writer.save(tmp_path), *window)["window_s"]

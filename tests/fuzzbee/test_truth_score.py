@@ -135,8 +135,8 @@ def test_another_s_simulator_has_no_chapters():
     assert score.verdict().endswith("worst 180.0° at 0.5 s")
 
 
-def test_what_happens_in_each_round_is_told_in_each():
+def test_what_happens_in_each_round_is_reported_in_each():
     score, truth = TruthScore("flight"), (1.0, 0.0, 0.0, 0.0)
     times_s = (MAGNET_S[0], MAGNET_S[0] + 0.1, MAGNET_S[0] + ROUND_S)
-    told = [len(score.look(round(1e6 * time_s) + 1, None, truth)) for time_s in times_s]
-    assert told == [1, 0, 1]
+    reported = [len(score.look(round(1e6 * time_s) + 1, None, truth)) for time_s in times_s]
+    assert reported == [1, 0, 1]

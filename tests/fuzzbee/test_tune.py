@@ -42,9 +42,9 @@ def refused(capsys, tmp_path):
     def line(*arguments):
         capsys.readouterr()
         assert command(*arguments, "-o", tmp_path / "x.toml") == 2
-        (said,) = capsys.readouterr().err.splitlines()
+        (answer,) = capsys.readouterr().err.splitlines()
         assert not (tmp_path / "x.toml").exists()
-        return said
+        return answer
 
     return line
 
@@ -53,15 +53,15 @@ def test_writes_a_profile_that_is_better_and_says_so(tmp_path, capsys):
     """Its provenance holds what determines the result, and nothing else."""
     file = tmp_path / "tuned.toml"
     assert command(*SMALL, "-o", file, "--json", "--threads", "1") == 0
-    said = json.loads(capsys.readouterr().out)
-    counts = {name: said[name] for name in ("evaluations", "cycles", "food_sources")}
+    answer = json.loads(capsys.readouterr().out)
+    counts = {name: answer[name] for name in ("evaluations", "cycles", "food_sources")}
     assert counts == {"evaluations": 6 * (1 + 2 * 4), "cycles": 4, "food_sources": 6}
-    assert said["file"] == str(file)
-    assert said["inputs"] == [{"name": "sim:"}]
-    assert said["cost_after"] < said["cost_before"]
+    assert answer["file"] == str(file)
+    assert answer["inputs"] == [{"name": "sim:"}]
+    assert answer["cost_after"] < answer["cost_before"]
     tuned = load_profile(str(file))
-    assert said["held_out_after"] == run_experiment(tuned, 200).cost
-    assert said["wall_s"] > 0.0
+    assert answer["held_out_after"] == run_experiment(tuned, 200).cost
+    assert answer["wall_s"] > 0.0
     assert [p.name for p in tmp_path.iterdir()] == ["tuned.toml"]
     assert tuned.provenance.options == {
         "command": "tune",
@@ -106,10 +106,10 @@ def test_interrupted_and_resumed_is_the_same_file(tmp_path, number):
             time.sleep(0.05)
         os.killpg(process.pid, number)
         out, err = process.communicate()
-    said = json.loads(out)
+    answer = json.loads(out)
     assert process.returncode == 130
-    assert said["interrupted"]
-    assert 0 < said["evaluations"] < 40 * 401
+    assert answer["interrupted"]
+    assert 0 < answer["evaluations"] < 40 * 401
     checkpoint = tmp_path / "broken.toml.checkpoint"
     assert err.splitlines()[0] == f"interrupted: --resume goes on from {checkpoint}"
     assert "interrupted after" in load_profile(str(broken)).provenance.description
@@ -228,25 +228,25 @@ def bad_base(tmp_path):
 def test_a_log_is_tuned_where_its_rate_allows(tmp_path, bad_base, capsys):
     file = tmp_path / "x.toml"
     assert command(SLOW_LOG, "-o", file, *FEW, "--base", bad_base, "--json") == 0
-    said = json.loads(capsys.readouterr().out)
-    assert said["objective"] == "flight"
-    assert said["parameters"] == ["noise"]
-    assert said["reference"] == "simulator's truth"
-    assert said["evaluations"] == EVALUATIONS
-    assert said["file"] == str(file)
-    assert said["cost_after"] < said["cost_before"]
-    assert said["held_out_after"] < said["held_out_before"]
-    assert said["random_search"]["cost"] < said["cost_before"]
-    [flight] = said["held_out_flights"]
-    assert said["harm"] is None
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["objective"] == "flight"
+    assert answer["parameters"] == ["noise"]
+    assert answer["reference"] == "simulator's truth"
+    assert answer["evaluations"] == EVALUATIONS
+    assert answer["file"] == str(file)
+    assert answer["cost_after"] < answer["cost_before"]
+    assert answer["held_out_after"] < answer["held_out_before"]
+    assert answer["random_search"]["cost"] < answer["cost_before"]
+    [flight] = answer["held_out_flights"]
+    assert answer["harm"] is None
     assert flight["before"]["inclination"]["rms_deg"] > flight["after"]["inclination"]["rms_deg"]
-    assert [(i["name"], i["use"]) for i in said["inputs"]] == [
+    assert [(i["name"], i["use"]) for i in answer["inputs"]] == [
         (SLOW_LOG.name, "its later part held out")
     ]
     tuned, base = load_profile(str(file)), load_profile(str(bad_base))
     assert tuned.membership == base.membership
     assert tuned.aiding != base.aiding
-    assert tuned.provenance.inputs == said["inputs"]
+    assert tuned.provenance.inputs == answer["inputs"]
     assert tuned.provenance.seeds == {"search": 0}
 
 
@@ -256,9 +256,9 @@ def test_what_gains_nothing_is_not_written_unless_forced(tmp_path, capsys):
     few = [*FEW, "--parameters", "gain", "--json"]
     assert command(SLOW_LOG, "-o", file, *few) == 1
     printed = capsys.readouterr()
-    said = json.loads(printed.out)
-    assert said["file"] is None
-    assert said["held_out_after"] > 0.99 * said["held_out_before"]
+    answer = json.loads(printed.out)
+    assert answer["file"] is None
+    assert answer["held_out_after"] > 0.99 * answer["held_out_before"]
     assert "nothing gained on what was held out" in printed.err
     assert not list(tmp_path.iterdir())
     assert command(SLOW_LOG, "-o", file, *few, "--force") == 0
@@ -276,13 +276,15 @@ def test_what_gains_nothing_is_not_written_unless_forced(tmp_path, capsys):
         (2.5, None, "x.toml", "nothing gained on what was held out (J 2.3800 -> 2.5000, 1 % less"),
     ],
 )
-def test_what_is_said_of_a_result_is_one_story(after, harm, written, line):
+def test_what_is_reported_of_a_result_is_one_story(after, harm, written, line):
     report = {"interrupted": False, "file": written, "harm": harm}
     report |= {"held_out_before": 2.38, "held_out_after": after}
-    said = [*remarks(Path("x.toml"), report, on_logs=True)]
+    answer = [*remarks(Path("x.toml"), report, on_logs=True)]
     assert has_gained(2.38, after, harm) == (line is None)
     end = "is written all the same" if written else "is not written; --force writes it"
-    assert [line in each and each.endswith(f"x.toml {end}") for each in said] == [True] * bool(line)
+    assert [line in each and each.endswith(f"x.toml {end}") for each in answer] == [True] * bool(
+        line
+    )
 
 
 def test_a_log_that_is_held_out_is_not_searched_on(tmp_path, bad_base, capsys):
@@ -290,12 +292,12 @@ def test_a_log_that_is_held_out_is_not_searched_on(tmp_path, bad_base, capsys):
     other.write_bytes(SLOW_LOG.read_bytes()[:-100_000])
     options = ["--hold-out", other, "-o", tmp_path / "x.toml", "--base", bad_base, "--force"]
     assert command(SLOW_LOG, other, *options, *FEW, "--json") == 0
-    said = json.loads(capsys.readouterr().out)
-    assert [(i["name"], i["use"]) for i in said["inputs"]] == [
+    answer = json.loads(capsys.readouterr().out)
+    assert [(i["name"], i["use"]) for i in answer["inputs"]] == [
         (SLOW_LOG.name, "tuned on"),
         ("other.tlog", "held out"),
     ]
-    assert [flight["name"] for flight in said["held_out_flights"]] == ["other.tlog"]
+    assert [flight["name"] for flight in answer["held_out_flights"]] == ["other.tlog"]
 
 
 CALIBRATION = [*FEW, "--parameters", "calibration", "--json"]
@@ -306,14 +308,14 @@ def test_a_calibration_is_fitted_and_what_it_leaves_open_is_searched(tmp_path, c
     logs = [bench(tmp_path / f"{k}.csv", k, seconds=80.0, errors=3) for k in (1, 2)]
     file = tmp_path / "x.toml"
     assert command(logs[0], "--hold-out", logs[1], "-o", file, *CALIBRATION, "--force") == 0
-    said = json.loads(capsys.readouterr().out)
+    answer = json.loads(capsys.readouterr().out)
     found = msgspec.structs.asdict(load_profile(str(file)).calibration)
     for name in ("acc_bias_m_s2", "mag_offset_gauss"):
         assert found[name] == pytest.approx(truth_of(3)[name], abs=0.05)
-    assert said["parameters"] == ["calibration"]
-    alone = said["calibration_alone"]
-    assert alone["held_out"] < 0.5 * said["held_out_before"]
-    assert said["cost_after"] <= alone["cost"] < 0.5 * said["cost_before"]
+    assert answer["parameters"] == ["calibration"]
+    alone = answer["calibration_alone"]
+    assert alone["held_out"] < 0.5 * answer["held_out_before"]
+    assert answer["cost_after"] <= alone["cost"] < 0.5 * answer["cost_before"]
     provenance = load_profile(str(file)).provenance
     assert provenance.options["base"] == "imu"
     assert [each["use"] for each in provenance.inputs] == ["tuned on", "held out"]
@@ -326,34 +328,34 @@ def test_a_calibration_that_gains_nothing_held_out_is_not_written(tmp_path, caps
     """
     log = with_iron(PLANE, tmp_path / "iron.tlog", (60.0, -40.0, 50.0))
     assert command(log, "-o", tmp_path / "x.toml", *CALIBRATION) == 1
-    said = json.loads(capsys.readouterr().out)
-    assert said["file"] is None
-    assert said["calibration_alone"]["cost"] < 0.95 * said["cost_before"]
-    assert said["held_out_after"] > 0.99 * said["held_out_before"]
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["file"] is None
+    assert answer["calibration_alone"]["cost"] < 0.95 * answer["cost_before"]
+    assert answer["held_out_after"] > 0.99 * answer["held_out_before"]
 
 
 def test_recovery_has_the_papers_cost(tmp_path, capsys):
     options = [*FEW, "--objective", "recovery", "--force", "--json"]
     assert command(SLOW_LOG, "-o", tmp_path / "x.toml", *options) == 0
-    said = json.loads(capsys.readouterr().out)
-    assert said["parameters"] == ["confidence", "conditioning"]
-    assert said["cost_before"] > 3.0  # J of 170 deg at 4 Hz
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["parameters"] == ["confidence", "conditioning"]
+    assert answer["cost_before"] > 3.0  # J of 170 deg at 4 Hz
 
 
 def test_what_moves_sigma_alone_is_judged_by_coverage(tmp_path, capsys):
     options = ["--objective", "coverage", "--reference", "smooth", "--force", "--json"]
     assert command(SLOW_LOG, "-o", tmp_path / "x.toml", *FEW, *options) == 0
-    said = json.loads(capsys.readouterr().out)
-    assert said["parameters"] == ["sigma"]
-    assert said["reference"] == "attitude smoothed over the whole log"
-    [flight] = said["held_out_flights"]
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["parameters"] == ["sigma"]
+    assert answer["reference"] == "attitude smoothed over the whole log"
+    [flight] = answer["held_out_flights"]
     for angle in ("inclination", "heading"):
         before, after = flight["before"][angle], flight["after"][angle]
         assert after["rms_deg"] == pytest.approx(before["rms_deg"], rel=1e-3)
         assert after["coverage"] != before["coverage"]
     shares = [flight["after"][angle]["coverage"] for angle in ("inclination", "heading")]
-    assert said["held_out_after"] == pytest.approx(np.mean(np.abs(np.array(shares) - 0.68)))
-    assert said["cost_after"] < said["cost_before"]
+    assert answer["held_out_after"] == pytest.approx(np.mean(np.abs(np.array(shares) - 0.68)))
+    assert answer["cost_after"] < answer["cost_before"]
 
 
 @pytest.mark.parametrize("options", [SMALL, [SLOW_LOG, *FEW, "--force"]], ids=["sim", "log"])

@@ -60,9 +60,9 @@ def test_a_viewer_that_ends_ends_nothing_else(tmp_path):
         assert "the viewer is at" in process.stderr.readline()
         (viewer,) = children(process.pid)
         os.kill(viewer, signal.SIGKILL)
-        _, said = process.communicate(timeout=60)
+        _, printed = process.communicate(timeout=60)
         assert process.returncode == 0
-        assert said == f"fuzzbee: viewer {CLOSED}\n"
+        assert printed == f"fuzzbee: viewer {CLOSED}\n"
     assert main([*options, "-o", str(alone)]) == 0
     assert watched.read_bytes() == alone.read_bytes()
 

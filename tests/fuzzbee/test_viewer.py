@@ -57,7 +57,7 @@ def drawn(tmp_path, turns, **options):
     return file
 
 
-def test_a_file_holds_every_curve_and_body_and_what_was_said(tmp_path):
+def test_a_file_holds_every_curve_and_body_and_what_was_reported(tmp_path):
     """Somebody else's attitude makes no vehicle appear; before the first there is no time."""
     lost = msgspec.structs.replace(STATUS, state="lost")
     turns = [
@@ -173,12 +173,12 @@ def test_a_log_is_replayed_into_a_file(tmp_path, capfd):
 
 
 def page_of(process):
-    said = []
+    printed = []
     for line in process.stderr:
-        said.append(line)
+        printed.append(line)
         if found := re.search(r"http://\S+", line):
             return found[0]
-    pytest.fail(f"no page was named: {said}")
+    pytest.fail(f"no page was named: {printed}")
 
 
 def port_of(url):

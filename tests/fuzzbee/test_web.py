@@ -77,7 +77,7 @@ def test_an_event_tells_of_all_vehicles_or_of_one(page, clock):
     assert event(page)["vehicles"] == []
 
 
-def test_another_attitude_of_the_autopilot_is_told(page):
+def test_another_attitude_of_the_autopilot_is_reported(page):
     page.handle([Published(ONE, record()), Published(ONE, differing("heading", 25.0))])
     (one,) = event(page)["vehicles"]
     assert one["autopilot"] == [0.0, 0.0, 25.0]

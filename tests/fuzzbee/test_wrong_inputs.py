@@ -57,10 +57,10 @@ def refuse(call, *names):
         warnings.simplefilter("error")  # NumPy's, of what it has made of it
         with pytest.raises(InputError) as caught:
             call()
-    said = str(caught.value)
-    assert "\n" not in said
-    assert len(said) < 160
-    assert any(name in said for name in names), said
+    output = str(caught.value)
+    assert "\n" not in output
+    assert len(output) < 160
+    assert any(name in output for name in names), output
 
 
 def shown(values):

@@ -59,7 +59,7 @@ def record(
 def differing(axis="heading", off_deg=25.0, wrong="autopilot", roll_deg=0.0, pitch_deg=0.0):
     """A status of a vehicle whose autopilot has another attitude."""
     off = {"inclination": (off_deg, 1.0), "heading": (0.5, off_deg)}[axis]
-    said = Autopilot(
+    output = Autopilot(
         verdict="differs",
         message="ATTITUDE",
         for_s=8.0,
@@ -75,5 +75,5 @@ def differing(axis="heading", off_deg=25.0, wrong="autopilot", roll_deg=0.0, pit
     )
     words = ("autopilot_differs",)
     return StatusRecord(
-        "running", "RAW_IMU", 49.8, 0.1, {}, 0, 0, 3, warnings=words, autopilot=said
+        "running", "RAW_IMU", 49.8, 0.1, {}, 0, 0, 3, warnings=words, autopilot=output
     )

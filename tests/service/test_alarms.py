@@ -78,7 +78,7 @@ FIELD_WRONG, TOO_SURE = {Alarm.FIELD_IMPOSSIBLE}, {Alarm.SIGMA_TOO_SMALL}
 
 
 @pytest.mark.parametrize(
-    ("seconds", "given", "said"),
+    ("seconds", "given", "output"),
     [
         (60, {}, set()),
         (8, LEANS_9, {Alarm.ACCELEROMETER}),
@@ -105,8 +105,8 @@ FIELD_WRONG, TOO_SURE = {Alarm.FIELD_IMPOSSIBLE}, {Alarm.SIGMA_TOO_SMALL}
         (60, {"mag": swinging, "place": None, "heading_deg": 20.0}, set()),
     ],
 )
-def test_what_contradicts_the_attitude_is_named_once_it_lasts(seconds, given, said):
-    assert words(seconds, **given) == said
+def test_what_contradicts_the_attitude_is_named_once_it_lasts(seconds, given, output):
+    assert words(seconds, **given) == output
 
 
 def test_the_limit_of_a_bias_is_the_profiles():
@@ -125,12 +125,12 @@ def turned(roll_deg, pitch_deg, yaw_deg):
 @pytest.mark.parametrize("true_deg", [(20.0, -35.0, 110.0), (-50.0, 10.0, -160.0)])
 @pytest.mark.parametrize("declination_deg", [12.0, -15.0])
 @pytest.mark.parametrize(
-    ("off_deg", "said"),
+    ("off_deg", "output"),
     [(0.0, set()), (19.0, set()), (-19.0, set())]
     + [(each, {Alarm.FIELD_IMPOSSIBLE}) for each in (25.0, -25.0, 100.0, -100.0)],
 )
 def test_a_heading_is_held_against_the_declination_of_the_place(
-    true_deg, declination_deg, off_deg, said
+    true_deg, declination_deg, off_deg, output
 ):
     """In any attitude; beyond 20 deg and two sigmas (2 deg) to either side it is wrong."""
     east = radians(declination_deg)
@@ -144,18 +144,18 @@ def test_a_heading_is_held_against_the_declination_of_the_place(
         place=PlaceField(east, radians(63.0), 0.48),
         q=turned(roll, pitch, yaw + off_deg),
     )
-    assert found == said
+    assert found == output
 
 
-@pytest.mark.parametrize(("off_deg", "said"), [(14.0, set()), (21.0, {Alarm.SIGMA_TOO_SMALL})])
-def test_a_tilt_is_held_against_the_force_in_any_attitude(off_deg, said):
+@pytest.mark.parametrize(("off_deg", "output"), [(14.0, set()), (21.0, {Alarm.SIGMA_TOO_SMALL})])
+def test_a_tilt_is_held_against_the_force_in_any_attitude(off_deg, output):
     """Beyond 15 deg and two sigmas of 2 deg."""
     true = turned(30.0, -20.0, 75.0)
     force = rotate_inverse(true, (0.0, 0.0, -9.8))
     leaning = multiply(exp(scale(radians(off_deg), (0.6, 0.8, 0.0))), true)
     found = words(40, acc=force, mag=(0.0, 0.0, 0.0), place=None, q=leaning, sigma_deg=2.0,
                   heading_deg=90.0)  # fmt: skip
-    assert found == said
+    assert found == output
 
 
 def test_a_magnet_that_passes_within_two_seconds_contradicts_nothing():
@@ -167,7 +167,7 @@ def test_a_magnet_that_passes_within_two_seconds_contradicts_nothing():
 
 
 @pytest.mark.parametrize(
-    ("pace", "seconds", "said"),
+    ("pace", "seconds", "output"),
     [
         (1.03, 55, set()),
         (1.03, 75, {Alarm.CLOCK_DRIFT}),
@@ -176,11 +176,11 @@ def test_a_magnet_that_passes_within_two_seconds_contradicts_nothing():
         (0.9977, 300, set()),  # the slowest boot clock seen: 136 ms a minute
     ],
 )
-def test_a_clock_that_is_some_per_cent_off_is_told_after_a_minute(pace, seconds, said):
-    assert words(seconds, host=lambda s: s / pace) == said
+def test_a_clock_that_is_some_per_cent_off_is_reported_after_a_minute(pace, seconds, output):
+    assert words(seconds, host=lambda s: s / pace) == output
 
 
-def test_a_clock_that_drifts_is_told_though_the_host_s_was_set_back_by_an_hour():
+def test_a_clock_that_drifts_is_reported_though_the_host_s_was_set_back_by_an_hour():
     assert words(120, host=lambda s: s / 0.95 - 3600 * (s > 5)) == {Alarm.CLOCK_DRIFT}
 
 
@@ -199,11 +199,11 @@ def test_a_late_link_and_a_host_s_clock_that_is_set_are_no_clock_that_drifts():
             assert words(seconds, host=host) == set()
 
 
-def test_the_paper_s_signals_under_imu_are_told():
+def test_the_paper_s_signals_under_imu_are_reported():
     """42 deg off with a small sigma; the bias of 5.7 deg/s is beyond what imu allows."""
     pipeline = Pipeline(IMU)
-    said = texts(o for event in imu_events(2000) for o in pipeline.handle(event))
-    assert "vehicle 1: warning: the gyroscope's bias stands at its limit" in said
+    output = texts(o for event in imu_events(2000) for o in pipeline.handle(event))
+    assert "vehicle 1: warning: the gyroscope's bias stands at its limit" in output
     (status,) = statuses(pipeline.tick(START_US + 20_000_000))
     assert status.warnings == ("bias_at_limit",)
 
@@ -220,7 +220,7 @@ def test_a_fitting_profile_is_not_accused(profile, motion):
     assert status.warnings == ()
 
 
-def test_a_profile_that_the_vehicle_contradicts_is_told_in_the_status():
+def test_a_profile_that_the_vehicle_contradicts_is_reported_in_the_status():
     pipeline = Pipeline(IMU)
     pipeline.handle(BuiltIn(ONE, START_US, "paper"))
     (status,) = statuses(pipeline.tick(START_US))
@@ -230,13 +230,13 @@ def test_a_profile_that_the_vehicle_contradicts_is_told_in_the_status():
     assert status.warnings == ()
 
 
-def test_a_word_is_said_until_it_has_not_been_so_for_a_while():
+def test_a_word_is_reported_until_it_has_not_been_so_for_a_while():
     alarms = Alarms()
     biases = [(0.0, LIMIT if half < 20 else 0.0, 0.0) for half in range(60)]
-    said = [bool(looked(alarms, half, bias=bias)) for half, bias in enumerate(biases)]
+    output = [bool(looked(alarms, half, bias=bias)) for half, bias in enumerate(biases)]
     # a share of 0.84 after ten seconds falls to 0.6 in 1.7 and to 0.3 in 5.2 s
-    assert said[20:28] == [True] * 8
-    assert said[34:] == [False] * 26
+    assert output[20:28] == [True] * 8
+    assert output[34:] == [False] * 26
 
 
 @pytest.mark.parametrize(

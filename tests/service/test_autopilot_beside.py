@@ -66,7 +66,7 @@ def flown(
     return [line for line in lines if "autopilot" in line], statuses(pipeline.tick(now_us))[-1]
 
 
-def test_a_wrong_attitude_is_told_once_and_warned_of():
+def test_a_wrong_attitude_is_reported_once_and_warned_of():
     lines, status = flown(60.0)
     assert len(lines) == 1
     assert "the autopilot's horizon has been" in lines[0]
@@ -150,20 +150,20 @@ def test_an_attitude_without_a_stamp_is_compared_only_right_behind_its_imu_messa
 
 
 @pytest.mark.parametrize(
-    ("word", "said"),
+    ("word", "output"),
     [
         ({"has_attitude": False}, "calls it not good"),
         ({"compass_ratio": 1.5}, "or compass"),
     ],
 )
-def test_what_the_autopilot_s_filter_says_against_itself_is_evidence(word, said):
+def test_what_the_autopilot_s_filter_says_against_itself_is_evidence(word, output):
     _, status = flown(60.0, word=word)
-    assert said in status.autopilot.evidence
+    assert output in status.autopilot.evidence
     _, status = flown(60.0, word={})
     assert "its own filter" not in status.autopilot.evidence
 
 
-def test_the_axis_and_the_angles_are_told():
+def test_the_axis_and_the_angles_are_reported():
     _, status = flown(60.0)
     assert status.autopilot.axis == "inclination"
     assert status.autopilot.roll_deg == pytest.approx(60.0, abs=6.0)

@@ -65,8 +65,8 @@ def test_thousands_of_ids_in_a_row_each_find_a_place(monkeypatch):
     assert pipeline.departed["vehicles"] == len(gone) == 1201 - 512
     outputs = pipeline.tick(arrival_us)
     assert departed(outputs) == gone
-    said = [each.text for each in outputs if isinstance(each, Message) and "gone" in each.text]
-    assert len(said) < 15  # not a line for each
+    output = [each.text for each in outputs if isinstance(each, Message) and "gone" in each.text]
+    assert len(output) < 15  # not a line for each
     assert departed(pipeline.tick(arrival_us + SECOND_US)) == []  # told once
 
 

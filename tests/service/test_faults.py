@@ -185,8 +185,8 @@ def test_a_clock_that_crawls_is_refused_until_it_keeps_time_again(rig):
         return sample
 
     rig.fly(12.0, change=crawl)
-    said = [(record.state, record.age_ms) for record in rig.records]
-    assert {state for state, _ in said[150:]} == {"degraded"}  # from 3 s on
+    output = [(record.state, record.age_ms) for record in rig.records]
+    assert {state for state, _ in output[150:]} == {"degraded"}  # from 3 s on
     assert rig.vehicle.state is State.LOST
     assert rig.rejected["clock_pace"] == pytest.approx(500, abs=20)
     assert "clock_pace" in rig.status().rejected
@@ -468,7 +468,7 @@ def test_a_collapsing_rate_is_published_and_stays_running(rig, every):
 # --- who speaks
 
 
-def test_of_two_vehicles_with_one_system_id_the_second_is_refused_and_told():
+def test_of_two_vehicles_with_one_system_id_the_second_is_refused_and_reported():
     rig, other = Rig(), Rig(seed=99)
     other.boot_shift_us = 77 * S
     quiet = Rig().fly(10.0)

@@ -82,7 +82,7 @@ def test_whose_samples_are_left_out_is_not_silent(is_left_out):
     assert pipeline.vehicle(ONE).state == "lost"
 
 
-def test_after_a_stop_of_ours_nobody_is_said_to_be_silent():
+def test_after_a_stop_of_ours_nobody_is_reported_to_be_silent():
     pipeline, events = Pipeline(load_profile("paper")), imu_events(10)
     for event in events:
         pipeline.handle(event)
@@ -208,12 +208,12 @@ def test_a_computer_that_is_too_slow_keeps_its_ticks_and_says_so():
     load_s, rate_hz = 4.0, 50.0
     pipeline, link, got = run_given(20, load_s, 12.0, room=256, cost_s=0.003)
     seen = attitudes(got)
-    told = statuses(got)
+    reported = statuses(got)
     assert any(text.startswith("overloaded") for text in texts(got))
     assert any(text.startswith("no longer overloaded") for text in texts(got))
-    assert any(status.overloaded and status.published_hz < rate_hz for status in told)
-    assert not told[-1].overloaded
-    assert told[-1].published_hz == rate_hz
+    assert any(status.overloaded and status.published_hz < rate_hz for status in reported)
+    assert not reported[-1].overloaded
+    assert reported[-1].published_hz == rate_hz
     # nothing vanished: what the vehicles sent was taken or is counted
     assert link.sent > 0.99 * 20 * 50 * load_s
     counted = sum(each.imu.samples + each.imu.shed for each in pipeline.vehicles)
@@ -296,8 +296,8 @@ def test_a_process_that_is_stopped_takes_what_piled_up():
     def await_attitude(begin_us=0):
         """One that is published later than that; nobody's clock decides over it."""
         for line in service.stdout:
-            word, *told = line.split()
-            if word == "attitude" and int(told[0]) > begin_us and told[2] == "running":
+            word, *reported = line.split()
+            if word == "attitude" and int(reported[0]) > begin_us and reported[2] == "running":
                 return
 
     while service.stdout.readline().strip() != "ready":
@@ -320,8 +320,8 @@ def test_a_process_that_is_stopped_takes_what_piled_up():
     vehicles.join()
     await_attitude(time.time_ns() // 1000 + 200_000)
     service.send_signal(signal.SIGINT)
-    said = service.communicate()[0].splitlines()
-    samples, shed, rejected, lost = map(int, said[-1].split()[1:])
+    output = service.communicate()[0].splitlines()
+    samples, shed, rejected, lost = map(int, output[-1].split()[1:])
     frames = [frame for data in sent for frame in FrameReader().feed(data)]
     imu = sum(frame.message_id == RAW_IMU_ID for frame in frames)
     assert lost == 0

@@ -182,15 +182,15 @@ def test_statuses_of_many_come_one_by_one_over_the_second():
         (event for each in fleet for event in imu_events(400, vehicle=each)),
         key=lambda event: event.arrival_us,
     )
-    pipeline, told, due_us = Pipeline(PAPER), [], START_US
+    pipeline, reported, due_us = Pipeline(PAPER), [], START_US
     for event in events:
         if event.arrival_us > due_us:
             outputs = pipeline.tick(due_us)
-            told.append([o.vehicle for o in outputs if isinstance(o, Published)
+            reported.append([o.vehicle for o in outputs if isinstance(o, Published)
                          and isinstance(o.record, StatusRecord)])  # fmt: skip
             due_us += 20_000
         pipeline.handle(event)
-    seconds = [told[k : k + 50] for k in range(51, len(told) - 49, 50)]
+    seconds = [reported[k : k + 50] for k in range(51, len(reported) - 49, 50)]
     assert len(seconds) == 2
     for second in seconds:
         assert max(map(len, second)) <= 4
@@ -200,11 +200,11 @@ def test_statuses_of_many_come_one_by_one_over_the_second():
 def test_late_ticks_do_not_put_off_the_statuses_after_them():
     """Due each second since the first: at 1.4 s that of 1 s, at 2.1 s that of 2 s."""
     pipeline = fed(imu_events(10))
-    said = [
+    printed = [
         bool(statuses(pipeline.tick(START_US + round(1e6 * at_s))))
         for at_s in (0.0, 0.5, 1.4, 1.9, 2.1, 2.9, 3.0, 600.0, 600.5, 601.0)
     ]
-    assert said == [True, False, True, False, True, False, True, True, False, True]
+    assert printed == [True, False, True, False, True, False, True, True, False, True]
 
 
 def test_refused_samples_are_counted_by_reason():
@@ -279,8 +279,8 @@ def test_a_profile_is_replaced_without_losing_the_estimate():
     with pytest.raises(InputError, match="no vehicle"):
         pipeline.replace_profile(VehicleId(9, 1), {})
     assert pipeline.vehicle(ONE).profile == profile
-    told = pipeline.tick(START_US + 100_000)
-    assert told[:2] == [Replaced(ONE, profile), Message("vehicle 1: new parameters")]
+    reported = pipeline.tick(START_US + 100_000)
+    assert reported[:2] == [Replaced(ONE, profile), Message("vehicle 1: new parameters")]
     assert Replaced(ONE, profile) not in pipeline.tick(START_US + 110_000)
 
 
@@ -304,7 +304,7 @@ def test_a_profile_that_raises_while_it_is_installed_changes_nothing(monkeypatch
     assert not [output for output in pipeline.tick(START_US) if isinstance(output, Replaced)]
 
 
-def test_a_flood_of_profiles_is_told_a_few_times():
+def test_a_flood_of_profiles_is_reported_a_few_times():
     """And how many lines were left out once there is room again; a clock set back makes room."""
     pipeline = fed(imu_events(100))
 
@@ -313,9 +313,9 @@ def test_a_flood_of_profiles_is_told_a_few_times():
             pipeline.replace_profile(ONE, {"filter": {"gamma": 0.1 + 0.001 * step}})
         return pipeline.tick(now_us)
 
-    told = [o for k in range(500) for o in replaced(4, START_US + 1_000_000 + 10_000 * k)]
-    assert len([output for output in told if isinstance(output, Replaced)]) == 500
-    lines, limit = texts(told), "there were more than 12 within a minute"
+    reported = [o for k in range(500) for o in replaced(4, START_US + 1_000_000 + 10_000 * k)]
+    assert len([output for output in reported if isinstance(output, Replaced)]) == 500
+    lines, limit = texts(reported), "there were more than 12 within a minute"
     # with the line that it runs 12 in a minute, and that there are more
     assert lines.count("vehicle 1: new parameters") == 11
     assert lines.count(f"vehicle 1: more lines are left out: {limit}") == 1
@@ -327,13 +327,13 @@ def test_a_flood_of_profiles_is_told_a_few_times():
     assert "vehicle 1: new parameters" in texts(replaced(20, earlier))
 
 
-def test_a_vehicle_that_is_late_again_and_again_is_told_a_few_times():
+def test_a_vehicle_that_is_late_again_and_again_is_reported_a_few_times():
     """A computer too slow for the stream: each sample is old, and each tick after it says so."""
     pipeline = Pipeline(PAPER)
     lines = []
     for event in imu_events(400):
-        told = [*pipeline.handle(event), *pipeline.tick(event.arrival_us + 900_000)]
-        lines += texts(told)
+        reported = [*pipeline.handle(event), *pipeline.tick(event.arrival_us + 900_000)]
+        lines += texts(reported)
     assert {"vehicle 1: running", "vehicle 1: degraded"} < {*lines}
     assert len(lines) < 16
 
@@ -414,7 +414,7 @@ def test_fuzzbee_s_own_vehicle_gets_the_profile_that_fits():
     assert pipeline.vehicle(ONE).profile == load_profile("imu")
 
 
-def test_a_profile_that_was_asked_for_stays_and_is_told_if_it_does_not_fit():
+def test_a_profile_that_was_asked_for_stays_and_is_reported_if_it_does_not_fit():
     pipeline = Pipeline(load_profile("imu"))
     (text,) = texts(pipeline.handle(built_in("paper")))
     assert text.endswith("profile paper would fit, this one does not")
@@ -439,14 +439,14 @@ def test_an_unknown_motion_changes_nothing():
 def test_many_lost_vehicles_have_fewer_statuses_and_one_that_is_there_has_each_second():
     gone = [VehicleId(1 + k, 2) for k in range(2 * MOST_QUIET_HZ + 5)]
     pipeline = fed([event for each in gone for event in imu_events(3, vehicle=each)])
-    told, stream = [], imu_events(1400, start_us=START_US + 20_000_000)
+    reported, stream = [], imu_events(1400, start_us=START_US + 20_000_000)
     for event in stream:
         pipeline.handle(event)
         outputs = pipeline.tick(event.arrival_us)
-        told += [o.vehicle for o in outputs if isinstance(o, Published)
+        reported += [o.vehicle for o in outputs if isinstance(o, Published)
                  and isinstance(o.record, StatusRecord)]  # fmt: skip
-    assert 13 <= told.count(ONE) <= 15  # in 14 s
-    assert {told.count(each) for each in gone} <= {4, 5, 6}
+    assert 13 <= reported.count(ONE) <= 15  # in 14 s
+    assert {reported.count(each) for each in gone} <= {4, 5, 6}
 
 
 def test_a_tick_looks_at_no_vehicle_that_is_lost(monkeypatch):

@@ -49,7 +49,7 @@ def looked(opinion, time_us, theirs, ours, force, field, place=None, faults=NONE
     opinion.look(Look(time_us, "ATTITUDE", theirs, ours, sample, place, faults))
 
 
-def told(
+def reported(
     ours, theirs, *, seconds=20.0, opinion=None, begin_us=0, place=PLACE, faults=NONE, **claims
 ):
     """What is said after so long of two attitudes of a vehicle that hovers at ``TRUE``."""
@@ -85,7 +85,7 @@ AGREES, DIFFERS, CANNOT_TELL = Verdict.AGREES, Verdict.DIFFERS, Verdict.CANNOT_T
     ],
 )
 def test_two_differ_beyond_what_sigma_lag_and_north_allow(theirs, claims, verdict):
-    assert told(TRUE, theirs, **claims).opinion.verdict is verdict
+    assert reported(TRUE, theirs, **claims).opinion.verdict is verdict
 
 
 @pytest.mark.parametrize("axis", [NORTH, EAST, DOWN])
@@ -93,13 +93,13 @@ def test_two_differ_beyond_what_sigma_lag_and_north_allow(theirs, claims, verdic
 def test_the_wrong_one_is_named(axis, whose):
     wrong = turned(axis, 20.0)
     pair = (TRUE, wrong) if whose == "autopilot" else (wrong, TRUE)
-    said = told(*pair).opinion
-    assert said.verdict is Verdict.DIFFERS
+    output = reported(*pair).opinion
+    assert output.verdict is Verdict.DIFFERS
     # of the heading only the field tells, and that agrees with ours if the compass is turned, too
-    is_said = axis != DOWN or whose == "ours"
-    assert said.wrong == (whose if is_said else "")
-    assert said.axis == ("heading" if axis == DOWN else "inclination")
-    assert said.off_deg == pytest.approx(20.0, abs=0.5)
+    is_reported = axis != DOWN or whose == "ours"
+    assert output.wrong == (whose if is_reported else "")
+    assert output.axis == ("heading" if axis == DOWN else "inclination")
+    assert output.off_deg == pytest.approx(20.0, abs=0.5)
 
 
 def test_the_heading_s_sign_is_the_autopilot_s_clockwise_of_ours():
@@ -107,12 +107,12 @@ def test_the_heading_s_sign_is_the_autopilot_s_clockwise_of_ours():
     assert heading.off_deg == pytest.approx(25.0)
 
 
-def test_it_is_said_after_some_seconds_and_agrees_at_no_time_meanwhile():
-    opinion = told(TRUE, TRUE)
+def test_it_is_reported_after_some_seconds_and_agrees_at_no_time_meanwhile():
+    opinion = reported(TRUE, TRUE)
     wrong = turned(EAST, 25.0)
     begin_us, words = opinion._last_us, []
     for k in range(1, 30):
-        told(TRUE, wrong, seconds=0.4, opinion=opinion, begin_us=begin_us + k * LOOK_EVERY_US)
+        reported(TRUE, wrong, seconds=0.4, opinion=opinion, begin_us=begin_us + k * LOOK_EVERY_US)
         words.append(opinion.opinion.verdict)
     first = words.index(Verdict.DIFFERS)
     assert set(words[:first]) == {Verdict.CANNOT_TELL}
@@ -120,7 +120,7 @@ def test_it_is_said_after_some_seconds_and_agrees_at_no_time_meanwhile():
 
 
 def test_an_autopilot_that_falls_silent_is_compared_no_more():
-    opinion = told(TRUE, TRUE)
+    opinion = reported(TRUE, TRUE)
     assert opinion.record(opinion._last_us + 1_000_000).verdict == "agrees"
     assert opinion.record(opinion._last_us + 3_000_000) is None
 
@@ -140,7 +140,7 @@ def test_velocity_shows_which_heading_is_right_where_there_is_no_field():
 
 
 def test_one_sentence_has_all_that_a_person_needs():
-    opinion = told(TRUE, turned(DOWN, 25.0))
+    opinion = reported(TRUE, turned(DOWN, 25.0))
     text = in_words(opinion.record(opinion._last_us))
     assert text.startswith(
         "the autopilot's heading has been 25 deg off ours for 20 s, and ours is good to 2 deg; "
@@ -149,9 +149,9 @@ def test_one_sentence_has_all_that_a_person_needs():
 
 
 def test_intervals_are_kept_with_their_largest_difference():
-    opinion = told(TRUE, turned(NORTH, 30.0))
+    opinion = reported(TRUE, turned(NORTH, 30.0))
     later_us = opinion._last_us + LOOK_EVERY_US
-    told(TRUE, TRUE, opinion=opinion, begin_us=later_us)
+    reported(TRUE, TRUE, opinion=opinion, begin_us=later_us)
     (interval,) = opinion.intervals
     assert interval.inclination_deg == pytest.approx(30.0, abs=0.1)
     assert interval.end_us < later_us + 10_000_000
@@ -179,19 +179,19 @@ def test_ours_is_turned_back_to_the_autopilots_time_by_its_rate(behind_us, off_d
 )
 def test_where_no_evidence_names_one_what_speaks_against_one_alone_does(faults, wrong):
     """A heading without a field and without velocity."""
-    said = told(TRUE, turned(DOWN, 30.0), place=None, faults=faults).opinion
-    assert said.wrong == wrong
-    assert all(text in said.evidence for text in faults)
+    output = reported(TRUE, turned(DOWN, 30.0), place=None, faults=faults).opinion
+    assert output.wrong == wrong
+    assert all(text in output.evidence for text in faults)
 
 
 def test_the_evidence_begins_anew_with_our_attitude():
     """A velocity that was gained before says nothing of the force after a restart."""
-    opinion = told(TRUE, TRUE)
+    opinion = reported(TRUE, TRUE)
     for second in range(30):
         opinion.velocities.append((second * 1_000_000, (10.0 * second, 0.0, 0.0)))
     opinion.restart()
-    said = told(TRUE, turned(NORTH, 25.0), opinion=opinion).opinion
-    assert "the mean force is 0 deg off ours" in said.evidence
+    output = reported(TRUE, turned(NORTH, 25.0), opinion=opinion).opinion
+    assert "the mean force is 0 deg off ours" in output.evidence
 
 
 @pytest.mark.parametrize("place", [PLACE, None])
@@ -211,9 +211,11 @@ def test_an_accelerometer_that_leads_ours_astray_is_nobody_s_fault_or_ours(place
 
 def test_the_evidence_that_named_one_stays_with_the_interval():
     turned = multiply(turn(DOWN, 30.0), TRUE)
-    opinion = told(TRUE, turned, place=None, faults=KnownFaults("its own filter calls it not good"))
+    opinion = reported(
+        TRUE, turned, place=None, faults=KnownFaults("its own filter calls it not good")
+    )
     later_us = opinion._last_us + LOOK_EVERY_US
-    told(TRUE, turned, place=None, opinion=opinion, begin_us=later_us)
+    reported(TRUE, turned, place=None, opinion=opinion, begin_us=later_us)
     (interval,) = opinion.intervals
     assert (interval.end_us > later_us, interval.wrong) == (True, "autopilot")
     assert "calls it not good" in interval.evidence
@@ -231,7 +233,7 @@ def test_a_push_of_less_than_0_7_m_s2_shows_no_heading_however_seldom_velocity_c
 
 def test_a_look_at_an_earlier_time_begins_anew():
     wrong = multiply(turn(NORTH, 30.0), TRUE)
-    opinion = told(TRUE, wrong, begin_us=100_000_000)
+    opinion = reported(TRUE, wrong, begin_us=100_000_000)
     assert opinion.opinion.verdict is Verdict.DIFFERS
-    told(TRUE, wrong, seconds=0.4, opinion=opinion)
+    reported(TRUE, wrong, seconds=0.4, opinion=opinion)
     assert opinion.opinion.verdict is Verdict.CANNOT_TELL

@@ -87,7 +87,7 @@ class _Said(NamedTuple):
 def judge(case: Case, profile: str = "imu") -> Verdict:
     """Fly a case and score it."""
     motion, readings = make(case)
-    said: list[_Said] = []
+    printed: list[_Said] = []
     warnings: dict[str, float] = {}
     rejected: dict[str, float] = {}
     service = Pipeline(load_profile(profile))
@@ -107,9 +107,9 @@ def judge(case: Case, profile: str = "imu") -> Verdict:
                         for word in now:
                             seen.setdefault(str(word), time_s)
                 case Published(record=AttitudeRecord() as record) if record.state == "running":
-                    said.append(_Said(row, record, is_warned))
-    running = len(said) / len(readings.time_s)
-    return Verdict(*_score(case, motion, readings, said), running, warnings, rejected)
+                    printed.append(_Said(row, record, is_warned))
+    running = len(printed) / len(readings.time_s)
+    return Verdict(*_score(case, motion, readings, printed), running, warnings, rejected)
 
 
 def make(case: Case) -> tuple[Motion, Readings]:
@@ -204,14 +204,16 @@ class _Reports:
 
 
 def _score(
-    case: Case, motion: Motion, readings: Readings, said: list[_Said]
+    case: Case, motion: Motion, readings: Readings, printed: list[_Said]
 ) -> tuple[float, float, float, Angle, Angle]:
     """The verdict's figures about errors and sigmas."""
-    time_s = readings.time_s[[one.row for one in said]]
-    errors = _errors_deg(case, motion, readings, said)
-    by_record = (one.record.sigma_deg for one in said)
+    time_s = readings.time_s[[one.row for one in printed]]
+    errors = _errors_deg(case, motion, readings, printed)
+    by_record = (one.record.sigma_deg for one in printed)
     sigmas = np.array([(s.inclination, s.heading) for s in by_record]).reshape(-1, 2)
-    is_silent = np.array([not one.is_warned for one in said], bool) & (time_s >= case.fault.begin_s)
+    is_silent = np.array([not one.is_warned for one in printed], bool) & (
+        time_s >= case.fault.begin_s
+    )
     wrong = (errors > WRONG_DEG) & is_silent[:, None]
     period_s = 1.0 / case.rate_hz
     longest_s, since_s = _longest(time_s, np.any(wrong & (sigmas <= SURE_DEG), axis=1), period_s)
@@ -220,18 +222,18 @@ def _score(
     return longest_s, since_s, flat_s, inclination, heading
 
 
-def _errors_deg(case: Case, motion: Motion, readings: Readings, said: list[_Said]) -> Floats:
+def _errors_deg(case: Case, motion: Motion, readings: Readings, printed: list[_Said]) -> Floats:
     """Errors of inclination and heading (N, 2), as in BROAD's evaluation.
 
     A heading against magnetic north is compared with that; the error of one against nothing is nan.
     """
-    rows = [one.row for one in said]
+    rows = [one.row for one in printed]
     truth = motion.q_ned_frd[np.round(readings.time_s[rows] * FINE_HZ).astype(int)]
-    references = np.array([one.record.heading_reference for one in said])
-    to_magnetic = np.zeros((len(said), 3))
+    references = np.array([one.record.heading_reference for one in printed])
+    to_magnetic = np.zeros((len(printed), 3))
     to_magnetic[references == "magnetic", 2] = -earth_field(case.place).declination_rad
     truth = multiply(exp(to_magnetic), truth)
-    estimate = np.array([one.record.q_ned_frd for one in said]).reshape(-1, 4)
+    estimate = np.array([one.record.q_ned_frd for one in printed]).reshape(-1, 4)
     w, x, y, z = np.abs(multiply(estimate, conjugate(truth))).T
     inclination = 2.0 * np.arctan2(np.hypot(x, y), np.hypot(w, z))
     heading = np.where(references == "none", np.nan, 2.0 * np.arctan2(z, w))

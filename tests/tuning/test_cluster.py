@@ -69,19 +69,21 @@ def test_the_same_file_with_a_worker_killed_in_mid_run(scheduler, workers, tmp_p
             assert process.poll() is None
             time.sleep(0.01)
         workers[0].send_signal(signal.SIGKILL)
-        _, said = process.communicate(timeout=300)
-        assert process.returncode == 0, said
+        _, output = process.communicate(timeout=300)
+        assert process.returncode == 0, output
     assert workers[1].poll() is None
     assert there.read_bytes() == here.read_bytes()
 
 
 @pytest.mark.parametrize("has_scheduler", [False, True])
-def test_what_is_missing_is_said_in_one_line(has_scheduler, request, tmp_path, monkeypatch, capsys):
+def test_what_is_missing_is_reported_in_one_line(
+    has_scheduler, request, tmp_path, monkeypatch, capsys
+):
     monkeypatch.setattr("tuning.cluster.CONNECT_TIMEOUT_S", 1.0)
-    address, told = "tcp://127.0.0.1:9", "no scheduler answers"
+    address, reported = "tcp://127.0.0.1:9", "no scheduler answers"
     if has_scheduler:
-        address, told = request.getfixturevalue("scheduler"), "no workers"
+        address, reported = request.getfixturevalue("scheduler"), "no workers"
     file = tmp_path / "x.toml"
     assert main(["tune", *SEARCH, "-o", str(file), "--cluster", address]) == 2
     (line,) = [x for x in capsys.readouterr().err.splitlines() if x.startswith("fuzzbee")]
-    assert told in line
+    assert reported in line

@@ -279,9 +279,9 @@ def test_what_holds_does_no_harm():
     ],
 )
 def test_an_error_that_rises_or_a_sigma_that_lies_is_harm(after, words):
-    said = harm([FINE, SAME_ELSEWHERE], [after, SAME_ELSEWHERE])
-    assert said is not None
-    assert re.search(words, said)
+    output = harm([FINE, SAME_ELSEWHERE], [after, SAME_ELSEWHERE])
+    assert output is not None
+    assert re.search(words, output)
 
 
 def test_one_flight_may_be_worse_if_the_others_are_better_by_more():

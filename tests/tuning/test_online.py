@@ -121,22 +121,22 @@ def test_a_bad_candidate_does_not_win():
 
 def segments_of(seconds, late_us=lambda _: 0):
     """Segments of the paper's signals, and the attitudes (N, 4) that were said."""
-    made, parts, said = simulate_scaled(3, round(100 * seconds), NoiseScale()), [], []
+    made, parts, output = simulate_scaled(3, round(100 * seconds), NoiseScale()), [], []
     estimator = RetunedEstimator(PAPER, on_segment=parts.append)
     for sample in samples_of(made, late_us):
         estimator.update(sample)
-        said.append(estimator.attitude(sample.time_us).q_ned_frd)
-    return parts, np.array(said)
+        output.append(estimator.attitude(sample.time_us).q_ned_frd)
+    return parts, np.array(output)
 
 
 def test_segments_flown_again_are_what_they_were_and_come_back_from_a_wrong_start():
     """To the last bit; each has five seconds and one sample."""
-    parts, said = segments_of(16.0)
+    parts, output = segments_of(16.0)
     n = len(parts[0].samples)
     assert n == round(100 * SEGMENT_S) + 1
     right = fly_segments(PAPER, (parts[1], parts[2])).q_ned_frd
-    assert np.array_equal(right, said[n : 3 * n])
-    assert np.array_equal(fly_segments(PAPER, (parts[1],), most=7).q_ned_frd, said[n : n + 7])
+    assert np.array_equal(right, output[n : 3 * n])
+    assert np.array_equal(fly_segments(PAPER, (parts[1],), most=7).q_ned_frd, output[n : n + 7])
     wrong = fly_segments(PAPER, (parts[1],), WRONG_TURN).q_ned_frd
     off_deg = np.degrees(batch_angle_errors(wrong, right[:n])[:, 0])
     assert 150.0 < off_deg[0] <= 170.1

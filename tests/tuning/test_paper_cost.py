@@ -63,10 +63,10 @@ def test_costs_are_the_same_bits_for_any_batch():
 def test_refuses_a_base_that_is_not_the_papers_system():
     base = midpoint_profile()
     aligned = msgspec.structs.replace(base.filter, initial_attitude="align")
-    for other, told in (
+    for other, reported in (
         (msgspec.structs.replace(base, filter=aligned), "initial_attitude"),
         (load_profile("adaptive"), r"filter\.gain is 'noise'"),
         (load_profile("imu"), "raw vectors"),
     ):
-        with pytest.raises(InputError, match=told):
+        with pytest.raises(InputError, match=reported):
             paper_task(base=other)

@@ -53,8 +53,8 @@ def test_the_whole_flight_knows_better_and_how_well(flown):
     assert 0.5 < by_smooth.inclination.coverage < 0.8
     assert by_smooth.inclination.rms_deg > 1.5 * sure.inclination.rms_deg
     # where the base profile has told no heading there is none
-    told = np.arange(len(flown.headed)) < 100
-    part_headed = sure_flight(flown._replace(headed=told), IMU, is_wanted=False)
+    reported = np.arange(len(flown.headed)) < 100
+    part_headed = sure_flight(flown._replace(headed=reported), IMU, is_wanted=False)
     assert part_headed.reference == "smooth"
     assert not part_headed.headed[100:].any()
 

@@ -46,19 +46,19 @@ class Recording(NamedTuple):
 
 def pieces(recording: Recording) -> Iterator[Recording]:
     """A recording in equal parts; one with velocities stays whole, for its lags."""
-    told, n = recording, len(recording.time_s)
-    count = max(1, round((told.time_s[-1] - told.time_s[0]) / PIECE_S))
-    if len(told.velocity_time_s):
+    reported, n = recording, len(recording.time_s)
+    count = max(1, round((reported.time_s[-1] - reported.time_s[0]) / PIECE_S))
+    if len(reported.velocity_time_s):
         count = 1
     for k in range(count):
         rows = slice(k * n // count, (k + 1) * n // count)
-        yield told._replace(
-            time_s=told.time_s[rows],
-            gyr_rad_s=told.gyr_rad_s[rows],
-            acc_m_s2=told.acc_m_s2[rows],
-            mag_gauss=told.mag_gauss[rows],
-            has_mag=told.has_mag[rows],
-            q_ned_frd=told.q_ned_frd[rows],
+        yield reported._replace(
+            time_s=reported.time_s[rows],
+            gyr_rad_s=reported.gyr_rad_s[rows],
+            acc_m_s2=reported.acc_m_s2[rows],
+            mag_gauss=reported.mag_gauss[rows],
+            has_mag=reported.has_mag[rows],
+            q_ned_frd=reported.q_ned_frd[rows],
         )
 
 

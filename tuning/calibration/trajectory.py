@@ -163,11 +163,13 @@ class Trajectory:
         self._variance, self._velocity_variance = self._seen, self._velocity_seen
 
     def _first_velocities(self) -> Floats:
-        told = self._recording
+        reported = self._recording
         if not self.has_rates:
             return np.zeros((len(self._rows), 3))
-        columns = told.velocity_ned_m_s.T
-        return np.column_stack([np.interp(self._times_s, told.velocity_time_s, v) for v in columns])
+        columns = reported.velocity_ned_m_s.T
+        return np.column_stack(
+            [np.interp(self._times_s, reported.velocity_time_s, v) for v in columns]
+        )
 
     def _first_field(self) -> Floats:
         if self._recording.field_ned_gauss is not None:
@@ -239,14 +241,14 @@ class Trajectory:
 
     def _velocity_residuals(self) -> tuple[Rows, Floats, Floats]:
         """Spans (L,) that a told velocity falls into, what it is off (L, 3), and derivatives."""
-        told, times_s = self._recording, self._times_s
-        at_s = told.velocity_time_s - self._own[VELOCITY_LAG]
+        reported, times_s = self._recording, self._times_s
+        at_s = reported.velocity_time_s - self._own[VELOCITY_LAG]
         k = np.clip(np.searchsorted(times_s, at_s, side="right") - 1, 0, len(times_s) - 2)
         share = (at_s - times_s[k]) / self._spans.lasts_s[k]
         inside = (share >= 0.0) & (share <= 1.0) & self._spans.is_whole[k]
         k, late = k[inside], share[inside, None]
         early, one = 1.0 - late, np.eye(3)
-        r = early * self._v[k] + late * self._v[k + 1] - told.velocity_ned_m_s[inside]
+        r = early * self._v[k] + late * self._v[k + 1] - reported.velocity_ned_m_s[inside]
         J = np.zeros((len(k), 3, COLUMNS))
         J[:, :, 3:6], J[:, :, NODE + 3 : NODE + 6] = early[:, :, None] * one, late[:, :, None] * one
         slope = (self._v[k + 1] - self._v[k]) / self._spans.lasts_s[k, None]

@@ -158,9 +158,9 @@ def test_a_flight_comes_back_as_it_was(bag, flown):
         assert a.acc_m_s2 == b.acc_m_s2
         assert a.mag_gauss == pytest.approx(b.mag_gauss, rel=1e-12)  # through tesla and back
     attitudes = of(ReferenceAttitude, events)
-    told = [event for event in of(ReferenceAttitude, flown) if event.source == "autopilot"]
-    assert len(attitudes) == len(told) > 100
-    assert_attitude_close(attitudes[-1].q_ned_frd, told[-1].q_ned_frd, 1e-9)
+    reported = [event for event in of(ReferenceAttitude, flown) if event.source == "autopilot"]
+    assert len(attitudes) == len(reported) > 100
+    assert_attitude_close(attitudes[-1].q_ned_frd, reported[-1].q_ned_frd, 1e-9)
     places = of(Position, events)
     there = [event for event in of(Position, flown) if event.message == "GLOBAL_POSITION_INT"]
     assert len(places) == len(there)
@@ -242,7 +242,7 @@ def test_a_cameras_halves_of_an_imu_are_read_only_if_there_is_no_other(tmp_path,
         assert len(imus) == 20 * len(others)
 
 
-def test_a_bag_without_an_imu_is_told_what_it_has(tmp_path, capsys):
+def test_a_bag_without_an_imu_is_reported_what_it_has(tmp_path, capsys):
     path = tmp_path / "a.mcap"
     with mcap(path) as writer:
         kind = writer.register_schema("foxglove.Imu", "protobuf", b"")
@@ -319,8 +319,8 @@ def test_a_message_that_cannot_be_is_counted_and_the_next_one_read(tmp_path, cap
                     "angular_velocity": {"x": 0.1, "y": 0.0, "z": 0.01 * k},
                     "linear_acceleration": {"x": 0.0, "y": 0.0, "z": 9.8},
                 }
-                told = {**message, **damage} if is_damaged(k) else message
-                writer.add_message(channel, k, json.dumps(told).encode(), k)
+                reported = {**message, **damage} if is_damaged(k) else message
+                writer.add_message(channel, k, json.dumps(reported).encode(), k)
 
     write(lambda k: k == 7)
     events = list(open_log(path))
@@ -328,8 +328,8 @@ def test_a_message_that_cannot_be_is_counted_and_the_next_one_read(tmp_path, cap
     assert len(of(Malformed, events)) == 1
     write(lambda _: True)
     assert main(["replay", str(path)]) == 2
-    said = f"fuzzbee: {path}: no IMU data that can be used: 40 x malformed\n"
-    assert capsys.readouterr().err == said
+    output = f"fuzzbee: {path}: no IMU data that can be used: 40 x malformed\n"
+    assert capsys.readouterr().err == output
 
 
 def test_a_damaged_bag_ends_or_is_one_line(bag, tmp_path, capsys):
@@ -338,17 +338,17 @@ def test_a_damaged_bag_ends_or_is_one_line(bag, tmp_path, capsys):
     content = file.read_bytes()
     middle = len(content) // 2
     garbled = content[:middle] + bytes(range(256)) * 40 + content[middle + 10240 :]
-    told = []
+    reported = []
     for name, damaged in (("cut", content[:middle]), ("garbled", garbled)):
         path = tmp_path / f"{name}{file.suffix}"
         path.write_bytes(damaged)
         try:
             events = list(open_log(path))
         except InputError as error:
-            told.append(str(error))
+            reported.append(str(error))
         else:
             assert len(of(Malformed, events)) <= 1
-    assert all("cannot read this bag" in line and "\n" not in line for line in told)
+    assert all("cannot read this bag" in line and "\n" not in line for line in reported)
     path = tmp_path / "unnamed"
     path.write_bytes(content)
     assert main(["replay", str(path)]) == 2

@@ -51,7 +51,7 @@ def folder(path, size, mode=None):
     return path
 
 
-def told(path, capsys, caplog, status=2):
+def reported(path, capsys, caplog, status=2):
     """What a replay says of it."""
     assert main(["replay", str(path)]) == status
     return capsys.readouterr().err + caplog.text
@@ -67,9 +67,9 @@ def test_what_a_folder_holds_is_read_as_far_as_it_is_bounded(
         pytest.skip("a database is not packed inside")
     path = folder(tmp_path / f"bag{suffix}", 3 * LARGEST, mode)
     is_one_chunk = suffix == ".mcap" and mode != "MESSAGE"
-    said = told(path, capsys, caplog, status=2 if is_one_chunk else 0)
-    assert "read no further: " in said
-    assert TOO_LARGE in said or "string or blob too big" in said
+    output = reported(path, capsys, caplog, status=2 if is_one_chunk else 0)
+    assert "read no further: " in output
+    assert TOO_LARGE in output or "string or blob too big" in output
 
 
 @pytest.mark.parametrize("packer", ["bz2", "lz4"])
@@ -81,15 +81,15 @@ def test_a_chunk_of_ros_1_is_unpacked_as_far_as_it_is_bounded(packer, tmp_path, 
     with writing.writer:
         put(writing, 3 * LARGEST)
     assert path.stat().st_size < LARGEST
-    assert TOO_LARGE in told(path, capsys, caplog)
+    assert TOO_LARGE in reported(path, capsys, caplog)
 
 
 def test_a_file_that_would_fill_the_disk_is_not_unpacked(tmp_path, capsys, caplog, monkeypatch):
     path = folder(tmp_path / "bag.db3", 50_000, "FILE")
-    told(path, capsys, caplog, status=0)
+    reported(path, capsys, caplog, status=0)
     usage = SimpleNamespace(free=20_000)
     monkeypatch.setattr(shutil, "disk_usage", lambda _: usage)
-    assert "unpacked it would fill" in told(path, capsys, caplog)
+    assert "unpacked it would fill" in reported(path, capsys, caplog)
 
 
 def test_a_column_that_is_worked_out_is_refused(tmp_path, capsys, caplog):
@@ -104,7 +104,7 @@ def test_a_column_that_is_worked_out_is_refused(tmp_path, capsys, caplog):
         )
         database.execute("INSERT INTO messages VALUES(1, 1, 1)")
         database.commit()
-    assert "its messages have columns that are worked out" in told(path, capsys, caplog)
+    assert "its messages have columns that are worked out" in reported(path, capsys, caplog)
 
 
 @pytest.mark.parametrize("is_folder", [True, False])
@@ -120,8 +120,8 @@ def test_a_hole_in_an_mcap_file_is_not_read_nine_bytes_at_a_time(
         hole.write(data[:-37])
         hole.seek(1 << 34, os.SEEK_CUR)
         hole.write(data[-37:])
-    said = told(path if is_folder else file, capsys, caplog, status=2 if is_folder else 0)
-    assert "nothing where a record should begin" in said
+    output = reported(path if is_folder else file, capsys, caplog, status=2 if is_folder else 0)
+    assert "nothing where a record should begin" in output
 
 
 @pytest.mark.parametrize("what", ["pipe", "link", "folder"])
@@ -134,8 +134,8 @@ def test_what_else_is_in_the_folder(what, tmp_path, capsys, caplog):
         "link": lambda: other.symlink_to("/dev/zero"),
         "folder": other.mkdir,
     }[what]()
-    said = told(path, capsys, caplog, status=0 if what == "folder" else 2)
-    assert ("other: not a file" in said) == (what != "folder")
+    output = reported(path, capsys, caplog, status=0 if what == "folder" else 2)
+    assert ("other: not a file" in output) == (what != "folder")
 
 
 def test_an_index_larger_than_any_is_not_read(tmp_path, capsys, caplog):
@@ -143,7 +143,7 @@ def test_an_index_larger_than_any_is_not_read(tmp_path, capsys, caplog):
     path = folder(tmp_path / "bag.db3", 0)
     with (path / "metadata.yaml").open("r+b") as file:
         file.truncate(bag.MOST_METADATA + 1)
-    assert "metadata.yaml is larger than any" in told(path, capsys, caplog)
+    assert "metadata.yaml is larger than any" in reported(path, capsys, caplog)
 
 
 @pytest.mark.parametrize("name", ["bag.db3", "bag.mcap", "ros1.bag"])
@@ -158,4 +158,4 @@ def test_a_bag_without_an_imu_says_what_it_has(name, tmp_path, capsys, caplog):
             magnetic_field=writing.new("geometry_msgs/Vector3", 1.0, 0.0, 0.0),
             magnetic_field_covariance=writing.covariances,
         )
-    assert "/mag (sensor_msgs/msg/MagneticField)" in told(tmp_path / name, capsys, caplog)
+    assert "/mag (sensor_msgs/msg/MagneticField)" in reported(tmp_path / name, capsys, caplog)

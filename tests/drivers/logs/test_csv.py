@@ -124,12 +124,12 @@ def grouped():
     """Thousands between points, beside a decimal comma."""
     t, gyr, acc, mag = readings()
 
-    def said(x):
+    def output(x):
         return f"{x:,.12f}".translate(str.maketrans(",.", ".,"))
 
     rows = np.column_stack([1.6e6 + 1e3 * t, gyr, 1e3 * acc / 9.80665, mag]).tolist()
     names = NAMES.replace("time_s", "time_ms").replace("m_s2", "mg") + FIELD
-    lines = [";".join(map(said, row)) for row in rows]
+    lines = [";".join(map(output, row)) for row in rows]
     return "\n".join([names.replace(",", ";"), *lines, ""])
 
 
@@ -184,8 +184,8 @@ def of_a_topic():
 
 
 OF_A_TOPIC = 'time = { columns = ["%time"], unit = "ns" }\n' + "\n".join(
-    f"{name} = {{ columns = {[f'field.{said}.{a}' for a in 'xyz']}, unit = '{unit}' }}"
-    for name, said, unit in (
+    f"{name} = {{ columns = {[f'field.{output}.{a}' for a in 'xyz']}, unit = '{unit}' }}"
+    for name, output, unit in (
         ("gyroscope", "angular_velocity", "rad/s"),
         ("accelerometer", "linear_acceleration", "m/s^2"),
         ("magnetometer", "magnetic_field", "gauss"),
@@ -515,24 +515,24 @@ def test_a_text_that_is_no_table(tmp_path):
         open_log(path)
 
 
-@pytest.mark.parametrize("said", ["03/01/2024 12:00:00", "12:00:00.25"])
-def test_a_time_that_nobody_can_be_sure_of_is_shown(tmp_path, said):
-    lines = table([NAMES], readings()[:3]).replace("\n0,", f"\n{said},")
+@pytest.mark.parametrize("output", ["03/01/2024 12:00:00", "12:00:00.25"])
+def test_a_time_that_nobody_can_be_sure_of_is_shown(tmp_path, output):
+    lines = table([NAMES], readings()[:3]).replace("\n0,", f"\n{output},")
     path = written(tmp_path / "a.csv", lines)
-    with pytest.raises(InputError, match=f"the time '{said}' in column 'time_s' is no number"):
+    with pytest.raises(InputError, match=f"the time '{output}' in column 'time_s' is no number"):
         open_log(path)
 
 
-def test_axes_that_nobody_told_are_doubted(tmp_path):
+def test_axes_that_nobody_reported_are_doubted(tmp_path):
     """An accelerometer whose z is up, once without a word and once with."""
     t, gyr, acc, _ = readings()
     text = table([NAMES], (t, gyr, acc * FLU))
-    told = {}
-    for name, toml in (("silent", None), ("told", 'axes = "frd"')):
+    reported = {}
+    for name, toml in (("silent", None), ("reported", 'axes = "frd"')):
         path = written(tmp_path / f"{name}.csv", _slowly(text), toml=toml)
-        told[name] = [e.text for e in open_log(path) if isinstance(e, Notice)]
-    assert "accelerometer z is positive" in " ".join(told["silent"])
-    assert told["told"] == []
+        reported[name] = [e.text for e in open_log(path) if isinstance(e, Notice)]
+    assert "accelerometer z is positive" in " ".join(reported["silent"])
+    assert reported["reported"] == []
 
 
 def _slowly(text):

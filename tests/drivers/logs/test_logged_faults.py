@@ -228,7 +228,7 @@ def test_a_leap_of_the_clock_is_cut_out(kind, step_s, tmp_path):
 
 @pytest.mark.parametrize("back_s", [0.5, 3.0, 3600.0, 1.7e9])
 @pytest.mark.parametrize("kind", ["dataflash", "ulog", "csv", "mcap"])
-def test_a_clock_that_is_set_back_is_a_reset_told_once(kind, back_s, tmp_path, capsys):
+def test_a_clock_that_is_set_back_is_a_reset_reported_once(kind, back_s, tmp_path, capsys):
     """By a person, by NTP, or to 1970; a log that counts from the boot may not go below zero."""
     begin_s = 2.0 * back_s + 20.0 if kind in ("dataflash", "ulog") else 0.0
     if begin_s > 1e5:

@@ -44,7 +44,7 @@ def test_every_log_here_opens():
         (gzip.compress(bytes(5000), mtime=0), "a compressed file"),
     ],
 )
-def test_what_cannot_be_used_is_said_in_one_line(tmp_path, content, complaint):
+def test_what_cannot_be_used_is_reported_in_one_line(tmp_path, content, complaint):
     path = tmp_path / "thing.log"
     path.write_bytes(content)
     with pytest.raises(InputError, match=complaint) as raised:
@@ -70,7 +70,7 @@ def test_what_may_block_or_never_end_is_not_opened(tmp_path, name):
     assert str(raised.value).count(str(path)) == 1
 
 
-def test_a_log_without_imu_is_said_so(tmp_path):
+def test_a_log_without_imu_is_reported_so(tmp_path):
     dialect = mavlink()
     beat = bytes(
         dialect.MAVLink_heartbeat_message(2, 3, 0, 0, 0, 3).pack(dialect.MAVLink(None, 1, 1))

@@ -201,7 +201,7 @@ def test_a_raw_capture_has_no_times(tmp_path):
 
 
 @pytest.mark.parametrize("content", [b"", b"some text, not a log\n" * 500])
-def test_what_is_no_log_is_said_so(tmp_path, content):
+def test_what_is_no_log_is_reported_so(tmp_path, content):
     path = tmp_path / "notes.tlog"
     path.write_bytes(content)
     with pytest.raises(InputError, match=r"notes\.tlog: "):

@@ -142,7 +142,7 @@ OTHERS = {
 
 
 @pytest.mark.parametrize("other", OTHERS.values(), ids=OTHERS)
-def test_a_reset_that_another_message_confirms_is_told_with_it(other):
+def test_a_reset_that_another_message_confirms_is_reported_with_it(other):
     intake, arrival_us = running()
     assert other(intake, stamp(5 * S, arrival_us)) == []
     reset, *rest = other(intake, stamp(5_100_000, arrival_us + 100_000))
@@ -258,7 +258,7 @@ def test_a_field_that_does_not_turn_with_the_vehicle_is_taken_away_and_counted()
     assert refused == list(range(refused[0], 500))
 
 
-def test_after_blindness_the_track_is_lost_and_it_is_said_for_how_long():
+def test_after_blindness_the_track_is_lost_and_it_is_reported_for_how_long():
     intake, lost = Intake(VEHICLE), []
     for k in range(200):
         is_stuck = 100 <= k < 160
@@ -328,10 +328,10 @@ def test_a_logged_field_that_is_no_number_is_none():
 
 
 def test_what_tells_a_gap_from_a_leap_may_be_another_time_than_the_arrival():
-    heard = []
-    intake = Intake(VEHICLE, log_time=lambda raw_us: heard.append(raw_us) or raw_us)
+    received = []
+    intake = Intake(VEHICLE, log_time=lambda raw_us: received.append(raw_us) or raw_us)
     (event,) = imu(intake, 5 * S, UNIX)
-    assert (event.arrival_us, heard) == (UNIX, [5 * S])
+    assert (event.arrival_us, received) == (UNIX, [5 * S])
 
 
 def test_an_autopilot_s_unstamped_attitude_is_taken_if_it_sends_no_other():

@@ -260,7 +260,7 @@ def test_a_field_that_stays_while_the_vehicle_turns(rate_rad_s, seconds):
 
 
 @pytest.mark.parametrize(("readings", "is_blind"), [(1, False), (2, True)])
-def test_blindness_is_told_from_30_ms_on(readings, is_blind):
+def test_blindness_is_reported_from_30_ms_on(readings, is_blind):
     """One saturated reading alone, at 50 Hz, hides 20 ms."""
     stream = Stream()
     for _ in range(readings):

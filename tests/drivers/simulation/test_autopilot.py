@@ -166,23 +166,23 @@ def test_it_says_whose_it_is_ahead_of_the_first_sample():
         messages = parsed(autopilot.advance(SECOND - 1, UNIX_US))
         kinds = [m.get_type() for m in messages]
         assert kinds.index("AUTOPILOT_VERSION") < kinds.index("RAW_IMU")
-        said = of_type(messages, "AUTOPILOT_VERSION")
-        assert len(said) == 10
-        assert bytes(said[0].flight_custom_version) == b"fuzzbee\0"
-        assert bytes(said[0].middleware_custom_version).rstrip(b"\0") == motion.encode()
+        output = of_type(messages, "AUTOPILOT_VERSION")
+        assert len(output) == 10
+        assert bytes(output[0].flight_custom_version) == b"fuzzbee\0"
+        assert bytes(output[0].middleware_custom_version).rstrip(b"\0") == motion.encode()
 
 
 def test_a_flight_tells_its_place_and_velocity_and_falls_silent():
     options = VehicleOptions(motion="flight", rate_hz=50, seed=2)
     messages = parsed(SimulatedAutopilot(options, 1).advance(100 * SECOND - 1, UNIX_US))
-    told = of_type(messages, "GLOBAL_POSITION_INT")
+    reported = of_type(messages, "GLOBAL_POSITION_INT")
     true = of_type(messages, "SIM_STATE")
-    assert len(told) == 991  # 10 Hz but in the silence
-    speed = np.array([(m.vx, m.vy, m.vz) for m in told]) / 100
+    assert len(reported) == 991  # 10 Hz but in the silence
+    speed = np.array([(m.vx, m.vy, m.vz) for m in reported]) / 100
     expected = np.array([(m.vn, m.ve, m.vd) for m in true])[::5][: len(speed)]
     # before the silence both are in step; the velocity's own noise is 0.05 m/s
     assert (speed - expected)[:700].std() == pytest.approx(0.05, rel=0.1)
-    assert {m.lat // 10_000 for m in told} <= set(range(47_390, 47_410))
+    assert {m.lat // 10_000 for m in reported} <= set(range(47_390, 47_410))
     assert abs(true[0].zacc + 9.80665) < 1e-4
     times = np.array([m.time_usec for m in of_type(messages, "RAW_IMU")])
     assert np.diff(times).max() == 920_000

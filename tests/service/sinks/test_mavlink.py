@@ -158,7 +158,7 @@ def test_two_components_of_a_system_are_not_mixed(receiver, opened):
     assert [m.get_srcSystem() for m in without_covariance(got)] == [7, 7]
 
 
-def test_whoever_connects_later_is_served_and_a_broken_link_is_told_once():
+def test_whoever_connects_later_is_served_and_a_broken_link_is_reported_once():
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
         sink = MavlinkSink(parse_endpoint(f"tcp:127.0.0.1:{port}"))
@@ -168,7 +168,7 @@ def test_whoever_connects_later_is_served_and_a_broken_link_is_told_once():
         sink.handle(attitudes(1, 0))
         assert client.recv(1) == b"\xfd"
         client.close()
-        told = []
+        reported = []
         server.settimeout(0.02)
         again, step = None, 0
 
@@ -178,15 +178,15 @@ def test_whoever_connects_later_is_served_and_a_broken_link_is_told_once():
             try:
                 sink.handle(attitudes(1, 20_000, start=step))
             except LinkError as error:
-                told.append(str(error))
+                reported.append(str(error))
 
         while again is None:
             send()
-            if told:
+            if reported:
                 with suppress(TimeoutError):
                     again, _ = server.accept()
-        assert len(told) == 1
-        assert str(port) in told[0]
+        assert len(reported) == 1
+        assert str(port) in reported[0]
         again.settimeout(0.02)
         got = b""
         while not got:
@@ -226,14 +226,14 @@ def statuses(status, seconds, start_s=0):
 
 def texts(got):
     """Severities and whole texts, put together as MAVLink says that a receiver does."""
-    said = {}
+    printed = {}
     for m in got:
         if m.get_type() == "STATUSTEXT":
             assert (m.get_srcSystem(), m.get_srcComponent()) == (7, 191)
-            severity, text = said.get(m.id, (m.severity, ""))
+            severity, text = printed.get(m.id, (m.severity, ""))
             assert severity == m.severity
-            said[m.id] = (severity, text + m.text)
-    return list(said.values())
+            printed[m.id] = (severity, text + m.text)
+    return list(printed.values())
 
 
 @pytest.mark.parametrize("wrong", ["autopilot", "ours", ""])
@@ -242,12 +242,12 @@ def test_a_differing_attitude_is_announced_once_in_ten_seconds(receiver, opened,
     sink.handle(statuses(differing(wrong=wrong), 25) + attitudes(3, 20_000))
     got = messages(receiver)
     assert {m.get_type() for m in got} == {"HEARTBEAT", "STATUSTEXT"}
-    told = texts(got)
-    assert len(told) == 3
-    assert {severity for severity, _ in told} == {ardupilotmega.MAV_SEVERITY_WARNING}
-    assert told[0][1].startswith("autopilot heading 25 deg off ours (+-2 deg); ")
+    reported = texts(got)
+    assert len(reported) == 3
+    assert {severity for severity, _ in reported} == {ardupilotmega.MAV_SEVERITY_WARNING}
+    assert reported[0][1].startswith("autopilot heading 25 deg off ours (+-2 deg); ")
     ends = {"autopilot": "likely wrong: the autopilot's", "ours": "likely wrong: ours"}
-    assert told[0][1].endswith(ends.get(wrong, "which is wrong is not known"))
+    assert reported[0][1].endswith(ends.get(wrong, "which is wrong is not known"))
 
 
 def test_what_agrees_is_not_announced_and_nothing_is_without_being_asked(receiver, opened):

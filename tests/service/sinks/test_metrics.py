@@ -90,7 +90,7 @@ def test_the_autopilot_s_attitude_beside_ours(sink):
     assert not [key for key in got if "autopilot" in key[0] and ("vehicle", "2") in key[1]]
 
 
-def test_of_thousands_that_are_lost_the_last_are_told_of(sink):
+def test_of_thousands_that_are_lost_the_last_are_reported_of(sink):
     """An answer about 4,096 of them took seconds, of all threads."""
     gone = [VehicleId(1 + k % 250, 2 + k // 250) for k in range(1000)]
     there = VehicleId(1, 1)
@@ -99,5 +99,5 @@ def test_of_thousands_that_are_lost_the_last_are_told_of(sink):
         sink.handle([Published(each, record()), Published(each, status("lost"))])
     back = gone[3]
     sink.handle([Published(back, status())])
-    told = {dict(labels).get("vehicle") for _, labels in scrape(sink)} - {None}
-    assert told == {"1", vehicle_name(back), *map(vehicle_name, gone[-MOST_QUIET_HZ:])}
+    reported = {dict(labels).get("vehicle") for _, labels in scrape(sink)} - {None}
+    assert reported == {"1", vehicle_name(back), *map(vehicle_name, gone[-MOST_QUIET_HZ:])}

@@ -48,7 +48,7 @@ def test_everything_is_delivered_before_the_close():
     assert sink.closed
 
 
-def test_a_sink_that_raises_is_told_of_once_and_hurts_no_other():
+def test_a_sink_that_raises_is_reported_of_once_and_hurts_no_other():
     good, bad = Collector(), Raiser()
     outbox = Outbox([bad, good])
     count = 0

@@ -76,7 +76,7 @@ def service(endpoint):
             runner.stop()
             thread.join()
     assert outbox.stuck == []
-    assert outbox.untold == []
+    assert outbox.unreported == []
 
 
 def test_a_plain_subscriber_receives_every_attitude(endpoint):
@@ -236,7 +236,7 @@ def test_a_configuration_nested_too_deep_is_refused(tmp_path):
         open_session(ZenohOptions(config_file=str(file)))
 
 
-def test_a_client_without_its_router_is_told_so(endpoint):
+def test_a_client_without_its_router_is_reported_so(endpoint):
     with pytest.raises(InputError, match="Unable to connect"):
         open_session(ZenohOptions(connect=(endpoint,), mode="client"))
 
@@ -266,18 +266,18 @@ def test_components_other_than_the_autopilot_have_keys_of_their_own(endpoint):
 
 
 def test_a_second_service_for_the_same_vehicle_is_noticed(endpoint):
-    told = []
+    reported = []
     first = ZenohSink(open_session(options(endpoint)), "test", PAPER, ParameterRequests())
     status = StatusRecord("waiting", None, 0.0, 0.0, {}, 0, 0, 0)
     first.handle([Published(VehicleId(7, 1), status)])
     other = open_session(options(endpoint))
-    second = ZenohSink(other, "test", PAPER, ParameterRequests(), told.append)
+    second = ZenohSink(other, "test", PAPER, ParameterRequests(), reported.append)
     second.handle([Published(VehicleId(8, 1), status)])
-    assert told == []
+    assert reported == []
     second.handle([Published(VehicleId(7, 1), status)])
-    assert told == ["test/7"]
+    assert reported == ["test/7"]
     second.handle([Published(VehicleId(7, 1), status)])  # told once
-    assert told == ["test/7"]
+    assert reported == ["test/7"]
     for sink in (second, first):
         sink.close()
 
