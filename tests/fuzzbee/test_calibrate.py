@@ -230,6 +230,16 @@ def test_a_bench_recording_shows_the_whole_imu(tmp_path, capsys):
     assert load_profile(str(mine)).calibration.acc_bias_m_s2 == tuple(found["acc_bias_m_s2"])
 
 
+def test_a_field_that_is_not_its_places_shows_nothing_of_the_compass(tmp_path, capsys):
+    """Iron all around, as in a car: a compass turned by that would be wrong outside."""
+    logs = [bench(tmp_path / f"{k}.csv", 3, seconds=60.0) for k in (1, 2)]
+    report = json.loads(said(capsys, "calibrate", *logs, "--place", "-35.4,149.2", "--json"))
+    found = report["calibration"]
+    assert found["mag_offset_gauss"] == [0.0, 0.0, 0.0]
+    assert found["mag_matrix"] == np.eye(3).tolist()
+    assert found["acc_bias_m_s2"] == pytest.approx(truth_of(3)["acc_bias_m_s2"], abs=0.05)
+
+
 def test_what_a_recording_at_rest_does_not_show_is_left_alone(tmp_path, capsys):
     log = bench(tmp_path / "rest.csv", 3, motion="flight", seconds=6.0)
     assert main(["calibrate", str(log)]) == 2
