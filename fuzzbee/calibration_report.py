@@ -53,7 +53,7 @@ class CompassReport(msgspec.Struct, frozen=True):
     """Gauss, body axes.
 
     ``calibration`` holds the profile's keys, ``ardupilot`` the parameters to set. Where
-    ``ardupilot_adds`` the log does not have what was set: its OFS are to be added to that. A compass
+    ``ardupilot_adds`` the log lacks what was set: its OFS are to be added to that. A compass
     that sits otherwise than set has ``orientation``; ``calibration`` then holds that turn, too.
     ``heading_sigma_deg`` is what the offset's uncertainty makes of a level vehicle's heading.
     """

@@ -36,7 +36,7 @@ class ParameterRequests:
     def ask(
         self, vehicle: VehicleId, partial: dict[str, Any], retuned: str | None = None
     ) -> Profile:
-        """Have the loop replace a profile; blocks until it did. ``retuned`` is the reason, if by itself.
+        """Have the loop replace a profile; blocks until it did. ``retuned`` is why, if by itself.
 
         Raises:
             InputError: the loop refused it.

@@ -176,7 +176,7 @@ class Peer(Value, frozen=True):
 
 
 class Replaced(Value, frozen=True):
-    """A vehicle's parameters have been replaced, by these; ``retuned`` is the reason, if by itself."""
+    """A vehicle's parameters have been replaced, by these; ``retuned`` is why, if by itself."""
 
     vehicle: VehicleId
     profile: Profile
