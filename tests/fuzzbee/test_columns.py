@@ -31,7 +31,7 @@ def test_the_result_of_a_run_names_what_was_counted_in_its_units():
         received={3, 1},
     )
     result = summary(RunOptions(), "imu", 7.0, runner, pipeline, "")
-    assert result["received"] == [1, 3]
+    assert result["heard"] == [1, 3]
     expected = {"ticks": 41, "overruns": 42, "dropped": 43, "lost": 71, "malformed": 72}
     assert {name: result[name] for name in expected} == expected
     assert result["departed"] == {

@@ -260,13 +260,14 @@ def test_a_single_look_after_an_hours_silence_is_no_alarm():
 @pytest.mark.parametrize("off_deg", [-90, 90])
 def test_a_compass_that_is_far_off_to_either_side_may_be_mounted_otherwise(off_deg):
     estimator = SimpleNamespace(
-        compass_doubt=CONTRADICTED,
+        compass_fault=CONTRADICTED,
         compass_off_rad=radians(off_deg),
         place_field=HERE,
-        leaning_rad=0.0,
+        dip_error_rad=0.0,
         contradicted_axes=(False,) * 3,
         is_aided=True,
+        profile=IMU,
     )
     sample = ImuSample(0, (0.0, 0.0, 0.0), (0.0, 0.0, -9.8), FIELD, has_mag=True)
-    (line,) = Alarms().look(sample, START_US, attitude(), IMU, estimator)
+    (line,) = Alarms().look(sample, START_US, attitude(), estimator)
     assert line.endswith(f"which is {off_deg}° off; is its orientation set rightly?")

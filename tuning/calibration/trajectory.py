@@ -38,7 +38,7 @@ GRAVITY_NED = np.array([0.0, 0.0, STANDARD_GRAVITY_M_S2])
 
 # Sigmas that a recording's own numbers have before it is read
 LAGS_S, KNOWN_FIELD = (0.15, 0.01, 0.02), 0.03
-FOREIGN = 3.0  # sigma: a field further from its place's shows nothing of the compass
+FOREIGN = 6.0  # sigma: a field further from its place's shows nothing of the compass
 # Sigmas of a span's residuals at first, and the least later: rad, m/s, m, share of the field, m
 FIRST = (2e-3, 0.05, 0.03, 0.03, 1.0)
 LEAST = (1e-3, 0.01, 0.01, 0.01, 1.0)

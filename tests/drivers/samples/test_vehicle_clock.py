@@ -412,7 +412,7 @@ def test_reports_keep_their_intervals_where_their_own_clock_takes_over():
     imu(clock, 100 * S, UNIX, BOOT_MS, "SCALED_IMU2")
 
     def report(after_us, late_us=0):
-        return clock.other("REPORT", USEC, 5000 * S + after_us, UNIX + after_us + late_us).time_us
+        return clock.place("REPORT", USEC, 5000 * S + after_us, UNIX + after_us + late_us).time_us
 
     for k in range(3):
         report(20_000 * k, late_us=400_000)
