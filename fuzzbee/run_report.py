@@ -44,7 +44,7 @@ def summary(
         "malformed": pipeline.malformed,
         "refused": dict(sorted(pipeline.refused_frames.items())),
         "recording": recording,
-        "heard": sorted(pipeline.received),
+        "heard": sorted(pipeline.systems),
         "departed": dict(pipeline.departed),
         "vehicles": {vehicle.name: counts(vehicle) for vehicle in pipeline.vehicles},
     }

@@ -45,8 +45,8 @@ OF_KNOWN = (
 QUIET = frozenset({State.LOST, State.WAITING})
 MOST_QUIET_HZ = 64
 LOOK_US = 1_000_000  # so often each vehicle is looked at, and silent ones are looked for
-# Silent for an hour; by looks, since the host's clock may be set. A battery is changed, a flight
-# goes out of reach and comes back: that is still the same vehicle.
+# Silent for an hour, by looks: the host's clock may be set. A log that plays quickly has fewer. A
+# battery is changed, a flight goes out of reach and comes back: that is still the same vehicle.
 FORGOTTEN_LOOKS = 3600
 
 
@@ -54,7 +54,7 @@ class Pipeline:
     """One estimator per vehicle, from events to records.
 
     ``new_estimator`` makes an estimator for a profile. ``system_id`` limits the pipeline to one
-    vehicle; ``received`` has the systems of all. With ``fits_built_in`` a vehicle that reports to
+    vehicle; ``systems`` are those of all. With ``fits_built_in`` a vehicle that reports to
     be fuzzbee's own gets the profile that fits its signals; otherwise this is only reported.
     """
 
@@ -70,7 +70,7 @@ class Pipeline:
         self.profile = profile
         self.malformed = 0
         self.refused_frames: Counter[Reason] = Counter()
-        self.received: set[int] = set()
+        self.systems: set[int] = set()
         # what was counted of the vehicles that were forgotten, as of one that is there
         self.departed = Counter(vehicles=0, samples=0, shed=0, rejected=0, attitudes=0)
         self.load = Load()
@@ -147,7 +147,7 @@ class Pipeline:
         if isinstance(event, events.Heartbeat):
             if not is_autopilot(event.autopilot, event.vehicle_type):
                 return []
-            self.received.add(event.vehicle.system_id)
+            self.systems.add(event.vehicle.system_id)
         vehicle = self._vehicles.get(event.vehicle)
         if vehicle is None and not isinstance(event, OF_KNOWN):
             vehicle = self._meet(event.vehicle)
@@ -248,7 +248,7 @@ class Pipeline:
 
     def _meet(self, address: VehicleId) -> Vehicle | None:
         """A new vehicle of an address that has none; None if it is not wanted."""
-        self.received.add(address.system_id)
+        self.systems.add(address.system_id)
         if not self._is_wanted(address) or len(self._vehicles) >= MAX_VEHICLES:
             return None
         kept = self._changes.kept.pop(address, None)

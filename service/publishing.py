@@ -266,8 +266,7 @@ def euler_deg(q_ned_frd: Quaternion) -> Vec3:
 
 def is_finite(attitude: Attitude) -> bool:
     """Whether every number that must be finite is; an infinite sigma just means "unknown"."""
-    _, q, rate_rad_s, bias_rad_s, *others = attitude[
-        :-3
-    ]  # without the sigmas, and the north's name
+    # without the sigmas, and the north's name
+    _, q, rate_rad_s, bias_rad_s, *others = attitude[:-3]
     # one that is not finite makes the sum so; none is large enough for the sum of the others
     return isfinite(sum((*q, *rate_rad_s, *bias_rad_s, *others)))

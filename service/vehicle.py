@@ -205,8 +205,8 @@ class Vehicle:
     def is_left_out(self, now_us: int) -> bool:
         """Whether no sample was taken for long, but some have come."""
         late_us, silence_us = self.imu.late_after_us, self.imu.silence_us(now_us)
-        is_received = now_us - self.heard_us < late_us
-        return is_received and late_us <= silence_us < self.imu.lost_after_us
+        is_there = now_us - self.heard_us < late_us
+        return is_there and late_us <= silence_us < self.imu.lost_after_us
 
     def attitude(self, now_us: int) -> AttitudeRecord | None:
         """The attitude propagated to ``now_us``, for output only; None if there is none to give."""

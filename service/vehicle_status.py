@@ -50,11 +50,11 @@ def status_record(vehicle: Vehicle, now_us: int, load: Load, malformed: int) -> 
     autopilot = vehicle.comparison.record(time_us)
     if autopilot is not None and autopilot.verdict == Verdict.DIFFERS:
         words.add(Alarm.AUTOPILOT_DIFFERS)
-    is_received = vehicle.state in (State.ALIGNING, State.RUNNING)
+    has_imu = vehicle.state in (State.ALIGNING, State.RUNNING)
     return StatusRecord(
         state=vehicle.state.value,
         imu_message=imu.message,
-        imu_rate_hz=imu.median_rate_hz if is_received else 0.0,
+        imu_rate_hz=imu.median_rate_hz if has_imu else 0.0,
         worst_gap_s=max(imu.worst_gap_us, imu.silence_us(now_us)) / 1e6,
         rejected=dict(sorted(vehicle.rejected.items())),
         overruns=load.overruns,

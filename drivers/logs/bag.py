@@ -124,12 +124,12 @@ def _is_whole(reader: Any, decode: Decode, connection: Any) -> bool:
     """
     with suppress(Exception):  # whatever a damaged file makes of the library
         message = decode(*next((c, data) for c, _, data in reader.messages([connection])))
-        unreported = [
+        absent = [
             getattr(message, f"{name}_covariance", [0.0])[0] == -1.0
             for name in ("angular_velocity", "linear_acceleration")
         ]
         vectors = message.angular_velocity, message.linear_acceleration
-        return all(any(_vector(each)) for each in vectors) and not any(unreported)
+        return all(any(_vector(each)) for each in vectors) and not any(absent)
     return False
 
 
@@ -181,7 +181,7 @@ def _events(reader: Any, decode: Decode, topics: _Topics) -> Iterator[Event]:
                     vehicle = dated_vehicle(time_ns // 1000, has_arrivals=has_arrivals)
                 arrival_us = recorded_ns // 1000 if has_arrivals else None
                 vehicle.at(time_ns // 1000, arrival_us=arrival_us)
-                events = _reported(vehicle, topics, connection, message)
+                events = _message_events(vehicle, topics, connection, message)
             except Exception:  # noqa: BLE001 - as below
                 events = [Malformed(0, 1)]
             yield from events
@@ -197,7 +197,7 @@ def _words(error: Exception) -> str:
     return str(error) or type(error).__name__
 
 
-def _reported(
+def _message_events(
     vehicle: LoggedVehicle, topics: _Topics, connection: Any, message: Any
 ) -> list[Event]:
     """The events of a message."""

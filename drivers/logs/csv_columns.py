@@ -202,10 +202,8 @@ def _time(text: CsvText, entry: Quantity) -> tuple[Part, ...]:
     first = " ".join(text.first[i].strip() for i in (index, *others))
     unit = ISO if others and is_date(first) else unit
     if unit != ISO and first and not is_number(first, comma=text.has_decimal_comma):
-        units_named = f"{first!r} in column {text.titles()[index]!r}"
-        raise InputError(
-            f"the time {units_named} is no number, and no date as ISO 8601 has them; {HELP}"
-        )
+        where = f"{first!r} in column {text.titles()[index]!r}"
+        raise InputError(f"the time {where} is no number, and no date as ISO 8601 has them; {HELP}")
     factor = 0.0 if unit == ISO else _factor(text, "time", index, unit, {**TIME, ISO: 0.0})
     return tuple((i, entry.scale * factor) for i in (index, *others))
 
@@ -279,9 +277,9 @@ def _matches(text: CsvText, pattern: re.Pattern[str]) -> list[tuple[int, re.Matc
     """The columns whose title, or the upper part of it, is of that kind."""
     found = []
     for i, parts in enumerate(text.names):
-        units_named = ["".join(parts[:n]) for n in range(len(parts), 0, -1)]
-        units_named += [CIRCUIT.sub("", each) for each in units_named]
-        matches = filter(None, (pattern.fullmatch(_compact(each)) for each in units_named))
+        spellings = ["".join(parts[:n]) for n in range(len(parts), 0, -1)]
+        spellings += [CIRCUIT.sub("", each) for each in spellings]
+        matches = filter(None, (pattern.fullmatch(_compact(each)) for each in spellings))
         found += [(i, match) for match in islice(matches, 1)]
     return found
 
@@ -319,8 +317,8 @@ def _turned(
 def _compact(name: str) -> str:
     """The name in small letters and digits alone, units in one spelling."""
     text = name.lower()
-    for units_named, meant in SPELLINGS:
-        text = text.replace(units_named, meant)
+    for spelling, meant in SPELLINGS:
+        text = text.replace(spelling, meant)
     return re.sub(r"[^a-z0-9]", "", text)
 
 

@@ -118,9 +118,9 @@ class McapChannels:
         return found
 
     def _add(self, channel: Any, schema: Any, count: int) -> None:
-        encoding, named = channel.message_encoding, "" if schema is None else schema.name
-        package, _, name = named.rpartition("/")
-        kind = f"{package.removesuffix('/msg')}/msg/{name}" if package else named
+        encoding, title = channel.message_encoding, "" if schema is None else schema.name
+        package, _, name = title.rpartition("/")
+        kind = f"{package.removesuffix('/msg')}/msg/{name}" if package else title
         is_read = schema is not None and encoding in ENCODINGS
         place = self.connections if is_read else self.others
         place.append(Channel(channel.id, channel.topic, kind, count, encoding))

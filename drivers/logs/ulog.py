@@ -43,7 +43,7 @@ class Ulog(LogFile):
     and counted from boot otherwise.
 
     Raises:
-        InputError: from the iteration, if the log takes a newer reader, or is a trap for one.
+        InputError: from the iteration, if the log takes a newer reader.
     """
 
     def __iter__(self) -> Iterator[Event]:

@@ -25,9 +25,9 @@ _logger = logging.getLogger(__name__)
 class Connection:
     """A transport that is opened again after each failure.
 
-    ``breaks`` counts the failures; ``is_open`` is
-    whether bytes may come. ``on_break`` is called whenever the connection breaks: half-read frames
-    and peers are void then. ``report`` gets a line for each new kind of failure.
+    ``breaks`` counts the failures; ``is_open`` is whether bytes may come. ``on_break`` is called
+    whenever the connection breaks: half-read frames and peers are void then. ``report`` gets a
+    line for each new kind of failure.
     """
 
     def __init__(

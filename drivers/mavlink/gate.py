@@ -92,7 +92,7 @@ class FrameGate:
             self._policy.signing.keep_ahead(unix_us)
 
     def take_refused(self, arrival_us: int) -> list[Event]:
-        """What was refused since the last call, and a line for each new reason."""
+        """What was refused since the last call; lines for new reasons and shared addresses."""
         events, self._notices = self._notices, []
         for (vehicle, reason), frames in self._refused.items():
             events.append(RefusedFrames(vehicle, arrival_us, reason, frames))

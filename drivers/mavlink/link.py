@@ -22,7 +22,7 @@ from drivers.mavlink.limits import MOST_WAITING, FrameQueue, RateLimits
 from drivers.mavlink.messages import IMU_MESSAGES
 from drivers.mavlink.outgoing import Outbound
 from drivers.mavlink.recorder import Recorder
-from drivers.mavlink.transports.transport import Packet
+from drivers.mavlink.transports.transport import Packet, unix_us
 from drivers.places import PLACES
 
 MOST_READERS = PLACES  # half-read frames of that many senders; the one silent for longest goes
@@ -123,7 +123,7 @@ class MavlinkLink(Closing):
         is_idle = not len(self._queue)
         if is_idle or time.monotonic() - self._look_s >= BUSY_REST_S:
             self._receive(timeout_s if is_idle and not self._events else 0.0)
-        now_us = time.time_ns() // 1000
+        now_us = unix_us()
         events = [*self._connection.take_events(), *self._events]
         self._events.clear()
         if self._malformed:
@@ -159,7 +159,7 @@ class MavlinkLink(Closing):
         frames = sum([self._take(packet) for packet in packets])
         if packets:
             self._connection.note_read(sum([len(packet.data) for packet in packets]), frames)
-            now_us = time.time_ns() // 1000
+            now_us = unix_us()
             self._gate.keep(now_us)
             self._events += self._gate.take_refused(now_us)
 

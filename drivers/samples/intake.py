@@ -44,8 +44,8 @@ class Intake:
     """Takes one vehicle's readings; each method gives the events that come of them.
 
     ``log_time`` is what stands in for the arrivals of a log that has none; ``counts_from_boot`` as
-    in :class:`VehicleClock`. ``checks_axes`` says that the axes may be others than FRD,
-    ``takes_references`` that all attitudes of others are wanted, and not some a second.
+    in :class:`VehicleClock`. ``checks_axes`` is set where the axes may be others than FRD,
+    ``takes_references`` where all attitudes of others are wanted, and not some a second.
     """
 
     def __init__(

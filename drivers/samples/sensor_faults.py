@@ -186,17 +186,18 @@ class StuckSensors:
     gyr: Repetition = field(default_factory=Repetition)
     acc: Repetition = field(default_factory=Repetition)
     mag: Repetition = field(default_factory=Repetition)
+    last_us: int = 0  # of the last reading that was not saturated
     field_gauss: Vec3 = ZERO_VEC3  # at its first look since both repeat themselves
     field_us: int = 0
     gyr_begin: Readings = NOTHING  # when the gyroscope began to repeat itself
     turned: Vec3 = ZERO_VEC3  # where the gyroscope says that the repeated force should be
     mag_turn_rad: float = 0.0  # without a new field
 
-    def refusal(self, now: Readings, last: Readings, raw_us: int, step_us: int) -> Reason | None:
-        """Why the reading ``step_us`` behind ``last`` cannot be true."""
+    def refusal(self, now: Readings, last: Readings, raw_us: int) -> Reason | None:
+        """Why the reading behind ``last`` cannot be true; saturated ones are not given."""
         gyr, acc, mag = now
         gyr_equal, acc_equal = gyr == last.gyr_rad_s, acc == last.acc_m_s2
-        self._observe_field(now, last, raw_us, step_us)
+        step_us, self.last_us = raw_us - self.last_us, raw_us
         self.both.observe(raw_us, repeats=gyr_equal and acc_equal)
         self.gyr.observe(raw_us, repeats=gyr_equal)
         self.acc.observe(raw_us, repeats=acc_equal)
@@ -214,7 +215,7 @@ class StuckSensors:
             self.turned = vector_after_turn(self.turned, gyr, step_s)
         return self._judge(now, raw_us)
 
-    def _observe_field(self, now: Readings, last: Readings, raw_us: int, step_us: int) -> None:
+    def observe_field(self, now: Readings, last: Readings, raw_us: int, step_us: int) -> None:
         """Take the field of the reading ``step_us`` behind ``last``."""
         repeats = now.mag_gauss == last.mag_gauss and now.mag_gauss != ZERO_VEC3
         self.mag.observe(raw_us, repeats=repeats)
@@ -321,11 +322,14 @@ class SensorFaults:
     def refusal(self, readings: Readings, raw_us: int) -> Reason | None:
         """Why a reading at ``raw_us`` on the vehicle's clock is no data; None if it is."""
         step_us, last = raw_us - self.last_us, self.last
-        why = self.stuck.refusal(readings, last, raw_us, step_us)
+        self.stuck.observe_field(readings, last, raw_us, step_us)
+        why: Reason | None = None
         if self.gyr_end.is_reached(readings.gyr_rad_s, MICROSECOND * step_us):
             why = Reason.GYROSCOPE_SATURATED
         if self.acc_end.is_reached(readings.acc_m_s2, MICROSECOND * step_us):
             why = Reason.ACCELEROMETER_SATURATED
+        if why is None:
+            why = self.stuck.refusal(readings, last, raw_us)
         if why is None and self.gyr_end.is_large and self._is_spike(readings.gyr_rad_s, raw_us):
             why = Reason.GYROSCOPE_SPIKE
         self.last, self.last_us = readings, raw_us

@@ -66,9 +66,9 @@ class SimSource(Player, Closing):
         yield LinkUp(self._start_unix_us, f"sim:{self._vehicle.motion}")
         for sample in self._vehicle:
             if not self._vehicle.is_silent(sample.time_us):
-                yield from self._reported(sample)
+                yield from self._sample_events(sample)
 
-    def _reported(self, sample: Sample) -> Iterator[Event]:
+    def _sample_events(self, sample: Sample) -> Iterator[Event]:
         """What the simulated autopilot shows by MAVLink, as exact events."""
         time_us, about = sample.time_us, (self._id, self._start_unix_us + sample.time_us)
         if self._heartbeat.is_due(time_us):

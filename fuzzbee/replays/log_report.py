@@ -129,7 +129,7 @@ def _seen_text(replay: Replay) -> str:
     refused = sum((trace.rejected for trace in replay.traces.values()), start=Counter[str]())
     if refused:
         return ": " + ", ".join(f"{n} x {reason}" for reason, n in sorted(refused.items()))
-    ids = ids or sorted(replay.pipeline.received)
+    ids = ids or sorted(replay.pipeline.systems)
     if ids:
         return f" (vehicles seen: {', '.join(map(str, ids))})"
     malformed = replay.pipeline.malformed

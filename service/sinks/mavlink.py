@@ -86,15 +86,16 @@ class MavlinkSink:
         """Send what is due of the outputs.
 
         Raises:
-            LinkError: the link broke, or could not be opened; once until it works again.
+            LinkError: the link broke, or could not be opened: at once, then once a minute.
         """
         frames = [frame for output in outputs for frame in self._frames(output)]
         self._connection.receive(0.0)  # learns whom to send to; what they send is not used
         for frame in frames:
             self._connection.send(frame)
         self._connection.take_events()
-        if self._failures:
-            raise LinkError(self._failures.pop())
+        failures, self._failures[:] = [*self._failures], []
+        if failures:
+            raise LinkError(failures[-1])
 
     def close(self) -> None:
         """Release the link."""

@@ -159,8 +159,7 @@ def _values(record: StatusRecord) -> dict[str, str]:
         "shed": str(record.shed),
         "malformed": str(record.malformed),
     }
-    if (output := record.autopilot) is not None:
-        values["autopilot"] = (
-            f"{output.verdict} {output.in_short}" if output.axis else output.verdict
-        )
+    if (opinion := record.autopilot) is not None:
+        words = f"{opinion.verdict} {opinion.in_short}" if opinion.axis else opinion.verdict
+        values["autopilot"] = words
     return values | {f"rejected.{reason}": str(count) for reason, count in record.rejected.items()}

@@ -28,7 +28,7 @@ def test_the_result_of_a_run_names_what_was_counted_in_its_units():
         departed=departed,
         scores=None,
         vehicles=(vehicle,),
-        received={3, 1},
+        systems={3, 1},
     )
     result = summary(RunOptions(), "imu", 7.0, runner, pipeline, "")
     assert result["heard"] == [1, 3]

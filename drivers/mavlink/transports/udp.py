@@ -69,9 +69,13 @@ class _Udp(Transport):
         self._selector = None
 
     def _use(self, created: socket.socket) -> None:
-        self._socket, self._lost = created, 0
-        self._selector = selectors.DefaultSelector()
-        self._selector.register(created, selectors.EVENT_READ)
+        try:
+            selector = selectors.DefaultSelector()
+        except OSError:  # no descriptor is left: the port must be free for the next attempt
+            created.close()
+            raise
+        self._socket, self._selector, self._lost = created, selector, 0
+        selector.register(created, selectors.EVENT_READ)
         if IS_LINUX:
             created.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
 

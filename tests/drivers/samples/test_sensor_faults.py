@@ -200,6 +200,18 @@ def test_coarse_readings_at_rest_are_held_back_for_seconds_at_most():
     assert sum(held[500:]) < 15  # measured 11 of 1000
 
 
+def test_a_gyroscope_that_freezes_after_a_long_saturation_is_found_as_soon():
+    """Readings at a range's end repeat themselves: they show nothing of what is usual."""
+    stream, end = Stream(), (34.9, 34.9, 34.9)
+    reasons = [stream.feed(gyr=end) for _ in range(500)]
+    assert set(reasons[4:]) == {Reason.GYROSCOPE_SATURATED}
+    for _ in range(60):
+        stream.feed()
+    reason, after_s = stream.first_refused(500, lambda _: {"gyr": (1.0, 0.0, 0.0)})
+    assert reason == Reason.GYROSCOPE_STUCK
+    assert after_s == pytest.approx(0.3, abs=0.05)
+
+
 @pytest.mark.parametrize("sign", [1, -1])
 def test_equal_large_values_are_the_end_of_a_range(sign):
     """Four in a row; the first one leaps."""
