@@ -33,7 +33,7 @@ from estimator.types import (
     VelocitySample,
 )
 
-# In place of a sample, where rows of them are laid.
+# In place of a sample, where rows of them are bound.
 NO_SAMPLE_ITSELF = (0, *(0.0,) * 9, False)
 
 _new: Any = tuple.__new__

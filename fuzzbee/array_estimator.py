@@ -329,11 +329,12 @@ class Estimator:
             end = int(row)
             reports = reports_between(velocities, begin, end)
             reasons = take(self._inner, cut(rows, begin, end), published[begin:end], reports)
-            refused.update(reason.value for reason in reasons)
+            part = Counter(reason.value for reason in reasons)
+            self.rejected += part
+            refused += part
             if position:
                 self.set_position(*position)
             begin = end
-        self.rejected += refused
         if lines or 2 * refused.total() <= n:
             return lines
         most, count = refused.most_common(1)[0]

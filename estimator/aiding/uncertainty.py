@@ -63,10 +63,10 @@ def inclination_sigma(
     scale = params.colour * scatter_scale(params, agreement)
     variance = 0.5 * (P[TURN, TURN] + P[TURN + 1, TURN + 1])
     bias = P[ACC_BIAS, ACC_BIAS] + P[ACC_BIAS + 1, ACC_BIAS + 1] + P[ACC_BIAS + 2, ACC_BIAS + 2]
-    with_dip_error = 0.5 * bias / STANDARD_GRAVITY_M_S2**2
+    by_bias = 0.5 * bias / STANDARD_GRAVITY_M_S2**2
     poor = max(0.0, 1.0 - params.acc_bias_sigma**2 / bias_prior.acc)
     square = scale * scale
-    square += (1.0 - min(1.0, square)) * poor * min(1.0, with_dip_error / max(variance, TINY))
+    square += (1.0 - min(1.0, square)) * poor * min(1.0, by_bias / max(variance, TINY))
     return sqrt(PLANE_68**2 * square * variance + late_rad * late_rad)
 
 

@@ -140,8 +140,8 @@ def judge_field(state: State, start: "Start") -> "Start":
     if compass.is_trusted(known, now.time_us):
         return start
     seen, field = now.seen, now.conditioning.field.magnetic.reference
-    dip_error_rad = seen.sigma_inclination_rad * abs(field.down) / max(field.horizontal, TINY)
-    field_rad = hypot(max(seen.sigma_heading_rad, LEAST_HEADING_SIGMA_RAD), dip_error_rad)
+    by_tilt_rad = seen.sigma_inclination_rad * abs(field.down) / max(field.horizontal, TINY)
+    field_rad = hypot(max(seen.sigma_heading_rad, LEAST_HEADING_SIGMA_RAD), by_tilt_rad)
     q = align(conditioned_vectors(state.settings.reference, now.seen))
     off_rad = heading_between(q, start.q_ned_frd)
     sigma_rad = hypot(start.sigma_heading_rad, field_rad)

@@ -256,7 +256,7 @@ def set_situation(handle: Any, now: Situation) -> None:
 
 @takes_handle(*NO_ROWS_BOUND)
 def bind_rows(handle: Any, rows: Rows, published: Floats, report_rows: Floats) -> None:
-    """Lay arrays for :func:`advance`, as in :mod:`estimator.live.rows`."""
+    """Bind arrays for :func:`advance`, as in :mod:`estimator.live.rows`."""
     handle.rows = rows
     handle.published = published
     handle.report_rows = report_rows

@@ -150,11 +150,11 @@ def variances(r: Floats, q: Floats) -> Floats:
 
 def informed(r: Floats, q: Floats) -> Floats:
     """What all before it show of each, 1/rad^2."""
-    reports = np.zeros_like(r)
+    information = np.zeros_like(r)
     for k, (own, drift) in enumerate(zip((1.0 / r[:-1]).tolist(), q.tolist(), strict=True)):
-        both = own + float(reports[k])
-        reports[k + 1] = both / (1.0 + both * drift)
-    return reports
+        both = own + float(information[k])
+        information[k + 1] = both / (1.0 + both * drift)
+    return information
 
 
 def lasting(seen: Floats, known: Bools, reference: FieldReference, tilt_variance: Floats) -> Floats:

@@ -64,8 +64,8 @@ class Recorder(Estimator):
             if self._offered is None:
                 output = self.attitude(time_us)
                 sigma = output.sigma_inclination_rad, output.sigma_heading_rad
-                reports = (gyr_rad_s, acc_m_s2, mag_gauss, output[1], output[3], sigma)
-                for column, values in zip(self._kept, reports, strict=True):
+                kept = (gyr_rad_s, acc_m_s2, mag_gauss, output[1], output[3], sigma)
+                for column, values in zip(self._kept, kept, strict=True):
                     column.extend(values)
                 self._times_us.append(time_us)
                 self._has_mag.append(has_mag)

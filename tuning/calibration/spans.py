@@ -30,7 +30,7 @@ class Recording(NamedTuple):
     """Readings (N, 3) of one IMU, FRD, at times (N,), and attitudes (N, 4) to begin with.
 
     The field (gauss) counts where ``has_mag``. Velocities (M, 3) in NED, m/s, have times of their
-    own and are empty where nobody has told any. ``field_ned_gauss`` is the place's, if known.
+    own and are empty where none were reported. ``field_ned_gauss`` is the place's, if known.
     """
 
     time_s: Floats
@@ -46,19 +46,19 @@ class Recording(NamedTuple):
 
 def pieces(recording: Recording) -> Iterator[Recording]:
     """A recording in equal parts; one with velocities stays whole, for its lags."""
-    reported, n = recording, len(recording.time_s)
-    count = max(1, round((reported.time_s[-1] - reported.time_s[0]) / PIECE_S))
-    if len(reported.velocity_time_s):
+    n = len(recording.time_s)
+    count = max(1, round((recording.time_s[-1] - recording.time_s[0]) / PIECE_S))
+    if len(recording.velocity_time_s):
         count = 1
     for k in range(count):
         rows = slice(k * n // count, (k + 1) * n // count)
-        yield reported._replace(
-            time_s=reported.time_s[rows],
-            gyr_rad_s=reported.gyr_rad_s[rows],
-            acc_m_s2=reported.acc_m_s2[rows],
-            mag_gauss=reported.mag_gauss[rows],
-            has_mag=reported.has_mag[rows],
-            q_ned_frd=reported.q_ned_frd[rows],
+        yield recording._replace(
+            time_s=recording.time_s[rows],
+            gyr_rad_s=recording.gyr_rad_s[rows],
+            acc_m_s2=recording.acc_m_s2[rows],
+            mag_gauss=recording.mag_gauss[rows],
+            has_mag=recording.has_mag[rows],
+            q_ned_frd=recording.q_ned_frd[rows],
         )
 
 

@@ -2,7 +2,7 @@
 
 A node has errors of its attitude (R exp [turn]x), velocity and place. Residuals of a span, three
 numbers each: its turn, its push, its way, the field at its begin, and how far the place is from
-the middle, where no velocity is told.
+the middle, where no velocity is reported.
 """
 
 import numpy as np
@@ -163,12 +163,12 @@ class Trajectory:
         self._variance, self._velocity_variance = self._seen, self._velocity_seen
 
     def _first_velocities(self) -> Floats:
-        reported = self._recording
+        recording = self._recording
         if not self.has_rates:
             return np.zeros((len(self._rows), 3))
-        columns = reported.velocity_ned_m_s.T
+        columns = recording.velocity_ned_m_s.T
         return np.column_stack(
-            [np.interp(self._times_s, reported.velocity_time_s, v) for v in columns]
+            [np.interp(self._times_s, recording.velocity_time_s, v) for v in columns]
         )
 
     def _first_field(self) -> Floats:
@@ -240,15 +240,15 @@ class Trajectory:
         return r, J
 
     def _velocity_residuals(self) -> tuple[Rows, Floats, Floats]:
-        """Spans (L,) that a told velocity falls into, what it is off (L, 3), and derivatives."""
-        reported, times_s = self._recording, self._times_s
-        at_s = reported.velocity_time_s - self._own[VELOCITY_LAG]
+        """Spans (L,) that a velocity falls into, what it is off (L, 3), and derivatives."""
+        recording, times_s = self._recording, self._times_s
+        at_s = recording.velocity_time_s - self._own[VELOCITY_LAG]
         k = np.clip(np.searchsorted(times_s, at_s, side="right") - 1, 0, len(times_s) - 2)
         share = (at_s - times_s[k]) / self._spans.lasts_s[k]
         inside = (share >= 0.0) & (share <= 1.0) & self._spans.is_whole[k]
         k, late = k[inside], share[inside, None]
         early, one = 1.0 - late, np.eye(3)
-        r = early * self._v[k] + late * self._v[k + 1] - reported.velocity_ned_m_s[inside]
+        r = early * self._v[k] + late * self._v[k + 1] - recording.velocity_ned_m_s[inside]
         J = np.zeros((len(k), 3, COLUMNS))
         J[:, :, 3:6], J[:, :, NODE + 3 : NODE + 6] = early[:, :, None] * one, late[:, :, None] * one
         slope = (self._v[k + 1] - self._v[k]) / self._spans.lasts_s[k, None]
