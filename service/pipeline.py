@@ -34,7 +34,6 @@ MAX_VEHICLES = PLACES  # on one link
 # None of these makes a vehicle
 OF_KNOWN = (
     events.Position,
-    events.Report,
     events.FilterStatus,
     events.ClockReset,
     events.ModeChange,
@@ -107,8 +106,12 @@ class Pipeline:
 
         With ``now_us`` (host time) the attitude that waits for an IMU sample is among that.
         """
-        if isinstance(event, Imu):  # most events are
+        if isinstance(event, Imu):  # most events are, or reports
             return self._on_imu(event, now_us)
+        if isinstance(event, events.Report):
+            if (vehicle := self._vehicles.get(event.vehicle)) is not None:
+                vehicle.on_report(event)
+            return []
         match event:
             case events.ReferenceAttitude():
                 return self.on_reference(event)

@@ -65,8 +65,9 @@ class Publishing:
             if samples != self._samples:
                 self._slide(late_us)
             self._due_us += self._period_us
-            missed = int((now_us - self.due_us) // self._period_us)  # while nobody could publish
-            self._due_us += max(0, missed) * self._period_us
+            behind_us = now_us - self.due_us
+            if behind_us >= self._period_us:  # some were missed while nobody could publish
+                self._due_us += behind_us // self._period_us * self._period_us
         self.attitudes += 1
         self._samples, self._attitude_us = samples, now_us
 
@@ -156,8 +157,10 @@ class Offsets:
 
     def add(self, seen_us: float) -> None:
         """Take one more."""
-        self.least_us = min(self.least_us, seen_us)
-        self.most_us = max(self.most_us, seen_us)
+        if seen_us < self.least_us:
+            self.least_us = seen_us
+        elif seen_us > self.most_us:
+            self.most_us = seen_us
         self.samples += 1
 
     def shows_step(self, offset_us: float) -> bool:
@@ -236,7 +239,7 @@ def attitude_record(
     """The record of an attitude whose sample is ``age_us`` old; None if it is not finite."""
     if not is_finite(attitude):
         return None
-    sigmas_rad = (attitude.sigma_inclination_rad, attitude.sigma_heading_rad)
+    inclination_rad, heading_rad = attitude.sigma_inclination_rad, attitude.sigma_heading_rad
     return AttitudeRecord(
         schema=SCHEMA,
         time_unix_us=time_unix_us,
@@ -249,10 +252,13 @@ def attitude_record(
         error_rate=attitude.error_rate_1_s,
         gain=attitude.gain,
         confidence=Confidence(attitude.confidence_gravity, attitude.confidence_magnetic),
-        # no angle can be further off than half a turn
-        sigma_deg=Sigma(*(degrees(s) if s < pi else 180.0 for s in sigmas_rad)),
+        sigma_deg=Sigma(
+            # no angle can be further off than half a turn
+            degrees(inclination_rad) if inclination_rad < pi else 180.0,
+            degrees(heading_rad) if heading_rad < pi else 180.0,
+        ),
         heading_reference=attitude.heading_reference,
-        state=state.value,
+        state=str(state),
         age_ms=max(0, age_us) / 1e3,
         sequence=sequence,
     )

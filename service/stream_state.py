@@ -112,18 +112,18 @@ class ImuStream:
 
     def note_taken(self, event: Imu, sample: ImuSample) -> None:
         """Measure interval and gap of a sample that the estimator took, by the vehicle's clock."""
-        gaps_us = [self.worst_gap_us]
+        last = self.last
         if self._silent_since_us is not None:
-            gaps_us.append(event.arrival_us - self._silent_since_us)
+            silence_us = event.arrival_us - self._silent_since_us
+            self.worst_gap_us = max(self.worst_gap_us, silence_us)
             self._silent_since_us = None
-        if self.last is not None:
-            period_us = event.sample.time_us - self.last.sample.time_us
-            gaps_us.append(period_us)
-            if event.message == self.last.message:
+        if last is not None:
+            period_us = sample.time_us - last.sample.time_us
+            self.worst_gap_us = max(self.worst_gap_us, period_us)
+            if event.message == last.message:
                 self._periods_us.append(period_us)
                 if len(self._periods_us) < PERIODS_KEPT or self.samples % MEDIAN_EVERY == 0:
                     self._median_us = None
-        self.worst_gap_us = max(gaps_us)
         self.last, self.last_sample = event, sample
         self.samples += 1
 

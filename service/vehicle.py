@@ -94,8 +94,6 @@ class Vehicle:
     def take(self, event: VehicleEvent) -> list[str]:
         """Take whatever else it has sent, or was noticed of it."""
         match event:
-            case events.Report():
-                self._on_report(event)
             case events.Position(latitude_deg=latitude_deg, longitude_deg=longitude_deg):
                 height_m, now_us = event.altitude_m, event.arrival_us
                 self.estimator.set_position(latitude_deg, longitude_deg, height_m, now_us)
@@ -137,7 +135,7 @@ class Vehicle:
         text = f"clock {event.reason} by {event.step_s:+.1f} s, aligning anew"
         return self.lines([text], event.arrival_us)
 
-    def _on_report(self, event: events.Report) -> None:
+    def on_report(self, event: events.Report) -> None:
         """Feed the estimator with what something beside the IMU has measured.
 
         Of several messages that report the same, only with the chosen one.

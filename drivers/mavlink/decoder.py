@@ -110,28 +110,27 @@ class MavlinkDecoder:
         # of systems whose autopilot is not known yet; the latest of each name
         self._waiting: dict[tuple[int, str], ParameterValue] = {}
         self._references = references
-        self._handlers: dict[int, Callable[[_Sender, Any, int], list[Event]]] = {
-            mav.PARAM_VALUE_ID: self._param_value,
-            mav.HEARTBEAT_ID: self._heartbeat,
-            mav.COMMAND_ACK_ID: self._command_ack,
+        self._handlers: dict[int, Callable[[_Sender, Frame, int], list[Event]]] = {
+            mav.PARAM_VALUE_ID: partial(self._unpacked, self._param_value),
+            mav.HEARTBEAT_ID: partial(self._unpacked, self._heartbeat),
+            mav.COMMAND_ACK_ID: partial(self._unpacked, self._command_ack),
+            mav.AUTOPILOT_VERSION_ID: _version,
         }
         if texts:
-            self._handlers[mav.STATUSTEXT_ID] = self._status_text
+            self._handlers[mav.STATUSTEXT_ID] = partial(self._unpacked, self._status_text)
         self._imu_ranks = {imu.name: rank for rank, imu in enumerate(IMU_MESSAGES.values())}
         for number, imu in IMU_MESSAGES.items():
             is_numbered = imu_number_offset(number) is not None
-            self._handlers[number] = partial(_imu_events, imu, is_numbered)
-        self._is_wanted = {
-            number: kind.is_wanted for number, kind in MESSAGES.items() if kind.is_wanted
-        }
+            self._handlers[number] = partial(self._imu, imu, is_numbered)
         for number, kind in MESSAGES.items():
             if references or not kind.is_reference:
-                self._handlers[number] = partial(_events, kind)
-        self.wanted = frozenset({*self._handlers, mav.AUTOPILOT_VERSION_ID})
+                self._handlers[number] = partial(self._message, kind)
+        self.wanted = frozenset(self._handlers)
 
     def events(self, frame: Frame, arrival_us: int) -> list[Event]:
         """The events in one frame that arrived at ``arrival_us`` (Unix time, us)."""
-        if frame.message_id not in self.wanted:
+        handler = self._handlers.get(frame.message_id)
+        if handler is None:
             return []
         address = (frame.system_id, frame.component_id)
         senders = self._flying
@@ -145,7 +144,7 @@ class MavlinkDecoder:
                 return met
         senders.move_to_end(address)
         sender.note(frame, arrival_us)
-        events = self._events(sender, frame, arrival_us)
+        events = handler(sender, frame, arrival_us)
         if senders is self._idle and sender.intake.has_imu:
             self._flying[address] = self._idle.pop(address)
         return met + events if met else events
@@ -157,21 +156,44 @@ class MavlinkDecoder:
     def _known(self) -> list[_Sender]:
         return [*self._flying.values(), *self._idle.values()]
 
-    def _events(self, sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:
-        if frame.message_id == mav.AUTOPILOT_VERSION_ID:
-            return _version(sender, frame, arrival_us)
-        if self.imu_in_use is not None and frame.message_id in IMU_MESSAGES:
-            name = IMU_MESSAGES[frame.message_id].name
+    def _imu(
+        self,
+        message: ImuMessage,
+        is_numbered: bool,
+        sender: _Sender,
+        frame: Frame,
+        arrival_us: int,
+    ) -> list[Event]:
+        _, name, clock, vectors, *_ = message
+        if self.imu_in_use is not None:
             sender.imu_us[name] = arrival_us
             if self._is_behind(sender, name, self.imu_in_use(sender.id), arrival_us):
                 return self._other_imu(sender, frame, arrival_us)
-        is_wanted = self._is_wanted.get(frame.message_id)
-        if is_wanted is not None and not is_wanted(sender.intake, arrival_us):
+        if (m := self._reader.fields(frame)) is None:
             return []
+        raw_us = m.time_usec if clock is _TIME_USEC else m.time_boot_ms * 1000
+        stream = imu_stream_name(name, m.id) if is_numbered else name
+        gyr, acc, mag = vectors(m)
+        return sender.intake.imu(stream, Stamp(clock, raw_us, arrival_us), gyr, acc, Field(mag))
+
+    def _unpacked(
+        self,
+        take: Callable[[_Sender, Any, int], list[Event]],
+        sender: _Sender,
+        frame: Frame,
+        arrival_us: int,
+    ) -> list[Event]:
         fields = self._reader.fields(frame)
-        if fields is None:
+        return [] if fields is None else take(sender, fields, arrival_us)
+
+    def _message(
+        self, kind: MessageKind, sender: _Sender, frame: Frame, arrival_us: int
+    ) -> list[Event]:
+        if kind.is_wanted is not None and not kind.is_wanted(sender.intake, arrival_us):
             return []
-        return self._handlers[frame.message_id](sender, fields, arrival_us)
+        if (m := self._reader.fields(frame)) is None:
+            return []
+        return kind.events(sender.intake, Received(kind.name, m, arrival_us))
 
     def _is_behind(self, sender: _Sender, name: str, in_use: str | None, arrival_us: int) -> bool:
         """Whether an IMU message is not needed, as a better one is in use and comes."""
@@ -271,17 +293,3 @@ def _version(sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:
         for at in (FLIGHT_CUSTOM_VERSION, MIDDLEWARE_CUSTOM_VERSION)
     )
     return [BuiltIn(sender.id, arrival_us, motion)] if product == BUILT_IN else []
-
-
-def _imu_events(
-    message: ImuMessage, is_numbered: bool, sender: _Sender, m: Any, arrival_us: int
-) -> list[Event]:
-    _, name, clock, vectors, *_ = message
-    raw_us = m.time_usec if clock is _TIME_USEC else m.time_boot_ms * 1000
-    stream = imu_stream_name(name, m.id) if is_numbered else name
-    gyr, acc, mag = vectors(m)
-    return sender.intake.imu(stream, Stamp(clock, raw_us, arrival_us), gyr, acc, Field(mag))
-
-
-def _events(kind: MessageKind, sender: _Sender, m: Any, arrival_us: int) -> list[Event]:
-    return kind.events(sender.intake, Received(kind.name, m, arrival_us))

@@ -8,7 +8,7 @@ import mmap
 import re
 from collections import namedtuple
 from collections.abc import Callable, Iterator
-from functools import cache
+from functools import cache, partial
 from struct import Struct
 from typing import Any, NamedTuple
 
@@ -232,7 +232,7 @@ def layout(message_id: int) -> Layout | None:
         names = names[: arrays[0]]
         struct = Struct("<" + kind.unpacker.format.lstrip("<")[: arrays[0]])
     new: Any = namedtuple  # noqa: PYI024 - of names that are the dialect's
-    return Layout(names, struct, new(kind.msgname, names)._make)
+    return Layout(names, struct, partial(_new_tuple, new(kind.msgname, names)))
 
 
 class FieldReader:

@@ -123,7 +123,7 @@ class FrameGate:
             if refusal is not None:
                 return refusal
         sender = self._senders.get(address)
-        source, is_repeat = self._copies.look(frame, peer, arrival_us)
+        source, is_repeat = self._copies.look(frame, address, peer, arrival_us)
         if source is not None:
             if source != peer:  # whoever brings the originals is followed
                 self._senders[address] = _Sender(source, arrival_us)
@@ -209,20 +209,23 @@ class StreamCopies:
         self._addresses: dict[tuple[int, int], _Address] = {}
         self._late_peers: dict[tuple[int, int, str], int] = {}
 
-    def look(self, frame: Frame, peer: str, arrival_us: int) -> tuple[str | None, bool]:
+    def look(
+        self, frame: Frame, address: tuple[int, int], peer: str, arrival_us: int
+    ) -> tuple[str | None, bool]:
         """The peer that brings the original if the frame is a late copy; whether it is a repeat."""
+        known, is_imu = self._addresses.get(address), frame.message_id in IMU_MESSAGES
+        if not is_imu and (known is None or not known.proofs):
+            return None, False  # nearly always
         stamp = _stamp(frame.message_id)
         if stamp is None:
             return None, False
         size, unit_us = stamp
-        address = (frame.system_id, frame.component_id)
-        known = self._addresses.get(address)
         if known is None:
             known = self._addresses[address] = _Address()
         payload = frame.data[frame.payload_at : frame.payload_end]
         time_us = int.from_bytes(payload[:size], "little") * unit_us
         is_repeat = False
-        if frame.message_id in IMU_MESSAGES:
+        if is_imu:
             before = known.repeats.before(hash(payload), arrival_us, peer)
             is_repeat, is_proof = self._repeats(known, before, time_us, arrival_us)
             if is_proof:

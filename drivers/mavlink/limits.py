@@ -14,7 +14,6 @@ from collections import Counter, deque
 from collections.abc import Iterable
 from dataclasses import dataclass
 from math import inf
-from typing import NamedTuple
 
 from drivers.events import Shed, VehicleId
 from drivers.mavlink.constants import AUTOPILOT_VERSION_ID, HEARTBEAT_ID
@@ -95,11 +94,7 @@ WHO_IS_THERE = frozenset({HEARTBEAT_ID, AUTOPILOT_VERSION_ID})
 REPORT_EVERY_US = 250_000  # how often what was left out is reported
 
 
-class Arrived(NamedTuple):
-    """A frame and when it arrived (host's Unix time)."""
-
-    arrival_us: int
-    frame: Frame
+Arrived = tuple[int, Frame]  # a frame behind its arrival (host's Unix time, us)
 
 
 class FrameQueue:
@@ -121,7 +116,7 @@ class FrameQueue:
 
     def add(self, arrival_us: int, frames: Iterable[Frame]) -> None:
         """Put frames at the end."""
-        self._frames.extend([Arrived(arrival_us, frame) for frame in frames])
+        self._frames.extend([(arrival_us, frame) for frame in frames])
         if len(self._frames) > self._most_waiting:
             self._keep_newest()
 
@@ -147,7 +142,7 @@ class FrameQueue:
         seen: set[tuple[int, ...]] = set()
         kept: deque[Arrived] = deque()
         for arrived in reversed(self._frames):
-            frame = arrived.frame
+            _, frame = arrived
             if _is_stream(frame.message_id):
                 number = imu_number(frame) if frame.message_id in IMU_MESSAGES else 0
                 stream = (frame.system_id, frame.component_id, frame.message_id, number)

@@ -4,7 +4,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol, Self
+from typing import Protocol, Self
 
 from service.records import Message, Output
 
@@ -16,7 +16,8 @@ class Sink(Protocol):
 
     It may have ``handle_at_once(outputs)``, which returns what cannot be done at once: while
     nothing else is pending the loop calls that itself, since to wake a thread costs more than some
-    records. One with a ``rest_s`` is for eyes: its thread rests that long after each look.
+    records. One with a ``rest_s`` is for eyes: its thread rests that long after each look, and then
+    hands over all that is pending at one go.
     """
 
     @property
@@ -24,7 +25,7 @@ class Sink(Protocol):
         """What lines for a person call it."""
 
     def handle(self, outputs: Sequence[Output]) -> None:
-        """Take the outputs of one turn of the loop; may block or raise without harm to others."""
+        """Take the outputs of a turn of the loop; may block or raise without harm to others."""
 
     def close(self) -> None:
         """Release everything; called once."""
@@ -91,10 +92,9 @@ class Outlet:
             self._changed.notify()
 
     def _work(self) -> None:
-        take: Callable[[Any], None] = self.sink.handle
         while (outputs := self._next()) is not None:
             try:
-                take(outputs)
+                self.sink.handle(outputs)
             except BaseException as error:  # noqa: BLE001 - whatever it does, the others go on
                 self._note(error)
         try:
@@ -104,11 +104,14 @@ class Outlet:
 
     def _next(self) -> Sequence[Output] | None:
         with self._changed:
-            if not self._pending and self.is_busy:
-                self.is_busy = False
+            if self.is_busy and self._rest_s > 0.0:
                 self._changed.wait_for(lambda: self._is_closing, self._rest_s)
+            self.is_busy = bool(self._pending)
             self._changed.wait_for(lambda: self._pending or self._is_closing)
-            return self._pending.popleft()[1] if self._pending else None
+            if not self._pending:
+                return None
+            turns = len(self._pending) if self._rest_s > 0.0 else 1
+            return [output for _ in range(turns) for output in self._pending.popleft()[1]]
 
     def _note(self, error: BaseException) -> None:
         """Repeated errors are counted; the first and every hundredth are logged."""

@@ -91,8 +91,13 @@ class ZenohSink:
 
     def handle(self, outputs: Sequence[Output]) -> None:
         """Publish the records among the outputs."""
-        for output in outputs:
-            self._take(output)
+        while outputs := self.handle_at_once(outputs):
+            match outputs[0]:
+                case Published(vehicle=vehicle, record=record):
+                    self._topics[vehicle, type(record)] = self._new_topic(vehicle, type(record))
+                case Departed(vehicle=vehicle):
+                    self._disappear(vehicle)
+                    outputs = outputs[1:]
 
     def handle_at_once(self, outputs: Sequence[Output]) -> Sequence[Output]:
         """Publish what comes before the first output that changes keys, which others have to know.
@@ -100,25 +105,17 @@ class ZenohSink:
         Returns the rest.
         """
         for k, output in enumerate(outputs):
-            is_new = isinstance(output, Published) and (
-                (output.vehicle, type(output.record)) not in self._topics
-            )
-            if is_new or isinstance(output, Departed):
+            if isinstance(output, Published):
+                record = output.record
+                topic = self._topics.get((output.vehicle, type(record)))
+                if topic is None:
+                    return outputs[k:]
+                topic.put(self._encode(record))
+            elif isinstance(output, Replaced):
+                self._profiles[output.vehicle] = output.profile
+            elif isinstance(output, Departed):
                 return outputs[k:]
-            self._take(output)
         return ()
-
-    def _take(self, output: Output) -> None:
-        if isinstance(output, Published):
-            place = (output.vehicle, type(output.record))
-            topic = self._topics.get(place)
-            if topic is None:
-                topic = self._topics[place] = self._new_topic(*place)
-            topic.put(self._encode(output.record))
-        elif isinstance(output, Replaced):
-            self._profiles[output.vehicle] = output.profile
-        elif isinstance(output, Departed):
-            self._disappear(output.vehicle)
 
     def close(self) -> None:
         """Close the session, which withdraws everything declared on it."""

@@ -196,12 +196,12 @@ def test_rates_stamped_by_another_clock_than_the_imu_s_are_not_used(vehicle, off
     feed(vehicle, 1, 10)
     arrival_us = START_US + 10 * PERIOD_US + 3_000
     sample = RateSample(10 * PERIOD_US + 1_000 + off_us, (0.1, 0.2, 0.3))
-    vehicle.take(BodyRates(ONE, arrival_us, "ATTITUDE", sample))
+    vehicle.on_report(BodyRates(ONE, arrival_us, "ATTITUDE", sample))
     assert (sample in vehicle.estimator.calls) == taken
 
 
 def test_rates_before_the_first_imu_sample_are_not_used(vehicle):
-    vehicle.take(BodyRates(ONE, START_US, "ATTITUDE", RateSample(0, (0.1, 0.2, 0.3))))
+    vehicle.on_report(BodyRates(ONE, START_US, "ATTITUDE", RateSample(0, (0.1, 0.2, 0.3))))
     assert vehicle.estimator.calls == []
 
 

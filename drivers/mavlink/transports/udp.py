@@ -2,7 +2,6 @@
 """UDP: listening on a port, or sending to an address first."""
 
 import errno
-import selectors
 import socket
 import sys
 from collections import OrderedDict
@@ -43,39 +42,31 @@ ANCILLARY_BYTES = 64
 
 
 class _Udp(Transport):
-    """A UDP socket with a selector of its own: to make one takes as long as eight datagrams."""
+    """A UDP socket."""
 
-    _socket: socket.socket
-    _selector: selectors.BaseSelector | None = None  # None: closed
+    _socket: socket.socket | None = None  # None: closed
     _lost = 0
 
     @property
     def connected(self) -> bool:
-        return self._selector is not None
+        return self._socket is not None
 
     @property
     def lost(self) -> int:
         """Datagrams that the system has thrown away; to ask it takes as long as to read some."""
-        if IS_LINUX and self.connected:
+        if IS_LINUX and self._socket is not None:
             info = self._socket.getsockopt(socket.SOL_SOCKET, SO_MEMINFO, MEMINFO.size)
             if len(info) == MEMINFO.size:  # old kernels show less
                 self._lost = MEMINFO.unpack(info)[MEMINFO_DROPS]
         return self._lost
 
     def close(self) -> None:
-        if self._selector is not None:
-            self._selector.close()
+        if self._socket is not None:
             self._socket.close()
-        self._selector = None
+        self._socket = None
 
     def _use(self, created: socket.socket) -> None:
-        try:
-            selector = selectors.DefaultSelector()
-        except OSError:  # no descriptor is left: the port must be free for the next attempt
-            created.close()
-            raise
-        self._socket, self._selector, self._lost = created, selector, 0
-        selector.register(created, selectors.EVENT_READ)
+        self._socket, self._lost = created, 0
         if IS_LINUX:
             created.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
 
@@ -87,20 +78,21 @@ class _Udp(Transport):
         Raises:
             LinkError: the socket broke.
         """
-        assert self._selector is not None
-        if timeout_s > 0.0:
-            self._selector.select(timeout_s)
+        assert self._socket is not None
         datagrams: list[tuple[bytes, Any, int]] = []
         read, own = _read_stamped if IS_LINUX else _read, self._socket
+        own.settimeout(timeout_s)
         while len(datagrams) < RECEIVE_READS:
             try:
                 datagrams.append(read(own))
-            except (BlockingIOError, InterruptedError):
+            except (BlockingIOError, InterruptedError, TimeoutError):
                 break
             except OSError as error:
-                if error.errno in LOST_DATAGRAM:
-                    continue
-                raise LinkError(reason(error.errno)) from error
+                if error.errno not in LOST_DATAGRAM:
+                    raise LinkError(reason(error.errno)) from error
+            if len(datagrams) == 1:  # none but the first is waited for
+                own.setblocking(False)
+        own.setblocking(False)
         return [each for each in datagrams if each[0]]
 
     def _send(self, data: bytes, target: Any) -> None:
@@ -109,6 +101,7 @@ class _Udp(Transport):
         Raises:
             LinkError: the socket broke.
         """
+        assert self._socket is not None
         try:
             self._socket.sendto(data, target)
         except (BlockingIOError, InterruptedError):
@@ -127,7 +120,7 @@ class UdpIn(_Udp):
 
     @property
     def address(self) -> str:
-        return local_address("udpin", self._socket) if self.connected else str(self._endpoint)
+        return str(self._endpoint) if self._socket is None else local_address("udpin", self._socket)
 
     def open(self) -> None:
         self._peers.clear()

@@ -76,7 +76,7 @@ def frame(system, message, number=0):
 
 
 def taken(queue):
-    return [(each.arrival_us, each.frame.message_id) for each in queue.take(1000)]
+    return [(arrival_us, frame.message_id) for arrival_us, frame in queue.take(1000)]
 
 
 def test_up_to_its_size_the_queue_keeps_everything_in_order():
@@ -118,7 +118,7 @@ def test_a_full_queue_keeps_the_newest_of_each_stream_and_what_is_sent_once():
 def test_what_cannot_be_left_out_is_bounded():
     queue = FrameQueue(most_waiting=10)
     queue.add(0, [frame(1, PARAM_VALUE_ID, k) for k in range(25)])
-    assert [each.frame.data[-1] for each in queue.take(99)] == list(range(15, 25))
+    assert [frame.data[-1] for _, frame in queue.take(99)] == list(range(15, 25))
     assert queue.dropped == 15
 
 
