@@ -1,4 +1,4 @@
-"""What programs give, checked: numbers, vectors, rows, times; an InputError names what is none."""
+"""What programs give, checked: numbers, vectors, rows; an InputError names what is none."""
 
 from math import inf, nan
 from os import PathLike
@@ -8,14 +8,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from estimator.aiding.sources.source import SPEED_LIMIT_M_S
 from estimator.arrays import Floats, Times
 from estimator.errors import InputError
+from estimator.live.rows import HAS_VERTICAL, REPORT_SIZE, ROW, SIGMA_M_S, TIME, X, Z
 from estimator.profile import Profile, load_profile
 from estimator.types import Vec3
 
 MICROSECONDS = 1e6
 # Microseconds fit into 64 bits up to here, 285 000 years.
 MOST_S = 9e12
+# Of a satellite receiver's or an autopilot's velocity, unless another sigma is given.
+VELOCITY_SIGMA_M_S = 0.3
+# Latitude, longitude (deg), altitude (m), Unix time (s).
+MOST_PLACE = (90.0, 360.0, inf, MOST_S)
 
 
 def number(name: str, given: Any, low: float = -inf, high: float = inf, of: str = "") -> float:
@@ -82,7 +88,7 @@ def microseconds(time_s: float) -> int:
     return round(MICROSECONDS * number("time_s", time_s, -MOST_S, MOST_S, " of seconds"))
 
 
-def microseconds_of_rows(given: ArrayLike, rows: int) -> Times:
+def times_of(given: ArrayLike, rows: int) -> Times:
     """Times (N,) of so many rows, in microseconds."""
     values = numbers("time_s", given)
     if values.shape != (rows,):
@@ -102,3 +108,29 @@ def numbers(name: str, given: ArrayLike) -> Floats:
         return np.asarray(values.astype(float).filled(nan), order="C")
     except (TypeError, ValueError, OverflowError):
         raise InputError(f"{name}: must be an array of numbers") from None
+
+
+def velocities_of(times_us: Times, velocity: Floats) -> tuple[Floats, int]:
+    """Reports (M, REPORT_SIZE) of velocities (N, 3); how many are too fast and left out.
+
+    NaN is unknown; only the third component may be unknown in a report.
+    """
+    known = np.flatnonzero(np.isfinite(velocity[:, :2]).all(axis=1))
+    reports = np.zeros((len(known), REPORT_SIZE))
+    reports[:, ROW], reports[:, TIME] = known, times_us[known]
+    reports[:, X : Z + 1], reports[:, SIGMA_M_S] = velocity[known], VELOCITY_SIGMA_M_S
+    reports[:, HAS_VERTICAL] = np.isfinite(reports[:, Z])
+    reports[reports[:, HAS_VERTICAL] == 0.0, Z] = 0.0
+    is_fast = np.abs(reports[:, X : Z + 1]).max(axis=1, initial=0.0) > SPEED_LIMIT_M_S
+    return reports[~is_fast], int(is_fast.sum())
+
+
+def positions_of(position: ArrayLike, n: int) -> Floats:
+    """The rows (K, 5) of positions (N, 4) that are known, behind their numbers."""
+    places = matrix("position", position, n, 4)
+    known = np.flatnonzero(np.isfinite(places).all(axis=1))
+    wrong = known[(np.abs(places[known]) > MOST_PLACE).any(axis=1)]
+    if len(wrong):
+        place = places[wrong[0]].tolist()
+        raise InputError(f"position {place}: no place on Earth, or no time")
+    return np.column_stack((known, places[known]))

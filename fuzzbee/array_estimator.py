@@ -12,11 +12,19 @@ from numpy.typing import ArrayLike
 
 from drivers.samples.imu_stream import MAG_LIMIT_GAUSS, RepeatedField, finite_or_zero, is_field
 from estimator import estimator
-from estimator.arrays import Floats, Times
+from estimator.arrays import Floats
 from estimator.compilation.notice import notify_programs
 from estimator.errors import InputError
 from estimator.live.core import Snapshot
-from estimator.live.rows import NO_REPORT_ROWS, NORTH, OUTPUT_SIZE, cut, reports_between, rows_of
+from estimator.live.rows import (
+    NO_REPORT_ROWS,
+    NORTH,
+    OUTPUT_SIZE,
+    Rows,
+    cut,
+    reports_between,
+    rows_of,
+)
 from estimator.profile import LEAST_GAIN, MOST_GAIN, Profile
 from estimator.reasons import Reason
 from estimator.row_taking import take
@@ -24,15 +32,17 @@ from estimator.types import ZERO_VEC3, Attitude, ImuSample, Vec3, VelocitySample
 from fuzzbee.arguments import (
     MICROSECONDS,
     MOST_S,
+    VELOCITY_SIGMA_M_S,
     matrix,
     microseconds,
-    microseconds_of_rows,
     number,
+    positions_of,
     profile_of,
+    times_of,
     vector,
+    velocities_of,
 )
 from fuzzbee.attitudes import Attitudes, attitudes_of_rows
-from fuzzbee.batch import VELOCITY_SIGMA_M_S, Batch, positions_of, velocities_of
 from fuzzbee.fit import advice, is_enough
 
 notify_programs()
@@ -85,9 +95,14 @@ class Estimator:
         if gain is not None:
             gain = number("gain", gain, LEAST_GAIN, MOST_GAIN)
         self.profile = profile_of(profile)
-        self._made_with = self.profile, rate_hz, gain, compass_calibrated
         self._is_plain = self.profile.has_plain_imu
         self._rate_hz = rate_hz
+        self._made_with: dict[str, Any] = {
+            "profile": self.profile,
+            "rate_hz": rate_hz,
+            "gain": gain,
+            "compass_calibrated": compass_calibrated,
+        }
         self.reset()
 
     def __repr__(self) -> str:
@@ -98,10 +113,9 @@ class Estimator:
     def reset(self) -> None:
         """Begin as if nothing had come yet; a position is forgotten, too."""
         self.rejected: Counter[str] = Counter()
-        *_, gain, compass_calibrated = self._made_with
-        self._inner = estimator.Estimator(self.profile, gain)
-        if compass_calibrated is not None:
-            self._inner.set_field_calibrated(compass_calibrated)
+        self._inner = estimator.Estimator(self.profile, self._made_with["gain"])
+        if (calibrated := self._made_with["compass_calibrated"]) is not None:
+            self._inner.set_field_calibrated(calibrated)
         self._number = 0  # of the next sample
         self._last_us = 0
         self._field = RepeatedField()
@@ -135,9 +149,7 @@ class Estimator:
         return copy(self)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        profile, rate_hz, gain, calibrated = self._made_with
-        make = partial(type(self), gain=gain, compass_calibrated=calibrated)
-        return make, (profile, rate_hz), self.state
+        return partial(type(self), **self._made_with), (), self.state
 
     def __setstate__(self, state: EstimatorState) -> None:
         self.state = state
@@ -159,19 +171,23 @@ class Estimator:
             InputError: neither ``time_s`` nor a rate is given, or a reading has not three numbers.
         """
         gyr, acc = vector("gyr_rad_s", gyr_rad_s), vector("acc_m_s2", acc_m_s2)
-        mag = ZERO_VEC3 if mag_gauss is None else finite_or_zero(vector("mag_gauss", mag_gauss))
-        time_us = self._next_us(time_s)
-        has_mag = self._field.is_fresh(mag, time_us)
+        mag = ZERO_VEC3 if mag_gauss is None else vector("mag_gauss", mag_gauss)
+        if time_s is None:
+            time_us = round(MICROSECONDS * self._number / self._rate())
+        else:
+            time_us = microseconds(time_s)
+        self._number += 1
+        self._last_us = time_us
+        has_mag = mag_gauss is not None and self._field.is_fresh(finite_or_zero(mag), time_us)
         if has_mag and not is_field(mag):
             self._count(Reason.MAGNETOMETER_OUT_OF_RANGE)
             has_mag = False
-        mag = mag if has_mag else ZERO_VEC3
+        sample = (time_us, gyr, acc, mag if has_mag else ZERO_VEC3, has_mag)
+        if not self._is_plain:
+            sample = self.profile.to_body_axes(ImuSample(*sample))
         inner = self._inner
-        if self._is_plain:
-            self._count(inner.take(time_us, gyr, acc, mag, has_mag))
-        else:
-            sample = ImuSample(time_us, gyr, acc, mag, has_mag)
-            self._count(inner.take(*self.profile.to_body_axes(sample)))
+        if (reason := inner.take(*sample)) is not None:
+            self._count(reason)
         if not inner.aligned:
             return None
         attitude = inner.attitude(time_us)
@@ -232,10 +248,9 @@ class Estimator:
             InputError: arrays of other shapes, or no times; ``strict``, and there are warnings.
         """
         readings = (gyr_rad_s, acc_m_s2, mag_gauss, time_s, velocity_ned_m_s, position)
-        batch = self._batch(*readings, strict=strict)
-        published = np.empty((len(batch.rows.times_us), OUTPUT_SIZE))
-        lines = self._take(batch, published)
-        return attitudes_of_rows(batch.rows.times_us, published, lines)
+        rows, others = self._rows_of(*readings, strict=strict)
+        published = np.empty((len(rows.times_us), OUTPUT_SIZE))
+        return attitudes_of_rows(rows.times_us, published, self._take(rows, published, *others))
 
     def smooth(
         self,
@@ -257,18 +272,18 @@ class Estimator:
         """
         from estimator.smoothing import Offered, Recorder, smooth_offered
 
-        profile, rate_hz, gain, calibrated = self._made_with
-        forward = Estimator(profile, rate_hz, gain=gain, compass_calibrated=calibrated)
-        batch = forward._batch(gyr_rad_s, acc_m_s2, mag_gauss, time_s, velocity_ned_m_s, position)
-        published = np.empty((len(batch.rows.times_us), OUTPUT_SIZE))
-        recorder = Recorder(profile, gain, Offered(batch.rows, published))
+        forward = Estimator(**self._made_with)
+        readings = (gyr_rad_s, acc_m_s2, mag_gauss, time_s, velocity_ned_m_s, position)
+        rows, others = forward._rows_of(*readings)
+        published = np.empty((len(rows.times_us), OUTPUT_SIZE))
+        recorder = Recorder(self.profile, self._inner.fixed_gain, Offered(rows, published))
         recorder.snapshot = self._inner.snapshot
         recorder.restart()
         forward._inner = recorder
-        lines = forward._take(batch, published)
+        lines = forward._take(rows, published, *others)
         for places in smooth_offered(recorder, published):
             published[places, NORTH] = published[-1, NORTH]
-        return attitudes_of_rows(batch.rows.times_us, published, lines)
+        return attitudes_of_rows(rows.times_us, published, lines)
 
     def set_position(
         self, latitude_deg: float, longitude_deg: float, altitude_m: float, unix_s: float
@@ -285,82 +300,75 @@ class Estimator:
             round(MICROSECONDS * number("unix_s", unix_s, -MOST_S, MOST_S, " of seconds")),
         )
 
-    def _batch(self, *given: Any, strict: bool = False) -> Batch:
-        """The arguments of ``update_batch``, checked, as rows; their units and axes compared."""
+    def _rows_of(
+        self, *given: Any, strict: bool = False
+    ) -> tuple[Rows, tuple[Floats, Floats, tuple[str, ...]]]:
+        """The arguments of ``update_batch``, checked: readings, velocities, positions, advice."""
         gyr_rad_s, acc_m_s2, mag_gauss, time_s, velocity_ned_m_s, position = given
         gyr = matrix("gyr_rad_s", gyr_rad_s)
         n = len(gyr)
         acc = matrix("acc_m_s2", acc_m_s2, n)
         mag = np.zeros((n, 3)) if mag_gauss is None else matrix("mag_gauss", mag_gauss, n)
-        velocity = np.full((n, 3), np.nan)
+        velocity = np.zeros((0, 3))
         if velocity_ned_m_s is not None:
             velocity = matrix("velocity_ned_m_s", velocity_ned_m_s, n)
-        positions = np.zeros((0, 5)) if position is None else positions_of(position, n)
-        times_us = self._next_times_us(time_s, n)
+        places = np.zeros((0, 5)) if position is None else positions_of(position, n)
+        if time_s is None:
+            numbers = np.arange(self._number, self._number + n, dtype=float)
+            times_us = np.rint(MICROSECONDS * numbers / self._rate()).astype(np.int64)
+        else:
+            times_us = times_of(time_s, n)
+        self._number += n
+        self._last_us = int(times_us[-1]) if n else self._last_us
         has_mag = self._field.fresh_rows(mag, times_us)
-        is_field = np.abs(mag).max(axis=1, initial=0.0) <= MAG_LIMIT_GAUSS
         readings = (gyr, acc, mag)
         if not self._is_plain:
             readings = self.profile.to_body_rows(gyr, acc, np.where(has_mag[:, None], mag, 0.0))
         rows = rows_of(times_us, *readings, has_mag)
-        lines: tuple[str, ...] = ()
-        if strict or not self._is_checked:
-            lines = advice(rows)
-            self._is_checked = self._is_checked or is_enough(times_us)
+        lines = self._compared(rows, strict=strict)
+        too_strong = has_mag & (np.abs(mag) > MAG_LIMIT_GAUSS).any(axis=1)
+        rows.has_mag[too_strong] = False
+        reports, fast = velocities_of(times_us, velocity)
+        self._count(Reason.MAGNETOMETER_OUT_OF_RANGE, int(too_strong.sum()))
+        self._count(Reason.VELOCITY_OUT_OF_RANGE, fast)
+        reports = reports if self.profile.conditioned else NO_REPORT_ROWS
+        return rows, (reports, places, lines)
+
+    def _compared(self, rows: Rows, *, strict: bool) -> tuple[str, ...]:
+        """What units and axes would fit better; looked for once, or if ``strict``."""
+        if self._is_checked and not strict:
+            return ()
+        lines = advice(rows)
+        self._is_checked = self._is_checked or is_enough(rows.times_us)
         if lines and strict:
             raise InputError("; ".join(lines))
         for line in lines:
-            warnings.warn(line, Unfit, stacklevel=3)
-        self._count(Reason.MAGNETOMETER_OUT_OF_RANGE, int((has_mag & ~is_field).sum()))
-        rows.has_mag[:] &= is_field
-        velocities, fast = velocities_of(times_us, velocity)
-        self._count(Reason.VELOCITY_OUT_OF_RANGE, fast)
-        velocities = velocities if self.profile.conditioned else NO_REPORT_ROWS
-        return Batch(rows, velocities, positions, lines)
+            warnings.warn(line, Unfit, stacklevel=4)
+        return lines
 
-    def _take(self, batch: Batch, published: Floats) -> tuple[str, ...]:
-        """All rows, with positions between them; all warnings, one if most rows were rejected.
+    def _take(
+        self, rows: Rows, published: Floats, reports: Floats, places: Floats, lines: tuple[str, ...]
+    ) -> tuple[str, ...]:
+        """Take all, with positions between rows; the warnings, one if most rows were rejected.
 
         ``published`` (N, :data:`OUTPUT_SIZE`) is given the attitudes.
         """
-        rows, velocities, positions, lines = batch
         begin, n, refused = 0, len(published), Counter[str]()
-        for row, *position in (*positions.tolist(), (n,)):
+        for row, *place in (*places.tolist(), (n,)):
             end = int(row)
-            reports = reports_between(velocities, begin, end)
-            reasons = take(self._inner, cut(rows, begin, end), published[begin:end], reports)
-            part = Counter(reason.value for reason in reasons)
-            self.rejected += part
-            refused += part
-            if position:
-                self.set_position(*position)
+            between = reports_between(reports, begin, end)
+            reasons = take(self._inner, cut(rows, begin, end), published[begin:end], between)
+            refused.update(reason.value for reason in reasons)
+            if place:
+                self.set_position(*place)
             begin = end
+        self.rejected += refused
         if lines or 2 * refused.total() <= n:
             return lines
         most, count = refused.most_common(1)[0]
         line = f"most of the samples could not be used: {count} of {n} are {most}"
         warnings.warn(line, Unfit, stacklevel=3)
         return (line,)
-
-    def _next_us(self, time_s: float | None) -> int:
-        """The time of the next sample, given or by its number."""
-        if time_s is None:
-            self._last_us = round(MICROSECONDS * self._number / self._rate())
-        else:
-            self._last_us = microseconds(time_s)
-        self._number += 1
-        return self._last_us
-
-    def _next_times_us(self, time_s: ArrayLike | None, n: int) -> Times:
-        """The times (N,) of the next ``n`` samples, given or by their numbers."""
-        if time_s is None:
-            numbers = np.arange(self._number, self._number + n, dtype=float)
-            times_us = np.rint(MICROSECONDS * numbers / self._rate()).astype(np.int64)
-        else:
-            times_us = microseconds_of_rows(time_s, n)
-        self._number += n
-        self._last_us = int(times_us[-1]) if n else self._last_us
-        return times_us
 
     def _rate(self) -> float:
         if self._rate_hz is None:

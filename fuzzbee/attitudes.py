@@ -11,6 +11,7 @@ from estimator.errors import InputError
 from estimator.geometry.frames import Q_ENU_NED, Q_FRD_FLU, euler_rad
 from estimator.geometry.rotations import multiply, unit
 from estimator.live.rows import BIAS, NORTH, NORTHS, RATE, Q
+from estimator.types import Attitude
 
 PLACE = {north: place for place, north in enumerate(NORTHS)}
 ADDED = ("time_s", "heading_reference", "warnings")
@@ -91,29 +92,19 @@ def enu_flu(q_ned_frd: Floats) -> Floats:
     return unit(multiply(multiply(np.array(Q_ENU_NED), q_ned_frd), np.array(Q_FRD_FLU)))
 
 
-def attitudes_of(columns: Any, start_us: int = 0) -> Attitudes:
+def attitudes_of(columns: Any, start_us: int = 0, warnings: tuple[str, ...] = ()) -> Attitudes:
     """The attitudes in columns by name, as those of a replay's trace are."""
     own = (field.name for field in fields(Attitudes) if field.name not in ADDED)
     same: Any = {name: np.array(columns[name]) for name in own}
     time_s = np.array(1e-6 * (columns["time_us"] - start_us), dtype=float)
     norths = np.array(NORTHS)[columns["heading_reference"]]
-    return Attitudes(time_s=time_s, heading_reference=norths, **same)
+    return Attitudes(time_s=time_s, heading_reference=norths, warnings=warnings, **same)
 
 
 def attitudes_of_rows(times_us: Times, published: Floats, warnings: tuple[str, ...]) -> Attitudes:
     """The columns of rows as :mod:`estimator.live.rows` has them."""
-    error, _, gain, gravity, magnetic, inclination, heading = published[:, 10:17].T
-    return Attitudes(
-        time_s=1e-6 * times_us.astype(np.float64),
-        q_ned_frd=published[:, Q],
-        rate_rad_s=published[:, RATE],
-        gyro_bias_rad_s=published[:, BIAS],
-        sigma_inclination_rad=inclination,
-        sigma_heading_rad=heading,
-        confidence_gravity=gravity,
-        confidence_magnetic=magnetic,
-        error=error,
-        gain=gain,
-        heading_reference=np.array(NORTHS).take(published[:, NORTH].astype(np.uint8)),
-        warnings=warnings,
-    )
+    columns: dict[str, Any] = {"time_us": times_us, "q_ned_frd": published[:, Q]}
+    columns |= {"rate_rad_s": published[:, RATE], "gyro_bias_rad_s": published[:, BIAS]}
+    columns |= zip(Attitude._fields[4:-1], published.T[BIAS.stop : NORTH], strict=True)
+    columns["heading_reference"] = published[:, NORTH].astype(np.uint8)
+    return attitudes_of(columns, warnings=warnings)

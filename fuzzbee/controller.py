@@ -9,7 +9,7 @@ from estimator.arrays import Floats
 from estimator.filter.fuzzy import RULES, fuzzy_gain
 from estimator.filter.memberships import TERMS, Five, Memberships, fuzzy_sets
 from fuzzbee.options import require_extra
-from fuzzbee.replays.figure import COLORS, add_legend, add_text, require_plot, written_figure
+from fuzzbee.replays.figure import COLORS, add_legend, require_plot, written_figure
 
 if TYPE_CHECKING:
     from skfuzzy.control import ControlSystem
@@ -71,7 +71,11 @@ def draw_controller(path: Path, name: str, k: Memberships) -> None:
         (inputs, output), (rules, gains) = sheet.subplots(2, 2)
         _draw_sets(inputs, variables[ERROR], 1.0, "error e, and its rate in 1/s")
         _draw_sets(output, variables[GAIN], FULL, "k_op")
-        _draw_rules(rules)
+        rules.axis("off")
+        rules.set_title("k_op by rate (rows) and error (columns)")
+        cells = [[TERMS[consequent] for consequent in row] for row in RULES]
+        words = {"cellLoc": "center", "rowLoc": "center", "rowLabels": TERMS, "colLabels": TERMS}
+        rules.table(cells, bbox=(0.1, 0.0, 0.9, 1.0), **words)
         gains.grid(visible=False)
         grid = np.linspace(0.0, 1.0, STEPS)
         sheet.colorbar(gains.pcolormesh(grid, grid, surface(k), rasterized=True), ax=gains)
@@ -84,14 +88,3 @@ def _draw_sets(ax: Any, variable: Any, end: float, label: str) -> None:
         ax.plot(variable.universe, known.mf, color=color, label=term, lw=1.2)
     ax.set(xlim=(0.0, end), xlabel=label, ylabel="membership")
     add_legend(ax, len(TERMS))
-
-
-def _draw_rules(ax: Any) -> None:
-    """The table of rules."""
-    ax.axis("off")
-    ax.set_title("k_op by rate (rows) and error (columns)")
-    words = [["", *TERMS], *([TERMS[k], *(TERMS[i] for i in row)] for k, row in enumerate(RULES))]
-    for row, texts in enumerate(words):
-        for column, text in enumerate(texts):
-            place = (column + 0.5) / len(texts), 1.0 - (row + 0.5) / len(words)
-            add_text(ax, text, *place, ha="center", va="center")

@@ -7,8 +7,7 @@ sign that data usually come in.
 
 from collections.abc import Iterator
 from itertools import product
-from math import nan, pi
-from typing import NamedTuple
+from math import pi
 
 import numpy as np
 
@@ -55,20 +54,6 @@ SIZED = 500  # rows, from all of a recording, whose sizes are looked at
 TIME_UNITS = ((6e5, "nanoseconds", 1e9), (600.0, "microseconds", 1e6), (0.0, "milliseconds", 1e3))
 
 
-class Sizes(NamedTuple):
-    """What columns hold: medians of lengths, 0 of none, in their own units.
-
-    ``steady`` is the share of rates whose length would fit gravity in m/s^2, ``down`` the mean z of
-    the force's unit vector, NaN of none.
-    """
-
-    gyr: float
-    acc: float
-    mag: float
-    steady: float
-    down: float
-
-
 def as_written(name: str, turn: Floats, unit: str = "") -> str:
     """Readings by a signed permutation of axes (3, 3), and in a unit, as a program writes it."""
     order = np.argmax(np.abs(turn), axis=1).tolist()
@@ -92,30 +77,37 @@ def advice(rows: Rows) -> tuple[str, ...]:
         rows = rows._replace(times_us=_shrunk(times_us, shrunk))
     if not rows.gyr_rad_s.any():
         found.append("the gyroscope reads nothing but 0")
-    sizes = _sizes(rows)
-    found += [*_swapped(sizes)] or [
-        *_unit("accelerometer", sizes.acc, ACC_UNITS, ACC_USUAL),
-        *_unit("magnetometer", sizes.mag, MAG_UNITS, MAG_USUAL, is_there=bool(rows.has_mag.any())),
+    _, gyr, acc, mag, has_mag = cut(rows, 0, None, max(1, len(times_us) // SIZED))
+    acc_size, mag_size = _usual(acc), _usual(mag[has_mag])
+    found += [*_swapped(gyr, acc_size, mag_size)] or [
+        *_unit("accelerometer", acc_size, ACC_UNITS, ACC_USUAL),
+        *_unit("magnetometer", mag_size, MAG_UNITS, MAG_USUAL, is_there=bool(rows.has_mag.any())),
         *_axes(rows),
-        *([UPSIDE_DOWN_LINE] if sizes.down > UPSIDE_DOWN else []),
+        *_upside_down(acc),
     ]
     return tuple(found)
 
 
-def _sizes(rows: Rows) -> Sizes:
-    _, gyr, acc, mag, has_mag = cut(rows, 0, None, max(1, len(rows.times_us) // SIZED))
-    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-        lengths = [np.sqrt(np.einsum("ni,ni->n", each, each)) for each in (gyr, acc, mag)]
-        sound = [length < MOST for length in lengths]
-        steady = np.mean((lengths[0] >= ALMOST_G[0]) & (lengths[0] <= ALMOST_G[1]))
-        down = (acc[:, 2] / lengths[1])[sound[1] & (lengths[1] > 0.0)]
-    sound[2] &= has_mag
-    gyr_size, acc_size, mag_size = (
-        float(np.median(length[which])) if which.any() else 0.0
-        for length, which in zip(lengths, sound, strict=True)
-    )
-    mean_down = float(np.mean(down)) if len(down) else nan
-    return Sizes(gyr_size, acc_size, mag_size, float(steady), mean_down)
+def _lengths(vectors: Floats) -> Floats:
+    """Those of vectors (N, 3) that may be readings in some unit."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        lengths = np.sqrt(np.einsum("ni,ni->n", vectors, vectors))
+    return np.asarray(lengths[lengths < MOST])
+
+
+def _usual(vectors: Floats) -> float:
+    """The median length, 0 of none."""
+    lengths = np.sort(_lengths(vectors))
+    n = len(lengths)
+    return float(0.5 * (lengths[(n - 1) // 2] + lengths[n // 2])) if n else 0.0
+
+
+def _upside_down(acc: Floats) -> Iterator[str]:
+    """Whether forces (N, 3) point down mostly, where they point at all."""
+    size = np.abs(acc).max(axis=1)
+    acc = acc[(size > 0.0) & (size < MOST)]
+    if len(acc) and np.mean(acc[:, 2] / np.linalg.norm(acc, axis=1)) > UPSIDE_DOWN:
+        yield UPSIDE_DOWN_LINE
 
 
 def is_enough(times_us: Times) -> bool:
@@ -184,13 +176,14 @@ def _unit(
         yield f"the {what} reads {size:.3g} mostly, {usual[0]:g} to {usual[1]:g} is usual"
 
 
-def _swapped(sizes: Sizes) -> Iterator[str]:
+def _swapped(gyr: Floats, acc_size: float, mag_size: float) -> Iterator[str]:
     """Whether another sensor reads what the accelerometer should; one that turns so fast varies."""
-    if ACC_USUAL[0] <= sizes.acc <= ACC_USUAL[1]:
+    if ACC_USUAL[0] <= acc_size <= ACC_USUAL[1]:
         return
-    reads_field = MAG_USUAL[0] <= sizes.acc <= MAG_USUAL[1]
-    is_force = reads_field and ACC_USUAL[0] <= sizes.mag <= ACC_USUAL[1]
-    sensors = (("gyr", sizes.gyr, sizes.steady > EXPLAINED), ("mag", sizes.mag, is_force))
+    rates = _lengths(gyr)
+    is_force = ACC_USUAL[0] <= mag_size <= ACC_USUAL[1] and MAG_USUAL[0] <= acc_size <= MAG_USUAL[1]
+    steady = np.count_nonzero((rates >= ALMOST_G[0]) & (rates <= ALMOST_G[1]))
+    sensors = (("gyr", _usual(gyr), steady > EXPLAINED * len(gyr)), ("mag", mag_size, is_force))
     for name, size, is_swapped in sensors:
         if is_swapped:
             yield f"{name} reads {size:.3g} mostly, as acc should: they may be swapped"
@@ -211,9 +204,10 @@ def _axes(rows: Rows) -> Iterator[str]:
 
 def _better(spans: Spans, *, is_field: bool) -> str | None:
     """How many times less which other way leaves; None if no way is so much better."""
-    squares, explained = squares_left(spans, TURNS, has_offset=is_field), EXPLAINED * spans.still
-    if root(squares[:1])[0] <= explained:
-        return None
+    explained = EXPLAINED * spans.still
+    if root(squares_left(spans, TURNS[:1], has_offset=is_field))[0] <= explained:
+        return None  # as nearly always
+    squares = squares_left(spans, TURNS, has_offset=is_field)
     left = np.concatenate([root(squares, scale) for scale, _ in GYR_UNITS])
     least = float(left.min())
     of_units, of_turns = divmod(int(np.flatnonzero(left <= ALIKE * least)[0]), len(TURNS))

@@ -2,36 +2,44 @@
 
 import logging
 import time
-from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import zenoh
 
 from drivers.aside import aside
-from drivers.endpoint import parse_endpoint
+from drivers.endpoint import Endpoint, parse_endpoint
+from drivers.mavlink.recorder import Recorder
+from drivers.player import Player
+from drivers.simulation.simulated_vehicle import PROFILES
 from drivers.simulation.source import SimSource
-from drivers.source import require_openable
+from drivers.source import SIM_MOTION, open_live, require_openable
 from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.profile import Profile, load_profile
 from fuzzbee import outputs, security
-from fuzzbee.live_source import default_profile, make_runner, open_source, require_fitting
 from fuzzbee.notify import notify
 from fuzzbee.run import RunOptions
 from fuzzbee.run_report import conclude, recording_word, summary
+from fuzzbee.sinks import parse_address_of
 from fuzzbee.terminal import PersonConsole, TerminalView
 from fuzzbee.truth_score import ScoredPipeline
 from fuzzbee.zenoh_options import opened
 from service.parameters import ParameterRequests
 from service.process import load_kernels
-from service.runner import Runner
+from service.runner import Overload, Runner
 from service.signals import stop_on_signals
 from service.sinks.mavlink import RecordingSink
 from service.sinks.sink import Outbox, Sink
 from service.sinks.zenoh import ZenohSink
 from service.zenoh_session import OpeningSession
 
+if TYPE_CHECKING:
+    from drivers.mavlink.link import MavlinkLink
+
+DEFAULT_PROFILE = "imu"
 LONG_WAIT_S = 1.0
 
 
@@ -42,17 +50,19 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
     """
     endpoint = parse_endpoint(options.source)
     require_openable(endpoint)
-    profile_name = options.profile or default_profile(endpoint)
+    # of the built-in vehicle the one that fits its motion
+    fitting = PROFILES[endpoint.path or SIM_MOTION] if endpoint.kind == "sim" else DEFAULT_PROFILE
+    profile_name = options.profile or fitting
     profile = load_profile(profile_name)
     asked = options.security
     key = security.key_of(asked.signing_key_file, is_insecure=asked.insecure_key_file)
-    require_fitting(options, endpoint)
+    _require_fitting(options, endpoint)
     outputs.viewer_options(options.outputs.view, options.outputs.rrd)
     requests = ParameterRequests()
     problems: list[Exception] = []  # which end the run
     with ExitStack() as stack:
         # first, and once: what comes meanwhile is recorded
-        source, recorder = open_source(endpoint, options, key, stack)
+        source, recorder = _open_source(endpoint, options, key, stack)
         session = None if opening is None else opened(opening, stack)
         pipeline = _pipeline(profile, options, requests, stack)
         if options.truth or endpoint.kind == "sim":
@@ -64,8 +74,22 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
         recording = partial(recording_word, [recorder, *sinks])
         # in a thread: the compiler's callbacks swallow what a signal raises in them
         aside(load_kernels, "kernels").result()
-        runner = make_runner(source, pipeline, outbox, options, requests, recording)
-        end_s = None if isinstance(source, SimSource) else options.seconds
+        source.follow(pipeline.imu_in_use)
+        has_clock, end_s = isinstance(source, Player), options.seconds
+        runner = Runner(
+            source,
+            pipeline,
+            outbox,
+            rate_hz=options.rate_hz,
+            requests=requests,
+            overload=None if has_clock else Overload(),
+            recording=recording,
+        )
+        if isinstance(source, Player):
+            runner.now_us, runner.is_finished = source.now_us, source.is_finished
+        if isinstance(source, SimSource) and end_s is not None:
+            flight, flight_s, end_s = source, end_s, None
+            runner.is_finished = lambda: flight.flown_s >= flight_s
         seconds = _loop(runner, end_s, problems)
     result = summary(options, profile_name, seconds, runner, pipeline, recording())
     if isinstance(source, SimSource) and source.waited_s >= LONG_WAIT_S and not options.as_json:
@@ -84,6 +108,72 @@ def _loop(runner: Runner, end_s: float | None, problems: list[Exception]) -> flo
         except Exception as error:  # noqa: BLE001 - raised again when all is said
             problems.append(error)
     return time.monotonic() - started_s
+
+
+def _require_fitting(options: RunOptions, endpoint: Endpoint) -> None:
+    """Refuse options that the source has no use for."""
+    if options.speed != 1.0 and endpoint.kind != "log":
+        raise InputError(f"--speed is for logs, {endpoint} comes at its own pace")
+    of_link = {"--record": options.record, "--request-rate": options.request_rate_hz}
+    asked = [option for option, value in of_link.items() if value is not None]
+    checks = [name for name, value in options.security._asdict().items() if value]
+    for option in (*asked, *(f"--{name.replace('_', '-')}" for name in checks)):
+        if endpoint.kind == "log":
+            raise InputError(f"{option} is for a live vehicle, {endpoint} is a log")
+        if endpoint.kind == "sim" and option in asked:
+            lacks = "sim: has no MAVLink to record or to ask; start fuzzbee sim --to URL"
+            raise InputError(f"{option}: {lacks}")
+        if endpoint.kind == "sim":
+            raise InputError(f"{option} is for a MAVLink link, sim: has no frames")
+
+
+def _open_source(
+    endpoint: Endpoint, options: RunOptions, key: bytes | None, stack: ExitStack
+) -> tuple["MavlinkLink | Player", Recorder | None]:
+    """Open a link, ``sim:`` or a log that is played; and a link's recorder, if asked for."""
+    if endpoint.kind == "log":
+        from drivers.logs.open import imu_events, open_log  # which loads every format
+
+        log = stack.enter_context(open_log(Path(endpoint.path)))
+        return Player(imu_events(log), options.speed, follow=log.follow), None
+    policy = security.open_policy(options.security, key, stack)
+    if options.outputs.send_as is not None:
+        policy = policy._replace(own=parse_address_of(options.outputs.send_as))
+    with ExitStack() as unless_opened:
+        recorder = None
+        if options.record is not None:
+            recorder = stack.enter_context(_recorder(options.record, unless_opened))
+        source = open_live(
+            endpoint,
+            recorder=recorder,
+            request_rate_hz=options.request_rate_hz,
+            policy=policy,
+            key=key,
+            references=options.truth or options.outputs.shows_peers,
+        )
+        stack.enter_context(source)
+        unless_opened.pop_all()
+    return source, recorder
+
+
+def _recorder(record: str, unless_opened: ExitStack) -> Recorder:
+    """Into a file; or into a folder, if there is one or the name has no suffix."""
+    target = Path(record)
+    is_new = not target.exists()
+    in_folder = record.endswith("/") or target.is_dir() or (is_new and not target.suffix)
+    recorder = Recorder(target, in_folder=in_folder)
+    if is_new:
+        unless_opened.callback(_remove_empty, target)
+        unless_opened.callback(recorder.close)
+    return recorder
+
+
+def _remove_empty(target: Path) -> None:
+    with suppress(OSError):
+        if target.is_dir():
+            target.rmdir()
+        elif target.stat().st_size == 0:
+            target.unlink()
 
 
 def _pipeline(
@@ -137,38 +227,28 @@ def _open_sinks(
         for sink in outputs.open_outputs(options.outputs, session, prefix, options.rate_hz):
             sinks.append(sink)
             opened_so_far.callback(sink.close)
-        view = open_view(options)
+        view = _open_view(options)
         view.scores = pipeline.scores
         opened_so_far.pop_all()
     return [*sinks, view]
 
 
-def open_view(options: RunOptions) -> TerminalView:
+def _open_view(options: RunOptions) -> TerminalView:
     """The view on standard output; with --json messages only, on standard error."""
     errors = PersonConsole(stderr=True)
     where = "" if options.no_zenoh else f" → {options.zenoh.prefix}/*"
     profile = "" if options.profile is None else f", {options.profile}"
     title = f"fuzzbee run {options.source}, {options.rate_hz:g} Hz{profile}{where}"
     view = TerminalView(errors if options.as_json else PersonConsole(), errors, title)
-    _show_log(view.notify, verbose=options.verbose)
+    _show_log(view, verbose=options.verbose)
     return view
 
 
-class _ViewHandler(logging.Handler):
-    """Prints log lines through the view, so that they do not break up its table."""
-
-    def __init__(self, notify: Callable[[str], None]) -> None:
-        super().__init__()
-        self._notify = notify
-
-    def emit(self, record: logging.LogRecord) -> None:
-        self._notify(self.format(record))
-
-
-def _show_log(notify: Callable[[str], None], *, verbose: bool) -> None:
-    logger = logging.getLogger("drivers")
-    logger.handlers = [_ViewHandler(notify)]
-    logger.propagate = False
+def _show_log(view: TerminalView, *, verbose: bool) -> None:
+    """Print log lines through the view, so that they do not break up its table."""
+    handler, logger = logging.Handler(), logging.getLogger("drivers")
+    handler.emit = lambda record: view.notify(handler.format(record))  # type: ignore[method-assign]
+    logger.handlers, logger.propagate = [handler], False
     logger.setLevel(logging.INFO if verbose else logging.WARNING)
     # what happens to the link comes as events, once each; the log repeats it in detail
     logging.getLogger("drivers.mavlink.link").setLevel(logging.NOTSET if verbose else logging.ERROR)

@@ -114,12 +114,12 @@ def follow(options: WatchOptions) -> int:
     from fuzzbee.keys import terminal_keys
     from fuzzbee.terminal import PersonConsole, TerminalView
     from service.signals import stop_on_signals
-    from service.zenoh_session import OpeningSession
+    from service.zenoh_session import OpeningSession, ZenohOptions
 
     inbox, stop, view = Inbox(), Event(), None
     prefix, name = options.zenoh.prefix, options.vehicle or "*"
     with ExitStack() as stack:
-        session = opened(OpeningSession(options.zenoh.options()), stack)
+        session = opened(OpeningSession(ZenohOptions(*options.zenoh)), stack)
         stack.enter_context(stop_on_signals(stop.set))
         if not options.as_json:
             title = f"fuzzbee watch {prefix}/*"

@@ -11,9 +11,10 @@ from fuzzbee.notify import notify
 if TYPE_CHECKING:
     import zenoh
 
-    from service.zenoh_session import OpeningSession, ZenohOptions
+    from service.zenoh_session import OpeningSession
 
 PREFIX = "fuzzbee"
+NONE: list[str] = []  # given
 
 option = partial(options.option, panel="Zenoh")
 _LISTEN = "Listen here instead of tcp/127.0.0.1:7447 (repeatable)."
@@ -25,23 +26,13 @@ _SETTING = "One Zenoh setting, applied last (repeatable)."
 class ZenohArguments(NamedTuple):
     """What was asked for on the command line."""
 
-    listen: Annotated[list[str] | None, option(_LISTEN, "--listen", "-l", metavar="ENDPOINT")] = (
-        None
-    )
-    connect: Annotated[
-        list[str] | None, option(_CONNECT, "--connect", "-e", metavar="ENDPOINT")
-    ] = None
+    listen: Annotated[list[str], option(_LISTEN, "--listen", "-l", metavar="ENDPOINT")] = NONE
+    connect: Annotated[list[str], option(_CONNECT, "--connect", "-e", metavar="ENDPOINT")] = NONE
     mode: Annotated[str, option("peer or client.", "--mode", "-m")] = "peer"
     config_file: Annotated[str | None, option(_CONFIG, "--config", "-c", metavar="FILE")] = None
-    settings: Annotated[list[str] | None, option(_SETTING, "--cfg", metavar="KEY:JSON5")] = None
+    settings: Annotated[list[str], option(_SETTING, "--cfg", metavar="KEY:JSON5")] = NONE
     multicast: Annotated[bool, option("Look for peers by multicast.")] = False
     prefix: Annotated[str, option("What all keys begin with.")] = PREFIX
-
-    def options(self) -> "ZenohOptions":
-        """The options as a session takes them."""
-        from service.zenoh_session import ZenohOptions
-
-        return ZenohOptions(**{name: v for name, v in self._asdict().items() if v is not None})
 
 
 def opened(awaited: "OpeningSession", stack: ExitStack) -> "zenoh.Session":
@@ -61,9 +52,9 @@ def opening(arguments: ZenohArguments | None) -> "Iterator[OpeningSession | None
     if arguments is None:
         yield None
         return
-    from service.zenoh_session import OpeningSession
+    from service.zenoh_session import OpeningSession, ZenohOptions
 
-    session = OpeningSession(arguments.options())
+    session = OpeningSession(ZenohOptions(*arguments))
     try:
         yield session
     finally:

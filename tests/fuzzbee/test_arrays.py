@@ -5,13 +5,13 @@ import dataclasses
 import pickle
 import warnings
 from concurrent.futures import ProcessPoolExecutor
-from itertools import pairwise
+from itertools import pairwise, product
 from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from estimator.aiding.phase import Phase
@@ -72,14 +72,17 @@ def spoil(columns, damage, rows):
         column[rows] = column[rows.start] if value is None else value
 
 
-@pytest.mark.parametrize("has_velocity", [False, True])
-@pytest.mark.parametrize("damage", DAMAGES)
-def test_a_batch_is_the_same_as_calls_to_the_last_digit(flight, damage, has_velocity):
-    """Of a flight that is damaged twice, in three batches."""
-    damages = [(damage, 30, 20), (damage, 120, 5)]
-    assert_batches_equal_calls(flight, damages, has_velocity, (40, 200))
+def twice_damaged(test):
+    """Each damage in three batches, with and without velocity, besides what is found at random."""
+    for damage, has_velocity in product(DAMAGES, (False, True)):
+        damages = [(damage, 30, 20), (damage, 120, 5)]
+        test = example(damages=damages, has_velocity=has_velocity, cuts=[40, 200], calibrated=None)(
+            test
+        )
+    return test
 
 
+@twice_damaged
 @settings(max_examples=10, deadline=None)
 @given(
     damages=st.lists(
@@ -87,15 +90,13 @@ def test_a_batch_is_the_same_as_calls_to_the_last_digit(flight, damage, has_velo
         max_size=5,
     ),
     has_velocity=st.booleans(),
-    cut=st.integers(0, ROWS),
+    cuts=st.lists(st.integers(0, ROWS), max_size=2).map(sorted),
     calibrated=st.sampled_from([None, False, True]),
 )
-def test_so_it_is_whatever_comes_together(flight, damages, has_velocity, cut, calibrated):
-    assert_batches_equal_calls(flight, damages, has_velocity, (cut,), calibrated)
-
-
-def assert_batches_equal_calls(flight, damages, has_velocity, cuts, calibrated=None):
-    """Batches that go on from each other at the cuts."""
+def test_a_batch_is_the_same_as_calls_to_the_last_digit(
+    flight, damages, has_velocity, cuts, calibrated
+):
+    """In batches that go on from each other at the cuts."""
     time_s, gyr, acc, mag, velocity = (values.copy() for values in flight)
     if not has_velocity:
         velocity[:] = np.nan

@@ -1,4 +1,5 @@
 import importlib
+import os
 import re
 import signal
 from pathlib import Path
@@ -25,6 +26,9 @@ def test_version_and_help(capsys):
         assert "╭" not in out  # boxes are for terminals
 
 
+TO = ("--to", "udpout:127.0.0.1:14550")
+SENDING = ("--send-attitude", "udpout:127.0.0.1:9")
+NOWHERE = ("-l", "tcp/127.0.0.1:0", "-e", "tcp/127.0.0.1:9")
 BAD = [
     (["nosuch"], "nosuch"),
     (["run", "--bogus"], "--bogus"),
@@ -58,7 +62,40 @@ BAD = [
     (["run", "--no-zenoh", "sim:", "--allow-system-ids", "1"], "ids is for a MAVLink link"),
     (["run", "--workers", "2"], "No such option: --workers"),
     (["run", "--baud", "57600"], "No such option: --baud\n"),
+    *(
+        (["run", "udpout:127.0.0.1:9", f"--allow-system-ids={ids}"], "--allow-system-ids")
+        for ids in ("", "0", "256", "3-1", "a", "1,,2", "-1", "1-")
+    ),
+    (["run", "--no-zenoh", "--ros"], "--no-zenoh"),
+    (["run", *NOWHERE, "--ros", "--ros-domain", "233"], "233"),
+    (["run", "--no-zenoh", "--send-attitude", "sim:"], "--send-attitude"),
+    (["run", "--no-zenoh", "--metrics", "0"], "65535"),
+    (["run", "--no-zenoh", "--web", "0"], "65535"),
+    (["run", "--no-zenoh", "--as", "200:1"], "--send-attitude"),
+    (["run", "--no-zenoh", *SENDING, "--as", "200"], "--as 200: should be"),
+    (["run", "--no-zenoh", *SENDING, "--as", "0:1"], "--as 0:1: should be"),
+    (["run", "--no-zenoh", "--send-attitude", "udpout:127.0.0.1"], "port"),
+    *(
+        (["watch", name], "should be a vehicle")
+        for name in ("copter", "1-", "*", "1/2", "1000", "0", "256", "1-300")
+    ),
     (["sim"], "--to udpout:127.0.0.1:14550"),
+    (["sim", "--to", "udpout:127.0.0.1"], "no port"),
+    (["sim", "--to", "sim:"], "--to sim:"),
+    (["sim", "--to", "/dev/ttyUSB0:57600"], "udpout, udpin, tcp, tcpin"),
+    (["sim", *TO, "--rate", "0"], "rate"),
+    (["sim", *TO, "--rate", "nan"], "rate"),
+    (["sim", *TO, "--vehicles", "0"], "number of vehicles"),
+    (["sim", *TO, "--vehicles", "1001"], "1000"),
+    (["sim", *TO, "--seconds", "0"], "--seconds"),
+    (["sim", *TO, "--motion", "loop"], "paper, rest, turn"),
+    (["sim", *TO, "--noise", "-1"], "noise"),
+    (["sim", *TO, "--magnet", "5"], "5:8"),
+    (["sim", *TO, "--magnet", "8:5"], "later"),
+    (["sim", *TO, "--drop", "2"], "drop"),
+    (["sim", *TO, "--seed", "-1"], "seed"),
+    (["sim", *TO, "--signing-key-file", "no/such/key"], "no/such/key"),
+    (["sim", *TO, "--signing-key-file", os.devnull], "empty"),
     (["replay", "udpin:127.0.0.1:14550"], "a live source is for fuzzbee run"),
     (["replay", "imu", "x.tlog"], "the profile is --profile imu"),
     (["replay", str(LOG), "--system-id", "9"], "(vehicles seen: 1)"),

@@ -10,7 +10,6 @@ import pytest
 
 from estimator.geometry.frames import from_euler_rad
 from estimator.geometry.quaternion import rotate_inverse
-from fuzzbee.cli import main
 from fuzzbee.terminal import PersonConsole, TerminalView
 from service.records import Message
 from tests.fuzzbee.processes import default_session, free_port, started
@@ -183,12 +182,6 @@ def test_colours_are_as_many_as_the_terminal_has_and_lines_without_one(monkeypat
     assert "roll" in bare
     assert not styled.search(bare)
     assert re.search(r"^    1  running\s+roll\s+\+12\.0", written(monkeypatch, TERM="dumb"))
-
-
-@pytest.mark.parametrize("name", ["copter", "1-", "*", "1/2", "1000", "0", "256", "1-300"])
-def test_a_name_that_is_no_vehicle_is_status_2(name, capfd):
-    assert main(["watch", name, *default_session(free_port())]) == 2
-    assert "should be a vehicle" in capfd.readouterr().err
 
 
 def test_a_flight_in_a_real_terminal():

@@ -134,26 +134,6 @@ def test_ros_nodes_hear_of_the_vehicle(capfd, monkeypatch):
     assert messages[0].linear_acceleration.z != 0.0
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["--ros", "--no-zenoh"], "--no-zenoh"),
-        (["--ros", "--ros-domain", "233"], "233"),
-        (["--send-attitude", "sim:"], "--send-attitude"),
-        (["--metrics", "0"], "65535"),
-        (["--web", "0"], "65535"),
-        (["--as", "200:1"], "--send-attitude"),
-        (["--send-attitude", "udpout:127.0.0.1:9", "--as", "200"], "--as 200: should be"),
-        (["--send-attitude", "udpout:127.0.0.1:9", "--as", "0:1"], "--as 0:1: should be"),
-        (["--send-attitude", "udpout:127.0.0.1"], "port"),
-    ],
-)
-def test_unusable_outputs_are_status_2(capfd, arguments, words):
-    port = free_port()
-    assert main(["run", *arguments, *default_session(port)]) == 2
-    assert words in capfd.readouterr().err
-
-
 @pytest.mark.skipif(os.name != "posix", reason="needs resource limits")
 def test_a_disk_that_fills_up_costs_the_rest_of_the_recording_only(tmp_path, capfd):
     """A limit of 40 kB for a file; what was written before is what replay reads."""

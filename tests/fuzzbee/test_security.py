@@ -177,11 +177,8 @@ def test_frames_of_before_a_restart_are_refused_after_it(key, tmp_path):
     assert after["refused"]["replayed"] > 20
 
 
-def test_lists_of_system_ids(capfd):
+def test_lists_of_system_ids():
     assert parse_system_ids("1,2,10-12") == {1, 2, 10, 11, 12}
-    for text in ("", "0", "256", "3-1", "a", "1,,2", "-1", "1-"):
-        assert main(["run", "udpout:127.0.0.1:9", f"--allow-system-ids={text}"]) == 2
-        assert "--allow-system-ids" in capfd.readouterr().err
 
 
 @pytest.mark.parametrize(

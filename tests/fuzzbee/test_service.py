@@ -4,18 +4,20 @@ import json
 import signal
 import socket
 import time
+from itertools import pairwise
 from pathlib import Path
 
 import msgspec
 import pytest
 
-from drivers.events import Imu, VehicleId
+from drivers.events import Imu, Malformed, VehicleId
+from drivers.logs.tlog import Tlog
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.framing import FrameReader
 from estimator.profile import load_profile
 from service.pipeline import Pipeline
 from service.records import AttitudeRecord
-from tests.fuzzbee.processes import free_port
+from tests.fuzzbee.processes import free_port, started
 from tests.fuzzbee.services import (
     SLOW_HZ,
     Subscriber,
@@ -141,3 +143,27 @@ def test_two_services_on_a_router_each_with_its_share(capfd):
         sequences = [record["sequence"] for _, record in records]
         assert sequences == list(range(sequences[0], sequences[0] + len(sequences)))
     capfd.readouterr()
+
+
+def test_a_recording_killed_in_the_middle_reads_to_its_last_whole_frame(tmp_path):
+    port, log = free_port(socket.SOCK_DGRAM), tmp_path / "flight.tlog"
+    command = ("run", f"udpin:127.0.0.1:{port}", "--no-zenoh", "--json", "--profile", "paper")
+    with (
+        started("sim", "--to", f"udpout:127.0.0.1:{port}", "--rate", "200"),
+        started(*command, "--record", str(log)) as service,
+    ):
+        end_s = time.monotonic() + 60.0
+        while not (log.exists() and log.stat().st_size > 200_000):
+            assert service.poll() is None
+            assert time.monotonic() < end_s
+            time.sleep(0.01)
+        service.send_signal(signal.SIGKILL)
+        service.wait()
+    events = list(Tlog(log))
+    samples = [event for event in events if isinstance(event, Imu)]
+    assert not [event for event in events if isinstance(event, Malformed)]
+    assert len(samples) > 500
+    # stamp, frame, stamp, frame, and nothing behind the last one
+    assert sum(8 + len(frame) for _, frame in recorded(log)) == log.stat().st_size
+    periods_us = {b.boot_us - a.boot_us for a, b in pairwise(samples)}
+    assert periods_us == {5_000}

@@ -1,12 +1,16 @@
 """The table of vehicles, and the lines that stand for it where there is no terminal."""
 
 import io
+import os
+import pty
+import termios
 
 import msgspec
 import pytest
 from rich.console import Console
 
 from drivers.events import VehicleId
+from fuzzbee.keys import Keys, terminal_keys
 from fuzzbee.table_model import TableModel
 from fuzzbee.terminal import TerminalView
 from service.records import Departed, ImuDifference, Message, Published, Sigma
@@ -215,3 +219,28 @@ def test_where_there_is_no_place_who_was_silent_for_longest_goes(monkeypatch):
     for now_s, name in enumerate(("1", "2", "1", "3")):
         model.update(name, record(), now_s)
     assert [row.name for row in model.rows()] == ["1", "3"]
+
+
+def test_keys_are_letters_and_arrows():
+    ours, theirs = pty.openpty()
+    keys = Keys(theirs)
+    termios.tcsetattr(theirs, termios.TCSANOW, _raw(theirs))
+    assert keys.pressed() == []
+    os.write(ours, b"qs\x1b[A\x1b[B\r\x1b")
+    assert keys.pressed() == ["q", "s", "up", "down", "enter", "escape"]
+    os.close(ours)
+    assert keys.pressed() == []
+    assert keys.pressed() == []  # the terminal is gone, and not asked any more
+    os.close(theirs)
+
+
+def test_without_a_terminal_there_are_no_keys():
+    with terminal_keys() as keys:
+        assert keys.pressed() == []
+
+
+def _raw(descriptor):
+    mode = termios.tcgetattr(descriptor)
+    mode[3] &= ~(termios.ICANON | termios.ECHO | termios.ISIG)
+    mode[0] &= ~termios.ICRNL
+    return mode
