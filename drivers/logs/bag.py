@@ -28,6 +28,7 @@ SUFFIXES = (".mcap", ".db3", ".bag")
 IMU, FIELD, FIX = (f"sensor_msgs/msg/{name}" for name in ("Imu", "MagneticField", "NavSatFix"))
 RECEIVER = "GPS"
 TESLA = 1e4  # gauss
+MOST_TOPICS = 8  # in a line
 MOST_METADATA = 1 << 21  # bytes, which take 20 s; some 8,000 files have as much
 PACE_MESSAGES = 100  # that show whether the recorder's times are those of arrival
 MOST_OFF_PACE = 2.0
@@ -78,13 +79,14 @@ class Bag(LogFile):
             raise InputError(f"{self.path}: its metadata.yaml is larger than any")
         return found
 
-    def topics(self) -> list[str]:
-        """What there is: each topic with its kind, and how it is written if it cannot be read."""
+    def advice(self, _system_id: int | None = None) -> str | None:
+        """What topics there are, and how they are written if that cannot be read."""
         reader, _ = self._opened()
-        read = {f"{each.topic} ({each.msgtype})" for each in reader.connections}
-        others = {f"{c.topic} ({c.msgtype}, {c.encoding})" for c in getattr(reader, "others", ())}
+        shown = sorted({f"{each.topic} ({each.msgtype})" for each in reader.connections})
         reader.close()
-        return sorted(read | others)
+        if any(IMU in each for each in shown):
+            return None
+        return f"no sensor_msgs/Imu; it has {', '.join(shown[:MOST_TOPICS]) or 'no topic'}"
 
     def _opened(self) -> tuple[Any, Decode]:
         """A reader, and what makes a message of a connection's bytes."""

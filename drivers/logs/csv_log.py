@@ -4,17 +4,16 @@ from collections.abc import Iterator, Sequence
 from datetime import datetime
 from math import isnan
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from drivers.events import COMPASS_CALIBRATED, Event, Parameter
 from drivers.logs.csv_columns import Part, columns, description
-from drivers.logs.csv_text import CsvText, csv_rows, csv_text
+from drivers.logs.csv_text import HEAD_SIZE, CsvText, csv_rows, csv_text
 from drivers.logs.log_file import LATEST_US, LogFile
 from drivers.logs.logged_vehicle import LoggedVehicle, dated_vehicle
 from drivers.samples.navigation import Fix, quaternion_from_euler, unit_or_none
 from estimator.errors import InputError
 from estimator.geometry.frames import ned_frd_from_enu_flu
-from estimator.types import Quaternion, Vec3
 
 STREAM = "CSV"
 ATTITUDES: tuple[tuple[str, Literal["sim", "autopilot"]], ...] = (
@@ -22,7 +21,6 @@ ATTITUDES: tuple[tuple[str, Literal["sim", "autopilot"]], ...] = (
     ("autopilot", "autopilot"),
 )
 RECEIVER = "GPS"
-HEAD_SIZE = 65_536
 
 
 class CsvLog(LogFile):
@@ -47,58 +45,49 @@ class CsvLog(LogFile):
 
     def __iter__(self) -> Iterator[Event]:
         """The events; times count from the first row, also backwards: clocks are set."""
-        vehicle = None
-        with csv_rows(self.path, self._text, self.on_read) as rows:
-            for row in rows:
-                time_us = None if row is None else _time_us(self._text, row, self._columns.time)
-                if vehicle is None:
-                    vehicle = dated_vehicle(time_us or 0, checks_axes=self._columns.checks_axes)
-                    if (word := self._columns.compass_calibrated) is not None:
-                        about = vehicle.id, vehicle.arrival_us
-                        yield Parameter(*about, COMPASS_CALIBRATED, word)
-                if row is None or time_us is None:
-                    yield vehicle.malformed()
-                else:
-                    vehicle.at(time_us)
-                    yield from self._events(vehicle, row)
-            if vehicle is not None:
-                yield from vehicle.end()
+        vehicle, about = None, self._columns
+        for row in csv_rows(self.path, self._text, self.on_read):
+            time_us = None if row is None else _time_us(self._text, row, about.time)
+            if vehicle is None:
+                vehicle = dated_vehicle(time_us or 0, checks_axes=about.checks_axes)
+                if (word := about.compass_calibrated) is not None:
+                    yield Parameter(vehicle.id, vehicle.arrival_us, COMPASS_CALIBRATED, word)
+            if row is None or time_us is None:
+                yield vehicle.malformed()
+            else:
+                vehicle.at(time_us)
+                yield from self._events(vehicle, row)
+        if vehicle is not None:
+            yield from vehicle.end()
 
     def _events(self, vehicle: LoggedVehicle, row: Sequence[str]) -> Iterator[Event]:
         """The events of a row; what is empty is not there, a row with no number for one counted."""
-        read, is_whole = dict[str, list[float]](), True
+        read, is_whole, number = dict[str, Any](), True, self._text.number
         for name, parts in self._columns.parts.items():
             try:
-                numbers = [factor * self._text.number(row[i]) for i, factor in parts]
+                numbers = tuple(factor * number(row[i]) for i, factor in parts)
             except (ValueError, IndexError):
                 is_whole = False
                 continue
             if not any(map(isnan, numbers)):
                 read[name] = numbers
-        velocity, place = _vector(read.get("velocity")), _vector(read.get("position"))
+        velocity, place = read.get("velocity"), read.get("position")
         if velocity is not None or place is not None:
-            yield from vehicle.fix(RECEIVER, Fix(velocity, position=place))
-        if (mag := _vector(read.get("magnetometer"))) is not None:
-            vehicle.put_mag(mag)
-        gyr, acc = _vector(read.get("gyroscope")), _vector(read.get("accelerometer"))
-        if gyr is not None and acc is not None:
-            yield from vehicle.imu(STREAM, gyr, acc)
+            at = None if place is None else (*place, 0.0)[:3]  # it may have no altitude
+            yield from vehicle.fix(RECEIVER, Fix(velocity, position=at))
+        if "magnetometer" in read:
+            vehicle.put_mag(read["magnetometer"])
+        if "gyroscope" in read and "accelerometer" in read:
+            yield from vehicle.imu(STREAM, read["gyroscope"], read["accelerometer"])
         for name, source in ATTITUDES:
             if name in read:
-                q = _quaternion(read[name])
+                angles = read[name]
+                q = unit_or_none(angles) if len(angles) == 4 else quaternion_from_euler(*angles)
                 if q is not None and name in self._columns.enu_flu:
                     q = ned_frd_from_enu_flu(q)
                 yield from vehicle.attitude(name, source, q)
         if not is_whole:
             yield vehicle.malformed()
-
-
-def _vector(numbers: list[float] | None) -> Vec3 | None:
-    """Three numbers; a place may have no altitude."""
-    if numbers is None:
-        return None
-    x, y, z = [*numbers, 0.0][:3]
-    return x, y, z
 
 
 def _time_us(text: CsvText, row: Sequence[str], parts: Sequence[Part]) -> int | None:
@@ -113,10 +102,3 @@ def _time_us(text: CsvText, row: Sequence[str], parts: Sequence[Part]) -> int | 
         return time_us if abs(time_us) < LATEST_US else None
     except (ValueError, IndexError, OverflowError):
         return None
-
-
-def _quaternion(numbers: Sequence[float]) -> Quaternion | None:
-    if len(numbers) == 4:
-        w, x, y, z = numbers
-        return unit_or_none((w, x, y, z))
-    return quaternion_from_euler(*numbers)

@@ -9,14 +9,16 @@ import csv
 import os
 import re
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from datetime import datetime
+from functools import partial
+from math import isnan, nan
 from pathlib import Path
-from typing import NamedTuple, TextIO
+from typing import NamedTuple
 
 from drivers.logs.log_file import READ_SIZE, OnRead
 from estimator.errors import InputError
 
+HEAD_SIZE = 65_536  # bytes that show how a table is written
 DELIMITERS = (",", ";", "\t", "|", " ")
 HEADING_LINES = 3  # sensors, axes and units may have a line each
 LEAST_NUMBERS = 6  # three rates, three accelerations; a time may be in words
@@ -47,12 +49,7 @@ class CsvText(NamedTuple):
         Raises:
             ValueError: it is something else.
         """
-        if field.strip().lower() in BLANKS:
-            return float("nan")
-        if self.has_decimal_comma:
-            field = THOUSANDS.sub("", field) if "," in field else field
-            field = field.replace(",", ".")
-        return float(field)
+        return _number(field, comma=self.has_decimal_comma)
 
 
 def csv_text(head: bytes) -> CsvText | None:
@@ -63,10 +60,9 @@ def csv_text(head: bytes) -> CsvText | None:
     return max(found, key=lambda text: text.numbers, default=None)
 
 
-@contextmanager
 def csv_rows(
     path: Path, text: CsvText, on_read: OnRead | None = None
-) -> Iterator[Iterator[list[str] | None]]:
+) -> Iterator[list[str] | None]:
     """The rows below the heading as lists of fields; None for one that cannot be read.
 
     ``on_read`` is called now and then with the number of the file's bytes that have been read.
@@ -74,25 +70,19 @@ def csv_rows(
     Raises:
         InputError: the file cannot be read.
     """
+    unreported = 0
     try:
         with path.open(encoding=text.encoding, errors="replace", newline="") as file:
-            lines = _lines(file, on_read)
-            for _ in range(text.lines_above):
-                next(lines, None)
-            rows = (_fields(line, text.delimiter) for line in lines)
-            yield (row for row in rows if row is None or row)
+            for number, line in enumerate(iter(partial(file.readline, LONGEST_LINE), "")):
+                unreported += len(line)
+                if on_read is not None and unreported > READ_SIZE:
+                    unreported = 0
+                    on_read(os.lseek(file.fileno(), 0, os.SEEK_CUR))
+                row = _fields(line, text.delimiter) if number >= text.lines_above else []
+                if row != []:
+                    yield row
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
-
-
-def _lines(file: TextIO, on_read: OnRead | None) -> Iterator[str]:
-    unreported = 0
-    while line := file.readline(LONGEST_LINE):
-        unreported += len(line)
-        if on_read is not None and unreported > READ_SIZE:
-            unreported = 0
-            on_read(os.lseek(file.fileno(), 0, os.SEEK_CUR))
-        yield line
 
 
 def _fields(line: str, delimiter: str) -> list[str] | None:
@@ -118,18 +108,17 @@ def _delimited(lines: Sequence[str], encoding: str, delimiter: str) -> CsvText |
     """The table with that delimiter, from its first row of numbers on."""
     rows = [_fields(line, delimiter) or [] for line in lines]
     for k, row in enumerate(rows):
-        has_comma = any(is_number(each, comma=True) and "," in each for each in row)
-        numbers, blanks = _count(row, comma=has_comma)
+        comma = any("," in each and is_number(each, comma=True) for each in row)
+        numbers, blanks = _count(row, comma=comma)
         if numbers < LEAST_NUMBERS or 2 * (numbers + blanks) < len(row):
             continue
         below = next(filter(None, rows[k + 1 :]), row)
-        if len(below) > LEAST_NUMBERS and not _count(below, comma=has_comma)[0]:
+        if len(below) > LEAST_NUMBERS and not _count(below, comma=comma)[0]:
             continue  # the heading is below, these are of a calibration
-        first = _first_row(rows, k, comma=has_comma)
-        above = [each for each in rows[:first] if each][-HEADING_LINES:]
+        first = _first_row(rows, k, comma=comma)
         heading: list[list[str]] = []
-        for each in reversed(above):
-            if abs(len(each) - len(row)) > 1 or any(is_number(f, comma=has_comma) for f in each):
+        for each in [*filter(None, rows[:first])][: -HEADING_LINES - 1 : -1]:
+            if abs(len(each) - len(row)) > 1 or any(is_number(f, comma=comma) for f in each):
                 break
             # without a name are a row's number before it, or an empty field behind it
             is_numbered = len(each) < len(row) and row[-1].strip() != ""
@@ -138,7 +127,7 @@ def _delimited(lines: Sequence[str], encoding: str, delimiter: str) -> CsvText |
             tuple(each[i].strip() if i < len(each) else "" for each in heading)
             for i in range(len(row))
         )
-        return CsvText(encoding, delimiter, has_comma, first, names, tuple(rows[first]), numbers)
+        return CsvText(encoding, delimiter, comma, first, names, tuple(rows[first]), numbers)
     return None
 
 
@@ -169,10 +158,16 @@ def is_date(field: str) -> bool:
 
 def is_number(field: str, *, comma: bool) -> bool:
     """Whether a field is a number, with a decimal ``comma`` or without."""
-    if comma and "," in field:
-        field = THOUSANDS.sub("", field)
     try:
-        float(field.replace(",", ".") if comma else field)
+        return not isnan(_number(field, comma=comma))
     except ValueError:
         return False
-    return field.strip().lower() != "nan"
+
+
+def _number(field: str, *, comma: bool) -> float:
+    """A field as a number; NaN for an empty one."""
+    if field.strip().lower() in BLANKS:
+        return nan
+    if comma:
+        field = (THOUSANDS.sub("", field) if "," in field else field).replace(",", ".")
+    return float(field)

@@ -10,6 +10,8 @@ are in degrees. Times count from boot, in us or, until 2015, in ms.
 import math
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from types import SimpleNamespace
+from typing import Any
 
 from drivers.events import Event, Heartbeat, ModeChange, Parameter, VehicleId
 from drivers.logs.dataflash_format import Row, messages
@@ -58,14 +60,23 @@ class Dataflash(LogFile):
                     yield from vehicle.decode(_events, *message)
             yield from vehicle.end()
 
-    def rows(self, names: frozenset[str]) -> Iterator[tuple[str, int, Row]]:
-        """Messages of those names that have a time: name, arrival and columns."""
+    def readings(self, names: frozenset[str]) -> Iterator[tuple[VehicleId, str, int, Any]]:
+        """Messages that have a time; see :meth:`LogFile.readings`."""
         with windowed(self.path) as window:
-            unix_us = _identity(window)[1]
+            system_id, unix_us = _identity(window)
         with windowed(self.path) as window:
             for name, row in filter(None, messages(window, names)):
                 with suppress(LookupError, TypeError, ValueError, OverflowError):
-                    yield name, unix_us + _time_us(name, row)[0], row
+                    arrival_us = unix_us + _time_us(name, row)[0]
+                    yield VehicleId(system_id, 1), name, arrival_us, SimpleNamespace(**row)
+
+    def advice(self, _system_id: int | None = None) -> str | None:
+        """See :meth:`LogFile.advice`."""
+        with windowed(self.path) as window:
+            names = {found[0] for found in messages(window, ("ATT", "IMU")) if found is not None}
+        if names != {"ATT"}:
+            return None
+        return "attitudes but no IMU message: set the IMU bit of LOG_BITMASK and log again"
 
 
 def _events(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:

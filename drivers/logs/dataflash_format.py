@@ -8,11 +8,11 @@ The reading goes forwards only and keeps nothing but the formats, so that no dam
 hang or grow. What is not followed by another message, or by the end, is passed over.
 """
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator
 from struct import Struct
 from typing import Any, NamedTuple
 
-from drivers.logs.log_file import MARGIN, Window
+from drivers.logs.log_file import Window
 
 HEAD = b"\xa3\x95"
 HEAD_SIZE = 3
@@ -42,44 +42,19 @@ class Format(NamedTuple):
 def messages(window: Window, wanted: Collection[str]) -> Iterator[tuple[str, Row] | None]:
     """(name, fields) of the messages of those names; None for each unreadable stretch."""
     formats = {FMT_TYPE: FMT}
-    unwanted: dict[int, int] = {}  # the lengths of those
 
-    def read(position: int) -> tuple[int, Sequence[tuple[str, Row] | None]] | None:
-        data = window.data
-        skipped = _skip(data, position, unwanted)
-        if skipped > position:
-            return skipped, ()
-        form = _sound(data, position, formats)
-        if form is None:
-            return None
-        end = position + form.length
-        if form is FMT:
-            is_known = _learn(formats, form.row(data, position))
-            unwanted.clear()
-            unwanted.update(
-                {k: f.length for k, f in formats.items() if f.name not in wanted and f is not FMT}
-            )
-            return end, () if is_known else (None,)
-        return end, ((form.name, form.row(data, position)),) if form.name in wanted else ()
+    def read(position: int, stop: int) -> tuple[list[tuple[str, Row] | None], int]:
+        data, found = window.data, list[tuple[str, Row] | None]()
+        while position < stop and (form := _sound(data, position, formats)) is not None:
+            if form is FMT:
+                if not _learn(formats, form.row(data, position)):
+                    found.append(None)
+            elif form.name in wanted:
+                found.append((form.name, form.row(data, position)))
+            position += form.length
+        return found, position
 
     return window.records(0, read, lambda at: _next_sound(window.data, at, formats))
-
-
-def _skip(data: bytes, position: int, lengths: dict[int, int]) -> int:
-    """The first place from ``position`` on that is no sound message of one of these lengths.
-
-    A log may hold millions of them, three bytes long each: little is done for one.
-    """
-    last = len(data) - MARGIN
-    while position < last and data[position] == HEAD[0] and data[position + 1] == HEAD[1]:
-        length = lengths.get(data[position + 2])
-        if length is None:
-            break
-        end = position + length
-        if data[end] != HEAD[0] or data[end + 1] != HEAD[1]:
-            break
-        position = end
-    return position
 
 
 def _sound(data: bytes, position: int, formats: dict[int, Format]) -> Format | None:

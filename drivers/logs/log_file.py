@@ -3,10 +3,10 @@
 import hashlib
 import logging
 from abc import abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import BinaryIO, TypeVar
+from typing import Any, BinaryIO, TypeVar
 
 from drivers.closing import Closing
 from drivers.events import Event, ImuInUse, VehicleId
@@ -14,7 +14,7 @@ from estimator.errors import InputError
 
 T = TypeVar("T")
 OnRead = Callable[[int], None]
-READ_SIZE = 1 << 22
+READ_SIZE = 1 << 20
 LATEST_US = 1 << 62  # differences between times must fit 64 bits
 MARGIN = 1 << 17  # bytes; longer than any message of a log that is read in pieces
 
@@ -44,6 +44,19 @@ class LogFile(Closing):
     @abstractmethod
     def __iter__(self) -> Iterator[Event]:
         """The events from the file's start."""
+
+    def readings(self, _names: frozenset[str]) -> Iterator[tuple[VehicleId, str, int, Any]]:
+        """Messages as logged: sender, name, arrival, and what has the fields as attributes.
+
+        None where the log's format is not known to have any that :mod:`other_sensors` asks for.
+        """
+        return iter(())
+
+    def advice(self, _system_id: int | None = None) -> str | None:
+        """One line for a log without IMU data: what there is instead, and how to get a better one.
+
+        None if there is not even an attitude (of that system), or an IMU message that is of no use.
+        """
 
     def close(self) -> None:
         """Do nothing: no file is held open between two readings."""
@@ -90,43 +103,42 @@ class Window:
     def records(
         self,
         position: int,
-        read: Callable[[int], tuple[int, Sequence[T | None]] | None],
+        read: Callable[[int, int], tuple[list[T | None], int]],
         search: Callable[[int], int | None],
     ) -> Iterator[T | None]:
         """What ``read`` finds from ``position`` on; None for each damaged stretch.
 
-        It gives where the record at a place of the data ends, and what it holds; None where no
-        sound one begins. ``search`` finds the next sound one then, from a place on.
+        It takes the sound records that begin before a place of the data, and returns where the next
+        one should begin. ``search`` finds the next sound one behind damage, from a place on.
         """
-        while True:
-            while self.is_near_end(position):
-                position = self.move(position)
-            if position >= len(self.data):
-                return
-            found = read(position)
-            if found is None:
+        while position < len(self.data) or not self.is_last:
+            stop = self._safe_end()
+            found, position = read(position, stop)
+            yield from found
+            if position < stop:
                 yield None
                 position = self._next(position + 1, search)
-            else:
-                position = found[0]
-                yield from found[1]
+            elif not self.is_last:
+                position = self.move(position)
 
     def _next(self, position: int, search: Callable[[int], int | None]) -> int:
         """Where the next sound record begins, or the data's end.
 
         One that begins near the end may go on behind it, so the data move on until it is found.
         """
-        while (start := search(position)) is None and not self.is_last:
-            position = self.move(max(position, len(self.data) - MARGIN))
-        return len(self.data) if start is None else start
+        while (start := search(position)) is None or start >= self._safe_end():
+            if self.is_last:
+                return len(self.data)
+            position = self.move(max(position, self._safe_end()))
+        return start
+
+    def _safe_end(self) -> int:
+        """Where the records end that are surely all there."""
+        return len(self.data) if self.is_last else len(self.data) - MARGIN
 
     def end(self) -> None:
         """Read no further."""
         self._file, self.is_last = None, True
-
-    def is_near_end(self, position: int) -> bool:
-        """Whether to move on before what is at ``position`` is looked at."""
-        return not self.is_last and position > len(self.data) - MARGIN
 
 
 @contextmanager

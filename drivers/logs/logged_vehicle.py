@@ -21,25 +21,6 @@ FIRST_DATE_US = 946_684_800_000_000  # the year 2000: smaller times count from s
 STALE_US = 200_000  # an older field that was logged beside no longer belongs to the sample after it
 
 
-class LogTime:
-    """What stands in for arrival times: the log's own times, but no step beyond a hole's length.
-
-    With the log's times as they are, a garbled one would pass for a gap of
-    years. The result is not meant to be published.
-    """
-
-    def __init__(self) -> None:
-        self._last_us: int | None = None
-        self._arrival_us = 0
-
-    def arrival_us(self, raw_us: int) -> int:
-        """The stand-in for the arrival of a message stamped ``raw_us``."""
-        if self._last_us is not None:
-            self._arrival_us += min(max(raw_us - self._last_us, 0), LONGEST_HOLE_US)
-        self._last_us = raw_us
-        return self._arrival_us
-
-
 class LoggedVehicle:
     """Takes one vehicle's readings, each with the time that :meth:`at` was given last.
 
@@ -66,7 +47,8 @@ class LoggedVehicle:
         self.uses_first_filter = True  # of several that the log shows of
         self._unix_us, self._begin_us = unix_us, begin_us
         self._stamp = Stamp(TimeField.TIME_USEC, 0, unix_us)
-        log_time = None if has_arrivals else LogTime().arrival_us
+        self._log_us: tuple[int | None, int] = None, 0  # the latest time, and its arrival
+        log_time = None if has_arrivals else self._log_arrival_us
         self._intake = Intake(vehicle, log_time, counts_from_boot=counts_from_boot)
         self._intake.checks_axes = checks_axes
         self._mag_gauss = ZERO_VEC3  # the latest reading, zero where that was no number
@@ -155,9 +137,16 @@ class LoggedVehicle:
         )
         return self._intake.fix(name, self._stamp, of_floats)
 
-    def report(self, name: str, sample_at: Callable[[int], Any]) -> list[Event]:
-        """What something beside the IMU has measured; see :meth:`Intake.report`."""
-        return self._intake.report(name, self._stamp, sample_at)
+    def _log_arrival_us(self, raw_us: int) -> int:
+        """What stands in for the arrival: the log's own time, but no step beyond a hole's length.
+
+        With the log's times as they are, a garbled one would pass for a gap of years.
+        """
+        last_us, arrival_us = self._log_us
+        if last_us is not None:
+            arrival_us += min(max(raw_us - last_us, 0), LONGEST_HOLE_US)
+        self._log_us = raw_us, arrival_us
+        return arrival_us
 
 
 def dated_vehicle(

@@ -63,7 +63,6 @@ class McapChannels:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.connections: list[Channel] = []
-        self.others: list[Channel] = []  # which no decoder is for
 
     def open(self) -> None:
         """Look what there is; a file without an index is read through for it."""
@@ -97,7 +96,7 @@ class McapChannels:
         except Exception:  # it may end within a message
             if not seen:
                 raise
-        self.connections, self.others = [], []
+        self.connections = []
         for channel, schema, count in seen.values():
             self._add(channel, schema, count)
 
@@ -121,6 +120,6 @@ class McapChannels:
         encoding, title = channel.message_encoding, "" if schema is None else schema.name
         package, _, name = title.rpartition("/")
         kind = f"{package.removesuffix('/msg')}/msg/{name}" if package else title
-        is_read = schema is not None and encoding in ENCODINGS
-        place = self.connections if is_read else self.others
-        place.append(Channel(channel.id, channel.topic, kind, count, encoding))
+        if schema is None or encoding not in ENCODINGS:
+            kind += f", {encoding}"  # which no decoder is for
+        self.connections.append(Channel(channel.id, channel.topic, kind, count, encoding))

@@ -5,19 +5,21 @@ frame. Recorders put a link number into the two low bits, write garbage, and
 sometimes a time from another age; none of that stops the reading.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from drivers.events import Event, Malformed
+from drivers.events import Event, Malformed, VehicleId
 from drivers.logs.log_file import LATEST_US, LogFile, Window, windowed
-from drivers.mavlink.constants import mavlink
+from drivers.mavlink.constants import is_autopilot, mavlink
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.framing import Data, FieldReader, Frame, FrameFormat, frame_end
 from drivers.mavlink.gate import FrameGate, Policy
+from drivers.mavlink.messages import IMU_MESSAGES, message_to_ask_for
 from estimator.errors import InputError
 
 STAMP_SIZE = 8
+ATTITUDES = ("ATTITUDE", "ATTITUDE_QUATERNION")
 ONE_PEER = ""  # a log does not name who sent a frame
 
 ORDINARY_STEP_US = 10 * 1_000_000  # a stamp further from the last counts if the next is near it
@@ -90,13 +92,37 @@ class Tlog(LogFile):
                 yield from gate.take_refused(arrival_us)
         yield from decoder.end()
 
-    def messages(self, wanted: frozenset[int]) -> Iterator[tuple[int, Frame, Any]]:
-        """Messages of those numbers: arrival, frame, and what has its fields as attributes."""
-        reader = FieldReader()
-        for arrival_us, frame in self._frames(wanted):
+    def readings(self, names: frozenset[str]) -> Iterator[tuple[VehicleId, str, int, Any]]:
+        """Messages as they were sent; see :meth:`LogFile.readings`."""
+        kinds, reader = mavlink().mavlink_map, FieldReader()
+        numbers = {number: kind.msgname for number, kind in kinds.items() if kind.msgname in names}
+        for arrival_us, frame in self._frames(frozenset(numbers)):
             fields = None if frame is None else reader.fields(frame)
             if frame is not None and fields is not None:
-                yield arrival_us, frame, fields
+                sender = VehicleId(frame.system_id, frame.component_id)
+                yield sender, numbers[frame.message_id], arrival_us, fields
+
+    def advice(self, _system_id: int | None = None) -> str | None:
+        """See :meth:`LogFile.advice`."""
+        attitude = autopilot = None
+        imus = {imu.name for imu in IMU_MESSAGES.values()}
+        for sender, name, _, m in self.readings(frozenset({"HEARTBEAT", *ATTITUDES, *imus})):
+            if _system_id not in (None, sender.system_id):
+                continue
+            if name == "HEARTBEAT":
+                autopilot = m.autopilot if is_autopilot(m.autopilot, m.type) else autopilot
+            elif name in ATTITUDES:
+                attitude = name
+            else:
+                return None
+        if attitude is None:
+            return None
+        message = message_to_ask_for(autopilot)
+        return (
+            f"{attitude} but no IMU message: ask for {message.name}: {message.setting}, "
+            f"MAV_CMD_SET_MESSAGE_INTERVAL of message {message.number}, or fuzzbee run URL "
+            "--request-rate 50 --record FILE"
+        )
 
     def _frames(self, wanted: frozenset[int]) -> Iterator[tuple[int, Frame | None]]:
         with windowed(self.path, self.on_read) as window:
@@ -117,19 +143,25 @@ def tlog_records(
     frames = FrameFormat(gap=STAMP_SIZE)
     wanted = frozenset(mavlink().mavlink_map) if wanted is None else wanted
 
-    def read(position: int) -> tuple[int, Sequence[tuple[int, Frame] | None]] | None:
-        data, start = window.data, position + STAMP_SIZE
-        if start >= len(data):
-            return len(data), ()
-        end = frame_end(data, start)
-        if end is None or end > len(data):
-            return None
-        frame = frames.frame(data, start, end)
-        if frame is None:
-            return (end, (None,)) if frames.is_followed(data, end) else None
-        if frame.message_id not in wanted:
-            return end, ()
-        return end, ((min(int.from_bytes(data[position:start], "big"), LATEST_US), frame),)
+    def read(position: int, stop: int) -> tuple[list[tuple[int, Frame] | None], int]:
+        data, found = window.data, list[tuple[int, Frame] | None]()
+        while position < stop:
+            start = position + STAMP_SIZE
+            if start >= len(data):
+                return found, len(data)
+            end = frame_end(data, start)
+            if end is None or end > len(data):
+                break
+            frame = frames.frame(data, start, end)
+            if frame is not None and frame.message_id in wanted:
+                stamp_us = int.from_bytes(data[position:start], "big")
+                found.append((min(stamp_us, LATEST_US), frame))
+            elif frame is None:
+                if not frames.is_followed(data, end):
+                    break
+                found.append(None)
+            position = end
+        return found, position
 
     def search(position: int) -> int | None:
         start = frames.next_start(window.data, position + STAMP_SIZE)

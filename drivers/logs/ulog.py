@@ -9,12 +9,12 @@ arming. All are SI and FRD/NED already, fields in gauss, times in us since boot.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from drivers.events import Event, Heartbeat, ModeChange, Parameter, Rejected, VehicleId
 from drivers.logs.log_file import LATEST_US, LogFile, windowed
 from drivers.logs.logged_vehicle import LoggedVehicle
-from drivers.logs.ulog_format import TIMES, Found, Row, UlogReader
+from drivers.logs.ulog_format import Found, Row, UlogReader
 from drivers.mavlink.constants import GPS_FIX_TYPE_3D_FIX, MAV_AUTOPILOT_PX4
 from drivers.samples.navigation import Fix, unit_or_none
 from drivers.samples.vehicle_clock import LEAST_BACK_US, REORDERED_US
@@ -49,7 +49,7 @@ class Ulog(LogFile):
     def __iter__(self) -> Iterator[Event]:
         try:
             with windowed(self.path, self.on_read) as window:
-                overview = _look_over(UlogReader(window, WANTED))
+                overview = _look_over(UlogReader(window, CLOCKS))
             with windowed(self.path, self.on_read) as window:
                 log = UlogReader(window, WANTED)
                 system_id = _in_byte(overview.parameters.get("MAV_SYS_ID"), 1)
@@ -91,30 +91,26 @@ def _head(vehicle: LoggedVehicle, parameters: dict[str, float]) -> Iterator[Even
 
 
 def _sensor_combined(vehicle: LoggedVehicle, topic: str, row: Row) -> list[Event]:
-    gyr, acc = _vector(row, "gyro_rad[{}]"), _vector(row, "accelerometer_m_s2[{}]")
-    return vehicle.imu(topic, gyr, acc)
+    return vehicle.imu(topic, row["gyro_rad"], row["accelerometer_m_s2"])
 
 
 def _vehicle_imu(vehicle: LoggedVehicle, topic: str, row: Row) -> list[Event]:
     angle_s, velocity_s = row["delta_angle_dt"] * 1e-6, row["delta_velocity_dt"] * 1e-6
     if angle_s <= 0 or velocity_s <= 0:
         return [Rejected(vehicle.id, vehicle.arrival_us, Reason.NO_INTERVAL, topic)]
-    turn, push = _vector(row, "delta_angle[{}]"), _vector(row, "delta_velocity[{}]")
-    gyr = (turn[0] / angle_s, turn[1] / angle_s, turn[2] / angle_s)
-    acc = (push[0] / velocity_s, push[1] / velocity_s, push[2] / velocity_s)
-    return vehicle.imu(topic, gyr, acc)
+    roll, pitch, yaw = (turn / angle_s for turn in row["delta_angle"])
+    x, y, z = (push / velocity_s for push in row["delta_velocity"])
+    return vehicle.imu(topic, (roll, pitch, yaw), (x, y, z))
 
 
 def _mag(vehicle: LoggedVehicle, _topic: str, row: Row) -> list[Event]:
     is_raw = "x" in row  # the driver's own topic
-    return vehicle.put_mag(
-        (row["x"], row["y"], row["z"]) if is_raw else _vector(row, "magnetometer_ga[{}]")
-    )
+    return vehicle.put_mag((row["x"], row["y"], row["z"]) if is_raw else row["magnetometer_ga"])
 
 
 def _attitude(vehicle: LoggedVehicle, topic: str, row: Row) -> list[Event]:
-    q = unit_or_none((row["q[0]"], row["q[1]"], row["q[2]"], row["q[3]"]))
-    return vehicle.attitude(topic, "sim" if topic == TRUTH_TOPIC else "autopilot", q)
+    source: Literal["sim", "autopilot"] = "sim" if topic == TRUTH_TOPIC else "autopilot"
+    return vehicle.attitude(topic, source, unit_or_none(row["q"]))
 
 
 def _local_position(vehicle: LoggedVehicle, topic: str, row: Row) -> list[Event]:
@@ -182,7 +178,8 @@ TOPICS = {
     "vehicle_status": Topic(_status, ("arming_state",)),
     **dict.fromkeys(GPS_TOPICS, Topic(_gps, GPS)),
 }
-WANTED = {name: frozenset((*TIMES, *topic.fields)) for name, topic in TOPICS.items()}
+WANTED = {name: frozenset(topic.fields) for name, topic in TOPICS.items()}
+CLOCKS = dict.fromkeys(TOPICS, frozenset({"time_utc_usec"}))
 
 
 def _look_over(log: UlogReader) -> _Overview:
@@ -269,10 +266,6 @@ def _with_epochs(rows: Iterable[Found]) -> Iterator[tuple[int, Found]]:
             latest_us[row.topic] = row.time_us, last_us
         yield epoch, row
     yield from ((epoch, each) for topic in behind.values() for each in topic)
-
-
-def _vector(row: Row, field: str) -> Vec3:
-    return (row[field.format(0)], row[field.format(1)], row[field.format(2)])
 
 
 def _position(row: Row) -> Vec3:

@@ -10,8 +10,8 @@ definitions. After damage it goes on with the next message that cannot be an acc
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from struct import Struct, error
+from collections.abc import Iterator, Mapping
+from struct import Struct, calcsize, error
 from typing import Any, NamedTuple
 
 from drivers.logs.log_file import LATEST_US, Window
@@ -25,7 +25,6 @@ KNOWN_TYPES = frozenset(b"ABCDFILMOPQRS")
 TELLING_TYPES = re.compile(b"[ADF]")  # whose bodies show whether they are such messages
 DATA_APPENDED = 1  # the only incompatible flag that this reader knows
 LARGEST_BODY = 0xFFFF
-DEEPEST = 8  # levels of formats within formats
 LONGEST_NAME = 128
 # Possessive quantifiers (++) never try again with less, so garbage costs no time
 FORMAT_BODY = re.compile(rb"\w{1,128}+:(?:[\w\[\]]{1,128}+ \w{1,128}+;)++", re.ASCII)
@@ -47,7 +46,7 @@ class Field(NamedTuple):
 
 
 class Found(NamedTuple):
-    """A row of a topic, and its time; elements of arrays are ``name[0]`` ..."""
+    """A row of a topic, and its time; the fields are numbers, or tuples of them."""
 
     time_us: int
     topic: str
@@ -55,22 +54,24 @@ class Found(NamedTuple):
 
 
 class Table(NamedTuple):
-    """Where the wanted fields of a topic are in its rows."""
+    """Where the times and the wanted fields of a topic are in its rows."""
 
     topic: str
-    names: tuple[str, ...]
     layout: Struct
+    times: tuple[int, ...]  # among the numbers of the layout
+    fields: tuple[tuple[str, int | slice], ...]
 
-    def found(self, body: bytes) -> Found | None:
-        """A row; None if it has no time, or is shorter than what is wanted of it."""
-        try:
-            row = dict(zip(self.names, self.layout.unpack_from(body), strict=True))
-        except error:
+    def found(self, data: bytes, position: int) -> Found | None:
+        """The row at ``position``; None if it has no time."""
+        numbers, time_us = self.layout.unpack_from(data, position), 0
+        for place in self.times:
+            time_us = time_us or numbers[place]
+        if not 0 < time_us < LATEST_US:
             return None
-        time_us = next((row[name] for name in TIMES if row.get(name)), 0)
-        if not isinstance(time_us, int) or not 0 < time_us < LATEST_US:
-            return None
-        return Found(time_us, self.topic, row)
+        return Found(time_us, self.topic, {name: numbers[place] for name, place in self.fields})
+
+
+NO_ROWS: tuple[range, Table | None] = range(0), None
 
 
 class UlogReader:
@@ -85,7 +86,7 @@ class UlogReader:
         self.parameters: dict[str, float] = {}
         self._window, self._wanted = window, wanted
         self._formats: dict[str, tuple[Field, ...]] = {}
-        self._sizes: dict[str, int | None] = {}
+        self._sizes: dict[str, int | None] = {k: calcsize("<" + c) for k, c in CODES.items()}
         # by number: the sizes that a row may have, and its table; None for topics not wanted
         self._subscribed: dict[int, tuple[range, Table | None]] = {}
         # where in the file data were appended: a message may end short of it
@@ -99,61 +100,72 @@ class UlogReader:
         """
         return self._window.records(FILE_HEAD_SIZE, self._read, self._next_telling)
 
-    def _read(self, position: int) -> tuple[int, Sequence[Found | None]] | None:
-        """What the message at ``position`` gives, and its end; None if there is none."""
-        data = self._window.data
-        end = self._end(position)
-        stop = len(data) if end is None else end
-        appended = (at - self._window.offset for at in self._breaks)
-        cut = min((at for at in appended if position < at < stop), default=None)
-        if cut is not None:
-            return cut, ()
-        if end is None or not self._begins_message(end):
-            if not data.startswith(MAGIC, position):
-                return None
-            self._window.end()  # another log is behind this one, with times of its own
-            return len(data), (None,)
-        kind, start = data[position + 2], position + HEAD.size
-        if kind != ROW:
-            return end, () if self._takes(kind, data[start:end]) else (None,)
-        sizes, table = self._subscribed.get(_number(data, start), (range(0), None))
-        if end - start - NUMBER_SIZE not in sizes:
-            return end, (None,)
-        return end, () if table is None else (table.found(data[start + NUMBER_SIZE : end]),)
+    def _read(self, position: int, stop: int) -> tuple[list[Found | None], int]:
+        """The rows of the messages from ``position`` to ``stop``, and where they end."""
+        data, found = self._window.data, list[Found | None]()
+        while position < stop:
+            end = self._end(data, position)
+            if self._breaks and (cut := self._break(position, end or len(data))):
+                position = cut
+                continue
+            if end is None or not self._begins_message(data, end):
+                if not data.startswith(MAGIC, position):
+                    break
+                self._window.end()  # another log is behind this one, with times of its own
+                return [*found, None], len(data)
+            start = position + HEAD.size
+            if data[position + 2] != ROW:
+                if not self._takes(data[position + 2], data[start:end]):
+                    found.append(None)
+            else:
+                sizes, table = self._subscribed.get(data[start] | data[start + 1] << 8, NO_ROWS)
+                if end - start - NUMBER_SIZE not in sizes:
+                    found.append(None)
+                elif table is not None:
+                    found.append(table.found(data, start + NUMBER_SIZE))
+            position = end
+        return found, position
 
-    def _end(self, position: int) -> int | None:
+    def _break(self, begin: int, end: int) -> int | None:
+        """The first place between the two where data were appended."""
+        places = (at - self._window.offset for at in self._breaks)
+        return min((at for at in places if begin < at < end), default=None)
+
+    def _end(self, data: bytes, position: int) -> int | None:
         """Where the message at ``position`` ends; None if there is none, or not all of it."""
-        data = self._window.data
         if position + HEAD.size > len(data):
             return None
         size, kind = HEAD.unpack_from(data, position)
-        end = position + HEAD.size + int(size)
+        end: int = position + HEAD.size + size
         return end if size and kind in KNOWN_TYPES and end <= len(data) else None
 
-    def _begins_message(self, position: int) -> bool:
-        data = self._window.data
+    def _begins_message(self, data: bytes, position: int) -> bool:
         if position + HEAD.size > len(data):
             return True  # the data end here, and nothing says otherwise
-        is_break = position + self._window.offset in self._breaks
-        return is_break or data.startswith(MAGIC, position) or data[position + 2] in KNOWN_TYPES
+        return (
+            data[position + 2] in KNOWN_TYPES
+            or position + self._window.offset in self._breaks
+            or data.startswith(MAGIC, position)
+        )
 
     def _next_telling(self, position: int) -> int | None:
         """Where the next message is that shows by its body that it is one."""
-        for found in TELLING_TYPES.finditer(self._window.data, position + 2):
+        data = self._window.data
+        for found in TELLING_TYPES.finditer(data, position + 2):
             start = found.start() - 2
-            if self._window.is_near_end(start):
-                return None
-            end = self._end(start)
-            if end is not None and self._is_sound(start, end) and self._begins_message(end):
+            end = self._end(data, start)
+            if end is not None and self._is_sound(data, start, end):
                 return start
         return None
 
-    def _is_sound(self, position: int, end: int) -> bool:
-        data, start = self._window.data, position + HEAD.size
-        if data[position + 2] == ROW:
-            sizes, _ = self._subscribed.get(_number(data, start), (range(0), None))
+    def _is_sound(self, data: bytes, position: int, end: int) -> bool:
+        kind, start = data[position + 2], position + HEAD.size
+        if not self._begins_message(data, end):
+            return False
+        if kind == ROW:
+            sizes, _ = self._subscribed.get(_number(data, start), NO_ROWS)
             return end - start - NUMBER_SIZE in sizes
-        if data[position + 2] == FORMAT:
+        if kind == FORMAT:
             return FORMAT_BODY.fullmatch(data, start, end) is not None
         is_short = end - start <= 3 + LONGEST_NAME
         return is_short and data[start + 3 : end].decode("latin-1") in self._formats
@@ -169,7 +181,7 @@ class UlogReader:
                 return self._parameter(body)
             if kind == FLAGS:
                 self._flags(body)
-        except (error, IndexError, UnicodeDecodeError):
+        except (error, IndexError, UnicodeDecodeError, RecursionError):
             return False
         return True
 
@@ -183,7 +195,7 @@ class UlogReader:
 
     def _subscribe(self, instance: int, number: int, name: str) -> bool:
         size = self._size(name)
-        if size is None:
+        if size is None or name not in self._formats:
             return False
         last = self._formats[name][-1]  # padding at a row's end may be left out
         padding = self._bytes(last) if last.name.startswith("_padding") else 0
@@ -194,39 +206,39 @@ class UlogReader:
         return True
 
     def _table(self, topic: str, wanted: frozenset[str]) -> Table:
-        names: list[str] = []
-        codes: list[str] = []
-        needed = 0  # how much of the row: up to the last wanted field, the rest may be missing
+        layout, end, count = "<", 1, 0  # what is behind the last wanted field may be missing
+        times: dict[str, int] = {}
+        fields: list[tuple[str, int | slice]] = []
         for field in self._formats[topic]:
             kind, elements, name = field
-            if name in wanted and kind in CODES:
-                names += [f"{name}[{k}]" for k in range(elements)] if elements else [name]
-                codes.append(f"{elements or 1}{CODES[kind]}")
-                needed = len(codes)
+            if name in TIMES and kind in INTEGERS and not elements:
+                times[name] = count
+            elif name in wanted and kind in CODES:
+                fields.append((name, slice(count, count + elements) if elements else count))
             else:
-                codes.append(f"{self._bytes(field)}x")
-        return Table(topic, tuple(names), Struct("<" + "".join(codes[:needed])))
+                layout += f"{self._bytes(field)}x"
+                continue
+            count += elements or 1
+            layout += f"{elements or 1}{CODES[kind]}"
+            end = len(layout)
+        in_order = tuple(times[name] for name in TIMES if name in times)
+        return Table(topic, Struct(layout[:end]), in_order, tuple(fields))
 
     def _bytes(self, field: Field) -> int:
         return (self._size(field.kind) or 0) * (field.elements or 1)
 
-    def _size(self, kind: str, depth: int = 0) -> int | None:
+    def _size(self, kind: str) -> int | None:
         """Bytes of a type; None if it is unknown, within itself, or longer than a message.
 
         A format is looked at once, and one within itself is unknown meanwhile.
         """
-        if kind in CODES:
-            return Struct("<" + CODES[kind]).size
-        if depth >= DEEPEST or kind not in self._formats:
-            return None
-        if kind not in self._sizes:
+        if kind not in self._sizes and kind in self._formats:
             self._sizes[kind] = None
             fields = self._formats[kind]
-            parts = [(self._size(each.kind, depth + 1), each.elements or 1) for each in fields]
-            known = [size * count for size, count in parts if size is not None]
-            if len(known) == len(parts) and sum(known) <= LARGEST_BODY:
-                self._sizes[kind] = sum(known)
-        return self._sizes[kind]
+            if all(self._size(each.kind) is not None for each in fields):
+                size = sum(self._bytes(each) for each in fields)
+                self._sizes[kind] = size if size <= LARGEST_BODY else None
+        return self._sizes.get(kind)
 
     def _parameter(self, body: bytes) -> bool:
         size = body[0]

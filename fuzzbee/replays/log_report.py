@@ -12,7 +12,6 @@ import numpy as np
 from msgspec.structs import replace
 
 from drivers.logs.log_file import LogFile
-from drivers.logs.missing_imu import advice
 from drivers.logs.open import open_log
 from drivers.logs.reference_track import attitudes_at
 from drivers.mavlink.constants import autopilot_name, vehicle_type_name
@@ -105,7 +104,7 @@ def replay_log(
     if trace is None:
         whose = "" if how.system_id is None else f" of system id {how.system_id}"
         none = f"no IMU data{whose} that can be used{_seen_text(replay)}"
-        raise InputError(f"{path}: {replay.why_empty or advice(log, how.system_id) or none}")
+        raise InputError(f"{path}: {replay.why_empty or log.advice(how.system_id) or none}")
     if (refused := refused_text(trace)) is not None:
         notify(refused)
     if how.smooth:

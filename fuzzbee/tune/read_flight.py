@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.logs.missing_imu import advice
 from drivers.logs.open import open_log
 from drivers.logs.time_window import WHOLE_LOG, TimeWindow
 from estimator.errors import InputError
@@ -52,7 +51,7 @@ def read_flight(
         replay.run(log)
     trace = replay.longest(2)
     if trace is None:
-        why = replay.why_empty or advice(log) or "no usable IMU data in this log"
+        why = replay.why_empty or log.advice() or "no usable IMU data in this log"
         raise InputError(f"{path}: {why}")
     recorder = replay.estimator(trace.address)
     assert isinstance(recorder, LoggedEstimator)

@@ -17,7 +17,6 @@ import numpy as np
 import pytest
 
 from drivers.events import Imu, Report, VehicleId
-from drivers.logs.missing_imu import advice
 from drivers.logs.open import open_log
 from drivers.mavlink.constants import mavlink
 from drivers.mavlink.decoder import MavlinkDecoder
@@ -144,7 +143,7 @@ def test_a_log_is_replayed_and_the_source_turns_the_estimate(tmp_path):
     with_it = replay(tlog(tmp_path / "with.tlog"), PROFILE)
     without = replay(tlog(tmp_path / "without.tlog", heading=False), PROFILE)
     with open_log(tmp_path / "with.tlog") as log:
-        assert advice(log) is None  # it does not lack an IMU
+        assert log.advice() is None  # it does not lack an IMU
     assert [*with_it.report.imu.messages] == ["HIL_SENSOR"]
     late = slice(len(with_it.attitudes.time_s) // 2, None)
     turned = yaw_difference(with_it.attitudes.q_ned_frd[late], without.attitudes.q_ned_frd[late])

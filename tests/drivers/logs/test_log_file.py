@@ -9,13 +9,15 @@ from pathlib import Path
 
 import pytest
 
-from drivers.events import Imu
+from drivers.events import Imu, Malformed
 from drivers.logs.log_file import windowed
 from drivers.logs.open import imu_events, open_log
+from drivers.mavlink.constants import mavlink
 from estimator.errors import InputError
 from tests.drivers.logs import test_dataflash, test_ulog
 
 DATA = Path(__file__).parents[2] / "data"
+LINK = mavlink().MAVLink(None, 1, 1)
 ONE = {"IMU", "RAW_IMU", "sensor_combined"}  # of several that a log has
 
 
@@ -64,6 +66,31 @@ def test_flipped_bits_and_a_cut_give_what_can_be_read_or_one_line(tmp_path, capf
         assert len(times_us) > least
         assert all(a < b for a, b in pairwise(times_us))
     assert capfd.readouterr() == ("", "")
+
+
+def test_each_record_between_damaged_stretches_is_found(tmp_path):
+    """A search that begins a few bytes too late passes over one.
+
+    On-board logs' records count if another follows.
+    """
+    log, flight = test_dataflash.Writer(), test_ulog.Writer().sensors()
+    log.format("IMU", "Qffffff", "TimeUS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ")
+    stamp = (1_700_000_000_000_000).to_bytes(8, "big")
+    data = stamp + bytes(mavlink().MAVLink_heartbeat_message(2, 3, 0, 0, 0, 3).pack(LINK))
+    for k in range(40):
+        garbage = bytes(k % 2 * (1 + k % 12))
+        reading = (0.001 * k, 0.0, 0.0), (0.0, 0.0, -9.8)
+        log.write("IMU", 1_000_000 + 20_000 * k, *reading[0], *reading[1])
+        log.data += garbage
+        flight.sample(1_000_000 + 20_000 * k, *reading).data += garbage
+        imu = mavlink().MAVLink_raw_imu_message(1_000_000 + 20_000 * k, 0, 0, -1000, k, *5 * [0])
+        data += stamp + bytes(imu.pack(LINK)) + garbage
+    (tmp_path / "log.tlog").write_bytes(data)
+    paths = {log.save(tmp_path): 20, flight.save(tmp_path): 20, tmp_path / "log.tlog": 40}
+    for path, samples in paths.items():
+        events = list(open_log(path))
+        assert sum(isinstance(event, Imu) for event in events) == samples
+        assert sum(isinstance(event, Malformed) for event in events) in (19, 20)
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ from itertools import pairwise
 from pathlib import Path
 from statistics import median
 
+import numpy as np
 import pytest
 
 from drivers.events import (
@@ -99,8 +100,10 @@ def test_rows_and_parameters_agree_with_pyulog():
         assert len(found) == len(columns["timestamp"]) > 10
         for index, row in enumerate(found):
             for key, value in row.items():
-                same = float(columns[key][index]), float(value)
-                assert same[0] == same[1] or all(map(math.isnan, same))
+                is_array = isinstance(value, tuple)
+                names = [f"{key}[{k}]" for k in range(len(value))] if is_array else [key]
+                same = np.array([columns[name][index] for name in names], float)
+                assert np.array_equal(same, np.ravel(value), equal_nan=True)
 
 
 class Writer:
