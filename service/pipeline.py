@@ -95,9 +95,10 @@ class Pipeline:
     def imu_in_use(self, address: VehicleId) -> str | None:
         """The IMU message that is used of a vehicle; None while others may be better."""
         vehicle = self._vehicles.get(address)
-        if vehicle is None or vehicle.imu.message in vehicle.imu.choice.contradicted:
+        if vehicle is None:
             return None
-        return vehicle.imu.message
+        choice = vehicle.imu.choice
+        return None if choice.message in choice.contradicted else choice.message
 
     # --- events
 

@@ -7,6 +7,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 
 from estimator.compilation.compiled import build, called_kernels, is_compiled_code
 
@@ -50,6 +51,11 @@ def steady() -> Iterator[Callable[[int, float], None]]:
         gc.unfreeze()
 
 
+PR_SET_PDEATHSIG = 1  # from linux/prctl.h
+MADV_DONTNEED = 4  # from asm-generic/mman-common.h
+# Opened here, so that a child between fork and exec loads nothing
+_LIBRARY = ctypes.CDLL(None) if sys.platform.startswith("linux") else None
+
 ROOMS = ("estimator.live", "drivers.samples")
 BLAS = "scipy.linalg.cython_blas"
 
@@ -68,8 +74,19 @@ def load_kernels() -> None:
             for overload in kernel.overloads.values():
                 # 26 MB, with which only another kernel that calls it would be linked
                 overload.library._shared_module = None  # noqa: SLF001 - numba has no other way
-    with suppress(AttributeError, OSError, TypeError):  # only the GNU C library needs it
-        ctypes.CDLL(None).malloc_trim(0)  # 9 MB that loading has freed
+    if _LIBRARY is not None:
+        with suppress(AttributeError):  # only the GNU C library needs it
+            _LIBRARY.malloc_trim(0)  # 9 MB that loading has freed
+        _release_code(_LIBRARY, "libllvmlite.so")
+
+
+def _release_code(system: ctypes.CDLL, library: str) -> None:
+    """Give back the memory of a library's code, 26 MB of LLVM's; what still runs is read again."""
+    for line in Path("/proc/self/maps").read_text().splitlines():
+        span, access, *_ = line.split()
+        if access == "r-xp" and line.endswith(library):
+            begin, end = (int(bound, 16) for bound in span.split("-"))
+            system.madvise(ctypes.c_void_p(begin), ctypes.c_size_t(end - begin), MADV_DONTNEED)
 
 
 def _leave_out_scipy() -> None:
@@ -84,11 +101,6 @@ def _leave_out_scipy() -> None:
         importlib.import_module("numba.np.arraymath")
     finally:
         del sys.modules[BLAS]
-
-
-PR_SET_PDEATHSIG = 1  # from linux/prctl.h
-# Opened here, so that a child between fork and exec loads nothing
-_LIBRARY = ctypes.CDLL(None) if sys.platform.startswith("linux") else None
 
 
 def end_with_parent(number: int = signal.SIGKILL) -> None:

@@ -46,7 +46,8 @@ class Publishing:
         self.status_due_us = 0
         self._rate_hz = rate_hz
         self._period_us = 1e6 / rate_hz  # of the grid
-        self._due_us = 0.0  # of the next attitude, without the offset
+        self.due_us = 0.0  # when the next attitude is due
+        self._grid_us = 0.0  # the same without the offset
         self._offset_us = 0.0
         self.wake_us = 0.0  # when to look next, as far as was known at the last look
         self._samples = -1  # at the last attitude,
@@ -60,14 +61,15 @@ class Publishing:
         """An attitude was published, after so many samples: the grid moves on."""
         late_us = now_us - self.due_us
         if self.attitudes == 0 or abs(late_us) > 2e6:  # the first, or the clock was set
-            self._due_us, self._offset_us = now_us + self._period_us, 0.0
+            self._grid_us, self._offset_us = now_us + self._period_us, 0.0
         else:
             if samples != self._samples:
                 self._slide(late_us)
-            self._due_us += self._period_us
-            behind_us = now_us - self.due_us
+            self._grid_us += self._period_us
+            behind_us = now_us - (self._grid_us + self._offset_us)
             if behind_us >= self._period_us:  # some were missed while nobody could publish
-                self._due_us += behind_us // self._period_us * self._period_us
+                self._grid_us += behind_us // self._period_us * self._period_us
+        self.due_us = self._grid_us + self._offset_us
         self.attitudes += 1
         self._samples, self._attitude_us = samples, now_us
 
@@ -98,11 +100,6 @@ class Publishing:
         if not is_shedding or since_us is None or since_us <= 0:
             return self._rate_hz
         return min(self._rate_hz, round(1e6 * count / since_us, 1))
-
-    @property
-    def due_us(self) -> float:
-        """When the next attitude is due."""
-        return self._due_us + self._offset_us
 
     def is_attitude_due(self, now_us: int) -> bool:
         """Whether the next attitude is due; at once if the host's clock was set back."""

@@ -42,7 +42,7 @@ class ImuStream:
         self.last_sample: ImuSample | None = None  # in the body's axes
         self.last_arrival_us: int | None = None  # of any sample so far
         self._periods_us: deque[int] = deque(maxlen=PERIODS_KEPT)
-        self._median_us: float | None = None
+        self.median_period_us = 0.0  # of the message in use by the vehicle's clock; 0 if unknown
         self._shed = 0  # of the message in use
         self._shed_before: Counter[str] = Counter()  # of each message, until one is in use
         self._silent_since_us: int | None = None  # the last arrival before a reboot
@@ -56,14 +56,6 @@ class ImuStream:
     def shed(self) -> int:
         """Samples left out of the message in use; before there is one, the most of any."""
         return self._shed + max(self._shed_before.values(), default=0)
-
-    @property
-    def median_period_us(self) -> float:
-        """Median interval of the message in use on the vehicle's clock; 0 if unknown."""
-        if self._median_us is None:
-            periods = sorted(self._periods_us)
-            self._median_us = float(periods[len(periods) // 2]) if periods else 0.0
-        return self._median_us
 
     @property
     def median_rate_hz(self) -> float:
@@ -104,7 +96,7 @@ class ImuStream:
         if not is_chosen or before == event.message:
             return is_chosen, None
         self._periods_us.clear()
-        self._median_us = None
+        self.median_period_us = 0.0
         if before is None:
             self._shed += self._shed_before[event.message]
             self._shed_before.clear()
@@ -123,7 +115,8 @@ class ImuStream:
             if event.message == last.message:
                 self._periods_us.append(period_us)
                 if len(self._periods_us) < PERIODS_KEPT or self.samples % MEDIAN_EVERY == 0:
-                    self._median_us = None
+                    periods_us = sorted(self._periods_us)
+                    self.median_period_us = float(periods_us[len(periods_us) // 2])
         self.last, self.last_sample = event, sample
         self.samples += 1
 

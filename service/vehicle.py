@@ -50,6 +50,7 @@ class Vehicle:
         self.comparison = SecondOpinion()
         self.alarms = Alarms()
         self.publishing = Publishing(rate_hz, number)
+        self._use_axes()
         self._limit = LineLimit(f"vehicle {self.name}")
 
     @property
@@ -78,7 +79,7 @@ class Vehicle:
             self.others.take(event.message, event.arrival_us, gyr, acc, self.imu.last)
             return []
         lines = [] if replaced is None else self._change_message(replaced, event.message)
-        sample = self.profile.to_body_axes(event.sample)
+        sample = event.sample if self._to_body_axes is None else self._to_body_axes(event.sample)
         reason = self.estimator.update(sample)
         if reason is not None:
             self.rejected[reason] += 1
@@ -189,12 +190,12 @@ class Vehicle:
     def meets_grid(self, now_us: int) -> bool:
         """Whether the sample that was just taken is the one that the next attitude waits for."""
         period_us = self.imu.median_period_us
-        return self.state in HAS_ATTITUDE and self.publishing.meets(now_us, period_us)
+        return self.imu.state in HAS_ATTITUDE and self.publishing.meets(now_us, period_us)
 
     def schedule(self, now_us: int) -> None:
         """Note when to look at it next, if nothing of it arrives until then."""
         last_us = self.imu.last_arrival_us
-        if last_us is None or self.state not in HAS_ATTITUDE:
+        if last_us is None or self.imu.state not in HAS_ATTITUDE:
             due_us = float(now_us + LATE_MINIMUM_US)
         else:
             due_us = self.publishing.deadline_us(last_us, self.imu.median_period_us)
@@ -208,8 +209,8 @@ class Vehicle:
 
     def attitude(self, now_us: int) -> AttitudeRecord | None:
         """The attitude propagated to ``now_us``, for output only; None if there is none to give."""
-        last = self.imu.last
-        if last is None or self.state not in HAS_ATTITUDE:
+        last, state = self.imu.last, self.imu.state
+        if last is None or state not in HAS_ATTITUDE:
             return None
         taken_us = last.sample.time_us
         time_us, age_us = self.publishing.clock.propagated_to(
@@ -219,7 +220,7 @@ class Vehicle:
             self.estimator.attitude(time_us),
             time_unix_us=now_us,
             time_boot_us=last.boot_us + time_us - taken_us,
-            state=self.state,
+            state=state,
             age_us=age_us,
             sequence=self.publishing.attitudes,
         )
@@ -237,10 +238,15 @@ class Vehicle:
         """
         was = self.profile
         self.estimator.replace_profile(profile)
+        self._use_axes()
         self.alarms.restart()
         if (profile.mounting, profile.calibration) != (was.mounting, was.calibration):
             self.restart()
         self.alarms.profile_is_unfit = False
+
+    def _use_axes(self) -> None:
+        profile = self.profile
+        self._to_body_axes = None if profile.has_plain_imu else profile.to_body_axes
 
     def restart(self) -> None:
         """Align anew; what was remembered of the attitude before does not hold for the next."""

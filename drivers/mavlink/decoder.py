@@ -33,6 +33,7 @@ from drivers.mavlink.messages import (
     Received,
     imu_number,
     imu_number_offset,
+    imu_rank,
     imu_stream_name,
 )
 from drivers.places import PLACES
@@ -118,7 +119,6 @@ class MavlinkDecoder:
         }
         if texts:
             self._handlers[mav.STATUSTEXT_ID] = partial(self._unpacked, self._status_text)
-        self._imu_ranks = {imu.name: rank for rank, imu in enumerate(IMU_MESSAGES.values())}
         for number, imu in IMU_MESSAGES.items():
             is_numbered = imu_number_offset(number) is not None
             self._handlers[number] = partial(self._imu, imu, is_numbered)
@@ -167,7 +167,8 @@ class MavlinkDecoder:
         _, name, clock, vectors, *_ = message
         if self.imu_in_use is not None:
             sender.imu_us[name] = arrival_us
-            if self._is_behind(sender, name, self.imu_in_use(sender.id), arrival_us):
+            in_use = self.imu_in_use(sender.id)
+            if in_use not in (None, name) and self._is_behind(sender, name, in_use, arrival_us):
                 return self._other_imu(sender, frame, arrival_us)
         if (m := self._reader.fields(frame)) is None:
             return []
@@ -195,15 +196,13 @@ class MavlinkDecoder:
             return []
         return kind.events(sender.intake, Received(kind.name, m, arrival_us))
 
-    def _is_behind(self, sender: _Sender, name: str, in_use: str | None, arrival_us: int) -> bool:
+    def _is_behind(self, sender: _Sender, name: str, in_use: str, arrival_us: int) -> bool:
         """Whether an IMU message is not needed, as a better one is in use and comes."""
-        better = in_use.partition(":")[0] if in_use is not None else name
-        if better == name:
-            return False
+        better = in_use.partition(":")[0]
         last_us = sender.imu_us.get(better)
         if last_us is None or not 0 <= arrival_us - last_us < IMU_SILENT_US:
             return False
-        return self._imu_ranks.get(better, len(self._imu_ranks)) < self._imu_ranks[name]
+        return imu_rank(better) < imu_rank(name)
 
     def _other_imu(self, sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:
         """What an IMU that is not in use reads, twice a second; otherwise nothing is unpacked."""

@@ -230,6 +230,8 @@ class StreamCopies:
             is_repeat, is_proof = self._repeats(known, before, time_us, arrival_us)
             if is_proof:
                 self._late_peers[*address, peer] = arrival_us
+        if not known.proofs:
+            return None, is_repeat
         if self._is_late(known, frame.message_id, arrival_us - time_us, arrival_us):
             known.late_us = arrival_us
             return known.source, is_repeat

@@ -22,7 +22,7 @@ from drivers.mavlink.limits import MOST_WAITING, FrameQueue, RateLimits
 from drivers.mavlink.messages import IMU_MESSAGES
 from drivers.mavlink.outgoing import Outbound
 from drivers.mavlink.recorder import Recorder
-from drivers.mavlink.transports.transport import Packet, unix_us
+from drivers.mavlink.transports.transport import Packet
 from drivers.places import PLACES
 
 MOST_READERS = PLACES  # half-read frames of that many senders; the one silent for longest goes
@@ -67,7 +67,9 @@ class MavlinkLink(Closing):
         self._gate = FrameGate(policy)
         self._queue = FrameQueue(most_waiting)
         self._decoder = MavlinkDecoder(references=references)
-        self._outbound = Outbound(endpoint, request_rate_hz, policy, key)
+        self._outbound: Outbound | None = None  # nothing is sent
+        if request_rate_hz is not None or endpoint.kind == "udpout":
+            self._outbound = Outbound(endpoint, request_rate_hz, policy, key)
         self._events: list[Event] = []  # to be drained next
         self._malformed = 0  # the same, of unreadable frames
         self._look_s = 0.0  # when all that was there had been read
@@ -119,11 +121,12 @@ class MavlinkLink(Closing):
         """Events of what has arrived, after waiting at most ``timeout_s`` for the first."""
         if self._is_closed:
             return []
-        self._stop_ahead()
+        if self._ahead is not None:
+            self._stop_ahead()
         is_idle = not len(self._queue)
         if is_idle or time.monotonic() - self._look_s >= BUSY_REST_S:
             self._receive(timeout_s if is_idle and not self._events else 0.0)
-        now_us = unix_us()
+        now_us = time.time_ns() // 1000
         events = [*self._connection.take_events(), *self._events]
         self._events.clear()
         if self._malformed:
@@ -132,9 +135,10 @@ class MavlinkLink(Closing):
         for arrival_us, frame in self._queue.take(MOST_AT_ONCE):
             events += self._decoder.events(frame, arrival_us)
         events += self._queue.take_shed(now_us)
-        events += self._outbound.react(events, now_us)
-        for frame_bytes in self._outbound.take_frames(now_us):
-            self._connection.send(frame_bytes)
+        if self._outbound is not None:
+            events += self._outbound.react(events, now_us)
+            for frame_bytes in self._outbound.take_frames(now_us):
+                self._connection.send(frame_bytes)
         return events
 
     def _read_ahead(self) -> None:
@@ -159,7 +163,7 @@ class MavlinkLink(Closing):
         frames = sum([self._take(packet) for packet in packets])
         if packets:
             self._connection.note_read(sum([len(packet.data) for packet in packets]), frames)
-            now_us = unix_us()
+            now_us = time.time_ns() // 1000
             self._gate.keep(now_us)
             self._events += self._gate.take_refused(now_us)
 

@@ -1,11 +1,10 @@
 """What is left out when there is more to do than can be done, and that it ends."""
 
+import json
 import math
-import os
+import re
 import signal
 import socket
-import subprocess
-import sys
 import threading
 import time
 
@@ -24,6 +23,7 @@ from estimator.profile import load_profile
 from service.pipeline import Pipeline
 from service.runner import WINDOW_S, WINDOWS_TO_BEGIN, WINDOWS_TO_END, Overload, Runner
 from service.vehicle_status import Load
+from tests.fuzzbee.processes import free_port, started
 from tests.service.streams import ONE, START_US, attitudes, imu_events, statuses, texts
 
 
@@ -241,89 +241,41 @@ def test_what_piled_up_in_a_stop_is_taken():
     assert vehicle.imu.samples == pytest.approx(50 * 4.0, rel=0.05)
 
 
-def free_port():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
-
-
-STOPPED = """
-import sys
-from drivers.endpoint import parse_endpoint
-from drivers.mavlink.link import MavlinkLink
-from estimator.profile import load_profile
-from service.pipeline import Pipeline
-from service.records import Message, Published, StatusRecord
-from service.runner import Overload, Runner
-from service.signals import stop_on_signals
-from service.sinks.sink import Outbox
-from service.process import load_kernels
-
-load_kernels()
-
-class Printer:
-    name = "printer"
-    def handle(self, outputs):
-        for each in outputs:
-            if isinstance(each, Message):
-                print("said", each.text, flush=True)
-            elif isinstance(each, Published) and not isinstance(each.record, StatusRecord):
-                a = each.record
-                print("attitude", a.time_unix_us, a.age_ms, a.state, flush=True)
-    def close(self):
-        pass
-
-with MavlinkLink(parse_endpoint(f"udpin:127.0.0.1:{sys.argv[1]}")) as link, \\
-        Outbox([Printer()]) as outbox:
-    pipeline = Pipeline(load_profile("paper"))
-    runner = Runner(link, pipeline, outbox, rate_hz=50.0, overload=Overload())
-    with stop_on_signals(runner.stop):
-        print("ready", flush=True)
-        runner.run()
-vehicle, = pipeline.vehicles
-print("counts", vehicle.imu.samples, vehicle.imu.shed, vehicle.rejected.total(), link.lost)
-"""
+def read_until(process, pattern):
+    """A person's lines, up to one that fits."""
+    while not re.search(pattern, process.stderr.readline()):
+        assert process.poll() is None
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGSTOP"), reason="needs SIGSTOP")
 def test_a_process_that_is_stopped_takes_what_piled_up():
     """Each sample that was sent is in one count."""
-    port = free_port()
-    service = subprocess.Popen(
-        [sys.executable, "-c", STOPPED, str(port)], stdout=subprocess.PIPE, text=True
-    )
-
-    def await_attitude(begin_us=0):
-        """One that is published later than that; nobody's clock decides over it."""
-        for line in service.stdout:
-            word, *reported = line.split()
-            if word == "attitude" and int(reported[0]) > begin_us and reported[2] == "running":
-                return
-
-    while service.stdout.readline().strip() != "ready":
-        pass
-    connection = Connection(parse_endpoint(f"udpout:127.0.0.1:{port}"))
-    connection.open()
-    sent, send = [], connection.send
-    connection.send = lambda data: (sent.append(data), send(data))
-    fleet = Fleet(VehicleOptions(rate_hz=50.0), 1)
-    done = threading.Event()
-    vehicles = threading.Thread(target=run_vehicles, args=(fleet, connection, done.is_set, 60.0))
-    vehicles.start()
-    await_attitude()
-    time.sleep(0.5)  # what is sent by then tells how often samples come
-    os.kill(service.pid, signal.SIGSTOP)
-    time.sleep(1.5)
-    os.kill(service.pid, signal.SIGCONT)
-    await_attitude(time.time_ns() // 1000)
-    done.set()
-    vehicles.join()
-    await_attitude(time.time_ns() // 1000 + 200_000)
-    service.send_signal(signal.SIGINT)
-    output = service.communicate()[0].splitlines()
-    samples, shed, rejected, lost = map(int, output[-1].split()[1:])
+    port, sent = free_port(socket.SOCK_DGRAM), []
+    with started("run", f"udpin:127.0.0.1:{port}", "--no-zenoh", "--json") as process:
+        read_until(process, "listening")
+        connection = Connection(parse_endpoint(f"udpout:127.0.0.1:{port}"))
+        connection.open()
+        send = connection.send
+        connection.send = lambda data: (sent.append(data), send(data))
+        fleet, done = Fleet(VehicleOptions(rate_hz=50.0), 1), threading.Event()
+        vehicles = threading.Thread(
+            target=run_vehicles, args=(fleet, connection, done.is_set, 60.0)
+        )
+        vehicles.start()
+        read_until(process, "running  .* age [0-9]+ ms")
+        process.send_signal(signal.SIGSTOP)
+        time.sleep(1.5)
+        process.send_signal(signal.SIGCONT)
+        read_until(process, "running  .* age [0-9]+ ms")
+        done.set()
+        vehicles.join()
+        connection.close()
+        read_until(process, r"age [1-9][0-9.]* s")  # everything has been read by then
+        process.send_signal(signal.SIGINT)
+        result = json.loads(process.communicate()[0])
+    counted = result["vehicles"]["1"]
     frames = [frame for data in sent for frame in FrameReader().feed(data)]
     imu = sum(frame.message_id == RAW_IMU_ID for frame in frames)
-    assert lost == 0
-    assert 0 <= imu - samples - shed - rejected <= 1  # one waits for the next
-    assert shed == 0
+    assert (result["lost"], counted["shed"]) == (0, 0)
+    # one waits for the next
+    assert 0 <= imu - counted["samples"] - sum(counted["rejected"].values()) <= 1

@@ -176,7 +176,7 @@ def test_silence_degrades_then_loses_and_slow_streams_are_given_more_time(
 ):
     stream = ImuStream()
     assert stream.state_at(10**12) is State.WAITING
-    stream._median_us, stream.last_arrival_us = float(period_us), 10**9
+    stream.median_period_us, stream.last_arrival_us = float(period_us), 10**9
     assert (stream.late_after_us, stream.lost_after_us) == (late_us, lost_us)
     late_us, lost_us = 10**9 + int(late_us), 10**9 + int(lost_us)
     times_us = [0, late_us - 1, late_us, lost_us - 1, lost_us]  # 0: the host's clock was set back

@@ -81,7 +81,7 @@ class _Udp(Transport):
         assert self._socket is not None
         datagrams: list[tuple[bytes, Any, int]] = []
         read, own = _read_stamped if IS_LINUX else _read, self._socket
-        own.settimeout(timeout_s)
+        own.settimeout(max(0.0, timeout_s))
         while len(datagrams) < RECEIVE_READS:
             try:
                 datagrams.append(read(own))
