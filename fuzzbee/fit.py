@@ -204,10 +204,9 @@ def _axes(rows: Rows) -> Iterator[str]:
 
 def _better(spans: Spans, *, is_field: bool) -> str | None:
     """How many times less which other way leaves; None if no way is so much better."""
-    explained = EXPLAINED * spans.still
-    if root(squares_left(spans, TURNS[:1], has_offset=is_field))[0] <= explained:
-        return None  # as nearly always
-    squares = squares_left(spans, TURNS, has_offset=is_field)
+    squares, explained = squares_left(spans, TURNS, has_offset=is_field), EXPLAINED * spans.still
+    if root(squares[:1])[0] <= explained:
+        return None
     left = np.concatenate([root(squares, scale) for scale, _ in GYR_UNITS])
     least = float(left.min())
     of_units, of_turns = divmod(int(np.flatnonzero(left <= ALIKE * least)[0]), len(TURNS))

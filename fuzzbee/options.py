@@ -5,7 +5,6 @@ What checks a value raises an InputError that names the option and the value.
 
 import inspect
 from collections.abc import Callable, Iterator
-from copy import copy
 from functools import partial, wraps
 from importlib.util import find_spec
 from math import inf, isfinite
@@ -84,19 +83,15 @@ def _parameters(form: Any) -> Iterator[inspect.Parameter]:
         if hasattr(kind, "_fields"):
             yield from _parameters(kind)
             continue
+        info = get_args(kind)[1]
+        if isinstance(info, OptionInfo) and info.default is ...:
+            info.default = (
+                f"--{name.replace('_', '-')}"  # typer's own would give flags a second one
+            )
         default = form._field_defaults.get(name, inspect.Parameter.empty)
         yield inspect.Parameter(
-            name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=_named(name, kind)
+            name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=kind
         )
-
-
-def _named(name: str, kind: Any) -> Any:
-    """The field's type, with the option's name: typer's own would give flags a second one."""
-    base, info = get_args(kind)
-    if isinstance(info, OptionInfo) and info.default is ...:
-        info = copy(info)
-        info.default = f"--{name.replace('_', '-')}"
-    return Annotated[base, info]
 
 
 def _made(form: Any, given: dict[str, Any]) -> Any:

@@ -17,7 +17,7 @@ from service.records import AttitudeRecord, State, StatusRecord
 MAX_LINES = 8  # more vehicles than this share one line
 MOST_WARNINGS = 3  # lines below the table
 FRAME_LINES = 4  # title and header above the rows, summary and cursor below them
-LONGEST_IMU = 16  # letters of its message
+LONGEST_IMU, LONGEST_MODE = 16, 11  # letters of its message, and of a flight mode
 BLOCK_GAP = 3  # between blocks of rows that stand side by side
 # Windows at least so wide have more columns; those of the last have wider gaps, too.
 COMPACT, NORMAL, MODES, WIDE, SPACIOUS = 58, 72, 84, 96, 108
@@ -34,7 +34,29 @@ SIGMA_COLOURS = {Level.GOOD: "", Level.CARE: "yellow", Level.BAD: "red", Level.N
 ARROWS = "↑↗→↘↓↙←↖"  # the heading, north up
 
 
-Cell = Callable[[Row], str | Text]
+class Column(NamedTuple):
+    """As wide as its values can be: nothing moves about. Left out of windows below ``least``."""
+
+    name: str
+    width: int
+    least: int = 0
+    justify: Literal["left", "right"] = "right"
+
+
+COLUMNS = (
+    Column("id", 3, justify="left"),  # with a component longer
+    Column("state", 9, justify="left"),
+    Column("mode", 11, MODES, "left"),
+    Column("roll", 7),
+    Column("pitch", 6),
+    Column("tilt ±", 6, COMPACT),
+    Column("heading", 8),
+    Column("head ±", 6, COMPACT),
+    Column("gain", 5, NORMAL),
+    Column("IMU", 11, WIDE, "left"),
+    Column("IMU Hz", 6, NORMAL),
+    Column("age", 6),
+)
 
 
 def table(
@@ -76,8 +98,8 @@ def _block(rows: list[Row], width: int, cursor: str | None) -> Table:
     for column in columns:
         view.add_column(column.name, justify=column.justify, no_wrap=True, min_width=column.width)
     for row in rows:
-        style = "reverse" if row.name == cursor else None
-        view.add_row(*(column.cell(row) for column in columns), style=style)
+        style, cells = "reverse" if row.name == cursor else None, _cells(row)
+        view.add_row(*(cells.get(column.name, "") for column in columns), style=style)
     return view
 
 
@@ -164,6 +186,34 @@ ORDERS: dict[str, Callable[[Row], float]] = {
 # --- cells
 
 
+def _cells(row: Row) -> dict[str, str | Text]:
+    """What the columns show, by their names; nothing of an attitude that is not valid."""
+    status, attitude = row.status, row.valid_attitude
+    cells: dict[str, str | Text] = {
+        "id": Text(row.name),
+        "state": _state(row),
+        "IMU": ((status and status.imu_message) or "")[:LONGEST_IMU],
+        "IMU Hz": _rate(row),
+        "age": row.age_text,
+    }
+    if status is not None and not row.is_silent:  # a full circle if it is armed
+        mark = {None: "", True: "●", False: "○"}[status.armed]
+        cells["mode"] = Text(f"{mark}{status.mode}"[:LONGEST_MODE])
+    if attitude is not None:
+        judged, sigma = verdict_of(State(attitude.state), attitude), attitude.sigma_deg
+        has_north = attitude.heading_reference != "none"
+        arrow = f" {ARROWS[round(attitude.euler_deg[2] / 45.0) % 8]}" if has_north else ""
+        cells |= {
+            "roll": f"{attitude.euler_deg[0]:+.1f}°",
+            "pitch": f"{attitude.euler_deg[1]:+.1f}°",
+            "tilt ±": Text(_plus_minus(sigma.inclination), SIGMA_COLOURS[judged.horizon]),
+            "heading": f"{_heading(attitude)}°{arrow}".rjust(8),
+            "head ±": Text(_plus_minus(sigma.heading), SIGMA_COLOURS[judged.heading]),
+            "gain": f"{attitude.gain:.1f}",
+        }
+    return cells
+
+
 def _state(row: Row) -> Text:
     """The state; with a mark and in yellow where something contradicts it, or the autopilot."""
     words = () if row.status is None or row.is_silent else row.status.warnings
@@ -173,33 +223,8 @@ def _state(row: Row) -> Text:
     return Text(row.state_text, style=COLOURS[row.state])
 
 
-def _mode(row: Row) -> Text:
-    """The flight mode behind a full circle if it is armed, an empty one if not."""
-    if row.status is None or row.is_silent:
-        return Text()
-    mark = {None: "", True: "●", False: "○"}[row.status.armed]
-    return Text(f"{mark}{row.status.mode}"[: MODE.width])
-
-
 def _rate(row: Row) -> str:
     return f"{row.status.imu_rate_hz:.1f}" if row.status is not None else "?"
-
-
-def _imu(row: Row) -> str:
-    return ((row.status and row.status.imu_message) or "")[:LONGEST_IMU]
-
-
-def _of_attitude(show: Callable[[AttitudeRecord], str | Text]) -> Cell:
-    """A cell that is empty where there is no attitude."""
-    return lambda row: "" if (valid := row.valid_attitude) is None else show(valid)
-
-
-def _sigmas(attitude: AttitudeRecord) -> tuple[Text, Text]:
-    """Those of inclination and heading, in the colours of their levels."""
-    judged, sigma = verdict_of(State(attitude.state), attitude), attitude.sigma_deg
-    pairs = (sigma.inclination, judged.horizon), (sigma.heading, judged.heading)
-    tilt, heading = (Text(_plus_minus(x), style=SIGMA_COLOURS[level]) for x, level in pairs)
-    return tilt, heading
 
 
 def _plus_minus(sigma_deg: float) -> str:
@@ -211,36 +236,3 @@ def _heading(attitude: AttitudeRecord) -> str:
     text = f"{attitude.euler_deg[2] % 360:05.1f}"
     text = "000.0" if text == "360.0" else text
     return f"({text})" if attitude.heading_reference == "none" else text
-
-
-def _heading_with_arrow(attitude: AttitudeRecord) -> str:
-    has_north = attitude.heading_reference != "none"
-    arrow = f" {ARROWS[round(attitude.euler_deg[2] / 45.0) % 8]}" if has_north else ""
-    return f"{_heading(attitude)}°{arrow}".rjust(8)
-
-
-class Column(NamedTuple):
-    """As wide as its values can be: nothing moves about. Left out of windows below ``least``."""
-
-    name: str
-    width: int
-    cell: Cell
-    least: int = 0
-    justify: Literal["left", "right"] = "right"
-
-
-MODE = Column("mode", 11, _mode, MODES, "left")
-COLUMNS = (
-    Column("id", 3, lambda row: Text(row.name), justify="left"),  # with a component longer
-    Column("state", 9, _state, justify="left"),
-    MODE,
-    Column("roll", 7, _of_attitude(lambda a: f"{a.euler_deg[0]:+.1f}°")),
-    Column("pitch", 6, _of_attitude(lambda a: f"{a.euler_deg[1]:+.1f}°")),
-    Column("tilt ±", 6, _of_attitude(lambda a: _sigmas(a)[0]), COMPACT),
-    Column("heading", 8, _of_attitude(_heading_with_arrow)),
-    Column("head ±", 6, _of_attitude(lambda a: _sigmas(a)[1]), COMPACT),
-    Column("gain", 5, _of_attitude(lambda a: f"{a.gain:.1f}"), NORMAL),
-    Column("IMU", 11, _imu, WIDE, "left"),
-    Column("IMU Hz", 6, _rate, NORMAL),
-    Column("age", 6, lambda row: row.age_text),
-)

@@ -106,11 +106,7 @@ class Inbox:
 
 
 def follow(options: WatchOptions) -> int:
-    """Show what comes until stopped; 1 if a bounded watch got less than was asked for.
-
-    Raises:
-        InputError: a Zenoh option that cannot be used.
-    """
+    """Show what comes until stopped; 1 if a bounded watch got less than was asked for."""
     from fuzzbee.keys import terminal_keys
     from fuzzbee.terminal import PersonConsole, TerminalView
     from service.signals import stop_on_signals

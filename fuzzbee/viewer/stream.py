@@ -95,11 +95,7 @@ class ViewerStream:
         return True
 
     def require_whole(self) -> None:
-        """Raise once if the file is not whole.
-
-        Raises:
-            NotWholeError: it could not be written, and is written no more.
-        """
+        """Raise NotWholeError, once, if the file could not be written; it is written no more."""
         if not self.is_whole and self._rrd is not None:
             rrd, self._rrd = self._rrd, None
             raise NotWholeError(f"--rrd {rrd}: could not be written, and is not whole")
@@ -128,11 +124,7 @@ class ViewerStream:
                 self.process.wait()
 
     def close(self) -> None:
-        """Send what is pending, and end the viewer.
-
-        Raises:
-            NotWholeError: see :meth:`require_whole`.
-        """
+        """Send what is pending, end the viewer, and raise if the file is not whole."""
         self.flush(CLOSE_FLUSH_S)
         self._await(aside(self.recording.disconnect, "viewer-close"), CLOSE_FLUSH_S)
         if self.process is not None:

@@ -36,12 +36,7 @@ _BODY = [(0.8, 0.0, 0.0), (0.0, 0.45, 0.0), (0.0, 0.0, 0.25)]  # forward, right,
 
 
 class ViewerSink(ViewerStream):
-    """Draws what the service publishes.
-
-    Raises:
-        InputError: the extra is not installed, the viewer does not start, or the file
-            cannot be written.
-    """
+    """Draws what the service publishes."""
 
     name = "viewer"
 
@@ -54,12 +49,7 @@ class ViewerSink(ViewerStream):
         self._flushed_us = 0
 
     def handle(self, outputs: Sequence[Output]) -> None:
-        """Take the outputs of one turn, and draw them once enough have come.
-
-        Raises:
-            ConnectionError: once, if the viewer has been closed.
-            NotWholeError: once, if the file cannot be written any more.
-        """
+        """Draw the outputs of one turn; raises once if the viewer was closed, or the file fails."""
         self.require_whole()
         if self.take_loss():
             raise ConnectionError(CLOSED)

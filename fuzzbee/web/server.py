@@ -58,11 +58,7 @@ class Address(NamedTuple):
 
 
 def parse_address(text: str) -> Address:
-    """``PORT`` on loopback, or ``HOST:PORT`` with an address of this computer.
-
-    Raises:
-        InputError: something else.
-    """
+    """``PORT`` on loopback, or ``HOST:PORT`` with an address of this computer."""
     host, _, port = text.rpartition(":")
     host = host.removeprefix("[").removesuffix("]") or HOST
     try:
@@ -79,9 +75,6 @@ class WebPage:
     """Serves the page of a table model; a sink of the service, and beside watch's display.
 
     ``now_s`` is the clock of the table model. Close it.
-
-    Raises:
-        InputError: the address cannot be listened on.
     """
 
     name = "web"
@@ -151,11 +144,7 @@ class WebPage:
 
 
 def open_page(text: str, title: str, model: TableModel | None = None) -> WebPage:
-    """The page at an address as it was typed; prints where it is.
-
-    Raises:
-        InputError: no such address, or it is taken.
-    """
+    """The page at an address as it was typed; prints where it is."""
     page = WebPage(parse_address(text), title, model)
     elsewhere = "" if page.address.is_loopback else ", for all who reach this address"
     notify(f"the page is at {page.address.url}{elsewhere}")

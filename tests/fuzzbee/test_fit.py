@@ -21,79 +21,42 @@ def flight():
     return recorded(FLIPS)[:4]
 
 
-# What becomes of times, gyroscope, accelerometer and magnetometer, and what is said then.
-WRONG = {
-    "degrees": (
-        lambda t, w, f, m: (t, np.degrees(w), f, m),
-        r"agree 4\d\d times better with gyr \* pi / 180$",
-    ),
-    "degrees without field": (
-        lambda t, w, f, m: (t, np.degrees(w), f, np.full_like(m, np.nan)),
-        r"accelerometer agree 4\d times better with gyr \* pi / 180$",
-    ),
-    "flu": (
-        lambda t, w, f, m: (t, w * FRD, f * FRD, m * FRD),
-        r"upside down .* want \* \(1, -1, -1\) for all three",
-    ),
-    "milliseconds": (
-        lambda t, w, f, m: (1e3 * t, w, f, m),
-        r"^samples are 20 s apart: milliseconds want time_s / 1000$",
-    ),
-    "backwards": (lambda t, w, f, m: (t[::-1], w, f, m), "^time_s runs backwards"),
-    "g": (
-        lambda t, w, f, m: (t, w, f / 9.80665, m),
-        r"reads 1.01 mostly, which would fit as acc \* 9.80665",
-    ),
-    "microtesla": (
-        lambda t, w, f, m: (t, w, f, 100.0 * m),
-        "reads 58 mostly, which would fit as mag / 100",
-    ),
-    "nanoseconds": (
-        lambda t, w, f, m: (1e9 * t, w, f, m),
-        r"^samples are 2e\+07 s apart: nanoseconds want time_s / 1e\+09$",
-    ),
-    "numbers of samples": (
-        lambda t, w, f, m: (np.arange(len(t), dtype=float), w, f, m),
-        "^samples are 1 s apart and turn as if 0.021 s were between$",
-    ),
-    "numbers of samples, and degrees": (
-        lambda t, w, f, m: (np.arange(len(t), dtype=float), np.degrees(w), f, m),
-        "^samples are 1 s apart and turn as if 0.00036 s were between$",
-    ),
-    "milliradians": (
-        lambda t, w, f, m: (t, 1e3 * w, f, m),
-        r"better with gyr \* 0.001: its unit, or the times, are others$",
-    ),
-    "angles of samples": (
-        lambda t, w, f, m: (t, w * np.median(np.diff(t)), f, m),
-        r"better with gyr \* 5\d: its unit, or the times, are others$",
-    ),
-    "feet": (
-        lambda t, w, f, m: (t, w, f / 0.3048, m),
-        r"reads 32.6 mostly, which would fit as acc \* 0.3048 \(feet\)$",
-    ),
-    "raw field": (
-        lambda t, w, f, m: (t, w, f, 10.0 * m),
-        "^the magnetometer reads 5.8 mostly, 0.05 to 5 is usual$",
-    ),
-    "field for force": (
-        lambda t, w, f, m: (t, w, np.full_like(m, 0.3), f),
-        "^mag reads 9.95 mostly, as acc should: they may be swapped$",
-    ),
-    "no rates": (lambda t, w, f, m: (t, 0.0 * w, f, m), "^the gyroscope reads nothing but 0$"),
-    "rates for force": (
-        lambda t, w, f, m: (t, f, w, m),
-        "^gyr reads 9.93 mostly, as acc should: they may be swapped$",
-    ),
-    "x reversed": (
-        lambda t, w, f, m: (t, w * (-1.0, 1.0, 1.0), f, m),
-        r"agree 13 times better with gyr \* \(-1, 1, 1\)$",
-    ),
-    "x and y swapped": (
-        lambda t, w, f, m: (t, w[:, [1, 0, 2]], f, m),
-        r"agree 10 times better with gyr\[:, \[1, 0, 2\]\]$",
-    ),
-}
+def wrong(t, w, f, m):
+    """Times, gyroscope, accelerometer, magnetometer as they may come, and what is said then."""
+    nan, numbers, deg = np.full_like(m, np.nan), np.arange(len(t), dtype=float), np.degrees(w)
+    swapped = "mostly, as acc should: they may be swapped$"
+    scaled = "its unit, or the times, are others$"
+    flu = (w * FRD, f * FRD, m * FRD)
+    return {
+        "degrees": (t, deg, f, m, r"agree 4\d\d times better with gyr \* pi / 180$"),
+        "no field": (t, deg, f, nan, r"accelerometer agree 4\d times better with gyr \* pi / 180$"),
+        "flu": (t, *flu, r"upside down .* want \* \(1, -1, -1\) for all three"),
+        "ms": (1e3 * t, w, f, m, r"^samples are 20 s apart: milliseconds want time_s / 1000$"),
+        "ns": (1e9 * t, w, f, m, r"^samples are 2e\+07 s apart: nanoseconds want time_s / 1e\+09$"),
+        "backwards": (t[::-1], w, f, m, "^time_s runs backwards"),
+        "g": (t, w, f / 9.80665, m, r"reads 1.01 mostly, which would fit as acc \* 9.80665"),
+        "feet": (t, w, f / 0.3048, m, r"reads 32.6 mostly, which would fit as acc \* 0.3048 \(fe"),
+        "uT": (t, w, f, 100.0 * m, "reads 58 mostly, which would fit as mag / 100"),
+        "numbers": (
+            numbers,
+            w,
+            f,
+            m,
+            "^samples are 1 s apart and turn as if 0.021 s were between$",
+        ),
+        "both": (numbers, deg, f, m, "^samples are 1 s apart and turn as if 0.00036 s were betwee"),
+        "milliradians": (t, 1e3 * w, f, m, rf"better with gyr \* 0.001: {scaled}"),
+        "angles": (t, w * np.median(np.diff(t)), f, m, rf"better with gyr \* 5\d: {scaled}"),
+        "raw": (t, w, f, 10.0 * m, "^the magnetometer reads 5.8 mostly, 0.05 to 5 is usual$"),
+        "force last": (t, w, np.full_like(m, 0.3), f, f"^mag reads 9.95 {swapped}"),
+        "force first": (t, f, w, m, f"^gyr reads 9.93 {swapped}"),
+        "no rates": (t, 0.0 * w, f, m, "^the gyroscope reads nothing but 0$"),
+        "-x": (t, w * (-1, 1, 1), f, m, r"agree 13 times better with gyr \* \(-1, 1, 1\)$"),
+        "yxz": (t, w[:, [1, 0, 2]], f, m, r"agree 10 times better with gyr\[:, \[1, 0, 2\]\]$"),
+    }
+
+
+WRONG = [*wrong(np.arange(2.0), *np.ones((3, 2, 3)))]
 
 
 def advice(time_s, *readings):
@@ -109,10 +72,9 @@ def test_sound_readings_are_nothing_to_warn_of(flight):
     assert Estimator().update_batch(*readings, time_s, strict=True).warnings == ()
 
 
-@pytest.mark.parametrize("wrong", WRONG)
-def test_what_does_not_fit_is_reported_once_with_what_would(flight, wrong):
-    spoil, line = WRONG[wrong]
-    time_s, *readings = spoil(*flight)
+@pytest.mark.parametrize("name", WRONG)
+def test_what_does_not_fit_is_reported_once_with_what_would(flight, name):
+    time_s, *readings, line = wrong(*flight)[name]
     estimator = Estimator()
     with pytest.warns(Unfit, match=line):
         reported = estimator.update_batch(*readings, time_s).warnings
@@ -169,7 +131,7 @@ def test_spikes_are_nothing_to_warn_of(flight, spikes):
 
 @pytest.mark.parametrize("rows", [0, 1, 2, 200])
 def test_a_few_samples_are_not_judged(flight, rows):
-    time_s, *readings = (values[:rows] for values in WRONG["degrees"][0](*flight))
+    time_s, *readings = (values[:rows] for values in wrong(*flight)["degrees"][:4])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         Estimator().update_batch(*readings, time_s, strict=True)

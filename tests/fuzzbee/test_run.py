@@ -170,29 +170,16 @@ def test_a_source_that_fails_ends_the_service_with_all_that_there_is_to_say(monk
     assert err.splitlines()[-1] == "fuzzbee: MemoryError: no memory"
 
 
-def simulated(port, seconds):
-    """A vehicle of fuzzbee's own with the paper's signals that sends to a port."""
-    return started("sim", "--to", f"udpout:127.0.0.1:{port}", "--seconds", str(seconds))
-
-
-def test_json_has_the_profile_that_its_own_vehicle_is_given(capfd):
+def test_its_own_vehicle_is_given_a_profile_and_one_that_is_not_wanted_is_named(capfd):
     port = free_port()
-    with simulated(port, 60) as vehicle:
+    with started("sim", "--to", f"udpout:127.0.0.1:{port}", "--seconds", "60") as vehicle:
         vehicle.stderr.readline()  # it sends
-        source = f"udpin:127.0.0.1:{port}"
-        assert main(["run", source, "--no-zenoh", "--seconds", "5", "--json"]) == 0
-    out, err = capfd.readouterr()
-    assert "profile paper" in err
-    assert json.loads(out)["profile"] == "paper"
-
-
-def test_vehicles_that_were_not_wanted_are_named(capfd):
-    port = free_port()
-    with simulated(port, 60) as vehicle:
-        vehicle.stderr.readline()  # it sends
-        source = f"udpin:127.0.0.1:{port}"
-        options = ("--no-zenoh", "--seconds", "5", "--system-id", "42")
-        assert main(["run", source, *options]) == 1
+        command = ("run", f"udpin:127.0.0.1:{port}", "--no-zenoh", "--seconds", "5")
+        assert main([*command, "--json"]) == 0
+        out, err = capfd.readouterr()
+        assert "profile paper" in err
+        assert json.loads(out)["profile"] == "paper"
+        assert main([*command, "--system-id", "42"]) == 1
     assert "no vehicle but system id 1 was heard" in capfd.readouterr().err
 
 

@@ -21,6 +21,8 @@ from fuzzbee.cli import main
 from service.records import Departed, Message, Peer, Published, StatusRecord
 from tests.fuzzbee import browser
 from tests.fuzzbee.processes import started
+from tests.fuzzbee.services import descendants
+from tests.fuzzbee.test_sockets import is_loopback, listening
 from tests.service.records import UNIX_US, record
 
 pytest.importorskip("rerun", reason="the extra viewer is not installed")
@@ -234,14 +236,10 @@ def test_the_viewer_ends_with_us_and_listens_on_loopback_only(number):
     with started("run", "--no-zenoh", "--json", "--view", "web") as process:
         port = port_of(page_of(process))
         assert is_open(port)
-        listening = (
-            Path("/proc/net/tcp").read_text().splitlines()
-            + Path("/proc/net/tcp6").read_text().splitlines()
-        )
-        local = [line.split()[1] for line in listening if " 0A " in line]  # listening
-        hosts = [address for address in local if address.endswith(f":{port:04X}")]
-        assert hosts
-        assert all(host.startswith("0100007F") for host in hosts)
+        children = descendants(process.pid)
+        hosts = {number: host for child in children for _, host, number in listening(child)}
+        assert port in hosts
+        assert all(map(is_loopback, hosts.values()))
         process.send_signal(number)
         status = process.wait(60)
         assert status == (-9 if number == signal.SIGKILL else 0), process.stderr.read()
