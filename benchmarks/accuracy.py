@@ -12,7 +12,6 @@ Filters are names with commas between them, ``peers``, ``acausal`` or ``gains`` 
 with other gains). Ways are those of common/ways.py, or ``all``.
 """
 
-import sys
 from argparse import Namespace
 from collections.abc import Sequence
 
@@ -44,7 +43,14 @@ def summary(rows: Sequence[Row], base: Sequence[Row]) -> Row:
     return {**found, "change": change(totals, [row["total"] for row in base])}
 
 
-def tables(options: Namespace) -> Tables:
+@benchmark(
+    *FOLDERS,
+    PLOT,
+    option("--filters", default="peers", help="names, peers, acausal or gains"),
+    option("--ways", nargs="+", choices=[*WAYS, "all"], default=["as recorded"]),
+    option("--seed", type=int, default=0),
+)
+def main(options: Namespace) -> Tables:
     table: list[Row] = []
     points: list[Point] = []
     for folder, trials in chosen_sets(options).items():
@@ -62,17 +68,3 @@ def tables(options: Namespace) -> Tables:
     if options.plot:
         draw(options.plot, points, "total RMS error, degrees", is_log=True)
     return {"accuracy, degrees": table}
-
-
-main = benchmark(
-    __doc__,
-    tables,
-    *FOLDERS,
-    PLOT,
-    option("--filters", default="peers", help="names, peers, acausal or gains"),
-    option("--ways", nargs="+", choices=[*WAYS, "all"], default=["as recorded"]),
-    option("--seed", type=int, default=0),
-)
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -17,7 +17,6 @@ another one scored (total, heading, inclination). ``bench`` fits ``sim --motion 
 of scales, biases and iron within their sigma of the truth, and of the variance before that is left.
 """
 
-import sys
 import tempfile
 from argparse import Namespace
 from collections.abc import Callable, Iterator
@@ -224,7 +223,14 @@ def bench_row(seed: int) -> Row:
     return row
 
 
-def tables(options: Namespace) -> Tables:
+@benchmark(
+    *FOLDERS,
+    option("--seeds", type=seeds, default=range(1, 2), metavar="A-B"),
+    option("--by", choices=("others", "half", "flights", "bench"), default="others"),
+    option("--errors", default=",".join(ERRORS), help="names, with commas between them"),
+    option("--jobs", type=int, default=2),
+)
+def main(options: Namespace) -> Tables:
     if options.by == "bench":
         return {"within sigma": [mean_of([bench_row(seed) for seed in options.seeds])]}
     if options.by == "flights":
@@ -246,17 +252,3 @@ def tables(options: Namespace) -> Tables:
         worst: Array = np.max(ratios, axis=0)
         shown.append({"folder": folder, "errors": kind, **mean_of(named), "worst": worst.tolist()})
     return {", ".join(FIGURES): shown}
-
-
-main = benchmark(
-    __doc__,
-    tables,
-    *FOLDERS,
-    option("--seeds", type=seeds, default=range(1, 2), metavar="A-B"),
-    option("--by", choices=("others", "half", "flights", "bench"), default="others"),
-    option("--errors", default=",".join(ERRORS), help="names, with commas between them"),
-    option("--jobs", type=int, default=2),
-)
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -10,7 +10,6 @@ in all and in the worst 20 s; ``accelerometer`` is the inclination by the accele
 ``unaided`` the total without velocity.
 """
 
-import sys
 from argparse import Namespace
 
 from common.report import Row, Tables, benchmark, names, option, seeds
@@ -28,21 +27,14 @@ def row(case: str, motion: str, seed: int, duration_s: float) -> Row:
     return found
 
 
-def tables(options: Namespace) -> Tables:
+@benchmark(
+    option("--seeds", type=seeds, default=range(100, 103), metavar="A-B"),
+    option("--cases", default=",".join(CASES), help="names, with commas between them"),
+)
+def main(options: Namespace) -> Tables:
     cases = [(c, motion) for c in names(CASES, options.cases) for motion in CASES[c].motions]
     if options.smoke:
         cases, options.seeds = [("4 Hz", "rover")], options.seeds[:1]
     length_s = SMOKE_S if options.smoke else DURATION_S
     rows = [row(case, motion, seed, length_s) for case, motion in cases for seed in options.seeds]
     return {"simulated flights, degrees": rows}
-
-
-main = benchmark(
-    __doc__,
-    tables,
-    option("--seeds", type=seeds, default=range(100, 103), metavar="A-B"),
-    option("--cases", default=",".join(CASES), help="names, with commas between them"),
-)
-
-if __name__ == "__main__":
-    sys.exit(main())

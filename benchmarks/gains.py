@@ -114,7 +114,14 @@ def points(tables: Mapping[str, Sequence[Row]]) -> list[Point]:
     ]
 
 
-def tables(options: Namespace) -> Tables:
+@benchmark(
+    PLOT,
+    option("--seeds", type=seeds, default=range(5000, 5040), help="that are scored on"),
+    option("--mixes", default=MIXES, help="GxV: times gyroscope's x vectors', or wide"),
+    option("--cycles", type=int, default=CYCLES, help="20 (1 + 2 cycles) evaluations each"),
+    option("--only", choices=("profiles",), help="tune nothing"),
+)
+def main(options: Namespace) -> Tables:
     if options.smoke:
         options.seeds, options.mixes, options.cycles = options.seeds[:1], "1x1", 1
     require_equal(PAPER, fuzzy(np.array(PAPER.k)))
@@ -128,17 +135,3 @@ def tables(options: Namespace) -> Tables:
         draw(options.plot, points(mixes), "over the best fixed K's", is_log=True)
     tuned_on = {"tuned on the seeds 100-107": parameters} if parameters else {}
     return {**tuned_on, **mixes}
-
-
-main = benchmark(
-    __doc__,
-    tables,
-    PLOT,
-    option("--seeds", type=seeds, default=range(5000, 5040), help="that are scored on"),
-    option("--mixes", default=MIXES, help="GxV: times gyroscope's x vectors', or wide"),
-    option("--cycles", type=int, default=CYCLES, help="20 (1 + 2 cycles) evaluations each"),
-    option("--only", choices=("profiles",), help="tune nothing"),
-)
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -245,7 +245,20 @@ def verdict(looks: list[tuple[float, int, int]]) -> Row:
     return {**row, "flat": not grew}
 
 
-def tables(options: Namespace) -> Tables:
+@benchmark(
+    option("--vehicles", type=int),
+    option("--rate", type=float, help="samples a second and vehicle"),
+    option("--seconds", type=float),
+    option("--publish-rate", type=float, help="attitudes a second [as --rate]"),
+    option("--record", default="", help="folder that the service records to"),
+    option("--plain", action="store_true", help="pymavlink and ahrs instead"),
+    option("--capacity", action="store_true", help="search the most vehicles"),
+    option(
+        "--troubles", nargs="?", const=",".join(TROUBLES), help="names with commas between them"
+    ),
+    option("--soak", action="store_true", help="does anything grow over a long time?"),
+)
+def main(options: Namespace) -> Tables:
     """The chosen one, or all in a smoke test."""
     sizes = {"load": (1, 50.0, 10.0), "troubles": (30, 50.0, 26.0), "soak": (50, 100.0, 240.0)}
     if options.smoke:
@@ -271,23 +284,3 @@ def tables(options: Namespace) -> Tables:
     is_load = not (options.troubles or options.soak)
     asked = {"troubles": options.troubles, "soak": options.soak, "load": is_load}
     return {kind: make() for kind, make in found.items() if asked[kind] or options.smoke}
-
-
-main = benchmark(
-    __doc__,
-    tables,
-    option("--vehicles", type=int),
-    option("--rate", type=float, help="samples a second and vehicle"),
-    option("--seconds", type=float),
-    option("--publish-rate", type=float, help="attitudes a second [as --rate]"),
-    option("--record", default="", help="folder that the service records to"),
-    option("--plain", action="store_true", help="pymavlink and ahrs instead"),
-    option("--capacity", action="store_true", help="search the most vehicles"),
-    option(
-        "--troubles", nargs="?", const=",".join(TROUBLES), help="names with commas between them"
-    ),
-    option("--soak", action="store_true", help="does anything grow over a long time?"),
-)
-
-if __name__ == "__main__":
-    sys.exit(main())

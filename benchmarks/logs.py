@@ -27,9 +27,9 @@ from estimator.errors import InputError
 from estimator.geometry.rotations import rotate_inverse
 from estimator.profile import Profile, load_profile
 from estimator.types import DOWN
-from fuzzbee.replays.comparison import compare
 from fuzzbee.replays.log_report import replay_log
 from fuzzbee.replays.motion import motion_mask
+from fuzzbee.replays.score import compare
 from fuzzbee.replays.trace import VehicleTrace
 
 MEAN_S = 10.0
@@ -166,7 +166,11 @@ def measure(path: Path, profile: Profile) -> Row | None:
     return score(path, trace)
 
 
-def tables(options: Namespace) -> Tables:
+@benchmark(
+    option("folders", nargs="*", type=Path, metavar="DIR|LOG"),
+    option("--profile", default="imu", help="imu or a TOML file [default: imu]"),
+)
+def main(options: Namespace) -> Tables:
     if options.smoke:
         options.folders = options.folders or [DATA / "sub_bluerov.tlog", DATA / "px4_hover.ulg"]
     profile = load_profile(options.profile)
@@ -174,14 +178,3 @@ def tables(options: Namespace) -> Tables:
     if not logs:
         raise SystemExit("give logs with a reference or folders of them, or --smoke")
     return {"logs, degrees": logs, "medians": groups(logs)}
-
-
-main = benchmark(
-    __doc__,
-    tables,
-    option("folders", nargs="*", type=Path, metavar="DIR|LOG"),
-    option("--profile", default="imu", help="imu or a TOML file [default: imu]"),
-)
-
-if __name__ == "__main__":
-    sys.exit(main())

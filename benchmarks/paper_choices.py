@@ -164,19 +164,10 @@ def retuned_table(options: Namespace) -> list[Row]:
 TABLES = {"shipped": shipped_table, "long steps": long_steps_table, "retuned": retuned_table}
 
 
-def tables(options: Namespace) -> Tables:
+@benchmark(option("--tables", default=",".join(TABLES), help="which, with commas between them"))
+def main(options: Namespace) -> Tables:
     options.tuning, options.judging, options.cycles = TUNING_SEEDS, JUDGING_SEEDS, CYCLES
     if options.smoke:
         options.tuning, options.judging, options.cycles = TUNING_SEEDS[:1], JUDGING_SEEDS[:1], 1
     require_equal(PAPER, fuzzy(np.array(PAPER.k)))
     return {name: TABLES[name](options) for name in names(TABLES, options.tables)}
-
-
-main = benchmark(
-    __doc__,
-    tables,
-    option("--tables", default=",".join(TABLES), help="which, with commas between them"),
-)
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -10,7 +10,6 @@ profile as it is shipped, in percent, ``worst seed`` the largest. For comparison
 place of the colony, with as many candidates.
 """
 
-import sys
 from argparse import Namespace
 from collections.abc import Callable
 from typing import Any
@@ -113,7 +112,12 @@ def row(scenario: str, name: str, found: Array, base: Array) -> Row:
     }
 
 
-def tables(options: Namespace) -> Tables:
+@benchmark(
+    option("--seeds", type=seeds, default=range(400, 404)),
+    option("--scenarios", default=",".join(NOISES)),
+    option("--methods", default=",".join(METHODS)),
+)
+def main(options: Namespace) -> Tables:
     count = SAMPLES
     if options.smoke:
         options.seeds, options.scenarios, count = options.seeds[:1], "vectors x5", LATE + 500
@@ -133,15 +137,3 @@ def tables(options: Namespace) -> Tables:
             row(scenario, name, np.array(some, dtype=float), base) for name, some in found.items()
         ]
     return {"mean e where something changes at 20 s": table}
-
-
-main = benchmark(
-    __doc__,
-    tables,
-    option("--seeds", type=seeds, default=range(400, 404)),
-    option("--scenarios", default=",".join(NOISES)),
-    option("--methods", default=",".join(METHODS)),
-)
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -166,7 +166,8 @@ def table(found: list[tuple[Case, bool, Answer]]) -> list[Row]:
     return rows
 
 
-def tables(options: Namespace) -> Tables:
+@benchmark(option("logs", nargs="*", type=Path, default=[DATA]))
+def main(options: Namespace) -> Tables:
     paths = log_files(options.logs)
     sizes = SIZES_DEG[1:2] if options.smoke else SIZES_DEG
     found: list[tuple[Case, bool, Answer]] = []
@@ -190,9 +191,3 @@ def tables(options: Namespace) -> Tables:
     s, alarms = (sum(row[name] for row in healthy) for name in ("s", "alarms"))
     total = {"log": f"all, {s / 3600.0:.2f} h", "s": s, "alarms": alarms}
     return {"as recorded": [*healthy, total], "with a fault": table(found)}
-
-
-main = benchmark(__doc__, tables, option("logs", nargs="*", type=Path, default=[DATA]))
-
-if __name__ == "__main__":
-    sys.exit(main())

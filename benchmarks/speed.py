@@ -17,7 +17,6 @@ collector is off, as ``run`` has it.
 """
 
 import gc
-import sys
 import time
 from argparse import Namespace
 from collections.abc import Callable, Iterator
@@ -173,7 +172,12 @@ def loop_row(name: str, took_us: list[float]) -> Row:
     return {"update": name, "median us": median, "99.9 % us": rare, "worst us": worst}
 
 
-def tables(options: Namespace) -> Tables:
+@benchmark(
+    *FOLDERS,
+    option("--logs", type=Path, nargs="+", default=[], metavar="LOG"),
+    option("--loop", type=float, default=0.0, metavar="SECONDS"),
+)
+def main(options: Namespace) -> Tables:
     rounds, log_rounds = ROUNDS, LOG_ROUNDS
     found: dict[str, list[Row]] = {}
     if options.smoke:
@@ -192,15 +196,3 @@ def tables(options: Namespace) -> Tables:
         ]
         gc.enable()
     return found
-
-
-main = benchmark(
-    __doc__,
-    tables,
-    *FOLDERS,
-    option("--logs", type=Path, nargs="+", default=[], metavar="LOG"),
-    option("--loop", type=float, default=0.0, metavar="SECONDS"),
-)
-
-if __name__ == "__main__":
-    sys.exit(main())

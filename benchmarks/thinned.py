@@ -7,7 +7,6 @@ of their own or with the IMU, where they show nothing more. Columns are those of
 the median of ``--draws``.
 """
 
-import sys
 from argparse import Namespace
 from pathlib import Path
 
@@ -70,7 +69,11 @@ def row(events: Events, imu_hz: float, attitude_hz: float, draws: int, skip_s: f
     return found
 
 
-def tables(options: Namespace) -> Tables:
+@benchmark(
+    option("recording", type=Path, nargs="?", metavar="LOG"),
+    option("--draws", type=int, default=3, metavar="N"),
+)
+def main(options: Namespace) -> Tables:
     rates, skip_s = RATES_HZ, SKIP_S
     if options.smoke:
         options.recording, options.draws = options.recording or SHORT_LOG, 1
@@ -80,14 +83,3 @@ def tables(options: Namespace) -> Tables:
     events = read(options.recording)
     rows = [row(events, *hz, options.draws, skip_s) for hz in rates]
     return {"at a ground station's rates, degrees": rows}
-
-
-main = benchmark(
-    __doc__,
-    tables,
-    option("recording", type=Path, nargs="?", metavar="LOG"),
-    option("--draws", type=int, default=3, metavar="N"),
-)
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -18,7 +18,6 @@ The last lines count the cases that are wrong and sure for more than 3 s, by kin
 those with a tenth of the errors beyond three sigma.
 """
 
-import sys
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -130,7 +129,16 @@ def shown(case: Case, v: Verdict) -> Row:
     return {"case": str(case), **times, **angles, "running": v.running, "warned": warned}
 
 
-def tables(options: Namespace) -> Tables:
+@benchmark(
+    option("--only", nargs="+", default=[], metavar="WORD", help="all in a case's name"),
+    option("--worst", type=int, default=1_000_000, metavar="N", help="so many rows"),
+    option("--seeds", type=seeds, default=range(1), metavar="A-B"),
+    option("--draw", type=int, default=0, metavar="N", help="N cases at random instead"),
+    option("--seed", type=int, default=0, help="of the draw"),
+    option("--place", type=_place, help="LAT,LON,ALT or one of " + ", ".join(PLACES)),
+    option("--jobs", type=int, default=2),
+)
+def main(options: Namespace) -> Tables:
     if options.draw:
         cases = list(drawn_cases(options.draw, options.seed, options.place))
     else:
@@ -146,19 +154,3 @@ def tables(options: Namespace) -> Tables:
         "worst first": [shown(*row) for row in rows[: options.worst]],
         f"wrong and sure for more than {LASTING_S:g} s": summary(rows),
     }
-
-
-main = benchmark(
-    __doc__,
-    tables,
-    option("--only", nargs="+", default=[], metavar="WORD", help="all in a case's name"),
-    option("--worst", type=int, default=1_000_000, metavar="N", help="so many rows"),
-    option("--seeds", type=seeds, default=range(1), metavar="A-B"),
-    option("--draw", type=int, default=0, metavar="N", help="N cases at random instead"),
-    option("--seed", type=int, default=0, help="of the draw"),
-    option("--place", type=_place, help="LAT,LON,ALT or one of " + ", ".join(PLACES)),
-    option("--jobs", type=int, default=2),
-)
-
-if __name__ == "__main__":
-    sys.exit(main())

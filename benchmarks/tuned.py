@@ -122,7 +122,12 @@ def of_vehicle(
     return [{"vehicle": f"{motion}, {case}", **row} for row in rows]
 
 
-def tables(options: Namespace) -> Tables:
+@benchmark(
+    option("--seed", type=int, default=900, help="of the first flight"),
+    option("--sources", type=int, default=6),
+    option("--cycles", type=int, default=8),
+)
+def main(options: Namespace) -> Tables:
     vehicles, length_s = VEHICLES, FLIGHT_S
     seeds = range(options.seed, options.seed + 2 + JUDGED)
     if options.smoke:
@@ -134,15 +139,3 @@ def tables(options: Namespace) -> Tables:
         print(f"{motion}, {case} ...", file=sys.stderr, flush=True)
         rows += of_vehicle(case, motion, budget, seeds, length_s)
     return {"profiles on flights that they were not tuned on": rows}
-
-
-main = benchmark(
-    __doc__,
-    tables,
-    option("--seed", type=int, default=900, help="of the first flight"),
-    option("--sources", type=int, default=6),
-    option("--cycles", type=int, default=8),
-)
-
-if __name__ == "__main__":
-    sys.exit(main())

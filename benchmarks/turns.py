@@ -9,7 +9,6 @@ longer than 8 s or were never found. ``aware`` is the share of the errors over 5
 the turn on, that lie under two sigmas. Recordings with a disturbance are left out.
 """
 
-import sys
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
 from statistics import median
@@ -116,7 +115,13 @@ def seconds(value: float) -> str:
     return "never" if value == np.inf else f"{value:.1f}"
 
 
-def tables(options: Namespace) -> Tables:
+@benchmark(
+    *FOLDERS,
+    option("--filters", default="fuzzbee,vqf", help="names, peers, acausal or gains"),
+    option("--times", type=numbers, default=(15.0, 40.0, 70.0), metavar="S,S"),
+    option("--angles", type=numbers, default=(20.0, 30.0, 60.0, 179.0), metavar="DEG,DEG"),
+)
+def main(options: Namespace) -> Tables:
     options.undisturbed = True
     if options.smoke:
         options.times, options.angles = (20.0,), (60.0,)
@@ -131,16 +136,3 @@ def tables(options: Namespace) -> Tables:
         for (where, angle), some in sorted(groups.items(), reverse=True):
             table.append({"filter": name, "where": where, "deg": angle, **summary(some)})
     return {"seconds until the total error is under 5 deg: median (worst)": table}
-
-
-main = benchmark(
-    __doc__,
-    tables,
-    *FOLDERS,
-    option("--filters", default="fuzzbee,vqf", help="names, peers, acausal or gains"),
-    option("--times", type=numbers, default=(15.0, 40.0, 70.0), metavar="S,S"),
-    option("--angles", type=numbers, default=(20.0, 30.0, 60.0, 179.0), metavar="DEG,DEG"),
-)
-
-if __name__ == "__main__":
-    sys.exit(main())

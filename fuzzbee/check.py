@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import typer
 
 from estimator.errors import InputError
-from fuzzbee.notify import notify, printable
+from fuzzbee.notify import notify
 from fuzzbee.options import From, Json, To, command, examples, option, time_window
 
 if TYPE_CHECKING:
@@ -43,22 +43,21 @@ def check(options: CheckOptions) -> None:
     import msgspec
 
     from estimator.profile import load_profile
-    from fuzzbee.replays.log_check import check_log
+    from fuzzbee.replays.log_check import check_log, line
 
     load_profile(options.profile)  # refused before the work
     window = time_window(options.begin, options.end)
     work = partial(check_log, profile=options.profile, window=window)
     found = _checked([*_files(options.logs)], work)
     found.sort(key=lambda each: each.rank, reverse=True)
-    for each in found:
-        if each.refused:
-            notify(f"{each.log}: {each.refused}")
-        if each.fault and options.as_json:
-            notify(each.fault)
+    refusals = [f"{each.log}: {each.refused}" for each in found if each.refused]
+    faults = [each.fault for each in found if each.fault and options.as_json]
+    for text in refusals + faults:
+        notify(text)
     if options.as_json:
         print(msgspec.json.encode({"logs": found}).decode())
     else:
-        print(*map(_line, found), sep="\n")
+        print(*map(line, found), sep="\n")
     if any(each.differences for each in found):
         raise typer.Exit(DIFFERS)
     if any(each.fault for each in found):
@@ -100,45 +99,3 @@ def _checked(paths: list[Path], work: "Callable[[Path], Checked]") -> "list[Chec
         Pool(work, min(len(paths), available_cores())) as pool,
     ):
         return list(bar.track(pool(paths), len(paths), description="checking"))
-
-
-def _line(checked: "Checked") -> str:
-    """One log's line: the autopilot's attitude, then the sensors."""
-    return f"{printable(checked.log)}: {'; '.join([_agreement(checked), *_sensors(checked)])}"
-
-
-def _sensors(checked: "Checked") -> Iterator[str]:
-    """Vibration beside ArduPilot's limits, clipping, and the warnings of the live service."""
-    from fuzzbee.replays.log_check import MOST_M_S2, USUAL_CLIPS, USUAL_M_S2
-    from service.alarms import MEANINGS, Alarm
-
-    ours, own = checked.vibration, checked.autopilot_vibration
-    found = [] if ours is None else [f"vibration {ours.verdict}, {max(ours.m_s2):.1f} m/s²"]
-    if own is not None and own.m_s2 is not None:
-        found.append(f"the autopilot's {own.message} {own.verdict}, {max(own.m_s2):.1f} m/s²")
-    if found:
-        most = f"usual: under {USUAL_M_S2:.0f}, a problem: over {MOST_M_S2:.0f}"
-        yield f"{', '.join(found)} ({most})"
-    for sensor, count in checked.clipped.items():
-        yield f"{sensor} clipped {count} times"
-    if own is not None and any(own.clipped.values()):
-        counts = ", ".join(f"{n} by IMU {imu + 1}" for imu, n in own.clipped.items() if n)
-        yield f"readings clipped as {own.message} counts: {counts} (usual: under {USUAL_CLIPS})"
-    for word, seconds in checked.warnings.items():
-        yield f"{MEANINGS[Alarm(word)]} for {seconds:.0f} s"
-
-
-def _agreement(checked: "Checked") -> str:
-    from fuzzbee.replays.table import difference_text
-
-    if checked.fault:
-        return f"not checked: {printable(checked.fault.removeprefix(f'{checked.log}: '))}"
-    if checked.differences:
-        worst = max(checked.differences, key=lambda each: each.end_s - each.begin_s)
-        more = len(checked.differences) - 1
-        return f"differs, {difference_text(worst)}" + (f" (and {more} more)" if more else "")
-    looks = sum(checked.agreement.values())
-    if not looks:
-        return "no attitude of an autopilot to compare with"
-    share = checked.agreement.get("agrees", 0) / looks
-    return f"no difference; known to agree for {share:.0%} of the time"

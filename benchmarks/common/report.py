@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import sys
 from argparse import Namespace
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -39,22 +40,26 @@ FOLDERS = (
 )
 
 
-def benchmark(
-    text: str | None, tables: Callable[[Namespace], Tables], *options: Option
-) -> Callable[[], int]:
-    """The ``main`` of a script with these options, whose docstring is ``text``."""
+def benchmark(*options: Option) -> Callable[[Callable[[Namespace], Tables]], Callable[[], int]]:
+    """A script of these options: its docstring is its help, and it runs if it is the program."""
 
-    def main() -> int:
-        made = argparse.ArgumentParser(
-            description=text, formatter_class=argparse.RawDescriptionHelpFormatter
-        )
-        for names, settings in (JSON, SMOKE, *options):
-            made.add_argument(*names, **settings)
-        given = made.parse_args()
-        show(tables(given), as_json=given.json)
-        return 0
+    def of(tables: Callable[[Namespace], Tables]) -> Callable[[], int]:
+        def main() -> int:
+            made = argparse.ArgumentParser(
+                description=tables.__globals__["__doc__"],
+                formatter_class=argparse.RawDescriptionHelpFormatter,
+            )
+            for names, settings in (JSON, SMOKE, *options):
+                made.add_argument(*names, **settings)
+            given = made.parse_args()
+            show(tables(given), as_json=given.json)
+            return 0
 
-    return main
+        if tables.__module__ == "__main__":
+            sys.exit(main())
+        return main
+
+    return of
 
 
 def numbers(text: str) -> list[float]:

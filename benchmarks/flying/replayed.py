@@ -15,7 +15,7 @@ from drivers.logs.open import open_log
 from estimator.geometry.rotations import rotate_inverse
 from estimator.profile import load_profile, merge_profile
 from estimator.types import DOWN, ImuSample, VelocitySample
-from fuzzbee.replays.comparison import compare
+from fuzzbee.replays.score import compare
 from fuzzbee.replays.trace import Replay, VehicleTrace
 
 Events = list[Event]

@@ -1,13 +1,14 @@
-"""Times of a replay that a figure shades: what was wrong then, and what helped."""
+"""What a figure shows of a replay's times: what was wrong or helped, modes, arming, warnings."""
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from math import isnan
 
 import numpy as np
 
+from drivers.events import StatusText
+from drivers.mavlink.constants import MAV_AUTOPILOT_PX4
 from estimator.arrays import Bools, Floats
 from estimator.conditioning.vertical.rate import LEAST_PEAK_RAD_S
-from fuzzbee.replays.figure import BLUE, BROWN, GREY, ORANGE, PURPLE, RED
 from fuzzbee.replays.score import CONVERGED_RAD
 from fuzzbee.replays.trace import VehicleTrace
 
@@ -19,36 +20,31 @@ CONTRADICTED = 0.5
 # What lasts less (s) is no band, and two bands that are nearer to each other are one.
 LEAST_S = 1.0
 CLIPPED_SAMPLES = 2  # in a row at the same largest reading: chance has one
+LEAST_SEVERITY = 4  # MAV_SEVERITY_WARNING; greater numbers are less severe
+MOST_TEXTS = 20  # a failing autopilot repeats itself
+LETTERS = 32  # of a text that are shown
 
 Span = tuple[float, float]
-
-
-class Band(NamedTuple):
-    """Spans of time that are shaded over the whole height."""
-
-    label: str
-    color: str
-    alpha: float
-    spans: list[Span]
+Band = tuple[str, str, float, list[Span]]  # name, colour, opacity, and what is shaded
 
 
 def bands(time_s: Floats, trace: VehicleTrace) -> Iterator[Band]:
     """All bands that there are; those first that others may lie on."""
     aided = trace["is_aided"]
     if aided.any():
-        yield Band("no velocity", BLUE, 0.12, runs(time_s, ~aided))
+        yield ("no velocity", "tab:blue", 0.12, runs(time_s, ~aided))
     confidence = trace["confidence_magnetic"]
     usual = float(np.median(confidence))
     if usual > 0.0:
         spans = runs(time_s, confidence <= CONTRADICTED * usual)
-        yield Band("field doubted", PURPLE, 0.2, spans)
-    yield Band("gyroscope at its end", BROWN, 0.35, _clipped(time_s, trace))
+        yield ("field doubted", "tab:purple", 0.2, spans)
+    yield ("gyroscope at its end", "tab:brown", 0.35, _clipped(time_s, trace))
     if trace.turned_at_us is not None:
-        yield Band("wrong start", RED, 0.2, _wrong(time_s, trace))
+        yield ("wrong start", "tab:red", 0.2, _wrong(time_s, trace))
     intervals, zero_us = trace.second_opinion.intervals, trace.zero_us
     differing = [(1e-6 * (i.begin_us - zero_us), 1e-6 * (i.end_us - zero_us)) for i in intervals]
-    yield Band("autopilot differs", ORANGE, 0.2, differing)
-    yield Band("gap", GREY, 1.0, gaps(time_s))
+    yield ("autopilot differs", "tab:orange", 0.2, differing)
+    yield ("gap", "0.8", 1.0, gaps(time_s))
 
 
 def runs(time_s: Floats, flags: Bools, least_s: float = LEAST_S) -> list[Span]:
@@ -89,3 +85,42 @@ def gaps(time_s: Floats) -> list[Span]:
     steps = np.diff(time_s)
     longest = max(LEAST_GAP_S, GAP_PERIODS * float(np.median(steps)))
     return [(float(time_s[k]), float(time_s[k + 1])) for k in np.flatnonzero(steps > longest)]
+
+
+def marks(trace: VehicleTrace) -> list[tuple[float, str]]:
+    """When modes, arming and warnings came, and their names; first the mode that it began in.
+
+    A mode or a text that is repeated counts once. Seconds of the log are by the samples' arrivals.
+    """
+    modes: list[tuple[int, int]] = []  # arrival and number
+    arming: list[tuple[int, int]] = []  # arrival, and whether it is armed since
+    texts: dict[str, int] = {}  # when it first came
+    for event in trace.notices:
+        if isinstance(event, StatusText):
+            if event.severity <= LEAST_SEVERITY and len(texts) < MOST_TEXTS:
+                texts.setdefault(event.text, event.arrival_us)
+            continue
+        for known, value in ((arming, event.is_armed), (modes, event.custom_mode)):
+            if value is not None and (not known or known[-1][1] != value):
+                known.append((event.arrival_us, value))
+    names, arrivals_us = _mode_names(trace, {number for _, number in modes}), trace["arrival_us"]
+    found = [(us, names.get(number, f"mode {number}")) for us, number in modes]
+    begin_us = int(arrivals_us[0])
+    began = [(begin_us, name) for us, name in found if us < begin_us][-1:]
+    found += [(us, "armed" if armed else "disarmed") for us, armed in arming[1:]]
+    found += [(us, text[:LETTERS]) for text, us in texts.items()]
+    found = began + sorted(each for each in found if each[0] >= begin_us)
+    time_s = np.interp([us for us, _ in found], arrivals_us, trace.time_s, right=np.nan).tolist()
+    named = zip(time_s, (name for _, name in found), strict=True)
+    return [(at_s, name) for at_s, name in named if not isnan(at_s)]
+
+
+def _mode_names(trace: VehicleTrace, numbers: set[int]) -> dict[int, str]:
+    """The names of modes, from pymavlink's tables by MAV_AUTOPILOT and MAV_TYPE."""
+    if not numbers:
+        return {}
+    from pymavlink import mavutil
+
+    if trace.autopilot == MAV_AUTOPILOT_PX4:
+        return {n: mavutil.interpret_px4_mode(1, n) for n in numbers}
+    return mavutil.mode_mapping_bynumber(trace.vehicle_type) or {}

@@ -1,5 +1,6 @@
 """``fuzzbee replay``: the filter over logs, or over the paper's signals, scored."""
 
+from collections.abc import Iterable
 from contextlib import ExitStack
 from functools import partial
 from importlib.util import find_spec
@@ -151,9 +152,19 @@ def _require_simulation(options: ReplayOptions) -> None:
             raise InputError(f"{flag} is for logs{why}")
 
 
-def _require_writable(files: "dict[str, Any]") -> None:
-    """Refuse before the replay what could not be written after it."""
-    for flag, path in files.items():
+def _exports(
+    options: ReplayOptions, inputs: "Iterable[str | Path | None]", writers: "dict[str, Any]"
+) -> list[Any]:
+    """The writers that are wanted, by their flags; what cannot be written is refused first."""
+    from fuzzbee.replays.exports import reference_path
+    from fuzzbee.replays.figure import require_plot
+
+    written = options.given("csv", "mcap", "tum", "parquet", "plot")
+    files = [*written.items(), ("--rrd", options.rrd)]
+    if options.tum is not None:
+        files.append(("--tum", reference_path(options.tum)))
+    outputs.require_own_files(files, inputs)
+    for flag, path in written.items():
         if path.is_dir():
             raise InputError(f"{flag} {path}: is a folder")
         if not path.exists():
@@ -161,31 +172,40 @@ def _require_writable(files: "dict[str, Any]") -> None:
                 TemporaryFile(dir=path.parent).close()
             except OSError as error:
                 raise InputError(f"{flag} {path}: {error.strerror}") from None
+    if options.mcap is not None:
+        require_extra("mcap", f"--mcap {options.mcap}", "mcap")
+    if options.parquet is not None and find_spec("pyarrow") is None:
+        raise InputError(f"--parquet {options.parquet}: needs pyarrow: pip install pyarrow")
+    if options.plot is not None:
+        require_plot(options.plot)
+    return [partial(writers[flag], path) for flag, path in written.items() if flag in writers]
 
 
 def _replay_logs(options: ReplayOptions) -> None:
     from estimator.profile import load_profile
-    from fuzzbee.replays.exports import reference_path, show
+    from fuzzbee.replays import exports, plot
 
     names, window = options.profile or ["imu"], time_window(options.begin, options.end)
     count = len(options.sources) * len(names)
-    if count > 1:
+    writers: dict[str, Any] = {
+        "--csv": exports.write_csv,
+        "--mcap": exports.write_mcap,
+        "--tum": exports.write_tum,
+        "--parquet": exports.write_parquet,
+    }
+    if count == 1:
+        writers["--plot"] = partial(plot.draw, Path(options.sources[0]).name)
+    else:  # whose figure is one
         for flag, file in options.given("csv", "mcap", "tum", "parquet", "view", "rrd").items():
             raise InputError(f"{flag} {file}: takes one log and one profile, not {count}")
-    written = options.given("csv", "mcap", "tum", "parquet", "plot")
-    files = [*written.items(), ("--rrd", options.rrd)]
-    if options.tum is not None:
-        files.append(("--tum", reference_path(options.tum)))
-    outputs.require_own_files(files, [*options.sources, *names, options.columns])
-    _require_writable(written)
-    exports = _exports(options, count == 1)
+    wanted = _exports(options, [*options.sources, *names, options.columns], writers)
     profiles = {name: load_profile(name) for name in names}
     with ExitStack() as stack:
         viewer = outputs.open_viewer(options.view, options.rrd)
         if viewer is not None:
             stack.callback(viewer.close)
-            exports.append(partial(show, viewer))
-        _report_logs(options, profiles, window, exports)
+            wanted.append(partial(exports.show, viewer))
+        _report_logs(options, profiles, window, wanted)
         if viewer is not None:
             viewer.stay_open()
 
@@ -201,19 +221,20 @@ def _report_logs(
     from fuzzbee.replays.table import print_reports, reading_bar
     from fuzzbee.replays.trace import How
 
-    lines: list[str] = []  # printed when all went well only: a refusal must be one single line
     runs = [(Path(source), name) for source in options.sources for name in profiles]
-    figure = ComparisonPlot() if options.plot and len(runs) > 1 else None
     chosen = [
         profiles[name] if options.profile else _fitting(path, profiles[name], options)
         for path, name in runs
     ]
     way = (options.gain, options.system_id, options.start_wrong, options.retune, options.smooth)
+    how = How(*way, options.columns, window)
+    figure = ComparisonPlot() if options.plot and len(runs) > 1 else None
+    lines: list[str] = []  # printed when all went well only: a refusal must be one single line
     reports = [
         report_log(
             path,
             profile,
-            How(*way, options.columns, window),
+            how,
             reference=options.reference,
             skip_s=options.skip,
             notify=lines.append,
@@ -244,48 +265,16 @@ def _fitting(path: Path, usual: "Profile", options: ReplayOptions) -> "Profile":
     return usual if name is None else load_profile(name)
 
 
-def _exports(options: ReplayOptions, is_single: bool) -> "list[Export]":
-    """The files to write; what cannot be written is refused before the replay."""
-    from fuzzbee.replays import exports, mcap_file, plot
-    from fuzzbee.replays.figure import require_plot
-
-    found: list[Export] = []
-    if options.csv is not None:
-        found.append(partial(exports.write_csv, options.csv))
-    if options.mcap is not None:
-        require_extra("mcap", f"--mcap {options.mcap}", "mcap")
-        found.append(partial(mcap_file.write_mcap, options.mcap))
-    if options.tum is not None:
-        found.append(partial(exports.write_tum, options.tum))
-    if options.parquet is not None:
-        if find_spec("pyarrow") is None:
-            raise InputError(f"--parquet {options.parquet}: needs pyarrow: pip install pyarrow")
-        found.append(partial(exports.write_parquet, options.parquet))
-    if options.plot is not None:
-        require_plot(options.plot)
-        if is_single:  # several are one figure
-            found.append(partial(plot.draw, Path(options.sources[0]).name, options.plot))
-    return found
-
-
 def _replay_simulation(options: ReplayOptions) -> None:
     from estimator.profile import load_profile
     from fuzzbee.replays import simulation
-    from fuzzbee.replays.figure import require_plot
     from fuzzbee.replays.table import print_simulation
 
-    written = options.given("csv", "plot")
-    outputs.require_own_files(written.items(), options.profile or ())
-    _require_writable(written)
     name, seeds, gain = (options.profile or ["paper"])[0], options.seeds or "0", options.gain
-    exports: list[simulation.Export] = []
-    if options.csv is not None:
-        exports.append(partial(simulation.write_csv, options.csv))
-    if options.plot is not None:
-        require_plot(options.plot)
-        what = f"profile {Path(name).stem}" if gain is None else f"K = {gain:g}"
-        title = f"The paper's experiment, {what}, noise seeds {seeds}"
-        exports.append(partial(simulation.draw, options.plot, title))
+    what = f"profile {Path(name).stem}" if gain is None else f"K = {gain:g}"
+    title = f"The paper's experiment, {what}, noise seeds {seeds}"
+    writers = {"--csv": simulation.write_csv, "--plot": partial(simulation.draw, title)}
+    exports = _exports(options, options.profile or (), writers)
     report = simulation.report_simulation(load_profile(name), seed_range(seeds), gain, exports)
     if options.as_json:
         _print_json(report)

@@ -1,11 +1,17 @@
-"""Every sample of a replay as a row of a table: CSV, Parquet, trajectories for evo; the viewer.
+"""Every sample of a replay as a row of a table: CSV, Parquet, MCAP, trajectories; the viewer.
 
 ``time_s`` is on the vehicle's continuous clock, 0 at the log's first IMU sample, ``time_unix_s`` by
 the log's own stamps. Nothing depends on the computer's clock, so a log replayed twice gives the
-same bytes. A file that cannot be written is an InputError, here as in every other export.
+same bytes. A file that cannot be written is an InputError.
+
+MCAP: ``foxglove.FrameTransform`` as in https://docs.foxglove.dev/docs/sdk/schemas/frame-transform;
+``sensor_msgs/msg/Imu`` comes with the types that it is made of, as
+https://mcap.dev/spec/registry#ros2msg wants them.
 """
 
 import csv
+import json
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from math import isnan
@@ -23,6 +29,7 @@ from fuzzbee.attitudes import enu_flu, euler_curves_deg
 from fuzzbee.replays.trace import VehicleTrace
 from service.publishing import HostClock
 from service.records import Output, Peer, Published
+from service.sinks.ros_messages import imu_message
 
 if TYPE_CHECKING:
     from fuzzbee.viewer.viewer import ViewerSink
@@ -56,6 +63,33 @@ SAME = (
     *("rate_rad_s", "gyro_bias_rad_s", "error", "error_rate_1_s", "gain"),
     *("confidence_gravity", "confidence_magnetic"),
 )
+
+
+# East, north, up; the vehicle's body; and the same body as the reference has it.
+WORLD, BODY, REFERENCE_BODY = "map", "base_link", "reference"
+TABLES = {
+    "/attitude": ATTITUDE_COLUMNS,
+    "/reference": ("time_s", "time_unix_s", *REFERENCE_COLUMNS),
+}
+FRAME_TRANSFORM = "foxglove.FrameTransform"
+IMU = "sensor_msgs/msg/Imu"
+IMU_DEFINITION = f"\n{'=' * 80}\nMSG: ".join(
+    (
+        """std_msgs/Header header
+geometry_msgs/Quaternion orientation
+float64[9] orientation_covariance
+geometry_msgs/Vector3 angular_velocity
+float64[9] angular_velocity_covariance
+geometry_msgs/Vector3 linear_acceleration
+float64[9] linear_acceleration_covariance""",
+        "std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id",
+        "builtin_interfaces/Time\nint32 sec\nuint32 nanosec",
+        "geometry_msgs/Quaternion\nfloat64 x\nfloat64 y\nfloat64 z\nfloat64 w",
+        "geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z",
+    )
+)
+
+Message = tuple[str, int, bytes]  # topic, time (us), data
 
 
 def stamps_us(trace: VehicleTrace) -> Times:
@@ -164,6 +198,83 @@ def _write_poses(path: Path, times_us: Times, q_ned_frd: Floats) -> None:
             q = enu_flu(q_ned_frd[rows])[:, [1, 2, 3, 0]]
             poses = np.column_stack([1e-6 * times_us[rows], np.zeros((len(q), 3)), q])
             np.savetxt(file, poses, "%.6f %d %d %d %.9f %.9f %.9f %.9f")
+
+
+def write_mcap(path: Path, trace: VehicleTrace) -> None:
+    """The topics /attitude, /reference, /tf and /imu."""
+    from mcap.writer import CompressionType, Writer
+
+    counts: Counter[str] = Counter()
+    with written_for("--mcap", path) as fresh, fresh.open("wb") as file:
+        writer: Any = Writer(file, compression=CompressionType.ZSTD)
+        writer.start(profile="", library="fuzzbee")
+        channels = {
+            topic: writer.register_channel(topic, encoding, writer.register_schema(*schema))
+            for topic, encoding, *schema in _topics()
+        }
+        for topic, time_us, data in _messages(trace):
+            time_ns = 1000 * time_us
+            writer.add_message(channels[topic], time_ns, data, time_ns, counts[topic])
+            counts[topic] += 1
+        writer.finish()
+
+
+def _topics() -> Iterator[tuple[str, str, str, str, bytes]]:
+    """Name, encoding of the messages, and their type, its encoding and the type in that."""
+    number, whole, text = ({"type": kind} for kind in ("number", "integer", "string"))
+    schemas = {}
+    for topic, names in TABLES.items():
+        kinds = {name: text if name == "heading_reference" else number for name in names}
+        schemas[topic] = (f"fuzzbee{topic.replace('/', '.')}", _object(kinds))
+    parts = {
+        "timestamp": _object({"sec": whole, "nsec": whole}, "time"),
+        "parent_frame_id": text,
+        "child_frame_id": text,
+        "translation": _object(dict.fromkeys("xyz", number), "foxglove.Vector3"),
+        "rotation": _object(dict.fromkeys("xyzw", number), "foxglove.Quaternion"),
+    }
+    schemas["/tf"] = (FRAME_TRANSFORM, _object(parts, FRAME_TRANSFORM))
+    for topic, (kind, schema) in schemas.items():
+        yield topic, "json", kind, "jsonschema", json.dumps(schema).encode()
+    yield "/imu", "cdr", IMU, "ros2msg", IMU_DEFINITION.encode()
+
+
+def _object(properties: dict[str, Any], title: str | None = None) -> dict[str, Any]:
+    named = {} if title is None else {"title": title}
+    return {"type": "object", **named, "properties": properties}
+
+
+def _messages(trace: VehicleTrace) -> Iterator[Message]:
+    """Of each sample the rows that a CSV has, the attitude in space, and an IMU's message."""
+    stamps = stamps_us(trace)
+    for rows, part in zip(blocks(len(trace)), columns(trace), strict=True):
+        times_us = stamps[rows].tolist()
+        poses = (enu_flu(trace[name][rows]) for name in ("q_ned_frd", "reference_q_ned_frd"))
+        own = zip(*(column.tolist() for column in part.values()), strict=True)
+        each = zip(times_us, own, *poses, trace.published(rows, times_us), strict=True)
+        for time_us, values, pose, beside, (record, sample) in each:
+            row = dict(zip(part, values, strict=True))
+            for topic, names in TABLES.items():
+                known = {name: row[name] for name in names if row[name] == row[name]}
+                if names[-1] in known:  # there is a reference at this sample
+                    yield topic, time_us, json.dumps(known).encode()
+            yield "/tf", time_us, _transform(time_us, BODY, pose.tolist())
+            if not isnan(beside[0]):
+                yield "/tf", time_us, _transform(time_us, REFERENCE_BODY, beside.tolist())
+            if record is not None:
+                yield "/imu", time_us, imu_message(record, sample.acc_m_s2, BODY)
+
+
+def _transform(time_us: int, child: str, q_enu_flu: Iterable[float]) -> bytes:
+    seconds, micros = divmod(time_us, 1_000_000)
+    message = {
+        "timestamp": {"sec": seconds, "nsec": 1000 * micros},
+        "parent_frame_id": WORLD,
+        "child_frame_id": child,
+        "translation": dict.fromkeys("xyz", 0.0),
+        "rotation": dict(zip("wxyz", q_enu_flu, strict=True)),
+    }
+    return json.dumps(message).encode()
 
 
 def show(viewer: "ViewerSink", trace: VehicleTrace) -> None:

@@ -23,12 +23,8 @@ METADATA: dict[str, dict[str, None]] = {
     ".pdf": {"CreationDate": None, "Producer": None, "Creator": None},
 }
 PAGE = ".html"
-BLUE, ORANGE, GREEN, RED, PURPLE, BROWN = (
-    *("#1f77b4", "#ff7f0e", "#2ca02c"),
-    *("#d62728", "#9467bd", "#8c564b"),
-)
-GREY, DARK, BLACK = "#cccccc", "#595959", "#262626"
-COLORS = (BLUE, ORANGE, GREEN, RED, PURPLE)
+COLORS = ("tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple")
+DARK, BLACK = "0.35", "0.15"
 STYLE: Any = {
     "font.size": 8.0,
     "lines.linewidth": 0.8,

@@ -7,6 +7,7 @@ the autopilot has measured stands beside it.
 """
 
 from collections import defaultdict
+from collections.abc import Iterator
 from itertools import pairwise
 from math import isfinite, pi
 from pathlib import Path
@@ -23,6 +24,7 @@ from estimator.errors import InputError
 from estimator.profile import load_profile
 from estimator.reasons import Reason
 from estimator.types import Vec3
+from fuzzbee.notify import printable
 from fuzzbee.replays.log_report import (
     by_name,
     differences_of,
@@ -30,9 +32,10 @@ from fuzzbee.replays.log_report import (
     replay_log,
     verdicts,
 )
-from fuzzbee.replays.schema import DifferenceSummary
+from fuzzbee.replays.score import DifferenceSummary
+from fuzzbee.replays.table import difference_text
 from fuzzbee.replays.trace import How, VehicleTrace
-from service.alarms import Alarm
+from service.alarms import MEANINGS, Alarm
 
 CLIPPED = {
     "accelerometer": Reason.ACCELEROMETER_SATURATED,
@@ -144,10 +147,8 @@ def _own_vibration(path: Path, trace: VehicleTrace, window: TimeWindow) -> OwnVi
             counts[imu].append(count)
     clipped = {imu: _increase(each) for imu, each in sorted(counts.items())}
     exceeded = [(imu, *_exceeded(np.array(each))) for imu, each in sizes.items()]
-    if not exceeded:
-        return OwnVibration(readings[0].message, 0, None, None, clipped)
-    imu, m_s2, verdict = max(exceeded, key=lambda each: max(each[1]))
-    return OwnVibration(readings[0].message, imu, m_s2, verdict, clipped)
+    worst = max(exceeded, key=lambda each: max(each[1]), default=(0, None, None))
+    return OwnVibration(readings[0].message, *worst, clipped=clipped)
 
 
 def _increase(counts: list[int]) -> int:
@@ -170,3 +171,40 @@ def _low_pass(values: Floats, cutoff_hz: float, step_s: float) -> Floats:
     share = step_s / (step_s + 1.0 / (2.0 * pi * cutoff_hz))
     start = (1.0 - share) * values[:1]
     return np.asarray(lfilter([share], [1.0, share - 1.0], values, axis=0, zi=start)[0])
+
+
+def line(checked: Checked) -> str:
+    """One log's line: the autopilot's attitude, then the sensors."""
+    return f"{printable(checked.log)}: {'; '.join([_agreement(checked), *_sensors(checked)])}"
+
+
+def _sensors(checked: Checked) -> Iterator[str]:
+    """Vibration beside ArduPilot's limits, clipping, and the warnings of the live service."""
+    ours, own = checked.vibration, checked.autopilot_vibration
+    found = [] if ours is None else [f"vibration {ours.verdict}, {max(ours.m_s2):.1f} m/s²"]
+    if own is not None and own.m_s2 is not None:
+        found.append(f"the autopilot's {own.message} {own.verdict}, {max(own.m_s2):.1f} m/s²")
+    if found:
+        most = f"usual: under {USUAL_M_S2:.0f}, a problem: over {MOST_M_S2:.0f}"
+        yield f"{', '.join(found)} ({most})"
+    for sensor, count in checked.clipped.items():
+        yield f"{sensor} clipped {count} times"
+    if own is not None and any(own.clipped.values()):
+        counts = ", ".join(f"{n} by IMU {imu + 1}" for imu, n in own.clipped.items() if n)
+        yield f"readings clipped as {own.message} counts: {counts} (usual: under {USUAL_CLIPS})"
+    for word, seconds in checked.warnings.items():
+        yield f"{MEANINGS[Alarm(word)]} for {seconds:.0f} s"
+
+
+def _agreement(checked: Checked) -> str:
+    if checked.fault:
+        return f"not checked: {printable(checked.fault.removeprefix(f'{checked.log}: '))}"
+    if checked.differences:
+        worst = max(checked.differences, key=lambda each: each.end_s - each.begin_s)
+        more = len(checked.differences) - 1
+        return f"differs, {difference_text(worst)}" + (f" (and {more} more)" if more else "")
+    looks = sum(checked.agreement.values())
+    if not looks:
+        return "no attitude of an autopilot to compare with"
+    share = checked.agreement.get("agrees", 0) / looks
+    return f"no difference; known to agree for {share:.0%} of the time"

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -21,30 +21,25 @@ from estimator.live.rows import NORTHS
 from estimator.profile import Profile
 from fuzzbee.attitudes import PLACE
 from fuzzbee.notify import printable
-from fuzzbee.replays.comparison import compare, has_peer
 from fuzzbee.replays.motion import motion_mask
-from fuzzbee.replays.schema import (
+from fuzzbee.replays.score import (
     DifferenceSummary,
     ImuSummary,
     LogReport,
     RetunedSummary,
     Retuning,
     VehicleSummary,
-)
-from fuzzbee.replays.score import (
+    compare,
     constant_turn,
     convergence_s,
     coverage,
     error_summary,
-    errors_of,
 )
 from fuzzbee.replays.trace import AS_LIVE, How, Replay, VehicleTrace, smooth
 
 Reading = Callable[[LogFile], AbstractContextManager[object]]
 Export = Callable[[VehicleTrace], None]
-Number = TypeVar("Number", int, float)
 
-PEER_ERRORS = "autopilot_error_rad"
 MUCH_REFUSED = 0.1  # of all readings: a line is printed
 MOST_REASONS = 3  # that it names
 
@@ -138,8 +133,9 @@ def _seen_text(replay: Replay) -> str:
 def score(path: Path, trace: VehicleTrace, skip_s: float) -> LogReport:
     """The figures of a trace that has been compared."""
     times_us, norths = trace["time_us"], trace["heading_reference"]
+    begin_s, end_s = trace.time_s[[0, -1]].tolist()
     lasts_s = 1e-6 * float(times_us[-1] - times_us[0])
-    total_rad = errors_of(trace, 0)
+    total_rad = trace["error_rad"][:, 0].copy()  # not a view, that the column is let go
     counted = ~np.isnan(total_rad)
     counted[: int(np.searchsorted(times_us, times_us[0] + 1e6 * skip_s))] = False
     if skip_s > 0.0 and not counted.any():
@@ -147,9 +143,10 @@ def score(path: Path, trace: VehicleTrace, skip_s: float) -> LogReport:
     moved = motion_mask(trace) if counted.any() else counted
     has_heading = (norths > PLACE["none"]) & trace.has_heading
     peers = {}
-    if has_peer(trace):  # which all has a heading
-        both = counted & ~np.isnan(errors_of(trace, 0, PEER_ERRORS))
-        peers["autopilot"] = error_summary(trace, both, np.ones_like(both), PEER_ERRORS)
+    if trace.has_peer:  # which all has a heading
+        theirs = trace["autopilot_error_rad"]
+        both = counted & ~np.isnan(theirs[:, 0])
+        peers["autopilot"] = error_summary(theirs, both, both)
     counts = np.bincount(norths[counted], minlength=len(NORTHS)).tolist()
     return LogReport(
         source=printable(str(path)),
@@ -161,7 +158,7 @@ def score(path: Path, trace: VehicleTrace, skip_s: float) -> LogReport:
         imu=_imu_summary(trace),
         duration_s=lasts_s,
         reference=trace.reference,
-        error_deg=error_summary(trace, counted, has_heading),
+        error_deg=error_summary(trace["error_rad"], counted, has_heading),
         coverage=coverage(trace, counted, has_heading, moved),
         peers=peers,
         convergence_s=convergence_s(times_us, total_rad) if trace.has_heading else None,
@@ -172,11 +169,12 @@ def score(path: Path, trace: VehicleTrace, skip_s: float) -> LogReport:
         constant_turn=constant_turn(trace, counted, moved),
         differences=differences_of(trace),
         agreement=verdicts(trace),
-        **_of_options(trace),
+        window_s=msgspec.UNSET if trace.log_zero_us is None else (begin_s, end_s),
+        retuned=_retuned(trace),
     )
 
 
-def by_name(counts: Mapping[str, Number]) -> dict[str, Number]:
+def by_name(counts: Mapping[str, Any]) -> dict[str, Any]:
     """Counts in the order of their names, so that equal runs print equal text."""
     return dict(sorted(counts.items()))
 
@@ -201,31 +199,22 @@ def differences_of(trace: VehicleTrace) -> list[DifferenceSummary]:
     ]
 
 
-def _of_options(trace: VehicleTrace) -> dict[str, Any]:
-    """What a report has of a window and with ``--retune`` only."""
-    found: dict[str, Any] = {}
-    if trace.log_zero_us is not None:
-        found["window_s"] = tuple(trace.time_s[[0, -1]].tolist())
-    if trace.decisions is not None:
-        changes = [
-            Retuning((time_us - trace.zero_us) * 1e-6, made.reason, made.gain, made.update)
-            for time_us, made in trace.decisions
-        ]
-        found["retuned"] = RetunedSummary(len(changes), changes)
-    return found
+def _retuned(trace: VehicleTrace) -> RetunedSummary | msgspec.UnsetType:
+    """What was changed with ``--retune``."""
+    if trace.decisions is None:
+        return msgspec.UNSET
+    changes = [
+        Retuning((time_us - trace.zero_us) * 1e-6, made.reason, made.gain, made.update)
+        for time_us, made in trace.decisions
+    ]
+    return RetunedSummary(len(changes), changes)
 
 
 def _imu_summary(trace: VehicleTrace) -> ImuSummary:
     counts = dict(trace.imu_messages.most_common())
-    steps_s = 1e-6 * np.diff(trace["time_us"])
-    are_some = len(steps_s) > 0
-    return ImuSummary(
-        message=next(iter(counts), ""),
-        samples=len(trace),
-        messages=counts,
-        median_rate_hz=1.0 / float(np.median(steps_s)) if are_some else None,
-        mean_rate_hz=1.0 / float(np.mean(steps_s)) if are_some else None,
-        worst_gap_s=float(steps_s.max()) if are_some else None,
-        worst_arrival_gap_s=1e-6 * float(np.diff(trace["arrival_us"]).max()) if are_some else None,
-        rates=trace.rates,
-    )
+    steps_s, gaps_s = (1e-6 * np.diff(trace[name]) for name in ("time_us", "arrival_us"))
+    figures: Any = (None,) * 4
+    if len(steps_s):
+        rates_hz = 1.0 / np.median(steps_s), 1.0 / np.mean(steps_s)
+        figures = map(float, (*rates_hz, steps_s.max(), gaps_s.max()))
+    return ImuSummary(next(iter(counts), ""), len(trace), counts, *figures, rates=trace.rates)

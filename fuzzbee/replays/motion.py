@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from drivers.logs.table import blocks
 from estimator.arrays import Bools, Floats, Ints
 
 # At rest the gyroscope and the accelerometer stay this near their medians over the window.
@@ -15,16 +16,14 @@ WINDOW_S = 1.5  # before a sample, and again behind it
 MARGIN_US = 1_501_000
 # What lies so near a limit is decided by the medians themselves.
 BELOW, ABOVE = 1.0 - 1e-9, 1.0 + 1e-9
-# Samples that are judged together: a block's numbers stay in the processor's caches.
-BLOCK = 20_000
 
 
 def motion_mask(columns: Any) -> Bools:
     """(N,): whether anything moved within ``WINDOW_S`` of each of the samples in the columns."""
     times_us = columns["time_us"]
     moved = np.zeros(len(times_us), np.bool_)
-    for begin in range(0, len(times_us), BLOCK):
-        now_us = times_us[begin : begin + BLOCK]
+    for rows in blocks(len(times_us)):
+        now_us = times_us[rows]
         reach_us = [now_us[0] - MARGIN_US, now_us[-1] + MARGIN_US]
         around = slice(*np.searchsorted(times_us, reach_us).tolist())
         times_s, now_s = 1e-6 * times_us[around], 1e-6 * now_us
@@ -32,7 +31,7 @@ def motion_mask(columns: Any) -> Bools:
         behind = np.searchsorted(times_s, now_s + WINDOW_S, side="right")
         gyr, acc = columns["gyr_rad_s"][around], columns["acc_m_s2"][around]
         readings = np.stack([gyr / REST_GYR_RAD_S, acc / REST_ACC_M_S2], axis=1)
-        moved[begin : begin + BLOCK] = _moved(readings, first, behind)
+        moved[rows] = _moved(readings, first, behind)
     return moved
 
 

@@ -87,7 +87,7 @@ def _traces(here: str, ax: Any) -> Iterator[dict[str, Any]]:
         yield {"x": x, "y": y, "mode": "lines", **look, **_named(here, ax, area)}
     for curve in ax.lines:
         if curve.get_transform() == ax.transData:
-            line = {"color": curve.get_color(), "dash": DASHES[curve.get_linestyle()]}
+            line = {"color": to_hex(curve.get_color()), "dash": DASHES[curve.get_linestyle()]}
             line["width"] = WIDER * curve.get_linewidth()
             values = {"x": curve.get_xdata(), "y": curve.get_ydata()}
             yield {"mode": "lines", "line": line, **values, **_named(here, ax, curve)}
@@ -104,7 +104,7 @@ def _shapes(here: str, ax: Any) -> Iterator[dict[str, Any]]:
         yield {"type": "rect", "x0": x.min(), "x1": x.max(), "y0": 0, "y1": 1, **look}
     for mark in ax.lines:
         if mark.get_transform() != ax.transData:
-            line = {"color": mark.get_color(), "width": 1, "dash": "dot"}
+            line = {"color": to_hex(mark.get_color()), "width": 1, "dash": "dot"}
             at = float(mark.get_xdata()[0])
             yield {"type": "line", "x0": at, "x1": at, "y0": 0, "y1": 1, "line": line}
 

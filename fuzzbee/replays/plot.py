@@ -1,7 +1,6 @@
 """A replay as a figure: attitude, errors and sigma, gain, confidences, bias and gaps."""
 
-from collections.abc import Iterable, Sequence
-from math import isnan
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,21 +8,16 @@ import numpy as np
 
 from estimator.arrays import Floats
 from fuzzbee.attitudes import euler_curves_deg
-from fuzzbee.replays.bands import Band, bands, gaps
-from fuzzbee.replays.comparison import REFERENCES, has_peer
+from fuzzbee.replays.bands import bands, gaps, marks
 from fuzzbee.replays.figure import (
     BLACK,
-    BLUE,
     COLORS,
     DARK,
-    GREEN,
-    ORANGE,
-    PURPLE,
-    RED,
     add_legend,
     add_text,
     written_figure,
 )
+from fuzzbee.replays.score import REFERENCES
 from fuzzbee.replays.trace import VehicleTrace
 
 PAGE_INCHES = (7.1, 9.8)  # between its margins
@@ -68,14 +62,9 @@ def draw(title: str, path: Path, trace: VehicleTrace) -> None:
         _draw_attitudes(axes[:3], trace, points)
         _draw_errors(axes[3:5], trace, points)
         _draw_internals(axes[5:], trace, points)
-        shaded, marks = list(bands(time_s, trace)), _marks(trace)
         for ax in axes:
             ax.set_xlim(span)
-            _shade(ax, shaded, is_named=ax is axes[5])
-            for at_s, _ in marks:
-                ax.axvline(at_s, color=DARK, lw=0.5, ls=":", label="_mark")
-        _name_marks(axes[0], marks, NEAR * (span[1] - span[0]))
-        add_legend(axes[5], 6)  # above the gain, which has one curve
+        _draw_times(axes, trace, time_s, NEAR * (span[1] - span[0]))
         axes[-1].set_xlabel(TIME)
 
 
@@ -94,10 +83,10 @@ def _draw_attitudes(axes: Sequence[Any], trace: VehicleTrace, points: Thinned) -
     if trace.reference is not None:
         look = {"color": BLACK, "label": REFERENCES[trace.reference], "lw": 1.6}
         shown.append(("reference_q_ned_frd", look))
-    if has_peer(trace):
-        look = {"color": GREEN, "label": "autopilot", "lw": 0.9, "ls": "--"}
+    if trace.has_peer:
+        look = {"color": "tab:green", "label": "autopilot", "lw": 0.9, "ls": "--"}
         shown.append(("autopilot_q_ned_frd", look))
-    shown.append(("q_ned_frd", {"color": ORANGE, "label": "estimate"}))
+    shown.append(("q_ned_frd", {"color": "tab:orange", "label": "estimate"}))
     for name, look in shown:
         draw_angles(axes, points.time_s, points.every(trace[name]), **look)
     add_legend(axes[0], len(shown))
@@ -110,13 +99,14 @@ def _draw_errors(axes: Sequence[Any], trace: VehicleTrace, points: Thinned) -> N
         ax.set_ylabel(f"{name}\n{what} in °")
         sigma = np.degrees(trace[f"sigma_{name}_rad"])
         within = points.every(sigma)
-        ax.fill_between(time_s, 0.0 * within, within, color=BLUE, alpha=0.25, lw=0, label="sigma")
-        if has_peer(trace):
+        look = {"color": "tab:blue", "alpha": 0.25, "lw": 0, "label": "sigma"}
+        ax.fill_between(time_s, 0.0 * within, within, **look)
+        if trace.has_peer:
             theirs = points.largest(np.degrees(trace["autopilot_error_rad"][:, i]))
-            ax.plot(time_s, theirs, "--", color=GREEN, label="autopilot's error", lw=0.9)
+            ax.plot(time_s, theirs, "--", color="tab:green", label="autopilot's error", lw=0.9)
         errors = np.degrees(trace["error_rad"][:, i])
         if trace.reference is not None:
-            ax.plot(time_s, points.largest(errors), color=RED, label=what)
+            ax.plot(time_s, points.largest(errors), color="tab:red", label=what)
         _cap(ax, errors, sigma)
     add_legend(axes[0], 3)
 
@@ -124,9 +114,9 @@ def _draw_errors(axes: Sequence[Any], trace: VehicleTrace, points: Thinned) -> N
 def _draw_internals(axes: Sequence[Any], trace: VehicleTrace, points: Thinned) -> None:
     """Gain, confidences and bias."""
     time_s, (gain, confidence, bias) = points.time_s, axes
-    gain.plot(time_s, points.largest(trace["gain"]), color=GREEN, label="_gain")
+    gain.plot(time_s, points.largest(trace["gain"]), color="tab:green", label="_gain")
     gain.set(ylabel="gain K", ylim=(0.0, None))
-    for name, color in (("gravity", BLUE), ("magnetic", PURPLE)):
+    for name, color in (("gravity", "tab:blue"), ("magnetic", "tab:purple")):
         values = points.every(trace[f"confidence_{name}"])
         confidence.plot(time_s, values, color=color, label=name)
     confidence.set(ylabel="confidence", ylim=(0.0, None))
@@ -138,30 +128,23 @@ def _draw_internals(axes: Sequence[Any], trace: VehicleTrace, points: Thinned) -
     add_legend(bias, 3)
 
 
-def _shade(ax: Any, shaded: Iterable[Band], *, is_named: bool) -> None:
-    for label, color, alpha, spans in shaded:
-        for number, span in enumerate(spans):
-            name = label if is_named and number == 0 else "_band"
-            ax.axvspan(*span, color=color, alpha=alpha, lw=0, label=name)
-
-
-def _marks(trace: VehicleTrace) -> list[tuple[float, str]]:
-    """The marks of a trace in seconds of its log, by the samples' arrivals."""
-    arrivals_us = trace["arrival_us"]
-    found = trace.marks.found(int(arrivals_us[0]), trace.autopilot, trace.vehicle_type)
-    stamps_us = [stamp_us for stamp_us, _ in found]
-    time_s = np.interp(stamps_us, arrivals_us, trace.time_s, right=np.nan).tolist()
-    return [(at_s, name) for at_s, (_, name) in zip(time_s, found, strict=True) if not isnan(at_s)]
-
-
-def _name_marks(ax: Any, marks: list[tuple[float, str]], near_s: float) -> None:
-    """Of two that are near each other one name stands on either side."""
+def _draw_times(axes: Sequence[Any], trace: VehicleTrace, time_s: Floats, near_s: float) -> None:
+    """Bands and moments. Of two moments near each other one name stands on either side."""
+    gain, moments = axes[5], marks(trace)  # which has one curve, and so room for a legend
+    for label, color, alpha, spans in bands(time_s, trace):
+        for ax in axes:
+            for number, span in enumerate(spans):
+                name = label if ax is gain and number == 0 else "_band"
+                ax.axvspan(*span, color=color, alpha=alpha, lw=0, label=name)
+    add_legend(gain, 6)
     last_s, is_right = -np.inf, False
-    for at_s, name in marks:
+    for at_s, name in moments:
+        for ax in axes:
+            ax.axvline(at_s, color=DARK, lw=0.5, ls=":", label="_mark")
         is_right, last_s = at_s - last_s < near_s and not is_right, at_s
         look: Any = {"rotation": 90.0, "fontsize": 5.5, "va": "top"}
         look["ha"] = "right" if is_right else "left"
-        ax.text(at_s, 0.97, name, transform=ax.get_xaxis_transform(), **look)
+        axes[0].text(at_s, 0.97, name, transform=axes[0].get_xaxis_transform(), **look)
 
 
 def _cap(ax: Any, *angles_deg: Floats) -> None:
@@ -181,35 +164,35 @@ class ComparisonPlot:
     """
 
     def __init__(self) -> None:
-        self._rows: dict[str, list[tuple[str, Floats, Floats]]] = {}
-        self._words: dict[str, str] = {}  # of each log, what an angle to its reference is
+        # by the log and by what an angle to its reference is
+        self._rows: dict[tuple[str, str], list[tuple[str, Floats, Floats]]] = {}
 
     def add(self, log: str, profile: str, trace: VehicleTrace) -> None:
         """Take one replay."""
         errors, points = np.degrees(trace["error_rad"]), Thinned(trace.time_s)
         if not trace.has_heading:
             errors[:, 1] = np.nan  # a heading from nowhere has no error
-        self._rows.setdefault(log, []).append((profile, points.time_s, points.largest(errors)))
-        self._words[log] = ERROR_WORDS.get(trace.reference or "", "error")
+        line = (profile, points.time_s, points.largest(errors))
+        word = ERROR_WORDS.get(trace.reference or "", "error")
+        self._rows.setdefault((log, word), []).append(line)
 
     def draw(self, path: Path) -> None:
         """Write the figure."""
         size = (PAGE_INCHES[0], ROW_INCHES * (1 + len(self._rows)))
         with written_figure(path, "", size) as sheet:
             rows = sheet.subplots(len(self._rows), 2, squeeze=False)
-            for log, axes in zip(self._rows, rows, strict=True):
-                self._draw_row(log, axes)
+            for ((log, word), replays), axes in zip(self._rows.items(), rows, strict=True):
+                span = (min(t[0] for _, t, _ in replays), max(t[-1] for _, t, _ in replays))
+                for ax, name, i in zip(axes, ("inclination", "heading"), (2, 1), strict=True):
+                    ax.set(xlabel=TIME, ylabel=f"{name} {word} in °", xlim=span)
+                    _draw_lines(ax, [(profile, t, e[:, i]) for profile, t, e in replays])
+                axes[0].set_title(log)
+                add_legend(axes[1], len(replays))
 
-    def _draw_row(self, log: str, axes: Sequence[Any]) -> None:
-        replays = self._rows[log]
-        span = (min(t[0] for _, t, _ in replays), max(t[-1] for _, t, _ in replays))
-        for ax, name, i in zip(axes, ("inclination", "heading"), (2, 1), strict=True):
-            ax.set(xlabel=TIME, ylabel=f"{name} {self._words[log]} in °", xlim=span)
-            for number, (profile, time_s, errors) in enumerate(replays):
-                color = COLORS[number % len(COLORS)]
-                ax.plot(time_s, errors[:, i], color=color, label=profile)
-            _cap(ax, *(errors[:, i] for _, _, errors in replays))
-            if all(np.isnan(errors[:, i]).all() for _, _, errors in replays):
-                add_text(ax, "nothing to compare with")
-        axes[0].set_title(log)
-        add_legend(axes[1], len(replays))
+
+def _draw_lines(ax: Any, lines: Sequence[tuple[str, Floats, Floats]]) -> None:
+    for number, (profile, time_s, errors) in enumerate(lines):
+        ax.plot(time_s, errors, color=COLORS[number % len(COLORS)], label=profile)
+    _cap(ax, *(errors for *_, errors in lines))
+    if all(np.isnan(errors).all() for *_, errors in lines):
+        add_text(ax, "nothing to compare with")

@@ -1,6 +1,8 @@
-"""How well a replayed estimate did, against a reference."""
+"""How near a replayed estimate is to a reference, and what ``replay --json`` prints of it."""
 
 from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -9,10 +11,41 @@ from numpy.typing import NDArray
 
 from drivers.logs.table import blocks
 from estimator.arrays import Bools, Floats, Times
+from estimator.errors import InputError
+from estimator.geometry.metrics import batch_angle_errors
 from estimator.geometry.rotations import cross, rotate_inverse
 from estimator.types import DOWN
+from fuzzbee.replays.trace import VehicleTrace
 
 CONVERGED_RAD = np.radians(5.0)
+# What they are called for a person; the truth, a simulator's or a table's own, goes first
+REFERENCES = {"sim": "truth", "autopilot": "autopilot"}
+
+
+class VehicleSummary(msgspec.Struct, frozen=True):
+    """Whose IMU it was; names as in MAVLink's enumerations, None without a HEARTBEAT."""
+
+    system_id: int
+    component_id: int
+    autopilot: str | None
+    type: str | None
+
+
+class ImuSummary(msgspec.Struct, frozen=True):
+    """What arrived; the arrival gap is of the log's stamps, the other of the vehicle's clock.
+
+    ``message`` is the one that was used most, ``messages`` counts the samples used of each. The
+    median rate is that of the stream while it comes, the mean what really came in a second.
+    """
+
+    message: str
+    samples: int
+    messages: dict[str, int]
+    median_rate_hz: float | None
+    mean_rate_hz: float | None
+    worst_gap_s: float | None
+    worst_arrival_gap_s: float | None
+    rates: str = "imu"
 
 
 class ErrorSummary(msgspec.Struct, frozen=True):
@@ -45,39 +78,141 @@ class ConstantTurn(msgspec.Struct, frozen=True):
     inclination_coverage_moving: float | None
 
 
-def errors_of(columns: Any, i: int, name: str = "error_rad") -> Floats:
-    """Of errors the total (0), the heading's (1) or the inclination's (2), (N,).
+class Retuning(msgspec.Struct, frozen=True):
+    """A change of the profile while it ran: when, to what, why, and the share of the cost saved."""
 
-    Part by part: a column that is mapped counts as memory while it is held.
+    time_s: float
+    reason: str
+    gain: float
+    update: dict[str, dict[str, float]]
+
+
+class RetunedSummary(msgspec.Struct, frozen=True):
+    """All changes while it ran."""
+
+    count: int
+    changes: list[Retuning]
+
+
+class DifferenceSummary(msgspec.Struct, frozen=True):
+    """A time for which the autopilot's attitude and ours differed, and the evidence."""
+
+    begin_s: float
+    end_s: float
+    inclination_deg: float  # the largest
+    heading_deg: float
+    wrong: str  # "autopilot", "ours", or ""
+    evidence: str
+
+
+class Report(msgspec.Struct, frozen=True):
+    """What every replay reports; errors and coverage are of the samples that count."""
+
+    source: str
+    vehicle: VehicleSummary
+    imu: ImuSummary
+    duration_s: float
+    reference: str | None
+    error_deg: ErrorSummary
+    coverage: Coverage
+    peers: dict[str, ErrorSummary]
+    convergence_s: float | None
+    mean_gain: float
+    rejected: dict[str, int]
+    wall_s: float
+
+
+class LogReport(Report, frozen=True):
+    """Schema of ``replay LOG --json``.
+
+    ``heading_references`` counts the scored samples by what their heading is measured from.
     """
-    found = np.empty(len(columns["time_us"]))
-    for rows in blocks(len(found)):
-        found[rows] = columns[name][rows][:, i]
-    return found
+
+    heading_references: dict[str, int] = {}
+    constant_turn: ConstantTurn | None = None
+    differences: list[DifferenceSummary] = []  # from the autopilot's attitude
+    agreement: dict[str, int] = {}  # how many looks ended with which verdict
+    window_s: tuple[float, float] | msgspec.UnsetType = msgspec.UNSET  # with --from or --to only
+    retuned: RetunedSummary | msgspec.UnsetType = msgspec.UNSET  # with --retune only
+    profile: str | msgspec.UnsetType = msgspec.UNSET  # with several only
 
 
-def error_summary(
-    columns: Any, counted: Bools, has_heading: Bools, name: str = "error_rad"
-) -> ErrorSummary:
-    """The summary of errors that count (N,).
+class SimulationReport(Report, frozen=True):
+    """Schema of ``replay sim: --json``: that of a log, and the paper's figures."""
+
+    seeds: tuple[int, int]
+    cost: float
+    cost_per_seed: list[float]
+    steady_state_error: float
+    settling_s: float | None
+
+
+def compare(path: Path, trace: VehicleTrace, wanted: str | None) -> None:
+    """Put the wanted reference, or the best there is, beside the trace, whose ``reference`` it is.
+
+    Columns: ``reference_q_ned_frd`` (N, 4) and ``error_rad`` (N, 3: total, heading, inclination),
+    and beside a truth ``autopilot_q_ned_frd`` and ``autopilot_error_rad``. NaN where not known.
+    """
+    available = [name for name in REFERENCES if trace.references[name].message is not None]
+    if wanted is not None and wanted not in available:
+        raise InputError(
+            f"{path}: no reference '{wanted}' for vehicle {trace.address.system_id}"
+            f" (there is: {', '.join(available) or 'none'})"
+        )
+    trace.reference = wanted or next(iter(available), None)
+
+    def errors(of: str, rows: slice) -> Floats:
+        return batch_angle_errors(trace[of][rows], trace["reference_q_ned_frd"][rows])
+
+    trace.put("reference_q_ned_frd", partial(_attitudes, trace, trace.reference))
+    trace.put("error_rad", partial(errors, "q_ned_frd"))
+    if trace.has_peer:
+        trace.put("autopilot_q_ned_frd", partial(_attitudes, trace, "autopilot"))
+        trace.put("autopilot_error_rad", partial(errors, "autopilot_q_ned_frd"))
+
+
+def _attitudes(trace: VehicleTrace, source: str | None, rows: slice) -> Floats:
+    """``q_ned_frd`` (N, 4) of the IMU; NaN where it is not known.
+
+    The autopilot reports on the vehicle, or what its pilot is to see; the simulator's truth is the
+    IMU's own.
+    """
+    times_us = trace["time_us"][rows]
+    if source is None:
+        return np.full((len(times_us), 4), np.nan)
+    track = trace.references[source]
+    shown = track.at(times_us)
+    if source == "autopilot" and track.message is not None and not trace.view.is_imus:
+        ours = trace["q_ned_frd"][rows]
+        for k in np.flatnonzero(np.isfinite(shown[:, 0])).tolist():
+            pair = tuple(shown[k].tolist()), tuple(ours[k].tolist())
+            found = trace.view.of_imu(track.message, *pair)
+            shown[k] = np.nan if found is None else found
+    return shown
+
+
+def error_summary(error_rad: Floats, counted: Bools, has_heading: Bools) -> ErrorSummary:
+    """The summary of errors (N, 3) that count (N,).
 
     Total and heading leave out samples (N,) without a heading.
     """
     if not counted.any():
         return ErrorSummary()
-    inclination = errors_of(columns, 2, name)[counted]
+    total, heading, inclination = error_rad.T
+    headed, upright = counted & has_heading, inclination[counted]
     return ErrorSummary(
-        total_rms=_rms_deg(errors_of(columns, 0, name)[counted & has_heading]),
-        heading_rms=_rms_deg(errors_of(columns, 1, name)[counted & has_heading]),
-        inclination_rms=_rms_deg(inclination),
-        inclination_p95=float(np.degrees(np.percentile(inclination, 95.0))),
+        total_rms=_rms_deg(total[headed]),
+        heading_rms=_rms_deg(heading[headed]),
+        inclination_rms=_rms_deg(upright),
+        inclination_p95=float(np.degrees(np.percentile(upright, 95.0))),
     )
 
 
 def coverage(columns: Any, counted: Bools, has_heading: Bools, moved: Bools) -> Coverage:
     """How often errors that count (N,) stayed under their sigmas, always and while in motion."""
-    upright = errors_of(columns, 2) <= columns["sigma_inclination_rad"]
-    pointed = errors_of(columns, 1) <= columns["sigma_heading_rad"]
+    _, heading, inclination = columns["error_rad"].T
+    upright = inclination <= columns["sigma_inclination_rad"]
+    pointed = heading <= columns["sigma_heading_rad"]
     return Coverage(
         inclination=mean(upright[counted]),
         heading=mean(pointed[counted & has_heading]),

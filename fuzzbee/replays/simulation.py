@@ -12,10 +12,16 @@ from estimator.arrays import Floats
 from estimator.geometry.metrics import COST_RATE_HZ, COST_SAMPLES, batch_angle_errors
 from estimator.profile import Profile
 from fuzzbee.replays.exports import Columns, write_columns
-from fuzzbee.replays.figure import BLACK, BLUE, DARK, ORANGE, add_legend, written_figure
+from fuzzbee.replays.figure import BLACK, DARK, add_legend, written_figure
 from fuzzbee.replays.plot import TIME, draw_angles
-from fuzzbee.replays.schema import ImuSummary, SimulationReport, VehicleSummary
-from fuzzbee.replays.score import CONVERGED_RAD, Coverage, error_summary
+from fuzzbee.replays.score import (
+    CONVERGED_RAD,
+    Coverage,
+    ImuSummary,
+    SimulationReport,
+    VehicleSummary,
+    error_summary,
+)
 from tuning.paper_experiment import SETTLED_ERROR, ExperimentResult, run_experiment
 
 Results = Sequence[ExperimentResult]
@@ -48,7 +54,6 @@ def report_simulation(
     errors = [batch_angle_errors(r.estimates, r.truth) for r in results]
     all_errors = np.concatenate(errors)
     everywhere = np.ones(len(all_errors), np.bool_)
-    columns = {"time_us": everywhere, "error_rad": all_errors}
     below = [np.flatnonzero(each[:, 0] < CONVERGED_RAD) for each in errors]
     converged = [i[0] / COST_RATE_HZ if len(i) else np.inf for i in below]
     samples = len(all_errors)
@@ -66,7 +71,7 @@ def report_simulation(
         ),
         duration_s=(COST_SAMPLES - 1) / COST_RATE_HZ,
         reference="sim",
-        error_deg=error_summary(columns, everywhere, everywhere),
+        error_deg=error_summary(all_errors, everywhere, everywhere),
         coverage=Coverage(),
         peers={},
         convergence_s=_median(converged),
@@ -108,7 +113,7 @@ def _columns(seed: int, result: ExperimentResult) -> Columns:
     return dict(zip(COLUMNS, values, strict=True))
 
 
-def draw(path: Path, title: str, seeds: Sequence[int], results: Results) -> None:
+def draw(title: str, path: Path, seeds: Sequence[int], results: Results) -> None:
     """The paper's figures: e and K over time, median and bands of the seeds; one seed's angles."""
     time_s = np.arange(len(results[0].true_error)) / COST_RATE_HZ
     end_s = float(time_s[-1])
@@ -130,7 +135,7 @@ def draw(path: Path, title: str, seeds: Sequence[int], results: Results) -> None
             add_legend(below, 3)
         axes = [sheet.add_subplot(grid[row, :]) for row in (2, 3, 4)]
         draw_angles(axes, time_s, results[0].truth, color=BLACK, label="true", lw=1.4)
-        draw_angles(axes, time_s, results[0].estimates, color=ORANGE, label="estimate")
+        draw_angles(axes, time_s, results[0].estimates, color="tab:orange", label="estimate")
         axes[0].set_title(f"angles, noise seed {seeds[0]}")
         axes[2].set_xlabel(TIME)
         for ax in axes:
@@ -145,7 +150,7 @@ def _draw_seeds(ax: Any, time_s: Floats, values: Floats, end_s: float) -> None:
     for low, high, alpha in BANDS if len(values) > 1 else ():
         between = np.percentile(values, (low, high), axis=0)
         label = f"{low:g} to {high:g} %"
-        ax.fill_between(time_s, *between, color=BLUE, alpha=alpha, lw=0, label=label)
+        ax.fill_between(time_s, *between, color="tab:blue", alpha=alpha, lw=0, label=label)
     middle = np.percentile(values, MEDIAN, axis=0)
-    ax.plot(time_s, middle, color=BLUE, lw=0.9, label="median of the seeds")
+    ax.plot(time_s, middle, color="tab:blue", lw=0.9, label="median of the seeds")
     ax.set_xlim(0.0, end_s)

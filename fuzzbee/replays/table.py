@@ -11,9 +11,13 @@ from rich.text import Text
 
 from drivers.logs.log_file import LogFile
 from fuzzbee.notify import printable
-from fuzzbee.replays.comparison import REFERENCES
-from fuzzbee.replays.schema import DifferenceSummary, LogReport, SimulationReport
-from fuzzbee.replays.score import ErrorSummary
+from fuzzbee.replays.score import (
+    REFERENCES,
+    DifferenceSummary,
+    ErrorSummary,
+    LogReport,
+    SimulationReport,
+)
 
 # Fewer headings from magnetic north than this do not change a figure's last digit much.
 LEAST_SHOWN_SHARE = 0.01

@@ -21,15 +21,9 @@ from drivers.events import (
 )
 from drivers.logs.log_file import LogFile
 from drivers.logs.reference_track import ReferenceTrack
-from drivers.logs.table import Table
+from drivers.logs.table import Table, blocks
 from drivers.logs.time_window import WHOLE_LOG, TimeWindow, WindowedEvents
-from drivers.mavlink.ardupilot import (
-    COMPASS,
-    INERTIAL,
-    ORIENTATION,
-    VIEW_PARAMETERS,
-    AttitudeView,
-)
+from drivers.mavlink.ardupilot import VIEW_PARAMETERS, AttitudeView
 from estimator.arrays import Floats
 from estimator.estimator import Estimator
 from estimator.geometry.earth import PlaceField
@@ -38,7 +32,6 @@ from estimator.live.rows import NORTHS
 from estimator.profile import Profile
 from estimator.types import Attitude, ImuSample, Vec3
 from fuzzbee.attitudes import PLACE
-from fuzzbee.replays.marks import Marks
 from service.pipeline import Pipeline
 from service.publishing import attitude_record, is_finite
 from service.records import AttitudeRecord, Message
@@ -47,7 +40,6 @@ from service.vehicle import Vehicle
 from tuning.online.retuned_estimator import RetunedEstimator
 from tuning.online.retuner import Decision
 
-SENSORS = (COMPASS, INERTIAL, ORIENTATION)  # what the names of their parameters begin with
 # The axis (NED) of a wrong start: every sensor can see a turn about it.
 WRONG_START_AXIS: Vec3 = (3**-0.5, 3**-0.5, 3**-0.5)
 # A row: when it came, the attitude after it (the reference of its heading by the place in NORTHS),
@@ -95,7 +87,7 @@ class VehicleTrace:
     """One vehicle's estimates and references in the order of the log.
 
     ``trace[name]`` is a column of its table: one of :data:`COLUMNS`, or those that
-    :func:`fuzzbee.replays.comparison.compare` adds.
+    :func:`fuzzbee.replays.score.compare` adds.
     """
 
     def __init__(self, address: VehicleId) -> None:
@@ -115,9 +107,9 @@ class VehicleTrace:
         self.turned_at_us: int | None = None
         self.log_zero_us: int | None = None  # where the log's seconds begin, of a window of it
         self.decisions: list[tuple[int, Decision]] | None = None  # where it was retuned
-        self.marks = Marks()
+        self.notices: list[Heartbeat | ModeChange | StatusText] = []  # of modes, arming, warnings
         self.view = AttitudeView()  # of what the autopilot's attitude is
-        self.parameters: dict[str, float] = {}  # what its sensors have been set to
+        self.parameters: dict[str, float] = {}
         self.place_field: PlaceField | None = None
         self.second_opinion = SecondOpinion()
 
@@ -126,6 +118,15 @@ class VehicleTrace:
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         return self.table[name]
+
+    def put(self, name: str, values: Callable[[slice], NDArray[Any]]) -> None:
+        """A new column, or another in place of one, by a function of the rows that are made."""
+        self.table.put(name, map(values, blocks(len(self))))
+
+    @property
+    def has_peer(self) -> bool:
+        """Whether the autopilot's own estimate stands beside a truth."""
+        return self.reference == "sim" and self.references["autopilot"].message is not None
 
     def append(self, arrival_us: int, attitude: Attitude, sample: ImuSample, aided: bool) -> None:
         """Take the attitude after a sample."""
@@ -242,17 +243,16 @@ class Replay:
                 self._after_imu(event)
             case ReferenceAttitude(vehicle=address, source=source):
                 self.traces[address].references[source].add(event)
-            case Parameter(vehicle=address, name=name, value=value) if name in VIEW_PARAMETERS:
-                self.traces[address].view.take(name, value)
-            case Parameter(vehicle=address, name=name, value=value) if name.startswith(SENSORS):
+            case Parameter(vehicle=address, name=name, value=value):
                 self.traces[address].parameters[name] = value
-            case Heartbeat(vehicle=address):
-                trace = self.traces[address]
-                trace.autopilot, trace.vehicle_type = event.autopilot, event.vehicle_type
-                trace.view.vehicle_type = event.vehicle_type
-                trace.marks.take(event)
-            case ModeChange() | StatusText():
-                self.traces[event.vehicle].marks.take(event)
+                if name in VIEW_PARAMETERS:
+                    self.traces[address].view.take(name, value)
+            case Heartbeat() | ModeChange() | StatusText():
+                trace = self.traces[event.vehicle]
+                trace.notices.append(event)
+                if isinstance(event, Heartbeat):
+                    trace.autopilot, trace.vehicle_type = event.autopilot, event.vehicle_type
+                    trace.view.vehicle_type = event.vehicle_type
 
     def _after_imu(self, event: Imu) -> None:
         vehicle = self.pipeline.vehicle(event.vehicle)

@@ -12,8 +12,8 @@ from estimator.live.rows import Rows
 from estimator.profile import Profile
 from estimator.types import IDENTITY
 from fuzzbee.attitudes import PLACE
-from fuzzbee.replays.comparison import compare
 from fuzzbee.replays.log_report import refused_text
+from fuzzbee.replays.score import compare
 from fuzzbee.replays.trace import How, Replay
 from tuning.course import split_calls
 from tuning.flight import Flight

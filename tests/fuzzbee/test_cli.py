@@ -1,4 +1,3 @@
-import importlib
 import os
 import re
 import signal
@@ -185,7 +184,6 @@ def test_an_interrupted_replay_says_so_and_leaves_no_half_of_a_file(
         yield {"time_s": np.zeros(1)}
         signal.raise_signal(number)
 
-    importlib.import_module("fuzzbee.replays.mcap_file")  # else it would keep these for good
     monkeypatch.setattr("fuzzbee.replays.exports.columns", columns)
     flight = Path(__file__).parents[1] / "data" / "sitl_copter_takeoff.tlog"
     assert main(["replay", str(flight), "--csv", str(tmp_path / "a.csv")]) == status

@@ -13,7 +13,7 @@ from estimator.geometry.quaternion import log, multiply
 from estimator.profile import load_profile
 from fuzzbee import replay
 from fuzzbee.attitudes import NORTHS
-from fuzzbee.replays.comparison import compare
+from fuzzbee.replays.score import compare
 from fuzzbee.replays.trace import Replay
 
 DATA = Path(__file__).parent.parent / "data"

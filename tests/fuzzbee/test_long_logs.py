@@ -9,7 +9,6 @@ import pytest
 
 from drivers.logs import table
 from fuzzbee.cli import main
-from fuzzbee.replays import motion
 
 DATA = Path(__file__).parents[1] / "data"
 WRITTEN = {"--csv": "flight.csv", "--tum": "flight.tum", "--mcap": "flight.mcap"}
@@ -42,7 +41,7 @@ def close(some, others):
 )
 def test_a_replay_in_small_parts_is_the_same(tmp_path, capsys, monkeypatch, log, options):
     whole = replayed(tmp_path / "whole", DATA / log, capsys, *options)
-    for module, name in ((table, "BLOCK"), (motion, "BLOCK"), (table, "WAITING")):
+    for module, name in ((table, "BLOCK"), (table, "WAITING")):
         monkeypatch.setattr(module, name, 70)
     monkeypatch.setattr(table, "IN_MEMORY", 90)
     parts = replayed(tmp_path / "parts", DATA / log, capsys, *options)
@@ -55,7 +54,7 @@ from pathlib import Path
 import numpy as np
 from drivers.events import ReferenceAttitude, VehicleId
 from estimator.types import IDENTITY, Attitude, ImuSample
-from fuzzbee.replays.comparison import compare
+from fuzzbee.replays.score import compare
 from fuzzbee.replays.log_report import score
 from fuzzbee.replays.trace import VehicleTrace
 
