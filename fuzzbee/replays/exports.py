@@ -92,34 +92,29 @@ float64[9] linear_acceleration_covariance""",
 Message = tuple[str, int, bytes]  # topic, time (us), data
 
 
-def stamps_us(trace: VehicleTrace) -> Times:
-    """Unix time (N,) of the samples, or the time since the first where that is not known."""
-    unix_us = unix_times_us(trace)
-    return trace["time_us"] - trace.zero_us if unix_us is None else unix_us
+def stamps_us(trace: VehicleTrace) -> tuple[Times, bool]:
+    """Unix time (N,) of the samples; if the log's stamps are no dates, the time since the first.
 
-
-def unix_times_us(trace: VehicleTrace) -> Times | None:
-    """Unix time (N,) of the samples; None if the log's stamps are no dates.
-
-    A message is stamped when it arrives, now soon, now late: the vehicle's own clock is carried
-    over as in the live service. Times never go back.
+    And which it is. A message is stamped when it arrives, now soon, now late: the vehicle's own
+    clock is carried over as in the live service. Times never go back.
     """
     times_us, arrivals_us = trace["time_us"], trace["arrival_us"]
-    if not len(arrivals_us) or arrivals_us[0] < EARLIEST_UNIX_US:
-        return None
-    clock, found = HostClock(), np.empty(len(arrivals_us), dtype=np.int64)
-    for rows in blocks(len(found)):
-        both = zip(times_us[rows].tolist(), arrivals_us[rows].tolist(), strict=True)
-        for k, (time_us, arrival_us) in enumerate(both, rows.start):
-            clock.observe(time_us, arrival_us)
-            found[k] = round(time_us + clock.offset_us)
-    return np.maximum.accumulate(found) if found.max() < LATEST_UNIX_US else None
+    if arrivals_us[0] >= EARLIEST_UNIX_US:
+        clock, found = HostClock(), np.empty(len(arrivals_us), dtype=np.int64)
+        for rows in blocks(len(found)):
+            both = zip(times_us[rows].tolist(), arrivals_us[rows].tolist(), strict=True)
+            for k, (time_us, arrival_us) in enumerate(both, rows.start):
+                clock.observe(time_us, arrival_us)
+                found[k] = round(time_us + clock.offset_us)
+        if found.max() < LATEST_UNIX_US:
+            return np.maximum.accumulate(found), True
+    return times_us - trace.zero_us, False
 
 
 def columns(trace: VehicleTrace) -> Iterator[Columns]:
     """The columns :data:`COLUMNS`, some rows at a time; NaN where something is not known."""
-    unix_us, time_s = unix_times_us(trace), trace.time_s
-    unix_s = np.full(len(trace), np.nan) if unix_us is None else 1e-6 * unix_us
+    (unix_us, are_dates), time_s = stamps_us(trace), trace.time_s
+    unix_s = 1e-6 * unix_us if are_dates else np.full(len(trace), np.nan)
     for rows in blocks(len(trace)):
         q, reference = trace["q_ned_frd"][rows], trace["reference_q_ned_frd"][rows]
         own = [time_s[rows], unix_s[rows], q, euler_curves_deg(q)]
@@ -185,7 +180,7 @@ def write_tum(path: Path, trace: VehicleTrace) -> None:
     A line a sample: time in s, place (zero: there is none), orientation x y z w of
     forward-left-up in East-North-Up (https://cvg.cit.tum.de/data/datasets/rgbd-dataset/file_formats).
     """
-    times_us, reference = stamps_us(trace), trace["reference_q_ned_frd"]
+    (times_us, _), reference = stamps_us(trace), trace["reference_q_ned_frd"]
     known = ~np.isnan(reference[:, 0])
     _write_poses(path, times_us, trace["q_ned_frd"])
     if known.any():
@@ -246,7 +241,7 @@ def _object(properties: dict[str, Any], title: str | None = None) -> dict[str, A
 
 def _messages(trace: VehicleTrace) -> Iterator[Message]:
     """Of each sample the rows that a CSV has, the attitude in space, and an IMU's message."""
-    stamps = stamps_us(trace)
+    stamps, _ = stamps_us(trace)
     for rows, part in zip(blocks(len(trace)), columns(trace), strict=True):
         times_us = stamps[rows].tolist()
         poses = (enu_flu(trace[name][rows]) for name in ("q_ned_frd", "reference_q_ned_frd"))
@@ -278,25 +273,17 @@ def _transform(time_us: int, child: str, q_enu_flu: Iterable[float]) -> bytes:
 
 
 def show(viewer: "ViewerSink", trace: VehicleTrace) -> None:
-    """Draw a trace in the viewer at the log's own times, with the attitudes by others beside it."""
-    for output in _outputs(trace):
-        if not viewer.is_wanted:  # a full disk, which is reported at the end
-            break
-        with suppress(ConnectionError):  # the viewer was closed: a file may still be wanted
-            viewer.handle([output])
-    viewer.finish()
+    """Draw what the service would have published at the samples, and the attitudes by others.
 
-
-def _outputs(trace: VehicleTrace) -> Iterator[Output]:
-    """What the service would have published at the samples."""
+    Times are the log's own.
+    """
     for rows in blocks(len(trace)):
         times_us, arrivals_us = trace["time_us"][rows], trace["arrival_us"][rows].tolist()
         peers = {name: track.at(times_us).tolist() for name, track in trace.references.items()}
         for k, (record, sample) in enumerate(trace.published(rows, arrivals_us)):
-            if record is not None:
-                for source, attitudes in peers.items():
-                    w, x, y, z = attitudes[k]
-                    if not isnan(w):
-                        of: Any = source
-                        yield Peer(trace.address, of, (w, x, y, z))
-                yield Published(trace.address, record, sample)
+            others: list[Any] = [(name, tuple(attitudes[k])) for name, attitudes in peers.items()]
+            outputs: list[Output] = [Peer(trace.address, *o) for o in others if not isnan(o[1][0])]
+            if record is not None and viewer.is_wanted:  # not on a full disk, reported at the end
+                with suppress(ConnectionError):  # the viewer was closed: a file may still be wanted
+                    viewer.handle([*outputs, Published(trace.address, record, sample)])
+    viewer.finish()

@@ -148,7 +148,8 @@ def _own_vibration(path: Path, trace: VehicleTrace, window: TimeWindow) -> OwnVi
     clipped = {imu: _increase(each) for imu, each in sorted(counts.items())}
     exceeded = [(imu, *_exceeded(np.array(each))) for imu, each in sizes.items()]
     worst = max(exceeded, key=lambda each: max(each[1]), default=(0, None, None))
-    return OwnVibration(readings[0].message, *worst, clipped=clipped)
+    imu, m_s2, verdict = worst
+    return OwnVibration(readings[0].message, imu, m_s2, verdict, clipped)
 
 
 def _increase(counts: list[int]) -> int:

@@ -213,8 +213,8 @@ def _retuned(trace: VehicleTrace) -> RetunedSummary | msgspec.UnsetType:
 def _imu_summary(trace: VehicleTrace) -> ImuSummary:
     counts = dict(trace.imu_messages.most_common())
     steps_s, gaps_s = (1e-6 * np.diff(trace[name]) for name in ("time_us", "arrival_us"))
-    figures: Any = (None,) * 4
+    figures: tuple[Any, Any, Any, Any] = (None, None, None, None)
     if len(steps_s):
-        rates_hz = 1.0 / np.median(steps_s), 1.0 / np.mean(steps_s)
-        figures = map(float, (*rates_hz, steps_s.max(), gaps_s.max()))
-    return ImuSummary(next(iter(counts), ""), len(trace), counts, *figures, rates=trace.rates)
+        rates_hz = 1.0 / float(np.median(steps_s)), 1.0 / float(np.mean(steps_s))
+        figures = (*rates_hz, float(steps_s.max()), float(gaps_s.max()))
+    return ImuSummary(next(iter(counts), ""), len(trace), counts, *figures, trace.rates)

@@ -210,15 +210,11 @@ def error_summary(error_rad: Floats, counted: Bools, has_heading: Bools) -> Erro
 
 def coverage(columns: Any, counted: Bools, has_heading: Bools, moved: Bools) -> Coverage:
     """How often errors that count (N,) stayed under their sigmas, always and while in motion."""
-    _, heading, inclination = columns["error_rad"].T
-    upright = inclination <= columns["sigma_inclination_rad"]
-    pointed = heading <= columns["sigma_heading_rad"]
-    return Coverage(
-        inclination=mean(upright[counted]),
-        heading=mean(pointed[counted & has_heading]),
-        inclination_moving=mean(upright[counted & moved]),
-        heading_moving=mean(pointed[counted & has_heading & moved]),
-    )
+    shares: dict[str, float | None] = {}
+    for name, i, known in (("inclination", 2, counted), ("heading", 1, counted & has_heading)):
+        is_under = columns["error_rad"][:, i] <= columns[f"sigma_{name}_rad"]
+        shares |= {name: mean(is_under[known]), f"{name}_moving": mean(is_under[known & moved])}
+    return Coverage(**shares)
 
 
 def convergence_s(times_us: Times, total_rad: Floats) -> float | None:

@@ -14,7 +14,6 @@ from pathlib import Path
 import pytest
 from pymavlink import mavutil
 
-from fuzzbee.check import _files
 from fuzzbee.cli import main
 from tests.fuzzbee.services import descendants, is_alive
 from tests.fuzzbee.tlogs import rewritten
@@ -84,14 +83,16 @@ def test_nothing_to_check(capsys, tmp_path, monkeypatch, given):
     assert len(err.splitlines()) == 1
 
 
-def test_a_bags_folder_is_one_log(tmp_path):
+def test_a_bags_folder_is_one_log(capsys, tmp_path):
     """Its parts alone lack what its metadata hold, as that they are compressed."""
     bag, flight = tmp_path / "flights" / "bag", tmp_path / "flights" / "flight.tlog"
     bag.mkdir(parents=True)
     for file in (bag / "metadata.yaml", bag / "bag_0.db3", bag / "bag_1.db3", flight):
         file.write_bytes(b"content")
-    assert [*_files([tmp_path])] == [bag, flight]
-    assert [*_files([bag])] == [bag]
+    status, out, _ = check(capsys, tmp_path, bag)
+    assert status == 2
+    named = sorted(line.partition(": ")[0] for line in out.splitlines())
+    assert named == sorted(map(str, (bag, flight, bag)))
 
 
 def test_replay_lists_them(capsys, season):

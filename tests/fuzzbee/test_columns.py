@@ -34,13 +34,7 @@ def test_the_result_of_a_run_names_what_was_counted_in_its_units():
     assert result["heard"] == [1, 3]
     expected = {"ticks": 41, "overruns": 42, "dropped": 43, "lost": 71, "malformed": 72}
     assert {name: result[name] for name in expected} == expected
-    assert result["departed"] == {
-        "vehicles": 51,
-        "samples": 52,
-        "shed": 53,
-        "rejected": 54,
-        "attitudes": 55,
-    }
+    assert result["departed"] == departed
     assert list(result["refused"].items()) == [("id", 62), ("signature", 61)]
     vehicle = result["vehicles"]["1"]
     assert (vehicle["worst_gap_s"], vehicle["imu_rate_hz"]) == (0.25, 49.877)

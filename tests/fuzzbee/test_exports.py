@@ -107,19 +107,26 @@ def test_dates_are_those_of_the_log(replayed, tmp_path):
     assert np.abs(np.diff(dates - times)).max() < 5.7e-3
 
 
+def restamped(made, change):
+    """A copy of the log whose stamps are ``change(stamp_us, share of the log before it)``."""
+    data, at = bytearray(LOG.read_bytes()), 0
+    while at + 8 < len(data):
+        begin, at = at, frame_end(data, at + 8)
+        stamp_us = int.from_bytes(data[begin : begin + 8], "big")
+        data[begin : begin + 8] = change(stamp_us, at / len(data)).to_bytes(8, "big")
+    made.write_bytes(data)
+    return made
+
+
 @pytest.mark.parametrize("stamp_us", [None, 1 << 62, (1 << 31) * 10**6])
 def test_stamps_that_are_no_dates_are_none(replayed, tmp_path, stamp_us):
     """PX4's clock of a clip that begins before the first fix counts from its start.
 
     ROS and Foxglove have 31 bits for the seconds: later dates are none either.
     """
-    log, data, at = LOG.with_name("px4_hover.ulg"), bytearray(LOG.read_bytes()), 0
+    log = LOG.with_name("px4_hover.ulg")
     if stamp_us is not None:
-        log = tmp_path / "late.tlog"
-        while at + 8 < len(data):
-            begin, at = at, frame_end(data, at + 8)
-            data[begin : begin + 8] = (stamp_us + 100 * begin).to_bytes(8, "big")
-        log.write_bytes(data)
+        log = restamped(tmp_path / "late.tlog", lambda _, share: stamp_us + round(1e7 * share))
     replayed(log, "--csv", tmp_path / "a.csv", "--mcap", tmp_path / "a.mcap")
     assert {row["time_unix_s"] for row in rows_of(tmp_path / "a.csv")} == {""}
     assert read_mcap(tmp_path / "a.mcap")[0][2] == 0
@@ -183,13 +190,8 @@ def test_csv_of_the_experiment_gives_its_cost_and_its_settling(replayed, tmp_pat
 
 
 def test_dates_never_go_back_though_the_recorder_s_clock_was_set_back(replayed, tmp_path):
-    data, at = bytearray(LOG.read_bytes()), 0
-    while at + 8 < len(data):
-        begin, at = at, frame_end(data, at + 8)
-        stamp_us = int.from_bytes(data[begin : begin + 8], "big") - 2_000_000 * (2 * at > len(data))
-        data[begin : begin + 8] = stamp_us.to_bytes(8, "big")
-    (tmp_path / "back.tlog").write_bytes(data)
-    replayed(tmp_path / "back.tlog", "--csv", tmp_path / "a.csv")
+    log = restamped(tmp_path / "back.tlog", lambda us, share: us - 2_000_000 * (share > 0.5))
+    replayed(log, "--csv", tmp_path / "a.csv")
     dates = [float(row["time_unix_s"]) for row in rows_of(tmp_path / "a.csv")]
     assert len(dates) > 500
     assert np.diff(dates).min() == 0.0

@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from fuzzbee.replays.plot import Thinned
 from tests.fuzzbee import browser
-from tests.fuzzbee.tlogs import rewritten
+from tests.fuzzbee.tlogs import rewritten, table
 
 DATA = Path(__file__).parents[1] / "data"
 LOG = DATA / "sitl_copter_4hz.tlog"
@@ -31,14 +31,6 @@ def drawn(monkeypatch):
 
     monkeypatch.setattr(figure_type, "savefig", keep)
     return figures
-
-
-def table(path, rate_hz, rows, columns=()):
-    """A table of rows (gyroscope, accelerometer, other columns) at times."""
-    heading = ["time_s", "gx_rad_s", "gy_rad_s", "gz_rad_s", "ax_g", "ay_g", "az_g", *columns]
-    lines = [",".join(map(str, (k / rate_hz, *row))) for k, row in enumerate(rows) if row]
-    path.write_text("\n".join([",".join(heading), *lines]))
-    return path
 
 
 @pytest.fixture

@@ -10,28 +10,22 @@ import pytest
 from drivers.logs import csv_text, log_file
 from drivers.logs.open import open_log
 from fuzzbee.replays.table import reading_bar
+from tests.fuzzbee.tlogs import table
 
 DATA = Path(__file__).parents[1] / "data"
 
 
-@pytest.fixture
-def a_table(tmp_path):
-    """A CSV of 400 kB."""
-    rows = [f"{0.01 * k:.2f},0.001,0,{1e-6 * (k % 7)},0,0,-1" for k in range(15_000)]
-    table = tmp_path / "table.csv"
-    table.write_text("\n".join(["time_s,gx_rad_s,gy_rad_s,gz_rad_s,ax_g,ay_g,az_g", *rows]))
-    return table
-
-
 @pytest.mark.parametrize("name", ["px4_hover.ulg", "sub_bluerov.tlog", "table.csv"])
-def test_a_terminal_shows_how_far_a_log_has_been_read(name, a_table, monkeypatch):
+def test_a_terminal_shows_how_far_a_log_has_been_read(name, tmp_path, monkeypatch):
+    rows = ((0.001, 0, 1e-6 * (k % 7), 0, 0, -1) for k in range(15_000))  # 400 kB
+    path = table(tmp_path / name, 100.0, rows) if name == "table.csv" else DATA / name
     for each in (log_file, csv_text):
         monkeypatch.setattr(each, "READ_SIZE", 70_000)
     monkeypatch.setenv("TERM", "xterm")
     ours, its = os.openpty()
     with open(its, "w") as terminal:  # noqa: PTH123 - a descriptor
         monkeypatch.setattr(sys, "stderr", terminal)
-        log = open_log(a_table if name == a_table.name else DATA / name)
+        log = open_log(path)
         with reading_bar(log):
             positions = []
             show = log.on_read

@@ -18,10 +18,11 @@ from fuzzbee.replays.score import constant_turn
 from fuzzbee.replays.trace import VehicleTrace
 from tests.flight import banked_flight
 from tests.fuzzbee.recording import recorded
+from tests.fuzzbee.tlogs import table as written_table
 from tests.service.records import ATTITUDE
 
 DATA = Path(__file__).parents[1] / "data"
-DOWN = (0.0, 0.0, 1.0)
+DOWN, G = (0.0, 0.0, 1.0), 9.80665
 
 
 def rms(values):
@@ -144,14 +145,11 @@ def test_when_a_vehicle_moves(rate, turn, push, moving):
 def test_a_heading_by_velocity_is_scored_without_a_magnetometer(tmp_path):
     flight = banked_flight(seconds=60.0, rate_hz=50.0)
     velocity = {k: report.velocity_ned_m_s for k, report in flight.reports}
-    sensors = [f"gyro_{axis}_rad_s" for axis in "xyz"] + [f"acc_{axis}_m_s2" for axis in "xyz"]
-    lines = [",".join(["time_s", *sensors, "vn,ve,vd,w,x,y,z"])]
-    for k, (sample, q) in enumerate(zip(flight.samples, flight.truth, strict=True)):
-        reported = velocity.get(k, ("", "", ""))
-        row = (1e-6 * sample.time_us, *sample.gyr_rad_s, *sample.acc_m_s2, *reported, *q)
-        lines.append(",".join(map(str, row)))
-    path = tmp_path / "flight.csv"
-    path.write_text("\n".join(lines))
+    rows = [
+        (*sample.gyr_rad_s, *np.divide(sample.acc_m_s2, G), *velocity.get(k, ("", "", "")), *q)
+        for k, (sample, q) in enumerate(zip(flight.samples, flight.truth, strict=True))
+    ]
+    path = written_table(tmp_path / "flight.csv", 50.0, rows, ("vn", "ve", "vd", *"wxyz"))
     path.with_suffix(".toml").write_text(
         'axes = "frd"\nvelocity = { columns = ["vn", "ve", "vd"] }\n'
         'truth = { columns = ["w", "x", "y", "z"] }'

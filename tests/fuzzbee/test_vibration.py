@@ -9,13 +9,13 @@ import pytest
 
 from drivers.mavlink.constants import mavlink
 from fuzzbee.cli import main
-from tests.fuzzbee.tlogs import rewritten
+from tests.fuzzbee.tlogs import rewritten, table
 
 RATE_HZ, SECONDS, G = 400.0, 40.0, 9.80665
 TONE_HZ, CORNER_HZ = 40.0, 5.0
 
 
-def table(folder, amplitude_m_s2, rate_hz=RATE_HZ, clip_rad_s=np.inf, tone_hz=TONE_HZ):
+def shaken(folder, amplitude_m_s2, rate_hz=RATE_HZ, clip_rad_s=np.inf, tone_hz=TONE_HZ):
     """A vehicle at rest that shakes along its y axis, and turns for a moment."""
     t = np.arange(0.0, SECONDS, 1.0 / rate_hz)
     rng = np.random.default_rng(3)
@@ -23,13 +23,8 @@ def table(folder, amplitude_m_s2, rate_hz=RATE_HZ, clip_rad_s=np.inf, tone_hz=TO
     acc[:, 2] -= G
     acc[:, 1] += amplitude_m_s2 * np.sin(2.0 * np.pi * tone_hz * t)
     gyr[:, 2] += 8.0 * np.sin(2.0 * np.pi * 0.5 * t) * (t > 20.0) * (t < 24.0)
-    gyr = gyr.clip(-clip_rad_s, clip_rad_s)
-    path = folder / "shaken.csv"
-    axes = [f"gyro_{axis} (rad/s)" for axis in "xyz"] + [f"acc_{axis} [m/s^2]" for axis in "xyz"]
-    columns = ",".join(["time_s", *axes])
-    rows = np.column_stack([t, gyr, acc])
-    np.savetxt(path, rows, delimiter=",", header=columns, comments="", fmt="%.6f")
-    return path
+    rows = np.column_stack([gyr.clip(-clip_rad_s, clip_rad_s), acc / G]).round(7)
+    return table(folder / "shaken.csv", rate_hz, rows.tolist())
 
 
 def checked(capsys, path):
@@ -51,7 +46,7 @@ def test_vibration_is_that_of_a_high_passed_tone(
     tmp_path, capsys, amplitude, tone_hz, verdict, ripple
 ):
     """A tone's root mean square behind a first-order high-pass is known; 2 Hz leave a ripple."""
-    found = checked(capsys, table(tmp_path, amplitude, tone_hz=tone_hz))["vibration"]
+    found = checked(capsys, shaken(tmp_path, amplitude, tone_hz=tone_hz))["vibration"]
     wanted = amplitude / sqrt(2.0) * tone_hz / hypot(tone_hz, CORNER_HZ)
     assert found["m_s2"][1] == pytest.approx(wanted, rel=ripple)
     assert found["m_s2"][0] < 0.1
@@ -59,11 +54,11 @@ def test_vibration_is_that_of_a_high_passed_tone(
 
 
 def test_a_slow_stream_shows_no_vibration(tmp_path, capsys):
-    assert checked(capsys, table(tmp_path, 5.0, rate_hz=10.0))["vibration"] is None
+    assert checked(capsys, shaken(tmp_path, 5.0, rate_hz=10.0))["vibration"] is None
 
 
 def test_the_line_names_limits_and_clipping(tmp_path, capsys):
-    path = table(tmp_path, 55.0, clip_rad_s=5.0)
+    path = shaken(tmp_path, 55.0, clip_rad_s=5.0)
     assert checked(capsys, path)["clipped"]["gyroscope"] > 10
     assert main(["check", str(path)]) == 0
     (line,) = capsys.readouterr().out.splitlines()

@@ -1,9 +1,17 @@
-"""Telemetry logs with other messages in them."""
+"""Telemetry logs with other messages in them, and tables."""
 
 from drivers.logs.log_file import Window
 from drivers.logs.tlog import tlog_records
 from drivers.mavlink.constants import mavlink
 from drivers.mavlink.framing import FieldReader
+
+
+def table(path, rate_hz, rows, columns=()):
+    """A table of rows (gyroscope, accelerometer, other columns) at times."""
+    heading = ["time_s", "gx_rad_s", "gy_rad_s", "gz_rad_s", "ax_g", "ay_g", "az_g", *columns]
+    lines = [",".join(map(str, (k / rate_hz, *row))) for k, row in enumerate(rows) if row]
+    path.write_text("\n".join([",".join(heading), *lines]))
+    return path
 
 
 def rewritten(log, made, change):
