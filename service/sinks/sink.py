@@ -16,7 +16,8 @@ class Sink(Protocol):
 
     It may have ``handle_at_once(outputs)``, which returns what cannot be done at once: while
     nothing else is pending the loop calls that itself, since to wake a thread costs more than some
-    records. One with a ``rest_s`` gets all that has gathered in each such period at one go.
+    records. One with a ``rest_s`` is for eyes: its thread rests that long after each look, and then
+    hands over all that is pending at one go.
     """
 
     @property
@@ -52,7 +53,6 @@ class Outlet:
         self.is_busy = False  # something is pending, or in hand
         self._handle_at_once: AtOnce | None = getattr(sink, "handle_at_once", None)
         self._rest_s: float = getattr(sink, "rest_s", 0.0)
-        self._due_s = time.monotonic()  # when it has rested
         self._is_closing = False
         self._changed = threading.Condition()
         # a daemon: a sink that blocks for ever must not keep the process alive
@@ -105,9 +105,7 @@ class Outlet:
     def _next(self) -> Sequence[Output] | None:
         with self._changed:
             if self.is_busy and self._rest_s > 0.0:
-                now_s = time.monotonic()
-                self._due_s = max(self._due_s + self._rest_s, now_s)
-                self._changed.wait_for(lambda: self._is_closing, self._due_s - now_s)
+                self._changed.wait_for(lambda: self._is_closing, self._rest_s)
             self.is_busy = bool(self._pending)
             self._changed.wait_for(lambda: self._pending or self._is_closing)
             if not self._pending:

@@ -6,6 +6,7 @@ last record; ``parameters`` answers with the profile, after replacing it if the
 query has a payload.
 """
 
+import time
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -187,17 +188,21 @@ class TogetherSink:
 
     def __init__(self, session: "zenoh.Session", prefix: str, period_s: float) -> None:
         self._topic = _Topic(session, f"{prefix}/attitudes")
-        self.rest_s = period_s
+        self._period_s = period_s
+        self._due_s = 0.0
+        self._newest: dict[str, AttitudeRecord] = {}
+        self._encode = msgspec.json.Encoder().encode
 
     def handle(self, outputs: Sequence[Output]) -> None:
-        """Publish the attitudes among the outputs of a period."""
-        newest = {
-            vehicle_name(output.vehicle): output.record
-            for output in outputs
-            if isinstance(output, Published) and isinstance(output.record, AttitudeRecord)
-        }
-        if newest:
-            self._topic.put(msgspec.json.encode(newest))
+        """Keep the attitudes among the outputs, and publish them when a period has passed."""
+        for output in outputs:
+            if isinstance(output, Published) and isinstance(output.record, AttitudeRecord):
+                self._newest[vehicle_name(output.vehicle)] = output.record
+        now_s = time.monotonic()
+        if self._newest and now_s >= self._due_s:
+            self._due_s = max(self._due_s + self._period_s, now_s)
+            self._topic.put(self._encode(self._newest))
+            self._newest.clear()
 
     def close(self) -> None:
         """Withdraw the key; the session is closed by who has opened it."""
