@@ -75,13 +75,13 @@ def load_kernels() -> None:
                 # 26 MB, with which only another kernel that calls it would be linked
                 overload.library._shared_module = None  # noqa: SLF001 - numba has no other way
     if _LIBRARY is not None:
-        with suppress(AttributeError):  # only the GNU C library needs it
+        with suppress(AttributeError, OSError):  # another C library, or no /proc
             _LIBRARY.malloc_trim(0)  # 9 MB that loading has freed
-        _release_code(_LIBRARY, "libllvmlite.so")
+            _release_code(_LIBRARY, "libllvmlite.so")
 
 
 def _release_code(system: ctypes.CDLL, library: str) -> None:
-    """Give back the memory of a library's code, 26 MB of LLVM's; what still runs is read again."""
+    """Give back the memory of a library's code, 50 MB of LLVM's; what still runs is read again."""
     for line in Path("/proc/self/maps").read_text().splitlines():
         span, access, *_ = line.split()
         if access == "r-xp" and line.endswith(library):

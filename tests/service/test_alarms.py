@@ -32,16 +32,22 @@ def attitude(bias=(0.0, 0.0, 0.0), sigma_deg=1.0, heading_deg=1.0, q=LEVEL):
     return ATTITUDE._replace(q_ned_frd=q, gyro_bias_rad_s=bias, **sigmas)
 
 
-def looked(alarms, half, acc=(0.0, 0.0, -9.8), mag=FIELD, host_s=None, **claims):
-    """Have a sample looked at after so many half seconds; returns the words that stand then."""
-    known = {"place_field": HERE, "dip_error_rad": 0.0, "contradicted_axes": (False,) * 3,
-             "is_aided": False, "profile": IMU}  # fmt: skip
-    estimator = SimpleNamespace(compass_fault="", **known)
-    for name in known:
-        setattr(estimator, name, claims.pop(name, getattr(estimator, name)))
+KNOWN = {"place_field": HERE, "dip_error_rad": 0.0, "contradicted_axes": (False,) * 3,
+         "is_aided": False, "profile": IMU,
+         "compass_fault": "", "compass_off_rad": 0.0}  # fmt: skip
+
+
+def lines(alarms, half, acc=(0.0, 0.0, -9.8), mag=FIELD, host_s=None, **claims):
+    """Have a sample looked at after so many half seconds."""
+    estimator = SimpleNamespace(**{name: claims.pop(name, KNOWN[name]) for name in KNOWN})
     sample = ImuSample(half * 500_000, (0.0, 0.0, 0.0), acc, mag, has_mag=True)
     arrival_us = START_US + round(1e6 * (half / 2 if host_s is None else host_s))
-    alarms.look(sample, arrival_us, attitude(**claims), estimator)
+    return alarms.look(sample, arrival_us, attitude(**claims), estimator)
+
+
+def looked(alarms, half, **given):
+    """The same; returns the words that stand then."""
+    lines(alarms, half, **given)
     return alarms.words
 
 
@@ -259,15 +265,6 @@ def test_a_single_look_after_an_hours_silence_is_no_alarm():
 
 @pytest.mark.parametrize("off_deg", [-90, 90])
 def test_a_compass_that_is_far_off_to_either_side_may_be_mounted_otherwise(off_deg):
-    estimator = SimpleNamespace(
-        compass_fault=CONTRADICTED,
-        compass_off_rad=radians(off_deg),
-        place_field=HERE,
-        dip_error_rad=0.0,
-        contradicted_axes=(False,) * 3,
-        is_aided=True,
-        profile=IMU,
-    )
-    sample = ImuSample(0, (0.0, 0.0, 0.0), (0.0, 0.0, -9.8), FIELD, has_mag=True)
-    (line,) = Alarms().look(sample, START_US, attitude(), estimator)
+    off = {"compass_fault": CONTRADICTED, "compass_off_rad": radians(off_deg)}
+    (line,) = lines(Alarms(), 0, is_aided=True, **off)
     assert line.endswith(f"which is {off_deg}° off; is its orientation set rightly?")

@@ -73,7 +73,10 @@ def test_a_wrong_attitude_is_reported_once_and_warned_of():
     assert "autopilot_differs" in status.warnings
     assert status.autopilot.verdict == "differs"
     assert status.autopilot.message == "ATTITUDE"
+    assert status.autopilot.axis == "inclination"
     assert status.autopilot.inclination_deg > 20.0
+    assert status.autopilot.roll_deg == pytest.approx(60.0, abs=6.0)
+    assert status.autopilot.in_short == f"autopilot horizon {status.autopilot.off_deg:.0f}° off"
 
 
 def test_the_same_attitude_is_no_news():
@@ -161,13 +164,6 @@ def test_what_the_autopilot_s_filter_says_against_itself_is_evidence(word, outpu
     assert output in status.autopilot.evidence
     _, status = flown(60.0, word={})
     assert "its own filter" not in status.autopilot.evidence
-
-
-def test_the_axis_and_the_angles_are_reported():
-    _, status = flown(60.0)
-    assert status.autopilot.axis == "inclination"
-    assert status.autopilot.roll_deg == pytest.approx(60.0, abs=6.0)
-    assert status.autopilot.in_short == f"autopilot horizon {status.autopilot.off_deg:.0f}° off"
 
 
 @pytest.mark.parametrize("off_us", [-3_600_000_000, 3_600_000_000])

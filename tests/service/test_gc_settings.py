@@ -1,6 +1,10 @@
 import gc
+import subprocess
 import sys
 
+import pytest
+
+from estimator.compilation.compiled import is_compiled_code
 from service.process import MANY_OBJECTS, SWITCH_INTERVAL_S, steady
 
 
@@ -29,3 +33,23 @@ def test_what_newcomers_bring_is_left_alone_too_once_a_second():
         brought += [[] for _ in range(1000)]
         add(1, 12.0)
         assert gc.get_freeze_count() <= before
+
+
+LOADED = """
+from service.process import load_kernels
+load_kernels()
+is_code, kb = False, 0
+for line in open("/proc/self/smaps"):
+    if "-" in line.split()[0]:
+        is_code = " r-xp " in line and "libllvmlite" in line
+    elif is_code and line.startswith("Rss:"):
+        kb += int(line.split()[1])
+print(kb)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux" or not is_compiled_code(), reason="nothing to free")
+def test_the_compilers_code_takes_no_memory_once_kernels_are_loaded():
+    command = [sys.executable, "-c", LOADED]
+    done = subprocess.run(command, capture_output=True, check=True, timeout=600)
+    assert int(done.stdout) < 8_000  # kB; 22,000 and more while they are loaded

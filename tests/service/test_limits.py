@@ -11,24 +11,10 @@ from service.alarms import Alarm
 from service.parameters import MOST_PROFILES
 from service.pipeline import Pipeline
 from service.publishing import HostClock, Publishing
-from service.records import Message
 from service.second_opinion import Look, SecondOpinion
-from service.sinks.sink import MAX_PENDING, Outbox
-from tests.service.sinks.test_sink import Blocker
 from tests.service.test_alarms import attitude, words
 
 S = 1_000_000
-
-
-def test_every_record_of_a_turn_that_a_sink_loses_is_counted():
-    sink = Blocker()
-    with Outbox([sink]) as outbox:
-        for _ in range(MAX_PENDING + 5):
-            outbox.put([Message("one"), Message("two"), Message("three")])
-        lost = outbox.dropped
-        sink.release.set()
-    assert lost >= 12
-    assert lost % 3 == 0
 
 
 def test_an_attitude_is_no_repetition_once_the_hosts_clock_is_set_back():

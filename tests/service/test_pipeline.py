@@ -221,6 +221,9 @@ def test_vehicles_are_told_apart_and_ground_stations_are_none():
     gimbal = VehicleId(1, 154)
     pipeline = Pipeline(PAPER)
     pipeline.handle(Heartbeat(VehicleId(255, 190), START_US, 8, 6))
+    pipeline.handle(Heartbeat(ONE, START_US, 3, 2))
+    (only,) = pipeline.tick(START_US)
+    assert only.record.state == "waiting"
     for a, b in zip(imu_events(50), imu_events(50, vehicle=two, seed=3), strict=True):
         pipeline.handle(a)
         pipeline.handle(b)
@@ -238,14 +241,6 @@ def test_a_second_imu_of_the_vehicle_does_not_reach_its_estimator():
     second = imu_events(100, message="SCALED_IMU2", seed=7)
     mixed = fed([event for pair in zip(first, second, strict=True) for event in pair])
     assert mixed.vehicle(ONE).estimator.snapshot == fed(first).vehicle(ONE).estimator.snapshot
-
-
-def test_a_vehicle_that_only_says_it_is_there_is_waiting():
-    pipeline = Pipeline(PAPER)
-    pipeline.handle(Heartbeat(ONE, START_US, 3, 2))
-    outputs = pipeline.tick(START_US)
-    assert attitudes(outputs) == []
-    assert statuses(outputs)[0].state == "waiting"
 
 
 def test_one_system_id_only():
@@ -397,6 +392,7 @@ def built_in(motion):
 def test_fuzzbee_s_own_vehicle_gets_the_profile_that_fits():
     """The paper's signals under imu are 42 deg off with a small sigma."""
     pipeline = Pipeline(load_profile("imu"), fits_built_in=True)
+    assert pipeline.handle(built_in("of another version")) == []
     noisy = "profile paper (signals so noisy that 5 to 10° remain)"
     assert texts(pipeline.handle(built_in("paper"))) == [
         f"vehicle 1: fuzzbee's own, motion paper, {noisy}"
@@ -429,11 +425,6 @@ def test_after_a_reboot_another_vehicle_may_have_the_address():
     assert pipeline.vehicle(ONE).profile == load_profile("imu")
     pipeline.handle(built_in("paper"))
     assert pipeline.vehicle(ONE).profile == PAPER
-
-
-def test_an_unknown_motion_changes_nothing():
-    pipeline = Pipeline(load_profile("imu"), fits_built_in=True)
-    assert pipeline.handle(built_in("of another version")) == []
 
 
 def test_many_lost_vehicles_have_fewer_statuses_and_one_that_is_there_has_each_second():

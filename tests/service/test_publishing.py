@@ -212,14 +212,9 @@ def test_numbers_keep_their_places():
     assert (made.confidence.gravity, made.confidence.magnetic) == (1.0, 0.5)
     assert made.sigma_deg.inclination == pytest.approx(1.0)
     assert made.sigma_deg.heading == pytest.approx(5.0)
-
-
-def test_an_unknown_sigma_is_half_a_turn_and_an_age_never_below_zero():
-    made = attitude_record(
-        attitude(sigma_heading_rad=inf), time_unix_us=1, time_boot_us=2, age_us=-3, sequence=0
-    )
-    assert made.sigma_deg.heading == 180.0
-    assert made.age_ms == 0.0
+    unknown = attitude(sigma_heading_rad=inf)  # half a turn; and no age is below zero
+    made = attitude_record(unknown, time_unix_us=1, time_boot_us=2, age_us=-3, sequence=0)
+    assert (made.sigma_deg.heading, made.age_ms) == (180.0, 0.0)
 
 
 @pytest.mark.parametrize("yaw_rad", [-1e-17, -6e-16, -8e-16, 0.0, pi, -pi, 2.0 * pi])

@@ -56,11 +56,8 @@ def test_a_scrape_has_the_latest_of_each_vehicle(sink):
     assert got["fuzzbee_dropped_total", ()] == 5
 
 
-def test_before_the_first_vehicle_there_is_a_page(sink):
+def test_before_the_first_vehicle_there_is_a_page_and_a_taken_port_is_named(sink):
     assert scrape(sink)["fuzzbee_overruns_total", ()] == 0
-
-
-def test_a_taken_port_is_named(sink):
     with pytest.raises(InputError, match=str(sink.port)):
         MetricsSink(sink.port)
 

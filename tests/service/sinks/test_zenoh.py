@@ -219,6 +219,7 @@ def test_a_taken_address_is_an_error_only_if_it_was_asked_for(endpoint):
         ({"prefix": "a/*"}, "wildcards"),
         ({"prefix": "/a"}, "/a"),
         ({"prefix": ""}, "empty"),
+        ({"mode": "client", "settings": ()}, "Unable to connect"),  # without its router
     ],
 )
 def test_unusable_options_are_named_in_one_line(endpoint, changes, words):
@@ -234,11 +235,6 @@ def test_a_configuration_nested_too_deep_is_refused(tmp_path):
     file.write_text("{listen: " + 50_000 * "[")
     with pytest.raises(InputError, match="more than 4096 lists"):
         open_session(ZenohOptions(config_file=str(file)))
-
-
-def test_a_client_without_its_router_is_reported_so(endpoint):
-    with pytest.raises(InputError, match="Unable to connect"):
-        open_session(ZenohOptions(connect=(endpoint,), mode="client"))
 
 
 def test_a_configuration_file_is_used(endpoint, tmp_path):
