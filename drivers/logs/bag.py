@@ -19,9 +19,9 @@ from drivers.logs.bag_bounds import BoundedPath, bound_bags
 from drivers.logs.log_file import LATEST_US, LogFile
 from drivers.logs.logged_vehicle import LoggedVehicle, dated_vehicle
 from drivers.logs.mcap_channels import McapChannels, from_json
-from drivers.samples.navigation import Fix, unit_or_none
+from drivers.samples.navigation import Fix
 from estimator.errors import InputError, missing_extra
-from estimator.geometry.frames import flu_from_frd, ned_frd_from_enu_flu
+from estimator.geometry.frames import flu_from_frd
 from estimator.types import IDENTITY, Vec3
 
 SUFFIXES = (".mcap", ".db3", ".bag")
@@ -217,11 +217,11 @@ def _message_events(
         acc = flu_from_frd(_vector(message.linear_acceleration))
         events += vehicle.imu(topic, gyr, acc)
     q = message.orientation
-    q_enu_flu = unit_or_none((float(q.w), float(q.x), float(q.y), float(q.z)))
-    is_reported = q_enu_flu not in (None, IDENTITY) and message.orientation_covariance[0] != -1.0
-    if topic == topics.attitude and is_reported and q_enu_flu is not None:
-        name, q_ned_frd = f"{topic}.orientation", ned_frd_from_enu_flu(q_enu_flu)
-        events += vehicle.attitude(name, "autopilot", q_ned_frd)
+    q_wxyz = (q.w, q.x, q.y, q.z)
+    is_reported = q_wxyz != IDENTITY and message.orientation_covariance[0] != -1.0
+    if topic == topics.attitude and is_reported:
+        name = f"{topic}.orientation"
+        events += vehicle.attitude(name, "autopilot", q_wxyz, is_enu_flu=True)
     return events
 
 

@@ -11,9 +11,8 @@ from drivers.logs.csv_columns import Part, columns, description
 from drivers.logs.csv_text import HEAD_SIZE, CsvText, csv_rows, csv_text
 from drivers.logs.log_file import LATEST_US, LogFile
 from drivers.logs.logged_vehicle import LoggedVehicle, dated_vehicle
-from drivers.samples.navigation import Fix, quaternion_from_euler, unit_or_none
+from drivers.samples.navigation import Fix
 from estimator.errors import InputError
-from estimator.geometry.frames import ned_frd_from_enu_flu
 
 STREAM = "CSV"
 ATTITUDES: tuple[tuple[str, Literal["sim", "autopilot"]], ...] = (
@@ -81,11 +80,8 @@ class CsvLog(LogFile):
             yield from vehicle.imu(STREAM, read["gyroscope"], read["accelerometer"])
         for name, source in ATTITUDES:
             if name in read:
-                angles = read[name]
-                q = unit_or_none(angles) if len(angles) == 4 else quaternion_from_euler(*angles)
-                if q is not None and name in self._columns.enu_flu:
-                    q = ned_frd_from_enu_flu(q)
-                yield from vehicle.attitude(name, source, q)
+                is_enu_flu = name in self._columns.enu_flu
+                yield from vehicle.attitude(name, source, read[name], is_enu_flu=is_enu_flu)
         if not is_whole:
             yield vehicle.malformed()
 

@@ -4,17 +4,24 @@ Most such logs know no arrivals. Their own times, on Unix time where a GPS gave 
 them.
 """
 
-from collections.abc import Callable
-from typing import Any, Literal
+from collections.abc import Callable, Sequence
+from typing import Any
 
 from drivers.events import Event, Malformed, Rejected, VehicleId
 from drivers.mavlink.gate import Repeats
 from drivers.samples.imu_stream import Field, RepeatedField, Stamp, finite_or_zero
 from drivers.samples.intake import Intake
-from drivers.samples.navigation import Fix, Navigation
+from drivers.samples.navigation import (
+    Fix,
+    Navigation,
+    Source,
+    quaternion_from_euler,
+    unit_or_none,
+)
 from drivers.samples.vehicle_clock import BOOT_US, REORDERED_US, TimeField
+from estimator.geometry.frames import ned_frd_from_enu_flu
 from estimator.reasons import Reason
-from estimator.types import ZERO_VEC3, Quaternion, Vec3
+from estimator.types import ZERO_VEC3, Vec3
 
 LONGEST_HOLE_US = 600 * 1_000_000  # a longer hole in a log is taken for a leap of its clock
 FIRST_DATE_US = 946_684_800_000_000  # the year 2000: smaller times count from somewhere else
@@ -122,10 +129,20 @@ class LoggedVehicle:
         return self._intake.imu(stream, self._stamp, gyr, acc, field)
 
     def attitude(
-        self, name: str, source: Literal["autopilot", "sim"], q_ned_frd: Quaternion | None
+        self, name: str, source: Source, numbers: Sequence[float], *, is_enu_flu: bool = False
     ) -> list[Event]:
-        """Somebody's attitude; None for one that is no rotation."""
-        return self._intake.attitude(name, self._stamp, source, q_ned_frd)
+        """Somebody's: a quaternion, w first, which may be none, or roll, pitch and yaw (rad).
+
+        It is from NED to FRD, or from ENU to FLU.
+        """
+        if len(numbers) == 4:
+            w, x, y, z = map(float, numbers)
+            q = unit_or_none((w, x, y, z))
+        else:
+            q = quaternion_from_euler(*numbers)
+        if is_enu_flu and q is not None:
+            q = ned_frd_from_enu_flu(q)
+        return self._intake.attitude(name, self._stamp, source, q)
 
     def fix(self, name: str, fix: Fix) -> list[Event]:
         """A velocity and perhaps a position."""
