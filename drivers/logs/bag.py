@@ -17,7 +17,7 @@ from typing import Any
 from drivers.events import Event, Malformed
 from drivers.logs.bag_bounds import BoundedPath, bound_bags
 from drivers.logs.log_file import LATEST_US, LogFile
-from drivers.logs.logged_vehicle import LoggedVehicle, dated_vehicle
+from drivers.logs.logged_vehicle import LoggedVehicle
 from drivers.logs.mcap_channels import McapChannels, from_json
 from drivers.samples.navigation import Fix
 from estimator.errors import InputError, missing_extra
@@ -110,11 +110,12 @@ class Bag(LogFile):
         except Exception as error:  # whatever a damaged file makes of the library
             raise InputError(f"{self.path}: cannot read this bag: {_words(error)}") from error
 
+        usual = "ros1" if kind is rosbag1.Reader else "cdr"
+        decoders = {"json": from_json, "ros1": ros1, "cdr": ros2}
+
         def decode(connection: Any, data: bytes) -> Any:
-            if getattr(connection, "encoding", "") == "json":
-                return from_json(data)
-            is_ros1 = kind is rosbag1.Reader or getattr(connection, "encoding", "") == "ros1"
-            return (ros1 if is_ros1 else ros2)(data, connection.msgtype)
+            encoding = getattr(connection, "encoding", usual)
+            return decoders[encoding](data, connection.msgtype)
 
         return reader, decode
 
@@ -180,7 +181,9 @@ def _events(reader: Any, decode: Decode, topics: _Topics) -> Iterator[Event]:
                 if abs(time_ns) >= 1000 * LATEST_US:
                     raise ValueError(f"stamped {time_ns} ns")  # noqa: TRY301 - as the library would
                 if vehicle is None:
-                    vehicle = dated_vehicle(time_ns // 1000, has_arrivals=has_arrivals)
+                    vehicle = LoggedVehicle(
+                        begin_us=time_ns // 1000, checks_axes=True, has_arrivals=has_arrivals
+                    )
                 arrival_us = recorded_ns // 1000 if has_arrivals else None
                 vehicle.at(time_ns // 1000, arrival_us=arrival_us)
                 events = _message_events(vehicle, topics, connection, message)
@@ -191,7 +194,7 @@ def _events(reader: Any, decode: Decode, topics: _Topics) -> Iterator[Event]:
         _log.warning("%s: read no further: %s", reader.path, _words(error))
         yield Malformed(0, 1)
     if vehicle is not None:
-        yield from vehicle.end()
+        yield from vehicle.intake.end()
 
 
 def _words(error: Exception) -> str:

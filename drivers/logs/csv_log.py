@@ -10,7 +10,7 @@ from drivers.events import COMPASS_CALIBRATED, Event, Parameter
 from drivers.logs.csv_columns import Part, columns, description
 from drivers.logs.csv_text import HEAD_SIZE, CsvText, csv_rows, csv_text
 from drivers.logs.log_file import LATEST_US, LogFile
-from drivers.logs.logged_vehicle import LoggedVehicle, dated_vehicle
+from drivers.logs.logged_vehicle import LoggedVehicle
 from drivers.samples.navigation import Fix
 from estimator.errors import InputError
 
@@ -48,7 +48,7 @@ class CsvLog(LogFile):
         for row in csv_rows(self.path, self._text, self.on_read):
             time_us = None if row is None else _time_us(self._text, row, about.time)
             if vehicle is None:
-                vehicle = dated_vehicle(time_us or 0, checks_axes=about.checks_axes)
+                vehicle = LoggedVehicle(begin_us=time_us or 0, checks_axes=about.checks_axes)
                 if (word := about.compass_calibrated) is not None:
                     yield Parameter(vehicle.id, vehicle.arrival_us, COMPASS_CALIBRATED, word)
             if row is None or time_us is None:
@@ -57,7 +57,7 @@ class CsvLog(LogFile):
                 vehicle.at(time_us)
                 yield from self._events(vehicle, row)
         if vehicle is not None:
-            yield from vehicle.end()
+            yield from vehicle.intake.end()
 
     def _events(self, vehicle: LoggedVehicle, row: Sequence[str]) -> Iterator[Event]:
         """The events of a row; what is empty is not there, a row with no number for one counted."""

@@ -56,7 +56,7 @@ class Dataflash(LogFile):
                     yield vehicle.malformed()
                 else:
                     yield from vehicle.decode(_events, *message)
-            yield from vehicle.end()
+            yield from vehicle.intake.end()
 
     def readings(self, names: frozenset[str]) -> Iterator[tuple[VehicleId, str, int, Any]]:
         """Messages that have a time; see :meth:`LogFile.readings`."""

@@ -24,7 +24,7 @@ DEFAULTS = {
 }
 
 
-def from_json(data: bytes) -> Any:
+def from_json(data: bytes, _kind: str) -> Any:
     """A message that was written as JSON; what it may leave out has its value for "unknown".
 
     Raises:

@@ -62,7 +62,7 @@ class Ulog(LogFile):
                         yield vehicle.malformed()
                     else:
                         yield from vehicle.decode(TOPICS[row.topic].events, row.topic, row.row)
-                yield from vehicle.end()
+                yield from vehicle.intake.end()
         except ValueError as error:
             raise InputError(f"{self.path}: cannot read this ULog, {error}") from error
 
@@ -131,7 +131,7 @@ def _estimator_status(vehicle: LoggedVehicle, _topic: str, row: Row) -> list[Eve
 def _selector_status(vehicle: LoggedVehicle, _topic: str, row: Row) -> list[Event]:
     vehicle.uses_first_filter = row["primary_instance"] == 0
     if not vehicle.uses_first_filter:
-        vehicle.navigation.forget()
+        vehicle.intake.navigation.forget()
     return []
 
 
