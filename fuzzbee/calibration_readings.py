@@ -104,7 +104,7 @@ def compass_readings(path: Path, trace: VehicleTrace) -> CompassReadings:
         found = currents(log, trace.address.system_id)
     current_a = None
     if found:
-        times_us, amperes = zip(*((each.arrival_us, each.ampere) for each in found), strict=True)
+        times_us, amperes = zip(*found, strict=True)
         current_a = np.interp(trace["arrival_us"][there], times_us, amperes)
     return CompassReadings(mag[there], down, q[there], is_headed[there], current_a)
 

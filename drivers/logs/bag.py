@@ -17,11 +17,11 @@ from typing import Any
 from drivers.events import Event, Malformed
 from drivers.logs.bag_bounds import BoundedPath, bound_bags
 from drivers.logs.log_file import LATEST_US, LogFile
-from drivers.logs.logged_vehicle import LoggedVehicle, dated_vehicle
+from drivers.logs.logged_vehicle import LoggedVehicle
 from drivers.logs.mcap_channels import McapChannels, from_json
-from drivers.samples.navigation import Fix, unit_or_none
+from drivers.samples.navigation import Fix
 from estimator.errors import InputError, missing_extra
-from estimator.geometry.frames import flu_from_frd, ned_frd_from_enu_flu
+from estimator.geometry.frames import flu_from_frd
 from estimator.types import IDENTITY, Vec3
 
 SUFFIXES = (".mcap", ".db3", ".bag")
@@ -110,11 +110,12 @@ class Bag(LogFile):
         except Exception as error:  # whatever a damaged file makes of the library
             raise InputError(f"{self.path}: cannot read this bag: {_words(error)}") from error
 
+        usual = "ros1" if kind is rosbag1.Reader else "cdr"
+        decoders = {"json": from_json, "ros1": ros1, "cdr": ros2}
+
         def decode(connection: Any, data: bytes) -> Any:
-            if getattr(connection, "encoding", "") == "json":
-                return from_json(data)
-            is_ros1 = kind is rosbag1.Reader or getattr(connection, "encoding", "") == "ros1"
-            return (ros1 if is_ros1 else ros2)(data, connection.msgtype)
+            encoding = getattr(connection, "encoding", usual)
+            return decoders[encoding](data, connection.msgtype)
 
         return reader, decode
 
@@ -180,7 +181,9 @@ def _events(reader: Any, decode: Decode, topics: _Topics) -> Iterator[Event]:
                 if abs(time_ns) >= 1000 * LATEST_US:
                     raise ValueError(f"stamped {time_ns} ns")  # noqa: TRY301 - as the library would
                 if vehicle is None:
-                    vehicle = dated_vehicle(time_ns // 1000, has_arrivals=has_arrivals)
+                    vehicle = LoggedVehicle(
+                        begin_us=time_ns // 1000, checks_axes=True, has_arrivals=has_arrivals
+                    )
                 arrival_us = recorded_ns // 1000 if has_arrivals else None
                 vehicle.at(time_ns // 1000, arrival_us=arrival_us)
                 events = _message_events(vehicle, topics, connection, message)
@@ -191,7 +194,7 @@ def _events(reader: Any, decode: Decode, topics: _Topics) -> Iterator[Event]:
         _log.warning("%s: read no further: %s", reader.path, _words(error))
         yield Malformed(0, 1)
     if vehicle is not None:
-        yield from vehicle.end()
+        yield from vehicle.intake.end()
 
 
 def _words(error: Exception) -> str:
@@ -217,11 +220,11 @@ def _message_events(
         acc = flu_from_frd(_vector(message.linear_acceleration))
         events += vehicle.imu(topic, gyr, acc)
     q = message.orientation
-    q_enu_flu = unit_or_none((float(q.w), float(q.x), float(q.y), float(q.z)))
-    is_reported = q_enu_flu not in (None, IDENTITY) and message.orientation_covariance[0] != -1.0
-    if topic == topics.attitude and is_reported and q_enu_flu is not None:
-        name, q_ned_frd = f"{topic}.orientation", ned_frd_from_enu_flu(q_enu_flu)
-        events += vehicle.attitude(name, "autopilot", q_ned_frd)
+    q_wxyz = (q.w, q.x, q.y, q.z)
+    is_reported = q_wxyz != IDENTITY and message.orientation_covariance[0] != -1.0
+    if topic == topics.attitude and is_reported:
+        name = f"{topic}.orientation"
+        events += vehicle.attitude(name, "autopilot", q_wxyz, is_enu_flu=True)
     return events
 
 

@@ -10,10 +10,9 @@ from drivers.events import COMPASS_CALIBRATED, Event, Parameter
 from drivers.logs.csv_columns import Part, columns, description
 from drivers.logs.csv_text import HEAD_SIZE, CsvText, csv_rows, csv_text
 from drivers.logs.log_file import LATEST_US, LogFile
-from drivers.logs.logged_vehicle import LoggedVehicle, dated_vehicle
-from drivers.samples.navigation import Fix, quaternion_from_euler, unit_or_none
+from drivers.logs.logged_vehicle import LoggedVehicle
+from drivers.samples.navigation import Fix
 from estimator.errors import InputError
-from estimator.geometry.frames import ned_frd_from_enu_flu
 
 STREAM = "CSV"
 ATTITUDES: tuple[tuple[str, Literal["sim", "autopilot"]], ...] = (
@@ -49,7 +48,7 @@ class CsvLog(LogFile):
         for row in csv_rows(self.path, self._text, self.on_read):
             time_us = None if row is None else _time_us(self._text, row, about.time)
             if vehicle is None:
-                vehicle = dated_vehicle(time_us or 0, checks_axes=about.checks_axes)
+                vehicle = LoggedVehicle(begin_us=time_us or 0, checks_axes=about.checks_axes)
                 if (word := about.compass_calibrated) is not None:
                     yield Parameter(vehicle.id, vehicle.arrival_us, COMPASS_CALIBRATED, word)
             if row is None or time_us is None:
@@ -58,7 +57,7 @@ class CsvLog(LogFile):
                 vehicle.at(time_us)
                 yield from self._events(vehicle, row)
         if vehicle is not None:
-            yield from vehicle.end()
+            yield from vehicle.intake.end()
 
     def _events(self, vehicle: LoggedVehicle, row: Sequence[str]) -> Iterator[Event]:
         """The events of a row; what is empty is not there, a row with no number for one counted."""
@@ -81,11 +80,8 @@ class CsvLog(LogFile):
             yield from vehicle.imu(STREAM, read["gyroscope"], read["accelerometer"])
         for name, source in ATTITUDES:
             if name in read:
-                angles = read[name]
-                q = unit_or_none(angles) if len(angles) == 4 else quaternion_from_euler(*angles)
-                if q is not None and name in self._columns.enu_flu:
-                    q = ned_frd_from_enu_flu(q)
-                yield from vehicle.attitude(name, source, q)
+                is_enu_flu = name in self._columns.enu_flu
+                yield from vehicle.attitude(name, source, read[name], is_enu_flu=is_enu_flu)
         if not is_whole:
             yield vehicle.malformed()
 

@@ -15,11 +15,11 @@ from typing import Any
 
 from drivers.events import Event, Heartbeat, ModeChange, Parameter, VehicleId
 from drivers.logs.dataflash_format import Row, messages
-from drivers.logs.log_file import LogFile, Window, windowed
+from drivers.logs.log_file import LogFile, windowed
 from drivers.logs.logged_vehicle import LoggedVehicle
 from drivers.mavlink import constants as mav
 from drivers.mavlink.ardupilot import SYSTEM_ID
-from drivers.samples.navigation import Fix, quaternion_from_euler, unit_or_none
+from drivers.samples.navigation import Fix
 from drivers.samples.vehicle_clock import TimeField
 
 MILLIGAUSS = 1e-3
@@ -49,26 +49,23 @@ class Dataflash(LogFile):
     """
 
     def __iter__(self) -> Iterator[Event]:
+        vehicle = LoggedVehicle(*self._identity())
         with windowed(self.path, self.on_read) as window:
-            system_id, unix_us = _identity(window)
-        with windowed(self.path, self.on_read) as window:
-            vehicle = LoggedVehicle(VehicleId(system_id, 1), unix_us)
             for message in messages(window, HANDLERS):
                 if message is None:
                     yield vehicle.malformed()
                 else:
                     yield from vehicle.decode(_events, *message)
-            yield from vehicle.end()
+            yield from vehicle.intake.end()
 
     def readings(self, names: frozenset[str]) -> Iterator[tuple[VehicleId, str, int, Any]]:
         """Messages that have a time; see :meth:`LogFile.readings`."""
-        with windowed(self.path) as window:
-            system_id, unix_us = _identity(window)
+        vehicle, unix_us = self._identity()
         with windowed(self.path) as window:
             for name, row in filter(None, messages(window, names)):
                 with suppress(LookupError, TypeError, ValueError, OverflowError):
                     arrival_us = unix_us + _time_us(name, row)[0]
-                    yield VehicleId(system_id, 1), name, arrival_us, SimpleNamespace(**row)
+                    yield vehicle, name, arrival_us, SimpleNamespace(**row)
 
     def advice(self, _system_id: int | None = None) -> str | None:
         """See :meth:`LogFile.advice`."""
@@ -77,6 +74,24 @@ class Dataflash(LogFile):
         if names != {"ATT"}:
             return None
         return "attitudes but no IMU message: set the IMU bit of LOG_BITMASK and log again"
+
+    def _identity(self) -> tuple[VehicleId, int]:
+        """Who it is, system 1 unless a parameter says so; Unix time minus time since boot, in us.
+
+        Both are near the log's beginning, if it has them.
+        """
+        system_id = unix_us = None
+        with windowed(self.path, self.on_read) as window:
+            for name, row in filter(None, messages(window, ("PARM", "GPS"))):
+                # garbage is passed over; another one may be sound
+                with suppress(LookupError, TypeError, ValueError, OverflowError):
+                    if unix_us is None and name == "GPS":
+                        unix_us = _unix_us(row)
+                    elif system_id is None and name == "PARM" and row["Name"] in SYSTEM_ID:
+                        system_id = int(row["Value"]) if 1 <= row["Value"] <= 255 else None
+                if system_id is not None and unix_us is not None:
+                    break
+        return VehicleId(system_id or 1, 1), unix_us or 0
 
 
 def _events(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
@@ -104,10 +119,10 @@ def _attitude(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
     if _is_other(row, "C"):
         return []
     if "Q1" in row:
-        q = unit_or_none((row["Q1"], row["Q2"], row["Q3"], row["Q4"]))
+        numbers = [row["Q1"], row["Q2"], row["Q3"], row["Q4"]]
     else:
-        q = quaternion_from_euler(*(math.radians(row[name]) for name in ("Roll", "Pitch", "Yaw")))
-    return vehicle.attitude(name, "sim" if name == "SIM" else "autopilot", q)
+        numbers = [math.radians(row[angle]) for angle in ("Roll", "Pitch", "Yaw")]
+    return vehicle.attitude(name, "sim" if name == "SIM" else "autopilot", numbers)
 
 
 def _filter_velocity(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
@@ -145,20 +160,18 @@ def _text(vehicle: LoggedVehicle, _name: str, row: Row) -> list[Event]:
     ]
 
 
-def _arm(vehicle: LoggedVehicle, _name: str, row: Row) -> list[Event]:
-    return [ModeChange(vehicle.id, vehicle.arrival_us, is_armed=bool(row["ArmState"]))]
-
-
-def _event(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
-    if row["Id"] not in (ARMED_EVENT, DISARMED_EVENT):
+def _mode(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
+    is_armed = custom_mode = None
+    if name == "ARM":
+        is_armed = bool(row["ArmState"])
+    elif name == "MODE":
+        custom_mode = int(row["ModeNum"] if "ModeNum" in row else row["Mode"])
+    elif row["Id"] in (ARMED_EVENT, DISARMED_EVENT):
+        vehicle.at(*_time_us(name, row))
+        is_armed = row["Id"] == ARMED_EVENT
+    else:
         return []
-    vehicle.at(*_time_us(name, row))
-    return [ModeChange(vehicle.id, vehicle.arrival_us, is_armed=row["Id"] == ARMED_EVENT)]
-
-
-def _mode(vehicle: LoggedVehicle, _name: str, row: Row) -> list[Event]:
-    number = int(row["ModeNum"] if "ModeNum" in row else row["Mode"])
-    return [ModeChange(vehicle.id, vehicle.arrival_us, custom_mode=number)]
+    return [ModeChange(vehicle.id, vehicle.arrival_us, is_armed, custom_mode)]
 
 
 def _is_other(row: Row, field: str) -> bool:
@@ -175,31 +188,9 @@ HANDLERS: dict[str, Callable[[LoggedVehicle, str, Row], list[Event]]] = {
     "GPS": _gps,
     "PARM": _parameter,
     "MSG": _text,
-    "ARM": _arm,
-    "EV": _event,
-    "MODE": _mode,
+    **dict.fromkeys(("ARM", "EV", "MODE"), _mode),
 }
 UNTIMED = frozenset(("PARM", "MSG", "EV"))  # their times are looked at where they matter
-
-
-def _identity(window: Window) -> tuple[int, int]:
-    """The system id, 1 unless a parameter says so, and Unix time minus time since boot, in us.
-
-    Both are near the log's beginning, if it has them.
-    """
-    system_id: int | None = None
-    unix_us: int | None = None
-    for name, row in filter(None, messages(window, ("PARM", "GPS"))):
-        try:
-            if unix_us is None and name == "GPS":
-                unix_us = _unix_us(row)
-            elif system_id is None and name == "PARM" and row["Name"] in SYSTEM_ID:
-                system_id = int(row["Value"]) if 1 <= row["Value"] <= 255 else None
-        except (LookupError, TypeError, ValueError, OverflowError):
-            continue  # garbage; another one may be sound
-        if system_id is not None and unix_us is not None:
-            break
-    return system_id or 1, unix_us or 0
 
 
 def _unix_us(row: Row) -> int | None:

@@ -4,17 +4,23 @@ Most such logs know no arrivals. Their own times, on Unix time where a GPS gave 
 them.
 """
 
-from collections.abc import Callable
-from typing import Any, Literal
+from collections.abc import Callable, Sequence
+from typing import Any
 
 from drivers.events import Event, Malformed, Rejected, VehicleId
 from drivers.mavlink.gate import Repeats
 from drivers.samples.imu_stream import Field, RepeatedField, Stamp, finite_or_zero
 from drivers.samples.intake import Intake
-from drivers.samples.navigation import Fix, Navigation
+from drivers.samples.navigation import (
+    Fix,
+    Source,
+    quaternion_from_euler,
+    unit_or_none,
+)
 from drivers.samples.vehicle_clock import BOOT_US, REORDERED_US, TimeField
+from estimator.geometry.frames import ned_frd_from_enu_flu
 from estimator.reasons import Reason
-from estimator.types import ZERO_VEC3, Quaternion, Vec3
+from estimator.types import ZERO_VEC3, Vec3
 
 LONGEST_HOLE_US = 600 * 1_000_000  # a longer hole in a log is taken for a leap of its clock
 FIRST_DATE_US = 946_684_800_000_000  # the year 2000: smaller times count from somewhere else
@@ -24,10 +30,11 @@ STALE_US = 200_000  # an older field that was logged beside no longer belongs to
 class LoggedVehicle:
     """Takes one vehicle's readings, each with the time that :meth:`at` was given last.
 
-    ``unix_us`` is Unix time minus the log's time, which counts from ``begin_us``. Readings may be
-    numbers of any kind, as the log has them. Without ``counts_from_boot`` the log's clock is a
-    computer's. ``checks_axes`` is set where the axes may be others than FRD, ``has_arrivals``
-    where the log has arrivals, which distinguish a gap from a leap of the clock.
+    ``unix_us`` is Unix time minus the log's time. Where a log's times count from its first row,
+    ``begin_us`` is that row's, on Unix time unless it is too small for a date: then the clock is a
+    computer's. Readings may be numbers of any kind, as the log has them. ``checks_axes`` is set
+    where the axes may be others than FRD, ``has_arrivals`` where the log has arrivals, which
+    distinguish a gap from a leap of the clock.
 
     Raises:
         TypeError, ValueError: what should be a number is none.
@@ -35,26 +42,26 @@ class LoggedVehicle:
 
     def __init__(
         self,
-        vehicle: VehicleId,
-        unix_us: int,
+        vehicle: VehicleId = VehicleId(1, 1),  # noqa: B008 - immutable
+        unix_us: int = 0,
         *,
         begin_us: int = 0,
-        counts_from_boot: bool = True,
         checks_axes: bool = False,
         has_arrivals: bool = False,
     ) -> None:
         self.id = vehicle
         self.uses_first_filter = True  # of several that the log shows of
-        self._unix_us, self._begin_us = unix_us, begin_us
-        self._stamp = Stamp(TimeField.TIME_USEC, 0, unix_us)
+        self._counts_from_boot = begin_us <= FIRST_DATE_US
+        self._unix_us = unix_us if self._counts_from_boot else begin_us
+        self._begin_us = begin_us
+        self._stamp = Stamp(TimeField.TIME_USEC, 0, self._unix_us)
         self._log_us: tuple[int | None, int] = None, 0  # the latest time, and its arrival
         log_time = None if has_arrivals else self._log_arrival_us
-        self._intake = Intake(vehicle, log_time, counts_from_boot=counts_from_boot)
-        self._intake.checks_axes = checks_axes
+        self.intake = Intake(vehicle, log_time, counts_from_boot=self._counts_from_boot)
+        self.intake.checks_axes = checks_axes
         self._mag_gauss = ZERO_VEC3  # the latest reading, zero where that was no number
         self._mag_us, self._mag_number = 0, 0  # of the latest one that is data
         self._repetition = RepeatedField()
-        self._counts_from_boot = counts_from_boot
         self._repeats, self._last_us = Repeats(), dict[str, int]()  # of IMU rows
 
     def at(
@@ -70,11 +77,6 @@ class LoggedVehicle:
         """The time of arrival that events have now."""
         return self._stamp.arrival_us
 
-    @property
-    def navigation(self) -> Navigation:
-        """How far its filter is believed."""
-        return self._intake.navigation
-
     def decode(
         self, handler: Callable[["LoggedVehicle", str, Any], list[Event]], name: str, row: Any
     ) -> list[Event]:
@@ -88,16 +90,12 @@ class LoggedVehicle:
         """Something that cannot be read."""
         return Malformed(self.arrival_us, 1)
 
-    def end(self) -> list[Event]:
-        """The log has ended: what has waited for more."""
-        return self._intake.end()
-
     def filter_status(
         self, flags: int, velocity_ratio: float, compass_ratio: float = 0.0
     ) -> list[Event]:
         """What its filter says of itself."""
         ratios = float(velocity_ratio), float(compass_ratio)
-        return self._intake.filter_status(self.arrival_us, int(flags), *ratios)
+        return self.intake.filter_status(self.arrival_us, int(flags), *ratios)
 
     def put_mag(self, mag_gauss: Vec3) -> list[Event]:
         """Take a magnetic reading in, for the IMU samples behind it: each stream has it once."""
@@ -119,13 +117,23 @@ class LoggedVehicle:
         field = Field(
             self._mag_gauss, 0 if abs(raw_us - self._mag_us) > STALE_US else self._mag_number
         )
-        return self._intake.imu(stream, self._stamp, gyr, acc, field)
+        return self.intake.imu(stream, self._stamp, gyr, acc, field)
 
     def attitude(
-        self, name: str, source: Literal["autopilot", "sim"], q_ned_frd: Quaternion | None
+        self, name: str, source: Source, numbers: Sequence[float], *, is_enu_flu: bool = False
     ) -> list[Event]:
-        """Somebody's attitude; None for one that is no rotation."""
-        return self._intake.attitude(name, self._stamp, source, q_ned_frd)
+        """Somebody's: a quaternion, w first, which may be none, or roll, pitch and yaw (rad).
+
+        It is from NED to FRD, or from ENU to FLU.
+        """
+        if len(numbers) == 4:
+            w, x, y, z = map(float, numbers)
+            q = unit_or_none((w, x, y, z))
+        else:
+            q = quaternion_from_euler(*numbers)
+        if is_enu_flu and q is not None:
+            q = ned_frd_from_enu_flu(q)
+        return self.intake.attitude(name, self._stamp, source, q)
 
     def fix(self, name: str, fix: Fix) -> list[Event]:
         """A velocity and perhaps a position."""
@@ -135,7 +143,7 @@ class LoggedVehicle:
             sigma_m_s=None if sigma_m_s is None else float(sigma_m_s),
             position=None if position is None else _floats(position),
         )
-        return self._intake.fix(name, self._stamp, of_floats)
+        return self.intake.fix(name, self._stamp, of_floats)
 
     def _log_arrival_us(self, raw_us: int) -> int:
         """What stands in for the arrival: the log's own time, but no step beyond a hole's length.
@@ -147,24 +155,6 @@ class LoggedVehicle:
             arrival_us += min(max(raw_us - last_us, 0), LONGEST_HOLE_US)
         self._log_us = raw_us, arrival_us
         return arrival_us
-
-
-def dated_vehicle(
-    begin_us: int, *, checks_axes: bool = True, has_arrivals: bool = False
-) -> LoggedVehicle:
-    """The one vehicle of a log whose times count from its first row, which is at ``begin_us``.
-
-    That is Unix time, unless it is too small for a date.
-    """
-    is_date = begin_us > FIRST_DATE_US
-    return LoggedVehicle(
-        VehicleId(1, 1),
-        begin_us if is_date else 0,
-        begin_us=begin_us,
-        counts_from_boot=not is_date,
-        checks_axes=checks_axes,
-        has_arrivals=has_arrivals,
-    )
 
 
 def _floats(vector: Vec3) -> Vec3:

@@ -13,38 +13,30 @@ from typing import Any, NamedTuple
 from drivers.logs.bag_bounds import bound_mcap
 
 ENCODINGS = ("cdr", "ros1", "json")
+NANOSECONDS = ("nanosec", "nsec", "nsecs")  # ROS 2's name and those of others
+EMPTY = SimpleNamespace()
 DEFAULTS = {
-    "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 0.0},
+    "header": EMPTY,
+    "orientation": SimpleNamespace(x=0.0, y=0.0, z=0.0, w=0.0),
     "orientation_covariance": [0.0],
-    "status": {"status": 0},
+    "status": SimpleNamespace(status=0),
     "altitude": 0.0,
 }
-NANOSECONDS = ("nanosec", "nsec", "nsecs")  # ROS 2's name and those of others
 
 
-def from_json(data: bytes) -> Any:
+def from_json(data: bytes, _kind: str) -> Any:
     """A message that was written as JSON; what it may leave out has its value for "unknown".
 
     Raises:
         TypeError, ValueError: it is no message.
     """
-    message = json.loads(data)
-    if not isinstance(message, dict):
-        raise TypeError("a message that is no object")
-    stamp = message.get("header", {}).get("stamp", {})
-    message["header"] = {
-        "stamp": {
-            "sec": int(stamp.get("sec", stamp.get("secs", 0))),
-            "nanosec": int(next((stamp[name] for name in NANOSECONDS if name in stamp), 0)),
-        }
-    }
-    return _named({**DEFAULTS, **message})
-
-
-def _named(value: Any) -> Any:
-    if not isinstance(value, dict):
-        return value
-    return SimpleNamespace(**{name: _named(each) for name, each in value.items()})
+    read = json.loads(data, object_hook=lambda fields: SimpleNamespace(**fields))
+    message = SimpleNamespace(**{**DEFAULTS, **vars(read)})
+    stamp = vars(vars(message.header).get("stamp", EMPTY))
+    seconds = int(stamp.get("sec", stamp.get("secs", 0)))
+    nanoseconds = int(next((stamp[name] for name in NANOSECONDS if name in stamp), 0))
+    message.header = SimpleNamespace(stamp=SimpleNamespace(sec=seconds, nanosec=nanoseconds))
+    return message
 
 
 class Channel(NamedTuple):

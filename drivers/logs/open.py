@@ -56,7 +56,8 @@ def open_log(path: Path, columns: Path | None = None) -> LogFile:
         raise InputError(f"{path}: a DataFlash log as text, use the .bin it was made from")
     if head.startswith(COMPRESSED):
         raise InputError(f"{path}: a compressed file, unpack it first")
-    if _is_table(path, head):
+    is_text = b"\0" not in head or head.startswith(UTF_16)
+    if is_text and (path.suffix.lower() in TABLES or csv_text(head) is not None):
         from drivers.logs.csv_log import CsvLog
 
         return CsvLog(path, columns)
@@ -95,12 +96,6 @@ def built_in_motion(log: LogFile) -> str | None:
     return None
 
 
-def _is_table(path: Path, head: bytes) -> bool:
-    if b"\0" in head and not head.startswith(UTF_16):
-        return False
-    return path.suffix.lower() in TABLES or csv_text(head) is not None
-
-
 def _meant(name: str) -> str:
     """What somebody may have meant who gives this for a log."""
     if name in SHIPPED:
@@ -111,23 +106,18 @@ def _meant(name: str) -> str:
 
 
 def _head(path: Path) -> bytes:
+    """The file's first bytes; a pipe would block, and a device may never end."""
     try:
-        _require_file(path)
+        about = path.stat()
+        if stat.S_ISDIR(about.st_mode):
+            raise InputError(f"{path}: a folder, not a log file")
+        if not stat.S_ISREG(about.st_mode):
+            raise InputError(f"{path}: not a file but a pipe, a socket or a device")
+        if about.st_size == 0:  # some of the kernel's would block
+            raise InputError(f"{path}: the file is empty")
         with path.open("rb") as file:
-            head = file.read(HEAD_SIZE)
+            return file.read(HEAD_SIZE)
     except FileNotFoundError:
         raise InputError(f"{path}: no such file{_meant(str(path))}") from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
-    return head
-
-
-def _require_file(path: Path) -> None:
-    """A folder has no content, a pipe would block, and a device may never end."""
-    about = path.stat()
-    if stat.S_ISDIR(about.st_mode):
-        raise InputError(f"{path}: a folder, not a log file")
-    if not stat.S_ISREG(about.st_mode):
-        raise InputError(f"{path}: not a file but a pipe, a socket or a device")
-    if about.st_size == 0:  # some of the kernel's would block
-        raise InputError(f"{path}: the file is empty")

@@ -31,22 +31,6 @@ CURRENT_SOURCES = ("SYS_STATUS", "BATTERY_STATUS", "BAT", "CURR")
 IMUS = range(3)
 
 
-class CompassReadings(NamedTuple):
-    """One compass's readings by the message that has most of them: arrivals (N,), gauss (N, 3)."""
-
-    message: str
-    arrivals_us: Times
-    mag_gauss: Floats
-
-
-class CurrentReading(NamedTuple):
-    """A battery's current (A) at the log's own time."""
-
-    source: str
-    arrival_us: int
-    ampere: float
-
-
 class VibrationReading(NamedTuple):
     """Vibration (m/s^2) along each axis of an IMU, None where it is not known.
 
@@ -60,8 +44,10 @@ class VibrationReading(NamedTuple):
     clipped: dict[int, int]
 
 
-def compasses(log: LogFile, system_id: int) -> dict[int, CompassReadings]:
+def compasses(log: LogFile, system_id: int) -> dict[int, tuple[str, Times, Floats]]:
     """The compasses of a vehicle by their numbers from 0; none where the log keeps but one.
+
+    Of each the message that has most readings, their arrivals (N,) and fields (gauss, (N, 3)).
 
     Raises:
         InputError: the log cannot be read.
@@ -77,30 +63,29 @@ def compasses(log: LogFile, system_id: int) -> dict[int, CompassReadings]:
             mag_gauss = (MILLI * m.MagX, MILLI * m.MagY, MILLI * m.MagZ)
         if any(mag_gauss):
             found[number, message].append((arrival_us, mag_gauss))
-    chosen: dict[int, CompassReadings] = {}
+    chosen: dict[int, tuple[str, Times, Floats]] = {}
     for (number, message), rows in sorted(found.items(), key=lambda each: len(each[1])):
         arrivals_us, mags_gauss = (np.array(column) for column in zip(*rows, strict=True))
-        chosen[number] = CompassReadings(message, arrivals_us, mags_gauss)
+        chosen[number] = message, arrivals_us, mags_gauss
     return chosen
 
 
-def currents(log: LogFile, system_id: int) -> list[CurrentReading]:
-    """The readings of a vehicle's battery in order of time, of one source; none where it has none.
+def currents(log: LogFile, system_id: int) -> list[tuple[int, float]]:
+    """The current (A) of a vehicle's battery at the log's own times, in their order, of one source.
 
     Raises:
         InputError: the log cannot be read.
     """
-    found: list[CurrentReading] = []
+    found: defaultdict[str, list[tuple[int, float]]] = defaultdict(list)
     for name, arrival_us, m in _of(log, system_id, CURRENT_SOURCES):
         is_telemetry = hasattr(m, "current_battery")
         ampere = CENTIAMPERE * m.current_battery if is_telemetry else float(m.Curr)
         is_known = not is_telemetry or m.current_battery != UNKNOWN
         numbers = (getattr(m, each, 0) for each in ("id", "Instance", "Inst"))
         if is_known and isfinite(ampere) and not any(numbers):
-            found.append(CurrentReading(name, arrival_us, ampere))
-    source = min((each.source for each in found), key=CURRENT_SOURCES.index, default="")
-    chosen = (each for each in found if each.source == source)
-    return sorted(chosen, key=lambda reading: reading.arrival_us)
+            found[name].append((arrival_us, ampere))
+    source = min(found, key=CURRENT_SOURCES.index, default="")
+    return sorted(found[source], key=lambda reading: reading[0])
 
 
 def vibrations(

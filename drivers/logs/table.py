@@ -1,6 +1,7 @@
 """A table of numbers that grows row by row; what is long lies in files that are mapped."""
 
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from tempfile import TemporaryFile
 from typing import Any
 from weakref import finalize
@@ -89,7 +90,7 @@ class _Column:
         if self._in_file:
             shape = (self._in_file, *rows.shape[1:])
             mapped = np.asarray(np.memmap(self._file, rows.dtype, "r", shape=shape))
-            return np.concatenate([mapped, rows]) if len(rows) else mapped
+            rows = np.concatenate([mapped, rows]) if len(rows) else mapped
         rows.flags.writeable = False
         return rows
 
@@ -102,13 +103,14 @@ class _Column:
         rows = self._joined()
         if not self._has_room or not len(rows):
             return
-        try:
+        written = 0
+        with suppress(OSError):
             if self._file is None:
                 self._file = TemporaryFile(buffering=0)  # noqa: SIM115 - closed with the column
                 finalize(self, self._file.close)
             self._file.seek(self._in_file * rows[:1].nbytes)
-            rows.tofile(self._file)
-        except OSError:
+            written = self._file.write(rows.tobytes())
+        if written != rows.nbytes:
             self._has_room = False
             return
         self._in_file += len(rows)

@@ -6,6 +6,7 @@ sometimes a time from another age; none of that stops the reading.
 """
 
 from collections.abc import Iterable, Iterator
+from itertools import chain, islice, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -47,16 +48,14 @@ def believe(
             continue
         stamp_us, frame = record
         if held is not None:
-            held_us, held_frame = held
-            held = None
-            if abs(stamp_us - held_us) < abs(stamp_us - last_us):
-                last_us = held_us
-            yield last_us, held_frame
-        if -ORDINARY_BACK_US <= stamp_us - last_us <= ORDINARY_STEP_US:
+            if abs(stamp_us - held[0]) < abs(stamp_us - last_us):
+                last_us = held[0]
+            yield last_us, held[1]
+        is_near = -ORDINARY_BACK_US <= stamp_us - last_us <= ORDINARY_STEP_US
+        held = None if is_near else record
+        if is_near:
             last_us = stamp_us
             yield last_us, frame
-        else:
-            held = stamp_us, frame
     if held is not None:
         yield last_us, held[1]
 
@@ -126,9 +125,9 @@ class Tlog(LogFile):
 
     def _frames(self, wanted: frozenset[int]) -> Iterator[tuple[int, Frame | None]]:
         with windowed(self.path, self.on_read) as window:
-            first_us = _first_stamp_us(window)
-        with windowed(self.path, self.on_read) as window:
-            yield from believe(tlog_records(window, wanted), first_us)
+            records = tlog_records(window, wanted)
+            first = [*islice(records, FIRST_RECORDS)]
+            yield from believe(chain(first, records), _first_stamp_us(first))
 
 
 def tlog_records(
@@ -170,16 +169,11 @@ def tlog_records(
     return window.records(0, read, search)
 
 
-def _first_stamp_us(window: Window) -> int:
+def _first_stamp_us(records: Iterable[tuple[int, Frame] | None]) -> int:
     """The first stamp that the next one agrees with: a file may begin in mid-record."""
-    previous_us = 0
-    for number, (stamp_us, _) in enumerate(filter(None, tlog_records(window))):
-        if number and -STAMP_BACK_US <= stamp_us - previous_us <= STAMP_STEP_US:
-            return previous_us
-        if number >= FIRST_RECORDS:
-            break
-        previous_us = stamp_us
-    return previous_us
+    stamps_us = [record[0] for record in records if record is not None]
+    agreed = (a for a, b in pairwise(stamps_us) if -STAMP_BACK_US <= b - a <= STAMP_STEP_US)
+    return next(agreed, stamps_us[-1] if stamps_us else 0)
 
 
 def _is_raw_capture(data: Data) -> bool:

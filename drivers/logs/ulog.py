@@ -9,14 +9,14 @@ arming. All are SI and FRD/NED already, fields in gauss, times in us since boot.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 from drivers.events import Event, Heartbeat, ModeChange, Parameter, Rejected, VehicleId
 from drivers.logs.log_file import LATEST_US, LogFile, windowed
 from drivers.logs.logged_vehicle import LoggedVehicle
 from drivers.logs.ulog_format import Found, Row, UlogReader
 from drivers.mavlink.constants import GPS_FIX_TYPE_3D_FIX, MAV_AUTOPILOT_PX4
-from drivers.samples.navigation import Fix, unit_or_none
+from drivers.samples.navigation import Fix
 from drivers.samples.vehicle_clock import LEAST_BACK_US, REORDERED_US
 from estimator.errors import InputError
 from estimator.reasons import Reason
@@ -62,7 +62,7 @@ class Ulog(LogFile):
                         yield vehicle.malformed()
                     else:
                         yield from vehicle.decode(TOPICS[row.topic].events, row.topic, row.row)
-                yield from vehicle.end()
+                yield from vehicle.intake.end()
         except ValueError as error:
             raise InputError(f"{self.path}: cannot read this ULog, {error}") from error
 
@@ -109,8 +109,7 @@ def _mag(vehicle: LoggedVehicle, _topic: str, row: Row) -> list[Event]:
 
 
 def _attitude(vehicle: LoggedVehicle, topic: str, row: Row) -> list[Event]:
-    source: Literal["sim", "autopilot"] = "sim" if topic == TRUTH_TOPIC else "autopilot"
-    return vehicle.attitude(topic, source, unit_or_none(row["q"]))
+    return vehicle.attitude(topic, "sim" if topic == TRUTH_TOPIC else "autopilot", row["q"])
 
 
 def _local_position(vehicle: LoggedVehicle, topic: str, row: Row) -> list[Event]:
@@ -132,7 +131,7 @@ def _estimator_status(vehicle: LoggedVehicle, _topic: str, row: Row) -> list[Eve
 def _selector_status(vehicle: LoggedVehicle, _topic: str, row: Row) -> list[Event]:
     vehicle.uses_first_filter = row["primary_instance"] == 0
     if not vehicle.uses_first_filter:
-        vehicle.navigation.forget()
+        vehicle.intake.navigation.forget()
     return []
 
 

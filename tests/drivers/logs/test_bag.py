@@ -1,6 +1,5 @@
 """Bags of ROS 1 and 2, written by rosbags: a clip of a flight comes back as it was."""
 
-import json
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from estimator.errors import InputError
 from estimator.geometry.frames import enu_flu_from_ned_frd, flu_from_frd
 from estimator.types import IDENTITY
 from fuzzbee.cli import main
+from tests.drivers.logs.test_logged_faults import json_mcap
 from tests.vocabulary import assert_attitude_close
 
 rosbag1 = pytest.importorskip("rosbags.rosbag1", reason="the extra 'bags' is not installed")
@@ -254,32 +254,22 @@ def test_a_bag_without_an_imu_is_reported_what_it_has(tmp_path, capsys):
     assert "no sensor_msgs/Imu; it has /imu (foxglove.Imu, protobuf), /note (foxglove.Imu)" in line
 
 
+def imu(k):
+    """An IMU's message as JSON, and its times."""
+    rate, force = {"x": 0.1, "y": -0.2, "z": -0.01 * k}, {"x": 0.0, "y": 0.0, "z": 9.8}
+    stamp_ns = 1_700_000_000 * 10**9 + 20_000_000 * k
+    return "Imu", k, stamp_ns, {"angular_velocity": rate, "linear_acceleration": force}
+
+
 def test_an_mcap_file_in_json(tmp_path):
     """Readings as rosbridge and web recorders write them: no orientation, a stamp in nsec."""
-    path = tmp_path / "a.mcap"
-    with mcap(path) as writer:
-        channels = {
-            name: writer.register_channel(
-                f"/{name.lower()}",
-                "json",
-                writer.register_schema(f"sensor_msgs/{name}", "jsonschema", b"{}"),
-            )
-            for name in ("Imu", "MagneticField", "NavSatFix")
-        }
-
-        def put(name, k, **fields):
-            stamp = {"sec": 1_700_000_000, "nsec": 20_000_000 * k}
-            data = json.dumps({"header": {"stamp": stamp}, **fields}).encode()
-            writer.add_message(channels[name], k, data, k)
-
-        def vector(x, y, z):
-            return {"x": x, "y": y, "z": z}
-
-        for k in range(40):
-            put("MagneticField", k, magnetic_field=vector(2e-5, 1e-7 * k, -4e-5))
-            rate, force = vector(0.1, -0.2, -0.01 * k), vector(0.0, 0.0, 9.8)
-            put("Imu", k, angular_velocity=rate, linear_acceleration=force)
-        put("NavSatFix", 40, latitude=47.0, longitude=8.0)
+    messages = []
+    for k in range(40):
+        _, *times_ns, _ = message = imu(k)
+        field = {"magnetic_field": {"x": 2e-5, "y": 1e-7 * k, "z": -4e-5}}
+        messages += [("MagneticField", *times_ns, field), message]
+    messages.append(("NavSatFix", *times_ns, {"latitude": 47.0, "longitude": 8.0}))
+    path = json_mcap(tmp_path / "a.mcap", messages)
     events = list(open_log(path))
     samples = [event.sample for event in of(Imu, events)]
     assert [sample.gyr_rad_s for sample in samples] == [
@@ -310,17 +300,8 @@ def test_a_message_that_cannot_be_is_counted_and_the_next_one_read(tmp_path, cap
     path = tmp_path / "a.mcap"
 
     def write(is_damaged):
-        with mcap(path) as writer:
-            schema = writer.register_schema("sensor_msgs/Imu", "jsonschema", b"{}")
-            channel = writer.register_channel("/imu", "json", schema)
-            for k in range(40):
-                message = {
-                    "header": {"stamp": {"sec": 1_700_000_000, "nsec": 20_000_000 * k}},
-                    "angular_velocity": {"x": 0.1, "y": 0.0, "z": 0.01 * k},
-                    "linear_acceleration": {"x": 0.0, "y": 0.0, "z": 9.8},
-                }
-                reported = {**message, **damage} if is_damaged(k) else message
-                writer.add_message(channel, k, json.dumps(reported).encode(), k)
+        messages = (imu(k) for k in range(40))
+        json_mcap(path, [(*m[:3], m[3] | damage if is_damaged(m[1]) else m[3]) for m in messages])
 
     write(lambda k: k == 7)
     events = list(open_log(path))

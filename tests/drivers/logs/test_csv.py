@@ -31,13 +31,20 @@ def readings():
     )
 
 
-def table(heading, columns, delimiter=",", comma=".", end="\n"):
-    """The text of a table; what is NaN is left empty."""
-    rows = np.column_stack(columns).tolist()
-    lines = [
-        delimiter.join("" if x != x else f"{x:.15g}".replace(".", comma) for x in row)
-        for row in rows
-    ]
+def table(heading, columns, delimiter=",", comma=".", end="\n", form=".15g", quote=""):
+    """The text of a table; what is NaN is left empty, a list has words."""
+
+    def number(x):
+        text = "" if x != x else f"{x:{form}}"
+        return text.translate(str.maketrans(",.", ".,")) if comma == "," else text
+
+    cells = []
+    for column in columns:
+        if isinstance(column, list):
+            cells.append(column)
+        else:
+            cells += [map(number, each) for each in np.atleast_2d(column.T).tolist()]
+    lines = (delimiter.join(quote + x + quote for x in row) for row in zip(*cells, strict=True))
     return end.join([*heading, *lines, ""])
 
 
@@ -64,8 +71,9 @@ def way(columns, above="", toml=None, **written_as):
     for title in columns:
         sign = next((each for each in AXES if each in title), "")
         titles += [title.replace(sign, axis) for axis in AXES[sign]] if sign else [title]
-    heading = [written_as.get("delimiter", ",").join(titles)]
-    return lambda: above + table(heading, tuple(columns.values()), **written_as), "utf-8", toml
+    quote = written_as.get("quote", "")
+    heading = [written_as.get("delimiter", ",").join(quote + each + quote for each in titles)]
+    return lambda: above + table(heading, columns.values(), **written_as), "utf-8", toml
 
 
 def german():
@@ -88,15 +96,6 @@ magnetometer = { columns = ["Feld X µT", "Feld Y", "Feld Z"] }
 """
 
 
-def phone():
-    """Right, forward, up; spaces between columns, a comment as heading."""
-    t, gyr, acc, mag = readings()
-    rfu = np.array([1.0, 1.0, -1.0])
-    columns = [1e9 * t] + [v[:, [1, 0, 2]] * rfu for v in (gyr, acc, 1e5 * mag)]
-    names = "t[ns] wx[rad/s] wy[rad/s] wz[rad/s] ax[m/s^2] ay[m/s^2] az[m/s^2] mx[nT] my[nT] mz[nT]"
-    return table(["# " + names], columns, "  ")
-
-
 def nameless():
     return table([], (NUMBER, 1e6 * T, ACC, 1e3 * MAG, GYR), "\t")
 
@@ -107,30 +106,6 @@ accelerometer = { columns = [3, 4, 5], unit = "m/s^2" }
 magnetometer = { columns = [6, 7, 8], unit = "mG" }
 gyroscope = { columns = [9, 10, 11], unit = "rad/s" }
 """
-
-
-def dates():
-    """Times in words, units as EuRoC and loggers write them."""
-    t, gyr, acc, mag = readings()
-    names = [f"w_RS_S_{axis} [rad s^-1]" for axis in "xyz"] + [f"ACCEL_{a}_MPS2" for a in "XYZ"]
-    lines = [
-        ",".join([f"2024-03-01T12:00:0{time:.6f}Z", *(f"{x:.15g}" for x in row)])
-        for time, row in zip(t, np.column_stack([gyr, acc, mag]).tolist(), strict=True)
-    ]
-    return "\n".join([",".join(["Zeit", *names]) + FIELD, *lines, ""])
-
-
-def grouped():
-    """Thousands between points, beside a decimal comma."""
-    t, gyr, acc, mag = readings()
-
-    def output(x):
-        return f"{x:,.12f}".translate(str.maketrans(",.", ".,"))
-
-    rows = np.column_stack([1.6e6 + 1e3 * t, gyr, 1e3 * acc / 9.80665, mag]).tolist()
-    names = NAMES.replace("time_s", "time_ms").replace("m_s2", "mg") + FIELD
-    lines = [";".join(map(output, row)) for row in rows]
-    return "\n".join([names.replace(",", ";"), *lines, ""])
 
 
 OF_TWO = "\n".join(
@@ -146,41 +121,12 @@ def late_field():
     return "\n".join([lines[0] + ",a,b,c,d,e,f,g,h,i,j,k,l", "0" + "," * 21, *wide, ""])
 
 
-def quoted():
-    """Decimal commas, between quotes."""
-    lines = table([(NAMES + FIELD).replace(",", ";")], readings(), ";", ",").splitlines()
-    return "\n".join(",".join(f'"{x}"' for x in line.split(";")) for line in lines)
-
-
 def commented():
     """Units in a line of their own, between brackets, an empty line below them."""
     names = ["time"] + [f"{s}{a}" for s in "gam" for a in "xyz"]
     units = ["[s]"] + ["[rad/s]"] * 3 + ["[m/s2]"] * 3 + ["[gauss]"] * 3
     rows = table([], readings())
     return "\n".join(["# logger v3, serial 12, 4", "", ",".join(names), ",".join(units), "", rows])
-
-
-def of_an_experiment():
-    """Exponents, all names between quotes, a free force beside the one that is felt."""
-    t, gyr, acc, mag = readings()
-    kinds = "Linear Acceleration $ (m/s^2)", "Acceleration $ (m/s^2)", "Gyroscope $ (rad/s)"
-    names = [k.replace("$", a) for k in (*kinds, "Magnetic field $ (µT)") for a in "xyz"]
-    rows = np.column_stack([t, 0.0 * acc, acc, gyr, 100 * mag]).tolist()
-    heading = ",".join(f'"{name}"' for name in ["Time (s)", *names])
-    return "\n".join([heading, *(",".join(f"{x:.15E}" for x in row) for row in rows)])
-
-
-def of_a_topic():
-    """A topic printed as a table: a percent sign, points in names, a word among the numbers."""
-    t, *others = readings()
-    kinds = "field.angular_velocity.$", "field.linear_acceleration.$", "field.magnetic_field.$"
-    names = [kind.replace("$", axis) for kind in kinds for axis in "xyz"]
-    rows = np.column_stack(others).tolist()
-    lines = [
-        f"{1_700_000_000_000_000_000 + round(1e9 * time)},imu_link," + ",".join(map(repr, row))
-        for time, row in zip(t, rows, strict=True)
-    ]
-    return "\n".join([",".join(["%time", "field.header.frame_id", *names]), *lines])
 
 
 OF_A_TOPIC = 'time = { columns = ["%time"], unit = "ns" }\n' + "\n".join(
@@ -237,28 +183,36 @@ def in_levels():
     return table([",".join(line) for line in (sensors, axes, units)], readings())
 
 
-def calibrated_above():
-    """Numbers above the heading, as many as below it."""
-    return "0.1,0.2,0.3,0.4,0.5,0.6,0.7,0.8,0.9,1\n" + plain()
-
-
-def date_and_time():
-    heading, *rows = plain().splitlines()
-    pairs = [row.split(",", 1) for row in rows]
-    lines = [f"2024-03-01,12:00:0{float(time):.6f},{rest}" for time, rest in pairs]
-    return "\n".join([heading.replace("time_s", "Date,Time"), *lines])
-
-
+CLOCK = [f"12:00:0{t:.6f}" for t in T]
+DATES = [f"2024-03-01T{time}Z" for time in CLOCK]
+STAMPS = [f"{1_700_000_000_000_000_000 + round(1e9 * t)}" for t in T]
+RFU = np.array([1.0, 1.0, -1.0])
 PLAIN = {"gyr_$_rad_s": GYR, "acc_$_m_s2": ACC, "mag_$_gauss": MAG}
+EUROC = {"w_RS_S_$ [rad s^-1]": GYR, "ACCEL_#_MPS2": ACC, "mag_$_gauss": MAG}
+PHONE = {  # right, forward, up
+    "t[ns]": 1e9 * T,
+    "w$[rad/s]": (GYR * RFU)[:, [1, 0, 2]],
+    "a$[m/s^2]": (ACC * RFU)[:, [1, 0, 2]],
+    "m$[nT]": (1e5 * MAG * RFU)[:, [1, 0, 2]],
+}
 WAYS = {
-    "of an experiment": (of_an_experiment, "utf-8", None),
+    "of an experiment": way(  # exponents, a free force beside the one that is felt
+        {"Time (s)": T, "Linear Acceleration $ (m/s^2)": FREE, "Acceleration $ (m/s^2)": ACC,
+         "Gyroscope $ (rad/s)": GYR, "Magnetic field $ (µT)": 100 * MAG},
+        form=".15E", quote='"',
+    ),
     "of many sensors": way(  # a last column that is a date in no format
         {"ACCELEROMETER # (m/s²)": ACC, "GRAVITY # (m/s²)": FREE,
          "LINEAR ACCELERATION # (m/s²)": FREE, "GYROSCOPE # (rad/s)": GYR,
          "MAGNETIC FIELD # (μT)": 100 * MAG, "Time since start in ms ": 1e3 * T},
         delimiter=";", end=";2015-02-13 18-49-01_123\n",
     ),
-    "of a topic": (of_a_topic, "utf-8", OF_A_TOPIC),
+    "of a topic": way(  # printed: a percent sign, points in names, a word among the numbers
+        {"%time": STAMPS, "field.header.frame_id": ROWS * ["imu_link"],
+         "field.angular_velocity.$": GYR, "field.linear_acceleration.$": ACC,
+         "field.magnetic_field.$": MAG},
+        toml=OF_A_TOPIC,
+    ),
     "of an autopilot": way(  # the time's unit is in its name, the others are told
         {"timestamp": 1.7e9 + T, "TimeUS": 1e6 * T, "I": ZERO, "Gyr#": GYR, "Acc#": ACC,
          "Mag#": 1e3 * MAG},
@@ -281,8 +235,13 @@ WAYS = {
     "of a statistician": (of_a_statistician, "utf-8", None),
     "open ended": (open_ended, "utf-8", None),
     "in levels": (in_levels, "utf-8", None),
-    "calibrated above": (calibrated_above, "utf-8", None),
-    "date and time": (date_and_time, "utf-8", 'time = { columns = ["Date", "Time"] }'),
+    "calibrated above": way(  # numbers above the heading, as many as below it
+        {"time_s": T, **PLAIN}, "0.1,0.2,0.3,0.4,0.5,0.6,0.7,0.8,0.9,1\n"
+    ),
+    "date and time": way(
+        {"Date": ROWS * ["2024-03-01"], "Time": CLOCK, **PLAIN},
+        toml='time = { columns = ["Date", "Time"] }',
+    ),
     "of a phone app": way(  # each sensor has its own time and words; the first time is taken
         {"accelerometerTimestamp_sinceReboot(s)": T, "accelerometerAcceleration#(G)": PER_G * ACC,
          "gyroTimestamp_sinceReboot(s)": 2.0 * T, "gyroRotation#(rad/s)": GYR,
@@ -309,17 +268,17 @@ WAYS = {
     "late field": (late_field, "utf-8", None),
     "minutes": way({"Elapsed time (min)": T / 60, **PLAIN}),
     "counted": way({"": NUMBER, "time_s": T, **PLAIN}),  # as pandas writes it
-    "quoted": (quoted, "utf-8", None),
+    "quoted": way({"time_s": T, **PLAIN}, comma=",", quote='"'),
     "commented": (commented, "utf-8", None),
     "returns": (lambda: plain().replace("\n", "\r"), "utf-8", None),
     "plain": (plain, "utf-8", None),
     "byte order mark": (plain, "utf-8-sig", None),
     "utf-16": (plain, "utf-16", None),
     "german": (german, "cp1252", GERMAN),
-    "phone": (phone, "utf-8", 'axes = "rfu"'),
-    "phone in full": (phone, "utf-8", 'axes = ["y", "x", "-z"]'),
-    "dates": (dates, "utf-8", None),
-    "dates, called otherwise": (lambda: dates().replace("Zeit", "Zeitstempel"), "utf-8", None),
+    "phone": way(PHONE, "# ", 'axes = "rfu"', delimiter="  "),
+    "phone in full": way(PHONE, "# ", 'axes = ["y", "x", "-z"]', delimiter="  "),
+    "dates": way({"Zeit": DATES, **EUROC}),
+    "dates, called otherwise": way({"Zeitstempel": DATES, **EUROC}),
     # two times: that whose unit is told counts, though it stands last
     "since start": way({"time": 1.7e18 + 1e9 * T, **PLAIN, "Time since start in ms": 1e3 * T}),
     "elapsed": way(
@@ -330,7 +289,11 @@ WAYS = {
         {"Time in seconds": T, "$_gyro_dps": DEG * GYR, "FreeAcc_#": FREE,
          "Accel1 # in m per s^2": ACC, "mag_$_gauss": MAG},
     ),
-    "grouped": (grouped, "utf-8", None),
+    "grouped": way(  # thousands between points, beside a decimal comma
+        {"time_ms": 1.6e6 + 1e3 * T, "gyr_$_rad_s": GYR, "acc_$_mg": 1e3 * PER_G * ACC,
+         "mag_$_gauss": MAG},
+        delimiter=";", comma=",", form=",.12f",
+    ),
     "nameless": (nameless, "utf-8", NAMELESS),
     "exponents": way(
         {"time_s": T, "w$_rad_s": GYR, "a$_m_s2": ACC, "m$_gauss": MAG}, delimiter="   "

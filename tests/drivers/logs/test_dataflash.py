@@ -274,15 +274,14 @@ def test_the_first_batterys_current_stands_beside_the_samples_of_its_time(tmp_pa
     read = Dataflash(log.save(tmp_path))
     found = currents(read, 7)
     arrivals = [event.arrival_us for event in read if isinstance(event, Imu)][2:8:2]
-    assert [each.ampere for each in found] == [16.0, 17.0, 18.0]
-    assert [each.arrival_us for each in found] == arrivals
+    assert found == [*zip(arrivals, [16.0, 17.0, 18.0], strict=True)]
 
 
 def test_before_2017_it_was_called_otherwise(tmp_path):
     log = modern()
     log.format("CURR", "Qff", "TimeUS,Volt,Curr")
     log.write("CURR", 10_000_000, 12.5, 7.5)
-    assert [each.ampere for each in currents(Dataflash(log.save(tmp_path)), 7)] == [7.5]
+    assert [ampere for _, ampere in currents(Dataflash(log.save(tmp_path)), 7)] == [7.5]
     assert currents(Dataflash(modern().save(tmp_path)), 7) == []
 
 

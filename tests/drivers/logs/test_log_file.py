@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from drivers.events import Imu, Malformed
-from drivers.logs.log_file import windowed
+from drivers.logs.log_file import Window, windowed
 from drivers.logs.open import imu_events, open_log
 from drivers.mavlink.constants import mavlink
 from estimator.errors import InputError
@@ -106,53 +106,30 @@ def test_a_log_cut_off_in_its_head_has_no_imu(tmp_path, name, size):
 
 
 class Failing(io.RawIOBase):
-    """A file of which a part can be read: then it ends, or the disk fails."""
+    """A file of which a part can be read before the disk fails."""
 
-    def __init__(self, path, size, error):
-        self._file, self._left, self._error = path.open("rb", buffering=0), size, error
+    def __init__(self, content):
+        self._content = content
 
-    def readinto(self, buffer):
-        if self._left == 0 and self._error is not None:
-            raise OSError(self._error, "Input/output error")
-        count = self._file.readinto(memoryview(buffer)[: min(len(buffer), self._left)])
-        self._left -= count
-        return count
-
-    def close(self):
-        self._file.close()
-        super().close()
+    def read(self, size=-1):
+        part, self._content = self._content[:size], self._content[size:]
+        if not part:
+            raise OSError(errno.EIO, "Input/output error")
+        return part
 
 
-def test_a_file_of_which_only_a_part_can_be_read(tmp_path, monkeypatch, caplog):
-    path = tmp_path / "log.bin"
-    path.write_bytes(bytes(range(256)) * 100)
-    monkeypatch.setattr(Path, "open", opens(path, Failing, 10_001, errno.EIO))
-    with windowed(path) as window:
-        window.move(0)
-        assert window.data == (bytes(range(256)) * 100)[:10_001]
+def test_a_file_of_which_only_a_part_can_be_read(caplog):
+    content = bytes(range(256)) * 40
+    window = Window(file=Failing(content))
+    window.move(0)
+    window.move(0)
+    assert window.data == content
+    assert window.is_last
     assert "read no further: Input/output error" in caplog.text
 
 
-def opens(path, how, *arguments):
-    """What ``Path.open`` is then: this file is opened like that, all others are as they were."""
-    real = Path.open
-
-    def open_it(self, *args, **options):
-        if self == path:
-            return how(_Real(self, real), *arguments)
-        return real(self, *args, **options)
-
-    return open_it
-
-
-class _Real:
-    def __init__(self, path, opened):
-        self.open = lambda *args, **options: opened(path, *args, **options)
-
-
-def test_nothing_at_all(tmp_path, monkeypatch):
-    path = tmp_path / "log.bin"
-    path.write_bytes(b"some")
-    monkeypatch.setattr(Path, "open", opens(path, Failing, 0, errno.EIO))
-    with pytest.raises(InputError, match="cannot be read: Input/output error"), windowed(path):
+def test_nothing_at_all(tmp_path):
+    with pytest.raises(OSError, match="Input/output error"):
+        Window(file=Failing(b"")).move(0)
+    with pytest.raises(InputError, match="cannot be read: Is a directory"), windowed(tmp_path):
         pass

@@ -88,30 +88,40 @@ def table(samples, folder):
 
 
 def mcap(samples, folder, recorded_ns=lambda k: k):
-    """As JSON, which every reader of MCAP takes; without the truth."""
+    """As JSON, without the truth."""
+
+    def messages():
+        for k, s in enumerate(samples):
+            mag, gyr, acc = (
+                {"x": x, "y": -y, "z": -z}
+                for x, y, z in ([1e-4 * x for x in s.mag_gauss], s.gyr_rad_s, s.acc_m_s2)
+            )
+            stamp_ns = 1_700_000_000 * 10**9 + 1000 * s.time_us
+            imu = {"angular_velocity": gyr, "linear_acceleration": acc}
+            yield "MagneticField", recorded_ns(k), stamp_ns, {"magnetic_field": mag}
+            yield "Imu", recorded_ns(k), stamp_ns, imu
+
+    return json_mcap(folder / "flight.mcap", messages())
+
+
+def json_mcap(path, messages):
+    """Messages of sensor_msgs (kind, time of recording and stamp in ns, fields) as JSON.
+
+    Every reader of MCAP takes it; the stamp is in ``nsec``, as rosbridge has it.
+    """
     writers = pytest.importorskip("mcap.writer")
-    path = folder / "flight.mcap"
+    channels = {}
     with path.open("wb") as file:
         log = writers.Writer(file)
         log.start()
-        kinds = {
-            name: log.register_channel(
-                f"/{name}", "json", log.register_schema(f"sensor_msgs/{name}", "jsonschema", b"{}")
-            )
-            for name in ("Imu", "MagneticField")
-        }
-        for k, sample in enumerate(samples):
-            second, rest = divmod(sample.time_us, S)
-            head = {"header": {"stamp": {"sec": 1_700_000_000 + second, "nanosec": 1000 * rest}}}
-            gyr, acc, mag = (
-                {"x": x, "y": -y, "z": -z}
-                for x, y, z in (sample.gyr_rad_s, sample.acc_m_s2, sample.mag_gauss)
-            )
-            mag = {axis: 1e-4 * value for axis, value in mag.items()}
-            imu = {"angular_velocity": gyr, "linear_acceleration": acc}
-            for name, fields in (("MagneticField", {"magnetic_field": mag}), ("Imu", imu)):
-                data = json.dumps(head | fields).encode()
-                log.add_message(kinds[name], recorded_ns(k), data, recorded_ns(k))
+        for kind, recorded_ns, stamp_ns, fields in messages:
+            if kind not in channels:
+                schema = log.register_schema(f"sensor_msgs/{kind}", "jsonschema", b"{}")
+                channels[kind] = log.register_channel(f"/{kind.lower()}", "json", schema)
+            second, rest = divmod(stamp_ns, 10**9)
+            head = {"header": {"stamp": {"sec": second, "nsec": rest}}}
+            data = json.dumps(head | fields).encode()
+            log.add_message(channels[kind], recorded_ns, data, recorded_ns)
         log.finish()
     return path
 
