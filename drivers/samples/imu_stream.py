@@ -168,11 +168,11 @@ class ImuStream:
         return self._held[0].arrival_us if self._held else reading.arrival_us
 
     def _refuse(self, reading: Reading, reason: Reason, clock_resets: int) -> list[Event]:
-        held, is_behind = self._held, reason == Reason.OUT_OF_ORDER
-        goes_on = is_behind and held and reading.raw_us > held[-1].raw_us
+        held = self._held
+        goes_on = held and reading.raw_us > held[-1].raw_us
         is_more = goes_on and reason == self._held_for and len(held) < MOST_HELD
         events = [] if is_more else self.end()
-        if not is_behind and reason != Reason.CLOCK_STEP:
+        if reason not in (Reason.OUT_OF_ORDER, Reason.CLOCK_STEP):
             return [*events, self._rejected(reading, reason)]
         self._held_for, self._held_since = reason, clock_resets
         self._held.append(reading)

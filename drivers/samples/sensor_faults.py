@@ -6,7 +6,7 @@ refused only if what the other sensors say cannot be true beside them.
 """
 
 from dataclasses import dataclass, field
-from math import log, pi
+from math import log, pi, radians
 from typing import NamedTuple
 
 from estimator.geometry.quaternion import (
@@ -77,13 +77,13 @@ SPAN = 2.0 * 32768 / 32767  # of a 16-bit field from end to end, by its upper en
 class RangeEnd:
     """Follows one sensor's three axes.
 
-    Ranges begin to end at ``rail``, the messages' 16-bit fields at ``field_end``. ``most`` is what
+    Ranges begin to end at ``rail``, the messages' 16-bit fields at ``field_ends``. ``most`` is what
     the sensor can read at all, ``step`` with ``step_a_s`` what it changes by between two readings:
     more than ``longest_s`` apart a wrapped value and a fast change look alike.
     """
 
     rail: float
-    field_end: float
+    field_ends: tuple[float, ...]
     most: float
     step: float
     step_a_s: float = 0.0
@@ -91,7 +91,7 @@ class RangeEnd:
     last: Vec3 = ZERO_VEC3
     changes: list[int] = field(default_factory=lambda: [0, 0, 0])  # of each axis: it has noise
     equal: list[int] = field(default_factory=lambda: [0, 0, 0])  # readings at a rail in a row
-    wraps: list[int] = field(default_factory=lambda: [0, 0, 0])  # over the field's end so far
+    wrapped: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # true less shown
     is_noisy: bool = False  # on all axes
     is_large: bool = False  # the latest reading, or not as small as it seems
 
@@ -106,35 +106,36 @@ class RangeEnd:
             is_equal, size = value == last[axis], abs(value)
             self.changes[axis] += not is_equal
             self.equal[axis] = self.equal[axis] + 1 if is_equal and size >= self.rail else 0
-            true_last = last[axis] + SPAN * self.field_end * self.wraps[axis]
-            self.wraps[axis] = self._wraps(value, true_last, step_s)
+            self.wrapped[axis] = self._wrapped(value, last[axis] + self.wrapped[axis], step_s)
             is_noisy = self.changes[axis] >= NOISY_SAMPLES
             # -32768 is further than 32767
-            at_end = (1 - 1e-9) * self.field_end <= size <= (1 + 1e-4) * self.field_end
+            at_end = any((1 - 1e-9) * e <= size <= (1 + 1e-4) * e for e in self.field_ends)
             at_rail = is_noisy and self.equal[axis] >= RAIL_SAMPLES
-            is_reached = is_reached or at_end or at_rail or self.wraps[axis] != 0
+            is_reached = is_reached or at_end or at_rail or self.wrapped[axis] != 0.0
             self.is_noisy = self.is_noisy and is_noisy
-        self.is_large = self.is_large or any(self.wraps)
+        self.is_large = self.is_large or any(self.wrapped)
         return is_reached
 
-    def _wraps(self, value: float, last: float, step_s: float) -> int:
-        """How often a value has wrapped that goes on from the last true one only so."""
-        span = SPAN * self.field_end
-        wraps = round((last - value) / span)
-        is_in_field = abs(value) <= (1 + 1e-4) * self.field_end
-        if wraps == 0 or not is_in_field or not 0.0 < step_s <= self.longest_s:
-            return 0
-        true = value + span * wraps
-        goes_on = abs(true - last) <= max(self.step, self.step_a_s * step_s)
-        return wraps if goes_on and abs(true) <= self.most else 0
+    def _wrapped(self, value: float, last: float, step_s: float) -> float:
+        """What a value lacks that has wrapped: it goes on from the last true one only so."""
+        for field_end in self.field_ends:
+            span = SPAN * field_end
+            lacks = span * round((last - value) / span)
+            is_in_field = abs(value) <= (1 + 1e-4) * field_end
+            if lacks == 0.0 or not is_in_field or not 0.0 < step_s <= self.longest_s:
+                continue
+            goes_on = abs(value + lacks - last) <= max(self.step, self.step_a_s * step_s)
+            if goes_on and abs(value + lacks) <= self.most:
+                return lacks
+        return 0.0
 
 
-# Of common gyroscopes ranges begin at 250 deg/s, and no more than 4000 deg/s are sold; of common
-# accelerometers at 4 g, and a shock may change it by 10 g between two readings. No field near a
-# vehicle is stronger than that of a magnet's surface.
-GYROSCOPE_END = (4.3, 32.767, 70.0, RATE_STEP_RAD_S, RATE_STEP_RAD_S2)
-ACCELEROMETER_END = (3.9 * G, 32.767 * G, 41.0 * G, 10.0 * G)
-MAGNETOMETER_END = (16.0, 32.767, 1000.0, 16.0, 0.0, 0.3)
+# Fields have mrad/s or 0.1 deg/s, mg and mgauss. Of common gyroscopes ranges begin at 250 deg/s,
+# and no more than 4000 deg/s are sold; of common accelerometers at 4 g, and a shock may change it
+# by 10 g between two readings. No field near a vehicle is stronger than a magnet's surface.
+GYROSCOPE_END = (4.3, (32.767, radians(3276.7)), 70.0, RATE_STEP_RAD_S, RATE_STEP_RAD_S2)
+ACCELEROMETER_END = (3.9 * G, (32.767 * G,), 41.0 * G, 10.0 * G)
+MAGNETOMETER_END = (16.0, (32.767,), 1000.0, 16.0, 0.0, 0.3)
 
 
 @dataclass(slots=True)
@@ -312,12 +313,11 @@ class SensorFaults:
     def true_field(self, mag_gauss: Vec3, raw_us: int) -> Vec3:
         """The field of the reading that is judged next, as it was before it wrapped."""
         step_s = MICROSECOND * (raw_us - self.last_us)
-        end = self.mag_end
-        if mag_gauss == ZERO_VEC3 or not end.is_reached(mag_gauss, step_s) or not any(end.wraps):
+        if mag_gauss == ZERO_VEC3 or not self.mag_end.is_reached(mag_gauss, step_s):
             return mag_gauss
-        span = SPAN * end.field_end
-        x, y, z = (v + span * n for v, n in zip(mag_gauss, end.wraps, strict=True))
-        return (x, y, z)
+        x, y, z = mag_gauss
+        lacks_x, lacks_y, lacks_z = self.mag_end.wrapped
+        return (x + lacks_x, y + lacks_y, z + lacks_z)
 
     def refusal(self, readings: Readings, raw_us: int) -> Reason | None:
         """Why a reading at ``raw_us`` on the vehicle's clock is no data; None if it is."""

@@ -8,15 +8,15 @@ Unix time. Clocks start anew at a reboot, are set, and leap where a recorder joi
 Nothing here reads the host's clock. Arrivals come in with the data, and show a gap from a leap.
 """
 
-from collections import deque
+from collections import Counter, deque
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Literal, NamedTuple
+from typing import Literal
 
+from drivers.samples.clock_pace import SECOND_US, START, ClockPace, Moment
 from drivers.value import Value
 from estimator.reasons import Reason
 
-SECOND_US = 1_000_000
 REORDERED_US = 1 * SECOND_US  # further back than links reorder: the clock was set back
 JUMP_US = 5 * SECOND_US  # real gaps agree with arrivals within 4 s (p99 of late arrivals)
 # While messages arrive steadily, and none is missing, as little as that is a leap of the clock.
@@ -26,6 +26,9 @@ LEAP_US, LONGEST_LEAP_US = SECOND_US // 2, 4 * SECOND_US
 LEAST_BACK_US = SECOND_US // 25
 # So many of a stream in a row, behind what came before but in order, show a clock that was set back
 SET_BACK_MESSAGES = 3
+# Two messages confirm a leap, but so many of one stream if the clock has gone on for so long, with
+# a message right before, and time does not go on: it may come back to where it was.
+SURE_MESSAGES, LASTING_US = 6, 5 * SECOND_US
 TICK_US = 1_000  # of the coarsest clock
 BOOT_US = 10 * SECOND_US  # an autopilot that starts sends its first messages by then
 LATENESS_LIMIT_US = 30 * SECOND_US  # a sample may be held back this long; seen: 14 s
@@ -34,12 +37,6 @@ ORDINARY_STEP_US = 2 * SECOND_US  # a step this short is the same session, whate
 CLOCK_DRIFT = 0.005  # boot clocks ran up to 136 ms a minute slow
 # Two vehicles with one address send in turns: their times are two lines, each of which goes on.
 ALIVE_US, BESIDE_US = 1 * SECOND_US, SECOND_US // 2
-LONGEST_SECOND_US = 2 * SECOND_US  # a longer time without a message is a gap, not a pace
-# Off pace is a clock that for two seconds in a row was so many times too fast or too slow. A burst
-# makes up for the silence before it, so it is no pace. None of 46 recorded logs has such seconds.
-OFF_PACE, OFF_SECONDS = 5, 2
-# Arrivals are steady after so many seconds without a sample that was later than that.
-STEADY_SECONDS, STEADY_LATE_US = 5, SECOND_US // 10
 CUT_STEP_US = 20_000  # put in the place of what a reboot or a jump cut out
 OFFSET_SAMPLES = 64  # enough for a median through 0.4 s of jitter
 SAME_CLOCK_US = 1 * SECOND_US  # closer clocks are one clock; others were 2.3 s apart or more
@@ -56,20 +53,6 @@ class TimeField(IntEnum):
 
 
 WRAPS_US = (WRAP_32_US, WRAP_32_US * 1000, 0)  # of these clocks; 0: it has none
-
-
-class Moment(NamedTuple):
-    """A message's time on its clock, unwrapped, and its arrival."""
-
-    boot_us: int
-    arrival_us: int
-
-    def since(self, before: "Moment") -> tuple[int, int]:
-        """How far the clock and the arrivals have gone on."""
-        return self.boot_us - before.boot_us, self.arrival_us - before.arrival_us
-
-
-START = Moment(0, 0)
 
 
 class Reset(Value, frozen=True):
@@ -102,49 +85,6 @@ class Stream:
     last: Moment
     before_us: int  # boot time of the one before
     row: list[Moment] = field(default_factory=list)
-
-
-@dataclass(slots=True)
-class ClockPace:
-    """Compares a clock's seconds with the host's."""
-
-    has_arrivals: bool
-    began: Moment = START  # this second
-    kept: Moment = START  # the end of the last second that was in pace
-    steady_seconds: int = 0
-    off_seconds: int = 0
-    late_us: int = 0  # at the second's beginning, and the largest within
-    worst_late_us: int = 0
-
-    @property
-    def is_off(self) -> bool:
-        """Whether the clock keeps no time."""
-        return self.off_seconds >= OFF_SECONDS
-
-    @property
-    def is_steady(self) -> bool:
-        """Whether messages have arrived without delay for some seconds."""
-        is_long = self.has_arrivals and self.steady_seconds >= STEADY_SECONDS
-        return is_long and self.worst_late_us <= STEADY_LATE_US
-
-    def observe(self, now: Moment, late_us: int) -> int | None:
-        """Take a message; the time that was lost (us), if the clock keeps time again."""
-        self.worst_late_us = max(self.worst_late_us, late_us)
-        step_us, elapsed_us = now.since(self.began)
-        if 0 <= elapsed_us < SECOND_US:
-            return None
-        is_fast = step_us - self.late_us > OFF_PACE * elapsed_us
-        is_steady = self.worst_late_us <= STEADY_LATE_US and 0 < elapsed_us <= LONGEST_SECOND_US
-        self.steady_seconds = self.steady_seconds + 1 if is_steady else 0
-        self.began, self.late_us, self.worst_late_us = now, max(late_us, 0), max(late_us, 0)
-        if not 0 < elapsed_us <= LONGEST_SECOND_US:
-            return None
-        if is_fast or OFF_PACE * step_us < elapsed_us:
-            self.off_seconds += 1
-            return None
-        (step_us, elapsed_us), was_off = now.since(self.kept), self.is_off
-        self.kept, self.off_seconds = now, 0
-        return step_us - elapsed_us if was_off else None
 
 
 class ClockOffset:
@@ -188,25 +128,27 @@ class ClockLine:
     is_waiting: bool = False  # it was reset, and the line of time may be about to be
     wrapped_us: int = 0  # what wraps have added so far
     read: Moment = START  # the latest message, whatever became of it
+    first: Moment = START  # since it began, or began anew
     last: Moment | None = None  # that went on
     floor_us: int = 0  # the smallest arrival minus boot time, with drift
     candidate: Moment | None = None  # a message that stepped away, to be confirmed
+    confirming: Counter[str] = field(default_factory=Counter)  # messages of each stream that do
     beside: Moment | None = None  # the last message of another line
     leap_us: int = LEAP_US  # what is a leap where arrivals are steady
 
-    def advance(
-        self, raw: Moment, stream: Stream | None, misses_some: bool
-    ) -> Reason | Reset | None:
+    def advance(self, raw: Moment, message: str, misses_some: bool) -> Reason | Reset | None:
         """Take the clock's next message, which is ``read`` then: why it is refused, or a reset.
 
-        None, nearly always, if the clock just goes on. The ``stream`` may show that it was set
-        back. If it ``misses_some`` that were lost, a step forwards may be their time.
+        None, nearly always, if the clock just goes on. The stream of the ``message`` may show that
+        it was set back, unless it has no name. If it ``misses_some`` that were lost, a step
+        forwards may be their time.
         """
         now, last = Moment(raw.boot_us + self.wrapped_us, raw.arrival_us), self.last
         self.read = now
         if last is None:
             self._restart(now)
             return None
+        stream = self.streams.get(message)
         if stream is not None and (reset := self._set_back(stream, now)) is not None:
             return reset
         is_ordinary = 0 < now.boot_us - last.boot_us <= self.leap_us
@@ -220,7 +162,7 @@ class ClockLine:
             self.beside, self.candidate = now, None
             return Reason.ADDRESS_CONFLICT
         if self._is_step(now, last):
-            found = self._confirm(now, last)
+            found = self._confirm(now, last, message)
             if isinstance(found, Reset) or self._is_step(now, last):
                 return found
         if self.candidate is not None:  # it was garbled, or is somebody else's
@@ -250,22 +192,31 @@ class ClockLine:
         if not is_row or is_late or not is_sure:
             return None
         self.leap_us = min(self.leap_us, back_us // 2)
-        return self._reset(last, first, now)
+        return self._begin_anew(self._reset_at(first, last, now), first, last, now)
 
-    def _confirm(self, now: Moment, last: Moment) -> Reason | Reset:
-        """A message that stepped away: it waits for the next one, or confirms the last."""
-        began = self.candidate
-        if began is not None:
-            since_us, elapsed_us = now.since(began)
-            most_us = LEAP_US if self.pace.is_steady else JUMP_US
-            if 0 <= since_us <= max(elapsed_us, 0) + most_us:
-                # another message of the same moment confirms nothing
-                return self._reset(last, began, now) if since_us else Reason.CLOCK_STEP
-            self.pace.steady_seconds = 0  # it may be the clock that is not
-        self.candidate = now
-        return Reason.CLOCK_STEP
+    def _confirm(self, now: Moment, last: Moment, message: str) -> Reason | Reset:
+        """A message that stepped away: it waits for the next ones, or confirms the first."""
+        most_us = LEAP_US if self.pace.is_steady else JUMP_US
+        began = self.candidate or now
+        since_us, elapsed_us = now.since(began)
+        if self.candidate is None or not 0 <= since_us <= max(elapsed_us, 0) + most_us:
+            if self.candidate is not None:
+                self.pace.steady_seconds = 0  # it may be the clock that is not
+            self.candidate = began = now
+            self.confirming = Counter()
+        self.confirming[message] += 1
+        reset = self._reset_at(began, last, now)
+        is_known = reset.reason == "reboot" or reset.elapsed_us is not None
+        was_silent = began.arrival_us - last.arrival_us >= ALIVE_US
+        is_short = last.boot_us - self.first.boot_us < LASTING_US
+        is_sure = bool(message) and self.confirming[message] >= SURE_MESSAGES
+        # another message of the same moment confirms nothing
+        if now.boot_us == began.boot_us or not (is_known or was_silent or is_short or is_sure):
+            return Reason.CLOCK_STEP
+        return self._begin_anew(reset, began, last, now)
 
-    def _reset(self, last: Moment, began: Moment, now: Moment) -> Reset:
+    def _reset_at(self, began: Moment, last: Moment, now: Moment) -> Reset:
+        """What it means if the clock has stepped from ``last`` to ``began``."""
         step_us, elapsed_us = began.since(last)
         elapsed_us = max(elapsed_us, 0)
         is_near_zero = 0 <= began.boot_us - self.wrapped_us <= elapsed_us + BOOT_US
@@ -273,15 +224,19 @@ class ClockLine:
         is_back = step_us < (-REORDERED_US if is_steady else 0)
         is_boot = self.counts_from_boot and is_back and is_near_zero
         goes_on = not is_boot and is_steady and abs(step_us - elapsed_us) < LONGEST_LEAP_US
-        if not goes_on:
-            self.beside = last
+        reason: Literal["reboot", "jump"] = "reboot" if is_boot else "jump"
+        since_us, passed_us = now.boot_us - began.boot_us, elapsed_us if goes_on else None
+        return Reset(reason, step_us, since_us, passed_us)
+
+    def _begin_anew(self, reset: Reset, began: Moment, last: Moment, now: Moment) -> Reset:
+        goes_on, is_steady = reset.elapsed_us is not None, self.pace.is_steady
+        self.beside = self.beside if goes_on or is_steady else last
         self._restart(began, self.pace.steady_seconds if goes_on else 0)
         self._accept(now, began)
-        since_us, passed_us = now.boot_us - began.boot_us, elapsed_us if goes_on else None
-        return Reset("reboot" if is_boot else "jump", step_us, since_us, passed_us)
+        return reset
 
     def _restart(self, first: Moment, steady_seconds: int = 0) -> None:
-        self.last, self.candidate = first, None
+        self.first, self.last, self.candidate = first, first, None
         self.floor_us = first.arrival_us - first.boot_us
         self.pace = ClockPace(self.pace.has_arrivals, first, first, steady_seconds)
 
@@ -367,7 +322,7 @@ class VehicleClock:
         stream = line.streams.get(message)
         # samples show best whether the line's own clock was set back
         may_show = is_imu or line is not self._primary
-        reset = line.advance(raw, stream if may_show else None, self.misses_some)
+        reset = line.advance(raw, message if may_show else "", self.misses_some)
         if isinstance(reset, Reason):
             return reset
         if line.pace.is_off:

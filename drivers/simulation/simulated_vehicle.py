@@ -239,12 +239,7 @@ class SimulatedVehicle:
         return self._falls_silent and flight.is_silent(time_us)
 
     def change_rate(self, rate_hz: float) -> None:
-        """Go on with the same motion at another rate, at t = k / ``rate_hz`` after the last sample.
-
-        Raises:
-            InputError: the rate is not positive.
-        """
-        _check(rate_hz)
+        """Go on with the same motion at t = k / ``rate_hz`` after the last sample."""
         if self._last is None:
             self._samples = self._from(0, IDENTITY, rate_hz)
             return
@@ -290,11 +285,7 @@ def true_rate(motion: Motion, time_s: Floats) -> Floats:
 
 
 def _check(
-    rate_hz: float,
-    motion: str = "rest",
-    noise: float = 1.0,
-    bias: float = 1.0,
-    magnet: tuple[float, float] | None = None,
+    rate_hz: float, motion: str, noise: float, bias: float, magnet: tuple[float, float] | None
 ) -> None:
     if not (isfinite(rate_hz) and rate_hz > 0):
         raise InputError(f"the simulated vehicle's rate must be positive, not {rate_hz} Hz")

@@ -102,9 +102,14 @@ def moving(intake, k, raw_us, mag=FIELD):
 
 @pytest.mark.parametrize(
     ("back_us", "count", "lost"),
-    [(300_000, 1, 1), (300_000, 2, 2), (300_000, 3, 0), (3 * S, 1, 1), (3 * S, 2, 0)],
+    [
+        *((300_000, 1, 1), (300_000, 2, 2), (300_000, 3, 0)),
+        *((3 * S, 1, 1), (3 * S, 2, 0)),
+        *((99 * S, count, count) for count in (1, 2, 5)),
+        (-99 * S, 5, 5),
+    ],
 )
-def test_a_clock_set_back_for_a_few_readings_costs_two_of_them_at_most(back_us, count, lost):
+def test_a_clock_set_back_for_a_few_readings_costs_no_others(back_us, count, lost):
     """So few may as well be late. Those behind them are as if nothing had been."""
     intake, events = Intake(VEHICLE), []
     for k in range(600):
@@ -115,6 +120,16 @@ def test_a_clock_set_back_for_a_few_readings_costs_two_of_them_at_most(back_us, 
     assert sum(isinstance(event, Rejected) for event in events) == lost
     assert times_us[-1] - times_us[0] == 599 * 20_000
     assert times_us == sorted(times_us)
+
+
+@pytest.mark.parametrize("count", [6, 60])
+def test_a_clock_set_back_far_for_longer_costs_two_fresh_starts_and_no_reading(count):
+    intake, events = Intake(VEHICLE), []
+    for k in range(600):
+        events += moving(intake, k, 300 * S + 20_000 * k - 99 * S * (500 <= k < 500 + count))
+    resets = [event for event in events if isinstance(event, ClockReset)]
+    assert [(each.reason, each.goes_on) for each in resets] == [("jump", False)] * 2
+    assert sum(isinstance(event, Imu) for event in events) == 600
 
 
 @pytest.mark.parametrize("sign", [1, -1])
@@ -156,10 +171,9 @@ def test_a_reboot_voids_what_the_filter_said_of_itself_and_a_leap_does_not(raw_u
     intake.navigation.update_status(
         FilterStatus(VEHICLE, arrival_us, has_velocity=False, has_place=False)
     )
-    for k in range(2):
-        reset = imu(intake, raw_us + 250_000 * k, arrival_us + 250_000 * k)
-    assert reset[0].reason == ("reboot" if believed else "jump")
-    at = stamp(raw_us + 600_000, arrival_us + 600_000)
+    events = [imu(intake, raw_us + k * S // 4, arrival_us + k * S // 4) for k in range(6)]
+    assert next(filter(None, events))[0].reason == ("reboot" if believed else "jump")
+    at = stamp(raw_us + 1_350_000, arrival_us + 1_350_000)
     assert bool(intake.fix("LOCAL_POSITION_NED", at, Fix((1.0, 0.0, 0.0)))) is believed
 
 

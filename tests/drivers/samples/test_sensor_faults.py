@@ -51,33 +51,20 @@ class Stream:
 
 
 @pytest.mark.parametrize(
-    ("gyr", "acc"),
+    ("gyr", "acc", "is_stuck"),
     [
-        ((0.06, 0.0, 0.0), DOWN),
-        (ZERO_VEC3, (0.0, 0.0, -G - 0.6)),
-        (ZERO_VEC3, (0.0, 0.0, -G + 0.6)),
+        *(((rate, 0.0, 0.0), DOWN, rate > 0.05) for rate in (0.04, 0.06)),
+        *((ZERO_VEC3, (0.0, 0.0, -G + x), abs(x) > 0.5) for x in (-0.6, -0.4, 0.4, 0.6)),
     ],
 )
 @pytest.mark.parametrize(("step_us", "seconds"), [(STEP_US, 0.5), (100_000, 2.0)])
-def test_equal_readings_of_both_that_no_vehicle_at_rest_gives(gyr, acc, step_us, seconds):
-    """Half a second, and 20 of them."""
-    stream = Stream()
-    reason, after_s = stream.first_refused(100, lambda _: {"gyr": gyr, "acc": acc}, step_us)
-    assert reason == Reason.STUCK
-    assert after_s == pytest.approx(seconds, abs=1.01e-6 * step_us)
-
-
-@pytest.mark.parametrize(
-    ("gyr", "acc"),
-    [
-        ((0.04, 0.0, 0.0), DOWN),
-        (ZERO_VEC3, (0.0, 0.0, -G - 0.4)),
-        (ZERO_VEC3, (0.0, 0.0, -G + 0.4)),
-    ],
-)
-def test_equal_readings_at_rest_may_be_true(gyr, acc):
-    """For 3 s at least: longer than that, 0.04 rad/s would show in gravity and field."""
-    assert Stream().first_refused(150, lambda _: {"gyr": gyr, "acc": acc, "mag": FIELD}) is None
+def test_equal_readings_of_both_that_no_vehicle_at_rest_gives(gyr, acc, is_stuck, step_us, seconds):
+    """Half a second, and 20 of them. At rest they may be true; after 3 s 0.04 rad/s would show."""
+    stream, same = Stream(), {"gyr": gyr, "acc": acc, "mag": FIELD}
+    found = stream.first_refused(3_000_000 // step_us, lambda _: same, step_us)
+    assert found == (
+        (Reason.STUCK, pytest.approx(seconds, abs=1.01e-6 * step_us)) if is_stuck else None
+    )
 
 
 @pytest.mark.parametrize(("rate_rad_s", "seconds"), [(1.0, 0.5), (0.2, 1.75)])
@@ -285,33 +272,30 @@ def test_blindness_is_reported_from_30_ms_on(readings, is_blind):
         assert blindness == (Reason.GYROSCOPE_SATURATED, pytest.approx(0.04))
 
 
+WRAPS = {
+    "mrad/s": ("gyr", 1e-3, 0.0, 38.0),
+    "0.1 deg/s": ("gyr", math.radians(0.1), 0.0, 66.0),
+    "mg": ("acc", 1e-3 * G, -G, -37.0 * G),
+}
+
+
 @pytest.mark.parametrize("step_us", [2_500, 10_000, 40_000])
 @pytest.mark.parametrize("sign", [1, -1])
-def test_a_gyroscope_that_wraps_is_at_its_end_until_it_is_back(step_us, sign):
-    """Integers of 16 bits hold 32.767 rad/s; up to 38 it shows up to -27.5."""
+@pytest.mark.parametrize(("sensor", "unit", "rest", "peak"), WRAPS.values(), ids=WRAPS)
+def test_a_sensor_that_wraps_is_at_its_end_until_it_is_back(
+    sensor, unit, rest, peak, sign, step_us
+):
+    """Integers of 16 bits hold 32767 units; up to 38 rad/s in mrad/s they show up to -27.5."""
     stream, reasons = Stream(), []
     for k in range(round(4_000_000 / step_us)):
-        time_s = 1e-6 * step_us * k
-        true = sign * 38.0 * min(time_s, 1.0, max(0.0, 3.0 - time_s))
-        shown = (round(1e3 * true) + 32768) % 65536 - 32768
-        gyr = (*stream.noise((0.0, 0.0)), 1e-3 * shown)
-        reasons.append((abs(true) > 32.77, stream.feed(gyr=gyr, step_us=step_us)))
-    assert {reason for is_beyond, reason in reasons if is_beyond} == {Reason.GYROSCOPE_SATURATED}
+        true = sign * (rest + (peak - rest) * math.sin(math.pi * 1e-6 * step_us * k / 4.0) ** 2)
+        shown = unit * ((round(true / unit) + 32768) % 65536 - 32768)
+        reading = {sensor: (*stream.noise((0.0, 0.0)), shown)}
+        reasons.append((abs(true) > 32770 * unit, stream.feed(**reading, step_us=step_us)))
+    why = Reason.GYROSCOPE_SATURATED if sensor == "gyr" else Reason.ACCELEROMETER_SATURATED
+    assert {reason for is_beyond, reason in reasons if is_beyond} == {why}
     assert sum(reason is not None for is_beyond, reason in reasons if not is_beyond) <= 2
-    assert stream.faults.take_blindness()[0] == Reason.GYROSCOPE_SATURATED
-
-
-def test_an_accelerometer_that_wraps_is_at_its_end():
-    stream, reasons = Stream(), []
-    for k in range(40):
-        true_mg = -1000.0 - 36000.0 * math.sin(math.pi * k / 40)
-        shown = (round(true_mg) + 32768) % 65536 - 32768
-        reason = stream.feed(acc=(*stream.noise((0.0, 0.0)), 1e-3 * shown * G))
-        reasons.append((true_mg < -32768, reason))
-    assert {reason for is_beyond, reason in reasons if is_beyond} == {
-        Reason.ACCELEROMETER_SATURATED
-    }
-    assert {reason for is_beyond, reason in reasons if not is_beyond} == {None}
+    assert (stream.faults.take_blindness() is not None) is (sensor == "gyr")
 
 
 def test_a_turn_the_other_way_round_is_no_wrap():

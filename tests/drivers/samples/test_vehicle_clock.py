@@ -67,42 +67,33 @@ def test_time_goes_on_through_the_32_bit_wrap(before_us, steps):
     assert not resets(results)
 
 
-def test_milliseconds_wrap_after_49_days():
+def test_milliseconds_wrap_after_49_days_and_longer_clocks_do_not():
     clock, wrap_ms = VehicleClock(), 2**32
     raws = [((wrap_ms - 500 + 250 * k) % wrap_ms) * 1000 for k in range(6)]
     results = [imu(clock, raw, UNIX + 250_000 * k, BOOT_MS) for k, raw in enumerate(raws)]
-    given_us = times(results)
-    assert [b - a for a, b in itertools.pairwise(given_us)] == [250_000] * 5
-
-
-def test_a_clock_beyond_32_bits_does_not_wrap():
+    assert {b - a for a, b in itertools.pairwise(times(results))} == {250_000}
     results, _ = steady(VehicleClock(), 2**32 - 500_000, 6)
     assert times(results)[-1] == 2**32 + 750_000
 
 
-def test_a_reboot_is_cut_out_and_reported():
+@pytest.mark.parametrize(
+    ("first_us", "begin_us", "silent_us", "reason"),
+    [
+        (300 * S, 19 * S, 18 * S, "reboot"),
+        # a PX4 bench recording does this: no gap, 272 s within one arrival
+        (2_373_688, 275_656_220, 0, "jump"),
+    ],
+)
+def test_a_reset_is_cut_out_and_reported(first_us, begin_us, silent_us, reason):
     clock = VehicleClock()
-    before, arrival_us = steady(clock, 300 * S, 10)
-    after, _ = steady(clock, 19 * S, 10, arrival_us=arrival_us + 18 * S)
+    before, arrival_us = steady(clock, first_us, 10, CUT_STEP_US)
+    after, _ = steady(clock, begin_us, 10, CUT_STEP_US, arrival_us + silent_us)
     (reset,) = resets(before + after)
-    assert (reset.reason, reset.step_us) == ("reboot", 19 * S - (302 * S + 250_000))
-    assert times(after)[0] - reset.since_us == times(before)[-1] + CUT_STEP_US
-    assert after[1].boot_us == 19 * S + 250_000
+    assert (reset.reason, reset.step_us) == (reason, begin_us - first_us - 9 * CUT_STEP_US)
     assert after[0] == "clock_step"  # one sample waits for the next to agree
-
-
-def test_a_jump_of_the_clock_is_cut_out_and_reported():
-    """272 s within one arrival: no gap, the clock leapt (a PX4 bench recording does this)."""
-    clock = VehicleClock()
-    before, arrival_us = steady(clock, 2_373_688, 3, 20_000)
-    after, _ = steady(clock, 275_656_220, 10, 20_000, arrival_us)
-    (reset,) = resets(before + after)
-    assert reset.reason == "jump"
-    assert reset.step_us == 275_656_220 - 2_413_688
-    assert (
-        max(b - a for a, b in zip(times(before + after), times(before + after)[1:], strict=False))
-        <= 2 * CUT_STEP_US
-    )
+    assert times(after)[0] - reset.since_us == times(before)[-1] + CUT_STEP_US
+    assert after[1].boot_us == begin_us + CUT_STEP_US
+    assert {b - a for a, b in itertools.pairwise(times(after))} == {CUT_STEP_US}
 
 
 # Steady stretches: the first time (s), how many, the seconds between them, and what passed before
@@ -122,7 +113,7 @@ STRETCHES = {
         [(10.0, 20, 0.02, 0.0), (15.28, 3, 0.02, -0.02)],
         [],
     ),
-    "prompt, and a step of more": ([(10.0, 20, 0.02, 0.0), (15.48, 3, 0.02, -0.02)], ["jump"]),
+    "prompt, and a step of more": ([(10.0, 20, 0.02, 0.0), (15.48, 6, 0.02, -0.02)], ["jump"]),
     "two sessions, ten seconds apart by the clock and ten minutes by the arrivals": (
         [(50.0, 5, 0.25, 0.0), (61.0, 5, 0.25, 600.0)],
         ["jump"],
@@ -136,7 +127,7 @@ STRETCHES = {
         ["reboot"],
     ),
     "a leap after the host's clock was set": (
-        [(50.0, 5, 0.25, 0.0), (51.25, 20, 0.25, DAY_S), (76.25, 3, 0.25, 0.0)],
+        [(50.0, 5, 0.25, 0.0), (51.25, 20, 0.25, DAY_S), (76.25, 6, 0.25, 0.0)],
         ["jump"],
     ),
 }
@@ -185,7 +176,7 @@ def test_lateness_explains_a_step_of_thirty_seconds_at_most(step_s, is_leap):
     for k in range(3):
         arrival_us += 16 * S
         imu(clock, 11_250_000 + 250_000 * k, arrival_us)
-    after, _ = steady(clock, 11_750_000 + step_s * S, 3, arrival_us=arrival_us)
+    after, _ = steady(clock, 11_750_000 + step_s * S, 6, arrival_us=arrival_us)
     assert bool(resets(after)) is is_leap
 
 
@@ -247,17 +238,21 @@ def test_nor_are_those_of_a_clock_beside_the_line():
     assert attitudes[0] == attitudes[2] == "clock_step"
 
 
-def test_two_vehicles_with_one_address_are_not_one_that_leaps_to_and_fro():
-    """The second one is taken for a leap, where some of the first were lost; then they differ."""
+@pytest.mark.parametrize(("count", "takes_over"), [(50, True), (300, False)])
+def test_two_vehicles_with_one_address_are_not_one_that_leaps_to_and_fro(count, takes_over):
+    """Where two of the first are lost, the second one is a leap if the first has just begun."""
     clock, second, first = VehicleClock(), [], []
-    steady(clock, 100 * S, 50, 20_000)
+    _, arrival_us = steady(clock, 100 * S, count, 20_000)
     for k in range(50):
-        now_us = UNIX + S + 20_000 * k
+        now_us = arrival_us + 20_000 * k
         second.append(imu(clock, 900 * S + 20_000 * k, now_us))
-        first += [imu(clock, 101 * S + 20_000 * k, now_us + 5_000)] if k >= 2 else []
-    assert len(resets(second)) == 1
-    assert len(times(second)) == 49
-    assert set(first) == {Reason.ADDRESS_CONFLICT}
+        first_us = 100 * S + 20_000 * (count + k)
+        first += [imu(clock, first_us, now_us + 5_000)] if k >= 2 else []
+    used, refused = (second, first) if takes_over else (first, second)
+    assert len(resets(used)) == takes_over
+    assert len(times(used)) == 48 + takes_over
+    reasons = [Reason.ADDRESS_CONFLICT] if takes_over else ["clock_step", "address_conflict"]
+    assert set(refused) == set(reasons)
 
 
 def test_duplicates_and_reordered_samples_are_refused():
@@ -313,22 +308,17 @@ def test_a_clock_that_had_wrapped_before_the_log_began_is_the_same_clock():
         assert abs(true_us - placed.time_us) < 1000
 
 
-def test_gps_time_may_be_unix_time():
+@pytest.mark.parametrize(
+    ("off_us", "late_us", "shown_us"), [(UNIX - 7 * S, 0, 50_000), (-160_000, -160_000, 0)]
+)
+def test_gps_time_may_be_unix_time_or_since_boot(off_us, late_us, shown_us):
+    """Since boot it keeps its latency; of Unix time the link's 50 ms cannot be told apart."""
     clock = VehicleClock()
     for k in range(40):
         true_us = 100 * S + 200_000 * k
         imu(clock, true_us, UNIX + true_us)
-        placed = clock.place("GPS_RAW_INT", GPS, UNIX - 7 * S + true_us, UNIX + true_us + 50_000)
-        assert abs(placed.time_us - true_us) < 60_000  # the link's 50 ms cannot be told apart
-
-
-def test_gps_time_since_boot_keeps_its_latency():
-    clock = VehicleClock()
-    for k in range(40):
-        true_us = 100 * S + 200_000 * k
-        imu(clock, true_us, UNIX + true_us)
-        placed = clock.place("GPS_RAW_INT", GPS, true_us - 160_000, UNIX + true_us)
-        assert placed.time_us == true_us - 160_000
+        placed = clock.place("GPS_RAW_INT", GPS, off_us + true_us, UNIX + true_us + shown_us)
+        assert abs(placed.time_us - true_us - late_us) < 1.2 * shown_us + 1
 
 
 def test_nothing_else_has_a_time_before_the_first_imu_message():
@@ -437,5 +427,5 @@ def test_a_clock_beside_the_line_that_leaps_alone_is_learnt_anew():
     feed_both(clock, 40, 0)
     after = feed_both(clock, 40, 100 * S, first_us=110 * S)
     placed = [(true_us, each) for true_us, each in after if isinstance(each, Placed)]
-    assert len(placed) > 35
+    assert len(placed) > 33
     assert all(abs(true_us - each.time_us) < 20_000 for true_us, each in placed)
