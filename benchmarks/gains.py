@@ -99,7 +99,7 @@ def tuned_contenders(options: Namespace) -> tuple[dict[str, Array], list[Row]]:
             return np.asarray(costs(law_errors(name, values, settings, on)).mean(axis=1))
 
         tuned[name], cost = tune(space, evaluate, FOOD_SOURCES, options.cycles)
-        values = dict(zip(space.names, tuned[name].tolist(), strict=True))
+        values = dict(zip((p.name for p in space), tuned[name].tolist(), strict=True))
         rows.append({"gain": name, "J there": cost, "parameters": values})
     return tuned, rows
 

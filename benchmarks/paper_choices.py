@@ -39,7 +39,7 @@ from estimator.geometry.metrics import COST_RATE_HZ, COST_SAMPLES, TRANSIENT_WEI
 from estimator.live.settings import settings_of
 from estimator.profile import Profile, load_profile, merge_profile
 from tests.paper_noise import PAPER_NOISE, NoiseScale
-from tuning.space import membership_space
+from tuning.space import MEMBERSHIP
 
 TUNING_SEEDS, JUDGING_SEEDS = range(100, 108), range(3000, 3040)
 FOOD_SOURCES, CYCLES = 40, 100
@@ -154,7 +154,7 @@ def retuned_table(options: Namespace) -> list[Row]:
         def costs(k: Array, choices: Choices = choices, rules: Array = rules) -> Array:
             return np.asarray(run(tuning, choices, rules, k=k).mean(axis=1))
 
-        best, _ = tune(membership_space(), costs, FOOD_SOURCES, options.cycles)
+        best, _ = tune(MEMBERSHIP, costs, FOOD_SOURCES, options.cycles)
         found = run(judging, choices, rules, k=best[None])[0]
         base = found if base is None else base
         rows.append(line(name, found, base))

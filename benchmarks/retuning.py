@@ -23,9 +23,8 @@ from estimator.geometry.metrics import batch_angle_errors
 from estimator.profile import load_profile
 from estimator.types import ImuSample
 from tests.paper_noise import NoiseScale, simulate_scaled
-from tuning.online.retuned_estimator import RetunedEstimator
-from tuning.online.retuner import CYCLES, FOOD_SOURCES, Retuner
-from tuning.space import Space, decode, random_positions
+from tuning.online.retuner import CYCLES, FOOD_SOURCES, RetunedEstimator, Retuner
+from tuning.space import Space, decode, encode, random_positions
 
 RATE_HZ, SAMPLES, CHANGE, LATE = 100.0, 6001, 2000, 4000
 SLOWLY = 3000  # samples in which noise grows slowly
@@ -76,11 +75,11 @@ def fly(estimator: Estimator, samples: Samples) -> Array:
 
 def random_look(
     space: Space, kept: Array, evaluate: Callable[[Array], Any], generator: np.random.Generator
-) -> tuple[Array, Any, Array]:
+) -> tuple[Array, Array]:
     """As many candidates as the colony tries, drawn evenly."""
     drawn = random_positions(space, FOOD_SOURCES * (1 + 2 * CYCLES) - 1, generator)
-    factors = np.concatenate([kept[:1].clip(space.lower, space.upper), decode(space, drawn)])
-    return factors, evaluate(factors), kept
+    factors = decode(space, np.concatenate([encode(space, kept[:1]), drawn]))
+    return factors[np.argmin(evaluate(factors))], kept
 
 
 def by_retuner(samples: Samples, seed: int, *how: Any) -> tuple[Array, int]:

@@ -26,14 +26,12 @@ from estimator.geometry.rotations import exp, multiply
 from estimator.profile import Profile, load_profile
 from fuzzbee.tune.read_flight import read_flight
 from fuzzbee.tune.report import has_gained
-from tuning.flight import Flight, Part
+from tuning.flight import Flight, Part, sure_flight
 from tuning.flight_cost import harm, measure
-from tuning.log_task import LogTask, Split
 from tuning.optimizers import run_search
 from tuning.search import Search, SearchOptions
-from tuning.smoothed import sure_flight
-from tuning.space import encode
-from tuning.task import profile_with, values_of
+from tuning.space import encode, profile_with, values_of
+from tuning.task import LogTask
 
 VEHICLES = (
     ("noisy", "plane"),
@@ -74,7 +72,7 @@ def whole(flight: Flight) -> Part:
 
 def tuned(searched: Flight, held_out: Flight, options: SearchOptions) -> tuple[Profile, bool]:
     """What a search finds on one flight, and whether ``fuzzbee tune`` would write it."""
-    task = LogTask(BASE, ("noise",), Split((whole(searched),), (whole(held_out),)))
+    task = LogTask(BASE, ("noise",), (whole(searched),), (whole(held_out),))
     search = Search(task.space, options, task.costs)
     run_search(search, encode(task.space, values_of(task.space, BASE)))
     found = profile_with(task.space, BASE, search.best_values)

@@ -22,7 +22,6 @@ MODULES = (
     "estimator.estimator",
     "estimator.geometry.metrics",
     "drivers.samples.imu_stream",
-    "tuning.turning",
     "tuning.paper_cost",
     "tuning.prediction",
 )

@@ -13,7 +13,7 @@ from estimator.profile import Profile
 from fuzzbee.notify import notify
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
-from tuning.online.retuned_estimator import RetunedEstimator
+from tuning.online.retuner import RetunedEstimator
 from tuning.online.segment import Segment
 
 # Segments that wait for the thread; one that comes when it is full is left out.

@@ -17,9 +17,10 @@ from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.live.rows import NO_REPORT_ROWS, Rows, cut
 from estimator.profile import Profile
+from estimator.smoothing import Recorder, smooth_all
 from estimator.types import Quaternion
-from tuning.course import NOTHING_WRONG, Calls, Course, course_of
-from tuning.task import sensor_axes
+from tuning.calls import NOTHING_WRONG, Calls, Course, course_of
+from tuning.space import sensor_axes
 
 LEAST_RATE_HZ = 1.0
 BETTER_LOG = "record a better log: fuzzbee run URL --request-rate 50 --record FILE"
@@ -30,6 +31,9 @@ MOTION_RAD_S = 0.05
 LEAST_MOTION_S = 10.0
 # A compass that sends less often than this is as good as none.
 LEAST_FIELD_RATE_HZ = 0.2
+# A smoothed inclination, and a heading, count where their sigmas are below these, deg; a flight if
+# half of them do. Autopilots' own attitudes are hardly better.
+SURE_DEG = (2.0, 5.0)
 
 
 class Flight(NamedTuple):
@@ -40,7 +44,7 @@ class Flight(NamedTuple):
     ``reference`` is "sim", "autopilot", "smooth" or "none". ``headed`` marks where the base profile
     gave a heading. ``truth_sigma_rad`` (N, 2) are the reference's own sigmas of inclination and
     heading, if it has any. ``calibration`` is what the rows are calibrated by, ``begin_s`` when in
-    its log the flight begins.
+    its log the flight begins, ``refused`` a line if much of the log was.
     """
 
     path: Path
@@ -56,6 +60,7 @@ class Flight(NamedTuple):
     truth_sigma_rad: Floats | None = None
     calibration: Calibration = PLAIN
     begin_s: float = 0.0
+    refused: str | None = None
 
     @property
     def name(self) -> str:
@@ -123,11 +128,35 @@ def _calibrated(rows: Rows, profile: Profile) -> Rows:
     return rows._replace(gyr_rad_s=gyr, acc_m_s2=acc, mag_gauss=mag)
 
 
-def motion_s(flight: Flight) -> float:
-    """For how long the vehicle turned. The median rate, and with it a bias, is taken off first."""
-    gyr = flight.rows.gyr_rad_s
-    rate = np.linalg.norm(gyr - np.median(gyr, axis=0), axis=1)
-    return float(np.mean(rate > MOTION_RAD_S)) * float(flight.time_s[-1])
+def sure_flight(flight: Flight, profile: Profile, *, is_wanted: bool) -> Flight:
+    """The flight with its attitude by the whole recording as reference if that is sure of itself.
+
+    It is made once, before the search, with the base profile: no number under search can draw it to
+    itself, and what is held out is judged by a reference that nothing was chosen on.
+
+    Raises:
+        InputError: it is not, and is wanted.
+    """
+    recorder = Recorder(profile)
+    course_of(recorder, flight.rows, flight.calls, reports=flight.reports)
+    times_us, smoothed = smooth_all(recorder)
+    at = np.searchsorted(times_us, flight.rows.times_us)
+    truth, sigma = smoothed.q_ned_frd[at], smoothed.sigma_rad[at]
+    sure = np.isfinite(truth).all(axis=1, keepdims=True) & (np.degrees(sigma) < SURE_DEG)
+    known, headed = sure[:, 0], flight.headed & sure[:, 1]
+    half = len(truth) / 2
+    has_north = flight.has_field and flight.headed.sum() > half
+    shares = 50.0 * known.sum() / half, 50.0 * (known & headed).sum() / half
+    if shares[0] > 50.0 and (not has_north or shares[1] > 50.0):
+        return flight._replace(
+            reference="smooth", truth=truth, known=known, headed=headed, truth_sigma_rad=sigma
+        )
+    if is_wanted:
+        raise InputError(
+            f"{flight.name}: --reference smooth: the whole log knows inclination and heading to "
+            f"{SURE_DEG[0]:g} and {SURE_DEG[1]:g} deg in {shares[0]:.0f} and {shares[1]:.0f} % only"
+        )
+    return flight
 
 
 def require_substance(flight: Flight) -> None:
@@ -136,19 +165,18 @@ def require_substance(flight: Flight) -> None:
     Raises:
         InputError: it is too slow, too short or without motion.
     """
-    name, rate_hz, duration_s = flight.name, flight.rate_hz, float(flight.time_s[-1])
+    rate_hz, duration_s = flight.rate_hz, float(flight.time_s[-1])
+    # without the median rate, and with it without a bias
+    turned = flight.rows.gyr_rad_s - np.median(flight.rows.gyr_rad_s, axis=0)
+    moving_s = float(np.mean(np.linalg.norm(turned, axis=1) > MOTION_RAD_S)) * duration_s
     if rate_hz < LEAST_RATE_HZ:
-        raise InputError(
-            f"{name}: {flight.message} at {rate_hz:.2f} Hz; nothing can be tuned below "
-            f"{LEAST_RATE_HZ:g} Hz ({BETTER_LOG})"
-        )
-    if duration_s < LEAST_DURATION_S:
-        raise InputError(
-            f"{name}: {duration_s:.0f} s of IMU data; at least {LEAST_DURATION_S:g} s are needed"
-        )
-    moving_s = motion_s(flight)
-    if moving_s < LEAST_MOTION_S:
-        raise InputError(
-            f"{name}: no motion: it turns faster than {MOTION_RAD_S:g} rad/s for {moving_s:.0f} s, "
-            f"at least {LEAST_MOTION_S:g} s are needed"
-        )
+        why = f"{flight.message} at {rate_hz:.2f} Hz; nothing can be tuned below "
+        why += f"{LEAST_RATE_HZ:g} Hz ({BETTER_LOG})"
+    elif duration_s < LEAST_DURATION_S:
+        why = f"{duration_s:.0f} s of IMU data; at least {LEAST_DURATION_S:g} s are needed"
+    elif moving_s < LEAST_MOTION_S:
+        why = f"no motion: it turns faster than {MOTION_RAD_S:g} rad/s for {moving_s:.0f} s, "
+        why += f"at least {LEAST_MOTION_S:g} s are needed"
+    else:
+        return
+    raise InputError(f"{flight.name}: {why}")

@@ -1,24 +1,21 @@
 """The cost of a flight: the errors that a user sees, and how honest their sigmas are."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from math import exp, log
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import ndtri
 
 from estimator.arrays import Floats
 from estimator.geometry.metrics import batch_angle_errors, rms
+from estimator.geometry.rotations import exp as exp_turns
+from estimator.geometry.rotations import multiply
 from estimator.live.rows import cut
 from estimator.profile import Profile
-from tuning.course import Course
+from tuning.calls import Course
 from tuning.flight import Part, fly
-from tuning.prediction import (
-    heading_errors,
-    levelling_errors,
-    predicted_vectors,
-    rms_known,
-)
-from tuning.smoothed import possible_truths
+from tuning.prediction import heading_errors, levelling_errors, predicted_vectors, rms_known
 
 # Sigma is the angle that this share of the errors lies under.
 SHARE = 0.68
@@ -26,6 +23,16 @@ SHARE = 0.68
 SIGMA_WEIGHT = 2.0
 # No reference is better known than this, deg: less is not worth a search.
 FLOOR_DEG = 0.1
+# Coverage within these bounds is honest; beyond them it may be this much worse than before.
+HONEST = (0.6, 0.76)
+COVERAGE_SLACK = 0.02
+# Attitudes around a reference that is uncertain.
+AROUND = 8
+# Of a normal error a share of 0.68 lies under so many standard deviations: of one component, and
+# of two together.
+ONE, TWO = 0.994, 1.510
+# Turns between two azimuths, so that any few of them are spread out.
+GOLDEN = 0.618034
 
 
 class Figure(NamedTuple):
@@ -66,11 +73,6 @@ class FlightFigures(NamedTuple):
         }
 
 
-# Coverage within these bounds is honest; beyond them it may be this much worse than before.
-HONEST = (0.6, 0.76)
-COVERAGE_SLACK = 0.02
-
-
 def harm(before: Sequence[FlightFigures], after: Sequence[FlightFigures]) -> str | None:
     """What a change makes worse on flights, in words; None if error and coverage both hold.
 
@@ -104,31 +106,41 @@ def geometric_mean(costs: list[float]) -> float:
 
 
 def measure(profile: Profile, part: Part) -> FlightFigures:
-    """Fly the part with ``profile`` and score it."""
-    course = fly(part.flight, profile, part.last)
-    if part.flight.reference == "none":
-        return _figures_without_truth(part, course)
-    return _figures(part, course)
-
-
-def _figures(part: Part, course: Course) -> FlightFigures:
-    """Errors against the reference, wherever it is known."""
+    """Fly the part with ``profile`` and score it, against the reference wherever it is known."""
     flight, window = part.flight, part.window
+    course = fly(flight, profile, part.last)
+    if flight.reference == "none":
+        return _without_truth(part, course)
     known = flight.known[window]
     truth_sigma = None if flight.truth_sigma_rad is None else flight.truth_sigma_rad[window]
-    estimate = course.q_ned_frd[window]
     sigma = np.degrees(course.sigma_rad[window])
     headed = known & flight.headed[window]
     inclination, heading = [], []
     for truth in possible_truths(flight.truth[window], truth_sigma):
-        errors = np.degrees(batch_angle_errors(estimate, truth))
+        errors = np.degrees(batch_angle_errors(course.q_ned_frd[window], truth))
         inclination.append(score_errors(errors[known, 2], sigma[known, 0]))
         heading.append(score_errors(errors[headed, 1], sigma[headed, 1]))
     has_heading = flight.has_field and headed.any()
-    return FlightFigures(mean_of(inclination), mean_of(heading) if has_heading else None)
+    return FlightFigures(_mean_of(inclination), _mean_of(heading) if has_heading else None)
 
 
-def mean_of(figures: Sequence[Figure]) -> Figure:
+def possible_truths(truth: Floats, sigma_rad: Floats | None) -> Iterator[Floats]:
+    """References (N, 4), or if they have sigmas ``AROUND`` others as likely as each other."""
+    if sigma_rad is None:
+        yield truth
+        return
+    share = (np.arange(AROUND) + 0.5) / AROUND
+    tilt = np.sqrt(-2.0 * np.log(share)) / TWO
+    azimuth = 2.0 * np.pi * GOLDEN * np.arange(AROUND)
+    # in another order than the tilts
+    turn = ndtri(share[np.argsort(GOLDEN * np.arange(AROUND) % 1.0)]) / ONE
+    level, north = sigma_rad.T
+    for t, a, h in zip(tilt, azimuth, turn, strict=True):
+        each = np.stack([level * t * np.cos(a), level * t * np.sin(a), north * h], axis=-1)
+        yield multiply(exp_turns(each), truth)
+
+
+def _mean_of(figures: Sequence[Figure]) -> Figure:
     """The figures of the same errors against several references as those of all of them."""
     rms_deg, losses_deg, shares = zip(*figures, strict=True)
     return Figure(rms(np.array(rms_deg)), float(np.mean(losses_deg)), float(np.mean(shares)))
@@ -147,7 +159,7 @@ def score_errors(errors: Floats, sigma: Floats) -> Figure:
     return Figure(rms(errors), float(loss.mean()), float(np.mean(off <= 0.0)))
 
 
-def _figures_without_truth(part: Part, course: Course) -> FlightFigures:
+def _without_truth(part: Part, course: Course) -> FlightFigures:
     """Errors of the vectors that the estimate predicts, which have no sigma."""
     rows = cut(part.flight.rows, 0, part.last)
     down, field = predicted_vectors(rows, course.q_ned_frd, course.bias_rad_s, part.first)

@@ -12,7 +12,7 @@ import numpy as np
 from estimator.arrays import Floats
 from estimator.errors import InputError
 from tuning.colony import Colony
-from tuning.search import BudgetSpent, InterruptedSearch, Search
+from tuning.search import Search, SearchEnd
 from tuning.space import bounds, random_positions
 
 # Standard deviation of the first generation, as a share of the width of the bounds: from the
@@ -31,10 +31,8 @@ def run_search(search: Search, first: Floats) -> bool:
     generator = np.random.default_rng(search.options.seed)
     try:
         ALGORITHMS[search.options.algorithm].run(search, first, generator)
-    except BudgetSpent:
-        return True
-    except InterruptedSearch:
-        return False
+    except SearchEnd as end:
+        return end.is_finished
     return True
 
 
@@ -42,11 +40,7 @@ def bees(search: Search, first: Floats, generator: np.random.Generator) -> None:
     """Artificial bee colony for the given number of cycles; scouts come on top of the budget."""
     options = search.options
     colony = Colony(
-        search.space,
-        food_sources=options.food_sources,
-        limit=options.limit,
-        generator=generator,
-        first=first[None, :],
+        search.space, options.food_sources, options.limit, generator, first=first[None, :]
     )
     flight = colony.fly()
     asked = next(flight)
@@ -66,9 +60,9 @@ def cma_es(search: Search, first: Floats, generator: np.random.Generator) -> Non
     from cmaes import CMA
 
     lower, upper = bounds(search.space)
-    cube = np.array([[0.0, 1.0]] * search.space.dimensions)
+    cube = np.array([[0.0, 1.0]] * len(search.space))
     mean = (first - lower) / (upper - lower)
-    population = 4 + int(3 * np.log(search.space.dimensions))  # the usual size
+    population = 4 + int(3 * np.log(len(first)))  # the usual size
     while True:
         seed = int(generator.integers(2**32))
         strategy = CMA(mean, CMA_SIGMA, bounds=cube, seed=seed, population_size=population)
@@ -76,11 +70,11 @@ def cma_es(search: Search, first: Floats, generator: np.random.Generator) -> Non
             asked = np.array([strategy.ask() for _ in range(population)])
             costs = search.costs(lower + (upper - lower) * asked[: search.left])
             if len(costs) < population:
-                raise BudgetSpent
+                return
             strategy.tell(list(zip(asked, costs.tolist(), strict=True)))
             search.end_cycle(costs)
         population *= 2
-        mean = generator.random(search.space.dimensions)
+        mean = generator.random(len(search.space))
 
 
 def differential_evolution(search: Search, first: Floats, generator: np.random.Generator) -> None:

@@ -1,5 +1,6 @@
-"""The same work on many things, by processes beside this one."""
+"""The same work on many things, by processes beside this one or by a Dask cluster."""
 
+import operator
 import os
 import signal
 import threading
@@ -11,9 +12,13 @@ from multiprocessing import get_context, parent_process
 from typing import Any
 
 from drivers.closing import Closing
+from estimator.errors import InputError, missing_extra
 
 # For the parent, which ends its workers: a terminal sends them to all.
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+CONNECT_TIMEOUT_S = 10.0
+# Things are sent again this often before a cluster is given up.
+ATTEMPTS = 5
 _work: Callable[[Any], Any]  # of a process that has been started here
 
 
@@ -93,3 +98,65 @@ def _end_with_parent() -> None:
 
 def _answer(thing: Any) -> Any:
     return _work(thing)
+
+
+class Cluster(Closing):
+    """The workers of the Dask scheduler at ``address``, which all do the same work.
+
+    Dask gives a dead worker's things to others; if the work itself died with the last worker that
+    held it, it is sent again.
+
+    Raises:
+        InputError: dask.distributed is not installed, no scheduler answers, or
+            it has no workers.
+    """
+
+    def __init__(self, work: Callable[[Any], Any], address: str) -> None:
+        try:
+            import distributed
+        except ImportError:
+            raise missing_extra("--cluster", "cluster") from None
+        try:
+            self._client: Any = distributed.Client(  # type: ignore[no-untyped-call]
+                address, timeout=CONNECT_TIMEOUT_S, set_as_default=False
+            )
+        except (OSError, ValueError, TypeError) as error:
+            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+            raise InputError(f"--cluster {address}: no scheduler answers: {reason}") from None
+        self._address, self._work = address, work
+        self._sent: Any = None
+        self._wait_for_workers()
+
+    def close(self) -> None:
+        """Disconnect; the cluster itself keeps running."""
+        self._client.close()
+
+    def __call__(self, things: Iterable[Any]) -> list[Any]:
+        """What comes of each of the things, in their order.
+
+        Raises:
+            InputError: the cluster lost all its workers, or they cannot do the work.
+        """
+        from distributed.client import FutureCancelledError
+        from distributed.scheduler import KilledWorker
+
+        things, submit = [*things], self._client.submit
+        for _ in range(ATTEMPTS):
+            try:
+                if self._sent is None:
+                    self._sent = self._client.scatter(self._work, broadcast=True, hash=False)
+                futures = [submit(operator.call, self._sent, x, pure=False) for x in things]
+                return list(self._client.gather(futures))
+            except (FutureCancelledError, KilledWorker, OSError):
+                self._sent = None
+                self._wait_for_workers()
+            except ImportError as error:
+                raise InputError(f"--cluster {self._address}: on a worker: {error}") from None
+        raise InputError(f"--cluster {self._address}: the workers keep failing")
+
+    def _wait_for_workers(self) -> None:
+        try:
+            self._client.wait_for_workers(1, timeout=CONNECT_TIMEOUT_S)
+        except TimeoutError:
+            self.close()
+            raise InputError(f"--cluster {self._address}: no workers") from None

@@ -8,6 +8,7 @@ The paper's J weighs the errors of the first second with 0.3 and those from 4 to
 sum to what the paper's sum to, and costs compare from one rate to another.
 """
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -18,12 +19,15 @@ from estimator.geometry.metrics import STEADY, TRANSIENT, TRANSIENT_WEIGHT, batc
 from estimator.geometry.quaternion import multiply
 from estimator.profile import Profile
 from estimator.types import Quaternion
-from tuning.course import WRONG_TURN
+from tuning.calls import WRONG_TURN
 from tuning.flight import Flight, Part, fly
 
 RECOVERY_S = 14.0
-TRANSIENT_S = (0.0, 1.0)
-STEADY_S = (4.0, 14.0)
+# Both parts of the cost: from when to when, and what the weights of the paper's samples sum to.
+PARTS = (
+    ((0.0, 1.0), TRANSIENT_WEIGHT * (TRANSIENT.stop - TRANSIENT.start)),
+    ((4.0, 14.0), float(STEADY.stop - STEADY.start)),
+)
 # The conditioning stage learns bias and field for so long before it is judged.
 SETTLE_S = 10.0
 # A recovery holds no silence longer than this, or than so many sample periods if that is more.
@@ -31,8 +35,6 @@ LONGEST_GAP_S = 1.0
 LONGEST_GAP_PERIODS = 4.0
 # So much of both parts of the cost needs a reference.
 LEAST_KNOWN = 0.9
-# An estimate that is no number is as wrong as can be.
-WORST_ERROR = 1.0
 
 
 class Recovery(NamedTuple):
@@ -53,22 +55,21 @@ def recovery_cost(profile: Profile, part: Part) -> float:
         InputError: the part has no recovery.
     """
     found = recoveries(part)
-    errors = _errors(profile, part, found)
-    return sum(float(w @ errors[first : last + 1]) for first, last, w in found) / len(found)
+    e = recovery_errors(profile, part, found)
+    return sum(float(w @ e[first : last + 1]) for first, last, w in found) / len(found)
 
 
-def _errors(profile: Profile, part: Part, found: list[Recovery]) -> Floats:
-    """e (N,) at each sample up to the part's end: sin^2 of half the error."""
+def recovery_errors(profile: Profile, part: Part, found: list[Recovery]) -> Floats:
+    """e (N,) at each sample up to the part's end: sin^2 of half the error, 1 of no number."""
     flight = part.flight
-    w, x, y, z = flight.truth.T
-    wrong: dict[int, Quaternion] = {
-        k: multiply(WRONG_TURN, (float(w[k]), float(x[k]), float(y[k]), float(z[k])))
-        for k, _, _ in found
-    }
+    wrong: dict[int, Quaternion] = {}
+    for first, _, _ in found:
+        w, x, y, z = flight.truth[first].tolist()
+        wrong[first] = multiply(WRONG_TURN, (w, x, y, z))
     course = fly(flight, profile, part.last, wrong)
     angles = batch_angle_errors(course.q_ned_frd, flight.truth[: part.last])
     e = np.sin(0.5 * angles[:, 0 if flight.has_field else 2]) ** 2
-    return np.where(np.isfinite(e), e, WORST_ERROR)
+    return np.where(np.isfinite(e), e, 1.0)
 
 
 def recoveries(part: Part) -> list[Recovery]:
@@ -77,36 +78,28 @@ def recoveries(part: Part) -> list[Recovery]:
     Raises:
         InputError: there is none.
     """
-    time_s = part.flight.time_s
-    found = []
-    for begin, end in _stretches(part):
+    flight, time_s, found = part.flight, part.flight.time_s, []
+    gap_s = np.diff(time_s, prepend=time_s[0])
+    longest_s = max(LONGEST_GAP_S, LONGEST_GAP_PERIODS / flight.rate_hz)
+    is_break = (flight.restart | (gap_s > longest_s))[part.window]
+    is_break[0] = True
+    begins = [*(part.first + np.flatnonzero(is_break)).tolist(), part.last]
+    for begin, end in pairwise(begins):
         start_s = time_s[begin] + SETTLE_S
         while start_s + RECOVERY_S <= time_s[end - 1]:
             first = begin + int(np.searchsorted(time_s[begin:end], start_s))
             end_s = time_s[first] + RECOVERY_S + 1e-9
             last = begin + int(np.searchsorted(time_s[begin:end], end_s)) - 1
-            weights = _weights(part.flight, first, last)
+            weights = _weights(flight, first, last)
             if weights is not None:
                 found.append(Recovery(first, last, weights))
             start_s = time_s[last] + 1e-6
     if not found:
         raise InputError(
-            f"{part.flight.name}: no stretch of 14 s without gaps and with a reference "
+            f"{flight.name}: no stretch of 14 s without gaps and with a reference "
             "in what is to be tuned on or held out"
         )
     return found
-
-
-def _stretches(part: Part) -> list[tuple[int, int]]:
-    """Ranges of samples without a restart or a long silence inside."""
-    flight = part.flight
-    gap_s = np.diff(flight.time_s, prepend=flight.time_s[0])
-    longest_s = max(LONGEST_GAP_S, LONGEST_GAP_PERIODS / flight.rate_hz)
-    breaks = (
-        part.first + 1 + np.flatnonzero((flight.restart | (gap_s > longest_s))[part.window][1:])
-    )
-    starts = [part.first, *breaks.tolist()]
-    return list(zip(starts, [*starts[1:], part.last], strict=True))
 
 
 def _weights(flight: Flight, first: int, last: int) -> Floats | None:
@@ -120,10 +113,7 @@ def _weights(flight: Flight, first: int, last: int) -> Floats | None:
         return None
     share = np.diff(t, prepend=-np.median(np.diff(t))) * known
     weight = np.zeros(len(t))
-    for (low, high), total in (
-        (TRANSIENT_S, TRANSIENT_WEIGHT * (TRANSIENT.stop - TRANSIENT.start)),
-        (STEADY_S, float(STEADY.stop - STEADY.start)),
-    ):
+    for (low, high), total in PARTS:
         inside = (t >= low) & (t <= high)
         if not inside.any() or known[inside].mean() <= LEAST_KNOWN:
             return None

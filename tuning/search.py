@@ -57,12 +57,11 @@ class Record(NamedTuple):
     asked_sha256: str
 
 
-class InterruptedSearch(Exception):  # noqa: N818 - an outcome, not an error
-    """Raised out of an algorithm when the observer asks it to stop."""
+class SearchEnd(Exception):  # noqa: N818 - an outcome, not an error
+    """Raised out of an algorithm that asks for more than its budget, or is asked to stop."""
 
-
-class BudgetSpent(Exception):  # noqa: N818 - an outcome, not an error
-    """Raised out of an algorithm that asks for more than its budget."""
+    def __init__(self, *, is_finished: bool) -> None:
+        self.is_finished = is_finished
 
 
 class Search:
@@ -90,10 +89,14 @@ class Search:
         self._asked = hashlib.sha256()
         self._scouts = 0
         self.evaluations = 0
-        self.cycles = 0
         self.best_cost = np.inf
-        self.best_values = np.full(space.dimensions, np.nan)
+        self.best_values = np.full(len(space), np.nan)
         self.history: list[Progress] = []
+
+    @property
+    def cycles(self) -> int:
+        """Cycles (generations) so far."""
+        return len(self.history)
 
     @property
     def left(self) -> int:
@@ -110,28 +113,30 @@ class Search:
         """Costs (C,) of positions (C, D) in search coordinates, made feasible first.
 
         Raises:
-            BudgetSpent: the budget is used up (scouts do not count).
-            InterruptedSearch: the observer asked to stop.
+            SearchEnd: the budget is used up (scouts do not count), or the observer asked to stop.
             InputError: the record is not of this search.
         """
         if not scouts and (self.left == 0 or self.left < len(positions)):
-            raise BudgetSpent
+            raise SearchEnd(is_finished=True)
         self._scouts += len(positions) if scouts else 0
         values = decode(self.space, make_feasible(self.space, positions))
         recorded = self._recorded_costs(len(values))
         self._asked.update(np.ascontiguousarray(values).tobytes())
         costs = self._evaluate(values) if recorded is None else recorded
-        self._remember(values, costs)
+        self._known.append(np.array(costs))
+        self.evaluations += len(costs)
+        best = int(np.argmin(costs))
+        if costs[best] < self.best_cost:
+            self.best_cost, self.best_values = float(costs[best]), values[best].copy()
         if recorded is None and not self._observe(self):
-            raise InterruptedSearch
+            raise SearchEnd(is_finished=False)
         return costs
 
     def end_cycle(self, costs: Floats) -> None:
         """Note the end of a cycle (generation), and the costs (N,) of its population."""
-        self.cycles += 1
         mean, median = float(np.mean(costs)), float(np.median(costs))
-        best = float(self.best_cost)
-        self.history.append(Progress(self.evaluations, self.cycles, best, mean, median))
+        now = Progress(self.evaluations, self.cycles + 1, self.best_cost, mean, median)
+        self.history.append(now)
 
     def _recorded_costs(self, count: int) -> Floats | None:
         """The next ``count`` recorded costs, or None where the record has ended."""
@@ -146,11 +151,3 @@ class Search:
             self._earlier = None
             return None
         return record.costs[self.evaluations : self.evaluations + count]
-
-    def _remember(self, values: Floats, costs: Floats) -> None:
-        self._known.append(np.array(costs))
-        self.evaluations += len(costs)
-        best = int(np.argmin(costs))
-        if costs[best] < self.best_cost:
-            self.best_cost = float(costs[best])
-            self.best_values = values[best].copy()

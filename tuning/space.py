@@ -1,68 +1,137 @@
-"""The search space: bounds, and the order inside each triangle, kept by construction."""
+"""The parameters that can be tuned, and the profiles that their values stand for."""
 
-from typing import NamedTuple
+from math import cos, sin
+from typing import Any, NamedTuple
 
+import msgspec
 import numpy as np
 
+from estimator.aiding.types import AidingParams
 from estimator.arrays import Floats
+from estimator.calibration import UNCHANGED, Calibration
+from estimator.conditioning.params import ConditioningParams
+from estimator.errors import InputError
 from estimator.filter import memberships
+from estimator.geometry.quaternion import rotate
+from estimator.mounting import Mounting
+from estimator.profile import Profile, parse_profile, profile_to_json, profile_to_toml
 
 
-class Space(NamedTuple):
-    """D parameters by name, with bounds and the groups whose values ascend.
+class Parameter(NamedTuple):
+    """A number of a profile by ``section.key``, k1..k22 by their key, and its bounds.
 
-    ``chains`` holds the indices of each ascending group; the bounds of a group
-    ascend too. A parameter marked ``logarithmic`` (bounds above 0) is searched
-    by its logarithm, because a change by a factor means the same at any value.
+    Those of one ``chain`` ascend, as their bounds do. A logarithmic one (bounds above 0) is
+    searched by its logarithm, because a change by a factor means the same at any value.
     """
 
-    names: tuple[str, ...]
-    lower: tuple[float, ...]
-    upper: tuple[float, ...]
-    chains: tuple[tuple[int, ...], ...] = ()
-    logarithmic: tuple[bool, ...] = ()
+    name: str
+    lower: float
+    upper: float
+    is_logarithmic: bool = True
+    chain: int | None = None
 
     @property
-    def dimensions(self) -> int:
-        """The number of parameters, D."""
-        return len(self.names)
+    def address(self) -> tuple[str, str]:
+        """Section and key of the profile."""
+        section, _, key = self.name.rpartition(".")
+        return section or "membership", key
 
 
-def membership_space() -> Space:
-    """k1..k22 within the paper's Eqs. (16) and (17), a <= b <= c inside each triangle."""
-    return Space(
-        names=memberships.NAMES,
-        lower=memberships.LOWER,
-        upper=memberships.UPPER,
-        chains=tuple(chain for chain in memberships.CHAINS if len(chain) > 1),
-        logarithmic=(False,) * len(memberships.NAMES),
+Space = tuple[Parameter, ...]
+
+COMPASS_TURN = "compass_turn_rad"  # a tuned number that stands in the calibration's mag_matrix
+# The bounds are the shipped values divided and multiplied by this. Further away a parameter no
+# longer does what it is named for.
+SHIPPED_FACTOR = 5.0
+
+
+def _around_shipped(section: str, kind: Any, *names: str) -> Space:
+    shipped = [(name, float(kind._field_defaults[name])) for name in names]
+    return tuple(
+        Parameter(f"{section}.{name}", x / SHIPPED_FACTOR, x * SHIPPED_FACTOR)
+        for name, x in shipped
     )
 
 
-def join_spaces(*spaces: Space) -> Space:
-    """The parameters of all spaces, one space after the other."""
-    joined = Space((), (), ())
-    for space in spaces:
-        shift = joined.dimensions
-        chains = tuple(tuple(shift + i for i in chain) for chain in space.chains)
-        joined = Space(
-            names=joined.names + space.names,
-            lower=joined.lower + space.lower,
-            upper=joined.upper + space.upper,
-            chains=joined.chains + chains,
-            logarithmic=joined.logarithmic + space.logarithmic,
-        )
-    return joined
+# k1..k22 within the paper's Eqs. (16) and (17), a <= b <= c in each triangle.
+CHAIN_OF = {i: n for n, chain in enumerate(memberships.CHAINS) for i in chain}
+MEMBERSHIP: Space = tuple(
+    Parameter(name, low, high, is_logarithmic=False, chain=CHAIN_OF[i])
+    for i, (name, low, high) in enumerate(
+        zip(memberships.NAMES, memberships.LOWER, memberships.UPPER, strict=True)
+    )
+)
+RATE_TIME_CONSTANT = Parameter("filter.rate_time_constant_s", 0.05, 3.0)
+
+# With raw vectors, as in the paper: gamma has a meaning, the confidences are the paper's 1.
+RAW_GROUPS: dict[str, Space] = {
+    "membership": MEMBERSHIP,
+    "filter": (Parameter("filter.gamma", 0.1, 10.0), RATE_TIME_CONSTANT),
+}
+# With conditioned vectors: the conditioning stage estimates the bias, not gamma.
+CONDITIONED_GROUPS: dict[str, Space] = {
+    "membership": MEMBERSHIP,
+    "filter": (RATE_TIME_CONSTANT,),
+    "confidence": tuple(
+        Parameter(f"confidence.{name}", 0.25, 25.0) for name in ("gravity", "magnetic")
+    ),
+    # What decides how fast the conditioning stage believes which sensor; the rest of it
+    # describes vehicles and events, which one log does not show.
+    "conditioning": _around_shipped(
+        "conditioning",
+        ConditioningParams,
+        *("gravity_tau_s", "bias_initial_sigma_rad_s", "bias_rest_sigma_rad_s"),
+        *("bias_motion_sigma_rad_s", "field_dip_scale_rad", "heading_noise_rad2_s"),
+    ),
+    # How noisy the vehicle's sensors and velocity reports are: few numbers that differ from vehicle
+    # to vehicle, without a velocity and with one.
+    "noise": (
+        *_around_shipped(
+            "conditioning", ConditioningParams, "gravity_tau_s", "heading_noise_rad2_s"
+        ),
+        *_around_shipped(
+            "aiding",
+            AidingParams,
+            *("gyr_slow_noise_1_s", "acc_noise", "heading_noise"),
+            *("filter_error_m_s", "receiver_error_m_s"),
+        ),
+    ),
+    "gain": (Parameter("filter.fixed_gain", 1.0, 200.0),),
+    # What moves sigma alone: errors do not show it, coverage does.
+    "sigma": _around_shipped("aiding", AidingParams, "colour", "least_scale", "scatter_share"),
+    # What a fit of the sensors' constants leaves open: how far the compass is turned about the
+    # body's down, how late readings may be, and how far from its nose the vehicle moves.
+    "calibration": (
+        Parameter(f"calibration.{COMPASS_TURN}", -0.2, 0.2, is_logarithmic=False),
+        *_around_shipped("aiding", AidingParams, "imu_lag_s"),
+        *_around_shipped("conditioning", ConditioningParams, "field_lag_sigma_s"),
+        Parameter("aiding.sideslip_rad", 0.02, 3.0),
+    ),
+}
 
 
-def bounds(space: Space) -> tuple[Floats, Floats]:
-    """Lower and upper bounds (D,) in search coordinates."""
-    return encode(space, np.array(space.lower)), encode(space, np.array(space.upper))
+def space_of(groups: tuple[str, ...], known: dict[str, Space]) -> Space:
+    """The joint space of the named groups, in the order given.
+
+    Raises:
+        InputError: no group, an unknown one, or one given twice.
+    """
+    if not groups:
+        raise InputError(f"--parameters: nothing to tune; choose from {', '.join(known)}")
+    for i, group in enumerate(groups):
+        if group not in known:
+            raise InputError(f"--parameters {group}: not here; choose from {', '.join(known)}")
+        if group in groups[:i]:
+            raise InputError(f"--parameters {group}: given twice")
+    return tuple(parameter for group in groups for parameter in known[group])
+
+
+# --- positions: the coordinates in which a search moves
 
 
 def encode(space: Space, values: Floats) -> Floats:
     """Search coordinates of parameter values, (..., D)."""
-    log = np.array(space.logarithmic, dtype=bool)
+    log = [each.is_logarithmic for each in space]
     out = np.array(values, dtype=np.float64)
     out[..., log] = np.log(out[..., log])
     return out
@@ -70,10 +139,21 @@ def encode(space: Space, values: Floats) -> Floats:
 
 def decode(space: Space, positions: Floats) -> Floats:
     """Parameter values (N, D) of search coordinates (N, D); never outside the bounds."""
-    log = np.array(space.logarithmic, dtype=bool)
+    log = [each.is_logarithmic for each in space]
     out = np.array(positions, dtype=np.float64)
     out[..., log] = np.exp(out[..., log])  # rounds, hence the clip
-    return np.clip(out, space.lower, space.upper)
+    return _clipped(space, out)
+
+
+def _clipped(space: Space, values: Any) -> Floats:
+    clipped: Floats = np.clip(values, [p.lower for p in space], [p.upper for p in space])
+    return clipped
+
+
+def bounds(space: Space) -> tuple[Floats, Floats]:
+    """Lower and upper bounds (D,) in search coordinates."""
+    low, high = (np.array([getattr(p, end) for p in space]) for end in ("lower", "upper"))
+    return encode(space, low), encode(space, high)
 
 
 def make_feasible(space: Space, positions: Floats) -> Floats:
@@ -87,10 +167,9 @@ def make_feasible(space: Space, positions: Floats) -> Floats:
     corner onto its neighbour instead would pile the search up on vertical
     edges; rejecting it would waste evaluations where the space is narrow.
     """
-    lower, upper = bounds(space)
-    out = np.clip(positions, lower, upper)
-    for chain in space.chains:
-        columns = list(chain)
+    out = np.clip(positions, *bounds(space))
+    for chain in {each.chain for each in space} - {None}:
+        columns = [i for i, each in enumerate(space) if each.chain == chain]
         out[:, columns] = np.sort(out[:, columns], axis=1)
     return out
 
@@ -98,5 +177,52 @@ def make_feasible(space: Space, positions: Floats) -> Floats:
 def random_positions(space: Space, count: int, generator: np.random.Generator) -> Floats:
     """Feasible positions (count, D), uniform within the bounds before ordering."""
     lower, upper = bounds(space)
-    drawn = lower + (upper - lower) * generator.random((count, space.dimensions))
+    drawn = lower + (upper - lower) * generator.random((count, len(space)))
     return make_feasible(space, drawn)
+
+
+# --- profiles
+
+
+def values_of(space: Space, profile: Profile) -> Floats:
+    """The profile's values (D,) of the space's parameters, clipped to their bounds."""
+    tree = profile_to_json(profile)
+    tree["calibration"] = {COMPASS_TURN: 0.0}  # beside what the profile has
+    values = [float(tree[section][key]) for section, key in (each.address for each in space)]
+    return _clipped(space, values)
+
+
+def profile_with(space: Space, base: Profile, values: Floats) -> Profile:
+    """``base`` with the space's parameters replaced.
+
+    Raises:
+        InputError: the result is no valid profile.
+    """
+    changes: dict[str, dict[str, float]] = {}
+    for parameter, value in zip(space, values.tolist(), strict=True):
+        section, key = parameter.address
+        changes.setdefault(section, {})[key] = value
+    turn_rad = changes.pop("calibration", {}).get(COMPASS_TURN, 0.0)
+    if turn_rad != 0.0:
+        base = msgspec.structs.replace(base, calibration=_compass_turned(base, turn_rad))
+    sections = {name: _replace_keys(getattr(base, name), keys) for name, keys in changes.items()}
+    return parse_profile(profile_to_toml(msgspec.structs.replace(base, **sections)), "tuned")
+
+
+def _replace_keys(section: Any, keys: dict[str, float]) -> Any:
+    if isinstance(section, dict):
+        return {**section, **keys}
+    return msgspec.structs.replace(section, **keys)
+
+
+def _compass_turned(profile: Profile, turn_rad: float) -> Calibration:
+    """The profile's calibration with the compass's readings turned about the body's down."""
+    R, (c, s) = sensor_axes(profile.mounting), (cos(turn_rad), sin(turn_rad))
+    turn = R.T @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ R
+    matrix = (turn @ np.array(profile.calibration.mag_matrix)).round(6).tolist()
+    return msgspec.structs.replace(profile.calibration, mag_matrix=tuple(map(tuple, matrix)))
+
+
+def sensor_axes(mounting: Mounting) -> Floats:
+    """The sensors' axes as columns (3, 3) in the body's."""
+    return np.column_stack([rotate(mounting.q_frd_sensor, axis) for axis in UNCHANGED])

@@ -1,22 +1,36 @@
-"""What a search minimises, and the profiles that its values stand for."""
+"""What a search minimises: J on the paper's signals, or the cost of recorded flights."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from math import cos, sin
 from typing import Any, ClassVar, NamedTuple
 
 import msgspec
 import numpy as np
 
 from estimator.arrays import Floats
-from estimator.calibration import UNCHANGED, Calibration
 from estimator.errors import InputError
-from estimator.geometry.quaternion import rotate
-from estimator.mounting import Mounting
-from estimator.profile import Profile, parse_profile, profile_to_json, profile_to_toml
-from tuning.parameters import COMPASS_TURN, space_of
-from tuning.space import Space
+from estimator.filter import memberships
+from estimator.filter.types import initial_state
+from estimator.profile import Profile, Provenance, load_profile
+from estimator.types import IDENTITY
+from tuning.flight import Flight, Part
+from tuning.flight_cost import FlightFigures, geometric_mean, measure
+from tuning.paper_cost import LANES, Base, Signals, costs, paper_signals
+from tuning.paper_experiment import paper_settings, run_experiment
+from tuning.recovery import recovery_cost
+from tuning.space import CONDITIONED_GROUPS, RAW_GROUPS, Space, profile_with, space_of
+
+# Noise seeds from here on are reserved for judging results; nothing may be tuned on them.
+FIRST_RESERVED_SEED = 5000
+# Below this rate the gyroscope is aliased, and the first second has only a handful of samples: they
+# cannot show which memberships are better, as the paper's are made for 100 Hz.
+MEMBERSHIP_RATE_HZ = 10.0
+# Of one flight the later part is held out; of several every third, beginning with the second.
+LATER_PART = 0.4
+HELD_OUT_EVERY = 3
+HELD_OUT_FIRST = 1
 
 
 class Scores(NamedTuple):
@@ -28,13 +42,15 @@ class Scores(NamedTuple):
 
 @dataclass(frozen=True)
 class Task(ABC):
-    """Groups of parameters of a base profile, and data on which they are searched.
+    """Groups of parameters of a base profile, what they are searched on, and what is held out.
 
     ``batch`` is how many candidates one process best takes at a time.
     """
 
     base: Profile
     groups: tuple[str, ...]
+    searched: tuple[Any, ...]
+    held_out: tuple[Any, ...]
 
     known_groups: ClassVar[dict[str, Space]]
     batch: ClassVar[int] = 1
@@ -49,78 +65,164 @@ class Task(ABC):
         """The parameters that are tuned."""
         return space_of(self.groups, self.known_groups)
 
+    @property
+    def tunes_memberships(self) -> bool:
+        """Whether k1..k22 are among them."""
+        return "membership" in self.groups
+
     @abstractmethod
+    def cost(self, profile: Profile, on: tuple[Any, ...]) -> float:
+        """The mean cost of a profile on what is searched on, or on what is held out."""
+
     def costs(self, values: Floats) -> Floats:
         """Costs (C,) of parameter values (C, D), each with the same bits beside any others."""
+        profiles = (profile_with(self.space, self.base, row) for row in values)
+        return np.array([self.cost(profile, self.searched) for profile in profiles])
 
-    @abstractmethod
+    def batches(self, values: Floats) -> list[Floats]:
+        """Candidates (C, D) as parts for processes."""
+        return np.array_split(values, -(-len(values) // self.batch))
+
     def score(self, profile: Profile) -> Scores:
         """The costs of a profile, on what is searched on and on what is held out."""
+        return Scores(*(self.cost(profile, on) for on in (self.searched, self.held_out)))
+
+    def _require_fuzzy_gain(self) -> None:
+        if (gain := self.base.filter.gain) != "fuzzy":
+            raise InputError(f"base profile: filter.gain is '{gain}'; only 'fuzzy' is tuned")
 
 
-def batches(task: Task, values: Floats) -> list[Floats]:
-    """Candidates (C, D) as parts for processes."""
-    return np.array_split(values, -(-len(values) // task.batch))
-
-
-def require_fuzzy_gain(profile: Profile) -> None:
-    """Refuse a profile whose gain the search would not run.
-
-    Raises:
-        InputError: ``filter.gain`` is another than "fuzzy".
-    """
-    if profile.filter.gain != "fuzzy":
-        raise InputError(
-            f"base profile: filter.gain is '{profile.filter.gain}'; only 'fuzzy' is tuned"
-        )
-
-
-def values_of(space: Space, profile: Profile) -> Floats:
-    """The profile's values (D,) of the space's parameters, clipped to their bounds."""
-    tree = profile_to_json(profile)
-    tree["calibration"] = {COMPASS_TURN: 0.0}  # beside what the profile has
-    values = [float(tree[section][key]) for section, key in map(_address, space.names)]
-    clipped: Floats = np.clip(values, space.lower, space.upper)
-    return clipped
-
-
-def profile_with(space: Space, base: Profile, values: Floats) -> Profile:
-    """``base`` with the space's parameters replaced.
+@dataclass(frozen=True)
+class PaperTask(Task):
+    """The paper's optimisation: J of Eq. (15) "Cost_function", averaged over noise seeds.
 
     Raises:
-        InputError: the result is no valid profile.
+        InputError: the base conditions its vectors, has no R_hat(0) or no fuzzy gain.
     """
-    changes: dict[str, dict[str, float]] = {}
-    for name, value in zip(space.names, values.tolist(), strict=True):
-        section, key = _address(name)
-        changes.setdefault(section, {})[key] = value
-    turn_rad = changes.pop("calibration", {}).get(COMPASS_TURN, 0.0)
-    if turn_rad != 0.0:
-        base = msgspec.structs.replace(base, calibration=_compass_turned(base, turn_rad))
-    sections = {name: _replace_keys(getattr(base, name), keys) for name, keys in changes.items()}
-    return parse_profile(profile_to_toml(msgspec.structs.replace(base, **sections)), "tuned")
+
+    known_groups = RAW_GROUPS
+    batch = LANES
+
+    def __post_init__(self) -> None:
+        paper_settings(self.base)
+        self._require_fuzzy_gain()
+
+    @cached_property
+    def _signals(self) -> Signals:
+        return paper_signals(self.searched)
+
+    def cost(self, profile: Profile, on: tuple[Any, ...]) -> float:
+        """Mean J over noise seeds."""
+        return sum(run_experiment(profile, seed).cost for seed in on) / len(on)
+
+    def costs(self, values: Floats) -> Floats:
+        """See :class:`Task`; of a base that ignores a vector, run by run."""
+        if not min(self.base.confidence.gravity, self.base.confidence.magnetic) > 0.0:
+            return super().costs(values)
+        chosen = paper_settings(self.base)
+        base = Base(chosen.filter, chosen.reference, initial_state(chosen.initial or IDENTITY))
+        columns = {
+            "filter.gamma": np.full(len(values), base.params.gamma),
+            "filter.rate_time_constant_s": np.full(len(values), base.params.rate_time_constant_s),
+            **{parameter.name: values[:, i] for i, parameter in enumerate(self.space)},
+        }
+        # k1..k22, gamma, tau as the kernel takes them
+        names = (*memberships.NAMES, "filter.gamma", "filter.rate_time_constant_s")
+        found = costs(base, np.stack([columns[name] for name in names], axis=1), self._signals)
+        # summed in their order: the same bits for any batch
+        mean: Floats = np.cumsum(found, axis=1)[:, -1] / found.shape[1]
+        return mean
 
 
-def _replace_keys(section: Any, keys: dict[str, float]) -> Any:
-    if isinstance(section, dict):
-        return {**section, **keys}
-    return msgspec.structs.replace(section, **keys)
+def midpoint_profile() -> Profile:
+    """The paper's profile with every k in the middle of its bounds: where ``sim:`` starts."""
+    return msgspec.structs.replace(
+        load_profile("paper"),
+        membership=dict(zip(memberships.NAMES, memberships.midpoint(), strict=True)),
+        provenance=Provenance(description="the middle of the paper's bounds"),
+    )
 
 
-def _compass_turned(profile: Profile, turn_rad: float) -> Calibration:
-    """The profile's calibration with the compass's readings turned about the body's down."""
-    R, (c, s) = sensor_axes(profile.mounting), (cos(turn_rad), sin(turn_rad))
-    turn = R.T @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ R
-    matrix = (turn @ np.array(profile.calibration.mag_matrix)).round(6).tolist()
-    return msgspec.structs.replace(profile.calibration, mag_matrix=tuple(map(tuple, matrix)))
+class Goal(NamedTuple):
+    """What is minimised: the cost of a part, and how the costs of several become one."""
+
+    cost: Callable[[Profile, Part], float]
+    combine: Callable[[list[float]], float]
+    unit: str
 
 
-def sensor_axes(mounting: Mounting) -> Floats:
-    """The sensors' axes as columns (3, 3) in the body's."""
-    return np.column_stack([rotate(mounting.q_frd_sensor, axis) for axis in UNCHANGED])
+def _mean(costs: list[float]) -> float:
+    return sum(costs) / len(costs)
 
 
-def _address(name: str) -> tuple[str, str]:
-    """Section and key of the profile; k1..k22 have no section in their name."""
-    section, _, key = name.rpartition(".")
-    return section or "membership", key
+GOALS = {
+    # the errors that a user sees and the honesty of sigma, deg
+    "flight": Goal(lambda profile, part: measure(profile, part).cost, geometric_mean, " deg"),
+    "recovery": Goal(recovery_cost, _mean, ""),
+    # how far coverage is from what it should be: all that shows of what moves sigma alone
+    "coverage": Goal(lambda profile, part: measure(profile, part).miscoverage, _mean, ""),
+}
+
+
+def default_groups(goal: str, rate_hz: float) -> tuple[str, ...]:
+    """The groups of parameters that a log of that rate can tune."""
+    if goal != "recovery":
+        return ("noise",) if goal == "flight" else ("sigma",)
+    return ("membership",) if rate_hz >= MEMBERSHIP_RATE_HZ else ("confidence", "conditioning")
+
+
+def split(
+    flights: tuple[Flight, ...], held_out: frozenset[str] = frozenset()
+) -> tuple[tuple[Part, ...], tuple[Part, ...]]:
+    """What is searched on and what is held out.
+
+    Of several flights those named in ``held_out`` (SHA-256), or every third; of one the end.
+    """
+    if len(flights) == 1:
+        flight = flights[0]
+        n = len(flight.truth)
+        cut = round((1.0 - LATER_PART) * n)
+        return (Part(flight, 0, cut),), (Part(flight, cut, n),)
+    chosen = held_out or {f.sha256 for f in flights[HELD_OUT_FIRST::HELD_OUT_EVERY]}
+    parts = [Part(flight, 0, len(flight.truth)) for flight in flights]
+    return (
+        tuple(part for part in parts if part.flight.sha256 not in chosen),
+        tuple(part for part in parts if part.flight.sha256 in chosen),
+    )
+
+
+@dataclass(frozen=True)
+class LogTask(Task):
+    """Tuning on parts of flights: the whole estimator, aiding included, on what it got in flight.
+
+    The reference is the truth of a simulation, else the attitude that the whole log shows if that
+    is sure, else the autopilot's. A log with none is tuned on how well its own vectors are
+    predicted. The search begins with ``base``; its result is judged beside ``judged_by``, if that
+    is another.
+
+    Raises:
+        InputError: the base has no fuzzy gain whose memberships could be tuned; unknown groups.
+    """
+
+    goal: str = "flight"
+    judged_by: Profile | None = None
+
+    known_groups = CONDITIONED_GROUPS
+
+    def __post_init__(self) -> None:
+        if self.space and self.tunes_memberships:  # the space first: its groups must be known
+            self._require_fuzzy_gain()
+
+    @property
+    def before(self) -> Profile:
+        """See :class:`Task`."""
+        return self.judged_by or self.base
+
+    def cost(self, profile: Profile, on: tuple[Any, ...]) -> float:
+        """The goal's cost over parts of flights."""
+        goal = GOALS[self.goal]
+        return goal.combine([goal.cost(profile, part) for part in on])
+
+    def held_out_figures(self, profile: Profile) -> list[tuple[str, FlightFigures]]:
+        """What a user sees on each held-out part, by the flight's name."""
+        return [(part.flight.name, measure(profile, part)) for part in self.held_out]

@@ -9,9 +9,6 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.arrays import Bools, Floats, Ints, Times
-from estimator.compilation.compiled import compiled, inlined, types_of
-from estimator.geometry.quaternion import add, norm, scale, subtract
-from estimator.types import Vec3
 
 SPAN_S = 0.05  # of the means that are compared: noise is less, turns are still small
 MOST_SPANS = 100  # from all of the recording, however long it is
@@ -20,8 +17,6 @@ MOST = 1e9  # beyond any reading in any unit
 SPIKE = 5.0  # beyond so many times the larger turns one is none
 LARGER = 0.95  # the share of turns that are smaller than those
 FLAT = 1e-9  # of the normal matrix: turns about one axis alone leave the iron along it open
-
-_COLUMNS, _TIMES = np.zeros((1, 3)), np.zeros(1, np.int64)
 
 
 class Spans(NamedTuple):
@@ -35,12 +30,6 @@ class Spans(NamedTuple):
     def still(self) -> float:
         """The RMS change."""
         return float(np.sqrt(np.sum(self.change**2) / max(1, len(self.change))))
-
-
-@inlined
-def vector_of(rows: Floats, k: int) -> Vec3:
-    """A row of (N, 3)."""
-    return (rows[k, 0], rows[k, 1], rows[k, 2])
 
 
 def usual_step_us(times_us: Times) -> float:
@@ -59,50 +48,27 @@ def spans_of(times_us: Times, gyr: Floats, vectors: Floats, has_vector: Bools) -
     """Pairs of means over :data:`SPAN_S`, without those with a gap or a spike; none if too slow."""
     known = np.flatnonzero(has_vector & np.isfinite(vectors[:, 0]))
     step_s = 1e-6 * usual_step_us(times_us[known])
-    n = max(1, round(SPAN_S / step_s)) if 0.0 < step_s <= SLOW_S else len(known) + 1
-    pairs = len(known) // (2 * n)
-    found = turns_of(times_us, gyr, vectors, known, 2 * n * _spread(pairs), n)
-    passed_s, sizes = found[:, 0], np.linalg.norm(found[:, 1:4], axis=1)
+    n = max(1, round(SPAN_S / step_s)) if 0.0 < step_s <= SLOW_S else 0
+    if len(known) < 2 * n or n == 0:
+        return Spans(*np.zeros((3, 0, 3)))
+    k = np.arange(2 * n)
+    rows = known[2 * n * _spread(len(known) // (2 * n))[:, None] + k]  # (M, 2 n)
+    # what turns between two rows is in the second half's mean for those that come behind it, and
+    # not in the first half's for those before
+    share = np.minimum(k, 2 * n - k)[1:] * 1e-6 / n
+    with np.errstate(all="ignore"):  # numbers that are no readings
+        passed = share * np.diff(times_us[rows], axis=1)
+        rates, means = gyr[rows], vectors[rows].reshape(len(rows), 2, n, 3).mean(axis=2)
+        rates[np.linalg.norm(rates, axis=2) >= MOST] = np.nan
+        angle = np.nansum(passed[:, :, None] * 0.5 * (rates[:, 1:] + rates[:, :-1]), axis=1)
+        found = (angle, means.mean(axis=1), means[:, 1] - means[:, 0])
+        sizes, passed_s = np.linalg.norm(angle, axis=1), passed.sum(axis=1)
     whole = (passed_s > 0.0) & (passed_s < 2.0 * n * step_s)
-    whole &= (np.abs(found) < MOST).all(axis=1)
+    whole &= (np.abs(np.concatenate(found, axis=1)) < MOST).all(axis=1)
     if whole.any():
         larger = np.sort(sizes[whole])[int(LARGER * (whole.sum() - 1))]
         whole &= sizes <= SPIKE * larger
-    return Spans(*(found[whole, at : at + 3] for at in (1, 4, 7)))
-
-
-@compiled(types=lambda: types_of(_TIMES, _COLUMNS, _COLUMNS, _TIMES, _TIMES, 1))
-def turns_of(
-    times_us: Times, gyr: Floats, vectors: Floats, known: Ints, first: Ints, n: int
-) -> Floats:
-    """Of 2 n ``known`` rows from each of ``first`` (M,) on, M rows of ten numbers.
-
-    They are the seconds between the mean of the first half and that of the second, the angle that
-    the gyroscope turns by meanwhile, the mean vector and its change.
-    """
-    found = np.empty((len(first), 10))
-    for m in range(len(first)):
-        rows = known[first[m] : first[m] + 2 * n]
-        passed_s, angle, before = 0.0, (0.0, 0.0, 0.0), vector_of(gyr, rows[0])
-        early, late = vector_of(vectors, rows[0]), (0.0, 0.0, 0.0)
-        for k in range(1, 2 * n):
-            rate, vector = vector_of(gyr, rows[k]), vector_of(vectors, rows[k])
-            # what turns between two rows is in the second half's mean for those that come behind
-            # it, and not in the first half's for those before
-            passed = min(k, 2 * n - k) * 1e-6 / n * (times_us[rows[k]] - times_us[rows[k - 1]])
-            passed_s += passed
-            if norm(rate) < MOST and norm(before) < MOST:
-                angle = add(angle, scale(0.5 * passed, add(rate, before)))
-            before = rate
-            if k < n:
-                early = add(early, vector)
-            else:
-                late = add(late, vector)
-        between, change = scale(0.5 / n, add(early, late)), scale(1.0 / n, subtract(late, early))
-        found[m, 0] = passed_s
-        for i in range(3):
-            found[m, 1 + i], found[m, 4 + i], found[m, 7 + i] = angle[i], between[i], change[i]
-    return found
+    return Spans(*(each[whole] for each in found))
 
 
 def squares_left(spans: Spans, turns: Floats, *, has_offset: bool) -> Floats:

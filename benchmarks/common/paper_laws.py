@@ -12,7 +12,7 @@ from estimator.filter.fuzzy import RULES, centroid, fuzzify
 from tuning.optimizers import run_search
 from tuning.paper_cost import unpack
 from tuning.search import Search, SearchOptions
-from tuning.space import Space, bounds, membership_space
+from tuning.space import MEMBERSHIP, Parameter, Space, bounds
 
 TABLE = np.array(RULES)
 LARGEST = 124.0  # with a larger K a plain step of 10 ms would be too long
@@ -80,8 +80,7 @@ class Kind(NamedTuple):
 
 def scales(names: str, lower: tuple[float, ...], upper: tuple[float, ...]) -> Space:
     """Parameters that are searched by their logarithm."""
-    of = tuple(names.split())
-    return Space(of, lower, upper, (), (True,) * len(of))
+    return tuple(map(Parameter, names.split(), lower, upper))
 
 
 KINDS = {
@@ -89,7 +88,7 @@ KINDS = {
     "two levels with hysteresis": Kind(
         hysteresis, scales("low high off on", (0.5, 20.0, 0.001, 0.01), (20.0, LARGEST, 0.2, 0.9))
     ),
-    "fuzzy, same budget": Kind(fuzzy, membership_space()),
+    "fuzzy, same budget": Kind(fuzzy, MEMBERSHIP),
 }
 
 
@@ -97,7 +96,7 @@ def tune(
     space: Space, evaluate: Callable[[Array], Array], food_sources: int, cycles: int
 ) -> tuple[Array, float]:
     """The values (D,) with the lowest cost that the bees find, and that cost."""
-    options = SearchOptions("abc", food_sources, cycles, food_sources * space.dimensions, 0)
+    options = SearchOptions("abc", food_sources, cycles, food_sources * len(space), 0)
     search = Search(space, options, evaluate)
     run_search(search, np.mean(bounds(space), axis=0))
     return search.best_values, search.best_cost

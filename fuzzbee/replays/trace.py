@@ -37,8 +37,7 @@ from service.publishing import attitude_record, is_finite
 from service.records import AttitudeRecord, Message
 from service.second_opinion import SecondOpinion
 from service.vehicle import Vehicle
-from tuning.online.retuned_estimator import RetunedEstimator
-from tuning.online.retuner import Decision
+from tuning.online.retuner import Decision, RetunedEstimator
 
 # The axis (NED) of a wrong start: every sensor can see a turn about it.
 WRONG_START_AXIS: Vec3 = (3**-0.5, 3**-0.5, 3**-0.5)

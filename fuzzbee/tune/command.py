@@ -89,11 +89,6 @@ class TuneRequest(NamedTuple):
         return SIMULATION in self.sources
 
     @property
-    def held_out(self) -> tuple[Path, ...]:
-        """The logs to judge by."""
-        return tuple(self.hold_out or ())
-
-    @property
     def budget(self) -> tuple[int, int]:
         """Food sources and cycles."""
         sources, cycles = SIMULATION_BUDGET if self.is_simulated else LOG_BUDGET
@@ -115,8 +110,6 @@ def tune(request: TuneRequest) -> None:
     from fuzzbee.tune.run import run_plan
     from tuning.checkpoint import checkpoint_path
 
-    if request.threads is not None and request.threads < 1:
-        raise InputError(f"--threads {request.threads}: at least 1 is needed")
     if request.cluster is not None and request.threads is not None:
         raise InputError("--threads and --cluster contradict each other: the workers compute")
     if request.plot is not None:
@@ -126,7 +119,7 @@ def tune(request: TuneRequest) -> None:
     viewer = outputs.viewer_options(request.view, request.rrd)
     files = (request.output, checkpoint_path(request.output))
     written = [*(("--output", file) for file in files), ("--rrd", request.rrd)]
-    outputs.require_own_files(written, [*request.sources, *request.held_out, request.base])
-    status = run_plan(plan(request), request, viewer)
+    outputs.require_own_files(written, [*request.sources, *(request.hold_out or []), request.base])
+    status = run_plan(plan(request), viewer)
     if status:
         raise typer.Exit(status)

@@ -13,10 +13,9 @@ from estimator.filter.memberships import TERMS, Triangle, fuzzy_sets
 from estimator.geometry.metrics import COST_RATE_HZ, batch_angle_errors
 from estimator.profile import Profile
 from tuning.flight import Part, fly
-from tuning.log_task import LogTask
 from tuning.paper_experiment import run_experiment
-from tuning.paper_task import PaperTask
 from tuning.search import Search
+from tuning.task import LogTask, PaperTask
 
 NAME = "tuning.png"
 # Fixed gains to compare with, as in the paper: the steadiest, the quickest, and one between.
@@ -37,9 +36,9 @@ def draw(folder: Path, task: PaperTask | LogTask, tuned: Profile, search: Search
         panels.append(partial(_error_over_time, task, tuned))
     else:
         panels += [
-            partial(_error_on_log, task, tuned, part) for part in task.split.held_out[:MOST_FLIGHTS]
+            partial(_error_on_log, task, tuned, part) for part in task.held_out[:MOST_FLIGHTS]
         ]
-    if "k1" in task.space.names:
+    if task.tunes_memberships:
         before, after = fuzzy_sets(task.base.k), fuzzy_sets(tuned.k)
         panels.append(partial(_sets, "e, |de/dt| in 1/s", before.inputs, after.inputs))
         panels.append(partial(_sets, "k_op", before.output, after.output))
@@ -66,7 +65,7 @@ def _convergence(search: Search, axes: Any) -> None:
 
 def _error_over_time(task: PaperTask, tuned: Profile, axes: Any) -> None:
     """e(R~) on a noise seed that the search has not seen, against fixed gains."""
-    seed = task.held_out_seeds[0]
+    seed = task.held_out[0]
     runs = {f"K = {gain:g}": run_experiment(tuned, seed, gain) for gain in FIXED_GAINS}
     runs |= {"fuzzy, before": run_experiment(task.base, seed)}
     runs |= {"fuzzy, tuned": run_experiment(tuned, seed)}

@@ -1,6 +1,5 @@
 """A log as a flight to tune on: what the service gives its estimator is written down."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -15,14 +14,10 @@ from fuzzbee.attitudes import PLACE
 from fuzzbee.replays.log_report import refused_text
 from fuzzbee.replays.score import compare
 from fuzzbee.replays.trace import How, Replay
-from tuning.course import split_calls
-from tuning.flight import Flight
-from tuning.logged_calls import LoggedEstimator
-from tuning.smoothed import sure_flight
+from tuning.calls import LoggedEstimator, split_calls
+from tuning.flight import Flight, sure_flight
 
 ROWS = ("time_us", "gyr_rad_s", "acc_m_s2", "mag_gauss", "has_mag")  # as columns of a trace
-
-
 # What a flight may be measured against; the first that there is, if none is wanted.
 REFERENCES = {
     "sim": "simulator's truth",
@@ -36,14 +31,12 @@ def read_flight(
     profile: Profile,
     reference: str | None = None,
     window: TimeWindow = WHOLE_LOG,
-    report_refused: Callable[[str], None] = lambda _: None,
     *,
     may_smooth: bool = True,
 ) -> Flight:
     """The vehicle with most IMU samples in ``window``, with all that its estimator was given.
 
-    ``report_refused`` is given a line if much of the log was refused. The smoothed attitude is a
-    reference where ``may_smooth``.
+    The smoothed attitude is a reference where ``may_smooth``.
     """
     replay = Replay(profile, How(window=window), new_estimator=LoggedEstimator)
     with open_log(path) as log:
@@ -74,10 +67,9 @@ def read_flight(
         reports=reports,
         calibration=profile.calibration,
         begin_s=1e-6 * float(trace["time_us"][0] - trace.zero_us),
+        refused=refused_text(trace),
     )
     is_wanted = reference == "smooth"
     if may_smooth and (is_wanted or not (reference or found.reference == "sim")):
         found = sure_flight(found, profile, is_wanted=is_wanted)
-    if (refused := refused_text(trace)) is not None:
-        report_refused(f"{path}: {refused}")
     return found

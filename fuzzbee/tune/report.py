@@ -8,9 +8,9 @@ from estimator.profile import Profile
 from fuzzbee.tune.plan import Plan
 from tuning.checkpoint import checkpoint_path
 from tuning.flight_cost import harm
-from tuning.log_task import GOALS, LogTask
 from tuning.search import Search
-from tuning.task import values_of
+from tuning.space import values_of
+from tuning.task import GOALS, LogTask
 
 # A profile gains if the held-out cost falls by this share at least: less is chance.
 LEAST_GAIN = 0.01
@@ -41,7 +41,7 @@ def report_of(
         "algorithm": plan.options.algorithm,
         "parameters": [*task.groups],
         "reference": plan.reference,
-        "inputs": plan.identity["inputs"],
+        "inputs": plan.inputs,
         "cost_before": before.cost,
         "cost_after": after.cost,
         "held_out_before": before.held_out,
@@ -77,9 +77,10 @@ def in_words(plan: Plan, search: Search, report: dict[str, Any]) -> str:
     flights = report.get("held_out_flights", [])
     lines += [f"  {each['name']}: {_change(each['before'], each['after'])}" for each in flights]
     space = plan.task.space
-    if isinstance(plan.task, LogTask) and "k1" not in space.names and not report["interrupted"]:
-        both = zip(space.names, values_of(space, plan.task.base), search.best_values, strict=True)
-        lines += [f"  {name} {old:.3g} -> {new:.3g}" for name, old, new in both]
+    is_short = isinstance(plan.task, LogTask) and not plan.task.tunes_memberships
+    if is_short and not report["interrupted"]:
+        both = zip(space, values_of(space, plan.task.base), search.best_values, strict=True)
+        lines += [f"  {parameter.name} {old:.3g} -> {new:.3g}" for parameter, old, new in both]
     file = report["file"] or "not written"
     lines.append(f"{report['evaluations']} evaluations in {report['wall_s']:.1f} s: {file}")
     return "\n".join(lines)

@@ -1,10 +1,9 @@
 """Runs a planned search: processes or a cluster, progress, signals, checkpoint, result."""
 
-import contextlib
 import json
 import threading
 import time
-from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -13,19 +12,18 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from drivers.output_file import written_for
+from estimator.arrays import Floats
 from estimator.profile import Profile, Provenance, profile_to_toml
 from fuzzbee.notify import print_line
-from fuzzbee.tune.command import TuneRequest
 from fuzzbee.tune.plan import Plan
 from fuzzbee.tune.report import has_gained, in_words, remarks, report_of
 from service.signals import stop_on_signals
 from tuning.checkpoint import checkpoint_path, read_checkpoint, write_checkpoint
-from tuning.log_task import LogTask
 from tuning.optimizers import ALGORITHMS, run_search
-from tuning.processes import Pool, available_cores
-from tuning.search import Evaluate, Record, Search, SearchOptions
-from tuning.space import encode
-from tuning.task import Task, batches, profile_with, values_of
+from tuning.processes import Cluster, Pool, available_cores
+from tuning.search import Record, Search
+from tuning.space import encode, profile_with, values_of
+from tuning.task import LogTask
 
 if TYPE_CHECKING:
     from fuzzbee.tune.view import SearchView
@@ -37,22 +35,21 @@ NO_GAIN = 1
 INTERRUPTED = 130
 
 
-def run_plan(plan: Plan, request: TuneRequest, viewer: "ViewerOptions | None") -> int:
+def run_plan(plan: Plan, viewer: "ViewerOptions | None") -> int:
     """Search, write the profile, report; the exit status.
 
     On logs a profile that gains nothing on what was held out, or harms it, is written with
     ``force`` only. A finished search needs no checkpoint.
     """
-    started, on_logs = time.perf_counter(), isinstance(plan.task, LogTask)
-    checkpoint = checkpoint_path(request.output)
+    started, request, on_logs = time.perf_counter(), plan.request, isinstance(plan.task, LogTask)
+    checkpoint, stop = checkpoint_path(request.output), threading.Event()
     record = read_checkpoint(checkpoint, plan.identity) if request.resume else None
     if record is None and checkpoint.exists():
         print_line(f"{checkpoint}: an unfinished search, not resumed; it will be replaced")
-    stop = threading.Event()
-    with contextlib.ExitStack() as stack:
+    with ExitStack() as stack:
         view = _open_view(viewer, plan, stack)
         with stop_on_signals(stop.set):
-            search, is_finished, by_chance = _run(plan, request, record, stop, view)
+            search, is_finished, by_chance = _run(plan, record, stop, view)
             found = _found(plan, search, is_finished=is_finished)
             report = report_of(plan, search, found, by_chance)
         gained = has_gained(report["held_out_before"], report["held_out_after"], report.get("harm"))
@@ -82,73 +79,52 @@ def run_plan(plan: Plan, request: TuneRequest, viewer: "ViewerOptions | None") -
 
 
 def _run(
-    plan: Plan,
-    request: TuneRequest,
-    record: Record | None,
-    stop: threading.Event,
-    view: "SearchView | None",
+    plan: Plan, record: Record | None, stop: threading.Event, view: "SearchView | None"
 ) -> tuple[Search, bool, Profile | None]:
     """Search until the budget is spent or somebody stops it; the checkpoint is written then.
 
-    Returns the search, whether it came to its end, and on logs what random search finds.
+    Returns the search, whether it came to its end, and on logs what random search finds. A line
+    shows how far it is where standard error is a terminal.
     """
-    task, saved_s = plan.task, time.monotonic()
-    with _evaluator(task, request) as evaluate, _progress_line(plan.options) as show:
+    task, request, options = plan.task, plan.request, plan.options
+    checkpoint, saved_s = checkpoint_path(request.output), time.monotonic()
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    bar = Progress(
+        *columns, TimeRemainingColumn(), console=console, disable=not console.is_terminal
+    )
+    line = bar.add_task(options.algorithm, total=options.budget)
+    cores = request.threads or available_cores()
+    # a cluster's workers, or processes here
+    pool = Cluster(task.costs, request.cluster) if request.cluster else Pool(task.costs, cores)
+    with pool, bar:
+
+        def evaluate(values: Floats) -> Floats:
+            return np.concatenate([*pool(task.batches(values))])
 
         def observe(search: Search) -> bool:
             nonlocal saved_s
-            show(search)
+            words = f"{options.algorithm}, best cost {search.best_cost:.4f}"
+            bar.update(line, completed=search.evaluations, description=words)
             if view is not None:
                 view.show(search)
             if time.monotonic() - saved_s > CHECKPOINT_PERIOD_S or stop.is_set():
-                write_checkpoint(checkpoint_path(request.output), plan.identity, search.record)
+                write_checkpoint(checkpoint, plan.identity, search.record)
                 saved_s = time.monotonic()
             return not stop.is_set()
 
-        search = Search(task.space, plan.options, evaluate, observe, record)
+        search = Search(task.space, options, evaluate, observe, record)
         first = encode(task.space, values_of(task.space, task.base))
         is_finished, by_chance = run_search(search, first), None
         if is_finished and isinstance(task, LogTask):
-            options = plan.options._replace(algorithm="random")
+            options = options._replace(algorithm="random")
             random_search = Search(task.space, options, evaluate, lambda _: not stop.is_set())
             if run_search(random_search, first):  # the result stands without it
                 by_chance = profile_with(task.space, task.base, random_search.best_values)
     return search, is_finished, by_chance
 
 
-@contextlib.contextmanager
-def _evaluator(task: Task, request: TuneRequest) -> Iterator[Evaluate]:
-    """Choose what computes costs: a cluster, or processes here."""
-    if request.cluster is not None:
-        from tuning.cluster import ClusterEvaluator
-
-        with ClusterEvaluator(request.cluster, task) as evaluate:
-            yield evaluate
-    else:
-        threads = available_cores() if request.threads is None else request.threads
-        with Pool(task.costs, threads) as pool:
-            yield lambda values: np.concatenate([*pool(batches(task, values))])
-
-
-@contextlib.contextmanager
-def _progress_line(options: SearchOptions) -> Iterator[Callable[[Search], None]]:
-    """Evaluations, best cost and time left, where standard error is a terminal."""
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    with Progress(
-        *columns, TimeRemainingColumn(), console=console, disable=not console.is_terminal
-    ) as bar:
-        line = bar.add_task(options.algorithm, total=options.budget)
-        yield lambda search: bar.update(
-            line,
-            completed=search.evaluations,
-            description=f"{options.algorithm}, best cost {search.best_cost:.4f}",
-        )
-
-
-def _open_view(
-    viewer: "ViewerOptions | None", plan: Plan, stack: contextlib.ExitStack
-) -> "SearchView | None":
+def _open_view(viewer: "ViewerOptions | None", plan: Plan, stack: ExitStack) -> "SearchView | None":
     if viewer is None:
         return None
     from fuzzbee.outputs import notify_page

@@ -41,7 +41,7 @@ class SearchView(ViewerStream):
         super().__init__(options, blueprint())
         curves = rr.SeriesLines(names=list(CURVES), colors=list(CURVES.values()))
         self.recording.log("/cost", curves, static=True)
-        names = [name.rpartition(".")[2] for name in self._space.names]
+        names = [parameter.address[1] for parameter in space]
         self.recording.log("/best", rr.SeriesLines(names=names), static=True)
 
     def show(self, search: Search) -> None:

@@ -37,7 +37,7 @@ from tests.fuzzbee.processes import free_port, started
 from tests.programs import ROOT
 from tests.service.sinks.test_zenoh import plain_client, wait_for
 from tuning.flight import fly
-from tuning.online.retuned_estimator import RetunedEstimator
+from tuning.online.retuner import RetunedEstimator
 from tuning.online.segment import fly_segments
 
 UNIX_US = 1_700_000_000_000_000

@@ -3,13 +3,8 @@
 import json
 import os
 import re
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
-import msgspec
 import numpy as np
 import pytest
 
@@ -17,8 +12,6 @@ from estimator.profile import load_profile, merge_profile, profile_to_toml
 from fuzzbee.cli import main
 from fuzzbee.tune.report import has_gained, remarks
 from tests.fuzzbee.iron import with_iron
-from tests.fuzzbee.processes import cpu_s
-from tests.fuzzbee.services import descendants
 from tests.fuzzbee.test_calibrate import PLANE, bench, truth_of
 from tuning.paper_experiment import run_experiment
 
@@ -49,21 +42,44 @@ def refused(capsys, tmp_path):
     return line
 
 
-def test_writes_a_profile_that_is_better_and_says_so(tmp_path, capsys):
+@pytest.fixture
+def tuned(capsys, tmp_path):
+    """The JSON of a command, which ends as it should, and what it prints beside it."""
+
+    def run(*arguments, status=0):
+        assert command(*arguments, "-o", tmp_path / "x.toml", "--json") == status
+        out, err = capsys.readouterr()
+        return json.loads(out), err
+
+    return run
+
+
+def require_figure(folder):
+    """Of one file, which is not a blank page."""
+    from matplotlib.image import imread
+
+    (file,) = folder.iterdir()
+    picture = imread(file)
+    assert file.name == "tuning.png"
+    assert picture.shape[0] > 400
+    assert picture[..., :3].std() > 0.05
+
+
+def test_writes_a_profile_that_is_better_and_says_so(tmp_path, tuned):
     """Its provenance holds what determines the result, and nothing else."""
-    file = tmp_path / "tuned.toml"
-    assert command(*SMALL, "-o", file, "--json", "--threads", "1") == 0
-    answer = json.loads(capsys.readouterr().out)
+    file = tmp_path / "x.toml"
+    answer, _ = tuned(*SMALL, "--threads", "1", "--plot", tmp_path / "figures")
+    require_figure(tmp_path / "figures")
     counts = {name: answer[name] for name in ("evaluations", "cycles", "food_sources")}
     assert counts == {"evaluations": 6 * (1 + 2 * 4), "cycles": 4, "food_sources": 6}
     assert answer["file"] == str(file)
     assert answer["inputs"] == [{"name": "sim:"}]
     assert answer["cost_after"] < answer["cost_before"]
-    tuned = load_profile(str(file))
-    assert answer["held_out_after"] == run_experiment(tuned, 200).cost
+    found = load_profile(str(file))
+    assert answer["held_out_after"] == run_experiment(found, 200).cost
     assert answer["wall_s"] > 0.0
-    assert [p.name for p in tmp_path.iterdir()] == ["tuned.toml"]
-    assert tuned.provenance.options == {
+    assert {each.name for each in tmp_path.iterdir()} == {"x.toml", "figures"}
+    assert found.provenance.options == {
         "command": "tune",
         "algorithm": "abc",
         "sources": 6,
@@ -72,51 +88,8 @@ def test_writes_a_profile_that_is_better_and_says_so(tmp_path, capsys):
         "base": "midpoint",
         "limit": 132,
     }
-    assert tuned.provenance.seeds == {"search": 0, "noise": "100-101", "held_out": "200"}
+    assert found.provenance.seeds == {"search": 0, "noise": "100-101", "held_out": "200"}
     assert str(tmp_path) not in file.read_text()
-
-
-@pytest.mark.parametrize("algorithm", ["abc", "cmaes", "de"])
-def test_the_same_options_give_the_same_file(tmp_path, algorithm):
-    if algorithm == "cmaes":
-        pytest.importorskip("cmaes")
-    one, two = tmp_path / "one.toml", tmp_path / "two.toml"
-    command(*SMALL, "--algorithm", algorithm, "-o", one)
-    command(*SMALL, "--algorithm", algorithm, "-o", two, "--threads", "1")
-    assert one.read_bytes() == two.read_bytes()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_interrupted_and_resumed_is_the_same_file(tmp_path, number):
-    """All processes get the signal, as at a terminal, once the workers compute."""
-    options = [*SMALL[:1], "--sources", "40", "--cycles", "200", "--noise-seeds", "100-103"]
-    options += ["--held-out-seeds", "200", "--threads", "2"]
-    whole, broken = tmp_path / "whole.toml", tmp_path / "broken.toml"
-    process = subprocess.Popen(
-        [sys.executable, "-m", "fuzzbee", "tune", *options, "-o", str(broken), "--json"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    with process:
-        while len([p for p in descendants(process.pid) if cpu_s(p) > 1.5]) < 2:
-            assert process.poll() is None
-            time.sleep(0.05)
-        os.killpg(process.pid, number)
-        out, err = process.communicate()
-    answer = json.loads(out)
-    assert process.returncode == 130
-    assert answer["interrupted"]
-    assert 0 < answer["evaluations"] < 40 * 401
-    checkpoint = tmp_path / "broken.toml.checkpoint"
-    assert err.splitlines()[0] == f"interrupted: --resume goes on from {checkpoint}"
-    assert "interrupted after" in load_profile(str(broken)).provenance.description
-    assert command(*options, "-o", whole) == 0
-    assert command(*options, "-o", broken, "--resume", "--threads", "1") == 0
-    assert broken.read_bytes() == whole.read_bytes()
-    assert not checkpoint.exists()
 
 
 REFUSED_OF_SIM = [
@@ -144,8 +117,6 @@ REFUSED_OF_SIM = [
     (["--hold-out", __file__], "stands alone"),
     (["flight.tlog"], "stands alone"),
 ]
-
-
 REFUSED_OF_A_LOG = [
     (["--parameters", "membership"], "fuzzy controller is tuned from 10 Hz"),
     (["--objective", "speed"], "--objective speed"),
@@ -164,8 +135,6 @@ REFUSED_OF_A_LOG = [
     ([str(DATA / "px4_hover.ulg")], "px4_hover.ulg: .*at least 60 s"),
     ([str(DATA / "copter_reboot.tlog")], "copter_reboot.tlog: .*no motion"),
 ]
-
-
 REFUSED = [
     *((["sim:", "--noise-seeds", "100-101", *options], words) for options, words in REFUSED_OF_SIM),
     *(([SLOW_LOG, *FEW, *options], words) for options, words in REFUSED_OF_A_LOG),
@@ -225,10 +194,10 @@ def bad_base(tmp_path):
     return file
 
 
-def test_a_log_is_tuned_where_its_rate_allows(tmp_path, bad_base, capsys):
+def test_a_log_is_tuned_where_its_rate_allows(tmp_path, bad_base, tuned):
     file = tmp_path / "x.toml"
-    assert command(SLOW_LOG, "-o", file, *FEW, "--base", bad_base, "--json") == 0
-    answer = json.loads(capsys.readouterr().out)
+    answer, _ = tuned(SLOW_LOG, *FEW, "--base", bad_base, "--plot", tmp_path / "figures")
+    require_figure(tmp_path / "figures")
     assert answer["objective"] == "flight"
     assert answer["parameters"] == ["noise"]
     assert answer["reference"] == "simulator's truth"
@@ -243,26 +212,22 @@ def test_a_log_is_tuned_where_its_rate_allows(tmp_path, bad_base, capsys):
     assert [(i["name"], i["use"]) for i in answer["inputs"]] == [
         (SLOW_LOG.name, "its later part held out")
     ]
-    tuned, base = load_profile(str(file)), load_profile(str(bad_base))
-    assert tuned.membership == base.membership
-    assert tuned.aiding != base.aiding
-    assert tuned.provenance.inputs == answer["inputs"]
-    assert tuned.provenance.seeds == {"search": 0}
+    found, base = load_profile(str(file)), load_profile(str(bad_base))
+    assert found.membership == base.membership
+    assert found.aiding != base.aiding
+    assert found.provenance.inputs == answer["inputs"]
+    assert found.provenance.seeds == {"search": 0}
 
 
-def test_what_gains_nothing_is_not_written_unless_forced(tmp_path, capsys):
+def test_what_gains_nothing_is_not_written_unless_forced(tmp_path, tuned):
     """K alone is worth less than 0.1 % of this cost, as it only follows conditioned vectors."""
-    file = tmp_path / "x.toml"
-    few = [*FEW, "--parameters", "gain", "--json"]
-    assert command(SLOW_LOG, "-o", file, *few) == 1
-    printed = capsys.readouterr()
-    answer = json.loads(printed.out)
+    file, few = tmp_path / "x.toml", [SLOW_LOG, *FEW, "--parameters", "gain"]
+    answer, printed = tuned(*few, status=1)
     assert answer["file"] is None
     assert answer["held_out_after"] > 0.99 * answer["held_out_before"]
-    assert "nothing gained on what was held out" in printed.err
+    assert "nothing gained on what was held out" in printed
     assert not list(tmp_path.iterdir())
-    assert command(SLOW_LOG, "-o", file, *few, "--force") == 0
-    assert json.loads(capsys.readouterr().out)["file"] == str(file)
+    assert tuned(*few, "--force")[0]["file"] == str(file)
     assert load_profile(str(file)).provenance.options["parameters"] == "gain"
 
 
@@ -287,12 +252,11 @@ def test_what_is_reported_of_a_result_is_one_story(after, harm, written, line):
     )
 
 
-def test_a_log_that_is_held_out_is_not_searched_on(tmp_path, bad_base, capsys):
+def test_a_log_that_is_held_out_is_not_searched_on(tmp_path, bad_base, tuned):
     other = tmp_path / "other.tlog"
     other.write_bytes(SLOW_LOG.read_bytes()[:-100_000])
-    options = ["--hold-out", other, "-o", tmp_path / "x.toml", "--base", bad_base, "--force"]
-    assert command(SLOW_LOG, other, *options, *FEW, "--json") == 0
-    answer = json.loads(capsys.readouterr().out)
+    options = ["--hold-out", other, "--base", bad_base, "--force"]
+    answer, _ = tuned(SLOW_LOG, other, *options, *FEW)
     assert [(i["name"], i["use"]) for i in answer["inputs"]] == [
         (SLOW_LOG.name, "tuned on"),
         ("other.tlog", "held out"),
@@ -300,52 +264,45 @@ def test_a_log_that_is_held_out_is_not_searched_on(tmp_path, bad_base, capsys):
     assert [flight["name"] for flight in answer["held_out_flights"]] == ["other.tlog"]
 
 
-CALIBRATION = [*FEW, "--parameters", "calibration", "--json"]
+CALIBRATION = [*FEW, "--parameters", "calibration"]
 
 
-def test_a_calibration_is_fitted_and_what_it_leaves_open_is_searched(tmp_path, capsys):
+def test_a_calibration_is_fitted_and_what_it_leaves_open_is_searched(tmp_path, tuned):
     """Of 4.7 deg on another recording of the bench the fit leaves 1.7, the search 1.2."""
     logs = [bench(tmp_path / f"{k}.csv", k, seconds=80.0, errors=3) for k in (1, 2)]
-    file = tmp_path / "x.toml"
-    assert command(logs[0], "--hold-out", logs[1], "-o", file, *CALIBRATION, "--force") == 0
-    answer = json.loads(capsys.readouterr().out)
-    found = msgspec.structs.asdict(load_profile(str(file)).calibration)
+    answer, _ = tuned(logs[0], "--hold-out", logs[1], *CALIBRATION, "--force")
+    found = load_profile(tmp_path / "x.toml")
     for name in ("acc_bias_m_s2", "mag_offset_gauss"):
-        assert found[name] == pytest.approx(truth_of(3)[name], abs=0.05)
+        assert getattr(found.calibration, name) == pytest.approx(truth_of(3)[name], abs=0.05)
     assert answer["parameters"] == ["calibration"]
     alone = answer["calibration_alone"]
     assert alone["held_out"] < 0.5 * answer["held_out_before"]
     assert answer["cost_after"] <= alone["cost"] < 0.5 * answer["cost_before"]
-    provenance = load_profile(str(file)).provenance
-    assert provenance.options["base"] == "imu"
-    assert [each["use"] for each in provenance.inputs] == ["tuned on", "held out"]
+    assert found.provenance.options["base"] == "imu"
+    assert [each["use"] for each in found.provenance.inputs] == ["tuned on", "held out"]
 
 
-def test_a_calibration_that_gains_nothing_held_out_is_not_written(tmp_path, capsys):
+def test_a_calibration_that_gains_nothing_held_out_is_not_written(tmp_path, tuned):
     """By the later part of a flight the filter itself has learnt the iron; before, there is much.
 
     The fit sees the first part only.
     """
     log = with_iron(PLANE, tmp_path / "iron.tlog", (60.0, -40.0, 50.0))
-    assert command(log, "-o", tmp_path / "x.toml", *CALIBRATION) == 1
-    answer = json.loads(capsys.readouterr().out)
+    answer, _ = tuned(log, *CALIBRATION, status=1)
     assert answer["file"] is None
     assert answer["calibration_alone"]["cost"] < 0.95 * answer["cost_before"]
     assert answer["held_out_after"] > 0.99 * answer["held_out_before"]
 
 
-def test_recovery_has_the_papers_cost(tmp_path, capsys):
-    options = [*FEW, "--objective", "recovery", "--force", "--json"]
-    assert command(SLOW_LOG, "-o", tmp_path / "x.toml", *options) == 0
-    answer = json.loads(capsys.readouterr().out)
+def test_recovery_has_the_papers_cost(tuned):
+    answer, _ = tuned(SLOW_LOG, *FEW, "--objective", "recovery", "--force")
     assert answer["parameters"] == ["confidence", "conditioning"]
     assert answer["cost_before"] > 3.0  # J of 170 deg at 4 Hz
 
 
-def test_what_moves_sigma_alone_is_judged_by_coverage(tmp_path, capsys):
-    options = ["--objective", "coverage", "--reference", "smooth", "--force", "--json"]
-    assert command(SLOW_LOG, "-o", tmp_path / "x.toml", *FEW, *options) == 0
-    answer = json.loads(capsys.readouterr().out)
+def test_what_moves_sigma_alone_is_judged_by_coverage(tuned):
+    options = ["--objective", "coverage", "--reference", "smooth", "--force"]
+    answer, _ = tuned(SLOW_LOG, *FEW, *options)
     assert answer["parameters"] == ["sigma"]
     assert answer["reference"] == "attitude smoothed over the whole log"
     [flight] = answer["held_out_flights"]
@@ -356,20 +313,6 @@ def test_what_moves_sigma_alone_is_judged_by_coverage(tmp_path, capsys):
     shares = [flight["after"][angle]["coverage"] for angle in ("inclination", "heading")]
     assert answer["held_out_after"] == pytest.approx(np.mean(np.abs(np.array(shares) - 0.68)))
     assert answer["cost_after"] < answer["cost_before"]
-
-
-@pytest.mark.parametrize("options", [SMALL, [SLOW_LOG, *FEW, "--force"]], ids=["sim", "log"])
-def test_what_was_found_is_drawn_in_one_figure(tmp_path, options):
-    pytest.importorskip("matplotlib")
-    from matplotlib.image import imread
-
-    folder = tmp_path / "figures"
-    assert command(*options, "-o", tmp_path / "x.toml", "--plot", folder) == 0
-    (file,) = folder.iterdir()
-    picture = imread(file)
-    assert file.name == "tuning.png"
-    assert picture.shape[0] > 400
-    assert picture[..., :3].std() > 0.05  # not a blank page
 
 
 def test_a_log_gives_the_same_file_wherever_it_lies_and_whoever_computes(tmp_path):

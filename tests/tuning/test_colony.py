@@ -5,10 +5,10 @@ import pytest
 
 from estimator.filter.memberships import require_feasible
 from tuning.colony import Colony
-from tuning.space import Space, membership_space
+from tuning.space import MEMBERSHIP, Parameter
 
 # A plain box: no chains, so that a candidate is exactly what the formula says.
-BOX = Space(tuple("abc"), (-5.0,) * 3, (5.0,) * 3, (), (False,) * 3)
+BOX = tuple(Parameter(name, -5.0, 5.0, is_logarithmic=False) for name in "abc")
 NONE = np.empty((0, 3))
 
 
@@ -139,7 +139,7 @@ def test_a_scout_leaves_the_source_that_failed_more_often_than_the_limit():
 
 
 def test_every_candidate_over_the_memberships_is_feasible():
-    bees = Bees(membership_space(), 20, 3, 2, np.empty((0, 22)))
+    bees = Bees(MEMBERSHIP, 20, 3, 2, np.empty((0, 22)))
     draws, scouts = np.random.default_rng(7), 0
     for _ in range(100):
         for k in bees.asked:

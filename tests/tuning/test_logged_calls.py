@@ -3,7 +3,7 @@
 from estimator.estimator import Estimator
 from estimator.profile import load_profile
 from estimator.types import ZERO_VEC3, ImuSample, VelocitySample
-from tuning.logged_calls import LoggedEstimator
+from tuning.calls import LoggedEstimator
 
 ASKED = {
     "aligned",

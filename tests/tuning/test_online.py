@@ -9,14 +9,14 @@ from estimator.live.rows import rows_of
 from estimator.profile import load_profile, profile_to_json
 from estimator.types import ImuSample
 from tests.paper_noise import NoiseScale, simulate_scaled
-from tuning.course import WRONG_TURN
+from tuning.calls import WRONG_TURN
 from tuning.online.cost import cost_on, has_moved, noise_of
-from tuning.online.retuned_estimator import RetunedEstimator
 from tuning.online.retuner import (
     CHANGED,
     LEAST_GAIN,
     MOST_FACTOR,
     MOST_MOVE,
+    RetunedEstimator,
     Retuner,
     Trial,
     numbers_of,
@@ -114,7 +114,7 @@ def test_nothing_is_changed_by_an_event_that_is_no_noise():
 
 def test_a_bad_candidate_does_not_win():
     def worst(space, kept, evaluate, generator):
-        return np.array([space.upper]), np.zeros(1), kept
+        return np.array([each.upper for each in space]), kept
 
     assert flown(45.0, 5.0, 5.0, look=worst)[0].decisions == []
 
@@ -168,8 +168,9 @@ def test_a_candidate_wins_beyond_chance_and_by_enough(blocks, saved, won):
 
 def test_a_move_is_bounded_and_so_is_what_moves_lead_to():
     edge = space_around(PAPER, np.array([1.5 / MOST_FACTOR, MOST_FACTOR / 1.5]))
-    assert edge.lower == pytest.approx((1 / MOST_FACTOR, MOST_FACTOR / 1.5 / MOST_MOVE))
-    assert edge.upper == pytest.approx((1.5 / MOST_FACTOR * MOST_MOVE, MOST_FACTOR))
+    low, high = zip(*((each.lower, each.upper) for each in edge), strict=True)
+    assert low == pytest.approx((1 / MOST_FACTOR, MOST_FACTOR / 1.5 / MOST_MOVE))
+    assert high == pytest.approx((1.5 / MOST_FACTOR * MOST_MOVE, MOST_FACTOR))
 
 
 def test_factors_go_by_their_powers_and_leave_the_rest():

@@ -6,10 +6,9 @@ import pytest
 from estimator.errors import InputError
 from tuning.optimizers import ALGORITHMS, run_search
 from tuning.search import Record, Search, SearchOptions
-from tuning.space import Space, bounds, membership_space
+from tuning.space import MEMBERSHIP, Parameter, bounds
 
-SPACE = membership_space()
-LOWER, UPPER = bounds(SPACE)
+LOWER, UPPER = bounds(MEMBERSHIP)
 FIRST = 0.5 * (LOWER + UPPER)
 
 
@@ -26,14 +25,14 @@ def bowl(values):
 
 
 def searched(options, **more):
-    search = Search(SPACE, options, bowl, **more)
+    search = Search(MEMBERSHIP, options, bowl, **more)
     run_search(search, FIRST)
     return search
 
 
 def test_cma_es_that_has_converged_begins_again_with_twice_the_population():
     pytest.importorskip("cmaes")
-    space = Space(("a", "b"), (-1.0, -1.0), (1.0, 1.0), (), (False, False))
+    space = tuple(Parameter(name, -1.0, 1.0, is_logarithmic=False) for name in "ab")
     sizes = []
 
     def sphere(values):
@@ -77,7 +76,7 @@ def test_interrupted_and_resumed_is_the_same(options, batches):
     whole = searched(options, observe=observe) if batches < 0 else searched(options)
     batches, seen = len(seen) if batches < 0 else batches, []
 
-    broken = Search(SPACE, options, bowl, observe)
+    broken = Search(MEMBERSHIP, options, bowl, observe)
     assert not run_search(broken, FIRST)
     computed = []
 
@@ -85,7 +84,7 @@ def test_interrupted_and_resumed_is_the_same(options, batches):
         computed.append(len(values))
         return bowl(values)
 
-    resumed = Search(SPACE, options, counted, record=broken.record)
+    resumed = Search(MEMBERSHIP, options, counted, record=broken.record)
     assert run_search(resumed, FIRST)
     assert sum(computed) == whole.evaluations - broken.evaluations  # nothing computed twice
     assert np.array_equal(resumed.best_values, whole.best_values)
@@ -95,7 +94,7 @@ def test_interrupted_and_resumed_is_the_same(options, batches):
 
 
 def test_a_record_of_another_search_is_refused(options):
-    other = Search(SPACE, options._replace(seed=5), bowl, lambda s: s.evaluations < 60)
+    other = Search(MEMBERSHIP, options._replace(seed=5), bowl, lambda s: s.evaluations < 60)
     assert not run_search(other, FIRST)
     of_half_a_batch = Record(np.ones(other.evaluations - 1), "0" * 64)
     for record in (other.record, of_half_a_batch):

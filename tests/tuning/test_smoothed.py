@@ -9,9 +9,8 @@ from estimator.errors import InputError
 from estimator.geometry.metrics import batch_angle_errors, rms
 from estimator.profile import load_profile
 from fuzzbee.tune.read_flight import read_flight
-from tuning.flight import Part
-from tuning.flight_cost import measure
-from tuning.smoothed import possible_truths, sure_flight
+from tuning.flight import Part, sure_flight
+from tuning.flight_cost import measure, possible_truths
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 IMU = load_profile("imu")

@@ -12,7 +12,7 @@ from estimator.geometry.metrics import batch_angle_errors
 from estimator.geometry.rotations import exp, rotate
 from estimator.live.rows import Rows
 from estimator.profile import Profile
-from tuning.course import WRONG_TURN
+from tuning.calls import WRONG_TURN
 from tuning.online.segment import Segment, fly_segments, rows_of_all
 from tuning.prediction import heading_errors, predicted_vectors
 
@@ -66,26 +66,25 @@ def noise_of(rows: Rows) -> Floats | None:
     if 2 * is_fast.sum() < len(step_s):
         return None
     turn = exp(-rows.gyr_rad_s[1:] * step_s[:, None])
+
+    def changes(vectors: Floats) -> Floats:
+        """By how much each direction is another than the one before, turned against the body."""
+        length = np.linalg.norm(vectors, axis=1, keepdims=True)
+        unit = vectors / np.maximum(length, LEAST_NOISE)
+        return np.asarray(unit[1:] - rotate(turn, unit[:-1]))
+
+    def mean_square(changes: Floats, known: Bools) -> float:
+        """Of one reading's noise: a change has that of two."""
+        return float(0.5 * np.sum(changes[known] ** 2) / max(1, known.sum()))
+
     has_field = rows.has_mag[1:] & rows.has_mag[:-1]
     return np.array(
         [
-            _mean_square(np.diff(rows.gyr_rad_s, axis=0), is_fast),
-            _mean_square(_changes(rows.acc_m_s2, turn), is_fast),
-            _mean_square(_changes(rows.mag_gauss, turn), is_fast & has_field),
+            mean_square(np.diff(rows.gyr_rad_s, axis=0), is_fast),
+            mean_square(changes(rows.acc_m_s2), is_fast),
+            mean_square(changes(rows.mag_gauss), is_fast & has_field),
         ]
     )
-
-
-def _changes(vectors: Floats, turn: Floats) -> Floats:
-    """By how much each direction (N, 3) is another than the one before, turned against the body."""
-    length = np.linalg.norm(vectors, axis=1, keepdims=True)
-    unit = vectors / np.maximum(length, LEAST_NOISE)
-    return np.asarray(unit[1:] - rotate(turn, unit[:-1]))
-
-
-def _mean_square(changes: Floats, known: Bools) -> float:
-    """Of one reading's noise: a change has that of two."""
-    return float(0.5 * np.sum(changes[known] ** 2) / max(1, known.sum()))
 
 
 def has_moved(learnt: Floats, now: Floats) -> bool:

@@ -1,4 +1,4 @@
-"""When a profile is retuned, and by what proof.
+"""When a profile is retuned while it runs, and by what proof, without a truth.
 
 A pure machine: segments in, decisions out, no clock. The same segments give the same decisions, so
 a log that is replayed is retuned as it would be again.
@@ -18,10 +18,13 @@ import numpy as np
 
 from estimator.arrays import Floats
 from estimator.profile import Profile, merge_profile, profile_to_json
+from estimator.reasons import Reason
+from estimator.types import ImuSample
+from tuning.calls import LoggedEstimator
 from tuning.colony import Colony
 from tuning.online.cost import cost_on, has_moved, noise_of
-from tuning.online.segment import Segment, rows_of_all
-from tuning.space import Space, decode, encode
+from tuning.online.segment import SEGMENT_S, Segment, rows_of_all
+from tuning.space import Parameter, Space, decode, encode
 
 LEAST_GAIN = 0.05
 # Student's t of the paired half seconds; chance exceeds it once in thirty.
@@ -36,9 +39,8 @@ CYCLES = 2
 CHANGED, BACK = "noise has changed", "taken back"
 
 Evaluate = Callable[[Floats], Floats]  # factors (C, D) to costs (C,)
-# Search in a space, from kept factors (M, D): what was tried, its costs, what to keep
-Look = Callable[[Space, Floats, Evaluate, np.random.Generator], tuple[Floats, Floats, Floats]]
-
+# Search in a space, from kept factors (M, D): the best that was tried (D,), and what to keep
+Look = Callable[[Space, Floats, Evaluate, np.random.Generator], tuple[Floats, Floats]]
 
 # In all, and in one move.
 MOST_FACTOR = 30.0
@@ -89,25 +91,27 @@ def with_factors(base: Profile, factors: Floats) -> Profile:
 
 def space_around(base: Profile, factors: Floats) -> Space:
     """What can be reached in one move from ``factors`` (D,), by their logarithm."""
-    names = tuple(numbers_of(base))
     low = np.maximum(factors / MOST_MOVE, 1.0 / MOST_FACTOR)
     high = np.minimum(factors * MOST_MOVE, MOST_FACTOR)
-    return Space(names, tuple(low.tolist()), tuple(high.tolist()), logarithmic=(True,) * len(names))
+    names = numbers_of(base)
+    return tuple(map(Parameter, names, low.tolist(), high.tolist()))
 
 
 def colony_search(
     space: Space, kept: Floats, evaluate: Evaluate, generator: np.random.Generator
-) -> tuple[Floats, Floats, Floats]:
+) -> tuple[Floats, Floats]:
     """Evaluate the kept food sources on the present segment, and go on from them for two cycles."""
-    first = encode(space, np.clip(kept, space.lower, space.upper))
-    colony = Colony(space, FOOD_SOURCES, FOOD_SOURCES * space.dimensions, generator, first)
+    limit = FOOD_SOURCES * len(space)
+    colony = Colony(space, FOOD_SOURCES, limit, generator, encode(space, kept))
     flight = colony.fly()
-    asked, tried, costs = next(flight), [], []
+    asked, best, least = next(flight), kept[0], np.inf
     while colony.cycles < CYCLES:
-        tried.append(decode(space, asked))
-        costs.append(evaluate(tried[-1]))
-        asked = flight.send(costs[-1])
-    return np.concatenate(tried), np.concatenate(costs), decode(space, colony.positions)
+        tried = decode(space, asked)
+        costs = evaluate(tried)
+        if costs.min() < least:
+            best, least = tried[int(np.argmin(costs))], float(costs.min())
+        asked = flight.send(costs)
+    return best, decode(space, colony.positions)
 
 
 class Decision(NamedTuple):
@@ -221,14 +225,10 @@ class Retuner:
             return np.array([self._cost(row, segment).mean() for row in factors])
 
         back = [self._before, np.ones(len(self._now))]
-        known = np.array([self._now, *back, *self._kept])
-        _, places = np.unique(known, axis=0, return_index=True)
-        first = known[np.sort(places)][:FOOD_SOURCES]
-        tried, costs, self._kept = self._look(space, first, evaluate, self._generator)
-        candidates = [
-            Trial(tried[int(np.argmin(costs))], CHANGED),
-            *(Trial(each, BACK) for each in back),
-        ]
+        known = [tuple(each.tolist()) for each in (self._now, *back, *self._kept)]
+        first = np.array([*dict.fromkeys(known)][:FOOD_SOURCES])
+        best, self._kept = self._look(space, first, evaluate, self._generator)
+        candidates = [Trial(best, CHANGED), *(Trial(each, BACK) for each in back)]
         return [each for each in candidates if np.any(each.factors != self._now)]
 
     def _move(self, won: Trial) -> Decision:
@@ -245,3 +245,54 @@ class Retuner:
 
     def _cost(self, factors: Floats, *segments: Segment) -> Floats:
         return cost_on(with_factors(self._base, factors), *segments)
+
+
+class RetunedEstimator(LoggedEstimator):
+    """Retuned on the spot every five seconds of the vehicle's time: for replay.
+
+    With ``on_segment`` segments are handed to that instead. One ends early, and is dropped, when
+    somebody replaces the profile.
+    """
+
+    def __init__(
+        self,
+        profile: Profile,
+        fixed_gain: float | None = None,
+        on_segment: Callable[[Segment], object] | None = None,
+        retuner: Retuner | None = None,
+    ) -> None:
+        super().__init__(profile, fixed_gain)
+        self.retuner = Retuner(profile) if retuner is None else retuner
+        self.decisions: list[tuple[int, Decision]] = []  # with the vehicle's times, us
+        self._on_segment = on_segment or self._decide
+
+    def begin_log(self) -> None:
+        """See :class:`LoggedEstimator`: a segment begins."""
+        super().begin_log()
+        self._before = self.snapshot
+        self._samples: list[ImuSample] = []
+
+    def update(self, sample: ImuSample) -> Reason | None:
+        """See :class:`Estimator`."""
+        reason = super().update(sample)
+        if reason is None:
+            self._samples.append(sample)
+            if sample.time_us - self._samples[0].time_us >= 1e6 * SEGMENT_S:
+                now = self._before, self.profile, tuple(self._samples), self.calls
+                segment = Segment(*now, self.fixed_gain)
+                self.begin_log()
+                self._on_segment(segment)
+        return reason
+
+    def replace_profile(self, profile: Profile) -> None:
+        """See :class:`Estimator`. Somebody's own profile is the base from now on."""
+        if profile_to_json(profile) != profile_to_json(self.retuner.profile):
+            self.retuner = Retuner(profile)
+        super().replace_profile(profile)
+        self.begin_log()
+
+    def _decide(self, segment: Segment) -> None:
+        decision = self.retuner.take(segment)
+        if decision is not None:
+            self.decisions.append((segment.samples[-1].time_us, decision))
+            self.replace_profile(self.retuner.profile)

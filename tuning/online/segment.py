@@ -13,8 +13,7 @@ from estimator.live.core import Snapshot, with_attitude
 from estimator.live.rows import Rows, cut, rows_of
 from estimator.profile import Profile
 from estimator.types import ImuSample, Quaternion
-from tuning.course import Calls, Course, course_of, split_calls
-from tuning.logged_calls import Call
+from tuning.calls import Call, Calls, Course, course_of, split_calls
 
 SEGMENT_S = 5.0
 # In a silence longer than this nobody knows what the vehicle has done.

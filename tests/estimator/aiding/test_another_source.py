@@ -14,7 +14,7 @@ from estimator.profile import load_profile, merge_profile
 from estimator.types import RateSample, VelocitySample
 from tests.estimator.aiding.heading_source import HEADING_SOURCE, HeadingSample
 from tests.flight import banked_flight, calibrated
-from tuning.logged_calls import LoggedEstimator
+from tuning.calls import LoggedEstimator
 
 TRUE_NORTH = {"reference": {"declination_deg": 0.0}}
 SAMPLES = 200
