@@ -24,12 +24,13 @@ class ReferenceTrack:
 
     def add(self, event: ReferenceAttitude) -> None:
         """Take one attitude, later than the last; the messages of a source are kept apart."""
-        name, track = event.message, self._messages.get(event.message)
-        if track is None:
-            track = self._messages[name] = Table(time_us="i8", q_ned_frd="4f8")
-        if not len(track) or event.time_us > self._latest_us[name]:
-            self._latest_us[name] = event.time_us
-            track.append(event.time_us, event.q_ned_frd)
+        name = event.message
+        if name not in self._messages:
+            self._messages[name] = Table(time_us="i8", q_ned_frd="4f8")
+        elif event.time_us <= self._latest_us[name]:
+            return
+        self._latest_us[name] = event.time_us
+        self._messages[name].append(event.time_us, event.q_ned_frd)
 
     @property
     def message(self) -> str | None:

@@ -44,8 +44,7 @@ class _Progress:
     zero_us: int | None = None  # time of the first IMU sample
     last_us: int = 0
     is_armed: bool | None = None  # None: no message has reported it yet
-    is_open: bool = False
-    is_over: bool = False
+    phase: Literal["before", "open", "over"] = "before"
 
 
 class WindowedEvents:
@@ -69,7 +68,7 @@ class WindowedEvents:
                 self._arm(progress, event.is_armed)
             elif isinstance(event, Imu):
                 self._advance(progress, event.sample.time_us)
-            if progress.is_open or not isinstance(event, MEASURED):
+            if progress.phase == "open" or not isinstance(event, MEASURED):
                 yield event
 
     def zero_us(self, vehicle: VehicleId) -> int | None:
@@ -80,7 +79,7 @@ class WindowedEvents:
     def why_empty(self) -> str | None:
         """Why no vehicle's window has opened; None if one has, or none had IMU samples."""
         flown = [each for each in self._vehicles.values() if each.zero_us is not None]
-        if not flown or any(each.is_open or each.is_over for each in flown):
+        if not flown or any(each.phase != "before" for each in flown):
             return None
         begin = self._window.begin
         if isinstance(begin, float):
@@ -97,10 +96,10 @@ class WindowedEvents:
         if before == is_armed or (before is None and not is_armed):
             return
         moment = "arm" if is_armed else "disarm"
-        if progress.is_open and self._window.end == moment and not begins_armed:
-            progress.is_open, progress.is_over = False, True
-        elif self._window.begin == moment and not progress.is_over:
-            progress.is_open = True
+        if progress.phase == "open" and self._window.end == moment and not begins_armed:
+            progress.phase = "over"
+        elif progress.phase == "before" and self._window.begin == moment:
+            progress.phase = "open"
 
     def _advance(self, progress: _Progress, time_us: int) -> None:
         """Open or close by time."""
@@ -109,8 +108,8 @@ class WindowedEvents:
         progress.last_us = time_us
         since_s = 1e-6 * (time_us - progress.zero_us)
         begin, end = self._window
-        if not progress.is_over and not progress.is_open and not isinstance(begin, str):
-            progress.is_open = since_s >= (begin or 0.0)
-        if isinstance(end, float) and since_s > end:
-            progress.is_over = progress.is_over or progress.is_open
-            progress.is_open = False
+        is_begun = not isinstance(begin, str) and since_s >= (begin or 0.0)
+        if progress.phase == "before" and is_begun:
+            progress.phase = "open"
+        if progress.phase == "open" and isinstance(end, float) and since_s > end:
+            progress.phase = "over"

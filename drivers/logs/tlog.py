@@ -14,7 +14,7 @@ from drivers.events import Event, Malformed, VehicleId
 from drivers.logs.log_file import LATEST_US, LogFile, Window, windowed
 from drivers.mavlink.constants import is_autopilot, mavlink
 from drivers.mavlink.decoder import MavlinkDecoder
-from drivers.mavlink.framing import Data, FieldReader, Frame, FrameFormat, frame_end
+from drivers.mavlink.framing import FieldReader, Frame, FrameFormat, FrameReader, frame_end
 from drivers.mavlink.gate import FrameGate, Policy
 from drivers.mavlink.messages import IMU_MESSAGES, message_to_ask_for
 from estimator.errors import InputError
@@ -29,7 +29,7 @@ STAMP_STEP_US = 86_400 * 1_000_000  # two stamps further apart do not agree
 STAMP_BACK_US = 3600 * 1_000_000
 SNIFF_SIZE = 1 << 20  # a log has a sound frame within its first MiB
 FIRST_RECORDS = 100  # two neighbours among these agree, or the last one is taken
-RAW_FRAMES = 3  # that many sound frames end to end are no accident
+RAW_FRAMES, RAW_SIZE = 3, 1000  # that many sound frames end to end, in bytes, are no accident
 
 
 def believe(
@@ -176,12 +176,7 @@ def _first_stamp_us(records: Iterable[tuple[int, Frame] | None]) -> int:
     return next(agreed, stamps_us[-1] if stamps_us else 0)
 
 
-def _is_raw_capture(data: Data) -> bool:
+def _is_raw_capture(data: bytes) -> bool:
     """Whether the data begins with frames one behind the other, without times between."""
-    frames, position = FrameFormat(), 0
-    for _ in range(RAW_FRAMES):
-        end = frame_end(data, position)
-        if end is None or end > len(data) or frames.frame(data, position, end) is None:
-            return False
-        position = end
-    return True
+    frames = FrameReader().feed(data[:RAW_SIZE])[:RAW_FRAMES]
+    return len(frames) == RAW_FRAMES and data.startswith(b"".join(each.data for each in frames))
