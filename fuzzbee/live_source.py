@@ -17,7 +17,7 @@ from fuzzbee.run import RunOptions
 from fuzzbee.sinks import parse_address_of
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
-from service.runner import Overload, Runner
+from service.runner import Runner
 from service.sinks.sink import Outbox
 
 if TYPE_CHECKING:
@@ -115,11 +115,10 @@ def make_runner(
         outbox,
         rate_hz=options.rate_hz,
         requests=requests,
-        overload=Overload(),
         recording=recording,
     )
     if isinstance(source, Player):
-        runner.overload, runner.now_us = None, source.now_us
+        runner.now_us = source.now_us
         runner.is_finished = source.is_finished
     if isinstance(source, SimSource) and (seconds := options.seconds) is not None:
         runner.is_finished = lambda: source.flown_s >= seconds
