@@ -29,7 +29,7 @@ from fuzzbee.truth_score import ScoredPipeline
 from fuzzbee.zenoh_options import opened
 from service.parameters import ParameterRequests
 from service.process import load_kernels
-from service.runner import Overload, Runner
+from service.runner import Runner
 from service.signals import stop_on_signals
 from service.sinks.mavlink import RecordingSink
 from service.sinks.sink import Outbox, Sink
@@ -75,14 +75,13 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
         # in a thread: the compiler's callbacks swallow what a signal raises in them
         aside(load_kernels, "kernels").result()
         source.follow(pipeline.imu_in_use)
-        has_clock, end_s = isinstance(source, Player), options.seconds
+        end_s = options.seconds
         runner = Runner(
             source,
             pipeline,
             outbox,
             rate_hz=options.rate_hz,
             requests=requests,
-            overload=None if has_clock else Overload(),
             recording=recording,
         )
         if isinstance(source, Player):

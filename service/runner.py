@@ -7,7 +7,7 @@ published once; nothing is made up for.
 
 import time
 from collections.abc import Callable
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, field
 from math import inf
 
 from drivers.source import EventSource
@@ -73,7 +73,7 @@ class Runner:
 
     ``now_us`` is the host time that arrivals are stamped with (Unix time for live sources),
     ``monotonic_s`` the clock of the schedule; ``is_finished`` shows that nothing will come any
-    more. With an ``overload`` attitudes are left out, too, while the source leaves samples out.
+    more. While the source leaves samples out, attitudes are left out, too.
     ``recording`` is asked for a word on the files that are recorded to.
     """
 
@@ -84,9 +84,9 @@ class Runner:
     rate_hz: float
     now_us: Callable[[], int] = lambda: time.time_ns() // 1000
     monotonic_s: Callable[[], float] = time.monotonic
-    requests: ParameterRequests | None = None
+    requests: ParameterRequests = field(default_factory=ParameterRequests)
     is_finished: Callable[[], bool] = bool
-    overload: Overload | None = None
+    overload: Overload = field(default_factory=Overload)
     recording: Callable[[], str] = str
     was_stopped: bool = False
     overruns: int = 0
@@ -123,8 +123,7 @@ class Runner:
                     due_s = self._tick(now_s)
                     add_objects(len(self.pipeline.vehicles), now_s)
             self._tick(self.monotonic_s())  # publishes what the last events have changed
-        if self.requests is not None:
-            self.requests.close()
+        self.requests.close()
 
     def _take(self, timeout_s: float) -> None:
         """Handle what has arrived, after waiting for it."""
@@ -133,16 +132,17 @@ class Runner:
         outputs: list[Output] = []
         for event in events:
             outputs += handle(event, now_us())
-        if self.requests is not None:
-            self.requests.serve(self.pipeline.replace_profile)
+        self.requests.serve(self.pipeline.replace_profile)
         if outputs:
             self.outbox.put(outputs)
 
     def _tick(self, now_s: float) -> float:
         """Publish what is due; returns when the next record will be."""
         self.ticks += 1
+        if line := self.overload.observe(self.source.shed + self.source.lost, now_s):
+            self.outbox.put([Message(line)])
         load = Load(
-            self._observe_load(now_s),
+            self.overload.is_on,
             now_s - self.woken_s < WAKING_S,
             self.overruns,
             self.dropped,
@@ -155,11 +155,3 @@ class Runner:
             self.outbox.put(outputs)
         wait_s = 1e-6 * (self.pipeline.wake_us - now_us)
         return now_s + min(MAX_WAIT_S, max(LEAST_REST / self.rate_hz, wait_s))
-
-    def _observe_load(self, now_s: float) -> bool:
-        """Whether samples are left out; reports when that begins and when it ends."""
-        if self.overload is None:
-            return False
-        if line := self.overload.observe(self.source.shed + self.source.lost, now_s):
-            self.outbox.put([Message(line)])
-        return self.overload.is_on

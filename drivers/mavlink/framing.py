@@ -43,11 +43,7 @@ class Frame(NamedTuple):
     payload_at: int
     payload_end: int
     is_signed: bool
-
-    @property
-    def sequence(self) -> int:
-        """The number that its sender gave it, 0 to 255 and again."""
-        return self.data[4] if self.data[0] == MAGIC_V2 else self.data[2]
+    sequence: int = 0  # the number that its sender gave it, 0 to 255 and again
 
 
 class FrameFormat:
@@ -92,6 +88,7 @@ class FrameFormat:
                 header,
                 crc_at - start,
                 is_signed,
+                data[sender - 1],
             ),
         )
 

@@ -30,7 +30,7 @@ def test_two_components_of_a_system_are_two_streams_under_overload():
         for component in (1, 2):
             frame = Frame(RAW_IMU_ID, 1, component, bytes(27), 0, 27, False)
             queue.add(k, [frame])
-    kept = [(each.arrival_us, each.frame.component_id) for each in queue.take(10)]
+    kept = [(us, frame.component_id) for us, frame in queue.take(10)]
     assert kept == [(3, 1), (3, 2)]
 
 

@@ -131,7 +131,7 @@ def test_under_overload_the_newest_of_each_stays():
     every = [frame for _, data in frames() for frame in reader.feed(data)]
     queue = FrameQueue(most_waiting=len(every) - 1)
     queue.add(UNIX_US, every)
-    kept = [arrived.frame.message_id for arrived in queue.take(len(every))]
+    kept = [frame.message_id for _, frame in queue.take(len(every))]
     assert sorted(kept) == [0, 32, 107, 124]
     (shed,) = queue.take_shed(UNIX_US)
     assert (shed.vehicle, shed.message) == (VehicleId(1, 1), "HIL_SENSOR")

@@ -195,10 +195,7 @@ def run_given(vehicles, load_s, seconds, room=4096, **slowness):
     """Runs a service on vehicles that send for ``load_s``; pipeline, link and outputs."""
     clock, kept = GivenTime(), Kept()
     link, pipeline = GivenLink(clock, vehicles, load_s, room), SlowPipeline(clock, **slowness)
-    runner = Runner(
-        link, pipeline, kept, rate_hz=50.0, now_us=clock.unix_us, monotonic_s=clock,
-        overload=Overload(),
-    )  # fmt: skip
+    runner = Runner(link, pipeline, kept, rate_hz=50.0, now_us=clock.unix_us, monotonic_s=clock)
     runner.run(seconds)
     return pipeline, link, kept.got
 
