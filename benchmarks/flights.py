@@ -4,7 +4,7 @@
 
 Planes, copters and rovers. Each flight is written as a telemetry log with what real
 ones have (flying/recorder.py) and replayed through decoder and service. Nothing is shared with the
-estimator but quaternion algebra and the field's model, so it says how the aiding does on flights it
+estimator but quaternion algebra and the field's model, so it shows the aiding on flights that it
 was not made on. Degrees RMS from 40 s on; shares of errors of inclination and heading under sigma,
 in all and in the worst 20 s; ``accelerometer`` is the inclination by the accelerometer alone,
 ``unaided`` the total without velocity.

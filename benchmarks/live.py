@@ -51,15 +51,15 @@ from processes.trial import (
     Seen,
     Shape,
     counts,
-    cpu_s,
     family,
     figures,
-    free_port,
     fuzzbee,
     memory_mb,
     plain,
     run,
 )
+
+from tests.fuzzbee.processes import cpu_s, free_port
 
 # A number of vehicles is carried if less than this share of the samples is lost or left out.
 CARRIED = 0.001

@@ -80,9 +80,8 @@ def plain_filters(trace: VehicleTrace) -> dict[str, Array]:
 
 
 def errors_deg(down: Array, reference: Array) -> Array:
-    """Angles (N,) between two downs once one constant rotation is taken off (Wahba, SVD)."""
-    u, _, vt = np.linalg.svd(down.T @ reference)
-    return tilt_deg(down @ (u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt), reference)
+    """Angles (N,) between two downs once one constant rotation is taken off (Wahba)."""
+    return tilt_deg(Rotation.align_vectors(reference, down)[0].apply(down), reference)
 
 
 def share(under: Bools, which: Bools) -> float | None:

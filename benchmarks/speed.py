@@ -42,11 +42,8 @@ ROWS = slice(1000, 7000)  # past the rest that recordings begin with
 CALLS = 600  # of them: what takes longer than a few ms, other programs always interrupt
 ROUNDS, LOG_ROUNDS, SMOKE_ROUNDS = 100, 5, 3
 PERIOD_S, MAG_EVERY = 1e-3, 10  # of the loop, and samples
-GYR_LSB_RAD_S, ACC_LSB_M_S2, MAG_LSB_GAUSS = (
-    np.radians(2000.0 / 32768),
-    16 * 9.80665 / 32768,
-    0.0015,
-)
+GYR_LSB_RAD_S, ACC_LSB_M_S2 = np.radians(2000.0 / 32768), 16 * 9.80665 / 32768
+MAG_LSB_GAUSS = 0.0015
 
 Start = Callable[[], Callable[[], object]]  # builds a filter and gives what is to be timed
 Ways = dict[tuple[str, str], tuple[Start | None, int]]  # by way and filter; how many samples

@@ -99,11 +99,9 @@ def of_vehicle(
     flights = [flown(case, motion, seed, length_s) for seed in seeds]
     pair, others = flights[:2], flights[2:]
     smooth = [sure_flight(flight, BASE, is_wanted=False) for flight in pair]
+    reported = [by_autopilot(f, seed) for f, seed in zip(pair, seeds, strict=False)]
     by = {
-        "autopilot": (
-            [by_autopilot(f, seed) for f, seed in zip(pair, seeds, strict=False)],
-            options,
-        ),
+        "autopilot": (reported, options),
         "smooth": (smooth, options),
         "truth": (pair, options),
         "random": (smooth, options._replace(algorithm="random")),

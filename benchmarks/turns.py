@@ -55,7 +55,7 @@ def where_of(trial: Trial, row: int) -> str:
 def after_turn(
     filter_: Filter, trial: Trial, rows: slice, turn: Array | None
 ) -> tuple[Array, Array | None]:
-    """Total errors (N,) of the rows, and what sigma says of them, from a turn before them on."""
+    """Total errors (N,) of the rows, and their sigmas, from a turn before them on."""
     run = filter_(trial)
     run.advance(slice(0, rows.start))
     if turn is not None:

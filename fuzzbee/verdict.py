@@ -97,7 +97,7 @@ def verdict_of(
     horizon, heading = _level(sigma.inclination, HORIZON_DEG), _level(sigma.heading, HEADING_DEG)
     if horizon > Level.GOOD:
         caveats.append(Caveat(horizon, f"horizon {plus_minus(sigma.inclination)}"))
-    # a horizon can be trusted without its heading: no heading is a matter of care
+    # a horizon can be good without its heading: no heading is a matter of care
     if attitude.heading_reference == "none":
         heading = Level.BAD
         caveats.append(Caveat(Level.CARE, "no north"))

@@ -60,15 +60,16 @@ Filter = Callable[[Trial], Run]
 
 
 class FuzzbeeRun:
-    """The estimator as programs have it."""
+    """The estimator as programs have it; ``smooth`` with what came later, all rows at once."""
 
-    def __init__(self, trial: Trial, profile: Profile) -> None:
+    def __init__(self, trial: Trial, profile: Profile, *, smooth: bool = False) -> None:
         averaged = {"conditioning": {"averaged_samples": trial.averaged}}
         self._estimator = Estimator(
             merge_profile(profile, averaged), trial.rate_hz, compass_calibrated=True
         )
         self._readings = body_readings(trial)
-        self._estimate = self._estimator.update_batch
+        estimator = self._estimator
+        self._estimate = estimator.smooth if smooth else estimator.update_batch
 
     def advance(self, rows: slice) -> Output:
         found = self._estimate(*(column[rows] for column in self._readings))
@@ -79,14 +80,6 @@ class FuzzbeeRun:
         # only tests do this, so the public class has no name for it
         w, east, north, up = turn_enu.tolist()
         self._estimator._inner.turn((w, north, east, -up))  # noqa: SLF001
-
-
-class SmoothRun(FuzzbeeRun):
-    """The same with what came later: all rows at once."""
-
-    def __init__(self, trial: Trial, profile: Profile) -> None:
-        super().__init__(trial, profile)
-        self._estimate = self._estimator.smooth
 
 
 def body_readings(trial: Trial) -> tuple[Array, Array, Array]:
@@ -218,7 +211,7 @@ PEERS: dict[str, Filter] = {
     "madgwick": partial(AhrsRun, name="Madgwick", settings=MADGWICK),
 }
 ACAUSAL: dict[str, Filter] = {
-    "smooth": partial(SmoothRun, profile=load_profile("imu")),
+    "smooth": partial(FuzzbeeRun, profile=load_profile("imu"), smooth=True),
     "vqf offline": OfflineVqfRun,
 }
 GAINS: dict[str, dict[str, Any]] = {
@@ -236,12 +229,7 @@ def fuzzbee(changes: dict[str, Any]) -> Filter:
 def known() -> dict[str, Filter]:
     """Every filter by its name."""
     gains = {name: fuzzbee({"filter": change}) for name, change in GAINS.items()}
-    return {
-        "fuzzbee": fuzzbee({}),
-        **PEERS,
-        **ACAUSAL,
-        **gains,
-    }
+    return {"fuzzbee": fuzzbee({}), **PEERS, **ACAUSAL, **gains}
 
 
 SETS = {

@@ -22,7 +22,7 @@ class Trial:
     """One recording, rows in time. Sensor frame x, y, z up; truth from sensor to ENU, w first.
 
     ``scored`` marks the rows that count: motion, and the markers in sight. A sensor without a
-    magnetometer has NaN in ``mag_ut``. ``averaged`` tells that a row is the mean over its interval.
+    magnetometer has NaN in ``mag_ut``. ``averaged``: a row is the mean over its interval.
     """
 
     name: str
@@ -69,18 +69,16 @@ def chosen_sets(options: Namespace) -> dict[str, list[Trial]]:
     """
     if options.smoke and not options.folders:
         return {"made up": [made_up()]}
-    sets = {f.name: [*map(load_trial, sorted(f.glob("*.mat")))] for f in options.folders}
-    if options.undisturbed:
-        sets = {
-            name: [t for t in trials if "_disturbed_" not in t.name]
-            for name, trials in sets.items()
-        }
+    sets: dict[str, list[Trial]] = {}
+    for folder in options.folders:
+        paths = sorted(folder.glob("*.mat"))
+        if options.undisturbed:
+            paths = [path for path in paths if "_disturbed_" not in path.stem]
+        sets[folder.name] = [*map(load_trial, paths[:1] if options.smoke else paths)]
     if not sets or not all(sets.values()):
         raise SystemExit("give folders with BROAD's *.mat files, or --smoke")
     if options.smoke:
-        return {
-            n: [t.cut(slice(0, round(SMOKE_S * t.rate_hz))) for t in s[:1]] for n, s in sets.items()
-        }
+        return {n: [t.cut(slice(0, round(SMOKE_S * t.rate_hz)))] for n, (t,) in sets.items()}
     return sets
 
 
@@ -100,10 +98,8 @@ def made_up(seed: int = 0) -> Trial:
     t = np.arange(n) * dt_s
     moving = t >= REST_S
     tones = rng.uniform(0.2, 0.7, (3, 3))
-    phases = rng.uniform(0.0, 6.0, (3, 3))
-    waves = (
-        np.sin(2.0 * np.pi * tones[:, :, None] * (t - REST_S) + phases[:, :, None]).sum(axis=1).T
-    )
+    turns = 2.0 * np.pi * tones[:, :, None] * (t - REST_S) + rng.uniform(0.0, 6.0, (3, 3, 1))
+    waves = np.sin(turns).sum(axis=1).T
     near = np.clip((t - REST_S) / 2.0, 0.0, 1.0)[:, None]
     rate, pushed = near * waves, near * waves[:, ::-1]
     steps = Rotation.from_rotvec(rate * dt_s)

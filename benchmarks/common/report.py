@@ -88,10 +88,8 @@ def names(known: Iterable[str], text: str) -> list[str]:
 
 def log_files(given: Iterable[Path]) -> list[Path]:
     """The logs in folders, and files given as such."""
-    files = [
-        path for each in given for path in (sorted(each.iterdir()) if each.is_dir() else [each])
-    ]
-    return [path for path in files if path.suffix in SUFFIXES]
+    folders = (sorted(each.iterdir()) if each.is_dir() else [each] for each in given)
+    return [path for paths in folders for path in paths if path.suffix in SUFFIXES]
 
 
 def show(tables: Tables, *, as_json: bool) -> None:

@@ -18,7 +18,7 @@ def first_movement(trial: Trial, _: Rng) -> Iterator[Trial]:
 
 
 def means(trial: Trial, _: Rng, rate_hz: float) -> Iterator[Trial]:
-    """Block means, and the filter is told so; truth and score are those of the block's end."""
+    """Block means, which the filter knows; truth and score are those of the block's end."""
     block = max(1, round(trial.rate_hz / rate_hz))
     if block == 1:
         yield trial

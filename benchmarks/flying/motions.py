@@ -9,12 +9,10 @@ from math import asin, atan2, cos, pi, radians, sin, sqrt, tan
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from common.recordings import Array
 
 from estimator.geometry.quaternion import add, exp, multiply, normalize, rotate, rotate_inverse
 from estimator.types import STANDARD_GRAVITY_M_S2, Quaternion, Vec3
-
-Floats = NDArray[np.float64]
 
 FINE_HZ = 400
 DT = 1.0 / FINE_HZ
@@ -29,10 +27,10 @@ class Motion(NamedTuple):
     ``throttle`` (N,) is 1 in a hover and in a plane's cruise, about.
     """
 
-    attitude: Floats
-    rate: Floats
-    velocity: Floats
-    throttle: Floats
+    attitude: Array
+    rate: Array
+    velocity: Array
+    throttle: Array
 
 
 class Moment(NamedTuple):

@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from common.paper_filter import matrices
+from common.recordings import Array
 from common.ways import direction
 from flying.motions import FINE_HZ, Motion
-from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega
 from scipy.signal import butter, lfilter, lfilter_zi
 
@@ -24,7 +24,6 @@ from estimator.geometry.frames import euler_rad
 from estimator.types import STANDARD_GRAVITY_M_S2
 
 ARMED = 0xD1  # MAV_MODE_FLAG: armed, stabilized, manual input, custom mode
-Floats = NDArray[np.float64]
 
 START_UNIX_US = 1_760_000_000_000_000
 LATITUDE_DEG, LONGITUDE_DEG, ALTITUDE_M = -35.363, 149.165, 584.0
@@ -108,12 +107,12 @@ class Flight(NamedTuple):
 class Signals(NamedTuple):
     """Everything at ``FINE_HZ``."""
 
-    gyr: Floats
-    acc: Floats
-    mag: Floats
-    by_filter: Floats
-    by_receiver: Floats
-    position: Floats
+    gyr: Array
+    acc: Array
+    mag: Array
+    by_filter: Array
+    by_receiver: Array
+    position: Array
 
 
 def signals(motion: Motion, flight: Flight, rng: np.random.Generator) -> Signals:
@@ -129,7 +128,7 @@ def signals(motion: Motion, flight: Flight, rng: np.random.Generator) -> Signals
     if s.vibration > 0.0:
         shaken = s.vibration * moving[:, None] * _slow(n, 1.0, VIBRATION_S, rng)
 
-    def sense(signal: Floats, sigma: float, bias: float, cutoff_hz: float) -> Floats:
+    def sense(signal: Array, sigma: float, bias: float, cutoff_hz: float) -> Array:
         noise = left_over * sigma * (0.1 + 0.9 * moving[:, None]) * rng.standard_normal((n, 3))
         return _low_pass(signal + bias * rng.standard_normal(3) + noise, cutoff_hz)
 
@@ -143,19 +142,19 @@ def signals(motion: Motion, flight: Flight, rng: np.random.Generator) -> Signals
     )
 
 
-def _integrated(R: Floats, shaken: Floats) -> Floats:
+def _integrated(R: Array, shaken: Array) -> Array:
     """What a filter that integrates the same accelerometer makes of its errors."""
     keep = 1.0 - 1.0 / (FORGETS_S * FINE_HZ)
     return np.asarray(lfilter([1.0 / FINE_HZ], [1.0, -keep], np.einsum("nij,nj->ni", R, shaken), 0))
 
 
-def _low_pass(signal: Floats, cutoff_hz: float) -> Floats:
+def _low_pass(signal: Array, cutoff_hz: float) -> Array:
     b, a = butter(2, cutoff_hz, fs=FINE_HZ)
     start = lfilter_zi(b, a)[:, None] * signal[:1]
     return np.asarray(lfilter(b, a, signal, axis=0, zi=start)[0])
 
 
-def _averaged_field(R: Floats, motion: Motion, s: Sensors, rng: np.random.Generator) -> Floats:
+def _averaged_field(R: Array, motion: Motion, s: Sensors, rng: np.random.Generator) -> Array:
     """Means over 0.1 s, each held over the next."""
     place = field_at(LATITUDE_DEG, LONGITUDE_DEG, ALTITUDE_M, START_UNIX_US)
     assert place is not None
@@ -173,8 +172,8 @@ def _averaged_field(R: Floats, motion: Motion, s: Sensors, rng: np.random.Genera
 
 
 def _filters(
-    motion: Motion, acceleration: Floats, chosen: Filter, rng: np.random.Generator
-) -> Floats:
+    motion: Motion, acceleration: Array, chosen: Filter, rng: np.random.Generator
+) -> Array:
     """A filter's velocity: ahead of its time stamp, and further off where the vehicle turns."""
     b, a = butter(1, 0.3, fs=FINE_HZ)
     turning = lfilter(b, a, np.hypot(acceleration[:, 0], acceleration[:, 1]))
@@ -186,7 +185,7 @@ def _filters(
     return np.asarray(velocity + slow * (0.2 + 0.8 * ~at_rest[:, None]))
 
 
-def _slow(n: int, sigma: float, tau_s: float, rng: np.random.Generator) -> Floats:
+def _slow(n: int, sigma: float, tau_s: float, rng: np.random.Generator) -> Array:
     """First-order noise, smoothed: neither has steps."""
     keep = np.exp(-1.0 / (FINE_HZ * tau_s))
     white = np.sqrt(1.0 - keep * keep) * rng.standard_normal((n, 3))
@@ -195,7 +194,7 @@ def _slow(n: int, sigma: float, tau_s: float, rng: np.random.Generator) -> Float
     return np.asarray(sigma * lfilter(b, a, slow, axis=0))
 
 
-def sample_times(link: Link, end_s: float, rng: np.random.Generator) -> Floats:
+def sample_times(link: Link, end_s: float, rng: np.random.Generator) -> Array:
     """Seconds at which the IMU is sent."""
     sent, t = [], 0.5
     while t < end_s - 0.5:
@@ -265,7 +264,7 @@ class _Reports:
         lost = self._flight.trouble.lost
         return t < FILTER_S or (lost is not None and lost[0] <= t < lost[1])
 
-    def _satellite_error(self, t: float) -> Floats:
+    def _satellite_error(self, t: float) -> Array:
         """Error of a velocity (m/s) while the satellites are wrong."""
         wrong = self._flight.trouble.wrong
         is_wrong = wrong is not None and wrong[0] <= t < wrong[1]

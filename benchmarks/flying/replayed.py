@@ -54,7 +54,7 @@ def changed(
     imu: ChangeImu = lambda _, sample: sample,
     velocity: ChangeVelocity = lambda _, sample, _message: sample,
 ) -> Events:
-    """The events with other samples and velocities; ``velocity`` is told the message, too."""
+    """The events with other samples and velocities; ``velocity`` gets the message, too."""
     begin_us, kept = start_us(events), []
     for event in events:
         if not isinstance(event, Imu | Velocity):

@@ -16,10 +16,11 @@ from typing import IO, Any, NamedTuple
 import numpy as np
 from common.report import Row
 
+from tests.fuzzbee.processes import free_port
+
 HERE = Path(__file__).parent
 WARM_UP_S = 2.0  # vehicles appear and estimators align; records of this time are not timed
 SETTLE_S = 0.5
-TICKS = os.sysconf("SC_CLK_TCK")
 Process = subprocess.Popen[str]
 # Starts a service on a UDP port and a Zenoh endpoint, at a rate of publishing in Hz.
 BeginService = Callable[[int, str, float], Process]
@@ -136,19 +137,6 @@ def await_word(stream: IO[str] | None, word: str) -> None:
         if word in line:
             return
     raise SystemExit(f"a process ended early: {lines}")
-
-
-def free_port(kind: int = socket.SOCK_STREAM) -> int:
-    """A loopback port that is free now."""
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
-def cpu_s(pid: int) -> float:
-    """User and system time of a process so far."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / TICKS
 
 
 def memory_mb(pid: int) -> float:

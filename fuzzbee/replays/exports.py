@@ -10,7 +10,6 @@ https://mcap.dev/spec/registry#ros2msg wants them.
 """
 
 import csv
-import json
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
@@ -18,6 +17,7 @@ from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -230,7 +230,7 @@ def _topics() -> Iterator[tuple[str, str, str, str, bytes]]:
     }
     schemas["/tf"] = (FRAME_TRANSFORM, _object(parts, FRAME_TRANSFORM))
     for topic, (kind, schema) in schemas.items():
-        yield topic, "json", kind, "jsonschema", json.dumps(schema).encode()
+        yield topic, "json", kind, "jsonschema", msgspec.json.encode(schema)
     yield "/imu", "cdr", IMU, "ros2msg", IMU_DEFINITION.encode()
 
 
@@ -252,7 +252,7 @@ def _messages(trace: VehicleTrace) -> Iterator[Message]:
             for topic, names in TABLES.items():
                 known = {name: row[name] for name in names if row[name] == row[name]}
                 if names[-1] in known:  # there is a reference at this sample
-                    yield topic, time_us, json.dumps(known).encode()
+                    yield topic, time_us, msgspec.json.encode(known)
             yield "/tf", time_us, _transform(time_us, BODY, pose.tolist())
             if not isnan(beside[0]):
                 yield "/tf", time_us, _transform(time_us, REFERENCE_BODY, beside.tolist())
@@ -269,7 +269,7 @@ def _transform(time_us: int, child: str, q_enu_flu: Iterable[float]) -> bytes:
         "translation": dict.fromkeys("xyz", 0.0),
         "rotation": dict(zip("wxyz", q_enu_flu, strict=True)),
     }
-    return json.dumps(message).encode()
+    return msgspec.json.encode(message)
 
 
 def show(viewer: "ViewerSink", trace: VehicleTrace) -> None:

@@ -56,20 +56,12 @@ def report_simulation(
     everywhere = np.ones(len(all_errors), np.bool_)
     below = [np.flatnonzero(each[:, 0] < CONVERGED_RAD) for each in errors]
     converged = [i[0] / COST_RATE_HZ if len(i) else np.inf for i in below]
-    samples = len(all_errors)
+    samples, hz = len(all_errors), COST_RATE_HZ
     return SimulationReport(
         source="sim:",
         vehicle=VehicleSummary(1, 1, None, None),
-        imu=ImuSummary(
-            message="RAW_IMU",
-            samples=samples,
-            messages={"RAW_IMU": samples},
-            median_rate_hz=COST_RATE_HZ,
-            mean_rate_hz=COST_RATE_HZ,
-            worst_gap_s=1.0 / COST_RATE_HZ,
-            worst_arrival_gap_s=None,
-        ),
-        duration_s=(COST_SAMPLES - 1) / COST_RATE_HZ,
+        imu=ImuSummary("RAW_IMU", samples, {"RAW_IMU": samples}, hz, hz, 1.0 / hz, None),
+        duration_s=(COST_SAMPLES - 1) / hz,
         reference="sim",
         error_deg=error_summary(all_errors, everywhere, everywhere),
         coverage=Coverage(),

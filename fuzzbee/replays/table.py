@@ -122,7 +122,7 @@ def _after(report: LogReport) -> Iterator[tuple[str, str]]:
 def difference_text(difference: DifferenceSummary) -> str:
     """When the autopilot's attitude differed from ours, by how much, and who is likely wrong."""
     who = {"autopilot": "the autopilot's is likely wrong", "ours": "ours is likely wrong"}
-    wrong = who.get(difference.wrong, "nothing says which is wrong")
+    wrong = who.get(difference.wrong, "nothing shows which is wrong")
     return (
         f"{difference.begin_s:.0f} to {difference.end_s:.0f} s, inclination by up to "
         f"{difference.inclination_deg:.0f}°, heading {difference.heading_deg:.0f}°; {wrong}: "
