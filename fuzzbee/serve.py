@@ -75,7 +75,6 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
         # in a thread: the compiler's callbacks swallow what a signal raises in them
         aside(load_kernels, "kernels").result()
         source.follow(pipeline.imu_in_use)
-        end_s = options.seconds
         runner = Runner(
             source,
             pipeline,
@@ -84,12 +83,7 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
             requests=requests,
             recording=recording,
         )
-        if isinstance(source, Player):
-            runner.now_us, runner.is_finished = source.now_us, source.is_finished
-        if isinstance(source, SimSource) and end_s is not None:
-            flight, flight_s, end_s = source, end_s, None
-            runner.is_finished = lambda: flight.flown_s >= flight_s
-        seconds = _loop(runner, end_s, problems)
+        seconds = _loop(runner, options.seconds, problems)
     result = summary(options, profile_name, seconds, runner, pipeline, recording())
     if isinstance(source, SimSource) and source.waited_s >= LONG_WAIT_S and not options.as_json:
         notify(f"the vehicle waited {source.waited_s:.0f} s for this computer: it was too busy")
@@ -97,7 +91,16 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
 
 
 def _loop(runner: Runner, end_s: float | None, problems: list[Exception]) -> float:
-    """Loop until the end or the first problem; returns how long (s)."""
+    """Loop until the end or the first problem; returns how long (s).
+
+    A log has a clock and an end of its own, and a simulated vehicle counts its own seconds.
+    """
+    source = runner.source
+    if isinstance(source, Player):
+        runner.now_us, runner.is_finished = source.now_us, source.is_finished
+    if isinstance(source, SimSource) and end_s is not None:
+        flight, flight_s, end_s = source, end_s, None
+        runner.is_finished = lambda: flight.flown_s >= flight_s
     started_s = time.monotonic()
     with stop_on_signals(runner.stop):
         try:
