@@ -109,7 +109,7 @@ def of_log(log: Path) -> Ways:
     columns = [np.ascontiguousarray(column * (1.0, -1.0, -1.0)) for column in readings]
     starts: dict[str, Start] = {
         "replay": lambda: partial(replay, log, profile),
-        "rows": lambda: partial(fly, flight, profile, len(flight.truth)),
+        "rows": lambda: partial(fly, flight, profile),
         "pymavlink": lambda: partial(read_by_pymavlink, log),
         "vqf": lambda: partial(vqf(flight.rate_hz).updateBatch, *columns),
     }

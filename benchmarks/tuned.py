@@ -26,7 +26,7 @@ from estimator.geometry.rotations import exp, multiply
 from estimator.profile import Profile, load_profile
 from fuzzbee.tune.read_flight import read_flight
 from fuzzbee.tune.report import has_gained
-from tuning.flight import Flight, Part, sure_flight
+from tuning.flight import Flight, sure_flight
 from tuning.flight_cost import harm, measure
 from tuning.optimizers import run_search
 from tuning.search import Search, SearchOptions
@@ -65,9 +65,9 @@ def by_autopilot(flight: Flight, seed: int) -> Flight:
     )
 
 
-def whole(flight: Flight) -> Part:
+def whole(flight: Flight) -> Flight:
     """All of it but its start."""
-    return Part(flight, int(np.searchsorted(flight.time_s, SKIP_S)), len(flight.truth))
+    return flight._replace(first=int(np.searchsorted(flight.time_s, SKIP_S)))
 
 
 def tuned(searched: Flight, held_out: Flight, options: SearchOptions) -> tuple[Profile, bool]:
@@ -76,7 +76,7 @@ def tuned(searched: Flight, held_out: Flight, options: SearchOptions) -> tuple[P
     search = Search(task.space, options, task.costs)
     run_search(search, encode(task.space, values_of(task.space, BASE)))
     found = profile_with(task.space, BASE, search.best_values)
-    before, after = ([f for _, f in task.held_out_figures(p)] for p in (BASE, found))
+    before, after = (task.held_out_figures(p) for p in (BASE, found))
     scores = (task.score(profile).held_out for profile in (BASE, found))
     return found, has_gained(*scores, harm(before, after))
 

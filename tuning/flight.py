@@ -44,7 +44,8 @@ class Flight(NamedTuple):
     ``reference`` is "sim", "autopilot", "smooth" or "none". ``headed`` marks where the base profile
     gave a heading. ``truth_sigma_rad`` (N, 2) are the reference's own sigmas of inclination and
     heading, if it has any. ``calibration`` is what the rows are calibrated by, ``begin_s`` when in
-    its log the flight begins, ``refused`` a line if much of the log was.
+    its log the flight begins, ``refused`` a line if much of the log was. Samples
+    ``first`` to ``last`` - 1 are scored.
     """
 
     path: Path
@@ -61,6 +62,13 @@ class Flight(NamedTuple):
     calibration: Calibration = PLAIN
     begin_s: float = 0.0
     refused: str | None = None
+    first: int = 0
+    last: int | None = None
+
+    @property
+    def window(self) -> slice:
+        """The samples that are scored; the estimator runs from the beginning."""
+        return slice(self.first, len(self.truth) if self.last is None else self.last)
 
     @property
     def name(self) -> str:
@@ -94,27 +102,13 @@ class Flight(NamedTuple):
         return bool(self.rows.has_mag.sum() > LEAST_FIELD_RATE_HZ * self.time_s[-1])
 
 
-class Part(NamedTuple):
-    """Samples first..last-1 of a flight: what is scored; the estimator runs from the beginning."""
-
-    flight: Flight
-    first: int
-    last: int
-
-    @property
-    def window(self) -> slice:
-        """The samples that are scored."""
-        return slice(self.first, self.last)
-
-
 def fly(
     flight: Flight,
     profile: Profile,
-    last: int,
     wrong_ned_frd: Mapping[int, Quaternion] = NOTHING_WRONG,
 ) -> Course:
-    """The first ``last`` samples with the whole estimator of ``profile``; see :func:`course_of`."""
-    rows = cut(flight.rows, 0, last)
+    """The samples up to ``last`` by the whole estimator of ``profile``; see :func:`course_of`."""
+    rows = cut(flight.rows, 0, flight.last)
     if profile.calibration != flight.calibration:
         rows = _calibrated(rows, profile)
     return course_of(Estimator(profile), rows, flight.calls, wrong_ned_frd, flight.reports)

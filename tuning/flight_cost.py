@@ -14,7 +14,7 @@ from estimator.geometry.rotations import multiply
 from estimator.live.rows import cut
 from estimator.profile import Profile
 from tuning.calls import Course
-from tuning.flight import Part, fly
+from tuning.flight import Flight, fly
 from tuning.prediction import heading_errors, levelling_errors, predicted_vectors, rms_known
 
 # Sigma is the angle that this share of the errors lies under.
@@ -105,12 +105,11 @@ def geometric_mean(costs: list[float]) -> float:
     return exp(sum(log(FLOOR_DEG + cost) for cost in costs) / len(costs)) - FLOOR_DEG
 
 
-def measure(profile: Profile, part: Part) -> FlightFigures:
-    """Fly the part with ``profile`` and score it, against the reference wherever it is known."""
-    flight, window = part.flight, part.window
-    course = fly(flight, profile, part.last)
+def measure(profile: Profile, flight: Flight) -> FlightFigures:
+    """Fly with ``profile`` and score it, against the reference wherever it is known."""
+    course, window = fly(flight, profile), flight.window
     if flight.reference == "none":
-        return _without_truth(part, course)
+        return _without_truth(flight, course)
     known = flight.known[window]
     truth_sigma = None if flight.truth_sigma_rad is None else flight.truth_sigma_rad[window]
     sigma = np.degrees(course.sigma_rad[window])
@@ -159,10 +158,10 @@ def score_errors(errors: Floats, sigma: Floats) -> Figure:
     return Figure(rms(errors), float(loss.mean()), float(np.mean(off <= 0.0)))
 
 
-def _without_truth(part: Part, course: Course) -> FlightFigures:
+def _without_truth(flight: Flight, course: Course) -> FlightFigures:
     """Errors of the vectors that the estimate predicts, which have no sigma."""
-    rows = cut(part.flight.rows, 0, part.last)
-    down, field = predicted_vectors(rows, course.q_ned_frd, course.bias_rad_s, part.first)
+    rows = cut(flight.rows, 0, flight.last)
+    down, field = predicted_vectors(rows, course.q_ned_frd, course.bias_rad_s, flight.first)
     level, north = rms_known(levelling_errors(down)), rms_known(heading_errors(field))
     figures = [
         None if error is None else Figure(float(np.degrees(error)), 0.0, None)

@@ -20,7 +20,7 @@ from estimator.geometry.quaternion import multiply
 from estimator.profile import Profile
 from estimator.types import Quaternion
 from tuning.calls import WRONG_TURN
-from tuning.flight import Flight, Part, fly
+from tuning.flight import Flight, fly
 
 RECOVERY_S = 14.0
 # Both parts of the cost: from when to when, and what the weights of the paper's samples sum to.
@@ -48,42 +48,41 @@ class Recovery(NamedTuple):
     weights: Floats
 
 
-def recovery_cost(profile: Profile, part: Part) -> float:
-    """Mean J over the part's recoveries; without a magnetic field the inclination alone counts.
+def recovery_cost(profile: Profile, flight: Flight) -> float:
+    """Mean J over the flight's recoveries; without a magnetic field the inclination alone counts.
 
     Raises:
-        InputError: the part has no recovery.
+        InputError: it has no recovery.
     """
-    found = recoveries(part)
-    e = recovery_errors(profile, part, found)
+    found = recoveries(flight)
+    e = recovery_errors(profile, flight, found)
     return sum(float(w @ e[first : last + 1]) for first, last, w in found) / len(found)
 
 
-def recovery_errors(profile: Profile, part: Part, found: list[Recovery]) -> Floats:
-    """e (N,) at each sample up to the part's end: sin^2 of half the error, 1 of no number."""
-    flight = part.flight
+def recovery_errors(profile: Profile, flight: Flight, found: list[Recovery]) -> Floats:
+    """e (N,) at each sample that is flown: sin^2 of half the error, 1 of no number."""
     wrong: dict[int, Quaternion] = {}
     for first, _, _ in found:
         w, x, y, z = flight.truth[first].tolist()
         wrong[first] = multiply(WRONG_TURN, (w, x, y, z))
-    course = fly(flight, profile, part.last, wrong)
-    angles = batch_angle_errors(course.q_ned_frd, flight.truth[: part.last])
+    course = fly(flight, profile, wrong)
+    angles = batch_angle_errors(course.q_ned_frd, flight.truth[: flight.last])
     e = np.sin(0.5 * angles[:, 0 if flight.has_field else 2]) ** 2
     return np.where(np.isfinite(e), e, 1.0)
 
 
-def recoveries(part: Part) -> list[Recovery]:
-    """Stretches of 14 s of a part, one after the other, none across a restart or a long silence.
+def recoveries(flight: Flight) -> list[Recovery]:
+    """Stretches of 14 s of what is scored, none across a restart or a long silence.
 
     Raises:
         InputError: there is none.
     """
-    flight, time_s, found = part.flight, part.flight.time_s, []
+    time_s, window, found = flight.time_s, flight.window, []
     gap_s = np.diff(time_s, prepend=time_s[0])
     longest_s = max(LONGEST_GAP_S, LONGEST_GAP_PERIODS / flight.rate_hz)
-    is_break = (flight.restart | (gap_s > longest_s))[part.window]
+    is_break = (flight.restart | (gap_s > longest_s))[window]
     is_break[0] = True
-    begins = [*(part.first + np.flatnonzero(is_break)).tolist(), part.last]
+    begins = [*(window.start + np.flatnonzero(is_break)).tolist(), window.stop]
     for begin, end in pairwise(begins):
         start_s = time_s[begin] + SETTLE_S
         while start_s + RECOVERY_S <= time_s[end - 1]:

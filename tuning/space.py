@@ -6,15 +6,20 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
-from estimator.aiding.types import AidingParams
 from estimator.arrays import Floats
 from estimator.calibration import UNCHANGED, Calibration
-from estimator.conditioning.params import ConditioningParams
 from estimator.errors import InputError
 from estimator.filter import memberships
 from estimator.geometry.quaternion import rotate
 from estimator.mounting import Mounting
-from estimator.profile import Profile, parse_profile, profile_to_json, profile_to_toml
+from estimator.profile import (
+    AIDING_DEFAULTS,
+    CONDITIONING_DEFAULTS,
+    Profile,
+    parse_profile,
+    profile_to_json,
+    profile_to_toml,
+)
 
 
 class Parameter(NamedTuple):
@@ -43,14 +48,18 @@ COMPASS_TURN = "compass_turn_rad"  # a tuned number that stands in the calibrati
 # The bounds are the shipped values divided and multiplied by this. Further away a parameter no
 # longer does what it is named for.
 SHIPPED_FACTOR = 5.0
+SHIPPED = {"conditioning": CONDITIONING_DEFAULTS, "aiding": AIDING_DEFAULTS}
 
 
-def _around_shipped(section: str, kind: Any, *names: str) -> Space:
-    shipped = [(name, float(kind._field_defaults[name])) for name in names]
-    return tuple(
-        Parameter(f"{section}.{name}", x / SHIPPED_FACTOR, x * SHIPPED_FACTOR)
-        for name, x in shipped
-    )
+def _around_shipped(**keys: str) -> Space:
+    """Parameters by their keys in each section."""
+    found = []
+    for section, names in keys.items():
+        for key in names.split():
+            shipped = float(SHIPPED[section][key])
+            bounds = shipped / SHIPPED_FACTOR, shipped * SHIPPED_FACTOR
+            found.append(Parameter(f"{section}.{key}", *bounds))
+    return tuple(found)
 
 
 # k1..k22 within the paper's Eqs. (16) and (17), a <= b <= c in each triangle.
@@ -78,33 +87,23 @@ CONDITIONED_GROUPS: dict[str, Space] = {
     # What decides how fast the conditioning stage believes which sensor; the rest of it
     # describes vehicles and events, which one log does not show.
     "conditioning": _around_shipped(
-        "conditioning",
-        ConditioningParams,
-        *("gravity_tau_s", "bias_initial_sigma_rad_s", "bias_rest_sigma_rad_s"),
-        *("bias_motion_sigma_rad_s", "field_dip_scale_rad", "heading_noise_rad2_s"),
+        conditioning="gravity_tau_s bias_initial_sigma_rad_s bias_rest_sigma_rad_s"
+        " bias_motion_sigma_rad_s field_dip_scale_rad heading_noise_rad2_s"
     ),
     # How noisy the vehicle's sensors and velocity reports are: few numbers that differ from vehicle
     # to vehicle, without a velocity and with one.
-    "noise": (
-        *_around_shipped(
-            "conditioning", ConditioningParams, "gravity_tau_s", "heading_noise_rad2_s"
-        ),
-        *_around_shipped(
-            "aiding",
-            AidingParams,
-            *("gyr_slow_noise_1_s", "acc_noise", "heading_noise"),
-            *("filter_error_m_s", "receiver_error_m_s"),
-        ),
+    "noise": _around_shipped(
+        conditioning="gravity_tau_s heading_noise_rad2_s",
+        aiding="gyr_slow_noise_1_s acc_noise heading_noise filter_error_m_s receiver_error_m_s",
     ),
     "gain": (Parameter("filter.fixed_gain", 1.0, 200.0),),
     # What moves sigma alone: errors do not show it, coverage does.
-    "sigma": _around_shipped("aiding", AidingParams, "colour", "least_scale", "scatter_share"),
+    "sigma": _around_shipped(aiding="colour least_scale scatter_share"),
     # What a fit of the sensors' constants leaves open: how far the compass is turned about the
     # body's down, how late readings may be, and how far from its nose the vehicle moves.
     "calibration": (
         Parameter(f"calibration.{COMPASS_TURN}", -0.2, 0.2, is_logarithmic=False),
-        *_around_shipped("aiding", AidingParams, "imu_lag_s"),
-        *_around_shipped("conditioning", ConditioningParams, "field_lag_sigma_s"),
+        *_around_shipped(aiding="imu_lag_s", conditioning="field_lag_sigma_s"),
         Parameter("aiding.sideslip_rad", 0.02, 3.0),
     ),
 }

@@ -15,7 +15,7 @@ from estimator.filter import memberships
 from estimator.filter.types import initial_state
 from estimator.profile import Profile, Provenance, load_profile
 from estimator.types import IDENTITY
-from tuning.flight import Flight, Part
+from tuning.flight import Flight
 from tuning.flight_cost import FlightFigures, geometric_mean, measure
 from tuning.paper_cost import LANES, Base, Signals, costs, paper_signals
 from tuning.paper_experiment import paper_settings, run_experiment
@@ -144,9 +144,9 @@ def midpoint_profile() -> Profile:
 
 
 class Goal(NamedTuple):
-    """What is minimised: the cost of a part, and how the costs of several become one."""
+    """What is minimised: the cost of a flight, and how the costs of several become one."""
 
-    cost: Callable[[Profile, Part], float]
+    cost: Callable[[Profile, Flight], float]
     combine: Callable[[list[float]], float]
     unit: str
 
@@ -157,10 +157,10 @@ def _mean(costs: list[float]) -> float:
 
 GOALS = {
     # the errors that a user sees and the honesty of sigma, deg
-    "flight": Goal(lambda profile, part: measure(profile, part).cost, geometric_mean, " deg"),
+    "flight": Goal(lambda profile, flight: measure(profile, flight).cost, geometric_mean, " deg"),
     "recovery": Goal(recovery_cost, _mean, ""),
     # how far coverage is from what it should be: all that shows of what moves sigma alone
-    "coverage": Goal(lambda profile, part: measure(profile, part).miscoverage, _mean, ""),
+    "coverage": Goal(lambda profile, flight: measure(profile, flight).miscoverage, _mean, ""),
 }
 
 
@@ -173,27 +173,24 @@ def default_groups(goal: str, rate_hz: float) -> tuple[str, ...]:
 
 def split(
     flights: tuple[Flight, ...], held_out: frozenset[str] = frozenset()
-) -> tuple[tuple[Part, ...], tuple[Part, ...]]:
+) -> tuple[tuple[Flight, ...], tuple[Flight, ...]]:
     """What is searched on and what is held out.
 
     Of several flights those named in ``held_out`` (SHA-256), or every third; of one the end.
     """
     if len(flights) == 1:
-        flight = flights[0]
-        n = len(flight.truth)
-        cut = round((1.0 - LATER_PART) * n)
-        return (Part(flight, 0, cut),), (Part(flight, cut, n),)
+        cut = round((1.0 - LATER_PART) * len(flights[0].truth))
+        return (flights[0]._replace(last=cut),), (flights[0]._replace(first=cut),)
     chosen = held_out or {f.sha256 for f in flights[HELD_OUT_FIRST::HELD_OUT_EVERY]}
-    parts = [Part(flight, 0, len(flight.truth)) for flight in flights]
     return (
-        tuple(part for part in parts if part.flight.sha256 not in chosen),
-        tuple(part for part in parts if part.flight.sha256 in chosen),
+        tuple(flight for flight in flights if flight.sha256 not in chosen),
+        tuple(flight for flight in flights if flight.sha256 in chosen),
     )
 
 
 @dataclass(frozen=True)
 class LogTask(Task):
-    """Tuning on parts of flights: the whole estimator, aiding included, on what it got in flight.
+    """Tuning on flights: the whole estimator, aiding included, on what it got in flight.
 
     The reference is the truth of a simulation, else the attitude that the whole log shows if that
     is sure, else the autopilot's. A log with none is tuned on how well its own vectors are
@@ -219,10 +216,10 @@ class LogTask(Task):
         return self.judged_by or self.base
 
     def cost(self, profile: Profile, on: tuple[Any, ...]) -> float:
-        """The goal's cost over parts of flights."""
+        """The goal's cost over flights."""
         goal = GOALS[self.goal]
-        return goal.combine([goal.cost(profile, part) for part in on])
+        return goal.combine([goal.cost(profile, flight) for flight in on])
 
-    def held_out_figures(self, profile: Profile) -> list[tuple[str, FlightFigures]]:
-        """What a user sees on each held-out part, by the flight's name."""
-        return [(part.flight.name, measure(profile, part)) for part in self.held_out]
+    def held_out_figures(self, profile: Profile) -> list[FlightFigures]:
+        """What a user sees on each flight that is held out."""
+        return [measure(profile, flight) for flight in self.held_out]

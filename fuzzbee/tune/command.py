@@ -108,7 +108,7 @@ def tune(request: TuneRequest) -> None:
     """
     from fuzzbee.tune.plan import plan
     from fuzzbee.tune.run import run_plan
-    from tuning.checkpoint import checkpoint_path
+    from tuning.search import checkpoint_path
 
     if request.cluster is not None and request.threads is not None:
         raise InputError("--threads and --cluster contradict each other: the workers compute")

@@ -12,7 +12,7 @@ from estimator.errors import InputError
 from estimator.filter.memberships import TERMS, Triangle, fuzzy_sets
 from estimator.geometry.metrics import COST_RATE_HZ, batch_angle_errors
 from estimator.profile import Profile
-from tuning.flight import Part, fly
+from tuning.flight import Flight, fly
 from tuning.paper_experiment import run_experiment
 from tuning.search import Search
 from tuning.task import LogTask, PaperTask
@@ -36,7 +36,7 @@ def draw(folder: Path, task: PaperTask | LogTask, tuned: Profile, search: Search
         panels.append(partial(_error_over_time, task, tuned))
     else:
         panels += [
-            partial(_error_on_log, task, tuned, part) for part in task.held_out[:MOST_FLIGHTS]
+            partial(_error_on_log, task, tuned, flight) for flight in task.held_out[:MOST_FLIGHTS]
         ]
     if task.tunes_memberships:
         before, after = fuzzy_sets(task.base.k), fuzzy_sets(tuned.k)
@@ -76,13 +76,13 @@ def _error_over_time(task: PaperTask, tuned: Profile, axes: Any) -> None:
     axes.set(ylim=(1e-5, 1.5), title=f"Normalised Euclidean distance (noise seed {seed})")
 
 
-def _error_on_log(task: LogTask, tuned: Profile, part: Part, axes: Any) -> None:
+def _error_on_log(task: LogTask, tuned: Profile, flight: Flight, axes: Any) -> None:
     """Inclination error over time on a held-out flight, before and after."""
-    flight, known = part.flight, part.flight.known[part.window]
+    known = flight.known[flight.window]
     for name, profile in (("before", task.before), ("tuned", tuned)):
-        course = fly(flight, profile, part.last)
-        errors = batch_angle_errors(course.q_ned_frd[part.window], flight.truth[part.window])
-        time_s = flight.time_s[part.window][known]
+        course = fly(flight, profile)
+        errors = batch_angle_errors(course.q_ned_frd[flight.window], flight.truth[flight.window])
+        time_s = flight.time_s[flight.window][known]
         axes.plot(time_s, np.degrees(errors[known, 2]), linewidth=0.9, label=name)
     axes.set(title=flight.name, ylabel="inclination error in deg", xlabel="time in s")
 

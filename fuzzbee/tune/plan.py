@@ -17,7 +17,7 @@ from fuzzbee.options import require_extra, seed_range, time_window
 from fuzzbee.tune.command import SIMULATION, TuneRequest
 from fuzzbee.tune.read_flight import REFERENCES, read_flight
 from fuzzbee.version import __version__
-from tuning.flight import BETTER_LOG, Flight, Part, require_substance
+from tuning.flight import BETTER_LOG, Flight, require_substance
 from tuning.optimizers import ALGORITHMS
 from tuning.recovery import recoveries
 from tuning.search import SearchOptions
@@ -113,10 +113,9 @@ def _require_numbers(request: TuneRequest) -> None:
         raise InputError(f"--seed {request.seed}: must be 0 or more")
 
 
-def _require_known(option: str, word: str | None, known: Collection[str | None]) -> None:
-    if word not in known:
-        choices = ", ".join(filter(None, known))
-        raise InputError(f"{option} {word}: unknown; choose from {choices}")
+def _require_known(option: str, word: str | None, known: Collection[str]) -> None:
+    if word is not None and word not in known:
+        raise InputError(f"{option} {word}: unknown; choose from {', '.join(known)}")
 
 
 def _groups(request: TuneRequest, default: tuple[str, ...]) -> tuple[str, ...]:
@@ -147,11 +146,10 @@ def _paper(request: TuneRequest) -> Plan:
             raise InputError(f"{name} goes with logs only; sim: {instead}")
     noise = _seeds("--noise-seeds", request.noise_seeds or DEFAULT_NOISE_SEEDS)
     held_out = _seeds("--held-out-seeds", request.held_out_seeds or DEFAULT_HELD_OUT_SEEDS)
-    for seed in held_out:
-        if seed in noise:
-            raise InputError(
-                f"--held-out-seeds: seed {seed} is also in --noise-seeds; unseen seeds are needed"
-            )
+    if both := sorted({*noise} & {*held_out}):
+        raise InputError(
+            f"--held-out-seeds: seed {both[0]} is also in --noise-seeds; unseen seeds are needed"
+        )
     base = midpoint_profile() if request.base is None else load_profile(request.base)
     groups = _groups(request, ("membership",))
     if "membership" not in groups:
@@ -159,9 +157,10 @@ def _paper(request: TuneRequest) -> Plan:
             f"--parameters {request.parameters}: sim: is tuned on membership, or membership,filter"
         )
     task = PaperTask(base, groups, tuple(noise), tuple(held_out))
+    named = {"noise": noise, "held_out": held_out}
     seeds = {
-        name: f"{each[0]}-{each[-1]}" if len(each) > 1 else str(each[0])
-        for name, each in (("noise", noise), ("held_out", held_out))
+        name: "-".join(map(str, dict.fromkeys((chosen[0], chosen[-1]))))  # of one seed itself
+        for name, chosen in named.items()
     }
     return Plan(request, task, [{"name": SIMULATION}], "simulated vehicle's truth", seeds)
 
@@ -178,15 +177,13 @@ def _seeds(option: str, text: str) -> range:
 
 def _logs(request: TuneRequest) -> Plan:
     """The search on recorded flights."""
-    for name, given in (
-        ("--noise-seeds", request.noise_seeds),
-        ("--held-out-seeds", request.held_out_seeds),
-    ):
+    seeds = (("--noise-seeds", request.noise_seeds), ("--held-out-seeds", request.held_out_seeds))
+    for name, given in seeds:
         if given is not None:
             raise InputError(f"{name} goes with sim: only; a log has its own noise")
     goal = request.objective or "flight"
     _require_known("--objective", goal, GOALS)
-    _require_known("--reference", request.reference, (None, *REFERENCES))
+    _require_known("--reference", request.reference, REFERENCES)
     base = load_profile(request.base or "imu")
     if not base.conditioned:
         raise InputError("base profile: logs are tuned with conditioning.enabled = true")
@@ -207,7 +204,7 @@ def _logs(request: TuneRequest) -> Plan:
     for flight in flights:  # when all checks have passed: an error is one single line
         if flight.refused is not None:
             notify(f"{flight.path}: {flight.refused}")
-    inputs, apart = [], {part.flight.sha256 for part in held_out}
+    inputs, apart = [], {flight.sha256 for flight in held_out}
     for flight in flights:
         use = "held out" if flight.sha256 in apart else "tuned on"
         if len(flights) == 1:
@@ -261,17 +258,16 @@ def _log_groups(request: TuneRequest, goal: str, flights: tuple[Flight, ...]) ->
     return groups
 
 
-def _require_references(goal: str, parts: tuple[Part, ...]) -> None:
-    """Refuse a part that has nothing to be scored by."""
-    for part in parts:
-        flight = part.flight
+def _require_references(goal: str, flights: tuple[Flight, ...]) -> None:
+    """Refuse a flight that has nothing to be scored by."""
+    for flight in flights:
         if flight.reference == "none":
             if goal == "recovery":
                 raise InputError(f"{flight.name}: --objective recovery needs a reference attitude")
-        elif not flight.known[part.window].any():
+        elif not flight.known[flight.window].any():
             raise InputError(f"{flight.name}: no reference attitude where it would be scored")
         elif goal == "recovery":
-            recoveries(part)
+            recoveries(flight)
 
 
 def _with_tuned_gain(base: Profile, groups: tuple[str, ...]) -> Profile:
@@ -287,15 +283,14 @@ def _with_tuned_gain(base: Profile, groups: tuple[str, ...]) -> Profile:
     return merge_profile(base, {"filter": {"gain": wanted}})
 
 
-def _fitted(request: TuneRequest, plain: Profile, searched: tuple[Part, ...]) -> Calibration:
+def _fitted(request: TuneRequest, plain: Profile, searched: tuple[Flight, ...]) -> Calibration:
     """What ``fuzzbee calibrate`` finds in what is searched on, and in nothing else."""
     from fuzzbee.calibration_report import report_calibration
 
     begin, end = time_window(request.begin, request.end)
-    flight, _, last = searched[0]
-    if last < len(flight.truth):  # the rest of the only one is held out
-        end = flight.begin_s + float(flight.time_s[last])
-    paths = [part.flight.path for part in searched]
+    if (last := searched[0].last) is not None:  # the rest of the only one is held out
+        end = searched[0].begin_s + float(searched[0].time_s[last])
+    paths = [flight.path for flight in searched]
     return report_calibration(paths, plain, window=TimeWindow(begin, end)).calibration
 
 

@@ -6,9 +6,8 @@ from typing import Any
 
 from estimator.profile import Profile
 from fuzzbee.tune.plan import Plan
-from tuning.checkpoint import checkpoint_path
 from tuning.flight_cost import harm
-from tuning.search import Search
+from tuning.search import Search, checkpoint_path
 from tuning.space import values_of
 from tuning.task import GOALS, LogTask
 
@@ -53,11 +52,10 @@ def report_of(
     report["objective"] = task.goal
     report["random_search"] = None if by_chance is None else task.score(by_chance)._asdict()
     report["held_out_flights"] = [
-        {"name": name, "before": was.as_json(), "after": now_is.as_json()}
-        for (name, was), (_, now_is) in zip(then, now, strict=True)
+        {"name": flight.name, "before": was.as_json(), "after": now_is.as_json()}
+        for flight, was, now_is in zip(task.held_out, then, now, strict=True)
     ]
-    figures = ([each for _, each in side] for side in (then, now))
-    report["harm"] = harm(*figures) if task.goal == "flight" else None
+    report["harm"] = harm(then, now) if task.goal == "flight" else None
     if task.judged_by is not None:
         report["calibration_alone"] = task.score(task.base)._asdict()
     return report

@@ -18,10 +18,9 @@ from fuzzbee.notify import print_line
 from fuzzbee.tune.plan import Plan
 from fuzzbee.tune.report import has_gained, in_words, remarks, report_of
 from service.signals import stop_on_signals
-from tuning.checkpoint import checkpoint_path, read_checkpoint, write_checkpoint
 from tuning.optimizers import ALGORITHMS, run_search
 from tuning.processes import Cluster, Pool, available_cores
-from tuning.search import Record, Search
+from tuning.search import Record, Search, checkpoint_path, read_checkpoint, write_checkpoint
 from tuning.space import encode, profile_with, values_of
 from tuning.task import LogTask
 

@@ -157,7 +157,7 @@ def test_tuning_and_retuning_repeat_the_reports(tmp_path):
     called = [call for calls in flight.calls.values() for call in calls]
     headings = [call for call in called if isinstance(call.values[-1], HeadingSample)]
     assert len(headings) == len(FLIGHT.samples[::10])
-    course = fly(flight, PROFILE, len(flight.time_s))
+    course = fly(flight, PROFILE)
     assert np.array_equal(course.q_ned_frd, replay(path, PROFILE).attitudes.q_ned_frd)
 
     segments = []

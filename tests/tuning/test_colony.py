@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from estimator.filter.memberships import require_feasible
 from tuning.colony import Colony
-from tuning.space import MEMBERSHIP, Parameter
+from tuning.space import Parameter
 
 # A plain box: no chains, so that a candidate is exactly what the formula says.
 BOX = tuple(Parameter(name, -5.0, 5.0, is_logarithmic=False) for name in "abc")
@@ -136,14 +135,3 @@ def test_a_scout_leaves_the_source_that_failed_more_often_than_the_limit():
             assert (bees.costs[left], bees.failures[left]) == (2e9, 0)
             assert bees.cycles == cycle + 1
     assert as_many > 3
-
-
-def test_every_candidate_over_the_memberships_is_feasible():
-    bees = Bees(MEMBERSHIP, 20, 3, 2, np.empty((0, 22)))
-    draws, scouts = np.random.default_rng(7), 0
-    for _ in range(100):
-        for k in bees.asked:
-            require_feasible(tuple(k.tolist()))
-        scouts += bees.is_scouting
-        bees.take(draws.random(len(bees.asked)))
-    assert scouts > 0

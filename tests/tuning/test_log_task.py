@@ -15,7 +15,7 @@ from fuzzbee import replay
 from fuzzbee.replays.log_report import report_log
 from fuzzbee.tune.read_flight import read_flight
 from tuning.calls import WRONG_TURN, Call
-from tuning.flight import Flight, Part, fly, require_substance
+from tuning.flight import Flight, fly, require_substance
 from tuning.flight_cost import (
     FLOOR_DEG,
     Figure,
@@ -62,14 +62,10 @@ def flight(rate_hz=50.0, duration_s=80.0, seed=3, **changes):
     return made._replace(**changes)
 
 
-def whole(made):
-    return Part(made, 0, len(made.truth))
-
-
 def test_a_flight_is_scored_as_replay_scores_it(recorded):
     """To the last digit: the same calls to the same estimator, aided by velocity in this flight."""
     report = report_log(SLOW_LOG, imu())
-    figures = measure(imu(), whole(recorded))
+    figures = measure(imu(), recorded)
     assert figures.inclination.rms_deg == report.error_deg.inclination_rms
     assert figures.heading.rms_deg == report.error_deg.heading_rms
     assert figures.inclination.coverage == report.coverage.inclination
@@ -81,7 +77,7 @@ def test_a_flight_is_scored_as_replay_scores_it(recorded):
 
 def test_the_aiding_is_tuned_where_it_runs(recorded):
     deaf = imu(aiding={"filter_error_m_s": 50.0, "receiver_error_m_s": 50.0})
-    assert measure(deaf, whole(recorded)).cost > 1.1 * measure(imu(), whole(recorded)).cost
+    assert measure(deaf, recorded).cost > 1.1 * measure(imu(), recorded).cost
 
 
 @pytest.mark.parametrize("scale", [0.3, 0.7, 1.4, 3.0])
@@ -106,12 +102,12 @@ def test_a_percent_of_a_good_flight_counts_as_much_as_of_a_bad_one():
 def test_of_one_flight_the_later_part_is_held_out_of_several_every_third_or_those_named():
     flights = tuple(flight(rate_hz=2.0, seed=seed) for seed in range(5))
     (tuning,), (held_out,) = split(flights[:1])
-    assert (tuning.first, tuning.last, held_out.last) == (0, held_out.first, 160)
-    assert held_out.first == pytest.approx((1.0 - LATER_PART) * 160, abs=1.0)
+    assert (tuning.window, held_out.window) == (slice(0, tuning.last), slice(tuning.last, 160))
+    assert tuning.last == pytest.approx((1.0 - LATER_PART) * 160, abs=1.0)
     for named, apart in ((frozenset(), "14"), (frozenset("03"), "03")):
         tuning, held_out = split(flights, named)
-        assert [part.flight.sha256 for part in held_out] == [*apart]
-        assert {part.flight.sha256 for part in tuning} == {*"01234"} - {*apart}
+        assert [each.sha256 for each in held_out] == [*apart]
+        assert {each.sha256 for each in tuning} == {*"01234"} - {*apart}
 
 
 def test_without_a_reference_the_flight_must_foretell_its_own_vectors(recorded):
@@ -119,8 +115,8 @@ def test_without_a_reference_the_flight_must_foretell_its_own_vectors(recorded):
     n = len(recorded.truth)
     blind = recorded._replace(reference="none", known=np.zeros(n, dtype=bool))
     reverse = blind.rows._replace(gyr_rad_s=-blind.rows.gyr_rad_s)
-    good = measure(imu(), whole(blind))
-    bad = measure(imu(), whole(blind._replace(rows=reverse)))
+    good = measure(imu(), blind)
+    bad = measure(imu(), blind._replace(rows=reverse))
     assert good.inclination.coverage is None
     assert bad.cost > 1.5 * good.cost
 
@@ -130,9 +126,7 @@ def test_recovery_is_dear_where_the_gain_is_small():
     made = flight(duration_s=60.0)
     turned = merge_profile(imu(), {"reference": {"declination_deg": -45.0}})
     quick, slow = (
-        recovery_cost(
-            merge_profile(turned, {"filter": {"gain": "fixed", "fixed_gain": k}}), whole(made)
-        )
+        recovery_cost(merge_profile(turned, {"filter": {"gain": "fixed", "fixed_gain": k}}), made)
         for k in (20.0, 1.0)
     )
     assert slow > 1.5 * quick
@@ -143,10 +137,10 @@ def test_the_estimate_is_set_wrong_by_a_turn_seen_from_ned():
     """Without a field the inclination counts: that of the turn itself, however the vehicle lies."""
     made = flight()
     made = made._replace(rows=made.rows._replace(has_mag=np.zeros(len(made.truth), dtype=bool)))
-    found = recoveries(whole(made))
+    found = recoveries(made)
     w, _, _, z = WRONG_TURN
     expected = 1.0 - (w * w + z * z)  # sin^2 of half the angle between down and down turned
-    errors = recovery_errors(imu(), whole(made), found)[[each.first for each in found]]
+    errors = recovery_errors(imu(), made, found)[[each.first for each in found]]
     assert errors == pytest.approx(expected, rel=1e-6)
 
 
@@ -154,23 +148,23 @@ def test_where_there_is_no_estimate_it_is_as_wrong_as_can_be():
     """Of rates that are no numbers no sample is taken."""
     made = flight(duration_s=30.0)
     unread = made._replace(rows=made.rows._replace(gyr_rad_s=np.nan * made.rows.gyr_rad_s))
-    assert (recovery_errors(imu(), whole(unread), []) == 1.0).all()
+    assert (recovery_errors(imu(), unread, []) == 1.0).all()
 
 
 def test_recoveries_follow_each_other_after_the_settling():
     made = flight()
-    time_s, found = made.time_s, recoveries(whole(made))
+    time_s, found = made.time_s, recoveries(made)
     assert time_s[found[0].first] == pytest.approx(SETTLE_S)
     assert all(b.first == a.last + 1 for a, b in pairwise(found))
     lasting = [time_s[last] - time_s[first] for first, last, _ in found]
     assert lasting == pytest.approx([RECOVERY_S] * 4)  # of 701 samples each, in 70 s
-    later = recoveries(Part(made, 2000, 4000))
+    later = recoveries(made._replace(first=2000, last=4000))
     assert time_s[later[0].first] == pytest.approx(time_s[2000] + SETTLE_S)
     known = made.known.copy()
     known[700:900] = False
-    assert len(recoveries(whole(made._replace(known=known)))) == 3
+    assert len(recoveries(made._replace(known=known))) == 3
     with pytest.raises(InputError, match="no stretch of 14 s"):
-        recoveries(whole(flight(duration_s=20.0)))
+        recoveries(flight(duration_s=20.0))
 
 
 def test_no_recovery_crosses_a_restart_or_a_silence():
@@ -178,7 +172,7 @@ def test_no_recovery_crosses_a_restart_or_a_silence():
     late_us = made.rows.times_us + 5_000_000 * (np.arange(len(made.truth)) >= 3000)
     calls = {1200: [Call("restart")]}
     made = made._replace(calls=calls, rows=made.rows._replace(times_us=late_us))
-    found = recoveries(whole(made))
+    found = recoveries(made)
     for first, last, _ in found:
         assert not made.restart[first + 1 : last + 1].any()
         assert np.diff(made.time_s[first : last + 1]).max() < 1.0
@@ -189,7 +183,7 @@ def test_no_recovery_crosses_a_restart_or_a_silence():
 def test_weights_sum_to_the_papers_at_any_rate(rate_hz):
     """0.3 x 101 samples of the first second and 1001 of 4..14 s."""
     made = flight(rate_hz=rate_hz)
-    recovery = recoveries(whole(made))[0]
+    recovery = recoveries(made)[0]
     w = recovery.weights
     t = made.time_s[recovery.first : recovery.last + 1] - made.time_s[recovery.first]
     assert w.sum() == pytest.approx(0.3 * 101 + 1001)
@@ -221,8 +215,8 @@ def test_a_slow_stream_may_lack_two_samples_in_a_row():
     """A silence of 1.5 s, which is three of its periods."""
     made = flight(rate_hz=2.0)
     late_us = made.rows.times_us + 1_000_000 * (np.arange(len(made.truth)) >= 60)
-    found = recoveries(whole(made._replace(rows=made.rows._replace(times_us=late_us))))
-    assert len(found) == len(recoveries(whole(made)))
+    found = recoveries(made._replace(rows=made.rows._replace(times_us=late_us)))
+    assert len(found) == len(recoveries(made))
 
 
 @pytest.mark.parametrize("path", LOGS, ids=lambda path: path.name)
@@ -233,7 +227,7 @@ def test_a_log_in_rows_says_what_its_replay_says(path):
         flight = read_flight(path, profile, "autopilot")
     except InputError:
         flight = read_flight(path, profile)
-    course = fly(flight, profile, len(flight.truth))
+    course = fly(flight, profile)
     one_by_one = replay(path, profile).attitudes
     assert np.array_equal(course.q_ned_frd, one_by_one.q_ned_frd)
     assert np.array_equal(course.bias_rad_s, one_by_one.gyro_bias_rad_s)

@@ -9,7 +9,7 @@ from estimator.errors import InputError
 from estimator.geometry.metrics import batch_angle_errors, rms
 from estimator.profile import load_profile
 from fuzzbee.tune.read_flight import read_flight
-from tuning.flight import Part, sure_flight
+from tuning.flight import sure_flight
 from tuning.flight_cost import measure, possible_truths
 
 DATA = Path(__file__).resolve().parents[1] / "data"
@@ -42,12 +42,11 @@ def test_the_whole_flight_knows_better_and_how_well(flown):
     known = smooth.known & smooth.headed
     assert known.mean() > 0.8
     errors = batch_angle_errors(smooth.truth, flown.truth)[known]
-    part = Part(flown, 0, len(flown.truth))
-    by_truth = measure(IMU, part)
+    by_truth = measure(IMU, flown)
     assert np.degrees(rms(errors[:, 2])) < 0.8 * by_truth.inclination.rms_deg
-    by_smooth = measure(IMU, part._replace(flight=smooth))
+    by_smooth = measure(IMU, smooth)
     # without its doubt the reference, made of the same samples, is far too near
-    sure = measure(IMU, part._replace(flight=smooth._replace(truth_sigma_rad=None)))
+    sure = measure(IMU, smooth._replace(truth_sigma_rad=None))
     assert sure.inclination.coverage > 0.95
     assert 0.5 < by_smooth.inclination.coverage < 0.8
     assert by_smooth.inclination.rms_deg > 1.5 * sure.inclination.rms_deg

@@ -134,28 +134,28 @@ class Decision(NamedTuple):
 
 
 class Trial(NamedTuple):
-    """A candidate, and what it and what is in force cost in half seconds (B,) since its search."""
+    """A candidate, and what is in force and it cost in half seconds (2, B) since its search."""
 
     factors: Floats
     reason: str
-    old: Floats = np.empty(0)
-    new: Floats = np.empty(0)
+    costs: Floats = np.empty((2, 0))
     segments: int = 0
 
     def with_costs(self, old: Floats, new: Floats) -> "Trial":
         """The trial with one more segment."""
-        both = np.concatenate([self.old, old]), np.concatenate([self.new, new])
-        return Trial(self.factors, self.reason, *both, self.segments + 1)
+        costs = np.concatenate([self.costs, [old, new]], axis=1)
+        return self._replace(costs=costs, segments=self.segments + 1)
 
     @property
     def share(self) -> float:
         """The share of the cost that it saves."""
-        return 1.0 - float(self.new.sum()) / float(self.old.sum())
+        old, new = self.costs
+        return 1.0 - float(new.sum()) / float(old.sum())
 
     @property
     def has_won(self) -> bool:
         """Whether it is cheaper by enough, and beyond chance by Student's t of the pairs."""
-        saved = self.old - self.new
+        saved = self.costs[0] - self.costs[1]
         beyond = sqrt(len(saved)) * saved.mean() > LEAST_T * saved.std(ddof=1)
         return self.share > LEAST_GAIN and len(saved) > 1 and bool(beyond)
 
