@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from drivers.endpoint import TABLES, columns_beside
 from estimator.errors import InputError
-from fuzzbee.notify import notify
 from fuzzbee.options import of_recording, of_showing, require_extra
 from fuzzbee.sinks import SINKS, Opening
 
 if TYPE_CHECKING:
     import zenoh
 
-    from fuzzbee.viewer.stream import ViewerOptions, ViewerStream
+    from fuzzbee.viewer.stream import ViewerOptions
     from fuzzbee.viewer.viewer import ViewerSink
     from service.sinks.sink import Sink
 
@@ -64,15 +63,13 @@ def open_outputs(
 
 
 def open_viewer(view: str | None, rrd: str | None, *, live: bool = False) -> "ViewerSink | None":
-    """The viewer that was asked for, if any; prints where its page is."""
+    """The viewer that was asked for, if any."""
     options = viewer_options(view, rrd)
     if options is None:
         return None
     from fuzzbee.viewer.viewer import ViewerSink
 
-    sink = ViewerSink(options._replace(live=live))
-    notify_page(sink)
-    return sink
+    return ViewerSink(options._replace(live=live))
 
 
 def viewer_options(view: str | None, rrd: str | None) -> "ViewerOptions | None":
@@ -119,9 +116,3 @@ def _are_same(one: Path, other: Path) -> bool:
         if one.samefile(other):
             return one.is_file()  # a device takes anything
     return os.path.realpath(one) == os.path.realpath(other)
-
-
-def notify_page(stream: "ViewerStream") -> None:
-    """Print where a browser finds the page."""
-    if stream.page is not None:
-        notify(f"the viewer is at {stream.page}")

@@ -151,12 +151,10 @@ def _open_view(
 ) -> "SearchView | None":
     if viewer is None:
         return None
-    from fuzzbee.outputs import notify_page
     from fuzzbee.tune.view import SearchView
 
     view = SearchView(viewer, plan.task.space)
     stack.callback(view.close)
-    notify_page(view)
     return view
 
 

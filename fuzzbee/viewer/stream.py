@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 from drivers.aside import aside
 from drivers.output_file import NotWholeError
 from estimator.errors import InputError
+from fuzzbee.notify import notify
 from fuzzbee.viewer.process import MISSING, ViewerProcess
 from service.signals import terminate_like_interrupt
 
@@ -80,6 +81,8 @@ class ViewerStream:
         self._await(
             aside(opening, "viewer-open"), FINISH_FLUSH_S if options.rrd is None else FILE_OPEN_S
         )
+        if self.page is not None:
+            notify(f"the viewer is at {self.page}")
 
     @property
     def is_wanted(self) -> bool:
