@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from fuzzbee.viewer.viewer import ViewerSink
     from service.sinks.sink import Sink
 
-WINDOW, WEB = "window", "web"
-
 _VIEW = "Show it in Rerun: a window, or a page for a browser (extra: viewer)."
 _RRD = "Save what the viewer shows, for rerun FILE (extra: viewer)."
 View = Annotated[str | None, of_showing(_VIEW, metavar="window|web")]
@@ -41,11 +39,6 @@ class OutputOptions(_options_of_sinks()):  # type: ignore[misc] # its fields are
     """What was asked for: a field for each option of :data:`fuzzbee.sinks.SINKS`, and two more."""
 
     __slots__ = ()
-
-    @property
-    def shows_peers(self) -> bool:
-        """Whether attitudes by others are shown; if not, they need not be decoded."""
-        return self.view is not None or self.rrd is not None
 
 
 def open_outputs(
@@ -76,8 +69,8 @@ def viewer_options(view: str | None, rrd: str | None) -> "ViewerOptions | None":
     """The viewer that the options ask for; None if they ask for none."""
     if view is None and rrd is None:
         return None
-    if view not in (None, WINDOW, WEB):
-        raise InputError(f"--view {view}: should be {WINDOW} or {WEB}")
+    if view not in (None, "window", "web"):
+        raise InputError(f"--view {view}: should be window or web")
     require_extra("rerun", "the viewer", "viewer")
     from fuzzbee.viewer.stream import ViewerOptions
 

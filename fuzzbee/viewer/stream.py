@@ -30,7 +30,6 @@ except ImportError:
 # It waits at the process's end for what is pending, behind a full disk for ever; we close it.
 atexit.unregister(rr.rerun_shutdown)
 
-WEB = "web"
 TIMELINE = "time"
 CLOSE_FLUSH_S = 0.4  # less than the time that all sinks of a run have to close
 FINISH_FLUSH_S = 60.0
@@ -74,7 +73,7 @@ class ViewerStream:
         self._rrd = options.rrd
         sinks = [] if options.rrd is None else [_file_sink(options.rrd, live=options.live)]
         if options.view is not None:
-            self.process = ViewerProcess(web=options.view == WEB, live=options.live)
+            self.process = ViewerProcess(web=options.view == "web", live=options.live)
             self.page = self.process.page
             sinks.append(rr.GrpcSink(self.process.url))
         opening = partial(self.recording.set_sinks, *sinks, default_blueprint=blueprint)
