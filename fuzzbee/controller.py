@@ -53,15 +53,6 @@ def _universe(sets: Five, end: float, points: int) -> Floats:
     return np.unique(np.clip(grid, 0.0, end))
 
 
-def surface(k: Memberships, steps: int = STEPS) -> Floats:
-    """K over error (columns) and its rate (rows), from 0 to 1 in so many steps.
-
-    By the compiled inference: scikit-fuzzy takes 20 ms for each point.
-    """
-    grid = np.linspace(0.0, 1.0, steps).tolist()
-    return np.array([[1.0 + fuzzy_gain(k, error, rate) for error in grid] for rate in grid])
-
-
 def draw_controller(path: Path, name: str, k: Memberships) -> None:
     """Draw memberships, rules and the surface of K into a file."""
     require_plot(path)
@@ -77,8 +68,10 @@ def draw_controller(path: Path, name: str, k: Memberships) -> None:
         words = {"cellLoc": "center", "rowLoc": "center", "rowLabels": TERMS, "colLabels": TERMS}
         rules.table(cells, bbox=(0.1, 0.0, 0.9, 1.0), **words)
         gains.grid(visible=False)
-        grid = np.linspace(0.0, 1.0, STEPS)
-        sheet.colorbar(gains.pcolormesh(grid, grid, surface(k), rasterized=True), ax=gains)
+        # by the compiled inference: scikit-fuzzy takes 20 ms for each point
+        grid = np.linspace(0.0, 1.0, STEPS).tolist()
+        K = [[1.0 + fuzzy_gain(k, error, rate) for error in grid] for rate in grid]
+        sheet.colorbar(gains.pcolormesh(grid, grid, K, rasterized=True), ax=gains)
         gains.set(xlim=(0.0, 1.0), xlabel="error e", ylim=(0.0, 1.0), ylabel="rate of e in 1/s")
         gains.set_title("K = 1 + k_op")
 

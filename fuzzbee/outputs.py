@@ -9,18 +9,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from drivers.endpoint import TABLES, columns_beside
 from estimator.errors import InputError
-from fuzzbee.notify import notify
 from fuzzbee.options import of_recording, of_showing, require_extra
 from fuzzbee.sinks import SINKS, Opening
 
 if TYPE_CHECKING:
     import zenoh
 
-    from fuzzbee.viewer.stream import ViewerOptions, ViewerStream
+    from fuzzbee.viewer.stream import ViewerOptions
     from fuzzbee.viewer.viewer import ViewerSink
     from service.sinks.sink import Sink
-
-WINDOW, WEB = "window", "web"
 
 _VIEW = "Show it in Rerun: a window, or a page for a browser (extra: viewer)."
 _RRD = "Save what the viewer shows, for rerun FILE (extra: viewer)."
@@ -43,11 +40,6 @@ class OutputOptions(_options_of_sinks()):  # type: ignore[misc] # its fields are
 
     __slots__ = ()
 
-    @property
-    def shows_peers(self) -> bool:
-        """Whether attitudes by others are shown; if not, they need not be decoded."""
-        return self.view is not None or self.rrd is not None
-
 
 def open_outputs(
     options: OutputOptions, session: "zenoh.Session | None", prefix: str, rate_hz: float
@@ -64,23 +56,21 @@ def open_outputs(
 
 
 def open_viewer(view: str | None, rrd: str | None, *, live: bool = False) -> "ViewerSink | None":
-    """The viewer that was asked for, if any; prints where its page is."""
+    """The viewer that was asked for, if any."""
     options = viewer_options(view, rrd)
     if options is None:
         return None
     from fuzzbee.viewer.viewer import ViewerSink
 
-    sink = ViewerSink(options._replace(live=live))
-    notify_page(sink)
-    return sink
+    return ViewerSink(options._replace(live=live))
 
 
 def viewer_options(view: str | None, rrd: str | None) -> "ViewerOptions | None":
     """The viewer that the options ask for; None if they ask for none."""
     if view is None and rrd is None:
         return None
-    if view not in (None, WINDOW, WEB):
-        raise InputError(f"--view {view}: should be {WINDOW} or {WEB}")
+    if view not in (None, "window", "web"):
+        raise InputError(f"--view {view}: should be window or web")
     require_extra("rerun", "the viewer", "viewer")
     from fuzzbee.viewer.stream import ViewerOptions
 
@@ -119,9 +109,3 @@ def _are_same(one: Path, other: Path) -> bool:
         if one.samefile(other):
             return one.is_file()  # a device takes anything
     return os.path.realpath(one) == os.path.realpath(other)
-
-
-def notify_page(stream: "ViewerStream") -> None:
-    """Print where a browser finds the page."""
-    if stream.page is not None:
-        notify(f"the viewer is at {stream.page}")

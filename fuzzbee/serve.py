@@ -141,6 +141,7 @@ def _open_source(
     policy = security.open_policy(options.security, key, stack)
     if options.outputs.send_as is not None:
         policy = policy._replace(own=parse_address_of(options.outputs.send_as))
+    shows_others = options.truth or options.outputs.view or options.outputs.rrd
     with ExitStack() as unless_opened:
         recorder = None
         if options.record is not None:
@@ -151,7 +152,7 @@ def _open_source(
             request_rate_hz=options.request_rate_hz,
             policy=policy,
             key=key,
-            references=options.truth or options.outputs.shows_peers,
+            references=bool(shows_others),  # else they need not be decoded
         )
         stack.enter_context(source)
         unless_opened.pop_all()

@@ -126,12 +126,10 @@ def _run(
 def _open_view(viewer: "ViewerOptions | None", plan: Plan, stack: ExitStack) -> "SearchView | None":
     if viewer is None:
         return None
-    from fuzzbee.outputs import notify_page
     from fuzzbee.tune.view import SearchView
 
     view = SearchView(viewer, plan.task.space)
     stack.callback(view.close)
-    notify_page(view)
     return view
 
 

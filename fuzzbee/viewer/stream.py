@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 from drivers.aside import aside
 from drivers.output_file import NotWholeError
 from estimator.errors import InputError
+from fuzzbee.notify import notify
 from fuzzbee.viewer.process import MISSING, ViewerProcess
 from service.signals import terminate_like_interrupt
 
@@ -29,7 +30,6 @@ except ImportError:
 # It waits at the process's end for what is pending, behind a full disk for ever; we close it.
 atexit.unregister(rr.rerun_shutdown)
 
-WEB = "web"
 TIMELINE = "time"
 CLOSE_FLUSH_S = 0.4  # less than the time that all sinks of a run have to close
 FINISH_FLUSH_S = 60.0
@@ -73,13 +73,15 @@ class ViewerStream:
         self._rrd = options.rrd
         sinks = [] if options.rrd is None else [_file_sink(options.rrd, live=options.live)]
         if options.view is not None:
-            self.process = ViewerProcess(web=options.view == WEB, live=options.live)
+            self.process = ViewerProcess(web=options.view == "web", live=options.live)
             self.page = self.process.page
             sinks.append(rr.GrpcSink(self.process.url))
         opening = partial(self.recording.set_sinks, *sinks, default_blueprint=blueprint)
         self._await(
             aside(opening, "viewer-open"), FINISH_FLUSH_S if options.rrd is None else FILE_OPEN_S
         )
+        if self.page is not None:
+            notify(f"the viewer is at {self.page}")
 
     @property
     def is_wanted(self) -> bool:

@@ -46,11 +46,6 @@ class Address(NamedTuple):
     port: int
 
     @property
-    def is_loopback(self) -> bool:
-        """Whether only this computer reaches it."""
-        return ipaddress.ip_address(self.host).is_loopback
-
-    @property
     def url(self) -> str:
         """For a browser on this computer."""
         host = HOST if ipaddress.ip_address(self.host).is_unspecified else self.host
@@ -146,7 +141,8 @@ class WebPage:
 def open_page(text: str, title: str, model: TableModel | None = None) -> WebPage:
     """The page at an address as it was typed; prints where it is."""
     page = WebPage(parse_address(text), title, model)
-    elsewhere = "" if page.address.is_loopback else ", for all who reach this address"
+    is_loopback = ipaddress.ip_address(page.address.host).is_loopback
+    elsewhere = "" if is_loopback else ", for all who reach this address"
     notify(f"the page is at {page.address.url}{elsewhere}")
     return page
 
