@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from drivers.events import COMPASS_CALIBRATED, Event, Parameter
 from drivers.logs.csv_columns import Part, columns, description
-from drivers.logs.csv_text import HEAD_SIZE, CsvText, csv_rows, csv_text
+from drivers.logs.csv_text import HEAD_SIZE, CsvText, as_number, csv_rows, csv_text
 from drivers.logs.log_file import LATEST_US, LogFile
 from drivers.logs.logged_vehicle import LoggedVehicle
 from drivers.samples.navigation import Fix
@@ -61,10 +61,10 @@ class CsvLog(LogFile):
 
     def _events(self, vehicle: LoggedVehicle, row: Sequence[str]) -> Iterator[Event]:
         """The events of a row; what is empty is not there, a row with no number for one counted."""
-        read, is_whole, number = dict[str, Any](), True, self._text.number
+        read, is_whole, comma = dict[str, Any](), True, self._text.has_decimal_comma
         for name, parts in self._columns.parts.items():
             try:
-                numbers = tuple(factor * number(row[i]) for i, factor in parts)
+                numbers = [factor * as_number(row[i], comma) for i, factor in parts]
             except (ValueError, IndexError):
                 is_whole = False
                 continue
@@ -91,7 +91,7 @@ def _time_us(text: CsvText, row: Sequence[str], parts: Sequence[Part]) -> int | 
     index, factor = parts[0]
     try:
         if factor:
-            time_us = round(factor * text.number(row[index]))
+            time_us = round(factor * as_number(row[index], text.has_decimal_comma))
         else:
             words = " ".join(row[i].strip() for i, _ in parts)
             time_us = round(1e6 * datetime.fromisoformat(words).timestamp())

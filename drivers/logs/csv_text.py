@@ -43,14 +43,6 @@ class CsvText(NamedTuple):
         """The columns' names for a person; numbers from 1 where there is no heading."""
         return [" ".join(filter(None, name)) or str(k) for k, name in enumerate(self.names, 1)]
 
-    def number(self, field: str) -> float:
-        """A field as a number; NaN for an empty one.
-
-        Raises:
-            ValueError: it is something else.
-        """
-        return _number(field, comma=self.has_decimal_comma)
-
 
 def csv_text(head: bytes) -> CsvText | None:
     """How the table that begins with ``head`` is written; None if it is no table of numbers."""
@@ -159,15 +151,22 @@ def is_date(field: str) -> bool:
 def is_number(field: str, *, comma: bool) -> bool:
     """Whether a field is a number, with a decimal ``comma`` or without."""
     try:
-        return not isnan(_number(field, comma=comma))
+        return not isnan(as_number(field, comma))
     except ValueError:
         return False
 
 
-def _number(field: str, *, comma: bool) -> float:
-    """A field as a number; NaN for an empty one."""
-    if field.strip().lower() in BLANKS:
-        return nan
+def as_number(field: str, comma: bool) -> float:
+    """A field as a number, with a decimal ``comma`` or without; NaN for an empty one.
+
+    Raises:
+        ValueError: it is something else.
+    """
     if comma:
         field = (THOUSANDS.sub("", field) if "," in field else field).replace(",", ".")
-    return float(field)
+    try:
+        return float(field)
+    except ValueError:
+        if field.strip().lower() in BLANKS:
+            return nan
+        raise
