@@ -73,11 +73,14 @@ class RosSink:
                 case Published(vehicle=vehicle, record=AttitudeRecord() as record):
                     self._put_attitude(vehicle, record, output.sample)
                 case Published(vehicle=vehicle, record=StatusRecord() as status):
-                    self._put_status(vehicle, status)
+                    now_us = self._unix_us()
+                    message = ros.diagnostics_message(status, now_us, _hardware(vehicle))
+                    publisher = self._publisher(ros.DIAGNOSTICS_TOPIC, ros.DIAGNOSTICS_TYPE)
+                    publisher.put(message, now_us)
                 case Departed(vehicle=vehicle):
-                    publisher = self._publishers.pop(imu_topic(self._prefix, vehicle), None)
-                    if publisher is not None:
-                        publisher.close()
+                    imu = self._publishers.pop(imu_topic(self._prefix, vehicle), None)
+                    if imu is not None:
+                        imu.close()
 
     def _put_attitude(
         self, vehicle: VehicleId, record: AttitudeRecord, sample: ImuSample | None
@@ -89,12 +92,6 @@ class RosSink:
         imu.put(ros.imu_message(record, acc, body), record.time_unix_us)
         tf = self._publisher(ros.TF_TOPIC, ros.TF_TYPE)
         tf.put(ros.tf_message(record, body), record.time_unix_us)
-
-    def _put_status(self, vehicle: VehicleId, record: StatusRecord) -> None:
-        now_us = self._unix_us()
-        publisher = self._publisher(ros.DIAGNOSTICS_TOPIC, ros.DIAGNOSTICS_TYPE)
-        message = ros.diagnostics_message(record, now_us, _hardware(vehicle))
-        publisher.put(message, now_us)
 
     def close(self) -> None:
         """Withdraw the publishers and the node."""

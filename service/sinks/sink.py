@@ -4,11 +4,9 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import Protocol, Self
+from typing import Any, Protocol, Self
 
 from service.records import Message, Output
-
-AtOnce = Callable[[Sequence[Output]], Sequence[Output]]
 
 
 class Sink(Protocol):
@@ -51,7 +49,7 @@ class Outlet:
         self.error = ""  # the latest that has not been logged yet
         self._pending: deque[tuple[float, Sequence[Output]]] = deque()  # and since when, s
         self.is_busy = False  # something is pending, or in hand
-        self._handle_at_once: AtOnce | None = getattr(sink, "handle_at_once", None)
+        self._handle_at_once: Callable[..., Any] | None = getattr(sink, "handle_at_once", None)
         self._rest_s: float = getattr(sink, "rest_s", 0.0)
         self._is_closing = False
         self._changed = threading.Condition()

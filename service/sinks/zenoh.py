@@ -191,7 +191,6 @@ class TogetherSink:
         self._period_s = period_s
         self._due_s = 0.0
         self._newest: dict[str, AttitudeRecord] = {}
-        self._encode = msgspec.json.Encoder().encode
 
     def handle(self, outputs: Sequence[Output]) -> None:
         """Keep the attitudes among the outputs, and publish them when a period has passed."""
@@ -201,7 +200,7 @@ class TogetherSink:
         now_s = time.monotonic()
         if self._newest and now_s >= self._due_s:
             self._due_s = max(self._due_s + self._period_s, now_s)
-            self._topic.put(self._encode(self._newest))
+            self._topic.put(msgspec.json.encode(self._newest))
             self._newest.clear()
 
     def close(self) -> None:
