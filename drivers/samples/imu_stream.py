@@ -128,7 +128,7 @@ class ImuStream:
     def place(
         self,
         reading: Reading,
-        placed: Placed | Reason,
+        placed: Placed,
         resets: list[Event],
         clock_resets: int,
         *,
@@ -138,8 +138,6 @@ class ImuStream:
 
         ``clock_resets`` counts the clock's, by any message.
         """
-        if isinstance(placed, Reason):
-            return self._refuse(reading, placed, clock_resets)
         # those that were held belong to a clock that began anew, as this or another stream shows
         since_us = REORDERED_US if clock_resets != self._held_since else 0
         since_us = since_us if placed.reset is None else placed.reset.since_us
@@ -167,7 +165,8 @@ class ImuStream:
         """When the first reading arrived that is placed with this one."""
         return self._held[0].arrival_us if self._held else reading.arrival_us
 
-    def _refuse(self, reading: Reading, reason: Reason, clock_resets: int) -> list[Event]:
+    def refuse(self, reading: Reading, reason: Reason, clock_resets: int) -> list[Event]:
+        """The clock has not placed a reading: it waits for more to come, or is refused."""
         held = self._held
         goes_on = held and reading.raw_us > held[-1].raw_us
         is_more = goes_on and reason == self._held_for and len(held) < MOST_HELD
@@ -238,13 +237,12 @@ USUAL: dict[str, tuple[float, float, str]] = {
 
 def imu_refusal(gyr_rad_s: Vec3, acc_m_s2: Vec3) -> Reason | None:
     """Why a reading is no data whatever came before it; None if it is."""
+    is_rate, is_force = _is_below(gyr_rad_s, RATE_LIMIT_RAD_S), _is_below(acc_m_s2, ACC_LIMIT_M_S2)
+    if is_rate and is_force:
+        return Reason.ZERO_ACCELEROMETER if acc_m_s2 == ZERO_VEC3 else None
     if not all(map(math.isfinite, gyr_rad_s + acc_m_s2)):
         return Reason.NOT_FINITE
-    if not _is_below(gyr_rad_s, RATE_LIMIT_RAD_S):
-        return Reason.GYROSCOPE_OUT_OF_RANGE
-    if not _is_below(acc_m_s2, ACC_LIMIT_M_S2):
-        return Reason.ACCELEROMETER_OUT_OF_RANGE
-    return Reason.ZERO_ACCELEROMETER if acc_m_s2 == ZERO_VEC3 else None
+    return Reason.ACCELEROMETER_OUT_OF_RANGE if is_rate else Reason.GYROSCOPE_OUT_OF_RANGE
 
 
 def is_field(mag_gauss: Vec3) -> bool:

@@ -29,7 +29,7 @@ from drivers.samples.navigation import (
     is_receiver,
     velocity_sample,
 )
-from drivers.samples.vehicle_clock import Placed, VehicleClock
+from drivers.samples.vehicle_clock import Placed, Reset, VehicleClock
 from estimator.reasons import Reason
 from estimator.types import Quaternion, RateSample, Vec3
 
@@ -83,13 +83,12 @@ class Intake:
         reading = stream.judge(stamp, gyr, acc, field)
         if isinstance(reading, Reason):
             return [Rejected(self.vehicle, stamp.arrival_us, reading, name)]
-        placed = self._placed(name, stamp, is_imu=True)
-        resets = self._resets(placed, stream.arrival_us(reading))
-        clock_resets = self.clock.resets
+        placed, clock_resets = self._placed(name, stamp, is_imu=True), self.clock.resets
+        if isinstance(placed, Reason):
+            return stream.refuse(reading, placed, clock_resets)
+        resets = self._resets(placed.reset, stream.arrival_us(reading))
         events = stream.place(reading, placed, resets, clock_resets, checks_axes=self.checks_axes)
-        if isinstance(placed, Placed):
-            events += self._unstamped.imu(placed.time_us, stamp.arrival_us)
-        return events
+        return events + self._unstamped.imu(placed.time_us, stamp.arrival_us)
 
     def end(self) -> list[Event]:
         """Nothing comes any more: what has waited for more to come."""
@@ -198,10 +197,9 @@ class Intake:
         placed = self._placed(name, stamp)
         if isinstance(placed, Reason):
             return None, []
-        return placed.time_us, self._resets(placed, stamp.arrival_us)
+        return placed.time_us, self._resets(placed.reset, stamp.arrival_us)
 
-    def _resets(self, placed: Placed | Reason, arrival_us: int) -> list[Event]:
-        reset = None if isinstance(placed, Reason) else placed.reset
+    def _resets(self, reset: Reset | None, arrival_us: int) -> list[Event]:
         if reset is None:
             return []
         if reset.reason == "reboot":

@@ -126,6 +126,9 @@ class Status(NamedTuple):
         return abs(now_us - self.arrival_us) <= STATUS_HOLDS_US
 
 
+NOT_REPORTED = Status(is_so=False, arrival_us=-(1 << 62))
+
+
 class Navigation:
     """The last status of one vehicle's receiver and filter; times are those of arrival."""
 
@@ -135,9 +138,8 @@ class Navigation:
 
     def forget(self) -> None:
         """Forget each status: the vehicle has rebooted."""
-        self._velocity: Status | None = None  # whether the filter has one
-        self._place: Status | None = None
-        self._fix: Status | None = None  # whether the receiver has one
+        self._velocity = self._place = NOT_REPORTED  # whether the filter has one
+        self._fix = NOT_REPORTED  # whether the receiver has one
 
     def update_status(self, status: FilterStatus) -> None:
         """Take the filter's status."""
@@ -152,10 +154,9 @@ class Navigation:
 
     def velocity_sigma_m_s(self, sigma_m_s: float, arrival_us: int) -> float | None:
         """How certain the filter's velocity is, by itself ``sigma_m_s``; None if it has none."""
-        status = self._velocity
-        if status is None or not status.holds(arrival_us):
+        if not self._velocity.holds(arrival_us):
             return sigma_m_s
-        return sigma_m_s * self._inflation if status.is_so else None
+        return sigma_m_s * self._inflation if self._velocity.is_so else None
 
     def accepts_position(self, latitude_deg: float, longitude_deg: float, arrival_us: int) -> bool:
         """Whether the filter's position is one.
@@ -163,13 +164,12 @@ class Navigation:
         It is if the filter's status has one. Else the receiver must have a fix; where neither has
         reported anything, the position has only to be plausible.
         """
-        place, fix = self._place, self._fix
-        has_status = place is not None and place.holds(arrival_us)
-        if has_status and place is not None and place.is_so:
+        has_status = self._place.holds(arrival_us)
+        if has_status and self._place.is_so:
             return True
         if METRES_A_DEGREE * hypot(latitude_deg, longitude_deg) < NOWHERE_M:
             return False
-        return fix.is_so if fix is not None and fix.holds(arrival_us) else not has_status
+        return self._fix.is_so if self._fix.holds(arrival_us) else not has_status
 
 
 UNIT_NORM_TOLERANCE = 0.05  # quaternions further from unit length are not attitudes
@@ -209,7 +209,7 @@ class UnstampedAttitudes:
 
     def imu(self, time_us: int, arrival_us: int) -> list[Event]:
         """A sample has come; the attitudes that have waited for it."""
-        before_us, _ = (time_us, 0) if self._last is None else self._last
+        before_us, _ = self._last or (time_us, 0)
         events: list[Event] = []
         for name, heard_us, q_ned_frd in self._waiting:
             is_next = abs(arrival_us - heard_us) <= SAME_BURST_US

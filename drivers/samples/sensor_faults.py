@@ -97,15 +97,16 @@ class RangeEnd:
 
     def is_reached(self, now: Vec3, step_s: float) -> bool:
         """Whether a reading, ``step_s`` after the last, is at an end or beyond."""
-        was_large, last, self.last = self.is_large, self.last, now
-        self.is_large = largest(now) >= self.rail
+        was_large, last, self.last, rail = self.is_large, self.last, now, self.rail
+        x, y, z = now
+        self.is_large = not (-rail < x < rail and -rail < y < rail and -rail < z < rail)
         if self.is_noisy and not self.is_large and not was_large:  # nearly always
             return False
         self.is_noisy, is_reached = True, False
         for axis, value in enumerate(now):
             is_equal, size = value == last[axis], abs(value)
             self.changes[axis] += not is_equal
-            self.equal[axis] = self.equal[axis] + 1 if is_equal and size >= self.rail else 0
+            self.equal[axis] = self.equal[axis] + 1 if is_equal and size >= rail else 0
             self.wrapped[axis] = self._wrapped(value, last[axis] + self.wrapped[axis], step_s)
             is_noisy = self.changes[axis] >= NOISY_SAMPLES
             # -32768 is further than 32767

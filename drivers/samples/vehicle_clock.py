@@ -125,7 +125,6 @@ class ClockLine:
     pace: ClockPace
     streams: dict[str, Stream] = field(default_factory=dict)
     offset: ClockOffset = field(default_factory=ClockOffset)
-    is_waiting: bool = False  # it was reset, and the line of time may be about to be
     wrapped_us: int = 0  # what wraps have added so far
     read: Moment = START  # the latest message, whatever became of it
     first: Moment = START  # since it began, or began anew
@@ -143,7 +142,9 @@ class ClockLine:
         it was set back, unless it has no name. If it ``misses_some`` that were lost, a step
         forwards may be their time.
         """
-        now, last = Moment(raw.boot_us + self.wrapped_us, raw.arrival_us), self.last
+        now, last = raw, self.last
+        if self.wrapped_us:
+            now = Moment(raw.boot_us + self.wrapped_us, raw.arrival_us)
         self.read = now
         if last is None:
             self._restart(now)
@@ -304,6 +305,7 @@ class VehicleClock:
         self._primary: ClockLine | None = None  # the clock that the line of time is made of
         self._shift_us = 0  # continuous time less boot time on that
         self._latest_us = 0  # continuous time given
+        self._waiting = set[TimeField]()  # were reset, and the line of time may be about to be
         self.misses_some = False  # messages that were lost right before the next one
         self.resets = 0  # of any of the clocks
 
@@ -331,7 +333,8 @@ class VehicleClock:
         if reset is not None:
             stream = None
             self._begin_anew(line, reset, now)
-        time_us = self._time(line, now)
+            self._waiting.add(field)
+        time_us = self._time(line, field, now)
         if time_us is None:
             return Reason.NO_CLOCK
         if stream is None:
@@ -358,7 +361,7 @@ class VehicleClock:
     def _begin_anew(self, line: ClockLine, reset: Reset, now: Moment) -> None:
         """A clock was reset; if it makes the line of time, that goes on across the reset."""
         self.resets += 1
-        line.offset, line.is_waiting = ClockOffset(), True
+        line.offset = ClockOffset()
         line.streams.clear()
         if line is not self._primary:
             return
@@ -377,18 +380,17 @@ class VehicleClock:
         last = line.last or START
         return last.boot_us + self._shift_us + max(arrival_us - last.arrival_us, 0)
 
-    def _time(self, line: ClockLine, now: Moment) -> int | None:
+    def _time(self, line: ClockLine, field: TimeField, now: Moment) -> int | None:
         """A message's place on the line of time; None while nobody can tell."""
         if line is self._primary or self._primary is None:
             time_us = now.boot_us + self._shift_us
-            for each in self._lines:
-                each.is_waiting = False
-        elif line.is_waiting:
+            self._waiting.clear()
+        elif field in self._waiting:
             return None
         else:
             ahead_us = now.boot_us - (self._now_us(self._primary, now.arrival_us) - self._shift_us)
             time_us = now.boot_us - line.offset.learn(ahead_us) + self._shift_us
-            if line is self._lines[TimeField.GPS]:
+            if field is TimeField.GPS:
                 return time_us
         self._latest_us = max(self._latest_us, time_us)
         return time_us

@@ -55,9 +55,7 @@ def test_a_clock_that_stays_back_holds_no_more_than_so_many():
     stream, refused = ImuStream(VEHICLE, "RAW_IMU"), 0
     count = 3 * MOST_HELD + 10
     for k in range(count):
-        events = stream.place(
-            reading(stream, S + 20_000 * k), Reason.OUT_OF_ORDER, [], 0, checks_axes=False
-        )
+        events = stream.refuse(reading(stream, S + 20_000 * k), Reason.OUT_OF_ORDER, 0)
         refused += len(events)
         assert k + 1 - refused <= MOST_HELD
     assert refused + len(stream.end()) == count
