@@ -147,8 +147,7 @@ def _own_vibration(path: Path, trace: VehicleTrace, window: TimeWindow) -> OwnVi
             counts[imu].append(count)
     clipped = {imu: _increase(each) for imu, each in sorted(counts.items())}
     exceeded = [(imu, *_exceeded(np.array(each))) for imu, each in sizes.items()]
-    worst = max(exceeded, key=lambda each: max(each[1]), default=(0, None, None))
-    imu, m_s2, verdict = worst
+    imu, m_s2, verdict = max(exceeded, key=lambda each: max(each[1]), default=(0, None, None))
     return OwnVibration(readings[0].message, imu, m_s2, verdict, clipped)
 
 
