@@ -144,7 +144,7 @@ class Cluster(Closing):
         for _ in range(ATTEMPTS):
             try:
                 if self._sent is None:
-                    self._sent = self._client.scatter(self._work, broadcast=True, hash=False)
+                    self._sent = self._send()
                 futures = [submit(operator.call, self._sent, x, pure=False) for x in things]
                 return list(self._client.gather(futures))
             except (FutureCancelledError, KilledWorker, OSError):
@@ -153,6 +153,17 @@ class Cluster(Closing):
             except ImportError as error:
                 raise InputError(f"--cluster {self._address}: on a worker: {error}") from None
         raise InputError(f"--cluster {self._address}: the workers keep failing")
+
+    def _send(self) -> Any:
+        """Send the work to all workers.
+
+        Raises:
+            OSError: one of them died meanwhile.
+        """
+        try:
+            return self._client.scatter(self._work, broadcast=True, hash=False)
+        except KeyError as worker:  # whom Dask no longer knows
+            raise ConnectionError(f"{worker} is gone") from None
 
     def _wait_for_workers(self) -> None:
         try:
