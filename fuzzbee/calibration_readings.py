@@ -75,11 +75,7 @@ def choose_compass(path: Path, trace: VehicleTrace, profile: Profile, number: in
         raise InputError(f"{path}: no compass {number} (there is: {known})")
     message, arrivals_us, mag = found[number]
     samples_us = trace["arrival_us"]
-    after = np.clip(np.searchsorted(samples_us, arrivals_us), 1, max(1, len(samples_us) - 1))
-    before = after - 1
-    after = np.minimum(after, len(samples_us) - 1)
-    is_later = samples_us[after] - arrivals_us < arrivals_us - samples_us[before]
-    rows = np.where(is_later, after, before)
+    rows = np.searchsorted(0.5 * (samples_us[1:] + samples_us[:-1]), arrivals_us)  # the nearest
     used = RepeatedField().fresh_rows(mag, arrivals_us)
     used &= np.abs(samples_us[rows] - arrivals_us) <= BESIDE_US
     columns, has_mag = np.zeros((len(samples_us), 3)), np.zeros(len(samples_us), np.bool_)

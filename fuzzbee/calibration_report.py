@@ -39,64 +39,37 @@ from fuzzbee.calibration_readings import (
 from fuzzbee.replays.log_report import refused_text, replay_log
 from fuzzbee.replays.trace import How, VehicleTrace
 from tuning.calibration.fit import SensorFit, fit_sensors
+from tuning.calibration.prediction import WON
 from tuning.compass_fit import CompassFit, compass_turn, fit_compass
 
 SLOWEST_HZ = 19.0  # turning between the samples of slower streams does not show
 LEAST_S = 10.0  # of a recording
-UNSHOWN = 0.3  # of the variance before
 UNITS = {"gyr_bias_rad_s": "rad/s", "acc_bias_m_s2": "m/s²", "mag_offset_gauss": "gauss"}
 # By ArduPilot's numbers of a compass, as its parameters are known by
 NUMBERED = {1: "SCALED_IMU2", 2: "SCALED_IMU3"}
 
 
-class CompassReport(msgspec.Struct, frozen=True):
-    """Gauss, body axes.
-
-    ``calibration`` holds the profile's keys, ``ardupilot`` the parameters to set. Where
-    ``ardupilot_adds`` the log lacks what was set: its OFS are to be added to that. A compass
-    that sits otherwise than set has ``orientation``; ``calibration`` then holds that turn, too.
-    ``heading_sigma_deg`` is what the offset's uncertainty makes of a level vehicle's heading.
-    """
-
-    source: str
-    message: str
-    readings: int
-    field_gauss: float
-    dip_deg: float
-    offset_sigma_gauss: list[float]
-    current_gauss_a: list[float] | None
-    current_sigma_gauss_a: list[float] | None
-    matrix_sigma: list[list[float]] | None
-    heading_sigma_deg: float
-    misfit_gauss: tuple[float, float]
-    unseen: tuple[str, ...]
-    calibration: dict[str, Any]
-    ardupilot: dict[str, float]
-    ardupilot_adds: bool
-    orientation: str | None = None  # MAV_SENSOR_ORIENTATION that it should have, if another
-
-
 class CalibrationReport(NamedTuple):
     """What all recordings show together.
 
-    ``calibration`` is in the sensors' axes. ``fit`` is None for streams too slow, ``compass``
-    where one log's flight does not show it. ``refused`` has a line for each log of which much was.
+    ``calibration`` is in the sensors' axes. ``fit`` is None for streams too slow, ``compass`` (as
+    ``--json`` has it) where one log's flight does not show it. ``refused`` has a line for each log
+    of which much was.
     """
 
     sources: list[str]
     calibration: Calibration
     ardupilot: dict[str, float]
     fit: SensorFit | None
-    compass: CompassReport | None
+    compass: dict[str, Any] | None
     refused: list[str]
 
     def as_json(self) -> dict[str, Any]:
         """The schema of ``calibrate --json``: the compass's figures, and those of all sensors."""
-        found: dict[str, Any] = {} if self.compass is None else msgspec.to_builtins(self.compass)
-        found |= {"source": ", ".join(self.sources)}
+        found = {**(self.compass or {}), "source": ", ".join(self.sources)}
         found |= {"calibration": msgspec.to_builtins(self.calibration), "ardupilot": self.ardupilot}
         if self.fit is not None:
-            names = ("sigma", "left", "field_misfits", "lags_s")
+            names = ("sigma", "left", "predicted", "field_misfits", "lags_s")
             found["sensors"] = {name: getattr(self.fit, name) for name in names}
         return found
 
@@ -137,9 +110,9 @@ def report_calibration(
         if _is_ardupilot(traces[0]):
             ardupilot = inertial_parameters(traces[0].parameters, message_of(traces[0]), found)
     if of_compass is not None:
-        iron = {"mag_matrix": UNCHANGED, **of_compass.calibration}
+        iron = {"mag_matrix": UNCHANGED, **of_compass["calibration"]}
         found = msgspec.structs.replace(found, **iron)
-        ardupilot |= of_compass.ardupilot
+        ardupilot |= of_compass["ardupilot"]
     if found.is_plain:
         raise why
     texts = ((path, refused_text(trace)) for path, trace in zip(paths, traces, strict=True))
@@ -171,8 +144,13 @@ def _fit(
 
 def _report_compass(
     path: Path, trace: VehicleTrace, field: PlaceField | None, message: str, compass: int | None
-) -> CompassReport:
+) -> dict[str, Any]:
     """What a log's trace shows of its compass, in the ``field`` of its place or of the one given.
+
+    Gauss, body axes. ``calibration`` has the profile's keys, ``ardupilot`` the parameters to set;
+    if ``ardupilot_adds``, the log lacks what was set: OFS are to be added to that.
+    ``orientation`` is the MAV_SENSOR_ORIENTATION that the compass should have, if another, and
+    ``heading_sigma_deg`` what the offset's uncertainty makes of a level vehicle's heading.
 
     Raises:
         InputError: no position, no compass, or too few turns to find any offset.
@@ -202,24 +180,24 @@ def _report_compass(
     usual_a = 0.0 if readings.current_a is None else float(readings.current_a.mean())
     horizontal_gauss = field.strength_gauss * cos(field.dip_rad)
     worst_gauss = float(np.linalg.eigvalsh(fit.offset_covariance[:2, :2])[-1]) ** 0.5
-    return CompassReport(
-        source=str(path),
-        message=message,
-        readings=len(mag),
-        field_gauss=field.strength_gauss,
-        dip_deg=degrees(field.dip_rad),
-        offset_sigma_gauss=np.sqrt(np.diag(fit.offset_covariance)).tolist(),
-        current_gauss_a=_listed(fit.current_gauss_a),
-        current_sigma_gauss_a=_listed(fit.current_sigma_gauss_a),
-        matrix_sigma=_listed(fit.matrix_sigma),
-        heading_sigma_deg=degrees(atan2(worst_gauss, horizontal_gauss)),
-        misfit_gauss=fit.misfit_gauss,
-        unseen=fit.unseen,
-        calibration=_calibration(fit, usual_a, turn),
-        ardupilot=parameters if _is_ardupilot(trace) else {},
-        orientation=None if set_to is None else set_to.meaning,
-        ardupilot_adds=not any(name.startswith(COMPASS) for name in trace.parameters),
-    )
+    return {
+        "source": str(path),
+        "message": message,
+        "readings": len(mag),
+        "field_gauss": field.strength_gauss,
+        "dip_deg": degrees(field.dip_rad),
+        "offset_sigma_gauss": np.sqrt(np.diag(fit.offset_covariance)).tolist(),
+        "current_gauss_a": _listed(fit.current_gauss_a),
+        "current_sigma_gauss_a": _listed(fit.current_sigma_gauss_a),
+        "matrix_sigma": _listed(fit.matrix_sigma),
+        "heading_sigma_deg": degrees(atan2(worst_gauss, horizontal_gauss)),
+        "misfit_gauss": fit.misfit_gauss,
+        "unseen": fit.unseen,
+        "calibration": _calibration(fit, usual_a, turn),
+        "ardupilot": parameters if _is_ardupilot(trace) else {},
+        "ardupilot_adds": not any(name.startswith(COMPASS) for name in trace.parameters),
+        "orientation": None if set_to is None else set_to.meaning,
+    }
 
 
 def unmixed(was: Mapping[str, float], parameters: dict[str, float]) -> dict[str, float]:
@@ -270,16 +248,17 @@ def report_lines(report: CalibrationReport) -> Iterator[str]:
     for key, sigma in {} if fit is None else fit.sigma.items():
         if fit is not None and (compass is None or "mag" not in key):
             size = f"sigma at most {max(sigma):.4f} {UNITS.get(key, '')}".rstrip()
-            shows = fit.left[key] < UNSHOWN
-            yield f"# {key}: {size if shows else f'not shown ({size}): as before where so'}"
+            shows = fit.predicted[key] >= WON
+            other = f"not shown: does not predict parts left out ({size})"
+            yield f"# {key}: {size if shows else other}"
     yield "[calibration]"
     for key, value in msgspec.to_builtins(report.calibration).items():
         if value != msgspec.to_builtins(getattr(Calibration(), key)):
             yield f"{key} = {msgspec.json.encode(value).decode()}"
     if report.ardupilot:
         adds = ""
-        if compass is not None and compass.ardupilot_adds:
-            how = "add OFS to that" if compass.orientation is None else "taken for NONE"
+        if compass is not None and compass["ardupilot_adds"]:
+            how = "add OFS to that" if compass["orientation"] is None else "taken for NONE"
             adds = f"; the log does not say what was set: {how}"
         yield f"# ArduPilot, to be looked at before use{adds}:"
     for name, number in report.ardupilot.items():
@@ -287,23 +266,23 @@ def report_lines(report: CalibrationReport) -> Iterator[str]:
         yield f"# {name} {number:.{digits}f}"
 
 
-def _compass_lines(report: CompassReport) -> Iterator[str]:
-    before, after = (1e3 * each for each in report.misfit_gauss)
-    sigma = ", ".join(f"{1e3 * each:.1f}" for each in report.offset_sigma_gauss)
-    yield f"# {Path(report.source).name}: {report.readings} readings of {report.message}"
-    yield f"# the field there: {1e3 * report.field_gauss:.0f} mG, dip {report.dip_deg:.1f} deg"
+def _compass_lines(found: dict[str, Any]) -> Iterator[str]:
+    before, after = (1e3 * each for each in found["misfit_gauss"])
+    sigma = ", ".join(f"{1e3 * each:.1f}" for each in found["offset_sigma_gauss"])
+    yield f"# {Path(found['source']).name}: {found['readings']} readings of {found['message']}"
+    yield f"# the field there: {1e3 * found['field_gauss']:.0f} mG, dip {found['dip_deg']:.1f} deg"
     yield f"# median misfit: {before:.1f} mG as it is, {after:.1f} mG corrected"
-    yield f"# sigma: offset {sigma} mG, of a heading by it {report.heading_sigma_deg:.1f} deg"
-    if report.current_gauss_a is not None and report.current_sigma_gauss_a is not None:
-        pairs = zip(report.current_gauss_a, report.current_sigma_gauss_a, strict=True)
+    yield f"# sigma: offset {sigma} mG, of a heading by it {found['heading_sigma_deg']:.1f} deg"
+    if found["current_gauss_a"] is not None:
+        pairs = zip(found["current_gauss_a"], found["current_sigma_gauss_a"], strict=True)
         each_a = ", ".join(f"{1e3 * each:.2f} (sigma {1e3 * sigma:.2f})" for each, sigma in pairs)
         yield f"# of the battery's current: {each_a} mG for each ampere; below at the usual one"
-    if report.matrix_sigma is None:
+    if found["matrix_sigma"] is None:
         yield "# soft iron: these turns show none"
     else:
-        yield f"# sigma of the matrix: at most {np.max(report.matrix_sigma):.3f}"
-    if report.orientation is not None:
-        yield f"# the compass is turned: its orientation should be {report.orientation}"
+        yield f"# sigma of the matrix: at most {np.max(found['matrix_sigma']):.3f}"
+    if found["orientation"] is not None:
+        yield f"# the compass is turned: its orientation should be {found['orientation']}"
         yield "# set that, then calibrate by another flight; the matrix below is for this log"
-    if report.unseen:
-        yield f"# not flown: the field never came within 45 deg of {', '.join(report.unseen)}"
+    if found["unseen"]:
+        yield f"# not flown: the field never came within 45 deg of {', '.join(found['unseen'])}"

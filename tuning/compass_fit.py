@@ -8,7 +8,7 @@ known.
 """
 
 from itertools import permutations, product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -26,10 +26,10 @@ LEAST_CURRENT_A = 1.0  # between the least and the largest: less shows nothing
 NORMAL = 1.4826  # sigma of a normal variable over its median size
 SIDES = ("nose", "right", "bottom", "tail", "left", "top")
 # S in its six numbers
+_I, _J = np.triu_indices(3)
 BASIS = np.zeros((6, 3, 3))
-for _k, (_i, _j) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))):
-    BASIS[_k, _i, _j] = BASIS[_k, _j, _i] = 1.0
-PLAIN = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+BASIS[range(6), _I, _J] = BASIS[range(6), _J, _I] = 1.0
+PLAIN = (_I == _J).astype(float)
 
 LEAST_READINGS = 50
 # A right angle moves the field's horizontal part by more than this share of its strength where the
@@ -123,7 +123,7 @@ def fit_compass(
         return None
     scale, hard = field.strength_gauss, np.zeros(3)
     for _ in range(2):  # the usual misfit is known after a first time
-        hard = _solved(problem, hard, scale)
+        hard = _solved(problem, hard, scale).x
         scale = max(NORMAL * _usual(problem.misfit(hard)), 1e-6)
     found = _solution(problem, hard, scale)
     if _is_vague(found.covariance, field):
@@ -160,11 +160,11 @@ class _Solution(NamedTuple):
 
 def _solution(problem: _Problem, start: Floats, scale: float) -> _Solution:
     block = np.arange(len(problem.mag)) * BLOCKS // len(problem.mag)
-    p = _solved(problem, start, scale)
-    others = np.array([_solved(problem.part(block != k), p, scale) for k in range(BLOCKS)])
+    found = _solved(problem, start, scale)
+    others = np.array([_solved(problem.part(block != k), found.x, scale).x for k in range(BLOCKS)])
     left = [problem.part(block == k).misfit(other) for k, other in enumerate(others)]
     losses = np.array([np.sqrt(1.0 + (each / scale) ** 2).mean() for each in left])
-    return _Solution(problem, p, _covariance(problem, p, others, scale), losses)
+    return _Solution(problem, found.x, _covariance(problem, found.jac, others, scale), losses)
 
 
 def _better(simple: _Solution, problem: _Problem, more: Floats, scale: float) -> _Solution:
@@ -178,22 +178,12 @@ def _better(simple: _Solution, problem: _Problem, more: Floats, scale: float) ->
     return rich if is_better and not _is_vague(rich.covariance, problem.field) else simple
 
 
-def _solved(problem: _Problem, start: Floats, scale: float) -> Floats:
-    found: Floats = least_squares(
-        problem.misfit, start, loss="soft_l1", f_scale=scale, max_nfev=MOST_STEPS
-    ).x
-    return found
+def _solved(problem: _Problem, start: Floats, scale: float) -> Any:
+    """SciPy's result: numbers ``x``, and derivatives ``jac`` times the roots of the weights."""
+    return least_squares(problem.misfit, start, loss="soft_l1", f_scale=scale, max_nfev=MOST_STEPS)
 
 
-def _slope(problem: _Problem, p: Floats) -> Floats:
-    """The misfit's derivatives, (2N, len(p))."""
-    step = 1e-6
-    ways = step * np.eye(len(p))
-    columns = [problem.misfit(p + way) - problem.misfit(p - way) for way in ways]
-    return np.column_stack(columns) / (2.0 * step)
-
-
-def _covariance(problem: _Problem, p: Floats, others: Floats, scale: float) -> Floats:
+def _covariance(problem: _Problem, slope: Floats, others: Floats, scale: float) -> Floats:
     """The jackknife's (samples near in time err alike), and what the turns do not show at all.
 
     For that a stretch of time counts as one reading, no better than the model is.
@@ -202,12 +192,10 @@ def _covariance(problem: _Problem, p: Floats, others: Floats, scale: float) -> F
     """
     apart = others - others.mean(0)
     jackknife = (BLOCKS - 1) / BLOCKS * apart.T @ apart
-    slope = _slope(problem, p)
-    weight = 1.0 / np.sqrt(1.0 + (problem.misfit(p) / scale) ** 2) / max(scale, MODEL_GAUSS) ** 2
-    weight *= BLOCKS / len(problem.mag)
-    supposed = np.ones(len(p))
+    supposed = np.ones(slope.shape[1])
     supposed[: problem.irons] = problem.field.strength_gauss
-    shown = (slope * weight[:, None]).T @ slope + np.diag(supposed**-2.0)
+    weight = BLOCKS / len(problem.mag) / max(scale, MODEL_GAUSS) ** 2
+    shown = weight * slope.T @ slope + np.diag(supposed**-2.0)
     covariance: Floats = jackknife + np.linalg.inv(shown)
     return covariance
 

@@ -176,9 +176,10 @@ def test_what_shows_nothing_is_one_line(log, complaint, capsys):
     assert "Traceback" not in err
 
 
-def bench(path, seed, motion="bench", seconds=120.0, rate_hz=50.0, errors=None):
+def bench(path, seed, motion="bench", seconds=120.0, rate_hz=50.0, has_errors=True):
     """A table of a simulated vehicle whose sensors have the constant errors of a seed."""
-    vehicle = SimulatedVehicle(seed, rate_hz, motion, bias=0.0, errors_seed=errors or seed)
+    errors_seed = seed if has_errors else None
+    vehicle = SimulatedVehicle(seed, rate_hz, motion, bias=0.0, errors_seed=errors_seed)
     heading = "time_s,gx_rad_s,gy_rad_s,gz_rad_s,ax_m_s2,ay_m_s2,az_m_s2,mx_gauss,my_gauss,mz_gauss"
     rows = [heading + ",qw,qx,qy,qz"]
     for _ in range(round(seconds * rate_hz)):
@@ -220,6 +221,7 @@ def test_a_bench_recording_shows_the_whole_imu(tmp_path, capsys):
         scales = np.diag(found[name]) - np.diag(truth[name])
         assert np.abs(scales).max() < sigma, name
     assert set(report["sensors"]["sigma"]) == set(found)
+    assert min(report["sensors"]["predicted"].values()) > 0.5
     assert max(report["sensors"]["field_misfits"]) < 0.02
     another = bench(tmp_path / "another.csv", 3, seconds=60.0)
     before, after = (
@@ -238,6 +240,13 @@ def test_a_field_that_is_not_its_places_shows_nothing_of_the_compass(tmp_path, c
     assert found["mag_offset_gauss"] == [0.0, 0.0, 0.0]
     assert found["mag_matrix"] == np.eye(3).tolist()
     assert found["acc_bias_m_s2"] == pytest.approx(truth_of(3)["acc_bias_m_s2"], abs=0.05)
+
+
+def test_sensors_without_errors_stay_as_they_are(tmp_path, capsys):
+    """Their constants, fitted to some parts of the recordings, do not predict the others."""
+    logs = [bench(tmp_path / f"{k}.csv", k, seconds=60.0, has_errors=False) for k in (1, 2)]
+    assert main(["calibrate", *map(str, logs)]) == 2
+    assert "no constant shows" in capsys.readouterr().err
 
 
 def test_what_a_recording_at_rest_does_not_show_is_left_alone(tmp_path, capsys):

@@ -1,20 +1,21 @@
 """The constant errors of an IMU's sensors and the trajectories together, by one fit.
 
-Gauss's and Newton's least squares with a robust loss over all recordings of a sensor. What they do
-not show stays at what is supposed before: nothing is wrong, within the sigmas below. A turn of all
+Gauss's and Newton's least squares with a robust loss over all recordings of a sensor. Readings that
+constants were not fitted to have to agree better with them, or nothing is wrong. A turn of all
 three sensors alike shows in no recording.
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+import msgspec
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from estimator.arrays import Bools, Floats
-from estimator.calibration import Calibration, Matrix
-from estimator.types import Vec3
-from tuning.calibration.spans import ACC, CONSTANTS, GYR, MAG, Recording, cross_matrix, pieces
+from estimator.arrays import Floats
+from estimator.calibration import Calibration
+from tuning.calibration.prediction import IN_FLIGHT, KEYS, TURNS, predicted
+from tuning.calibration.spans import ACC, CONSTANTS, GYR, MAG, PARTS, Recording, pieces
 from tuning.calibration.trajectory import SHOWN, Trajectory
 
 ROUNDS, STEPS = 3, 2  # readings are summed up anew each round
@@ -22,25 +23,10 @@ ROUNDS, STEPS = 3, 2  # readings are summed up anew each round
 GYR_SHARE, GYR_RAD_S = 0.01, 0.02
 ACC_SHARE, ACC_M_S2 = 0.015, 0.2
 MAG_SHARE, MAG_IRON = 0.05, 0.2
-# How far they vary from piece to piece, and seem to: temperature, a place's field. The scatter of
-# several is learnt from there; of one nobody can tell, but less is not believed.
+# How far they vary from piece to piece, and seem to: temperature, a place's field
 VARY = np.array([0.001] * 9 + [0.005] * 3 + [0.0015] * 9 + [0.03] * 3 + [0.01] * 9 + [0.01] * 3)
-GROUPS = np.repeat(np.arange(6), [9, 3, 9, 3, 9, 3])
-WORTH = 6.0  # as many numbers as that supposition counts
-# What is believed: combinations of constants of which the recordings have left less than this share
-# of the variance before, of a sensor whose twelve are not 0 by this chi-square
-LEFT, CHI_SQUARE = 0.3, 40.0
-IN_FLIGHT = 3.0  # times as much: errors and lags of velocity look like an accelerometer's
-MOST_MISFIT = 0.03  # of the field: beside more, a compass shows nothing
 PINNED, NO_SCATTER = 1e6, 1e-6
-KEYS = {
-    "gyr_bias_rad_s": slice(9, 12),
-    "gyr_matrix": slice(0, 9),
-    "acc_bias_m_s2": slice(21, 24),
-    "acc_matrix": slice(12, 21),
-    "mag_offset_gauss": slice(33, 36),
-    "mag_matrix": slice(24, 33),
-}
+LEAST_RECORDINGS = 3  # are left out as a whole, of fewer parts
 
 
 class SensorFit(NamedTuple):
@@ -48,8 +34,9 @@ class SensorFit(NamedTuple):
 
     ``sigma`` has the keys of ``found``, matrices as nine numbers; of one recording it leaves out
     how much its pieces differ. ``left`` says of each key which share of the variance before the
-    recordings have left, of a matrix on its diagonal. ``x`` (36,) is the whole result, in the order
-    of :mod:`tuning.calibration.spans`, of which ``found`` is what may be believed.
+    recordings have left, of a matrix on its diagonal. ``predicted`` says which share of what it
+    would win of a part of the recordings it wins by all others; ``found`` has those that win 45 %.
+    ``x`` (36,) is the whole result, in the order of :mod:`tuning.calibration.spans`.
     ``field_misfits`` are shares of the field's strength, ``lags_s`` those of velocity,
     accelerometer and compass behind the gyroscope, each of a recording.
     """
@@ -57,8 +44,8 @@ class SensorFit(NamedTuple):
     found: Calibration
     sigma: dict[str, list[float]]
     left: dict[str, float]
+    predicted: dict[str, float]
     x: Floats
-    covariance: Floats
     field_misfits: list[float]
     lags_s: list[list[float]]
 
@@ -71,27 +58,29 @@ def fit_sensors(recordings: Sequence[Recording]) -> SensorFit:
     for _ in range(ROUNDS):
         problem.improve()
     for each in trajectories:
-        if each.has_field and (each.field_misfit > MOST_MISFIT or each.is_field_foreign):
+        if each.has_field and each.is_field_foreign:
             each.leave_out_field()
     problem.improve()
     x, _ = problem.step()
+    parts = np.arange(len(trajectories)) * PARTS // len(trajectories)
+    if len(recordings) >= LEAST_RECORDINGS:
+        parts = np.repeat(np.arange(len(cut)), [len(of_one) for of_one in cut])
+    keys = IN_FLIGHT if any(each.has_rates for each in trajectories) else KEYS
+    shares, believed = predicted(*problem.seen(), parts, problem.prior, keys)
     for each in trajectories:
         each.believe_sigmas()
-    _, unsure = problem.step()
     if len(recordings) == 1:
         problem.leave_out_scatter()
     _, covariance = problem.step()
     sigma = np.sqrt(np.diag(covariance))
     left = (sigma / problem.prior) ** 2
-    times = IN_FLIGHT**2 if any(each.has_rates for each in trajectories) else 1.0
-    unsure = unsure + times * np.diag(problem.least_variance) / len(trajectories)
     misfits = [[each.field_misfit for each in of_one if each.has_field] for of_one in cut]
     return SensorFit(
-        calibration_of(_believed(x, unsure, problem.prior)),
+        calibration_of(problem.prior * believed),
         {key: sigma[at].tolist() for key, at in KEYS.items()},
         {key: float(left[at][:: 4 if "matrix" in key else 1].mean()) for key, at in KEYS.items()},
+        shares,
         x,
-        covariance,
         [float(np.mean(of_one)) for of_one in misfits if of_one],
         [np.median([each.lags_s for each in of_one], axis=0).tolist() for of_one in cut],
     )
@@ -101,32 +90,15 @@ def calibration_of(x: Floats) -> Calibration:
     """Constants (36,) as a profile has them: v = M (reading - b)."""
     gyr, acc = (np.eye(3) + x[part][:9].reshape(3, 3) for part in (GYR, ACC))
     mag = np.linalg.inv(np.eye(3) + x[MAG][:9].reshape(3, 3))
-    return Calibration(
-        gyr_bias_rad_s=_vector(np.linalg.solve(gyr, x[GYR][9:])),
-        gyr_matrix=_matrix(gyr),
-        acc_bias_m_s2=_vector(np.linalg.solve(acc, x[ACC][9:])),
-        acc_matrix=_matrix(acc),
-        mag_offset_gauss=_vector(x[MAG][9:]),
-        mag_matrix=_matrix(mag),
-    )
-
-
-def _vector(v: Any) -> Vec3:
-    x, y, z = v.round(6).tolist()
-    return (x, y, z)
-
-
-def _matrix(m: Any) -> Matrix:
-    a, b, c = (_vector(row) for row in m)
-    return (a, b, c)
-
-
-class _Own(NamedTuple):
-    """A piece's own step (42,) is by_common @ that of the common constants - alone."""
-
-    alone: Floats
-    by_common: Floats
-    covariance: Floats  # once the common constants are known
+    keys = {
+        "gyr_bias_rad_s": np.linalg.solve(gyr, x[GYR][9:]),
+        "gyr_matrix": gyr,
+        "acc_bias_m_s2": np.linalg.solve(acc, x[ACC][9:]),
+        "acc_matrix": acc,
+        "mag_offset_gauss": x[MAG][9:],
+        "mag_matrix": mag,
+    }
+    return msgspec.convert({key: v.round(6).tolist() for key, v in keys.items()}, Calibration)
 
 
 class _Problem:
@@ -139,18 +111,24 @@ class _Problem:
         vary = VARY.copy()
         for sigmas in (self.prior, vary):
             sigmas[33:] *= max(each.strength_gauss for each in trajectories)
-        self.least_variance = vary**2
-        # of one piece it cannot be told from the constants
-        self._vary = self.least_variance * (1.0 if len(trajectories) > 1 else NO_SCATTER)
+        self._vary = vary**2
         self._x = np.zeros(CONSTANTS)
         # A common turn of all sensors is what the constants before say: rounding would move it.
-        self._turns = _common_turns()
-        self._pins = self._turns / self.prior[:, None] ** 2
-        self._turn_variance = 1.0 / np.sum(self._turns * self._pins, axis=0)
+        self._pins = TURNS / self.prior[:, None] ** 2
+        self._turn_variance = 1.0 / np.sum(TURNS * self._pins, axis=0)
+        self._seen: list[tuple[Floats, Floats]] = []
 
     def leave_out_scatter(self) -> None:
         """Let all pieces have the same constants from now on."""
-        self._vary = NO_SCATTER * self.least_variance
+        self._vary = NO_SCATTER * self._vary
+
+    def seen(self) -> tuple[Floats, Floats]:
+        """What each piece showed in the last step: A and b of its loss x.A x / 2 - b.x.
+
+        (K, 36, 36) and (K, 36), of constants x in units of their sigmas before.
+        """
+        A, b = (np.array(each) for each in zip(*self._seen, strict=True))
+        return A * np.outer(self.prior, self.prior), b * self.prior
 
     def improve(self) -> None:
         """A few steps, and what they show of the readings."""
@@ -169,53 +147,24 @@ class _Problem:
         pins = PINNED * self._pins * self._turn_variance
         normal = np.diag(self.prior**-2) + pins @ self._pins.T
         gradient = normal @ x
-        solved: list[_Own] = []
+        solved: list[tuple[Floats, Floats]] = []
+        self._seen = []
         for each in self._trajectories:
             own, slope = each.normal_equations()
             own[common, common] += tie
             slope[:CONSTANTS] += tie * (each.x - x)
             covariance = cho_solve(cho_factor(own), np.eye(SHOWN))
             by_common = covariance[:, :CONSTANTS] * tie
-            normal += np.diag(tie) - tie[:, None] * by_common[:CONSTANTS]
-            gradient += tie * (x - each.x) + by_common.T @ slope
-            solved.append(_Own(covariance @ slope, by_common, covariance))
+            of_common = np.diag(tie) - tie[:, None] * by_common[:CONSTANTS]
+            downhill = tie * (each.x - x) - by_common.T @ slope
+            normal += of_common
+            gradient -= downhill
+            self._seen.append((of_common, of_common @ x + downhill))
+            solved.append((by_common, covariance @ slope))
         covariance = cho_solve(cho_factor(normal), np.eye(CONSTANTS))
         step = -covariance @ gradient
         self._x = x + step
-        for each, one in zip(self._trajectories, solved, strict=True):
-            each.move(one.by_common @ step - one.alone)
-        if len(solved) > 1:
-            self._learn_scatter(covariance, solved)
-        of_turn = (self._turns * self._turn_variance) @ self._turns.T
+        for each, (by_common, alone) in zip(self._trajectories, solved, strict=True):
+            each.move(by_common @ step - alone)
+        of_turn = (TURNS * self._turn_variance) @ TURNS.T
         return self._x, covariance + of_turn
-
-    def _learn_scatter(self, covariance: Floats, solved: list[_Own]) -> None:
-        """The variance of what the pieces have of their own: its expected square."""
-        squares = []
-        for each, one in zip(self._trajectories, solved, strict=True):
-            apart = one.by_common[:CONSTANTS] - np.eye(CONSTANTS)
-            unsure = np.diag(one.covariance[:CONSTANTS, :CONSTANTS] + apart @ covariance @ apart.T)
-            squares.append((each.x - self._x) ** 2 + unsure)
-        expected = np.mean(squares, axis=0)
-        for group in range(6):
-            of: Bools = np.equal(group, GROUPS)
-            count = len(solved) * of.sum()
-            total = count * expected[of].mean() + WORTH * self.least_variance[of][0]
-            self._vary[of] = total / (count + WORTH)
-
-
-def _common_turns() -> Floats:
-    """The constants (36, 3) of a small turn of all three sensors about each axis."""
-    turn, none = cross_matrix(np.eye(3)).reshape(3, 9), np.zeros((3, 3))
-    return np.concatenate([turn, none, turn, none, -turn, none], axis=1).T
-
-
-def _believed(x: Floats, covariance: Floats, prior: Floats) -> Floats:
-    """The part of the constants (36,) that the recordings show."""
-    variances, ways = np.linalg.eigh(covariance / np.outer(prior, prior))
-    believed: Floats = prior * (ways @ (ways.T @ (x / prior) * (variances < LEFT)))
-    for sensor in (GYR, ACC, MAG):
-        part = believed[sensor]
-        if part @ np.linalg.solve(covariance[sensor, sensor], part) < CHI_SQUARE:
-            believed[sensor] = 0.0
-    return believed

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from estimator.arrays import Bools, Floats
 
 PIECE_S = 30.0  # of a recording, about: errors that turn with it are alike for no longer
+PARTS = 6  # at least
 SPAN_S = 0.2  # between two nodes
 LONGEST_STEP_S = 0.5  # between two samples: what is longer is not bridged
 MOST_FIELDS = 10  # readings of the field that are used of a span, about
@@ -45,20 +46,23 @@ class Recording(NamedTuple):
 
 
 def pieces(recording: Recording) -> Iterator[Recording]:
-    """A recording in equal parts; one with velocities stays whole, for its lags."""
+    """A recording in equal parts."""
     n = len(recording.time_s)
-    count = max(1, round((recording.time_s[-1] - recording.time_s[0]) / PIECE_S))
-    if len(recording.velocity_time_s):
-        count = 1
+    count = max(PARTS, round((recording.time_s[-1] - recording.time_s[0]) / PIECE_S))
+    time_s, velocity_s = recording.time_s, recording.velocity_time_s
     for k in range(count):
         rows = slice(k * n // count, (k + 1) * n // count)
+        first_s, last_s = time_s[rows][[0, -1]]
+        beside = (velocity_s >= first_s) & (velocity_s <= last_s)
         yield recording._replace(
-            time_s=recording.time_s[rows],
+            time_s=time_s[rows],
             gyr_rad_s=recording.gyr_rad_s[rows],
             acc_m_s2=recording.acc_m_s2[rows],
             mag_gauss=recording.mag_gauss[rows],
             has_mag=recording.has_mag[rows],
             q_ned_frd=recording.q_ned_frd[rows],
+            velocity_time_s=velocity_s[beside],
+            velocity_ned_m_s=recording.velocity_ned_m_s[beside],
         )
 
 
