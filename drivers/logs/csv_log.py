@@ -60,7 +60,10 @@ class CsvLog(LogFile):
             yield from vehicle.intake.end()
 
     def _events(self, vehicle: LoggedVehicle, row: Sequence[str]) -> Iterator[Event]:
-        """The events of a row; what is empty is not there, a row with no number for one counted."""
+        """The events of a row; what is empty is not there.
+
+        A row is counted that has something else than a number, or half of an IMU's readings.
+        """
         read, is_whole, comma = dict[str, Any](), True, self._text.has_decimal_comma
         for name, parts in self._columns.parts.items():
             try:
@@ -78,6 +81,8 @@ class CsvLog(LogFile):
             vehicle.put_mag(read["magnetometer"])
         if "gyroscope" in read and "accelerometer" in read:
             yield from vehicle.imu(STREAM, read["gyroscope"], read["accelerometer"])
+        elif "gyroscope" in read or "accelerometer" in read:
+            is_whole = False
         for name, source in ATTITUDES:
             if name in read:
                 is_enu_flu = name in self._columns.enu_flu

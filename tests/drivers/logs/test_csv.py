@@ -414,14 +414,18 @@ def test_times_that_do_not_fit_64_bits_are_none(tmp_path, capsys, begin_s):
     assert capsys.readouterr().err == f"fuzzbee: {path}: {refused}\n"
 
 
+# No number; no accelerometer; half a gyroscope.
+BAD_ROWS = ("0.5,0.1,ERR,0.1,0,0,9.8,0.2,0,0.4", "0.5,0.1,0.1,0.1,,,,,,", "0.5,0.1,,0.1,0,0,9.8,,,")
+
+
 def test_a_field_that_is_no_number_costs_no_sample_and_is_reported(tmp_path, capsys):
     lines = table([NAMES + FIELD], readings()).splitlines()
     lines[4:20] = [f"{line.rpartition(',')[0]},ERR" for line in lines[4:20]]
-    path = written(tmp_path / "a.csv", "\n".join([*lines, "0.5,0.1,ERR,0.1,0,0,9.8,0.2,0,0.4"]))
+    path = written(tmp_path / "a.csv", "\n".join([*lines, *BAD_ROWS]))
     assert main(["replay", str(path), "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert report["imu"]["samples"] == ROWS
-    assert report["rejected"] == {"malformed": 17}
+    assert report["rejected"] == {"malformed": 16 + len(BAD_ROWS)}
 
 
 @pytest.mark.parametrize("blank", ["?", "--", "#N/A", "NaN", "null"])
