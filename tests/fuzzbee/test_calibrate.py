@@ -176,9 +176,9 @@ def test_what_shows_nothing_is_one_line(log, complaint, capsys):
     assert "Traceback" not in err
 
 
-def bench(path, seed, motion="bench", seconds=120.0, rate_hz=50.0, has_errors=True):
-    """A table of a simulated vehicle whose sensors have the constant errors of a seed."""
-    errors_seed = seed if has_errors else None
+def bench(path, seed, motion="bench", seconds=120.0, rate_hz=50.0, errors=None):
+    """A table of a simulated vehicle whose sensors have the constant errors of a seed; 0: none."""
+    errors_seed = (seed if errors is None else errors) or None
     vehicle = SimulatedVehicle(seed, rate_hz, motion, bias=0.0, errors_seed=errors_seed)
     heading = "time_s,gx_rad_s,gy_rad_s,gz_rad_s,ax_m_s2,ay_m_s2,az_m_s2,mx_gauss,my_gauss,mz_gauss"
     rows = [heading + ",qw,qx,qy,qz"]
@@ -244,7 +244,7 @@ def test_a_field_that_is_not_its_places_shows_nothing_of_the_compass(tmp_path, c
 
 def test_sensors_without_errors_stay_as_they_are(tmp_path, capsys):
     """Their constants, fitted to some parts of the recordings, do not predict the others."""
-    logs = [bench(tmp_path / f"{k}.csv", k, seconds=60.0, has_errors=False) for k in (1, 2)]
+    logs = [bench(tmp_path / f"{k}.csv", k, seconds=60.0, errors=0) for k in (1, 2)]
     assert main(["calibrate", *map(str, logs)]) == 2
     assert "no constant shows" in capsys.readouterr().err
 
