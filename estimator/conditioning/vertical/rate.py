@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined, replacer
-from estimator.conditioning.robust import INDEPENDENT_SECOND_DIFFERENCE, REACH
 from estimator.conditioning.times import LONGEST_STEP_S
 from estimator.conditioning.vertical.averaging import MOST_ERROR
 from estimator.geometry.quaternion import cross, exp, log, multiply, scale
@@ -66,19 +65,11 @@ def slow_share(dt_s: float) -> float:
 
 @inlined
 def likeness(second_difference: float, changed: float) -> float:
-    """How far readings look as if they were independent, by squared differences: 0 to 1."""
-    return min(1.0, second_difference / (INDEPENDENT_SECOND_DIFFERENCE * changed + TINY))
+    """How far readings look as if they were independent, by squared differences: 0 to 1.
 
-
-@inlined
-def following_weight(slow: float, dt_s: float) -> float:
-    """How much the vectors count against the gyroscope that carries the filter from step to step.
-
-    1 for fast streams. Of slow ones the vectors have been weighed already, and
-    what the gyroscope has missed in a step the filter must not keep for a second: with its least
-    gain, 1/s, a step is ``REACH`` time constants.
+    The second differences' mean square is then three times that of the first ones.
     """
-    return 1.0 + slow * REACH / dt_s if slow > 0.0 else 1.0
+    return min(1.0, second_difference / (3.0 * changed + TINY))
 
 
 @inlined
