@@ -26,16 +26,20 @@ def weighted_vectors(
     magnetic_share: float,
     gravity_frd: Vec3,
     gravity_share: float,
+    weight: float,
 ) -> Vectors:
-    """The filter's vectors from what the body sees; the shares, 0..1, lower their confidences."""
+    """The filter's vectors from what the body sees.
+
+    ``weight`` multiplies all confidences; the shares, 0..1, lower that of one vector.
+    """
     return Vectors(
         v1_frd=magnetic_frd,
         v1_ned=reference.magnetic_ned,
-        s1=reference.s_magnetic * magnetic_share,
+        s1=reference.s_magnetic * weight * magnetic_share,
         v2_frd=gravity_frd,
         v2_ned=reference.gravity_ned,
-        s2=reference.s_gravity * gravity_share,
-        s3=reference.s_cross,
+        s2=reference.s_gravity * weight * gravity_share,
+        s3=reference.s_cross * weight,
     )
 
 
@@ -54,4 +58,5 @@ def raw_vectors(reference: ReferenceParams, acc_m_s2: Vec3, mag: Vec3, has_mag: 
         magnetic_share=1.0 if has_mag and norm(mag) > 0.0 else 0.0,
         gravity_frd=unit(scale(-1.0, acc_m_s2)),
         gravity_share=1.0 if norm(acc_m_s2) > 0.0 else 0.0,
+        weight=1.0,
     )

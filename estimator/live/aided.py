@@ -6,7 +6,7 @@ from estimator.aiding.types import AidingState, North
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.condition import Conditioned
 from estimator.conditioning.field.magnetic import NORM_SCALE
-from estimator.conditioning.vertical.rate import corrected_rate, slow_share
+from estimator.conditioning.vertical.rate import corrected_rate, following_weight, slow_share
 from estimator.filter.kernel import correct, integrate_rate
 from estimator.filter.observation import ReferenceParams, weighted_vectors
 from estimator.filter.types import FilterParams, FilterState, Vectors
@@ -27,6 +27,7 @@ def conditioned_vectors(reference: ReferenceParams, seen: Conditioned) -> Vector
         magnetic_share=1.0 if seen.has_heading else 0.0,
         gravity_frd=seen.gravity_b,
         gravity_share=1.0,
+        weight=1.0,
     )
 
 
@@ -54,7 +55,9 @@ def horizontal_north(reference: ReferenceParams, knows_north: bool) -> North:
 
 
 @inlined
-def aided_vectors(reference: ReferenceParams, state: AidingState, knows_north: bool) -> Vectors:
+def aided_vectors(
+    reference: ReferenceParams, state: AidingState, knows_north: bool, weight: float
+) -> Vectors:
     """Both inertial directions as the aided attitude sees them; confidence falls with its sigma.
 
     While magnetic north is not known, the filter's north is where the horizontal field points.
@@ -72,6 +75,7 @@ def aided_vectors(reference: ReferenceParams, state: AidingState, knows_north: b
         magnetic_share=confidence(sigma.heading_rad, MAGNETIC_HALF_RAD),
         gravity_frd=rotate_inverse(q, reference.gravity_ned),
         gravity_share=confidence(sigma.inclination_rad, GRAVITY_HALF_RAD),
+        weight=weight,
     )
 
 
@@ -100,4 +104,5 @@ def follow_aided(
         correction = log(multiply(conjugate(expected), aided.estimate.q_ned_frd))
         rate = corrected_rate(rate, correction, slow, dt)
     state = integrate_rate(state, rate, dt, bias)
-    return correct(params, state, aided_vectors(reference, aided, knows_north), dt)
+    weight = following_weight(slow, dt)
+    return correct(params, state, aided_vectors(reference, aided, knows_north, weight), dt)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined, replacer
+from estimator.conditioning.robust import REACH
 from estimator.conditioning.times import LONGEST_STEP_S
 from estimator.conditioning.vertical.averaging import MOST_ERROR
 from estimator.geometry.quaternion import cross, exp, log, multiply, scale
@@ -70,6 +71,17 @@ def likeness(second_difference: float, changed: float) -> float:
     The second differences' mean square is then three times that of the first ones.
     """
     return min(1.0, second_difference / (3.0 * changed + TINY))
+
+
+@inlined
+def following_weight(slow: float, dt_s: float) -> float:
+    """How much the vectors count against the gyroscope that carries the filter from step to step.
+
+    1 for fast streams. Of slow ones the vectors have been weighed already, and
+    what the gyroscope has missed in a step the filter must not keep for a second: with its least
+    gain, 1/s, a step is ``REACH`` time constants.
+    """
+    return 1.0 + slow * REACH / dt_s if slow > 0.0 else 1.0
 
 
 @inlined
