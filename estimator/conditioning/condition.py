@@ -49,7 +49,7 @@ def learn(
 ) -> ConditioningState:
     """One learning step on what was gathered; ``between`` is known of the last sample's turning."""
     mean = means(state.gathered)
-    force_scatter = state.events.signs.gravity.force_scatter
+    force_scatter = state.events.gravity.force_scatter
     levelled = learn_vertical(params, state.vertical, mean, between, force_scatter)
     seen = learn_field(params, state.field, mean, levelled)
     now = learn_events(params, state.events, mean, levelled, seen)
@@ -72,7 +72,6 @@ class Conditioned(NamedTuple):
     bias_rad_s: Vec3 = ZERO_VEC3  # of the gyroscope, FRD
     gravity_b: Vec3 = (0.0, 0.0, 1.0)  # down, a unit vector in FRD
     magnetic_b: Vec3 = (1.0, 0.0, 0.0)  # magnetic north, horizontal, a unit vector in FRD
-    weight: float = 1.0  # of both vectors against the gyroscope; 1 for fast streams
     has_heading: bool = False  # whether a field has shown it
     gravity_confidence: float = 0.0  # 0..1, falls with accelerations
     magnetic_confidence: float = 0.0  # 0..1, of the present field; 0 without one

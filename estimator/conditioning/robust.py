@@ -21,8 +21,6 @@ ANY_DIRECTION_VARIANCE = 0.5 * (pi**2 - 4.0)
 HALF_TURN_VARIANCE = pi**2
 # 68 % of a plane normal distribution lie within this many of its sigmas.
 PLANE_68 = 1.515
-# Of independent readings the second differences' mean square over the first ones'.
-INDEPENDENT_SECOND_DIFFERENCE = 3.0
 
 
 @inlined

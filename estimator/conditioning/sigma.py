@@ -4,7 +4,6 @@ from math import atan2, inf, sqrt
 from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.events.jump_signs import turn_of
 from estimator.conditioning.events.step import EventsState
 from estimator.conditioning.field.calibration import own_field
 from estimator.conditioning.field.magnetic import MagneticState, has_heading, steepness
@@ -14,12 +13,10 @@ from estimator.conditioning.times import CONFIRM_S, LONG_S, SPAN_S
 from estimator.conditioning.vertical.bias import SETTLED_HEADING_RAD
 from estimator.conditioning.vertical.gravity import heading_frame
 from estimator.conditioning.vertical.lasting import SCALE_ERROR
-from estimator.conditioning.vertical.rate import following_weight
 from estimator.conditioning.vertical.step import VerticalState
 from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
 from estimator.conditioning.vertical.tilt import slowness, weighing
 from estimator.geometry.quaternion import rotate
-from estimator.types import Vec2
 
 # What a measured mean square counts as a variance: of the force's size, as a share of gravity,
 # about the inclination; of the field's scatter, and of its norm and dip, about the heading.
@@ -27,9 +24,6 @@ MEASURED_SQUARE = 2.0
 # What a low-pass leaves of the variance of a mean over a window; and of one that is reckoned from
 # accelerations that are taken to last long.
 LOW_PASS_SHARE = 0.5
-# The share of the square of the angle between the force of a second and the vertical: it is an
-# acceleration or an error, and for some seconds nothing shows which.
-CONTRADICTED_SQUARE = 0.1
 # The share by which a heading given up may still be right once another is confirmed.
 LEAST_ALTERNATIVE = 0.15
 
@@ -37,7 +31,6 @@ LEAST_ALTERNATIVE = 0.15
 class Certainty(NamedTuple):
     """How far the vectors can be trusted, and how well inclination and heading are known."""
 
-    weight: float = 1.0  # of both vectors against the gyroscope; 1 for fast streams
     has_heading: bool = False  # whether a field has shown it
     gravity_confidence: float = 0.0  # 0..1, falls with accelerations
     magnetic_confidence: float = 0.0  # 0..1, of the present field; 0 without one
@@ -55,12 +48,10 @@ def certainty_of(
 ) -> Certainty:
     """The certainty after a learning step; until the next one nothing changes it."""
     magnetic = field.magnetic
-    dt_s = vertical.coefficients.dt_s
     known = has_heading(magnetic)
     return Certainty(
-        weight=following_weight(slowness(params, dt_s), dt_s),
         has_heading=known,
-        gravity_confidence=1.0 / (1.0 + events.signs.gravity.force_scatter),
+        gravity_confidence=1.0 / (1.0 + events.gravity.force_scatter),
         magnetic_confidence=magnetic.look.confidence if magnetic.wait_s < SPAN_S else 0.0,
         sigma_inclination_rad=sigma_inclination(params, vertical, events, vertical.tilt.variance),
         sigma_brief_rad=sigma_inclination(params, vertical, events, vertical.tilt.fresh),
@@ -80,24 +71,16 @@ def sigma_inclination(
     low-passed force has another size than gravity: what an accelerometer's error
     or an acceleration adds along the vertical it adds across as well.
     In slow streams the variance ``reckoned`` (rad^2) by the vertical itself counts instead; in fast
-    ones of vehicles half of it, and how far the force of the last second contradicts it.
+    ones of vehicles half of it.
     """
-    signs = events.signs.gravity
-    slow, carried = slow_and_carried(params, vertical.coefficients.dt_s)
+    signs = events.gravity
+    dt_s = vertical.coefficients.dt_s
+    slow, weighed = slowness(params, dt_s), weighing(params, dt_s)
     measured = max(signs.apart, LOW_PASS_SHARE * vertical.averaging.variance)
     measured += MEASURED_SQUARE * signs.uneven
     known = LEAST_DIRECTION_RAD**2 + vertical.inflation
-    force = vertical.gravity.force
-    by_itself = LOW_PASS_SHARE * reckoned
-    by_itself += CONTRADICTED_SQUARE * turn_of(force.quick, force.best.value) ** 2
-    return sqrt(known + (1.0 - slow - carried) * measured + slow * reckoned + carried * by_itself)
-
-
-@inlined
-def slow_and_carried(params: ConditioningParams, dt_s: float) -> Vec2:
-    """How slow a stream is, and how far a gyroscope carries the vertical for another reason."""
-    slow = slowness(params, dt_s)
-    return slow, weighing(params, dt_s) - slow
+    reckoned *= slow + LOW_PASS_SHARE * (weighed - slow)
+    return sqrt(known + (1.0 - weighed) * measured + reckoned)
 
 
 @inlined
@@ -111,13 +94,12 @@ def alternative(
     Before a field is believed that is where it points, as one that looks as expected, or another
     one that lasts; afterwards it is the heading given up.
     """
-    signs, reference = events.signs.heading, magnetic.reference
+    signs, reference = events.heading, magnetic.reference
     heading_rad, seen_s = vertical.estimate.heading_rad, reference.other.seen_s
     by_other = 0.0
     if seen_s > 0.0:
-        field_6d = rotate(
-            heading_frame(vertical.gravity, vertical.averaging.share), events.signs.jump.slow
-        )
+        frame = heading_frame(vertical.gravity, vertical.averaging.share)
+        field_6d = rotate(frame, events.jump.slow)
         north, east = north_east(heading_rad, field_6d)
         by_other = seen_s / (seen_s + reference.confirmed_s) * atan2(east, north) ** 2
     unconfirmed = 1.0 - signs.confirmed_s / CONFIRM_S
@@ -147,11 +129,12 @@ def sigma_heading(
     """
     magnetic, p = field.magnetic, vertical.estimate.covariance[9]
     steep = steepness(magnetic.reference)
-    signs = events.signs
-    lasting = MEASURED_SQUARE * signs.heading.scatter + alternative(vertical, magnetic, events)
-    slow, carried = slow_and_carried(params, vertical.coefficients.dt_s)
+    lasting = MEASURED_SQUARE * events.heading.scatter + alternative(vertical, magnetic, events)
+    dt_s = vertical.coefficients.dt_s
+    slow = slowness(params, dt_s)
+    carried = weighing(params, dt_s) - slow
     tilt_variance = vertical.inflation + carried * LOW_PASS_SHARE * vertical.tilt.variance
-    by_tilt = 0.5 * steep * (signs.gravity.uneven + tilt_variance)
+    by_tilt = 0.5 * steep * (events.gravity.uneven + tilt_variance)
     lasting += LEAST_DIRECTION_RAD**2 + by_tilt + events.inflation.variance
     uneven = max(0.0, magnetic.reference.uneven - SCALE_ERROR**2)
     _, own_left = own_field(field.calibration.learnt)

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from estimator.conditioning.events.axis_signs import AxisSigns
-from estimator.conditioning.events.step import EventsState, TurnSigns
+from estimator.conditioning.events.step import EventsState
 from estimator.conditioning.field.calibration import first_calibration
 from estimator.conditioning.field.step import MagnetometerState
 from estimator.conditioning.gather import NOTHING, Gathered
@@ -57,7 +57,7 @@ def forget_bias(params: ConditioningParams, state: ConditioningState) -> Conditi
     estimate = first_estimate(params, heading_rad, covariance[9])
     return state._replace(
         vertical=state.vertical._replace(estimate=estimate),
-        events=state.events._replace(signs=state.events.signs._replace(axes=AxisSigns())),
+        events=state.events._replace(axes=AxisSigns()),
     )
 
 
@@ -69,11 +69,10 @@ def forget_field(params: ConditioningParams, state: ConditioningState) -> Condit
     vertical = state.vertical._replace(
         estimate=estimate._replace(covariance=apart), still=Stillness()
     )
-    signs = TurnSigns(gravity=state.events.signs.gravity)
     return state._replace(
         vertical=vertical,
         field=MagnetometerState(first_calibration(params)),
-        events=EventsState(signs),
+        events=EventsState(gravity=state.events.gravity),
     )
 
 

@@ -27,7 +27,7 @@ def conditioned_vectors(reference: ReferenceParams, seen: Conditioned) -> Vector
         magnetic_share=1.0 if seen.has_heading else 0.0,
         gravity_frd=seen.gravity_b,
         gravity_share=1.0,
-        weight=seen.weight,
+        weight=1.0,
     )
 
 

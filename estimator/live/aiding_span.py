@@ -107,7 +107,9 @@ def find_start_by_field(state: State) -> "Start | None":
     now = state.core.core  # taken out once: that takes longer than all that is asked of it
     is_trusted = trusts_field(state, now)
     may_begin = is_trusted or compass.is_unknown(state.context.compass, now.time_us)
-    if not may_begin or not is_settled(state.settings, now):
+    # the unaided vertical goes through its averaging time first
+    age_s = now.conditioning.vertical.gravity.force.age_s
+    if not may_begin or age_s < state.settings.conditioning.gravity_tau_s:
         return None
     if now.seen.sigma_heading_rad >= UNKNOWN_RAD:
         return None
@@ -168,11 +170,6 @@ def most_field_sigma_rad(settings: Settings, now: Core) -> float:
     if slow_share(now.sample.dt_s) > 0.0:
         return UNKNOWN_RAD
     return inf if rolls(settings.aiding) else HEADING_REACH_RAD
-
-
-def is_settled(settings: Settings, now: Core) -> bool:
-    """Whether the unaided vertical has gone through its averaging time since it began."""
-    return now.conditioning.vertical.gravity.force.age_s >= settings.conditioning.gravity_tau_s
 
 
 def trusts_field(state: State, now: Core) -> bool:

@@ -100,7 +100,7 @@ def compass_turn(state: State, now: Core, found: Solution) -> tuple[float, float
     Seen by velocity alone: the aiding may have taken for iron what a turned compass does.
     """
     north, field = state.settings.reference.magnetic_ned, now.conditioning.field.magnetic.reference
-    F = rotate(found.q_ned_g, now.conditioning.events.signs.jump.slow)
+    F = rotate(found.q_ned_g, now.conditioning.events.jump.slow)
     turn_rad = atan2(north[0] * F[1] - north[1] * F[0], north[0] * F[0] + north[1] * F[1])
     iron_rad = iron_sigma_gauss(state, now) / max(field.horizontal, TINY)
     return turn_rad, hypot(found.sigma_heading_rad, MOUNTED_RAD, iron_rad)

@@ -249,7 +249,7 @@ def contradicted_axes(handle: Any) -> tuple[bool, bool, bool]:
 
     By more than a bias that the profile allows: such an error is not learnt.
     """
-    axes = handle.conditioning.events.signs.axes
+    axes = handle.conditioning.events.axes
     is_now = axes.since_s < SPAN_S
     least = handle.params.conditioning.bias_limit_rad_s**2
     x, y, z = axes.squares

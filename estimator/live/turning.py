@@ -104,15 +104,9 @@ def take_rate(state: Turning, rates: Rates, time_us: int, rate_rad_s: Vec3) -> R
 
 
 @inlined
-def time_of(rates: Rates, k: int) -> int:
-    """Time (us) of a rate."""
-    return int(rates[k, 0])
-
-
-@inlined
-def rate_of(rates: Rates, k: int) -> Vec3:
-    """A rate itself."""
-    return (float(rates[k, 1]), float(rates[k, 2]), float(rates[k, 3]))
+def rate_at(rates: Rates, k: int) -> tuple[int, Vec3]:
+    """A rate, behind its time (us)."""
+    return int(rates[k, 0]), (float(rates[k, 1]), float(rates[k, 2]), float(rates[k, 3]))
 
 
 @inlined
@@ -131,7 +125,7 @@ def take_between(
         shown = integrate(state, rates, passed, from_us, time_us, gyr_rad_s)
     before_us, before = state.before_us, state.before_rad_s
     if passed > 0:
-        before_us, before = time_of(rates, passed - 1), rate_of(rates, passed - 1)
+        before_us, before = rate_at(rates, passed - 1)
     used = state.used + (1 if shown.given else 0)
     return with_passed(state, before_us, before, gyr_rad_s, used), rates[passed:].copy(), shown
 
@@ -149,7 +143,8 @@ def integrate(
     for k in range(passed + 1):
         t1, w1 = time_us, gyr_rad_s
         if k < passed:
-            t1, w1 = time_of(rates, k), add(rate_of(rates, k), state.offset_rad_s)
+            t1, w1 = rate_at(rates, k)
+            w1 = add(w1, state.offset_rad_s)
             if not from_us + edge < t1 < time_us - edge:
                 continue
         step_s = 1e-6 * (t1 - t0)
@@ -176,7 +171,7 @@ def compared(
     """
     near_us, there = state.before_us, state.before_rad_s
     if passed > 0:
-        near_us, there = time_of(rates, passed - 1), rate_of(rates, passed - 1)
+        near_us, there = rate_at(rates, passed - 1)
     if near_us == NEVER_US:
         return state
     apart_s = 1e-6 * (time_us - near_us)
@@ -187,11 +182,11 @@ def compared(
     if apart_s > SAME_INSTANT_S:
         if len(rates) == passed:
             return state
-        ahead_us = time_of(rates, passed)
+        ahead_us, ahead = rate_at(rates, passed)
         if 1e-6 * (ahead_us - near_us) > UNSEEN_STEP_S:
             return state
         share = (time_us - near_us) / (ahead_us - near_us)
-        there = add(scale(1.0 - share, there), scale(share, rate_of(rates, passed)))
+        there = add(scale(1.0 - share, there), scale(share, ahead))
     left = subtract(subtract(gyr_rad_s, there), state.offset_rad_s)
     step_s = max(1e-3, apart_s + 0.25)
     a = step_s / (AGREEMENT_TAU_S + step_s)

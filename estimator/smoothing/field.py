@@ -5,10 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.aiding.sources.field import MOST_DISTORTION
 from estimator.arrays import Bools, Floats
 from estimator.conditioning.field.calibration import own_field
-from estimator.conditioning.field.magnetic import FieldReference, has_heading
+from estimator.conditioning.field.magnetic import MOST_DISTORTION, FieldReference, has_heading
 from estimator.conditioning.times import CONFIRM_S
 from estimator.geometry.rotations import cross, rotate, wrap
 from estimator.live.rows import blocks

@@ -24,6 +24,7 @@ from estimator.aiding.types import (
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.field.magnetic import (
+    MOST_DISTORTION,
     NORM_SCALE,
     FieldLook,
     horizontal_down,
@@ -35,9 +36,6 @@ from estimator.conditioning.vertical.bias import SETTLED_HEADING_RAD
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.geometry.quaternion import cross, dot, exp, multiply, norm, rotate, scale, subtract
 from estimator.types import ZERO_VEC3, Sample, Vec3
-
-# By this share of it (and angle, rad) a field is bent where nothing else is known about it.
-MOST_DISTORTION = 0.2
 
 with_wait = replacer(FieldState, "wait_s")
 with_look = replacer(FieldState, "look", "samples", "wait_s")

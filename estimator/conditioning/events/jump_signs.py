@@ -5,6 +5,7 @@ from typing import NamedTuple
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.field.calibration import Calibration
+from estimator.conditioning.field.magnetic import MOST_DISTORTION
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.robust import FAR
 from estimator.conditioning.times import LATELY_S, QUICK_S
@@ -19,9 +20,6 @@ JUMP_QUICK_S = 0.1
 JUMP_SHARE = (QUICK_S / JUMP_QUICK_S) ** (-1.0 / (QUICK_S / JUMP_QUICK_S - 1.0)) * (
     1.0 - JUMP_QUICK_S / QUICK_S
 )
-# A reading whose norm is off by more than this share shows no turn: a spike, or a magnet. Both
-# low-passes take it slowly, so that they part no further, and follow a field that stays another.
-SPIKE_SHARE = 0.2
 # In how far they differ usually a moment counts as no more than so many times that, and noise: a
 # jump is not usual because it has come, and teaches no calibration.
 MOST_USUAL = 2.5
@@ -45,10 +43,6 @@ class JumpSigns(NamedTuple):
     age_s: float = 0.0  # since the first field
 
 
-with_first = replacer(
-    JumpSigns,
-    *("quick", "slow", "quick_norm", "slow_norm", "usual_turning", "turning", "unseen", "age_s"),
-)
 with_seen = replacer(JumpSigns, "seen_rad")
 
 
@@ -67,10 +61,12 @@ def watch_field(
     gyroscope has not shown turns it at once.
     """
     n = norm(field_g)
-    if state.age_s == 0.0:
-        return with_first(state, field_g, field_g, n, n, turning, turning, unseen, dt_s)
     a, b = dt_s / (JUMP_QUICK_S + dt_s), dt_s / (QUICK_S + dt_s)
-    if abs(n - state.slow_norm) > SPIKE_SHARE * state.slow_norm:
+    if state.age_s == 0.0:
+        b = 1.0
+    # a spike, or a magnet, shows no turn: both low-passes take it slowly, so that they part no
+    # further, and follow a field that stays another
+    if abs(n - state.slow_norm) > MOST_DISTORTION * state.slow_norm:
         a = b
     quick = approach(state.quick, field_g, a)
     slow = approach(state.slow, field_g, b)

@@ -54,15 +54,6 @@ from estimator.types import ZERO_VEC3, Vec2
 SUDDEN_SHARE = 0.9
 
 
-class TurnSigns(NamedTuple):
-    """How strong each sign of an unsensed turn is, and how long it has lasted."""
-
-    heading: HeadingSigns = HeadingSigns()  # of the field
-    gravity: GravitySigns = GravitySigns()  # of the specific force
-    jump: JumpSigns = JumpSigns()  # of the field in G
-    axes: AxisSigns = AxisSigns()  # of the gyroscope's axes, by that field
-
-
 class HeadingInflation(NamedTuple):
     """Variance that a jump adds to the heading once the field looks as usual again."""
 
@@ -75,9 +66,19 @@ class HeadingInflation(NamedTuple):
 with_usual = replacer(HeadingInflation, "variance", "usual_s")
 
 
+class EventsState(NamedTuple):
+    """How strong each sign of an unsensed turn is, and the variance inflated after one."""
+
+    heading: HeadingSigns = HeadingSigns()  # of the field
+    gravity: GravitySigns = GravitySigns()  # of the specific force
+    jump: JumpSigns = JumpSigns()  # of the field in G
+    axes: AxisSigns = AxisSigns()  # of the gyroscope's axes, by that field
+    inflation: HeadingInflation = HeadingInflation()
+
+
 @inlined
 def inflate_variance(
-    inflation: HeadingInflation, signs: TurnSigns, variance: float, steepness: float
+    inflation: HeadingInflation, signs: EventsState, variance: float, steepness: float
 ) -> HeadingInflation:
     """The inflation after a jump of the field, by a turn whose angle has the ``variance`` (rad^2).
 
@@ -116,8 +117,7 @@ def release_inflation(
 
     A magnet that has turned the field shows in norm or dip, now or soon, and must not draw the
     heading: the field has to stand still again, and both inflations are dropped if its norm
-    is another. And a heading by the field is never better than the vertical it was taken with,
-    whose inflation is ``tilt`` (rad^2).
+    is another. That of the vertical is ``tilt`` (rad^2).
 
     Returns both inflations, the estimate and whether the heading was given up.
     """
@@ -131,13 +131,10 @@ def release_inflation(
         return with_usual(inflation, 0.0, usual_s), 0.0, estimate, False
     if usual_s <= SPAN_S:
         return with_usual(inflation, left, usual_s), tilt, estimate, False
-    steep = steepness(field.reference)
-    if not is_sudden(jump.usual / JUMP_SHARE**2, left, steep, horizontal):
+    if not is_sudden(jump.usual / JUMP_SHARE**2, left, steepness(field.reference), horizontal):
         left = 0.0
-    now = estimate.covariance[9]
-    raised = max(now + left, 0.5 * tilt * steep) - now
     inflation = with_usual(inflation, 0.0, usual_s)
-    return inflation, tilt, inflate_heading(estimate, raised), left > 0.0
+    return inflation, tilt, inflate_heading(estimate, left), left > 0.0
 
 
 class TurnProof(NamedTuple):
@@ -146,66 +143,27 @@ class TurnProof(NamedTuple):
     heading: bool  # the field keeps pointing elsewhere
     gravity: bool  # gravity keeps pulling elsewhere
     jump: float  # variance (rad^2) of the turn by which the field has jumped; 0: it has not
-
-
-@inlined
-def shows_turn(proof: TurnProof) -> bool:
-    """Whether anything but a jump of the field proves a turn."""
-    return proof.heading or proof.gravity
+    seen_rad: float  # the part of a jump that has counted
 
 
 @inlined
 def proof_of(
-    params: ConditioningParams,
-    signs: TurnSigns,
-    learnt: Calibration,
-    usual_norm: float,
-) -> tuple[TurnProof, float]:
-    """Which signs have lasted for long enough, and the part (rad) of a jump that has counted.
-
-    ``usual_norm`` is that of the place's field.
-    """
+    params: ConditioningParams, signs: EventsState, learnt: Calibration, usual_norm: float
+) -> TurnProof:
+    """Which signs have lasted for long enough; ``usual_norm`` is that of the place's field."""
     if not params.use_events:
-        return TurnProof(False, False, 0.0), 0.0
-    heading, gravity = signs.heading, signs.gravity
+        return TurnProof(False, False, 0.0, 0.0)
+    heading = signs.heading
     jump, seen_rad = jump_variance(params, signs.jump, learnt)
     off = abs(signs.jump.quick_norm - usual_norm)
     if likely(heading.mean_confidence) <= 0.0 or off >= NORM_SCALE * usual_norm:
         jump = 0.0
     return TurnProof(
         heading=heading.confirmed_s <= 0.0 or heading.back_s > LONGEST_STEP_S,
-        gravity=gravity.off_s > LONGEST_STEP_S,
+        gravity=signs.gravity.off_s > LONGEST_STEP_S,
         jump=jump,
-    ), seen_rad
-
-
-@inlined
-def reset_signs(
-    signs: TurnSigns, proof: TurnProof, seen_rad: float, heading_rad: float, given_up: bool
-) -> TurnSigns:
-    """The signs after a step: those that were proof enough start anew.
-
-    ``seen_rad`` is the part of a jump that has counted, ``heading_rad`` the heading, which is
-    remembered where it was ``given_up``.
-    """
-    heading, gravity = signs.heading, signs.gravity
-    if shows_turn(proof):
-        heading = begin_anew(heading)
-    if given_up:
-        heading = give_up(heading, heading_rad)
-    return TurnSigns(
-        heading=heading,
-        gravity=with_time(gravity, 0.0 if proof.gravity else gravity.off_s),
-        jump=with_seen(signs.jump, seen_rad),
-        axes=signs.axes,
+        seen_rad=seen_rad,
     )
-
-
-class EventsState(NamedTuple):
-    """Signs of an unsensed turn, and the variance inflated after one."""
-
-    signs: TurnSigns = TurnSigns()
-    inflation: HeadingInflation = HeadingInflation()
 
 
 class EventsStep(NamedTuple):
@@ -225,11 +183,11 @@ with_calibration = replacer(MagnetometerState, "calibration")
 @inlined
 def follow_signs(
     params: ConditioningParams,
-    before: TurnSigns,
+    before: EventsState,
     mean: Gathered,
     vertical: VerticalStep,
     field: FieldStep,
-) -> TurnSigns:
+) -> EventsState:
     """Each sign followed by one step's mean readings."""
     now, magnetic, since_s = vertical.state, field.state.magnetic, field.since_s
     heading, jump = before.heading, before.jump
@@ -245,7 +203,7 @@ def follow_signs(
     dt = mean.time_s
     weighed = weighing(params, dt)
     gravity = watch_gravity(before.gravity, now.gravity, dt, now.inflation, weighed)
-    return TurnSigns(heading, gravity, jump, axes)
+    return EventsState(heading, gravity, jump, axes, before.inflation)
 
 
 @inlined
@@ -276,29 +234,37 @@ def learn_events(
 ) -> EventsStep:
     """Look for a turn that the gyroscope has not shown, and undo what it has spoilt."""
     magnetic, calibration = field.state.magnetic, field.state.calibration
-    signs = follow_signs(params, before.signs, mean, vertical, field)
-    inflation, was_inflated, released = before.inflation, before.inflation.variance > 0.0, False
-    proof, seen_rad = proof_of(params, signs, calibration.learnt, reference_norm(magnetic))
+    signs = follow_signs(params, before, mean, vertical, field)
+    heading, gravity, jump, axes, inflation = signs
+    was_inflated, released = inflation.variance > 0.0, False
+    proof = proof_of(params, signs, calibration.learnt, reference_norm(magnetic))
     now = react(proof, with_estimate(vertical.state, field.estimate), field.horizontal)
     heading_rad, estimate, tilt = now.estimate.heading_rad, now.estimate, now.inflation
     if proof.jump > 0.0:
         inflation = inflate_variance(inflation, signs, proof.jump, steepness(magnetic.reference))
         # beside a magnet a turn is the less likely
-        tilt += proof.jump * likely(signs.heading.mean_confidence)
+        tilt += proof.jump * likely(heading.mean_confidence)
         tilt = min(tilt, HALF_TURN_VARIANCE)
     if field.seen and (inflation.variance > 0.0 or tilt > 0.0):
         inflation, tilt, estimate, released = release_inflation(
-            params, inflation, tilt, estimate, magnetic, signs.jump, field.horizontal, mean.time_s
+            params, inflation, tilt, estimate, magnetic, jump, field.horizontal, mean.time_s
         )
-    if was_inflated and inflation.variance == 0.0 and not released:
-        seen_rad = pi  # the rest of that jump is a magnet's, too
-    turned = shows_turn(proof) or proof.jump > 0.0
-    turned = turned or (field.seen and looks_turned(params, signs.jump))
+    is_magnets = was_inflated and inflation.variance == 0.0 and not released
+    turned = proof.heading or proof.gravity or proof.jump > 0.0
+    turned = turned or (field.seen and looks_turned(params, jump))
     if turned or vertical.clipped > LEAST_OFF_RAD**2:
         calibration = with_age(calibration, 0.0, False)  # its means are of the old attitude
-    signs = reset_signs(signs, proof, seen_rad, heading_rad, proof.heading or released)
+    # the signs that were proof enough start anew
+    if proof.heading or released:
+        heading = give_up(heading, heading_rad)
+    elif proof.gravity:
+        heading = begin_anew(heading)
+    if proof.gravity:
+        gravity = with_time(gravity, 0.0)
+    # where a magnet has jumped, the rest of that jump is its, too
+    jump = with_seen(jump, pi if is_magnets else proof.seen_rad)
     return EventsStep(
         vertical=with_inflation(now, estimate, tilt),
         field=with_calibration(field.state, calibration),
-        events=EventsState(signs, inflation),
+        events=EventsState(heading, gravity, jump, axes, inflation),
     )

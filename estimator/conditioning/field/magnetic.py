@@ -16,6 +16,8 @@ from estimator.types import Vec2, Vec3
 # A relative deviation of the norm that counts as one: what calibrations leave is less. A field with
 # less than this share of the downward part in the horizontal has no heading.
 NORM_SCALE = 0.1
+# By this share of it (and angle, rad) a field is bent where nothing else is known about it.
+MOST_DISTORTION = 0.2
 # A field that neither the expected nor the other one resembles by this much is a third one.
 LEAST_ALIKE = 0.3
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined, replacer
-from estimator.conditioning.robust import INDEPENDENT_SECOND_DIFFERENCE, REACH
+from estimator.conditioning.robust import REACH
 from estimator.conditioning.times import LONGEST_STEP_S
 from estimator.conditioning.vertical.averaging import MOST_ERROR
 from estimator.geometry.quaternion import cross, exp, log, multiply, scale
@@ -66,8 +66,11 @@ def slow_share(dt_s: float) -> float:
 
 @inlined
 def likeness(second_difference: float, changed: float) -> float:
-    """How far readings look as if they were independent, by squared differences: 0 to 1."""
-    return min(1.0, second_difference / (INDEPENDENT_SECOND_DIFFERENCE * changed + TINY))
+    """How far readings look as if they were independent, by squared differences: 0 to 1.
+
+    The second differences' mean square is then three times that of the first ones.
+    """
+    return min(1.0, second_difference / (3.0 * changed + TINY))
 
 
 @inlined

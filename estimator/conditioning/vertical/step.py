@@ -177,14 +177,13 @@ def learn_vertical(
     estimate = predict(params, k, before.estimate, axes.down, dot(rate, rate), yaw_noise)
     b = estimate.bias_rad_s
     lagged = lag(params, k, before.lagged, axes, b, age_s, share, belief.weighed)
-    if belief.weighed == weighed:
-        was_known = before.gravity.force.age_s > params.gravity_tau_s
-        if rest.resting and params.use_rest:
-            estimate = learn_at_rest(params, k, estimate, axes, rest, still)
-        if params.use_motion_bias and was_known:
-            # of the vertical's own variance: what a step of that share moves by
-            unseen = max(slow * noise.tilt, weighed * share * belief.tilt.variance) / dt**2
-            estimate = learn_in_motion(params, k, estimate, lagged, step, unseen)
+    was_known = before.gravity.force.age_s > params.gravity_tau_s
+    if rest.resting and params.use_rest:
+        estimate = learn_at_rest(params, k, estimate, axes, rest, still)
+    if params.use_motion_bias and was_known:
+        # of the vertical's own variance: what a step of that share moves by
+        unseen = max(slow * noise.tilt, weighed * share * belief.tilt.variance) / dt**2
+        estimate = learn_in_motion(params, k, estimate, lagged, step, unseen)
     state = VerticalState(
         estimate=estimate,
         clipping=with_aliasing(before.clipping, ZERO_VEC3),

@@ -60,6 +60,8 @@ class TiltState(NamedTuple):
     aliasing: float = 0.0  # variance of the turn about horizontal axes that the last step missed
 
 
+UNKNOWN = TiltState(ANY_DIRECTION_VARIANCE, ANY_DIRECTION_VARIANCE)
+with_first = replacer(TiltState, "scatter", "gyr", "force")
 with_variance = replacer(TiltState, "variance")
 with_drift = replacer(TiltState, "drift")
 with_known = replacer(TiltState, "variance", "scatter")
@@ -203,20 +205,7 @@ def believe_force(
 @inlined
 def initial_tilt(gyr: Vec3, u: Vec3) -> TiltState:
     """The state at the first reading: the direction of the force ``u`` is as good as unknown."""
-    scatter = 16.0 * LEAST_OFF_RAD**2
-    return TiltState(
-        variance=ANY_DIRECTION_VARIANCE,
-        fresh=ANY_DIRECTION_VARIANCE,
-        scatter=scatter,
-        tilting=0.0,
-        yawing=0.0,
-        gyr=gyr,
-        change=ZERO_VEC3,
-        changed=0.0,
-        force=norm(u),
-        drift=0.0,
-        aliasing=0.0,
-    )
+    return with_first(UNKNOWN, 16.0 * LEAST_OFF_RAD**2, gyr, norm(u))
 
 
 @inlined

@@ -8,7 +8,7 @@ import pytest
 from estimator.conditioning.condition import condition
 from estimator.conditioning.events.jump_signs import JumpSigns
 from estimator.conditioning.events.lasting_signs import GravitySigns, HeadingSigns
-from estimator.conditioning.events.step import EventsState, HeadingInflation, TurnSigns
+from estimator.conditioning.events.step import EventsState, HeadingInflation
 from estimator.conditioning.field.magnetic import (
     AlternativeField,
     FieldLook,
@@ -93,8 +93,8 @@ def state_of(*, dt_s, wait_s=0.0, seen_s=0.0, **signs):
     reference = FieldReference(0.2, 0.4, confirmed_s=5.0, other=other, uneven=0.004)
     heading = HeadingSigns(**{"scatter": 0.0007, "confirmed_s": 1.0, **signs})
     gravity = GravitySigns(apart=0.0006, uneven=0.0005)
-    signs = TurnSigns(heading, gravity, JumpSigns(slow=(0.1, 0.3, 0.4)))
-    events = EventsState(signs, HeadingInflation(0.0023))
+    jump = JumpSigns(slow=(0.1, 0.3, 0.4))
+    events = EventsState(heading, gravity, jump, inflation=HeadingInflation(0.0023))
     return vertical, MagneticState(FieldLook(), reference, wait_s, True), events
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from estimator.conditioning.condition import condition
 from estimator.conditioning.events.jump_signs import watch_field
-from estimator.conditioning.events.step import TurnProof, reset_signs
+from estimator.conditioning.events.lasting_signs import HeadingSigns, give_up
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.state import apply_turn, initial_state
 from estimator.conditioning.vertical.rate import Clipping
@@ -115,7 +115,7 @@ def test_a_heading_that_is_off_is_given_up_though_it_creeps_towards_the_field():
 def test_a_jump_is_not_usual_because_it_has_come():
     """A field that turns by 20 degrees after half a minute of 0.3 degrees of noise."""
     rng = np.random.default_rng(3)
-    jump = initial_state(PARAMS).events.signs.jump
+    jump = initial_state(PARAMS).events.jump
     for i in range(3100):
         angle = radians(20.0 * (i >= 3000) + 0.3 * rng.normal())
         jump = watch_field(jump, (cos(angle), sin(angle), 0.0), 0.0, 0.0, DT)
@@ -125,14 +125,9 @@ def test_a_jump_is_not_usual_because_it_has_come():
 
 def test_of_headings_that_are_given_up_in_steps_the_first_is_remembered():
     """A field that keeps turning takes the heading along: none of the steps was borne out."""
-    signs = initial_state(PARAMS).events.signs
-    proof = TurnProof(heading=True, gravity=False, jump=0.0)
-    signs = reset_signs(signs, proof, 0.0, 0.3, given_up=True)
-    signs = reset_signs(signs, proof, 0.0, 0.9, given_up=True)
-    assert signs.heading.other_rad == 0.3
-    later = signs.heading._replace(other_s=signs.heading.other_s - 11.0)
-    signs = reset_signs(signs._replace(heading=later), proof, 0.0, 0.9, given_up=True)
-    assert signs.heading.other_rad == 0.9
+    heading = give_up(give_up(HeadingSigns(), 0.3), 0.9)
+    assert heading.other_rad == 0.3
+    assert give_up(heading._replace(other_s=heading.other_s - 11.0), 0.9).other_rad == 0.9
 
 
 def beside_iron(sample, t):
