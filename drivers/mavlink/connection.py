@@ -1,9 +1,11 @@
-"""One endpoint kept open: packets in, bytes out, and what a person should know about it."""
+"""One endpoint kept open: packets in, bytes out, how many a peer may send, and what to report."""
 
 import logging
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, wait
+from dataclasses import dataclass
+from math import inf
 
 from drivers.aside import aside
 from drivers.endpoint import Endpoint
@@ -282,3 +284,75 @@ class LinkDiagnostics:
         """Forget the failure, because it is over; returns how often it occurred."""
         count, self._failure, self._failures = self._failures, "", 0
         return count
+
+
+PACKETS_HZ = 200.0  # of a peer without an IMU; a ground station sends a tenth of that
+ALL_PACKETS_HZ = 2000.0  # of all those together
+IMU_PACKETS_HZ = 30_000.0  # of a peer with an IMU; a router may forward 200 vehicles
+IMU_COUNTS_S = 5.0  # a peer counts as one with an IMU for so long after a sample
+FRAME_BYTES = 64  # of a usual frame: a packet that is larger counts as several
+MOST_PEERS = 1024
+
+
+@dataclass(slots=True)
+class _Budget:
+    """A second's worth of packets, refilled as time goes by."""
+
+    left: float
+    at_s: float
+    imu_s: float = -inf  # when its peer last sent IMU data
+
+    def take(self, packets: int, rate_hz: float, now_s: float) -> bool:
+        """Whether there are so many left, which are then taken; a full one is enough for any."""
+        left = self.left + rate_hz * max(0.0, now_s - self.at_s)  # the clock may be set
+        self.left, self.at_s = min(rate_hz, left), now_s
+        packets = min(packets, int(rate_hz))
+        if self.left < packets:
+            return False
+        self.left -= packets
+        return True
+
+    def has_imu(self, now_s: float) -> bool:
+        """Whether its peer has sent IMU data lately."""
+        return now_s - self.imu_s < IMU_COUNTS_S
+
+
+class RateLimits:
+    """Decides whether a peer's packet is read; ``refused`` counts those that are not.
+
+    A flood of heartbeats costs as much to read as samples do. So each peer without an IMU has a
+    budget of packets a second, and all of them together have one. A peer that sends IMU data has a
+    larger budget of its own, so that nobody else's flood keeps its samples out.
+    Times are those of the packets' arrival, in s: nobody is refused because this process has not
+    looked for a while.
+    """
+
+    def __init__(self) -> None:
+        self.refused = 0
+        self._peers: dict[str, _Budget] = {}
+        self._all = _Budget(ALL_PACKETS_HZ, 0.0)
+
+    def admits(self, peer: str, size: int, now_s: float) -> bool:
+        """Whether a packet of ``size`` bytes is read that arrived at ``now_s``."""
+        known = self._peers.get(peer)
+        if known is None:
+            if len(self._peers) >= MOST_PEERS:  # the budget of all without an IMU still holds
+                self._peers = {k: p for k, p in self._peers.items() if p.has_imu(now_s)}
+            known = self._peers[peer] = _Budget(PACKETS_HZ, now_s)
+        packets = 1 + size // FRAME_BYTES
+        if known.has_imu(now_s):
+            is_admitted = known.take(packets, IMU_PACKETS_HZ, now_s)
+        else:
+            is_admitted = known.take(packets, PACKETS_HZ, now_s) and self._all.take(
+                packets, ALL_PACKETS_HZ, now_s
+            )
+        self.refused += not is_admitted
+        return is_admitted
+
+    def note_imu(self, peer: str, now_s: float) -> None:
+        """IMU data of ``peer`` was let in; the first of it fills its larger budget."""
+        known = self._peers.get(peer)
+        if known is not None:
+            if not known.has_imu(now_s):
+                known.left = IMU_PACKETS_HZ
+            known.imu_s = now_s

@@ -5,21 +5,21 @@ but for what :mod:`drivers.mavlink.outgoing` sends.
 """
 
 import time
-from collections import OrderedDict
-from collections.abc import Callable
+from collections import Counter, OrderedDict, deque
+from collections.abc import Callable, Iterable
 from concurrent.futures import Future
 from typing import Self
 
 from drivers.aside import aside
 from drivers.closing import Closing
 from drivers.endpoint import Endpoint
-from drivers.events import Event, Malformed, VehicleId
-from drivers.mavlink.connection import Connection
+from drivers.events import Event, Malformed, Shed, VehicleId
+from drivers.mavlink.connection import Connection, RateLimits
+from drivers.mavlink.constants import AUTOPILOT_VERSION_ID, HEARTBEAT_ID
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.framing import Frame, FrameReader
 from drivers.mavlink.gate import FrameGate, Policy
-from drivers.mavlink.limits import MOST_WAITING, FrameQueue, RateLimits
-from drivers.mavlink.messages import IMU_MESSAGES
+from drivers.mavlink.messages import IMU_MESSAGES, MESSAGES, imu_number, imu_stream_name
 from drivers.mavlink.outgoing import Outbound
 from drivers.mavlink.recorder import Recorder
 from drivers.mavlink.transports.transport import Packet
@@ -33,6 +33,86 @@ MOST_AT_ONCE = 64
 REST_S = 0.002
 BUSY_REST_S = 0.02  # the same, while frames wait to be decoded: reading more would delay them
 AHEAD_S = 0.02  # between two looks before anybody drains
+MOST_WAITING = 4096  # frames: 0.4 s of 200 vehicles at 50 Hz
+WHO_IS_THERE = frozenset({HEARTBEAT_ID, AUTOPILOT_VERSION_ID})
+REPORT_EVERY_US = 250_000  # how often what was left out is reported
+
+Arrived = tuple[int, Frame]  # a frame behind its arrival (host's Unix time, us)
+
+
+class FrameQueue:
+    """Recorded frames that wait to be decoded, in the order of their arrival.
+
+    Only when it is full is anything left out: of each sender's streams (one message of one IMU)
+    the newest frame stays, in its place, and older ones go. What is sent only once (a parameter,
+    an answer) stays. A newer sample of a vehicle is worth more than an older one.
+    ``dropped`` counts frames of no stream that found no room, ``shed`` IMU samples left out.
+    """
+
+    def __init__(self, most_waiting: int = MOST_WAITING) -> None:
+        self.dropped = 0
+        self.shed = 0
+        self._most_waiting = most_waiting
+        self._frames: deque[Arrived] = deque()
+        self._unreported: Counter[tuple[VehicleId, str]] = Counter()
+        self._reported_us = 0
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    def add(self, arrival_us: int, frames: Iterable[Frame]) -> None:
+        """Put frames at the end."""
+        self._frames.extend([(arrival_us, frame) for frame in frames])
+        if len(self._frames) > self._most_waiting:
+            self._keep_newest()
+
+    def take(self, most: int) -> list[Arrived]:
+        """The next frames, the oldest first, at most so many."""
+        frames = self._frames
+        return [frames.popleft() for _ in range(min(most, len(frames)))]
+
+    def take_shed(self, now_us: int) -> list[Shed]:
+        """Samples that were left out, if it is time to report them."""
+        if not self._unreported or 0 <= now_us - self._reported_us < REPORT_EVERY_US:
+            return []
+        self._reported_us = now_us
+        shed = [
+            Shed(vehicle, now_us, message, samples)
+            for (vehicle, message), samples in self._unreported.items()
+        ]
+        self._unreported.clear()
+        return shed
+
+    def _keep_newest(self) -> None:
+        """Leave out all but the newest frame of each stream; of what is in no stream the oldest."""
+        seen: set[tuple[int, ...]] = set()
+        kept: deque[Arrived] = deque()
+        for arrived in reversed(self._frames):
+            _, frame = arrived
+            if _is_stream(frame.message_id):
+                number = imu_number(frame) if frame.message_id in IMU_MESSAGES else 0
+                stream = (frame.system_id, frame.component_id, frame.message_id, number)
+                if stream in seen:
+                    self._count_shed(frame, number)
+                    continue
+                seen.add(stream)
+            kept.appendleft(arrived)
+        while len(kept) > self._most_waiting:
+            kept.popleft()
+            self.dropped += 1
+        self._frames = kept
+
+    def _count_shed(self, frame: Frame, number: int) -> None:
+        message = IMU_MESSAGES.get(frame.message_id)
+        if message is not None:
+            vehicle = VehicleId(frame.system_id, frame.component_id)
+            self._unreported[vehicle, imu_stream_name(message.name, number)] += 1
+            self.shed += 1
+
+
+def _is_stream(message_id: int) -> bool:
+    """Whether a newer message makes an older one old; the tables may be extended."""
+    return message_id in IMU_MESSAGES or message_id in MESSAGES or message_id in WHO_IS_THERE
 
 
 class MavlinkLink(Closing):

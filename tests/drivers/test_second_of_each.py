@@ -6,7 +6,7 @@ from drivers.events import VehicleId
 from drivers.mavlink.constants import RAW_IMU_ID, mavlink
 from drivers.mavlink.encoder import FrameEncoder, attitude, attitude_quaternion
 from drivers.mavlink.framing import Frame
-from drivers.mavlink.limits import FrameQueue
+from drivers.mavlink.link import FrameQueue
 from drivers.samples.imu_stream import MOST_HELD, Field, ImuStream, Stamp
 from drivers.samples.vehicle_clock import TimeField
 from estimator.reasons import Reason

@@ -21,7 +21,7 @@ from drivers.logs.open import open_log
 from drivers.mavlink.constants import mavlink
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.framing import FrameReader
-from drivers.mavlink.limits import FrameQueue
+from drivers.mavlink.link import FrameQueue
 from drivers.mavlink.messages import IMU_MESSAGES, MESSAGES
 from estimator.aiding.sources.source import SOURCES
 from estimator.geometry.frames import euler_rad

@@ -16,7 +16,7 @@ from drivers.mavlink.connection import Connection
 from drivers.mavlink.constants import RAW_IMU_ID
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.framing import FrameReader
-from drivers.mavlink.limits import FrameQueue
+from drivers.mavlink.link import FrameQueue
 from drivers.simulation.autopilot import VehicleOptions
 from drivers.simulation.fleet import Fleet, run_vehicles
 from estimator.profile import load_profile

@@ -3,16 +3,10 @@
 import pytest
 
 from drivers.events import Shed, VehicleId
+from drivers.mavlink.connection import ALL_PACKETS_HZ, IMU_PACKETS_HZ, PACKETS_HZ, RateLimits
 from drivers.mavlink.constants import ATTITUDE_ID, HEARTBEAT_ID, PARAM_VALUE_ID, RAW_IMU_ID
 from drivers.mavlink.framing import Frame
-from drivers.mavlink.limits import (
-    ALL_PACKETS_HZ,
-    IMU_PACKETS_HZ,
-    PACKETS_HZ,
-    REPORT_EVERY_US,
-    FrameQueue,
-    RateLimits,
-)
+from drivers.mavlink.link import REPORT_EVERY_US, FrameQueue
 
 
 def admitted(limits, peers, packets, seconds, size=30, imu=False):

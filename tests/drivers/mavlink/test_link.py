@@ -13,7 +13,7 @@ import pytest
 
 from drivers.endpoint import Endpoint, parse_endpoint
 from drivers.events import CommandAck, Heartbeat, Imu, LinkDown, LinkUp, Malformed, Shed, VehicleId
-from drivers.mavlink import limits
+from drivers.mavlink import connection
 from drivers.mavlink import link as mavlink_link
 from drivers.mavlink.constants import mavlink
 from drivers.mavlink.encoder import FrameEncoder, heartbeat, raw_imu
@@ -342,8 +342,8 @@ def test_large_datagrams_of_another_keep_no_vehicle_out(content, has_imu):
 
         taken = lambda found: len(ours(found)) + link.shed + link.lost  # noqa: E731
         # on a busy computer more is let in, by time
-        rate_hz = limits.IMU_PACKETS_HZ if has_imu else limits.PACKETS_HZ
-        each = min(1 + len(content) // limits.FRAME_BYTES, rate_hz)
+        rate_hz = connection.IMU_PACKETS_HZ if has_imu else connection.PACKETS_HZ
+        each = min(1 + len(content) // connection.FRAME_BYTES, rate_hz)
         let_in = 2 + rate_hz * (1.0 + time.monotonic() - begun_s) / each
         refused = lambda: not content or link.dropped - before + link.lost >= 200 - let_in  # noqa: E731
         events += collect(link, lambda found: taken(found) >= 36 and refused())
@@ -352,7 +352,7 @@ def test_large_datagrams_of_another_keep_no_vehicle_out(content, has_imu):
 
 def test_no_sample_is_refused_after_a_stop(monkeypatch):
     """A sender has an IMU by when its packets came, not by when they are read: all are."""
-    monkeypatch.setattr(limits, "IMU_COUNTS_S", 0.1)
+    monkeypatch.setattr(connection, "IMU_COUNTS_S", 0.1)
     vehicle = Vehicle(1)
     with udp_link() as (link, wire):
         collect(link, count(Imu, 2), lambda: wire.send(vehicle.imu()))
