@@ -12,14 +12,14 @@ from math import isfinite
 from struct import calcsize
 from typing import Any, NamedTuple
 
-from drivers.events import Event
+from drivers.events import BodyRates, Event
 from drivers.mavlink import constants as mav
 from drivers.mavlink.framing import Frame, layout
 from drivers.samples.imu_stream import Stamp
 from drivers.samples.intake import Intake
 from drivers.samples.navigation import Fix, Source, quaternion_from_euler, unit_or_none
 from drivers.samples.vehicle_clock import TimeField
-from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Vec3
+from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, RateSample, Vec3
 
 MG_M_S2 = STANDARD_GRAVITY_M_S2 / 1000.0
 MILLI = 1e-3
@@ -201,7 +201,7 @@ def _attitude(intake: Intake, message: Received) -> list[Event]:
         return intake.attitude(message.name, stamp, "autopilot", _from_euler(m), rates)
     if not (isfinite(m.roll) and isfinite(m.pitch) and isfinite(m.yaw)):
         return []  # the rates are then as wrong as the angles
-    return intake.rates(message.name, stamp, rates)
+    return intake.report(message.name, stamp, lambda us: RateSample(us, rates), BodyRates)
 
 
 def _attitude_quaternion(intake: Intake, message: Received) -> list[Event]:

@@ -120,7 +120,7 @@ class ImuStream:
         refusal = self._faults.refusal(readings, raw_us)
         if refusal is not None:
             return refusal
-        if self._faults.mag_is_stuck:
+        if self._faults.stuck.mag.is_proven:
             mag = ZERO_VEC3
         field = field if mag is field.gauss else field._replace(gauss=mag)
         return Reading(raw_us, arrival_us, gyr, acc, field)
@@ -151,7 +151,7 @@ class ImuStream:
                 events.append(self._rejected(each, self._held_for))
         if (blinded := self._faults.take_blindness()) is not None:
             events.append(TrackLost(self._vehicle, reading.arrival_us, self._name, *blinded))
-        if self._faults.mag_is_stuck:
+        if self._faults.stuck.mag.is_proven:
             events.append(self._rejected(reading, Reason.MAGNETOMETER_STUCK))
         at_us = placed.time_us, placed.boot_us
         return events + self._samples(reading, *at_us, checks_axes=checks_axes)
@@ -208,8 +208,8 @@ class ImuStream:
 
 
 MAG_LIMIT_GAUSS = 8.0  # ten times the Earth's field and more; common magnetometers end there
-LATITUDE_DEG, LONGITUDE_DEG = 90.0, 180.0
-ALTITUDES_M = (-12_000.0, 1_000_000.0)  # from the deepest sea to space
+# Latitude and longitude (degrees), and altitude (m) from the deepest sea to space
+PLACES = (-90.0, 90.0), (-180.0, 180.0), (-12_000.0, 1_000_000.0)
 
 SPACING_US = 200_000  # a window must outlast a flip or a fall, at any rate
 WINDOW_SAMPLES = 50  # magnitudes are judged by their median over this many
@@ -252,9 +252,7 @@ def is_field(mag_gauss: Vec3) -> bool:
 
 def is_place(position: Vec3) -> bool:
     """Whether latitude and longitude (degrees) and altitude (m) are those of a place."""
-    latitude_deg, longitude_deg, altitude_m = position
-    is_on_earth = abs(latitude_deg) <= LATITUDE_DEG and abs(longitude_deg) <= LONGITUDE_DEG
-    return is_on_earth and ALTITUDES_M[0] <= altitude_m <= ALTITUDES_M[1]
+    return all(low <= value <= high for value, (low, high) in zip(position, PLACES, strict=True))
 
 
 def _is_below(vector: Vec3, most: float) -> bool:

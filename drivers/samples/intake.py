@@ -36,8 +36,7 @@ from estimator.types import Quaternion, RateSample, Vec3
 MOST_STREAMS = 16  # IMUs of one vehicle; real ones have three, and four messages for them
 # Where nobody shows attitudes of others, so many are enough to compare ours with.
 ATTITUDE_EVERY_US = 390_000
-# What a vehicle is it may say often; once in a while is enough.
-VERSION_EVERY_US = 900_000
+VERSION_EVERY_US = 900_000  # it may report more often what a vehicle it is
 
 
 class Intake:
@@ -122,10 +121,6 @@ class Intake:
             return False
         self.attitude_given_us = arrival_us
         return True
-
-    def rates(self, name: str, stamp: Stamp, rate_rad_s: Vec3) -> list[Event]:
-        """Body rates beside somebody's attitude that nobody wants."""
-        return self.report(name, stamp, lambda us: RateSample(us, rate_rad_s), BodyRates)
 
     def report(
         self,

@@ -336,11 +336,10 @@ class SensorFaults:
         self.last, self.last_us = readings, raw_us
         if why is None:
             self.good_gyr, self.good_us = readings.gyr_rad_s, raw_us
-            if self.blinding is not None:
-                span_us = raw_us - self.blinding_us
-                if span_us >= BLIND_US or span_us < 0:  # or the clock began anew
-                    self.blinded = self.blinding, MICROSECOND * max(span_us, 0)
-                self.blinding = None
+            span_us = raw_us - self.blinding_us
+            if self.blinding is not None and not 0 <= span_us < BLIND_US:  # or began anew
+                self.blinded = self.blinding, MICROSECOND * max(span_us, 0)
+            self.blinding = None
         elif self.blinding is None and why in BLINDING:
             self.blinding, self.blinding_us = why, raw_us
         return why
@@ -349,11 +348,6 @@ class SensorFaults:
         """Why, and for how many s, if this reading ended a stretch that hides a rotation; once."""
         blinded, self.blinded = self.blinded, None
         return blinded
-
-    @property
-    def mag_is_stuck(self) -> bool:
-        """Whether the field of the last reading has not followed the vehicle's turning."""
-        return self.stuck.mag.is_proven
 
     def _is_spike(self, gyr: Vec3, raw_us: int) -> bool:
         """Whether the rate leapt away from the last good one, and the reading before did not."""
