@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from datetime import datetime
-from math import isnan
+from math import isnan, nan
 from pathlib import Path
 from typing import Any, Literal
 
@@ -20,6 +20,7 @@ ATTITUDES: tuple[tuple[str, Literal["sim", "autopilot"]], ...] = (
     ("autopilot", "autopilot"),
 )
 RECEIVER = "GPS"
+NO_NUMBERS = [nan, nan, nan]
 
 
 class CsvLog(LogFile):
@@ -60,10 +61,7 @@ class CsvLog(LogFile):
             yield from vehicle.intake.end()
 
     def _events(self, vehicle: LoggedVehicle, row: Sequence[str]) -> Iterator[Event]:
-        """The events of a row; what is empty is not there.
-
-        A row is counted that has something else than a number, or half of an IMU's readings.
-        """
+        """The events of a row; what is empty is not there, a row with no number for one counted."""
         read, is_whole, comma = dict[str, Any](), True, self._text.has_decimal_comma
         for name, parts in self._columns.parts.items():
             try:
@@ -79,10 +77,9 @@ class CsvLog(LogFile):
             yield from vehicle.fix(RECEIVER, Fix(velocity, position=at))
         if "magnetometer" in read:
             vehicle.put_mag(read["magnetometer"])
-        if "gyroscope" in read and "accelerometer" in read:
-            yield from vehicle.imu(STREAM, read["gyroscope"], read["accelerometer"])
-        elif "gyroscope" in read or "accelerometer" in read:
-            is_whole = False
+        gyr, acc = read.get("gyroscope"), read.get("accelerometer")
+        if (gyr and acc) or (is_whole and (gyr or acc)):  # half an IMU is refused, and counted
+            yield from vehicle.imu(STREAM, gyr or NO_NUMBERS, acc or NO_NUMBERS)
         for name, source in ATTITUDES:
             if name in read:
                 is_enu_flu = name in self._columns.enu_flu

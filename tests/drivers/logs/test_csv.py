@@ -425,7 +425,7 @@ def test_a_field_that_is_no_number_costs_no_sample_and_is_reported(tmp_path, cap
     assert main(["replay", str(path), "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert report["imu"]["samples"] == ROWS
-    assert report["rejected"] == {"malformed": 16 + len(BAD_ROWS)}
+    assert report["rejected"] == {"malformed": 17, "not_finite": 2}
 
 
 @pytest.mark.parametrize("blank", ["?", "--", "#N/A", "NaN", "null"])

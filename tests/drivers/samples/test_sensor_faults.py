@@ -250,12 +250,12 @@ def test_a_field_that_stays_while_the_vehicle_turns(rate_rad_s, seconds):
     stream, stuck_after_s = Stream(), None
     for k in range(500):
         assert stream.feed(gyr=stream.noise((0.0, 0.0, rate_rad_s), 0.001), mag=FIELD) is None
-        if stream.faults.mag_is_stuck:
+        if stream.faults.stuck.mag.is_proven:
             stuck_after_s = 1e-6 * STEP_US * k
             break
     assert stuck_after_s == pytest.approx(seconds, rel=0.05)
     stream.feed()
-    assert not stream.faults.mag_is_stuck
+    assert not stream.faults.stuck.mag.is_proven
 
 
 @pytest.mark.parametrize(("readings", "is_blind"), [(1, False), (2, True)])
