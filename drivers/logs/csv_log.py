@@ -20,7 +20,7 @@ ATTITUDES: tuple[tuple[str, Literal["sim", "autopilot"]], ...] = (
     ("autopilot", "autopilot"),
 )
 RECEIVER = "GPS"
-NO_NUMBERS = [nan, nan, nan]
+NO_NUMBERS = (nan, nan, nan)
 
 
 class CsvLog(LogFile):
