@@ -134,8 +134,9 @@ def _fit(
 ) -> SensorFit:
     both = zip(paths, traces, strict=True)
     recordings = [recording(path, trace, field, window) for path, trace in both]
-    if max(each.time_s[-1] - each.time_s[0] for each in recordings) < LEAST_S:
-        raise InputError(f"{paths[0]}: shorter than {LEAST_S:g} s")
+    for path, each in zip(paths, recordings, strict=True):
+        if each.time_s[-1] - each.time_s[0] < LEAST_S:
+            raise InputError(f"{path}: shorter than {LEAST_S:g} s")
     try:
         return fit_sensors(recordings)
     except np.linalg.LinAlgError as error:
@@ -248,9 +249,10 @@ def report_lines(report: CalibrationReport) -> Iterator[str]:
     for key, sigma in {} if fit is None else fit.sigma.items():
         if fit is not None and (compass is None or "mag" not in key):
             size = f"sigma at most {max(sigma):.4f} {UNITS.get(key, '')}".rstrip()
-            shows = fit.predicted[key] >= WON
-            other = f"not shown: does not predict parts left out ({size})"
-            yield f"# {key}: {size if shows else other}"
+            won = fit.predicted.get(key)
+            why = "does not predict parts left out" if won is not None else "velocity was reported"
+            shows = won is not None and won >= WON
+            yield f"# {key}: {size if shows else f'not shown: {why} ({size})'}"
     yield "[calibration]"
     for key, value in msgspec.to_builtins(report.calibration).items():
         if value != msgspec.to_builtins(getattr(Calibration(), key)):

@@ -5,6 +5,7 @@ What checks a value raises an InputError that names the option and the value.
 
 import inspect
 from collections.abc import Callable, Iterator
+from copy import copy
 from functools import partial, wraps
 from importlib.util import find_spec
 from math import inf, isfinite
@@ -83,14 +84,16 @@ def _parameters(form: Any) -> Iterator[inspect.Parameter]:
         if hasattr(kind, "_fields"):
             yield from _parameters(kind)
             continue
-        info = get_args(kind)[1]
+        base, info = get_args(kind)
         if isinstance(info, OptionInfo) and info.default is ...:
-            info.default = (
-                f"--{name.replace('_', '-')}"  # typer's own would give flags a second one
-            )
+            info = copy(info)  # typer's own name would give flags a second one
+            info.default = f"--{name.replace('_', '-')}"
         default = form._field_defaults.get(name, inspect.Parameter.empty)
         yield inspect.Parameter(
-            name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=kind
+            name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=default,
+            annotation=Annotated[base, info],
         )
 
 

@@ -63,8 +63,9 @@ class TruthScore:
         if attitude is not None:
             self._add(attitude, truth, time_s)
         number, here = self._here(time_s)
-        news = {(number, chapter.line) for chapter in here if chapter.line} - self._announced
-        self._announced |= news
+        news = [(number, chapter.line) for chapter in here if chapter.line]
+        news = [each for each in news if each not in self._announced]
+        self._announced.update(news)
         return [f"now: {line}" for _, line in news]
 
     def _here(self, time_s: float) -> tuple[int, list[Chapter]]:

@@ -59,7 +59,7 @@ def spans_of(times_us: Times, gyr: Floats, vectors: Floats, has_vector: Bools) -
     with np.errstate(all="ignore"):  # numbers that are no readings
         passed = share * np.diff(times_us[rows], axis=1)
         rates, means = gyr[rows], vectors[rows].reshape(len(rows), 2, n, 3).mean(axis=2)
-        rates[np.linalg.norm(rates, axis=2) >= MOST] = np.nan
+        rates[~(np.linalg.norm(rates, axis=2) < MOST)] = np.nan
         angle = np.nansum(passed[:, :, None] * 0.5 * (rates[:, 1:] + rates[:, :-1]), axis=1)
         found = (angle, means.mean(axis=1), means[:, 1] - means[:, 0])
         sizes, passed_s = np.linalg.norm(angle, axis=1), passed.sum(axis=1)

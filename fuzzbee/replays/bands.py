@@ -20,7 +20,6 @@ CONTRADICTED = 0.5
 # What lasts less (s) is no band, and two bands that are nearer to each other are one.
 LEAST_S = 1.0
 CLIPPED_SAMPLES = 2  # in a row at the same largest reading: chance has one
-LEAST_SEVERITY = 4  # MAV_SEVERITY_WARNING; greater numbers are less severe
 MOST_TEXTS = 20  # a failing autopilot repeats itself
 LETTERS = 32  # of a text that are shown
 
@@ -97,7 +96,7 @@ def marks(trace: VehicleTrace) -> list[tuple[float, str]]:
     texts: dict[str, int] = {}  # when it first came
     for event in trace.notices:
         if isinstance(event, StatusText):
-            if event.severity <= LEAST_SEVERITY and len(texts) < MOST_TEXTS:
+            if len(texts) < MOST_TEXTS:
                 texts.setdefault(event.text, event.arrival_us)
             continue
         for known, value in ((arming, event.is_armed), (modes, event.custom_mode)):

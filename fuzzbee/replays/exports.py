@@ -281,9 +281,12 @@ def show(viewer: "ViewerSink", trace: VehicleTrace) -> None:
         times_us, arrivals_us = trace["time_us"][rows], trace["arrival_us"][rows].tolist()
         peers = {name: track.at(times_us).tolist() for name, track in trace.references.items()}
         for k, (record, sample) in enumerate(trace.published(rows, arrivals_us)):
+            if not viewer.is_wanted:  # on a full disk, reported at the end
+                viewer.finish()
+                return
             others: list[Any] = [(name, tuple(attitudes[k])) for name, attitudes in peers.items()]
             outputs: list[Output] = [Peer(trace.address, *o) for o in others if not isnan(o[1][0])]
-            if record is not None and viewer.is_wanted:  # not on a full disk, reported at the end
+            if record is not None:
                 with suppress(ConnectionError):  # the viewer was closed: a file may still be wanted
                     viewer.handle([*outputs, Published(trace.address, record, sample)])
     viewer.finish()

@@ -39,6 +39,7 @@ from service.second_opinion import SecondOpinion
 from service.vehicle import Vehicle
 from tuning.online.retuner import Decision, RetunedEstimator
 
+LEAST_SEVERITY = 4  # MAV_SEVERITY_WARNING; greater numbers are less severe
 # The axis (NED) of a wrong start: every sensor can see a turn about it.
 WRONG_START_AXIS: Vec3 = (3**-0.5, 3**-0.5, 3**-0.5)
 # A row: when it came, the attitude after it (the reference of its heading by the place in NORTHS),
@@ -107,6 +108,7 @@ class VehicleTrace:
         self.log_zero_us: int | None = None  # where the log's seconds begin, of a window of it
         self.decisions: list[tuple[int, Decision]] | None = None  # where it was retuned
         self.notices: list[Heartbeat | ModeChange | StatusText] = []  # of modes, arming, warnings
+        self._mode: tuple[Any, ...] = ()  # the last that was noted
         self.view = AttitudeView()  # of what the autopilot's attitude is
         self.parameters: dict[str, float] = {}
         self.place_field: PlaceField | None = None
@@ -121,6 +123,13 @@ class VehicleTrace:
     def put(self, name: str, values: Callable[[slice], NDArray[Any]]) -> None:
         """A new column, or another in place of one, by a function of the rows that are made."""
         self.table.put(name, map(values, blocks(len(self))))
+
+    def note_mode(self, event: Heartbeat | ModeChange) -> None:
+        """Keep what mode it is in and whether it is armed, if that is new."""
+        mode = type(event), event.is_armed, event.custom_mode
+        if mode != self._mode:
+            self._mode = mode
+            self.notices.append(event)
 
     @property
     def has_peer(self) -> bool:
@@ -246,9 +255,11 @@ class Replay:
                 self.traces[address].parameters[name] = value
                 if name in VIEW_PARAMETERS:
                     self.traces[address].view.take(name, value)
-            case Heartbeat() | ModeChange() | StatusText():
+            case StatusText() if event.severity <= LEAST_SEVERITY:
+                self.traces[event.vehicle].notices.append(event)
+            case Heartbeat() | ModeChange():
                 trace = self.traces[event.vehicle]
-                trace.notices.append(event)
+                trace.note_mode(event)
                 if isinstance(event, Heartbeat):
                     trace.autopilot, trace.vehicle_type = event.autopilot, event.vehicle_type
                     trace.view.vehicle_type = event.vehicle_type

@@ -26,7 +26,7 @@ MAG_SHARE, MAG_IRON = 0.05, 0.2
 # How far they vary from piece to piece, and seem to: temperature, a place's field
 VARY = np.array([0.001] * 9 + [0.005] * 3 + [0.0015] * 9 + [0.03] * 3 + [0.01] * 9 + [0.01] * 3)
 PINNED, NO_SCATTER = 1e6, 1e-6
-LEAST_RECORDINGS = 3  # are left out as a whole, of fewer parts
+LEAST_RECORDINGS = 3  # from so many on each is left out as a whole; of fewer, sixths
 
 
 class SensorFit(NamedTuple):
@@ -54,6 +54,8 @@ def fit_sensors(recordings: Sequence[Recording]) -> SensorFit:
     """What is wrong with the sensors of one IMU, of which there may be several recordings."""
     cut = [[Trajectory(piece) for piece in pieces(each)] for each in recordings]
     trajectories = [piece for of_one in cut for piece in of_one]
+    if not trajectories:
+        raise np.linalg.LinAlgError("too few velocities")
     problem = _Problem(trajectories)
     for _ in range(ROUNDS):
         problem.improve()
@@ -62,7 +64,7 @@ def fit_sensors(recordings: Sequence[Recording]) -> SensorFit:
             each.leave_out_field()
     problem.improve()
     x, _ = problem.step()
-    parts = np.arange(len(trajectories)) * PARTS // len(trajectories)
+    parts = np.concatenate([np.arange(len(of_one)) * PARTS // len(of_one) for of_one in cut])
     if len(recordings) >= LEAST_RECORDINGS:
         parts = np.repeat(np.arange(len(cut)), [len(of_one) for of_one in cut])
     keys = IN_FLIGHT if any(each.has_rates for each in trajectories) else KEYS

@@ -41,9 +41,9 @@ def predicted(
 
     Of pieces (K,) ``A`` (K, 36, 36), ``b`` (K, 36) and the part that each belongs to. Keys go one
     by one, that which wins least first: what it has explained falls to others. Others than
-    ``keys`` are not sought.
+    ``keys`` are not sought, and have no share.
     """
-    shares, kept = dict.fromkeys(KEYS, 0.0), list(keys)
+    shares, kept = dict[str, float](), list(keys)
     pins = TURNS / prior[:, None]
     while kept:
         shares |= {key: _share(A, b, parts, pins, kept, key) for key in kept}

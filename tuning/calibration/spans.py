@@ -22,6 +22,7 @@ SPAN_S = 0.2  # between two nodes
 LONGEST_STEP_S = 0.5  # between two samples: what is longer is not bridged
 MOST_FIELDS = 10  # readings of the field that are used of a span, about
 CONSTANTS = 36
+LEAST_VELOCITIES = 10  # of a piece of a flight
 GYR, ACC, MAG = slice(0, 12), slice(12, 24), slice(24, 36)
 
 Rows = NDArray[np.intp]
@@ -46,14 +47,18 @@ class Recording(NamedTuple):
 
 
 def pieces(recording: Recording) -> Iterator[Recording]:
-    """A recording in equal parts."""
-    n = len(recording.time_s)
-    count = max(PARTS, round((recording.time_s[-1] - recording.time_s[0]) / PIECE_S))
-    time_s, velocity_s = recording.time_s, recording.velocity_time_s
+    """A recording in equal parts; of a flight those that have velocities."""
+    n, time_s, velocity_s = len(recording.time_s), recording.time_s, recording.velocity_time_s
+    count, least = max(PARTS, round((time_s[-1] - time_s[0]) / PIECE_S)), 0
+    if len(velocity_s):
+        least = LEAST_VELOCITIES
+        count = max(1, min(count, len(velocity_s) // least))
     for k in range(count):
         rows = slice(k * n // count, (k + 1) * n // count)
         first_s, last_s = time_s[rows][[0, -1]]
         beside = (velocity_s >= first_s) & (velocity_s <= last_s)
+        if beside.sum() < least:
+            continue
         yield recording._replace(
             time_s=time_s[rows],
             gyr_rad_s=recording.gyr_rad_s[rows],

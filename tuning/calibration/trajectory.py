@@ -42,7 +42,6 @@ FOREIGN = 6.0  # sigma: a field further from its place's shows nothing of the co
 # Sigmas of a span's residuals at first, and the least later: rad, m/s, m, share of the field, m
 FIRST = (2e-3, 0.05, 0.03, 0.03, 1.0)
 LEAST = (1e-3, 0.01, 0.01, 0.01, 1.0)
-LEAST_VELOCITIES = 10
 FIRST_VELOCITY_M_S, LEAST_VELOCITY_M_S = 0.3, 0.05
 TOO_GOOD = 0.1  # of the least: no reading is better, and the equations could not be solved
 ROBUST = 2.0  # sigma: what is further off counts less and less (Cauchy)
@@ -62,7 +61,7 @@ class Trajectory:
         q = recording.q_ned_frd[self._rows]
         self._R: Floats = Rotation.from_quat(np.roll(q, -1, axis=1)).as_matrix()
         self._times_s = recording.time_s[self._rows]
-        self.has_rates = len(recording.velocity_time_s) >= LEAST_VELOCITIES
+        self.has_rates = len(recording.velocity_time_s) > 0
         self._v, self._p = self._first_velocities(), np.zeros((len(q), 3))
         self.x, self._own = np.zeros(CONSTANTS), np.zeros(OWN)
         self.linearise()
