@@ -19,7 +19,7 @@ from drivers.logs.bag_bounds import BoundedPath, bound_bags
 from drivers.logs.log_file import LATEST_US, LogFile
 from drivers.logs.logged_vehicle import LoggedVehicle
 from drivers.logs.mcap_channels import McapChannels, from_json
-from drivers.samples.navigation import Fix
+from drivers.samples.navigation import Fix, unit_or_none
 from estimator.errors import InputError, missing_extra
 from estimator.geometry.frames import flu_from_frd
 from estimator.types import IDENTITY, Vec3
@@ -221,7 +221,7 @@ def _message_events(
         events += vehicle.imu(topic, gyr, acc)
     q = message.orientation
     q_wxyz = (q.w, q.x, q.y, q.z)
-    is_reported = q_wxyz != IDENTITY and message.orientation_covariance[0] != -1.0
+    is_reported = unit_or_none(q_wxyz) != IDENTITY and message.orientation_covariance[0] != -1.0
     if topic == topics.attitude and is_reported:
         name = f"{topic}.orientation"
         events += vehicle.attitude(name, "autopilot", q_wxyz, is_enu_flu=True)

@@ -48,7 +48,7 @@ class LogFile(Closing):
     def readings(self, _names: frozenset[str]) -> Iterator[tuple[VehicleId, str, int, Any]]:
         """Messages as logged: sender, name, arrival, and what has the fields as attributes.
 
-        None where the log's format is not known to have any that :mod:`other_sensors` asks for.
+        There are none where the log's format has none that :mod:`other_sensors` asks for.
         """
         return iter(())
 

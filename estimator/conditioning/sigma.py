@@ -4,6 +4,7 @@ from math import atan2, inf, sqrt
 from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
+from estimator.conditioning.events.jump_signs import turn_of
 from estimator.conditioning.events.step import EventsState
 from estimator.conditioning.field.calibration import own_field
 from estimator.conditioning.field.magnetic import MagneticState, has_heading, steepness
@@ -24,6 +25,9 @@ MEASURED_SQUARE = 2.0
 # What a low-pass leaves of the variance of a mean over a window; and of one that is reckoned from
 # accelerations that are taken to last long.
 LOW_PASS_SHARE = 0.5
+# The share of the square of the angle between the force of a second and the vertical: it is an
+# acceleration or an error, and for some seconds nothing shows which.
+CONTRADICTED_SQUARE = 0.1
 # The share by which a heading given up may still be right once another is confirmed.
 LEAST_ALTERNATIVE = 0.15
 
@@ -71,7 +75,7 @@ def sigma_inclination(
     low-passed force has another size than gravity: what an accelerometer's error
     or an acceleration adds along the vertical it adds across as well.
     In slow streams the variance ``reckoned`` (rad^2) by the vertical itself counts instead; in fast
-    ones of vehicles half of it.
+    ones of vehicles half of it, and how far the force of the last second contradicts it.
     """
     signs = events.gravity
     dt_s = vertical.coefficients.dt_s
@@ -79,8 +83,10 @@ def sigma_inclination(
     measured = max(signs.apart, LOW_PASS_SHARE * vertical.averaging.variance)
     measured += MEASURED_SQUARE * signs.uneven
     known = LEAST_DIRECTION_RAD**2 + vertical.inflation
-    reckoned *= slow + LOW_PASS_SHARE * (weighed - slow)
-    return sqrt(known + (1.0 - weighed) * measured + reckoned)
+    carried, force = weighed - slow, vertical.gravity.force
+    reckoned *= slow + LOW_PASS_SHARE * carried
+    contradicted = CONTRADICTED_SQUARE * turn_of(force.quick, force.best.value) ** 2
+    return sqrt(known + (1.0 - weighed) * measured + reckoned + carried * contradicted)
 
 
 @inlined

@@ -90,7 +90,7 @@ class _Udp(Transport):
             except OSError as error:
                 if error.errno not in LOST_DATAGRAM:
                     raise LinkError(reason(error.errno)) from error
-            if len(datagrams) == 1:  # none but the first is waited for
+            if own.gettimeout():  # none but the first is waited for
                 own.setblocking(False)
         own.setblocking(False)
         return [each for each in datagrams if each[0]]
