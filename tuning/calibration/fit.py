@@ -35,7 +35,7 @@ class SensorFit(NamedTuple):
     ``sigma`` has the keys of ``found``, matrices as nine numbers; of one recording it leaves out
     how much its pieces differ. ``left`` says of each key which share of the variance before the
     recordings have left, of a matrix on its diagonal. ``predicted`` says which share of what it
-    would win of a part of the recordings it wins by all others; ``found`` has those that win 45 %.
+    would win of a part of the recordings it wins by all others; ``found`` has those that win half.
     ``x`` (36,) is the whole result, in the order of :mod:`tuning.calibration.spans`.
     ``field_misfits`` are shares of the field's strength, ``lags_s`` those of velocity,
     accelerometer and compass behind the gyroscope, each of a recording.

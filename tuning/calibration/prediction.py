@@ -1,9 +1,9 @@
 """Which constants do other readings agree with than those that they were fitted to?
 
-Parts of the recordings are left out in turn. A key of the profile is kept if, by the constants of
-all other parts, it wins 45 % of what it would win by those of the part itself. What a piece shows
-is x.A x / 2 - b.x, its loss by constants x (36,) in units of their sigmas before; the pieces'
-scatter counts in it.
+Parts of the recordings are left out in turn. A key of the profile is kept if it, or both keys of
+its sensor together, fitted to all other parts, win half of what they would win fitted to each piece
+of the part. What a piece shows is x.A x / 2 - b.x, its loss by constants x (36,) in units of their
+sigmas before; the pieces' scatter counts in it.
 """
 
 from collections.abc import Iterable
@@ -24,8 +24,9 @@ KEYS = {
 }
 # What lags of velocity and iron all around, alike in all parts of a flight, do not look like
 IN_FLIGHT = ("gyr_bias_rad_s",)
-WON = 0.45
+WON = 0.5
 LEAST_TO_WIN = 6.0  # of the losses' sum: by less it is chance
+ROWS = np.arange(CONSTANTS)
 PINNED, NO_LOSS = 1e6, 1e-6
 _TURN, _NONE = cross_matrix(np.eye(3)).reshape(3, 9), np.zeros((3, 3))
 # The constants of a small turn of all three sensors about each axis
@@ -46,7 +47,10 @@ def predicted(
     shares, kept = dict[str, float](), list(keys)
     pins = TURNS / prior[:, None]
     while kept:
-        shares |= {key: _share(A, b, parts, pins, kept, key) for key in kept}
+        for key in kept:
+            both = [each for each in kept if each[:3] == key[:3]]
+            judged = [[key], both] if len(both) > 1 else [both]
+            shares[key] = max(_share(A, b, parts, pins, kept, of) for of in judged)
         worst = min(kept, key=shares.__getitem__)
         if shares[worst] >= WON:
             break
@@ -54,9 +58,11 @@ def predicted(
     return shares, _solved(A.sum(axis=0), b.sum(axis=0), pins, kept)
 
 
-def _share(A: Floats, b: Floats, parts: Parts, pins: Floats, kept: list[str], key: str) -> float:
-    at, gains, most = KEYS[key], 0.0, 0.0
-    others = [each for each in kept if each != key]
+def _share(
+    A: Floats, b: Floats, parts: Parts, pins: Floats, kept: list[str], judged: list[str]
+) -> float:
+    at, gains, most = np.concatenate([ROWS[KEYS[key]] for key in judged]), 0.0, 0.0
+    others = [each for each in kept if each not in judged]
     for part in np.unique(parts):
         is_left_out = parts == part
         rest = A[~is_left_out].sum(axis=0), b[~is_left_out].sum(axis=0)
@@ -64,7 +70,7 @@ def _share(A: Floats, b: Floats, parts: Parts, pins: Floats, kept: list[str], ke
         for H, g in zip(A[is_left_out], b[is_left_out], strict=True):
             gains += _loss(H, g, without) - _loss(H, g, full)
             slope = (g - H @ without)[at]
-            own = H[at, at] + NO_LOSS * np.eye(len(slope))
+            own = H[np.ix_(at, at)] + NO_LOSS * np.eye(len(slope))
             most += 0.5 * float(slope @ np.linalg.solve(own, slope))
     return gains / max(most, LEAST_TO_WIN)
 
