@@ -50,10 +50,8 @@ class Publishing:
         self._grid_us = 0.0  # the same without the offset
         self._offset_us = 0.0
         self.wake_us = 0.0  # when to look next, as far as was known at the last look
-        self._samples = -1  # at the last attitude,
-        self._attitude_us = 0  # and when that was
-        self._status_us: int | None = None
-        self._attitudes_then = 0  # at the last status
+        self._last = (-1, 0)  # samples at the last attitude, and when that was
+        self._counted: tuple[int | None, int] = (None, 0)  # the last status, and attitudes by then
         self._status_period_us = STATUS_PERIOD_US
         self._second_status = 1.0 - number * GOLDEN % 1.0  # a share of the period after the first
 
@@ -63,7 +61,7 @@ class Publishing:
         if self.attitudes == 0 or abs(late_us) > 2e6:  # the first, or the clock was set
             self._grid_us, self._offset_us = now_us + self._period_us, 0.0
         else:
-            if samples != self._samples:
+            if samples != self._last[0]:
                 self._slide(late_us)
             self._grid_us += self._period_us
             behind_us = now_us - (self._grid_us + self._offset_us)
@@ -71,11 +69,12 @@ class Publishing:
                 self._grid_us += behind_us // self._period_us * self._period_us
         self.due_us = self._grid_us + self._offset_us
         self.attitudes += 1
-        self._samples, self._attitude_us = samples, now_us
+        self._last = samples, now_us
 
     def is_stale(self, now_us: int, samples: int) -> bool:
         """Whether an attitude would bring nothing new: its sample was published just before."""
-        return samples == self._samples and 0 <= now_us - self._attitude_us < REPEATED_US
+        before, attitude_us = self._last
+        return samples == before and 0 <= now_us - attitude_us < REPEATED_US
 
     def is_status_due(self, now_us: int) -> bool:
         """Whether it is time for a status; right away after the host's clock was set."""
@@ -94,9 +93,9 @@ class Publishing:
 
     def published_hz(self, now_us: int, *, is_shedding: bool) -> float:
         """Attitudes a second since the last status; the rate asked for where nothing is shed."""
-        since_us = None if self._status_us is None else now_us - self._status_us
-        count = self.attitudes - self._attitudes_then
-        self._status_us, self._attitudes_then = now_us, self.attitudes
+        (status_us, before), self._counted = self._counted, (now_us, self.attitudes)
+        since_us = None if status_us is None else now_us - status_us
+        count = self.attitudes - before
         if not is_shedding or since_us is None or since_us <= 0:
             return self._rate_hz
         return min(self._rate_hz, round(1e6 * count / since_us, 1))
