@@ -22,6 +22,7 @@ KEYS = {
     "mag_offset_gauss": slice(33, 36),
     "mag_matrix": slice(24, 33),
 }
+SENSORS = ("gyr", "acc", "mag")  # the keys of each begin so
 # What lags of velocity and iron all around, alike in all parts of a flight, do not look like
 IN_FLIGHT = ("gyr_bias_rad_s",)
 WON = 0.5
@@ -47,10 +48,12 @@ def predicted(
     shares, kept = dict[str, float](), list(keys)
     pins = TURNS / prior[:, None]
     while kept:
-        for key in kept:
-            both = [each for each in kept if each[:3] == key[:3]]
-            judged = [[key], both] if len(both) > 1 else [both]
-            shares[key] = max(_share(A, b, parts, pins, kept, of) for of in judged)
+        for sensor in SENSORS:
+            both = [key for key in kept if key.startswith(sensor)]
+            if both:
+                shares |= dict.fromkeys(both, _share(A, b, parts, pins, kept, both))
+            for key in both if len(both) > 1 else ():
+                shares[key] = max(shares[key], _share(A, b, parts, pins, kept, [key]))
         worst = min(kept, key=shares.__getitem__)
         if shares[worst] >= WON:
             break
