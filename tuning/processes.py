@@ -51,9 +51,9 @@ class Pool(Closing):
         if self._pool is None:
             yield from map(self._work, things)
             return
-        with _apart_from_terminal():
-            answers = [self._pool.submit(_answer, thing) for thing in things]
         try:
+            with _apart_from_terminal():
+                answers = [self._pool.submit(_answer, thing) for thing in things]
             for answer in answers:
                 yield answer.result()
         except BrokenProcessPool:
