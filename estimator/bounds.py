@@ -1,8 +1,7 @@
-"""What a parameter may be: bounds that every estimator survives, declared by its type.
+"""Bounds of the parameters, declared by their types, which every estimator survives.
 
-Far wider than anything of use, and narrow enough that no square, quotient or exponential of
-them leaves the range of floating point numbers. The tests run an estimator with every
-parameter at both ends, alone and together.
+They are far wider than any useful value, and narrow enough that squares, quotients and exponentials
+stay within floating point numbers. Tests run an estimator with every parameter at both ends.
 """
 
 from collections.abc import Mapping

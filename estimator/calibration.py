@@ -1,7 +1,7 @@
-"""What is constantly wrong with an IMU's sensors, taken away from its readings before all else.
+"""Constant errors of an IMU's sensors, corrected in its readings before all else.
 
-Of each sensor v = M (reading - b), in the sensor's axes: b is the gyroscope's or accelerometer's
-bias or the compass's hard iron, M its scales and crossed axes, of the compass with its soft iron.
+For each sensor v = M (reading - b), in the sensor's axes: b is the gyroscope's or accelerometer's
+bias or the compass's hard iron, M its scales and crossed axes, for the compass with its soft iron.
 """
 
 from typing import Annotated, Any

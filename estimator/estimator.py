@@ -135,9 +135,8 @@ class Estimator:
         """Take rows from ``taken``, and ``report_rows`` (M, REPORT_SIZE) from ``next_report`` on.
 
         ``published`` (N, columns as in :mod:`estimator.live.rows`) gets each row's attitude.
-        Returns the first row and the first report that were not taken: a row for
-        :meth:`take`, which knows what to do with it, or N. Behind a row whose attitude is not
-        finite nothing is taken either.
+        Returns the first row and the first report that were not taken: a row for :meth:`take`, or
+        N. It also stops behind a row whose attitude is not finite.
         """
         state, n, bound = self._state, len(published), None
         while taken < n and state.takes_rows:
@@ -164,13 +163,12 @@ class Estimator:
         return self.update_report(report)
 
     def update_report(self, report: Any) -> Reason | None:
-        """Take what something beside the IMU has measured; None, or why it was refused.
+        """Take a report of something beside the IMU; None, or why it was refused.
 
         A report of a source of aiding (:mod:`estimator.aiding.sources.source`), such as a
-        :class:`VelocitySample`, waits for the sample that reaches its time. All but velocity
-        count only while velocity helps. The paper's raw vectors have no use for any. A
-        :class:`RateSample` shows the turning between the IMU samples around it, if it agrees
-        with those.
+        :class:`VelocitySample`, waits for the sample that reaches its time. Others than velocity
+        count only while velocity helps. Raw vectors use none. A :class:`RateSample` shows the
+        turning between the IMU samples around it, if it agrees with those.
 
         Raises:
             InputError: no source makes reports of this type, or one of its fields is no number.
@@ -184,9 +182,9 @@ class Estimator:
     ) -> bool:
         """Where and when it is: from magnetic to true north, if the profile leaves that open.
 
-        A heading from magnetic north turns with the declination, so the change of reference is no
-        error to be corrected. Elsewhere the field is another one, and what was concluded from
-        the one that is not this place's is taken back. Returns whether it was news.
+        A heading from magnetic north turns with the declination, so nothing has to be corrected. At
+        another place the field is another one, and conclusions from the former field are withdrawn.
+        Returns whether the position was news.
         """
         return set_position(self._state, latitude_deg, longitude_deg, altitude_m, unix_us)
 
@@ -194,7 +192,7 @@ class Estimator:
         """Declare whether the compass is calibrated.
 
         If it is not, or without a declaration, a heading by the field has a sigma of 45 deg until
-        turns have shown its iron. It comes from velocity as soon as that shows it.
+        turns have shown its iron, or velocity the heading.
         """
         state, before = self._state, self._state.context.compass
         state.change_context(compass=compass.declare(before, calibrated))
@@ -214,8 +212,8 @@ class Estimator:
     def set_vehicle_class(self, vehicle_class: VehicleClass) -> None:
         """What carries the IMU, which shows how it accelerates, and whether it slips sideways.
 
-        It adds to the profile: to ``conditioning.in_vehicle`` where that is off, to
-        ``aiding.sideslip_rad`` where that is as delivered.
+        It switches on ``conditioning.in_vehicle``, and sets ``aiding.sideslip_rad`` if that has its
+        default.
         """
         state = self._state
         if vehicle_class is not state.context.vehicle_class:
@@ -228,10 +226,7 @@ class Estimator:
         state.set_core(change_imu(state.settings, state.core.core, is_aided=self.is_aided))
 
     def turn(self, turn_ned: Quaternion) -> None:
-        """Turn the estimate by a rotation given in NED that no sensor has felt, to test recovery.
-
-        Its whole state turns with it.
-        """
+        """Turn the whole state by a rotation in NED that no sensor has felt, to test recovery."""
         state = self._state
         state.set_core(apply_turn(state.core.core, turn_ned, is_aided=self.is_aided))
 
@@ -249,10 +244,7 @@ class Estimator:
 
     @property
     def compass_fault(self) -> str:
-        """Why the heading does not come from the field, in words; empty where it does.
-
-        Otherwise it comes from velocity.
-        """
+        """Why the heading comes from velocity and not from the field; empty if it does not."""
         state = self._state
         if compass.is_contradicted(state.context.compass, state.core.time_us):
             return compass.CONTRADICTED

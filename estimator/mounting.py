@@ -1,7 +1,7 @@
 """How an IMU sits in the vehicle: from the sensor's axes to the body's, FRD.
 
-v_body = R_z(yaw) R_y(pitch) R_x(roll) v_sensor for the rate, the specific force and the field.
-An accelerometer that gives gravity instead of the specific force has the other sign.
+v_body = R_z(yaw) R_y(pitch) R_x(roll) v_sensor for the rate, the specific force and the field. An
+accelerometer that gives gravity instead of the specific force has the other sign.
 """
 
 from math import radians

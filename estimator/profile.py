@@ -1,10 +1,9 @@
-"""The profile: everything chosen about the estimator, as one strict TOML file.
+"""The profile: all parameters of the estimator, as one strict TOML file.
 
-Unknown keys are errors, in files as in partial updates. A file without
-memberships changes ``imu``, or ``paper`` if it switches conditioning off: what
-it leaves out is theirs. Three profiles ship:
-``paper`` (the paper's system exactly), ``imu`` (real IMUs) and ``adaptive``
-(the paper's vectors with a gain that knows their noise).
+Unknown keys are errors, in files as in partial updates. A file without memberships changes ``imu``,
+or ``paper`` if it switches conditioning off. Three profiles ship: ``paper`` (the paper's system
+exactly), ``imu`` (real IMUs) and ``adaptive`` (the paper's vectors with a gain that knows their
+noise).
 """
 
 import math
@@ -26,10 +25,9 @@ from estimator.arrays import Floats
 from estimator.bounds import require_within
 from estimator.calibration import PLAIN, Calibration
 from estimator.conditioning.params import ConditioningParams
-from estimator.errors import InputError
+from estimator.errors import InputError, file_text
 from estimator.filter import memberships
 from estimator.mounting import BODY_AXES, Mounting
-from estimator.text_file import file_text
 from estimator.types import ImuSample, Vec3
 
 SHIPPED = ("paper", "imu", "adaptive")
@@ -51,10 +49,9 @@ Declination = Annotated[float, Meta(ge=-180.0, le=180.0)]
 class Reference(Struct, frozen=True, forbid_unknown_fields=True):
     """Inertial directions in NED.
 
-    ``magnetic = "learn"`` takes only the horizontal part of the field, which
-    points north, and learns its norm and dip. ``declination_deg`` turns
-    magnetic north to true north, east positive; ``"position"`` leaves it to the
-    first position. A number counts as known, also 0.
+    ``magnetic = "learn"`` takes only the horizontal part of the field, which points north, and
+    learns its norm and dip. ``declination_deg`` turns magnetic north to true north, east positive;
+    ``"position"`` takes it from the first position. A number counts as known, also 0.
     """
 
     gravity: Vec3 = (0.0, 0.0, 1.0)
@@ -65,7 +62,7 @@ class Reference(Struct, frozen=True, forbid_unknown_fields=True):
 class Filter(Struct, frozen=True, forbid_unknown_fields=True):
     """The paper's filter; see :class:`estimator.filter.types.FilterParams`.
 
-    ``gain`` chooses what sets K: "fuzzy", the paper's controller; "noise", rules in noise floors
+    ``gain`` sets K: "fuzzy", the paper's controller; "noise", rules in noise floors
     (:mod:`estimator.filter.noise_gain`); "fixed", ``fixed_gain``. ``initial_attitude`` is "align"
     (from the first vectors) or the nine numbers of R_hat(0), row after row, which are projected
     onto SO(3).
@@ -102,11 +99,10 @@ class Provenance(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=
 class Profile(Struct, frozen=True, forbid_unknown_fields=True):
     """A whole profile.
 
-    ``membership`` holds k1..k22. ``conditioning`` holds ``enabled`` (False:
-    raw vectors, as in the paper) and any of the fields of
-    :class:`estimator.conditioning.params.ConditioningParams`, ``aiding`` any of
-    those of :class:`estimator.aiding.types.AidingParams`. ``rates`` decides whether the body
-    rates of ATTITUDE show the turning between IMU samples; its angles are never used.
+    ``membership`` holds k1..k22. ``conditioning`` holds ``enabled`` (False: raw vectors, as in the
+    paper) and fields of :class:`estimator.conditioning.params.ConditioningParams`, ``aiding`` those
+    of :class:`estimator.aiding.types.AidingParams`. ``rates`` decides whether the body rates of
+    ATTITUDE show the turning between IMU samples; its angles are never used.
     """
 
     membership: dict[str, float]
@@ -202,7 +198,7 @@ def parse_profile(text: str, where: str) -> Profile:
     if tree is None:
         raise InputError(f"profile {where}: nested too deep")
     if not tree:
-        raise InputError(f"profile {where}: says nothing")
+        raise InputError(f"profile {where}: is empty")
     return _from_tree(tree if "membership" in tree else _completed(tree), where)
 
 
@@ -269,8 +265,11 @@ def _from_tree(tree: Mapping[str, Any], where: str) -> Profile:
         profile = msgspec.structs.replace(
             profile, membership=dict(zip(memberships.NAMES, k, strict=True))
         )
-        _require_conditioning(profile.conditioning)
-        _require_numbers("aiding", profile.aiding, AIDING_DEFAULTS, AidingParams)
+        for section, defaults, kind in (
+            ("conditioning", CONDITIONING_DEFAULTS, ConditioningParams),
+            ("aiding", AIDING_DEFAULTS, AidingParams),
+        ):
+            _require_numbers(section, getattr(profile, section), defaults, kind)
         _require_directions(profile)
     except (msgspec.ValidationError, InputError) as error:
         raise InputError(f"profile {where}: {_in_toml_s_words(str(error))}") from None
@@ -311,15 +310,6 @@ def _complete_membership(given: Mapping[str, float]) -> memberships.Memberships:
     return tuple(given[name] for name in memberships.NAMES)
 
 
-def _require_conditioning(given: Mapping[str, float | bool]) -> None:
-    _require_known("conditioning", given, CONDITIONING_DEFAULTS)
-    if "enabled" not in given:
-        raise InputError(
-            "conditioning.enabled is missing (true: for real IMUs, false: the paper's raw vectors)"
-        )
-    _require_numbers("conditioning", given, CONDITIONING_DEFAULTS, ConditioningParams)
-
-
 def _require_numbers(
     section: str,
     given: Mapping[str, float | bool],
@@ -328,6 +318,10 @@ def _require_numbers(
 ) -> None:
     """Switches are true or false; numbers are numbers, within the bounds that ``kind`` declares."""
     _require_known(section, given, defaults)
+    if "enabled" not in given and section == "conditioning":
+        raise InputError(
+            "conditioning.enabled is missing (true: for real IMUs, false: the paper's raw vectors)"
+        )
     for key, value in given.items():
         default = defaults[key]
         if isinstance(default, bool) != isinstance(value, bool):

@@ -4,7 +4,7 @@ from enum import StrEnum
 
 
 class Reason(StrEnum):
-    """One word for each; docs/troubleshooting.md says what a person can do about it."""
+    """One word for each; docs/troubleshooting.md has what a person can do about it."""
 
     # a reading that is no data
     NOT_FINITE = "not_finite"

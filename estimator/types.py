@@ -13,7 +13,7 @@ Conventions, stated once:
   reboots and jumps cut out: it only ever grows.
 
 The values are ``NamedTuple``s of floats and tuples of floats: constant,
-comparable, and readable by field name inside a compiled kernel.
+comparable, and readable by field name in a compiled kernel.
 """
 
 from enum import Enum, auto
@@ -33,9 +33,9 @@ STANDARD_GRAVITY_M_S2 = 9.80665  # ISO 80000-3; MAVLink's "g" in mg fields
 class ImuSample(NamedTuple):
     """One reading of gyroscope, accelerometer and, if present, magnetometer, in FRD.
 
-    ``acc_m_s2`` is the specific force: a level vehicle at rest reads
-    (0, 0, -9.8). ``has_mag`` is False when the stream carried no field, a zero
-    field, or a mere repetition of the previous one; ``mag_gauss`` is then zero.
+    ``acc_m_s2`` is the specific force: (0, 0, -9.8) at rest and level. ``has_mag`` is False if the
+    stream carried no field, a zero field, or a repetition of the previous one; ``mag_gauss`` is
+    then zero.
     """
 
     time_us: int
@@ -88,9 +88,9 @@ NO_SAMPLE = Sample(gyr_rad_s=ZERO_VEC3, acc_m_s2=ZERO_VEC3, mag=ZERO_VEC3, has_m
 class VelocitySample(NamedTuple):
     """Velocity over ground in NED, for the acceleration that hides gravity.
 
-    ``has_vertical`` is False for sources that know the horizontal part only.
-    ``sigma_m_s`` is the source's own accuracy (1 sigma), or a typical one;
-    ``late_sigma_s`` shows how uncertain ``time_us`` is, 0 where it is exact.
+    ``has_vertical`` is False for sources of the horizontal part only. ``sigma_m_s`` is the source's
+    own accuracy (1 sigma), or a typical one; ``late_sigma_s`` is that of ``time_us``, 0 if it is
+    exact.
     """
 
     time_us: int
@@ -103,9 +103,9 @@ class VelocitySample(NamedTuple):
 class Attitude(NamedTuple):
     """The estimator's output for ``time_us``.
 
-    ``gain`` is the paper's K = 1 + k_op, ``error`` its e(R~) in [0, 1] from
-    the measurements and ``error_rate_1_s`` the low-passed derivative. The
-    sigmas are the angles that 68 % of the errors lie under.
+    ``gain`` is the paper's K = 1 + k_op, ``error`` its e(R~) in [0, 1] from the measurements and
+    ``error_rate_1_s`` the low-passed derivative. The sigmas are angles that 68 % of the errors lie
+    under.
     """
 
     time_us: int

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from drivers.samples.imu_stream import MAG_LIMIT_GAUSS, RepeatedField, finite_or_zero, is_field
 from estimator import estimator
 from estimator.arrays import Floats
-from estimator.compilation.notice import notify_programs
+from estimator.compilation.kernel_folder import notify_programs
 from estimator.errors import InputError
 from estimator.live.core import Snapshot
 from estimator.live.rows import (

@@ -19,7 +19,7 @@ from difflib import SequenceMatcher
 from pathlib import Path
 from typing import Any
 
-from estimator.compilation.notice import notify_compiling
+from estimator.compilation.kernel_folder import notify_compiling
 from estimator.errors import InputError
 from fuzzbee.sigint_guard import ENDLESS, INTERRUPTED
 from drivers.output_file import DISK_ERRORS, NotWholeError

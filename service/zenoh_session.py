@@ -17,8 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from drivers.aside import aside
-from estimator.errors import InputError
-from estimator.text_file import file_text
+from estimator.errors import InputError, file_text
 from service.signals import await_result
 
 if TYPE_CHECKING:

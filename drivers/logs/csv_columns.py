@@ -24,8 +24,7 @@ import msgspec
 
 from drivers.endpoint import columns_beside
 from drivers.logs.csv_text import CsvText, is_date, is_number
-from estimator.errors import InputError
-from estimator.text_file import file_text
+from estimator.errors import InputError, file_text
 from estimator.types import STANDARD_GRAVITY_M_S2 as G
 
 LONGEST_LIST = 200  # characters of names in a message

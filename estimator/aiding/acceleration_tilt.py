@@ -1,9 +1,9 @@
 """How far a long acceleration may have tilted the unaided stage's vertical.
 
-That vertical is a mean of the specific force over seconds, so it tilts by the mean acceleration
-over gravity. The acceleration shows twice: felt by the IMU, seen through the aided attitude,
-and in how the reported velocity changes. A wrong attitude feels an acceleration that no report
-shows, and a receiver beside walls reports one that nothing feels. So the lesser of the two counts.
+That vertical is the mean force of some seconds, so it tilts by the mean acceleration over gravity.
+The IMU feels this acceleration, seen through the aided attitude, and the reported velocity shows
+it. A wrong attitude feels one that no report shows, and a receiver beside walls reports one that
+nothing feels: the lesser of the two counts.
 """
 
 from math import hypot
@@ -46,12 +46,10 @@ def acceleration_tilt_angle(
 ) -> float:
     """The tilt (rad); without reports it follows from the felt acceleration.
 
-    What a ``slow`` stream's aided attitude feels then is its own error.
+    On a ``slow`` stream without reports that acceleration is mostly the aided attitude's own error.
     """
-    felt, gained = (
-        acceleration_tilt.felt_m_s2,
-        subtract(acceleration_tilt.latest_m_s, acceleration_tilt.reported_m_s),
-    )
+    felt = acceleration_tilt.felt_m_s2
+    gained = subtract(acceleration_tilt.latest_m_s, acceleration_tilt.reported_m_s)
     push = hypot(felt[0], felt[1])
     if is_silent:
         return push / STANDARD_GRAVITY_M_S2 * (1.0 - slow)
@@ -61,15 +59,12 @@ def acceleration_tilt_angle(
 def explains_acceleration(acceleration_tilt: AccelerationTilt) -> bool:
     """Whether the reports have accelerated as the aided attitude feels it, and clearly so.
 
-    The unaided vertical is the mean force, so by it a vehicle has not accelerated at all over the
-    last seconds. Where the reports show that it has, the attitude that explains it is the better
-    one, however far off a report's speed or the field may be. One that is not a number explains
-    nothing.
+    The unaided vertical is the mean force, which denies that the vehicle has accelerated at all. If
+    the reports show that it has, the attitude that explains it is the better one, whatever a
+    report's speed or the field shows. An attitude that is not a number explains nothing.
     """
-    seen = scale(
-        1.0 / ACCELERATION_TILT_TAU_S,
-        subtract(acceleration_tilt.latest_m_s, acceleration_tilt.reported_m_s),
-    )
+    gained = subtract(acceleration_tilt.latest_m_s, acceleration_tilt.reported_m_s)
+    seen = scale(1.0 / ACCELERATION_TILT_TAU_S, gained)
     left = subtract(acceleration_tilt.felt_m_s2, seen)
     push = hypot(seen[0], seen[1])
     return push > LEAST_PUSH_M_S2 and hypot(left[0], left[1]) < UNEXPLAINED * push

@@ -36,8 +36,8 @@ from estimator.aiding.types import (
     Wheels,
 )
 from estimator.aiding.velocity_history import new_velocity_history
+from estimator.conditioning.params import SPAN_S
 from estimator.conditioning.robust import FAR, HALF_TURN_VARIANCE, REACH
-from estimator.conditioning.times import SPAN_S
 from estimator.geometry.quaternion import add, rotate, subtract
 from estimator.types import IDENTITY, NO_SAMPLE, ZERO_VEC3, Quaternion, Sample, Vec3
 
@@ -68,11 +68,7 @@ def begin(
     """State, covariance and velocity history at a first velocity report."""
     P = np.zeros((SIZE, SIZE))
     q_ned_frd, gyr_bias, iron = first.q_ned_frd, first.gyr_bias_rad_s, first.hard_iron_sigma_gauss
-    tilt, heading, compass = (
-        first.tilt_sigma_rad**2,
-        first.heading_sigma_rad**2,
-        first.compass_sigma_rad**2,
-    )
+    tilt, heading = first.tilt_sigma_rad**2, first.heading_sigma_rad**2
     diagonal = np.einsum("ii->i", P)
     diagonal[TURN : TURN + 3] = (tilt, tilt, heading)
     diagonal[VELOCITY : VELOCITY + 3] = BEGIN_VELOCITY_SIGMA_M_S**2
@@ -83,7 +79,7 @@ def begin(
     diagonal[FILTER_ERROR : FILTER_ERROR + 3] = params.filter_error_m_s**2
     diagonal[RECEIVER_ERROR : RECEIVER_ERROR + 3] = params.receiver_error_m_s**2
     diagonal[FIELD_LAG] = first.field_lag_s**2
-    diagonal[COMPASS_TURN] = compass
+    diagonal[COMPASS_TURN] = first.compass_sigma_rad**2
     diagonal[HARD_IRON : HARD_IRON + 3] = iron**2
     together = iron**2 * np.array(first.turned_by_iron_1_gauss)
     P[TURN + 2, HARD_IRON : HARD_IRON + 3] = P[HARD_IRON : HARD_IRON + 3, TURN + 2] = together
@@ -133,8 +129,8 @@ def blank_aiding(params: AidingParams) -> tuple[AidingState, Array, Array]:
 def inflate_covariance(state: AidingState, covariance: Array) -> tuple[AidingState, Array]:
     """State and covariance after reports or a field have been far off for long.
 
-    Were the attitude the reason, its variance would be ``FAR`` times what it is taken for. No
-    attitude is known worse than half a turn.
+    If the attitude were the reason, its variance would be ``FAR`` times the assumed one, at most
+    that of half a turn.
     """
     P = covariance.copy()
     turn = slice(TURN, TURN + 3)
@@ -157,14 +153,10 @@ def forget_biases(
 ) -> tuple[AidingState, Array]:
     """State and covariance after a change of the IMU: its biases are as at the beginning."""
     P = covariance.copy()
-    for first, sigma in (
-        (GYR_BIAS, params.gyr_bias_sigma),
-        (ACC_BIAS, params.acc_bias_sigma),
-    ):
-        P[first : first + 3, :] = 0.0
-        P[:, first : first + 3] = 0.0
-        for i in range(first, first + 3):
-            P[i, i] = sigma**2
+    for first, sigma in ((GYR_BIAS, params.gyr_bias_sigma), (ACC_BIAS, params.acc_bias_sigma)):
+        axes = slice(first, first + 3)
+        P[axes, :] = P[:, axes] = 0.0
+        P[axes, axes] = sigma**2 * np.eye(3)
     estimate = state.estimate._replace(gyr_bias_rad_s=ZERO_VEC3, acc_bias_m_s2=ZERO_VEC3)
     correction_cusum = state.correction_cusum._replace(
         bias_rad_s=ZERO_VEC3, least_variance=3.0 * params.gyr_bias_sigma**2

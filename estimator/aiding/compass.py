@@ -1,18 +1,17 @@
 """Whether a compass may give the heading: what is known about its calibration, and since when.
 
-Somebody has to declare it calibrated, or velocity alone has to confirm its heading. Evidence
-against it is: a declaration that it is not calibrated, a field unlike the place's, velocity that
-shows another heading, and an aiding, begun with its heading, that gives up twice in a row. A
-declaration holds until another one. The rest expires: a vehicle that has stood beside iron, or
-tilted, gets another chance.
+It needs a declaration that it is calibrated, or a heading that velocity has confirmed. Evidence
+against it is a declaration that it is not calibrated, a field unlike the place's, a heading that
+velocity contradicts, or two failures of the aiding in a row. A declaration holds until the next
+one. Other evidence expires: a vehicle may have stood beside iron, or tilted.
 """
 
 from math import dist
 from typing import NamedTuple
 
 from estimator.conditioning.field.magnetic import NORM_SCALE, horizontal_down
+from estimator.conditioning.params import FORGET_S, LONG_S, MEMORY_S
 from estimator.conditioning.robust import MOST_DEVIATION
-from estimator.conditioning.times import FORGET_S, LONG_S, MEMORY_S
 from estimator.geometry.earth import PlaceField, in_ned
 from estimator.types import EVER_US, NEVER_US
 
@@ -35,7 +34,7 @@ class Compass(NamedTuple):
 
 
 CONTRADICTED = "velocity contradicts the compass"
-NO_WORD = "nobody has said that the compass is calibrated"
+NOT_DECLARED = "nobody has declared the compass calibrated"
 
 
 def is_trusted(compass: Compass, time_us: int) -> bool:
@@ -51,7 +50,7 @@ def is_contradicted(compass: Compass, time_us: int) -> bool:
 def evidence_against(compass: Compass, time_us: int) -> str:
     """The evidence against it at ``time_us``, in words; empty if there is none."""
     if compass.declared_calibrated is None and not compass.confirmed:
-        return NO_WORD
+        return NOT_DECLARED
     if compass.declared_calibrated is False:
         return "nobody has calibrated the compass"
     if _is_recent(compass.misled_us, time_us, FORGET_S):

@@ -1,13 +1,12 @@
 """Consistency check of the aided attitude: e from measured vectors, and inflated variances.
 
-The paper's filter follows the aided attitude, so its own e shows nothing. Here the vectors are
-measured. The specific force of the last second is compared with the reported change of velocity,
-and the field without the learnt hard iron with the place's. Neither changes the estimate again. An
-unsensed turn, a bias that steps, a magnet or wrong velocities separate attitude and measurements.
-That shows here before the covariance grows.
+The paper's filter follows the aided attitude, so its own e shows nothing. Here the specific force
+of the last second is compared with the reported change of velocity, and the field without the
+learnt hard iron with the place's. Neither changes the estimate again. An unsensed turn, a bias that
+steps, a magnet or wrong velocities show here before the covariance grows.
 
-The usual difference is learnt, because it is mostly noise and what slow streams miss. Only a much
-larger one inflates the variance.
+The usual difference, mostly noise and what slow streams miss, is learnt. Only a much larger one
+inflates the variance.
 """
 
 from math import atan2, hypot
@@ -19,8 +18,8 @@ from estimator.aiding.search import Window, extend_window, open_window
 from estimator.aiding.types import AidingEstimate, AidingParams, AidingState, Report, Sigmas
 from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.field.magnetic import NORM_SCALE
+from estimator.conditioning.params import ACCELERATION_LASTS_S, LONG_S, SPAN_S
 from estimator.conditioning.robust import REACH
-from estimator.conditioning.times import ACCELERATION_LASTS_S, LONG_S, SPAN_S
 from estimator.conditioning.vertical.lasting import SCALE_ERROR
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.filter.kernel import follow_rate
@@ -150,8 +149,8 @@ def compare_report(
 ) -> Consistency:
     """A report may close a window of the force, and opens the next.
 
-    A receiver's reports go first, since they know nothing of the IMU; an autopilot's filter
-    counts while there are none.
+    A receiver's reports come first, as it knows nothing of the IMU; an autopilot's filter counts
+    without them.
     """
     is_receiver = report.late_sigma_s > 0.0
     window = consistency.window
@@ -191,8 +190,8 @@ def share_of(
     """How far a window counts: 1 at rest, little for one full of loops, where |force| is small.
 
     Its change of velocity may be off by the reports' error, by the force's change while they are
-    late, and by ``SCALE_ERROR`` of the push for each radian turned: as far as that is little
-    beside a second of gravity it counts.
+    late, and by ``SCALE_ERROR`` of the push for each radian turned, each compared with a second of
+    gravity.
     """
     error_m_s, late_s = params.filter_error_m_s, params.imu_lag_s
     swing = norm(subtract(window.force_m_s2, window.first_force_m_s2))

@@ -1,9 +1,9 @@
 """How far the attitude was turned where the gyroscope felt no turn, and whether that was expected.
 
-If the filter's model is true, its corrections are white, and their variance is what the covariance
-loses. So their sum over the last half minute has a known variance. An accelerometer that steps, a
-compass that was learnt wrong or wrong velocities turn the attitude by many times that, while the
-covariance shrinks all the same. The attitude may be wrong by the sum, until that is forgotten.
+If the filter's model is true, its corrections are white and their sum over half a minute has the
+variance that the covariance loses. An accelerometer that steps, a compass learnt wrong or wrong
+velocities turn the attitude by many times that, while the covariance shrinks all the same. Until
+that sum is forgotten, the attitude may be wrong by it.
 """
 
 from math import e, hypot, sqrt
@@ -20,7 +20,7 @@ from estimator.aiding.types import (
     Sigmas,
 )
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.times import MEMORY_S
+from estimator.conditioning.params import MEMORY_S
 from estimator.geometry.quaternion import add, rotate, scale, subtract
 from estimator.types import Vec3
 
@@ -51,8 +51,8 @@ def pass_time(
 ) -> CorrectionCusum:
     """Corrections ``dt`` older. A bias other than usual has turned the attitude, too.
 
-    It becomes usual with time. One that began less known than biases are is being learnt until
-    it is: it becomes usual as far as it is known better than ever.
+    Such a bias becomes usual with time. One that began less certain than biases are is still being
+    learnt, and becomes usual as far as it is known better than ever before.
     """
     keep = real_exp(-dt / MEMORY_S)
     variance = P[GYR_BIAS, GYR_BIAS]
@@ -90,8 +90,8 @@ def add_correction(
 def with_unexpected_turn(sigma: Sigmas, correction_cusum: CorrectionCusum, P: Array) -> Sigmas:
     """The sigmas with what the corrections have turned beyond their expected variance.
 
-    A bias that changes at once has turned the attitude by ``MEMORY_S``/e of that at most, until
-    its mean has followed.
+    A bias that changes at once turns the attitude by at most ``MEMORY_S``/e of that before its mean
+    has followed.
     """
     by_bias = (MEMORY_S / e) ** 2 / 3.0
     by_bias *= P[GYR_BIAS, GYR_BIAS] + P[GYR_BIAS + 1, GYR_BIAS + 1] + P[GYR_BIAS + 2, GYR_BIAS + 2]

@@ -1,9 +1,9 @@
-"""Which way a vehicle on wheels goes, and how far its vertical is off: by its pushes.
+"""Which way a vehicle on wheels goes, and how far its vertical is off, from its pushes.
 
-Its course is its heading, or the opposite. Going forwards it is pushed as its velocity changes,
-seen from the course; in reverse the other way round. A tilted vertical adds to every push the
-same part of gravity, seen from the body, as does an accelerometer's bias. So the two ways differ
-in how pushes scatter about their mean, and the mean shows the tilt.
+Its course is its heading or the opposite. Forwards, it is pushed as its velocity changes along the
+course; in reverse, the other way round. A tilted vertical adds the same part of gravity to every
+push, and so does an accelerometer's bias. So the scatter of the pushes about their mean shows the
+way, and the mean shows the tilt.
 """
 
 from math import hypot, log
@@ -53,10 +53,10 @@ def roll_on(
     pushed_frd_m_s: Vec3,
     down_frd: Vec3,
 ) -> Rolled:
-    """With a window of ``time_s`` between two velocities (NED) that are known to ``sigma_m_s``.
+    """Add a window of ``time_s`` between two velocities (NED) that are known to ``sigma_m_s``.
 
-    ``pushed_frd_m_s`` is the integrated specific force, ``down_frd`` what is taken for down, both
-    in the body's axes at the window's end. A vehicle that stands may go on either way.
+    ``pushed_frd_m_s`` is the integrated specific force and ``down_frd`` the assumed down, both in
+    the body's axes at the window's end. A vehicle that stands may go on either way.
     """
     speed, least = hypot(after_m_s[0], after_m_s[1]), REACH * sigma_m_s
     if speed <= least:

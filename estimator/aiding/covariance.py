@@ -35,12 +35,6 @@ def move_rows(P: Array, R: Array, gained: Vec3, dt: float) -> Array:
 
 
 @inlined
-def predict_covariance(P: Array, R: Array, gained: Vec3, dt: float) -> Array:
-    """F P F'; P is symmetric."""
-    return move_rows(np.ascontiguousarray(move_rows(P, R, gained, dt).T), R, gained, dt)
-
-
-@inlined
 def expected_variance(P: Array, h: Array, noise: float) -> float:
     """Variance of a measurement h . errors + noise."""
     total = noise

@@ -4,7 +4,9 @@ from math import exp as real_exp
 from math import sqrt
 from typing import NamedTuple
 
-from estimator.aiding.covariance import predict_covariance, rotation_matrix
+import numpy as np
+
+from estimator.aiding.covariance import move_rows, rotation_matrix
 from estimator.aiding.types import (
     ACC_BIAS,
     EARTH,
@@ -25,8 +27,8 @@ from estimator.aiding.types import (
 from estimator.aiding.velocity_history import ACCELERATION, TIME, extend_velocity_history, row
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined, replacer
+from estimator.conditioning.params import USUAL_S
 from estimator.conditioning.robust import FAR, REACH
-from estimator.conditioning.times import USUAL_S
 from estimator.conditioning.vertical.rate import integration_rate
 from estimator.geometry.quaternion import (
     add,
@@ -53,15 +55,7 @@ moved = replacer(
     *("q_ned_frd", "velocity_ned_m_s", "receiver_error_m_s", "filter_error_m_s"),
 )
 
-
 with_knocked = replacer(Roughness, "knocked")
-
-
-class OfSources(NamedTuple):
-    """Something about either source's slow error."""
-
-    by_filter: float
-    by_receiver: float
 
 
 class Prediction(NamedTuple):
@@ -99,7 +93,9 @@ def predict_motion(
     velocity_history = extend_velocity_history(
         velocity_history, faster, add(force, GRAVITY_NED), dt
     )
-    P = predict_covariance(P, rotation_matrix(q), gained, dt)
+    R = rotation_matrix(q)
+    half = move_rows(P, R, gained, dt)  # F P, and then F P F': P is symmetric
+    P = move_rows(np.ascontiguousarray(half.T), R, gained, dt)
     second_difference = line_deviation(
         gyr, before.gyr_rad_s, before.gyr_before_rad_s, dt, before.dt_s
     )
@@ -110,14 +106,11 @@ def predict_motion(
         aliased_turn = rotate(q, scale(sqrt(dt * seen_s), between.change_rad_s))
     off = newest_deviation(velocity_history)
     aliased_push = scale(dt, off)
-    lasts = lasting_times(params, state)
     unseen = (params.gyr_slow_noise_1_s * seen_s) ** 2 * dot(rate, rate) * dt
-    add_noise(params, P, state, lasts, aliased_turn, aliased_push, unseen, dt)
+    slow_errors = add_noise(params, P, state, aliased_turn, aliased_push, unseen, dt)
     add_knock(P, state.rough, off, dt)
-    by_receiver = fade(estimate.receiver_error_m_s, dt, lasts.by_receiver)
-    by_filter = fade(estimate.filter_error_m_s, dt, lasts.by_filter)
     return Prediction(
-        estimate=moved(estimate, q, v, by_receiver, by_filter),
+        estimate=moved(estimate, q, v, *slow_errors),
         force_ned_m_s2=force,
         rate_rad_s=rate,
         velocity_history=velocity_history,
@@ -136,18 +129,11 @@ def line_deviation(third: Vec3, second: Vec3, first: Vec3, dt: float, before_s: 
 @inlined
 def newest_deviation(velocity_history: Array) -> Vec3:
     """How far the newest force (NED) lies off the line through the two before it."""
-    second = row(velocity_history, 1, ACCELERATION)
-    step_s, before_s = (
-        velocity_history[0, TIME] - velocity_history[1, TIME],
-        velocity_history[1, TIME] - velocity_history[2, TIME],
-    )
-    return line_deviation(
-        row(velocity_history, 0, ACCELERATION),
-        second,
-        row(velocity_history, 2, ACCELERATION),
-        step_s,
-        before_s,
-    )
+    third, second = row(velocity_history, 0, ACCELERATION), row(velocity_history, 1, ACCELERATION)
+    first = row(velocity_history, 2, ACCELERATION)
+    step_s = velocity_history[0, TIME] - velocity_history[1, TIME]
+    before_s = velocity_history[1, TIME] - velocity_history[2, TIME]
+    return line_deviation(third, second, first, step_s, before_s)
 
 
 @inlined
@@ -160,8 +146,8 @@ def usual_knock(rough: Roughness) -> float:
 def add_knock(P: Array, rough: Roughness, off_m_s2: Vec3, dt: float) -> None:
     """A reading far off the line through its neighbours may be no push at all, in place.
 
-    What it adds to the velocity is as uncertain as it is large. An autopilot's filter reads the
-    same accelerometer, so that its error is the same, and its reports prove nothing.
+    Its effect on the velocity is as uncertain as it is large. An autopilot's filter reads the same
+    accelerometer and makes the same error, so its reports prove nothing.
     """
     square = dot(off_m_s2, off_m_s2)
     beyond = 1.0 - usual_knock(rough) / max(square, TINY)
@@ -189,16 +175,15 @@ def add_noise(
     params: AidingParams,
     P: Array,
     state: AidingState,
-    lasts: OfSources,
     aliased_turn: Vec3,
     aliased_push: Vec3,
     unseen: float,
     dt: float,
-) -> None:
-    """What a step adds to the covariance, in place.
+) -> tuple[Vec3, Vec3]:
+    """What a step adds to the covariance, in place; returns what is left of both slow errors.
 
-    Between two samples things happen that neither shows. The more they differ, the more that
-    may have been. ``unseen`` (rad^2) is what else the step has missed of a turn about an axis.
+    They are a receiver's and a filter's. The more two samples differ, the more may have happened
+    between them. ``unseen`` (rad^2) is what else the step has missed of a turn about an axis.
     """
     aliasing = params.integration_noise**2
     push = params.acc_noise**2 * dt
@@ -210,27 +195,34 @@ def add_noise(
         P[ACC_BIAS + i, ACC_BIAS + i] += params.acc_bias_sigma**2 * dt / LEARNT_LASTS_S
         if P[HARD_IRON + i, HARD_IRON + i] < iron:
             P[HARD_IRON + i, HARD_IRON + i] += iron * dt / LEARNT_LASTS_S
-    usual = usual_variances(params, state)
-    keep = real_exp(-dt / lasts.by_filter)
-    renew_error(P, FILTER_ERROR, usual.by_filter, dt / params.error_tau_s, keep)
-    keep = real_exp(-dt / lasts.by_receiver)
-    renew_error(P, RECEIVER_ERROR, usual.by_receiver, dt / params.error_tau_s, keep)
-    E = state.estimate.earth_gauss
+    estimate, (filter_reports, receiver_reports) = state.estimate, state.agreement
+    pushed = state.last.force_ned_m_s2
+    turning = params.filter_turning_s**2 * (pushed[0] ** 2 + pushed[1] ** 2)
+    by_filter = (params.filter_error_m_s**2 + turning) * max(
+        1.0, filter_reports.scatter.noise_scale
+    )
+    by_receiver = params.receiver_error_m_s**2 * max(1.0, receiver_reports.scatter.noise_scale)
+    filter_m_s = age_error(params, P, FILTER_ERROR, estimate.filter_error_m_s, by_filter, dt)
+    receiver_m_s = age_error(
+        params, P, RECEIVER_ERROR, estimate.receiver_error_m_s, by_receiver, dt
+    )
+    E = estimate.earth_gauss
     field = params.field_walk**2 * dt
     horizontal = field * (1.0 + E[2] * E[2] / max(E[0] * E[0] + E[1] * E[1], 1e-12))
     for i in range(2):  # the place's field may change its strength, not its declination
         for j in range(2):
             P[EARTH + i, EARTH + j] += horizontal * E[i] * E[j]
     P[EARTH + 2, EARTH + 2] += field * dot(E, E)
+    return receiver_m_s, filter_m_s
 
 
 @inlined
 def judge_biases(now: Prediction, bias_prior: BiasPrior) -> BiasPrior:
     """How uncertain biases of both sensors are that nothing has shown; in place, too.
 
-    Three axes are one sensor's: where one is off by more than it was taken to be, the others may be
-    as far off. What has been learnt of an axis counts as before. An accelerometer's bias across the
-    force has turned the attitude, as a rest or a straight flight makes it seem: R a = turn x f.
+    Three axes are one sensor's: if one is off by more than expected, the others may be as far off,
+    unless they have been learnt. At rest or in straight flight an accelerometer's bias across the
+    force has turned the attitude: R a = turn x f.
     """
     estimate = now.estimate
     R = rotation_matrix(estimate.q_ned_frd)
@@ -271,52 +263,19 @@ def judge_sensor(
 
 
 @inlined
-def usual_variances(params: AidingParams, state: AidingState) -> OfSources:
-    """Its variance, (m/s)^2 per component, as long as nothing has happened to it."""
-    pushed = state.last.force_ned_m_s2
-    turning = params.filter_turning_s**2 * (pushed[0] ** 2 + pushed[1] ** 2)
-    by_filter, by_receiver = state.agreement
-    return OfSources(
-        by_filter=(params.filter_error_m_s**2 + turning) * max(1.0, by_filter.scatter.noise_scale),
-        by_receiver=params.receiver_error_m_s**2 * max(1.0, by_receiver.scatter.noise_scale),
-    )
+def age_error(
+    params: AidingParams, P: Array, first: int, error: Vec3, variance: float, dt: float
+) -> Vec3:
+    """What is left of a source's slow error, of the usual ``variance``; its covariance in place.
 
-
-@inlined
-def lasting_times(params: AidingParams, state: AidingState) -> OfSources:
-    """For how long (s) it lasts: one that is large has jumped, and lasts long.
-
-    Were it taken to fade as usual errors do, the attitude would have to explain that it stays.
+    It is first-order noise. A large error has jumped, and lasts long: otherwise the attitude would
+    have to explain why it stays.
     """
-    usual = usual_variances(params, state)
-    estimate = state.estimate
-    return OfSources(
-        by_filter=params.error_tau_s * persistence(estimate.filter_error_m_s, usual.by_filter),
-        by_receiver=params.error_tau_s
-        * persistence(estimate.receiver_error_m_s, usual.by_receiver),
-    )
-
-
-@inlined
-def persistence(error: Vec3, variance: float) -> float:
-    """How many times as long as usual an error lasts: 1 up to ``REACH``, then its square."""
-    return min(FAR, max(1.0, dot(error, error) / (REACH**2 * variance)))
-
-
-@inlined
-def fade(error: Vec3, dt: float, tau_s: float) -> Vec3:
-    """What is left of a slow error, as far as it is known."""
-    return scale(real_exp(-dt / tau_s), error)
-
-
-@inlined
-def renew_error(P: Array, first: int, variance: float, share: float, keep: float) -> None:
-    """A slow error over ``share`` of the time it usually lasts, in place: first-order noise.
-
-    ``keep`` is the part of it that stays; of usual errors that is exp(-share).
-    """
+    persistence = min(FAR, max(1.0, dot(error, error) / (REACH**2 * variance)))
+    keep = real_exp(-dt / (params.error_tau_s * persistence))
     for i in range(first, first + 3):
         for j in range(SIZE):
             P[i, j] *= keep
             P[j, i] *= keep
-        P[i, i] += variance * (1.0 - real_exp(-2.0 * share))
+        P[i, i] += variance * (1.0 - real_exp(-2.0 * (dt / params.error_tau_s)))
+    return scale(keep, error)

@@ -1,12 +1,11 @@
 """The attitude from velocity alone, where no field can give the first heading.
 
 The specific force, turned to the gyro-propagated frame G and integrated over a second, is the
-change of velocity minus that by gravity, but seen from G, whose turn against NED is not known.
-Pairs of such vectors, one a window, are Wahba's problem for that turn. The heading shows once the
-vehicle has accelerated horizontally in more than one direction: a steady acceleration looks like
-a part of gravity.
-Source: Y. Wu and X. Pan 2013, "Velocity/position integration formula part I",
-doi 10.1109/TAES.2013.6494395; the solution by SVD is Markley's (estimator/filter/alignment.py).
+change of velocity minus that by gravity, seen from G. How G is turned against NED is Wahba's
+problem, with a pair of such vectors for each window. The heading shows once the vehicle has
+accelerated horizontally in more than one direction: a steady acceleration looks like a part of
+gravity. Source: Y. Wu and X. Pan 2013, "Velocity/position integration formula part I", doi
+10.1109/TAES.2013.6494395; the solution by SVD is Markley's (estimator/filter/alignment.py).
 """
 
 from math import exp as real_exp
@@ -19,8 +18,8 @@ from estimator.aiding.beginning import BEGIN_VELOCITY_SIGMA_M_S
 from estimator.aiding.course import STANDING, Rolled, fade_rolled, roll_on
 from estimator.aiding.types import Array, Report
 from estimator.compilation.compiled import inlined, replacer
+from estimator.conditioning.params import ACCELERATION_LASTS_S, MEMORY_S, SPAN_S
 from estimator.conditioning.robust import HEADING_REACH_RAD
-from estimator.conditioning.times import ACCELERATION_LASTS_S, MEMORY_S, SPAN_S
 from estimator.filter.alignment import nearest_rotation, quaternion_from_matrix
 from estimator.geometry.quaternion import (
     add,
@@ -97,8 +96,8 @@ def add_sample(
 ) -> Search:
     """Integrate one sample's specific force by the trapezoid.
 
-    After a step that has missed a turn of the variance ``aliasing`` (rad^2) what was seen before
-    belongs to another G, and counts less.
+    If the step has missed a turn of the variance ``aliasing`` (rad^2), earlier evidence belongs to
+    another G and counts less.
     """
     window = extend_window(search.window, rotate(q_g_frd, acc), dt)
     return Search(window, fade(search.evidence, aliasing, 0.0))
@@ -131,8 +130,8 @@ def add_report(
 ) -> tuple[Search, bool]:
     """Take a report; the second value shows whether it has closed a window.
 
-    The report shows the velocity ``ago_s`` before the last sample, and as much earlier as its age
-    is uncertain. ``down_frd`` is down in the body's axes, as it is taken to be.
+    The report shows the velocity ``ago_s`` before the last sample, or as much earlier as its age is
+    uncertain. ``down_frd`` is the assumed down in the body's axes.
     """
     window = search.window
     behind_s = report.ago_s + report.late_sigma_s
@@ -203,10 +202,10 @@ def solve(search: Search, bias_sigma_rad_s: float) -> Solution | None:
     """The attitude of G that fits best, if its heading is certain enough to begin with.
 
     R minimises the loss, sum |a - R b|^2, by three parameters; loss / (3 windows - 3) is the
-    variance of one component. A small turn t in NED changes a residual by t x R b, so
-    M = sum (|b|^2 I - R b b' R') is the information about t. A wrong age of the reports or a
-    gyroscope's bias turns all vectors of a steady manoeuvre alike: the fit stays good and the loss
-    small. So the turns that both may have made are added to the variance.
+    variance of one component. A small turn t in NED changes a residual by t x R b, so M = sum
+    (|b|^2 I - R b b' R') is the information about t. A wrong age of the reports or a bias of the
+    gyroscope turns all vectors of a steady manoeuvre alike and leaves the loss small, so their
+    turns are added to the variance.
     """
     evidence = search.evidence
     if evidence.windows <= 1.0:

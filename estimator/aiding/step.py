@@ -1,12 +1,10 @@
 """One sample through the velocity aiding.
 
-An error-state Kalman filter over attitude, velocity, biases and lags. The
-specific force, integrated in NED, must give the velocities that are reported.
-Where it does not, the attitude is wrong: a tilt shows at once, because gravity
-then has a horizontal part, a heading error as soon as the vehicle accelerates
-horizontally. Its attitude gives the vectors that the paper's filter follows.
-Formulation with small turns in the inertial frame as in J. Sola 2017,
-arXiv:1711.02508, section 7.
+An error-state Kalman filter over attitude, velocity, biases and lags. The specific force,
+integrated in NED, must give the reported velocities. If it does not, the attitude is wrong: a tilt
+shows at once, because gravity then has a horizontal part, and a heading error as soon as the
+vehicle accelerates horizontally. The paper's filter follows the vectors of this attitude.
+Formulation with small turns in the inertial frame as in J. Sola 2017, arXiv:1711.02508, section 7.
 """
 
 import numpy as np
@@ -46,7 +44,7 @@ from estimator.aiding.types import (
 from estimator.aiding.uncertainty import sigmas
 from estimator.aiding.unseen import watch_turning
 from estimator.compilation.compiled import inlined, replacer
-from estimator.conditioning.times import ACCELERATION_LASTS_S, CONFIRM_S, SPAN_S
+from estimator.conditioning.params import ACCELERATION_LASTS_S, CONFIRM_S, SPAN_S
 from estimator.conditioning.vertical.rate import slow_share
 from estimator.types import Sample, Vec3
 

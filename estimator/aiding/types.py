@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 
 from estimator.bounds import Acceleration, Angle, Field, Lag, Noise, Rate, Share, Speed, Time
 from estimator.conditioning.field.magnetic import FieldLook
-from estimator.types import IDENTITY, ZERO_VEC3, Quaternion, Vec3
+from estimator.types import IDENTITY, ZERO_VEC3, Quaternion, Vec2, Vec3
 
 Array = NDArray[np.float64]
-Two = tuple[float, float]
 
 # How many components each error has in the covariance, and where it begins there.
 COMPONENTS = {
@@ -242,7 +241,7 @@ class North(NamedTuple):
     """Magnetic north, as far as it is known."""
 
     is_known: bool
-    direction: Two  # unit vector (north, east) in NED; counts only where it is known
+    direction: Vec2  # unit vector (north, east) in NED; counts only where it is known
 
 
 class StepInputs(NamedTuple):

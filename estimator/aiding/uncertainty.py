@@ -25,8 +25,8 @@ from estimator.conditioning.field.magnetic import (
     horizontal_down,
     norm_of,
 )
+from estimator.conditioning.params import SPAN_S
 from estimator.conditioning.robust import PLANE_68, REACH, robust_factor
-from estimator.conditioning.times import SPAN_S
 from estimator.geometry.quaternion import norm
 from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
 
@@ -57,8 +57,8 @@ def inclination_sigma(
 ) -> float:
     """From the covariance, as far as the reports' scatter confirms it, and ``late_rad``.
 
-    That is what comes from turning alone. Of what a poor accelerometer's bias may
-    have turned the reports show nothing, however well they agree.
+    ``late_rad`` comes from turning only. Reports show nothing of what a poor accelerometer's bias
+    may have turned, however well they agree.
     """
     scale = params.colour * scatter_scale(params, agreement)
     variance = 0.5 * (P[TURN, TURN] + P[TURN + 1, TURN + 1])
@@ -79,10 +79,10 @@ def heading_sigma(
     iron_rad: float,
     late_rad: float,
 ) -> float:
-    """From the covariance, too, with the field's slow disagreement: either may be wrong.
+    """From the covariance and the field's slow disagreement: either may be wrong.
 
     ``iron_rad`` is how far hard iron may turn the field. A heading that is no more certain than
-    that comes from the field, and how well the reports agree does not matter.
+    that comes from the field, so the reports' agreement does not count.
     """
     scale = scatter_scale(params, agreement)
     if field.samples == 0.0:
@@ -99,11 +99,10 @@ def heading_sigma(
 def with_dip_error(
     params: AidingParams, sigma: Sigmas, field: FieldState, place_gauss: Vec3, P: Array
 ) -> Sigmas:
-    """The sigmas with how far the field dips otherwise than the place's does, seen level.
+    """The sigmas with how far the field's dip, seen level, differs from the place's.
 
-    A vertical that an accelerometer has turned shows so, however well reports and gyroscope have
-    come to agree with it since. Of a field whose norm is another one too, a magnet is the cause.
-    What the hard iron may do is not counted.
+    This shows a vertical that an accelerometer has turned, even if reports and gyroscope have come
+    to agree with it. A field of another norm points to a magnet instead. Hard iron is not counted.
     """
     place = horizontal_down(place_gauss)
     n = norm_of(place)
@@ -120,11 +119,11 @@ def with_dip_error(
 def unexplained(scatter: Scatter) -> float:
     """By how much the variance exceeds the covariance's at least, as a share of it.
 
-    Innovations of a filter that is as good as it believes are white. Were its variance 1 + u times
-    what it believes, and that a share x of the innovations', their mean square would be
-    1 + x u and the mean product of one and the next x (1 - x) u (R. K. Mehra 1970, IEEE Trans.
-    Autom. Control 15, 175). The square of that over this is 4/27 u at most. Of an excess that is
-    small beside the covariance, only that share counts: jitter makes such, too.
+    Innovations of a filter that is as good as it believes are white. If its variance were 1 + u
+    times what it believes, a share x of the innovations', their mean square would be 1 + x u and
+    the mean product of one and the next x (1 - x) u (R. K. Mehra 1970, IEEE Trans. Autom. Control
+    15, 175). The square of that over this is at most 4/27 u. A small excess counts less: jitter
+    makes such, too.
     """
     together = max(0.0, scatter.together)
     u = 6.75 * together * together / max(scatter.innovation, 1e-12)
@@ -135,10 +134,10 @@ def unexplained(scatter: Scatter) -> float:
 def scatter_scale(params: AidingParams, agreement: Agreements) -> float:
     """How far reports scatter, of what the covariance expects; without reports 1 at least.
 
-    The covariance is that of the roughest IMU and the poorest reports that it is made for. How
-    far less they really scatter shows how much less is uncertain. But an autopilot's
-    filter integrates the same IMU, so that even perfect agreement proves only so much. A receiver
-    does not know it. What of its innovations is like the one before is not its own noise:
+    The covariance is that of the roughest IMU and the poorest reports. Less scatter shows less
+    uncertainty, but an autopilot's filter integrates the same IMU, so its agreement proves only so
+    much. A receiver does not know the IMU: whatever its innovations share with the one before is
+    not noise.
     """
     by_filter, by_receiver = agreement.by_filter, agreement.by_receiver
     scatter = by_filter.scatter if by_filter.wait_s <= by_receiver.wait_s else by_receiver.scatter

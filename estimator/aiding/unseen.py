@@ -1,17 +1,15 @@
 """What a slow stream's gyroscope hides between two samples, by how rough its readings are.
 
-Readings that lie on a line are those of a motion that the samples show, and what integration
-misses of it is a small share of how far they lie off the line. Readings as good as independent of
-one another, of a vehicle that shakes or is shaken faster than it is sampled, show hardly anything
-of the turning between them. The mean squares of second and first
-differences: of independent readings the former is three times the latter, of a smooth motion
-much less.
+Readings on a line are those of a motion that the samples show; integration misses a small share of
+how far they lie off it. Independent readings, of a vehicle shaken faster than it is sampled, show
+hardly anything of the turning between them. The mean square of second differences tells them apart:
+it is three times that of first differences for independent readings, and much less for smooth ones.
 """
 
 from estimator.aiding.inertial import line_deviation
 from estimator.aiding.types import TURN, VELOCITY, AidingParams, AidingState, Array, Roughness
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.times import LATELY_S, LONGEST_STEP_S, SPAN_S
+from estimator.conditioning.params import LATELY_S, LONGEST_STEP_S, SPAN_S
 from estimator.conditioning.vertical.rate import likeness, slow_share
 from estimator.conditioning.vertical.tilt import HOLE_RAD_S
 from estimator.geometry.quaternion import dot, subtract
@@ -27,11 +25,11 @@ HOLE_M_S2 = HOLE_RAD_S * STANDARD_GRAVITY_M_S2
 def watch_turning(
     params: AidingParams, state: AidingState, P: Array, sample: Sample, aliasing: float
 ) -> Roughness:
-    """What the step of a slow stream has missed goes into the covariance, in place.
+    """Add what a slow stream's step has missed to the covariance, in place.
 
-    About both level axes that is no less than the stage without velocity takes for ``aliasing``,
-    rad^2, as far as the readings look as good as independent now or did lately. Readings nearer
-    than ``UNSEEN_STEP_S`` show more than that: at 4 Hz it cost headings beside a compass' faults.
+    About both level axes this is at least ``aliasing`` (rad^2), as the unaided stage has it, if the
+    readings look independent now or did lately. Readings nearer than ``UNSEEN_STEP_S`` show more
+    than that: at 4 Hz it cost headings beside a compass' faults.
     """
     last, dt, between = state.last, sample.dt_s, sample.between
     change = subtract(sample.gyr_rad_s, last.gyr_rad_s)
@@ -45,10 +43,8 @@ def watch_turning(
     rough = state.rough
     level = 0.0
     if seen_s > UNSEEN_STEP_S:
-        second, first = (
-            max(dot(second_difference, second_difference), rough.second_difference),
-            max(dot(change, change), rough.changed),
-        )
+        second = max(dot(second_difference, second_difference), rough.second_difference)
+        first = max(dot(change, change), rough.changed)
         level = 0.5 * aliasing * likeness(second, first)
     north, east = P[TURN, TURN] + level, P[TURN + 1, TURN + 1] + level
     add_unseen_turn(params, P, rough, second_difference, dt, seen_s)
@@ -70,7 +66,7 @@ def add_unseen_turn(
     """Variance of the turn that a step has missed, in place; ``second_difference`` is in rad/s.
 
     The mean of two independent instants is off the mean over the step by 0.29 of the second
-    difference, about all axes alike. Of the turning something is seen every ``seen_s``.
+    difference, about every axis. The turning is seen every ``seen_s``.
     """
     slow = slow_share(seen_s)
     if slow <= 0.0:

@@ -13,7 +13,7 @@ from estimator.aiding.types import Array
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.gather import STEP_S
-from estimator.conditioning.times import LONG_S
+from estimator.conditioning.params import LONG_S
 from estimator.geometry.quaternion import add, scale, subtract
 from estimator.types import Vec3
 
@@ -40,16 +40,14 @@ def new_velocity_history(acceleration: Vec3) -> Array:
 
 
 @inlined
-def extend_velocity_history(
-    velocity_history: Array, gained: Vec3, acceleration: Vec3, dt: float
-) -> Array:
+def extend_velocity_history(before: Array, gained: Vec3, acceleration: Vec3, dt: float) -> Array:
     """A new velocity history with one more sample."""
-    new = velocity_history.copy()
-    if velocity_history[0, TIME] - velocity_history[1, TIME] >= STEP_S:
-        new[1:] = velocity_history[:-1]
-    new[0, TIME] = velocity_history[0, TIME] + dt
+    new = before.copy()
+    if before[0, TIME] - before[1, TIME] >= STEP_S:
+        new[1:] = before[:-1]
+    new[0, TIME] = before[0, TIME] + dt
     for i in range(3):
-        new[0, GAINED + i] = velocity_history[0, GAINED + i] + gained[i]
+        new[0, GAINED + i] = before[0, GAINED + i] + gained[i]
         new[0, ACCELERATION + i] = acceleration[i]
     return new
 
@@ -57,11 +55,8 @@ def extend_velocity_history(
 @inlined
 def row(velocity_history: Array, k: int, first: int) -> Vec3:
     """Three columns of a row."""
-    return (
-        velocity_history[k, first],
-        velocity_history[k, first + 1],
-        velocity_history[k, first + 2],
-    )
+    now = velocity_history[k]
+    return (now[first], now[first + 1], now[first + 2])
 
 
 @inlined
@@ -77,10 +72,8 @@ def look_back(velocity_history: Array, ago_s: float) -> Since:
     k = 0
     while k < ROWS - 2 and velocity_history[k + 1, TIME] > then:
         k += 1
-    after, before = (
-        row(velocity_history, k, ACCELERATION),
-        row(velocity_history, k + 1, ACCELERATION),
-    )
+    after = row(velocity_history, k, ACCELERATION)
+    before = row(velocity_history, k + 1, ACCELERATION)
     back = velocity_history[k, TIME] - then
     gained = subtract(row(velocity_history, 0, GAINED), row(velocity_history, k, GAINED))
     step = velocity_history[k, TIME] - velocity_history[k + 1, TIME]

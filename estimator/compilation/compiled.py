@@ -17,9 +17,9 @@ from numba.extending import register_jitable
 from estimator.compilation.kernel_folder import (
     KernelFolder,
     KernelLocator,
+    compiling_begins,
     sources_digest,
 )
-from estimator.compilation.notice import compiling_begins
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 Value = TypeVar("Value", bound=NamedTuple)
@@ -70,10 +70,10 @@ def _compiled(function: Any, types: Types | None) -> Any:
 
 
 def inlined(function: Function) -> Function:
-    """A part of compiled functions: compiled into each that calls it, plain Python elsewhere.
+    """A part of compiled functions: compiled into each caller, plain Python elsewhere.
 
-    It has no code that takes a hundred numbers over from Python and hands them back. That code
-    would be half of what a kernel takes to compile.
+    It needs no code that passes a hundred numbers between Python and numba, which would be half of
+    the time of compiling a kernel.
     """
     return register_jitable(**OPTIONS)(function)
 
@@ -84,11 +84,10 @@ def shared(function: Function) -> Function:
 
 
 def replacer(kind: type[Value], *names: str) -> Callable[..., Value]:
-    """A function of a ``kind`` and new values of the fields ``names``, which returns the new one.
+    """A function of a ``kind`` and new values of the fields ``names``, which returns the new value.
 
     ``replacer(State, "bias", "age_s")(state, bias, age_s)`` is ``state._replace(bias=bias,
-    age_s=age_s)``. numba does not know ``NamedTuple._replace``. Here it sees a call that names all
-    fields, in the order of the type.
+    age_s=age_s)``, which numba does not know. It sees a call that names all fields in order.
 
     Raises:
         ValueError: ``kind`` has no such field, or it is named twice.
@@ -120,38 +119,23 @@ def called_kernels() -> list[Any]:
 
 
 def build(kernel: Any) -> None:
-    """Compile a kernel that commands call, or load it where it is kept."""
-    types = KERNELS[kernel]
-    assert types is not None
-    kernel.compile(types())
+    """Compile a kernel that commands call, or load it from disk."""
+    entry_point(kernel)
 
 
 @functools.cache
-def direct(kernel: Any, types: tuple[Any, ...]) -> Callable[..., Any]:
-    """The form of a kernel that takes arguments of these types (numba's), and checks no more.
-
-    numba's dispatcher finds out at every call which types it has been given: for a handful of
-    numbers and a handle that takes longer than a step of the filter. It is compiled now, unless
-    that has been done; to ask numba for it takes 20 us even then. Without compiled code it is the
-    Python function.
-    """
-    if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
-        return kernel  # type: ignore[no-any-return]
-    return kernel.compile(types)  # type: ignore[no-any-return]
-
-
 def entry_point(kernel: Any) -> Callable[..., Any]:
-    """The form that commands call of a kernel, as :func:`direct` gives it."""
+    """The form of a kernel for the types that commands call it with; it checks no arguments.
+
+    numba's dispatcher looks up the types of the arguments at every call. For a handful of numbers
+    and a handle that takes longer than a step of the filter. Without compiled code it is the Python
+    function.
+    """
     if _numba_config.DISABLE_JIT:
         return kernel  # type: ignore[no-any-return]
-    return _entry_point(kernel)
-
-
-@functools.cache
-def _entry_point(kernel: Any) -> Callable[..., Any]:
     types = KERNELS[kernel]
     assert types is not None
-    return direct(kernel, types())
+    return kernel.compile(types())  # type: ignore[no-any-return]
 
 
 def types_of(*arguments: Any) -> tuple[Any, ...]:
@@ -163,7 +147,7 @@ class _Listener(_event.Listener):  # type: ignore[misc]
     """Notices each function that numba compiles; those from the cache are not compiled."""
 
     def on_start(self, event: Any) -> None:
-        """Say so if the function is one of our kernels."""
+        """Notify if the function is one of our kernels."""
         if event.data["dispatcher"] in KERNELS:
             compiling_begins()
 

@@ -1,10 +1,10 @@
 """Where compiled kernels are kept, and the locator that leads numba's own cache there.
 
-numba's locators do not notice that an inlined function of another file has changed, and they
-demand a folder that can be written to. Here one folder holds the kernels of one state of all
-sources: its name is a digest of them, of Python, the libraries and the CPU that kernels are made
-for. So nothing in it is ever stale. It stands beside the sources and is as trustworthy as they are;
-a wheel and an image bring it along.
+numba's locators miss changes of an inlined function in another file, and need a writable folder.
+Here one folder holds the kernels of one state of all sources: a digest of them, of Python, the
+libraries and the target CPU names it, so nothing in it is stale. It stands beside the sources and
+is as trustworthy as they are; wheels and images contain it. This module loads nothing heavy, so
+that a command can ask for the notice of compiling long before it needs numba.
 """
 
 import hashlib
@@ -22,10 +22,14 @@ from typing import Any, Self
 SOURCES = Path(__file__).parents[1]
 BESIDE = SOURCES / "kernels"
 KEPT = 3  # folders of other states of the sources, for switching between branches
+COMPILING = "compiling the filter: it takes a minute or so, and goes on then"
 NO_FOLDER = (
     "no writable folder for compiled code, neither beside fuzzbee nor ~/.cache/fuzzbee: "
     "compiling in memory at each start"
 )
+
+_listeners: list[Callable[[str], None]] = []
+_asked: list[Callable[[str], None]] = []
 
 
 class KernelFolder:
@@ -42,7 +46,10 @@ class KernelFolder:
                 return
             if made(path) and (base == BESIDE or is_private(path)):
                 self.path, self.is_writable = path, True
-                forget_older(base, digest)
+                others = [each for each in base.iterdir() if each != path and each.is_dir()]
+                others.sort(key=lambda each: each.stat().st_mtime, reverse=True)
+                for older in others[KEPT:]:
+                    shutil.rmtree(older, ignore_errors=True)
                 return
         warnings.warn(NO_FOLDER, RuntimeWarning, stacklevel=2)
 
@@ -132,9 +139,18 @@ def is_private(path: Path) -> bool:
     return True
 
 
-def forget_older(base: Path, digest: str) -> None:
-    """Remove kernels of older states of the sources."""
-    others = [path for path in base.iterdir() if path.name != digest and path.is_dir()]
-    others.sort(key=lambda path: path.stat().st_mtime, reverse=True)
-    for path in others[KEPT:]:
-        shutil.rmtree(path, ignore_errors=True)
+def notify_compiling(notify: Callable[[str], None]) -> None:
+    """Call ``notify`` with a line, once, when the first kernel has to be compiled."""
+    _listeners[:] = _asked[:] = [notify]
+
+
+def notify_programs() -> None:
+    """Write to standard error, for programs other than our command that have not asked."""
+    if not _asked:
+        notify_compiling(lambda text: print(f"fuzzbee: {text}", file=sys.stderr, flush=True))
+
+
+def compiling_begins() -> None:
+    """Notify that a kernel is not in the cache: a minute of silence looks like a fault."""
+    while _listeners:
+        _listeners.pop()(COMPILING)

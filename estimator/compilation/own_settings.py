@@ -1,8 +1,7 @@
-"""Libraries that take settings from the current folder are kept from it.
+"""Keeps libraries from reading settings in the current folder, which may hold anybody's downloads.
 
-There lie anybody's downloads: numba reads ``.numba_config.yaml`` in it, matplotlib a
-``matplotlibrc``. Importing this module sees to it; the package does so before anything else. It
-loads next to nothing itself.
+numba reads ``.numba_config.yaml`` there, matplotlib a ``matplotlibrc``. The package imports this
+module before anything else; it loads next to nothing itself.
 """
 
 import os

@@ -12,26 +12,28 @@ from estimator.conditioning.gather import NOTHING, STEP_S, gather, means
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.sigma import certainty_of
 from estimator.conditioning.state import ConditioningState, Directions
-from estimator.conditioning.vertical.gravity import level_to
+from estimator.conditioning.vertical.gravity import level_to, with_frame
 from estimator.conditioning.vertical.rate import (
     at_interval_end,
     corrected_rate,
     integration_rate,
     is_mean,
+    watch_clipping,
 )
 from estimator.conditioning.vertical.step import (
     VerticalState,
     begin_vertical,
-    carry,
     learn_vertical,
+    with_turn,
 )
 from estimator.conditioning.vertical.tilt import slowness
-from estimator.geometry.axes import FrameAxes, axes_of, down_of, to_body
+from estimator.geometry.axes import axes_of, down_of, to_body
 from estimator.geometry.quaternion import (
     conjugate,
     exp,
     log,
     multiply,
+    normalize,
     rotate_inverse,
     scale,
     subtract,
@@ -104,7 +106,10 @@ def condition(
             mag = at_interval_end(mag, gyr, dt)
     if sample.has_mag:
         mag = correct_field(mag, rate, state.field.calibration.learnt)
-    vertical = carry(state.vertical, turn, state.previous_gyr_rad_s, gyr, dt)
+    vertical = state.vertical
+    q_g_frd = normalize(multiply(vertical.gravity.q_g_frd, turn))
+    clipping = watch_clipping(vertical.clipping, state.previous_gyr_rad_s, gyr, dt)
+    vertical = with_turn(vertical, with_frame(vertical.gravity, q_g_frd), clipping)
     if is_first:
         vertical = begin_vertical(vertical, gyr, acc)
     axes_g = axes_of(vertical.gravity.q_g_frd)
@@ -119,7 +124,10 @@ def condition(
             missed = rotate_inverse(state.vertical.gravity.q_g_frd, missed)
             rate = corrected_rate(rate, missed, slow, dt)
             turn = exp(scale(dt, rate))
-    return state, result_of(state, axes_g, rate, turn)
+    bias_rad_s = state.vertical.estimate.bias_rad_s
+    gravity_b = to_body(axes_g, state.directions.down_g)
+    magnetic_b = to_body(axes_g, state.directions.north_g)
+    return state, Conditioned(rate, turn, bias_rad_s, gravity_b, magnetic_b, *state.certainty[:])
 
 
 @inlined
@@ -127,14 +135,3 @@ def ned_of_g(vertical: VerticalState) -> Quaternion:
     """From G to north, east and down, as far as they are known."""
     half = 0.5 * vertical.estimate.heading_rad
     return multiply((cos(half), 0.0, 0.0, sin(half)), vertical.gravity.q_6d_g)
-
-
-@inlined
-def result_of(
-    state: ConditioningState, axes_g: FrameAxes, rate: Vec3, turn: Quaternion
-) -> Conditioned:
-    """The result for the filter and the publisher."""
-    bias_rad_s = state.vertical.estimate.bias_rad_s
-    gravity_b = to_body(axes_g, state.directions.down_g)
-    magnetic_b = to_body(axes_g, state.directions.north_g)
-    return Conditioned(rate, turn, bias_rad_s, gravity_b, magnetic_b, *state.certainty[:])

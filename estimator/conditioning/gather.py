@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
 from estimator.geometry.axes import FrameAxes, to_frame
-from estimator.geometry.quaternion import scale
+from estimator.geometry.quaternion import add, scale
 from estimator.types import ZERO_VEC3, Sample, Vec3
 
 # Learning runs on the mean of samples over at least this time (s): a hundred
@@ -27,25 +27,19 @@ NOTHING = Gathered()
 
 
 @inlined
-def accumulate(total: Vec3, v: Vec3, dt_s: float) -> Vec3:
-    """The total with v dt added."""
-    return (total[0] + v[0] * dt_s, total[1] + v[1] * dt_s, total[2] + v[2] * dt_s)
-
-
-@inlined
 def gather(sums: Gathered, axes_g: FrameAxes, sample: Sample) -> Gathered:
     """Add one sample. Its vectors are turned to G, so that a mean is not blurred by turning."""
     gyr, acc, dt_s = sample.gyr_rad_s, sample.acc_m_s2, sample.dt_s
     field_g = sums.field_g
     field_s = sums.field_s
     if sample.has_mag:
-        field_g = accumulate(field_g, to_frame(axes_g, sample.mag), dt_s)
+        field_g = add(field_g, scale(dt_s, to_frame(axes_g, sample.mag)))
         field_s += dt_s
     return Gathered(
         time_s=sums.time_s + dt_s,
-        gyr=accumulate(sums.gyr, gyr, dt_s),
-        acc=accumulate(sums.acc, acc, dt_s),
-        gravity_g=accumulate(sums.gravity_g, to_frame(axes_g, acc), -dt_s),
+        gyr=add(sums.gyr, scale(dt_s, gyr)),
+        acc=add(sums.acc, scale(dt_s, acc)),
+        gravity_g=add(sums.gravity_g, scale(-dt_s, to_frame(axes_g, acc))),
         field_g=field_g,
         field_s=field_s,
     )

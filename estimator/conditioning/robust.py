@@ -37,7 +37,7 @@ def robust_factor(square: float) -> float:
 def residual_factor(residual: float, variance: float) -> float:
     """By what the noise of a heading's residual grows: 4 times at :data:`HEADING_REACH_RAD`.
 
-    Further out the larger ``variance``, rad^2, is that of the heading itself: a residual that its
-    error explains is none too far.
+    A larger ``variance`` (rad^2) of the heading moves that point out: its error explains the
+    residual.
     """
     return robust_factor(residual * residual / (HEADING_REACH_RAD**2 + REACH**2 * variance))

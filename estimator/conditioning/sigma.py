@@ -9,8 +9,7 @@ from estimator.conditioning.events.step import EventsState
 from estimator.conditioning.field.calibration import own_field
 from estimator.conditioning.field.magnetic import MagneticState, has_heading, steepness
 from estimator.conditioning.field.step import MagnetometerState, north_east, wrap_angle
-from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.times import CONFIRM_S, LONG_S, SPAN_S
+from estimator.conditioning.params import CONFIRM_S, LONG_S, SPAN_S, ConditioningParams
 from estimator.conditioning.vertical.bias import SETTLED_HEADING_RAD
 from estimator.conditioning.vertical.gravity import heading_frame
 from estimator.conditioning.vertical.lasting import SCALE_ERROR
@@ -69,13 +68,12 @@ def sigma_inclination(
 ) -> float:
     """Angle (rad) that 68 % of the inclination errors lie under.
 
-    A sensor's own error, and the larger of two measures of what accelerations that last and a
-    gyroscope that drifts have left: the variance by which the averaging time was chosen, and how
-    far the vertical points elsewhere than its mean over a longer time. To that comes how far the
-    low-passed force has another size than gravity: what an accelerometer's error
-    or an acceleration adds along the vertical it adds across as well.
-    In slow streams the variance ``reckoned`` (rad^2) by the vertical itself counts instead; in fast
-    ones of vehicles half of it, and how far the force of the last second contradicts it.
+    It adds the sensor's own error, how far the low-passed force differs in size from gravity (an
+    error along the vertical is as large across it), and the larger of two measures of lasting
+    accelerations and drift: the variance that chose the averaging time, and how far the vertical
+    lies off its own longer mean. Slow streams count the variance ``reckoned`` (rad^2) by the
+    vertical itself instead; in vehicles half of it counts, and how far the force of the last second
+    contradicts it.
     """
     signs = events.gravity
     dt_s = vertical.coefficients.dt_s
@@ -97,8 +95,8 @@ def alternative(
 ) -> float:
     """Variance (rad^2) for another heading that may be the right one.
 
-    Before a field is believed that is where it points, as one that looks as expected, or another
-    one that lasts; afterwards it is the heading given up.
+    Before a field is confirmed that is where it points, or where another lasting one does;
+    afterwards it is the heading that was given up.
     """
     signs, reference = events.heading, magnetic.reference
     heading_rad, seen_s = vertical.estimate.heading_rad, reference.other.seen_s
@@ -125,13 +123,11 @@ def sigma_heading(
 ) -> float:
     """Angle (rad) that 68 % of the heading errors lie under.
 
-    The variance P takes the field's error for white, which it is for an uncertain heading. What
-    is left of it after long is little beside errors that last: an own field that is not learnt
-    yet, steel, a place's gradient, a tilted vertical. They have no model here but are
-    measured: by what the field's mean of ``SPAN_S`` scatters, by how far norm and
-    dip are off by more than noise, and by the size of gravity, whose error bends a steep
-    field. So P counts as P^2/(P + P_1) only, but for slow streams, whose P is what they miss,
-    and without a field.
+    The variance P takes the field's error for white. In the long run P is little beside errors that
+    last: an own field not learnt yet, steel, a gradient, a tilted vertical. They are measured, by
+    the scatter of the field's mean of ``SPAN_S``, by how far norm and dip are off, and by the size
+    of gravity, whose error bends a steep field. So P counts as P^2/(P + P_1), except for slow
+    streams, whose P is what they miss, and without a field.
     """
     magnetic, p = field.magnetic, vertical.estimate.covariance[9]
     steep = steepness(magnetic.reference)

@@ -10,7 +10,7 @@ from estimator.conditioning.gather import NOTHING, Gathered
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.sigma import Certainty
 from estimator.conditioning.vertical.bias import UNKNOWN_HEADING_VARIANCE, first_estimate
-from estimator.conditioning.vertical.lowpass import Coefficients, Smooth
+from estimator.conditioning.vertical.lowpass import Smooth
 from estimator.conditioning.vertical.step import VerticalState
 from estimator.conditioning.vertical.stillness import Stillness
 from estimator.geometry.axes import FrameAxes
@@ -44,11 +44,6 @@ def initial_state(params: ConditioningParams) -> ConditioningState:
         vertical=VerticalState(first_estimate(params)),
         field=MagnetometerState(first_calibration(params)),
     )
-
-
-def forget_coefficients(state: ConditioningState) -> ConditioningState:
-    """The state without what follows from the parameters: it can go on with others."""
-    return state._replace(vertical=state.vertical._replace(coefficients=Coefficients()))
 
 
 def forget_bias(params: ConditioningParams, state: ConditioningState) -> ConditioningState:

@@ -11,8 +11,8 @@ from estimator.types import Quaternion
 def nearest_rotation(matrix: Floats) -> Floats:
     """The rotation matrix closest to a (3, 3) matrix in the Frobenius norm, by SVD.
 
-    Source: F. L. Markley, "Attitude determination using vector observations
-    and the singular value decomposition", J. Astronautical Sciences 36(3), 1988.
+    Source: F. L. Markley, "Attitude determination using vector observations and the singular value
+    decomposition", J. Astronautical Sciences 36(3), 1988.
     """
     U, _, Vt = np.linalg.svd(matrix)
     return np.asarray(U @ np.diag([1.0, 1.0, np.linalg.det(U) * np.linalg.det(Vt)]) @ Vt)
@@ -21,8 +21,7 @@ def nearest_rotation(matrix: Floats) -> Floats:
 def quaternion_from_matrix(R: Floats) -> Quaternion:
     """Unit quaternion of a (3, 3) rotation matrix, w >= 0.
 
-    The largest of the four components is taken from the diagonal first, so
-    that no division is by a small number.
+    It divides by the largest of the four components, which the diagonal shows.
     """
     t = np.trace(R)
     squares = np.array([t, *(2.0 * np.diag(R) - t)])  # 4 q_i^2 - 1
@@ -44,8 +43,7 @@ def quaternion_from_matrix(R: Floats) -> Quaternion:
 def align(vectors: Vectors) -> Quaternion:
     """``q_ned_frd`` that fits the vectors best (Wahba's problem, by SVD).
 
-    Without the magnetic vector the heading is unknown: the answer is the
-    smallest turn that levels gravity.
+    Without the magnetic vector it is the smallest turn that levels gravity: the heading is unknown.
     """
     if vectors.s1 <= 0.0 or vectors.s2 <= 0.0:
         if vectors.s2 > 0.0:

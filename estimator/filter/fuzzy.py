@@ -1,9 +1,9 @@
 """The fuzzy gain controller, compiled: Mamdani inference with the exact centroid.
 
-min for AND, max over rules and for aggregation, clipped triangles, and the
-centroid of the piecewise-linear aggregate in closed form. Tests hold it
-equal to scikit-fuzzy, to 1e-9 relative. Paper: Section III-B, Table I
-"FLC" (rules), Figs. 4 "FLC_Inp_MMF" and 5 "FLC_Out_MMF" (memberships).
+min for AND, max over rules and for aggregation, clipped triangles, and the centroid of the
+piecewise-linear aggregate in closed form. Tests compare it with scikit-fuzzy, to 1e-9 relative.
+Paper: Section III-B, Table I "FLC" (rules), Figs. 4 "FLC_Inp_MMF" and 5 "FLC_Out_MMF"
+(memberships).
 """
 
 import numpy as np
@@ -58,9 +58,8 @@ def fuzzify(k: Memberships, x: float) -> Strengths:
 def fire(e: Strengths, d: Strengths) -> Strengths:
     """Strength of each output set: the strongest of its rules, min(error, rate) each.
 
-    The 25 rules of Table I, grouped by consequent: max over the columns that
-    share a row and a consequent comes before the min, which is the same by
-    distributivity.
+    The 25 rules of Table I, grouped by consequent. The max over columns that share a row and a
+    consequent comes before the min, which is the same by distributivity.
     """
     e_vs, e_s, e_m, e_l, e_vl = e
     d_vs, d_s, d_m, d_l, d_vl = d
@@ -82,8 +81,7 @@ def fire(e: Strengths, d: Strengths) -> Strengths:
 def clipped_line(x: float, h: float, corners: Triangle, middle: float) -> float:
     """Extend to ``x`` the straight piece that min(h, triangle) follows around ``middle``.
 
-    Evaluating an edge by the piece within the interval gives the one-sided
-    limit, which is what a vertical edge needs.
+    This gives the one-sided limit that a vertical edge needs.
     """
     a, b, c = corners
     if middle <= a or middle >= c:
@@ -99,11 +97,11 @@ def clipped_line(x: float, h: float, corners: Triangle, middle: float) -> float:
 
 @inlined
 def centroid(strengths: Strengths, sets: Five) -> float:
-    """Centroid of max_i min(h_i, triangle_i), exact; 0 where no set has strength.
+    """Centroid of max_i min(h_i, triangle_i), exact; 0 if no set has strength.
 
-    A zero area (all strong sets are single points; k12 = 0 is a likely optimum)
-    gives the strength-weighted mean of the peaks. Any other area counts, however
-    small: an input just within an edge fires a rule with 1e-16.
+    A zero area (all strong sets are points; k12 = 0 is a likely optimum) gives the
+    strength-weighted mean of the peaks. Any other area counts: an input just within an edge fires a
+    rule with 1e-16.
     """
     total = strengths[0] + strengths[1] + strengths[2] + strengths[3] + strengths[4]
     if total <= 0.0:
@@ -118,7 +116,15 @@ def centroid(strengths: Strengths, sets: Five) -> float:
         return single_centroid(strengths[last], sets[last])
     area, moment = area_and_moment(strengths, sets)
     if area < FAINT_AREA:
-        area, moment = area_and_moment(lift(strengths), sets)
+        vs, s, m, large, vl = strengths
+        lifted = (
+            min(1.0, FAINT_LIFT * vs),
+            min(1.0, FAINT_LIFT * s),
+            min(1.0, FAINT_LIFT * m),
+            min(1.0, FAINT_LIFT * large),
+            min(1.0, FAINT_LIFT * vl),
+        )
+        area, moment = area_and_moment(lifted, sets)
     if area > 0.0:
         return moment / area
     weighted = 0.0
@@ -144,25 +150,11 @@ def single_centroid(h: float, corners: Triangle) -> float:
 
 
 @inlined
-def lift(strengths: Strengths) -> Strengths:
-    """Strengths times FAINT_LIFT; those of points may be large, and stay at most 1."""
-    vs, s, m, large, vl = strengths
-    return (
-        min(1.0, FAINT_LIFT * vs),
-        min(1.0, FAINT_LIFT * s),
-        min(1.0, FAINT_LIFT * m),
-        min(1.0, FAINT_LIFT * large),
-        min(1.0, FAINT_LIFT * vl),
-    )
-
-
-@inlined
 def area_and_moment(strengths: Strengths, sets: Five) -> tuple[float, float]:
     """Area and first moment of the aggregate for sets in any order.
 
-    Between two neighbouring knees every clipped triangle is a straight line,
-    so the aggregate is the upper envelope of at most five lines: walk from
-    crossing to crossing and sum the trapezoids.
+    Between two neighbouring knees every clipped triangle is a straight line, so the aggregate is
+    the upper envelope of at most five lines: walk from crossing to crossing and sum the trapezoids.
     """
     knees = np.empty(20)
     n = 0

@@ -1,7 +1,6 @@
-"""The steps of ``estimator/filter/reference.py`` on scalars, compiled.
+"""The steps of ``estimator/filter/reference.py`` on scalars, compiled, in the same order.
 
-That file explains them; names and order of the steps are the same. Equation
-numbers and labels are those of the paper it names.
+That file explains them. Equation numbers and labels are those of the paper it names.
 """
 
 from math import expm1, sqrt
@@ -63,10 +62,10 @@ def attitude_error(
 ) -> float:
     """e = (3 - Tr R~)/4, clipped to [0, 1], without the matrix inverse.
 
-    With V = [v1 v2 v3] and U = [u1 u2 u3] the estimates, the paper's trace is
-    Tr(V^-T U^T): each u_i against the dual vector of v_i. As v3 is the unit
-    normal of v1 and v2, the duals are (v2 x c)/c^2, (c x v1)/c^2 and v3, with
-    ``across`` c = v1 x v2 and ``inverse`` 1/|c|. ``cosine`` is that of v3 and u3.
+    With V = [v1 v2 v3] and U = [u1 u2 u3] the estimates, the paper's trace is Tr(V^-T U^T): each
+    u_i against the dual vector of v_i. As v3 is the unit normal of v1 and v2, the duals are (v2 x
+    c)/c^2, (c x v1)/c^2 and v3, with ``across`` c = v1 x v2, ``inverse`` 1/|c| and ``cosine`` that
+    of v3 and u3.
     """
     plane = dot(cross(v2, across), u1) + dot(cross(across, v1), u2)
     trace = inverse * inverse * plane + cosine
@@ -145,8 +144,7 @@ def decaying_gain(
 def bias_gain(params: FilterParams, K: float, g: float, fastest: float, dt: float) -> float:
     """gamma/2 g/K: the innovation that the bias integrates decays over the step as the error does.
 
-    At most 1/(lambda dt), with which the bias alone would explain the error:
-    more, as after a gap of many seconds, would overshoot.
+    At most 1/(lambda dt), with which the bias alone would explain the error: more would overshoot.
     """
     if params.gamma == 0.0:
         return 0.0
@@ -267,10 +265,9 @@ def run(
 ) -> tuple[Floats, Floats]:
     """The paper's experiment: raw vectors at a fixed step, sample by sample as the live filter.
 
-    The gyroscope's and both vectors' readings are (N, 3) in FRD: rad/s, m/s^2
-    and any unit of a field. Returns the estimates ``q_ned_frd`` at the samples
-    before each correction (N, 4), which the paper's cost is taken of, and the
-    gains K (N,).
+    Readings of the gyroscope and both vectors are (N, 3) in FRD: rad/s, m/s^2 and any unit of a
+    field. Returns the estimates ``q_ned_frd`` before each correction (N, 4), which the paper's cost
+    takes, and the gains K (N,).
     """
     n = len(gyr_rad_s)
     estimates = np.empty((n, 4))

@@ -1,8 +1,8 @@
 """The 22 numbers that shape the fuzzy sets: names, bounds and feasibility.
 
-The paper's Eqs. (16) "Inp_MMF_Constraints" and (17) "Out_MMF_Constraints", drawn
-in its Figs. 4 "FLC_Inp_MMF" and 5 "FLC_Out_MMF". Fuzzy sets are everywhere in
-the order VS, S, M, L, VL (very small ... very large).
+The paper's Eqs. (16) "Inp_MMF_Constraints" and (17) "Out_MMF_Constraints", drawn in its Figs. 4
+"FLC_Inp_MMF" and 5 "FLC_Out_MMF". Sets are in the order VS, S, M, L, VL (very small ... very
+large).
 """
 
 from itertools import pairwise
@@ -78,7 +78,7 @@ def require_feasible(k: Memberships) -> None:
         for left, right in pairwise(chain):
             if k[left] > k[right]:
                 raise InputError(
-                    f"membership: {NAMES[left]} <= {NAMES[right]} must hold inside a triangle, "
+                    f"membership: {NAMES[left]} <= {NAMES[right]} must hold within a triangle, "
                     f"got {k[left]:g} > {k[right]:g}"
                 )
 

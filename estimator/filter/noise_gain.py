@@ -1,31 +1,27 @@
 """A gain that knows the noise: one rule base for every sensor.
 
-The paper's rules compare e with fixed numbers, so they suit the noise that they
-were tuned on. Here both inputs are counted in noise floors, which are measured
-as the samples come:
+The paper's rules compare e with fixed numbers, so they suit the noise that they were tuned on. Here
+both inputs are counted in noise floors, which are measured as the samples come:
 
-* the vectors' variance, from how far each is from the one before turned on by
-  the gyroscope: no estimate takes part, so a wrong one does not count as noise;
-* the gyroscope's, from how much its rate changes between two samples: noise,
-  or motion that integration does not see;
-* the floor of e: its own running mean, at least what the vectors' variance
-  gives. What a second or two of a large gain has not removed is the sensors'.
+* the vectors' variance, from how far each is from the one before turned on by the gyroscope: a
+  wrong estimate does not count as noise;
+* the gyroscope's, from how much its rate changes between two samples: noise, or motion that
+  integration does not see;
+* the floor of e: its own running mean, at least what the vectors' variance gives. What a second or
+  two of a large gain has not removed is the sensors'.
 
-e is sin^2 of half the angle to the vectors, averaged by confidence, of each the
-smaller one of two samples in a row: a single wrong vector is no lost attitude.
-The trace that the paper takes e from answers the noise of the angle between the two
-vectors in first order, and is below 0, hence clipped, half of the time.
+e is sin^2 of half the angle to the vectors, averaged by confidence, each the smaller of two samples
+in a row: a single wrong vector is no lost attitude. The trace that the paper takes e from answers
+the noise of the angle between the vectors in first order, and is clipped half of the time.
 
-The rules are the paper's Table I. The terms of each input are triangles on its
-logarithm that add up to one everywhere, and products take the place of minima:
-so the surface is the interpolation of the table, and as no row and no column of
-the table descends, neither does the surface.
+The rules are the paper's Table I. The terms of each input are triangles on its logarithm that add
+up to one everywhere, and products take the place of minima: the surface interpolates the table and,
+like its rows and columns, never descends.
 
-Two gains lie below and beside the rules. The resting gain is that of a Kalman
-filter for a random walk, sqrt(q/r) with the densities q of the gyroscope's and
-r of the vectors' noise; dt cancels. And after a large gain K goes down as a
-Kalman filter's does, dK/dt = kappa (K_rest^2 - K^2): first the estimate is as
-noisy as one sample, and K = 1/t averages all since.
+The resting gain is that of a Kalman filter for a random walk, sqrt(q/r) with the densities q of the
+gyroscope's and r of the vectors' noise; dt cancels. After a large gain K goes down as a Kalman
+filter's does, dK/dt = kappa (K_rest^2 - K^2): first the estimate is as noisy as one sample, and K =
+1/t averages all since.
 """
 
 from math import log, sqrt

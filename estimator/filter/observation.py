@@ -47,10 +47,8 @@ def weighted_vectors(
 def raw_vectors(reference: ReferenceParams, acc_m_s2: Vec3, mag: Vec3, has_mag: bool) -> Vectors:
     """The paper's normalised vectors, Eq. (5) "Attit_Vector_norm".
 
-    v1 is the magnetic one, v2 gravity: minus the specific force, so that it
-    points down at rest.
-
-    A vector that is absent or zero gets no confidence.
+    v1 is the magnetic one, v2 gravity: minus the specific force, which points down at rest. A
+    vector that is absent or zero gets no confidence.
     """
     return weighted_vectors(
         reference,

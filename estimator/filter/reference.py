@@ -1,23 +1,18 @@
 """The filter as the paper reads, with small matrices: one function a step.
 
-A. Singh, T. S. Sieb, J. H. Howe, H. A. Hashim, "Nonlinear Attitude Filter on
-SO(3): Fast Adaptation and Robustness", 2021. Equations are cited by the number
-that the paper prints and by the label in its source. Its structure is that of
-R. Mahony, T. Hamel and J.-M. Pflimlin, IEEE Trans. Automatic Control 53(5),
-2008, doi:10.1109/TAC.2008.923738. Where the paper leaves something open,
-docs/paper.md has what was chosen, and why.
+A. Singh, T. S. Sieb, J. H. Howe, H. A. Hashim, "Nonlinear Attitude Filter on SO(3): Fast Adaptation
+and Robustness", 2021. Equations are cited by the number that the paper prints and by the label in
+its source. Its structure is that of R. Mahony, T. Hamel and J.-M. Pflimlin, IEEE Trans. Automatic
+Control 53(5), 2008, doi:10.1109/TAC.2008.923738. docs/paper.md has what the paper leaves open.
 
-The vehicle turns with dR/dt = R [Omega]x, Eq. (6) "Attit_R_Dynamics", and its
-gyroscope reads Omega_m = Omega + b + n, Eq. (7) "Attit_Angular". The filter,
-Eq. (12) "Attit_Filter", turns R_hat with Omega_m - b_hat - W. W draws the
-estimated directions R_hat^T v_i^I to the measured ones v_i^B; the gain K of W
-is set by fuzzy rules from the distance e between the two frames and its rate
-of change. e is what the measurements show of |R~|_I = Tr(I - R~)/4, with R~ =
-R^T R_hat of Eq. (8) "Attit_R_error": sin^2 of half the angle between truth and
-estimate.
+The vehicle turns with dR/dt = R [Omega]x, Eq. (6) "Attit_R_Dynamics", and its gyroscope reads
+Omega_m = Omega + b + n, Eq. (7) "Attit_Angular". The filter, Eq. (12) "Attit_Filter", turns R_hat
+with Omega_m - b_hat - W. W draws the estimated directions R_hat^T v_i^I to the measured ones v_i^B;
+fuzzy rules set its gain K from the distance e between the two frames and its rate of change. e is
+what the measurements show of |R~|_I = Tr(I - R~)/4, with R~ = R^T R_hat of Eq. (8) "Attit_R_error":
+sin^2 of half the angle between truth and estimate.
 
-``estimator/filter/kernel.py`` holds the same steps on scalars, compiled. Step names
-and order are equal, so the two can be read side by side.
+``estimator/filter/kernel.py`` holds the same steps on scalars, compiled, in the same order.
 """
 
 from typing import Any
@@ -144,8 +139,7 @@ def step_gain(params: FilterParams, K: float, fastest: float, dt: float) -> floa
 def bias_gain(params: FilterParams, K: float, g: float, fastest: float, dt: float) -> float:
     """gamma/2 g/K: the innovation that the bias integrates decays over the step as the error does.
 
-    At most 1/(lambda dt), with which the bias alone would explain the error:
-    more, as after a gap of many seconds, would overshoot.
+    At most 1/(lambda dt), with which the bias alone would explain the error: more would overshoot.
     """
     gain = 0.5 * params.gamma * g / K
     reach = fastest * dt
@@ -162,9 +156,8 @@ def propagate(state: FilterState, gyr_rad_s: Vec3, dt: float) -> FilterState:
 def correct(params: FilterParams, state: FilterState, vectors: Vectors, dt: float) -> FilterState:
     """R_hat <- R_hat exp(-[W]x dt), W = K vex(...), db/dt = gamma/2 vex(...): Eq. (12).
 
-    ``dt`` is the time that the correction stands for: that since the previous
-    sample, and ``FilterParams.first_step_s`` for the first. At 0 the error and
-    the gain are set and nothing moves.
+    ``dt`` is the time since the previous sample, for the first ``FilterParams.first_step_s``. At 0
+    the error and the gain are set and nothing moves.
     """
     measured, estimated, s, spans = three_vectors(vectors, state.q_ned_frd)
     w = innovation(measured, estimated, s)
@@ -185,10 +178,7 @@ def gain_in_noise(
     s: Floats,
     dt: float,
 ) -> tuple[FilterState, float, float, float]:
-    """The state with the noise as the first two vectors show it, e, its rate, and K by rules in it.
-
-    :mod:`estimator.filter.noise_gain`.
-    """
+    """State with the measured noise, e, its rate, and K: see :mod:`estimator.filter.noise_gain`."""
     noise, e = confirmed_error(state.noise, measured, estimated, s)
     d = error_rate(params, state, e, dt)
     v1, v2 = ((float(x), float(y), float(z)) for x, y, z in measured[:2])

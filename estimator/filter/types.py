@@ -55,12 +55,12 @@ class FilterState(NamedTuple):
 
     q_ned_frd: Quaternion
     gyr_bias_rad_s: Vec3
-    error: float
-    error_rate_1_s: float
-    gain: float
-    has_error: bool
-    rate_rad_s: Vec3
-    noise: NoiseState
+    error: float = 0.0
+    error_rate_1_s: float = 0.0
+    gain: float = 1.0
+    has_error: bool = False
+    rate_rad_s: Vec3 = ZERO_VEC3
+    noise: NoiseState = NO_NOISE
     decay: Decay = NO_DECAY  # compiled code has to name it
 
 
@@ -84,16 +84,7 @@ def initial_state(
     q_ned_frd: Quaternion = IDENTITY, gyr_bias_rad_s: Vec3 = ZERO_VEC3
 ) -> FilterState:
     """State before the first sample; the error's rate starts at zero."""
-    return FilterState(
-        q_ned_frd=q_ned_frd,
-        gyr_bias_rad_s=gyr_bias_rad_s,
-        error=0.0,
-        error_rate_1_s=0.0,
-        gain=1.0,
-        has_error=False,
-        rate_rad_s=ZERO_VEC3,
-        noise=NO_NOISE,
-    )
+    return FilterState(q_ned_frd, gyr_bias_rad_s)
 
 
 def gain_in_words(params: FilterParams, *, conditioned: bool) -> str:

@@ -103,8 +103,8 @@ def update_position(
 ) -> LastPosition:
     """The place after one more position.
 
-    The first one counts. Later a place more than ``MOVED_M`` away must be reported twice in a row,
-    so that one bad position moves nothing.
+    The first one counts. After that two reports in a row must be more than ``MOVED_M`` away, so
+    that one bad position moves nothing.
     """
     here, position = known.here, (latitude_deg, longitude_deg)
     if not (isfinite(latitude_deg) and isfinite(longitude_deg)):

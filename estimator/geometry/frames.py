@@ -1,8 +1,7 @@
 """The only file where frames change: NED/FRD to ENU/FLU (ROS REP 103); Euler angles for display.
 
-The fixed rotations: ENU from NED is half a turn about (1, 1, 0)/sqrt 2 (swap
-x and y, negate z); FLU from FRD is half a turn about x (negate y and z). Each
-is its own inverse.
+ENU from NED is half a turn about (1, 1, 0)/sqrt 2 (swap x and y, negate z), FLU from FRD half a
+turn about x (negate y and z). Each is its own inverse.
 """
 
 from math import asin, atan2, cos, pi, radians, sin, sqrt
@@ -35,10 +34,9 @@ def flu_from_frd(v_frd: Vec3) -> Vec3:
 
 @inlined
 def euler_rad(q_ned_frd: Quaternion) -> Vec3:
-    """Roll, pitch, yaw (rad) of the yaw-pitch-roll (ZYX) sequence; yaw in [0, 2 pi).
+    """Roll, pitch, yaw (rad) of the yaw-pitch-roll (ZYX) sequence, for display; yaw in [0, 2 pi).
 
-    For display only. At pitch +-90 deg roll and yaw are not unique; the pair
-    that is returned still describes the attitude.
+    At pitch +-90 deg roll and yaw are not unique; the pair still describes the attitude.
     """
     w, x, y, z = q_ned_frd
     sine = 2.0 * (w * y - z * x)

@@ -1,8 +1,8 @@
 """How wrong an attitude is, and the paper's cost.
 
-Errors as in the evaluation of BROAD (D. Laidig et al., 2021,
-doi:10.3390/data6070072): the error quaternion is taken in the earth frame, so
-its part about the vertical is the heading error and the rest inclination.
+Errors as in the evaluation of BROAD (D. Laidig et al., 2021, doi:10.3390/data6070072): the error
+quaternion is taken in the earth frame; its part about the vertical is the heading error, the rest
+inclination.
 """
 
 from math import atan2, sqrt

@@ -215,28 +215,17 @@ def normalized_distance(p: Quaternion, q: Quaternion) -> float:
 
 
 @inlined
-def clip_unit(x: float) -> float:
-    """x limited to [-1, 1], for the inverse cosine."""
-    return max(-1.0, min(1.0, x))
-
-
-@inlined
-def angle_of_cosine(x: float) -> float:
-    """The angle (rad, 0..pi) whose cosine is x; beyond -1 and 1 it is that of the nearest.
+def angle_between_vectors(u: Vec3, v: Vec3) -> float:
+    """Angle (rad, 0..pi) between two non-zero vectors.
 
     2 asin(s) with s = sqrt((1 - x)/2), the sine of half the angle, whose series serves small ones.
     """
-    z = 0.5 * (1.0 - clip_unit(x))
+    n2 = square(u) * square(v)
+    x = max(-1.0, min(1.0, dot(u, v) / sqrt(n2) if n2 > 0.0 else 0.0))
+    z = 0.5 * (1.0 - x)
     if z >= SERIES_HALF_SINE_SQUARE:
-        return acos(clip_unit(x))
+        return acos(x)
     k1, k2, k3, k4, k5, k6, k7 = ARCSINE
     z2 = z * z
     low = 1.0 + z * k1 + z2 * (k2 + z * k3)
     return 2.0 * sqrt(z) * (low + z2 * z2 * (k4 + z * k5 + z2 * (k6 + z * k7)))
-
-
-@inlined
-def angle_between_vectors(u: Vec3, v: Vec3) -> float:
-    """Angle (rad, 0..pi) between two non-zero vectors."""
-    n2 = square(u) * square(v)
-    return angle_of_cosine(dot(u, v) / sqrt(n2) if n2 > 0.0 else 0.0)

@@ -6,7 +6,8 @@ from estimator.aiding.types import AidingState, North
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.condition import Conditioned
 from estimator.conditioning.field.magnetic import NORM_SCALE
-from estimator.conditioning.vertical.rate import corrected_rate, following_weight, slow_share
+from estimator.conditioning.robust import REACH
+from estimator.conditioning.vertical.rate import corrected_rate, slow_share
 from estimator.filter.kernel import correct, integrate_rate
 from estimator.filter.observation import ReferenceParams, weighted_vectors
 from estimator.filter.types import FilterParams, FilterState, Vectors
@@ -104,5 +105,7 @@ def follow_aided(
         correction = log(multiply(conjugate(expected), aided.estimate.q_ned_frd))
         rate = corrected_rate(rate, correction, slow, dt)
     state = integrate_rate(state, rate, dt, bias)
-    weight = following_weight(slow, dt)
+    # A slow stream's vectors are weighed already, and the filter must not keep what a step has
+    # missed of a turn: with the least gain, 1/s, such a step is REACH time constants.
+    weight = 1.0 + slow * REACH / dt if slow > 0.0 else 1.0
     return correct(params, state, aided_vectors(reference, aided, knows_north, weight), dt)

@@ -42,9 +42,9 @@ def _plain_numbers(value: Any) -> Any:
 class Holder:
     """A core and the steps that change it.
 
-    Compiled code does not check its arguments. It takes plain numbers by their values and raises
-    TypeError or ValueError for anything else, so the steps of each sample take only numbers.
-    Tuples and arrays are checked here first: one that does not fit raises InputError.
+    Compiled code does not check its arguments: it takes plain numbers by their values and raises
+    TypeError or ValueError for anything else, so the steps of each sample take only numbers. Tuples
+    and arrays are checked here first: one that does not fit raises InputError.
     """
 
     advance = _step(kernel_handle.advance)
@@ -55,7 +55,7 @@ class Holder:
     _contents = _step(kernel_handle.contents)
     _status = _step(kernel_handle.status)
     _bind_rows = _step(kernel_handle.bind_rows)
-    _last_report = _step(kernel_handle.last_report)
+    last_report = _step(kernel_handle.last_report)
     _search = _step(kernel_handle.search)
 
     def __init__(self, settings: Settings, core: Core) -> None:
@@ -98,11 +98,6 @@ class Holder:
         """The gyroscope's axes that field and force contradict, or that others' rates replace."""
         *_, (a, b, c), (x, y, z) = self._status()
         return x or a, y or b, z or c
-
-    @property
-    def last_report(self) -> tuple[Report, bool]:
-        """See :func:`estimator.live.kernel_handle.last_report`."""
-        return self._last_report()
 
     def bind_rows(self, rows: Rows, published: Floats, report_rows: Floats) -> None:
         """See :func:`estimator.live.kernel_handle.bind_rows`; other layouts are copied."""

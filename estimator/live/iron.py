@@ -40,11 +40,11 @@ def unshown_iron(
 ) -> float:
     """How far (rad) iron that nothing has shown may turn the heading; ``UNKNOWN_RAD`` at most.
 
-    Of a compass that is declared calibrated it is what the dip of the place's field contradicts,
-    beyond what calibrations leave; some autopilots' scale is not in gauss.
-    Of one that is not declared the turns' own information counts: that of the learnt offset
-    (:mod:`estimator.conditioning.field.calibration`) less the one supposed before. With its least
-    eigenvalue l, s = norm / (H sqrt l). Against any other fault turns prove nothing.
+    For a compass that is declared calibrated it is what the place's dip contradicts beyond the
+    errors of calibrations; some autopilots' scale is not in gauss. For one that is not declared the
+    turns' own information counts: that of the learnt offset
+    (:mod:`estimator.conditioning.field.calibration`) less the prior. With its least eigenvalue l, s
+    = norm / (H sqrt l). Turns refute no other fault.
     """
     seen = memory.field.magnetic.reference
     h, norm = seen.horizontal, norm_of((seen.horizontal, seen.down))

@@ -1,8 +1,8 @@
 """The core in compiled memory, and the kernels that Python calls with a handle on it.
 
-The core is some two hundred numbers, with velocity aiding five hundred. To pass them to a compiled
-step and take them back costs Python fifty microseconds and more, the step itself about one. So an
-estimator passes samples only. It can take out the whole core, or put in another, at any time.
+The core is some two hundred numbers, with velocity aiding five hundred. Passing them to a compiled
+step and back costs Python over fifty microseconds, the step itself about one. So an estimator
+passes samples only. It can take out the whole core, or put in another, at any time.
 """
 
 import functools
@@ -137,11 +137,10 @@ def contents(handle: Any) -> Core:
 
 @takes_handle()
 def status(handle: Any) -> tuple[int, float, int, turning.Axes, turning.Axes]:
-    """What a step leaves beside the attitude.
+    """Time (us) of the last sample, the usual interval (s), and others' rates in use.
 
-    Time (us) of the last sample, and the interval (s) that samples usually come at. How many steps
-    were integrated through others' rates, the gyroscope's axes that those rates replace, and the
-    axes that field and force contradict.
+    That is how many steps were integrated through those rates, the gyroscope's axes that they
+    replace, and the axes that field and force contradict.
     """
     used, replaced = handle.turning.used, handle.turning.stands_in
     return handle.time_us, handle.usual_s, used, replaced, contradicted_axes(handle)
@@ -209,11 +208,9 @@ def advance(
 ) -> tuple[int, int, int, Published]:
     """One conditioned sample, or the bound rows from ``first`` up to ``behind``.
 
-    A sample is plain numbers because those cost the least to pass; ``behind`` is 0 then. Before
-    each row come the reports that are bound with it, from ``next_report`` on.
-
-    Returns the row and the report that would be next, why it ended there, and the last sample's
-    output.
+    A sample is plain numbers, the cheapest to pass; ``behind`` is 0 then. The reports bound with a
+    row come before it, from ``next_report`` on. Returns the next row and report, why it ended
+    there, and the last sample's output.
     """
     now, rows, report_rows = handle.now, handle.rows, handle.report_rows
     gyr, acc, mag = (gx, gy, gz), (ax, ay, az), (mx, my, mz)

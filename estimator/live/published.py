@@ -1,10 +1,10 @@
 """What is read out of a state to be published: the motion, and how well it is known.
 
-Plain tuples, not named ones: compiled code hands those to Python several times as fast.
+Compiled code returns plain tuples several times as fast as named ones.
 
-Raw vectors may pull the heading away from the gyroscope. A magnet that comes slowly leaves e
-small, because the filter follows it. But then the filter turns against the gyroscope, less its
-earlier bias. Either may be wrong, so the angle between them counts as an error of the heading.
+Raw vectors may pull the heading away from the gyroscope. A magnet that comes slowly leaves e small,
+because the filter follows it, turning against the gyroscope less its earlier bias. Either may be
+wrong, so the angle between them counts as an error of the heading.
 """
 
 from math import asin, atan2, hypot, pi, radians, sqrt
@@ -17,7 +17,7 @@ from estimator.aiding.uncertainty import with_dip_error
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.condition import Conditioned
 from estimator.conditioning.field.step import wrap_angle
-from estimator.conditioning.times import USUAL_S
+from estimator.conditioning.params import USUAL_S
 from estimator.filter.observation import ReferenceParams
 from estimator.filter.types import FilterState
 from estimator.geometry.quaternion import (
@@ -52,8 +52,8 @@ def pulled(
 ) -> Pull:
     """The pull with one more sample, from the attitude ``before`` it to that of ``state``.
 
-    ``error`` is the mean e, by which sigma is 2 asin(sqrt(e)). A correction that sigma
-    predicts, as after a wrong start, is no sign of a magnet: it counts by its cosine, 1 - 2 e.
+    ``error`` is the mean e, by which sigma is 2 asin(sqrt(e)). A correction that sigma predicts, as
+    after a wrong start, does not point to a magnet: it counts by its cosine, 1 - 2 e.
     """
     seen_s = min(pull.seen_s + dt_s, USUAL_S)
     new = subtract(state.gyr_bias_rad_s, pull.bias_rad_s)

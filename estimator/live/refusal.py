@@ -4,7 +4,7 @@ from math import isfinite
 
 from estimator.aiding.search import UNKNOWN_RAD
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.times import SPAN_S
+from estimator.conditioning.params import SPAN_S
 from estimator.conditioning.vertical.rate import FAST_STEP_S
 from estimator.conditioning.vertical.tilt import HOLE_RAD_S
 from estimator.reasons import Reason
@@ -53,18 +53,9 @@ def refusal(sample: ImuSample) -> Reason | None:
 
 def sample_in_floats(sample: ImuSample) -> ImuSample:
     """The sample with floats only, as compiled code takes them: a stream may hold integers."""
-    gyr, acc, mag = sample.gyr_rad_s, sample.acc_m_s2, sample.mag_gauss
-    if (
-        type(gyr[0]) is type(gyr[1]) is type(gyr[2]) is float
-        and type(acc[0]) is type(acc[1]) is type(acc[2]) is float
-        and type(mag[0]) is type(mag[1]) is type(mag[2]) is float
-    ):  # as nearly always
-        return sample
-    return ImuSample(sample.time_us, _floats(gyr), _floats(acc), _floats(mag), bool(sample.has_mag))
-
-
-def _floats(v: Vec3) -> Vec3:
-    return (float(v[0]), float(v[1]), float(v[2]))
+    time_us, *vectors, has_mag = sample
+    gyr, acc, mag = ((float(x), float(y), float(z)) for x, y, z in vectors)
+    return ImuSample(time_us, gyr, acc, mag, bool(has_mag))
 
 
 # Of a new interval in the mean, which so goes back over about ten samples.

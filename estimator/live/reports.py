@@ -32,9 +32,9 @@ def take_due_velocities(
 ) -> tuple[Floats, Report, Report]:
     """Those ahead of the IMU, and the latest of each source that it has reached by ``time_us``.
 
-    A report waits for the first IMU sample that is not before it. Only the latest of several
-    counts: their errors are the same for a second or more. There are two sources: a receiver, whose
-    age is uncertain, and a filter. The one whose reports began to wait first comes first.
+    A report waits for the first IMU sample that is not before it. Of several only the latest
+    counts, as their errors are the same for a second or more. The two sources are a receiver, whose
+    age is uncertain, and a filter; the one that began to wait first comes first.
     """
     earliest, latest = np.full(2, -1), np.full(2, -1)  # rows, of filter and receiver
     for k in range(len(waiting)):

@@ -43,9 +43,9 @@ def settings_of(
 ) -> Settings:
     """The kernels' parameters; ``fixed_gain`` replaces the profile's K.
 
-    ``place`` is the field of the vehicle's place, None as long as that is not known; its
-    declination is used where the profile leaves it to the position. The ``vehicle_class`` shows how
-    the IMU moves, as far as the profile does not.
+    ``place`` is the field of the vehicle's place, None while unknown; its declination counts if the
+    profile leaves it to the position. ``vehicle_class`` shows how the IMU moves if the profile does
+    not.
 
     Raises:
         InputError: the fixed gain is none that a profile may have.

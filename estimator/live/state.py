@@ -6,7 +6,7 @@ from estimator.aiding import compass
 from estimator.aiding.phase import Cause, Phase, after
 from estimator.aiding.search import UNKNOWN_RAD
 from estimator.aiding.sources.wheels import rolls
-from estimator.conditioning.state import forget_coefficients
+from estimator.conditioning.vertical.lowpass import Coefficients
 from estimator.filter.alignment import align
 from estimator.geometry.earth import PlaceField
 from estimator.live.aided import conditioned_vectors
@@ -137,10 +137,11 @@ class State:
         All or nothing: what a profile raises, it raises before anything has changed.
         """
         settings = self._settings_of(profile)
-        now = self.core.core
+        now, memory = self.core.core, self.core.core.conditioning
         self.profile, self.settings = profile, settings
         self.set_context(self.context)
-        self.set_core(now._replace(conditioning=forget_coefficients(now.conditioning)))
+        vertical = memory.vertical._replace(coefficients=Coefficients())  # of the new parameters
+        self.set_core(now._replace(conditioning=memory._replace(vertical=vertical)))
         if not settings.aiding.enabled:
             self.enter(Cause.SWITCH_OFF)
 

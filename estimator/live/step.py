@@ -12,10 +12,9 @@ from estimator.aiding.types import NO_REPORT, AidingParams, Report, StepInputs
 from estimator.aiding.velocity_history import OLDEST_S
 from estimator.arrays import Floats
 from estimator.compilation.compiled import inlined, shared
-from estimator.conditioning.condition import Conditioned, condition
-from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.condition import condition
+from estimator.conditioning.params import SPAN_S, ConditioningParams
 from estimator.conditioning.state import ConditioningState
-from estimator.conditioning.times import SPAN_S
 from estimator.conditioning.vertical.rate import slow_share
 from estimator.filter import kernel
 from estimator.filter.observation import ReferenceParams
@@ -317,16 +316,12 @@ def published_by(handle: Any, time_us: int, is_aided: bool) -> Published:
     rate_rad_s = subtract(handle.sample.gyr_rad_s, handle.filter.gyr_bias_rad_s)
     figures = widen(figures, rate_rad_s, known_s)
     moved = motion(handle.filter, rate_rad_s, ahead_s, error, error_rate_1_s)
-    return time_us, moved, figures, north_of(now, handle.seen)
+    # the place in ``NORTHS`` of what the heading is measured from
+    north = now.north if handle.seen.has_heading else now.north_without
+    return time_us, moved, figures, north
 
 
 @inlined
 def standing_at(now: Situation, time_us: int) -> int:
     """What stands for the compass at a time, see :mod:`estimator.live.iron`."""
     return CONTRADICTED if time_us < now.rejected_until_us else now.standing
-
-
-@inlined
-def north_of(now: Situation, seen: Conditioned) -> int:
-    """The place in ``NORTHS`` of what the heading is measured from."""
-    return now.north if seen.has_heading else now.north_without

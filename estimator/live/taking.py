@@ -62,7 +62,7 @@ def decide(state: State, end: int) -> Reason | None:
     if end == TAKEN or end in REASONS:
         return REASONS.get(end)
     state.published = None
-    report, has_heading = state.core.last_report
+    report, has_heading = state.core.last_report()
     if end & GAP:
         state.enter(Cause.GAP)
     if end & LOST:
@@ -90,8 +90,16 @@ def take_sample(state: State, sample: ImuSample) -> Reason | None:
     elif state.settings.conditioned:
         take_beside(state, sample)
     else:
-        take_raw(state, sample)
+        if state.context.phase is not Phase.RAW:
+            state.enter(Cause.RAW_SAMPLE)
+        state.core.advance_raw(*readings_of(sample))  # nothing is wrong with it
     return None
+
+
+def readings_of(sample: ImuSample) -> tuple[Any, ...]:
+    """A sample as the compiled steps take it: plain numbers."""
+    time_us, gyr, acc, mag, has_mag = sample
+    return (time_us, *gyr, *acc, *mag, has_mag)
 
 
 def take_first(state: State, sample: ImuSample) -> None:
@@ -103,14 +111,6 @@ def take_first(state: State, sample: ImuSample) -> None:
     state.change_context(reports=())
 
 
-def take_raw(state: State, sample: ImuSample) -> None:
-    """One sample of the paper's vectors."""
-    if state.context.phase is not Phase.RAW:
-        state.enter(Cause.RAW_SAMPLE)
-    readings = (*sample.gyr_rad_s, *sample.acc_m_s2, *sample.mag_gauss)
-    state.core.advance_raw(sample.time_us, *readings, sample.has_mag)  # nothing is wrong with it
-
-
 def take_beside(state: State, sample: ImuSample) -> None:
     """One conditioned sample behind raw ones, or with reports of others than velocity."""
     was_raw = state.context.phase is Phase.RAW
@@ -120,8 +120,7 @@ def take_beside(state: State, sample: ImuSample) -> None:
     oldest_s = max(OLDEST_S, 1e-6 * (sample.time_us - state.core.time_us))
     due, ahead = take_due(state.context.reports, sample.time_us, oldest_s)
     state.change_context(reports=ahead)
-    readings = (*sample.gyr_rad_s, *sample.acc_m_s2, *sample.mag_gauss)
-    _, _, end, _ = state.ready().advance(sample.time_us, *readings, sample.has_mag, 0, 0, 0)
+    _, _, end, _ = state.ready().advance(*(*readings_of(sample), 0, 0, 0))
     is_aided = state.context.phase is Phase.AIDED and not end & (GAP | LOST)
     # there was a heading before
     decide(state, end & ~FIRST_HEADING if was_raw else end)
@@ -144,7 +143,7 @@ def take_report(state: State, report: Any) -> Reason | None:
     if isinstance(report, VelocitySample):
         time_us, velocity, has_vertical, sigma_m_s, late_s = report
         if core.take_report(False, time_us, *velocity, sigma_m_s, late_s, has_vertical):
-            check_compass(state, core.last_report[0])
+            check_compass(state, core.last_report()[0])
     elif state.context.phase is Phase.AIDED:
         if report.time_us > core.time_us:
             waiting = (*state.context.reports, report)
@@ -157,13 +156,10 @@ def take_report(state: State, report: Any) -> Reason | None:
 def take_rate(state: State, rate: RateSample) -> Reason | None:
     """Take body rates of another message; None, or why they were refused."""
     x, y, z = rate.rate_rad_s
-    if not (
-        abs(x) <= RATE_LIMIT_RAD_S and abs(y) <= RATE_LIMIT_RAD_S and abs(z) <= RATE_LIMIT_RAD_S
-    ):
+    if not all(abs(component) <= RATE_LIMIT_RAD_S for component in (x, y, z)):
         return Reason.GYROSCOPE_OUT_OF_RANGE  # or no number
-    if not state.settings.uses_rates:
-        return None
-    state.core.take_report(True, rate.time_us, x, y, z, 0.0, 0.0, False)
+    if state.settings.uses_rates:
+        state.core.take_report(True, rate.time_us, x, y, z, 0.0, 0.0, False)
     return None
 
 

@@ -1,8 +1,8 @@
 """The same estimator over the recording from its end to its beginning.
 
-With time turned round, rates and velocities change their signs; forces, fields and attitudes do
-not. Sensors that are late would be early, so their readings are first brought to their own times,
-by the ages that the way forward has taught. Its bias is taken off, too.
+With time reversed, rates and velocities change their signs; forces, fields and attitudes do not.
+Late sensors would be early, so their readings are first brought to their own times by the ages that
+the way forward has learnt. Its bias is taken off, too.
 """
 
 import numpy as np

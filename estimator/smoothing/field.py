@@ -8,7 +8,7 @@ import numpy as np
 from estimator.arrays import Bools, Floats
 from estimator.conditioning.field.calibration import own_field
 from estimator.conditioning.field.magnetic import MOST_DISTORTION, FieldReference, has_heading
-from estimator.conditioning.times import CONFIRM_S
+from estimator.conditioning.params import CONFIRM_S
 from estimator.geometry.rotations import cross, rotate, wrap
 from estimator.live.rows import blocks
 from estimator.smoothing.path import late_s
@@ -55,10 +55,10 @@ def without_lag(m: Floats, rate_rad_s: Floats, lag_s: Floats | float) -> Floats:
 
 
 def believed(recording: Recording) -> Bools:
-    """Which fields (N,) count on the way back, where velocity helps.
+    """Which fields (N,) count on the way back while velocity helps.
 
-    While a field points elsewhere for long, either it or the heading may be wrong. That it points
-    as usual before and behind shows later that it was the field.
+    While a field points elsewhere for long, either it or the heading may be wrong. If it points as
+    usual before and behind, it was the field.
     """
     rows, aided = recording.rows, recording.last.snapshot.core.aided
     counts = rows.has_mag.copy()

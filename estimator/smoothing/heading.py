@@ -1,11 +1,10 @@
 """The heading by the field of the whole recording.
 
-Between two windows the heading of the levelled path changes as the gyroscope errs, a random walk
-of variance q, and by the scale errors s of its axes, of the prior variance v; each window's field
-shows it with a variance r, larger where norm or dip are off the place's. The smoothed heading is
-the least squares solution, a tridiagonal system beside three errors of scale:
-sum (z - x)^2 / r + sum (x' - x - a s)^2 / q + s^2 / v. Noises are those of the estimator's own
-heading.
+Between two windows the heading of the levelled path changes as the gyroscope errs, a random walk of
+variance q, and by the scale errors s of its axes, of the prior variance v. Each window's field
+shows it with a variance r, larger if norm or dip are off the place's. The smoothed heading is the
+least squares solution, a tridiagonal system beside three errors of scale: sum (z - x)^2 / r + sum
+(x' - x - a s)^2 / q + s^2 / v. Noises are those of the estimator's own heading.
 """
 
 from typing import NamedTuple
@@ -16,9 +15,8 @@ from scipy.linalg import solveh_banded
 from estimator.arrays import Bools, Floats
 from estimator.bounds import TINY
 from estimator.conditioning.field.magnetic import NORM_SCALE, FieldReference, norm_of, steepness
-from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.params import USUAL_S, ConditioningParams
 from estimator.conditioning.robust import HEADING_REACH_RAD
-from estimator.conditioning.times import USUAL_S
 from estimator.conditioning.vertical.averaging import WINDOW_S
 from estimator.conditioning.vertical.lasting import SCALE_ERROR
 from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
@@ -35,7 +33,7 @@ ROUNDS = 8
 SCALE_SIGMA = 0.005
 # Of the drift that the estimator allows for: the bias is what later samples show.
 DRIFT_SHARE = 0.3
-# Of what the field is aside for a short time, for as long as the heading is averaged.
+# Of how far the field points sideways for a short time, over the time of the heading's average.
 SLOW_ERROR_SHARE = 0.05
 # The variance of a window without a field, rad^2.
 UNSEEN = 1e9
@@ -158,12 +156,12 @@ def informed(r: Floats, q: Floats) -> Floats:
 
 
 def lasting(seen: Floats, known: Bools, reference: FieldReference, tilt_variance: Floats) -> Floats:
-    """Variance (W,) of errors that last: by how far norm and dip are off, and by a tilted vertical.
+    """Variance (W,) of lasting errors, by how far norm and dip are off, and by a tilted vertical.
 
-    What turns the field up or makes it longer turns it aside as well, see conditioning/sigma.
+    What turns the field up or stretches it also turns it sideways, see conditioning/sigma.
     """
     off = np.minimum(np.abs(deviations(seen, reference)), NORM_SCALE)
     square = filled(np.sum(off**2, axis=0)[:, None], known)[:, 0]
     uneven = np.maximum(0.0, running_mean(square, round(USUAL_S / WINDOW_S)) - SCALE_ERROR**2)
-    aside = (1.0 + steepness(reference)) * uneven
-    return np.asarray(SLOW_ERROR_SHARE * (aside + tilt_variance) + LEAST_DIRECTION_RAD**2)
+    sideways = (1.0 + steepness(reference)) * uneven
+    return np.asarray(SLOW_ERROR_SHARE * (sideways + tilt_variance) + LEAST_DIRECTION_RAD**2)

@@ -7,7 +7,7 @@ import numpy as np
 from estimator.arrays import Bools, Floats
 from estimator.conditioning.vertical.averaging import MOST_ERROR
 from estimator.conditioning.vertical.rate import LEAST_PEAK_RAD_S, SLOW_SAMPLE_S
-from estimator.geometry.rotations import chained, cross, exp, rotate
+from estimator.geometry.rotations import chained, cross, exp
 from estimator.smoothing.recording import Recording, steps_s
 
 
@@ -55,12 +55,6 @@ def aliased_turn(recording: Recording) -> Floats:
         added = np.where(is_at_end, run_s**2 - (run_s - dt_s) ** 2, 0.0)
         variance += (MOST_ERROR * peak) ** 2 * added
     return variance
-
-
-def felt_down(recording: Recording, path: Path) -> Floats:
-    """Minus the specific force (N, 3) in G, each at the attitude of its own time."""
-    acc = recording.rows.acc_m_s2
-    return -rotate(path.q_g_frd, acc - late_s(recording) * cross(path.rate_rad_s, acc))
 
 
 def late_s(recording: Recording) -> Floats:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.arrays import Bools, Floats
-from estimator.conditioning.times import MEMORY_S
+from estimator.conditioning.params import MEMORY_S
 from estimator.estimator import Estimator
 from estimator.geometry.rotations import conjugate, exp, log, multiply
 from estimator.live.rows import NO_REPORT_ROWS, Rows, blocks, cut
@@ -86,10 +86,10 @@ def join(forward: Estimates, backward: Estimates) -> Estimates:
 def joined(forward: Estimates, backward: Estimates) -> Estimates:
     """The mean by both variances, of inclination and heading apart.
 
-    With velocity each has learnt from what the other has not: sigma is that of independent errors;
-    without it both err by the same field, so it is the mean of both. Further apart than their
-    sigmas allow, it grows by as much (R. T. Birge 1932, Phys. Rev. 40, 207). Where velocity helps
-    one of them alone, or one is not known, the other does not count.
+    With velocity each has learnt what the other has not, so sigma is that of independent errors;
+    without it both err by the same field, so it is the mean of both. It grows if they are further
+    apart than their sigmas allow (R. T. Birge 1932, Phys. Rev. 40, 207). If velocity helps only one
+    of them, or one is not known, the other does not count.
     """
     one, other = forward.sigma_rad, backward.sigma_rad
     apart = log(multiply(backward.q_ned_frd, conjugate(forward.q_ned_frd)))

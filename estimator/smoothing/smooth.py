@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimator.arrays import Bools, Floats, Times
-from estimator.conditioning.times import LONG_S
+from estimator.conditioning.params import LONG_S
 from estimator.conditioning.vertical.rate import FAST_STEP_S
 from estimator.live.rows import BIAS, RATE, SIGMA, Q
 from estimator.smoothing.backward import backward
@@ -29,8 +29,8 @@ def smooth(recording: Recording) -> Smoothed:
 
     Fast streams without velocity are averaged both ways along the gyroscope's path. Elsewhere, and
     in vehicles between holes, where that average is short, the estimator goes over the recording
-    once more, backward, and both estimates are joined. What the recording holds of attitudes and
-    bias is changed.
+    once more, backward, and both estimates are joined. The recording's attitudes and bias are
+    changed.
     """
     recording.look_ahead()
     best, n = recording.forward, len(recording.bias_rad_s)

@@ -1,17 +1,16 @@
 """A fast stream without velocity: the gyroscope's path, levelled and turned to north."""
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 
 from estimator.aiding.search import UNKNOWN_RAD
 from estimator.arrays import Bools
-from estimator.conditioning.times import QUICK_S
-from estimator.geometry.rotations import about_down, conjugate, heading_of, multiply
+from estimator.conditioning.params import QUICK_S
+from estimator.geometry.rotations import about_down, conjugate, cross, heading_of, multiply, rotate
 from estimator.smoothing.field import field_of
 from estimator.smoothing.heading import Headed, turn_north
-from estimator.smoothing.path import felt_down, path_of
+from estimator.smoothing.path import late_s, path_of
 from estimator.smoothing.recording import Estimates, Recording, known_rows, steps_s
 from estimator.smoothing.vertical import level
 from estimator.smoothing.windows import windows_of
@@ -21,15 +20,6 @@ LEAST_SAMPLES = 50
 # Long recordings are taken in pieces of so many seconds, each with as much of its neighbours at
 # both ends as its heading could feel: memory is bounded, and each piece's averaging is its own.
 PIECE_S, MARGIN_S = 600.0, 100.0
-
-
-class Piece(NamedTuple):
-    """Rows, and those around them that show about them."""
-
-    begin: int
-    end: int
-    first: int
-    last: int
 
 
 def put_unaided(recording: Recording, rows: Bools, into: Estimates) -> None:
@@ -42,8 +32,11 @@ def put_unaided(recording: Recording, rows: Bools, into: Estimates) -> None:
             into.sigma_rad[begin:end][known] = found.sigma_rad[known]
 
 
-def pieces(recording: Recording) -> Iterator[Piece]:
-    """From hole to hole, and from one IMU to the next, if that is not too long."""
+def pieces(recording: Recording) -> Iterator[tuple[int, int, int, int]]:
+    """Rows (begin, end) of one IMU without a hole, and (first, last) of those that help them.
+
+    A long stretch is divided.
+    """
     times_us = recording.rows.times_us
     holes = np.flatnonzero(steps_s(recording.rows) > QUICK_S)
     ends = [*np.union1d(holes, recording.changes).astype(int).tolist(), len(times_us)]
@@ -53,7 +46,7 @@ def pieces(recording: Recording) -> Iterator[Piece]:
         while begin < end:
             edges_s = np.array([-MARGIN_S, PIECE_S, PIECE_S + MARGIN_S])
             edges = np.searchsorted(times_us, times_us[begin] + 1e6 * edges_s).tolist()
-            yield Piece(begin, min(edges[1], end), max(edges[0], before), min(edges[2], end))
+            yield begin, min(edges[1], end), max(edges[0], before), min(edges[2], end)
             begin = edges[1]
         before = end
 
@@ -62,7 +55,9 @@ def of_piece(recording: Recording) -> Estimates:
     """The estimates of samples without a hole."""
     path = path_of(recording)
     windows = windows_of(path.time_s)
-    vertical = level(recording.last, windows, path, felt_down(recording, path))
+    acc = recording.rows.acc_m_s2  # each at the attitude of its own time
+    felt_g = rotate(path.q_g_frd, acc - late_s(recording) * cross(path.rate_rad_s, acc))
+    vertical = level(recording.last, windows, path, -felt_g)
     field = field_of(recording)
     if field.is_known and field.has_mag.any():
         params = recording.last.settings.conditioning

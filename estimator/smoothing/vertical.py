@@ -3,13 +3,13 @@
 For how long, the force of the whole recording shows, see :mod:`...vertical.averaging`.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from estimator.arrays import Floats
+from estimator.conditioning.params import LATELY_S
 from estimator.conditioning.sigma import MEASURED_SQUARE
-from estimator.conditioning.times import LATELY_S
 from estimator.conditioning.vertical.averaging import (
     OCTAVES,
     TAU_SHARE,
@@ -45,7 +45,10 @@ def level(last: Estimator, windows: Windows, path: Path, down_g: Floats) -> Vert
     count = round(LATELY_S / WINDOW_S)
     size = np.linalg.norm(down, axis=1) / STANDARD_GRAVITY_M_S2 - 1.0
     variance += MEASURED_SQUARE * running_mean(size**2, count)
-    q = multiply(shortest_to_down(unit(windows.at(path.time_s, down))), path.q_g_frd)
+    x, y, z = unit(windows.at(path.time_s, down)).T
+    to_down = np.stack([1.0 + z, y, -x, np.zeros_like(x)], axis=-1)
+    to_down[z < -1.0 + 1e-12] = (0.0, 1.0, 0.0, 0.0)  # half a turn of what points straight up
+    q = multiply(unit(to_down), path.q_g_frd)
     return Vertical(q, np.sqrt(windows.at(path.time_s, variance)), variance)
 
 
@@ -60,8 +63,7 @@ def best_length_s(last: Estimator, felt: Floats, turned: Floats) -> float:
         pairs = len(felt) // 2 * 2
         felt = 0.5 * (felt[0:pairs:2] + felt[1:pairs:2])
         turned = turned[0:pairs:2] + turned[1:pairs:2]
-    o0, o1, o2, o3, o4, o5, o6, o7, o8 = octaves
-    all_of_them = (o0, o1, o2, o3, o4, o5, o6, o7, o8)
+    all_of_them: Any = tuple(octaves)
     seen = Averaging(octaves=all_of_them, windows=count, moved_s=WINDOW_S * count)
     p = last.snapshot.core.conditioning.vertical.estimate.covariance
     return best_window(last.settings.conditioning, seen, (p[0] + p[4] + p[7]) / 3.0)[0]
@@ -80,14 +82,3 @@ def turns_squared(before: Floats, after: Floats) -> Floats:
     """Squared angles (N,) between vectors (N, 3)."""
     sine = np.linalg.norm(np.cross(before, after), axis=1)
     return np.asarray(np.arctan2(sine, np.sum(before * after, axis=1)) ** 2)
-
-
-def shortest_to_down(down: Floats) -> Floats:
-    """The shortest rotations (N, 4) that take unit vectors (N, 3) to (0, 0, 1).
-
-    Of one that points straight up, half a turn about the first axis.
-    """
-    x, y, z = down.T
-    q = np.stack([1.0 + z, y, -x, np.zeros_like(x)], axis=-1)
-    q[z < -1.0 + 1e-12] = (0.0, 1.0, 0.0, 0.0)
-    return unit(q)

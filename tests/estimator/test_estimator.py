@@ -181,7 +181,7 @@ def test_replacing_by_the_same_profile_changes_nothing(profile):
     ("first", "second", "sigma_rad"), [("paper", "imu", 0.0918), ("imu", "paper", 0.675)]
 )
 def test_profiles_of_the_other_kind_can_be_swapped_in(first, second, sigma_rad):
-    """From raw to conditioned vectors and back: the output says what the profile in use knows.
+    """From raw to conditioned vectors and back: the output shows what the profile in use knows.
 
     The north of the paper lies 45 deg away: turning to it is a pull that is forgotten by and by.
     """

@@ -49,7 +49,7 @@ def profile(calibration=(), **mounting):
 
 
 def as_sensed(sample, mounting):
-    """What the sensor says of a sample of the body: the way back."""
+    """What the sensor reads for a sample of the body: the way back."""
     back = conjugate(mounting.q_frd_sensor)
     return sample._replace(
         gyr_rad_s=rotate(back, sample.gyr_rad_s),
@@ -158,7 +158,7 @@ def z_up(k, link):
 
 
 def notices(chosen):
-    """What the service tells of an IMU whose z is positive."""
+    """What the service reports of an IMU whose z is positive."""
     link, reader, decoder = mavlink().MAVLink(None, 1, 1), FrameReader(), MavlinkDecoder()
     pipeline, texts = Pipeline(chosen), []
     heartbeat = mavlink().MAVLink_heartbeat_message(10, 0, 0, 0, 0, 3)
@@ -214,7 +214,7 @@ def test_rows_are_turned_and_calibrated_as_samples_are(section, calibration):
 
 
 def miscalibrated(events_and_truth):
-    """What sensors with the errors that CALIBRATION undoes say instead: M^-1 v + b."""
+    """What sensors with the errors that CALIBRATION undoes read instead: M^-1 v + b."""
     fields = ("gyr_bias_rad_s", "acc_bias_m_s2", "mag_offset_gauss")
     for event, truth in events_and_truth:
         readings = {}

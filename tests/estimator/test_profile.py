@@ -121,7 +121,7 @@ def test_unknown_keys_are_refused(text, word):
         ("[confidence]\ngravity = -0.1\n", "confidence.gravity"),
         ("[confidence]\ncross = 'none'\n", "confidence.cross"),
         ("[provenance]\ndescription = 3\n", "provenance.description"),
-        ("filter = 3\n", "membership"),  # inside [membership], where the text ends
+        ("filter = 3\n", "membership"),  # within [membership], where the text ends
     ],
 )
 def test_wrong_values_are_refused(extra, word):
@@ -157,13 +157,13 @@ def test_wrong_memberships_and_conditioning_are_refused(old, new, word):
 
 def test_missing_sections_are_refused():
     refused(MEMBERSHIP, "conditioning")
-    refused("", "says nothing")
-    refused("# [mounting]\n", "says nothing")
+    refused("", "is empty")
+    refused("# [mounting]\n", "is empty")
 
 
 @pytest.mark.parametrize("base", ["imu", "paper"])
 def test_a_file_without_memberships_changes_a_shipped_profile(base):
-    """Of the kind of vectors that it asks for; what it says not is theirs, to the last key."""
+    """That of its kind of vectors, which sets every key that the file leaves out."""
     enabled = "true" if base == "imu" else "false"
     text = f"[conditioning]\nenabled = {enabled}\n[filter]\nfixed_gain = 7.0\n"
     changed = parse_profile(text, "x")
@@ -362,9 +362,9 @@ def test_a_declination_of_zero_is_known_and_the_default_is_not():
         assert_attitude_close(then.q_ned_frd, expected, 0.01)
 
 
-@pytest.mark.parametrize("word", ["unknown", "learn", ""])
-def test_another_word_for_the_declination_is_refused(word):
-    refused(f'[reference]\ndeclination_deg = "{word}"\n' + SMALLEST)
+@pytest.mark.parametrize("text", ["unknown", "learn", ""])
+def test_another_text_for_the_declination_is_refused(text):
+    refused(f'[reference]\ndeclination_deg = "{text}"\n' + SMALLEST)
 
 
 BOMBS = {

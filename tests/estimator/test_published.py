@@ -1,4 +1,4 @@
-"""What is published of an estimate: where it is turned on to, and how far it says to trust it."""
+"""What is published of an estimate: where it is propagated to, and its sigmas."""
 
 from math import asin, degrees, radians, sqrt
 

@@ -19,7 +19,6 @@ from estimator.aiding.types import (
     FieldState,
     North,
     StepInputs,
-    Two,
 )
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined, replacer
@@ -30,12 +29,12 @@ from estimator.conditioning.field.magnetic import (
     horizontal_down,
     look_at_field,
 )
+from estimator.conditioning.params import CONFIRM_S, FIELD_S, LONG_S
 from estimator.conditioning.robust import REACH, residual_factor
-from estimator.conditioning.times import CONFIRM_S, FIELD_S, LONG_S
 from estimator.conditioning.vertical.bias import SETTLED_HEADING_RAD
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.geometry.quaternion import cross, dot, exp, multiply, norm, rotate, scale, subtract
-from estimator.types import ZERO_VEC3, Sample, Vec3
+from estimator.types import ZERO_VEC3, Sample, Vec2, Vec3
 
 with_wait = replacer(FieldState, "wait_s")
 with_look = replacer(FieldState, "look", "samples", "wait_s")
@@ -55,8 +54,7 @@ def judge_field(
 ) -> FieldState:
     """Norm and dip against the place's field, as for the unaided field.
 
-    Both scales are widened by what ``variance`` (of one part of the field, as far as it is
-    learnt) makes of them.
+    ``variance`` (of one part of the field, as far as it is learnt) widens both scales.
     """
     wait = min(state.wait_s, 1.0)
     share = wait / (FIELD_S + wait) if state.samples > 0.0 else 1.0
@@ -71,14 +69,12 @@ def judge_field(
 def begin_field(
     state: FieldState, R: Array, F: Vec3, before: Vec3, north: North, P: Array, x: Array
 ) -> FieldState:
-    """The first sample is taken for the place's field, turned towards ``north`` if that is known.
+    """Take the first sample for the place's field, turned towards ``north`` if that is known.
 
-    ``before`` is what was taken for it until then. R turns the compass's axes to NED.
-
-    The vehicle's hard iron is in that sample, so the error of the one is that of the other with
-    the opposite sign, d_E = turn x F - A d_iron, whatever is known of those by now: A is R, without
-    what points across a known north, which a turn does not change. A compass turned about its down
-    axis z makes turn - z d_compass of the turn.
+    ``before`` is what was taken for it until then. R turns the compass's axes to NED. The sample
+    holds the vehicle's hard iron, so both errors are opposite: d_E = turn x F - A d_iron, whatever
+    is known of them. A is R without what points across a known north, which a turn does not change.
+    A compass that is turned about its down axis z makes turn - z d_compass of the turn.
     """
     h = sqrt(F[0] * F[0] + F[1] * F[1])
     n = sqrt(h * h + F[2] * F[2])
@@ -128,11 +124,11 @@ def compare_with_place(
     place: Vec3,
     wait: float,
 ) -> FieldState:
-    """Whether the place's field, as read, explains readings better than what was learnt of it.
+    """Whether the place's field explains the readings better than what was learnt of it.
 
-    What is learnt beside a fault of the compass, or with a wrong attitude, need not be true of it
-    afterwards. Strength and dip show, whatever the heading is. Beyond three sigmas either is no
-    explanation, however far it is off.
+    What is learnt beside a fault of the compass, or with a wrong attitude, need not hold
+    afterwards. Strength and dip show that, whatever the heading is. Beyond three sigmas neither is
+    an explanation.
     """
     n = norm(place)
     if n == 0.0:
@@ -185,11 +181,10 @@ def observe_heading(
     """Three scalar updates: the field, turned to NED, is the place's own.
 
     The reading is ``lag`` old, so it belongs to the attitude then, q exp(-lag w), and to the
-    compass's own axes, which may be turned in the vehicle about its down axis. Where magnetic
-    north is known, it holds the direction of the place's field, too.
-    Across the place's horizontal field the difference shows the heading; where the field dips, an
-    error of tilt shows there, too, as the row of the measurement has it. Along the horizontal field
-    and down it shows the tilt across itself, the hard iron and the place's field.
+    compass's own axes, which may be turned about the body's down. Across the place's horizontal
+    field the difference shows the heading and, where the field dips, the tilt. Along it and down it
+    shows the tilt across itself, the hard iron and the place's field. A known magnetic north holds
+    the direction.
     """
     P, estimate = now.covariance, now.estimate
     rate = subtract(sample.gyr_rad_s, estimate.gyr_bias_rad_s)
@@ -276,10 +271,10 @@ def angle_row(R: Array, F: Vec3, dF: Vec3, E: Vec3) -> Array:
 def learn_place(
     P: Array, x: Array, R: Array, E: Vec3, F: Vec3, dF: Vec3, noise: float, is_near: bool
 ) -> None:
-    """The horizontal field along itself, and the one down; what they show of the tilt, too.
+    """Learn from the horizontal field along itself and from the one down, also about the tilt.
 
-    Where the field seen is not near the place's, the turn between them is no small one: then a
-    tilt is not learnt and only adds to the noise.
+    If the field seen is far from the place's, the turn between them is not small: then the tilt
+    only adds to the noise.
     """
     square = dot(E, E)
     n = sqrt(square)
@@ -315,7 +310,7 @@ def add_compass(h: Array, R: Array) -> None:
 
 
 @inlined
-def learn_declination(P: Array, x: Array, E: Vec3, north: Two, wait: float) -> None:
+def learn_declination(P: Array, x: Array, E: Vec3, north: Vec2, wait: float) -> None:
     """The place's field points to magnetic north, as far as a model is right."""
     c, s = north
     square = E[0] * E[0] + E[1] * E[1]
@@ -331,7 +326,7 @@ def learn_declination(P: Array, x: Array, E: Vec3, north: Two, wait: float) -> N
 def unexplained(params: AidingParams, off_rad: float, expected: float) -> float:
     """Variance (rad^2) of a lasting angle that neither the covariance nor the noise explains.
 
-    Of white noise of the density n the low-pass of ``off_rad``, with T, leaves n / (2 T).
+    The low-pass of ``off_rad``, with T, leaves n / (2 T) of white noise of the density n.
     """
     left = off_rad * off_rad - expected - params.heading_noise**2 / (2.0 * CONFIRM_S)
     return max(0.0, left)

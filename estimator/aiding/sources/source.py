@@ -15,14 +15,14 @@ SPEED_LIMIT_M_S = 400.0
 class Source(NamedTuple):
     """A kind of measurement beside the IMU. Its reports are named tuples of numbers.
 
-    ``blank`` is one of them with any values: it shows the type of each field. The first one is
-    ``time_us: int``, the vehicle's own clock when it was measured. The others may be numbers,
-    flags, and tuples of them.
+    ``blank`` is an example that shows the type of each field. The first field is ``time_us: int``,
+    the vehicle's own clock at the measurement. The others may be numbers, flags, and tuples of
+    them.
 
     ``observe(params, now, report, ago_s, x)`` is inlined compiled code. It calls
     :func:`~estimator.aiding.covariance.learn` once for each scalar that was measured ``ago_s``
-    before the last sample; ``now`` is what the aiding knows at that sample. Only velocity has
-    none: the aiding begins with it and takes it together with a sample.
+    before the last sample; ``now`` is the prediction at that sample. Only velocity has none,
+    because the aiding begins with it and takes it together with a sample.
     """
 
     blank: Any

@@ -8,7 +8,7 @@ from estimator.aiding.covariance import learn
 from estimator.aiding.inertial import Prediction
 from estimator.aiding.types import SIZE, TURN, Array
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.times import ACCELERATION_LASTS_S, SPAN_S
+from estimator.conditioning.params import ACCELERATION_LASTS_S, SPAN_S
 from estimator.geometry.quaternion import rotate
 from estimator.types import Vec3
 
@@ -26,9 +26,9 @@ def observe_unaided(
     """Two scalar updates with the ``share`` that down by the unaided stage counts.
 
     R_true gravity_b = z gives turn_east = -d_north and turn_north = d_east with d = R gravity_b.
-    It holds an attitude that velocity has lost. A long acceleration tilts it by ``tilt_error_rad``,
-    so it hardly counts in a banked turn. The distance counts as a whole turn, so an attitude that
-    is upside down does not pass for a level one.
+    This holds an attitude that velocity has lost. A long acceleration tilts it by
+    ``tilt_error_rad``, so it hardly counts in a banked turn. The distance is a whole turn: upside
+    down is not level.
     """
     P = now.covariance
     d = rotate(now.estimate.q_ned_frd, gravity_b)

@@ -27,8 +27,8 @@ from estimator.aiding.types import (
 )
 from estimator.aiding.velocity_history import look_back
 from estimator.compilation.compiled import inlined, replacer
+from estimator.conditioning.params import CONFIRM_S, LONG_S, LONGEST_STEP_S, SPAN_S, USUAL_S
 from estimator.conditioning.robust import FAR, REACH
-from estimator.conditioning.times import CONFIRM_S, LONG_S, LONGEST_STEP_S, SPAN_S, USUAL_S
 from estimator.geometry.quaternion import rotate, scale, subtract
 from estimator.types import Vec3
 
@@ -121,11 +121,10 @@ def observe_velocity(
 ) -> Agreement:
     """Three scalar updates (two without the vertical): report = v(then) + slow error + noise.
 
-    v(then) is the velocity now less what was gained since, which the velocity history holds. A
-    turn t of the attitude changes that by t x (force since): a late report shows less of it.
-    A report that is far off loosens what is known of its source's error, or of the velocity
-    where that is the only source, but not the attitude: then the reports' origin has jumped.
-    The noise scale follows the innovations.
+    v(then) is the velocity now less what the velocity history has gained since. A turn t of the
+    attitude changes that by t x (force since), so a late report shows less of it. A report that is
+    far off inflates the variance of its source's error, or of the velocity if that is the only
+    source, but not of the attitude: its origin has jumped. The noise scale follows the innovations.
     """
     P = now.covariance
     noise_scale, innovation, reports, before, together = agreement.scatter
@@ -185,7 +184,7 @@ def observe_velocity(
 def is_credible(state: AidingState) -> bool:
     """Whether to go on: reports came lately, and they and the field agree with the attitude.
 
-    Neither sigma is a number once the covariance has gone wrong.
+    Once the covariance has gone wrong, neither sigma is a number.
     """
     by_filter, by_receiver = state.agreement
     if not isfinite(state.sigma.inclination_rad + state.sigma.heading_rad):

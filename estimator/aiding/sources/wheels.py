@@ -19,8 +19,8 @@ from estimator.aiding.types import (
 )
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined, replacer
+from estimator.conditioning.params import ACCELERATION_LASTS_S, MEMORY_S
 from estimator.conditioning.robust import FAR, REACH
-from estimator.conditioning.times import ACCELERATION_LASTS_S, MEMORY_S
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.geometry.quaternion import cross, dot, norm, rotate_inverse
 
@@ -40,11 +40,10 @@ def rolls(params: AidingParams) -> bool:
 def observe_wheels(
     params: AidingParams, now: Prediction, wheels: Wheels, x: Array, dt: float
 ) -> Wheels:
-    """Two scalar updates: the velocity's parts to the right and down are none but for a slip.
+    """Two scalar updates: apart from a slip, the velocity has no part to the right or down.
 
-    Whether it goes forwards or back makes no difference. A slip lasts, so the samples of
-    ``ACCELERATION_LASTS_S`` together count as one measurement. If the first one is far beyond any
-    slip, the heading that it began with is not known as well as it seemed.
+    It may go forwards or back. A slip lasts, so the samples of ``ACCELERATION_LASTS_S`` together
+    count as one measurement. If the first one is far beyond any slip, the first heading was wrong.
     """
     P, estimate = now.covariance, now.estimate
     v = estimate.velocity_ned_m_s
@@ -55,7 +54,7 @@ def observe_wheels(
     share = rolled / own * dt / (MEMORY_S + dt)
     ahead = abs(body[0])
     R = rotation_matrix(estimate.q_ned_frd)
-    square, aside = 0.0, 0.0
+    square, sideways = 0.0, 0.0
     for k in (1, 2):
         axis = (R[0, k], R[1, k], R[2, k])
         h = np.zeros(SIZE)
@@ -68,20 +67,20 @@ def observe_wheels(
         unlikely = left * left / expected_variance(P, h, own)
         square += 0.5 * unlikely
         if k == 1:
-            aside = unlikely
+            sideways = unlikely
         learn(P, x, h, off, noise)
     scale = wheels.slip_scale + share * (min(square, SCALE_REPORTS) - wheels.slip_scale)
     is_first = wheels.rolled_s < ACCELERATION_LASTS_S
     rolled_s = wheels.rolled_s + dt * rolled / own
-    return Wheels(max(1.0, scale), rolled_s, is_first and aside > FAR, wheels.show_north)
+    return Wheels(max(1.0, scale), rolled_s, is_first and sideways > FAR, wheels.show_north)
 
 
 @inlined
 def judge_north(wheels: Wheels, now: Prediction, north: North) -> Wheels:
     """Whether velocity has shown that the field points to magnetic north.
 
-    Iron all around turns a field about the vertical, and leaves its strength and dip as they are.
-    It is none where the place's field, as learnt, is known well enough across and points there.
+    Iron all around turns a field about the vertical and keeps its strength and dip. There is none
+    if the learnt field of the place is known well enough across and points north.
     """
     if not north.is_known:
         return wheels

@@ -14,8 +14,8 @@ from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.events.jump_signs import JumpSigns
 from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.field.magnetic import NORM_SCALE
+from estimator.conditioning.params import LATELY_S, LONG_S, SPAN_S
 from estimator.conditioning.robust import FAR
-from estimator.conditioning.times import LATELY_S, LONG_S, SPAN_S
 from estimator.conditioning.vertical.gravity import GravityState
 from estimator.conditioning.vertical.lowpass import approach
 from estimator.conditioning.vertical.step import VerticalStep

@@ -6,9 +6,8 @@ from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.field.magnetic import MOST_DISTORTION
-from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.params import LATELY_S, QUICK_S, ConditioningParams
 from estimator.conditioning.robust import FAR
-from estimator.conditioning.times import LATELY_S, QUICK_S
 from estimator.conditioning.vertical.lowpass import approach
 from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
 from estimator.geometry.quaternion import angle_between_vectors, norm, square

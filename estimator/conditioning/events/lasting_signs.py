@@ -10,16 +10,16 @@ from typing import NamedTuple
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.field.magnetic import MagneticState
-from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.robust import HALF_TURN_VARIANCE, MOST_DEVIATION, robust_factor
-from estimator.conditioning.times import (
+from estimator.conditioning.params import (
     CONFIRM_S,
     LATELY_S,
     LONG_S,
     LONGEST_STEP_S,
     SPAN_S,
     USUAL_S,
+    ConditioningParams,
 )
+from estimator.conditioning.robust import HALF_TURN_VARIANCE, MOST_DEVIATION, robust_factor
 from estimator.conditioning.vertical.bias import SETTLED_HEADING_RAD, Estimate
 from estimator.conditioning.vertical.gravity import GravityState
 from estimator.conditioning.vertical.lasting import MOST_APART_RAD, PRIOR_VARIANCE

@@ -38,9 +38,8 @@ from estimator.conditioning.field.magnetic import (
 )
 from estimator.conditioning.field.step import FieldStep, MagnetometerState
 from estimator.conditioning.gather import Gathered
-from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.params import LONGEST_STEP_S, SPAN_S, ConditioningParams
 from estimator.conditioning.robust import ANY_DIRECTION_VARIANCE, HALF_TURN_VARIANCE
-from estimator.conditioning.times import LONGEST_STEP_S, SPAN_S
 from estimator.conditioning.vertical.bias import Estimate, clip, inflate_heading
 from estimator.conditioning.vertical.gravity import with_down, with_force
 from estimator.conditioning.vertical.lasting import SCALE_ERROR

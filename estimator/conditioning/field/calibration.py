@@ -3,9 +3,8 @@
 from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined, replacer
-from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.params import FORGET_S, LONGEST_STEP_S, ConditioningParams
 from estimator.conditioning.robust import MOST_DEVIATION, REACH, robust_factor
-from estimator.conditioning.times import FORGET_S, LONGEST_STEP_S
 from estimator.conditioning.vertical.bias import Covariance, update
 from estimator.conditioning.vertical.lowpass import approach
 from estimator.geometry.axes import FrameAxes, to_frame
@@ -63,10 +62,10 @@ def most_variances(params: ConditioningParams) -> Vec2:
 def own_field(state: Calibration) -> tuple[Vec3, float]:
     """The share of the learnt own field that is no error, and the variance of what may be left.
 
-    Both as shares of ``scale``, the variance of an axis. Of o with the variance V that share is
+    Both are shares of ``scale``, the variance of one axis. For o with the variance V that share is
     o . o/(o . o + V), and o . o V/(o . o + V) is left: most vehicles have none (James and Stein
-    1961). Learning takes readings for as bad as beside a magnet, and what is learnt is off by
-    a third of its sigma, so V is that much less.
+    1961). Learning treats readings as if beside a magnet, and the result is off by a third of its
+    sigma, so V is that much less.
     """
     o, p = state.offset, state.covariance
     size, variance = dot(o, o), (p[0] + p[4] + p[7]) / REACH**2
@@ -78,9 +77,8 @@ def own_field(state: Calibration) -> tuple[Vec3, float]:
 def correct_field(field: Vec3, gyr: Vec3, state: Calibration) -> Vec3:
     """The field without the vehicle's own, as the body would see it now.
 
-    m <- m - own, then exp(-[w]x lag) m to second order: the field of the
-    place stands still, so in the body m' = -w x m, and a reading that is
-    ``lag_s`` old lacks what the vehicle has turned since.
+    m <- m - own, then exp(-[w]x lag) m to second order: the place's field stands still, so in the
+    body m' = -w x m, and a reading that is ``lag_s`` old lacks what the vehicle has turned since.
     """
     m = subtract(field, scale(state.scale, own_field(state)[0]))
     lag = state.lag_s
@@ -91,10 +89,7 @@ def correct_field(field: Vec3, gyr: Vec3, state: Calibration) -> Vec3:
 
 @inlined
 def walk(params: ConditioningParams, p: Covariance, dt_s: float) -> Covariance:
-    """The covariance after a step, with variances grown up to their first values at most.
-
-    The vehicle's own field may change.
-    """
+    """The covariance after a step, as the own field may change: up to its first variances."""
     most, most_lag = most_variances(params)
     share = dt_s / FORGET_S
     return (
@@ -124,17 +119,15 @@ def learn_calibration(
 ) -> CalibrationState:
     """Recursive least squares of field = F + R offset + lag (R w) x field, all over ``norm``.
 
-    R turns body to G; ``axes`` are its axes. In G the field F of the place stands still but for
-    the gyroscope's drift, where 6D turns with every levelling, by degrees at a start. What of
-    it moves with the body is the vehicle's own field (hard iron), what moves with the turn rate
-    is the sensor's age. All is high-passed alike, so that F and slow drift vanish and the model
-    stays: less its mean over ``calibration_high_pass_s``, or over the time since the start. (Less
-    the first reading instead, that one's error would be in every residual.) ``field_g`` is
-    corrected already: its residual is that of what has been taken off.
-    While a body hardly turns, its own field looks like the place's, so it teaches the lag only.
-    So does a slow stream: a reading lacks what the body turns in a tenth of a second, at the rate
-    of its own sample. What turned ``unseen`` (variance, rad^2) is noise, and so is what the field
-    has changed beyond what any own field makes of the turning: beside a magnet it teaches little.
+    R turns body to G; ``axes`` are its axes. In G the place's field F stands still but for the
+    gyroscope's drift. What moves with the body is the vehicle's own field (hard iron), what moves
+    with the turn rate is the sensor's age. All is high-passed alike, so that F and slow drift
+    vanish: less its mean over ``calibration_high_pass_s``, or since the start. ``field_g`` is
+    corrected already, so its residual is that of what has been taken off.
+
+    A body that hardly turns, and a slow stream, teach only the lag. What turned ``unseen``
+    (variance, rad^2) is noise, and so is a change of the field beyond what any own field explains:
+    a magnet teaches little.
     """
     y = scale(1.0 / norm, field_g)
     x = cross(to_frame(axes, gyr), y)

@@ -8,15 +8,14 @@ from typing import NamedTuple
 
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined, replacer
-from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.params import FIELD_S, USUAL_S, ConditioningParams
 from estimator.conditioning.robust import robust_factor
-from estimator.conditioning.times import FIELD_S, USUAL_S
 from estimator.types import Vec2, Vec3
 
 # A relative deviation of the norm that counts as one: what calibrations leave is less. A field with
 # less than this share of the downward part in the horizontal has no heading.
 NORM_SCALE = 0.1
-# By this share of it (and angle, rad) a field is bent where nothing else is known about it.
+# By this share of it (and angle, rad) a field is off if nothing else is known about it.
 MOST_DISTORTION = 0.2
 # A field that neither the expected nor the other one resembles by this much is a third one.
 LEAST_ALIKE = 0.3
@@ -96,9 +95,9 @@ def look_at_field(
 ) -> FieldLook:
     """The look moved by ``share`` of its way to a sample, and its confidence.
 
-    ``seen`` and ``expected`` are (horizontal, down). Norm n and dip d show without any heading
-    whether the field is the expected one: D^2 = ((n - n_r)/(s_n n_r))^2 + (sin(d - d_r)/s_d)^2,
-    of which the confidence is the robust estimator's weight.
+    ``seen`` and ``expected`` are (horizontal, down). Norm n and dip d show without a heading
+    whether the field is the expected one: D^2 = ((n - n_r)/(s_n n_r))^2 + (sin(d - d_r)/s_d)^2. The
+    confidence is the robust estimator's weight of that.
     """
     h = before.horizontal + share * (seen[0] - before.horizontal)
     v = before.down + share * (seen[1] - before.down)
@@ -115,11 +114,10 @@ def observe_field(
 ) -> MagneticState:
     """Confidence of the field in the level frame, and what it teaches the reference.
 
-    The reference follows with the weight c dt/tau, during the first tau as a
-    running mean, so that a magnet passing later teaches it nothing. What was seen
-    while the vertical was new counts little in that mean: ``settled`` is 1 once it is known.
-    Soon after, the mean counts its readings as if there had been no such time: a magnet that
-    passes in the first tau shall not teach it more.
+    The reference follows with the weight c dt/tau, during the first tau as a running mean, so that
+    a magnet that passes later teaches it nothing. Samples count little in that mean while the
+    vertical is new: ``settled`` is 1 once it is known. Soon after, the mean catches up as if there
+    had been no such time, so that a magnet in the first tau teaches it no more.
     """
     before = state.reference
     age = before.age_s + dt_s
@@ -174,8 +172,8 @@ def watch_alternative(
 ) -> tuple[AlternativeField, float]:
     """The other field that is seen, and for how long (s) the expected one was confirmed.
 
-    What one field gains the other loses. So the other has to last as long as the expected one has,
-    :data:`USUAL_S` at most. A field that keeps changing starts anew each time.
+    One field loses what the other gains, so the other has to last as long as the expected one has,
+    at most :data:`USUAL_S`. A field that keeps changing starts anew each time.
     """
     other, most = reference.other, 2.0 * USUAL_S
     norm_scale, dip_scale = NORM_SCALE, params.field_dip_scale_rad
@@ -225,8 +223,7 @@ def has_heading(state: MagneticState) -> bool:
 def steepness(reference: FieldReference) -> float:
     """Squared tangent of the learnt field's dip, 0 without a field.
 
-    A tilt of the vertical bends the heading by that tangent. It is bounded by the steepest field
-    that still shows a heading.
+    A tilt bends the heading by its root. The steepest field that still shows a heading bounds it.
     """
     h = max(reference.horizontal, NORM_SCALE * abs(reference.down))
     return (reference.down / h) ** 2 if h > 0.0 else 0.0

@@ -15,9 +15,8 @@ from estimator.conditioning.field.magnetic import (
     with_wait,
 )
 from estimator.conditioning.gather import Gathered
-from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.params import MEMORY_S, SPAN_S, ConditioningParams
 from estimator.conditioning.robust import residual_factor
-from estimator.conditioning.times import MEMORY_S, SPAN_S
 from estimator.conditioning.vertical.bias import MOST_BIAS_RAD_S, Estimate, clip_each, update
 from estimator.conditioning.vertical.gravity import heading_frame
 from estimator.conditioning.vertical.step import VerticalStep
@@ -49,9 +48,8 @@ def north_east(heading: float, field_6d: Vec3) -> Vec2:
 def residual(field: MagneticState, horizontal: Vec2) -> float:
     """How far the field points east of north: linear in its east part, an angle when large.
 
-    A disturbance adds to the field, so its effect on east/reference is linear
-    and averages out where that on the angle does not. The dip does not leak
-    in, as it does into the cross product of whole fields.
+    A disturbance adds to the field: its effect on east/reference averages out, that on the angle
+    does not. The dip does not leak in, as it does into the cross product of whole fields.
     """
     north, east = horizontal
     if north < 0.5 * abs(east):
@@ -63,10 +61,10 @@ def residual(field: MagneticState, horizontal: Vec2) -> float:
 def heading_noise(params: ConditioningParams, field: MagneticState, settled: float) -> float:
     """Density R (rad^2 s) of the error of the field's heading.
 
-    R = R_0 (1 + T/(1 s + age)) + R_c (1/c - 1). Under optical truth the error of good
-    magnetometers decorrelates within a second or two, so it counts as white: its means of 3 to
-    20 s scatter as a density of 1e-4 to 5e-3 does. It is larger while an own field and a lag are
-    being learnt, T, and where norm and dip are off, c < 1.
+    R = R_0 (1 + T/(1 s + age)) + R_c (1/c - 1). Under optical truth the error of good magnetometers
+    decorrelates within two seconds and counts as white: means of 3 to 20 s scatter as a density of
+    1e-4 to 5e-3 does. It is larger while own field and lag are being learnt, T, and if norm or dip
+    are off, c < 1.
     """
     confidence = max(field.look.confidence * settled, TINY)
     early = 1.0 + MEMORY_S / (SPAN_S + field.reference.age_s)
@@ -86,9 +84,8 @@ def learn_heading(
 ) -> Estimate:
     """Scalar update of heading and bias by minus the residual, of variance R/dt.
 
-    ``settled`` lowers the confidence while the vertical itself is new: a tilted 6D turns the
-    horizontal field. So does one that is uncertain by ``tilt_variance`` (rad^2), the more the
-    steeper the field.
+    A new vertical turns the horizontal field, so ``settled`` lowers the confidence. A vertical that
+    is uncertain by ``tilt_variance`` (rad^2) does so, too, the more the steeper the field.
     """
     noise = heading_noise(params, field, settled) / dt_s
     noise += tilt_variance * steepness(field.reference)

@@ -1,12 +1,11 @@
 """For how long the force is averaged for the vertical, and how far off its mean then is.
 
-Two enemies: accelerations, whose mean falls the longer it is taken, and the gyroscope, by which
-frame G drifts meanwhile. Means of the force over windows an octave apart show how it turns at each
-scale: Allan's variance, half the mean square of the turn from each window to the next. No
-gyroscope errs by more than a share of the turn that it sees, so what is more than that has been an
-acceleration. A mean over a window T is off by all accelerations that last as long or longer,
-V(T) = A(T)/2 + A(2T)/2 + A(4T)/2 + ..., and by half of the drift in it. Both go into the time for
-which the force is averaged, which is where their sum is lowest, and into sigma.
+Accelerations fall in a longer mean, but the gyroscope lets frame G drift meanwhile. Means over
+windows an octave apart show how the force turns at each scale: Allan's variance, half the mean
+square of the turn from each window to the next. A gyroscope errs by no more than a share of the
+turn that it sees, and the rest has been an acceleration. A mean over a window T is off by all
+accelerations that last as long or longer, V(T) = A(T)/2 + A(2T)/2 + A(4T)/2 + ..., and by half of
+the drift in it. The averaging time is where their sum is lowest, and the sum goes into sigma.
 Source: Percival and Walden 2000, doi 10.1017/CBO9780511841040 (Haar's wavelets).
 """
 
@@ -14,9 +13,7 @@ from math import ceil, log2, sqrt
 from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined, replacer
-from estimator.conditioning.gather import accumulate
-from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.times import LONG_S
+from estimator.conditioning.params import LONG_S, ConditioningParams
 from estimator.geometry.quaternion import add, dot, scale, square
 from estimator.types import ZERO_VEC3, Vec3
 
@@ -79,13 +76,6 @@ with_result = replacer(Averaging, "factor", "variance", "share")
 
 
 @inlined
-def half_square_turn(u: Vec3, v: Vec3) -> float:
-    """Half the square of a small angle between two vectors: 1 - cos."""
-    sizes = square(u) * square(v)
-    return 1.0 - dot(u, v) / sqrt(sizes) if sizes > 0.0 else 0.0
-
-
-@inlined
 def put(octaves: Octaves, k: int, new: Octave) -> Octaves:
     """The octaves with another one at ``k``."""
     return (
@@ -120,7 +110,10 @@ def take_window(octaves: Octaves, mean: Vec3, turn: Vec3, windows: int, moved_s:
         before = octaves[k]
         apart, turning, pairs = before.apart, before.turning, pairs_seen(windows, moved_s, k)
         if pairs > 0.0:
-            apart += (half_square_turn(before.mean, mean) - apart) / pairs
+            sizes = square(before.mean) * square(mean)
+            # half the square of a small angle is 1 - cos
+            turned = 1.0 - dot(before.mean, mean) / sqrt(sizes) if sizes > 0.0 else 0.0
+            apart += (turned - apart) / pairs
             turning += (square(turn) - turning) / pairs
         octaves = put(octaves, k, Octave(mean, turn, apart, turning))
         if windows % (2 << k) > 0:
@@ -133,10 +126,10 @@ def take_window(octaves: Octaves, mean: Vec3, turn: Vec3, windows: int, moved_s:
 def likely_octave(
     params: ConditioningParams, state: Averaging, bias_variance: float, k: int, below: Likely
 ) -> Likely:
-    """What is known of an octave; where few windows have been seen it is as the one ``below``.
+    """What is known of an octave; with few windows it resembles the one ``below``.
 
-    What the gyroscope may have done is a share of the turn, and a bias of ``bias_variance``,
-    (rad/s)^2 about each axis.
+    The gyroscope may have caused a share of the turn, and a bias of ``bias_variance``, (rad/s)^2
+    about each axis.
     """
     length_s = WINDOW_S * (1 << k)
     pairs = pairs_seen(state.windows, state.moved_s, k)
@@ -155,7 +148,7 @@ def best_window(
 ) -> tuple[float, float, float]:
     """The length (s) of the windows whose mean is nearest to gravity, and its variance (rad^2).
 
-    And the variance of the mean over the usual time. All lengths count, by the inverse square of
+    The third value is the variance for the usual time. All lengths count, by the inverse square of
     their variance.
     """
     lasting, likely = 0.0, NOTHING_SEEN
@@ -185,7 +178,7 @@ def follow_averaging(
     dt_s: float,
 ) -> Averaging:
     """The state after a step with ``force_g``, minus the specific force in G, and ``rate_g``."""
-    force, turn = accumulate(state.force, force_g, dt_s), accumulate(state.turn, rate_g, dt_s)
+    force, turn = add(state.force, scale(dt_s, force_g)), add(state.turn, scale(dt_s, rate_g))
     time_s = state.time_s + dt_s
     if time_s < WINDOW_S:
         return with_window(state, force, turn, time_s)
@@ -201,10 +194,7 @@ def follow_averaging(
 
 @inlined
 def averaging_at_rest(params: ConditioningParams, state: Averaging, dt_s: float) -> Averaging:
-    """At rest nothing accelerates, so no longer than the usual time is asked for.
-
-    What accelerations have left of an error goes, as the low-pass takes the new force.
-    """
+    """At rest nothing accelerates: the usual time is enough, and errors go as new force comes."""
     factor = min(state.factor, 1.0)
     share = min(1.0, dt_s / (factor * params.gravity_tau_s))
     return with_result(state, factor, (1.0 - share) * state.variance, state.share)

@@ -99,13 +99,6 @@ def inflate_heading(estimate: Estimate, variance: float) -> Estimate:
 
 
 @inlined
-def inflate_bias(p: Covariance, variance: float) -> Covariance:
-    """Raise the variance of the bias about each axis, (rad/s)^2."""
-    p00, p01, p02, p03, p11, p12, p13, p22, p23, p33 = p
-    return (p00 + variance, p01, p02, p03, p11 + variance, p12, p13, p22 + variance, p23, p33)
-
-
-@inlined
 def clip(x: float, limit: float) -> float:
     """``x`` limited to [-limit, limit]."""
     return max(-limit, min(limit, x))
@@ -132,12 +125,11 @@ def predict(
 ) -> Estimate:
     """Covariance over one step: F P F' + Q with heading' = heading - dt down . (b_true - b).
 
-    The heading correction has to undo the turn that a bias error gives to the
-    6D frame about ``down``, its third axis seen from the body. So the field's heading, over time
-    and attitudes, also shows the bias, with the right weight. The bias
-    walks until its variance is back at the initial one. Q has a constant part
-    and one that grows with the squared rate ``turning``: a gyroscope's scale
-    errors turn motion into drift. ``unseen`` (rad^2) is what a slow step adds.
+    The heading correction undoes the turn that a bias error gives to the 6D frame about ``down``,
+    its third axis seen from the body, so the field's heading also shows the bias over time. The
+    bias walks until its variance is the initial one. Q has a constant part and one that grows with
+    the squared rate ``turning``, as scale errors turn motion into drift. ``unseen`` (rad^2) is what
+    a slow step adds.
     """
     p00, p01, p02, p03, p11, p12, p13, p22, p23, p33 = estimate.covariance
     dt = k.dt_s
@@ -172,10 +164,9 @@ def learn_at_rest(
 ) -> Estimate:
     """At rest the low-passed gyro is the bias: three updates with innovation g_lp - b.
 
-    Less ``still.turning``, the slow turn that gravity and field show. What they leave
-    open is an error that lasts as long as a rest: without a field, the further the gyroscope is
-    off a known bias, the less that moves. A gyroscope that errs about the level ``axes`` by more
-    than was known of it may err as much about any other.
+    The slow turn that gravity and field show, ``still.turning``, is subtracted. What they leave
+    open is an error as long as a rest. A gyroscope that errs about the level ``axes`` by more than
+    expected may err as much about any other.
     """
     g = subtract(rest.gyr.value, still.turning)
     b, d, p = estimate
@@ -184,7 +175,8 @@ def learn_at_rest(
     off = subtract(g, b)
     squared = 0.5 * (dot(off, axes.north) ** 2 + dot(off, axes.east) ** 2)
     if squared > FAR * params.bias_initial_sigma_rad_s**2:
-        p = inflate_bias(p, squared)
+        p00, p01, p02, p03, p11, p12, p13, p22, p23, p33 = p
+        p = (p00 + squared, p01, p02, p03, p11 + squared, p12, p13, p22 + squared, p23, p33)
     b, d, p = update(b, d, p, axes.north, 0.0, dot(axes.north, subtract(g, b)), level)
     b, d, p = update(b, d, p, axes.east, 0.0, dot(axes.east, subtract(g, b)), level)
     noise = k.rest_noise + still.down_variance * lasting
@@ -205,9 +197,9 @@ def lag(
 ) -> Lagged:
     """Low-pass 6D's level ``axes``, and the bias along them, as gravity was low-passed.
 
-    A levelling step undoes what the bias did while the present gravity was averaged. Like that of
-    gravity, whose age is ``age_s``, the low-pass begins with a running mean, and moves by ``share``
-    of its way where ``slow`` is above 0.
+    A levelling step undoes what the bias did while the present gravity was averaged. Like
+    gravity's, whose age is ``age_s``, the low-pass begins with a running mean; it moves by
+    ``share`` of its way if ``slow`` is above 0.
     """
     u, v = axes.north, axes.east
     drift = (dot(u, b), dot(v, b), 0.0)
@@ -237,10 +229,9 @@ def learn_in_motion(
 ) -> Estimate:
     """While moving, what levelling keeps undoing is the bias.
 
-    Two updates with 6D's level axes u: -step/dt + (u . b)_lp - u_lp . b, since a
-    bias error turns the 6D frame by R6 (b_true - b) and levelling turns it
-    back. ``unseen``, (rad/s)^2, is what a slow step's missed turn adds to their
-    noise. Source: Laidig and Seel 2023, doi 10.1016/j.inffus.2022.10.014.
+    Two updates with 6D's level axes u: -step/dt + (u . b)_lp - u_lp . b, since a bias error turns
+    the 6D frame by R6 (b_true - b) and levelling turns it back. ``unseen``, (rad/s)^2, is the noise
+    of a slow step's missed turn. Source: Laidig and Seel 2023, doi 10.1016/j.inffus.2022.10.014.
     """
     axes, drift = (lagged.north.value, lagged.east.value), lagged.drift.value
     b, d, p = estimate

@@ -1,14 +1,13 @@
 """Where down is: specific force low-passed in the gyro-propagated frame G.
 
-G is carried along from the body by the gyroscope alone, so it is almost inertial and drifts
-slowly against the earth. 6D is G made level by the correction C, with an arbitrary heading.
+Only the gyroscope carries G along from the body, so G is almost inertial and drifts slowly against
+the earth. 6D is G made level by the correction C, with an arbitrary heading.
 """
 
 from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined, replacer
-from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.times import SPAN_S
+from estimator.conditioning.params import SPAN_S, ConditioningParams
 from estimator.conditioning.vertical.lowpass import Coefficients, Smooth, approach, smooth
 from estimator.conditioning.vertical.rate import FAST_STEP_S
 from estimator.geometry.quaternion import (
@@ -63,16 +62,13 @@ def observe_gravity(
 ) -> GravityState:
     """Low-pass ``u``, minus the specific force in G.
 
-    In G gravity stands still while accelerations come and go (what moves to
-    and fro ends where it began, so their mean vanishes), and turning causes no
-    lag. The force is not normalised first: the mean of directions is tilted
-    where the mean of forces is not. A running mean over the first
-    ``gravity_tau_s`` starts it. Of slow streams the vertical moves by ``share`` of
-    its way, which :mod:`estimator.conditioning.vertical.tilt` has weighed.
-    What is published is low-passed beside it, for the time that
-    :mod:`estimator.conditioning.vertical.averaging` finds, and its long mean: how far the two
-    point apart shows sigma.
-    Source: Laidig and Seel 2023, doi 10.1016/j.inffus.2022.10.014.
+    In G gravity stands still, accelerations average out (what moves to and fro ends where it
+    began), and turning causes no lag. The mean of forces is not tilted, as that of directions is,
+    so the force is not normalised first. A running mean over the first ``gravity_tau_s`` starts it.
+    A slow stream's vertical moves by ``share`` of its way
+    (:mod:`estimator.conditioning.vertical.tilt`). The published vertical is low-passed for its own
+    time (:mod:`estimator.conditioning.vertical.averaging`); how far its long mean points elsewhere
+    goes into sigma. Source: Laidig and Seel 2023, doi 10.1016/j.inffus.2022.10.014.
     """
     before = state.force
     dt = k.dt_s
@@ -92,15 +88,6 @@ def observe_gravity(
 
 
 @inlined
-def pull_to(state: GravityState, down_frd: Vec3, share: float) -> GravityState:
-    """The vertical moved by a share of its way to ``down_frd``, m/s^2."""
-    g, force = rotate(state.q_g_frd, down_frd), state.force
-    down = Smooth(approach(force.down.value, g, share), ZERO_VEC3)
-    best = Smooth(approach(force.best.value, g, share), ZERO_VEC3)
-    return with_force(state, Force(down, best, force.quick, force.long, force.age_s))
-
-
-@inlined
 def long_share(k: Coefficients, age_s: float) -> float:
     """The share by which the long mean follows, ``age_s`` after the low-pass began."""
     return max(k.gravity_share / LONG_MEAN, k.dt_s / age_s)
@@ -112,8 +99,8 @@ def age_after_hole(
 ) -> GravityState:
     """What a hole in a fast stream leaves of the vertical's age.
 
-    The first reading behind it, worth ``usual_s``, has made up ``share`` of the vertical. So the
-    next ones count by that share, and not as little as after seconds of averaging.
+    The first reading behind the hole, worth ``usual_s``, has made up ``share`` of the vertical, so
+    the next ones count by that share, and not as little as after seconds of averaging.
     """
     is_fast = 0.0 < usual_s < FAST_STEP_S
     if slow <= 0.0 or dt <= SPAN_S or not is_fast:

@@ -1,26 +1,24 @@
 """Low-frequency accelerations of a slow stream, which last too long to be averaged out.
 
 A vehicle that turns, climbs or brakes for seconds draws the force of a second away from its own
-long mean in G. Frame G drifts as well where the gyroscope misses turns, by as much as the steps'
-noise. The rest is an acceleration of the vehicle. The size of the force, the root of g^2 + a^2 for
-a horizontal acceleration a, limits that from above. Where G drifts too much, it also limits it from
-below. Shaking makes the force larger, too, but in another way from one reading to the next.
+long mean in G. G drifts as well if the gyroscope misses turns, by as much as the steps' noise; the
+rest is an acceleration. The size of the force, the root of g^2 + a^2 for a horizontal acceleration
+a, limits it from above and, if G drifts too much, from below. Shaking changes that size from one
+reading to the next. No vehicle accelerates up or down for long, so along the vertical the mean
+force is gravity: if it is less, the vertical is wrong by an angle of that cosine.
 
-No vehicle accelerates up or down for long, so along the vertical the mean force is gravity. If it
-is less, the vertical is wrong, by an angle of that cosine.
-
-The vehicle's usual tilt helps where the gyroscope has shown nothing of a step. A vehicle that is
-shaken faster than it is sampled turns by any angle between two samples, and stays about where it
-was. Then the mean force, seen from the body, shows its tilt better than the latest force does.
-Tilting and shaking both scatter the force's direction. Shaking also scatters its size: along
-gravity by as much as about either axis across it.
+The vehicle's usual tilt helps if the gyroscope has shown nothing of a step. A vehicle that is
+shaken faster than it is sampled turns by any angle between two samples and stays about where it
+was. Then the mean force, seen from the body, shows its tilt better than the latest one. Tilting and
+shaking both scatter the force's direction; shaking also scatters its size, along gravity as much as
+about either axis across it.
 """
 
 from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
+from estimator.conditioning.params import LATELY_S, LONG_S, USUAL_S
 from estimator.conditioning.robust import ANY_DIRECTION_VARIANCE
-from estimator.conditioning.times import LATELY_S, LONG_S, USUAL_S
 from estimator.conditioning.vertical.lowpass import approach
 from estimator.geometry.quaternion import angle_between_vectors, dot, norm, square
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec3
@@ -80,9 +78,9 @@ def watch_slow(
 ) -> SlowAcceleration:
     """A step with the force ``u``, of which ``quick`` is the mean over a second (minus it, in G).
 
-    ``down_g`` is where the vertical has been before it. The long mean moves by ``long_share`` a
-    step, so of a turn of the variance ``aliasing`` (rad^2) in each step it lags behind by
-    L <- (1 - share)^2 (L + missed).
+    ``down_g`` is the vertical before it. The long mean moves by ``long_share`` a step, so it lags
+    behind a turn of the variance ``aliasing`` (rad^2) in each step by L <- (1 - share)^2 (L +
+    missed).
     """
     long = approach(state.long, u, long_share)
     lag = (1.0 - long_share) ** 2 * (state.lag + aliasing)

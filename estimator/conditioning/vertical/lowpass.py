@@ -7,8 +7,7 @@ from math import cos, exp, sin
 from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.times import LONG_S, QUICK_S, SPAN_S, USUAL_S
+from estimator.conditioning.params import LONG_S, QUICK_S, SPAN_S, USUAL_S, ConditioningParams
 from estimator.types import ZERO_VEC3, Vec3
 
 
@@ -32,13 +31,11 @@ class Smooth(NamedTuple):
 def low_pass(tau_s: float, dt_s: float) -> LowPass:
     """Coefficients of tau^2 y'' + 2 tau y' + 2 y = 2 u over a step with constant u.
 
-    The poles are -(1 +- i)/tau, a Butterworth filter with the cut-off
-    sqrt(2)/(2 pi tau), VQF's choice (Laidig and Seel 2023,
-    doi 10.1016/j.inffus.2022.10.014). With x = y - u, w = tau y', a = dt/tau:
-    x' = e^-a ((cos a + sin a) x + sin a w), w' = e^-a (-2 sin a x + (cos a - sin a) w).
-    The state holds tau w instead of w: of an input that goes to and fro, tau^2 y' stays as it
-    is when tau changes, and y' or w would leave a swing behind.
-    The step is the solution itself, so no time step is unstable.
+    The poles are -(1 +- i)/tau, a Butterworth filter with the cut-off sqrt(2)/(2 pi tau), VQF's
+    choice (Laidig and Seel 2023, doi 10.1016/j.inffus.2022.10.014). With x = y - u, w = tau y', a =
+    dt/tau: x' = e^-a ((cos a + sin a) x + sin a w), w' = e^-a (-2 sin a x + (cos a - sin a) w). The
+    step is the solution itself, so no time step is unstable. The state holds tau w, which stays as
+    it is when tau changes under an input that goes to and fro; y' or w would leave a swing behind.
     """
     a = dt_s / tau_s
     e = exp(-a)

@@ -7,10 +7,9 @@ from typing import NamedTuple
 
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined, replacer
-from estimator.conditioning.robust import REACH
-from estimator.conditioning.times import LONGEST_STEP_S
+from estimator.conditioning.params import LONGEST_STEP_S
 from estimator.conditioning.vertical.averaging import MOST_ERROR
-from estimator.geometry.quaternion import cross, exp, log, multiply, scale
+from estimator.geometry.quaternion import add, cross, exp, log, multiply, scale, subtract
 from estimator.types import ZERO_VEC3, Vec2, Vec3
 
 # Plain samples closer than this (s) count as means over the step before them: what is between two
@@ -31,21 +30,16 @@ def is_mean(dt_s: float, averaged: bool) -> bool:
 def integration_rate(previous: Vec3, gyr: Vec3, dt_s: float, averaged: bool) -> Vec3:
     """Rate whose exponential is the turn over the step, to second order.
 
-    The turn is not the integral of the rate when its axis moves (coning). With
-    the rate linear in time the first correction of Magnus' series is
-    dt/12 (w_previous x w), for the mean rate over the step. Plain samples are
-    instants, so their mean over the step is (w_previous + w)/2 first.
-    Source: A. Iserles and S. P. Norsett 1999, doi 10.1098/rsta.1999.0362.
+    If the axis moves, the turn is not the integral of the rate (coning). With the rate linear in
+    time the first correction of Magnus' series is dt/12 (w_previous x w), for the mean rate over
+    the step. Plain samples are instants, with the mean (w_previous + w)/2. Source: A. Iserles and
+    S. P. Norsett 1999, doi 10.1098/rsta.1999.0362.
     """
     cone = cross(previous, gyr)
     k = dt_s / 12.0
     if is_mean(dt_s, averaged):
-        return (gyr[0] + k * cone[0], gyr[1] + k * cone[1], gyr[2] + k * cone[2])
-    return (
-        0.5 * (previous[0] + gyr[0]) + k * cone[0],
-        0.5 * (previous[1] + gyr[1]) + k * cone[1],
-        0.5 * (previous[2] + gyr[2]) + k * cone[2],
-    )
+        return add(gyr, scale(k, cone))
+    return add(scale(0.5, add(previous, gyr)), scale(k, cone))
 
 
 @inlined
@@ -74,26 +68,13 @@ def likeness(second_difference: float, changed: float) -> float:
 
 
 @inlined
-def following_weight(slow: float, dt_s: float) -> float:
-    """How much the vectors count against the gyroscope that carries the filter from step to step.
-
-    1 for fast streams. Of slow ones the vectors have been weighed already, and
-    what the gyroscope has missed in a step the filter must not keep for a second: with its least
-    gain, 1/s, a step is ``REACH`` time constants.
-    """
-    return 1.0 + slow * REACH / dt_s if slow > 0.0 else 1.0
-
-
-@inlined
 def at_interval_end(v: Vec3, gyr: Vec3, dt_s: float) -> Vec3:
     """A vector averaged over the step, turned to the attitude at its end: v - (w x v) dt/2.
 
-    A rate that is taken for a mean carries the attitude to the end of the step, whatever delay
-    gyroscope and accelerometer have in common: half a step beyond the accelerometer's reading.
+    A mean rate carries the attitude to the end of the step, whatever delay both sensors have in
+    common: half a step beyond the accelerometer's reading.
     """
-    c = cross(gyr, v)
-    k = 0.5 * dt_s
-    return (v[0] - k * c[0], v[1] - k * c[1], v[2] - k * c[2])
+    return subtract(v, scale(0.5 * dt_s, cross(gyr, v)))
 
 
 # Slower readings (rad/s) are at no sensor's end: 115 deg/s.

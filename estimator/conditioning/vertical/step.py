@@ -20,13 +20,13 @@ from estimator.conditioning.vertical.bias import (
     predict,
 )
 from estimator.conditioning.vertical.gravity import (
+    Force,
     GravityState,
     age_after_hole,
     level,
     long_share,
     observe_gravity,
-    pull_to,
-    with_frame,
+    with_force,
 )
 from estimator.conditioning.vertical.lasting import (
     SlowAcceleration,
@@ -37,27 +37,25 @@ from estimator.conditioning.vertical.lasting import (
     watch_slow,
     watch_usual,
 )
-from estimator.conditioning.vertical.lowpass import Coefficients, coefficients
+from estimator.conditioning.vertical.lowpass import Coefficients, Smooth, approach, coefficients
 from estimator.conditioning.vertical.rate import (
     Clipping,
     aliased_turn,
-    watch_clipping,
     with_aliasing,
 )
 from estimator.conditioning.vertical.stillness import (
     RestState,
     Stillness,
-    initial_rest,
     observe_rest,
     watch_stillness,
 )
 from estimator.conditioning.vertical.tilt import (
     LEAST_OFF_RAD,
+    UNKNOWN,
     StepNoise,
     TiltState,
     believe_force,
     force_after_turn,
-    initial_tilt,
     slowness,
     step_noise,
     weighing,
@@ -65,16 +63,8 @@ from estimator.conditioning.vertical.tilt import (
     with_known,
 )
 from estimator.geometry.axes import axes_of, down_of
-from estimator.geometry.quaternion import (
-    dot,
-    multiply,
-    normalize,
-    rotate,
-    rotate_inverse,
-    scale,
-    subtract,
-)
-from estimator.types import ZERO_VEC3, Between, Quaternion, Vec3
+from estimator.geometry.quaternion import dot, multiply, norm, rotate, rotate_inverse, subtract
+from estimator.types import ZERO_VEC3, Between, Vec3
 
 
 class VerticalState(NamedTuple):
@@ -117,24 +107,17 @@ class Belief(NamedTuple):
 with_turn = replacer(VerticalState, "gravity", "clipping")
 with_usual = replacer(VerticalState, "gravity", "usual")
 with_first = replacer(VerticalState, "rest", "tilt")
+with_seen = replacer(TiltState, "scatter", "gyr", "force")
 with_resting = replacer(RestState, "resting")
 
 
 @inlined
-def carry(
-    state: VerticalState, turn: Quaternion, previous: Vec3, gyr: Vec3, dt_s: float
-) -> VerticalState:
-    """Turn the body in G by one sample's ``turn``, and see whether the gyroscope was at its end."""
-    q_g_frd = normalize(multiply(state.gravity.q_g_frd, turn))
-    clipping = watch_clipping(state.clipping, previous, gyr, dt_s)
-    return with_turn(state, with_frame(state.gravity, q_g_frd), clipping)
-
-
-@inlined
 def begin_vertical(state: VerticalState, gyr: Vec3, acc: Vec3) -> VerticalState:
-    """The state at the first sample (FRD), where rest's low-passes and the tilt begin."""
-    u = scale(-1.0, rotate(state.gravity.q_g_frd, acc))
-    return with_first(state, initial_rest(gyr, acc), initial_tilt(gyr, u))
+    """The state at the first sample (FRD). Its force shows next to nothing of the vertical."""
+    gyr_smooth, acc_smooth = Smooth(gyr, ZERO_VEC3), Smooth(acc, ZERO_VEC3)
+    rest = RestState(gyr_smooth, acc_smooth, 0.0, 0.0, 0.0, False, False)
+    size = norm(rotate(state.gravity.q_g_frd, acc))
+    return with_first(state, rest, with_seen(UNKNOWN, 16.0 * LEAST_OFF_RAD**2, gyr, size))
 
 
 @inlined
@@ -155,7 +138,9 @@ def learn_vertical(
     if dt != usual_s or before.averaging.factor != k.factor:
         k = coefficients(params, dt, before.averaging.factor)
     rest = observe_rest(params, k.rest, before.rest, mean.gyr, mean.acc, dt)
-    still = observe_stillness(params, before, rest, mean)
+    shown = subtract(rest.gyr.value, before.estimate.bias_rad_s)
+    field = rotate_inverse(before.gravity.q_g_frd, mean.field_g)
+    still = watch_stillness(params, before.still, rest, shown, field, mean.field_s > 0.0, dt)
     rest = with_resting(rest, (rest.resting and not still.contradicted) or still.proven)
     rate = subtract(mean.gyr, before.estimate.bias_rad_s)
     down = rotate_inverse(before.gravity.q_g_frd, down_of(before.gravity.q_6d_g))
@@ -203,33 +188,25 @@ def learn_vertical(
 
 
 @inlined
-def observe_stillness(
-    params: ConditioningParams, before: VerticalState, rest: RestState, mean: Gathered
-) -> Stillness:
-    """Whether gravity and field confirm a rest."""
-    shown = subtract(rest.gyr.value, before.estimate.bias_rad_s)
-    field = rotate_inverse(before.gravity.q_g_frd, mean.field_g)
-    has_field = mean.field_s > 0.0
-    return watch_stillness(params, before.still, rest, shown, field, has_field, mean.time_s)
-
-
-@inlined
 def hold_by_usual(
     params: ConditioningParams, before: VerticalState, mean: Gathered, aliasing: float
 ) -> tuple[VerticalState, float]:
-    """What a slow step has lost of the vertical, taken from the usual one; and its variance now.
+    """A slow step's vertical with what it has lost taken from the usual one, and its variance now.
 
-    The step has missed a turn of the variance ``aliasing``, and nothing is known worse than where
-    it usually is, both rad^2.
+    The step has missed a turn of the variance ``aliasing``. Nothing is less certain than the usual
+    vertical; both are in rad^2.
     """
-    dt, usual, gravity = mean.time_s, before.usual, before.gravity
+    dt, usual, gravity, force = mean.time_s, before.usual, before.gravity, before.gravity.force
     slow = slowness(params, dt)
     if slow <= 0.0:
         return before, ANY_DIRECTION_VARIANCE
     most = usual_variance(usual, slow_variance(before.lasting), dt)
     lost = slow * max(0.0, 1.0 - most / (before.tilt.variance + aliasing))
     if usual.seen_s > 0.0:
-        gravity = pull_to(gravity, usual.down, lost)
+        g = rotate(gravity.q_g_frd, usual.down)
+        down = Smooth(approach(force.down.value, g, lost), ZERO_VEC3)
+        best = Smooth(approach(force.best.value, g, lost), ZERO_VEC3)
+        gravity = with_force(gravity, Force(down, best, force.quick, force.long, force.age_s))
     return with_usual(before, gravity, watch_usual(usual, mean.acc, lost, dt)), most
 
 
@@ -244,11 +221,11 @@ def weigh_force(
     force_scatter: float,
     most: float,
 ) -> Belief:
-    """How far the step's mean force is believed, against what was known of the vertical.
+    """How much the step's mean force counts, against what was known of the vertical.
 
-    ``clipped`` (rad^2) is the variance of a turn beyond the gyroscope's end. After such a turn, and
-    after one that no sensor has felt, the force may show more than the low-pass would take from it.
-    ``most`` (rad^2) is the variance that the vertical has at most.
+    ``clipped`` (rad^2) is the variance of a turn beyond the gyroscope's end. After that, or after a
+    turn that no sensor has felt, the force may show more than the low-pass would take. ``most``
+    (rad^2) is the largest variance of the vertical.
     """
     dt = mean.time_s
     weighed = weighing(params, dt)

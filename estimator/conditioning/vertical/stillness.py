@@ -1,20 +1,19 @@
 """Rest: gyroscope and accelerometer stay near their own low-pass. Or is it a slow, even turn?
 
-What a gyroscope at rest shows beyond its known bias is either more bias, or a turn. In a turn
-gravity and the field move in the body as the gyroscope shows, at rest they stay. So they show how
-much of it is a turn, and how well that is known.
+What a gyroscope at rest shows beyond its known bias is more bias or a turn. In a turn gravity and
+field move in the body as the gyroscope shows, at rest they stay. That shows how much of it is a
+turn.
 """
 
 from math import sqrt
 from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined, replacer
-from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.params import LATELY_S, QUICK_S, ConditioningParams
 from estimator.conditioning.robust import REACH
-from estimator.conditioning.times import LATELY_S, QUICK_S
 from estimator.conditioning.vertical.lowpass import LowPass, Smooth, approach, smooth
 from estimator.geometry.quaternion import add, cross, dot, scale, square, subtract, unit
-from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec2, Vec3
+from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec3
 
 
 class RestState(NamedTuple):
@@ -36,12 +35,11 @@ def observe_rest(
     """Decide whether the vehicle is quiet, and whether it has been for long enough to rest.
 
     Quiet: the root mean square of a - a_lp under its threshold, that of g - g_lp under the largest
-    usual bias; at rest every rate is, too, after VQF (Laidig and Seel 2023,
-    doi 10.1016/j.inffus.2022.10.014). Idling rotors shake single samples further.
-    The samples are compared with the low-pass before it takes them, so that
-    the test keeps its meaning at a few samples a second. A vehicle turning
-    steadily and slower than that looks the same, and one that rests with a poor gyroscope as if it
-    turned: gravity and field show (:mod:`estimator.conditioning.vertical.stillness`).
+    usual bias; at rest every rate is, too, after VQF (Laidig and Seel 2023, doi
+    10.1016/j.inffus.2022.10.014). Idling rotors shake single samples further. Comparing with the
+    low-pass before it takes the sample keeps the test's meaning at a few samples a second. A slow
+    steady turn looks the same, and a poor gyroscope at rest looks like a turn:
+    :func:`watch_stillness` separates them.
     """
     limit = params.bias_limit_rad_s
     gyr_off = square(subtract(gyr, state.gyr.value)) / (limit * limit)
@@ -65,16 +63,9 @@ def observe_rest(
     )
 
 
-@inlined
-def initial_rest(gyr: Vec3, acc: Vec3) -> RestState:
-    """The state at the first reading, where both low-passes begin."""
-    zero = (0.0, 0.0, 0.0)
-    return RestState(Smooth(gyr, zero), Smooth(acc, zero), 0.0, 0.0, 0.0, False, False)
-
-
 # What calibrations leave of a direction's error, rad, of gravity and of the field.
 LEAST_DIRECTION_RAD = 0.005
-# By how much (rad) noise and a bent field turn the vectors while they are compared.
+# By how much (rad) noise and an uneven field turn the vectors while they are compared.
 STILL_RAD = 0.004
 # A share of two undoes a bias that was taken from a turn.
 MOST_TURNING = 2.0
@@ -114,8 +105,8 @@ def watch_stillness(
 ) -> Stillness:
     """The state after a step with a low-passed ``rate`` (less the bias) and a ``field``, in FRD.
 
-    The field is low-passed as gyroscope and accelerometer are. In a banked turn the force stands
-    still in the body, and the field does not.
+    The field is low-passed as both other sensors are. In a banked turn the force stands still in
+    the body, and the field does not.
     """
     smooth, mean_field, wait_s = before.field, before.mean_field, before.wait_s + dt_s
     down = unit(rest.acc.value)
@@ -136,7 +127,11 @@ def watch_stillness(
     seen_level = add(shown_level, subtract(unexpected, scale(dot(unexpected, down), down)))
     level, level_variance = turn_of_level(shown_level, seen_level, rate_level)
     seen_down = shown_down + dot(unexpected, down)
-    turn, down_variance = turn_about_down(shown_down, seen_down, rate_down, about_down)
+    # the share of the rate that the vectors confirm as a turn, with a prior of 0 +- 1
+    noise = STILL_RAD**2 + about_down
+    whole = shown_down * shown_down + noise
+    turn = max(0.0, min(MOST_TURNING, shown_down * seen_down / whole)) * rate_down
+    down_variance = rate_down * rate_down * noise / whole
     # an accelerometer that drifts shows what no turn explains
     shown_rad, seen_rad = sqrt(square(shown_level)), sqrt(square(seen_level))
     contradicted = seen_rad > MOST_TURNING * shown_rad + REACH * STILL_RAD
@@ -184,8 +179,8 @@ def mean_after(mean: Vec3, v: Vec3, rate: Vec3, dt_s: float) -> Vec3:
 def turn_between(mean_down: Vec3, down: Vec3, mean_field: Vec3, field: Vec3) -> tuple[Vec3, float]:
     """The small turn (rad) that takes the means to the directions, and its variance about down.
 
-    A turn phi changes a direction v by v x phi. Gravity shows phi but about down, which the
-    field shows, the worse the steeper it is: without one it may be anything.
+    A turn phi changes a direction v by v x phi. Gravity shows phi except about down. The field
+    shows that part, the worse the steeper it is, and without a field it may be anything.
     """
     level = cross(subtract(down, mean_down), down)
     across = cross(field, down)
@@ -200,8 +195,8 @@ def turn_between(mean_down: Vec3, down: Vec3, mean_field: Vec3, field: Vec3) -> 
 def turn_of_level(shown: Vec3, seen: Vec3, rate: Vec3) -> tuple[Vec3, float]:
     """The rate about level axes at which the body turns, and its variance about each.
 
-    ``seen`` is the turn (rad) that took as long as the gyroscope took for ``shown``, at its
-    ``rate`` beyond its bias. The prior of the turn is as large as ``rate``.
+    ``seen`` is the turn (rad) during the time in which the gyroscope, at ``rate`` beyond its bias,
+    showed ``shown``. The prior of the turn is as large as ``rate``.
     """
     whole = square(shown) + STILL_RAD**2
     size = square(rate)
@@ -211,17 +206,3 @@ def turn_of_level(shown: Vec3, seen: Vec3, rate: Vec3) -> tuple[Vec3, float]:
     if turned > most:
         turning = scale(most / turned, turning)
     return turning, size * STILL_RAD**2 / whole
-
-
-@inlined
-def turn_about_down(shown: float, seen: float, rate: float, unseen: float) -> Vec2:
-    """The rate about down at which the body turns, and its variance.
-
-    The turn is a share of the ``rate`` that the gyroscope shows beyond its bias, the share that
-    ``seen`` is of ``shown``, with a prior of 0 +- 1. ``unseen`` (rad^2) is the variance of what the
-    vectors leave open.
-    """
-    noise = STILL_RAD**2 + unseen
-    whole = shown * shown + noise
-    share = max(0.0, min(MOST_TURNING, shown * seen / whole))
-    return share * rate, rate * rate * noise / whole

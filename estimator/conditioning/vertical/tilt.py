@@ -1,21 +1,18 @@
-"""How well the vertical is known in G, and how fast the specific force is believed for it.
+"""How well the vertical is known in G, and how fast it follows the specific force.
 
-Between two samples of a slow stream the gyroscope is aliased: what the vehicle
-did meanwhile shows only in how much its rate has changed, and how much it has
-turned. So the vertical has a variance, which each step's unseen turning adds
-to and each reading of the specific force takes from. Their balance is the share
-by which the vertical follows the force: little while a vehicle accelerates for
-long, nearly all of it after a second without a sample. Its root is the
-published uncertainty of slow streams.
+Between two samples of a slow stream the gyroscope is aliased: only the change of its rate, and how
+much it has turned, show what the vehicle did. So the vertical has a variance. Each step's unseen
+turning adds to it, and each reading of the specific force takes from it. Their balance is the share
+by which the vertical follows the force: little in a long acceleration, nearly all of it after a
+second without a sample. Its root is the published uncertainty of slow streams.
 """
 
 from typing import NamedTuple
 
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined, replacer
-from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.params import ACCELERATION_LASTS_S, SPAN_S, USUAL_S, ConditioningParams
 from estimator.conditioning.robust import ANY_DIRECTION_VARIANCE
-from estimator.conditioning.times import ACCELERATION_LASTS_S, SPAN_S, USUAL_S
 from estimator.conditioning.vertical.averaging import MOST_ERROR
 from estimator.conditioning.vertical.lasting import apart_rad
 from estimator.conditioning.vertical.rate import is_mean, likeness, slow_share
@@ -61,7 +58,6 @@ class TiltState(NamedTuple):
 
 
 UNKNOWN = TiltState(ANY_DIRECTION_VARIANCE, ANY_DIRECTION_VARIANCE)
-with_first = replacer(TiltState, "scatter", "gyr", "force")
 with_variance = replacer(TiltState, "variance")
 with_drift = replacer(TiltState, "drift")
 with_known = replacer(TiltState, "variance", "scatter")
@@ -77,11 +73,11 @@ def slowness(params: ConditioningParams, dt_s: float) -> float:
 
 @inlined
 def weighing(params: ConditioningParams, dt_s: float) -> float:
-    """1 where the vertical's own variance weighs the force, 0 where averaging does.
+    """1 if the vertical's own variance weighs the force, 0 if averaging does.
 
-    It does so for slow streams, and in vehicles: their accelerations last for longer than any
-    average, and the gyroscope of an autopilot carries what it knew before them. A hand's
-    accelerations are short and its turns are quick, so there the average is better.
+    It does so for slow streams and in vehicles: their accelerations outlast any average, and an
+    autopilot's gyroscope bridges them. A hand's accelerations are short and its turns quick, so
+    there the average is better.
     """
     return 1.0 if params.in_vehicle else slowness(params, dt_s)
 
@@ -100,14 +96,14 @@ def step_noise(
     """Variances of the turn that one step has missed, about horizontal axes (both) and down.
 
     The mean of two independent readings is off that over the step by q = dt^2 |w''|^2 / 12, with
-    w'' by which the last one lies off the line through the two before. Of a rate that walks at
-    random it is half of that, of a motion that the samples show next to nothing: L^2 of that, with
-    L = |w''|^2 / (3 |dw|^2), 1 of independent readings and 2/3 of a walk, by the changes dw from
+    w'' by which the last one lies off the line through the two before. For a random walk of the
+    rate it is half of that, for a motion that the samples show next to nothing: L^2 of that, with L
+    = |w''|^2 / (3 |dw|^2), 1 of independent readings and 2/3 of a walk, by the changes dw from
     reading to reading. One small difference may be chance, so the mean over the last seconds is the
-    least. Where others were read within the step, a time s apart, the rate walks between those:
-    q = dt s |dw|^2 / 12. To that comes (a s^2 |w|)^2 dt/s. A bias of the gyroscope, of the variance
-    b^2, (rad/s)^2 about an axis, turns the vertical ever further: the covariance of the two grows
-    by b^2 dt, C <- C + b^2 dt (it has in ``state``), and the variance of both axes by 4 C dt.
+    least. With other readings within the step, a time s apart, the rate walks between those: q = dt
+    s |dw|^2 / 12. Added to that are (a s^2 |w|)^2 dt/s, and 4 C dt for both axes by a gyroscope
+    bias of the variance b^2, (rad/s)^2 about an axis, which turns the vertical ever further: C <- C
+    + b^2 dt (done already in ``state``).
     """
     change = subtract(gyr, state.gyr)
     changed, seen_s = dot(change, change), dt_s
@@ -164,11 +160,11 @@ def believe_force(
 ) -> tuple[TiltState, float]:
     """The variance after a step with the force ``u`` (minus it, in G), and the force's share.
 
-    A scalar Kalman filter, whose P has grown by the step: K = P/(P + R),
-    P <- (1 - K)^2 P + K^2 R. R is the scatter of the force's direction, its mean square learnt from
-    the innovations by expectation (R/(P + R))^2 v^2 + P R/(P + R), more where the force has not
-    its usual size, and times 2 T/dt: accelerations last for T. To that come those that last
-    longer, of the variance ``lasting`` (rad^2). No less than ``least_share`` is taken.
+    A scalar Kalman filter, whose P has grown by the step: K = P/(P + R), P <- (1 - K)^2 P + K^2 R.
+    R is the scatter of the force's direction, its mean square learnt from the innovations by
+    expectation (R/(P + R))^2 v^2 + P R/(P + R), more for a force of unusual size, times 2 T/dt as
+    accelerations last for T. Longer ones add ``lasting`` (rad^2). The share is at least
+    ``least_share``.
     """
     p = state.variance
     size = norm(u)
@@ -203,22 +199,15 @@ def believe_force(
 
 
 @inlined
-def initial_tilt(gyr: Vec3, u: Vec3) -> TiltState:
-    """The state at the first reading: the direction of the force ``u`` is as good as unknown."""
-    return with_first(UNKNOWN, 16.0 * LEAST_OFF_RAD**2, gyr, norm(u))
-
-
-@inlined
 def force_after_turn(
     params: ConditioningParams, inflation: float, force_scatter: float, dt_s: float
 ) -> Vec2:
     """The inflation that a reading of the force leaves, and a Kalman filter's share of it.
 
-    ``inflation`` (rad^2) is the variance that an unsensed turn has given the vertical.
-    ``force_scatter`` is how far the mean of ``SPAN_S`` usually is off, so a reading's noise, were
-    it white, is R = force_scatter 2 tau/dt: it holds for a hand's quick accelerations and a
-    vehicle's slow ones alike. K = D/(D + R), D <- (1 - K) D. Once the low-pass is as quick,
-    both are zero.
+    ``inflation`` (rad^2) is the variance that an unsensed turn has given the vertical,
+    ``force_scatter`` how far the mean of ``SPAN_S`` usually is off. A reading's noise, were it
+    white, is R = force_scatter 2 tau/dt for quick and slow accelerations alike. K = D/(D + R), D <-
+    (1 - K) D. Once the low-pass is as quick, both are zero.
     """
     noise = (force_scatter + LEAST_OFF_RAD**2) * 2.0 * SPAN_S / dt_s
     share = inflation / (inflation + noise)

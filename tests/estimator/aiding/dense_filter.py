@@ -1,7 +1,7 @@
-"""The aiding's Kalman filter once more, in dense matrices and from its models alone.
+"""The aiding's Kalman filter once more, in dense matrices and from its models.
 
-Rows of the velocity are numerical derivatives of what a report should say. Nothing here is
-called by the product, and nothing of the product's filter is called here but its constants.
+Rows of the velocity are numerical derivatives of a report. The product calls nothing here, and this
+file uses nothing of the product's filter but its constants.
 """
 
 from dataclasses import dataclass
@@ -97,7 +97,7 @@ def velocity_then(times_s, accelerations, age_s, now_m_s, turn):
 
 
 def velocity_row(times_s, accelerations, age_s, v, slow, i, error_at, lag_at, knows_lag):
-    """What a report says of component i, and how that changes with each error."""
+    """Component i of a report, and how it changes with each error."""
 
     def reported(e):
         age = age_s + e[lag_at] - (e[IMU_LAG] if knows_lag else 0.0)

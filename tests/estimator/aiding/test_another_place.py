@@ -44,7 +44,7 @@ def errors_deg(flight, attitudes, begin_s):
 
 
 def placing(one, *places):
-    """Tell each (second, place) twice when its time comes."""
+    """Report each (second, place) twice when its time comes."""
 
     def after(k):
         for at_s, place in places:

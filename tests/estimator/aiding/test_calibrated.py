@@ -8,7 +8,7 @@ from estimator.aiding.compass import (
     rejected_until_us,
     restart,
 )
-from estimator.conditioning.times import FORGET_S, LONG_S, MEMORY_S
+from estimator.conditioning.params import FORGET_S, LONG_S, MEMORY_S
 
 NOW_US = 500_000_000
 AGAIN_US, DISTRUST_US, UNLIKE_US = (int(1e6 * s) for s in (LONG_S, FORGET_S, MEMORY_S))

@@ -55,7 +55,7 @@ def test_without_a_magnetometer_the_heading_comes_from_velocity(flight):
 
 
 def test_an_uncalibrated_compass_is_calibrated_in_flight(flight):
-    """0.3 gauss of hard iron where the horizontal field has 0.22: its heading says nothing."""
+    """0.3 gauss of hard iron beside a horizontal field of 0.22: its heading shows nothing."""
     wrong = changed(flight, mag_gauss=magnetised(0.2, -0.15, 0.17))
     one = estimator()
     one.set_field_calibrated(False)
@@ -86,8 +86,7 @@ def test_a_field_unlike_the_places_own_is_not_taken_for_calibrated(flight):
 def test_a_field_unlike_the_places_own_makes_the_first_heading_uncertain(flight):
     """Turned by 15 deg; its strength and dip are 0.1 gauss off those near Zurich.
 
-    As long as nothing turns, one look at a field tells as much as many: counted as if the iron had
-    not been in the first heading, they made 3.4 and 9.0 deg of it.
+    Without a turn one look at a field shows as much as many.
     """
     wrong = changed(flight, mag_gauss=magnetised(0.08, 0.08, -0.03))
     sigmas_deg = []
@@ -102,7 +101,7 @@ def test_a_field_unlike_the_places_own_makes_the_first_heading_uncertain(flight)
 
 @pytest.mark.parametrize("late_s", [0.1, 0.2])
 def test_how_late_a_receivers_reports_are_is_learnt(flight, late_s):
-    """Each report has the velocity of so long before, and says that it may."""
+    """Each report has the velocity of so long before, and allows for that."""
     steps = round(late_s * 10.0)  # ten reports a second
     reports = [
         (k, flight.reports[max(0, i - steps)][1]._replace(time_us=r.time_us, late_sigma_s=0.1))
@@ -146,7 +145,7 @@ def errors_between(flight, attitudes, begin_s, end_s):
     return errors[(times > begin_s) & (times < end_s)]
 
 
-def test_a_filter_that_follows_a_receiver_is_taken_at_its_word(flight):
+def test_a_filter_that_follows_a_receiver_is_taken_to_be_punctual(flight):
     """The receiver's reports are 0.2 s late until 30 s; then a filter's come, which are not."""
     reports = [
         (k, flight.reports[max(0, i - 2)][1]._replace(time_us=r.time_us, late_sigma_s=0.1))
@@ -167,7 +166,7 @@ def test_a_filter_that_follows_a_receiver_is_taken_at_its_word(flight):
 
 @pytest.mark.parametrize("factor", [0.5, 100.0])
 def test_the_fields_unit_and_scale_do_not_matter(flight, factor):
-    """Half of reality as some autopilots say, or microtesla."""
+    """Half of reality, as from some autopilots, or microtesla."""
     scaled = changed(flight, mag_gauss=lambda s: tuple(factor * m for m in s.mag_gauss))
     errors = late_errors_deg(flight, flown(estimator(), scaled))
     assert rms(errors[:, TOTAL]) == pytest.approx(0.184, rel=0.2)
@@ -175,7 +174,7 @@ def test_the_fields_unit_and_scale_do_not_matter(flight, factor):
 
 @pytest.mark.parametrize("north", [TRUE_NORTH, {}])
 def test_a_field_of_nothing_but_down_or_nothing_at_all(flight, north):
-    """Above a magnetic pole, and of a magnetometer that says zero and calls it a reading."""
+    """Above a magnetic pole, and with a magnetometer whose readings are zero."""
     for field in ((0.0, 0.0, 0.5), ZERO_VEC3):
         wrong = changed(
             flight,
@@ -244,16 +243,18 @@ def test_a_log_that_begins_in_a_turn_does_not_condemn_the_compass(flight):
     assert is_trusted(known, one.snapshot.core.time_us + 60_000_000)
 
 
-@pytest.mark.parametrize("word", [True, False])
-def test_declaring_again_costs_nothing(flight, word):
-    """All parameters are sent again in flight: neither word begins anything anew."""
-    quiet, one = estimator(), estimator()
-    quiet.set_field_calibrated(word)
-    one.set_field_calibrated(word)
+@pytest.mark.parametrize("is_calibrated", [True, False])
+def test_declaring_again_costs_nothing(flight, is_calibrated):
+    """All parameters are sent again in flight: neither value begins anything anew."""
+    once, one = estimator(), estimator()
+    once.set_field_calibrated(is_calibrated)
+    one.set_field_calibrated(is_calibrated)
     again = flown(
-        one, flight, after=lambda k: one.set_field_calibrated(word) if k % 500 == 0 else None
+        one,
+        flight,
+        after=lambda k: one.set_field_calibrated(is_calibrated) if k % 500 == 0 else None,
     )
-    assert again == flown(quiet, flight)
+    assert again == flown(once, flight)
 
 
 def test_raw_vectors_for_a_while_end_the_aiding(flight):
@@ -337,7 +338,7 @@ def test_a_gap_ends_the_search(flight):
 
 @pytest.mark.parametrize(("every", "first_us"), [(1, 6_020_000), (12, 6_240_000)])
 def test_the_field_does_not_begin_with_a_heading_as_good_as_none(flight, every, first_us):
-    """Half as strong as near Zurich, the field may be 54 deg off; velocity tells it in the turn."""
+    """Half as strong as near Zurich, the field may be 54 deg off; velocity shows it in the turn."""
     half = changed(flight, mag_gauss=lambda s: tuple(0.5 * m for m in s.mag_gauss))
     kept = range(0, len(half.samples), every)
     slow = type(flight)([half.samples[k] for k in kept], [], [])

@@ -9,17 +9,15 @@ from estimator.aiding.beginning import Beginning, begin
 from estimator.aiding.consistency import (
     NEW_CONSISTENCY,
     compare,
-    compare_field,
     compare_report,
     inflated,
     watch,
 )
 from estimator.aiding.types import NO_REPORT, AidingParams, Report, Sigmas
-from estimator.conditioning.times import SPAN_S
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.estimator import Estimator
 from estimator.geometry.metrics import batch_angle_errors
-from estimator.geometry.quaternion import exp, multiply, rotate, rotate_inverse
+from estimator.geometry.quaternion import exp, multiply, rotate_inverse
 from estimator.profile import load_profile, merge_profile
 from estimator.types import NO_SAMPLE, STANDARD_GRAVITY_M_S2, ZERO_VEC3
 from tests.flight import banked_flight, flown
@@ -161,50 +159,3 @@ def test_a_step_of_the_gyroscopes_bias_widens_sigma():
     assert np.array_equal(sigma[before], np.array(certain)[before])
     assert np.median(e[before]) == pytest.approx(2.25e-6, rel=0.2)
     assert np.median(e[after]) == pytest.approx(4.07e-4, rel=0.2)
-
-
-# A place with declination, a vehicle with iron, lags of every kind, and a check under way.
-PLACE_GAUSS = (0.21, -0.06, 0.40)
-GYR = (0.3, -0.5, 0.8)
-BIAS = (0.01, 0.02, -0.03)
-
-
-def under_way(q_ned_frd):
-    state = aided(q_ned_frd)
-    estimate = state.estimate._replace(
-        earth_gauss=PLACE_GAUSS,
-        gyr_bias_rad_s=BIAS,
-        acc_bias_m_s2=(0.2, -0.3, 0.1),
-        imu_lag_s=0.012,
-        field_lag_s=0.05,
-        receiver_lag_s=0.1,
-        filter_lag_s=0.02,
-    )
-    look = state.field.look._replace(confidence=0.6)
-    return state._replace(estimate=estimate, field=state.field._replace(look=look))
-
-
-def matrix(q):
-    return np.column_stack([rotate(q, tuple(axis)) for axis in np.eye(3)])
-
-
-def test_a_field_is_taken_as_old_as_it_is_and_without_the_iron():
-    """The place's field of 0.05 s ago, seen by a body that has turned since: no turn is asked for.
-
-    With the attitude turned by 0.1 rad to the east, 0.6 of that is asked for the other way.
-    """
-    rate = np.subtract(GYR, BIAS)
-    G = exp((0.5, 0.6, -0.7))
-    for off_rad in (0.0, 0.1):
-        q = multiply(exp((0.0, 0.0, off_rad)), TRUTH)
-        then = multiply(TRUTH, exp(tuple(-0.05 * rate)))
-        mag = np.add(rotate_inverse(then, PLACE_GAUSS), IRON_GAUSS)
-        sample = NO_SAMPLE._replace(gyr_rad_s=GYR, mag=tuple(mag), has_mag=True, dt_s=DT)
-        before = NEW_CONSISTENCY._replace(q_g_frd=G, field_wait_s=0.5)
-        after = compare_field(before, under_way(q), sample)
-        asked = -0.6 * off_rad * 0.5 / (SPAN_S + 0.5)
-        assert after.heading.mean_north_rad == pytest.approx(asked, abs=1e-12)
-        now = matrix(TRUTH).T @ PLACE_GAUSS
-        assert after.field.g == pytest.approx(matrix(G) @ now / np.linalg.norm(now))
-        assert after.field.ned == pytest.approx(np.array(PLACE_GAUSS) / np.linalg.norm(PLACE_GAUSS))
-        assert (after.field.share, after.field_wait_s) == (0.6, 0.0)

@@ -9,15 +9,11 @@ from estimator.aiding.beginning import blank_aiding
 from estimator.aiding.correction_cusum import add_correction, known, pass_time
 from estimator.aiding.types import (
     GYR_BIAS,
-    HARD_IRON,
     SIZE,
     TURN,
     AidingParams,
     CorrectionCusum,
-    Sigmas,
 )
-from estimator.aiding.uncertainty import with_dip_error
-from estimator.conditioning.field.magnetic import FieldLook
 from estimator.geometry.earth import field_at, in_ned
 from estimator.profile import load_profile, merge_profile
 from estimator.types import ZERO_VEC3
@@ -27,8 +23,6 @@ PARAMS = AidingParams()
 BLANK, _, _ = blank_aiding(PARAMS)
 NOTHING = CorrectionCusum(ZERO_VEC3, ZERO_VEC3, 0.0, 0.0, 0.0)
 KNOWN = np.zeros((SIZE, SIZE))
-SIGMA = Sigmas(inclination_rad=0.01, heading_rad=0.02)
-PLACE = (0.21, 0.01, 0.43)
 
 
 def covariance(level, heading, bias=0.0):
@@ -51,25 +45,6 @@ def test_a_bias_that_has_changed_turns_the_attitude_until_its_mean_has_followed(
     assert found.bias_rad_s[2] == pytest.approx(0.01, rel=1e-3)
 
 
-def test_a_bias_that_is_being_learnt_is_usual_as_far_as_it_is_known_better_than_ever():
-    """Its variance falls to a hundredth, and the bias comes to what is true in proportion."""
-    usual = 3.0 * PARAMS.gyr_bias_sigma**2
-    found = NOTHING._replace(least_variance=100.0 * usual)
-    for left in np.geomspace(1.0, 0.01, 100):
-        learnt = BLANK.estimate._replace(gyr_bias_rad_s=(0.0, 0.0, 0.07 * (1.0 - left)))
-        P = covariance(0.0, 0.0, bias=100.0 * usual / 3.0 * left)
-        found = pass_time(PARAMS, found, learnt, P, 1e-3)
-    # the closed form for one that falls steadily
-    left = 0.01 * (1.0 + np.log(100.0))
-    assert found.bias_rad_s[2] == pytest.approx(0.07 * (1.0 - left), rel=0.02)
-    assert found.least_variance == pytest.approx(usual)
-    again = pass_time(PARAMS, found, learnt, covariance(0.0, 0.0, bias=100.0 * usual), 1e-3)
-    better = pass_time(PARAMS, found, learnt, covariance(0.0, 0.0, bias=1e-6), 1e-3)
-    assert better.least_variance == again.least_variance
-    assert again.least_variance == found.least_variance
-    assert again.bias_rad_s == pytest.approx(found.bias_rad_s, rel=1e-3)
-
-
 def test_white_corrections_of_a_true_covariance_are_as_expected():
     """A Kalman filter of a walk: the sum's mean square is what is expected."""
     rng, found, ratios = np.random.default_rng(5), NOTHING, []
@@ -88,23 +63,6 @@ def test_white_corrections_of_a_true_covariance_are_as_expected():
         ratios.append(found.turn_rad[2] ** 2 / found.heading)
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.25)
     assert np.mean(np.array(ratios) > 4.0) == pytest.approx(0.046, abs=0.03)
-
-
-@pytest.mark.parametrize("dip_off_deg", [-25.0, 4.0, 20.0])
-@pytest.mark.parametrize("strength", [1.0, 1.3])
-def test_a_field_that_dips_otherwise_than_the_places_shows_a_tilted_vertical(dip_off_deg, strength):
-    h, d = hypot(*PLACE[:2]), PLACE[2]
-    turn = np.exp(1j * radians(dip_off_deg)) * complex(h, d) * strength
-    look = FieldLook(horizontal=float(turn.real), down=float(turn.imag), confidence=0.0)
-    P = np.zeros((SIZE, SIZE))
-    P[HARD_IRON, HARD_IRON] = 0.01**2
-    seen = BLANK.field._replace(look=look, samples=9.0)
-    wide = with_dip_error(PARAMS, SIGMA, seen, PLACE, P)
-    square = np.sin(radians(dip_off_deg)) ** 2 - radians(10.0) ** 2 - 9e-4 / (h * h + d * d)
-    square = max(0.0, square) / (1.0 + ((strength - 1.0) / 0.1) ** 2) ** 2
-    assert wide.inclination_rad == pytest.approx(hypot(0.01, sqrt(square)))
-    assert wide.heading_rad == SIGMA.heading_rad
-    assert with_dip_error(PARAMS, SIGMA, seen, ZERO_VEC3, P) == SIGMA
 
 
 def test_an_accelerometer_that_steps_widens_sigma_within_a_second():

@@ -16,7 +16,6 @@ from estimator.aiding.types import (
     FILTER_ERROR,
     GYR_BIAS,
     HARD_IRON,
-    IMU_LAG,
     RECEIVER_ERROR,
     SIZE,
     TURN,
@@ -24,7 +23,6 @@ from estimator.aiding.types import (
     Agreement,
     Agreements,
     AidingParams,
-    BiasPrior,
     FieldState,
     LastStep,
     North,
@@ -32,11 +30,10 @@ from estimator.aiding.types import (
     Scatter,
     StepInputs,
 )
-from estimator.aiding.uncertainty import sigmas
 from estimator.aiding.velocity_history import ROWS, new_velocity_history
 from estimator.conditioning.field.magnetic import FieldLook
+from estimator.conditioning.params import LONGEST_STEP_S
 from estimator.conditioning.robust import HEADING_REACH_RAD
-from estimator.conditioning.times import LONGEST_STEP_S, SPAN_S
 from estimator.conditioning.vertical.bias import SETTLED_HEADING_RAD
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.geometry.quaternion import multiply, normalize
@@ -378,58 +375,3 @@ def test_unaided_gravity(seed):
         dense.learn(np.eye(SIZE)[TURN + axis], innovation, noise)
     np.testing.assert_allclose(x, dense.x, rtol=1e-9, atol=1e-13)
     np.testing.assert_allclose(now.covariance, dense.P, rtol=1e-8, atol=1e-13)
-
-
-@pytest.mark.parametrize("heading_rad", [0.01, 0.3])
-@pytest.mark.parametrize(("innovation", "wait_s"), [(0.05, 0.0), (3.0, 0.0), (0.05, 2.0)])
-@pytest.mark.parametrize("together", [-0.3, 0.2, 0.5])
-@pytest.mark.parametrize(("samples", "dt"), [(0.0, 0.02), (5.0, 0.02), (5.0, 0.5)])
-@pytest.mark.parametrize("worse", [1.0, 3.0])
-def test_published_sigmas(heading_rad, innovation, wait_s, together, samples, dt, worse):
-    """Of tilts that differ, with a field or without, by reports that agree or do not.
-
-    What of a receiver's innovations is like the one before shows a variance that is too small.
-    """
-    p = PARAMS
-    P = np.eye(SIZE)
-    P[0, 0], P[1, 1], P[2, 2] = 0.03**2, 0.07**2, heading_rad**2
-    for i in range(ACC_BIAS, ACC_BIAS + 3):
-        P[i, i] = 0.3**2
-    E = (0.15, -0.12, 0.4)
-    now = Prediction(
-        BLANK.estimate._replace(earth_gauss=E),
-        ZERO_VEC3,
-        ZERO_VEC3,
-        new_velocity_history(ZERO_VEC3),
-        P,
-    )
-    last = LastStep(ZERO_VEC3, ZERO_VEC3, (2.0, -1.0, -9.0), (0.5, -0.3, 0.8), dt)
-    look = BLANK.field.look
-    state = FieldState(look, 0.04, samples, 0.0, 0.0, 0.0)
-    recent = Agreement(Scatter(1.0, innovation, 50.0, ZERO_VEC3, together), wait_s, 0.0)
-    silent = Agreement(Scatter(1.0, 99.0, 50.0, ZERO_VEC3, 9.0), wait_s + 1.0, 0.0)
-    poor = BiasPrior(gyr=0.01**2, acc=worse**2 * p.acc_bias_sigma**2)
-    got = sigmas(p, now, last, state, Agreements(silent, recent), poor)
-
-    def scatter(least):
-        square = least**2 + p.scatter_share * innovation
-        u = 27.0 / 4.0 * max(together, 0.0) ** 2 / innovation
-        square = max(square, min(u, u * u)) if wait_s <= SPAN_S else square
-        return min(3.0, sqrt(max(square, 1.0) if wait_s > SPAN_S else square))
-
-    moving = P[IMU_LAG, IMU_LAG] * np.sum(np.square(last.rate_rad_s))
-    tilt = 0.5 * (0.03**2 + 0.07**2)
-    scale = p.colour * scatter(p.least_scale)
-    # no reports prove what a poor accelerometer's bias has turned
-    by_bias = (1.0 - 1.0 / worse**2) * min(1.0, 1.5 * 0.3**2 / 9.80665**2 / tilt)
-    inclination = 1.515**2 * (scale**2 + max(0.0, 1.0 - scale**2) * by_bias) * tilt
-    inclination += moving
-    assert got.inclination_rad == pytest.approx(sqrt(inclination))
-    scale = scatter(p.least_scale)
-    scale *= p.colour if samples == 0.0 else 1.0
-    iron = p.hard_iron_sigma_gauss / np.hypot(E[0], E[1])
-    # a heading no more certain than the iron lets it be is the field's: reports do not prove it
-    by_field = min(1.0, (heading_rad / iron) ** 2)
-    square = scale**2 + max(0.0, 1.0 - scale**2) * by_field
-    heading = square * heading_rad**2 + 0.04**2 + moving
-    assert got.heading_rad == pytest.approx(sqrt(heading))

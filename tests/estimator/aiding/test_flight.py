@@ -73,7 +73,7 @@ def test_without_reports_nothing_of_the_aiding_runs(flight):
 
 
 def test_a_jump_of_the_reports_is_no_tilt(flight):
-    """From t = 30 s on the reports say 6 m/s more: their origin moved, the vehicle did not."""
+    """From t = 30 s on the reports show 6 m/s more: their origin moved, the vehicle did not."""
     jumped = [
         (k, r._replace(velocity_ned_m_s=(r.velocity_ned_m_s[0] + 6.0, *r.velocity_ned_m_s[1:])))
         if r.time_us > 30e6

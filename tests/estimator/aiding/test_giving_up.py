@@ -70,10 +70,10 @@ def test_the_better_known_is_the_one_with_the_smaller_angle_in_all():
 
 LEVEL = exp((0.2, -0.1, 1.0))
 FELT_AS_REPORTED = AccelerationTilt((2.0, 0.0, 0.0), ZERO_VEC3, (5.0, 0.0, 0.0))
-UNHEARD = AccelerationTilt(ZERO_VEC3, ZERO_VEC3, (5.0, 0.0, 0.0))
+UNREPORTED = AccelerationTilt(ZERO_VEC3, ZERO_VEC3, (5.0, 0.0, 0.0))
 
 
-def lost(heading_deg, acceleration_tilt=UNHEARD, off_deg=60.0):
+def lost(heading_deg, acceleration_tilt=UNREPORTED, off_deg=60.0):
     """A state whose aided vertical is far off at a sigma of 50 deg; the unaided one knows it to 6.
 
     The unaided stage has no heading. Nothing that was measured contradicts the aided attitude.

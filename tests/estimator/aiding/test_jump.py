@@ -2,8 +2,6 @@
 
 import pytest
 
-from estimator.aiding import inertial
-from estimator.aiding.types import AidingParams
 from tests.estimator.aiding.test_flight import apart_deg, estimator
 from tests.flight import banked_flight, flown
 
@@ -40,13 +38,3 @@ def test_a_jump_of_both_sources_that_lasts_is_no_tilt():
         flown(estimator(), flight, reports=list(by_both(flight, jump))) for jump in (0.0, JUMP_M_S)
     ]
     assert apart_deg(*runs) == pytest.approx(0.268, rel=0.2)
-
-
-def test_an_ordinary_error_fades_as_the_profile_says_and_a_large_one_lasts():
-    """Up to three sigmas it lasts as long as usual; from there on with its square, to 20 times."""
-    variance = AidingParams().filter_error_m_s ** 2
-    times = [
-        inertial.persistence((sigmas * variance**0.5, 0.0, 0.0), variance)
-        for sigmas in (0.0, 2.9, 6.0, 1e3)
-    ]
-    assert times == pytest.approx([1.0, 1.0, 4.0, 16.0])

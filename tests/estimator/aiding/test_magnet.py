@@ -1,4 +1,4 @@
-"""Magnets beside an aided vehicle that flies straight: velocity says nothing of its heading."""
+"""Magnets beside an aided vehicle that flies straight, where velocity shows no heading."""
 
 from dataclasses import replace
 from math import radians

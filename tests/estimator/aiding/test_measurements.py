@@ -193,7 +193,7 @@ def test_the_places_field_begins_towards_north_where_that_is_known(learnt, is_kn
 def test_a_field_begun_anew_hangs_together_with_all_that_is_known_of_the_iron(is_known):
     """By then that is not alike on all axes, and its error is that of other states, too.
 
-    Towards an unknown north it points as heading and compass say: a turn is an error of both.
+    Towards an unknown north it points by heading and compass: a turn is an error of both.
     """
     rng = np.random.default_rng(2)
     root = rng.normal(scale=0.1, size=(SIZE, SIZE))

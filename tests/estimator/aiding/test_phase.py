@@ -5,7 +5,7 @@ import pytest
 from estimator.aiding.beginning import blank_aiding
 from estimator.aiding.phase import Cause, Phase, after
 from estimator.aiding.search import EMPTY_SEARCH
-from estimator.conditioning.times import LONG_S
+from estimator.conditioning.params import LONG_S
 from estimator.geometry.quaternion import exp, rotate
 from estimator.live.core import UNSEEN, flat
 from estimator.live.rows import TIME

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from estimator.aiding.search import EMPTY_SEARCH, add_report, add_sample, solve
 from estimator.aiding.types import Report
-from estimator.conditioning.times import MEMORY_S, SPAN_S
+from estimator.conditioning.params import MEMORY_S, SPAN_S
 from estimator.geometry.metrics import angle_errors
 from estimator.types import IDENTITY, STANDARD_GRAVITY_M_S2
 
@@ -125,7 +125,7 @@ def moved(
     """What a search finds that is fed without noise, and the error of its heading, rad.
 
     ``push_at(t)`` is the acceleration in NED; five reports a second each have the velocity of
-    ``ago_s + late_s`` before, of which they say ``ago_s``. The frame G turns by ``drift_rad_s``.
+    ``ago_s + late_s`` before, stamped ``ago_s``. The frame G turns by ``drift_rad_s``.
     """
     fine_s = 1e-3
     truth = Rotation.from_euler("ZYX", [2.0, 0.3, -0.5])

@@ -15,9 +15,9 @@ from estimator.aiding.beginning import blank_aiding
 from estimator.aiding.inertial import Prediction
 from estimator.aiding.sources.unaided import observe_unaided
 from estimator.aiding.types import SIZE, TURN, VELOCITY, AccelerationTilt, AidingParams, Roughness
-from estimator.aiding.unseen import add_hole, add_unseen_turn, watch_roughness, watch_turning
+from estimator.aiding.unseen import add_hole, add_unseen_turn, watch_roughness
 from estimator.geometry.quaternion import exp, rotate
-from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Between, Quaternion, Sample, Vec3
+from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Vec3
 
 UP: Vec3 = (0.0, 0.0, 1.0)
 
@@ -43,7 +43,7 @@ def test_a_lost_attitude_follows_the_unaided_gravity_even_upside_down():
 
 
 def test_an_attitude_that_velocity_knows_stays_where_the_unaided_tilts():
-    """A lasting acceleration deceives the unaided gravity by more than its sigma says."""
+    """A lasting acceleration deceives the unaided gravity by more than its sigma."""
     assert corrected(20.0, 1.0, 1.0, error_deg=20.0) > 19.99
     assert corrected(20.0, 1.0, 1.0) == pytest.approx(14.3, rel=0.2)
 
@@ -129,67 +129,3 @@ def test_an_attitude_explains_a_clear_acceleration_that_it_has_felt(
     felt: float, reported: float, explains: bool
 ) -> None:
     assert explains_acceleration(pushed(felt, reported)) == explains
-
-
-ROUGH = Roughness(second_difference=0.5, changed=0.3, knocked=0.0)
-
-
-@pytest.mark.parametrize(
-    ("second_difference", "square"),
-    [((0.2, -0.5, 0.1), 0.5), ((0.9, -0.5, 0.4), 1.22)],
-)
-def test_what_a_step_with_readings_between_has_missed(
-    second_difference: tuple[float, float, float], square: float
-) -> None:
-    """In 0.5 s, seen every 0.2 s: by the latest reading or, more even, by those before."""
-    params = AidingParams()
-    P = np.zeros((SIZE, SIZE))
-    add_unseen_turn(params, P, ROUGH, second_difference, 0.5, 0.2)
-    share = params.unseen_turn_noise * 0.2 / (0.2 + 0.15)
-    likeness = 0.5 / (3.0 * 0.3)
-    variance = share**2 * likeness**3 * square * 0.5 * 0.2 / 3.0
-    wanted = np.zeros(SIZE)
-    wanted[TURN : TURN + 3] = variance
-    np.testing.assert_allclose(P, np.diag(wanted), rtol=1e-5)
-
-
-@pytest.mark.parametrize("is_given", [False, True])
-def test_the_turning_is_watched_between_the_samples_where_it_is_seen(is_given: bool) -> None:
-    """Steps of 0.5 s after 0.4 s: the line through the two readings before goes on."""
-    state = blank_aiding(AidingParams())[0]
-    last = state.last._replace(
-        gyr_rad_s=(0.5, -0.3, 0.2), gyr_before_rad_s=(0.1, 0.4, -0.2), dt_s=0.4
-    )
-    state = state._replace(last=last, rough=ROUGH)
-    between = Between(is_given, ZERO_VEC3, (0.3, 0.1, 0.6), 0.2)
-    gyr = np.array((0.7, 0.1, 0.9))
-    sample = Sample(tuple(gyr.tolist()), ZERO_VEC3, ZERO_VEC3, False, 0.5, between)
-    P = np.zeros((SIZE, SIZE))
-    after = watch_turning(AidingParams(), state, P, sample, 0.0)
-    change = gyr - last.gyr_rad_s
-    second_difference = change - np.subtract(last.gyr_rad_s, last.gyr_before_rad_s)
-    if is_given:
-        second_difference = change = np.array(between.change_rad_s)
-    share = 0.5 / (10.0 + 0.5)
-    assert after.second_difference == pytest.approx(
-        0.5 + share * (second_difference @ second_difference - 0.5)
-    )
-    assert after.changed == pytest.approx(0.3 + share * (change @ change - 0.3))
-    alone = np.zeros((SIZE, SIZE))
-    add_unseen_turn(
-        AidingParams(),
-        alone,
-        ROUGH,
-        tuple(second_difference.tolist()),
-        0.5,
-        0.2 if is_given else 0.5,
-    )
-    np.testing.assert_array_equal(P, alone)
-    # of what the other stage takes for missed that share is the least about both level axes
-    share = max(second_difference @ second_difference, 0.5) / (3.0 * max(change @ change, 0.3))
-    assert share < 1.0
-    for aliasing in (alone[0, 0], 60.0 * alone[0, 0]):
-        P = np.zeros((SIZE, SIZE))
-        watch_turning(AidingParams(), state, P, sample, aliasing)
-        level = max(alone[0, 0], 0.0 if is_given else 0.5 * share * aliasing)
-        np.testing.assert_allclose(np.diag(P)[TURN : TURN + 3], (level, level, alone[2, 2]), 1e-5)

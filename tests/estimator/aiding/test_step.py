@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from estimator.aiding.acceleration_tilt import acceleration_tilt_angle
 from estimator.aiding.beginning import Beginning, begin, blank_aiding
 from estimator.aiding.correction import apply_corrections
 from estimator.aiding.inertial import predict_motion
@@ -18,13 +17,9 @@ from estimator.aiding.types import (
     AidingParams,
     North,
     Report,
-    Roughness,
-    Sigmas,
     StepInputs,
 )
-from estimator.aiding.unseen import add_unseen_turn, watch_turning
-from estimator.live.aided import is_worse
-from estimator.live.core import UNSEEN
+from estimator.aiding.unseen import watch_turning
 from estimator.types import IDENTITY, STANDARD_GRAVITY_M_S2, ZERO_VEC3, Sample
 
 PARAMS = AidingParams()
@@ -40,7 +35,7 @@ def covariance():
 
 @pytest.mark.parametrize(
     ("dt_s", "wait_s", "push_m_s2"),
-    [(0.5, 0.0, 1.0), (0.5, 3.0, 0.0), (0.02, 3.0, 3.0)],  # reported, not believed, felt
+    [(0.5, 0.0, 1.0), (0.5, 3.0, 0.0), (0.02, 3.0, 3.0)],  # reported, not counted, felt
 )
 def test_a_step_that_is_slow_or_without_reports_is_corrected_once(dt_s, wait_s, push_m_s2):
     """By the unaided gravity, and nothing else comes with it: no report, no field."""
@@ -67,17 +62,6 @@ def test_a_step_remembers_the_velocity_of_its_report():
     assert after.agreement.by_receiver.wait_s == SAMPLE.dt_s
 
 
-def test_the_tilt_is_the_lesser_acceleration_over_gravity():
-    """Gained 2.5 m/s in the 2.5 s of the mean: 1 m/s^2, of 3 that were felt."""
-    acceleration_tilt = AccelerationTilt((3.0, 0.0, 0.0), (1.0, 1.0, 9.0), (2.5, 3.0, 0.0))
-    assert acceleration_tilt_angle(acceleration_tilt, is_silent=False, slow=0.0) == pytest.approx(
-        1.0 / 9.80665
-    )
-    assert acceleration_tilt_angle(acceleration_tilt, is_silent=True, slow=0.0) == pytest.approx(
-        3.0 / 9.80665
-    )
-
-
 def test_the_beginning_is_as_uncertain_as_given():
     """About north and east by the tilt's sigma, about down by the heading's."""
     first = Beginning(IDENTITY, 0.1, 0.3, hard_iron_sigma_gauss=0.02, field_lag_s=0.05)
@@ -85,17 +69,3 @@ def test_the_beginning_is_as_uncertain_as_given():
     assert np.diag(P)[:3] == pytest.approx([0.01, 0.01, 0.09])
     assert np.diag(P)[HARD_IRON : HARD_IRON + 3] == pytest.approx([0.0004] * 3)
     assert np.array_equal(P, np.diag(np.diag(P)))
-
-
-def test_an_unseen_turn_may_be_about_any_axis():
-    P = np.zeros((SIZE, SIZE))
-    add_unseen_turn(PARAMS, P, Roughness(1.0, 0.3, 0.0), (0.5, -0.2, 0.1), 0.5, 0.5)
-    assert P[0, 0] == P[1, 1] == P[2, 2] > 0.0
-    assert np.count_nonzero(P) == 3
-
-
-@pytest.mark.parametrize(("sigma_rad", "is_lost"), [(0.34, False), (0.36, True)])
-def test_an_aided_vertical_is_lost_against_twice_the_unaided_sigma(sigma_rad, is_lost):
-    seen = UNSEEN._replace(sigma_inclination_rad=0.05)
-    state = STATE._replace(sigma=Sigmas(sigma_rad, 0.1))
-    assert is_worse(state, seen) is is_lost

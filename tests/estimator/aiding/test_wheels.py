@@ -1,4 +1,4 @@
-"""What rolls goes where it points: the heading of a car by its velocity, whatever its compass says.
+"""The heading of a car by its velocity, whatever its compass shows.
 
 The car drives stretches and bends with a poor IMU: its gyroscope is off by 4 deg/s, its
 accelerometer by 0.15 m/s^2, and iron turns its field. Velocity comes ten times a second.
@@ -12,15 +12,12 @@ import pytest
 from estimator.aiding.beginning import blank_aiding
 from estimator.aiding.course import (
     STANDING,
-    fade_rolled,
     forward_evidence,
     roll_on,
     tilt_error_rad,
 )
-from estimator.aiding.inertial import Prediction
 from estimator.aiding.phase import Phase
-from estimator.aiding.sources.wheels import judge_north, observe_wheels
-from estimator.aiding.types import EARTH, SIZE, TURN, VELOCITY, AidingParams, North, Report, Wheels
+from estimator.aiding.types import AidingParams, Report, Wheels
 from estimator.geometry.frames import from_euler_rad
 from estimator.geometry.metrics import angle_errors
 from estimator.geometry.quaternion import rotate, rotate_inverse
@@ -150,7 +147,7 @@ def test_without_a_class_there_are_no_wheels_and_the_profile_goes_first():
 
 
 def rolled(rng, *, sense, windows=8, tilt=(0.0, 0.0), noise_m_s2=0.1):
-    """Windows of a second at speeds near 10 m/s, seen by a vertical that leans."""
+    """Windows of a second at speeds near 10 m/s, seen by a tilted vertical."""
     found, before = STANDING, np.array((10.0, 0.0))
     for _ in range(windows):
         change = rng.standard_normal(2)
@@ -172,22 +169,6 @@ def test_pushes_distinguish_forwards_from_reverse_whatever_the_tilt(sense, tilt)
     assert tilt_error_rad(found, sense) == pytest.approx(hypot(*tilt), abs=0.01)
 
 
-def test_the_evidence_is_the_likelihoods_ratio():
-    rng = np.random.default_rng(2)
-    found = rolled(rng, sense=1.0, noise_m_s2=1.0)
-    n, reported, felt, squares, products = found
-
-    def scatter(sense):
-        left = np.subtract(felt, sense * np.array(reported)) / n
-        return (squares - 2.0 * sense * products) / n - left @ left
-
-    assert forward_evidence(found) == pytest.approx(2.0 * 7.0 * np.log(scatter(-1) / scatter(1)))
-    half = fade_rolled(found, 0.5)
-    assert np.array(half[1]) == pytest.approx(0.5 * np.array(reported))
-    assert half.windows == 4.0
-    assert tilt_error_rad(half, 1.0) == pytest.approx(tilt_error_rad(found, 1.0))
-
-
 def test_what_stands_may_go_on_either_way():
     found = rolled(np.random.default_rng(3), sense=1.0)
     down = (0.0, 0.0, 1.0)
@@ -196,60 +177,6 @@ def test_what_stands_may_go_on_either_way():
     again = roll_on(stopped, (0.5, 0.0, 0.0), (2.5, 0.0, 0.0), 0.3, 1.0, (2.0, 0, -9.8), down)
     assert again.windows == 1.0
     assert forward_evidence(again) == 0.0
-
-
-def prediction(q, velocity):
-    P = np.zeros((SIZE, SIZE))
-    P[TURN + 2, TURN + 2] = radians(10.0) ** 2
-    for i in range(3):
-        P[VELOCITY + i, VELOCITY + i] = 0.01**2
-    estimate = BLANK.estimate._replace(q_ned_frd=q, velocity_ned_m_s=velocity)
-    velocity_history = np.zeros((64, 7))
-    return Prediction(estimate, (0.0, 0.0, -9.8), (0.0, 0.0, 0.0), velocity_history, P)
-
-
-@pytest.mark.parametrize("sense", [1.0, -1.0])
-@pytest.mark.parametrize("off_deg", [-8.0, 50.0])
-def test_velocity_turns_the_heading_towards_itself_or_its_opposite(sense, off_deg):
-    """A slip of 3 s counts once: at its sigma the heading goes by the ratio of both variances."""
-    now = prediction(from_euler_rad(0.0, 0.0, radians(off_deg)), (sense * 10.0, 0.0, 0.0))
-    x = np.zeros(SIZE)
-    observe_wheels(WHEELS, now, Wheels(), x, 3.0)
-    share = radians(10.0) ** 2 * cos(radians(off_deg)) ** 2
-    share /= share + 0.05**2 + (0.05**2 + 0.01**2) / 100.0
-    turned = degrees(x[TURN + 2])
-    assert turned == pytest.approx(-off_deg * share, rel=0.02)
-    assert now.covariance[TURN + 2, TURN + 2] == pytest.approx(
-        radians(10.0) ** 2 * (1.0 - share), rel=0.02
-    )
-
-
-@pytest.mark.parametrize(
-    ("off_deg", "rolled_s", "contradict"),
-    [(60.0, 0.0, True), (20.0, 0.0, False), (60.0, 3.1, False)],
-)
-def test_the_first_rolling_contradicts_a_heading_far_off(off_deg, rolled_s, contradict):
-    """By four sigmas of slips and of the heading's own; later on it is a slip."""
-    now = prediction(from_euler_rad(0.0, 0.0, radians(off_deg)), (10.0, 0.0, 0.0))
-    before = Wheels()._replace(rolled_s=rolled_s)
-    wheels = observe_wheels(WHEELS, now, before, np.zeros(SIZE), 0.1)
-    assert wheels.contradict == contradict
-    assert wheels.rolled_s - rolled_s == pytest.approx(0.1 * 0.25 / 0.2525)
-
-
-@pytest.mark.parametrize(
-    ("off_deg", "known_deg", "shown"),
-    [(2.0, 1.4, True), (5.0, 1.4, False), (0.0, 2.0, False)],  # within 3 times half a degree
-)
-def test_the_field_points_north_where_velocity_has_shown_that(off_deg, known_deg, shown):
-    turned = rotate(from_euler_rad(0.0, 0.0, radians(10.0 + off_deg)), (0.25, 0.0, 0.4))
-    now = prediction(from_euler_rad(0.0, 0.0, 0.0), (10.0, 0.0, 0.0))
-    now = now._replace(estimate=now.estimate._replace(earth_gauss=turned))
-    across = radians(known_deg) * np.array((-turned[1], turned[0]))
-    now.covariance[EARTH : EARTH + 2, EARTH : EARTH + 2] = np.outer(across, across)
-    north = North(True, (cos(radians(10.0)), sin(radians(10.0))))
-    assert judge_north(Wheels(), now, north).show_north == shown
-    assert not judge_north(Wheels(), now, North(False, north.direction)).show_north
 
 
 def test_what_wheels_have_shown_outlasts_a_gap_unless_they_contradict_the_compass():

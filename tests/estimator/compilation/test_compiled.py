@@ -39,8 +39,8 @@ for k in (LOWER, midpoint(), UPPER):
 print([x.hex() for x in numbers])
 """
 NOTIFYING = """
-from estimator.compilation.notice import notify_compiling
-notify_compiling(lambda text: print("told:", text))
+from estimator.compilation.kernel_folder import notify_compiling
+notify_compiling(lambda text: print("notice:", text))
 """
 
 
@@ -51,7 +51,7 @@ def sources(tmp_path):
 
 
 def notices(result):
-    return [line for line in result.stdout.splitlines() if line.startswith("told:")]
+    return [line for line in result.stdout.splitlines() if line.startswith("notice:")]
 
 
 def warnings(result):

@@ -19,7 +19,7 @@ KNOWN_BIAS = radians(0.01) ** 2
 
 
 def averaging(tilt_error_rad, rate_rad_s, *, params=PARAMS, bias=KNOWN_BIAS, time_s=120.0):
-    """After a force that leans by an angle about north, and a turn about it, functions of time."""
+    """After a force that tilts by an angle about north, and a turn about it, functions of time."""
     state = Averaging()
     for i in range(round(time_s / DT)):
         angle, rate = tilt_error_rad(i * DT), rate_rad_s(i * DT)
@@ -60,7 +60,7 @@ def drifting(share, rate_rad_s):
     ("period_s", "tau", "sigma"), [(0.5, 1.67, 0.109), (2.0, 3.84, 0.191), (20.0, 11.4, 2.62)]
 )
 def test_accelerations_are_averaged_for_longer_than_they_last(period_s, tau, sigma):
-    """Leaning by 10 degrees to and fro."""
+    """Tilting by 10 degrees to and fro."""
     state = averaging(shaken(10.0, period_s), nothing)
     assert tau_s(state) == pytest.approx(tau, rel=0.2)
     assert sigma_deg(state) == pytest.approx(sigma, rel=0.2)
@@ -75,7 +75,7 @@ def test_a_gyroscope_that_drifts_as_it_turns_is_not_averaged_for_long(share, tau
 
 
 def test_a_drift_without_a_turn_is_an_acceleration():
-    """What leans as that gyroscope makes it, but while it says that nothing turns."""
+    """It tilts as that gyroscope makes it, which meanwhile shows no turn."""
     tilting, turning = drifting(0.06, 1.0)
     driven, drifted = averaging(tilting, nothing), averaging(tilting, turning)
     assert tau_s(driven) > 10.0 * tau_s(drifted)  # measured 30

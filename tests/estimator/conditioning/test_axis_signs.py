@@ -12,10 +12,9 @@ from estimator.conditioning.events.axis_signs import (
 )
 from estimator.conditioning.events.jump_signs import JumpSigns
 from estimator.conditioning.field.calibration import Calibration
-from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.params import SPAN_S, ConditioningParams
 from estimator.conditioning.robust import FAR
 from estimator.conditioning.state import initial_state
-from estimator.conditioning.times import SPAN_S
 from estimator.conditioning.vertical.gravity import Force, GravityState
 from estimator.conditioning.vertical.lowpass import Coefficients, Smooth, approach
 from estimator.conditioning.vertical.step import VerticalStep

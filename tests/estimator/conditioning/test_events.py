@@ -26,9 +26,8 @@ from estimator.conditioning.events.step import (
 )
 from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.field.magnetic import FieldLook, FieldReference, MagneticState
-from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.params import CONFIRM_S, QUICK_S, ConditioningParams
 from estimator.conditioning.state import initial_state
-from estimator.conditioning.times import CONFIRM_S, QUICK_S
 from estimator.conditioning.vertical.bias import Estimate
 from estimator.conditioning.vertical.gravity import Force
 from estimator.conditioning.vertical.lowpass import Smooth

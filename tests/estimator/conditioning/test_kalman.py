@@ -16,10 +16,9 @@ from estimator.conditioning.field.calibration import (
 )
 from estimator.conditioning.field.magnetic import FieldLook
 from estimator.conditioning.field.step import heading_noise, learn_heading
-from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.params import FORGET_S, ConditioningParams
 from estimator.conditioning.robust import HEADING_REACH_RAD
 from estimator.conditioning.state import initial_state
-from estimator.conditioning.times import FORGET_S
 from estimator.conditioning.vertical.bias import (
     Estimate,
     Lagged,

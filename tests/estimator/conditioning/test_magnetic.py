@@ -1,8 +1,7 @@
-"""How far a field is believed, by its norm and its dip."""
+"""The confidence of a field, by its norm and its dip."""
 
 from math import cos, radians, sin
 
-import numpy as np
 import pytest
 
 from estimator.conditioning.field.magnetic import (
@@ -11,12 +10,9 @@ from estimator.conditioning.field.magnetic import (
     FieldLook,
     FieldReference,
     MagneticState,
-    accept_alternative,
     look_at_field,
     observe_field,
     steepness,
-    unevenness,
-    watch_alternative,
 )
 from estimator.conditioning.params import ConditioningParams
 
@@ -33,7 +29,7 @@ def confidence(norm, dip, expected=EXPECTED):
     return look_at_field(before, seen, 1.0, expected, NORM_SCALE, DIP_SCALE).confidence
 
 
-def test_the_expected_field_is_believed():
+def test_the_expected_field_has_full_confidence():
     assert confidence(0.5, DIP) == pytest.approx(1.0)
 
 
@@ -60,40 +56,6 @@ REFERENCE = FieldReference(
     other=AlternativeField(0.29, 0.40, 3.0),
     uneven=0.002,
 )
-
-
-def test_how_uneven_a_field_is_counts_norm_and_dip():
-    norm, expected = np.hypot(0.28, 0.41), np.hypot(0.25, 0.43)
-    dip = np.arctan2(0.41, 0.28) - np.arctan2(0.43, 0.25)
-    square = (norm / expected - 1.0) ** 2 + np.sin(dip) ** 2
-    share = 0.1 / (12.0 + 0.1)
-    assert unevenness(REFERENCE, LOOK, 0.1) == pytest.approx(
-        0.002 + share * (square - 0.002), rel=1e-9
-    )
-
-
-def test_what_the_other_field_gains_the_expected_one_loses():
-    alike = look_at_field(LOOK, (0.28, 0.41), 0.0, (0.29, 0.40), 0.1, 0.1).confidence
-    assert alike > 0.8
-    other, confirmed_s = watch_alternative(PARAMS, REFERENCE, LOOK, 0.1)
-    gain = 0.1 * (alike - 0.6)
-    assert other.seen_s == pytest.approx(3.0 + gain)
-    assert confirmed_s == pytest.approx(7.0 + 0.1 * 0.6 - gain)
-    share = alike * 0.1 / (other.seen_s + 0.1)
-    assert other.horizontal == pytest.approx(0.29 + share * (0.28 - 0.29))
-    assert other.down == pytest.approx(0.40 + share * (0.41 - 0.40))
-    # a field like the expected one takes nothing from it
-    other, confirmed_s = watch_alternative(PARAMS, REFERENCE, LOOK._replace(confidence=1.0), 0.1)
-    assert other.seen_s == pytest.approx(3.0 - 0.1 * (1.0 - alike))
-    assert confirmed_s == pytest.approx(7.1)
-
-
-def test_two_fields_change_places():
-    believed = accept_alternative(REFERENCE)
-    assert (believed.horizontal, believed.down, believed.confirmed_s) == (0.29, 0.40, 3.0)
-    assert believed.other == AlternativeField(0.25, 0.43, 7.0)
-    assert believed.is_new
-    assert (believed.samples, believed.age_s, believed.uneven) == (50.0, 12.0, 0.002)
 
 
 def test_steepness_is_the_squared_tangent_of_the_dip_and_bounded():

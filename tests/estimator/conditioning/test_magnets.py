@@ -78,7 +78,7 @@ def test_a_passing_magnet_that_leaves_norm_and_dip_turns_no_heading(
 
 @pytest.mark.parametrize("motion", [resting, tumbling])
 def test_a_magnet_that_stays_is_followed_with_a_large_sigma_and_left_at_once(motion):
-    """Nothing tells it from an unsensed turn; its end is known by the heading given up."""
+    """It looks like an unsensed turn; the heading given up shows its end."""
     seen = headings(motion, 75.0, turned(30.0, 20.0, 1.0))
     assert seen.error[4500] == pytest.approx(60.0, rel=0.05)
     assert seen.sigma[4500] == pytest.approx(29.3, rel=0.2)

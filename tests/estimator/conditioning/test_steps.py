@@ -12,9 +12,9 @@ from estimator.conditioning.field.magnetic import observe_field
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.state import apply_turn, initial_state
 from estimator.conditioning.vertical.gravity import level, observe_gravity
-from estimator.conditioning.vertical.lowpass import coefficients
+from estimator.conditioning.vertical.lowpass import Smooth, coefficients
 from estimator.conditioning.vertical.rate import integration_rate
-from estimator.conditioning.vertical.stillness import initial_rest, observe_rest
+from estimator.conditioning.vertical.stillness import RestState, observe_rest
 from estimator.geometry.axes import axes_of
 from estimator.geometry.quaternion import (
     angle_between,
@@ -51,7 +51,7 @@ def test_slow_turn_is_rest_and_fast_turn_is_not():
     dt = 0.01
     k = coefficients(PARAMS, dt, 1.0).rest
     for rate, expected in ((radians(0.5), True), (radians(30.0), False)):
-        state = initial_rest((rate, 0.0, 0.0), (0.0, 0.0, -9.8))
+        state = RestState(Smooth((rate, 0.0, 0.0)), Smooth((0.0, 0.0, -9.8)))
         for _ in range(300):
             state = observe_rest(PARAMS, k, state, (rate, 0.0, 0.0), (0.0, 0.0, -9.8), dt)
         assert state.resting is expected
@@ -59,7 +59,7 @@ def test_slow_turn_is_rest_and_fast_turn_is_not():
 
 def test_shaking_is_no_rest_at_one_sample_a_second():
     k = coefficients(PARAMS, 1.0, 1.0).rest
-    state = initial_rest((0.0, 0.0, 0.0), (0.0, 0.0, -9.8))
+    state = RestState(acc=Smooth((0.0, 0.0, -9.8)))
     for i in range(20):
         acc = (0.8 * (-1) ** i, 0.0, -9.8)
         state = observe_rest(PARAMS, k, state, (0.0, 0.0, 0.0), acc, 1.0)

@@ -50,7 +50,7 @@ def after(begin_s, axis, deg_s):
 @pytest.mark.parametrize(("dt", "mag_every"), [(0.02, 1), (0.02, 5), (0.25, 1)])
 @pytest.mark.parametrize(("axis", "deg_s"), [("down", 1.5), ("down", 0.3), ("diagonal", 1.0)])
 def test_a_slow_turn_after_a_rest_is_no_bias(axis, deg_s, dt, mag_every):
-    """Measured 0.0016 to 0.020 deg/s; where rest is believed 0.25 to 1.48, and 5 to 15 deg."""
+    """Taken for a rest it would be 0.25 to 1.48 deg/s, and 5 to 15 deg."""
     errors, off = turn_slowly(after(15.0, axis, deg_s), 60.0, dt, mag_every=mag_every)
     assert off < 0.024
     # measured 0.24 deg (gravity, slow stream) and 0.89
@@ -59,7 +59,7 @@ def test_a_slow_turn_after_a_rest_is_no_bias(axis, deg_s, dt, mag_every):
 
 @pytest.mark.parametrize(("axis", "deg_s"), [("down", 0.3), ("right", 0.5), ("diagonal", 1.5)])
 def test_a_slow_turn_from_the_start_on_is_no_bias(axis, deg_s):
-    """Measured 0.004 to 0.036 deg/s; where rest is believed 0.28 to 1.2, and 1.3 to 18 deg."""
+    """Taken for a rest it would be 0.28 to 1.2 deg/s, and 1.3 to 18 deg."""
     errors, off = turn_slowly(after(0.0, axis, deg_s), 60.0, 0.02)
     assert off < 0.044
     assert np.all(errors[500:].max(axis=0) < (0.56, 2.5))  # measured 0.47 and 2.06
@@ -78,7 +78,7 @@ def test_a_bias_that_steps_at_rest_is_found(has_mag):
 
 
 def test_without_a_field_a_known_bias_does_not_follow_a_slow_turn_about_down():
-    """Measured 0.061 deg/s after 30 s of 1 deg/s; where rest is believed 0.97."""
+    """After 30 s of 1 deg/s; taken for a rest it would be 0.97 deg/s."""
     off = turn_slowly(after(15.0, "down", 1.0), 45.0, 0.02, has_mag=False)[1]
     assert off < 0.073
 

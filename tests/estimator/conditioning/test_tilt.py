@@ -1,4 +1,4 @@
-"""The vertical of slow streams: what a step misses, and how far the force is believed."""
+"""The vertical of slow streams: what a step misses, and how far the force counts."""
 
 from math import degrees, radians
 
@@ -9,11 +9,7 @@ from numpy.typing import NDArray
 from estimator.conditioning.condition import Conditioned, condition
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.state import initial_state
-from estimator.conditioning.vertical.tilt import (
-    initial_tilt,
-    slowness,
-    step_noise,
-)
+from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD, UNKNOWN, slowness, step_noise
 from estimator.geometry.metrics import rms
 from estimator.geometry.quaternion import exp, multiply, normalize, rotate_inverse
 from estimator.types import (
@@ -48,7 +44,7 @@ def test_a_stream_is_slow_by_its_steps_unless_they_are_averages():
 
 @pytest.mark.parametrize(("dt", "longer"), [(0.1, 5.77), (0.25, 10.2), (0.5, 13.7), (1.0, 17.3)])
 def test_a_step_misses_the_more_the_longer_it_is_and_the_more_the_rate_has_changed(dt, longer):
-    state = initial_tilt(ZERO_VEC3, (0.0, 0.0, 9.8))
+    state = UNKNOWN._replace(scatter=16.0 * LEAST_OFF_RAD**2, force=9.8)
 
     def aliasing(rate: float, step_s: float) -> float:
         w = (rate, 0.0, 0.0)
@@ -59,7 +55,7 @@ def test_a_step_misses_the_more_the_longer_it_is_and_the_more_the_rate_has_chang
 
 
 def test_turning_about_down_is_missed_by_the_heading():
-    state = initial_tilt(ZERO_VEC3, (0.0, 0.0, 9.8))
+    state = UNKNOWN._replace(scatter=16.0 * LEAST_OFF_RAD**2, force=9.8)
     w = (0.0, 0.0, 1.0)
     noise = step_noise(PARAMS, state, w, w, DOWN, 0.5, 0.5, NOTHING_BETWEEN)
     assert noise.yaw_noise == pytest.approx(11.0 * noise.tilt, rel=0.2)
@@ -151,7 +147,7 @@ def test_slow_hand_held_motion_beats_the_accelerometer_alone(rate_hz, measured_d
 
 
 def test_after_a_hole_with_a_fast_turn_a_vehicle_at_rest_is_upright_within_two_seconds():
-    """One sample in a hole of two seconds says -154 deg/s and a push; then it stands level."""
+    """One sample in a hole of two seconds shows -154 deg/s and a push; then it stands level."""
     times = np.concatenate([np.arange(0.0, 20.0, 0.4), [21.0], np.arange(22.0, 30.0, 0.4)])
     gyr = np.zeros((len(times), 3))
     gyr[times == 21.0] = radians(-154.0), 0.0, 0.0

@@ -107,7 +107,7 @@ def test_a_turn_is_found_in_quick_motion(motion, axis, angle_deg, measured_s):
 
 
 def test_a_heading_that_is_off_is_given_up_though_it_creeps_towards_the_field():
-    """After seconds it is off by less than at first, and tells the less for it."""
+    """After seconds it is off by less than at first, and shows less."""
     found_s = found_after_s(shaken, "down", -16.0, BLIND)
     assert found_s == pytest.approx(9.9, rel=0.2)
 
@@ -124,7 +124,7 @@ def test_a_jump_is_not_usual_because_it_has_come():
 
 
 def test_of_headings_that_are_given_up_in_steps_the_first_is_remembered():
-    """A field that keeps turning takes the heading along: none of the steps was borne out."""
+    """A field that keeps turning takes the heading along: none of the steps was confirmed."""
     heading = give_up(give_up(HeadingSigns(), 0.3), 0.9)
     assert heading.other_rad == 0.3
     assert give_up(heading._replace(other_s=heading.other_s - 11.0), 0.9).other_rad == 0.9
@@ -190,7 +190,7 @@ def test_a_magnet_put_on_and_taken_off_is_no_turn(seed, worst_deg):
 
 
 def test_an_inflated_vertical_takes_the_force_as_a_kalman_filter_does():
-    """With 0.04 rad^2 of doubt and 0.0004 of wander a second's mean leaves that mean's."""
+    """With a variance of 0.04 rad^2 and a scatter of 0.0004 a second's mean leaves that mean's."""
     inflation, left = 0.04, 1.0
     for _ in range(100):
         inflation, share = force_after_turn(PARAMS, inflation, 0.0004, DT)

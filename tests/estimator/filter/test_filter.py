@@ -210,7 +210,7 @@ def test_batch_is_the_single_step_repeated():
         assert gains[k] == state.gain
 
 
-def test_batch_takes_the_first_correction_for_as_long_as_the_parameters_say():
+def test_batch_takes_the_first_correction_for_as_long_as_the_parameters_ask():
     """No step (0) leaves the second sample's estimate at the start, 0.01 s moves it by K w dt."""
     from drivers.simulation.simulated_vehicle import simulate
 
@@ -549,7 +549,7 @@ def test_gravity_alone_levels_and_leaves_the_heading(backend):
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_collinear_vectors_count_as_one_direction(backend, sign):
-    """A field along gravity says nothing about the heading; nothing is divided by zero."""
+    """A field along gravity shows no heading; nothing is divided by zero."""
     along = scale(sign, GRAVITY)
     measured = ReferenceParams(along, GRAVITY, 1.0, 1.0, 1.0)
     truth = exp((0.2, -0.4, 0.0))

@@ -1,4 +1,4 @@
-"""Compiled steps trust their arguments: wrong ones end in an error here, not in memory."""
+"""Compiled steps do not check their arguments: wrong ones end in an error here, not in memory."""
 
 import numba
 import numpy as np
