@@ -54,7 +54,7 @@ def test_a_benchmark_runs(printed):
     assert tables
     for title, rows in tables.items():
         assert rows, title
-        # a row without a number says what it lacks
+        # a row without a number names what it lacks
         lacking = [row for row in rows if not numbers_in(row) and "not installed" not in str(row)]
         assert not lacking, title
 

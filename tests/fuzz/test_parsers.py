@@ -1,4 +1,4 @@
-"""Whatever comes in: no exception but the one that says what is wrong, attitudes finite and unit.
+"""Whatever comes in: no exception but the one that names what is wrong, attitudes finite and unit.
 
 The fast run takes some hundred cases. FUZZBEE_FUZZ_LONG=1 takes more than 100,000, other ones
 each time; a hang shows as a test that does not end.
@@ -89,7 +89,7 @@ def test_mavlink_bytes(parts, profile, steps):
 @fuzzed(15, 600)
 @given(st.data())
 def test_a_flight_with_hostile_frames_between(data):
-    """The vehicle's own frames go on; what others say must not break its attitude."""
+    """The vehicle's own frames go on; what others send must not break its attitude."""
     from tests.service.flight_rig import Rig
 
     rig = Rig(data.draw(st.sampled_from(["paper", "imu"])))

@@ -1,4 +1,4 @@
-"""Alarms: what contradicts an attitude is told, and nothing else is."""
+"""Alarms: what contradicts an attitude is reported, and nothing else."""
 
 from math import cos, radians, sin
 from types import SimpleNamespace
@@ -79,7 +79,7 @@ def swinging(time_s):
 
 
 LIMIT = bias_limit_rad_s(IMU)
-LEANS_9 = {"dip_error_rad": radians(9), "sigma_deg": 6.0}
+TILTED_9 = {"dip_error_rad": radians(9), "sigma_deg": 6.0}
 FIELD_WRONG, TOO_SURE = {Alarm.FIELD_IMPOSSIBLE}, {Alarm.SIGMA_TOO_SMALL}
 
 
@@ -87,8 +87,8 @@ FIELD_WRONG, TOO_SURE = {Alarm.FIELD_IMPOSSIBLE}, {Alarm.SIGMA_TOO_SMALL}
     ("seconds", "given", "output"),
     [
         (60, {}, set()),
-        (8, LEANS_9, {Alarm.ACCELEROMETER}),
-        (2, LEANS_9, set()),
+        (8, TILTED_9, {Alarm.ACCELEROMETER}),
+        (2, TILTED_9, set()),
         (60, {"dip_error_rad": radians(4), "sigma_deg": 6.0}, set()),
         # a bias at its limit counts after five seconds
         (4, {"bias": (0.0, -LIMIT, 0.0)}, set()),
@@ -158,8 +158,8 @@ def test_a_tilt_is_held_against_the_force_in_any_attitude(off_deg, output):
     """Beyond 15 deg and two sigmas of 2 deg."""
     true = turned(30.0, -20.0, 75.0)
     force = rotate_inverse(true, (0.0, 0.0, -9.8))
-    leaning = multiply(exp(scale(radians(off_deg), (0.6, 0.8, 0.0))), true)
-    found = words(40, acc=force, mag=(0.0, 0.0, 0.0), place=None, q=leaning, sigma_deg=2.0,
+    tilted = multiply(exp(scale(radians(off_deg), (0.6, 0.8, 0.0))), true)
+    found = words(40, acc=force, mag=(0.0, 0.0, 0.0), place=None, q=tilted, sigma_deg=2.0,
                   heading_deg=90.0)  # fmt: skip
     assert found == output
 

@@ -1,4 +1,4 @@
-"""The service compares the autopilot's attitude with ours, and tells a person when they differ."""
+"""The service compares the autopilot's attitude with ours, and reports when they differ."""
 
 from math import radians
 
@@ -48,8 +48,8 @@ def flown(
         if k % 10 == 5:
             time_us = event.sample.time_us
             if word is not None:
-                said_us = event.arrival_us + word_off_us
-                pipeline.handle(FilterStatus(ONE, said_us, True, True, **word))
+                status_us = event.arrival_us + word_off_us
+                pipeline.handle(FilterStatus(ONE, status_us, True, True, **word))
             q = show(twin.attitude(time_us).q_ned_frd)
             outputs += pipeline.handle(
                 ReferenceAttitude(
@@ -95,7 +95,7 @@ def test_an_attitude_of_another_clock_is_not_compared(clock_off_us):
 
 
 def test_the_vehicle_s_own_trim_is_no_difference():
-    """The autopilot tells the vehicle's attitude, in which its IMU is mounted with a trim."""
+    """The autopilot reports the vehicle's attitude, in which its IMU is mounted with a trim."""
     lines, status = flown(-60.0, parameters=[("AHRS_TRIM_X", radians(60.0))])
     assert lines == []
     assert status.autopilot.inclination_deg == pytest.approx(0.0, abs=1.0)
@@ -131,7 +131,7 @@ QUADPLANE, SHOWS_ALL = ("Q_ENABLE", 1.0), ("FLIGHT_OPTIONS", 256.0)
         (in_roll(0.0), [(TAILSITTER, 1.0)], 1, "agrees"),
         (as_a_copter, [], 20, "agrees"),
         (as_a_copter, [(TAILSITTER, 0.0)], 22, "differs"),
-        (as_a_copter, [], 22, None),  # nobody has told
+        (as_a_copter, [], 22, None),  # not reported
         (in_roll(0.0), [], 22, "agrees"),
         (in_roll(60.0), [], 22, "differs"),
     ],
@@ -159,7 +159,7 @@ def test_an_attitude_without_a_stamp_is_compared_only_right_behind_its_imu_messa
         ({"compass_ratio": 1.5}, "or compass"),
     ],
 )
-def test_what_the_autopilot_s_filter_says_against_itself_is_evidence(word, output):
+def test_what_the_autopilot_s_filter_reports_against_itself_is_evidence(word, output):
     _, status = flown(60.0, word=word)
     assert output in status.autopilot.evidence
     _, status = flown(60.0, word={})
@@ -167,6 +167,6 @@ def test_what_the_autopilot_s_filter_says_against_itself_is_evidence(word, outpu
 
 
 @pytest.mark.parametrize("off_us", [-3_600_000_000, 3_600_000_000])
-def test_what_its_filter_said_at_another_time_of_the_host_s_clock_is_none(off_us):
+def test_what_its_filter_reported_at_another_time_of_the_host_s_clock_is_none(off_us):
     _, status = flown(60.0, word={"has_attitude": False}, word_off_us=off_us)
     assert "its own filter" not in status.autopilot.evidence

@@ -1,4 +1,4 @@
-"""An axis of the gyroscope at fault: what the status says of it, and what is used in its place.
+"""An axis of the gyroscope at fault: what the status reports, and what is used in its place.
 
 At 10 Hz, so that a case takes a second.
 """

@@ -67,7 +67,7 @@ def test_thousands_of_ids_in_a_row_each_find_a_place(monkeypatch):
     assert departed(outputs) == gone
     output = [each.text for each in outputs if isinstance(each, Message) and "gone" in each.text]
     assert len(output) < 15  # not a line for each
-    assert departed(pipeline.tick(arrival_us + SECOND_US)) == []  # told once
+    assert departed(pipeline.tick(arrival_us + SECOND_US)) == []  # reported once
 
 
 def test_a_flood_of_addresses_takes_no_place_of_a_vehicle_that_is_silent(monkeypatch):

@@ -256,12 +256,12 @@ def test_one_stuck_sensor_is_refused_and_the_attitude_degraded_then_lost(sensor,
 @pytest.mark.parametrize("fields", [("gyr_rad_s", "acc_m_s2"), ("gyr_rad_s",)])
 @pytest.mark.parametrize(
     ("seconds", "behind_deg", "coverage"),
-    # believed, it was 1.4 and 3.0 deg behind it and 0.3 and 0.2 of the errors lay under sigma
+    # used, it was 1.4 and 3.0 deg behind it, and 0.3 and 0.2 of the errors lay under sigma
     [(0.3, 0.61, 0.98), (0.45, 0.68, 0.92)],
 )
 def test_a_sensor_stuck_for_less_than_half_a_second_is_a_gap(fields, seconds, behind_deg, coverage):
-    """Nothing is said; sigma grows at once, and nothing wrong remains."""
-    inside, behind = [], []
+    """Nothing is reported; sigma grows at once, and nothing wrong remains."""
+    covered, behind = [], []
     for seed in range(3):
         rig = Rig("imu", seed=seed).fly(SETTLE_S)
         for _ in range(4):
@@ -273,7 +273,7 @@ def test_a_sensor_stuck_for_less_than_half_a_second_is_a_gap(fields, seconds, be
                 return sample._replace(**{name: getattr(kept[0], name) for name in fields})
 
             rig.fly(seconds, change)
-            inside += [
+            covered += [
                 error_deg < record.sigma_deg.inclination
                 for error_deg, record in zip(rig.tilt_errors_deg[2:], rig.records[2:], strict=True)
             ]
@@ -281,7 +281,7 @@ def test_a_sensor_stuck_for_less_than_half_a_second_is_a_gap(fields, seconds, be
             rig.fly(1.0)
             behind += rig.tilt_errors_deg
     assert sum(behind) / len(behind) == pytest.approx(behind_deg, rel=0.2)
-    assert sum(inside) / len(inside) == pytest.approx(coverage, abs=0.1)
+    assert sum(covered) / len(covered) == pytest.approx(coverage, abs=0.1)
     assert set(rig.rejected) == {"repeated"}
 
 
@@ -424,7 +424,7 @@ def test_without_the_magnetometer_the_heading_goes_on_and_its_bound_grows():
     rig.fly(20.0, lambda s: s._replace(mag_gauss=(0.0, 0.0, 0.0)))
     after = rig.records[-1]
     assert states(rig) == ["running"]
-    assert before.sigma_deg.heading == pytest.approx(3.07, rel=0.2)  # nobody vouches
+    assert before.sigma_deg.heading == pytest.approx(3.07, rel=0.2)  # not declared calibrated
     growth = after.sigma_deg.heading - before.sigma_deg.heading
     assert growth == pytest.approx(1.21, rel=0.2)
     assert before.confidence.magnetic == pytest.approx(0.981, abs=0.005)

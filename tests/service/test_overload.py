@@ -109,7 +109,7 @@ def test_samples_are_counted_that_were_left_out_before_the_first_was_taken():
 
 
 class GivenTime:
-    """A clock that goes on only when somebody says so, in s."""
+    """A clock that a test moves on, in s."""
 
     def __init__(self):
         self.now_s = 0.0
@@ -200,7 +200,7 @@ def run_given(vehicles, load_s, seconds, room=4096, **slowness):
     return pipeline, link, kept.got
 
 
-def test_a_computer_that_is_too_slow_keeps_its_ticks_and_says_so():
+def test_a_computer_that_is_too_slow_keeps_its_ticks_and_reports_it():
     """Twenty vehicles at 50 Hz need 3 s a second of it; then they are gone."""
     load_s, rate_hz = 4.0, 50.0
     pipeline, link, got = run_given(20, load_s, 12.0, room=256, cost_s=0.003)

@@ -216,7 +216,7 @@ def test_refused_samples_are_counted_by_reason():
     assert status.rejected == {"not_finite": 1, "not_later": 1, "stuck": 1}
 
 
-def test_vehicles_are_told_apart_and_ground_stations_are_none():
+def test_each_vehicle_has_an_estimator_and_ground_stations_have_none():
     two = VehicleId(2, 1)
     gimbal = VehicleId(1, 154)
     pipeline = Pipeline(PAPER)
@@ -323,7 +323,7 @@ def test_a_flood_of_profiles_is_reported_a_few_times():
 
 
 def test_a_vehicle_that_is_late_again_and_again_is_reported_a_few_times():
-    """A computer too slow for the stream: each sample is old, and each tick after it says so."""
+    """A computer too slow for the stream: each sample is old, and each tick after it is late."""
     pipeline = Pipeline(PAPER)
     lines = []
     for event in imu_events(400):
@@ -367,18 +367,18 @@ def test_the_latest_attitude_of_others_comes_with_ours_and_once():
     """Between ticks they would fill the sinks' queues, however fast they come."""
     pipeline = Pipeline(PAPER)
 
-    def hear(vehicle, source, w):
+    def report(vehicle, source, w):
         q = (w, 0.0, 0.0, math.sqrt(1.0 - w * w))
         event = ReferenceAttitude(vehicle, START_US, 0, source, "ATTITUDE", q)
         assert pipeline.handle(event) == []
         return Peer(vehicle, source, q)
 
-    hear(ONE, "autopilot", 0.5)  # nobody knows this vehicle yet
+    report(ONE, "autopilot", 0.5)  # nobody knows this vehicle yet
     pipeline.handle(imu_events(1)[0])
     for n in range(50):
-        autopilot = hear(ONE, "autopilot", 0.01 * n)
-        truth = hear(ONE, "sim", 0.02 * n)
-    hear(VehicleId(9, 1), "sim", 0.1)
+        autopilot = report(ONE, "autopilot", 0.01 * n)
+        truth = report(ONE, "sim", 0.02 * n)
+    report(VehicleId(9, 1), "sim", 0.1)
     outputs = pipeline.tick(START_US + 10_000)
     assert [o for o in outputs if isinstance(o, Peer)] == [autopilot, truth]
     assert attitudes(outputs)

@@ -257,7 +257,7 @@ def published(sample_hz, seed):
 
 
 @pytest.mark.parametrize("sample_hz", [49.98, 50.0, 50.02, 100.0, 33.0, 10.0])
-def test_as_many_leave_as_the_rate_says_and_none_waits_for_the_grid(sample_hz):
+def test_as_many_leave_as_the_rate_asks_and_none_waits_for_the_grid(sample_hz):
     found = published(sample_hz, seed=3)
     assert [record.sequence for _, record, _ in found] == list(range(len(found)))
     found = [each for each in found if each[0] > START_US + 5_000_000]  # its rate is known then

@@ -13,7 +13,7 @@ FRAMES = 300
 
 
 def was_refused(sender):
-    """Whether nobody had the port when the last datagram came: loopback tells at once."""
+    """Whether nobody had the port when the last datagram came: loopback shows it at once."""
     return sender.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR) != 0
 
 

@@ -1,4 +1,4 @@
-"""When the autopilot's attitude and ours are said to agree or to differ, and who is named."""
+"""When the autopilot's attitude and ours are reported to agree or to differ, and who is named."""
 
 from math import atan2, cos, degrees, hypot, radians, sin
 
@@ -50,14 +50,14 @@ def looked(opinion, time_us, theirs, ours, force, field, place=None, faults=NONE
 
 
 def reported(
-    ours, theirs, *, seconds=20.0, opinion=None, begin_us=0, place=PLACE, faults=NONE, **claims
+    ours, theirs, *, seconds=20.0, opinion=None, begin_us=0, place=PLACE, faults=NONE, **sigmas
 ):
-    """What is said after so long of two attitudes of a vehicle that hovers at ``TRUE``."""
+    """The report after so long on two attitudes of a vehicle that hovers at ``TRUE``."""
     opinion = opinion or SecondOpinion()
     force, field = rotate_inverse(TRUE, (0.0, 0.0, -9.81)), rotate_inverse(TRUE, FIELD)
     for k in range(int(1e6 * seconds / LOOK_EVERY_US)):
         time_us = begin_us + k * LOOK_EVERY_US
-        looked(opinion, time_us, theirs, attitude(ours, time_us, **claims), force, field, place,
+        looked(opinion, time_us, theirs, attitude(ours, time_us, **sigmas), force, field, place,
                faults)  # fmt: skip
     return opinion
 
@@ -71,10 +71,10 @@ AGREES, DIFFERS, CANNOT_TELL = Verdict.AGREES, Verdict.DIFFERS, Verdict.CANNOT_T
 
 
 @pytest.mark.parametrize(
-    ("theirs", "claims", "verdict"),
+    ("theirs", "sigmas", "verdict"),
     [
         (TRUE, {}, AGREES),
-        # nothing is claimed that sigma does not allow
+        # nothing is reported that sigma does not allow
         (turned(NORTH, 20.0), {"sigma_deg": 5.0}, CANNOT_TELL),
         (TRUE, {"sigma_deg": 10.0}, CANNOT_TELL),
         (BEHIND, {"rate": (0.0, 0.0, 3.0)}, CANNOT_TELL),  # a lag in a fast turn
@@ -84,8 +84,8 @@ AGREES, DIFFERS, CANNOT_TELL = Verdict.AGREES, Verdict.DIFFERS, Verdict.CANNOT_T
         *((turned(NORTH, 25.0), {"north": north}, DIFFERS) for north in ("none", "magnetic")),
     ],
 )
-def test_two_differ_beyond_what_sigma_lag_and_north_allow(theirs, claims, verdict):
-    assert reported(TRUE, theirs, **claims).opinion.verdict is verdict
+def test_two_differ_beyond_what_sigma_lag_and_north_allow(theirs, sigmas, verdict):
+    assert reported(TRUE, theirs, **sigmas).opinion.verdict is verdict
 
 
 @pytest.mark.parametrize("axis", [NORTH, EAST, DOWN])
@@ -95,7 +95,7 @@ def test_the_wrong_one_is_named(axis, whose):
     pair = (TRUE, wrong) if whose == "autopilot" else (wrong, TRUE)
     output = reported(*pair).opinion
     assert output.verdict is Verdict.DIFFERS
-    # of the heading only the field tells, and that agrees with ours if the compass is turned, too
+    # only the field shows the heading, and that agrees with ours if the compass is turned, too
     is_reported = axis != DOWN or whose == "ours"
     assert output.wrong == (whose if is_reported else "")
     assert output.axis == ("heading" if axis == DOWN else "inclination")
@@ -126,7 +126,7 @@ def test_an_autopilot_that_falls_silent_is_compared_no_more():
 
 
 def test_velocity_shows_which_heading_is_right_where_there_is_no_field():
-    """A vehicle that is pushed to and fro along north, and tells how fast it is."""
+    """A vehicle that is pushed to and fro along north, and reports its velocity."""
     wrong, opinion = turned(DOWN, -30.0), SecondOpinion()
     speed, step_s = 0.0, LOOK_EVERY_US * 1e-6
     for k in range(150):
@@ -185,7 +185,7 @@ def test_where_no_evidence_names_one_what_speaks_against_one_alone_does(faults, 
 
 
 def test_the_evidence_begins_anew_with_our_attitude():
-    """A velocity that was gained before says nothing of the force after a restart."""
+    """A velocity that was gained before shows nothing of the force after a restart."""
     opinion = reported(TRUE, TRUE)
     for second in range(30):
         opinion.velocities.append((second * 1_000_000, (10.0 * second, 0.0, 0.0)))

@@ -1,6 +1,6 @@
 """A stop takes effect at any moment: also while a peer keeps the start waiting.
 
-The library is told to wait for that peer much longer than a test waits for the end of the process.
+The library waits for that peer much longer than a test waits for the end of the process.
 """
 
 import json
@@ -20,7 +20,7 @@ PATIENT = ["--cfg", f"transport/unicast/open_timeout:{NEVER_MS}"]
 
 @pytest.mark.parametrize(("verb", "number"), [("run", signal.SIGTERM), ("watch", signal.SIGHUP)])
 def test_while_the_session_waits_for_a_silent_peer(verb, number):
-    """It accepts TCP and never says a word."""
+    """It accepts TCP and never sends anything."""
     with socket.create_server(("127.0.0.1", 0)) as peer:
         options = ["-e", f"tcp/127.0.0.1:{peer.getsockname()[1]}", "-m", "client"]
         options += ["--cfg", f"connect/timeout_ms:{NEVER_MS}", *PATIENT]

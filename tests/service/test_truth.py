@@ -1,6 +1,6 @@
 """How many cases of a small choice are wrong and sure of it, and whether their truth is one.
 
-``benchmarks/truth.py`` has all cases, and says what wrong and sure means.
+``benchmarks/truth.py`` has all cases, and explains "wrong and sure".
 """
 
 from itertools import product
@@ -45,7 +45,7 @@ def test_as_many_cases_are_wrong_and_sure_as_were_measured():
 
 @pytest.mark.parametrize("rate_hz", [4.0, 50.0])
 def test_an_accelerometer_that_contradicts_field_and_velocity_is_named(rate_hz):
-    """Within 13 s of 3 m/s^2; of a gyroscope's 6 deg/s and of no fault nothing is said."""
+    """Within 13 s for 3 m/s^2; nothing is reported for a gyroscope's 6 deg/s or without a fault."""
     wrong = Fault("accelerometer offset", 0, 3.0, end_s=60.0)
     warnings = judge(Case("still", wrong, rate_hz=rate_hz, beside="offsets")).warnings
     assert wrong.begin_s < warnings["accelerometer_contradicts"] < wrong.begin_s + 13.0

@@ -14,7 +14,7 @@ from tests.service.streams import ONE, START_US
 PERIOD_US = 20_000
 
 
-def tell(vehicle, parameter):
+def report(vehicle, parameter):
     vehicle.parameters.take(parameter, vehicle.estimator)
 
 
@@ -127,11 +127,11 @@ def test_refusals_are_counted_of_the_imu_in_use(vehicle):
 
 def test_a_compass_is_judged_by_all_three_offsets(vehicle):
     def offset(axis, value):
-        tell(vehicle, Parameter(ONE, START_US, f"COMPASS_OFS_{axis}", value))
+        report(vehicle, Parameter(ONE, START_US, f"COMPASS_OFS_{axis}", value))
 
     offset("X", 0.0)
     offset("Y", 0.0)
-    tell(vehicle, Parameter(ONE, START_US, "COMPASS_OFS2_X", 3.0))  # of another compass
+    report(vehicle, Parameter(ONE, START_US, "COMPASS_OFS2_X", 3.0))  # of another compass
     assert vehicle.estimator.calls == []
     offset("Z", 0.0)
     assert vehicle.estimator.calls == [False]
@@ -161,7 +161,7 @@ def test_while_a_clock_may_have_stood_still_the_attitude_does_not_run_ahead(vehi
     """The vehicle stops for 0.3 s, its clock too: what comes then is as late as a lost third.
 
     Until that shows (0.25 s of evenly late samples) the attitude is the last sample's, and its age
-    tells; from then on both are as before.
+    shows it; from then on both are as before.
     """
     stall_us = 300_000
     feed(vehicle, 1, 100)
@@ -213,18 +213,18 @@ def test_the_worst_gap_stays_when_a_shorter_one_comes_with_a_reboot(vehicle):
     assert vehicle.imu.worst_gap_us == 4_000_000 - 3 * PERIOD_US
 
 
-def test_the_sensors_filters_tell_how_old_the_samples_are(vehicle):
+def test_the_sensors_filters_show_how_old_the_samples_are(vehicle):
     """At low frequencies a second-order Butterworth filter of 4 Hz is 56.3 ms late."""
     for cutoff_hz in (4.0, 0.0, 4.0):  # none: nothing is known; again: what was learnt stays
-        tell(vehicle, Parameter(ONE, START_US, "INS_GYRO_FILTER", cutoff_hz))
-    tell(vehicle, Parameter(ONE, START_US, "INS_ACCEL_FILTER", 10.0))
+        report(vehicle, Parameter(ONE, START_US, "INS_GYRO_FILTER", cutoff_hz))
+    report(vehicle, Parameter(ONE, START_US, "INS_ACCEL_FILTER", 10.0))
     assert vehicle.estimator.calls == [("lag", 56.27, 56.27), ("lag", 56.27, 22.51)]
     vehicle.estimator.restart()
     known = vehicle.estimator.snapshot.context
     assert (known.imu_lag_s, known.acc_lead_s) == pytest.approx((0.05627, 0.03376), abs=1e-5)
 
 
-def test_a_heartbeat_tells_what_carries_the_imu(vehicle):
+def test_a_heartbeat_shows_what_carries_the_imu(vehicle):
     """MAV_TYPE_GROUND_ROVER, MAV_TYPE_QUADROTOR, _GENERIC; who is not armed may be in a hand."""
     for vehicle_type, is_armed in ((10, True), (10, False), (2, True), (2, False), (0, True)):
         vehicle.take(Heartbeat(ONE, START_US + 5, 12, vehicle_type, is_armed))
@@ -238,7 +238,7 @@ def test_ardupilots_rovers_filter_at_4_and_10_hz_unless_they_say_otherwise(vehic
     vehicle.take(px4)
     assert vehicle.estimator.snapshot.context.imu_lag_s is None
     vehicle.take(rover)
-    tell(vehicle, Parameter(ONE, START_US, "INS_GYRO_FILTER", 20.0))
+    report(vehicle, Parameter(ONE, START_US, "INS_GYRO_FILTER", 20.0))
     vehicle.take(rover)
     lags = [call for call in vehicle.estimator.calls if isinstance(call, tuple)]
     assert lags[1:] == [("lag", 56.27, 22.51), ("lag", 11.25, 22.51)]

@@ -225,7 +225,7 @@ def statuses(status, seconds, start_s=0):
 
 
 def texts(got):
-    """Severities and whole texts, put together as MAVLink says that a receiver does."""
+    """Severities and whole texts, put together as MAVLink requires of a receiver."""
     printed = {}
     for m in got:
         if m.get_type() == "STATUSTEXT":

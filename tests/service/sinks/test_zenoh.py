@@ -272,7 +272,7 @@ def test_a_second_service_for_the_same_vehicle_is_noticed(endpoint):
     assert reported == []
     second.handle([Published(VehicleId(7, 1), status)])
     assert reported == ["test/7"]
-    second.handle([Published(VehicleId(7, 1), status)])  # told once
+    second.handle([Published(VehicleId(7, 1), status)])  # reported once
     assert reported == ["test/7"]
     for sink in (second, first):
         sink.close()
