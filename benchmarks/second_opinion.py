@@ -105,7 +105,7 @@ def turned(case: Case, after_s: float, q: Quaternion) -> Quaternion:
 def answer(recording: Recording, case: Case) -> Answer:
     """Give it all again, with the fault."""
     opinion, begun_us = SecondOpinion(), recording.span_us[0]
-    said_s, wrong, agreed, rooms = None, "", False, []
+    named_s, wrong, agreed, rooms = None, "", False, []
     for each in recording.given:
         if not isinstance(each, Look):
             opinion.velocities.append(each)
@@ -124,11 +124,11 @@ def answer(recording: Recording, case: Case) -> Answer:
         axis = differences(theirs, ours)[case.axis == 2]
         rooms.append(case.size_deg - axis.allowed_deg)
         if seen.verdict is Verdict.DIFFERS:
-            said_s = after_s if said_s is None else said_s
+            named_s = after_s if named_s is None else named_s
             wrong = seen.wrong or wrong
         is_whole = after_s >= case.creeps_s and case.size_deg > 20.0
         agreed = agreed or (is_whole and seen.verdict is Verdict.AGREES)
-    return Answer(said_s, wrong, agreed, median(rooms or [-1.0]) > 0.0)
+    return Answer(named_s, wrong, agreed, median(rooms or [-1.0]) > 0.0)
 
 
 def cases(span_s: float, sizes: Iterable[float]) -> Iterable[Case]:

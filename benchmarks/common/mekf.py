@@ -82,8 +82,8 @@ def corrected(
     H[..., diagonal, 6 + diagonal] = 1.0
     innovation = innovation - x[..., 6:]
     S = measured(H, P, p[1])
-    surprise = np.mean(innovation**2 / S[..., diagonal, diagonal], axis=-1)
-    anew = surprise > p[4]
+    excess = np.mean(innovation**2 / S[..., diagonal, diagonal], axis=-1)
+    anew = excess > p[4]
     if anew.any():
         P[anew, :3, :], P[anew, :, :3] = 0.0, 0.0
         for i in range(3):

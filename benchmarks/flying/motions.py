@@ -149,15 +149,15 @@ def _winged_rate(leg: str, roll: float, pitch: float, speed: float) -> Vec3:
 
 def copter(seed: int) -> Vehicle:
     """Tilts of up to 45 degrees and turns at random, braked by drag, and now and then a flip."""
-    return _rotor_motion(seed, most_lean=0.8, shake=0.18, flips=0.03)
+    return _rotor_motion(seed, most_tilt=0.8, shake=0.18, flips=0.03)
 
 
 def calm_copter(seed: int) -> Vehicle:
-    """What a survey or a delivery asks for: leans of up to 20 degrees, slow turns."""
-    return _rotor_motion(seed, most_lean=0.35, shake=0.05, flips=0.0)
+    """A survey or a delivery: tilts of up to 20 degrees, slow turns."""
+    return _rotor_motion(seed, most_tilt=0.35, shake=0.05, flips=0.0)
 
 
-def _rotor_motion(seed: int, most_lean: float, shake: float, flips: float) -> Vehicle:
+def _rotor_motion(seed: int, most_tilt: float, shake: float, flips: float) -> Vehicle:
     rng = np.random.default_rng(seed)
     heading = float(rng.uniform(-pi, pi))
     velocity, rate, wanted = np.zeros(3), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
@@ -171,8 +171,8 @@ def _rotor_motion(seed: int, most_lean: float, shake: float, flips: float) -> Ve
         left -= DT
         if left <= 0.0:
             flying, left = True, float(rng.uniform(1.5, 8.0))
-            acceleration_tilt = rng.uniform(-most_lean, most_lean, 2) * (rng.random() > 0.25)
-            yaw = float(rng.uniform(-1.5, 1.5)) * bool(rng.random() < 0.5) * most_lean / 0.8
+            acceleration_tilt = rng.uniform(-most_tilt, most_tilt, 2) * (rng.random() > 0.25)
+            yaw = float(rng.uniform(-1.5, 1.5)) * bool(rng.random() < 0.5) * most_tilt / 0.8
             wanted = (float(acceleration_tilt[0]), float(acceleration_tilt[1]), yaw)
             flip_s = 2.0 * pi / 7.0 if rng.random() < flips else 0.0
         if not flying:
@@ -273,8 +273,8 @@ def car(seed: int) -> Vehicle:
             moving * (shaken[1] + clip(2.0 * (sloped[1] + 0.004 * push - pitch), 0.3)),
             turn + moving * shaken[2],
         )
-        aside = 1.2 * turn - 0.004 * across * abs(speed)
-        along = rotate(askew, (speed, aside, 0.0))
+        sideways = 1.2 * turn - 0.004 * across * abs(speed)
+        along = rotate(askew, (speed, sideways, 0.0))
         return Moment(rate, rotate(q, along), 0.5 * moving + 0.2 * abs(push))
 
     return step, heading
