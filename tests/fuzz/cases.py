@@ -45,7 +45,7 @@ def fuzzed(fast, long):
 
 
 def built(build):
-    """What ``build`` makes of a random generator."""
+    """A strategy of what ``build`` makes of a random generator."""
     return st.integers(0, 2**64 - 1).map(lambda seed: build(random.Random(seed)))
 
 

@@ -74,7 +74,7 @@ def test_contradicted_axes_are_named_once_it_lasts():
 
 
 def swinging(time_s):
-    """By 54 deg to either side, twice in two seconds."""
+    """The field swings by 54 deg to either side, twice in two seconds."""
     return (0.218, 0.3 if time_s % 2 < 1 else -0.3, 0.428)
 
 
@@ -138,7 +138,7 @@ def turned(roll_deg, pitch_deg, yaw_deg):
 def test_a_heading_is_held_against_the_declination_of_the_place(
     true_deg, declination_deg, off_deg, output
 ):
-    """In any attitude; beyond 20 deg and two sigmas (2 deg) to either side it is wrong."""
+    """In any attitude it is wrong beyond 20 deg and two sigmas (2 deg) to either side."""
     east = radians(declination_deg)
     field_ned = (0.218 * cos(east), 0.218 * sin(east), 0.428)
     roll, pitch, yaw = true_deg

@@ -53,12 +53,7 @@ def flown(
             q = show(twin.attitude(time_us).q_ned_frd)
             outputs += pipeline.handle(
                 ReferenceAttitude(
-                    ONE,
-                    event.arrival_us + late_us,
-                    time_us + clock_off_us,
-                    "autopilot",
-                    message,
-                    q,
+                    ONE, event.arrival_us + late_us, time_us + clock_off_us, "autopilot", message, q
                 )
             )
         lines += texts(outputs)
@@ -154,10 +149,7 @@ def test_an_attitude_without_a_stamp_is_compared_only_right_behind_its_imu_messa
 
 @pytest.mark.parametrize(
     ("word", "output"),
-    [
-        ({"has_attitude": False}, "calls it not good"),
-        ({"compass_ratio": 1.5}, "or compass"),
-    ],
+    [({"has_attitude": False}, "calls it not good"), ({"compass_ratio": 1.5}, "or compass")],
 )
 def test_what_the_autopilot_s_filter_reports_against_itself_is_evidence(word, output):
     _, status = flown(60.0, word=word)

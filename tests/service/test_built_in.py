@@ -55,7 +55,6 @@ def rms(values):
     [("paper", 6.6, 0.55, 0.98), ("rest", 2.2, 0.9, 1.0), ("turn", 8.7, 0.5, 0.9)],
 )
 def test_the_paper_s_signals_are_read_with_the_paper_s_profile(motion, error_deg, least, most):
-    """Under imu they were 42 deg off, and 4 % of the errors under sigma."""
     rows = np.concatenate([flown(motion, 15.0, seed)[200:] for seed in (1, 2)])
     assert rms(rows[:, 1]) == pytest.approx(error_deg, rel=0.2)
     for error, sigma in ((2, 4), (3, 5)):

@@ -65,7 +65,7 @@ def test_a_compass_that_velocity_bears_out_is_as_good_as_one_that_somebody_vouch
 
 
 def test_a_poor_gyroscope_that_was_learnt_at_rest_is_not_forgotten_at_take_off():
-    """4 deg/s from the first sample on, without velocity; measured 1.1 deg, and 9.9 if it is."""
+    """4 deg/s from the first sample on, without velocity."""
     offset = Fault("gyroscope offset", 0, 0.07, begin_s=0.0)
     found = judge(Case("gentle tilts", offset, False, beside="offsets", seed=9))
     assert found.inclination.rms_deg < 2.0

@@ -316,7 +316,7 @@ def test_a_saturated_sensor_is_refused_and_the_estimate_recovers(
 @pytest.mark.parametrize("limit_rad_s", [4.363, 8.727, 17.45, 34.9])
 @pytest.mark.parametrize("profile", ["paper", "imu"])
 def test_after_a_saturated_gyroscope_the_attitude_is_aligned_anew(profile, limit_rad_s):
-    """What hid behind the rail nobody knows: going on had cost 20 s of a wrong heading."""
+    """Nothing shows the turn beyond the rail."""
     rig, quiet = Rig(profile, seed=11).fly(SETTLE_S), Rig(profile, seed=11).fly(SETTLE_S)
     rig.fly(0.5, lambda s: s._replace(gyr_rad_s=(s.gyr_rad_s[0], limit_rad_s, s.gyr_rad_s[2])))
     quiet.fly(0.5)

@@ -42,8 +42,7 @@ def descriptors(monkeypatch, limit):
 
 
 @pytest.mark.parametrize(
-    ("limit", "most"),
-    [(4, 1), (64, 8), (1024, 40), (resource.RLIM_INFINITY, 40)],
+    ("limit", "most"), [(4, 1), (64, 8), (1024, 40), (resource.RLIM_INFINITY, 40)]
 )
 def test_a_door_leaves_descriptors_to_links_and_records(limit, most, monkeypatch):
     descriptors(monkeypatch, limit)
@@ -91,8 +90,7 @@ def test_the_silent_take_no_more_than_their_places_and_keep_nobody_waiting(monke
 
 @pytest.mark.parametrize("method", ["GET", "HEAD"])
 @pytest.mark.parametrize(
-    ("host", "expected"),
-    [("localhost", 200), ("[::1]:80", 200), ("127.0.0.1.evil.example", 403)],
+    ("host", "expected"), [("localhost", 200), ("[::1]:80", 200), ("127.0.0.1.evil.example", 403)]
 )
 def test_a_foreign_name_is_refused(door, method, host, expected):
     got, content = status(door, method, host)

@@ -69,7 +69,7 @@ class Link(RuleBasedStateMachine):
 
     @rule(data=st.binary(min_size=1, max_size=600))
     def garbage_comes(self, data):
-        """Of another sender: what follows half a frame of the vehicle's own may swallow a frame."""
+        """Bytes of another sender behind half a frame of the vehicle may swallow a frame."""
         self.rig.receive(data, peer="noise")
 
     @rule(share=st.floats(0.1, 0.9))
@@ -100,7 +100,7 @@ class Link(RuleBasedStateMachine):
 
     @rule()
     def the_link_comes_again(self):
-        """Its half frame is gone with it."""
+        """The half frame is gone with the link."""
         self.rig.readers["a"] = FrameReader()
         self.sent -= bool(self.half)
         self.half = b""

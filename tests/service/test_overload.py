@@ -1,4 +1,4 @@
-"""What is left out when there is more to do than can be done, and that it ends."""
+"""Overload: what is left out, and that it ends."""
 
 import json
 import math
@@ -63,7 +63,7 @@ def test_while_samples_are_left_out_attitudes_are_of_new_ones():
 
 @pytest.mark.parametrize("is_left_out", [True, False])
 def test_whose_samples_are_left_out_is_not_silent(is_left_out):
-    """Its last attitude is not shown again, either; who is silent is degraded."""
+    """Its last attitude is not sent again; a silent vehicle is degraded."""
     pipeline, events = Pipeline(load_profile("paper")), imu_events(20)
     shedding = Load(is_shedding=True)
     for event in events:

@@ -109,7 +109,7 @@ def test_records_have_the_published_schema():
 def test_a_status_has_the_flight_mode_and_whether_it_is_armed(
     autopilot, vehicle_type, number, name
 ):
-    """Of the latest heartbeat; a log's own events change a part of it."""
+    """They are the latest heartbeat's; a log's own events change a part of it."""
     pipeline = fed(imu_events(10))
     (before,) = statuses(pipeline.tick(START_US + 1_000_000))
     assert (before.mode, before.armed) == ("", None)
@@ -300,7 +300,7 @@ def test_a_profile_that_raises_while_it_is_installed_changes_nothing(monkeypatch
 
 
 def test_a_flood_of_profiles_is_reported_a_few_times():
-    """And how many lines were left out once there is room again; a clock set back makes room."""
+    """The number of lines left out follows once there is room; a clock set back makes room."""
     pipeline = fed(imu_events(100))
 
     def replaced(times, now_us):

@@ -21,11 +21,7 @@ from service.second_opinion import (
 from tests.service.streams import ONE
 
 PLACE = PlaceField(radians(10.0), radians(60.0), 0.5)
-FIELD = (
-    0.25 * cos(radians(10.0)),
-    0.25 * sin(radians(10.0)),
-    0.5 * sin(radians(60.0)),
-)
+FIELD = (0.25 * cos(radians(10.0)), 0.25 * sin(radians(10.0)), 0.5 * sin(radians(60.0)))
 NONE = KnownFaults()
 NORTH, EAST, DOWN = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 

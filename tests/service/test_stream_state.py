@@ -42,7 +42,7 @@ def test_a_preferred_message_now_and_then_does_not_take_over():
 
 
 def test_change_over_when_the_chosen_one_is_silent_while_the_other_comes():
-    """At 50 Hz after half a second, and not by what comes first after an outage of both."""
+    """At 50 Hz after half a second, but not by the first message after an outage of both."""
     choice = ImuChoice()
     feed(choice, "RAW_IMU")  # and after a minute of nothing:
     assert feed(choice, *["SCALED_IMU2"] * 50, start_us=60_000_000) == "RAW_IMU"
@@ -117,7 +117,7 @@ def test_a_silence_so_long_that_the_vehicle_was_gone_is_not_the_message_s(silenc
 
 
 def test_another_message_is_used_while_the_gyroscope_of_the_first_is_contradicted():
-    """And once that one's is contradicted as well, nothing speaks against the first more."""
+    """Once the other gyroscope is contradicted as well, the first message is used again."""
     choice = ImuChoice()
     feed(choice, *BOTH)
     choice.contradicted.add(choice.message)

@@ -56,7 +56,7 @@ def test_an_accelerometer_that_contradicts_field_and_velocity_is_named(rate_hz):
 
 @pytest.mark.parametrize("name", MOTIONS)
 def test_rate_and_force_of_a_motion_lead_to_its_attitude_and_velocity(name):
-    """What the sensors feel, integrated: within what the trapezoid leaves over at 200 Hz."""
+    """The integrated readings agree to what the trapezoid leaves over at 200 Hz."""
     motion = MOTIONS[name](Draw(seed=3))
     down = rotate_inverse(motion.q_ned_frd, (0.0, 0.0, 1.0))
     by_turning = rotate_inverse(integrated(motion.rate_rad_s, 0.0), down[0])

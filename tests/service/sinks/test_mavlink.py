@@ -1,4 +1,4 @@
-"""What arrives at real sockets, decoded by pymavlink."""
+"""The messages at real sockets, decoded by pymavlink."""
 
 import math
 import socket

@@ -1,4 +1,4 @@
-"""What ROS 2 nodes receive, decoded by rosbags, which shares no code with ours."""
+"""The messages that ROS 2 nodes receive, decoded by rosbags, which shares no code with ours."""
 
 import struct
 
@@ -254,7 +254,7 @@ def test_closing_after_the_session_is_no_error(endpoint):  # noqa: F811
 
 
 def test_the_topic_of_a_vehicle_that_is_forgotten_is_withdrawn(endpoint):  # noqa: F811
-    """And the numbers of entities stay different."""
+    """Entities' numbers stay different."""
     session = open_session(options(endpoint))
     sink = RosSink(session, "fuzzbee", domain=4)
 

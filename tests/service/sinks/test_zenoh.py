@@ -304,7 +304,7 @@ def test_a_vehicle_that_is_forgotten_is_withdrawn_and_may_come_back(endpoint):
 
 
 def test_all_attitudes_of_a_tick_come_in_one_put(endpoint):
-    """As JSON by vehicle, the newest of each."""
+    """It is JSON by vehicle, with the newest attitude of each."""
     session, received = open_session(options(endpoint)), []
     vehicles = [VehicleId(1, 1), VehicleId(2, 1), VehicleId(2, 154)]
     record = Rig().fly(2.0).records[-1]
