@@ -15,7 +15,6 @@ from estimator.live.compass_check import dip_error_rad
 from estimator.live.core import Snapshot, apply_turn, change_imu
 from estimator.live.kernel_handle import NO_ROWS_BOUND
 from estimator.live.published import write
-from estimator.live.refusal import REASONS
 from estimator.live.rows import NO_REPORT_ROWS, NORTHS, Q, Rows
 from estimator.live.settings import Settings
 from estimator.live.state import State
@@ -112,10 +111,6 @@ class Estimator:
     ) -> Reason | None:
         """Take the fields of an :class:`ImuSample`, as :meth:`update` does: it is one call less."""
         state = self._state
-        if state.takes_raw_samples:
-            end = state.core.advance_raw(time_us, *gyr_rad_s, *acc_m_s2, *mag_gauss, has_mag)
-            state.published = None
-            return REASONS.get(end)
         if not state.takes_rows:
             return take_sample(state, ImuSample(time_us, gyr_rad_s, acc_m_s2, mag_gauss, has_mag))
         core = state.core if state.is_ready else state.ready()
@@ -257,7 +252,7 @@ class Estimator:
 
     @property
     def compass_off_rad(self) -> float:
-        """By how much (rad, about down) a compass is turned that velocity contradicts."""
+        """The angle (rad, about down) by which a compass is turned that velocity contradicts."""
         return self._state.context.compass.turned_rad
 
     @property

@@ -53,7 +53,7 @@ class RateSample(NamedTuple):
 
 
 class Between(NamedTuple):
-    """What is known of the turning between two samples, beside their own rates."""
+    """The turning between two samples, beside their own rates."""
 
     given: bool
     turn_rad_s: Vec3  # the constant rate that turns as far over the step, with the bias
@@ -69,9 +69,9 @@ NOTHING_BETWEEN = Between(False, ZERO_VEC3, ZERO_VEC3, 0.0)
 
 
 class Sample(NamedTuple):
-    """An :class:`ImuSample` as the filter's steps take it: with an interval in place of its time.
+    """An :class:`ImuSample` for the filter's steps, with an interval in place of its time.
 
-    Of the field any unit will do; it is that of the parameters that mention it (gauss).
+    The field may have any unit: that of the parameters that mention it (gauss).
     """
 
     gyr_rad_s: Vec3  # angular rate, FRD

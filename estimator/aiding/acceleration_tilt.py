@@ -30,7 +30,7 @@ with_latest = replacer(AccelerationTilt, "latest_m_s")
 def watch_acceleration_tilt(
     acceleration_tilt: AccelerationTilt, force_ned_m_s2: Vec3, dt: float
 ) -> AccelerationTilt:
-    """With one more sample."""
+    """The means after one more sample."""
     share = dt / (ACCELERATION_TILT_TAU_S + dt)
     felt = subtract(add(force_ned_m_s2, GRAVITY_NED), acceleration_tilt.felt_m_s2)
     ahead = subtract(acceleration_tilt.latest_m_s, acceleration_tilt.reported_m_s)

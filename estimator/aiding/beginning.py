@@ -58,7 +58,7 @@ class Beginning(NamedTuple):
 
 
 def lag_variance(lag_s: float) -> float:
-    """Of an IMU's lag that is known by what usually delays its samples, s^2."""
+    """Variance (s^2) of an IMU's lag that only the usual delay of its samples shows."""
     return (lag_s / REACH) ** 2
 
 

@@ -15,9 +15,8 @@ from estimator.conditioning.robust import MOST_DEVIATION
 from estimator.geometry.earth import PlaceField, in_ned
 from estimator.types import EVER_US, NEVER_US
 
-# A compass whose heading was wrong twice counts as not calibrated for FORGET_S. It was if the
-# aiding gives up again while the first time is remembered (LONG_S). After a field that did not look
-# like the place's own, it must have looked so for MEMORY_S.
+# A compass whose heading was wrong twice within LONG_S counts as not calibrated for FORGET_S. After
+# a field unlike the place's own, the field must look like it for MEMORY_S.
 
 
 class Compass(NamedTuple):
@@ -72,7 +71,7 @@ def rejected_until_us(compass: Compass) -> int:
 
 
 def used_from_us(compass: Compass) -> int:
-    """From when on its field counts at all."""
+    """The time from which its field counts."""
     if compass.turned_rad != 0.0:
         return NEVER_US  # it is read as it is mounted
     return _until_us(compass.contradicted_us, FORGET_S)

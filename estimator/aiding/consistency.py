@@ -38,8 +38,8 @@ from estimator.geometry.quaternion import (
 )
 from estimator.types import IDENTITY, STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Sample, Vec3
 
-# A difference beyond ``REACH`` times the usual one inflates the variance, by this share of the
-# square beyond it: an average lags behind an error that grows.
+# The share of the square beyond ``REACH`` times the usual difference that inflates the variance:
+# an average lags behind an error that grows.
 INFLATION_SHARE = 4.0
 
 
@@ -62,9 +62,7 @@ class Apart(NamedTuple):
 class Consistency(NamedTuple):
     """What was measured lately, and how far from the attitude it lies."""
 
-    q_g_frd: Quaternion = (
-        IDENTITY  # body to G, by the gyroscope free of the bias that the aiding knows
-    )
+    q_g_frd: Quaternion = IDENTITY  # body to G, by the gyroscope free of the aiding's bias
     window: Window = Window()  # of the force, since a report opened it
     turned_rad: float = 0.0  # since then, every way
     by_receiver: bool = False  # whose reports open and close the window
@@ -237,7 +235,7 @@ def compare_field(consistency: Consistency, aided: AidingState, sample: Sample) 
 def compare(
     consistency: Consistency, q_ned_frd: Quaternion, dt: float, tau_s: float
 ) -> Consistency:
-    """With e of this attitude: sin^2 of half the angle to both directions, by their confidence.
+    """Add e of this attitude: sin^2 of half the angle to both directions, by their confidence.
 
     Its rate is low-passed with ``tau_s``.
     """

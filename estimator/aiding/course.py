@@ -107,7 +107,7 @@ def scatter(rolled: Rolled, sense: float) -> float:
 
 
 def forward_evidence(rolled: Rolled) -> float:
-    """That it goes forwards, against reverse: 2 ln of the likelihoods' ratio."""
+    """Evidence for forwards against reverse: 2 ln of the likelihood ratio."""
     if rolled.windows <= 1.0:
         return 0.0
     return 2.0 * (rolled.windows - 1.0) * log(scatter(rolled, -1.0) / scatter(rolled, 1.0))

@@ -47,12 +47,10 @@ GRAVITY_NED: Vec3 = (0.0, 0.0, STANDARD_GRAVITY_M_S2)
 LEARNT_LASTS_S = 2500.0
 # Forces usually lie at least this far off the line through two others, m/s^2: noise and shaking.
 LEAST_KNOCK_M_S2 = 2.0
-# A slow error of a source beyond ``REACH`` of its sigmas is one of a jump, and lasts the longer the
-# larger it is, up to ``FAR`` times as long.
+# A slow error beyond ``REACH`` of its sigmas has jumped, and lasts up to ``FAR`` times as long.
 
 moved = replacer(
-    AidingEstimate,
-    *("q_ned_frd", "velocity_ned_m_s", "receiver_error_m_s", "filter_error_m_s"),
+    AidingEstimate, *("q_ned_frd", "velocity_ned_m_s", "receiver_error_m_s", "filter_error_m_s")
 )
 
 with_knocked = replacer(Roughness, "knocked")
@@ -65,9 +63,7 @@ class Prediction(NamedTuple):
     force_ned_m_s2: Vec3  # specific force, NED
     rate_rad_s: Vec3  # free of bias, FRD
     velocity_history: Array  # of the velocity gained lately
-    covariance: (
-        Array  # (SIZE, SIZE) of the errors; what is learnt at the sample changes it in place
-    )
+    covariance: Array  # (SIZE, SIZE) of the errors; learning changes it in place
 
 
 @inlined
@@ -164,7 +160,7 @@ def add_knock(P: Array, rough: Roughness, off_m_s2: Vec3, dt: float) -> None:
 
 @inlined
 def watch_knocks(rough: Roughness, velocity_history: Array, dt: float) -> Roughness:
-    """With one more force; one that is unusual teaches little."""
+    """The roughness after one more force; an unusual one counts little."""
     off = newest_deviation(velocity_history)
     square = min(dot(off, off), usual_knock(rough))
     return with_knocked(rough, rough.knocked + dt / (USUAL_S + dt) * (square - rough.knocked))

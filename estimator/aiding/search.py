@@ -21,25 +21,15 @@ from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.params import ACCELERATION_LASTS_S, MEMORY_S, SPAN_S
 from estimator.conditioning.robust import HEADING_REACH_RAD
 from estimator.filter.alignment import nearest_rotation, quaternion_from_matrix
-from estimator.geometry.quaternion import (
-    add,
-    cross,
-    dot,
-    rotate,
-    rotate_inverse,
-    scale,
-    subtract,
-)
+from estimator.geometry.quaternion import add, cross, dot, rotate, rotate_inverse, scale, subtract
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Vec3
 
 Matrix = tuple[Vec3, Vec3, Vec3]  # row by row
 NOTHING: Matrix = (ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
 
-# A heading no more certain than this, rad, is as good as none, such as one by an
-# uncalibrated compass: the aiding does not begin with it.
+# With a heading less certain than this (rad), as by an uncalibrated compass, no aiding begins.
 UNKNOWN_RAD = radians(45.0)
-# Two windows in a row share the report between them, and more share the reports' slow error:
-# the variance is this many times that of independent ones.
+# Windows share reports and their slow error: so many times the variance of independent ones.
 CORRELATED = 4.0
 
 

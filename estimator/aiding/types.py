@@ -137,7 +137,7 @@ class Agreement(NamedTuple):
 
 
 class Agreements(NamedTuple):
-    """Of either source: an autopilot's filter, and a receiver."""
+    """The agreements of both sources: an autopilot's filter, and a receiver."""
 
     by_filter: Agreement = Agreement()  # reports whose age is known
     by_receiver: Agreement = Agreement()  # reports whose age is uncertain

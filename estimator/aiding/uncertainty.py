@@ -19,12 +19,7 @@ from estimator.aiding.types import (
 )
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.field.magnetic import (
-    NORM_SCALE,
-    deviation,
-    horizontal_down,
-    norm_of,
-)
+from estimator.conditioning.field.magnetic import NORM_SCALE, deviation, horizontal_down, norm_of
 from estimator.conditioning.params import SPAN_S
 from estimator.conditioning.robust import PLANE_68, REACH, robust_factor
 from estimator.geometry.quaternion import norm
@@ -55,7 +50,7 @@ def sigmas(
 def inclination_sigma(
     params: AidingParams, P: Array, agreement: Agreements, bias_prior: BiasPrior, late_rad: float
 ) -> float:
-    """From the covariance, as far as the reports' scatter confirms it, and ``late_rad``.
+    """Sigma by the covariance, as far as the reports' scatter confirms it, and by ``late_rad``.
 
     ``late_rad`` comes from turning only. Reports show nothing of what a poor accelerometer's bias
     may have turned, however well they agree.
@@ -79,7 +74,7 @@ def heading_sigma(
     iron_rad: float,
     late_rad: float,
 ) -> float:
-    """From the covariance and the field's slow disagreement: either may be wrong.
+    """Sigma by the covariance and the field's slow disagreement: either may be wrong.
 
     ``iron_rad`` is how far hard iron may turn the field. A heading that is no more certain than
     that comes from the field, so the reports' agreement does not count.
@@ -117,7 +112,7 @@ def with_dip_error(
 
 @inlined
 def unexplained(scatter: Scatter) -> float:
-    """By how much the variance exceeds the covariance's at least, as a share of it.
+    """The least share by which the variance exceeds the covariance's.
 
     Innovations of a filter that is as good as it believes are white. If its variance were 1 + u
     times what it believes, a share x of the innovations', their mean square would be 1 + x u and
@@ -132,7 +127,7 @@ def unexplained(scatter: Scatter) -> float:
 
 @inlined
 def scatter_scale(params: AidingParams, agreement: Agreements) -> float:
-    """How far reports scatter, of what the covariance expects; without reports 1 at least.
+    """The scatter of reports, relative to what the covariance expects; at least 1 without reports.
 
     The covariance is that of the roughest IMU and the poorest reports. Less scatter shows less
     uncertainty, but an autopilot's filter integrates the same IMU, so its agreement proves only so

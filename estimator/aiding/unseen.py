@@ -95,7 +95,7 @@ def add_hole(P: Array, dt: float) -> None:
 def watch_roughness(
     rough: Roughness, second_difference: Vec3, change: Vec3, dt: float
 ) -> Roughness:
-    """With one more reading."""
+    """The roughness after one more reading."""
     share = dt / (LATELY_S + dt)
     return Roughness(
         second_difference=rough.second_difference

@@ -34,11 +34,7 @@ _event: Any = event
 # No branch at divisions: every division in the kernels is guarded by its own named threshold.
 # Inlining spares copying states of a hundred floats at each call, which halves the time of a step.
 # No wrapper for C, as nothing calls a kernel from C.
-OPTIONS: dict[str, Any] = {
-    "error_model": "numpy",
-    "forceinline": True,
-    "no_cfunc_wrapper": True,
-}
+OPTIONS: dict[str, Any] = {"error_model": "numpy", "forceinline": True, "no_cfunc_wrapper": True}
 
 # All kernels, and the types that commands call them with.
 KERNELS: dict[Any, Types | None] = {}

@@ -31,7 +31,7 @@ def _without_yaml() -> Iterator[None]:
 
 @contextmanager
 def _elsewhere() -> Iterator[None]:
-    """In the root folder, where only root can put anything."""
+    """Work in the root folder, where only root can put anything."""
     try:
         here = os.open(".", os.O_RDONLY)
     except OSError:  # a folder that was removed, or may not be read: nothing is found there

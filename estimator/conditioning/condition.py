@@ -132,6 +132,6 @@ def condition(
 
 @inlined
 def ned_of_g(vertical: VerticalState) -> Quaternion:
-    """From G to north, east and down, as far as they are known."""
+    """The rotation from G to north, east and down, as far as they are known."""
     half = 0.5 * vertical.estimate.heading_rad
     return multiply((cos(half), 0.0, 0.0, sin(half)), vertical.gravity.q_6d_g)

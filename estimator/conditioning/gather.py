@@ -7,8 +7,7 @@ from estimator.geometry.axes import FrameAxes, to_frame
 from estimator.geometry.quaternion import add, scale
 from estimator.types import ZERO_VEC3, Sample, Vec3
 
-# Learning runs on the mean of samples over at least this time (s): a hundred
-# times a second is plenty for values that change within seconds.
+# Learning runs on means over at least this time (s), plenty for values that change in seconds.
 STEP_S = 0.0085
 
 

@@ -12,31 +12,30 @@ from estimator.bounds import Acceleration, Angle, Lag, Noise, Rate, Share, Time
 
 # Low-pass of the field's norm and dip, s. Small: noise counts, large: magnets are noticed late.
 FIELD_S = 0.05
-# Of samples further apart (s) what turned in between is mostly missed: one shows no own field, and
-# is a sign of no more than this, so that several in a row have to agree.
+# Longest step (s) that counts in full: a longer one misses most of the turning and shows no own
+# field, so several in a row have to agree.
 LONGEST_STEP_S = 0.15
-# The quick means of gyroscope, force and field, s: in a shorter one is noise, a longer one is late.
-# Looking back, the gyroscope's path does not go on over a longer step.
+# Quick means of gyroscope, force and field, s. Small: noisy, large: late. A smoothed path ends at a
+# longer step.
 QUICK_S = 0.5
-# Means of force, field and velocity over so long (s) are compared: a shorter one is mostly noise,
-# and in a longer one the gyroscope drifts. So long a silence is one.
+# Means of force, field and velocity that are compared, s. Small: mostly noise, large: the gyroscope
+# drifts. A pause of this length is a gap.
 SPAN_S = 1.0
-# So long (s) a field that looks usual must point elsewhere to be believed: a magnet passes. The
-# residual of a heading that velocity helps is low-passed with it.
+# A field that looks usual must point elsewhere for so long (s) to count: a magnet passes. The
+# residual of an aided heading has the same low-pass.
 CONFIRM_S = 4.0
 # Accelerations that the mean force does not average out, and slips of wheels, last for so long, s.
 ACCELERATION_LASTS_S = 3.0
 # What is compared with now, s: accelerations, a wandering field, where gravity and field stood.
 LATELY_S = 10.0
-# Mean squares of how much something usually scatters, s: the size of force and field, the
-# heading's residual, and what betrays accelerations that last.
+# Means of usual scatter, s: of the size of force and field, of the heading's residual, and of the
+# signs of lasting accelerations.
 USUAL_S = 20.0
-# What has been measured counts for so long, s: corrections, what velocities show of the heading
-# (meanwhile G drifts by less than that is wrong), what wheels contradict, that a field is new.
+# Measurements count for so long, s: corrections, what velocities show of the heading, what wheels
+# contradict, that a field is new. Meanwhile G drifts by less than their error.
 MEMORY_S = 30.0
-# What is remembered, s: headings that were given up, how well means of the force agree, how far
-# measurements usually lie from an attitude. A random walk's growth is given for it.
-# Velocity that has been missing for longer helps no more.
+# Memory of headings that were given up, of how well means of the force agree, and of the usual
+# residuals, s. Random walks are given for this time. Velocity helps until it is missing for longer.
 LONG_S = 100.0
 # What has been learnt is forgotten in so long, s: a vehicle's own field, that its compass misled.
 FORGET_S = 600.0
@@ -93,13 +92,9 @@ class ConditioningParams(NamedTuple):
     field_dip_scale_rad: Angle = 0.1  # deviation of the dip that counts as one; small: strict
 
     # Heading.
-    heading_noise_rad2_s: Noise = (
-        0.003  # of the field's heading; small: follows magnets, large: slow
-    )
+    heading_noise_rad2_s: Noise = 0.003  # of the field; small: follows magnets, large: slow
     heading_doubt_noise_rad2_s: Noise = 0.015  # added at low confidence; small: follows magnets
-    heading_turning_noise_s: Noise = (
-        5e-6  # drift variance per squared rate: scale errors of the gyro
-    )
+    heading_turning_noise_s: Noise = 5e-6  # drift variance per squared rate: gyro scale errors
 
     # Events.
     turn_heading_rad: Angle = radians(10.0)  # residual no honest drift reaches; small: false alarms

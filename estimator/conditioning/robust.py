@@ -10,8 +10,7 @@ REACH = 3.0
 # an hour of independent seconds.
 FAR = 16.0
 # A residual of the heading that counts a quarter, rad. Small: a wrong heading never returns, large:
-# magnets draw it. The aiding begins with no heading that may be further off: neither velocity's,
-# whose pushes may be a vehicle's shaking, nor a field's that somebody vouches for.
+# magnets draw it. The aiding does not begin with a less certain heading, by velocity or by field.
 HEADING_REACH_RAD = radians(25.0)
 # A vector that is off its mean by this share of its size has been turned, not measured badly.
 MOST_DEVIATION = 0.6
@@ -25,7 +24,7 @@ PLANE_68 = 1.515
 
 @inlined
 def robust_factor(square: float) -> float:
-    """By what (1 + x^2)^2 the noise's variance of a deviation x grows, from the square of x.
+    """Factor (1 + x^2)^2 of the noise's variance for a deviation x, from the square of x.
 
     The inverse is the weight of a robust estimator whose loss saturates (Geman and McClure 1987):
     deviations that are far off do not count.
@@ -35,7 +34,7 @@ def robust_factor(square: float) -> float:
 
 @inlined
 def residual_factor(residual: float, variance: float) -> float:
-    """By what the noise of a heading's residual grows: 4 times at :data:`HEADING_REACH_RAD`.
+    """Factor of the noise of a heading's residual: 4 at :data:`HEADING_REACH_RAD`.
 
     A larger ``variance`` (rad^2) of the heading moves that point out: its error explains the
     residual.

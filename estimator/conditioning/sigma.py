@@ -18,14 +18,13 @@ from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
 from estimator.conditioning.vertical.tilt import slowness, weighing
 from estimator.geometry.quaternion import rotate
 
-# What a measured mean square counts as a variance: of the force's size, as a share of gravity,
-# about the inclination; of the field's scatter, and of its norm and dip, about the heading.
+# Variance by a measured mean square: of the inclination by that of the force's relative size, of
+# the heading by that of the field's scatter, and of its norm and dip.
 MEASURED_SQUARE = 2.0
-# What a low-pass leaves of the variance of a mean over a window; and of one that is reckoned from
-# accelerations that are taken to last long.
+# What a low-pass leaves of the variance of a mean over a window, or by lasting accelerations.
 LOW_PASS_SHARE = 0.5
-# The share of the square of the angle between the force of a second and the vertical: it is an
-# acceleration or an error, and for some seconds nothing shows which.
+# What the squared angle between the force of a second and the vertical counts: for some seconds
+# nothing shows whether it is an acceleration or an error.
 CONTRADICTED_SQUARE = 0.1
 # The share by which a heading given up may still be right once another is confirmed.
 LEAST_ALTERNATIVE = 0.15
@@ -88,11 +87,7 @@ def sigma_inclination(
 
 
 @inlined
-def alternative(
-    vertical: VerticalState,
-    magnetic: MagneticState,
-    events: EventsState,
-) -> float:
+def alternative(vertical: VerticalState, magnetic: MagneticState, events: EventsState) -> float:
     """Variance (rad^2) for another heading that may be the right one.
 
     Before a field is confirmed that is where it points, or where another lasting one does;

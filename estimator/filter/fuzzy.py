@@ -11,8 +11,8 @@ import numpy as np
 from estimator.compilation.compiled import compiled, inlined
 from estimator.filter.memberships import Five, Memberships, Triangle, fuzzy_sets
 
-# An area below this is computed again with the strengths times FAINT_LIFT: numbers next to the
-# smallest lose their digits. So faint a clipping leaves the knees at the corners either way.
+# A smaller area is computed again with the strengths times FAINT_LIFT, as the smallest numbers lose
+# their digits. The knees are at the corners either way.
 FAINT_AREA = 1e-200
 FAINT_LIFT = 1e100
 
@@ -67,11 +67,7 @@ def fire(e: Strengths, d: Strengths) -> Strengths:
     d_any = max(d_vs, d_s, d_m, d_l, d_vl)
     vs = min(e_vs, d_vs)
     s = max(min(e_s, d_vs), min(e_vs, d_s))
-    m = max(
-        min(e_m, max(d_vs, d_s)),
-        min(e_s, max(d_s, d_m)),
-        min(e_vs, max(d_m, d_l)),
-    )
+    m = max(min(e_m, max(d_vs, d_s)), min(e_s, max(d_s, d_m)), min(e_vs, max(d_m, d_l)))
     large = max(min(e_m, d_m), min(e_s, max(d_l, d_vl)), min(e_vs, d_vl))
     vl = max(min(e_large, d_any), min(e_m, max(d_l, d_vl)))
     return (vs, s, m, large, vl)

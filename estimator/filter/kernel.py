@@ -129,7 +129,7 @@ def step_gain(params: FilterParams, K: float, fastest: float, dt: float) -> floa
 def decaying_gain(
     params: FilterParams, K: float, fastest: float, dt: float, decay: Decay
 ) -> tuple[float, Decay]:
-    """:func:`step_gain` by the decay of the step before where that was the same, and the decay."""
+    """:func:`step_gain`, and the decay, which is computed anew only if the step has changed."""
     is_short = dt <= STEP_TOLERANCE * params.euler_step_max_s
     plain = is_short and K * fastest * dt <= PLAIN_STEP_LIMIT
     if plain or fastest <= 0.0:
@@ -234,10 +234,7 @@ def correct(params: FilterParams, state: FilterState, vectors: Vectors, dt: floa
 
 @compiled
 def step(
-    params: FilterParams,
-    reference: ReferenceParams,
-    state: FilterState,
-    sample: Sample,
+    params: FilterParams, reference: ReferenceParams, state: FilterState, sample: Sample
 ) -> FilterState:
     """One sample of raw vectors: propagate, then correct."""
     vectors = raw_vectors(reference, sample.acc_m_s2, sample.mag, sample.has_mag)

@@ -145,7 +145,7 @@ def observe_floor(noise: NoiseState, error: float, dt: float) -> NoiseState:
 
 @inlined
 def term(floors: float, first: float, factor: float) -> float:
-    """Where an input lies between the terms VS = 0 and VL = 4."""
+    """An input's place between the terms VS = 0 and VL = 4."""
     if floors <= first:
         return 0.0
     return min(4.0, log(floors / first) / log(factor))

@@ -66,9 +66,7 @@ def field_at(
         allow_date_outside_lifespan=True,
     )
     return PlaceField(
-        radians(float(result.d)),
-        radians(float(result.i)),
-        float(result.f) / NANOTESLA_PER_GAUSS,
+        radians(float(result.d)), radians(float(result.i)), float(result.f) / NANOTESLA_PER_GAUSS
     )
 
 

@@ -12,9 +12,8 @@ from math import acos, atan2, cos, sin, sqrt
 from estimator.compilation.compiled import inlined
 from estimator.types import Quaternion, Vec3
 
-# Below these half angles (rad) the next term of each series is under 1e-15: of
-# the exponential's four terms, which save a filter's small steps the sine and
-# the cosine, and of the logarithm's two.
+# Below these half angles (rad) the next term is under 1e-15: of the exponential's series of four
+# terms, which spares small steps the sine and cosine, and of the logarithm's of two.
 SERIES_HALF_ANGLE_RAD = 0.05
 SMALL_HALF_ANGLE_RAD = 1e-4
 # Below this squared sine of half an angle the eighth term of the arcsine's series is under 1e-17.
@@ -40,11 +39,7 @@ def dot(u: Vec3, v: Vec3) -> float:
 @inlined
 def cross(u: Vec3, v: Vec3) -> Vec3:
     """u x v."""
-    return (
-        u[1] * v[2] - u[2] * v[1],
-        u[2] * v[0] - u[0] * v[2],
-        u[0] * v[1] - u[1] * v[0],
-    )
+    return (u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0])
 
 
 @inlined

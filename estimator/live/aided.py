@@ -41,7 +41,7 @@ LOST_RAD = 0.25
 
 @inlined
 def confidence(sigma_rad: float, half_rad: float) -> float:
-    """From 1 for a certain direction towards 0: 1/(1 + (sigma/half)^2)."""
+    """1/(1 + (sigma/half)^2): 1 for a certain direction, and less for others."""
     return 1.0 / (1.0 + (sigma_rad / half_rad) ** 2)
 
 

@@ -1,4 +1,4 @@
-"""What the compiled steps change, as one value, and what can be done to it from outside."""
+"""The value that the compiled steps change, and what can be done to it from outside."""
 
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -45,13 +45,9 @@ class Core(NamedTuple):
     seen: Conditioned  # of the last sample; blank while the vectors are raw
     search: Search  # for an attitude from velocity alone; empty while velocity helps
     aided: AidingState  # blank while velocity does not help
-    consistency: (
-        Consistency  # whether measurements bear the aided attitude out; blank without velocity
-    )
+    consistency: Consistency  # of measurements and aided attitude; blank without velocity
     covariance: Any  # of the aiding's errors: (SIZE, SIZE), in a snapshot row by row
-    velocity_history: (
-        Any  # of the velocity that it has gained lately: (ROWS, COLUMNS), or row by row
-    )
+    velocity_history: Any  # that it has gained lately: (ROWS, COLUMNS), or row by row
     turning: Turning  # that others have seen between the IMU's samples
     rates: Any  # of theirs that wait for a sample: rows as in ``turning``, or row by row
     reports: Any  # velocities that the samples have not reached: (N, REPORT_SIZE), or row by row
@@ -146,7 +142,7 @@ def with_attitude(now: Core, q_ned_frd: Quaternion) -> Core:
 
 
 def apply_turn(now: Core, turn_ned: Quaternion, *, is_aided: bool) -> Core:
-    """Every attitude turned by the same body rotation: q* K q of the filter's q."""
+    """Turn every attitude by the same body rotation, q* K q of the filter's q."""
     q = now.filter.q_ned_frd
     turn_frd = multiply(conjugate(q), multiply(turn_ned, q))
     aided, consistency = now.aided, now.consistency

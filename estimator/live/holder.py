@@ -48,7 +48,6 @@ class Holder:
     """
 
     advance = _step(kernel_handle.advance)
-    advance_raw = _step(kernel_handle.advance_raw)
     publish = _step(kernel_handle.publish)
     set_situation = _step(kernel_handle.set_situation)
     take_report = _step(kernel_handle.take_report)

@@ -5,19 +5,13 @@ from math import acos, cos, hypot, pi, radians, sqrt
 from estimator.aiding.search import UNKNOWN_RAD
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.field.calibration import most_variances
-from estimator.conditioning.field.magnetic import (
-    NORM_SCALE,
-    deviation,
-    horizontal_down,
-    norm_of,
-)
+from estimator.conditioning.field.magnetic import NORM_SCALE, deviation, horizontal_down, norm_of
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.state import ConditioningState
 from estimator.types import Vec3
 
-# How far the compass is trusted: velocity has confirmed its heading; it is declared calibrated; it
-# is not declared, but turns may show its iron; there is evidence against it that turns cannot
-# refute.
+# The standing of the compass: velocity has confirmed its heading; it is declared calibrated; it is
+# not declared, but turns may show its iron; there is evidence against it that turns cannot refute.
 PROVEN = 0
 VOUCHED = 1
 BY_TURNS = 2
@@ -67,7 +61,7 @@ def unshown_iron(
 
 @inlined
 def largest_eigenvalue(diagonal: Vec3, beside: Vec3) -> float:
-    """Of a symmetric 3 x 3 matrix, ``beside`` being its yz, xz and xy (O. K. Smith 1961)."""
+    """That of a symmetric 3 x 3 matrix, with ``beside`` its yz, xz and xy (O. K. Smith 1961)."""
     x, y, z = diagonal
     yz, xz, xy = beside
     mean = (x + y + z) / 3.0

@@ -20,11 +20,10 @@ from estimator.aiding.sources.source import Source
 from estimator.aiding.types import NO_REPORT, SIZE, Report
 from estimator.arrays import Floats
 from estimator.compilation.compiled import Function, compiled, entry_point
-from estimator.filter import kernel
 from estimator.live import turning
 from estimator.live.core import Core, in_arrays, initial_core
-from estimator.live.published import NOTHING_PUBLISHED, Published, pulled, write
-from estimator.live.refusal import FINE, fault_of, is_gap, usual_interval
+from estimator.live.published import NOTHING_PUBLISHED, Published, write
+from estimator.live.refusal import fault_of, is_gap, usual_interval
 from estimator.live.rows import NO_OUTPUT, NO_REPORT_ROWS, NO_ROWS, Rows, reading_of
 from estimator.live.settings import Settings, settings_of
 from estimator.live.step import (
@@ -47,9 +46,6 @@ from estimator.types import NOTHING_BETWEEN, ZERO_VEC3, Sample
 # numba ships no types
 _numba_config: Any = numba.config
 _typeof: Any = numba.typeof
-
-# Time over which e is averaged for the sigma of raw vectors: one sample's e is mostly its noise.
-SIGMA_TIME_S = 1.0
 
 FIELDS = ("params", "now", "report", "rows", "published", "report_rows", *Core._fields)
 # Outside of a run of rows.
@@ -146,48 +142,6 @@ def status(handle: Any) -> tuple[int, float, int, turning.Axes, turning.Axes]:
     return handle.time_us, handle.usual_s, used, replaced, contradicted_axes(handle)
 
 
-@takes_handle(*SAMPLE)
-def advance_raw(
-    handle: Any,
-    time_us: int,
-    gx: float,
-    gy: float,
-    gz: float,
-    ax: float,
-    ay: float,
-    az: float,
-    mx: float,
-    my: float,
-    mz: float,
-    has_mag: bool,
-) -> int:
-    """One sample of raw vectors; returns what is wrong with it, ``TAKEN`` if nothing is."""
-    end = fault_of((gx, gy, gz), (ax, ay, az), (mx, my, mz), time_us > handle.time_us)
-    if end != FINE:
-        return end
-    dt_s = 1e-6 * (time_us - handle.time_us)
-    sample = Sample(
-        gyr_rad_s=(gx, gy, gz),
-        acc_m_s2=(ax, ay, az),
-        mag=(mx, my, mz),
-        has_mag=has_mag,
-        dt_s=dt_s,
-        between=NOTHING_BETWEEN,
-    )
-    params = handle.params
-    state = kernel.step(params.filter, params.reference, handle.filter, sample)
-    before = handle.smooth_error
-    handle.pull = pulled(
-        handle.pull, handle.filter.q_ned_frd, state, sample.gyr_rad_s, before, dt_s
-    )
-    handle.smooth_error = before + dt_s / (SIGMA_TIME_S + dt_s) * (state.error - before)
-    handle.filter = state
-    handle.sample = sample
-    handle.time_us = time_us
-    handle.usual_s = usual_interval(handle.usual_s, dt_s)
-    return TAKEN
-
-
 @takes_handle(*SAMPLE, WHOLE, WHOLE, WHOLE)
 def advance(
     handle: Any,
@@ -206,7 +160,7 @@ def advance(
     behind: int,
     next_report: int,
 ) -> tuple[int, int, int, Published]:
-    """One conditioned sample, or the bound rows from ``first`` up to ``behind``.
+    """One sample, or the bound rows from ``first`` up to ``behind``.
 
     A sample is plain numbers, the cheapest to pass; ``behind`` is 0 then. The reports bound with a
     row come before it, from ``next_report`` on. Returns the next row and report, why it ended

@@ -79,8 +79,7 @@ Figures = tuple[float, float, float, float]
 Published = tuple[int, Motion, Figures, int]
 NOTHING_PUBLISHED: Published = (-1, (IDENTITY, ZERO_VEC3, ZERO_VEC3, 0.0, 0.0, 0.0), (0.0,) * 4, 0)
 
-# The output is propagated this far beyond the last sample at most, s; then the
-# last rate shows nothing about the vehicle any more.
+# Longest propagation beyond the last sample, s: later its rate shows nothing of the vehicle.
 OUTPUT_HORIZON_S = 1.0
 
 

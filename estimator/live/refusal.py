@@ -64,14 +64,14 @@ SHARE = 0.1
 MOST_USUAL = 2.0
 # After so many usual intervals without a sample something is missing.
 GAP_INTERVALS = 3.0
-# Of a fast stream the readings at the ends of a hole show how the vehicle was turning there, and
-# velocity corrects within a second what they miss, until the turn missed leaves nothing known.
+# The readings at both ends of a fast stream's hole show how the vehicle turned, and velocity
+# corrects the rest within a second, as long as the attitude is not lost.
 LONGEST_GAP_S = SPAN_S + UNKNOWN_RAD / HOLE_RAD_S
 
 
 @inlined
 def usual_interval(usual_s: float, dt_s: float) -> float:
-    """With one more interval; 0 stands for none before."""
+    """The usual interval after one more; 0 means none before."""
     if usual_s <= 0.0:
         return dt_s
     return usual_s + (min(dt_s, MOST_USUAL * usual_s) - usual_s) * SHARE

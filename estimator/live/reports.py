@@ -32,9 +32,9 @@ def take_due_velocities(
 ) -> tuple[Floats, Report, Report]:
     """Those ahead of the IMU, and the latest of each source that it has reached by ``time_us``.
 
-    A report waits for the first IMU sample that is not before it. Of several only the latest
-    counts, as their errors are the same for a second or more. The two sources are a receiver, whose
-    age is uncertain, and a filter; the one that began to wait first comes first.
+    A report waits for the first IMU sample that is not before it. Only the latest counts, as errors
+    stay the same for a second or more. The two sources are a receiver, whose age is uncertain, and
+    a filter; the one that began to wait first comes first.
     """
     earliest, latest = np.full(2, -1), np.full(2, -1)  # rows, of filter and receiver
     for k in range(len(waiting)):
@@ -72,7 +72,7 @@ def velocity_at(waiting: Floats, k: int, time_us: int, oldest_s: float) -> Repor
 def take_due(
     waiting: tuple[Any, ...], time_us: int, oldest_s: float
 ) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-    """Of others the latest of each type that the IMU has reached, and those ahead of it."""
+    """The latest of each type that the IMU has reached, and those ahead of it."""
     ahead = tuple(report for report in waiting if report.time_us > time_us)
     reached = sorted((r for r in waiting if r not in ahead), key=lambda report: report.time_us)
     latest = {type(report): report for report in reached}

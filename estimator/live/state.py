@@ -50,8 +50,7 @@ class State:
     context: Context
     published: Published | None  # the last sample's output, while that holds
     source: int  # RAW, CONDITIONED or AIDED
-    takes_raw_samples: bool  # the paper's vectors, of which nothing else changes a step
-    takes_rows: bool  # conditioned samples, with only what rows can hold between them
+    takes_rows: bool  # samples as the profile has them, with only what rows can hold between them
     is_ready: bool  # whether the core's steps know the context
 
     def __init__(self, profile: Profile, fixed_gain: float | None) -> None:
@@ -87,9 +86,9 @@ class State:
         """Replace the context, and derive what each sample asks of it."""
         self.context = context
         self.source = SOURCE[context.phase]
-        self.takes_raw_samples = context.phase is Phase.RAW and not self.settings.conditioned
-        begun = context.phase not in (Phase.EMPTY, Phase.RAW)
-        self.takes_rows = self.settings.conditioned and begun and not context.reports
+        is_of_profile = (context.phase is Phase.RAW) != self.settings.conditioned
+        begun = context.phase is not Phase.EMPTY
+        self.takes_rows = begun and is_of_profile and not context.reports
         self.is_ready = False
 
     def ready(self) -> Holder:
@@ -178,7 +177,7 @@ class State:
         self.change_context(phase=phase)
 
     def turn_compass(self, turn_rad: float) -> None:
-        """The compass is turned in the vehicle by so much more (rad, about down): read it so."""
+        """Read the compass as turned in the vehicle by so much more (rad, about down)."""
         known, now = self.context.compass, self.core.core
         turned_rad = remainder(known.turned_rad + turn_rad, 2.0 * pi)
         is_aided = self.context.phase is Phase.AIDED

@@ -29,6 +29,7 @@ from estimator.live.published import (
     aided_figures,
     conditioned_figures,
     motion,
+    pulled,
     raw_figures,
     widen,
 )
@@ -37,8 +38,8 @@ from estimator.live.reports import MOST_WAITING, enqueue, take_due_velocities
 from estimator.live.rows import HAS_VERTICAL, IS_RATE, LATE_S, ROW, SIGMA_M_S, TIME, X, Y, Z
 from estimator.types import NEVER_US, Between, Sample, Vec3
 
-# Why steps end: there are no more samples; one is refused, see :mod:`estimator.live.refusal`; or
-# the last one leaves something to decide, each a bit of a number.
+# Why steps end: no more samples, a refused one (:mod:`estimator.live.refusal`), or bits that show
+# what the last one leaves to decide.
 TAKEN = FINE
 FIRST_HEADING = 8  # it has given the first heading
 GAP = 16  # it came so late that it was taken without velocity
@@ -47,6 +48,9 @@ LOST = 64  # the aided attitude is not credible
 SHOWN = 128  # velocity alone may have shown the attitude anew
 SHOWN_LATE = 256  # likewise a report behind it
 NOT_FINITE_NOW = 512  # it has left no finite attitude
+
+# Time over which e is averaged for the sigma of raw vectors: one sample's e is mostly its noise.
+SIGMA_TIME_S = 1.0
 
 # What the filter's vectors come from.
 RAW = 0
@@ -81,28 +85,49 @@ class Params(NamedTuple):
 @inlined
 def step(handle: Any, sample: Sample, time_us: int, is_aided: bool) -> int:
     """One sound sample; returns what it leaves to decide."""
+    end = TAKEN
+    handle.sample, handle.time_us = sample, time_us
+    if handle.now.source == RAW:
+        step_raw(handle, sample)
+    else:
+        end = step_conditioned(handle, sample, time_us, is_aided)
+    q = handle.filter.q_ned_frd
+    if not isfinite(q[0] + q[1] + q[2] + q[3]):
+        end |= NOT_FINITE_NOW
+    return end
+
+
+@inlined
+def step_raw(handle: Any, sample: Sample) -> None:
+    """The paper's step, on raw vectors."""
+    before, dt_s = handle.smooth_error, sample.dt_s
+    q, params = handle.filter.q_ned_frd, handle.params
+    state = kernel.step(params.filter, params.reference, handle.filter, sample)
+    handle.pull = pulled(handle.pull, q, state, sample.gyr_rad_s, before, dt_s)
+    handle.smooth_error = before + dt_s / (SIGMA_TIME_S + dt_s) * (state.error - before)
+    handle.filter = state
+
+
+@inlined
+def step_conditioned(handle: Any, sample: Sample, time_us: int, is_aided: bool) -> int:
+    """A step on conditioned vectors; returns what it leaves to decide."""
     params, dt_s = handle.params, sample.dt_s
     report, other = due_reports(handle, time_us, dt_s)
     had_heading, end = handle.seen.has_heading, TAKEN
     memory, seen = condition(params.conditioning, handle.conditioning, sample)
     search_on(handle, memory, sample.acc_m_s2, dt_s)
     handle.conditioning, handle.seen = memory, seen
-    handle.sample, handle.time_us = sample, time_us
     if is_aided:
-        end = step_aided(handle, handle.now, report, other)
-    else:
-        state = kernel.turn_on(handle.filter, seen.turn, seen.rate_rad_s, seen.bias_rad_s)
-        vectors = conditioned_vectors(params.reference, seen)
-        state = kernel.correct(params.filter, state, vectors, dt_s)
-        handle.filter, handle.smooth_error = state, state.error
-        if seen.has_heading and not had_heading:
-            end = FIRST_HEADING
-        if report.given and params.aiding.enabled:
-            handle.report = report
-            end |= REPORT
-    q = handle.filter.q_ned_frd
-    if not isfinite(q[0] + q[1] + q[2] + q[3]):
-        end |= NOT_FINITE_NOW
+        return step_aided(handle, handle.now, report, other)
+    state = kernel.turn_on(handle.filter, seen.turn, seen.rate_rad_s, seen.bias_rad_s)
+    vectors = conditioned_vectors(params.reference, seen)
+    state = kernel.correct(params.filter, state, vectors, dt_s)
+    handle.filter, handle.smooth_error = state, state.error
+    if seen.has_heading and not had_heading:
+        end = FIRST_HEADING
+    if report.given and params.aiding.enabled:
+        handle.report = report
+        end |= REPORT
     return end
 
 
@@ -155,7 +180,8 @@ def step_aided(handle: Any, now: Situation, report: Report, other: Report) -> in
 def take_report_rows(handle: Any, report_rows: Floats, next_report: int, k: int) -> tuple[int, int]:
     """Take the reports from ``next_report`` on before row k; which is next, and what ends."""
     while next_report < len(report_rows) and report_rows[next_report, ROW] <= k:
-        has_shown = take_report_row(handle, report_rows[next_report])
+        # raw vectors use no reports
+        has_shown = handle.now.source != RAW and take_report_row(handle, report_rows[next_report])
         next_report += 1
         if has_shown:
             return next_report, SHOWN_LATE

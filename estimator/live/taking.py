@@ -90,16 +90,18 @@ def take_sample(state: State, sample: ImuSample) -> Reason | None:
     elif state.settings.conditioned:
         take_beside(state, sample)
     else:
-        if state.context.phase is not Phase.RAW:
-            state.enter(Cause.RAW_SAMPLE)
-        state.core.advance_raw(*readings_of(sample))  # nothing is wrong with it
+        state.enter(Cause.RAW_SAMPLE)
+        state.change_context(reports=())
+        advance(state, sample)  # nothing is wrong with it
     return None
 
 
-def readings_of(sample: ImuSample) -> tuple[Any, ...]:
-    """A sample as the compiled steps take it: plain numbers."""
+def advance(state: State, sample: ImuSample) -> int:
+    """Take the next sample, as plain numbers; why the step ended."""
     time_us, gyr, acc, mag, has_mag = sample
-    return (time_us, *gyr, *acc, *mag, has_mag)
+    core = state.ready()
+    _, _, end, _ = core.advance(time_us, *gyr, *acc, *mag, has_mag, 0, 0, 0)
+    return end
 
 
 def take_first(state: State, sample: ImuSample) -> None:
@@ -120,7 +122,7 @@ def take_beside(state: State, sample: ImuSample) -> None:
     oldest_s = max(OLDEST_S, 1e-6 * (sample.time_us - state.core.time_us))
     due, ahead = take_due(state.context.reports, sample.time_us, oldest_s)
     state.change_context(reports=ahead)
-    _, _, end, _ = state.ready().advance(*(*readings_of(sample), 0, 0, 0))
+    end = advance(state, sample)
     is_aided = state.context.phase is Phase.AIDED and not end & (GAP | LOST)
     # there was a heading before
     decide(state, end & ~FIRST_HEADING if was_raw else end)

@@ -95,7 +95,7 @@ def walk(params: ConditioningParams, turning: Floats) -> Floats:
 
 
 def turned(windows: Windows, path: Path, vertical: Vertical) -> Floats:
-    """By how much (rad, (W - 1, 3)) each axis of the gyroscope has turned the heading."""
+    """The angle (rad, (W - 1, 3)) by which each axis of the gyroscope has turned the heading."""
     down = rotate_inverse(vertical.q_6d_frd, DOWN)
     means, _ = windows.means(down * path.rate_rad_s)
     return np.asarray(0.5 * WINDOW_S * (means[1:] + means[:-1]))

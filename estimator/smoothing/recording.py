@@ -44,7 +44,7 @@ class Recording(NamedTuple):
         return np.asarray(self.rows.gyr_rad_s - self.bias_rad_s)
 
     def last_rows(self, rows: Places) -> Places:
-        """Of each of these rows, the last one of the same IMU."""
+        """The last row of the same IMU, for each of these rows."""
         ends = np.array([*self.changes, len(self.rows.times_us)])
         return np.asarray(ends[np.searchsorted(ends, rows, side="right")] - 1)
 
@@ -112,7 +112,7 @@ def fallback(first: Estimates, second: Estimates) -> Estimates:
 
 
 def known_rows(estimates: Estimates) -> Bools:
-    """Where there is an attitude with its sigmas (N,)."""
+    """Whether there is an attitude with its sigmas (N,)."""
     numbers = (estimates.q_ned_frd, estimates.sigma_rad)
     return np.asarray(np.all([np.isfinite(each).all(axis=1) for each in numbers], axis=0))
 

@@ -17,8 +17,8 @@ from estimator.smoothing.windows import windows_of
 
 # Fewer samples show nothing beyond the estimator's own output.
 LEAST_SAMPLES = 50
-# Long recordings are taken in pieces of so many seconds, each with as much of its neighbours at
-# both ends as its heading could feel: memory is bounded, and each piece's averaging is its own.
+# Long recordings are taken in pieces of so many seconds, with so much of their neighbours at both
+# ends, which bounds the memory. Each piece has its own averaging time.
 PIECE_S, MARGIN_S = 600.0, 100.0
 
 

@@ -50,7 +50,7 @@ def windows_of(time_s: Floats) -> Windows:
 
 
 def filled(values: Floats, known: Bools) -> Floats:
-    """The values (W, K), where they are not known on the line between those beside them."""
+    """The values (W, K), interpolated where they are not known."""
     if known.all() or not known.any():
         return values
     at = np.arange(len(values))
@@ -58,7 +58,7 @@ def filled(values: Floats, known: Bools) -> Floats:
 
 
 def low_passed(values: Floats, tau_s: float) -> Floats:
-    """The values of windows, (W, K), behind a Butterworth filter of second order, there and back.
+    """The values of windows, (W, K), after a Butterworth filter of second order, there and back.
 
     Its cutoff is that of the estimator's own low-pass of the same time constant.
     """

@@ -163,7 +163,7 @@ def test_missing_sections_are_refused():
 
 @pytest.mark.parametrize("base", ["imu", "paper"])
 def test_a_file_without_memberships_changes_a_shipped_profile(base):
-    """That of its kind of vectors, which sets every key that the file leaves out."""
+    """The shipped profile of the same kind of vectors sets every key that the file leaves out."""
     enabled = "true" if base == "imu" else "false"
     text = f"[conditioning]\nenabled = {enabled}\n[filter]\nfixed_gain = 7.0\n"
     changed = parse_profile(text, "x")

@@ -75,7 +75,7 @@ def test_no_estimate_claims_to_be_perfect():
 
 @pytest.mark.parametrize("name", ["paper", "imu"])
 def test_a_turn_given_in_ned_turns_the_attitude_in_ned(name):
-    """Of a vehicle that is neither level nor heading north: the axis is not the body's."""
+    """The vehicle is neither level nor heading north: the axis is not the body's."""
     estimator = Estimator(load_profile(name))
     stream = samples(200)
     for sample in stream:

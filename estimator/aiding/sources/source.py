@@ -54,7 +54,7 @@ def refusal_of_velocity(report: VelocitySample) -> Reason | None:
 SOURCES: dict[type, Source] = {
     VelocitySample: Source(
         blank=VelocitySample(0, ZERO_VEC3, True, 0.0), observe=None, refusal=refusal_of_velocity
-    ),
+    )
 }
 
 

@@ -32,11 +32,10 @@ from estimator.conditioning.robust import FAR, REACH
 from estimator.geometry.quaternion import rotate, scale, subtract
 from estimator.types import Vec3
 
-# After so long with reports far off, s, the attitude is given up. Shorter: a good one beside an
-# accelerometer's offset, longer: one that was turned over is taken for right.
+# The attitude is given up after reports were far off for so long, s. Small: good attitudes beside
+# an accelerometer's offset are lost; large: one that is upside down lasts.
 DISAGREEMENT_S = 1.5
-# A squared innovation over its variance teaches the noise scale up to this value; a wild report
-# may be any distance off, and must not spoil the scale for the next hundred.
+# Largest normalised squared innovation for the noise scale: one wild report must not spoil it.
 CLIP = 25.0
 # The noise scale is a mean over about this many reports, and itself at most as large.
 SCALE_REPORTS = 100.0
@@ -45,7 +44,7 @@ LEAST_RECEIVER_SCALE = 0.1
 
 
 class Reporter(NamedTuple):
-    """Where a report comes from, what is known about its errors and their places among all."""
+    """The source of a report: what is known about its errors, and their places among all."""
 
     is_receiver: bool  # otherwise an autopilot's filter
     error_m_s: Vec3  # slow, NED

@@ -7,16 +7,7 @@ import numpy as np
 from estimator.aiding.covariance import expected_variance, learn, residual, rotation_matrix
 from estimator.aiding.inertial import Prediction
 from estimator.aiding.sources.velocity import SCALE_REPORTS
-from estimator.aiding.types import (
-    EARTH,
-    SIZE,
-    TURN,
-    VELOCITY,
-    AidingParams,
-    Array,
-    North,
-    Wheels,
-)
+from estimator.aiding.types import EARTH, SIZE, TURN, VELOCITY, AidingParams, Array, North, Wheels
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.params import ACCELERATION_LASTS_S, MEMORY_S
@@ -90,7 +81,7 @@ def judge_north(wheels: Wheels, now: Prediction, north: North) -> Wheels:
 
 @inlined
 def field_variance(now: Prediction) -> float:
-    """Of the direction of the place's horizontal field, as learnt, rad^2."""
+    """Variance (rad^2) of the direction of the place's horizontal field, as learnt."""
     P, E = now.covariance, now.estimate.earth_gauss
     i, j, square = EARTH, EARTH + 1, max(E[0] * E[0] + E[1] * E[1], TINY)
     known: float = E[1] * E[1] * P[i, i] - 2.0 * E[0] * E[1] * P[i, j] + E[0] * E[0] * P[j, j]

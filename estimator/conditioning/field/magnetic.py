@@ -12,8 +12,8 @@ from estimator.conditioning.params import FIELD_S, USUAL_S, ConditioningParams
 from estimator.conditioning.robust import robust_factor
 from estimator.types import Vec2, Vec3
 
-# A relative deviation of the norm that counts as one: what calibrations leave is less. A field with
-# less than this share of the downward part in the horizontal has no heading.
+# Relative deviation of the norm that counts as one, more than calibrations leave. A field whose
+# horizontal part is less than this share of the downward one shows no heading.
 NORM_SCALE = 0.1
 # By this share of it (and angle, rad) a field is off if nothing else is known about it.
 MOST_DISTORTION = 0.2

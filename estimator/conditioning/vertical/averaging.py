@@ -22,16 +22,15 @@ WINDOW_S = 0.25
 OCTAVES = ceil(log2(LONG_S / WINDOW_S))
 # The low-pass's time constant, over the length of the windows whose means are as good.
 TAU_SHARE = 0.27
-# In so many windows an octave counts as much as the one below, and how those usually compare:
-# accelerations whose mean falls as that of noise, up to the usual window; a turn that goes on.
+# After so many windows an octave counts as much as the one below. Their usual ratio is that of
+# white accelerations up to the usual window, and of a steady turn beyond.
 PRIOR_WINDOWS = 0.5
 PRIOR_SLOPE = sqrt(0.5)
-# No gyroscope errs by more than this share of a turn: cheap ones and analogue ones by 5 to 10 %.
-# About other axes it shows no more of one either, averages over a step leave none (coning), and
-# beyond its end the rate goes on by as much (0.3: accelerations tilt the vertical, 0.05: late).
+# Largest error of a gyroscope as a share of a turn (cheap ones: 5 to 10 %), of what it shows about
+# other axes, of what averages over a step miss (coning), and of a rate beyond its end. Small: late,
+# large: accelerations tilt the vertical.
 MOST_ERROR = 0.1
-# Less than this (rad^2) is the accelerometer's own error: it distinguishes no windows, and is all
-# that is known before the first one.
+# The accelerometer's own error (rad^2), which distinguishes no windows, and the first estimate.
 LEAST_VARIANCE = 0.014**2
 
 

@@ -56,8 +56,7 @@ def update(
 # No gyroscope of any use is biased by more; those of real quadrotors are by 4 deg/s.
 MOST_BIAS_RAD_S = radians(10.0)
 UNKNOWN_HEADING_VARIANCE = 1e4  # rad^2, beyond any angle: the first field sets the heading
-# A heading whose own sigma is under this (rad) is as good as the field that it was learnt from, and
-# what is linear in its error holds.
+# A heading with a smaller sigma (rad) is as good as its field, and linear formulas hold.
 SETTLED_HEADING_RAD = 0.3
 
 
@@ -81,9 +80,7 @@ with_covariance = replacer(Estimate, "covariance")
 
 
 def first_estimate(
-    params: ConditioningParams,
-    heading_rad: float = 0.0,
-    variance: float = UNKNOWN_HEADING_VARIANCE,
+    params: ConditioningParams, heading_rad: float = 0.0, variance: float = UNKNOWN_HEADING_VARIANCE
 ) -> Estimate:
     """The estimate for an unknown gyroscope, with a heading and that one's variance (rad^2)."""
     bias = params.bias_initial_sigma_rad_s**2

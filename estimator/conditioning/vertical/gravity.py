@@ -130,6 +130,6 @@ def level(state: GravityState) -> tuple[GravityState, Vec2]:
 
 @inlined
 def heading_frame(state: GravityState, share: float) -> Quaternion:
-    """From G to 6D as the field sees it: levelled by the ``share`` of the published vertical."""
+    """The rotation from G to 6D for the field: levelled by ``share`` of the published vertical."""
     down = approach(state.force.down.value, state.force.best.value, share)
     return level_to(state.q_6d_g, down)[0]

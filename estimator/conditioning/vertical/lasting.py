@@ -27,8 +27,7 @@ from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec3
 PRIOR_VARIANCE = 0.02
 # By so much a sensor's scale may be off, as a share, and what it measures with it.
 SCALE_ERROR = 0.03
-# An angle by which the force is off counts up to this, rad: what is further off is no scatter, but
-# a turn that no sensor has felt, if it lasts.
+# Largest angle of the force that counts as scatter, rad; beyond it is an unsensed turn.
 MOST_APART_RAD = 1.0
 
 
@@ -103,7 +102,7 @@ def watch_slow(
 
 
 class Usual(NamedTuple):
-    """Of the steps that have lost the vertical; each counts by how far it has."""
+    """Statistics of the steps that have lost the vertical, each weighted by how far."""
 
     down: Vec3 = ZERO_VEC3  # minus the mean force of ``LATELY_S``, m/s^2, FRD
     seen_s: float = 0.0  # what that is the mean of
@@ -115,7 +114,7 @@ class Usual(NamedTuple):
 
 @inlined
 def watch_usual(usual: Usual, force: Vec3, lost: float, dt_s: float) -> Usual:
-    """With a step's mean ``force`` (FRD); the step has ``lost`` so much of the vertical, 0 to 1."""
+    """Add a step's mean ``force`` (FRD); it has ``lost`` a share of the vertical, 0 to 1."""
     down = (-force[0], -force[1], -force[2])
     off = 0.0
     if square(usual.down) * square(down) > 0.0:

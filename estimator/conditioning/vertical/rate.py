@@ -12,10 +12,10 @@ from estimator.conditioning.vertical.averaging import MOST_ERROR
 from estimator.geometry.quaternion import add, cross, exp, log, multiply, scale, subtract
 from estimator.types import ZERO_VEC3, Vec2, Vec3
 
-# Plain samples closer than this (s) count as means over the step before them: what is between two
-# of them is little, and the mean of two noisy instants loses.
+# Plain samples closer than this (s) count as means over the step before them: little happens
+# between them, and averaging two noisy instants is worse.
 SLOW_SAMPLE_S = 0.0125
-# Up to this step (s) a gyroscope misses nothing that matters; "slow" streams begin here, and with
+# Up to this step (s) a gyroscope misses nothing that matters. "Slow" streams have longer steps; at
 # LONGEST_STEP_S it may miss anything.
 FAST_STEP_S = 0.04
 
@@ -82,7 +82,7 @@ LEAST_PEAK_RAD_S = 2.0
 
 
 class Clipping(NamedTuple):
-    """Where the gyroscope ends, and what it has missed there; one number for each axis, FRD."""
+    """The gyroscope's end, and what it has missed there; one number for each axis, FRD."""
 
     peak_rad_s: Vec3 = ZERO_VEC3  # largest reading so far, either way
     run_s: Vec3 = ZERO_VEC3  # for how long the axis has stood at its peak

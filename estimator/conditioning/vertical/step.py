@@ -6,11 +6,7 @@ from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.gather import Gathered
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.robust import ANY_DIRECTION_VARIANCE, HALF_TURN_VARIANCE
-from estimator.conditioning.vertical.averaging import (
-    Averaging,
-    averaging_at_rest,
-    follow_averaging,
-)
+from estimator.conditioning.vertical.averaging import Averaging, averaging_at_rest, follow_averaging
 from estimator.conditioning.vertical.bias import (
     Estimate,
     Lagged,
@@ -38,11 +34,7 @@ from estimator.conditioning.vertical.lasting import (
     watch_usual,
 )
 from estimator.conditioning.vertical.lowpass import Coefficients, Smooth, approach, coefficients
-from estimator.conditioning.vertical.rate import (
-    Clipping,
-    aliased_turn,
-    with_aliasing,
-)
+from estimator.conditioning.vertical.rate import Clipping, aliased_turn, with_aliasing
 from estimator.conditioning.vertical.stillness import (
     RestState,
     Stillness,
@@ -76,9 +68,7 @@ class VerticalState(NamedTuple):
     gravity: GravityState = GravityState()  # frame G, and down in it
     tilt: TiltState = TiltState()  # how well down is known
     lasting: SlowAcceleration = SlowAcceleration()  # accelerations of a slow stream that last
-    inflation: float = (
-        0.0  # variance that an unsensed turn has given it, until the force shows, rad^2
-    )
+    inflation: float = 0.0  # its variance by an unsensed turn, until the force shows, rad^2
     rest: RestState = RestState()  # whether the vehicle rests
     still: Stillness = Stillness()  # whether gravity and field confirm that
     usual: Usual = Usual()  # how a slow stream's vehicle is usually tilted

@@ -23,8 +23,8 @@ from estimator.types import ZERO_VEC3, Between, Vec2, Vec3
 GYR_NOISE = 0.002
 # After a hole longer than SPAN_S a vehicle may have done anything, at this rate (rad/s).
 HOLE_RAD_S = 0.3
-# Half a degree: by so much a second's mean force of an accelerometer at rest is off at least, the
-# vectors of an attitude that begins, and a model's declination (rad); one reading by twice that.
+# Least error (rad), half a degree, of a second's mean force at rest, of the first vectors and of a
+# model's declination; that of one reading is twice as large.
 LEAST_OFF_RAD = 0.009
 
 

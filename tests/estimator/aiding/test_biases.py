@@ -37,7 +37,7 @@ def test_usual_biases_change_nothing():
 
 @pytest.mark.parametrize(("first", "usual"), [(GYR_BIAS, USUAL.gyr), (ACC_BIAS, USUAL.acc)])
 def test_one_axis_shows_the_others(first, usual):
-    """What was learnt of that axis counts as before."""
+    """The axis that has been learnt keeps what was learnt."""
     off = 5.0 * usual**0.5
     zero = (0.0, 0.0, 0.0)
     biases = ((0.0, off, 0.0), zero) if first == GYR_BIAS else (zero, (0.0, off, 0.0))

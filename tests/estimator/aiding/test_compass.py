@@ -51,6 +51,7 @@ def test_without_a_magnetometer_the_heading_comes_from_velocity(flight):
     assert attitudes[-1].heading_reference == "true"
     errors = late_errors_deg(flight, attitudes)
     assert rms(errors[:, HEADING]) == pytest.approx(0.0332, rel=0.2)
+    assert degrees(attitudes[-1].sigma_heading_rad) == pytest.approx(0.385, rel=0.2)
     assert rms(errors[:, INCLINATION]) == pytest.approx(0.183, rel=0.2)
 
 

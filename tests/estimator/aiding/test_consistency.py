@@ -6,13 +6,7 @@ import numpy as np
 import pytest
 
 from estimator.aiding.beginning import Beginning, begin
-from estimator.aiding.consistency import (
-    NEW_CONSISTENCY,
-    compare,
-    compare_report,
-    inflated,
-    watch,
-)
+from estimator.aiding.consistency import NEW_CONSISTENCY, compare, compare_report, inflated, watch
 from estimator.aiding.types import NO_REPORT, AidingParams, Report, Sigmas
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.estimator import Estimator
@@ -103,7 +97,7 @@ def test_noise_of_reports_inflates_nothing():
 
 
 def test_without_reports_and_field_nothing_is_inflated():
-    """What the last window has shown fades, and e is 0 where nothing is measured."""
+    """The evidence of the last window fades, and e is 0 without measurements."""
     wrong = multiply(exp((radians(10.0), 0.0, 0.0)), TRUTH)
     consistency = watched(aided(wrong), seconds=30.0, with_mag=False, silent_from=6.0)
     assert consistency.error == 0.0
@@ -131,10 +125,7 @@ def test_what_is_usual_is_learnt_slowly():
 
 
 def test_a_step_of_the_gyroscopes_bias_widens_sigma():
-    """0.02 rad/s more on every axis in a banked turn: by the covariance alone sigma knows less.
-
-    The attitude itself is the same as without the check.
-    """
+    """0.02 rad/s more on every axis in a banked turn, which the covariance does not show."""
     flight = banked_flight()
     step = [
         s._replace(gyr_rad_s=tuple(w + 0.02 for w in s.gyr_rad_s)) if s.time_us > 30e6 else s

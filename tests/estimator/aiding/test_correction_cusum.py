@@ -9,11 +9,15 @@ from estimator.aiding.beginning import blank_aiding
 from estimator.aiding.correction_cusum import add_correction, known, pass_time
 from estimator.aiding.types import (
     GYR_BIAS,
+    HARD_IRON,
     SIZE,
     TURN,
     AidingParams,
     CorrectionCusum,
+    Sigmas,
 )
+from estimator.aiding.uncertainty import with_dip_error
+from estimator.conditioning.field.magnetic import FieldLook
 from estimator.geometry.earth import field_at, in_ned
 from estimator.profile import load_profile, merge_profile
 from estimator.types import ZERO_VEC3
@@ -23,6 +27,8 @@ PARAMS = AidingParams()
 BLANK, _, _ = blank_aiding(PARAMS)
 NOTHING = CorrectionCusum(ZERO_VEC3, ZERO_VEC3, 0.0, 0.0, 0.0)
 KNOWN = np.zeros((SIZE, SIZE))
+SIGMA = Sigmas(inclination_rad=0.01, heading_rad=0.02)
+PLACE = (0.21, 0.01, 0.43)
 
 
 def covariance(level, heading, bias=0.0):
@@ -65,8 +71,25 @@ def test_white_corrections_of_a_true_covariance_are_as_expected():
     assert np.mean(np.array(ratios) > 4.0) == pytest.approx(0.046, abs=0.03)
 
 
+@pytest.mark.parametrize("dip_off_deg", [-25.0, 4.0, 20.0])
+@pytest.mark.parametrize("strength", [1.0, 1.3])
+def test_a_field_that_dips_otherwise_than_the_places_shows_a_tilted_vertical(dip_off_deg, strength):
+    h, d = hypot(*PLACE[:2]), PLACE[2]
+    turn = np.exp(1j * radians(dip_off_deg)) * complex(h, d) * strength
+    look = FieldLook(horizontal=float(turn.real), down=float(turn.imag), confidence=0.0)
+    P = np.zeros((SIZE, SIZE))
+    P[HARD_IRON, HARD_IRON] = 0.01**2
+    seen = BLANK.field._replace(look=look, samples=9.0)
+    wide = with_dip_error(PARAMS, SIGMA, seen, PLACE, P)
+    square = np.sin(radians(dip_off_deg)) ** 2 - radians(10.0) ** 2 - 9e-4 / (h * h + d * d)
+    square = max(0.0, square) / (1.0 + ((strength - 1.0) / 0.1) ** 2) ** 2
+    assert wide.inclination_rad == pytest.approx(hypot(0.01, sqrt(square)))
+    assert wide.heading_rad == SIGMA.heading_rad
+    assert with_dip_error(PARAMS, SIGMA, seen, ZERO_VEC3, P) == SIGMA
+
+
 def test_an_accelerometer_that_steps_widens_sigma_within_a_second():
-    """By 3 m/s^2 for 20 s, in level flight: what it turns is in sigma, there and afterwards."""
+    """It steps by 3 m/s^2 for 20 s in level flight. Sigma covers the error, then and afterwards."""
     flight = banked_flight(bank_rad=0.0)
     first, last = 20_000_000, 40_000_000
     for k, sample in enumerate(flight.samples):

@@ -1,4 +1,4 @@
-"""What contradicts the aided attitude for long: the better known of the two attitudes counts."""
+"""The better known attitude counts once measurements contradict the aided one for long."""
 
 from math import atan, degrees, nan, pi, radians, tan
 
@@ -132,14 +132,13 @@ def test_the_heading_is_known_the_less_the_further_the_vertical_was_off(off_deg)
 
 @pytest.mark.parametrize(("heading_deg", "off_deg"), [(46.0, 60.0), (20.0, 150.0)])
 def test_a_heading_as_good_as_none_goes_with_the_vertical(heading_deg, off_deg):
-    """It would make of the unaided vertical a wrong one; of one upside down nothing is left."""
     state = lost(heading_deg, off_deg=off_deg)
     give_up(state)
     assert state.context.phase is Phase.UNAIDED
 
 
 def test_an_attitude_that_nothing_contradicts_is_not_inflated():
-    """It explains the reports' acceleration; loosened again and again its heading would be lost."""
+    """It explains the reports' acceleration. Inflating it repeatedly would lose its heading."""
     state = lost(heading_deg=10.0, acceleration_tilt=FELT_AS_REPORTED)
     before = state.core.core
     for _ in range(3):
@@ -162,8 +161,7 @@ def test_one_that_is_contradicted_is():
 
 
 @pytest.mark.parametrize(
-    ("motion", "rate_hz", "total_deg", "before_deg"),
-    [("climb and turn", 50.0, 45.5, 59.0)],
+    ("motion", "rate_hz", "total_deg", "before_deg"), [("climb and turn", 50.0, 45.5, 59.0)]
 )
 def test_velocities_that_turn_do_not_throw_a_well_known_attitude_away(
     motion, rate_hz, total_deg, before_deg

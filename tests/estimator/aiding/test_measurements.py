@@ -132,7 +132,7 @@ def prediction(q_ned_frd):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_heading_from_outside(learnt, seed):
-    """Of a vehicle that is tilted no more than it flies: its heading turns about down alone."""
+    """The vehicle is nearly level, so that only a turn about down changes its heading."""
     rng = np.random.default_rng(seed)
     q = from_euler_rad(*floats(rng.uniform((-0.01, -0.01, -3.0), (0.01, 0.01, 3.0))))
     report = HeadingSample(0, float(rng.uniform(0.0, 6.0)), 0.1)
@@ -191,9 +191,9 @@ def test_the_places_field_begins_towards_north_where_that_is_known(learnt, is_kn
 
 @pytest.mark.parametrize("is_known", [True, False])
 def test_a_field_begun_anew_hangs_together_with_all_that_is_known_of_the_iron(is_known):
-    """By then that is not alike on all axes, and its error is that of other states, too.
+    """The iron's errors differ by axis then, and are correlated with other states.
 
-    Towards an unknown north it points by heading and compass: a turn is an error of both.
+    If north is unknown, the field points by heading and compass: a turn is an error of both.
     """
     rng = np.random.default_rng(2)
     root = rng.normal(scale=0.1, size=(SIZE, SIZE))
@@ -230,7 +230,7 @@ def test_a_field_begun_anew_hangs_together_with_all_that_is_known_of_the_iron(is
     ],
 )
 def test_iron_is_forgotten_once_the_places_field_explains_the_readings(place, iron_gauss, forgets):
-    """Of 139 mGauss that are not there: within half a second; the field begins anew."""
+    """139 mGauss of iron are gone: the field begins anew within half a second."""
     north, seen = North(True, (1.0, 0.0)), (0.2, 0.0, 0.42)
     now = prediction((1.0, 0.0, 0.0, 0.0))
     estimate = now.estimate._replace(

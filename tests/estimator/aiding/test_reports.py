@@ -5,9 +5,7 @@ from math import inf, nan
 import pytest
 
 from estimator.aiding.sources.source import SPEED_LIMIT_M_S, refusal_of_velocity
-from estimator.aiding.sources.velocity import (
-    wait_for_reports,
-)
+from estimator.aiding.sources.velocity import wait_for_reports
 from estimator.aiding.types import Agreement, Agreements, Scatter
 from estimator.live.reports import MOST_WAITING, enqueue, take_due_velocities
 from estimator.live.rows import TIME, report_rows_of

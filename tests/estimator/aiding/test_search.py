@@ -83,7 +83,7 @@ def test_noise_is_no_motion():
 
 
 def test_two_windows_are_enough_and_one_is_not():
-    """At 2.5 s both are closed; what each of them misses is known from how ill they agree."""
+    """Both are closed at 2.5 s, and their disagreement shows their errors."""
     search, truth, _ = searched(np.random.default_rng(3), seconds=1.5)
     assert solve(search, BIAS_SIGMA_RAD_S) is None
     search, truth, _ = searched(np.random.default_rng(3), seconds=2.5)
@@ -172,10 +172,7 @@ def test_a_report_older_than_the_sample_is_taken_for_what_it_is():
 
 @pytest.mark.parametrize(("late_s", "measured_deg"), [(0.0, 5.74), (0.1, 0.01), (0.25, 8.58)])
 def test_reports_of_uncertain_age_leave_the_heading_uncertain(late_s, measured_deg):
-    """In a steady circle a delay is a turn of so many radians, and nothing else shows it.
-
-    They may be 0.1 s late and are taken for that: 5.7 deg of sigma.
-    """
+    """In a steady circle a delay looks like a turn: 0.1 s make 5.7 deg of sigma."""
     answer, error = moved(circle, seconds=10.0, late_s=late_s, late_sigma_s=0.1)
     assert degrees(error) == pytest.approx(measured_deg, rel=0.2)
     assert degrees(answer.sigma_heading_rad) == pytest.approx(5.71, rel=0.2)

@@ -90,7 +90,7 @@ def test_a_hole_may_hide_any_turn():
 
 
 def pushed(felt: float, reported: float) -> AccelerationTilt:
-    """Of a vehicle that has felt the one and reported the other for 10 s, m/s^2 to the north."""
+    """A vehicle that has felt the one and reported the other for 10 s, m/s^2 to the north."""
     tilt = AccelerationTilt(ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
     for k in range(40):
         tilt = watch_acceleration_tilt(tilt, (felt, 0.0, -STANDARD_GRAVITY_M_S2), 0.25)

@@ -38,7 +38,7 @@ def covariance():
     [(0.5, 0.0, 1.0), (0.5, 3.0, 0.0), (0.02, 3.0, 3.0)],  # reported, not counted, felt
 )
 def test_a_step_that_is_slow_or_without_reports_is_corrected_once(dt_s, wait_s, push_m_s2):
-    """By the unaided gravity, and nothing else comes with it: no report, no field."""
+    """The unaided gravity corrects it; there is no report and no field."""
     P, sample = covariance(), SAMPLE._replace(dt_s=dt_s)
     agreement = Agreements(*(each._replace(wait_s=wait_s) for each in STATE.agreement))
     acceleration_tilt = AccelerationTilt((3.0, 0.0, 0.0), (1.0, 1.0, 9.0), (2.5, 3.0, 0.0))

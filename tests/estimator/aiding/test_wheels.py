@@ -10,12 +10,7 @@ import numpy as np
 import pytest
 
 from estimator.aiding.beginning import blank_aiding
-from estimator.aiding.course import (
-    STANDING,
-    forward_evidence,
-    roll_on,
-    tilt_error_rad,
-)
+from estimator.aiding.course import STANDING, forward_evidence, roll_on, tilt_error_rad
 from estimator.aiding.phase import Phase
 from estimator.aiding.types import AidingParams, Report, Wheels
 from estimator.geometry.frames import from_euler_rad
@@ -96,7 +91,7 @@ def test_a_car_shows_its_heading_by_its_velocity(seed, reverse):
 
 
 def test_a_place_that_is_known_does_not_make_the_compass_right():
-    """It begins by the field at once, and wheels show that iron has turned it."""
+    """The aiding begins by the field at once, and wheels show that iron has turned it."""
     estimator = calibrated(load_profile("imu"))
     estimator.set_vehicle_class(VehicleClass.WHEELS)
     estimator.set_position(47.4, 8.5, 400.0, 1_760_000_000_000_000)
@@ -123,7 +118,7 @@ def test_a_compass_that_gave_the_heading_at_rest_is_confirmed_or_misled(off_deg)
 
 @pytest.mark.parametrize("seed", [3, 4])
 def test_iron_all_around_is_not_learnt_as_iron_of_its_own(seed):
-    """Of a field that is turned and weak: wheels turn the heading by 45 deg, and nothing else."""
+    """The field is turned and weak. Wheels turn the heading by 45 deg, and nothing else."""
     estimator = calibrated(load_profile("imu"))
     estimator.set_vehicle_class(VehicleClass.WHEELS)
     estimator.set_position(47.4, 8.5, 400.0, 1_760_000_000_000_000)

@@ -1,4 +1,4 @@
-"""What a gyroscope at its end has missed, and what belongs to the end of a step."""
+"""The turn that a saturated gyroscope misses, and vectors turned to the end of a step."""
 
 from math import pi, sin
 
@@ -18,7 +18,7 @@ from estimator.types import ZERO_VEC3
 
 
 def test_the_missed_turn_grows_with_the_square_of_the_run():
-    """By steps of different lengths: after T seconds it is (beyond T)^2, whatever they were."""
+    """It is (beyond T)^2 after T seconds, whatever the lengths of the steps."""
     peak, run_s, aliasing, lasts_s = 5.5, 0.0, 0.0, 0.0
     for dt_s in (0.01, 0.03, 0.02, 0.05):
         peak, run_s, aliasing = watch_axis(peak, run_s, aliasing, -5.5, -5.5, dt_s)

@@ -32,8 +32,8 @@ def test_variance_is_that_of_the_errors_of_a_field_that_wanders(lasts_s, sigma_d
     """Squared errors over variances, the mean of 100 runs of a minute.
 
     The field's error is a Gauss-Markov process. The first has the density 2 sigma^2 tau that the
-    filter takes the error for, so its variance is honest. The second is as measured under optical
-    truth on the better sensors, of half that density. The gyroscope drifts as the filter expects.
+    filter assumes, the second half of it, as good sensors do. The gyroscope drifts as the filter
+    expects.
     """
     rng = np.random.default_rng(7)
     step_s = 0.05

@@ -219,7 +219,7 @@ def test_what_changes_the_field_of_a_body_that_stands_still_is_scatter():
 
 @pytest.mark.parametrize(("sigma", "share"), [(0.0, 1.0), (0.05, 0.75), (0.15, 0.25)])
 def test_of_an_own_field_the_share_counts_that_is_no_error(sigma, share):
-    """Of 5 % of the place's field, with a covariance of three times its errors."""
+    """The own field is 5 % of the place's, with a covariance of three times its errors."""
     covariance = (sigma**2, 0.3, 0.2, 0.1, sigma**2, 0.1, 0.2, sigma**2, 0.3, 0.1)
     offset = np.array((0.03, 0.0, 0.04))
     found, left = own_field(Calibration(0.0, tuple(offset.tolist()), covariance, 0.48))
@@ -230,7 +230,7 @@ def test_of_an_own_field_the_share_counts_that_is_no_error(sigma, share):
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_field_is_taken_without_the_own_one_and_turned_on_by_its_age(seed):
-    """Of 40 ms: what is off is the third order of the turn at most."""
+    """It is 40 ms old, which leaves an error of third order in the turn."""
     rng = np.random.default_rng(seed)
     w, m = rng.normal(0.0, 1.2, 3), rng.normal(size=3)
     learnt = Calibration(0.04, tuple(rng.normal(0.0, 0.1, 3)), (0.05,) * 10, 0.48)

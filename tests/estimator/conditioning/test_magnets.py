@@ -69,7 +69,7 @@ def beside(seconds):
 def test_a_passing_magnet_that_leaves_norm_and_dip_turns_no_heading(
     motion, lasts_s, ramp_s, most_deg
 ):
-    """At once and gone again, or within a second as something that passes: 0.3 and 6.5 deg."""
+    """The field turns at once and back, or within a second as by something that passes."""
     seen = headings(motion, 60.0, turned(30.0, lasts_s, ramp_s))
     assert seen.error[3000:].max() < most_deg
     assert seen.sigma[3000:].max() > 40.0  # measured 86 and 49

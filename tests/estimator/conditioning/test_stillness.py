@@ -50,7 +50,6 @@ def after(begin_s, axis, deg_s):
 @pytest.mark.parametrize(("dt", "mag_every"), [(0.02, 1), (0.02, 5), (0.25, 1)])
 @pytest.mark.parametrize(("axis", "deg_s"), [("down", 1.5), ("down", 0.3), ("diagonal", 1.0)])
 def test_a_slow_turn_after_a_rest_is_no_bias(axis, deg_s, dt, mag_every):
-    """Taken for a rest it would be 0.25 to 1.48 deg/s, and 5 to 15 deg."""
     errors, off = turn_slowly(after(15.0, axis, deg_s), 60.0, dt, mag_every=mag_every)
     assert off < 0.024
     # measured 0.24 deg (gravity, slow stream) and 0.89
@@ -59,7 +58,6 @@ def test_a_slow_turn_after_a_rest_is_no_bias(axis, deg_s, dt, mag_every):
 
 @pytest.mark.parametrize(("axis", "deg_s"), [("down", 0.3), ("right", 0.5), ("diagonal", 1.5)])
 def test_a_slow_turn_from_the_start_on_is_no_bias(axis, deg_s):
-    """Taken for a rest it would be 0.28 to 1.2 deg/s, and 1.3 to 18 deg."""
     errors, off = turn_slowly(after(0.0, axis, deg_s), 60.0, 0.02)
     assert off < 0.044
     assert np.all(errors[500:].max(axis=0) < (0.56, 2.5))  # measured 0.47 and 2.06
@@ -67,8 +65,6 @@ def test_a_slow_turn_from_the_start_on_is_no_bias(axis, deg_s):
 
 @pytest.mark.parametrize("has_mag", [True, False])
 def test_a_bias_that_steps_at_rest_is_found(has_mag):
-    """Measured 0.050 and 0.065 deg/s after 30 s, and no more than 7.0 deg meanwhile."""
-
     def shown(t):
         return np.add(BIAS, (radians(1.0) * (t > 20.0), 0.0, radians(1.0) * has_mag * (t > 20.0)))
 
@@ -78,7 +74,6 @@ def test_a_bias_that_steps_at_rest_is_found(has_mag):
 
 
 def test_without_a_field_a_known_bias_does_not_follow_a_slow_turn_about_down():
-    """After 30 s of 1 deg/s; taken for a rest it would be 0.97 deg/s."""
     off = turn_slowly(after(15.0, "down", 1.0), 45.0, 0.02, has_mag=False)[1]
     assert off < 0.073
 
@@ -87,7 +82,7 @@ POOR = (radians(0.8), radians(-4.3), radians(-2.4))
 
 
 def test_a_poor_gyroscope_rests_where_gravity_and_field_stand_still():
-    """Off by more than any usual one: measured 0.039 deg/s after 20 s; not learnt, 2.3 and more."""
+    """Its bias is larger than any usual one."""
     errors, off = turn_slowly(resting, 20.0, 0.02, shown=lambda _t: POOR)
     assert off < 0.047
     assert np.all(errors[300:].max(axis=0) < (2.9, 3.9))  # measured 2.4 and 3.2 deg
@@ -96,7 +91,7 @@ def test_a_poor_gyroscope_rests_where_gravity_and_field_stand_still():
 
 @pytest.mark.parametrize("shake_m_s2", [0.0, 0.2])
 def test_without_a_field_gravity_shows_a_poor_gyroscope(shake_m_s2):
-    """It errs about level axes by 4.4 deg/s, so that 2.4 about down are an error, too."""
+    """It errs by 4.4 deg/s about level axes, so 2.4 about down are an error, too."""
     rng, state = np.random.default_rng(4), initial_state(PARAMS)
     for s in fly(resting, 8.0, 0.005):
         gyr = np.add(s.gyr, POOR) + rng.normal(0.0, 0.015, 3)

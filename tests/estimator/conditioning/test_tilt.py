@@ -131,7 +131,6 @@ def errors_deg(params: ConditioningParams, rate_hz: float, seeds: range) -> tupl
     [(1.0, 5.07, 20.8), (2.0, 4.56, 10.2), (4.0, 3.60, 5.6)],
 )
 def test_slow_hand_held_motion_beats_the_accelerometer_alone(rate_hz, measured_deg, fixed_deg):
-    """Six seeds that nothing was chosen on; alone it has 5.0 to 5.1, with a fixed time constant:"""
     seeds = range(40, 46)
     ours, covered = errors_deg(PARAMS, rate_hz, seeds)
     fixed, _ = errors_deg(FIXED, rate_hz, seeds)

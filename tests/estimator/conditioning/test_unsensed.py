@@ -99,10 +99,7 @@ def found_after_s(motion, axis, angle_deg, params=PARAMS):
     ],
 )
 def test_a_turn_is_found_in_quick_motion(motion, axis, angle_deg, measured_s):
-    """What a lag and own field might do is not feared where they have done nothing (11.4, 5.0 s).
-
-    And the mean of two directions is no weaker field (0.48 s).
-    """
+    """The possible effect of lag and own field does not count if they have done nothing."""
     assert found_after_s(motion, axis, angle_deg) == pytest.approx(measured_s, rel=0.2, abs=0.02)
 
 
@@ -138,7 +135,6 @@ def beside_iron(sample, t):
 
 
 def test_a_sudden_turn_is_found_where_the_field_is_not_as_learnt():
-    """Its confidence is 0.42 by then, and 0.46 in the mean; under 0.45 it takes 10 s."""
     samples = [beside_iron(s, DT * i) for i, s in enumerate(fly(tumbling, 50.0, DT))]
     state, _ = advance(initial_state(PARAMS), samples[:3100])
     assert state.field.magnetic.look.confidence == pytest.approx(0.42, rel=0.2)

@@ -65,7 +65,7 @@ def exact_centroid(heights, sets):
 
 
 def membership(x, corners):
-    """Of a triangle, with its vertical edges belonging to the peak."""
+    """Membership of a triangle, whose vertical edges belong to the peak."""
     x, a, b, c = map(Fraction, (x, *corners))
     if x == b:
         return Fraction(1)

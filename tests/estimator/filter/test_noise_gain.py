@@ -169,7 +169,7 @@ def test_the_floor_is_a_running_mean_of_e(floor, error, expected):
 
 @pytest.mark.parametrize("before", [2.0, 40.0])
 def test_an_error_that_rises_opens_the_gain_and_one_that_falls_does_not(before):
-    """By six floors. What the gain comes down from is a bound from below for either."""
+    """It changes by six floors. The descent bounds the gain from below in both cases."""
     resting = resting_gain(NOISE, before)
     falls, rises = (
         noise_gain.noise_gain(NOISE, 0.002, sign * 0.024, before, 0.02) for sign in (-1.0, 1.0)

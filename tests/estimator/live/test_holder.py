@@ -53,7 +53,7 @@ def test_what_is_no_number(holder, wrong):
 @compiled_only
 @pytest.mark.parametrize("count", [0, 5, 30])
 def test_another_number_of_arguments(holder, count):
-    for step in (holder.advance, holder.advance_raw, holder.publish):
+    for step in (holder.advance, holder.publish):
         with pytest.raises(TypeError):
             step(*(1,) * count)
 
@@ -110,7 +110,7 @@ def test_where_nothing_can_be_written(holder, output):
 
 
 def test_a_report_of_whole_numbers_is_taken(holder):
-    """As compiled code takes it: with floats in their places."""
+    """Compiled code gets floats in their places."""
     whole = NO_REPORT._replace(given=1, velocity_ned_m_s=(1, 2, 3), sigma_m_s=1)
     assert not holder.search(whole)
     assert holder.core.search.window.velocity_ned_m_s == (1.0, 2.0, 3.0)

@@ -24,7 +24,6 @@ def heading_scores(motion, magnet):
     [("paper", 54.7, 56.0, 0.98), ("rest", 79.5, 71.8, 0.70), ("turn", 177.6, 171.2, 0.88)],
 )
 def test_a_magnet_is_in_sigma(motion, worst, sigma_there, coverage):
-    """By the error e alone sigma there was 12, 4 and 25 deg, its coverage 0.5, 0.5 and 0.4."""
     errors, sigmas = heading_scores(motion, (10.0, 20.0))
     k = np.argmax(errors)
     assert (errors[k], sigmas[k]) == pytest.approx((worst, sigma_there), rel=0.2)
@@ -32,7 +31,6 @@ def test_a_magnet_is_in_sigma(motion, worst, sigma_there, coverage):
 
 
 def test_without_a_magnet_sigma_is_little_wider():
-    """By e alone 8.2 deg."""
     errors, sigmas = heading_scores("rest", None)
     assert np.mean(sigmas) == pytest.approx(12.0, rel=0.2)
     assert np.mean(errors <= sigmas) == 1.0

@@ -52,7 +52,7 @@ def gyr_at(time_s: float) -> Vec3:
 
 
 def flown(seconds: float, *, late_s: float = 0.0, every_s: float = 0.05) -> list[Between]:
-    """What is between samples 0.5 s apart; the rates' clock is ``late_s`` off."""
+    """The turning between samples 0.5 s apart; the rates' clock is ``late_s`` off."""
     state, rates, shown = Turning(), no_rates(), []
     next_rate, samples = 1, round(seconds / STEP_S)
     for k in range(1, samples):
