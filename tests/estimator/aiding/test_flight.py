@@ -8,7 +8,7 @@ import pytest
 
 from estimator.aiding.phase import Phase
 from estimator.geometry.metrics import batch_angle_errors, rms
-from estimator.geometry.quaternion import exp, norm, rotate, rotate_inverse
+from estimator.geometry.quaternion import add, exp, norm, rotate, rotate_inverse
 from estimator.profile import load_profile, merge_profile
 from estimator.types import VelocitySample
 from tests.flight import banked_flight, calibrated, flown
@@ -17,6 +17,9 @@ from tests.flight import banked_flight, calibrated, flown
 TRUE_NORTH = {"reference": {"declination_deg": 0.01}}
 START_S = 5.0  # the beginning is level and is left out
 TOTAL, HEADING, INCLINATION = range(3)
+JUMP_M_S = 4.0
+RECEIVER_LATE_S = 0.1
+RECEIVER_S, FILTER_S = 30.0, 32.0  # the filter follows the receiver
 
 
 @pytest.fixture(scope="module")
@@ -84,6 +87,35 @@ def test_a_jump_of_the_reports_is_no_tilt(flight):
     assert apart == pytest.approx(0.0037, rel=0.2)
 
 
+def by_both(flight, jump_m_s):
+    """The flight's reports by a filter, and by a receiver whose come late."""
+    late = dict(flight.reports)
+    for k, report in flight.reports:
+        north, east, down = report.velocity_ned_m_s
+        more = jump_m_s * (report.time_us > FILTER_S * 1e6)
+        yield k, report._replace(velocity_ned_m_s=(north + more, east, down))
+        before = late.get(k - round(RECEIVER_LATE_S * 50))
+        if before is not None:
+            north, east, down = before.velocity_ned_m_s
+            more = jump_m_s * (report.time_us > RECEIVER_S * 1e6)
+            yield (
+                k,
+                report._replace(
+                    velocity_ned_m_s=(north + more, east, down),
+                    has_vertical=False,
+                    late_sigma_s=0.1,
+                ),
+            )
+
+
+def test_a_jump_of_both_sources_that_lasts_is_no_tilt(flight):
+    """4 m/s too much for 28 s: if that faded within 5 s, a tilt of 2.6 deg would explain it."""
+    runs = [
+        flown(estimator(), flight, reports=list(by_both(flight, jump))) for jump in (0.0, JUMP_M_S)
+    ]
+    assert apart_deg(*runs) == pytest.approx(0.268, rel=0.2)
+
+
 def test_a_single_wild_report_is_no_tilt(flight):
     wild = [
         (k, VelocitySample(r.time_us, (-80.0, 50.0, 30.0), True, 0.3)) if k == 1500 else (k, r)
@@ -143,17 +175,43 @@ def test_beyond_the_last_sample_sigma_grows_with_the_turn_that_nobody_has_seen(f
         assert unseen == pytest.approx(0.75 * turn, rel=0.01)
 
 
+def beside_a_magnet(flight, disturb, begin, end):
+    """The samples of a flight whose field ``disturb`` changes in ``begin:end``."""
+    samples = list(flight.samples)
+    for k in range(begin, end):
+        q = flight.truth[k]
+        field = disturb(rotate(q, samples[k].mag_gauss))
+        samples[k] = samples[k]._replace(mag_gauss=rotate_inverse(q, field))
+    return replace(flight, samples=samples)
+
+
+def half_a_gauss(field):
+    return add(field, (0.1, 0.4, 0.28))
+
+
+def turned(deg):
+    return lambda field: rotate(exp((0.0, 0.0, radians(deg))), field)
+
+
+@pytest.mark.parametrize(
+    ("disturb", "seconds", "worst_deg"),
+    [(half_a_gauss, 4, 0.229), (half_a_gauss, 16, 0.248), (turned(60.0), 4, 0.468)],
+)
+def test_a_magnet_beside_a_straight_flight_turns_no_heading(disturb, seconds, worst_deg):
+    """Velocity shows no heading there; the aiding must not begin anew with the magnet's field."""
+    flight = banked_flight(seconds=65.0, rate_hz=25.0, report_hz=5.0, bank_rad=0.0)
+    begin = 25 * 35
+    attitudes = flown(estimator(), beside_a_magnet(flight, disturb, begin, begin + 25 * seconds))
+    errors = errors_deg(flight, attitudes)
+    assert errors[begin:, HEADING].max() == pytest.approx(worst_deg, rel=0.2)
+
+
 def test_a_magnet_in_a_banked_turn_is_no_reason_to_fall_back_on_the_unaided_attitude():
     """The field turned by 100 deg for 6 s. The unaided attitude is 169 deg off there."""
     flight = banked_flight(seed=3)
-    turn = exp((0.0, 0.0, radians(100.0)))
-    samples = list(flight.samples)
-    for k in range(1000, 1300):
-        q = flight.truth[k]
-        field = rotate(turn, rotate(q, samples[k].mag_gauss))
-        samples[k] = samples[k]._replace(mag_gauss=rotate_inverse(q, field))
     one = estimator()
-    errors = errors_deg(flight, flown(one, replace(flight, samples=samples)))
+    attitudes = flown(one, beside_a_magnet(flight, turned(100.0), 1000, 1300))
+    errors = errors_deg(flight, attitudes)
     assert one.snapshot.context.phase is Phase.AIDED
     assert errors[1000:, TOTAL].max() == pytest.approx(0.623, rel=0.2)
     assert rms(errors[2000:, TOTAL]) == pytest.approx(0.147, rel=0.2)
