@@ -4,8 +4,15 @@ from collections.abc import Callable, Iterator
 from math import cos, sin
 from typing import NamedTuple
 
+from estimator.conditioning.condition import Conditioned
 from estimator.conditioning.vertical.rate import is_mean
-from estimator.geometry.quaternion import exp, multiply, normalize, rotate_inverse
+from estimator.geometry.quaternion import (
+    angle_between_vectors,
+    exp,
+    multiply,
+    normalize,
+    rotate_inverse,
+)
 from estimator.types import Quaternion, Vec3
 
 GRAVITY_M_S2 = 9.81
@@ -63,3 +70,9 @@ def fly(
             rotate_inverse(felt, (0.0, 0.0, -GRAVITY_M_S2)),
             (m[0] + offset[0], m[1] + offset[1], m[2] + offset[2]),
         )
+
+
+def vector_errors_rad(out: Conditioned, q_ned_frd: Quaternion) -> tuple[float, float]:
+    """How far gravity and north lie from those of the true attitude."""
+    down, north = (rotate_inverse(q_ned_frd, v) for v in ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0)))
+    return angle_between_vectors(out.gravity_b, down), angle_between_vectors(out.magnetic_b, north)

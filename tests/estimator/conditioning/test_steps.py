@@ -26,7 +26,7 @@ from estimator.geometry.quaternion import (
     rotate_inverse,
 )
 from estimator.types import Sample
-from tests.estimator.conditioning.motion import fly, resting, tumbling
+from tests.estimator.conditioning.motion import fly, resting, tumbling, vector_errors_rad
 
 PARAMS = ConditioningParams()
 
@@ -141,10 +141,7 @@ def test_a_late_magnetometer_bends_the_heading_only_where_the_step_is_off():
         params = PARAMS._replace(use_lag=use_lag)
         _, seen = run(fly(tumbling, 60.0, 0.005, lag_s=0.06), 0.005, params)
         late = seen[len(seen) // 2 :]
-        worst[use_lag] = max(
-            angle_between_vectors(out.magnetic_b, rotate_inverse(s.q_ned_frd, (1.0, 0.0, 0.0)))
-            for s, out, _ in late
-        )
+        worst[use_lag] = max(vector_errors_rad(out, s.q_ned_frd)[1] for s, out, _ in late)
     assert degrees(worst[True]) == pytest.approx(0.399, rel=0.2)
     assert degrees(worst[False]) == pytest.approx(3.35, rel=0.2)
 
@@ -274,10 +271,9 @@ def test_an_unsensed_turn_is_noticed_and_recovered_from(axis, motion):
     assert any(noticed for _, _, noticed in after)
     assert not any(noticed for _, _, noticed in seen)
     s, out, _ = after[500]
-    down = rotate_inverse(s.q_ned_frd, (0.0, 0.0, 1.0))
-    north = rotate_inverse(s.q_ned_frd, (1.0, 0.0, 0.0))
-    assert angle_between_vectors(out.gravity_b, down) < radians(0.22)  # measured 0.186
-    assert angle_between_vectors(out.magnetic_b, north) < radians(0.29)  # measured 0.239
+    gravity, north = vector_errors_rad(out, s.q_ned_frd)
+    assert gravity < radians(0.22)  # measured 0.186
+    assert north < radians(0.29)  # measured 0.239
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -304,10 +300,9 @@ def test_every_step_can_be_switched_off(step):
     params = PARAMS._replace(**{step: False})
     _, seen = run(fly(tumbling, 20.0, 0.02), 0.02, params)
     s, out, _ = seen[-1]
-    down = rotate_inverse(s.q_ned_frd, (0.0, 0.0, 1.0))
-    north = rotate_inverse(s.q_ned_frd, (1.0, 0.0, 0.0))
-    assert angle_between_vectors(out.gravity_b, down) < radians(0.53)  # measured 0.44
-    assert angle_between_vectors(out.magnetic_b, north) < radians(1.39)  # measured 1.16
+    gravity, north = vector_errors_rad(out, s.q_ned_frd)
+    assert gravity < radians(0.53)  # measured 0.44
+    assert north < radians(1.39)  # measured 1.16
 
 
 def test_magnetometer_at_a_quarter_of_the_rate():
@@ -318,8 +313,7 @@ def test_magnetometer_at_a_quarter_of_the_rate():
         mag = s.mag if has_mag else (0.0, 0.0, 0.0)
         state, out = condition(PARAMS, state, Sample(s.gyr, s.acc, mag, has_mag, dt))
         distrust.append(1.0 - out.magnetic_confidence)
-    north = rotate_inverse(s.q_ned_frd, (1.0, 0.0, 0.0))
-    assert angle_between_vectors(out.magnetic_b, north) < radians(1.66)  # measured 1.39
+    assert vector_errors_rad(out, s.q_ned_frd)[1] < radians(1.66)  # measured 1.39
     assert max(distrust) == pytest.approx(0.024, rel=0.2)
 
 

@@ -9,9 +9,15 @@ from estimator.conditioning.condition import condition
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.state import initial_state
 from estimator.geometry.frames import from_euler_rad
-from estimator.geometry.quaternion import angle_between_vectors, rotate_inverse
+from estimator.geometry.quaternion import rotate_inverse
 from estimator.types import Sample
-from tests.estimator.conditioning.motion import FIELD_NED, GRAVITY_M_S2, fly, resting
+from tests.estimator.conditioning.motion import (
+    FIELD_NED,
+    GRAVITY_M_S2,
+    fly,
+    resting,
+    vector_errors_rad,
+)
 
 PARAMS = ConditioningParams()
 BIAS = (radians(0.3), radians(-0.2), radians(0.25))
@@ -33,9 +39,7 @@ def turn_slowly(rate, seconds, dt, *, shown=own_bias, mag_every=1, has_mag=True)
         has_field = has_mag and k % mag_every == 0
         sample = Sample(tuple(gyr), tuple(acc), tuple(mag), has_field, dt)
         state, out = condition(PARAMS, state, sample)
-        truth = (rotate_inverse(s.q_ned_frd, v) for v in ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0)))
-        published = (out.gravity_b, out.magnetic_b)
-        errors.append([angle_between_vectors(*pair) for pair in zip(published, truth, strict=True)])
+        errors.append(vector_errors_rad(out, s.q_ned_frd))
     off = np.subtract(state.vertical.estimate.bias_rad_s, shown(seconds))
     assert state.vertical.rest.resting
     return np.degrees(errors), float(np.degrees(np.max(np.abs(off))))
