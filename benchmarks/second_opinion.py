@@ -1,4 +1,4 @@
-"""Is a wrong attitude noticed, how soon, who is named, and how often is a right one accused?
+"""Is a wrong attitude noticed, how soon, who is named, and how often is a right one named?
 
     python benchmarks/second_opinion.py DIR|LOG...
 

@@ -31,7 +31,7 @@ PAGES = {
 }
 COMMANDS_HEAD = """# Commands and options
 
-What `--help` says, of each command of the version that this site was built from.
+The output of `--help`, for each command of the version that this site was built from.
 """
 LONGEST_CALL = 70
 # The marks behind an option's help: its default, a variable of the environment, whether it must be

@@ -19,7 +19,7 @@ from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
 ACCELERATION_TILT_TAU_S = ConditioningParams().gravity_tau_s
 # A smaller acceleration (m/s^2) does not distinguish two attitudes.
 LEAST_PUSH_M_S2 = 1.0
-# What the aided attitude leaves of it unexplained, to be believed rather than the unaided one.
+# The most that the aided attitude may leave unexplained of it to count before the unaided one.
 UNEXPLAINED = 0.5
 
 with_means = replacer(AccelerationTilt, "felt_m_s2", "reported_m_s")

@@ -37,7 +37,7 @@ NOT_DECLARED = "nobody has declared the compass calibrated"
 
 
 def is_trusted(compass: Compass, time_us: int) -> bool:
-    """Whether its field is trusted at ``time_us``."""
+    """Whether nothing counts against its field at ``time_us``."""
     return not evidence_against(compass, time_us)
 
 

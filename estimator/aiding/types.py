@@ -60,7 +60,7 @@ class AidingParams(NamedTuple):
     gyr_slow_noise_1_s: Noise = 0.04  # of the rate, for each second of the IMU's step
     acc_noise: Noise = 0.05  # m/s^2/sqrt(Hz); vibration; small: stiff, large: slow
     # Share of how far a reading lies off the line through the two before that integration misses.
-    integration_noise: Noise = 0.1  # small: believes 4 Hz samples, large: distrusts them
+    integration_noise: Noise = 0.1  # small: 4 Hz samples count much, large: little
     # Such a share where a slow stream's readings are as good as independent; small: the gyroscope
     # counts between them, large: the unaided vertical does.
     unseen_turn_noise: Noise = 0.3  # of readings a second apart without a line through them

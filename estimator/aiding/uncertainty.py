@@ -114,8 +114,8 @@ def with_dip_error(
 def unexplained(scatter: Scatter) -> float:
     """The least share by which the variance exceeds the covariance's.
 
-    Innovations of a filter that is as good as it believes are white. If its variance were 1 + u
-    times what it believes, a share x of the innovations', their mean square would be 1 + x u and
+    Innovations of a filter whose covariance is right are white. If its variance were 1 + u times
+    that covariance, a share x of the innovations', their mean square would be 1 + x u and
     the mean product of one and the next x (1 - x) u (R. K. Mehra 1970, IEEE Trans. Autom. Control
     15, 175). The square of that over this is at most 4/27 u. A small excess counts less: jitter
     makes such, too.

@@ -2,8 +2,9 @@
 
 Readings on a line are those of a motion that the samples show; integration misses a small share of
 how far they lie off it. Independent readings, of a vehicle shaken faster than it is sampled, show
-hardly anything of the turning between them. The mean square of second differences tells them apart:
-it is three times that of first differences for independent readings, and much less for smooth ones.
+hardly anything of the turning between them. The mean square of second differences shows which they
+are: it is three times that of first differences for independent readings, and much less for smooth
+ones.
 """
 
 from estimator.aiding.inertial import line_deviation

@@ -68,10 +68,10 @@ class ConditioningParams(NamedTuple):
     gravity_tau_s: Time = 2.5  # small: acceleration tilts the vertical, large: gyro drift does
 
     # What a slow step misses of a turn, and how a force's direction scatters.
-    step_turn_noise_1_s: Share = 0.4  # of the rate, each second; small: trusts the gyroscope
-    force_lasts_s: Time = 0.35  # of accelerations; small: believes the force, large: the gyroscope
+    step_turn_noise_1_s: Share = 0.4  # of the rate, each second; small: the gyroscope counts
+    force_lasts_s: Time = 0.35  # of accelerations; small: the force counts, large: the gyroscope
     scatter_tau_s: Time = 7.0  # averaging of the scatter; small: jumpy, large: late
-    force_size_noise: Share = 1.0  # rad for a force of twice its size; small: believes the force
+    force_size_noise: Share = 1.0  # rad for a force of twice its size; small: the force counts
 
     # Bias.
     bias_limit_rad_s: Rate = radians(2.0)  # of one innovation, of a bias at rest; motion: 10 deg/s
@@ -81,8 +81,8 @@ class ConditioningParams(NamedTuple):
     bias_motion_sigma_rad_s: Rate = radians(0.1)
 
     # The field's calibration.
-    field_lag_sigma_s: Lag = 0.05  # of the unknown lag; small: believes in none
-    field_offset_sigma: Share = 0.15  # vehicle's own field / the place's; small: believes in none
+    field_lag_sigma_s: Lag = 0.05  # of the unknown lag; small: hardly learns one
+    field_offset_sigma: Share = 0.15  # vehicle's own field / the place's; small: hardly learns one
     calibration_high_pass_s: Time = 3.0  # small: noise, large: the place's gradients count
     calibration_noise_s: Lag = 0.005  # of the relative field, squared; small: jumpy, large: slow
     calibration_reach: Share = 0.5  # relative residual that is no matter of calibration any more

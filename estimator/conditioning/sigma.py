@@ -1,4 +1,4 @@
-"""How far the directions can be trusted: confidences, and angles that 68 % of errors lie under."""
+"""How sure the directions are: confidences, and angles that 68 % of errors lie under."""
 
 from math import atan2, inf, sqrt
 from typing import NamedTuple
@@ -31,7 +31,7 @@ LEAST_ALTERNATIVE = 0.15
 
 
 class Certainty(NamedTuple):
-    """How far the vectors can be trusted, and how well inclination and heading are known."""
+    """How sure the vectors are, and how well inclination and heading are known."""
 
     has_heading: bool = False  # whether a field has shown it
     gravity_confidence: float = 0.0  # 0..1, falls with accelerations

@@ -195,7 +195,7 @@ class Context(NamedTuple):
 
     phase: Phase = Phase.EMPTY
     reports: tuple[Any, ...] = ()  # of other sources than velocity, that wait for the IMU
-    compass: Compass = Compass()  # how far the field is trusted
+    compass: Compass = Compass()  # what is known of it
     is_by_field: bool = False  # whether the aiding began with the field's heading
     last_position: LastPosition = LastPosition()  # and the field of the place
     imu_lag_s: float | None = None  # of the gyroscope's samples, as declared

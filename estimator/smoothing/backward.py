@@ -28,7 +28,7 @@ from estimator.live.rows import (
 )
 from estimator.profile import merge_profile
 from estimator.row_taking import take
-from estimator.smoothing.field import believed, without_lag
+from estimator.smoothing.field import usable_fields, without_lag
 from estimator.smoothing.path import stands_for_step
 from estimator.smoothing.recording import Estimates, Recording
 
@@ -40,7 +40,7 @@ FIRST_US = 1_000_000
 def backward(recording: Recording) -> Estimates:
     """The estimates at the samples by all that came behind them."""
     n = len(recording.bias_rad_s)
-    recording = recording._replace(rows=recording.rows._replace(has_mag=believed(recording)))
+    recording = recording._replace(rows=recording.rows._replace(has_mag=usable_fields(recording)))
     ages = Ages(recording.last)
     inner = of_reversed_time(recording.last)
     times_us = recording.rows.times_us  # in time turned round

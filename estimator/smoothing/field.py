@@ -54,7 +54,7 @@ def without_lag(m: Floats, rate_rad_s: Floats, lag_s: Floats | float) -> Floats:
     return np.asarray(m - lag_s * first + 0.5 * lag_s**2 * second)
 
 
-def believed(recording: Recording) -> Bools:
+def usable_fields(recording: Recording) -> Bools:
     """Which fields (N,) count on the way back while velocity helps.
 
     While a field points elsewhere for long, either it or the heading may be wrong. If it points as

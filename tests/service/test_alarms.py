@@ -215,7 +215,7 @@ def test_the_paper_s_signals_under_imu_are_reported():
 
 
 @pytest.mark.parametrize(("profile", "motion"), [("paper", "paper"), ("imu", "flight")])
-def test_a_fitting_profile_is_not_accused(profile, motion):
+def test_a_fitting_profile_raises_no_warning(profile, motion):
     pipeline = Pipeline(load_profile(profile))
     vehicle = SimulatedVehicle(5, 50.0, motion)
     for _ in range(3000):

@@ -58,7 +58,7 @@ def test_one_mad_sample_turns_nothing(motion):
         assert found.inclination.beyond_three < 0.05
 
 
-def test_a_compass_that_velocity_bears_out_is_as_good_as_one_that_somebody_vouches_for():
+def test_a_compass_that_velocity_confirms_is_as_good_as_one_declared_calibrated():
     unknown, declared = (judge(Case("climb and turn", beside=b, seed=5)) for b in ("", "offsets"))
     assert unknown.heading.rms_deg < 1.2 * declared.heading.rms_deg
     assert unknown.heading.sigma_deg < 1.5 * declared.heading.sigma_deg

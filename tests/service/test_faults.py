@@ -412,7 +412,7 @@ def test_large_spikes_of_the_gyroscope_are_refused_and_the_estimate_holds(rate_h
     assert max(rig.errors_deg) == pytest.approx(1.06, rel=0.2)  # 1.00 to 1.11
 
 
-def test_a_gyroscope_that_is_turned_up_at_once_is_believed_from_the_second_sample_on(rig):
+def test_a_gyroscope_that_is_turned_up_at_once_counts_from_the_second_sample_on(rig):
     rig.fly(1.0, lambda s: s._replace(gyr_rad_s=(s.gyr_rad_s[0], s.gyr_rad_s[1] + 15.0, 0.0)))
     assert rig.rejected == {"gyroscope_spike": 1}
 
@@ -462,7 +462,7 @@ def test_a_collapsing_rate_is_published_and_stays_running(rig, every):
     assert last[-1].state == "running"
 
 
-# --- who speaks
+# --- who sends
 
 
 def test_of_two_vehicles_with_one_system_id_the_second_is_refused_and_reported():

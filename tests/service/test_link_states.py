@@ -106,7 +106,7 @@ class Link(RuleBasedStateMachine):
         self.half = b""
 
     @rule(frames=st.integers(1, 5))
-    def another_vehicle_speaks(self, frames):
+    def another_vehicle_sends(self, frames):
         for _ in range(frames):
             message = raw_imu(self.rig.now_us, (0.0, 0.0, -9.8), ZERO_VEC3, ZERO_VEC3)
             self.rig.receive(self.other.frame(message, self.rig.now_us), peer="b")

@@ -173,7 +173,7 @@ def test_ours_is_turned_back_to_the_autopilots_time_by_its_rate(behind_us, off_d
         (KnownFaults("its own filter calls it not good", "of ours, a warning"), ""),
     ],
 )
-def test_where_no_evidence_names_one_what_speaks_against_one_alone_does(faults, wrong):
+def test_where_no_evidence_names_one_what_counts_against_one_alone_does(faults, wrong):
     """A heading without a field and without velocity."""
     output = reported(TRUE, turned(DOWN, 30.0), place=None, faults=faults).opinion
     assert output.wrong == wrong

@@ -233,7 +233,7 @@ def test_a_heartbeat_shows_what_carries_the_imu(vehicle):
     assert vehicle.heard_us == START_US + 5
 
 
-def test_ardupilots_rovers_filter_at_4_and_10_hz_unless_they_say_otherwise(vehicle):
+def test_ardupilots_rovers_filter_at_4_and_10_hz_unless_a_parameter_differs(vehicle):
     rover, px4 = Heartbeat(ONE, START_US, 3, 10), Heartbeat(ONE, START_US, 12, 10)
     vehicle.take(px4)
     assert vehicle.estimator.snapshot.context.imu_lag_s is None

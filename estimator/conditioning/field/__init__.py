@@ -1,1 +1,1 @@
-"""The magnetic field: its calibration, how far it is believed, and the heading it shows."""
+"""The magnetic field: its calibration, its confidence, and the heading it shows."""

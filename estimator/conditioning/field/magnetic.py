@@ -1,4 +1,4 @@
-"""How far the field can be trusted: its norm and dip against a reference.
+"""The confidence in the field: its norm and dip against a reference.
 
 The field may be in any unit: only its direction and its relative changes are used.
 """

@@ -86,7 +86,7 @@ class VerticalStep(NamedTuple):
 
 
 class Belief(NamedTuple):
-    """How far a step's specific force is believed."""
+    """What a step's specific force counts for."""
 
     tilt: TiltState  # after the step
     inflation: float  # after the step, rad^2

@@ -88,7 +88,7 @@ def test_a_right_gyroscope_is_not_contradicted_however_it_turns():
         assert after(5.0, (0.0, 0.0, 0.0), turning=turning).squares == (0.0, 0.0, 0.0)
 
 
-def test_a_bias_that_is_believed_wrongly_contradicts_no_axis():
+def test_a_wrong_bias_contradicts_no_axis():
     """G, carried without a bias that is none, drifts against it: not along with it."""
     error = (0.2, 0.0, 0.0)
     assert after(3.0, error, bias=(-0.25, 0.0, 0.0)).squares == (0.0, 0.0, 0.0)

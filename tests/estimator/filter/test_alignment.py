@@ -104,8 +104,8 @@ def test_field_alone_points_the_field():
     np.testing.assert_allclose(rotate(q, v), NORTH, atol=1e-12)
     # by the smallest turn: what the one direction does not show stays as it was
     assert_attitude_close(q, shortest_rotation(v, NORTH), 1e-12)
-    unbelieved = align(Vectors(v, NORTH, 1.0, (0.6, 0.0, 0.8), DOWN, 0.0, 1.0))
-    assert_attitude_close(unbelieved, q, 1e-12)  # a confidence of zero takes gravity out
+    without_gravity = align(Vectors(v, NORTH, 1.0, (0.6, 0.0, 0.8), DOWN, 0.0, 1.0))
+    assert_attitude_close(without_gravity, q, 1e-12)  # a confidence of zero takes gravity out
 
 
 def test_no_vector_gives_some_attitude():

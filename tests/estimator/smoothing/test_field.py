@@ -6,7 +6,7 @@ from estimator.geometry.metrics import batch_angle_errors
 from estimator.geometry.rotations import about_down, conjugate, rotate
 from estimator.profile import load_profile
 from estimator.smoothing import Recorder, smooth_all
-from estimator.smoothing.field import believed
+from estimator.smoothing.field import usable_fields
 from tests.flight import banked_flight, flown
 
 RATE_HZ = 10.0
@@ -40,7 +40,7 @@ def test_a_field_that_points_elsewhere_for_a_while_does_not_count_on_the_way_bac
     recorder = Recorder(load_profile("imu"))
     causal = np.array([a.q_ned_frd for a in flown(recorder, flight)])
     (recording,) = recorder.recordings()
-    counts = believed(recording)
+    counts = usable_fields(recording)
     assert not counts[is_turned].any()
     assert counts[~is_turned].mean() > 0.95  # all but what is less than 4 s away from it
     smoothed = heading_deg(smooth_all(recorder)[1].q_ned_frd, q)

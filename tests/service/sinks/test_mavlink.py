@@ -206,7 +206,7 @@ def test_what_is_no_link_is_refused(tmp_path):
             MavlinkSink(parse_endpoint(address))
 
 
-def test_another_component_speaks_for_the_system_once_the_first_is_forgotten(receiver, opened):
+def test_another_component_sends_for_the_system_once_the_first_is_forgotten(receiver, opened):
     sink, other = opened(), VehicleId(7, 2)
     sink.handle(attitudes(1, 0) + attitudes(1, 0, other))
     assert len(without_covariance(messages(receiver))) == 2
