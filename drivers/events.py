@@ -10,9 +10,19 @@ Every event but the link's own names the vehicle it came from and carries
 from collections.abc import Callable
 from typing import Any, Literal, NamedTuple
 
-from drivers.value import Value
+import msgspec
+
 from estimator.reasons import Reason
 from estimator.types import ImuSample, Quaternion, RateSample, Vec3, VelocitySample
+
+
+class Value(msgspec.Struct, frozen=True, gc=False):
+    """The base of immutable values that are made thousands of times a second.
+
+    One is made in 0.1 us, a tenth of a dataclass or named tuple. The garbage collector does not
+    look inside: a value may hold numbers, texts, tuples and other values, but nothing that could
+    lead back to it.
+    """
 
 
 class VehicleId(NamedTuple):

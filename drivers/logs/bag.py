@@ -17,7 +17,7 @@ from typing import Any
 from drivers.events import Event, Malformed
 from drivers.logs.bag_bounds import BoundedPath, bound_bags
 from drivers.logs.log_file import LATEST_US, LogFile
-from drivers.logs.logged_vehicle import LoggedVehicle
+from drivers.logs.logged_vehicle import ONE_VEHICLE, LoggedVehicle
 from drivers.logs.mcap_channels import McapChannels, from_json
 from drivers.samples.navigation import Fix, unit_or_none
 from estimator.errors import InputError, missing_extra
@@ -79,8 +79,10 @@ class Bag(LogFile):
             raise InputError(f"{self.path}: its metadata.yaml is larger than any")
         return found
 
-    def advice(self, _system_id: int | None = None) -> str | None:
+    def advice(self, system_id: int | None = None) -> str | None:
         """What topics there are, and how they are written if that cannot be read."""
+        if system_id not in (None, ONE_VEHICLE.system_id):
+            return None
         reader, _ = self._opened()
         shown = sorted({f"{each.topic} ({each.msgtype})" for each in reader.connections})
         reader.close()

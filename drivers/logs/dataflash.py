@@ -67,11 +67,14 @@ class Dataflash(LogFile):
                     arrival_us = unix_us + _time_us(name, row)[0]
                     yield vehicle, name, arrival_us, SimpleNamespace(**row)
 
-    def advice(self, _system_id: int | None = None) -> str | None:
+    def advice(self, system_id: int | None = None) -> str | None:
         """See :meth:`LogFile.advice`."""
-        with windowed(self.path) as window:
-            names = {found[0] for found in messages(window, ("ATT", "IMU")) if found is not None}
-        if names != {"ATT"}:
+        found = {
+            name
+            for vehicle, name, _, _ in self.readings(frozenset(("ATT", "IMU")))
+            if system_id in (None, vehicle.system_id)
+        }
+        if found != {"ATT"}:
             return None
         return "attitudes but no IMU message: set the IMU bit of LOG_BITMASK and log again"
 

@@ -22,6 +22,7 @@ from estimator.geometry.frames import ned_frd_from_enu_flu
 from estimator.reasons import Reason
 from estimator.types import ZERO_VEC3, Vec3
 
+ONE_VEHICLE = VehicleId(1, 1)  # of a log that does not name it
 LONGEST_HOLE_US = 600 * 1_000_000  # a longer hole in a log is taken for a leap of its clock
 FIRST_DATE_US = 946_684_800_000_000  # the year 2000: smaller times count from somewhere else
 STALE_US = 200_000  # an older field that was logged beside no longer belongs to the sample after it
@@ -42,7 +43,7 @@ class LoggedVehicle:
 
     def __init__(
         self,
-        vehicle: VehicleId = VehicleId(1, 1),  # noqa: B008 - immutable
+        vehicle: VehicleId = ONE_VEHICLE,
         unix_us: int = 0,
         *,
         begin_us: int = 0,

@@ -101,12 +101,12 @@ class Tlog(LogFile):
                 sender = VehicleId(frame.system_id, frame.component_id)
                 yield sender, numbers[frame.message_id], arrival_us, fields
 
-    def advice(self, _system_id: int | None = None) -> str | None:
+    def advice(self, system_id: int | None = None) -> str | None:
         """See :meth:`LogFile.advice`."""
         attitude = autopilot = None
         imus = {imu.name for imu in IMU_MESSAGES.values()}
         for sender, name, _, m in self.readings(frozenset({"HEARTBEAT", *ATTITUDES, *imus})):
-            if _system_id not in (None, sender.system_id):
+            if system_id not in (None, sender.system_id):
                 continue
             if name == "HEARTBEAT":
                 autopilot = m.autopilot if is_autopilot(m.autopilot, m.type) else autopilot

@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from drivers.closing import Closing
 from drivers.events import (
     BuiltIn,
     Event,
@@ -20,6 +19,7 @@ from drivers.events import (
 )
 from drivers.mavlink import constants as mav
 from drivers.player import Player
+from drivers.resources import Closing
 from drivers.samples.navigation import Fix, velocity_sample
 from drivers.simulation.autopilot import (
     HEARTBEAT_US,
