@@ -15,7 +15,7 @@ Units are never guessed from the numbers.
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
-from itertools import islice
+from itertools import islice, takewhile
 from math import pi
 from pathlib import Path
 from typing import Annotated, NamedTuple
@@ -95,13 +95,15 @@ class Kind(NamedTuple):
     """What a quantity may be.
 
     Units and what they are of ours (a quaternion's four columns have none, w is first); its axes by
-    name, of which the first is meant where none is given; its names; how many columns it has.
+    name, of which the first is meant where none is given; its names; how many columns it has; what
+    those that are no x, y and z are called.
     """
 
     units: Mapping[str, float]
     axes: Mapping[str, tuple[str, str, str]] | None = None
     words: str = ""
     counts: tuple[int, ...] = (3,)
+    aliases: tuple[str, ...] = ()
 
 
 RATE = (
@@ -110,14 +112,18 @@ RATE = (
 FORCE = "acc|accel|accelerometer|(?:accelerometer)?acceleration|a"
 # B and H are other things without a unit
 FIELD = "magn?|magneto(?:meter)?|magnetic(?:field)?|m|[bh](?=.*(?:t|tesla|gauss)$)"
+# Names that leave nothing open, such as lat_deg and vel_n_m_s
+PLACE = "lat(?:itude)?deg", "(?:lon|lng|longitude)deg", "alt(?:itude)?(?:msl)?m"
+VELOCITY = tuple(f"v(?:el|elocity)?{axis}ms" for axis in ("n(?:orth)?", "e(?:ast)?", "d(?:own)?"))
+ATTITUDE = Kind(ANGLE, counts=(3, 4))
 KINDS = {
     "gyroscope": Kind(GYROSCOPE, BODY_AXES, RATE),
     "accelerometer": Kind(ACCELEROMETER, BODY_AXES, FORCE),
     "magnetometer": Kind(MAGNETOMETER, BODY_AXES, FIELD),
-    "position": Kind({"": 1.0, "deg": 1.0}, counts=(2, 3)),
-    "velocity": Kind({"": 1.0, "ms": 1.0}, WORLD_AXES),
-    "truth": Kind(ANGLE, counts=(3, 4)),
-    "autopilot": Kind(ANGLE, counts=(3, 4)),
+    "position": Kind({"": 1.0, "deg": 1.0}, counts=(2, 3), aliases=PLACE),
+    "velocity": Kind({"": 1.0, "ms": 1.0}, WORLD_AXES, aliases=VELOCITY),
+    "truth": ATTITUDE,
+    "autopilot": ATTITUDE,
 }
 QUATERNION = {"": 1.0, "wxyz": 1.0}
 TIME_WORDS = "(?:accelerometer|imu|sensor)?(?:time|zeit|timestamp|t|elapsed|elapsedtime|sampletime)"
@@ -159,52 +165,46 @@ def columns(text: CsvText, layout: Description) -> Columns:
     Raises:
         InputError: time, gyroscope or accelerometer is not there, or something is not clear.
     """
-    time = _time(text, layout.time)
-    found = {name: _quantity(text, name, getattr(layout, name), layout.axes) for name in KINDS}
-    for name in ("gyroscope", "accelerometer"):
-        if not found[name]:
-            raise InputError(f"no column is known as the {name}'s x; {_there(text)}; {HELP}")
-    attitudes = {"truth": layout.truth, "autopilot": layout.autopilot}
-    world = {
-        name: each.axes or layout.axes or "frd" for name, each in attitudes.items() if each.columns
-    }
-    if unknown := [axes for axes in world.values() if axes not in ("frd", "flu")]:
-        raise InputError(f"axes {unknown[0]!r} of an attitude: must be frd (from NED) or flu (ENU)")
-    return Columns(
-        time=time,
-        parts={name: parts for name, parts in found.items() if parts},
-        enu_flu=frozenset(name for name, axes in world.items() if axes == "flu"),
-        checks_axes=not (layout.axes or layout.accelerometer.axes),
-        compass_calibrated=layout.compass_calibrated,
-    )
+    time, parts, enu_flu = _time(text, layout.time), dict[str, tuple[Part, ...]](), set[str]()
+    for name, kind in KINDS.items():
+        entry: Quantity = getattr(layout, name)
+        if found := _quantity(text, name, entry, layout.axes):
+            parts[name] = found
+        elif name in ("gyroscope", "accelerometer"):
+            raise _unknown(text, f"{name}'s x")
+        axes = entry.axes or layout.axes or "frd"
+        if kind is ATTITUDE and found and axes not in ("frd", "flu"):
+            raise InputError(f"axes {axes!r} of an attitude: must be frd (from NED) or flu (ENU)")
+        if kind is ATTITUDE and axes == "flu":
+            enu_flu.add(name)
+    checks_axes = not (layout.axes or layout.accelerometer.axes)
+    return Columns(time, parts, frozenset(enu_flu), checks_axes, layout.compass_calibrated)
 
 
 def _time(text: CsvText, entry: Quantity) -> tuple[Part, ...]:
-    units = "|".join(TIME)
-    pattern = re.compile(
-        rf"({units})elapsed|(?:{TIME_WORDS})(?:since[a-z]+?)?(?:in)?({units}|{ISO})?"
-    )
+    """Of several times that counts whose unit is known; one may be a date beside its time."""
+    units, others = "|".join(TIME), list[int]()
+    words = rf"({units})elapsed|(?:{TIME_WORDS})(?:since[a-z]+?)?(?:in)?({units}|{ISO})?"
     if entry.columns:
         index, *others = _named(text, "time", entry.columns, (1, 2))
         found = [(index, "")]
     else:
-        others = []
-        found = [(i, m[1] or m[2] or "") for i, m in _matches(text, pattern)]
+        found = [(i, m[1] or m[2] or "") for i, m in _matches(text, re.compile(words))]
         found = found or [(i, ISO) for i, field in enumerate(text.first) if is_date(field)]
     if not found:
-        raise InputError(f"no column is known as the time; {_there(text)}; {HELP}")
-    given = [
-        _compact(entry.unit) or ISO * is_date(text.first[i]) or unit or _own_unit(text, i, TIME)
-        for i, unit in found
-    ]
-    best = next((k for k, unit in enumerate(given) if unit), 0)
-    index, unit = found[best][0], given[best]
+        raise _unknown(text, "time")
+    index, unit = found[0]
+    for i, titled in reversed(found):
+        is_iso = ISO if is_date(text.first[i]) else ""
+        if given := _compact(entry.unit) or is_iso or titled or _own_unit(text, i, TIME):
+            index, unit = i, given
     first = " ".join(text.first[i].strip() for i in (index, *others))
-    unit = ISO if others and is_date(first) else unit
+    if others and is_date(first):
+        unit = ISO
     if unit != ISO and first and not is_number(first, comma=text.has_decimal_comma):
         where = f"{first!r} in column {text.titles()[index]!r}"
         raise InputError(f"the time {where} is no number, and no date as ISO 8601 has them; {HELP}")
-    factor = 0.0 if unit == ISO else _factor(text, "time", index, unit, {**TIME, ISO: 0.0})
+    factor = _factor(text, "time", index, unit, {**TIME, ISO: 0.0})
     return tuple((i, entry.scale * factor) for i in (index, *others))
 
 
@@ -215,16 +215,18 @@ def _quantity(
     kind = KINDS[name]
     if entry.columns:
         found = [(i, "") for i in _named(text, name, entry.columns, kind.counts)]
+    elif kind.words:
+        found = _by_title(text, name, kind)
     else:
-        found = _by_title(text, name, kind) if kind.words else []
-    units = kind.units if len(found) < 4 else QUATERNION
-    given = [_compact(entry.unit) or unit or _own_unit(text, i, units) for i, unit in found]
-    parts = tuple(
-        (i, entry.scale * _factor(text, name, i, unit, units))
-        for (i, _), unit in zip(found, given, strict=True)
-    )
+        matches = [_matches(text, re.compile(alias)) for alias in kind.aliases]
+        clear = [each[0][0] for each in takewhile(lambda each: len(each) == 1, matches)]
+        found = [(i, "") for i in clear] if len(clear) in kind.counts else []
+    units, parts = kind.units if len(found) < 4 else QUATERNION, list[Part]()
+    for i, unit in found:
+        given = _compact(entry.unit) or unit or _own_unit(text, i, units)
+        parts.append((i, entry.scale * _factor(text, name, i, given, units)))
     if not parts or kind.axes is None:
-        return parts
+        return tuple(parts)
     along = entry.axes or (axes if kind.words else "") or next(iter(kind.axes))
     return _turned(parts, along, kind.axes)
 
@@ -256,21 +258,18 @@ def _named(
     if len(names) not in counts:
         wanted = " or ".join(map(str, counts))
         raise InputError(f"{what}: needs {wanted} columns, not {len(names)}")
-    return [_place(text, what, name) for name in names]
-
-
-def _place(text: CsvText, what: str, name: str | int) -> int:
-    if isinstance(name, int):
-        if not 1 <= name <= len(text.names):
-            raise InputError(f"{what}: there is no column {name}, only 1 to {len(text.names)}")
-        return name - 1
-    wanted = name.strip().lower()
     titles = [(title, *parts) for title, parts in zip(text.titles(), text.names, strict=True)]
-    found = [k for k, each in enumerate(titles) if wanted in [part.lower() for part in each]]
-    if len(found) != 1:
-        many = f"{len(found)} columns are" if found else "no column is"
-        raise InputError(f"{what}: {many} called {name!r}; {_there(text)}")
-    return found[0]
+    places: list[int] = []
+    for name in names:
+        if isinstance(name, int) and not 1 <= name <= len(titles):
+            raise InputError(f"{what}: there is no column {name}, only 1 to {len(titles)}")
+        wanted = str(name).strip().lower()
+        found = [k for k, each in enumerate(titles) if wanted in [part.lower() for part in each]]
+        if isinstance(name, str) and len(found) != 1:
+            many = f"{len(found)} columns are" if found else "no column is"
+            raise InputError(f"{what}: {many} called {name!r}; {_there(text)}")
+        places.append(name - 1 if isinstance(name, int) else found[0])
+    return places
 
 
 def _matches(text: CsvText, pattern: re.Pattern[str]) -> list[tuple[int, re.Match[str]]]:
@@ -320,6 +319,10 @@ def _compact(name: str) -> str:
     for spelling, meant in SPELLINGS:
         text = text.replace(spelling, meant)
     return re.sub(r"[^a-z0-9]", "", text)
+
+
+def _unknown(text: CsvText, what: str) -> InputError:
+    return InputError(f"no column is known as the {what}; {_there(text)}; {HELP}")
 
 
 def _there(text: CsvText) -> str:

@@ -377,6 +377,23 @@ def test_truth_velocity_and_place(tmp_path):
     assert (place.latitude_deg, place.longitude_deg) == (47.5, 8.5)
 
 
+@pytest.mark.parametrize(
+    "names",
+    [
+        "lat_deg,lon_deg,alt_m,vel_n_m_s,vel_e_m_s,vel_d_m_s",
+        "Latitude (deg),Longitude (°),Altitude [m],V North [m/s],V East [m/s],V Down [m/s]",
+    ],
+)
+def test_names_that_leave_nothing_open_need_no_description(tmp_path, names):
+    fix = np.ones((ROWS, 1)) * [47.5, 8.5, 488.0, 1.0, 2.0, 3.0]
+    path = written(tmp_path / "a.csv", table([f"{NAMES},{names}"], (*readings()[:3], fix)))
+    events = list(open_log(path))
+    velocity = next(e for e in events if isinstance(e, Velocity))
+    assert velocity.sample.velocity_ned_m_s == (1.0, 2.0, 3.0)
+    place = next(e for e in events if isinstance(e, Position))
+    assert (place.latitude_deg, place.longitude_deg, place.altitude_m) == (47.5, 8.5, 488.0)
+
+
 def test_the_truth_of_a_table_is_called_so(tmp_path, capsys):
     columns = (*readings()[:3], np.tile([1.0, 0.0, 0.0, 0.0], (ROWS, 1)))
     toml = 'truth = { columns = ["a", "b", "c", "d"] }'
