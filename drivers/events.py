@@ -1,9 +1,8 @@
 """Everything that can arrive from a source, as immutable values.
 
-Every event but the link's own names the vehicle it came from and carries
-``arrival_us``, the host's Unix time in microseconds when its bytes arrived
-(for logs: the log's stamp). Where the message carries the vehicle's time,
-``time_us`` is that time on the continuous vehicle clock described in
+Every event but the link's own names the vehicle it came from and carries ``arrival_us``, the host's
+Unix time in microseconds when its bytes arrived (for logs: the log's stamp). Where the message
+carries the vehicle's time, ``time_us`` is that time on the continuous vehicle clock described in
 ``estimator.types``.
 """
 

@@ -301,9 +301,7 @@ def _factor(text: CsvText, what: str, index: int, unit: str, units: Mapping[str,
 
 
 def _turned(
-    parts: Sequence[Part],
-    axes: str | tuple[str, ...],
-    named: Mapping[str, tuple[str, str, str]],
+    parts: Sequence[Part], axes: str | tuple[str, ...], named: Mapping[str, tuple[str, str, str]]
 ) -> tuple[Part, ...]:
     """Forward, right, down (or north, east, down) of x, y, z along those axes."""
     chosen = named.get(axes) if isinstance(axes, str) else axes

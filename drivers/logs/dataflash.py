@@ -1,10 +1,9 @@
 """ArduPilot's on-board logs (DataFlash .bin).
 
-The messages read, with the names of both eras: IMU, IMU2, IMU3 (or the field
-I), MAG, ATT, XKQ/NKQ, XKF1/NKF1/EKF1, XKF4/NKF4/EKF4, GPS, PARM, MSG, ARM, EV,
-MODE, and SIM as truth.
-Accelerometer and gyroscope are SI in the log, the field is in mGauss, angles
-are in degrees. Times count from boot, in us or, until 2015, in ms.
+The messages read, with the names of both eras: IMU, IMU2, IMU3 (or the field I), MAG, ATT, XKQ/NKQ,
+XKF1/NKF1/EKF1, XKF4/NKF4/EKF4, GPS, PARM, MSG, ARM, EV, MODE, and SIM as truth. Accelerometer and
+gyroscope are SI in the log, the field is in mGauss, angles are in degrees. Times count from boot,
+in us or, until 2015, in ms.
 """
 
 import math
@@ -51,12 +50,7 @@ class Dataflash(LogFile):
     def __iter__(self) -> Iterator[Event]:
         vehicle = LoggedVehicle(*self._identity())
         with windowed(self.path, self.on_read) as window:
-            for message in messages(window, HANDLERS):
-                if message is None:
-                    yield vehicle.malformed()
-                else:
-                    yield from vehicle.decode(_events, *message)
-            yield from vehicle.intake.end()
+            yield from vehicle.events(messages(window, HANDLERS), _events)
 
     def readings(self, names: frozenset[str]) -> Iterator[tuple[VehicleId, str, int, Any]]:
         """Messages that have a time; see :meth:`LogFile.readings`."""
@@ -97,10 +91,16 @@ class Dataflash(LogFile):
         return VehicleId(system_id or 1, 1), unix_us or 0
 
 
-def _events(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
+def _events(vehicle: LoggedVehicle, message: tuple[str, Row]) -> list[Event]:
+    """The events of a message, if it is of the first of several sensors or filters, or of an IMU.
+
+    Old logs have but one.
+    """
+    name, row = message
     if name not in UNTIMED:
         vehicle.at(*_time_us(name, row))
-    return HANDLERS[name](vehicle, name, row)
+    is_other = name != "IMU" and any(int(row.get(each, 0)) for each in ("I", "C"))
+    return [] if is_other else HANDLERS[name](vehicle, name, row)
 
 
 def _imu(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
@@ -111,16 +111,11 @@ def _imu(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
 
 
 def _mag(vehicle: LoggedVehicle, _name: str, row: Row) -> list[Event]:
-    if _is_other(row, "I"):
-        return []
-    return vehicle.put_mag(
-        (row["MagX"] * MILLIGAUSS, row["MagY"] * MILLIGAUSS, row["MagZ"] * MILLIGAUSS)
-    )
+    x, y, z = (row[axis] * MILLIGAUSS for axis in ("MagX", "MagY", "MagZ"))
+    return vehicle.put_mag((x, y, z))
 
 
 def _attitude(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
-    if _is_other(row, "C"):
-        return []
     if "Q1" in row:
         numbers = [row["Q1"], row["Q2"], row["Q3"], row["Q4"]]
     else:
@@ -129,19 +124,17 @@ def _attitude(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
 
 
 def _filter_velocity(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
-    if _is_other(row, "C"):
-        return []
     return vehicle.fix(name, Fix((row["VN"], row["VE"], row["VD"])))
 
 
 def _filter_status(vehicle: LoggedVehicle, _name: str, row: Row) -> list[Event]:
-    if _is_other(row, "C") or "SS" not in row:  # the first years' filters did not say
+    if "SS" not in row:  # the first years' filters did not say
         return []
     return vehicle.filter_status(row["SS"], row["SV"], row.get("SM", 0.0))
 
 
 def _gps(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
-    if row["Status"] < mav.GPS_FIX_TYPE_3D_FIX or _is_other(row, "I"):
+    if row["Status"] < mav.GPS_FIX_TYPE_3D_FIX:
         return []
     speed_m_s, course_rad = row["Spd"], math.radians(row["GCrs"])
     north, east = speed_m_s * math.cos(course_rad), speed_m_s * math.sin(course_rad)
@@ -158,9 +151,8 @@ def _text(vehicle: LoggedVehicle, _name: str, row: Row) -> list[Event]:
     vehicle_type = VEHICLE_TYPES.get(str(row["Message"]).partition(" ")[0])
     if vehicle_type is None:
         return []
-    return [
-        Heartbeat(vehicle.id, vehicle.arrival_us, mav.MAV_AUTOPILOT_ARDUPILOTMEGA, vehicle_type)
-    ]
+    about = vehicle.id, vehicle.arrival_us
+    return [Heartbeat(*about, mav.MAV_AUTOPILOT_ARDUPILOTMEGA, vehicle_type)]
 
 
 def _mode(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
@@ -175,11 +167,6 @@ def _mode(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
     else:
         return []
     return [ModeChange(vehicle.id, vehicle.arrival_us, is_armed, custom_mode)]
-
-
-def _is_other(row: Row, field: str) -> bool:
-    """Whether a row is of another sensor or filter than the first; old logs have but one."""
-    return int(row.get(field, 0)) != 0
 
 
 HANDLERS: dict[str, Callable[[LoggedVehicle, str, Row], list[Event]]] = {

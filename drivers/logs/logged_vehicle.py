@@ -4,23 +4,20 @@ Most such logs know no arrivals. Their own times, on Unix time where a GPS gave 
 them.
 """
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import TypeVar
 
 from drivers.events import Event, Malformed, Rejected, VehicleId
 from drivers.mavlink.gate import Repeats
 from drivers.samples.imu_stream import Field, RepeatedField, Stamp, finite_or_zero
 from drivers.samples.intake import Intake
-from drivers.samples.navigation import (
-    Fix,
-    Source,
-    quaternion_from_euler,
-    unit_or_none,
-)
+from drivers.samples.navigation import Fix, Source, quaternion_from_euler, unit_or_none
 from drivers.samples.vehicle_clock import BOOT_US, REORDERED_US, TimeField
 from estimator.geometry.frames import ned_frd_from_enu_flu
 from estimator.reasons import Reason
 from estimator.types import ZERO_VEC3, Vec3
+
+R = TypeVar("R")
 
 ONE_VEHICLE = VehicleId(1, 1)  # of a log that does not name it
 LONGEST_HOLE_US = 600 * 1_000_000  # a longer hole in a log is taken for a leap of its clock
@@ -78,14 +75,19 @@ class LoggedVehicle:
         """The time of arrival that events have now."""
         return self._stamp.arrival_us
 
-    def decode(
-        self, handler: Callable[["LoggedVehicle", str, Any], list[Event]], name: str, row: Any
-    ) -> list[Event]:
-        """The events of a row; it is counted where it has other columns, or garbage in one."""
-        try:
-            return handler(self, name, row)
-        except (LookupError, TypeError, ValueError, OverflowError):
-            return [self.malformed()]
+    def events(
+        self, rows: Iterable[R | None], of_row: Callable[["LoggedVehicle", R], Iterable[Event]]
+    ) -> Iterator[Event]:
+        """The events of rows, and of the end behind them.
+
+        What cannot be read is counted: None, a row with other columns, or with garbage in one.
+        """
+        for row in rows:
+            try:
+                yield from [self.malformed()] if row is None else of_row(self, row)
+            except (LookupError, TypeError, ValueError, OverflowError):
+                yield self.malformed()
+        yield from self.intake.end()
 
     def malformed(self) -> Event:
         """Something that cannot be read."""

@@ -1,14 +1,13 @@
 """PX4's on-board logs (.ulg).
 
-Topics: sensor_combined, or vehicle_imu where that is missing, with
-vehicle_magnetometer; vehicle_attitude as the autopilot's reference and
-vehicle_attitude_groundtruth as truth; vehicle_local_position and
-vehicle_gps_position (or sensor_gps) for velocity and position; estimator_status and
-estimator_selector_status for how far the filter believes itself; vehicle_status for
-arming. All are SI and FRD/NED already, fields in gauss, times in us since boot.
+Topics: sensor_combined, or vehicle_imu where that is missing, with vehicle_magnetometer;
+vehicle_attitude as the autopilot's reference and vehicle_attitude_groundtruth as truth;
+vehicle_local_position and vehicle_gps_position (or sensor_gps) for velocity and position;
+estimator_status and estimator_selector_status for how far the filter believes itself;
+vehicle_status for arming. All are SI and FRD/NED already, fields in gauss, times in us since boot.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
 from drivers.events import Event, Heartbeat, ModeChange, Parameter, Rejected, VehicleId
@@ -51,18 +50,12 @@ class Ulog(LogFile):
             with windowed(self.path, self.on_read) as window:
                 overview = _look_over(UlogReader(window, CLOCKS))
             with windowed(self.path, self.on_read) as window:
-                log = UlogReader(window, WANTED)
+                log = UlogReader(window, {name: WANTED[name] for name in overview.topics})
                 system_id = _in_byte(overview.parameters.get("MAV_SYS_ID"), 1)
                 vehicle = LoggedVehicle(VehicleId(system_id, 1), overview.unix_us)
                 vehicle.at(overview.begin_us)
                 yield from _head(vehicle, overview.parameters)
-                for row in _in_time_order(_wanted(log.rows(), overview), overview.topics):
-                    vehicle.at(row.time_us)
-                    if row.topic == DAMAGE:
-                        yield vehicle.malformed()
-                    else:
-                        yield from vehicle.decode(TOPICS[row.topic].events, row.topic, row.row)
-                yield from vehicle.intake.end()
+                yield from vehicle.events(_in_time_order(log.rows(), overview), _events)
         except ValueError as error:
             raise InputError(f"{self.path}: cannot read this ULog, {error}") from error
 
@@ -87,7 +80,12 @@ def _head(vehicle: LoggedVehicle, parameters: dict[str, float]) -> Iterator[Even
         yield Parameter(vehicle.id, vehicle.arrival_us, name, value)
 
 
-# A field that is missing in a firmware's topic is 0.
+def _events(vehicle: LoggedVehicle, found: Found) -> list[Event]:
+    """The events of a row; a field that is missing in a firmware's topic is 0."""
+    vehicle.at(found.time_us)
+    if found.topic == DAMAGE:
+        return [vehicle.malformed()]
+    return TOPICS[found.topic].events(vehicle, found.topic, found.row)
 
 
 def _sensor_combined(vehicle: LoggedVehicle, topic: str, row: Row) -> list[Event]:
@@ -209,27 +207,25 @@ def _look_over(log: UlogReader) -> _Overview:
     return _Overview(log.parameters, tuple(topics), begin_us, middle_us, clocks[0] if clocks else 0)
 
 
-def _wanted(rows: Iterable[Found | None], overview: _Overview) -> Iterator[Found]:
-    """The rows to use, and where damage is."""
+def _near(rows: Iterable[Found | None], overview: _Overview) -> Iterator[Found]:
+    """The rows of the log's time, and where damage is."""
     last_us = overview.begin_us
     for row in rows:
         if row is None:
             yield Found(last_us, DAMAGE, {})
-            continue
-        is_near = abs(row.time_us - overview.middle_us) < LONGEST_LOG_US
-        if is_near and row.topic in overview.topics:
+        elif abs(row.time_us - overview.middle_us) < LONGEST_LOG_US:
             last_us = row.time_us
             yield row
 
 
-def _in_time_order(rows: Iterable[Found], topics: Sequence[str]) -> Iterator[Found]:
+def _in_time_order(rows: Iterable[Found | None], overview: _Overview) -> Iterator[Found]:
     """Rows in the order of their times, as far as none comes too late; then of their topics.
 
     Where the clock was set back the order begins anew.
     """
-    rank = {topic: k for k, topic in enumerate((*topics, DAMAGE))}
+    rank = {topic: k for k, topic in enumerate((*overview.topics, DAMAGE))}
     held: list[tuple[int, int, int, int, Found]] = []
-    for number, (epoch, row) in enumerate(_with_epochs(rows)):
+    for number, (epoch, row) in enumerate(_with_epochs(_near(rows, overview))):
         held.append((epoch, row.time_us, rank[row.topic], number, row))
         if len(held) >= 2 * MOST_HELD:
             held.sort()

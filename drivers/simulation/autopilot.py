@@ -7,7 +7,7 @@ ahead of the sample: whoever listens knows from the start what signals these are
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import inf, isfinite, remainder, tau
 from typing import Any
 
@@ -88,16 +88,12 @@ class VehicleOptions:
         return SimulatedVehicle(seeds[0], *signals, calm=self.calm, errors_seed=seeds[1])
 
 
-@dataclass(slots=True)
 class Schedule:
     """One message's stream; ``interval_us`` 0 means that it is off."""
 
-    default_us: float
-    due_us: float = 0.0
-    interval_us: float = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.interval_us = self.default_us
+    def __init__(self, default_us: float) -> None:
+        self.default_us = self.interval_us = default_us
+        self.due_us = 0.0
 
     def is_due(self, now_us: int) -> bool:
         """Whether to send with the sample at ``now_us``; moves on to the next time if so."""

@@ -14,13 +14,7 @@ import numpy as np
 
 from drivers.samples.navigation import METRES_A_DEGREE
 from estimator.arrays import Floats
-from estimator.geometry.rotations import (
-    conjugate,
-    from_matrices,
-    log,
-    multiply,
-    rotate_inverse,
-)
+from estimator.geometry.rotations import conjugate, from_matrices, log, multiply, rotate_inverse
 from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
 
 ROUND_S = 100.0

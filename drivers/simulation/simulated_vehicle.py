@@ -7,13 +7,12 @@ Attitude Filter on SO(3): Fast Adaptation and Robustness"::
     v_i^B   = R^T v_i^I + b_i^B + n_i^B       n_i  ~ N(0, 0.05)
     dR/dt   = R [Omega]x,   R(0) = I
 
-as an IMU reads them: acc = -g v_2^B and mag = 0.5 gauss v_1^B, neither
-normalised. The flight (:mod:`drivers.simulation.flight`) has the errors of a
-small MEMS unit instead, and knows where it is and how fast; "bench" is that unit turned by hand.
-With a seed of their own the sensors have larger constant errors (:func:`imu_errors`), too. A block
-(:func:`simulate`) and a stream (:class:`SimulatedVehicle`) give the same
-numbers bit for bit: the truth comes in chunks that start at fixed samples, and
-each sample takes nine normal numbers in one order.
+as an IMU reads them: acc = -g v_2^B and mag = 0.5 gauss v_1^B, neither normalised. The flight
+(:mod:`drivers.simulation.flight`) has the errors of a small MEMS unit instead, and knows where it
+is and how fast; "bench" is that unit turned by hand. With a seed of their own the sensors have
+larger constant errors (:func:`imu_errors`), too. A block (:func:`simulate`) and a stream
+(:class:`SimulatedVehicle`) give the same numbers bit for bit: the truth comes in chunks that start
+at fixed samples, and each sample takes nine normal numbers in one order.
 """
 
 from collections.abc import Iterator
@@ -68,8 +67,7 @@ LONGEST_STEP_S = 0.01
 class Sample(NamedTuple):
     """One instant of the simulated vehicle; measured values are in FRD.
 
-    ``time_us`` counts from the vehicle's start. ``q_ned_frd`` and
-    all behind it are the truth.
+    ``time_us`` counts from the vehicle's start. ``q_ned_frd`` and all behind it are the truth.
     """
 
     time_us: int
