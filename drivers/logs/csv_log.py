@@ -47,12 +47,12 @@ class CsvLog(LogFile):
         """The events; times count from the first row, also backwards: clocks are set."""
         vehicle, about = None, self._columns
         for row in csv_rows(self.path, self._text, self.on_read):
-            time_us = None if row is None else _time_us(self._text, row, about.time)
+            time_us = _time_us(self._text, row, about.time)
             if vehicle is None:
                 vehicle = LoggedVehicle(begin_us=time_us or 0, checks_axes=about.checks_axes)
                 if (word := about.compass_calibrated) is not None:
                     yield Parameter(vehicle.id, vehicle.arrival_us, COMPASS_CALIBRATED, word)
-            if row is None or time_us is None:
+            if time_us is None:
                 yield vehicle.malformed()
             else:
                 vehicle.at(time_us)

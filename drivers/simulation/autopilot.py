@@ -89,7 +89,7 @@ class VehicleOptions:
 
 
 class Schedule:
-    """One message's stream; ``interval_us`` 0 means that it is off."""
+    """One message's stream; ``interval_us`` 0 means that it is off, and never due."""
 
     def __init__(self, default_us: float) -> None:
         self.default_us = self.interval_us = default_us
@@ -97,7 +97,7 @@ class Schedule:
 
     def is_due(self, now_us: int) -> bool:
         """Whether to send with the sample at ``now_us``; moves on to the next time if so."""
-        if self.interval_us == 0 or now_us < self.due_us - 1:
+        if now_us < self.due_us - 1:
             return False
         following_us = self.due_us + self.interval_us
         self.due_us = following_us if following_us > now_us else now_us + self.interval_us
@@ -157,9 +157,7 @@ class SimulatedAutopilot:
     @property
     def due_us(self) -> float:
         """The boot time at which something is to be sent next."""
-        if self._heartbeat.interval_us:
-            return min(self._next.time_us, self._heartbeat.due_us)
-        return self._next.time_us
+        return min(self._next.time_us, self._heartbeat.due_us)
 
     def advance(self, boot_us: float, unix_us: int) -> bytes:
         """Every frame due at ``boot_us``, in order; ``unix_us`` is the time for signatures."""
@@ -231,7 +229,7 @@ class SimulatedAutopilot:
         interval_us = {-1.0: 0.0, 0.0: stream.default_us}.get(interval_us, interval_us)
         if not (interval_us == 0.0 or 1e6 / FASTEST_RATE_HZ <= interval_us < inf):
             return mav.MAV_RESULT_DENIED
-        stream.interval_us, stream.due_us = interval_us, self._next.time_us
+        stream.interval_us, stream.due_us = interval_us, self._next.time_us if interval_us else inf
         wanted = [s.interval_us for s in self._streams.values() if s.interval_us]
         before_us, self._sample_us = self._sample_us, min(wanted, default=self._default_us)
         if self._sample_us != before_us:
