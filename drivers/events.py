@@ -19,7 +19,7 @@ class Value(msgspec.Struct, frozen=True, gc=False):
     """The base of immutable values that are made thousands of times a second.
 
     One is made in 0.1 us, a tenth of a dataclass or named tuple. The garbage collector does not
-    look inside: a value may hold numbers, texts, tuples and other values, but nothing that could
+    look into them: a value may hold numbers, texts, tuples and other values, but nothing that could
     lead back to it.
     """
 
@@ -102,7 +102,7 @@ class Position(VehicleEvent, frozen=True):
     altitude_m: float
 
 
-# The name of a parameter by which a log's own description vouches for the compass, 1, or warns, 0.
+# The name of a parameter by which a log's description has the compass calibrated, 1, or not, 0.
 COMPASS_CALIBRATED = "compass_calibrated"
 
 
@@ -137,13 +137,13 @@ class StatusText(VehicleEvent, frozen=True):
 
 
 class BuiltIn(VehicleEvent, frozen=True):
-    """The vehicle says that it is fuzzbee's own, and which motion it makes."""
+    """The vehicle is fuzzbee's own, and makes this motion."""
 
     motion: str
 
 
 class FilterStatus(VehicleEvent, frozen=True):
-    """What the vehicle's own navigation filter says of itself; a ratio is 1 at its gate."""
+    """What the vehicle's navigation filter reports of itself; a ratio is 1 at its gate."""
 
     has_velocity: bool
     has_place: bool
@@ -173,7 +173,7 @@ class ClockReset(VehicleEvent, frozen=True):
 class TrackLost(VehicleEvent, frozen=True):
     """A sensor was blind for so long that nobody knows how far the vehicle turned meanwhile.
 
-    ``message`` names its stream, ``reason`` is the word its samples were refused with. The
+    ``message`` names its stream, ``reason`` is why its samples were refused. The
     next sample of that stream is good again.
     """
 

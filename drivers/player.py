@@ -21,7 +21,7 @@ class Player:
     The player has a clock of its own, ``now_us``, in the events' time: it runs
     ``speed`` times as fast as the host's, so that silence in a log is as long
     for the service as it was for the recorder. It ``is_finished`` behind the last event, and has
-    waited for the service for ``waited_s``. ``follow`` is where it is heard which IMU is in use.
+    waited for the service for ``waited_s``. ``follow`` takes what knows which IMU is in use.
     """
 
     # events wait for the service, so nothing is ever dropped

@@ -15,10 +15,9 @@ from pathlib import Path
 from typing import Any
 
 from drivers.events import Event, Malformed
-from drivers.logs.bag_bounds import BoundedPath, bound_bags
+from drivers.logs.bag_libraries import BoundedPath, McapChannels, bound_bags, from_json
 from drivers.logs.log_file import LATEST_US, LogFile
 from drivers.logs.logged_vehicle import ONE_VEHICLE, LoggedVehicle
-from drivers.logs.mcap_channels import McapChannels, from_json
 from drivers.samples.navigation import Fix, unit_or_none
 from estimator.errors import InputError, missing_extra
 from estimator.geometry.frames import flu_from_frd
@@ -200,7 +199,7 @@ def _events(reader: Any, decode: Decode, topics: _Topics) -> Iterator[Event]:
 
 
 def _words(error: Exception) -> str:
-    """What is wrong; some errors say it by their name alone."""
+    """What is wrong; of some errors only the name shows it."""
     return str(error) or type(error).__name__
 
 

@@ -1,7 +1,7 @@
 """Which columns of a table are what, in which unit and along which axes.
 
-Names that say all of it (``gyro_x (deg/s)``, ``acc_y_m_s2``, ``time [ms]``) need no help; for$
-a small TOML file beside the table does::
+Names that have all of it (``gyro_x (deg/s)``, ``acc_y_m_s2``, ``time [ms]``) need no help. A small
+TOML file beside the table gives what others lack::
 
     axes = "flu"                                # frd (the default), flu, rfu or as below
     time = { columns = ["stamp"], unit = "ms" }
@@ -29,7 +29,7 @@ from estimator.text_file import file_text
 from estimator.types import STANDARD_GRAVITY_M_S2 as G
 
 LONGEST_LIST = 200  # characters of names in a message
-HELP = "a TOML file of the same name beside it, or --columns FILE, can say it (docs/logs.md)"
+HELP = "a TOML file of the same name beside it, or --columns FILE, can give it (docs/logs.md)"
 
 Part = tuple[int, float]  # the column, and the factor to SI units and our axes
 
@@ -140,10 +140,10 @@ SPELLINGS = (
 
 
 def description(path: Path, given: Path | None) -> Description:
-    """What ``given`` says, or else the TOML file beside the table, if there is one.
+    """What is in the file ``given``, or else in the TOML file beside the table, if there is one.
 
     Raises:
-        InputError: it cannot be read, or says what cannot be.
+        InputError: it cannot be read, or something in it cannot be.
     """
     beside = columns_beside(path)
     if given is None and not beside.is_file():

@@ -27,7 +27,7 @@ class CsvLog(LogFile):
     """A table as events; each iteration reads the file from its start, a row at a time.
 
     Raises:
-        InputError: the columns do not say what they are, or the description is wrong.
+        InputError: it is not clear what the columns are, or the description is wrong.
     """
 
     def __init__(self, path: Path, described: Path | None = None) -> None:
@@ -50,8 +50,8 @@ class CsvLog(LogFile):
             time_us = _time_us(self._text, row, about.time)
             if vehicle is None:
                 vehicle = LoggedVehicle(begin_us=time_us or 0, checks_axes=about.checks_axes)
-                if (word := about.compass_calibrated) is not None:
-                    yield Parameter(vehicle.id, vehicle.arrival_us, COMPASS_CALIBRATED, word)
+                if (flag := about.compass_calibrated) is not None:
+                    yield Parameter(vehicle.id, vehicle.arrival_us, COMPASS_CALIBRATED, flag)
             if time_us is None:
                 yield vehicle.malformed()
             else:

@@ -73,7 +73,7 @@ class Dataflash(LogFile):
         return "attitudes but no IMU message: set the IMU bit of LOG_BITMASK and log again"
 
     def _identity(self) -> tuple[VehicleId, int]:
-        """Who it is, system 1 unless a parameter says so; Unix time minus time since boot, in us.
+        """Its system, 1 unless a parameter has another; Unix time minus time since boot, in us.
 
         Both are near the log's beginning, if it has them.
         """
@@ -128,7 +128,7 @@ def _filter_velocity(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]
 
 
 def _filter_status(vehicle: LoggedVehicle, _name: str, row: Row) -> list[Event]:
-    if "SS" not in row:  # the first years' filters did not say
+    if "SS" not in row:  # the first years' filters did not report it
         return []
     return vehicle.filter_status(row["SS"], row["SV"], row.get("SM", 0.0))
 
@@ -200,7 +200,7 @@ def _time_us(name: str, row: Row) -> tuple[int, TimeField]:
     """The message's time since boot, and on which clock.
 
     Raises:
-        LookupError, TypeError, ValueError, OverflowError: it has none to believe.
+        LookupError, TypeError, ValueError, OverflowError: it has none that can be.
     """
     if "TimeUS" in row:
         clock, raw_us = TimeField.TIME_USEC, int(row["TimeUS"])

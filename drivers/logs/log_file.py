@@ -39,7 +39,7 @@ class LogFile(Closing):
         self._follows = imu_in_use
 
     def imu_in_use(self, vehicle: VehicleId) -> str | None:
-        """The IMU message that is used of the vehicle, if somebody has said so by now."""
+        """The IMU message that is used of the vehicle, if that is known by now."""
         return None if self._follows is None else self._follows(vehicle)
 
     @abstractmethod
@@ -71,7 +71,7 @@ class LogFile(Closing):
 class Window:
     """A part of a file in memory, which moves forwards: a log may be larger than the memory.
 
-    ``data`` begins where the last :meth:`move` said, ``offset`` bytes behind the file's start;
+    ``data`` begins at the place of the last :meth:`move`, ``offset`` bytes behind the file's start;
     ``is_last`` shows that nothing follows it.
     """
 

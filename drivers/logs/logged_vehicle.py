@@ -96,7 +96,7 @@ class LoggedVehicle:
     def filter_status(
         self, flags: int, velocity_ratio: float, compass_ratio: float = 0.0
     ) -> list[Event]:
-        """What its filter says of itself."""
+        """How well its own filter knows velocity and heading."""
         ratios = float(velocity_ratio), float(compass_ratio)
         return self.intake.filter_status(self.arrival_us, int(flags), *ratios)
 

@@ -196,10 +196,8 @@ def _look_over(log: UlogReader) -> _Overview:
             times_us.append(row.time_us)
         elif begins_us.keys() >= FIRST_TOPICS and GPS_TOPICS[0] in unix_us:
             break
-    topics = [name for name in log.tables if name in begins_us]
-    for choice in CHOICES:
-        for name in [each for each in choice if each in topics][1:]:
-            topics.remove(name)
+    others = {name for each in CHOICES for name in [t for t in each if t in begins_us][1:]}
+    topics = [name for name in log.tables if name in begins_us.keys() - others]
     topics.sort(key=lambda name: name in IMU_TOPICS)
     begin_us = min((us for name, us in begins_us.items() if name in topics), default=0)
     middle_us = sorted(times_us)[len(times_us) // 2] if times_us else 0

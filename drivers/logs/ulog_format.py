@@ -22,7 +22,7 @@ HEAD = Struct("<HB")
 NUMBER_SIZE = 2
 ROW, FORMAT, SUBSCRIPTION, PARAMETER, FLAGS = b"DFAPB"
 KNOWN_TYPES = frozenset(b"ABCDFILMOPQRS")
-TELLING_TYPES = re.compile(b"[ADF]")  # whose bodies show whether they are such messages
+DISTINCT_TYPES = re.compile(b"[ADF]")  # whose bodies show whether they are such messages
 DATA_APPENDED = 1  # the only incompatible flag that is known here; what it cuts off is damage
 LARGEST_BODY = 0xFFFF
 LONGEST_NAME = 128
@@ -94,16 +94,16 @@ class UlogReader:
         """The rows in the file's order; None for each damaged stretch.
 
         Raises:
-            ValueError: the log says that it takes a newer reader.
+            ValueError: the log needs a newer reader.
         """
-        return self._window.records(FILE_HEAD_SIZE, self._read, self._next_telling)
+        return self._window.records(FILE_HEAD_SIZE, self._read, self._next_message)
 
     def _read(self, position: int, stop: int) -> tuple[list[Found | None], int]:
         """The rows of the messages from ``position`` to ``stop``, and where they end."""
         data, found = self._window.data, list[Found | None]()
         while position < stop:
             end = self._end(data, position)
-            if end is None or not self._begins_message(data, end):
+            if end is None:
                 if not data.startswith(MAGIC, position):
                     break
                 self._window.end()  # another log is behind this one, with times of its own
@@ -121,23 +121,22 @@ class UlogReader:
             position = end
         return found, position
 
-    def _end(self, data: bytes, position: int) -> int | None:
-        """Where the message at ``position`` ends; None if there is none, or not all of it."""
+    @staticmethod
+    def _end(data: bytes, position: int) -> int | None:
+        """Where the message at ``position`` ends, with another one or the data's end behind it."""
         if position + HEAD.size > len(data):
             return None
         size, kind = HEAD.unpack_from(data, position)
         end: int = position + HEAD.size + size
-        return end if size and kind in KNOWN_TYPES and end <= len(data) else None
+        if not size or kind not in KNOWN_TYPES or end > len(data):
+            return None
+        is_last = end + HEAD.size > len(data) or data.startswith(MAGIC, end)
+        return end if is_last or data[end + 2] in KNOWN_TYPES else None
 
-    def _begins_message(self, data: bytes, position: int) -> bool:
-        if position + HEAD.size > len(data):
-            return True  # the data end here, and nothing says otherwise
-        return data[position + 2] in KNOWN_TYPES or data.startswith(MAGIC, position)
-
-    def _next_telling(self, position: int) -> int | None:
+    def _next_message(self, position: int) -> int | None:
         """Where the next message is that shows by its body that it is one."""
         data = self._window.data
-        for found in TELLING_TYPES.finditer(data, position + 2):
+        for found in DISTINCT_TYPES.finditer(data, position + 2):
             start = found.start() - 2
             end = self._end(data, start)
             if end is not None and self._is_sound(data, start, end):
@@ -146,8 +145,6 @@ class UlogReader:
 
     def _is_sound(self, data: bytes, position: int, end: int) -> bool:
         kind, start = data[position + 2], position + HEAD.size
-        if not self._begins_message(data, end):
-            return False
         if kind == ROW:
             sizes, _ = self._subscribed.get(_number(data, start), NO_ROWS)
             return end - start - NUMBER_SIZE in sizes

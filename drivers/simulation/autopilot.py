@@ -46,7 +46,7 @@ SLOW_US = 100_000.0  # position and version
 SLOW = (mav.AUTOPILOT_VERSION_ID, mav.GLOBAL_POSITION_INT_ID)
 FASTEST_RATE_HZ = 1000.0  # an interval below 1 ms is refused
 
-# What a parameter list of a calibrated copter says about its IMU
+# What a parameter list of a calibrated copter has about its IMU
 PARAMETERS: tuple[tuple[str, float], ...] = (
     *((name, 0.0) for name in TRIM),
     (ORIENTATION, 0.0),
@@ -150,7 +150,7 @@ class SimulatedAutopilot:
                 s.time_us, s.q_ned_frd, s.true_rate_rad_s
             ),
         }
-        if self._vehicle.tells_place:
+        if self._vehicle.knows_place:
             messages[mav.GLOBAL_POSITION_INT_ID] = self._global_position
         return messages
 
@@ -197,7 +197,7 @@ class SimulatedAutopilot:
 
     def _sim_state(self, sample: Sample) -> Message:
         q, motion = sample.q_ned_frd, (sample.true_force_m_s2, sample.true_rate_rad_s)
-        place = geodetic(sample.position_ned_m) if self._vehicle.tells_place else ZERO_VEC3
+        place = geodetic(sample.position_ned_m) if self._vehicle.knows_place else ZERO_VEC3
         return sim_state(q, _euler(q), *motion, place, sample.velocity_ned_m_s)
 
     def _global_position(self, sample: Sample) -> Message:

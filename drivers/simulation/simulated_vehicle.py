@@ -192,7 +192,7 @@ class SimulatedVehicle:
         return self._last
 
     @property
-    def tells_place(self) -> bool:
+    def knows_place(self) -> bool:
         """Whether it knows where it is and how fast: the paper's vehicle turns on the spot."""
         return self.motion == "flight"
 
