@@ -205,17 +205,6 @@ def _look_over(log: UlogReader) -> _Overview:
     return _Overview(log.parameters, tuple(topics), begin_us, middle_us, clocks[0] if clocks else 0)
 
 
-def _near(rows: Iterable[Found | None], overview: _Overview) -> Iterator[Found]:
-    """The rows of the log's time, and where damage is."""
-    last_us = overview.begin_us
-    for row in rows:
-        if row is None:
-            yield Found(last_us, DAMAGE, {})
-        elif abs(row.time_us - overview.middle_us) < LONGEST_LOG_US:
-            last_us = row.time_us
-            yield row
-
-
 def _in_time_order(rows: Iterable[Found | None], overview: _Overview) -> Iterator[Found]:
     """Rows in the order of their times, as far as none comes too late; then of their topics.
 
@@ -223,7 +212,7 @@ def _in_time_order(rows: Iterable[Found | None], overview: _Overview) -> Iterato
     """
     rank = {topic: k for k, topic in enumerate((*overview.topics, DAMAGE))}
     held: list[tuple[int, int, int, int, Found]] = []
-    for number, (epoch, row) in enumerate(_with_epochs(_near(rows, overview))):
+    for number, (epoch, row) in enumerate(_with_epochs(rows, overview)):
         held.append((epoch, row.time_us, rank[row.topic], number, row))
         if len(held) >= 2 * MOST_HELD:
             held.sort()
@@ -233,17 +222,21 @@ def _in_time_order(rows: Iterable[Found | None], overview: _Overview) -> Iterato
     yield from (each[-1] for each in held)
 
 
-def _with_epochs(rows: Iterable[Found]) -> Iterator[tuple[int, Found]]:
-    """Rows, and how often the clock had been set back.
+def _with_epochs(rows: Iterable[Found | None], overview: _Overview) -> Iterator[tuple[int, Found]]:
+    """The rows of the log's time and where damage is, and how often the clock had been set back.
 
     Some rows of a topic in order, all behind what came before, show it: a single one is garbled,
     and those that a logger has written late come in no order.
     """
-    epoch, behind = 0, dict[str, list[Found]]()
+    epoch, at_us, behind = 0, overview.begin_us, dict[str, list[Found]]()
     latest_us = dict[str, tuple[int, int]]()  # the latest time of a topic, and the one before
     for row in rows:
-        first = row.time_us, row.time_us - 1
-        last_us, before_us = latest_us.setdefault(row.topic, first)
+        if row is None:
+            yield epoch, Found(at_us, DAMAGE, {})
+        if row is None or abs(row.time_us - overview.middle_us) >= LONGEST_LOG_US:
+            continue
+        at_us = row.time_us
+        last_us, before_us = latest_us.setdefault(row.topic, (at_us, at_us - 1))
         held = behind.get(row.topic, [])
         back_us = last_us - row.time_us if row.time_us <= before_us else 0
         if back_us > LEAST_BACK_US and (not held or row.time_us > held[-1].time_us):
