@@ -15,7 +15,7 @@ from typing import Any
 from drivers.events import Event, Heartbeat, ModeChange, Parameter, VehicleId
 from drivers.logs.dataflash_format import Row, messages
 from drivers.logs.log_file import LogFile, windowed
-from drivers.logs.logged_vehicle import LoggedVehicle
+from drivers.logs.logged_vehicle import UNREADABLE, LoggedVehicle
 from drivers.mavlink import constants as mav
 from drivers.mavlink.ardupilot import SYSTEM_ID
 from drivers.samples.navigation import Fix
@@ -57,7 +57,7 @@ class Dataflash(LogFile):
         vehicle, unix_us = self._identity()
         with windowed(self.path) as window:
             for name, row in filter(None, messages(window, names)):
-                with suppress(LookupError, TypeError, ValueError, OverflowError):
+                with suppress(*UNREADABLE):
                     arrival_us = unix_us + _time_us(name, row)[0]
                     yield vehicle, name, arrival_us, SimpleNamespace(**row)
 
@@ -81,7 +81,7 @@ class Dataflash(LogFile):
         with windowed(self.path, self.on_read) as window:
             for name, row in filter(None, messages(window, ("PARM", "GPS"))):
                 # garbage is passed over; another one may be sound
-                with suppress(LookupError, TypeError, ValueError, OverflowError):
+                with suppress(*UNREADABLE):
                     if unix_us is None and name == "GPS":
                         unix_us = _unix_us(row)
                     elif system_id is None and name == "PARM" and row["Name"] in SYSTEM_ID:

@@ -19,6 +19,7 @@ from estimator.types import ZERO_VEC3, Vec3
 
 R = TypeVar("R")
 
+UNREADABLE = LookupError, TypeError, ValueError, OverflowError  # of rows
 ONE_VEHICLE = VehicleId(1, 1)  # of a log that does not name it
 LONGEST_HOLE_US = 600 * 1_000_000  # a longer hole in a log is taken for a leap of its clock
 FIRST_DATE_US = 946_684_800_000_000  # the year 2000: smaller times count from somewhere else
@@ -85,7 +86,7 @@ class LoggedVehicle:
         for row in rows:
             try:
                 yield from [self.malformed()] if row is None else of_row(self, row)
-            except (LookupError, TypeError, ValueError, OverflowError):
+            except UNREADABLE:
                 yield self.malformed()
         yield from self.intake.end()
 
