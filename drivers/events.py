@@ -46,9 +46,7 @@ class Imu(VehicleEvent, frozen=True):
     """One IMU message. ``boot_us`` is the vehicle's own unwrapped boot clock."""
 
     boot_us: int
-    message: (
-        str  # "RAW_IMU", "SCALED_IMU2", "HIGHRES_IMU", "IMU" (DataFlash), "sensor_combined" ...
-    )
+    message: str  # "RAW_IMU", "HIGHRES_IMU", "IMU" (DataFlash), "sensor_combined" (ULog) ...
     sample: ImuSample
 
 
