@@ -95,15 +95,31 @@ class Kind(NamedTuple):
     """What a quantity may be.
 
     Units and what they are of ours (a quaternion's four columns have none, w is first); its axes by
-    name, of which the first is meant where none is given; its names; how many columns it has; what
-    those that are no x, y and z are called.
+    name, of which the first is meant where none is given; what its columns are called, with the
+    unit as a group; how many there are.
     """
 
     units: Mapping[str, float]
     axes: Mapping[str, tuple[str, str, str]] | None = None
-    words: str = ""
+    titles: tuple[str, ...] = ()
     counts: tuple[int, ...] = (3,)
-    aliases: tuple[str, ...] = ()
+
+
+# What else may stand in a sensor's name, and before it: the circuit, a name with digits
+MADE = "(?:rss|adc|smooth|raw|cal|filtered)?"
+CIRCUIT = re.compile(r"^[A-Za-z]{2,}\d\w*[\W_]+")
+
+
+def _sensor(words: str, units: Mapping[str, float]) -> Kind:
+    """A sensor of those names."""
+    spelt = "|".join(sorted(units, key=len, reverse=True))
+    long = "|".join(word for word in words.split("|") if len(word) > 1)  # "x (g)" is no rate
+    before, behind, unit = f"(?:{long})", rf"(?:{words})\d?{MADE}", f"(?:in)?({spelt})?"
+    titles = (
+        rf"(?:(?:imu|raw|sensor|cal)\d?)*(?:{axis}{before}{unit}|{behind}{unit}{axis}{MADE}{unit})"
+        for axis in ("x(?:axis)?", "y(?:axis)?", "z(?:axis)?")
+    )
+    return Kind(units, BODY_AXES, tuple(titles))
 
 
 RATE = (
@@ -117,19 +133,16 @@ PLACE = "lat(?:itude)?deg", "(?:lon|lng|longitude)deg", "alt(?:itude)?(?:msl)?m"
 VELOCITY = tuple(f"v(?:el|elocity)?{axis}ms" for axis in ("n(?:orth)?", "e(?:ast)?", "d(?:own)?"))
 ATTITUDE = Kind(ANGLE, counts=(3, 4))
 KINDS = {
-    "gyroscope": Kind(GYROSCOPE, BODY_AXES, RATE),
-    "accelerometer": Kind(ACCELEROMETER, BODY_AXES, FORCE),
-    "magnetometer": Kind(MAGNETOMETER, BODY_AXES, FIELD),
-    "position": Kind({"": 1.0, "deg": 1.0}, counts=(2, 3), aliases=PLACE),
-    "velocity": Kind({"": 1.0, "ms": 1.0}, WORLD_AXES, aliases=VELOCITY),
+    "gyroscope": _sensor(RATE, GYROSCOPE),
+    "accelerometer": _sensor(FORCE, ACCELEROMETER),
+    "magnetometer": _sensor(FIELD, MAGNETOMETER),
+    "position": Kind({"": 1.0, "deg": 1.0}, None, PLACE, (2, 3)),
+    "velocity": Kind({"": 1.0, "ms": 1.0}, WORLD_AXES, VELOCITY),
     "truth": ATTITUDE,
     "autopilot": ATTITUDE,
 }
 QUATERNION = {"": 1.0, "wxyz": 1.0}
 TIME_WORDS = "(?:accelerometer|imu|sensor)?(?:time|zeit|timestamp|t|elapsed|elapsedtime|sampletime)"
-# What else may stand in a sensor's name, and before it: the circuit, a name with digits
-MADE = "(?:rss|adc|smooth|raw|cal|filtered)?"
-CIRCUIT = re.compile(r"^[A-Za-z]{2,}\d\w*[\W_]+")
 ISO = "iso8601"
 SPELLINGS = (
     *(("[0]", "x"), ("[1]", "y"), ("[2]", "z"), ("ω", "w"), ("º", "deg")),
@@ -189,7 +202,7 @@ def _time(text: CsvText, entry: Quantity) -> tuple[Part, ...]:
         index, *others = _named(text, "time", entry.columns, (1, 2))
         found = [(index, "")]
     else:
-        found = [(i, m[1] or m[2] or "") for i, m in _matches(text, re.compile(words))]
+        found = _matches(text, words)
         found = found or [(i, ISO) for i, field in enumerate(text.first) if is_date(field)]
     if not found:
         raise _unknown(text, "time")
@@ -215,40 +228,29 @@ def _quantity(
     kind = KINDS[name]
     if entry.columns:
         found = [(i, "") for i in _named(text, name, entry.columns, kind.counts)]
-    elif kind.words:
-        found = _by_title(text, name, kind)
     else:
-        matches = [_matches(text, re.compile(alias)) for alias in kind.aliases]
-        clear = [each[0][0] for each in takewhile(lambda each: len(each) == 1, matches)]
-        found = [(i, "") for i in clear] if len(clear) in kind.counts else []
+        found = _by_title(text, name, kind)
     units, parts = kind.units if len(found) < 4 else QUATERNION, list[Part]()
     for i, unit in found:
         given = _compact(entry.unit) or unit or _own_unit(text, i, units)
         parts.append((i, entry.scale * _factor(text, name, i, given, units)))
     if not parts or kind.axes is None:
         return tuple(parts)
-    along = entry.axes or (axes if kind.words else "") or next(iter(kind.axes))
+    along = entry.axes or (axes if kind.axes is BODY_AXES else "") or next(iter(kind.axes))
     return _turned(parts, along, kind.axes)
 
 
 def _by_title(text: CsvText, name: str, kind: Kind) -> list[tuple[int, str]]:
-    """The columns that are x, y and z of a sensor by their titles, with the units there."""
-    spelt = "|".join(sorted(kind.units, key=len, reverse=True))
-    long = "|".join(word for word in kind.words.split("|") if len(word) > 1)  # "x (g)" is no rate
-    before, behind = rf"(?P<x>[xyz])(?:axis)?(?:{long})", rf"(?:{kind.words})\d?{MADE}"
-    unit, axis = f"(?:in)?({spelt})?", f"(?P<z>[xyz])(?:axis)?{MADE}"
-    title = rf"(?:(?:imu|raw|sensor|cal)\d?)*(?:{before}{unit}|{behind}{unit}{axis}{unit})"
-    matches = [
-        (i, m["x"] or m["z"], m[2] or m[3] or m[5] or "")
-        for i, m in _matches(text, re.compile(title))
-    ]
-    by_axis = {axis: [(i, u) for i, named, u in matches if named == axis] for axis in "xyz"}
-    for axis, those in by_axis.items() if matches else ():
-        if len(those) != 1:
-            titles = ", ".join(repr(text.titles()[i]) for i, _ in those)
-            what = f"may be {titles}" if those else "is missing"
-            raise InputError(f"{name} {axis} {what}; {_there(text)}; {HELP}")
-    return [each for those in by_axis.values() for each in those]
+    """The columns that it is by their titles, with the units there; of a sensor x, y and z."""
+    found = [_matches(text, each) for each in kind.titles]
+    if kind.axes is BODY_AXES and any(found):
+        for axis, those in zip("xyz", found, strict=True):
+            if len(those) != 1:
+                titles = ", ".join(repr(text.titles()[i]) for i, _ in those)
+                what = f"may be {titles}" if those else "is missing"
+                raise InputError(f"{name} {axis} {what}; {_there(text)}; {HELP}")
+    clear = [those[0] for those in takewhile(lambda those: len(those) == 1, found)]
+    return clear if len(clear) in kind.counts else []
 
 
 def _named(
@@ -272,14 +274,14 @@ def _named(
     return places
 
 
-def _matches(text: CsvText, pattern: re.Pattern[str]) -> list[tuple[int, re.Match[str]]]:
-    """The columns whose title, or the upper part of it, is of that kind."""
+def _matches(text: CsvText, pattern: str) -> list[tuple[int, str]]:
+    """The columns whose title, or the upper part of it, is of that kind, and the units there."""
     found = []
     for i, parts in enumerate(text.names):
         spellings = ["".join(parts[:n]) for n in range(len(parts), 0, -1)]
         spellings += [CIRCUIT.sub("", each) for each in spellings]
-        matches = filter(None, (pattern.fullmatch(_compact(each)) for each in spellings))
-        found += [(i, match) for match in islice(matches, 1)]
+        matches = filter(None, (re.fullmatch(pattern, _compact(each)) for each in spellings))
+        found += [(i, next(filter(None, m.groups()), "")) for m in islice(matches, 1)]
     return found
 
 
