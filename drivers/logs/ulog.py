@@ -54,7 +54,10 @@ class Ulog(LogFile):
                 system_id = _in_byte(overview.parameters.get("MAV_SYS_ID"), 1)
                 vehicle = LoggedVehicle(VehicleId(system_id, 1), overview.unix_us)
                 vehicle.at(overview.begin_us)
-                yield from _head(vehicle, overview.parameters)
+                about, parameters = (vehicle.id, vehicle.arrival_us), overview.parameters
+                vehicle_type = _in_byte(parameters.get("MAV_TYPE"), 0)
+                yield Heartbeat(*about, MAV_AUTOPILOT_PX4, vehicle_type)
+                yield from (Parameter(*about, name, value) for name, value in parameters.items())
                 yield from vehicle.events(_in_time_order(log.rows(), overview), _events)
         except ValueError as error:
             raise InputError(f"{self.path}: cannot read this ULog, {error}") from error
@@ -70,14 +73,6 @@ class _Overview(NamedTuple):
     begin_us: int
     middle_us: int
     unix_us: int  # Unix time minus time since boot, from the first GPS row that knows it; else 0
-
-
-def _head(vehicle: LoggedVehicle, parameters: dict[str, float]) -> Iterator[Event]:
-    """The events of the log's head: the vehicle, and its parameters."""
-    vehicle_type = _in_byte(parameters.get("MAV_TYPE"), 0)
-    yield Heartbeat(vehicle.id, vehicle.arrival_us, MAV_AUTOPILOT_PX4, vehicle_type)
-    for name, value in parameters.items():
-        yield Parameter(vehicle.id, vehicle.arrival_us, name, value)
 
 
 def _events(vehicle: LoggedVehicle, found: Found) -> list[Event]:
