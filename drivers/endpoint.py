@@ -31,16 +31,9 @@ class Endpoint:
     baud: int = 0
 
     def __str__(self) -> str:
-        match self.kind:
-            case "sim":
-                return f"sim:{self.path}"
-            case "serial":
-                return f"{self.path}:{self.baud}"
-            case "log":
-                return self.path
-            case _:
-                host = f"[{self.host}]" if ":" in self.host else self.host
-                return f"{self.kind}:{host}:{self.port}"
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        texts = {"sim": f"sim:{self.path}", "serial": f"{self.path}:{self.baud}", "log": self.path}
+        return texts.get(self.kind, f"{self.kind}:{host}:{self.port}")
 
 
 class Form(NamedTuple):
@@ -82,7 +75,7 @@ def endpoint_help(kinds: tuple[Kind, ...] | None = None) -> str:
 
 
 def columns_beside(table: Path) -> Path:
-    """Where a person may say what a table's columns are."""
+    """Where a person may describe a table's columns."""
     return table.with_suffix(".toml")
 
 

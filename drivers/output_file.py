@@ -30,7 +30,7 @@ def output_path(path: Path) -> Path:
     try:
         about = path.lstat()
     except (OSError, ValueError):
-        return path  # it is not there; whoever opens it says what else is wrong
+        return path  # it is not there; whoever opens it reports what else is wrong
     if not stat.S_ISLNK(about.st_mode):
         return path
     if hasattr(os, "geteuid") and about.st_uid not in (0, os.geteuid()):
@@ -44,7 +44,7 @@ def output_path(path: Path) -> Path:
 
 @contextmanager
 def has_reader(path: Path) -> Iterator[None]:
-    """Refuse a pipe that nobody reads: to open it would wait for ever, without a word.
+    """Refuse a pipe that nobody reads: to open it would wait for ever.
 
     Raises:
         InputError: it is one.

@@ -21,10 +21,10 @@ class Player:
     The player has a clock of its own, ``now_us``, in the events' time: it runs
     ``speed`` times as fast as the host's, so that silence in a log is as long
     for the service as it was for the recorder. It ``is_finished`` behind the last event, and has
-    waited for the service for ``waited_s``. ``follow`` is where it is heard which IMU is in use.
+    waited for the service for ``waited_s``. ``follow`` takes what knows which IMU is in use.
     """
 
-    # events wait for the service, so nothing is ever dropped
+    # nothing is ever dropped
     dropped = 0
     shed = lost = 0
 
@@ -69,9 +69,13 @@ class Player:
         return self._take_due()
 
     def _take_due(self) -> list[Event]:
-        events: list[Event] = []
-        self._wait_for_the_service()
-        now_us = self._running_us()
+        events, now_us = list[Event](), self._running_us()
+        if self._next is not None and self._next.arrival_us >= self._last_us:
+            latest_us = self._next.arrival_us + round(MAX_BEHIND_S * 1e6 * self._speed)
+            if now_us > latest_us:  # the events wait for the service
+                self.waited_s += 1e-6 * (now_us - latest_us)
+                self._base_us, self._base_s = latest_us, self._monotonic_s()
+                now_us = latest_us
         while self._next is not None:
             step_us = self._next.arrival_us - self._last_us
             if step_us > MAX_GAP_US or step_us < -MAX_BACK_US:
@@ -85,11 +89,3 @@ class Player:
             events.append(self._next)
             self._next = next(self._events, None)
         return events
-
-    def _wait_for_the_service(self) -> None:
-        if self._next is None:
-            return
-        latest_us = self._next.arrival_us + round(MAX_BEHIND_S * 1e6 * self._speed)
-        if self._next.arrival_us >= self._last_us and self._running_us() > latest_us:
-            self.waited_s += 1e-6 * (self._running_us() - latest_us)
-            self._base_us, self._base_s = latest_us, self._monotonic_s()

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from drivers.simulation.simulated_vehicle import SimulatedVehicle
     from drivers.simulation.source import SimSource
 
-SIM_MOTION = "paper"  # of sim: without another word
+SIM_MOTION = "paper"  # of sim: without a motion
 
 
 class EventSource(Protocol):
@@ -62,7 +62,7 @@ def open_live(
 ) -> "MavlinkLink | SimSource":
     """The source for ``endpoint``, to be entered by the caller.
 
-    ``policy`` says which frames a link lets in; ``key`` signs what it sends. Without
+    ``policy`` is which frames a link lets in; ``key`` signs what it sends. Without
     ``references`` attitudes of others are left out, which spares most of the decoding.
 
     Raises:

@@ -5,8 +5,8 @@ import time
 from contextlib import suppress
 from queue import Full, Queue
 
-from drivers.closing import Closing
 from drivers.events import VehicleId
+from drivers.resources import Closing
 from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.profile import Profile

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 import zenoh
 
-from drivers.aside import aside
 from drivers.endpoint import Endpoint, parse_endpoint
 from drivers.mavlink.recorder import Recorder
 from drivers.player import Player
+from drivers.resources import aside
 from drivers.simulation.simulated_vehicle import PROFILES
 from drivers.simulation.source import SimSource
 from drivers.source import SIM_MOTION, open_live, require_openable

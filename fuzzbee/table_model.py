@@ -4,7 +4,7 @@ import threading
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from drivers.places import PLACES
+from drivers.resources import PLACES
 from service.records import (
     HAS_ATTITUDE,
     AttitudeRecord,

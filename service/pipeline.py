@@ -11,7 +11,7 @@ from typing import Any
 from drivers import events
 from drivers.events import Event, Imu, VehicleEvent, VehicleId
 from drivers.mavlink.constants import is_autopilot
-from drivers.places import PLACES
+from drivers.resources import PLACES
 from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.profile import Profile

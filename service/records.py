@@ -11,9 +11,8 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-from drivers.events import VehicleId
+from drivers.events import Value, VehicleId
 from drivers.mavlink.constants import MAV_COMP_ID_AUTOPILOT1
-from drivers.value import Value
 from estimator.profile import Profile
 from estimator.types import ImuSample, Quaternion
 

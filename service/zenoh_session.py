@@ -16,7 +16,7 @@ from concurrent.futures import Future, wait
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from drivers.aside import aside
+from drivers.resources import aside
 from estimator.errors import InputError, file_text
 from service.signals import await_result
 

@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 from multiprocessing import get_context, parent_process
 from typing import Any
 
-from drivers.closing import Closing
+from drivers.resources import Closing
 from estimator.errors import InputError, missing_extra
 
 # For the parent, which ends its workers: a terminal sends them to all.

@@ -15,10 +15,9 @@ from pathlib import Path
 from typing import Any
 
 from drivers.events import Event, Malformed
-from drivers.logs.bag_bounds import BoundedPath, bound_bags
+from drivers.logs.bag_libraries import BoundedPath, McapChannels, bound_bags, from_json
 from drivers.logs.log_file import LATEST_US, LogFile
-from drivers.logs.logged_vehicle import LoggedVehicle
-from drivers.logs.mcap_channels import McapChannels, from_json
+from drivers.logs.logged_vehicle import ONE_VEHICLE, LoggedVehicle
 from drivers.samples.navigation import Fix, unit_or_none
 from estimator.errors import InputError, missing_extra
 from estimator.geometry.frames import flu_from_frd
@@ -79,8 +78,10 @@ class Bag(LogFile):
             raise InputError(f"{self.path}: its metadata.yaml is larger than any")
         return found
 
-    def advice(self, _system_id: int | None = None) -> str | None:
+    def advice(self, system_id: int | None = None) -> str | None:
         """What topics there are, and how they are written if that cannot be read."""
+        if system_id not in (None, ONE_VEHICLE.system_id):
+            return None
         reader, _ = self._opened()
         shown = sorted({f"{each.topic} ({each.msgtype})" for each in reader.connections})
         reader.close()
@@ -198,7 +199,7 @@ def _events(reader: Any, decode: Decode, topics: _Topics) -> Iterator[Event]:
 
 
 def _words(error: Exception) -> str:
-    """What is wrong; some errors say it by their name alone."""
+    """What is wrong; of some errors only the name shows it."""
     return str(error) or type(error).__name__
 
 

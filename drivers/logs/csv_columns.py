@@ -1,7 +1,7 @@
 """Which columns of a table are what, in which unit and along which axes.
 
-Names that say all of it (``gyro_x (deg/s)``, ``acc_y_m_s2``, ``time [ms]``) need no help; for$
-a small TOML file beside the table does::
+Names that have all of it (``gyro_x (deg/s)``, ``acc_y_m_s2``, ``time [ms]``) need no help. A small
+TOML file beside the table gives what others lack::
 
     axes = "flu"                                # frd (the default), flu, rfu or as below
     time = { columns = ["stamp"], unit = "ms" }
@@ -15,7 +15,7 @@ Units are never guessed from the numbers.
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
-from itertools import islice
+from itertools import islice, takewhile
 from math import pi
 from pathlib import Path
 from typing import Annotated, NamedTuple
@@ -28,7 +28,7 @@ from estimator.errors import InputError, file_text
 from estimator.types import STANDARD_GRAVITY_M_S2 as G
 
 LONGEST_LIST = 200  # characters of names in a message
-HELP = "a TOML file of the same name beside it, or --columns FILE, can say it (docs/logs.md)"
+HELP = "a TOML file of the same name beside it, or --columns FILE, can give it (docs/logs.md)"
 
 Part = tuple[int, float]  # the column, and the factor to SI units and our axes
 
@@ -94,13 +94,31 @@ class Kind(NamedTuple):
     """What a quantity may be.
 
     Units and what they are of ours (a quaternion's four columns have none, w is first); its axes by
-    name, of which the first is meant where none is given; its names; how many columns it has.
+    name, of which the first is meant where none is given; what its columns are called, with the
+    unit as a group; how many there are.
     """
 
     units: Mapping[str, float]
     axes: Mapping[str, tuple[str, str, str]] | None = None
-    words: str = ""
+    titles: tuple[str, ...] = ()
     counts: tuple[int, ...] = (3,)
+
+
+# What else may stand in a sensor's name, and before it: the circuit, a name with digits
+MADE = "(?:rss|adc|smooth|raw|cal|filtered)?"
+CIRCUIT = re.compile(r"^[A-Za-z]{2,}\d\w*[\W_]+")
+
+
+def _sensor(words: str, units: Mapping[str, float]) -> Kind:
+    """A sensor of those names."""
+    spelt = "|".join(sorted(units, key=len, reverse=True))
+    long = "|".join(word for word in words.split("|") if len(word) > 1)  # "x (g)" is no rate
+    before, behind, unit = f"(?:{long})", rf"(?:{words})\d?{MADE}", f"(?:in)?({spelt})?"
+    titles = (
+        rf"(?:(?:imu|raw|sensor|cal)\d?)*(?:{axis}{before}{unit}|{behind}{unit}{axis}{MADE}{unit})"
+        for axis in ("x(?:axis)?", "y(?:axis)?", "z(?:axis)?")
+    )
+    return Kind(units, BODY_AXES, tuple(titles))
 
 
 RATE = (
@@ -109,20 +127,21 @@ RATE = (
 FORCE = "acc|accel|accelerometer|(?:accelerometer)?acceleration|a"
 # B and H are other things without a unit
 FIELD = "magn?|magneto(?:meter)?|magnetic(?:field)?|m|[bh](?=.*(?:t|tesla|gauss)$)"
+# Names that leave nothing open, such as lat_deg and vel_n_m_s
+PLACE = "lat(?:itude)?deg", "(?:lon|lng|longitude)deg", "alt(?:itude)?(?:msl)?m"
+VELOCITY = tuple(f"v(?:el|elocity)?{axis}ms" for axis in ("n(?:orth)?", "e(?:ast)?", "d(?:own)?"))
+ATTITUDE = Kind(ANGLE, counts=(3, 4))
 KINDS = {
-    "gyroscope": Kind(GYROSCOPE, BODY_AXES, RATE),
-    "accelerometer": Kind(ACCELEROMETER, BODY_AXES, FORCE),
-    "magnetometer": Kind(MAGNETOMETER, BODY_AXES, FIELD),
-    "position": Kind({"": 1.0, "deg": 1.0}, counts=(2, 3)),
-    "velocity": Kind({"": 1.0, "ms": 1.0}, WORLD_AXES),
-    "truth": Kind(ANGLE, counts=(3, 4)),
-    "autopilot": Kind(ANGLE, counts=(3, 4)),
+    "gyroscope": _sensor(RATE, GYROSCOPE),
+    "accelerometer": _sensor(FORCE, ACCELEROMETER),
+    "magnetometer": _sensor(FIELD, MAGNETOMETER),
+    "position": Kind({"": 1.0, "deg": 1.0}, None, PLACE, (2, 3)),
+    "velocity": Kind({"": 1.0, "ms": 1.0}, WORLD_AXES, VELOCITY),
+    "truth": ATTITUDE,
+    "autopilot": ATTITUDE,
 }
 QUATERNION = {"": 1.0, "wxyz": 1.0}
 TIME_WORDS = "(?:accelerometer|imu|sensor)?(?:time|zeit|timestamp|t|elapsed|elapsedtime|sampletime)"
-# What else may stand in a sensor's name, and before it: the circuit, a name with digits
-MADE = "(?:rss|adc|smooth|raw|cal|filtered)?"
-CIRCUIT = re.compile(r"^[A-Za-z]{2,}\d\w*[\W_]+")
 ISO = "iso8601"
 SPELLINGS = (
     *(("[0]", "x"), ("[1]", "y"), ("[2]", "z"), ("ω", "w"), ("º", "deg")),
@@ -133,10 +152,10 @@ SPELLINGS = (
 
 
 def description(path: Path, given: Path | None) -> Description:
-    """What ``given`` says, or else the TOML file beside the table, if there is one.
+    """What is in the file ``given``, or else in the TOML file beside the table, if there is one.
 
     Raises:
-        InputError: it cannot be read, or says what cannot be.
+        InputError: it cannot be read, or something in it cannot be.
     """
     beside = columns_beside(path)
     if given is None and not beside.is_file():
@@ -158,52 +177,46 @@ def columns(text: CsvText, layout: Description) -> Columns:
     Raises:
         InputError: time, gyroscope or accelerometer is not there, or something is not clear.
     """
-    time = _time(text, layout.time)
-    found = {name: _quantity(text, name, getattr(layout, name), layout.axes) for name in KINDS}
-    for name in ("gyroscope", "accelerometer"):
-        if not found[name]:
-            raise InputError(f"no column is known as the {name}'s x; {_there(text)}; {HELP}")
-    attitudes = {"truth": layout.truth, "autopilot": layout.autopilot}
-    world = {
-        name: each.axes or layout.axes or "frd" for name, each in attitudes.items() if each.columns
-    }
-    if unknown := [axes for axes in world.values() if axes not in ("frd", "flu")]:
-        raise InputError(f"axes {unknown[0]!r} of an attitude: must be frd (from NED) or flu (ENU)")
-    return Columns(
-        time=time,
-        parts={name: parts for name, parts in found.items() if parts},
-        enu_flu=frozenset(name for name, axes in world.items() if axes == "flu"),
-        checks_axes=not (layout.axes or layout.accelerometer.axes),
-        compass_calibrated=layout.compass_calibrated,
-    )
+    time, parts, enu_flu = _time(text, layout.time), dict[str, tuple[Part, ...]](), set[str]()
+    for name, kind in KINDS.items():
+        entry: Quantity = getattr(layout, name)
+        if found := _quantity(text, name, entry, layout.axes):
+            parts[name] = found
+        elif name in ("gyroscope", "accelerometer"):
+            raise _unknown(text, f"{name}'s x")
+        axes = entry.axes or layout.axes or "frd"
+        if kind is ATTITUDE and found and axes not in ("frd", "flu"):
+            raise InputError(f"axes {axes!r} of an attitude: must be frd (from NED) or flu (ENU)")
+        if kind is ATTITUDE and axes == "flu":
+            enu_flu.add(name)
+    checks_axes = not (layout.axes or layout.accelerometer.axes)
+    return Columns(time, parts, frozenset(enu_flu), checks_axes, layout.compass_calibrated)
 
 
 def _time(text: CsvText, entry: Quantity) -> tuple[Part, ...]:
-    units = "|".join(TIME)
-    pattern = re.compile(
-        rf"({units})elapsed|(?:{TIME_WORDS})(?:since[a-z]+?)?(?:in)?({units}|{ISO})?"
-    )
+    """Of several times that counts whose unit is known; one may be a date beside its time."""
+    units, others = "|".join(TIME), list[int]()
+    words = rf"({units})elapsed|(?:{TIME_WORDS})(?:since[a-z]+?)?(?:in)?({units}|{ISO})?"
     if entry.columns:
         index, *others = _named(text, "time", entry.columns, (1, 2))
         found = [(index, "")]
     else:
-        others = []
-        found = [(i, m[1] or m[2] or "") for i, m in _matches(text, pattern)]
+        found = _matches(text, words)
         found = found or [(i, ISO) for i, field in enumerate(text.first) if is_date(field)]
     if not found:
-        raise InputError(f"no column is known as the time; {_there(text)}; {HELP}")
-    given = [
-        _compact(entry.unit) or ISO * is_date(text.first[i]) or unit or _own_unit(text, i, TIME)
-        for i, unit in found
-    ]
-    best = next((k for k, unit in enumerate(given) if unit), 0)
-    index, unit = found[best][0], given[best]
+        raise _unknown(text, "time")
+    index, unit = found[0]
+    for i, titled in reversed(found):
+        is_iso = ISO if is_date(text.first[i]) else ""
+        if given := _compact(entry.unit) or is_iso or titled or _own_unit(text, i, TIME):
+            index, unit = i, given
     first = " ".join(text.first[i].strip() for i in (index, *others))
-    unit = ISO if others and is_date(first) else unit
+    if others and is_date(first):
+        unit = ISO
     if unit != ISO and first and not is_number(first, comma=text.has_decimal_comma):
         where = f"{first!r} in column {text.titles()[index]!r}"
         raise InputError(f"the time {where} is no number, and no date as ISO 8601 has them; {HELP}")
-    factor = 0.0 if unit == ISO else _factor(text, "time", index, unit, {**TIME, ISO: 0.0})
+    factor = _factor(text, "time", index, unit, {**TIME, ISO: 0.0})
     return tuple((i, entry.scale * factor) for i in (index, *others))
 
 
@@ -215,37 +228,28 @@ def _quantity(
     if entry.columns:
         found = [(i, "") for i in _named(text, name, entry.columns, kind.counts)]
     else:
-        found = _by_title(text, name, kind) if kind.words else []
-    units = kind.units if len(found) < 4 else QUATERNION
-    given = [_compact(entry.unit) or unit or _own_unit(text, i, units) for i, unit in found]
-    parts = tuple(
-        (i, entry.scale * _factor(text, name, i, unit, units))
-        for (i, _), unit in zip(found, given, strict=True)
-    )
+        found = _by_title(text, name, kind)
+    units, parts = kind.units if len(found) < 4 else QUATERNION, list[Part]()
+    for i, unit in found:
+        given = _compact(entry.unit) or unit or _own_unit(text, i, units)
+        parts.append((i, entry.scale * _factor(text, name, i, given, units)))
     if not parts or kind.axes is None:
-        return parts
-    along = entry.axes or (axes if kind.words else "") or next(iter(kind.axes))
+        return tuple(parts)
+    along = entry.axes or (axes if kind.axes is BODY_AXES else "") or next(iter(kind.axes))
     return _turned(parts, along, kind.axes)
 
 
 def _by_title(text: CsvText, name: str, kind: Kind) -> list[tuple[int, str]]:
-    """The columns that are x, y and z of a sensor by their titles, with the units there."""
-    spelt = "|".join(sorted(kind.units, key=len, reverse=True))
-    long = "|".join(word for word in kind.words.split("|") if len(word) > 1)  # "x (g)" is no rate
-    before, behind = rf"(?P<x>[xyz])(?:axis)?(?:{long})", rf"(?:{kind.words})\d?{MADE}"
-    unit, axis = f"(?:in)?({spelt})?", f"(?P<z>[xyz])(?:axis)?{MADE}"
-    title = rf"(?:(?:imu|raw|sensor|cal)\d?)*(?:{before}{unit}|{behind}{unit}{axis}{unit})"
-    matches = [
-        (i, m["x"] or m["z"], m[2] or m[3] or m[5] or "")
-        for i, m in _matches(text, re.compile(title))
-    ]
-    by_axis = {axis: [(i, u) for i, named, u in matches if named == axis] for axis in "xyz"}
-    for axis, those in by_axis.items() if matches else ():
-        if len(those) != 1:
-            titles = ", ".join(repr(text.titles()[i]) for i, _ in those)
-            what = f"may be {titles}" if those else "is missing"
-            raise InputError(f"{name} {axis} {what}; {_there(text)}; {HELP}")
-    return [each for those in by_axis.values() for each in those]
+    """The columns that it is by their titles, with the units there; of a sensor x, y and z."""
+    found = [_matches(text, each) for each in kind.titles]
+    if kind.axes is BODY_AXES and any(found):
+        for axis, those in zip("xyz", found, strict=True):
+            if len(those) != 1:
+                titles = ", ".join(repr(text.titles()[i]) for i, _ in those)
+                what = f"may be {titles}" if those else "is missing"
+                raise InputError(f"{name} {axis} {what}; {_there(text)}; {HELP}")
+    clear = [those[0] for those in takewhile(lambda those: len(those) == 1, found)]
+    return clear if len(clear) in kind.counts else []
 
 
 def _named(
@@ -255,31 +259,28 @@ def _named(
     if len(names) not in counts:
         wanted = " or ".join(map(str, counts))
         raise InputError(f"{what}: needs {wanted} columns, not {len(names)}")
-    return [_place(text, what, name) for name in names]
-
-
-def _place(text: CsvText, what: str, name: str | int) -> int:
-    if isinstance(name, int):
-        if not 1 <= name <= len(text.names):
-            raise InputError(f"{what}: there is no column {name}, only 1 to {len(text.names)}")
-        return name - 1
-    wanted = name.strip().lower()
     titles = [(title, *parts) for title, parts in zip(text.titles(), text.names, strict=True)]
-    found = [k for k, each in enumerate(titles) if wanted in [part.lower() for part in each]]
-    if len(found) != 1:
-        many = f"{len(found)} columns are" if found else "no column is"
-        raise InputError(f"{what}: {many} called {name!r}; {_there(text)}")
-    return found[0]
+    places: list[int] = []
+    for name in names:
+        if isinstance(name, int) and not 1 <= name <= len(titles):
+            raise InputError(f"{what}: there is no column {name}, only 1 to {len(titles)}")
+        wanted = str(name).strip().lower()
+        found = [k for k, each in enumerate(titles) if wanted in [part.lower() for part in each]]
+        if isinstance(name, str) and len(found) != 1:
+            many = f"{len(found)} columns are" if found else "no column is"
+            raise InputError(f"{what}: {many} called {name!r}; {_there(text)}")
+        places.append(name - 1 if isinstance(name, int) else found[0])
+    return places
 
 
-def _matches(text: CsvText, pattern: re.Pattern[str]) -> list[tuple[int, re.Match[str]]]:
-    """The columns whose title, or the upper part of it, is of that kind."""
+def _matches(text: CsvText, pattern: str) -> list[tuple[int, str]]:
+    """The columns whose title, or the upper part of it, is of that kind, and the units there."""
     found = []
     for i, parts in enumerate(text.names):
         spellings = ["".join(parts[:n]) for n in range(len(parts), 0, -1)]
         spellings += [CIRCUIT.sub("", each) for each in spellings]
-        matches = filter(None, (pattern.fullmatch(_compact(each)) for each in spellings))
-        found += [(i, match) for match in islice(matches, 1)]
+        matches = filter(None, (re.fullmatch(pattern, _compact(each)) for each in spellings))
+        found += [(i, next(filter(None, m.groups()), "")) for m in islice(matches, 1)]
     return found
 
 
@@ -301,9 +302,7 @@ def _factor(text: CsvText, what: str, index: int, unit: str, units: Mapping[str,
 
 
 def _turned(
-    parts: Sequence[Part],
-    axes: str | tuple[str, ...],
-    named: Mapping[str, tuple[str, str, str]],
+    parts: Sequence[Part], axes: str | tuple[str, ...], named: Mapping[str, tuple[str, str, str]]
 ) -> tuple[Part, ...]:
     """Forward, right, down (or north, east, down) of x, y, z along those axes."""
     chosen = named.get(axes) if isinstance(axes, str) else axes
@@ -319,6 +318,10 @@ def _compact(name: str) -> str:
     for spelling, meant in SPELLINGS:
         text = text.replace(spelling, meant)
     return re.sub(r"[^a-z0-9]", "", text)
+
+
+def _unknown(text: CsvText, what: str) -> InputError:
+    return InputError(f"no column is known as the {what}; {_there(text)}; {HELP}")
 
 
 def _there(text: CsvText) -> str:

@@ -1,16 +1,18 @@
 """Tables of IMU readings as text (.csv): one row a sample, as other programs write them."""
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from datetime import datetime
+from itertools import chain, islice
 from math import isnan, nan
 from pathlib import Path
 from typing import Any, Literal
 
 from drivers.events import COMPASS_CALIBRATED, Event, Parameter
-from drivers.logs.csv_columns import Part, columns, description
-from drivers.logs.csv_text import HEAD_SIZE, CsvText, as_number, csv_rows, csv_text
+from drivers.logs.csv_columns import columns, description
+from drivers.logs.csv_text import HEAD_SIZE, as_number, csv_rows, csv_text
 from drivers.logs.log_file import LATEST_US, LogFile
-from drivers.logs.logged_vehicle import LoggedVehicle
+from drivers.logs.logged_vehicle import UNREADABLE, LoggedVehicle
 from drivers.samples.navigation import Fix
 from estimator.errors import InputError
 
@@ -27,7 +29,7 @@ class CsvLog(LogFile):
     """A table as events; each iteration reads the file from its start, a row at a time.
 
     Raises:
-        InputError: the columns do not say what they are, or the description is wrong.
+        InputError: it is not clear what the columns are, or the description is wrong.
     """
 
     def __init__(self, path: Path, described: Path | None = None) -> None:
@@ -45,23 +47,18 @@ class CsvLog(LogFile):
 
     def __iter__(self) -> Iterator[Event]:
         """The events; times count from the first row, also backwards: clocks are set."""
-        vehicle, about = None, self._columns
-        for row in csv_rows(self.path, self._text, self.on_read):
-            time_us = None if row is None else _time_us(self._text, row, about.time)
-            if vehicle is None:
-                vehicle = LoggedVehicle(begin_us=time_us or 0, checks_axes=about.checks_axes)
-                if (word := about.compass_calibrated) is not None:
-                    yield Parameter(vehicle.id, vehicle.arrival_us, COMPASS_CALIBRATED, word)
-            if row is None or time_us is None:
-                yield vehicle.malformed()
-            else:
-                vehicle.at(time_us)
-                yield from self._events(vehicle, row)
-        if vehicle is not None:
-            yield from vehicle.intake.end()
+        rows, about, begin_us = csv_rows(self.path, self._text, self.on_read), self._columns, 0
+        for first in islice(rows, 1):
+            with suppress(*UNREADABLE):
+                begin_us = self._time_us(first)
+            vehicle = LoggedVehicle(begin_us=begin_us, checks_axes=about.checks_axes)
+            if (flag := about.compass_calibrated) is not None:
+                yield Parameter(vehicle.id, vehicle.arrival_us, COMPASS_CALIBRATED, flag)
+            yield from vehicle.events(chain([first], rows), self._events)
 
     def _events(self, vehicle: LoggedVehicle, row: Sequence[str]) -> Iterator[Event]:
         """The events of a row; what is empty is not there, a row with no number for one counted."""
+        vehicle.at(self._time_us(row))
         read, is_whole, comma = dict[str, Any](), True, self._text.has_decimal_comma
         for name, parts in self._columns.parts.items():
             try:
@@ -87,16 +84,18 @@ class CsvLog(LogFile):
         if not is_whole:
             yield vehicle.malformed()
 
+    def _time_us(self, row: Sequence[str]) -> int:
+        """The row's time.
 
-def _time_us(text: CsvText, row: Sequence[str], parts: Sequence[Part]) -> int | None:
-    """The row's time; None if it has none that can be."""
-    index, factor = parts[0]
-    try:
+        Raises:
+            LookupError, ValueError, OverflowError: it has none that can be.
+        """
+        index, factor = self._columns.time[0]
         if factor:
-            time_us = round(factor * as_number(row[index], text.has_decimal_comma))
+            time_us = round(factor * as_number(row[index], self._text.has_decimal_comma))
         else:
-            words = " ".join(row[i].strip() for i, _ in parts)
+            words = " ".join(row[i].strip() for i, _ in self._columns.time)
             time_us = round(1e6 * datetime.fromisoformat(words).timestamp())
-        return time_us if abs(time_us) < LATEST_US else None
-    except (ValueError, IndexError, OverflowError):
-        return None
+        if abs(time_us) >= LATEST_US:
+            raise ValueError(time_us)
+        return time_us

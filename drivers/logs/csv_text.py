@@ -52,10 +52,8 @@ def csv_text(head: bytes) -> CsvText | None:
     return max(found, key=lambda text: text.numbers, default=None)
 
 
-def csv_rows(
-    path: Path, text: CsvText, on_read: OnRead | None = None
-) -> Iterator[list[str] | None]:
-    """The rows below the heading as lists of fields; None for one that cannot be read.
+def csv_rows(path: Path, text: CsvText, on_read: OnRead | None = None) -> Iterator[list[str]]:
+    """The rows below the heading as lists of fields.
 
     ``on_read`` is called now and then with the number of the file's bytes that have been read.
 
@@ -70,20 +68,16 @@ def csv_rows(
                 if on_read is not None and unreported > READ_SIZE:
                     unreported = 0
                     on_read(os.lseek(file.fileno(), 0, os.SEEK_CUR))
-                row = _fields(line, text.delimiter) if number >= text.lines_above else []
-                if row != []:
+                if number >= text.lines_above and (row := _fields(line, text.delimiter)):
                     yield row
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
 
 
-def _fields(line: str, delimiter: str) -> list[str] | None:
-    """A line's fields, none of an empty one; None if its quotes cannot be understood."""
-    try:
-        text = line.strip(" \r\n").lstrip("# ")
-        return next(csv.reader([text], delimiter=delimiter, skipinitialspace=True), [])
-    except csv.Error:
-        return None
+def _fields(line: str, delimiter: str) -> list[str]:
+    """A line's fields, none of an empty one."""
+    text = line.strip(" \r\n").lstrip("# ")
+    return next(csv.reader([text], delimiter=delimiter, skipinitialspace=True), [])
 
 
 def _encoding(head: bytes) -> str:
@@ -98,7 +92,7 @@ def _encoding(head: bytes) -> str:
 
 def _delimited(lines: Sequence[str], encoding: str, delimiter: str) -> CsvText | None:
     """The table with that delimiter, from its first row of numbers on."""
-    rows = [_fields(line, delimiter) or [] for line in lines]
+    rows = [_fields(line, delimiter) for line in lines]
     for k, row in enumerate(rows):
         comma = any("," in each and is_number(each, comma=True) for each in row)
         numbers, blanks = _count(row, comma=comma)

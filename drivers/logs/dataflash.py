@@ -1,10 +1,9 @@
 """ArduPilot's on-board logs (DataFlash .bin).
 
-The messages read, with the names of both eras: IMU, IMU2, IMU3 (or the field
-I), MAG, ATT, XKQ/NKQ, XKF1/NKF1/EKF1, XKF4/NKF4/EKF4, GPS, PARM, MSG, ARM, EV,
-MODE, and SIM as truth.
-Accelerometer and gyroscope are SI in the log, the field is in mGauss, angles
-are in degrees. Times count from boot, in us or, until 2015, in ms.
+The messages read, with the names of both eras: IMU, IMU2, IMU3 (or the field I), MAG, ATT, XKQ/NKQ,
+XKF1/NKF1/EKF1, XKF4/NKF4/EKF4, GPS, PARM, MSG, ARM, EV, MODE, and SIM as truth. Accelerometer and
+gyroscope are SI in the log, the field is in mGauss, angles are in degrees. Times count from boot,
+in us or, until 2015, in ms.
 """
 
 import math
@@ -16,7 +15,7 @@ from typing import Any
 from drivers.events import Event, Heartbeat, ModeChange, Parameter, VehicleId
 from drivers.logs.dataflash_format import Row, messages
 from drivers.logs.log_file import LogFile, windowed
-from drivers.logs.logged_vehicle import LoggedVehicle
+from drivers.logs.logged_vehicle import UNREADABLE, LoggedVehicle
 from drivers.mavlink import constants as mav
 from drivers.mavlink.ardupilot import SYSTEM_ID
 from drivers.samples.navigation import Fix
@@ -51,32 +50,30 @@ class Dataflash(LogFile):
     def __iter__(self) -> Iterator[Event]:
         vehicle = LoggedVehicle(*self._identity())
         with windowed(self.path, self.on_read) as window:
-            for message in messages(window, HANDLERS):
-                if message is None:
-                    yield vehicle.malformed()
-                else:
-                    yield from vehicle.decode(_events, *message)
-            yield from vehicle.intake.end()
+            yield from vehicle.events(messages(window, HANDLERS), _events)
 
     def readings(self, names: frozenset[str]) -> Iterator[tuple[VehicleId, str, int, Any]]:
         """Messages that have a time; see :meth:`LogFile.readings`."""
         vehicle, unix_us = self._identity()
         with windowed(self.path) as window:
             for name, row in filter(None, messages(window, names)):
-                with suppress(LookupError, TypeError, ValueError, OverflowError):
+                with suppress(*UNREADABLE):
                     arrival_us = unix_us + _time_us(name, row)[0]
                     yield vehicle, name, arrival_us, SimpleNamespace(**row)
 
-    def advice(self, _system_id: int | None = None) -> str | None:
+    def advice(self, system_id: int | None = None) -> str | None:
         """See :meth:`LogFile.advice`."""
-        with windowed(self.path) as window:
-            names = {found[0] for found in messages(window, ("ATT", "IMU")) if found is not None}
-        if names != {"ATT"}:
+        found = {
+            name
+            for vehicle, name, _, _ in self.readings(frozenset(("ATT", "IMU")))
+            if system_id in (None, vehicle.system_id)
+        }
+        if found != {"ATT"}:
             return None
         return "attitudes but no IMU message: set the IMU bit of LOG_BITMASK and log again"
 
     def _identity(self) -> tuple[VehicleId, int]:
-        """Who it is, system 1 unless a parameter says so; Unix time minus time since boot, in us.
+        """Its system, 1 unless a parameter has another; Unix time minus time since boot, in us.
 
         Both are near the log's beginning, if it has them.
         """
@@ -84,7 +81,7 @@ class Dataflash(LogFile):
         with windowed(self.path, self.on_read) as window:
             for name, row in filter(None, messages(window, ("PARM", "GPS"))):
                 # garbage is passed over; another one may be sound
-                with suppress(LookupError, TypeError, ValueError, OverflowError):
+                with suppress(*UNREADABLE):
                     if unix_us is None and name == "GPS":
                         unix_us = _unix_us(row)
                     elif system_id is None and name == "PARM" and row["Name"] in SYSTEM_ID:
@@ -94,10 +91,16 @@ class Dataflash(LogFile):
         return VehicleId(system_id or 1, 1), unix_us or 0
 
 
-def _events(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
+def _events(vehicle: LoggedVehicle, message: tuple[str, Row]) -> list[Event]:
+    """The events of a message, if it is of the first of several sensors or filters, or of an IMU.
+
+    Old logs have but one.
+    """
+    name, row = message
     if name not in UNTIMED:
         vehicle.at(*_time_us(name, row))
-    return HANDLERS[name](vehicle, name, row)
+    is_other = name != "IMU" and any(int(row.get(each, 0)) for each in ("I", "C"))
+    return [] if is_other else HANDLERS[name](vehicle, name, row)
 
 
 def _imu(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
@@ -108,16 +111,11 @@ def _imu(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
 
 
 def _mag(vehicle: LoggedVehicle, _name: str, row: Row) -> list[Event]:
-    if _is_other(row, "I"):
-        return []
-    return vehicle.put_mag(
-        (row["MagX"] * MILLIGAUSS, row["MagY"] * MILLIGAUSS, row["MagZ"] * MILLIGAUSS)
-    )
+    x, y, z = (row[axis] * MILLIGAUSS for axis in ("MagX", "MagY", "MagZ"))
+    return vehicle.put_mag((x, y, z))
 
 
 def _attitude(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
-    if _is_other(row, "C"):
-        return []
     if "Q1" in row:
         numbers = [row["Q1"], row["Q2"], row["Q3"], row["Q4"]]
     else:
@@ -126,19 +124,17 @@ def _attitude(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
 
 
 def _filter_velocity(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
-    if _is_other(row, "C"):
-        return []
     return vehicle.fix(name, Fix((row["VN"], row["VE"], row["VD"])))
 
 
 def _filter_status(vehicle: LoggedVehicle, _name: str, row: Row) -> list[Event]:
-    if _is_other(row, "C") or "SS" not in row:  # the first years' filters did not say
+    if "SS" not in row:  # the first years' filters did not report it
         return []
     return vehicle.filter_status(row["SS"], row["SV"], row.get("SM", 0.0))
 
 
 def _gps(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
-    if row["Status"] < mav.GPS_FIX_TYPE_3D_FIX or _is_other(row, "I"):
+    if row["Status"] < mav.GPS_FIX_TYPE_3D_FIX:
         return []
     speed_m_s, course_rad = row["Spd"], math.radians(row["GCrs"])
     north, east = speed_m_s * math.cos(course_rad), speed_m_s * math.sin(course_rad)
@@ -155,9 +151,8 @@ def _text(vehicle: LoggedVehicle, _name: str, row: Row) -> list[Event]:
     vehicle_type = VEHICLE_TYPES.get(str(row["Message"]).partition(" ")[0])
     if vehicle_type is None:
         return []
-    return [
-        Heartbeat(vehicle.id, vehicle.arrival_us, mav.MAV_AUTOPILOT_ARDUPILOTMEGA, vehicle_type)
-    ]
+    about = vehicle.id, vehicle.arrival_us
+    return [Heartbeat(*about, mav.MAV_AUTOPILOT_ARDUPILOTMEGA, vehicle_type)]
 
 
 def _mode(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
@@ -172,11 +167,6 @@ def _mode(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
     else:
         return []
     return [ModeChange(vehicle.id, vehicle.arrival_us, is_armed, custom_mode)]
-
-
-def _is_other(row: Row, field: str) -> bool:
-    """Whether a row is of another sensor or filter than the first; old logs have but one."""
-    return int(row.get(field, 0)) != 0
 
 
 HANDLERS: dict[str, Callable[[LoggedVehicle, str, Row], list[Event]]] = {
@@ -210,7 +200,7 @@ def _time_us(name: str, row: Row) -> tuple[int, TimeField]:
     """The message's time since boot, and on which clock.
 
     Raises:
-        LookupError, TypeError, ValueError, OverflowError: it has none to believe.
+        LookupError, TypeError, ValueError, OverflowError: it has none that can be.
     """
     if "TimeUS" in row:
         clock, raw_us = TimeField.TIME_USEC, int(row["TimeUS"])

@@ -1,4 +1,4 @@
-"""ArduPilot's DataFlash format: messages that say what they hold.
+"""ArduPilot's DataFlash format: messages that describe themselves.
 
 A message is A3 95, its type, and a body. Those of type 0x80 (FMT) give a type its length, its
 name, a character for each field, and the fields' names; ArduPilot writes them before the first

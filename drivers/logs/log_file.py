@@ -8,13 +8,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO, TypeVar
 
-from drivers.closing import Closing
 from drivers.events import Event, ImuInUse, VehicleId
+from drivers.resources import Closing
 from estimator.errors import InputError
 
 T = TypeVar("T")
 OnRead = Callable[[int], None]
 READ_SIZE = 1 << 20
+PIECE = 1 << 15  # bytes; of more records at once the garbage collector walks each several times
 LATEST_US = 1 << 62  # differences between times must fit 64 bits
 MARGIN = 1 << 17  # bytes; longer than any message of a log that is read in pieces
 
@@ -38,7 +39,7 @@ class LogFile(Closing):
         self._follows = imu_in_use
 
     def imu_in_use(self, vehicle: VehicleId) -> str | None:
-        """The IMU message that is used of the vehicle, if somebody has said so by now."""
+        """The IMU message that is used of the vehicle, if that is known by now."""
         return None if self._follows is None else self._follows(vehicle)
 
     @abstractmethod
@@ -52,7 +53,7 @@ class LogFile(Closing):
         """
         return iter(())
 
-    def advice(self, _system_id: int | None = None) -> str | None:
+    def advice(self, system_id: int | None = None) -> str | None:
         """One line for a log without IMU data: what there is instead, and how to get a better one.
 
         None if there is not even an attitude (of that system), or an IMU message that is of no use.
@@ -70,7 +71,7 @@ class LogFile(Closing):
 class Window:
     """A part of a file in memory, which moves forwards: a log may be larger than the memory.
 
-    ``data`` begins where the last :meth:`move` said, ``offset`` bytes behind the file's start;
+    ``data`` begins at the place of the last :meth:`move`, ``offset`` bytes behind the file's start;
     ``is_last`` shows that nothing follows it.
     """
 
@@ -112,13 +113,13 @@ class Window:
         one should begin. ``search`` finds the next sound one behind damage, from a place on.
         """
         while position < len(self.data) or not self.is_last:
-            stop = self._safe_end()
+            stop = min(self._safe_end(), position + PIECE)
             found, position = read(position, stop)
             yield from found
             if position < stop:
                 yield None
                 position = self._next(position + 1, search)
-            elif not self.is_last:
+            elif not self.is_last and position >= self._safe_end():
                 position = self.move(position)
 
     def _next(self, position: int, search: Callable[[int], int | None]) -> int:

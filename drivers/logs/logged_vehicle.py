@@ -4,24 +4,23 @@ Most such logs know no arrivals. Their own times, on Unix time where a GPS gave 
 them.
 """
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import TypeVar
 
 from drivers.events import Event, Malformed, Rejected, VehicleId
 from drivers.mavlink.gate import Repeats
 from drivers.samples.imu_stream import Field, RepeatedField, Stamp, finite_or_zero
 from drivers.samples.intake import Intake
-from drivers.samples.navigation import (
-    Fix,
-    Source,
-    quaternion_from_euler,
-    unit_or_none,
-)
+from drivers.samples.navigation import Fix, Source, quaternion_from_euler, unit_or_none
 from drivers.samples.vehicle_clock import BOOT_US, REORDERED_US, TimeField
 from estimator.geometry.frames import ned_frd_from_enu_flu
 from estimator.reasons import Reason
 from estimator.types import ZERO_VEC3, Vec3
 
+R = TypeVar("R")
+
+UNREADABLE = LookupError, TypeError, ValueError, OverflowError  # of rows
+ONE_VEHICLE = VehicleId(1, 1)  # of a log that does not name it
 LONGEST_HOLE_US = 600 * 1_000_000  # a longer hole in a log is taken for a leap of its clock
 FIRST_DATE_US = 946_684_800_000_000  # the year 2000: smaller times count from somewhere else
 STALE_US = 200_000  # an older field that was logged beside no longer belongs to the sample after it
@@ -42,7 +41,7 @@ class LoggedVehicle:
 
     def __init__(
         self,
-        vehicle: VehicleId = VehicleId(1, 1),  # noqa: B008 - immutable
+        vehicle: VehicleId = ONE_VEHICLE,
         unix_us: int = 0,
         *,
         begin_us: int = 0,
@@ -77,14 +76,19 @@ class LoggedVehicle:
         """The time of arrival that events have now."""
         return self._stamp.arrival_us
 
-    def decode(
-        self, handler: Callable[["LoggedVehicle", str, Any], list[Event]], name: str, row: Any
-    ) -> list[Event]:
-        """The events of a row; it is counted where it has other columns, or garbage in one."""
-        try:
-            return handler(self, name, row)
-        except (LookupError, TypeError, ValueError, OverflowError):
-            return [self.malformed()]
+    def events(
+        self, rows: Iterable[R | None], of_row: Callable[["LoggedVehicle", R], Iterable[Event]]
+    ) -> Iterator[Event]:
+        """The events of rows, and of the end behind them.
+
+        What cannot be read is counted: None, a row with other columns, or with garbage in one.
+        """
+        for row in rows:
+            try:
+                yield from [self.malformed()] if row is None else of_row(self, row)
+            except UNREADABLE:
+                yield self.malformed()
+        yield from self.intake.end()
 
     def malformed(self) -> Event:
         """Something that cannot be read."""
@@ -93,7 +97,7 @@ class LoggedVehicle:
     def filter_status(
         self, flags: int, velocity_ratio: float, compass_ratio: float = 0.0
     ) -> list[Event]:
-        """What its filter says of itself."""
+        """How well its own filter knows velocity and heading."""
         ratios = float(velocity_ratio), float(compass_ratio)
         return self.intake.filter_status(self.arrival_us, int(flags), *ratios)
 

@@ -31,7 +31,7 @@ BEGINNING_SAMPLES = 300
 def open_log(path: Path, columns: Path | None = None) -> LogFile:
     """The log in ``path``: telemetry log, DataFlash, ULog, a bag, or a table as text.
 
-    ``columns`` is the TOML file that says what a table's columns are.
+    ``columns`` is the TOML file that describes a table's columns.
 
     Raises:
         InputError: if there is no such file, or it is empty, unreadable or no
@@ -62,7 +62,7 @@ def open_log(path: Path, columns: Path | None = None) -> LogFile:
 
         return CsvLog(path, columns)
     if columns is not None:
-        raise InputError(f"{columns}: says what the columns of a table are, but {path} is none")
+        raise InputError(f"{columns}: describes the columns of a table, but {path} is none")
     return Tlog(path)
 
 
@@ -83,7 +83,7 @@ def imu_events(log: LogFile) -> Iterator[Event]:
 def built_in_motion(log: LogFile) -> str | None:
     """The motion in a log of fuzzbee's own vehicle; None of any other log.
 
-    The vehicle says ten times a second whose it is, so the log's beginning shows.
+    It reports itself ten times a second, so the log's beginning shows.
     """
     samples = 0
     with closing(iter(log)) as events:  # type: ignore[type-var]

@@ -34,7 +34,7 @@ class ReferenceTrack:
 
     @property
     def message(self) -> str | None:
-        """The message that says most, of equals the first by name; None without any."""
+        """The message that came most often, of equals the first by name; None without any."""
         count = {name: len(track) for name, track in self._messages.items()}
         return min(count, key=lambda name: (-count[name], name), default=None)
 

@@ -92,11 +92,10 @@ class WindowedEvents:
     def _arm(self, progress: _Progress, is_armed: bool) -> None:
         """Open or close at a change; a log may begin with a vehicle that is armed already."""
         before, progress.is_armed = progress.is_armed, is_armed
-        begins_armed = before is None and is_armed
-        if before == is_armed or (before is None and not is_armed):
+        if is_armed == bool(before):
             return
         moment = "arm" if is_armed else "disarm"
-        if progress.phase == "open" and self._window.end == moment and not begins_armed:
+        if progress.phase == "open" and self._window.end == moment and before is not None:
             progress.phase = "over"
         elif progress.phase == "before" and self._window.begin == moment:
             progress.phase = "open"

@@ -72,7 +72,9 @@ class Tlog(LogFile):
         super().__init__(path)
         with windowed(path) as window:
             data = window.data
-            if _is_raw_capture(data):
+            frames = FrameReader().feed(data[:RAW_SIZE])[:RAW_FRAMES]
+            begin = b"".join(each.data for each in frames)
+            if len(frames) == RAW_FRAMES and data.startswith(begin):  # no times between them
                 raise InputError(
                     f"{path}: MAVLink without time stamps (a raw capture), use the .tlog beside it"
                 )
@@ -101,12 +103,12 @@ class Tlog(LogFile):
                 sender = VehicleId(frame.system_id, frame.component_id)
                 yield sender, numbers[frame.message_id], arrival_us, fields
 
-    def advice(self, _system_id: int | None = None) -> str | None:
+    def advice(self, system_id: int | None = None) -> str | None:
         """See :meth:`LogFile.advice`."""
         attitude = autopilot = None
         imus = {imu.name for imu in IMU_MESSAGES.values()}
         for sender, name, _, m in self.readings(frozenset({"HEARTBEAT", *ATTITUDES, *imus})):
-            if _system_id not in (None, sender.system_id):
+            if system_id not in (None, sender.system_id):
                 continue
             if name == "HEARTBEAT":
                 autopilot = m.autopilot if is_autopilot(m.autopilot, m.type) else autopilot
@@ -127,7 +129,12 @@ class Tlog(LogFile):
         with windowed(self.path, self.on_read) as window:
             records = tlog_records(window, wanted)
             first = [*islice(records, FIRST_RECORDS)]
-            yield from believe(chain(first, records), _first_stamp_us(first))
+            # the first stamp that the next one agrees with: a file may begin in mid-record
+            stamps_us = [record[0] for record in first if record is not None]
+            steps = pairwise(stamps_us)
+            agreed = (a for a, b in steps if -STAMP_BACK_US <= b - a <= STAMP_STEP_US)
+            first_us = next(agreed, stamps_us[-1] if stamps_us else 0)
+            yield from believe(chain(first, records), first_us)
 
 
 def tlog_records(
@@ -167,16 +174,3 @@ def tlog_records(
         return None if start is None else start - STAMP_SIZE
 
     return window.records(0, read, search)
-
-
-def _first_stamp_us(records: Iterable[tuple[int, Frame] | None]) -> int:
-    """The first stamp that the next one agrees with: a file may begin in mid-record."""
-    stamps_us = [record[0] for record in records if record is not None]
-    agreed = (a for a, b in pairwise(stamps_us) if -STAMP_BACK_US <= b - a <= STAMP_STEP_US)
-    return next(agreed, stamps_us[-1] if stamps_us else 0)
-
-
-def _is_raw_capture(data: bytes) -> bool:
-    """Whether the data begins with frames one behind the other, without times between."""
-    frames = FrameReader().feed(data[:RAW_SIZE])[:RAW_FRAMES]
-    return len(frames) == RAW_FRAMES and data.startswith(b"".join(each.data for each in frames))

@@ -1,14 +1,13 @@
 """PX4's on-board logs (.ulg).
 
-Topics: sensor_combined, or vehicle_imu where that is missing, with
-vehicle_magnetometer; vehicle_attitude as the autopilot's reference and
-vehicle_attitude_groundtruth as truth; vehicle_local_position and
-vehicle_gps_position (or sensor_gps) for velocity and position; estimator_status and
-estimator_selector_status for how far the filter believes itself; vehicle_status for
-arming. All are SI and FRD/NED already, fields in gauss, times in us since boot.
+Topics: sensor_combined, or vehicle_imu where that is missing, with vehicle_magnetometer;
+vehicle_attitude as the autopilot's reference and vehicle_attitude_groundtruth as truth;
+vehicle_local_position and vehicle_gps_position (or sensor_gps) for velocity and position;
+estimator_status and estimator_selector_status for how far the filter believes itself;
+vehicle_status for arming. All are SI and FRD/NED already, fields in gauss, times in us since boot.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
 from drivers.events import Event, Heartbeat, ModeChange, Parameter, Rejected, VehicleId
@@ -51,18 +50,15 @@ class Ulog(LogFile):
             with windowed(self.path, self.on_read) as window:
                 overview = _look_over(UlogReader(window, CLOCKS))
             with windowed(self.path, self.on_read) as window:
-                log = UlogReader(window, WANTED)
+                log = UlogReader(window, {name: WANTED[name] for name in overview.topics})
                 system_id = _in_byte(overview.parameters.get("MAV_SYS_ID"), 1)
                 vehicle = LoggedVehicle(VehicleId(system_id, 1), overview.unix_us)
                 vehicle.at(overview.begin_us)
-                yield from _head(vehicle, overview.parameters)
-                for row in _in_time_order(_wanted(log.rows(), overview), overview.topics):
-                    vehicle.at(row.time_us)
-                    if row.topic == DAMAGE:
-                        yield vehicle.malformed()
-                    else:
-                        yield from vehicle.decode(TOPICS[row.topic].events, row.topic, row.row)
-                yield from vehicle.intake.end()
+                about, parameters = (vehicle.id, vehicle.arrival_us), overview.parameters
+                vehicle_type = _in_byte(parameters.get("MAV_TYPE"), 0)
+                yield Heartbeat(*about, MAV_AUTOPILOT_PX4, vehicle_type)
+                yield from (Parameter(*about, name, value) for name, value in parameters.items())
+                yield from vehicle.events(_in_time_order(log.rows(), overview), _events)
         except ValueError as error:
             raise InputError(f"{self.path}: cannot read this ULog, {error}") from error
 
@@ -79,15 +75,12 @@ class _Overview(NamedTuple):
     unix_us: int  # Unix time minus time since boot, from the first GPS row that knows it; else 0
 
 
-def _head(vehicle: LoggedVehicle, parameters: dict[str, float]) -> Iterator[Event]:
-    """The events of the log's head: the vehicle, and its parameters."""
-    vehicle_type = _in_byte(parameters.get("MAV_TYPE"), 0)
-    yield Heartbeat(vehicle.id, vehicle.arrival_us, MAV_AUTOPILOT_PX4, vehicle_type)
-    for name, value in parameters.items():
-        yield Parameter(vehicle.id, vehicle.arrival_us, name, value)
-
-
-# A field that is missing in a firmware's topic is 0.
+def _events(vehicle: LoggedVehicle, found: Found) -> list[Event]:
+    """The events of a row; a field that is missing in a firmware's topic is 0."""
+    vehicle.at(found.time_us)
+    if found.topic == DAMAGE:
+        return [vehicle.malformed()]
+    return TOPICS[found.topic].events(vehicle, found.topic, found.row)
 
 
 def _sensor_combined(vehicle: LoggedVehicle, topic: str, row: Row) -> list[Event]:
@@ -198,10 +191,8 @@ def _look_over(log: UlogReader) -> _Overview:
             times_us.append(row.time_us)
         elif begins_us.keys() >= FIRST_TOPICS and GPS_TOPICS[0] in unix_us:
             break
-    topics = [name for name in log.tables if name in begins_us]
-    for choice in CHOICES:
-        for name in [each for each in choice if each in topics][1:]:
-            topics.remove(name)
+    others = {name for each in CHOICES for name in [t for t in each if t in begins_us][1:]}
+    topics = [name for name in log.tables if name in begins_us.keys() - others]
     topics.sort(key=lambda name: name in IMU_TOPICS)
     begin_us = min((us for name, us in begins_us.items() if name in topics), default=0)
     middle_us = sorted(times_us)[len(times_us) // 2] if times_us else 0
@@ -209,27 +200,14 @@ def _look_over(log: UlogReader) -> _Overview:
     return _Overview(log.parameters, tuple(topics), begin_us, middle_us, clocks[0] if clocks else 0)
 
 
-def _wanted(rows: Iterable[Found | None], overview: _Overview) -> Iterator[Found]:
-    """The rows to use, and where damage is."""
-    last_us = overview.begin_us
-    for row in rows:
-        if row is None:
-            yield Found(last_us, DAMAGE, {})
-            continue
-        is_near = abs(row.time_us - overview.middle_us) < LONGEST_LOG_US
-        if is_near and row.topic in overview.topics:
-            last_us = row.time_us
-            yield row
-
-
-def _in_time_order(rows: Iterable[Found], topics: Sequence[str]) -> Iterator[Found]:
+def _in_time_order(rows: Iterable[Found | None], overview: _Overview) -> Iterator[Found]:
     """Rows in the order of their times, as far as none comes too late; then of their topics.
 
     Where the clock was set back the order begins anew.
     """
-    rank = {topic: k for k, topic in enumerate((*topics, DAMAGE))}
+    rank = {topic: k for k, topic in enumerate((*overview.topics, DAMAGE))}
     held: list[tuple[int, int, int, int, Found]] = []
-    for number, (epoch, row) in enumerate(_with_epochs(rows)):
+    for number, (epoch, row) in enumerate(_with_epochs(rows, overview)):
         held.append((epoch, row.time_us, rank[row.topic], number, row))
         if len(held) >= 2 * MOST_HELD:
             held.sort()
@@ -239,17 +217,21 @@ def _in_time_order(rows: Iterable[Found], topics: Sequence[str]) -> Iterator[Fou
     yield from (each[-1] for each in held)
 
 
-def _with_epochs(rows: Iterable[Found]) -> Iterator[tuple[int, Found]]:
-    """Rows, and how often the clock had been set back.
+def _with_epochs(rows: Iterable[Found | None], overview: _Overview) -> Iterator[tuple[int, Found]]:
+    """The rows of the log's time and where damage is, and how often the clock had been set back.
 
     Some rows of a topic in order, all behind what came before, show it: a single one is garbled,
     and those that a logger has written late come in no order.
     """
-    epoch, behind = 0, dict[str, list[Found]]()
+    epoch, at_us, behind = 0, overview.begin_us, dict[str, list[Found]]()
     latest_us = dict[str, tuple[int, int]]()  # the latest time of a topic, and the one before
     for row in rows:
-        first = row.time_us, row.time_us - 1
-        last_us, before_us = latest_us.setdefault(row.topic, first)
+        if row is None:
+            yield epoch, Found(at_us, DAMAGE, {})
+        if row is None or abs(row.time_us - overview.middle_us) >= LONGEST_LOG_US:
+            continue
+        at_us = row.time_us
+        last_us, before_us = latest_us.setdefault(row.topic, (at_us, at_us - 1))
         held = behind.get(row.topic, [])
         back_us = last_us - row.time_us if row.time_us <= before_us else 0
         if back_us > LEAST_BACK_US and (not held or row.time_us > held[-1].time_us):

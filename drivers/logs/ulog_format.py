@@ -22,8 +22,8 @@ HEAD = Struct("<HB")
 NUMBER_SIZE = 2
 ROW, FORMAT, SUBSCRIPTION, PARAMETER, FLAGS = b"DFAPB"
 KNOWN_TYPES = frozenset(b"ABCDFILMOPQRS")
-TELLING_TYPES = re.compile(b"[ADF]")  # whose bodies show whether they are such messages
-DATA_APPENDED = 1  # the only incompatible flag that this reader knows
+DISTINCT_TYPES = re.compile(b"[ADF]")  # whose bodies show whether they are such messages
+DATA_APPENDED = 1  # the only incompatible flag that is known here; what it cuts off is damage
 LARGEST_BODY = 0xFFFF
 LONGEST_NAME = 128
 # Possessive quantifiers (++) never try again with less, so garbage costs no time
@@ -89,26 +89,21 @@ class UlogReader:
         self._sizes: dict[str, int | None] = {k: calcsize("<" + c) for k, c in CODES.items()}
         # by number: the sizes that a row may have, and its table; None for topics not wanted
         self._subscribed: dict[int, tuple[range, Table | None]] = {}
-        # where in the file data were appended: a message may end short of it
-        self._breaks: list[int] = []
 
     def rows(self) -> Iterator[Found | None]:
         """The rows in the file's order; None for each damaged stretch.
 
         Raises:
-            ValueError: the log says that it takes a newer reader.
+            ValueError: the log needs a newer reader.
         """
-        return self._window.records(FILE_HEAD_SIZE, self._read, self._next_telling)
+        return self._window.records(FILE_HEAD_SIZE, self._read, self._next_message)
 
     def _read(self, position: int, stop: int) -> tuple[list[Found | None], int]:
         """The rows of the messages from ``position`` to ``stop``, and where they end."""
         data, found = self._window.data, list[Found | None]()
         while position < stop:
             end = self._end(data, position)
-            if self._breaks and (cut := self._break(position, end or len(data))):
-                position = cut
-                continue
-            if end is None or not self._begins_message(data, end):
+            if end is None:
                 if not data.startswith(MAGIC, position):
                     break
                 self._window.end()  # another log is behind this one, with times of its own
@@ -126,32 +121,22 @@ class UlogReader:
             position = end
         return found, position
 
-    def _break(self, begin: int, end: int) -> int | None:
-        """The first place between the two where data were appended."""
-        places = (at - self._window.offset for at in self._breaks)
-        return min((at for at in places if begin < at < end), default=None)
-
-    def _end(self, data: bytes, position: int) -> int | None:
-        """Where the message at ``position`` ends; None if there is none, or not all of it."""
+    @staticmethod
+    def _end(data: bytes, position: int) -> int | None:
+        """Where the message at ``position`` ends, with another one or the data's end behind it."""
         if position + HEAD.size > len(data):
             return None
         size, kind = HEAD.unpack_from(data, position)
         end: int = position + HEAD.size + size
-        return end if size and kind in KNOWN_TYPES and end <= len(data) else None
+        if not size or kind not in KNOWN_TYPES or end > len(data):
+            return None
+        is_last = end + HEAD.size > len(data) or data.startswith(MAGIC, end)
+        return end if is_last or data[end + 2] in KNOWN_TYPES else None
 
-    def _begins_message(self, data: bytes, position: int) -> bool:
-        if position + HEAD.size > len(data):
-            return True  # the data end here, and nothing says otherwise
-        return (
-            data[position + 2] in KNOWN_TYPES
-            or position + self._window.offset in self._breaks
-            or data.startswith(MAGIC, position)
-        )
-
-    def _next_telling(self, position: int) -> int | None:
+    def _next_message(self, position: int) -> int | None:
         """Where the next message is that shows by its body that it is one."""
         data = self._window.data
-        for found in TELLING_TYPES.finditer(data, position + 2):
+        for found in DISTINCT_TYPES.finditer(data, position + 2):
             start = found.start() - 2
             end = self._end(data, start)
             if end is not None and self._is_sound(data, start, end):
@@ -160,8 +145,6 @@ class UlogReader:
 
     def _is_sound(self, data: bytes, position: int, end: int) -> bool:
         kind, start = data[position + 2], position + HEAD.size
-        if not self._begins_message(data, end):
-            return False
         if kind == ROW:
             sizes, _ = self._subscribed.get(_number(data, start), NO_ROWS)
             return end - start - NUMBER_SIZE in sizes
@@ -180,7 +163,9 @@ class UlogReader:
             if kind == PARAMETER and not self._subscribed:  # a later one is a change
                 return self._parameter(body)
             if kind == FLAGS:
-                self._flags(body)
+                known, *others = Struct("<8x8B").unpack_from(body)
+                if known & ~DATA_APPENDED or any(others):
+                    raise ValueError("it is of a kind that is not known here")
         except (error, IndexError, UnicodeDecodeError, RecursionError):
             return False
         return True
@@ -247,13 +232,6 @@ class UlogReader:
             (value,) = Struct("<" + CODES[kind]).unpack(body[1 + size :])
             self.parameters[name] = float(value)
         return kind in ("int32_t", "float")
-
-    def _flags(self, body: bytes) -> None:
-        *incompatible, first, second, third = Struct("<8x8B3Q").unpack_from(body)
-        if incompatible[0] & ~DATA_APPENDED or any(incompatible[1:]):
-            raise ValueError("it is of a kind that is not known here")
-        if incompatible[0] & DATA_APPENDED:
-            self._breaks = [first, second, third]
 
 
 def _number(data: bytes, position: int) -> int:

@@ -7,12 +7,12 @@ from concurrent.futures import Future, wait
 from dataclasses import dataclass
 from math import inf
 
-from drivers.aside import aside
 from drivers.endpoint import Endpoint
 from drivers.events import Event, LinkDown, LinkUp, Notice
 from drivers.mavlink.transports import open_transport
 from drivers.mavlink.transports.tcp import TcpServer
 from drivers.mavlink.transports.transport import SOCKET_BUFFER_BYTES, Packet, unix_us
+from drivers.resources import aside
 from estimator.errors import InputError
 
 CLOSE_S = 0.5

@@ -36,7 +36,7 @@ from drivers.mavlink.messages import (
     imu_rank,
     imu_stream_name,
 )
-from drivers.places import PLACES
+from drivers.resources import PLACES
 from drivers.samples.imu_stream import Field, Stamp
 from drivers.samples.intake import MOST_STREAMS, VERSION_EVERY_US, Intake
 from drivers.samples.vehicle_clock import TimeField

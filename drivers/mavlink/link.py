@@ -10,8 +10,6 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import Future
 from typing import Self
 
-from drivers.aside import aside
-from drivers.closing import Closing
 from drivers.endpoint import Endpoint
 from drivers.events import Event, Malformed, Shed, VehicleId
 from drivers.mavlink.connection import Connection, RateLimits
@@ -23,7 +21,7 @@ from drivers.mavlink.messages import IMU_MESSAGES, MESSAGES, imu_number, imu_str
 from drivers.mavlink.outgoing import Outbound
 from drivers.mavlink.recorder import Recorder
 from drivers.mavlink.transports.transport import Packet
-from drivers.places import PLACES
+from drivers.resources import PLACES, Closing, aside
 
 MOST_READERS = PLACES  # half-read frames of that many senders; the one silent for longest goes
 # So many frames are decoded at one go, before whoever takes them can do something else: 1 ms or so.

@@ -15,8 +15,8 @@ from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple
 
-from drivers.closing import Closing
 from drivers.mavlink.tlog_file import TlogFile, cannot_record, records_of
+from drivers.resources import Closing
 from estimator.errors import InputError
 
 MOST_WAITING_BYTES = 32_000_000  # a disk that stands still for longer costs frames

@@ -15,10 +15,10 @@ from concurrent.futures import Future
 from pathlib import Path
 from typing import NamedTuple
 
-from drivers.aside import aside
 from drivers.mavlink.encoder import SIGNING_EPOCH_US, SIGNING_TICK_US
 from drivers.mavlink.framing import SIGNATURE_SIZE, Frame
 from drivers.output_file import written_whole
+from drivers.resources import aside
 from estimator.errors import InputError
 from estimator.reasons import Reason
 

@@ -13,8 +13,8 @@ from contextlib import suppress
 from pathlib import Path
 from struct import Struct
 
-from drivers.closing import Closing
 from drivers.output_file import output_path
+from drivers.resources import Closing
 from estimator.errors import InputError
 
 try:

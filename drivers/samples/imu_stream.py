@@ -6,10 +6,9 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from drivers.events import Event, Imu, Notice, Rejected, TrackLost, VehicleId
+from drivers.events import Event, Imu, Notice, Rejected, TrackLost, Value, VehicleId
 from drivers.samples.sensor_faults import Readings, SensorFaults
 from drivers.samples.vehicle_clock import REORDERED_US, Placed, TimeField
-from drivers.value import Value
 from estimator.arrays import Bools, Floats, Times
 from estimator.compilation.compiled import compiled, inlined, types_of
 from estimator.live.refusal import ACC_LIMIT_M_S2, RATE_LIMIT_RAD_S

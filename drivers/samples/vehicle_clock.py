@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Literal
 
+from drivers.events import Value
 from drivers.samples.clock_pace import SECOND_US, START, ClockPace, Moment
-from drivers.value import Value
 from estimator.reasons import Reason
 
 REORDERED_US = 1 * SECOND_US  # further back than links reorder: the clock was set back

@@ -1,1 +1,1 @@
-"""The simulated vehicle: its motion, its MAVLink process, and the source inside the service."""
+"""The simulated vehicle: its motion, its MAVLink process, and the source in the service."""

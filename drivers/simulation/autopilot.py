@@ -1,14 +1,13 @@
 """A simulated vehicle's side of MAVLink, without sockets or clocks.
 
-ATTITUDE and ATTITUDE_QUATERNION carry the truth, like SIM_STATE: the vehicle
-has no estimator whose errors could be told. Position and velocity are told by a
-vehicle that flies; those that turn on the spot know of none. AUTOPILOT_VERSION
-says that it is fuzzbee's own, and its motion, ten times a second, ahead of the
-sample: whoever listens knows from the start what signals these are.
+ATTITUDE and ATTITUDE_QUATERNION carry the truth, like SIM_STATE: the vehicle has no estimator with
+errors of its own. A vehicle that flies sends position and velocity; those that turn on the spot
+know of none. AUTOPILOT_VERSION shows that it is fuzzbee's own, and its motion, ten times a second,
+ahead of the sample: whoever listens knows from the start what signals these are.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import inf, isfinite, remainder, tau
 from typing import Any
 
@@ -40,14 +39,14 @@ from drivers.simulation.simulated_vehicle import (
 )
 from estimator.errors import InputError
 from estimator.geometry.frames import euler_rad
-from estimator.types import Quaternion, Vec3
+from estimator.types import ZERO_VEC3, Quaternion, Vec3
 
 HEARTBEAT_US = 1_000_000
 SLOW_US = 100_000.0  # position and version
 SLOW = (mav.AUTOPILOT_VERSION_ID, mav.GLOBAL_POSITION_INT_ID)
 FASTEST_RATE_HZ = 1000.0  # an interval below 1 ms is refused
 
-# What a parameter list of a calibrated copter says about its IMU
+# What a parameter list of a calibrated copter has about its IMU
 PARAMETERS: tuple[tuple[str, float], ...] = (
     *((name, 0.0) for name in TRIM),
     (ORIENTATION, 0.0),
@@ -71,30 +70,34 @@ class VehicleOptions:
     errors_seed: int | None = None  # of its sensors' constant errors; + i - 1
     signing_key: bytes | None = None  # 32 bytes
 
-    def check(self) -> None:
-        """Raises ``InputError`` for what the vehicle itself does not check."""
+    def vehicle(self, system_id: int) -> SimulatedVehicle:
+        """The vehicle of that number.
+
+        Raises:
+            InputError: an option is out of its range.
+        """
         if not 0.0 <= self.drop <= 1.0:
             raise InputError(f"the drop probability must be 0 to 1, not {self.drop}")
         if not (isfinite(self.rate_hz) and 0 < self.rate_hz <= FASTEST_RATE_HZ):
             raise InputError(
                 f"the rate must be above 0 and up to {FASTEST_RATE_HZ:g} Hz, not {self.rate_hz:g}"
             )
+        number, errors_seed = system_id - 1, self.errors_seed
+        seeds = self.seed + number, None if errors_seed is None else errors_seed + number
+        signals = (self.rate_hz, self.motion, self.noise, self.bias, self.magnet)
+        return SimulatedVehicle(seeds[0], *signals, calm=self.calm, errors_seed=seeds[1])
 
 
-@dataclass(slots=True)
 class Schedule:
-    """One message's stream; ``interval_us`` 0 means that it is off."""
+    """One message's stream; ``interval_us`` 0 means that it is off, and never due."""
 
-    default_us: float
-    due_us: float = 0.0
-    interval_us: float = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.interval_us = self.default_us
+    def __init__(self, default_us: float) -> None:
+        self.default_us = self.interval_us = default_us
+        self.due_us = 0.0
 
     def is_due(self, now_us: int) -> bool:
         """Whether to send with the sample at ``now_us``; moves on to the next time if so."""
-        if self.interval_us == 0 or now_us < self.due_us - 1:
+        if now_us < self.due_us - 1:
             return False
         following_us = self.due_us + self.interval_us
         self.due_us = following_us if following_us > now_us else now_us + self.interval_us
@@ -114,20 +117,8 @@ class SimulatedAutopilot:
         system_id: int,
         component_id: int = mav.MAV_COMP_ID_AUTOPILOT1,
     ) -> None:
-        options.check()
         self.id = VehicleId(system_id, component_id)
-        errors_seed = options.errors_seed
-        self._vehicle = SimulatedVehicle(
-            options.seed + system_id - 1,
-            options.rate_hz,
-            options.motion,
-            options.noise,
-            options.bias,
-            options.magnet,
-            calm=options.calm,
-            errors_seed=None if errors_seed is None else errors_seed + system_id - 1,
-        )
-        self._noise, self._drop = options.noise, options.drop
+        self._options, self._vehicle = options, options.vehicle(system_id)
         self._encoder = FrameEncoder(self.id, options.signing_key)
         self._losses = np.random.default_rng([options.seed, system_id])
         self._receiver = np.random.default_rng([options.seed, system_id, 1])
@@ -140,7 +131,7 @@ class SimulatedAutopilot:
         self._heartbeat = Schedule(HEARTBEAT_US)
         self._answers: dict[str, Callable[[Any], list[Message]]] = {
             "COMMAND_LONG": self._command,
-            "PARAM_REQUEST_LIST": lambda _: [_parameter(k) for k in range(len(PARAMETERS))],
+            "PARAM_REQUEST_LIST": lambda _: _parameters(),
             "PARAM_REQUEST_READ": _parameter_read,
         }
         self._next = next(self._vehicle)
@@ -158,18 +149,15 @@ class SimulatedAutopilot:
             mav.ATTITUDE_QUATERNION_ID: lambda s: attitude_quaternion(
                 s.time_us, s.q_ned_frd, s.true_rate_rad_s
             ),
-            mav.GLOBAL_POSITION_INT_ID: self._global_position,
         }
-        if not self._vehicle.tells_place:
-            del messages[mav.GLOBAL_POSITION_INT_ID]
+        if self._vehicle.knows_place:
+            messages[mav.GLOBAL_POSITION_INT_ID] = self._global_position
         return messages
 
     @property
     def due_us(self) -> float:
         """The boot time at which something is to be sent next."""
-        if self._heartbeat.interval_us:
-            return min(self._next.time_us, self._heartbeat.due_us)
-        return self._next.time_us
+        return min(self._next.time_us, self._heartbeat.due_us)
 
     def advance(self, boot_us: float, unix_us: int) -> bytes:
         """Every frame due at ``boot_us``, in order; ``unix_us`` is the time for signatures."""
@@ -208,21 +196,19 @@ class SimulatedAutopilot:
         return [self._messages[each](sample) for each in due]
 
     def _sim_state(self, sample: Sample) -> Message:
-        q, rate = sample.q_ned_frd, sample.true_rate_rad_s
-        motion = (q, _euler(q), sample.true_force_m_s2, rate)
-        if not self._vehicle.tells_place:
-            return sim_state(*motion)
-        return sim_state(*motion, geodetic(sample.position_ned_m), sample.velocity_ned_m_s)
+        q, motion = sample.q_ned_frd, (sample.true_force_m_s2, sample.true_rate_rad_s)
+        place = geodetic(sample.position_ned_m) if self._vehicle.knows_place else ZERO_VEC3
+        return sim_state(q, _euler(q), *motion, place, sample.velocity_ned_m_s)
 
     def _global_position(self, sample: Sample) -> Message:
         place, height_m = geodetic(sample.position_ned_m), -sample.position_ned_m[2]
-        velocity = velocity_reported(sample, self._noise, self._receiver)
+        velocity = velocity_reported(sample, self._options.noise, self._receiver)
         return global_position(sample.time_us, place, height_m, velocity)
 
     def _frames(self, messages: list[Message], unix_us: int) -> bytes:
-        frames = [self._encoder.frame(message, unix_us) for message in messages]
-        if self._drop > 0.0:
-            frames = [frame for frame in frames if self._losses.random() >= self._drop]
+        frames, drop = [self._encoder.frame(each, unix_us) for each in messages], self._options.drop
+        if drop > 0.0:
+            frames = [frame for frame in frames if self._losses.random() >= drop]
         return b"".join(frames)
 
     def _command(self, message: Any) -> list[Message]:
@@ -233,36 +219,34 @@ class SimulatedAutopilot:
         return [command_ack(sender, message.command, result)]
 
     def _set_interval(self, message_id: float, interval_us: float) -> int:
-        """MAVLink's rule: -1 turns a message off, 0 restores its default."""
+        """MAVLink's rule: -1 turns a message off, 0 restores its default.
+
+        The vehicle samples as fast as its fastest stream; without any, as at the start.
+        """
         stream = {mav.HEARTBEAT_ID: self._heartbeat, **self._streams}.get(message_id)
         if stream is None:
             return mav.MAV_RESULT_FAILED
         interval_us = {-1.0: 0.0, 0.0: stream.default_us}.get(interval_us, interval_us)
         if not (interval_us == 0.0 or 1e6 / FASTEST_RATE_HZ <= interval_us < inf):
             return mav.MAV_RESULT_DENIED
-        stream.interval_us, stream.due_us = interval_us, self._next.time_us
-        self._adapt_sampling()
+        stream.interval_us, stream.due_us = interval_us, self._next.time_us if interval_us else inf
+        wanted = [s.interval_us for s in self._streams.values() if s.interval_us]
+        before_us, self._sample_us = self._sample_us, min(wanted, default=self._default_us)
+        if self._sample_us != before_us:
+            self._vehicle.change_rate(1e6 / self._sample_us)
         return mav.MAV_RESULT_ACCEPTED
 
-    def _adapt_sampling(self) -> None:
-        """Sample as fast as the fastest stream; without any, as at the start."""
-        wanted = [s.interval_us for s in self._streams.values() if s.interval_us]
-        sample_us = min(wanted, default=self._default_us)
-        if sample_us != self._sample_us:
-            self._sample_us = sample_us
-            self._vehicle.change_rate(1e6 / sample_us)
 
-
-def _parameter(index: int) -> Message:
-    name, value = PARAMETERS[index]
-    return param_value(name, value, len(PARAMETERS), index)
+def _parameters() -> list[Message]:
+    numbered = enumerate(PARAMETERS)
+    return [param_value(*parameter, len(PARAMETERS), k) for k, parameter in numbered]
 
 
 def _parameter_read(message: Any) -> list[Message]:
     """By its number, or by its name where that is negative; nothing if there is none."""
     by_name = [k for k, (name, _) in enumerate(PARAMETERS) if name == message.param_id]
     found = by_name if message.param_index < 0 else [message.param_index]
-    return [_parameter(k) for k in found if k < len(PARAMETERS)]
+    return [_parameters()[k] for k in found if k < len(PARAMETERS)]
 
 
 def _euler(q: Quaternion) -> Vec3:

@@ -52,12 +52,10 @@ class Fleet:
     def __init__(self, options: VehicleOptions, vehicles: int) -> None:
         if not 1 <= vehicles <= MOST_VEHICLES:
             raise InputError(f"the number of vehicles must be 1 to {MOST_VEHICLES}, not {vehicles}")
-        # spread over one sample interval
-        spread_us = 1e6 / options.rate_hz / vehicles if options.rate_hz > 0 else 0.0
         self._vehicles = [
             SimulatedAutopilot(options, i % SYSTEMS + 1, i // SYSTEMS + 1) for i in range(vehicles)
         ]
-        self._offsets_us = [i * spread_us for i in range(vehicles)]
+        self._spread_us = 1e6 / options.rate_hz / vehicles  # over one sample interval
         self._schedule()
         self._readers: dict[str, FrameReader] = {}
         self._fields = FieldReader()
@@ -72,7 +70,7 @@ class Fleet:
         """Send what is due ``now_us`` after the start, one datagram a vehicle and sample."""
         while self._due[0][0] <= now_us:
             due_us, i = self._due[0]
-            vehicle, offset_us = self._vehicles[i], self._offsets_us[i]
+            vehicle, offset_us = self._vehicles[i], i * self._spread_us
             if now_us - due_us > LONGEST_BACKLOG_US:
                 vehicle.skip(now_us - offset_us)
             data = vehicle.advance(vehicle.due_us, signed_us)
@@ -88,12 +86,10 @@ class Fleet:
         if not data:
             self._readers.pop(peer, None)
             return
-        if peer not in self._readers:
-            if len(self._readers) >= MOST_PEERS:  # half a frame of somebody long gone is no loss
-                self._readers.clear()
-            self._readers[peer] = FrameReader()
+        if peer not in self._readers and len(self._readers) >= MOST_PEERS:
+            self._readers.clear()  # half a frame of somebody long gone is no loss
         answered = False
-        for frame in self._readers[peer].feed(data):
+        for frame in self._readers.setdefault(peer, FrameReader()).feed(data):
             message = self._fields.message(frame.data)
             for vehicle in self._vehicles:
                 if answer := vehicle.handle(message, signed_us):
@@ -103,8 +99,8 @@ class Fleet:
             self._schedule()
 
     def _schedule(self) -> None:
-        vehicles = zip(self._vehicles, self._offsets_us, strict=True)
-        self._due = [(each.due_us + offset_us, i) for i, (each, offset_us) in enumerate(vehicles)]
+        numbered = enumerate(self._vehicles)
+        self._due = [(each.due_us + i * self._spread_us, i) for i, each in numbered]
         heapq.heapify(self._due)
 
 

@@ -14,13 +14,7 @@ import numpy as np
 
 from drivers.samples.navigation import METRES_A_DEGREE
 from estimator.arrays import Floats
-from estimator.geometry.rotations import (
-    conjugate,
-    from_matrices,
-    log,
-    multiply,
-    rotate_inverse,
-)
+from estimator.geometry.rotations import conjugate, from_matrices, log, multiply, rotate_inverse
 from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
 
 ROUND_S = 100.0
@@ -117,7 +111,7 @@ def _shake(time_s: Floats) -> Floats:
 
 
 def _rise_and_fall(t: Floats, span: tuple[float, float], ramp_s: float) -> Floats:
-    """0 outside, 1 inside; the ramps are smooth."""
+    """1 within the span, 0 outside it; the ramps are smooth."""
     return _step((t - span[0]) / ramp_s) * _step((span[1] - t) / ramp_s)
 
 

@@ -7,20 +7,19 @@ Attitude Filter on SO(3): Fast Adaptation and Robustness"::
     v_i^B   = R^T v_i^I + b_i^B + n_i^B       n_i  ~ N(0, 0.05)
     dR/dt   = R [Omega]x,   R(0) = I
 
-as an IMU reads them: acc = -g v_2^B and mag = 0.5 gauss v_1^B, neither
-normalised. The flight (:mod:`drivers.simulation.flight`) has the errors of a
-small MEMS unit instead, and knows where it is and how fast; "bench" is that unit turned by hand.
-With a seed of their own the sensors have larger constant errors (:func:`imu_errors`), too. A block
-(:func:`simulate`) and a stream (:class:`SimulatedVehicle`) give the same
-numbers bit for bit: the truth comes in chunks that start at fixed samples, and
-each sample takes nine normal numbers in one order.
+as an IMU reads them: acc = -g v_2^B and mag = 0.5 gauss v_1^B, neither normalised. The flight
+(:mod:`drivers.simulation.flight`) has the errors of a small MEMS unit instead, and knows where it
+is and how fast; "bench" is that unit turned by hand. With a seed of their own the sensors have
+larger constant errors (:func:`imu_errors`), too. A block (:func:`simulate`) and a stream
+(:class:`SimulatedVehicle`) give the same numbers bit for bit: the truth comes in chunks that start
+at fixed samples, and each sample takes nine normal numbers in one order.
 """
 
 from collections.abc import Iterator
 from functools import lru_cache
 from itertools import islice
 from math import ceil, floor, inf, isfinite
-from typing import Literal, NamedTuple, TypeVar, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -33,8 +32,9 @@ from estimator.types import IDENTITY, STANDARD_GRAVITY_M_S2, Quaternion, Vec3
 
 Motion = Literal["paper", "rest", "turn", "flight", "bench"]
 MOTIONS: tuple[str, ...] = get_args(Motion)
+REAL = ("flight", "bench")  # with the errors of a real unit, in a real field
 # The shipped profile that fits the signals of each
-PROFILES = dict.fromkeys(MOTIONS, "paper") | {"flight": "imu", "bench": "imu"}
+PROFILES = {motion: "imu" if motion in REAL else "paper" for motion in MOTIONS}
 
 # The paper's inertial vectors (NED, unit length)
 MAGNETIC_NED: Vec3 = (1 / 3**0.5, -1 / 3**0.5, 1 / 3**0.5)
@@ -67,8 +67,7 @@ LONGEST_STEP_S = 0.01
 class Sample(NamedTuple):
     """One instant of the simulated vehicle; measured values are in FRD.
 
-    ``time_us`` counts from the vehicle's start. ``q_ned_frd`` and
-    all behind it are the truth.
+    ``time_us`` counts from the vehicle's start. ``q_ned_frd`` and all behind it are the truth.
     """
 
     time_us: int
@@ -96,23 +95,6 @@ class Recording(NamedTuple):
     position_ned_m: Floats
 
 
-class _Truth(NamedTuple):
-    """What the noise is added to.
-
-    ``exact`` (N, 9) has Omega and the two true body vectors: the field over ``FIELD_GAUSS``, and
-    what an accelerometer takes for gravity, the specific force over -g.
-    """
-
-    time_us: npt.NDArray[np.int64]
-    q_ned_frd: Floats
-    exact: Floats
-    velocity_ned_m_s: Floats
-    position_ned_m: Floats
-
-
-Columns = TypeVar("Columns", Recording, _Truth)
-
-
 class SensorErrors(NamedTuple):
     """A sensor reads (1 + D) v + b, ``matrix`` (3, 3) being 1 + D and ``bias`` b (3,)."""
 
@@ -134,30 +116,13 @@ def imu_errors(seed: int) -> tuple[SensorErrors, SensorErrors, SensorErrors]:
     return gyr, acc, mag
 
 
-class _Sensors(NamedTuple):
-    """Bias and noise (9,) of Omega (rad/s), v_1 and v_2 (parts of their length), and the magnet.
-
-    It passes between two times (s), with ``round_s`` once in each round. ``errors`` are those of
-    :func:`imu_errors`.
-    """
-
-    bias: Floats
-    noise: Floats
-    magnet: tuple[float, float] | None = None
-    round_s: float = inf
-    errors: tuple[SensorErrors, SensorErrors, SensorErrors] | None = None
-
-
-PAPER_SENSORS = _Sensors(
-    np.array([-0.1, 0.1, 0.05, 0.1, -0.1, 0.1, 0.0, 0.0, 0.1]),
-    np.repeat([GYRO_NOISE_RAD_S, VECTOR_NOISE, VECTOR_NOISE], 3),
-)
-# A small MEMS unit after the calibration that autopilots do: rad/s, gauss and m/s^2
+# What one of v_1 and of v_2 is; in this order, behind the rate, are biases and noises (9,)
 UNITS = np.repeat([1.0, FIELD_GAUSS, -STANDARD_GRAVITY_M_S2], 3)
-FLIGHT_SENSORS = _Sensors(
-    np.array([0.003, -0.004, 0.002, 0.004, -0.003, 0.005, 0.03, -0.025, 0.05]) / UNITS,
-    np.repeat([0.003, 0.003, 0.1], 3) / np.abs(UNITS),
-)
+PAPER_BIAS = UNITS * np.array([-0.1, 0.1, 0.05, 0.1, -0.1, 0.1, 0.0, 0.0, 0.1])
+PAPER_NOISE = UNITS * np.repeat([GYRO_NOISE_RAD_S, VECTOR_NOISE, VECTOR_NOISE], 3)
+# A small MEMS unit after the calibration that autopilots do: rad/s, gauss and m/s^2
+REAL_BIAS = np.array([0.003, -0.004, 0.002, 0.004, -0.003, 0.005, 0.03, -0.025, 0.05])
+REAL_NOISE = np.sign(UNITS) * np.repeat([0.003, 0.003, 0.1], 3)
 
 
 def simulate(
@@ -208,16 +173,13 @@ class SimulatedVehicle:
     ) -> None:
         _check(rate_hz, motion, noise, bias, magnet)
         self.motion = motion
-        sensors = FLIGHT_SENSORS if motion in ("flight", "bench") else PAPER_SENSORS
-        self._sensors = sensors._replace(
-            bias=bias * sensors.bias,
-            noise=noise * sensors.noise,
-            magnet=magnet,
-            errors=None if errors_seed is None else imu_errors(errors_seed),
-        )
-        if motion == "flight" and magnet is None and not calm:
-            self._sensors = self._sensors._replace(magnet=flight.MAGNET_S, round_s=flight.ROUND_S)
+        self._bias = bias * (REAL_BIAS if motion in REAL else PAPER_BIAS)
+        self._noise = noise * (REAL_NOISE if motion in REAL else PAPER_NOISE)
+        self._errors = None if errors_seed is None else imu_errors(errors_seed)
         self._falls_silent = motion == "flight" and not calm
+        self._magnet, self._round_s = magnet, inf  # once in each round
+        if magnet is None and self._falls_silent:
+            self._magnet, self._round_s = flight.MAGNET_S, flight.ROUND_S
         self._generator = _generator(seed)
         self._last: Sample | None = None
         self._samples = self._from(0, IDENTITY, rate_hz)
@@ -230,7 +192,7 @@ class SimulatedVehicle:
         return self._last
 
     @property
-    def tells_place(self) -> bool:
+    def knows_place(self) -> bool:
         """Whether it knows where it is and how fast: the paper's vehicle turns on the spot."""
         return self.motion == "flight"
 
@@ -240,15 +202,13 @@ class SimulatedVehicle:
 
     def change_rate(self, rate_hz: float) -> None:
         """Go on with the same motion at t = k / ``rate_hz`` after the last sample."""
-        if self._last is None:
-            self._samples = self._from(0, IDENTITY, rate_hz)
-            return
-        last_s = self._last.time_us * 1e-6
-        first = floor(last_s * rate_hz + 1e-6) + 1
-        start = IDENTITY
-        if self.motion != "flight":
-            times = np.array([last_s, first / rate_hz])
-            start = tuple(_integrate(self.motion, times, self._last.q_ned_frd)[-1])
+        first, start = 0, IDENTITY
+        if self._last is not None:
+            last_s = self._last.time_us * 1e-6
+            first = floor(last_s * rate_hz + 1e-6) + 1
+            if self.motion != "flight":
+                times = np.array([last_s, first / rate_hz])
+                start = tuple(_integrate(self.motion, times, self._last.q_ned_frd)[-1])
         self._samples = self._from(first, start, rate_hz)
 
     def _from(self, first: int, start: Quaternion, rate_hz: float) -> Iterator[Sample]:
@@ -259,10 +219,26 @@ class SimulatedVehicle:
     def blocks(self, first: int, start: Quaternion, rate_hz: float) -> Iterator[Recording]:
         """Samples number ``first``, ``first`` + 1, ..., the first at attitude ``start``."""
         while True:
-            truth, start = _truth_chunk(self.motion, rate_hz, first, start)
-            normals = self._generator.standard_normal((CHUNK_SAMPLES, 9))
-            yield _measure(truth, normals, self._sensors)
+            truth, start = _true_chunk(self.motion, rate_hz, first, start)
+            yield self._measured(truth)
             first += CHUNK_SAMPLES
+
+    def _measured(self, truth: Recording) -> Recording:
+        """Truth plus bias and noise."""
+        # Omega_m = Omega + b + n and v_i^B = R^T v_i^I + b_i^B + n_i^B
+        exact = np.hstack([truth.gyr_rad_s, truth.mag_gauss, truth.acc_m_s2])
+        noise = self._noise * self._generator.standard_normal(exact.shape)
+        gyr, mag, acc = np.split(exact + self._bias + noise, 3, axis=1)
+        if self._magnet is not None:
+            begin, end = self._magnet
+            since_s = truth.time_us * 1e-6 % self._round_s - begin
+            phase = np.clip(since_s / (end - begin), 0.0, 1.0)
+            # (4 x (1 - x))^2 is sin^2(pi x) to within 0.07, and the same bit for bit in any block
+            mag[:, 1] += MAGNET_PEAK_GAUSS * (4.0 * phase * (1.0 - phase)) ** 2
+        if self._errors is not None:
+            readings = zip(self._errors, (gyr, acc, mag), strict=True)
+            gyr, acc, mag = (v @ each.matrix.T + each.bias for each, v in readings)
+        return _read_only(truth._replace(gyr_rad_s=gyr, acc_m_s2=acc, mag_gauss=mag))
 
 
 def true_rate(motion: Motion, time_s: Floats) -> Floats:
@@ -304,55 +280,32 @@ def _generator(seed: int) -> np.random.Generator:
     return np.random.default_rng(seed)
 
 
-def _measure(truth: _Truth, normals: Floats, sensors: _Sensors) -> Recording:
-    """Truth plus bias and noise; ``normals`` (N, 9) are gyroscope, v_1, v_2."""
-    # Omega_m = Omega + b + n and v_i^B = R^T v_i^I + b_i^B + n_i^B
-    gyr, v_1, v_2 = np.split(truth.exact + sensors.bias + sensors.noise * normals, 3, axis=1)
-    mag, acc = FIELD_GAUSS * v_1, -STANDARD_GRAVITY_M_S2 * v_2
-    if sensors.magnet is not None:
-        begin, end = sensors.magnet
-        phase = np.clip((truth.time_us * 1e-6 % sensors.round_s - begin) / (end - begin), 0.0, 1.0)
-        # (4 x (1 - x))^2 is sin^2(pi x) to within 0.07, and the same bit for bit in any block
-        mag[:, 1] += MAGNET_PEAK_GAUSS * (4.0 * phase * (1.0 - phase)) ** 2
-    if sensors.errors is not None:
-        readings = zip(sensors.errors, (gyr, acc, mag), strict=True)
-        gyr, acc, mag = (v @ each.matrix.T + each.bias for each, v in readings)
-    rate, _, gravity = np.split(truth.exact, 3, axis=1)
-    true = truth.q_ned_frd, rate, -STANDARD_GRAVITY_M_S2 * gravity
-    ways = truth.velocity_ned_m_s, truth.position_ned_m
-    return _read_only(Recording(truth.time_us, gyr, acc, mag, *true, *ways))
-
-
 @lru_cache(maxsize=64)  # vehicles that fly side by side share the truth, and seeds of one motion
-def _truth_chunk(
+def _true_chunk(
     motion: Motion, rate_hz: float, first: int, start: Quaternion
-) -> tuple[_Truth, Quaternion]:
-    """The chunk from sample ``first`` on, whose attitude is ``start``, and the attitude after."""
+) -> tuple[Recording, Quaternion]:
+    """Perfect readings from sample ``first`` on, which is at ``start``, and the attitude after."""
     time_s = (first + np.arange(CHUNK_SAMPLES + 1)) / rate_hz
-    time_us = np.rint(time_s[:-1] * 1e6).astype(np.int64)
+    after = IDENTITY
     if motion == "flight":
-        true = flight.flight_truth(time_s[:-1])
-        field = rotate_inverse(true.q_ned_frd, flight.FIELD_NED_GAUSS) / FIELD_GAUSS
-        gravity = true.force_frd_m_s2 / -STANDARD_GRAVITY_M_S2
-        exact = np.hstack([true.rate_rad_s, field, gravity])
-        ways = true.velocity_ned_m_s, true.position_ned_m
-        return _read_only(_Truth(time_us, true.q_ned_frd, exact, *ways)), IDENTITY
-    q = _integrate(motion, time_s, start)
-    after: Quaternion = tuple((q[-1] / np.sqrt(np.sum(q[-1] ** 2))).tolist())
-    q = q[:-1]
-    field_ned = np.array(MAGNETIC_NED)
-    if motion == "bench":
-        field_ned = np.array(flight.FIELD_NED_GAUSS) / FIELD_GAUSS
-    vectors = rotate_inverse(q, field_ned), rotate_inverse(q, GRAVITY_NED)
-    exact = np.hstack([true_rate(motion, time_s[:-1]), *vectors])
-    still = np.zeros((len(q), 3))
-    return _read_only(_Truth(time_us, q, exact, still, still.copy())), after
+        q, rate, force, velocity, position = flight.flight_truth(time_s[:-1])
+    else:
+        q = _integrate(motion, time_s, start)
+        after = tuple((q[-1] / np.sqrt(np.sum(q[-1] ** 2))).tolist())
+        q, rate = q[:-1], true_rate(motion, time_s[:-1])
+        force = -STANDARD_GRAVITY_M_S2 * rotate_inverse(q, GRAVITY_NED)
+        velocity = position = np.zeros_like(rate)
+    paper_ned = FIELD_GAUSS * np.array(MAGNETIC_NED)
+    field = rotate_inverse(q, flight.FIELD_NED_GAUSS if motion in REAL else paper_ned)
+    time_us = np.rint(time_s[:-1] * 1e6).astype(np.int64)
+    true = Recording(time_us, rate, force, field, q, rate, force, velocity, position)
+    return _read_only(true), after
 
 
-def _read_only(columns: Columns) -> Columns:
-    for array in columns:
+def _read_only(recording: Recording) -> Recording:
+    for array in recording:
         array.setflags(write=False)
-    return columns
+    return recording
 
 
 def _integrate(motion: Motion, time_s: Floats, start: Quaternion) -> Floats:

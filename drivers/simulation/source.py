@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from drivers.closing import Closing
 from drivers.events import (
     BuiltIn,
     Event,
@@ -20,6 +19,7 @@ from drivers.events import (
 )
 from drivers.mavlink import constants as mav
 from drivers.player import Player
+from drivers.resources import Closing
 from drivers.samples.navigation import Fix, velocity_sample
 from drivers.simulation.autopilot import (
     HEARTBEAT_US,
@@ -77,7 +77,7 @@ class SimSource(Player, Closing):
             yield from (Parameter(*about, name, value) for name, value in PARAMETERS)
         yield Imu(*about, time_us, "RAW_IMU", imu_sample(sample))
         yield ReferenceAttitude(*about, time_us, "sim", "SIM_STATE", sample.q_ned_frd)
-        if self._vehicle.tells_place and self._place.is_due(time_us):
+        if self._vehicle.knows_place and self._place.is_due(time_us):
             name, fix = "GLOBAL_POSITION_INT", Fix(velocity_reported(sample, 1.0, self._receiver))
             yield Position(*about, time_us, name, *geodetic(sample.position_ned_m))
             velocity = velocity_sample(name, fix, time_us)

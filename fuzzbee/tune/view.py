@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.aside import aside
+from drivers.resources import aside
 from fuzzbee.notify import notify
 from fuzzbee.viewer.stream import CLOSED, FINISH_FLUSH_S, ViewerOptions, ViewerStream, rr, rrb
 from tuning.search import Search

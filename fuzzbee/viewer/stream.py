@@ -12,8 +12,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from drivers.aside import aside
 from drivers.output_file import NotWholeError
+from drivers.resources import aside
 from estimator.errors import InputError
 from fuzzbee.notify import notify
 from fuzzbee.viewer.process import MISSING, ViewerProcess

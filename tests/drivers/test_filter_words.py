@@ -119,8 +119,7 @@ def dataflash(folder, flags, ratio=0.1):
 
 
 @pytest.mark.parametrize(
-    ("flags", "ratio", "sigmas"),
-    [(FLYING, 0.1, [0.3]), (FLYING, 1.0, [1.2]), (STANDING, 0.1, [])],
+    ("flags", "ratio", "sigmas"), [(FLYING, 0.1, [0.3]), (FLYING, 1.0, [1.2]), (STANDING, 0.1, [])]
 )
 def test_an_on_board_log_of_ardupilot(flags, ratio, sigmas, tmp_path):
     events = list(open_log(dataflash(tmp_path, flags, ratio)))

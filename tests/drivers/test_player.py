@@ -1,4 +1,3 @@
-import msgspec
 import pytest
 
 from drivers.events import Malformed
@@ -49,16 +48,6 @@ def test_gaps_are_silence_but_broken_stamps_are_skipped():
     assert times[2] == pytest.approx(10.0, abs=0.06)
     assert times[-1] == pytest.approx(10.04, abs=0.1)
     assert stamps[2] - stamps[1] > MAX_GAP_US
-
-
-def test_an_empty_log_is_finished_at_once():
-    assert Player([], 1.0).is_finished()
-
-
-def test_events_are_the_logs_own():
-    event = Malformed(5, 2)
-    player = Player([event], 1.0)
-    assert player.drain(0.0) == [msgspec.structs.replace(event)]
 
 
 def test_a_service_that_cannot_keep_up_hears_no_silence():

@@ -9,7 +9,7 @@ from drivers.mavlink.encoder import FrameEncoder, command_ack, raw_imu
 from drivers.mavlink.framing import Frame, FrameReader
 from drivers.mavlink.gate import MOST_SENDERS as MOST_GATED
 from drivers.mavlink.gate import TAKE_OVER_US, FrameGate, Policy
-from drivers.places import PLACES
+from drivers.resources import PLACES
 from estimator.profile import load_profile
 from fuzzbee.table_model import TableModel
 from service.pipeline import FORGOTTEN_LOOKS, Pipeline

@@ -21,8 +21,6 @@ from drivers.events import (
     Velocity,
 )
 from drivers.logs.dataflash import Dataflash
-from drivers.logs.dataflash_format import messages
-from drivers.logs.log_file import Window
 from drivers.logs.other_sensors import currents, vibrations
 
 G = 9.80665
@@ -235,7 +233,7 @@ def test_messages_agree_with_dfreader(tmp_path, monkeypatch):
     with DFReader_binary(str(path)) as reader:
         while (m := reader.recv_match(type=list(names))) is not None:
             theirs.append((m.get_type(), {key: getattr(m, key) for key in m.get_fieldnames()}))
-    ours = list(messages(Window(log.data), names))
+    ours = [(name, vars(fields)) for _, name, _, fields in Dataflash(path).readings(names)]
     assert len(ours) > 250
     assert ours == theirs
 

@@ -93,18 +93,6 @@ def test_each_record_between_damaged_stretches_is_found(tmp_path):
         assert sum(isinstance(event, Malformed) for event in events) in (19, 20)
 
 
-@pytest.mark.parametrize(
-    ("name", "size"),
-    [("hover.ulg", 16), ("hover.ulg", 1000), ("hover.ulg", 20_000), ("flight.bin", 3)]
-    + [("flight.bin", size) for size in (60, 89, 400)],
-)
-def test_a_log_cut_off_in_its_head_has_no_imu(tmp_path, name, size):
-    path = tmp_path / name
-    path.write_bytes(DAMAGED[name][0]()[:size])
-    with pytest.raises(InputError, match=f"{name}: "):
-        list(imu_events(open_log(path)))
-
-
 class Failing(io.RawIOBase):
     """A file of which a part can be read before the disk fails."""
 

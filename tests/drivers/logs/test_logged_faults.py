@@ -32,6 +32,24 @@ def flight():
         yield sample.time_us / S, sample._replace(time_us=sample.time_us + 5 * S)
 
 
+def shifted(by_s, keep=1):
+    """Each sample of the flight, or one of ``keep``, with its clock changed by so many seconds."""
+    flown = [*flight()][::keep]
+    return [s._replace(time_us=s.time_us + round(S * by_s(time_s))) for time_s, s in flown]
+
+
+def of(kind, events):
+    return [event for event in events if isinstance(event, kind)]
+
+
+def reasons(events):
+    return Counter(str(event.reason) for event in of(Rejected, events))
+
+
+def imu_times(events):
+    return [event.sample.time_us for event in of(Imu, events)]
+
+
 def tlog(samples, folder, arrival_us=lambda k: START_US + round((k + 1) * S / RATE_HZ), lost=None):
     """HIGHRES_IMU, whose fields are floats, and the true attitude behind each.
 
@@ -214,24 +232,20 @@ def damaged(fault):
 @pytest.mark.parametrize("name", FAULTS)
 @pytest.mark.parametrize("kind", WRITERS)
 def test_a_sensors_fault_is_refused_and_the_attitude_holds_after_it(kind, name, tmp_path):
-    fault, reasons = FAULTS[name]
+    fault, expected = FAULTS[name]
     path = WRITERS[kind](damaged(fault), tmp_path)
     report = report_log(path, load_profile("paper"), skip_s=END_S + 3.0)
-    assert set(report.rejected) == reasons
+    assert set(report.rejected) == expected
     assert report.error_deg.total_rms < HOLDS_DEG
 
 
 @pytest.mark.parametrize("step_s", [40.0, 3000.0])
 @pytest.mark.parametrize("kind", WRITERS)
 def test_a_leap_of_the_clock_is_cut_out(kind, step_s, tmp_path):
-    samples = [
-        sample._replace(time_us=sample.time_us + round(step_s * S * (time_s >= BEGIN_S)))
-        for time_s, sample in flight()
-    ]
-    path = WRITERS[kind](samples, tmp_path)
-    resets = [event for event in open_log(path) if isinstance(event, ClockReset)]
+    path = WRITERS[kind](shifted(lambda time_s: step_s * (time_s >= BEGIN_S)), tmp_path)
     # a log that knows no arrivals cannot tell a short leap from a hole
-    assert len(resets) == (1 if kind == "tlog" or step_s > 600 else 0)
+    resets = 1 if kind == "tlog" or step_s > 600 else 0
+    assert len(of(ClockReset, open_log(path))) == resets
     report = report_log(path, load_profile("paper"), skip_s=BEGIN_S + 5.0)
     assert report.error_deg.total_rms < HOLDS_DEG
 
@@ -243,10 +257,7 @@ def test_a_clock_that_is_set_back_is_a_reset_reported_once(kind, back_s, tmp_pat
     begin_s = 2.0 * back_s + 20.0 if kind in ("dataflash", "ulog") else 0.0
     if begin_s > 1e5:
         pytest.skip("no vehicle runs for years")
-    samples = [
-        s._replace(time_us=s.time_us + round(S * (begin_s - back_s * (time_s >= BEGIN_S))))
-        for time_s, s in flight()
-    ]
+    samples = shifted(lambda time_s: begin_s - back_s * (time_s >= BEGIN_S))
     path = ALL_WRITERS[kind](samples, tmp_path)
     assert main(["replay", str(path), "--profile", "paper", "--json"]) == 0
     output = capsys.readouterr()
@@ -271,15 +282,10 @@ def test_a_log_of_which_much_is_refused_says_so(kind, tmp_path, capsys):
 
 @pytest.mark.parametrize("kind", ["tlog", "dataflash"])  # PX4 begins a new log
 def test_a_reboot_in_the_middle_of_a_log_begins_a_new_stretch(kind, tmp_path):
-    samples = [
-        sample._replace(time_us=sample.time_us - round(S * BEGIN_S * (time_s >= BEGIN_S)))
-        for time_s, sample in flight()
-    ]
-    path = WRITERS[kind](samples, tmp_path)
-    events = list(open_log(path))
-    (reset,) = [event for event in events if isinstance(event, ClockReset)]
-    assert reset.reason == "reboot"
-    times_us = [event.sample.time_us for event in events if isinstance(event, Imu)]
+    samples = shifted(lambda time_s: -BEGIN_S * (time_s >= BEGIN_S))
+    events = list(open_log(WRITERS[kind](samples, tmp_path)))
+    assert [reset.reason for reset in of(ClockReset, events)] == ["reboot"]
+    times_us = imu_times(events)
     assert all(a < b for a, b in pairwise(times_us))
     assert len(times_us) >= len(samples) - 1
 
@@ -300,9 +306,9 @@ def test_a_vehicle_that_boots_twice_within_a_second_loses_nothing(
     ]
     options = [lambda k: START_US + round(k * keep * S / RATE_HZ)] if kind == "tlog" else []
     events = list(open_log(WRITERS[kind](samples, tmp_path, *options)))
-    assert [e.reason for e in events if isinstance(e, ClockReset)] == ["reboot"]
-    assert not [event for event in events if isinstance(event, Rejected)]
-    assert sum(isinstance(event, Imu) for event in events) == len(samples)
+    assert [reset.reason for reset in of(ClockReset, events)] == ["reboot"]
+    assert not reasons(events)
+    assert len(of(Imu, events)) == len(samples)
 
 
 @pytest.mark.parametrize("kind", ["dataflash", "ulog", "csv", "mcap"])
@@ -310,10 +316,9 @@ def test_rows_that_stand_twice_in_a_log_are_duplicates(kind, tmp_path):
     """A block that a logger has written once more."""
     samples = [sample for _, sample in flight()]
     events = list(open_log(ALL_WRITERS[kind]([*samples[:600], *samples[570:]], tmp_path)))
-    assert not [event for event in events if isinstance(event, ClockReset)]
-    reasons = Counter(event.reason for event in events if isinstance(event, Rejected))
-    assert reasons == {"duplicate": 30}
-    assert sum(isinstance(event, Imu) for event in events) == len(samples)
+    assert not of(ClockReset, events)
+    assert reasons(events) == {"duplicate": 30}
+    assert len(of(Imu, events)) == len(samples)
 
 
 @pytest.mark.parametrize("ahead", [1, 3])
@@ -324,24 +329,19 @@ def test_samples_out_of_order_are_refused_or_put_in_order(kind, ahead, tmp_path)
     for k in range(400, 600, 10):
         samples.insert(k, samples.pop(k + ahead))
     events = list(open_log(WRITERS[kind](samples, tmp_path)))
-    assert not [event for event in events if isinstance(event, ClockReset)]
-    reasons = Counter(event.reason for event in events if isinstance(event, Rejected))
-    assert reasons == ({} if kind == "ulog" else {"out_of_order": 20 * ahead})
+    assert not of(ClockReset, events)
+    assert reasons(events) == ({} if kind == "ulog" else {"out_of_order": 20 * ahead})
 
 
 @pytest.mark.parametrize("kind", ["tlog", "mcap"])
 @pytest.mark.parametrize("step_s", [-1.9, -1.2, -0.8, -0.3, -0.06, 0.8, 1.9, 3.5])
 def test_a_short_leap_beside_steady_arrivals_costs_nothing(step_s, kind, tmp_path):
     """There and back again, and nothing is aligned anew."""
-    samples = [
-        s._replace(time_us=s.time_us + round(S * (100 + step_s * (BEGIN_S <= time_s < END_S))))
-        for time_s, s in flight()
-    ]
+    samples = shifted(lambda time_s: 100 + step_s * (BEGIN_S <= time_s < END_S))
     path = tlog(samples, tmp_path) if kind == "tlog" else mcap(samples, tmp_path, received_ns)
     events = list(open_log(path))
-    resets = [event for event in events if isinstance(event, ClockReset)]
+    resets, times_us = of(ClockReset, events), imu_times(events)
     assert [(each.reason, each.goes_on) for each in resets] == [("jump", True)] * 2
-    times_us = [event.sample.time_us for event in events if isinstance(event, Imu)]
     assert len(times_us) == len(samples)
     assert max(b - a for a, b in pairwise(times_us)) < 0.1 * S
     assert times_us[-1] - times_us[0] == pytest.approx((LAST_S - 1 / RATE_HZ) * S, abs=0.1 * S)
@@ -356,19 +356,14 @@ def received_ns(k):
 @pytest.mark.parametrize("back_s", [0.05, 0.1, 0.3, 0.6, 0.95])
 def test_a_clock_that_is_set_back_a_little_costs_nothing(back_s, keep, tmp_path):
     """By two samples and more: less cannot be told from a late one."""
-    samples = [
-        s._replace(time_us=s.time_us + round(S * (100 - back_s * (time_s >= BEGIN_S))))
-        for k, (time_s, s) in enumerate(flight())
-        if k % keep == 0
-    ]
+    samples = shifted(lambda time_s: 100 - back_s * (time_s >= BEGIN_S), keep)
     period_s = keep / RATE_HZ
     path = tlog(samples, tmp_path, lambda k: START_US + round(k * S * period_s))
     events = list(open_log(path))
-    resets = [event for event in events if isinstance(event, ClockReset)]
+    resets, times_us = of(ClockReset, events), imu_times(events)
     assert len(resets) == (back_s >= 2.0 * period_s)
     if resets:
         assert (resets[0].reason, resets[0].goes_on) == ("jump", True)
-        times_us = [event.sample.time_us for event in events if isinstance(event, Imu)]
         assert {b - a for a, b in pairwise(times_us)} == {round(S * period_s)}
         assert len(times_us) == len(samples)
 
@@ -385,9 +380,8 @@ def test_rows_that_come_late_are_not_taken_for_a_clock_that_was_set_back(late_ro
         return START_US + round((520 if is_late else row) * S / RATE_HZ) + 100 * (k - 520) * is_late
 
     events = list(open_log(tlog(moved, tmp_path, arrival_us)))
-    assert not [event for event in events if isinstance(event, ClockReset)]
-    reasons = Counter(event.reason for event in events if isinstance(event, Rejected))
-    assert reasons == {"out_of_order": late_rows}
+    assert not of(ClockReset, events)
+    assert reasons(events) == {"out_of_order": late_rows}
 
 
 @pytest.mark.parametrize("lost", [3, 6, 12])
@@ -399,8 +393,8 @@ def test_late_copies_where_originals_are_lost_are_no_clock_that_was_set_back(los
     came.sort(key=lambda each: each[0])
     path = tlog([s for _, s in came], tmp_path, lambda k: START_US + round(S * came[k][0]))
     events = list(open_log(path))
-    assert not [event for event in events if isinstance(event, ClockReset)]
-    assert sum(isinstance(event, Imu) for event in events) >= len(came) - len(samples)
+    assert not of(ClockReset, events)
+    assert len(of(Imu, events)) >= len(came) - len(samples)
 
 
 @pytest.mark.parametrize("kind", ["tlog", "csv"])
@@ -409,8 +403,7 @@ def test_what_comes_last_in_a_log_is_counted(kind, tmp_path):
     samples = [sample for _, sample in flight()]
     samples[-1] = samples[-1]._replace(time_us=samples[-1].time_us + 3000 * S)
     events = list(open_log(WRITERS[kind](samples, tmp_path)))
-    reasons = [event.reason for event in events if isinstance(event, Rejected)]
-    assert reasons == ["clock_step"]
+    assert reasons(events) == {"clock_step": 1}
 
 
 def test_a_short_leap_where_messages_are_missing_is_a_gap(tmp_path):
@@ -418,9 +411,9 @@ def test_a_short_leap_where_messages_are_missing_is_a_gap(tmp_path):
     samples = [sample for time_s, sample in flight() if not BEGIN_S <= time_s < BEGIN_S + 1.9]
     path = tlog(samples, tmp_path, lost=(round(BEGIN_S * RATE_HZ), 190))
     events = list(open_log(path))
-    assert not [event for event in events if isinstance(event, ClockReset)]
-    times_us = [event.sample.time_us for event in events if isinstance(event, Imu)]
-    assert max(b - a for a, b in pairwise(times_us)) == pytest.approx(1.92 * S)
+    assert not of(ClockReset, events)
+    steps_us = [b - a for a, b in pairwise(imu_times(events))]
+    assert max(steps_us) == pytest.approx(1.92 * S)
 
 
 # of a row: what it becomes, and the word that it, or a part of it, is counted under
@@ -452,10 +445,10 @@ def test_no_row_is_lost_that_can_be_used_and_each_other_has_its_reason(kind, see
         expected[reason] += 1
     refused = {reason for reason in expected if reason and not reason.startswith("magnetometer")}
     events = list(open_log(ALL_WRITERS[kind](samples, tmp_path)))
-    reasons = Counter(str(event.reason) for event in events if isinstance(event, Rejected))
+    found = reasons(events)
     good = len(samples) - sum(expected[reason] for reason in refused)
-    assert sum(isinstance(event, Imu) for event in events) == good
-    assert {reason: reasons[reason] for reason in refused} == {r: expected[r] for r in refused}
+    assert len(of(Imu, events)) == good
+    assert {reason: found[reason] for reason in refused} == {r: expected[r] for r in refused}
     # a field beside a row that is refused may not be looked at
-    assert 0 < reasons["magnetometer_out_of_range"] <= expected["magnetometer_out_of_range"]
-    assert reasons.keys() <= {*refused, "magnetometer_out_of_range"}
+    assert 0 < found["magnetometer_out_of_range"] <= expected["magnetometer_out_of_range"]
+    assert found.keys() <= {*refused, "magnetometer_out_of_range"}

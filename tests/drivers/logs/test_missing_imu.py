@@ -5,6 +5,7 @@ import pytest
 from drivers.mavlink.constants import mavlink
 from fuzzbee.cli import main
 from tests.drivers.logs import test_dataflash
+from tests.drivers.logs.test_logged_faults import json_mcap
 
 S = 1_000_000
 UNIX_US = 1_700_000_000 * S
@@ -55,14 +56,23 @@ def test_an_imu_of_zeros_is_no_missing_message(tmp_path, capsys):
     assert "ask for" not in line
 
 
-def test_another_system_has_sent_nothing(tmp_path, capsys):
-    line = refusal(capsys, "replay", tlog(tmp_path, ARDUPILOT), "--system-id", "7")
-    assert "no IMU data of system id 7" in line
-
-
-def test_an_on_board_log_says_which_bit_to_set(tmp_path, capsys):
+def dataflash(folder):
     log = test_dataflash.Writer()
     log.format("ATT", "Qccc", "TimeUS,Roll,Pitch,Yaw")
     for k in range(20):
         log.write("ATT", S + k * S // 10, 0.0, 0.0, 1.0)
-    assert "IMU bit of LOG_BITMASK" in refusal(capsys, "replay", log.save(tmp_path))
+    return log.save(folder)
+
+
+def bag(folder):
+    return json_mcap(folder / "a.mcap", [("MagneticField", 1, 1, {})])
+
+
+@pytest.mark.parametrize("write", [lambda folder: tlog(folder, ARDUPILOT), dataflash, bag])
+def test_another_system_has_sent_nothing(tmp_path, capsys, write):
+    line = refusal(capsys, "replay", write(tmp_path), "--system-id", "7")
+    assert "no IMU data of system id 7" in line
+
+
+def test_an_on_board_log_says_which_bit_to_set(tmp_path, capsys):
+    assert "IMU bit of LOG_BITMASK" in refusal(capsys, "replay", dataflash(tmp_path))

@@ -4,15 +4,7 @@ import numpy as np
 import pytest
 
 from drivers.endpoint import Endpoint, parse_endpoint
-from drivers.events import (
-    BuiltIn,
-    Heartbeat,
-    Imu,
-    LinkUp,
-    Position,
-    ReferenceAttitude,
-    Velocity,
-)
+from drivers.events import BuiltIn, Heartbeat, Imu, LinkUp, Position, ReferenceAttitude, Velocity
 from drivers.player import MAX_BEHIND_S
 from drivers.simulation.flight import SILENCE_S, flight_truth
 from drivers.simulation.simulated_vehicle import (

@@ -2,7 +2,7 @@
 
 import pytest
 
-from drivers import places
+from drivers import resources
 
 GIB = 1 << 30
 
@@ -27,9 +27,9 @@ def test_there_is_room_for_as_many_as_machine_and_container_have(
             raise ValueError(name)
         return {"SC_PHYS_PAGES": machine // 4096, "SC_PAGE_SIZE": 4096}[name]
 
-    monkeypatch.setattr(places.os, "sysconf", sysconf)
+    monkeypatch.setattr(resources.os, "sysconf", sysconf)
     files = tmp_path / "memory.max", tmp_path / "limit_in_bytes"
-    monkeypatch.setattr(places, "GROUP", files)
+    monkeypatch.setattr(resources, "GROUP", files)
     if limit is not None:
         files[version].write_text(f"{limit}\n")
-    assert places.places() == expected
+    assert resources.places() == expected
