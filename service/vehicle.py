@@ -8,7 +8,7 @@ from estimator.estimator import Estimator
 from estimator.profile import Profile
 from estimator.reasons import Reason
 from estimator.types import ImuSample, VelocitySample
-from service.alarms import MEANINGS, Alarms
+from service.alarms import Alarms
 from service.evidence import OtherImus
 from service.lines import LineLimit
 from service.publishing import HostClock, Publishing, attitude_record, is_finite
@@ -175,7 +175,7 @@ class Vehicle:
         if theirs is None:
             return []
         place = self.estimator.place_field
-        alarms = " and ".join(sorted(MEANINGS[each] for each in self.alarms.words))
+        alarms = " and ".join(sorted(each.meaning for each in self.alarms.words))
         against_ours = f"of ours, {alarms}" if alarms else ""
         lines = self.comparison.compare(event, theirs, ours, sample, place, against_ours)
         return self.lines(lines, event.arrival_us)

@@ -15,7 +15,6 @@ import msgspec
 
 from estimator.errors import InputError
 from fuzzbee.notify import notify
-from fuzzbee.table_model import Row, TableModel
 from fuzzbee.verdict import (
     Judgement,
     compass_off_deg,
@@ -26,6 +25,7 @@ from fuzzbee.verdict import (
     warning_text,
 )
 from service.http_door import Answer, HttpDoor
+from service.latest import Latest, Row
 from service.records import AttitudeRecord, Output
 
 HOST = "127.0.0.1"
@@ -78,10 +78,10 @@ class WebPage:
         self,
         address: Address,
         title: str,
-        model: TableModel | None = None,
+        model: Latest | None = None,
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.model = model or TableModel()
+        self.model = model or Latest()
         self.title = title
         self.now_s = now_s
         try:
@@ -138,7 +138,7 @@ class WebPage:
         return None
 
 
-def open_page(text: str, title: str, model: TableModel | None = None) -> WebPage:
+def open_page(text: str, title: str, model: Latest | None = None) -> WebPage:
     """The page at an address as it was typed; prints where it is."""
     page = WebPage(parse_address(text), title, model)
     is_loopback = ipaddress.ip_address(page.address.host).is_loopback

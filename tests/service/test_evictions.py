@@ -11,7 +11,7 @@ from drivers.mavlink.gate import MOST_SENDERS as MOST_GATED
 from drivers.mavlink.gate import TAKE_OVER_US, FrameGate, Policy
 from drivers.places import PLACES
 from estimator.profile import load_profile
-from fuzzbee.table_model import TableModel
+from service.latest import Latest
 from service.pipeline import FORGOTTEN_LOOKS, Pipeline
 from service.records import Departed, Message, Published, Replaced, vehicle_name
 from tests.service.records import record
@@ -148,7 +148,7 @@ def test_what_a_sender_was_is_forgotten_by_the_gate():
 
 
 def test_a_table_has_room_for_the_latest():
-    model = TableModel()
+    model = Latest()
     vehicles = addresses(PLACES + 300)
     for second, vehicle in enumerate(vehicles):
         model.take([Published(vehicle, record())], float(second))
