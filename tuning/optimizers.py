@@ -37,18 +37,8 @@ def run_search(search: Search, first: Floats) -> bool:
 
 
 def bees(search: Search, first: Floats, generator: np.random.Generator) -> None:
-    """Artificial bee colony for the given number of cycles; scouts come on top of the budget."""
-    options = search.options
-    colony = Colony(
-        search.space, options.food_sources, options.limit, generator, first=first[None, :]
-    )
-    flight = colony.fly()
-    asked = next(flight)
-    while colony.cycles < options.cycles:
-        cycle = colony.cycles
-        asked = flight.send(search.costs(asked, scouts=colony.is_scouting))
-        if colony.cycles > cycle:
-            search.end_cycle(colony.costs)
+    """Artificial bee colony for the given number of cycles."""
+    Colony(search, first[None, :], generator).fly()
 
 
 def cma_es(search: Search, first: Floats, generator: np.random.Generator) -> None:

@@ -113,8 +113,9 @@ def test_nothing_is_changed_by_an_event_that_is_no_noise():
 
 
 def test_a_bad_candidate_does_not_win():
-    def worst(space, kept, evaluate, generator):
-        return np.array([each.upper for each in space]), kept
+    def worst(search, kept, generator):
+        search.best_values = np.array([each.upper for each in search.space])
+        return kept
 
     assert flown(45.0, 5.0, 5.0, look=worst)[0].decisions == []
 
