@@ -109,7 +109,7 @@ def save(name: str, title: str, shown: RenderableType, height: int) -> None:
 
 def draw_viewer() -> None:
     """The page that a browser shows."""
-    from fuzzbee.viewer.stream import ViewerOptions
+    from fuzzbee.outputs import ViewerOptions
     from fuzzbee.viewer.viewer import ViewerSink
     from tests.fuzzbee import browser
 

@@ -23,7 +23,6 @@ from fuzzbee import outputs, security
 from fuzzbee.notify import notify
 from fuzzbee.run import RunOptions
 from fuzzbee.run_report import conclude, recording_word, summary
-from fuzzbee.sinks import parse_address_of
 from fuzzbee.terminal import PersonConsole, TerminalView
 from fuzzbee.truth_score import ScoredPipeline
 from fuzzbee.zenoh_options import opened
@@ -140,7 +139,7 @@ def _open_source(
         return Player(imu_events(log), options.speed, follow=log.follow), None
     policy = security.open_policy(options.security, key, stack)
     if options.outputs.send_as is not None:
-        policy = policy._replace(own=parse_address_of(options.outputs.send_as))
+        policy = policy._replace(own=outputs.parse_address_of(options.outputs.send_as))
     shows_others = options.truth or options.outputs.view or options.outputs.rrd
     with ExitStack() as unless_opened:
         recorder = None

@@ -21,7 +21,7 @@ from fuzzbee.options import (
     of_source,
     require_positive,
 )
-from fuzzbee.sinks import WEB
+from fuzzbee.outputs import WEB
 from fuzzbee.zenoh_options import ZenohArguments, opened
 
 if TYPE_CHECKING:

@@ -25,8 +25,8 @@ from tuning.space import encode, profile_with, values_of
 from tuning.task import LogTask
 
 if TYPE_CHECKING:
+    from fuzzbee.outputs import ViewerOptions
     from fuzzbee.tune.view import SearchView
-    from fuzzbee.viewer.stream import ViewerOptions
 
 # A checkpoint is written this often, so a power cut costs no more of a search.
 CHECKPOINT_PERIOD_S = 20.0

@@ -10,12 +10,13 @@ from contextlib import suppress
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from drivers.aside import aside
 from drivers.output_file import NotWholeError
 from estimator.errors import InputError
 from fuzzbee.notify import notify
+from fuzzbee.outputs import ViewerOptions
 from fuzzbee.viewer.process import MISSING, ViewerProcess
 from service.signals import terminate_like_interrupt
 
@@ -38,14 +39,6 @@ FILE_OPEN_S = 5.0  # for the arrangement of the views, 60 kB
 CLOSED = "closed; the rest goes on without it"
 # So begins what the library prints of a file that it could not write, later or at once.
 OF_FILE = ("File-writer", "Failed to encode LogMsg")
-
-
-class ViewerOptions(NamedTuple):
-    """What was asked for: a window or "web", or None; a file, or None. Live, the past is less."""
-
-    view: str | None = None
-    rrd: str | None = None
-    live: bool = False
 
 
 class ViewerStream:

@@ -27,9 +27,9 @@ from tests.service.records import UNIX_US, record
 
 pytest.importorskip("rerun", reason="the extra viewer is not installed")
 
+from fuzzbee.outputs import ViewerOptions
 from fuzzbee.viewer import process as viewer_process
 from fuzzbee.viewer.layout import PLOTS
-from fuzzbee.viewer.stream import ViewerOptions
 from fuzzbee.viewer.viewer import MOST_VEHICLES, ViewerSink
 from tests.fuzzbee.rrd import chunks, listing, numbers, rows
 
