@@ -1,6 +1,7 @@
 """``fuzzbee run``: the live service."""
 
 from collections import namedtuple
+from contextlib import nullcontext
 from typing import Annotated, Any, NamedTuple
 
 import typer
@@ -104,7 +105,7 @@ def run(options: RunOptions) -> int:
     asked = (("--record", options.record), ("--rrd", options.outputs.rrd))
     inputs = (options.source, options.profile, options.security.signing_key_file)
     outputs.require_own_files(asked, (*inputs, options.zenoh.config_file))
-    with opening(None if options.no_zenoh else options.zenoh) as session:
+    with nullcontext() if options.no_zenoh else opening(options.zenoh) as session:
         from fuzzbee.serve import serve
 
         return serve(options, session)

@@ -62,7 +62,7 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
     with ExitStack() as stack:
         # first, and once: what comes meanwhile is recorded
         source, recorder = _open_source(endpoint, options, key, stack)
-        session = None if opening is None else opened(opening, stack)
+        session = None if opening is None else opened(opening)
         pipeline = _pipeline(profile, options, requests, stack)
         if options.truth or endpoint.kind == "sim":
             pipeline.scores = {}

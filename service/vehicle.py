@@ -38,6 +38,7 @@ class Vehicle:
         number: int = 0,
     ) -> None:
         self.address = address
+        self.name = vehicle_name(address)  # the middle part of its keys
         self.estimator = estimator
         self.heard_us = 0  # the latest arrival of anything that is a vehicle's own
         self.silent_looks = 0  # of the pipeline since then
@@ -52,11 +53,6 @@ class Vehicle:
         self.publishing = Publishing(rate_hz, number)
         self._use_axes()
         self._limit = LineLimit(f"vehicle {self.name}")
-
-    @property
-    def name(self) -> str:
-        """The middle part of its keys."""
-        return vehicle_name(self.address)
 
     @property
     def profile(self) -> Profile:

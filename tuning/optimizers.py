@@ -36,9 +36,11 @@ def run_search(search: Search, first: Floats) -> bool:
     return True
 
 
-def bees(search: Search, first: Floats, generator: np.random.Generator) -> None:
-    """Artificial bee colony for the given number of cycles."""
-    Colony(search, first[None, :], generator).fly()
+def bees(search: Search, first: Floats, generator: np.random.Generator) -> Floats:
+    """Artificial bee colony, from one position or some; its food sources at the end (N, D)."""
+    colony = Colony(search, np.atleast_2d(first), generator)
+    colony.fly()
+    return colony.positions
 
 
 def cma_es(search: Search, first: Floats, generator: np.random.Generator) -> None:
@@ -119,7 +121,7 @@ class Algorithm(NamedTuple):
 
     name: str
     fewest_sources: int
-    run: Callable[[Search, Floats, np.random.Generator], None]
+    run: Callable[[Search, Floats, np.random.Generator], object]
 
 
 ALGORITHMS = {

@@ -52,10 +52,9 @@ class Pool(Closing):
             yield from map(self._work, things)
             return
         try:
-            with _apart_from_terminal():
-                answers = [self._pool.submit(_answer, thing) for thing in things]
-            for answer in answers:
-                yield answer.result()
+            with _apart_from_terminal():  # all are sent at once
+                answers = self._pool.map(_answer, things)
+            yield from answers
         except BrokenProcessPool:
             raise ChildProcessError("a process, which computed, has ended") from None
 

@@ -21,9 +21,9 @@ from estimator.profile import Profile, merge_profile, profile_to_json
 from estimator.reasons import Reason
 from estimator.types import ImuSample
 from tuning.calls import LoggedEstimator
-from tuning.colony import Colony
 from tuning.online.cost import cost_on, has_moved, noise_of
 from tuning.online.segment import SEGMENT_S, Segment, rows_of_all
+from tuning.optimizers import bees
 from tuning.search import Search, SearchOptions
 from tuning.space import Parameter, Space, decode, encode
 
@@ -97,13 +97,6 @@ def space_around(base: Profile, factors: Floats) -> Space:
     return tuple(map(Parameter, names, low.tolist(), high.tolist()))
 
 
-def colony_look(search: Search, kept: Floats, generator: np.random.Generator) -> Floats:
-    """Evaluate the kept food sources on the present segment, and go on from them."""
-    colony = Colony(search, kept, generator)
-    colony.fly()
-    return colony.positions
-
-
 class Decision(NamedTuple):
     """A change of the profile in force: what it becomes, as a partial profile, and why.
 
@@ -158,7 +151,7 @@ class Trial(NamedTuple):
 class Retuner:
     """The decisions about one vehicle, from segment to segment."""
 
-    def __init__(self, base: Profile, seed: int = 0, look: Look = colony_look) -> None:
+    def __init__(self, base: Profile, seed: int = 0, look: Look = bees) -> None:
         self._look = look
         self._generator = np.random.default_rng(seed)
         self._base = base
