@@ -141,7 +141,7 @@ class Vehicle:
         is_rates = isinstance(event, events.BodyRates)
         if is_rates and self.imu.has_other_clock(event.arrival_us, sample.time_us):
             return
-        if not self.imu.reports.take(event):
+        if not self.imu.uses(event):
             return
         reason = self.estimator.update_report(sample)
         if reason is not None:

@@ -42,13 +42,25 @@ def options(endpoint, **changes):
     )
 
 
+def opened(config, patience_s=60.0):
+    """A session of a service that may still be starting."""
+    end_s = time.monotonic() + patience_s
+    while True:
+        try:
+            return zenoh.open(config)
+        except zenoh.ZError:
+            if time.monotonic() > end_s:
+                raise
+            time.sleep(0.1)
+
+
 @contextmanager
-def plain_client(endpoint):
+def plain_client(endpoint, patience_s=0.0):
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')
     config.insert_json5("scouting/multicast/enabled", "false")
     config.insert_json5("connect/endpoints", json.dumps([endpoint]))
-    with zenoh.open(config) as session:
+    with opened(config, patience_s) as session:
         yield session
 
 
