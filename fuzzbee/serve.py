@@ -187,17 +187,16 @@ def _pipeline(
         from fuzzbee.retuning import Retuning  # which loads what searches
 
         retuning = stack.enter_context(Retuning(requests, options.gain))
+    plain = partial(Estimator, fixed_gain=options.gain)
     pipeline = ScoredPipeline(
         profile,
         system_id=options.system_id,
-        new_estimator=lambda chosen: (
-            Estimator(chosen, options.gain) if retuning is None else retuning.estimator(chosen)
-        ),
+        new_estimator=plain if retuning is None else retuning.estimator,
         fits_built_in=options.profile is None,
         rate_hz=options.rate_hz,
     )
     if retuning is not None:
-        retuning.watch(pipeline)
+        retuning.pipeline = pipeline
     return pipeline
 
 

@@ -100,18 +100,24 @@ class WebPage:
         self._door.close()
 
     def _respond(self, target: str, _headers: Mapping[str, str]) -> Answer | None:
-        """The page, its events, or a record."""
+        """The page, its events, the vehicles' names, or the latest record, as on Zenoh."""
         url = urlsplit(target)
-        if url.path == "/":
-            page = files("fuzzbee.web").joinpath("page.html").read_bytes()
-            return Answer("text/html; charset=utf-8", page)
-        if url.path == "/events":
-            vehicle = parse_qs(url.query).get("vehicle", [None])[0]
-            period_s = 1.0 / (ALL_HZ if vehicle is None else ONE_HZ)
-            events = iter(partial(self.event, vehicle), None)
-            return Answer("text/event-stream", b"", events, period_s)
-        record = self.record(url.path)
-        return None if record is None else Answer("application/json", record)
+        rows = {row.name: row for row in self.model.rows()}
+        found: Any = None
+        match url.path.split("/")[1:]:
+            case [""]:
+                page = files("fuzzbee.web").joinpath("page.html").read_bytes()
+                return Answer("text/html; charset=utf-8", page)
+            case ["events"]:
+                vehicle = parse_qs(url.query).get("vehicle", [None])[0]
+                period_s = 1.0 / (ALL_HZ if vehicle is None else ONE_HZ)
+                events = iter(partial(self.event, vehicle), None)
+                return Answer("text/event-stream", b"", events, period_s)
+            case ["vehicles"]:
+                found = list(rows)
+            case ["vehicles", name, ("attitude" | "status") as kind] if name in rows:
+                found = getattr(rows[name], kind)
+        return None if found is None else Answer("application/json", msgspec.json.encode(found))
 
     def event(self, vehicle: str | None) -> bytes:
         """What is sent: all vehicles, or one of them, with the server's time (ms)."""
@@ -122,20 +128,6 @@ class WebPage:
             "vehicles": [shown(row) for row in rows],
         }
         return b"data: " + msgspec.json.encode(content) + b"\n\n"
-
-    def record(self, path: str) -> bytes | None:
-        """JSON for ``/vehicles`` (their names) or ``/vehicles/NAME/attitude|status``.
-
-        A record is the latest, as on Zenoh; None where there is none.
-        """
-        rows = {row.name: row for row in self.model.rows()}
-        match path.split("/")[1:]:
-            case ["vehicles"]:
-                return msgspec.json.encode(list(rows))
-            case ["vehicles", name, ("attitude" | "status") as kind] if name in rows:
-                record = getattr(rows[name], kind)
-                return None if record is None else msgspec.json.encode(record)
-        return None
 
 
 def open_page(text: str, title: str, model: Latest | None = None) -> WebPage:
