@@ -99,6 +99,7 @@ def parse_address_of(text: str) -> "VehicleId":
 
 
 def _metrics(opening: Opening) -> "Sink":
+    require_extra("prometheus_client", "--metrics", "metrics")
     from service.sinks.metrics import MetricsSink
 
     return MetricsSink(opening.options["metrics"])

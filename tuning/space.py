@@ -145,8 +145,7 @@ def decode(space: Space, positions: Floats) -> Floats:
 
 
 def _clipped(space: Space, values: Any) -> Floats:
-    clipped: Floats = np.clip(values, [p.lower for p in space], [p.upper for p in space])
-    return clipped
+    return np.asarray(np.clip(values, [p.lower for p in space], [p.upper for p in space]))
 
 
 def bounds(space: Space) -> tuple[Floats, Floats]:

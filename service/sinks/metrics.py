@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from estimator.errors import InputError, missing_extra
+from estimator.errors import InputError
 from service.http_door import Answer, HttpDoor
 from service.latest import Latest, Row
 from service.records import Output, State
@@ -65,16 +65,14 @@ class MetricsSink:
     """Serves ``http://127.0.0.1:PORT/metrics``.
 
     Raises:
-        InputError: the extra is not installed, or the port is taken.
+        InputError: the port is taken.
     """
 
     name = "metrics"
 
     def __init__(self, port: int) -> None:
-        try:
-            from prometheus_client import CollectorRegistry
-        except ImportError:
-            raise missing_extra("--metrics", "metrics") from None
+        from prometheus_client import CollectorRegistry
+
         self._latest = Latest()
         self._answering = threading.Lock()  # one answer at a time
         self._registry = CollectorRegistry(auto_describe=False)

@@ -21,8 +21,7 @@ from estimator.profile import Profile, merge_profile, profile_to_json
 from estimator.reasons import Reason
 from estimator.types import ImuSample
 from tuning.calls import LoggedEstimator
-from tuning.online.cost import cost_on, has_moved, noise_of
-from tuning.online.segment import SEGMENT_S, Segment, rows_of_all
+from tuning.online.segment import SEGMENT_S, Segment, cost_on, has_moved, noise_of, rows_of_all
 from tuning.optimizers import bees
 from tuning.search import Search, SearchOptions
 from tuning.space import Parameter, Space, decode, encode
