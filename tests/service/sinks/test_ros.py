@@ -16,8 +16,7 @@ from service.sinks.ros_messages import IMU_TYPE, TF_TYPE, imu_message
 from service.zenoh_session import close_session
 from tests.service import records
 from tests.service.records import UNIX_US, record
-from tests.service.sessions import open_session
-from tests.service.sinks.test_zenoh import endpoint, options, plain_client, wait_for  # noqa: F401
+from tests.service.sinks.test_zenoh import endpoint, open_session, options, plain_client, wait_for  # noqa: F401
 from tests.vocabulary import random_quaternion
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)

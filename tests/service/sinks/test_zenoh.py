@@ -20,9 +20,8 @@ from service.records import Departed, Published, StatusRecord
 from service.runner import Runner
 from service.sinks.sink import Outbox
 from service.sinks.zenoh import TogetherSink, ZenohSink
-from service.zenoh_session import ZenohOptions, close_session
+from service.zenoh_session import OpeningSession, ZenohOptions, close_session
 from tests.service.flight_rig import Rig
-from tests.service.sessions import open_session
 
 PAPER = load_profile("paper")
 
@@ -32,6 +31,11 @@ def endpoint():
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+def open_session(options):
+    """An open session; whoever opened it closes it."""
+    return OpeningSession(options).session()
 
 
 def options(endpoint, **changes):
