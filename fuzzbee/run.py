@@ -98,7 +98,13 @@ class RunOptions(NamedTuple):
 @command
 def run(options: RunOptions) -> int:
     """Estimate attitudes live and publish them."""
-    _require_numbers(options)
+    require_positive("--rate", options.rate_hz)
+    if options.rate_hz > MAX_RATE_HZ:
+        raise InputError(f"--rate {options.rate_hz:g}: should be at most {MAX_RATE_HZ:g}")
+    require_positive("--seconds", options.seconds)
+    require_positive("--request-rate", options.request_rate_hz)
+    require_positive("--speed", options.speed)
+    require_gain(options.gain)
     if options.outputs.send_as is not None and options.outputs.send_attitude is None:
         raise InputError(f"--as {options.outputs.send_as}: needs --send-attitude URL")
     parse_system_ids(options.security.allow_system_ids)
@@ -109,13 +115,3 @@ def run(options: RunOptions) -> int:
         from fuzzbee.serve import serve
 
         return serve(options, session)
-
-
-def _require_numbers(options: RunOptions) -> None:
-    require_positive("--rate", options.rate_hz)
-    if options.rate_hz > MAX_RATE_HZ:
-        raise InputError(f"--rate {options.rate_hz:g}: should be at most {MAX_RATE_HZ:g}")
-    require_positive("--seconds", options.seconds)
-    require_positive("--request-rate", options.request_rate_hz)
-    require_positive("--speed", options.speed)
-    require_gain(options.gain)
