@@ -23,8 +23,9 @@ from estimator.geometry.metrics import batch_angle_errors
 from estimator.profile import load_profile
 from estimator.types import ImuSample
 from tests.paper_noise import NoiseScale, simulate_scaled
-from tuning.online.retuner import CYCLES, FOOD_SOURCES, RetunedEstimator, Retuner
-from tuning.space import Space, decode, encode, random_positions
+from tuning.online.retuner import RetunedEstimator, Retuner
+from tuning.search import Search
+from tuning.space import random_positions
 
 RATE_HZ, SAMPLES, CHANGE, LATE = 100.0, 6001, 2000, 4000
 SLOWLY = 3000  # samples in which noise grows slowly
@@ -73,13 +74,11 @@ def fly(estimator: Estimator, samples: Samples) -> Array:
     return q
 
 
-def random_look(
-    space: Space, kept: Array, evaluate: Callable[[Array], Any], generator: np.random.Generator
-) -> tuple[Array, Array]:
+def random_look(search: Search, kept: Array, generator: np.random.Generator) -> Array:
     """As many candidates as the colony tries, drawn evenly."""
-    drawn = random_positions(space, FOOD_SOURCES * (1 + 2 * CYCLES) - 1, generator)
-    factors = decode(space, np.concatenate([encode(space, kept[:1]), drawn]))
-    return factors[np.argmin(evaluate(factors))], kept
+    drawn = random_positions(search.space, search.left - 1, generator)
+    search.costs(np.concatenate([kept[:1], drawn]))
+    return kept
 
 
 def by_retuner(samples: Samples, seed: int, *how: Any) -> tuple[Array, int]:

@@ -21,8 +21,8 @@ from drivers.events import Imu
 from drivers.logs.open import open_log
 from estimator.profile import load_profile
 from fuzzbee.horizon import screen
-from fuzzbee.table_model import TableModel
 from fuzzbee.vehicle_table import table
+from service.latest import Latest
 from service.pipeline import Pipeline
 from service.records import Output, Published
 
@@ -62,7 +62,7 @@ def outputs(log: str, until_s: float) -> Iterator[list[Output]]:
             pipeline.handle(event)
 
 
-def fly(model: TableModel, name: str, log: str, until_s: float) -> None:
+def fly(model: Latest, name: str, log: str, until_s: float) -> None:
     """Put a vehicle as it is at that moment into the model."""
     for turn in outputs(log, until_s):
         for output in turn:
@@ -72,7 +72,7 @@ def fly(model: TableModel, name: str, log: str, until_s: float) -> None:
 
 def draw_watch() -> None:
     """Several vehicles in a table."""
-    model = TableModel()
+    model = Latest()
     for vehicle in FLEET:
         fly(model, *vehicle)
     shown = table(model.rows(), WIDTH, HEIGHT, "fuzzbee watch fuzzbee/*")
@@ -81,7 +81,7 @@ def draw_watch() -> None:
 
 def draw_watch_one() -> None:
     """One vehicle as an artificial horizon."""
-    model = TableModel()
+    model = Latest()
     fly(model, *ONE)
     console = Console(color_system="truecolor", force_terminal=True, file=io.StringIO())
     shown = screen(model.rows()[0], WIDTH, HEIGHT, console)
@@ -109,7 +109,7 @@ def save(name: str, title: str, shown: RenderableType, height: int) -> None:
 
 def draw_viewer() -> None:
     """The page that a browser shows."""
-    from fuzzbee.viewer.stream import ViewerOptions
+    from fuzzbee.outputs import ViewerOptions
     from fuzzbee.viewer.viewer import ViewerSink
     from tests.fuzzbee import browser
 

@@ -130,8 +130,7 @@ def _times(rows: Rows, step_s: float) -> tuple[list[str], float]:
 
 
 def _shrunk(times_us: Times, factor: float) -> Times:
-    shrunk: Times = np.rint(times_us * factor).astype(np.int64)
-    return shrunk
+    return np.asarray(np.rint(times_us * factor).astype(np.int64))
 
 
 def _true_step_s(rows: Rows, step_s: float) -> float:

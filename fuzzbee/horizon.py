@@ -14,7 +14,6 @@ import numpy as np
 from rich.console import Console, Group
 from rich.text import Text
 
-from fuzzbee.table_model import Row
 from fuzzbee.verdict import (
     POINTS,
     Judgement,
@@ -24,6 +23,7 @@ from fuzzbee.verdict import (
     heading_text,
     row_verdict,
 )
+from service.latest import Row
 from service.records import AttitudeRecord, Autopilot
 
 LEAST_WIDTH, LEAST_HEIGHT = 40, 12  # of a window that has room for it

@@ -1,80 +1,197 @@
-"""What ``run`` sends and shows beside its Zenoh keys: the options, and the sinks they open."""
+"""What ``run`` sends and shows beside its Zenoh keys: the table of sinks, options included."""
 
 import os
-from collections import namedtuple
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from drivers.endpoint import TABLES, columns_beside
 from estimator.errors import InputError
-from fuzzbee.options import of_recording, of_showing, require_extra
-from fuzzbee.sinks import SINKS, Opening
+from fuzzbee.options import of_recording, of_showing, option, require_extra
 
 if TYPE_CHECKING:
     import zenoh
 
-    from fuzzbee.viewer.stream import ViewerOptions
+    from drivers.events import VehicleId
     from fuzzbee.viewer.viewer import ViewerSink
     from service.sinks.sink import Sink
 
+WEB = "Serve a light page for browsers, on 127.0.0.1 unless an address is given."
 _VIEW = "Show it in Rerun: a window, or a page for a browser (extra: viewer)."
 _RRD = "Save what the viewer shows, for rerun FILE (extra: viewer)."
 View = Annotated[str | None, of_showing(_VIEW, metavar="window|web")]
 Rrd = Annotated[str | None, of_recording(_RRD, metavar="FILE")]
 
 
-def _options_of_sinks() -> Any:
-    """A named tuple of the options of all sinks and of the viewer."""
-    options = {name: kind for entry in SINKS for name, kind in entry.options.items()}
-    options |= {"view": (View, None), "rrd": (Rrd, None)}
-    new: Any = namedtuple  # noqa: PYI024 - the names are those of a table
-    form = new("Options", options, defaults=[default for _, default in options.values()])
-    form.__annotations__ = {name: kind for name, (kind, _) in options.items()}
-    return form
+class Opening(NamedTuple):
+    """What a sink is opened with: the values of all sinks' options, and the session, if any.
+
+    ``prefix`` is the first part of the service's Zenoh keys, ``rate_hz`` how often attitudes are
+    published.
+    """
+
+    options: dict[str, Any]
+    session: "zenoh.Session | None"
+    prefix: str
+    rate_hz: float
 
 
-class OutputOptions(_options_of_sinks()):  # type: ignore[misc] # its fields are the table's
-    """What was asked for: a field for each option of :data:`fuzzbee.sinks.SINKS`, and two more."""
+class SinkEntry(NamedTuple):
+    """A sink's options and what opens it.
 
-    __slots__ = ()
+    ``options`` has what :func:`setting` makes, by the name of the parameter: ``send_attitude`` is
+    ``--send-attitude``. The sink is opened if the first of them has another value than its default.
+    What opens it gives None if another one does its work.
+    """
+
+    options: dict[str, tuple[Any, Any]]
+    open: "Callable[[Opening], Sink | None]"
+
+
+def setting(
+    kind: Any, text: str, *names: str, default: Any = None, panel: str = "Publish", **more: Any
+) -> tuple[Any, Any]:
+    """An option of a sink: its type, with its help, and its default; ``more`` goes to typer."""
+    form = kind if default is not None else kind | None
+    return Annotated[form, option(text, *names, panel=panel, **more)], default
+
+
+def _ros(opening: Opening) -> "Sink":
+    from service.sinks.ros import MAX_DOMAIN, RosSink
+
+    domain = opening.options["ros_domain"]
+    if opening.session is None:
+        raise InputError("--ros needs Zenoh: leave out --no-zenoh")
+    if not 0 <= domain <= MAX_DOMAIN:
+        raise InputError(f"--ros-domain {domain}: should be 0 to {MAX_DOMAIN}")
+    return RosSink(opening.session, opening.prefix, domain)
+
+
+def _mavlink(opening: Opening, name: str = "send_attitude") -> "Sink | None":
+    """Sends attitudes or announcements; both to the same place: there is one such component."""
+    from drivers.endpoint import parse_endpoint
+    from service.sinks.mavlink import MavlinkSink
+
+    options, attitudes = opening.options, name == "send_attitude"
+    is_same = options["announce"] == options["send_attitude"]
+    if is_same and not attitudes:
+        return None
+    given = options["send_as"] if attitudes else None
+    other = None if given is None else parse_address_of(given)
+    announces = is_same or not attitudes
+    try:
+        endpoint = parse_endpoint(options[name])
+        return MavlinkSink(endpoint, attitudes=attitudes, announces=announces, appears_as=other)
+    except InputError as error:
+        raise InputError(f"--{name.replace('_', '-')}: {error}") from error
+
+
+def parse_address_of(text: str) -> "VehicleId":
+    """A vehicle's address, as ``--as`` has it."""
+    from drivers.events import VehicleId
+
+    numbers = [int(part) if part.isdecimal() else 0 for part in text.split(":")]
+    if len(numbers) != 2 or not all(1 <= number <= 255 for number in numbers):
+        raise InputError(f"--as {text}: should be SYSTEM:COMPONENT, each 1 to 255, as 200:1")
+    return VehicleId(*numbers)
+
+
+def _metrics(opening: Opening) -> "Sink":
+    require_extra("prometheus_client", "--metrics", "metrics")
+    from service.sinks.metrics import MetricsSink
+
+    return MetricsSink(opening.options["metrics"])
+
+
+def _together(opening: Opening) -> "Sink":
+    from service.sinks.zenoh import TogetherSink
+
+    if opening.session is None:
+        raise InputError("--together needs Zenoh: leave out --no-zenoh")
+    return TogetherSink(opening.session, opening.prefix, 1.0 / opening.rate_hz)
+
+
+def _web(opening: Opening) -> "Sink":
+    from fuzzbee.web.server import open_page
+
+    return open_page(opening.options["web"], "fuzzbee")
+
+
+_ROS = "Publish IMU, tf and diagnostics for ROS 2 (rmw_zenoh), too."
+_DOMAIN = "The ROS 2 domain of --ros."
+_SEND = "Send ATTITUDE_QUATERNION there, as component 191 (not the autopilot)."
+_AS = "With --send-attitude: as a vehicle of its own, for QGroundControl and others."
+_ANNOUNCE = "Send a STATUSTEXT there while the autopilot's attitude differs, as component 191."
+_METRICS = "Serve Prometheus metrics on 127.0.0.1 (extra: metrics)."
+_TOGETHER = "Publish all attitudes of a tick in one put, too, at PREFIX/attitudes."
+SINKS: list[SinkEntry] = [
+    SinkEntry(
+        {
+            "ros": setting(bool, _ROS, default=False),
+            "ros_domain": setting(int, _DOMAIN, default=0, metavar="ID", envvar="ROS_DOMAIN_ID"),
+        },
+        _ros,
+    ),
+    SinkEntry(
+        {
+            "send_attitude": setting(str, _SEND, metavar="URL"),
+            "send_as": setting(str, _AS, "--as", metavar="SYSTEM:COMPONENT"),
+        },
+        _mavlink,
+    ),
+    SinkEntry(
+        {"announce": setting(str, _ANNOUNCE, metavar="URL")}, partial(_mavlink, name="announce")
+    ),
+    SinkEntry({"metrics": setting(int, _METRICS, metavar="PORT", min=1, max=65535)}, _metrics),
+    SinkEntry({"web": setting(str, WEB, panel="Show", metavar="[ADDRESS:]PORT")}, _web),
+    SinkEntry({"together": setting(bool, _TOGETHER, default=False)}, _together),
+]
 
 
 def open_outputs(
-    options: OutputOptions, session: "zenoh.Session | None", prefix: str, rate_hz: float
+    options: Any, session: "zenoh.Session | None", prefix: str, rate_hz: float
 ) -> "Iterator[Sink]":
-    """Open the sinks that were asked for, one after the other."""
+    """Open the sinks that were asked for by the options of ``run``, one after the other."""
+    opening = Opening(options._asdict(), session, prefix, rate_hz)
     for entry in SINKS:
-        if entry.is_wanted(options):
-            sink = entry.open(Opening(options._asdict(), session, prefix, rate_hz))
-            if sink is not None:
-                yield sink
+        name, (_, default) = next(iter(entry.options.items()))
+        if opening.options[name] != default and (sink := entry.open(opening)) is not None:
+            yield sink
     viewer = open_viewer(options.view, options.rrd, live=True)
     if viewer is not None:
         yield viewer
 
 
-def open_viewer(view: str | None, rrd: str | None, *, live: bool = False) -> "ViewerSink | None":
-    """The viewer that was asked for, if any."""
-    options = viewer_options(view, rrd)
-    if options is None:
-        return None
-    from fuzzbee.viewer.viewer import ViewerSink
+class ViewerOptions(NamedTuple):
+    """What was asked for: a window or "web", or None; a file, or None. Live, the past is less."""
 
-    return ViewerSink(options._replace(live=live))
+    view: str | None = None
+    rrd: str | None = None
+    live: bool = False
 
 
-def viewer_options(view: str | None, rrd: str | None) -> "ViewerOptions | None":
+def viewer_options(
+    view: str | None, rrd: str | None, *, live: bool = False
+) -> ViewerOptions | None:
     """The viewer that the options ask for; None if they ask for none."""
     if view is None and rrd is None:
         return None
     if view not in (None, "window", "web"):
         raise InputError(f"--view {view}: should be window or web")
     require_extra("rerun", "the viewer", "viewer")
-    from fuzzbee.viewer.stream import ViewerOptions
+    return ViewerOptions(view, rrd, live)
 
-    return ViewerOptions(view, rrd)
+
+def open_viewer(view: str | None, rrd: str | None, *, live: bool = False) -> "ViewerSink | None":
+    """The viewer that was asked for, if any."""
+    options = viewer_options(view, rrd, live=live)
+    if options is None:
+        return None
+    from fuzzbee.viewer.viewer import ViewerSink
+
+    return ViewerSink(options)
 
 
 def require_own_files(

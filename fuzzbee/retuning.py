@@ -34,7 +34,7 @@ class Retuning(Closing):
     def __init__(self, requests: ParameterRequests, gain: float | None) -> None:
         self._requests = requests
         self._gain = gain
-        self._pipeline: Pipeline | None = None
+        self.pipeline: Pipeline | None = None  # whose vehicles have estimators of ours
         self._segments: Queue[tuple[VehicleId, RetunedEstimator, Segment] | None]
         self._segments = Queue(MOST_WAITING)
         self._is_closing = False
@@ -47,10 +47,6 @@ class Retuning(Closing):
         made = RetunedEstimator(profile, self._gain, lambda segment: self._send(made, segment))
         return made
 
-    def watch(self, pipeline: Pipeline) -> None:
-        """The pipeline whose vehicles have those estimators."""
-        self._pipeline = pipeline
-
     def close(self) -> None:
         """End the thread, after the search at hand."""
         self._is_closing = True
@@ -60,7 +56,7 @@ class Retuning(Closing):
 
     def _send(self, estimator: RetunedEstimator, segment: Segment) -> None:
         """Hand a segment over; called by the loop."""
-        vehicles = () if self._pipeline is None else self._pipeline.vehicles
+        vehicles = () if self.pipeline is None else self.pipeline.vehicles
         for vehicle in vehicles:
             if vehicle.estimator is estimator:
                 with suppress(Full):

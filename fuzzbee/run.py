@@ -1,10 +1,13 @@
 """``fuzzbee run``: the live service."""
 
-from typing import Annotated, NamedTuple
+from collections import namedtuple
+from contextlib import nullcontext
+from typing import Annotated, Any, NamedTuple
 
 import typer
 
 from estimator.errors import InputError
+from fuzzbee import outputs
 from fuzzbee.options import (
     PROFILES,
     Json,
@@ -20,7 +23,6 @@ from fuzzbee.options import (
     require_gain,
     require_positive,
 )
-from fuzzbee.outputs import OutputOptions, require_own_files
 from fuzzbee.security import SecurityOptions, parse_system_ids
 from fuzzbee.zenoh_options import ZenohArguments, opening
 from fuzzbee.zenoh_options import option as zenoh_option
@@ -43,6 +45,22 @@ _PROFILE = (
 _RECORD = "Record what arrives: FILE.tlog, or a folder for a file an hour."
 _GAIN = "A fixed gain instead of the fuzzy one."
 _TRUTH = "Compare with a simulator's truth (SIM_STATE, SIMSTATE), and end with a verdict."
+
+
+def _options_of_sinks() -> Any:
+    """A named tuple of the options of all sinks and of the viewer."""
+    options = {name: kind for entry in outputs.SINKS for name, kind in entry.options.items()}
+    options |= {"view": (outputs.View, None), "rrd": (outputs.Rrd, None)}
+    new: Any = namedtuple  # noqa: PYI024 - the names are those of a table
+    form = new("Options", options, defaults=[default for _, default in options.values()])
+    form.__annotations__ = {name: kind for name, (kind, _) in options.items()}
+    return form
+
+
+class OutputOptions(_options_of_sinks()):  # type: ignore[misc] # its fields are the table's
+    """What was asked for: for each option of :data:`fuzzbee.outputs.SINKS` a field, and two."""
+
+    __slots__ = ()
 
 
 class RunOptions(NamedTuple):
@@ -80,20 +98,6 @@ class RunOptions(NamedTuple):
 @command
 def run(options: RunOptions) -> int:
     """Estimate attitudes live and publish them."""
-    _require_numbers(options)
-    if options.outputs.send_as is not None and options.outputs.send_attitude is None:
-        raise InputError(f"--as {options.outputs.send_as}: needs --send-attitude URL")
-    parse_system_ids(options.security.allow_system_ids)
-    asked = (("--record", options.record), ("--rrd", options.outputs.rrd))
-    inputs = (options.source, options.profile, options.security.signing_key_file)
-    require_own_files(asked, (*inputs, options.zenoh.config_file))
-    with opening(None if options.no_zenoh else options.zenoh) as session:
-        from fuzzbee.serve import serve
-
-        return serve(options, session)
-
-
-def _require_numbers(options: RunOptions) -> None:
     require_positive("--rate", options.rate_hz)
     if options.rate_hz > MAX_RATE_HZ:
         raise InputError(f"--rate {options.rate_hz:g}: should be at most {MAX_RATE_HZ:g}")
@@ -101,3 +105,13 @@ def _require_numbers(options: RunOptions) -> None:
     require_positive("--request-rate", options.request_rate_hz)
     require_positive("--speed", options.speed)
     require_gain(options.gain)
+    if options.outputs.send_as is not None and options.outputs.send_attitude is None:
+        raise InputError(f"--as {options.outputs.send_as}: needs --send-attitude URL")
+    parse_system_ids(options.security.allow_system_ids)
+    asked = (("--record", options.record), ("--rrd", options.outputs.rrd))
+    inputs = (options.source, options.profile, options.security.signing_key_file)
+    outputs.require_own_files(asked, (*inputs, options.zenoh.config_file))
+    with nullcontext() if options.no_zenoh else opening(options.zenoh) as session:
+        from fuzzbee.serve import serve
+
+        return serve(options, session)

@@ -23,7 +23,6 @@ from fuzzbee import outputs, security
 from fuzzbee.notify import notify
 from fuzzbee.run import RunOptions
 from fuzzbee.run_report import conclude, recording_word, summary
-from fuzzbee.sinks import parse_address_of
 from fuzzbee.terminal import PersonConsole, TerminalView
 from fuzzbee.truth_score import ScoredPipeline
 from fuzzbee.zenoh_options import opened
@@ -63,7 +62,7 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
     with ExitStack() as stack:
         # first, and once: what comes meanwhile is recorded
         source, recorder = _open_source(endpoint, options, key, stack)
-        session = None if opening is None else opened(opening, stack)
+        session = None if opening is None else opened(opening)
         pipeline = _pipeline(profile, options, requests, stack)
         if options.truth or endpoint.kind == "sim":
             pipeline.scores = {}
@@ -140,7 +139,7 @@ def _open_source(
         return Player(imu_events(log), options.speed, follow=log.follow), None
     policy = security.open_policy(options.security, key, stack)
     if options.outputs.send_as is not None:
-        policy = policy._replace(own=parse_address_of(options.outputs.send_as))
+        policy = policy._replace(own=outputs.parse_address_of(options.outputs.send_as))
     shows_others = options.truth or options.outputs.view or options.outputs.rrd
     with ExitStack() as unless_opened:
         recorder = None
@@ -188,17 +187,16 @@ def _pipeline(
         from fuzzbee.retuning import Retuning  # which loads what searches
 
         retuning = stack.enter_context(Retuning(requests, options.gain))
+    plain = partial(Estimator, fixed_gain=options.gain)
     pipeline = ScoredPipeline(
         profile,
         system_id=options.system_id,
-        new_estimator=lambda chosen: (
-            Estimator(chosen, options.gain) if retuning is None else retuning.estimator(chosen)
-        ),
+        new_estimator=plain if retuning is None else retuning.estimator,
         fits_built_in=options.profile is None,
         rate_hz=options.rate_hz,
     )
     if retuning is not None:
-        retuning.watch(pipeline)
+        retuning.pipeline = pipeline
     return pipeline
 
 

@@ -11,8 +11,8 @@ from rich.live import Live
 
 from fuzzbee.horizon import LEAST_HEIGHT, LEAST_WIDTH, screen
 from fuzzbee.notify import printable
-from fuzzbee.table_model import Row, TableModel
 from fuzzbee.vehicle_table import ORDERS, lines, table
+from service.latest import Latest, Row
 from service.records import Output
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ class TerminalView:
         now_s: Callable[[], float] = time.monotonic,
         one: str | None = None,
     ) -> None:
-        self.model = TableModel()
+        self.model = Latest()
         self.title = title
         self.one = self.cursor = one  # the vehicle that is shown alone, that Enter shows alone
         self.order = next(iter(ORDERS))

@@ -5,8 +5,8 @@ from enum import IntEnum
 from typing import NamedTuple
 
 from fuzzbee.notify import printable
-from fuzzbee.table_model import Row
-from service.alarms import AXES, MEANINGS, Alarm
+from service.alarms import AXES, Alarm
+from service.latest import Row
 from service.records import (
     HAS_ATTITUDE,
     AttitudeRecord,
@@ -166,12 +166,12 @@ def warning_text(word: str, status: StatusRecord) -> str:
     A warning of another version keeps its own name.
     """
     autopilot, off_deg = status.autopilot, compass_off_deg(status)
-    if word not in MEANINGS:
+    if word not in {*Alarm}:
         return printable(word, 40)
     if word == Alarm.FIELD_IMPOSSIBLE and off_deg is not None:
-        return f"{MEANINGS[Alarm.FIELD_IMPOSSIBLE]}, the compass is {abs(off_deg):.0f}° off"
+        return f"{Alarm.FIELD_IMPOSSIBLE.meaning}, the compass is {abs(off_deg):.0f}° off"
     if word != Alarm.AUTOPILOT_DIFFERS or autopilot is None:
-        return MEANINGS[Alarm(word)]
+        return Alarm(word).meaning
     who = {"autopilot": "; its own is likely wrong", "ours": "; ours is likely wrong"}
     return printable(f"{autopilot.in_short} ours{who.get(autopilot.wrong, '')}")
 

@@ -21,8 +21,8 @@ from fuzzbee.options import (
     of_source,
     require_positive,
 )
-from fuzzbee.sinks import WEB
-from fuzzbee.zenoh_options import ZenohArguments, opened
+from fuzzbee.outputs import WEB
+from fuzzbee.zenoh_options import ZenohArguments, opened, opening
 
 if TYPE_CHECKING:
     import zenoh
@@ -110,12 +110,11 @@ def follow(options: WatchOptions) -> int:
     from fuzzbee.keys import terminal_keys
     from fuzzbee.terminal import PersonConsole, TerminalView
     from service.signals import stop_on_signals
-    from service.zenoh_session import OpeningSession, ZenohOptions
 
     inbox, stop, view = Inbox(), Event(), None
     prefix, name = options.zenoh.prefix, options.vehicle or "*"
     with ExitStack() as stack:
-        session = opened(OpeningSession(ZenohOptions(*options.zenoh)), stack)
+        session = opened(stack.enter_context(opening(options.zenoh)))
         stack.enter_context(stop_on_signals(stop.set))
         if not options.as_json:
             title = f"fuzzbee watch {prefix}/*"

@@ -1,7 +1,7 @@
 """The Zenoh options that run and watch share."""
 
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
@@ -35,23 +35,9 @@ class ZenohArguments(NamedTuple):
     prefix: Annotated[str, option("What all keys begin with.")] = PREFIX
 
 
-def opened(awaited: "OpeningSession", stack: ExitStack) -> "zenoh.Session":
-    """The session, once it is open; it is closed with the stack, whatever happens."""
-    from service.zenoh_session import close_session
-
-    session = awaited.session()
-    if awaited.note is not None:
-        notify(awaited.note)
-    stack.callback(close_session, session)
-    return session
-
-
 @contextmanager
-def opening(arguments: ZenohArguments | None) -> "Iterator[OpeningSession | None]":
-    """A session on its way, half a second, in which all else is loaded; None without arguments."""
-    if arguments is None:
-        yield None
-        return
+def opening(arguments: ZenohArguments) -> "Iterator[OpeningSession]":
+    """A session on its way, half a second, in which all else is loaded; closed at the end."""
     from service.zenoh_session import OpeningSession, ZenohOptions
 
     session = OpeningSession(ZenohOptions(*arguments))
@@ -59,3 +45,11 @@ def opening(arguments: ZenohArguments | None) -> "Iterator[OpeningSession | None
         yield session
     finally:
         session.close()
+
+
+def opened(awaited: "OpeningSession") -> "zenoh.Session":
+    """The session, once it is open; a line says what it lacks."""
+    session = awaited.session()
+    if awaited.note is not None:
+        notify(awaited.note)
+    return session

@@ -11,6 +11,7 @@ is read; times are the vehicle's, and those of arrival.
 
 from enum import StrEnum
 from math import atan2, degrees, hypot, radians, sqrt
+from typing import Self
 
 from estimator.aiding.compass import CONTRADICTED, resembles
 from estimator.estimator import Estimator
@@ -39,48 +40,48 @@ PACE_OFF = 0.02
 UNKNOWN_HEADING_RAD = radians(40.0)  # a sigma beyond this claims nothing
 # The Earth's field is 0.22 to 0.67 gauss; compasses are off in scale by a factor.
 WEAKEST_GAUSS, STRONGEST_GAUSS = 0.1, 1.0
+# A compass that is this far off may be mounted otherwise than its orientation says; iron does less.
+LEAST_TURNED_DEG = 40
+_CONTRADICT = "field and force contradict the gyroscope's"
 
 
 class Alarm(StrEnum):
-    """The words of a status's warnings; docs/troubleshooting.md lists what a person can do."""
+    """The words of a status's warnings; docs/troubleshooting.md lists what a person can do.
 
-    ACCELEROMETER = "accelerometer_contradicts"
-    AUTOPILOT_DIFFERS = "autopilot_differs"
-    BIAS_AT_LIMIT = "bias_at_limit"
-    CLOCK_DRIFT = "clock_drift"
-    FIELD_IMPOSSIBLE = "field_impossible"
-    GYROSCOPE_X = "gyroscope_x_contradicts"
-    GYROSCOPE_Y = "gyroscope_y_contradicts"
-    GYROSCOPE_Z = "gyroscope_z_contradicts"
-    SIGMA_TOO_SMALL = "sigma_too_small"
-    PROFILE_UNFIT = "profile_unfit"
+    ``patience_s`` is the time constant of a warning's :class:`service.evidence.Lasting`, if it has
+    one.
+    """
+
+    meaning: str
+    patience_s: float
+
+    def __new__(cls, word: str, meaning: str = "", patience_s: float = 0.0) -> Self:
+        """See :class:`enum.Enum`: its value is the word."""
+        alarm = str.__new__(cls, word)
+        alarm._value_, alarm.meaning, alarm.patience_s = word, meaning, patience_s
+        return alarm
+
+    ACCELEROMETER = (
+        "accelerometer_contradicts",
+        "the magnetic field contradicts the accelerometer's vertical",
+        5.0,
+    )
+    AUTOPILOT_DIFFERS = "autopilot_differs", "the autopilot's attitude differs from ours"
+    BIAS_AT_LIMIT = "bias_at_limit", "the gyroscope's bias stands at its limit", 5.0
+    CLOCK_DRIFT = "clock_drift", "the vehicle's clock runs too fast or too slow", 60.0
+    FIELD_IMPOSSIBLE = "field_impossible", "the magnetic field is none of this place", 20.0
+    GYROSCOPE_X = "gyroscope_x_contradicts", f"{_CONTRADICT} x axis", 1.0
+    GYROSCOPE_Y = "gyroscope_y_contradicts", f"{_CONTRADICT} y axis", 1.0
+    GYROSCOPE_Z = "gyroscope_z_contradicts", f"{_CONTRADICT} z axis", 1.0
+    SIGMA_TOO_SMALL = (
+        "sigma_too_small",
+        "force and field contradict the attitude by more than sigma allows",
+        20.0,
+    )
+    PROFILE_UNFIT = "profile_unfit", "the profile does not fit these signals"
 
 
 AXES = (Alarm.GYROSCOPE_X, Alarm.GYROSCOPE_Y, Alarm.GYROSCOPE_Z)
-
-# A compass that is this far off may be mounted otherwise than its orientation says; iron does less.
-LEAST_TURNED_DEG = 40
-# Time constants of :class:`service.evidence.Lasting`.
-PATIENCE_S = {
-    Alarm.ACCELEROMETER: 5.0,
-    Alarm.BIAS_AT_LIMIT: 5.0,
-    Alarm.CLOCK_DRIFT: 60.0,
-    Alarm.FIELD_IMPOSSIBLE: 20.0,
-    Alarm.SIGMA_TOO_SMALL: 20.0,
-    **dict.fromkeys(AXES, 1.0),
-}
-MEANINGS = {
-    Alarm.ACCELEROMETER: "the magnetic field contradicts the accelerometer's vertical",
-    Alarm.AUTOPILOT_DIFFERS: "the autopilot's attitude differs from ours",
-    Alarm.BIAS_AT_LIMIT: "the gyroscope's bias stands at its limit",
-    Alarm.CLOCK_DRIFT: "the vehicle's clock runs too fast or too slow",
-    Alarm.GYROSCOPE_X: "field and force contradict the gyroscope's x axis",
-    Alarm.GYROSCOPE_Y: "field and force contradict the gyroscope's y axis",
-    Alarm.GYROSCOPE_Z: "field and force contradict the gyroscope's z axis",
-    Alarm.FIELD_IMPOSSIBLE: "the magnetic field is none of this place",
-    Alarm.SIGMA_TOO_SMALL: "force and field contradict the attitude by more than sigma allows",
-    Alarm.PROFILE_UNFIT: "the profile does not fit these signals",
-}
 
 
 class Alarms:
@@ -97,7 +98,7 @@ class Alarms:
         self.words: frozenset[Alarm] = frozenset()  # of the alarms that stand now
         self.compass_off_deg: float | None = None  # its own heading less ours, averaged
         self._last_us: int | None = None  # of the vehicle's time
-        self._lasting = {word: Lasting(patience_s) for word, patience_s in PATIENCE_S.items()}
+        self._lasting = {each: Lasting(each.patience_s) for each in Alarm if each.patience_s > 0.0}
         self._force: Vec3 | None = None  # mean specific force, NED
         self._field: Vec3 | None = None  # mean field, NED, and its mean square
         self._field_square = 0.0
@@ -156,8 +157,8 @@ class Alarms:
     def _alarm_lines(self) -> list[str]:
         """The alarms that have begun or ended since the last look."""
         before, self._reported = self._reported, self.words
-        begun = [f"warning: {MEANINGS[word]}" for word in sorted(self.words - before)]
-        ended = [f"no more: {MEANINGS[word]}" for word in sorted(before - self.words)]
+        begun = [f"warning: {word.meaning}" for word in sorted(self.words - before)]
+        ended = [f"no more: {word.meaning}" for word in sorted(before - self.words)]
         return [*begun, *ended]
 
     def _remember(self, sample: ImuSample, attitude: Attitude, share: float) -> None:

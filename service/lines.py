@@ -47,19 +47,13 @@ UP = {
 }
 
 
-class LinkLines:
-    """A line for each change of a link; remembers which ones are up."""
-
-    def __init__(self) -> None:
-        self._up: set[str] = set()
-
-    def line(self, event: LinkUp | LinkDown) -> str:
-        """The line for one change."""
-        endpoint = event.endpoint
-        if isinstance(event, LinkUp):
-            self._up.add(endpoint)
-            return UP.get(endpoint.partition(":")[0], "{} open").format(endpoint)
-        if endpoint not in self._up:
-            return f"{endpoint}: {event.reason}; trying again"
-        self._up.discard(endpoint)
-        return f"{endpoint} lost: {event.reason}; trying again"
+def link_line(event: LinkUp | LinkDown, up: set[str]) -> str:
+    """The line for one change of a link; ``up`` are those that work, as far as is known."""
+    endpoint = event.endpoint
+    if isinstance(event, LinkUp):
+        up.add(endpoint)
+        return UP.get(endpoint.partition(":")[0], "{} open").format(endpoint)
+    if endpoint not in up:
+        return f"{endpoint}: {event.reason}; trying again"
+    up.discard(endpoint)
+    return f"{endpoint} lost: {event.reason}; trying again"

@@ -16,7 +16,7 @@ from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.profile import Profile
 from estimator.reasons import Reason
-from service.lines import LineLimit, LinkLines
+from service.lines import LineLimit, link_line
 from service.parameters import ProfileChanges
 from service.publishing import STATUS_PERIOD_US
 from service.records import (
@@ -79,7 +79,7 @@ class Pipeline:
         self._new_estimator = new_estimator
         self._changes = ProfileChanges(profile, fits_built_in=fits_built_in)
         self._vehicles: dict[VehicleId, Vehicle] = {}
-        self._links = LinkLines()
+        self._links_up: set[str] = set()
         self._limit = LineLimit("vehicles")
         self._look_us = 0  # when silent vehicles are looked for next
 
@@ -133,7 +133,7 @@ class Pipeline:
                 if not is_settled and (address is None or self._is_wanted(address)):
                     return [Message(text)]
             case events.LinkUp() | events.LinkDown():
-                return [Message(self._links.line(event))]
+                return [Message(link_line(event, self._links_up))]
         return []
 
     def _on_imu(self, event: Imu, now_us: int | None) -> list[Output]:

@@ -68,15 +68,11 @@ class Difference(NamedTuple):
         return abs(self.off_deg) > self.allowed_deg
 
 
-class KnownFaults(NamedTuple):
-    """What else is known to be wrong with each of the two, in words, or empty."""
-
-    autopilot: str = ""
-    ours: str = ""
-
-
 class Look(NamedTuple):
-    """Both attitudes of the same instant, the sample before it and what is known beside them."""
+    """Both attitudes of the same instant, the sample before it and what is known beside them.
+
+    ``faults`` are what else speaks against the autopilot's and against ours, in words, or empty.
+    """
 
     time_us: int
     message: str  # that the autopilot's comes from
@@ -84,7 +80,7 @@ class Look(NamedTuple):
     ours: Attitude
     sample: ImuSample
     place: PlaceField | None
-    faults: KnownFaults = KnownFaults()
+    faults: tuple[str, str] = ("", "")
 
 
 class Interval(NamedTuple):
@@ -138,7 +134,7 @@ class SecondOpinion:
         behind_s = 1e-6 * max(sample.time_us - event.time_us, 0)
         turn = quaternion.exp(scale(-behind_s, ours.rate_rad_s))
         ours = ours._replace(q_ned_frd=multiply(ours.q_ned_frd, turn))
-        faults = KnownFaults(self._autopilots_fault(event.arrival_us), against_ours)
+        faults = self._autopilots_fault(event.arrival_us), against_ours
         self.look(Look(event.time_us, event.message, theirs, ours, sample, place, faults))
         opinion = self.record(event.time_us)
         differs = opinion is not None and opinion.verdict == Verdict.DIFFERS
@@ -268,7 +264,7 @@ class SecondOpinion:
         is_odd = excess > ODD_SHARE * (1.0 / max(cos(radians(off_deg)), 0.1) - 1.0)
         if is_odd:
             odd = f"of ours, the force is {excess:.0%} off gravity's strength"
-            faults = faults._replace(ours="; ".join(filter(None, [odd, faults.ours])))
+            faults = faults[0], "; ".join(filter(None, [odd, faults[1]]))
         dips = [each.dip_deg(look.place) for each in both]
         by_dip = ""
         if dips[0] is not None and dips[1] is not None:
@@ -303,11 +299,11 @@ def _named(by: str, ours: float, theirs: float, off_deg: float) -> tuple[str, st
     return ("autopilot" if theirs > ours else "ours"), evidence
 
 
-def _weighed(wrong: str, evidence: str, faults: KnownFaults) -> tuple[str, str]:
+def _weighed(wrong: str, evidence: str, faults: tuple[str, str]) -> tuple[str, str]:
     """A known fault of one alone names it, unless the evidence names the other."""
     faulty = wrong
-    if bool(faults.autopilot) != bool(faults.ours):
-        faulty = "autopilot" if faults.autopilot else "ours"
+    if bool(faults[0]) != bool(faults[1]):
+        faulty = "autopilot" if faults[0] else "ours"
     return (faulty if wrong in ("", faulty) else ""), "; ".join(filter(None, [evidence, *faults]))
 
 

@@ -27,6 +27,7 @@ LATE_MINIMUM_US, LATE_PERIODS = 500_000, 3
 LOST_MINIMUM_US, LOST_PERIODS = 5_000_000, 10
 # The ages of two messages stamped by one clock differ by less than this.
 OTHER_CLOCK_US = 1_000_000
+SILENCE_US = 2_000_000  # of a report in use
 
 
 class ImuStream:
@@ -34,7 +35,6 @@ class ImuStream:
 
     def __init__(self) -> None:
         self.choice = ImuChoice()
-        self.reports = ReportChoices()
         self.state = State.WAITING
         self.samples = 0
         self.worst_gap_us = 0
@@ -46,6 +46,8 @@ class ImuStream:
         self._shed = 0  # of the message in use
         self._shed_before: Counter[str] = Counter()  # of each message, until one is in use
         self._silent_since_us: int | None = None  # the last arrival before a reboot
+        # of reports by type, and whether a receiver's: the message in use, and its last arrival
+        self._reports: dict[tuple[type, bool], tuple[str, int]] = {}
 
     @property
     def message(self) -> str | None:
@@ -131,6 +133,17 @@ class ImuStream:
         """The vehicle began anew, which may have mended what was contradicted before."""
         self.choice.contradicted.clear()
         self._silent_since_us = self.last_arrival_us
+
+    def uses(self, event: Report) -> bool:
+        """Whether a report is of a message in use; the next best takes over after a silence."""
+        sample, message, now_us = event.sample, event.message, event.arrival_us
+        kind = type(sample), isinstance(sample, VelocitySample) and sample.late_sigma_s > 0.0
+        in_use, last_us = self._reports.get(kind, (message, now_us))
+        is_other = message != in_use and report_rank(message) >= report_rank(in_use)
+        if is_other and now_us - last_us <= SILENCE_US:
+            return False
+        self._reports[kind] = (message, now_us)
+        return True
 
     def has_other_clock(self, arrival_us: int, time_us: int) -> bool:
         """Whether a message's clock is another than the IMU's, or there is no IMU yet.
@@ -223,27 +236,3 @@ class ImuChoice:
             self.message, self._arrival_us = message, arrival_us
             self._longest_silence_us, self._candidate = 0, None
             self._has_failed = self._has_failed or not is_preferred
-
-
-SILENCE_US = 2_000_000  # after which the next best takes over
-
-
-class ReportChoices:
-    """The message in use of each kind of report of one vehicle, and when it last arrived.
-
-    A kind is the type of the report, and whether it is a receiver's.
-    """
-
-    def __init__(self) -> None:
-        self._choices: dict[tuple[type, bool], tuple[str, int]] = {}
-
-    def take(self, event: Report) -> bool:
-        """Whether the report is of a message in use."""
-        sample, message, now_us = event.sample, event.message, event.arrival_us
-        kind = type(sample), isinstance(sample, VelocitySample) and sample.late_sigma_s > 0.0
-        in_use, last_us = self._choices.get(kind, (message, now_us))
-        is_other = message != in_use and report_rank(message) >= report_rank(in_use)
-        if is_other and now_us - last_us <= SILENCE_US:
-            return False
-        self._choices[kind] = (message, now_us)
-        return True

@@ -8,7 +8,7 @@ from estimator.estimator import Estimator
 from estimator.profile import Profile
 from estimator.reasons import Reason
 from estimator.types import ImuSample, VelocitySample
-from service.alarms import MEANINGS, Alarms
+from service.alarms import Alarms
 from service.evidence import OtherImus
 from service.lines import LineLimit
 from service.publishing import HostClock, Publishing, attitude_record, is_finite
@@ -38,6 +38,7 @@ class Vehicle:
         number: int = 0,
     ) -> None:
         self.address = address
+        self.name = vehicle_name(address)  # the middle part of its keys
         self.estimator = estimator
         self.heard_us = 0  # the latest arrival of anything that is a vehicle's own
         self.silent_looks = 0  # of the pipeline since then
@@ -52,11 +53,6 @@ class Vehicle:
         self.publishing = Publishing(rate_hz, number)
         self._use_axes()
         self._limit = LineLimit(f"vehicle {self.name}")
-
-    @property
-    def name(self) -> str:
-        """The middle part of its keys."""
-        return vehicle_name(self.address)
 
     @property
     def profile(self) -> Profile:
@@ -145,7 +141,7 @@ class Vehicle:
         is_rates = isinstance(event, events.BodyRates)
         if is_rates and self.imu.has_other_clock(event.arrival_us, sample.time_us):
             return
-        if not self.imu.reports.take(event):
+        if not self.imu.uses(event):
             return
         reason = self.estimator.update_report(sample)
         if reason is not None:
@@ -175,7 +171,7 @@ class Vehicle:
         if theirs is None:
             return []
         place = self.estimator.place_field
-        alarms = " and ".join(sorted(MEANINGS[each] for each in self.alarms.words))
+        alarms = " and ".join(sorted(each.meaning for each in self.alarms.words))
         against_ours = f"of ours, {alarms}" if alarms else ""
         lines = self.comparison.compare(event, theirs, ours, sample, place, against_ours)
         return self.lines(lines, event.arrival_us)

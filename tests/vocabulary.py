@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from estimator.filter import memberships
-from estimator.types import Attitude, Quaternion, Vec3
+from estimator.types import Quaternion, Vec3
 
 IDENTITY: Quaternion = (1.0, 0.0, 0.0, 0.0)
 
@@ -100,12 +100,3 @@ def assert_attitude_close(q: Quaternion, r: Quaternion, max_angle_rad: float) ->
     """Both are unit quaternions, and the turn between them is at most ``max_angle_rad``."""
     assert [hypot(*each) for each in (q, r)] == pytest.approx([1.0, 1.0], abs=1e-9)
     assert angle_rad(q, r) <= max_angle_rad, f"{q} and {r}"
-
-
-def assert_attitudes_equal(one: Attitude, other: Attitude) -> None:
-    """Every number to the rounding of compiled code, every word exactly."""
-    for name, a, b in zip(Attitude._fields, one, other, strict=True):
-        if isinstance(a, str):
-            assert a == b, name
-        else:
-            np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-15, err_msg=name)

@@ -1,4 +1,4 @@
-"""The artificial bee colony, whose candidates somebody else evaluates.
+"""The artificial bee colony, whose candidates a search evaluates.
 
 The paper's Section III-A after D. Karaboga and B. Basturk, "On the performance
 of artificial bee colony (ABC) algorithm", Applied Soft Computing 8 (2008), with
@@ -18,61 +18,50 @@ one order. The candidates therefore depend on the seed and on the costs alone,
 and not on who computes the costs.
 """
 
-from collections.abc import Generator
-from typing import NoReturn
-
 import numpy as np
 
 from estimator.arrays import Floats, Ints
-from tuning.space import Space, make_feasible, random_positions
+from tuning.search import Search
+from tuning.space import make_feasible, random_positions
 
 
 class Colony:
-    """N food sources over a space: positions (N, D), costs (N,), failures in a row (N,).
+    """N food sources of a search: positions (N, D), costs (N,), failures in a row (N,).
 
     ``first`` (M, D), M <= N, are positions to begin with; the others are random.
     """
 
-    def __init__(
-        self,
-        space: Space,
-        food_sources: int,
-        limit: int,
-        generator: np.random.Generator,
-        first: Floats,
-    ) -> None:
-        self._space = space
-        self._limit = limit
+    def __init__(self, search: Search, first: Floats, generator: np.random.Generator) -> None:
+        self._search = search
+        self._space = search.space
         self._generator = generator
-        fresh = random_positions(space, food_sources - len(first), generator)
-        self.positions = np.concatenate([make_feasible(space, first), fresh])
-        self.costs = np.full(food_sources, np.inf)
-        self.failures = np.zeros(food_sources, dtype=np.int64)
-        self.cycles = 0
-        self.is_scouting = False  # whether the candidate is a scout's
+        sources = search.options.food_sources
+        fresh = random_positions(self._space, sources - len(first), generator)
+        self.positions = np.concatenate([make_feasible(self._space, first), fresh])
+        self.costs = np.full(sources, np.inf)
+        self.failures = np.zeros(sources, dtype=np.int64)
 
-    def fly(self) -> Generator[Floats, Floats, NoReturn]:
-        """Candidates (n, D) of one phase after the other, all feasible; send it their costs (n,).
+    def fly(self) -> None:
+        """Fly for the search's number of cycles; scouts come on top of the budget.
 
         A better candidate replaces its source; a source that was not improved fails. The first
         positions and a scout's are taken whatever their cost.
         """
-        everyone = np.arange(len(self.costs))
-        self.costs[:] = yield self.positions
-        while True:
-            candidates = self._beside(everyone)
-            self._take(everyone, candidates, (yield candidates))
+        search, everyone = self._search, np.arange(len(self.costs))
+        self.costs[:] = search.costs(self.positions)
+        candidates = self._beside(everyone)
+        while search.cycles < search.options.cycles:
+            self._take(everyone, candidates, search.costs(candidates))
             drawn = self._onlookers()
             candidates = self._beside(drawn)
-            self._take(drawn, candidates, (yield candidates))
-            if self.failures.max() > self._limit:
+            self._take(drawn, candidates, search.costs(candidates))
+            if self.failures.max() > search.options.limit:
                 worn = int(np.argmax(self.failures))
                 scout = random_positions(self._space, 1, self._generator)
-                self.is_scouting = True
-                self.costs[worn] = (yield scout)[0]
-                self.is_scouting = False
+                self.costs[worn] = search.costs(scout, scouts=True)[0]
                 self.positions[worn], self.failures[worn] = scout[0], 0
-            self.cycles += 1
+            candidates = self._beside(everyone)
+            search.end_cycle(self.costs)
 
     def _take(self, visited: Ints, candidates: Floats, costs: Floats) -> None:
         for i, candidate, cost in zip(visited, candidates, costs, strict=True):

@@ -98,8 +98,7 @@ class _Problem(NamedTuple):
 
     def matrix(self, p: Floats) -> Floats:
         """S, (3, 3)."""
-        matrix: Floats = np.tensordot(p[self.irons :] if len(p) > self.irons else PLAIN, BASIS, 1)
-        return matrix
+        return np.asarray(np.tensordot(p[self.irons :] if len(p) > self.irons else PLAIN, BASIS, 1))
 
     def part(self, chosen: Floats) -> "_Problem":
         """The samples chosen alone."""
@@ -196,8 +195,7 @@ def _covariance(problem: _Problem, slope: Floats, others: Floats, scale: float) 
     supposed[: problem.irons] = problem.field.strength_gauss
     weight = BLOCKS / len(problem.mag) / max(scale, MODEL_GAUSS) ** 2
     shown = weight * slope.T @ slope + np.diag(supposed**-2.0)
-    covariance: Floats = jackknife + np.linalg.inv(shown)
-    return covariance
+    return np.asarray(jackknife + np.linalg.inv(shown))
 
 
 def _is_vague(covariance: Floats, field: PlaceField) -> bool:
@@ -230,8 +228,7 @@ def compass_turn(mag_gauss: Floats, expected_gauss: Floats) -> Floats | None:
     is_clear = misfits[best] < CLEAR * misfits[second]
     if best == 0 or not is_clear or misfits[0] < LEAST_MISFIT * strength:
         return None
-    turn: Floats = RIGHT_ANGLED[best]
-    return turn
+    return np.asarray(RIGHT_ANGLED[best])
 
 
 def _apart(mag: Floats, seen: Floats) -> float:

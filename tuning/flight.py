@@ -87,8 +87,7 @@ class Flight(NamedTuple):
     def time_s(self) -> Floats:
         """Time (N,) since the first sample, on the vehicle's continuous clock."""
         times_us = self.rows.times_us
-        time_s: Floats = 1e-6 * (times_us - times_us[0])
-        return time_s
+        return np.asarray(1e-6 * (times_us - times_us[0]))
 
     @property
     def rate_hz(self) -> float:

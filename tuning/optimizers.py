@@ -36,19 +36,11 @@ def run_search(search: Search, first: Floats) -> bool:
     return True
 
 
-def bees(search: Search, first: Floats, generator: np.random.Generator) -> None:
-    """Artificial bee colony for the given number of cycles; scouts come on top of the budget."""
-    options = search.options
-    colony = Colony(
-        search.space, options.food_sources, options.limit, generator, first=first[None, :]
-    )
-    flight = colony.fly()
-    asked = next(flight)
-    while colony.cycles < options.cycles:
-        cycle = colony.cycles
-        asked = flight.send(search.costs(asked, scouts=colony.is_scouting))
-        if colony.cycles > cycle:
-            search.end_cycle(colony.costs)
+def bees(search: Search, first: Floats, generator: np.random.Generator) -> Floats:
+    """Artificial bee colony, from one position or some; its food sources at the end (N, D)."""
+    colony = Colony(search, np.atleast_2d(first), generator)
+    colony.fly()
+    return colony.positions
 
 
 def cma_es(search: Search, first: Floats, generator: np.random.Generator) -> None:
@@ -129,7 +121,7 @@ class Algorithm(NamedTuple):
 
     name: str
     fewest_sources: int
-    run: Callable[[Search, Floats, np.random.Generator], None]
+    run: Callable[[Search, Floats, np.random.Generator], object]
 
 
 ALGORITHMS = {

@@ -61,8 +61,7 @@ def predicted_vectors(
 
 def levelling_errors(down: Floats) -> Floats:
     """Angle (N,) between predicted and measured vertical, rad."""
-    errors: Floats = np.arctan2(np.hypot(down[:, 0], down[:, 1]), down[:, 2])
-    return errors
+    return np.asarray(np.arctan2(np.hypot(down[:, 0], down[:, 1]), down[:, 2]))
 
 
 def heading_errors(field: Floats) -> Floats:
@@ -73,8 +72,7 @@ def heading_errors(field: Floats) -> Floats:
     angles = np.arctan2(field[:, 1], field[:, 0])
     seen = angles[np.isfinite(angles)]
     mean = atan2(float(np.sin(seen).sum()), float(np.cos(seen).sum())) if len(seen) else 0.0
-    errors: Floats = np.abs((angles - mean + pi) % (2.0 * pi) - pi)
-    return errors
+    return np.asarray(np.abs((angles - mean + pi) % (2.0 * pi) - pi))
 
 
 def rms_known(errors: Floats) -> float | None:

@@ -12,7 +12,7 @@ from multiprocessing import get_context, parent_process
 from typing import Any
 
 from drivers.resources import Closing
-from estimator.errors import InputError, missing_extra
+from estimator.errors import InputError
 
 # For the parent, which ends its workers: a terminal sends them to all.
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -52,10 +52,9 @@ class Pool(Closing):
             yield from map(self._work, things)
             return
         try:
-            with _apart_from_terminal():
-                answers = [self._pool.submit(_answer, thing) for thing in things]
-            for answer in answers:
-                yield answer.result()
+            with _apart_from_terminal():  # all are sent at once
+                answers = self._pool.map(_answer, things)
+            yield from answers
         except BrokenProcessPool:
             raise ChildProcessError("a process, which computed, has ended") from None
 
@@ -107,15 +106,12 @@ class Cluster(Closing):
     held it, it is sent again.
 
     Raises:
-        InputError: dask.distributed is not installed, no scheduler answers, or
-            it has no workers.
+        InputError: no scheduler answers, or it has no workers.
     """
 
     def __init__(self, work: Callable[[Any], Any], address: str) -> None:
-        try:
-            import distributed
-        except ImportError:
-            raise missing_extra("--cluster", "cluster") from None
+        import distributed
+
         try:
             self._client: Any = distributed.Client(  # type: ignore[no-untyped-call]
                 address, timeout=CONNECT_TIMEOUT_S, set_as_default=False

@@ -145,8 +145,7 @@ def decode(space: Space, positions: Floats) -> Floats:
 
 
 def _clipped(space: Space, values: Any) -> Floats:
-    clipped: Floats = np.clip(values, [p.lower for p in space], [p.upper for p in space])
-    return clipped
+    return np.asarray(np.clip(values, [p.lower for p in space], [p.upper for p in space]))
 
 
 def bounds(space: Space) -> tuple[Floats, Floats]:
@@ -204,14 +203,12 @@ def profile_with(space: Space, base: Profile, values: Floats) -> Profile:
     turn_rad = changes.pop("calibration", {}).get(COMPASS_TURN, 0.0)
     if turn_rad != 0.0:
         base = msgspec.structs.replace(base, calibration=_compass_turned(base, turn_rad))
-    sections = {name: _replace_keys(getattr(base, name), keys) for name, keys in changes.items()}
+    sections: dict[str, Any] = {}
+    for name, keys in changes.items():
+        section = getattr(base, name)
+        is_plain = isinstance(section, dict)
+        sections[name] = section | keys if is_plain else msgspec.structs.replace(section, **keys)
     return parse_profile(profile_to_toml(msgspec.structs.replace(base, **sections)), "tuned")
-
-
-def _replace_keys(section: Any, keys: dict[str, float]) -> Any:
-    if isinstance(section, dict):
-        return {**section, **keys}
-    return msgspec.structs.replace(section, **keys)
 
 
 def _compass_turned(profile: Profile, turn_rad: float) -> Calibration:

@@ -130,8 +130,7 @@ class PaperTask(Task):
         names = (*memberships.NAMES, "filter.gamma", "filter.rate_time_constant_s")
         found = costs(base, np.stack([columns[name] for name in names], axis=1), self._signals)
         # summed in their order: the same bits for any batch
-        mean: Floats = np.cumsum(found, axis=1)[:, -1] / found.shape[1]
-        return mean
+        return np.asarray(np.cumsum(found, axis=1)[:, -1] / found.shape[1])
 
 
 def midpoint_profile() -> Profile:

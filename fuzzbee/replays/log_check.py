@@ -35,7 +35,7 @@ from fuzzbee.replays.log_report import (
 from fuzzbee.replays.score import DifferenceSummary
 from fuzzbee.replays.table import difference_text
 from fuzzbee.replays.trace import How, VehicleTrace
-from service.alarms import MEANINGS, Alarm
+from service.alarms import Alarm
 
 CLIPPED = {
     "accelerometer": Reason.ACCELEROMETER_SATURATED,
@@ -193,7 +193,7 @@ def _sensors(checked: Checked) -> Iterator[str]:
         counts = ", ".join(f"{n} by IMU {imu + 1}" for imu, n in own.clipped.items() if n)
         yield f"readings clipped as {own.message} counts: {counts} (usual: under {USUAL_CLIPS})"
     for word, seconds in checked.warnings.items():
-        yield f"{MEANINGS[Alarm(word)]} for {seconds:.0f} s"
+        yield f"{Alarm(word).meaning} for {seconds:.0f} s"
 
 
 def _agreement(checked: Checked) -> str:

@@ -112,6 +112,8 @@ def tune(request: TuneRequest) -> None:
 
     if request.cluster is not None and request.threads is not None:
         raise InputError("--threads and --cluster contradict each other: the workers compute")
+    if request.cluster is not None:
+        require_extra("distributed", "--cluster", "cluster")
     if request.plot is not None:
         if request.plot.exists() and not request.plot.is_dir():
             raise InputError(f"--plot {request.plot}: not a folder")

@@ -3,7 +3,7 @@
 import json
 import threading
 import time
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -25,8 +25,8 @@ from tuning.space import encode, profile_with, values_of
 from tuning.task import LogTask
 
 if TYPE_CHECKING:
+    from fuzzbee.outputs import ViewerOptions
     from fuzzbee.tune.view import SearchView
-    from fuzzbee.viewer.stream import ViewerOptions
 
 # A checkpoint is written this often, so a power cut costs no more of a search.
 CHECKPOINT_PERIOD_S = 20.0
@@ -46,7 +46,11 @@ def run_plan(plan: Plan, viewer: "ViewerOptions | None") -> int:
     if record is None and checkpoint.exists():
         print_line(f"{checkpoint}: an unfinished search, not resumed; it will be replaced")
     with ExitStack() as stack:
-        view = _open_view(viewer, plan, stack)
+        view = None
+        if viewer is not None:
+            from fuzzbee.tune.view import SearchView
+
+            view = stack.enter_context(closing(SearchView(viewer, plan.task.space)))
         with stop_on_signals(stop.set):
             search, is_finished, by_chance = _run(plan, record, stop, view)
             found = _found(plan, search, is_finished=is_finished)
@@ -121,16 +125,6 @@ def _run(
             if run_search(random_search, first):  # the result stands without it
                 by_chance = profile_with(task.space, task.base, random_search.best_values)
     return search, is_finished, by_chance
-
-
-def _open_view(viewer: "ViewerOptions | None", plan: Plan, stack: ExitStack) -> "SearchView | None":
-    if viewer is None:
-        return None
-    from fuzzbee.tune.view import SearchView
-
-    view = SearchView(viewer, plan.task.space)
-    stack.callback(view.close)
-    return view
 
 
 def _found(plan: Plan, search: Search, *, is_finished: bool) -> Profile:

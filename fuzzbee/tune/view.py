@@ -7,7 +7,8 @@ import numpy as np
 
 from drivers.resources import aside
 from fuzzbee.notify import notify
-from fuzzbee.viewer.stream import CLOSED, FINISH_FLUSH_S, ViewerOptions, ViewerStream, rr, rrb
+from fuzzbee.outputs import ViewerOptions
+from fuzzbee.viewer.stream import CLOSED, FINISH_FLUSH_S, ViewerStream, rr, rrb
 from tuning.search import Search
 from tuning.space import Space, bounds, encode
 

@@ -12,7 +12,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from urllib.parse import quote
 
-from estimator.errors import InputError, missing_extra
+from estimator.errors import InputError
 from service.process import end_with_parent
 
 HOST = "127.0.0.1"
@@ -21,7 +21,6 @@ START_TIMEOUT_S = 10.0
 STOP_TIMEOUT_S = 2.0
 # A minute or two.
 LIVE_HISTORY = "2MB"
-MISSING = str(missing_extra("the viewer", "viewer"))
 
 
 class ViewerProcess:
@@ -33,7 +32,7 @@ class ViewerProcess:
     Start it from the main thread: the kernel ties the child to the thread that started it.
 
     Raises:
-        InputError: no screen for a window; Rerun is not installed, or does not start.
+        InputError: no screen for a window, or Rerun does not start.
     """
 
     def __init__(self, *, web: bool, live: bool = False) -> None:
@@ -112,10 +111,9 @@ class ViewerProcess:
 def _program() -> str:
     """Rerun's own program, not the Python script that starts it: signals must reach it."""
     found = find_spec("rerun_cli")
-    if found is None or found.origin is None:
-        raise InputError(MISSING)
-    program = Path(found.origin).parent / "rerun"
-    return str(program if program.exists() else program.with_suffix(".exe"))
+    assert found is not None
+    assert found.origin is not None
+    return str(Path(found.origin).parent / "rerun")
 
 
 def _has_screen() -> bool:

@@ -10,23 +10,21 @@ from contextlib import suppress
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from drivers.output_file import NotWholeError
 from drivers.resources import aside
 from estimator.errors import InputError
 from fuzzbee.notify import notify
-from fuzzbee.viewer.process import MISSING, ViewerProcess
+from fuzzbee.outputs import ViewerOptions
+from fuzzbee.viewer.process import ViewerProcess
 from service.signals import terminate_like_interrupt
 
 # The library logs errors, but not that the viewer is gone or a file not written: we report those.
 OURS = ("re_grpc_client", "re_sdk::recording_stream", "re_log_encoding")
 os.environ.setdefault("RUST_LOG", ",".join(["error", *(f"{name}=off" for name in OURS)]))
-try:
-    rr: Any = import_module("rerun")
-    rrb: Any = import_module("rerun.blueprint")
-except ImportError:
-    raise InputError(MISSING) from None
+rr: Any = import_module("rerun")
+rrb: Any = import_module("rerun.blueprint")
 # It waits at the process's end for what is pending, behind a full disk for ever; we close it.
 atexit.unregister(rr.rerun_shutdown)
 
@@ -40,14 +38,6 @@ CLOSED = "closed; the rest goes on without it"
 OF_FILE = ("File-writer", "Failed to encode LogMsg")
 
 
-class ViewerOptions(NamedTuple):
-    """What was asked for: a window or "web", or None; a file, or None. Live, the past is less."""
-
-    view: str | None = None
-    rrd: str | None = None
-    live: bool = False
-
-
 class ViewerStream:
     """Rerun's ``recording``, and the viewer's process if one was asked for.
 
@@ -55,8 +45,7 @@ class ViewerStream:
     in threads that are left behind if it takes too long.
 
     Raises:
-        InputError: the extra is not installed, the viewer does not start, or the file
-            cannot be written.
+        InputError: the viewer does not start, or the file cannot be written.
     """
 
     def __init__(self, options: ViewerOptions, blueprint: Any) -> None:

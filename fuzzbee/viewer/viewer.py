@@ -6,9 +6,10 @@ from math import degrees, hypot, nan
 from drivers.events import VehicleId
 from estimator.geometry.quaternion import angle_between, norm, rotate, scale
 from estimator.types import STANDARD_GRAVITY_M_S2, ImuSample, Quaternion
+from fuzzbee.outputs import ViewerOptions
 from fuzzbee.verdict import Level, verdict_of
 from fuzzbee.viewer import layout
-from fuzzbee.viewer.stream import CLOSED, TIMELINE, ViewerOptions, ViewerStream, rr
+from fuzzbee.viewer.stream import CLOSED, TIMELINE, ViewerStream, rr
 from service.publishing import euler_deg
 from service.records import (
     HAS_ATTITUDE,

@@ -15,7 +15,6 @@ import msgspec
 
 from estimator.errors import InputError
 from fuzzbee.notify import notify
-from fuzzbee.table_model import Row, TableModel
 from fuzzbee.verdict import (
     Judgement,
     compass_off_deg,
@@ -26,6 +25,7 @@ from fuzzbee.verdict import (
     warning_text,
 )
 from service.http_door import Answer, HttpDoor
+from service.latest import Latest, Row
 from service.records import AttitudeRecord, Output
 
 HOST = "127.0.0.1"
@@ -78,10 +78,10 @@ class WebPage:
         self,
         address: Address,
         title: str,
-        model: TableModel | None = None,
+        model: Latest | None = None,
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.model = model or TableModel()
+        self.model = model or Latest()
         self.title = title
         self.now_s = now_s
         try:
@@ -100,18 +100,24 @@ class WebPage:
         self._door.close()
 
     def _respond(self, target: str, _headers: Mapping[str, str]) -> Answer | None:
-        """The page, its events, or a record."""
+        """The page, its events, the vehicles' names, or the latest record, as on Zenoh."""
         url = urlsplit(target)
-        if url.path == "/":
-            page = files("fuzzbee.web").joinpath("page.html").read_bytes()
-            return Answer("text/html; charset=utf-8", page)
-        if url.path == "/events":
-            vehicle = parse_qs(url.query).get("vehicle", [None])[0]
-            period_s = 1.0 / (ALL_HZ if vehicle is None else ONE_HZ)
-            events = iter(partial(self.event, vehicle), None)
-            return Answer("text/event-stream", b"", events, period_s)
-        record = self.record(url.path)
-        return None if record is None else Answer("application/json", record)
+        rows = {row.name: row for row in self.model.rows()}
+        found: Any = None
+        match url.path.split("/")[1:]:
+            case [""]:
+                page = files("fuzzbee.web").joinpath("page.html").read_bytes()
+                return Answer("text/html; charset=utf-8", page)
+            case ["events"]:
+                vehicle = parse_qs(url.query).get("vehicle", [None])[0]
+                period_s = 1.0 / (ALL_HZ if vehicle is None else ONE_HZ)
+                events = iter(partial(self.event, vehicle), None)
+                return Answer("text/event-stream", b"", events, period_s)
+            case ["vehicles"]:
+                found = list(rows)
+            case ["vehicles", name, ("attitude" | "status") as kind] if name in rows:
+                found = getattr(rows[name], kind)
+        return None if found is None else Answer("application/json", msgspec.json.encode(found))
 
     def event(self, vehicle: str | None) -> bytes:
         """What is sent: all vehicles, or one of them, with the server's time (ms)."""
@@ -123,22 +129,8 @@ class WebPage:
         }
         return b"data: " + msgspec.json.encode(content) + b"\n\n"
 
-    def record(self, path: str) -> bytes | None:
-        """JSON for ``/vehicles`` (their names) or ``/vehicles/NAME/attitude|status``.
 
-        A record is the latest, as on Zenoh; None where there is none.
-        """
-        rows = {row.name: row for row in self.model.rows()}
-        match path.split("/")[1:]:
-            case ["vehicles"]:
-                return msgspec.json.encode(list(rows))
-            case ["vehicles", name, ("attitude" | "status") as kind] if name in rows:
-                record = getattr(rows[name], kind)
-                return None if record is None else msgspec.json.encode(record)
-        return None
-
-
-def open_page(text: str, title: str, model: TableModel | None = None) -> WebPage:
+def open_page(text: str, title: str, model: Latest | None = None) -> WebPage:
     """The page at an address as it was typed; prints where it is."""
     page = WebPage(parse_address(text), title, model)
     is_loopback = ipaddress.ip_address(page.address.host).is_loopback

@@ -3,19 +3,12 @@
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
-from estimator.errors import InputError, missing_extra
+from estimator.errors import InputError
 from service.http_door import Answer, HttpDoor
-from service.records import (
-    AttitudeRecord,
-    Departed,
-    Output,
-    Published,
-    State,
-    StatusRecord,
-    vehicle_name,
-)
+from service.latest import Latest, Row
+from service.records import Output, State
 from service.second_opinion import Verdict
 
 if TYPE_CHECKING:
@@ -26,28 +19,23 @@ MOST_LOST = 64  # lost vehicles that a scrape has: thousands would take a second
 _SIGMA = "68 % of errors lie under it."
 
 
-class Latest(NamedTuple):
-    """Of one vehicle; ``sample_s`` is when its IMU sample arrived (s, monotonic)."""
-
-    attitude: AttitudeRecord | None = None
-    sample_s: float | None = None
-    status: StatusRecord | None = None
-
-    @property
-    def is_lost(self) -> bool:
-        """Whether the attitude is no longer valid."""
-        return self.status is not None and self.status.state == State.LOST
-
-    def part(self, name: str) -> Any:
-        """What a metric is of: a field, a valid attitude or the autopilot's; None without one."""
-        if name == "valid":
-            return None if self.is_lost else self.attitude
-        if name == "autopilot":
-            return self.status and self.status.autopilot
-        return getattr(self, name)
+def _parts(row: Row) -> dict[str, Any]:
+    """What metrics are of; when the sample arrived (s, monotonic), and None where there is none."""
+    attitude, status = row.attitude, row.status
+    return {
+        "sample_s": None if attitude is None else row.attitude_s - attitude.age_ms / 1e3,
+        "attitude": attitude,
+        "valid": None if _is_lost(row) else attitude,
+        "status": status,
+        "autopilot": status and status.autopilot,
+    }
 
 
-# Of a part of the latest: a metric's name, its help, and its number, or numbers by LABELS' label.
+def _is_lost(row: Row) -> bool:
+    return row.status is not None and row.status.state == State.LOST
+
+
+# Of a part of a row: a metric's name, its help, and its number, or numbers by LABELS' label.
 METRICS: tuple[tuple[str, str, str, Callable[[Any], Any]], ...] = (
     ("sample_s", "imu_age_seconds", "Of the last sample.", lambda at_s: time.monotonic() - at_s),
     ("attitude", "attitudes", "Attitudes published.", lambda a: a.sequence + 1),
@@ -76,21 +64,16 @@ TOTALS = {"overruns": "Ticks that came late.", "dropped": "Events and records lo
 class MetricsSink:
     """Serves ``http://127.0.0.1:PORT/metrics``.
 
-    The latest of each vehicle is written by the sink's thread and read by the server's.
-
     Raises:
-        InputError: the extra is not installed, or the port is taken.
+        InputError: the port is taken.
     """
 
     name = "metrics"
 
     def __init__(self, port: int) -> None:
-        try:
-            from prometheus_client import CollectorRegistry
-        except ImportError:
-            raise missing_extra("--metrics", "metrics") from None
-        self._lock = threading.Lock()
-        self._latest: dict[str, Latest] = {}  # who was lost last comes last
+        from prometheus_client import CollectorRegistry
+
+        self._latest = Latest()
         self._answering = threading.Lock()  # one answer at a time
         self._registry = CollectorRegistry(auto_describe=False)
         self._registry.register(self)
@@ -107,23 +90,7 @@ class MetricsSink:
 
     def handle(self, outputs: Sequence[Output]) -> None:
         """Remember the latest records."""
-        with self._lock:
-            for output in outputs:
-                if isinstance(output, Departed):
-                    self._latest.pop(vehicle_name(output.vehicle), None)
-                elif isinstance(output, Published):
-                    self._note(vehicle_name(output.vehicle), output.record)
-
-    def _note(self, name: str, record: AttitudeRecord | StatusRecord) -> None:
-        known = self._latest.get(name, Latest())
-        if isinstance(record, AttitudeRecord):
-            sample_s = time.monotonic() - record.age_ms / 1e3
-            now = known._replace(attitude=record, sample_s=sample_s)
-        else:
-            now = known._replace(status=record)
-        if now.is_lost and not known.is_lost:
-            self._latest.pop(name, None)
-        self._latest[name] = now
+        self._latest.take(outputs, time.monotonic())
 
     def close(self) -> None:
         """End the server."""
@@ -141,21 +108,21 @@ class MetricsSink:
         """All metrics for one scrape. A lost vehicle's attitude is left out but for its age."""
         from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 
-        with self._lock:
-            latest = dict(self._latest)
-        for name in [name for name, each in latest.items() if each.is_lost][:-MOST_LOST]:
-            del latest[name]
+        rows = self._latest.rows()
+        lost = sorted(filter(_is_lost, rows), key=lambda row: row.attitude_s)
+        left_out = {row.name for row in lost[:-MOST_LOST]}
+        latest = {row.name: _parts(row) for row in rows if row.name not in left_out}
         for part, metric, text, number in METRICS:
             kind = CounterMetricFamily if metric in COUNTERS else GaugeMetricFamily
             further = LABELS.get(metric, ())
             family = kind(f"fuzzbee_{metric}", text, labels=("vehicle", *further))
             for name, each in latest.items():
-                if (record := each.part(part)) is not None:
+                if (record := each[part]) is not None:
                     found = number(record)
                     for word, value in found.items() if further else (("", found),):
                         family.add_metric([name, word][: 1 + len(further)], value)
             yield family
-        statuses = [each.status for each in latest.values() if each.status is not None]
+        statuses = [each["status"] for each in latest.values() if each["status"] is not None]
         for metric, text in TOTALS.items():
             most = max((getattr(status, metric) for status in statuses), default=0)
             yield CounterMetricFamily(f"fuzzbee_{metric}", text, value=most)

@@ -11,7 +11,7 @@ from drivers.mavlink.messages import IMU_MESSAGES, MESSAGES, ImuMessage, Message
 from drivers.samples.imu_stream import Stamp
 from drivers.samples.vehicle_clock import TimeField
 from estimator.aiding.sources.source import SOURCES
-from fuzzbee.sinks import SINKS, SinkEntry, setting
+from fuzzbee.outputs import SINKS, SinkEntry, setting
 from service.records import AttitudeRecord, Published
 from tests.estimator.aiding.heading_source import HEADING_SOURCE, HeadingSample
 

@@ -8,10 +8,8 @@ from rich.console import Console
 
 from drivers.events import VehicleId
 from fuzzbee.terminal import TerminalView
-from service.records import Published, StatusRecord
-from tests.service.records import record
-
-STATUS = StatusRecord("running", "RAW_IMU", 49.8, 0.1, {}, 0, 0, 3)
+from service.records import Published
+from tests.service.records import STATUS, record
 
 
 def vehicle(name="1", attitude=None, state="running", status=STATUS, **changes):

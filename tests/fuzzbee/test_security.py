@@ -18,8 +18,7 @@ from fuzzbee.security import parse_system_ids
 from tests.fuzzbee.processes import free_port, started
 from tests.fuzzbee.services import recorded
 from tests.fuzzbee.test_streams import shell
-from tests.service.sinks.test_zenoh import wait_for
-from tests.service.sinks.test_zenoh_faults import _patient_client
+from tests.service.sinks.test_zenoh import plain_client, wait_for
 
 os.environ["MAVLINK20"] = "1"  # read by pymavlink when it is imported
 from pymavlink import mavutil
@@ -131,7 +130,7 @@ def test_secrets_are_in_no_argument_log_recording_status_or_error(key, tmp_path)
         started("sim", "--to", to, "--vehicles", "2"),
         started(*command, *zenoh, "--signing-key-file", str(key)) as service,
     ):
-        with _patient_client(f"tcp/127.0.0.1:{endpoint}") as client:
+        with plain_client(f"tcp/127.0.0.1:{endpoint}", 60.0) as client:
             seen = []
             client.declare_subscriber("**", lambda sample: seen.append(sample.payload.to_bytes()))
             wait_for(lambda: any(b"unsigned" in each for each in seen), 60.0)

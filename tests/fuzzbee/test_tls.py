@@ -12,6 +12,7 @@ import pytest
 import zenoh
 
 from tests.fuzzbee.processes import free_port, started
+from tests.service.sinks.test_zenoh import opened
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "tls"
 
@@ -53,20 +54,8 @@ def service(folder, port):
         yield process
 
 
-@contextmanager
 def client(folder, port, name):
-    config = configuration(folder, port, name)
-    session = None
-    end_s = time.monotonic() + 60.0
-    while session is None:
-        try:
-            session = zenoh.open(zenoh.Config.from_file(str(config)))
-        except zenoh.ZError:
-            if time.monotonic() > end_s:
-                raise
-            time.sleep(0.2)
-    with session:
-        yield session
+    return opened(zenoh.Config.from_file(str(configuration(folder, port, name))))
 
 
 def first_attitude(session, timeout_s=120.0):

@@ -27,9 +27,9 @@ from tests.service.records import UNIX_US, record
 
 pytest.importorskip("rerun", reason="the extra viewer is not installed")
 
+from fuzzbee.outputs import ViewerOptions
 from fuzzbee.viewer import process as viewer_process
 from fuzzbee.viewer.layout import PLOTS
-from fuzzbee.viewer.stream import ViewerOptions
 from fuzzbee.viewer.viewer import MOST_VEHICLES, ViewerSink
 from tests.fuzzbee.rrd import chunks, listing, numbers, rows
 
@@ -292,10 +292,11 @@ def test_no_usage_figures_are_sent_or_kept(tmp_path, monkeypatch):
     assert not list(tmp_path.rglob("*.json"))
 
 
-def test_without_the_extra_a_viewer_is_refused_and_nothing_else(monkeypatch, capfd):
+def test_without_the_extra_its_option_is_refused_and_nothing_else(monkeypatch, capfd):
     monkeypatch.setattr("fuzzbee.options.find_spec", lambda _: None)
-    assert main(["run", "--no-zenoh", "--view", "web"]) == 2
-    assert "[viewer]" in capfd.readouterr().err
+    for option, what in (("--view=web", "the viewer"), ("--metrics=9099", "--metrics")):
+        assert main(["run", "--no-zenoh", option]) == 2
+        assert f"{what} needs the extra" in capfd.readouterr().err
     assert main(["run", "--no-zenoh", "--seconds", "0.2", "--json"]) == 0
 
 

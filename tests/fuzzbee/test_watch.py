@@ -16,18 +16,6 @@ def assert_without_gaps(records):
     assert sequence == list(range(sequence[0], sequence[0] + len(sequence)))
 
 
-def test_the_service_first(capfd):
-    session = default_session(free_port())
-    with started("run", *session) as service:
-        assert main(["watch", "--json", "-n", "150", "--seconds", "60", *session]) == 0
-        service.send_signal(signal.SIGINT)
-        assert service.wait(60) == 0
-    records = [json.loads(line) for line in capfd.readouterr().out.splitlines()]
-    assert len(records) == 150
-    assert_without_gaps(records)
-    assert {record["vehicle"] for record in records} == {"1"}
-
-
 def test_a_watcher_before_and_one_beside_a_service_that_is_restarted():
     session = default_session(free_port())
     with started("watch", "--json", *session) as watcher:

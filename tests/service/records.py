@@ -2,6 +2,8 @@
 
 from math import radians
 
+import msgspec
+
 from estimator.geometry.frames import from_euler_rad
 from estimator.types import Attitude
 from service.publishing import attitude_record
@@ -56,6 +58,13 @@ def record(
     return made
 
 
+STATUS = StatusRecord("running", "RAW_IMU", 49.8, 0.1, {}, 0, 0, 3)
+
+
+def status(state="running", **changes):
+    return msgspec.structs.replace(STATUS, state=state, **changes)
+
+
 def differing(axis="heading", off_deg=25.0, wrong="autopilot", roll_deg=0.0, pitch_deg=0.0):
     """A status of a vehicle whose autopilot has another attitude."""
     off = {"inclination": (off_deg, 1.0), "heading": (0.5, off_deg)}[axis]
@@ -73,7 +82,4 @@ def differing(axis="heading", off_deg=25.0, wrong="autopilot", roll_deg=0.0, pit
         roll_deg=roll_deg,
         pitch_deg=pitch_deg,
     )
-    words = ("autopilot_differs",)
-    return StatusRecord(
-        "running", "RAW_IMU", 49.8, 0.1, {}, 0, 0, 3, warnings=words, autopilot=output
-    )
+    return status(warnings=("autopilot_differs",), autopilot=output)

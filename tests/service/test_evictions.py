@@ -9,12 +9,9 @@ from drivers.mavlink.encoder import FrameEncoder, command_ack, raw_imu
 from drivers.mavlink.framing import Frame, FrameReader
 from drivers.mavlink.gate import MOST_SENDERS as MOST_GATED
 from drivers.mavlink.gate import TAKE_OVER_US, FrameGate, Policy
-from drivers.resources import PLACES
 from estimator.profile import load_profile
-from fuzzbee.table_model import TableModel
 from service.pipeline import FORGOTTEN_LOOKS, Pipeline
-from service.records import Departed, Message, Published, Replaced, vehicle_name
-from tests.service.records import record
+from service.records import Departed, Message, Published, Replaced
 from tests.service.streams import ONE, START_US, imu_events
 
 PAPER = load_profile("paper")
@@ -145,13 +142,3 @@ def test_what_a_sender_was_is_forgotten_by_the_gate():
         assert gate.lets_in(imu_frame(vehicle, 0), "a", arrival_us)
     assert len(gate._senders) <= MOST_GATED
     assert not gate.lets_in(imu_frame(vehicle, 1), "b", arrival_us + TAKE_OVER_US // 2)
-
-
-def test_a_table_has_room_for_the_latest():
-    model = TableModel()
-    vehicles = addresses(PLACES + 300)
-    for second, vehicle in enumerate(vehicles):
-        model.take([Published(vehicle, record())], float(second))
-    assert {row.name for row in model.rows()} == set(map(vehicle_name, vehicles[-PLACES:]))
-    model.take([Departed(vehicles[-1])], float(len(vehicles)))
-    assert vehicle_name(vehicles[-1]) not in {row.name for row in model.rows()}

@@ -1,11 +1,11 @@
 import gc
-import subprocess
 import sys
 
 import pytest
 
 from estimator.compilation.compiled import is_compiled_code
 from service.process import MANY_OBJECTS, SWITCH_INTERVAL_S, steady
+from tests.programs import run_python
 
 
 def test_the_process_is_as_before_afterwards():
@@ -50,6 +50,5 @@ print(kb)
 
 @pytest.mark.skipif(sys.platform != "linux" or not is_compiled_code(), reason="nothing to free")
 def test_the_compilers_code_takes_no_memory_once_kernels_are_loaded():
-    command = [sys.executable, "-c", LOADED]
-    done = subprocess.run(command, capture_output=True, check=True, timeout=600)
+    done = run_python("-c", LOADED, timeout_s=600)
     assert int(done.stdout) < 8_000  # kB; 22,000 and more while they are loaded

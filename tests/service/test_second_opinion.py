@@ -11,7 +11,6 @@ from estimator.types import Attitude, ImuSample
 from service.evidence import Consistency
 from service.second_opinion import (
     LOOK_EVERY_US,
-    KnownFaults,
     Look,
     SecondOpinion,
     Verdict,
@@ -22,7 +21,7 @@ from tests.service.streams import ONE
 
 PLACE = PlaceField(radians(10.0), radians(60.0), 0.5)
 FIELD = (0.25 * cos(radians(10.0)), 0.25 * sin(radians(10.0)), 0.5 * sin(radians(60.0)))
-NONE = KnownFaults()
+NONE = ("", "")
 NORTH, EAST, DOWN = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
 
@@ -168,9 +167,9 @@ def test_ours_is_turned_back_to_the_autopilots_time_by_its_rate(behind_us, off_d
     ("faults", "wrong"),
     [
         (NONE, ""),
-        (KnownFaults(autopilot="its own filter calls it not good"), "autopilot"),
-        (KnownFaults(ours="of ours, the bias stands at its limit"), "ours"),
-        (KnownFaults("its own filter calls it not good", "of ours, a warning"), ""),
+        (("its own filter calls it not good", ""), "autopilot"),
+        (("", "of ours, the bias stands at its limit"), "ours"),
+        (("its own filter calls it not good", "of ours, a warning"), ""),
     ],
 )
 def test_where_no_evidence_names_one_what_counts_against_one_alone_does(faults, wrong):
@@ -207,9 +206,7 @@ def test_an_accelerometer_that_leads_ours_astray_is_nobody_s_fault_or_ours(place
 
 def test_the_evidence_that_named_one_stays_with_the_interval():
     turned = multiply(turn(DOWN, 30.0), TRUE)
-    opinion = reported(
-        TRUE, turned, place=None, faults=KnownFaults("its own filter calls it not good")
-    )
+    opinion = reported(TRUE, turned, place=None, faults=("its own filter calls it not good", ""))
     later_us = opinion._last_us + LOOK_EVERY_US
     reported(TRUE, turned, place=None, opinion=opinion, begin_us=later_us)
     (interval,) = opinion.intervals

@@ -6,13 +6,12 @@ The library waits for that peer much longer than a test waits for the end of the
 import json
 import signal
 import socket
-import subprocess
-import sys
 import time
 
 import pytest
 
 from tests.fuzzbee.processes import started
+from tests.programs import run_python
 
 NEVER_MS = 600_000  # ten times what a test waits
 PATIENT = ["--cfg", f"transport/unicast/open_timeout:{NEVER_MS}"]
@@ -59,8 +58,7 @@ with stop_on_signals(lambda: print("stopped again")):
 
 def test_an_interrupt_that_falls_into_a_destructor_is_raised_again():
     """As into a callback of the compiler's, where one in a hundred starts under load lost it."""
-    command = [sys.executable, "-c", LOST]
-    done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=60)
+    done = run_python("-c", LOST, timeout_s=60, check=False)
     assert "Exception ignored" in done.stderr
     assert done.stdout.split("\n") == ["stopped", "interrupted", ""], done.stderr
 

@@ -7,7 +7,7 @@ import pytest
 from drivers.events import Report, VehicleId
 from estimator.types import VelocitySample
 from service.records import State
-from service.stream_state import LONGEST_SILENCE_US, ImuChoice, ImuStream, ReportChoices
+from service.stream_state import LONGEST_SILENCE_US, ImuChoice, ImuStream
 
 LATE_US = 500_000
 BOTH = ("RAW_IMU", "SCALED_IMU2") * 3
@@ -162,8 +162,8 @@ GPS, GLOBAL, LOCAL = "GPS_RAW_INT", "GLOBAL_POSITION_INT", "LOCAL_POSITION_NED"
     ],
 )
 def test_of_reports_the_best_one_that_comes_is_used(arrivals, taken):
-    choices, sample = ReportChoices(), VelocitySample(0, (0.0, 0.0, 0.0), True, 0.3)
-    found = [choices.take(Report(VehicleId(1, 1), us, name, sample)) for name, us in arrivals]
+    stream, sample = ImuStream(), VelocitySample(0, (0.0, 0.0, 0.0), True, 0.3)
+    found = [stream.uses(Report(VehicleId(1, 1), us, name, sample)) for name, us in arrivals]
     assert "".join("-+"[each] for each in found) == taken
 
 

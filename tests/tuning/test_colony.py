@@ -1,9 +1,13 @@
 """The bees' phases, one by one, on a cost that is known."""
 
+from itertools import pairwise
+from typing import Any, NamedTuple
+
 import numpy as np
 import pytest
 
 from tuning.colony import Colony
+from tuning.search import Search, SearchOptions
 from tuning.space import Parameter
 
 # A plain box: no chains, so that a candidate is exactly what the formula says.
@@ -11,50 +15,64 @@ BOX = tuple(Parameter(name, -5.0, 5.0, is_logarithmic=False) for name in "abc")
 NONE = np.empty((0, 3))
 
 
-class Bees(Colony):
-    """One phase at a time: its candidates, and the source that each stands beside."""
+class Phase(NamedTuple):
+    """The colony when it asks for the costs of candidates, and the cycles that have ended."""
 
-    def __init__(self, space, sources, limit, seed, first=NONE):
-        super().__init__(space, sources, limit, np.random.default_rng(seed), first)
-        self._flight = self.fly()
-        self.asked = next(self._flight)
+    asked: Any
+    positions: Any
+    costs: Any
+    failures: Any
+    cycles: int
 
     @property
     def visited(self):
-        """All coordinates but one are a source's."""
+        """The source that each stands beside: all coordinates but one are the source's."""
         return np.array([np.argmax((self.positions == x).sum(axis=1)) for x in self.asked])
-
-    def take(self, costs):
-        self.asked = self._flight.send(costs)
-
-    def fail(self):
-        """No candidate is better than anything."""
-        self.take(np.full(len(self.asked), 1e9))
 
 
 def sphere(x):
     return np.sum(x**2, axis=1)
 
 
-def started(sources=10, limit=1000, seed=3):
-    bees = Bees(BOX, sources, limit, seed)
-    bees.take(sphere(bees.asked))
-    return bees
+def fail(x):
+    """No candidate is better than anything."""
+    return np.full(len(x), 1e9)
+
+
+def flown(*answers, sources=10, limit=1000, seed=3, first=NONE, cycles=1):
+    """Phases of a colony whose candidates cost what the answers say, the last again and again.
+
+    The last is the end, at which nothing is asked.
+    """
+    phases = []
+
+    def evaluate(x):
+        note(x)
+        return answers[min(len(phases), len(answers)) - 1](x)
+
+    def note(asked):
+        state = (colony.positions, colony.costs, colony.failures)
+        phases.append(Phase(asked, *(each.copy() for each in state), search.cycles))
+
+    search = Search(BOX, SearchOptions("abc", sources, cycles, limit, seed), evaluate)
+    colony = Colony(search, first, np.random.default_rng(seed))
+    colony.fly()
+    note(NONE)
+    return phases
 
 
 def test_starts_at_the_given_position_and_at_random_ones():
-    bees = Bees(BOX, 10, 1000, 3, np.array([[1.0, 2.0, 3.0]]))
-    assert bees.asked.shape == (10, 3)
-    assert bees.asked[0].tolist() == [1.0, 2.0, 3.0]
-    assert len(np.unique(bees.asked[:, 0])) == 10
+    asked = flown(sphere, first=np.array([[1.0, 2.0, 3.0]]))[0].asked
+    assert asked.shape == (10, 3)
+    assert asked[0].tolist() == [1.0, 2.0, 3.0]
+    assert len(np.unique(asked[:, 0])) == 10
 
 
 def test_each_bee_moves_one_coordinate_towards_or_away_from_another_source():
     """Of any three sources, employed or onlooker: with itself as the other it would stay."""
     for seed in range(200):
-        bees = started(sources=3, seed=seed)
-        for _ in range(2):
-            x, visited, asked = bees.positions, bees.visited, bees.asked
+        for phase in flown(sphere, fail, sources=3, seed=seed)[1:3]:
+            x, visited, asked = phase.positions, phase.visited, phase.asked
             at_bound = (np.abs(x[visited]) == 5.0).any(axis=1)
             changed = asked != x[visited]
             assert ((changed.sum(axis=1) == 1) | at_bound).all()
@@ -62,15 +80,14 @@ def test_each_bee_moves_one_coordinate_towards_or_away_from_another_source():
                 old = x[visited[i], j]
                 reach = np.abs(old - x[:, j]).max()  # |alpha| <= 1 times the farthest source
                 assert abs(asked[i, j] - old) <= reach
-            bees.fail()
 
 
 def test_alpha_takes_both_signs_and_fills_its_interval():
     """With two sources k is the other one, so alpha can be read off."""
     alphas = []
     for seed in range(300):
-        bees = started(sources=2, seed=seed)
-        x, asked = bees.positions, bees.asked
+        phase = flown(sphere, sources=2, seed=seed)[1]
+        x, asked = phase.positions, phase.asked
         for i in (0, 1):
             j = np.flatnonzero(asked[i] != x[i])
             if len(j) == 1 and abs(asked[i, j[0]]) < 5.0:  # not clipped to the box
@@ -80,58 +97,50 @@ def test_alpha_takes_both_signs_and_fills_its_interval():
 
 
 def test_a_source_never_gets_worse_and_failures_are_counted():
-    bees = started()
-    before, costs = bees.costs.copy(), sphere(bees.asked)
-    bees.take(costs)
-    better = costs < before
+    _, before, after, *_ = flown(sphere)
+    costs = sphere(before.asked)
+    better = costs < before.costs
     assert 0 < better.sum() < len(better)
-    assert np.array_equal(bees.costs, np.minimum(before, costs))
-    assert np.array_equal(bees.failures, np.where(better, 0, 1))
+    assert np.array_equal(after.costs, np.minimum(before.costs, costs))
+    assert np.array_equal(after.failures, np.where(better, 0, 1))
 
 
 def test_onlookers_prefer_fit_sources_in_proportion():
     """P_i = (1/(1 + J_i)) / sum: J = 0 is drawn four times as often as J = 3."""
     counts = np.zeros(2)
     for seed in range(2000):
-        bees = Bees(BOX, 2, 1000, seed)
-        bees.take(np.array([0.0, 3.0]))
-        bees.fail()
-        counts += np.bincount(bees.visited, minlength=2)
+        onlookers = flown(lambda _: np.array([0.0, 3.0]), fail, sources=2, seed=seed)[2]
+        counts += np.bincount(onlookers.visited, minlength=2)
     # 4000 draws at 0.8: three standard deviations are 0.019
     assert counts[0] / counts.sum() == pytest.approx(0.8, abs=0.019)
 
 
 def test_of_two_onlookers_at_one_source_the_better_is_kept():
-    bees = next(
-        bees
-        for bees in (started(sources=3, seed=seed) for seed in range(50))
-        if bees.fail() or np.bincount(bees.visited, minlength=3).max() >= 2
+    tried = (
+        flown(sphere, fail, lambda _: np.array([-2.0, -1.0, 1e9]), sources=3, seed=seed)
+        for seed in range(50)
     )
-    twice = int(np.argmax(np.bincount(bees.visited)))
-    rounds, costs = np.flatnonzero(bees.visited == twice), np.full(3, 1e9)
-    costs[rounds[:2]] = -2.0, -1.0
-    first = bees.asked[rounds[0]].copy()
-    bees.take(costs)
-    assert bees.costs[twice] == -2.0
-    assert np.array_equal(bees.positions[twice], first)
+    *_, onlookers, after = next(
+        phases for phases in tried if phases[2].visited[0] == phases[2].visited[1]
+    )
+    twice = onlookers.visited[0]
+    assert after.costs[twice] == -2.0
+    assert np.array_equal(after.positions[twice], onlookers.asked[0])
 
 
 def test_a_scout_leaves_the_source_that_failed_more_often_than_the_limit():
-    as_many = 0
+    as_many = scouts = 0
     for limit in range(3, 15):
-        bees = started(sources=4, limit=limit, seed=limit)
-        for _ in range(2):
-            cycle = bees.cycles
-            while not bees.is_scouting:
-                bees.fail()
-                if bees.cycles > cycle:  # one ended without a scout
-                    cycle = bees.cycles
-                    assert bees.failures.max() <= limit
-                    as_many += bees.failures.max() == limit
-            assert bees.asked.shape == (1, 3)
-            left = int(np.argmax(bees.failures))
-            assert bees.failures[left] > limit
-            bees.take(np.array([2e9]))  # worse, and accepted all the same
-            assert (bees.costs[left], bees.failures[left]) == (2e9, 0)
-            assert bees.cycles == cycle + 1
-    assert as_many > 3
+        phases = flown(sphere, lambda x: fail(x) * (1 + (len(x) == 1)), sources=4, limit=limit,
+                       seed=limit, cycles=20)  # fmt: skip
+        for before, phase in pairwise(phases[1:]):
+            if len(before.asked) == 1:  # worse, and accepted all the same
+                scouts += 1
+                left = int(np.argmax(before.failures))
+                assert before.failures[left] > limit
+                assert (phase.costs[left], phase.failures[left]) == (2e9, 0)
+                assert phase.cycles == before.cycles + 1
+            elif phase.cycles > before.cycles:  # a cycle that has ended without a scout
+                assert phase.failures.max() <= limit
+                as_many += phase.failures.max() == limit
+    assert min(as_many, scouts) > 3

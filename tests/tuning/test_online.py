@@ -10,7 +10,6 @@ from estimator.profile import load_profile, profile_to_json
 from estimator.types import ImuSample
 from tests.paper_noise import NoiseScale, simulate_scaled
 from tuning.calls import WRONG_TURN
-from tuning.online.cost import cost_on, has_moved, noise_of
 from tuning.online.retuner import (
     CHANGED,
     LEAST_GAIN,
@@ -23,7 +22,14 @@ from tuning.online.retuner import (
     space_around,
     update_of,
 )
-from tuning.online.segment import LONGEST_GAP_S, SEGMENT_S, fly_segments
+from tuning.online.segment import (
+    LONGEST_GAP_S,
+    SEGMENT_S,
+    cost_on,
+    fly_segments,
+    has_moved,
+    noise_of,
+)
 
 PAPER = load_profile("paper")
 CHANGE_S = 20.0
@@ -113,8 +119,9 @@ def test_nothing_is_changed_by_an_event_that_is_no_noise():
 
 
 def test_a_bad_candidate_does_not_win():
-    def worst(space, kept, evaluate, generator):
-        return np.array([each.upper for each in space]), kept
+    def worst(search, kept, generator):
+        search.best_values = np.array([each.upper for each in search.space])
+        return kept
 
     assert flown(45.0, 5.0, 5.0, look=worst)[0].decisions == []
 

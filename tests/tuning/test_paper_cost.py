@@ -42,13 +42,6 @@ def test_agrees_with_the_experiment(groups, confidence):
     assert np.ptp(found) > 1.0  # the candidates differ
 
 
-def test_score_is_the_experiments_cost():
-    task = paper_task()
-    score = task.score(task.base)
-    assert score.cost == experiments_cost(task, np.array(task.base.k))
-    assert score.held_out == run_experiment(task.base, 200).cost
-
-
 def test_costs_are_the_same_bits_for_any_batch():
     task = paper_task()
     values = candidates(task.space, 19)

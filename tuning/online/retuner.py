@@ -21,9 +21,9 @@ from estimator.profile import Profile, merge_profile, profile_to_json
 from estimator.reasons import Reason
 from estimator.types import ImuSample
 from tuning.calls import LoggedEstimator
-from tuning.colony import Colony
-from tuning.online.cost import cost_on, has_moved, noise_of
-from tuning.online.segment import SEGMENT_S, Segment, rows_of_all
+from tuning.online.segment import SEGMENT_S, Segment, cost_on, has_moved, noise_of, rows_of_all
+from tuning.optimizers import bees
+from tuning.search import Search, SearchOptions
 from tuning.space import Parameter, Space, decode, encode
 
 LEAST_GAIN = 0.05
@@ -38,9 +38,8 @@ CYCLES = 2
 # Why a candidate is one.
 CHANGED, BACK = "noise has changed", "taken back"
 
-Evaluate = Callable[[Floats], Floats]  # factors (C, D) to costs (C,)
-# Search in a space, from kept factors (M, D): the best that was tried (D,), and what to keep
-Look = Callable[[Space, Floats, Evaluate, np.random.Generator], tuple[Floats, Floats]]
+# Search from kept positions (M, D); returns those to keep
+Look = Callable[[Search, Floats, np.random.Generator], Floats]
 
 # In all, and in one move.
 MOST_FACTOR = 30.0
@@ -97,23 +96,6 @@ def space_around(base: Profile, factors: Floats) -> Space:
     return tuple(map(Parameter, names, low.tolist(), high.tolist()))
 
 
-def colony_search(
-    space: Space, kept: Floats, evaluate: Evaluate, generator: np.random.Generator
-) -> tuple[Floats, Floats]:
-    """Evaluate the kept food sources on the present segment, and go on from them for two cycles."""
-    limit = FOOD_SOURCES * len(space)
-    colony = Colony(space, FOOD_SOURCES, limit, generator, encode(space, kept))
-    flight = colony.fly()
-    asked, best, least = next(flight), kept[0], np.inf
-    while colony.cycles < CYCLES:
-        tried = decode(space, asked)
-        costs = evaluate(tried)
-        if costs.min() < least:
-            best, least = tried[int(np.argmin(costs))], float(costs.min())
-        asked = flight.send(costs)
-    return best, decode(space, colony.positions)
-
-
 class Decision(NamedTuple):
     """A change of the profile in force: what it becomes, as a partial profile, and why.
 
@@ -168,7 +150,7 @@ class Trial(NamedTuple):
 class Retuner:
     """The decisions about one vehicle, from segment to segment."""
 
-    def __init__(self, base: Profile, seed: int = 0, look: Look = colony_search) -> None:
+    def __init__(self, base: Profile, seed: int = 0, look: Look = bees) -> None:
         self._look = look
         self._generator = np.random.default_rng(seed)
         self._base = base
@@ -227,8 +209,11 @@ class Retuner:
         back = [self._before, np.ones(len(self._now))]
         known = [tuple(each.tolist()) for each in (self._now, *back, *self._kept)]
         first = np.array([*dict.fromkeys(known)][:FOOD_SOURCES])
-        best, self._kept = self._look(space, first, evaluate, self._generator)
-        candidates = [Trial(best, CHANGED), *(Trial(each, BACK) for each in back)]
+        options = SearchOptions("abc", FOOD_SOURCES, CYCLES, FOOD_SOURCES * len(space), seed=0)
+        search = Search(space, options, evaluate)
+        kept = self._look(search, encode(space, first), self._generator)
+        self._kept = decode(space, kept)
+        candidates = [Trial(search.best_values, CHANGED), *(Trial(each, BACK) for each in back)]
         return [each for each in candidates if np.any(each.factors != self._now)]
 
     def _move(self, won: Trial) -> Decision:

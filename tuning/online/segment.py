@@ -1,4 +1,9 @@
-"""The last seconds of a vehicle, as calls to its estimator that can be repeated."""
+"""The last seconds of a vehicle, as calls to its estimator that can be repeated, and their cost.
+
+The cost of a profile needs no truth. It is sin^2 of half the angle between the vectors that the
+estimate predicts half a second ahead by the gyroscope alone, and those measured then. A wrong
+start's mean e over the second behind it is added, as if there were one each five minutes.
+"""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -7,17 +12,31 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.aiding.phase import Phase
+from estimator.arrays import Bools, Floats
 from estimator.estimator import Estimator
+from estimator.geometry.metrics import batch_angle_errors
 from estimator.geometry.quaternion import multiply
+from estimator.geometry.rotations import exp, rotate
 from estimator.live.core import Snapshot, with_attitude
 from estimator.live.rows import Rows, cut, rows_of
 from estimator.profile import Profile
 from estimator.types import ImuSample, Quaternion
-from tuning.calls import Call, Calls, Course, course_of, split_calls
+from tuning.calls import WRONG_TURN, Call, Calls, Course, course_of, split_calls
+from tuning.prediction import heading_errors, predicted_vectors
 
 SEGMENT_S = 5.0
 # In a silence longer than this nobody knows what the vehicle has done.
 LONGEST_GAP_S = 0.5
+PULL_IN_S = 1.0
+PULL_IN_WEIGHT = 1.0 / 300.0
+# Errors of half a second have something in common; those of different ones are nearly independent.
+BLOCK_S = 0.5
+# Two readings further apart show about motion, not about noise.
+LONGEST_STEP_S = 0.15
+# Less noise than this counts as none: (1 mrad)^2, and (1 mrad/s)^2.
+LEAST_NOISE = 1e-6
+# A mean square that has changed by less is what it was; noise twice as large changes it by four.
+CHANGED = 2.0
 
 
 class Segment(NamedTuple):
@@ -80,3 +99,68 @@ def rows_of_all(segments: tuple[Segment, ...]) -> Rows:
     samples = [sample for segment in segments for sample in segment.samples]
     times_us, gyr, acc, mag, has_mag = map(np.array, zip(*samples, strict=True))
     return rows_of(times_us, gyr, acc, mag, has_mag)
+
+
+def cost_on(profile: Profile, *segments: Segment) -> Floats:
+    """The cost (B,) of each half second of the last segment, flown from the first on."""
+    rows = rows_of_all(segments)
+    flown = fly_segments(profile, segments)
+    first = sum(len(segment.samples) for segment in segments[:-1])
+    down, field = predicted_vectors(rows, flown.q_ned_frd, flown.bias_rad_s, first)
+    off = 0.5 * (1.0 - down[:, 2])
+    # of the field that it keeps its azimuth: a magnet turns it as a whole
+    off_north = np.sin(0.5 * heading_errors(field)) ** 2
+    off = np.where(np.isfinite(off_north), 0.5 * (off + off_north), off)
+    known = np.isfinite(off)
+    time_s = 1e-6 * (rows.times_us[known] - rows.times_us[0])
+    block = (time_s / BLOCK_S).astype(int)
+    found = [float(off[known][block == b].mean()) for b in np.unique(block)]
+    return np.array(found or [0.0]) + PULL_IN_WEIGHT * _pull_in(profile, segments[-1])
+
+
+def _pull_in(profile: Profile, segment: Segment) -> float:
+    """Mean e between an estimate that begins 170 deg off and one that does not, over a second."""
+    end_us = segment.samples[0].time_us + 1e6 * PULL_IN_S
+    count = max(1, sum(sample.time_us <= end_us for sample in segment.samples))
+    right = fly_segments(profile, (segment,), most=count)
+    wrong = fly_segments(profile, (segment,), WRONG_TURN, most=count)
+    angles = batch_angle_errors(wrong.q_ned_frd, right.q_ned_frd)[:, 0]
+    return float(np.mean(np.sin(0.5 * angles) ** 2))
+
+
+def noise_of(rows: Rows) -> Floats | None:
+    """Mean squares (3,) of the noise: of rate, (rad/s)^2, and of force and field as unit vectors.
+
+    From how far a reading is from the one before, turned on by the gyroscope. None if they come
+    too slowly to show it.
+    """
+    step_s = 1e-6 * np.diff(rows.times_us)
+    is_fast = step_s <= LONGEST_STEP_S
+    if 2 * is_fast.sum() < len(step_s):
+        return None
+    turn = exp(-rows.gyr_rad_s[1:] * step_s[:, None])
+
+    def changes(vectors: Floats) -> Floats:
+        """By how much each direction is another than the one before, turned against the body."""
+        length = np.linalg.norm(vectors, axis=1, keepdims=True)
+        unit = vectors / np.maximum(length, LEAST_NOISE)
+        return np.asarray(unit[1:] - rotate(turn, unit[:-1]))
+
+    def mean_square(changes: Floats, known: Bools) -> float:
+        """Of one reading's noise: a change has that of two."""
+        return float(0.5 * np.sum(changes[known] ** 2) / max(1, known.sum()))
+
+    has_field = rows.has_mag[1:] & rows.has_mag[:-1]
+    return np.array(
+        [
+            mean_square(np.diff(rows.gyr_rad_s, axis=0), is_fast),
+            mean_square(changes(rows.acc_m_s2), is_fast),
+            mean_square(changes(rows.mag_gauss), is_fast & has_field),
+        ]
+    )
+
+
+def has_moved(learnt: Floats, now: Floats) -> bool:
+    """Whether any noise is another than was learnt."""
+    ratio = np.log((now + LEAST_NOISE) / (learnt + LEAST_NOISE))
+    return bool(np.any(np.abs(ratio) > np.log(CHANGED)))

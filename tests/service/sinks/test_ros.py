@@ -9,14 +9,14 @@ from scipy.spatial.transform import Rotation
 
 from drivers.events import VehicleId
 from estimator.types import ImuSample
-from service.records import Departed, Published, StatusRecord
+from service.records import Departed, Published
 from service.sinks import ros_messages
 from service.sinks.ros import RosSink, imu_topic
 from service.sinks.ros_messages import IMU_TYPE, TF_TYPE, imu_message
 from service.zenoh_session import close_session
+from tests.service import records
 from tests.service.records import UNIX_US, record
-from tests.service.sessions import open_session
-from tests.service.sinks.test_zenoh import endpoint, options, plain_client, wait_for  # noqa: F401
+from tests.service.sinks.test_zenoh import endpoint, open_session, options, plain_client, wait_for  # noqa: F401
 from tests.vocabulary import random_quaternion
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
@@ -137,19 +137,7 @@ def test_a_transform_is_the_attitude_of_the_imus_message(child):
 
 
 def status(state="running", **changes):
-    return StatusRecord(
-        **{
-            "state": state,
-            "imu_message": "RAW_IMU",
-            "imu_rate_hz": 49.96,
-            "worst_gap_s": 0.5,
-            "rejected": {"not_later": 3},
-            "overruns": 0,
-            "dropped": 0,
-            "sequence": 7,
-            **changes,
-        }
-    )
+    return records.status(state, rejected={"not_later": 3}, **changes)
 
 
 @pytest.mark.parametrize(
@@ -176,7 +164,7 @@ def test_a_status_is_a_diagnosis(record, level):
     assert one.hardware_id == "vehicle_1"
     assert one.message.split(", ") == [record.state, *record.warnings]
     values = {each.key: each.value for each in one.values}
-    assert values["imu_rate_hz"] == "50.0"
+    assert values["imu_rate_hz"] == "49.8"
     assert values["imu_message"] == (record.imu_message or "none")
     assert values["rejected.not_later"] == "3"
     assert bytes(TYPES.serialize_cdr(message, kind)) == data

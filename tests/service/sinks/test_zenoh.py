@@ -20,9 +20,8 @@ from service.records import Departed, Published, StatusRecord
 from service.runner import Runner
 from service.sinks.sink import Outbox
 from service.sinks.zenoh import TogetherSink, ZenohSink
-from service.zenoh_session import ZenohOptions, close_session
+from service.zenoh_session import OpeningSession, ZenohOptions, close_session
 from tests.service.flight_rig import Rig
-from tests.service.sessions import open_session
 
 PAPER = load_profile("paper")
 
@@ -34,6 +33,11 @@ def endpoint():
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
+def open_session(options):
+    """An open session; whoever opened it closes it."""
+    return OpeningSession(options).session()
+
+
 def options(endpoint, **changes):
     """The default session on a port of the test's own."""
     listen = json.dumps([endpoint, "tcp/127.0.0.1:0"])
@@ -42,13 +46,25 @@ def options(endpoint, **changes):
     )
 
 
+def opened(config, patience_s=60.0):
+    """A session of a service that may still be starting."""
+    end_s = time.monotonic() + patience_s
+    while True:
+        try:
+            return zenoh.open(config)
+        except zenoh.ZError:
+            if time.monotonic() > end_s:
+                raise
+            time.sleep(0.1)
+
+
 @contextmanager
-def plain_client(endpoint):
+def plain_client(endpoint, patience_s=0.0):
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')
     config.insert_json5("scouting/multicast/enabled", "false")
     config.insert_json5("connect/endpoints", json.dumps([endpoint]))
-    with zenoh.open(config) as session:
+    with opened(config, patience_s) as session:
         yield session
 
 

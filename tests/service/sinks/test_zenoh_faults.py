@@ -76,7 +76,7 @@ def test_a_subscriber_that_blocks_costs_the_others_nothing():
     endpoint, release = f"tcp/127.0.0.1:{free_port()}", threading.Event()
     with (
         started("run", "sim:", "--json", "--rate", "200", "-l", endpoint, "-e", endpoint),
-        _patient_client(endpoint) as blocked,
+        plain_client(endpoint, 60.0) as blocked,
         plain_client(endpoint) as session,
     ):
         stuck = []
@@ -92,21 +92,3 @@ def test_a_subscriber_that_blocks_costs_the_others_nothing():
     missing = sum(b["sequence"] - a["sequence"] - 1 for a, b in pairwise(seen))
     assert missing < 0.01 * len(seen)
     assert seen[-1]["state"] == "running"
-
-
-@contextmanager
-def _patient_client(endpoint):
-    """A client of a service that is still starting."""
-    end_s = time.monotonic() + 60.0
-    while True:
-        try:
-            manager = plain_client(endpoint)
-            session = manager.__enter__()
-            break
-        except zenoh.ZError:
-            assert time.monotonic() < end_s
-            time.sleep(0.1)
-    try:
-        yield session
-    finally:
-        manager.__exit__(None, None, None)

@@ -1,4 +1,4 @@
-"""The latest of all vehicles, as views show it."""
+"""The latest of all vehicles, as views show it and metrics count it."""
 
 import threading
 from collections.abc import Iterable
@@ -80,7 +80,7 @@ class Row(NamedTuple):
         return f"{age_ms / 1e3:.1f} s" if age_ms < 100e3 else f"{age_ms / 60e3:.0f} min"
 
 
-class TableModel:
+class Latest:
     """The latest records of all vehicles; written by one thread, read by another.
 
     Where there is no room for one more, who has been silent for longest goes.
