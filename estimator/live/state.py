@@ -103,6 +103,7 @@ class State:
         """What the steps ask of the context."""
         now, known, settings = self.context, self.context.compass, self.settings
         is_aided = self.source == AIDED
+        is_raw = now.phase is Phase.RAW  # vectors as the sensors show them
         vouched = known.declared_calibrated
         given = self.profile.reference.declination_deg != "position"
         is_true = given or now.last_position.here is not None or not settings.conditioned
@@ -121,9 +122,9 @@ class State:
             source=self.source,
             standing=VOUCHED if vouched and standing != PROVEN else standing,
             rejected_until_us=NEVER_US if is_aided else compass.rejected_until_us(known),
-            used_from_us=compass.used_from_us(known),
+            used_from_us=NEVER_US if is_raw else compass.used_from_us(known),
             knows_north=self.knows_north,
-            turned_back=(cos(known.turned_rad), sin(known.turned_rad)),
+            turned_back=(1.0, 0.0) if is_raw else (cos(known.turned_rad), sin(known.turned_rad)),
             watches_gaps=now.phase in (Phase.SEARCHING, Phase.AIDED),
             takes_rates=settings.uses_rates,
             north=north,
