@@ -277,6 +277,23 @@ def test_raw_vectors_for_a_while_end_the_aiding(flight):
     )
 
 
+@pytest.mark.parametrize("known", [{"turned_rad": 1.0}, {"contradicted_us": 2_000_000}])
+def test_raw_vectors_are_as_the_sensors_show_them(flight, known):
+    """Whatever is known about the compass: only the profile ``imu`` turns it back, or drops it."""
+    one, other = estimator(), estimator()
+    for k, sample in enumerate(flight.samples[:400]):
+        if k == 100:
+            compass = one.snapshot.context.compass._replace(**known)
+            context = one.snapshot.context._replace(compass=compass)
+            one.snapshot = one.snapshot._replace(context=context)
+            for each in (one, other):
+                each.replace_profile(load_profile("paper"))
+        one.update(sample)
+        other.update(sample)
+    now_us = flight.samples[399].time_us
+    assert one.attitude(now_us).q_ned_frd == other.attitude(now_us).q_ned_frd
+
+
 def test_a_restart_forgets_what_was_seen(flight):
     one = estimator()
     flown(one, flight)
