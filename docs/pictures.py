@@ -21,8 +21,8 @@ from drivers.events import Imu
 from drivers.logs.open import open_log
 from estimator.profile import load_profile
 from fuzzbee.horizon import screen
+from fuzzbee.latest import Latest
 from fuzzbee.vehicle_table import table
-from service.latest import Latest
 from service.pipeline import Pipeline
 from service.records import Output, Published
 

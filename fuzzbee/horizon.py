@@ -14,6 +14,7 @@ import numpy as np
 from rich.console import Console, Group
 from rich.text import Text
 
+from fuzzbee.latest import Row
 from fuzzbee.verdict import (
     POINTS,
     Judgement,
@@ -23,7 +24,6 @@ from fuzzbee.verdict import (
     heading_text,
     row_verdict,
 )
-from service.latest import Row
 from service.records import AttitudeRecord, Autopilot
 
 LEAST_WIDTH, LEAST_HEIGHT = 40, 12  # of a window that has room for it

@@ -100,9 +100,10 @@ def parse_address_of(text: str) -> "VehicleId":
 
 def _metrics(opening: Opening) -> "Sink":
     require_extra("prometheus_client", "--metrics", "metrics")
+    from fuzzbee.latest import Latest
     from service.sinks.metrics import MetricsSink
 
-    return MetricsSink(opening.options["metrics"])
+    return MetricsSink(opening.options["metrics"], Latest())
 
 
 def _together(opening: Opening) -> "Sink":

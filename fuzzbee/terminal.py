@@ -10,9 +10,9 @@ from rich.console import Console, RenderableType
 from rich.live import Live
 
 from fuzzbee.horizon import LEAST_HEIGHT, LEAST_WIDTH, screen
+from fuzzbee.latest import Latest, Row
 from fuzzbee.notify import printable
 from fuzzbee.vehicle_table import ORDERS, lines, table
-from service.latest import Latest, Row
 from service.records import Output
 
 if TYPE_CHECKING:

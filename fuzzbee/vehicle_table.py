@@ -8,10 +8,10 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from fuzzbee.latest import Row
 from fuzzbee.notify import printable
 from fuzzbee.verdict import Level, imus_off, verdict_of, warning_text
 from service.alarms import Alarm
-from service.latest import Row
 from service.records import AttitudeRecord, State, StatusRecord
 
 MAX_LINES = 8  # more vehicles than this share one line

@@ -4,9 +4,9 @@ import re
 from enum import IntEnum
 from typing import NamedTuple
 
+from fuzzbee.latest import Row
 from fuzzbee.notify import printable
 from service.alarms import AXES, Alarm
-from service.latest import Row
 from service.records import (
     HAS_ATTITUDE,
     AttitudeRecord,

@@ -14,6 +14,7 @@ from urllib.parse import parse_qs, urlsplit
 import msgspec
 
 from estimator.errors import InputError
+from fuzzbee.latest import Latest, Row
 from fuzzbee.notify import notify
 from fuzzbee.verdict import (
     Judgement,
@@ -25,7 +26,6 @@ from fuzzbee.verdict import (
     warning_text,
 )
 from service.http_door import Answer, HttpDoor
-from service.latest import Latest, Row
 from service.records import AttitudeRecord, Output
 
 HOST = "127.0.0.1"

@@ -3,11 +3,10 @@
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from estimator.errors import InputError
 from service.http_door import Answer, HttpDoor
-from service.latest import Latest, Row
 from service.records import Output, State
 from service.second_opinion import Verdict
 
@@ -19,7 +18,7 @@ MOST_LOST = 64  # lost vehicles that a scrape has: thousands would take a second
 _SIGMA = "68 % of errors lie under it."
 
 
-def _parts(row: Row) -> dict[str, Any]:
+def _parts(row: Any) -> dict[str, Any]:
     """What metrics are of; when the sample arrived (s, monotonic), and None where there is none."""
     attitude, status = row.attitude, row.status
     return {
@@ -31,7 +30,7 @@ def _parts(row: Row) -> dict[str, Any]:
     }
 
 
-def _is_lost(row: Row) -> bool:
+def _is_lost(row: Any) -> bool:
     return row.status is not None and row.status.state == State.LOST
 
 
@@ -61,8 +60,18 @@ COUNTERS = ("attitudes", "rejected")
 TOTALS = {"overruns": "Ticks that came late.", "dropped": "Events and records lost."}
 
 
+class LatestRecords(Protocol):
+    """The latest records of all vehicles, as the views keep them."""
+
+    def take(self, outputs: Sequence[Output], now_s: float) -> object:
+        """Remember the latest records."""
+
+    def rows(self) -> Sequence[Any]:
+        """The latest of each vehicle: ``name``, ``attitude``, ``status`` and ``attitude_s``."""
+
+
 class MetricsSink:
-    """Serves ``http://127.0.0.1:PORT/metrics``.
+    """Serves the ``latest`` records at ``http://127.0.0.1:PORT/metrics``.
 
     Raises:
         InputError: the port is taken.
@@ -70,10 +79,10 @@ class MetricsSink:
 
     name = "metrics"
 
-    def __init__(self, port: int) -> None:
+    def __init__(self, port: int, latest: LatestRecords) -> None:
         from prometheus_client import CollectorRegistry
 
-        self._latest = Latest()
+        self._latest = latest
         self._answering = threading.Lock()  # one answer at a time
         self._registry = CollectorRegistry(auto_describe=False)
         self._registry.register(self)

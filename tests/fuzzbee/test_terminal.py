@@ -11,8 +11,8 @@ from rich.console import Console
 
 from drivers.events import VehicleId
 from fuzzbee.keys import Keys, terminal_keys
+from fuzzbee.latest import Latest
 from fuzzbee.terminal import TerminalView
-from service.latest import Latest
 from service.records import Departed, ImuDifference, Message, Published, Sigma
 from tests.fuzzbee.screen import lines, terminal, vehicle
 from tests.service.records import differing, record
@@ -214,7 +214,7 @@ def test_a_vehicle_that_has_departed_is_shown_no_more():
 
 
 def test_where_there_is_no_place_who_was_silent_for_longest_goes(monkeypatch):
-    monkeypatch.setattr("service.latest.PLACES", 2)
+    monkeypatch.setattr("fuzzbee.latest.PLACES", 2)
     model = Latest()
     for now_s, name in enumerate(("1", "2", "1", "3")):
         model.update(name, record(), now_s)
