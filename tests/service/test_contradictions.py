@@ -32,6 +32,12 @@ def test_a_stepped_axis_is_named_within_four_seconds(axis, has_velocity):
         ("vigorous tilts", HEALTHY),
         ("slalom 20", HEALTHY),
         ("gentle tilts", Fault("accelerometer offset", 0, 3.0, end_s=60.0)),
+        ("gentle tilts", Fault("magnetometer turned", 0, 119.0, begin_s=0.0)),
+        ("vigorous tilts", Fault("magnetometer turned", 0, 25.0, begin_s=0.0)),
+        ("gentle tilts", Fault("magnetometer frozen")),
+        ("slalom 30", Fault("magnetometer frozen", begin_s=26.0, end_s=48.0)),
+        ("slalom 20", Fault("magnetometer offset", 1, 0.27)),
+        ("hover", Fault("magnetometer offset", 0, 0.335)),
     ],
 )
 def test_a_right_gyroscope_is_not_contradicted(motion, fault):

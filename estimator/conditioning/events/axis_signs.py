@@ -3,27 +3,33 @@
 In G, which the gyroscope carries along, the field of the place stands still. An axis that is
 stuck, stepped, scaled or saturated turns it about that axis, and gravity with it, for as long as
 the fault lasts. The turn of a second is compared with all that turns a field in G beside that:
-noise, what an unknown lag and own field make of turning, turns missed between samples and a
-magnet, which changes the norm, too. How large the ratio of the two squares usually is, is learnt:
-a field is as calm as it is. How much better or worse the force fits is the rest of the evidence.
+noise, turns missed between samples, a magnet, which changes the norm, too, and the share of its
+turns by which a vehicle takes the field along: one that is late, has iron or stands turned in it.
+That share is learnt. A field that leaps, faster than a vehicle turns, has to show it anew. How much
+better or worse the force fits is the rest of the evidence.
 """
 
 from typing import NamedTuple
 
+from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.events.jump_signs import JumpSigns
-from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.field.magnetic import NORM_SCALE
-from estimator.conditioning.params import LATELY_S, LONG_S, SPAN_S
-from estimator.conditioning.robust import FAR
+from estimator.conditioning.params import LATELY_S, LONG_S, QUICK_S, SPAN_S
+from estimator.conditioning.robust import FAR, REACH
 from estimator.conditioning.vertical.gravity import GravityState
 from estimator.conditioning.vertical.lowpass import approach
 from estimator.conditioning.vertical.step import VerticalStep
 from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
-from estimator.geometry.axes import FrameAxes, axes_of, to_body, to_frame
+from estimator.geometry.axes import FrameAxes, axes_of, to_frame
 from estimator.geometry.quaternion import add, cross, dot, scale, square, subtract, unit
 from estimator.types import ZERO_VEC3, Vec3
+
+# A field is expected to go along with all of a turn until it has not gone along with turns of this
+# mean square in a second, rad^2: a compass that is turned in the vehicle goes along with tilts, one
+# that is frozen with any turn, and iron that has just come with a part of each.
+UNPROVEN_S = 0.05**2 * SPAN_S
 
 
 class AxisSigns(NamedTuple):
@@ -31,11 +37,11 @@ class AxisSigns(NamedTuple):
 
     slow: Vec3 = ZERO_VEC3  # mean direction of the field in G
     slower: Vec3 = ZERO_VEC3  # mean of that, over the time that gravity is averaged
-    turning: Vec3 = ZERO_VEC3  # mean of (R w) x that direction, 1/s: what a lag makes of turning
     turned: Vec3 = ZERO_VEC3  # turn by the gyroscope while the mean was taken, rad, in G
     unseen: float = 0.0  # variance of the turns missed meanwhile, rad^2
-    by_turning: float = 1.0  # measured over expected square of what turning does to the field,
-    by_noise: float = 1.0  # and of all else
+    moves: float = UNPROVEN_S  # sum of the squares by which the field has left its mean, rad^2 s
+    turns: float = UNPROVEN_S  # of those of the turns, which it may have gone along with
+    by_noise: float = 1.0  # measured over expected square of what all else does to the field
     age_s: float = 0.0  # since the first field
     squares: Vec3 = ZERO_VEC3  # squared error of each axis that explains the field, (rad/s)^2
     since_s: float = LATELY_S  # since any was contradicted, up to this time
@@ -46,8 +52,8 @@ class Seen(NamedTuple):
 
     y: Vec3  # its direction
     moved: Vec3  # by how much that has left its mean
-    lag: Vec3  # what a second's lag would have made of the turning
-    noise: float  # variance, rad^2
+    by_turning: float  # variance of that by what goes along with the vehicle, rad^2
+    by_noise: float  # by all else
 
 
 class Suspect(NamedTuple):
@@ -57,12 +63,12 @@ class Suspect(NamedTuple):
     evidence: float  # for it against none, twice the logarithm of the likelihood ratio or so
     by_force: float  # the part of it that the force shows
     ratio: float  # square of the field's turn over its variance
-    turning_share: float  # of that variance, by turning
 
 
-with_means = replacer(AxisSigns, "slow", "slower", "turning", "age_s")
-with_judged = replacer(AxisSigns, "by_turning", "by_noise", "squares", "since_s")
+with_means = replacer(AxisSigns, "slow", "slower", "age_s")
+with_judged = replacer(AxisSigns, "moves", "turns", "by_noise", "squares", "since_s")
 with_motion = replacer(AxisSigns, "turned", "unseen", "squares", "since_s")
+with_leap = replacer(AxisSigns, "slow", "slower", "moves", "turns", "age_s")
 
 
 @inlined
@@ -82,7 +88,6 @@ def watch_axes(
     state: AxisSigns,
     vertical: VerticalStep,
     jump: JumpSigns,
-    learnt: Calibration,
     usual_norm: float,
     force_scatter: float,
     dt_s: float,
@@ -96,26 +101,44 @@ def watch_axes(
         return state
     axes = axes_of(vertical.state.gravity.q_g_frd)
     y = unit(jump.quick)
-    x = cross(to_frame(axes, vertical.rate), y)
+    if jump.since_leap_s < QUICK_S:
+        return with_leap(state, y, y, UNPROVEN_S, UNPROVEN_S, dt_s)
     age_s = min(state.age_s + dt_s, LONG_S)
     share = max(dt_s / (SPAN_S + dt_s), dt_s / age_s)
     slower_share = max(vertical.state.coefficients.gravity_share, dt_s / age_s)
-    state = with_means(
-        state,
-        approach(state.slow, y, share),
-        approach(state.slower, state.slow, slower_share),
-        approach(state.turning, x, share),
-        age_s,
-    )
+    slow = approach(state.slow, y, share)
+    state = with_means(state, slow, approach(state.slower, slow, slower_share), age_s)
     along = jump.quick_norm / usual_norm - 1.0
-    noise = LEAST_DIRECTION_RAD**2 + along * along
-    seen = Seen(y, moved_beyond_bias(state, vertical, axes, y), subtract(x, state.turning), noise)
-    cases = (
-        suspect(state, vertical, learnt, (1.0, 0.0, 0.0), seen, force_scatter),
-        suspect(state, vertical, learnt, (0.0, 1.0, 0.0), seen, force_scatter),
-        suspect(state, vertical, learnt, (0.0, 0.0, 1.0), seen, force_scatter),
+    span_s, bias = min(SPAN_S, age_s), vertical.state.estimate.covariance
+    noise = LEAST_DIRECTION_RAD**2 + along * along + state.unseen
+    noise += max(bias[0], bias[4], bias[7]) * span_s * span_s
+    seen = Seen(
+        y=y,
+        moved=moved_beyond_bias(state, vertical, axes, y),
+        by_turning=taken_along(state, vertical.state.gravity, jump.since_leap_s),
+        by_noise=state.by_noise * noise,
     )
-    return judge(state, cases, dt_s)
+    cases = (
+        suspect(state, vertical.state.gravity, (1.0, 0.0, 0.0), seen, force_scatter),
+        suspect(state, vertical.state.gravity, (0.0, 1.0, 0.0), seen, force_scatter),
+        suspect(state, vertical.state.gravity, (0.0, 0.0, 1.0), seen, force_scatter),
+    )
+    return judge(state, seen, cases, dt_s)
+
+
+@inlined
+def taken_along(state: AxisSigns, gravity: GravityState, since_leap_s: float) -> float:
+    """Variance (rad^2) by which turning may have moved the field in G.
+
+    Of a turn about the vertical only iron takes it along. That is little unless it has just come,
+    or more was measured.
+    """
+    share, down = state.moves / state.turns, gravity.force.down.value
+    about_down = dot(state.turned, down) ** 2 / max(square(down), TINY)
+    by_iron = share
+    if since_leap_s >= LONG_S:
+        by_iron = min(share, max(NORM_SCALE**2, share - UNPROVEN_S / state.turns))
+    return share * max(0.0, square(state.turned) - about_down) + by_iron * about_down
 
 
 @inlined
@@ -133,47 +156,20 @@ def moved_beyond_bias(state: AxisSigns, vertical: VerticalStep, axes: FrameAxes,
 
 @inlined
 def suspect(
-    state: AxisSigns,
-    vertical: VerticalStep,
-    learnt: Calibration,
-    axis: Vec3,
-    field: Seen,
-    force_scatter: float,
+    state: AxisSigns, gravity: GravityState, axis: Vec3, field: Seen, force_scatter: float
 ) -> Suspect:
-    """The case against one ``axis`` of the body.
-
-    A turn t about the axis a moves y by t a x y. The own field o, seen from G, moves by
-    turned x R o, a field that is late by ``lag`` times that.
-    """
-    axes, (y, moved, lag, noise) = axes_of(vertical.state.gravity.q_g_frd), field
-    a = to_frame(axes, axis)
-    d = cross(a, y)
+    """The case against an ``axis`` of the body: a turn t about it, a in G, moves y by t a x y."""
+    a = to_frame(axes_of(gravity.q_g_frd), axis)
+    d = cross(a, field.y)
     shown = max(square(d), 1e-9)
-    p = learnt.covariance
-    own = to_body(axes, cross(d, state.turned))
-    own_variance = (
-        own[0] * (own[0] * p[0] + 2.0 * (own[1] * p[1] + own[2] * p[2]))
-        + own[1] * (own[1] * p[4] + 2.0 * own[2] * p[5])
-        + own[2] * own[2] * p[7]
-    )
-    own_variance *= min(1.0, 3.0 * NORM_SCALE**2 / max(p[0] + p[4] + p[7], 1e-12))
-    by_turning = (own_variance + dot(d, lag) ** 2 * p[9]) / (shown * shown)
-    span_s = min(SPAN_S, state.age_s)
-    estimate = vertical.state.estimate
-    bias_variance = max(estimate.covariance[0], estimate.covariance[4], estimate.covariance[7])
-    by_noise = (noise + bias_variance * span_s * span_s + state.unseen) / shown
-    variance = state.by_turning * by_turning + state.by_noise * by_noise
-    turn = dot(moved, d) / shown
-    rate_rad_s, ratio = turn / span_s, turn * turn / variance
+    turn = dot(field.moved, d) / shown
     later = dot(subtract(state.slow, state.slower), d) / shown
-    by_force = force_evidence(vertical.state.gravity, a, later, force_scatter)
-    return Suspect(
-        rate_rad_s=rate_rad_s,
-        evidence=ratio + by_force,
-        by_force=by_force,
-        ratio=ratio,
-        turning_share=state.by_turning * by_turning / variance,
-    )
+    by_force = force_evidence(gravity, a, later, force_scatter)
+    variance = field.by_noise  # gravity that has turned alike does not go along with the vehicle
+    if by_force < REACH * REACH:
+        variance += field.by_turning
+    ratio = turn * turn * shown / variance
+    return Suspect(turn / min(SPAN_S, state.age_s), ratio + by_force, by_force, ratio)
 
 
 @inlined
@@ -193,17 +189,18 @@ def force_evidence(gravity: GravityState, a: Vec3, turn: float, force_scatter: f
 
 
 @inlined
-def judge(state: AxisSigns, cases: tuple[Suspect, Suspect, Suspect], dt_s: float) -> AxisSigns:
+def judge(
+    state: AxisSigns, field: Seen, cases: tuple[Suspect, Suspect, Suspect], dt_s: float
+) -> AxisSigns:
     """An axis is suspected if its case is strong, and no other's is stronger by as much.
 
     Axes that field and force cannot distinguish are suspected alike. A ratio of up to twice the
     usual one teaches what is usual, and each cause in proportion.
     """
-    most, ratio, turning = 0.0, 0.0, 0.0
+    most, ratio = 0.0, 0.0
     for case in cases:
         most = max(most, case.evidence)
-        if case.ratio > ratio:
-            ratio, turning = case.ratio, case.turning_share
+        ratio = max(ratio, case.ratio)
     x, y, z = state.squares
     least, share = most - FAR, dt_s / (SPAN_S + dt_s)
     squares = (
@@ -214,11 +211,16 @@ def judge(state: AxisSigns, cases: tuple[Suspect, Suspect, Suspect], dt_s: float
     since_s = state.since_s
     if is_strong(cases[0], least) or is_strong(cases[1], least) or is_strong(cases[2], least):
         since_s = 0.0
+    variance = field.by_turning + field.by_noise
+    quiet = field.by_noise / variance
     learn = dt_s / (state.age_s + dt_s) * (min(ratio, 2.0) - 1.0)
+    keep = LONG_S / (LONG_S + dt_s)
+    moves = min(square(field.moved), 2.0 * variance) - field.by_noise
     return with_judged(
         state,
-        state.by_turning * (1.0 + learn * turning),
-        max(1.0, state.by_noise * (1.0 + learn * (1.0 - turning))),
+        keep * (state.moves + dt_s * max(0.0, moves)),
+        keep * (state.turns + dt_s * square(state.turned)),
+        max(1.0, state.by_noise * (1.0 + learn * quiet)),
         squares,
         since_s,
     )
@@ -239,4 +241,4 @@ def is_strong(case: Suspect, least: float) -> bool:
     A magnet may turn the field by any angle, so that the force must not contradict the axis: by
     less than a standard deviation it may do so by chance.
     """
-    return case.ratio > FAR and case.by_force > -1.0 and case.evidence > least
+    return case.evidence > max(FAR, least) and case.by_force > -1.0

@@ -6,7 +6,7 @@ from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.field.magnetic import MOST_DISTORTION
-from estimator.conditioning.params import LATELY_S, QUICK_S, ConditioningParams
+from estimator.conditioning.params import LATELY_S, LONG_S, QUICK_S, ConditioningParams
 from estimator.conditioning.robust import FAR
 from estimator.conditioning.vertical.lowpass import approach
 from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
@@ -22,6 +22,8 @@ JUMP_SHARE = (QUICK_S / JUMP_QUICK_S) ** (-1.0 / (QUICK_S / JUMP_QUICK_S - 1.0))
 # In how far they differ usually a moment counts as no more than so many times that, and noise: a
 # jump is not usual because it has come, and teaches no calibration.
 MOST_USUAL = 2.5
+# A field leaps if it turns by more than this (rad), and faster than vehicles do (rad/s).
+LEAP_RAD, LEAP_RAD_S = 0.1, 3.0
 
 
 class JumpSigns(NamedTuple):
@@ -34,7 +36,8 @@ class JumpSigns(NamedTuple):
     stretched: float = 0.0  # mean square of how far the two differ, as a share
     apart_rad: float = 0.0  # angle between the two
     moves_rad: float = 0.0  # angle between the last reading and the first of them
-    usual: float = 0.0  # its mean square, rad^2
+    since_leap_s: float = LONG_S  # since that has grown at once
+    usual: float = 0.0  # mean square of ``apart_rad``
     usual_turning: float = 0.0  # mean square rate of the vehicle meanwhile, (rad/s)^2
     turning: float = 0.0  # mean square rate of the vehicle lately, (rad/s)^2
     unseen: float = 0.0  # variance of turns missed between samples lately, rad^2
@@ -77,6 +80,8 @@ def watch_field(
     stretched = (quick_norm / max(slow_norm, TINY) - 1.0) ** 2
     if state.age_s > LATELY_S:
         apart = min(apart, MOST_USUAL**2 * (state.usual + LEAST_DIRECTION_RAD**2))
+    moves_rad = turn_of(state.quick, field_g)
+    leaps = moves_rad - state.moves_rad > max(LEAP_RAD, LEAP_RAD_S * dt_s)
     return JumpSigns(
         quick=quick,
         slow=slow,
@@ -84,7 +89,8 @@ def watch_field(
         slow_norm=slow_norm,
         stretched=state.stretched + b * (stretched - state.stretched),
         apart_rad=turned,
-        moves_rad=turn_of(state.quick, field_g),
+        moves_rad=moves_rad,
+        since_leap_s=0.0 if leaps else min(state.since_leap_s + dt_s, LONG_S),
         usual=state.usual + c * (apart - state.usual),
         usual_turning=state.usual_turning + c * (turning - state.usual_turning),
         turning=max(turning, state.turning + b * (turning - state.turning)),

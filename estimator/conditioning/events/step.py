@@ -194,9 +194,8 @@ def follow_signs(
     if field.seen:
         turning = dot(vertical.rate, vertical.rate)
         jump = watch_field(jump, mean.field_g, turning, vertical.aliasing, since_s)
-        learnt, usual_norm = field.state.calibration.learnt, reference_norm(magnetic)
-        force_scatter = before.gravity.force_scatter
-        axes = watch_axes(axes, vertical, jump, learnt, usual_norm, force_scatter, since_s)
+        scatter = before.gravity.force_scatter
+        axes = watch_axes(axes, vertical, jump, reference_norm(magnetic), scatter, since_s)
     if field.seen and has_heading(magnetic):
         heading = watch_heading(params, heading, now.estimate, magnetic, field.horizontal, since_s)
     dt = mean.time_s

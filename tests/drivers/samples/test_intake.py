@@ -267,8 +267,8 @@ def test_a_field_that_does_not_turn_with_the_vehicle_is_taken_away_and_counted()
         if refused and refused[-1] == k:
             assert events[0].reason == Reason.MAGNETOMETER_STUCK
             assert not events[1].sample.has_mag
-    # it takes 2 s and half a radian to be sure: 100 samples behind the 100 that moved
-    assert refused[0] in range(198, 206)
+    # chance does not explain the equal readings once it has turned by 0.1 rad
+    assert refused[0] in range(104, 108)
     assert refused == list(range(refused[0], 500))
 
 

@@ -244,9 +244,9 @@ def test_a_second_reading_like_it_shows_that_it_is_none():
     assert stream.feed(gyr=(15.5, 0.3, 0.1)) is None
 
 
-@pytest.mark.parametrize(("rate_rad_s", "seconds"), [(1.0, 2.0), (0.1, 5.0)])
+@pytest.mark.parametrize(("rate_rad_s", "seconds"), [(1.0, 0.1), (0.1, 1.0)])
 def test_a_field_that_stays_while_the_vehicle_turns(rate_rad_s, seconds):
-    """For 2 s and half a radian."""
+    """By 0.1 rad: chance does not explain the equal readings of a sensor with noise."""
     stream, stuck_after_s = Stream(), None
     for k in range(500):
         assert stream.feed(gyr=stream.noise((0.0, 0.0, rate_rad_s), 0.001), mag=FIELD) is None

@@ -2,17 +2,18 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from estimator.conditioning.events.axis_signs import (
     AxisSigns,
+    Seen,
     Suspect,
     carry_axes,
     judge,
     watch_axes,
 )
 from estimator.conditioning.events.jump_signs import JumpSigns
-from estimator.conditioning.field.calibration import Calibration
-from estimator.conditioning.params import SPAN_S, ConditioningParams
+from estimator.conditioning.params import LONG_S, SPAN_S, ConditioningParams
 from estimator.conditioning.robust import FAR
 from estimator.conditioning.state import initial_state
 from estimator.conditioning.vertical.gravity import Force, GravityState
@@ -23,8 +24,9 @@ from estimator.types import IDENTITY
 
 PARAMS = ConditioningParams()
 FIELD = (0.2, 0.05, 0.43)  # in the body
-LEARNT = Calibration(0.0, (0.0, 0.0, 0.0), (1e-4, 0, 0, 0, 1e-4, 0, 0, 1e-4, 0, 1e-4), 0.477)
 DT_S = 0.02
+NO_ERROR = (0.0, 0.0, 0.0)
+AS_IT_IS = np.eye(3)
 
 
 def step_of(q_g_frd, rate, *, bias=(0.0, 0.0, 0.0), down=(0.0, 0.0, 9.8), quick=(0.0, 0.0, 9.8)):
@@ -46,27 +48,40 @@ def after(
     bias=(0.0, 0.0, 0.0),
     stretch=1.0,
     force_scatter=0.001,
+    swing_rad_s=0.5,
+    sensed=AS_IT_IS,
+    leap_s=np.inf,
 ):
     """The signs of a body that turns so (rad/s) by a gyroscope with this error of its axes.
 
-    ``stretch`` is the field's strength while that lasts; ten seconds without an error precede it.
+    ``stretch`` is the field's strength while that lasts. Ten seconds precede it without an error,
+    in which the body swings about x and y. The compass shows ``sensed`` times the field, from
+    ``leap_s`` on if given.
     """
     signs, q_true, q_g = AxisSigns(), IDENTITY, IDENTITY
     slow = quick = (0.0, 0.0, 9.8)
     for k in range(round((10.0 + seconds) / DT_S)):
         is_wrong = k * DT_S >= 10.0
-        rate = tuple(np.add(turning, error)) if is_wrong else turning
-        q_true = normalize(multiply(q_true, exp(scale(DT_S, turning))))
+        swing = 0.0 if is_wrong else swing_rad_s * np.sin(k * DT_S)
+        true = np.add(turning, (swing, 0.7 * swing, 0.0))
+        rate = tuple(np.add(true, error)) if is_wrong else tuple(true)
+        q_true = normalize(multiply(q_true, exp(scale(DT_S, tuple(true)))))
         q_g = normalize(multiply(q_g, exp(scale(DT_S, rate))))
         body = scale(stretch if is_wrong else 1.0, rotate(conjugate(q_true), FIELD))
+        since_leap_s = k * DT_S - leap_s if np.isfinite(leap_s) else LONG_S
+        body = tuple(sensed @ body) if since_leap_s >= 0.0 else body
         field_g = rotate(q_g, body)
-        jump = JumpSigns(quick=field_g, quick_norm=float(np.linalg.norm(field_g)))
+        jump = JumpSigns(
+            quick=field_g,
+            quick_norm=float(np.linalg.norm(field_g)),
+            since_leap_s=since_leap_s if since_leap_s >= 0.0 else LONG_S,
+        )
         force = rotate(q_g, rotate(conjugate(q_true), (0.0, 0.0, 9.8)))
         slow = approach(slow, force, DT_S / PARAMS.gravity_tau_s)
         quick = approach(quick, force, DT_S / SPAN_S)
         step = step_of(q_g, rate, bias=bias, down=slow, quick=quick)
         signs = carry_axes(signs, step, DT_S)
-        signs = watch_axes(signs, step, jump, LEARNT, 0.477, force_scatter, DT_S)
+        signs = watch_axes(signs, step, jump, 0.477, force_scatter, DT_S)
     return signs
 
 
@@ -85,7 +100,31 @@ def test_an_axis_with_an_offset_is_contradicted_within_a_second(axis):
 
 def test_a_right_gyroscope_is_not_contradicted_however_it_turns():
     for turning in ((0.5, -0.3, 1.2), (0.0, 0.0, 0.0)):
-        assert after(5.0, (0.0, 0.0, 0.0), turning=turning).squares == (0.0, 0.0, 0.0)
+        assert after(5.0, NO_ERROR, turning=turning).squares == (0.0, 0.0, 0.0)
+
+
+def test_a_compass_that_is_turned_contradicts_no_axis():
+    """Its field goes along with tilts, as that by a gyroscope at fault does."""
+    for angle_rad in (0.3, np.pi / 2, np.pi):
+        sensed = Rotation.from_rotvec((0.0, 0.0, angle_rad)).as_matrix()
+        found = after(9.0, NO_ERROR, turning=(0.4, -0.2, 0.1), sensed=sensed)
+        assert found.squares == (0.0, 0.0, 0.0)
+
+
+def test_a_field_that_has_leapt_has_to_stand_still_anew():
+    """Iron that has come would pass for a gyroscope at fault, at the leap and in later turns."""
+    sensed = Rotation.from_rotvec((0.3, 0.6, 0.0)).as_matrix()
+    for turning in ((0.0, 0.0, 0.0), (0.0, 0.0, 0.7)):
+        leapt = after(3.0, NO_ERROR, turning=turning, sensed=sensed, leap_s=10.0)
+        assert leapt.squares == (0.0, 0.0, 0.0)
+    assert max(after(1.0, (0.0, 0.0, 0.0), turning=(0.0, 0.0, 0.7), sensed=sensed).squares) == 0.0
+
+
+def test_at_rest_the_force_shows_whether_axis_or_compass_is_wrong():
+    """A body that has never turned has not shown how its compass stands."""
+    assert after(3.0, (0.2, 0.0, 0.0), swing_rad_s=0.0).squares[0] > 0.0
+    wild = after(3.0, (0.2, 0.0, 0.0), swing_rad_s=0.0, force_scatter=1.0)
+    assert wild.squares == (0.0, 0.0, 0.0)
 
 
 def test_a_wrong_bias_contradicts_no_axis():
@@ -111,12 +150,13 @@ def test_what_nothing_renews_is_forgotten():
 
 
 def test_a_case_much_weaker_than_another_is_dropped():
-    strong, weak, none = (Suspect(0.3, e, 0.0, e, 0.25) for e in (60.0, 43.0, 1.0))
-    squares = judge(AxisSigns(age_s=60.0), (strong, weak, none), 0.02).squares
+    strong, weak, none = (Suspect(0.3, e, 0.0, e) for e in (60.0, 43.0, 1.0))
+    field, signs = Seen((1.0, 0.0, 0.0), (0.01, 0.0, 0.0), 1e-4, 1e-4), AxisSigns(age_s=60.0)
+    squares = judge(signs, field, (strong, weak, none), 0.02).squares
     assert squares == pytest.approx((0.09 * 0.02 / 1.02, 0.0, 0.0))
     alike = strong._replace(evidence=45.0)
-    assert judge(AxisSigns(age_s=60.0), (strong, alike, none), 0.02).squares[1] > 0.0
+    assert judge(signs, field, (strong, alike, none), 0.02).squares[1] > 0.0
     by_magnet = strong._replace(by_force=-1.1)
-    assert judge(AxisSigns(age_s=60.0), (by_magnet, none, none), 0.02).squares == (0.0, 0.0, 0.0)
-    beneath = strong._replace(ratio=0.99 * FAR)
-    assert judge(AxisSigns(age_s=60.0), (beneath, none, none), 0.02).squares == (0.0, 0.0, 0.0)
+    assert judge(signs, field, (by_magnet, none, none), 0.02).squares == (0.0, 0.0, 0.0)
+    beneath = strong._replace(evidence=0.99 * FAR)
+    assert judge(signs, field, (beneath, none, none), 0.02).squares == (0.0, 0.0, 0.0)
