@@ -6,7 +6,7 @@ refused only if what the other sensors say cannot be true beside them.
 """
 
 from dataclasses import dataclass, field
-from math import inf, log, pi, radians
+from math import log, pi, radians
 from typing import NamedTuple
 
 from estimator.geometry.quaternion import (
@@ -58,8 +58,7 @@ WEIGHT_M_S2 = 0.5  # from 1 g, of the force along the axis of a steady turn
 FIELD_OFF, FIELD_OFF_SHARE = 0.17, 0.5
 FIELD_LATE_S = 0.15  # magnetometers follow 0.1 s late, in steps
 FIELD_WAY = 0.5  # of the field's strength: having gone so far as the rate says, it begins anew
-MAG_STUCK_US, MAG_TURN_RAD = 2_000_000, 0.5  # turned so far, the field cannot be what it was
-MAG_NOISY_TURN_RAD = 0.1  # where chance does not explain the equal readings
+MAG_TURN_RAD = 0.1  # turned so far, the field cannot be what it was
 
 
 class Readings(NamedTuple):
@@ -225,14 +224,12 @@ class StuckSensors:
         if not repeats:
             self.mag_turn_rad = 0.0
             return
-        step_s = MICROSECOND * min(max(step_us, 0), MAG_STUCK_US)
+        step_s = MICROSECOND * min(max(step_us, 0), STUCK_US)
         rate_rad_s = largest(now.gyr_rad_s)
         if rate_rad_s > MOVING_GYR_RAD_S:
             self.mag_turn_rad += step_s * rate_rad_s
-        least_rad = MAG_TURN_RAD if self.mag.is_long(raw_us, MAG_STUCK_US) else inf
-        if self.mag.is_unlikely():
-            least_rad = MAG_NOISY_TURN_RAD
-        if self.mag_turn_rad >= least_rad:
+        is_old = self.mag.is_unlikely() or self.mag.is_long(raw_us, HELD_US)
+        if self.mag_turn_rad >= MAG_TURN_RAD and is_old:
             self.mag.is_proven = True
 
     def _judge(self, now: Readings, raw_us: int) -> Reason | None:
