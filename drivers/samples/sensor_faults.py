@@ -10,6 +10,7 @@ from math import log, pi, radians
 from typing import NamedTuple
 
 from estimator.geometry.quaternion import (
+    add,
     angle_between_vectors,
     dot,
     exp,
@@ -58,7 +59,9 @@ WEIGHT_M_S2 = 0.5  # from 1 g, of the force along the axis of a steady turn
 FIELD_OFF, FIELD_OFF_SHARE = 0.17, 0.5
 FIELD_LATE_S = 0.15  # magnetometers follow 0.1 s late, in steps
 FIELD_WAY = 0.5  # of the field's strength: having gone so far as the rate says, it begins anew
-MAG_TURN_RAD = 0.1  # turned so far, the field cannot be what it was
+# Turned so far, the field cannot be what it was: by any turns in HELD_US; sooner, by what the rate
+# comes to beyond a bias
+MAG_PATH_RAD, MAG_TURN_RAD = 0.5, 0.1
 
 
 class Readings(NamedTuple):
@@ -193,7 +196,8 @@ class StuckSensors:
     field_us: int = 0
     gyr_begin: Readings = NOTHING  # when the gyroscope began to repeat itself
     turned: Vec3 = ZERO_VEC3  # where the gyroscope says that the repeated force should be
-    mag_turn_rad: float = 0.0  # without a new field
+    mag_path_rad: float = 0.0  # without a new field, turns to and fro alike
+    mag_turn: Vec3 = ZERO_VEC3  # what they come to, rad
 
     def refusal(self, now: Readings, last: Readings, raw_us: int) -> Reason | None:
         """Why the reading behind ``last`` cannot be true; saturated ones are not given."""
@@ -222,14 +226,16 @@ class StuckSensors:
         repeats = now.mag_gauss == last.mag_gauss and now.mag_gauss != ZERO_VEC3
         self.mag.observe(raw_us, repeats=repeats)
         if not repeats:
-            self.mag_turn_rad = 0.0
+            self.mag_path_rad, self.mag_turn = 0.0, ZERO_VEC3
             return
-        step_s = MICROSECOND * min(max(step_us, 0), STUCK_US)
-        rate_rad_s = largest(now.gyr_rad_s)
-        if rate_rad_s > MOVING_GYR_RAD_S:
-            self.mag_turn_rad += step_s * rate_rad_s
-        is_old = self.mag.is_unlikely() or self.mag.is_long(raw_us, HELD_US)
-        if self.mag_turn_rad >= MAG_TURN_RAD and is_old:
+        step_s = MICROSECOND * min(max(step_us, 0), HELD_US)
+        self.mag_path_rad += step_s * largest(now.gyr_rad_s)
+        self.mag_turn = add(self.mag_turn, scale(step_s, now.gyr_rad_s))
+        is_long = self.mag.is_long(raw_us, HELD_US)
+        by_bias_rad = MOVING_GYR_RAD_S * MICROSECOND * (raw_us - self.mag.begin_us)
+        has_turned = largest(self.mag_turn) > MAG_TURN_RAD + by_bias_rad
+        is_stuck = has_turned and (is_long or self.mag.is_unlikely())
+        if is_stuck or (is_long and self.mag_path_rad >= MAG_PATH_RAD):
             self.mag.is_proven = True
 
     def _judge(self, now: Readings, raw_us: int) -> Reason | None:

@@ -53,6 +53,7 @@ class Seen(NamedTuple):
     y: Vec3  # its direction
     moved: Vec3  # by how much that has left its mean
     by_turning: float  # variance of that by what goes along with the vehicle, rad^2
+    by_iron: float  # what iron would make of that at least
     by_noise: float  # by all else
 
 
@@ -116,6 +117,7 @@ def watch_axes(
         y=y,
         moved=moved_beyond_bias(state, vertical, axes, y),
         by_turning=taken_along(state, vertical.state.gravity, jump.since_leap_s),
+        by_iron=min(state.moves / state.turns, NORM_SCALE**2) * square(state.turned),
         by_noise=state.by_noise * noise,
     )
     cases = (
@@ -165,10 +167,9 @@ def suspect(
     turn = dot(field.moved, d) / shown
     later = dot(subtract(state.slow, state.slower), d) / shown
     by_force = force_evidence(gravity, a, later, force_scatter)
-    variance = field.by_noise  # gravity that has turned alike does not go along with the vehicle
-    if by_force < REACH * REACH:
-        variance += field.by_turning
-    ratio = turn * turn * shown / variance
+    # gravity that has turned alike goes along with no vehicle, but iron may do so
+    by_turning = field.by_iron if by_force >= REACH * REACH else field.by_turning
+    ratio = turn * turn * shown / (by_turning + field.by_noise)
     return Suspect(turn / min(SPAN_S, state.age_s), ratio + by_force, by_force, ratio)
 
 
@@ -241,4 +242,4 @@ def is_strong(case: Suspect, least: float) -> bool:
     A magnet may turn the field by any angle, so that the force must not contradict the axis: by
     less than a standard deviation it may do so by chance.
     """
-    return case.evidence > max(FAR, least) and case.by_force > -1.0
+    return case.ratio > FAR and case.evidence > least and case.by_force > -1.0

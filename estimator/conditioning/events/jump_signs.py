@@ -1,5 +1,6 @@
 """The field in G, where it stands still: what turns it there at once is an unsensed turn."""
 
+from math import sqrt
 from typing import NamedTuple
 
 from estimator.bounds import TINY
@@ -7,7 +8,7 @@ from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.field.magnetic import MOST_DISTORTION
 from estimator.conditioning.params import LATELY_S, LONG_S, QUICK_S, ConditioningParams
-from estimator.conditioning.robust import FAR
+from estimator.conditioning.robust import FAR, REACH
 from estimator.conditioning.vertical.lowpass import approach
 from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
 from estimator.geometry.quaternion import angle_between_vectors, norm, square
@@ -22,7 +23,8 @@ JUMP_SHARE = (QUICK_S / JUMP_QUICK_S) ** (-1.0 / (QUICK_S / JUMP_QUICK_S - 1.0))
 # In how far they differ usually a moment counts as no more than so many times that, and noise: a
 # jump is not usual because it has come, and teaches no calibration.
 MOST_USUAL = 2.5
-# A field leaps if it turns by more than this (rad), and faster than vehicles do (rad/s).
+# A field leaps if it turns by more than this (rad), faster than vehicles do (rad/s), and further
+# than its readings usually lie apart.
 LEAP_RAD, LEAP_RAD_S = 0.1, 3.0
 
 
@@ -36,6 +38,7 @@ class JumpSigns(NamedTuple):
     stretched: float = 0.0  # mean square of how far the two differ, as a share
     apart_rad: float = 0.0  # angle between the two
     moves_rad: float = 0.0  # angle between the last reading and the first of them
+    scatter: float = 0.0  # mean square of that angle, rad^2
     since_leap_s: float = LONG_S  # since that has grown at once
     usual: float = 0.0  # mean square of ``apart_rad``
     usual_turning: float = 0.0  # mean square rate of the vehicle meanwhile, (rad/s)^2
@@ -81,7 +84,9 @@ def watch_field(
     if state.age_s > LATELY_S:
         apart = min(apart, MOST_USUAL**2 * (state.usual + LEAST_DIRECTION_RAD**2))
     moves_rad = turn_of(state.quick, field_g)
-    leaps = moves_rad - state.moves_rad > max(LEAP_RAD, LEAP_RAD_S * dt_s)
+    least = max(LEAP_RAD, LEAP_RAD_S * dt_s)
+    leaps = moves_rad - state.moves_rad > max(least, REACH * sqrt(state.scatter))
+    scatter = min(moves_rad**2, MOST_USUAL**2 * (state.scatter + LEAST_DIRECTION_RAD**2))
     return JumpSigns(
         quick=quick,
         slow=slow,
@@ -90,6 +95,7 @@ def watch_field(
         stretched=state.stretched + b * (stretched - state.stretched),
         apart_rad=turned,
         moves_rad=moves_rad,
+        scatter=state.scatter + c * (scatter - state.scatter),
         since_leap_s=0.0 if leaps else min(state.since_leap_s + dt_s, LONG_S),
         usual=state.usual + c * (apart - state.usual),
         usual_turning=state.usual_turning + c * (turning - state.usual_turning),
