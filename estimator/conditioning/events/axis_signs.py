@@ -242,4 +242,5 @@ def is_strong(case: Suspect, least: float) -> bool:
     A magnet may turn the field by any angle, so that the force must not contradict the axis: by
     less than a standard deviation it may do so by chance.
     """
-    return case.ratio > FAR and case.evidence > least and case.by_force > -1.0
+    shown = case.ratio > REACH * REACH and case.evidence > max(FAR, least)
+    return shown and case.by_force > -1.0

@@ -244,12 +244,17 @@ def test_a_second_reading_like_it_shows_that_it_is_none():
     assert stream.feed(gyr=(15.5, 0.3, 0.1)) is None
 
 
-@pytest.mark.parametrize(("rate_rad_s", "seconds"), [(1.0, 0.1), (0.1, 1.0)])
-def test_a_field_that_stays_while_the_vehicle_turns(rate_rad_s, seconds):
-    """By 0.1 rad: chance does not explain the equal readings of a sensor with noise."""
+@pytest.mark.parametrize(
+    ("rate_rad_s", "shaking_rad_s", "seconds"),
+    [(1.0, 0.0, 0.12), (0.1, 0.0, 2.0), (0.03, 0.0, 16.7), (0.2, 1.0, 0.68), (0.0, 4.0, 2.0)],
+)
+def test_a_field_that_stays_while_the_vehicle_turns(rate_rad_s, shaking_rad_s, seconds):
+    """By 0.1 rad beyond a bias, or shaking for 2 s, as a field follows shaking, too."""
     stream, stuck_after_s = Stream(), None
-    for k in range(500):
-        assert stream.feed(gyr=stream.noise((0.0, 0.0, rate_rad_s), 0.001), mag=FIELD) is None
+    for k in range(1000):
+        now_rad_s = rate_rad_s + shaking_rad_s * (-1) ** k
+        gyr = stream.noise((0.0, 0.0, now_rad_s), 0.001)
+        assert stream.feed(gyr=gyr, mag=FIELD) is None
         if stream.faults.stuck.mag.is_proven:
             stuck_after_s = 1e-6 * STEP_US * k
             break

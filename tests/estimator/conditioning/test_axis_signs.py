@@ -151,7 +151,7 @@ def test_what_nothing_renews_is_forgotten():
 
 def test_a_case_much_weaker_than_another_is_dropped():
     strong, weak, none = (Suspect(0.3, e, 0.0, e) for e in (60.0, 43.0, 1.0))
-    field, signs = Seen((1.0, 0.0, 0.0), (0.01, 0.0, 0.0), 1e-4, 1e-4), AxisSigns(age_s=60.0)
+    field, signs = Seen((1.0, 0.0, 0.0), (0.01, 0.0, 0.0), 1e-4, 1e-4, 1e-4), AxisSigns(age_s=60.0)
     squares = judge(signs, field, (strong, weak, none), 0.02).squares
     assert squares == pytest.approx((0.09 * 0.02 / 1.02, 0.0, 0.0))
     alike = strong._replace(evidence=45.0)

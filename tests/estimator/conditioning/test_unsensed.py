@@ -109,6 +109,24 @@ def test_a_jump_is_not_usual_because_it_has_come():
     assert degrees(sqrt(jump.usual)) < 0.5  # measured 0.34; 2.2 if it counts like all others
 
 
+def leaps_of(field, noise, seconds, seed):
+    """How often a field with that noise of each axis (of its own strength) leaps, at 50 Hz."""
+    rng, jump, leaps = np.random.default_rng(seed), initial_state(PARAMS).events.jump, []
+    for k in range(round(seconds / 0.02)):
+        reading = tuple(field(0.02 * k) + noise * rng.normal(size=3))
+        jump = watch_field(jump, reading, 0.0, 0.0, 0.02)
+        leaps.append(jump.since_leap_s == 0.0)
+    return np.flatnonzero(leaps)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.02, 0.04])
+def test_noise_is_no_leap_of_a_field_and_a_magnet_is_one(noise):
+    still = leaps_of(lambda t: np.array([0.4, 0.0, 0.9]), noise, 120.0, 1)
+    assert np.all(still < 100)  # it has to be known first
+    comes = leaps_of(lambda t: np.array([0.4, 0.6 * (t > 60.0), 0.9]), noise, 120.0, 2)
+    assert list(comes[comes >= 100]) == [3001]
+
+
 def test_of_headings_that_are_given_up_in_steps_the_first_is_remembered():
     """A field that keeps turning takes the heading along: none of the steps was confirmed."""
     heading = give_up(give_up(HeadingSigns(), 0.3), 0.9)
