@@ -121,7 +121,7 @@ def leaps_of(field, noise, seconds, seed):
 
 @pytest.mark.parametrize("noise", [0.0, 0.02, 0.04])
 def test_noise_is_no_leap_of_a_field_and_a_magnet_is_one(noise):
-    still = leaps_of(lambda t: np.array([0.4, 0.0, 0.9]), noise, 120.0, 1)
+    still = leaps_of(lambda _: np.array([0.4, 0.0, 0.9]), noise, 120.0, 1)
     assert np.all(still < 100)  # it has to be known first
     comes = leaps_of(lambda t: np.array([0.4, 0.6 * (t > 60.0), 0.9]), noise, 120.0, 2)
     assert list(comes[comes >= 100]) == [3001]
