@@ -8,7 +8,7 @@ from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.field.magnetic import MOST_DISTORTION
 from estimator.conditioning.params import LATELY_S, LONG_S, QUICK_S, ConditioningParams
-from estimator.conditioning.robust import FAR, REACH
+from estimator.conditioning.robust import FAR
 from estimator.conditioning.vertical.lowpass import approach
 from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
 from estimator.geometry.quaternion import angle_between_vectors, norm, square
@@ -23,9 +23,6 @@ JUMP_SHARE = (QUICK_S / JUMP_QUICK_S) ** (-1.0 / (QUICK_S / JUMP_QUICK_S - 1.0))
 # In how far they differ usually a moment counts as no more than so many times that, and noise: a
 # jump is not usual because it has come, and teaches no calibration.
 MOST_USUAL = 2.5
-# A field leaps if it turns by more than this (rad), faster than vehicles do (rad/s), and further
-# than its readings usually lie apart.
-LEAP_RAD, LEAP_RAD_S = 0.1, 3.0
 
 
 class JumpSigns(NamedTuple):
@@ -53,6 +50,7 @@ with_seen = replacer(JumpSigns, "seen_rad")
 
 @inlined
 def watch_field(
+    params: ConditioningParams,
     state: JumpSigns,
     field_g: Vec3,
     turning: float,
@@ -84,8 +82,9 @@ def watch_field(
     if state.age_s > LATELY_S:
         apart = min(apart, MOST_USUAL**2 * (state.usual + LEAST_DIRECTION_RAD**2))
     moves_rad = turn_of(state.quick, field_g)
-    least = max(LEAP_RAD, LEAP_RAD_S * dt_s)
-    leaps = moves_rad - state.moves_rad > max(least, REACH * sqrt(state.scatter))
+    # A field that goes along turns in G by twice the vehicle's turn at most.
+    least = params.turn_jump_rad**2 + FAR * (state.scatter + unseen) + 4.0 * turning * dt_s**2
+    leaps = moves_rad > state.moves_rad + sqrt(least)
     scatter = min(moves_rad**2, MOST_USUAL**2 * (state.scatter + LEAST_DIRECTION_RAD**2))
     return JumpSigns(
         quick=quick,

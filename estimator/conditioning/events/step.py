@@ -193,7 +193,7 @@ def follow_signs(
     axes = carry_axes(before.axes, vertical, mean.time_s)
     if field.seen:
         turning = dot(vertical.rate, vertical.rate)
-        jump = watch_field(jump, mean.field_g, turning, vertical.aliasing, since_s)
+        jump = watch_field(params, jump, mean.field_g, turning, vertical.aliasing, since_s)
         scatter = before.gravity.force_scatter
         axes = watch_axes(axes, vertical, jump, reference_norm(magnetic), scatter, since_s)
     if field.seen and has_heading(magnetic):

@@ -104,7 +104,7 @@ def test_a_jump_is_not_usual_because_it_has_come():
     jump = initial_state(PARAMS).events.jump
     for i in range(3100):
         angle = radians(20.0 * (i >= 3000) + 0.3 * rng.normal())
-        jump = watch_field(jump, (cos(angle), sin(angle), 0.0), 0.0, 0.0, DT)
+        jump = watch_field(PARAMS, jump, (cos(angle), sin(angle), 0.0), 0.0, 0.0, DT)
     assert degrees(jump.apart_rad) == pytest.approx(2.8, rel=0.2)  # it was 10.7
     assert degrees(sqrt(jump.usual)) < 0.5  # measured 0.34; 2.2 if it counts like all others
 
@@ -114,7 +114,7 @@ def leaps_of(field, noise, seconds, seed):
     rng, jump, leaps = np.random.default_rng(seed), initial_state(PARAMS).events.jump, []
     for k in range(round(seconds / 0.02)):
         reading = tuple(field(0.02 * k) + noise * rng.normal(size=3))
-        jump = watch_field(jump, reading, 0.0, 0.0, 0.02)
+        jump = watch_field(PARAMS, jump, reading, 0.0, 0.0, 0.02)
         leaps.append(jump.since_leap_s == 0.0)
     return np.flatnonzero(leaps)
 
