@@ -12,7 +12,7 @@ from drivers.events import Event, LinkDown, LinkUp, Notice
 from drivers.mavlink.transports import open_transport
 from drivers.mavlink.transports.tcp import TcpServer
 from drivers.mavlink.transports.transport import SOCKET_BUFFER_BYTES, Packet, unix_us
-from drivers.resources import aside
+from drivers.resources import run_in_thread
 from estimator.errors import InputError
 
 CLOSE_S = 0.5
@@ -114,7 +114,7 @@ class Connection:
         self._notify(self._diagnostics.bytes_read(size, frames, time.monotonic()))
 
     def credit(self, peer: str) -> None:
-        """A peer has sent IMU data: it keeps its place, where there are not as many as peers."""
+        """A peer has sent IMU data: it keeps its slot, where there are not as many as peers."""
         if isinstance(self._transport, TcpServer):
             self._transport.credit(peer)
 
@@ -141,7 +141,7 @@ class Connection:
                 return
             self._retry_s = min(2 * self._retry_s, LONGEST_RETRY_S)
             # to look a name up may take many seconds, and a device may be as slow
-            self._opening = aside(self._transport.open, "mavlink-opening")
+            self._opening = run_in_thread(self._transport.open, "mavlink-opening")
         if not wait([self._opening], wait_s).done:
             return
         error, self._opening = self._opening.exception(), None

@@ -36,7 +36,7 @@ from drivers.mavlink.messages import (
     imu_rank,
     imu_stream_name,
 )
-from drivers.resources import PLACES
+from drivers.resources import SLOTS
 from drivers.samples.imu_stream import Field, Stamp
 from drivers.samples.intake import MOST_STREAMS, VERSION_EVERY_US, Intake
 from drivers.samples.vehicle_clock import TimeField
@@ -46,8 +46,8 @@ _TIME_USEC = TimeField.TIME_USEC  # looked up in its class it takes longer
 
 FRD_AUTOPILOTS = (mav.MAV_AUTOPILOT_ARDUPILOTMEGA, mav.MAV_AUTOPILOT_PX4)  # known for sending FRD
 
-MOST_SENDERS = PLACES  # addresses remembered at once; each takes 9 kB
-# When all places are taken, one that has been silent for so long may lose its own to a new one
+MOST_SENDERS = SLOTS  # addresses remembered at once; each takes 9 kB
+# When all slots are taken, one that has been silent for so long may lose its own to a new one
 SILENT_US = 5_000_000
 
 # Messages of other IMUs than the one in use are decoded once that has been silent for so long
@@ -220,7 +220,7 @@ class MavlinkDecoder:
         return [OtherImu(sender.id, arrival_us, name, gyr, acc)]
 
     def _meet(self, frame: Frame, arrival_us: int) -> list[Event]:
-        """Give a new sender a place, if there is one; too many are no link of real ones."""
+        """Give a new sender a slot, if there is one; too many are no link of real ones."""
         gone: list[Event] = []
         if len(self._flying) + len(self._idle) >= MOST_SENDERS:
             left = self._make_room(arrival_us, brings_imu=frame.message_id in IMU_MESSAGES)
@@ -234,7 +234,7 @@ class MavlinkDecoder:
         return gone
 
     def _make_room(self, now_us: int, *, brings_imu: bool) -> VehicleId | None:
-        """Who loses its place; first those without an IMU, so vehicles stay in a flood.
+        """Who loses its slot; first those without an IMU, so vehicles stay in a flood.
 
         To one that ``brings_imu`` those without give way even if they are not silent.
         """

@@ -21,9 +21,9 @@ from drivers.mavlink.messages import IMU_MESSAGES, MESSAGES, imu_number, imu_str
 from drivers.mavlink.outgoing import Outbound
 from drivers.mavlink.recorder import Recorder
 from drivers.mavlink.transports.transport import Packet
-from drivers.resources import PLACES, Closing, aside
+from drivers.resources import SLOTS, Closing, run_in_thread
 
-MOST_READERS = PLACES  # half-read frames of that many senders; the one silent for longest goes
+MOST_READERS = SLOTS  # half-read frames of that many senders; the one silent for longest goes
 # So many frames are decoded at one go, before whoever takes them can do something else: 1 ms or so.
 MOST_AT_ONCE = 64
 # Looks at the endpoint that find something are this far apart at least: to wake up costs as much
@@ -178,7 +178,7 @@ class MavlinkLink(Closing):
 
     def __enter__(self) -> Self:
         self._connection.open()
-        self._ahead = aside(self._read_ahead, "mavlink-read-ahead")
+        self._ahead = run_in_thread(self._read_ahead, "mavlink-read-ahead")
         return self
 
     def close(self) -> None:
@@ -265,7 +265,7 @@ class MavlinkLink(Closing):
         return len(frames)
 
     def _wanted(self, frames: list[Frame], peer: str, arrival_us: int) -> list[Frame]:
-        """The frames that become events; a peer with an IMU among them keeps its place."""
+        """The frames that become events; a peer with an IMU among them keeps its slot."""
         wanted = self._decoder.wanted
         for frame in frames:
             if frame.message_id in IMU_MESSAGES:

@@ -18,7 +18,7 @@ from typing import NamedTuple
 from drivers.mavlink.encoder import SIGNING_EPOCH_US, SIGNING_TICK_US
 from drivers.mavlink.framing import SIGNATURE_SIZE, Frame
 from drivers.output_file import written_whole
-from drivers.resources import aside
+from drivers.resources import run_in_thread
 from estimator.errors import InputError
 from estimator.reasons import Reason
 
@@ -152,7 +152,7 @@ class SigningCheck:
         if any(self._is_new(stream, now) for stream in fresh):
             self._kept = self._write(stamps)
         else:
-            self._writing = aside(lambda: self._write(stamps), "signing stamps")
+            self._writing = run_in_thread(lambda: self._write(stamps), "signing stamps")
 
     def _is_due(self, stream: Stream, now: int) -> bool:
         """Whether the file has to be written anew: half-way to the stamp that it keeps."""

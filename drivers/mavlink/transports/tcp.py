@@ -132,7 +132,7 @@ class TcpServer(Transport):
                 client.send(data)
 
     def credit(self, peer: str) -> None:
-        """An IMU's frames have come from a peer, which therefore keeps its place."""
+        """An IMU's frames have come from a peer, which therefore keeps its slot."""
         if peer in self._clients:
             self._clients[peer].imu_s = time.monotonic()
 
