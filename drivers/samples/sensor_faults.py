@@ -25,10 +25,8 @@ from estimator.types import ZERO_VEC3, Vec3
 MICROSECOND = 1e-6
 # While readings are refused for one of these the vehicle may turn unseen, and the first of them
 # were believed, until the fault showed.
-BLINDING = (
-    *(Reason.STUCK, Reason.GYROSCOPE_STUCK),
-    *(Reason.ACCELEROMETER_STUCK, Reason.GYROSCOPE_SATURATED),
-)
+STUCK = Reason.STUCK, Reason.ACCELEROMETER_STUCK, Reason.GYROSCOPE_STUCK
+BLINDING = (*STUCK, Reason.GYROSCOPE_SATURATED)
 BLIND_US = 30_000  # from the first refused reading on
 RAIL_SAMPLES = 4  # equal large values
 RATE_STEP_RAD_S, RATE_STEP_RAD_S2 = 10.0, 500.0  # no vehicle changes its rate faster
@@ -89,31 +87,26 @@ class RangeEnd:
     step_a_s: float = 0.0
     longest_s: float = 0.05
     last: Vec3 = ZERO_VEC3
-    changes: list[int] = field(default_factory=lambda: [0, 0, 0])  # of each axis: it has noise
     equal: list[int] = field(default_factory=lambda: [0, 0, 0])  # readings at a rail in a row
     wrapped: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # true less shown
-    is_noisy: bool = False  # on all axes
     is_large: bool = False  # the latest reading, or not as small as it seems
 
-    def is_reached(self, now: Vec3, step_s: float) -> bool:
+    def is_reached(self, now: Vec3, step_s: float, *, is_noisy: bool) -> bool:
         """Whether a reading, ``step_s`` after the last, is at an end or beyond."""
         was_large, last, self.last, rail = self.is_large, self.last, now, self.rail
         x, y, z = now
         self.is_large = not (-rail < x < rail and -rail < y < rail and -rail < z < rail)
-        if self.is_noisy and not self.is_large and not was_large:  # nearly always
+        if not self.is_large and not was_large:  # nearly always
             return False
-        self.is_noisy, is_reached = True, False
+        is_reached = False
         for axis, value in enumerate(now):
-            is_equal, size = value == last[axis], abs(value)
-            self.changes[axis] += not is_equal
-            self.equal[axis] = self.equal[axis] + 1 if is_equal and size >= rail else 0
+            size = abs(value)
+            self.equal[axis] = self.equal[axis] + 1 if value == last[axis] and size >= rail else 0
             self.wrapped[axis] = self._wrapped(value, last[axis] + self.wrapped[axis], step_s)
-            is_noisy = self.changes[axis] >= NOISY_SAMPLES
             # -32768 is further than 32767
             at_end = any((1 - 1e-9) * e <= size <= (1 + 1e-4) * e for e in self.field_ends)
             at_rail = is_noisy and self.equal[axis] >= RAIL_SAMPLES
             is_reached = is_reached or at_end or at_rail or self.wrapped[axis] != 0.0
-            self.is_noisy = self.is_noisy and is_noisy
         self.is_large = self.is_large or any(self.wrapped)
         return is_reached
 
@@ -167,14 +160,19 @@ class Repetition:
         self.repeated += self.equal
         self.equal, self.begin_us, self.is_proven = 0, raw_us, False
 
+    @property
+    def is_noisy(self) -> bool:
+        """Whether it is no sensor without noise, as simulators have them."""
+        return self.changes >= NOISY_SAMPLES
+
     def is_long(self, raw_us: int, least_us: int = STUCK_US) -> bool:
         """Whether a noisy sensor has repeated itself for long enough to look closer."""
         is_long = self.equal >= STUCK_SAMPLES and raw_us - self.begin_us >= least_us
-        return is_long and self.changes >= NOISY_SAMPLES
+        return is_long and self.is_noisy
 
     def is_unlikely(self) -> bool:
         """Whether chance does not explain the equal readings."""
-        if self.equal < HELD_SAMPLES or self.changes < NOISY_SAMPLES:
+        if self.equal < HELD_SAMPLES or not self.is_noisy:
             return False
         share = self.repeated / (self.repeated + self.changed)
         return self.equal * log(share) < log(BY_CHANCE)
@@ -314,7 +312,7 @@ class SensorFaults:
     def true_field(self, mag_gauss: Vec3, raw_us: int) -> Vec3:
         """The field of the reading that is judged next, as it was before it wrapped."""
         step_s = MICROSECOND * (raw_us - self.last_us)
-        if mag_gauss == ZERO_VEC3 or not self.mag_end.is_reached(mag_gauss, step_s):
+        if mag_gauss == ZERO_VEC3 or not self.mag_end.is_reached(mag_gauss, step_s, is_noisy=False):
             return mag_gauss
         x, y, z = mag_gauss
         lacks_x, lacks_y, lacks_z = self.mag_end.wrapped
@@ -322,20 +320,21 @@ class SensorFaults:
 
     def refusal(self, readings: Readings, raw_us: int) -> Reason | None:
         """Why a reading at ``raw_us`` on the vehicle's clock is no data; None if it is."""
-        step_us, last = raw_us - self.last_us, self.last
-        self.stuck.observe_field(readings, last, raw_us, step_us)
+        step_us, last, stuck = raw_us - self.last_us, self.last, self.stuck
+        step_s, gyr, acc = MICROSECOND * step_us, readings.gyr_rad_s, readings.acc_m_s2
+        stuck.observe_field(readings, last, raw_us, step_us)
         why: Reason | None = None
-        if self.gyr_end.is_reached(readings.gyr_rad_s, MICROSECOND * step_us):
+        if self.gyr_end.is_reached(gyr, step_s, is_noisy=stuck.gyr.is_noisy):
             why = Reason.GYROSCOPE_SATURATED
-        if self.acc_end.is_reached(readings.acc_m_s2, MICROSECOND * step_us):
+        if self.acc_end.is_reached(acc, step_s, is_noisy=stuck.acc.is_noisy):
             why = Reason.ACCELEROMETER_SATURATED
         if why is None:
-            why = self.stuck.refusal(readings, last, raw_us)
-        if why is None and self.gyr_end.is_large and self._is_spike(readings.gyr_rad_s, raw_us):
+            why = stuck.refusal(readings, last, raw_us)
+        if why is None and self.gyr_end.is_large and self._is_spike(gyr, raw_us):
             why = Reason.GYROSCOPE_SPIKE
         self.last, self.last_us = readings, raw_us
         if why is None:
-            self.good_gyr, self.good_us = readings.gyr_rad_s, raw_us
+            self.good_gyr, self.good_us = gyr, raw_us
             span_us = raw_us - self.blinding_us
             if self.blinding is not None and not 0 <= span_us < BLIND_US:  # or began anew
                 self.blinded = self.blinding, MICROSECOND * max(span_us, 0)
@@ -351,7 +350,7 @@ class SensorFaults:
 
     def _is_spike(self, gyr: Vec3, raw_us: int) -> bool:
         """Whether the rate leapt away from the last good one, and the reading before did not."""
-        if not (self.gyr_end.is_noisy and self.acc_end.is_noisy):
+        if not (self.stuck.gyr.is_noisy and self.stuck.acc.is_noisy):
             return False
         elapsed_s = MICROSECOND * max(raw_us - self.good_us, 0)
         limit = max(RATE_STEP_RAD_S, RATE_STEP_RAD_S2 * elapsed_s)

@@ -6,7 +6,6 @@ import pytest
 
 from drivers.events import (
     ClockReset,
-    FilterStatus,
     Imu,
     Notice,
     Position,
@@ -168,9 +167,7 @@ def test_a_reset_that_another_message_confirms_is_reported_with_it(other):
 @pytest.mark.parametrize(("raw_us", "believed"), [(5 * S, True), (20 * S, False), (900 * S, False)])
 def test_a_reboot_voids_what_the_filter_said_of_itself_and_a_leap_does_not(raw_us, believed):
     intake, arrival_us = running()
-    intake.navigation.update_status(
-        FilterStatus(VEHICLE, arrival_us, has_velocity=False, has_place=False)
-    )
+    intake.filter_status(arrival_us, 0, 0.0, 0.0)
     events = [imu(intake, raw_us + k * S // 4, arrival_us + k * S // 4) for k in range(6)]
     assert next(filter(None, events))[0].reason == ("reboot" if believed else "jump")
     at = stamp(raw_us + 1_350_000, arrival_us + 1_350_000)
