@@ -157,9 +157,8 @@ class FrameGate:
         self._copies.forget(set(self._senders))
 
 
-LEAST_US = (
-    40_000  # a frame that comes again earlier is refused by the clock: it looks like no reset
-)
+# A frame that comes again earlier is refused by the clock: it looks like no reset
+LEAST_US = 40_000
 LATE_US = 300_000  # from here on copies are known by their lateness, too
 MEMORY_US = 10_000_000  # copies that are later than that are not found
 COPIES_US = 2_000_000  # without a copy for so long there are none any more
@@ -200,14 +199,14 @@ class _Address:
     is_repeat: bool = False  # the last IMU frame
     latest_us: int = 0  # stamp of the last that was none
     mixed_us: int = 0  # arrival of the last that came right behind one, and was new
+    late_peers: dict[str, int] = field(default_factory=dict)  # when each proved late last
 
 
 class StreamCopies:
-    """Looks at each frame of a link or log; ``late_peers`` is when each peer last proved late."""
+    """Looks at each frame of a link or log."""
 
     def __init__(self) -> None:
         self._addresses: dict[tuple[int, int], _Address] = {}
-        self._late_peers: dict[tuple[int, int, str], int] = {}
 
     def look(
         self, frame: Frame, address: tuple[int, int], peer: str, arrival_us: int
@@ -229,7 +228,7 @@ class StreamCopies:
             before = known.repeats.before(hash(payload), arrival_us, peer)
             is_repeat, is_proof = self._repeats(known, before, time_us, arrival_us)
             if is_proof:
-                self._late_peers[*address, peer] = arrival_us
+                known.late_peers[peer] = arrival_us
         if not known.proofs:
             return None, is_repeat
         if self._is_late(known, frame.message_id, arrival_us - time_us, arrival_us):
@@ -241,16 +240,14 @@ class StreamCopies:
 
     def is_late(self, address: tuple[int, int], peer: str, arrival_us: int) -> bool:
         """Whether a peer has lately brought copies of frames that another one had brought."""
-        late_us = self._late_peers.get((*address, peer))
         known = self._addresses.get(address)
-        if late_us is None or known is None or known.source == peer:
+        if known is None or known.source == peer or peer not in known.late_peers:
             return False
-        return 0 <= arrival_us - late_us < MEMORY_US
+        return 0 <= arrival_us - known.late_peers[peer] < MEMORY_US
 
     def forget(self, addresses: set[tuple[int, int]]) -> None:
         """Keep only these addresses."""
         self._addresses = {k: known for k, known in self._addresses.items() if k in addresses}
-        self._late_peers = {k: us for k, us in self._late_peers.items() if k[:2] in addresses}
 
     def _repeats(
         self, known: _Address, before: tuple[int, str] | None, time_us: int, arrival_us: int

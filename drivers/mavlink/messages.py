@@ -235,10 +235,7 @@ def _global_position(intake: Intake, message: Received) -> list[Event]:
 
 def _local_position(intake: Intake, message: Received) -> list[Event]:
     m = message.fields
-    velocity = (m.vx, m.vy, m.vz)
-    if not all(map(isfinite, velocity)):
-        return []
-    return intake.fix(message.name, message.boot_stamp, Fix(velocity))
+    return intake.fix(message.name, message.boot_stamp, Fix((m.vx, m.vy, m.vz)))
 
 
 def _gps_raw(intake: Intake, message: Received) -> list[Event]:
@@ -271,17 +268,16 @@ def _course_velocity(m: Any) -> Vec3:
 # --- the status of the autopilot's filter
 
 
-def _ekf_status(intake: Intake, message: Received) -> list[Event]:
-    m = message.fields
-    # test ratios, whatever their names
-    return intake.filter_status(
-        message.arrival_us, m.flags, m.velocity_variance, m.compass_variance
-    )
+def _filter_status(
+    velocity_ratio: str, compass_ratio: str, intake: Intake, message: Received
+) -> list[Event]:
+    ratios = (getattr(message.fields, name) for name in (velocity_ratio, compass_ratio))
+    return intake.filter_status(message.arrival_us, message.fields.flags, *ratios)
 
 
-def _estimator_status(intake: Intake, message: Received) -> list[Event]:
-    m = message.fields
-    return intake.filter_status(message.arrival_us, m.flags, m.vel_ratio, m.mag_ratio)
+# test ratios, whatever their names
+_ekf_status = partial(_filter_status, "velocity_variance", "compass_variance")
+_estimator_status = partial(_filter_status, "vel_ratio", "mag_ratio")
 
 
 MESSAGES: dict[int, MessageKind] = {

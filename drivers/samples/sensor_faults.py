@@ -141,13 +141,14 @@ class Repetition:
 
     changes: int = 0
     equal: int = 0  # readings since the last change
-    begin_us: int = 0  # when they began
+    began: Readings = NOTHING  # what all sensors showed then
+    begin_us: int = 0
     is_proven: bool = False
     changed: float = 1.0  # pairs of readings, lately
     repeated: float = 1.0
 
-    def observe(self, raw_us: int, *, repeats: bool) -> None:
-        """Take a reading's time, and whether it repeats the last."""
+    def observe(self, now: Readings, raw_us: int, *, repeats: bool) -> None:
+        """Take a message's readings, and whether this sensor's repeats its last."""
         if repeats:
             self.equal += 1
             self.begin_us = min(self.begin_us, raw_us)  # the clock may have begun anew
@@ -158,7 +159,7 @@ class Repetition:
             self.repeated *= 0.5
         self.changed += 1.0
         self.repeated += self.equal
-        self.equal, self.begin_us, self.is_proven = 0, raw_us, False
+        self.equal, self.began, self.begin_us, self.is_proven = 0, now, raw_us, False
 
     @property
     def is_noisy(self) -> bool:
@@ -187,29 +188,22 @@ class StuckSensors:
     acc: Repetition = field(default_factory=Repetition)
     mag: Repetition = field(default_factory=Repetition)
     last_us: int = 0  # of the last reading that was not saturated
-    field_gauss: Vec3 = ZERO_VEC3  # at its first look since both repeat themselves
-    field_us: int = 0
-    gyr_begin: Readings = NOTHING  # when the gyroscope began to repeat itself
     turned: Vec3 = ZERO_VEC3  # where the gyroscope says that the repeated force should be
     mag_turn_rad: float = 0.0  # without a new field
 
     def refusal(self, now: Readings, last: Readings, raw_us: int) -> Reason | None:
         """Why the reading behind ``last`` cannot be true; saturated ones are not given."""
-        gyr, acc, mag = now
+        gyr, acc, _ = now
         gyr_equal, acc_equal = gyr == last.gyr_rad_s, acc == last.acc_m_s2
         step_us, self.last_us = raw_us - self.last_us, raw_us
-        self.both.observe(raw_us, repeats=gyr_equal and acc_equal)
-        self.gyr.observe(raw_us, repeats=gyr_equal)
-        self.acc.observe(raw_us, repeats=acc_equal)
+        self.both.observe(now, raw_us, repeats=gyr_equal and acc_equal)
+        self.gyr.observe(now, raw_us, repeats=gyr_equal)
+        self.acc.observe(now, raw_us, repeats=acc_equal)
         if not acc_equal:
             self.turned = acc
-        if not gyr_equal:
-            self.gyr_begin = now
-        if not (gyr_equal and acc_equal):
-            self.field_gauss, self.field_us = mag, raw_us
-            if not (gyr_equal or acc_equal):  # nearly always
+            if not gyr_equal:  # nearly always
                 return None
-        if acc_equal and largest(gyr) > MOVING_GYR_RAD_S and not carries_weight(acc, gyr):
+        elif largest(gyr) > MOVING_GYR_RAD_S and not carries_weight(acc, gyr):
             # the repeated force turns as the gyroscope says (dv/dt = v x w), but in a steady turn
             step_s = min(max(MICROSECOND * step_us, 0.0), LONGEST_STEP_S)
             self.turned = vector_after_turn(self.turned, gyr, step_s)
@@ -218,7 +212,7 @@ class StuckSensors:
     def observe_field(self, now: Readings, last: Readings, raw_us: int, step_us: int) -> None:
         """Take the field of the reading ``step_us`` behind ``last``."""
         repeats = now.mag_gauss == last.mag_gauss and now.mag_gauss != ZERO_VEC3
-        self.mag.observe(raw_us, repeats=repeats)
+        self.mag.observe(now, raw_us, repeats=repeats)
         if not repeats:
             self.mag_turn_rad = 0.0
             return
@@ -249,7 +243,7 @@ class StuckSensors:
     def _repeats_untruly(self, now: Readings, raw_us: int) -> bool:
         """Whether what gyroscope and accelerometer repeat cannot be true."""
         gyr, acc, mag = now
-        has_field = ZERO_VEC3 not in (mag, self.field_gauss)
+        has_field = ZERO_VEC3 not in (mag, self.both.began.mag_gauss)
         if largest(gyr) <= MOVING_GYR_RAD_S:
             is_heavier = abs(norm(acc) - G) > MOVING_ACC_M_S2
             return is_heavier or (has_field and self._field_contradicts(now, raw_us))
@@ -264,14 +258,14 @@ class StuckSensors:
 
         Well on its way it is watched from here on.
         """
-        before, gyr = self.field_gauss, now.gyr_rad_s
-        span_s = MICROSECOND * max(raw_us - self.field_us, 0)  # the clock may have begun anew
+        both, before, gyr = self.both, self.both.began.mag_gauss, now.gyr_rad_s
+        span_s = MICROSECOND * (raw_us - both.begin_us)
         expected = vector_after_turn(before, gyr, span_s)
         way = norm(subtract(expected, before)) / norm(before)
         off = norm(subtract(expected, now.mag_gauss)) / norm(before)
         contradicts = off > max(FIELD_OFF + FIELD_LATE_S * norm(gyr), FIELD_OFF_SHARE * way)
         if way >= FIELD_WAY and not contradicts:
-            self.field_gauss, self.field_us = now.mag_gauss, raw_us
+            both.began, both.begin_us = now, raw_us
         return contradicts
 
     def _is_frozen(self, now: Readings, raw_us: int) -> bool:
@@ -280,7 +274,7 @@ class StuckSensors:
         if span_us < FROZEN_US or 2 * self.acc.equal > self.gyr.equal:
             return False
         gyr, acc, mag = now
-        begin, span_s = self.gyr_begin, MICROSECOND * span_us
+        begin, span_s = self.gyr.began, MICROSECOND * span_us
         half_s = min(span_s, pi / max(norm(gyr), 1e-9))  # of a turn: no way is longer
         pairs = ((begin.acc_m_s2, acc), (begin.mag_gauss, mag))
         for before, after in pairs:
