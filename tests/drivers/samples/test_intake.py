@@ -17,7 +17,7 @@ from drivers.events import (
 )
 from drivers.logs.logged_vehicle import LoggedVehicle
 from drivers.samples.imu_stream import Field, RepeatedField, Stamp
-from drivers.samples.intake import MOST_STREAMS, Intake
+from drivers.samples.intake import Intake
 from drivers.samples.navigation import Fix
 from drivers.samples.vehicle_clock import TimeField
 from estimator.reasons import Reason
@@ -216,12 +216,6 @@ def test_a_receivers_velocity_is_late_and_a_filters_is_not(message, sigma_m_s, l
     assert (velocity.sample.sigma_m_s, velocity.sample.late_sigma_s) == (sigma_m_s, late_s)
 
 
-def test_an_accuracy_that_the_message_tells_is_taken():
-    intake, _ = running()
-    event = only(intake.fix("GPS_RAW_INT", stamp(301 * S), Fix((1.0, 0.0, 0.0), sigma_m_s=0.07)))
-    assert event.sample.sigma_m_s == 0.07
-
-
 def test_what_is_not_finite_is_left_out_and_the_rest_is_kept():
     intake, _ = running()
     broken = (math.nan, 8.5, 500.0)
@@ -282,14 +276,6 @@ def test_after_blindness_the_track_is_lost_and_it_is_reported_for_how_long():
     assert event.reason == Reason.STUCK
     # 60 equal readings, of which half a second was needed to see it: 0.7 s were refused
     assert event.blind_s == pytest.approx(0.7, abs=0.14)
-
-
-def test_streams_of_one_vehicle_are_limited():
-    intake = Intake(VEHICLE)
-    names = [f"RAW_IMU:{k}" for k in range(MOST_STREAMS + 3)]
-    reasons = [imu(intake, S, name=name)[0] for name in names]
-    assert kinds(reasons[:MOST_STREAMS]) == MOST_STREAMS * [Imu]
-    assert {event.reason for event in reasons[MOST_STREAMS:]} == {Reason.TOO_MANY_STREAMS}
 
 
 @pytest.mark.parametrize("doubts", [False, True])
