@@ -80,11 +80,11 @@ class _Udp(Transport):
         """
         assert self._socket is not None
         datagrams: list[tuple[bytes, Any, int]] = []
-        read, own = _read_stamped if IS_LINUX else _read, self._socket
+        own = self._socket
         own.settimeout(max(0.0, timeout_s))
         while len(datagrams) < RECEIVE_READS:
             try:
-                datagrams.append(read(own))
+                datagrams.append(_read(own))
             except (BlockingIOError, InterruptedError, TimeoutError):
                 break
             except OSError as error:
@@ -167,11 +167,8 @@ class UdpOut(_Udp):
 
 
 def _read(own: socket.socket) -> tuple[bytes, Any, int]:
-    data, sender = own.recvfrom(RECEIVE_BYTES)
-    return data, sender, unix_us()
-
-
-def _read_stamped(own: socket.socket) -> tuple[bytes, Any, int]:
+    if not IS_LINUX:
+        return (*own.recvfrom(RECEIVE_BYTES), unix_us())
     data, ancillary, _flags, sender = own.recvmsg(RECEIVE_BYTES, ANCILLARY_BYTES)
     if len(ancillary) == 1:
         ((level, kind, stamp),) = ancillary

@@ -353,11 +353,12 @@ def test_a_simulators_attitude_belongs_to_the_imu_message_that_it_comes_with(ahe
     assert times_us == [k * S // 4 for k in range(2, 6)]
 
 
-def test_the_last_attitude_of_a_log_belongs_to_the_last_sample():
+@pytest.mark.parametrize("ends", [True, False])
+def test_an_attitude_that_waits_is_the_last_samples_at_the_end_or_if_the_host_is_set_back(ends):
     intake, _ = running()
     assert intake.unstamped("SIM_STATE", UNIX + 301 * S + 90_000, "sim", IDENTITY) == []
-    (truth,) = intake.end()
-    assert truth.time_us == 301 * S
+    events = intake.end() if ends else imu(intake, 301 * S + 250_000, UNIX - 3600 * S)
+    assert [e.time_us for e in events if isinstance(e, ReferenceAttitude)] == [301 * S]
     assert intake.end() == []
 
 
@@ -402,10 +403,3 @@ def test_a_field_repeated_after_the_clock_went_back_is_new():
 @pytest.mark.parametrize("place", [(0, 0), (0, 8.5), (47.4, 0), (47.4, 8.5)])
 def test_on_the_equator_and_on_greenwichs_meridian_there_are_places(place):
     assert Fix(position=(*place, 0.0)).is_solved is any(place)
-
-
-def test_an_attitude_that_waits_is_the_last_samples_where_the_host_s_clock_is_set_back():
-    intake, _ = running()
-    assert intake.unstamped("SIM_STATE", UNIX + 301 * S + 90_000, "sim", IDENTITY) == []
-    events = imu(intake, 301 * S + 250_000, UNIX - 3600 * S)
-    assert [e.time_us for e in events if isinstance(e, ReferenceAttitude)] == [301 * S]
