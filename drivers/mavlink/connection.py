@@ -72,9 +72,6 @@ class Connection:
             self.is_open = True
         except OSError as error:
             self._note_break(error)
-        except InputError:
-            self._transport.close()
-            raise
 
     def close(self) -> None:
         """Release the endpoint, within half a second."""
