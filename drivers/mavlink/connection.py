@@ -10,11 +10,19 @@ from math import inf
 from drivers.aside import aside
 from drivers.endpoint import Endpoint
 from drivers.events import Event, LinkDown, LinkUp, Notice
-from drivers.mavlink.transports import open_transport
-from drivers.mavlink.transports.tcp import TcpServer
-from drivers.mavlink.transports.transport import SOCKET_BUFFER_BYTES, Packet, unix_us
+from drivers.mavlink.transports.serial import SerialLine
+from drivers.mavlink.transports.tcp import TcpClient, TcpServer
+from drivers.mavlink.transports.transport import SOCKET_BUFFER_BYTES, Packet, Transport, unix_us
+from drivers.mavlink.transports.udp import UdpIn, UdpOut
 from estimator.errors import InputError
 
+TRANSPORTS: dict[str, Callable[[Endpoint], Transport]] = {
+    "udpin": UdpIn,
+    "udpout": UdpOut,
+    "tcp": TcpClient,
+    "tcpin": TcpServer,
+    "serial": SerialLine,
+}
 CLOSE_S = 0.5
 # back-off between attempts; a vehicle that returns is read again within 1 s
 FIRST_RETRY_S, LONGEST_RETRY_S = 0.1, 1.0
@@ -30,6 +38,9 @@ class Connection:
     ``breaks`` counts the failures; ``is_open`` is whether bytes may come. ``on_break`` is called
     whenever the connection breaks: half-read frames and peers are void then. ``report`` gets a
     line for each new kind of failure.
+
+    Raises:
+        InputError: the endpoint is neither a socket nor a serial line.
     """
 
     def __init__(
@@ -41,7 +52,9 @@ class Connection:
         self.endpoint = endpoint
         self.is_open = False
         self.breaks = 0
-        self._transport = open_transport(endpoint)
+        if endpoint.kind not in TRANSPORTS:
+            raise InputError(f"{endpoint} is no MAVLink link: use udpin, udpout, tcp or tcpin")
+        self._transport = TRANSPORTS[endpoint.kind](endpoint)
         self._on_break, self._report = on_break, report
         self._events: list[Event] = []
         self._diagnostics = LinkDiagnostics(endpoint)

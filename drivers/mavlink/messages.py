@@ -28,6 +28,8 @@ DEGREES_1E7 = 1e-7
 GAUSS_LIMIT = 20.0  # the Earth's field is 0.25..0.65 gauss; more is another unit
 MILLIGAUSS_LIMIT = 20_000.0
 
+USEC, BOOT_MS = TimeField.TIME_USEC, TimeField.BOOT_MS
+
 Vectors = tuple[Vec3, Vec3, Vec3]
 
 
@@ -101,24 +103,18 @@ class ImuMessage(NamedTuple):
 IMU_MESSAGES: dict[int, ImuMessage] = {
     each.number: each
     for each in (
-        ImuMessage(
-            mav.RAW_IMU_ID,
-            "RAW_IMU",
-            TimeField.TIME_USEC,
-            milli_vectors,
-            setting="SR*_RAW_SENS = 50",
-        ),
+        ImuMessage(mav.RAW_IMU_ID, "RAW_IMU", USEC, milli_vectors, setting="SR*_RAW_SENS = 50"),
         ImuMessage(
             mav.HIGHRES_IMU_ID,
             "HIGHRES_IMU",
-            TimeField.TIME_USEC,
+            USEC,
             highres_vectors,
             asked_of=(mav.MAV_AUTOPILOT_PX4,),
             setting="mavlink stream -r 50 -s HIGHRES_IMU",
         ),
-        ImuMessage(mav.SCALED_IMU_ID, "SCALED_IMU", TimeField.BOOT_MS, milli_vectors),
-        ImuMessage(mav.SCALED_IMU2_ID, "SCALED_IMU2", TimeField.BOOT_MS, milli_vectors),
-        ImuMessage(mav.SCALED_IMU3_ID, "SCALED_IMU3", TimeField.BOOT_MS, milli_vectors),
+        ImuMessage(mav.SCALED_IMU_ID, "SCALED_IMU", BOOT_MS, milli_vectors),
+        ImuMessage(mav.SCALED_IMU2_ID, "SCALED_IMU2", BOOT_MS, milli_vectors),
+        ImuMessage(mav.SCALED_IMU3_ID, "SCALED_IMU3", BOOT_MS, milli_vectors),
     )
 }
 
