@@ -107,8 +107,11 @@ class Connection:
         except OSError as error:  # the link broke, or no file descriptors or memory are left
             self._note_break(error)
             return []
-        if self._transport.connected != bool(self._is_up):
-            self._note_state()
+        if self._transport.connected and not self._is_up:
+            self._is_up = True
+            self._events.append(LinkUp(unix_us(), str(self.endpoint)))
+        elif self._is_up and not self._transport.connected:
+            self._note_down("the last client has left")
         now_s = time.monotonic()
         if packets:
             self._note_data()
@@ -161,14 +164,6 @@ class Connection:
             self._note_break(error)
         else:
             raise error
-
-    def _note_state(self) -> None:
-        """The transport began or ceased to be connected."""
-        if self._is_up:
-            self._note_down("the last client has left")
-            return
-        self._is_up = True
-        self._events.append(LinkUp(unix_us(), str(self.endpoint)))
 
     def _note_data(self) -> None:
         """Only bytes show that a link works: a server may accept and close at once."""
