@@ -83,34 +83,25 @@ class FrameQueue:
 
     def _keep_newest(self) -> None:
         """Leave out all but the newest frame of each stream; of what is in no stream the oldest."""
-        seen: set[tuple[int, ...]] = set()
+        seen: set[tuple[VehicleId, int, int]] = set()
         kept: deque[Arrived] = deque()
         for arrived in reversed(self._frames):
             _, frame = arrived
-            if _is_stream(frame.message_id):
-                number = imu_number(frame) if frame.message_id in IMU_MESSAGES else 0
-                stream = (frame.system_id, frame.component_id, frame.message_id, number)
-                if stream in seen:
-                    self._count_shed(frame, number)
+            kind, imu = frame.message_id, IMU_MESSAGES.get(frame.message_id)
+            if imu is not None or kind in MESSAGES or kind in WHO_IS_THERE:
+                vehicle = VehicleId(frame.system_id, frame.component_id)
+                number = 0 if imu is None else imu_number(frame)
+                if (vehicle, kind, number) in seen:
+                    if imu is not None:
+                        self._unreported[vehicle, imu_stream_name(imu.name, number)] += 1
+                        self.shed += 1
                     continue
-                seen.add(stream)
+                seen.add((vehicle, kind, number))
             kept.appendleft(arrived)
         while len(kept) > self._most_waiting:
             kept.popleft()
             self.dropped += 1
         self._frames = kept
-
-    def _count_shed(self, frame: Frame, number: int) -> None:
-        message = IMU_MESSAGES.get(frame.message_id)
-        if message is not None:
-            vehicle = VehicleId(frame.system_id, frame.component_id)
-            self._unreported[vehicle, imu_stream_name(message.name, number)] += 1
-            self.shed += 1
-
-
-def _is_stream(message_id: int) -> bool:
-    """Whether a newer message makes an older one old; the tables may be extended."""
-    return message_id in IMU_MESSAGES or message_id in MESSAGES or message_id in WHO_IS_THERE
 
 
 class MavlinkLink(Closing):
@@ -254,7 +245,11 @@ class MavlinkLink(Closing):
             return 0
         if not self._limits.admits(peer, len(data), arrival_us * 1e-6):
             return 0
-        reader = self._readers.get(peer) or self._new_reader(peer)
+        if peer not in self._readers:
+            self._readers[peer] = FrameReader()
+            if len(self._readers) > MOST_READERS:
+                self._readers.popitem(last=False)
+        reader = self._readers[peer]
         frames = reader.feed(data)
         self._malformed += reader.take_malformed()
         let_in = self._gate.let_in(frames, peer, arrival_us)
@@ -273,12 +268,6 @@ class MavlinkLink(Closing):
                 self._connection.credit(peer)
                 break
         return [frame for frame in frames if frame.message_id in wanted]
-
-    def _new_reader(self, peer: str) -> FrameReader:
-        reader = self._readers[peer] = FrameReader()
-        if len(self._readers) > MOST_READERS:
-            self._readers.popitem(last=False)
-        return reader
 
     def _forget_peers(self) -> None:
         self._readers.clear()
