@@ -13,8 +13,8 @@ T = TypeVar("T")
 
 # For how many senders of one link there is room; more are noise or an attack. A vehicle with all
 # that belongs to it takes a tenth of the memory.
-LEAST_PLACES, MOST_PLACES = 512, 4096
-MEMORY_OF_PLACE = 2 << 20
+LEAST_SLOTS, MOST_SLOTS = 512, 4096
+MEMORY_OF_SLOT = 2 << 20
 
 # Of a container its own limit, by version 2 and 1 of control groups
 GROUP = Path("/sys/fs/cgroup/memory.max"), Path("/sys/fs/cgroup/memory/memory.limit_in_bytes")
@@ -34,7 +34,7 @@ class Closing(ABC):
         self.close()
 
 
-def aside(work: Callable[[], T], name: str) -> "Future[T]":
+def run_in_thread(work: Callable[[], T], name: str) -> "Future[T]":
     """What ``work`` returns or raises, in a thread that no process waits for at its end."""
     done: Future[T] = Future()
 
@@ -50,14 +50,14 @@ def aside(work: Callable[[], T], name: str) -> "Future[T]":
     return done
 
 
-def places() -> int:
+def slots() -> int:
     """For how many senders there is memory: the machine's, at most what our group may have."""
     try:
         machine = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, OSError, ValueError):  # another system than Linux or macOS
         machine = 0
     there = min(float(machine), *map(_limit, GROUP))
-    return int(max(LEAST_PLACES, min(MOST_PLACES, there // MEMORY_OF_PLACE)))
+    return int(max(LEAST_SLOTS, min(MOST_SLOTS, there // MEMORY_OF_SLOT)))
 
 
 def _limit(file: Path) -> float:
@@ -68,4 +68,4 @@ def _limit(file: Path) -> float:
     return float(text) if text.isdigit() else inf
 
 
-PLACES = places()
+SLOTS = slots()

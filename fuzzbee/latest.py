@@ -4,7 +4,7 @@ import threading
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from drivers.resources import PLACES
+from drivers.resources import SLOTS
 from service.records import (
     HAS_ATTITUDE,
     AttitudeRecord,
@@ -113,7 +113,7 @@ class Latest:
     def update(self, name: str, record: AttitudeRecord | StatusRecord, now_s: float) -> None:
         """Remember a record."""
         with self._lock:
-            if name not in self._rows and len(self._rows) >= PLACES:
+            if name not in self._rows and len(self._rows) >= SLOTS:
                 del self._rows[min(self._rows.values(), key=lambda row: row.heard_s).name]
             _, attitude, status, attitude_s, heard_s, before, _ = self._rows.get(name) or Row(name)
             if isinstance(record, StatusRecord):

@@ -12,7 +12,7 @@ import zenoh
 from drivers.endpoint import Endpoint, parse_endpoint
 from drivers.mavlink.recorder import Recorder
 from drivers.player import Player
-from drivers.resources import aside
+from drivers.resources import run_in_thread
 from drivers.simulation.simulated_vehicle import PROFILES
 from drivers.simulation.source import SimSource
 from drivers.source import SIM_MOTION, open_live, require_openable
@@ -72,7 +72,7 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
         outbox = stack.enter_context(Outbox(sinks))
         recording = partial(recording_word, [recorder, *sinks])
         # in a thread: the compiler's callbacks swallow what a signal raises in them
-        aside(load_kernels, "kernels").result()
+        run_in_thread(load_kernels, "kernels").result()
         source.follow(pipeline.imu_in_use)
         runner = Runner(
             source,

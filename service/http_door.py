@@ -106,7 +106,7 @@ class _Server(ThreadingHTTPServer):
             raise
 
     def verify_request(self, request: Any, client_address: Any) -> bool:  # noqa: ARG002
-        """Whether there is a place for one more."""
+        """Whether there is a slot for one more."""
         with self._lock:
             if len(self._until_s) >= self.most:
                 return False
@@ -128,7 +128,7 @@ class _Server(ThreadingHTTPServer):
                         request.shutdown(socket.SHUT_RDWR)
 
     def shutdown_request(self, request: Any) -> None:
-        """Close a connection and free its place."""
+        """Close a connection and free its slot."""
         super().shutdown_request(request)
         with self._lock:
             self._until_s.pop(request, None)

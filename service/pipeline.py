@@ -11,7 +11,7 @@ from typing import Any
 from drivers import events
 from drivers.events import Event, Imu, VehicleEvent, VehicleId
 from drivers.mavlink.constants import is_autopilot
-from drivers.resources import PLACES
+from drivers.resources import SLOTS
 from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.profile import Profile
@@ -30,7 +30,7 @@ from service.records import (
 from service.vehicle import STANDARD_RATE_HZ, Vehicle
 from service.vehicle_status import Load, status_record
 
-MAX_VEHICLES = PLACES  # on one link
+MAX_VEHICLES = SLOTS  # on one link
 # None of these makes a vehicle
 OF_KNOWN = (
     events.Position,

@@ -16,7 +16,7 @@ from concurrent.futures import Future, wait
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from drivers.resources import aside
+from drivers.resources import run_in_thread
 from estimator.errors import InputError, file_text
 from service.signals import await_result
 
@@ -68,7 +68,7 @@ class OpeningSession:
         self._where = ", ".join([*options.listen, *options.connect]) or DEFAULT_ENDPOINT
         self._options = options
         self._config = _config(options)
-        self._opened = aside(self._any_session, OPENER_THREAD)
+        self._opened = run_in_thread(self._any_session, OPENER_THREAD)
 
     def session(self) -> "zenoh.Session":
         """The session, once it is open.
@@ -117,7 +117,7 @@ def close_session(session: "zenoh.Session") -> None:
         if not session.is_closed():
             session.close()  # type: ignore[no-untyped-call] # the library's stub lacks the None
 
-    wait([aside(close, CLOSER_THREAD)], CLOSE_S)
+    wait([run_in_thread(close, CLOSER_THREAD)], CLOSE_S)
 
 
 def _config(options: ZenohOptions) -> "zenoh.Config":

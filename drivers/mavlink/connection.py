@@ -9,12 +9,20 @@ from math import inf
 
 from drivers.endpoint import Endpoint
 from drivers.events import Event, LinkDown, LinkUp, Notice
-from drivers.mavlink.transports import open_transport
-from drivers.mavlink.transports.tcp import TcpServer
-from drivers.mavlink.transports.transport import SOCKET_BUFFER_BYTES, Packet, unix_us
-from drivers.resources import aside
+from drivers.mavlink.transports.serial import SerialLine
+from drivers.mavlink.transports.tcp import TcpClient, TcpServer
+from drivers.mavlink.transports.transport import SOCKET_BUFFER_BYTES, Packet, Transport, unix_us
+from drivers.mavlink.transports.udp import UdpIn, UdpOut
+from drivers.resources import run_in_thread
 from estimator.errors import InputError
 
+TRANSPORTS: dict[str, Callable[[Endpoint], Transport]] = {
+    "udpin": UdpIn,
+    "udpout": UdpOut,
+    "tcp": TcpClient,
+    "tcpin": TcpServer,
+    "serial": SerialLine,
+}
 CLOSE_S = 0.5
 # back-off between attempts; a vehicle that returns is read again within 1 s
 FIRST_RETRY_S, LONGEST_RETRY_S = 0.1, 1.0
@@ -30,6 +38,9 @@ class Connection:
     ``breaks`` counts the failures; ``is_open`` is whether bytes may come. ``on_break`` is called
     whenever the connection breaks: half-read frames and peers are void then. ``report`` gets a
     line for each new kind of failure.
+
+    Raises:
+        InputError: the endpoint is neither a socket nor a serial line.
     """
 
     def __init__(
@@ -41,7 +52,9 @@ class Connection:
         self.endpoint = endpoint
         self.is_open = False
         self.breaks = 0
-        self._transport = open_transport(endpoint)
+        if endpoint.kind not in TRANSPORTS:
+            raise InputError(f"{endpoint} is no MAVLink link: use udpin, udpout, tcp or tcpin")
+        self._transport = TRANSPORTS[endpoint.kind](endpoint)
         self._on_break, self._report = on_break, report
         self._events: list[Event] = []
         self._diagnostics = LinkDiagnostics(endpoint)
@@ -72,9 +85,6 @@ class Connection:
             self.is_open = True
         except OSError as error:
             self._note_break(error)
-        except InputError:
-            self._transport.close()
-            raise
 
     def close(self) -> None:
         """Release the endpoint, within half a second."""
@@ -97,8 +107,11 @@ class Connection:
         except OSError as error:  # the link broke, or no file descriptors or memory are left
             self._note_break(error)
             return []
-        if self._transport.connected != bool(self._is_up):
-            self._note_state()
+        if self._transport.connected and not self._is_up:
+            self._is_up = True
+            self._events.append(LinkUp(unix_us(), str(self.endpoint)))
+        elif self._is_up and not self._transport.connected:
+            self._note_down("the last client has left")
         now_s = time.monotonic()
         if packets:
             self._note_data()
@@ -114,7 +127,7 @@ class Connection:
         self._notify(self._diagnostics.bytes_read(size, frames, time.monotonic()))
 
     def credit(self, peer: str) -> None:
-        """A peer has sent IMU data: it keeps its place, where there are not as many as peers."""
+        """A peer has sent IMU data: it keeps its slot, where there are not as many as peers."""
         if isinstance(self._transport, TcpServer):
             self._transport.credit(peer)
 
@@ -141,7 +154,7 @@ class Connection:
                 return
             self._retry_s = min(2 * self._retry_s, LONGEST_RETRY_S)
             # to look a name up may take many seconds, and a device may be as slow
-            self._opening = aside(self._transport.open, "mavlink-opening")
+            self._opening = run_in_thread(self._transport.open, "mavlink-opening")
         if not wait([self._opening], wait_s).done:
             return
         error, self._opening = self._opening.exception(), None
@@ -151,14 +164,6 @@ class Connection:
             self._note_break(error)
         else:
             raise error
-
-    def _note_state(self) -> None:
-        """The transport began or ceased to be connected."""
-        if self._is_up:
-            self._note_down("the last client has left")
-            return
-        self._is_up = True
-        self._events.append(LinkUp(unix_us(), str(self.endpoint)))
 
     def _note_data(self) -> None:
         """Only bytes show that a link works: a server may accept and close at once."""

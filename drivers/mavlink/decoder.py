@@ -36,7 +36,7 @@ from drivers.mavlink.messages import (
     imu_rank,
     imu_stream_name,
 )
-from drivers.resources import PLACES
+from drivers.resources import SLOTS
 from drivers.samples.imu_stream import Field, Stamp
 from drivers.samples.intake import MOST_STREAMS, VERSION_EVERY_US, Intake
 from drivers.samples.vehicle_clock import TimeField
@@ -46,8 +46,8 @@ _TIME_USEC = TimeField.TIME_USEC  # looked up in its class it takes longer
 
 FRD_AUTOPILOTS = (mav.MAV_AUTOPILOT_ARDUPILOTMEGA, mav.MAV_AUTOPILOT_PX4)  # known for sending FRD
 
-MOST_SENDERS = PLACES  # addresses remembered at once; each takes 9 kB
-# When all places are taken, one that has been silent for so long may lose its own to a new one
+MOST_SENDERS = SLOTS  # addresses remembered at once; each takes 9 kB
+# When all slots are taken, one that has been silent for so long may lose its own to a new one
 SILENT_US = 5_000_000
 
 # Messages of other IMUs than the one in use are decoded once that has been silent for so long
@@ -105,9 +105,9 @@ class MavlinkDecoder:
     def __init__(self, *, references: bool = True, texts: bool = False) -> None:
         self.imu_in_use: Callable[[VehicleId], str | None] | None = None
         self._reader = FieldReader()
-        # those with an IMU and those without, of each first who has been silent for longest
-        self._flying: OrderedDict[tuple[int, int], _Sender] = OrderedDict()
-        self._idle: OrderedDict[tuple[int, int], _Sender] = OrderedDict()
+        # all, and the addresses of those without an IMU: first who has been silent for longest
+        self._senders: OrderedDict[tuple[int, int], _Sender] = OrderedDict()
+        self._idle: OrderedDict[tuple[int, int], None] = OrderedDict()
         # of systems whose autopilot is not known yet; the latest of each name
         self._waiting: dict[tuple[int, str], ParameterValue] = {}
         self._references = references
@@ -133,28 +133,24 @@ class MavlinkDecoder:
         if handler is None:
             return []
         address = (frame.system_id, frame.component_id)
-        senders = self._flying
-        sender = senders.get(address)
-        met: list[Event] = []
+        sender, met = self._senders.get(address), list[Event]()
         if sender is None:
-            senders = self._idle
-            if address not in senders:
-                met = self._meet(frame, arrival_us)
-            if (sender := senders.get(address)) is None:
+            met = self._meet(frame, arrival_us)
+            if (sender := self._senders.get(address)) is None:
                 return met
-        senders.move_to_end(address)
+        self._senders.move_to_end(address)
         sender.note(frame, arrival_us)
         events = handler(sender, frame, arrival_us)
-        if senders is self._idle and sender.intake.has_imu:
-            self._flying[address] = self._idle.pop(address)
+        if address in self._idle:
+            if sender.intake.has_imu:
+                del self._idle[address]
+            else:
+                self._idle.move_to_end(address)
         return met + events if met else events
 
     def end(self) -> list[Event]:
         """No frame comes any more: the events of what has waited for more."""
-        return [event for sender in self._known() for event in sender.intake.end()]
-
-    def _known(self) -> list[_Sender]:
-        return [*self._flying.values(), *self._idle.values()]
+        return [event for sender in self._senders.values() for event in sender.intake.end()]
 
     def _imu(
         self,
@@ -220,9 +216,9 @@ class MavlinkDecoder:
         return [OtherImu(sender.id, arrival_us, name, gyr, acc)]
 
     def _meet(self, frame: Frame, arrival_us: int) -> list[Event]:
-        """Give a new sender a place, if there is one; too many are no link of real ones."""
+        """Give a new sender a slot, if there is one; too many are no link of real ones."""
         gone: list[Event] = []
-        if len(self._flying) + len(self._idle) >= MOST_SENDERS:
+        if len(self._senders) >= MOST_SENDERS:
             left = self._make_room(arrival_us, brings_imu=frame.message_id in IMU_MESSAGES)
             if left is None:  # its samples count
                 address = VehicleId(frame.system_id, frame.component_id)
@@ -230,24 +226,27 @@ class MavlinkDecoder:
                 return [refused] if frame.message_id in IMU_MESSAGES else []
             gone = [Forgotten(left, arrival_us)]
         address = VehicleId(frame.system_id, frame.component_id)
-        self._idle[address] = _Sender(address, takes_references=self._references)
+        self._senders[address] = _Sender(address, takes_references=self._references)
+        self._idle[address] = None
         return gone
 
     def _make_room(self, now_us: int, *, brings_imu: bool) -> VehicleId | None:
-        """Who loses its place; first those without an IMU, so vehicles stay in a flood.
+        """Who loses its slot; first those without an IMU, so vehicles stay in a flood.
 
         To one that ``brings_imu`` those without give way even if they are not silent.
         """
-        for senders, gives_way in ((self._idle, brings_imu), (self._flying, False)):
-            first = next(iter(senders.values()), None)
-            if first is not None and (gives_way or now_us - first.intake.heard_us >= SILENT_US):
-                del senders[first.id]
-                return first.id
+        for addresses, gives_way in ((self._idle, brings_imu), (self._senders, False)):
+            first = next(iter(addresses), None)
+            if first is None:
+                continue
+            if gives_way or now_us - self._senders[first].intake.heard_us >= SILENT_US:
+                self._idle.pop(first, None)
+                return self._senders.pop(first).id
         return None
 
     def _param_value(self, sender: _Sender, m: Any, arrival_us: int) -> list[Event]:
         value = ParameterValue(m.param_id, m.param_value, m.param_type)
-        known = self._known()  # by HEARTBEAT or IMU data
+        known = self._senders.values()  # by HEARTBEAT or IMU data
         autopilots = [s.id for s in known if s.autopilot is not None or s.intake.has_imu]
         address = owner(sender.id, autopilots)
         if address is None:
@@ -255,7 +254,7 @@ class MavlinkDecoder:
             if key in self._waiting or len(self._waiting) < MOST_WAITING:
                 self._waiting[key] = value
             return []
-        autopilot = (self._flying.get(address) or self._idle[address]).autopilot
+        autopilot = self._senders[address].autopilot
         return [Parameter(address, arrival_us, value.name, value.value(autopilot))]
 
     def _heartbeat(self, sender: _Sender, m: Any, arrival_us: int) -> list[Event]:

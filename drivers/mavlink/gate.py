@@ -49,9 +49,17 @@ class Policy(NamedTuple):
     own: VehicleId | None = None
 
 
-class _Sender(NamedTuple):
-    peer: str
-    last_us: int
+@dataclass(slots=True)
+class _Address:
+    """Who sends for an address, when something came last, and what copies there are."""
+
+    peer: str | None = None
+    last_us: int = 0
+    copies: "StreamCopies | None" = None  # of an IMU's address
+
+    def is_active(self, now_us: int) -> bool:
+        """Whether somebody still sends."""
+        return self.peer is not None and -TOGETHER_US <= now_us - self.last_us < TAKE_OVER_US
 
 
 class FrameGate:
@@ -60,9 +68,8 @@ class FrameGate:
     def __init__(self, policy: Policy) -> None:
         self._policy = policy
         self._own = policy.own
-        self._copies = StreamCopies()
-        self._senders: dict[tuple[int, int], _Sender] = {}
-        self._most_senders = MOST_SENDERS
+        self._addresses: dict[tuple[int, int], _Address] = {}
+        self._most_addresses = MOST_SENDERS
         self._shared = SharedAddresses()
         self._refused: Counter[tuple[VehicleId, Reason]] = Counter()
         self._notices: list[Event] = []
@@ -106,11 +113,9 @@ class FrameGate:
 
     def forget(self, peer: str | None = None) -> None:
         """A peer has left, or all have: another may send for its vehicles at once."""
-        self._senders = {
-            address: sender
-            for address, sender in self._senders.items()
-            if peer is not None and sender.peer != peer
-        }
+        for known in self._addresses.values():
+            if peer in (None, known.peer):
+                known.peer = None
 
     def _refusal(
         self, frame: Frame, address: tuple[int, int], peer: str, arrival_us: int
@@ -122,44 +127,40 @@ class FrameGate:
             refusal = signing.refusal(frame, arrival_us)
             if refusal is not None:
                 return refusal
-        sender = self._senders.get(address)
-        source, is_repeat = self._copies.look(frame, address, peer, arrival_us)
-        if source is not None:
-            if source != peer:  # whoever brings the originals is followed
-                self._senders[address] = _Sender(source, arrival_us)
-            return Reason.DUPLICATE
-        if sender is not None and sender.peer != peer:
-            if self._copies.is_late(address, peer, arrival_us):
+        known = self._known(address, arrival_us)
+        copies, is_repeat = known.copies, False
+        if copies is None and frame.message_id in IMU_MESSAGES:
+            copies = known.copies = StreamCopies()
+        if copies is not None:
+            source, is_repeat = copies.look(frame, peer, arrival_us)
+            if source is not None:
+                if source != peer:  # whoever brings the originals is followed
+                    known.peer, known.last_us = source, arrival_us
                 return Reason.DUPLICATE
-            if self._is_active(sender, arrival_us):
+        if known.peer not in (None, peer):
+            if copies is not None and copies.is_late(peer, arrival_us):
+                return Reason.DUPLICATE
+            if known.is_active(arrival_us):
                 return Reason.ADDRESS_CONFLICT
-            sender = None
         if is_repeat:
             return Reason.DUPLICATE
-        if sender is None or sender.last_us != arrival_us:  # once for all frames of a datagram
-            self._senders[address] = _Sender(peer, arrival_us)
-            if sender is None and len(self._senders) > self._most_senders:
-                self._drop_silent(arrival_us)
+        known.peer, known.last_us = peer, arrival_us
         return None
 
-    def _is_active(self, sender: _Sender, now_us: int) -> bool:
-        """Whether the sender of an address still sends."""
-        return -TOGETHER_US <= now_us - sender.last_us < TAKE_OVER_US
-
-    def _drop_silent(self, now_us: int) -> None:
-        """Drop silent senders; in a flood, each time their number has doubled."""
-        self._senders = {
-            address: sender
-            for address, sender in self._senders.items()
-            if self._is_active(sender, now_us)
-        }
-        self._most_senders = max(MOST_SENDERS, 2 * len(self._senders))
-        self._copies.forget(set(self._senders))
+    def _known(self, address: tuple[int, int], now_us: int) -> _Address:
+        """What is known of an address; in a flood silent ones go when their number has doubled."""
+        known = self._addresses.get(address)
+        if known is None:
+            if len(self._addresses) >= self._most_addresses:
+                items = self._addresses.items()
+                self._addresses = {at: each for at, each in items if each.is_active(now_us)}
+                self._most_addresses = max(MOST_SENDERS, 2 * len(self._addresses))
+            known = self._addresses[address] = _Address()
+        return known
 
 
-LEAST_US = (
-    40_000  # a frame that comes again earlier is refused by the clock: it looks like no reset
-)
+# A frame that comes again earlier is refused by the clock: it looks like no reset
+LEAST_US = 40_000
 LATE_US = 300_000  # from here on copies are known by their lateness, too
 MEMORY_US = 10_000_000  # copies that are later than that are not found
 COPIES_US = 2_000_000  # without a copy for so long there are none any more
@@ -188,7 +189,7 @@ class Repeats:
 
 
 @dataclass(slots=True)
-class _Address:
+class StreamCopies:
     """The latest frames of one address, and how late copies of them come."""
 
     repeats: Repeats = field(default_factory=Repeats)
@@ -200,94 +201,71 @@ class _Address:
     is_repeat: bool = False  # the last IMU frame
     latest_us: int = 0  # stamp of the last that was none
     mixed_us: int = 0  # arrival of the last that came right behind one, and was new
+    late_peers: dict[str, int] = field(default_factory=dict)  # when each proved late last
 
-
-class StreamCopies:
-    """Looks at each frame of a link or log; ``late_peers`` is when each peer last proved late."""
-
-    def __init__(self) -> None:
-        self._addresses: dict[tuple[int, int], _Address] = {}
-        self._late_peers: dict[tuple[int, int, str], int] = {}
-
-    def look(
-        self, frame: Frame, address: tuple[int, int], peer: str, arrival_us: int
-    ) -> tuple[str | None, bool]:
+    def look(self, frame: Frame, peer: str, arrival_us: int) -> tuple[str | None, bool]:
         """The peer that brings the original if the frame is a late copy; whether it is a repeat."""
-        known, is_imu = self._addresses.get(address), frame.message_id in IMU_MESSAGES
-        if not is_imu and (known is None or not known.proofs):
+        is_imu = frame.message_id in IMU_MESSAGES
+        if not is_imu and not self.proofs:
             return None, False  # nearly always
         stamp = _stamp(frame.message_id)
         if stamp is None:
             return None, False
         size, unit_us = stamp
-        if known is None:
-            known = self._addresses[address] = _Address()
         payload = frame.data[frame.payload_at : frame.payload_end]
         time_us = int.from_bytes(payload[:size], "little") * unit_us
-        is_repeat = False
-        if is_imu:
-            before = known.repeats.before(hash(payload), arrival_us, peer)
-            is_repeat, is_proof = self._repeats(known, before, time_us, arrival_us)
-            if is_proof:
-                self._late_peers[*address, peer] = arrival_us
-        if not known.proofs:
+        is_repeat = is_imu and self._repeats(hash(payload), peer, time_us, arrival_us)
+        if not self.proofs:
             return None, is_repeat
-        if self._is_late(known, frame.message_id, arrival_us - time_us, arrival_us):
-            known.late_us = arrival_us
-            return known.source, is_repeat
-        if not is_repeat and (known.proofs < PROOFS or peer == known.source):
-            known.fresh[frame.message_id] = (arrival_us - time_us, arrival_us)
+        if self._is_late(frame.message_id, arrival_us - time_us, arrival_us):
+            self.late_us = arrival_us
+            return self.source, is_repeat
+        if not is_repeat and (self.proofs < PROOFS or peer == self.source):
+            self.fresh[frame.message_id] = (arrival_us - time_us, arrival_us)
         return None, is_repeat
 
-    def is_late(self, address: tuple[int, int], peer: str, arrival_us: int) -> bool:
+    def is_late(self, peer: str, arrival_us: int) -> bool:
         """Whether a peer has lately brought copies of frames that another one had brought."""
-        late_us = self._late_peers.get((*address, peer))
-        known = self._addresses.get(address)
-        if late_us is None or known is None or known.source == peer:
+        if peer == self.source or peer not in self.late_peers:
             return False
-        return 0 <= arrival_us - late_us < MEMORY_US
+        return 0 <= arrival_us - self.late_peers[peer] < MEMORY_US
 
-    def forget(self, addresses: set[tuple[int, int]]) -> None:
-        """Keep only these addresses."""
-        self._addresses = {k: known for k, known in self._addresses.items() if k in addresses}
-        self._late_peers = {k: us for k, us in self._late_peers.items() if k[:2] in addresses}
-
-    def _repeats(
-        self, known: _Address, before: tuple[int, str] | None, time_us: int, arrival_us: int
-    ) -> tuple[bool, bool]:
-        """Whether an IMU frame is a copy of one that came ``before``; whether it proves a late way.
+    def _repeats(self, key: int, peer: str, time_us: int, arrival_us: int) -> bool:
+        """Whether an IMU frame is a copy of one that came before; some prove that its way is late.
 
         A vehicle that has just started may have started again, and repeat itself: there frames are
         copies where new ones come between them.
         """
+        before = self.repeats.before(key, arrival_us, peer)
         if before is None:
-            if known.is_repeat and time_us > known.latest_us:
-                known.mixed_us = arrival_us
-            known.is_repeat, known.latest_us = False, time_us
-            return False, False
-        known.is_repeat = True
+            if self.is_repeat and time_us > self.latest_us:
+                self.mixed_us = arrival_us
+            self.is_repeat, self.latest_us = False, time_us
+            return False
+        self.is_repeat = True
         delay_us = arrival_us - before[0]
         if time_us <= BOOT_US:
-            is_mixed = 0 <= arrival_us - known.mixed_us < COPIES_US
-            return is_mixed and delay_us >= LEAST_US, False
+            return delay_us >= LEAST_US and 0 <= arrival_us - self.mixed_us < COPIES_US
         if delay_us < LATE_US:
-            return delay_us >= LEAST_US, False
-        is_other = abs(delay_us - known.delay_us) > delay_us // 2
-        if arrival_us - known.late_us > COPIES_US or is_other:
-            known.proofs = 0
-        known.proofs += 1
-        known.delay_us, known.late_us, known.source = delay_us, arrival_us, before[1]
-        return True, known.proofs >= PROOFS
+            return delay_us >= LEAST_US
+        is_other = abs(delay_us - self.delay_us) > delay_us // 2
+        if arrival_us - self.late_us > COPIES_US or is_other:
+            self.proofs = 0
+        self.proofs += 1
+        self.delay_us, self.late_us, self.source = delay_us, arrival_us, before[1]
+        if self.proofs >= PROOFS:
+            self.late_peers[peer] = arrival_us
+        return True
 
-    def _is_late(self, known: _Address, message_id: int, offset_us: int, arrival_us: int) -> bool:
+    def _is_late(self, message_id: int, offset_us: int, arrival_us: int) -> bool:
         """Whether a frame is as late as the copies are, while the originals come."""
-        if known.proofs < PROOFS or not 0 <= arrival_us - known.late_us < COPIES_US:
+        if self.proofs < PROOFS or not 0 <= arrival_us - self.late_us < COPIES_US:
             return False
-        fresh = known.fresh.get(message_id)
+        fresh = self.fresh.get(message_id)
         if fresh is None or not 0 <= arrival_us - fresh[1] < MEMORY_US:
             return False
         behind_us = offset_us - fresh[0]
-        return known.delay_us // 2 < behind_us < known.delay_us * 3 // 2
+        return self.delay_us // 2 < behind_us < self.delay_us * 3 // 2
 
 
 @cache

@@ -21,9 +21,9 @@ from drivers.mavlink.messages import IMU_MESSAGES, MESSAGES, imu_number, imu_str
 from drivers.mavlink.outgoing import Outbound
 from drivers.mavlink.recorder import Recorder
 from drivers.mavlink.transports.transport import Packet
-from drivers.resources import PLACES, Closing, aside
+from drivers.resources import SLOTS, Closing, run_in_thread
 
-MOST_READERS = PLACES  # half-read frames of that many senders; the one silent for longest goes
+MOST_READERS = SLOTS  # half-read frames of that many senders; the one silent for longest goes
 # So many frames are decoded at one go, before whoever takes them can do something else: 1 ms or so.
 MOST_AT_ONCE = 64
 # Looks at the endpoint that find something are this far apart at least: to wake up costs as much
@@ -83,34 +83,25 @@ class FrameQueue:
 
     def _keep_newest(self) -> None:
         """Leave out all but the newest frame of each stream; of what is in no stream the oldest."""
-        seen: set[tuple[int, ...]] = set()
+        seen: set[tuple[VehicleId, int, int]] = set()
         kept: deque[Arrived] = deque()
         for arrived in reversed(self._frames):
             _, frame = arrived
-            if _is_stream(frame.message_id):
-                number = imu_number(frame) if frame.message_id in IMU_MESSAGES else 0
-                stream = (frame.system_id, frame.component_id, frame.message_id, number)
-                if stream in seen:
-                    self._count_shed(frame, number)
+            kind, imu = frame.message_id, IMU_MESSAGES.get(frame.message_id)
+            if imu is not None or kind in MESSAGES or kind in WHO_IS_THERE:
+                vehicle = VehicleId(frame.system_id, frame.component_id)
+                number = 0 if imu is None else imu_number(frame)
+                if (vehicle, kind, number) in seen:
+                    if imu is not None:
+                        self._unreported[vehicle, imu_stream_name(imu.name, number)] += 1
+                        self.shed += 1
                     continue
-                seen.add(stream)
+                seen.add((vehicle, kind, number))
             kept.appendleft(arrived)
         while len(kept) > self._most_waiting:
             kept.popleft()
             self.dropped += 1
         self._frames = kept
-
-    def _count_shed(self, frame: Frame, number: int) -> None:
-        message = IMU_MESSAGES.get(frame.message_id)
-        if message is not None:
-            vehicle = VehicleId(frame.system_id, frame.component_id)
-            self._unreported[vehicle, imu_stream_name(message.name, number)] += 1
-            self.shed += 1
-
-
-def _is_stream(message_id: int) -> bool:
-    """Whether a newer message makes an older one old; the tables may be extended."""
-    return message_id in IMU_MESSAGES or message_id in MESSAGES or message_id in WHO_IS_THERE
 
 
 class MavlinkLink(Closing):
@@ -178,7 +169,7 @@ class MavlinkLink(Closing):
 
     def __enter__(self) -> Self:
         self._connection.open()
-        self._ahead = aside(self._read_ahead, "mavlink-read-ahead")
+        self._ahead = run_in_thread(self._read_ahead, "mavlink-read-ahead")
         return self
 
     def close(self) -> None:
@@ -254,7 +245,11 @@ class MavlinkLink(Closing):
             return 0
         if not self._limits.admits(peer, len(data), arrival_us * 1e-6):
             return 0
-        reader = self._readers.get(peer) or self._new_reader(peer)
+        if peer not in self._readers:
+            self._readers[peer] = FrameReader()
+            if len(self._readers) > MOST_READERS:
+                self._readers.popitem(last=False)
+        reader = self._readers[peer]
         frames = reader.feed(data)
         self._malformed += reader.take_malformed()
         let_in = self._gate.let_in(frames, peer, arrival_us)
@@ -265,7 +260,7 @@ class MavlinkLink(Closing):
         return len(frames)
 
     def _wanted(self, frames: list[Frame], peer: str, arrival_us: int) -> list[Frame]:
-        """The frames that become events; a peer with an IMU among them keeps its place."""
+        """The frames that become events; a peer with an IMU among them keeps its slot."""
         wanted = self._decoder.wanted
         for frame in frames:
             if frame.message_id in IMU_MESSAGES:
@@ -273,12 +268,6 @@ class MavlinkLink(Closing):
                 self._connection.credit(peer)
                 break
         return [frame for frame in frames if frame.message_id in wanted]
-
-    def _new_reader(self, peer: str) -> FrameReader:
-        reader = self._readers[peer] = FrameReader()
-        if len(self._readers) > MOST_READERS:
-            self._readers.popitem(last=False)
-        return reader
 
     def _forget_peers(self) -> None:
         self._readers.clear()

@@ -28,6 +28,8 @@ DEGREES_1E7 = 1e-7
 GAUSS_LIMIT = 20.0  # the Earth's field is 0.25..0.65 gauss; more is another unit
 MILLIGAUSS_LIMIT = 20_000.0
 
+USEC, BOOT_MS = TimeField.TIME_USEC, TimeField.BOOT_MS
+
 Vectors = tuple[Vec3, Vec3, Vec3]
 
 
@@ -58,24 +60,19 @@ def _middles(x: int, y: int, z: int, unit: float) -> Vec3:
 
 
 def highres_vectors(m: Any) -> Vectors:
-    """The vectors of HIGHRES_IMU: rad/s, m/s^2, gauss; a field that was not updated is zero."""
-    mag = _highres_field((m.xmag, m.ymag, m.zmag), m.fields_updated)
-    return (m.xgyro, m.ygyro, m.zgyro), (m.xacc, m.yacc, m.zacc), mag
+    """The vectors of HIGHRES_IMU: rad/s, m/s^2, gauss; a field that was not updated is zero.
 
-
-def _highres_field(mag: Vec3, updated: int) -> Vec3:
-    """The field of HIGHRES_IMU by its bits of what was updated, gauss.
-
-    ArduPilot's was 10^6 too large until early 2026; others send mGauss.
+    ArduPilot's field was 10^6 too large until early 2026; others send mGauss.
     """
-    if updated and not updated & mav.HIGHRES_IMU_UPDATED_MAG:
-        return ZERO_VEC3
-    largest = max(abs(mag[0]), abs(mag[1]), abs(mag[2]))
+    largest, unit = max(abs(m.xmag), abs(m.ymag), abs(m.zmag)), 1.0
     if largest > MILLIGAUSS_LIMIT:
-        return (mag[0] * 1e-6, mag[1] * 1e-6, mag[2] * 1e-6)
-    if largest > GAUSS_LIMIT:
-        return (mag[0] * 1e-3, mag[1] * 1e-3, mag[2] * 1e-3)
-    return mag
+        unit = 1e-6
+    elif largest > GAUSS_LIMIT:
+        unit = MILLI
+    mag = (m.xmag * unit, m.ymag * unit, m.zmag * unit)
+    if m.fields_updated and not m.fields_updated & mav.HIGHRES_IMU_UPDATED_MAG:
+        mag = ZERO_VEC3
+    return (m.xgyro, m.ygyro, m.zgyro), (m.xacc, m.yacc, m.zacc), mag
 
 
 class ImuMessage(NamedTuple):
@@ -101,24 +98,18 @@ class ImuMessage(NamedTuple):
 IMU_MESSAGES: dict[int, ImuMessage] = {
     each.number: each
     for each in (
-        ImuMessage(
-            mav.RAW_IMU_ID,
-            "RAW_IMU",
-            TimeField.TIME_USEC,
-            milli_vectors,
-            setting="SR*_RAW_SENS = 50",
-        ),
+        ImuMessage(mav.RAW_IMU_ID, "RAW_IMU", USEC, milli_vectors, setting="SR*_RAW_SENS = 50"),
         ImuMessage(
             mav.HIGHRES_IMU_ID,
             "HIGHRES_IMU",
-            TimeField.TIME_USEC,
+            USEC,
             highres_vectors,
             asked_of=(mav.MAV_AUTOPILOT_PX4,),
             setting="mavlink stream -r 50 -s HIGHRES_IMU",
         ),
-        ImuMessage(mav.SCALED_IMU_ID, "SCALED_IMU", TimeField.BOOT_MS, milli_vectors),
-        ImuMessage(mav.SCALED_IMU2_ID, "SCALED_IMU2", TimeField.BOOT_MS, milli_vectors),
-        ImuMessage(mav.SCALED_IMU3_ID, "SCALED_IMU3", TimeField.BOOT_MS, milli_vectors),
+        ImuMessage(mav.SCALED_IMU_ID, "SCALED_IMU", BOOT_MS, milli_vectors),
+        ImuMessage(mav.SCALED_IMU2_ID, "SCALED_IMU2", BOOT_MS, milli_vectors),
+        ImuMessage(mav.SCALED_IMU3_ID, "SCALED_IMU3", BOOT_MS, milli_vectors),
     )
 }
 
@@ -235,10 +226,7 @@ def _global_position(intake: Intake, message: Received) -> list[Event]:
 
 def _local_position(intake: Intake, message: Received) -> list[Event]:
     m = message.fields
-    velocity = (m.vx, m.vy, m.vz)
-    if not all(map(isfinite, velocity)):
-        return []
-    return intake.fix(message.name, message.boot_stamp, Fix(velocity))
+    return intake.fix(message.name, message.boot_stamp, Fix((m.vx, m.vy, m.vz)))
 
 
 def _gps_raw(intake: Intake, message: Received) -> list[Event]:
@@ -251,9 +239,9 @@ def _gps_raw(intake: Intake, message: Received) -> list[Event]:
     if mav.UNKNOWN_UINT16 not in (m.vel, m.cog):
         # vel_acc is an extension of MAVLink 2, zero where it is unknown
         sigma_m_s = m.vel_acc * MILLI if m.vel_acc else None
-        fix = fix._replace(
-            velocity_ned_m_s=_course_velocity(m), has_vertical=False, sigma_m_s=sigma_m_s
-        )
+        speed_m_s, course_rad = m.vel * CENTI, math.radians(m.cog * CENTI)
+        velocity = speed_m_s * math.cos(course_rad), speed_m_s * math.sin(course_rad), 0.0
+        fix = Fix(velocity, False, sigma_m_s, fix.position)
     return intake.fix(message.name, Stamp(TimeField.GPS, m.time_usec, message.arrival_us), fix)
 
 
@@ -262,26 +250,19 @@ def _position(m: Any) -> Vec3:
     return (m.lat * DEGREES_1E7, m.lon * DEGREES_1E7, m.alt * MILLI)
 
 
-def _course_velocity(m: Any) -> Vec3:
-    """NED velocity in m/s from speed (cm/s) and course over ground (0.01 degrees)."""
-    speed_m_s, course_rad = m.vel * CENTI, math.radians(m.cog * CENTI)
-    return (speed_m_s * math.cos(course_rad), speed_m_s * math.sin(course_rad), 0.0)
-
-
 # --- the status of the autopilot's filter
 
 
-def _ekf_status(intake: Intake, message: Received) -> list[Event]:
-    m = message.fields
-    # test ratios, whatever their names
-    return intake.filter_status(
-        message.arrival_us, m.flags, m.velocity_variance, m.compass_variance
-    )
+def _filter_status(
+    velocity_ratio: str, compass_ratio: str, intake: Intake, message: Received
+) -> list[Event]:
+    ratios = (getattr(message.fields, name) for name in (velocity_ratio, compass_ratio))
+    return intake.filter_status(message.arrival_us, message.fields.flags, *ratios)
 
 
-def _estimator_status(intake: Intake, message: Received) -> list[Event]:
-    m = message.fields
-    return intake.filter_status(message.arrival_us, m.flags, m.vel_ratio, m.mag_ratio)
+# test ratios, whatever their names
+_ekf_status = partial(_filter_status, "velocity_variance", "compass_variance")
+_estimator_status = partial(_filter_status, "vel_ratio", "mag_ratio")
 
 
 MESSAGES: dict[int, MessageKind] = {

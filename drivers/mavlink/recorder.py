@@ -15,7 +15,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple
 
-from drivers.mavlink.tlog_file import TlogFile, cannot_record, records_of
+from drivers.mavlink.tlog_file import STAMP_BYTES, TlogFile, cannot_record
 from drivers.resources import Closing
 from estimator.errors import InputError
 
@@ -75,7 +75,9 @@ class Recorder(Closing):
         frames = list(frames)
         if not frames:
             return
-        batch = _Batch(arrival_us, records_of(arrival_us, frames), len(frames))
+        stamp = arrival_us.to_bytes(STAMP_BYTES, "big")
+        records = b"".join([stamp + frame for frame in frames])
+        batch = _Batch(arrival_us, records, len(frames))
         with self._lock:
             is_full = self._waiting_bytes + len(batch.records) > MOST_WAITING_BYTES
             if is_full or self._closing.is_set():

@@ -8,17 +8,18 @@ what we signed before, even if the host's clock was set back. The key itself is 
 
 import hashlib
 import hmac
-import json
 import logging
 import os
 from concurrent.futures import Future
 from pathlib import Path
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
+
+import msgspec
 
 from drivers.mavlink.encoder import SIGNING_EPOCH_US, SIGNING_TICK_US
 from drivers.mavlink.framing import SIGNATURE_SIZE, Frame
 from drivers.output_file import written_whole
-from drivers.resources import aside
+from drivers.resources import run_in_thread
 from estimator.errors import InputError
 from estimator.reasons import Reason
 
@@ -31,7 +32,7 @@ FITTING_TICKS = 60 * TICKS_PER_S
 # A host without a battery for its clock is behind by as long as it was off. A stamp further ahead
 # than this is nonsense, and once accepted would lock its own sender out.
 AHEAD_LIMIT_TICKS = 365 * 86_400 * TICKS_PER_S
-LARGEST_TICKS = 1 << 48
+Ticks = Annotated[int, msgspec.Meta(ge=0, lt=1 << 48)]
 # The file is ahead of what was accepted, so that it need not be written at every frame: after a
 # crash a vehicle waits for at most this long. A regular end writes the exact stamps.
 AHEAD_TICKS = 2 * TICKS_PER_S
@@ -62,7 +63,7 @@ def state_path() -> Path:
 class Accepted(NamedTuple):
     """The last stamp accepted of a stream, and how far behind the host's clock it was."""
 
-    ticks: int
+    ticks: Ticks
     lag: int
 
 
@@ -152,7 +153,7 @@ class SigningCheck:
         if any(self._is_new(stream, now) for stream in fresh):
             self._kept = self._write(stamps)
         else:
-            self._writing = aside(lambda: self._write(stamps), "signing stamps")
+            self._writing = run_in_thread(lambda: self._write(stamps), "signing stamps")
 
     def _is_due(self, stream: Stream, now: int) -> bool:
         """Whether the file has to be written anew: half-way to the stamp that it keeps."""
@@ -263,37 +264,23 @@ def _ticks(unix_us: int) -> int:
 
 def _read(file: Path) -> Stamps:
     try:
-        content = json.loads(file.read_bytes())
-        ours, floor = (_checked(content.pop(name, 0)) for name in (OURS, FLOOR))
-        stamps = {
-            _stream(name): Accepted(_checked(ticks), int(lag))
-            for name, (ticks, lag) in content.items()
-        }
+        content = msgspec.json.decode(file.read_bytes(), type=dict[str, Ticks | Accepted])
+        ours, floor = (msgspec.convert(content.pop(name, 0), Ticks) for name in (OURS, FLOOR))
+        names = [msgspec.convert(name.split("-"), Stream, strict=False) for name in content]
+        accepted = msgspec.convert(list(content.values()), list[Accepted])
     except FileNotFoundError:
         return Stamps({}, 0)
     except OSError as error:
         raise InputError(f"cannot read {file}: {error.strerror or error}") from error
-    except (ValueError, TypeError, AttributeError, RecursionError, OverflowError):
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
         raise InputError(
             f"{file} is damaged: remove it if no frame of before can be replayed"
         ) from None
-    return Stamps(stamps, ours, floor)
-
-
-def _checked(ticks: int) -> int:
-    if not 0 <= int(ticks) < LARGEST_TICKS:
-        raise ValueError(ticks)
-    return int(ticks)
-
-
-def _stream(name: str) -> Stream:
-    system, component, link = (int(part) for part in name.split("-"))
-    return system, component, link
+    return Stamps(dict(zip(names, accepted, strict=True)), ours, floor)
 
 
 def _write(file: Path, stamps: Stamps) -> None:
     """All or nothing: a crash in between leaves the old file."""
     named = {"-".join(map(str, stream)): at for stream, at in stamps.accepted.items()}
-    text = json.dumps({**named, OURS: stamps.ours, FLOOR: stamps.floor})
     with written_whole(file) as fresh:
-        fresh.write_text(text, "utf-8")
+        fresh.write_bytes(msgspec.json.encode({**named, OURS: stamps.ours, FLOOR: stamps.floor}))

@@ -8,10 +8,8 @@ a killed process leaves a readable file. An existing file is continued.
 import errno
 import os
 import stat
-from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
-from struct import Struct
 
 from drivers.output_file import output_path
 from drivers.resources import Closing
@@ -23,13 +21,7 @@ except ImportError:  # not on Windows
     fcntl = None  # type: ignore[assignment]
 
 NOT_WAITING = getattr(os, "O_NONBLOCK", 0)
-_STAMP = Struct(">Q")
-
-
-def records_of(arrival_us: int, frames: Iterable[bytes]) -> bytes:
-    """The records of frames that arrived together."""
-    stamp = _STAMP.pack(arrival_us)
-    return b"".join([stamp + frame for frame in frames])
+STAMP_BYTES = 8
 
 
 def cannot_record(where: str, error: Exception) -> InputError:
@@ -100,8 +92,8 @@ class TlogFile(Closing):
         if not self._is_regular or self._size == 0:
             return
         with suppress(OSError), self.path.open("rb") as file:  # one may be written, not read
-            start = file.read(_STAMP.size + 1)
-            if start[_STAMP.size :] not in (b"\xfe", b"\xfd"):
+            start = file.read(STAMP_BYTES + 1)
+            if start[STAMP_BYTES:] not in (b"\xfe", b"\xfd"):
                 self.close()
                 raise InputError(f"cannot record to {str(self.path)!r}: it is there, and no tlog")
 

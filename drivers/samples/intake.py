@@ -25,7 +25,6 @@ from drivers.samples.navigation import (
     Navigation,
     Source,
     UnstampedAttitudes,
-    filter_status,
     is_receiver,
     velocity_sample,
 )
@@ -152,10 +151,9 @@ class Intake:
     def filter_status(
         self, arrival_us: int, flags: int, velocity_ratio: float, compass_ratio: float
     ) -> list[Event]:
-        """The status of the vehicle's own filter; see :func:`filter_status`."""
-        status = filter_status(self.vehicle, arrival_us, flags, velocity_ratio, compass_ratio)
-        self.navigation.update_status(status)
-        return [status]
+        """The status of the vehicle's own filter."""
+        ratios = velocity_ratio, compass_ratio
+        return [self.navigation.update_status(self.vehicle, arrival_us, flags, *ratios)]
 
     def fix(self, name: str, stamp: Stamp, fix: Fix) -> list[Event]:
         """A position and a velocity; each is left out where it is not finite.

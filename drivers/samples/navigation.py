@@ -95,68 +95,53 @@ NOWHERE_M = 10_000.0
 METRES_A_DEGREE = 111_194.9  # of latitude, on a sphere of 6371 km
 
 
-def filter_status(
-    vehicle: VehicleId,
-    arrival_us: int,
-    flags: int,
-    velocity_ratio: float,
-    compass_ratio: float = 0.0,
-) -> FilterStatus:
-    """From the bits that all of them share; a ratio that is no number says nothing."""
-    stands = bool(flags & CONSTANT_POSITION)
-    return FilterStatus(
-        vehicle,
-        arrival_us,
-        has_velocity=bool(flags & VELOCITY_HORIZONTAL) and not stands,
-        has_place=bool(flags & POSITION_ABSOLUTE) and not stands,
-        velocity_ratio=velocity_ratio if isfinite(velocity_ratio) else 0.0,
-        has_attitude=bool(flags & ATTITUDE),
-        compass_ratio=compass_ratio if isfinite(compass_ratio) else 0.0,
-    )
-
-
-class Status(NamedTuple):
-    """Whether a filter or a receiver has something, and when that arrived."""
-
-    is_so: bool
-    arrival_us: int
-
-    def holds(self, now_us: int) -> bool:
-        """Whether it still counts."""
-        return abs(now_us - self.arrival_us) <= STATUS_HOLDS_US
-
-
-NOT_REPORTED = Status(is_so=False, arrival_us=-(1 << 62))
-
-
 class Navigation:
     """The last status of one vehicle's receiver and filter; times are those of arrival."""
 
     def __init__(self) -> None:
-        self._inflation = 1.0  # of the sigma that the filter gives its velocity
         self.forget()
 
     def forget(self) -> None:
         """Forget each status: the vehicle has rebooted."""
-        self._velocity = self._place = NOT_REPORTED  # whether the filter has one
-        self._fix = NOT_REPORTED  # whether the receiver has one
+        self._filter: FilterStatus | None = None
+        self._fix = False, -(1 << 62)  # whether the receiver has one, as of when
 
-    def update_status(self, status: FilterStatus) -> None:
-        """Take the filter's status."""
-        self._velocity = Status(status.has_velocity, status.arrival_us)
-        self._place = Status(status.has_place, status.arrival_us)
-        inflation = GATE_SIGMAS * status.velocity_ratio - (ORDINARY_SIGMAS - 1.0)
-        self._inflation = min(max(1.0, inflation), MOST_INFLATION)
+    def update_status(
+        self,
+        vehicle: VehicleId,
+        arrival_us: int,
+        flags: int,
+        velocity_ratio: float,
+        compass_ratio: float = 0.0,
+    ) -> FilterStatus:
+        """Take the filter's status: the bits that all of them share, and its test ratios.
+
+        A ratio that is no number says nothing.
+        """
+        stands = bool(flags & CONSTANT_POSITION)
+        self._filter = status = FilterStatus(
+            vehicle,
+            arrival_us,
+            has_velocity=bool(flags & VELOCITY_HORIZONTAL) and not stands,
+            has_place=bool(flags & POSITION_ABSOLUTE) and not stands,
+            velocity_ratio=velocity_ratio if isfinite(velocity_ratio) else 0.0,
+            has_attitude=bool(flags & ATTITUDE),
+            compass_ratio=compass_ratio if isfinite(compass_ratio) else 0.0,
+        )
+        return status
 
     def update_fix(self, has_fix: bool, arrival_us: int) -> None:
         """Take the receiver's status."""
-        self._fix = Status(has_fix, arrival_us)
+        self._fix = has_fix, arrival_us
 
     def velocity_sigma_m_s(self, sigma_m_s: float, arrival_us: int) -> float | None:
         """How certain the filter's velocity is, by itself ``sigma_m_s``; None if it has none."""
-        if not self._velocity.holds(arrival_us):
+        status = self._filter_status(arrival_us)
+        if status is None:
             return sigma_m_s
-        return sigma_m_s * self._inflation if self._velocity.is_so else None
+        inflation = GATE_SIGMAS * status.velocity_ratio - (ORDINARY_SIGMAS - 1.0)
+        inflation = min(max(1.0, inflation), MOST_INFLATION)
+        return sigma_m_s * inflation if status.has_velocity else None
 
     def accepts_position(self, latitude_deg: float, longitude_deg: float, arrival_us: int) -> bool:
         """Whether the filter's position is one.
@@ -164,12 +149,19 @@ class Navigation:
         It is if the filter's status has one. Else the receiver must have a fix; where neither has
         reported anything, the position has only to be plausible.
         """
-        has_status = self._place.holds(arrival_us)
-        if has_status and self._place.is_so:
+        status = self._filter_status(arrival_us)
+        if status is not None and status.has_place:
             return True
         if METRES_A_DEGREE * hypot(latitude_deg, longitude_deg) < NOWHERE_M:
             return False
-        return self._fix.is_so if self._fix.holds(arrival_us) else not has_status
+        has_fix, fix_us = self._fix
+        return has_fix if abs(arrival_us - fix_us) <= STATUS_HOLDS_US else status is None
+
+    def _filter_status(self, now_us: int) -> FilterStatus | None:
+        """The filter's status, if it still counts."""
+        status = self._filter
+        counts = status is not None and abs(now_us - status.arrival_us) <= STATUS_HOLDS_US
+        return status if counts else None
 
 
 UNIT_NORM_TOLERANCE = 0.05  # quaternions further from unit length are not attitudes
@@ -209,13 +201,14 @@ class UnstampedAttitudes:
 
     def imu(self, time_us: int, arrival_us: int) -> list[Event]:
         """A sample has come; the attitudes that have waited for it."""
-        before_us, _ = self._last or (time_us, 0)
+        last, self._last = self._last, (time_us, arrival_us)
+        if not self._waiting or last is None:  # nearly always
+            return []
+        waiting, self._waiting = self._waiting, []
         events: list[Event] = []
-        for name, heard_us, q_ned_frd in self._waiting:
+        for name, heard_us, q_ned_frd in waiting:
             is_next = abs(arrival_us - heard_us) <= SAME_BURST_US
-            events += self._at(time_us if is_next else before_us, name, heard_us, "sim", q_ned_frd)
-        self._waiting.clear()
-        self._last = time_us, arrival_us
+            events += self._at(time_us if is_next else last[0], name, heard_us, "sim", q_ned_frd)
         return events
 
     def end(self) -> list[Event]:

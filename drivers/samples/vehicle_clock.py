@@ -87,28 +87,28 @@ class Stream:
     row: list[Moment] = field(default_factory=list)
 
 
+@dataclass(slots=True)
 class ClockOffset:
     """A clock's constant distance from the line of time: the median of the latest estimates.
 
     It is exactly 0 (or a whole wrap) if both are one clock.
     """
 
-    def __init__(self) -> None:
-        self._us = 0
-        self._estimates_us = deque[int](maxlen=OFFSET_SAMPLES)
-        self._since_median = 0
+    us: int = 0
+    estimates_us: deque[int] = field(default_factory=lambda: deque(maxlen=OFFSET_SAMPLES))
+    since_median: int = 0
 
     def learn(self, estimate_us: int) -> int:
         """The distance, with one more estimate in the median."""
-        estimates = self._estimates_us
+        estimates = self.estimates_us
         estimates.append(estimate_us)
-        self._since_median += 1
-        if len(estimates) < OFFSET_SAMPLES or self._since_median >= OFFSET_SAMPLES // 4:
-            self._since_median = 0
+        self.since_median += 1
+        if len(estimates) < OFFSET_SAMPLES or self.since_median >= OFFSET_SAMPLES // 4:
+            self.since_median = 0
             median_us = sorted(estimates)[len(estimates) // 2]
             whole_us = round(median_us / WRAP_32_US) * WRAP_32_US
-            self._us = whole_us if abs(median_us - whole_us) < SAME_CLOCK_US else median_us
-        return self._us
+            self.us = whole_us if abs(median_us - whole_us) < SAME_CLOCK_US else median_us
+        return self.us
 
 
 @dataclass(slots=True)
@@ -135,17 +135,14 @@ class ClockLine:
     beside: Moment | None = None  # the last message of another line
     leap_us: int = LEAP_US  # what is a leap where arrivals are steady
 
-    def advance(self, raw: Moment, message: str, misses_some: bool) -> Reason | Reset | None:
+    def advance(self, now: Moment, message: str, misses_some: bool) -> Reason | Reset | None:
         """Take the clock's next message, which is ``read`` then: why it is refused, or a reset.
 
         None, nearly always, if the clock just goes on. The stream of the ``message`` may show that
         it was set back, unless it has no name. If it ``misses_some`` that were lost, a step
         forwards may be their time.
         """
-        now, last = raw, self.last
-        if self.wrapped_us:
-            now = Moment(raw.boot_us + self.wrapped_us, raw.arrival_us)
-        self.read = now
+        self.read, last = now, self.last
         if last is None:
             self._restart(now)
             return None
@@ -316,15 +313,16 @@ class VehicleClock:
 
         Within one ``message`` the times given only ever grow.
         """
-        line, raw = self._lines[field], Moment(min(raw_us, MOST_US), min(arrival_us, MOST_US))
+        line = self._lines[field]
+        now = Moment(min(raw_us, MOST_US) + line.wrapped_us, min(arrival_us, MOST_US))
         if is_imu and line is not self._primary:
-            self._choose_line(line, raw)
+            self._choose_line(line, now)
         if self._primary is None:
             return Reason.NO_CLOCK
         stream = line.streams.get(message)
         # samples show best whether the line's own clock was set back
         may_show = is_imu or line is not self._primary
-        reset = line.advance(raw, message if may_show else "", self.misses_some)
+        reset = line.advance(now, message if may_show else "", self.misses_some)
         if isinstance(reset, Reason):
             return reset
         if line.pace.is_off:
@@ -348,14 +346,14 @@ class VehicleClock:
         stream.time_us = max(time_us, stream.time_us + 1)  # a learnt offset moved
         return Placed(stream.time_us, now.boot_us, None)
 
-    def _choose_line(self, new: ClockLine, raw: Moment) -> None:
+    def _choose_line(self, new: ClockLine, now: Moment) -> None:
         """Let the clock of an IMU message make the line of time if it is to, without a break."""
         old = self._primary
         if old is None:
             self._primary = new
         elif not new.pace.is_off and (new is self._lines[TimeField.TIME_USEC] or old.pace.is_off):
-            now_us = max(self._now_us(old, raw.arrival_us), self._latest_us)
-            self._primary, self._shift_us = new, now_us - raw.boot_us - new.wrapped_us
+            now_us = max(self._now_us(old, now.arrival_us), self._latest_us)
+            self._primary, self._shift_us = new, now_us - now.boot_us
             self._forget_offsets()
 
     def _begin_anew(self, line: ClockLine, reset: Reset, now: Moment) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.output_file import NotWholeError
-from drivers.resources import aside
+from drivers.resources import run_in_thread
 from estimator.errors import InputError
 from fuzzbee.notify import notify
 from fuzzbee.outputs import ViewerOptions
@@ -66,9 +66,8 @@ class ViewerStream:
             self.page = self.process.page
             sinks.append(rr.GrpcSink(self.process.url))
         opening = partial(self.recording.set_sinks, *sinks, default_blueprint=blueprint)
-        self._await(
-            aside(opening, "viewer-open"), FINISH_FLUSH_S if options.rrd is None else FILE_OPEN_S
-        )
+        opened = run_in_thread(opening, "viewer-open")
+        self._await(opened, FINISH_FLUSH_S if options.rrd is None else FILE_OPEN_S)
         if self.page is not None:
             notify(f"the viewer is at {self.page}")
 
@@ -101,7 +100,8 @@ class ViewerStream:
         if self._rrd is None:
             self.flush(FINISH_FLUSH_S)
             return
-        sending = aside(partial(self.recording.flush, timeout_sec=FINISH_FLUSH_S), "viewer-finish")
+        flush = partial(self.recording.flush, timeout_sec=FINISH_FLUSH_S)
+        sending = run_in_thread(flush, "viewer-finish")
         size, before = _size(self._rrd), -1
         while not sending.done() and size > before:
             wait([sending], STALLED_S)
@@ -117,7 +117,7 @@ class ViewerStream:
     def close(self) -> None:
         """Send what is pending, end the viewer, and raise if the file is not whole."""
         self.flush(CLOSE_FLUSH_S)
-        self._await(aside(self.recording.disconnect, "viewer-close"), CLOSE_FLUSH_S)
+        self._await(run_in_thread(self.recording.disconnect, "viewer-close"), CLOSE_FLUSH_S)
         if self.process is not None:
             self.process.close()
             self.process = None
@@ -126,7 +126,7 @@ class ViewerStream:
     def flush(self, timeout_s: float = 0.0) -> None:
         """Send what is pending, and wait so long until it is."""
         flush = partial(self.recording.flush, timeout_sec=timeout_s)
-        self._await(aside(flush, "viewer-flush"), timeout_s + CLOSE_FLUSH_S)
+        self._await(run_in_thread(flush, "viewer-flush"), timeout_s + CLOSE_FLUSH_S)
 
     def _await(self, work: "Future[object]", timeout_s: float) -> None:
         """Wait for work, and note whether the file still has everything."""

@@ -32,4 +32,4 @@ def test_there_is_room_for_as_many_as_machine_and_container_have(
     monkeypatch.setattr(resources, "GROUP", files)
     if limit is not None:
         files[version].write_text(f"{limit}\n")
-    assert resources.places() == expected
+    assert resources.slots() == expected

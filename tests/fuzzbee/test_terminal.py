@@ -214,7 +214,7 @@ def test_a_vehicle_that_has_departed_is_shown_no_more():
 
 
 def test_where_there_is_no_place_who_was_silent_for_longest_goes(monkeypatch):
-    monkeypatch.setattr("fuzzbee.latest.PLACES", 2)
+    monkeypatch.setattr("fuzzbee.latest.SLOTS", 2)
     model = Latest()
     for now_s, name in enumerate(("1", "2", "1", "3")):
         model.update(name, record(), now_s)

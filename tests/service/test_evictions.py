@@ -140,5 +140,5 @@ def test_what_a_sender_was_is_forgotten_by_the_gate():
     for number, vehicle in enumerate(addresses(10_000)):
         arrival_us = START_US + 2_000 * number
         assert gate.lets_in(imu_frame(vehicle, 0), "a", arrival_us)
-    assert len(gate._senders) <= MOST_GATED
+    assert len(gate._addresses) <= MOST_GATED
     assert not gate.lets_in(imu_frame(vehicle, 1), "b", arrival_us + TAKE_OVER_US // 2)

@@ -17,7 +17,6 @@ from drivers.mavlink.transports.transport import (
     Packet,
     Transport,
     listening_socket,
-    local_address,
     new_socket,
     reason,
     resolve,
@@ -43,7 +42,6 @@ class TcpClient(Transport):
 
     def __init__(self, endpoint: Endpoint) -> None:
         super().__init__(endpoint)
-        self._socket: socket.socket | None = None
         self._stream: _Stream | None = None
         self._deadline_s = 0.0
 
@@ -73,9 +71,8 @@ class TcpClient(Transport):
             self._stream.send(data)
 
     def close(self) -> None:
-        if self._socket is not None:
-            self._socket.close()
-        self._socket = self._stream = None
+        super().close()
+        self._stream = None
 
     def _connect(self, timeout_s: float) -> None:
         assert self._socket is not None
@@ -94,17 +91,12 @@ class TcpServer(Transport):
 
     def __init__(self, endpoint: Endpoint) -> None:
         super().__init__(endpoint)
-        self._socket: socket.socket | None = None
         self._clients: dict[str, _Stream] = {}
         self._warn_due_s = 0.0
 
     @property
     def connected(self) -> bool:
         return bool(self._clients)
-
-    @property
-    def address(self) -> str:
-        return str(self._endpoint) if self._socket is None else local_address("tcpin", self._socket)
 
     def open(self) -> None:
         self._socket = listening_socket(self._endpoint, socket.SOCK_STREAM)
@@ -132,16 +124,14 @@ class TcpServer(Transport):
                 client.send(data)
 
     def credit(self, peer: str) -> None:
-        """An IMU's frames have come from a peer, which therefore keeps its place."""
+        """An IMU's frames have come from a peer, which therefore keeps its slot."""
         if peer in self._clients:
             self._clients[peer].imu_s = time.monotonic()
 
     def close(self) -> None:
         for name in list(self._clients):
             self._drop(name)
-        if self._socket is not None:
-            self._socket.close()
-        self._socket = None
+        super().close()
 
     def _accept(self, listener: socket.socket) -> None:
         while True:

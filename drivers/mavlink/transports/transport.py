@@ -12,6 +12,7 @@ import os
 import socket
 import time
 from abc import ABC, abstractmethod
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 from drivers.endpoint import Endpoint
@@ -41,6 +42,8 @@ class Packet(NamedTuple):
 class Transport(ABC):
     """What the link and the simulated vehicle need from a socket or a serial line."""
 
+    _socket: socket.socket | None = None  # None: closed, or no socket
+
     def __init__(self, endpoint: Endpoint) -> None:
         self._endpoint = endpoint
 
@@ -51,8 +54,11 @@ class Transport(ABC):
 
     @property
     def address(self) -> str:
-        """The address in use, once open."""
-        return str(self._endpoint)
+        """The address in use, once open, with the real port where 0 is bound."""
+        if self._socket is None or self._endpoint.kind not in ("udpin", "tcpin"):
+            return str(self._endpoint)
+        host, port = self._socket.getsockname()[:2]
+        return str(replace(self._endpoint, host=host, port=port))
 
     @property
     def lost(self) -> int:
@@ -84,9 +90,11 @@ class Transport(ABC):
             LinkError: the link broke.
         """
 
-    @abstractmethod
     def close(self) -> None:
         """Release everything; the transport can be opened again."""
+        if self._socket is not None:
+            self._socket.close()
+        self._socket = None
 
 
 RECEIVE_BYTES = 65536
@@ -148,12 +156,6 @@ def _way_out(endpoint: Endpoint, number: int | None) -> str:
     if number == errno.EACCES:
         return " (ports below 1024 are for root; choose a higher one)"
     return ""
-
-
-def local_address(kind: str, bound: socket.socket) -> str:
-    """The address that a socket is bound to, in our spelling."""
-    host, port = bound.getsockname()[:2]
-    return f"{kind}:[{host}]:{port}" if ":" in host else f"{kind}:{host}:{port}"
 
 
 def reason(number: int | None) -> str:

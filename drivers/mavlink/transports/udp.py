@@ -15,7 +15,6 @@ from drivers.mavlink.transports.transport import (
     Packet,
     Transport,
     listening_socket,
-    local_address,
     new_socket,
     reason,
     resolve,
@@ -44,7 +43,6 @@ ANCILLARY_BYTES = 64
 class _Udp(Transport):
     """A UDP socket."""
 
-    _socket: socket.socket | None = None  # None: closed
     _lost = 0
 
     @property
@@ -59,11 +57,6 @@ class _Udp(Transport):
             if len(info) == MEMINFO.size:  # old kernels show less
                 self._lost = MEMINFO.unpack(info)[MEMINFO_DROPS]
         return self._lost
-
-    def close(self) -> None:
-        if self._socket is not None:
-            self._socket.close()
-        self._socket = None
 
     def _use(self, created: socket.socket) -> None:
         self._socket, self._lost = created, 0
@@ -80,11 +73,11 @@ class _Udp(Transport):
         """
         assert self._socket is not None
         datagrams: list[tuple[bytes, Any, int]] = []
-        read, own = _read_stamped if IS_LINUX else _read, self._socket
+        own = self._socket
         own.settimeout(max(0.0, timeout_s))
         while len(datagrams) < RECEIVE_READS:
             try:
-                datagrams.append(read(own))
+                datagrams.append(_read(own))
             except (BlockingIOError, InterruptedError, TimeoutError):
                 break
             except OSError as error:
@@ -117,10 +110,6 @@ class UdpIn(_Udp):
     def __init__(self, endpoint: Endpoint) -> None:
         super().__init__(endpoint)
         self._peers: OrderedDict[Any, str] = OrderedDict()  # names by address
-
-    @property
-    def address(self) -> str:
-        return str(self._endpoint) if self._socket is None else local_address("udpin", self._socket)
 
     def open(self) -> None:
         self._peers.clear()
@@ -167,11 +156,8 @@ class UdpOut(_Udp):
 
 
 def _read(own: socket.socket) -> tuple[bytes, Any, int]:
-    data, sender = own.recvfrom(RECEIVE_BYTES)
-    return data, sender, unix_us()
-
-
-def _read_stamped(own: socket.socket) -> tuple[bytes, Any, int]:
+    if not IS_LINUX:
+        return (*own.recvfrom(RECEIVE_BYTES), unix_us())
     data, ancillary, _flags, sender = own.recvmsg(RECEIVE_BYTES, ANCILLARY_BYTES)
     if len(ancillary) == 1:
         ((level, kind, stamp),) = ancillary

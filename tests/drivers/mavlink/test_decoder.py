@@ -4,8 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from drivers.events import (
     ClockReset,
@@ -26,7 +24,6 @@ from drivers.mavlink.decoder import MOST_SENDERS, MavlinkDecoder
 from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.messages import IMU_MESSAGES, ImuMessage
 from drivers.samples.intake import MOST_STREAMS
-from drivers.samples.navigation import quaternion_from_euler, unit_or_none
 from drivers.samples.vehicle_clock import TimeField
 from estimator.types import ZERO_VEC3, ImuSample, VelocitySample
 
@@ -259,12 +256,6 @@ def test_what_is_no_data_is_refused_by_name(message, reason):
     assert decode_all([message]) == [Rejected(VEHICLE, UNIX, reason, message.get_type())]
 
 
-def test_duplicates_are_refused():
-    events = decode_all([raw_imu(S), raw_imu(S), raw_imu(S + 20_000)])
-    assert [type(event) for event in events] == [Imu, Rejected, Imu]
-    assert events[1].reason == "duplicate"
-
-
 @pytest.mark.parametrize("mag", [(0, 0, 0), (math.nan, 0.0, 0.0)])
 def test_a_zero_or_broken_field_is_absent(mag):
     (event,) = decode_all([highres(mag=mag)])
@@ -362,6 +353,8 @@ def test_truth_belongs_to_the_imu_message_it_follows_once():
         (m.MAVLink_attitude_message(1500, math.nan, 0, 0, 0, 0, 0), []),
         (m.MAVLink_attitude_quaternion_message(1520, 0, 0, 0, 0, 0, 0, 0), []),
         (m.MAVLink_attitude_quaternion_message(1540, math.nan, 0, 0, 0, 0, 0, 0), []),
+        (m.MAVLink_attitude_quaternion_message(1560, 1.06, 0, 0, 0, 0, 0, 0), []),
+        (m.MAVLink_attitude_quaternion_message(1580, 0, 0.96, 0, 0, 0, 0, 0), [ReferenceAttitude]),
     ],
 )
 def test_what_is_broken_or_without_a_fix_is_dropped(message, kinds):
@@ -405,30 +398,6 @@ def test_a_reboot_is_reported_by_whatever_confirms_it(make):
     events = decode_all([*before, make(5000), make(5020)])
     (reset,) = only(ClockReset, events)
     assert (reset.reason, reset.step_s) == ("reboot", pytest.approx(5.0 - 300.02))
-
-
-angles = st.floats(-math.pi, math.pi)
-
-
-@given(angles, angles, angles)
-def test_euler_angles_turn_the_body_axes_where_they_should(roll, pitch, yaw):
-    """The third row of the rotation matrix, by the definition of the angles."""
-    w, x, y, z = quaternion_from_euler(roll, pitch, yaw)
-    down = (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y))
-    expected = (
-        -math.sin(pitch),
-        math.sin(roll) * math.cos(pitch),
-        math.cos(roll) * math.cos(pitch),
-    )
-    assert down == pytest.approx(expected, abs=1e-12)
-
-
-@given(st.lists(st.floats(allow_nan=True), min_size=4, max_size=4).map(tuple))
-def test_unit_quaternions_or_none(q):
-    unit = unit_or_none(q)
-    if unit is not None:
-        assert math.hypot(*unit) == pytest.approx(1.0, abs=1e-12)
-        assert abs(math.hypot(*q) - 1.0) <= 0.05
 
 
 def test_a_link_of_any_number_of_senders_and_streams_is_remembered_within_bounds():

@@ -2,7 +2,6 @@
 
 import hashlib
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -33,26 +32,9 @@ def fields(message, *names):
     return tuple(getattr(message, name) for name in names)
 
 
-@given(boot_times, vectors, vectors, vectors)
-def test_raw_imu(boot_us, acc, gyr, mag):
-    read = parsed(encoder.raw_imu(boot_us, acc, gyr, mag))
-    assert read.get_type() == "RAW_IMU"
-    assert read.time_usec == boot_us
-
-    def limited(values):
-        return tuple(int(np.clip(np.trunc(v), -32768, 32767)) for v in values)
-
-    # one unit of slack where rounding of the scale decides
-    for names, values in (
-        (("xacc", "yacc", "zacc"), limited(1000 * v / 9.80665 for v in acc)),
-        (("xgyro", "ygyro", "zgyro"), limited(1000 * v for v in gyr)),
-        (("xmag", "ymag", "zmag"), limited(1000 * v for v in mag)),
-    ):
-        assert fields(read, *names) == pytest.approx(values, abs=1)
-
-
 def test_raw_imu_of_a_level_vehicle_is_what_an_autopilot_sends_and_saturates():
     read = parsed(encoder.raw_imu(5, (0, 1e9, -9.80665), (0.0014, -0.0016, 0), (0.2, 0, -0.4004)))
+    assert (read.get_type(), read.time_usec) == ("RAW_IMU", 5)
     assert fields(read, "xacc", "yacc", "zacc") == (0, 32767, -1000)
     assert fields(read, "xgyro", "ygyro", "zgyro") == (1, -1, 0)
     assert fields(read, "xmag", "ymag", "zmag") == (200, 0, -400)

@@ -268,7 +268,7 @@ def test_idle_clients_give_way_to_a_vehicle_and_it_does_not_to_them(noise, caplo
     ("hosts", "sent", "host", "is_let_in"),
     [
         (range(2, 34), Vehicle.heartbeat, 1, True),  # without an IMU they hold no place
-        ([1] * 32, Vehicle.imu, 2, True),  # who has most places gives one to another host
+        ([1] * 32, Vehicle.imu, 2, True),  # who has most slots gives one to another host
         ([1] * 32, Vehicle.imu, 1, False),  # but not to itself
     ],
 )

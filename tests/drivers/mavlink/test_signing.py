@@ -231,10 +231,10 @@ DAMAGED = (
 )
 
 
-@pytest.mark.parametrize("text", DAMAGED)
-def test_a_damaged_state_is_refused_at_the_start(file, text):
+@pytest.mark.parametrize("content", [*map(str.encode, DAMAGED), b'{"1-1-\xff": [3, 0]}'])
+def test_a_damaged_state_is_refused_at_the_start(file, content):
     file.parent.mkdir()
-    file.write_text(text)
+    file.write_bytes(content)
     with pytest.raises(InputError, match="damaged"):
         SigningCheck(KEY, file)
 

@@ -6,7 +6,6 @@ import pytest
 
 from drivers.events import (
     ClockReset,
-    FilterStatus,
     Imu,
     Notice,
     Position,
@@ -18,7 +17,7 @@ from drivers.events import (
 )
 from drivers.logs.logged_vehicle import LoggedVehicle
 from drivers.samples.imu_stream import Field, RepeatedField, Stamp
-from drivers.samples.intake import MOST_STREAMS, Intake
+from drivers.samples.intake import Intake
 from drivers.samples.navigation import Fix
 from drivers.samples.vehicle_clock import TimeField
 from estimator.reasons import Reason
@@ -168,9 +167,7 @@ def test_a_reset_that_another_message_confirms_is_reported_with_it(other):
 @pytest.mark.parametrize(("raw_us", "believed"), [(5 * S, True), (20 * S, False), (900 * S, False)])
 def test_a_reboot_voids_what_the_filter_said_of_itself_and_a_leap_does_not(raw_us, believed):
     intake, arrival_us = running()
-    intake.navigation.update_status(
-        FilterStatus(VEHICLE, arrival_us, has_velocity=False, has_place=False)
-    )
+    intake.filter_status(arrival_us, 0, 0.0, 0.0)
     events = [imu(intake, raw_us + k * S // 4, arrival_us + k * S // 4) for k in range(6)]
     assert next(filter(None, events))[0].reason == ("reboot" if believed else "jump")
     at = stamp(raw_us + 1_350_000, arrival_us + 1_350_000)
@@ -217,12 +214,6 @@ def test_a_receivers_velocity_is_late_and_a_filters_is_not(message, sigma_m_s, l
     velocity = intake.fix(message, stamp(301 * S), fix)[-1]
     assert velocity.sample.velocity_ned_m_s == (1.0, -2.0, 0.5)
     assert (velocity.sample.sigma_m_s, velocity.sample.late_sigma_s) == (sigma_m_s, late_s)
-
-
-def test_an_accuracy_that_the_message_tells_is_taken():
-    intake, _ = running()
-    event = only(intake.fix("GPS_RAW_INT", stamp(301 * S), Fix((1.0, 0.0, 0.0), sigma_m_s=0.07)))
-    assert event.sample.sigma_m_s == 0.07
 
 
 def test_what_is_not_finite_is_left_out_and_the_rest_is_kept():
@@ -285,14 +276,6 @@ def test_after_blindness_the_track_is_lost_and_it_is_reported_for_how_long():
     assert event.reason == Reason.STUCK
     # 60 equal readings, of which half a second was needed to see it: 0.7 s were refused
     assert event.blind_s == pytest.approx(0.7, abs=0.14)
-
-
-def test_streams_of_one_vehicle_are_limited():
-    intake = Intake(VEHICLE)
-    names = [f"RAW_IMU:{k}" for k in range(MOST_STREAMS + 3)]
-    reasons = [imu(intake, S, name=name)[0] for name in names]
-    assert kinds(reasons[:MOST_STREAMS]) == MOST_STREAMS * [Imu]
-    assert {event.reason for event in reasons[MOST_STREAMS:]} == {Reason.TOO_MANY_STREAMS}
 
 
 @pytest.mark.parametrize("doubts", [False, True])
@@ -370,11 +353,12 @@ def test_a_simulators_attitude_belongs_to_the_imu_message_that_it_comes_with(ahe
     assert times_us == [k * S // 4 for k in range(2, 6)]
 
 
-def test_the_last_attitude_of_a_log_belongs_to_the_last_sample():
+@pytest.mark.parametrize("ends", [True, False])
+def test_an_attitude_that_waits_is_the_last_samples_at_the_end_or_if_the_host_is_set_back(ends):
     intake, _ = running()
     assert intake.unstamped("SIM_STATE", UNIX + 301 * S + 90_000, "sim", IDENTITY) == []
-    (truth,) = intake.end()
-    assert truth.time_us == 301 * S
+    events = intake.end() if ends else imu(intake, 301 * S + 250_000, UNIX - 3600 * S)
+    assert [e.time_us for e in events if isinstance(e, ReferenceAttitude)] == [301 * S]
     assert intake.end() == []
 
 
@@ -419,10 +403,3 @@ def test_a_field_repeated_after_the_clock_went_back_is_new():
 @pytest.mark.parametrize("place", [(0, 0), (0, 8.5), (47.4, 0), (47.4, 8.5)])
 def test_on_the_equator_and_on_greenwichs_meridian_there_are_places(place):
     assert Fix(position=(*place, 0.0)).is_solved is any(place)
-
-
-def test_an_attitude_that_waits_is_the_last_samples_where_the_host_s_clock_is_set_back():
-    intake, _ = running()
-    assert intake.unstamped("SIM_STATE", UNIX + 301 * S + 90_000, "sim", IDENTITY) == []
-    events = imu(intake, 301 * S + 250_000, UNIX - 3600 * S)
-    assert [e.time_us for e in events if isinstance(e, ReferenceAttitude)] == [301 * S]

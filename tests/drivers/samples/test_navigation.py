@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from drivers.events import FilterStatus, VehicleId
-from drivers.samples.navigation import MOST_INFLATION, STATUS_HOLDS_US, Navigation, filter_status
+from drivers.events import VehicleId
+from drivers.samples.navigation import MOST_INFLATION, STATUS_HOLDS_US, Navigation
 
 ONE = VehicleId(1, 1)
 NOW_US = 1_700_000_000_000_000
@@ -40,7 +40,7 @@ PLACES = [
 def test_a_place_needs_a_word(flags, fix, place, believed):
     navigation = Navigation()
     if flags is not None:
-        navigation.update_status(filter_status(ONE, NOW_US, flags, 0.1))
+        navigation.update_status(ONE, NOW_US, flags, 0.1)
     if fix is not None:
         navigation.update_fix(fix >= 3, NOW_US)
     assert navigation.accepts_position(*place, NOW_US) is believed
@@ -50,7 +50,7 @@ def test_a_place_needs_a_word(flags, fix, place, believed):
 def test_a_filter_that_has_no_velocity_is_not_asked_for_it(flags):
     navigation = Navigation()
     assert navigation.velocity_sigma_m_s(0.3, NOW_US) == 0.3  # it has said nothing yet
-    navigation.update_status(filter_status(ONE, NOW_US, flags, 0.0))
+    navigation.update_status(ONE, NOW_US, flags, 0.0)
     assert navigation.velocity_sigma_m_s(0.3, NOW_US) is None
 
 
@@ -67,16 +67,16 @@ def test_a_filter_that_has_no_velocity_is_not_asked_for_it(flags):
 )
 def test_sigma_grows_with_the_test_ratio(ratio, sigma_m_s):
     navigation = Navigation()
-    navigation.update_status(filter_status(ONE, NOW_US, FLYING, ratio))
+    navigation.update_status(ONE, NOW_US, FLYING, ratio)
     assert navigation.velocity_sigma_m_s(0.3, NOW_US) == pytest.approx(sigma_m_s)
 
 
 def test_words_hold_for_a_while_and_not_beyond_a_reboot():
     navigation = Navigation()
-    navigation.update_status(filter_status(ONE, NOW_US, STANDING, 0.0))
+    navigation.update_status(ONE, NOW_US, STANDING, 0.0)
     assert navigation.velocity_sigma_m_s(0.3, NOW_US + STATUS_HOLDS_US) is None
     assert navigation.velocity_sigma_m_s(0.3, NOW_US + STATUS_HOLDS_US + 1) == 0.3
-    navigation.update_status(FilterStatus(ONE, NOW_US, False, True))
+    navigation.update_status(ONE, NOW_US, 0x10, 0.0)
     navigation.update_fix(False, NOW_US)
     navigation.forget()
     assert navigation.accepts_position(*CANBERRA, NOW_US)

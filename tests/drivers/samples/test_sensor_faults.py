@@ -22,10 +22,13 @@ def noisy(rng, vector, sigma):
 class Stream:
     """One IMU at 50 Hz: 2 s of noise at rest, then whatever a test says."""
 
-    def __init__(self, mag=FIELD):
+    def __init__(self, mag=FIELD, *, noisy_x=True):
         self.faults, self.rng, self.now_us = SensorFaults(), random.Random(5), 1_000_000
+        x = () if noisy_x else (0.0,)
         for _ in range(100):
-            assert self.feed(mag=self.noise(mag, 0.002) if mag != ZERO_VEC3 else mag) is None
+            gyr, acc = (x + self.noise(v)[len(x) :] for v in (ZERO_VEC3, DOWN))
+            field = self.noise(mag, 0.002) if mag != ZERO_VEC3 else mag
+            assert self.feed(gyr, acc, field) is None
 
     def noise(self, vector, sigma=0.01):
         return noisy(self.rng, vector, sigma)
@@ -209,6 +212,15 @@ def test_equal_large_values_are_the_end_of_a_range(sign):
     reasons = [stream.feed(acc=(*stream.noise((0.0, 0.0)), sign * 4.0 * G)) for _ in range(10)]
     assert reasons[:3] == [None] * 3
     assert set(reasons[4:]) == {Reason.ACCELEROMETER_SATURATED}
+
+
+@pytest.mark.parametrize("sensor", ["gyr", "acc"])
+def test_an_axis_without_noise_has_no_end_whatever_the_others_have(sensor):
+    """A simulator's rotor axis, or one that does not exist."""
+    stream = Stream(noisy_x=False)
+    large = {"gyr": 5.0, "acc": 4.0 * G}[sensor]
+    for _ in range(30):
+        assert stream.feed(**{sensor: (large, *stream.noise((0.0, -G)))}) is None
 
 
 def test_below_every_range_equal_values_are_no_end():
