@@ -98,28 +98,21 @@ class UlogReader:
         """
         return self._window.records(FILE_HEAD_SIZE, self._read, self._next_message)
 
-    def _read(self, position: int, stop: int) -> tuple[list[Found | None], int]:
-        """The rows of the messages from ``position`` to ``stop``, and where they end."""
-        data, found = self._window.data, list[Found | None]()
-        while position < stop:
-            end = self._end(data, position)
-            if end is None:
-                if not data.startswith(MAGIC, position):
-                    break
-                self._window.end()  # another log is behind this one, with times of its own
-                return [*found, None], len(data)
-            start = position + HEAD.size
-            if data[position + 2] != ROW:
-                if not self._takes(data[position + 2], data[start:end]):
-                    found.append(None)
-            else:
-                sizes, table = self._subscribed.get(data[start] | data[start + 1] << 8, NO_ROWS)
-                if end - start - NUMBER_SIZE not in sizes:
-                    found.append(None)
-                elif table is not None:
-                    found.append(table.found(data, start + NUMBER_SIZE))
-            position = end
-        return found, position
+    def _read(self, position: int) -> tuple[tuple[Found | None, ...], int] | None:
+        """The row of the message at ``position``, if it has one, and where that ends."""
+        data = self._window.data
+        if (end := self._end(data, position)) is None:
+            if not data.startswith(MAGIC, position):
+                return None
+            self._window.end()  # another log is behind this one, with times of its own
+            return (None,), len(data)
+        kind, start = data[position + 2], position + HEAD.size
+        if kind != ROW:
+            return () if self._takes(kind, data[start:end]) else (None,), end
+        sizes, table = self._subscribed.get(_number(data, start), NO_ROWS)
+        if end - start - NUMBER_SIZE not in sizes:
+            return (None,), end
+        return () if table is None else (table.found(data, start + NUMBER_SIZE),), end
 
     @staticmethod
     def _end(data: bytes, position: int) -> int | None:
