@@ -8,6 +8,7 @@ from pathlib import Path
 from statistics import median
 
 import pytest
+from pymavlink.DFReader import FORMAT_TO_STRUCT
 
 from drivers.events import (
     ClockReset,
@@ -24,9 +25,6 @@ from drivers.logs.dataflash import Dataflash
 from drivers.logs.other_sensors import currents, vibrations
 
 G = 9.80665
-# ArduPilot's format characters: libraries/AP_Logger/LogStructure.h
-SIZES = {"Q": "Q", "I": "I", "H": "H", "h": "h", "B": "B", "f": "f", "c": "h", "C": "H", "L": "i"}
-STRINGS = {"n": 4, "N": 16, "Z": 64}
 
 
 class Writer:
@@ -39,22 +37,22 @@ class Writer:
 
     def format(self, name, codes, columns, number=None):
         number = number or 0x81 + len(self._formats)
-        layout = "<" + "".join(SIZES.get(c) or f"{STRINGS[c]}s" for c in codes)
+        layout = "<" + "".join(FORMAT_TO_STRUCT[code][0] for code in codes)
         self._formats[name] = (number, layout, codes)
         self.write("FMT", number, struct.calcsize(layout) + 3, name, codes, columns)
 
     def write(self, name, *values):
-        number, layout, codes = self._formats[name]
-        raw = []
+        raw, codes = [], self._formats[name][2]
         for code, value in zip(codes, values, strict=True):
-            if code in STRINGS:
-                raw.append(value.encode())
-            elif code in "cC":
-                raw.append(round(value * 100))
-            elif code == "L":
-                raw.append(round(value * 1e7))
-            else:
-                raw.append(value)
+            scale = FORMAT_TO_STRUCT[code][1]
+            raw.append(value.encode() if isinstance(value, str) else value)
+            if scale is not None and isinstance(value, int | float):
+                raw[-1] = round(value / scale)
+        self.store(name, *raw)
+
+    def store(self, name, *raw):
+        """The message of numbers and bytes as they are stored."""
+        number, layout, _ = self._formats[name]
         self.data += b"\xa3\x95" + bytes([number]) + struct.pack(layout, *raw)
 
     def save(self, folder):
