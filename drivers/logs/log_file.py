@@ -70,14 +70,12 @@ class Window:
     ``is_last`` shows that nothing follows it.
     """
 
-    def __init__(
-        self, data: bytes = b"", file: BinaryIO | None = None, on_read: OnRead | None = None
-    ) -> None:
-        self.data = data
+    def __init__(self, file: BinaryIO, on_read: OnRead | None = None) -> None:
+        self.data = b""
         self._file = file
         self._on_read = on_read
         self.offset = 0
-        self.is_last = file is None
+        self.is_last = False
 
     def move(self, position: int) -> int:
         """Forget what is before ``position`` of the data, and read on; where that place is now."""
@@ -86,7 +84,7 @@ class Window:
         if self._on_read is not None:
             self._on_read(self.offset)
         try:
-            more = b"" if self._file is None else self._file.read(READ_SIZE)
+            more = self._file.read(READ_SIZE)
         except OSError as error:
             if not self.data:
                 raise
@@ -134,7 +132,7 @@ class Window:
 
     def end(self) -> None:
         """Read no further."""
-        self._file, self.is_last = None, True
+        self.is_last = True
 
 
 @contextmanager
@@ -146,7 +144,7 @@ def windowed(path: Path, on_read: OnRead | None = None) -> Iterator[Window]:
     """
     try:
         with path.open("rb", buffering=0) as file:
-            window = Window(file=file, on_read=on_read)
+            window = Window(file, on_read)
             window.move(0)
             if not window.data:
                 raise InputError(f"{path}: the file is empty")

@@ -27,7 +27,6 @@ ORDINARY_STEP_US = 10 * 1_000_000  # a stamp further from the last counts if the
 ORDINARY_BACK_US = 5 * 1_000_000
 STAMP_STEP_US = 86_400 * 1_000_000  # two stamps further apart do not agree
 STAMP_BACK_US = 3600 * 1_000_000
-SNIFF_SIZE = 1 << 20  # a log has a sound frame within its first MiB
 FIRST_RECORDS = 100  # two neighbours among these agree, or the last one is taken
 RAW_FRAMES, RAW_SIZE = 3, 1000  # that many sound frames end to end, in bytes, are no accident
 
@@ -78,7 +77,8 @@ class Tlog(LogFile):
                 raise InputError(
                     f"{path}: MAVLink without time stamps (a raw capture), use the .tlog beside it"
                 )
-            if not any(tlog_records(Window(data[:SNIFF_SIZE]))):
+            window.end()  # a log has a sound frame within the first piece
+            if not any(tlog_records(window)):
                 raise InputError(f"{path}: no MAVLink frame in it, not a telemetry log")
 
     def __iter__(self) -> Iterator[Event]:

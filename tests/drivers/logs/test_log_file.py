@@ -102,7 +102,7 @@ class Failing(io.RawIOBase):
 
 def test_a_file_of_which_only_a_part_can_be_read(caplog):
     content = bytes(range(256)) * 40
-    window = Window(file=Failing(content))
+    window = Window(Failing(content))
     window.move(0)
     window.move(0)
     assert window.data == content
@@ -112,6 +112,6 @@ def test_a_file_of_which_only_a_part_can_be_read(caplog):
 
 def test_nothing_at_all(tmp_path):
     with pytest.raises(OSError, match="Input/output error"):
-        Window(file=Failing(b"")).move(0)
+        Window(Failing(b"")).move(0)
     with pytest.raises(InputError, match="cannot be read: Is a directory"), windowed(tmp_path):
         pass
