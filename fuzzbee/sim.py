@@ -99,7 +99,7 @@ def sim(options: SimOptions) -> int:
         run_vehicles(fleet, connection, stop.is_set, seconds, _notify)
         if options.as_json:
             _print_json(str(endpoint), options, fleet, time.monotonic() - begun_s)
-        if seconds is not None and not fleet.counts.was_connected and not stop.is_set():
+        if seconds is not None and not fleet.was_connected and not stop.is_set():
             _notify(f"{endpoint}: nobody was connected in {seconds:g} s")
             return 1
         return 0
@@ -135,8 +135,8 @@ def _print_json(to: str, options: SimOptions, fleet: "Fleet", seconds: float) ->
         "motion": options.motion,
         "seed": options.seed,
         "seconds": round(seconds, 3),
-        "bytes_sent": fleet.counts.bytes_sent,
-        "link_errors": fleet.counts.link_errors,
+        "bytes_sent": fleet.bytes_sent,
+        "link_errors": fleet.link_errors,
     }
     errors = _imu_errors(options)
     print(json.dumps(result | {"imu_errors": errors} if errors else result), flush=True)

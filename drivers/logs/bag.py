@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from drivers.events import Event, Malformed
-from drivers.logs.bag_libraries import BoundedPath, McapChannels, bound_bags, from_json
+from drivers.logs.bag_libraries import BoundedPath, McapChannels, bound_libraries, from_json
 from drivers.logs.log_file import LATEST_US, LogFile
 from drivers.logs.logged_vehicle import ONE_VEHICLE, LoggedVehicle
 from drivers.samples.navigation import Fix, unit_or_none
@@ -96,7 +96,7 @@ class Bag(LogFile):
             from rosbags.typesys import Stores, get_typestore
         except ImportError:
             raise missing_extra(f"{self.path}", "bags") from None
-        bound_bags()
+        bound_libraries()
         if self.path.is_dir():
             self._files()
         ros1 = get_typestore(Stores.ROS1_NOETIC).deserialize_ros1

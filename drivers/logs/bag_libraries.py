@@ -12,6 +12,7 @@ import shutil
 import tempfile
 from collections.abc import Collection, Iterator
 from contextlib import suppress
+from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -94,11 +95,12 @@ def unpacked(compression: str, data: bytes, _size: int = 0) -> bytes:
 
 
 @cache
-def bound_mcap() -> None:
-    """Bound what an MCAP file's chunks are unpacked to."""
-    from dataclasses import replace
-
+def bound_libraries() -> None:
+    """Bound what ``mcap`` and ``rosbags`` unpack, and what a bag's databases give."""
+    import apsw
     from mcap import stream_reader
+    from rosbags.rosbag1 import reader as ros1
+    from rosbags.rosbag2 import reader, storage_mcap
 
     unpack: Any = stream_reader.get_chunk_data_stream
 
@@ -108,15 +110,6 @@ def bound_mcap() -> None:
         return unpack(chunk, validate_crc)
 
     stream_reader.get_chunk_data_stream = unpack_bounded
-
-
-@cache
-def bound_bags() -> None:
-    """Bound what ``rosbags`` unpacks and what its databases give."""
-    import apsw
-    from rosbags.rosbag1 import reader as ros1
-    from rosbags.rosbag2 import reader, storage_mcap
-
     two: Any = reader
     for table, packers in (
         (ros1.decompressors, ("bz2", "lz4")),
@@ -184,29 +177,24 @@ class McapChannels:
 
     def open(self) -> None:
         """Look what there is; a file without an index is read through for it."""
-        from mcap.reader import SeekingReader
-
-        bound_mcap()
         self._file = self.path.open("rb")
         try:
-            self._kind: Any = SeekingReader
-            # to sort a file without an index would take all of it into memory
-            self._is_sorted = True
-            self._look()
+            self.connections = [_channel(*each) for each in self._look()]
         except BaseException:
             self.close()
             raise
 
-    def _look(self) -> None:
-        with suppress(Exception):  # a file that its writer did not finish has no summary
-            summary = self._kind(self._file).get_summary()
-            counts = summary.statistics.channel_message_counts
-            for key, channel in summary.channels.items():
-                self._add(channel, summary.schemas.get(channel.schema_id), counts.get(key, 0))
-            return
-        from mcap.reader import NonSeekingReader
+    def _look(self) -> list[tuple[Any, Any, int]]:
+        """The channels with their schemas and how many messages they have."""
+        from mcap.reader import NonSeekingReader, SeekingReader
 
-        self._kind, self._is_sorted = NonSeekingReader, False
+        self._kind: Any = SeekingReader
+        with suppress(Exception):  # a file that its writer did not finish has no summary
+            summary: Any = SeekingReader(self._file).get_summary()
+            counts, schemas = summary.statistics.channel_message_counts, summary.schemas
+            channels = summary.channels.items()
+            return [(c, schemas.get(c.schema_id), counts.get(key, 0)) for key, c in channels]
+        self._kind = NonSeekingReader
         seen: dict[int, tuple[Any, Any, int]] = {}
         try:
             for schema, channel, _ in self._messages():
@@ -214,9 +202,7 @@ class McapChannels:
         except Exception:  # it may end within a message
             if not seen:
                 raise
-        self.connections = []
-        for channel, schema, count in seen.values():
-            self._add(channel, schema, count)
+        return [*seen.values()]
 
     def messages(self, wanted: Collection[Channel]) -> Iterator[tuple[Channel, int, bytes]]:
         """(channel, time of recording in ns, data) of the wanted channels."""
@@ -230,14 +216,19 @@ class McapChannels:
         self._file.close()
 
     def _messages(self) -> Iterator[Any]:
+        from mcap.reader import SeekingReader
+
         self._file.seek(0)
-        found: Iterator[Any] = self._kind(self._file).iter_messages(log_time_order=self._is_sorted)
+        # to sort a file without an index would take all of it into memory
+        is_sorted = self._kind is SeekingReader
+        found: Iterator[Any] = self._kind(self._file).iter_messages(log_time_order=is_sorted)
         return found
 
-    def _add(self, channel: Any, schema: Any, count: int) -> None:
-        encoding, title = channel.message_encoding, "" if schema is None else schema.name
-        package, _, name = title.rpartition("/")
-        kind = f"{package.removesuffix('/msg')}/msg/{name}" if package else title
-        if schema is None or encoding not in ENCODINGS:
-            kind += f", {encoding}"  # which no decoder is for
-        self.connections.append(Channel(channel.id, channel.topic, kind, count, encoding))
+
+def _channel(channel: Any, schema: Any, count: int) -> Channel:
+    encoding, title = channel.message_encoding, "" if schema is None else schema.name
+    package, _, name = title.rpartition("/")
+    kind = f"{package.removesuffix('/msg')}/msg/{name}" if package else title
+    if schema is None or encoding not in ENCODINGS:
+        kind += f", {encoding}"  # which no decoder is for
+    return Channel(channel.id, channel.topic, kind, count, encoding)

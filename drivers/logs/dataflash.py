@@ -110,21 +110,12 @@ def _imu(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
     return vehicle.imu(stream, gyr, (row["AccX"], row["AccY"], row["AccZ"]))
 
 
-def _mag(vehicle: LoggedVehicle, _name: str, row: Row) -> list[Event]:
-    x, y, z = (row[axis] * MILLIGAUSS for axis in ("MagX", "MagY", "MagZ"))
-    return vehicle.put_mag((x, y, z))
-
-
 def _attitude(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
     if "Q1" in row:
         numbers = [row["Q1"], row["Q2"], row["Q3"], row["Q4"]]
     else:
         numbers = [math.radians(row[angle]) for angle in ("Roll", "Pitch", "Yaw")]
     return vehicle.attitude(name, "sim" if name == "SIM" else "autopilot", numbers)
-
-
-def _filter_velocity(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
-    return vehicle.fix(name, Fix((row["VN"], row["VE"], row["VD"])))
 
 
 def _filter_status(vehicle: LoggedVehicle, _name: str, row: Row) -> list[Event]:
@@ -141,10 +132,6 @@ def _gps(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
     position = (row["Lat"], row["Lng"], row["Alt"])
     fix = Fix((north, east, row.get("VZ", 0.0)), has_vertical="VZ" in row, position=position)
     return vehicle.fix(name, fix)
-
-
-def _parameter(vehicle: LoggedVehicle, _name: str, row: Row) -> list[Event]:
-    return [Parameter(vehicle.id, vehicle.arrival_us, row["Name"], float(row["Value"]))]
 
 
 def _text(vehicle: LoggedVehicle, _name: str, row: Row) -> list[Event]:
@@ -171,12 +158,19 @@ def _mode(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
 
 HANDLERS: dict[str, Callable[[LoggedVehicle, str, Row], list[Event]]] = {
     **dict.fromkeys(("IMU", "IMU2", "IMU3"), _imu),
-    "MAG": _mag,
+    "MAG": lambda vehicle, _, row: vehicle.put_mag(
+        (MILLIGAUSS * row["MagX"], MILLIGAUSS * row["MagY"], MILLIGAUSS * row["MagZ"])
+    ),
     **dict.fromkeys(("ATT", "XKQ", "NKQ", "NKQ1", "SIM"), _attitude),
-    **dict.fromkeys(("XKF1", "NKF1", "EKF1"), _filter_velocity),
+    **dict.fromkeys(
+        ("XKF1", "NKF1", "EKF1"),
+        lambda vehicle, name, row: vehicle.fix(name, Fix((row["VN"], row["VE"], row["VD"]))),
+    ),
     **dict.fromkeys(("XKF4", "NKF4", "EKF4"), _filter_status),
     "GPS": _gps,
-    "PARM": _parameter,
+    "PARM": lambda vehicle, _, row: [
+        Parameter(vehicle.id, vehicle.arrival_us, row["Name"], float(row["Value"]))
+    ],
     "MSG": _text,
     **dict.fromkeys(("ARM", "EV", "MODE"), _mode),
 }

@@ -3,7 +3,7 @@
 import hashlib
 import logging
 from abc import abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO, TypeVar
@@ -15,7 +15,6 @@ from estimator.errors import InputError
 T = TypeVar("T")
 OnRead = Callable[[int], None]
 READ_SIZE = 1 << 20
-PIECE = 1 << 15  # bytes; of more records at once the garbage collector walks each several times
 LATEST_US = 1 << 62  # differences between times must fit 64 bits
 MARGIN = 1 << 17  # bytes; longer than any message of a log that is read in pieces
 
@@ -32,15 +31,11 @@ class LogFile(Closing):
     def __init__(self, path: Path) -> None:
         self.path = path
         self.on_read: OnRead | None = None
-        self._follows: ImuInUse | None = None
+        self.imu_in_use: ImuInUse = lambda _: None
 
     def follow(self, imu_in_use: ImuInUse) -> None:
         """Skip a vehicle's other IMU messages, as a live link does."""
-        self._follows = imu_in_use
-
-    def imu_in_use(self, vehicle: VehicleId) -> str | None:
-        """The IMU message that is used of the vehicle, if that is known by now."""
-        return None if self._follows is None else self._follows(vehicle)
+        self.imu_in_use = imu_in_use
 
     @abstractmethod
     def __iter__(self) -> Iterator[Event]:
@@ -75,14 +70,12 @@ class Window:
     ``is_last`` shows that nothing follows it.
     """
 
-    def __init__(
-        self, data: bytes = b"", file: BinaryIO | None = None, on_read: OnRead | None = None
-    ) -> None:
-        self.data = data
+    def __init__(self, file: BinaryIO, on_read: OnRead | None = None) -> None:
+        self.data = b""
         self._file = file
         self._on_read = on_read
         self.offset = 0
-        self.is_last = file is None
+        self.is_last = False
 
     def move(self, position: int) -> int:
         """Forget what is before ``position`` of the data, and read on; where that place is now."""
@@ -91,7 +84,7 @@ class Window:
         if self._on_read is not None:
             self._on_read(self.offset)
         try:
-            more = b"" if self._file is None else self._file.read(READ_SIZE)
+            more = self._file.read(READ_SIZE)
         except OSError as error:
             if not self.data:
                 raise
@@ -104,23 +97,23 @@ class Window:
     def records(
         self,
         position: int,
-        read: Callable[[int, int], tuple[list[T | None], int]],
+        read: Callable[[int], tuple[Sequence[T | None], int] | None],
         search: Callable[[int], int | None],
     ) -> Iterator[T | None]:
         """What ``read`` finds from ``position`` on; None for each damaged stretch.
 
-        It takes the sound records that begin before a place of the data, and returns where the next
-        one should begin. ``search`` finds the next sound one behind damage, from a place on.
+        It gives what is wanted of the record at a place, and where the next one should begin; None
+        if that is not sound. ``search`` finds the next sound one behind damage, from a place on.
         """
         while position < len(self.data) or not self.is_last:
-            stop = min(self._safe_end(), position + PIECE)
-            found, position = read(position, stop)
-            yield from found
-            if position < stop:
+            if position >= self._safe_end():
+                position = self.move(position)
+            elif (record := read(position)) is None:
                 yield None
                 position = self._next(position + 1, search)
-            elif not self.is_last and position >= self._safe_end():
-                position = self.move(position)
+            else:
+                found, position = record
+                yield from found
 
     def _next(self, position: int, search: Callable[[int], int | None]) -> int:
         """Where the next sound record begins, or the data's end.
@@ -139,7 +132,7 @@ class Window:
 
     def end(self) -> None:
         """Read no further."""
-        self._file, self.is_last = None, True
+        self.is_last = True
 
 
 @contextmanager
@@ -151,7 +144,7 @@ def windowed(path: Path, on_read: OnRead | None = None) -> Iterator[Window]:
     """
     try:
         with path.open("rb", buffering=0) as file:
-            window = Window(file=file, on_read=on_read)
+            window = Window(file, on_read)
             window.move(0)
             if not window.data:
                 raise InputError(f"{path}: the file is empty")

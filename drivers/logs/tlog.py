@@ -27,7 +27,6 @@ ORDINARY_STEP_US = 10 * 1_000_000  # a stamp further from the last counts if the
 ORDINARY_BACK_US = 5 * 1_000_000
 STAMP_STEP_US = 86_400 * 1_000_000  # two stamps further apart do not agree
 STAMP_BACK_US = 3600 * 1_000_000
-SNIFF_SIZE = 1 << 20  # a log has a sound frame within its first MiB
 FIRST_RECORDS = 100  # two neighbours among these agree, or the last one is taken
 RAW_FRAMES, RAW_SIZE = 3, 1000  # that many sound frames end to end, in bytes, are no accident
 
@@ -78,12 +77,13 @@ class Tlog(LogFile):
                 raise InputError(
                     f"{path}: MAVLink without time stamps (a raw capture), use the .tlog beside it"
                 )
-            if not any(tlog_records(Window(data[:SNIFF_SIZE]))):
+            window.end()  # a log has a sound frame within the first piece
+            if not any(tlog_records(window)):
                 raise InputError(f"{path}: no MAVLink frame in it, not a telemetry log")
 
     def __iter__(self) -> Iterator[Event]:
         gate, decoder = FrameGate(Policy()), MavlinkDecoder(texts=True)
-        decoder.imu_in_use = self.imu_in_use
+        decoder.imu_in_use = lambda vehicle: self.imu_in_use(vehicle)  # noqa: PLW0108 - may change yet
         for arrival_us, frame in self._frames(decoder.wanted):
             if frame is None:
                 yield Malformed(arrival_us, 1)
@@ -149,25 +149,19 @@ def tlog_records(
     frames = FrameFormat(gap=STAMP_SIZE)
     wanted = frozenset(mavlink().mavlink_map) if wanted is None else wanted
 
-    def read(position: int, stop: int) -> tuple[list[tuple[int, Frame] | None], int]:
-        data, found = window.data, list[tuple[int, Frame] | None]()
-        while position < stop:
-            start = position + STAMP_SIZE
-            if start >= len(data):
-                return found, len(data)
-            end = frame_end(data, start)
-            if end is None or end > len(data):
-                break
-            frame = frames.frame(data, start, end)
-            if frame is not None and frame.message_id in wanted:
-                stamp_us = int.from_bytes(data[position:start], "big")
-                found.append((min(stamp_us, LATEST_US), frame))
-            elif frame is None:
-                if not frames.is_followed(data, end):
-                    break
-                found.append(None)
-            position = end
-        return found, position
+    def read(position: int) -> tuple[tuple[tuple[int, Frame] | None, ...], int] | None:
+        data, start = window.data, position + STAMP_SIZE
+        if start >= len(data):
+            return (), len(data)
+        end = frame_end(data, start)
+        if end is None or end > len(data):
+            return None
+        frame = frames.frame(data, start, end)
+        if frame is None:
+            return ((None,), end) if frames.is_followed(data, end) else None
+        if frame.message_id not in wanted:
+            return (), end
+        return ((min(int.from_bytes(data[position:start], "big"), LATEST_US), frame),), end
 
     def search(position: int) -> int | None:
         start = frames.next_start(window.data, position + STAMP_SIZE)

@@ -23,7 +23,6 @@ from estimator.types import Vec3
 
 IMU_TOPICS = ("sensor_combined", "vehicle_imu")  # the first that is there is used
 MAG_TOPICS = ("vehicle_magnetometer", "sensor_mag")
-TRUTH_TOPIC = "vehicle_attitude_groundtruth"
 GPS_TOPICS = ("vehicle_gps_position", "sensor_gps")
 ARMING_STATE_ARMED = 2
 CHOICES = (IMU_TOPICS, MAG_TOPICS, GPS_TOPICS)
@@ -83,26 +82,13 @@ def _events(vehicle: LoggedVehicle, found: Found) -> list[Event]:
     return TOPICS[found.topic].events(vehicle, found.topic, found.row)
 
 
-def _sensor_combined(vehicle: LoggedVehicle, topic: str, row: Row) -> list[Event]:
-    return vehicle.imu(topic, row["gyro_rad"], row["accelerometer_m_s2"])
-
-
 def _vehicle_imu(vehicle: LoggedVehicle, topic: str, row: Row) -> list[Event]:
     angle_s, velocity_s = row["delta_angle_dt"] * 1e-6, row["delta_velocity_dt"] * 1e-6
     if angle_s <= 0 or velocity_s <= 0:
         return [Rejected(vehicle.id, vehicle.arrival_us, Reason.NO_INTERVAL, topic)]
-    roll, pitch, yaw = (turn / angle_s for turn in row["delta_angle"])
-    x, y, z = (push / velocity_s for push in row["delta_velocity"])
+    roll, pitch, yaw = (float(turn) / angle_s for turn in row["delta_angle"])
+    x, y, z = (float(push) / velocity_s for push in row["delta_velocity"])
     return vehicle.imu(topic, (roll, pitch, yaw), (x, y, z))
-
-
-def _mag(vehicle: LoggedVehicle, _topic: str, row: Row) -> list[Event]:
-    is_raw = "x" in row  # the driver's own topic
-    return vehicle.put_mag((row["x"], row["y"], row["z"]) if is_raw else row["magnetometer_ga"])
-
-
-def _attitude(vehicle: LoggedVehicle, topic: str, row: Row) -> list[Event]:
-    return vehicle.attitude(topic, "sim" if topic == TRUTH_TOPIC else "autopilot", row["q"])
 
 
 def _local_position(vehicle: LoggedVehicle, topic: str, row: Row) -> list[Event]:
@@ -128,11 +114,6 @@ def _selector_status(vehicle: LoggedVehicle, _topic: str, row: Row) -> list[Even
     return []
 
 
-def _status(vehicle: LoggedVehicle, _topic: str, row: Row) -> list[Event]:
-    is_armed = row["arming_state"] == ARMING_STATE_ARMED
-    return [ModeChange(vehicle.id, vehicle.arrival_us, is_armed=is_armed)]
-
-
 def _gps(vehicle: LoggedVehicle, topic: str, row: Row) -> list[Event]:
     if row["fix_type"] < GPS_FIX_TYPE_3D_FIX:
         return []
@@ -154,20 +135,36 @@ GPS = (
     *("lat", "lon", "alt"),  # until 2023
 )
 TOPICS = {
-    "sensor_combined": Topic(_sensor_combined, ("gyro_rad", "accelerometer_m_s2")),
+    "sensor_combined": Topic(
+        lambda vehicle, topic, row: vehicle.imu(topic, row["gyro_rad"], row["accelerometer_m_s2"]),
+        ("gyro_rad", "accelerometer_m_s2"),
+    ),
     "vehicle_imu": Topic(
         _vehicle_imu, ("delta_angle", "delta_velocity", "delta_angle_dt", "delta_velocity_dt")
     ),
-    "vehicle_magnetometer": Topic(_mag, ("magnetometer_ga",)),
-    "sensor_mag": Topic(_mag, ("x", "y", "z")),
-    "vehicle_attitude": Topic(_attitude, ("q",)),
-    TRUTH_TOPIC: Topic(_attitude, ("q",)),
+    "vehicle_magnetometer": Topic(
+        lambda vehicle, _, row: vehicle.put_mag(row["magnetometer_ga"]), ("magnetometer_ga",)
+    ),
+    "sensor_mag": Topic(  # the driver's own
+        lambda vehicle, _, row: vehicle.put_mag((row["x"], row["y"], row["z"])), ("x", "y", "z")
+    ),
+    "vehicle_attitude": Topic(
+        lambda vehicle, topic, row: vehicle.attitude(topic, "autopilot", row["q"]), ("q",)
+    ),
+    "vehicle_attitude_groundtruth": Topic(
+        lambda vehicle, topic, row: vehicle.attitude(topic, "sim", row["q"]), ("q",)
+    ),
     "vehicle_local_position": Topic(
         _local_position, ("vx", "vy", "vz", "v_xy_valid", "v_z_valid", "dead_reckoning")
     ),
     "estimator_status": Topic(_estimator_status, ("solution_status_flags", "vel_test_ratio")),
     "estimator_selector_status": Topic(_selector_status, ("primary_instance",)),
-    "vehicle_status": Topic(_status, ("arming_state",)),
+    "vehicle_status": Topic(
+        lambda vehicle, _, row: [
+            ModeChange(vehicle.id, vehicle.arrival_us, row["arming_state"] == ARMING_STATE_ARMED)
+        ],
+        ("arming_state",),
+    ),
     **dict.fromkeys(GPS_TOPICS, Topic(_gps, GPS)),
 }
 WANTED = {name: frozenset(topic.fields) for name, topic in TOPICS.items()}

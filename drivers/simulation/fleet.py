@@ -8,7 +8,6 @@ so that hundreds of vehicles do not send in one burst.
 import heapq
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from drivers.events import LinkUp
 from drivers.mavlink.connection import Connection
@@ -24,26 +23,11 @@ MOST_PEERS = 64  # whose half frames are kept
 RECEIVE_S = 0.1  # how often the process looks whether it should end
 
 
-@dataclass(slots=True)
-class FleetCounts:
-    """What a run did: bytes sent, how often the link broke or could not be made, if it ever was."""
-
-    bytes_sent: int = 0
-    link_errors: int = 0
-    was_connected: bool = False
-
-    def note(self, connection: Connection, report: Callable[[str], None]) -> None:
-        """Take in what has become of the link."""
-        for event in connection.take_events():
-            if isinstance(event, LinkUp):
-                if self.link_errors:
-                    report("connected")
-                self.was_connected = True
-        self.link_errors = connection.breaks
-
-
 class Fleet:
     """Vehicles 1..N on one transport; after 250 of them 1-2, 2-2 and so on.
+
+    It counts ``bytes_sent`` and ``link_errors``, how often the link broke or could not be made, and
+    knows whether it ``was_connected`` at all.
 
     Raises:
         InputError: an option or the number of vehicles is out of its range.
@@ -59,7 +43,8 @@ class Fleet:
         self._schedule()
         self._readers: dict[str, FrameReader] = {}
         self._fields = FieldReader()
-        self.counts = FleetCounts()
+        self.bytes_sent = self.link_errors = 0
+        self.was_connected = False
 
     @property
     def due_us(self) -> float:
@@ -76,7 +61,7 @@ class Fleet:
             data = vehicle.advance(vehicle.due_us, signed_us)
             heapq.heapreplace(self._due, (vehicle.due_us + offset_us, i))
             if data:
-                self.counts.bytes_sent += len(data)
+                self.bytes_sent += len(data)
                 send(data)
 
     def receive(
@@ -97,6 +82,14 @@ class Fleet:
                     send(answer)
         if answered:  # a changed rate changes what is due
             self._schedule()
+
+    def note(self, connection: Connection, report: Callable[[str], None]) -> None:
+        """Take in what has become of the link."""
+        if any(isinstance(event, LinkUp) for event in connection.take_events()):
+            if self.link_errors:
+                report("connected")
+            self.was_connected = True
+        self.link_errors = connection.breaks
 
     def _schedule(self) -> None:
         numbered = enumerate(self._vehicles)
@@ -127,9 +120,9 @@ def run_vehicles(
                 wait_us = min(wait_us, seconds * 1e6 - now_us)
             for packet in connection.receive(min(RECEIVE_S, max(0.0, wait_us * 1e-6))):
                 fleet.receive(packet.peer, packet.data, unix_us(), connection.send)
-            fleet.counts.note(connection, report)
+            fleet.note(connection, report)
     finally:
-        fleet.counts.note(connection, report)
+        fleet.note(connection, report)
         connection.close()
 
 

@@ -19,7 +19,7 @@ from collections.abc import Iterator
 from functools import lru_cache
 from itertools import islice
 from math import ceil, floor, inf, isfinite
-from typing import Literal, NamedTuple, get_args
+from typing import Generic, Literal, NamedTuple, TypeVar, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -64,56 +64,45 @@ CHUNK_SAMPLES = 128  # a stream computes this much ahead; 1.3 s at 100 Hz
 LONGEST_STEP_S = 0.01
 
 
-class Sample(NamedTuple):
-    """One instant of the simulated vehicle; measured values are in FRD.
+Time = TypeVar("Time")
+Vector = TypeVar("Vector")
+Turn = TypeVar("Turn")
+
+
+class Signals(NamedTuple, Generic[Time, Vector, Turn]):
+    """The simulated vehicle at an instant, or at N of them; measured values are in FRD.
 
     ``time_us`` counts from the vehicle's start. ``q_ned_frd`` and all behind it are the truth.
     """
 
-    time_us: int
-    gyr_rad_s: Vec3
-    acc_m_s2: Vec3
-    mag_gauss: Vec3
-    q_ned_frd: Quaternion
-    true_rate_rad_s: Vec3
-    true_force_m_s2: Vec3  # specific force, FRD
-    velocity_ned_m_s: Vec3  # zero of a motion that stays where it is
-    position_ned_m: Vec3  # from the place of start
+    time_us: Time
+    gyr_rad_s: Vector
+    acc_m_s2: Vector
+    mag_gauss: Vector
+    q_ned_frd: Turn
+    true_rate_rad_s: Vector
+    true_force_m_s2: Vector  # specific force, FRD
+    velocity_ned_m_s: Vector  # zero of a motion that stays where it is
+    position_ned_m: Vector  # from the place of start
 
 
-class Recording(NamedTuple):
-    """N samples as read-only arrays, of shape (N,) or (N, 3); the columns are :class:`Sample`'s."""
-
-    time_us: npt.NDArray[np.int64]
-    gyr_rad_s: Floats
-    acc_m_s2: Floats
-    mag_gauss: Floats
-    q_ned_frd: Floats  # (N, 4)
-    true_rate_rad_s: Floats
-    true_force_m_s2: Floats
-    velocity_ned_m_s: Floats
-    position_ned_m: Floats
+Sample = Signals[int, Vec3, Quaternion]
+Recording = Signals[npt.NDArray[np.int64], Floats, Floats]  # read-only: (N,), (N, 3), (N, 4)
 
 
-class SensorErrors(NamedTuple):
-    """A sensor reads (1 + D) v + b, ``matrix`` (3, 3) being 1 + D and ``bias`` b (3,)."""
-
-    matrix: Floats
-    bias: Floats
-
-
-def imu_errors(seed: int) -> tuple[SensorErrors, SensorErrors, SensorErrors]:
+def imu_errors(seed: int) -> list[tuple[Floats, Floats]]:
     """Constant errors of gyroscope (rad/s), accelerometer (m/s^2) and compass (gauss).
+
+    Of each the matrix 1 + D (3, 3) and the bias b (3,): a sensor reads (1 + D) v + b.
 
     Raises:
         InputError: the seed is negative.
     """
     rng = _generator(seed)
-    gyr, acc, mag = (
-        SensorErrors(np.eye(3) + rng.normal(0.0, share, (3, 3)), rng.normal(0.0, bias, 3))
+    return [
+        (np.eye(3) + rng.normal(0.0, share, (3, 3)), rng.normal(0.0, bias, 3))
         for share, bias in zip(ERROR_SHARES, ERROR_BIASES, strict=True)
-    )
-    return gyr, acc, mag
+    ]
 
 
 # What one of v_1 and of v_2 is; in this order, behind the rate, are biases and noises (9,)
@@ -171,7 +160,7 @@ class SimulatedVehicle:
         calm: bool = False,
         errors_seed: int | None = None,
     ) -> None:
-        _check(rate_hz, motion, noise, bias, magnet)
+        _check(motion, noise, bias, magnet)
         self.motion = motion
         self._bias = bias * (REAL_BIAS if motion in REAL else PAPER_BIAS)
         self._noise = noise * (REAL_NOISE if motion in REAL else PAPER_NOISE)
@@ -237,7 +226,7 @@ class SimulatedVehicle:
             mag[:, 1] += MAGNET_PEAK_GAUSS * (4.0 * phase * (1.0 - phase)) ** 2
         if self._errors is not None:
             readings = zip(self._errors, (gyr, acc, mag), strict=True)
-            gyr, acc, mag = (v @ each.matrix.T + each.bias for each, v in readings)
+            gyr, acc, mag = (v @ matrix.T + bias for (matrix, bias), v in readings)
         return _read_only(truth._replace(gyr_rad_s=gyr, acc_m_s2=acc, mag_gauss=mag))
 
 
@@ -260,11 +249,7 @@ def true_rate(motion: Motion, time_s: Floats) -> Floats:
     return rate
 
 
-def _check(
-    rate_hz: float, motion: str, noise: float, bias: float, magnet: tuple[float, float] | None
-) -> None:
-    if not (isfinite(rate_hz) and rate_hz > 0):
-        raise InputError(f"the simulated vehicle's rate must be positive, not {rate_hz} Hz")
+def _check(motion: str, noise: float, bias: float, magnet: tuple[float, float] | None) -> None:
     if motion not in MOTIONS:
         raise InputError(f"unknown motion {motion!r}: choose {', '.join(MOTIONS)}")
     for name, value in (("noise", noise), ("bias", bias)):

@@ -13,13 +13,14 @@ from pathlib import Path
 from fastcrc import crc16
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
+from pymavlink.DFReader import FORMAT_TO_STRUCT
 
 from drivers.events import VehicleId
-from drivers.logs.dataflash_format import FIELDS
 from drivers.logs.ulog_format import CODES, FIELD
 from drivers.mavlink.constants import mavlink
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.encoder import FrameEncoder, Message
+from tests.drivers.logs import test_dataflash, test_ulog
 
 DATA = Path(__file__).parent.parent / "data"
 IS_LONG = bool(os.environ.get("FUZZBEE_FUZZ_LONG"))
@@ -139,35 +140,32 @@ DATAFLASH_COLUMNS = {
 
 def dataflash_formats(rng):
     """A sound DataFlash log of messages with any types of fields, and any values."""
-    parts, formats = [], []
-    for number, (name, columns) in enumerate(DATAFLASH_COLUMNS.items(), 0x81):
+    log, formats = test_dataflash.Writer(), {}
+    for name, columns in DATAFLASH_COLUMNS.items():
         codes = "".join(
             rng.choice("bBhHiIfdqQcCeELMgnNZa" if rng.random() < 0.3 else "ffQ")
             for _ in columns.split(",")
         )
         codes = ("Q" if rng.random() < 0.8 else codes[0]) + codes[1:]
-        layout = "<" + "".join(FIELDS[code][0] for code in codes)
-        length = 3 + struct.calcsize(layout)
-        if length > 255:
-            continue
-        head = struct.pack(
-            "<BB4s16s64s", number, length, name.encode(), codes.encode(), columns.encode()
-        )
-        parts.append(b"\xa3\x95\x80" + head)
-        formats.append((number, [FIELDS[code][0] for code in codes]))
+        formats[name] = [FORMAT_TO_STRUCT[code][0] for code in codes]
+        if 3 + struct.calcsize("<" + "".join(formats[name])) > 255:
+            del formats[name]
+        else:
+            log.format(name, codes, columns)
     for row in range(rng.randrange(60)):
-        number, layout = rng.choice([*formats, *formats[:1] * 5])
-        parts.append(bytes((0xA3, 0x95, number)))
-        for column, code in enumerate(layout):
-            if code[-1] == "s":
-                parts.append(rng.choice(TEXTS)[: int(code[:-1])].ljust(int(code[:-1]), b"\0"))
-            elif code == "Q" and column == 0 and rng.random() < 0.8:
-                parts.append(struct.pack("<Q", 1_000_000 + 20_000 * row))
-            elif code == "e":
-                parts.append(rng.randbytes(2))
-            else:
-                parts.append(struct.pack("<" + code, extreme(code, rng)))
-    return b"".join(parts)
+        name = rng.choice([*formats, *[*formats][:1] * 5])
+        stored = [dataflash_value(code, rng) for code in formats[name]]
+        if formats[name][0] == "Q" and rng.random() < 0.8:
+            stored[0] = 1_000_000 + 20_000 * row
+        log.store(name, *stored)
+    return log.data
+
+
+def dataflash_value(code, rng):
+    """A value as it is stored, by its ``struct`` format."""
+    if code[-1] == "s":
+        return rng.choice(TEXTS)
+    return rng.gauss(0.0, 5.0) if code == "e" else extreme(code, rng)
 
 
 TEXTS = (b"SYSID_THISMAV", b"ArduCopter V4.5", b"\xff\xfe\x80", b"", b"MAV_SYSID", b"9" * 64)
@@ -190,41 +188,31 @@ ULOG_FIELDS = {
 
 def ulog_formats(rng):
     """A sound ULog of topics whose fields may have any type, and any values."""
-    parts = [b"ULog\x01\x12\x35\x01" + rng.randbytes(8)]
-
-    def write(kind, body):
-        parts.append(struct.pack("<H", len(body)) + kind + body)
-
-    topics = []
+    log, topics = test_ulog.Writer(), []
     for number, (name, fields) in enumerate(ULOG_FIELDS.items()):
-        text = "uint64_t timestamp;" + rng.choice(("", "uint64_t timestamp_sample;")) + fields
+        text = rng.choice(("", "uint64_t timestamp_sample;")) + fields.rstrip(";")
         if rng.random() < 0.2:
             text = text.replace("float", rng.choice(("double", "char", "int8_t", "other")))
         if rng.random() < 0.1:
             text = text.replace("[3]", rng.choice(("[2]", "[0]", "", "[300]", "[99999]")))
-        write(b"F", f"{name}:{text}".encode())
-        write(b"A", struct.pack("<BH", 0, number) + name.encode())
-        topics.append((number, [FIELD.fullmatch(each) for each in text.rstrip(";").split(";")]))
-    write(b"F", b"other:uint8_t a;uint8_t[3] b;")
+        log.topic(number, name, text)
+        topics.append((number, [FIELD.fullmatch(each) for each in text.split(";")]))
+    log.write(b"F", b"other:uint8_t a;uint8_t[3] b;")
     for k in range(rng.randrange(4)):
-        write(
-            b"P", bytes((18,)) + b"int32_t MAV_SYS_ID" + struct.pack("<i", rng.choice((k, -1, 300)))
-        )
+        number = struct.pack("<i", rng.choice((k, -1, 300)))
+        log.write(b"P", b"\x12int32_t MAV_SYS_ID" + number)
     for row in range(rng.randrange(60)):
         number, fields = rng.choice([*topics, *topics[:1] * 5])
-        body = struct.pack("<H", number)
-        for kind, elements, name in (each.groups() for each in fields):
+        time_us = 1_000_000 + 5000 * row if rng.random() < 0.9 else rng.getrandbits(64)
+        body = struct.pack("<HQ", number, time_us)
+        for kind, elements, _ in (each.groups() for each in fields):
             for _ in range(min(int(elements or 1), 400)):
-                if name == "timestamp" and rng.random() < 0.9:
-                    body += struct.pack("<Q", 1_000_000 + 5000 * row)
-                elif kind == "other":
-                    body += rng.randbytes(4)
-                elif kind == "char":
-                    body += rng.randbytes(1)
+                if kind in ("other", "char"):
+                    body += rng.randbytes(4 if kind == "other" else 1)
                 else:
                     body += struct.pack("<" + CODES[kind], extreme(CODES[kind], rng))
-        write(b"D", body)
-    return b"".join(parts)
+        log.write(b"D", body)
+    return log.data
 
 
 def rearranged(content, rng):

@@ -1,6 +1,6 @@
 """Telemetry logs with other messages in them, and tables."""
 
-from drivers.logs.log_file import Window
+from drivers.logs.log_file import windowed
 from drivers.logs.tlog import tlog_records
 from drivers.mavlink.constants import mavlink
 from drivers.mavlink.framing import FieldReader
@@ -20,7 +20,9 @@ def rewritten(log, made, change):
     None leaves it as it is. Seconds count from the first stamp; others have its address and number.
     """
     data, reader, first_us = bytearray(), FieldReader(), None
-    for stamp_us, frame in filter(None, tlog_records(Window(log.read_bytes()))):
+    with windowed(log) as window:
+        records = [*filter(None, tlog_records(window))]
+    for stamp_us, frame in records:
         first_us = stamp_us if first_us is None else first_us
         message = reader.message(frame.data)
         given = change(1e-6 * (stamp_us - first_us), message)

@@ -1,18 +1,18 @@
 """Bags of ROS 1 and 2, written by rosbags: a clip of a flight comes back as it was."""
 
 from contextlib import contextmanager
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from drivers.endpoint import parse_endpoint
-from drivers.events import Imu, Malformed, Position, ReferenceAttitude
+from drivers.events import Imu, Position, ReferenceAttitude
 from drivers.logs.open import imu_events, open_log
 from estimator.errors import InputError
 from estimator.geometry.frames import enu_flu_from_ned_frd, flu_from_frd
 from estimator.types import IDENTITY
 from fuzzbee.cli import main
+from tests.drivers.logs.reading import DATA, gaps_s, imu_times, malformed, of
 from tests.drivers.logs.test_logged_faults import json_mcap
 from tests.vocabulary import assert_attitude_close
 
@@ -20,7 +20,6 @@ rosbag1 = pytest.importorskip("rosbags.rosbag1", reason="the extra 'bags' is not
 rosbag2 = pytest.importorskip("rosbags.rosbag2")
 typesys = pytest.importorskip("rosbags.typesys")
 
-CLIP = Path(__file__).parents[2] / "data" / "sitl_copter_4hz.tlog"
 BEGIN_US = 1_700_000_000_000_000
 UNKNOWN = np.array([-1.0, *8 * [0.0]])
 UP = (0.0, 0.1, -9.8)
@@ -30,7 +29,7 @@ KINDS = ("folder.mcap", "folder.db3", "ros1.bag")
 @pytest.fixture(scope="module")
 def flown():
     """A clip's events, of one IMU."""
-    with open_log(CLIP) as log:
+    with open_log(DATA / "sitl_copter_4hz.tlog") as log:
         return [e for e in log if getattr(e, "message", "") != "SCALED_IMU2"]
 
 
@@ -85,6 +84,15 @@ class Bag:
             linear_acceleration_covariance=zeros if any(acc) else self.covariances,
         )
 
+    def field(self, topic, time_us, tesla):
+        self.put(
+            topic,
+            "sensor_msgs/MagneticField",
+            time_us,
+            magnetic_field=self.vector(tesla),
+            magnetic_field_covariance=np.zeros(9),
+        )
+
     def vector(self, v):
         return self.new("geometry_msgs/Vector3", *flu_from_frd(v))
 
@@ -97,14 +105,7 @@ def write(path, events):
             match event:
                 case Imu(sample=s):
                     if s.has_mag:
-                        field = bag.vector([1e-4 * x for x in s.mag_gauss])
-                        bag.put(
-                            "/imu/mag",
-                            "sensor_msgs/MagneticField",
-                            s.time_us,
-                            magnetic_field=field,
-                            magnetic_field_covariance=np.zeros(9),
-                        )
+                        bag.field("/imu/mag", s.time_us, [1e-4 * x for x in s.mag_gauss])
                     bag.imu("/imu/data_raw", s.time_us, (1.0, 0.0, 0.0, 0.0), UNKNOWN, *s[1:3])
                     bag.imu("/camera/imu", s.time_us, (1.0, 0.0, 0.0, 0.0), UNKNOWN, s[2], s[1])
                 case ReferenceAttitude(source="autopilot", time_us=us, q_ned_frd=q):
@@ -142,10 +143,6 @@ def mcap(path, profile="", *, finishes=True, **options):
             writer.finish()
 
 
-def of(kind, events):
-    return [event for event in events if isinstance(event, kind)]
-
-
 def test_a_flight_comes_back_as_it_was(bag, flown):
     events = list(imu_events(open_log(bag)))
     ours, theirs = of(Imu, events), of(Imu, flown)
@@ -176,50 +173,34 @@ def test_the_file_inside_a_folder_is_a_log_too(bag):
 
 
 @pytest.mark.parametrize("encoding", ["cdr", "ros1"])
-@pytest.mark.parametrize("has_index", [True, False])
-def test_an_mcap_file_of_others(tmp_path, encoding, has_index):
-    """No profile, another topic in JSON, and no index at all: the writer was killed."""
-    path = tmp_path / "a.mcap"
+@pytest.mark.parametrize(
+    ("options", "finishes", "place"),
+    [({}, True, 0), ({"use_chunking": False}, False, 0), ({"chunk_size": 2000}, True, 7)],
+    ids=["whole", "its writer was killed", "by two threads"],
+)
+def test_an_mcap_file_of_others(tmp_path, encoding, options, finishes, place):
+    """No profile, another topic in JSON; without an index, or with chunks that overlap."""
+    path, put = tmp_path / "a.mcap", []
     store = Bag(tmp_path / ("unused.bag" if encoding == "ros1" else "unused"))
-    with mcap(path, finishes=has_index, use_chunking=has_index) as writer:
+    store.writer.open()
+    store.writer.write = lambda _, time_ns, data: put.append((time_ns, data))
+    for k in range(96):
+        store.imu("/imu", 20_000 * (k + 1), (0.8, 0.6, 0, 0), np.zeros(9), (0.1, 0.2, 0.01 * k), UP)
+    store.writer.close()
+    with mcap(path, finishes=finishes, **options) as writer:
         other = writer.register_schema("note", "jsonschema", b"{}")
         notes = writer.register_channel("/note", "json", other)
         name = "sensor_msgs/Imu" if encoding == "ros1" else "sensor_msgs/msg/Imu"
-        kind = writer.register_schema(name, "ros2msg", b"")
-        imus = writer.register_channel("/imu", encoding, kind)
-        store.writer.open()
-        store.writer.write = lambda _, time_ns, data: writer.add_message(
-            imus, time_ns, data, time_ns
-        )
-        for k in range(50):
-            writer.add_message(notes, k, b"{}", k)
-            q = (0.8, 0.6, 0.0, 0.0)
-            store.imu("/imu", 20_000 * k, q, np.zeros(9), (0.1, 0.2, 0.01 * k), (0.0, 0.0, -9.8))
-        store.writer.close()
+        imus = writer.register_channel("/imu", encoding, writer.register_schema(name, "", b""))
+        for k in range(96):
+            time_ns, data = put[k ^ place]
+            writer.add_message(notes, time_ns, b"{}", time_ns)
+            writer.add_message(imus, time_ns, data, time_ns)
     events = list(open_log(path))
-    assert [event.sample.gyr_rad_s[2] for event in of(Imu, events)] == [
-        pytest.approx(0.01 * k) for k in range(50)
-    ]
+    rates = [event.sample.gyr_rad_s[2] for event in of(Imu, events)]
+    assert rates == pytest.approx([0.01 * k for k in range(96)])
     # the same topic has the readings and somebody's attitude
-    assert len(of(ReferenceAttitude, events)) == 50
-
-
-def test_an_mcap_file_that_is_not_in_order_is_read_in_the_order_of_its_recording(tmp_path):
-    """Two threads have written it, in chunks that overlap."""
-    path, put = tmp_path / "a.mcap", []
-    store = Bag(tmp_path / "unused")
-    store.writer.open()
-    store.writer.write = lambda _, time_ns, data: put.append((time_ns, data))
-    for k in range(100):
-        store.imu("/imu", 10_000 * (k + 1), (1.0, 0.0, 0.0, 0.0), UNKNOWN, (0.1, 0.2, 0.01 * k), UP)
-    store.writer.close()
-    with mcap(path, chunk_size=2000) as writer:
-        kind = writer.register_schema("sensor_msgs/msg/Imu", "ros2msg", b"")
-        channel = writer.register_channel("/imu", "cdr", kind)
-        for time_ns, data in (put[k ^ 7] for k in range(96)):
-            writer.add_message(channel, time_ns, data, time_ns)
-    samples = [event.sample for event in of(Imu, open_log(path))]
-    assert [s.gyr_rad_s[2] for s in samples] == pytest.approx([0.01 * k for k in range(96)])
+    assert len(of(ReferenceAttitude, events)) == 96
 
 
 @pytest.mark.parametrize("covariance", [UNKNOWN, np.zeros(9)])
@@ -275,22 +256,19 @@ def test_an_mcap_file_in_json(tmp_path):
     assert [sample.gyr_rad_s for sample in samples] == [
         pytest.approx((0.1, 0.2, 0.01 * k)) for k in range(40)
     ]
-    assert np.diff([sample.time_us for sample in samples]).tolist() == [20_000] * 39
+    assert gaps_s(imu_times(events)) == [0.02] * 39
     assert samples[-1].acc_m_s2 == pytest.approx((0.0, 0.0, -9.8))
     assert samples[30].mag_gauss == pytest.approx((0.2, -0.03, 0.4), abs=2e-3)
     (place,) = of(Position, events)
     assert (place.latitude_deg, place.longitude_deg) == (47.0, 8.0)
     assert not of(ReferenceAttitude, events)
-    assert not of(Malformed, events)
-
-
-BEYOND = {"header": {"stamp": {"sec": 10**19}}}
+    assert not malformed(events)
 
 
 @pytest.mark.parametrize(
     "damage",
     [
-        BEYOND,
+        {"header": {"stamp": {"sec": 10**19}}},
         {"header": 5},
         {"angular_velocity": [1, 2, 3]},
         {"linear_acceleration": {"x": 10**400, "y": 0, "z": 0}},
@@ -305,8 +283,7 @@ def test_a_message_that_cannot_be_is_counted_and_the_next_one_read(tmp_path, cap
 
     write(lambda k: k == 7)
     events = list(open_log(path))
-    assert len(of(Imu, events)) == 39
-    assert len(of(Malformed, events)) == 1
+    assert (len(of(Imu, events)), malformed(events)) == (39, 1)
     write(lambda _: True)
     assert main(["replay", str(path)]) == 2
     output = f"fuzzbee: {path}: no IMU data that can be used: 40 x malformed\n"
@@ -328,7 +305,7 @@ def test_a_damaged_bag_ends_or_is_one_line(bag, tmp_path, capsys):
         except InputError as error:
             reported.append(str(error))
         else:
-            assert len(of(Malformed, events)) <= 1
+            assert malformed(events) <= 1
     assert all("cannot read this bag" in line and "\n" not in line for line in reported)
     path = tmp_path / "unnamed"
     path.write_bytes(content)

@@ -153,11 +153,5 @@ def test_a_bag_without_an_imu_says_what_it_has(name, tmp_path, capsys, caplog):
     """Of folders and databases the answer had been status 1, of ROS 1 that it had nothing."""
     writing = Bag(tmp_path / name)
     with writing.writer:
-        writing.put(
-            "/mag",
-            "sensor_msgs/MagneticField",
-            1,
-            magnetic_field=writing.new("geometry_msgs/Vector3", 1.0, 0.0, 0.0),
-            magnetic_field_covariance=writing.covariances,
-        )
+        writing.field("/mag", 1, (1.0, 0.0, 0.0))
     assert "/mag (sensor_msgs/msg/MagneticField)" in reported(tmp_path / name, capsys, caplog)

@@ -7,10 +7,11 @@ from math import pi
 import numpy as np
 import pytest
 
-from drivers.events import Imu, Malformed, Notice, Position, ReferenceAttitude, Velocity
+from drivers.events import Imu, Notice, Position, ReferenceAttitude, Velocity
 from drivers.logs.open import open_log
 from estimator.errors import InputError
 from fuzzbee.cli import main
+from tests.drivers.logs.reading import malformed, of
 from tests.vocabulary import assert_attitude_close
 
 NAMES = "time_s,gyr_x_rad_s,gyr_y_rad_s,gyr_z_rad_s,acc_x_m_s2,acc_y_m_s2,acc_z_m_s2"
@@ -48,11 +49,15 @@ def table(heading, columns, delimiter=",", comma=".", end="\n", form=".15g", quo
     return end.join([*heading, *lines, ""])
 
 
-def written(path, text, encoding="utf-8", toml=None):
+def written(path, text, encoding="utf-8", about=None):
     path.write_bytes(text.encode(encoding))
-    if toml is not None:
-        path.with_suffix(".toml").write_text(toml, encoding="utf-8")
+    if about is not None:
+        path.with_suffix(".toml").write_text(about, encoding="utf-8")
     return path
+
+
+def imu_rows(path):
+    return [event.sample for event in of(Imu, open_log(path))]
 
 
 def plain():
@@ -65,7 +70,7 @@ T, GYR, ACC, MAG = readings()
 NUMBER, FREE, ZERO = np.arange(ROWS), 0.0 * ACC, 0.0 * T
 
 
-def way(columns, above="", toml=None, **written_as):
+def way(columns, above="", about=None, **written_as):
     """A table of columns by their titles; a title with a key of AXES has three."""
     titles = []
     for title in columns:
@@ -73,7 +78,7 @@ def way(columns, above="", toml=None, **written_as):
         titles += [title.replace(sign, axis) for axis in AXES[sign]] if sign else [title]
     quote = written_as.get("quote", "")
     heading = [written_as.get("delimiter", ",").join(quote + each + quote for each in titles)]
-    return lambda: above + table(heading, columns.values(), **written_as), "utf-8", toml
+    return lambda: above + table(heading, columns.values(), **written_as), "utf-8", about
 
 
 def german():
@@ -87,31 +92,37 @@ def german():
     return table(heading, columns, ";", ",", "\r\n")
 
 
-GERMAN = """
-axes = "flu"
-time = { columns = ["stempel"] }
-gyroscope = { columns = ["Dreh X", "Dreh Y", "Dreh Z"] }
-accelerometer = { columns = ["Kraft X", "Kraft Y", "Kraft Z"] }
-magnetometer = { columns = ["Feld X µT", "Feld Y", "Feld Z"] }
-"""
+def toml(**entries):
+    """The description of a table: quantities and what is given of each."""
+    lines = (
+        f"{name} = {{ {', '.join(f'{key} = {json.dumps(x)}' for key, x in each.items())} }}"
+        for name, each in entries.items()
+    )
+    return "\n".join(lines)
+
+
+def xyz(form, **more):
+    """Three columns."""
+    return {"columns": [form.replace("$", axis) for axis in "XYZ"], **more}
+
+
+GERMAN = 'axes = "flu"\n' + toml(
+    time={"columns": ["stempel"]}, gyroscope=xyz("Dreh $"), accelerometer=xyz("Kraft $"),
+    magnetometer={"columns": ["Feld X µT", "Feld Y", "Feld Z"]},
+)  # fmt: skip
 
 
 def nameless():
     return table([], (NUMBER, 1e6 * T, ACC, 1e3 * MAG, GYR), "\t")
 
 
-NAMELESS = """
-time = { columns = [2], unit = "us" }
-accelerometer = { columns = [3, 4, 5], unit = "m/s^2" }
-magnetometer = { columns = [6, 7, 8], unit = "mG" }
-gyroscope = { columns = [9, 10, 11], unit = "rad/s" }
-"""
-
-
-OF_TWO = "\n".join(
-    f"{name} = {{ columns = {[f'imu0_{s}_{a}_{u}' for a in 'xyz']} }}"
-    for name, s, u in (("gyroscope", "gyr", "rad_s"), ("accelerometer", "acc", "m_s2"))
+NAMELESS = toml(
+    time={"columns": [2], "unit": "us"},
+    accelerometer={"columns": [3, 4, 5], "unit": "m/s^2"},
+    magnetometer={"columns": [6, 7, 8], "unit": "mG"},
+    gyroscope={"columns": [9, 10, 11], "unit": "rad/s"},
 )
+OF_TWO = toml(gyroscope=xyz("imu0_gyr_$_rad_s"), accelerometer=xyz("imu0_acc_$_m_s2"))
 
 
 def late_field():
@@ -129,37 +140,25 @@ def commented():
     return "\n".join(["# logger v3, serial 12, 4", "", ",".join(names), ",".join(units), "", rows])
 
 
-OF_A_TOPIC = 'time = { columns = ["%time"], unit = "ns" }\n' + "\n".join(
-    f"{name} = {{ columns = {[f'field.{output}.{a}' for a in 'xyz']}, unit = '{unit}' }}"
-    for name, output, unit in (
-        ("gyroscope", "angular_velocity", "rad/s"),
-        ("accelerometer", "linear_acceleration", "m/s^2"),
-        ("magnetometer", "magnetic_field", "gauss"),
-    )
+OF_A_TOPIC = toml(
+    time={"columns": ["%time"], "unit": "ns"},
+    gyroscope=xyz("field.angular_velocity.$", unit="rad/s"),
+    accelerometer=xyz("field.linear_acceleration.$", unit="m/s^2"),
+    magnetometer=xyz("field.magnetic_field.$", unit="gauss"),
 )
-
-
-OF_AN_AUTOPILOT = """
-gyroscope = { unit = "rad/s" }
-accelerometer = { unit = "m/s^2" }
-magnetometer = { unit = "mG" }
-"""
-
-
-OF_A_SUIT = """
-time = { columns = ["SampleTimeFine"], unit = "s", scale = 1e-4 }
-gyroscope = { unit = "rad/s" }
-accelerometer = { unit = "m/s^2" }
-magnetometer = { unit = "gauss" }
-"""
-
-
-COUNTS = f"""
-time = {{ columns = ["millis"], unit = "ms" }}
-accelerometer = {{ unit = "g", scale = {1 / 16384!r} }}
-gyroscope = {{ unit = "deg/s", scale = {1 / 131!r} }}
-magnetometer = {{ unit = "gauss" }}
-"""
+UNITS = {"gyroscope": {"unit": "rad/s"}, "accelerometer": {"unit": "m/s^2"}}
+OF_AN_AUTOPILOT = toml(**UNITS, magnetometer={"unit": "mG"})
+OF_A_SUIT = toml(
+    time={"columns": ["SampleTimeFine"], "unit": "s", "scale": 1e-4},
+    **UNITS,
+    magnetometer={"unit": "gauss"},
+)
+COUNTS = toml(
+    time={"columns": ["millis"], "unit": "ms"},
+    accelerometer={"unit": "g", "scale": 1 / 16384},
+    gyroscope={"unit": "deg/s", "scale": 1 / 131},
+    magnetometer={"unit": "gauss"},
+)
 
 
 def of_a_statistician():
@@ -211,12 +210,12 @@ WAYS = {
         {"%time": STAMPS, "field.header.frame_id": ROWS * ["imu_link"],
          "field.angular_velocity.$": GYR, "field.linear_acceleration.$": ACC,
          "field.magnetic_field.$": MAG},
-        toml=OF_A_TOPIC,
+        about=OF_A_TOPIC,
     ),
     "of an autopilot": way(  # the time's unit is in its name, the others are told
         {"timestamp": 1.7e9 + T, "TimeUS": 1e6 * T, "I": ZERO, "Gyr#": GYR, "Acc#": ACC,
          "Mag#": 1e3 * MAG},
-        toml=OF_AN_AUTOPILOT,
+        about=OF_AN_AUTOPILOT,
     ),
     "of a black box": way(  # what was done to the readings stands between sensor and axis
         {"loopIteration": NUMBER, "time (us)": 1e6 * T, "gyroADC[~] (deg/s)": DEG * GYR,
@@ -230,7 +229,7 @@ WAYS = {
     ),
     "counts": way(  # numbers as a cheap sensor's registers have them
         {"millis": 1e3 * T, "a$": 16384 * PER_G * ACC, "g$": 131 * DEG * GYR, "m$": MAG},
-        toml=COUNTS,
+        about=COUNTS,
     ),
     "of a statistician": (of_a_statistician, "utf-8", None),
     "open ended": (open_ended, "utf-8", None),
@@ -240,7 +239,7 @@ WAYS = {
     ),
     "date and time": way(
         {"Date": ROWS * ["2024-03-01"], "Time": CLOCK, **PLAIN},
-        toml='time = { columns = ["Date", "Time"] }',
+        about='time = { columns = ["Date", "Time"] }',
     ),
     "of a phone app": way(  # each sensor has its own time and words; the first time is taken
         {"accelerometerTimestamp_sinceReboot(s)": T, "accelerometerAcceleration#(G)": PER_G * ACC,
@@ -263,7 +262,7 @@ WAYS = {
     "of two": way(  # two IMUs in one row; the names that are given have the units
         {"time_s": T, "imu0_gyr_$_rad_s": GYR, "imu0_acc_$_m_s2": ACC, "imu1_gyr_$_rad_s": GYR + 1,
          "imu1_acc_$_m_s2": ACC + 1, "mag_$_gauss": MAG},
-        toml=OF_TWO,
+        about=OF_TWO,
     ),
     "late field": (late_field, "utf-8", None),
     "minutes": way({"Elapsed time (min)": T / 60, **PLAIN}),
@@ -338,10 +337,9 @@ WAYS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("text", "encoding", "toml"), WAYS.values(), ids=WAYS)
-def test_the_same_readings_in_all_ways(tmp_path, text, encoding, toml):
-    path = written(tmp_path / "imu.csv", text(), encoding, toml)
-    samples = [event.sample for event in open_log(path) if isinstance(event, Imu)]
+@pytest.mark.parametrize(("text", "encoding", "about"), WAYS.values(), ids=WAYS)
+def test_the_same_readings_in_all_ways(tmp_path, text, encoding, about):
+    samples = imu_rows(written(tmp_path / "imu.csv", text(), encoding, about))
     t, gyr, acc, mag = readings()
     assert len(samples) == ROWS
     times_us = np.array([s.time_us for s in samples])
@@ -352,50 +350,44 @@ def test_the_same_readings_in_all_ways(tmp_path, text, encoding, toml):
     assert np.allclose([s.mag_gauss for s in samples], mag, rtol=0, atol=1e-12)
 
 
-def test_truth_velocity_and_place(tmp_path, capsys):
+def test_truth_and_velocity_along_other_axes(tmp_path, capsys):
     """ENU and angles in degrees become NED; the east of a velocity comes first."""
-    t, gyr, acc, _ = readings()
-    ones = np.ones((ROWS, 1))
-    east_north_up = ones * np.array([2.0, 1.0, -3.0])
-    heading = f"{NAMES},r,p,y,vx,vy,vz,la,lo"
-    columns = (t, gyr, acc, ones * np.array([10.0, 0.0, 90.0]), east_north_up, ones * [47.5, 8.5])
-    toml = """
-    truth = { columns = ["r", "p", "y"], unit = "deg", axes = "flu" }
-    velocity = { columns = ["vx", "vy", "vz"], axes = "enu" }
-    position = { columns = ["la", "lo"] }
-    """
-    path = written(tmp_path / "a.csv", table([heading], columns), toml=toml)
+    columns = (*readings()[:3], np.ones((ROWS, 1)) * [10.0, 0.0, 90.0, 2.0, 1.0, -3.0])
+    about = toml(
+        truth={"columns": ["r", "p", "y"], "unit": "deg", "axes": "flu"},
+        velocity={"columns": ["vx", "vy", "vz"], "axes": "enu"},
+    )
+    path = written(tmp_path / "a.csv", table([f"{NAMES},r,p,y,vx,vy,vz"], columns), about=about)
     events = list(open_log(path))
-    truth = next(e for e in events if isinstance(e, ReferenceAttitude))
-    assert truth.source == "sim"
-    assert sum(isinstance(e, ReferenceAttitude) for e in events) == ROWS
+    truth, *others = of(ReferenceAttitude, events)
+    assert (truth.source, len(others)) == ("sim", ROWS - 1)
     # forward is north where it was 90 deg left of east; the right side is down by 10 deg
     turned = (np.cos(pi / 36), np.sin(pi / 36), 0.0, 0.0)
     assert_attitude_close(truth.q_ned_frd, turned, 1e-9)
-    velocity = next(e for e in events if isinstance(e, Velocity))
-    assert velocity.sample.velocity_ned_m_s == (1.0, 2.0, 3.0)
-    place = next(e for e in events if isinstance(e, Position))
-    assert (place.latitude_deg, place.longitude_deg) == (47.5, 8.5)
+    assert of(Velocity, events)[0].sample.velocity_ned_m_s == (1.0, 2.0, 3.0)
     assert main(["replay", str(path)]) == 0
     (line,) = [x for x in capsys.readouterr().out.splitlines() if x.startswith("reference")]
     assert line.split() == ["reference", "truth"]
 
 
-@pytest.mark.parametrize(
-    "names",
-    [
-        "lat_deg,lon_deg,alt_m,vel_n_m_s,vel_e_m_s,vel_d_m_s",
-        "Latitude (deg),Longitude (°),Altitude [m],V North [m/s],V East [m/s],V Down [m/s]",
-    ],
-)
-def test_names_that_leave_nothing_open_need_no_description(tmp_path, names):
-    fix = np.ones((ROWS, 1)) * [47.5, 8.5, 488.0, 1.0, 2.0, 3.0]
-    path = written(tmp_path / "a.csv", table([f"{NAMES},{names}"], (*readings()[:3], fix)))
-    events = list(open_log(path))
-    velocity = next(e for e in events if isinstance(e, Velocity))
-    assert velocity.sample.velocity_ned_m_s == (1.0, 2.0, 3.0)
-    place = next(e for e in events if isinstance(e, Position))
-    assert (place.latitude_deg, place.longitude_deg, place.altitude_m) == (47.5, 8.5, 488.0)
+PLACES = {  # names that leave nothing open need no description; a place may lack its altitude
+    "lat_deg,lon_deg,alt_m,vel_n_m_s,vel_e_m_s,vel_d_m_s": ("", 6),
+    "Latitude (deg),Longitude (°),Altitude [m],V North [m/s],V East [m/s],V Down [m/s]": ("", 6),
+    "la,lo": (toml(position={"columns": ["la", "lo"]}), 2),
+}
+
+
+@pytest.mark.parametrize("names", PLACES)
+def test_place_and_velocity(tmp_path, names):
+    about, count = PLACES[names]
+    fix = np.ones((ROWS, 1)) * [47.5, 8.5, 488.0, 1.0, 2.0, 3.0][:count]
+    text = table([f"{NAMES},{names}"], (*readings()[:3], fix))
+    events = list(open_log(written(tmp_path / "a.csv", text, about=about)))
+    velocities = {event.sample.velocity_ned_m_s for event in of(Velocity, events)}
+    assert velocities == ({(1.0, 2.0, 3.0)} if count == 6 else set())
+    place = of(Position, events)[0]
+    altitude_m = 488.0 if count == 6 else 0.0
+    assert (place.latitude_deg, place.longitude_deg, place.altitude_m) == (47.5, 8.5, altitude_m)
 
 
 def test_what_is_empty_is_not_there_and_what_is_no_number_is_counted(tmp_path):
@@ -411,9 +403,8 @@ def test_what_is_empty_is_not_there_and_what_is_no_number_is_counted(tmp_path):
     rows[9] = rows[9].replace(",", ",#", 1)
     path = written(tmp_path / "a.csv", "\n".join([heading, *rows]))
     events = list(open_log(path))
-    assert sum(event.frames for event in events if isinstance(event, Malformed)) == 3
-    imus = [event for event in events if isinstance(event, Imu)]
-    assert len(imus) == ROWS - 3
+    imus = of(Imu, events)
+    assert (len(imus), malformed(events)) == (ROWS - 3, 3)
     assert sum(event.sample.has_mag for event in imus) == ROWS // 10
 
 
@@ -446,13 +437,13 @@ def test_a_field_that_is_not_there_costs_no_sample(tmp_path, blank):
     lines = table([NAMES], (t, gyr, acc)).splitlines()
     rows = [f"{line},{blank},{blank},{blank}" for line in lines[1:]]
     path = written(tmp_path / "a.csv", "\n".join([lines[0] + FIELD, *rows]))
-    samples = [event.sample for event in open_log(path) if isinstance(event, Imu)]
+    samples = imu_rows(path)
     assert len(samples) == ROWS
     assert not any(sample.has_mag for sample in samples)
 
 
 @pytest.mark.parametrize(
-    ("names", "toml", "words"),
+    ("names", "about", "words"),
     [
         (NAMES.replace("gyr_x", "rate_x"), None, "gyroscope x is missing"),
         (NAMES.replace("time_s", "stamp"), None, "is known as the time; there are: stamp"),
@@ -477,8 +468,8 @@ def test_a_field_that_is_not_there_costs_no_sample(tmp_path, blank):
         (NAMES, 'truth = { columns = [2, 3, 4, 5], axes = "rfu" }', "of an attitude: must be frd"),
     ],
 )  # fmt: skip
-def test_what_is_not_clear_is_one_line(tmp_path, capsys, names, toml, words):
-    path = written(tmp_path / "a.csv", table([names], readings()[:3]), toml=toml)
+def test_what_is_not_clear_is_one_line(tmp_path, capsys, names, about, words):
+    path = written(tmp_path / "a.csv", table([names], readings()[:3]), about=about)
     assert main(["replay", str(path)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert words in line
@@ -505,12 +496,11 @@ def test_axes_that_nobody_reported_are_doubted(tmp_path):
     """An accelerometer whose z is up, once without a word and once with."""
     t, gyr, acc, _ = readings()
     text = table([NAMES], (t, gyr, acc * FLU))
-    reported = {}
-    for name, toml in (("silent", None), ("reported", 'axes = "frd"')):
-        path = written(tmp_path / f"{name}.csv", _slowly(text), toml=toml)
-        reported[name] = [e.text for e in open_log(path) if isinstance(e, Notice)]
-    assert "accelerometer z is positive" in " ".join(reported["silent"])
-    assert reported["reported"] == []
+    for about, count in ((None, 1), ('axes = "frd"', 0)):
+        path = written(tmp_path / "a.csv", _slowly(text), about=about)
+        notices = [event.text for event in of(Notice, open_log(path))]
+        assert sum("accelerometer z is positive" in each for each in notices) == count
+        assert bool(notices) == count
 
 
 def _slowly(text):

@@ -1,19 +1,15 @@
 """DataFlash logs: written here byte by byte in ArduPilot's layout."""
 
 import math
-import os
 import struct
-from itertools import pairwise
-from pathlib import Path
-from statistics import median
 
 import pytest
+from pymavlink.DFReader import FORMAT_TO_STRUCT
 
 from drivers.events import (
     ClockReset,
     Heartbeat,
     Imu,
-    Malformed,
     Parameter,
     Position,
     ReferenceAttitude,
@@ -22,11 +18,9 @@ from drivers.events import (
 )
 from drivers.logs.dataflash import Dataflash
 from drivers.logs.other_sensors import currents, vibrations
+from tests.drivers.logs.reading import gaps_s, imu_times, malformed, of
 
 G = 9.80665
-# ArduPilot's format characters: libraries/AP_Logger/LogStructure.h
-SIZES = {"Q": "Q", "I": "I", "H": "H", "h": "h", "B": "B", "f": "f", "c": "h", "C": "H", "L": "i"}
-STRINGS = {"n": 4, "N": 16, "Z": 64}
 
 
 class Writer:
@@ -39,22 +33,22 @@ class Writer:
 
     def format(self, name, codes, columns, number=None):
         number = number or 0x81 + len(self._formats)
-        layout = "<" + "".join(SIZES.get(c) or f"{STRINGS[c]}s" for c in codes)
+        layout = "<" + "".join(FORMAT_TO_STRUCT[code][0] for code in codes)
         self._formats[name] = (number, layout, codes)
         self.write("FMT", number, struct.calcsize(layout) + 3, name, codes, columns)
 
     def write(self, name, *values):
-        number, layout, codes = self._formats[name]
-        raw = []
+        raw, codes = [], self._formats[name][2]
         for code, value in zip(codes, values, strict=True):
-            if code in STRINGS:
-                raw.append(value.encode())
-            elif code in "cC":
-                raw.append(round(value * 100))
-            elif code == "L":
-                raw.append(round(value * 1e7))
-            else:
-                raw.append(value)
+            scale = FORMAT_TO_STRUCT[code][1]
+            raw.append(value.encode() if isinstance(value, str) else value)
+            if scale is not None and isinstance(value, int | float):
+                raw[-1] = round(value / scale)
+        self.store(name, *raw)
+
+    def store(self, name, *raw):
+        """The message of numbers and bytes as they are stored."""
+        number, layout, _ = self._formats[name]
         self.data += b"\xa3\x95" + bytes([number]) + struct.pack(layout, *raw)
 
     def save(self, folder):
@@ -100,11 +94,6 @@ def modern(seconds=4, start_us=10_000_000):
 @pytest.fixture(scope="module")
 def events(tmp_path_factory):
     return list(Dataflash(modern().save(tmp_path_factory.mktemp("dataflash"))))
-
-
-def of(kind, events, message=None):
-    found = [event for event in events if isinstance(event, kind)]
-    return [event for event in found if message is None or event.message == message]
 
 
 def test_the_vehicle_is_who_its_parameters_say(events):
@@ -184,9 +173,7 @@ def test_milliseconds_of_old_firmware(tmp_path):
         log.write("GPS", 3, 19_000_000 + 20 * k, 1851, -27.5, 152.75, 17.0, 1.0, 0.0, 0.0, now_ms)
     events = list(Dataflash(log.save(tmp_path)))
     for name in ("IMU", "IMU2"):
-        assert [e.sample.time_us for e in of(Imu, events, name)] == [
-            100_000_000 + 20_000 * k for k in range(100)
-        ]
+        assert imu_times(events, name) == [100_000_000 + 20_000 * k for k in range(100)]
     assert of(Velocity, events, "GPS")[-1].sample.time_us == 101_980_000
     assert len(of(Velocity, events, "EKF1")) == 100
 
@@ -197,7 +184,7 @@ def test_messages_with_other_columns_are_counted_not_fatal(tmp_path):
     log.write("EKF1", 11_000_000, 1.0)
     events = list(Dataflash(log.save(tmp_path)))
     assert len(of(Imu, events, "IMU")) == 50
-    assert len(of(Malformed, events)) == 1
+    assert malformed(events) == 1
 
 
 def test_a_garbled_time_is_no_gap_of_years(tmp_path):
@@ -206,8 +193,7 @@ def test_a_garbled_time_is_no_gap_of_years(tmp_path):
     path = log.save(tmp_path)
     path.write_bytes(log.data + modern(1, start_us=11_000_000).data)
     events = list(Dataflash(path))
-    times_us = [event.sample.time_us for event in of(Imu, events, "IMU")]
-    assert [b - a for a, b in pairwise(times_us)] == [20_000] * 99
+    assert gaps_s(imu_times(events, "IMU")) == [0.02] * 99
     assert not of(ClockReset, events)
 
 
@@ -220,7 +206,7 @@ def test_a_format_of_a_length_that_cannot_be_is_passed_over(tmp_path, length):
     path.write_bytes(data)
     events = list(Dataflash(path))
     assert not of(Imu, events)
-    assert of(Malformed, events)
+    assert malformed(events)
 
 
 def test_messages_agree_with_dfreader(tmp_path, monkeypatch):
@@ -243,44 +229,25 @@ def test_a_message_of_unknown_type_ends_nothing(tmp_path):
     path = first.save(tmp_path)
     path.write_bytes(first.data + b"\xa3\x95\x7f" + second.data)
     events = list(Dataflash(path))
-    times_us = [event.sample.time_us for event in of(Imu, events, "IMU")]
-    assert times_us == [10_000_000 + 20_000 * k for k in range(42 * 50)]
+    assert imu_times(events, "IMU") == [10_000_000 + 20_000 * k for k in range(42 * 50)]
 
 
-def test_a_real_flight():
-    """ArduCopter 3.2.1 at 48 Hz, with an 8.1 s hole."""
-    path = Path(os.environ.get("FUZZBEE_LOGS", "")) / "copter_dataflash_50hz.bin"
-    if not path.is_file():
-        pytest.skip("copter_dataflash_50hz.bin is not in the folder FUZZBEE_LOGS")
-    events = list(Dataflash(path))
-    gaps = [b - a for a, b in pairwise(e.sample.time_us for e in of(Imu, events, "IMU"))]
-    assert 1e6 / median(gaps) == pytest.approx(47.6, abs=0.1)
-    assert max(gaps) == pytest.approx(8_060_000, abs=10_000)
-    assert not of(ClockReset, events)
-    assert len(of(ReferenceAttitude, events, "ATT")) == 1326
-
-
-@pytest.mark.parametrize("instance", ["Inst", "Instance"])
+@pytest.mark.parametrize("instance", ["Inst", "Instance", None])
 def test_the_first_batterys_current_stands_beside_the_samples_of_its_time(tmp_path, instance):
+    """Before 2017 the message was called CURR."""
     log = modern()
-    log.format("BAT", "QBfff", f"TimeUS,{instance},Volt,Curr,CurrTot")
     log.format("CURR", "Qff", "TimeUS,Volt,Curr")
+    if instance is not None:
+        log.format("BAT", "QBfff", f"TimeUS,{instance},Volt,Curr,CurrTot")
     for k in range(4):
-        log.write("BAT", 10_000_000 + 20_000 * k, 0, 12.5, 15.0 + k if k else math.nan, 0.0)
-        log.write("BAT", 10_000_000 + 20_000 * k, 1, 12.5, 99.0, 0.0)
-        log.write("CURR", 10_000_000 + 20_000 * k, 12.5, 77.0)
+        now_us, ampere = 10_000_000 + 20_000 * k, 15.0 + k if k else math.nan
+        if instance is not None:
+            log.write("BAT", now_us, 0, 12.5, ampere, 0.0)
+            log.write("BAT", now_us, 1, 12.5, 99.0, 0.0)
+        log.write("CURR", now_us, 12.5, ampere if instance is None else 77.0)
     read = Dataflash(log.save(tmp_path))
-    found = currents(read, 7)
-    arrivals = [event.arrival_us for event in read if isinstance(event, Imu)][2:8:2]
-    assert found == [*zip(arrivals, [16.0, 17.0, 18.0], strict=True)]
-
-
-def test_before_2017_it_was_called_otherwise(tmp_path):
-    log = modern()
-    log.format("CURR", "Qff", "TimeUS,Volt,Curr")
-    log.write("CURR", 10_000_000, 12.5, 7.5)
-    assert [ampere for _, ampere in currents(Dataflash(log.save(tmp_path)), 7)] == [7.5]
-    assert currents(Dataflash(modern().save(tmp_path)), 7) == []
+    arrivals = [event.arrival_us for event in of(Imu, read)][2:8:2]
+    assert currents(read, 7) == [*zip(arrivals, [16.0, 17.0, 18.0], strict=True)]
 
 
 @pytest.mark.parametrize(("number", "system_id"), [(255.0, 255), (256.0, 1), (0.0, 1)])

@@ -4,11 +4,10 @@ import json
 import math
 import random
 from collections import Counter
-from itertools import pairwise
 
 import pytest
 
-from drivers.events import ClockReset, Imu, Rejected
+from drivers.events import ClockReset
 from drivers.logs.open import open_log
 from drivers.mavlink.constants import mavlink
 from drivers.simulation.simulated_vehicle import SimulatedVehicle
@@ -16,8 +15,8 @@ from estimator.profile import load_profile
 from fuzzbee.cli import main
 from fuzzbee.replays.log_report import report_log
 from tests.drivers.logs import test_dataflash, test_ulog
+from tests.drivers.logs.reading import S, gaps_s, imu_times, of, reasons
 
-S = 1_000_000
 RATE_HZ = 50.0
 START_US = 1_700_000_000 * S
 BEGIN_S, END_S, LAST_S = 8.0, 12.0, 24.0
@@ -36,18 +35,6 @@ def shifted(by_s, keep=1):
     """Each sample of the flight, or one of ``keep``, with its clock changed by so many seconds."""
     flown = [*flight()][::keep]
     return [s._replace(time_us=s.time_us + round(S * by_s(time_s))) for time_s, s in flown]
-
-
-def of(kind, events):
-    return [event for event in events if isinstance(event, kind)]
-
-
-def reasons(events):
-    return Counter(str(event.reason) for event in of(Rejected, events))
-
-
-def imu_times(events):
-    return [event.sample.time_us for event in of(Imu, events)]
 
 
 def tlog(samples, folder, arrival_us=lambda k: START_US + round((k + 1) * S / RATE_HZ), lost=None):
@@ -188,6 +175,7 @@ FAULTS = {
     "stuck": (held(*BOTH), {"repeated", "stuck"}),
     "stuck gyroscope": (held(BOTH[0]), {"repeated", "gyroscope_stuck"}),
     "stuck accelerometer": (held(BOTH[1]), {"accelerometer_stuck"}),
+    "stuck field": (held("mag_gauss"), {"magnetometer_stuck"}),
     "saturated": (
         every(1, lambda _, s: s._replace(gyr_rad_s=(34.9, *s.gyr_rad_s[1:]))),
         {"gyroscope_saturated", "gyroscope_spike"},
@@ -285,9 +273,8 @@ def test_a_reboot_in_the_middle_of_a_log_begins_a_new_stretch(kind, tmp_path):
     samples = shifted(lambda time_s: -BEGIN_S * (time_s >= BEGIN_S))
     events = list(open_log(WRITERS[kind](samples, tmp_path)))
     assert [reset.reason for reset in of(ClockReset, events)] == ["reboot"]
-    times_us = imu_times(events)
-    assert all(a < b for a, b in pairwise(times_us))
-    assert len(times_us) >= len(samples) - 1
+    assert min(gaps_s(imu_times(events))) > 0
+    assert len(imu_times(events)) >= len(samples) - 1
 
 
 @pytest.mark.parametrize("keep", [1, 5])  # of the samples: 50 and 10 Hz
@@ -308,29 +295,49 @@ def test_a_vehicle_that_boots_twice_within_a_second_loses_nothing(
     events = list(open_log(WRITERS[kind](samples, tmp_path, *options)))
     assert [reset.reason for reset in of(ClockReset, events)] == ["reboot"]
     assert not reasons(events)
-    assert len(of(Imu, events)) == len(samples)
+    assert len(imu_times(events)) == len(samples)
 
 
-@pytest.mark.parametrize("kind", ["dataflash", "ulog", "csv", "mcap"])
-def test_rows_that_stand_twice_in_a_log_are_duplicates(kind, tmp_path):
+def twice(samples):
     """A block that a logger has written once more."""
-    samples = [sample for _, sample in flight()]
-    events = list(open_log(ALL_WRITERS[kind]([*samples[:600], *samples[570:]], tmp_path)))
-    assert not of(ClockReset, events)
-    assert reasons(events) == {"duplicate": 30}
-    assert len(of(Imu, events)) == len(samples)
+    return [*samples[:600], *samples[570:]]
 
 
-@pytest.mark.parametrize("ahead", [1, 3])
-@pytest.mark.parametrize("kind", WRITERS)
-def test_samples_out_of_order_are_refused_or_put_in_order(kind, ahead, tmp_path):
-    """One that comes too early, by so many places; the clock was not set back for those behind."""
-    samples = [sample for _, sample in flight()]
-    for k in range(400, 600, 10):
-        samples.insert(k, samples.pop(k + ahead))
-    events = list(open_log(WRITERS[kind](samples, tmp_path)))
+def early(ahead):
+    """Some come too early, by so many places; the clock was not set back for those behind."""
+
+    def order(samples):
+        for k in range(400, 600, 10):
+            samples.insert(k, samples.pop(k + ahead))
+        return samples
+
+    return order
+
+
+def leaping_at_the_end(samples):
+    """And the truth that comes with the last one."""
+    return [*samples[:-1], samples[-1]._replace(time_us=samples[-1].time_us + 3000 * S)]
+
+
+ORDERS = {
+    "twice": (twice, ("dataflash", "ulog", "csv", "mcap"), {"duplicate": 30}),
+    "early by 1": (early(1), ("tlog", "dataflash", "csv"), {"out_of_order": 20}),
+    "early by 3": (early(3), ("tlog", "dataflash", "csv"), {"out_of_order": 60}),
+    "put in order by 1": (early(1), ("ulog",), {}),
+    "put in order by 3": (early(3), ("ulog",), {}),
+    "leaping at the end": (leaping_at_the_end, ("tlog", "csv"), {"clock_step": 1}),
+}
+CASES = [(name, kind) for name, (_, kinds, _) in ORDERS.items() for kind in kinds]
+
+
+@pytest.mark.parametrize(("name", "kind"), CASES)
+def test_samples_in_another_order_are_counted_or_put_in_order(name, kind, tmp_path):
+    order, _, refused = ORDERS[name]
+    samples = order([sample for _, sample in flight()])
+    events = list(open_log(ALL_WRITERS[kind](samples, tmp_path)))
     assert not of(ClockReset, events)
-    assert reasons(events) == ({} if kind == "ulog" else {"out_of_order": 20 * ahead})
+    assert reasons(events) == refused
+    assert len(imu_times(events)) == len(samples) - sum(refused.values())
 
 
 @pytest.mark.parametrize("kind", ["tlog", "mcap"])
@@ -343,7 +350,7 @@ def test_a_short_leap_beside_steady_arrivals_costs_nothing(step_s, kind, tmp_pat
     resets, times_us = of(ClockReset, events), imu_times(events)
     assert [(each.reason, each.goes_on) for each in resets] == [("jump", True)] * 2
     assert len(times_us) == len(samples)
-    assert max(b - a for a, b in pairwise(times_us)) < 0.1 * S
+    assert max(gaps_s(times_us)) < 0.1
     assert times_us[-1] - times_us[0] == pytest.approx((LAST_S - 1 / RATE_HZ) * S, abs=0.1 * S)
 
 
@@ -364,7 +371,7 @@ def test_a_clock_that_is_set_back_a_little_costs_nothing(back_s, keep, tmp_path)
     assert len(resets) == (back_s >= 2.0 * period_s)
     if resets:
         assert (resets[0].reason, resets[0].goes_on) == ("jump", True)
-        assert {b - a for a, b in pairwise(times_us)} == {round(S * period_s)}
+        assert {*gaps_s(times_us)} == {period_s}
         assert len(times_us) == len(samples)
 
 
@@ -394,16 +401,7 @@ def test_late_copies_where_originals_are_lost_are_no_clock_that_was_set_back(los
     path = tlog([s for _, s in came], tmp_path, lambda k: START_US + round(S * came[k][0]))
     events = list(open_log(path))
     assert not of(ClockReset, events)
-    assert len(of(Imu, events)) >= len(came) - len(samples)
-
-
-@pytest.mark.parametrize("kind", ["tlog", "csv"])
-def test_what_comes_last_in_a_log_is_counted(kind, tmp_path):
-    """A clock that leaps at the last sample; and the truth that comes with it."""
-    samples = [sample for _, sample in flight()]
-    samples[-1] = samples[-1]._replace(time_us=samples[-1].time_us + 3000 * S)
-    events = list(open_log(WRITERS[kind](samples, tmp_path)))
-    assert reasons(events) == {"clock_step": 1}
+    assert len(imu_times(events)) >= len(came) - len(samples)
 
 
 def test_a_short_leap_where_messages_are_missing_is_a_gap(tmp_path):
@@ -412,8 +410,7 @@ def test_a_short_leap_where_messages_are_missing_is_a_gap(tmp_path):
     path = tlog(samples, tmp_path, lost=(round(BEGIN_S * RATE_HZ), 190))
     events = list(open_log(path))
     assert not of(ClockReset, events)
-    steps_us = [b - a for a, b in pairwise(imu_times(events))]
-    assert max(steps_us) == pytest.approx(1.92 * S)
+    assert max(gaps_s(imu_times(events))) == pytest.approx(1.92)
 
 
 # of a row: what it becomes, and the word that it, or a part of it, is counted under
@@ -447,7 +444,7 @@ def test_no_row_is_lost_that_can_be_used_and_each_other_has_its_reason(kind, see
     events = list(open_log(ALL_WRITERS[kind](samples, tmp_path)))
     found = reasons(events)
     good = len(samples) - sum(expected[reason] for reason in refused)
-    assert len(of(Imu, events)) == good
+    assert len(imu_times(events)) == good
     assert {reason: found[reason] for reason in refused} == {r: expected[r] for r in refused}
     # a field beside a row that is refused may not be looked at
     assert 0 < found["magnetometer_out_of_range"] <= expected["magnetometer_out_of_range"]

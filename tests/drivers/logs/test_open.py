@@ -2,15 +2,13 @@
 
 import gzip
 import os
-from pathlib import Path
 
 import pytest
 
-from drivers.events import Imu
 from drivers.logs.open import imu_events, open_log
 from estimator.errors import InputError
-
-DATA = Path(__file__).parents[2] / "data"
+from tests.drivers.logs.reading import DATA, imu_times
+from tests.drivers.logs.test_tlog import steady
 
 
 @pytest.mark.parametrize("name", ["flight.log", "flight.tlog", "flight.bin", "flight"])
@@ -18,7 +16,7 @@ def test_the_content_decides_not_the_name(tmp_path, name):
     path = tmp_path / name
     path.write_bytes((DATA / "rover_no_magnetometer.tlog").read_bytes())
     with open_log(path) as log:
-        assert sum(isinstance(event, Imu) for event in imu_events(log)) == 238
+        assert len(imu_times(imu_events(log))) == 238
 
 
 @pytest.mark.parametrize(
@@ -31,6 +29,7 @@ def test_the_content_decides_not_the_name(tmp_path, name):
         (b"\xa3\x95\x80" + bytes(60), "damaged DataFlash|no usable IMU"),
         (bytes(5000), "not a telemetry log"),
         (gzip.compress(bytes(5000), mtime=0), "a compressed file"),
+        (b"".join(each[8:] for each in steady(20)), "MAVLink without time stamps"),
     ],
 )
 def test_what_cannot_be_used_is_reported_in_one_line(tmp_path, content, complaint):
@@ -42,18 +41,16 @@ def test_what_cannot_be_used_is_reported_in_one_line(tmp_path, content, complain
     assert "\n" not in str(raised.value)
 
 
-def test_no_such_file_and_a_folder(tmp_path):
-    with pytest.raises(InputError, match="no such file"):
-        open_log(tmp_path / "nowhere.tlog")
-    with pytest.raises(InputError, match="a folder"):
-        open_log(tmp_path)
-
-
-@pytest.mark.parametrize("name", ["fifo", "/dev/null", "/dev/zero"])
-def test_what_may_block_or_never_end_is_not_opened(tmp_path, name):
-    path = tmp_path / name
-    if name == "fifo":
-        os.mkfifo(path)
-    with pytest.raises(InputError, match="a pipe, a socket or a device") as raised:
-        open_log(path)
-    assert str(raised.value).count(str(path)) == 1
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("nowhere.tlog", "no such file"),
+        ("", "a folder"),
+        *((name, "a pipe, a socket or a device") for name in ("fifo", "/dev/null", "/dev/zero")),
+    ],
+)
+def test_what_is_no_file_or_may_never_end_is_not_opened(tmp_path, name, words):
+    os.mkfifo(tmp_path / "fifo")
+    with pytest.raises(InputError, match=words) as raised:
+        open_log(tmp_path / name)
+    assert str(raised.value).count(str(tmp_path / name)) == 1

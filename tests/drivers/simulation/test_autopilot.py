@@ -1,21 +1,47 @@
-"""The simulated autopilot's protocol, without a socket."""
+"""The simulated autopilot's protocol, alone and in a fleet, without a socket."""
 
 import itertools
+from math import inf, nan
 
 import numpy as np
 import pytest
 
 from drivers.events import VehicleId
+from drivers.mavlink.constants import mavlink
 from drivers.simulation.autopilot import PARAMETERS, SimulatedAutopilot, VehicleOptions
+from drivers.simulation.fleet import Fleet
 from drivers.simulation.simulated_vehicle import simulate
-from tests.drivers.simulation.conversation import (
-    SECOND,
-    UNIX_US,
-    interval,
-    message,
-    of_type,
-    parsed,
-)
+from estimator.errors import InputError
+from tests.drivers.mavlink.pymavlink_parser import PymavlinkParser
+
+SECOND = 1_000_000
+UNIX_US = 1_790_000_000_000_000
+
+
+def parsed(data):
+    return PymavlinkParser().feed(data)
+
+
+def message(kind, *fields):
+    """A message as another program sends it, after a trip through bytes."""
+    dialect = mavlink()
+    sender = dialect.MAVLink(None, srcSystem=255, srcComponent=190)
+    (read,) = parsed(getattr(dialect, f"MAVLink_{kind}_message")(*fields).pack(sender))
+    return read
+
+
+def interval(message_id, interval_us, target=(1, 1)):
+    return message("command_long", *target, 511, 0, message_id, interval_us, 0, 0, 0, 0, 0)
+
+
+def of_type(messages, kind):
+    return [m for m in messages if m.get_type() == kind]
+
+
+def flown(until_us=10 * SECOND - 1, system_id=1, **options):
+    """What a vehicle with these options sends."""
+    autopilot = SimulatedAutopilot(VehicleOptions(**options), system_id)
+    return parsed(autopilot.advance(until_us, UNIX_US))
 
 
 def gaps(messages):
@@ -23,9 +49,7 @@ def gaps(messages):
 
 
 def test_ten_seconds_of_frames():
-    options = VehicleOptions(seed=4)
-    messages = parsed(SimulatedAutopilot(options, 1).advance(10 * SECOND - 1, UNIX_US))
-    expected = simulate(4, 1000)
+    messages, expected = flown(seed=4), simulate(4, 1000)
     raw = of_type(messages, "RAW_IMU")
     assert [m.time_usec for m in raw] == expected.time_us.tolist()
     units = ((expected.acc_m_s2 / 9.80665, "acc"), (expected.gyr_rad_s, "gyro"),
@@ -48,7 +72,7 @@ def test_ten_seconds_of_frames():
 def test_euler_angles_and_the_force_at_rest_are_those_of_the_quaternion():
     from scipy.spatial.transform import Rotation
 
-    messages = parsed(SimulatedAutopilot(VehicleOptions(), 1).advance(10 * SECOND, UNIX_US))
+    messages = flown()
     q = [(m.q1, m.q2, m.q3, m.q4) for m in of_type(messages, "ATTITUDE_QUATERNION")]
     euler = [(m.roll, m.pitch, m.yaw) for m in of_type(messages, "ATTITUDE")]
     expected = Rotation.from_quat(q, scalar_first=True)
@@ -66,15 +90,10 @@ def test_advancing_in_steps_gives_the_same_frames():
 
 
 def test_drop_loses_frames_seeded():
-    def frames(seed):
-        options = VehicleOptions(seed=seed, drop=0.2)
-        return parsed(SimulatedAutopilot(options, 1).advance(10 * SECOND - 1, UNIX_US))
-
-    messages = frames(1)
+    first, again, other = ([m.get_seq() for m in flown(seed=k, drop=0.2)] for k in (1, 1, 2))
     # 4010 frames; the deviation of the count is sqrt(4010 x 0.2 x 0.8) = 25
-    assert abs(len(messages) - 0.8 * 4010) < 5 * 25
-    assert [m.get_seq() for m in messages] == [m.get_seq() for m in frames(1)]
-    assert [m.get_seq() for m in messages] != [m.get_seq() for m in frames(2)]
+    assert abs(len(first) - 0.8 * 4010) < 5 * 25
+    assert first == again != other
 
 
 def test_message_interval_changes_the_rate_for_good():
@@ -94,21 +113,19 @@ def test_message_interval_changes_the_rate_for_good():
             assert before.get_type() == "RAW_IMU"
 
 
-def test_a_slower_stream_keeps_the_others():
+@pytest.mark.parametrize(
+    ("intervals_us", "raw", "attitudes"),
+    [([(27, 500_000)], 20, 1000), ([(30, -1)], 1000, 0), ([(30, -1), (30, 0)], 1000, 1000)],
+    ids=["slower", "off", "default"],
+)
+def test_an_interval_of_one_stream_keeps_the_others(intervals_us, raw, attitudes):
     autopilot = SimulatedAutopilot(VehicleOptions(), 1)
     autopilot.advance(0, UNIX_US)
-    autopilot.handle(interval(27, 500_000), UNIX_US)
+    for each in intervals_us:
+        autopilot.handle(interval(*each), UNIX_US)
     messages = parsed(autopilot.advance(10 * SECOND, UNIX_US))
-    assert len(of_type(messages, "RAW_IMU")) == pytest.approx(20, abs=1)
-    assert len(of_type(messages, "ATTITUDE")) == 1000
-
-
-def test_off_and_default():
-    autopilot = SimulatedAutopilot(VehicleOptions(rate_hz=50), 1)
-    autopilot.handle(interval(30, -1), UNIX_US)
-    assert of_type(parsed(autopilot.advance(SECOND, UNIX_US)), "ATTITUDE") == []
-    autopilot.handle(interval(30, 0), UNIX_US)
-    assert len(of_type(parsed(autopilot.advance(2 * SECOND, UNIX_US)), "ATTITUDE")) == 50
+    assert len(of_type(messages, "RAW_IMU")) == pytest.approx(raw, abs=1)
+    assert len(of_type(messages, "ATTITUDE")) == attitudes
 
 
 @pytest.mark.parametrize(
@@ -153,8 +170,7 @@ def test_parameters():
 
 def test_it_says_whose_it_is_ahead_of_the_first_sample():
     for motion in ("paper", "flight"):
-        autopilot = SimulatedAutopilot(VehicleOptions(motion=motion), 1)
-        messages = parsed(autopilot.advance(SECOND - 1, UNIX_US))
+        messages = flown(SECOND - 1, motion=motion)
         kinds = [m.get_type() for m in messages]
         assert kinds.index("AUTOPILOT_VERSION") < kinds.index("RAW_IMU")
         output = of_type(messages, "AUTOPILOT_VERSION")
@@ -164,8 +180,7 @@ def test_it_says_whose_it_is_ahead_of_the_first_sample():
 
 
 def test_a_flight_tells_its_place_and_velocity_and_falls_silent():
-    options = VehicleOptions(motion="flight", rate_hz=50, seed=2)
-    messages = parsed(SimulatedAutopilot(options, 1).advance(100 * SECOND - 1, UNIX_US))
+    messages = flown(100 * SECOND - 1, motion="flight", rate_hz=50, seed=2)
     reported = of_type(messages, "GLOBAL_POSITION_INT")
     true = of_type(messages, "SIM_STATE")
     assert len(reported) == 991  # 10 Hz but in the silence
@@ -177,9 +192,8 @@ def test_a_flight_tells_its_place_and_velocity_and_falls_silent():
     assert abs(true[0].zacc + 9.80665) < 1e-4
     times = np.array([m.time_usec for m in of_type(messages, "RAW_IMU")])
     assert np.diff(times).max() == 920_000
-    calm = SimulatedAutopilot(VehicleOptions(motion="flight", rate_hz=50, calm=True), 1)
-    calm_times = of_type(parsed(calm.advance(100 * SECOND - 1, UNIX_US)), "RAW_IMU")
-    assert gaps(calm_times) == {20_000}
+    calm = flown(100 * SECOND - 1, motion="flight", rate_hz=50, calm=True)
+    assert gaps(of_type(calm, "RAW_IMU")) == {20_000}
 
 
 def test_after_a_pause_slow_messages_keep_their_interval():
@@ -190,3 +204,61 @@ def test_after_a_pause_slow_messages_keep_their_interval():
     messages = parsed(autopilot.advance(12 * SECOND, UNIX_US))
     assert len(of_type(messages, "RAW_IMU")) == pytest.approx(100, abs=1)
     assert len(of_type(messages, "GLOBAL_POSITION_INT")) == pytest.approx(10, abs=2)
+
+
+def test_vehicles_are_told_apart_and_spread():
+    fleet = Fleet(VehicleOptions(seed=10, rate_hz=10.0), 5)
+    sent = []
+    for now_us in range(0, 2 * SECOND, 1000):
+        fleet.send_due(now_us, UNIX_US, lambda data, now=now_us: sent.append((now, data)))
+    for system_id in range(1, 6):
+        mine = [m for _, data in sent for m in parsed(data) if m.get_srcSystem() == system_id]
+        raw = of_type(mine, "RAW_IMU")
+        expected = simulate(10 + system_id - 1, len(raw), rate_hz=10.0)
+        gyro = np.array([m.zgyro for m in raw])
+        assert np.abs(gyro - 1000 * expected.gyr_rad_s[:, 2]).max() <= 1.0
+    times = [now for now, data in sent if of_type(parsed(data), "RAW_IMU")]
+    assert len(times) == len(set(times)) == 100
+
+
+def test_after_a_stall_the_fleet_goes_on_with_the_present():
+    fleet = Fleet(VehicleOptions(), 2)
+    sent = []
+    fleet.send_due(5000, UNIX_US, sent.append)
+    sent.clear()
+    fleet.send_due(100 * SECOND, UNIX_US, sent.append)
+    fleet.send_due(100 * SECOND + 5000, UNIX_US, sent.append)
+    raw = of_type(parsed(b"".join(sent)), "RAW_IMU")
+    assert [(m.get_srcSystem(), m.time_usec) for m in raw] == [(1, 10**8), (2, 10**8)]
+
+
+def test_a_fleet_answers_each_peer_s_half_frames():
+    fleet = Fleet(VehicleOptions(rate_hz=2.0), 3)
+    request = bytes(interval(27, 10_000, target=(2, 1)).get_msgbuf())
+    answers = []
+    fleet.receive("a", request[:10], UNIX_US, answers.append)
+    fleet.receive("b", request, UNIX_US, answers.append)
+    assert len(answers) == 1
+    fleet.receive("a", request[10:], UNIX_US, answers.append)
+    acks = parsed(b"".join(answers))
+    assert [(m.get_type(), m.get_srcSystem()) for m in acks] == 2 * [("COMMAND_ACK", 2)]
+    fleet.receive("a", b"", UNIX_US, answers.append)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        *({"rate_hz": x} for x in (0, -1.0, nan, 1e5)),
+        *({"drop": x} for x in (1.5, -0.1)),
+        *({"motion": "loop"}, {"noise": -1.0}, {"bias": inf}, {"magnet": (3.0, 3.0)}, {"seed": -1}),
+    ],
+)
+def test_bad_options_are_refused(options):
+    with pytest.raises(InputError):
+        Fleet(VehicleOptions(**options), 1)
+
+
+@pytest.mark.parametrize("count", [lambda: Fleet(VehicleOptions(), 0), lambda: simulate(0, 0)])
+def test_none_at_all_is_refused(count):
+    with pytest.raises(InputError):
+        count()

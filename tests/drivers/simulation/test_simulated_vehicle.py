@@ -14,7 +14,6 @@ from drivers.simulation.simulated_vehicle import (
     SimulatedVehicle,
     simulate,
 )
-from estimator.errors import InputError
 
 G = 9.80665
 
@@ -140,25 +139,7 @@ def test_another_rate_goes_on_with_the_same_motion():
 
 
 def test_arrays_are_constant():
-    recording = simulate(0, 10)
-    for name in ("time_us", "gyr_rad_s", "acc_m_s2", "mag_gauss", "q_ned_frd", "true_rate_rad_s"):
+    for name, values in simulate(0, 10)._asdict().items():
         with pytest.raises(ValueError, match="read-only"):
-            getattr(recording, name)[0] = 0
-
-
-@pytest.mark.parametrize(
-    "options",
-    [
-        {"rate_hz": 0.0},
-        {"rate_hz": float("nan")},
-        {"motion": "loop"},
-        {"noise": -1.0},
-        {"bias": float("inf")},
-        {"magnet": (3.0, 3.0)},
-        {"samples": 0},
-        {"seed": -1},
-    ],
-)
-def test_bad_options_are_refused(options):
-    with pytest.raises(InputError):
-        simulate(**{"seed": 0, "samples": 10} | options)
+            values[0] = 0
+        assert len(values) == 10, name
