@@ -30,11 +30,13 @@ from estimator.filter.types import FilterParams, FilterState
 from estimator.geometry.metrics import COST_RATE_HZ, COST_SAMPLES, STEADY, TRANSIENT
 from estimator.geometry.metrics import TRANSIENT_WEIGHT as WEIGHT
 from estimator.geometry.quaternion import (
+    SERIES_HALF_ANGLE_RAD,
     add,
     cross,
     dot,
     inverse_root,
     multiply,
+    norm,
     normalized_distance,
     rotate_inverse,
     scale,
@@ -44,6 +46,7 @@ from estimator.geometry.rotations import unit
 from estimator.types import Quaternion, Vec3
 
 DT_S = 1.0 / COST_RATE_HZ
+SLOW_RAD_S = 2.0 * SERIES_HALF_ANGLE_RAD / DT_S
 # J ends at t = 14 s, the signals at 15 s
 SCORED_SAMPLES = STEADY.stop
 TRANSIENT_STOP, STEADY_START = TRANSIENT.stop, STEADY.start
@@ -52,9 +55,10 @@ LANES = 8
 GAMMA, TAU = 22, 23
 Q, BIAS, ERROR, RATE, STEP, LEARNT, INNOVATION, TOTAL, ROWS = 24, 28, 31, 32, 33, 34, 35, 38, 39
 # Factors of the series of the cosine, and of the sine over its angle, in its square: exact to
-# rounding up to 1 rad.
-COSINE = tuple((-1) ** n / factorial(2 * n) for n in range(9))
-SINE = tuple((-1) ** n / factorial(2 * n + 1) for n in range(9))
+# rounding up to 1 rad, the first few up to SERIES_HALF_ANGLE_RAD.
+FEW, ALL = 4, 9
+COSINE = tuple((-1) ** n / factorial(2 * n) for n in range(ALL))
+SINE = tuple((-1) ** n / factorial(2 * n + 1) for n in range(ALL))
 
 with_gamma = replacer(FilterParams, "gamma")
 
@@ -86,6 +90,7 @@ class Step(NamedTuple):
     """What all candidates meet at a sample: readings, truth, weight of e, both steps in time.
 
     ``across`` is v1 x v2, ``inverse`` one over its length, ``share`` that over the reference's.
+    ``is_slow`` is where no candidate turns far in a step, whatever its bias.
     """
 
     gyr_rad_s: Vec3
@@ -99,6 +104,7 @@ class Step(NamedTuple):
     inverse: float
     share: float
     fastest: float
+    is_slow: bool
 
 
 def paper_signals(seeds: tuple[int, ...]) -> Signals:
@@ -129,7 +135,10 @@ def costs(base: Base, candidates: Floats, signals: Signals) -> Floats:
                 lanes[Q + i] = base.start.q_ned_frd[i]
             for k in range(SCORED_SAMPLES):
                 step = _step(base, signals, seed, k)
-                _compare(base.reference, step, lanes)
+                if step.is_slow:
+                    _compare(base.reference, step, lanes, FEW)
+                else:
+                    _compare(base.reference, step, lanes, ALL)
                 _infer(base.params, step, lanes)
                 _correct(base.params.bias_bound_rad_s, lanes)
             for j in range(min(LANES, len(candidates) - first)):
@@ -141,10 +150,11 @@ def costs(base: Base, candidates: Floats, signals: Signals) -> Floats:
 def _step(base: Base, signals: Signals, seed: int, k: int) -> Step:
     s1, s2, s3 = base.reference.s_magnetic, base.reference.s_gravity, base.reference.s_cross
     v1, v2 = _vector(signals.magnetic[seed, k]), _vector(signals.gravity[seed, k])
+    gyr = _vector(signals.gyr_rad_s[seed, k])
     across, apart = cross(v1, v2), cross(base.reference.magnetic_ned, base.reference.gravity_ned)
     inverse, q = inverse_root(dot(across, across)), signals.q_ned_frd[seed, k]
     return Step(
-        gyr_rad_s=_vector(signals.gyr_rad_s[seed, k]),
+        gyr_rad_s=gyr,
         v1=v1,
         v2=v2,
         truth=(q[0], q[1], q[2], q[3]),
@@ -155,18 +165,19 @@ def _step(base: Base, signals: Signals, seed: int, k: int) -> Step:
         inverse=inverse,
         share=inverse * inverse_root(dot(apart, apart)),
         fastest=largest_rate(dot(v1, v2), s1, s2, s3),
+        is_slow=norm(gyr) + 2.0 * base.params.bias_bound_rad_s < SLOW_RAD_S,
     )
 
 
 @inlined
-def _compare(reference: ReferenceParams, step: Step, lanes: Floats) -> None:
+def _compare(reference: ReferenceParams, step: Step, lanes: Floats, terms: int) -> None:
     """Turn on, score, and compare what is seen with what is expected."""
     s1, s2, s3 = reference.s_magnetic, reference.s_gravity, reference.s_cross
     is_first = step.turned_s == 0.0
     for j in range(LANES):
         bias = (lanes[BIAS, j], lanes[BIAS + 1, j], lanes[BIAS + 2, j])
         q = (lanes[Q, j], lanes[Q + 1, j], lanes[Q + 2, j], lanes[Q + 3, j])
-        q = _turned(q, scale(step.turned_s, subtract(step.gyr_rad_s, bias)))
+        q = _turned(q, scale(step.turned_s, subtract(step.gyr_rad_s, bias)), terms)
         lanes[TOTAL, j] += step.weight * normalized_distance(step.truth, q)
         u1 = rotate_inverse(q, reference.magnetic_ned)
         u2 = rotate_inverse(q, reference.gravity_ned)
@@ -203,18 +214,22 @@ def _correct(bound_rad_s: float, lanes: Floats) -> None:
         w = (lanes[INNOVATION, j], lanes[INNOVATION + 1, j], lanes[INNOVATION + 2, j])
         q = (lanes[Q, j], lanes[Q + 1, j], lanes[Q + 2, j], lanes[Q + 3, j])
         bias = (lanes[BIAS, j], lanes[BIAS + 1, j], lanes[BIAS + 2, j])
-        q = _turned(q, scale(-lanes[STEP, j], w))
+        q = _turned(q, scale(-lanes[STEP, j], w), ALL)
         bias = bound_each(add(bias, scale(lanes[LEARNT, j], w)), bound_rad_s)
         lanes[Q, j], lanes[Q + 1, j], lanes[Q + 2, j], lanes[Q + 3, j] = q
         lanes[BIAS, j], lanes[BIAS + 1, j], lanes[BIAS + 2, j] = bias
 
 
 @inlined
-def _turned(q: Quaternion, turn: Vec3) -> Quaternion:
+def _turned(q: Quaternion, turn: Vec3, terms: int) -> Quaternion:
     """q exp(turn/2) of a unit quaternion and up to 2 rad, by series, and of length one again."""
     x = 0.25 * dot(turn, turn)
-    cosine, sine = COSINE[8], SINE[8]
-    for n in range(7, -1, -1):
+    cosine, sine = COSINE[FEW - 1], SINE[FEW - 1]
+    if terms > FEW:
+        cosine, sine = COSINE[ALL - 1], SINE[ALL - 1]
+        for n in range(ALL - 2, FEW - 2, -1):
+            cosine, sine = COSINE[n] + x * cosine, SINE[n] + x * sine
+    for n in range(FEW - 2, -1, -1):
         cosine, sine = COSINE[n] + x * cosine, SINE[n] + x * sine
     a, b, c = scale(0.5 * sine, turn)
     w, x, y, z = multiply(q, (cosine, a, b, c))

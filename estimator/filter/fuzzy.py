@@ -1,7 +1,8 @@
 """The fuzzy gain controller, compiled: Mamdani inference with the exact centroid.
 
 min for AND, max over rules and for aggregation, clipped triangles, and the centroid of the
-piecewise-linear aggregate in closed form. Tests compare it with scikit-fuzzy, to 1e-9 relative.
+piecewise-linear aggregate in closed form: areas of sets, less what they
+share. Tests compare it with scikit-fuzzy, to 1e-9 relative.
 Paper: Section III-B, Table I "FLC" (rules), Figs. 4 "FLC_Inp_MMF" and 5 "FLC_Out_MMF"
 (memberships).
 """
@@ -15,6 +16,7 @@ from estimator.filter.memberships import Five, Memberships, Triangle, fuzzy_sets
 # their digits. The knees are at the corners either way.
 FAINT_AREA = 1e-200
 FAINT_LIFT = 1e100
+TWELFTH = 1.0 / 12.0
 
 # The paper's Table I, "FLC". Row: rate of change of the error; column: error; both
 # VS, S, M, L, VL. (The table's "V" is a misprint for L.)
@@ -27,18 +29,15 @@ RULES = (
 )
 
 Strengths = tuple[float, float, float, float, float]
+Moments = tuple[float, float]
 
 
 @inlined
 def triangle(x: float, a: float, b: float, c: float) -> float:
     """Triangular membership of ``x``; a == b or b == c is a vertical edge that includes b."""
-    if x == b:
-        return 1.0
-    if a < x < b:
-        return (x - a) / (b - a)
-    if b < x < c:
-        return (c - x) / (c - b)
-    return 0.0
+    if a < x < c:
+        return (x - a) / (b - a) if x < b else (c - x) / (c - b)
+    return 1.0 if x == b else 0.0
 
 
 @inlined
@@ -74,24 +73,6 @@ def fire(e: Strengths, d: Strengths) -> Strengths:
 
 
 @inlined
-def clipped_line(x: float, h: float, corners: Triangle, middle: float) -> float:
-    """Extend to ``x`` the straight piece that min(h, triangle) follows around ``middle``.
-
-    This gives the one-sided limit that a vertical edge needs.
-    """
-    a, b, c = corners
-    if middle <= a or middle >= c:
-        return 0.0
-    left_knee = a + h * (b - a)
-    right_knee = c - h * (c - b)
-    if middle < left_knee:
-        return (x - a) / (b - a)
-    if middle > right_knee:
-        return (c - x) / (c - b)
-    return h
-
-
-@inlined
 def centroid(strengths: Strengths, sets: Five) -> float:
     """Centroid of max_i min(h_i, triangle_i), exact; 0 if no set has strength.
 
@@ -102,17 +83,20 @@ def centroid(strengths: Strengths, sets: Five) -> float:
     total = strengths[0] + strengths[1] + strengths[2] + strengths[3] + strengths[4]
     if total <= 0.0:
         return 0.0
-    strong = 0
-    last = 0
-    for i in range(5):
-        if strengths[i] > 0.0:
-            strong += 1
-            last = i
+    vs, s, m, large, vl = strengths
+    strong = (vs > 0.0) + (s > 0.0) + (m > 0.0) + (large > 0.0) + (vl > 0.0)
     if strong == 1:  # the usual case near the truth
-        return single_centroid(strengths[last], sets[last])
-    area, moment = area_and_moment(strengths, sets)
+        if vs > 0.0:
+            return single_centroid(vs, sets[0])
+        if s > 0.0:
+            return single_centroid(s, sets[1])
+        if m > 0.0:
+            return single_centroid(m, sets[2])
+        if large > 0.0:
+            return single_centroid(large, sets[3])
+        return single_centroid(vl, sets[4])
+    area, moment = union(strengths, sets)
     if area < FAINT_AREA:
-        vs, s, m, large, vl = strengths
         lifted = (
             min(1.0, FAINT_LIFT * vs),
             min(1.0, FAINT_LIFT * s),
@@ -120,7 +104,7 @@ def centroid(strengths: Strengths, sets: Five) -> float:
             min(1.0, FAINT_LIFT * large),
             min(1.0, FAINT_LIFT * vl),
         )
-        area, moment = area_and_moment(lifted, sets)
+        area, moment = union(lifted, sets)
     if area > 0.0:
         return moment / area
     weighted = 0.0
@@ -146,68 +130,73 @@ def single_centroid(h: float, corners: Triangle) -> float:
 
 
 @inlined
-def area_and_moment(strengths: Strengths, sets: Five) -> tuple[float, float]:
-    """Area and first moment of the aggregate for sets in any order.
-
-    Between two neighbouring knees every clipped triangle is a straight line, so the aggregate is
-    the upper envelope of at most five lines: walk from crossing to crossing and sum the trapezoids.
-    """
-    knees = np.empty(20)
-    n = 0
+def union(strengths: Strengths, sets: Five) -> Moments:
+    """Area and first moment of the aggregate: of each set, less what two share, and so on."""
+    strong = 0
     for i in range(5):
-        h = strengths[i]
-        if h > 0.0:
-            a, b, c = sets[i]
-            for x in (a, a + h * (b - a), c - h * (c - b), c):
-                j = n
-                while j > 0 and knees[j - 1] > x:
-                    knees[j] = knees[j - 1]
-                    j -= 1
-                knees[j] = x
-                n += 1
-    area = 0.0
-    moment = 0.0
-    left_y = np.empty(5)
-    right_y = np.empty(5)
-    for interval in range(n - 1):
-        x0 = knees[interval]
-        x1 = knees[interval + 1]
-        width = x1 - x0
-        if width <= 0.0:
-            continue
-        middle = 0.5 * (x0 + x1)
-        top = 0
-        for i in range(5):
-            if strengths[i] > 0.0:
-                left_y[i] = clipped_line(x0, strengths[i], sets[i], middle)
-                right_y[i] = clipped_line(x1, strengths[i], sets[i], middle)
-            else:
-                left_y[i] = 0.0
-                right_y[i] = 0.0
-            if left_y[i] > left_y[top] or (left_y[i] == left_y[top] and right_y[i] > right_y[top]):
-                top = i
-        t = 0.0  # how much of the interval is done, 0..1
-        while t < 1.0:
-            crossing = 1.0
-            following = top
-            rise = right_y[top] - left_y[top]
-            for i in range(5):
-                faster = right_y[i] - left_y[i] - rise
-                if faster > 0.0 and right_y[i] > right_y[top]:
-                    # where three lines meet, rounding may put the meeting before t
-                    meeting = max(t, (left_y[top] - left_y[i]) / faster)
-                    if meeting < crossing:
-                        crossing = meeting
-                        following = i
-            xa = x0 + t * width
-            xb = x0 + crossing * width
-            ya = left_y[top] + t * rise
-            yb = left_y[top] + crossing * rise
-            area += 0.5 * (xb - xa) * (ya + yb)
-            moment += (xb - xa) / 6.0 * (xa * (2.0 * ya + yb) + xb * (ya + 2.0 * yb))
-            t = crossing
-            top = following
+        strong |= (strengths[i] > 0.0) << i
+    area, moment, some = 0.0, 0.0, strong
+    while some > 0:
+        part = shared(strengths, sets, some)
+        area, moment = area + part[0], moment + part[1]
+        some = (some - 1) & strong
     return area, moment
+
+
+@inlined
+def shared(strengths: Strengths, sets: Five, some: int) -> Moments:
+    """Area and first moment of what some sets (bits) share; negative of an even number of sets.
+
+    Level by level: edges are straight lines of strength between the levels where two of them meet.
+    """
+    sign, top, left0, right0 = -1.0, 1.0, -np.inf, np.inf
+    for i in range(5):
+        if some >> i & 1:
+            a, b, c = sets[i]
+            sign, top = -sign, min(top, strengths[i])
+            left0, right0 = max(left0, a), min(right0, c)
+    y0 = area = moment = 0.0
+    while y0 < top and left0 < right0:
+        y1 = next_level(sets, some, y0, top)
+        left1, right1 = -np.inf, np.inf
+        for i in range(5):
+            if some >> i & 1:
+                a, b, c = sets[i]
+                left1, right1 = max(left1, a + y1 * (b - a)), min(right1, c - y1 * (c - b))
+        if right1 < left1:  # they meet below: the top of what is shared
+            share = (right0 - left0) / ((right0 - left0) + (left1 - right1))
+            y1 = y0 + share * (y1 - y0)
+            left1 = right1 = left0 + share * (left1 - left0)
+        width0, width1 = right0 - left0, right1 - left1
+        sum0, sum1 = left0 + right0, left1 + right1
+        both = width0 * (2.0 * sum0 + sum1) + width1 * (sum0 + 2.0 * sum1)
+        area += sign * 0.5 * (y1 - y0) * (width0 + width1)
+        moment += sign * TWELFTH * (y1 - y0) * both
+        y0, left0, right0 = y1, left1, right1
+    return area, moment
+
+
+@inlined
+def next_level(sets: Five, some: int, y0: float, top: float) -> float:
+    """The lowest level above ``y0`` where two left edges meet, or two right ones; or the top."""
+    for i in range(4):
+        for j in range(i + 1, 5):
+            if some >> i & some >> j & 1:
+                a1, b1, c1 = sets[i]
+                a2, b2, c2 = sets[j]
+                top = meeting(a2 - a1, (b1 - a1) - (b2 - a2), y0, top)
+                top = meeting(c1 - c2, (c1 - b1) - (c2 - b2), y0, top)
+    return top
+
+
+@inlined
+def meeting(apart: float, closing: float, y0: float, top: float) -> float:
+    """Where what is ``apart`` at level 0, and closes by so much a level, meets; or the top."""
+    if closing != 0.0:
+        level = apart / closing
+        if y0 < level < top:
+            return level
+    return top
 
 
 @inlined

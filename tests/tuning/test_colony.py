@@ -12,7 +12,6 @@ from tuning.space import Parameter
 
 # A plain box: no chains, so that a candidate is exactly what the formula says.
 BOX = tuple(Parameter(name, -5.0, 5.0, is_logarithmic=False) for name in "abc")
-NONE = np.empty((0, 3))
 
 
 class Phase(NamedTuple):
@@ -39,7 +38,7 @@ def fail(x):
     return np.full(len(x), 1e9)
 
 
-def flown(*answers, sources=10, limit=1000, seed=3, first=NONE, cycles=1):
+def flown(*answers, sources=10, limit=1000, seed=3, first=(), cycles=1):
     """Phases of a colony whose candidates cost what the answers say, the last again and again.
 
     The last is the end, at which nothing is asked.
@@ -55,54 +54,42 @@ def flown(*answers, sources=10, limit=1000, seed=3, first=NONE, cycles=1):
         phases.append(Phase(asked, *(each.copy() for each in state), search.cycles))
 
     search = Search(BOX, SearchOptions("abc", sources, cycles, limit, seed), evaluate)
-    colony = Colony(search, first, np.random.default_rng(seed))
+    colony = Colony(search, np.reshape(first, (-1, 3)), np.random.default_rng(seed))
     colony.fly()
-    note(NONE)
+    note(np.empty((0, 3)))
     return phases
 
 
-def test_starts_at_the_given_position_and_at_random_ones():
-    asked = flown(sphere, first=np.array([[1.0, 2.0, 3.0]]))[0].asked
-    assert asked.shape == (10, 3)
-    assert asked[0].tolist() == [1.0, 2.0, 3.0]
-    assert len(np.unique(asked[:, 0])) == 10
+def test_it_starts_where_it_is_asked_to_and_at_random_and_no_source_gets_worse():
+    start, before, after, *_ = flown(sphere, first=(1.0, 2.0, 3.0))
+    assert start.asked[0].tolist() == [1.0, 2.0, 3.0]
+    assert len(np.unique(start.asked[:, 0])) == 10
+    costs = sphere(before.asked)
+    better = costs < before.costs
+    assert 0 < better.sum() < len(better)
+    assert np.array_equal(after.costs, np.minimum(before.costs, costs))
+    assert np.array_equal(after.failures, np.where(better, 0, 1))
 
 
 def test_each_bee_moves_one_coordinate_towards_or_away_from_another_source():
-    """Of any three sources, employed or onlooker: with itself as the other it would stay."""
-    for seed in range(200):
-        for phase in flown(sphere, fail, sources=3, seed=seed)[1:3]:
+    """Of any three sources, employed or onlooker: with itself as the other it would stay.
+
+    alpha takes both signs and fills [-1, 1]: with two sources the other one is known.
+    """
+    alphas = []
+    for seed, sources in [*((seed, 3) for seed in range(200)), *((seed, 2) for seed in range(300))]:
+        for phase in flown(sphere, fail, sources=sources, seed=seed)[1:3]:
             x, visited, asked = phase.positions, phase.visited, phase.asked
             at_bound = (np.abs(x[visited]) == 5.0).any(axis=1)
             changed = asked != x[visited]
             assert ((changed.sum(axis=1) == 1) | at_bound).all()
             for i, j in np.argwhere(changed):
                 old = x[visited[i], j]
-                reach = np.abs(old - x[:, j]).max()  # |alpha| <= 1 times the farthest source
-                assert abs(asked[i, j] - old) <= reach
-
-
-def test_alpha_takes_both_signs_and_fills_its_interval():
-    """With two sources k is the other one, so alpha can be read off."""
-    alphas = []
-    for seed in range(300):
-        phase = flown(sphere, sources=2, seed=seed)[1]
-        x, asked = phase.positions, phase.asked
-        for i in (0, 1):
-            j = np.flatnonzero(asked[i] != x[i])
-            if len(j) == 1 and abs(asked[i, j[0]]) < 5.0:  # not clipped to the box
-                alphas.append((asked[i, j[0]] - x[i, j[0]]) / (x[i, j[0]] - x[1 - i, j[0]]))
+                assert abs(asked[i, j] - old) <= np.abs(old - x[:, j]).max()  # the farthest
+                if sources == 2 and abs(asked[i, j]) < 5.0:
+                    alphas.append((asked[i, j] - old) / (old - x[1 - visited[i], j]))
     assert -1.0 <= min(alphas) < -0.95
     assert 0.95 < max(alphas) <= 1.0
-
-
-def test_a_source_never_gets_worse_and_failures_are_counted():
-    _, before, after, *_ = flown(sphere)
-    costs = sphere(before.asked)
-    better = costs < before.costs
-    assert 0 < better.sum() < len(better)
-    assert np.array_equal(after.costs, np.minimum(before.costs, costs))
-    assert np.array_equal(after.failures, np.where(better, 0, 1))
 
 
 def test_onlookers_prefer_fit_sources_in_proportion():
@@ -116,13 +103,9 @@ def test_onlookers_prefer_fit_sources_in_proportion():
 
 
 def test_of_two_onlookers_at_one_source_the_better_is_kept():
-    tried = (
-        flown(sphere, fail, lambda _: np.array([-2.0, -1.0, 1e9]), sources=3, seed=seed)
-        for seed in range(50)
-    )
-    *_, onlookers, after = next(
-        phases for phases in tried if phases[2].visited[0] == phases[2].visited[1]
-    )
+    answers = (sphere, fail, lambda _: np.array([-2.0, -1.0, 1e9]))
+    tried = (flown(*answers, sources=3, seed=seed)[2:] for seed in range(50))
+    onlookers, after = next(two for two in tried if two[0].visited[0] == two[0].visited[1])
     twice = onlookers.visited[0]
     assert after.costs[twice] == -2.0
     assert np.array_equal(after.positions[twice], onlookers.asked[0])
