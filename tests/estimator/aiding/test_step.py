@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimator.aiding.beginning import Beginning, begin, blank_aiding
+from estimator.aiding.beginning import Start, begin, blank_aiding
 from estimator.aiding.correction import apply_corrections
 from estimator.aiding.inertial import predict_motion
 from estimator.aiding.sources.unaided import observe_unaided
@@ -64,7 +64,7 @@ def test_a_step_remembers_the_velocity_of_its_report():
 
 def test_the_beginning_is_as_uncertain_as_given():
     """About north and east by the tilt's sigma, about down by the heading's."""
-    first = Beginning(IDENTITY, 0.1, 0.3, hard_iron_sigma_gauss=0.02, field_lag_s=0.05)
+    first = Start(IDENTITY, 0.3, 0.1, hard_iron_sigma_gauss=0.02, field_lag_s=0.05)
     _, P, _ = begin(PARAMS, first, SAMPLE, NO_REPORT)
     assert np.diag(P)[:3] == pytest.approx([0.01, 0.01, 0.09])
     assert np.diag(P)[HARD_IRON : HARD_IRON + 3] == pytest.approx([0.0004] * 3)
