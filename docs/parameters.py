@@ -1,7 +1,7 @@
 # ruff: noqa: INP001 - a script for the documents, not of a package
 """Writes the lists of parameters.md from the types that hold the parameters.
 
-``python docs/parameters.py`` renews the page, ``--check`` only tells whether it is up to date.
+``python docs/parameters.py`` renews the page, ``--check`` only checks that it is up to date.
 """
 
 import inspect

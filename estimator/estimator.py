@@ -88,9 +88,9 @@ class Estimator:
         return self._state.context.phase is Phase.AIDED
 
     @property
-    def trusts_compass(self) -> bool:
+    def compass_is_usable(self) -> bool:
         """Whether there is no evidence against the compass now."""
-        return self._state.trusts_compass
+        return self._state.compass_is_usable
 
     @property
     def unshown_iron_rad(self) -> float:
@@ -191,7 +191,7 @@ class Estimator:
         """
         state, before = self._state, self._state.context.compass
         state.change_context(compass=compass.declare(before, calibrated))
-        if compass.is_trusted(before, state.core.time_us) and not calibrated:
+        if compass.is_usable(before, state.core.time_us) and not calibrated:
             state.enter(Cause.MISLED)
 
     def set_imu_lag(self, gyr_s: float, acc_s: float) -> None:

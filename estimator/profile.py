@@ -23,11 +23,10 @@ from msgspec import Meta, Struct
 from estimator.aiding.types import AidingParams
 from estimator.arrays import Floats
 from estimator.bounds import require_within
-from estimator.calibration import PLAIN, Calibration
+from estimator.calibration import BODY_AXES, PLAIN, Calibration, Mounting
 from estimator.conditioning.params import ConditioningParams
 from estimator.errors import InputError, file_text
 from estimator.filter import memberships
-from estimator.mounting import BODY_AXES, Mounting
 from estimator.types import ImuSample, Vec3
 
 SHIPPED = ("paper", "imu", "adaptive")

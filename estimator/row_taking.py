@@ -38,7 +38,7 @@ def take(
 
 
 def put(inner: Estimator, time_us: int, row: Floats) -> Reason | None:
-    """The attitude into a row, NaN if there is none; why there is none any more."""
+    """The attitude into a row, NaN if there is none; the reason if it has been lost."""
     row[:], row[NORTH] = nan, 0.0
     if not inner.aligned:
         return None

@@ -23,11 +23,10 @@ from drivers.mavlink.ardupilot import (
 )
 from drivers.mavlink.constants import MAV_AUTOPILOT_ARDUPILOTMEGA
 from estimator.arrays import Floats
-from estimator.calibration import UNCHANGED, Calibration
+from estimator.calibration import UNCHANGED, Calibration, Mounting
 from estimator.errors import InputError
 from estimator.geometry.earth import PlaceField
 from estimator.geometry.quaternion import rotate
-from estimator.mounting import Mounting
 from estimator.profile import Profile
 from fuzzbee.calibration_readings import (
     choose_compass,

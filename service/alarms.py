@@ -1,12 +1,12 @@
-"""What shows that an attitude is not what it claims to be, though nothing is missing.
+"""What contradicts an attitude although no data is missing.
 
 Things that must hold, whatever the vehicle does, by its own sensors seen from the published
 attitude: on average the specific force points up, since nothing accelerates for ever; the Earth's
-field keeps its direction, and is that of the place; it dips as much below the level that force and
-velocity agree on; a gyroscope's bias is within what the profile allows, its axes show the turns
-that field and force show; and the vehicle's seconds are as long as the host's. Where one does not
-hold, the profile, the axes, a sensor or the clock are wrong, and sigma knows little of it. No clock
-is read; times are the vehicle's, and those of arrival.
+field keeps its direction, and is that of the place; its dip agrees with the vertical of
+force and velocity; a gyroscope's bias is within what the profile allows, its axes show the turns
+that field and force show; and the vehicle's seconds are as long as the host's. If one does not
+hold, the profile, the axes, a sensor or the clock is wrong, and sigma does not show it. No clock is
+read; times are the vehicle's, and those of arrival.
 """
 
 from enum import StrEnum
@@ -19,7 +19,7 @@ from estimator.geometry.earth import PlaceField
 from estimator.geometry.quaternion import rotate
 from estimator.profile import CONDITIONING_DEFAULTS, Profile
 from estimator.types import Attitude, ImuSample, Vec3
-from service.evidence import Lasting, off_north_deg, towards
+from service.evidence import Persistence, off_north_deg, towards
 
 LOOK_EVERY_US = 500_000
 MEMORY_S = 20.0  # of the averages
@@ -30,17 +30,17 @@ TILT_DEG = 15.0
 SCATTER_DEG = 12.0
 SIGMAS = 2.0
 # Of a vertical that the field contradicts, beyond what hard iron and the place's steel explain.
-LEANING_DEG = 5.0
+DIP_OFF_DEG = 5.0
 # A heading by velocity and one by the field differ by the compass's offsets, up to 11 deg seen.
 HEADING_OFF_DEG = 20.0
 # Vehicle's time by the host's over ten seconds. Bursts make it swing, both ways; what stays on one
 # side for a minute is the clock. The longest that 46 recorded logs stayed there counts 0.5 at most.
 PACE_SPAN_US = 10_000_000
 PACE_OFF = 0.02
-UNKNOWN_HEADING_RAD = radians(40.0)  # a sigma beyond this claims nothing
+UNKNOWN_HEADING_RAD = radians(40.0)  # beyond this sigma the heading is unknown
 # The Earth's field is 0.22 to 0.67 gauss; compasses are off in scale by a factor.
 WEAKEST_GAUSS, STRONGEST_GAUSS = 0.1, 1.0
-# A compass that is this far off may be mounted otherwise than its orientation says; iron does less.
+# A compass that is this far off may be mounted otherwise than declared; iron does less.
 LEAST_TURNED_DEG = 40
 _CONTRADICT = "field and force contradict the gyroscope's"
 
@@ -48,8 +48,7 @@ _CONTRADICT = "field and force contradict the gyroscope's"
 class Alarm(StrEnum):
     """The words of a status's warnings; docs/troubleshooting.md lists what a person can do.
 
-    ``patience_s`` is the time constant of a warning's :class:`service.evidence.Lasting`, if it has
-    one.
+    ``patience_s`` is the time constant of its :class:`service.evidence.Persistence`, if any.
     """
 
     meaning: str
@@ -88,7 +87,7 @@ class Alarms:
     """Looks at one vehicle's estimate twice a second of its time, and reports what changes."""
 
     def __init__(self) -> None:
-        self.profile_is_unfit = False  # by the vehicle's own word
+        self.profile_is_unfit = False  # as the vehicle itself reports
         self._reported: frozenset[Alarm] = frozenset()
         self._compass_reported: set[str] = set()
         self.restart()
@@ -98,7 +97,9 @@ class Alarms:
         self.words: frozenset[Alarm] = frozenset()  # of the alarms that stand now
         self.compass_off_deg: float | None = None  # its own heading less ours, averaged
         self._last_us: int | None = None  # of the vehicle's time
-        self._lasting = {each: Lasting(each.patience_s) for each in Alarm if each.patience_s > 0.0}
+        self._persistence = {
+            each: Persistence(each.patience_s) for each in Alarm if each.patience_s > 0.0
+        }
         self._force: Vec3 | None = None  # mean specific force, NED
         self._field: Vec3 | None = None  # mean field, NED, and its mean square
         self._field_square = 0.0
@@ -120,8 +121,8 @@ class Alarms:
         last_us, self._last_us = self._last_us, time_us
         dt_s = 0.0 if last_us is None else min(1e-6 * (time_us - last_us), MEMORY_S)
         self._remember(sample, attitude, dt_s / (MEMORY_S + dt_s))
-        # what contradicts the vertical is in sigma, and costs more to ask for
-        is_sure = degrees(attitude.sigma_inclination_rad) < LEANING_DEG
+        # a small sigma excludes a contradiction, which takes longer to compute
+        is_sure = degrees(attitude.sigma_inclination_rad) < DIP_OFF_DEG
         dip_error_rad = 0.0 if is_sure else estimator.dip_error_rad
         why, place = estimator.compass_fault, estimator.place_field
         uses_field = why != CONTRADICTED
@@ -130,7 +131,7 @@ class Alarms:
         scatters = uses_field and self._does_field_scatter(attitude)
         is_impossible = not uses_field or self._is_field_impossible(attitude, place)
         seen = {
-            Alarm.ACCELEROMETER: degrees(dip_error_rad) > LEANING_DEG,
+            Alarm.ACCELEROMETER: degrees(dip_error_rad) > DIP_OFF_DEG,
             Alarm.BIAS_AT_LIMIT: limit > 0.0 and max(map(abs, attitude.gyro_bias_rad_s)) >= limit,
             Alarm.FIELD_IMPOSSIBLE: is_impossible or (scatters and estimator.is_aided),
             Alarm.SIGMA_TOO_SMALL: self._is_tilted(attitude)
@@ -138,9 +139,9 @@ class Alarms:
             **dict(zip(AXES, estimator.contradicted_axes, strict=True)),
         }
         for word, is_so in seen.items():
-            self._lasting[word].look(is_so, dt_s)
+            self._persistence[word].look(is_so, dt_s)
         self._follow_pace(time_us, arrival_us)
-        self.words = frozenset(word for word, each in self._lasting.items() if each.is_on)
+        self.words = frozenset(word for word, each in self._persistence.items() if each.is_on)
         return [*self._compass_lines(why, estimator), *self._alarm_lines()]
 
     def _compass_lines(self, why: str, estimator: Estimator) -> list[str]:
@@ -184,7 +185,7 @@ class Alarms:
         ahead_us = passed_us - host_passed_us
         is_off = abs(ahead_us) > PACE_OFF * host_passed_us
         side = is_off * (1 if ahead_us > 0 else -1)  # a clock that is too slow is below zero
-        self._lasting[Alarm.CLOCK_DRIFT].look(side, PACE_SPAN_US * 1e-6)
+        self._persistence[Alarm.CLOCK_DRIFT].look(side, PACE_SPAN_US * 1e-6)
 
     def _is_field_impossible(self, attitude: Attitude, place: PlaceField | None) -> bool:
         if self._field is None or attitude.sigma_heading_rad > UNKNOWN_HEADING_RAD:

@@ -1,4 +1,4 @@
-"""What lasts, what force, velocity and field show of an attitude, and how other IMUs differ."""
+"""What force, velocity and field show of an attitude, and how other IMUs differ."""
 
 from math import atan2, degrees, exp, hypot, isfinite, remainder
 
@@ -11,7 +11,7 @@ from service.records import ImuDifference
 
 
 def towards(mean: Vec3 | None, value: Vec3, share: float) -> Vec3:
-    """A running mean with one value more, of that share."""
+    """A running mean with one more value, which counts by ``share``."""
     return value if mean is None else add(mean, scale(share, subtract(value, mean)))
 
 
@@ -24,27 +24,27 @@ def off_north_deg(field_ned: Vec3, declination_rad: float) -> float:
 BEGIN_SHARE, END_SHARE = 0.6, 0.3
 
 
-class Lasting:
-    """The share of time for which something is so; with a time constant of ``patience_s``.
+class Persistence:
+    """The share of time for which a condition holds, with a time constant of ``patience_s``.
 
-    It is on from 0.6 on, so after 0.92 of that time if it is so all the time, until 0.3: a start
+    It is on from 0.6 on, so after 0.92 of that time for a constant condition, until 0.3: a start
     or a magnet that passes is too short.
     """
 
     def __init__(self, patience_s: float) -> None:
-        self.share = 0.0  # below zero for what is so the other way round
+        self.share = 0.0  # below zero for the opposite condition
         self.is_on = False
         self._patience_s = patience_s
 
     def look(self, is_so: int, dt_s: float) -> None:
-        """Take what was so for ``dt_s``: 1, 0, or -1 for the other way round."""
+        """Take ``dt_s`` with the condition (1), without it (0), or with its opposite (-1)."""
         self.share += dt_s / (self._patience_s + dt_s) * (is_so - self.share)
         self.is_on = abs(self.share) > (END_SHARE if self.is_on else BEGIN_SHARE)
 
 
 CONSISTENCY_S = 20.0  # memory of the evidence
 # So much horizontal acceleration (m/s^2) shows a heading.
-SHOWING_M_S2 = 0.7
+LEAST_GAIN_M_S2 = 0.7
 VELOCITY = "velocity"
 STRIDE_US = 1_000_000  # velocity's gain and the force are compared over so long
 # What has not come for so long, velocity or an autopilot's attitude, is not compared.
@@ -52,7 +52,7 @@ SILENT_US = 2_000_000
 
 
 class Consistency:
-    """What force, velocity and field have said of one attitude over the last seconds."""
+    """What force, velocity and field have shown of one attitude over the last seconds."""
 
     def __init__(self) -> None:
         self._weight = 0.0
@@ -100,9 +100,9 @@ class Consistency:
         return abs(degrees(atan2(down, hypot(north, east)) - place.dip_rad))
 
     def turn_deg(self, place: PlaceField | None) -> tuple[float, str] | None:
-        """How far (deg) the heading is off by velocity, else by the field; None if neither says."""
+        """How far (deg) the heading is off by velocity, else by the field; None if unknown."""
         across, along, square = self._turn
-        if square > SHOWING_M_S2**2:
+        if square > LEAST_GAIN_M_S2**2:
             return degrees(abs(atan2(across, along))), VELOCITY
         north, east, down = self._field
         if place is None or not resembles(place, hypot(north, east), down):

@@ -47,7 +47,7 @@ def most_connections() -> int:
 class HttpDoor:
     """Serves ``respond`` from threads of its own until it is closed.
 
-    On loopback it refuses a ``Host`` that is not loopback: a name that somebody pointed here.
+    On loopback it refuses a ``Host`` that is not loopback: another name may point here.
 
     Raises:
         OSError, OverflowError: the address cannot be listened on.

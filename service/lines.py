@@ -1,4 +1,4 @@
-"""Lines for a person: of links, and no more of a vehicle than can be read."""
+"""Log lines: of links, and a readable number for each vehicle."""
 
 from drivers.events import LinkDown, LinkUp
 

@@ -21,7 +21,7 @@ MAX_PENDING = 16
 MOST_PROFILES = 512  # of vehicles that are gone; the one that left first goes
 ANSWER_TIMEOUT_S = 2.0
 
-# The last is why, if it was retuned and nobody has asked for it
+# The last is the reason, if it was retuned without a request
 Request = tuple[VehicleId, dict[str, Any], str | None]
 Replace = Callable[[VehicleId, dict[str, Any], str | None], Profile]
 
@@ -83,7 +83,7 @@ class ParameterRequests:
 
 
 class ProfileChanges:
-    """Changes profiles from ``base``; ``outputs`` are those that nobody's event has made.
+    """Changes profiles from ``base``; ``outputs`` are those that no event has caused.
 
     With ``fits_built_in`` a vehicle that is fuzzbee's own gets the profile that fits its signals;
     otherwise this is only reported.
@@ -109,7 +109,7 @@ class ProfileChanges:
             vehicle.publishing.retuned = Retuned(1 + (before.count if before else 0), retuned)
         self.report(Replaced(vehicle.address, profile, retuned))
         what = "new parameters" if retuned is None else f"retuned: {retuned}"
-        self.outputs += map(Message, vehicle.lines([what], vehicle.heard_us))
+        self.outputs += map(Message, vehicle.lines([what], vehicle.last_arrival_us))
         return profile
 
     def fit(self, vehicle: Vehicle, event: BuiltIn) -> list[Output]:
@@ -138,7 +138,7 @@ class ProfileChanges:
             self._change(vehicle, self._base)
 
     def note_departure(self, vehicle: Vehicle) -> None:
-        """Keep the parameters that somebody gave a vehicle, for when it comes back."""
+        """Keep the parameters that were set for a vehicle, for when it comes back."""
         if vehicle.profile != self._base and vehicle.built_in_motion is None:
             self.kept[vehicle.address] = vehicle.profile
             if len(self.kept) > MOST_PROFILES:

@@ -266,7 +266,7 @@ class Pipeline:
     def _forget_silent(self, now_us: int) -> list[Output]:
         gone: list[Vehicle] = []
         for vehicle in self.vehicles:
-            is_silent = abs(now_us - vehicle.heard_us) > 2 * LOOK_US
+            is_silent = abs(now_us - vehicle.last_arrival_us) > 2 * LOOK_US
             vehicle.silent_looks = vehicle.silent_looks + 1 if is_silent else 0
             if vehicle.silent_looks >= FORGOTTEN_LOOKS:
                 gone.append(vehicle)
@@ -275,7 +275,7 @@ class Pipeline:
         return _messages(self._limit.lines(lines, now_us))
 
     def _forget(self, address: VehicleId) -> None:
-        """Forget a vehicle, all but the parameters that somebody gave it."""
+        """Forget a vehicle, except for the parameters that were set for it."""
         vehicle = self._vehicles.pop(address, None)
         if vehicle is None:
             return

@@ -16,13 +16,13 @@ from estimator.compilation.compiled import build, called_kernels, is_compiled_co
 # often that, at 100 vehicles, a fifth of the time is lost.
 SWITCH_INTERVAL_S = 5e-4
 ADD_EVERY_S = 1.0
-# With hundreds of vehicles a tick alone makes thousands of records, which go again without help.
+# With hundreds of vehicles one tick makes thousands of records, freed without the collector.
 MANY_OBJECTS = 50_000
 
 
 @contextmanager
-def steady() -> Iterator[Callable[[int, float], None]]:
-    """While it lasts, the garbage collector leaves alone what existed before, and what is added.
+def gc_settings() -> Iterator[Callable[[int, float], None]]:
+    """While it lasts, the garbage collector ignores what existed before, and what is added.
 
     Half a million objects of libraries never become garbage. Looking through them takes 0.1 s,
     several ticks. Each vehicle brings a thousand objects that stay: the function that this yields
@@ -96,7 +96,7 @@ def _leave_out_scipy() -> None:
     """
     if BLAS in sys.modules:
         return
-    sys.modules[BLAS] = None  # type: ignore[assignment] # to import it fails, and numba goes on
+    sys.modules[BLAS] = None  # type: ignore[assignment] # importing it fails, and numba continues
     try:
         importlib.import_module("numba.np.arraymath")
     finally:

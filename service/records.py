@@ -22,7 +22,7 @@ SCHEMA = 1
 class State(StrEnum):
     """What the published attitude is worth."""
 
-    WAITING = "waiting"  # the vehicle has been heard, no IMU sample has come yet
+    WAITING = "waiting"  # a frame of the vehicle has come, but no IMU sample has come yet
     ALIGNING = "aligning"  # IMU data arrive, no attitude yet
     RUNNING = "running"  # attitude from fresh data
     DEGRADED = "degraded"  # attitude, extrapolated: the IMU is silent
@@ -141,8 +141,8 @@ class StatusRecord(msgspec.Struct, frozen=True):
     overloaded: bool = False  # more arrives than can be handled: samples are left out
     shed: int = 0  # samples of this vehicle left out so far
     lost: int = 0  # datagrams of all vehicles that the system threw away before they could be read
-    published_hz: Number = 0.0  # attitudes a second, less than asked for when overloaded
-    malformed: int = 0  # unreadable frames on the vehicle's link so far, whoever sent them
+    published_hz: Number = 0.0  # attitudes a second, fewer than ``--rate`` when overloaded
+    malformed: int = 0  # unreadable frames on the vehicle's link so far, by any sender
     warnings: tuple[str, ...] = ()  # words of service.alarms.Alarm
     retuned: Retuned | None = None  # by itself, with --retune
     autopilot: Autopilot | None = None  # None where it sends no attitude

@@ -13,12 +13,12 @@ from math import inf
 from drivers.source import EventSource
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
-from service.process import steady
+from service.process import gc_settings
 from service.records import Message, Output
 from service.sinks.sink import Outbox
 from service.vehicle_status import Load
 
-# A loop that wakes so late was stopped, with the computer or by itself: for a while nobody can tell
+# A loop that wakes so late was stopped, with the computer or by itself: for a while it is not known
 # whose silence is his own.
 STOPPED_S = 0.25
 WAKING_S = 0.5
@@ -109,7 +109,7 @@ class Runner:
         """
         due_s = self.monotonic_s()
         end_s = inf if seconds is None else due_s + seconds
-        with steady() as add_objects:
+        with gc_settings() as add_objects:
             while not self.was_stopped and not self.is_finished():
                 now_s = self.monotonic_s()
                 if now_s >= end_s or is_over():

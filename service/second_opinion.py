@@ -1,10 +1,9 @@
 """Whether the autopilot's attitude and ours agree, and which of them other evidence contradicts.
 
-Both are compared at the same instant of the vehicle's clock. What may honestly lie between them is
-our sigma, what is usual between two that are right (trim, mounting, a compass's
-residual offsets), and what a lag makes of the turning. The evidence is what neither attitude is
-made of alone: over seconds the specific force less what velocity has gained points up, and the
-field points to magnetic north.
+Both are compared at the same instant of the vehicle's clock. They may differ by our
+sigma, by trim, mounting and a compass's residual offsets, and by a lag while turning. The evidence
+is independent of both: over seconds the specific force less the change of velocity points up, and
+the field points to magnetic north.
 """
 
 from collections import Counter, deque
@@ -19,21 +18,21 @@ from estimator.geometry import quaternion
 from estimator.geometry.earth import PlaceField
 from estimator.geometry.quaternion import conjugate, multiply, norm, scale
 from estimator.types import STANDARD_GRAVITY_M_S2, Attitude, ImuSample, Quaternion, Vec3
-from service.evidence import END_SHARE, SILENT_US, VELOCITY, Consistency, Lasting
+from service.evidence import END_SHARE, SILENT_US, VELOCITY, Consistency, Persistence
 from service.publishing import euler_deg
 from service.records import Autopilot
 
 LOOK_EVERY_US = 400_000
 # Between two attitudes that are both right lie up to some 8 deg of trim, mounting and compass.
-USUAL_DEG = 8.0
+TRIM_DEG = 8.0
 SIGMAS = 3.0
 LAG_S = 0.1
 MOST_VELOCITIES = 128  # two seconds of them
-# What is said to agree is nearer than this, and what could hide more than this is not known.
-TELLING_DEG = 20.0
+# Attitudes agree if they differ by less than this; if a larger difference could hide, no verdict.
+CLEAR_DEG = 20.0
 # A heading from magnetic north may be a declination off; where people fly it is under this.
 DECLINATION_DEG = 20.0
-PATIENCE_S = 5.0  # of service.evidence.Lasting
+PATIENCE_S = 5.0  # of service.evidence.Persistence
 # What its filter reports of itself, once a second or so, holds until it reports something else.
 FILTER_STATUS_HOLDS_US = 5_000_000
 # One of the two is named if the evidence is nearer to the other by this share of the difference.
@@ -43,7 +42,7 @@ ODD_SHARE = 0.25
 
 
 class Verdict(StrEnum):
-    """What is said of both attitudes."""
+    """The verdict on both attitudes."""
 
     AGREES = "agrees"
     DIFFERS = "differs"
@@ -109,7 +108,7 @@ class SecondOpinion:
         """Begin anew, as our attitude does; the intervals of before stay."""
         self.opinion: Autopilot | None = None  # at the last comparison
         self._last_us: int | None = None
-        self._tilting, self._turning = Lasting(PATIENCE_S), Lasting(PATIENCE_S)
+        self._tilting, self._turning = Persistence(PATIENCE_S), Persistence(PATIENCE_S)
         self._ours, self._theirs = Consistency(), Consistency()
         # the vehicle's times (us) and velocities (NED, m/s) since the last look
         self.velocities: deque[tuple[int, Vec3]] = deque(maxlen=MOST_VELOCITIES)
@@ -218,11 +217,11 @@ class SecondOpinion:
 
     def _verdict(self, inclination: Difference, heading: Difference) -> Verdict:
         axes = ((self._tilting, inclination), (self._turning, heading))
-        if any(lasting.is_on for lasting, _ in axes):
+        if any(persistence.is_on for persistence, _ in axes):
             return Verdict.DIFFERS
         agrees = all(
-            lasting.share < END_SHARE and abs(it.off_deg) <= it.allowed_deg <= TELLING_DEG
-            for lasting, it in axes
+            persistence.share < END_SHARE and abs(it.off_deg) <= it.allowed_deg <= CLEAR_DEG
+            for persistence, it in axes
         )
         return Verdict.AGREES if agrees else Verdict.CANNOT_TELL
 
@@ -285,8 +284,8 @@ def differences(theirs: Quaternion, ours: Attitude) -> tuple[Difference, Differe
     by_turn = degrees(ours.sigma_heading_rad) if ours.heading_reference != "none" else 180.0
     unknown_deg = 0.0 if ours.heading_reference == "true" else DECLINATION_DEG
     return (
-        Difference(tilt_deg, by_tilt, USUAL_DEG + SIGMAS * by_tilt + lag_deg),
-        Difference(turn_deg, by_turn, USUAL_DEG + SIGMAS * by_turn + lag_deg + unknown_deg),
+        Difference(tilt_deg, by_tilt, TRIM_DEG + SIGMAS * by_tilt + lag_deg),
+        Difference(turn_deg, by_turn, TRIM_DEG + SIGMAS * by_turn + lag_deg + unknown_deg),
     )
 
 

@@ -13,7 +13,7 @@ T = TypeVar("T")
 # Where an interrupt falls into a callback or a destructor, Python prints it and goes on without it.
 _interrupted = threading.Event()
 _met: list[int] = []  # the signals that have interrupted the command
-# So long (s) whoever waits goes without asking whether that has happened.
+# A waiting thread checks for a signal this often, s.
 POLL_S = 0.1
 
 
@@ -82,7 +82,7 @@ def stop_on_signals(stop: Callable[[], None]) -> Iterator[None]:
 def _handled(
     numbers: tuple[signal.Signals, ...], handler: Callable[[int, FrameType | None], Any]
 ) -> Iterator[None]:
-    """Handle signals; outside the main thread, which alone may do so, their owner has to."""
+    """Handle signals; outside the main thread, the owner has to."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -79,7 +79,7 @@ class ImuStream:
         return 0 if self.last_arrival_us is None else max(0, now_us - self.last_arrival_us)
 
     def state_at(self, now_us: int) -> State:
-        """What silence has made of the state by then; samples alone make it better."""
+        """The state after the silence so far; only samples improve it."""
         silence_us = self.silence_us(now_us)
         if silence_us < LATE_MINIMUM_US:
             return self.state
@@ -197,7 +197,7 @@ class ImuChoice:
         """
         if self.message is None:
             self.message, self._arrival_us = message, arrival_us
-        elif message == self.message:  # nobody needs to stand in for it
+        elif message == self.message:  # no other message needs to replace it
             silence_us = arrival_us - self._arrival_us
             if self._longest_silence_us < silence_us <= LONGEST_SILENCE_US:
                 self._longest_silence_us = silence_us

@@ -40,7 +40,7 @@ class Vehicle:
         self.address = address
         self.name = vehicle_name(address)  # the middle part of its keys
         self.estimator = estimator
-        self.heard_us = 0  # the latest arrival of anything that is a vehicle's own
+        self.last_arrival_us = 0  # the latest arrival of anything that is a vehicle's own
         self.silent_looks = 0  # of the pipeline since then
         self.rejected: Counter[Reason] = Counter()
         self.peers: dict[str, Peer] = {}  # others' latest attitudes, until ours is published
@@ -68,7 +68,7 @@ class Vehicle:
 
     def on_imu(self, event: Imu) -> list[str]:
         """Feed the estimator, if the message is the chosen one."""
-        self.heard_us = event.arrival_us
+        self.last_arrival_us = event.arrival_us
         is_chosen, replaced = self.imu.choose(event)
         if not is_chosen:
             _, gyr, acc, *_ = event.sample
@@ -95,7 +95,7 @@ class Vehicle:
                 height_m, now_us = event.altitude_m, event.arrival_us
                 self.estimator.set_position(latitude_deg, longitude_deg, height_m, now_us)
             case events.Heartbeat():
-                self.heard_us = event.arrival_us
+                self.last_arrival_us = event.arrival_us
                 self.parameters.take_heartbeat(event, self.estimator)
             case events.OtherImu(message=message, arrival_us=now_us):
                 rate, force = event.rate_rad_s, event.force_m_s2
@@ -107,11 +107,11 @@ class Vehicle:
             case events.Parameter():
                 self.parameters.take(event, self.estimator)
             case events.Rejected():
-                self.heard_us = event.arrival_us
+                self.last_arrival_us = event.arrival_us
                 if not event.message or self.imu.message in (None, event.message):
                     self.rejected[event.reason] += 1
             case events.Shed():
-                self.heard_us = event.arrival_us
+                self.last_arrival_us = event.arrival_us
                 self.imu.note_shed(event)
             case events.TrackLost() if event.message == self.imu.message:
                 self.restart()
@@ -200,7 +200,7 @@ class Vehicle:
     def is_left_out(self, now_us: int) -> bool:
         """Whether no sample was taken for long, but some have come."""
         late_us, silence_us = self.imu.late_after_us, self.imu.silence_us(now_us)
-        is_there = now_us - self.heard_us < late_us
+        is_there = now_us - self.last_arrival_us < late_us
         return is_there and late_us <= silence_us < self.imu.lost_after_us
 
     def attitude(self, now_us: int) -> AttitudeRecord | None:

@@ -33,14 +33,14 @@ class VehicleParameters:
         self.is_armed: bool | None = None
         self._mode: int | None = None
         # autopilot, vehicle type, and whether it is armed
-        self._carrier: tuple[int | None, int | None, bool | None] = (None, None, None)
+        self._last_heartbeat: tuple[int | None, int | None, bool | None] = (None, None, None)
         self._compass_offsets: dict[str, float] = {}
         self._filters_hz: dict[str, float] = {}
 
     @property
     def mode(self) -> str:
         """The flight mode's name, empty before it is known."""
-        return "" if self._mode is None else mode_name(*self._carrier[:2], self._mode)
+        return "" if self._mode is None else mode_name(*self._last_heartbeat[:2], self._mode)
 
     def take_mode(self, event: Heartbeat | ModeChange) -> None:
         """Note what an event reports of the flight; most report a part."""
@@ -50,7 +50,7 @@ class VehicleParameters:
             self._mode = event.custom_mode
 
     def take(self, event: Parameter, estimator: Estimator) -> None:
-        """Note compass offsets (all zero: nobody has calibrated it), the trim and filters."""
+        """Note compass offsets (all zero: not calibrated), the trim and filters."""
         if event.name in VIEW_PARAMETERS:
             self.view.take(event.name, event.value)
         elif event.name in (GYRO_FILTER, ACC_FILTER) and event.value > 0.0:
@@ -68,10 +68,10 @@ class VehicleParameters:
         Anything may be done to a vehicle that is not armed.
         """
         self.take_mode(event)
-        carrier = (event.autopilot, event.vehicle_type, event.is_armed)
-        if carrier == self._carrier:
+        heartbeat = (event.autopilot, event.vehicle_type, event.is_armed)
+        if heartbeat == self._last_heartbeat:
             return
-        self._carrier = carrier
+        self._last_heartbeat = heartbeat
         self.view.vehicle_type = event.vehicle_type
         if event.vehicle_type == MAV_TYPE_GROUND_ROVER:
             estimator.set_vehicle_class(VehicleClass.WHEELS)

@@ -9,12 +9,12 @@ from service.vehicle import Vehicle
 
 
 class Load(NamedTuple):
-    """What the loop shows of itself.
+    """The load of the service's loop.
 
     While it ``is_shedding``, only vehicles with a new sample have their attitude published. Right
-    after a stop (``has_just_woken``) nobody can tell yet whose silence is his own. ``overruns`` are
-    late ticks so far, ``dropped`` events and records thrown away, ``lost`` datagrams that the
-    system threw away; ``recording`` is a word on the files that are recorded to.
+    after a stop (``has_just_woken``) it is not known yet which silence is a vehicle's own.
+    ``overruns`` are late ticks so far, ``dropped`` events and records thrown away, ``lost``
+    datagrams that the system threw away; ``recording`` is the state of the recording.
     """
 
     is_shedding: bool = False

@@ -180,7 +180,7 @@ def _base(options: ZenohOptions) -> "zenoh.Config":
 
 
 def _chosen(options: ZenohOptions) -> dict[str, Any]:
-    """The library's settings by key: what was asked for, and our own without a file of them."""
+    """The library's settings by key: those given, and ours if there is no file."""
     default, client = options.config_file is None, options.mode == "client"
     chosen: dict[str, Any] = {}
     if default:
@@ -207,7 +207,7 @@ def _one_line(error: Exception) -> str:
     """Zenoh's message on one line, without the places in its own source code."""
     text = " ".join(str(error).split())
     quoted = re.search(r'Message { msg: "(.*?)(?: at /|", location)', text)
-    if quoted:  # what the JSON5 parser says, in debugging form
+    if quoted:  # the JSON5 parser's message, in debugging form
         text = quoted[1].replace("\\n", " ").replace('\\"', '"')
     elif text.startswith('Str("'):
         text = text.removeprefix('Str("').split('")', 1)[0]

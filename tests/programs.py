@@ -1,4 +1,4 @@
-"""Python programs in processes of their own, which see the packages under test."""
+"""Python programs in processes of their own, and a folder with programs under our names."""
 
 import os
 import subprocess
@@ -7,11 +7,13 @@ from pathlib import Path
 
 import estimator
 
+PACKAGES = ("estimator", "drivers", "service", "tuning", "fuzzbee")
+MODULES = ("numba", "numpy", "llvmlite", "typer", "rich", "msgspec", "zenoh", "sitecustomize")
 ROOT = str(Path(next(iter(estimator.__path__))).parent)
 
 
 def run_python(*command, timeout_s, folder=None, check=True, inherited=os.environ, **environment):
-    """``python *command``, with what its environment is to hold besides, and what came of it."""
+    """Run ``python *command`` with these additions to its environment."""
     path = os.pathsep.join(filter(None, [ROOT, os.environ.get("PYTHONPATH", "")]))
     return subprocess.run(
         [sys.executable, *command],
@@ -22,3 +24,14 @@ def run_python(*command, timeout_s, folder=None, check=True, inherited=os.enviro
         check=check,
         timeout=timeout_s,
     )
+
+
+def set_trap(folder):
+    """Modules named like ours and like libraries; any that runs writes its path to ``sprung``."""
+    spring = f"open({str(folder / 'sprung')!r}, 'a').write(__file__ + '\\n')\n"
+    for package in PACKAGES:
+        (folder / package).mkdir(parents=True)
+        for name in ("__init__", "kernels", "cli"):
+            (folder / package / f"{name}.py").write_text(spring)
+    for module in MODULES:
+        (folder / f"{module}.py").write_text(spring)

@@ -7,11 +7,10 @@ import msgspec
 import numpy as np
 
 from estimator.arrays import Floats
-from estimator.calibration import UNCHANGED, Calibration
+from estimator.calibration import UNCHANGED, Calibration, Mounting
 from estimator.errors import InputError
 from estimator.filter import memberships
 from estimator.geometry.quaternion import rotate
-from estimator.mounting import Mounting
 from estimator.profile import (
     AIDING_DEFAULTS,
     CONDITIONING_DEFAULTS,

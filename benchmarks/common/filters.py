@@ -16,9 +16,6 @@ HALF_ROOT = np.sqrt(0.5)
 # Body axes are forward, right, down; the recordings' forward, left, up.
 FRD_OF_SENSOR = np.array([1.0, -1.0, -1.0])
 GAUSS_PER_MICRO_TESLA = 0.01
-# q -> Q_ENU_NED q Q_FRD_SENSOR is linear: the images of 1, i, j, k as rows.
-Q_ENU_NED, Q_FRD_SENSOR = np.array([0.0, HALF_ROOT, HALF_ROOT, 0.0]), np.array([0.0, 1.0, 0.0, 0.0])
-ENU_SENSOR_OF_NED_FRD = multiply(Q_ENU_NED, multiply(np.eye(4), Q_FRD_SENSOR))
 STANDARD_GRAVITY_M_S2 = 9.80665
 # Of the other filters: the best common settings over the trials this was developed on.
 IMUFUSION = {
@@ -74,7 +71,7 @@ class FuzzbeeRun:
     def advance(self, rows: slice) -> Output:
         found = self._estimate(*(column[rows] for column in self._readings))
         sigma = np.stack([found.sigma_inclination_rad, found.sigma_heading_rad], axis=1)
-        return Output(found.q_ned_frd @ ENU_SENSOR_OF_NED_FRD, np.degrees(sigma))
+        return Output(found.q_enu_flu, np.degrees(sigma))
 
     def turn(self, turn_enu: Array) -> None:
         # only tests do this, so the public class has no name for it

@@ -8,7 +8,6 @@ import numpy as np
 from common.recordings import Array, Trial
 
 Rng = np.random.Generator
-Way = Callable[[Trial, Rng], Iterator[Trial]]
 STARTS, START_S, SETTLE_S, LEAST_SCORED_S = 10, 30.0, 10.0, 3.0
 
 
@@ -103,7 +102,7 @@ def direction(rng: Rng) -> Array:
     return np.asarray(v / np.linalg.norm(v))
 
 
-WAYS: dict[str, Way] = {
+WAYS: dict[str, Callable[[Trial, Rng], Iterator[Trial]]] = {
     "as recorded": as_recorded,
     "from the first movement on": first_movement,
     **{f"{hz} Hz, means": partial(means, rate_hz=hz) for hz in (100, 50, 25, 10)},

@@ -128,7 +128,7 @@ def plane(seed: int, legs: tuple[str, ...] = PLANE_LEGS) -> Vehicle:
 
 
 def _winged_rate(leg: str, roll: float, pitch: float, speed: float) -> Vec3:
-    """The body rate that the leg asks for: a coordinated turn towards its bank and pitch."""
+    """The body rate of the leg: a coordinated turn towards its bank and pitch."""
     if leg == "loop":
         return (0.0, 1.0, 0.0)
     if leg == "roll":

@@ -49,7 +49,7 @@ def main() -> None:
             if wait_s > LATE_S:
                 time.sleep(wait_s)
             sent.extend((vehicle, time.time_ns()))
-            with suppress(ConnectionRefusedError):  # nobody listens any more
+            with suppress(ConnectionRefusedError):  # the listener is gone
                 wire.send(data)
     np.save(out, np.array(sent, np.int64).reshape(-1, 2))
 

@@ -66,7 +66,7 @@ def run(
         fleet = start("fleet.py", *map(str, (*numbers, shape.few, *shape.burst_s)))
         await_word(fleet.stdout, "ready")
         service = begin_service(port, endpoint, shape.publish_hz)
-        # nobody reads it else, and a pipe that is full would stop the service
+        # nothing else reads it, and a pipe that is full would stop the service
         threading.Thread(target=service.stderr.read, daemon=True).start()  # type: ignore[union-attr]
         subscriber = start("subscriber.py", endpoint, str(seen))
         await_word(subscriber.stdout, "ready")

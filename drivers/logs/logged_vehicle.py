@@ -13,7 +13,7 @@ from drivers.samples.imu_stream import Field, RepeatedField, Stamp, finite_or_ze
 from drivers.samples.intake import Intake
 from drivers.samples.navigation import Fix, Source, quaternion_from_euler, unit_or_none
 from drivers.samples.vehicle_clock import BOOT_US, REORDERED_US, TimeField
-from estimator.geometry.frames import ned_frd_from_enu_flu
+from estimator.geometry.frames import swap_ned_enu
 from estimator.reasons import Reason
 from estimator.types import ZERO_VEC3, Vec3
 
@@ -136,7 +136,7 @@ class LoggedVehicle:
         else:
             q = quaternion_from_euler(*numbers)
         if is_enu_flu and q is not None:
-            q = ned_frd_from_enu_flu(q)
+            q = swap_ned_enu(q)
         return self.intake.attitude(name, self._stamp, source, q)
 
     def fix(self, name: str, fix: Fix) -> list[Event]:

@@ -44,16 +44,16 @@ from estimator.types import IDENTITY, NO_SAMPLE, ZERO_VEC3, Quaternion, Sample, 
 BEGIN_VELOCITY_SIGMA_M_S = 1.0
 
 
-class Beginning(NamedTuple):
+class Start(NamedTuple):
     """What is known where the aiding begins, each with its sigma."""
 
     q_ned_frd: Quaternion  # body to NED
-    tilt_sigma_rad: float  # about north and east
     heading_sigma_rad: float  # about down
-    gyr_bias_rad_s: Vec3 = ZERO_VEC3  # FRD
+    tilt_sigma_rad: float = 0.0  # about north and east
     compass_sigma_rad: float = 0.0  # of how the compass is turned in the vehicle
+    turned_by_iron_1_gauss: Vec3 = ZERO_VEC3  # what hard iron (FRD) does to a heading by the field
     hard_iron_sigma_gauss: float = 0.0  # of the vehicle's own field, each axis
-    turned_by_iron_1_gauss: Vec3 = ZERO_VEC3  # what it (FRD) does to a heading by the field
+    gyr_bias_rad_s: Vec3 = ZERO_VEC3  # FRD
     field_lag_s: float = 0.0  # of the magnetometer's readings, and the sigma of that
 
 
@@ -63,7 +63,7 @@ def lag_variance(lag_s: float) -> float:
 
 
 def begin(
-    params: AidingParams, first: Beginning, sample: Sample, report: Report
+    params: AidingParams, first: Start, sample: Sample, report: Report
 ) -> tuple[AidingState, Array, Array]:
     """State, covariance and velocity history at a first velocity report."""
     P = np.zeros((SIZE, SIZE))
@@ -121,7 +121,7 @@ def initial_bias_prior(params: AidingParams) -> BiasPrior:
 
 def blank_aiding(params: AidingParams) -> tuple[AidingState, Array, Array]:
     """The place of state, covariance and velocity history while there is no aiding."""
-    nothing = Beginning(IDENTITY, 0.0, 0.0)
+    nothing = Start(IDENTITY, 0.0)
     state, P, velocity_history = begin(params, nothing, NO_SAMPLE, NO_REPORT)
     return state, np.zeros_like(P), velocity_history
 

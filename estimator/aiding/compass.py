@@ -26,17 +26,17 @@ class Compass(NamedTuple):
     unlike_us: int | None = None  # when its field last did not look like the place's own
     gave_up_us: int | None = None  # when the aiding last gave up
     misled_us: int | None = None  # when it last gave up for the second time in a row
-    contradicted_us: int | None = None  # when velocity alone showed that its heading is wrong
+    contradicted_us: int | None = None  # when velocity itself showed that its heading is wrong
     turned_rad: float = 0.0  # by which it is turned in the vehicle about down, and read so
     confirmed: bool = False  # velocity has shown the heading that it gives, read so
-    contradicted_since_us: int | None = None  # velocity alone shows another heading
+    contradicted_since_us: int | None = None  # velocity itself shows another heading
 
 
 CONTRADICTED = "velocity contradicts the compass"
 NOT_DECLARED = "nobody has declared the compass calibrated"
 
 
-def is_trusted(compass: Compass, time_us: int) -> bool:
+def is_usable(compass: Compass, time_us: int) -> bool:
     """Whether nothing counts against its field at ``time_us``."""
     return not evidence_against(compass, time_us)
 
@@ -84,7 +84,7 @@ def _until_us(then_us: int | None, for_s: float) -> int:
 def is_unknown(compass: Compass, time_us: int) -> bool:
     """Whether nothing is known for or against it, by declaration or by velocity."""
     is_open = compass.declared_calibrated is None and not compass.confirmed
-    return is_open and is_trusted(compass._replace(declared_calibrated=True), time_us)
+    return is_open and is_usable(compass._replace(declared_calibrated=True), time_us)
 
 
 def declare(compass: Compass, is_calibrated: bool) -> Compass:

@@ -5,7 +5,7 @@ of the last second is compared with the reported change of velocity, and the fie
 learnt hard iron with the place's. Neither changes the estimate again. An unsensed turn, a bias that
 steps, a magnet or wrong velocities show here before the covariance grows.
 
-The usual difference, mostly noise and what slow streams miss, is learnt. Only a much larger one
+The mean difference, mostly noise and what slow streams miss, is learnt. Only a much larger one
 inflates the variance.
 """
 
@@ -13,7 +13,7 @@ from math import atan2, hypot
 from math import exp as real_exp
 from typing import NamedTuple
 
-from estimator.aiding.correction_cusum import USUAL_SQUARE
+from estimator.aiding.correction_cusum import MOST_SQUARE
 from estimator.aiding.search import Window, extend_window, open_window
 from estimator.aiding.types import AidingEstimate, AidingParams, AidingState, Report, Sigmas
 from estimator.compilation.compiled import inlined, replacer
@@ -38,7 +38,7 @@ from estimator.geometry.quaternion import (
 )
 from estimator.types import IDENTITY, STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Sample, Vec3
 
-# The share of the square beyond ``REACH`` times the usual difference that inflates the variance:
+# The share of the square beyond ``REACH`` times the mean difference that inflates the variance:
 # an average lags behind an error that grows.
 INFLATION_SHARE = 4.0
 
@@ -56,7 +56,7 @@ class Apart(NamedTuple):
 
     mean_north_rad: float  # averaged turn about north; of the field: about down
     mean_east_rad: float  # about east; of the field: 0
-    usual_square: float  # mean square of that average, rad^2
+    mean_square: float  # mean square of that average, rad^2
 
 
 class Consistency(NamedTuple):
@@ -89,21 +89,21 @@ with_error = replacer(Consistency, "error", "error_rate_1_s")
 
 @inlined
 def average(apart: Apart, north_rad: float, east_rad: float, time_s: float) -> Apart:
-    """One more turn that was asked for, over ``time_s``: a fault is nothing usual."""
+    """Average one more measured turn, over ``time_s``: a fault counts little."""
     share = time_s / (SPAN_S + time_s)
     north = apart.mean_north_rad + share * (north_rad - apart.mean_north_rad)
     east = apart.mean_east_rad + share * (east_rad - apart.mean_east_rad)
-    usual = apart.usual_square
-    square = min(north * north + east * east, USUAL_SQUARE * usual)
-    usual += time_s / (LONG_S + time_s) * (square - usual)
-    return Apart(north, east, usual)
+    mean = apart.mean_square
+    square = min(north * north + east * east, MOST_SQUARE * mean)
+    mean += time_s / (LONG_S + time_s) * (square - mean)
+    return Apart(north, east, mean)
 
 
 @inlined
 def inflation(apart: Apart) -> float:
-    """The mean square (rad^2) that the unusual part adds to the attitude's."""
+    """The mean square (rad^2) that the excess adds to the attitude's."""
     square = apart.mean_north_rad**2 + apart.mean_east_rad**2
-    return INFLATION_SHARE * max(0.0, square - REACH**2 * apart.usual_square)
+    return INFLATION_SHARE * max(0.0, square - REACH**2 * apart.mean_square)
 
 
 @inlined
@@ -129,7 +129,7 @@ def compare_sample(consistency: Consistency, aided: AidingState, sample: Sample)
     force_wait_s = consistency.force_wait_s + dt
     if force_wait_s > ACCELERATION_LASTS_S:
         keep = real_exp(-dt / SPAN_S)
-        tilt = Apart(keep * tilt.mean_north_rad, keep * tilt.mean_east_rad, tilt.usual_square)
+        tilt = Apart(keep * tilt.mean_north_rad, keep * tilt.mean_east_rad, tilt.mean_square)
         force = Direction(force.g, force.ned, 0.0)
     turned_rad = consistency.turned_rad + dt * norm(aided.last.rate_rad_s)
     window = extend_window(consistency.window, force_g, dt)
@@ -194,8 +194,8 @@ def share_of(
     error_m_s, late_s = params.filter_error_m_s, params.imu_lag_s
     swing = norm(subtract(window.force_m_s2, window.first_force_m_s2))
     square = error_m_s**2 + (late_s * swing) ** 2 + (SCALE_ERROR * turned_rad * pushed_m_s) ** 2
-    usual = error_m_s * pushed_m_s / (STANDARD_GRAVITY_M_S2 * time_s)
-    return min(1.0, usual * usual / square)
+    expected = error_m_s * pushed_m_s / (STANDARD_GRAVITY_M_S2 * time_s)
+    return min(1.0, expected * expected / square)
 
 
 @inlined

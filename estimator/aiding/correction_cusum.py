@@ -25,7 +25,7 @@ from estimator.geometry.quaternion import add, rotate, scale, subtract
 from estimator.types import Vec3
 
 # Their sum is within two sigmas of what is expected.
-USUAL_SQUARE = 4.0
+MOST_SQUARE = 4.0
 
 
 class Known(NamedTuple):
@@ -49,17 +49,17 @@ def pass_time(
     P: Array,
     dt: float,
 ) -> CorrectionCusum:
-    """Corrections ``dt`` older. A bias other than usual has turned the attitude, too.
+    """Corrections ``dt`` older. An unexpected bias has turned the attitude, too.
 
-    Such a bias becomes usual with time. One that began less certain than biases are is still being
-    learnt, and becomes usual as far as it is known better than ever before.
+    Such a bias becomes expected with time. One that began with a larger sigma than biases have is
+    still being learnt, and becomes expected as far as it is known better than ever before.
     """
     keep = real_exp(-dt / MEMORY_S)
     variance = P[GYR_BIAS, GYR_BIAS]
     variance += P[GYR_BIAS + 1, GYR_BIAS + 1] + P[GYR_BIAS + 2, GYR_BIAS + 2]
-    usual = 3.0 * params.gyr_bias_sigma**2
-    before = max(usual, correction_cusum.least_variance)
-    least = max(usual, min(variance, before))
+    expected = 3.0 * params.gyr_bias_sigma**2
+    before = max(expected, correction_cusum.least_variance)
+    least = max(expected, min(variance, before))
     bias_prior = least / before
     change = subtract(estimate.gyr_bias_rad_s, correction_cusum.bias_rad_s)
     turned = scale(-dt, rotate(estimate.q_ned_frd, change))
@@ -97,8 +97,8 @@ def with_unexpected_turn(sigma: Sigmas, correction_cusum: CorrectionCusum, P: Ar
     by_bias *= P[GYR_BIAS, GYR_BIAS] + P[GYR_BIAS + 1, GYR_BIAS + 1] + P[GYR_BIAS + 2, GYR_BIAS + 2]
     north, east, down = correction_cusum.turn_rad
     level = north * north + east * east
-    level -= USUAL_SQUARE * (correction_cusum.level + 2.0 * by_bias)
-    heading = down * down - USUAL_SQUARE * (correction_cusum.heading + by_bias)
+    level -= MOST_SQUARE * (correction_cusum.level + 2.0 * by_bias)
+    heading = down * down - MOST_SQUARE * (correction_cusum.heading + by_bias)
     return Sigmas(
         inclination_rad=hypot(sigma.inclination_rad, sqrt(max(0.0, level))),
         heading_rad=hypot(sigma.heading_rad, sqrt(max(0.0, heading))),

@@ -133,8 +133,8 @@ def newest_deviation(velocity_history: Array) -> Vec3:
 
 
 @inlined
-def usual_knock(rough: Roughness) -> float:
-    """Square (m/s^2)^2 beyond which a force off the line is no usual one."""
+def largest_knock(rough: Roughness) -> float:
+    """Square (m/s^2)^2 beyond which a force is too far off the line."""
     return FAR * max(rough.knocked, LEAST_KNOCK_M_S2**2)
 
 
@@ -146,7 +146,7 @@ def add_knock(P: Array, rough: Roughness, off_m_s2: Vec3, dt: float) -> None:
     accelerometer and makes the same error, so its reports prove nothing.
     """
     square = dot(off_m_s2, off_m_s2)
-    beyond = 1.0 - usual_knock(rough) / max(square, TINY)
+    beyond = 1.0 - largest_knock(rough) / max(square, TINY)
     if beyond <= 0.0:
         return
     for i in range(3):
@@ -160,9 +160,9 @@ def add_knock(P: Array, rough: Roughness, off_m_s2: Vec3, dt: float) -> None:
 
 @inlined
 def watch_knocks(rough: Roughness, velocity_history: Array, dt: float) -> Roughness:
-    """The roughness after one more force; an unusual one counts little."""
+    """The roughness after one more force; one that is too far off counts little."""
     off = newest_deviation(velocity_history)
-    square = min(dot(off, off), usual_knock(rough))
+    square = min(dot(off, off), largest_knock(rough))
     return with_knocked(rough, rough.knocked + dt / (USUAL_S + dt) * (square - rough.knocked))
 
 
@@ -262,7 +262,7 @@ def judge_sensor(
 def age_error(
     params: AidingParams, P: Array, first: int, error: Vec3, variance: float, dt: float
 ) -> Vec3:
-    """What is left of a source's slow error, of the usual ``variance``; its covariance in place.
+    """What is left of a source's slow error, of the constant ``variance``; its covariance in place.
 
     It is first-order noise. A large error has jumped, and lasts long: otherwise the attitude would
     have to explain why it stays.

@@ -1,4 +1,4 @@
-"""The attitude from velocity alone, where no field can give the first heading.
+"""The attitude from velocity only, where no field can give the first heading.
 
 The specific force, turned to the gyro-propagated frame G and integrated over a second, is the
 change of velocity minus that by gravity, seen from G. How G is turned against NED is Wahba's

@@ -81,7 +81,7 @@ def heading_sigma(
     """
     scale = scatter_scale(params, agreement)
     if field.samples == 0.0:
-        scale *= params.colour  # by velocity alone
+        scale *= params.colour  # by velocity only
     heading = P[TURN + 2, TURN + 2]
     by_field = min(1.0, heading / max(iron_rad * iron_rad, 1e-12))
     square = scale * scale

@@ -100,7 +100,7 @@ def replacer(kind: type[Value], *names: str) -> Callable[..., Value]:
 
 
 def is_compiled_code() -> bool:
-    """Whether there is any, and not plain Python alone."""
+    """Whether kernels are compiled, and not plain Python."""
     return not _numba_config.DISABLE_JIT
 
 

@@ -55,7 +55,7 @@ class KernelFolder:
 
 
 class KernelLocator:
-    """What numba's cache asks for the place of one function's kernels."""
+    """Gives numba's cache the folder of one function's kernels."""
 
     folder: KernelFolder
 
@@ -65,7 +65,7 @@ class KernelLocator:
 
     @classmethod
     def from_function(cls, function: Callable[..., Any], _file: str) -> Self | None:
-        """The locator of a function of ours; None for anybody else's."""
+        """The locator for one of our functions; None for others."""
         module = function.__module__
         is_ours = module.partition(".")[0] in ("estimator", "drivers", "tuning")
         return cls(module) if is_ours and cls.folder.path is not None else None
@@ -145,7 +145,7 @@ def notify_compiling(notify: Callable[[str], None]) -> None:
 
 
 def notify_programs() -> None:
-    """Write to standard error, for programs other than our command that have not asked."""
+    """Write to standard error, unless the command or a program has asked for the notice."""
     if not _asked:
         notify_compiling(lambda text: print(f"fuzzbee: {text}", file=sys.stderr, flush=True))
 

@@ -1,4 +1,4 @@
-"""Keeps libraries from reading settings in the current folder, which may hold anybody's downloads.
+"""Keeps libraries from reading settings in the current folder, which may hold untrusted downloads.
 
 numba reads ``.numba_config.yaml`` there, matplotlib a ``matplotlibrc``. The package imports this
 module before anything else; it loads next to nothing itself.

@@ -26,10 +26,10 @@ SPAN_S = 1.0
 CONFIRM_S = 4.0
 # Accelerations that the mean force does not average out, and slips of wheels, last for so long, s.
 ACCELERATION_LASTS_S = 3.0
-# What is compared with now, s: accelerations, a wandering field, where gravity and field stood.
+# What is compared with now, s: accelerations, a drifting field, where gravity and field stood.
 LATELY_S = 10.0
 # Means of usual scatter, s: of the size of force and field, of the heading's residual, and of the
-# signs of lasting accelerations.
+# signs of slow accelerations.
 USUAL_S = 20.0
 # Measurements count for so long, s: corrections, what velocities show of the heading, what wheels
 # contradict, that a field is new. Meanwhile G drifts by less than their error.
@@ -52,8 +52,8 @@ class ConditioningParams(NamedTuple):
     use_gravity_filter: bool = True  # low-pass the specific force in G; off: each mean as it is
     use_rest: bool = True  # bias from rest
     use_motion_bias: bool = True  # bias from levelling while moving
-    use_averaging: bool = True  # gravity, for as long as accelerations and turning ask for
-    use_joint_covariance: bool = True  # heading residuals also teach the bias
+    use_averaging: bool = True  # gravity, for as long as accelerations and turning require
+    use_joint_covariance: bool = True  # heading residuals also correct the bias
     use_lag: bool = True  # undo the magnetometer's lag, learnt while turning
     use_field_offset: bool = True  # take off the vehicle's own field, learnt while turning
     use_confidence: bool = True  # off: every field sample counts in full

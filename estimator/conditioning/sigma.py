@@ -21,7 +21,7 @@ from estimator.geometry.quaternion import rotate
 # Variance by a measured mean square: of the inclination by that of the force's relative size, of
 # the heading by that of the field's scatter, and of its norm and dip.
 MEASURED_SQUARE = 2.0
-# What a low-pass leaves of the variance of a mean over a window, or by lasting accelerations.
+# What a low-pass leaves of the variance of a mean over a window, or by slow accelerations.
 LOW_PASS_SHARE = 0.5
 # What the squared angle between the force of a second and the vertical counts: for some seconds
 # nothing shows whether it is an acceleration or an error.
@@ -68,7 +68,7 @@ def sigma_inclination(
     """Angle (rad) that 68 % of the inclination errors lie under.
 
     It adds the sensor's own error, how far the low-passed force differs in size from gravity (an
-    error along the vertical is as large across it), and the larger of two measures of lasting
+    error along the vertical is as large across it), and the larger of two measures of slow
     accelerations and drift: the variance that chose the averaging time, and how far the vertical
     lies off its own longer mean. Slow streams count the variance ``reckoned`` (rad^2) by the
     vertical itself instead; in vehicles half of it counts, and how far the force of the last second
@@ -90,7 +90,7 @@ def sigma_inclination(
 def alternative(vertical: VerticalState, magnetic: MagneticState, events: EventsState) -> float:
     """Variance (rad^2) for another heading that may be the right one.
 
-    Before a field is confirmed that is where it points, or where another lasting one does;
+    Before a field is confirmed that is where it points, or where another constant field does;
     afterwards it is the heading that was given up.
     """
     signs, reference = events.heading, magnetic.reference
@@ -126,16 +126,16 @@ def sigma_heading(
     """
     magnetic, p = field.magnetic, vertical.estimate.covariance[9]
     steep = steepness(magnetic.reference)
-    lasting = MEASURED_SQUARE * events.heading.scatter + alternative(vertical, magnetic, events)
+    constant = MEASURED_SQUARE * events.heading.scatter + alternative(vertical, magnetic, events)
     dt_s = vertical.coefficients.dt_s
     slow = slowness(params, dt_s)
     carried = weighing(params, dt_s) - slow
     tilt_variance = vertical.inflation + carried * LOW_PASS_SHARE * vertical.tilt.variance
     by_tilt = 0.5 * steep * (events.gravity.uneven + tilt_variance)
-    lasting += LEAST_DIRECTION_RAD**2 + by_tilt + events.inflation.variance
+    constant += LEAST_DIRECTION_RAD**2 + by_tilt + events.inflation.variance
     uneven = max(0.0, magnetic.reference.uneven - SCALE_ERROR**2)
     _, own_left = own_field(field.calibration.learnt)
-    lasting += (1.0 + steep) * (MEASURED_SQUARE * uneven + 0.5 * own_left)
+    constant += (1.0 + steep) * (MEASURED_SQUARE * uneven + 0.5 * own_left)
     counts = max(slow, min(1.0, magnetic.wait_s / SPAN_S))
     own = p * (counts + (1.0 - counts) * p / (p + SETTLED_HEADING_RAD**2))
-    return sqrt(own + lasting)
+    return sqrt(own + constant)

@@ -17,14 +17,9 @@ Q_FRD_FLU: Quaternion = (0.0, 1.0, 0.0, 0.0)
 GIMBAL_LOCK_SINE = sin(radians(89.99))
 
 
-def enu_flu_from_ned_frd(q_ned_frd: Quaternion) -> Quaternion:
-    """Attitude as ROS has it: ``q_enu_flu = q_enu_ned q_ned_frd q_frd_flu``."""
-    return normalize(multiply(multiply(Q_ENU_NED, q_ned_frd), Q_FRD_FLU))
-
-
-def ned_frd_from_enu_flu(q_enu_flu: Quaternion) -> Quaternion:
-    """The inverse of :func:`enu_flu_from_ned_frd` (up to the sign of the quaternion)."""
-    return normalize(multiply(multiply(Q_ENU_NED, q_enu_flu), Q_FRD_FLU))
+def swap_ned_enu(q: Quaternion) -> Quaternion:
+    """Attitude as ROS has it, or back: ``q_enu_flu = q_enu_ned q_ned_frd q_frd_flu``."""
+    return normalize(multiply(multiply(Q_ENU_NED, q), Q_FRD_FLU))
 
 
 def flu_from_frd(v_frd: Vec3) -> Vec3:

@@ -82,7 +82,7 @@ def aided_vectors(
 
 @inlined
 def is_worse(state: AidingState, seen: Conditioned) -> bool:
-    """Whether the unaided stage knows the vertical much better: velocity helps no more."""
+    """Whether the unaided stage knows the vertical much better: velocity does not help any more."""
     return state.sigma.inclination_rad > LOST_RAD + 2.0 * seen.sigma_inclination_rad
 
 

@@ -16,13 +16,12 @@ from math import (
     sqrt,
     tan,
 )
-from typing import NamedTuple
 
 import numpy as np
 
 from estimator.aiding import compass
 from estimator.aiding.acceleration_tilt import explains_acceleration
-from estimator.aiding.beginning import Beginning, begin, inflate_covariance, lag_variance
+from estimator.aiding.beginning import Start, begin, inflate_covariance, lag_variance
 from estimator.aiding.consistency import inflated
 from estimator.aiding.course import forward_evidence, level_ahead, tilt_error_rad
 from estimator.aiding.phase import Cause
@@ -53,7 +52,7 @@ from estimator.live.core import Core, flat, square, with_attitude
 from estimator.live.iron import MOUNTED_RAD
 from estimator.live.settings import Settings
 from estimator.live.state import State
-from estimator.types import DOWN, STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Vec3
+from estimator.types import DOWN, STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion
 
 # However small its computed sigma, no heading is better known than this to begin with.
 LEAST_HEADING_SIGMA_RAD = MOUNTED_RAD
@@ -64,7 +63,7 @@ LEAST_BIAS_SIGMA_RAD_S = 0.001
 def begin_aided(state: State, report: Report, *, has_heading: bool) -> None:
     """Velocity starts to help once there is a heading from true north.
 
-    It comes from the field, or from velocity itself where there is no field to be trusted
+    It comes from the field, or from velocity itself where there is no usable field
     or no position that shows true from magnetic north.
     """
     can_compare = has_heading and state.knows_north
@@ -81,11 +80,11 @@ def begin_aided(state: State, report: Report, *, has_heading: bool) -> None:
     set_out(state, start, report, has_heading=has_heading and not is_wrong)
 
 
-def set_out(state: State, start: "Start", report: Report, *, has_heading: bool) -> None:
+def set_out(state: State, start: Start, report: Report, *, has_heading: bool) -> None:
     """Velocity helps from here on."""
     now = state.core.core
     aiding, iron_gauss = state.settings.aiding, iron_sigma_gauss(state, now)
-    if rolls(aiding) and state.trusts_compass:  # iron all around is none that turns along
+    if rolls(aiding) and state.compass_is_usable:  # iron all around is none that turns along
         iron_gauss = aiding.hard_iron_sigma_gauss
     core = begin_aiding(state.settings, now, start, report, iron_gauss)
     if state.context.imu_lag_s is not None:
@@ -98,29 +97,29 @@ def set_out(state: State, start: "Start", report: Report, *, has_heading: bool) 
     state.enter(Cause.BEGIN)
 
 
-def find_start_by_field(state: State) -> "Start | None":
-    """The heading by a field that is trusted and settled, if that is known well enough.
+def find_start_by_field(state: State) -> Start | None:
+    """The heading by a field that is usable and settled, if that is known well enough.
 
     An uncalibrated compass begins it with a heading sigma of ``UNKNOWN_RAD``, so velocity turns the
     heading first. Only velocity makes that sigma smaller.
     """
-    now = state.core.core  # taken out once: that takes longer than all that is asked of it
-    is_trusted = trusts_field(state, now)
-    may_begin = is_trusted or compass.is_unknown(state.context.compass, now.time_us)
+    now = state.core.core  # taken out once: this takes longer than all that follows
+    is_usable = field_is_usable(state, now)
+    may_begin = is_usable or compass.is_unknown(state.context.compass, now.time_us)
     # the unaided vertical goes through its averaging time first
     age_s = now.conditioning.vertical.gravity.force.age_s
     if not may_begin or age_s < state.settings.conditioning.gravity_tau_s:
         return None
     if now.seen.sigma_heading_rad >= UNKNOWN_RAD:
         return None
-    if not is_trusted:
+    if not is_usable:
         start = start_by_field(state.settings, now, state.settings.aiding.hard_iron_sigma_gauss)
-        return start._replace(sigma_heading_rad=UNKNOWN_RAD)
+        return start._replace(heading_sigma_rad=UNKNOWN_RAD)
     start = start_by_field(state.settings, now, iron_sigma_gauss(state, now))
-    return start if start.sigma_heading_rad < most_field_sigma_rad(state.settings, now) else None
+    return start if start.heading_sigma_rad < most_field_sigma_rad(state.settings, now) else None
 
 
-def find_start_by_velocity(state: State, report: Report) -> "Start | None":
+def find_start_by_velocity(state: State, report: Report) -> Start | None:
     """The attitude that the reports show without any field, if its heading is certain enough."""
     if not state.core.search(report):
         return None
@@ -133,20 +132,20 @@ def find_start_by_velocity(state: State, report: Report) -> "Start | None":
     return Start(q, max(of_g.sigma_heading_rad, LEAST_HEADING_SIGMA_RAD))
 
 
-def judge_field(state: State, start: "Start") -> "Start":
+def judge_field(state: State, start: Start) -> Start:
     """Whether the field contradicts a heading by velocity: then its compass is turned.
 
-    One that is trusted is not asked: it draws a heading that is none.
+    A usable compass is not judged: it corrects a relative heading.
     """
     now, known = state.core.core, state.context.compass
-    if compass.is_trusted(known, now.time_us):
+    if compass.is_usable(known, now.time_us):
         return start
     seen, field = now.seen, now.conditioning.field.magnetic.reference
     by_tilt_rad = seen.sigma_inclination_rad * abs(field.down) / max(field.horizontal, TINY)
     field_rad = hypot(max(seen.sigma_heading_rad, LEAST_HEADING_SIGMA_RAD), by_tilt_rad)
     q = align(conditioned_vectors(state.settings.reference, now.seen))
     off_rad = heading_between(q, start.q_ned_frd)
-    sigma_rad = hypot(start.sigma_heading_rad, field_rad)
+    sigma_rad = hypot(start.heading_sigma_rad, field_rad)
     if abs(off_rad) > REACH * sigma_rad:
         state.turn_compass(off_rad)
         return start._replace(compass_sigma_rad=UNKNOWN_RAD)
@@ -172,14 +171,14 @@ def most_field_sigma_rad(settings: Settings, now: Core) -> float:
     return inf if rolls(settings.aiding) else HEADING_REACH_RAD
 
 
-def trusts_field(state: State, now: Core) -> bool:
+def field_is_usable(state: State, now: Core) -> bool:
     """Whether the field may give the first heading: calibrated, and like the place's own."""
     place = state.place_field
     if place is not None:
         learnt = now.conditioning.field.magnetic.reference
         if not compass.resembles(place, learnt.horizontal, learnt.down):
             state.change_context(compass=state.context.compass._replace(unlike_us=now.time_us))
-    return compass.is_trusted(state.context.compass, now.time_us)
+    return compass.is_usable(state.context.compass, now.time_us)
 
 
 def iron_sigma_gauss(state: State, now: Core) -> float:
@@ -192,7 +191,7 @@ def iron_sigma_gauss(state: State, now: Core) -> float:
     aiding, place = state.settings.aiding, state.place_field
     seen, known = now.conditioning.field.magnetic.reference, state.context.compass
     is_right = known.declared_calibrated is not False
-    if not compass.is_trusted(known._replace(declared_calibrated=is_right), now.time_us):
+    if not compass.is_usable(known._replace(declared_calibrated=is_right), now.time_us):
         return max(aiding.hard_iron_sigma_gauss, hypot(seen.horizontal, seen.down))
     if place is None:
         return aiding.hard_iron_sigma_gauss
@@ -229,7 +228,7 @@ def give_up(state: State) -> None:
         return
     if has_lost_down:
         start = start_level(core, sigma.heading_rad)
-        if start.sigma_heading_rad < min(other.heading_rad, UNKNOWN_RAD):
+        if start.heading_sigma_rad < min(other.heading_rad, UNKNOWN_RAD):
             report = NO_REPORT._replace(velocity_ned_m_s=aided.acceleration_tilt.latest_m_s)
             state.enter(Cause.GIVE_UP)
             set_out(state, start, report, has_heading=core.seen.has_heading)
@@ -253,7 +252,7 @@ def unaided_sigma(state: State, now: Core) -> Sigmas:
     """How well the attitude is known without velocity."""
     seen = now.seen
     heading_rad = seen.sigma_heading_rad if seen.has_heading else pi
-    if not state.trusts_compass:
+    if not state.compass_is_usable:
         heading_rad = max(heading_rad, UNKNOWN_RAD)
     return Sigmas(seen.sigma_inclination_rad, heading_rad)
 
@@ -261,16 +260,6 @@ def unaided_sigma(state: State, now: Core) -> Sigmas:
 def is_better(one: Sigmas, other: Sigmas) -> bool:
     """Whether an attitude is known better than another one; one that is no number never is."""
     return hypot(*one) < hypot(*other)
-
-
-class Start(NamedTuple):
-    """Where the aiding begins."""
-
-    q_ned_frd: Quaternion
-    sigma_heading_rad: float
-    sigma_tilt_rad: float = 0.0  # if more than that of the unaided vertical
-    compass_sigma_rad: float = 0.0  # of how the compass is turned in the vehicle
-    turned_by_iron_1_gauss: Vec3 = ZERO_VEC3  # what hard iron (FRD) has turned the heading by
 
 
 def start_by_field(settings: Settings, now: Core, iron_gauss: float) -> Start:
@@ -335,21 +324,17 @@ def begin_aiding(
     """The core with the aiding at its beginning, and the vehicle's own field as uncertain."""
     aiding = settings.aiding
     # either sensor's bias may have tilted the vertical
-    drift_rad_s = start.sigma_tilt_rad / settings.conditioning.gravity_tau_s
-    push_m_s2 = start.sigma_tilt_rad * STANDARD_GRAVITY_M_S2
+    drift_rad_s = start.tilt_sigma_rad / settings.conditioning.gravity_tau_s
+    push_m_s2 = start.tilt_sigma_rad * STANDARD_GRAVITY_M_S2
     aided, covariance, velocity_history = begin(
         aiding._replace(
             gyr_bias_sigma=max(aiding.gyr_bias_sigma, drift_rad_s),
             acc_bias_sigma=max(aiding.acc_bias_sigma, push_m_s2),
         ),
-        Beginning(
-            q_ned_frd=start.q_ned_frd,
-            tilt_sigma_rad=max(core.seen.sigma_inclination_rad, start.sigma_tilt_rad),
-            heading_sigma_rad=start.sigma_heading_rad,
+        start._replace(
+            tilt_sigma_rad=max(core.seen.sigma_inclination_rad, start.tilt_sigma_rad),
             gyr_bias_rad_s=core.seen.bias_rad_s,
-            compass_sigma_rad=start.compass_sigma_rad,
             hard_iron_sigma_gauss=iron_gauss,
-            turned_by_iron_1_gauss=start.turned_by_iron_1_gauss,
             field_lag_s=settings.conditioning.field_lag_sigma_s,
         ),
         core.sample,

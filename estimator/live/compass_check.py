@@ -1,4 +1,4 @@
-"""Whether velocity alone contradicts the compass, and how the compass is mounted.
+"""Whether velocity contradicts the compass, and how the compass is mounted.
 
 The search for an attitude by velocity (:mod:`estimator.aiding.search`) goes on beside the aided
 estimate and never uses the field. It is compared with the aided heading, which velocity may have
@@ -19,6 +19,7 @@ from math import atan2, cos, hypot, sin
 import numpy as np
 
 from estimator.aiding import compass
+from estimator.aiding.beginning import Start
 from estimator.aiding.compass import Compass
 from estimator.aiding.phase import Cause, Phase
 from estimator.aiding.search import UNKNOWN_RAD, Solution, solve
@@ -33,7 +34,6 @@ from estimator.conditioning.vertical.rate import slow_share
 from estimator.geometry.quaternion import angle_between_vectors, multiply, norm, rotate
 from estimator.live.aiding_span import (
     LEAST_HEADING_SIGMA_RAD,
-    Start,
     bias_sigma_rad_s,
     heading_between,
     iron_sigma_gauss,
@@ -47,7 +47,7 @@ from estimator.live.state import State
 
 
 def check_compass(state: State, report: Report) -> None:
-    """Compare the compass with velocity alone, and act if they contradict."""
+    """Compare the compass with the heading by velocity, and act if they contradict."""
     if state.context.phase is not Phase.AIDED:
         return
     now = state.core.core
@@ -97,7 +97,7 @@ def least_s(now: Core, known: Compass, *, is_aided_off: bool) -> float:
 def compass_turn(state: State, now: Core, found: Solution) -> tuple[float, float]:
     """By how much (rad, about down) the field of the last second is off north, and its sigma.
 
-    Seen by velocity alone: the aiding may have taken for iron what a turned compass does.
+    This uses velocity only: the aiding may have learnt a turned compass as iron.
     """
     north, field = state.settings.reference.magnetic_ned, now.conditioning.field.magnetic.reference
     F = rotate(found.q_ned_g, now.conditioning.events.jump.slow)
@@ -159,6 +159,6 @@ def dip_error_rad(settings: Settings, core: Core) -> float:
     dip = np.arctan2(*horizontal_down(place_gauss)[::-1])
     dip += apart - angle_between_vectors(force.ned, place_gauss)
     as_read = core.aided.field._replace(look=FieldLook(n * cos(dip), n * sin(dip), 0.0))
-    usual = np.zeros((SIZE, SIZE))
-    usual[HARD_IRON, HARD_IRON] = params.hard_iron_sigma_gauss**2
-    return with_dip_error(params, CERTAIN, as_read, place_gauss, usual).inclination_rad
+    calibrated = np.zeros((SIZE, SIZE))
+    calibrated[HARD_IRON, HARD_IRON] = params.hard_iron_sigma_gauss**2
+    return with_dip_error(params, CERTAIN, as_read, place_gauss, calibrated).inclination_rad

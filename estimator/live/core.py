@@ -36,14 +36,14 @@ class Core(NamedTuple):
     """All that the compiled steps change."""
 
     time_us: int  # of the last sample, on the vehicle's clock
-    usual_s: float  # the interval that samples usually come at; 0 before the second one
+    interval_s: float  # mean interval of the samples; 0 before the second one
     sample: Sample  # the last one
     filter: FilterState  # the paper's: attitude, bias, e, gain
     smooth_error: float  # e averaged over a second while the vectors are raw, otherwise e
     pull: Pull  # of raw vectors on the heading; as it was before, while they are conditioned
     conditioning: ConditioningState  # as it was before, while the vectors are raw
     seen: Conditioned  # of the last sample; blank while the vectors are raw
-    search: Search  # for an attitude from velocity alone; empty while velocity helps
+    search: Search  # for an attitude from velocity only; empty while velocity helps
     aided: AidingState  # blank while velocity does not help
     consistency: Consistency  # of measurements and aided attitude; blank without velocity
     covariance: Any  # of the aiding's errors: (SIZE, SIZE), in a snapshot row by row
@@ -53,13 +53,13 @@ class Core(NamedTuple):
     reports: Any  # velocities that the samples have not reached: (N, REPORT_SIZE), or row by row
 
 
-@lru_cache(maxsize=16)  # which newcomers begin with
+@lru_cache(maxsize=16)  # that new vehicles begin with
 def initial_core(settings: Settings) -> Core:
     """Before the first sample."""
     aided, covariance, velocity_history = _blank(settings.aiding)
     return Core(
         time_us=0,
-        usual_s=0.0,
+        interval_s=0.0,
         sample=NO_SAMPLE,
         filter=initial_state(),
         smooth_error=0.0,

@@ -83,8 +83,8 @@ class Holder:
         return self._status()[0]
 
     @property
-    def usual_s(self) -> float:
-        """The interval that samples usually come at."""
+    def interval_s(self) -> float:
+        """Mean interval of the samples."""
         return self._status()[1]
 
     @property

@@ -76,5 +76,5 @@ def largest_eigenvalue(diagonal: Vec3, beside: Vec3) -> float:
 
 @inlined
 def with_iron(heading_rad: float, unshown_rad: float) -> float:
-    """A heading's sigma with what iron may do: no more than ``UNKNOWN_RAD`` for it alone."""
+    """A heading's sigma with the effect of iron, which adds at most ``UNKNOWN_RAD``."""
     return min(pi, hypot(heading_rad, unshown_rad), max(heading_rad, UNKNOWN_RAD))

@@ -23,7 +23,7 @@ from estimator.compilation.compiled import Function, compiled, entry_point
 from estimator.live import turning
 from estimator.live.core import Core, in_arrays, initial_core
 from estimator.live.published import NOTHING_PUBLISHED, Published, write
-from estimator.live.refusal import fault_of, is_gap, usual_interval
+from estimator.live.refusal import fault_of, is_gap, mean_interval
 from estimator.live.rows import NO_OUTPUT, NO_REPORT_ROWS, NO_ROWS, Rows, reading_of
 from estimator.live.settings import Settings, settings_of
 from estimator.live.step import (
@@ -113,7 +113,7 @@ def contents(handle: Any) -> Core:
     """Take the core out; the covariance is a copy."""
     return Core(
         time_us=handle.time_us,
-        usual_s=handle.usual_s,
+        interval_s=handle.interval_s,
         sample=handle.sample,
         filter=handle.filter,
         smooth_error=handle.smooth_error,
@@ -133,13 +133,13 @@ def contents(handle: Any) -> Core:
 
 @takes_handle()
 def status(handle: Any) -> tuple[int, float, int, turning.Axes, turning.Axes]:
-    """Time (us) of the last sample, the usual interval (s), and others' rates in use.
+    """Time (us) of the last sample, the mean interval (s), and others' rates in use.
 
     That is how many steps were integrated through those rates, the gyroscope's axes that they
     replace, and the axes that field and force contradict.
     """
     used, replaced = handle.turning.used, handle.turning.stands_in
-    return handle.time_us, handle.usual_s, used, replaced, contradicted_axes(handle)
+    return handle.time_us, handle.interval_s, used, replaced, contradicted_axes(handle)
 
 
 @takes_handle(*SAMPLE, WHOLE, WHOLE, WHOLE)
@@ -181,7 +181,7 @@ def advance(
         between = NOTHING_BETWEEN
         if now.takes_rates and turning.has_rates(handle.turning, handle.rates):
             between, gyr = turn_to(handle, time_us, gyr)
-        if now.watches_gaps and not between.given and is_gap(handle.usual_s, dt_s):
+        if now.watches_gaps and not between.given and is_gap(handle.interval_s, dt_s):
             is_aided, end = False, GAP
         has_mag = has_mag and time_us >= now.used_from_us
         c, s = now.turned_back  # as a compass reads it that is not turned about the body's down
@@ -190,7 +190,7 @@ def advance(
         sample = Sample(
             gyr_rad_s=gyr, acc_m_s2=acc, mag=mag, has_mag=has_mag, dt_s=dt_s, between=between
         )
-        handle.usual_s = usual_interval(handle.usual_s, dt_s)
+        handle.interval_s = mean_interval(handle.interval_s, dt_s)
         end |= step(handle, sample, time_us, is_aided)
         published = published_by(handle, time_us, is_aided)
         if behind > 0:

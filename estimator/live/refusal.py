@@ -60,9 +60,9 @@ def sample_in_floats(sample: ImuSample) -> ImuSample:
 
 # Of a new interval in the mean, which so goes back over about ten samples.
 SHARE = 0.1
-# One gap is no new rate: an interval counts up to this many usual ones.
-MOST_USUAL = 2.0
-# After so many usual intervals without a sample something is missing.
+# One gap is no new rate: an interval counts up to this many mean ones.
+MOST_INTERVALS = 2.0
+# After so many mean intervals without a sample something is missing.
 GAP_INTERVALS = 3.0
 # The readings at both ends of a fast stream's hole show how the vehicle turned, and velocity
 # corrects the rest within a second, as long as the attitude is not lost.
@@ -70,15 +70,15 @@ LONGEST_GAP_S = SPAN_S + UNKNOWN_RAD / HOLE_RAD_S
 
 
 @inlined
-def usual_interval(usual_s: float, dt_s: float) -> float:
-    """The usual interval after one more; 0 means none before."""
-    if usual_s <= 0.0:
+def mean_interval(interval_s: float, dt_s: float) -> float:
+    """The mean interval after one more; 0 means none before."""
+    if interval_s <= 0.0:
         return dt_s
-    return usual_s + (min(dt_s, MOST_USUAL * usual_s) - usual_s) * SHARE
+    return interval_s + (min(dt_s, MOST_INTERVALS * interval_s) - interval_s) * SHARE
 
 
 @inlined
-def is_gap(usual_s: float, dt_s: float) -> bool:
-    """Whether the vehicle has been out of sight for longer than the estimate goes on through."""
-    longest_s = LONGEST_GAP_S if usual_s < FAST_STEP_S else SPAN_S
-    return dt_s > longest_s and dt_s > GAP_INTERVALS * usual_s
+def is_gap(interval_s: float, dt_s: float) -> bool:
+    """Whether the interval is too long for the estimate to continue through it."""
+    longest_s = LONGEST_GAP_S if interval_s < FAST_STEP_S else SPAN_S
+    return dt_s > longest_s and dt_s > GAP_INTERVALS * interval_s

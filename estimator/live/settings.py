@@ -111,7 +111,7 @@ def _aiding(profile: Profile, vehicle_class: VehicleClass) -> AidingParams:
     return aiding
 
 
-@lru_cache(maxsize=16)  # of newcomers nearly all have the same
+@lru_cache(maxsize=16)  # nearly all new vehicles have the same
 def _initial_attitude(start: Any) -> Quaternion | None:
     if start == "align":
         return None

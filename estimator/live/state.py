@@ -83,7 +83,7 @@ class State:
         self.set_context(self.context._replace(**changes))  # type: ignore[arg-type]
 
     def set_context(self, context: Context) -> None:
-        """Replace the context, and derive what each sample asks of it."""
+        """Replace the context, and derive what each sample needs from it."""
         self.context = context
         self.source = SOURCE[context.phase]
         is_of_profile = (context.phase is Phase.RAW) != self.settings.conditioned
@@ -100,7 +100,7 @@ class State:
 
     @property
     def situation(self) -> Situation:
-        """What the steps ask of the context."""
+        """The part of the context that the steps need."""
         now, known, settings = self.context, self.context.compass, self.settings
         is_aided = self.source == AIDED
         is_raw = now.phase is Phase.RAW  # vectors as the sensors show them
@@ -200,17 +200,17 @@ class State:
             self.set_core(with_attitude(now, q))
 
     @property
-    def trusts_compass(self) -> bool:
+    def compass_is_usable(self) -> bool:
         """Whether there is no evidence against the compass now."""
         known = self.context.compass
-        return compass.is_trusted(known, self.core.time_us)
+        return compass.is_usable(known, self.core.time_us)
 
     @property
     def unshown_iron_rad(self) -> float:
         """See :func:`estimator.live.iron.unshown_iron`; 0 for raw vectors."""
         memory, settings = self.core.core.conditioning, self.settings
         if not settings.conditioned:
-            return 0.0 if self.trusts_compass else UNKNOWN_RAD
+            return 0.0 if self.compass_is_usable else UNKNOWN_RAD
         place_gauss = settings.reference.place_gauss
         standing = standing_at(self.situation, self.core.time_us)
         return unshown_iron(settings.conditioning, memory, place_gauss, standing)

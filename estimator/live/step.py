@@ -45,7 +45,7 @@ FIRST_HEADING = 8  # it has given the first heading
 GAP = 16  # it came so late that it was taken without velocity
 REPORT = 32  # a velocity belongs to it that nothing has begun with yet
 LOST = 64  # the aided attitude is not credible
-SHOWN = 128  # velocity alone may have shown the attitude anew
+SHOWN = 128  # the search by velocity may have found the attitude
 SHOWN_LATE = 256  # likewise a report behind it
 NOT_FINITE_NOW = 512  # it has left no finite attitude
 
@@ -59,7 +59,7 @@ AIDED = 2
 
 
 class Situation(NamedTuple):
-    """What the steps ask of the context, see :mod:`estimator.live.core`."""
+    """The part of the context that the steps need, see :mod:`estimator.live.core`."""
 
     source: int = RAW
     standing: int = VOUCHED  # of the compass, see :mod:`estimator.live.iron`
@@ -214,7 +214,7 @@ def take_report_row(handle: Any, row: Floats) -> bool:
 def take_late(handle: Any, report: Report) -> bool:
     """A report that belongs to the last sample, and comes behind it.
 
-    Returns whether velocity alone may have shown the attitude anew.
+    Returns whether the search by velocity may have found the attitude.
     """
     aided, covariance = take_late_report(
         handle.params.aiding,
@@ -258,7 +258,7 @@ def search_on(handle: Any, memory: ConditioningState, acc: Vec3, dt_s: float) ->
 
 @inlined
 def search_by(handle: Any, report: Report) -> bool:
-    """Take a report for the attitude by velocity alone; whether it may have shown that."""
+    """Take a report for the attitude by velocity only; whether it may have shown that."""
     found, last = handle.search, handle.sample
     q_g_frd = handle.conditioning.vertical.gravity.q_g_frd
     if not found.window.is_open:  # the force was not followed until now

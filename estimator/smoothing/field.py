@@ -71,7 +71,7 @@ def usable_fields(recording: Recording) -> Bools:
         seen = rotate(recording.forward.q_ned_frd[at[part]], mag)
         off[part] = np.arctan2(seen[:, 1], seen[:, 0])
     off -= np.median(off)
-    usual_s = 1e-6 * float(np.median(np.diff(rows.times_us[at])))
-    count = max(1, round(2.0 * CONFIRM_S / usual_s))
+    median_s = 1e-6 * float(np.median(np.diff(rows.times_us[at])))
+    count = max(1, round(2.0 * CONFIRM_S / median_s))
     counts[at] = np.abs(running_mean(wrap(off), count)) <= MOST_DISTORTION
     return counts

@@ -61,7 +61,7 @@ def turn_north(
     x, weight, by_scale = solve(z, r, q, turned(windows, path, vertical), HEADING_REACH_RAD)
     tilt_variance = 0.5 * steepness(field.reference) * vertical.variance
     variance = variances(r * weight, q) + by_scale
-    variance += lasting(seen, known, field.reference, tilt_variance)
+    variance += constant_error(seen, known, field.reference, tilt_variance)
     variance += (1.0 + steepness(field.reference)) * field.own_variance
     heading = windows.at(path.time_s, x) + field.declination_rad
     q_ned_frd = multiply(about_down(heading), vertical.q_6d_frd)
@@ -155,8 +155,10 @@ def informed(r: Floats, q: Floats) -> Floats:
     return information
 
 
-def lasting(seen: Floats, known: Bools, reference: FieldReference, tilt_variance: Floats) -> Floats:
-    """Variance (W,) of lasting errors, by how far norm and dip are off, and by a tilted vertical.
+def constant_error(
+    seen: Floats, known: Bools, reference: FieldReference, tilt_variance: Floats
+) -> Floats:
+    """Variance (W,) of constant errors, by how far norm and dip are off, and by a tilted vertical.
 
     What turns the field up or stretches it also turns it sideways, see conditioning/sigma.
     """

@@ -1,4 +1,4 @@
-"""The attitude that the gyroscope alone gives, in a frame that stands still but for its errors."""
+"""The attitude by the gyroscope only, in a frame that stands still except for its errors."""
 
 from typing import NamedTuple
 

@@ -78,7 +78,7 @@ class MavlinkSink:
         self._appears_as = appears_as
         self._shown: VehicleId | None = None  # the vehicle that appears so
         self._senders: dict[int, Sender] = {}
-        self._failures: list[str] = []  # that nobody has been shown
+        self._failures: list[str] = []  # not reported yet
         self._connection = Connection(endpoint, report=self._failures.append)
         self._connection.open()
 

@@ -106,7 +106,7 @@ class MetricsSink:
         self._door.close()
 
     def _respond(self, _target: str, headers: Mapping[str, str]) -> Answer:
-        """All metrics, in the format that the scraper asks for."""
+        """All metrics, in the format that the scraper accepts."""
         from prometheus_client.exposition import choose_encoder
 
         encode, kind = choose_encoder(headers.get("Accept", ""))

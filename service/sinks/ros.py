@@ -10,8 +10,7 @@ knows them.
 
 import hashlib
 import re
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from struct import Struct
 from typing import TYPE_CHECKING, Any
@@ -51,17 +50,10 @@ class RosSink:
 
     name = "ros"
 
-    def __init__(
-        self,
-        session: "zenoh.Session",
-        prefix: str,
-        domain: int = 0,
-        unix_us: Callable[[], int] = lambda: time.time_ns() // 1000,
-    ) -> None:
+    def __init__(self, session: "zenoh.Session", prefix: str, domain: int = 0) -> None:
         self._session = session
         self._prefix = prefix
         self._domain = domain
-        self._unix_us = unix_us  # a status carries no time of its own
         self._publishers: dict[str, Publisher] = {}  # by topic
         self._declared = 0  # so far: entities are numbered
         self._node: Any = session.liveliness().declare_token(self._token("NN", 0))
@@ -73,7 +65,7 @@ class RosSink:
                 case Published(vehicle=vehicle, record=AttitudeRecord() as record):
                     self._put_attitude(vehicle, record, output.sample)
                 case Published(vehicle=vehicle, record=StatusRecord() as status):
-                    now_us = self._unix_us()
+                    now_us = output.time_unix_us
                     message = ros.diagnostics_message(status, now_us, _hardware(vehicle))
                     publisher = self._publisher(ros.DIAGNOSTICS_TOPIC, ros.DIAGNOSTICS_TYPE)
                     publisher.put(message, now_us)

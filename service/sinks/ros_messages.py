@@ -10,7 +10,7 @@ tf2_msgs, diagnostic_msgs. A type's hash is that of REP 2016, the same in Humble
 from math import log, radians, sqrt
 from struct import calcsize, pack
 
-from estimator.geometry.frames import enu_flu_from_ned_frd, flu_from_frd
+from estimator.geometry.frames import flu_from_frd, swap_ned_enu
 from estimator.types import ZERO_VEC3, Vec3
 from service.records import AttitudeRecord, State, StatusRecord
 
@@ -69,7 +69,7 @@ def imu_message(record: AttitudeRecord, acc_frd_m_s2: Vec3 | None, frame_id: str
     ``acc_frd_m_s2`` is the specific force, which ROS calls linear acceleration
     (at rest it points up); without it the message is marked so.
     """
-    w, x, y, z = enu_flu_from_ned_frd(record.q_ned_frd)
+    w, x, y, z = swap_ned_enu(record.q_ned_frd)
     out = CdrWriter()
     out.put_stamp(record.time_unix_us)
     out.put_text(frame_id)
@@ -103,7 +103,7 @@ NO_PLACE = (0.0, 0.0, 0.0)
 
 def tf_message(record: AttitudeRecord, child: str) -> bytes:
     """One transform, from ``child`` (forward, left, up) to the world; the place stays zero."""
-    w, x, y, z = enu_flu_from_ned_frd(record.q_ned_frd)
+    w, x, y, z = swap_ned_enu(record.q_ned_frd)
     out = CdrWriter()
     out.put("I", 1)
     out.put_stamp(record.time_unix_us)

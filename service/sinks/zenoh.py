@@ -181,7 +181,7 @@ def _json_object(payload: bytes) -> dict[str, Any]:
 class TogetherSink:
     """Publishes the newest attitude of each vehicle on ``{prefix}/attitudes``, once a period.
 
-    The session is somebody else's.
+    The caller owns the session.
     """
 
     name = "together"

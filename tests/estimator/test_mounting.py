@@ -11,11 +11,11 @@ from drivers.mavlink.constants import mavlink
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.framing import FrameReader
 from drivers.simulation.simulated_vehicle import SimulatedVehicle
+from estimator.calibration import Mounting
 from estimator.errors import InputError
 from estimator.geometry.frames import from_euler_rad
 from estimator.geometry.metrics import angle_errors
 from estimator.geometry.quaternion import conjugate, rotate, scale
-from estimator.mounting import Mounting
 from estimator.profile import load_profile, merge_profile, parse_profile, profile_to_toml
 from estimator.types import ImuSample
 from fuzzbee.replays.trace import Replay

@@ -7,8 +7,7 @@ import pytest
 
 from drivers.mavlink.signing import state_path
 from estimator.compilation.kernel_folder import user_cache
-from tests.programs import ROOT, run_python
-from tests.traps import set_trap
+from tests.programs import ROOT, run_python, set_trap
 
 # what the installed command runs: its own folder is the first place to look for modules
 SCRIPT = "import sys\nfrom fuzzbee.cli import entry_point\nsys.exit(entry_point())\n"

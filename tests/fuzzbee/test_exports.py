@@ -10,7 +10,7 @@ import pytest
 
 from drivers.logs import table
 from drivers.mavlink.framing import frame_end
-from estimator.geometry.frames import enu_flu_from_ned_frd
+from estimator.geometry.frames import swap_ned_enu
 from fuzzbee.replays.exports import ATTITUDE_COLUMNS, COLUMNS
 from fuzzbee.replays.simulation import COLUMNS as SIMULATION_COLUMNS
 
@@ -74,7 +74,7 @@ def test_trajectories_turn_as_the_errors_say(replayed, tmp_path):
         error = 2 * np.degrees(np.arccos(min(1.0, abs(np.dot(ours[t], (w, x, y, z))))))
         assert error == pytest.approx(float(row["error_total_deg"]), abs=0.01)
     q = tuple(float(rows[-1][f"q_{axis}"]) for axis in "wxyz")
-    assert abs(np.dot(ours[lines[-1][0]], enu_flu_from_ned_frd(q))) == pytest.approx(1.0, abs=1e-8)
+    assert abs(np.dot(ours[lines[-1][0]], swap_ned_enu(q))) == pytest.approx(1.0, abs=1e-8)
 
 
 def read_mcap(path):

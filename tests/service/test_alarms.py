@@ -37,12 +37,12 @@ KNOWN = {"place_field": HERE, "dip_error_rad": 0.0, "contradicted_axes": (False,
          "compass_fault": "", "compass_off_rad": 0.0}  # fmt: skip
 
 
-def lines(alarms, half, acc=(0.0, 0.0, -9.8), mag=FIELD, host_s=None, **claims):
+def lines(alarms, half, acc=(0.0, 0.0, -9.8), mag=FIELD, host_s=None, **given):
     """Have a sample looked at after so many half seconds."""
-    estimator = SimpleNamespace(**{name: claims.pop(name, KNOWN[name]) for name in KNOWN})
+    estimator = SimpleNamespace(**{name: given.pop(name, KNOWN[name]) for name in KNOWN})
     sample = ImuSample(half * 500_000, (0.0, 0.0, 0.0), acc, mag, has_mag=True)
     arrival_us = START_US + round(1e6 * (half / 2 if host_s is None else host_s))
-    return alarms.look(sample, arrival_us, attitude(**claims), estimator)
+    return alarms.look(sample, arrival_us, attitude(**given), estimator)
 
 
 def looked(alarms, half, **given):
@@ -101,7 +101,7 @@ FIELD_WRONG, TOO_SURE = {Alarm.FIELD_IMPOSSIBLE}, {Alarm.SIGMA_TOO_SMALL}
         (30, {"mag": (0.1, 0.19, 0.428)}, FIELD_WRONG),  # 62 deg off the heading
         (30, {"mag": (0.21, 0.05, 0.428)}, set()),
         (30, {"mag": (-0.218, 0.0, 0.428), "place": None}, set()),  # nobody knows where north is
-        (30, {"mag": (-0.218, 0.0, 0.428), "heading_deg": 45.0}, set()),  # claims nothing
+        (30, {"mag": (-0.218, 0.0, 0.428), "heading_deg": 45.0}, set()),  # unknown
         (40, {"acc": (0.0, -4.0, -9.0)}, TOO_SURE),  # 24 deg
         (40, {"acc": (0.0, -4.0, -9.0), "sigma_deg": 6.0}, set()),
         (40, {"acc": (0.0, -2.0, -9.6)}, set()),  # a turning plane

@@ -4,14 +4,14 @@ import sys
 import pytest
 
 from estimator.compilation.compiled import is_compiled_code
-from service.process import MANY_OBJECTS, SWITCH_INTERVAL_S, steady
+from service.process import MANY_OBJECTS, SWITCH_INTERVAL_S, gc_settings
 from tests.programs import run_python
 
 
 def test_the_process_is_as_before_afterwards():
     interval_s, frozen = sys.getswitchinterval(), gc.get_freeze_count()
     thresholds = gc.get_threshold()
-    with steady():
+    with gc_settings():
         assert abs(sys.getswitchinterval() - SWITCH_INTERVAL_S) < 1e-6
         assert gc.get_freeze_count() > 1000
         assert gc.get_threshold() == (MANY_OBJECTS, *thresholds[1:])
@@ -21,7 +21,7 @@ def test_the_process_is_as_before_afterwards():
 
 
 def test_what_newcomers_bring_is_left_alone_too_once_a_second():
-    with steady() as add:
+    with gc_settings() as add:
         add(0, 10.0)
         before = gc.get_freeze_count()
         brought = [[] for _ in range(1000)]

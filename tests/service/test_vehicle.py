@@ -230,7 +230,7 @@ def test_a_heartbeat_shows_what_carries_the_imu(vehicle):
         vehicle.take(Heartbeat(ONE, START_US + 5, 12, vehicle_type, is_armed))
     wheels, anything = VehicleClass.WHEELS, VehicleClass.ANYTHING
     assert vehicle.estimator.calls == [wheels, wheels, VehicleClass.VEHICLE, anything, anything]
-    assert vehicle.heard_us == START_US + 5
+    assert vehicle.last_arrival_us == START_US + 5
 
 
 def test_ardupilots_rovers_filter_at_4_and_10_hz_unless_a_parameter_differs(vehicle):

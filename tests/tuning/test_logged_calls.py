@@ -20,7 +20,7 @@ ASKED = {
     "rates",
     "settings",
     "snapshot",
-    "trusts_compass",
+    "compass_is_usable",
     "unshown_iron_rad",
 }
 # They call what is logged, or are logged by whoever keeps segments: a profile ends one.

@@ -324,7 +324,7 @@ def learn_declination(P: Array, x: Array, E: Vec3, north: Vec2, wait: float) -> 
 
 @inlined
 def unexplained(params: AidingParams, off_rad: float, expected: float) -> float:
-    """Variance (rad^2) of a lasting angle that neither the covariance nor the noise explains.
+    """Variance (rad^2) of a constant angle that neither the covariance nor the noise explains.
 
     The low-pass of ``off_rad``, with T, leaves n / (2 T) of white noise of the density n.
     """

@@ -42,7 +42,7 @@ class FieldReference(NamedTuple):
 
     horizontal: float = 0.0  # in the field's own unit
     down: float = 0.0  # in the field's own unit
-    samples: float = 0.0  # how many have taught it
+    samples: float = 0.0  # how many were learnt from
     age_s: float = 0.0  # the time that they stand for
     confirmed_s: float = 0.0  # for how long the field has looked so, less the time it has not
     other: AlternativeField = AlternativeField()  # another one that it may have
@@ -101,7 +101,7 @@ def look_at_field(
     """
     h = before.horizontal + share * (seen[0] - before.horizontal)
     v = before.down + share * (seen[1] - before.down)
-    if norm_of(expected) == 0.0:  # readings of nothing have taught it: nothing resembles it
+    if norm_of(expected) == 0.0:  # learnt from zero readings: nothing resembles it
         return FieldLook(h, v, 0.0)
     off_norm, off_dip = deviation((h, v), expected)
     square = (off_norm * (1.0 / norm_scale)) ** 2 + (off_dip * (1.0 / dip_scale)) ** 2
@@ -112,7 +112,7 @@ def look_at_field(
 def observe_field(
     params: ConditioningParams, state: MagneticState, field_6d: Vec3, dt_s: float, settled: float
 ) -> MagneticState:
-    """Confidence of the field in the level frame, and what it teaches the reference.
+    """Confidence of the field in the level frame, and what the reference learns from it.
 
     The reference follows with the weight c dt/tau, during the first tau as a running mean, so that
     a magnet that passes later teaches it nothing. Samples count little in that mean while the

@@ -1,4 +1,4 @@
-"""A learning step of the field wing: what a mean reading teaches of field, calibration, heading."""
+"""A learning step of field, calibration and heading from mean readings."""
 
 from math import atan2, cos, pi, sin
 from typing import NamedTuple
@@ -108,7 +108,7 @@ class MagnetometerState(NamedTuple):
 
 
 class FieldStep(NamedTuple):
-    """What a learning step has taught the field wing, and what it shows the events."""
+    """The field's state after a learning step, and what it shows to the events."""
 
     state: MagnetometerState
     estimate: Estimate  # of bias and heading, after the field

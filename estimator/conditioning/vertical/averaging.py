@@ -22,8 +22,8 @@ WINDOW_S = 0.25
 OCTAVES = ceil(log2(LONG_S / WINDOW_S))
 # The low-pass's time constant, over the length of the windows whose means are as good.
 TAU_SHARE = 0.27
-# After so many windows an octave counts as much as the one below. Their usual ratio is that of
-# white accelerations up to the usual window, and of a steady turn beyond.
+# After so many windows an octave counts as much as the one below. Their expected ratio is that of
+# white accelerations up to the profile's window, and of a steady turn beyond.
 PRIOR_WINDOWS = 0.5
 PRIOR_SLOPE = sqrt(0.5)
 # Largest error of a gyroscope as a share of a turn (cheap ones: 5 to 10 %), of what it shows about
@@ -57,7 +57,7 @@ class Averaging(NamedTuple):
     time_s: float = 0.0  # so far of it
     factor: float = 1.0  # of ``gravity_tau_s``
     variance: float = LEAST_VARIANCE  # of the mean force's direction, rad^2
-    share: float = 0.0  # of it where the field is levelled: the more, the worse the usual time is
+    share: float = 0.0  # of it where the field is levelled; large if the profile's time is bad
 
 
 class Likely(NamedTuple):
@@ -65,10 +65,10 @@ class Likely(NamedTuple):
 
     apart: float  # as of an :class:`Octave`
     turning: float  # likewise
-    lasting: float  # what of ``apart`` accelerations have done
+    accelerated: float  # the part of ``apart`` that accelerations have caused
 
 
-NOTHING_SEEN = Likely(apart=LEAST_VARIANCE, turning=0.0, lasting=0.0)
+NOTHING_SEEN = Likely(apart=LEAST_VARIANCE, turning=0.0, accelerated=0.0)
 
 with_window = replacer(Averaging, "force", "turn", "time_s")
 with_result = replacer(Averaging, "factor", "variance", "share")
@@ -91,7 +91,7 @@ def put(octaves: Octaves, k: int, new: Octave) -> Octaves:
 
 
 @inlined
-def is_usual(params: ConditioningParams, k: int) -> bool:
+def is_within_tau(params: ConditioningParams, k: int) -> bool:
     """Whether an octave's windows are no longer than those that ``gravity_tau_s`` stands for."""
     return TAU_SHARE * WINDOW_S * (1 << k) <= params.gravity_tau_s
 
@@ -132,7 +132,7 @@ def likely_octave(
     """
     length_s = WINDOW_S * (1 << k)
     pairs = pairs_seen(state.windows, state.moved_s, k)
-    slope = PRIOR_SLOPE if is_usual(params, k) else 1.0 / PRIOR_SLOPE
+    slope = PRIOR_SLOPE if is_within_tau(params, k) else 1.0 / PRIOR_SLOPE
     octave = state.octaves[k]
     weight = pairs + PRIOR_WINDOWS
     apart = (pairs * octave.apart + PRIOR_WINDOWS * slope * below.apart) / weight
@@ -147,24 +147,24 @@ def best_window(
 ) -> tuple[float, float, float]:
     """The length (s) of the windows whose mean is nearest to gravity, and its variance (rad^2).
 
-    The third value is the variance for the usual time. All lengths count, by the inverse square of
-    their variance.
+    The third value is the variance for the profile's time. All lengths count, by the inverse square
+    of their variance.
     """
-    lasting, likely = 0.0, NOTHING_SEEN
+    accelerated, likely = 0.0, NOTHING_SEEN
     for k in range(OCTAVES):
         likely = likely_octave(params, state, bias_variance, k, likely)
-        lasting += likely.lasting
-    weights, octave, variance, usual, likely = 0.0, 0.0, 0.0, 0.0, NOTHING_SEEN
+        accelerated += likely.accelerated
+    weights, octave, variance, own, likely = 0.0, 0.0, 0.0, 0.0, NOTHING_SEEN
     for k in range(OCTAVES):
         likely = likely_octave(params, state, bias_variance, k, likely)
-        lasting -= likely.lasting
-        off = 0.5 * (likely.apart + max(0.0, lasting))
-        usual = off if is_usual(params, k) else usual
+        accelerated -= likely.accelerated
+        off = 0.5 * (likely.apart + max(0.0, accelerated))
+        own = off if is_within_tau(params, k) else own
         weight = 1.0 / (off + LEAST_VARIANCE) ** 2
         weights += weight
         octave += weight * k
         variance += weight * off
-    return WINDOW_S * 2.0 ** (octave / weights), variance / weights, usual
+    return WINDOW_S * 2.0 ** (octave / weights), variance / weights, own
 
 
 @inlined
@@ -184,8 +184,8 @@ def follow_averaging(
     windows, moved_s = state.windows + 1, min(state.moved_s + time_s, LONG_S)
     octaves = take_window(state.octaves, scale(1.0 / time_s, force), turn, windows, moved_s)
     now = Averaging(octaves, windows, moved_s, ZERO_VEC3, ZERO_VEC3, 0.0, 1.0, 0.0, 0.0)
-    length_s, variance, usual = best_window(params, now, bias_variance)
-    ratio = (variance + LEAST_VARIANCE) / (usual + LEAST_VARIANCE)
+    length_s, variance, own = best_window(params, now, bias_variance)
+    ratio = (variance + LEAST_VARIANCE) / (own + LEAST_VARIANCE)
     share = max(0.0, 1.0 - ratio * ratio) if params.use_averaging else 0.0
     factor = max(TAU_SHARE * length_s, WINDOW_S) / params.gravity_tau_s
     return with_result(now, factor if params.use_averaging else 1.0, variance, share)
@@ -193,7 +193,7 @@ def follow_averaging(
 
 @inlined
 def averaging_at_rest(params: ConditioningParams, state: Averaging, dt_s: float) -> Averaging:
-    """At rest nothing accelerates: the usual time is enough, and errors go as new force comes."""
+    """Nothing accelerates at rest: the profile's time is enough, and new force removes errors."""
     factor = min(state.factor, 1.0)
     share = min(1.0, dt_s / (factor * params.gravity_tau_s))
     return with_result(state, factor, (1.0 - share) * state.variance, state.share)

@@ -167,8 +167,8 @@ def learn_at_rest(
     """
     g = subtract(rest.gyr.value, still.turning)
     b, d, p = estimate
-    lasting = params.rest_time_s / k.dt_s
-    level = k.rest_noise + still.level_variance * lasting
+    steps = params.rest_time_s / k.dt_s
+    level = k.rest_noise + still.level_variance * steps
     off = subtract(g, b)
     squared = 0.5 * (dot(off, axes.north) ** 2 + dot(off, axes.east) ** 2)
     if squared > FAR * params.bias_initial_sigma_rad_s**2:
@@ -176,7 +176,7 @@ def learn_at_rest(
         p = (p00 + squared, p01, p02, p03, p11 + squared, p12, p13, p22 + squared, p23, p33)
     b, d, p = update(b, d, p, axes.north, 0.0, dot(axes.north, subtract(g, b)), level)
     b, d, p = update(b, d, p, axes.east, 0.0, dot(axes.east, subtract(g, b)), level)
-    noise = k.rest_noise + still.down_variance * lasting
+    noise = k.rest_noise + still.down_variance * steps
     b, d, p = update(b, d, p, axes.down, 0.0, dot(axes.down, subtract(g, b)), noise)
     return Estimate(clip_each(b, MOST_BIAS_RAD_S, estimate.bias_rad_s), d, p)
 

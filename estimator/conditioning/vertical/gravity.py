@@ -30,7 +30,7 @@ class Force(NamedTuple):
     """Minus the specific force, seen in G: gravity, once accelerations have averaged out."""
 
     down: Smooth = Smooth()  # low-passed over ``gravity_tau_s``, m/s^2
-    best: Smooth = Smooth()  # low-passed for as long as accelerations and turning ask for, m/s^2
+    best: Smooth = Smooth()  # low-passed for as long as accelerations and turning require, m/s^2
     quick: Vec3 = ZERO_VEC3  # followed faster, m/s^2
     long: Vec3 = ZERO_VEC3  # mean of ``best`` over several time constants of ``down``, m/s^2
     age_s: float = 0.0  # since the low-pass began
@@ -95,18 +95,18 @@ def long_share(k: Coefficients, age_s: float) -> float:
 
 @inlined
 def age_after_hole(
-    state: GravityState, share: float, slow: float, dt: float, usual_s: float
+    state: GravityState, share: float, slow: float, dt: float, interval_s: float
 ) -> GravityState:
     """What a hole in a fast stream leaves of the vertical's age.
 
-    The first reading behind the hole, worth ``usual_s``, has made up ``share`` of the vertical, so
-    the next ones count by that share, and not as little as after seconds of averaging.
+    The first reading behind the hole, worth ``interval_s``, has made up ``share`` of the vertical.
+    So the next ones count by that share, and not as little as after seconds of averaging.
     """
-    is_fast = 0.0 < usual_s < FAST_STEP_S
+    is_fast = 0.0 < interval_s < FAST_STEP_S
     if slow <= 0.0 or dt <= SPAN_S or not is_fast:
         return state
     before_s = state.force.age_s
-    age_s = min(before_s, usual_s / max(share, usual_s / before_s))
+    age_s = min(before_s, interval_s / max(share, interval_s / before_s))
     return with_force(state, with_age(state.force, age_s))
 
 

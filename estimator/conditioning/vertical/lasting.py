@@ -7,7 +7,7 @@ a, limits it from above and, if G drifts too much, from below. Shaking changes t
 reading to the next. No vehicle accelerates up or down for long, so along the vertical the mean
 force is gravity: if it is less, the vertical is wrong by an angle of that cosine.
 
-The vehicle's usual tilt helps if the gyroscope has shown nothing of a step. A vehicle that is
+The vehicle's mean tilt helps if the gyroscope has shown nothing of a step. A vehicle that is
 shaken faster than it is sampled turns by any angle between two samples and stays about where it
 was. Then the mean force, seen from the body, shows its tilt better than the latest one. Tilting and
 shaking both scatter the force's direction; shaking also scatters its size, along gravity as much as
@@ -32,11 +32,11 @@ MOST_APART_RAD = 1.0
 
 
 class SlowAcceleration(NamedTuple):
-    """What betrays accelerations that last; mean squares over ``USUAL_S``."""
+    """What shows accelerations that last; mean squares over ``USUAL_S``."""
 
     apart: float = PRIOR_VARIANCE  # angle between the force of a second and its long mean, rad^2
     lag: float = 0.0  # variance of the long mean by the drift of G, now, rad^2
-    drift: float = 0.0  # and usually, rad^2
+    drift: float = 0.0  # and its mean, rad^2
     excess: float = 0.0  # by which the force's square exceeds that of gravity, as a share of it
     long: Vec3 = ZERO_VEC3  # long mean of the force (minus it, in G), m/s^2
     along: float = 1.0  # mean force along the vertical over ``LATELY_S``, as a share of gravity
@@ -101,7 +101,7 @@ def watch_slow(
     )
 
 
-class Usual(NamedTuple):
+class LostSteps(NamedTuple):
     """Statistics of the steps that have lost the vertical, each weighted by how far."""
 
     down: Vec3 = ZERO_VEC3  # minus the mean force of ``LATELY_S``, m/s^2, FRD
@@ -113,35 +113,35 @@ class Usual(NamedTuple):
 
 
 @inlined
-def watch_usual(usual: Usual, force: Vec3, lost: float, dt_s: float) -> Usual:
+def add_lost_step(known: LostSteps, force: Vec3, lost: float, dt_s: float) -> LostSteps:
     """Add a step's mean ``force`` (FRD); it has ``lost`` a share of the vertical, 0 to 1."""
     down = (-force[0], -force[1], -force[2])
     off = 0.0
-    if square(usual.down) * square(down) > 0.0:
-        off = min(angle_between_vectors(usual.down, down) ** 2, MOST_APART_RAD**2)
+    if square(known.down) * square(down) > 0.0:
+        off = min(angle_between_vectors(known.down, down) ** 2, MOST_APART_RAD**2)
     size = norm(force) / STANDARD_GRAVITY_M_S2 - 1.0
     shaken = 2.0 * size * size
-    proof = lost * off / (off + shaken) if off > 0.0 else 0.0  # thrust changes its size alone
-    seen_s = min(usual.seen_s + dt_s, LATELY_S)
+    proof = lost * off / (off + shaken) if off > 0.0 else 0.0  # thrust changes only its size
+    seen_s = min(known.seen_s + dt_s, LATELY_S)
     keep = LONG_S / (LONG_S + dt_s)
-    return Usual(
-        down=approach(usual.down, down, dt_s / seen_s),
+    return LostSteps(
+        down=approach(known.down, down, dt_s / seen_s),
         seen_s=seen_s,
-        steps=keep * usual.steps + lost,
-        proofs=keep * usual.proofs + proof,
-        tilted=keep * usual.tilted + lost * (off - shaken),
-        shaken=keep * usual.shaken + lost * shaken,
+        steps=keep * known.steps + lost,
+        proofs=keep * known.proofs + proof,
+        tilted=keep * known.tilted + lost * (off - shaken),
+        shaken=keep * known.shaken + lost * shaken,
     )
 
 
 @inlined
-def usual_variance(usual: Usual, lasting: float, dt_s: float) -> float:
-    """Variance (rad^2) of the vertical about the usual one, which is unknown before any step.
+def mean_tilt_variance(known: LostSteps, slow_square: float, dt_s: float) -> float:
+    """Variance (rad^2) of the vertical about the mean one, which is unknown before any step.
 
-    A tilt that shows as an acceleration in G, of the variance ``lasting``, counts, too.
+    A tilt that shows as an acceleration in G, of the variance ``slow_square``, counts, too.
     """
-    prior = ANY_DIRECTION_VARIANCE / (1.0 + usual.proofs)
-    tilted = prior + max(0.0, usual.tilted) / (1.0 + usual.steps) + lasting
-    shaken = usual.shaken / (1.0 + usual.steps)
-    of_mean = (tilted + shaken) * min(1.0, dt_s / max(usual.seen_s, dt_s))
+    prior = ANY_DIRECTION_VARIANCE / (1.0 + known.proofs)
+    tilted = prior + max(0.0, known.tilted) / (1.0 + known.steps) + slow_square
+    shaken = known.shaken / (1.0 + known.steps)
+    of_mean = (tilted + shaken) * min(1.0, dt_s / max(known.seen_s, dt_s))
     return min(tilted + of_mean, ANY_DIRECTION_VARIANCE)

@@ -1,4 +1,4 @@
-"""A learning step of the vertical wing: what mean gyroscope and accelerometer readings teach."""
+"""A learning step of the vertical and the bias from mean gyroscope and accelerometer readings."""
 
 from typing import NamedTuple
 
@@ -25,13 +25,13 @@ from estimator.conditioning.vertical.gravity import (
     with_force,
 )
 from estimator.conditioning.vertical.lasting import (
+    LostSteps,
     SlowAcceleration,
-    Usual,
+    add_lost_step,
     least_variance,
+    mean_tilt_variance,
     slow_variance,
-    usual_variance,
     watch_slow,
-    watch_usual,
 )
 from estimator.conditioning.vertical.lowpass import Coefficients, Smooth, approach, coefficients
 from estimator.conditioning.vertical.rate import Clipping, aliased_turn, with_aliasing
@@ -46,10 +46,10 @@ from estimator.conditioning.vertical.tilt import (
     UNKNOWN,
     StepNoise,
     TiltState,
-    believe_force,
     force_after_turn,
     slowness,
     step_noise,
+    update_tilt,
     weighing,
     with_drift,
     with_known,
@@ -67,17 +67,17 @@ class VerticalState(NamedTuple):
     averaging: Averaging = Averaging()  # of gravity
     gravity: GravityState = GravityState()  # frame G, and down in it
     tilt: TiltState = TiltState()  # how well down is known
-    lasting: SlowAcceleration = SlowAcceleration()  # accelerations of a slow stream that last
+    slow: SlowAcceleration = SlowAcceleration()  # accelerations of a slow stream that last
     inflation: float = 0.0  # its variance by an unsensed turn, until the force shows, rad^2
     rest: RestState = RestState()  # whether the vehicle rests
     still: Stillness = Stillness()  # whether gravity and field confirm that
-    usual: Usual = Usual()  # how a slow stream's vehicle is usually tilted
+    lost: LostSteps = LostSteps()  # how a slow stream's vehicle is tilted on average
     lagged: Lagged = Lagged()  # what bias learning in motion compares with
     coefficients: Coefficients = Coefficients()  # for the last step's length
 
 
 class VerticalStep(NamedTuple):
-    """What a learning step has taught the vertical wing, and what it shows the other two."""
+    """The vertical's state after a learning step, and what it shows to field and events."""
 
     state: VerticalState
     rate: Vec3  # mean, less the bias as it was before, rad/s, FRD
@@ -85,7 +85,7 @@ class VerticalStep(NamedTuple):
     clipped: float  # part of it that was beyond the gyroscope's end, rad^2
 
 
-class Belief(NamedTuple):
+class ForceWeight(NamedTuple):
     """What a step's specific force counts for."""
 
     tilt: TiltState  # after the step
@@ -95,7 +95,7 @@ class Belief(NamedTuple):
 
 
 with_turn = replacer(VerticalState, "gravity", "clipping")
-with_usual = replacer(VerticalState, "gravity", "usual")
+with_lost_steps = replacer(VerticalState, "gravity", "lost")
 with_first = replacer(VerticalState, "rest", "tilt")
 with_seen = replacer(TiltState, "scatter", "gyr", "force")
 with_resting = replacer(RestState, "resting")
@@ -124,8 +124,8 @@ def learn_vertical(
     """
     dt = mean.time_s
     k = before.coefficients
-    usual_s = k.dt_s
-    if dt != usual_s or before.averaging.factor != k.factor:
+    interval_s = k.dt_s
+    if dt != interval_s or before.averaging.factor != k.factor:
         k = coefficients(params, dt, before.averaging.factor)
     rest = observe_rest(params, k.rest, before.rest, mean.gyr, mean.acc, dt)
     shown = subtract(rest.gyr.value, before.estimate.bias_rad_s)
@@ -135,41 +135,41 @@ def learn_vertical(
     rate = subtract(mean.gyr, before.estimate.bias_rad_s)
     down = rotate_inverse(before.gravity.q_g_frd, down_of(before.gravity.q_6d_g))
     p = before.estimate.covariance
-    # a slow stream's rates are of whole mrad/s, so that rest teaches no more than motion
+    # a slow stream's rates are of whole mrad/s, so rest shows no more than motion
     unknown = max((p[0] + p[4] + p[7]) / 3.0, params.bias_motion_sigma_rad_s**2)
     drifted = with_drift(before.tilt, before.tilt.drift + unknown * dt)
-    noise = step_noise(params, drifted, mean.gyr, rate, down, dt, usual_s, between)
+    noise = step_noise(params, drifted, mean.gyr, rate, down, dt, interval_s, between)
     clipped = aliased_turn(before.clipping, down)
-    before, most = hold_by_usual(params, before, mean, noise.tilt)
-    belief = weigh_force(params, k, before, mean, noise, clipped[0], force_scatter, most)
-    share, slow, weighed = belief.share, slowness(params, dt), weighing(params, dt)
-    gravity = observe_gravity(params, k, before.gravity, mean.gravity_g, share, belief.weighed)
-    gravity = age_after_hole(gravity, share, slow, dt, usual_s)
+    before, most = hold_by_mean_tilt(params, before, mean, noise.tilt)
+    weight = weigh_force(params, k, before, mean, noise, clipped[0], force_scatter, most)
+    share, slow, weighed = weight.share, slowness(params, dt), weighing(params, dt)
+    gravity = observe_gravity(params, k, before.gravity, mean.gravity_g, share, weight.weighed)
+    gravity = age_after_hole(gravity, share, slow, dt, interval_s)
     gravity, step = level(gravity)
     age_s = gravity.force.age_s
     axes = axes_of(multiply(gravity.q_6d_g, gravity.q_g_frd))
     yaw_noise = slow * noise.yaw_noise + clipped[1]
     estimate = predict(params, k, before.estimate, axes.down, dot(rate, rate), yaw_noise)
     b = estimate.bias_rad_s
-    lagged = lag(params, k, before.lagged, axes, b, age_s, share, belief.weighed)
+    lagged = lag(params, k, before.lagged, axes, b, age_s, share, weight.weighed)
     was_known = before.gravity.force.age_s > params.gravity_tau_s
     if rest.resting and params.use_rest:
         estimate = learn_at_rest(params, k, estimate, axes, rest, still)
     if params.use_motion_bias and was_known:
         # of the vertical's own variance: what a step of that share moves by
-        unseen = max(slow * noise.tilt, weighed * share * belief.tilt.variance) / dt**2
+        unseen = max(slow * noise.tilt, weighed * share * weight.tilt.variance) / dt**2
         estimate = learn_in_motion(params, k, estimate, lagged, step, unseen)
     state = VerticalState(
         estimate=estimate,
         clipping=with_aliasing(before.clipping, ZERO_VEC3),
         averaging=learn_averaging(params, before, gravity, rest, mean, rate),
         gravity=gravity,
-        tilt=belief.tilt,
-        lasting=follow_slow(params, before, gravity, mean.gravity_g, noise.tilt, k),
-        inflation=belief.inflation,
+        tilt=weight.tilt,
+        slow=follow_slow(params, before, gravity, mean.gravity_g, noise.tilt, k),
+        inflation=weight.inflation,
         rest=rest,
         still=still,
-        usual=before.usual,
+        lost=before.lost,
         lagged=lagged,
         coefficients=k,
     )
@@ -178,26 +178,26 @@ def learn_vertical(
 
 
 @inlined
-def hold_by_usual(
+def hold_by_mean_tilt(
     params: ConditioningParams, before: VerticalState, mean: Gathered, aliasing: float
 ) -> tuple[VerticalState, float]:
-    """A slow step's vertical with what it has lost taken from the usual one, and its variance now.
+    """A slow step's vertical with what it has lost taken from the mean one, and its variance now.
 
-    The step has missed a turn of the variance ``aliasing``. Nothing is less certain than the usual
+    The step has missed a turn of the variance ``aliasing``. Nothing is less certain than the mean
     vertical; both are in rad^2.
     """
-    dt, usual, gravity, force = mean.time_s, before.usual, before.gravity, before.gravity.force
+    dt, steps, gravity, force = mean.time_s, before.lost, before.gravity, before.gravity.force
     slow = slowness(params, dt)
     if slow <= 0.0:
         return before, ANY_DIRECTION_VARIANCE
-    most = usual_variance(usual, slow_variance(before.lasting), dt)
+    most = mean_tilt_variance(steps, slow_variance(before.slow), dt)
     lost = slow * max(0.0, 1.0 - most / (before.tilt.variance + aliasing))
-    if usual.seen_s > 0.0:
-        g = rotate(gravity.q_g_frd, usual.down)
+    if steps.seen_s > 0.0:
+        g = rotate(gravity.q_g_frd, steps.down)
         down = Smooth(approach(force.down.value, g, lost), ZERO_VEC3)
         best = Smooth(approach(force.best.value, g, lost), ZERO_VEC3)
         gravity = with_force(gravity, Force(down, best, force.quick, force.long, force.age_s))
-    return with_usual(before, gravity, watch_usual(usual, mean.acc, lost, dt)), most
+    return with_lost_steps(before, gravity, add_lost_step(steps, mean.acc, lost, dt)), most
 
 
 @inlined
@@ -210,7 +210,7 @@ def weigh_force(
     clipped: float,
     force_scatter: float,
     most: float,
-) -> Belief:
+) -> ForceWeight:
     """How much the step's mean force counts, against what was known of the vertical.
 
     ``clipped`` (rad^2) is the variance of a turn beyond the gyroscope's end. After that, or after a
@@ -223,21 +223,23 @@ def weigh_force(
     down_g, age_s = before.gravity.force.down.value, before.gravity.force.age_s + dt
     warm_up = dt / age_s if age_s <= params.gravity_tau_s else 0.0
     resting = before.rest.resting
-    lasting = 0.0 if resting else weighed * slow_variance(before.lasting)
-    least = 0.0 if resting else least_variance(before.lasting)
+    slow_square = 0.0 if resting else weighed * slow_variance(before.slow)
+    least = 0.0 if resting else least_variance(before.slow)
     scatter = before.tilt.scatter
     if resting:  # shaking has ended: a reading is off by no more than its own error
-        share = before.usual.proofs / (1.0 + before.usual.proofs)
+        share = before.lost.proofs / (1.0 + before.lost.proofs)
         scatter += share * (min(scatter, 4.0 * LEAST_OFF_RAD**2) - scatter)
     variance = max(before.tilt.variance, least) + weighed * inflation + noise.tilt
     known = with_known(before.tilt, min(variance, most), scatter)
-    tilt, share = believe_force(params, known, noise, down_g, mean.gravity_g, dt, lasting, warm_up)
+    tilt, share = update_tilt(
+        params, known, noise, down_g, mean.gravity_g, dt, slow_square, warm_up
+    )
     inflation *= 1.0 - weighed
     if inflation > 0.0:
         inflation, anew = force_after_turn(params, inflation, force_scatter, dt)
         if anew > max(warm_up, k.gravity_share, weighed * share):
-            return Belief(tilt, inflation, anew, 1.0)
-    return Belief(tilt, inflation, share, weighed)
+            return ForceWeight(tilt, inflation, anew, 1.0)
+    return ForceWeight(tilt, inflation, share, weighed)
 
 
 @inlined
@@ -249,12 +251,12 @@ def follow_slow(
     aliasing: float,
     k: Coefficients,
 ) -> SlowAcceleration:
-    """What betrays accelerations that last after a step; a rest shows nothing of them."""
+    """What shows accelerations that last after a step; a rest shows nothing of them."""
     if weighing(params, k.dt_s) == 0.0 or before.rest.resting:
-        return before.lasting
+        return before.slow
     f, down_g = now.force, before.gravity.force.down.value
     share = long_share(k, f.age_s)
-    return watch_slow(before.lasting, u, f.quick, down_g, share, aliasing, k.dt_s)
+    return watch_slow(before.slow, u, f.quick, down_g, share, aliasing, k.dt_s)
 
 
 @inlined

@@ -52,7 +52,7 @@ class TiltState(NamedTuple):
     gyr: Vec3 = ZERO_VEC3  # mean rate of the last step, rad/s, FRD
     change: Vec3 = ZERO_VEC3  # by which it differed from that of the step before
     changed: float = 0.0  # mean square of that
-    force: float = 0.0  # usual size of the specific force, m/s^2
+    force: float = 0.0  # mean size of the specific force, m/s^2
     drift: float = 0.0  # covariance of its error and the gyroscope's bias about an axis, rad^2/s
     aliasing: float = 0.0  # variance of the turn about horizontal axes that the last step missed
 
@@ -148,14 +148,14 @@ def step_noise(
 
 
 @inlined
-def believe_force(
+def update_tilt(
     params: ConditioningParams,
     state: TiltState,
     noise: StepNoise,
     down_g: Vec3,
     u: Vec3,
     dt_s: float,
-    lasting: float,
+    slow_square: float,
     least_share: float,
 ) -> tuple[TiltState, float]:
     """The variance after a step with the force ``u`` (minus it, in G), and the force's share.
@@ -163,16 +163,16 @@ def believe_force(
     A scalar Kalman filter, whose P has grown by the step: K = P/(P + R), P <- (1 - K)^2 P + K^2 R.
     R is the scatter of the force's direction, its mean square learnt from the innovations by
     expectation (R/(P + R))^2 v^2 + P R/(P + R), more for a force of unusual size, times 2 T/dt as
-    accelerations last for T. Longer ones add ``lasting`` (rad^2). The share is at least
+    accelerations last for T. Longer ones add ``slow_square`` (rad^2). The share is at least
     ``least_share``.
     """
     p = state.variance
     size = norm(u)
-    usual = state.force
-    unusual = size / usual - 1.0 if usual > 0.0 else 0.0
+    mean = state.force
+    unusual = size / mean - 1.0 if mean > 0.0 else 0.0
     r = state.scatter + (params.force_size_noise * unusual) ** 2
     brief = r * max(1.0, 2.0 * params.force_lasts_s / dt_s)
-    white = brief + lasting * max(1.0, 2.0 * ACCELERATION_LASTS_S / dt_s)
+    white = brief + slow_square * max(1.0, 2.0 * ACCELERATION_LASTS_S / dt_s)
     share = max(least_share, p / (p + white))
     off = apart_rad(down_g, u)
     of_force = r / (p + r)
@@ -190,7 +190,7 @@ def believe_force(
             gyr=noise.gyr,
             change=noise.change,
             changed=state.changed + c * (noise.changed - state.changed),
-            force=usual + b * (size - usual),
+            force=mean + b * (size - mean),
             drift=(1.0 - share) * noise.drift,
             aliasing=noise.tilt,
         ),

@@ -7,7 +7,7 @@ from math import cos, degrees, sin
 import numpy as np
 import pytest
 
-from estimator.aiding.compass import is_trusted
+from estimator.aiding.compass import is_usable
 from estimator.aiding.phase import Phase
 from estimator.geometry.earth import field_at
 from estimator.geometry.metrics import batch_angle_errors, rms
@@ -67,9 +67,9 @@ def test_what_was_concluded_from_a_wrong_place_is_taken_back(place, late_deg):
     def look(k):
         placing(one, (0, GUINEA), (20, place))(k)
         if k == 19 * SECOND:
-            seen["before"] = is_trusted(one.snapshot.context.compass, one.snapshot.core.time_us)
+            seen["before"] = is_usable(one.snapshot.context.compass, one.snapshot.core.time_us)
         if k == 21 * SECOND:
-            seen["after"] = is_trusted(one.snapshot.context.compass, one.snapshot.core.time_us)
+            seen["after"] = is_usable(one.snapshot.context.compass, one.snapshot.core.time_us)
 
     late = errors_deg(flight, flown(one, flight, after=look), 35.0)
     same = errors_deg(flight, flown(right, flight, after=placing(right, (0, place))), 35.0)

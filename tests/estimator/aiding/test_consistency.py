@@ -5,7 +5,7 @@ from math import degrees, radians, sin
 import numpy as np
 import pytest
 
-from estimator.aiding.beginning import Beginning, begin
+from estimator.aiding.beginning import Start, begin
 from estimator.aiding.consistency import NEW_CONSISTENCY, compare, compare_report, inflated, watch
 from estimator.aiding.types import NO_REPORT, AidingParams, Report, Sigmas
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
@@ -27,7 +27,7 @@ PUSHED_M_S2 = 2.0
 
 def aided(q_ned_frd):
     """An aiding that knows everything but, perhaps, the attitude."""
-    state, _, _ = begin(AidingParams(), Beginning(q_ned_frd, 0.0, 0.0), NO_SAMPLE, NO_REPORT)
+    state, _, _ = begin(AidingParams(), Start(q_ned_frd, 0.0), NO_SAMPLE, NO_REPORT)
     estimate = state.estimate._replace(
         hard_iron_gauss=IRON_GAUSS,
         earth_gauss=EARTH_GAUSS,
@@ -91,7 +91,7 @@ def test_a_turned_attitude_is_inflated_by_as_much(receiver, turn_deg, measured_e
 def test_noise_of_reports_inflates_nothing():
     """0.1 m/s makes 0.8 deg of a second of gravity: usual, after a minute."""
     consistency = watched(aided(TRUTH), seconds=60.0, noise_m_s=0.1)
-    assert degrees(consistency.tilt.usual_square**0.5) == pytest.approx(0.5, rel=0.2)
+    assert degrees(consistency.tilt.mean_square**0.5) == pytest.approx(0.5, rel=0.2)
     assert inflated(SIGMAS, consistency).inclination_rad == pytest.approx(SIGMAS.inclination_rad)
     assert consistency.error > 1e-6
 
@@ -121,7 +121,7 @@ def test_what_is_usual_is_learnt_slowly():
     """A fault of 10 deg for 12 s is not usual: it counts for twice what was so before."""
     wrong = multiply(exp((radians(10.0), 0.0, 0.0)), TRUTH)
     consistency = watched(aided(wrong))
-    assert consistency.tilt.usual_square**0.5 == pytest.approx(LEAST_OFF_RAD * 1.15, rel=0.1)
+    assert consistency.tilt.mean_square**0.5 == pytest.approx(LEAST_OFF_RAD * 1.15, rel=0.1)
 
 
 def test_a_step_of_the_gyroscopes_bias_widens_sigma():

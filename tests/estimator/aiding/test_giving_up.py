@@ -126,7 +126,7 @@ def test_the_heading_is_known_the_less_the_further_the_vertical_was_off(off_deg)
         truth = multiply(conjugate(exp((radians(off_deg), 0.0, down))), q)
         level = shortest_rotation(rotate(q, rotate_inverse(truth, DOWN)), DOWN)
         left = angle_errors(multiply(level, q), truth).heading_rad
-        within += left < start.sigma_heading_rad
+        within += left < start.heading_sigma_rad
     assert within / 4000 == pytest.approx(0.68, abs=0.03)
 
 

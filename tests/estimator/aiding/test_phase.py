@@ -8,6 +8,7 @@ from estimator.aiding.search import EMPTY_SEARCH
 from estimator.conditioning.params import LONG_S
 from estimator.geometry.quaternion import exp, rotate
 from estimator.live.core import UNSEEN, flat
+from estimator.live.refusal import is_gap, mean_interval
 from estimator.live.rows import TIME
 from estimator.live.settings import settings_of
 from estimator.profile import load_profile, merge_profile
@@ -217,3 +218,27 @@ def test_a_search_begins_with_the_force_of_the_sample_that_its_first_report_come
     assert now.search.window.force_m_s2 == pytest.approx(force, abs=1e-12)
     passed_s = now.search.window.time_s - then.search.window.time_s
     assert passed_s == pytest.approx(10 / SECOND, abs=1e-9)
+
+
+def mean_step_s(steps_s):
+    value = 0.0
+    for dt_s in steps_s:
+        value = mean_interval(value, dt_s)
+    return value
+
+
+@pytest.mark.parametrize(
+    ("step_s", "longest_s"), [(0.02, 3.618), (0.25, 1.0), (0.5, 1.5), (1.0, 3.0), (2.0, 6.0)]
+)
+def test_a_gap_is_three_mean_intervals_and_a_second_at_least(step_s, longest_s):
+    steady = mean_step_s([step_s] * 50)
+    assert not is_gap(steady, longest_s - 0.01)
+    assert is_gap(steady, longest_s + 0.01)
+
+
+def test_one_gap_makes_no_slow_stream():
+    assert mean_step_s([0.02] * 50 + [10.0]) == pytest.approx(0.022)
+
+
+def test_a_stream_that_slows_down_is_followed():
+    assert mean_step_s([0.02] * 50 + [1.0] * 70) > 0.85

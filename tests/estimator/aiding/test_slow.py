@@ -43,7 +43,7 @@ def test_a_lost_attitude_follows_the_unaided_gravity_even_upside_down():
 
 
 def test_an_attitude_that_velocity_knows_stays_where_the_unaided_tilts():
-    """A lasting acceleration deceives the unaided gravity by more than its sigma."""
+    """A constant acceleration deceives the unaided gravity by more than its sigma."""
     assert corrected(20.0, 1.0, 1.0, error_deg=20.0) > 19.99
     assert corrected(20.0, 1.0, 1.0) == pytest.approx(14.3, rel=0.2)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimator.aiding.beginning import Beginning, begin, blank_aiding
+from estimator.aiding.beginning import Start, begin, blank_aiding
 from estimator.aiding.correction import apply_corrections
 from estimator.aiding.inertial import predict_motion
 from estimator.aiding.sources.unaided import observe_unaided
@@ -23,7 +23,7 @@ from estimator.aiding.unseen import watch_turning
 from estimator.types import IDENTITY, STANDARD_GRAVITY_M_S2, ZERO_VEC3, Sample
 
 PARAMS = AidingParams()
-STATE, _, TRAIL = blank_aiding(PARAMS)
+STATE, _, HISTORY = blank_aiding(PARAMS)
 OTHERS = StepInputs((0.1, -0.2, 0.97), 0.1, 0.0, North(False, (1.0, 0.0)))
 SAMPLE = Sample((0.1, 0.2, -0.1), (0.5, -0.3, -9.7), ZERO_VEC3, False, 0.5)
 
@@ -43,8 +43,8 @@ def test_a_step_that_is_slow_or_without_reports_is_corrected_once(dt_s, wait_s, 
     agreement = Agreements(*(each._replace(wait_s=wait_s) for each in STATE.agreement))
     acceleration_tilt = AccelerationTilt((3.0, 0.0, 0.0), (1.0, 1.0, 9.0), (2.5, 3.0, 0.0))
     state = STATE._replace(agreement=agreement, acceleration_tilt=acceleration_tilt)
-    after, after_P, _ = aid(PARAMS, state, P, TRAIL, sample, NO_REPORT, OTHERS)
-    now, x = predict_motion(PARAMS, state, P, TRAIL, sample), np.zeros(SIZE)
+    after, after_P, _ = aid(PARAMS, state, P, HISTORY, sample, NO_REPORT, OTHERS)
+    now, x = predict_motion(PARAMS, state, P, HISTORY, sample), np.zeros(SIZE)
     if dt_s == 0.5:
         watch_turning(PARAMS, state, now.covariance, sample, 0.0)
     tilt_error_rad = push_m_s2 / STANDARD_GRAVITY_M_S2
@@ -56,7 +56,7 @@ def test_a_step_that_is_slow_or_without_reports_is_corrected_once(dt_s, wait_s, 
 
 def test_a_step_remembers_the_velocity_of_its_report():
     report = Report(True, (1.0, -2.0, 0.5), True, 0.3, 0.0, 0.0)
-    after, _, _ = aid(PARAMS, STATE, covariance(), TRAIL, SAMPLE, report, OTHERS)
+    after, _, _ = aid(PARAMS, STATE, covariance(), HISTORY, SAMPLE, report, OTHERS)
     assert after.acceleration_tilt.latest_m_s == report.velocity_ned_m_s
     assert after.agreement.by_filter.wait_s == 0.0
     assert after.agreement.by_receiver.wait_s == SAMPLE.dt_s
@@ -64,7 +64,7 @@ def test_a_step_remembers_the_velocity_of_its_report():
 
 def test_the_beginning_is_as_uncertain_as_given():
     """About north and east by the tilt's sigma, about down by the heading's."""
-    first = Beginning(IDENTITY, 0.1, 0.3, hard_iron_sigma_gauss=0.02, field_lag_s=0.05)
+    first = Start(IDENTITY, 0.3, 0.1, hard_iron_sigma_gauss=0.02, field_lag_s=0.05)
     _, P, _ = begin(PARAMS, first, SAMPLE, NO_REPORT)
     assert np.diag(P)[:3] == pytest.approx([0.01, 0.01, 0.09])
     assert np.diag(P)[HARD_IRON : HARD_IRON + 3] == pytest.approx([0.0004] * 3)

@@ -28,7 +28,7 @@ def estimate_of(heading_sigma):
 
 
 @pytest.mark.parametrize(("lasts_s", "sigma_deg", "expected"), [(0.3, 4.0, 1.0), (1.0, 1.5, 0.48)])
-def test_variance_is_that_of_the_errors_of_a_field_that_wanders(lasts_s, sigma_deg, expected):
+def test_variance_is_that_of_the_errors_of_a_field_that_drifts(lasts_s, sigma_deg, expected):
     """Squared errors over variances, the mean of 100 runs of a minute.
 
     The field's error is a Gauss-Markov process. The first has the density 2 sigma^2 tau that the

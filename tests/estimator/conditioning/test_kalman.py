@@ -39,7 +39,7 @@ STILL = (0.0, 0.0, 0.0)
 UPPER = np.triu_indices(4)
 
 
-def packed(p):
+def upper_of(p):
     return tuple(p[UPPER].tolist())
 
 
@@ -66,7 +66,7 @@ def updated(x, p, h, innovation, noises):
 
 def estimate_of(rng):
     p = hanging_together(rng, rng.uniform(0.3, 1.0, 4) * (0.004, 0.007, 0.002, 0.3))
-    return Estimate(tuple(rng.normal(0.0, 0.004, 3)), float(rng.uniform(-1.0, 1.0)), packed(p))
+    return Estimate(tuple(rng.normal(0.0, 0.004, 3)), float(rng.uniform(-1.0, 1.0)), upper_of(p))
 
 
 def vector_of(estimate):
@@ -159,7 +159,7 @@ def body_that_has_turned(rng):
     p = hanging_together(rng, (0.03, 0.05, 0.08, 0.02))
     state = initial_state(PARAMS).field.calibration
     learnt = state.learnt._replace(
-        lag_s=0.01, offset=tuple(rng.normal(0.0, 0.02, 3)), covariance=packed(p), scale=0.46
+        lag_s=0.01, offset=tuple(rng.normal(0.0, 0.02, 3)), covariance=upper_of(p), scale=0.46
     )
     turning = tuple(rng.normal(0.0, 1.0, 3))
     means = state.means._replace(axes=past, turning=turning)

@@ -22,7 +22,6 @@ from estimator.geometry.quaternion import (
     exp,
     multiply,
     normalize,
-    rotate,
     rotate_inverse,
 )
 from estimator.types import Sample
@@ -47,16 +46,6 @@ def has_noticed_a_turn(before, after):
     return variance[1] - variance[0] > radians(10.0) ** 2
 
 
-def test_slow_turn_is_rest_and_fast_turn_is_not():
-    dt = 0.01
-    k = coefficients(PARAMS, dt, 1.0).rest
-    for rate, expected in ((radians(0.5), True), (radians(30.0), False)):
-        state = RestState(Smooth((rate, 0.0, 0.0)), Smooth((0.0, 0.0, -9.8)))
-        for _ in range(300):
-            state = observe_rest(PARAMS, k, state, (rate, 0.0, 0.0), (0.0, 0.0, -9.8), dt)
-        assert state.resting is expected
-
-
 def test_shaking_is_no_rest_at_one_sample_a_second():
     k = coefficients(PARAMS, 1.0, 1.0).rest
     state = RestState(acc=Smooth((0.0, 0.0, -9.8)))
@@ -76,19 +65,6 @@ def test_gravity_ignores_shaking_and_any_norm():
         gravity, _ = level(observe_gravity(PARAMS, k, gravity, u, 0.0, 0.0))
     down = rotate_inverse(gravity.q_6d_g, (0.0, 0.0, 1.0))
     assert angle_between_vectors(down, (0.0, 0.0, 1.0)) < radians(0.0024)  # measured 0.0020
-
-
-def test_levelling_takes_the_shortest_way():
-    gravity = initial_state(PARAMS).vertical.gravity
-    tilted = observe_gravity(
-        PARAMS, coefficients(PARAMS, 0.01, 1.0), gravity, (0.0, 2.0, 9.0), 0.0, 0.0
-    )
-    levelled, step = level(tilted)
-    assert rotate(levelled.q_6d_g, tilted.force.down.value)[:2] == pytest.approx(
-        (0.0, 0.0), abs=1e-12
-    )
-    assert step[0] > 0.0
-    assert step[1] == 0.0
 
 
 def test_motion_bias_is_learnt_without_any_rest():

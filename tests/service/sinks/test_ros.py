@@ -172,12 +172,12 @@ def test_a_status_is_a_diagnosis(record, level):
 
 def test_a_status_is_published_with_the_time_of_the_host(endpoint):  # noqa: F811
     session, got = open_session(options(endpoint)), []
-    sink = RosSink(session, "fuzzbee", unix_us=lambda: UNIX_US)
+    sink = RosSink(session, "fuzzbee")
     with plain_client(endpoint) as client:
         client.declare_subscriber("0/diagnostics/**", got.append)
 
         def received():
-            sink.handle([Published(VehicleId(7, 154), status())])
+            sink.handle([Published(VehicleId(7, 154), status(), time_unix_us=UNIX_US)])
             return got
 
         wait_for(received)

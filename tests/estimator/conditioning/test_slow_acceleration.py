@@ -15,12 +15,12 @@ G = STANDARD_GRAVITY_M_S2
 def test_shaking_is_no_acceleration_that_lasts() -> None:
     """Both make the mean square of the force the same: 1.25 times that of gravity."""
     rng = np.random.default_rng(1)
-    shaken, lasting, down = SlowAcceleration(), SlowAcceleration(), (0.0, 0.0, G)
+    shaken, braking, down = SlowAcceleration(), SlowAcceleration(), (0.0, 0.0, G)
     for _ in range(1000):
         x, y, z = G * (np.array((0.0, 0.0, 1.0)) + (0.25 / 3.0) ** 0.5 * rng.standard_normal(3))
         shaken = watch_slow(shaken, (x, y, z), down, down, 0.03, 0.0, 0.25)
-        lasting = watch_slow(lasting, (0.5 * G, 0.0, G), down, down, 0.03, 0.0, 0.25)
-    assert lasting.excess == pytest.approx(0.25, rel=0.01)
+        braking = watch_slow(braking, (0.5 * G, 0.0, G), down, down, 0.03, 0.0, 0.25)
+    assert braking.excess == pytest.approx(0.25, rel=0.01)
     assert shaken.excess == pytest.approx(0.0, abs=0.05)
 
 
