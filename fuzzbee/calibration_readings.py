@@ -115,7 +115,7 @@ def recording(
     times_us, velocity_ned_m_s = _velocities(path, trace, window)
     first_us, last_us = 1e6 * times_s[rows][[0, -1]]
     inside = (times_us >= first_us) & (times_us <= last_us)
-    mag, place = trace["mag_gauss"][rows], field or trace.place_field
+    mag, place = trace["mag_gauss"][rows], field or trace.vehicle.estimator.place_field
     return Recording(
         times_s[rows],
         gyr[rows],

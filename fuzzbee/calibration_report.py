@@ -157,7 +157,7 @@ def _report_compass(
         InputError: no position, no compass, or too few turns to find any offset.
     """
     readings = compass_readings(path, trace)
-    field = field or trace.place_field
+    field = field or trace.vehicle.estimator.place_field
     if not len(readings.mag):
         raise InputError(f"{path}: no magnetometer")
     if field is None:

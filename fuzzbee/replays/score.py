@@ -182,11 +182,12 @@ def _attitudes(trace: VehicleTrace, source: str | None, rows: slice) -> Floats:
         return np.full((len(times_us), 4), np.nan)
     track = trace.references[source]
     shown = track.at(times_us)
-    if source == "autopilot" and track.message is not None and not trace.view.is_imus:
+    view = trace.vehicle.parameters.view
+    if source == "autopilot" and track.message is not None and not view.is_imus:
         ours = trace["q_ned_frd"][rows]
         for k in np.flatnonzero(np.isfinite(shown[:, 0])).tolist():
             pair = tuple(shown[k].tolist()), tuple(ours[k].tolist())
-            found = trace.view.of_imu(track.message, *pair)
+            found = view.of_imu(track.message, *pair)
             shown[k] = np.nan if found is None else found
     return shown
 

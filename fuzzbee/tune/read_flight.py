@@ -46,7 +46,7 @@ def read_flight(
     if trace is None:
         why = replay.why_empty or log.advice() or "no usable IMU data in this log"
         raise InputError(f"{path}: {why}")
-    recorder = replay.estimator(trace.address)
+    recorder = trace.vehicle.estimator
     assert isinstance(recorder, LoggedEstimator)
     if recorder.taken != len(trace):
         raise InputError(f"{path}: with the base profile the estimate is not finite")

@@ -53,10 +53,13 @@ LONG = """
 from pathlib import Path
 import numpy as np
 from drivers.events import ReferenceAttitude, VehicleId
+from estimator.estimator import Estimator
+from estimator.profile import load_profile
 from estimator.types import IDENTITY, Attitude, ImuSample
 from fuzzbee.replays.score import compare
 from fuzzbee.replays.log_report import score
 from fuzzbee.replays.trace import VehicleTrace
+from service.vehicle import Vehicle
 
 def most_kb():
     line = next(each for each in open("/proc/self/status") if each.startswith("VmHWM"))
@@ -65,6 +68,7 @@ def most_kb():
 
 before_kb = most_kb()  # libraries without bytecode take 60 MB more to import
 trace, n = VehicleTrace(VehicleId(1, 1)), 1_440_000
+trace.vehicle = Vehicle(trace.address, Estimator(load_profile("imu")))
 for k in range(0, n, 10_000):
     rows = np.random.default_rng(k).normal(0.0, 1e-4, (10_000, 25)).tolist()
     for us, row in enumerate(rows, k):
