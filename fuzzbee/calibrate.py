@@ -76,7 +76,7 @@ def calibrate(options: CalibrateOptions) -> None:
         with written_whole(options.output) as path:
             path.write_text(profile_to_toml(calibrated), "utf-8")
     if options.as_json:
-        print(msgspec.json.encode(report.as_json()).decode())
+        print(msgspec.json.encode(report.as_json(), enc_hook=lambda array: array.tolist()).decode())
     else:
         print("\n".join(report_lines(report)))
 

@@ -5,7 +5,7 @@ the World Magnetic Model instead, which a stream of any rate allows.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from math import atan2, cos, degrees
+from math import atan2, cos, degrees, inf
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,15 +25,14 @@ from drivers.mavlink.constants import MAV_AUTOPILOT_ARDUPILOTMEGA
 from estimator.arrays import Floats
 from estimator.calibration import UNCHANGED, Calibration
 from estimator.errors import InputError
-from estimator.geometry.earth import PlaceField
+from estimator.geometry.earth import PlaceField, in_ned
 from estimator.geometry.quaternion import rotate
+from estimator.geometry.rotations import rotate_inverse
 from estimator.mounting import Mounting
 from estimator.profile import Profile
 from fuzzbee.calibration_readings import (
     choose_compass,
     compass_readings,
-    message_of,
-    rate_hz,
     recording,
 )
 from fuzzbee.replays.log_report import refused_text, replay_log
@@ -66,8 +65,8 @@ class CalibrationReport(NamedTuple):
 
     def as_json(self) -> dict[str, Any]:
         """The schema of ``calibrate --json``: the compass's figures, and those of all sensors."""
-        found = {**(self.compass or {}), "source": ", ".join(self.sources)}
-        found |= {"calibration": msgspec.to_builtins(self.calibration), "ardupilot": self.ardupilot}
+        found = {"source": ", ".join(self.sources), **(self.compass or {})}
+        found |= {"calibration": self.calibration, "ardupilot": self.ardupilot}
         if self.fit is not None:
             names = ("sigma", "left", "predicted", "field_misfits", "lags_s")
             found["sensors"] = {name: getattr(self.fit, name) for name in names}
@@ -93,7 +92,8 @@ def report_calibration(
     how = How(system_id=system_id, window=window)
     traces = [replay_log(path, plain, how) for path in paths]
     messages = [choose_compass(*each, plain, compass) for each in zip(paths, traces, strict=True)]
-    is_fast = min(map(rate_hz, traces)) > SLOWEST_HZ
+    slowest_s = max(trace.step_s or inf for trace in traces)
+    is_fast = slowest_s < 1.0 / SLOWEST_HZ
     way_out = "turn it slowly about all axes, for two minutes or more"
     if not is_fast:
         way_out = "several logs together need 20 samples a second or more"
@@ -107,23 +107,20 @@ def report_calibration(
     if is_fast:
         fit = _fit(paths, traces, field, window)
         found = fit.found
-        if _is_ardupilot(traces[0]):
-            ardupilot = inertial_parameters(traces[0].parameters, message_of(traces[0]), found)
+        ardupilot = inertial_parameters(traces[0].parameters, traces[0].message, found)
     if of_compass is not None:
         iron = {"mag_matrix": UNCHANGED, **of_compass["calibration"]}
         found = msgspec.structs.replace(found, **iron)
         ardupilot |= of_compass["ardupilot"]
     if found.is_plain:
         raise why
+    if traces[0].autopilot not in (None, MAV_AUTOPILOT_ARDUPILOTMEGA):
+        ardupilot = {}
     texts = ((path, refused_text(trace)) for path, trace in zip(paths, traces, strict=True))
     refused = [f"{path}: {text}" for path, text in texts if text is not None]
     found = in_sensor_axes(found, profile.mounting)
     sources = [str(path) for path in paths]
     return CalibrationReport(sources, found, ardupilot, fit, of_compass, refused)
-
-
-def _is_ardupilot(trace: VehicleTrace) -> bool:
-    return trace.autopilot in (None, MAV_AUTOPILOT_ARDUPILOTMEGA)
 
 
 def _fit(
@@ -162,7 +159,9 @@ def _report_compass(
         raise InputError(f"{path}: no magnetometer")
     if field is None:
         raise InputError(f"{path}: no position; --place LAT,LON says which field is there")
-    turn = compass_turn(*readings.beside(field))
+    there = readings.is_headed
+    field_there = rotate_inverse(readings.q_ned_frd[there], in_ned(field))
+    turn = compass_turn(readings.mag[there], field_there)
     mag = readings.mag if turn is None else readings.mag @ turn.T
     fit = fit_compass(mag, readings.down, field, readings.current_a)
     if fit is None:
@@ -182,20 +181,19 @@ def _report_compass(
     horizontal_gauss = field.strength_gauss * cos(field.dip_rad)
     worst_gauss = float(np.linalg.eigvalsh(fit.offset_covariance[:2, :2])[-1]) ** 0.5
     return {
-        "source": str(path),
         "message": message,
         "readings": len(mag),
         "field_gauss": field.strength_gauss,
         "dip_deg": degrees(field.dip_rad),
-        "offset_sigma_gauss": np.sqrt(np.diag(fit.offset_covariance)).tolist(),
-        "current_gauss_a": _listed(fit.current_gauss_a),
-        "current_sigma_gauss_a": _listed(fit.current_sigma_gauss_a),
-        "matrix_sigma": _listed(fit.matrix_sigma),
+        "offset_sigma_gauss": np.sqrt(np.diag(fit.offset_covariance)),
+        "current_gauss_a": fit.current_gauss_a,
+        "current_sigma_gauss_a": fit.current_sigma_gauss_a,
+        "matrix_sigma": fit.matrix_sigma,
         "heading_sigma_deg": degrees(atan2(worst_gauss, horizontal_gauss)),
         "misfit_gauss": fit.misfit_gauss,
         "unseen": fit.unseen,
         "calibration": _calibration(fit, usual_a, turn),
-        "ardupilot": parameters if _is_ardupilot(trace) else {},
+        "ardupilot": parameters,
         "ardupilot_adds": not any(name.startswith(COMPASS) for name in trace.parameters),
         "orientation": None if set_to is None else set_to.meaning,
     }
@@ -210,10 +208,6 @@ def unmixed(was: Mapping[str, float], parameters: dict[str, float]) -> dict[str,
         return parameters
     names = [f"{COMPASS}MOT{number}_{axis}" for number in ("", "2", "3") for axis in AXES]
     return {name: 0.0 for name in names if was.get(name)} | parameters
-
-
-def _listed(values: Floats | None) -> Any:
-    return None if values is None else values.tolist()
 
 
 def _calibration(fit: CompassFit, usual_a: float, turn: Floats | None) -> dict[str, Any]:
@@ -245,7 +239,7 @@ def report_lines(report: CalibrationReport) -> Iterator[str]:
     """A profile's section, with all else in comments."""
     compass, fit = report.compass, report.fit
     if compass is not None:
-        yield from _compass_lines(compass)
+        yield from _compass_lines(Path(report.sources[0]).name, compass)
     for key, sigma in {} if fit is None else fit.sigma.items():
         if fit is not None and (compass is None or "mag" not in key):
             size = f"sigma at most {max(sigma):.4f} {UNITS.get(key, '')}".rstrip()
@@ -268,10 +262,10 @@ def report_lines(report: CalibrationReport) -> Iterator[str]:
         yield f"# {name} {number:.{digits}f}"
 
 
-def _compass_lines(found: dict[str, Any]) -> Iterator[str]:
+def _compass_lines(log: str, found: dict[str, Any]) -> Iterator[str]:
     before, after = (1e3 * each for each in found["misfit_gauss"])
     sigma = ", ".join(f"{1e3 * each:.1f}" for each in found["offset_sigma_gauss"])
-    yield f"# {Path(found['source']).name}: {found['readings']} readings of {found['message']}"
+    yield f"# {log}: {found['readings']} readings of {found['message']}"
     yield f"# the field there: {1e3 * found['field_gauss']:.0f} mG, dip {found['dip_deg']:.1f} deg"
     yield f"# median misfit: {before:.1f} mG as it is, {after:.1f} mG corrected"
     yield f"# sigma: offset {sigma} mG, of a heading by it {found['heading_sigma_deg']:.1f} deg"

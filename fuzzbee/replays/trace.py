@@ -125,6 +125,16 @@ class VehicleTrace:
                 known.append((event.arrival_us, value))
 
     @property
+    def message(self) -> str:
+        """The IMU message that was used most."""
+        return max(self.imu_messages, key=lambda name: self.imu_messages[name], default="")
+
+    @property
+    def step_s(self) -> float:
+        """The median time between two samples; 0 of one alone."""
+        return 1e-6 * float(np.median(np.diff(self["time_us"]))) if len(self) > 1 else 0.0
+
+    @property
     def rejected(self) -> Counter[str]:
         """What was refused, by reason: samples, and what of the log cannot be read."""
         return Counter[str](self.vehicle.rejected) + Counter(malformed=self.malformed)

@@ -57,7 +57,7 @@ def read_flight(
     found = Flight(
         path=path,
         sha256=sha256,
-        message=max(trace.imu_messages, key=lambda name: trace.imu_messages[name]),
+        message=trace.message,
         reference=trace.reference or "none",
         rows=Rows(*(np.array(trace[name]) for name in ROWS)),
         calls=calls,
