@@ -22,7 +22,8 @@ from fuzzbee.attitudes import PLACE
 from fuzzbee.replays.trace import VehicleTrace
 from tuning.calibration.spans import Recording
 
-MOST_S = 1200.0  # of a recording: the stretch that turns most is used
+LEAST_S = 10.0  # of a recording
+MOST_S = 1200.0  # the stretch that turns most is used
 HEADED_RAD = radians(15.0)  # sigma of a heading that the compass is judged by
 SETTLED = 0.1  # of the samples: the estimate has begun by then
 BESIDE_US = 200_000  # a reading further from every sample belongs to none
@@ -91,12 +92,18 @@ def compass_readings(path: Path, trace: VehicleTrace) -> CompassReadings:
 def recording(
     path: Path, trace: VehicleTrace, field: PlaceField | None, window: TimeWindow = WHOLE_LOG
 ) -> Recording:
-    """The stretch of a trace that turns most, of what the estimate has an attitude for."""
+    """The stretch of a trace that turns most, of what the estimate has an attitude for.
+
+    Raises:
+        InputError: it is too short to show anything.
+    """
     q = trace["q_ned_frd"]
     times_s, gyr = trace.time_s + 1e-6 * trace.zero_us, trace["gyr_rad_s"]
     rows = _liveliest(times_s, gyr, np.isfinite(q[:, 0]))
-    at_s, velocity_ned_m_s = _velocities(path, trace, window)
     first_s, last_s = times_s[rows][[0, -1]]
+    if last_s - first_s < LEAST_S:
+        raise InputError(f"{path}: shorter than {LEAST_S:g} s")
+    at_s, velocity_ned_m_s = _velocities(path, trace, window)
     within = (at_s >= first_s) & (at_s <= last_s)
     mag, place = trace["mag_gauss"][rows], field or trace.vehicle.estimator.place_field
     return Recording(

@@ -42,7 +42,6 @@ from tuning.calibration.prediction import WON
 from tuning.compass_fit import CompassFit, compass_turn, fit_compass
 
 SLOWEST_HZ = 19.0  # turning between the samples of slower streams does not show
-LEAST_S = 10.0  # of a recording
 UNITS = {"gyr_bias_rad_s": "rad/s", "acc_bias_m_s2": "m/s²", "mag_offset_gauss": "gauss"}
 # By ArduPilot's numbers of a compass, as its parameters are known by
 NUMBERED = {1: "SCALED_IMU2", 2: "SCALED_IMU3"}
@@ -92,11 +91,10 @@ def report_calibration(
     how = How(system_id=system_id, window=window)
     traces = [replay_log(path, plain, how) for path in paths]
     messages = [choose_compass(*each, plain, compass) for each in zip(paths, traces, strict=True)]
-    slowest_s = max(trace.step_s or inf for trace in traces)
-    is_fast = slowest_s < 1.0 / SLOWEST_HZ
-    way_out = "turn it slowly about all axes, for two minutes or more"
-    if not is_fast:
-        way_out = "several logs together need 20 samples a second or more"
+    is_fast = max(trace.step_s or inf for trace in traces) < 1.0 / SLOWEST_HZ
+    way_out = "several logs together need 20 samples a second or more"
+    if is_fast:
+        way_out = "turn it slowly about all axes, for two minutes or more"
     of_compass, why = None, InputError(f"{paths[0]}: no constant shows: {way_out}")
     if len(paths) == 1:
         try:
@@ -105,7 +103,11 @@ def report_calibration(
             why = error
     fit, ardupilot, found = None, dict[str, float](), Calibration()
     if is_fast:
-        fit = _fit(paths, traces, field, window)
+        both = zip(paths, traces, strict=True)
+        try:
+            fit = fit_sensors([recording(path, trace, field, window) for path, trace in both])
+        except np.linalg.LinAlgError as error:
+            raise InputError(f"{paths[0]}: nothing fits these readings: {error}") from None
         found = fit.found
         ardupilot = inertial_parameters(traces[0].parameters, traces[0].message, found)
     if of_compass is not None:
@@ -121,23 +123,6 @@ def report_calibration(
     found = in_sensor_axes(found, profile.mounting)
     sources = [str(path) for path in paths]
     return CalibrationReport(sources, found, ardupilot, fit, of_compass, refused)
-
-
-def _fit(
-    paths: Sequence[Path],
-    traces: Sequence[VehicleTrace],
-    field: PlaceField | None,
-    window: TimeWindow,
-) -> SensorFit:
-    both = zip(paths, traces, strict=True)
-    recordings = [recording(path, trace, field, window) for path, trace in both]
-    for path, each in zip(paths, recordings, strict=True):
-        if each.time_s[-1] - each.time_s[0] < LEAST_S:
-            raise InputError(f"{path}: shorter than {LEAST_S:g} s")
-    try:
-        return fit_sensors(recordings)
-    except np.linalg.LinAlgError as error:
-        raise InputError(f"{paths[0]}: nothing fits these readings: {error}") from None
 
 
 def _report_compass(
