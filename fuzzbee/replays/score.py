@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from drivers.logs.table import blocks
 from estimator.arrays import Bools, Floats, Times
 from estimator.errors import InputError
+from estimator.filter.alignment import nearest_rotation
 from estimator.geometry.metrics import batch_angle_errors
 from estimator.geometry.rotations import cross, rotate_inverse
 from estimator.types import DOWN
@@ -228,34 +229,28 @@ def convergence_s(times_us: Times, total_rad: Floats) -> float | None:
 def constant_turn(columns: Any, counted: Bools, moved: Bools) -> ConstantTurn | None:
     """The turn from estimate to reference of the samples that count (N,); None without any.
 
-    R of the least sum of |R d - d_reference|^2 over down in the body d (Wahba's problem, by SVD:
-    F. L. Markley 1988). ``moved`` (N,) shows of motion.
+    R of the least sum of |R d - d_reference|^2 over down in the body d (Wahba's problem).
+    ``moved`` (N,) shows of motion.
     """
 
-    def downs() -> Iterator[tuple[slice, Floats, Floats]]:
+    def downs() -> Iterator[tuple[Floats, Floats]]:
         for rows in blocks(len(counted)):
             both = (columns[name][rows] for name in ("q_ned_frd", "reference_q_ned_frd"))
             ours, theirs = (rotate_inverse(q[counted[rows]], DOWN) for q in both)
-            yield rows, ours, theirs
+            yield ours, theirs
 
     if not counted.any():
         return None
-    u, _, vt = np.linalg.svd(sum(theirs.T @ ours for _, ours, theirs in downs()))
-    turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
-    under, tilted, left = np.zeros_like(counted), 0.0, 0.0
-    for rows, ours, theirs in downs():
-        turned = ours @ turn.T
-        apart = _between(turned, theirs)
-        tilted += float(np.sum(_between(turned, ours) ** 2))
-        left += float(np.sum(apart**2))
-        sigma = columns["sigma_inclination_rad"][rows][counted[rows]]
-        under[rows][counted[rows]] = apart <= sigma
-    count = int(np.count_nonzero(counted))
+    turn = nearest_rotation(sum((theirs.T @ ours for ours, theirs in downs()), np.zeros((3, 3))))
+    tilted = np.concatenate([_between(ours @ turn.T, ours) for ours, _ in downs()])
+    turn_deg = _rms_deg(tilted) or 0.0
+    left = np.concatenate([_between(ours @ turn.T, theirs) for ours, theirs in downs()], out=tilted)
+    under = left <= columns["sigma_inclination_rad"][counted]
     return ConstantTurn(
-        turn_deg=float(np.degrees(np.sqrt(tilted / count))),
-        inclination_rms=float(np.degrees(np.sqrt(left / count))),
-        inclination_coverage=float(np.count_nonzero(under)) / count,
-        inclination_coverage_moving=mean(under[counted & moved]),
+        turn_deg=turn_deg,
+        inclination_rms=_rms_deg(left) or 0.0,
+        inclination_coverage=float(np.mean(under)),
+        inclination_coverage_moving=mean(under[moved[counted]]),
     )
 
 
