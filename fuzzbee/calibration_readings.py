@@ -66,8 +66,8 @@ def choose_compass(path: Path, trace: VehicleTrace, profile: Profile, number: in
     columns, has_mag = np.zeros((len(samples_us), 3)), np.zeros(len(samples_us), np.bool_)
     columns[rows[used]], has_mag[rows[used]] = mag[used], True
     _, _, columns = profile.to_body_rows(0.0 * columns, 0.0 * columns, columns)
-    trace.table.put("mag_gauss", [columns])
-    trace.table.put("has_mag", [has_mag])
+    trace.put("mag_gauss", [columns])
+    trace.put("has_mag", [has_mag])
     return message
 
 

@@ -1,7 +1,6 @@
 """How near a replayed estimate is to a reference, and what ``replay --json`` prints of it."""
 
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -162,14 +161,17 @@ def compare(path: Path, trace: VehicleTrace, wanted: str | None) -> None:
         )
     trace.reference = wanted or next(iter(available), None)
 
-    def errors(of: str, rows: slice) -> Floats:
-        return batch_angle_errors(trace[of][rows], trace["reference_q_ned_frd"][rows])
+    parts = [*blocks(len(trace))]
 
-    trace.put("reference_q_ned_frd", partial(_attitudes, trace, trace.reference))
-    trace.put("error_rad", partial(errors, "q_ned_frd"))
+    def errors(of: str) -> Iterator[Floats]:
+        both = trace[of], trace["reference_q_ned_frd"]
+        return (batch_angle_errors(*(q[rows] for q in both)) for rows in parts)
+
+    trace.put("reference_q_ned_frd", (_attitudes(trace, trace.reference, rows) for rows in parts))
+    trace.put("error_rad", errors("q_ned_frd"))
     if trace.has_peer:
-        trace.put("autopilot_q_ned_frd", partial(_attitudes, trace, "autopilot"))
-        trace.put("autopilot_error_rad", partial(errors, "autopilot_q_ned_frd"))
+        trace.put("autopilot_q_ned_frd", (_attitudes(trace, "autopilot", rows) for rows in parts))
+        trace.put("autopilot_error_rad", errors("autopilot_q_ned_frd"))
 
 
 def _attitudes(trace: VehicleTrace, source: str | None, rows: slice) -> Floats:

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.events import (
     Event,
@@ -21,7 +20,7 @@ from drivers.events import (
 )
 from drivers.logs.log_file import LogFile
 from drivers.logs.reference_track import ReferenceTrack
-from drivers.logs.table import Table, blocks
+from drivers.logs.table import Table
 from drivers.logs.time_window import WHOLE_LOG, TimeWindow, WindowedEvents
 from estimator.arrays import Floats
 from estimator.estimator import Estimator
@@ -80,17 +79,16 @@ class How(NamedTuple):
 AS_LIVE = How()
 
 
-class VehicleTrace:
+class VehicleTrace(Table):
     """One vehicle's estimates and references in the order of the log.
 
-    ``trace[name]`` is a column of its table: one of :data:`COLUMNS`, or those that
-    :func:`fuzzbee.replays.score.compare` adds.
+    Its columns are :data:`COLUMNS`, and those that :func:`fuzzbee.replays.score.compare` adds.
     """
 
     def __init__(self, address: VehicleId) -> None:
+        super().__init__(**COLUMNS)
         self.address = address
         self.vehicle: Vehicle  # since the first sample
-        self.table = Table(**COLUMNS)
         self.autopilot: int | None = None
         self.vehicle_type: int | None = None
         self.imu_messages: Counter[str] = Counter()  # samples used of each
@@ -106,16 +104,6 @@ class VehicleTrace:
         self.modes: list[tuple[int, int]] = []
         self.arming: list[tuple[int, int]] = []
         self.texts: dict[str, int] = {}
-
-    def __len__(self) -> int:
-        return len(self.table)
-
-    def __getitem__(self, name: str) -> NDArray[Any]:
-        return self.table[name]
-
-    def put(self, name: str, values: Callable[[slice], NDArray[Any]]) -> None:
-        """A new column, or another in place of one, by a function of the rows that are made."""
-        self.table.put(name, map(values, blocks(len(self))))
 
     def note_mode(self, event: Heartbeat | ModeChange) -> None:
         """Keep what mode it is in and whether it is armed, if that is new."""
@@ -149,11 +137,11 @@ class VehicleTrace:
         """Whether the autopilot's own estimate stands beside a truth."""
         return self.reference == "sim" and self.references["autopilot"].message is not None
 
-    def append(self, arrival_us: int, attitude: Attitude, sample: ImuSample, aided: bool) -> None:
+    def take(self, arrival_us: int, attitude: Attitude, sample: ImuSample, aided: bool) -> None:
         """Take the attitude after a sample."""
         self.last_us = attitude.time_us
         north = PLACE[attitude.heading_reference]
-        self.table.append(arrival_us, *attitude[:-1], north, *sample[1:], aided)
+        self.append(arrival_us, *attitude[:-1], north, *sample[1:], aided)
 
     def published(
         self, rows: slice, stamps_us: Iterable[int]
@@ -276,7 +264,7 @@ class Replay:
         if trace.last_us is not None and (warnings := vehicle.alarms.words):
             step_s = 1e-6 * (attitude.time_us - trace.last_us)
             trace.warned_s.update(dict.fromkeys(warnings, step_s))
-        trace.append(event.arrival_us, attitude, sample, vehicle.estimator.is_aided)
+        trace.take(event.arrival_us, attitude, sample, vehicle.estimator.is_aided)
 
     def _turn_wrong(self, vehicle: Vehicle, trace: VehicleTrace) -> None:
         """Turn the estimate once, at the first sample that a reference is known at."""
@@ -303,4 +291,4 @@ def smooth(trace: VehicleTrace) -> None:
         "heading_reference": np.full_like(north, north[-1]),
     }
     for name, values in smoothed.items():
-        trace.table.put(name, [values])
+        trace.put(name, [values])
