@@ -16,6 +16,7 @@ from drivers.logs.open import open_log
 from drivers.logs.reference_track import attitudes_at
 from drivers.mavlink.constants import autopilot_name, vehicle_type_name
 from estimator.errors import InputError
+from estimator.estimator import Estimator
 from estimator.geometry.metrics import batch_angle_errors
 from estimator.live.rows import NORTHS
 from estimator.profile import Profile
@@ -91,9 +92,10 @@ def replay_log(
     how: How = AS_LIVE,
     notify: Callable[[str], None] = lambda _: None,
     reading: Reading = nullcontext,
+    new_estimator: Callable[[Profile], Estimator] | None = None,
 ) -> VehicleTrace:
     """The trace of one vehicle; ``reading`` is entered with the log while it is read."""
-    replay = Replay(profile, how, notify=notify)
+    replay = Replay(profile, how, notify=notify, new_estimator=new_estimator)
     with open_log(path, how.columns) as log, reading(log):
         replay.run(log)
     trace = replay.longest()

@@ -225,9 +225,9 @@ class Replay:
             trace.malformed = self.pipeline.malformed
             trace.log_zero_us = windowed.zero_us(trace.address)
 
-    def longest(self, least: int = 1) -> VehicleTrace | None:
-        """The vehicle with most estimates, if one has ``least`` of them."""
-        sending = [trace for trace in self.traces.values() if len(trace) >= least]
+    def longest(self) -> VehicleTrace | None:
+        """The vehicle with most estimates, if there is one."""
+        sending = [trace for trace in self.traces.values() if len(trace)]
         return max(sending, key=lambda t: (len(t), -t.address.system_id), default=None)
 
     def _take(self, event: Event) -> None:
