@@ -3,7 +3,6 @@
 from collections import defaultdict
 from math import radians
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -15,9 +14,8 @@ from drivers.samples.imu_stream import RepeatedField
 from estimator.arrays import Bools, Floats
 from estimator.errors import InputError
 from estimator.geometry.earth import PlaceField, in_ned
-from estimator.geometry.rotations import rotate_inverse
 from estimator.profile import Profile
-from estimator.types import DOWN, VelocitySample
+from estimator.types import VelocitySample
 from fuzzbee.attitudes import PLACE
 from fuzzbee.replays.trace import VehicleTrace
 from tuning.calibration.spans import Recording
@@ -27,19 +25,6 @@ MOST_S = 1200.0  # the stretch that turns most is used
 HEADED_RAD = radians(15.0)  # sigma of a heading that the compass is judged by
 SETTLED = 0.1  # of the samples: the estimate has begun by then
 BESIDE_US = 200_000  # a reading further from every sample belongs to none
-
-
-class CompassReadings(NamedTuple):
-    """The field and the vertical (N, 3) in body axes, attitudes (N, 4), and the current (N,).
-
-    ``is_headed`` (N,) is true where velocity has shown the heading.
-    """
-
-    mag: Floats
-    down: Floats
-    q_ned_frd: Floats
-    is_headed: Bools
-    current_a: Floats | None
 
 
 def choose_compass(path: Path, trace: VehicleTrace, profile: Profile, number: int | None) -> str:
@@ -71,8 +56,13 @@ def choose_compass(path: Path, trace: VehicleTrace, profile: Profile, number: in
     return message
 
 
-def compass_readings(path: Path, trace: VehicleTrace) -> CompassReadings:
-    """Those of all samples with a field, once the estimate has begun."""
+def compass_readings(
+    path: Path, trace: VehicleTrace
+) -> tuple[Floats, Floats, Bools, Floats | None]:
+    """Fields (N, 3) once the estimate has begun, attitudes (N, 4) then, and the current (N,).
+
+    The third (N,) is true where velocity has shown the heading.
+    """
     mag, q = trace["mag_gauss"], trace["q_ned_frd"]
     is_known = trace["has_mag"] & mag.any(axis=1) & np.isfinite(mag).all(axis=1)
     there = np.flatnonzero(is_known & np.isfinite(q).all(axis=1))
@@ -85,8 +75,7 @@ def compass_readings(path: Path, trace: VehicleTrace) -> CompassReadings:
     if found:
         times_us, amperes = zip(*found, strict=True)
         current_a = np.interp(trace["arrival_us"][there], times_us, amperes)
-    down = rotate_inverse(q[there], DOWN)
-    return CompassReadings(mag[there], down, q[there], is_headed[there], current_a)
+    return mag[there], q[there], is_headed[there], current_a
 
 
 def recording(

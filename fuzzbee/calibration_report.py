@@ -30,6 +30,7 @@ from estimator.geometry.quaternion import rotate
 from estimator.geometry.rotations import rotate_inverse
 from estimator.mounting import Mounting
 from estimator.profile import Profile
+from estimator.types import DOWN
 from fuzzbee.calibration_readings import (
     choose_compass,
     compass_readings,
@@ -138,17 +139,15 @@ def _report_compass(
     Raises:
         InputError: no position, no compass, or too few turns to find any offset.
     """
-    readings = compass_readings(path, trace)
+    mag, q, there, current_a = compass_readings(path, trace)
     field = field or trace.vehicle.estimator.place_field
-    if not len(readings.mag):
+    if not len(mag):
         raise InputError(f"{path}: no magnetometer")
     if field is None:
         raise InputError(f"{path}: no position; --place LAT,LON says which field is there")
-    there = readings.is_headed
-    field_there = rotate_inverse(readings.q_ned_frd[there], in_ned(field))
-    turn = compass_turn(readings.mag[there], field_there)
-    mag = readings.mag if turn is None else readings.mag @ turn.T
-    fit = fit_compass(mag, readings.down, field, readings.current_a)
+    turn = compass_turn(mag[there], rotate_inverse(q[there], in_ned(field)))
+    mag = mag if turn is None else mag @ turn.T
+    fit = fit_compass(mag, rotate_inverse(q, DOWN), field, current_a)
     if fit is None:
         raise InputError(
             f"{path}: too few turns to find an offset: fly level through all headings, and tilt"
@@ -162,7 +161,7 @@ def _report_compass(
         parameters = unmixed(trace.parameters, parameters)
     elif set_to is not None:  # offsets need another flight with it set right
         parameters = {set_to.parameter: float(set_to.value)}
-    usual_a = 0.0 if readings.current_a is None else float(readings.current_a.mean())
+    usual_a = 0.0 if current_a is None else float(current_a.mean())
     horizontal_gauss = field.strength_gauss * cos(field.dip_rad)
     worst_gauss = float(np.linalg.eigvalsh(fit.offset_covariance[:2, :2])[-1]) ** 0.5
     return {
