@@ -141,7 +141,7 @@ def score(path: Path, trace: VehicleTrace, skip_s: float) -> LogReport:
     if skip_s > 0.0 and not counted.any():
         raise InputError(f"{path}: nothing is left to score after {skip_s:g} s of {lasts_s:.0f} s")
     moved = motion_mask(trace) if counted.any() else counted
-    has_heading = (norths > PLACE["none"]) & trace.has_heading
+    has_heading = norths > PLACE["none"]
     peers = {}
     if trace.has_peer:  # which all has a heading
         theirs = trace["autopilot_error_rad"]

@@ -164,8 +164,8 @@ def compare(path: Path, trace: VehicleTrace, wanted: str | None) -> None:
     parts = [*blocks(len(trace))]
 
     def errors(of: str) -> Iterator[Floats]:
-        both = trace[of], trace["reference_q_ned_frd"]
-        return (batch_angle_errors(*(q[rows] for q in both)) for rows in parts)
+        names = (of, "reference_q_ned_frd")  # not mapped for longer than a part takes
+        return (batch_angle_errors(*(trace[name][rows] for name in names)) for rows in parts)
 
     trace.put("reference_q_ned_frd", (_attitudes(trace, trace.reference, rows) for rows in parts))
     trace.put("error_rad", errors("q_ned_frd"))
@@ -208,7 +208,7 @@ def error_summary(error_rad: Floats, counted: Bools, has_heading: Bools) -> Erro
         total_rms=_rms_deg(total[headed]),
         heading_rms=_rms_deg(heading[headed]),
         inclination_rms=_rms_deg(upright),
-        inclination_p95=float(np.degrees(np.percentile(upright, 95.0))),
+        inclination_p95=float(np.degrees(np.percentile(upright, 95.0, overwrite_input=True))),
     )
 
 
@@ -262,9 +262,8 @@ def mean(values: NDArray[Any]) -> float | None:
 
 
 def _rms_deg(values_rad: Floats) -> float | None:
-    degrees = np.degrees(values_rad)
-    np.square(degrees, out=degrees)
-    return float(np.sqrt(np.mean(degrees))) if len(degrees) else None
+    n = len(values_rad)
+    return float(np.degrees(np.sqrt(values_rad @ values_rad / n))) if n else None
 
 
 def _between(some: Floats, others: Floats) -> Floats:

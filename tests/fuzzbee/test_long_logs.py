@@ -66,9 +66,9 @@ def most_kb():
     return int(line.split()[1])  # of this program alone, unlike ru_maxrss
 
 
-before_kb = most_kb()  # libraries without bytecode take 60 MB more to import
 trace, n = VehicleTrace(VehicleId(1, 1)), 1_440_000
 trace.vehicle = Vehicle(trace.address, Estimator(load_profile("imu")))
+before_kb = most_kb()  # libraries without bytecode take 60 MB more to import
 for k in range(0, n, 10_000):
     rows = np.random.default_rng(k).normal(0.0, 1e-4, (10_000, 25)).tolist()
     for us, row in enumerate(rows, k):
