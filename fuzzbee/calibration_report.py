@@ -121,9 +121,8 @@ def report_calibration(
         ardupilot = {}
     texts = ((path, refused_text(trace)) for path, trace in zip(paths, traces, strict=True))
     refused = [f"{path}: {text}" for path, text in texts if text is not None]
-    found = in_sensor_axes(found, profile.mounting)
-    sources = [str(path) for path in paths]
-    return CalibrationReport(sources, found, ardupilot, fit, of_compass, refused)
+    in_sensor = in_sensor_axes(found, profile.mounting)
+    return CalibrationReport([*map(str, paths)], in_sensor, ardupilot, fit, of_compass, refused)
 
 
 def _report_compass(

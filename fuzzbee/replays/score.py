@@ -203,12 +203,12 @@ def error_summary(error_rad: Floats, counted: Bools, has_heading: Bools) -> Erro
     if not counted.any():
         return ErrorSummary()
     total, heading, inclination = error_rad.T
-    headed, upright = counted & has_heading, inclination[counted]
+    headed = counted & has_heading
     return ErrorSummary(
         total_rms=_rms_deg(total[headed]),
         heading_rms=_rms_deg(heading[headed]),
-        inclination_rms=_rms_deg(upright),
-        inclination_p95=float(np.degrees(np.percentile(upright, 95.0, overwrite_input=True))),
+        inclination_rms=_rms_deg(inclination[counted]),
+        inclination_p95=float(np.degrees(np.percentile(inclination[counted], 95.0))),
     )
 
 
@@ -262,8 +262,9 @@ def mean(values: NDArray[Any]) -> float | None:
 
 
 def _rms_deg(values_rad: Floats) -> float | None:
-    n = len(values_rad)
-    return float(np.degrees(np.sqrt(values_rad @ values_rad / n))) if n else None
+    """Of values that nobody needs any more: they are overwritten."""
+    np.square(np.degrees(values_rad, out=values_rad), out=values_rad)
+    return float(np.sqrt(np.mean(values_rad))) if len(values_rad) else None
 
 
 def _between(some: Floats, others: Floats) -> Floats:

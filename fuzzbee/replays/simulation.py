@@ -61,19 +61,15 @@ def report_simulation(
         coverage=Coverage(),
         peers={},
         convergence_s=_median(converged),
-        mean_gain=_mean([r.mean_gain for r in results]),
+        mean_gain=float(np.mean([r.mean_gain for r in results])),
         rejected={},
         wall_s=time.perf_counter() - started,
         seeds=(seeds[0], seeds[-1]),
-        cost=_mean([r.cost for r in results]),
+        cost=float(np.mean([r.cost for r in results])),
         cost_per_seed=[r.cost for r in results],
-        steady_state_error=_mean([r.steady_state_error for r in results]),
+        steady_state_error=float(np.mean([r.steady_state_error for r in results])),
         settling_s=_median([r.settling_s for r in results]),
     )
-
-
-def _mean(values: Sequence[float]) -> float:
-    return float(np.mean(values))
 
 
 def _median(times_s: Sequence[float]) -> float | None:
