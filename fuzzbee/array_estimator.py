@@ -122,14 +122,8 @@ class Estimator:
 
         It can be pickled, for another process with the same version of fuzzbee.
         """
-        return EstimatorState(
-            self._inner.snapshot,
-            self._number,
-            self._last_us,
-            self._field.last,
-            dict(self.rejected),
-            self._is_checked,
-        )
+        came = self._number, self._last_us, self._field.last
+        return EstimatorState(self._inner.snapshot, *came, dict(self.rejected), self._is_checked)
 
     @state.setter
     def state(self, state: EstimatorState) -> None:
@@ -144,8 +138,7 @@ class Estimator:
         return copy(self)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        made = partial(type(self), self.profile, self._rate_hz, **self._fixed)
-        return made, (), self.state
+        return partial(type(self), self.profile, self._rate_hz, **self._fixed), (), self.state
 
     def __setstate__(self, state: EstimatorState) -> None:
         self.state = state
@@ -168,10 +161,7 @@ class Estimator:
         """
         gyr, acc = vector("gyr_rad_s", gyr_rad_s), vector("acc_m_s2", acc_m_s2)
         mag = ZERO_VEC3 if mag_gauss is None else vector("mag_gauss", mag_gauss)
-        if time_s is None:
-            time_us = round(MICROSECONDS * self._number / self._rate())
-        else:
-            time_us = microseconds(time_s)
+        time_us = microseconds(self._number / self._rate() if time_s is None else time_s)
         self._number += 1
         self._last_us = time_us
         has_mag = mag_gauss is not None and self._field.is_fresh(finite_or_zero(mag), time_us)
@@ -212,11 +202,9 @@ class Estimator:
         north, east, down = vector("velocity_ned_m_s", velocity_ned_m_s)
         sigma_m_s = number("sigma_m_s", sigma_m_s, 0.0)
         time_us = self._last_us if time_s is None else microseconds(time_s)
-        has_down = isfinite(down)
-        velocity = (north, east, down if has_down else 0.0)
-        self._count(
-            self._inner.update_velocity(VelocitySample(time_us, velocity, has_down, sigma_m_s))
-        )
+        velocity = (north, east, down if isfinite(down) else 0.0)
+        report = VelocitySample(time_us, velocity, isfinite(down), sigma_m_s)
+        self._count(self._inner.update_velocity(report))
 
     def update_batch(
         self,
@@ -310,10 +298,8 @@ class Estimator:
         if position is not None:
             places = positions_of(position, n)
         if time_s is None:
-            numbers = np.arange(self._number, self._number + n, dtype=float)
-            times_us = np.rint(MICROSECONDS * numbers / self._rate()).astype(np.int64)
-        else:
-            times_us = times_of(time_s, n)
+            time_s = np.arange(self._number, self._number + n) / self._rate()
+        times_us = times_of(time_s, n)
         if velocity_ned_m_s is not None:
             velocity = matrix("velocity_ned_m_s", velocity_ned_m_s, n)
             reports, fast = velocities_of(times_us, velocity)
