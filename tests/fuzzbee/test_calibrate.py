@@ -29,7 +29,7 @@ def output(capsys, *arguments):
     return capsys.readouterr().out
 
 
-def test_a_profile_that_it_prints_gives_the_heading_back(tmp_path, capsys):
+def test_a_profile_that_it_prints_gives_the_heading_back(tmp_path, capsys, replayed):
     """As recorded the heading is 1.66 deg off, with the iron 5.17, with the profile 1.66 (RMS)."""
     log = with_iron(PLANE, tmp_path / "iron.tlog", OFFSET_MGAUSS)
     printed = output(capsys, "calibrate", log)
@@ -39,9 +39,7 @@ def test_a_profile_that_it_prints_gives_the_heading_back(tmp_path, capsys):
     (tmp_path / "mine.toml").write_text(printed)
     replays = [(PLANE, "imu"), (log, "imu"), (log, tmp_path / "mine.toml")]
     before, iron, after = (
-        json.loads(output(capsys, "replay", each, "--profile", profile, "--json"))["error_deg"][
-            "heading_rms"
-        ]
+        replayed(each, "--profile", profile)["error_deg"]["heading_rms"]
         for each, profile in replays
     )
     assert after < 1.2 * before < 0.5 * iron
@@ -74,7 +72,7 @@ TURNS = {
 
 
 @pytest.mark.parametrize("name", TURNS)
-def test_a_compass_that_is_turned_is_turned_back(tmp_path, capsys, name):
+def test_a_compass_that_is_turned_is_turned_back(tmp_path, capsys, replayed, name):
     """By the plane's velocity; MAV_SENSOR_ORIENTATION has the numbers."""
     number, turn = TURNS[name]
     others = ("SCALED_IMU2", "SCALED_IMU3")
@@ -87,11 +85,11 @@ def test_a_compass_that_is_turned_is_turned_back(tmp_path, capsys, name):
     printed = output(capsys, "calibrate", log)
     assert f"should be {name}" in printed
     (tmp_path / "mine.toml").write_text(printed)
-    errors = [
-        json.loads(output(capsys, "replay", each, "--profile", profile, "--json"))["error_deg"]
+    before, after = (
+        replayed(each, "--profile", profile)["error_deg"]["heading_rms"]
         for each, profile in ((PLANE, "imu"), (log, tmp_path / "mine.toml"))
-    ]
-    assert errors[1]["heading_rms"] < 1.2 * errors[0]["heading_rms"]
+    )
+    assert after < 1.2 * before
 
 
 def test_another_compass_of_the_log_is_fitted(tmp_path, capsys):
@@ -209,7 +207,7 @@ def truth_of(seed):
     return reported
 
 
-def test_a_bench_recording_shows_the_whole_imu(tmp_path, capsys):
+def test_a_bench_recording_shows_the_whole_imu(tmp_path, capsys, replayed):
     """Two recordings of one IMU, and another one that is better for it."""
     logs = [bench(tmp_path / f"{k}.csv", 3) for k in (1, 2)]
     mine = tmp_path / "mine.toml"
@@ -225,10 +223,10 @@ def test_a_bench_recording_shows_the_whole_imu(tmp_path, capsys):
     assert max(report["sensors"]["field_misfits"]) < 0.02
     another = bench(tmp_path / "another.csv", 3, seconds=60.0)
     before, after = (
-        json.loads(output(capsys, "replay", another, "--profile", profile, "--json"))["error_deg"]
+        replayed(another, "--profile", profile)["error_deg"]["inclination_rms"]
         for profile in ("imu", mine)
     )
-    assert after["inclination_rms"] < 0.5 * before["inclination_rms"]
+    assert after < 0.5 * before
     assert load_profile(str(mine)).calibration.acc_bias_m_s2 == tuple(found["acc_bias_m_s2"])
 
 
