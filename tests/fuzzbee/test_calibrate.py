@@ -16,8 +16,7 @@ from fuzzbee.calibration_readings import recording
 from fuzzbee.calibration_report import unmixed
 from fuzzbee.cli import main
 from fuzzbee.replays.log_report import replay_log
-from tests.fuzzbee.iron import with_iron
-from tests.fuzzbee.tlogs import rewritten
+from tests.fuzzbee.tlogs import rewritten, with_iron
 
 DATA = Path(__file__).parent.parent / "data"
 PLANE = DATA / "sitl_plane_4hz.tlog"
@@ -126,12 +125,9 @@ def test_a_log_of_which_much_was_refused_is_named(tmp_path, capsys, verb):
     assert line.startswith(f"fuzzbee: {log}: much was refused: ")
 
 
-def test_a_compass_in_its_place_has_no_other(capsys):
-    assert json.loads(output(capsys, "calibrate", PLANE, "--json"))["orientation"] is None
-
-
-def test_json_names_what_was_not_flown(capsys):
+def test_json_names_what_was_not_flown_and_that_the_compass_is_in_its_place(capsys):
     report = json.loads(output(capsys, "calibrate", PLANE, "--json"))
+    assert report["orientation"] is None
     assert report["unseen"] == ["bottom", "tail"]
     assert report["matrix_sigma"] is None
     assert report["ardupilot_adds"]
@@ -159,14 +155,15 @@ def test_a_place_that_is_none_is_one_line(place, capsys):
 
 
 @pytest.mark.parametrize(
-    ("log", "complaint"),
+    ("logs", "complaint"),
     [
         ("sitl_copter_takeoff.tlog", "too few turns"),
         ("rover_no_magnetometer.tlog", "no magnetometer"),
+        ("sitl_plane_4hz.tlog sitl_plane_4hz.tlog", "20 samples a second"),
     ],
 )
-def test_what_shows_nothing_is_one_line(log, complaint, capsys):
-    assert main(["calibrate", str(DATA / log)]) == 2
+def test_what_shows_nothing_is_one_line(logs, complaint, capsys):
+    assert main(["calibrate", *(str(DATA / log) for log in logs.split())]) == 2
     out, err = capsys.readouterr()
     assert not out
     reported = err.splitlines()[-1]  # before it may stand that the filter is compiled
@@ -251,11 +248,6 @@ def test_what_a_recording_at_rest_does_not_show_is_left_alone(tmp_path, capsys):
     log = bench(tmp_path / "rest.csv", 3, motion="flight", seconds=6.0)
     assert main(["calibrate", str(log)]) == 2
     assert "shorter than" in capsys.readouterr().err
-
-
-def test_slow_streams_are_calibrated_one_by_one(capsys):
-    assert main(["calibrate", str(PLANE), str(PLANE)]) == 2
-    assert "20 samples a second" in capsys.readouterr().err
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs Linux's list of threads")
