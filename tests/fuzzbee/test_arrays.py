@@ -4,9 +4,7 @@ import copy
 import dataclasses
 import pickle
 import warnings
-from concurrent.futures import ProcessPoolExecutor
 from itertools import pairwise, product
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -190,12 +188,6 @@ def test_a_velocity_is_handed_on_as_it_is_at_the_last_samples_time():
     assert attitude.q_ned_frd == pytest.approx(expected.q_ned_frd, abs=1e-12)
 
 
-def in_another_process(estimator, *readings):
-    """What a process that has never seen this estimator makes of the next samples."""
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-        return pool.submit(Estimator.update_batch, estimator, *readings).result()
-
-
 def from_its_state(estimator):
     made = Estimator()
     made.state = pickle.loads(pickle.dumps(estimator.state))
@@ -226,15 +218,6 @@ def test_a_copy_goes_on_as_the_first_does_and_leaves_it_alone(flight, way, has_v
     wanted, found = second.update_batch(*then), first.update_batch(*then)
     for name in FIELDS:
         assert np.array_equal(getattr(wanted, name), getattr(found, name)), name
-
-
-def test_a_pickled_estimator_goes_on_in_another_process(flight):
-    time_s, gyr, acc, mag, _ = flight
-    estimator = Estimator()
-    estimator.update_batch(gyr[:120], acc[:120], mag[:120], time_s[:120])
-    then = gyr[120:], acc[120:], mag[120:], time_s[120:]
-    elsewhere = in_another_process(estimator, *then)
-    assert np.array_equal(elsewhere.q_ned_frd, estimator.update_batch(*then).q_ned_frd)
 
 
 def test_after_a_reset_it_is_a_new_one(flight):

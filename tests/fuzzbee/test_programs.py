@@ -13,7 +13,6 @@ from drivers.logs.open import open_log
 from estimator.types import ImuSample
 from fuzzbee import Estimator, load_profile
 from fuzzbee.replays.trace import Replay
-from tests.fuzzbee.recording import recorded
 
 DATA = Path(__file__).parents[1] / "data"
 FLIPS = DATA / "sitl_copter_flips.tlog"  # 50 Hz, with the simulator's truth
@@ -88,24 +87,6 @@ def test_it_estimates_as_the_service_does():
     assert np.array_equal(mine.q_ned_frd, trace["q_ned_frd"])
 
 
-def test_a_velocity_without_a_time_is_that_of_the_last_sample():
-    """By number or by time, the estimate is that of a report with that time."""
-    time_s, gyr, acc, mag, velocity, _ = recorded(FLIPS)
-    timed, plain, counted = Estimator(), Estimator(), Estimator(rate_hz=50.0)
-    plain.update_velocity((0.0, 0.0, 0.0))  # of no sample yet: nothing to be said
-    rows = zip(time_s[:200] - time_s[0], gyr, acc, mag, velocity, strict=False)
-    for k, (at_s, *readings, report) in enumerate(rows):
-        given = [timed.update(*readings, at_s), plain.update(*readings, at_s)]
-        by_number = counted.update(*readings)
-        if np.isfinite(report[0]):
-            timed.update_velocity(report, at_s)
-            plain.update_velocity(report)
-            counted.update_velocity(report)
-        assert given[0].q_ned_frd == given[1].q_ned_frd
-        assert by_number.time_us == 20_000 * k
-    assert not timed.rejected + plain.rejected + counted.rejected
-
-
 def test_before_the_first_sample_that_can_be_used_there_is_no_attitude():
     gyr, acc, mag, _ = turning_level(4, 100.0)
     acc[0] = np.nan
@@ -116,6 +97,10 @@ def test_before_the_first_sample_that_can_be_used_there_is_no_attitude():
         assert np.isfinite(values[1:]).all()
     assert estimator.rejected == {"not_finite": 1}
     assert Estimator().update((np.nan,) * 3, LEVEL[1], time_s=0.0) is None
+    estimator.reset()
+    estimator.update_velocity((0.0, 0.0, 0.0))  # of no sample yet: nothing to be said
+    assert [estimator.update(*LEVEL).time_us for _ in range(3)] == [0, 10_000, 20_000]
+    assert not estimator.rejected
 
 
 def test_a_sample_that_is_not_later_is_counted_and_the_attitude_stays():
