@@ -16,7 +16,7 @@ from estimator.aiding.phase import Phase
 from estimator.estimator import Estimator as LiveEstimator
 from estimator.live.core import with_attitude
 from estimator.types import ImuSample, VelocitySample
-from fuzzbee import Estimator, InputError, load_profile
+from fuzzbee import Estimator, load_profile
 from fuzzbee.array_estimator import Unfit
 from fuzzbee.attitudes import Attitudes
 from tests.fuzzbee.recording import recorded
@@ -159,17 +159,6 @@ def test_an_estimate_that_is_not_finite_begins_anew_in_a_batch_too(flight):
         attitude.q_ned_frd for attitude in reported[1:]
     ]
     assert batch.rejected == calls.rejected == {"estimate_not_finite": 1}
-
-
-@pytest.mark.parametrize("time_s", [1e300, -np.inf, np.nan])
-def test_a_time_that_no_clock_shows_is_refused_before_anything_is_taken(time_s):
-    estimator = Estimator()
-    level = (np.zeros((2, 3)), np.tile((0.0, 0.0, -9.8), (2, 1)))
-    with pytest.raises(InputError, match="time_s"):
-        estimator.update_batch(*level, time_s=[0.0, time_s])
-    with pytest.raises(InputError, match="time_s"):
-        estimator.update((0.0,) * 3, (0.0, 0.0, -9.8), time_s=time_s)
-    assert estimator.update_batch(*level, time_s=[0.0, 0.1]).q_ned_frd[0, 0] == 1.0
 
 
 def test_a_velocity_is_handed_on_as_it_is_at_the_last_samples_time():
