@@ -97,12 +97,7 @@ class Estimator:
         self.profile = profile_of(profile)
         self._is_plain = self.profile.has_plain_imu
         self._rate_hz = rate_hz
-        self._made_with: dict[str, Any] = {
-            "profile": self.profile,
-            "rate_hz": rate_hz,
-            "gain": gain,
-            "compass_calibrated": compass_calibrated,
-        }
+        self._fixed: dict[str, Any] = {"gain": gain, "compass_calibrated": compass_calibrated}
         self.reset()
 
     def __repr__(self) -> str:
@@ -113,8 +108,8 @@ class Estimator:
     def reset(self) -> None:
         """Begin as if nothing had come yet; a position is forgotten, too."""
         self.rejected: Counter[str] = Counter()
-        self._inner = estimator.Estimator(self.profile, self._made_with["gain"])
-        if (calibrated := self._made_with["compass_calibrated"]) is not None:
+        self._inner = estimator.Estimator(self.profile, self._fixed["gain"])
+        if (calibrated := self._fixed["compass_calibrated"]) is not None:
             self._inner.set_field_calibrated(calibrated)
         self._number = 0  # of the next sample
         self._last_us = 0
@@ -127,14 +122,8 @@ class Estimator:
 
         It can be pickled, for another process with the same version of fuzzbee.
         """
-        return EstimatorState(
-            self._inner.snapshot,
-            self._number,
-            self._last_us,
-            self._field.last,
-            dict(self.rejected),
-            self._is_checked,
-        )
+        came = self._number, self._last_us, self._field.last
+        return EstimatorState(self._inner.snapshot, *came, dict(self.rejected), self._is_checked)
 
     @state.setter
     def state(self, state: EstimatorState) -> None:
@@ -149,7 +138,7 @@ class Estimator:
         return copy(self)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return partial(type(self), **self._made_with), (), self.state
+        return partial(type(self), self.profile, self._rate_hz, **self._fixed), (), self.state
 
     def __setstate__(self, state: EstimatorState) -> None:
         self.state = state
@@ -172,10 +161,7 @@ class Estimator:
         """
         gyr, acc = vector("gyr_rad_s", gyr_rad_s), vector("acc_m_s2", acc_m_s2)
         mag = ZERO_VEC3 if mag_gauss is None else vector("mag_gauss", mag_gauss)
-        if time_s is None:
-            time_us = round(MICROSECONDS * self._number / self._rate())
-        else:
-            time_us = microseconds(time_s)
+        time_us = microseconds(self._number / self._rate() if time_s is None else time_s)
         self._number += 1
         self._last_us = time_us
         has_mag = mag_gauss is not None and self._field.is_fresh(finite_or_zero(mag), time_us)
@@ -216,11 +202,9 @@ class Estimator:
         north, east, down = vector("velocity_ned_m_s", velocity_ned_m_s)
         sigma_m_s = number("sigma_m_s", sigma_m_s, 0.0)
         time_us = self._last_us if time_s is None else microseconds(time_s)
-        has_down = isfinite(down)
-        velocity = (north, east, down if has_down else 0.0)
-        self._count(
-            self._inner.update_velocity(VelocitySample(time_us, velocity, has_down, sigma_m_s))
-        )
+        velocity = (north, east, down if isfinite(down) else 0.0)
+        report = VelocitySample(time_us, velocity, isfinite(down), sigma_m_s)
+        self._count(self._inner.update_velocity(report))
 
     def update_batch(
         self,
@@ -248,9 +232,10 @@ class Estimator:
             InputError: arrays of other shapes, or no times; ``strict``, and there are warnings.
         """
         readings = (gyr_rad_s, acc_m_s2, mag_gauss, time_s, velocity_ned_m_s, position)
-        rows, others = self._rows_of(*readings, strict=strict)
+        rows, reports, places, lines = self._rows_of(*readings, strict=strict)
         published = np.empty((len(rows.times_us), OUTPUT_SIZE))
-        return attitudes_of_rows(rows.times_us, published, self._take(rows, published, *others))
+        lines = self._take(rows, published, reports, places, lines)
+        return attitudes_of_rows(rows.times_us, published, lines)
 
     def smooth(
         self,
@@ -272,15 +257,15 @@ class Estimator:
         """
         from estimator.smoothing import Offered, Recorder, smooth_offered
 
-        forward = Estimator(**self._made_with)
+        forward = Estimator(self.profile, self._rate_hz, **self._fixed)
         readings = (gyr_rad_s, acc_m_s2, mag_gauss, time_s, velocity_ned_m_s, position)
-        rows, others = forward._rows_of(*readings)
+        rows, reports, places, lines = forward._rows_of(*readings)
         published = np.empty((len(rows.times_us), OUTPUT_SIZE))
         recorder = Recorder(self.profile, self._inner.fixed_gain, Offered(rows, published))
         recorder.snapshot = self._inner.snapshot
         recorder.restart()
         forward._inner = recorder
-        lines = forward._take(rows, published, *others)
+        lines = forward._take(rows, published, reports, places, lines)
         for places in smooth_offered(recorder, published):
             published[places, NORTH] = published[-1, NORTH]
         return attitudes_of_rows(rows.times_us, published, lines)
@@ -302,22 +287,22 @@ class Estimator:
 
     def _rows_of(
         self, *given: Any, strict: bool = False
-    ) -> tuple[Rows, tuple[Floats, Floats, tuple[str, ...]]]:
+    ) -> tuple[Rows, Floats, Floats, tuple[str, ...]]:
         """The arguments of ``update_batch``, checked: readings, velocities, positions, advice."""
         gyr_rad_s, acc_m_s2, mag_gauss, time_s, velocity_ned_m_s, position = given
         gyr = matrix("gyr_rad_s", gyr_rad_s)
         n = len(gyr)
         acc = matrix("acc_m_s2", acc_m_s2, n)
         mag = np.zeros((n, 3)) if mag_gauss is None else matrix("mag_gauss", mag_gauss, n)
-        velocity = np.zeros((0, 3))
+        reports, fast, places = NO_REPORT_ROWS, 0, np.zeros((0, 5))
+        if position is not None:
+            places = positions_of(position, n)
+        if time_s is None:
+            time_s = np.arange(self._number, self._number + n) / self._rate()
+        times_us = times_of(time_s, n)
         if velocity_ned_m_s is not None:
             velocity = matrix("velocity_ned_m_s", velocity_ned_m_s, n)
-        places = np.zeros((0, 5)) if position is None else positions_of(position, n)
-        if time_s is None:
-            numbers = np.arange(self._number, self._number + n, dtype=float)
-            times_us = np.rint(MICROSECONDS * numbers / self._rate()).astype(np.int64)
-        else:
-            times_us = times_of(time_s, n)
+            reports, fast = velocities_of(times_us, velocity)
         self._number += n
         self._last_us = int(times_us[-1]) if n else self._last_us
         has_mag = self._field.fresh_rows(mag, times_us)
@@ -328,11 +313,9 @@ class Estimator:
         lines = self._compared(rows, strict=strict)
         too_strong = has_mag & (np.abs(mag) > MAG_LIMIT_GAUSS).any(axis=1)
         rows.has_mag[too_strong] = False
-        reports, fast = velocities_of(times_us, velocity)
         self._count(Reason.MAGNETOMETER_OUT_OF_RANGE, int(too_strong.sum()))
         self._count(Reason.VELOCITY_OUT_OF_RANGE, fast)
-        reports = reports if self.profile.conditioned else NO_REPORT_ROWS
-        return rows, (reports, places, lines)
+        return rows, reports if self.profile.conditioned else NO_REPORT_ROWS, places, lines
 
     def _compared(self, rows: Rows, *, strict: bool) -> tuple[str, ...]:
         """What units and axes would fit better; looked for once, or if ``strict``."""

@@ -103,8 +103,7 @@ def attitudes_of(columns: Any, start_us: int = 0, warnings: tuple[str, ...] = ()
 
 def attitudes_of_rows(times_us: Times, published: Floats, warnings: tuple[str, ...]) -> Attitudes:
     """The columns of rows as :mod:`estimator.live.rows` has them."""
-    columns: dict[str, Any] = {"time_us": times_us, "q_ned_frd": published[:, Q]}
-    columns |= {"rate_rad_s": published[:, RATE], "gyro_bias_rad_s": published[:, BIAS]}
-    columns |= zip(Attitude._fields[4:-1], published.T[BIAS.stop : NORTH], strict=True)
-    columns["heading_reference"] = published[:, NORTH].astype(np.uint8)
-    return attitudes_of(columns, warnings=warnings)
+    vectors = (published[:, columns] for columns in (Q, RATE, BIAS))
+    norths = published[:, NORTH].astype(np.uint8)
+    values = (times_us, *vectors, *published.T[BIAS.stop : NORTH], norths)
+    return attitudes_of(dict(zip(Attitude._fields, values, strict=True)), warnings=warnings)

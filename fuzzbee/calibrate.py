@@ -29,9 +29,6 @@ EPILOG = examples(
 )
 
 
-MOST_LONGITUDE_DEG = 360.0
-
-
 class CalibrateOptions(NamedTuple):
     """The arguments and options of the verb, in the order of its help."""
 
@@ -76,7 +73,7 @@ def calibrate(options: CalibrateOptions) -> None:
         with written_whole(options.output) as path:
             path.write_text(profile_to_toml(calibrated), "utf-8")
     if options.as_json:
-        print(msgspec.json.encode(report.as_json()).decode())
+        print(msgspec.json.encode(report.as_json(), enc_hook=lambda array: array.tolist()).decode())
     else:
         print("\n".join(report_lines(report)))
 
@@ -94,6 +91,6 @@ def field_there(place: str) -> "PlaceField":
     except ValueError:
         raise InputError(f"--place {place!r}: should be LAT,LON, such as 47.40,8.55") from None
     field = field_at(latitude_deg, longitude_deg, 0.0, time.time_ns() // 1000)
-    if field is None or abs(longitude_deg) > MOST_LONGITUDE_DEG:
+    if field is None or abs(longitude_deg) > 360.0:
         raise InputError(f"--place {place}: latitude -89.9 to 89.9, longitude -360 to 360 degrees")
     return field

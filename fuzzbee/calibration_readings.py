@@ -1,61 +1,30 @@
 """What ``fuzzbee calibrate`` fits of a replayed log: its IMU, one compass, velocities, current."""
 
-from collections import Counter
+from collections import defaultdict
 from math import radians
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from drivers.events import Velocity
 from drivers.logs.open import open_log
 from drivers.logs.other_sensors import compasses, currents
-from drivers.logs.table import blocks
 from drivers.logs.time_window import WHOLE_LOG, TimeWindow, WindowedEvents
 from drivers.samples.imu_stream import RepeatedField
 from estimator.arrays import Bools, Floats
 from estimator.errors import InputError
 from estimator.geometry.earth import PlaceField, in_ned
-from estimator.geometry.rotations import rotate_inverse
 from estimator.profile import Profile
-from estimator.types import DOWN
+from estimator.types import VelocitySample
 from fuzzbee.attitudes import PLACE
 from fuzzbee.replays.trace import VehicleTrace
 from tuning.calibration.spans import Recording
 
-MOST_S = 1200.0  # of a recording: the stretch that turns most is used
+LEAST_S = 10.0  # of a recording
+MOST_S = 1200.0  # the stretch that turns most is used
 HEADED_RAD = radians(15.0)  # sigma of a heading that the compass is judged by
 SETTLED = 0.1  # of the samples: the estimate has begun by then
 BESIDE_US = 200_000  # a reading further from every sample belongs to none
-
-
-class CompassReadings(NamedTuple):
-    """The field and the vertical (N, 3) in body axes, attitudes (N, 4), and the current (N,).
-
-    ``is_headed`` (N,) is true where velocity has shown the heading.
-    """
-
-    mag: Floats
-    down: Floats
-    q_ned_frd: Floats
-    is_headed: Bools
-    current_a: Floats | None
-
-    def beside(self, field: PlaceField) -> tuple[Floats, Floats]:
-        """Readings where velocity has shown the heading, and the place's field there (M, 3)."""
-        there = self.is_headed
-        return self.mag[there], rotate_inverse(self.q_ned_frd[there], in_ned(field))
-
-
-def message_of(trace: VehicleTrace) -> str:
-    """The IMU message that was used most."""
-    return trace.imu_messages.most_common(1)[0][0]
-
-
-def rate_hz(trace: VehicleTrace) -> float:
-    """Samples a second, by the median; 0 of one alone."""
-    steps_us = np.diff(trace["time_us"])
-    return 1e6 / float(np.median(steps_us)) if len(steps_us) else 0.0
 
 
 def choose_compass(path: Path, trace: VehicleTrace, profile: Profile, number: int | None) -> str:
@@ -65,14 +34,15 @@ def choose_compass(path: Path, trace: VehicleTrace, profile: Profile, number: in
         InputError: the log has no such compass.
     """
     if number is None:
-        return message_of(trace)
+        return trace.message
     with open_log(path) as log:
         found = compasses(log, trace.address.system_id)
-    if not found and number == 0 and trace["has_mag"].any():
-        return message_of(trace)
+    known = sorted(found) or ([0] if trace["has_mag"].any() else [])
+    if number not in known:
+        there = ", ".join(map(str, known)) or "none"
+        raise InputError(f"{path}: no compass {number} (there is: {there})")
     if number not in found:
-        known = ", ".join(map(str, sorted(found))) or ("0" if trace["has_mag"].any() else "none")
-        raise InputError(f"{path}: no compass {number} (there is: {known})")
+        return trace.message
     message, arrivals_us, mag = found[number]
     samples_us = trace["arrival_us"]
     rows = np.searchsorted(0.5 * (samples_us[1:] + samples_us[:-1]), arrivals_us)  # the nearest
@@ -81,41 +51,50 @@ def choose_compass(path: Path, trace: VehicleTrace, profile: Profile, number: in
     columns, has_mag = np.zeros((len(samples_us), 3)), np.zeros(len(samples_us), np.bool_)
     columns[rows[used]], has_mag[rows[used]] = mag[used], True
     _, _, columns = profile.to_body_rows(0.0 * columns, 0.0 * columns, columns)
-    trace.table.put("mag_gauss", [columns])
-    trace.table.put("has_mag", [has_mag])
+    trace.put("mag_gauss", [columns])
+    trace.put("has_mag", [has_mag])
     return message
 
 
-def compass_readings(path: Path, trace: VehicleTrace) -> CompassReadings:
-    """Those of all samples with a field, once the estimate has begun."""
+def compass_readings(
+    path: Path, trace: VehicleTrace
+) -> tuple[Floats, Floats, Bools, Floats | None]:
+    """Fields (N, 3) once the estimate has begun, attitudes (N, 4) then, and the current (N,).
+
+    The third (N,) is true where velocity has shown the heading.
+    """
     mag, q = trace["mag_gauss"], trace["q_ned_frd"]
     is_known = trace["has_mag"] & mag.any(axis=1) & np.isfinite(mag).all(axis=1)
     there = np.flatnonzero(is_known & np.isfinite(q).all(axis=1))
     there = there[int(SETTLED * len(there)) :]
     is_headed = trace["is_aided"] & (trace["heading_reference"] == PLACE["true"])
     is_headed &= trace["sigma_heading_rad"] < HEADED_RAD
-    parts = [rotate_inverse(q[there[rows]], DOWN) for rows in blocks(len(there))]
-    down = np.concatenate([np.empty((0, 3)), *parts])
     with open_log(path) as log:
         found = currents(log, trace.address.system_id)
     current_a = None
     if found:
         times_us, amperes = zip(*found, strict=True)
         current_a = np.interp(trace["arrival_us"][there], times_us, amperes)
-    return CompassReadings(mag[there], down, q[there], is_headed[there], current_a)
+    return mag[there], q[there], is_headed[there], current_a
 
 
 def recording(
     path: Path, trace: VehicleTrace, field: PlaceField | None, window: TimeWindow = WHOLE_LOG
 ) -> Recording:
-    """The stretch of a trace that turns most, of what the estimate has an attitude for."""
+    """The stretch of a trace that turns most, of what the estimate has an attitude for.
+
+    Raises:
+        InputError: it is too short to show anything.
+    """
     q = trace["q_ned_frd"]
     times_s, gyr = trace.time_s + 1e-6 * trace.zero_us, trace["gyr_rad_s"]
     rows = _liveliest(times_s, gyr, np.isfinite(q[:, 0]))
-    times_us, velocity_ned_m_s = _velocities(path, trace, window)
-    first_us, last_us = 1e6 * times_s[rows][[0, -1]]
-    inside = (times_us >= first_us) & (times_us <= last_us)
-    mag, place = trace["mag_gauss"][rows], field or trace.place_field
+    first_s, last_s = times_s[rows][[0, -1]]
+    if last_s - first_s < LEAST_S:
+        raise InputError(f"{path}: shorter than {LEAST_S:g} s")
+    at_s, velocity_ned_m_s = _velocities(path, trace, window)
+    within = (at_s >= first_s) & (at_s <= last_s)
+    mag, place = trace["mag_gauss"][rows], field or trace.vehicle.estimator.place_field
     return Recording(
         times_s[rows],
         gyr[rows],
@@ -123,8 +102,8 @@ def recording(
         mag,
         trace["has_mag"][rows] & mag.any(axis=1),
         q[rows],
-        1e-6 * times_us[inside],
-        velocity_ned_m_s[inside],
+        at_s[within],
+        velocity_ned_m_s[within],
         None if place is None else np.array(in_ned(place)),
     )
 
@@ -139,16 +118,13 @@ def _liveliest(times_s: Floats, gyr: Floats, known: Bools) -> slice:
 
 
 def _velocities(path: Path, trace: VehicleTrace, window: TimeWindow) -> tuple[Floats, Floats]:
-    """Times (M,) in us and velocities (M, 3) of the message that has most of them, in order."""
+    """Times (M,) in s and velocities (M, 3) of the message that has most of them, in order."""
+    of: defaultdict[str, list[VelocitySample]] = defaultdict(list)
     with open_log(path) as log:
-        found = [
-            event
-            for event in (log if window == WHOLE_LOG else WindowedEvents(log, window))
-            if isinstance(event, Velocity) and event.vehicle == trace.address
-        ]
-    most = Counter(each.message for each in found).most_common(1)
-    chosen = [each.sample for each in found if each.message == most[0][0]]
-    times_us = np.array([each.time_us for each in chosen], dtype=float)
-    order = np.argsort(times_us, kind="stable")
+        for event in log if window == WHOLE_LOG else WindowedEvents(log, window):
+            if isinstance(event, Velocity) and event.vehicle == trace.address:
+                of[event.message].append(event.sample)
+    most = max(of, key=lambda message: len(of[message]), default="")
+    chosen = sorted(of[most], key=lambda each: each.time_us)
     vectors = np.array([each.velocity_ned_m_s for each in chosen], dtype=float).reshape(-1, 3)
-    return times_us[order], vectors[order]
+    return 1e-6 * np.array([each.time_us for each in chosen], dtype=float), vectors

@@ -5,7 +5,7 @@ the World Magnetic Model instead, which a stream of any rate allows.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from math import atan2, cos, degrees
+from math import atan2, cos, degrees, inf
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,14 +25,14 @@ from drivers.mavlink.constants import MAV_AUTOPILOT_ARDUPILOTMEGA
 from estimator.arrays import Floats
 from estimator.calibration import UNCHANGED, Calibration, Mounting
 from estimator.errors import InputError
-from estimator.geometry.earth import PlaceField
+from estimator.geometry.earth import PlaceField, in_ned
 from estimator.geometry.quaternion import rotate
+from estimator.geometry.rotations import rotate_inverse
 from estimator.profile import Profile
+from estimator.types import DOWN
 from fuzzbee.calibration_readings import (
     choose_compass,
     compass_readings,
-    message_of,
-    rate_hz,
     recording,
 )
 from fuzzbee.replays.log_report import refused_text, replay_log
@@ -42,7 +42,6 @@ from tuning.calibration.prediction import WON
 from tuning.compass_fit import CompassFit, compass_turn, fit_compass
 
 SLOWEST_HZ = 19.0  # turning between the samples of slower streams does not show
-LEAST_S = 10.0  # of a recording
 UNITS = {"gyr_bias_rad_s": "rad/s", "acc_bias_m_s2": "m/s²", "mag_offset_gauss": "gauss"}
 # By ArduPilot's numbers of a compass, as its parameters are known by
 NUMBERED = {1: "SCALED_IMU2", 2: "SCALED_IMU3"}
@@ -65,8 +64,8 @@ class CalibrationReport(NamedTuple):
 
     def as_json(self) -> dict[str, Any]:
         """The schema of ``calibrate --json``: the compass's figures, and those of all sensors."""
-        found = {**(self.compass or {}), "source": ", ".join(self.sources)}
-        found |= {"calibration": msgspec.to_builtins(self.calibration), "ardupilot": self.ardupilot}
+        found = {"source": ", ".join(self.sources), **(self.compass or {})}
+        found |= {"calibration": self.calibration, "ardupilot": self.ardupilot}
         if self.fit is not None:
             names = ("sigma", "left", "predicted", "field_misfits", "lags_s")
             found["sensors"] = {name: getattr(self.fit, name) for name in names}
@@ -92,10 +91,10 @@ def report_calibration(
     how = How(system_id=system_id, window=window)
     traces = [replay_log(path, plain, how) for path in paths]
     messages = [choose_compass(*each, plain, compass) for each in zip(paths, traces, strict=True)]
-    is_fast = min(map(rate_hz, traces)) > SLOWEST_HZ
-    way_out = "turn it slowly about all axes, for two minutes or more"
-    if not is_fast:
-        way_out = "several logs together need 20 samples a second or more"
+    is_fast = max(trace.step_s or inf for trace in traces) < 1.0 / SLOWEST_HZ
+    way_out = "several logs together need 20 samples a second or more"
+    if is_fast:
+        way_out = "turn it slowly about all axes, for two minutes or more"
     of_compass, why = None, InputError(f"{paths[0]}: no constant shows: {way_out}")
     if len(paths) == 1:
         try:
@@ -104,42 +103,25 @@ def report_calibration(
             why = error
     fit, ardupilot, found = None, dict[str, float](), Calibration()
     if is_fast:
-        fit = _fit(paths, traces, field, window)
+        both = zip(paths, traces, strict=True)
+        try:
+            fit = fit_sensors([recording(path, trace, field, window) for path, trace in both])
+        except np.linalg.LinAlgError as error:
+            raise InputError(f"{paths[0]}: nothing fits these readings: {error}") from None
         found = fit.found
-        if _is_ardupilot(traces[0]):
-            ardupilot = inertial_parameters(traces[0].parameters, message_of(traces[0]), found)
+        ardupilot = inertial_parameters(traces[0].parameters, traces[0].message, found)
     if of_compass is not None:
         iron = {"mag_matrix": UNCHANGED, **of_compass["calibration"]}
         found = msgspec.structs.replace(found, **iron)
         ardupilot |= of_compass["ardupilot"]
     if found.is_plain:
         raise why
+    if traces[0].autopilot not in (None, MAV_AUTOPILOT_ARDUPILOTMEGA):
+        ardupilot = {}
     texts = ((path, refused_text(trace)) for path, trace in zip(paths, traces, strict=True))
     refused = [f"{path}: {text}" for path, text in texts if text is not None]
-    found = in_sensor_axes(found, profile.mounting)
-    sources = [str(path) for path in paths]
-    return CalibrationReport(sources, found, ardupilot, fit, of_compass, refused)
-
-
-def _is_ardupilot(trace: VehicleTrace) -> bool:
-    return trace.autopilot in (None, MAV_AUTOPILOT_ARDUPILOTMEGA)
-
-
-def _fit(
-    paths: Sequence[Path],
-    traces: Sequence[VehicleTrace],
-    field: PlaceField | None,
-    window: TimeWindow,
-) -> SensorFit:
-    both = zip(paths, traces, strict=True)
-    recordings = [recording(path, trace, field, window) for path, trace in both]
-    for path, each in zip(paths, recordings, strict=True):
-        if each.time_s[-1] - each.time_s[0] < LEAST_S:
-            raise InputError(f"{path}: shorter than {LEAST_S:g} s")
-    try:
-        return fit_sensors(recordings)
-    except np.linalg.LinAlgError as error:
-        raise InputError(f"{paths[0]}: nothing fits these readings: {error}") from None
+    in_sensor = in_sensor_axes(found, profile.mounting)
+    return CalibrationReport([*map(str, paths)], in_sensor, ardupilot, fit, of_compass, refused)
 
 
 def _report_compass(
@@ -155,15 +137,15 @@ def _report_compass(
     Raises:
         InputError: no position, no compass, or too few turns to find any offset.
     """
-    readings = compass_readings(path, trace)
-    field = field or trace.place_field
-    if not len(readings.mag):
+    mag, q, there, current_a = compass_readings(path, trace)
+    field = field or trace.vehicle.estimator.place_field
+    if not len(mag):
         raise InputError(f"{path}: no magnetometer")
     if field is None:
         raise InputError(f"{path}: no position; --place LAT,LON says which field is there")
-    turn = compass_turn(*readings.beside(field))
-    mag = readings.mag if turn is None else readings.mag @ turn.T
-    fit = fit_compass(mag, readings.down, field, readings.current_a)
+    turn = compass_turn(mag[there], rotate_inverse(q[there], in_ned(field)))
+    mag = mag if turn is None else mag @ turn.T
+    fit = fit_compass(mag, rotate_inverse(q, DOWN), field, current_a)
     if fit is None:
         raise InputError(
             f"{path}: too few turns to find an offset: fly level through all headings, and tilt"
@@ -177,24 +159,23 @@ def _report_compass(
         parameters = unmixed(trace.parameters, parameters)
     elif set_to is not None:  # offsets need another flight with it set right
         parameters = {set_to.parameter: float(set_to.value)}
-    usual_a = 0.0 if readings.current_a is None else float(readings.current_a.mean())
+    usual_a = 0.0 if current_a is None else float(current_a.mean())
     horizontal_gauss = field.strength_gauss * cos(field.dip_rad)
     worst_gauss = float(np.linalg.eigvalsh(fit.offset_covariance[:2, :2])[-1]) ** 0.5
     return {
-        "source": str(path),
         "message": message,
         "readings": len(mag),
         "field_gauss": field.strength_gauss,
         "dip_deg": degrees(field.dip_rad),
-        "offset_sigma_gauss": np.sqrt(np.diag(fit.offset_covariance)).tolist(),
-        "current_gauss_a": _listed(fit.current_gauss_a),
-        "current_sigma_gauss_a": _listed(fit.current_sigma_gauss_a),
-        "matrix_sigma": _listed(fit.matrix_sigma),
+        "offset_sigma_gauss": np.sqrt(np.diag(fit.offset_covariance)),
+        "current_gauss_a": fit.current_gauss_a,
+        "current_sigma_gauss_a": fit.current_sigma_gauss_a,
+        "matrix_sigma": fit.matrix_sigma,
         "heading_sigma_deg": degrees(atan2(worst_gauss, horizontal_gauss)),
         "misfit_gauss": fit.misfit_gauss,
         "unseen": fit.unseen,
         "calibration": _calibration(fit, usual_a, turn),
-        "ardupilot": parameters if _is_ardupilot(trace) else {},
+        "ardupilot": parameters,
         "ardupilot_adds": not any(name.startswith(COMPASS) for name in trace.parameters),
         "orientation": None if set_to is None else set_to.meaning,
     }
@@ -209,10 +190,6 @@ def unmixed(was: Mapping[str, float], parameters: dict[str, float]) -> dict[str,
         return parameters
     names = [f"{COMPASS}MOT{number}_{axis}" for number in ("", "2", "3") for axis in AXES]
     return {name: 0.0 for name in names if was.get(name)} | parameters
-
-
-def _listed(values: Floats | None) -> Any:
-    return None if values is None else values.tolist()
 
 
 def _calibration(fit: CompassFit, usual_a: float, turn: Floats | None) -> dict[str, Any]:
@@ -244,7 +221,7 @@ def report_lines(report: CalibrationReport) -> Iterator[str]:
     """A profile's section, with all else in comments."""
     compass, fit = report.compass, report.fit
     if compass is not None:
-        yield from _compass_lines(compass)
+        yield from _compass_lines(Path(report.sources[0]).name, compass)
     for key, sigma in {} if fit is None else fit.sigma.items():
         if fit is not None and (compass is None or "mag" not in key):
             size = f"sigma at most {max(sigma):.4f} {UNITS.get(key, '')}".rstrip()
@@ -267,10 +244,10 @@ def report_lines(report: CalibrationReport) -> Iterator[str]:
         yield f"# {name} {number:.{digits}f}"
 
 
-def _compass_lines(found: dict[str, Any]) -> Iterator[str]:
+def _compass_lines(log: str, found: dict[str, Any]) -> Iterator[str]:
     before, after = (1e3 * each for each in found["misfit_gauss"])
     sigma = ", ".join(f"{1e3 * each:.1f}" for each in found["offset_sigma_gauss"])
-    yield f"# {Path(found['source']).name}: {found['readings']} readings of {found['message']}"
+    yield f"# {log}: {found['readings']} readings of {found['message']}"
     yield f"# the field there: {1e3 * found['field_gauss']:.0f} mG, dip {found['dip_deg']:.1f} deg"
     yield f"# median misfit: {before:.1f} mG as it is, {after:.1f} mG corrected"
     yield f"# sigma: offset {sigma} mG, of a heading by it {found['heading_sigma_deg']:.1f} deg"

@@ -1,7 +1,6 @@
 """The Zenoh options that run and watch share."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing
 from functools import partial
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
@@ -35,16 +34,11 @@ class ZenohArguments(NamedTuple):
     prefix: Annotated[str, option("What all keys begin with.")] = PREFIX
 
 
-@contextmanager
-def opening(arguments: ZenohArguments) -> "Iterator[OpeningSession]":
+def opening(arguments: ZenohArguments) -> "closing[OpeningSession]":
     """A session on its way, half a second, in which all else is loaded; closed at the end."""
     from service.zenoh_session import OpeningSession, ZenohOptions
 
-    session = OpeningSession(ZenohOptions(*arguments))
-    try:
-        yield session
-    finally:
-        session.close()
+    return closing(OpeningSession(ZenohOptions(*arguments)))
 
 
 def opened(awaited: "OpeningSession") -> "zenoh.Session":

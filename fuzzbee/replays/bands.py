@@ -1,12 +1,10 @@
 """What a figure shows of a replay's times: what was wrong or helped, modes, arming, warnings."""
 
 from collections.abc import Iterator
-from math import isnan
 
 import numpy as np
 
-from drivers.events import StatusText
-from drivers.mavlink.constants import MAV_AUTOPILOT_PX4
+from drivers.mavlink.constants import mode_name
 from estimator.arrays import Bools, Floats
 from estimator.conditioning.vertical.rate import LEAST_PEAK_RAD_S
 from fuzzbee.replays.score import CONVERGED_RAD
@@ -40,7 +38,7 @@ def bands(time_s: Floats, trace: VehicleTrace) -> Iterator[Band]:
     yield ("gyroscope at its end", "tab:brown", 0.35, _clipped(time_s, trace))
     if trace.turned_at_us is not None:
         yield ("wrong start", "tab:red", 0.2, _wrong(time_s, trace))
-    intervals, zero_us = trace.second_opinion.intervals, trace.zero_us
+    intervals, zero_us = trace.vehicle.comparison.intervals, trace.zero_us
     differing = [(1e-6 * (i.begin_us - zero_us), 1e-6 * (i.end_us - zero_us)) for i in intervals]
     yield ("autopilot differs", "tab:orange", 0.2, differing)
     yield ("gap", "0.8", 1.0, gaps(time_s))
@@ -89,37 +87,13 @@ def gaps(time_s: Floats) -> list[Span]:
 def marks(trace: VehicleTrace) -> list[tuple[float, str]]:
     """When modes, arming and warnings came, and their names; first the mode that it began in.
 
-    A mode or a text that is repeated counts once. Seconds of the log are by the samples' arrivals.
+    Seconds of the log are by the samples' arrivals.
     """
-    modes: list[tuple[int, int]] = []  # arrival and number
-    arming: list[tuple[int, int]] = []  # arrival, and whether it is armed since
-    texts: dict[str, int] = {}  # when it first came
-    for event in trace.notices:
-        if isinstance(event, StatusText):
-            if len(texts) < MOST_TEXTS:
-                texts.setdefault(event.text, event.arrival_us)
-            continue
-        for known, value in ((arming, event.is_armed), (modes, event.custom_mode)):
-            if value is not None and (not known or known[-1][1] != value):
-                known.append((event.arrival_us, value))
-    names, arrivals_us = _mode_names(trace, {number for _, number in modes}), trace["arrival_us"]
-    found = [(us, names.get(number, f"mode {number}")) for us, number in modes]
-    begin_us = int(arrivals_us[0])
+    arrivals_us, kind = trace["arrival_us"], (trace.autopilot, trace.vehicle_type)
+    begin_us, found = int(arrivals_us[0]), [(us, mode_name(*kind, n)) for us, n in trace.modes]
     began = [(begin_us, name) for us, name in found if us < begin_us][-1:]
-    found += [(us, "armed" if armed else "disarmed") for us, armed in arming[1:]]
-    found += [(us, text[:LETTERS]) for text, us in texts.items()]
-    found = began + sorted(each for each in found if each[0] >= begin_us)
-    time_s = np.interp([us for us, _ in found], arrivals_us, trace.time_s, right=np.nan).tolist()
-    named = zip(time_s, (name for _, name in found), strict=True)
-    return [(at_s, name) for at_s, name in named if not isnan(at_s)]
-
-
-def _mode_names(trace: VehicleTrace, numbers: set[int]) -> dict[int, str]:
-    """The names of modes, from pymavlink's tables by MAV_AUTOPILOT and MAV_TYPE."""
-    if not numbers:
-        return {}
-    from pymavlink import mavutil
-
-    if trace.autopilot == MAV_AUTOPILOT_PX4:
-        return {n: mavutil.interpret_px4_mode(1, n) for n in numbers}
-    return mavutil.mode_mapping_bynumber(trace.vehicle_type) or {}
+    found += [(us, "armed" if is_armed else "disarmed") for us, is_armed in trace.arming[1:]]
+    found += [(us, text[:LETTERS]) for text, us in [*trace.texts.items()][:MOST_TEXTS]]
+    found = began + sorted(each for each in found if begin_us <= each[0] <= arrivals_us[-1])
+    time_s = np.interp([us for us, _ in found], arrivals_us, trace.time_s).tolist()
+    return [(at_s, name) for at_s, (_, name) in zip(time_s, found, strict=True)]

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 
 SIMULATION = "sim:"
 MOST_WRONG_DEG = 180.0
+EXPORTS = ("csv", "mcap", "tum", "parquet")
 FLAGS = {"begin": "--from", "end": "--to"}
 FOR_LOGS = {
     "smooth": "",
@@ -159,7 +160,7 @@ def _exports(
     from fuzzbee.replays.exports import reference_path
     from fuzzbee.replays.figure import require_plot
 
-    written = options.given("csv", "mcap", "tum", "parquet", "plot")
+    written = options.given(*EXPORTS, "plot")
     files = [*written.items(), ("--rrd", options.rrd)]
     if options.tum is not None:
         files.append(("--tum", reference_path(options.tum)))
@@ -196,7 +197,7 @@ def _replay_logs(options: ReplayOptions) -> None:
     if count == 1:
         writers["--plot"] = partial(plot.draw, Path(options.sources[0]).name)
     else:  # whose figure is one
-        for flag, file in options.given("csv", "mcap", "tum", "parquet", "view", "rrd").items():
+        for flag, file in options.given(*EXPORTS, "view", "rrd").items():
             raise InputError(f"{flag} {file}: takes one log and one profile, not {count}")
     wanted = _exports(options, [*options.sources, *names, options.columns], writers)
     profiles = {name: load_profile(name) for name in names}

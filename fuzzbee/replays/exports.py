@@ -13,6 +13,7 @@ import csv
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
+from itertools import chain
 from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -42,35 +43,12 @@ EARLIEST_UNIX_US = 10**15
 # ROS has 31 bits for the seconds, until 2038: a later date is a garbled stamp.
 LATEST_UNIX_US = 10**6 << 31
 
-ATTITUDE_COLUMNS = (
-    *("time_s", "time_unix_s"),
-    *("q_w", "q_x", "q_y", "q_z"),
-    *("roll_deg", "pitch_deg", "yaw_deg"),
-    *("rate_x_rad_s", "rate_y_rad_s", "rate_z_rad_s"),
-    *("bias_x_rad_s", "bias_y_rad_s", "bias_z_rad_s"),
-    *("error", "error_rate_1_s", "gain"),
-    *("confidence_gravity", "confidence_magnetic"),
-    *("sigma_inclination_deg", "sigma_heading_deg"),
-    "heading_reference",
-)
-REFERENCE_COLUMNS = (
-    *("reference_q_w", "reference_q_x", "reference_q_y", "reference_q_z"),
-    *("reference_roll_deg", "reference_pitch_deg", "reference_yaw_deg"),
-    *("error_total_deg", "error_heading_deg", "error_inclination_deg"),
-)
-COLUMNS = ATTITUDE_COLUMNS + REFERENCE_COLUMNS
-SAME = (
-    *("rate_rad_s", "gyro_bias_rad_s", "error", "error_rate_1_s", "gain"),
-    *("confidence_gravity", "confidence_magnetic"),
-)
-
+ANGLES, ERRORS = ("roll", "pitch", "yaw"), ("total", "heading", "inclination")
+AS_THEY_ARE = ("error", "error_rate_1_s", "gain", "confidence_gravity", "confidence_magnetic")
+LAST_OF_ATTITUDE = "heading_reference"  # of the columns; those behind it are of the reference
 
 # East, north, up; the vehicle's body; and the same body as the reference has it.
 WORLD, BODY, REFERENCE_BODY = "map", "base_link", "reference"
-TABLES = {
-    "/attitude": ATTITUDE_COLUMNS,
-    "/reference": ("time_s", "time_unix_s", *REFERENCE_COLUMNS),
-}
 FRAME_TRANSFORM = "foxglove.FrameTransform"
 IMU = "sensor_msgs/msg/Imu"
 IMU_DEFINITION = f"\n{'=' * 80}\nMSG: ".join(
@@ -112,22 +90,35 @@ def stamps_us(trace: VehicleTrace) -> tuple[Times, bool]:
 
 
 def columns(trace: VehicleTrace) -> Iterator[Columns]:
-    """The columns :data:`COLUMNS`, some rows at a time; NaN where something is not known."""
+    """The columns of every file, some rows at a time; NaN where something is not known."""
     (unix_us, are_dates), time_s = stamps_us(trace), trace.time_s
     unix_s = 1e-6 * unix_us if are_dates else np.full(len(trace), np.nan)
     for rows in blocks(len(trace)):
         q, reference = trace["q_ned_frd"][rows], trace["reference_q_ned_frd"][rows]
-        own = [time_s[rows], unix_s[rows], q, euler_curves_deg(q)]
-        own += [trace[name][rows] for name in SAME]
-        own += [np.degrees(trace[f"sigma_{of}_rad"][rows]) for of in ("inclination", "heading")]
-        beside = (reference, euler_curves_deg(reference), np.degrees(trace["error_rad"][rows]))
-        norths = np.array(NORTHS)[trace["heading_reference"][rows]]
-        values = (*np.column_stack(own).T, norths, *np.column_stack(beside).T)
-        yield dict(zip(COLUMNS, values, strict=True))
+        yield {
+            "time_s": time_s[rows],
+            "time_unix_s": unix_s[rows],
+            **vectors("q_{}", "wxyz", q),
+            **vectors("{}_deg", ANGLES, euler_curves_deg(q)),
+            **vectors("rate_{}_rad_s", "xyz", trace["rate_rad_s"][rows]),
+            **vectors("bias_{}_rad_s", "xyz", trace["gyro_bias_rad_s"][rows]),
+            **{name: trace[name][rows] for name in AS_THEY_ARE},
+            "sigma_inclination_deg": np.degrees(trace["sigma_inclination_rad"][rows]),
+            "sigma_heading_deg": np.degrees(trace["sigma_heading_rad"][rows]),
+            LAST_OF_ATTITUDE: np.array(NORTHS)[trace["heading_reference"][rows]],
+            **vectors("reference_q_{}", "wxyz", reference),
+            **vectors("reference_{}_deg", ANGLES, euler_curves_deg(reference)),
+            **vectors("error_{}_deg", ERRORS, np.degrees(trace["error_rad"][rows])),
+        }
+
+
+def vectors(name: str, parts: Iterable[str], values: Floats) -> Columns:
+    """Vectors (N, K) as K columns; a part of each stands in its name."""
+    return {name.format(part): each for part, each in zip(parts, values.T, strict=True)}
 
 
 def write_csv(path: Path, trace: VehicleTrace) -> None:
-    """The columns :data:`COLUMNS` of a trace as CSV."""
+    """A trace as CSV."""
     write_columns(path, columns(trace))
 
 
@@ -158,15 +149,18 @@ def write_parquet(path: Path, trace: VehicleTrace) -> None:
     import pyarrow as pa
     from pyarrow.parquet import ParquetWriter
 
-    kinds = [(n, pa.string() if n == "heading_reference" else pa.float64()) for n in COLUMNS]
+    tables = (
+        pa.table({name: pa.array(each, from_pandas=True) for name, each in part.items()})
+        for part in columns(trace)
+    )
+    first = next(tables)
     with (
         written_for("--parquet", path) as fresh,
         fresh.open("wb") as file,
-        ParquetWriter(file, pa.schema(kinds)) as writer,
+        ParquetWriter(file, first.schema) as writer,
     ):
-        for part in columns(trace):
-            arrays = {name: pa.array(part[name], kind, from_pandas=True) for name, kind in kinds}
-            writer.write_table(pa.table(arrays))
+        for table in chain([first], tables):
+            writer.write_table(table)
 
 
 def reference_path(path: Path) -> Path:
@@ -205,7 +199,7 @@ def write_mcap(path: Path, trace: VehicleTrace) -> None:
         writer.start(profile="", library="fuzzbee")
         channels = {
             topic: writer.register_channel(topic, encoding, writer.register_schema(*schema))
-            for topic, encoding, *schema in _topics()
+            for topic, encoding, *schema in _topics(next(columns(trace)))
         }
         for topic, time_us, data in _messages(trace):
             time_ns = 1000 * time_us
@@ -214,13 +208,16 @@ def write_mcap(path: Path, trace: VehicleTrace) -> None:
         writer.finish()
 
 
-def _topics() -> Iterator[tuple[str, str, str, str, bytes]]:
+def _tables(part: Columns) -> list[tuple[str, list[str]]]:
+    """Topics, and their columns."""
+    names = [*part]
+    behind = names.index(LAST_OF_ATTITUDE) + 1
+    return [("/attitude", names[:behind]), ("/reference", [*names[:2], *names[behind:]])]
+
+
+def _topics(part: Columns) -> Iterator[tuple[str, str, str, str, bytes]]:
     """Name, encoding of the messages, and their type, its encoding and the type in that."""
     number, whole, text = ({"type": kind} for kind in ("number", "integer", "string"))
-    schemas = {}
-    for topic, names in TABLES.items():
-        kinds = {name: text if name == "heading_reference" else number for name in names}
-        schemas[topic] = (f"fuzzbee{topic.replace('/', '.')}", _object(kinds))
     parts = {
         "timestamp": _object({"sec": whole, "nsec": whole}, "time"),
         "parent_frame_id": text,
@@ -228,6 +225,10 @@ def _topics() -> Iterator[tuple[str, str, str, str, bytes]]:
         "translation": _object(dict.fromkeys("xyz", number), "foxglove.Vector3"),
         "rotation": _object(dict.fromkeys("xyzw", number), "foxglove.Quaternion"),
     }
+    schemas = {}
+    for topic, names in _tables(part):
+        kinds = {name: text if name == LAST_OF_ATTITUDE else number for name in names}
+        schemas[topic] = (f"fuzzbee{topic.replace('/', '.')}", _object(kinds))
     schemas["/tf"] = (FRAME_TRANSFORM, _object(parts, FRAME_TRANSFORM))
     for topic, (kind, schema) in schemas.items():
         yield topic, "json", kind, "jsonschema", msgspec.json.encode(schema)
@@ -243,13 +244,13 @@ def _messages(trace: VehicleTrace) -> Iterator[Message]:
     """Of each sample the rows that a CSV has, the attitude in space, and an IMU's message."""
     stamps, _ = stamps_us(trace)
     for rows, part in zip(blocks(len(trace)), columns(trace), strict=True):
-        times_us = stamps[rows].tolist()
+        times_us, tables = stamps[rows].tolist(), _tables(part)
         poses = (enu_flu(trace[name][rows]) for name in ("q_ned_frd", "reference_q_ned_frd"))
         own = zip(*(column.tolist() for column in part.values()), strict=True)
         each = zip(times_us, own, *poses, trace.published(rows, times_us), strict=True)
         for time_us, values, pose, beside, (record, sample) in each:
             row = dict(zip(part, values, strict=True))
-            for topic, names in TABLES.items():
+            for topic, names in tables:
                 known = {name: row[name] for name in names if row[name] == row[name]}
                 if names[-1] in known:  # there is a reference at this sample
                     yield topic, time_us, msgspec.json.encode(known)

@@ -120,11 +120,9 @@ def check_log(path: Path, profile: str, window: TimeWindow = WHOLE_LOG) -> Check
 
 def vibration(trace: VehicleTrace) -> Vibration | None:
     """The vibration of a replayed log; None where the IMU's stream is too slow to show it."""
-    steps_s = 1e-6 * np.diff(trace["time_us"])
-    step_s = float(np.median(steps_s)) if len(steps_s) else 0.0
+    acc, step_s = trace["acc_m_s2"], trace.step_s
     if not 0.0 < step_s <= 1.0 / LEAST_RATE_HZ:
         return None
-    acc = trace["acc_m_s2"]
     square = _low_pass((acc - _low_pass(acc, MEAN_HZ, step_s)) ** 2, SQUARE_HZ, step_s)
     return Vibration(*_exceeded(np.sqrt(square)))
 

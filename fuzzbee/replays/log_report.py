@@ -16,6 +16,7 @@ from drivers.logs.open import open_log
 from drivers.logs.reference_track import attitudes_at
 from drivers.mavlink.constants import autopilot_name, vehicle_type_name
 from estimator.errors import InputError
+from estimator.estimator import Estimator
 from estimator.geometry.metrics import batch_angle_errors
 from estimator.live.rows import NORTHS
 from estimator.profile import Profile
@@ -36,6 +37,7 @@ from fuzzbee.replays.score import (
     error_summary,
 )
 from fuzzbee.replays.trace import AS_LIVE, How, Replay, VehicleTrace, smooth
+from tuning.online.retuner import RetunedEstimator
 
 Reading = Callable[[LogFile], AbstractContextManager[object]]
 Export = Callable[[VehicleTrace], None]
@@ -90,9 +92,10 @@ def replay_log(
     how: How = AS_LIVE,
     notify: Callable[[str], None] = lambda _: None,
     reading: Reading = nullcontext,
+    new_estimator: Callable[[Profile], Estimator] | None = None,
 ) -> VehicleTrace:
     """The trace of one vehicle; ``reading`` is entered with the log while it is read."""
-    replay = Replay(profile, how, notify=notify)
+    replay = Replay(profile, how, notify=notify, new_estimator=new_estimator)
     with open_log(path, how.columns) as log, reading(log):
         replay.run(log)
     trace = replay.longest()
@@ -103,14 +106,13 @@ def replay_log(
     if (refused := refused_text(trace)) is not None:
         notify(refused)
     if how.smooth:
-        smooth(trace, replay.estimator(trace.address))
+        smooth(trace)
     return trace
 
 
 def refused_text(trace: VehicleTrace) -> str | None:
     """One line, where a good part of the log was refused."""
-    counts = trace.rejected + Counter(malformed=trace.malformed)
-    used = len(trace)
+    counts, used = trace.rejected, len(trace)
     if counts.total() <= MUCH_REFUSED * (counts.total() + used):
         return None
     reasons = ", ".join(f"{n} x {reason}" for reason, n in counts.most_common(MOST_REASONS))
@@ -119,15 +121,13 @@ def refused_text(trace: VehicleTrace) -> str | None:
 
 def _seen_text(replay: Replay) -> str:
     """What the log has instead of usable IMU data, for the error message."""
-    ids = sorted({address.system_id for address in replay.traces})
-    refused = sum((trace.rejected for trace in replay.traces.values()), start=Counter[str]())
+    pipeline = replay.pipeline
+    refused = sum((each.rejected for each in pipeline.vehicles), start=Counter[str]())
     if refused:
         return ": " + ", ".join(f"{n} x {reason}" for reason, n in sorted(refused.items()))
-    ids = ids or sorted(replay.pipeline.systems)
-    if ids:
+    if ids := sorted(pipeline.systems | {address.system_id for address in replay.traces}):
         return f" (vehicles seen: {', '.join(map(str, ids))})"
-    malformed = replay.pipeline.malformed
-    return f": {malformed} x malformed" if malformed else ""
+    return f": {pipeline.malformed} x malformed" if pipeline.malformed else ""
 
 
 def score(path: Path, trace: VehicleTrace, skip_s: float) -> LogReport:
@@ -141,7 +141,7 @@ def score(path: Path, trace: VehicleTrace, skip_s: float) -> LogReport:
     if skip_s > 0.0 and not counted.any():
         raise InputError(f"{path}: nothing is left to score after {skip_s:g} s of {lasts_s:.0f} s")
     moved = motion_mask(trace) if counted.any() else counted
-    has_heading = (norths > PLACE["none"]) & trace.has_heading
+    has_heading = norths > PLACE["none"]
     peers = {}
     if trace.has_peer:  # which all has a heading
         theirs = trace["autopilot_error_rad"]
@@ -163,7 +163,7 @@ def score(path: Path, trace: VehicleTrace, skip_s: float) -> LogReport:
         peers=peers,
         convergence_s=convergence_s(times_us, total_rad) if trace.has_heading else None,
         mean_gain=float(np.mean(trace["gain"])),
-        rejected=by_name(trace.rejected + Counter(malformed=trace.malformed)),
+        rejected=by_name(trace.rejected),
         wall_s=0.0,
         heading_references=by_name({k: n for k, n in zip(NORTHS, counts, strict=True) if n}),
         constant_turn=constant_turn(trace, counted, moved),
@@ -181,7 +181,7 @@ def by_name(counts: Mapping[str, Any]) -> dict[str, Any]:
 
 def verdicts(trace: VehicleTrace) -> dict[str, int]:
     """How many comparisons of both attitudes have ended with which verdict."""
-    return by_name({word.value: n for word, n in trace.second_opinion.looks.items()})
+    return by_name({word.value: n for word, n in trace.vehicle.comparison.looks.items()})
 
 
 def differences_of(trace: VehicleTrace) -> list[DifferenceSummary]:
@@ -195,17 +195,18 @@ def differences_of(trace: VehicleTrace) -> list[DifferenceSummary]:
             wrong=each.wrong,
             evidence=each.evidence,
         )
-        for each in trace.second_opinion.intervals
+        for each in trace.vehicle.comparison.intervals
     ]
 
 
 def _retuned(trace: VehicleTrace) -> RetunedSummary | msgspec.UnsetType:
     """What was changed with ``--retune``."""
-    if trace.decisions is None:
+    estimator = trace.vehicle.estimator
+    if not isinstance(estimator, RetunedEstimator):
         return msgspec.UNSET
     changes = [
         Retuning((time_us - trace.zero_us) * 1e-6, made.reason, made.gain, made.update)
-        for time_us, made in trace.decisions
+        for time_us, made in estimator.decisions
     ]
     return RetunedSummary(len(changes), changes)
 
@@ -217,4 +218,5 @@ def _imu_summary(trace: VehicleTrace) -> ImuSummary:
     if len(steps_s):
         rates_hz = 1.0 / float(np.median(steps_s)), 1.0 / float(np.mean(steps_s))
         figures = (*rates_hz, float(steps_s.max()), float(gaps_s.max()))
-    return ImuSummary(next(iter(counts), ""), len(trace), counts, *figures, trace.rates)
+    rates = trace.vehicle.estimator.rates
+    return ImuSummary(next(iter(counts), ""), len(trace), counts, *figures, rates)

@@ -115,17 +115,17 @@ def _draw_internals(axes: Sequence[Any], trace: VehicleTrace, points: Thinned) -
     """Gain, confidences and bias."""
     time_s, (gain, confidence, bias) = points.time_s, axes
     gain.plot(time_s, points.largest(trace["gain"]), color="tab:green", label="_gain")
-    gain.set(ylabel="gain K", ylim=(0.0, None))
     for name, color in (("gravity", "tab:blue"), ("magnetic", "tab:purple")):
         values = points.every(trace[f"confidence_{name}"])
         confidence.plot(time_s, values, color=color, label=name)
-    confidence.set(ylabel="confidence", ylim=(0.0, None))
-    add_legend(confidence, 2)
     values = points.every(np.degrees(trace["gyro_bias_rad_s"]))
     for axis, color, column in zip("xyz", COLORS, values.T, strict=False):
         bias.plot(time_s, column, color=color, label=axis)
-    bias.set_ylabel("gyro bias\nin °/s")
-    add_legend(bias, 3)
+    for ax, label in zip(axes, ("gain K", "confidence", "gyro bias\nin °/s"), strict=True):
+        ax.set_ylabel(label)
+        add_legend(ax, 3)
+    for ax in (gain, confidence):
+        ax.set_ylim(0.0, None)
 
 
 def _draw_times(axes: Sequence[Any], trace: VehicleTrace, time_s: Floats, near_s: float) -> None:

@@ -1,7 +1,6 @@
 """How near a replayed estimate is to a reference, and what ``replay --json`` prints of it."""
 
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from drivers.logs.table import blocks
 from estimator.arrays import Bools, Floats, Times
 from estimator.errors import InputError
+from estimator.filter.alignment import nearest_rotation
 from estimator.geometry.metrics import batch_angle_errors
 from estimator.geometry.rotations import cross, rotate_inverse
 from estimator.types import DOWN
@@ -161,14 +161,17 @@ def compare(path: Path, trace: VehicleTrace, wanted: str | None) -> None:
         )
     trace.reference = wanted or next(iter(available), None)
 
-    def errors(of: str, rows: slice) -> Floats:
-        return batch_angle_errors(trace[of][rows], trace["reference_q_ned_frd"][rows])
+    parts = [*blocks(len(trace))]
 
-    trace.put("reference_q_ned_frd", partial(_attitudes, trace, trace.reference))
-    trace.put("error_rad", partial(errors, "q_ned_frd"))
+    def errors(of: str) -> Iterator[Floats]:
+        names = (of, "reference_q_ned_frd")  # not mapped for longer than a part takes
+        return (batch_angle_errors(*(trace[name][rows] for name in names)) for rows in parts)
+
+    trace.put("reference_q_ned_frd", (_attitudes(trace, trace.reference, rows) for rows in parts))
+    trace.put("error_rad", errors("q_ned_frd"))
     if trace.has_peer:
-        trace.put("autopilot_q_ned_frd", partial(_attitudes, trace, "autopilot"))
-        trace.put("autopilot_error_rad", partial(errors, "autopilot_q_ned_frd"))
+        trace.put("autopilot_q_ned_frd", (_attitudes(trace, "autopilot", rows) for rows in parts))
+        trace.put("autopilot_error_rad", errors("autopilot_q_ned_frd"))
 
 
 def _attitudes(trace: VehicleTrace, source: str | None, rows: slice) -> Floats:
@@ -182,11 +185,12 @@ def _attitudes(trace: VehicleTrace, source: str | None, rows: slice) -> Floats:
         return np.full((len(times_us), 4), np.nan)
     track = trace.references[source]
     shown = track.at(times_us)
-    if source == "autopilot" and track.message is not None and not trace.view.is_imus:
+    view = trace.vehicle.parameters.view
+    if source == "autopilot" and track.message is not None and not view.is_imus:
         ours = trace["q_ned_frd"][rows]
         for k in np.flatnonzero(np.isfinite(shown[:, 0])).tolist():
             pair = tuple(shown[k].tolist()), tuple(ours[k].tolist())
-            found = trace.view.of_imu(track.message, *pair)
+            found = view.of_imu(track.message, *pair)
             shown[k] = np.nan if found is None else found
     return shown
 
@@ -199,12 +203,12 @@ def error_summary(error_rad: Floats, counted: Bools, has_heading: Bools) -> Erro
     if not counted.any():
         return ErrorSummary()
     total, heading, inclination = error_rad.T
-    headed, upright = counted & has_heading, inclination[counted]
+    headed = counted & has_heading
     return ErrorSummary(
         total_rms=_rms_deg(total[headed]),
         heading_rms=_rms_deg(heading[headed]),
-        inclination_rms=_rms_deg(upright),
-        inclination_p95=float(np.degrees(np.percentile(upright, 95.0))),
+        inclination_rms=_rms_deg(inclination[counted]),
+        inclination_p95=float(np.degrees(np.percentile(inclination[counted], 95.0))),
     )
 
 
@@ -227,34 +231,28 @@ def convergence_s(times_us: Times, total_rad: Floats) -> float | None:
 def constant_turn(columns: Any, counted: Bools, moved: Bools) -> ConstantTurn | None:
     """The turn from estimate to reference of the samples that count (N,); None without any.
 
-    R of the least sum of |R d - d_reference|^2 over down in the body d (Wahba's problem, by SVD:
-    F. L. Markley 1988). ``moved`` (N,) shows of motion.
+    R of the least sum of |R d - d_reference|^2 over down in the body d (Wahba's problem).
+    ``moved`` (N,) shows of motion.
     """
 
-    def downs() -> Iterator[tuple[slice, Floats, Floats]]:
+    def downs() -> Iterator[tuple[Floats, Floats]]:
         for rows in blocks(len(counted)):
             both = (columns[name][rows] for name in ("q_ned_frd", "reference_q_ned_frd"))
             ours, theirs = (rotate_inverse(q[counted[rows]], DOWN) for q in both)
-            yield rows, ours, theirs
+            yield ours, theirs
 
     if not counted.any():
         return None
-    u, _, vt = np.linalg.svd(sum(theirs.T @ ours for _, ours, theirs in downs()))
-    turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
-    under, tilted, left = np.zeros_like(counted), 0.0, 0.0
-    for rows, ours, theirs in downs():
-        turned = ours @ turn.T
-        apart = _between(turned, theirs)
-        tilted += float(np.sum(_between(turned, ours) ** 2))
-        left += float(np.sum(apart**2))
-        sigma = columns["sigma_inclination_rad"][rows][counted[rows]]
-        under[rows][counted[rows]] = apart <= sigma
-    count = int(np.count_nonzero(counted))
+    turn = nearest_rotation(sum((theirs.T @ ours for ours, theirs in downs()), np.zeros((3, 3))))
+    tilted = np.concatenate([_between(ours @ turn.T, ours) for ours, _ in downs()])
+    turn_deg = _rms_deg(tilted) or 0.0
+    left = np.concatenate([_between(ours @ turn.T, theirs) for ours, theirs in downs()], out=tilted)
+    under = left <= columns["sigma_inclination_rad"][counted]
     return ConstantTurn(
-        turn_deg=float(np.degrees(np.sqrt(tilted / count))),
-        inclination_rms=float(np.degrees(np.sqrt(left / count))),
-        inclination_coverage=float(np.count_nonzero(under)) / count,
-        inclination_coverage_moving=mean(under[counted & moved]),
+        turn_deg=turn_deg,
+        inclination_rms=_rms_deg(left) or 0.0,
+        inclination_coverage=float(np.mean(under)),
+        inclination_coverage_moving=mean(under[moved[counted]]),
     )
 
 
@@ -264,9 +262,9 @@ def mean(values: NDArray[Any]) -> float | None:
 
 
 def _rms_deg(values_rad: Floats) -> float | None:
-    degrees = np.degrees(values_rad)
-    np.square(degrees, out=degrees)
-    return float(np.sqrt(np.mean(degrees))) if len(degrees) else None
+    """Of values that nobody needs any more: they are overwritten."""
+    np.square(np.degrees(values_rad, out=values_rad), out=values_rad)
+    return float(np.sqrt(np.mean(values_rad))) if len(values_rad) else None
 
 
 def _between(some: Floats, others: Floats) -> Floats:

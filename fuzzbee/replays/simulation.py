@@ -11,7 +11,7 @@ import numpy as np
 from estimator.arrays import Floats
 from estimator.geometry.metrics import COST_RATE_HZ, COST_SAMPLES, batch_angle_errors
 from estimator.profile import Profile
-from fuzzbee.replays.exports import Columns, write_columns
+from fuzzbee.replays.exports import ERRORS, Columns, vectors, write_columns
 from fuzzbee.replays.figure import BLACK, DARK, add_legend, written_figure
 from fuzzbee.replays.plot import TIME, draw_angles
 from fuzzbee.replays.score import (
@@ -26,12 +26,6 @@ from tuning.paper_experiment import SETTLED_ERROR, ExperimentResult, run_experim
 
 Results = Sequence[ExperimentResult]
 
-COLUMNS = (
-    *("seed", "time_s", "error", "gain"),
-    *("q_w", "q_x", "q_y", "q_z"),
-    *("reference_q_w", "reference_q_x", "reference_q_y", "reference_q_z"),
-    *("error_total_deg", "error_heading_deg", "error_inclination_deg"),
-)
 FIGURE_INCHES = (7.1, 7.6)  # the width of a page's text
 TRANSIENT_S = 1.0
 # What is drawn of the seeds: the middle one, the middle half, nine in ten.
@@ -67,19 +61,15 @@ def report_simulation(
         coverage=Coverage(),
         peers={},
         convergence_s=_median(converged),
-        mean_gain=_mean([r.mean_gain for r in results]),
+        mean_gain=float(np.mean([r.mean_gain for r in results])),
         rejected={},
         wall_s=time.perf_counter() - started,
         seeds=(seeds[0], seeds[-1]),
-        cost=_mean([r.cost for r in results]),
+        cost=float(np.mean([r.cost for r in results])),
         cost_per_seed=[r.cost for r in results],
-        steady_state_error=_mean([r.steady_state_error for r in results]),
+        steady_state_error=float(np.mean([r.steady_state_error for r in results])),
         settling_s=_median([r.settling_s for r in results]),
     )
-
-
-def _mean(values: Sequence[float]) -> float:
-    return float(np.mean(values))
 
 
 def _median(times_s: Sequence[float]) -> float | None:
@@ -89,7 +79,7 @@ def _median(times_s: Sequence[float]) -> float | None:
 
 
 def write_csv(path: Path, seeds: Sequence[int], results: Results) -> None:
-    """A row for every sample of every seed: the columns :data:`COLUMNS`.
+    """A row for every sample of every seed.
 
     ``error`` is the true e, sin^2 of half the error's angle, and the quaternion is the estimate
     before the sample's correction; ``gain`` is the correction's.
@@ -100,9 +90,15 @@ def write_csv(path: Path, seeds: Sequence[int], results: Results) -> None:
 def _columns(seed: int, result: ExperimentResult) -> Columns:
     angles = np.degrees(batch_angle_errors(result.estimates, result.truth))
     time_s = np.arange(len(angles)) / COST_RATE_HZ
-    found = (time_s, result.true_error, result.gains, result.estimates, result.truth, angles)
-    values = (np.full(len(angles), seed), *np.column_stack(found).T)
-    return dict(zip(COLUMNS, values, strict=True))
+    return {
+        "seed": np.full(len(angles), seed),
+        "time_s": time_s,
+        "error": result.true_error,
+        "gain": result.gains,
+        **vectors("q_{}", "wxyz", result.estimates),
+        **vectors("reference_q_{}", "wxyz", result.truth),
+        **vectors("error_{}_deg", ERRORS, angles),
+    }
 
 
 def draw(title: str, path: Path, seeds: Sequence[int], results: Results) -> None:

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.events import (
     Event,
@@ -21,12 +20,10 @@ from drivers.events import (
 )
 from drivers.logs.log_file import LogFile
 from drivers.logs.reference_track import ReferenceTrack
-from drivers.logs.table import Table, blocks
+from drivers.logs.table import Table
 from drivers.logs.time_window import WHOLE_LOG, TimeWindow, WindowedEvents
-from drivers.mavlink.ardupilot import VIEW_PARAMETERS, AttitudeView
 from estimator.arrays import Floats
 from estimator.estimator import Estimator
-from estimator.geometry.earth import PlaceField
 from estimator.geometry.quaternion import exp, scale
 from estimator.live.rows import NORTHS
 from estimator.profile import Profile
@@ -35,9 +32,8 @@ from fuzzbee.attitudes import PLACE
 from service.pipeline import Pipeline
 from service.publishing import attitude_record, is_finite
 from service.records import AttitudeRecord, Message
-from service.second_opinion import SecondOpinion
 from service.vehicle import Vehicle
-from tuning.online.retuner import Decision, RetunedEstimator
+from tuning.online.retuner import RetunedEstimator
 
 LEAST_SEVERITY = 4  # MAV_SEVERITY_WARNING; greater numbers are less severe
 # The axis (NED) of a wrong start: every sensor can see a turn about it.
@@ -83,65 +79,69 @@ class How(NamedTuple):
 AS_LIVE = How()
 
 
-class VehicleTrace:
+class VehicleTrace(Table):
     """One vehicle's estimates and references in the order of the log.
 
-    ``trace[name]`` is a column of its table: one of :data:`COLUMNS`, or those that
-    :func:`fuzzbee.replays.score.compare` adds.
+    Its columns are :data:`COLUMNS`, and those that :func:`fuzzbee.replays.score.compare` adds.
     """
 
     def __init__(self, address: VehicleId) -> None:
+        super().__init__(**COLUMNS)
         self.address = address
-        self.table = Table(**COLUMNS)
+        self.vehicle: Vehicle  # since the first sample
         self.autopilot: int | None = None
         self.vehicle_type: int | None = None
         self.imu_messages: Counter[str] = Counter()  # samples used of each
-        self.rates = "imu"
         self.references = {"sim": ReferenceTrack(), "autopilot": ReferenceTrack()}
         self.reference: str | None = None  # the one that it is compared with
-        self.rejected: Counter[str] = Counter()
         self.warned_s: Counter[str] = Counter()  # for how long each warning stood
         self.malformed = 0  # rows or frames of the log that cannot be read, whoever sent them
         self.last_us: int | None = None  # the latest sample
-        self.has_heading = False  # whether there is one to score: by a field or by velocity
         self.turned_at_us: int | None = None
         self.log_zero_us: int | None = None  # where the log's seconds begin, of a window of it
-        self.decisions: list[tuple[int, Decision]] | None = None  # where it was retuned
-        self.notices: list[Heartbeat | ModeChange | StatusText] = []  # of modes, arming, warnings
-        self._mode: tuple[Any, ...] = ()  # the last that was noted
-        self.view = AttitudeView()  # of what the autopilot's attitude is
         self.parameters: dict[str, float] = {}
-        self.place_field: PlaceField | None = None
-        self.second_opinion = SecondOpinion()
-
-    def __len__(self) -> int:
-        return len(self.table)
-
-    def __getitem__(self, name: str) -> NDArray[Any]:
-        return self.table[name]
-
-    def put(self, name: str, values: Callable[[slice], NDArray[Any]]) -> None:
-        """A new column, or another in place of one, by a function of the rows that are made."""
-        self.table.put(name, map(values, blocks(len(self))))
+        # when a mode, arming or disarming, and each warning first came
+        self.modes: list[tuple[int, int]] = []
+        self.arming: list[tuple[int, int]] = []
+        self.texts: dict[str, int] = {}
 
     def note_mode(self, event: Heartbeat | ModeChange) -> None:
         """Keep what mode it is in and whether it is armed, if that is new."""
-        mode = type(event), event.is_armed, event.custom_mode
-        if mode != self._mode:
-            self._mode = mode
-            self.notices.append(event)
+        known: list[Any]
+        for known, value in ((self.modes, event.custom_mode), (self.arming, event.is_armed)):
+            if value is not None and (not known or known[-1][1] != value):
+                known.append((event.arrival_us, value))
+
+    @property
+    def message(self) -> str:
+        """The IMU message that was used most."""
+        return max(self.imu_messages, key=lambda name: self.imu_messages[name], default="")
+
+    @property
+    def step_s(self) -> float:
+        """The median time between two samples; 0 of one alone."""
+        return 1e-6 * float(np.median(np.diff(self["time_us"]))) if len(self) > 1 else 0.0
+
+    @property
+    def rejected(self) -> Counter[str]:
+        """What was refused, by reason: samples, and what of the log cannot be read."""
+        return Counter[str](self.vehicle.rejected) + Counter(malformed=self.malformed)
+
+    @property
+    def has_heading(self) -> bool:
+        """Whether there is one to score: by a field or by velocity."""
+        return bool(self["has_mag"].any() or self["heading_reference"].any())
 
     @property
     def has_peer(self) -> bool:
         """Whether the autopilot's own estimate stands beside a truth."""
         return self.reference == "sim" and self.references["autopilot"].message is not None
 
-    def append(self, arrival_us: int, attitude: Attitude, sample: ImuSample, aided: bool) -> None:
+    def take(self, arrival_us: int, attitude: Attitude, sample: ImuSample, aided: bool) -> None:
         """Take the attitude after a sample."""
         self.last_us = attitude.time_us
         north = PLACE[attitude.heading_reference]
-        self.has_heading |= sample.has_mag or north > 0
-        self.table.append(arrival_us, *attitude[:-1], north, *sample[1:], aided)
+        self.append(arrival_us, *attitude[:-1], north, *sample[1:], aided)
 
     def published(
         self, rows: slice, stamps_us: Iterable[int]
@@ -221,26 +221,14 @@ class Replay:
         for event in events if self._how.window == WHOLE_LOG else windowed:
             self._take(event)
         self.why_empty = windowed.why_empty()
-        for vehicle in self.pipeline.vehicles:
-            trace = self.traces[vehicle.address]
-            trace.rejected.update(vehicle.rejected)
-            trace.rates = vehicle.estimator.rates
-            trace.second_opinion = vehicle.comparison
-            trace.place_field = vehicle.estimator.place_field
+        for trace in self.traces.values():
             trace.malformed = self.pipeline.malformed
-            trace.log_zero_us = windowed.zero_us(vehicle.address)
-            if isinstance(vehicle.estimator, RetunedEstimator):
-                trace.decisions = vehicle.estimator.decisions
+            trace.log_zero_us = windowed.zero_us(trace.address)
 
-    def longest(self, least: int = 1) -> VehicleTrace | None:
-        """The vehicle with most estimates, if one has ``least`` of them."""
-        sending = [trace for trace in self.traces.values() if len(trace) >= least]
+    def longest(self) -> VehicleTrace | None:
+        """The vehicle with most estimates, if there is one."""
+        sending = [trace for trace in self.traces.values() if len(trace)]
         return max(sending, key=lambda t: (len(t), -t.address.system_id), default=None)
-
-    def estimator(self, address: VehicleId) -> Estimator | None:
-        """That vehicle's estimator."""
-        vehicle = self.pipeline.vehicle(address)
-        return None if vehicle is None else vehicle.estimator
 
     def _take(self, event: Event) -> None:
         for output in self.pipeline.handle(event):
@@ -253,16 +241,13 @@ class Replay:
                 self.traces[address].references[source].add(event)
             case Parameter(vehicle=address, name=name, value=value):
                 self.traces[address].parameters[name] = value
-                if name in VIEW_PARAMETERS:
-                    self.traces[address].view.take(name, value)
             case StatusText() if event.severity <= LEAST_SEVERITY:
-                self.traces[event.vehicle].notices.append(event)
+                self.traces[event.vehicle].texts.setdefault(event.text, event.arrival_us)
             case Heartbeat() | ModeChange():
                 trace = self.traces[event.vehicle]
                 trace.note_mode(event)
                 if isinstance(event, Heartbeat):
                     trace.autopilot, trace.vehicle_type = event.autopilot, event.vehicle_type
-                    trace.view.vehicle_type = event.vehicle_type
 
     def _after_imu(self, event: Imu) -> None:
         vehicle = self.pipeline.vehicle(event.vehicle)
@@ -270,6 +255,7 @@ class Replay:
         if vehicle is None or sample is None or vehicle.imu.last is not event:
             return
         trace = self.traces[event.vehicle]
+        trace.vehicle = vehicle
         self._turn_wrong(vehicle, trace)
         attitude = vehicle.estimator.attitude(event.sample.time_us)
         if not is_finite(attitude):
@@ -278,7 +264,7 @@ class Replay:
         if trace.last_us is not None and (warnings := vehicle.alarms.words):
             step_s = 1e-6 * (attitude.time_us - trace.last_us)
             trace.warned_s.update(dict.fromkeys(warnings, step_s))
-        trace.append(event.arrival_us, attitude, sample, vehicle.estimator.is_aided)
+        trace.take(event.arrival_us, attitude, sample, vehicle.estimator.is_aided)
 
     def _turn_wrong(self, vehicle: Vehicle, trace: VehicleTrace) -> None:
         """Turn the estimate once, at the first sample that a reference is known at."""
@@ -289,12 +275,12 @@ class Replay:
             trace.turned_at_us = vehicle.estimator.snapshot.core.time_us
 
 
-def smooth(trace: VehicleTrace, estimator: Estimator | None) -> None:
+def smooth(trace: VehicleTrace) -> None:
     """Put the smoothed attitudes into the trace; what the end knows of north holds for all."""
     from estimator.smoothing import Recorder, smooth_all
 
-    assert isinstance(estimator, Recorder)
-    times_us, now = smooth_all(estimator)
+    assert isinstance(trace.vehicle.estimator, Recorder)
+    times_us, now = smooth_all(trace.vehicle.estimator)
     at, north = np.searchsorted(times_us, trace["time_us"]), trace["heading_reference"]
     smoothed = {
         "q_ned_frd": now.q_ned_frd[at],
@@ -305,4 +291,4 @@ def smooth(trace: VehicleTrace, estimator: Estimator | None) -> None:
         "heading_reference": np.full_like(north, north[-1]),
     }
     for name, values in smoothed.items():
-        trace.table.put(name, [values])
+        trace.put(name, [values])

@@ -11,9 +11,9 @@ from estimator.live.rows import Rows
 from estimator.profile import Profile
 from estimator.types import IDENTITY
 from fuzzbee.attitudes import PLACE
-from fuzzbee.replays.log_report import refused_text
+from fuzzbee.replays.log_report import refused_text, replay_log
 from fuzzbee.replays.score import compare
-from fuzzbee.replays.trace import How, Replay
+from fuzzbee.replays.trace import How
 from tuning.calls import LoggedEstimator, split_calls
 from tuning.flight import Flight, sure_flight
 
@@ -38,15 +38,12 @@ def read_flight(
 
     The smoothed attitude is a reference where ``may_smooth``.
     """
-    replay = Replay(profile, How(window=window), new_estimator=LoggedEstimator)
+    trace = replay_log(path, profile, How(window=window), new_estimator=LoggedEstimator)
+    if len(trace) < 2:
+        raise InputError(f"{path}: a single sample of an IMU")
     with open_log(path) as log:
         sha256 = log.sha256()
-        replay.run(log)
-    trace = replay.longest(2)
-    if trace is None:
-        why = replay.why_empty or log.advice() or "no usable IMU data in this log"
-        raise InputError(f"{path}: {why}")
-    recorder = replay.estimator(trace.address)
+    recorder = trace.vehicle.estimator
     assert isinstance(recorder, LoggedEstimator)
     if recorder.taken != len(trace):
         raise InputError(f"{path}: with the base profile the estimate is not finite")
@@ -57,7 +54,7 @@ def read_flight(
     found = Flight(
         path=path,
         sha256=sha256,
-        message=max(trace.imu_messages, key=lambda name: trace.imu_messages[name]),
+        message=trace.message,
         reference=trace.reference or "none",
         rows=Rows(*(np.array(trace[name]) for name in ROWS)),
         calls=calls,

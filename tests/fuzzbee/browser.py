@@ -71,26 +71,6 @@ class Page:
             time.sleep(0.05)
         return value
 
-    def frames(self, seconds):
-        """Each picture that the page shows, as JPEG, with the time (Unix, s) when it was shown."""
-        self.call("Page.startScreencast", format="jpeg", quality=90)
-        end_s = time.monotonic() + seconds
-        while (left_s := end_s - time.monotonic()) > 0.0:
-            if not self._waits_for_answer(left_s):
-                break
-            event = self._next(end_s + 60.0)
-            if event.get("method") == "Page.screencastFrame":
-                frame = event["params"]
-                yield base64.b64decode(frame["data"]), frame["metadata"]["timestamp"]
-                self.call("Page.screencastFrameAck", sessionId=frame["sessionId"])
-        self.call("Page.stopScreencast")
-
-    def _waits_for_answer(self, timeout_s):
-        """Whether something comes in time."""
-        if b"\0" in self._pending:
-            return True
-        return bool(select.select([self._from], [], [], timeout_s)[0])
-
     def call(self, method, timeout_s=60.0, **parameters):
         self._number += 1
         message = {"id": self._number, "method": method, "params": parameters}

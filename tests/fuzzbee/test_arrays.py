@@ -4,9 +4,7 @@ import copy
 import dataclasses
 import pickle
 import warnings
-from concurrent.futures import ProcessPoolExecutor
 from itertools import pairwise, product
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +16,7 @@ from estimator.aiding.phase import Phase
 from estimator.estimator import Estimator as LiveEstimator
 from estimator.live.core import with_attitude
 from estimator.types import ImuSample, VelocitySample
-from fuzzbee import Estimator, InputError, load_profile
+from fuzzbee import Estimator, load_profile
 from fuzzbee.array_estimator import Unfit
 from fuzzbee.attitudes import Attitudes
 from tests.fuzzbee.recording import recorded
@@ -163,17 +161,6 @@ def test_an_estimate_that_is_not_finite_begins_anew_in_a_batch_too(flight):
     assert batch.rejected == calls.rejected == {"estimate_not_finite": 1}
 
 
-@pytest.mark.parametrize("time_s", [1e300, -np.inf, np.nan])
-def test_a_time_that_no_clock_shows_is_refused_before_anything_is_taken(time_s):
-    estimator = Estimator()
-    level = (np.zeros((2, 3)), np.tile((0.0, 0.0, -9.8), (2, 1)))
-    with pytest.raises(InputError, match="time_s"):
-        estimator.update_batch(*level, time_s=[0.0, time_s])
-    with pytest.raises(InputError, match="time_s"):
-        estimator.update((0.0,) * 3, (0.0, 0.0, -9.8), time_s=time_s)
-    assert estimator.update_batch(*level, time_s=[0.0, 0.1]).q_ned_frd[0, 0] == 1.0
-
-
 def test_a_velocity_is_handed_on_as_it_is_at_the_last_samples_time():
     """Beside the live estimator, which is given reports of its own kind; without a time, too."""
     ours, live = Estimator("imu"), LiveEstimator(load_profile("imu"))
@@ -188,12 +175,6 @@ def test_a_velocity_is_handed_on_as_it_is_at_the_last_samples_time():
             live.update_velocity(VelocitySample(time_us, velocity, True, 0.4))
     assert live.snapshot.context.phase is Phase.AIDED
     assert attitude.q_ned_frd == pytest.approx(expected.q_ned_frd, abs=1e-12)
-
-
-def in_another_process(estimator, *readings):
-    """What a process that has never seen this estimator makes of the next samples."""
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-        return pool.submit(Estimator.update_batch, estimator, *readings).result()
 
 
 def from_its_state(estimator):
@@ -226,15 +207,6 @@ def test_a_copy_goes_on_as_the_first_does_and_leaves_it_alone(flight, way, has_v
     wanted, found = second.update_batch(*then), first.update_batch(*then)
     for name in FIELDS:
         assert np.array_equal(getattr(wanted, name), getattr(found, name)), name
-
-
-def test_a_pickled_estimator_goes_on_in_another_process(flight):
-    time_s, gyr, acc, mag, _ = flight
-    estimator = Estimator()
-    estimator.update_batch(gyr[:120], acc[:120], mag[:120], time_s[:120])
-    then = gyr[120:], acc[120:], mag[120:], time_s[120:]
-    elsewhere = in_another_process(estimator, *then)
-    assert np.array_equal(elsewhere.q_ned_frd, estimator.update_batch(*then).q_ned_frd)
 
 
 def test_after_a_reset_it_is_a_new_one(flight):

@@ -16,8 +16,7 @@ from fuzzbee.calibration_readings import recording
 from fuzzbee.calibration_report import unmixed
 from fuzzbee.cli import main
 from fuzzbee.replays.log_report import replay_log
-from tests.fuzzbee.iron import with_iron
-from tests.fuzzbee.tlogs import rewritten
+from tests.fuzzbee.tlogs import rewritten, with_iron
 
 DATA = Path(__file__).parent.parent / "data"
 PLANE = DATA / "sitl_plane_4hz.tlog"
@@ -29,7 +28,7 @@ def output(capsys, *arguments):
     return capsys.readouterr().out
 
 
-def test_a_profile_that_it_prints_gives_the_heading_back(tmp_path, capsys):
+def test_a_profile_that_it_prints_gives_the_heading_back(tmp_path, capsys, replayed):
     """As recorded the heading is 1.66 deg off, with the iron 5.17, with the profile 1.66 (RMS)."""
     log = with_iron(PLANE, tmp_path / "iron.tlog", OFFSET_MGAUSS)
     printed = output(capsys, "calibrate", log)
@@ -39,9 +38,7 @@ def test_a_profile_that_it_prints_gives_the_heading_back(tmp_path, capsys):
     (tmp_path / "mine.toml").write_text(printed)
     replays = [(PLANE, "imu"), (log, "imu"), (log, tmp_path / "mine.toml")]
     before, iron, after = (
-        json.loads(output(capsys, "replay", each, "--profile", profile, "--json"))["error_deg"][
-            "heading_rms"
-        ]
+        replayed(each, "--profile", profile)["error_deg"]["heading_rms"]
         for each, profile in replays
     )
     assert after < 1.2 * before < 0.5 * iron
@@ -74,7 +71,7 @@ TURNS = {
 
 
 @pytest.mark.parametrize("name", TURNS)
-def test_a_compass_that_is_turned_is_turned_back(tmp_path, capsys, name):
+def test_a_compass_that_is_turned_is_turned_back(tmp_path, capsys, replayed, name):
     """By the plane's velocity; MAV_SENSOR_ORIENTATION has the numbers."""
     number, turn = TURNS[name]
     others = ("SCALED_IMU2", "SCALED_IMU3")
@@ -87,11 +84,11 @@ def test_a_compass_that_is_turned_is_turned_back(tmp_path, capsys, name):
     printed = output(capsys, "calibrate", log)
     assert f"should be {name}" in printed
     (tmp_path / "mine.toml").write_text(printed)
-    errors = [
-        json.loads(output(capsys, "replay", each, "--profile", profile, "--json"))["error_deg"]
+    before, after = (
+        replayed(each, "--profile", profile)["error_deg"]["heading_rms"]
         for each, profile in ((PLANE, "imu"), (log, tmp_path / "mine.toml"))
-    ]
-    assert errors[1]["heading_rms"] < 1.2 * errors[0]["heading_rms"]
+    )
+    assert after < 1.2 * before
 
 
 def test_another_compass_of_the_log_is_fitted(tmp_path, capsys):
@@ -128,12 +125,9 @@ def test_a_log_of_which_much_was_refused_is_named(tmp_path, capsys, verb):
     assert line.startswith(f"fuzzbee: {log}: much was refused: ")
 
 
-def test_a_compass_in_its_place_has_no_other(capsys):
-    assert json.loads(output(capsys, "calibrate", PLANE, "--json"))["orientation"] is None
-
-
-def test_json_names_what_was_not_flown(capsys):
+def test_json_names_what_was_not_flown_and_that_the_compass_is_in_its_place(capsys):
     report = json.loads(output(capsys, "calibrate", PLANE, "--json"))
+    assert report["orientation"] is None
     assert report["unseen"] == ["bottom", "tail"]
     assert report["matrix_sigma"] is None
     assert report["ardupilot_adds"]
@@ -161,14 +155,15 @@ def test_a_place_that_is_none_is_one_line(place, capsys):
 
 
 @pytest.mark.parametrize(
-    ("log", "complaint"),
+    ("logs", "complaint"),
     [
         ("sitl_copter_takeoff.tlog", "too few turns"),
         ("rover_no_magnetometer.tlog", "no magnetometer"),
+        ("sitl_plane_4hz.tlog sitl_plane_4hz.tlog", "20 samples a second"),
     ],
 )
-def test_what_shows_nothing_is_one_line(log, complaint, capsys):
-    assert main(["calibrate", str(DATA / log)]) == 2
+def test_what_shows_nothing_is_one_line(logs, complaint, capsys):
+    assert main(["calibrate", *(str(DATA / log) for log in logs.split())]) == 2
     out, err = capsys.readouterr()
     assert not out
     reported = err.splitlines()[-1]  # before it may stand that the filter is compiled
@@ -209,7 +204,7 @@ def truth_of(seed):
     return reported
 
 
-def test_a_bench_recording_shows_the_whole_imu(tmp_path, capsys):
+def test_a_bench_recording_shows_the_whole_imu(tmp_path, capsys, replayed):
     """Two recordings of one IMU, and another one that is better for it."""
     logs = [bench(tmp_path / f"{k}.csv", 3) for k in (1, 2)]
     mine = tmp_path / "mine.toml"
@@ -225,10 +220,10 @@ def test_a_bench_recording_shows_the_whole_imu(tmp_path, capsys):
     assert max(report["sensors"]["field_misfits"]) < 0.02
     another = bench(tmp_path / "another.csv", 3, seconds=60.0)
     before, after = (
-        json.loads(output(capsys, "replay", another, "--profile", profile, "--json"))["error_deg"]
+        replayed(another, "--profile", profile)["error_deg"]["inclination_rms"]
         for profile in ("imu", mine)
     )
-    assert after["inclination_rms"] < 0.5 * before["inclination_rms"]
+    assert after < 0.5 * before
     assert load_profile(str(mine)).calibration.acc_bias_m_s2 == tuple(found["acc_bias_m_s2"])
 
 
@@ -253,11 +248,6 @@ def test_what_a_recording_at_rest_does_not_show_is_left_alone(tmp_path, capsys):
     log = bench(tmp_path / "rest.csv", 3, motion="flight", seconds=6.0)
     assert main(["calibrate", str(log)]) == 2
     assert "shorter than" in capsys.readouterr().err
-
-
-def test_slow_streams_are_calibrated_one_by_one(capsys):
-    assert main(["calibrate", str(PLANE), str(PLANE)]) == 2
-    assert "20 samples a second" in capsys.readouterr().err
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs Linux's list of threads")

@@ -53,24 +53,28 @@ LONG = """
 from pathlib import Path
 import numpy as np
 from drivers.events import ReferenceAttitude, VehicleId
+from estimator.estimator import Estimator
+from estimator.profile import load_profile
 from estimator.types import IDENTITY, Attitude, ImuSample
 from fuzzbee.replays.score import compare
 from fuzzbee.replays.log_report import score
 from fuzzbee.replays.trace import VehicleTrace
+from service.vehicle import Vehicle
 
 def most_kb():
     line = next(each for each in open("/proc/self/status") if each.startswith("VmHWM"))
     return int(line.split()[1])  # of this program alone, unlike ru_maxrss
 
 
-before_kb = most_kb()  # libraries without bytecode take 60 MB more to import
 trace, n = VehicleTrace(VehicleId(1, 1)), 1_440_000
+trace.vehicle = Vehicle(trace.address, Estimator(load_profile("imu")))
+before_kb = most_kb()  # libraries without bytecode take 60 MB more to import
 for k in range(0, n, 10_000):
     rows = np.random.default_rng(k).normal(0.0, 1e-4, (10_000, 25)).tolist()
     for us, row in enumerate(rows, k):
         us, vectors = 2_500 * us, [tuple(row[i : i + 3]) for i in range(0, 15, 3)]
         attitude = Attitude(us, (1.0, *row[15:18]), *vectors[:2], *row[18:], "true")
-        trace.append(us, attitude, ImuSample(us, *vectors[2:], True), True)
+        trace.take(us, attitude, ImuSample(us, *vectors[2:], True), True)
     us = 2_500 * k
     trace.references["sim"].add(ReferenceAttitude(trace.address, us, us, "sim", "SIM", IDENTITY))
 compare(Path("x"), trace, None)

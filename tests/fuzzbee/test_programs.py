@@ -10,11 +10,9 @@ import pytest
 
 import fuzzbee
 from drivers.logs.open import open_log
-from estimator.geometry.metrics import batch_angle_errors
 from estimator.types import ImuSample
 from fuzzbee import Estimator, load_profile
 from fuzzbee.replays.trace import Replay
-from tests.fuzzbee.recording import recorded
 
 DATA = Path(__file__).parents[1] / "data"
 FLIPS = DATA / "sitl_copter_flips.tlog"  # 50 Hz, with the simulator's truth
@@ -89,41 +87,6 @@ def test_it_estimates_as_the_service_does():
     assert np.array_equal(mine.q_ned_frd, trace["q_ned_frd"])
 
 
-def test_velocity_carries_through_flips():
-    """Inclination after 5 s: 0.26 deg RMS with velocity, 2.8 without."""
-    time_s, gyr, acc, mag, velocity, truth = recorded(FLIPS)
-    known = np.isfinite(truth[:, 0])
-    counted = known & (time_s - time_s[0] > 5.0)
-
-    def inclination_deg(velocity):
-        estimator = Estimator()
-        estimator.set_position(-35.363, 149.165, 584.0, 1.72e9)
-        estimates = estimator.update_batch(gyr, acc, mag, time_s, velocity).q_ned_frd
-        errors = batch_angle_errors(estimates[counted], truth[counted])[:, 2]
-        return np.degrees(np.sqrt(np.mean(errors**2)))
-
-    assert inclination_deg(velocity) < 0.31
-    assert inclination_deg(None) > 2.3
-
-
-def test_a_velocity_without_a_time_is_that_of_the_last_sample():
-    """By number or by time, the estimate is that of a report with that time."""
-    time_s, gyr, acc, mag, velocity, _ = recorded(FLIPS)
-    timed, plain, counted = Estimator(), Estimator(), Estimator(rate_hz=50.0)
-    plain.update_velocity((0.0, 0.0, 0.0))  # of no sample yet: nothing to be said
-    rows = zip(time_s[:200] - time_s[0], gyr, acc, mag, velocity, strict=False)
-    for k, (at_s, *readings, report) in enumerate(rows):
-        given = [timed.update(*readings, at_s), plain.update(*readings, at_s)]
-        by_number = counted.update(*readings)
-        if np.isfinite(report[0]):
-            timed.update_velocity(report, at_s)
-            plain.update_velocity(report)
-            counted.update_velocity(report)
-        assert given[0].q_ned_frd == given[1].q_ned_frd
-        assert by_number.time_us == 20_000 * k
-    assert not timed.rejected + plain.rejected + counted.rejected
-
-
 def test_before_the_first_sample_that_can_be_used_there_is_no_attitude():
     gyr, acc, mag, _ = turning_level(4, 100.0)
     acc[0] = np.nan
@@ -134,12 +97,12 @@ def test_before_the_first_sample_that_can_be_used_there_is_no_attitude():
         assert np.isfinite(values[1:]).all()
     assert estimator.rejected == {"not_finite": 1}
     assert Estimator().update((np.nan,) * 3, LEVEL[1], time_s=0.0) is None
-
-
-def test_a_sample_that_is_not_later_is_counted_and_the_attitude_stays():
-    estimator = Estimator()
-    first = estimator.update(*LEVEL, time_s=1.0)
-    assert estimator.update(*LEVEL, time_s=1.0).q_ned_frd == first.q_ned_frd
+    estimator.reset()
+    estimator.update_velocity((0.0, 0.0, 0.0))  # of no sample yet: nothing to be said
+    assert [estimator.update(*LEVEL).time_us for _ in range(3)] == [0, 10_000, 20_000]
+    assert not estimator.rejected
+    stays = estimator.update(*LEVEL, time_s=0.0)
+    assert stays.q_ned_frd == pytest.approx((1.0, 0.0, 0.0, 0.0))
     assert estimator.rejected == {"not_later": 1}
 
 

@@ -80,7 +80,9 @@ def test_rows_of_any_other_reading(name):
 
 @pytest.mark.parametrize("given", NO_TIMES, ids=shown(NO_TIMES))
 def test_times_that_are_none(given):
-    refuse(lambda: batch(time_s=given), "time_s")
+    estimator = Estimator()
+    refuse(lambda: estimator.update_batch(GYR, ACC, MAG, given), "time_s")
+    assert estimator.update((0, 0, 0), UP, time_s=0.0).q_ned_frd[0] == 1.0  # nothing was taken
 
 
 @pytest.mark.parametrize("given", NO_VECTORS, ids=shown(NO_VECTORS))

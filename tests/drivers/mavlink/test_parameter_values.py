@@ -89,7 +89,7 @@ def test_replay_and_service_take_them():
     sent = [(1, 1, heartbeat()), (1, 1, imu()), (1, 190, parameter()), *offsets]
     replay = Replay(load_profile("imu"))
     replay.run(events_of(*sent))
-    assert replay.traces[ONE].view.trim[1] == pytest.approx(0.025, abs=1e-4)
+    assert replay.traces[ONE].vehicle.parameters.view.trim[1] == pytest.approx(0.025, abs=1e-4)
     assert set(replay.traces) == {ONE}
     pipeline = Pipeline(load_profile("imu"))
     for event in events_of(*sent):
