@@ -102,25 +102,34 @@ def bound_libraries() -> None:
     from rosbags.rosbag1 import reader as ros1
     from rosbags.rosbag2 import reader, storage_mcap
 
-    unpack: Any = stream_reader.get_chunk_data_stream
+    mcap: Any = stream_reader
+    two: Any = reader
+    unpack = mcap.get_chunk_data_stream
 
     def unpack_bounded(chunk: Any, validate_crc: bool = False) -> Any:
         if chunk.compression in ("zstd", "lz4"):
             chunk = replace(chunk, compression="", data=unpacked(chunk.compression, chunk.data))
         return unpack(chunk, validate_crc)
 
-    stream_reader.get_chunk_data_stream = unpack_bounded
-    two: Any = reader
-    for table, packers in (
-        (ros1.decompressors, ("bz2", "lz4")),
-        (storage_mcap.DECOMPRESSORS, ("zstd", "lz4")),
-    ):
-        table.update({name: partial(unpacked, name) for name in packers})
-    zstd = two.zstd
+    mcap.get_chunk_data_stream = unpack_bounded
+    ros1.decompressors.update({name: partial(unpacked, name) for name in ("bz2", "lz4")})
+    storage_mcap.DECOMPRESSORS.update({name: partial(unpacked, name) for name in ("zstd", "lz4")})
+    file = _unpacking(two.zstd.ZstdFile)
+    two.zstd = SimpleNamespace(decompress=partial(unpacked, "zstd"), open=file)
 
-    class Unpacking(zstd.ZstdFile):  # type: ignore[misc, name-defined]
-        """A whole file that is unpacked into the folder for temporary ones; others need that."""
+    def bound(connection: Any) -> None:
+        connection.limit(apsw.SQLITE_LIMIT_LENGTH, LARGEST)
+        for table in ("messages", "topics"):
+            if connection.execute(WORKED_OUT, (table,)).fetchone()[0]:
+                raise ValueError(f"its {table} have columns that are worked out")
 
+    apsw.connection_hooks.append(bound)
+
+
+def _unpacking(kind: Any) -> Any:
+    """Such a file, unpacked whole into the folder for temporary ones: others need room there."""
+
+    class Unpacking(kind):  # type: ignore[misc]
         def __init__(self, *what: Any) -> None:
             super().__init__(*what)
             self.left = shutil.disk_usage(tempfile.gettempdir()).free // 2
@@ -132,15 +141,7 @@ def bound_libraries() -> None:
                 raise ValueError(f"unpacked it would fill {tempfile.gettempdir()}")
             return data
 
-    two.zstd = SimpleNamespace(decompress=partial(unpacked, "zstd"), open=Unpacking)
-
-    def bound(connection: Any) -> None:
-        connection.limit(apsw.SQLITE_LIMIT_LENGTH, LARGEST)
-        for table in ("messages", "topics"):
-            if connection.execute(WORKED_OUT, (table,)).fetchone()[0]:
-                raise ValueError(f"its {table} have columns that are worked out")
-
-    apsw.connection_hooks.append(bound)
+    return Unpacking
 
 
 def from_json(data: bytes, _kind: str) -> Any:

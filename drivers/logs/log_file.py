@@ -76,6 +76,7 @@ class Window:
         self._on_read = on_read
         self.offset = 0
         self.is_last = False
+        self._safe_end = 0  # where the records end that are surely all there
 
     def move(self, position: int) -> int:
         """Forget what is before ``position`` of the data, and read on; where that place is now."""
@@ -90,8 +91,8 @@ class Window:
                 raise
             more = b""
             _log.warning("%s: read no further: %s", getattr(self._file, "name", ""), error.strerror)
-        self.is_last = not more
-        self.data = kept + more
+        self.is_last, self.data = not more, kept + more
+        self._safe_end = len(self.data) - MARGIN * bool(more)
         return 0
 
     def records(
@@ -106,7 +107,7 @@ class Window:
         if that is not sound. ``search`` finds the next sound one behind damage, from a place on.
         """
         while position < len(self.data) or not self.is_last:
-            if position >= self._safe_end():
+            if position >= self._safe_end:
                 position = self.move(position)
             elif (record := read(position)) is None:
                 yield None
@@ -120,19 +121,15 @@ class Window:
 
         One that begins near the end may go on behind it, so the data move on until it is found.
         """
-        while (start := search(position)) is None or start >= self._safe_end():
+        while (start := search(position)) is None or start >= self._safe_end:
             if self.is_last:
                 return len(self.data)
-            position = self.move(max(position, self._safe_end()))
+            position = self.move(max(position, self._safe_end))
         return start
-
-    def _safe_end(self) -> int:
-        """Where the records end that are surely all there."""
-        return len(self.data) if self.is_last else len(self.data) - MARGIN
 
     def end(self) -> None:
         """Read no further."""
-        self.is_last = True
+        self.is_last, self._safe_end = True, len(self.data)
 
 
 @contextmanager

@@ -57,8 +57,9 @@ class Table(NamedTuple):
     def found(self, data: bytes, position: int) -> Found | None:
         """The row at ``position``; None if it has no time."""
         size = self.layout.itemsize
-        whole = data[position : position + size].ljust(size)  # padding may be missing
-        numbers = np.frombuffer(whole, self.layout)[0].item()
+        if position + size > len(data):  # the last row may lack its padding
+            data, position = data[position:].ljust(size), 0
+        numbers = np.ndarray((), self.layout, data, position).item()
         row = dict(zip(self.layout.names or (), numbers, strict=True))
         time_us = row.get("timestamp_sample") or row.get("timestamp", 0)
         is_time = isinstance(time_us, int) and 0 < time_us < LATEST_US

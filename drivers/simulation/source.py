@@ -87,6 +87,4 @@ class SimSource(Player, Closing):
 
 def imu_sample(sample: Sample) -> ImuSample:
     """The measured part of a simulated sample."""
-    return ImuSample(
-        sample.time_us, sample.gyr_rad_s, sample.acc_m_s2, sample.mag_gauss, has_mag=True
-    )
+    return ImuSample(*sample[:4], has_mag=True)

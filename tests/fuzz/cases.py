@@ -10,6 +10,7 @@ import random
 import struct
 from pathlib import Path
 
+import msgspec
 from fastcrc import crc16
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
@@ -20,6 +21,7 @@ from drivers.logs.ulog_format import CODES, FIELD
 from drivers.mavlink.constants import mavlink
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.encoder import FrameEncoder, Message
+from service.records import AttitudeRecord, Published, StatusRecord
 from tests.drivers.logs import test_dataflash, test_ulog
 
 DATA = Path(__file__).parent.parent / "data"
@@ -242,3 +244,22 @@ def rearranged(content, rng):
 def clip(name, size):
     """The first bytes of a recording of tests/data."""
     return (DATA / name).read_bytes()[:size]
+
+
+def assert_finite(value):
+    """No number in it is none."""
+    assert not isinstance(value, float) or math.isfinite(value)
+    if isinstance(value, dict | list | tuple):
+        for each in value.values() if isinstance(value, dict) else value:
+            assert_finite(each)
+
+
+def require_sound(outputs):
+    """All numbers are finite, attitudes are unit to the last figure; how many there are."""
+    records = [output.record for output in outputs if isinstance(output, Published)]
+    attitudes = [record for record in records if isinstance(record, AttitudeRecord)]
+    for record in records:
+        assert_finite(msgspec.to_builtins(record))
+    assert all(abs(math.hypot(*each.q_ned_frd) - 1.0) < 1e-6 for each in attitudes)
+    assert all(isinstance(record, AttitudeRecord | StatusRecord) for record in records)
+    return len(attitudes)

@@ -1,7 +1,6 @@
 """Whatever profile a client puts on a vehicle in flight: an answer, and attitudes go on."""
 
 import json
-import math
 import random
 
 import pytest
@@ -11,10 +10,9 @@ from drivers.events import Imu, Velocity
 from estimator.errors import InputError
 from estimator.profile import load_profile, profile_to_json
 from service.pipeline import Pipeline
-from service.records import AttitudeRecord, Published, StatusRecord
 from service.sinks.zenoh import _json_object
 from tests.flight import banked_flight
-from tests.fuzz.cases import built, fuzzed
+from tests.fuzz.cases import built, fuzzed, require_sound
 from tests.service.streams import ONE, START_US
 
 WHOLE = profile_to_json(load_profile("imu"))
@@ -102,21 +100,6 @@ def test_profiles_installed_in_flight(flight, rng):
         published += require_sound(pipeline.tick(events[0].arrival_us + 1_000))
     assert published == BEFORE + BETWEEN + AFTER
     assert NEVER not in pipeline.vehicle(ONE).rejected
-
-
-def require_sound(outputs):
-    """Attitudes are unit and finite to the last figure; how many there are."""
-    records = [output.record for output in outputs if isinstance(output, Published)]
-    attitudes = [record for record in records if isinstance(record, AttitudeRecord)]
-    for record in attitudes:
-        assert abs(math.hypot(*record.q_ned_frd) - 1.0) < 1e-6
-        figures = (*record.euler_deg, *record.rate_rad_s, *record.gyro_bias_rad_s, record.error)
-        figures += (record.error_rate, record.gain, record.age_ms)
-        figures += (record.sigma_deg.inclination, record.sigma_deg.heading)
-        figures += (record.confidence.gravity, record.confidence.magnetic)
-        assert all(map(math.isfinite, figures)), record
-    assert all(isinstance(record, AttitudeRecord | StatusRecord) for record in records)
-    return len(attitudes)
 
 
 def test_the_cases_reach_both_answers():

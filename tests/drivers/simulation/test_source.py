@@ -1,5 +1,7 @@
 """The in-process vehicle under a clock that the test moves."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -15,23 +17,12 @@ from drivers.simulation.simulated_vehicle import (
 from drivers.simulation.source import SimSource
 from drivers.source import open_live, require_openable
 from estimator.errors import InputError
-
-
-class Clock:
-    def __init__(self):
-        self.us = 5_000_000
-
-    def __call__(self):
-        return self.us
+from tests.drivers.logs.reading import of
 
 
 def source_and_clock(**options):
-    clock = Clock()
-    return SimSource(SimulatedVehicle(3, **options), clock, lambda: 10**15 + clock.us), clock
-
-
-def of_type(events, kind):
-    return [event for event in events if isinstance(event, kind)]
+    clock, vehicle = SimpleNamespace(us=5_000_000), SimulatedVehicle(3, **options)
+    return SimSource(vehicle, lambda: clock.us, lambda: 10**15 + clock.us), clock
 
 
 def test_events_are_the_paper_s_exact_numbers_at_their_times():
@@ -43,18 +34,18 @@ def test_events_are_the_paper_s_exact_numbers_at_their_times():
         for step in (0, 3_000, 7_000, *(95_000,) * 26, 10_000):
             clock.us += step
             events += source.drain(0)
-    imus = of_type(events, Imu)
+    imus = of(Imu, events)
     assert len(imus) == 250
     for name in ("time_us", "gyr_rad_s", "acc_m_s2", "mag_gauss"):
         values = np.array([getattr(imu.sample, name) for imu in imus])
         assert np.array_equal(values, getattr(expected, name)), name
     assert all(imu.sample.has_mag and imu.boot_us == imu.sample.time_us for imu in imus)
     assert all(imu.arrival_us == start_us + imu.boot_us for imu in imus)
-    truth = of_type(events, ReferenceAttitude)
+    truth = of(ReferenceAttitude, events)
     assert np.array_equal([t.q_ned_frd for t in truth], expected.q_ned_frd)
     assert [t.time_us for t in truth] == [imu.sample.time_us for imu in imus]
     assert isinstance(events[0], LinkUp)
-    assert [h.arrival_us - start_us for h in of_type(events, Heartbeat)] == [0, 10**6, 2 * 10**6]
+    assert [h.arrival_us - start_us for h in of(Heartbeat, events)] == [0, 10**6, 2 * 10**6]
     assert source.dropped == 0
 
 
@@ -66,12 +57,12 @@ def test_the_vehicle_waits_for_a_computer_that_slept_or_is_too_slow():
         clock.us += 60_000_000
         assert source.now_us() - start_us == 20_000  # and no further
         clock.us += 40_000_000
-        assert len(of_type(source.drain(0), Imu)) == 6
+        assert len(of(Imu, source.drain(0))) == 6
         assert source.waited_s == pytest.approx(99.88)
         stamps = []
         for _ in range(20):  # at a third of the pace
             clock.us += 300_000
-            stamps += [event.boot_us for event in of_type(source.drain(0), Imu)]
+            stamps += [event.boot_us for event in of(Imu, source.drain(0))]
             assert 0 <= source.now_us() - start_us - stamps[-1] <= 1e6 * MAX_BEHIND_S
     assert [*range(stamps[0], stamps[-1] + 1, 20_000)] == stamps  # nothing is left out
     assert source.dropped == 0
@@ -82,7 +73,7 @@ def test_in_real_time_it_waits_for_the_next_sample():
     with open_live(Endpoint("sim")) as source:
         imus = []
         while len(imus) < 30:
-            imus += of_type(source.drain(0.1), Imu)
+            imus += of(Imu, source.drain(0.1))
     assert [imu.boot_us for imu in imus[:30]] == [10_000 * k for k in range(30)]
     assert source.drain(10) == []  # closed: no waiting
 
@@ -95,15 +86,15 @@ def test_a_flight_in_process_tells_its_place_and_falls_silent():
             clock.us += 100_000
             events += source.drain(0)
     begin, end = SILENCE_S
-    imu_s = np.array([event.boot_us for event in of_type(events, Imu)]) * 1e-6
+    imu_s = np.array([event.boot_us for event in of(Imu, events)]) * 1e-6
     assert np.diff(imu_s).max() == pytest.approx(end - begin + 0.02)
     assert imu_s[np.diff(imu_s).argmax()] == pytest.approx(begin - 0.02)
-    velocities = of_type(events, Velocity)
-    assert len(velocities) == len(of_type(events, Position)) == 992  # 10 Hz but in the silence
+    velocities = of(Velocity, events)
+    assert len(velocities) == len(of(Position, events)) == 992  # 10 Hz but in the silence
     truth = flight_truth(np.array([v.sample.time_us * 1e-6 for v in velocities])).velocity_ned_m_s
     noise = np.array([v.sample.velocity_ned_m_s for v in velocities]) - truth
     assert noise.std() == pytest.approx(FLIGHT_VELOCITY_NOISE_M_S, rel=0.1)
-    assert {event.motion for event in of_type(events, BuiltIn)} == {"flight"}
+    assert {event.motion for event in of(BuiltIn, events)} == {"flight"}
 
 
 def test_an_unknown_motion_is_refused_before_anything_is_opened():
