@@ -43,14 +43,16 @@ def messages(window: Window, wanted: Collection[str]) -> Iterator[tuple[str, Row
     """(name, fields) of the messages of those names; None for each unreadable stretch."""
     formats = {FMT_TYPE: FMT}
 
-    def read(position: int) -> tuple[tuple[tuple[str, Row] | None, ...], int] | None:
-        data = window.data
-        if (form := _sound(data, position, formats)) is None:
-            return None
-        end = position + form.length
-        if form is FMT:
-            return () if _learn(formats, form.row(data, position)) else (None,), end
-        return ((form.name, form.row(data, position)),) if form.name in wanted else (), end
+    def read(position: int, stop: int) -> tuple[list[tuple[str, Row] | None], int]:
+        data, found = window.data, list[tuple[str, Row] | None]()
+        while position < stop and (form := _sound(data, position, formats)) is not None:
+            if form is FMT:
+                if not _learn(formats, form.row(data, position)):
+                    found.append(None)
+            elif form.name in wanted:
+                found.append((form.name, form.row(data, position)))
+            position += form.length
+        return found, position
 
     return window.records(0, read, lambda at: _next_sound(window.data, at, formats))
 

@@ -3,7 +3,7 @@
 import hashlib
 import logging
 from abc import abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO, TypeVar
@@ -15,6 +15,7 @@ from estimator.errors import InputError
 T = TypeVar("T")
 OnRead = Callable[[int], None]
 READ_SIZE = 1 << 20
+PIECE = 1 << 15  # bytes; of more records at once the garbage collector walks each several times
 LATEST_US = 1 << 62  # differences between times must fit 64 bits
 MARGIN = 1 << 17  # bytes; longer than any message of a log that is read in pieces
 
@@ -31,11 +32,15 @@ class LogFile(Closing):
     def __init__(self, path: Path) -> None:
         self.path = path
         self.on_read: OnRead | None = None
-        self.imu_in_use: ImuInUse = lambda _: None
+        self._follows: ImuInUse | None = None
 
     def follow(self, imu_in_use: ImuInUse) -> None:
         """Skip a vehicle's other IMU messages, as a live link does."""
-        self.imu_in_use = imu_in_use
+        self._follows = imu_in_use
+
+    def imu_in_use(self, vehicle: VehicleId) -> str | None:
+        """The IMU message that is used of the vehicle, if that is known by now."""
+        return None if self._follows is None else self._follows(vehicle)
 
     @abstractmethod
     def __iter__(self) -> Iterator[Event]:
@@ -98,23 +103,23 @@ class Window:
     def records(
         self,
         position: int,
-        read: Callable[[int], tuple[Sequence[T | None], int] | None],
+        read: Callable[[int, int], tuple[list[T | None], int]],
         search: Callable[[int], int | None],
     ) -> Iterator[T | None]:
         """What ``read`` finds from ``position`` on; None for each damaged stretch.
 
-        It gives what is wanted of the record at a place, and where the next one should begin; None
-        if that is not sound. ``search`` finds the next sound one behind damage, from a place on.
+        It takes the sound records that begin before a place of the data, and returns where the next
+        one should begin. ``search`` finds the next sound one behind damage, from a place on.
         """
         while position < len(self.data) or not self.is_last:
-            if position >= self._safe_end:
-                position = self.move(position)
-            elif (record := read(position)) is None:
+            stop = min(self._safe_end, position + PIECE)
+            found, position = read(position, stop)
+            yield from found
+            if position < stop:
                 yield None
                 position = self._next(position + 1, search)
-            else:
-                found, position = record
-                yield from found
+            elif not self.is_last and position >= self._safe_end:
+                position = self.move(position)
 
     def _next(self, position: int, search: Callable[[int], int | None]) -> int:
         """Where the next sound record begins, or the data's end.

@@ -83,7 +83,7 @@ class Tlog(LogFile):
 
     def __iter__(self) -> Iterator[Event]:
         gate, decoder = FrameGate(Policy()), MavlinkDecoder(texts=True)
-        decoder.imu_in_use = lambda vehicle: self.imu_in_use(vehicle)  # noqa: PLW0108 - may change yet
+        decoder.imu_in_use = self.imu_in_use
         for arrival_us, frame in self._frames(decoder.wanted):
             if frame is None:
                 yield Malformed(arrival_us, 1)
@@ -149,19 +149,25 @@ def tlog_records(
     frames = FrameFormat(gap=STAMP_SIZE)
     wanted = frozenset(mavlink().mavlink_map) if wanted is None else wanted
 
-    def read(position: int) -> tuple[tuple[tuple[int, Frame] | None, ...], int] | None:
-        data, start = window.data, position + STAMP_SIZE
-        if start >= len(data):
-            return (), len(data)
-        end = frame_end(data, start)
-        if end is None or end > len(data):
-            return None
-        frame = frames.frame(data, start, end)
-        if frame is None:
-            return ((None,), end) if frames.is_followed(data, end) else None
-        if frame.message_id not in wanted:
-            return (), end
-        return ((min(int.from_bytes(data[position:start], "big"), LATEST_US), frame),), end
+    def read(position: int, stop: int) -> tuple[list[tuple[int, Frame] | None], int]:
+        data, found = window.data, list[tuple[int, Frame] | None]()
+        while position < stop:
+            start = position + STAMP_SIZE
+            if start >= len(data):
+                return found, len(data)
+            end = frame_end(data, start)
+            if end is None or end > len(data):
+                break
+            frame = frames.frame(data, start, end)
+            if frame is not None and frame.message_id in wanted:
+                stamp_us = int.from_bytes(data[position:start], "big")
+                found.append((min(stamp_us, LATEST_US), frame))
+            elif frame is None:
+                if not frames.is_followed(data, end):
+                    break
+                found.append(None)
+            position = end
+        return found, position
 
     def search(position: int) -> int | None:
         start = frames.next_start(window.data, position + STAMP_SIZE)

@@ -86,8 +86,8 @@ def _vehicle_imu(vehicle: LoggedVehicle, topic: str, row: Row) -> list[Event]:
     angle_s, velocity_s = row["delta_angle_dt"] * 1e-6, row["delta_velocity_dt"] * 1e-6
     if angle_s <= 0 or velocity_s <= 0:
         return [Rejected(vehicle.id, vehicle.arrival_us, Reason.NO_INTERVAL, topic)]
-    roll, pitch, yaw = (float(turn) / angle_s for turn in row["delta_angle"])
-    x, y, z = (float(push) / velocity_s for push in row["delta_velocity"])
+    roll, pitch, yaw = (turn / angle_s for turn in row["delta_angle"])
+    x, y, z = (push / velocity_s for push in row["delta_velocity"])
     return vehicle.imu(topic, (roll, pitch, yaw), (x, y, z))
 
 

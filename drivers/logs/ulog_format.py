@@ -11,11 +11,8 @@ definitions. After damage it goes on with the next message that cannot be an acc
 
 import re
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
-from struct import Struct, error
+from struct import Struct, calcsize, error
 from typing import Any, NamedTuple
-
-import numpy as np
 
 from drivers.logs.log_file import LATEST_US, Window
 
@@ -35,13 +32,21 @@ FIELD = re.compile(r"(\w+)(?:\[(\d{1,5})\])? (\w+)", re.ASCII)
 
 INTEGERS = [f"{sign}int{bits}_t" for bits in (8, 16, 32, 64) for sign in ("", "u")]
 CODES = dict(zip((*INTEGERS, "float", "double", "bool", "char"), "bBhHiIqQfd?c", strict=True))
-TIMES = ("timestamp_sample", "timestamp")
+TIMES = ("timestamp_sample", "timestamp")  # the first that is not zero is the row's time
 
 Row = dict[str, Any]
 
 
+class Field(NamedTuple):
+    """One field of a format; ``elements`` is 0 if it is no array."""
+
+    kind: str
+    elements: int
+    name: str
+
+
 class Found(NamedTuple):
-    """A row of a topic, and its time; the fields are numbers, or arrays of them."""
+    """A row of a topic, and its time; the fields are numbers, or tuples of them."""
 
     time_us: int
     topic: str
@@ -49,21 +54,21 @@ class Found(NamedTuple):
 
 
 class Table(NamedTuple):
-    """A topic, and where the times and the wanted fields are in its rows."""
+    """Where the times and the wanted fields of a topic are in its rows."""
 
     topic: str
-    layout: np.dtype[Any]
+    layout: Struct
+    times: tuple[int, ...]  # among the numbers of the layout
+    fields: tuple[tuple[str, int | slice], ...]
 
     def found(self, data: bytes, position: int) -> Found | None:
         """The row at ``position``; None if it has no time."""
-        size = self.layout.itemsize
-        if position + size > len(data):  # the last row may lack its padding
-            data, position = data[position:].ljust(size), 0
-        numbers = np.ndarray((), self.layout, data, position).item()
-        row = dict(zip(self.layout.names or (), numbers, strict=True))
-        time_us = row.get("timestamp_sample") or row.get("timestamp", 0)
-        is_time = isinstance(time_us, int) and 0 < time_us < LATEST_US
-        return Found(time_us, self.topic, row) if is_time else None
+        numbers, time_us = self.layout.unpack_from(data, position), 0
+        for place in self.times:
+            time_us = time_us or numbers[place]
+        if not 0 < time_us < LATEST_US:
+            return None
+        return Found(time_us, self.topic, {name: numbers[place] for name, place in self.fields})
 
 
 NO_ROWS: tuple[range, Table | None] = range(0), None
@@ -80,10 +85,8 @@ class UlogReader:
         self.tables: dict[str, Table] = {}
         self.parameters: dict[str, float] = {}
         self._window, self._wanted = window, wanted
-        self._formats: dict[str, list[tuple[str, str, int]]] = {}  # name, type, elements
-        self._types: dict[str, np.dtype[Any] | None] = {
-            kind: np.dtype("<" + code) for kind, code in CODES.items()
-        }
+        self._formats: dict[str, tuple[Field, ...]] = {}
+        self._sizes: dict[str, int | None] = {k: calcsize("<" + c) for k, c in CODES.items()}
         # by number: the sizes that a row may have, and its table; None for topics not wanted
         self._subscribed: dict[int, tuple[range, Table | None]] = {}
 
@@ -95,21 +98,28 @@ class UlogReader:
         """
         return self._window.records(FILE_HEAD_SIZE, self._read, self._next_message)
 
-    def _read(self, position: int) -> tuple[tuple[Found | None, ...], int] | None:
-        """The row of the message at ``position``, if it has one, and where that ends."""
-        data = self._window.data
-        if (end := self._end(data, position)) is None:
-            if not data.startswith(MAGIC, position):
-                return None
-            self._window.end()  # another log is behind this one, with times of its own
-            return (None,), len(data)
-        kind, start = data[position + 2], position + HEAD.size
-        if kind != ROW:
-            return () if self._takes(kind, data[start:end]) else (None,), end
-        sizes, table = self._subscribed.get(_number(data, start), NO_ROWS)
-        if end - start - NUMBER_SIZE not in sizes:
-            return (None,), end
-        return () if table is None else (table.found(data, start + NUMBER_SIZE),), end
+    def _read(self, position: int, stop: int) -> tuple[list[Found | None], int]:
+        """The rows of the messages from ``position`` to ``stop``, and where they end."""
+        data, found = self._window.data, list[Found | None]()
+        while position < stop:
+            end = self._end(data, position)
+            if end is None:
+                if not data.startswith(MAGIC, position):
+                    break
+                self._window.end()  # another log is behind this one, with times of its own
+                return [*found, None], len(data)
+            start = position + HEAD.size
+            if data[position + 2] != ROW:
+                if not self._takes(data[position + 2], data[start:end]):
+                    found.append(None)
+            else:
+                sizes, table = self._subscribed.get(data[start] | data[start + 1] << 8, NO_ROWS)
+                if end - start - NUMBER_SIZE not in sizes:
+                    found.append(None)
+                elif table is not None:
+                    found.append(table.found(data, start + NUMBER_SIZE))
+            position = end
+        return found, position
 
     @staticmethod
     def _end(data: bytes, position: int) -> int | None:
@@ -165,39 +175,55 @@ class UlogReader:
             return False
         name, _, text = body.decode("ascii").partition(":")
         matches = [FIELD.fullmatch(each) for each in text.rstrip(";").split(";")]
-        fields = [(each[3], each[1], int(each[2] or 0)) for each in matches if each]
+        fields = tuple(Field(each[1], int(each[2] or 0), each[3]) for each in matches if each)
         return len(fields) == len(matches) and self._formats.setdefault(name, fields) == fields
 
     def _subscribe(self, instance: int, number: int, name: str) -> bool:
-        row = self._type(name)
-        if row is None or row.fields is None:
+        size = self._size(name)
+        if size is None or name not in self._formats:
             return False
-        size, last = row.itemsize, self._formats[name][-1][0]
-        least = row.fields[last][1] if last.startswith("_padding") else size  # it may be left out
+        last = self._formats[name][-1]  # padding at a row's end may be left out
+        padding = self._bytes(last) if last.name.startswith("_padding") else 0
         if name in self._wanted and instance == 0 and name not in self.tables:
-            wanted = {*TIMES, *self._wanted[name]}
-            plain = [each for each in row.fields if row[each].base.names is None]
-            self.tables[name] = Table(name, row[[each for each in plain if each in wanted]])
+            self.tables[name] = self._table(name, self._wanted[name])
         table = self.tables.get(name) if instance == 0 else None
-        self._subscribed[number] = range(least, size + 1), table
+        self._subscribed[number] = range(size - padding, size + 1), table
         return True
 
-    def _type(self, kind: str) -> np.dtype[Any] | None:
-        """A type; None if it is unknown, within itself, or longer than a message.
+    def _table(self, topic: str, wanted: frozenset[str]) -> Table:
+        layout, end, count = "<", 1, 0  # what is behind the last wanted field may be missing
+        times: dict[str, int] = {}
+        fields: list[tuple[str, int | slice]] = []
+        for field in self._formats[topic]:
+            kind, elements, name = field
+            if name in TIMES and kind in INTEGERS and not elements:
+                times[name] = count
+            elif name in wanted and kind in CODES:
+                fields.append((name, slice(count, count + elements) if elements else count))
+            else:
+                layout += f"{self._bytes(field)}x"
+                continue
+            count += elements or 1
+            layout += f"{elements or 1}{CODES[kind]}"
+            end = len(layout)
+        in_order = tuple(times[name] for name in TIMES if name in times)
+        return Table(topic, Struct(layout[:end]), in_order, tuple(fields))
+
+    def _bytes(self, field: Field) -> int:
+        return (self._size(field.kind) or 0) * (field.elements or 1)
+
+    def _size(self, kind: str) -> int | None:
+        """Bytes of a type; None if it is unknown, within itself, or longer than a message.
 
         A format is looked at once, and one within itself is unknown meanwhile.
         """
-        if kind not in self._types and kind in self._formats:
-            self._types[kind] = None
-            fields = [(n, self._type(k), elements) for n, k, elements in self._formats[kind]]
-            known = [
-                (name, each, number or ()) for name, each, number in fields if each is not None
-            ]
-            with suppress(ValueError):  # two fields of one name, or more than numpy counts
-                made = np.dtype(known)
-                is_whole = len(known) == len(fields) and made.itemsize <= LARGEST_BODY
-                self._types[kind] = made if is_whole else None
-        return self._types.get(kind)
+        if kind not in self._sizes and kind in self._formats:
+            self._sizes[kind] = None
+            fields = self._formats[kind]
+            if all(self._size(each.kind) is not None for each in fields):
+                size = sum(self._bytes(each) for each in fields)
+                self._sizes[kind] = size if size <= LARGEST_BODY else None
+        return self._sizes.get(kind)
 
     def _parameter(self, body: bytes) -> bool:
         size = body[0]
