@@ -161,7 +161,10 @@ class Estimator:
         """
         gyr, acc = vector("gyr_rad_s", gyr_rad_s), vector("acc_m_s2", acc_m_s2)
         mag = ZERO_VEC3 if mag_gauss is None else vector("mag_gauss", mag_gauss)
-        time_us = microseconds(self._number / self._rate() if time_s is None else time_s)
+        if time_s is None:
+            time_us = round(MICROSECONDS * self._number / self._rate())
+        else:
+            time_us = microseconds(time_s)
         self._number += 1
         self._last_us = time_us
         has_mag = mag_gauss is not None and self._field.is_fresh(finite_or_zero(mag), time_us)
@@ -298,8 +301,10 @@ class Estimator:
         if position is not None:
             places = positions_of(position, n)
         if time_s is None:
-            time_s = np.arange(self._number, self._number + n) / self._rate()
-        times_us = times_of(time_s, n)
+            numbers = np.arange(self._number, self._number + n, dtype=float)
+            times_us = np.rint(MICROSECONDS * numbers / self._rate()).astype(np.int64)
+        else:
+            times_us = times_of(time_s, n)
         if velocity_ned_m_s is not None:
             velocity = matrix("velocity_ned_m_s", velocity_ned_m_s, n)
             reports, fast = velocities_of(times_us, velocity)

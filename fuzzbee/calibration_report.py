@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import msgspec
 import numpy as np
 
+from drivers.logs.table import blocks
 from drivers.logs.time_window import WHOLE_LOG, TimeWindow
 from drivers.mavlink.ardupilot import (
     AXES,
@@ -145,7 +146,8 @@ def _report_compass(
         raise InputError(f"{path}: no position; --place LAT,LON says which field is there")
     turn = compass_turn(mag[there], rotate_inverse(q[there], in_ned(field)))
     mag = mag if turn is None else mag @ turn.T
-    fit = fit_compass(mag, rotate_inverse(q, DOWN), field, current_a)
+    down = np.concatenate([rotate_inverse(q[rows], DOWN) for rows in blocks(len(q))])
+    fit = fit_compass(mag, down, field, current_a)
     if fit is None:
         raise InputError(
             f"{path}: too few turns to find an offset: fly level through all headings, and tilt"

@@ -66,7 +66,14 @@ INERTIAL = "INS_"
 ROTATION = "MAV_SENSOR_ROTATION_"
 OFF_DIAGONAL = ((0, 1), (0, 2), (1, 2))  # of ODI_X, ODI_Y and ODI_Z
 
-INTEGER_PARAMETERS = dict(enumerate("BbHhIi", start=1))  # by MAV_PARAM_TYPE, UINT8 to INT32
+INTEGER_PARAMETERS = {
+    mav.MAV_PARAM_TYPE_UINT8: "B",
+    mav.MAV_PARAM_TYPE_INT8: "b",
+    mav.MAV_PARAM_TYPE_UINT16: "H",
+    mav.MAV_PARAM_TYPE_INT16: "h",
+    mav.MAV_PARAM_TYPE_UINT32: "I",
+    mav.MAV_PARAM_TYPE_INT32: "i",
+}
 
 Parameters = Mapping[str, float]
 

@@ -116,6 +116,8 @@ class FrameGate:
         for known in self._addresses.values():
             if peer in (None, known.peer):
                 known.peer = None
+        items = self._addresses.items()
+        self._addresses = {at: each for at, each in items if each.peer or each.copies}
 
     def _refusal(
         self, frame: Frame, address: tuple[int, int], peer: str, arrival_us: int

@@ -225,8 +225,10 @@ def _global_position(intake: Intake, message: Received) -> list[Event]:
 
 
 def _local_position(intake: Intake, message: Received) -> list[Event]:
-    m = message.fields
-    return intake.fix(message.name, message.boot_stamp, Fix((m.vx, m.vy, m.vz)))
+    velocity = (message.fields.vx, message.fields.vy, message.fields.vz)
+    if not all(map(isfinite, velocity)):
+        return []
+    return intake.fix(message.name, message.boot_stamp, Fix(velocity))
 
 
 def _gps_raw(intake: Intake, message: Received) -> list[Event]:
@@ -241,7 +243,7 @@ def _gps_raw(intake: Intake, message: Received) -> list[Event]:
         sigma_m_s = m.vel_acc * MILLI if m.vel_acc else None
         speed_m_s, course_rad = m.vel * CENTI, math.radians(m.cog * CENTI)
         velocity = speed_m_s * math.cos(course_rad), speed_m_s * math.sin(course_rad), 0.0
-        fix = Fix(velocity, False, sigma_m_s, fix.position)
+        fix = fix._replace(velocity_ned_m_s=velocity, has_vertical=False, sigma_m_s=sigma_m_s)
     return intake.fix(message.name, Stamp(TimeField.GPS, m.time_usec, message.arrival_us), fix)
 
 

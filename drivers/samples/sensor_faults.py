@@ -198,6 +198,7 @@ class StuckSensors:
     turned: Vec3 = ZERO_VEC3  # where the gyroscope says that the repeated force should be
     mag_path_rad: float = 0.0  # without a new field, turns to and fro alike
     mag_turn: Vec3 = ZERO_VEC3  # what they come to, rad
+    mag_equal_s: float = 0.0
 
     def refusal(self, now: Readings, last: Readings, raw_us: int) -> Reason | None:
         """Why the reading behind ``last`` cannot be true; saturated ones are not given."""
@@ -226,13 +227,14 @@ class StuckSensors:
         repeats = now.mag_gauss == last.mag_gauss and now.mag_gauss != ZERO_VEC3
         self.mag.observe(raw_us, repeats=repeats)
         if not repeats:
-            self.mag_path_rad, self.mag_turn = 0.0, ZERO_VEC3
+            self.mag_path_rad, self.mag_turn, self.mag_equal_s = 0.0, ZERO_VEC3, 0.0
             return
         step_s = MICROSECOND * min(max(step_us, 0), HELD_US)
         self.mag_path_rad += step_s * largest(now.gyr_rad_s)
         self.mag_turn = add(self.mag_turn, scale(step_s, now.gyr_rad_s))
         is_long = self.mag.is_long(raw_us, HELD_US)
-        by_bias_rad = MOVING_GYR_RAD_S * MICROSECOND * (raw_us - self.mag.begin_us)
+        self.mag_equal_s += step_s
+        by_bias_rad = MOVING_GYR_RAD_S * self.mag_equal_s
         has_turned = largest(self.mag_turn) > MAG_TURN_RAD + by_bias_rad
         is_stuck = has_turned and (is_long or self.mag.is_unlikely())
         if is_stuck or (is_long and self.mag_path_rad >= MAG_PATH_RAD):

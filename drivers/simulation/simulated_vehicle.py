@@ -160,7 +160,7 @@ class SimulatedVehicle:
         calm: bool = False,
         errors_seed: int | None = None,
     ) -> None:
-        _check(motion, noise, bias, magnet)
+        _check(rate_hz, motion, noise, bias, magnet)
         self.motion = motion
         self._bias = bias * (REAL_BIAS if motion in REAL else PAPER_BIAS)
         self._noise = noise * (REAL_NOISE if motion in REAL else PAPER_NOISE)
@@ -249,7 +249,11 @@ def true_rate(motion: Motion, time_s: Floats) -> Floats:
     return rate
 
 
-def _check(motion: str, noise: float, bias: float, magnet: tuple[float, float] | None) -> None:
+def _check(
+    rate_hz: float, motion: str, noise: float, bias: float, magnet: tuple[float, float] | None
+) -> None:
+    if not (isfinite(rate_hz) and rate_hz > 0):
+        raise InputError(f"the simulated vehicle's rate must be positive, not {rate_hz} Hz")
     if motion not in MOTIONS:
         raise InputError(f"unknown motion {motion!r}: choose {', '.join(MOTIONS)}")
     for name, value in (("noise", noise), ("bias", bias)):

@@ -235,24 +235,29 @@ def constant_turn(columns: Any, counted: Bools, moved: Bools) -> ConstantTurn | 
     ``moved`` (N,) shows of motion.
     """
 
-    def downs() -> Iterator[tuple[Floats, Floats]]:
+    def downs() -> Iterator[tuple[slice, Floats, Floats]]:
         for rows in blocks(len(counted)):
             both = (columns[name][rows] for name in ("q_ned_frd", "reference_q_ned_frd"))
             ours, theirs = (rotate_inverse(q[counted[rows]], DOWN) for q in both)
-            yield ours, theirs
+            yield rows, ours, theirs
 
     if not counted.any():
         return None
-    turn = nearest_rotation(sum((theirs.T @ ours for ours, theirs in downs()), np.zeros((3, 3))))
-    tilted = np.concatenate([_between(ours @ turn.T, ours) for ours, _ in downs()])
-    turn_deg = _rms_deg(tilted) or 0.0
-    left = np.concatenate([_between(ours @ turn.T, theirs) for ours, theirs in downs()], out=tilted)
-    under = left <= columns["sigma_inclination_rad"][counted]
+    turn = nearest_rotation(sum((theirs.T @ ours for _, ours, theirs in downs()), np.zeros((3, 3))))
+    under, tilted, left = np.zeros_like(counted), 0.0, 0.0
+    for rows, ours, theirs in downs():
+        turned = ours @ turn.T
+        apart = _between(turned, theirs)
+        tilted += float(np.sum(_between(turned, ours) ** 2))
+        left += float(np.sum(apart**2))
+        sigma = columns["sigma_inclination_rad"][rows][counted[rows]]
+        under[rows][counted[rows]] = apart <= sigma
+    count = int(np.count_nonzero(counted))
     return ConstantTurn(
-        turn_deg=turn_deg,
-        inclination_rms=_rms_deg(left) or 0.0,
-        inclination_coverage=float(np.mean(under)),
-        inclination_coverage_moving=mean(under[moved[counted]]),
+        turn_deg=float(np.degrees(np.sqrt(tilted / count))),
+        inclination_rms=float(np.degrees(np.sqrt(left / count))),
+        inclination_coverage=float(np.count_nonzero(under)) / count,
+        inclination_coverage_moving=mean(under[counted & moved]),
     )
 
 
@@ -262,9 +267,9 @@ def mean(values: NDArray[Any]) -> float | None:
 
 
 def _rms_deg(values_rad: Floats) -> float | None:
-    """Of values that nobody needs any more: they are overwritten."""
-    np.square(np.degrees(values_rad, out=values_rad), out=values_rad)
-    return float(np.sqrt(np.mean(values_rad))) if len(values_rad) else None
+    degrees = np.degrees(values_rad)
+    np.square(degrees, out=degrees)
+    return float(np.sqrt(np.mean(degrees))) if len(degrees) else None
 
 
 def _between(some: Floats, others: Floats) -> Floats:

@@ -97,6 +97,7 @@ class VehicleTrace(Table):
         self.warned_s: Counter[str] = Counter()  # for how long each warning stood
         self.malformed = 0  # rows or frames of the log that cannot be read, whoever sent them
         self.last_us: int | None = None  # the latest sample
+        self.has_heading = False  # whether there is one to score: by a field or by velocity
         self.turned_at_us: int | None = None
         self.log_zero_us: int | None = None  # where the log's seconds begin, of a window of it
         self.parameters: dict[str, float] = {}
@@ -128,11 +129,6 @@ class VehicleTrace(Table):
         return Counter[str](self.vehicle.rejected) + Counter(malformed=self.malformed)
 
     @property
-    def has_heading(self) -> bool:
-        """Whether there is one to score: by a field or by velocity."""
-        return bool(self["has_mag"].any() or self["heading_reference"].any())
-
-    @property
     def has_peer(self) -> bool:
         """Whether the autopilot's own estimate stands beside a truth."""
         return self.reference == "sim" and self.references["autopilot"].message is not None
@@ -141,6 +137,7 @@ class VehicleTrace(Table):
         """Take the attitude after a sample."""
         self.last_us = attitude.time_us
         north = PLACE[attitude.heading_reference]
+        self.has_heading |= sample.has_mag or north > 0
         self.append(arrival_us, *attitude[:-1], north, *sample[1:], aided)
 
     def published(
@@ -281,6 +278,7 @@ def smooth(trace: VehicleTrace) -> None:
 
     assert isinstance(trace.vehicle.estimator, Recorder)
     times_us, now = smooth_all(trace.vehicle.estimator)
+    trace.vehicle.estimator.recordings().clear()  # for each sample its readings
     at, north = np.searchsorted(times_us, trace["time_us"]), trace["heading_reference"]
     smoothed = {
         "q_ned_frd": now.q_ned_frd[at],

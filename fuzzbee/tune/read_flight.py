@@ -38,11 +38,11 @@ def read_flight(
 
     The smoothed attitude is a reference where ``may_smooth``.
     """
+    with open_log(path) as log:
+        sha256 = log.sha256()
     trace = replay_log(path, profile, How(window=window), new_estimator=LoggedEstimator)
     if len(trace) < 2:
         raise InputError(f"{path}: a single sample of an IMU")
-    with open_log(path) as log:
-        sha256 = log.sha256()
     recorder = trace.vehicle.estimator
     assert isinstance(recorder, LoggedEstimator)
     if recorder.taken != len(trace):

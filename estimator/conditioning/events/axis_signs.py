@@ -216,11 +216,13 @@ def judge(
     quiet = field.by_noise / variance
     learn = dt_s / (state.age_s + dt_s) * (min(ratio, 2.0) - 1.0)
     keep = LONG_S / (LONG_S + dt_s)
+    # A field goes along by twice the turn at most. What was learnt is forgotten: it is unproven.
     moves = min(square(field.moved), 2.0 * variance) - field.by_noise
+    moves = max(0.0, min(moves, 4.0 * square(state.turned)))
     return with_judged(
         state,
-        keep * (state.moves + dt_s * max(0.0, moves)),
-        keep * (state.turns + dt_s * square(state.turned)),
+        UNPROVEN_S + keep * (state.moves - UNPROVEN_S + dt_s * moves),
+        UNPROVEN_S + keep * (state.turns - UNPROVEN_S + dt_s * square(state.turned)),
         max(1.0, state.by_noise * (1.0 + learn * quiet)),
         squares,
         since_s,

@@ -82,8 +82,10 @@ def watch_field(
     if state.age_s > LATELY_S:
         apart = min(apart, MOST_USUAL**2 * (state.usual + LEAST_DIRECTION_RAD**2))
     moves_rad = turn_of(state.quick, field_g)
+    turning_lately = max(turning, state.turning + b * (turning - state.turning))
     # A field that goes along turns in G by twice the vehicle's turn at most.
-    least = params.turn_jump_rad**2 + FAR * (state.scatter + unseen) + 4.0 * turning * dt_s**2
+    least = params.turn_jump_rad**2 + FAR * (state.scatter + state.unseen + unseen)
+    least += 4.0 * turning_lately * dt_s**2
     leaps = moves_rad > state.moves_rad + sqrt(least)
     scatter = min(moves_rad**2, MOST_USUAL**2 * (state.scatter + LEAST_DIRECTION_RAD**2))
     return JumpSigns(
@@ -98,7 +100,7 @@ def watch_field(
         since_leap_s=0.0 if leaps else min(state.since_leap_s + dt_s, LONG_S),
         usual=state.usual + c * (apart - state.usual),
         usual_turning=state.usual_turning + c * (turning - state.usual_turning),
-        turning=max(turning, state.turning + b * (turning - state.turning)),
+        turning=turning_lately,
         unseen=(1.0 - b) * state.unseen + unseen,
         seen_rad=state.seen_rad,
         age_s=min(state.age_s + dt_s, 1e6),
