@@ -89,8 +89,9 @@ def marks(trace: VehicleTrace) -> list[tuple[float, str]]:
 
     Seconds of the log are by the samples' arrivals.
     """
-    arrivals_us, kind = trace["arrival_us"], (trace.autopilot, trace.vehicle_type)
-    begin_us, found = int(arrivals_us[0]), [(us, mode_name(*kind, n)) for us, n in trace.modes]
+    arrivals_us = trace["arrival_us"]
+    begin_us = int(arrivals_us[0])
+    found = [(us, mode_name(*trace.kind, number)) for us, number in trace.modes]
     began = [(begin_us, name) for us, name in found if us < begin_us][-1:]
     found += [(us, "armed" if is_armed else "disarmed") for us, is_armed in trace.arming[1:]]
     found += [(us, text[:LETTERS]) for text, us in [*trace.texts.items()][:MOST_TEXTS]]

@@ -93,8 +93,8 @@ def add_legend(ax: Any, columns: int) -> None:
         ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns)
 
 
-def add_text(ax: Any, text: str, x: float = 0.01, y: float = 0.93, **look: Any) -> None:
-    """A text whose upper left corner stands at a place of the axes, 0 to 1."""
+def add_text(ax: Any, text: str) -> None:
+    """A text in the upper left corner."""
     paper = {"facecolor": "white", "alpha": 0.7, "lw": 0.0, "pad": 1.0}
-    look = {"va": "top", "fontsize": "small", "bbox": paper, **look}
-    ax.text(x, y, text, transform=ax.transAxes, **look)
+    look: Any = {"va": "top", "fontsize": "small", "bbox": paper}
+    ax.text(0.01, 0.93, text, transform=ax.transAxes, **look)

@@ -155,6 +155,8 @@ def _cap(ax: Any, *angles_deg: Floats) -> None:
     peak = max((np.nanmax(line.get_ydata(), initial=0.0) for line in ax.lines), default=0.0)
     if peak > most:
         add_text(ax, f"cut off: up to {peak:.0f}°")
+    elif not len(finite):
+        add_text(ax, "nothing to compare with")
 
 
 class ComparisonPlot:
@@ -185,14 +187,9 @@ class ComparisonPlot:
                 span = (min(t[0] for _, t, _ in replays), max(t[-1] for _, t, _ in replays))
                 for ax, name, i in zip(axes, ("inclination", "heading"), (2, 1), strict=True):
                     ax.set(xlabel=TIME, ylabel=f"{name} {word} in °", xlim=span)
-                    _draw_lines(ax, [(profile, t, e[:, i]) for profile, t, e in replays])
+                    for number, (profile, time_s, errors) in enumerate(replays):
+                        color = COLORS[number % len(COLORS)]
+                        ax.plot(time_s, errors[:, i], color=color, label=profile)
+                    _cap(ax, *(errors[:, i] for *_, errors in replays))
                 axes[0].set_title(log)
                 add_legend(axes[1], len(replays))
-
-
-def _draw_lines(ax: Any, lines: Sequence[tuple[str, Floats, Floats]]) -> None:
-    for number, (profile, time_s, errors) in enumerate(lines):
-        ax.plot(time_s, errors, color=COLORS[number % len(COLORS)], label=profile)
-    _cap(ax, *(errors for *_, errors in lines))
-    if all(np.isnan(errors).all() for *_, errors in lines):
-        add_text(ax, "nothing to compare with")
