@@ -16,10 +16,9 @@ from fuzzbee.calibration_readings import recording
 from fuzzbee.calibration_report import unmixed
 from fuzzbee.cli import main
 from fuzzbee.replays.log_report import replay_log
+from tests.fuzzbee.recording import DATA, PLANE
 from tests.fuzzbee.tlogs import rewritten, with_iron
 
-DATA = Path(__file__).parent.parent / "data"
-PLANE = DATA / "sitl_plane_4hz.tlog"
 OFFSET_MGAUSS = (60.0, -40.0, 50.0)
 
 

@@ -1,7 +1,6 @@
 """Readings in wrong units and axes are named, with what would fit; sound ones are not."""
 
 import warnings
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,9 +8,8 @@ import pytest
 from drivers.simulation.simulated_vehicle import SimulatedVehicle
 from fuzzbee import Estimator, InputError
 from fuzzbee.array_estimator import Unfit
-from tests.fuzzbee.recording import recorded
+from tests.fuzzbee.recording import FLIPS, recorded
 
-FLIPS = Path(__file__).parents[1] / "data" / "sitl_copter_flips.tlog"
 FRD = np.array((1.0, -1.0, -1.0))
 
 

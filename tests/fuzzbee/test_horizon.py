@@ -3,7 +3,6 @@
 import io
 import math
 import re
-from pathlib import Path
 
 import msgspec
 import pytest
@@ -13,10 +12,10 @@ from estimator.geometry.quaternion import rotate_inverse
 from fuzzbee.terminal import PersonConsole, TerminalView
 from service.records import Message
 from tests.fuzzbee.processes import default_session, free_port, started
+from tests.fuzzbee.recording import FLIPS
 from tests.fuzzbee.screen import terminal, vehicle
 from tests.service.records import differing, record
 
-FLIPS = Path(__file__).parents[1] / "data" / "sitl_copter_flips.tlog"
 SKY, GROUND, HAZE, LINE = " ", "░", "▒", "█▀▄"
 
 

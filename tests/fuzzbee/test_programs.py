@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -13,9 +12,8 @@ from drivers.logs.open import open_log
 from estimator.types import ImuSample
 from fuzzbee import Estimator, load_profile
 from fuzzbee.replays.trace import Replay
+from tests.fuzzbee.recording import FLIPS
 
-DATA = Path(__file__).parents[1] / "data"
-FLIPS = DATA / "sitl_copter_flips.tlog"  # 50 Hz, with the simulator's truth
 LEVEL = ((0.0, 0.0, 0.0), (0.0, 0.0, -9.8), (0.2, 0.0, 0.4))
 
 

@@ -12,9 +12,8 @@ from drivers.logs import csv_text, log_file
 from drivers.logs.open import open_log
 from fuzzbee.cli import main
 from fuzzbee.replays.table import reading_bar
+from tests.fuzzbee.recording import DATA
 from tests.fuzzbee.tlogs import table as written_table
-
-DATA = Path(__file__).parent.parent / "data"
 
 LOG_KEYS = {
     *("source", "vehicle", "imu", "duration_s", "reference", "error_deg", "coverage", "peers"),

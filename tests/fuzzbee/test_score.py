@@ -1,7 +1,5 @@
 """The figures of a report are those of the arrays that ``replay`` gives beside it."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -17,11 +15,10 @@ from fuzzbee.replays import motion
 from fuzzbee.replays.score import constant_turn
 from fuzzbee.replays.trace import VehicleTrace
 from tests.flight import banked_flight
-from tests.fuzzbee.recording import recorded
+from tests.fuzzbee.recording import DATA, recorded
 from tests.fuzzbee.tlogs import table as written_table
 from tests.service.records import ATTITUDE
 
-DATA = Path(__file__).parents[1] / "data"
 DOWN, G = (0.0, 0.0, 1.0), 9.80665
 
 

@@ -2,14 +2,13 @@
 
 import warnings
 from math import inf, nan, radians
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from fuzzbee import Estimator, InputError, PaperFilter, load_profile, replay
+from tests.fuzzbee.recording import FLIPS
 
-FLIPS = Path(__file__).parents[1] / "data" / "sitl_copter_flips.tlog"
 N = 200
 GYR = np.zeros((N, 3))
 ACC = np.tile([0.0, 0.0, -9.8], (N, 1))
