@@ -21,11 +21,11 @@ from estimator.estimator import Estimator
 from estimator.profile import Profile, load_profile
 from fuzzbee import outputs, security
 from fuzzbee.notify import notify
+from fuzzbee.options import opened
 from fuzzbee.run import RunOptions
 from fuzzbee.run_report import conclude, recording_word, summary
 from fuzzbee.terminal import PersonConsole, TerminalView
 from fuzzbee.truth_score import ScoredPipeline
-from fuzzbee.zenoh_options import opened
 from service.parameters import ParameterRequests
 from service.process import load_kernels
 from service.runner import Runner

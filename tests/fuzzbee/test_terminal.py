@@ -10,9 +10,8 @@ import pytest
 from rich.console import Console
 
 from drivers.events import VehicleId
-from fuzzbee.keys import Keys, terminal_keys
 from fuzzbee.latest import Latest
-from fuzzbee.terminal import TerminalView
+from fuzzbee.terminal import Keys, TerminalView, terminal_keys
 from service.records import Departed, ImuDifference, Message, Published, Sigma
 from tests.fuzzbee.screen import lines, terminal, vehicle
 from tests.service.records import differing, record
