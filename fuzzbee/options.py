@@ -196,7 +196,7 @@ def opening(arguments: ZenohArguments) -> "closing[OpeningSession]":
 
 
 def opened(awaited: "OpeningSession") -> "zenoh.Session":
-    """The session, once it is open; a line says what it lacks."""
+    """The session, once it is open; a line names what it lacks."""
     session = awaited.session()
     if awaited.note is not None:
         notify(awaited.note)

@@ -106,7 +106,7 @@ def _loop(runner: Runner, end_s: float | None, problems: list[Exception]) -> flo
             runner.run(end_s, problems.__len__)
         except InputError:
             raise
-        except Exception as error:  # noqa: BLE001 - raised again when all is said
+        except Exception as error:  # noqa: BLE001 - raised again when all is reported
             problems.append(error)
     return time.monotonic() - started_s
 

@@ -175,7 +175,7 @@ def test_a_signal_before_watch_is_ready_ends_it_well(monkeypatch, number):
 @pytest.mark.parametrize(
     ("number", "status"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129), (signal.SIGINT, 130)]
 )
-def test_an_interrupted_replay_says_so_and_leaves_no_half_of_a_file(
+def test_an_interrupted_replay_ends_with_its_status_and_leaves_no_half_of_a_file(
     monkeypatch, tmp_path, number, status
 ):
     def columns(*_):

@@ -77,7 +77,7 @@ def test_switches_of_libraries_that_would_end_the_service_are_not_used(tmp_path)
 
 
 def test_a_relative_folder_for_states_is_nobodys(tmp_path, monkeypatch):
-    """As the XDG Base Directory Specification says: the current folder may be anybody's."""
+    """As in the XDG Base Directory Specification: the current folder may be anybody's."""
     monkeypatch.setenv("XDG_STATE_HOME", "here")
     monkeypatch.setenv("XDG_CACHE_HOME", "here")
     monkeypatch.setenv("HOME", str(tmp_path))
@@ -101,7 +101,7 @@ def test_processes_that_share_the_work_run_nothing_of_the_current_folder(tmp_pat
 
 
 def test_numba_s_settings_are_not_looked_for_again_at_each_compilation(tmp_path):
-    """Which had told a warning each time, a thousand lines at a first start."""
+    """Which had printed a warning each time, a thousand lines at a first start."""
     (tmp_path / ".numba_config.yaml").write_text("- 1")
     compiling = "import estimator, numba; numba.core.config.reload_config(); print('read')"
     done = run(tmp_path, "-c", compiling)

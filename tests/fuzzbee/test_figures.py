@@ -132,7 +132,7 @@ def test_each_band_is_where_it_was(replayed, tmp_path):
     assert found["gyroscope at its end"] == [pytest.approx((10.0, 10.3), abs=0.11)]
     ((begin, end),) = found["field doubted"]
     assert begin == pytest.approx(20.0, abs=0.5)
-    assert 26.0 <= end < 36.0  # it is believed again slowly
+    assert 26.0 <= end < 36.0  # it is accepted again slowly
     ((begin, end),) = found["wrong start"]
     assert begin < 1.0
     assert begin < end < 10.0
@@ -154,7 +154,7 @@ def test_errors_that_are_cut_off_are_reported(replayed, tmp_path, drawn):
 
 
 def svg_texts(path):
-    """The words in a figure, which the SVG spells out where told to."""
+    """The words in a figure, which the SVG spells out in comments."""
     return set(re.findall(r"<!-- (.+?) -->", path.read_text("utf-8")))
 
 
@@ -173,7 +173,7 @@ def test_curves_have_their_names_and_a_title_its_lines(replayed, tmp_path):
     assert not {"truth", "error", "autopilot's error"} & texts
 
 
-def test_where_nothing_is_to_compare_a_figure_says_so(replayed, tmp_path, drawn, alone):
+def test_where_nothing_is_to_compare_a_figure_has_a_line(replayed, tmp_path, drawn, alone):
     replayed(alone, "--plot", tmp_path / "a.png")
     replayed(alone, SLOW, "--plot", tmp_path / "b.png")
     replayed(alone, SLOW, "--plot", tmp_path / "b.html")
@@ -225,7 +225,7 @@ def text(severity, words):
     return dialect.MAVLink_statustext_message(severity, words.encode())
 
 
-SAID = {
+SENT = {
     0.5: beat(0, is_armed=False),
     3.0: beat(0, is_armed=True),
     5.0: beat(5, is_armed=True),
@@ -243,7 +243,7 @@ SAID = {
     ],
 )
 def test_modes_arming_and_warnings_are_named(replayed, tmp_path, options, expected):
-    waiting = sorted(SAID.items(), key=lambda each: each[0])
+    waiting = sorted(SENT.items(), key=lambda each: each[0])
 
     def change(seconds, message):
         due = [words for at_s, words in waiting if at_s <= seconds]
@@ -251,7 +251,7 @@ def test_modes_arming_and_warnings_are_named(replayed, tmp_path, options, expect
         kept = [] if message.get_type() == "HEARTBEAT" else [message]
         return [*due, *kept] if due or not kept else None
 
-    log = rewritten(TAKEOFF, tmp_path / "said.tlog", change)
+    log = rewritten(TAKEOFF, tmp_path / "sent.tlog", change)
     replayed(log, "--plot", tmp_path / "a.html", *options)
     _, layout = page_of(tmp_path / "a.html")
     named = [(each["x"], each["text"]) for each in layout["annotations"] if each["xref"] == "x"]

@@ -64,7 +64,7 @@ USABLE = {
 
 @pytest.fixture(autouse=True, scope="module")
 def kernels():
-    """Compiled, or ``run`` would have a second line to say."""
+    """Compiled, or ``run`` would print a second line."""
     load_kernels()
 
 

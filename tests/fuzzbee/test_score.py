@@ -31,7 +31,7 @@ def share(flags):
 
 
 def moved(log):
-    """Whether each sample of a log is within 1.5 s of motion: as the README of the scores says."""
+    """Whether each sample of a log is within 1.5 s of motion, computed sample by sample."""
     time_s, gyr, acc = recorded(log)[:3]
     found = []
     for now_s in time_s:

@@ -1,4 +1,4 @@
-"""The attitude that a whole recording tells, beside the one that was known at the time."""
+"""The attitude that a whole recording shows, beside the one that was known at the time."""
 
 import numpy as np
 import pytest

@@ -34,7 +34,7 @@ def shell(line, *arguments, **environment):
 
 @pytest.fixture(scope="module", autouse=True)
 def _compiled():
-    """What is compiled at the first start is told by then."""
+    """What is compiled at the first start is reported by then."""
     shell('"$@"', "replay", "sim:", JSON)
 
 
