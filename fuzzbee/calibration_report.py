@@ -117,7 +117,7 @@ def report_calibration(
         ardupilot |= of_compass["ardupilot"]
     if found.is_plain:
         raise why
-    if traces[0].autopilot not in (None, MAV_AUTOPILOT_ARDUPILOTMEGA):
+    if traces[0].kind[0] not in (None, MAV_AUTOPILOT_ARDUPILOTMEGA):
         ardupilot = {}
     texts = ((path, refused_text(trace)) for path, trace in zip(paths, traces, strict=True))
     refused = [f"{path}: {text}" for path, text in texts if text is not None]

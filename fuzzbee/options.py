@@ -5,17 +5,24 @@ What checks a value raises an InputError that names the option and the value.
 
 import inspect
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from copy import copy
 from functools import partial, wraps
 from importlib.util import find_spec
 from math import inf, isfinite
-from typing import Annotated, Any, NamedTuple, TypeVar, get_args, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar, get_args, get_type_hints
 
 import typer
 from typer.models import OptionInfo
 
 from drivers.logs.time_window import Moment, TimeWindow
 from estimator.errors import InputError, missing_extra
+from fuzzbee.notify import notify
+
+if TYPE_CHECKING:
+    import zenoh
+
+    from service.zenoh_session import OpeningSession
 
 MAX_GAIN = 1e6
 PROFILES = ("paper", "imu", "adaptive")
@@ -43,6 +50,7 @@ of_estimate = partial(option, panel="Estimate")
 of_publishing = partial(option, panel="Publish")
 of_recording = partial(option, panel="Record")
 of_showing = partial(option, panel="Show")
+of_zenoh = partial(option, panel="Zenoh")
 
 
 def examples(*lines: str) -> str:
@@ -58,6 +66,12 @@ From = Annotated[str | None, of_source(_FROM, "--from", metavar="S|arm")]
 To = Annotated[str | None, of_source(_TO, "--to", metavar="S|disarm")]
 Retune = Annotated[bool, of_estimate("Retune a few numbers whenever the sensors' noise changes.")]
 Seconds = Annotated[float | None, of_source("End after N seconds.", metavar="N")]
+NONE_GIVEN: list[str] = []
+
+_LISTEN = "Listen here instead of tcp/127.0.0.1:7447 (repeatable)."
+_CONNECT = "Connect there instead of to tcp/127.0.0.1:7447 (repeatable)."
+_CONFIG = "A Zenoh configuration (JSON5) instead of the default session."
+_SETTING = "One Zenoh setting, applied last (repeatable)."
 
 
 def command(verb: Callable[[Form], Result]) -> Callable[..., Result]:
@@ -156,3 +170,34 @@ def _moment(name: str, given: Any) -> Moment | None:
     if not 0.0 <= seconds < inf:
         raise InputError(f"{name} {given!s:.60}: must be seconds (0 or more), arm or disarm")
     return seconds
+
+
+class ZenohArguments(NamedTuple):
+    """What run and watch are asked for of the session that they share."""
+
+    listen: Annotated[list[str], of_zenoh(_LISTEN, "--listen", "-l", metavar="ENDPOINT")] = (
+        NONE_GIVEN
+    )
+    connect: Annotated[list[str], of_zenoh(_CONNECT, "--connect", "-e", metavar="ENDPOINT")] = (
+        NONE_GIVEN
+    )
+    mode: Annotated[str, of_zenoh("peer or client.", "--mode", "-m")] = "peer"
+    config_file: Annotated[str | None, of_zenoh(_CONFIG, "--config", "-c", metavar="FILE")] = None
+    settings: Annotated[list[str], of_zenoh(_SETTING, "--cfg", metavar="KEY:JSON5")] = NONE_GIVEN
+    multicast: Annotated[bool, of_zenoh("Look for peers by multicast.")] = False
+    prefix: Annotated[str, of_zenoh("What all keys begin with.")] = "fuzzbee"
+
+
+def opening(arguments: ZenohArguments) -> "closing[OpeningSession]":
+    """A session on its way, half a second, in which all else is loaded; closed at the end."""
+    from service.zenoh_session import OpeningSession, ZenohOptions
+
+    return closing(OpeningSession(ZenohOptions(*arguments)))
+
+
+def opened(awaited: "OpeningSession") -> "zenoh.Session":
+    """The session, once it is open; a line names what it lacks."""
+    session = awaited.session()
+    if awaited.note is not None:
+        notify(awaited.note)
+    return session

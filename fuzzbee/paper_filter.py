@@ -130,15 +130,11 @@ class PaperFilter:
         else:
             e = reference.attitude_error(measured, estimated, self._s)
             d = reference.error_rate(self.params, state, e, dt)
-            K = self._fixed_or_asked(e, d)
+            asked = self.fuzzy_gain if self._gain is None else self._gain
+            K = _checked(asked(e, d) if callable(asked) else asked)
         largest = reference.largest_rate(measured, self._s)
         self._state = reference.moved(self.params, state, w, largest, e, d, K, dt)
         return self.R_hat
-
-    def _fixed_or_asked(self, e: float, e_rate: float) -> float:
-        if self._gain is None:
-            return self.fuzzy_gain(e, e_rate)
-        return _checked(self._gain(e, e_rate) if callable(self._gain) else self._gain)
 
     def fuzzy_gain(self, e: float, e_rate: float) -> float:
         """K = 1 + k_op of the paper's controller alone; over a grid it is its surface."""

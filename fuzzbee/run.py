@@ -14,18 +14,19 @@ from fuzzbee.options import (
     Retune,
     Seconds,
     Verbose,
+    ZenohArguments,
     command,
     examples,
     of_estimate,
     of_publishing,
     of_recording,
     of_source,
+    of_zenoh,
+    opening,
     require_gain,
     require_positive,
 )
 from fuzzbee.security import SecurityOptions, parse_system_ids
-from fuzzbee.zenoh_options import ZenohArguments, opening
-from fuzzbee.zenoh_options import option as zenoh_option
 
 MAX_RATE_HZ = 1000.0
 
@@ -89,7 +90,7 @@ class RunOptions(NamedTuple):
     record: Annotated[str | None, of_recording(_RECORD, metavar="FILE|DIR")] = None
     zenoh: ZenohArguments = ZenohArguments()
     second: Annotated[
-        bool, zenoh_option("Publish even if another service publishes the same vehicle.")
+        bool, of_zenoh("Publish even if another service publishes the same vehicle.")
     ] = False
     as_json: Json = False
     verbose: Verbose = False

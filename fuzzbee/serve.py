@@ -21,11 +21,11 @@ from estimator.estimator import Estimator
 from estimator.profile import Profile, load_profile
 from fuzzbee import outputs, security
 from fuzzbee.notify import notify
+from fuzzbee.options import opened
 from fuzzbee.run import RunOptions
 from fuzzbee.run_report import conclude, recording_word, summary
 from fuzzbee.terminal import PersonConsole, TerminalView
 from fuzzbee.truth_score import ScoredPipeline
-from fuzzbee.zenoh_options import opened
 from service.parameters import ParameterRequests
 from service.process import load_kernels
 from service.runner import Runner
@@ -106,7 +106,7 @@ def _loop(runner: Runner, end_s: float | None, problems: list[Exception]) -> flo
             runner.run(end_s, problems.__len__)
         except InputError:
             raise
-        except Exception as error:  # noqa: BLE001 - raised again when all is said
+        except Exception as error:  # noqa: BLE001 - raised again when all is reported
             problems.append(error)
     return time.monotonic() - started_s
 

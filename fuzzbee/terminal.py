@@ -1,9 +1,12 @@
-"""The live view of attitudes: a table on a terminal, plain lines elsewhere."""
+"""The live view of attitudes: a table on a terminal, with its keys; plain lines elsewhere."""
 
 import os
+import re
+import select
+import sys
 import time
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console, RenderableType
@@ -23,6 +26,9 @@ LINE_PERIOD_S = 1.0
 MESSAGE_S = 8.0  # so long a message stands at the foot of one vehicle's screen
 KEYS = "q quit   s sort by {order}   ↑ ↓ Enter one vehicle"
 KEYS_OF_ONE = "q quit   Esc all vehicles   ↑ ↓ the next one"
+KEY_NAMES = {"\x1b": "escape", "\r": "enter", "\n": "enter"}
+KEY_NAMES |= {"\x1b[A": "up", "\x1bOA": "up", "\x1b[B": "down", "\x1bOB": "down"}
+MOST_KEYS = 64  # bytes
 
 
 class PersonConsole(Console):
@@ -190,3 +196,48 @@ def _print(console: Console, texts: Iterable[str], style: str | None = None) -> 
 def _after(current: str | None, names: list[str]) -> str:
     """The name after the current one, in a ring; the first if there is none."""
     return names[(names.index(current) + 1) % len(names)] if current in names else names[0]
+
+
+class Keys:
+    """The keys that were pressed since they were asked for last; none without a terminal."""
+
+    def __init__(self, descriptor: int | None) -> None:
+        self._descriptor = descriptor
+
+    def pressed(self) -> list[str]:
+        """Letters, and ``up``, ``down``, ``enter``, ``escape``; never waits."""
+        if self._descriptor is None:
+            return []
+        try:
+            if not select.select([self._descriptor], [], [], 0.0)[0]:
+                return []
+            text = os.read(self._descriptor, MOST_KEYS).decode("ascii", "ignore")
+        except (OSError, ValueError):
+            text = ""
+        if not text:  # the terminal is gone
+            self._descriptor = None
+        found = re.findall(r"\x1b[\[O][AB]|.", text, re.DOTALL)
+        return [KEY_NAMES.get(key, key) for key in found]
+
+
+@contextmanager
+def terminal_keys() -> Iterator[Keys]:
+    """Keys of standard input while it is a terminal that is ours; Ctrl-C stays what it is."""
+    try:
+        import termios
+        import tty
+
+        descriptor = sys.stdin.fileno()
+        # in its background we would be stopped
+        if not os.isatty(descriptor) or os.tcgetpgrp(descriptor) != os.getpgrp():
+            raise OSError  # noqa: TRY301
+        before = termios.tcgetattr(descriptor)
+    except (OSError, ValueError, AttributeError, ImportError):
+        yield Keys(None)
+        return
+    try:
+        tty.setcbreak(descriptor, termios.TCSANOW)
+        yield Keys(descriptor)
+    finally:
+        with suppress(termios.error, OSError):
+            termios.tcsetattr(descriptor, termios.TCSANOW, before)

@@ -29,7 +29,7 @@ COLOURS = {
     State.ALIGNING: "cyan",
     State.RUNNING: "green",
 }
-# Of a sigma, by how far the attitude can be trusted with it
+# Of a sigma, by how good the attitude is with it
 SIGMA_COLOURS = {Level.GOOD: "", Level.CARE: "yellow", Level.BAD: "red", Level.NONE: "red"}
 ARROWS = "↑↗→↘↓↙←↖"  # the heading, north up
 

@@ -15,21 +15,22 @@ from fuzzbee.notify import notify
 from fuzzbee.options import (
     Seconds,
     Verbose,
+    ZenohArguments,
     command,
     examples,
     of_showing,
     of_source,
+    opened,
+    opening,
     require_positive,
 )
 from fuzzbee.outputs import WEB
-from fuzzbee.zenoh_options import ZenohArguments, opened, opening
 
 if TYPE_CHECKING:
     import zenoh
 
-    from fuzzbee.keys import Keys
     from fuzzbee.reception import Record
-    from fuzzbee.terminal import TerminalView
+    from fuzzbee.terminal import Keys, TerminalView
 
 EPILOG = examples(
     "fuzzbee watch",
@@ -107,8 +108,7 @@ class Inbox:
 
 def follow(options: WatchOptions) -> int:
     """Show what comes until stopped; 1 if a bounded watch got less than was asked for."""
-    from fuzzbee.keys import terminal_keys
-    from fuzzbee.terminal import PersonConsole, TerminalView
+    from fuzzbee.terminal import PersonConsole, TerminalView, terminal_keys
     from service.signals import stop_on_signals
 
     inbox, stop, view = Inbox(), Event(), None

@@ -66,14 +66,8 @@ INERTIAL = "INS_"
 ROTATION = "MAV_SENSOR_ROTATION_"
 OFF_DIAGONAL = ((0, 1), (0, 2), (1, 2))  # of ODI_X, ODI_Y and ODI_Z
 
-INTEGER_PARAMETERS = {
-    mav.MAV_PARAM_TYPE_UINT8: "B",
-    mav.MAV_PARAM_TYPE_INT8: "b",
-    mav.MAV_PARAM_TYPE_UINT16: "H",
-    mav.MAV_PARAM_TYPE_INT16: "h",
-    mav.MAV_PARAM_TYPE_UINT32: "I",
-    mav.MAV_PARAM_TYPE_INT32: "i",
-}
+# MAV_PARAM_TYPE_UINT8, INT8, UINT16, INT16, UINT32 and INT32
+INTEGER_PARAMETERS = {1: "B", 2: "b", 3: "H", 4: "h", 5: "I", 6: "i"}
 
 Parameters = Mapping[str, float]
 

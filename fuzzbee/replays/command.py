@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 SIMULATION = "sim:"
 MOST_WRONG_DEG = 180.0
-EXPORTS = ("csv", "mcap", "tum", "parquet")
+EXPORTS = ("csv", "mcap", "tum", "parquet")  # each written by its write_NAME
 FLAGS = {"begin": "--from", "end": "--to"}
 FOR_LOGS = {
     "smooth": "",
@@ -188,12 +188,7 @@ def _replay_logs(options: ReplayOptions) -> None:
 
     names, window = options.profile or ["imu"], time_window(options.begin, options.end)
     count = len(options.sources) * len(names)
-    writers: dict[str, Any] = {
-        "--csv": exports.write_csv,
-        "--mcap": exports.write_mcap,
-        "--tum": exports.write_tum,
-        "--parquet": exports.write_parquet,
-    }
+    writers: dict[str, Any] = {f"--{name}": getattr(exports, f"write_{name}") for name in EXPORTS}
     if count == 1:
         writers["--plot"] = partial(plot.draw, Path(options.sources[0]).name)
     else:  # whose figure is one

@@ -14,7 +14,6 @@ import numpy as np
 from drivers.output_file import written_for
 from estimator.errors import InputError
 from fuzzbee.options import require_extra
-from fuzzbee.replays.page import write_page
 
 # For each suffix the metadata that would make two files of the same figure differ.
 METADATA: dict[str, dict[str, None]] = {
@@ -41,6 +40,24 @@ STYLE: Any = {
 }
 LAYOUT_DIGITS = 5
 TITLE_WIDTH = 84  # letters in a line; a file's name may have no blanks
+# A page as wide as a screen, and high enough for each pair of axes to be read.
+PIXELS_AN_INCH = 130
+MARGIN = {"l": 0, "r": 0, "t": 30, "b": 0}  # for the buttons
+WIDER = 1.5  # than on paper a line has to be
+PAPER = "rgba(255,255,255,0.7)"  # under words, so that they are readable over a line
+DASHES = {"-": "solid", "--": "dash", ":": "dot"}
+BUTTONS = {"displaylogo": False, "responsive": True}
+# Follows the zoomed axis of time.
+WINDOW_OPTIONS = """
+const page = document.getElementById('{plot_id}'), line = document.createElement('pre');
+page.before(line);
+const show = () => {
+  const [from, to] = page.layout.xaxis.range.map(s => Math.max(0, s).toFixed(1));
+  line.textContent = `These seconds alone: fuzzbee replay LOG --from ${from} --to ${to}`;
+};
+page.on('plotly_relayout', show);
+show();
+"""
 
 
 def require_plot(path: Path) -> None:
@@ -81,7 +98,7 @@ def written_figure(
         suffix = path.suffix.lower()
         with written_for("--plot", path) as fresh:
             if suffix == PAGE:
-                write_page(sheet, fresh, is_over_log=is_over_log)
+                _write_page(sheet, fresh, is_over_log=is_over_log)
             else:
                 metadata: Any = METADATA[suffix]
                 sheet.savefig(fresh, format=suffix[1:], metadata=metadata)
@@ -93,8 +110,123 @@ def add_legend(ax: Any, columns: int) -> None:
         ax.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns)
 
 
-def add_text(ax: Any, text: str, x: float = 0.01, y: float = 0.93, **look: Any) -> None:
-    """A text whose upper left corner stands at a place of the axes, 0 to 1."""
+def add_text(ax: Any, text: str) -> None:
+    """A text in the upper left corner."""
     paper = {"facecolor": "white", "alpha": 0.7, "lw": 0.0, "pad": 1.0}
-    look = {"va": "top", "fontsize": "small", "bbox": paper, **look}
-    ax.text(x, y, text, transform=ax.transAxes, **look)
+    look: Any = {"va": "top", "fontsize": "small", "bbox": paper}
+    ax.text(0.01, 0.93, text, transform=ax.transAxes, **look)
+
+
+# --- the page, whose axes zoom together; one file that needs no network
+
+
+def _write_page(sheet: Any, path: Path, *, is_over_log: bool) -> None:
+    """Write a matplotlib figure as an interactive page; the same figure gives the same bytes.
+
+    Axes with the same range of x zoom together.
+    """
+    from plotly.io import write_html
+
+    title = {"text": _html(sheet.get_suptitle()), "font": {"size": 14}, "x": 0.5, "y": 0.99}
+    layout: dict[str, Any] = {"title": title, "template": "plotly_white", "hovermode": "x"}
+    layout |= {"height": PIXELS_AN_INCH * sheet.get_figheight(), "margin": MARGIN}
+    layout |= {"shapes": [], "annotations": []}
+    data: list[dict[str, Any]] = []
+    firsts: dict[tuple[float, float], str] = {}
+    axes = [ax for ax in sheet.axes if not ax.get_label()]  # without those of a colour bar
+    for number, ax in enumerate(axes, 1):
+        here = "" if number == 1 else str(number)  # as plotly numbers axes
+        first = firsts.setdefault(ax.get_xlim(), here)
+        layout |= _axes(here, ax, f"x{first}" if first != here else None)
+        place = {"xaxis": f"x{here}", "yaxis": f"y{here}"}
+        data += [{**place, **trace} for trace in _traces(here, ax)]
+        place = {"xref": f"x{here}", "yref": f"y{here} domain"}
+        layout["shapes"] += [{**place, **shape} for shape in _shapes(here, ax)]
+        layout["annotations"] += [{**place, **text} for text in _texts(ax)]
+    options: Any = {"include_plotlyjs": True, "div_id": "fuzzbee", "config": BUTTONS}
+    after = WINDOW_OPTIONS if is_over_log else None
+    write_html({"data": data, "layout": layout}, path, post_script=after, **options)
+
+
+def _axes(here: str, ax: Any, matches: str | None) -> dict[str, Any]:
+    """Place, ranges, names, and a legend above the right end."""
+    (left, bottom), (right, top) = ax.get_position().get_points().tolist()
+    low_high = np.log10(ax.get_ylim()) if ax.get_yscale() == "log" else ax.get_ylim()
+    x = {"anchor": f"y{here}", "domain": (left, right), "range": ax.get_xlim(), "matches": matches}
+    y = {"anchor": f"x{here}", "domain": (bottom, top), "range": low_high, "type": ax.get_yscale()}
+    for axis, label in ((x, ax.get_xlabel()), (y, ax.get_ylabel())):
+        axis |= {"title": {"text": _html(label)}, "showticklabels": bool(label)}
+        axis["visible"] = ax.axison
+    corner = {"x": right, "xanchor": "right", "y": top, "yanchor": "bottom"}
+    legend = {"orientation": "h", **corner}
+    return {f"xaxis{here}": x, f"yaxis{here}": y, f"legend{here}": legend}
+
+
+def _traces(here: str, ax: Any) -> Iterator[dict[str, Any]]:
+    """Areas, curves and a heat map."""
+    from matplotlib.colors import to_hex
+
+    for area in ax.collections:
+        if area.colorbar is not None:  # values on a grid
+            edges, box = area.get_coordinates(), area.colorbar.ax.get_position()
+            bar = {"x": box.x0, "y": box.y0, "yanchor": "bottom", "len": box.height}
+            values = {"x": edges[0, :, 0], "y": edges[:, 0, 1], "z": area.get_array()}
+            yield {"type": "heatmap", "colorbar": bar, **values}
+            continue
+        gap = [[np.nan, np.nan]]
+        outlines = [part for each in area.get_paths() for part in (each.vertices, gap)]
+        x, y = np.concatenate([np.empty((0, 2)), *outlines]).T
+        look: Any = {"fill": "toself", "fillcolor": to_hex(area.get_facecolor()[0])}
+        look |= {"opacity": area.get_alpha(), "line": {"width": 0}, "hoverinfo": "skip"}
+        yield {"x": x, "y": y, "mode": "lines", **look, **_named(here, ax, area)}
+    for curve in ax.lines:
+        if curve.get_transform() == ax.transData:
+            line = {"color": to_hex(curve.get_color()), "dash": DASHES[curve.get_linestyle()]}
+            line["width"] = WIDER * curve.get_linewidth()
+            values = {"x": curve.get_xdata(), "y": curve.get_ydata()}
+            yield {"mode": "lines", "line": line, **values, **_named(here, ax, curve)}
+
+
+def _shapes(here: str, ax: Any) -> Iterator[dict[str, Any]]:
+    """Bands and moments, which go over the whole height."""
+    from matplotlib.colors import to_hex
+
+    for band in ax.patches:
+        x = band.get_patch_transform().transform(band.get_path().vertices)[:, 0]
+        look = {"fillcolor": to_hex(band.get_facecolor()), "opacity": band.get_alpha()}
+        look |= {"layer": "below", "line": {"width": 0}, **_named(here, ax, band)}
+        yield {"type": "rect", "x0": x.min(), "x1": x.max(), "y0": 0, "y1": 1, **look}
+    for mark in ax.lines:
+        if mark.get_transform() != ax.transData:
+            line = {"color": to_hex(mark.get_color()), "width": 1, "dash": "dot"}
+            at = float(mark.get_xdata()[0])
+            yield {"type": "line", "x0": at, "x1": at, "y0": 0, "y1": 1, "line": line}
+
+
+def _named(here: str, ax: Any, artist: Any) -> dict[str, Any]:
+    """An artist's name, in the legend if there is one."""
+    name = artist.get_label().removeprefix("_")
+    is_shown = ax.get_legend() is not None and name == artist.get_label()
+    return {"name": name, "showlegend": is_shown, "legend": f"legend{here}"}
+
+
+def _texts(ax: Any) -> Iterator[dict[str, Any]]:
+    """The title, what is written in the axes, and the names of moments."""
+    corner, size = ax.get_position().get_points()[0], ax.get_position().size
+    paper = {"xref": "paper", "yref": "paper", "showarrow": False}
+    if title := ax.get_title("left"):
+        x, y = corner + size * (0.0, 1.0)
+        yield {"text": _html(title), "x": x, "y": y, "yanchor": "bottom", **paper}
+    for text in ax.texts:
+        place, side = text.get_position(), text.get_verticalalignment()
+        look = {"textangle": -text.get_rotation(), "bgcolor": PAPER, "showarrow": False}
+        look |= {"xanchor": text.get_horizontalalignment()}
+        look["yanchor"] = "middle" if side == "center" else side
+        if text.get_transform() == ax.transAxes:
+            place, look = corner + size * place, look | paper
+        yield {"text": _html(text.get_text()), "x": place[0], "y": place[1], **look}
+
+
+def _html(text: str) -> str:
+    """A text in HTML; of mathematics the figures have no more than a tilde."""
+    return text.replace("\n", "<br>").replace("$", "").replace(r"\tilde R", "R\N{COMBINING TILDE}")

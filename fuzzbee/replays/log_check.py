@@ -130,7 +130,7 @@ def vibration(trace: VehicleTrace) -> Vibration | None:
 def _own_vibration(path: Path, trace: VehicleTrace, window: TimeWindow) -> OwnVibration | None:
     """The autopilot's own figures, in the window alone if there is one."""
     with open_log(path) as log:
-        readings = [*vibrations(log, trace.address, trace.autopilot)]
+        readings = [*vibrations(log, trace.address, trace.kind[0])]
     if window != WHOLE_LOG:
         begin_us, end_us = trace["arrival_us"][[0, -1]].tolist()
         readings = [each for each in readings if begin_us <= each.arrival_us <= end_us]

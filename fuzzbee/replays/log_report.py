@@ -148,12 +148,13 @@ def score(path: Path, trace: VehicleTrace, skip_s: float) -> LogReport:
         both = counted & ~np.isnan(theirs[:, 0])
         peers["autopilot"] = error_summary(theirs, both, both)
     counts = np.bincount(norths[counted], minlength=len(NORTHS)).tolist()
+    autopilot, vehicle_type = trace.kind
     return LogReport(
         source=printable(str(path)),
         vehicle=VehicleSummary(
             *trace.address,
-            None if trace.autopilot is None else autopilot_name(trace.autopilot),
-            None if trace.vehicle_type is None else vehicle_type_name(trace.vehicle_type),
+            None if autopilot is None else autopilot_name(autopilot),
+            None if vehicle_type is None else vehicle_type_name(vehicle_type),
         ),
         imu=_imu_summary(trace),
         duration_s=lasts_s,

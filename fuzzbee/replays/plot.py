@@ -1,14 +1,15 @@
 """A replay as a figure: attitude, errors and sigma, gain, confidences, bias and gaps."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from estimator.arrays import Floats
+from drivers.mavlink.constants import mode_name
+from estimator.arrays import Bools, Floats
+from estimator.conditioning.vertical.rate import LEAST_PEAK_RAD_S
 from fuzzbee.attitudes import euler_curves_deg
-from fuzzbee.replays.bands import bands, gaps, marks
 from fuzzbee.replays.figure import (
     BLACK,
     COLORS,
@@ -17,7 +18,7 @@ from fuzzbee.replays.figure import (
     add_text,
     written_figure,
 )
-from fuzzbee.replays.score import REFERENCES
+from fuzzbee.replays.score import CONVERGED_RAD, REFERENCES
 from fuzzbee.replays.trace import VehicleTrace
 
 PAGE_INCHES = (7.1, 9.8)  # between its margins
@@ -28,6 +29,19 @@ NEAR = 0.015  # of the width: names of two marks would hide each other
 # The autopilot is no truth: from it an estimate only differs.
 ERROR_WORDS = {"sim": "error", "autopilot": "difference"}
 TIME = "time in s"
+# Silence this many median periods long, and this long (s), is a gap to be shown.
+GAP_PERIODS = 5.0
+LEAST_GAP_S = 0.3
+# A field is contradicted where its confidence is this share of the usual one or less.
+CONTRADICTED = 0.5
+# What lasts less (s) is no band, and two bands that are nearer to each other are one.
+LEAST_S = 1.0
+CLIPPED_SAMPLES = 2  # in a row at the same largest reading: chance has one
+MOST_TEXTS = 20  # a failing autopilot repeats itself
+LETTERS = 32  # of a text that are shown
+
+Span = tuple[float, float]
+Band = tuple[str, str, float, list[Span]]  # name, colour, opacity, and what is shaded
 
 
 class Thinned:
@@ -38,7 +52,7 @@ class Thinned:
 
     def __init__(self, time_s: Floats) -> None:
         self._step = 1 + len(time_s) // MOST_POINTS
-        shown_s, spans = time_s[:: self._step], np.reshape(gaps(time_s), (-1, 2))
+        shown_s, spans = time_s[:: self._step], np.reshape(_gaps(time_s), (-1, 2))
         self._breaks = np.searchsorted(shown_s, spans[:, 1])
         self.time_s = np.insert(shown_s, self._breaks, spans.mean(axis=1))
 
@@ -130,8 +144,8 @@ def _draw_internals(axes: Sequence[Any], trace: VehicleTrace, points: Thinned) -
 
 def _draw_times(axes: Sequence[Any], trace: VehicleTrace, time_s: Floats, near_s: float) -> None:
     """Bands and moments. Of two moments near each other one name stands on either side."""
-    gain, moments = axes[5], marks(trace)  # which has one curve, and so room for a legend
-    for label, color, alpha, spans in bands(time_s, trace):
+    gain, moments = axes[5], _marks(trace)  # which has one curve, and so room for a legend
+    for label, color, alpha, spans in _bands(time_s, trace):
         for ax in axes:
             for number, span in enumerate(spans):
                 name = label if ax is gain and number == 0 else "_band"
@@ -155,6 +169,8 @@ def _cap(ax: Any, *angles_deg: Floats) -> None:
     peak = max((np.nanmax(line.get_ydata(), initial=0.0) for line in ax.lines), default=0.0)
     if peak > most:
         add_text(ax, f"cut off: up to {peak:.0f}°")
+    elif not len(finite):
+        add_text(ax, "nothing to compare with")
 
 
 class ComparisonPlot:
@@ -185,14 +201,87 @@ class ComparisonPlot:
                 span = (min(t[0] for _, t, _ in replays), max(t[-1] for _, t, _ in replays))
                 for ax, name, i in zip(axes, ("inclination", "heading"), (2, 1), strict=True):
                     ax.set(xlabel=TIME, ylabel=f"{name} {word} in °", xlim=span)
-                    _draw_lines(ax, [(profile, t, e[:, i]) for profile, t, e in replays])
+                    for number, (profile, time_s, errors) in enumerate(replays):
+                        color = COLORS[number % len(COLORS)]
+                        ax.plot(time_s, errors[:, i], color=color, label=profile)
+                    _cap(ax, *(errors[:, i] for *_, errors in replays))
                 axes[0].set_title(log)
                 add_legend(axes[1], len(replays))
 
 
-def _draw_lines(ax: Any, lines: Sequence[tuple[str, Floats, Floats]]) -> None:
-    for number, (profile, time_s, errors) in enumerate(lines):
-        ax.plot(time_s, errors, color=COLORS[number % len(COLORS)], label=profile)
-    _cap(ax, *(errors for *_, errors in lines))
-    if all(np.isnan(errors).all() for *_, errors in lines):
-        add_text(ax, "nothing to compare with")
+# --- times: what was wrong or helped, modes, arming, warnings
+
+
+def _bands(time_s: Floats, trace: VehicleTrace) -> Iterator[Band]:
+    """All bands that there are; those first that others may lie on."""
+    aided = trace["is_aided"]
+    if aided.any():
+        yield ("no velocity", "tab:blue", 0.12, _runs(time_s, ~aided))
+    confidence = trace["confidence_magnetic"]
+    usual = float(np.median(confidence))
+    if usual > 0.0:
+        spans = _runs(time_s, confidence <= CONTRADICTED * usual)
+        yield ("field doubted", "tab:purple", 0.2, spans)
+    yield ("gyroscope at its end", "tab:brown", 0.35, _clipped(time_s, trace))
+    if trace.turned_at_us is not None:
+        yield ("wrong start", "tab:red", 0.2, _wrong(time_s, trace))
+    intervals, zero_us = trace.vehicle.comparison.intervals, trace.zero_us
+    differing = [(1e-6 * (i.begin_us - zero_us), 1e-6 * (i.end_us - zero_us)) for i in intervals]
+    yield ("autopilot differs", "tab:orange", 0.2, differing)
+    yield ("gap", "0.8", 1.0, _gaps(time_s))
+
+
+def _runs(time_s: Floats, flags: Bools, least_s: float = LEAST_S) -> list[Span]:
+    """Where flags (N,) hold, for ``least_s`` at least."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
+    joined: list[Span] = []
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        begin_s, end_s = float(time_s[begin]), float(time_s[min(end, len(time_s) - 1)])
+        if joined and begin_s - joined[-1][1] < LEAST_S:
+            begin_s = joined.pop()[0]
+        joined.append((begin_s, end_s))
+    return [span for span in joined if span[1] - span[0] >= least_s]
+
+
+def _clipped(time_s: Floats, trace: VehicleTrace) -> list[Span]:
+    """Where an axis stands still at the largest reading that it ever had."""
+    size = np.abs(trace["gyr_rad_s"])
+    ends = size.max(axis=0, initial=0.0)
+    at_end = (size == ends) & (ends >= LEAST_PEAK_RAD_S)
+    again = at_end & np.roll(at_end, 1, axis=0)
+    again[:1] = False
+    return _runs(time_s, again.any(axis=1), 0.0) if again.sum() >= CLIPPED_SAMPLES else []
+
+
+def _wrong(time_s: Floats, trace: VehicleTrace) -> list[Span]:
+    """From a start that was turned until the error is small for the first time."""
+    turned = trace["time_us"] >= (trace.turned_at_us or 0)
+    small = turned & (trace["error_rad"][:, 0] < CONVERGED_RAD)
+    begin = int(np.argmax(turned))
+    end = int(np.argmax(small)) if small.any() else len(time_s) - 1
+    return [(float(time_s[begin]), float(time_s[end]))]
+
+
+def _gaps(time_s: Floats) -> list[Span]:
+    """Begin and end of the gaps in the stream of samples at times (N,)."""
+    if len(time_s) < 2:
+        return []
+    steps = np.diff(time_s)
+    longest = max(LEAST_GAP_S, GAP_PERIODS * float(np.median(steps)))
+    return [(float(time_s[k]), float(time_s[k + 1])) for k in np.flatnonzero(steps > longest)]
+
+
+def _marks(trace: VehicleTrace) -> list[tuple[float, str]]:
+    """When modes, arming and warnings came, and their names; first the mode that it began in.
+
+    Seconds of the log are by the samples' arrivals.
+    """
+    arrivals_us = trace["arrival_us"]
+    begin_us = int(arrivals_us[0])
+    found = [(us, mode_name(*trace.kind, number)) for us, number in trace.modes]
+    began = [(begin_us, name) for us, name in found if us < begin_us][-1:]
+    found += [(us, "armed" if is_armed else "disarmed") for us, is_armed in trace.arming[1:]]
+    found += [(us, text[:LETTERS]) for text, us in [*trace.texts.items()][:MOST_TEXTS]]
+    found = began + sorted(each for each in found if begin_us <= each[0] <= arrivals_us[-1])
+    time_s = np.interp([us for us, _ in found], arrivals_us, trace.time_s).tolist()
+    return [(at_s, name) for at_s, (_, name) in zip(time_s, found, strict=True)]

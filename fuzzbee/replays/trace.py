@@ -89,8 +89,7 @@ class VehicleTrace(Table):
         super().__init__(**COLUMNS)
         self.address = address
         self.vehicle: Vehicle  # since the first sample
-        self.autopilot: int | None = None
-        self.vehicle_type: int | None = None
+        self.kind: tuple[int | None, int | None] = None, None  # MAV_AUTOPILOT, MAV_TYPE
         self.imu_messages: Counter[str] = Counter()  # samples used of each
         self.references = {"sim": ReferenceTrack(), "autopilot": ReferenceTrack()}
         self.reference: str | None = None  # the one that it is compared with
@@ -244,7 +243,7 @@ class Replay:
                 trace = self.traces[event.vehicle]
                 trace.note_mode(event)
                 if isinstance(event, Heartbeat):
-                    trace.autopilot, trace.vehicle_type = event.autopilot, event.vehicle_type
+                    trace.kind = event.autopilot, event.vehicle_type
 
     def _after_imu(self, event: Imu) -> None:
         vehicle = self.pipeline.vehicle(event.vehicle)

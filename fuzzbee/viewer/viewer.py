@@ -60,8 +60,8 @@ class ViewerSink(ViewerStream):
             match output:
                 case Published():
                     self._take_published(output)
-                case Peer(vehicle=vehicle) if vehicle in self._tracks:
-                    self._tracks[vehicle].take_peer(output)
+                case Peer(vehicle=vehicle, source=source) if vehicle in self._tracks:
+                    self._tracks[vehicle].others[source] = output.q_ned_frd
                 case Departed(vehicle=vehicle) if vehicle in self._tracks:
                     del self._tracks[vehicle]
                 case Message(text=text) if self._now_us:  # before the first record there is no time
@@ -104,7 +104,7 @@ class Track:
         self._stream = stream
         self._is_live = is_live
         self._due_us: dict[str, int] = {}  # when the next point of a source is drawn
-        self._others: dict[str, Quaternion] = {}  # attitudes that came since our last one
+        self.others: dict[str, Quaternion] = {}  # compared with our next attitude
         self._statuses: tuple[StatusRecord | None, ...] = (None, None)  # the latest, and before
         self._state: State | None = None
         self._verdict: tuple[Level | None, int] = (None, 0)  # logged last, and when
@@ -118,10 +118,6 @@ class Track:
             self._log(f"/bodies/{name}/{vector}", shape, static=True)
         for path, plot in layout.PLOTS.items():
             self._name_lines(f"/{path}/{name}", list(plot.lines), list(plot.lines.values()))
-
-    def take_peer(self, peer: Peer) -> None:
-        """Somebody else's attitude, which is compared with our next."""
-        self._others[peer.source] = peer.q_ned_frd
 
     def take_status(self, status: StatusRecord, now_us: int) -> None:
         """Keep it for the verdict; where there is no attitude it brings the state."""
@@ -139,10 +135,10 @@ class Track:
             if sample is not None:
                 self._add_measured(record.q_ned_frd, sample)
             self._log_changes(State(record.state), record, now_us)
-        for source, q_ned_frd in self._others.items():
+        for source, q_ned_frd in self.others.items():
             if self._is_due(source, now_us, q_ned_frd):
                 self._add_other(source, q_ned_frd, record)
-        self._others.clear()
+        self.others.clear()
 
     def _is_due(self, source: str, now_us: int, q_ned_frd: Quaternion) -> bool:
         """Whether to draw an attitude, whose body is drawn then; its shape comes with the first."""

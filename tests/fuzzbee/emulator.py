@@ -9,42 +9,37 @@ import subprocess
 import sys
 import termios
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import pyte
+
+COLUMNS, ROWS = 80, 24  # at first
 
 
 class Terminal:
     """What a person sees."""
 
-    def __init__(self, descriptor, process, columns, rows):
+    def __init__(self, descriptor, process):
         self._descriptor = descriptor
         self.process = process
-        self.screen = pyte.Screen(columns, rows)
-        self._stream = pyte.ByteStream(self.screen)
+        self._screen = pyte.Screen(COLUMNS, ROWS)
+        self._stream = pyte.ByteStream(self._screen)
         self.written = b""
-
-    @property
-    def lines(self):
-        return self.screen.display
 
     def press(self, keys):
         os.write(self._descriptor, keys.encode())
 
     def resize(self, columns, rows):
         set_size(self._descriptor, columns, rows)
-        self.screen.resize(rows, columns)
+        self._screen.resize(rows, columns)
         self.process.send_signal(signal.SIGWINCH)
 
     def wait_for(self, condition, timeout_s=60.0):
         """Read until ``condition(lines)`` holds."""
         end_s = time.monotonic() + timeout_s
-        while time.monotonic() < end_s:
-            if condition(self.lines):
-                return
-            if not self.read(0.1):
-                break
-        assert condition(self.lines), "\n".join(self.lines)
+        while not condition(self._screen.display):
+            goes_on = time.monotonic() < end_s and self.read(0.1)
+            assert goes_on or condition(self._screen.display), "\n".join(self._screen.display)
 
     def read(self, seconds):
         """Take in what comes in so long; False at the end."""
@@ -52,10 +47,9 @@ class Terminal:
         while (left_s := end_s - time.monotonic()) > 0.0:
             if not select.select([self._descriptor], [], [], left_s)[0]:
                 return True
-            try:
+            data = b""
+            with suppress(OSError):  # the other side is closed
                 data = os.read(self._descriptor, 65536)
-            except OSError:  # the other side is closed
-                return False
             if not data:
                 return False
             self.written += data
@@ -64,23 +58,23 @@ class Terminal:
 
 
 @contextmanager
-def terminal(*arguments, columns=80, rows=24, **environment):
+def terminal(*arguments):
     """``fuzzbee`` with these arguments; it is ended with the context."""
     ours, its = os.openpty()
-    set_size(its, columns, rows)
+    set_size(its, COLUMNS, ROWS)
     kept = {k: v for k, v in os.environ.items() if k not in ("COLUMNS", "LINES", "NO_COLOR")}
     process = subprocess.Popen(
         [sys.executable, "-m", "fuzzbee", *arguments],
         stdin=its,
         stdout=its,
         stderr=its,
-        env={**kept, "TERM": "xterm-256color", "COLORTERM": "truecolor", **environment},
+        env={**kept, "TERM": "xterm-256color", "COLORTERM": "truecolor"},
         start_new_session=True,
         preexec_fn=lambda: fcntl.ioctl(its, termios.TIOCSCTTY, 0),  # noqa: PLW1509 - one call
     )
     os.close(its)
     try:
-        yield Terminal(ours, process, columns, rows)
+        yield Terminal(ours, process)
     finally:
         process.kill()
         process.wait()

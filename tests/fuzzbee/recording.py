@@ -1,4 +1,6 @@
-"""A recorded flight as arrays."""
+"""The recorded flights, and one as arrays."""
+
+from pathlib import Path
 
 import numpy as np
 
@@ -6,6 +8,12 @@ from drivers.events import Imu, ReferenceAttitude, Velocity
 from drivers.logs.open import open_log
 from drivers.logs.reference_track import ReferenceTrack
 from estimator.types import ImuSample
+
+DATA = Path(__file__).parents[1] / "data"
+FLIPS = DATA / "sitl_copter_flips.tlog"  # 50 Hz, with the simulator's truth
+TAKEOFF = DATA / "sitl_copter_takeoff.tlog"
+SLOW = DATA / "sitl_copter_4hz.tlog"
+PLANE = DATA / "sitl_plane_4hz.tlog"  # whose autopilot reports a place before it has one
 
 
 def recorded(path):

@@ -77,7 +77,7 @@ def await_line(process, words):
         output += line
         if words in line:
             return output
-    pytest.fail(f"{words!r} was never said, but: {output}")
+    pytest.fail(f"{words!r} was never printed, but: {output}")
 
 
 def keep_reading(process):

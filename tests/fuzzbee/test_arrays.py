@@ -5,7 +5,6 @@ import dataclasses
 import pickle
 import warnings
 from itertools import pairwise, product
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,9 +18,8 @@ from estimator.types import ImuSample, VelocitySample
 from fuzzbee import Estimator, load_profile
 from fuzzbee.array_estimator import Unfit
 from fuzzbee.attitudes import Attitudes
-from tests.fuzzbee.recording import recorded
+from tests.fuzzbee.recording import FLIPS, recorded
 
-FLIPS = Path(__file__).parents[1] / "data" / "sitl_copter_flips.tlog"
 ROWS = 250  # 5 s
 FIELDS = [
     field.name

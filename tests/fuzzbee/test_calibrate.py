@@ -16,10 +16,9 @@ from fuzzbee.calibration_readings import recording
 from fuzzbee.calibration_report import unmixed
 from fuzzbee.cli import main
 from fuzzbee.replays.log_report import replay_log
+from tests.fuzzbee.recording import DATA, PLANE
 from tests.fuzzbee.tlogs import rewritten, with_iron
 
-DATA = Path(__file__).parent.parent / "data"
-PLANE = DATA / "sitl_plane_4hz.tlog"
 OFFSET_MGAUSS = (60.0, -40.0, 50.0)
 
 
@@ -44,7 +43,7 @@ def test_a_profile_that_it_prints_gives_the_heading_back(tmp_path, capsys, repla
     assert after < 1.2 * before < 0.5 * iron
 
 
-def test_what_the_current_adds_is_told_apart(tmp_path, capsys):
+def test_what_the_current_adds_is_found_apart(tmp_path, capsys):
     """1.5, -2 and 1 mG for each of 10 to 30 A, and as ArduPilot's COMPASS_MOT what undoes it."""
     own = (1.5, -2.0, 1.0)
     log = with_iron(PLANE, tmp_path / "current.tlog", OFFSET_MGAUSS, current_mgauss_a=own)
@@ -54,7 +53,7 @@ def test_what_the_current_adds_is_told_apart(tmp_path, capsys):
     assert (np.abs(found - own) < 3.0 * sigma).all()
     assert sigma.max() < 1.0
     usual = 1e3 * np.array(report["calibration"]["mag_offset_gauss"]) - 20.0 * np.array(own)
-    assert report["matrix_sigma"] is None  # what it says more is by chance
+    assert report["matrix_sigma"] is None  # anything else is by chance
     assert usual == pytest.approx(OFFSET_MGAUSS, abs=5.0)
     reported = report["ardupilot"]
     offsets = [reported[f"COMPASS_OFS_{axis}"] for axis in "XYZ"]

@@ -18,11 +18,10 @@ from pymavlink import mavutil
 
 from drivers.mavlink.constants import mavlink
 from fuzzbee.cli import main
+from tests.fuzzbee.recording import TAKEOFF
 from tests.fuzzbee.services import descendants, is_alive
 from tests.fuzzbee.tlogs import rewritten, table
 
-DATA = Path(__file__).parent.parent / "data"
-GOOD = DATA / "sitl_copter_takeoff.tlog"
 ROLL_OFF_RAD = 0.6
 
 
@@ -48,8 +47,8 @@ def check(capsys, *arguments):
 def season(tmp_path_factory):
     """A folder with a good flight, one whose autopilot is wrong, and a file that is no log."""
     folder = tmp_path_factory.mktemp("season")
-    shutil.copy(GOOD, folder / "good.tlog")
-    with_wrong_attitudes(GOOD, folder / "wrong.tlog")
+    shutil.copy(TAKEOFF, folder / "good.tlog")
+    with_wrong_attitudes(TAKEOFF, folder / "wrong.tlog")
     (folder / "broken.tlog").write_bytes(b"not a log" * 100)
     return folder
 
@@ -64,7 +63,7 @@ def test_a_season_of_flights_begins_with_the_worst(capsys, season):
     assert "no difference" in good
     (broken,) = (line for line in lines[1:] if "broken.tlog: not checked" in line)
     assert broken.count("broken.tlog") == 1
-    assert check(capsys, GOOD)[0] == 0
+    assert check(capsys, TAKEOFF)[0] == 0
 
 
 def test_as_json(capsys, season):
@@ -139,7 +138,7 @@ def test_a_run_warns_ground_stations_if_it_is_asked_to(season):
 
 def test_an_interrupt_of_all_processes_ends_them_without_a_word():
     """As at a terminal's end, or by its Ctrl-C: there had been a traceback of each of them."""
-    logs = [str(GOOD)] * 8
+    logs = [str(TAKEOFF)] * 8
     process = subprocess.Popen(
         [sys.executable, "-m", "fuzzbee", "check", *logs],
         stdout=subprocess.PIPE,
@@ -237,7 +236,7 @@ def with_vibration(folder, autopilot=3, restarts=False):
         made = mavlink().MAVLink_vibration_message(0, 12.0, 40.0, 5.0, clips, 2, 0)
         return [message, made]
 
-    return rewritten(GOOD, folder / "flight.tlog", change)
+    return rewritten(TAKEOFF, folder / "flight.tlog", change)
 
 
 def test_what_the_autopilot_has_measured_stands_beside_it(tmp_path, capsys):

@@ -1,7 +1,6 @@
 import os
 import re
 import signal
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,9 +8,8 @@ import pytest
 from fuzzbee import environment
 from fuzzbee.cli import main
 from fuzzbee.version import __version__
+from tests.fuzzbee.recording import DATA, FLIPS, TAKEOFF
 from tests.programs import run_python
-
-LOG = Path(__file__).parents[1] / "data" / "sitl_copter_flips.tlog"
 
 
 def test_version_and_help(capsys):
@@ -97,7 +95,7 @@ BAD = [
     (["sim", *TO, "--signing-key-file", os.devnull], "empty"),
     (["replay", "udpin:127.0.0.1:14550"], "a live source is for fuzzbee run"),
     (["replay", "imu", "x.tlog"], "the profile is --profile imu"),
-    (["replay", str(LOG), "--system-id", "9"], "(vehicles seen: 1)"),
+    (["replay", str(FLIPS), "--system-id", "9"], "(vehicles seen: 1)"),
     (["watch", "-m", "client", "-e", "tcp/127.0.0.1:9"], "tcp/127.0.0.1:9: nobody answers\n"),
     # of replay, before anything is read
     (["replay", "no_such.tlog"], "no_such.tlog"),
@@ -129,8 +127,8 @@ BAD = [
     (["replay", "a.tlog", "--to", "-1"], "--to -1: must be seconds (0 or more), arm or disarm"),
     (["replay", "a.tlog", "--from", "nan"], "--from nan: must be seconds (0 or more), arm or"),
     (["replay", "a.tlog", "--from", "9", "--to", "9"], "--to 9: must be later than --from 9"),
-    (["replay", str(LOG), "--from", "1e4"], "no IMU data from 10000 s on: the log lasts"),
-    (["replay", str(LOG), "--skip", "9999"], "after 9999 s of 20 s"),
+    (["replay", str(FLIPS), "--from", "1e4"], "no IMU data from 10000 s on: the log lasts"),
+    (["replay", str(FLIPS), "--skip", "9999"], "after 9999 s of 20 s"),
     # what could not be written
     *((["replay", log, "--plot", "a.jpeg"], ".png, .svg, .pdf") for log in ("a.tlog", "sim:")),
     *(
@@ -177,7 +175,7 @@ def test_a_signal_before_watch_is_ready_ends_it_well(monkeypatch, number):
 @pytest.mark.parametrize(
     ("number", "status"), [(signal.SIGTERM, 143), (signal.SIGHUP, 129), (signal.SIGINT, 130)]
 )
-def test_an_interrupted_replay_says_so_and_leaves_no_half_of_a_file(
+def test_an_interrupted_replay_ends_with_its_status_and_leaves_no_half_of_a_file(
     monkeypatch, tmp_path, number, status
 ):
     def columns(*_):
@@ -185,8 +183,7 @@ def test_an_interrupted_replay_says_so_and_leaves_no_half_of_a_file(
         signal.raise_signal(number)
 
     monkeypatch.setattr("fuzzbee.replays.exports.columns", columns)
-    flight = Path(__file__).parents[1] / "data" / "sitl_copter_takeoff.tlog"
-    assert main(["replay", str(flight), "--csv", str(tmp_path / "a.csv")]) == status
+    assert main(["replay", str(TAKEOFF), "--csv", str(tmp_path / "a.csv")]) == status
     assert list(tmp_path.iterdir()) == []
 
 
@@ -200,8 +197,7 @@ def test_an_interrupt_that_a_library_makes_another_error_of_is_one(monkeypatch):
             raise ImportError("initialization failed") from None
 
     monkeypatch.setattr("fuzzbee.replays.command._replay_logs", fail)
-    flight = Path(__file__).parents[1] / "data" / "sub_bluerov.tlog"
-    assert main(["replay", str(flight)]) == 143
+    assert main(["replay", str(DATA / "sub_bluerov.tlog")]) == 143
 
 
 # Python would end by SIGINT, although the interrupt has been handled.

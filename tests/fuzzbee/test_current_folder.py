@@ -1,12 +1,12 @@
 """Beside downloaded logs may lie programs under our names: they are not run."""
 
 import json
-from pathlib import Path
 
 import pytest
 
 from drivers.mavlink.signing import state_path
 from estimator.compilation.kernel_folder import user_cache
+from tests.fuzzbee.recording import TAKEOFF
 from tests.programs import ROOT, run_python, set_trap
 
 # what the installed command runs: its own folder is the first place to look for modules
@@ -45,13 +45,10 @@ def test_a_source_checkout_runs_from_its_own_folder():
     assert done.returncode == 0, done.stderr
 
 
-LOG = Path(__file__).parents[1] / "data" / "sitl_copter_takeoff.tlog"
-
-
 def test_settings_for_numba_in_the_current_folder_are_not_read(tmp_path):
     """A file that numba would end at."""
     (tmp_path / ".numba_config.yaml").write_text("- 1")
-    done = run(tmp_path, "-m", "fuzzbee", "replay", str(LOG), "--json")
+    done = run(tmp_path, "-m", "fuzzbee", "replay", str(TAKEOFF), "--json")
     assert done.returncode == 0
     assert ".numba_config" not in done.stderr
     assert json.loads(done.stdout)["imu"]
@@ -59,7 +56,7 @@ def test_settings_for_numba_in_the_current_folder_are_not_read(tmp_path):
 
 def test_settings_for_numba_that_are_meant_for_others_are_named_and_not_used(tmp_path):
     switches = {"NUMBA_DEBUG": "1", "NUMBA_CPU_NAME": "evil", "NUMBA_OPT": "0"}
-    done = run(tmp_path, "-m", "fuzzbee", "replay", str(LOG), "--json", **switches)
+    done = run(tmp_path, "-m", "fuzzbee", "replay", str(TAKEOFF), "--json", **switches)
     assert done.returncode == 0
     first = done.stderr.splitlines()[0]
     assert first == "fuzzbee: NUMBA_CPU_NAME, NUMBA_DEBUG, NUMBA_OPT: not used by fuzzbee"
@@ -79,7 +76,7 @@ def test_switches_of_libraries_that_would_end_the_service_are_not_used(tmp_path)
 
 
 def test_a_relative_folder_for_states_is_nobodys(tmp_path, monkeypatch):
-    """As the XDG Base Directory Specification says: the current folder may be anybody's."""
+    """As in the XDG Base Directory Specification: the current folder may be anybody's."""
     monkeypatch.setenv("XDG_STATE_HOME", "here")
     monkeypatch.setenv("XDG_CACHE_HOME", "here")
     monkeypatch.setenv("HOME", str(tmp_path))
@@ -90,20 +87,20 @@ def test_a_relative_folder_for_states_is_nobodys(tmp_path, monkeypatch):
 def test_settings_for_plots_in_the_current_folder_are_not_read(tmp_path):
     pytest.importorskip("matplotlib", reason="the extra plot is not installed")
     (tmp_path / "matplotlibrc").write_bytes(b"\xff\xff")
-    done = run(tmp_path, "-m", "fuzzbee", "replay", str(LOG), "--plot", "plot.png")
+    done = run(tmp_path, "-m", "fuzzbee", "replay", str(TAKEOFF), "--plot", "plot.png")
     assert done.returncode == 0, done.stderr
 
 
 def test_processes_that_share_the_work_run_nothing_of_the_current_folder(tmp_path):
     for name in ("multiprocessing", "pickle", "random", "struct"):
         (tmp_path / f"{name}.py").write_text("open('sprung', 'a').write(__name__)")
-    done = run(tmp_path, "-m", "fuzzbee", "check", str(LOG), str(LOG))
+    done = run(tmp_path, "-m", "fuzzbee", "check", str(TAKEOFF), str(TAKEOFF))
     assert done.returncode == 0, done.stderr
     assert not (tmp_path / "sprung").exists()
 
 
 def test_numba_s_settings_are_not_looked_for_again_at_each_compilation(tmp_path):
-    """Which had told a warning each time, a thousand lines at a first start."""
+    """Which had printed a warning each time, a thousand lines at a first start."""
     (tmp_path / ".numba_config.yaml").write_text("- 1")
     compiling = "import estimator, numba; numba.core.config.reload_config(); print('read')"
     done = run(tmp_path, "-c", compiling)

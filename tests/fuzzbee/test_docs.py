@@ -167,7 +167,7 @@ def rolled(rate_hz):
 
 
 def cells_of(peer):
-    """What the table says of a filter: its batch, and its one call a sample."""
+    """What the table has of a filter: its batch, and its one call a sample."""
     table = (DOCS / "python.md").read_text()
     ((batch, one),) = re.findall(rf"^\| {peer} \| (.*) \| (.*) \|$", table, re.MULTILINE)
     return batch, one

@@ -3,7 +3,6 @@
 import csv
 import json
 from contextlib import closing
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,8 +10,8 @@ import pytest
 from drivers.logs import table
 from drivers.mavlink.framing import frame_end
 from estimator.geometry.frames import swap_ned_enu
+from tests.fuzzbee.recording import SLOW
 
-LOG = Path(__file__).parent.parent / "data" / "sitl_copter_4hz.tlog"
 COLUMNS = (
     "time_s time_unix_s q_w q_x q_y q_z roll_deg pitch_deg yaw_deg"
     " rate_x_rad_s rate_y_rad_s rate_z_rad_s bias_x_rad_s bias_y_rad_s bias_z_rad_s"
@@ -30,7 +29,7 @@ def rows_of(path):
 
 
 def test_csv_holds_every_sample_with_its_reference(replayed, tmp_path):
-    report = replayed(LOG, "--csv", tmp_path / "a.csv")
+    report = replayed(SLOW, "--csv", tmp_path / "a.csv")
     rows = rows_of(tmp_path / "a.csv")
     assert " ".join(rows[0]) == COLUMNS
     assert len(rows) == report["imu"]["samples"]
@@ -45,7 +44,7 @@ def test_parquet_has_the_rows_of_the_csv(replayed, tmp_path, monkeypatch):
     parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
     monkeypatch.setattr(table, "BLOCK", 250)
     files = ("--csv", tmp_path / "a.csv", "--parquet", tmp_path / "a.parquet")
-    replayed(LOG, *files)
+    replayed(SLOW, *files)
     rows = rows_of(tmp_path / "a.csv")
     found = parquet.read_table(tmp_path / "a.parquet").to_pylist()
     assert " ".join(found[0]) == COLUMNS
@@ -68,7 +67,7 @@ def test_trajectories_turn_as_the_errors_say(replayed, tmp_path):
     The autopilot's attitude begins after the first sample.
     """
     files = ("--csv", tmp_path / "a.csv", "--tum", tmp_path / "a.tum")
-    replayed(LOG, "--reference", "autopilot", *files)
+    replayed(SLOW, "--reference", "autopilot", *files)
     every = rows_of(tmp_path / "a.csv")
     rows = [row for row in every if row["error_total_deg"]]
     estimates, lines = (np.loadtxt(tmp_path / name) for name in ("a.tum", "a.reference.tum"))
@@ -98,10 +97,10 @@ def test_dates_are_those_of_the_log(replayed, tmp_path):
     """The log's own stamps, read by pymavlink, carried over to a clock that is steady."""
     from pymavlink import mavutil
 
-    with closing(mavutil.mavlink_connection(str(LOG))) as log:
+    with closing(mavutil.mavlink_connection(str(SLOW))) as log:
         messages = iter(lambda: log.recv_match(type="RAW_IMU"), None)
         stamps = [message._timestamp for message in messages]
-    replayed(LOG, "--csv", tmp_path / "a.csv")
+    replayed(SLOW, "--csv", tmp_path / "a.csv")
     rows = rows_of(tmp_path / "a.csv")
     dates = np.array([float(row["time_unix_s"]) for row in rows])
     times = np.array([float(row["time_s"]) for row in rows])
@@ -116,7 +115,7 @@ def test_dates_are_those_of_the_log(replayed, tmp_path):
 
 def restamped(made, change):
     """A copy of the log whose stamps are ``change(stamp_us, share of the log before it)``."""
-    data, at = bytearray(LOG.read_bytes()), 0
+    data, at = bytearray(SLOW.read_bytes()), 0
     while at + 8 < len(data):
         begin, at = at, frame_end(data, at + 8)
         stamp_us = int.from_bytes(data[begin : begin + 8], "big")
@@ -131,7 +130,7 @@ def test_stamps_that_are_no_dates_are_none(replayed, tmp_path, stamp_us):
 
     ROS and Foxglove have 31 bits for the seconds: later dates are none either.
     """
-    log = LOG.with_name("px4_hover.ulg")
+    log = SLOW.with_name("px4_hover.ulg")
     if stamp_us is not None:
         log = restamped(tmp_path / "late.tlog", lambda _, share: stamp_us + round(1e7 * share))
     replayed(log, "--csv", tmp_path / "a.csv", "--mcap", tmp_path / "a.mcap")
@@ -142,7 +141,7 @@ def test_stamps_that_are_no_dates_are_none(replayed, tmp_path, stamp_us):
 def test_mcap_has_the_rows_and_the_types_that_viewers_draw(replayed, tmp_path):
     """Each message decoded by the schema in the file itself, with rosbags; axes as ROS has them."""
     rosbags = pytest.importorskip("rosbags.typesys")
-    report = replayed(LOG, "--mcap", tmp_path / "a.mcap")
+    report = replayed(SLOW, "--mcap", tmp_path / "a.mcap")
     messages = read_mcap(tmp_path / "a.mcap")
     attitudes = [
         (time, json.loads(data)) for _, topic, time, data in messages if topic == "/attitude"

@@ -3,7 +3,6 @@
 import base64
 import json
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,10 +10,9 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from fuzzbee.replays.plot import Thinned
 from tests.fuzzbee import browser
+from tests.fuzzbee.recording import DATA, FLIPS, SLOW, TAKEOFF
 from tests.fuzzbee.tlogs import rewritten, table
 
-DATA = Path(__file__).parents[1] / "data"
-LOG = DATA / "sitl_copter_4hz.tlog"
 for module in ("matplotlib", "plotly"):
     pytest.importorskip(module, reason="an extra is not installed")
 
@@ -68,8 +66,8 @@ def legends_apart(figure):
 
 
 def test_curves_are_the_reports_figures_on_paper_and_on_the_page(replayed, tmp_path, drawn):
-    report = replayed(LOG, "--plot", tmp_path / "a.png")
-    replayed(LOG, "--plot", tmp_path / "a.html")
+    report = replayed(SLOW, "--plot", tmp_path / "a.png")
+    replayed(SLOW, "--plot", tmp_path / "a.html")
     curves, layout = page_of(tmp_path / "a.html")
     assert legends_apart(drawn[0]) == 5
     lines = {line.get_label(): line.get_ydata() for line in drawn[0].axes[3].lines}
@@ -86,7 +84,7 @@ def test_curves_are_the_reports_figures_on_paper_and_on_the_page(replayed, tmp_p
 
 @pytest.mark.parametrize("suffix", ["png", "svg", "pdf", "html"])
 @pytest.mark.parametrize(
-    "source", [(LOG,), ("sim:", "--profile", "adaptive", "--seeds", "300-301")]
+    "source", [(SLOW,), ("sim:", "--profile", "adaptive", "--seeds", "300-301")]
 )
 def test_the_same_figure_twice_is_the_same_bytes(replayed, tmp_path, suffix, source):
     first, second = (tmp_path / f"{name}.{suffix}" for name in "ab")
@@ -134,17 +132,17 @@ def test_each_band_is_where_it_was(replayed, tmp_path):
     assert found["gyroscope at its end"] == [pytest.approx((10.0, 10.3), abs=0.11)]
     ((begin, end),) = found["field doubted"]
     assert begin == pytest.approx(20.0, abs=0.5)
-    assert 26.0 <= end < 36.0  # it is believed again slowly
+    assert 26.0 <= end < 36.0  # it is accepted again slowly
     ((begin, end),) = found["wrong start"]
     assert begin < 1.0
     assert begin < end < 10.0
-    replayed(LOG, "--plot", tmp_path / "a.html")
+    replayed(SLOW, "--plot", tmp_path / "a.html")
     found = bands_of(page_of(tmp_path / "a.html")[1])
     assert found == {"no velocity": [pytest.approx((0.0, 2.3), abs=0.4)]}
 
 
 def test_errors_that_are_cut_off_are_reported(replayed, tmp_path, drawn):
-    replayed(LOG, "--plot", tmp_path / "whole.png")
+    replayed(SLOW, "--plot", tmp_path / "whole.png")
     replayed(disturbed(tmp_path / "a.csv"), "--start-wrong", 170, "--plot", tmp_path / "a.png")
     panels = [ax for figure in drawn for ax in figure.axes[3:5]]
     peaks = [max(np.nanmax(line.get_ydata()) for line in ax.lines) for ax in panels]
@@ -156,13 +154,13 @@ def test_errors_that_are_cut_off_are_reported(replayed, tmp_path, drawn):
 
 
 def svg_texts(path):
-    """The words in a figure, which the SVG spells out where told to."""
+    """The words in a figure, which the SVG spells out in comments."""
     return set(re.findall(r"<!-- (.+?) -->", path.read_text("utf-8")))
 
 
 def test_curves_have_their_names_and_a_title_its_lines(replayed, tmp_path):
     name = "a_long_name_" * 12 + "of_a_flight"
-    (tmp_path / f"{name}.tlog").write_bytes(LOG.read_bytes())
+    (tmp_path / f"{name}.tlog").write_bytes(SLOW.read_bytes())
     replayed(tmp_path / f"{name}.tlog", "--plot", tmp_path / "a.svg")
     texts = svg_texts(tmp_path / "a.svg")
     assert {"truth", "autopilot", "estimate", "autopilot's error", "error", "sigma"} <= texts
@@ -175,10 +173,10 @@ def test_curves_have_their_names_and_a_title_its_lines(replayed, tmp_path):
     assert not {"truth", "error", "autopilot's error"} & texts
 
 
-def test_where_nothing_is_to_compare_a_figure_says_so(replayed, tmp_path, drawn, alone):
+def test_where_nothing_is_to_compare_a_figure_has_a_line(replayed, tmp_path, drawn, alone):
     replayed(alone, "--plot", tmp_path / "a.png")
-    replayed(alone, LOG, "--plot", tmp_path / "b.png")
-    replayed(alone, LOG, "--plot", tmp_path / "b.html")
+    replayed(alone, SLOW, "--plot", tmp_path / "b.png")
+    replayed(alone, SLOW, "--plot", tmp_path / "b.html")
     single, several = (figure.axes for figure in drawn)
     assert [line.get_label() for ax in single[3:5] for line in ax.lines] == []
     assert [ax.get_ylabel() for ax in single[3:5]] == [
@@ -211,7 +209,7 @@ def test_of_many_points_the_peaks_are_drawn_and_no_line_across_a_gap():
 
 
 def test_an_angle_is_cut_at_the_sample_behind_its_wrap(replayed, tmp_path):
-    replayed(DATA / "sitl_copter_flips.tlog", "--plot", tmp_path / "a.html")
+    replayed(FLIPS, "--plot", tmp_path / "a.html")
     curves, _ = page_of(tmp_path / "a.html")
     for panel in ("y", "y2", "y3"):
         steps = np.diff(curves[panel, "estimate"])
@@ -227,7 +225,7 @@ def text(severity, words):
     return dialect.MAVLink_statustext_message(severity, words.encode())
 
 
-SAID = {
+SENT = {
     0.5: beat(0, is_armed=False),
     3.0: beat(0, is_armed=True),
     5.0: beat(5, is_armed=True),
@@ -245,7 +243,7 @@ SAID = {
     ],
 )
 def test_modes_arming_and_warnings_are_named(replayed, tmp_path, options, expected):
-    waiting = sorted(SAID.items(), key=lambda each: each[0])
+    waiting = sorted(SENT.items(), key=lambda each: each[0])
 
     def change(seconds, message):
         due = [words for at_s, words in waiting if at_s <= seconds]
@@ -253,7 +251,7 @@ def test_modes_arming_and_warnings_are_named(replayed, tmp_path, options, expect
         kept = [] if message.get_type() == "HEARTBEAT" else [message]
         return [*due, *kept] if due or not kept else None
 
-    log = rewritten(DATA / "sitl_copter_takeoff.tlog", tmp_path / "said.tlog", change)
+    log = rewritten(TAKEOFF, tmp_path / "sent.tlog", change)
     replayed(log, "--plot", tmp_path / "a.html", *options)
     _, layout = page_of(tmp_path / "a.html")
     named = [(each["x"], each["text"]) for each in layout["annotations"] if each["xref"] == "x"]
@@ -267,7 +265,7 @@ LAYOUT = "document.getElementById('fuzzbee')._fullLayout"
 @pytest.mark.skipif(browser.program() is None, reason="there is no Chromium")
 def test_the_panels_of_a_page_zoom_together_without_a_network(replayed, tmp_path):
     """The mouse is drawn over the second quarter of the third panel."""
-    replayed(LOG, "--plot", tmp_path / "a.html")
+    replayed(SLOW, "--plot", tmp_path / "a.html")
     of = f"Object.keys({LAYOUT}).filter(k => k.startsWith('xaxis')).map(k => {LAYOUT}[k].range)"
     panel = "document.querySelector('.nsewdrag[data-subplot=x3y3]').getBoundingClientRect()"
     options = "document.querySelector('pre').textContent"

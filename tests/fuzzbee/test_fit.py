@@ -1,7 +1,6 @@
 """Readings in wrong units and axes are named, with what would fit; sound ones are not."""
 
 import warnings
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,9 +8,8 @@ import pytest
 from drivers.simulation.simulated_vehicle import SimulatedVehicle
 from fuzzbee import Estimator, InputError
 from fuzzbee.array_estimator import Unfit
-from tests.fuzzbee.recording import recorded
+from tests.fuzzbee.recording import FLIPS, recorded
 
-FLIPS = Path(__file__).parents[1] / "data" / "sitl_copter_flips.tlog"
 FRD = np.array((1.0, -1.0, -1.0))
 
 
@@ -22,7 +20,7 @@ def flight():
 
 
 def wrong(t, w, f, m):
-    """Times, gyroscope, accelerometer, magnetometer as they may come, and what is said then."""
+    """Times, gyroscope, accelerometer, magnetometer as they may come, and what is reported."""
     nan, numbers, deg = np.full_like(m, np.nan), np.arange(len(t), dtype=float), np.degrees(w)
     swapped = "mostly, as acc should: they may be swapped$"
     scaled = "its unit, or the times, are others$"
@@ -60,7 +58,7 @@ WRONG = [*wrong(np.arange(2.0), *np.ones((3, 2, 3)))]
 
 
 def advice(time_s, *readings):
-    """What is said of units and axes, whatever becomes of the samples."""
+    """What is reported of units and axes, whatever becomes of the samples."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         reported = Estimator().update_batch(*readings, time_s).warnings
@@ -105,7 +103,7 @@ def test_milliseconds_of_quick_samples_differ_from_seconds(rate_hz, rows, unit, 
     assert advice(time_s, *readings) == warned * (line,)
 
 
-def test_a_field_in_other_axes_is_told_apart_from_units():
+def test_a_field_in_other_axes_is_not_taken_for_other_units():
     """A tumbling box: turned axes of the field, or of the gyroscope, are the same to both."""
     time_s = np.arange(0.0, 20.0, 0.01)
     gyr = np.column_stack([np.sin(time_s), np.cos(0.7 * time_s), np.sin(0.4 * time_s + 1.0)])

@@ -1,7 +1,6 @@
 """Recorded flights, whole and damaged, through the pipeline that runs live."""
 
 from math import inf, radians
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,13 +9,9 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from estimator.geometry.metrics import rms
 from estimator.geometry.quaternion import log, multiply
 from fuzzbee import replay
+from tests.fuzzbee.recording import DATA, FLIPS, PLANE, SLOW, TAKEOFF
 from tests.fuzzbee.tlogs import rewritten
 
-DATA = Path(__file__).parent.parent / "data"
-FAST = DATA / "sitl_copter_flips.tlog"
-SLOW = DATA / "sitl_copter_4hz.tlog"
-TAKEOFF = DATA / "sitl_copter_takeoff.tlog"
-PLANE = DATA / "sitl_plane_4hz.tlog"  # whose autopilot reports a place before it has one
 HEADING, INCLINATION = 1, 2
 CONST_POS_MODE = 0xA7
 UNKNOWN = 65535  # of a speed or a course
@@ -90,9 +85,9 @@ def lost(begin_s, end_s, wrong_m_s):
     ("source", "change", "skip_s", "measured_deg"),
     [
         # flips and take-off at 50 Hz; the autopilot's EKF3 is 0.7 deg off over the whole flight
-        (FAST, lacking(), 5.0, 0.945),
+        (FLIPS, lacking(), 5.0, 0.945),
         (TAKEOFF, lacking(), 5.0, 0.121),
-        (FAST, a_third_lost(), 5.0, 0.519),
+        (FLIPS, a_third_lost(), 5.0, 0.519),
         # at a ground station's rate velocity makes the error a small part
         (SLOW, lacking(), 40.0, 1.14),
         (SLOW, without_velocity(0.0, inf), 40.0, 6.43),
@@ -141,7 +136,7 @@ def test_sigma_is_larger_where_errors_are_larger():
 
 def test_without_a_position_velocity_levels_but_the_heading_stays_magnetic(tmp_path):
     """Velocity then shows the attitude by itself; what is called north is the field's."""
-    flight = changed(tmp_path, lacking("GLOBAL_POSITION_INT", "GPS_RAW_INT"), FAST)
+    flight = changed(tmp_path, lacking("GLOBAL_POSITION_INT", "GPS_RAW_INT"), FLIPS)
     errors = np.degrees(flight.error_rad[-500:])
     assert rms(errors[:, INCLINATION]) == pytest.approx(0.217, rel=0.2)
     assert flight.attitudes.heading_reference[-1] == "magnetic"

@@ -3,7 +3,6 @@
 import io
 import math
 import re
-from pathlib import Path
 
 import msgspec
 import pytest
@@ -13,10 +12,10 @@ from estimator.geometry.quaternion import rotate_inverse
 from fuzzbee.terminal import PersonConsole, TerminalView
 from service.records import Message
 from tests.fuzzbee.processes import default_session, free_port, started
+from tests.fuzzbee.recording import FLIPS
 from tests.fuzzbee.screen import terminal, vehicle
 from tests.service.records import differing, record
 
-FLIPS = Path(__file__).parents[1] / "data" / "sitl_copter_flips.tlog"
 SKY, GROUND, HAZE, LINE = " ", "░", "▒", "█▀▄"
 
 
@@ -220,9 +219,7 @@ def is_whole(lines, columns):
 
 
 @pytest.mark.parametrize(("encoding", "mark"), [("utf-8", "◆"), ("latin-1", "A")])
-def test_an_autopilot_that_differs_is_marked_where_it_says_that_horizon_and_heading_are(
-    encoding, mark
-):
+def test_an_autopilot_that_differs_is_marked_at_its_own_horizon_and_heading(encoding, mark):
     """A dotted line with its own roll and pitch, or a mark on the tape; and by how much."""
     off = differing("inclination", 28.0, roll_deg=-20.0, pitch_deg=10.0)
     lines = horizon(encoding=encoding, status=off)

@@ -12,8 +12,8 @@ import pytest
 from drivers.logs.open import ULOG_MAGIC
 from fuzzbee.cli import main
 from service.process import load_kernels
+from tests.fuzzbee.recording import DATA
 
-DATA = Path(__file__).parent.parent / "data"
 ULOG = (DATA / "px4_hover.ulg").read_bytes()[:300_000]
 TLOG = (DATA / "rover_no_magnetometer.tlog").read_bytes()
 
@@ -64,7 +64,7 @@ USABLE = {
 
 @pytest.fixture(autouse=True, scope="module")
 def kernels():
-    """Compiled, or ``run`` would have a second line to say."""
+    """Compiled, or ``run`` would print a second line."""
     load_kernels()
 
 

@@ -2,15 +2,14 @@
 
 import json
 import sys
-from pathlib import Path
 from subprocess import run
 
 import pytest
 
 from drivers.logs import table
 from fuzzbee.cli import main
+from tests.fuzzbee.recording import DATA
 
-DATA = Path(__file__).parents[1] / "data"
 WRITTEN = {"--csv": "flight.csv", "--tum": "flight.tum", "--mcap": "flight.mcap"}
 
 

@@ -114,7 +114,7 @@ def test_what_fixes_no_attitude_is_refused(arguments, words):
 
 @pytest.mark.parametrize("gain", [1e300, -1.0, np.nan, "loud", True, np.array([1.0, 2.0])])
 def test_a_gain_beyond_what_a_profile_may_have_is_refused(gain):
-    """Said at once, or by the step that asks a function for it."""
+    """Reported at once, or by the step that asks a function for it."""
     with pytest.raises(InputError, match=REFUSED):
         PaperFilter(INERTIAL, gain=gain)
     asked = PaperFilter(INERTIAL, gain=lambda *_: gain)

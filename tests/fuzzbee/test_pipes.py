@@ -10,8 +10,8 @@ from drivers.mavlink.encoder import signing_key
 from fuzzbee import security
 from fuzzbee.cli import main
 from tests.fuzzbee.processes import free_port
+from tests.fuzzbee.recording import TAKEOFF
 
-TLOG = Path(__file__).parents[1] / "data" / "sitl_copter_takeoff.tlog"
 KERNEL_LOG = Path("/proc/kmsg")  # a file by its mode, without a size; to read it blocks
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes")
@@ -29,7 +29,7 @@ def last_line(capfd):
 
 
 @pytest.mark.parametrize(
-    "verb", [("replay", str(TLOG), "--csv"), ("tune", "sim:", "--sources=2", "--cycles=1", "-o")]
+    "verb", [("replay", str(TAKEOFF), "--csv"), ("tune", "sim:", "--sources=2", "--cycles=1", "-o")]
 )
 def test_an_output_that_nobody_reads_is_refused(verb, pipe, capfd):
     assert main([*verb, str(pipe)]) == 2
@@ -41,16 +41,16 @@ def test_an_output_that_somebody_reads_is_written_whole(pipe, tmp_path):
     reader = threading.Thread(target=lambda: read.append(pipe.read_bytes()), daemon=True)
     reader.start()
     descriptor = os.open(pipe, os.O_WRONLY)  # waits until the reader is there
-    assert main(["replay", str(TLOG), "--csv", str(pipe)]) == 0
+    assert main(["replay", str(TAKEOFF), "--csv", str(pipe)]) == 0
     os.close(descriptor)
     reader.join()
-    assert main(["replay", str(TLOG), "--csv", str(tmp_path / "file.csv")]) == 0
+    assert main(["replay", str(TAKEOFF), "--csv", str(tmp_path / "file.csv")]) == 0
     assert read == [(tmp_path / "file.csv").read_bytes()]
 
 
 def test_a_drawing_needs_a_file(pipe, capfd):
     pytest.importorskip("rerun")
-    assert main(["replay", str(TLOG), "--rrd", str(pipe)]) == 2
+    assert main(["replay", str(TAKEOFF), "--rrd", str(pipe)]) == 2
     assert last_line(capfd) == f"fuzzbee: --rrd {pipe}: a pipe, choose a file"
 
 

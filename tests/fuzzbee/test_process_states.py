@@ -1,8 +1,8 @@
 """Whatever befalls a running service's processes, disk and subscribers, in whatever order.
 
 The slow sister of ``tests/service/test_link_states.py``: real processes, sockets and sessions.
-They take some 40 s each, so that they run only if ``PROCESS_STATES`` in the environment says how
-many.
+They take some 40 s each, so that they run only if ``PROCESS_STATES`` in the environment gives a
+number.
 """
 
 import json

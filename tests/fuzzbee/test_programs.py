@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -13,9 +12,8 @@ from drivers.logs.open import open_log
 from estimator.types import ImuSample
 from fuzzbee import Estimator, load_profile
 from fuzzbee.replays.trace import Replay
+from tests.fuzzbee.recording import FLIPS
 
-DATA = Path(__file__).parents[1] / "data"
-FLIPS = DATA / "sitl_copter_flips.tlog"  # 50 Hz, with the simulator's truth
 LEVEL = ((0.0, 0.0, 0.0), (0.0, 0.0, -9.8), (0.2, 0.0, 0.4))
 
 
@@ -98,7 +96,7 @@ def test_before_the_first_sample_that_can_be_used_there_is_no_attitude():
     assert estimator.rejected == {"not_finite": 1}
     assert Estimator().update((np.nan,) * 3, LEVEL[1], time_s=0.0) is None
     estimator.reset()
-    estimator.update_velocity((0.0, 0.0, 0.0))  # of no sample yet: nothing to be said
+    estimator.update_velocity((0.0, 0.0, 0.0))  # of no sample yet: nothing to report
     assert [estimator.update(*LEVEL).time_us for _ in range(3)] == [0, 10_000, 20_000]
     assert not estimator.rejected
     stays = estimator.update(*LEVEL, time_s=0.0)

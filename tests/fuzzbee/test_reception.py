@@ -1,4 +1,4 @@
-"""What comes from the network is data: checked, escaped, bounded, and said once."""
+"""What comes from the network is data: checked, escaped, bounded, and reported once."""
 
 import io
 import json

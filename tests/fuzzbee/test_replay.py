@@ -12,9 +12,8 @@ from drivers.logs import csv_text, log_file
 from drivers.logs.open import open_log
 from fuzzbee.cli import main
 from fuzzbee.replays.table import reading_bar
+from tests.fuzzbee.recording import DATA
 from tests.fuzzbee.tlogs import table as written_table
-
-DATA = Path(__file__).parent.parent / "data"
 
 LOG_KEYS = {
     *("source", "vehicle", "imu", "duration_s", "reference", "error_deg", "coverage", "peers"),
@@ -108,7 +107,7 @@ def test_several_profiles_and_logs_come_in_one_table_and_one_figure(replayed, ca
 
 
 def test_a_recording_of_fuzzbee_s_own_vehicle_has_the_profile_that_fits(replayed, tmp_path):
-    """The paper's signals: 8 deg off, and said so; under imu 42 deg off with a small sigma."""
+    """The paper's signals: 8 deg off, as sigma has it; under imu 42 deg off with a small sigma."""
     from drivers.mavlink.framing import FrameReader
     from drivers.mavlink.recorder import Recorder
     from drivers.simulation.autopilot import SimulatedAutopilot, VehicleOptions

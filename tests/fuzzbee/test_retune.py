@@ -1,7 +1,6 @@
 """``replay --retune`` and ``run --retune`` from the command line."""
 
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,10 +16,11 @@ from service.pipeline import Pipeline
 from service.records import Message
 from service.sinks.mavlink import RecordingSink
 from service.vehicle_status import Load, status_record
+from tests.fuzzbee.recording import DATA
 from tests.paper_noise import NoiseScale, simulate_scaled
 from tests.service.streams import ONE, START_US
 
-LOG = Path(__file__).resolve().parents[1] / "data" / "px4_hover.ulg"
+LOG = DATA / "px4_hover.ulg"
 
 
 def test_a_flight_in_which_no_noise_changes_is_replayed_to_the_same_digit(replayed):

@@ -101,14 +101,14 @@ def test_a_vehicle_that_is_killed_and_started_again():
             reported.append(line)
             if words in line:
                 return
-        pytest.fail(f"{words!r} was never told, but: {reported}")
+        pytest.fail(f"{words!r} was never printed, but: {reported}")
 
     with started(
         "run", f"udpin:127.0.0.1:{port}", "--profile", "paper", "--no-zenoh", "--json"
     ) as service:
         with started(*vehicle):
             wait_for(service, "vehicle 1: running")
-            for _ in range(3):  # a line a second: long enough to tell a reboot from a jitter
+            for _ in range(3):  # a line a second: long enough to know a reboot from a jitter
                 wait_for(service, "roll")
         wait_for(service, "vehicle 1: degraded")
         wait_for(service, "vehicle 1: lost")
@@ -121,7 +121,7 @@ def test_a_vehicle_that_is_killed_and_started_again():
     assert any("reboot" in line for line in reported)
 
 
-def test_ros_nodes_hear_of_the_vehicle(capfd, monkeypatch):
+def test_ros_nodes_receive_the_vehicle(capfd, monkeypatch):
     import zenoh
     from rosbags.typesys import Stores, get_typestore
 

@@ -1,7 +1,5 @@
 """The figures of a report are those of the arrays that ``replay`` gives beside it."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -17,11 +15,10 @@ from fuzzbee.replays import motion
 from fuzzbee.replays.score import constant_turn
 from fuzzbee.replays.trace import VehicleTrace
 from tests.flight import banked_flight
-from tests.fuzzbee.recording import recorded
+from tests.fuzzbee.recording import DATA, recorded
 from tests.fuzzbee.tlogs import table as written_table
 from tests.service.records import ATTITUDE
 
-DATA = Path(__file__).parents[1] / "data"
 DOWN, G = (0.0, 0.0, 1.0), 9.80665
 
 
@@ -34,7 +31,7 @@ def share(flags):
 
 
 def moved(log):
-    """Whether each sample of a log is within 1.5 s of motion: as the README of the scores says."""
+    """Whether each sample of a log is within 1.5 s of motion, computed sample by sample."""
     time_s, gyr, acc = recorded(log)[:3]
     found = []
     for now_s in time_s:

@@ -68,7 +68,7 @@ def assert_one_pipeline_says(records, frames, system):
     """Each attitude is what the pipeline has after the sample that it is propagated from.
 
     A tick that comes late names its own time, and a sample may have arrived since: with age 0 the
-    record does not tell which was the last.
+    record does not show which was the last.
     """
     pipeline, decoder = Pipeline(load_profile("paper")), MavlinkDecoder(references=False)
     address = VehicleId(system, 1)

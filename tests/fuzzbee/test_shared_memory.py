@@ -4,13 +4,12 @@ import json
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
 from tests.fuzzbee.processes import default_session, free_port
+from tests.fuzzbee.recording import TAKEOFF
 
-LOG = Path(__file__).parents[1] / "data" / "sitl_copter_takeoff.tlog"
 READ_ONLY, TINY = "-o ro", "-o size=4k"
 
 
@@ -46,6 +45,6 @@ def test_a_run_goes_on_with_a_line(mount):
 
 
 def test_logs_are_checked_one_after_the_other():
-    done = run_in(READ_ONLY, "check", str(LOG), str(LOG))
+    done = run_in(READ_ONLY, "check", str(TAKEOFF), str(TAKEOFF))
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("no difference") == 2

@@ -144,7 +144,7 @@ def test_a_taken_port_is_refused(capfd):
     assert "in use" in capfd.readouterr().err
 
 
-def test_a_bounded_run_that_nobody_heard_is_a_failure(capfd):
+def test_a_bounded_run_that_nobody_received_is_a_failure(capfd):
     port = free_port()
     assert main(["sim", "--to", f"tcp:{HOST}:{port}", "--seconds", "0.5"]) == 1
     assert "nobody was connected in 0.5 s" in capfd.readouterr().err

@@ -61,7 +61,7 @@ def test_links_to_the_repositorys_root_become_links_between_pages():
 
 
 @pytest.mark.slow
-def test_the_tour_says_what_its_blocks_print(tmp_path):
+def test_the_tour_shows_what_its_blocks_print(tmp_path):
     """Digits may differ by a fifth: they are measured."""
     pytest.importorskip("matplotlib")
     page = (DOCS / "tour.md").read_text("utf-8")

@@ -1,6 +1,4 @@
-"""The attitude that a whole recording tells, beside the one that was known at the time."""
-
-from pathlib import Path
+"""The attitude that a whole recording shows, beside the one that was known at the time."""
 
 import numpy as np
 import pytest
@@ -12,8 +10,8 @@ from estimator.live.rows import OUTPUT_SIZE, cut, rows_of
 from estimator.profile import load_profile, merge_profile
 from estimator.smoothing import Offered, Recorder, smooth_all
 from fuzzbee import Estimator, replay
+from tests.fuzzbee.recording import DATA
 
-DATA = Path(__file__).parents[1] / "data"
 RATE_HZ, SECONDS = 50.0, 120
 G = 9.80665
 

@@ -8,10 +8,11 @@ from pathlib import Path
 
 import pytest
 
-LOG = str(Path(__file__).parents[1] / "data" / "sitl_copter_flips.tlog")
+from tests.fuzzbee.recording import FLIPS
+
 RUN = ("run", "sim:", "--no-zenoh", "--seconds", "1.5", "--profile", "paper")
-REPLAY = ("replay", LOG)
-CHECK = ("check", LOG)
+REPLAY = ("replay", str(FLIPS))
+CHECK = ("check", str(FLIPS))
 JSON = "--json"
 SMALL = "ulimit -f 40;"  # no file may have more kilobytes
 
@@ -33,7 +34,7 @@ def shell(line, *arguments, **environment):
 
 @pytest.fixture(scope="module", autouse=True)
 def _compiled():
-    """What is compiled at the first start is told by then."""
+    """What is compiled at the first start is reported by then."""
     shell('"$@"', "replay", "sim:", JSON)
 
 

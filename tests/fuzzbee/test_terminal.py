@@ -10,9 +10,8 @@ import pytest
 from rich.console import Console
 
 from drivers.events import VehicleId
-from fuzzbee.keys import Keys, terminal_keys
 from fuzzbee.latest import Latest
-from fuzzbee.terminal import TerminalView
+from fuzzbee.terminal import Keys, TerminalView, terminal_keys
 from service.records import Departed, ImuDifference, Message, Published, Sigma
 from tests.fuzzbee.screen import lines, terminal, vehicle
 from tests.service.records import differing, record
@@ -114,11 +113,11 @@ def test_without_a_terminal_there_is_a_line_a_second():
     for tick in range(300):
         now_s[0] = tick * 0.01
         view.handle([Published(VehicleId(1, 1), record())])
-    view.handle([Message("something [bold] to say")])
+    view.handle([Message("something [bold] to read")])
     view.close()
     assert len(out.getvalue().splitlines()) == 3
     assert "\x1b" not in out.getvalue()
-    assert messages.getvalue() == "something [bold] to say\n"
+    assert messages.getvalue() == "something [bold] to read\n"
 
 
 def test_messages_stand_above_the_table_and_at_the_foot_of_one_vehicle():
@@ -142,7 +141,7 @@ def test_warnings_stand_below_the_table_and_mark_the_state():
     assert "! and 17 more warnings" in terminal(*many)
 
 
-def test_an_overloaded_service_says_what_it_leaves_out():
+def test_an_overloaded_service_reports_what_it_leaves_out():
     shown = (
         vehicle("1", shed=30, overloaded=True, published_hz=12.5),
         vehicle("2", shed=12, overloaded=True, published_hz=50.0),

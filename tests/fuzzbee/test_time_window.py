@@ -3,7 +3,6 @@
 import csv
 import json
 import tomllib
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,11 +10,10 @@ import pytest
 from fuzzbee import replay
 from fuzzbee.cli import main
 from tests.drivers.logs.test_dataflash import Writer
+from tests.fuzzbee.recording import DATA, PLANE, TAKEOFF
 from tests.fuzzbee.test_check import with_wrong_attitudes
 from tests.fuzzbee.tlogs import rewritten
 
-DATA = Path(__file__).parent.parent / "data"
-TAKEOFF, PLANE = DATA / "sitl_copter_takeoff.tlog", DATA / "sitl_plane_4hz.tlog"
 ARMED = 128  # MAV_MODE_FLAG_SAFETY_ARMED
 BEGIN_S, END_S = 4.0, 9.0
 

@@ -1,4 +1,4 @@
-"""What a simulator tells is compared: each documented line of ``fuzzbee sim``, without waiting."""
+"""A simulator's truth is compared: each documented line of ``fuzzbee sim``, without waiting."""
 
 from pathlib import Path
 
@@ -111,7 +111,7 @@ def test_a_documented_vehicle_is_estimated_as_well_as_was_measured(line, tmp_pat
 
 
 def test_a_magnet_beside_the_paper_s_vectors_turns_the_heading_round():
-    """The filter follows it, but the gyroscope contradicts, as docs/sitl.md says: sigma knows."""
+    """The filter follows it, but the gyroscope contradicts, as in docs/sitl.md: sigma knows."""
     options = parsed(f"{TCP} --motion turn --magnet 10:20".split())
     result = scored_on_the_wire(options, 25)["1"].result()
     assert result["worst_deg"] == pytest.approx(178.0, abs=4.0)
@@ -119,8 +119,8 @@ def test_a_magnet_beside_the_paper_s_vectors_turns_the_heading_round():
     assert result["coverage"]["heading"] == pytest.approx(0.87, rel=0.1)  # by e alone 0.45
 
 
-def test_who_hears_a_flight_late_knows_where_it_is():
-    """The motion is told ten times a second, behind the first truth that is heard."""
+def test_a_flight_that_is_received_late_is_placed_by_its_time():
+    """The motion is sent ten times a second, behind the first truth that is heard."""
     options = parsed(f"{UDP} --motion flight".split())
     score = scored_on_the_wire(options, 2.0, begin_s=1.025)["1"]
     assert score.result()["worst_s"] < 1.2

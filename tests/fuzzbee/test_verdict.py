@@ -1,4 +1,4 @@
-"""How far an attitude can be trusted: one judgement for all views."""
+"""How far to rely on an attitude: one judgement for all views."""
 
 import msgspec
 import pytest
@@ -18,8 +18,8 @@ def judged(sigma_deg=(0.5, 2.0), state=State.RUNNING, changes=None, **status):
     return verdict_of(state, attitude, msgspec.structs.replace(STATUS, **status), STATUS)
 
 
-def texts(trusted):
-    return [caveat.text for caveat in trusted.caveats]
+def texts(judgement):
+    return [caveat.text for caveat in judgement.caveats]
 
 
 @pytest.mark.parametrize(
@@ -41,7 +41,7 @@ def test_the_verdict_follows_sigma(sigma_deg, levels):
 
 
 @pytest.mark.parametrize("word", [*Alarm])
-def test_a_warning_counts_whatever_sigma_says(word):
+def test_a_warning_counts_whatever_sigma_is(word):
     """Sigma knows nothing of what contradicts it; a foreign field alone spares the horizon.
 
     Where the autopilot's attitude differs, ours may be the one that is right.
@@ -91,7 +91,7 @@ def test_a_few_losses_or_those_of_before_are_no_reason():
 
 
 @pytest.mark.parametrize("state", [State.WAITING, State.ALIGNING, State.LOST])
-def test_where_there_is_no_valid_attitude_nothing_is_trusted(state):
+def test_without_a_valid_attitude_every_level_is_none(state):
     for found in (verdict_of(state, None), judged(state=state)):  # a stale one changes nothing
         assert found[:3] == (NONE, NONE, NONE)
         assert found.word == "no attitude"

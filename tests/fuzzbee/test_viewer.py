@@ -31,10 +31,10 @@ from fuzzbee.outputs import ViewerOptions
 from fuzzbee.viewer import process as viewer_process
 from fuzzbee.viewer.layout import PLOTS
 from fuzzbee.viewer.viewer import MOST_VEHICLES, ViewerSink
+from tests.fuzzbee.recording import FLIPS
 from tests.fuzzbee.rrd import chunks, listing, numbers, rows
 
 ONE, TWO = VehicleId(1, 1), VehicleId(2, 1)
-LOG = Path(__file__).parents[1] / "data" / "sitl_copter_flips.tlog"
 STATUS = StatusRecord("running", "RAW_IMU", 100.0, 0.01, {}, 0, 0, 0)
 WAITING = StatusRecord("waiting", None, 0.0, 0.0, {}, 0, 0, 0)
 
@@ -168,7 +168,7 @@ def test_without_a_screen_a_window_is_refused(monkeypatch, capfd):
 
 def test_a_log_is_replayed_into_a_file(tmp_path, capfd):
     file = tmp_path / "flips.rrd"
-    assert main(["replay", str(LOG), "--rrd", str(file), "--json"]) == 0
+    assert main(["replay", str(FLIPS), "--rrd", str(file), "--json"]) == 0
     text = listing(file)
     assert "/bodies/1/ours" in text
     assert "/bodies/1/gravity" in text

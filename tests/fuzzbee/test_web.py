@@ -53,7 +53,7 @@ def running(words=()):
     return msgspec.structs.replace(status, mode="LOITER", armed=True)
 
 
-def test_an_event_tells_of_all_vehicles_or_of_one(page, clock):
+def test_an_event_has_all_vehicles_or_one(page, clock):
     page.handle([Published(OTHER, record(state=State.LOST)), Published(ONE, record(10, -20, 30))])
     page.handle([Published(ONE, running(("accelerometer_contradicts",)))])
     clock[0] += 2.0
@@ -71,7 +71,7 @@ def test_an_event_tells_of_all_vehicles_or_of_one(page, clock):
     assert one["plates"] == [[2, sentence.removeprefix("warning: ")]]
     assert (lost["word"], lost["attitude"]) == ("no attitude", None)
     assert [each["name"] for each in event(page, "/events?vehicle=1")["vehicles"]] == ["1"]
-    clock[0] += 2.0  # the service says nothing any more
+    clock[0] += 2.0  # the service publishes nothing any more
     assert event(page)["vehicles"][0]["reasons"] == [[3, "the service is silent"]]
     page.handle([Departed(ONE), Departed(OTHER)])
     assert event(page)["vehicles"] == []
@@ -128,7 +128,7 @@ def test_the_number_of_open_pages_is_bounded(page):
         *((text, None) for text in ("0", "65536", "http", "localhost:80", "1.2.3.4:", "-1", "")),
     ],
 )
-def test_an_address_is_loopback_unless_it_says_otherwise(text, address):
+def test_an_address_is_loopback_unless_another_is_given(text, address):
     if address is not None:
         assert parse_address(text) == address
         return

@@ -42,7 +42,7 @@ def rewritten(log, made, change):
 def with_iron(log, made, offset_mgauss, matrix=None, left_out=(), current_mgauss_a=None):
     """A copy of a log in which every RAW_IMU's field m is matrix^-1 m + offset.
 
-    Messages of the types ``left_out`` are not in it. With ``current_mgauss_a`` its SYS_STATUS say a
+    Messages of the types ``left_out`` are not in it. With ``current_mgauss_a`` its SYS_STATUS has a
     current that rises and falls by 10 to 30 A, slower than messages of a few hertz can follow; it
     adds so much to the field for each ampere.
     """
