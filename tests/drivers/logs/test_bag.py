@@ -10,7 +10,7 @@ from drivers.endpoint import parse_endpoint
 from drivers.events import Imu, Malformed, Position, ReferenceAttitude
 from drivers.logs.open import imu_events, open_log
 from estimator.errors import InputError
-from estimator.geometry.frames import enu_flu_from_ned_frd, flu_from_frd
+from estimator.geometry.frames import flu_from_frd, swap_ned_enu
 from estimator.types import IDENTITY
 from fuzzbee.cli import main
 from tests.drivers.logs.test_logged_faults import json_mcap
@@ -108,7 +108,7 @@ def write(path, events):
                     bag.imu("/imu/data_raw", s.time_us, (1.0, 0.0, 0.0, 0.0), UNKNOWN, *s[1:3])
                     bag.imu("/camera/imu", s.time_us, (1.0, 0.0, 0.0, 0.0), UNKNOWN, s[2], s[1])
                 case ReferenceAttitude(source="autopilot", time_us=us, q_ned_frd=q):
-                    bag.imu("/imu/data", us, enu_flu_from_ned_frd(q), np.zeros(9), *2 * [(0,) * 3])
+                    bag.imu("/imu/data", us, swap_ned_enu(q), np.zeros(9), *2 * [(0,) * 3])
                 case Position(message="GLOBAL_POSITION_INT"):
                     for status in (0, -1):
                         bag.put(
