@@ -18,7 +18,7 @@ from service.records import Message
 from service.sinks.mavlink import RecordingSink
 from service.vehicle_status import Load, status_record
 from tests.paper_noise import NoiseScale, simulate_scaled
-from tests.service.streams import ONE, START_US
+from tests.service.flight_rig import ONE, START_US
 
 LOG = Path(__file__).resolve().parents[1] / "data" / "px4_hover.ulg"
 

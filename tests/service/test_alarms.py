@@ -15,8 +15,8 @@ from estimator.profile import load_profile
 from estimator.types import ImuSample
 from service.alarms import Alarm, Alarms, bias_limit_rad_s
 from service.pipeline import Pipeline
+from tests.service.flight_rig import ONE, START_US, imu_events, statuses, texts
 from tests.service.records import ATTITUDE
-from tests.service.streams import ONE, START_US, imu_events, statuses, texts
 
 IMU, PAPER = load_profile("imu"), load_profile("paper")
 LEVEL = (1.0, 0.0, 0.0, 0.0)

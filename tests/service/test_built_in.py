@@ -15,7 +15,7 @@ from drivers.simulation.autopilot import SimulatedAutopilot, VehicleOptions
 from estimator.geometry.quaternion import conjugate, multiply
 from estimator.profile import load_profile
 from service.pipeline import Pipeline
-from tests.service.streams import ONE, START_US
+from tests.service.flight_rig import ONE, START_US
 
 RATE_HZ = 50.0
 

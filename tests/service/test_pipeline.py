@@ -24,7 +24,7 @@ from service.pipeline import MOST_QUIET_HZ, Pipeline
 from service.records import Message, Peer, Published, Replaced, StatusRecord
 from service.vehicle import Vehicle
 from service.vehicle_status import Load
-from tests.service.streams import ONE, START_US, attitudes, imu_events, statuses, texts
+from tests.service.flight_rig import ONE, START_US, attitudes, imu_events, statuses, texts
 
 PAPER = load_profile("paper")
 ATTITUDE_KEYS = [
