@@ -25,6 +25,7 @@ START_US = 1_700_000_000_000_000
 UNDER_WAY_US = 2_000
 ONE = VehicleId(1, 1)
 S = 1_000_000
+SETTLE_S = 8.0  # of flight before a fault
 
 
 def imu_events(count, *, vehicle=ONE, message="RAW_IMU", seed=0, start_us=START_US) -> list[Event]:
@@ -153,3 +154,12 @@ def _tilt_deg(q, truth):
 
 def _finite(vector):
     return tuple(max(-1e6, min(1e6, x)) for x in vector)
+
+
+def states(rig):
+    """The states of the records, without repetitions."""
+    seen = []
+    for record in rig.records:
+        if not seen or seen[-1] != record.state:
+            seen.append(record.state)
+    return seen
