@@ -32,7 +32,8 @@ def judge(filter_: Filter, trials: Sequence[Trial]) -> list[Row]:
 def worse(trials: Sequence[Trial], way: str, seed: int) -> list[Trial]:
     """The recordings in that way, each from a seed of its own."""
     rngs = [np.random.default_rng([seed, k, len(way)]) for k in range(len(trials))]
-    return [made for t, rng in zip(trials, rngs, strict=True) for made in WAYS[way](t, rng)]
+    found = [WAYS[way](trial, rng) for trial, rng in zip(trials, rngs, strict=True)]
+    return [t for each in found for t in (each if isinstance(each, list) else [each])]
 
 
 def summary(rows: Sequence[Row], base: Sequence[Row]) -> Row:

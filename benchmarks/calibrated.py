@@ -31,7 +31,7 @@ from common.filters import FRD_OF_SENSOR, PEERS, body_readings, fuzzbee, is_inst
 from common.recordings import Array, Trial, chosen_sets
 from common.report import FOLDERS, Row, Tables, benchmark, names, option, seeds
 from common.scores import by, conjugate, errors_deg, mean_of, multiply, rms, score
-from common.ways import WAYS, direction
+from common.ways import accelerometer_bias, iron, scales_and_axes
 from flying.cases import DURATION_S, SKIP_S, write
 from flying.motions import MOTIONS
 from flying.replayed import changed, fly, read
@@ -55,20 +55,13 @@ SENSORS, BIASES = ("gyr", "acc", "mag"), ("gyr_bias_rad_s", "acc_bias_m_s2", "ma
 Rng = np.random.Generator
 
 
-def by_way(trial: Trial, rng: Rng, way: str) -> Trial:
-    return next(WAYS[way](trial, rng))
-
-
-def iron(trial: Trial, rng: Rng, share: float) -> Trial:
-    return replace(trial, mag_ut=trial.mag_ut + direction(rng) * share * STRENGTH_UT)
-
-
 STRENGTH_UT = 45.0  # the same iron in all recordings of a sensor
 ERRORS: dict[str, Callable[[Trial, Rng], Trial]] = {
     "none": lambda trial, _: trial,
-    **{way: partial(by_way, way=way) for way in ("scales and axes", "accelerometer's bias")},
-    "5 % of iron": partial(iron, share=0.05),
-    "20 % of iron": partial(iron, share=0.2),
+    "scales and axes": scales_and_axes,
+    "accelerometer's bias": accelerometer_bias,
+    "5 % of iron": partial(iron, share=0.05, field_ut=STRENGTH_UT),
+    "20 % of iron": partial(iron, share=0.2, field_ut=STRENGTH_UT),
 }
 
 

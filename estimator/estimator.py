@@ -88,11 +88,6 @@ class Estimator:
         return self._state.context.phase is Phase.AIDED
 
     @property
-    def compass_is_usable(self) -> bool:
-        """Whether there is no evidence against the compass now."""
-        return self._state.compass_is_usable
-
-    @property
     def unshown_iron_rad(self) -> float:
         """How far iron may turn a heading by the field, for an uncalibrated compass."""
         return self._state.unshown_iron_rad

@@ -17,7 +17,6 @@ from estimator.aiding.compass import CONTRADICTED, resembles
 from estimator.estimator import Estimator
 from estimator.geometry.earth import PlaceField
 from estimator.geometry.quaternion import rotate
-from estimator.profile import CONDITIONING_DEFAULTS, Profile
 from estimator.types import Attitude, ImuSample, Vec3
 from service.evidence import Persistence, off_north_deg, towards
 
@@ -126,7 +125,10 @@ class Alarms:
         dip_error_rad = 0.0 if is_sure else estimator.dip_error_rad
         why, place = estimator.compass_fault, estimator.place_field
         uses_field = why != CONTRADICTED
-        limit = AT_LIMIT * bias_limit_rad_s(estimator.profile)
+        settings = estimator.settings
+        limit = AT_LIMIT * settings.filter.bias_bound_rad_s
+        if settings.conditioned:
+            limit = AT_LIMIT * settings.conditioning.bias_limit_rad_s
         self.compass_off_deg = self._compass_off_deg(attitude, estimator)
         scatters = uses_field and self._does_field_scatter(attitude)
         is_impossible = not uses_field or self._is_field_impossible(attitude, place)
@@ -225,11 +227,3 @@ class Alarms:
         scatter = degrees(sqrt(max(0.0, self._field_square / max(mean_square, 1e-12) - 1.0)))
         sigma = degrees(hypot(attitude.sigma_inclination_rad, attitude.sigma_heading_rad))
         return scatter > SIGMAS * sigma + SCATTER_DEG
-
-
-def bias_limit_rad_s(profile: Profile) -> float:
-    """How large a bias the profile allows on an axis; 0 if it estimates none."""
-    if not profile.conditioned:
-        return profile.filter.bias_bound_rad_s
-    given = profile.conditioning.get("bias_limit_rad_s", CONDITIONING_DEFAULTS["bias_limit_rad_s"])
-    return float(given)

@@ -19,14 +19,7 @@ from estimator.reasons import Reason
 from service.lines import LineLimit, link_line
 from service.parameters import ProfileChanges
 from service.publishing import STATUS_PERIOD_US
-from service.records import (
-    Message,
-    Output,
-    Peer,
-    Published,
-    Replaced,
-    State,
-)
+from service.records import Message, Output, Peer, Published, Replaced, State
 from service.vehicle import STANDARD_RATE_HZ, Vehicle
 from service.vehicle_status import Load, status_record
 

@@ -18,7 +18,7 @@ of messages that come as evenly as the vehicle has stamped them: an autopilot's 
 still under load is noticed at once.
 """
 
-from math import degrees, isfinite, pi
+from math import degrees, isfinite
 
 from estimator.geometry.frames import euler_rad
 from estimator.types import Attitude, Quaternion, Vec3
@@ -235,7 +235,6 @@ def attitude_record(
     """The record of an attitude whose sample is ``age_us`` old; None if it is not finite."""
     if not is_finite(attitude):
         return None
-    inclination_rad, heading_rad = attitude.sigma_inclination_rad, attitude.sigma_heading_rad
     return AttitudeRecord(
         schema=SCHEMA,
         time_unix_us=time_unix_us,
@@ -250,8 +249,8 @@ def attitude_record(
         confidence=Confidence(attitude.confidence_gravity, attitude.confidence_magnetic),
         sigma_deg=Sigma(
             # no angle can be further off than half a turn
-            degrees(inclination_rad) if inclination_rad < pi else 180.0,
-            degrees(heading_rad) if heading_rad < pi else 180.0,
+            min(180.0, degrees(attitude.sigma_inclination_rad)),
+            min(180.0, degrees(attitude.sigma_heading_rad)),
         ),
         heading_reference=attitude.heading_reference,
         state=str(state),

@@ -59,38 +59,36 @@ class AidingParams(NamedTuple):
     # Noise of the IMU, as densities.
     gyr_slow_noise_1_s: Noise = 0.04  # of the rate, for each second of the IMU's step
     acc_noise: Noise = 0.05  # m/s^2/sqrt(Hz); vibration; small: stiff, large: slow
-    # Share of how far a reading lies off the line through the two before that integration misses.
-    integration_noise: Noise = 0.1  # small: 4 Hz samples count much, large: little
-    # Such a share where a slow stream's readings are as good as independent; small: the gyroscope
-    # counts between them, large: the unaided vertical does.
-    unseen_turn_noise: Noise = 0.3  # of readings a second apart without a line through them
-    # Biases at the beginning, and their change in 2500 s; samples truncated to mrad/s drift, too.
+    # Errors of integration, as a share of a reading's distance from the line through two before it.
+    integration_noise: Noise = 0.1  # small: relies on 4 Hz samples, large: hardly
+    unseen_turn_noise: Noise = 0.3  # of readings a second apart; small: relies on the gyroscope
+    # Initial biases, and their change in 2500 s.
     gyr_bias_sigma: Rate = 0.015  # rad/s; small: stiff, large: noisy
     acc_bias_sigma: Acceleration = 0.05  # m/s^2; small: stiff, large: noisy
 
     # Velocity reports.
     filter_noise_m_s: Speed = 0.05  # of a report by an autopilot's filter
-    filter_error_m_s: Speed = 0.2  # its slow error; small: follows it, large: the receiver
-    filter_turning_s: Lag = 0.03  # for each m/s^2 of horizontal acceleration, beside that
+    filter_error_m_s: Speed = 0.2  # its slow error; small: follows it, large: follows the receiver
+    filter_turning_s: Lag = 0.03  # more for each m/s^2 of horizontal acceleration
     receiver_noise_m_s: Speed = 0.1  # of a receiver's report
-    receiver_error_m_s: Speed = 0.15  # its slow error; small: follows it, large: the filter
-    error_tau_s: Time = 5.0  # for so long either's slow error stays the same
+    receiver_error_m_s: Speed = 0.15  # its slow error; small: follows it, large: follows the filter
+    error_tau_s: Time = 5.0  # time constant of both slow errors
     report_sigma_m_s: Speed = 0.3  # sources less accurate than this get more noise
-    sideslip_rad: Angle = 3.0  # of wheels 0.05; 3: it may move any way, and a HEARTBEAT decides
+    sideslip_rad: Angle = 3.0  # 0.05 for wheels, also by a HEARTBEAT; 3: any direction
 
     # Lags.
-    imu_lag_s: Lag = 0.012  # of an autopilot's IMU stream; its filter's time may be as far off
+    imu_lag_s: Lag = 0.012  # of an autopilot's IMU stream, and the error of its filter's time
 
     # Magnetic field.
     heading_noise: Noise = radians(3.0)  # rad/sqrt(Hz); small: follows magnets, large: slow
-    hard_iron_sigma_gauss: Field = 0.02  # that calibration has left over
-    field_dip_scale_rad: Angle = radians(10.0)  # deviation of the dip that halves it, or so
-    field_walk: Noise = 0.005  # share/sqrt(s) by which the place's field may change its strength
+    hard_iron_sigma_gauss: Field = 0.02  # that calibration leaves
+    field_dip_scale_rad: Angle = radians(10.0)  # dip error that about halves the weight
+    field_walk: Noise = 0.005  # share/sqrt(s) by which the local field's strength may change
 
     # Published uncertainty, fitted to errors of simulated and recorded flights.
-    colour: Share = 1.5  # velocity's errors are slower than white: sigma against white noise's
-    least_scale: Share = 0.28  # of the covariance's sigma, however well the reports agree
-    scatter_share: Share = 2.3  # of the reports' scatter that is the attitude's, too
+    colour: Share = 1.5  # sigma over that for white noise: velocity errors are slower
+    least_scale: Share = 0.28  # of the covariance's sigma, however well reports agree
+    scatter_share: Share = 2.3  # part of the reports' scatter due to the attitude
 
 
 class Report(NamedTuple):

@@ -48,11 +48,11 @@ class ConditioningParams(NamedTuple):
     names.
     """
 
-    # Switches, one a step.
-    use_gravity_filter: bool = True  # low-pass the specific force in G; off: each mean as it is
-    use_rest: bool = True  # bias from rest
-    use_motion_bias: bool = True  # bias from levelling while moving
-    use_averaging: bool = True  # gravity, for as long as accelerations and turning require
+    # Switches for the steps.
+    use_gravity_filter: bool = True  # low-pass the specific force in G; off: use each mean
+    use_rest: bool = True  # learn the bias at rest
+    use_motion_bias: bool = True  # learn it from levelling in motion
+    use_averaging: bool = True  # average gravity as long as accelerations and turning require
     use_joint_covariance: bool = True  # heading residuals also correct the bias
     use_lag: bool = True  # undo the magnetometer's lag, learnt while turning
     use_field_offset: bool = True  # take off the vehicle's own field, learnt while turning
@@ -60,36 +60,35 @@ class ConditioningParams(NamedTuple):
     use_events: bool = True  # off: no reaction to an unsensed turn
     use_step_noise: bool = True  # off: slow streams are treated as fast ones
 
-    # Rest: how long things must be how quiet.
-    rest_acc_m_s2: Acceleration = 0.5  # small: rest is missed, large: slow motion passes for it
-    rest_time_s: Time = 1.5  # small: pauses in motion pass for rest, large: late
+    # When a vehicle counts as resting.
+    rest_acc_m_s2: Acceleration = 0.5  # small: misses rests, large: takes slow motion for rest
+    rest_time_s: Time = 1.5  # small: takes pauses for rest, large: late
 
     # Gravity.
     gravity_tau_s: Time = 2.5  # small: acceleration tilts the vertical, large: gyro drift does
 
-    # What a slow step misses of a turn, and how a force's direction scatters.
-    step_turn_noise_1_s: Share = 0.4  # of the rate, each second; small: the gyroscope counts
-    force_lasts_s: Time = 0.35  # of accelerations; small: the force counts, large: the gyroscope
+    # Slow streams: turns between samples, and the scatter of the force's direction.
+    step_turn_noise_1_s: Share = 0.4  # of the rate, each second; small: relies on the gyroscope
+    force_lasts_s: Time = 0.35  # of accelerations; small: relies on the force, large: gyroscope
     scatter_tau_s: Time = 7.0  # averaging of the scatter; small: jumpy, large: late
-    force_size_noise: Share = 1.0  # rad for a force of twice its size; small: the force counts
+    force_size_noise: Share = 1.0  # rad for a force of twice its size; small: relies on the force
 
     # Bias.
-    bias_limit_rad_s: Rate = radians(2.0)  # of one innovation, of a bias at rest; motion: 10 deg/s
+    bias_limit_rad_s: Rate = radians(2.0)  # of an innovation, a bias at rest; in motion 10 deg/s
     bias_initial_sigma_rad_s: Rate = radians(0.5)  # small: slow start, large: jumpy start
     bias_rest_sigma_rad_s: Rate = radians(0.03)  # steady sigma at rest; small: follows noise
-    # steady sigma while moving, and its growth in 100 s; small: stiff, large: noisy
-    bias_motion_sigma_rad_s: Rate = radians(0.1)
+    bias_motion_sigma_rad_s: Rate = radians(0.1)  # in motion; grows by it in 100 s; small: stiff
 
     # The field's calibration.
     field_lag_sigma_s: Lag = 0.05  # of the unknown lag; small: hardly learns one
     field_offset_sigma: Share = 0.15  # vehicle's own field / the place's; small: hardly learns one
     calibration_high_pass_s: Time = 3.0  # small: noise, large: the place's gradients count
     calibration_noise_s: Lag = 0.005  # of the relative field, squared; small: jumpy, large: slow
-    calibration_reach: Share = 0.5  # relative residual that is no matter of calibration any more
+    calibration_reach: Share = 0.5  # relative residual beyond which nothing is learnt
     calibration_turn: Share = 1.5  # squared distance of R from its mean that shows an offset
 
     # The field's confidence.
-    field_dip_scale_rad: Angle = 0.1  # deviation of the dip that counts as one; small: strict
+    field_dip_scale_rad: Angle = 0.1  # dip error that lowers the confidence; small: strict
 
     # Heading.
     heading_noise_rad2_s: Noise = 0.003  # of the field; small: follows magnets, large: slow
@@ -97,10 +96,9 @@ class ConditioningParams(NamedTuple):
     heading_turning_noise_s: Noise = 5e-6  # drift variance per squared rate: gyro scale errors
 
     # Events.
-    turn_heading_rad: Angle = radians(10.0)  # residual no honest drift reaches; small: false alarms
-    turn_jump_rad: Angle = radians(3.2)  # turn of the field in G that is no noise
+    turn_heading_rad: Angle = radians(10.0)  # residual beyond any drift; small: false alarms
+    turn_jump_rad: Angle = radians(3.2)  # turn of the field in G beyond noise
 
     # Source.
-    # It accelerates for long, and its gyroscope is good: a HEARTBEAT decides where this is off.
-    in_vehicle: bool = False
+    in_vehicle: bool = False  # long accelerations, a good gyroscope; a HEARTBEAT switches it on
     averaged_samples: bool = False  # samples are means over their interval, not instants

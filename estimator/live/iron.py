@@ -1,6 +1,6 @@
 """How far a heading by the field may be off, by what is known of the compass and its iron."""
 
-from math import acos, cos, hypot, pi, radians, sqrt
+from math import acos, cos, radians, sqrt
 
 from estimator.aiding.search import UNKNOWN_RAD
 from estimator.compilation.compiled import inlined
@@ -72,9 +72,3 @@ def largest_eigenvalue(diagonal: Vec3, beside: Vec3) -> float:
     det = a * (b * c - yz * yz) - xy * (xy * c - yz * xz) + xz * (xy * yz - b * xz)
     third = acos(max(-1.0, min(1.0, 0.5 * det / size**3))) / 3.0
     return mean + 2.0 * size * cos(third)
-
-
-@inlined
-def with_iron(heading_rad: float, unshown_rad: float) -> float:
-    """A heading's sigma with the effect of iron, which adds at most ``UNKNOWN_RAD``."""
-    return min(pi, hypot(heading_rad, unshown_rad), max(heading_rad, UNKNOWN_RAD))

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 from estimator.aiding.consistency import Consistency, inflated
 from estimator.aiding.correction_cusum import with_unexpected_turn
+from estimator.aiding.search import UNKNOWN_RAD
 from estimator.aiding.types import AidingParams, AidingState
 from estimator.aiding.uncertainty import with_dip_error
 from estimator.compilation.compiled import inlined
@@ -31,7 +32,6 @@ from estimator.geometry.quaternion import (
     subtract,
 )
 from estimator.live.aided import GRAVITY_HALF_RAD, MAGNETIC_HALF_RAD, confidence
-from estimator.live.iron import with_iron
 from estimator.types import IDENTITY, ZERO_VEC3, Quaternion, Vec3
 
 
@@ -104,12 +104,17 @@ def raw_figures(reference: ReferenceParams, smooth_error: float, pull: Pull) -> 
 
 @inlined
 def conditioned_figures(seen: Conditioned, unshown_iron_rad: float) -> Figures:
-    """What the conditioning stage knows about confidence and heading."""
+    """What the conditioning stage knows about confidence and heading.
+
+    Iron adds at most ``UNKNOWN_RAD`` to the heading's sigma.
+    """
+    heading_rad = at_least(seen.sigma_heading_rad)
+    with_iron = min(pi, hypot(heading_rad, unshown_iron_rad), max(heading_rad, UNKNOWN_RAD))
     return (
         seen.gravity_confidence,
         seen.magnetic_confidence,
         at_least(seen.sigma_inclination_rad),
-        with_iron(at_least(seen.sigma_heading_rad), unshown_iron_rad),
+        with_iron,
     )
 
 

@@ -17,14 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivers.events import VehicleId
 from estimator.types import ImuSample
-from service.records import (
-    AttitudeRecord,
-    Departed,
-    Output,
-    Published,
-    StatusRecord,
-    vehicle_name,
-)
+from service.records import AttitudeRecord, Departed, Output, Published, StatusRecord, vehicle_name
 from service.sinks import ros_messages as ros
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from service.pipeline import Pipeline
 from service.sinks.zenoh import _json_object
 from tests.flight import banked_flight
 from tests.fuzz.cases import built, fuzzed, require_sound
-from tests.service.streams import ONE, START_US
+from tests.service.flight_rig import ONE, START_US
 
 WHOLE = profile_to_json(load_profile("imu"))
 NEVER = "estimate_not_finite"  # counted, should it happen

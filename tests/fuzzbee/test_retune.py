@@ -18,7 +18,7 @@ from service.sinks.mavlink import RecordingSink
 from service.vehicle_status import Load, status_record
 from tests.fuzzbee.recording import DATA
 from tests.paper_noise import NoiseScale, simulate_scaled
-from tests.service.streams import ONE, START_US
+from tests.service.flight_rig import ONE, START_US
 
 LOG = DATA / "px4_hover.ulg"
 

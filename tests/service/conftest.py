@@ -3,6 +3,7 @@
 import pytest
 
 from service.process import load_kernels
+from tests.service.flight_rig import SETTLE_S, Rig
 
 PATIENCE_S = 60.0
 
@@ -18,3 +19,9 @@ def _patient(monkeypatch):
     monkeypatch.setattr("service.sinks.sink.CLOSE_TIMEOUT_S", PATIENCE_S)
     monkeypatch.setattr("service.sinks.sink.LONGEST_WAIT_S", PATIENCE_S)
     monkeypatch.setattr("service.parameters.ANSWER_TIMEOUT_S", PATIENCE_S)
+
+
+@pytest.fixture
+def rig():
+    """A flight that has settled."""
+    return Rig().fly(SETTLE_S)

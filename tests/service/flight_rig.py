@@ -1,19 +1,20 @@
-"""A simulated flight through frames, gate, decoder and pipeline, with the time given.
+"""A simulated vehicle for the service: its samples as events, or through frames, gate and decoder.
 
-Faults are put between the vehicle and its frames (``change``), or between the frames and
-the service (``deliver``).
+Time is given. Faults are put between the vehicle and its frames (``change``), or between the
+frames and the service (``deliver``).
 """
 
 import math
 from collections.abc import Callable
 from typing import Any
 
-from drivers.events import VehicleId
+from drivers.events import Event, Imu, VehicleId
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.encoder import FrameEncoder, raw_imu
 from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.gate import FrameGate, Policy
 from drivers.simulation.simulated_vehicle import Sample, SimulatedVehicle
+from drivers.simulation.source import imu_sample
 from estimator.geometry.quaternion import conjugate, multiply, rotate_inverse
 from estimator.profile import load_profile
 from service.pipeline import Pipeline
@@ -24,6 +25,32 @@ START_US = 1_700_000_000_000_000
 UNDER_WAY_US = 2_000
 ONE = VehicleId(1, 1)
 S = 1_000_000
+SETTLE_S = 8.0  # of flight before a fault
+
+
+def imu_events(count, *, vehicle=ONE, message="RAW_IMU", seed=0, start_us=START_US) -> list[Event]:
+    """``count`` samples of the paper's motion at 100 Hz, 2 ms under way."""
+    source = SimulatedVehicle(seed=seed)
+    events: list[Event] = []
+    for _ in range(count):
+        sample = imu_sample(next(source))
+        arrival_us = start_us + sample.time_us + UNDER_WAY_US
+        events.append(Imu(vehicle, arrival_us, sample.time_us, message, sample))
+    return events
+
+
+def attitudes(outputs):
+    records = [each.record for each in outputs if isinstance(each, Published)]
+    return [record for record in records if isinstance(record, AttitudeRecord)]
+
+
+def statuses(outputs):
+    records = [each.record for each in outputs if isinstance(each, Published)]
+    return [record for record in records if isinstance(record, StatusRecord)]
+
+
+def texts(outputs):
+    return [each.text for each in outputs if isinstance(each, Message)]
 
 
 class Rig:
@@ -127,3 +154,12 @@ def _tilt_deg(q, truth):
 
 def _finite(vector):
     return tuple(max(-1e6, min(1e6, x)) for x in vector)
+
+
+def states(rig):
+    """The states of the records, without repetitions."""
+    seen = []
+    for record in rig.records:
+        if not seen or seen[-1] != record.state:
+            seen.append(record.state)
+    return seen

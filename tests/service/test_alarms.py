@@ -11,12 +11,13 @@ from drivers.simulation.source import imu_sample
 from estimator.aiding.compass import CONTRADICTED
 from estimator.geometry.earth import PlaceField
 from estimator.geometry.quaternion import exp, multiply, rotate_inverse, scale
+from estimator.live.settings import settings_of
 from estimator.profile import load_profile
 from estimator.types import ImuSample
-from service.alarms import Alarm, Alarms, bias_limit_rad_s
+from service.alarms import Alarm, Alarms
 from service.pipeline import Pipeline
+from tests.service.flight_rig import ONE, START_US, imu_events, statuses, texts
 from tests.service.records import ATTITUDE
-from tests.service.streams import ONE, START_US, imu_events, statuses, texts
 
 IMU, PAPER = load_profile("imu"), load_profile("paper")
 LEVEL = (1.0, 0.0, 0.0, 0.0)
@@ -40,6 +41,7 @@ KNOWN = {"place_field": HERE, "dip_error_rad": 0.0, "contradicted_axes": (False,
 def lines(alarms, half, acc=(0.0, 0.0, -9.8), mag=FIELD, host_s=None, **given):
     """Have a sample looked at after so many half seconds."""
     estimator = SimpleNamespace(**{name: given.pop(name, KNOWN[name]) for name in KNOWN})
+    estimator.settings = settings_of(estimator.profile)
     sample = ImuSample(half * 500_000, (0.0, 0.0, 0.0), acc, mag, has_mag=True)
     arrival_us = START_US + round(1e6 * (half / 2 if host_s is None else host_s))
     return alarms.look(sample, arrival_us, attitude(**given), estimator)
@@ -78,7 +80,7 @@ def swinging(time_s):
     return (0.218, 0.3 if time_s % 2 < 1 else -0.3, 0.428)
 
 
-LIMIT = bias_limit_rad_s(IMU)
+LIMIT = settings_of(IMU).conditioning.bias_limit_rad_s
 TILTED_9 = {"dip_error_rad": radians(9), "sigma_deg": 6.0}
 FIELD_WRONG, TOO_SURE = {Alarm.FIELD_IMPOSSIBLE}, {Alarm.SIGMA_TOO_SMALL}
 

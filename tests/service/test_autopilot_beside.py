@@ -10,7 +10,7 @@ from estimator.geometry.frames import euler_rad, from_euler_rad
 from estimator.geometry.quaternion import exp, multiply
 from estimator.profile import load_profile
 from service.pipeline import Pipeline
-from tests.service.streams import ONE, imu_events, statuses, texts
+from tests.service.flight_rig import ONE, imu_events, statuses, texts
 
 SAMPLES = 3000
 

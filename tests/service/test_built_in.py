@@ -8,16 +8,18 @@ import math
 import numpy as np
 import pytest
 
-from drivers.events import Imu, ReferenceAttitude
+from drivers.events import BuiltIn, ClockReset, Imu, ReferenceAttitude
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.framing import FrameReader
 from drivers.simulation.autopilot import SimulatedAutopilot, VehicleOptions
 from estimator.geometry.quaternion import conjugate, multiply
 from estimator.profile import load_profile
 from service.pipeline import Pipeline
-from tests.service.streams import ONE, START_US
+from service.records import Replaced
+from tests.service.flight_rig import ONE, START_US, imu_events, texts
 
 RATE_HZ = 50.0
+PAPER = load_profile("paper")
 
 
 def flown(motion, seconds, seed, **options):
@@ -70,3 +72,45 @@ def test_the_flight_is_right_from_start_to_landing():
     assert rows[rows[:, 0] < 0.5][:, 2].max() > 8.0  # the wrong start is one
     for error, sigma in ((2, 4), (3, 5)):
         assert np.mean(after_start[:, error] <= after_start[:, sigma]) > 0.8
+
+
+def built_in(motion):
+    return BuiltIn(ONE, START_US, motion)
+
+
+def test_fuzzbee_s_own_vehicle_gets_the_profile_that_fits():
+    """The paper's signals under imu are 42 deg off with a small sigma."""
+    pipeline = Pipeline(load_profile("imu"), fits_built_in=True)
+    assert pipeline.handle(built_in("of another version")) == []
+    noisy = "profile paper (signals so noisy that 5 to 10° remain)"
+    assert texts(pipeline.handle(built_in("paper"))) == [
+        f"vehicle 1: fuzzbee's own, motion paper, {noisy}"
+    ]
+    assert pipeline.handle(built_in("paper")) == []
+    for event in imu_events(300):
+        pipeline.handle(event)
+    assert pipeline.vehicle(ONE).profile == PAPER
+    outputs = pipeline.tick(START_US + 3_000_000)
+    assert [o for o in outputs if isinstance(o, Replaced)] == [Replaced(ONE, PAPER)]
+    assert texts(outputs) == []
+    assert texts(pipeline.handle(built_in("flight"))) == [
+        "vehicle 1: fuzzbee's own, motion flight, profile imu"
+    ]
+    assert pipeline.vehicle(ONE).profile == load_profile("imu")
+
+
+def test_a_profile_that_was_asked_for_stays_and_is_reported_if_it_does_not_fit():
+    pipeline = Pipeline(load_profile("imu"))
+    (text,) = texts(pipeline.handle(built_in("paper")))
+    assert text.endswith("profile paper would fit, this one does not")
+    assert pipeline.vehicle(ONE).profile == load_profile("imu")
+    assert texts(pipeline.handle(built_in("flight"))) == []
+
+
+def test_after_a_reboot_another_vehicle_may_have_the_address():
+    pipeline = Pipeline(load_profile("imu"), fits_built_in=True)
+    pipeline.handle(built_in("paper"))
+    pipeline.handle(ClockReset(ONE, START_US, "reboot", -7.0))
+    assert pipeline.vehicle(ONE).profile == load_profile("imu")
+    pipeline.handle(built_in("paper"))
+    assert pipeline.vehicle(ONE).profile == PAPER

@@ -12,7 +12,7 @@ from drivers.mavlink.gate import TAKE_OVER_US, FrameGate, Policy
 from estimator.profile import load_profile
 from service.pipeline import FORGOTTEN_LOOKS, Pipeline
 from service.records import Departed, Message, Published, Replaced
-from tests.service.streams import ONE, START_US, imu_events
+from tests.service.flight_rig import ONE, START_US, imu_events
 
 PAPER = load_profile("paper")
 SECOND_US = 1_000_000

@@ -15,8 +15,7 @@ from estimator.profile import load_profile
 from estimator.types import ImuSample
 from fuzzbee.replays.trace import Replay
 from service.evidence import OtherImus
-from tests.service.flight_rig import Rig
-from tests.service.streams import ONE
+from tests.service.flight_rig import ONE, Rig
 
 M = mavlink()
 TILTED = exp((0.0, radians(6.0), 0.0))

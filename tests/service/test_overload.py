@@ -24,7 +24,7 @@ from service.pipeline import Pipeline
 from service.runner import WINDOW_S, WINDOWS_TO_BEGIN, WINDOWS_TO_END, Overload, Runner
 from service.vehicle_status import Load
 from tests.fuzzbee.processes import free_port, started
-from tests.service.streams import ONE, START_US, attitudes, imu_events, statuses, texts
+from tests.service.flight_rig import ONE, START_US, attitudes, imu_events, statuses, texts
 
 
 @pytest.mark.parametrize(

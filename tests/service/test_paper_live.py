@@ -21,7 +21,7 @@ from estimator.geometry.quaternion import normalized_distance
 from estimator.live.settings import settings_of
 from estimator.profile import load_profile
 from service.pipeline import Pipeline
-from tests.service.streams import ONE, START_US
+from tests.service.flight_rig import ONE, START_US
 from tuning.paper_experiment import run_experiment
 
 SEED = 9_002
@@ -46,6 +46,18 @@ def predicted(estimator, sample):
     now = estimator.snapshot
     dt = 1e-6 * (sample.time_us - now.core.time_us)
     return kernel.propagate(now.core.filter, sample.gyr_rad_s, dt).q_ned_frd
+
+
+def handled(pipeline, events):
+    """The estimates at the samples among the events, before the pipeline takes each."""
+    estimates = []
+    for event in events:
+        if isinstance(event, Imu):
+            vehicle = pipeline.vehicle(ONE)
+            estimator = Estimator(PAPER) if vehicle is None else vehicle.estimator
+            estimates.append(predicted(estimator, event.sample))
+        pipeline.handle(event)
+    return estimates
 
 
 def cost(estimates, simulated):
@@ -74,12 +86,7 @@ def test_the_pipeline_on_sim_is_the_experiment_to_the_last_digit(experiment, sim
     with SimSource(SimulatedVehicle(SEED), lambda: clock_us[0], lambda: clock_us[0]) as source:
         for sample in simulated:
             clock_us[0] = sample.time_us
-            for event in source.drain(0.0):
-                if isinstance(event, Imu):
-                    vehicle = pipeline.vehicle(ONE)
-                    estimator = Estimator(PAPER) if vehicle is None else vehicle.estimator
-                    estimates.append(predicted(estimator, event.sample))
-                pipeline.handle(event)
+            estimates += handled(pipeline, source.drain(0.0))
             pipeline.tick(clock_us[0] + 3_000)  # publishing leaves the states alone
     assert np.array_equal(estimates, experiment.estimates)
     assert cost(estimates, simulated) == experiment.cost
@@ -108,11 +115,6 @@ def test_as_mavlink_it_costs_what_the_rounding_does(experiment, simulated, stamp
         message = raw_imu(boot_us, sample.acc_m_s2, sample.gyr_rad_s, sample.mag_gauss)
         arrival_us = START_US + sample.time_us
         for frame in reader.feed(encoder.frame(message, arrival_us)):
-            for event in decoder.events(frame, arrival_us):
-                if isinstance(event, Imu):
-                    vehicle = pipeline.vehicle(ONE)
-                    estimator = Estimator(PAPER) if vehicle is None else vehicle.estimator
-                    estimates.append(predicted(estimator, event.sample))
-                pipeline.handle(event)
+            estimates += handled(pipeline, decoder.events(frame, arrival_us))
     assert cost(estimates, simulated) == pytest.approx(measured, abs=0.01)
     assert not np.array_equal(estimates, experiment.estimates)

@@ -10,8 +10,8 @@ from estimator.errors import InputError
 from estimator.profile import load_profile
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
+from tests.service.flight_rig import ONE, START_US, attitudes, imu_events
 from tests.service.sinks.test_zenoh import endpoint, get, plain_client, service, wait_for  # noqa: F401
-from tests.service.streams import ONE, START_US, attitudes, imu_events
 from tests.vocabulary import angle_rad
 
 

@@ -6,8 +6,6 @@ import msgspec
 import pytest
 
 from drivers.events import (
-    BuiltIn,
-    ClockReset,
     Heartbeat,
     Malformed,
     ModeChange,
@@ -24,7 +22,7 @@ from service.pipeline import MOST_QUIET_HZ, Pipeline
 from service.records import Message, Peer, Published, Replaced, StatusRecord
 from service.vehicle import Vehicle
 from service.vehicle_status import Load
-from tests.service.streams import ONE, START_US, attitudes, imu_events, statuses, texts
+from tests.service.flight_rig import ONE, START_US, attitudes, imu_events, statuses, texts
 
 PAPER = load_profile("paper")
 ATTITUDE_KEYS = [
@@ -327,48 +325,6 @@ def test_the_latest_attitude_of_others_comes_with_ours_and_once():
     assert [o for o in outputs if isinstance(o, Peer)] == [autopilot, truth]
     assert attitudes(outputs)
     assert not [o for o in pipeline.tick(START_US + 20_000) if isinstance(o, Peer)]
-
-
-def built_in(motion):
-    return BuiltIn(ONE, START_US, motion)
-
-
-def test_fuzzbee_s_own_vehicle_gets_the_profile_that_fits():
-    """The paper's signals under imu are 42 deg off with a small sigma."""
-    pipeline = Pipeline(load_profile("imu"), fits_built_in=True)
-    assert pipeline.handle(built_in("of another version")) == []
-    noisy = "profile paper (signals so noisy that 5 to 10° remain)"
-    assert texts(pipeline.handle(built_in("paper"))) == [
-        f"vehicle 1: fuzzbee's own, motion paper, {noisy}"
-    ]
-    assert pipeline.handle(built_in("paper")) == []
-    for event in imu_events(300):
-        pipeline.handle(event)
-    assert pipeline.vehicle(ONE).profile == PAPER
-    outputs = pipeline.tick(START_US + 3_000_000)
-    assert [o for o in outputs if isinstance(o, Replaced)] == [Replaced(ONE, PAPER)]
-    assert texts(outputs) == []
-    assert texts(pipeline.handle(built_in("flight"))) == [
-        "vehicle 1: fuzzbee's own, motion flight, profile imu"
-    ]
-    assert pipeline.vehicle(ONE).profile == load_profile("imu")
-
-
-def test_a_profile_that_was_asked_for_stays_and_is_reported_if_it_does_not_fit():
-    pipeline = Pipeline(load_profile("imu"))
-    (text,) = texts(pipeline.handle(built_in("paper")))
-    assert text.endswith("profile paper would fit, this one does not")
-    assert pipeline.vehicle(ONE).profile == load_profile("imu")
-    assert texts(pipeline.handle(built_in("flight"))) == []
-
-
-def test_after_a_reboot_another_vehicle_may_have_the_address():
-    pipeline = Pipeline(load_profile("imu"), fits_built_in=True)
-    pipeline.handle(built_in("paper"))
-    pipeline.handle(ClockReset(ONE, START_US, "reboot", -7.0))
-    assert pipeline.vehicle(ONE).profile == load_profile("imu")
-    pipeline.handle(built_in("paper"))
-    assert pipeline.vehicle(ONE).profile == PAPER
 
 
 def test_many_lost_vehicles_have_fewer_statuses_and_one_that_is_there_has_each_second():

@@ -20,8 +20,8 @@ from service.publishing import (
     is_finite,
 )
 from service.records import State
+from tests.service.flight_rig import ONE, START_US, attitudes
 from tests.service.records import ATTITUDE
-from tests.service.streams import ONE, START_US, attitudes
 
 OFFSET_US = 1_700_000_000_000_000
 

@@ -11,7 +11,7 @@ from drivers.mavlink.framing import FrameReader
 from estimator.geometry.earth import field_at
 from estimator.profile import load_profile
 from service.pipeline import Pipeline
-from tests.service.streams import ONE, attitudes
+from tests.service.flight_rig import ONE, attitudes
 
 PERIOD_US = 20_000
 UNIX_US = 1_735_689_600_000_000  # 2025; fields change by a tenth of a degree a year

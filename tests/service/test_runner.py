@@ -14,8 +14,8 @@ from service.pipeline import Pipeline
 from service.runner import Runner
 from service.signals import stop_on_signals
 from service.sinks.sink import Outbox
+from tests.service.flight_rig import ONE, attitudes, imu_events
 from tests.service.sinks.test_sink import Collector
-from tests.service.streams import ONE, attitudes, imu_events
 
 PAPER = load_profile("paper")
 

@@ -17,7 +17,7 @@ from service.second_opinion import (
     differences,
     in_words,
 )
-from tests.service.streams import ONE
+from tests.service.flight_rig import ONE
 
 PLACE = PlaceField(radians(10.0), radians(60.0), 0.5)
 FIELD = (0.25 * cos(radians(10.0)), 0.25 * sin(radians(10.0)), 0.5 * sin(radians(60.0)))

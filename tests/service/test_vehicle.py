@@ -9,7 +9,7 @@ from estimator.types import ZERO_VEC3, ImuSample, RateSample, VehicleClass
 from service.records import State
 from service.vehicle import Vehicle
 from service.vehicle_status import Load, status_record
-from tests.service.streams import ONE, START_US
+from tests.service.flight_rig import ONE, START_US
 
 PERIOD_US = 20_000
 

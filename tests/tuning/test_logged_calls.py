@@ -20,7 +20,6 @@ ASKED = {
     "rates",
     "settings",
     "snapshot",
-    "compass_is_usable",
     "unshown_iron_rad",
 }
 # They call what is logged, or are logged by whoever keeps segments: a profile ends one.

@@ -7,12 +7,7 @@ import pytest
 from estimator.conditioning.condition import Conditioned, condition
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.state import initial_state
-from estimator.geometry.quaternion import (
-    exp,
-    multiply,
-    normalize,
-    rotate_inverse,
-)
+from estimator.geometry.quaternion import exp, multiply, normalize, rotate_inverse
 from estimator.types import Sample
 from tests.estimator.conditioning.motion import vector_errors_rad
 

@@ -13,15 +13,7 @@ from estimator.filter.memberships import midpoint
 from estimator.filter.noise_gain import NO_NOISE, NoiseState
 from estimator.filter.observation import ReferenceParams, raw_vectors
 from estimator.filter.types import NO_DECAY, FilterParams, FilterState, Vectors, initial_state
-from estimator.geometry.quaternion import (
-    cross,
-    dot,
-    exp,
-    multiply,
-    rotate_inverse,
-    scale,
-    unit,
-)
+from estimator.geometry.quaternion import cross, dot, exp, multiply, rotate_inverse, scale, unit
 from estimator.types import Sample
 from tests.vocabulary import (
     IDENTITY,

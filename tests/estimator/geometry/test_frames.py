@@ -8,12 +8,7 @@ from hypothesis import given
 from scipy.spatial.transform import Rotation
 
 from estimator.geometry.axes import axes_of, down_of, to_body, to_frame
-from estimator.geometry.frames import (
-    euler_rad,
-    flu_from_frd,
-    from_euler_rad,
-    swap_ned_enu,
-)
+from estimator.geometry.frames import euler_rad, flu_from_frd, from_euler_rad, swap_ned_enu
 from estimator.geometry.quaternion import rotate, rotate_inverse
 from tests.vocabulary import (
     IDENTITY,
