@@ -14,7 +14,7 @@ from drivers.events import Event, Malformed, VehicleId
 from drivers.logs.log_file import LATEST_US, LogFile, Window, windowed
 from drivers.mavlink.constants import is_autopilot, mavlink
 from drivers.mavlink.decoder import MavlinkDecoder
-from drivers.mavlink.framing import FieldReader, Frame, FrameFormat, FrameReader, frame_end
+from drivers.mavlink.framing import Frame, FrameFormat, FrameReader, fields, frame_end
 from drivers.mavlink.gate import FrameGate, Policy
 from drivers.mavlink.messages import IMU_MESSAGES, message_to_ask_for
 from estimator.errors import InputError
@@ -95,13 +95,12 @@ class Tlog(LogFile):
 
     def readings(self, names: frozenset[str]) -> Iterator[tuple[VehicleId, str, int, Any]]:
         """Messages as they were sent; see :meth:`LogFile.readings`."""
-        kinds, reader = mavlink().mavlink_map, FieldReader()
+        kinds = mavlink().mavlink_map
         numbers = {number: kind.msgname for number, kind in kinds.items() if kind.msgname in names}
         for arrival_us, frame in self._frames(frozenset(numbers)):
-            fields = None if frame is None else reader.fields(frame)
-            if frame is not None and fields is not None:
+            if frame is not None and (m := fields(frame)) is not None:
                 sender = VehicleId(frame.system_id, frame.component_id)
-                yield sender, numbers[frame.message_id], arrival_us, fields
+                yield sender, numbers[frame.message_id], arrival_us, m
 
     def advice(self, system_id: int | None = None) -> str | None:
         """See :meth:`LogFile.advice`."""

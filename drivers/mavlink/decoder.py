@@ -24,7 +24,7 @@ from drivers.events import (
 )
 from drivers.mavlink import constants as mav
 from drivers.mavlink.ardupilot import ParameterValue, owner
-from drivers.mavlink.framing import FieldReader, Frame
+from drivers.mavlink.framing import Frame, fields
 from drivers.mavlink.messages import (
     IMU_MESSAGES,
     MESSAGES,
@@ -38,7 +38,7 @@ from drivers.mavlink.messages import (
 )
 from drivers.resources import SLOTS
 from drivers.samples.imu_stream import Field, Stamp
-from drivers.samples.intake import MOST_STREAMS, VERSION_EVERY_US, Intake
+from drivers.samples.intake import MOST_STREAMS, Intake
 from drivers.samples.vehicle_clock import TimeField
 from estimator.reasons import Reason
 
@@ -65,6 +65,7 @@ MOST_WAITING = 4096  # an autopilot has some 1500 parameters
 # What fuzzbee's own vehicle puts where others have a commit, in AUTOPILOT_VERSION's payload
 BUILT_IN = "fuzzbee"
 FLIGHT_CUSTOM_VERSION, MIDDLEWARE_CUSTOM_VERSION = slice(36, 44), slice(44, 52)
+VERSION_EVERY_US = 900_000  # it may report more often what a vehicle it is
 
 
 class _Sender:
@@ -77,12 +78,14 @@ class _Sender:
         self.other_us: dict[str, int] = {}  # and of the last read one of each IMU not in use
         self.intake = Intake(address)
         self.intake.takes_references = takes_references
+        self.heard_us = 0  # arrival of the latest frame
+        self.version_us = 0  # when it was looked into what vehicle it is
         self._sequence: int | None = None  # the number of the last frame
         self._usual_step = 1.0
 
     def note(self, frame: Frame, arrival_us: int) -> None:
         """Note that a frame has arrived, and whether others before it are missing."""
-        self.intake.heard_us = arrival_us
+        self.heard_us = arrival_us
         number = frame.sequence
         if self._sequence is not None:
             step = (number - self._sequence) & 0xFF
@@ -104,7 +107,6 @@ class MavlinkDecoder:
 
     def __init__(self, *, references: bool = True, texts: bool = False) -> None:
         self.imu_in_use: Callable[[VehicleId], str | None] | None = None
-        self._reader = FieldReader()
         # all, and the addresses of those without an IMU: first who has been silent for longest
         self._senders: OrderedDict[tuple[int, int], _Sender] = OrderedDict()
         self._idle: OrderedDict[tuple[int, int], None] = OrderedDict()
@@ -166,7 +168,7 @@ class MavlinkDecoder:
             in_use = self.imu_in_use(sender.id)
             if in_use not in (None, name) and self._is_behind(sender, name, in_use, arrival_us):
                 return self._other_imu(sender, frame, arrival_us)
-        if (m := self._reader.fields(frame)) is None:
+        if (m := fields(frame)) is None:
             return []
         raw_us = m.time_usec if clock is _TIME_USEC else m.time_boot_ms * 1000
         stream = imu_stream_name(name, m.id) if is_numbered else name
@@ -180,15 +182,15 @@ class MavlinkDecoder:
         frame: Frame,
         arrival_us: int,
     ) -> list[Event]:
-        fields = self._reader.fields(frame)
-        return [] if fields is None else take(sender, fields, arrival_us)
+        m = fields(frame)
+        return [] if m is None else take(sender, m, arrival_us)
 
     def _message(
         self, kind: MessageKind, sender: _Sender, frame: Frame, arrival_us: int
     ) -> list[Event]:
         if kind.is_wanted is not None and not kind.is_wanted(sender.intake, arrival_us):
             return []
-        if (m := self._reader.fields(frame)) is None:
+        if (m := fields(frame)) is None:
             return []
         return kind.events(sender.intake, Received(kind.name, m, arrival_us))
 
@@ -210,9 +212,9 @@ class MavlinkDecoder:
         if last_us is None and len(sender.other_us) >= MOST_STREAMS:
             return []
         sender.other_us[name] = arrival_us
-        if (fields := self._reader.fields(frame)) is None:
+        if (m := fields(frame)) is None:
             return []
-        gyr, acc, _ = message.vectors(fields)
+        gyr, acc, _ = message.vectors(m)
         return [OtherImu(sender.id, arrival_us, name, gyr, acc)]
 
     def _meet(self, frame: Frame, arrival_us: int) -> list[Event]:
@@ -239,7 +241,7 @@ class MavlinkDecoder:
             first = next(iter(addresses), None)
             if first is None:
                 continue
-            if gives_way or now_us - self._senders[first].intake.heard_us >= SILENT_US:
+            if gives_way or now_us - self._senders[first].heard_us >= SILENT_US:
                 self._idle.pop(first, None)
                 return self._senders.pop(first).id
         return None
@@ -282,9 +284,9 @@ class MavlinkDecoder:
 
 def _version(sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:
     """The motion of fuzzbee's own vehicle, by its AUTOPILOT_VERSION; looked at once a second."""
-    if 0 <= arrival_us - sender.intake.version_given_us < VERSION_EVERY_US:
+    if 0 <= arrival_us - sender.version_us < VERSION_EVERY_US:
         return []
-    sender.intake.version_given_us = arrival_us
+    sender.version_us = arrival_us
     payload = frame.data[frame.payload_at : frame.payload_end]
     product, motion = (
         payload[at].split(b"\0", 1)[0].decode("ascii", "replace")

@@ -174,11 +174,6 @@ def autopilot_version(product: str, variant: str) -> Message:
     return _message(mav.AUTOPILOT_VERSION_ID, *numbers, *names, *no_more)
 
 
-def statustext(text: str) -> Message:
-    """STATUSTEXT of severity INFO; what is beyond 50 characters is cut off."""
-    return statustexts(text[:STATUSTEXT_SIZE], mav.MAV_SEVERITY_INFO, 0)[0]
-
-
 def statustexts(text: str, severity: int, number: int) -> list[Message]:
     """STATUSTEXTs of so many characters as need be; ``number`` (not 0) shows that parts are one.
 

@@ -232,36 +232,33 @@ def layout(message_id: int) -> Layout | None:
     return Layout(names, struct, partial(_new_tuple, new(kind.msgname, names)))
 
 
-class FieldReader:
-    """Makes of a frame what has its fields as attributes.
+def fields(frame: Frame) -> Any | None:
+    """What has a sound frame's fields as attributes; None if it is no message of the dialect.
 
     pymavlink builds a large object of every message. Fields before the first array, which are all
     that matter of nearly all messages that come often, are unpacked straight from the frame.
+    Zeros at a payload's end are not sent, nor fields that the sender does not know; what is
+    longer than the definition comes from a newer one.
     """
+    known = layout(frame.message_id)
+    if known is None:
+        return parsed(frame.data)
+    _, struct, make = known
+    payload = frame.data[frame.payload_at : frame.payload_end]
+    missing = struct.size - len(payload)
+    if missing > 0:
+        payload += bytes(missing)
+    return make(struct.unpack_from(payload))
 
-    def __init__(self) -> None:
-        self._dialect = mavlink()
-        self._mav = self._dialect.MAVLink(None)
 
-    def fields(self, frame: Frame) -> Any | None:
-        """The fields of a frame with a sound checksum; None if it is no message of the dialect.
+def parsed(data: bytes) -> Any | None:
+    """pymavlink's message of exactly one sound frame; None if it is none of the dialect."""
+    try:
+        return _parser().decode(bytearray(data))
+    except mavlink().MAVError:
+        return None
 
-        Zeros at a payload's end are not sent, nor fields that the sender does not know; what is
-        longer than the definition comes from a newer one.
-        """
-        known = layout(frame.message_id)
-        if known is None:
-            return self.message(frame.data)
-        _, struct, make = known
-        payload = frame.data[frame.payload_at : frame.payload_end]
-        missing = struct.size - len(payload)
-        if missing > 0:
-            payload += bytes(missing)
-        return make(struct.unpack_from(payload))
 
-    def message(self, data: bytes) -> Any | None:
-        """pymavlink's message of exactly one sound frame; None if it is none of the dialect."""
-        try:
-            return self._mav.decode(bytearray(data))
-        except self._dialect.MAVError:
-            return None
+@cache
+def _parser() -> Any:
+    return mavlink().MAVLink(None)

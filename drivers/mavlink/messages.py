@@ -116,10 +116,8 @@ IMU_MESSAGES: dict[int, ImuMessage] = {
 
 def imu_rank(message: str) -> int:
     """Place of an IMU message in the order of preference; names that only logs use come last."""
-    for place, each in enumerate(IMU_MESSAGES.values()):
-        if each.name == message:
-            return place
-    return len(IMU_MESSAGES)
+    names = [each.name for each in IMU_MESSAGES.values()]
+    return names.index(message) if message in names else len(names)
 
 
 def message_to_ask_for(autopilot: int | None) -> ImuMessage:

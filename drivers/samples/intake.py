@@ -35,7 +35,6 @@ from estimator.types import Quaternion, RateSample, Vec3
 MOST_STREAMS = 16  # IMUs of one vehicle; real ones have three, and four messages for them
 # Where nobody shows attitudes of others, so many are enough to compare ours with.
 ATTITUDE_EVERY_US = 390_000
-VERSION_EVERY_US = 900_000  # it may report more often what a vehicle it is
 
 
 class Intake:
@@ -56,9 +55,7 @@ class Intake:
         self.vehicle = vehicle
         self.checks_axes = False
         self.takes_references = True
-        self.heard_us = 0  # arrival of the latest message, whatever it was
-        self.attitude_given_us = 0
-        self.version_given_us = 0  # when it was looked into what vehicle it is
+        self._attitude_us = 0  # when the last one that was wanted arrived
         self._has_attitude = False  # of the autopilot's, with a time of its own
         self._log_time = log_time
         self.navigation = Navigation()
@@ -116,9 +113,9 @@ class Intake:
         self._has_attitude = True
         if self.takes_references:
             return True
-        if 0 <= arrival_us - self.attitude_given_us < ATTITUDE_EVERY_US:
+        if 0 <= arrival_us - self._attitude_us < ATTITUDE_EVERY_US:
             return False
-        self.attitude_given_us = arrival_us
+        self._attitude_us = arrival_us
         return True
 
     def report(

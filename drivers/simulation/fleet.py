@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 from drivers.events import LinkUp
 from drivers.mavlink.connection import Connection
-from drivers.mavlink.framing import FieldReader, FrameReader
+from drivers.mavlink.framing import FrameReader, parsed
 from drivers.mavlink.transports.transport import unix_us
 from drivers.simulation.autopilot import SimulatedAutopilot, VehicleOptions
 from estimator.errors import InputError
@@ -42,7 +42,6 @@ class Fleet:
         self._spread_us = 1e6 / options.rate_hz / vehicles  # over one sample interval
         self._schedule()
         self._readers: dict[str, FrameReader] = {}
-        self._fields = FieldReader()
         self.bytes_sent = self.link_errors = 0
         self.was_connected = False
 
@@ -75,7 +74,7 @@ class Fleet:
             self._readers.clear()  # half a frame of somebody long gone is no loss
         answered = False
         for frame in self._readers.setdefault(peer, FrameReader()).feed(data):
-            message = self._fields.message(frame.data)
+            message = parsed(frame.data)
             for vehicle in self._vehicles:
                 if answer := vehicle.handle(message, signed_us):
                     answered = True

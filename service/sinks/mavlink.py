@@ -14,13 +14,13 @@ from drivers.events import VehicleId
 from drivers.mavlink import constants as mav
 from drivers.mavlink.connection import Connection
 from drivers.mavlink.encoder import (
+    STATUSTEXT_SIZE,
     FrameEncoder,
     Message,
     attitude,
     attitude_quaternion,
     attitude_quaternion_cov,
     heartbeat,
-    statustext,
     statustexts,
 )
 from drivers.mavlink.recorder import Recorder
@@ -231,8 +231,9 @@ class RecordingSink:
             system_id, now_us = output.vehicle.system_id, self._unix_us()
             sender = VehicleId(system_id, mav.MAV_COMP_ID_ONBOARD_COMPUTER)
             encoder = self._encoders.setdefault(system_id, FrameEncoder(sender))
-            frame = encoder.frame(statustext(f"retuned: {output.retuned}"), now_us)
-            self._recorder.write(now_us, [frame])
+            text = f"retuned: {output.retuned}"[:STATUSTEXT_SIZE]
+            messages = statustexts(text, mav.MAV_SEVERITY_INFO, 0)
+            self._recorder.write(now_us, [encoder.frame(each, now_us) for each in messages])
 
     def close(self) -> None:
         """Do nothing: the recorder is closed by its owner."""

@@ -5,7 +5,7 @@ import numpy as np
 from drivers.logs.log_file import windowed
 from drivers.logs.tlog import tlog_records
 from drivers.mavlink.constants import mavlink
-from drivers.mavlink.framing import FieldReader
+from drivers.mavlink.framing import parsed
 
 
 def table(path, rate_hz, rows, columns=()):
@@ -21,12 +21,12 @@ def rewritten(log, made, change):
 
     None leaves it as it is. Seconds count from the first stamp; others have its address and number.
     """
-    data, reader, first_us = bytearray(), FieldReader(), None
+    data, first_us = bytearray(), None
     with windowed(log) as window:
         records = [*filter(None, tlog_records(window))]
     for stamp_us, frame in records:
         first_us = stamp_us if first_us is None else first_us
-        message = reader.message(frame.data)
+        message = parsed(frame.data)
         given = change(1e-6 * (stamp_us - first_us), message)
         frames = [frame.data]
         if given is not None:

@@ -67,9 +67,6 @@ class _Udp(Transport):
         """Data, sender and arrival of all datagrams that are there, after at most ``timeout_s``.
 
         One without a byte is left out: it ends no connection as in a stream.
-
-        Raises:
-            LinkError: the socket broke.
         """
         assert self._socket is not None
         datagrams: list[tuple[bytes, Any, int]] = []
@@ -89,11 +86,7 @@ class _Udp(Transport):
         return [each for each in datagrams if each[0]]
 
     def _send(self, data: bytes, target: Any) -> None:
-        """Send a datagram, or lose it.
-
-        Raises:
-            LinkError: the socket broke.
-        """
+        """Send a datagram, or lose it."""
         assert self._socket is not None
         try:
             self._socket.sendto(data, target)

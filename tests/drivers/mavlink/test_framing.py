@@ -13,7 +13,7 @@ from drivers.mavlink import framing
 from drivers.mavlink.constants import mavlink
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.encoder import FrameEncoder, raw_imu
-from drivers.mavlink.framing import FieldReader, FrameFormat, FrameReader, frame_end
+from drivers.mavlink.framing import FrameFormat, FrameReader, frame_end
 from drivers.samples.intake import ATTITUDE_EVERY_US
 from tests.drivers.mavlink.pymavlink_parser import PymavlinkParser
 from tests.drivers.mavlink.test_decoder import TABLE, UNIX, S, frame
@@ -151,11 +151,10 @@ FREQUENT = st.one_of(
 def test_fields_of_frequent_messages_are_pymavlinks(message, v1):
     data = frame(message, force_mavlink1=v1)
     (each,) = read(data)
-    fields = FieldReader().fields(each)
-    expected = FieldReader().message(data)
-    assert type(fields).__name__ == expected.get_type()
-    for field in fields._fields:
-        assert repr(getattr(fields, field)) == repr(getattr(expected, field))
+    ours, theirs = framing.fields(each), framing.parsed(data)
+    assert type(ours).__name__ == theirs.get_type()
+    for field in ours._fields:
+        assert repr(getattr(ours, field)) == repr(getattr(theirs, field))
 
 
 def test_of_attitudes_of_others_a_few_a_second_may_be_enough():
