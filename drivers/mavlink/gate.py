@@ -49,7 +49,8 @@ class Policy(NamedTuple):
     own: VehicleId | None = None
 
 
-class _Sender(NamedTuple):
+@dataclass(slots=True)
+class _Sender:
     peer: str
     last_us: int
 
@@ -136,10 +137,12 @@ class FrameGate:
             sender = None
         if is_repeat:
             return Reason.DUPLICATE
-        if sender is None or sender.last_us != arrival_us:  # once for all frames of a datagram
-            self._senders[address] = _Sender(peer, arrival_us)
-            if sender is None and len(self._senders) > self._most_senders:
-                self._drop_silent(arrival_us)
+        if sender is not None:
+            sender.last_us = arrival_us
+            return None
+        self._senders[address] = _Sender(peer, arrival_us)
+        if len(self._senders) > self._most_senders:
+            self._drop_silent(arrival_us)
         return None
 
     def _is_active(self, sender: _Sender, now_us: int) -> bool:
