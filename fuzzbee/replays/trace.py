@@ -33,6 +33,7 @@ from estimator.profile import Profile
 from estimator.types import Attitude, ImuSample, Vec3
 from fuzzbee.attitudes import PLACE
 from service.pipeline import Pipeline
+from service.process import steady
 from service.publishing import attitude_record, is_finite
 from service.records import AttitudeRecord, Message
 from service.second_opinion import SecondOpinion
@@ -218,8 +219,9 @@ class Replay:
         if isinstance(events, LogFile):
             events.follow(self.pipeline.imu_in_use)
         windowed = WindowedEvents(events, self._how.window)
-        for event in events if self._how.window == WHOLE_LOG else windowed:
-            self._take(event)
+        with steady():  # nothing here becomes garbage that only the collector finds
+            for event in events if self._how.window == WHOLE_LOG else windowed:
+                self._take(event)
         self.why_empty = windowed.why_empty()
         for vehicle in self.pipeline.vehicles:
             trace = self.traces[vehicle.address]
