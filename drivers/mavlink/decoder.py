@@ -33,7 +33,6 @@ from drivers.mavlink.messages import (
     Received,
     imu_number,
     imu_number_offset,
-    imu_rank,
     imu_stream_name,
 )
 from drivers.resources import SLOTS
@@ -113,6 +112,7 @@ class MavlinkDecoder:
         # of systems whose autopilot is not known yet; the latest of each name
         self._waiting: dict[tuple[int, str], ParameterValue] = {}
         self._references = references
+        self._imu_ranks = {imu.name: place for place, imu in enumerate(IMU_MESSAGES.values())}
         self._handlers: dict[int, Callable[[_Sender, Frame, int], list[Event]]] = {
             mav.PARAM_VALUE_ID: partial(self._unpacked, self._param_value),
             mav.HEARTBEAT_ID: partial(self._unpacked, self._heartbeat),
@@ -200,7 +200,7 @@ class MavlinkDecoder:
         last_us = sender.imu_us.get(better)
         if last_us is None or not 0 <= arrival_us - last_us < IMU_SILENT_US:
             return False
-        return imu_rank(better) < imu_rank(name)
+        return better in self._imu_ranks and self._imu_ranks[better] < self._imu_ranks[name]
 
     def _other_imu(self, sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:
         """What an IMU that is not in use reads, twice a second; otherwise nothing is unpacked."""
