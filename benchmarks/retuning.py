@@ -22,7 +22,7 @@ from estimator.estimator import Estimator
 from estimator.geometry.metrics import batch_angle_errors
 from estimator.profile import load_profile
 from estimator.types import ImuSample
-from tests.paper_noise import NoiseScale, simulate_scaled
+from tests.paper_noise import NoiseScale, samples_of, simulate_scaled
 from tuning.online.retuner import RetunedEstimator, Retuner
 from tuning.search import Search
 from tuning.space import random_positions
@@ -57,12 +57,7 @@ def signals(name: str, seed: int, count: int) -> tuple[Samples, Array]:
         mag[CHANGE:] += MAGNET_GAUSS
     if name == "bias":
         gyr[CHANGE:] += BIAS_STEP_RAD_S
-    columns = [made.time_us.tolist(), *(c.tolist() for c in (gyr, made.acc_m_s2, mag))]
-    samples = [
-        ImuSample(time_us, tuple(g), tuple(a), tuple(m), True)
-        for time_us, g, a, m in zip(*columns, strict=True)
-    ]
-    return samples, made.q_ned_frd
+    return [*samples_of(made._replace(gyr_rad_s=gyr, mag_gauss=mag))], made.q_ned_frd
 
 
 def fly(estimator: Estimator, samples: Samples) -> Array:

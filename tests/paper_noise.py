@@ -1,11 +1,13 @@
 """The paper's signals with the noise of the gyroscope and of the vectors scaled apart."""
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
 from drivers.simulation.simulated_vehicle import Recording, simulate
 from estimator.arrays import Floats
+from estimator.types import ImuSample
 
 
 class NoiseScale(NamedTuple):
@@ -30,3 +32,11 @@ def simulate_scaled(
         acc_m_s2=clean.acc_m_s2 + vectors * (noisy.acc_m_s2 - clean.acc_m_s2),
         mag_gauss=clean.mag_gauss + vectors * (noisy.mag_gauss - clean.mag_gauss),
     )
+
+
+def samples_of(made: Recording) -> Iterator[ImuSample]:
+    """The signals as samples."""
+    columns = (made.time_us, made.gyr_rad_s, made.acc_m_s2, made.mag_gauss)
+    for time_us, *readings in zip(*map(np.ndarray.tolist, columns), strict=True):
+        gyr, acc, mag = map(tuple, readings)
+        yield ImuSample(time_us, gyr, acc, mag, True)

@@ -1,21 +1,14 @@
 """The artificial bee colony, whose candidates a search evaluates.
 
-The paper's Section III-A after D. Karaboga and B. Basturk, "On the performance
-of artificial bee colony (ABC) algorithm", Applied Soft Computing 8 (2008), with
-whole phases asked at once, so that they can be evaluated in parallel:
+The paper's Section III-A after D. Karaboga and B. Basturk, "On the performance of artificial bee
+colony (ABC) algorithm", Applied Soft Computing 8 (2008), with whole phases asked at once, so that
+they can be evaluated in parallel. A cycle has employed bees (one candidate a food source), then
+onlookers (N sources drawn with replacement, by fitness; one candidate a draw, whose answers are
+taken in the order of the draws), and at most one scout: the source that failed most often, if more
+than ``limit`` times, moves to a random position.
 
-* Employed bees: one candidate a food source, made from the positions at the
-  beginning of the phase.
-* Onlookers: N sources drawn with replacement, by fitness, after all employed
-  bees have answered; one candidate a draw, again from the positions at the
-  beginning of the phase. The answers are taken in the order of the draws: a
-  source drawn twice keeps the better of its candidates.
-* Scout: at most one a cycle. The source that failed most often, if more than
-  ``limit`` times, moves to a random position.
-
-Every random number comes from one generator, drawn when a phase is asked, in
-one order. The candidates therefore depend on the seed and on the costs alone,
-and not on who computes the costs.
+Every random number comes from one generator, drawn when a phase is asked, in one order. The
+candidates therefore depend on the seed and on the costs alone, and not on who computes the costs.
 """
 
 import numpy as np

@@ -15,7 +15,7 @@ from estimator.live.rows import cut
 from estimator.profile import Profile
 from tuning.calls import Course
 from tuning.flight import Flight, fly
-from tuning.prediction import heading_errors, levelling_errors, predicted_vectors, rms_known
+from tuning.prediction import heading_errors, predicted_vectors
 
 # Sigma is the angle that this share of the errors lies under.
 SHARE = 0.68
@@ -162,9 +162,10 @@ def _without_truth(flight: Flight, course: Course) -> FlightFigures:
     """Errors of the vectors that the estimate predicts, which have no sigma."""
     rows = cut(flight.rows, 0, flight.last)
     down, field = predicted_vectors(rows, course.q_ned_frd, course.bias_rad_s, flight.first)
-    level, north = rms_known(levelling_errors(down)), rms_known(heading_errors(field))
+    level = np.arctan2(np.hypot(down[:, 0], down[:, 1]), down[:, 2])
+    known = [errors[np.isfinite(errors)] for errors in (level, heading_errors(field))]
     figures = [
-        None if error is None else Figure(float(np.degrees(error)), 0.0, None)
-        for error in (level, north)
+        Figure(float(np.degrees(rms(errors))), 0.0, None) if len(errors) else None
+        for errors in known
     ]
     return FlightFigures(figures[0] or Figure(180.0, 0.0, None), figures[1])

@@ -5,7 +5,7 @@ bias, and gravity and north as they then should be are compared with what is mea
 or a bias that is off is off in its prediction, too.
 """
 
-from math import atan2, pi, sqrt
+from math import atan2, pi
 
 import numpy as np
 
@@ -59,11 +59,6 @@ def predicted_vectors(
     return down, field
 
 
-def levelling_errors(down: Floats) -> Floats:
-    """Angle (N,) between predicted and measured vertical, rad."""
-    return np.asarray(np.arctan2(np.hypot(down[:, 0], down[:, 1]), down[:, 2]))
-
-
 def heading_errors(field: Floats) -> Floats:
     """Angle (N,) of the field's horizontal part from its mean direction, rad.
 
@@ -73,9 +68,3 @@ def heading_errors(field: Floats) -> Floats:
     seen = angles[np.isfinite(angles)]
     mean = atan2(float(np.sin(seen).sum()), float(np.cos(seen).sum())) if len(seen) else 0.0
     return np.asarray(np.abs((angles - mean + pi) % (2.0 * pi) - pi))
-
-
-def rms_known(errors: Floats) -> float | None:
-    """Root mean square of those that are numbers; None without any."""
-    known = errors[np.isfinite(errors)]
-    return sqrt(float(np.mean(np.square(known)))) if len(known) else None

@@ -138,9 +138,8 @@ class Search:
 
     def end_cycle(self, costs: Floats) -> None:
         """Note the end of a cycle (generation), and the costs (N,) of its population."""
-        mean, median = float(np.mean(costs)), float(np.median(costs))
-        now = Progress(self.evaluations, self.cycles + 1, self.best_cost, mean, median)
-        self.history.append(now)
+        of_all = float(np.mean(costs)), float(np.median(costs))
+        self.history.append(Progress(self.evaluations, self.cycles + 1, self.best_cost, *of_all))
 
     def _recorded_costs(self, count: int) -> Floats | None:
         """The next ``count`` recorded costs, or None where the record has ended."""
@@ -216,11 +215,6 @@ def _differences(wanted: Any, saved: Any, name: str = "") -> list[str]:
     if wanted == saved:
         return []
     if not isinstance(wanted, dict) or not isinstance(saved, dict):
-        return [name]
-    return [
-        difference
-        for key in sorted({*wanted, *saved})
-        for difference in _differences(
-            wanted.get(key), saved.get(key), f"{name}.{key}" if name else key
-        )
-    ]
+        return [name[1:]]
+    keys = sorted({*wanted, *saved})
+    return [d for k in keys for d in _differences(wanted.get(k), saved.get(k), f"{name}.{k}")]

@@ -31,10 +31,7 @@ _HOLD_OUT = (
     "A log to judge by, not to search on; repeatable."
     " [default: every third log; of one log its later part]"
 )
-_FORCE = "Write a profile also if it gains nothing held out."
-_ALGORITHM = "abc, cmaes, de or random, on the same budget."
 _FOOD_SOURCES = "Food sources, half of the colony. [default: 10; for sim: 100]"
-_CYCLES = "Cycles. [default: 15; for sim: 300]"
 _LIMIT = "Failures after which a food source is left. [default: sources x parameters]"
 _PARAMETERS = (
     "membership, filter; for logs also noise, sigma, gain, confidence, conditioning, calibration."
@@ -64,10 +61,10 @@ class TuneRequest(NamedTuple):
     hold_out: Annotated[list[Path] | None, option(_HOLD_OUT, metavar="LOG")] = None
     begin: From = None
     end: To = None
-    force: Annotated[bool, option(_FORCE)] = False
-    algorithm: Annotated[str, option(_ALGORITHM)] = "abc"
+    force: Annotated[bool, option("Write a profile also if it gains nothing held out.")] = False
+    algorithm: Annotated[str, option("abc, cmaes, de or random, on the same budget.")] = "abc"
     food_sources: Annotated[int | None, option(_FOOD_SOURCES, "--sources", metavar="N")] = None
-    cycles: Annotated[int | None, option(_CYCLES, metavar="N")] = None
+    cycles: Annotated[int | None, option("Cycles. [default: 15; for sim: 300]", metavar="N")] = None
     limit: Annotated[int | None, option(_LIMIT, metavar="N")] = None
     seed: Annotated[int, option("Seed of the search.", metavar="N")] = 0
     parameters: Annotated[str | None, option(_PARAMETERS, metavar="GROUP,...")] = None

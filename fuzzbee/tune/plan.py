@@ -157,10 +157,9 @@ def _paper(request: TuneRequest) -> Plan:
             f"--parameters {request.parameters}: sim: is tuned on membership, or membership,filter"
         )
     task = PaperTask(base, groups, tuple(noise), tuple(held_out))
-    named = {"noise": noise, "held_out": held_out}
     seeds = {
         name: "-".join(map(str, dict.fromkeys((chosen[0], chosen[-1]))))  # of one seed itself
-        for name, chosen in named.items()
+        for name, chosen in (("noise", noise), ("held_out", held_out))
     }
     return Plan(request, task, [{"name": SIMULATION}], "simulated vehicle's truth", seeds)
 
@@ -272,12 +271,11 @@ def _require_references(goal: str, flights: tuple[Flight, ...]) -> None:
 
 def _with_tuned_gain(base: Profile, groups: tuple[str, ...]) -> Profile:
     """The profile with the gain that the tuned numbers belong to: others would move nothing."""
-    wanted = base.filter.gain
     if CONTROLLER & {*groups}:
         wanted = "fuzzy"
-    elif "gain" in groups and wanted != "fuzzy":
-        wanted = "fixed"
-    if wanted == base.filter.gain:
+    else:
+        wanted = "fixed" if "gain" in groups else base.filter.gain
+    if base.filter.gain in ("fuzzy", wanted):
         return base
     print_line(f'the numbers of that gain are tuned: the result has filter.gain = "{wanted}"')
     return merge_profile(base, {"filter": {"gain": wanted}})

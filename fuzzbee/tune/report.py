@@ -86,16 +86,14 @@ def in_words(plan: Plan, search: Search, report: dict[str, Any]) -> str:
 
 def _change(before: dict[str, Any], after: dict[str, Any]) -> str:
     """RMS before and after, with the share of errors under sigma."""
-    return ", ".join(
-        f"{name} {_figure(before[name])} -> {_figure(after[name])}"
-        for name in before
-        if before[name] is not None and after[name] is not None
-    )
 
+    def words(figure: dict[str, Any]) -> str:
+        share = figure["coverage"]
+        under = "" if share is None else f" ({share:.2f} under sigma)"
+        return f"{figure['rms_deg']:.2f} deg{under}"
 
-def _figure(figure: dict[str, Any]) -> str:
-    share = figure["coverage"]
-    return f"{figure['rms_deg']:.2f} deg" + ("" if share is None else f" ({share:.2f} under sigma)")
+    both = {name: (was, after[name]) for name, was in before.items() if was and after[name]}
+    return ", ".join(f"{name} {words(was)} -> {words(now)}" for name, (was, now) in both.items())
 
 
 def remarks(output: Path, report: dict[str, Any], *, on_logs: bool) -> Iterator[str]:

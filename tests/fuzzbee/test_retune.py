@@ -9,7 +9,6 @@ from pymavlink import mavutil
 from drivers.events import Imu
 from drivers.mavlink.recorder import Recorder
 from estimator.profile import load_profile
-from estimator.types import ImuSample
 from fuzzbee.retuning import Retuning
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
@@ -17,7 +16,7 @@ from service.records import Message
 from service.sinks.mavlink import RecordingSink
 from service.vehicle_status import Load, status_record
 from tests.fuzzbee.recording import DATA
-from tests.paper_noise import NoiseScale, simulate_scaled
+from tests.paper_noise import NoiseScale, samples_of, simulate_scaled
 from tests.service.flight_rig import ONE, START_US
 
 LOG = DATA / "px4_hover.ulg"
@@ -37,12 +36,8 @@ def noisy_events(seconds, noisy_from_s):
     n = round(100 * seconds)
     vectors = np.where(np.arange(n) < 100 * noisy_from_s, 1.0, 5.0)
     made = simulate_scaled(400, n, NoiseScale(vectors=vectors))
-    for k in range(n):
-        columns = (made.gyr_rad_s[k], made.acc_m_s2[k], made.mag_gauss[k])
-        readings = [tuple(column.tolist()) for column in columns]
-        time_us = int(made.time_us[k])
-        sample = ImuSample(time_us, *readings, True)
-        yield Imu(ONE, START_US + time_us, time_us, "RAW_IMU", sample)
+    for sample in samples_of(made):
+        yield Imu(ONE, START_US + sample.time_us, sample.time_us, "RAW_IMU", sample)
 
 
 @pytest.mark.slow

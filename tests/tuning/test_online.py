@@ -7,9 +7,9 @@ from estimator.estimator import Estimator
 from estimator.geometry.metrics import batch_angle_errors
 from estimator.live.rows import rows_of
 from estimator.profile import load_profile, profile_to_json
-from estimator.types import ImuSample
-from tests.paper_noise import NoiseScale, simulate_scaled
-from tuning.calls import WRONG_TURN
+from estimator.types import ZERO_VEC3, ImuSample, VelocitySample
+from tests.paper_noise import NoiseScale, samples_of, simulate_scaled
+from tuning.calls import WRONG_TURN, LoggedEstimator
 from tuning.online.retuner import (
     CHANGED,
     LEAST_GAIN,
@@ -35,13 +35,14 @@ PAPER = load_profile("paper")
 CHANGE_S = 20.0
 
 
-def samples_of(made, late_us=lambda _: 0, turned=lambda _: False):
-    """The signals as samples, those for which it is so late, or with force and field turned."""
-    columns = (made.time_us, made.gyr_rad_s, made.acc_m_s2, made.mag_gauss)
-    for time_us, gyr, *vectors in zip(*map(np.ndarray.tolist, columns), strict=True):
-        time_s = 1e-6 * time_us
-        readings = [tuple(v[1:] + v[:1] if turned(time_s) else v) for v in vectors]
-        yield ImuSample(time_us + late_us(time_s), tuple(gyr), *readings, True)
+def changed(made, late_us=lambda _: 0, turned=lambda _: False):
+    """Samples, those for which it is so late, or with force and field turned."""
+    for sample in samples_of(made):
+        time_s, (force, field) = 1e-6 * sample.time_us, sample[2:4]
+        if turned(time_s):
+            force, field = force[1:] + force[:1], field[1:] + field[:1]
+        time_us = sample.time_us + late_us(time_s)
+        yield sample._replace(time_us=time_us, acc_m_s2=force, mag_gauss=field)
 
 
 def flown(
@@ -49,13 +50,13 @@ def flown(
 ):
     """An estimator after the paper's signals, its attitudes, and the mean of e since the change."""
     time_s = 0.01 * np.arange(round(100 * duration_s))
-    changed = (time_s >= CHANGE_S) & (time_s < until_s)
-    scale = NoiseScale(np.where(changed, gyroscope, 1.0), np.where(changed, vectors, 1.0))
+    is_noisy = (time_s >= CHANGE_S) & (time_s < until_s)
+    scale = NoiseScale(*(np.where(is_noisy, each, 1.0) for each in (gyroscope, vectors)))
     made = simulate_scaled(seed, len(time_s), scale)
     retuner = Retuner(PAPER, seed) if look is None else Retuner(PAPER, seed, look)
     estimator = RetunedEstimator(PAPER, retuner=retuner) if retune else Estimator(PAPER)
     q = np.empty((len(time_s), 4))
-    for k, sample in enumerate(samples_of(made, **more)):
+    for k, sample in enumerate(changed(made, **more)):
         estimator.update(sample)
         q[k] = estimator.attitude(sample.time_us).q_ned_frd
     angles = batch_angle_errors(q, made.q_ned_frd)[time_s >= CHANGE_S, 0]
@@ -130,7 +131,7 @@ def segments_of(seconds, late_us=lambda _: 0):
     """Segments of the paper's signals, and the attitudes (N, 4) that were said."""
     made, parts, output = simulate_scaled(3, round(100 * seconds), NoiseScale()), [], []
     estimator = RetunedEstimator(PAPER, on_segment=parts.append)
-    for sample in samples_of(made, late_us):
+    for sample in changed(made, late_us):
         estimator.update(sample)
         output.append(estimator.attitude(sample.time_us).q_ned_frd)
     return parts, np.array(output)
@@ -187,16 +188,13 @@ def test_factors_go_by_their_powers_and_leave_the_rest():
     }
     imu = load_profile("imu")
     twice = np.where(np.array([*numbers_of(imu)]) == "heading", 2.0, 1.0)
-    before, after = (
-        update_of(imu, factors)["conditioning"]["heading_noise_rad2_s"]
-        for factors in (np.ones(len(twice)), twice)
-    )
-    assert after == pytest.approx(4.0 * before)  # a variance
+    before, after = (update_of(imu, factors)["conditioning"] for factors in (twice**0.0, twice))
+    variance = "heading_noise_rad2_s"
+    assert after[variance] == pytest.approx(4.0 * before[variance])
 
 
 def test_somebodys_own_profile_is_the_base_from_then_on():
-    estimator = RetunedEstimator(PAPER)
-    own = load_profile("adaptive")
+    estimator, own = RetunedEstimator(PAPER), load_profile("adaptive")
     estimator.replace_profile(own)
     assert profile_to_json(estimator.retuner.profile) == profile_to_json(own)
 
@@ -207,20 +205,55 @@ def readings(noise=1.0, step_us=10_000):
     return rows_of(step_us * np.arange(1000), *columns, np.ones(1000, dtype=bool))
 
 
-def test_noise_is_what_was_put_in_and_has_moved_where_it_doubles():
-    """The paper's: 0.2 rad/s, 0.05 of each component of a unit vector; also while it turns."""
-    usual = noise_of(readings())
+def test_noise_is_what_was_put_in_also_while_it_turns():
+    """The paper's: 0.2 rad/s, 0.05 of each component of a unit vector."""
+    given = readings()
     # across the vector; along it a unit vector has no noise
-    assert usual == pytest.approx([3 * 0.2**2, 2 * 0.05**2, 2 * 0.05**2], rel=0.2)
+    expected = [3 * 0.2**2, 2 * 0.05**2, 2 * 0.05**2]
+    assert noise_of(given) == pytest.approx(expected, rel=0.2)
     assert (noise_of(readings(noise=0.0))[1:] < 1e-5).all()
     assert noise_of(readings(step_us=250_000)) is None
-    assert has_moved(usual, noise_of(readings(noise=2.0)))
-    assert has_moved(usual, noise_of(readings(noise=0.5)))
-    assert not has_moved(usual, noise_of(readings(noise=1.2)))
-    given = readings()
     known = abs(np.arange(1000) - 550) <= 250
     unread = given._replace(has_mag=known, mag_gauss=np.where(known[:, None], given.mag_gauss, 0.0))
     read = type(given)(*(column[known] for column in given))
     assert noise_of(unread)[2] == pytest.approx(noise_of(read)[2])
-    magnet = given._replace(mag_gauss=1.4 * given.mag_gauss)
-    assert not has_moved(usual, noise_of(magnet))
+
+
+@pytest.mark.parametrize(
+    ("noise", "field", "moved"),
+    [(2.0, 1.0, True), (0.5, 1.0, True), (1.2, 1.0, False), (1.0, 1.4, False)],
+)
+def test_noise_has_moved_where_it_doubles_and_not_by_a_stronger_field(noise, field, moved):
+    now = readings(noise)
+    assert (
+        has_moved(noise_of(readings()), noise_of(now._replace(mag_gauss=field * now.mag_gauss)))
+        == moved
+    )
+
+
+# --- every call that changes an estimator is logged
+
+# They change nothing, call what is logged, or are logged by whoever keeps segments: a profile ends
+# one. Nor does a property change anything.
+NOT_LOGGED = {"attitude", "update_velocity", "replace_profile"}
+# In place of ``update``, for arrays of samples, which nobody retunes on.
+OF_ARRAYS = {"take", "update_rows"}
+
+
+def test_every_change_from_outside_is_logged():
+    """A new method of the estimator is overridden in LoggedEstimator, or named here."""
+    methods = {name for name, each in vars(Estimator).items() if not isinstance(each, property)}
+    public = {name for name in methods if not name.startswith("_")}
+    logged = {name for name in vars(LoggedEstimator) if not name.startswith("_")}
+    assert public - logged == NOT_LOGGED | OF_ARRAYS
+
+
+def test_of_samples_without_a_call_between_them_nothing_is_kept():
+    """Whoever keeps a call for each keeps 800 bytes for each."""
+    recorder = LoggedEstimator(load_profile("imu"))
+    for k in range(100):
+        if k == 50:
+            recorder.update_report(VelocitySample(1000 * k, ZERO_VEC3, True, 0.5))
+        recorder.update(ImuSample(1000 * k, ZERO_VEC3, (0.0, 0.0, -9.8), ZERO_VEC3, False))
+    assert recorder.taken == 100
+    assert [(k, len(calls)) for k, calls in recorder.calls.items()] == [(50, 1)]

@@ -1,8 +1,9 @@
-"""The search's costs against those of the experiment, run by run."""
+"""The search's costs against those of the experiment, and its against SciPy."""
 
 import msgspec
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from estimator.errors import InputError
 from estimator.profile import load_profile
@@ -60,3 +61,24 @@ def test_refuses_a_base_that_is_not_the_papers_system():
     ):
         with pytest.raises(InputError, match=reported):
             paper_task(base=other)
+
+
+def test_its_figures_are_those_of_the_paper_and_of_scipy():
+    """The angle, the paper's sum, and when the error is first below one percent.
+
+    It starts next to the unstable equilibrium.
+    """
+    result = run_experiment(load_profile("paper"), seed=7)
+    assert result.true_error[0] == pytest.approx(0.9997, abs=5e-5)
+    truth = Rotation.from_quat(np.roll(result.truth, -1, axis=1))
+    estimate = Rotation.from_quat(np.roll(result.estimates, -1, axis=1))
+    angle = (truth.inv() * estimate).magnitude()
+    np.testing.assert_allclose(result.true_error, np.sin(angle / 2.0) ** 2, atol=1e-12)
+    t = np.arange(1501) * 0.01
+    transient, steady = t <= 1.0 + 1e-9, (t >= 4.0 - 1e-9) & (t <= 14.0 + 1e-9)
+    expected = 0.3 * result.true_error[transient].sum() + result.true_error[steady].sum()
+    assert result.cost == pytest.approx(expected, rel=1e-12)
+    first = next(k for k, e in enumerate(result.true_error) if e < 0.01)
+    assert 0 < first < 1000
+    assert result.settling_s == pytest.approx(0.01 * first)
+    assert result.mean_gain == pytest.approx(result.gains.mean())

@@ -5,6 +5,7 @@ import pytest
 
 from drivers.simulation.simulated_vehicle import simulate
 from estimator.geometry.metrics import COST_SAMPLES, STEADY
+from estimator.geometry.rotations import unit
 from estimator.live.settings import settings_of
 from estimator.profile import load_profile
 from tests.paper_noise import NoiseScale, simulate_scaled
@@ -26,11 +27,6 @@ def figures(profile, noise, gain=None):
     )
 
 
-def test_it_costs_less_than_the_papers_at_the_papers_noise():
-    """Measured: J 5.5 and 5.8 on these seeds."""
-    assert figures("adaptive", NoiseScale())[0] < 0.97 * figures("paper", NoiseScale())[0]
-
-
 @pytest.mark.parametrize("mix", MIXES)
 def test_at_five_times_the_noise_it_is_as_steady_as_the_fixed_gain_that_is_best_there(mix):
     """Within 1.15 of the best in hindsight, and settled as soon as the largest gain."""
@@ -40,11 +36,14 @@ def test_at_five_times_the_noise_it_is_as_steady_as_the_fixed_gain_that_is_best_
     assert settling_s <= 1.2 * figures("paper", MIXES[mix], 100.0)[2]
 
 
-def test_the_papers_gain_knows_one_noise_only():
-    """What the profile is for: five times the vectors' noise undoes the rules of the paper."""
-    assert (
-        figures("paper", MIXES["vectors x5"])[1] > 3.0 * figures("adaptive", MIXES["vectors x5"])[1]
+def test_it_costs_less_than_the_papers_whose_rules_suit_one_noise():
+    """Measured: J 5.5 and 5.8 at the paper's noise. Five times that of the vectors undoes them."""
+    usual, noisy = (
+        [figures(profile, noise) for profile in ("adaptive", "paper")]
+        for noise in (NoiseScale(), MIXES["vectors x5"])
     )
+    assert usual[0][0] < 0.97 * usual[1][0]
+    assert noisy[1][1] > 3.0 * noisy[0][1]
 
 
 def with_outliers(seed, share):
@@ -53,10 +52,8 @@ def with_outliers(seed, share):
     columns = []
     for column in (signals.acc_m_s2, signals.mag_gauss):
         is_wrong = rng.random(len(column)) < share
-        wrong = rng.normal(size=column.shape)
-        wrong *= np.linalg.norm(column, axis=1, keepdims=True) / np.linalg.norm(
-            wrong, axis=1, keepdims=True
-        )
+        wrong = unit(rng.normal(size=column.shape))
+        wrong *= np.linalg.norm(column, axis=1, keepdims=True)
         columns.append(np.where(is_wrong[:, None], wrong, column))
     return signals._replace(acc_m_s2=columns[0], mag_gauss=columns[1])
 

@@ -39,17 +39,13 @@ def test_what_is_to_end_the_parent_ends_no_worker(number):
         assert [first, *answers, *pool(ROWS)] == [25.0, 1.0, 100.0] * 2
 
 
-def test_a_worker_that_is_killed_is_an_error():
-    with Pool(own_pid, 2) as pool:
+def test_a_worker_that_is_killed_is_an_error_and_one_process_is_this_one():
+    with Pool(own_pid, 1) as alone, Pool(own_pid, 2) as pool:
+        assert [*alone([0.0])] == [os.getpid()]
         (worker,) = pool([0.0])
         os.kill(worker, signal.SIGKILL)
         with pytest.raises(ChildProcessError, match="has ended"):
             list(pool([0.0] * 8))
-
-
-def test_one_process_is_this_one():
-    with Pool(own_pid, 1) as pool:
-        assert [*pool([0.0])] == [os.getpid()]
 
 
 PROGRAM = """
@@ -70,14 +66,8 @@ def test_a_parent_that_is_killed_takes_its_workers_along(tmp_path):
     (folder / "multiprocessing.py").write_text("raise SystemExit('a stranger')")
     program.write_text(PROGRAM)
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
-    process = subprocess.Popen(
-        [sys.executable, str(program)],
-        cwd=folder,
-        env=environment,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    with process:
+    line = [sys.executable, str(program)]
+    with subprocess.Popen(line, cwd=folder, env=environment, stdout=subprocess.PIPE) as process:
         worker = int(process.stdout.readline())
         workers = descendants(process.pid)
         assert worker in workers

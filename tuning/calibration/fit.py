@@ -61,7 +61,7 @@ def fit_sensors(recordings: Sequence[Recording]) -> SensorFit:
         problem.improve()
     for each in trajectories:
         if each.has_field and each.is_field_foreign:
-            each.leave_out_field()
+            each.is_heard = False
     problem.improve()
     x, _ = problem.step()
     parts = np.concatenate([np.arange(len(of_one)) * PARTS // len(of_one) for of_one in cut])
@@ -72,7 +72,7 @@ def fit_sensors(recordings: Sequence[Recording]) -> SensorFit:
     for each in trajectories:
         each.believe_sigmas()
     if len(recordings) == 1:
-        problem.leave_out_scatter()
+        problem.vary *= NO_SCATTER  # all pieces have the same constants
     _, covariance = problem.step()
     sigma = np.sqrt(np.diag(covariance))
     left = (sigma / problem.prior) ** 2
@@ -113,16 +113,12 @@ class _Problem:
         vary = VARY.copy()
         for sigmas in (self.prior, vary):
             sigmas[33:] *= max(each.strength_gauss for each in trajectories)
-        self._vary = vary**2
+        self.vary = vary**2
         self._x = np.zeros(CONSTANTS)
         # A common turn of all sensors is what the constants before say: rounding would move it.
         self._pins = TURNS / self.prior[:, None] ** 2
         self._turn_variance = 1.0 / np.sum(TURNS * self._pins, axis=0)
         self._seen: list[tuple[Floats, Floats]] = []
-
-    def leave_out_scatter(self) -> None:
-        """Let all pieces have the same constants from now on."""
-        self._vary = NO_SCATTER * self._vary
 
     def seen(self) -> tuple[Floats, Floats]:
         """What each piece showed in the last step: A and b of its loss x.A x / 2 - b.x.
@@ -145,7 +141,7 @@ class _Problem:
 
         A piece is tied to them alone, so what is its own is eliminated piece by piece.
         """
-        x, tie, common = self._x, 1.0 / self._vary, np.arange(CONSTANTS)
+        x, tie, common = self._x, 1.0 / self.vary, np.arange(CONSTANTS)
         pins = PINNED * self._pins * self._turn_variance
         normal = np.diag(self.prior**-2) + pins @ self._pins.T
         gradient = normal @ x

@@ -59,16 +59,11 @@ def pieces(recording: Recording) -> Iterator[Recording]:
         beside = (velocity_s >= first_s) & (velocity_s <= last_s)
         if beside.sum() < least:
             continue
-        yield recording._replace(
-            time_s=time_s[rows],
-            gyr_rad_s=recording.gyr_rad_s[rows],
-            acc_m_s2=recording.acc_m_s2[rows],
-            mag_gauss=recording.mag_gauss[rows],
-            has_mag=recording.has_mag[rows],
-            q_ned_frd=recording.q_ned_frd[rows],
-            velocity_time_s=velocity_s[beside],
-            velocity_ned_m_s=recording.velocity_ned_m_s[beside],
-        )
+        of_rows = ("time_s", "gyr_rad_s", "acc_m_s2", "mag_gauss", "has_mag", "q_ned_frd")
+        of_velocities = ("velocity_time_s", "velocity_ned_m_s")
+        parts = {name: getattr(recording, name)[rows] for name in of_rows}
+        parts |= {name: getattr(recording, name)[beside] for name in of_velocities}
+        yield recording._replace(**parts)
 
 
 class Spans(NamedTuple):
@@ -92,12 +87,6 @@ class Spans(NamedTuple):
     field_by_lag: Floats  # (K, 3)
     turned: Floats  # (K, 3, 3), mean of the turns T since the begin
     turned_twice: Floats  # (K, 3, 3, 3, 3), mean of T_ia T_jb
-
-
-def node_rows(time_s: Floats) -> Rows:
-    """The rows (K + 1,) at which nodes stand."""
-    step = max(1, round(SPAN_S / max(float(np.median(np.diff(time_s))), 1e-6)))
-    return np.arange(0, len(time_s), step)
 
 
 def spans_of(recording: Recording, rows: Rows, x: Floats) -> Spans:

@@ -18,7 +18,6 @@ from tuning.calibration.spans import (
     Recording,
     Rows,
     cross_matrix,
-    node_rows,
     rotation,
     rotation_vector,
     spans_of,
@@ -53,11 +52,13 @@ HELD = np.array([1.0] * 3 + [1e-4] * 3 + [1e-6] * 3)
 class Trajectory:
     """The nodes of a recording, its constants ``x`` (36,) and its own numbers.
 
-    ``has_rates`` says whether a velocity is.
+    ``has_rates`` says whether a velocity is, ``is_heard`` whether the compass counts.
     """
 
     def __init__(self, recording: Recording) -> None:
-        self._recording, self._rows = recording, node_rows(recording.time_s)
+        self._recording, time_s = recording, recording.time_s
+        step = max(1, round(SPAN_S / max(float(np.median(np.diff(time_s))), 1e-6)))
+        self._rows = np.arange(0, len(time_s), step)
         q = recording.q_ned_frd[self._rows]
         self._R: Floats = Rotation.from_quat(np.roll(q, -1, axis=1)).as_matrix()
         self._times_s = recording.time_s[self._rows]
@@ -69,7 +70,7 @@ class Trajectory:
         self.strength_gauss = max(float(np.linalg.norm(self.field_ned_gauss)), 1e-6)
         share = 1.0 if recording.field_ned_gauss is None else KNOWN_FIELD
         self._own_sigma = np.array([share * self.strength_gauss] * 3 + [*LAGS_S])
-        self._is_heard = True  # the compass
+        self.is_heard = True
         of_field = np.where(np.arange(KINDS) == FIELD, self.strength_gauss, 1.0)
         self._variance = (np.array(FIRST) * of_field) ** 2  # of one that stands alone
         self._seen = self._variance.copy()
@@ -81,7 +82,7 @@ class Trajectory:
     @property
     def has_field(self) -> bool:
         """Whether a compass was read."""
-        return self._is_heard and bool(self._spans.has_field.any())
+        return self.is_heard and bool(self._spans.has_field.any())
 
     @property
     def lags_s(self) -> Floats:
@@ -98,10 +99,6 @@ class Trajectory:
         """Whether the field is none of the place: iron all around has turned it."""
         off = self._own[OWN_FIELD] / self._own_sigma[OWN_FIELD]
         return bool(np.linalg.norm(off) > FOREIGN)
-
-    def leave_out_field(self) -> None:
-        """Do without the compass from now on."""
-        self._is_heard = False
 
     def linearise(self) -> None:
         """Sum up the readings anew, by the constants as they are now."""
@@ -198,7 +195,7 @@ class Trajectory:
         """One over the variance (K, 5)."""
         w = _robust(r / self._sizes[:, None]) / self._variance
         w[:, :PLACE] *= self._spans.is_whole[:, None]
-        w[:, FIELD] *= self._spans.has_field & self._is_heard
+        w[:, FIELD] *= self._spans.has_field & self.is_heard
         w[:, PLACE] *= not self.has_rates
         return np.asarray(w)
 
@@ -262,17 +259,12 @@ def _robust(r: Floats) -> Floats:
     return np.asarray(1.0 / (1.0 + np.mean(r * r, axis=-1) / ROBUST**2))
 
 
-def _size(r: Floats) -> float:
-    """Sigma of normal variables by their median size."""
-    return 1.4826 * float(np.median(np.abs(r)))
-
-
 def _learnt(r: Floats, step_s: float) -> tuple[float, float]:
     """The size of residuals in a row (N, 3), and the variance of one that would stand alone.
 
     That is as many times larger as residuals in a row say the same: 1 + 2 sum of autocorrelations.
     """
-    size = max(_size(r), 1e-6)
+    size = max(1.4826 * float(np.median(np.abs(r))), 1e-6)  # sigma of normal variables
     r = np.clip(r / size, -3.0, 3.0)
     alike, power = 1.0, float(np.mean(r * r))
     for lag in range(1, min(round(LONGEST_ALIKE_S / step_s), len(r) // 4)):

@@ -41,9 +41,7 @@ CHANGED, BACK = "noise has changed", "taken back"
 # Search from kept positions (M, D); returns those to keep
 Look = Callable[[Search, Floats, np.random.Generator], Floats]
 
-# In all, and in one move.
-MOST_FACTOR = 30.0
-MOST_MOVE = 3.0
+MOST_FACTOR, MOST_MOVE = 30.0, 3.0  # in all, and in one move
 
 # Keys of a profile (section, key, power) that are multiplied by powers of one factor, by its name.
 Numbers = dict[str, tuple[tuple[str, str, float], ...]]
@@ -81,11 +79,6 @@ def update_of(base: Profile, factors: Floats) -> dict[str, dict[str, float]]:
         for section, key, power in keys:
             update.setdefault(section, {})[key] = tree[section][key] * factor**power
     return update
-
-
-def with_factors(base: Profile, factors: Floats) -> Profile:
-    """The base with its numbers changed by ``factors`` (D,)."""
-    return merge_profile(base, update_of(base, factors))
 
 
 def space_around(base: Profile, factors: Floats) -> Space:
@@ -165,7 +158,7 @@ class Retuner:
     @property
     def profile(self) -> Profile:
         """What should be in force."""
-        return with_factors(self._base, self._now)
+        return merge_profile(self._base, update_of(self._base, self._now))
 
     def take(self, segment: Segment) -> Decision | None:
         """The next segment; what follows from it.
@@ -196,8 +189,13 @@ class Retuner:
             self._trials = self._search(window[0])
         tried = [t.with_costs(now, self._cost(t.factors, *window)) for t in self._trials]
         won = max((t for t in tried if t.has_won), key=lambda t: t.share, default=None)
-        self._trials = [trial for trial in tried if trial.is_open]
-        return None if won is None else self._move(won)
+        if won is None:
+            self._trials = [trial for trial in tried if trial.is_open]
+            return None
+        self._before, self._now = self._now, won.factors
+        self._trials, self._last, self._is_fresh = [], None, won.reason == CHANGED
+        factors = dict(zip(numbers_of(self._base), self._now.tolist(), strict=True))
+        return Decision(update_of(self._base, self._now), won.reason, won.share, factors)
 
     def _search(self, segment: Segment) -> list[Trial]:
         """The colony's best, the base, and what was in force before."""
@@ -216,20 +214,8 @@ class Retuner:
         candidates = [Trial(search.best_values, CHANGED), *(Trial(each, BACK) for each in back)]
         return [each for each in candidates if np.any(each.factors != self._now)]
 
-    def _move(self, won: Trial) -> Decision:
-        """Put it in force."""
-        self._before, self._now = self._now, won.factors
-        self._trials, self._last = [], None
-        self._is_fresh = won.reason == CHANGED
-        return Decision(
-            update=update_of(self._base, self._now),
-            reason=won.reason,
-            gain=won.share,
-            factors=dict(zip(numbers_of(self._base), self._now.tolist(), strict=True)),
-        )
-
     def _cost(self, factors: Floats, *segments: Segment) -> Floats:
-        return cost_on(with_factors(self._base, factors), *segments)
+        return cost_on(merge_profile(self._base, update_of(self._base, factors)), *segments)
 
 
 class RetunedEstimator(LoggedEstimator):

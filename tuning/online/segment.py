@@ -5,14 +5,13 @@ estimate predicts half a second ahead by the gyroscope alone, and those measured
 start's mean e over the second behind it is added, as if there were one each five minutes.
 """
 
-from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from estimator.aiding.phase import Phase
-from estimator.arrays import Bools, Floats
+from estimator.arrays import Floats
 from estimator.estimator import Estimator
 from estimator.geometry.metrics import batch_angle_errors
 from estimator.geometry.quaternion import multiply
@@ -21,7 +20,7 @@ from estimator.live.core import Snapshot, with_attitude
 from estimator.live.rows import Rows, cut, rows_of
 from estimator.profile import Profile
 from estimator.types import ImuSample, Quaternion
-from tuning.calls import WRONG_TURN, Call, Calls, Course, course_of, split_calls
+from tuning.calls import WRONG_TURN, Calls, Course, course_of, split_calls
 from tuning.prediction import heading_errors, predicted_vectors
 
 SEGMENT_S = 5.0
@@ -85,11 +84,9 @@ def fly_segments(
     estimator = Estimator(segments[0].profile, segments[0].fixed_gain)
     estimator.snapshot = before
     estimator.replace_profile(profile)
-    calls: dict[int, Sequence[Call]] = {}
-    first = 0
-    for segment in segments:
-        calls |= {first + k: each for k, each in segment.calls.items()}
-        first += len(segment.samples)
+    firsts = np.cumsum([0, *(len(segment.samples) for segment in segments)]).tolist()
+    pairs = zip(firsts[:-1], segments, strict=True)
+    calls = {first + k: each for first, segment in pairs for k, each in segment.calls.items()}
     reports, others = split_calls(calls)
     return course_of(estimator, cut(rows_of_all(segments), 0, most), others, reports=reports)
 
@@ -112,8 +109,7 @@ def cost_on(profile: Profile, *segments: Segment) -> Floats:
     off_north = np.sin(0.5 * heading_errors(field)) ** 2
     off = np.where(np.isfinite(off_north), 0.5 * (off + off_north), off)
     known = np.isfinite(off)
-    time_s = 1e-6 * (rows.times_us[known] - rows.times_us[0])
-    block = (time_s / BLOCK_S).astype(int)
+    block = (1e-6 * (rows.times_us[known] - rows.times_us[0]) / BLOCK_S).astype(int)
     found = [float(off[known][block == b].mean()) for b in np.unique(block)]
     return np.array(found or [0.0]) + PULL_IN_WEIGHT * _pull_in(profile, segments[-1])
 
@@ -138,26 +134,22 @@ def noise_of(rows: Rows) -> Floats | None:
     is_fast = step_s <= LONGEST_STEP_S
     if 2 * is_fast.sum() < len(step_s):
         return None
-    turn = exp(-rows.gyr_rad_s[1:] * step_s[:, None])
-
-    def changes(vectors: Floats) -> Floats:
-        """By how much each direction is another than the one before, turned against the body."""
+    turn, has_field = (
+        exp(-rows.gyr_rad_s[1:] * step_s[:, None]),
+        rows.has_mag[1:] & rows.has_mag[:-1],
+    )
+    # by how much each is another than the one before, turned against the body
+    changes = [np.diff(rows.gyr_rad_s, axis=0)]
+    for vectors in (rows.acc_m_s2, rows.mag_gauss):
         length = np.linalg.norm(vectors, axis=1, keepdims=True)
         unit = vectors / np.maximum(length, LEAST_NOISE)
-        return np.asarray(unit[1:] - rotate(turn, unit[:-1]))
-
-    def mean_square(changes: Floats, known: Bools) -> float:
-        """Of one reading's noise: a change has that of two."""
-        return float(0.5 * np.sum(changes[known] ** 2) / max(1, known.sum()))
-
-    has_field = rows.has_mag[1:] & rows.has_mag[:-1]
-    return np.array(
-        [
-            mean_square(np.diff(rows.gyr_rad_s, axis=0), is_fast),
-            mean_square(changes(rows.acc_m_s2), is_fast),
-            mean_square(changes(rows.mag_gauss), is_fast & has_field),
-        ]
-    )
+        changes.append(unit[1:] - rotate(turn, unit[:-1]))
+    known = (is_fast, is_fast, is_fast & has_field)
+    # a change has the noise of two readings
+    squares = [
+        0.5 * np.sum(c[k] ** 2) / max(1, k.sum()) for c, k in zip(changes, known, strict=True)
+    ]
+    return np.array(squares)
 
 
 def has_moved(learnt: Floats, now: Floats) -> bool:
