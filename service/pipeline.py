@@ -100,15 +100,15 @@ class Pipeline:
 
         With ``now_us`` (host time) the attitude that waits for an IMU sample is among that.
         """
-        if isinstance(event, Imu):  # most events are, or reports
+        if isinstance(event, Imu):  # nearly all are, or one of the next two
             return self._on_imu(event, now_us)
+        if isinstance(event, events.ReferenceAttitude):
+            return self.on_reference(event)
         if isinstance(event, events.Report):
             if (vehicle := self._vehicles.get(event.vehicle)) is not None:
                 vehicle.on_report(event)
             return []
         match event:
-            case events.ReferenceAttitude():
-                return self.on_reference(event)
             case events.Forgotten(vehicle=address):
                 self._forget(address)
             case events.RefusedFrames(vehicle=address, reason=reason, frames=frames):

@@ -26,6 +26,8 @@ MOST_TRIED, BYTES_A_TRY = 100, 64
 SIGNED_FLAG = 0x01  # the only incompatibility flag there is; frames with others are not for us
 _MAGIC = re.compile(rb"[\xfd\xfe]")
 _MAGICS = (MAGIC_V1, MAGIC_V2)
+# flags, the sequence number, system, component, and the message's number, whose upper byte is apart
+_OF_V2, _OF_V1 = Struct("<xxBxBBBHB").unpack_from, Struct("<xxBBBB").unpack_from
 _STRETCH = 1 << 12  # bytes; one without a marker is passed over some fifty times as fast
 
 Data = mmap.mmap | bytes
@@ -61,14 +63,14 @@ class FrameFormat:
 
     def frame(self, data: Data, start: int, end: int) -> Frame | None:
         """The frame from ``start`` to ``end``, as :func:`frame_end` gave it; None if unsound."""
+        crc_at, header, flags = end - CHECKSUM_SIZE, HEADER_V2, 0
         if data[start] == MAGIC_V2:
-            is_signed = bool(data[start + 2] & SIGNED_FLAG)
-            message_id = data[start + 7] | data[start + 8] << 8 | data[start + 9] << 16
-            crc_at = end - CHECKSUM_SIZE - (SIGNATURE_SIZE if is_signed else 0)
-            header, sender = HEADER_V2, start + 5
+            flags, sequence, system, component, message_id, upper = _OF_V2(data, start)
+            message_id |= upper << 16
+            crc_at -= SIGNATURE_SIZE if flags else 0
         else:
-            is_signed, message_id = False, data[start + 5]
-            crc_at, header, sender = end - CHECKSUM_SIZE, HEADER_V1, start + 3
+            header = HEADER_V1
+            sequence, system, component, message_id = _OF_V1(data, start)
         extra = self._crc_extra.get(message_id)
         if extra is None:
             if not self.is_followed(data, end):
@@ -82,13 +84,13 @@ class FrameFormat:
             Frame,
             (
                 message_id,
-                data[sender],
-                data[sender + 1],
+                system,
+                component,
                 data[start:end],
                 header,
                 crc_at - start,
-                is_signed,
-                data[sender - 1],
+                bool(flags),
+                sequence,
             ),
         )
 

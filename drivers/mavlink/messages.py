@@ -12,7 +12,7 @@ from math import isfinite
 from struct import calcsize
 from typing import Any, NamedTuple
 
-from drivers.events import BodyRates, Event
+from drivers.events import BodyRates, Event, Value
 from drivers.mavlink import constants as mav
 from drivers.mavlink.framing import Frame, layout
 from drivers.samples.imu_stream import Stamp
@@ -151,7 +151,7 @@ def imu_number_offset(message_id: int) -> int | None:
 # --- other messages
 
 
-class Received(NamedTuple):
+class Received(Value, frozen=True):
     """A message's name, its fields as attributes, and when it arrived (host's Unix time)."""
 
     name: str

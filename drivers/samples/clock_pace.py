@@ -1,7 +1,8 @@
 """Whether a clock keeps time: its seconds compared with the host's."""
 
 from dataclasses import dataclass
-from typing import NamedTuple
+
+from drivers.events import Value
 
 SECOND_US = 1_000_000
 LONGEST_SECOND_US = 2 * SECOND_US  # a longer time without a message is a gap, not a pace
@@ -12,7 +13,7 @@ OFF_PACE, OFF_SECONDS = 5, 2
 STEADY_SECONDS, STEADY_LATE_US = 5, SECOND_US // 10
 
 
-class Moment(NamedTuple):
+class Moment(Value, frozen=True):
     """A message's time on its clock, unwrapped, and its arrival."""
 
     boot_us: int

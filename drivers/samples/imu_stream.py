@@ -20,7 +20,7 @@ REPEAT_US = 240_000  # autopilots repeat a 10 Hz field; equal values in a 4 Hz s
 MOST_HELD = 64
 
 
-class Stamp(NamedTuple):
+class Stamp(Value, frozen=True):
     """A message's time on one of the vehicle's clocks, and the arrival that its events carry."""
 
     clock: TimeField
@@ -110,7 +110,7 @@ class ImuStream:
 
     def judge(self, stamp: Stamp, gyr: Vec3, acc: Vec3, field: Field) -> Reading | Reason:
         """The reading, or why it is no data."""
-        _, raw_us, arrival_us = stamp
+        raw_us, arrival_us = stamp.raw_us, stamp.arrival_us
         refusal = imu_refusal(gyr, acc)
         if refusal is not None:
             return refusal

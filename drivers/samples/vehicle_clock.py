@@ -241,7 +241,7 @@ class ClockLine:
     def _unwrapped(self, now: Moment, last: Moment) -> Moment:
         if self.wrap_us == 0 or last.boot_us - now.boot_us < self.wrap_us // 2:
             return now
-        wrapped = now._replace(boot_us=now.boot_us + self.wrap_us)
+        wrapped = Moment(now.boot_us + self.wrap_us, now.arrival_us)
         if last.boot_us - self.wrapped_us >= self.wrap_us or self._is_step(wrapped, last):
             return now
         self.wrapped_us += self.wrap_us

@@ -50,7 +50,7 @@ def check_compass(state: State, report: Report) -> None:
     """Compare the compass with the heading by velocity, and act if they contradict."""
     if state.context.phase is not Phase.AIDED:
         return
-    now = state.core.core
+    now = state.core.core_in_arrays
     if not state.context.is_by_field:
         judge_mounting(state, now)
         return

@@ -78,6 +78,11 @@ class Holder:
         return as_put
 
     @property
+    def core_in_arrays(self) -> Core:
+        """The core to be looked at: what is long stays in arrays, in half of the time."""
+        return self._contents() if "_handle" in self.__dict__ else self._core
+
+    @property
     def time_us(self) -> int:
         """Time of the last sample."""
         return self._status()[0]
