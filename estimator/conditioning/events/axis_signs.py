@@ -139,7 +139,8 @@ def taken_along(state: AxisSigns, gravity: GravityState, since_leap_s: float) ->
     about_down = dot(state.turned, down) ** 2 / max(square(down), TINY)
     by_iron = share
     if since_leap_s >= LONG_S:
-        by_iron = min(share, max(NORM_SCALE**2, share - UNPROVEN_S / state.turns))
+        measured = (state.moves - UNPROVEN_S) / (state.turns + LATELY_S)
+        by_iron = min(share, max(NORM_SCALE**2, measured))
     return share * max(0.0, square(state.turned) - about_down) + by_iron * about_down
 
 
@@ -216,13 +217,13 @@ def judge(
     quiet = field.by_noise / variance
     learn = dt_s / (state.age_s + dt_s) * (min(ratio, 2.0) - 1.0)
     keep = LONG_S / (LONG_S + dt_s)
-    # A field goes along by twice the turn at most. What was learnt is forgotten: it is unproven.
+    # a field goes along by twice the turn at most
     moves = min(square(field.moved), 2.0 * variance) - field.by_noise
     moves = max(0.0, min(moves, 4.0 * square(state.turned)))
     return with_judged(
         state,
-        UNPROVEN_S + keep * (state.moves - UNPROVEN_S + dt_s * moves),
-        UNPROVEN_S + keep * (state.turns - UNPROVEN_S + dt_s * square(state.turned)),
+        keep * (state.moves + dt_s * moves),
+        max(1e-12, keep * (state.turns + dt_s * square(state.turned))),
         max(1.0, state.by_noise * (1.0 + learn * quiet)),
         squares,
         since_s,

@@ -275,6 +275,24 @@ def test_a_field_that_stays_while_the_vehicle_turns(rate_rad_s, shaking_rad_s, s
     assert not stream.faults.stuck.mag.is_proven
 
 
+def test_a_slow_compass_in_a_fast_stream_is_not_stuck_while_it_turns():
+    """At 3 Hz of 200 the same field comes 66 times, as often as it always does."""
+    stream, mag = Stream(), FIELD
+    for k in range(4000):
+        rate_rad_s = 0.8 * (k >= 1000)
+        mag = stream.noise(FIELD, 0.002) if k % 66 == 0 else mag
+        stream.feed(gyr=stream.noise((0.0, 0.0, rate_rad_s), 0.001), mag=mag, step_us=5000)
+        assert not stream.faults.stuck.mag.is_proven
+
+
+def test_a_clock_that_is_set_back_makes_no_compass_stuck():
+    stream = Stream()
+    for k in range(600):
+        gyr = stream.noise((0.0, 0.0, 0.04), 0.001)
+        stream.feed(gyr=gyr, mag=FIELD, step_us=-300_000_000 if k == 300 else STEP_US)
+        assert not stream.faults.stuck.mag.is_proven or k >= 625  # 0.5 rad in all
+
+
 @pytest.mark.parametrize(("readings", "is_blind"), [(1, False), (2, True)])
 def test_blindness_is_reported_from_30_ms_on(readings, is_blind):
     """One saturated reading alone, at 50 Hz, hides 20 ms."""

@@ -51,26 +51,31 @@ def after(
     swing_rad_s=0.5,
     sensed=AS_IT_IS,
     leap_s=np.inf,
+    before_s=10.0,
+    noise=0.0,
 ):
     """The signs of a body that turns so (rad/s) by a gyroscope with this error of its axes.
 
-    ``stretch`` is the field's strength while that lasts. Ten seconds precede it without an error,
+    ``stretch`` is the field's strength while that lasts. ``before_s`` precede it without an error,
     in which the body swings about x and y. The compass shows ``sensed`` times the field, from
-    ``leap_s`` on if given.
+    ``leap_s`` on if given, with ``noise`` as a share of it, which wanders within seconds.
+    The gyroscope has a tenth of that in rad/s.
     """
+    rng, wander = np.random.default_rng(1), np.zeros(3)
     signs, q_true, q_g = AxisSigns(), IDENTITY, IDENTITY
     slow = quick = (0.0, 0.0, 9.8)
-    for k in range(round((10.0 + seconds) / DT_S)):
-        is_wrong = k * DT_S >= 10.0
+    for k in range(round((before_s + seconds) / DT_S)):
+        is_wrong = k * DT_S >= before_s
         swing = 0.0 if is_wrong else swing_rad_s * np.sin(k * DT_S)
         true = np.add(turning, (swing, 0.7 * swing, 0.0))
-        rate = tuple(np.add(true, error)) if is_wrong else tuple(true)
+        rate = tuple(true + 0.1 * noise * rng.normal(size=3) + np.multiply(error, is_wrong))
         q_true = normalize(multiply(q_true, exp(scale(DT_S, tuple(true)))))
         q_g = normalize(multiply(q_g, exp(scale(DT_S, rate))))
         body = scale(stretch if is_wrong else 1.0, rotate(conjugate(q_true), FIELD))
         since_leap_s = k * DT_S - leap_s if np.isfinite(leap_s) else LONG_S
         body = tuple(sensed @ body) if since_leap_s >= 0.0 else body
-        field_g = rotate(q_g, body)
+        wander = 0.99 * wander + 0.14 * 0.48 * noise * rng.normal(size=3)
+        field_g = rotate(q_g, tuple(body + wander + 0.16 * noise * rng.normal(size=3)))
         jump = JumpSigns(
             quick=field_g,
             quick_norm=float(np.linalg.norm(field_g)),
@@ -139,6 +144,13 @@ def test_a_field_of_another_strength_contradicts_no_axis():
     error = (0.2, 0.0, 0.0)
     assert after(3.0, error, force_scatter=1.0, stretch=1.35).squares == (0.0, 0.0, 0.0)
     assert after(3.0, error, force_scatter=1.0).squares[0] > 0.0
+
+
+def test_a_noisy_field_at_rest_does_not_hide_a_fault():
+    """Its noise goes along with no turn, and what moved it long ago is forgotten."""
+    for before_s in (20.0, 200.0):
+        found = after(4.0, (0.0, 0.0, 0.3), swing_rad_s=0.0, before_s=before_s, noise=0.02)
+        assert np.sqrt(found.squares[2]) > 0.1
 
 
 def test_what_nothing_renews_is_forgotten():
