@@ -8,6 +8,7 @@ import pytest
 from drivers.events import (
     ClockReset,
     CommandAck,
+    Forgotten,
     Heartbeat,
     Imu,
     Notice,
@@ -421,14 +422,17 @@ def test_a_link_of_any_number_of_senders_and_streams_is_remembered_within_bounds
     assert refused == 256 - MOST_STREAMS
 
 
-def test_a_sender_with_an_imu_takes_the_place_of_one_without():
+def test_a_sender_with_an_imu_takes_the_slot_of_whoever_has_none_and_is_silent_for_longest(
+    monkeypatch,
+):
     """A table that is full of heartbeats, all of them fresh."""
+    monkeypatch.setattr("drivers.mavlink.decoder.MOST_SENDERS", 3)
     decoder = MavlinkDecoder()
-    addresses = [divmod(n, 250) for n in range(MOST_SENDERS)]
-    for component, system in addresses:
-        decode_all([heartbeat(ARDUPILOT)], decoder, system=system + 1, component=component + 1)
-    events = decode_all([raw_imu(k * 20_000) for k in range(1, 5)], decoder, system=7, component=99)
-    assert len(only(Imu, events)) >= 3
+    for system in (1, 2, 3, 1):
+        assert len(decode_all([heartbeat()], decoder, system=system)) == 1
+    gone, imu = decode_all([raw_imu()], decoder, system=7)
+    assert gone == Forgotten(VehicleId(2, 1), UNIX)
+    assert imu.vehicle == VehicleId(7, 1)
 
 
 def test_other_imus_are_skipped_while_the_one_in_use_comes():
