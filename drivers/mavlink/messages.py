@@ -224,7 +224,9 @@ def _global_position(intake: Intake, message: Received) -> list[Event]:
 
 def _local_position(intake: Intake, message: Received) -> list[Event]:
     m = message.fields
-    return intake.fix(message.name, message.boot_stamp, Fix((m.vx, m.vy, m.vz)))
+    velocity = (m.vx, m.vy, m.vz)
+    is_one = all(map(isfinite, velocity))  # else its time counts as little
+    return intake.fix(message.name, message.boot_stamp, Fix(velocity)) if is_one else []
 
 
 def _gps_raw(intake: Intake, message: Received) -> list[Event]:

@@ -401,6 +401,12 @@ def test_a_reboot_is_reported_by_whatever_confirms_it(make):
     assert (reset.reason, reset.step_s) == ("reboot", pytest.approx(5.0 - 300.02))
 
 
+def test_a_velocity_that_is_none_does_not_touch_the_clock():
+    broken = [m.MAVLink_local_position_ned_message(ms, 0, 0, 0, math.nan, 0, 0) for ms in (7, 27)]
+    before = [m.MAVLink_scaled_imu_message(300_000 + 20 * k, 0, 0, -1000, *[0] * 6) for k in (0, 1)]
+    assert [type(event) for event in decode_all([*before, *broken])] == [Imu, Imu]
+
+
 def test_a_link_of_any_number_of_senders_and_streams_is_remembered_within_bounds():
     decoder, reader = MavlinkDecoder(), FrameReader()
     known, turned_away, refused = set(), 0, 0
