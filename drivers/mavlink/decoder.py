@@ -32,7 +32,6 @@ from drivers.mavlink.messages import (
     MessageKind,
     Received,
     imu_number,
-    imu_number_offset,
     imu_stream_name,
 )
 from drivers.resources import SLOTS
@@ -122,8 +121,7 @@ class MavlinkDecoder:
         if texts:
             self._handlers[mav.STATUSTEXT_ID] = partial(self._unpacked, self._status_text)
         for number, imu in IMU_MESSAGES.items():
-            is_numbered = imu_number_offset(number) is not None
-            self._handlers[number] = partial(self._imu, imu, is_numbered)
+            self._handlers[number] = partial(self._imu, imu)
         for number, kind in MESSAGES.items():
             if references or not kind.is_reference:
                 self._handlers[number] = partial(self._message, kind)
@@ -155,12 +153,7 @@ class MavlinkDecoder:
         return [event for sender in self._senders.values() for event in sender.intake.end()]
 
     def _imu(
-        self,
-        message: ImuMessage,
-        is_numbered: bool,
-        sender: _Sender,
-        frame: Frame,
-        arrival_us: int,
+        self, message: ImuMessage, sender: _Sender, frame: Frame, arrival_us: int
     ) -> list[Event]:
         _, name, clock, vectors, *_ = message
         if self.imu_in_use is not None:
@@ -171,7 +164,7 @@ class MavlinkDecoder:
         if (m := fields(frame)) is None:
             return []
         raw_us = m.time_usec if clock is _TIME_USEC else m.time_boot_ms * 1000
-        stream = imu_stream_name(name, m.id) if is_numbered else name
+        stream = imu_stream_name(name, imu_number(frame))
         gyr, acc, mag = vectors(m)
         return sender.intake.imu(stream, Stamp(clock, raw_us, arrival_us), gyr, acc, Field(mag))
 

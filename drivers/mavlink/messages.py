@@ -133,13 +133,13 @@ def imu_stream_name(name: str, number: int) -> str:
 
 def imu_number(frame: Frame) -> int:
     """The number of the vehicle's IMU in the field ``id`` of an IMU message's frame, or 0."""
-    offset = imu_number_offset(frame.message_id)
+    offset = _number_offset(frame.message_id)
     at = frame.payload_end if offset is None else frame.payload_at + offset
     return frame.data[at] if at < frame.payload_end else 0
 
 
 @cache
-def imu_number_offset(message_id: int) -> int | None:
+def _number_offset(message_id: int) -> int | None:
     """Where the field ``id`` stands in the payload; None if the message has none, or has arrays."""
     known = layout(message_id)
     if known is None or "id" not in known.names:

@@ -115,8 +115,8 @@ class ImuStream:
         if refusal is not None:
             return refusal
         mag = self._faults.true_field(finite_or_zero(field.gauss), raw_us)
-        readings = Readings(gyr, acc, mag if is_field(mag) else ZERO_VEC3)
-        refusal = self._faults.refusal(readings, raw_us)
+        readings = Readings(raw_us, gyr, acc, mag if is_field(mag) else ZERO_VEC3)
+        refusal = self._faults.refusal(readings)
         if refusal is not None:
             return refusal
         if self._faults.stuck.mag.is_proven:

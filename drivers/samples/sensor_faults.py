@@ -65,14 +65,15 @@ MAG_PATH_RAD, MAG_TURN_RAD = 0.5, 0.1
 
 
 class Readings(NamedTuple):
-    """One IMU message's vectors."""
+    """One IMU message's vectors, and its time on the vehicle's clock."""
 
+    raw_us: int
     gyr_rad_s: Vec3
     acc_m_s2: Vec3
     mag_gauss: Vec3
 
 
-NOTHING = Readings(ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
+NOTHING = Readings(0, ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
 SPAN = 2.0 * 32768 / 32767  # of a 16-bit field from end to end, by its upper end
 
 
@@ -192,17 +193,16 @@ class StuckSensors:
     acc: Repetition = field(default_factory=Repetition)
     mag: Repetition = field(default_factory=Repetition)
     last_us: int = 0  # of the last reading that was not saturated
-    field_gauss: Vec3 = ZERO_VEC3  # at its first look since both repeat themselves
-    field_us: int = 0
+    watched: Readings = NOTHING  # from there on the field must turn as the repeated rate says
     gyr_begin: Readings = NOTHING  # when the gyroscope began to repeat itself
     turned: Vec3 = ZERO_VEC3  # where the gyroscope says that the repeated force should be
     mag_path_rad: float = 0.0  # without a new field, turns to and fro alike
     mag_turn: Vec3 = ZERO_VEC3  # what they come to, rad
     mag_equal_s: float = 0.0
 
-    def refusal(self, now: Readings, last: Readings, raw_us: int) -> Reason | None:
+    def refusal(self, now: Readings, last: Readings) -> Reason | None:
         """Why the reading behind ``last`` cannot be true; saturated ones are not given."""
-        gyr, acc, mag = now
+        raw_us, gyr, acc, _ = now
         gyr_equal, acc_equal = gyr == last.gyr_rad_s, acc == last.acc_m_s2
         step_us, self.last_us = raw_us - self.last_us, raw_us
         self.both.observe(raw_us, repeats=gyr_equal and acc_equal)
@@ -213,26 +213,26 @@ class StuckSensors:
         if not gyr_equal:
             self.gyr_begin = now
         if not (gyr_equal and acc_equal):
-            self.field_gauss, self.field_us = mag, raw_us
+            self.watched = now
             if not (gyr_equal or acc_equal):  # nearly always
                 return None
         if acc_equal and largest(gyr) > MOVING_GYR_RAD_S and not carries_weight(acc, gyr):
             # the repeated force turns as the gyroscope says (dv/dt = v x w), but in a steady turn
             step_s = min(max(MICROSECOND * step_us, 0.0), LONGEST_STEP_S)
             self.turned = vector_after_turn(self.turned, gyr, step_s)
-        return self._judge(now, raw_us)
+        return self._judge(now)
 
-    def observe_field(self, now: Readings, last: Readings, raw_us: int, step_us: int) -> None:
-        """Take the field of the reading ``step_us`` behind ``last``."""
+    def observe_field(self, now: Readings, last: Readings) -> None:
+        """Take the field of the reading behind ``last``."""
         repeats = now.mag_gauss == last.mag_gauss and now.mag_gauss != ZERO_VEC3
-        self.mag.observe(raw_us, repeats=repeats)
+        self.mag.observe(now.raw_us, repeats=repeats)
         if not repeats:
             self.mag_path_rad, self.mag_turn, self.mag_equal_s = 0.0, ZERO_VEC3, 0.0
             return
-        step_s = MICROSECOND * min(max(step_us, 0), HELD_US)
+        step_s = MICROSECOND * min(max(now.raw_us - last.raw_us, 0), HELD_US)
         self.mag_path_rad += step_s * largest(now.gyr_rad_s)
         self.mag_turn = add(self.mag_turn, scale(step_s, now.gyr_rad_s))
-        is_long = self.mag.is_long(raw_us, HELD_US)
+        is_long = self.mag.is_long(now.raw_us, HELD_US)
         self.mag_equal_s += step_s
         by_bias_rad = MOVING_GYR_RAD_S * self.mag_equal_s
         has_turned = largest(self.mag_turn) > MAG_TURN_RAD + by_bias_rad
@@ -240,14 +240,14 @@ class StuckSensors:
         if is_stuck or (is_long and self.mag_path_rad >= MAG_PATH_RAD):
             self.mag.is_proven = True
 
-    def _judge(self, now: Readings, raw_us: int) -> Reason | None:
-        both, gyr, acc = self.both, self.gyr, self.acc
-        if both.is_long(raw_us) and self._repeats_untruly(now, raw_us):
+    def _judge(self, now: Readings) -> Reason | None:
+        both, gyr, acc, raw_us = self.both, self.gyr, self.acc, now.raw_us
+        if both.is_long(raw_us) and self._repeats_untruly(now):
             both.is_proven = True
         if acc.is_long(raw_us) and apart_rad(self.turned, now.acc_m_s2) > STUCK_ACC_RAD:
             acc.is_proven = True
         is_unlikely = gyr.is_unlikely()
-        if is_unlikely and self._is_frozen(now, raw_us):
+        if is_unlikely and self._is_frozen(now):
             gyr.is_proven = True
         if both.is_proven:
             return Reason.STUCK
@@ -259,40 +259,41 @@ class StuckSensors:
         is_over = lasts_us > HELD_US or (gyr.equal >= STUCK_SAMPLES and lasts_us >= STUCK_US)
         return Reason.REPEATED if is_unlikely and not is_over else None
 
-    def _repeats_untruly(self, now: Readings, raw_us: int) -> bool:
+    def _repeats_untruly(self, now: Readings) -> bool:
         """Whether what gyroscope and accelerometer repeat cannot be true."""
-        gyr, acc, mag = now
-        has_field = ZERO_VEC3 not in (mag, self.field_gauss)
+        raw_us, gyr, acc, mag = now
+        has_field = ZERO_VEC3 not in (mag, self.watched.mag_gauss)
         if largest(gyr) <= MOVING_GYR_RAD_S:
             is_heavier = abs(norm(acc) - G) > MOVING_ACC_M_S2
-            return is_heavier or (has_field and self._field_contradicts(now, raw_us))
+            return is_heavier or (has_field and self._field_contradicts(now))
         if not carries_weight(acc, gyr):
             return True
         if has_field:
-            return self._field_contradicts(now, raw_us)
+            return self._field_contradicts(now)
         return raw_us - self.both.begin_us >= STEADY_US
 
-    def _field_contradicts(self, now: Readings, raw_us: int) -> bool:
+    def _field_contradicts(self, now: Readings) -> bool:
         """Whether the field is not where the repeated rate has turned it.
 
         Well on its way it is watched from here on.
         """
-        before, gyr = self.field_gauss, now.gyr_rad_s
-        span_s = MICROSECOND * max(raw_us - self.field_us, 0)  # the clock may have begun anew
+        before, gyr = self.watched.mag_gauss, now.gyr_rad_s
+        # the clock may have begun anew
+        span_s = MICROSECOND * max(now.raw_us - self.watched.raw_us, 0)
         expected = vector_after_turn(before, gyr, span_s)
         way = norm(subtract(expected, before)) / norm(before)
         off = norm(subtract(expected, now.mag_gauss)) / norm(before)
         contradicts = off > max(FIELD_OFF + FIELD_LATE_S * norm(gyr), FIELD_OFF_SHARE * way)
         if way >= FIELD_WAY and not contradicts:
-            self.field_gauss, self.field_us = now.mag_gauss, raw_us
+            self.watched = now
         return contradicts
 
-    def _is_frozen(self, now: Readings, raw_us: int) -> bool:
+    def _is_frozen(self, now: Readings) -> bool:
         """Whether the gyroscope alone has stopped, in a vehicle that moves otherwise."""
-        span_us = raw_us - self.gyr.begin_us
+        span_us = now.raw_us - self.gyr.begin_us
         if span_us < FROZEN_US or 2 * self.acc.equal > self.gyr.equal:
             return False
-        gyr, acc, mag = now
+        _, gyr, acc, mag = now
         begin, span_s = self.gyr_begin, MICROSECOND * span_us
         half_s = min(span_s, pi / max(norm(gyr), 1e-9))  # of a turn: no way is longer
         pairs = ((begin.acc_m_s2, acc), (begin.mag_gauss, mag))
@@ -315,44 +316,42 @@ class SensorFaults:
     mag_end: RangeEnd = field(default_factory=lambda: RangeEnd(*MAGNETOMETER_END))
     stuck: StuckSensors = field(default_factory=StuckSensors)
     last: Readings = NOTHING
-    last_us: int = 0
-    good_gyr: Vec3 = ZERO_VEC3  # the last good rate
-    good_us: int = 0
+    good: Readings = NOTHING  # the last that was not refused
     blinding: Reason | None = None  # why and since when the vehicle may turn unseen
     blinding_us: int = 0
     blinded: tuple[Reason, float] | None = None  # why the last such stretch, and s
 
     def true_field(self, mag_gauss: Vec3, raw_us: int) -> Vec3:
         """The field of the reading that is judged next, as it was before it wrapped."""
-        step_s = MICROSECOND * (raw_us - self.last_us)
+        step_s = MICROSECOND * (raw_us - self.last.raw_us)
         if mag_gauss == ZERO_VEC3 or not self.mag_end.is_reached(mag_gauss, step_s):
             return mag_gauss
         x, y, z = mag_gauss
         lacks_x, lacks_y, lacks_z = self.mag_end.wrapped
         return (x + lacks_x, y + lacks_y, z + lacks_z)
 
-    def refusal(self, readings: Readings, raw_us: int) -> Reason | None:
-        """Why a reading at ``raw_us`` on the vehicle's clock is no data; None if it is."""
-        step_us, last = raw_us - self.last_us, self.last
-        self.stuck.observe_field(readings, last, raw_us, step_us)
-        why: Reason | None = None
-        if self.gyr_end.is_reached(readings.gyr_rad_s, MICROSECOND * step_us):
+    def refusal(self, now: Readings) -> Reason | None:
+        """Why a reading is no data; None if it is."""
+        last, why = self.last, None
+        step_s = MICROSECOND * (now.raw_us - last.raw_us)
+        self.stuck.observe_field(now, last)
+        if self.gyr_end.is_reached(now.gyr_rad_s, step_s):
             why = Reason.GYROSCOPE_SATURATED
-        if self.acc_end.is_reached(readings.acc_m_s2, MICROSECOND * step_us):
+        if self.acc_end.is_reached(now.acc_m_s2, step_s):
             why = Reason.ACCELEROMETER_SATURATED
         if why is None:
-            why = self.stuck.refusal(readings, last, raw_us)
-        if why is None and self.gyr_end.is_large and self._is_spike(readings.gyr_rad_s, raw_us):
+            why = self.stuck.refusal(now, last)
+        if why is None and self.gyr_end.is_large and self._is_spike(now):
             why = Reason.GYROSCOPE_SPIKE
-        self.last, self.last_us = readings, raw_us
+        self.last = now
         if why is None:
-            self.good_gyr, self.good_us = readings.gyr_rad_s, raw_us
-            span_us = raw_us - self.blinding_us
+            self.good = now
+            span_us = now.raw_us - self.blinding_us
             if self.blinding is not None and not 0 <= span_us < BLIND_US:  # or began anew
                 self.blinded = self.blinding, MICROSECOND * max(span_us, 0)
             self.blinding = None
         elif self.blinding is None and why in BLINDING:
-            self.blinding, self.blinding_us = why, raw_us
+            self.blinding, self.blinding_us = why, now.raw_us
         return why
 
     def take_blindness(self) -> tuple[Reason, float] | None:
@@ -360,15 +359,15 @@ class SensorFaults:
         blinded, self.blinded = self.blinded, None
         return blinded
 
-    def _is_spike(self, gyr: Vec3, raw_us: int) -> bool:
+    def _is_spike(self, now: Readings) -> bool:
         """Whether the rate leapt away from the last good one, and the reading before did not."""
         if not (self.gyr_end.is_noisy and self.acc_end.is_noisy):
             return False
-        elapsed_s = MICROSECOND * max(raw_us - self.good_us, 0)
+        elapsed_s = MICROSECOND * max(now.raw_us - self.good.raw_us, 0)
         limit = max(RATE_STEP_RAD_S, RATE_STEP_RAD_S2 * elapsed_s)
-        if largest(subtract(gyr, self.good_gyr)) <= limit:
+        if largest(subtract(now.gyr_rad_s, self.good.gyr_rad_s)) <= limit:
             return False
-        off = subtract(gyr, self.last.gyr_rad_s)
+        off = subtract(now.gyr_rad_s, self.last.gyr_rad_s)
         # an axis that agrees to the last digit is at the end of its range, and confirms nothing
         return largest(off) > limit or 0.0 in off
 

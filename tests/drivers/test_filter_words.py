@@ -1,5 +1,6 @@
 """What autopilots say of their own position and velocity, in the bytes of each kind of stream."""
 
+import math
 import struct
 
 import pytest
@@ -9,11 +10,15 @@ from drivers.logs.open import open_log
 from drivers.mavlink.constants import mavlink
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.framing import FrameReader
+from drivers.samples.navigation import MOST_INFLATION, STATUS_HOLDS_US
 from tests.drivers.logs import test_dataflash, test_ulog
 
 S = 1_000_000
 UNIX_US = 1_700_000_000 * S
-FLYING, STANDING = 0x33F, 0xA7
+FLYING = 0x33F  # ArduPilot with satellites
+STANDING = 0xA7  # const_pos_mode, although with a velocity
+WITHOUT = 0x3A5  # const_pos_mode and no velocity
+CANBERRA, NEAR_NOWHERE = (-353632610, 1491652299), (2081, -732)  # ArduPlane's before its first fix
 m = mavlink()
 
 
@@ -37,7 +42,7 @@ def decoded(*messages, reboot_at=None):
     return [event for event in events if not isinstance(event, Imu)]
 
 
-def position(lat=-353632610, lon=1491652299):
+def position(lat=CANBERRA[0], lon=CANBERRA[1]):
     return m.MAVLink_global_position_int_message(0, lat, lon, 584000, 0, 100, 200, 0, 0)
 
 
@@ -46,9 +51,7 @@ def local():
 
 
 def receiver(fix_type):
-    return m.MAVLink_gps_raw_int_message(
-        0, fix_type, -353632610, 1491652299, 584000, 100, 100, 500, 9000, 10
-    )
+    return m.MAVLink_gps_raw_int_message(0, fix_type, *CANBERRA, 584000, 100, 100, 500, 9000, 10)
 
 
 def ardupilot(flags, ratio=0.1):
@@ -72,20 +75,57 @@ def test_what_is_sent_before_the_first_fix_is_no_place():
     assert names(events, Velocity) == ["GPS_RAW_INT", "GLOBAL_POSITION_INT"]
 
 
-def test_a_stream_with_neither_word_still_gives_its_place():
-    events = decoded(position(2081, -732), position())
-    assert names(events, Position) == ["GLOBAL_POSITION_INT"]
+# flags of the filter (None: it never reports), fix type of the receiver (likewise), place, used
+PLACES = [
+    (None, None, CANBERRA, True),
+    (None, None, NEAR_NOWHERE, False),
+    (None, 3, CANBERRA, True),
+    (None, 6, CANBERRA, True),
+    (None, 1, CANBERRA, False),
+    (None, 3, NEAR_NOWHERE, False),
+    (FLYING, None, CANBERRA, True),
+    (FLYING, 0, CANBERRA, True),  # by cameras or beacons
+    (FLYING, None, NEAR_NOWHERE, True),  # a ship there
+    (STANDING, None, CANBERRA, False),
+    (STANDING, 0, CANBERRA, False),
+    (STANDING, 3, CANBERRA, True),  # on the bench, before the filter uses it
+    (STANDING, 3, NEAR_NOWHERE, False),
+    (0x400, 1, NEAR_NOWHERE, False),
+    (FLYING & ~0x02, None, NEAR_NOWHERE, True),  # a place without a velocity
+    (FLYING & ~0x10, None, CANBERRA, False),  # and a velocity without a place
+]
+
+
+@pytest.mark.parametrize(("flags", "fix", "place", "is_used"), PLACES)
+def test_a_place_is_used_where_the_filter_or_the_receiver_has_one(flags, fix, place, is_used):
+    status = [] if flags is None else [ardupilot(flags)]
+    events = decoded(*status, *([] if fix is None else [receiver(fix)]), position(*place))
+    assert ("GLOBAL_POSITION_INT" in names(events, Position)) is is_used
 
 
 @pytest.mark.parametrize("status", [ardupilot, px4])
-def test_a_filters_velocity_is_taken_as_far_as_it_believes_itself(status):
-    sound, stands, doubted = (
-        [e for e in decoded(word, position(), local()) if isinstance(e, Velocity)]
-        for word in (status(FLYING), status(STANDING), status(FLYING, 1.0))
-    )
-    assert [v.sample.sigma_m_s for v in sound] == [0.3, 0.3]
-    assert stands == []
-    assert [v.sample.sigma_m_s for v in doubted] == pytest.approx([1.2, 1.2])
+@pytest.mark.parametrize(
+    ("flags", "ratio", "sigma_m_s"),
+    [
+        (FLYING, 0.1, 0.3),
+        (FLYING, 0.4, 0.3),  # two of its gate's five sigmas
+        (FLYING, 1.0, 1.2),
+        (FLYING, 2.0, 2.7),
+        (FLYING, 1e9, 0.3 * MOST_INFLATION),
+        (FLYING, math.nan, 0.3),  # PX4 where there is nothing to test
+        *((flags, 0.1, None) for flags in (STANDING, WITHOUT, 0, 0x400, FLYING & ~0x02)),
+    ],
+)
+def test_a_filters_velocity_is_taken_as_far_as_it_believes_itself(status, flags, ratio, sigma_m_s):
+    events = decoded(status(flags, ratio), position(), local())
+    sigmas = [e.sample.sigma_m_s for e in events if isinstance(e, Velocity)]
+    assert sigmas == pytest.approx([sigma_m_s] * 2 if sigma_m_s else [])
+
+
+def test_a_status_holds_for_a_while():
+    later = [local() for _ in range(10 * STATUS_HOLDS_US // S + 1)]
+    (event,) = decoded(ardupilot(STANDING), *later)[1:]
+    assert event.arrival_us - UNIX_US == STATUS_HOLDS_US + S // 10
 
 
 def test_the_receiver_goes_on_while_the_filter_stands():

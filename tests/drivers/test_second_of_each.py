@@ -1,12 +1,7 @@
 """What only a second component, a second clock or a long flight shows of links and logs."""
 
-import pytest
-
 from drivers.events import VehicleId
-from drivers.mavlink.constants import RAW_IMU_ID, mavlink
-from drivers.mavlink.encoder import FrameEncoder, attitude, attitude_quaternion
-from drivers.mavlink.framing import Frame
-from drivers.mavlink.link import FrameQueue
+from drivers.mavlink.constants import mavlink
 from drivers.samples.imu_stream import MOST_HELD, Field, ImuStream, Stamp
 from drivers.samples.vehicle_clock import TimeField
 from estimator.reasons import Reason
@@ -22,27 +17,6 @@ def test_the_heartbeat_of_a_ground_station_is_no_autopilots(tmp_path, capsys):
     other = m.MAVLink_heartbeat_message(m.MAV_TYPE_GCS, m.MAV_AUTOPILOT_INVALID, 0, 0, 0, 3)
     line = refusal(capsys, "replay", tlog(tmp_path, PX4, other))
     assert "HIGHRES_IMU" in line
-
-
-def test_two_components_of_a_system_are_two_streams_under_overload():
-    queue = FrameQueue(most_waiting=7)
-    for k in range(4):
-        for component in (1, 2):
-            frame = Frame(RAW_IMU_ID, 1, component, bytes(27), 0, 27, False)
-            queue.add(k, [frame])
-    kept = [(us, frame.component_id) for us, frame in queue.take(10)]
-    assert kept == [(3, 1), (3, 2)]
-
-
-@pytest.mark.parametrize("make", [attitude, attitude_quaternion])
-def test_after_seven_weeks_the_milliseconds_begin_anew(make):
-    vectors = ((0.1, 0.2, 0.3), (0.0, 0.0, 0.0))
-    if make is attitude_quaternion:
-        vectors = ((1.0, 0.0, 0.0, 0.0), vectors[1])
-    data = FrameEncoder(VEHICLE).frame(make((1 << 32) * 1000 + 5000, *vectors), 0)
-    parser = m.MAVLink(None)
-    (message,) = parser.parse_buffer(bytes(data))
-    assert message.time_boot_ms == 5
 
 
 def reading(stream, raw_us):

@@ -8,6 +8,7 @@ import pytest
 from drivers.events import (
     ClockReset,
     CommandAck,
+    Forgotten,
     Heartbeat,
     Imu,
     Notice,
@@ -400,6 +401,12 @@ def test_a_reboot_is_reported_by_whatever_confirms_it(make):
     assert (reset.reason, reset.step_s) == ("reboot", pytest.approx(5.0 - 300.02))
 
 
+def test_a_velocity_that_is_none_does_not_touch_the_clock():
+    broken = [m.MAVLink_local_position_ned_message(ms, 0, 0, 0, math.nan, 0, 0) for ms in (7, 27)]
+    before = [m.MAVLink_scaled_imu_message(300_000 + 20 * k, 0, 0, -1000, *[0] * 6) for k in (0, 1)]
+    assert [type(event) for event in decode_all([*before, *broken])] == [Imu, Imu]
+
+
 def test_a_link_of_any_number_of_senders_and_streams_is_remembered_within_bounds():
     decoder, reader = MavlinkDecoder(), FrameReader()
     known, turned_away, refused = set(), 0, 0
@@ -421,14 +428,17 @@ def test_a_link_of_any_number_of_senders_and_streams_is_remembered_within_bounds
     assert refused == 256 - MOST_STREAMS
 
 
-def test_a_sender_with_an_imu_takes_the_place_of_one_without():
+def test_a_sender_with_an_imu_takes_the_slot_of_whoever_has_none_and_is_silent_for_longest(
+    monkeypatch,
+):
     """A table that is full of heartbeats, all of them fresh."""
+    monkeypatch.setattr("drivers.mavlink.decoder.MOST_SENDERS", 3)
     decoder = MavlinkDecoder()
-    addresses = [divmod(n, 250) for n in range(MOST_SENDERS)]
-    for component, system in addresses:
-        decode_all([heartbeat(ARDUPILOT)], decoder, system=system + 1, component=component + 1)
-    events = decode_all([raw_imu(k * 20_000) for k in range(1, 5)], decoder, system=7, component=99)
-    assert len(only(Imu, events)) >= 3
+    for system in (1, 2, 3, 1):
+        assert len(decode_all([heartbeat()], decoder, system=system)) == 1
+    gone, imu = decode_all([raw_imu()], decoder, system=7)
+    assert gone == Forgotten(VehicleId(2, 1), UNIX)
+    assert imu.vehicle == VehicleId(7, 1)
 
 
 def test_other_imus_are_skipped_while_the_one_in_use_comes():

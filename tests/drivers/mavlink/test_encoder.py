@@ -19,7 +19,7 @@ vectors = st.tuples(floats, floats, floats)
 quaternions = st.tuples(floats, floats, floats, floats)
 bytes_1 = st.integers(0, 255)
 addresses = st.builds(VehicleId, bytes_1, bytes_1)
-boot_times = st.integers(0, 2**40)
+boot_times = st.integers(0, 2**44)  # milliseconds begin anew after seven weeks
 
 
 def parsed(message):

@@ -64,9 +64,9 @@ def test_a_clock_that_is_set_back_locks_nobody_out():
 # --- the queue
 
 
-def frame(system, message, number=0):
+def frame(system, message, number=0, component=1):
     payload = bytes(26) + bytes([number])
-    return Frame(message, system, 1, payload, 0, len(payload), False)
+    return Frame(message, system, component, payload, 0, len(payload), False)
 
 
 def taken(queue):
@@ -89,6 +89,7 @@ def test_a_full_queue_keeps_the_newest_of_each_stream_and_what_is_sent_once():
         *((k, frame(1, RAW_IMU_ID, 1)) for k in range(3)),
         *((k, frame(1, HEARTBEAT_ID)) for k in range(2)),
         *((k, frame(2, ATTITUDE_ID)) for k in range(5)),
+        (5, frame(2, ATTITUDE_ID, component=2)),
         *((k, frame(1, PARAM_VALUE_ID)) for k in range(3)),
     ]
     for arrival_us, each in sent:
@@ -98,6 +99,7 @@ def test_a_full_queue_keeps_the_newest_of_each_stream_and_what_is_sent_once():
         (2, RAW_IMU_ID),
         (1, HEARTBEAT_ID),
         (4, ATTITUDE_ID),
+        (5, ATTITUDE_ID),
         *((k, PARAM_VALUE_ID) for k in range(3)),
     ]
     one = VehicleId(1, 1)

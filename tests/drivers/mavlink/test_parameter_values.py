@@ -7,38 +7,28 @@ import pytest
 from drivers.events import Parameter, VehicleId
 from drivers.mavlink.constants import mavlink
 from drivers.mavlink.decoder import MOST_WAITING, MavlinkDecoder
-from drivers.mavlink.framing import FrameReader
 from estimator.profile import load_profile
 from fuzzbee.replays.trace import Replay
 from service.pipeline import Pipeline
+from tests.drivers.mavlink.test_decoder import ARDUPILOT, PX4, S, decode_all, heartbeat, raw_imu
 
-S = 1_000_000
-UNIX_US = 1_700_000_000 * S
-ARDUPILOT, PX4, NO_AUTOPILOT = 3, 12, 8
+NO_AUTOPILOT = 8
 REAL, INT32 = 9, 6
 m = mavlink()
 
 
 def events_of(*sent):
     """The events of (system, component, message), each through real bytes."""
-    decoder, reader, events = MavlinkDecoder(), FrameReader(), []
-    for k, (system, component, message) in enumerate(sent):
-        link = m.MAVLink(None, srcSystem=system, srcComponent=component)
-        for frame in reader.feed(bytes(message.pack(link))):
-            events += decoder.events(frame, UNIX_US + k * S // 50)
-    return events
-
-
-def heartbeat(autopilot=ARDUPILOT):
-    return m.MAVLink_heartbeat_message(2, autopilot, 0, 0, 0, 3)
+    decoder = MavlinkDecoder()
+    return [
+        event
+        for system, component, message in sent
+        for event in decode_all([message], decoder, system=system, component=component)
+    ]
 
 
 def parameter(name=b"AHRS_TRIM_X", value=0.05, kind=REAL):
     return m.MAVLink_param_value_message(name, value, kind, 1, 0)
-
-
-def imu(k=0):
-    return m.MAVLink_raw_imu_message(S + 20_000 * k, k, 0, -1000, 0, 0, 0, 200, 0, 400)
 
 
 ONE, TWO = VehicleId(1, 1), VehicleId(1, 2)
@@ -53,7 +43,7 @@ ONE, TWO = VehicleId(1, 1), VehicleId(1, 2)
         ([(1, 190, parameter()), (1, 190, heartbeat(NO_AUTOPILOT))], []),
         ([(1, 1, heartbeat()), (2, 190, parameter())], []),  # another system's
         ([(1, 1, heartbeat()), (0, 190, parameter())], []),
-        ([(1, 2, imu()), (1, 190, parameter())], [TWO]),  # an autopilot by what it sends
+        ([(1, 2, raw_imu()), (1, 190, parameter())], [TWO]),  # an autopilot by what it sends
         ([(1, 2, heartbeat()), (1, 1, heartbeat()), (1, 190, parameter())], [ONE]),
         ([(1, 2, heartbeat()), (1, 1, heartbeat()), (1, 2, parameter())], [TWO]),
     ],
@@ -86,7 +76,7 @@ def test_what_waits_is_bounded_and_the_latest_of_each_name():
 def test_replay_and_service_take_them():
     """AHRS_TRIM for the comparison, COMPASS_OFS all zero for the heading's sigma."""
     offsets = [(1, 190, parameter(f"COMPASS_OFS_{axis}".encode(), 0.0)) for axis in "XYZ"]
-    sent = [(1, 1, heartbeat()), (1, 1, imu()), (1, 190, parameter()), *offsets]
+    sent = [(1, 1, heartbeat()), (1, 1, raw_imu()), (1, 190, parameter()), *offsets]
     replay = Replay(load_profile("imu"))
     replay.run(events_of(*sent))
     assert replay.traces[ONE].vehicle.parameters.view.trim[1] == pytest.approx(0.025, abs=1e-4)

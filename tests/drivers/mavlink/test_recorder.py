@@ -44,10 +44,10 @@ def heartbeats(path):
         return sum(isinstance(event, Heartbeat) for event in log)
 
 
-def run(script, *arguments, through=()):
+def run(script, *arguments):
     """Run a program of the tree."""
     return subprocess.run(
-        [*through, sys.executable, "-c", script, *arguments],
+        [sys.executable, "-c", script, *arguments],
         capture_output=True, text=True, check=True, cwd=ROOT,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
     )  # fmt: skip

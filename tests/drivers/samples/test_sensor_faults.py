@@ -39,7 +39,7 @@ class Stream:
         gyr = self.noise(ZERO_VEC3) if gyr is None else gyr
         acc = self.noise(DOWN) if acc is None else acc
         mag = self.noise(FIELD, 0.002) if mag is None else mag
-        return self.faults.refusal(Readings(gyr, acc, mag), self.now_us)
+        return self.faults.refusal(Readings(self.now_us, gyr, acc, mag))
 
     def first_refused(self, count, reading, step_us=STEP_US):
         """(reason, seconds from the first reading) of the first of ``count`` that is refused.
@@ -175,9 +175,9 @@ def test_a_stream_that_repeats_every_reading_loses_none_of_them(times):
     faults, rng, now_us = SensorFaults(), random.Random(6), 0
     for k in range(1000):
         if k % times == 0:
-            reading = Readings(noisy(rng, ZERO_VEC3, 0.01), noisy(rng, DOWN, 0.01), FIELD)
+            vectors = noisy(rng, ZERO_VEC3, 0.01), noisy(rng, DOWN, 0.01), FIELD
         now_us += STEP_US
-        assert faults.refusal(reading, now_us) is None
+        assert faults.refusal(Readings(now_us, *vectors)) is None
 
 
 def test_coarse_readings_at_rest_are_held_back_for_seconds_at_most():

@@ -24,7 +24,7 @@ def truncated(vector, unit):
 
 
 def circle(turn_rad_s, speed_m_s=22.0, iron_gauss=NO_FIELD, *, has_field=True, noise=0.0):
-    """(us, Readings): first weaving, then a coordinated turn, field 0.09 s late in steps of 0.1 s.
+    """Readings: first weaving, then a coordinated turn, field 0.09 s late in steps of 0.1 s.
 
     Bank and turn belong together: tan(bank) = v w / g.
     """
@@ -34,7 +34,6 @@ def circle(turn_rad_s, speed_m_s=22.0, iron_gauss=NO_FIELD, *, has_field=True, n
         time_s = k / RATE_HZ
         weave = max(0.0, 1.0 - time_s / WEAVE_S)
         roll = bank * (1.0 - weave) + 0.1 * weave * sin(7.0 * time_s)
-        q = from_euler_rad(roll, 0.0, turn_rad_s * time_s)
         shake = 0.02 * weave * sin(11.0 * time_s)
         gyr = (shake, turn_rad_s * sin(roll), turn_rad_s * cos(roll))
         force = (shake, 0.0, -G * cos(roll) - speed_m_s * turn_rad_s * sin(roll))
@@ -43,14 +42,13 @@ def circle(turn_rad_s, speed_m_s=22.0, iron_gauss=NO_FIELD, *, has_field=True, n
             late = from_euler_rad(roll, 0.0, turn_rad_s * (time_s - 0.09))
             field = np.array(rotate_inverse(late, FIELD_NED_GAUSS)) + iron_gauss
         mag = truncated(field, 1e-3) if has_field else NO_FIELD
-        readings = Readings(truncated(gyr, 1e-3), truncated(force, 1e-3 * G), mag)
-        yield round(time_s * S), readings, q
+        yield Readings(round(time_s * S), truncated(gyr, 1e-3), truncated(force, 1e-3 * G), mag)
 
 
 def refusals(flight, change=lambda _, readings: readings):
     """(seconds, reason) of each refused reading; not of those held back until it is known."""
     faults = SensorFaults()
-    found = [(us / S, faults.refusal(change(us / S, r), us)) for us, r, _ in flight]
+    found = [(r.raw_us / S, faults.refusal(change(r.raw_us / S, r))) for r in flight]
     return [(time_s, reason) for time_s, reason in found if reason not in (None, Reason.REPEATED)]
 
 
@@ -97,11 +95,7 @@ def test_a_sensor_that_freezes_in_a_circle_is_found_when_the_vehicle_leaves_it(
     there = list(circle(0.6, noise=0.003, has_field=has_field))
     back = list(circle(-0.6, noise=0.003, has_field=has_field))
     leave = round(12.2 * RATE_HZ)
-    flight = (
-        there[:leave]
-        + [(us, r, q) for (us, _, q), (_, r, _) in zip(there, back, strict=True)][leave:]
-    )
-    found = refusals(flight, frozen(12.0, *fields))
+    found = refusals(there[:leave] + back[leave:], frozen(12.0, *fields))
     assert found
     assert {each for _, each in found} == {reason}
     assert found[0][0] < 12.0 + within_s
@@ -115,7 +109,7 @@ def test_an_accelerometer_that_freezes_in_a_roll_is_found():
             shake = 0.01 * sin(9.0 * time_s + k)
             gyr = (1.0 * (time_s > 6.0) + shake, shake, 0.0)
             force = tuple(f + shake for f in rotate_inverse(q, (0.0, 0.0, -G)))
-            yield round(time_s * S), Readings(gyr, force, rotate_inverse(q, FIELD_NED_GAUSS)), q
+            yield Readings(round(time_s * S), gyr, force, rotate_inverse(q, FIELD_NED_GAUSS))
 
     found = refusals(rolling(), frozen(6.0, "acc_m_s2"))
     assert {reason for _, reason in found} == {"accelerometer_stuck"}
