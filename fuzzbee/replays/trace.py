@@ -30,7 +30,6 @@ from estimator.profile import Profile
 from estimator.types import Attitude, ImuSample, Vec3
 from fuzzbee.attitudes import PLACE
 from service.pipeline import Pipeline
-from service.process import gc_settings
 from service.publishing import attitude_record, is_finite
 from service.records import AttitudeRecord, Message
 from service.vehicle import Vehicle
@@ -215,9 +214,8 @@ class Replay:
         if isinstance(events, LogFile):
             events.follow(self.pipeline.imu_in_use)
         windowed = WindowedEvents(events, self._how.window)
-        with gc_settings():  # nothing here becomes garbage that only the collector finds
-            for event in events if self._how.window == WHOLE_LOG else windowed:
-                self._take(event)
+        for event in events if self._how.window == WHOLE_LOG else windowed:
+            self._take(event)
         self.why_empty = windowed.why_empty()
         for trace in self.traces.values():
             trace.malformed = self.pipeline.malformed
