@@ -360,3 +360,27 @@ def test_a_host_clock_that_is_set_back_brings_no_flood_of_statuses():
         for tick in range(50):
             found += statuses(pipeline.tick(begin_us + 100_000 * tick))
     assert len(found) == pytest.approx(10, abs=2)
+
+
+def test_sequences_have_no_gaps_and_statuses_come_each_second():
+    events = imu_events(500)
+    pipeline = Pipeline(PAPER)
+    sequence, status_sequence = [], []
+    for event in events:
+        now_us = event.arrival_us + 1_000
+        outputs = pipeline.handle(event, now_us) + pipeline.tick(now_us)
+        sequence += [a.sequence for a in attitudes(outputs)]
+        status_sequence += [s.sequence for s in statuses(outputs)]
+    assert sequence == list(range(500))
+    assert status_sequence == list(range(5))
+
+
+def test_a_vehicle_that_is_late_again_and_again_is_reported_a_few_times():
+    """A computer too slow for the stream: each sample is old, and each tick after it is late."""
+    pipeline = Pipeline(PAPER)
+    lines = []
+    for event in imu_events(400):
+        reported = [*pipeline.handle(event), *pipeline.tick(event.arrival_us + 900_000)]
+        lines += texts(reported)
+    assert {"vehicle 1: running", "vehicle 1: degraded"} < {*lines}
+    assert len(lines) < 16

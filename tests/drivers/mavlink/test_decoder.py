@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from drivers.events import (
     ClockReset,
@@ -466,3 +467,15 @@ def test_other_imus_are_skipped_while_the_one_in_use_comes():
     assert first["RAW_IMU"] == 50
     assert 10 < first["SCALED_IMU2"] < 50  # of the 50 after RAW_IMU ended, less half a second
     assert taken("SCALED_IMU2") == {"RAW_IMU": 50, "SCALED_IMU2": 100, "SCALED_IMU3": 0}
+
+
+@pytest.mark.parametrize(
+    "euler_rad",
+    np.random.default_rng(4).uniform([-3.1, -1.5, -3.1], [3.1, 1.5, 3.1], (20, 3)).tolist(),
+)
+def test_euler_angles_turn_the_body_as_scipys_do(euler_rad):
+    """Roll, pitch and yaw of the sequence z, y, x, all at once."""
+    message = m.MAVLink_attitude_message(1000, *euler_rad, 0.0, 0.0, 0.0)
+    (event,) = only(ReferenceAttitude, decode_all([raw_imu(), message]))
+    x, y, z, w = Rotation.from_euler("ZYX", euler_rad[::-1]).as_quat()
+    assert abs(np.dot(event.q_ned_frd, (w, x, y, z))) == pytest.approx(1.0, abs=1e-6)

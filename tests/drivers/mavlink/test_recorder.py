@@ -44,10 +44,10 @@ def heartbeats(path):
         return sum(isinstance(event, Heartbeat) for event in log)
 
 
-def run(script, *arguments):
+def run(script, *arguments, through=()):
     """Run a program of the tree."""
     return subprocess.run(
-        [sys.executable, "-c", script, *arguments],
+        [*through, sys.executable, "-c", script, *arguments],
         capture_output=True, text=True, check=True, cwd=ROOT,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
     )  # fmt: skip
@@ -341,3 +341,52 @@ def test_a_folder_that_is_removed_is_made_again(tmp_path, caplog):
     assert recorder.lost == 0
     assert not recorder.is_whole
     assert "was removed" in caplog.text
+
+
+FILL = """
+import sys, time
+from pathlib import Path
+from drivers.mavlink.recorder import RETRY_US, Recorder
+
+folder, frame = Path(sys.argv[1]), bytes((0xFD,)) * 56
+ballast = folder / "ballast"
+ballast.write_bytes(bytes(100_000))
+with Recorder(folder / "logs", in_folder=True, max_file_bytes=40_000) as recorder:
+    n = 0
+    while not recorder.lost:  # until the disk is full
+        recorder.write(n * 1000, [frame])
+        n += 1
+        time.sleep(1e-4)
+    time.sleep(1.0)
+    lost = recorder.lost
+    ballast.unlink()
+    for m in range(100):
+        recorder.write(n * 1000 + RETRY_US + m * 1000, [frame])
+read = sum(file.stat().st_size for file in (folder / "logs").iterdir()) / (8 + len(frame))
+print(n, lost, recorder.lost, read)
+"""
+
+
+def can_mount():
+    probe = "mount -t tmpfs tmpfs /mnt"
+    try:
+        return not subprocess.run(
+            ["unshare", "-Urm", "sh", "-c", probe], capture_output=True, check=False
+        ).returncode
+    except OSError:
+        return False
+
+
+@pytest.mark.skipif(os.name != "posix" or not can_mount(), reason="needs user namespaces")
+def test_a_full_disk_loses_only_what_came_while_it_was_full(tmp_path):
+    """A real file system of 200 kB, in a mount namespace of the test's own."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mount = 'mount -t tmpfs -o size=200k tmpfs "$0" && exec "$@"'
+    done = run(FILL, disk, through=["unshare", "-Urm", "sh", "-c", mount, disk])
+    written, lost, lost_in_all, read = map(float, done.stdout.split())
+    assert lost == lost_in_all > 0
+    assert written > 1000
+    assert read == written - lost + 100
+    assert "no space left" in done.stderr.lower()
+    assert done.stderr.count("the estimate goes on") == 1

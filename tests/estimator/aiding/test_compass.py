@@ -345,3 +345,14 @@ def test_the_field_does_not_begin_with_a_heading_as_good_as_none(flight, every, 
 
     flown(one, slow, reports=reports, after=note)
     assert begins_us[0] == first_us
+
+
+def test_a_gap_ends_the_search(flight):
+    """How the vehicle has turned meanwhile is not known: what was shown before is void."""
+    bare = changed(flight, mag_gauss=lambda _: ZERO_VEC3, has_mag=lambda _: False)
+    one = estimator()
+    early = type(flight)(bare.samples[:250], [x for x in flight.reports if x[0] < 250], [])
+    flown(one, early)
+    assert one.snapshot.core.search.evidence.windows == pytest.approx(3.81, rel=0.2)
+    one.update(bare.samples[250]._replace(time_us=bare.samples[249].time_us + 1_500_000))
+    assert one.snapshot.core.search.evidence.windows == 0.0

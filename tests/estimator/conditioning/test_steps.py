@@ -309,3 +309,13 @@ def test_the_long_mean_follows_the_low_passed_force_three_times_as_slowly():
             assert gravity.force.long == pytest.approx(expected)
             assert 0.1 < gravity.force.long[0] < 0.5 * down[0]
     assert gravity.force.long == pytest.approx((1.2, -0.4, 9.6), abs=1e-3)
+
+
+def test_slow_turn_is_rest_and_fast_turn_is_not():
+    dt = 0.01
+    k = coefficients(PARAMS, dt, 1.0).rest
+    for rate, expected in ((radians(0.5), True), (radians(30.0), False)):
+        state = RestState(Smooth((rate, 0.0, 0.0)), Smooth((0.0, 0.0, -9.8)))
+        for _ in range(300):
+            state = observe_rest(PARAMS, k, state, (rate, 0.0, 0.0), (0.0, 0.0, -9.8), dt)
+        assert state.resting is expected
