@@ -1,8 +1,8 @@
 """The fuzzy gain controller, compiled: Mamdani inference with the exact centroid.
 
 min for AND, max over rules and for aggregation, clipped triangles, and the centroid of the
-piecewise-linear aggregate in closed form: areas of sets, less what they
-share. Tests compare it with scikit-fuzzy, to 1e-9 relative.
+piecewise-linear aggregate in closed form: areas of sets, less what they share. Tests compare it
+with scikit-fuzzy, to 1e-9 relative.
 Paper: Section III-B, Table I "FLC" (rules), Figs. 4 "FLC_Inp_MMF" and 5 "FLC_Out_MMF"
 (memberships).
 """
@@ -84,7 +84,7 @@ def centroid(strengths: Strengths, sets: Five) -> float:
     if total <= 0.0:
         return 0.0
     vs, s, m, large, vl = strengths
-    strong = (vs > 0.0) + (s > 0.0) + (m > 0.0) + (large > 0.0) + (vl > 0.0)
+    strong = int(vs > 0.0) + int(s > 0.0) + int(m > 0.0) + int(large > 0.0) + int(vl > 0.0)
     if strong == 1:  # the usual case near the truth
         if vs > 0.0:
             return single_centroid(vs, sets[0])
@@ -134,7 +134,7 @@ def union(strengths: Strengths, sets: Five) -> Moments:
     """Area and first moment of the aggregate: of each set, less what two share, and so on."""
     strong = 0
     for i in range(5):
-        strong |= (strengths[i] > 0.0) << i
+        strong |= int(strengths[i] > 0.0) << i
     area, moment, some = 0.0, 0.0, strong
     while some > 0:
         part = shared(strengths, sets, some)

@@ -217,13 +217,13 @@ def judge(
     quiet = field.by_noise / variance
     learn = dt_s / (state.age_s + dt_s) * (min(ratio, 2.0) - 1.0)
     keep = LONG_S / (LONG_S + dt_s)
-    # a field goes along by twice the turn at most
     moves = min(square(field.moved), 2.0 * variance) - field.by_noise
-    moves = max(0.0, min(moves, 4.0 * square(state.turned)))
+    turns = max(1e-12, keep * (state.turns + dt_s * square(state.turned)))
     return with_judged(
         state,
-        keep * (state.moves + dt_s * moves),
-        max(1e-12, keep * (state.turns + dt_s * square(state.turned))),
+        # a field goes along by twice the turn at most
+        min(keep * (state.moves + dt_s * max(0.0, moves)), 4.0 * turns),
+        turns,
         max(1.0, state.by_noise * (1.0 + learn * quiet)),
         squares,
         since_s,
@@ -245,5 +245,4 @@ def is_strong(case: Suspect, least: float) -> bool:
     A magnet may turn the field by any angle, so that the force must not contradict the axis: by
     less than a standard deviation it may do so by chance.
     """
-    shown = case.ratio > REACH * REACH and case.evidence > max(FAR, least)
-    return shown and case.by_force > -1.0
+    return case.ratio > FAR and case.evidence > least and case.by_force > -1.0

@@ -170,5 +170,5 @@ def test_a_case_much_weaker_than_another_is_dropped():
     assert judge(signs, field, (strong, alike, none), 0.02).squares[1] > 0.0
     by_magnet = strong._replace(by_force=-1.1)
     assert judge(signs, field, (by_magnet, none, none), 0.02).squares == (0.0, 0.0, 0.0)
-    beneath = strong._replace(evidence=0.99 * FAR)
+    beneath = strong._replace(ratio=0.99 * FAR)
     assert judge(signs, field, (beneath, none, none), 0.02).squares == (0.0, 0.0, 0.0)
