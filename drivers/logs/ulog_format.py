@@ -113,7 +113,7 @@ class UlogReader:
                 if not self._takes(data[position + 2], data[start:end]):
                     found.append(None)
             else:
-                sizes, table = self._subscribed.get(data[start] | data[start + 1] << 8, NO_ROWS)
+                sizes, table = self._subscribed.get(_number(data, start), NO_ROWS)
                 if end - start - NUMBER_SIZE not in sizes:
                     found.append(None)
                 elif table is not None:

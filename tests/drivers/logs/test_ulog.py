@@ -201,6 +201,7 @@ def test_damage_costs_the_rows_it_hits(tmp_path):
         data[:at] + rng.randbytes(500) + data[at:],
         data[:at] + b"\xff" + data[at + 1 :],
         data[:at] + b"A" * 70_000 + b"D" * 70_000 + b"F" * 70_000 + data[at:],
+        data + b"\x01\x00D\x00",  # the last row ends within its topic's number
     ):
         path = tmp_path / "flight.ulg"
         path.write_bytes(damaged)
