@@ -4,7 +4,9 @@ import copy
 import dataclasses
 import pickle
 import warnings
+from concurrent.futures import ProcessPoolExecutor
 from itertools import pairwise, product
+from multiprocessing import get_context
 
 import numpy as np
 import pytest
@@ -215,3 +217,18 @@ def test_after_a_reset_it_is_a_new_one(flight):
     again = estimator.update_batch(gyr, acc, mag, time_s, velocity)
     assert np.array_equal(first.q_ned_frd, again.q_ned_frd, equal_nan=True)
     assert not estimator.rejected
+
+
+def in_another_process(estimator, *readings):
+    """What a process that has never seen this estimator makes of the next samples."""
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        return pool.submit(Estimator.update_batch, estimator, *readings).result()
+
+
+def test_a_pickled_estimator_goes_on_in_another_process(flight):
+    time_s, gyr, acc, mag, _ = flight
+    estimator = Estimator()
+    estimator.update_batch(gyr[:120], acc[:120], mag[:120], time_s[:120])
+    then = gyr[120:], acc[120:], mag[120:], time_s[120:]
+    elsewhere = in_another_process(estimator, *then)
+    assert np.array_equal(elsewhere.q_ned_frd, estimator.update_batch(*then).q_ned_frd)

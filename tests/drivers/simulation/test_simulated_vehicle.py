@@ -14,6 +14,7 @@ from drivers.simulation.simulated_vehicle import (
     SimulatedVehicle,
     simulate,
 )
+from estimator.errors import InputError
 
 G = 9.80665
 
@@ -143,3 +144,9 @@ def test_arrays_are_constant():
         with pytest.raises(ValueError, match="read-only"):
             values[0] = 0
         assert len(values) == 10, name
+
+
+@pytest.mark.parametrize("rate_hz", [0.0, -5.0, float("nan"), float("inf")])
+def test_a_rate_that_is_none_is_refused(rate_hz):
+    with pytest.raises(InputError, match="rate must be positive"):
+        simulate(0, 3, rate_hz)
