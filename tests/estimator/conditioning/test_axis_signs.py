@@ -25,8 +25,9 @@ from estimator.types import IDENTITY
 PARAMS = ConditioningParams()
 FIELD = (0.2, 0.05, 0.43)  # in the body
 DT_S = 0.02
-NO_ERROR = (0.0, 0.0, 0.0)
+NO_ERROR = ZERO = (0.0, 0.0, 0.0)
 AS_IT_IS = np.eye(3)
+CLEAR = (Suspect(0.0, 0.0, 0.0, 0.0),) * 3  # no case against any axis
 
 
 def step_of(q_g_frd, rate, *, bias=(0.0, 0.0, 0.0), down=(0.0, 0.0, 9.8), quick=(0.0, 0.0, 9.8)):
@@ -151,6 +152,14 @@ def test_a_noisy_field_at_rest_does_not_hide_a_fault():
     for before_s in (20.0, 200.0):
         found = after(4.0, (0.0, 0.0, 0.3), swing_rad_s=0.0, before_s=before_s, noise=0.01)
         assert np.sqrt(found.squares[2]) > 0.05
+
+
+def test_what_a_field_at_rest_does_is_no_more_than_going_along_with_all():
+    """By noise alone it would: a compass that stands turned goes along by twice a turn at most."""
+    rested = after(0.1, NO_ERROR, swing_rad_s=0.0, before_s=200.0, noise=0.02)
+    assert 0.0 < rested.moves <= 4.0 * rested.turns
+    silent = judge(AxisSigns(moves=0.0, turns=0.0), Seen(FIELD, ZERO, 0.0, 1e-4, 1e-4), CLEAR, DT_S)
+    assert silent.turns > 0.0  # hours at rest with rates of exactly zero
 
 
 def test_what_nothing_renews_is_forgotten():
