@@ -106,7 +106,7 @@ def report_calibration(
     if is_fast:
         both = zip(paths, traces, strict=True)
         try:
-            fit = fit_sensors([recording(path, trace, field, window) for path, trace in both])
+            fit = fit_sensors([recording(path, trace, field) for path, trace in both])
         except np.linalg.LinAlgError as error:
             raise InputError(f"{paths[0]}: nothing fits these readings: {error}") from None
         found = fit.found
@@ -164,18 +164,15 @@ def _report_compass(
     usual_a = 0.0 if current_a is None else float(current_a.mean())
     horizontal_gauss = field.strength_gauss * cos(field.dip_rad)
     worst_gauss = float(np.linalg.eigvalsh(fit.offset_covariance[:2, :2])[-1]) ** 0.5
+    shown = ("current_gauss_a", "current_sigma_gauss_a", "matrix_sigma", "misfit_gauss", "unseen")
     return {
         "message": message,
         "readings": len(mag),
         "field_gauss": field.strength_gauss,
         "dip_deg": degrees(field.dip_rad),
         "offset_sigma_gauss": np.sqrt(np.diag(fit.offset_covariance)),
-        "current_gauss_a": fit.current_gauss_a,
-        "current_sigma_gauss_a": fit.current_sigma_gauss_a,
-        "matrix_sigma": fit.matrix_sigma,
+        **{name: getattr(fit, name) for name in shown},
         "heading_sigma_deg": degrees(atan2(worst_gauss, horizontal_gauss)),
-        "misfit_gauss": fit.misfit_gauss,
-        "unseen": fit.unseen,
         "calibration": _calibration(fit, usual_a, turn),
         "ardupilot": parameters,
         "ardupilot_adds": not any(name.startswith(COMPASS) for name in trace.parameters),

@@ -1,6 +1,6 @@
 """The result of replaying a log: a table of estimates and samples, references, counts."""
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator
 from math import radians
 from pathlib import Path
@@ -17,6 +17,7 @@ from drivers.events import (
     ReferenceAttitude,
     StatusText,
     VehicleId,
+    Velocity,
 )
 from drivers.logs.log_file import LogFile
 from drivers.logs.reference_track import ReferenceTrack
@@ -54,6 +55,7 @@ COLUMNS = {
     "has_mag": "?",
     "is_aided": "?",
 }
+VELOCITIES = {"time_us": "i8", "velocity_ned_m_s": "3f8"}
 
 
 class How(NamedTuple):
@@ -92,6 +94,8 @@ class VehicleTrace(Table):
         self.kind: tuple[int | None, int | None] = None, None  # MAV_AUTOPILOT, MAV_TYPE
         self.imu_messages: Counter[str] = Counter()  # samples used of each
         self.references = {"sim": ReferenceTrack(), "autopilot": ReferenceTrack()}
+        # of each message, as reported
+        self.velocities = defaultdict[str, Table](lambda: Table(**VELOCITIES))
         self.reference: str | None = None  # the one that it is compared with
         self.warned_s: Counter[str] = Counter()  # for how long each warning stood
         self.malformed = 0  # rows or frames of the log that cannot be read, whoever sent them
@@ -235,6 +239,9 @@ class Replay:
                 self._after_imu(event)
             case ReferenceAttitude(vehicle=address, source=source):
                 self.traces[address].references[source].add(event)
+            case Velocity(vehicle=address, message=name, sample=sample):
+                velocity = sample.time_us, sample.velocity_ned_m_s
+                self.traces[address].velocities[name].append(*velocity)
             case Parameter(vehicle=address, name=name, value=value):
                 self.traces[address].parameters[name] = value
             case StatusText() if event.severity <= LEAST_SEVERITY:

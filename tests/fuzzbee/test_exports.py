@@ -43,22 +43,17 @@ def test_parquet_has_the_rows_of_the_csv(replayed, tmp_path, monkeypatch):
     """Written in parts, of which the last is not full."""
     parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
     monkeypatch.setattr(table, "BLOCK", 250)
-    files = ("--csv", tmp_path / "a.csv", "--parquet", tmp_path / "a.parquet")
-    replayed(SLOW, *files)
+    replayed(SLOW, "--csv", tmp_path / "a.csv", "--parquet", tmp_path / "a.parquet")
     rows = rows_of(tmp_path / "a.csv")
-    found = parquet.read_table(tmp_path / "a.parquet").to_pylist()
-    assert " ".join(found[0]) == COLUMNS
-    assert len(found) == len(rows)
-    assert len(found) > 500
+    found = parquet.read_table(tmp_path / "a.parquet")
+    assert " ".join(found.column_names) == COLUMNS
+    assert len(found) == len(rows) > 500
     assert len(found) % 250
-    for ours, text in zip(found[::50], rows[::50], strict=True):
-        for name, value in ours.items():
-            reported = text[name] or None
-            is_text = name == "heading_reference" or reported is None
-            # the text has nine digits
-            assert value == (
-                reported if is_text else pytest.approx(float(reported), rel=1e-8, abs=1e-12)
-            )
+    for name, values in found.to_pydict().items():
+        texts = [row[name] or None for row in rows]
+        if name != "heading_reference":  # the text has nine digits
+            texts = [text and pytest.approx(float(text), rel=1e-8, abs=1e-12) for text in texts]
+        assert values == texts
 
 
 def test_trajectories_turn_as_the_errors_say(replayed, tmp_path):
