@@ -28,7 +28,6 @@ from estimator.arrays import Floats, Times
 from estimator.live.rows import NORTHS
 from fuzzbee.attitudes import enu_flu, euler_curves_deg
 from fuzzbee.replays.trace import VehicleTrace
-from service.publishing import HostClock
 from service.records import Output, Peer, Published
 from service.sinks.ros_messages import imu_message
 
@@ -73,25 +72,17 @@ Message = tuple[str, int, bytes]  # topic, time (us), data
 def stamps_us(trace: VehicleTrace) -> tuple[Times, bool]:
     """Unix time (N,) of the samples; if the log's stamps are no dates, the time since the first.
 
-    And which it is. A message is stamped when it arrives, now soon, now late: the vehicle's own
-    clock is carried over as in the live service. Times never go back.
+    And which it is. Times never go back.
     """
-    times_us, arrivals_us = trace["time_us"], trace["arrival_us"]
-    if arrivals_us[0] >= EARLIEST_UNIX_US:
-        clock, found = HostClock(), np.empty(len(arrivals_us), dtype=np.int64)
-        for rows in blocks(len(found)):
-            both = zip(times_us[rows].tolist(), arrivals_us[rows].tolist(), strict=True)
-            for k, (time_us, arrival_us) in enumerate(both, rows.start):
-                clock.observe(time_us, arrival_us)
-                found[k] = round(time_us + clock.offset_us)
-        if found.max() < LATEST_UNIX_US:
-            return np.maximum.accumulate(found), True
-    return times_us - trace.zero_us, False
+    found = trace["unix_us"]
+    if trace["arrival_us"][0] >= EARLIEST_UNIX_US and found.max() < LATEST_UNIX_US:
+        return np.maximum.accumulate(found), True
+    return trace["time_us"] - trace.zero_us, False
 
 
-def columns(trace: VehicleTrace, stamps: tuple[Times, bool] | None = None) -> Iterator[Columns]:
+def columns(trace: VehicleTrace) -> Iterator[Columns]:
     """The columns of every file, some rows at a time; NaN where something is not known."""
-    (unix_us, are_dates), time_s = stamps or stamps_us(trace), trace.time_s
+    (unix_us, are_dates), time_s = stamps_us(trace), trace.time_s
     unix_s = 1e-6 * unix_us if are_dates else np.full(len(trace), np.nan)
     for rows in blocks(len(trace)):
         q, reference = trace["q_ned_frd"][rows], trace["reference_q_ned_frd"][rows]
@@ -193,9 +184,7 @@ def write_mcap(path: Path, trace: VehicleTrace) -> None:
     """The topics /attitude, /reference, /tf and /imu."""
     from mcap.writer import CompressionType, Writer
 
-    counts: Counter[str] = Counter()
-    stamps = stamps_us(trace)
-    tables = _tables(next(columns(trace, stamps)))
+    counts, tables = Counter[str](), _tables(next(columns(trace)))
     with written_for("--mcap", path) as fresh, fresh.open("wb") as file:
         writer: Any = Writer(file, compression=CompressionType.ZSTD)
         writer.start(profile="", library="fuzzbee")
@@ -203,7 +192,7 @@ def write_mcap(path: Path, trace: VehicleTrace) -> None:
             topic: writer.register_channel(topic, encoding, writer.register_schema(*schema))
             for topic, encoding, *schema in _topics(tables)
         }
-        for topic, time_us, data in _messages(trace, stamps, tables):
+        for topic, time_us, data in _messages(trace, tables):
             time_ns = 1000 * time_us
             writer.add_message(channels[topic], time_ns, data, time_ns, counts[topic])
             counts[topic] += 1
@@ -241,12 +230,11 @@ def _object(properties: dict[str, Any], title: str | None = None) -> dict[str, A
     return {"type": "object", **named, "properties": properties}
 
 
-def _messages(
-    trace: VehicleTrace, stamps: tuple[Times, bool], tables: dict[str, list[str]]
-) -> Iterator[Message]:
+def _messages(trace: VehicleTrace, tables: dict[str, list[str]]) -> Iterator[Message]:
     """Of each sample the rows that a CSV has, the attitude in space, and an IMU's message."""
-    for rows, part in zip(blocks(len(trace)), columns(trace, stamps), strict=True):
-        times_us = stamps[0][rows].tolist()
+    stamps, _ = stamps_us(trace)
+    for rows, part in zip(blocks(len(trace)), columns(trace), strict=True):
+        times_us = stamps[rows].tolist()
         poses = (enu_flu(trace[name][rows]) for name in ("q_ned_frd", "reference_q_ned_frd"))
         own = zip(*(column.tolist() for column in part.values()), strict=True)
         each = zip(times_us, own, *poses, trace.published(rows, times_us), strict=True)

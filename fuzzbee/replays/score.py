@@ -261,9 +261,7 @@ def mean(values: NDArray[Any]) -> float | None:
 
 
 def _rms_deg(values_rad: Floats) -> float | None:
-    degrees = np.degrees(values_rad)
-    np.square(degrees, out=degrees)
-    return float(np.sqrt(np.mean(degrees))) if len(degrees) else None
+    return float(np.degrees(rms(values_rad))) if len(values_rad) else None
 
 
 def _between(some: Floats, others: Floats) -> Floats:
