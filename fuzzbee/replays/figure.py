@@ -140,7 +140,7 @@ def _write_page(sheet: Any, axes: list[Any], path: Path, script: str | None) -> 
         data += [{**place, **trace} for trace in _traces(here, ax)]
         place = {"xref": f"x{here}", "yref": f"y{here} domain"}
         layout["shapes"] += [{**place, **shape} for shape in _shapes(here, ax)]
-        layout["annotations"] += _texts(here, ax)
+        layout["annotations"] += [{**place, **text} for text in _texts(ax)]
     options: Any = {"include_plotlyjs": True, "div_id": "fuzzbee", "config": BUTTONS}
     write_html({"data": data, "layout": layout}, path, post_script=script, **options)
 
@@ -207,20 +207,22 @@ def _named(here: str, ax: Any, artist: Any) -> dict[str, Any]:
     return {"name": name, "showlegend": is_shown, "legend": f"legend{here}"}
 
 
-def _texts(here: str, ax: Any) -> Iterator[dict[str, Any]]:
+def _texts(ax: Any) -> Iterator[dict[str, Any]]:
     """The title, what is written in the axes, and the names of moments."""
-    within = {"xref": f"x{here} domain", "yref": f"y{here} domain", "showarrow": False}
-    corner = {"xanchor": "left", "yanchor": "bottom"}
+    corner, size = ax.get_position().get_points()[0], ax.get_position().size
+    paper = {"xref": "paper", "yref": "paper"}  # axes without a curve are no place for plotly
     if title := ax.get_title("left"):
-        yield {"text": _html(title), "x": 0, "y": 1, **corner, **within}
+        x, y = corner + size * (0.0, 1.0)
+        look = {"xanchor": "left", "yanchor": "bottom", "showarrow": False}
+        yield {"text": _html(title), "x": x, "y": y, **look, **paper}
     for text in ax.texts:
-        (x, y), side = text.get_position(), text.get_verticalalignment()
-        look = {"textangle": -text.get_rotation(), "bgcolor": PAPER, "x": x, "y": y, **within}
-        look["xanchor"] = text.get_horizontalalignment()
+        place, side = text.get_position(), text.get_verticalalignment()
+        look = {"textangle": -text.get_rotation(), "bgcolor": PAPER, "showarrow": False}
+        look |= {"xanchor": text.get_horizontalalignment()}
         look["yanchor"] = "middle" if side == "center" else side
-        if text.get_transform() != ax.transAxes:
-            look["xref"] = f"x{here}"
-        yield {"text": _html(text.get_text()), **look}
+        if text.get_transform() == ax.transAxes:
+            place, look = corner + size * place, look | paper
+        yield {"text": _html(text.get_text()), "x": place[0], "y": place[1], **look}
 
 
 def _html(text: str) -> str:
