@@ -261,7 +261,7 @@ def mean(values: NDArray[Any]) -> float | None:
 
 
 def _rms_deg(values_rad: Floats) -> float | None:
-    return float(np.degrees(rms(values_rad))) if len(values_rad) else None
+    return rms(np.degrees(values_rad)) if len(values_rad) else None
 
 
 def _between(some: Floats, others: Floats) -> Floats:

@@ -10,7 +10,7 @@ import pytest
 from drivers.logs import table
 from drivers.mavlink.framing import frame_end
 from estimator.geometry.frames import swap_ned_enu
-from tests.fuzzbee.recording import SLOW
+from tests.fuzzbee.recording import DATA, SLOW
 
 COLUMNS = (
     "time_s time_unix_s q_w q_x q_y q_z roll_deg pitch_deg yaw_deg"
@@ -88,13 +88,28 @@ def read_mcap(path):
         ]
 
 
-def test_dates_are_those_of_the_log(replayed, tmp_path):
-    """The log's own stamps, read by pymavlink, carried over to a clock that is steady."""
+def stamps_of(path):
+    """When each RAW_IMU was received, read by pymavlink."""
     from pymavlink import mavutil
 
-    with closing(mavutil.mavlink_connection(str(SLOW))) as log:
+    with closing(mavutil.mavlink_connection(str(path))) as log:
         messages = iter(lambda: log.recv_match(type="RAW_IMU"), None)
-        stamps = [message._timestamp for message in messages]
+        return [message._timestamp for message in messages]
+
+
+def test_a_reboot_moves_the_dates_at_once(replayed, tmp_path):
+    """It took 19 s, in which no stamp lies."""
+    log = DATA / "copter_reboot.tlog"
+    replayed(log, "--csv", tmp_path / "a.csv")
+    dates = [float(row["time_unix_s"]) for row in rows_of(tmp_path / "a.csv")]
+    stamps = np.array([-np.inf, *stamps_of(log), np.inf])
+    after = stamps[np.searchsorted(stamps, dates)] - dates
+    assert after.max() < 1.0  # a radio holds it back for 0.64 s at most
+
+
+def test_dates_are_those_of_the_log(replayed, tmp_path):
+    """The log's own stamps, carried over to a clock that is steady."""
+    stamps = stamps_of(SLOW)
     replayed(SLOW, "--csv", tmp_path / "a.csv")
     rows = rows_of(tmp_path / "a.csv")
     dates = np.array([float(row["time_unix_s"]) for row in rows])
