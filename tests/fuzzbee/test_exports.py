@@ -40,10 +40,11 @@ def test_csv_holds_every_sample_with_its_reference(replayed, tmp_path):
 
 
 def test_parquet_has_the_rows_of_the_csv(replayed, tmp_path, monkeypatch):
-    """Written in parts, of which the last is not full."""
+    """Written in parts, of which the last is not full. The autopilot's attitude begins late."""
     parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
     monkeypatch.setattr(table, "BLOCK", 250)
-    replayed(SLOW, "--csv", tmp_path / "a.csv", "--parquet", tmp_path / "a.parquet")
+    files = ("--csv", tmp_path / "a.csv", "--parquet", tmp_path / "a.parquet")
+    replayed(SLOW, "--reference", "autopilot", *files)
     rows = rows_of(tmp_path / "a.csv")
     found = parquet.read_table(tmp_path / "a.parquet")
     assert " ".join(found.column_names) == COLUMNS
