@@ -1,23 +1,20 @@
 """What ``fuzzbee calibrate`` fits of a replayed log: its IMU, one compass, velocities, current."""
 
-from collections import defaultdict
 from math import radians
 from pathlib import Path
 
 import numpy as np
 
-from drivers.events import Velocity
 from drivers.logs.open import open_log
 from drivers.logs.other_sensors import compasses, currents
-from drivers.logs.time_window import WHOLE_LOG, TimeWindow, WindowedEvents
+from drivers.logs.table import Table
 from drivers.samples.imu_stream import RepeatedField
 from estimator.arrays import Bools, Floats
 from estimator.errors import InputError
 from estimator.geometry.earth import PlaceField, in_ned
 from estimator.profile import Profile
-from estimator.types import VelocitySample
 from fuzzbee.attitudes import PLACE
-from fuzzbee.replays.trace import VehicleTrace
+from fuzzbee.replays.trace import VELOCITIES, VehicleTrace
 from tuning.calibration.spans import Recording
 
 LEAST_S = 10.0  # of a recording
@@ -78,9 +75,7 @@ def compass_readings(
     return mag[there], q[there], is_headed[there], current_a
 
 
-def recording(
-    path: Path, trace: VehicleTrace, field: PlaceField | None, window: TimeWindow = WHOLE_LOG
-) -> Recording:
+def recording(path: Path, trace: VehicleTrace, field: PlaceField | None) -> Recording:
     """The stretch of a trace that turns most, of what the estimate has an attitude for.
 
     Raises:
@@ -92,7 +87,7 @@ def recording(
     first_s, last_s = times_s[rows][[0, -1]]
     if last_s - first_s < LEAST_S:
         raise InputError(f"{path}: shorter than {LEAST_S:g} s")
-    at_s, velocity_ned_m_s = _velocities(path, trace, window)
+    at_s, velocity_ned_m_s = _velocities(trace)
     within = (at_s >= first_s) & (at_s <= last_s)
     mag, place = trace["mag_gauss"][rows], field or trace.vehicle.estimator.place_field
     return Recording(
@@ -117,14 +112,8 @@ def _liveliest(times_s: Floats, gyr: Floats, known: Bools) -> slice:
     return slice(begin, int(ends[begin]) + 1)
 
 
-def _velocities(path: Path, trace: VehicleTrace, window: TimeWindow) -> tuple[Floats, Floats]:
+def _velocities(trace: VehicleTrace) -> tuple[Floats, Floats]:
     """Times (M,) in s and velocities (M, 3) of the message that has most of them, in order."""
-    of: defaultdict[str, list[VelocitySample]] = defaultdict(list)
-    with open_log(path) as log:
-        for event in log if window == WHOLE_LOG else WindowedEvents(log, window):
-            if isinstance(event, Velocity) and event.vehicle == trace.address:
-                of[event.message].append(event.sample)
-    most = max(of, key=lambda message: len(of[message]), default="")
-    chosen = sorted(of[most], key=lambda each: each.time_us)
-    vectors = np.array([each.velocity_ned_m_s for each in chosen], dtype=float).reshape(-1, 3)
-    return 1e-6 * np.array([each.time_us for each in chosen], dtype=float), vectors
+    most = max(trace.velocities.values(), key=len, default=Table(**VELOCITIES))
+    order = np.argsort(most["time_us"], kind="stable")
+    return 1e-6 * most["time_us"][order], most["velocity_ned_m_s"][order]

@@ -90,37 +90,36 @@ def report_calibration(
     """
     plain = msgspec.structs.replace(profile, calibration=Calibration())
     how = How(system_id=system_id, window=window)
-    traces = [replay_log(path, plain, how) for path in paths]
-    messages = [choose_compass(*each, plain, compass) for each in zip(paths, traces, strict=True)]
-    is_fast = max(trace.step_s or inf for trace in traces) < 1.0 / SLOWEST_HZ
+    runs = [(path, replay_log(path, plain, how)) for path in paths]
+    messages = [choose_compass(*run, plain, compass) for run in runs]
+    is_fast = max(trace.step_s or inf for _, trace in runs) < 1.0 / SLOWEST_HZ
+    first = runs[0][1]
     way_out = "several logs together need 20 samples a second or more"
     if is_fast:
         way_out = "turn it slowly about all axes, for two minutes or more"
     of_compass, why = None, InputError(f"{paths[0]}: no constant shows: {way_out}")
     if len(paths) == 1:
         try:
-            of_compass = _report_compass(paths[0], traces[0], field, messages[0], compass)
+            of_compass = _report_compass(paths[0], first, field, messages[0], compass)
         except InputError as error:
             why = error
     fit, ardupilot, found = None, dict[str, float](), Calibration()
     if is_fast:
-        both = zip(paths, traces, strict=True)
         try:
-            fit = fit_sensors([recording(path, trace, field, window) for path, trace in both])
+            fit = fit_sensors([recording(*run, field) for run in runs])
         except np.linalg.LinAlgError as error:
             raise InputError(f"{paths[0]}: nothing fits these readings: {error}") from None
         found = fit.found
-        ardupilot = inertial_parameters(traces[0].parameters, traces[0].message, found)
+        ardupilot = inertial_parameters(first.parameters, first.message, found)
     if of_compass is not None:
         iron = {"mag_matrix": UNCHANGED, **of_compass["calibration"]}
         found = msgspec.structs.replace(found, **iron)
         ardupilot |= of_compass["ardupilot"]
     if found.is_plain:
         raise why
-    if traces[0].kind[0] not in (None, MAV_AUTOPILOT_ARDUPILOTMEGA):
+    if first.kind[0] not in (None, MAV_AUTOPILOT_ARDUPILOTMEGA):
         ardupilot = {}
-    texts = ((path, refused_text(trace)) for path, trace in zip(paths, traces, strict=True))
-    refused = [f"{path}: {text}" for path, text in texts if text is not None]
+    refused = [f"{path}: {text}" for path, trace in runs if (text := refused_text(trace))]
     in_sensor = in_sensor_axes(found, profile.mounting)
     return CalibrationReport([*map(str, paths)], in_sensor, ardupilot, fit, of_compass, refused)
 
@@ -164,18 +163,15 @@ def _report_compass(
     usual_a = 0.0 if current_a is None else float(current_a.mean())
     horizontal_gauss = field.strength_gauss * cos(field.dip_rad)
     worst_gauss = float(np.linalg.eigvalsh(fit.offset_covariance[:2, :2])[-1]) ** 0.5
+    shown = ("current_gauss_a", "current_sigma_gauss_a", "matrix_sigma", "misfit_gauss", "unseen")
     return {
         "message": message,
         "readings": len(mag),
         "field_gauss": field.strength_gauss,
         "dip_deg": degrees(field.dip_rad),
         "offset_sigma_gauss": np.sqrt(np.diag(fit.offset_covariance)),
-        "current_gauss_a": fit.current_gauss_a,
-        "current_sigma_gauss_a": fit.current_sigma_gauss_a,
-        "matrix_sigma": fit.matrix_sigma,
+        **{name: getattr(fit, name) for name in shown},
         "heading_sigma_deg": degrees(atan2(worst_gauss, horizontal_gauss)),
-        "misfit_gauss": fit.misfit_gauss,
-        "unseen": fit.unseen,
         "calibration": _calibration(fit, usual_a, turn),
         "ardupilot": parameters,
         "ardupilot_adds": not any(name.startswith(COMPASS) for name in trace.parameters),

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
@@ -89,13 +89,11 @@ def _files(given: Iterable[Path]) -> Iterator[Path]:
 def _checked(paths: list[Path], work: "Callable[[Path], Checked]") -> "list[Checked]":
     """All of them, on all cores, with a bar where standard error is a terminal."""
     from rich.console import Console
-    from rich.progress import Progress
+    from rich.progress import track
 
     from tuning.processes import Pool, available_cores
 
     console = Console(stderr=True)
-    with (
-        Progress(console=console, transient=True, disable=not console.is_terminal) as bar,
-        Pool(work, min(len(paths), available_cores())) as pool,
-    ):
-        return list(bar.track(pool(paths), len(paths), description="checking"))
+    bar: Any = {"console": console, "transient": True, "disable": not console.is_terminal}
+    with Pool(work, min(len(paths), available_cores())) as pool:
+        return [*track(pool(paths), "checking", len(paths), **bar)]

@@ -28,7 +28,6 @@ from estimator.arrays import Floats, Times
 from estimator.live.rows import NORTHS
 from fuzzbee.attitudes import enu_flu, euler_curves_deg
 from fuzzbee.replays.trace import VehicleTrace
-from service.publishing import HostClock
 from service.records import Output, Peer, Published
 from service.sinks.ros_messages import imu_message
 
@@ -73,20 +72,12 @@ Message = tuple[str, int, bytes]  # topic, time (us), data
 def stamps_us(trace: VehicleTrace) -> tuple[Times, bool]:
     """Unix time (N,) of the samples; if the log's stamps are no dates, the time since the first.
 
-    And which it is. A message is stamped when it arrives, now soon, now late: the vehicle's own
-    clock is carried over as in the live service. Times never go back.
+    And which it is. Times never go back.
     """
-    times_us, arrivals_us = trace["time_us"], trace["arrival_us"]
-    if arrivals_us[0] >= EARLIEST_UNIX_US:
-        clock, found = HostClock(), np.empty(len(arrivals_us), dtype=np.int64)
-        for rows in blocks(len(found)):
-            both = zip(times_us[rows].tolist(), arrivals_us[rows].tolist(), strict=True)
-            for k, (time_us, arrival_us) in enumerate(both, rows.start):
-                clock.observe(time_us, arrival_us)
-                found[k] = round(time_us + clock.offset_us)
-        if found.max() < LATEST_UNIX_US:
-            return np.maximum.accumulate(found), True
-    return times_us - trace.zero_us, False
+    found = trace["unix_us"]
+    if trace["arrival_us"][0] >= EARLIEST_UNIX_US and found.max() < LATEST_UNIX_US:
+        return np.maximum.accumulate(found), True
+    return trace["time_us"] - trace.zero_us, False
 
 
 def columns(trace: VehicleTrace) -> Iterator[Columns]:
@@ -193,29 +184,29 @@ def write_mcap(path: Path, trace: VehicleTrace) -> None:
     """The topics /attitude, /reference, /tf and /imu."""
     from mcap.writer import CompressionType, Writer
 
-    counts: Counter[str] = Counter()
+    counts, tables = Counter[str](), _tables(next(columns(trace)))
     with written_for("--mcap", path) as fresh, fresh.open("wb") as file:
         writer: Any = Writer(file, compression=CompressionType.ZSTD)
         writer.start(profile="", library="fuzzbee")
         channels = {
             topic: writer.register_channel(topic, encoding, writer.register_schema(*schema))
-            for topic, encoding, *schema in _topics(next(columns(trace)))
+            for topic, encoding, *schema in _topics(tables)
         }
-        for topic, time_us, data in _messages(trace):
+        for topic, time_us, data in _messages(trace, tables):
             time_ns = 1000 * time_us
             writer.add_message(channels[topic], time_ns, data, time_ns, counts[topic])
             counts[topic] += 1
         writer.finish()
 
 
-def _tables(part: Columns) -> list[tuple[str, list[str]]]:
+def _tables(part: Columns) -> dict[str, list[str]]:
     """Topics, and their columns."""
     names = [*part]
     behind = names.index(LAST_OF_ATTITUDE) + 1
-    return [("/attitude", names[:behind]), ("/reference", [*names[:2], *names[behind:]])]
+    return {"attitude": names[:behind], "reference": [*names[:2], *names[behind:]]}
 
 
-def _topics(part: Columns) -> Iterator[tuple[str, str, str, str, bytes]]:
+def _topics(tables: dict[str, list[str]]) -> Iterator[tuple[str, str, str, str, bytes]]:
     """Name, encoding of the messages, and their type, its encoding and the type in that."""
     number, whole, text = ({"type": kind} for kind in ("number", "integer", "string"))
     parts = {
@@ -225,13 +216,12 @@ def _topics(part: Columns) -> Iterator[tuple[str, str, str, str, bytes]]:
         "translation": _object(dict.fromkeys("xyz", number), "foxglove.Vector3"),
         "rotation": _object(dict.fromkeys("xyzw", number), "foxglove.Quaternion"),
     }
-    schemas = {}
-    for topic, names in _tables(part):
-        kinds = {name: text if name == LAST_OF_ATTITUDE else number for name in names}
-        schemas[topic] = (f"fuzzbee{topic.replace('/', '.')}", _object(kinds))
-    schemas["/tf"] = (FRAME_TRANSFORM, _object(parts, FRAME_TRANSFORM))
-    for topic, (kind, schema) in schemas.items():
-        yield topic, "json", kind, "jsonschema", msgspec.json.encode(schema)
+    kinds = [("tf", FRAME_TRANSFORM, _object(parts, FRAME_TRANSFORM))]
+    for topic, names in tables.items():
+        row = {name: text if name == LAST_OF_ATTITUDE else number for name in names}
+        kinds.append((topic, f"fuzzbee.{topic}", _object(row)))
+    for topic, kind, schema in kinds:
+        yield f"/{topic}", "json", kind, "jsonschema", msgspec.json.encode(schema)
     yield "/imu", "cdr", IMU, "ros2msg", IMU_DEFINITION.encode()
 
 
@@ -240,20 +230,20 @@ def _object(properties: dict[str, Any], title: str | None = None) -> dict[str, A
     return {"type": "object", **named, "properties": properties}
 
 
-def _messages(trace: VehicleTrace) -> Iterator[Message]:
+def _messages(trace: VehicleTrace, tables: dict[str, list[str]]) -> Iterator[Message]:
     """Of each sample the rows that a CSV has, the attitude in space, and an IMU's message."""
     stamps, _ = stamps_us(trace)
     for rows, part in zip(blocks(len(trace)), columns(trace), strict=True):
-        times_us, tables = stamps[rows].tolist(), _tables(part)
+        times_us = stamps[rows].tolist()
         poses = (enu_flu(trace[name][rows]) for name in ("q_ned_frd", "reference_q_ned_frd"))
         own = zip(*(column.tolist() for column in part.values()), strict=True)
         each = zip(times_us, own, *poses, trace.published(rows, times_us), strict=True)
         for time_us, values, pose, beside, (record, sample) in each:
             row = dict(zip(part, values, strict=True))
-            for topic, names in tables:
+            for topic, names in tables.items():
                 known = {name: row[name] for name in names if row[name] == row[name]}
                 if names[-1] in known:  # there is a reference at this sample
-                    yield topic, time_us, msgspec.json.encode(known)
+                    yield f"/{topic}", time_us, msgspec.json.encode(known)
             yield "/tf", time_us, _transform(time_us, BODY, pose.tolist())
             if not isnan(beside[0]):
                 yield "/tf", time_us, _transform(time_us, REFERENCE_BODY, beside.tolist())

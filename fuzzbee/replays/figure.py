@@ -84,10 +84,9 @@ def written_figure(
         sheet = Figure(figsize=inches, layout="constrained")
         sheet.suptitle("\n".join(wrap(title, TITLE_WIDTH)))
         yield sheet
-        for ax in sheet.axes:
-            if not ax.get_label():  # that of a colour bar has one
-                names = bool(ax.get_xlabel()), bool(ax.get_ylabel())
-                ax.tick_params(labelbottom=names[0], labelleft=names[1])
+        axes = [ax for ax in sheet.axes if not ax.get_label()]  # that of a colour bar has one
+        for ax in axes:
+            ax.tick_params(labelbottom=bool(ax.get_xlabel()), labelleft=bool(ax.get_ylabel()))
         sheet.align_ylabels()
         # the layout is solved anew each time, to other last digits
         sheet.draw_without_rendering()
@@ -98,7 +97,7 @@ def written_figure(
         suffix = path.suffix.lower()
         with written_for("--plot", path) as fresh:
             if suffix == PAGE:
-                _write_page(sheet, fresh, is_over_log=is_over_log)
+                _write_page(sheet, axes, fresh, WINDOW_OPTIONS if is_over_log else None)
             else:
                 metadata: Any = METADATA[suffix]
                 sheet.savefig(fresh, format=suffix[1:], metadata=metadata)
@@ -120,7 +119,7 @@ def add_text(ax: Any, text: str) -> None:
 # --- the page, whose axes zoom together; one file that needs no network
 
 
-def _write_page(sheet: Any, path: Path, *, is_over_log: bool) -> None:
+def _write_page(sheet: Any, axes: list[Any], path: Path, script: str | None) -> None:
     """Write a matplotlib figure as an interactive page; the same figure gives the same bytes.
 
     Axes with the same range of x zoom together.
@@ -133,7 +132,6 @@ def _write_page(sheet: Any, path: Path, *, is_over_log: bool) -> None:
     layout |= {"shapes": [], "annotations": []}
     data: list[dict[str, Any]] = []
     firsts: dict[tuple[float, float], str] = {}
-    axes = [ax for ax in sheet.axes if not ax.get_label()]  # without those of a colour bar
     for number, ax in enumerate(axes, 1):
         here = "" if number == 1 else str(number)  # as plotly numbers axes
         first = firsts.setdefault(ax.get_xlim(), here)
@@ -144,8 +142,7 @@ def _write_page(sheet: Any, path: Path, *, is_over_log: bool) -> None:
         layout["shapes"] += [{**place, **shape} for shape in _shapes(here, ax)]
         layout["annotations"] += [{**place, **text} for text in _texts(ax)]
     options: Any = {"include_plotlyjs": True, "div_id": "fuzzbee", "config": BUTTONS}
-    after = WINDOW_OPTIONS if is_over_log else None
-    write_html({"data": data, "layout": layout}, path, post_script=after, **options)
+    write_html({"data": data, "layout": layout}, path, post_script=script, **options)
 
 
 def _axes(here: str, ax: Any, matches: str | None) -> dict[str, Any]:
@@ -213,10 +210,11 @@ def _named(here: str, ax: Any, artist: Any) -> dict[str, Any]:
 def _texts(ax: Any) -> Iterator[dict[str, Any]]:
     """The title, what is written in the axes, and the names of moments."""
     corner, size = ax.get_position().get_points()[0], ax.get_position().size
-    paper = {"xref": "paper", "yref": "paper", "showarrow": False}
+    paper = {"xref": "paper", "yref": "paper"}  # axes without a curve are no place for plotly
     if title := ax.get_title("left"):
         x, y = corner + size * (0.0, 1.0)
-        yield {"text": _html(title), "x": x, "y": y, "yanchor": "bottom", **paper}
+        look = {"xanchor": "left", "yanchor": "bottom", "showarrow": False}
+        yield {"text": _html(title), "x": x, "y": y, **look, **paper}
     for text in ax.texts:
         place, side = text.get_position(), text.get_verticalalignment()
         look = {"textangle": -text.get_rotation(), "bgcolor": PAPER, "showarrow": False}

@@ -147,15 +147,12 @@ def score(path: Path, trace: VehicleTrace, skip_s: float) -> LogReport:
         theirs = trace["autopilot_error_rad"]
         both = counted & ~np.isnan(theirs[:, 0])
         peers["autopilot"] = error_summary(theirs, both, both)
+    namers = zip(trace.kind, (autopilot_name, vehicle_type_name), strict=True)
+    names = (None if number is None else name_of(number) for number, name_of in namers)
     counts = np.bincount(norths[counted], minlength=len(NORTHS)).tolist()
-    autopilot, vehicle_type = trace.kind
     return LogReport(
         source=printable(str(path)),
-        vehicle=VehicleSummary(
-            *trace.address,
-            None if autopilot is None else autopilot_name(autopilot),
-            None if vehicle_type is None else vehicle_type_name(vehicle_type),
-        ),
+        vehicle=VehicleSummary(*trace.address, *names),
         imu=_imu_summary(trace),
         duration_s=lasts_s,
         reference=trace.reference,

@@ -12,7 +12,7 @@ from drivers.logs.table import blocks
 from estimator.arrays import Bools, Floats, Times
 from estimator.errors import InputError
 from estimator.filter.alignment import nearest_rotation
-from estimator.geometry.metrics import batch_angle_errors
+from estimator.geometry.metrics import batch_angle_errors, rms
 from estimator.geometry.rotations import cross, rotate_inverse
 from estimator.types import DOWN
 from fuzzbee.replays.trace import VehicleTrace
@@ -216,8 +216,8 @@ def coverage(columns: Any, counted: Bools, has_heading: Bools, moved: Bools) -> 
     """How often errors that count (N,) stayed under their sigmas, always and while in motion."""
     shares: dict[str, float | None] = {}
     for name, i, known in (("inclination", 2, counted), ("heading", 1, counted & has_heading)):
-        is_under = columns["error_rad"][:, i] <= columns[f"sigma_{name}_rad"]
-        shares |= {name: mean(is_under[known]), f"{name}_moving": mean(is_under[known & moved])}
+        under = columns["error_rad"][:, i] <= columns[f"sigma_{name}_rad"]
+        shares |= {name: mean(under[known]), f"{name}_moving": mean(under[known & moved])}
     return Coverage(**shares)
 
 
@@ -235,29 +235,23 @@ def constant_turn(columns: Any, counted: Bools, moved: Bools) -> ConstantTurn | 
     ``moved`` (N,) shows of motion.
     """
 
-    def downs() -> Iterator[tuple[slice, Floats, Floats]]:
+    def downs() -> Iterator[list[Floats]]:
         for rows in blocks(len(counted)):
             both = (columns[name][rows] for name in ("q_ned_frd", "reference_q_ned_frd"))
-            ours, theirs = (rotate_inverse(q[counted[rows]], DOWN) for q in both)
-            yield rows, ours, theirs
+            yield [rotate_inverse(q[counted[rows]], DOWN) for q in both]
 
     if not counted.any():
         return None
-    turn = nearest_rotation(sum((theirs.T @ ours for _, ours, theirs in downs()), np.zeros((3, 3))))
-    under, tilted, left = np.zeros_like(counted), 0.0, 0.0
-    for rows, ours, theirs in downs():
-        turned = ours @ turn.T
-        apart = _between(turned, theirs)
-        tilted += float(np.sum(_between(turned, ours) ** 2))
-        left += float(np.sum(apart**2))
-        sigma = columns["sigma_inclination_rad"][rows][counted[rows]]
-        under[rows][counted[rows]] = apart <= sigma
-    count = int(np.count_nonzero(counted))
+    turn = nearest_rotation(sum((theirs.T @ ours for ours, theirs in downs()), np.zeros((3, 3))))
+    # twice, as all of them take more memory than time
+    angles = [[_between(d @ turn.T, each) for each in (d, theirs)] for d, theirs in downs()]
+    tilted, left = map(np.concatenate, zip(*angles, strict=True))
+    under = left <= columns["sigma_inclination_rad"][counted]
     return ConstantTurn(
-        turn_deg=float(np.degrees(np.sqrt(tilted / count))),
-        inclination_rms=float(np.degrees(np.sqrt(left / count))),
-        inclination_coverage=float(np.count_nonzero(under)) / count,
-        inclination_coverage_moving=mean(under[counted & moved]),
+        float(np.degrees(rms(tilted))),
+        float(np.degrees(rms(left))),
+        float(np.mean(under)),
+        mean(under[moved[counted]]),
     )
 
 
@@ -267,9 +261,7 @@ def mean(values: NDArray[Any]) -> float | None:
 
 
 def _rms_deg(values_rad: Floats) -> float | None:
-    degrees = np.degrees(values_rad)
-    np.square(degrees, out=degrees)
-    return float(np.sqrt(np.mean(degrees))) if len(degrees) else None
+    return rms(np.degrees(values_rad)) if len(values_rad) else None
 
 
 def _between(some: Floats, others: Floats) -> Floats:

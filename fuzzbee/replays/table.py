@@ -174,20 +174,12 @@ def _share(value: float | None) -> str:
 def reading_bar(log: LogFile) -> Iterator[None]:
     """How far a log has been read, from its second piece on, where that goes to a terminal."""
     console = Console(stderr=True)
-    if not console.is_terminal:
-        yield
-        return
     name = TextColumn("{task.description}", markup=False)
     columns = (name, BarColumn(), DownloadColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True) as bar:
+    is_shown = console.is_terminal
+    with Progress(*columns, console=console, transient=True, disable=not is_shown) as bar:
         size = log.path.stat().st_size
         task = bar.add_task(printable(log.path.name), total=size, visible=False)
-
-        def show(done_with: int) -> None:
-            bar.update(task, completed=done_with, visible=done_with > 0)
-
-        log.on_read = show
-        try:
-            yield
-        finally:
-            log.on_read = None
+        if is_shown:
+            log.on_read = lambda done: bar.update(task, completed=done, visible=done > 0)
+        yield

@@ -1,6 +1,6 @@
 """The result of replaying a log: a table of estimates and samples, references, counts."""
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator
 from math import radians
 from pathlib import Path
@@ -17,6 +17,7 @@ from drivers.events import (
     ReferenceAttitude,
     StatusText,
     VehicleId,
+    Velocity,
 )
 from drivers.logs.log_file import LogFile
 from drivers.logs.reference_track import ReferenceTrack
@@ -38,10 +39,11 @@ from tuning.online.retuner import RetunedEstimator
 LEAST_SEVERITY = 4  # MAV_SEVERITY_WARNING; greater numbers are less severe
 # The axis (NED) of a wrong start: every sensor can see a turn about it.
 WRONG_START_AXIS: Vec3 = (3**-0.5, 3**-0.5, 3**-0.5)
-# A row: when it came, the attitude after it (the reference of its heading by the place in NORTHS),
-# the sample that it was made of, and whether velocity helped.
+# A row: when it came, its time by the clock that stamped the log, the attitude after it (the
+# reference of its heading by the place in NORTHS), its sample, and whether velocity helped.
 COLUMNS = {
     "arrival_us": "i8",
+    "unix_us": "i8",
     "time_us": "i8",
     "q_ned_frd": "4f8",
     "rate_rad_s": "3f8",
@@ -54,6 +56,7 @@ COLUMNS = {
     "has_mag": "?",
     "is_aided": "?",
 }
+VELOCITIES = {"time_us": "i8", "velocity_ned_m_s": "3f8"}
 
 
 class How(NamedTuple):
@@ -92,6 +95,7 @@ class VehicleTrace(Table):
         self.kind: tuple[int | None, int | None] = None, None  # MAV_AUTOPILOT, MAV_TYPE
         self.imu_messages: Counter[str] = Counter()  # samples used of each
         self.references = {"sim": ReferenceTrack(), "autopilot": ReferenceTrack()}
+        self.velocities = defaultdict[str, Table](lambda: Table(**VELOCITIES))  # by message
         self.reference: str | None = None  # the one that it is compared with
         self.warned_s: Counter[str] = Counter()  # for how long each warning stood
         self.malformed = 0  # rows or frames of the log that cannot be read, whoever sent them
@@ -132,12 +136,14 @@ class VehicleTrace(Table):
         """Whether the autopilot's own estimate stands beside a truth."""
         return self.reference == "sim" and self.references["autopilot"].message is not None
 
-    def take(self, arrival_us: int, attitude: Attitude, sample: ImuSample, aided: bool) -> None:
+    def take(
+        self, arrival_us: int, unix_us: int, attitude: Attitude, sample: ImuSample, aided: bool
+    ) -> None:
         """Take the attitude after a sample."""
         self.last_us = attitude.time_us
         north = PLACE[attitude.heading_reference]
         self.has_heading |= sample.has_mag or north > 0
-        self.append(arrival_us, *attitude[:-1], north, *sample[1:], aided)
+        self.append(arrival_us, unix_us, *attitude[:-1], north, *sample[1:], aided)
 
     def published(
         self, rows: slice, stamps_us: Iterable[int]
@@ -235,6 +241,8 @@ class Replay:
                 self._after_imu(event)
             case ReferenceAttitude(vehicle=address, source=source):
                 self.traces[address].references[source].add(event)
+            case Velocity(vehicle=address, message=name, sample=sample):
+                self.traces[address].velocities[name].append(*sample[: len(VELOCITIES)])
             case Parameter(vehicle=address, name=name, value=value):
                 self.traces[address].parameters[name] = value
             case StatusText() if event.severity <= LEAST_SEVERITY:
@@ -260,7 +268,8 @@ class Replay:
         if trace.last_us is not None and (warnings := vehicle.alarms.words):
             step_s = 1e-6 * (attitude.time_us - trace.last_us)
             trace.warned_s.update(dict.fromkeys(warnings, step_s))
-        trace.take(event.arrival_us, attitude, sample, vehicle.estimator.is_aided)
+        unix_us = round(attitude.time_us + vehicle.publishing.clock.offset_us)
+        trace.take(event.arrival_us, unix_us, attitude, sample, vehicle.estimator.is_aided)
 
     def _turn_wrong(self, vehicle: Vehicle, trace: VehicleTrace) -> None:
         """Turn the estimate once, at the first sample that a reference is known at."""

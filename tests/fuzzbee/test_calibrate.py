@@ -17,7 +17,7 @@ from fuzzbee.calibration_report import unmixed
 from fuzzbee.cli import main
 from fuzzbee.replays.log_report import replay_log
 from tests.fuzzbee.recording import DATA, PLANE
-from tests.fuzzbee.tlogs import rewritten, with_iron
+from tests.fuzzbee.tlogs import rewritten, table, with_iron
 
 OFFSET_MGAUSS = (60.0, -40.0, 50.0)
 
@@ -174,24 +174,16 @@ def bench(path, seed, motion="bench", seconds=120.0, rate_hz=50.0, errors=None):
     """A table of a simulated vehicle whose sensors have the constant errors of a seed; 0: none."""
     errors_seed = (seed if errors is None else errors) or None
     vehicle = SimulatedVehicle(seed, rate_hz, motion, bias=0.0, errors_seed=errors_seed)
-    heading = "time_s,gx_rad_s,gy_rad_s,gz_rad_s,ax_m_s2,ay_m_s2,az_m_s2,mx_gauss,my_gauss,mz_gauss"
-    rows = [heading + ",qw,qx,qy,qz"]
-    for _ in range(round(seconds * rate_hz)):
-        s = next(vehicle)
-        values = (*s.gyr_rad_s, *s.acc_m_s2, *s.mag_gauss, *s.q_ned_frd)
-        rows.append(f"{1e-6 * s.time_us:.6f}," + ",".join(f"{each:.7g}" for each in values))
-    path.write_text("\n".join(rows))
-    path.with_suffix(".toml").write_text(COLUMNS)
-    return path
+    samples = [next(vehicle) for _ in range(round(seconds * rate_hz))]
+    path.with_suffix(".toml").write_text(
+        'axes = "frd"\ncompass_calibrated = true\ntruth = { columns = ["w", "x", "y", "z"] }'
+    )
+    rows = [
+        (*s.gyr_rad_s, *np.divide(s.acc_m_s2, 9.80665), *s.mag_gauss, *s.q_ned_frd) for s in samples
+    ]
+    return table(path, rate_hz, rows, ("mx_gauss", "my_gauss", "mz_gauss", *"wxyz"))
 
 
-COLUMNS = """
-gyroscope = { columns = ["gx_rad_s", "gy_rad_s", "gz_rad_s"], unit = "rad/s" }
-accelerometer = { columns = ["ax_m_s2", "ay_m_s2", "az_m_s2"], unit = "m/s2" }
-magnetometer = { columns = ["mx_gauss", "my_gauss", "mz_gauss"], unit = "gauss" }
-compass_calibrated = true
-truth = { columns = ["qw", "qx", "qy", "qz"] }
-"""
 SENSORS = ("gyr_bias_rad_s", "acc_bias_m_s2", "mag_offset_gauss")
 
 
@@ -236,17 +228,18 @@ def test_a_field_that_is_not_its_places_shows_nothing_of_the_compass(tmp_path, c
     assert found["acc_bias_m_s2"] == pytest.approx(truth_of(3)["acc_bias_m_s2"], abs=0.05)
 
 
-def test_sensors_without_errors_stay_as_they_are(tmp_path, capsys):
-    """Their constants, fitted to some parts of the recordings, do not predict the others."""
-    logs = [bench(tmp_path / f"{k}.csv", k, seconds=60.0, errors=0) for k in (1, 2)]
+@pytest.mark.parametrize(
+    ("seeds", "options", "complaint"),
+    [
+        # constants without errors, fitted to some parts of the recordings, do not predict others
+        ((1, 2), {"seconds": 60.0, "errors": 0}, "no constant shows"),
+        ((3,), {"seconds": 6.0, "motion": "flight"}, "shorter than"),
+    ],
+)
+def test_what_recordings_do_not_show_is_left_alone(tmp_path, capsys, seeds, options, complaint):
+    logs = [bench(tmp_path / f"{seed}.csv", seed, **options) for seed in seeds]
     assert main(["calibrate", *map(str, logs)]) == 2
-    assert "no constant shows" in capsys.readouterr().err
-
-
-def test_what_a_recording_at_rest_does_not_show_is_left_alone(tmp_path, capsys):
-    log = bench(tmp_path / "rest.csv", 3, motion="flight", seconds=6.0)
-    assert main(["calibrate", str(log)]) == 2
-    assert "shorter than" in capsys.readouterr().err
+    assert complaint in capsys.readouterr().err
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs Linux's list of threads")

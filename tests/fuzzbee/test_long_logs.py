@@ -73,7 +73,7 @@ for k in range(0, n, 10_000):
     for us, row in enumerate(rows, k):
         us, vectors = 2_500 * us, [tuple(row[i : i + 3]) for i in range(0, 15, 3)]
         attitude = Attitude(us, (1.0, *row[15:18]), *vectors[:2], *row[18:], "true")
-        trace.take(us, attitude, ImuSample(us, *vectors[2:], True), True)
+        trace.take(us, us, attitude, ImuSample(us, *vectors[2:], True), True)
     us = 2_500 * k
     trace.references["sim"].add(ReferenceAttitude(trace.address, us, us, "sim", "SIM", IDENTITY))
 compare(Path("x"), trace, None)

@@ -176,5 +176,5 @@ def test_a_mirror_is_no_turn():
 def test_a_heading_is_scored_wherever_it_was_known(norths):
     trace, sample = VehicleTrace(VehicleId(1, 1)), ImuSample(0, *((0.0, 0.0, 0.0),) * 3, False)
     for north in norths.split():
-        trace.take(0, ATTITUDE._replace(heading_reference=north), sample, False)
+        trace.take(0, 0, ATTITUDE._replace(heading_reference=north), sample, False)
     assert trace.has_heading == ("true" in norths)
