@@ -21,7 +21,7 @@ from fuzzbee.cli import main
 from service.records import Departed, Message, Peer, Published, StatusRecord
 from tests.fuzzbee import browser
 from tests.fuzzbee.processes import started
-from tests.fuzzbee.services import descendants
+from tests.fuzzbee.services import await_line, descendants, wait_for
 from tests.fuzzbee.test_sockets import is_loopback, listening
 from tests.service.records import UNIX_US, record
 
@@ -175,12 +175,7 @@ def test_a_log_is_replayed_into_a_file(tmp_path, capfd):
 
 
 def page_of(process):
-    printed = []
-    for line in process.stderr:
-        printed.append(line)
-        if found := re.search(r"http://\S+", line):
-            return found[0]
-    pytest.fail(f"no page was named: {printed}")
+    return re.search(r"http://\S+", await_line(process, "http://"))[0]
 
 
 def port_of(url):
@@ -190,13 +185,6 @@ def port_of(url):
 def is_open(port):
     with socket.socket() as probe:
         return probe.connect_ex(("127.0.0.1", port)) == 0
-
-
-def wait_until_closed(port):
-    end_s = time.monotonic() + 10.0
-    while is_open(port) and time.monotonic() < end_s:
-        time.sleep(0.05)
-    assert not is_open(port)
 
 
 def test_a_viewer_that_is_closed_is_reported_once():
@@ -236,14 +224,13 @@ def test_the_viewer_ends_with_us_and_listens_on_loopback_only(number):
     with started("run", "--no-zenoh", "--json", "--view", "web") as process:
         port = port_of(page_of(process))
         assert is_open(port)
-        children = descendants(process.pid)
-        hosts = {number: host for child in children for _, host, number in listening(child)}
-        assert port in hosts
-        assert all(map(is_loopback, hosts.values()))
+        found = [place for child in descendants(process.pid) for place in listening(child)]
+        assert port in {number for _, number in found}
+        assert all(is_loopback(host) for host, _ in found), found
         process.send_signal(number)
         status = process.wait(60)
         assert status == (-9 if number == signal.SIGKILL else 0), process.stderr.read()
-        wait_until_closed(port)
+        wait_for(lambda: not is_open(port), 10.0)
 
 
 @pytest.mark.slow
