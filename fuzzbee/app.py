@@ -50,7 +50,7 @@ class Grouped(typer.core.TyperCommand):
                 formatter.write_dl(rows)
 
 
-def build_app(*, decorated: bool) -> typer.Typer:
+def build_command(*, decorated: bool) -> Any:
     """All verbs; ``decorated`` help has boxes and colours, for a terminal, and is slower."""
     app = typer.Typer(
         name="fuzzbee",
@@ -67,10 +67,13 @@ def build_app(*, decorated: bool) -> typer.Typer:
     for verb, module in VERBS.items():
         app.command(cls=Grouped, epilog=module.EPILOG)(getattr(module, verb))
     app.add_typer(profile.profile_app, name="profile")
-    return app
+    made = typer.main.get_command(app)
+    if decorated:
+        _escape_markup(made)
+    return made
 
 
-def escape_markup(command: Any) -> None:
+def _escape_markup(command: Any) -> None:
     """Have brackets in help texts printed: Rich takes ``[default: imu]`` for a style."""
     from rich.markup import escape
 
@@ -79,7 +82,7 @@ def escape_markup(command: Any) -> None:
         if getattr(parameter, "help", None):
             parameter.help = escape(parameter.help)
     for verb in getattr(command, "commands", {}).values():
-        escape_markup(verb)
+        _escape_markup(verb)
 
 
 def _main_options(

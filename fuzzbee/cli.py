@@ -103,14 +103,9 @@ def _spell_out(arguments: Sequence[str]) -> list[str]:
 def _run_verb(arguments: list[str]) -> object:
     """What the verb returned; SIGTERM interrupts it as SIGINT does."""
     with terminate_like_interrupt():
-        from typer.main import get_command
+        from fuzzbee.app import build_command
 
-        from fuzzbee.app import build_app, escape_markup
-
-        decorated = sys.stdout.isatty() and not os.environ.get("NO_COLOR")
-        command = get_command(build_app(decorated=decorated))
-        if decorated:
-            escape_markup(command)
+        command = build_command(decorated=sys.stdout.isatty() and not os.environ.get("NO_COLOR"))
         return command.main(args=arguments, prog_name="fuzzbee", standalone_mode=False)
 
 

@@ -225,7 +225,7 @@ def _open_sinks(
         if session is not None:
             sinks.append(ZenohSink(session, prefix, pipeline.profile, requests, on_conflict))
             opened_so_far.callback(sinks[0].close)
-        for sink in outputs.open_outputs(options.outputs, session, prefix, options.rate_hz):
+        for sink in outputs.open_outputs(options, session):
             sinks.append(sink)
             opened_so_far.callback(sink.close)
         view = _open_view(options)
