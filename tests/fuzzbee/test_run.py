@@ -217,7 +217,8 @@ def test_the_result_of_a_run_names_what_was_counted_in_its_units():
     vehicle.imu.worst_gap_us, vehicle.imu.median_period_us = 250_000, 1e6 / 49.87654
     vehicle.imu.choice, vehicle.rejected["late"] = ImuChoice("RAW_IMU"), 35
     departed = Counter(vehicles=51, samples=52, shed=53, rejected=54, attitudes=55)
-    runner = SimpleNamespace(ticks=41, overruns=42, dropped=43, source=SimpleNamespace(lost=71))
+    lost = SimpleNamespace(lost=71)
+    runner = SimpleNamespace(ticks=41, overruns=42, dropped=43, source=lost, recording=str)
     refused = {"signature": 61, "id": 62}
     pipeline = SimpleNamespace(
         malformed=72,
@@ -227,7 +228,7 @@ def test_the_result_of_a_run_names_what_was_counted_in_its_units():
         vehicles=(vehicle,),
         systems={3, 1},
     )
-    result = summary(RunOptions(), "imu", 7.0, runner, pipeline, "")
+    result = summary(RunOptions(), "imu", 7.0, runner, pipeline)
     assert result["heard"] == [1, 3]
     expected = {"ticks": 41, "overruns": 42, "dropped": 43, "lost": 71, "malformed": 72}
     assert {name: result[name] for name in expected} == expected
