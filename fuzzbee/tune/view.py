@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from drivers.resources import run_in_thread
 from fuzzbee.notify import notify
 from fuzzbee.outputs import ViewerOptions
 from fuzzbee.viewer.stream import CLOSED, FINISH_FLUSH_S, ViewerStream, rr, rrb
@@ -63,7 +62,7 @@ class SearchView(ViewerStream):
             self._draw(search)
         self.finish()
         if self.is_whole:  # what a full disk holds up would be waited for in vain
-            self._await(run_in_thread(self.recording.disconnect, "viewer-end"), FINISH_FLUSH_S)
+            self.do(self.recording.disconnect, FINISH_FLUSH_S)
         self.require_whole()
         self._rrd = None  # it is finished, however long it takes to close the viewer
         if stay:

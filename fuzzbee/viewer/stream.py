@@ -5,6 +5,7 @@ Rerun's library is imported here only, and this module only where a viewer is as
 
 import atexit
 import os
+from collections.abc import Callable
 from concurrent.futures import Future, wait
 from contextlib import suppress
 from functools import partial
@@ -57,19 +58,16 @@ class ViewerStream:
         self.recording.set_log_time_enabled(False)  # what is drawn has a time of its own
         self.recording.set_log_tick_enabled(False)
         self.process: ViewerProcess | None = None
-        self.page: str | None = None  # the address for a browser
         self.is_whole = True  # the file, if there is one, has everything so far
         self._rrd = options.rrd
         sinks = [] if options.rrd is None else [_file_sink(options.rrd, live=options.live)]
         if options.view is not None:
             self.process = ViewerProcess(web=options.view == "web", live=options.live)
-            self.page = self.process.page
             sinks.append(rr.GrpcSink(self.process.url))
         opening = partial(self.recording.set_sinks, *sinks, default_blueprint=blueprint)
-        opened = run_in_thread(opening, "viewer-open")
-        self._await(opened, FINISH_FLUSH_S if options.rrd is None else FILE_OPEN_S)
-        if self.page is not None:
-            notify(f"the viewer is at {self.page}")
+        self.do(opening, FINISH_FLUSH_S if options.rrd is None else FILE_OPEN_S)
+        if self.process is not None and self.process.page is not None:
+            notify(f"the viewer is at {self.process.page}")
 
     @property
     def is_wanted(self) -> bool:
@@ -101,7 +99,7 @@ class ViewerStream:
             self.flush(FINISH_FLUSH_S)
             return
         flush = partial(self.recording.flush, timeout_sec=FINISH_FLUSH_S)
-        sending = run_in_thread(flush, "viewer-finish")
+        sending = run_in_thread(flush, "viewer")
         size, before = _size(self._rrd), -1
         while not sending.done() and size > before:
             wait([sending], STALLED_S)
@@ -117,7 +115,7 @@ class ViewerStream:
     def close(self) -> None:
         """Send what is pending, end the viewer, and raise if the file is not whole."""
         self.flush(CLOSE_FLUSH_S)
-        self._await(run_in_thread(self.recording.disconnect, "viewer-close"), CLOSE_FLUSH_S)
+        self.do(self.recording.disconnect, CLOSE_FLUSH_S)
         if self.process is not None:
             self.process.close()
             self.process = None
@@ -125,8 +123,11 @@ class ViewerStream:
 
     def flush(self, timeout_s: float = 0.0) -> None:
         """Send what is pending, and wait so long until it is."""
-        flush = partial(self.recording.flush, timeout_sec=timeout_s)
-        self._await(run_in_thread(flush, "viewer-flush"), timeout_s + CLOSE_FLUSH_S)
+        self.do(partial(self.recording.flush, timeout_sec=timeout_s), timeout_s + CLOSE_FLUSH_S)
+
+    def do(self, work: "Callable[[], object]", timeout_s: float) -> None:
+        """Do something that may never end, and note whether the file still has everything."""
+        self._await(run_in_thread(work, "viewer"), timeout_s)
 
     def _await(self, work: "Future[object]", timeout_s: float) -> None:
         """Wait for work, and note whether the file still has everything."""
