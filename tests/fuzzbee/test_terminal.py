@@ -3,7 +3,7 @@
 import io
 import os
 import pty
-import termios
+import tty
 
 import msgspec
 import pytest
@@ -222,7 +222,7 @@ def test_where_there_is_no_place_who_was_silent_for_longest_goes(monkeypatch):
 
 def test_keys_are_letters_and_arrows():
     ours, theirs = pty.openpty()
-    termios.tcsetattr(theirs, termios.TCSANOW, _raw(theirs))
+    tty.setraw(theirs)
     assert pressed_keys(theirs) == []
     os.write(ours, b"qs\x1b[A\x1b[B\r\x1b")
     assert pressed_keys(theirs) == ["q", "s", "up", "down", "enter", "escape"]
@@ -234,10 +234,3 @@ def test_keys_are_letters_and_arrows():
 def test_without_a_terminal_there_are_no_keys():
     with terminal_keys() as keys:
         assert keys() == []
-
-
-def _raw(descriptor):
-    mode = termios.tcgetattr(descriptor)
-    mode[3] &= ~(termios.ICANON | termios.ECHO | termios.ISIG)
-    mode[0] &= ~termios.ICRNL
-    return mode

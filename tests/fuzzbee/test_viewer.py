@@ -155,7 +155,6 @@ def test_only_so_many_vehicles_are_drawn_as_can_be_read(tmp_path):
 def test_a_file_that_cannot_be_written_is_status_2(tmp_path, capfd):
     assert main(["run", "--no-zenoh", "--seconds", "1", "--rrd", str(tmp_path)]) == 2
     assert "--rrd" in capfd.readouterr().err
-    assert main(["run", "--no-zenoh", "--view", "elsewhere"]) == 2
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="Linux's way to name a screen")
