@@ -303,24 +303,17 @@ class Estimator:
         if not self._is_plain:
             readings = self.profile.to_body_rows(gyr, acc, np.where(has_mag[:, None], mag, 0.0))
         rows = rows_of(times_us, *readings, has_mag)
-        lines = self._compared(rows, strict=strict)
+        lines: tuple[str, ...] = ()
+        if strict or not self._is_checked:
+            lines = advice(rows)
+            self._is_checked = self._is_checked or is_enough(rows.times_us)
+        if lines and strict:
+            raise InputError("; ".join(lines))
         too_strong = has_mag & (np.abs(mag) > MAG_LIMIT_GAUSS).any(axis=1)
         rows.has_mag[too_strong] = False
         self._count(Reason.MAGNETOMETER_OUT_OF_RANGE, int(too_strong.sum()))
         self._count(Reason.VELOCITY_OUT_OF_RANGE, fast)
         return rows, reports if self.profile.conditioned else NO_REPORT_ROWS, places, lines
-
-    def _compared(self, rows: Rows, *, strict: bool) -> tuple[str, ...]:
-        """What units and axes would fit better; looked for once, or if ``strict``."""
-        if self._is_checked and not strict:
-            return ()
-        lines = advice(rows)
-        self._is_checked = self._is_checked or is_enough(rows.times_us)
-        if lines and strict:
-            raise InputError("; ".join(lines))
-        for line in lines:
-            warnings.warn(line, Unfit, stacklevel=4)
-        return lines
 
     def _take(
         self, rows: Rows, published: Floats, reports: Floats, places: Floats, lines: tuple[str, ...]
@@ -339,12 +332,12 @@ class Estimator:
                 self.set_position(*place)
             begin = end
         self.rejected += refused
-        if lines or 2 * refused.total() <= n:
-            return lines
-        most, count = refused.most_common(1)[0]
-        line = f"most of the samples could not be used: {count} of {n} are {most}"
-        warnings.warn(line, Unfit, stacklevel=3)
-        return (line,)
+        if not lines and 2 * refused.total() > n:
+            most, count = refused.most_common(1)[0]
+            lines = (f"most of the samples could not be used: {count} of {n} are {most}",)
+        for line in lines:
+            warnings.warn(line, Unfit, stacklevel=3)
+        return lines
 
     def _rate(self) -> float:
         if self._rate_hz is None:
