@@ -62,7 +62,7 @@ class SearchView(ViewerStream):
             self._draw(search)
         self.finish()
         if self.is_whole:  # what a full disk holds up would be waited for in vain
-            self.do(self.recording.disconnect, FINISH_FLUSH_S)
+            self.disconnect(FINISH_FLUSH_S)
         self.require_whole()
         self._rrd = None  # it is finished, however long it takes to close the viewer
         if stay:

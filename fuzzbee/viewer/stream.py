@@ -6,7 +6,6 @@ Rerun's library is imported here only, and this module only where a viewer is as
 import atexit
 import os
 from collections.abc import Callable
-from concurrent.futures import Future, wait
 from contextlib import suppress
 from functools import partial
 from importlib import import_module
@@ -32,10 +31,10 @@ atexit.unregister(rr.rerun_shutdown)
 TIMELINE = "time"
 CLOSE_FLUSH_S = 0.4  # less than the time that all sinks of a run have to close
 FINISH_FLUSH_S = 60.0
-STALLED_S = 3.0  # a file that has not grown for so long is on a full disk
 FILE_OPEN_S = 5.0  # for the arrangement of the views, 60 kB
 CLOSED = "closed; the rest goes on without it"
 # So begins what the library prints of a file that it could not write, later or at once.
+INDEX, LONGEST_END = b"FOOT", 64  # a mark in the last bytes of a file that has an index
 OF_FILE = ("File-writer", "Failed to encode LogMsg")
 
 
@@ -59,7 +58,7 @@ class ViewerStream:
         self.recording.set_log_tick_enabled(False)
         self.process: ViewerProcess | None = None
         self.is_whole = True  # the file, if there is one, has everything so far
-        self._rrd = options.rrd
+        self._rrd, self._has_index = options.rrd, not options.live
         sinks = [] if options.rrd is None else [_file_sink(options.rrd, live=options.live)]
         if options.view is not None:
             self.process = ViewerProcess(web=options.view == "web", live=options.live)
@@ -94,17 +93,8 @@ class ViewerStream:
         self.recording.log("/messages", rr.TextLog(text))
 
     def finish(self) -> None:
-        """Send what is pending and leave the viewer open; a file that stops growing is given up."""
-        if self._rrd is None:
-            self.flush(FINISH_FLUSH_S)
-            return
-        flush = partial(self.recording.flush, timeout_sec=FINISH_FLUSH_S)
-        sending = run_in_thread(flush, "viewer")
-        size, before = _size(self._rrd), -1
-        while not sending.done() and size > before:
-            wait([sending], STALLED_S)
-            size, before = _size(self._rrd), size
-        self._await(sending, 0.0)
+        """Send what is pending and leave the viewer open."""
+        self.flush(FINISH_FLUSH_S)
 
     def stay_open(self) -> None:
         """Wait until the window is closed or Ctrl-C is pressed; not at all without a viewer."""
@@ -115,7 +105,7 @@ class ViewerStream:
     def close(self) -> None:
         """Send what is pending, end the viewer, and raise if the file is not whole."""
         self.flush(CLOSE_FLUSH_S)
-        self.do(self.recording.disconnect, CLOSE_FLUSH_S)
+        self.disconnect(CLOSE_FLUSH_S)
         if self.process is not None:
             self.process.close()
             self.process = None
@@ -125,26 +115,23 @@ class ViewerStream:
         """Send what is pending, and wait so long until it is."""
         self.do(partial(self.recording.flush, timeout_sec=timeout_s), timeout_s + CLOSE_FLUSH_S)
 
-    def do(self, work: "Callable[[], object]", timeout_s: float) -> None:
-        """Do something that may never end, and note whether the file still has everything."""
-        self._await(run_in_thread(work, "viewer"), timeout_s)
+    def disconnect(self, timeout_s: float) -> None:
+        """End the file, for which there may be no room left; the library only logs that."""
+        self.do(self.recording.disconnect, timeout_s)
+        if self._rrd is not None and self._has_index and (file := Path(self._rrd)).is_file():
+            with file.open("rb") as written:
+                written.seek(max(0, file.stat().st_size - LONGEST_END))
+                self.is_whole &= INDEX in written.read()
 
-    def _await(self, work: "Future[object]", timeout_s: float) -> None:
-        """Wait for work, and note whether the file still has everything."""
+    def do(self, work: Callable[[], object], timeout_s: float) -> None:
+        """Do something that may never end, and note whether the file still has everything."""
         try:
-            work.result(timeout_s)
+            run_in_thread(work, "viewer").result(timeout_s)
         except TimeoutError:
             self.is_whole = self._rrd is None
         except Exception as error:  # noqa: BLE001 - the library's errors have no class of their own
             if self._rrd is not None and str(error).startswith(OF_FILE):
                 self.is_whole = False
-
-
-def _size(path: str) -> int:
-    """Of a file; 0 where it is gone."""
-    with suppress(OSError):
-        return Path(path).stat().st_size
-    return 0
 
 
 def _file_sink(path: str, *, live: bool) -> Any:

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 from drivers.events import VehicleId
+from drivers.output_file import NotWholeError
 from estimator.geometry.quaternion import conjugate, rotate
 from estimator.types import STANDARD_GRAVITY_M_S2, ImuSample
 from fuzzbee.cli import main
@@ -155,6 +156,22 @@ def test_only_so_many_vehicles_are_drawn_as_can_be_read(tmp_path):
 def test_a_file_that_cannot_be_written_is_status_2(tmp_path, capfd):
     assert main(["run", "--no-zenoh", "--seconds", "1", "--rrd", str(tmp_path)]) == 2
     assert "--rrd" in capfd.readouterr().err
+
+
+def test_a_file_that_has_no_room_for_its_end_is_not_whole(tmp_path):
+    """A limit on the size of a file stands for the disk."""
+    resource = pytest.importorskip("resource")
+    file = tmp_path / "flight.rrd"
+    sink = ViewerSink(ViewerOptions(rrd=str(file)))
+    sink.handle([*attitudes(ONE, 100, 100_000)])
+    sink.finish()
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (file.stat().st_size + 100, hard))
+    try:
+        with pytest.raises(NotWholeError, match="is not whole"):
+            sink.close()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="Linux's way to name a screen")
