@@ -4,6 +4,7 @@ This file and the verbs import nothing heavy: that happens inside the
 functions, so that ``--help`` and ``--version`` are quick.
 """
 
+from collections import defaultdict
 from typing import Annotated, Any
 
 import typer
@@ -38,13 +39,11 @@ class Grouped(typer.core.TyperCommand):
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Write the options, panel by panel."""
-        panels: dict[str, list[tuple[str, str]]] = {}
+        panels = defaultdict[str, list[tuple[str, str]]](list)
         for parameter in self.get_params(ctx):
-            row = parameter.get_help_record(ctx)
-            if row is not None:
-                kind = "Options" if parameter.param_type_name == "option" else "Arguments"
-                name = getattr(parameter, "rich_help_panel", None) or kind
-                panels.setdefault(name, []).append(row)
+            if (row := parameter.get_help_record(ctx)) is not None:
+                kind = f"{parameter.param_type_name.title()}s"
+                panels[getattr(parameter, "rich_help_panel", None) or kind].append(row)
         for name, rows in panels.items():
             with formatter.section(name):
                 formatter.write_dl(rows)
