@@ -146,12 +146,16 @@ def test_bad_input_is_one_line_and_status_2(arguments, words, capfd, tmp_path, m
     assert "Errno" not in err
 
 
-def test_help_does_not_import_what_is_slow():
-    heavy = ["numba", "scipy", "skfuzzy", "zenoh", "pymavlink", "matplotlib", "networkx"]
-    code = (
-        "import sys; from fuzzbee.cli import main; main(['--help']);"
-        f"sys.exit(' '.join(m for m in {heavy} if m in sys.modules) or 0)"
-    )
+@pytest.mark.parametrize(
+    ("code", "slow"),
+    [
+        ("import fuzzbee.cli; fuzzbee.cli.main(['--help'])", "pymavlink matplotlib networkx"),
+        ("import fuzzbee; assert 'Estimator' in dir(fuzzbee)", "numpy msgspec typer"),
+    ],
+)
+def test_what_is_slow_is_imported_where_it_is_used(code, slow):
+    slow = [*slow.split(), "numba", "scipy", "skfuzzy", "zenoh"]
+    code = f"{code}; import sys; sys.exit(' '.join(m for m in {slow} if m in sys.modules) or 0)"
     done = run_python("-c", code, timeout_s=60, check=False)
     assert done.returncode == 0, done.stderr
 

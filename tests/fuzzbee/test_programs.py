@@ -24,16 +24,6 @@ def turning_level(n, rate_hz, rate_rad_s=0.5):
     return gyr, acc, mag, np.degrees(yaw) % 360.0
 
 
-def test_the_names_cost_nothing_until_they_are_used():
-    heavy = ["numpy", "numba", "scipy", "msgspec", "zenoh", "typer"]
-    code = (
-        "import sys, fuzzbee; assert 'Estimator' in dir(fuzzbee);"
-        f"sys.exit(' '.join(m for m in {heavy} if m in sys.modules) or 0)"
-    )
-    done = run_python("-c", code, timeout_s=60, check=False)
-    assert done.returncode == 0, done.stderr
-
-
 def test_every_name_is_there_and_no_other():
     assert all(getattr(fuzzbee, name) is not None for name in fuzzbee.__all__)
     with pytest.raises(AttributeError, match="nonsense"):

@@ -262,30 +262,18 @@ def test_the_page_shows_the_attitude_moving(tmp_path):
             while len(shots) < 3 and time.monotonic() < end_s:
                 time.sleep(1.0)
                 data = page.screenshot()
-                picture = image.open(io.BytesIO(data)).convert("RGB")
-                if bluish(attitude_view(picture)) > 100:  # ours is drawn
+                pixels = np.asarray(image.open(io.BytesIO(data)).convert("RGB")).astype(int)
+                height, width, _ = pixels.shape
+                view = pixels[60 : int(0.55 * height), 10 : int(0.38 * width)]  # without its title
+                if np.sum(view[..., 2] > 1.4 * np.maximum(view[..., 0], 1)) > 100:  # ours is drawn
                     (folder / f"viewer-{len(shots)}.png").write_bytes(data)
-                    shots.append(attitude_view(picture))
+                    shots.append(view)
         service.send_signal(signal.SIGINT)
         assert service.wait(60) == 0, service.stderr.read()
     assert len(shots) == 3
     for before, after in pairwise(shots):
-        assert changed(before, after) > 200  # pixels: the vehicle turns
-
-
-def attitude_view(picture):
-    """The upper left part of the page, without its title: (height, width, RGB)."""
-    pixels = np.asarray(picture).astype(int)
-    height, width, _ = pixels.shape
-    return pixels[60 : int(0.55 * height), 10 : int(0.38 * width)]
-
-
-def bluish(pixels):
-    return np.sum(pixels[..., 2] > 1.4 * np.maximum(pixels[..., 0], 1))
-
-
-def changed(one, other):
-    return np.sum(np.abs(one - other).max(axis=-1) > 40)
+        changed = np.abs(before - after).max(axis=-1) > 40
+        assert np.sum(changed) > 200  # pixels: the vehicle turns
 
 
 def test_no_usage_figures_are_sent_or_kept(tmp_path, monkeypatch):
