@@ -64,7 +64,7 @@ class ViewerStream:
             self.process = ViewerProcess(web=options.view == "web", live=options.live)
             sinks.append(rr.GrpcSink(self.process.url))
         opening = partial(self.recording.set_sinks, *sinks, default_blueprint=blueprint)
-        self.do(opening, FINISH_FLUSH_S if options.rrd is None else FILE_OPEN_S)
+        self._do(opening, FINISH_FLUSH_S if options.rrd is None else FILE_OPEN_S)
         if self.process is not None and self.process.page is not None:
             notify(f"the viewer is at {self.process.page}")
 
@@ -93,8 +93,12 @@ class ViewerStream:
         self.recording.log("/messages", rr.TextLog(text))
 
     def finish(self) -> None:
-        """Send what is pending and leave the viewer open."""
+        """Send what is pending and end the file; the viewer stays open."""
         self.flush(FINISH_FLUSH_S)
+        if self.is_whole:  # what a full disk holds up would be waited for in vain
+            self._disconnect(FINISH_FLUSH_S)
+        if self.is_whole:
+            self._rrd = None  # it is finished, however long it takes to close the viewer
 
     def stay_open(self) -> None:
         """Wait until the window is closed or Ctrl-C is pressed; not at all without a viewer."""
@@ -105,7 +109,7 @@ class ViewerStream:
     def close(self) -> None:
         """Send what is pending, end the viewer, and raise if the file is not whole."""
         self.flush(CLOSE_FLUSH_S)
-        self.disconnect(CLOSE_FLUSH_S)
+        self._disconnect(CLOSE_FLUSH_S)
         if self.process is not None:
             self.process.close()
             self.process = None
@@ -113,17 +117,17 @@ class ViewerStream:
 
     def flush(self, timeout_s: float = 0.0) -> None:
         """Send what is pending, and wait so long until it is."""
-        self.do(partial(self.recording.flush, timeout_sec=timeout_s), timeout_s + CLOSE_FLUSH_S)
+        self._do(partial(self.recording.flush, timeout_sec=timeout_s), timeout_s + CLOSE_FLUSH_S)
 
-    def disconnect(self, timeout_s: float) -> None:
+    def _disconnect(self, timeout_s: float) -> None:
         """End the file, for which there may be no room left; the library only logs that."""
-        self.do(self.recording.disconnect, timeout_s)
+        self._do(self.recording.disconnect, timeout_s)
         if self._rrd is not None and self._has_index and (file := Path(self._rrd)).is_file():
             with file.open("rb") as written:
                 written.seek(max(0, file.stat().st_size - LONGEST_END))
                 self.is_whole &= INDEX in written.read()
 
-    def do(self, work: Callable[[], object], timeout_s: float) -> None:
+    def _do(self, work: Callable[[], object], timeout_s: float) -> None:
         """Do something that may never end, and note whether the file still has everything."""
         try:
             run_in_thread(work, "viewer").result(timeout_s)

@@ -164,7 +164,7 @@ def test_a_file_that_has_no_room_for_its_end_is_not_whole(tmp_path):
     file = tmp_path / "flight.rrd"
     sink = ViewerSink(ViewerOptions(rrd=str(file)))
     sink.handle([*attitudes(ONE, 100, 100_000)])
-    sink.finish()
+    sink.flush(10.0)
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (file.stat().st_size + 100, hard))
     try:
