@@ -39,8 +39,7 @@ class PersonConsole(Console):
     """
 
     def __init__(self, **options: Any) -> None:
-        colours = {"color_system": None} if os.environ.get("NO_COLOR") else {}
-        super().__init__(**{**options, **colours})
+        super().__init__(color_system=None if os.environ.get("NO_COLOR") else "auto", **options)
 
     def on_broken_pipe(self) -> None:
         """Print no more; rich would close standard output, even if another broke, and exit."""

@@ -103,11 +103,7 @@ def verdict_of(
         caveats.append(Caveat(Level.CARE, "no north"))
     elif heading > Level.GOOD:
         caveats.append(Caveat(Level.CARE, f"heading {plus_minus(sigma.heading)}"))
-    warnings = []
-    if status is not None:
-        off = imus_off(status)  # if all others differ, the one in use may be the wrong one
-        level = Level.CARE if len(off) == len(status.other_imus) else Level.GOOD
-        warnings = [*_of_warnings(status), *(Caveat(level, text) for text in off)]
+    warnings = [] if status is None else _of_warnings(status)
     words = set() if status is None else {*status.warnings}
     texts = [plus_minus(sigma.inclination), north_text(attitude)]
     if Alarm.AUTOPILOT_DIFFERS in words:  # ours may be the one that is right
@@ -150,8 +146,11 @@ def _of_warnings(status: StatusRecord) -> list[Caveat]:
         text = f"gyroscope {', '.join(axes)} contradict{'s' * (len(axes) == 1)}"
         meaning = f"field and force contradict the gyroscope ({', '.join(axes)}); so does a magnet"
         caveats.append(Caveat(Level.BAD, text, meaning))
-    unknown = len(status.warnings) - len(known)
-    return [*caveats, Caveat(Level.CARE, f"{unknown} unknown warnings")] if unknown else caveats
+    if unknown := len(status.warnings) - len(known):
+        caveats.append(Caveat(Level.CARE, f"{unknown} unknown warnings"))
+    off = imus_off(status)  # if all others differ, the one in use may be the wrong one
+    level = Level.CARE if len(off) == len(status.other_imus) else Level.GOOD
+    return [*caveats, *(Caveat(level, text) for text in off)]
 
 
 def warning_texts(word: str, status: StatusRecord) -> tuple[str, str]:
