@@ -120,7 +120,7 @@ def draw_viewer() -> None:
         sink.finish()
         with (
             tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder,
-            browser.page(sink.page, folder) as page,
+            browser.page(sink.process.page, folder) as page,
         ):
             (FOLDER / "viewer.png").write_bytes(still_picture(page))
     finally:

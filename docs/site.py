@@ -14,10 +14,9 @@ from pathlib import Path
 from typing import Any
 
 import typer.core
-from typer.main import get_command
 
 import fuzzbee
-from fuzzbee.app import build_app
+from fuzzbee.app import build_command
 from fuzzbee.attitudes import Attitudes
 from fuzzbee.log_replay import LogReplay
 from fuzzbee.replays.score import LogReport
@@ -68,7 +67,7 @@ def site_links(text: str) -> str:
 
 def commands_page() -> str:
     """Usage, options and examples of each command."""
-    app = get_command(build_app(decorated=False))
+    app = build_command(decorated=False)
     parts = [COMMANDS_HEAD]
     for path, command in _commands(app, ("fuzzbee",)):
         parts.append(f"## {' '.join(path)}\n\n{_prose(command.help)}\n")

@@ -4,6 +4,7 @@ This file and the verbs import nothing heavy: that happens inside the
 functions, so that ``--help`` and ``--version`` are quick.
 """
 
+from collections import defaultdict
 from typing import Annotated, Any
 
 import typer
@@ -38,19 +39,17 @@ class Grouped(typer.core.TyperCommand):
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Write the options, panel by panel."""
-        panels: dict[str, list[tuple[str, str]]] = {}
+        panels = defaultdict[str, list[tuple[str, str]]](list)
         for parameter in self.get_params(ctx):
-            row = parameter.get_help_record(ctx)
-            if row is not None:
-                kind = "Options" if parameter.param_type_name == "option" else "Arguments"
-                name = getattr(parameter, "rich_help_panel", None) or kind
-                panels.setdefault(name, []).append(row)
+            if (row := parameter.get_help_record(ctx)) is not None:
+                kind = f"{parameter.param_type_name.title()}s"
+                panels[getattr(parameter, "rich_help_panel", None) or kind].append(row)
         for name, rows in panels.items():
             with formatter.section(name):
                 formatter.write_dl(rows)
 
 
-def build_app(*, decorated: bool) -> typer.Typer:
+def build_command(*, decorated: bool) -> Any:
     """All verbs; ``decorated`` help has boxes and colours, for a terminal, and is slower."""
     app = typer.Typer(
         name="fuzzbee",
@@ -67,10 +66,13 @@ def build_app(*, decorated: bool) -> typer.Typer:
     for verb, module in VERBS.items():
         app.command(cls=Grouped, epilog=module.EPILOG)(getattr(module, verb))
     app.add_typer(profile.profile_app, name="profile")
-    return app
+    made = typer.main.get_command(app)
+    if decorated:
+        _escape_markup(made)
+    return made
 
 
-def escape_markup(command: Any) -> None:
+def _escape_markup(command: Any) -> None:
     """Have brackets in help texts printed: Rich takes ``[default: imu]`` for a style."""
     from rich.markup import escape
 
@@ -79,7 +81,7 @@ def escape_markup(command: Any) -> None:
         if getattr(parameter, "help", None):
             parameter.help = escape(parameter.help)
     for verb in getattr(command, "commands", {}).values():
-        escape_markup(verb)
+        _escape_markup(verb)
 
 
 def _main_options(

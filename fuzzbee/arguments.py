@@ -52,18 +52,9 @@ def vector(name: str, given: ArrayLike) -> Vec3:
     raise InputError(f"{name}: must be three numbers, not {' '.join(repr(given).split()):.60}")
 
 
-def matrix(name: str, given: ArrayLike, rows: int | None = None, width: int = 3) -> Floats:
-    """(N, 3) numbers, or ``width`` in a row."""
-    values = numbers(name, given)
-    if values.ndim != 2 or values.shape[1] != width or rows not in (None, len(values)):
-        wanted = "N" if rows is None else rows
-        raise InputError(f"{name}: must have the shape ({wanted}, {width}), not {values.shape}")
-    return values
-
-
 def rotation(name: str, given: ArrayLike) -> Floats:
     """A rotation matrix (3, 3)."""
-    R = matrix(name, given, 3)
+    R = array(name, given, 3, 3)
     if not (np.abs(R.T @ R - np.eye(3)).max() < 1e-6 and np.linalg.det(R) > 0.0):
         raise InputError(f"{name}: must be a rotation matrix")
     return R
@@ -90,24 +81,27 @@ def microseconds(time_s: float) -> int:
 
 def times_of(given: ArrayLike, rows: int) -> Times:
     """Times (N,) of so many rows, in microseconds."""
-    values = numbers("time_s", given)
-    if values.shape != (rows,):
-        raise InputError(f"time_s: must have the shape ({rows},), not {values.shape}")
+    values = array("time_s", given, rows)
     wrong = values[~(np.abs(values) < MOST_S)]
     if wrong.size:
         raise InputError(f"time_s {wrong[0]}: must be a number of seconds")
     return np.rint(MICROSECONDS * values).astype(np.int64)
 
 
-def numbers(name: str, given: ArrayLike) -> Floats:
-    """``given`` as an array of numbers, NaN where one is masked."""
+def array(name: str, given: ArrayLike, *shape: int | None) -> Floats:
+    """Numbers, NaN where one is masked, of this shape if there is one; None is any length."""
     try:
-        values: Any = np.ma.asarray(given)
-        if values.dtype.kind not in "biufO":
+        found: Any = np.ma.asarray(given)
+        if found.dtype.kind not in "biufO":
             raise TypeError  # noqa: TRY301 - numbers as text, complex ones and dates are none
-        return np.asarray(values.astype(float).filled(nan), order="C")
+        values: Floats = np.asarray(found.astype(float).filled(nan), order="C")
     except (TypeError, ValueError, OverflowError):
         raise InputError(f"{name}: must be an array of numbers") from None
+    sizes = zip(shape, values.shape, strict=False)
+    if shape and (len(shape) != values.ndim or any(n not in (None, size) for n, size in sizes)):
+        wanted = str(shape).replace("None", "N")
+        raise InputError(f"{name}: must have the shape {wanted}, not {values.shape}")
+    return values
 
 
 def velocities_of(times_us: Times, velocity: Floats) -> tuple[Floats, int]:
@@ -127,7 +121,7 @@ def velocities_of(times_us: Times, velocity: Floats) -> tuple[Floats, int]:
 
 def positions_of(position: ArrayLike, n: int) -> Floats:
     """The rows (K, 5) of positions (N, 4) that are known, behind their numbers."""
-    places = matrix("position", position, n, 4)
+    places = array("position", position, n, 4)
     known = np.flatnonzero(np.isfinite(places).all(axis=1))
     wrong = known[(np.abs(places[known]) > MOST_PLACE).any(axis=1)]
     if len(wrong):

@@ -29,19 +29,8 @@ from estimator.profile import LEAST_GAIN, MOST_GAIN, Profile
 from estimator.reasons import Reason
 from estimator.row_taking import take
 from estimator.types import ZERO_VEC3, Attitude, ImuSample, Vec3, VelocitySample
-from fuzzbee.arguments import (
-    MICROSECONDS,
-    MOST_S,
-    VELOCITY_SIGMA_M_S,
-    matrix,
-    microseconds,
-    number,
-    positions_of,
-    profile_of,
-    times_of,
-    vector,
-    velocities_of,
-)
+from fuzzbee import arguments
+from fuzzbee.arguments import MICROSECONDS, MOST_S, array, microseconds, number, vector
 from fuzzbee.attitudes import Attitudes, attitudes_of_rows
 from fuzzbee.fit import advice, is_enough
 
@@ -94,7 +83,7 @@ class Estimator:
             rate_hz = number("rate_hz", rate_hz, 1.0 / MICROSECONDS, MICROSECONDS, " a second")
         if gain is not None:
             gain = number("gain", gain, LEAST_GAIN, MOST_GAIN)
-        self.profile = profile_of(profile)
+        self.profile = arguments.profile_of(profile)
         self._is_plain = self.profile.has_plain_imu
         self._rate_hz = rate_hz
         self._fixed: dict[str, Any] = {"gain": gain, "compass_calibrated": compass_calibrated}
@@ -191,7 +180,7 @@ class Estimator:
         self,
         velocity_ned_m_s: ArrayLike,
         time_s: float | None = None,
-        sigma_m_s: float = VELOCITY_SIGMA_M_S,
+        sigma_m_s: float = arguments.VELOCITY_SIGMA_M_S,
     ) -> None:
         """Take a velocity over ground (3,), as of a satellite receiver.
 
@@ -293,21 +282,20 @@ class Estimator:
     ) -> tuple[Rows, Floats, Floats, tuple[str, ...]]:
         """The arguments of ``update_batch``, checked: readings, velocities, positions, advice."""
         gyr_rad_s, acc_m_s2, mag_gauss, time_s, velocity_ned_m_s, position = given
-        gyr = matrix("gyr_rad_s", gyr_rad_s)
+        gyr = array("gyr_rad_s", gyr_rad_s, None, 3)
         n = len(gyr)
-        acc = matrix("acc_m_s2", acc_m_s2, n)
-        mag = np.zeros((n, 3)) if mag_gauss is None else matrix("mag_gauss", mag_gauss, n)
-        reports, fast, places = NO_REPORT_ROWS, 0, np.zeros((0, 5))
-        if position is not None:
-            places = positions_of(position, n)
+        acc = array("acc_m_s2", acc_m_s2, n, 3)
+        mag = np.zeros((n, 3)) if mag_gauss is None else array("mag_gauss", mag_gauss, n, 3)
+        places = np.zeros((0, 5)) if position is None else arguments.positions_of(position, n)
         if time_s is None:
             numbers = np.arange(self._number, self._number + n, dtype=float)
             times_us = np.rint(MICROSECONDS * numbers / self._rate()).astype(np.int64)
         else:
-            times_us = times_of(time_s, n)
+            times_us = arguments.times_of(time_s, n)
+        reports, fast = NO_REPORT_ROWS, 0
         if velocity_ned_m_s is not None:
-            velocity = matrix("velocity_ned_m_s", velocity_ned_m_s, n)
-            reports, fast = velocities_of(times_us, velocity)
+            velocity = array("velocity_ned_m_s", velocity_ned_m_s, n, 3)
+            reports, fast = arguments.velocities_of(times_us, velocity)
         self._number += n
         self._last_us = int(times_us[-1]) if n else self._last_us
         has_mag = self._field.fresh_rows(mag, times_us)
@@ -315,24 +303,17 @@ class Estimator:
         if not self._is_plain:
             readings = self.profile.to_body_rows(gyr, acc, np.where(has_mag[:, None], mag, 0.0))
         rows = rows_of(times_us, *readings, has_mag)
-        lines = self._compared(rows, strict=strict)
+        lines: tuple[str, ...] = ()
+        if strict or not self._is_checked:
+            lines = advice(rows)
+            self._is_checked = self._is_checked or is_enough(rows.times_us)
+        if lines and strict:
+            raise InputError("; ".join(lines))
         too_strong = has_mag & (np.abs(mag) > MAG_LIMIT_GAUSS).any(axis=1)
         rows.has_mag[too_strong] = False
         self._count(Reason.MAGNETOMETER_OUT_OF_RANGE, int(too_strong.sum()))
         self._count(Reason.VELOCITY_OUT_OF_RANGE, fast)
         return rows, reports if self.profile.conditioned else NO_REPORT_ROWS, places, lines
-
-    def _compared(self, rows: Rows, *, strict: bool) -> tuple[str, ...]:
-        """What units and axes would fit better; looked for once, or if ``strict``."""
-        if self._is_checked and not strict:
-            return ()
-        lines = advice(rows)
-        self._is_checked = self._is_checked or is_enough(rows.times_us)
-        if lines and strict:
-            raise InputError("; ".join(lines))
-        for line in lines:
-            warnings.warn(line, Unfit, stacklevel=4)
-        return lines
 
     def _take(
         self, rows: Rows, published: Floats, reports: Floats, places: Floats, lines: tuple[str, ...]
@@ -351,12 +332,12 @@ class Estimator:
                 self.set_position(*place)
             begin = end
         self.rejected += refused
-        if lines or 2 * refused.total() <= n:
-            return lines
-        most, count = refused.most_common(1)[0]
-        line = f"most of the samples could not be used: {count} of {n} are {most}"
-        warnings.warn(line, Unfit, stacklevel=3)
-        return (line,)
+        if not lines and 2 * refused.total() > n:
+            most, count = refused.most_common(1)[0]
+            lines = (f"most of the samples could not be used: {count} of {n} are {most}",)
+        for line in lines:
+            warnings.warn(line, Unfit, stacklevel=3)
+        return lines
 
     def _rate(self) -> float:
         if self._rate_hz is None:

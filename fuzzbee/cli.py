@@ -21,7 +21,7 @@ from typing import Any
 
 from estimator.compilation.kernel_folder import notify_compiling
 from estimator.errors import InputError
-from fuzzbee.sigint_guard import ENDLESS, INTERRUPTED
+from fuzzbee.sigint_guard import INTERRUPTED, is_endless
 from drivers.output_file import DISK_ERRORS, NotWholeError
 from fuzzbee.notify import notify
 from fuzzbee.environment import lacking_of_processor, settle_environment
@@ -45,7 +45,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     status = _status(arguments)
     if status != INTERRUPTED:
         return status
-    return OK if _is_endless(arguments) else 128 + (interrupted_by() or signal.SIGINT)
+    return OK if is_endless(arguments) else 128 + (interrupted_by() or signal.SIGINT)
 
 
 def _status(arguments: list[str]) -> int:
@@ -103,20 +103,10 @@ def _spell_out(arguments: Sequence[str]) -> list[str]:
 def _run_verb(arguments: list[str]) -> object:
     """What the verb returned; SIGTERM interrupts it as SIGINT does."""
     with terminate_like_interrupt():
-        from typer.main import get_command
+        from fuzzbee.app import build_command
 
-        from fuzzbee.app import build_app, escape_markup
-
-        decorated = sys.stdout.isatty() and not os.environ.get("NO_COLOR")
-        command = get_command(build_app(decorated=decorated))
-        if decorated:
-            escape_markup(command)
+        command = build_command(decorated=sys.stdout.isatty() and not os.environ.get("NO_COLOR"))
         return command.main(args=arguments, prog_name="fuzzbee", standalone_mode=False)
-
-
-def _is_endless(arguments: list[str]) -> bool:
-    verb = next((word for word in arguments if not word.startswith("-")), None)
-    return verb in ENDLESS
 
 
 def entry_point() -> None:
@@ -159,7 +149,7 @@ def _replace_closed_streams() -> None:
     os.close(number)
     if sys.stdout is None:
         # a service goes on; of other verbs, and of JSON, the output is what they are for
-        is_service = _is_endless(sys.argv[1:]) and "--json" not in sys.argv
+        is_service = is_endless(sys.argv[1:]) and "--json" not in sys.argv
         sys.stdout = Path(os.devnull).open("w") if is_service else _ClosedOutput()  # noqa: SIM115
     if sys.stderr is None:
         sys.stderr = Path(os.devnull).open("w")  # noqa: SIM115

@@ -41,6 +41,7 @@ ASCII = str.maketrans("━┓┏●▲▼·◆◇─╳█▀▄▒░", "=..o^v
 
 SKY, GROUND, HAZE, LINE = range(4)
 # Sky, ground, haze by its level, and the line
+PLAIN = ("  ▒▄", " ░▒▄", "▒▒▒▄", "▀▀▀█")  # without colours: by the upper and the lower half
 PAINT = ("rgb(38,98,168)", "rgb(116,78,40)", "rgb(160,172,178)", "bright_white")
 PAINTED_HAZE = {Level.CARE: "rgb(214,160,64)", Level.BAD: "rgb(178,84,74)"}
 PAINT_16 = ("blue", "yellow", "bright_black", "bright_white")  # yellow is brown on many
@@ -106,18 +107,17 @@ def _bar(row: Row, judged: Judgement, width: int) -> Text:
     if row.status is not None and row.status.imu_message is not None and width >= 60:
         right = f"{row.status.imu_message} {row.status.imu_rate_hz:.1f} Hz  {right}"
     word = f" {judged.word.upper()} "
-    line = [" "] * width
-    _write(line, 0, f" vehicle {row.name}  {row.state_text}")
-    _write(line, width - len(right), right)
-    _write(line, (width - len(word)) // 2, word)
-    return Text("".join(line), f"bold {LEVEL_STYLE[judged.overall]}", no_wrap=True)
+    line = dict(enumerate(f" vehicle {row.name}  {row.state_text}"))
+    line |= enumerate(right, width - len(right))
+    line |= enumerate(word, (width - len(word)) // 2)
+    return Text(_letters(line, width), f"bold {LEVEL_STYLE[judged.overall]}", no_wrap=True)
 
 
 def _tape(scene: _Scene) -> list[Text]:
     """Directions as they pass under the middle; below them the range of sigma, and the other's."""
     attitude, width, other = scene.attitude, scene.width, scene.other
     yaw, middle = attitude.euler_deg[2], width // 2
-    names, marks = [" "] * width, [" "] * width
+    names, marks = dict[int, str](), dict[int, str]()
     has_north = attitude.heading_reference != "none"
     low = int(yaw - middle * TAPE_DEG_PER_CELL) // 15 * 15
     for degree in range(low, low + int(width * TAPE_DEG_PER_CELL) + 30, 15):
@@ -125,10 +125,10 @@ def _tape(scene: _Scene) -> list[Text]:
         name = point or f"{degree % 360:03}"
         cell = middle + round((degree - yaw) / TAPE_DEG_PER_CELL)
         if degree % 45 == 0 or degree % 30 == 0:
-            _write(names, cell - len(name) // 2, name)
+            names |= enumerate(name, cell - len(name) // 2)
     # the vehicle's own mark would hide a band of no more than its cell
     reach = max(1, round(min(attitude.sigma_deg.heading, 180.0) / TAPE_DEG_PER_CELL))
-    _write(marks, middle - reach, ("━" if has_north else "?") * (2 * reach + 1))
+    marks |= enumerate(("━" if has_north else "?") * (2 * reach + 1), middle - reach)
     theirs = other.heading_deg if other is not None and other.axis == "heading" else None
     for off_deg, letter in ((scene.compass_deg, COMPASS), (theirs, THEIRS)):
         if off_deg is not None:
@@ -137,10 +137,10 @@ def _tape(scene: _Scene) -> list[Text]:
     marks[middle] = "▲"
     number = f" {heading_text(attitude)} "
     begin = middle - len(number) // 2
-    _write(names, begin, number)
-    line = Text("".join(names))
+    names |= enumerate(number, begin)
+    line = Text(_letters(names, width))
     line.stylize("bold", begin, begin + len(number))
-    return [line, Text("".join(marks), style=LEVEL_COLOUR[scene.judged.heading])]
+    return [line, Text(_letters(marks, width), style=LEVEL_COLOUR[scene.judged.heading])]
 
 
 def _horizon(scene: _Scene, flight: str, paint: tuple[str, ...]) -> list[Text]:
@@ -181,7 +181,7 @@ def _paint(judged: Judgement, console: Console) -> tuple[str, ...]:
 def _cell(upper: int, lower: int, mark: str | None, paint: tuple[str, ...]) -> tuple[str, str]:
     """The character and style of one cell; a mark hides what is under it."""
     if not paint:
-        return mark or _plain(upper, lower), ""
+        return mark or PLAIN[upper][lower], ""
     if mark is not None:
         seen = min(upper, lower)  # of line and haze the world behind
         ink_of = "bright_yellow" if mark in OWN_SYMBOL + THEIRS else "bright_white"
@@ -189,15 +189,6 @@ def _cell(upper: int, lower: int, mark: str | None, paint: tuple[str, ...]) -> t
     if upper == lower:
         return " ", f"on {paint[upper]}"
     return "▀", f"{paint[upper]} on {paint[lower]}"
-
-
-def _plain(upper: int, lower: int) -> str:
-    """Without colours: the line, else haze, else sky or ground."""
-    if LINE in (upper, lower):
-        return "█" if upper == lower else "▀" if upper == LINE else "▄"
-    if HAZE in (upper, lower):
-        return "▒"
-    return "░" if lower == upper == GROUND else " "
 
 
 # --- marks: letters over sky and ground, by column and row
@@ -234,15 +225,15 @@ def _marks(scene: _Scene, flight: str) -> dict[tuple[int, int], str]:
 def _cross(judged: Judgement, flight: str, width: int, rows: int) -> list[Text]:
     """A cross in place of the horizon, and the reason."""
     reach = max(1, (rows - 5) // 2)
-    grid = [[" "] * width for _ in range(rows)]
+    grid: list[dict[int, str]] = [{} for _ in range(rows)]
     middle_row, middle = rows // 2, width // 2
     for step in range(-reach, reach + 1):
-        _write(grid[middle_row + step], middle - 2 * step, "╳")
-        _write(grid[middle_row + step], middle + 2 * step, "╳")
+        grid[middle_row + step] = {middle - 2 * step: "╳", middle + 2 * step: "╳"}
     text = f"  {judged.word}: {judged.caveats[0].text}  "
-    _write(grid[middle_row], middle - len(text) // 2, text)
-    _write(grid[-1], 1, flight)
-    return [Text("".join(row), style=f"bold {LEVEL_COLOUR[judged.overall]}") for row in grid]
+    grid[middle_row] |= enumerate(text, middle - len(text) // 2)
+    grid[-1] |= enumerate(flight, 1)
+    style = f"bold {LEVEL_COLOUR[judged.overall]}"
+    return [Text(_letters(row, width), style) for row in grid]
 
 
 def _figures(attitude: AttitudeRecord | None, judged: Judgement, width: int) -> list[Text]:
@@ -271,8 +262,6 @@ def _caveats(judged: Judgement, width: int) -> Text:
     return line
 
 
-def _write(line: list[str], at: int, text: str) -> None:
-    """Put a text into a line, as much of it as fits."""
-    for n, letter in enumerate(text):
-        if 0 <= at + n < len(line):
-            line[at + n] = letter
+def _letters(line: dict[int, str], width: int) -> str:
+    """The letters of a line by their columns, as far as they fit."""
+    return "".join(line.get(column, " ") for column in range(width))

@@ -67,6 +67,7 @@ To = Annotated[str | None, of_source(_TO, "--to", metavar="S|disarm")]
 Retune = Annotated[bool, of_estimate("Retune a few numbers whenever the sensors' noise changes.")]
 Seconds = Annotated[float | None, of_source("End after N seconds.", metavar="N")]
 NONE_GIVEN: list[str] = []
+EMPTY, KEYWORD = inspect.Parameter.empty, inspect.Parameter.KEYWORD_ONLY
 
 _LISTEN = "Listen here instead of tcp/127.0.0.1:7447 (repeatable)."
 _CONNECT = "Connect there instead of to tcp/127.0.0.1:7447 (repeatable)."
@@ -89,7 +90,6 @@ def command(verb: Callable[[Form], Result]) -> Callable[..., Result]:
     call: Any = parsed
     call.__annotations__ = {each.name: each.annotation for each in parameters}
     call.__signature__ = inspect.Signature(parameters)
-    del call.__wrapped__
     return parsed
 
 
@@ -102,24 +102,14 @@ def _parameters(form: Any) -> Iterator[inspect.Parameter]:
         if isinstance(info, OptionInfo) and info.default is ...:
             info = copy(info)  # typer's own name would give flags a second one
             info.default = f"--{name.replace('_', '-')}"
-        default = form._field_defaults.get(name, inspect.Parameter.empty)
-        yield inspect.Parameter(
-            name,
-            inspect.Parameter.KEYWORD_ONLY,
-            default=default,
-            annotation=Annotated[base, info],
-        )
+        default = form._field_defaults.get(name, EMPTY)
+        yield inspect.Parameter(name, KEYWORD, default=default, annotation=Annotated[base, info])
 
 
 def _made(form: Any, given: dict[str, Any]) -> Any:
-    """The named tuple, and those in it, of the values that were given; the rest by default."""
-    values = {}
-    for name, kind in get_type_hints(form).items():
-        if hasattr(kind, "_fields"):
-            values[name] = _made(kind, given)
-        elif name in given:
-            values[name] = given[name]
-    return form(**values)
+    """The named tuple, and those in it, of the values that were given."""
+    kinds = get_type_hints(form).items()
+    return form(*(_made(k, given) if hasattr(k, "_fields") else given[name] for name, k in kinds))
 
 
 def require_gain(gain: float | None) -> None:

@@ -25,29 +25,17 @@ View = Annotated[str | None, of_showing(_VIEW, metavar="window|web")]
 Rrd = Annotated[str | None, of_recording(_RRD, metavar="FILE")]
 
 
-class Opening(NamedTuple):
-    """What a sink is opened with: the values of all sinks' options, and the session, if any.
-
-    ``prefix`` is the first part of the service's Zenoh keys, ``rate_hz`` how often attitudes are
-    published.
-    """
-
-    options: dict[str, Any]
-    session: "zenoh.Session | None"
-    prefix: str
-    rate_hz: float
-
-
 class SinkEntry(NamedTuple):
     """A sink's options and what opens it.
 
     ``options`` has what :func:`setting` makes, by the name of the parameter: ``send_attitude`` is
     ``--send-attitude``. The sink is opened if the first of them has another value than its default.
-    What opens it gives None if another one does its work.
+    What opens it is given the options of ``run`` and the session, if any; it gives None if another
+    sink does its work.
     """
 
     options: dict[str, tuple[Any, Any]]
-    open: "Callable[[Opening], Sink | None]"
+    open: "Callable[[Any, zenoh.Session | None], Sink | None]"
 
 
 def setting(
@@ -58,31 +46,31 @@ def setting(
     return Annotated[form, option(text, *names, panel=panel, **more)], default
 
 
-def _ros(opening: Opening) -> "Sink":
+def _ros(options: Any, session: "zenoh.Session | None") -> "Sink":
     from service.sinks.ros import MAX_DOMAIN, RosSink
 
-    domain = opening.options["ros_domain"]
-    if opening.session is None:
+    domain = options.outputs.ros_domain
+    if session is None:
         raise InputError("--ros needs Zenoh: leave out --no-zenoh")
     if not 0 <= domain <= MAX_DOMAIN:
         raise InputError(f"--ros-domain {domain}: should be 0 to {MAX_DOMAIN}")
-    return RosSink(opening.session, opening.prefix, domain)
+    return RosSink(session, options.zenoh.prefix, domain)
 
 
-def _mavlink(opening: Opening, name: str = "send_attitude") -> "Sink | None":
+def _mavlink(options: Any, _session: Any, name: str = "send_attitude") -> "Sink | None":
     """Sends attitudes or announcements; both to the same place: there is one such component."""
     from drivers.endpoint import parse_endpoint
     from service.sinks.mavlink import MavlinkSink
 
-    options, attitudes = opening.options, name == "send_attitude"
-    is_same = options["announce"] == options["send_attitude"]
+    asked, attitudes = options.outputs, name == "send_attitude"
+    is_same = asked.announce == asked.send_attitude
     if is_same and not attitudes:
         return None
-    given = options["send_as"] if attitudes else None
+    given = asked.send_as if attitudes else None
     other = None if given is None else parse_address_of(given)
     announces = is_same or not attitudes
     try:
-        endpoint = parse_endpoint(options[name])
+        endpoint = parse_endpoint(getattr(asked, name))
         return MavlinkSink(endpoint, attitudes=attitudes, announces=announces, appears_as=other)
     except InputError as error:
         raise InputError(f"--{name.replace('_', '-')}: {error}") from error
@@ -98,26 +86,26 @@ def parse_address_of(text: str) -> "VehicleId":
     return VehicleId(*numbers)
 
 
-def _metrics(opening: Opening) -> "Sink":
+def _metrics(options: Any, _session: Any) -> "Sink":
     require_extra("prometheus_client", "--metrics", "metrics")
     from fuzzbee.latest import Latest
     from service.sinks.metrics import MetricsSink
 
-    return MetricsSink(opening.options["metrics"], Latest())
+    return MetricsSink(options.outputs.metrics, Latest())
 
 
-def _together(opening: Opening) -> "Sink":
+def _together(options: Any, session: "zenoh.Session | None") -> "Sink":
     from service.sinks.zenoh import TogetherSink
 
-    if opening.session is None:
+    if session is None:
         raise InputError("--together needs Zenoh: leave out --no-zenoh")
-    return TogetherSink(opening.session, opening.prefix, 1.0 / opening.rate_hz)
+    return TogetherSink(session, options.zenoh.prefix, 1.0 / options.rate_hz)
 
 
-def _web(opening: Opening) -> "Sink":
+def _web(options: Any, _session: Any) -> "Sink":
     from fuzzbee.web.server import open_page
 
-    return open_page(opening.options["web"], "fuzzbee")
+    return open_page(options.outputs.web, "fuzzbee")
 
 
 _ROS = "Publish IMU, tf and diagnostics for ROS 2 (rmw_zenoh), too."
@@ -151,16 +139,14 @@ SINKS: list[SinkEntry] = [
 ]
 
 
-def open_outputs(
-    options: Any, session: "zenoh.Session | None", prefix: str, rate_hz: float
-) -> "Iterator[Sink]":
-    """Open the sinks that were asked for by the options of ``run``, one after the other."""
-    opening = Opening(options._asdict(), session, prefix, rate_hz)
+def open_outputs(options: Any, session: "zenoh.Session | None") -> "Iterator[Sink]":
+    """Open the sinks that were asked for, one after the other."""
+    asked = options.outputs
     for entry in SINKS:
         name, (_, default) = next(iter(entry.options.items()))
-        if opening.options[name] != default and (sink := entry.open(opening)) is not None:
+        if getattr(asked, name) != default and (sink := entry.open(options, session)) is not None:
             yield sink
-    viewer = open_viewer(options.view, options.rrd, live=True)
+    viewer = open_viewer(asked.view, asked.rrd, live=True)
     if viewer is not None:
         yield viewer
 

@@ -18,7 +18,7 @@ from estimator.filter.alignment import quaternion_from_matrix
 from estimator.filter.types import initial_state
 from estimator.live.settings import settings_of
 from estimator.profile import LEAST_GAIN, MOST_GAIN, Profile
-from fuzzbee.arguments import matrix, number, numbers, profile_of, rotation, vector
+from fuzzbee.arguments import array, number, profile_of, rotation, vector
 
 if TYPE_CHECKING:
     from skfuzzy.control import ControlSystem
@@ -58,9 +58,9 @@ class PaperFilter:
         profile: Profile | str = "paper",
     ) -> None:
         self.params = settings_of(profile_of(profile), None).filter
-        vectors = matrix("v_I", v_I)
+        vectors = array("v_I", v_I, None, 3)
         self._count, self._v_I = len(vectors), _with_cross(_unit(vectors))
-        weights = np.ones(len(self._v_I)) if s is None else numbers("s", s)
+        weights = np.ones(self._count) if s is None else array("s", s)
         if weights.shape == (self._count,) != (len(self._v_I),):
             weights = np.append(weights, 1.0)
         if weights.shape != (len(self._v_I),) or not ((weights > 0.0) & (weights < np.inf)).all():
@@ -121,7 +121,7 @@ class PaperFilter:
         if not np.isfinite(rate).all():
             raise InputError(f"Omega_m: must be three finite numbers, not {rate}")
         state = reference.propagate(self._state, rate, dt)
-        measured = _with_cross(_unit(matrix("v_B", v_B, self._count)))
+        measured = _with_cross(_unit(array("v_B", v_B, self._count, 3)))
         estimated = self._v_I @ reference.rotation_matrix(state.q_ned_frd)  # Eq. (10)
         w = reference.innovation(measured, estimated, self._s)  # Eq. (11)
         if self._gain == "noise":

@@ -10,7 +10,6 @@ from fuzzbee.run import RunOptions
 from fuzzbee.truth_score import ScoredPipeline, TruthScore
 from service.pipeline import Pipeline
 from service.runner import Runner
-from service.sinks.sink import Outbox
 from service.vehicle_status import counts
 
 OK, FAILED = 0, 1
@@ -24,14 +23,10 @@ def recording_word(things: Iterable[Any]) -> str:
 
 
 def summary(
-    options: RunOptions,
-    profile_name: str,
-    seconds: float,
-    runner: Runner,
-    pipeline: ScoredPipeline,
-    recording: str,
+    options: RunOptions, profile_name: str, seconds: float, runner: Runner, pipeline: ScoredPipeline
 ) -> dict[str, Any]:
     """The result of a run, as --json prints it."""
+    recording = runner.recording()
     result = {
         "source": options.source,
         "profile": _in_force(options, profile_name, pipeline),
@@ -43,13 +38,11 @@ def summary(
         "lost": runner.source.lost,
         "malformed": pipeline.malformed,
         "refused": dict(sorted(pipeline.refused_frames.items())),
-        "recording": recording,
+        **({"recording": recording} if recording else {}),
         "heard": sorted(pipeline.systems),
         "departed": dict(pipeline.departed),
         "vehicles": {vehicle.name: counts(vehicle) for vehicle in pipeline.vehicles},
     }
-    if not recording:
-        del result["recording"]
     if pipeline.scores is not None:
         result["truth"] = {name: score.result() for name, score in pipeline.scores.items()}
     return result
@@ -66,32 +59,30 @@ def _in_force(options: RunOptions, name: str, pipeline: Pipeline) -> str:
 def conclude(
     options: RunOptions,
     result: dict[str, Any],
-    outbox: Outbox,
-    pipeline: ScoredPipeline,
+    runner: Runner,
+    scores: dict[str, TruthScore] | None,
     problems: list[Exception],
-    *,
-    was_stopped: bool,
 ) -> int:
     """Report the result and raise what went wrong first.
 
     The status is 1 if nobody was heard until the end, or a recording is not whole, else 0.
     A vehicle that was refused has been heard, too.
     """
-    if outbox.stuck:
-        notify(f"not closed in time: {', '.join(outbox.stuck)}")
+    if runner.outbox.stuck:
+        notify(f"not closed in time: {', '.join(runner.outbox.stuck)}")
         if "recording" in result:  # nobody knows what it lacks
             result["recording"] = NOT_WHOLE
-    for error in outbox.unreported:
+    for error in runner.outbox.unreported:
         notify(error)
     if options.as_json:
         print(json.dumps(result), flush=True)
     else:
-        _notify_result(result, pipeline.scores or {})
+        _notify_result(result, scores or {})
     if problems:
         raise problems[0]
     received = result["vehicles"] or result["departed"]["vehicles"] or result["refused"]
     is_whole = result.get("recording") != NOT_WHOLE
-    return OK if is_whole and (received or was_stopped) else FAILED
+    return OK if is_whole and (received or runner.was_stopped) else FAILED
 
 
 def _notify_result(result: dict[str, Any], scores: dict[str, TruthScore]) -> None:

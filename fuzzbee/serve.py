@@ -70,23 +70,16 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
         if recorder is not None and options.retune:
             sinks.append(RecordingSink(recorder))
         outbox = stack.enter_context(Outbox(sinks))
-        recording = partial(recording_word, [recorder, *sinks])
         # in a thread: the compiler's callbacks swallow what a signal raises in them
         run_in_thread(load_kernels, "kernels").result()
         source.follow(pipeline.imu_in_use)
-        runner = Runner(
-            source,
-            pipeline,
-            outbox,
-            rate_hz=options.rate_hz,
-            requests=requests,
-            recording=recording,
-        )
+        runner = Runner(source, pipeline, outbox, rate_hz=options.rate_hz, requests=requests)
+        runner.recording = partial(recording_word, [recorder, *sinks])
         seconds = _loop(runner, options.seconds, problems)
-    result = summary(options, profile_name, seconds, runner, pipeline, recording())
+    result = summary(options, profile_name, seconds, runner, pipeline)
     if isinstance(source, SimSource) and source.waited_s >= LONG_WAIT_S and not options.as_json:
         notify(f"the vehicle waited {source.waited_s:.0f} s for this computer: it was too busy")
-    return conclude(options, result, outbox, pipeline, problems, was_stopped=runner.was_stopped)
+    return conclude(options, result, runner, pipeline.scores, problems)
 
 
 def _loop(runner: Runner, end_s: float | None, problems: list[Exception]) -> float:
@@ -225,7 +218,7 @@ def _open_sinks(
         if session is not None:
             sinks.append(ZenohSink(session, prefix, pipeline.profile, requests, on_conflict))
             opened_so_far.callback(sinks[0].close)
-        for sink in outputs.open_outputs(options.outputs, session, prefix, options.rate_hz):
+        for sink in outputs.open_outputs(options, session):
             sinks.append(sink)
             opened_so_far.callback(sink.close)
         view = _open_view(options)

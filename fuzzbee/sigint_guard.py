@@ -14,8 +14,13 @@ ENDLESS = ("run", "sim", "watch")  # verbs for which a signal is the regular end
 _before = _signal.getsignal(_signal.SIGINT)
 
 
+def is_endless(arguments: list[str]) -> bool:
+    """Whether a signal is the regular end of the verb."""
+    return next((word for word in arguments if not word.startswith("-")), None) in ENDLESS
+
+
 def _leave(_number: int, _frame: object) -> None:
-    os._exit(0 if any(verb in sys.argv[1:] for verb in ENDLESS) else INTERRUPTED)
+    os._exit(0 if is_endless(sys.argv[1:]) else INTERRUPTED)
 
 
 def _begin() -> None:

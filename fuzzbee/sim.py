@@ -93,12 +93,13 @@ def sim(options: SimOptions) -> int:
         _notify(
             f"{vehicles} vehicle{'s' * (vehicles > 1)} at {options.rate:g} Hz, {connection.address}"
         )
-        for name, errors in _imu_errors(options).items():
-            _notify(f"{name}: {errors}")
+        errors = _imu_errors(options.imu_errors)
+        for name, value in errors.items():
+            _notify(f"{name}: {value}")
         begun_s = time.monotonic()
         run_vehicles(fleet, connection, stop.is_set, seconds, _notify)
         if options.as_json:
-            _print_json(str(endpoint), options, fleet, time.monotonic() - begun_s)
+            _print_json(str(endpoint), options, fleet, time.monotonic() - begun_s, errors)
         if seconds is not None and not fleet.was_connected and not stop.is_set():
             _notify(f"{endpoint}: nobody was connected in {seconds:g} s")
             return 1
@@ -124,7 +125,9 @@ def _vehicle_options(options: SimOptions) -> "VehicleOptions":
     )
 
 
-def _print_json(to: str, options: SimOptions, fleet: "Fleet", seconds: float) -> None:
+def _print_json(
+    to: str, options: SimOptions, fleet: "Fleet", seconds: float, errors: dict[str, Any]
+) -> None:
     """What was done, as one object."""
     import json
 
@@ -138,13 +141,12 @@ def _print_json(to: str, options: SimOptions, fleet: "Fleet", seconds: float) ->
         "bytes_sent": fleet.bytes_sent,
         "link_errors": fleet.link_errors,
     }
-    errors = _imu_errors(options)
     print(json.dumps(result | {"imu_errors": errors} if errors else result), flush=True)
 
 
-def _imu_errors(options: SimOptions) -> dict[str, Any]:
+def _imu_errors(seed: int | None) -> dict[str, Any]:
     """The truth of ``--imu-errors`` of vehicle 1: the profile's [calibration] that undoes it."""
-    if options.imu_errors is None:
+    if seed is None:
         return {}
     import numpy as np
 
@@ -152,7 +154,7 @@ def _imu_errors(options: SimOptions) -> dict[str, Any]:
 
     names = ("gyr_bias_rad_s", "acc_bias_m_s2", "mag_offset_gauss")
     errors: dict[str, Any] = {}
-    for name, (matrix, bias) in zip(names, imu_errors(options.imu_errors), strict=True):
+    for name, (matrix, bias) in zip(names, imu_errors(seed), strict=True):
         errors[name] = bias.round(5).tolist()
         errors[f"{name[:3]}_matrix"] = np.linalg.inv(matrix).round(5).tolist()
     return errors

@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console, RenderableType
@@ -38,8 +39,7 @@ class PersonConsole(Console):
     """
 
     def __init__(self, **options: Any) -> None:
-        colours = {"color_system": None} if os.environ.get("NO_COLOR") else {}
-        super().__init__(**{**options, **colours})
+        super().__init__(color_system=None if os.environ.get("NO_COLOR") else "auto", **options)
 
     def on_broken_pipe(self) -> None:
         """Print no more; rich would close standard output, even if another broke, and exit."""
@@ -198,31 +198,22 @@ def _after(current: str | None, names: list[str]) -> str:
     return names[(names.index(current) + 1) % len(names)] if current in names else names[0]
 
 
-class Keys:
-    """The keys that were pressed since they were asked for last; none without a terminal."""
-
-    def __init__(self, descriptor: int | None) -> None:
-        self._descriptor = descriptor
-
-    def pressed(self) -> list[str]:
-        """Letters, and ``up``, ``down``, ``enter``, ``escape``; never waits."""
-        if self._descriptor is None:
-            return []
-        try:
-            if not select.select([self._descriptor], [], [], 0.0)[0]:
-                return []
-            text = os.read(self._descriptor, MOST_KEYS).decode("ascii", "ignore")
-        except (OSError, ValueError):
-            text = ""
-        if not text:  # the terminal is gone
-            self._descriptor = None
-        found = re.findall(r"\x1b[\[O][AB]|.", text, re.DOTALL)
-        return [KEY_NAMES.get(key, key) for key in found]
+def pressed_keys(descriptor: int) -> list[str]:
+    """Letters, and ``up``, ``down``, ``enter``, ``escape``, since the last call; never waits."""
+    try:
+        is_there = select.select([descriptor], [], [], 0.0)[0]
+        text = os.read(descriptor, MOST_KEYS).decode("ascii", "ignore") if is_there else ""
+    except (OSError, ValueError):  # the terminal is gone
+        return []
+    return [KEY_NAMES.get(key, key) for key in re.findall(r"\x1b[\[O][AB]|.", text, re.DOTALL)]
 
 
 @contextmanager
-def terminal_keys() -> Iterator[Keys]:
-    """Keys of standard input while it is a terminal that is ours; Ctrl-C stays what it is."""
+def terminal_keys() -> Iterator[Callable[[], list[str]]]:
+    """What gives the keys of standard input, none where that is no terminal of ours.
+
+    Ctrl-C stays what it is.
+    """
     try:
         import termios
         import tty
@@ -233,11 +224,11 @@ def terminal_keys() -> Iterator[Keys]:
             raise OSError  # noqa: TRY301
         before = termios.tcgetattr(descriptor)
     except (OSError, ValueError, AttributeError, ImportError):
-        yield Keys(None)
+        yield list
         return
     try:
         tty.setcbreak(descriptor, termios.TCSANOW)
-        yield Keys(descriptor)
+        yield partial(pressed_keys, descriptor)
     finally:
         with suppress(termios.error, OSError):
             termios.tcsetattr(descriptor, termios.TCSANOW, before)

@@ -10,7 +10,7 @@ from rich.text import Text
 
 from fuzzbee.latest import Row
 from fuzzbee.notify import printable
-from fuzzbee.verdict import Level, imus_off, verdict_of, warning_text
+from fuzzbee.verdict import Level, imus_off, verdict_of, warning_texts
 from service.alarms import Alarm
 from service.records import AttitudeRecord, State, StatusRecord
 
@@ -112,7 +112,7 @@ def _warnings(rows: list[Row], most: int) -> list[str]:
         slowest_hz = min(status.published_hz for status in overloaded)
         texts += [f"! overloaded: {shed} samples left out so far, attitudes at {slowest_hz:.1f} Hz"]
     for name, status in statuses:
-        words = [*(warning_text(word, status) for word in status.warnings), *imus_off(status)]
+        words = [*(warning_texts(word, status)[1] for word in status.warnings), *imus_off(status)]
         texts += [f"! vehicle {name}: {word}" for word in words]
     if len(texts) <= most:
         return texts

@@ -103,11 +103,7 @@ def verdict_of(
         caveats.append(Caveat(Level.CARE, "no north"))
     elif heading > Level.GOOD:
         caveats.append(Caveat(Level.CARE, f"heading {plus_minus(sigma.heading)}"))
-    warnings = []
-    if status is not None:
-        off = imus_off(status)  # if all others differ, the one in use may be the wrong one
-        level = Level.CARE if len(off) == len(status.other_imus) else Level.GOOD
-        warnings = [*_of_warnings(status), *(Caveat(level, text) for text in off)]
+    warnings = [] if status is None else _of_warnings(status)
     words = set() if status is None else {*status.warnings}
     texts = [plus_minus(sigma.inclination), north_text(attitude)]
     if Alarm.AUTOPILOT_DIFFERS in words:  # ours may be the one that is right
@@ -140,40 +136,40 @@ def _level(sigma_deg: float, bounds_deg: tuple[float, float]) -> Level:
 
 def _of_warnings(status: StatusRecord) -> list[Caveat]:
     """What contradicts the attitude whatever sigma is; words of other versions are counted."""
-    texts: dict[str, str] = {word: word.value.replace("_", " ") for word in Alarm}
-    if status.autopilot is not None:
-        texts[Alarm.AUTOPILOT_DIFFERS] = status.autopilot.in_short
-    if (off_deg := compass_off_deg(status)) is not None:
-        texts[Alarm.FIELD_IMPOSSIBLE] = f"compass {abs(off_deg):.0f}° off"
-    known = [word for word in status.warnings if word in texts]
-    caveats = []
-    for word in known:
-        if word not in AXES:
-            level = Level.CARE if word in HARMLESS else Level.BAD
-            caveats.append(Caveat(level, texts[word], warning_text(word, status)))
-    unknown = len(status.warnings) - len(known)
-    axes = [word[len("gyroscope_")] for word in known if word in AXES]
-    if axes:
+    known = [Alarm(word) for word in status.warnings if word in {*Alarm}]
+    caveats = [
+        Caveat(Level.CARE if word in HARMLESS else Level.BAD, *warning_texts(word, status))
+        for word in known
+        if word not in AXES
+    ]
+    if axes := [word.removeprefix("gyroscope_")[0] for word in known if word in AXES]:
         text = f"gyroscope {', '.join(axes)} contradict{'s' * (len(axes) == 1)}"
         meaning = f"field and force contradict the gyroscope ({', '.join(axes)}); so does a magnet"
         caveats.append(Caveat(Level.BAD, text, meaning))
-    return [*caveats, Caveat(Level.CARE, f"{unknown} unknown warnings")] if unknown else caveats
+    if unknown := len(status.warnings) - len(known):
+        caveats.append(Caveat(Level.CARE, f"{unknown} unknown warnings"))
+    off = imus_off(status)  # if all others differ, the one in use may be the wrong one
+    level = Level.CARE if len(off) == len(status.other_imus) else Level.GOOD
+    return [*caveats, *(Caveat(level, text) for text in off)]
 
 
-def warning_text(word: str, status: StatusRecord) -> str:
-    """A warning in words; of another attitude, how far it is off and who is likely wrong.
+def warning_texts(word: str, status: StatusRecord) -> tuple[str, str]:
+    """A warning in few words and in a sentence; one of another version keeps its own name.
 
-    A warning of another version keeps its own name.
+    Of another attitude they have how far it is off, and who is likely wrong.
     """
-    autopilot, off_deg = status.autopilot, compass_off_deg(status)
     if word not in {*Alarm}:
-        return printable(word, 40)
+        return word, printable(word, 40)
+    autopilot, off_deg = status.autopilot, compass_off_deg(status)
+    short, meaning = word.replace("_", " "), Alarm(word).meaning
     if word == Alarm.FIELD_IMPOSSIBLE and off_deg is not None:
-        return f"{Alarm.FIELD_IMPOSSIBLE.meaning}, the compass is {abs(off_deg):.0f}° off"
-    if word != Alarm.AUTOPILOT_DIFFERS or autopilot is None:
-        return Alarm(word).meaning
-    who = {"autopilot": "; its own is likely wrong", "ours": "; ours is likely wrong"}
-    return printable(f"{autopilot.in_short} ours{who.get(autopilot.wrong, '')}")
+        off = f"{abs(off_deg):.0f}° off"
+        return f"compass {off}", f"{meaning}, the compass is {off}"
+    if word == Alarm.AUTOPILOT_DIFFERS and autopilot is not None:
+        who = {"autopilot": "; its own is likely wrong", "ours": "; ours is likely wrong"}
+        text = f"{autopilot.in_short} ours{who.get(autopilot.wrong, '')}"
+        return autopilot.in_short, printable(text)
+    return short, meaning
 
 
 def differing(status: StatusRecord | None) -> Autopilot | None:

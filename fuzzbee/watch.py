@@ -2,6 +2,7 @@
 
 import time
 from collections import deque
+from collections.abc import Callable
 from contextlib import ExitStack, closing
 from math import inf
 from threading import Event
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
     import zenoh
 
     from fuzzbee.reception import Record
-    from fuzzbee.terminal import Keys, TerminalView
+    from fuzzbee.terminal import TerminalView
 
 EPILOG = examples(
     "fuzzbee watch",
@@ -127,7 +128,7 @@ def follow(options: WatchOptions) -> int:
             name = "*" if view.is_live else name  # a person may go back from one vehicle to all
             session.declare_subscriber(f"{prefix}/{name}/status", inbox.put)
         session.declare_subscriber(f"{prefix}/{name}/attitude", inbox.put)
-        keys = None if view is None else stack.enter_context(terminal_keys())
+        keys = list if view is None else stack.enter_context(terminal_keys())
         seen = _loop(inbox, stop, view, options, keys)
     if (view is not None and view.is_closed) or stop.is_set() or seen >= (options.most or 1):
         return 0
@@ -141,7 +142,7 @@ def _loop(
     stop: Event,
     view: "TerminalView | None",
     options: WatchOptions,
-    keys: "Keys | None",
+    keys: Callable[[], list[str]],
 ) -> int:
     """Show what comes until the end; returns the number of attitudes."""
     from fuzzbee.reception import Reception
@@ -154,8 +155,8 @@ def _loop(
             has_heard = True
             if seen < (options.most or inf):
                 seen += show(reception.record(key, payload), view, options.vehicle)
-        if view is not None and keys is not None:
-            view.press(keys.pressed())
+        if view is not None:
+            view.press(keys())
             view.refresh()
         now_s = time.monotonic()
         is_over = seen >= (options.most or inf) or now_s - started_s >= (options.seconds or inf)

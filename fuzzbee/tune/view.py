@@ -5,10 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from drivers.resources import run_in_thread
 from fuzzbee.notify import notify
 from fuzzbee.outputs import ViewerOptions
-from fuzzbee.viewer.stream import CLOSED, FINISH_FLUSH_S, ViewerStream, rr, rrb
+from fuzzbee.viewer.stream import CLOSED, ViewerStream, rr, rrb
 from tuning.search import Search
 from tuning.space import Space, bounds, encode
 
@@ -62,10 +61,7 @@ class SearchView(ViewerStream):
         if search.cycles > self._drawn_cycles:
             self._draw(search)
         self.finish()
-        if self.is_whole:  # what a full disk holds up would be waited for in vain
-            self._await(run_in_thread(self.recording.disconnect, "viewer-end"), FINISH_FLUSH_S)
         self.require_whole()
-        self._rrd = None  # it is finished, however long it takes to close the viewer
         if stay:
             self.stay_open()
 

@@ -5,7 +5,7 @@ Rerun's library is imported here only, and this module only where a viewer is as
 
 import atexit
 import os
-from concurrent.futures import Future, wait
+from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from importlib import import_module
@@ -31,10 +31,10 @@ atexit.unregister(rr.rerun_shutdown)
 TIMELINE = "time"
 CLOSE_FLUSH_S = 0.4  # less than the time that all sinks of a run have to close
 FINISH_FLUSH_S = 60.0
-STALLED_S = 3.0  # a file that has not grown for so long is on a full disk
 FILE_OPEN_S = 5.0  # for the arrangement of the views, 60 kB
 CLOSED = "closed; the rest goes on without it"
 # So begins what the library prints of a file that it could not write, later or at once.
+INDEX, LONGEST_END = b"FOOT", 64  # a mark in the last bytes of a file that has an index
 OF_FILE = ("File-writer", "Failed to encode LogMsg")
 
 
@@ -57,19 +57,16 @@ class ViewerStream:
         self.recording.set_log_time_enabled(False)  # what is drawn has a time of its own
         self.recording.set_log_tick_enabled(False)
         self.process: ViewerProcess | None = None
-        self.page: str | None = None  # the address for a browser
         self.is_whole = True  # the file, if there is one, has everything so far
-        self._rrd = options.rrd
+        self._rrd, self._has_index = options.rrd, not options.live
         sinks = [] if options.rrd is None else [_file_sink(options.rrd, live=options.live)]
         if options.view is not None:
             self.process = ViewerProcess(web=options.view == "web", live=options.live)
-            self.page = self.process.page
             sinks.append(rr.GrpcSink(self.process.url))
         opening = partial(self.recording.set_sinks, *sinks, default_blueprint=blueprint)
-        opened = run_in_thread(opening, "viewer-open")
-        self._await(opened, FINISH_FLUSH_S if options.rrd is None else FILE_OPEN_S)
-        if self.page is not None:
-            notify(f"the viewer is at {self.page}")
+        self._do(opening, FINISH_FLUSH_S if options.rrd is None else FILE_OPEN_S)
+        if self.process is not None and self.process.page is not None:
+            notify(f"the viewer is at {self.process.page}")
 
     @property
     def is_wanted(self) -> bool:
@@ -96,17 +93,12 @@ class ViewerStream:
         self.recording.log("/messages", rr.TextLog(text))
 
     def finish(self) -> None:
-        """Send what is pending and leave the viewer open; a file that stops growing is given up."""
-        if self._rrd is None:
-            self.flush(FINISH_FLUSH_S)
-            return
-        flush = partial(self.recording.flush, timeout_sec=FINISH_FLUSH_S)
-        sending = run_in_thread(flush, "viewer-finish")
-        size, before = _size(self._rrd), -1
-        while not sending.done() and size > before:
-            wait([sending], STALLED_S)
-            size, before = _size(self._rrd), size
-        self._await(sending, 0.0)
+        """Send what is pending and end the file; the viewer stays open."""
+        self.flush(FINISH_FLUSH_S)
+        if self.is_whole:  # what a full disk holds up would be waited for in vain
+            self._disconnect(FINISH_FLUSH_S)
+        if self.is_whole:
+            self._rrd = None  # it is finished, however long it takes to close the viewer
 
     def stay_open(self) -> None:
         """Wait until the window is closed or Ctrl-C is pressed; not at all without a viewer."""
@@ -117,7 +109,7 @@ class ViewerStream:
     def close(self) -> None:
         """Send what is pending, end the viewer, and raise if the file is not whole."""
         self.flush(CLOSE_FLUSH_S)
-        self._await(run_in_thread(self.recording.disconnect, "viewer-close"), CLOSE_FLUSH_S)
+        self._disconnect(CLOSE_FLUSH_S)
         if self.process is not None:
             self.process.close()
             self.process = None
@@ -125,25 +117,25 @@ class ViewerStream:
 
     def flush(self, timeout_s: float = 0.0) -> None:
         """Send what is pending, and wait so long until it is."""
-        flush = partial(self.recording.flush, timeout_sec=timeout_s)
-        self._await(run_in_thread(flush, "viewer-flush"), timeout_s + CLOSE_FLUSH_S)
+        self._do(partial(self.recording.flush, timeout_sec=timeout_s), timeout_s + CLOSE_FLUSH_S)
 
-    def _await(self, work: "Future[object]", timeout_s: float) -> None:
-        """Wait for work, and note whether the file still has everything."""
+    def _disconnect(self, timeout_s: float) -> None:
+        """End the file, for which there may be no room left; the library only logs that."""
+        self._do(self.recording.disconnect, timeout_s)
+        if self._rrd is not None and self._has_index and (file := Path(self._rrd)).is_file():
+            with file.open("rb") as written:
+                written.seek(max(0, file.stat().st_size - LONGEST_END))
+                self.is_whole &= INDEX in written.read()
+
+    def _do(self, work: Callable[[], object], timeout_s: float) -> None:
+        """Do something that may never end, and note whether the file still has everything."""
         try:
-            work.result(timeout_s)
+            run_in_thread(work, "viewer").result(timeout_s)
         except TimeoutError:
             self.is_whole = self._rrd is None
         except Exception as error:  # noqa: BLE001 - the library's errors have no class of their own
             if self._rrd is not None and str(error).startswith(OF_FILE):
                 self.is_whole = False
-
-
-def _size(path: str) -> int:
-    """Of a file; 0 where it is gone."""
-    with suppress(OSError):
-        return Path(path).stat().st_size
-    return 0
 
 
 def _file_sink(path: str, *, live: bool) -> Any:

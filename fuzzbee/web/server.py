@@ -23,7 +23,7 @@ from fuzzbee.verdict import (
     heading_text,
     other_imus,
     row_verdict,
-    warning_text,
+    warning_texts,
 )
 from service.http_door import Answer, HttpDoor
 from service.records import AttitudeRecord, Output
@@ -159,7 +159,7 @@ def shown(row: Row) -> dict[str, Any]:
         "rate_hz": status and round(status.imu_rate_hz, 1),
         "autopilot": theirs and (theirs.roll_deg, theirs.pitch_deg, theirs.heading_deg),
         "compass": compass_off_deg(status),
-        "warnings": [f"warning: {warning_text(x, status)}" for x in status.warnings]
+        "warnings": [f"warning: {warning_texts(x, status)[1]}" for x in status.warnings]
         if status
         else [],
         "imus": [

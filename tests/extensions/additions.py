@@ -66,7 +66,7 @@ class HeadingsFile:
 
 HEADINGS = SinkEntry(
     {"headings": setting(str, "Write each heading into a file.", metavar="FILE")},
-    lambda opening: HeadingsFile(opening.options["headings"]),
+    lambda options, _session: HeadingsFile(options.outputs.headings),
 )
 
 

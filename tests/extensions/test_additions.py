@@ -9,7 +9,6 @@ import json
 import math
 import os
 import socket
-import threading
 import time
 from operator import itemgetter
 
@@ -34,6 +33,7 @@ from tests.estimator.aiding.heading_source import HEADING_SOURCE, HeadingSample
 from tests.extensions.additions import GPS2_RAW, HIL_SENSOR
 from tests.flight import banked_flight
 from tests.fuzzbee.processes import free_port, started
+from tests.fuzzbee.services import await_line, keep_reading
 from tests.programs import ROOT
 from tests.service.sinks.test_zenoh import plain_client, wait_for
 from tuning.flight import fly
@@ -200,10 +200,8 @@ def test_a_service_publishes_what_it_makes_of_all_three(tmp_path):
     command += ["--headings", str(headings), "-l", endpoint, "-e", endpoint]
     published = []
     with started(*command, PYTHONPATH=os.pathsep.join([str(tmp_path), ROOT])) as process:
-        for line in process.stderr:
-            if "listening" in line:
-                break
-        threading.Thread(target=process.stderr.read, daemon=True).start()
+        await_line(process, "listening")
+        keep_reading(process)
         with plain_client(endpoint) as session:
             session.declare_subscriber(
                 "fuzzbee/1/attitude", lambda each: published.append(json.loads(bytes(each.payload)))

@@ -1,15 +1,14 @@
 """A command in a terminal of its own: a pseudo-terminal, and pyte, which draws what is written."""
 
-import fcntl
 import os
 import select
 import signal
-import struct
 import subprocess
 import sys
 import termios
 import time
 from contextlib import contextmanager, suppress
+from functools import partial
 
 import pyte
 
@@ -30,7 +29,7 @@ class Terminal:
         os.write(self._descriptor, keys.encode())
 
     def resize(self, columns, rows):
-        set_size(self._descriptor, columns, rows)
+        termios.tcsetwinsize(self._descriptor, (rows, columns))
         self._screen.resize(rows, columns)
         self.process.send_signal(signal.SIGWINCH)
 
@@ -61,16 +60,13 @@ class Terminal:
 def terminal(*arguments):
     """``fuzzbee`` with these arguments; it is ended with the context."""
     ours, its = os.openpty()
-    set_size(its, COLUMNS, ROWS)
+    termios.tcsetwinsize(its, (ROWS, COLUMNS))
     kept = {k: v for k, v in os.environ.items() if k not in ("COLUMNS", "LINES", "NO_COLOR")}
     process = subprocess.Popen(
         [sys.executable, "-m", "fuzzbee", *arguments],
-        stdin=its,
-        stdout=its,
-        stderr=its,
         env={**kept, "TERM": "xterm-256color", "COLORTERM": "truecolor"},
-        start_new_session=True,
-        preexec_fn=lambda: fcntl.ioctl(its, termios.TIOCSCTTY, 0),  # noqa: PLW1509 - one call
+        preexec_fn=partial(os.login_tty, its),  # noqa: PLW1509 - one call
+        pass_fds=(its,),
     )
     os.close(its)
     try:
@@ -79,7 +75,3 @@ def terminal(*arguments):
         process.kill()
         process.wait()
         os.close(ours)
-
-
-def set_size(descriptor, columns, rows):
-    fcntl.ioctl(descriptor, termios.TIOCSWINSZ, struct.pack("HHHH", rows, columns, 0, 0))

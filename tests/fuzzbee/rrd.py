@@ -3,12 +3,12 @@
 import re
 import subprocess
 
-from fuzzbee.viewer.process import _program
+from fuzzbee.viewer.process import PROGRAM
 
 
 def listing(path, *options):
     done = subprocess.run(
-        [_program(), "rrd", "print", *(options or ("-vv",)), str(path)],
+        [PROGRAM, "rrd", "print", *(options or ("-vv",)), str(path)],
         capture_output=True,
         text=True,
         check=True,

@@ -6,8 +6,8 @@ import socket
 import threading
 import time
 from contextlib import contextmanager
-from pathlib import Path
 
+import psutil
 import pytest
 
 from drivers.mavlink.framing import frame_end
@@ -62,7 +62,6 @@ def service(port, *options):
             if process.poll() is None:
                 process.kill()
                 process.wait()
-            family += descendants(process.pid) if process.poll() is None else []
             wait_for(lambda: not any(map(is_alive, family)), 10.0)
 
 
@@ -88,20 +87,15 @@ def keep_reading(process):
 
 
 def descendants(process):
-    found = []
-    for task in Path(f"/proc/{process}/task").glob("*/children"):
-        for child in task.read_text().split():
-            found += [int(child), *descendants(int(child))]
-    return found
+    return [child.pid for child in psutil.Process(process).children(recursive=True)]
 
 
 def is_alive(process):
     """Whether there is such a process that is no zombie."""
     try:
-        state = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0]
-    except OSError:
+        return psutil.Process(process).status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
         return False
-    return state != "Z"
 
 
 def end(process, lines):

@@ -25,20 +25,16 @@ def test_version_and_help(capsys):
 
 TO = ("--to", "udpout:127.0.0.1:14550")
 SENDING = ("--send-attitude", "udpout:127.0.0.1:9")
+SIM, WRONG = ["replay", "sim:"], "--start-wrong"
 NOWHERE = ("-l", "tcp/127.0.0.1:0", "-e", "tcp/127.0.0.1:9")
 BAD = [
     (["nosuch"], "nosuch"),
     (["run", "--bogus"], "--bogus"),
-    (["run", "--rate", "0"], "--rate 0"),
-    (["run", "--rate", "-5"], "--rate -5"),
-    (["run", "--rate", "nan"], "--rate nan"),
-    (["run", "--rate", "inf"], "--rate inf"),
+    *((["run", "--rate", rate], f"--rate {rate}") for rate in ("0", "-5", "nan", "inf", "2000")),
     (["run", "--rate", "x"], "--rate x: should be a number\n"),
-    (["run", "--seconds", "0"], "--seconds 0"),
-    (["run", "--gain", "nan"], "--gain nan"),
-    (["run", "--speed", "0"], "--speed 0"),
+    *((["run", name, "0"], f"{name} 0") for name in ("--seconds", "--speed", "--request-rate")),
     (["run", "--speed", "2"], "--speed"),
-    (["run", "--request-rate", "0"], "--request-rate 0"),
+    *(([*verb, "--gain", k], f"--gain {k}") for k in ("0", "nan") for verb in (["run"], SIM)),
     (["run", "--system-id", "256"], "256"),
     (["run", "--profile", "nosuch"], "nosuch"),
     (["run", "--no-zenoh", "/no/such/flight.tlog"], "flight.tlog"),
@@ -66,11 +62,9 @@ BAD = [
     (["run", "--no-zenoh", "--ros"], "--no-zenoh"),
     (["run", *NOWHERE, "--ros", "--ros-domain", "233"], "233"),
     (["run", "--no-zenoh", "--send-attitude", "sim:"], "--send-attitude"),
-    (["run", "--no-zenoh", "--metrics", "0"], "65535"),
-    (["run", "--no-zenoh", "--web", "0"], "65535"),
+    *((["run", "--no-zenoh", door, "0"], "65535") for door in ("--metrics", "--web")),
     (["run", "--no-zenoh", "--as", "200:1"], "--send-attitude"),
-    (["run", "--no-zenoh", *SENDING, "--as", "200"], "--as 200: should be"),
-    (["run", "--no-zenoh", *SENDING, "--as", "0:1"], "--as 0:1: should be"),
+    *((["run", "--no-zenoh", *SENDING, "--as", n], f"--as {n}: should") for n in ("200", "0:1")),
     (["run", "--no-zenoh", "--send-attitude", "udpout:127.0.0.1"], "port"),
     *(
         (["watch", name], "should be a vehicle")
@@ -80,8 +74,7 @@ BAD = [
     (["sim", "--to", "udpout:127.0.0.1"], "no port"),
     (["sim", "--to", "sim:"], "--to sim:"),
     (["sim", "--to", "/dev/ttyUSB0:57600"], "udpout, udpin, tcp, tcpin"),
-    (["sim", *TO, "--rate", "0"], "rate"),
-    (["sim", *TO, "--rate", "nan"], "rate"),
+    *((["sim", *TO, "--rate", rate], "rate") for rate in ("0", "nan")),
     (["sim", *TO, "--vehicles", "0"], "number of vehicles"),
     (["sim", *TO, "--vehicles", "1001"], "1000"),
     (["sim", *TO, "--seconds", "0"], "--seconds"),
@@ -101,31 +94,28 @@ BAD = [
     (["replay", "no_such.tlog"], "no_such.tlog"),
     (["replay", "sim:", "--seeds", "9-3"], "9-3"),
     (["replay", "sim:", "--seeds", "x"], "--seeds x"),
-    (["replay", "sim:", "--gain", "0"], "--gain 0"),
-    (["replay", "sim:", "--gain", "nan"], "--gain nan"),
     (["replay", "sim:", "--profile", "imu"], "raw vectors"),
     (["replay", "sim:", "--profile", "folder.png"], "cannot be read: Is a directory"),
     (["profile", "check", "mine.toml"], "did you mean 'gamma'?"),
     (["replay", "sim:", "--skip", "1"], "--skip"),
-    (["replay", "sim:", "--smooth"], "--smooth is for logs"),
-    (["replay", "sim:", "--retune"], "--retune is for logs"),
-    (["replay", "sim:", "--from", "3"], "--from is for logs"),
-    (["replay", "sim:", "--mcap", "a.mcap"], "--mcap is for logs"),
-    (["replay", "sim:", "a.tlog"], "sim:"),
+    *(
+        ([*SIM, *option], f"{option[0]} is for logs")
+        for option in (["--smooth"], ["--retune"], ["--from", "3"], ["--mcap", "a.mcap"])
+    ),
+    ([*SIM, "a.tlog"], "sim:"),
     (["replay", "a.tlog", "--smooth", "--retune"], "--retune"),
     (["replay", "a.tlog", "--seeds", "1-2"], "--seeds"),
-    (["replay", "a.tlog", "--skip", "-1"], "--skip"),
-    (["replay", "a.tlog", "--skip", "nan"], "--skip"),
-    (["replay", "a.tlog", "--start-wrong", "900"], "--start-wrong 900: must be"),
-    (["replay", "a.tlog", "--start-wrong", "nan"], "--start-wrong nan: must be"),
+    *((["replay", "a.tlog", "--skip", skip], "--skip") for skip in ("-1", "nan")),
+    *((["replay", "a.tlog", WRONG, n], f"{WRONG} {n}: must be") for n in ("900", "nan")),
     (["replay", "a.tlog", "--reference", "gps"], "gps"),
     (["replay", "a.tlog", "--profile", "nope"], "nope"),
     (["replay", "a.tlog", "b.tlog", "--csv", "a.csv"], "takes one log"),
     # a window of a log
     (["tune", "sim:", "-o", "x.toml", "--from", "3"], "--from"),
-    (["replay", "a.tlog", "--from", "soon"], "--from soon: must be seconds (0 or more), arm or"),
-    (["replay", "a.tlog", "--to", "-1"], "--to -1: must be seconds (0 or more), arm or disarm"),
-    (["replay", "a.tlog", "--from", "nan"], "--from nan: must be seconds (0 or more), arm or"),
+    *(
+        (["replay", "a.tlog", *given], f"{' '.join(given)}: must be seconds (0 or more), arm or")
+        for given in (("--from", "soon"), ("--to", "-1"), ("--from", "nan"))
+    ),
     (["replay", "a.tlog", "--from", "9", "--to", "9"], "--to 9: must be later than --from 9"),
     (["replay", str(FLIPS), "--from", "1e4"], "no IMU data from 10000 s on: the log lasts"),
     (["replay", str(FLIPS), "--skip", "9999"], "after 9999 s of 20 s"),
@@ -156,12 +146,16 @@ def test_bad_input_is_one_line_and_status_2(arguments, words, capfd, tmp_path, m
     assert "Errno" not in err
 
 
-def test_help_does_not_import_what_is_slow():
-    heavy = ["numba", "scipy", "skfuzzy", "zenoh", "pymavlink", "matplotlib", "networkx"]
-    code = (
-        "import sys; from fuzzbee.cli import main; main(['--help']);"
-        f"sys.exit(' '.join(m for m in {heavy} if m in sys.modules) or 0)"
-    )
+@pytest.mark.parametrize(
+    ("code", "slow"),
+    [
+        ("import fuzzbee.cli; fuzzbee.cli.main(['--help'])", "pymavlink matplotlib networkx"),
+        ("import fuzzbee; assert 'Estimator' in dir(fuzzbee)", "numpy msgspec typer"),
+    ],
+)
+def test_what_is_slow_is_imported_where_it_is_used(code, slow):
+    slow = [*slow.split(), "numba", "scipy", "skfuzzy", "zenoh"]
+    code = f"{code}; import sys; sys.exit(' '.join(m for m in {slow} if m in sys.modules) or 0)"
     done = run_python("-c", code, timeout_s=60, check=False)
     assert done.returncode == 0, done.stderr
 
@@ -286,13 +280,10 @@ atexit.register(lambda: print("numpy" in sys.modules)); cli.entry_point()"""
 
 def test_help_on_a_terminal_keeps_its_defaults():
     """Rich takes brackets for styles."""
-    from typer.main import get_command
+    from fuzzbee.app import build_command
 
-    from fuzzbee.app import build_app, escape_markup
-
-    command = get_command(build_app(decorated=True))
-    escape_markup(command)
-    option = next(p for p in command.commands["tune"].params if p.name == "cycles")
+    tune = build_command(decorated=True).commands["tune"]
+    option = next(p for p in tune.params if p.name == "cycles")
     assert r"\[default: 15" in option.help
 
 

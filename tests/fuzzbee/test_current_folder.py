@@ -54,25 +54,26 @@ def test_settings_for_numba_in_the_current_folder_are_not_read(tmp_path):
     assert json.loads(done.stdout)["imu"]
 
 
-def test_settings_for_numba_that_are_meant_for_others_are_named_and_not_used(tmp_path):
-    switches = {"NUMBA_DEBUG": "1", "NUMBA_CPU_NAME": "evil", "NUMBA_OPT": "0"}
-    done = run(tmp_path, "-m", "fuzzbee", "replay", str(TAKEOFF), "--json", **switches)
-    assert done.returncode == 0
-    first = done.stderr.splitlines()[0]
-    assert first == "fuzzbee: NUMBA_CPU_NAME, NUMBA_DEBUG, NUMBA_OPT: not used by fuzzbee"
-    assert json.loads(done.stdout)["imu"]
+REPLAY = ("replay", str(TAKEOFF))
+RUN = ("run", "sim:", "--seconds", "0.5", "-l", "tcp/127.0.0.1:0", "-e", "tcp/127.0.0.1:9")
 
 
-def test_switches_of_libraries_that_would_end_the_service_are_not_used(tmp_path):
-    switches = {"ZENOH_RUNTIME": "", "NUMPY_MADVISE_HUGEPAGE": "x", "NUMBA_NUM_THREADS": "0"}
-    where = ("-l", "tcp/127.0.0.1:0", "-e", "tcp/127.0.0.1:9")
-    command = ("-m", "fuzzbee", "run", "sim:", "--seconds", "0.5", "--json", *where)
-    done = run(tmp_path, *command, **switches)
+@pytest.mark.parametrize(
+    ("command", "switches"),
+    [
+        (REPLAY, {"NUMBA_DEBUG": "1", "NUMBA_CPU_NAME": "evil", "NUMBA_OPT": "0"}),
+        (RUN, {"ZENOH_RUNTIME": "", "NUMPY_MADVISE_HUGEPAGE": "x", "NUMBA_NUM_THREADS": "0"}),
+    ],
+)
+def test_switches_of_libraries_are_named_and_not_used(command, switches, tmp_path):
+    """Some would end the service."""
+    done = run(tmp_path, "-m", "fuzzbee", *command, "--json", **switches)
     assert done.returncode == 0, done.stderr
     first, *others = done.stderr.splitlines()
     assert first == f"fuzzbee: {', '.join(sorted(switches))}: not used by fuzzbee"
     assert not [line for line in others if "anic" in line or "Warning" in line]
-    assert json.loads(done.stdout)["vehicles"]["1"]["samples"] > 10
+    result = json.loads(done.stdout)
+    assert (result["imu"] if command == REPLAY else result["vehicles"]["1"])["samples"] > 10
 
 
 def test_a_relative_folder_for_states_is_nobodys(tmp_path, monkeypatch):

@@ -17,6 +17,7 @@ from fuzzbee.cli import main
 from service.records import AttitudeRecord, StatusRecord
 from tests.fuzzbee.processes import default_session, free_port, started
 from tests.fuzzbee.recording import recorded
+from tests.fuzzbee.services import await_line
 from tests.programs import run_python
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -61,9 +62,7 @@ def test_the_zenoh_examples_work_as_they_stand():
     )
     assert len([line for line in subscriber.splitlines() if line]) <= 10
     with started("run", "--json", *default_session(port)) as service:
-        for line in service.stderr:
-            if "running" in line:
-                break
+        await_line(service, "running")
         lines = first_lines(subscriber)
         changed = run_python("-c", replacement, timeout_s=120)
     for line in lines:

@@ -1,8 +1,5 @@
 """What programs import: arrays in, attitudes out, the same estimates as those of the service."""
 
-import subprocess
-import sys
-
 import msgspec
 import numpy as np
 import pytest
@@ -13,6 +10,7 @@ from estimator.types import ImuSample
 from fuzzbee import Estimator, load_profile
 from fuzzbee.replays.trace import Replay
 from tests.fuzzbee.recording import FLIPS
+from tests.programs import run_python
 
 LEVEL = ((0.0, 0.0, 0.0), (0.0, 0.0, -9.8), (0.2, 0.0, 0.4))
 
@@ -26,18 +24,6 @@ def turning_level(n, rate_hz, rate_rad_s=0.5):
     return gyr, acc, mag, np.degrees(yaw) % 360.0
 
 
-def test_the_names_cost_nothing_until_they_are_used():
-    heavy = ["numpy", "numba", "scipy", "msgspec", "zenoh", "typer"]
-    code = (
-        "import sys, fuzzbee; assert 'Estimator' in dir(fuzzbee);"
-        f"sys.exit(' '.join(m for m in {heavy} if m in sys.modules) or 0)"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60
-    )
-    assert done.returncode == 0, done.stderr
-
-
 def test_every_name_is_there_and_no_other():
     assert all(getattr(fuzzbee, name) is not None for name in fuzzbee.__all__)
     with pytest.raises(AttributeError, match="nonsense"):
@@ -46,7 +32,7 @@ def test_every_name_is_there_and_no_other():
 
 def test_the_function_replay_is_not_hidden_by_the_command():
     code = "import fuzzbee.app; from fuzzbee import replay; assert callable(replay)"
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=900)
+    run_python("-c", code, timeout_s=900)
 
 
 def test_a_turn_to_the_right_is_a_growing_heading():

@@ -19,6 +19,7 @@ from fuzzbee.run_report import recording_word, summary
 from service.stream_state import ImuChoice
 from service.vehicle import Vehicle
 from tests.fuzzbee.processes import default_session, free_port, started
+from tests.fuzzbee.services import await_line
 from tests.fuzzbee.test_streams import shell
 
 
@@ -75,9 +76,7 @@ def test_signals_end_it_quietly_with_everything_closed(number, tmp_path):
             "--record", str(record), "--truth", *default_session(free_port()),
         ) as service,
     ):  # fmt: skip
-        for line in service.stderr:
-            if "vehicle 1: running" in line:
-                break
+        await_line(service, "vehicle 1: running")
         time.sleep(1.0)
         service.send_signal(number)
         out, err = service.communicate(timeout=60)
@@ -94,31 +93,22 @@ def test_a_vehicle_that_is_killed_and_started_again():
     """Degraded, lost, and running again without restarting the service."""
     port = free_port(socket.SOCK_DGRAM)
     vehicle = ["sim", "--to", f"udpout:127.0.0.1:{port}"]
-    reported = []
-
-    def wait_for(service, words):
-        for line in service.stderr:
-            reported.append(line)
-            if words in line:
-                return
-        pytest.fail(f"{words!r} was never printed, but: {reported}")
-
     with started(
         "run", f"udpin:127.0.0.1:{port}", "--profile", "paper", "--no-zenoh", "--json"
     ) as service:
         with started(*vehicle):
-            wait_for(service, "vehicle 1: running")
+            await_line(service, "vehicle 1: running")
             for _ in range(3):  # a line a second: long enough to know a reboot from a jitter
-                wait_for(service, "roll")
-        wait_for(service, "vehicle 1: degraded")
-        wait_for(service, "vehicle 1: lost")
+                await_line(service, "roll")
+        await_line(service, "vehicle 1: degraded")
+        await_line(service, "vehicle 1: lost")
         with started(*vehicle):
-            wait_for(service, "vehicle 1: running")
+            reported = await_line(service, "vehicle 1: running")
             service.send_signal(signal.SIGINT)
             out, _ = service.communicate(timeout=60)
     assert service.returncode == 0
     assert json.loads(out)["vehicles"]["1"]["state"] == "running"
-    assert any("reboot" in line for line in reported)
+    assert "reboot" in reported
 
 
 def test_ros_nodes_receive_the_vehicle(capfd, monkeypatch):
@@ -217,7 +207,8 @@ def test_the_result_of_a_run_names_what_was_counted_in_its_units():
     vehicle.imu.worst_gap_us, vehicle.imu.median_period_us = 250_000, 1e6 / 49.87654
     vehicle.imu.choice, vehicle.rejected["late"] = ImuChoice("RAW_IMU"), 35
     departed = Counter(vehicles=51, samples=52, shed=53, rejected=54, attitudes=55)
-    runner = SimpleNamespace(ticks=41, overruns=42, dropped=43, source=SimpleNamespace(lost=71))
+    lost = SimpleNamespace(lost=71)
+    runner = SimpleNamespace(ticks=41, overruns=42, dropped=43, source=lost, recording=str)
     refused = {"signature": 61, "id": 62}
     pipeline = SimpleNamespace(
         malformed=72,
@@ -227,7 +218,7 @@ def test_the_result_of_a_run_names_what_was_counted_in_its_units():
         vehicles=(vehicle,),
         systems={3, 1},
     )
-    result = summary(RunOptions(), "imu", 7.0, runner, pipeline, "")
+    result = summary(RunOptions(), "imu", 7.0, runner, pipeline)
     assert result["heard"] == [1, 3]
     expected = {"ticks": 41, "overruns": 42, "dropped": 43, "lost": 71, "malformed": 72}
     assert {name: result[name] for name in expected} == expected

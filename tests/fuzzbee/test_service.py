@@ -152,11 +152,7 @@ def test_a_recording_killed_in_the_middle_reads_to_its_last_whole_frame(tmp_path
         started("sim", "--to", f"udpout:127.0.0.1:{port}", "--rate", "200"),
         started(*command, "--record", str(log)) as service,
     ):
-        end_s = time.monotonic() + 60.0
-        while not (log.exists() and log.stat().st_size > 200_000):
-            assert service.poll() is None
-            assert time.monotonic() < end_s
-            time.sleep(0.01)
+        wait_for(lambda: log.exists() and log.stat().st_size > 200_000)
         service.send_signal(signal.SIGKILL)
         service.wait()
     events = list(Tlog(log))

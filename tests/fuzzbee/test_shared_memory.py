@@ -3,12 +3,12 @@
 import json
 import shutil
 import subprocess
-import sys
 
 import pytest
 
 from tests.fuzzbee.processes import default_session, free_port
 from tests.fuzzbee.recording import TAKEOFF
+from tests.fuzzbee.test_streams import shell
 
 READ_ONLY, TINY = "-o ro", "-o size=4k"
 
@@ -16,13 +16,7 @@ READ_ONLY, TINY = "-o ro", "-o size=4k"
 def run_in(mount, *arguments):
     """A command in a namespace of its own, in which /dev/shm is another one."""
     script = f'mount -t tmpfs {mount} none /dev/shm && exec "$@"'
-    return subprocess.run(
-        ["unshare", "-rm", "sh", "-c", script, "sh", sys.executable, "-m", "fuzzbee", *arguments],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=600,
-    )
+    return shell(f"unshare -rm sh -c '{script}' sh \"$@\"", *arguments)
 
 
 def has_namespaces():

@@ -6,10 +6,9 @@ import shutil
 from pathlib import Path
 
 import pytest
-from typer.main import get_command
 
 import fuzzbee
-from fuzzbee.app import build_app
+from fuzzbee.app import build_command
 from tests.fuzzbee import browser
 from tests.programs import run_python
 
@@ -30,7 +29,7 @@ def script(name):
 def test_the_page_of_commands_has_every_option_with_its_help():
     page = script("site").commands_page()
     rows = re.findall(r"^\| `(.+?)` \| .*? \| (.*) \|$", page, re.MULTILINE)
-    app = get_command(build_app(decorated=False))
+    app = build_command(decorated=False)
     sections = page.split("\n## ")[1:]
     assert [section.split("\n")[0].split()[1] for section in sections] == [
         *[name for name in app.commands if name != "profile"],

@@ -3,7 +3,7 @@
 import io
 import os
 import pty
-import termios
+import tty
 
 import msgspec
 import pytest
@@ -11,7 +11,7 @@ from rich.console import Console
 
 from drivers.events import VehicleId
 from fuzzbee.latest import Latest
-from fuzzbee.terminal import Keys, TerminalView, terminal_keys
+from fuzzbee.terminal import TerminalView, pressed_keys, terminal_keys
 from service.records import Departed, ImuDifference, Message, Published, Sigma
 from tests.fuzzbee.screen import lines, terminal, vehicle
 from tests.service.records import differing, record
@@ -222,24 +222,15 @@ def test_where_there_is_no_place_who_was_silent_for_longest_goes(monkeypatch):
 
 def test_keys_are_letters_and_arrows():
     ours, theirs = pty.openpty()
-    keys = Keys(theirs)
-    termios.tcsetattr(theirs, termios.TCSANOW, _raw(theirs))
-    assert keys.pressed() == []
+    tty.setraw(theirs)
+    assert pressed_keys(theirs) == []
     os.write(ours, b"qs\x1b[A\x1b[B\r\x1b")
-    assert keys.pressed() == ["q", "s", "up", "down", "enter", "escape"]
+    assert pressed_keys(theirs) == ["q", "s", "up", "down", "enter", "escape"]
     os.close(ours)
-    assert keys.pressed() == []
-    assert keys.pressed() == []  # the terminal is gone, and not asked any more
+    assert pressed_keys(theirs) == []  # the terminal is gone
     os.close(theirs)
 
 
 def test_without_a_terminal_there_are_no_keys():
     with terminal_keys() as keys:
-        assert keys.pressed() == []
-
-
-def _raw(descriptor):
-    mode = termios.tcgetattr(descriptor)
-    mode[3] &= ~(termios.ICANON | termios.ECHO | termios.ISIG)
-    mode[0] &= ~termios.ICRNL
-    return mode
+        assert keys() == []

@@ -15,13 +15,14 @@ import numpy as np
 import pytest
 
 from drivers.events import VehicleId
+from drivers.output_file import NotWholeError
 from estimator.geometry.quaternion import conjugate, rotate
 from estimator.types import STANDARD_GRAVITY_M_S2, ImuSample
 from fuzzbee.cli import main
 from service.records import Departed, Message, Peer, Published, StatusRecord
 from tests.fuzzbee import browser
 from tests.fuzzbee.processes import started
-from tests.fuzzbee.services import descendants
+from tests.fuzzbee.services import await_line, descendants, wait_for
 from tests.fuzzbee.test_sockets import is_loopback, listening
 from tests.service.records import UNIX_US, record
 
@@ -155,7 +156,22 @@ def test_only_so_many_vehicles_are_drawn_as_can_be_read(tmp_path):
 def test_a_file_that_cannot_be_written_is_status_2(tmp_path, capfd):
     assert main(["run", "--no-zenoh", "--seconds", "1", "--rrd", str(tmp_path)]) == 2
     assert "--rrd" in capfd.readouterr().err
-    assert main(["run", "--no-zenoh", "--view", "elsewhere"]) == 2
+
+
+def test_a_file_that_has_no_room_for_its_end_is_not_whole(tmp_path):
+    """A limit on the size of a file stands for the disk."""
+    resource = pytest.importorskip("resource")
+    file = tmp_path / "flight.rrd"
+    sink = ViewerSink(ViewerOptions(rrd=str(file)))
+    sink.handle([*attitudes(ONE, 100, 100_000)])
+    sink.flush(10.0)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (file.stat().st_size + 100, hard))
+    try:
+        with pytest.raises(NotWholeError, match="is not whole"):
+            sink.close()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="Linux's way to name a screen")
@@ -175,12 +191,7 @@ def test_a_log_is_replayed_into_a_file(tmp_path, capfd):
 
 
 def page_of(process):
-    printed = []
-    for line in process.stderr:
-        printed.append(line)
-        if found := re.search(r"http://\S+", line):
-            return found[0]
-    pytest.fail(f"no page was named: {printed}")
+    return re.search(r"http://\S+", await_line(process, "http://"))[0]
 
 
 def port_of(url):
@@ -190,13 +201,6 @@ def port_of(url):
 def is_open(port):
     with socket.socket() as probe:
         return probe.connect_ex(("127.0.0.1", port)) == 0
-
-
-def wait_until_closed(port):
-    end_s = time.monotonic() + 10.0
-    while is_open(port) and time.monotonic() < end_s:
-        time.sleep(0.05)
-    assert not is_open(port)
 
 
 def test_a_viewer_that_is_closed_is_reported_once():
@@ -236,14 +240,13 @@ def test_the_viewer_ends_with_us_and_listens_on_loopback_only(number):
     with started("run", "--no-zenoh", "--json", "--view", "web") as process:
         port = port_of(page_of(process))
         assert is_open(port)
-        children = descendants(process.pid)
-        hosts = {number: host for child in children for _, host, number in listening(child)}
-        assert port in hosts
-        assert all(map(is_loopback, hosts.values()))
+        found = [place for child in descendants(process.pid) for place in listening(child)]
+        assert port in {number for _, number in found}
+        assert all(is_loopback(host) for host, _ in found), found
         process.send_signal(number)
         status = process.wait(60)
         assert status == (-9 if number == signal.SIGKILL else 0), process.stderr.read()
-        wait_until_closed(port)
+        wait_for(lambda: not is_open(port), 10.0)
 
 
 @pytest.mark.slow
@@ -259,30 +262,18 @@ def test_the_page_shows_the_attitude_moving(tmp_path):
             while len(shots) < 3 and time.monotonic() < end_s:
                 time.sleep(1.0)
                 data = page.screenshot()
-                picture = image.open(io.BytesIO(data)).convert("RGB")
-                if bluish(attitude_view(picture)) > 100:  # ours is drawn
+                pixels = np.asarray(image.open(io.BytesIO(data)).convert("RGB")).astype(int)
+                height, width, _ = pixels.shape
+                view = pixels[60 : int(0.55 * height), 10 : int(0.38 * width)]  # without its title
+                if np.sum(view[..., 2] > 1.4 * np.maximum(view[..., 0], 1)) > 100:  # ours is drawn
                     (folder / f"viewer-{len(shots)}.png").write_bytes(data)
-                    shots.append(attitude_view(picture))
+                    shots.append(view)
         service.send_signal(signal.SIGINT)
         assert service.wait(60) == 0, service.stderr.read()
     assert len(shots) == 3
     for before, after in pairwise(shots):
-        assert changed(before, after) > 200  # pixels: the vehicle turns
-
-
-def attitude_view(picture):
-    """The upper left part of the page, without its title: (height, width, RGB)."""
-    pixels = np.asarray(picture).astype(int)
-    height, width, _ = pixels.shape
-    return pixels[60 : int(0.55 * height), 10 : int(0.38 * width)]
-
-
-def bluish(pixels):
-    return np.sum(pixels[..., 2] > 1.4 * np.maximum(pixels[..., 0], 1))
-
-
-def changed(one, other):
-    return np.sum(np.abs(one - other).max(axis=-1) > 40)
+        changed = np.abs(before - after).max(axis=-1) > 40
+        assert np.sum(changed) > 200  # pixels: the vehicle turns
 
 
 def test_no_usage_figures_are_sent_or_kept(tmp_path, monkeypatch):

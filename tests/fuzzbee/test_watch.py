@@ -1,10 +1,9 @@
 import json
 import signal
-import subprocess
-import sys
 
 from fuzzbee.cli import main
 from tests.fuzzbee.processes import default_session, free_port, started
+from tests.fuzzbee.test_streams import shell
 
 
 def lines_of(process, count):
@@ -54,11 +53,7 @@ def test_a_bounded_watch_that_gets_nothing_has_failed(capfd):
 def test_a_reader_that_leaves_is_no_error():
     session = default_session(free_port())
     with started("run", *session):
-        done = subprocess.run(
-            ["bash", "-c", 'set -o pipefail; "$@" | head -n 3', "-", sys.executable,
-             "-m", "fuzzbee", "watch", "--json", *session],
-            capture_output=True, text=True, timeout=900, check=False,
-        )  # fmt: skip
+        done = shell('"$@" | head -n 3', "watch", "--json", *session)
     assert len(done.stdout.splitlines()) == 3
     assert done.returncode == 0
     assert "Traceback" not in done.stderr
