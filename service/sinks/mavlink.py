@@ -7,7 +7,6 @@ attitude without being asked to. A heartbeat each second shows what we are.
 
 import time
 from collections.abc import Callable, Sequence
-from math import log, radians, sqrt
 
 from drivers.endpoint import Endpoint
 from drivers.events import VehicleId
@@ -41,8 +40,6 @@ from service.second_opinion import Verdict
 ATTITUDE_US = 20_000  # between two of a vehicle: 2.6 kB/s, which a 57600 baud radio can take
 COVARIANCE_US = 200_000  # between two ATTITUDE_QUATERNION_COV: sigma changes slowly
 HEARTBEAT_US = 1_000_000
-# 68 % of the lengths of two equal normal errors are below this many standard deviations.
-RAYLEIGH_68 = sqrt(-2.0 * log(1.0 - 0.68))
 ANNOUNCED_US = 10_000_000
 
 
@@ -164,7 +161,9 @@ class Sender:
             else:
                 messages.append(attitude_quaternion(time_us, q, rate_rad_s))
                 if self._is_due("covariance", now_us, COVARIANCE_US):
-                    messages.append(_with_covariance(record))
+                    level, yaw = record.variances_rad2
+                    variances = (level, level, yaw)
+                    messages.append(attitude_quaternion_cov(time_us, q, rate_rad_s, variances))
         return [self._encoder.frame(message, now_us) for message in messages]
 
     def _heartbeats(self, now_us: int) -> list[Message]:
@@ -186,18 +185,6 @@ class Sender:
             return False
         self._due_us[what] = (due_us if 0 <= late_us < period_us else now_us) + period_us
         return True
-
-
-def _with_covariance(record: AttitudeRecord) -> Message:
-    """The attitude with its sigmas as variances of roll, pitch and yaw."""
-    level = radians(record.sigma_deg.inclination) / RAYLEIGH_68
-    yaw = radians(record.sigma_deg.heading)
-    return attitude_quaternion_cov(
-        record.time_boot_us,
-        record.q_ned_frd,
-        record.rate_rad_s,
-        (level * level, level * level, yaw * yaw),
-    )
 
 
 def announced(opinion: Autopilot) -> str:

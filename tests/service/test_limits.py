@@ -58,7 +58,7 @@ def test_a_roll_of_almost_a_half_turn_differs_by_the_short_way():
     ours = attitude(q=from_euler_rad(3.12, 0.0, 0.0))
     sample = ImuSample(0, (0.0, 0.0, 0.0), (0.0, 0.0, 9.8), (0.0, 0.0, 0.0), False)
     theirs = from_euler_rad(-3.12, 0.0, 0.0)
-    opinion.look(Look(0, "ATTITUDE", theirs, ours, sample, None))
+    opinion.compare(Look(0, "ATTITUDE", theirs, ours, sample, None))
     assert opinion.record(0).roll_deg == pytest.approx(2.48, abs=0.01)
 
 
