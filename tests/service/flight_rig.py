@@ -39,6 +39,14 @@ def imu_events(count, *, vehicle=ONE, message="RAW_IMU", seed=0, start_us=START_
     return events
 
 
+def fed(events, pipeline=None):
+    """A pipeline, of the paper's profile if none is given, that has taken the events."""
+    pipeline = pipeline or Pipeline(load_profile("paper"))
+    for event in events:
+        pipeline.handle(event)
+    return pipeline
+
+
 def attitudes(outputs):
     records = [each.record for each in outputs if isinstance(each, Published)]
     return [record for record in records if isinstance(record, AttitudeRecord)]

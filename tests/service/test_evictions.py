@@ -12,7 +12,7 @@ from drivers.mavlink.gate import TAKE_OVER_US, FrameGate, Policy
 from estimator.profile import load_profile
 from service.pipeline import FORGOTTEN_LOOKS, Pipeline
 from service.records import Departed, Message, Published, Replaced
-from tests.service.flight_rig import ONE, START_US, imu_events
+from tests.service.flight_rig import ONE, START_US, fed, imu_events
 
 PAPER = load_profile("paper")
 SECOND_US = 1_000_000
@@ -98,9 +98,7 @@ def departed(outputs):
 
 def test_a_vehicle_is_forgotten_after_an_hour_and_its_parameters_are_not():
     events = imu_events(100)
-    pipeline = Pipeline(PAPER)
-    for event in events:
-        pipeline.handle(event)
+    pipeline = fed(events)
     changed = pipeline.replace_profile(ONE, {"filter": {"gamma": 0.5}})
     outputs, now_us = silence(pipeline, FORGOTTEN_LOOKS - 2, events[-1].arrival_us)
     assert departed(outputs) == []
@@ -127,9 +125,7 @@ def test_heartbeats_alone_keep_a_vehicle():
 
 @pytest.mark.parametrize("step_s", [3700, -3700, 86_400])
 def test_a_set_clock_is_no_silence(step_s):
-    pipeline = Pipeline(PAPER)
-    for event in imu_events(100):
-        pipeline.handle(event)
+    pipeline = fed(imu_events(100))
     now_us = START_US + SECOND_US
     outputs = pipeline.tick(now_us) + pipeline.tick(now_us + step_s * SECOND_US)
     assert departed(outputs) == []

@@ -10,17 +10,15 @@ from estimator.errors import InputError
 from estimator.profile import load_profile
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
-from tests.service.flight_rig import ONE, START_US, attitudes, imu_events
+from tests.service.flight_rig import ONE, START_US, attitudes, fed, imu_events
 from tests.service.sinks.test_zenoh import endpoint, get, plain_client, service, wait_for  # noqa: F401
 from tests.vocabulary import angle_rad
 
 
 @pytest.mark.parametrize("name", ["paper", "imu"])
 def test_another_profile_goes_on_from_the_same_estimate(name):
-    pipeline = Pipeline(load_profile(name))
     events = imu_events(500)
-    for event in events[:-1]:
-        pipeline.handle(event)
+    pipeline = fed(events[:-1], Pipeline(load_profile(name)))
     vehicle = pipeline.vehicle(ONE)
     before = vehicle.estimator.snapshot
     now_us = START_US + 5_000_000
@@ -41,13 +39,9 @@ def test_another_profile_goes_on_from_the_same_estimate(name):
     ("partial", "words"),
     [
         ({"filter": {"gama": 1}}, "gama"),
-        ({"filter": {"gamma": "much"}}, "gamma"),
         ({"filter": 3}, "filter"),
         ({"surprise": {}}, "surprise"),
-        ({"filters": {}}, "filters"),
-        ({"membership": {"k1": 9.0}}, "k1"),
         ({"membership": {"k1": float("nan")}}, "membership.k1"),
-        ({"membership": {"k23": 0.5}}, "k23"),
         ({"conditioning": {"enabled": 1}}, "conditioning.enabled"),
         ({"reference": {"gravity": [0, 0, 0]}}, "reference.gravity"),
         ({"filter": {"gamma": float("inf")}}, "finite"),
@@ -55,8 +49,7 @@ def test_another_profile_goes_on_from_the_same_estimate(name):
     ],
 )
 def test_what_cannot_be_used_is_refused_by_name_and_changes_nothing(partial, words):
-    pipeline = Pipeline(load_profile("imu"))
-    pipeline.handle(imu_events(1)[0])
+    pipeline = fed(imu_events(1), Pipeline(load_profile("imu")))
     before = pipeline.vehicle(ONE).profile
     with pytest.raises(InputError, match=f"profile update: .*{words}"):
         pipeline.replace_profile(ONE, partial)

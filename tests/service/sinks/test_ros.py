@@ -97,14 +97,6 @@ def test_any_attitude_is_the_same_rotation_in_other_axes():
         np.testing.assert_allclose(got, expected, atol=1e-12)
 
 
-def test_at_rest_the_acceleration_points_up_in_enu():
-    message = decode(imu_message(record(20, -30, 123), None, "f"))
-    down_frd = Rotation.from_euler("ZYX", [123, -30, 20], degrees=True).inv().apply([0, 0, 1])
-    message = decode(imu_message(record(20, -30, 123), tuple(-9.8 * down_frd), "f"))
-    up = orientation(message).apply(xyz(message.linear_acceleration))
-    np.testing.assert_allclose(up, [0, 0, 9.8], atol=1e-9)
-
-
 def test_without_a_sample_there_is_no_acceleration():
     message = decode(imu_message(record(), None, "f"))
     assert message.linear_acceleration_covariance[0] == -1.0
