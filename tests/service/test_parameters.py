@@ -11,7 +11,7 @@ from estimator.profile import load_profile
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
 from tests.service.flight_rig import ONE, START_US, attitudes, fed, imu_events
-from tests.service.sinks.test_zenoh import endpoint, get, plain_client, service, wait_for  # noqa: F401
+from tests.service.sinks.test_zenoh import get, plain_client, service, wait_for
 from tests.vocabulary import angle_rad
 
 
@@ -98,7 +98,7 @@ HOSTILE = {
 }
 
 
-def test_a_hostile_payload_is_answered_with_one_line_and_the_service_goes_on(endpoint):  # noqa: F811
+def test_a_hostile_payload_is_answered_with_one_line_and_the_service_goes_on(endpoint):
     with service(endpoint), plain_client(endpoint) as client:
         wait_for(lambda: get(client, "test/1/attitude"))
         for name, payload in HOSTILE.items():
@@ -112,7 +112,7 @@ def test_a_hostile_payload_is_answered_with_one_line_and_the_service_goes_on(end
         assert profile["filter"]["gamma"] == 0.5
 
 
-def test_replacements_under_load_are_answered_one_by_one(endpoint):  # noqa: F811
+def test_replacements_under_load_are_answered_one_by_one(endpoint):
     """Three clients, every second request wrong, at 100 attitudes a second."""
     got, answers = [], []
 
