@@ -270,3 +270,13 @@ def test_a_compass_that_is_far_off_to_either_side_may_be_mounted_otherwise(off_d
     off = {"compass_fault": CONTRADICTED, "compass_off_rad": radians(off_deg)}
     (line,) = lines(Alarms(), 0, is_aided=True, **off)
     assert line.endswith(f"which is {off_deg}° off; is its orientation set rightly?")
+
+
+def test_between_the_poles_a_field_that_points_south_is_the_places():
+    """There the declination is a half turn: 179 and -179 degrees are two apart."""
+    place = PlaceField(3.124, 1.2, 0.58)
+    horizontal, down = 0.58 * 0.362, 0.58 * 0.932
+    field = (-horizontal, -0.0175 * horizontal, down)
+    assert Alarm.FIELD_IMPOSSIBLE not in words(60, mag=field, place=place)
+    north = (horizontal, 0.0, down)
+    assert Alarm.FIELD_IMPOSSIBLE in words(60, mag=north, place=place)

@@ -10,6 +10,7 @@ from drivers.mavlink.framing import Frame, FrameReader
 from drivers.mavlink.gate import MOST_SENDERS as MOST_GATED
 from drivers.mavlink.gate import TAKE_OVER_US, FrameGate, Policy
 from estimator.profile import load_profile
+from service.parameters import MOST_PROFILES
 from service.pipeline import FORGOTTEN_LOOKS, Pipeline
 from service.records import Departed, Message, Published, Replaced
 from tests.service.flight_rig import ONE, START_US, fed, imu_events
@@ -138,3 +139,16 @@ def test_what_a_sender_was_is_forgotten_by_the_gate():
         assert gate.lets_in(imu_frame(vehicle, 0), "a", arrival_us)
     assert len(gate._addresses) <= MOST_GATED
     assert not gate.lets_in(imu_frame(vehicle, 1), "b", arrival_us + TAKE_OVER_US // 2)
+
+
+def test_of_too_many_profiles_the_one_that_was_kept_first_goes():
+    pipeline = Pipeline(PAPER)
+    left = addresses(MOST_PROFILES + 1)
+    for address in left:
+        pipeline.handle(Heartbeat(address, START_US, 3, 2))
+        pipeline.replace_profile(address, {"filter": {"gamma": 0.5}})
+        pipeline.handle(Forgotten(address, START_US))
+    pipeline.tick(START_US)
+    for address in left[:2]:
+        pipeline.handle(Heartbeat(address, START_US, 3, 2))
+    assert [each.profile.filter.gamma == 0.5 for each in pipeline.vehicles] == [False, True]

@@ -138,6 +138,21 @@ def test_a_host_clock_set_back_does_not_lower_the_bound_twice():
     assert clock.offset_us == pytest.approx(OFFSET_US - 600_000_000, abs=1)
 
 
+@pytest.mark.parametrize(("median_us", "is_held"), [(20_000.0, True), (500_000.0, False)])
+def test_what_counts_as_held_back_follows_the_streams_interval(median_us, is_held):
+    clock, arrival_us = HostClock(), 0
+    for k in range(10):
+        arrival_us = 50_000_000 + k * 500_000
+        clock.observe(k * 500_000, arrival_us)
+    taken_us, late_us = 5_000_000, 300_000
+    arrival_us = 55_000_000 + late_us
+    time_us, age_us = clock.propagated_to(taken_us, arrival_us, median_us, arrival_us + 1000)
+    if is_held:  # nobody knows whether those 0.3 s have passed
+        assert (time_us - taken_us, age_us) == (1000, pytest.approx(late_us + 1000, abs=20_000))
+    else:
+        assert (time_us - taken_us, age_us) == (pytest.approx(late_us + 1000, abs=20_000), 1000)
+
+
 NUMBERS = ("error", "error_rate_1_s", "gain", "confidence_gravity", "confidence_magnetic")
 VECTORS = ("q_ned_frd", "rate_rad_s", "gyro_bias_rad_s")
 
@@ -235,3 +250,11 @@ def test_under_overload_the_rate_is_that_since_the_last_status():
             publishing.note_attitude(1_000_000 * second - 1_000 * (count - k), k)
         found.append(publishing.published_hz(1_000_000 * second, is_shedding=True))
     assert found == [RATE_HZ, 20.0, 5.0]
+
+
+def test_an_attitude_is_no_repetition_once_the_hosts_clock_is_set_back():
+    publishing = Publishing(50.0)
+    publishing.note_attitude(100_000_000, 7)
+    assert publishing.is_stale(100_000_000 + 1000, 7)
+    assert not publishing.is_stale(40_000_000, 7)
+    assert not publishing.is_stale(100_000_000 + 1000, 8)

@@ -227,3 +227,10 @@ def test_a_look_at_an_earlier_time_begins_anew():
     assert opinion.opinion.verdict is Verdict.DIFFERS
     reported(TRUE, wrong, seconds=0.4, opinion=opinion)
     assert opinion.opinion.verdict is Verdict.CANNOT_TELL
+
+
+def test_a_roll_of_almost_a_half_turn_differs_by_the_short_way():
+    opinion = SecondOpinion()
+    ours, theirs = turn(NORTH, 178.8), turn(NORTH, -178.8)
+    looked(opinion, 0, theirs, attitude(ours), (0.0, 0.0, 9.8), None)
+    assert opinion.record(0).roll_deg == pytest.approx(2.4, abs=0.01)
