@@ -6,10 +6,12 @@ from itertools import pairwise
 
 import pytest
 
+from drivers.events import VehicleId
 from estimator.errors import InputError
 from estimator.profile import load_profile
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
+from service.records import Message, Replaced
 from tests.service.flight_rig import ONE, START_US, attitudes, fed, imu_events
 from tests.service.sinks.test_zenoh import get, plain_client, service, wait_for
 from tests.vocabulary import angle_rad
@@ -23,11 +25,17 @@ def test_another_profile_goes_on_from_the_same_estimate(name):
     before = vehicle.estimator.snapshot
     now_us = START_US + 5_000_000
     (shown,) = attitudes(pipeline.tick(now_us))
-    pipeline.replace_profile(ONE, {"filter": {"gamma": 0.0}, "confidence": {"magnetic": 0.2}})
+    changes = {"filter": {"gamma": 0.0}, "confidence": {"magnetic": 0.2}}
+    profile = pipeline.replace_profile(ONE, changes)
+    assert vehicle.profile == profile
+    assert (profile.filter.gamma, profile.confidence.magnetic) == (0.0, 0.2)
     assert vehicle.estimator.snapshot.core.filter == before.core.filter
     again = vehicle.estimator.attitude(shown.time_boot_us)
     assert angle_rad(shown.q_ned_frd, again.q_ned_frd) < 1e-12
-    (after,) = attitudes(pipeline.tick(now_us + 10_000))
+    outputs = pipeline.tick(now_us + 10_000)
+    assert outputs[:2] == [Replaced(ONE, profile), Message("vehicle 1: new parameters")]
+    assert Replaced(ONE, profile) not in pipeline.tick(now_us + 20_000)
+    (after,) = attitudes(outputs)
     assert after.sequence == shown.sequence + 1
     pipeline.handle(events[-1])
     bias = vehicle.estimator.snapshot.core.filter.gyr_bias_rad_s
@@ -53,6 +61,8 @@ def test_what_cannot_be_used_is_refused_by_name_and_changes_nothing(partial, wor
     before = pipeline.vehicle(ONE).profile
     with pytest.raises(InputError, match=f"profile update: .*{words}"):
         pipeline.replace_profile(ONE, partial)
+    with pytest.raises(InputError, match="no vehicle"):
+        pipeline.replace_profile(VehicleId(9, 1), {})
     assert pipeline.vehicle(ONE).profile is before
 
 

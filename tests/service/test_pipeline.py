@@ -207,21 +207,6 @@ def test_the_number_of_vehicles_is_bounded(monkeypatch):
     assert pipeline.malformed == 3
 
 
-def test_a_profile_is_replaced_without_losing_the_estimate():
-    pipeline = fed(imu_events(100))
-    before = pipeline.vehicle(ONE).estimator.snapshot
-    profile = pipeline.replace_profile(ONE, {"filter": {"gamma": 0.25}})
-    assert profile.filter.gamma == 0.25
-    assert pipeline.vehicle(ONE).estimator.snapshot == before
-    assert pipeline.vehicle(ONE).profile == profile
-    with pytest.raises(InputError, match="no vehicle"):
-        pipeline.replace_profile(VehicleId(9, 1), {})
-    assert pipeline.vehicle(ONE).profile == profile
-    reported = pipeline.tick(START_US + 100_000)
-    assert reported[:2] == [Replaced(ONE, profile), Message("vehicle 1: new parameters")]
-    assert Replaced(ONE, profile) not in pipeline.tick(START_US + 110_000)
-
-
 def test_a_profile_that_raises_while_it_is_installed_changes_nothing(monkeypatch):
     """Whatever the checks let through: the vehicle flies on with the one of before."""
     pipeline, alone = fed(imu_events(100)), fed(imu_events(100))
