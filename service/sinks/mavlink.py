@@ -23,7 +23,6 @@ from drivers.mavlink.encoder import (
     statustexts,
 )
 from drivers.mavlink.recorder import Recorder
-from drivers.mavlink.transports.transport import LinkError
 from estimator.geometry.frames import euler_rad
 from service.records import (
     AttitudeRecord,
@@ -83,7 +82,7 @@ class MavlinkSink:
         """Send what is due of the outputs.
 
         Raises:
-            LinkError: the link broke, or could not be opened: at once, then once a minute.
+            ConnectionError: the link broke, or could not be opened: at once, then once a minute.
         """
         frames = [frame for output in outputs for frame in self._frames(output)]
         self._connection.receive(0.0)  # learns whom to send to; what they send is not used
@@ -92,7 +91,7 @@ class MavlinkSink:
         self._connection.take_events()
         failures, self._failures[:] = [*self._failures], []
         if failures:
-            raise LinkError(failures[-1])
+            raise ConnectionError(failures[-1])
 
     def close(self) -> None:
         """Release the link."""
@@ -121,7 +120,7 @@ class MavlinkSink:
         """Of the vehicle that appears as another one; never under an address that there is."""
         if vehicle.system_id == other.system_id:
             name = vehicle_name(vehicle)
-            raise LinkError(f"vehicle {name} is there already, not shown as another")
+            raise ConnectionError(f"vehicle {name} is there already, not shown as another")
         self._shown = self._shown or vehicle
         if vehicle != self._shown:
             return []

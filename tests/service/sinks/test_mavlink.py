@@ -11,7 +11,6 @@ from pymavlink.dialects.v20 import ardupilotmega
 
 from drivers.endpoint import parse_endpoint
 from drivers.events import VehicleId
-from drivers.mavlink.transports.transport import LinkError
 from estimator.errors import InputError
 from service.records import Departed, Published
 from service.sinks.mavlink import MavlinkSink
@@ -125,7 +124,7 @@ def test_it_answers_no_command(receiver, opened):
 
 def test_an_address_that_is_there_is_not_taken(receiver, opened):
     sink = opened(appears_as=VehicleId(7, 1))
-    with pytest.raises(LinkError, match="vehicle 7 is there already"):
+    with pytest.raises(ConnectionError, match="vehicle 7 is there already"):
         sink.handle(attitudes(1, 0))
     assert messages(receiver) == []
 
@@ -169,7 +168,7 @@ def test_whoever_connects_later_is_served_and_a_broken_link_is_reported_once():
             step += 1
             try:
                 sink.handle(attitudes(1, 20_000, start=step))
-            except LinkError as error:
+            except ConnectionError as error:
                 reported.append(str(error))
 
         while again is None:
