@@ -11,17 +11,9 @@ from collections.abc import Callable, Sequence
 from drivers.endpoint import Endpoint
 from drivers.events import VehicleId
 from drivers.mavlink import constants as mav
+from drivers.mavlink import encoder
 from drivers.mavlink.connection import Connection
-from drivers.mavlink.encoder import (
-    STATUSTEXT_SIZE,
-    FrameEncoder,
-    Message,
-    attitude,
-    attitude_quaternion,
-    attitude_quaternion_cov,
-    heartbeat,
-    statustexts,
-)
+from drivers.mavlink.encoder import FrameEncoder, Message
 from drivers.mavlink.recorder import Recorder
 from estimator.geometry.frames import euler_rad
 from service.records import (
@@ -146,7 +138,7 @@ class Sender:
         if opinion and differs and self._is_due("announcement", now_us, ANNOUNCED_US):
             self._announcements += 1
             number = 1 + self._announcements % 0xFFFF
-            messages += statustexts(announced(opinion), mav.MAV_SEVERITY_WARNING, number)
+            messages += encoder.statustexts(announced(opinion), mav.MAV_SEVERITY_WARNING, number)
         return [self._encoder.frame(message, now_us) for message in messages]
 
     def frames(self, record: AttitudeRecord) -> list[bytes]:
@@ -156,22 +148,22 @@ class Sender:
         if self._is_due("attitude", now_us, ATTITUDE_US):
             time_us, q, rate_rad_s = record.time_boot_us, record.q_ned_frd, record.rate_rad_s
             if self._is_vehicle:
-                messages.append(attitude(time_us, euler_rad(q), rate_rad_s))
+                messages.append(encoder.attitude(time_us, euler_rad(q), rate_rad_s))
             else:
-                messages.append(attitude_quaternion(time_us, q, rate_rad_s))
+                messages.append(encoder.attitude_quaternion(time_us, q, rate_rad_s))
                 if self._is_due("covariance", now_us, COVARIANCE_US):
                     level, yaw = record.variances_rad2
-                    variances = (level, level, yaw)
-                    messages.append(attitude_quaternion_cov(time_us, q, rate_rad_s, variances))
+                    about = (time_us, q, rate_rad_s, (level, level, yaw))
+                    messages.append(encoder.attitude_quaternion_cov(*about))
         return [self._encoder.frame(message, now_us) for message in messages]
 
     def _heartbeats(self, now_us: int) -> list[Message]:
         if not self._is_due("heartbeat", now_us, HEARTBEAT_US):
             return []
         if not self._is_vehicle:
-            return [heartbeat(mav.MAV_TYPE_ONBOARD_CONTROLLER, mav.MAV_AUTOPILOT_INVALID)]
+            return [encoder.heartbeat(mav.MAV_TYPE_ONBOARD_CONTROLLER, mav.MAV_AUTOPILOT_INVALID)]
         kind = mav.MAV_TYPE_GENERIC, mav.MAV_AUTOPILOT_GENERIC, mav.MAV_STATE_STANDBY
-        return [heartbeat(*kind)]
+        return [encoder.heartbeat(*kind)]
 
     def _is_due(self, what: str, now_us: int, period_us: int) -> bool:
         """Whether it is time, also when the clock was set back by more than a period.
@@ -216,10 +208,10 @@ class RecordingSink:
                 continue
             system_id, now_us = output.vehicle.system_id, self._unix_us()
             sender = VehicleId(system_id, mav.MAV_COMP_ID_ONBOARD_COMPUTER)
-            encoder = self._encoders.setdefault(system_id, FrameEncoder(sender))
-            text = f"retuned: {output.retuned}"[:STATUSTEXT_SIZE]
-            messages = statustexts(text, mav.MAV_SEVERITY_INFO, 0)
-            self._recorder.write(now_us, [encoder.frame(each, now_us) for each in messages])
+            own = self._encoders.setdefault(system_id, FrameEncoder(sender))
+            text = f"retuned: {output.retuned}"[: encoder.STATUSTEXT_SIZE]
+            messages = encoder.statustexts(text, mav.MAV_SEVERITY_INFO, 0)
+            self._recorder.write(now_us, [own.frame(each, now_us) for each in messages])
 
     def close(self) -> None:
         """Do nothing: the recorder is closed by its owner."""
