@@ -7,12 +7,7 @@ import os
 from typing import Any
 
 from drivers.endpoint import Endpoint
-from drivers.mavlink.transports.transport import (
-    RECEIVE_BYTES,
-    Packet,
-    Transport,
-    unix_us,
-)
+from drivers.mavlink.transports.transport import RECEIVE_BYTES, Packet, Transport, unix_us
 from estimator.errors import InputError
 
 # Bytes that wait for a slow line; when it is full, new frames are dropped
