@@ -533,17 +533,6 @@ def test_a_recording_begins_with_the_port_s_opening_and_not_with_the_first_look(
     assert path.stat().st_size == len(sent)
 
 
-def test_a_recording_ends_with_the_link_and_not_with_the_last_look(tmp_path):
-    path, vehicle = tmp_path / "flight.tlog", Vehicle()
-    with Recorder(path) as recorder, udp_link(recorder) as (link, sender):
-        link.drain(0.0)
-        sent = [vehicle.imu() for _ in range(5)]
-        for frame in sent:
-            sender.send(frame)
-    assert path.read_bytes().endswith(sent[-1])
-    assert path.stat().st_size == sum(8 + len(frame) for frame in sent)
-
-
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
 def test_a_full_disk_does_not_stop_the_link():
     vehicle = Vehicle()
