@@ -6,6 +6,7 @@ those of what is shown of records that come from the network.
 """
 
 from enum import StrEnum
+from math import log, radians, sqrt
 from typing import Annotated, Literal
 
 import msgspec
@@ -17,6 +18,8 @@ from estimator.profile import Profile
 from estimator.types import ImuSample, Quaternion
 
 SCHEMA = 1
+# 68 % of the lengths of two equal normal errors are below this many standard deviations.
+RAYLEIGH_68 = sqrt(-2.0 * log(1.0 - 0.68))
 
 
 class State(StrEnum):
@@ -74,6 +77,16 @@ class AttitudeRecord(Value, frozen=True):
     state: StateWord
     age_ms: Annotated[float, Meta(ge=0.0, le=1e12)]
     sequence: int
+
+    @property
+    def variances_rad2(self) -> tuple[float, float]:
+        """Of the inclination about each of its two axes, and of the heading.
+
+        The length of two equal normal errors is Rayleigh distributed. The heading has one error:
+        68 % of it lies under 0.99 standard deviations, taken as one.
+        """
+        inclination_rad = radians(self.sigma_deg.inclination) / RAYLEIGH_68
+        return inclination_rad**2, radians(self.sigma_deg.heading) ** 2
 
 
 class Retuned(Value, frozen=True):

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from msgspec.structs import replace
 
-from drivers.events import FilterStatus, ReferenceAttitude
+from drivers.events import FilterStatus
 from estimator.geometry import quaternion
 from estimator.geometry.earth import PlaceField
 from estimator.geometry.quaternion import conjugate, multiply, norm, scale
@@ -68,9 +68,10 @@ class Difference(NamedTuple):
 
 
 class Look(NamedTuple):
-    """Both attitudes of the same instant, the sample before it and what is known beside them.
+    """Both attitudes of the IMU at one instant, the last sample and what is known beside them.
 
-    ``faults`` are what else speaks against the autopilot's and against ours, in words, or empty.
+    Ours is of the sample, if that is later. ``faults`` are what else speaks against the autopilot's
+    and against ours, in words, or empty.
     """
 
     time_us: int
@@ -117,33 +118,20 @@ class SecondOpinion:
         """Whether it is time to look again."""
         return self._last_us is None or not 0 <= time_us - self._last_us < LOOK_EVERY_US
 
-    def compare(
-        self,
-        event: ReferenceAttitude,
-        theirs: Quaternion,
-        ours: Attitude,
-        sample: ImuSample,
-        place: PlaceField | None,
-        against_ours: str,
-    ) -> list[str]:
-        """Compare ``theirs`` of the IMU with ours, which is of ``event`` or a little later.
-
-        Returns a line when the two begin to differ, and one when that ends.
-        """
-        behind_s = 1e-6 * max(sample.time_us - event.time_us, 0)
-        turn = quaternion.exp(scale(-behind_s, ours.rate_rad_s))
-        ours = ours._replace(q_ned_frd=multiply(ours.q_ned_frd, turn))
-        faults = self._autopilots_fault(event.arrival_us), against_ours
-        self.look(Look(event.time_us, event.message, theirs, ours, sample, place, faults))
-        opinion = self.record(event.time_us)
+    def compare(self, look: Look) -> list[str]:
+        """Compare both attitudes; a line when they begin to differ, and one when that ends."""
+        behind_s = 1e-6 * max(look.sample.time_us - look.time_us, 0)
+        turn = quaternion.exp(scale(-behind_s, look.ours.rate_rad_s))
+        ours = look.ours._replace(q_ned_frd=multiply(look.ours.q_ned_frd, turn))
+        self._compare(look._replace(ours=ours))
+        opinion = self.record(look.time_us)
         differs = opinion is not None and opinion.verdict == Verdict.DIFFERS
         before, self._differed = self._differed, differs
         if opinion is None or differs == before:
             return []
         return [in_words(opinion) if differs else "the autopilot's attitude and ours agree"]
 
-    def look(self, look: Look) -> None:
-        """Compare both attitudes of one instant."""
+    def _compare(self, look: Look) -> None:
         inclination, heading = differences(look.theirs, look.ours)
         self._gather(look, inclination, heading)
         verdict = self._verdict(inclination, heading)
@@ -206,13 +194,12 @@ class SecondOpinion:
         if self._since_us == time_us:
             self.intervals.append(Interval(time_us, time_us, 0.0, 0.0, "", ""))
         now, (inclination, heading) = self.intervals[-1], off
-        self.intervals[-1] = Interval(
-            now.begin_us,
-            time_us,
-            max(now.inclination_deg, inclination.off_deg),
-            max(now.heading_deg, abs(heading.off_deg)),
-            wrong or now.wrong,
-            evidence if wrong or not now.wrong else now.evidence,
+        if wrong or not now.wrong:
+            now = now._replace(wrong=wrong, evidence=evidence)
+        self.intervals[-1] = now._replace(
+            end_us=time_us,
+            inclination_deg=max(now.inclination_deg, inclination.off_deg),
+            heading_deg=max(now.heading_deg, abs(heading.off_deg)),
         )
 
     def _verdict(self, inclination: Difference, heading: Difference) -> Verdict:
@@ -225,7 +212,7 @@ class SecondOpinion:
         )
         return Verdict.AGREES if agrees else Verdict.CANNOT_TELL
 
-    def _autopilots_fault(self, now_us: int) -> str:
+    def autopilots_fault(self, now_us: int) -> str:
         """What the autopilot's filter reports against itself."""
         known = self.filter_status
         if known is None or abs(now_us - known.arrival_us) > FILTER_STATUS_HOLDS_US:

@@ -13,7 +13,7 @@ from service.evidence import OtherImus
 from service.lines import LineLimit
 from service.publishing import HostClock, Publishing, attitude_record, is_finite
 from service.records import HAS_ATTITUDE, AttitudeRecord, Peer, State, vehicle_name
-from service.second_opinion import SecondOpinion
+from service.second_opinion import Look, SecondOpinion
 from service.stream_state import LATE_MINIMUM_US, ImuStream
 from service.vehicle_parameters import VehicleParameters
 
@@ -170,11 +170,12 @@ class Vehicle:
         theirs = self.parameters.view.of_imu(event.message, event.q_ned_frd, ours.q_ned_frd)
         if theirs is None:
             return []
-        place = self.estimator.place_field
         alarms = " and ".join(sorted(each.meaning for each in self.alarms.words))
         against_ours = f"of ours, {alarms}" if alarms else ""
-        lines = self.comparison.compare(event, theirs, ours, sample, place, against_ours)
-        return self.lines(lines, event.arrival_us)
+        faults = self.comparison.autopilots_fault(event.arrival_us), against_ours
+        both, place = (theirs, ours), self.estimator.place_field
+        look = Look(event.time_us, event.message, *both, sample, place, faults)
+        return self.lines(self.comparison.compare(look), event.arrival_us)
 
     def on_time(self, now_us: int) -> list[str]:
         """Change the state of health if the IMU has been silent for long."""

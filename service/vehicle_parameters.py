@@ -3,21 +3,8 @@
 from math import pi, sqrt
 
 from drivers.events import COMPASS_CALIBRATED, Heartbeat, ModeChange, Parameter
-from drivers.mavlink.ardupilot import (
-    ACC_FILTER,
-    COMPASS_OFFSETS,
-    GYRO_FILTER,
-    PX4_COMPASS_OFFSETS,
-    ROVER_FILTERS_HZ,
-    VIEW_PARAMETERS,
-    AttitudeView,
-)
-from drivers.mavlink.constants import (
-    MAV_AUTOPILOT_ARDUPILOTMEGA,
-    MAV_TYPE_GENERIC,
-    MAV_TYPE_GROUND_ROVER,
-    mode_name,
-)
+from drivers.mavlink import ardupilot
+from drivers.mavlink import constants as mav
 from estimator.estimator import Estimator
 from estimator.types import VehicleClass
 
@@ -29,7 +16,7 @@ class VehicleParameters:
     """Parameters of one vehicle that matter to its attitude, and its flight mode."""
 
     def __init__(self) -> None:
-        self.view = AttitudeView()  # of what the autopilot's attitude is
+        self.view = ardupilot.AttitudeView()  # of what the autopilot's attitude is
         self.is_armed: bool | None = None
         self._mode: int | None = None
         # autopilot, vehicle type, and whether it is armed
@@ -40,7 +27,7 @@ class VehicleParameters:
     @property
     def mode(self) -> str:
         """The flight mode's name, empty before it is known."""
-        return "" if self._mode is None else mode_name(*self._last_heartbeat[:2], self._mode)
+        return "" if self._mode is None else mav.mode_name(*self._last_heartbeat[:2], self._mode)
 
     def take_mode(self, event: Heartbeat | ModeChange) -> None:
         """Note what an event reports of the flight; most report a part."""
@@ -51,15 +38,15 @@ class VehicleParameters:
 
     def take(self, event: Parameter, estimator: Estimator) -> None:
         """Note compass offsets (all zero: not calibrated), the trim and filters."""
-        if event.name in VIEW_PARAMETERS:
+        if event.name in ardupilot.VIEW_PARAMETERS:
             self.view.take(event.name, event.value)
-        elif event.name in (GYRO_FILTER, ACC_FILTER) and event.value > 0.0:
+        elif event.name in (ardupilot.GYRO_FILTER, ardupilot.ACC_FILTER) and event.value > 0.0:
             self._note_filter(event.name, event.value, estimator)
         elif event.name == COMPASS_CALIBRATED:
             estimator.set_field_calibrated(bool(event.value))
-        elif event.name in (*COMPASS_OFFSETS, *PX4_COMPASS_OFFSETS):
+        elif event.name in (*ardupilot.COMPASS_OFFSETS, *ardupilot.PX4_COMPASS_OFFSETS):
             self._compass_offsets[event.name] = event.value
-            if len(self._compass_offsets) == len(COMPASS_OFFSETS):
+            if len(self._compass_offsets) == len(ardupilot.COMPASS_OFFSETS):
                 estimator.set_field_calibrated(any(self._compass_offsets.values()))
 
     def take_heartbeat(self, event: Heartbeat, estimator: Estimator) -> None:
@@ -73,12 +60,12 @@ class VehicleParameters:
             return
         self._last_heartbeat = heartbeat
         self.view.vehicle_type = event.vehicle_type
-        if event.vehicle_type == MAV_TYPE_GROUND_ROVER:
+        if event.vehicle_type == mav.MAV_TYPE_GROUND_ROVER:
             estimator.set_vehicle_class(VehicleClass.WHEELS)
-            if event.autopilot == MAV_AUTOPILOT_ARDUPILOTMEGA:
-                for name, cutoff_hz in ROVER_FILTERS_HZ.items():
+            if event.autopilot == mav.MAV_AUTOPILOT_ARDUPILOTMEGA:
+                for name, cutoff_hz in ardupilot.ROVER_FILTERS_HZ.items():
                     self._note_filter(name, self._filters_hz.get(name, cutoff_hz), estimator)
-        elif event.is_armed is False or event.vehicle_type == MAV_TYPE_GENERIC:
+        elif event.is_armed is False or event.vehicle_type == mav.MAV_TYPE_GENERIC:
             estimator.set_vehicle_class(VehicleClass.ANYTHING)
         else:
             estimator.set_vehicle_class(VehicleClass.VEHICLE)
@@ -89,7 +76,7 @@ class VehicleParameters:
         if known.get(name) == cutoff_hz:
             return
         known[name] = cutoff_hz
-        gyr_hz = known.get(GYRO_FILTER)
+        gyr_hz = known.get(ardupilot.GYRO_FILTER)
         if gyr_hz is not None:
-            acc_hz = known.get(ACC_FILTER, gyr_hz)
+            acc_hz = known.get(ardupilot.ACC_FILTER, gyr_hz)
             estimator.set_imu_lag(BUTTERWORTH_DELAY / gyr_hz, BUTTERWORTH_DELAY / acc_hz)

@@ -10,18 +10,8 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from drivers.events import (
-    BuiltIn,
-    CommandAck,
-    Event,
-    Forgotten,
-    Heartbeat,
-    OtherImu,
-    Parameter,
-    RefusedFrames,
-    StatusText,
-    VehicleId,
-)
+from drivers import events
+from drivers.events import Event, VehicleId
 from drivers.mavlink import constants as mav
 from drivers.mavlink.ardupilot import ParameterValue, owner
 from drivers.mavlink.framing import Frame, fields
@@ -208,7 +198,7 @@ class MavlinkDecoder:
         if (m := fields(frame)) is None:
             return []
         gyr, acc, _ = message.vectors(m)
-        return [OtherImu(sender.id, arrival_us, name, gyr, acc)]
+        return [events.OtherImu(sender.id, arrival_us, name, gyr, acc)]
 
     def _meet(self, frame: Frame, arrival_us: int) -> list[Event]:
         """Give a new sender a slot, if there is one; too many are no link of real ones."""
@@ -217,9 +207,9 @@ class MavlinkDecoder:
             left = self._make_room(arrival_us, brings_imu=frame.message_id in IMU_MESSAGES)
             if left is None:  # its samples count
                 address = VehicleId(frame.system_id, frame.component_id)
-                refused = RefusedFrames(address, arrival_us, Reason.NO_PLACE, 1)
+                refused = events.RefusedFrames(address, arrival_us, Reason.NO_PLACE, 1)
                 return [refused] if frame.message_id in IMU_MESSAGES else []
-            gone = [Forgotten(left, arrival_us)]
+            gone = [events.Forgotten(left, arrival_us)]
         address = VehicleId(frame.system_id, frame.component_id)
         self._senders[address] = _Sender(address, takes_references=self._references)
         self._idle[address] = None
@@ -250,7 +240,7 @@ class MavlinkDecoder:
                 self._waiting[key] = value
             return []
         autopilot = self._senders[address].autopilot
-        return [Parameter(address, arrival_us, value.name, value.value(autopilot))]
+        return [events.Parameter(address, arrival_us, value.name, value.value(autopilot))]
 
     def _heartbeat(self, sender: _Sender, m: Any, arrival_us: int) -> list[Event]:
         if not mav.is_autopilot(m.autopilot, m.type):
@@ -258,21 +248,21 @@ class MavlinkDecoder:
         sender.autopilot = m.autopilot
         sender.intake.checks_axes = m.autopilot not in FRD_AUTOPILOTS
         is_armed = bool(m.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
-        beat = Heartbeat(sender.id, arrival_us, m.autopilot, m.type, is_armed, m.custom_mode)
+        beat = events.Heartbeat(sender.id, arrival_us, m.autopilot, m.type, is_armed, m.custom_mode)
         keys = [key for key in self._waiting if key[0] == sender.id.system_id]
         held = [self._waiting.pop(key) for key in keys]
         return [
             beat,
-            *(Parameter(sender.id, arrival_us, p.name, p.value(m.autopilot)) for p in held),
+            *(events.Parameter(sender.id, arrival_us, p.name, p.value(m.autopilot)) for p in held),
         ]
 
     def _status_text(self, sender: _Sender, m: Any, arrival_us: int) -> list[Event]:
         if sender.autopilot is None:
             return []
-        return [StatusText(sender.id, arrival_us, m.severity, m.text)]
+        return [events.StatusText(sender.id, arrival_us, m.severity, m.text)]
 
     def _command_ack(self, sender: _Sender, m: Any, arrival_us: int) -> list[Event]:
-        return [CommandAck(sender.id, arrival_us, m.command, m.result)]
+        return [events.CommandAck(sender.id, arrival_us, m.command, m.result)]
 
 
 def _version(sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:
@@ -285,4 +275,4 @@ def _version(sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:
         payload[at].split(b"\0", 1)[0].decode("ascii", "replace")
         for at in (FLIGHT_CUSTOM_VERSION, MIDDLEWARE_CUSTOM_VERSION)
     )
-    return [BuiltIn(sender.id, arrival_us, motion)] if product == BUILT_IN else []
+    return [events.BuiltIn(sender.id, arrival_us, motion)] if product == BUILT_IN else []

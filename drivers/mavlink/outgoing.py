@@ -14,17 +14,9 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Literal
 
+from drivers import events
 from drivers.endpoint import Endpoint
-from drivers.events import (
-    ClockReset,
-    CommandAck,
-    Event,
-    Forgotten,
-    Heartbeat,
-    Imu,
-    Notice,
-    VehicleId,
-)
+from drivers.events import Event, Imu, Notice, VehicleId
 from drivers.mavlink import constants as mav
 from drivers.mavlink.encoder import FrameEncoder, Message, heartbeat, message_interval_request
 from drivers.mavlink.gate import Policy
@@ -129,20 +121,20 @@ class Outbound:
 
     def _handle(self, event: Event, now_us: int) -> None:
         match event:
-            case Heartbeat(vehicle=vehicle, autopilot=autopilot):
+            case events.Heartbeat(vehicle=vehicle, autopilot=autopilot):
                 is_new = vehicle not in self._streams and len(self._streams) < MOST_STREAMS
                 if is_new and autopilot != mav.MAV_AUTOPILOT_INVALID:
                     message = message_to_ask_for(autopilot)
                     self._streams[vehicle] = _Stream(vehicle, message, now_us)
-            case Forgotten(vehicle=vehicle):
+            case events.Forgotten(vehicle=vehicle):
                 self._streams.pop(vehicle, None)
-            case Imu() | CommandAck() | ClockReset():
+            case Imu() | events.CommandAck() | events.ClockReset():
                 stream = self._streams.get(event.vehicle)
                 if stream is None:
                     return
                 if isinstance(event, Imu):
                     self._measure(stream, event, now_us)
-                elif isinstance(event, ClockReset):
+                elif isinstance(event, events.ClockReset):
                     stream.restart_measuring()
                     if event.reason == "reboot":  # it has forgotten what it was asked for
                         stream.failures = 0

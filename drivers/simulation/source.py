@@ -5,18 +5,8 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from drivers.events import (
-    BuiltIn,
-    Event,
-    Heartbeat,
-    Imu,
-    LinkUp,
-    Parameter,
-    Position,
-    ReferenceAttitude,
-    VehicleId,
-    Velocity,
-)
+from drivers import events
+from drivers.events import Event, VehicleId
 from drivers.mavlink import constants as mav
 from drivers.player import Player
 from drivers.resources import Closing
@@ -63,7 +53,7 @@ class SimSource(Player, Closing):
         self._next = None
 
     def _flown(self) -> Iterator[Event]:
-        yield LinkUp(self._start_unix_us, f"sim:{self._vehicle.motion}")
+        yield events.LinkUp(self._start_unix_us, f"sim:{self._vehicle.motion}")
         for sample in self._vehicle:
             if not self._vehicle.is_silent(sample.time_us):
                 yield from self._sample_events(sample)
@@ -72,17 +62,17 @@ class SimSource(Player, Closing):
         """What the simulated autopilot shows by MAVLink, as exact events."""
         time_us, about = sample.time_us, (self._id, self._start_unix_us + sample.time_us)
         if self._heartbeat.is_due(time_us):
-            yield Heartbeat(*about, mav.MAV_AUTOPILOT_ARDUPILOTMEGA, mav.MAV_TYPE_QUADROTOR)
-            yield BuiltIn(*about, self._vehicle.motion)
-            yield from (Parameter(*about, name, value) for name, value in PARAMETERS)
-        yield Imu(*about, time_us, "RAW_IMU", imu_sample(sample))
-        yield ReferenceAttitude(*about, time_us, "sim", "SIM_STATE", sample.q_ned_frd)
+            yield events.Heartbeat(*about, mav.MAV_AUTOPILOT_ARDUPILOTMEGA, mav.MAV_TYPE_QUADROTOR)
+            yield events.BuiltIn(*about, self._vehicle.motion)
+            yield from (events.Parameter(*about, name, value) for name, value in PARAMETERS)
+        yield events.Imu(*about, time_us, "RAW_IMU", imu_sample(sample))
+        yield events.ReferenceAttitude(*about, time_us, "sim", "SIM_STATE", sample.q_ned_frd)
         if self._vehicle.knows_place and self._place.is_due(time_us):
             name, fix = "GLOBAL_POSITION_INT", Fix(velocity_reported(sample, 1.0, self._receiver))
-            yield Position(*about, time_us, name, *geodetic(sample.position_ned_m))
+            yield events.Position(*about, time_us, name, *geodetic(sample.position_ned_m))
             velocity = velocity_sample(name, fix, time_us)
             if velocity is not None:
-                yield Velocity(*about, name, velocity)
+                yield events.Velocity(*about, name, velocity)
 
 
 def imu_sample(sample: Sample) -> ImuSample:

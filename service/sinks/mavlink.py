@@ -7,24 +7,14 @@ attitude without being asked to. A heartbeat each second shows what we are.
 
 import time
 from collections.abc import Callable, Sequence
-from math import log, radians, sqrt
 
 from drivers.endpoint import Endpoint
 from drivers.events import VehicleId
 from drivers.mavlink import constants as mav
+from drivers.mavlink import encoder
 from drivers.mavlink.connection import Connection
-from drivers.mavlink.encoder import (
-    STATUSTEXT_SIZE,
-    FrameEncoder,
-    Message,
-    attitude,
-    attitude_quaternion,
-    attitude_quaternion_cov,
-    heartbeat,
-    statustexts,
-)
+from drivers.mavlink.encoder import FrameEncoder, Message
 from drivers.mavlink.recorder import Recorder
-from drivers.mavlink.transports.transport import LinkError
 from estimator.geometry.frames import euler_rad
 from service.records import (
     AttitudeRecord,
@@ -41,8 +31,6 @@ from service.second_opinion import Verdict
 ATTITUDE_US = 20_000  # between two of a vehicle: 2.6 kB/s, which a 57600 baud radio can take
 COVARIANCE_US = 200_000  # between two ATTITUDE_QUATERNION_COV: sigma changes slowly
 HEARTBEAT_US = 1_000_000
-# 68 % of the lengths of two equal normal errors are below this many standard deviations.
-RAYLEIGH_68 = sqrt(-2.0 * log(1.0 - 0.68))
 ANNOUNCED_US = 10_000_000
 
 
@@ -86,7 +74,7 @@ class MavlinkSink:
         """Send what is due of the outputs.
 
         Raises:
-            LinkError: the link broke, or could not be opened: at once, then once a minute.
+            ConnectionError: the link broke, or could not be opened: at once, then once a minute.
         """
         frames = [frame for output in outputs for frame in self._frames(output)]
         self._connection.receive(0.0)  # learns whom to send to; what they send is not used
@@ -95,7 +83,7 @@ class MavlinkSink:
         self._connection.take_events()
         failures, self._failures[:] = [*self._failures], []
         if failures:
-            raise LinkError(failures[-1])
+            raise ConnectionError(failures[-1])
 
     def close(self) -> None:
         """Release the link."""
@@ -124,7 +112,7 @@ class MavlinkSink:
         """Of the vehicle that appears as another one; never under an address that there is."""
         if vehicle.system_id == other.system_id:
             name = vehicle_name(vehicle)
-            raise LinkError(f"vehicle {name} is there already, not shown as another")
+            raise ConnectionError(f"vehicle {name} is there already, not shown as another")
         self._shown = self._shown or vehicle
         if vehicle != self._shown:
             return []
@@ -150,7 +138,7 @@ class Sender:
         if opinion and differs and self._is_due("announcement", now_us, ANNOUNCED_US):
             self._announcements += 1
             number = 1 + self._announcements % 0xFFFF
-            messages += statustexts(announced(opinion), mav.MAV_SEVERITY_WARNING, number)
+            messages += encoder.statustexts(announced(opinion), mav.MAV_SEVERITY_WARNING, number)
         return [self._encoder.frame(message, now_us) for message in messages]
 
     def frames(self, record: AttitudeRecord) -> list[bytes]:
@@ -160,20 +148,22 @@ class Sender:
         if self._is_due("attitude", now_us, ATTITUDE_US):
             time_us, q, rate_rad_s = record.time_boot_us, record.q_ned_frd, record.rate_rad_s
             if self._is_vehicle:
-                messages.append(attitude(time_us, euler_rad(q), rate_rad_s))
+                messages.append(encoder.attitude(time_us, euler_rad(q), rate_rad_s))
             else:
-                messages.append(attitude_quaternion(time_us, q, rate_rad_s))
+                messages.append(encoder.attitude_quaternion(time_us, q, rate_rad_s))
                 if self._is_due("covariance", now_us, COVARIANCE_US):
-                    messages.append(_with_covariance(record))
+                    level, yaw = record.variances_rad2
+                    about = (time_us, q, rate_rad_s, (level, level, yaw))
+                    messages.append(encoder.attitude_quaternion_cov(*about))
         return [self._encoder.frame(message, now_us) for message in messages]
 
     def _heartbeats(self, now_us: int) -> list[Message]:
         if not self._is_due("heartbeat", now_us, HEARTBEAT_US):
             return []
         if not self._is_vehicle:
-            return [heartbeat(mav.MAV_TYPE_ONBOARD_CONTROLLER, mav.MAV_AUTOPILOT_INVALID)]
+            return [encoder.heartbeat(mav.MAV_TYPE_ONBOARD_CONTROLLER, mav.MAV_AUTOPILOT_INVALID)]
         kind = mav.MAV_TYPE_GENERIC, mav.MAV_AUTOPILOT_GENERIC, mav.MAV_STATE_STANDBY
-        return [heartbeat(*kind)]
+        return [encoder.heartbeat(*kind)]
 
     def _is_due(self, what: str, now_us: int, period_us: int) -> bool:
         """Whether it is time, also when the clock was set back by more than a period.
@@ -186,18 +176,6 @@ class Sender:
             return False
         self._due_us[what] = (due_us if 0 <= late_us < period_us else now_us) + period_us
         return True
-
-
-def _with_covariance(record: AttitudeRecord) -> Message:
-    """The attitude with its sigmas as variances of roll, pitch and yaw."""
-    level = radians(record.sigma_deg.inclination) / RAYLEIGH_68
-    yaw = radians(record.sigma_deg.heading)
-    return attitude_quaternion_cov(
-        record.time_boot_us,
-        record.q_ned_frd,
-        record.rate_rad_s,
-        (level * level, level * level, yaw * yaw),
-    )
 
 
 def announced(opinion: Autopilot) -> str:
@@ -230,10 +208,10 @@ class RecordingSink:
                 continue
             system_id, now_us = output.vehicle.system_id, self._unix_us()
             sender = VehicleId(system_id, mav.MAV_COMP_ID_ONBOARD_COMPUTER)
-            encoder = self._encoders.setdefault(system_id, FrameEncoder(sender))
-            text = f"retuned: {output.retuned}"[:STATUSTEXT_SIZE]
-            messages = statustexts(text, mav.MAV_SEVERITY_INFO, 0)
-            self._recorder.write(now_us, [encoder.frame(each, now_us) for each in messages])
+            own = self._encoders.setdefault(system_id, FrameEncoder(sender))
+            text = f"retuned: {output.retuned}"[: encoder.STATUSTEXT_SIZE]
+            messages = encoder.statustexts(text, mav.MAV_SEVERITY_INFO, 0)
+            self._recorder.write(now_us, [own.frame(each, now_us) for each in messages])
 
     def close(self) -> None:
         """Do nothing: the recorder is closed by its owner."""

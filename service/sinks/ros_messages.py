@@ -7,7 +7,6 @@ the zero at its end. Frames change from NED/FRD to ENU/FLU (REP 103, REP 105) th
 tf2_msgs, diagnostic_msgs. A type's hash is that of REP 2016, the same in Humble, Jazzy and Kilted.
 """
 
-from math import log, radians, sqrt
 from struct import calcsize, pack
 
 from estimator.geometry.frames import flu_from_frd, swap_ned_enu
@@ -53,11 +52,6 @@ IMU_TYPE = (
     "RIHS01_7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b"
 )
 
-# The inclination's error has two components. If each is normal with deviation s, their
-# length is Rayleigh distributed: 68 % of it lies under s sqrt(-2 ln 0.32) = 1.51 s.
-INCLINATION_BOUND_PER_AXIS = sqrt(-2.0 * log(0.32))
-# The heading's error has one component: 68 % of its size lies under 0.99 s, taken as s here.
-
 # By the message's definition: a covariance that is unknown, and a quantity without any value
 UNKNOWN_COVARIANCE = (0.0,) * 9
 NO_VALUE = (-1.0, *(0.0,) * 8)
@@ -87,8 +81,7 @@ def imu_message(record: AttitudeRecord, acc_frd_m_s2: Vec3 | None, frame_id: str
 
 def orientation_covariance(record: AttitudeRecord) -> tuple[float, ...]:
     """Row-major 3x3 (rad^2) about the fixed axes east, north and up, from the estimate's sigmas."""
-    inclination = (radians(record.sigma_deg.inclination) / INCLINATION_BOUND_PER_AXIS) ** 2
-    heading = radians(record.sigma_deg.heading) ** 2
+    inclination, heading = record.variances_rad2
     return (inclination, 0.0, 0.0, 0.0, inclination, 0.0, 0.0, 0.0, heading)
 
 

@@ -1,8 +1,11 @@
 """The loop's tests run in real time: kernels are loaded before them, as the command does."""
 
+import socket
+
 import pytest
 
 from service.process import load_kernels
+from service.zenoh_session import close_session
 from tests.service.flight_rig import SETTLE_S, Rig
 
 PATIENCE_S = 60.0
@@ -19,6 +22,24 @@ def _patient(monkeypatch):
     monkeypatch.setattr("service.sinks.sink.CLOSE_TIMEOUT_S", PATIENCE_S)
     monkeypatch.setattr("service.sinks.sink.LONGEST_WAIT_S", PATIENCE_S)
     monkeypatch.setattr("service.parameters.ANSWER_TIMEOUT_S", PATIENCE_S)
+
+
+@pytest.fixture
+def endpoint():
+    """Where nobody listens, for Zenoh."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+@pytest.fixture
+def session(endpoint):
+    """The service's own, on a port of the test's."""
+    from tests.service.sinks.test_zenoh import open_session, options
+
+    opened = open_session(options(endpoint))
+    yield opened
+    close_session(opened)
 
 
 @pytest.fixture

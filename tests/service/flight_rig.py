@@ -39,6 +39,14 @@ def imu_events(count, *, vehicle=ONE, message="RAW_IMU", seed=0, start_us=START_
     return events
 
 
+def fed(events, pipeline=None):
+    """A pipeline, of the paper's profile if none is given, that has taken the events."""
+    pipeline = pipeline or Pipeline(load_profile("paper"))
+    for event in events:
+        pipeline.handle(event)
+    return pipeline
+
+
 def attitudes(outputs):
     records = [each.record for each in outputs if isinstance(each, Published)]
     return [record for record in records if isinstance(record, AttitudeRecord)]
@@ -154,6 +162,39 @@ def _tilt_deg(q, truth):
 
 def _finite(vector):
     return tuple(max(-1e6, min(1e6, x)) for x in vector)
+
+
+def frozen(*fields):
+    """A change that keeps these readings of the first sample; all of them if none are named."""
+    first = []
+
+    def change(sample):
+        first.append(sample)
+        kept = first[0]
+        if not fields:
+            return kept._replace(time_us=sample.time_us)
+        return sample._replace(**{field: getattr(kept, field) for field in fields})
+
+    return change
+
+
+def spiked(field, sizes, rng, share=0.01, axis=None):
+    """A change that adds one of the sizes to a share of the readings, on one axis or any."""
+
+    def change(sample):
+        if rng.random() > share:
+            return sample
+        values = list(getattr(sample, field))
+        values[rng.randrange(3) if axis is None else axis] += rng.choice(sizes)
+        return sample._replace(**{field: tuple(values)})
+
+    return change
+
+
+def apart_deg(rig, quiet, last=0):
+    """How far the errors of two flights are apart, in the last records or in all."""
+    pairs = zip(rig.errors_deg[-last:], quiet.errors_deg[-last:], strict=True)
+    return [abs(a - b) for a, b in pairs]
 
 
 def states(rig):

@@ -16,7 +16,7 @@ from estimator.geometry.quaternion import conjugate, multiply
 from estimator.profile import load_profile
 from service.pipeline import Pipeline
 from service.records import Replaced
-from tests.service.flight_rig import ONE, START_US, imu_events, texts
+from tests.service.flight_rig import ONE, START_US, fed, imu_events, texts
 
 RATE_HZ = 50.0
 PAPER = load_profile("paper")
@@ -87,8 +87,7 @@ def test_fuzzbee_s_own_vehicle_gets_the_profile_that_fits():
         f"vehicle 1: fuzzbee's own, motion paper, {noisy}"
     ]
     assert pipeline.handle(built_in("paper")) == []
-    for event in imu_events(300):
-        pipeline.handle(event)
+    fed(imu_events(300), pipeline)
     assert pipeline.vehicle(ONE).profile == PAPER
     outputs = pipeline.tick(START_US + 3_000_000)
     assert [o for o in outputs if isinstance(o, Replaced)] == [Replaced(ONE, PAPER)]

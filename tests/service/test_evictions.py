@@ -10,9 +10,10 @@ from drivers.mavlink.framing import Frame, FrameReader
 from drivers.mavlink.gate import MOST_SENDERS as MOST_GATED
 from drivers.mavlink.gate import TAKE_OVER_US, FrameGate, Policy
 from estimator.profile import load_profile
+from service.parameters import MOST_PROFILES
 from service.pipeline import FORGOTTEN_LOOKS, Pipeline
 from service.records import Departed, Message, Published, Replaced
-from tests.service.flight_rig import ONE, START_US, imu_events
+from tests.service.flight_rig import ONE, START_US, fed, imu_events
 
 PAPER = load_profile("paper")
 SECOND_US = 1_000_000
@@ -98,9 +99,7 @@ def departed(outputs):
 
 def test_a_vehicle_is_forgotten_after_an_hour_and_its_parameters_are_not():
     events = imu_events(100)
-    pipeline = Pipeline(PAPER)
-    for event in events:
-        pipeline.handle(event)
+    pipeline = fed(events)
     changed = pipeline.replace_profile(ONE, {"filter": {"gamma": 0.5}})
     outputs, now_us = silence(pipeline, FORGOTTEN_LOOKS - 2, events[-1].arrival_us)
     assert departed(outputs) == []
@@ -127,9 +126,7 @@ def test_heartbeats_alone_keep_a_vehicle():
 
 @pytest.mark.parametrize("step_s", [3700, -3700, 86_400])
 def test_a_set_clock_is_no_silence(step_s):
-    pipeline = Pipeline(PAPER)
-    for event in imu_events(100):
-        pipeline.handle(event)
+    pipeline = fed(imu_events(100))
     now_us = START_US + SECOND_US
     outputs = pipeline.tick(now_us) + pipeline.tick(now_us + step_s * SECOND_US)
     assert departed(outputs) == []
@@ -142,3 +139,16 @@ def test_what_a_sender_was_is_forgotten_by_the_gate():
         assert gate.lets_in(imu_frame(vehicle, 0), "a", arrival_us)
     assert len(gate._addresses) <= MOST_GATED
     assert not gate.lets_in(imu_frame(vehicle, 1), "b", arrival_us + TAKE_OVER_US // 2)
+
+
+def test_of_too_many_profiles_the_one_that_was_kept_first_goes():
+    pipeline = Pipeline(PAPER)
+    left = addresses(MOST_PROFILES + 1)
+    for address in left:
+        pipeline.handle(Heartbeat(address, START_US, 3, 2))
+        pipeline.replace_profile(address, {"filter": {"gamma": 0.5}})
+        pipeline.handle(Forgotten(address, START_US))
+    pipeline.tick(START_US)
+    for address in left[:2]:
+        pipeline.handle(Heartbeat(address, START_US, 3, 2))
+    assert [each.profile.filter.gamma == 0.5 for each in pipeline.vehicles] == [False, True]

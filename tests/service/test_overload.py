@@ -24,7 +24,7 @@ from service.pipeline import Pipeline
 from service.runner import WINDOW_S, WINDOWS_TO_BEGIN, WINDOWS_TO_END, Overload, Runner
 from service.vehicle_status import Load
 from tests.fuzzbee.processes import free_port, started
-from tests.service.flight_rig import ONE, START_US, attitudes, imu_events, statuses, texts
+from tests.service.flight_rig import ONE, START_US, attitudes, fed, imu_events, statuses, texts
 
 
 @pytest.mark.parametrize(
@@ -46,10 +46,8 @@ def test_an_overload_begins_and_ends_with_what_is_left_out(is_full, windows):
 
 
 def test_while_samples_are_left_out_attitudes_are_of_new_ones():
-    pipeline, events = Pipeline(load_profile("paper")), imu_events(20)
-    shedding = Load(is_shedding=True)
-    for event in events[:10]:
-        pipeline.handle(event)
+    events, shedding = imu_events(20), Load(is_shedding=True)
+    pipeline = fed(events[:10])
     begin_us = events[9].arrival_us
     assert len(attitudes(pipeline.tick(begin_us, shedding))) == 1
     assert len(attitudes(pipeline.tick(begin_us + 20_000, shedding))) == 0
@@ -64,10 +62,8 @@ def test_while_samples_are_left_out_attitudes_are_of_new_ones():
 @pytest.mark.parametrize("is_left_out", [True, False])
 def test_whose_samples_are_left_out_is_not_silent(is_left_out):
     """Its last attitude is not sent again; a silent vehicle is degraded."""
-    pipeline, events = Pipeline(load_profile("paper")), imu_events(20)
-    shedding = Load(is_shedding=True)
-    for event in events:
-        pipeline.handle(event)
+    events, shedding = imu_events(20), Load(is_shedding=True)
+    pipeline = fed(events)
     begin_us = events[-1].arrival_us
     states = [each.state for each in attitudes(pipeline.tick(begin_us, shedding))]
     for now_us in range(begin_us + 520_000, begin_us + 4_000_000, 20_000):
@@ -83,9 +79,8 @@ def test_whose_samples_are_left_out_is_not_silent(is_left_out):
 
 
 def test_after_a_stop_of_ours_nobody_is_reported_to_be_silent():
-    pipeline, events = Pipeline(load_profile("paper")), imu_events(10)
-    for event in events:
-        pipeline.handle(event)
+    events = imu_events(10)
+    pipeline = fed(events)
     later_us = events[-1].arrival_us + 9_000_000
     pipeline.tick(events[-1].arrival_us)
     assert texts(pipeline.tick(later_us, Load(has_just_woken=True))) == []
@@ -94,14 +89,11 @@ def test_after_a_stop_of_ours_nobody_is_reported_to_be_silent():
 
 
 def test_samples_are_counted_that_were_left_out_before_the_first_was_taken():
-    pipeline = Pipeline(load_profile("paper"))
-    for message, samples in (("RAW_IMU", 3), ("RAW_IMU", 4)):
-        pipeline.handle(Shed(ONE, 0, message, samples))
+    pipeline = fed(Shed(ONE, 0, "RAW_IMU", samples) for samples in (3, 4))
     assert pipeline.vehicle(ONE).imu.shed == 7
     pipeline.handle(Shed(ONE, 0, "SCALED_IMU2", 9))  # of the same instants
     assert pipeline.vehicle(ONE).imu.shed == 9
-    for event in imu_events(3):
-        pipeline.handle(event)
+    fed(imu_events(3), pipeline)
     assert pipeline.vehicle(ONE).imu.message == "RAW_IMU"
     pipeline.handle(Shed(ONE, 0, "SCALED_IMU2", 9))
     pipeline.handle(Shed(ONE, 0, "RAW_IMU", 1))
@@ -159,8 +151,9 @@ class GivenLink:
 
     def drain(self, timeout_s):
         self._receive()
-        if not len(self._queue):
-            self._clock.now_s += max(timeout_s, 1e-6)
+        end_s = self._clock.now_s + max(timeout_s, 1e-6)
+        while not len(self._queue) and self._clock.now_s < end_s:
+            self._clock.now_s = min(end_s, self._clock.now_s + 1e-3)
             self._receive()
         events = [e for us, frame in self._queue.take(16) for e in self._decoder.events(frame, us)]
         return events + self._queue.take_shed(self._clock.unix_us())
@@ -232,6 +225,8 @@ def test_what_piled_up_in_a_stop_is_taken():
     later = [a for a in attitudes(got) if a.time_unix_us > START_US + 2_600_000]
     assert len(later) > 10
     assert max(a.age_ms for a in later) < 100.0
+    # each leaves with its sample
+    assert sorted(a.age_ms for a in later)[len(later) // 2] < 2.0
     assert {a.state for a in later} == {"running"}
     (vehicle,) = pipeline.vehicles
     assert vehicle.imu.shed == link.shed == 0

@@ -6,30 +6,36 @@ from itertools import pairwise
 
 import pytest
 
+from drivers.events import VehicleId
 from estimator.errors import InputError
 from estimator.profile import load_profile
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
-from tests.service.flight_rig import ONE, START_US, attitudes, imu_events
-from tests.service.sinks.test_zenoh import endpoint, get, plain_client, service, wait_for  # noqa: F401
+from service.records import Message, Replaced
+from tests.service.flight_rig import ONE, START_US, attitudes, fed, imu_events
+from tests.service.sinks.test_zenoh import get, plain_client, service, wait_for
 from tests.vocabulary import angle_rad
 
 
 @pytest.mark.parametrize("name", ["paper", "imu"])
 def test_another_profile_goes_on_from_the_same_estimate(name):
-    pipeline = Pipeline(load_profile(name))
     events = imu_events(500)
-    for event in events[:-1]:
-        pipeline.handle(event)
+    pipeline = fed(events[:-1], Pipeline(load_profile(name)))
     vehicle = pipeline.vehicle(ONE)
     before = vehicle.estimator.snapshot
     now_us = START_US + 5_000_000
     (shown,) = attitudes(pipeline.tick(now_us))
-    pipeline.replace_profile(ONE, {"filter": {"gamma": 0.0}, "confidence": {"magnetic": 0.2}})
+    changes = {"filter": {"gamma": 0.0}, "confidence": {"magnetic": 0.2}}
+    profile = pipeline.replace_profile(ONE, changes)
+    assert vehicle.profile == profile
+    assert (profile.filter.gamma, profile.confidence.magnetic) == (0.0, 0.2)
     assert vehicle.estimator.snapshot.core.filter == before.core.filter
     again = vehicle.estimator.attitude(shown.time_boot_us)
     assert angle_rad(shown.q_ned_frd, again.q_ned_frd) < 1e-12
-    (after,) = attitudes(pipeline.tick(now_us + 10_000))
+    outputs = pipeline.tick(now_us + 10_000)
+    assert outputs[:2] == [Replaced(ONE, profile), Message("vehicle 1: new parameters")]
+    assert Replaced(ONE, profile) not in pipeline.tick(now_us + 20_000)
+    (after,) = attitudes(outputs)
     assert after.sequence == shown.sequence + 1
     pipeline.handle(events[-1])
     bias = vehicle.estimator.snapshot.core.filter.gyr_bias_rad_s
@@ -41,13 +47,9 @@ def test_another_profile_goes_on_from_the_same_estimate(name):
     ("partial", "words"),
     [
         ({"filter": {"gama": 1}}, "gama"),
-        ({"filter": {"gamma": "much"}}, "gamma"),
         ({"filter": 3}, "filter"),
         ({"surprise": {}}, "surprise"),
-        ({"filters": {}}, "filters"),
-        ({"membership": {"k1": 9.0}}, "k1"),
         ({"membership": {"k1": float("nan")}}, "membership.k1"),
-        ({"membership": {"k23": 0.5}}, "k23"),
         ({"conditioning": {"enabled": 1}}, "conditioning.enabled"),
         ({"reference": {"gravity": [0, 0, 0]}}, "reference.gravity"),
         ({"filter": {"gamma": float("inf")}}, "finite"),
@@ -55,11 +57,12 @@ def test_another_profile_goes_on_from_the_same_estimate(name):
     ],
 )
 def test_what_cannot_be_used_is_refused_by_name_and_changes_nothing(partial, words):
-    pipeline = Pipeline(load_profile("imu"))
-    pipeline.handle(imu_events(1)[0])
+    pipeline = fed(imu_events(1), Pipeline(load_profile("imu")))
     before = pipeline.vehicle(ONE).profile
     with pytest.raises(InputError, match=f"profile update: .*{words}"):
         pipeline.replace_profile(ONE, partial)
+    with pytest.raises(InputError, match="no vehicle"):
+        pipeline.replace_profile(VehicleId(9, 1), {})
     assert pipeline.vehicle(ONE).profile is before
 
 
@@ -105,7 +108,7 @@ HOSTILE = {
 }
 
 
-def test_a_hostile_payload_is_answered_with_one_line_and_the_service_goes_on(endpoint):  # noqa: F811
+def test_a_hostile_payload_is_answered_with_one_line_and_the_service_goes_on(endpoint):
     with service(endpoint), plain_client(endpoint) as client:
         wait_for(lambda: get(client, "test/1/attitude"))
         for name, payload in HOSTILE.items():
@@ -119,7 +122,7 @@ def test_a_hostile_payload_is_answered_with_one_line_and_the_service_goes_on(end
         assert profile["filter"]["gamma"] == 0.5
 
 
-def test_replacements_under_load_are_answered_one_by_one(endpoint):  # noqa: F811
+def test_replacements_under_load_are_answered_one_by_one(endpoint):
     """Three clients, every second request wrong, at 100 attitudes a second."""
     got, answers = [], []
 

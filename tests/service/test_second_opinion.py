@@ -4,7 +4,6 @@ from math import atan2, cos, degrees, hypot, radians, sin
 
 import pytest
 
-from drivers.events import ReferenceAttitude
 from estimator.geometry.earth import PlaceField
 from estimator.geometry.quaternion import multiply, rotate_inverse
 from estimator.types import Attitude, ImuSample
@@ -17,7 +16,6 @@ from service.second_opinion import (
     differences,
     in_words,
 )
-from tests.service.flight_rig import ONE
 
 PLACE = PlaceField(radians(10.0), radians(60.0), 0.5)
 FIELD = (0.25 * cos(radians(10.0)), 0.25 * sin(radians(10.0)), 0.5 * sin(radians(60.0)))
@@ -41,7 +39,7 @@ def attitude(q, time_us=0, *, sigma_deg=1.0, heading_sigma_deg=2.0, north="true"
 def looked(opinion, time_us, theirs, ours, force, field, place=None, faults=NONE):
     """One look; force and field are in NED."""
     sample = ImuSample(time_us, (0.0, 0.0, 0.0), force, field or (0.0, 0.0, 0.0), bool(field))
-    opinion.look(Look(time_us, "ATTITUDE", theirs, ours, sample, place, faults))
+    opinion.compare(Look(time_us, "ATTITUDE", theirs, ours, sample, place, faults))
 
 
 def reported(
@@ -158,8 +156,7 @@ def test_intervals_are_kept_with_their_largest_difference():
 def test_ours_is_turned_back_to_the_autopilots_time_by_its_rate(behind_us, off_deg):
     spinning, opinion = attitude(TRUE, rate=(0.0, 0.0, radians(50.0))), SecondOpinion()
     sample = ImuSample(behind_us, (0.0, 0.0, 0.0), (0.0, 0.0, -9.81), FIELD, True)
-    event = ReferenceAttitude(ONE, 0, 0, "autopilot", "ATTITUDE", TRUE)
-    opinion.compare(event, TRUE, spinning, sample, None, "")
+    opinion.compare(Look(0, "ATTITUDE", TRUE, spinning, sample, None))
     assert opinion.opinion.heading_deg == pytest.approx(off_deg, abs=0.1)
 
 
@@ -230,3 +227,10 @@ def test_a_look_at_an_earlier_time_begins_anew():
     assert opinion.opinion.verdict is Verdict.DIFFERS
     reported(TRUE, wrong, seconds=0.4, opinion=opinion)
     assert opinion.opinion.verdict is Verdict.CANNOT_TELL
+
+
+def test_a_roll_of_almost_a_half_turn_differs_by_the_short_way():
+    opinion = SecondOpinion()
+    ours, theirs = turn(NORTH, 178.8), turn(NORTH, -178.8)
+    looked(opinion, 0, theirs, attitude(ours), (0.0, 0.0, 9.8), None)
+    assert opinion.record(0).roll_deg == pytest.approx(2.4, abs=0.01)

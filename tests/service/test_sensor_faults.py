@@ -7,17 +7,11 @@ import pytest
 
 from drivers.mavlink.constants import mavlink
 from service.records import State
-from tests.service.flight_rig import SETTLE_S, Rig, states
+from tests.service.flight_rig import SETTLE_S, Rig, apart_deg, frozen, spiked, states
 
 
 def test_a_stuck_imu_is_refused_and_the_attitude_degraded_then_lost(rig):
-    stuck = []
-
-    def change(sample):
-        stuck.append(sample)
-        return stuck[0]._replace(time_us=sample.time_us)
-
-    rig.fly(10.0, change)
+    rig.fly(10.0, frozen())
     assert rig.rejected["stuck"] > 400
     assert states(rig) == ["running", "degraded"]
     assert rig.vehicle.state is State.LOST
@@ -29,25 +23,18 @@ def test_a_stuck_imu_is_refused_and_the_attitude_degraded_then_lost(rig):
 
 @pytest.mark.parametrize("seed", [3, 17])
 @pytest.mark.parametrize(
-    ("sensor", "reading"),
+    ("sensor", "reading"),  # the last one if none
     [
-        ("gyr_rad_s", "last"),
-        ("gyr_rad_s", "zero"),
-        ("gyr_rad_s", "other"),
-        ("acc_m_s2", "last"),
-        ("acc_m_s2", "other"),
+        ("gyr_rad_s", None),
+        ("gyr_rad_s", (0.0, 0.0, 0.001)),
+        ("gyr_rad_s", (0.5, 0.0, 0.1)),
+        ("acc_m_s2", None),
+        ("acc_m_s2", (0.0, 0.0, -9.75)),
     ],
 )
 def test_one_stuck_sensor_is_refused_and_the_attitude_degraded_then_lost(sensor, reading, seed):
     rig = Rig(seed=seed).fly(SETTLE_S)
-    other = {"gyr_rad_s": (0.5, 0.0, 0.1), "acc_m_s2": (0.0, 0.0, -9.75)}[sensor]
-    stuck = {"last": [], "zero": [(0.0, 0.0, 0.001)], "other": [other]}[reading]
-
-    def change(sample):
-        stuck.append(getattr(sample, sensor))
-        return sample._replace(**{sensor: stuck[0]})
-
-    rig.fly(10.0, change)
+    rig.fly(10.0, (lambda s: s._replace(**{sensor: reading})) if reading else frozen(sensor))
     name = {"gyr_rad_s": "gyroscope_stuck", "acc_m_s2": "accelerometer_stuck"}[sensor]
     assert rig.rejected[name] > 400
     assert rig.vehicle.state is State.LOST
@@ -70,13 +57,7 @@ def test_a_sensor_stuck_for_less_than_half_a_second_is_a_gap(fields, seconds, be
         rig = Rig("imu", seed=seed).fly(SETTLE_S)
         for _ in range(4):
             rig.fly(1.7)
-            kept = []
-
-            def change(sample, kept=kept):
-                kept.append(sample)
-                return sample._replace(**{name: getattr(kept[0], name) for name in fields})
-
-            rig.fly(seconds, change)
+            rig.fly(seconds, frozen(*fields))
             covered += [
                 error_deg < record.sigma_deg.inclination
                 for error_deg, record in zip(rig.tilt_errors_deg[2:], rig.records[2:], strict=True)
@@ -127,9 +108,9 @@ def test_after_a_saturated_gyroscope_the_attitude_is_aligned_anew(profile, limit
     rig.fly(5.0)
     quiet.fly(5.0)
     assert sum("aligning anew" in text for text in rig.messages) == 1
-    last = slice(-200, None)  # behind the alignment
-    apart = [abs(a - b) for a, b in zip(rig.errors_deg[last], quiet.errors_deg[last], strict=True)]
-    assert max(apart) == pytest.approx({"paper": 0.89, "imu": 0.82}[profile], rel=0.2)
+    behind_the_alignment = apart_deg(rig, quiet, last=200)
+    expected_deg = {"paper": 0.89, "imu": 0.82}[profile]
+    assert max(behind_the_alignment) == pytest.approx(expected_deg, rel=0.2)
 
 
 def highres(sample, **fields):
@@ -184,34 +165,18 @@ def test_impossible_magnitudes_are_refused():
     ],
 )
 def test_spikes_on_one_axis_move_the_estimate_little(sensor, size, mean_deg, most_deg, axis):
-    rig, rng = Rig("imu").fly(SETTLE_S), random.Random(5)
-    quiet = Rig("imu").fly(SETTLE_S)
+    rig, quiet = Rig("imu").fly(SETTLE_S), Rig("imu").fly(SETTLE_S)
+    rig.fly(10.0, spiked(sensor, (-size, size), random.Random(5), axis=axis))
     quiet.fly(10.0)
-
-    def change(sample):
-        if rng.random() > 0.01:
-            return sample
-        values = list(getattr(sample, sensor))
-        values[axis] += rng.choice((-1, 1)) * size
-        return sample._replace(**{sensor: tuple(values)})
-
-    rig.fly(10.0, change)
-    apart = [abs(a - b) for a, b in zip(rig.errors_deg, quiet.errors_deg, strict=True)]
+    apart = apart_deg(rig, quiet)
     assert sum(apart) / len(apart) < mean_deg
     assert max(apart) < most_deg
 
 
 @pytest.mark.parametrize("rate_hz", [50.0, 100.0, 200.0])
 def test_large_spikes_of_the_gyroscope_are_refused_and_the_estimate_holds(rate_hz):
-    rig, rng = Rig(rate_hz=rate_hz, seed=8).fly(SETTLE_S), random.Random(5)
-
-    def change(sample):
-        gyr = list(sample.gyr_rad_s)
-        if rng.random() < 0.01:
-            gyr[rng.randrange(3)] += rng.choice((-25.0, 25.0))
-        return sample._replace(gyr_rad_s=tuple(gyr))
-
-    rig.fly(10.0, change)
+    rig = Rig(rate_hz=rate_hz, seed=8).fly(SETTLE_S)
+    rig.fly(10.0, spiked("gyr_rad_s", (-25.0, 25.0), random.Random(5)))
     assert set(rig.rejected) == {"gyroscope_spike"}
     assert max(rig.errors_deg) == pytest.approx(1.06, rel=0.2)  # 1.00 to 1.11
 
@@ -236,13 +201,7 @@ def test_without_the_magnetometer_the_heading_goes_on_and_its_bound_grows():
 
 
 def test_a_stuck_magnetometer_is_absent_and_counted(rig):
-    first = []
-
-    def change(sample):
-        first.append(sample.mag_gauss)
-        return sample._replace(mag_gauss=first[0])
-
-    rig.fly(10.0, change)
+    rig.fly(10.0, frozen("mag_gauss"))
     assert rig.rejected["magnetometer_stuck"] > 320  # measured 401
     assert states(rig) == ["running"]
 

@@ -20,13 +20,16 @@ def feed(choice, *messages, start_us=0, step_us=10_000):
     return choice.message
 
 
+RAW, SCALED, SECOND, THIRD = "RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3"
+
+
 @pytest.mark.parametrize(
     ("messages", "used"),
     [
-        (["SCALED_IMU2"], "SCALED_IMU2"),
-        (["RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3"] * 20, "RAW_IMU"),
-        (["SCALED_IMU2", "RAW_IMU", "SCALED_IMU2", "RAW_IMU"], "SCALED_IMU2"),
-        (["SCALED_IMU2", "RAW_IMU", "SCALED_IMU2", "RAW_IMU", "RAW_IMU"], "RAW_IMU"),  # steady
+        ([SECOND], SECOND),
+        ([RAW, SCALED, SECOND, THIRD] * 20, RAW),
+        ([SECOND, RAW, SECOND, RAW], SECOND),
+        ([SECOND, RAW, SECOND, RAW, RAW], RAW),  # steady
         (["sensor_combined", "IMU"], "sensor_combined"),  # of log formats
     ],
 )
@@ -34,19 +37,34 @@ def test_the_first_is_used_until_a_better_one_is_steady(messages, used):
     assert feed(ImuChoice(), *messages) == used
 
 
-def test_a_preferred_message_now_and_then_does_not_take_over():
-    choice = ImuChoice("HIGHRES_IMU")
-    for second in range(20):
-        used = feed(choice, "RAW_IMU", *["HIGHRES_IMU"] * 50, start_us=second * 1_000_000)
-        assert used == "HIGHRES_IMU"
-
-
-def test_change_over_when_the_chosen_one_is_silent_while_the_other_comes():
-    """At 50 Hz after half a second, but not by the first message after an outage of both."""
-    choice = ImuChoice()
-    feed(choice, "RAW_IMU")  # and after a minute of nothing:
-    assert feed(choice, *["SCALED_IMU2"] * 50, start_us=60_000_000) == "RAW_IMU"
-    assert feed(choice, "SCALED_IMU2", start_us=60_500_000) == "SCALED_IMU2"
+@pytest.mark.parametrize(
+    ("in_use", "stretches", "used"),
+    [
+        # a preferred one that comes now and then
+        ("HIGHRES_IMU", [(k * 1_000_000, 10_000, RAW, *["HIGHRES_IMU"] * 50) for k in range(20)],
+         ["HIGHRES_IMU"] * 20),
+        # at 50 Hz after half a second of silence, but not at once after an outage of both
+        (RAW, [(60_000_000, 10_000, *[SECOND] * 50), (60_500_000, 0, SECOND)], [RAW, SECOND]),
+        # the second IMU is the stand-in, not the third
+        (RAW, [(20_000, 20_000, *[THIRD, SECOND] * 16)], [SECOND]),
+        # RAW_IMU at 2.5 Hz beside a fast second IMU: each is in time for the one before it
+        (SECOND, [(400_000 * k, 10_000, SECOND, RAW) for k in range(1, 4)], [SECOND, SECOND, RAW]),
+        # a stand-in may come once a second
+        (RAW, [(1_000_000 * k, 0, SECOND) for k in range(1, 5)], [RAW, RAW, SECOND, SECOND]),
+        # one that another has stood in for has to be back for as long
+        (RAW, [(20_000, 20_000, *[SECOND] * 40), (800_000, 20_000, *[RAW, SECOND] * 9)],
+         [SECOND] * 2),
+        # one that pauses begins anew
+        (SECOND,
+         [(10_000, 10_000, RAW, RAW, SECOND), (300_000, 300_000, *[SECOND] * 5),
+          (1_510_000, 0, RAW)], [SECOND] * 3),
+    ],
+)  # fmt: skip
+def test_another_one_takes_over_once_it_has_proved_itself(in_use, stretches, used):
+    """Stretches of messages: where they begin, their step (us), and the one in use after each."""
+    choice = ImuChoice(in_use)
+    found = [feed(choice, *each, start_us=at, step_us=step) for at, step, *each in stretches]
+    assert found == used
 
 
 def alternate(drops, period_us, seconds, seed=0):
@@ -76,34 +94,6 @@ def test_an_imu_that_is_gone_is_replaced_and_used_again_when_it_is_back_for_good
     assert used == ["RAW_IMU", "SCALED_IMU2"]
     assert alternate([gone, *flicker], 250_000, 110) == used
     assert alternate([gone, *flicker], 250_000, 200) == [*used, "RAW_IMU"]
-
-
-def test_the_second_imu_is_the_stand_in_not_the_third():
-    choice = ImuChoice("RAW_IMU")
-    for k in range(60):
-        used = feed(choice, "SCALED_IMU3", "SCALED_IMU2", start_us=20_000 * (k + 1), step_us=10)
-    assert used == "SCALED_IMU2"
-
-
-def test_a_slow_but_steady_preferred_message_proves_itself_by_its_last_arrival():
-    """RAW_IMU at 2.5 Hz beside a fast second IMU: each is in time for the one before it."""
-    choice = ImuChoice("SCALED_IMU2")
-    used = [feed(choice, "SCALED_IMU2", "RAW_IMU", start_us=400_000 * k) for k in range(1, 4)]
-    assert used == ["SCALED_IMU2", "SCALED_IMU2", "RAW_IMU"]
-
-
-def test_a_stand_in_may_come_once_a_second():
-    choice = ImuChoice("RAW_IMU")
-    used = [feed(choice, "SCALED_IMU2", start_us=1_000_000 * second) for second in range(1, 5)]
-    assert used == ["RAW_IMU", "RAW_IMU", "SCALED_IMU2", "SCALED_IMU2"]
-
-
-def test_one_that_pauses_begins_anew():
-    choice = ImuChoice("SCALED_IMU2")
-    feed(choice, "RAW_IMU", "RAW_IMU", "SCALED_IMU2", start_us=10_000)
-    for k in range(5):
-        feed(choice, "SCALED_IMU2", start_us=300_000 * (k + 1))
-    assert feed(choice, "RAW_IMU", start_us=1_510_000) == "SCALED_IMU2"
 
 
 @pytest.mark.parametrize(

@@ -29,29 +29,23 @@ class Watched(Estimator):
         self.calls = []
         super().__init__(profile)
 
-    def restart(self):
-        self.calls.append("restart")
-        super().restart()
+    def lags_ms(self):
+        """Those of gyroscope and accelerometer that it was given."""
+        lags = [values for name, *values in self.calls if name == "set_imu_lag"]
+        return [tuple(round(1e3 * lag_s, 2) for lag_s in each) for each in lags]
 
-    def change_imu(self):
-        self.calls.append("change_imu")
-        super().change_imu()
 
-    def set_field_calibrated(self, calibrated):
-        self.calls.append(calibrated)
-        super().set_field_calibrated(calibrated)
+def watched(name):
+    def call(self, *values):
+        self.calls.append((name, *values))
+        return getattr(Estimator, name)(self, *values)
 
-    def set_imu_lag(self, gyr_s, acc_s):
-        self.calls.append(("lag", round(1e3 * gyr_s, 2), round(1e3 * acc_s, 2)))
-        super().set_imu_lag(gyr_s, acc_s)
+    return call
 
-    def set_vehicle_class(self, vehicle_class):
-        self.calls.append(vehicle_class)
-        super().set_vehicle_class(vehicle_class)
 
-    def update_report(self, report):
-        self.calls.append(report)
-        return super().update_report(report)
+CLASS, CALIBRATED = "set_vehicle_class", "set_field_calibrated"
+for each in (CLASS, CALIBRATED, "restart", "change_imu", "set_imu_lag", "update_report"):
+    setattr(Watched, each, watched(each))
 
 
 @pytest.fixture
@@ -96,7 +90,7 @@ def test_another_imu_takes_over_after_half_a_second_with_its_own_bias(vehicle):
     assert vehicle.estimator.calls == []
     vehicle.on_imu(imu(36 * PERIOD_US, "SCALED_IMU2"))  # 0.52 s after it
     assert vehicle.imu.message == "SCALED_IMU2"
-    assert vehicle.estimator.calls == ["change_imu"]
+    assert vehicle.estimator.calls == [("change_imu",)]
     assert status(vehicle, START_US + 36 * PERIOD_US).other_imus == {}
     # its rate is measured anew, and the way from one IMU to the other is no period
     assert vehicle.imu.median_period_us == 0.0
@@ -134,9 +128,9 @@ def test_a_compass_is_judged_by_all_three_offsets(vehicle):
     report(vehicle, Parameter(ONE, START_US, "COMPASS_OFS2_X", 3.0))  # of another compass
     assert vehicle.estimator.calls == []
     offset("Z", 0.0)
-    assert vehicle.estimator.calls == [False]
+    assert vehicle.estimator.calls == [(CALIBRATED, False)]
     offset("Y", 12.0)  # one that is not zero is enough
-    assert vehicle.estimator.calls == [False, True]
+    assert vehicle.estimator.calls == [(CALIBRATED, False), (CALIBRATED, True)]
 
 
 def test_the_rate_is_that_of_the_imu_and_nothing_once_it_is_silent(vehicle):
@@ -197,7 +191,7 @@ def test_rates_stamped_by_another_clock_than_the_imu_s_are_not_used(vehicle, off
     arrival_us = START_US + 10 * PERIOD_US + 3_000
     sample = RateSample(10 * PERIOD_US + 1_000 + off_us, (0.1, 0.2, 0.3))
     vehicle.on_report(BodyRates(ONE, arrival_us, "ATTITUDE", sample))
-    assert (sample in vehicle.estimator.calls) == taken
+    assert (("update_report", sample) in vehicle.estimator.calls) == taken
 
 
 def test_rates_before_the_first_imu_sample_are_not_used(vehicle):
@@ -218,7 +212,7 @@ def test_the_sensors_filters_show_how_old_the_samples_are(vehicle):
     for cutoff_hz in (4.0, 0.0, 4.0):  # none: nothing is known; again: what was learnt stays
         report(vehicle, Parameter(ONE, START_US, "INS_GYRO_FILTER", cutoff_hz))
     report(vehicle, Parameter(ONE, START_US, "INS_ACCEL_FILTER", 10.0))
-    assert vehicle.estimator.calls == [("lag", 56.27, 56.27), ("lag", 56.27, 22.51)]
+    assert vehicle.estimator.lags_ms() == [(56.27, 56.27), (56.27, 22.51)]
     vehicle.estimator.restart()
     known = vehicle.estimator.snapshot.context
     assert (known.imu_lag_s, known.acc_lead_s) == pytest.approx((0.05627, 0.03376), abs=1e-5)
@@ -228,8 +222,9 @@ def test_a_heartbeat_shows_what_carries_the_imu(vehicle):
     """MAV_TYPE_GROUND_ROVER, MAV_TYPE_QUADROTOR, _GENERIC; who is not armed may be in a hand."""
     for vehicle_type, is_armed in ((10, True), (10, False), (2, True), (2, False), (0, True)):
         vehicle.take(Heartbeat(ONE, START_US + 5, 12, vehicle_type, is_armed))
-    wheels, anything = VehicleClass.WHEELS, VehicleClass.ANYTHING
-    assert vehicle.estimator.calls == [wheels, wheels, VehicleClass.VEHICLE, anything, anything]
+    wheels, plain, anything = VehicleClass.WHEELS, VehicleClass.VEHICLE, VehicleClass.ANYTHING
+    expected = [wheels, wheels, plain, anything, anything]
+    assert vehicle.estimator.calls == [(CLASS, each) for each in expected]
     assert vehicle.last_arrival_us == START_US + 5
 
 
@@ -240,5 +235,4 @@ def test_ardupilots_rovers_filter_at_4_and_10_hz_unless_a_parameter_differs(vehi
     vehicle.take(rover)
     report(vehicle, Parameter(ONE, START_US, "INS_GYRO_FILTER", 20.0))
     vehicle.take(rover)
-    lags = [call for call in vehicle.estimator.calls if isinstance(call, tuple)]
-    assert lags[1:] == [("lag", 56.27, 22.51), ("lag", 11.25, 22.51)]
+    assert vehicle.estimator.lags_ms()[1:] == [(56.27, 22.51), (11.25, 22.51)]

@@ -7,14 +7,7 @@ import os
 from typing import Any
 
 from drivers.endpoint import Endpoint
-from drivers.mavlink.transports.transport import (
-    RECEIVE_BYTES,
-    LinkError,
-    Packet,
-    Transport,
-    reason,
-    unix_us,
-)
+from drivers.mavlink.transports.transport import RECEIVE_BYTES, Packet, Transport, unix_us
 from estimator.errors import InputError
 
 # Bytes that wait for a slow line; when it is full, new frames are dropped
@@ -51,7 +44,7 @@ class SerialLine(Transport):
             data = self._port.read(1)
             data += self._port.read(min(self._port.in_waiting, RECEIVE_BYTES))
         except (OSError, TypeError) as error:  # TypeError: pyserial, closed while reading
-            raise LinkError(_serial_reason(error)) from error
+            raise ConnectionError(_serial_reason(error)) from error
         return [Packet(str(self._endpoint), bytes(data), unix_us())] if data else []
 
     def send(self, data: bytes) -> None:
@@ -59,7 +52,7 @@ class SerialLine(Transport):
             if self._port.out_waiting + len(data) <= MOST_UNSENT_SERIAL_BYTES:
                 self._port.write(data)
         except OSError as error:
-            raise LinkError(_serial_reason(error)) from error
+            raise ConnectionError(_serial_reason(error)) from error
 
     def close(self) -> None:
         if self._port is not None:
@@ -74,4 +67,4 @@ def _serial_reason(error: BaseException) -> str:
         return "not a serial device"
     if number in (errno.EAGAIN, errno.EACCES) and "lock" in str(error):
         return "in use by another program"
-    return reason(number) if number else str(error)
+    return os.strerror(number) if number else str(error)

@@ -4,6 +4,7 @@
 import contextlib
 import errno
 import logging
+import os
 import selectors
 import socket
 import time
@@ -13,12 +14,10 @@ from math import inf
 from drivers.endpoint import Endpoint
 from drivers.mavlink.transports.transport import (
     RECEIVE_BYTES,
-    LinkError,
     Packet,
     Transport,
     listening_socket,
     new_socket,
-    reason,
     resolve,
     unix_us,
 )
@@ -55,7 +54,7 @@ class TcpClient(Transport):
         self._deadline_s = time.monotonic() + CONNECT_TIMEOUT_S
         status = self._socket.connect_ex(target)
         if status not in (0, errno.EINPROGRESS, errno.EWOULDBLOCK):
-            raise LinkError(reason(status))
+            raise OSError(status, os.strerror(status))
 
     def receive(self, timeout_s: float) -> list[Packet]:
         assert self._socket is not None
@@ -78,11 +77,11 @@ class TcpClient(Transport):
         assert self._socket is not None
         if not _wait([self._socket], timeout_s, writable=True):
             if time.monotonic() > self._deadline_s:
-                raise LinkError("no answer to the connection request")
+                raise ConnectionError("no answer to the connection request")
             return
         status = self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
         if status:
-            raise LinkError(reason(status))
+            raise OSError(status, os.strerror(status))
         self._stream = _Stream(self._socket)
 
 
@@ -110,7 +109,7 @@ class TcpServer(Transport):
         for name, client in list(self._clients.items()):
             try:
                 data = client.receive()
-            except LinkError:
+            except OSError:
                 data = b""  # it has left
                 self._drop(name)
             if data is not None:
@@ -120,7 +119,7 @@ class TcpServer(Transport):
     def send(self, data: bytes) -> None:
         for client in self._clients.values():
             # the reader notices a broken client
-            with contextlib.suppress(LinkError):
+            with contextlib.suppress(OSError):
                 client.send(data)
 
     def credit(self, peer: str) -> None:
@@ -139,7 +138,7 @@ class TcpServer(Transport):
                 accepted, sender = listener.accept()
             except OSError as error:  # nobody there, or gone again
                 if error.errno in NO_DESCRIPTORS:  # who waits makes every look end at once
-                    self._warn(reason(error.errno))
+                    self._warn(str(error.strerror))
                     time.sleep(NO_DESCRIPTORS_REST_S)
                 return
             if len(self._clients) >= MOST_TCP_CLIENTS and not self._make_room(sender[0]):
@@ -196,17 +195,15 @@ class _Stream:
         """Bytes; None if there are none yet.
 
         Raises:
-            LinkError: the connection broke, or the other side has closed it.
+            OSError: the connection broke, or the other side has closed it.
         """
         self.send(b"")
         try:
             data = self.socket.recv(RECEIVE_BYTES)
         except (BlockingIOError, InterruptedError):
             return None
-        except OSError as error:
-            raise LinkError(reason(error.errno)) from error
         if not data:
-            raise LinkError("closed by the other side")
+            raise ConnectionError("closed by the other side")
         return data
 
     def send(self, data: bytes) -> None:
@@ -214,12 +211,8 @@ class _Stream:
             self.unsent += data
         if not self.unsent:
             return
-        try:
+        with contextlib.suppress(BlockingIOError, InterruptedError):
             del self.unsent[: self.socket.send(self.unsent)]
-        except (BlockingIOError, InterruptedError):
-            return
-        except OSError as error:
-            raise LinkError(reason(error.errno)) from error
 
 
 def _wait(sockets: list[socket.socket], timeout_s: float, *, writable: bool = False) -> bool:

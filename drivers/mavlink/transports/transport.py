@@ -3,8 +3,8 @@
 A transport is used by one thread only. ``receive`` is the only call that
 waits. What a person got wrong (a taken port, a missing device, an unknown
 host) raises :class:`~estimator.errors.InputError` from ``open``; what may come
-back by itself raises :class:`LinkError`, after which the owner closes the
-transport and opens it again. Below it: what UDP and TCP have in common.
+back by itself raises ``OSError``, after which the owner closes the transport
+and opens it again. Below it: what UDP and TCP have in common.
 """
 
 import errno
@@ -22,10 +22,6 @@ from estimator.errors import InputError
 def unix_us() -> int:
     """Now, by the host's clock, in Unix microseconds."""
     return time.time_ns() // 1000
-
-
-class LinkError(OSError):
-    """Raised when a link broke or could not be made yet; the message is the reason."""
 
 
 class Packet(NamedTuple):
@@ -71,7 +67,7 @@ class Transport(ABC):
 
         Raises:
             InputError: a port is taken, a device is missing, a host unknown.
-            LinkError: it may work later.
+            OSError: it may work later.
         """
 
     @abstractmethod
@@ -79,7 +75,7 @@ class Transport(ABC):
         """What has arrived, after at most ``timeout_s``.
 
         Raises:
-            LinkError: the link broke.
+            OSError: the link broke.
         """
 
     @abstractmethod
@@ -87,7 +83,7 @@ class Transport(ABC):
         """Send whole frames to every peer; what cannot be sent now may be dropped.
 
         Raises:
-            LinkError: the link broke.
+            OSError: the link broke.
         """
 
     def close(self) -> None:
@@ -141,7 +137,7 @@ def listening_socket(endpoint: Endpoint, kind: int) -> socket.socket:
         created.bind(local)
     except OSError as error:
         created.close()
-        what = f"cannot listen on {endpoint}: {reason(error.errno)}"
+        what = f"cannot listen on {endpoint}: {error.strerror}"
         raise InputError(what + _way_out(endpoint, error.errno)) from error
     return created
 
@@ -156,8 +152,3 @@ def _way_out(endpoint: Endpoint, number: int | None) -> str:
     if number == errno.EACCES:
         return " (ports below 1024 are for root; choose a higher one)"
     return ""
-
-
-def reason(number: int | None) -> str:
-    """What an error number means, in the system's words."""
-    return os.strerror(number) if number else "unknown error"

@@ -11,12 +11,10 @@ from typing import Any
 from drivers.endpoint import Endpoint
 from drivers.mavlink.transports.transport import (
     RECEIVE_BYTES,
-    LinkError,
     Packet,
     Transport,
     listening_socket,
     new_socket,
-    reason,
     resolve,
     unix_us,
 )
@@ -79,7 +77,7 @@ class _Udp(Transport):
                 break
             except OSError as error:
                 if error.errno not in LOST_DATAGRAM:
-                    raise LinkError(reason(error.errno)) from error
+                    raise
             if own.gettimeout():  # none but the first is waited for
                 own.setblocking(False)
         own.setblocking(False)
@@ -94,7 +92,7 @@ class _Udp(Transport):
             return
         except OSError as error:
             if error.errno not in LOST_DATAGRAM:
-                raise LinkError(reason(error.errno)) from error
+                raise
 
 
 class UdpIn(_Udp):

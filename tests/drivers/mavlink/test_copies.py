@@ -10,7 +10,7 @@ from drivers.events import ClockReset, Imu, RefusedFrames, VehicleId
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.encoder import FrameEncoder, heartbeat, raw_imu
 from drivers.mavlink.framing import FrameReader
-from drivers.mavlink.gate import FrameGate, Policy
+from drivers.mavlink.gate import MOST_SENDERS, FrameGate, Policy
 
 S = 1_000_000
 UNIX_US = 1_790_000_000_000_000
@@ -166,3 +166,15 @@ def test_frames_that_are_missing_took_their_time_however_steadily_the_next_ones_
     events = Wire().play([(10_000 * n, "a", data) for n, data in enumerate(sent)])
     assert sum(isinstance(e, Imu) for e in events) == len(sent)
     assert not [e for e in events if isinstance(e, ClockReset)]
+
+
+def test_a_lost_link_leaves_no_address_behind_but_what_is_known_of_copies():
+    """As many more as the gate remembers can come before it drops who is silent."""
+    wire, data = Wire(), [each for _, each in flight(1.0)][7]
+    wire.play([(0, "a", data)])
+    beats = [FrameEncoder(VehicleId(2 + n % 250, n // 250)).frame(heartbeat(2, 3), 0)
+             for n in range(2 * MOST_SENDERS - 2)]  # fmt: skip
+    wire.play([(3 * S, "a", beat) for beat in beats[: MOST_SENDERS - 1]])
+    wire.gate.forget()
+    wire.play([(4 * S, "a", beat) for beat in beats[MOST_SENDERS - 1 :]])
+    assert refused(wire.play([(5 * S, "b", data)])) == {"duplicate": 1}

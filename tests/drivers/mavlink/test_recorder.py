@@ -5,6 +5,7 @@ import logging
 import os
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -14,11 +15,13 @@ import pytest
 from pymavlink import mavutil
 
 import drivers
+from drivers.endpoint import Endpoint
 from drivers.events import Heartbeat, VehicleId
 from drivers.logs.open import open_log
 from drivers.mavlink import recorder as recorder_module
 from drivers.mavlink import tlog_file
 from drivers.mavlink.encoder import FrameEncoder, attitude, heartbeat
+from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.recorder import RETRY_US, Recorder
 from estimator.errors import InputError
 
@@ -71,6 +74,20 @@ def test_pymavlink_reads_the_recording(tmp_path):
     assert [kind for kind, _ in read] == ["HEARTBEAT", "ATTITUDE", "ATTITUDE", "ATTITUDE"]
     assert [t for _, t in read] == pytest.approx([0, 2.5, 2.5, 2.5], abs=1e-5)
     assert recorder.is_whole
+
+
+def test_a_recording_ends_with_the_link_and_not_with_the_last_look(tmp_path):
+    path, sent = tmp_path / "flight.tlog", [frame() for _ in range(5)]
+    with (
+        Recorder(path) as recorder,
+        MavlinkLink(Endpoint("udpin", "127.0.0.1", 0), recorder) as link,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
+    ):
+        link.drain(0.0)
+        for each in sent:
+            sender.sendto(each, ("127.0.0.1", int(link.address.rpartition(":")[2])))
+    assert path.read_bytes().endswith(sent[-1])
+    assert path.stat().st_size == sum(8 + len(each) for each in sent)
 
 
 def test_an_existing_file_is_continued(tmp_path):
@@ -346,6 +363,7 @@ def test_a_folder_that_is_removed_is_made_again(tmp_path, caplog):
 FILL = """
 import sys, time
 from pathlib import Path
+from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.recorder import RETRY_US, Recorder
 
 folder, frame = Path(sys.argv[1]), bytes((0xFD,)) * 56

@@ -16,7 +16,7 @@ from service.sinks.ros_messages import IMU_TYPE, TF_TYPE, imu_message
 from service.zenoh_session import close_session
 from tests.service import records
 from tests.service.records import UNIX_US, record
-from tests.service.sinks.test_zenoh import endpoint, open_session, options, plain_client, wait_for  # noqa: F401
+from tests.service.sinks.test_zenoh import plain_client, wait_for
 from tests.vocabulary import random_quaternion
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
@@ -97,14 +97,6 @@ def test_any_attitude_is_the_same_rotation_in_other_axes():
         np.testing.assert_allclose(got, expected, atol=1e-12)
 
 
-def test_at_rest_the_acceleration_points_up_in_enu():
-    message = decode(imu_message(record(20, -30, 123), None, "f"))
-    down_frd = Rotation.from_euler("ZYX", [123, -30, 20], degrees=True).inv().apply([0, 0, 1])
-    message = decode(imu_message(record(20, -30, 123), tuple(-9.8 * down_frd), "f"))
-    up = orientation(message).apply(xyz(message.linear_acceleration))
-    np.testing.assert_allclose(up, [0, 0, 9.8], atol=1e-9)
-
-
 def test_without_a_sample_there_is_no_acceleration():
     message = decode(imu_message(record(), None, "f"))
     assert message.linear_acceleration_covariance[0] == -1.0
@@ -170,8 +162,8 @@ def test_a_status_is_a_diagnosis(record, level):
     assert bytes(TYPES.serialize_cdr(message, kind)) == data
 
 
-def test_a_status_is_published_with_the_time_of_the_host(endpoint):  # noqa: F811
-    session, got = open_session(options(endpoint)), []
+def test_a_status_is_published_with_the_time_of_the_host(endpoint, session):
+    got = []
     sink = RosSink(session, "fuzzbee")
     with plain_client(endpoint) as client:
         client.declare_subscriber("0/diagnostics/**", got.append)
@@ -181,8 +173,6 @@ def test_a_status_is_published_with_the_time_of_the_host(endpoint):  # noqa: F81
             return got
 
         wait_for(received)
-    sink.close()
-    close_session(session)
     message = decode(got[0].payload.to_bytes(), "diagnostic_msgs/msg/DiagnosticArray")
     assert message.header.stamp.sec == UNIX_US // 1_000_000
     assert message.status[0].hardware_id == "vehicle_7_154"
@@ -193,8 +183,7 @@ def test_topics_are_names_that_ros_allows():
     assert imu_topic("fleet/2nd-boat", VehicleId(7, 154)) == "/fleet/_2nd_boat/vehicle_7_154/imu"
 
 
-def test_keys_attachments_and_tokens_are_rmw_zenohs(endpoint):  # noqa: F811
-    session = open_session(options(endpoint))
+def test_keys_attachments_and_tokens_are_rmw_zenohs(endpoint, session):
     sink = RosSink(session, "fuzzbee", domain=3)
     sample = ImuSample(0, (0.0, 0.0, 0.0), REST_FRD, (0.0, 0.0, 0.0), has_mag=False)
     got = []
@@ -231,19 +220,16 @@ def test_keys_attachments_and_tokens_are_rmw_zenohs(endpoint):  # noqa: F811
     assert tf == f"{start}/2/MP/%/%/fuzzbee/%tf/{TF_TYPE}/::,10:,:,:,,"
     mangled = "%fuzzbee%vehicle_1%imu/" + key.split("/imu/")[1]
     assert publisher == f"{start}/1/MP/%/%/fuzzbee/{mangled}/::,10:,:,:,,"
-    close_session(session)
 
 
-def test_closing_after_the_session_is_no_error(endpoint):  # noqa: F811
-    session = open_session(options(endpoint))
+def test_closing_after_the_session_is_no_error(session):
     sink = RosSink(session, "fuzzbee")
     close_session(session)
     sink.close()
 
 
-def test_the_topic_of_a_vehicle_that_is_forgotten_is_withdrawn(endpoint):  # noqa: F811
+def test_the_topic_of_a_vehicle_that_is_forgotten_is_withdrawn(endpoint, session):
     """Entities' numbers stay different."""
-    session = open_session(options(endpoint))
     sink = RosSink(session, "fuzzbee", domain=4)
 
     def topics(client):
@@ -259,5 +245,3 @@ def test_the_topic_of_a_vehicle_that_is_forgotten_is_withdrawn(endpoint):  # noq
         sink.handle([Departed(VehicleId(1, 1)), Published(VehicleId(3, 1), record())])
         after = {"%fuzzbee%vehicle_3%imu", "%fuzzbee%vehicle_2%imu", "%tf"}
         wait_for(lambda: topics(client) == after)
-    sink.close()
-    close_session(session)

@@ -1,7 +1,6 @@
 """Real sessions on free loopback ports; the other end uses plain Zenoh, none of our code."""
 
 import json
-import socket
 import time
 from contextlib import contextmanager
 
@@ -24,13 +23,6 @@ from service.zenoh_session import OpeningSession, ZenohOptions, close_session
 from tests.service.flight_rig import Rig
 
 PAPER = load_profile("paper")
-
-
-@pytest.fixture
-def endpoint():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
 def open_session(options):
@@ -251,8 +243,7 @@ def test_a_configuration_file_is_used(endpoint, tmp_path):
     close_session(session)
 
 
-def test_components_other_than_the_autopilot_have_keys_of_their_own(endpoint):
-    session = open_session(options(endpoint))
+def test_components_other_than_the_autopilot_have_keys_of_their_own(endpoint, session):
     sink = ZenohSink(session, "test", PAPER, ParameterRequests())
     status = StatusRecord("waiting", None, 0.0, 0.0, {}, 0, 0, 0)
     sink.handle([Published(VehicleId(1, 154), status), Published(VehicleId(7, 1), status)])
@@ -260,12 +251,11 @@ def test_components_other_than_the_autopilot_have_keys_of_their_own(endpoint):
         replies = dict(get(client, "test/*/status"))
     assert replies.keys() == {"test/1-154/status", "test/7/status"}
     assert replies["test/7/status"] == msgspec.json.decode(msgspec.json.encode(status))
-    sink.close()
 
 
-def test_a_second_service_for_the_same_vehicle_is_noticed(endpoint):
+def test_a_second_service_for_the_same_vehicle_is_noticed(endpoint, session):
     reported = []
-    first = ZenohSink(open_session(options(endpoint)), "test", PAPER, ParameterRequests())
+    first = ZenohSink(session, "test", PAPER, ParameterRequests())
     status = StatusRecord("waiting", None, 0.0, 0.0, {}, 0, 0, 0)
     first.handle([Published(VehicleId(7, 1), status)])
     other = open_session(options(endpoint))
@@ -276,38 +266,32 @@ def test_a_second_service_for_the_same_vehicle_is_noticed(endpoint):
     assert reported == ["test/7"]
     second.handle([Published(VehicleId(7, 1), status)])  # reported once
     assert reported == ["test/7"]
-    for sink in (second, first):
-        sink.close()
+    second.close()
 
 
-def test_a_vehicle_that_is_forgotten_is_withdrawn_and_may_come_back(endpoint):
+def test_a_vehicle_that_is_forgotten_is_withdrawn_and_may_come_back(endpoint, session):
     one, other = VehicleId(1, 1), VehicleId(2, 1)
-    sink = ZenohSink(
-        open_session(options(endpoint)), "test", PAPER, ParameterRequests(), pytest.fail
-    )
+    sink = ZenohSink(session, "test", PAPER, ParameterRequests(), pytest.fail)
     status = StatusRecord("lost", None, 0.0, 0.0, {}, 0, 0, 0)
 
     def alive(client):
         return {str(reply.ok.key_expr) for reply in client.liveliness().get("test/*/alive")}
 
-    try:
-        with plain_client(endpoint) as client:
-            sink.handle([Published(vehicle, status) for vehicle in (one, other)])
-            wait_for(lambda: alive(client) == {"test/1/alive", "test/2/alive"})
-            sink.handle([Departed(one), Departed(one)])
-            wait_for(lambda: alive(client) == {"test/2/alive"})
-            assert [key for key, _ in get(client, "test/*/status")] == ["test/2/status"]
-            assert get(client, "test/1/parameters") == []
-            sink.handle([Published(one, status)])
-            wait_for(lambda: alive(client) == {"test/1/alive", "test/2/alive"})
-            assert [key for key, _ in get(client, "test/1/status")] == ["test/1/status"]
-    finally:
-        sink.close()
+    with plain_client(endpoint) as client:
+        sink.handle([Published(vehicle, status) for vehicle in (one, other)])
+        wait_for(lambda: alive(client) == {"test/1/alive", "test/2/alive"})
+        sink.handle([Departed(one), Departed(one)])
+        wait_for(lambda: alive(client) == {"test/2/alive"})
+        assert [key for key, _ in get(client, "test/*/status")] == ["test/2/status"]
+        assert get(client, "test/1/parameters") == []
+        sink.handle([Published(one, status)])
+        wait_for(lambda: alive(client) == {"test/1/alive", "test/2/alive"})
+        assert [key for key, _ in get(client, "test/1/status")] == ["test/1/status"]
 
 
-def test_all_attitudes_of_a_tick_come_in_one_put(endpoint):
+def test_all_attitudes_of_a_tick_come_in_one_put(endpoint, session):
     """It is JSON by vehicle, with the newest attitude of each."""
-    session, received = open_session(options(endpoint)), []
+    received = []
     vehicles = [VehicleId(1, 1), VehicleId(2, 1), VehicleId(2, 154)]
     record = Rig().fly(2.0).records[-1]
     old = Rig().fly(1.0).records[-1]
@@ -320,7 +304,6 @@ def test_all_attitudes_of_a_tick_come_in_one_put(endpoint):
         sink.handle([])
         wait_for(lambda: received)
     sink.close()
-    close_session(session)
     (payload,) = received
     expected = msgspec.json.decode(msgspec.json.encode(record))
     assert json.loads(payload) == {"1": expected, "2": expected, "2-154": expected}
