@@ -109,31 +109,6 @@ def test_without_a_first_step_the_first_sample_moves_nothing():
     assert attitude.gyro_bias_rad_s == ZERO_VEC3
 
 
-def test_restart_forgets_everything(profile):
-    stream = samples(300)
-    used = fed(profile, stream)
-    used.restart()
-    assert not used.aligned
-    fresh = calibrated(profile)
-    # also when the vehicle's clock starts again
-    for sample in stream[:50]:
-        assert used.update(sample) is None
-        assert fresh.update(sample) is None
-        assert used.snapshot == fresh.snapshot
-
-
-def test_a_restored_snapshot_goes_on_with_the_same_results(profile):
-    stream = samples(400)
-    straight = fed(profile, stream[:200])
-    resumed = Estimator(profile)
-    resumed.snapshot = straight.snapshot
-    for sample in stream[200:]:
-        assert straight.update(sample) is None
-        assert resumed.update(sample) is None
-        assert straight.snapshot == resumed.snapshot
-        assert straight.attitude(sample.time_us) == resumed.attitude(sample.time_us)
-
-
 def test_replacing_the_profile_keeps_the_estimate(profile):
     stream = samples(400)
     estimator, untouched = fed(profile, stream[:200]), fed(profile, stream[:200])
@@ -165,16 +140,6 @@ def test_new_conditioning_parameters_count_at_once_though_the_rate_stays():
         untouched.update(sample)
     gravity = [e.snapshot.core.conditioning.vertical.gravity for e in (changed, untouched)]
     assert gravity[0] != gravity[1]
-
-
-def test_replacing_by_the_same_profile_changes_nothing(profile):
-    stream = samples(300)
-    estimator, untouched = fed(profile, stream[:150]), fed(profile, stream[:150])
-    estimator.replace_profile(merge_profile(profile, {}))
-    for sample in stream[150:]:
-        estimator.update(sample)
-        untouched.update(sample)
-    assert estimator.snapshot == untouched.snapshot
 
 
 @pytest.mark.parametrize(
