@@ -3,14 +3,11 @@
 import numpy as np
 import pytest
 
-from estimator.aiding.phase import Phase
 from estimator.aiding.types import AidingParams
 from estimator.estimator import Estimator
-from estimator.profile import load_profile, merge_profile
 from estimator.types import VelocitySample
-from tests.flight import banked_flight
+from tests.flight import banked_flight, north_known, taken_along
 
-TRUE_NORTH = {"reference": {"declination_deg": 0.0}}
 SAMPLES = 480  # 9.6 s at 50 Hz: in the first banked turn
 
 
@@ -18,13 +15,7 @@ SAMPLES = 480  # 9.6 s at 50 Hz: in the first banked turn
 def flying():
     """A flight, and the state in its turn."""
     flight = banked_flight(seconds=10.0)
-    behind = dict(flight.reports)
-    estimator = Estimator(merge_profile(load_profile("imu"), TRUE_NORTH))
-    for k, sample in enumerate(flight.samples[:SAMPLES]):
-        estimator.update(sample)
-        if k in behind:
-            estimator.update_velocity(behind[k])
-    assert estimator.snapshot.context.phase is Phase.AIDED
+    estimator = taken_along(north_known(), flight, SAMPLES)
     return flight, estimator.profile, estimator.snapshot
 
 
