@@ -6,14 +6,9 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from estimator.conditioning.condition import condition
-from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.state import initial_state
 from estimator.geometry.quaternion import rotate, rotate_inverse
-from estimator.types import Sample
-from tests.estimator.conditioning.motion import fly, resting, tumbling
+from tests.estimator.conditioning.motion import conditioned, fly, resting, tumbling
 
-PARAMS = ConditioningParams()
 DT = 0.01
 
 
@@ -28,13 +23,16 @@ class Headings(NamedTuple):
         return float(np.mean((self.error > 10.0) & (self.error > 3.0 * self.sigma)))
 
 
-def headings(motion, seconds, disturb, params=PARAMS):
+def headings(motion, seconds, disturb):
     """With the field in NED as ``disturb(field, time)`` makes it."""
-    state, error, sigma = initial_state(params), [], []
-    for i, s in enumerate(fly(motion, seconds, DT)):
+
+    def disturbed(i, s):
         field = disturb(rotate(s.q_ned_frd, s.mag), i * DT)
-        mag = rotate_inverse(s.q_ned_frd, field)
-        state, out = condition(params, state, Sample(s.gyr, s.acc, mag, True, DT))
+        return s._replace(mag=rotate_inverse(s.q_ned_frd, field))
+
+    error, sigma = [], []
+    samples = (disturbed(i, s) for i, s in enumerate(fly(motion, seconds, DT)))
+    for s, out, _ in conditioned(samples, DT):
         north = rotate(s.q_ned_frd, out.magnetic_b)
         error.append(abs(degrees(np.arctan2(north[1], north[0]))))
         sigma.append(degrees(out.sigma_heading_rad))

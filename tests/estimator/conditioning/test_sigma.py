@@ -5,23 +5,15 @@ from math import degrees, radians, sin
 import numpy as np
 import pytest
 
-from estimator.conditioning.condition import condition
-from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.state import initial_state
 from estimator.geometry.quaternion import exp, rotate, rotate_inverse
-from estimator.types import Sample
-from tests.estimator.conditioning.motion import fly, tumbling
+from tests.estimator.conditioning.motion import Sample, conditioned, fly, tumbling
 
-PARAMS = ConditioningParams()
 DT = 0.01
-REST = (0.0, 0.0, 0.0)
 
 
 def sigmas_deg(samples):
-    """Inclination's and heading's after the samples (gyr, acc, mag)."""
-    state = initial_state(PARAMS)
-    for gyr, acc, mag in samples:
-        state, out = condition(PARAMS, state, Sample(gyr, acc, mag, True, DT))
+    """Inclination's and heading's after the samples."""
+    *_, (_, out, _) = conditioned(samples, DT)
     return degrees(out.sigma_inclination_rad), degrees(out.sigma_heading_rad)
 
 
@@ -33,7 +25,7 @@ def test_a_force_of_another_size_than_gravity_shows_an_accelerometers_error(
     size_m_s2, inclination_deg, heading_deg
 ):
     """The vehicle rests for half a minute; the dip is 65 degrees."""
-    found = sigmas_deg([(REST, (0.0, 0.0, -size_m_s2), (0.2, 0.0, 0.42))] * 3000)
+    found = sigmas_deg([Sample(acc=(0.0, 0.0, -size_m_s2))] * 3000)
     assert found == (pytest.approx(inclination_deg, rel=0.2), pytest.approx(heading_deg, rel=0.2))
 
 
@@ -44,22 +36,16 @@ def test_a_field_that_turns_to_and_fro_widens_the_headings_sigma(bend_deg, headi
     def distorted():
         for i, s in enumerate(fly(tumbling, 90.0, DT)):
             angle = radians(bend_deg) * sin(2.0 * np.pi * 0.03 * DT * i)
-            m = rotate_about_down(s, angle)
-            yield s.gyr, s.acc, m
+            field = rotate(exp((0.0, 0.0, angle)), rotate(s.q_ned_frd, s.mag))
+            yield s._replace(mag=rotate_inverse(s.q_ned_frd, field))
 
     assert sigmas_deg(distorted())[1] == pytest.approx(heading_deg, rel=0.2)
-
-
-def rotate_about_down(s, angle):
-    """The sample's field, turned about the vertical."""
-    field = rotate(s.q_ned_frd, s.mag)
-    return rotate_inverse(s.q_ned_frd, rotate(exp((0.0, 0.0, angle)), field))
 
 
 @pytest.mark.parametrize(("scale", "heading_deg"), [(1.0, 0.315), (1.25, 18.4)])
 def test_a_magnetometer_with_axes_of_different_scales_widens_the_headings_sigma(scale, heading_deg):
     """On a tumbling vehicle norm and dip vary with the attitude, and so does the heading."""
-    samples = [
-        (s.gyr, s.acc, (s.mag[0], scale * s.mag[1], s.mag[2])) for s in fly(tumbling, 60.0, DT)
-    ]
+    samples = (
+        s._replace(mag=(s.mag[0], scale * s.mag[1], s.mag[2])) for s in fly(tumbling, 60.0, DT)
+    )
     assert sigmas_deg(samples)[1] == pytest.approx(heading_deg, rel=0.2)
