@@ -11,7 +11,7 @@ from drivers.mavlink.constants import mavlink
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.framing import FrameReader
 from drivers.samples.navigation import MOST_INFLATION, STATUS_HOLDS_US
-from tests.drivers.logs import test_dataflash, test_ulog
+from tests.drivers.logs.writers import DataflashWriter, UlogWriter
 
 S = 1_000_000
 UNIX_US = 1_700_000_000 * S
@@ -147,7 +147,7 @@ def test_a_reboot_takes_the_words_back():
 
 
 def dataflash(folder, flags, ratio=0.1):
-    log = test_dataflash.Writer()
+    log = DataflashWriter()
     log.format("XKF4", "QBcccH", "TimeUS,C,SV,SP,SH,SS")
     log.format("XKF1", "QBfff", "TimeUS,C,VN,VE,VD")
     log.format("IMU", "Qffffff", "TimeUS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ")
@@ -169,7 +169,7 @@ def test_an_on_board_log_of_ardupilot(flags, ratio, sigmas, tmp_path):
 
 def ulog(folder, flags, *, ratio=0.1, dead_reckoning=False, primary=0, changes=False):
     """Where the filter in use ``changes`` the first one was, when it said what it says."""
-    log = test_ulog.Writer().sensors()
+    log = UlogWriter().sensors()
     log.sample(S - 1, (0.0, 0.0, 0.0), (0.0, 0.0, -9.8))
     topics = {
         "estimator_selector_status": ("uint8_t primary_instance;", "B", (primary,)),

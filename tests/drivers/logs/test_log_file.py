@@ -14,6 +14,7 @@ from drivers.mavlink.constants import mavlink
 from estimator.errors import InputError
 from tests.drivers.logs import test_dataflash, test_ulog
 from tests.drivers.logs.reading import DATA, gaps_s, imu_times, malformed
+from tests.drivers.logs.writers import DataflashWriter, UlogWriter
 
 LINK = mavlink().MAVLink(None, 1, 1)
 ONE = {"IMU", "RAW_IMU", "sensor_combined"}  # of several that a log has
@@ -67,7 +68,7 @@ def test_each_record_between_damaged_stretches_is_found(tmp_path):
 
     On-board logs' records count if another follows.
     """
-    log, flight = test_dataflash.Writer(), test_ulog.Writer().sensors()
+    log, flight = DataflashWriter(), UlogWriter().sensors()
     log.format("IMU", "Qffffff", "TimeUS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ")
     stamp = (1_700_000_000_000_000).to_bytes(8, "big")
     data = stamp + bytes(mavlink().MAVLink_heartbeat_message(2, 3, 0, 0, 0, 3).pack(LINK))

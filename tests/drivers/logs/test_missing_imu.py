@@ -4,8 +4,7 @@ import pytest
 
 from drivers.mavlink.constants import mavlink
 from fuzzbee.cli import main
-from tests.drivers.logs import test_dataflash
-from tests.drivers.logs.test_logged_faults import json_mcap
+from tests.drivers.logs.writers import DataflashWriter, json_mcap
 
 S = 1_000_000
 UNIX_US = 1_700_000_000 * S
@@ -49,6 +48,13 @@ def test_a_telemetry_log_says_which_message_to_ask_for(autopilot, words, tmp_pat
         assert all(word in line for word in (*words, "--request-rate"))
 
 
+def test_the_heartbeat_of_a_ground_station_is_no_autopilots(tmp_path, capsys):
+    """What a log lacks is asked of its autopilot, whatever else speaks under its system id."""
+    other = m.MAVLink_heartbeat_message(m.MAV_TYPE_GCS, m.MAV_AUTOPILOT_INVALID, 0, 0, 0, 3)
+    line = refusal(capsys, "replay", tlog(tmp_path, PX4, other))
+    assert "HIGHRES_IMU" in line
+
+
 def test_an_imu_of_zeros_is_no_missing_message(tmp_path, capsys):
     zeros = m.MAVLink_scaled_imu2_message(1000, 0, 0, 0, 0, 0, 0, 0, 0, 0)
     line = refusal(capsys, "replay", tlog(tmp_path, ARDUPILOT, zeros))
@@ -57,7 +63,7 @@ def test_an_imu_of_zeros_is_no_missing_message(tmp_path, capsys):
 
 
 def dataflash(folder):
-    log = test_dataflash.Writer()
+    log = DataflashWriter()
     log.format("ATT", "Qccc", "TimeUS,Roll,Pitch,Yaw")
     for k in range(20):
         log.write("ATT", S + k * S // 10, 0.0, 0.0, 1.0)

@@ -11,6 +11,7 @@ from drivers.events import Imu
 from drivers.logs import log_file, ulog
 from drivers.logs.open import open_log
 from tests.drivers.logs import test_dataflash, test_tlog, test_ulog
+from tests.drivers.logs.writers import UlogWriter
 
 READ = """
 import resource, sys
@@ -86,7 +87,7 @@ def test_rows_that_come_late_are_put_in_order(tmp_path, monkeypatch):
     rng = random.Random(3)
     times_us = [1_000_000 + 5000 * k for k in range(400)]
     late = sorted(times_us, key=lambda us: us + rng.randrange(200_000))
-    log = test_ulog.Writer().sensors()
+    log = UlogWriter().sensors()
     for now_us in late:
         log.sample(now_us, test_ulog.noisy(rng, (0, 0, 0)), test_ulog.noisy(rng, (0, 0, -9.8)))
     events = list(open_log(log.save(tmp_path)))

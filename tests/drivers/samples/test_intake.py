@@ -16,7 +16,7 @@ from drivers.events import (
     Velocity,
 )
 from drivers.logs.logged_vehicle import LoggedVehicle
-from drivers.samples.imu_stream import Field, RepeatedField, Stamp
+from drivers.samples.imu_stream import MOST_HELD, Field, ImuStream, RepeatedField, Stamp
 from drivers.samples.intake import Intake
 from drivers.samples.navigation import Fix
 from drivers.samples.vehicle_clock import TimeField
@@ -415,3 +415,19 @@ def test_a_field_repeated_after_the_clock_went_back_is_new():
 @pytest.mark.parametrize("place", [(0, 0), (0, 8.5), (47.4, 0), (47.4, 8.5)])
 def test_on_the_equator_and_on_greenwichs_meridian_there_are_places(place):
     assert Fix(position=(*place, 0.0)).is_solved is any(place)
+
+
+def reading(stream, raw_us):
+    gyr = (1e-3 * (raw_us % 977), 0.01, -0.01)
+    stamp = Stamp(TimeField.TIME_USEC, raw_us, 10**12 + raw_us)
+    return stream.judge(stamp, gyr, (0.1, 0.2, -9.8), Field((0.2, 0.0, 0.4)))
+
+
+def test_a_clock_that_stays_back_holds_no_more_than_so_many():
+    stream, refused = ImuStream(VEHICLE, "RAW_IMU"), 0
+    count = 3 * MOST_HELD + 10
+    for k in range(count):
+        events = stream.refuse(reading(stream, S + 20_000 * k), Reason.OUT_OF_ORDER, 0)
+        refused += len(events)
+        assert k + 1 - refused <= MOST_HELD
+    assert refused + len(stream.end()) == count
