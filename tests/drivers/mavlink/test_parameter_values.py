@@ -10,7 +10,7 @@ from drivers.mavlink.decoder import MOST_WAITING, MavlinkDecoder
 from estimator.profile import load_profile
 from fuzzbee.replays.trace import Replay
 from service.pipeline import Pipeline
-from tests.drivers.mavlink.test_decoder import ARDUPILOT, PX4, S, decode_all, heartbeat, raw_imu
+from tests.drivers.mavlink.messages import ARDUPILOT, PX4, S, decode_all, heartbeat, raw_imu
 
 NO_AUTOPILOT = 8
 REAL, INT32 = 9, 6
