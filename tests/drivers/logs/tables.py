@@ -192,7 +192,7 @@ WAYS = {
          "field.magnetic_field.$": MAG},
         about=OF_A_TOPIC,
     ),
-    "of an autopilot": way(  # the time's unit is in its name, the others are told
+    "of an autopilot": way(  # the time's unit is in its name, the others are described
         {"timestamp": 1.7e9 + T, "TimeUS": 1e6 * T, "I": ZERO, "Gyr#": GYR, "Acc#": ACC,
          "Mag#": 1e3 * MAG},
         about=OF_AN_AUTOPILOT,
@@ -258,7 +258,7 @@ WAYS = {
     "phone in full": way(PHONE, "# ", 'axes = ["y", "x", "-z"]', delimiter="  "),
     "dates": way({"Zeit": DATES, **EUROC}),
     "dates, called otherwise": way({"Zeitstempel": DATES, **EUROC}),
-    # two times: that whose unit is told counts, though it stands last
+    # two times: the one with a unit counts, though it stands last
     "since start": way({"time": 1.7e18 + 1e9 * T, **PLAIN, "Time since start in ms": 1e3 * T}),
     "elapsed": way(
         {"time": 1.7e18 + 1e9 * T, "seconds_elapsed": T, "rotationRate_$_rad_s": GYR,

@@ -193,7 +193,7 @@ def test_a_time_that_nobody_can_be_sure_of_is_shown(tmp_path, output):
         open_log(path)
 
 
-def test_axes_that_nobody_reported_are_doubted(tmp_path):
+def test_axes_that_nobody_described_are_questioned_once(tmp_path):
     """An accelerometer whose z is up, once without a word and once with."""
     t, gyr, acc, _ = readings()
     text = table([NAMES], (t, gyr, acc * FLU))

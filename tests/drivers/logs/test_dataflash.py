@@ -62,7 +62,7 @@ def events(tmp_path_factory):
     return list(Dataflash(modern().save(tmp_path_factory.mktemp("dataflash"))))
 
 
-def test_the_vehicle_is_who_its_parameters_say(events):
+def test_the_vehicle_is_named_by_its_parameters(events):
     assert {event.vehicle for event in events} == {VehicleId(7, 1)}
     (beat,) = of(Heartbeat, events)
     assert (beat.autopilot, beat.vehicle_type) == (3, 2)
@@ -104,7 +104,7 @@ def test_attitudes_velocities_positions_and_truth(events):
     assert position.altitude_m == 580.0
 
 
-def test_a_fix_without_vertical_velocity_says_so(tmp_path):
+def test_a_fix_without_vertical_velocity_is_marked(tmp_path):
     """The first firmwares' GPS has no VZ: a zero there would mean a level flight."""
     log = modern(1)
     log.format("GPS", "QBBIHLLfff", "TimeUS,I,Status,GMS,GWk,Lat,Lng,Alt,Spd,GCrs")

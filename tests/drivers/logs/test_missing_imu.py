@@ -40,7 +40,7 @@ def refusal(capsys, *arguments):
         (PX4, ["HIGHRES_IMU", "mavlink stream -r 50 -s HIGHRES_IMU", "message 105"]),
     ],
 )
-def test_a_telemetry_log_says_which_message_to_ask_for(autopilot, words, tmp_path, capsys):
+def test_for_a_telemetry_log_the_message_to_ask_for_is_named(autopilot, words, tmp_path, capsys):
     path = tlog(tmp_path, autopilot)
     for command in (["replay", path], ["tune", path, "-o", tmp_path / "x.toml"]):
         line = refusal(capsys, *command)
@@ -80,5 +80,5 @@ def test_another_system_has_sent_nothing(tmp_path, capsys, write):
     assert "no IMU data of system id 7" in line
 
 
-def test_an_on_board_log_says_which_bit_to_set(tmp_path, capsys):
+def test_for_an_on_board_log_the_bit_to_set_is_named(tmp_path, capsys):
     assert "IMU bit of LOG_BITMASK" in refusal(capsys, "replay", dataflash(tmp_path))

@@ -1,4 +1,4 @@
-"""A log is opened by what it is, and what is none is said in one line."""
+"""A log is opened by its content, and what is none is refused in one line."""
 
 import gzip
 import os

@@ -156,7 +156,7 @@ def test_what_this_program_has_sent_is_no_vehicle_s():
 
 @pytest.mark.parametrize("lost", [100, 255, 300])
 def test_frames_that_are_missing_took_their_time_however_steadily_the_next_ones_come(lost):
-    """A fresher copy takes over; of 255 that are missing the numbers say nothing."""
+    """A fresher copy takes over; the numbers do not show 255 that are missing."""
     encoder, gyr, mag = FrameEncoder(ONE), (0.0, 0.0, 0.1), (0.2, 0.0, 0.4)
     sent = [
         encoder.frame(raw_imu(BOOT_US + 10_000 * k, (0.01 * (k % 7), 0.0, -9.8), gyr, mag), 0)

@@ -185,7 +185,7 @@ def only(events):
 )
 @pytest.mark.parametrize("position", [None, PLACE])
 def test_a_receivers_velocity_is_late_and_a_filters_is_not(message, sigma_m_s, late_s, position):
-    """Whatever else the message says."""
+    """Whatever else is in the message."""
     intake, _ = running()
     fix = Fix((1.0, -2.0, 0.5), position=position)
     velocity = intake.fix(message, stamp(301 * S), fix)[-1]

@@ -78,7 +78,7 @@ def test_a_jump_is_more_than_what_else_turns_the_field(own, by_turning, share):
 
 
 def release(*, moves_rad=0.01, usual_s=1.2, confidence=0.7, norm=0.46, variance=0.4, tilt=0.05):
-    """The doubt after a step beside a field of dip 60 degrees that is off by 0.3 rad."""
+    """The inflation after a step beside a field of dip 60 degrees that is off by 0.3 rad."""
     reference = FieldReference(horizontal=0.25, down=0.25 * sqrt(3.0), uneven=0.0001)
     field = MagneticState(FieldLook(0.25, 0.43, confidence), reference, 0.0, True)
     inflation = HeadingInflation(variance, usual_s, 0.461, 0.9)

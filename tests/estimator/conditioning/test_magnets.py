@@ -71,7 +71,7 @@ def test_a_passing_magnet_that_leaves_norm_and_dip_turns_no_heading(
     seen = headings(motion, 60.0, turned(30.0, lasts_s, ramp_s))
     assert seen.error[3000:].max() < most_deg
     assert seen.sigma[3000:].max() > 40.0  # measured 86 and 49
-    assert seen.lies() == 0.0
+    assert seen.unadmitted() == 0.0
 
 
 @pytest.mark.parametrize("motion", [resting, tumbling])
@@ -82,7 +82,7 @@ def test_a_magnet_that_stays_is_followed_with_a_large_sigma_and_left_at_once(mot
     assert seen.sigma[4500] == pytest.approx(29.3, rel=0.2)
     back_s = DT * int(np.flatnonzero(seen.error[5000:] > 5.0).max())
     assert back_s == pytest.approx(0.095, rel=0.2)
-    assert seen.lies() == 0.0
+    assert seen.unadmitted() == 0.0
 
 
 @pytest.mark.parametrize(("seconds", "measured_s"), [(3.0, 2.81), (10.0, 7.0)])
@@ -95,5 +95,5 @@ def test_a_start_beside_a_magnet_is_made_good_once_it_has_been_left_for_long_eno
     wrong_s = DT * int(np.flatnonzero(seen.error[first:] > 5.0).max())
     assert wrong_s == pytest.approx(measured_s, rel=0.2)
     left = Headings(seen.error[first:], seen.sigma[first:])
-    assert left.lies() < 0.03  # measured 0.024: the first second
+    assert left.unadmitted() < 0.03  # measured 0.024: the first second
     assert seen.error[-1] < 0.2
