@@ -42,17 +42,13 @@ def test_known_attitudes(name):
     assert_attitude_close(swap_ned_enu(q_enu_flu), q_ned_frd, 1e-14)
 
 
-@given(any_rotation())
-def test_round_trip(q):
-    assert_attitude_close(swap_ned_enu(swap_ned_enu(q)), q, 1e-14)
-
-
 @given(any_rotation(), unit_vectors())
 def test_attitudes_and_vectors_change_frames_alike(q_ned_frd, v_frd):
     """Rotating and then changing the frame is changing the frame and then rotating."""
     north, east, down = rotate(q_ned_frd, v_frd)
     v_enu = rotate(swap_ned_enu(q_ned_frd), flu_from_frd(v_frd))
     np.testing.assert_allclose(v_enu, (east, north, -down), atol=1e-14)
+    assert_attitude_close(swap_ned_enu(swap_ned_enu(q_ned_frd)), q_ned_frd, 1e-14)
 
 
 @given(floats(-pi, pi), floats(-pi / 2, pi / 2), floats(-pi, pi))
@@ -88,23 +84,17 @@ def test_euler_agrees_with_scipy(q):
         assert abs((mine - other + pi) % (2.0 * pi) - pi) < 1e-9
 
 
-@pytest.mark.parametrize("pitch", [pi / 2, -pi / 2])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("turn", np.linspace(-3.0, 3.0, 13).tolist())
 @pytest.mark.parametrize("roll", [0.0, 0.4, -2.0])
-def test_gimbal_lock(pitch, turn, roll):
-    q = from_euler_rad(roll, pitch, turn)
+@pytest.mark.parametrize("pitch_deg", [89.0, 89.9, 89.98, 89.995, 89.9999, 90.0])
+def test_gimbal_lock(pitch_deg, sign, turn, roll):
+    q = from_euler_rad(roll, sign * radians(pitch_deg), turn)
     again = euler_rad(q)
-    assert again[0] == 0.0
-    assert again[1] == pytest.approx(pitch, abs=1e-7)
-    # the sine of the pitch is 1 to 2e-16, which leaves 2e-8 of angle
-    assert_attitude_close(from_euler_rad(*again), q, 1e-7)
-
-
-@pytest.mark.parametrize("beyond_deg", [89.0, 89.9, 89.98, 89.995, 89.9999])
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_near_gimbal_lock(beyond_deg, sign):
-    q = from_euler_rad(0.7, sign * radians(beyond_deg), 5.0)
-    assert_attitude_close(from_euler_rad(*euler_rad(q)), q, radians(0.02))
+    assert_attitude_close(from_euler_rad(*again), q, radians(0.02) if pitch_deg < 90.0 else 1e-7)
+    if pitch_deg == 90.0:
+        # the sine of the pitch is 1 to 2e-16, which leaves 2e-8 of angle
+        assert again[:2] == (0.0, pytest.approx(sign * pi / 2, abs=1e-7))
 
 
 def test_yaw_starts_again_at_north():
