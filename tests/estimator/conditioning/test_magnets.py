@@ -18,7 +18,7 @@ class Headings(NamedTuple):
     error: np.ndarray
     sigma: np.ndarray
 
-    def lies(self):
+    def unadmitted(self):
         """Share of the time with an error beyond 10 degrees and three sigmas."""
         return float(np.mean((self.error > 10.0) & (self.error > 3.0 * self.sigma)))
 
