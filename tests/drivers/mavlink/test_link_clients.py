@@ -3,7 +3,6 @@
 import contextlib
 import socket
 import time
-from pathlib import Path
 
 import pytest
 
@@ -212,14 +211,6 @@ def test_a_recording_begins_with_the_port_s_opening_and_not_with_the_first_look(
         lost = link.lost
     assert lost == 0
     assert path.stat().st_size == len(sent)
-
-
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
-def test_a_full_disk_does_not_stop_the_link():
-    vehicle = Vehicle()
-    with Recorder("/dev/full") as recorder, udp_link(recorder) as (link, sender):
-        collect(link, count(Imu, 20), lambda: sender.send(vehicle.imu()))
-    assert recorder.lost >= 20
 
 
 def test_what_a_link_hands_out_is_in_the_file_of_stamps(tmp_path):

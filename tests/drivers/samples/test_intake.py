@@ -9,7 +9,6 @@ from drivers.events import (
     Imu,
     Notice,
     Position,
-    ReferenceAttitude,
     Rejected,
     TrackLost,
     Velocity,
@@ -19,7 +18,7 @@ from drivers.samples.intake import Intake
 from drivers.samples.navigation import Fix
 from drivers.samples.vehicle_clock import TimeField
 from estimator.reasons import Reason
-from estimator.types import IDENTITY, STANDARD_GRAVITY_M_S2
+from estimator.types import STANDARD_GRAVITY_M_S2
 from tests.drivers.samples.given import (
     FIELD,
     PLACE,
@@ -124,24 +123,6 @@ def test_a_field_that_wraps_is_out_of_range_until_it_is_back(peak_gauss, sign):
     assert len(used) + refused == 800
 
 
-OTHERS = {
-    "attitude": lambda intake, at: intake.attitude("ATTITUDE", at, "autopilot", IDENTITY),
-    "velocity": lambda intake, at: intake.fix("LOCAL_POSITION_NED", at, Fix((1.0, 0.0, 0.0))),
-    "place": lambda intake, at: intake.fix(
-        "GLOBAL_POSITION_INT", at, Fix((1.0, 0.0, 0.0), position=PLACE)
-    ),
-}
-
-
-@pytest.mark.parametrize("other", OTHERS.values(), ids=OTHERS)
-def test_a_reset_that_another_message_confirms_is_reported_with_it(other):
-    intake, arrival_us = running()
-    assert other(intake, stamp(5 * S, arrival_us)) == []
-    reset, *rest = other(intake, stamp(5_100_000, arrival_us + 100_000))
-    assert (type(reset), reset.reason) == (ClockReset, "reboot")
-    assert kinds(rest) in ([ReferenceAttitude], [Velocity], [Position, Velocity])
-
-
 @pytest.mark.parametrize(
     ("raw_us", "is_reboot"), [(5 * S, True), (20 * S, False), (900 * S, False)]
 )
@@ -152,17 +133,6 @@ def test_a_reboot_voids_the_status_of_the_filter_and_a_leap_does_not(raw_us, is_
     assert next(filter(None, events))[0].reason == ("reboot" if is_reboot else "jump")
     at = stamp(raw_us + 1_350_000, arrival_us + 1_350_000)
     assert bool(intake.fix("LOCAL_POSITION_NED", at, Fix((1.0, 0.0, 0.0)))) is is_reboot
-
-
-def test_a_message_without_content_does_not_touch_the_clock():
-    intake, arrival_us = running()
-    nothing = (Fix(), Fix((1.0, 0.0, 0.0), position=(0.0, 0.0, 5.0)))
-    for k in range(4):
-        at = stamp(20 * S + 100_000 * k, arrival_us + 100_000 * k)
-        assert intake.attitude("ATTITUDE", at, "autopilot", None) == []
-        assert all(intake.fix("GLOBAL_POSITION_INT", at, fix) == [] for fix in nothing)
-    (sample,) = imu(intake, 301_250_000, arrival_us + 400_000)
-    assert sample.boot_us == 301_250_000
 
 
 def only(events):
