@@ -1,16 +1,17 @@
 """Compasses that mislead or are not there, and reports that come late."""
 
 from dataclasses import replace
-from math import degrees
+from math import cos, degrees, radians, remainder, sin, tau
 
 import numpy as np
 import pytest
 
 from estimator.aiding.compass import is_usable
 from estimator.aiding.phase import Phase
+from estimator.estimator import Estimator
 from estimator.geometry.metrics import angle_errors
 from estimator.geometry.quaternion import rotate_inverse, scale
-from estimator.profile import load_profile
+from estimator.profile import load_profile, merge_profile
 from estimator.types import ZERO_VEC3
 from tests.flight import (
     HEADING,
@@ -20,6 +21,7 @@ from tests.flight import (
     banked_flight,
     calibrated,
     changed,
+    errors_deg,
     flown,
     north_known,
     rms_deg,
@@ -165,8 +167,6 @@ UNHELPFUL = {
     "gone after 20 s": only_while(lambda time_us: time_us < 20e6),
     "come after 20 s": only_while(lambda time_us: time_us > 20e6),
 }
-
-
 # where nobody knows north, one that comes or goes changes the heading's reference
 NORTHLESS = ["above a magnetic pole", "with readings that are zero"]
 
@@ -270,3 +270,40 @@ def test_the_field_does_not_begin_with_a_heading_as_good_as_none(flight, every, 
 
     flown(one, slow, reports=reports, after=note)
     assert begins_us[0] == first_us
+
+
+PROFILE = merge_profile(load_profile("imu"), {"reference": {"declination_deg": 0.0}})
+LONG_FLIGHT = banked_flight(seconds=90.0)
+
+
+def mounted(sample, angle_deg):
+    """The sample as a compass reads it that is mounted ``angle_deg`` about the body's down axis."""
+    x, y, z = sample.mag_gauss
+    c, s = cos(radians(angle_deg)), sin(radians(angle_deg))
+    return sample._replace(mag_gauss=(c * x - s * y, s * x + c * y, z))
+
+
+def heading_errors_deg(flight, estimator):
+    return errors_deg(flight, flown(estimator, flight))[:, HEADING]
+
+
+@pytest.mark.parametrize("angle_deg", [-90.0, 60.0, 90.0, 180.0])
+def test_a_turned_compass_is_read_as_it_is_mounted_once_velocity_shows_the_heading(angle_deg):
+    """With velocity and afterwards, when it alone gives the heading: then its iron shows, too."""
+    flight = changed(LONG_FLIGHT, lambda sample, _: mounted(sample, angle_deg))
+    flight = replace(flight, reports=LONG_FLIGHT.reports[: 2 * len(LONG_FLIGHT.reports) // 3])
+    estimator = Estimator(PROFILE)
+    errors = heading_errors_deg(flight, estimator)
+    assert errors[len(errors) // 2 :].max() < 7.0  # measured 5.4
+    assert estimator.compass_fault == "velocity contradicts the compass"
+    off_deg = degrees(remainder(estimator.compass_off_rad - radians(angle_deg), tau))
+    assert abs(off_deg) < 5.0
+    late = estimator.attitude(flight.samples[-1].time_us)
+    assert late.heading_reference == "true"
+
+
+def test_a_compass_that_velocity_confirms_goes_on_giving_the_heading():
+    estimator = Estimator(PROFILE)
+    errors = heading_errors_deg(LONG_FLIGHT, estimator)
+    assert errors[len(errors) // 2 :].max() < 3.0
+    assert estimator.compass_fault == ""
