@@ -19,6 +19,7 @@ from estimator.profile import load_profile, merge_profile
 from estimator.row_taking import take
 from estimator.types import ZERO_VEC3, ImuSample, VelocitySample
 from tests.flight import calibrated
+from tests.paper_noise import samples_of
 from tests.vocabulary import IDENTITY, assert_attitude_close, floats
 
 LEVEL = ImuSample(1_000_000, ZERO_VEC3, (0.0, 0.0, -9.8), (0.2, 0.0, 0.4), True)
@@ -29,18 +30,8 @@ def profile(request):
     return load_profile(request.param)
 
 
-def samples(count, seed=3, rate_hz=100.0, motion="paper"):
-    signals = simulate(seed, count, rate_hz, motion)
-    return [
-        ImuSample(int(t), tuple(gyr), tuple(acc), tuple(mag), True)
-        for t, gyr, acc, mag in zip(
-            signals.time_us.tolist(),
-            signals.gyr_rad_s.tolist(),
-            signals.acc_m_s2.tolist(),
-            signals.mag_gauss.tolist(),
-            strict=True,
-        )
-    ]
+def samples(count, motion="paper"):
+    return list(samples_of(simulate(3, count, motion=motion)))
 
 
 def fed(profile, stream):

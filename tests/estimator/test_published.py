@@ -14,19 +14,15 @@ from estimator.live.published import LEAST_SIGMA_RAD
 from estimator.profile import load_profile
 from estimator.types import ImuSample
 from fuzzbee import Estimator as ArrayEstimator
+from tests.paper_noise import samples_of
 from tests.vocabulary import assert_attitude_close
 
 PERIOD_US = 10_000
 
 
 def samples(count, **options):
-    signals = simulate(3, count, **options)
-    columns = (signals.gyr_rad_s, signals.acc_m_s2, signals.mag_gauss)
-    rows = zip(*(column.tolist() for column in columns), strict=True)
-    return [
-        ImuSample((k + 1) * PERIOD_US, tuple(gyr), tuple(acc), tuple(mag), True)
-        for k, (gyr, acc, mag) in enumerate(rows)
-    ]
+    made = samples_of(simulate(3, count, **options))
+    return [sample._replace(time_us=sample.time_us + PERIOD_US) for sample in made]
 
 
 @pytest.mark.parametrize("name", ["paper", "imu"])

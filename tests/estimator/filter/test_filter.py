@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from drivers.simulation.simulated_vehicle import simulate
 from estimator.filter import kernel, reference
 from estimator.filter.noise_gain import NO_NOISE, NoiseState
 from estimator.filter.observation import raw_vectors
@@ -24,6 +25,7 @@ from tests.estimator.filter.vehicles import (
     three,
     vex,
 )
+from tests.paper_noise import samples_of
 from tests.vocabulary import (
     IDENTITY,
     angle_rad,
@@ -120,15 +122,8 @@ def test_both_forms_agree_on_random_states():
 @pytest.mark.parametrize("params", [FUZZY, FUZZY._replace(gain_knows_noise=True)])
 def test_both_forms_agree_over_the_papers_experiment(params):
     """300 samples of the paper's noisy signals, state handed on; roundings grow with the steps."""
-    from drivers.simulation.simulated_vehicle import simulate
-
-    signals = simulate(7, 300)
     plain = fast = initial_state(exp((3.1, 0.1, 0.2)))
-    for k in range(300):
-        gyr, acc, mag = (
-            tuple(column[k].tolist())
-            for column in (signals.gyr_rad_s, signals.acc_m_s2, signals.mag_gauss)
-        )
+    for _, gyr, acc, mag, _ in samples_of(simulate(7, 300)):
         vectors = raw_vectors(PAPER, acc, mag, True)
         plain = reference.correct(params, reference.propagate(plain, gyr, 0.01), vectors, 0.01)
         fast = kernel.step(params, PAPER, fast, Sample(gyr, acc, mag, True, 0.01))
@@ -137,15 +132,12 @@ def test_both_forms_agree_over_the_papers_experiment(params):
 
 
 def test_batch_is_the_single_step_repeated():
-    from drivers.simulation.simulated_vehicle import simulate
-
     signals = simulate(8, 200)
     start = initial_state(exp((3.1, 0.1, 0.2)))
     columns = (signals.gyr_rad_s, signals.acc_m_s2, signals.mag_gauss)
     estimates, gains = kernel.run(FUZZY, PAPER, start, *columns, 0.01)
     state = start
-    for k in range(200):
-        gyr, acc, mag = (tuple(column[k].tolist()) for column in columns)
+    for k, (_, gyr, acc, mag, _) in enumerate(samples_of(signals)):
         if k > 0:
             state = kernel.propagate(state, gyr, 0.01)
         assert tuple(estimates[k].tolist()) == state.q_ned_frd
@@ -155,8 +147,6 @@ def test_batch_is_the_single_step_repeated():
 
 def test_batch_takes_the_first_correction_for_as_long_as_the_parameters_ask():
     """No step (0) leaves the second sample's estimate at the start, 0.01 s moves it by K w dt."""
-    from drivers.simulation.simulated_vehicle import simulate
-
     signals = simulate(8, 2)
     start = initial_state(exp((1.0, 0.1, 0.2)))
     _, acc, mag = still = (np.zeros((2, 3)), signals.acc_m_s2, signals.mag_gauss)
