@@ -27,9 +27,9 @@ test-python: .venv/developer
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -q $(AT_ONCE) $(QUICK_IN_PYTHON:%=tests/estimator/%)
 
 # Not the flights and experiments: those take minutes each in plain Python.
-QUICK_IN_PYTHON := conditioning geometry filter/test_filter.py filter/test_alignment.py \
-  test_estimator.py test_profile.py test_published.py \
-  aiding/test_measurements.py aiding/test_place.py aiding/test_reports.py aiding/test_search.py \
+QUICK_IN_PYTHON := conditioning geometry filter/test_filter.py filter/test_stability.py \
+  filter/test_alignment.py test_estimator.py test_profile.py test_published.py \
+  aiding/test_measurements.py aiding/test_place.py aiding/test_search.py \
   aiding/test_step.py aiding/test_late_report.py
 
 ## smoke: every benchmark for some seconds, to see that it runs; `make test` does so, too

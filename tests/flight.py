@@ -4,14 +4,18 @@ Coordinated turns are what an unaided IMU cannot see through: the specific
 force stays along the body's down axis however steep the bank.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import inf
 
 import numpy as np
 
+from estimator.aiding.phase import Phase
 from estimator.estimator import Estimator
 from estimator.geometry.frames import from_euler_rad
+from estimator.geometry.metrics import batch_angle_errors, rms
 from estimator.geometry.quaternion import rotate, rotate_inverse
-from estimator.types import STANDARD_GRAVITY_M_S2, ImuSample, VelocitySample
+from estimator.profile import load_profile, merge_profile
+from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, ImuSample, VelocitySample
 
 SPEED_M_S = 20.0
 LEVEL_S = 5.0
@@ -20,6 +24,10 @@ TURN_S = 12.0
 FIELD_NED_GAUSS = (0.22, 0.0, 0.42)
 FINE_STEP_S = 1e-3
 IMU_LAG_STEPS = 12  # an autopilot's low-pass: what a sample shows is so old
+# 0.01 deg instead of the WMM's: north is known, and the field points there.
+TRUE_NORTH = {"reference": {"declination_deg": 0.01}}
+ZURICH = (47.4, 8.5, 400.0, 1_700_000_000_000_000)
+TOTAL, HEADING, INCLINATION = range(3)  # errors
 
 
 @dataclass(frozen=True)
@@ -77,6 +85,44 @@ def calibrated(profile, fixed_gain=None):
     """An estimator whose compass somebody vouches for."""
     estimator = Estimator(profile, fixed_gain)
     estimator.set_field_calibrated(True)
+    return estimator
+
+
+def north_known(**sections):
+    """A calibrated estimator by the profile imu, with north and these sections."""
+    return calibrated(merge_profile(load_profile("imu"), {**TRUE_NORTH, **sections}))
+
+
+def changed(flight, change):
+    """The flight with ``change(sample, true attitude)`` in the place of each sample."""
+    samples = [change(*each) for each in zip(flight.samples, flight.truth, strict=True)]
+    return replace(flight, samples=samples)
+
+
+def without_field(sample, _):
+    return sample._replace(mag_gauss=ZERO_VEC3, has_mag=False)
+
+
+def errors_deg(flight, attitudes, begin_s=0.0, end_s=inf):
+    """(N, 3) of the attitudes from one time to another."""
+    times = np.array([s.time_us for s in flight.samples])
+    estimates = np.array([a.q_ned_frd for a in attitudes])
+    errors = np.degrees(batch_angle_errors(estimates, np.array(flight.truth)))
+    return errors[(times >= begin_s * 1e6) & (times < end_s * 1e6)]
+
+
+def rms_deg(kind, flight, attitudes, begin_s=0.0, end_s=inf):
+    return rms(errors_deg(flight, attitudes, begin_s, end_s)[:, kind])
+
+
+def taken_along(estimator, flight, samples):
+    """The estimator after so many samples of a flight and their reports; velocity helps it."""
+    behind = dict(flight.reports)
+    for k, sample in enumerate(flight.samples[:samples]):
+        estimator.update(sample)
+        if k in behind:
+            estimator.update_velocity(behind[k])
+    assert estimator.snapshot.context.phase is Phase.AIDED
     return estimator
 
 

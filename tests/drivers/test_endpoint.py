@@ -1,4 +1,4 @@
-"""Every spelling of an address, and what is said about the wrong ones."""
+"""Every spelling of an address, and the errors for wrong ones."""
 
 import os
 
@@ -74,7 +74,7 @@ def test_spellings(text, expected):
         ("a\0b", "no source|no such file"),
     ],
 )
-def test_bad_addresses_say_what_and_where(text, output):
+def test_bad_addresses_are_named(text, output):
     with pytest.raises(InputError, match=output) as caught:
         parse_endpoint(text)
     assert "\n" not in str(caught.value)

@@ -1,4 +1,4 @@
-"""What autopilots say of their own position and velocity, in the bytes of each kind of stream."""
+"""What autopilots report about their own position and velocity, in each kind of stream."""
 
 import math
 import struct
@@ -11,7 +11,7 @@ from drivers.mavlink.constants import mavlink
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.framing import FrameReader
 from drivers.samples.navigation import MOST_INFLATION, STATUS_HOLDS_US
-from tests.drivers.logs import test_dataflash, test_ulog
+from tests.drivers.logs.writers import DataflashWriter, UlogWriter
 
 S = 1_000_000
 UNIX_US = 1_700_000_000 * S
@@ -116,7 +116,7 @@ def test_a_place_is_used_where_the_filter_or_the_receiver_has_one(flags, fix, pl
         *((flags, 0.1, None) for flags in (STANDING, WITHOUT, 0, 0x400, FLYING & ~0x02)),
     ],
 )
-def test_a_filters_velocity_is_taken_as_far_as_it_believes_itself(status, flags, ratio, sigma_m_s):
+def test_a_filters_velocity_is_taken_as_far_as_its_own_tests_allow(status, flags, ratio, sigma_m_s):
     events = decoded(status(flags, ratio), position(), local())
     sigmas = [e.sample.sigma_m_s for e in events if isinstance(e, Velocity)]
     assert sigmas == pytest.approx([sigma_m_s] * 2 if sigma_m_s else [])
@@ -147,7 +147,7 @@ def test_a_reboot_takes_the_words_back():
 
 
 def dataflash(folder, flags, ratio=0.1):
-    log = test_dataflash.Writer()
+    log = DataflashWriter()
     log.format("XKF4", "QBcccH", "TimeUS,C,SV,SP,SH,SS")
     log.format("XKF1", "QBfff", "TimeUS,C,VN,VE,VD")
     log.format("IMU", "Qffffff", "TimeUS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ")
@@ -168,8 +168,8 @@ def test_an_on_board_log_of_ardupilot(flags, ratio, sigmas, tmp_path):
 
 
 def ulog(folder, flags, *, ratio=0.1, dead_reckoning=False, primary=0, changes=False):
-    """Where the filter in use ``changes`` the first one was, when it said what it says."""
-    log = test_ulog.Writer().sensors()
+    """Where the filter in use ``changes`` the first one was, at the time of its status."""
+    log = UlogWriter().sensors()
     log.sample(S - 1, (0.0, 0.0, 0.0), (0.0, 0.0, -9.8))
     topics = {
         "estimator_selector_status": ("uint8_t primary_instance;", "B", (primary,)),

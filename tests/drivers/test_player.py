@@ -50,7 +50,7 @@ def test_gaps_are_silence_but_broken_stamps_are_skipped():
     assert stamps[2] - stamps[1] > MAX_GAP_US
 
 
-def test_a_service_that_cannot_keep_up_hears_no_silence():
+def test_a_service_that_cannot_keep_up_sees_no_silence():
     clock = Clock()
     events = [Malformed(n * 20_000, 1) for n in range(500)]
     player = Player(events, 50.0, clock.monotonic_s, clock.sleep)

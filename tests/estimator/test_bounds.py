@@ -6,14 +6,13 @@ import random
 import numba
 import pytest
 
-from estimator.aiding.phase import Phase
 from estimator.aiding.types import AidingParams
 from estimator.bounds import bounds_of
 from estimator.conditioning.params import ConditioningParams
 from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.profile import load_profile, merge_profile
-from tests.flight import banked_flight, calibrated
+from tests.flight import banked_flight, north_known, taken_along
 
 SECTIONS = {"conditioning": ConditioningParams, "aiding": AidingParams}
 BOUNDS = {section: bounds_of(kind) for section, kind in SECTIONS.items()}
@@ -38,17 +37,8 @@ slow_in_python = pytest.mark.skipif(numba.config.DISABLE_JIT, reason="a hundred 
 def start():
     """An estimator in flight, helped by velocity, with what comes next."""
     flight = banked_flight(11.0, seed=1)
-    reports = {}
-    for k, report in flight.reports:
-        reports.setdefault(k, []).append(report)
-    true_north = {"reference": {"declination_deg": 1}}
-    estimator = calibrated(merge_profile(load_profile("imu"), true_north))
-    for k, sample in enumerate(flight.samples[:BEFORE]):
-        estimator.update(sample)
-        for report in reports.get(k, []):
-            estimator.update_velocity(report)
-    assert estimator.snapshot.context.phase is Phase.AIDED
-    rest = [(sample, reports.get(k, [])) for k, sample in enumerate(flight.samples)]
+    estimator, reports = taken_along(north_known(), flight, BEFORE), dict(flight.reports)
+    rest = [(sample, reports.get(k)) for k, sample in enumerate(flight.samples)]
     return estimator.profile, estimator.snapshot, rest[BEFORE : BEFORE + AFTER]
 
 
@@ -58,10 +48,10 @@ def require_survival(start, partial):
     estimator = Estimator(profile)
     estimator.snapshot = snapshot
     estimator.replace_profile(merge_profile(profile, partial))
-    for k, (sample, reports) in enumerate(rest):
+    for k, (sample, report) in enumerate(rest):
         late_us = GAP_US * (k > AFTER // 2)
         assert estimator.update(sample._replace(time_us=sample.time_us + late_us)) is None
-        for report in reports:
+        if report is not None:
             estimator.update_velocity(report._replace(time_us=report.time_us + late_us))
         attitude = estimator.attitude(sample.time_us + late_us)
         numbers = [

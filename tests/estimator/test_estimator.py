@@ -19,6 +19,7 @@ from estimator.profile import load_profile, merge_profile
 from estimator.row_taking import take
 from estimator.types import ZERO_VEC3, ImuSample, VelocitySample
 from tests.flight import calibrated
+from tests.paper_noise import samples_of
 from tests.vocabulary import IDENTITY, assert_attitude_close, floats
 
 LEVEL = ImuSample(1_000_000, ZERO_VEC3, (0.0, 0.0, -9.8), (0.2, 0.0, 0.4), True)
@@ -29,18 +30,8 @@ def profile(request):
     return load_profile(request.param)
 
 
-def samples(count, seed=3, rate_hz=100.0, motion="paper"):
-    signals = simulate(seed, count, rate_hz, motion)
-    return [
-        ImuSample(int(t), tuple(gyr), tuple(acc), tuple(mag), True)
-        for t, gyr, acc, mag in zip(
-            signals.time_us.tolist(),
-            signals.gyr_rad_s.tolist(),
-            signals.acc_m_s2.tolist(),
-            signals.mag_gauss.tolist(),
-            strict=True,
-        )
-    ]
+def samples(count, motion="paper"):
+    return list(samples_of(simulate(3, count, motion=motion)))
 
 
 def fed(profile, stream):
@@ -109,31 +100,6 @@ def test_without_a_first_step_the_first_sample_moves_nothing():
     assert attitude.gyro_bias_rad_s == ZERO_VEC3
 
 
-def test_restart_forgets_everything(profile):
-    stream = samples(300)
-    used = fed(profile, stream)
-    used.restart()
-    assert not used.aligned
-    fresh = calibrated(profile)
-    # also when the vehicle's clock starts again
-    for sample in stream[:50]:
-        assert used.update(sample) is None
-        assert fresh.update(sample) is None
-        assert used.snapshot == fresh.snapshot
-
-
-def test_a_restored_snapshot_goes_on_with_the_same_results(profile):
-    stream = samples(400)
-    straight = fed(profile, stream[:200])
-    resumed = Estimator(profile)
-    resumed.snapshot = straight.snapshot
-    for sample in stream[200:]:
-        assert straight.update(sample) is None
-        assert resumed.update(sample) is None
-        assert straight.snapshot == resumed.snapshot
-        assert straight.attitude(sample.time_us) == resumed.attitude(sample.time_us)
-
-
 def test_replacing_the_profile_keeps_the_estimate(profile):
     stream = samples(400)
     estimator, untouched = fed(profile, stream[:200]), fed(profile, stream[:200])
@@ -165,16 +131,6 @@ def test_new_conditioning_parameters_count_at_once_though_the_rate_stays():
         untouched.update(sample)
     gravity = [e.snapshot.core.conditioning.vertical.gravity for e in (changed, untouched)]
     assert gravity[0] != gravity[1]
-
-
-def test_replacing_by_the_same_profile_changes_nothing(profile):
-    stream = samples(300)
-    estimator, untouched = fed(profile, stream[:150]), fed(profile, stream[:150])
-    estimator.replace_profile(merge_profile(profile, {}))
-    for sample in stream[150:]:
-        estimator.update(sample)
-        untouched.update(sample)
-    assert estimator.snapshot == untouched.snapshot
 
 
 @pytest.mark.parametrize(

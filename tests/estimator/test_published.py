@@ -10,23 +10,19 @@ from estimator.estimator import Estimator
 from estimator.geometry.earth import field_at
 from estimator.geometry.metrics import batch_angle_errors
 from estimator.geometry.quaternion import exp, multiply, rotate_inverse, scale
-from estimator.live.published import LEAST_SIGMA_RAD, widen
+from estimator.live.published import LEAST_SIGMA_RAD
 from estimator.profile import load_profile
 from estimator.types import ImuSample
 from fuzzbee import Estimator as ArrayEstimator
+from tests.paper_noise import samples_of
 from tests.vocabulary import assert_attitude_close
 
 PERIOD_US = 10_000
 
 
 def samples(count, **options):
-    signals = simulate(3, count, **options)
-    columns = (signals.gyr_rad_s, signals.acc_m_s2, signals.mag_gauss)
-    rows = zip(*(column.tolist() for column in columns), strict=True)
-    return [
-        ImuSample((k + 1) * PERIOD_US, tuple(gyr), tuple(acc), tuple(mag), True)
-        for k, (gyr, acc, mag) in enumerate(rows)
-    ]
+    made = samples_of(simulate(3, count, **options))
+    return [sample._replace(time_us=sample.time_us + PERIOD_US) for sample in made]
 
 
 @pytest.mark.parametrize("name", ["paper", "imu"])
@@ -87,15 +83,6 @@ def test_a_turn_given_in_ned_turns_the_attitude_in_ned(name):
     estimator.turn(turn)
     after = estimator.attitude(stream[-1].time_us).q_ned_frd
     assert_attitude_close(after, multiply(turn, before), 1e-9)
-
-
-@pytest.mark.parametrize(("ahead_s", "unseen_s"), [(-0.1, 0.0), (0.1, 0.05), (0.4, 0.32)])
-def test_beyond_the_last_sample_both_sigmas_grow_by_a_share_of_the_turn(ahead_s, unseen_s):
-    """A half of it after 0.1 s, four fifths after 0.4 s; 0.7 rad/s about an oblique axis."""
-    figures = (0.9, 0.8, 0.03, 0.05)
-    after = widen(figures, (0.2, -0.3, 0.6), ahead_s)
-    unseen = 0.7 * unseen_s
-    assert after == pytest.approx((0.9, 0.8, sqrt(0.03**2 + unseen**2), sqrt(0.05**2 + unseen**2)))
 
 
 def test_another_place_turns_the_heading_by_the_difference_of_the_declinations():

@@ -46,7 +46,7 @@ TURNED_RAD = 0.12  # less than what velocity contradicts
 FLIGHT = banked_flight(seconds=30.0)
 IN_REAL_TIME_S = 10.0
 PX4 = 12
-# The field of the flight has no declination, and the profile says so.
+# The field of the flight has no declination, as the profile has it.
 PROFILE = merge_profile(load_profile("imu"), {"reference": {"declination_deg": 0.0}})
 m = mavlink()
 
@@ -178,13 +178,13 @@ def test_tuning_and_retuning_repeat_the_reports(tmp_path):
     repeated = fly_segments(PROFILE, (last,)).q_ned_frd
     end = samples.index(last.samples[-1]) + 1
     assert np.array_equal(repeated, output[end - len(last.samples) : end])
-    deaf = last._replace(
+    without = last._replace(
         calls={
             k: [c for c in calls if not isinstance(c.values[-1], HeadingSample)]
             for k, calls in last.calls.items()
         }
     )
-    assert not np.array_equal(fly_segments(PROFILE, (deaf,)).q_ned_frd, repeated)
+    assert not np.array_equal(fly_segments(PROFILE, (without,)).q_ned_frd, repeated)
 
 
 SITECUSTOMIZE = "from tests.extensions.additions import add\nadd()\n"

@@ -22,7 +22,7 @@ from drivers.mavlink.constants import mavlink
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.encoder import FrameEncoder, Message
 from service.records import AttitudeRecord, Published, StatusRecord
-from tests.drivers.logs import test_dataflash, test_ulog
+from tests.drivers.logs.writers import DataflashWriter, UlogWriter
 
 DATA = Path(__file__).parent.parent / "data"
 IS_LONG = bool(os.environ.get("FUZZBEE_FUZZ_LONG"))
@@ -142,7 +142,7 @@ DATAFLASH_COLUMNS = {
 
 def dataflash_formats(rng):
     """A sound DataFlash log of messages with any types of fields, and any values."""
-    log, formats = test_dataflash.Writer(), {}
+    log, formats = DataflashWriter(), {}
     for name, columns in DATAFLASH_COLUMNS.items():
         codes = "".join(
             rng.choice("bBhHiIfdqQcCeELMgnNZa" if rng.random() < 0.3 else "ffQ")
@@ -190,7 +190,7 @@ ULOG_FIELDS = {
 
 def ulog_formats(rng):
     """A sound ULog of topics whose fields may have any type, and any values."""
-    log, topics = test_ulog.Writer(), []
+    log, topics = UlogWriter(), []
     for number, (name, fields) in enumerate(ULOG_FIELDS.items()):
         text = rng.choice(("", "uint64_t timestamp_sample;")) + fields.rstrip(";")
         if rng.random() < 0.2:

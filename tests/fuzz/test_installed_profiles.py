@@ -64,16 +64,12 @@ def profile_change(rng):
 def flight():
     """Events of a flight with velocity reports."""
     flown = banked_flight(5.0, seed=4)
-    reports = {}
-    for k, report in flown.reports:
-        reports.setdefault(k, []).append(report)
-    events = []
+    behind, events = dict(flown.reports), []
     for k, sample in enumerate(flown.samples):
         arrival_us = START_US + sample.time_us
         events.append([Imu(ONE, arrival_us, sample.time_us, "RAW_IMU", sample)])
-        events[-1] += [
-            Velocity(ONE, arrival_us, "LOCAL_POSITION_NED", each) for each in reports.get(k, [])
-        ]
+        if k in behind:
+            events[-1].append(Velocity(ONE, arrival_us, "LOCAL_POSITION_NED", behind[k]))
     return events
 
 

@@ -22,7 +22,7 @@ from fuzzbee.replays.log_report import report_log
 from service.pipeline import MAX_VEHICLES, Pipeline
 from service.records import Published
 from service.sinks.zenoh import _json_object
-from tests.drivers.logs.test_dataflash import Writer
+from tests.drivers.logs.writers import DataflashWriter
 from tests.fuzz.cases import (
     assert_finite,
     built,
@@ -89,7 +89,7 @@ def test_a_flight_with_hostile_frames_between(data):
 
 def dataflash():
     """A small DataFlash log: some rows of IMU, MAG and ATT."""
-    log = Writer()
+    log = DataflashWriter()
     log.format("IMU", "QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ")
     log.format("MAG", "QBhhh", "TimeUS,I,MagX,MagY,MagZ")
     log.format("ATT", "QccC", "TimeUS,Roll,Pitch,Yaw")

@@ -9,7 +9,7 @@ import pytest
 
 from fuzzbee import replay
 from fuzzbee.cli import main
-from tests.drivers.logs.test_dataflash import Writer
+from tests.drivers.logs.writers import DataflashWriter
 from tests.fuzzbee.recording import DATA, PLANE, TAKEOFF
 from tests.fuzzbee.test_check import with_wrong_attitudes
 from tests.fuzzbee.tlogs import rewritten
@@ -62,7 +62,7 @@ def test_from_arming_to_disarming(replayed, tmp_path):
 )
 def test_dataflash_logs_report_arming(replayed, tmp_path, name, column, words):
     """Armed after 1 s, disarmed after 3 s."""
-    writer = Writer()
+    writer = DataflashWriter()
     writer.format(name, "QB", f"TimeUS,{column}")
     writer.format("IMU", "QffffffB", "TimeUS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ,I")
     reported = dict(zip((11_000_000, 13_000_000), words, strict=True))

@@ -36,7 +36,7 @@ class EarthField(NamedTuple):
 
 
 class Readings(NamedTuple):
-    """What one stream of IMU messages says, and the velocities beside it; N samples."""
+    """What one stream of IMU messages contains, and the velocities beside it; N samples."""
 
     time_s: Floats  # true time
     boot_s: Floats  # by the vehicle's clock
@@ -163,7 +163,7 @@ def _vibrating(v: Floats, fault: Fault, time_s: Floats, rng: np.random.Generator
 
 
 def _turned(v: Floats, fault: Fault, *_: object) -> Floats:
-    """About the third axis, as a compass that is mounted otherwise than its orientation says."""
+    """About the third axis, as a compass whose orientation parameter is wrong."""
     c, s = cos(radians(fault.size)), sin(radians(fault.size))
     return np.asarray(v @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]))
 

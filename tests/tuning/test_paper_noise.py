@@ -69,6 +69,6 @@ def error_with_outliers(profile, share, gain=None):
 
 
 def test_single_wrong_vectors_open_no_gain():
-    """5 % of them: e is 1.03 of that of the best fixed gain; 3.1 if one sample were believed."""
+    """5 % of them: e is 1.03 of that of the best fixed gain; 3.1 if one sample were enough."""
     best = min(error_with_outliers("paper", 0.05, gain) for gain in FIXED)
     assert error_with_outliers("adaptive", 0.05) < 1.15 * best

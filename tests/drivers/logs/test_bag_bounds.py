@@ -52,7 +52,7 @@ def folder(path, size, mode=None):
 
 
 def reported(path, capsys, caplog, status=2):
-    """What a replay says of it."""
+    """What a replay prints about it."""
     assert main(["replay", str(path)]) == status
     return capsys.readouterr().err + caplog.text
 
@@ -113,7 +113,7 @@ def test_a_column_that_is_worked_out_is_refused(tmp_path, capsys, caplog):
 def test_a_hole_in_an_mcap_file_is_not_read_nine_bytes_at_a_time(
     is_folder, tmp_path, capsys, caplog
 ):
-    """3 GiB of nothing, where its end says that the index begins, had taken ten minutes."""
+    """3 GiB of nothing, where by its end the index begins, had taken ten minutes."""
     path = folder(tmp_path / "bag.mcap", 0)
     (file,) = path.glob("*.mcap")
     data = bytearray(file.read_bytes())
@@ -149,7 +149,7 @@ def test_an_index_larger_than_any_is_not_read(tmp_path, capsys, caplog):
 
 
 @pytest.mark.parametrize("name", ["bag.db3", "bag.mcap", "ros1.bag"])
-def test_a_bag_without_an_imu_says_what_it_has(name, tmp_path, capsys, caplog):
+def test_of_a_bag_without_an_imu_the_topics_are_listed(name, tmp_path, capsys, caplog):
     """Of folders and databases the answer had been status 1, of ROS 1 that it had nothing."""
     writing = Bag(tmp_path / name)
     with writing.writer:

@@ -4,7 +4,6 @@ import math
 import struct
 
 import pytest
-from pymavlink.DFReader import FORMAT_TO_STRUCT
 
 from drivers.events import (
     ClockReset,
@@ -19,47 +18,14 @@ from drivers.events import (
 from drivers.logs.dataflash import Dataflash
 from drivers.logs.other_sensors import currents, vibrations
 from tests.drivers.logs.reading import gaps_s, imu_times, malformed, of
+from tests.drivers.logs.writers import DataflashWriter
 
 G = 9.80665
 
 
-class Writer:
-    """A DataFlash log in the making."""
-
-    def __init__(self):
-        self._formats = {}
-        self.data = b""
-        self.format("FMT", "BBnNZ", "Type,Length,Name,Format,Columns", 0x80)
-
-    def format(self, name, codes, columns, number=None):
-        number = number or 0x81 + len(self._formats)
-        layout = "<" + "".join(FORMAT_TO_STRUCT[code][0] for code in codes)
-        self._formats[name] = (number, layout, codes)
-        self.write("FMT", number, struct.calcsize(layout) + 3, name, codes, columns)
-
-    def write(self, name, *values):
-        raw, codes = [], self._formats[name][2]
-        for code, value in zip(codes, values, strict=True):
-            scale = FORMAT_TO_STRUCT[code][1]
-            raw.append(value.encode() if isinstance(value, str) else value)
-            if scale is not None and isinstance(value, int | float):
-                raw[-1] = round(value / scale)
-        self.store(name, *raw)
-
-    def store(self, name, *raw):
-        """The message of numbers and bytes as they are stored."""
-        number, layout, _ = self._formats[name]
-        self.data += b"\xa3\x95" + bytes([number]) + struct.pack(layout, *raw)
-
-    def save(self, folder):
-        path = folder / "flight.bin"
-        path.write_bytes(self.data)
-        return path
-
-
 def modern(seconds=4, start_us=10_000_000):
     """A 50 Hz log of firmware 4.x: microseconds, IMU instances in a field, quaternions, truth."""
-    log = Writer()
+    log = DataflashWriter()
     log.format("PARM", "QNff", "TimeUS,Name,Value,Default")
     log.format("MSG", "QZ", "TimeUS,Message")
     log.format("IMU", "QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ")
@@ -96,7 +62,7 @@ def events(tmp_path_factory):
     return list(Dataflash(modern().save(tmp_path_factory.mktemp("dataflash"))))
 
 
-def test_the_vehicle_is_who_its_parameters_say(events):
+def test_the_vehicle_is_named_by_its_parameters(events):
     assert {event.vehicle for event in events} == {VehicleId(7, 1)}
     (beat,) = of(Heartbeat, events)
     assert (beat.autopilot, beat.vehicle_type) == (3, 2)
@@ -138,8 +104,8 @@ def test_attitudes_velocities_positions_and_truth(events):
     assert position.altitude_m == 580.0
 
 
-def test_a_fix_without_vertical_velocity_says_so(tmp_path):
-    """The first firmwares' GPS has no VZ: a zero there would be believed as a level flight."""
+def test_a_fix_without_vertical_velocity_is_marked(tmp_path):
+    """The first firmwares' GPS has no VZ: a zero there would mean a level flight."""
     log = modern(1)
     log.format("GPS", "QBBIHLLfff", "TimeUS,I,Status,GMS,GWk,Lat,Lng,Alt,Spd,GCrs")
     log.write("GPS", 11_000_000, 0, 3, 1_001_000, 2300, -35.5, 149.25, 580.0, 2.0, 90.0)
@@ -158,7 +124,7 @@ def test_arrivals_are_unix_times_by_the_gps(events):
 
 def test_milliseconds_of_old_firmware(tmp_path):
     """3.2.1: TimeMS, IMU2 as a message of its own, GPS with its boot time in T."""
-    log = Writer()
+    log = DataflashWriter()
     log.format("IMU", "Iffffff", "TimeMS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ")
     log.format("IMU2", "Iffffff", "TimeMS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ")
     log.format("MAG", "Ihhh", "TimeMS,MagX,MagY,MagZ")

@@ -1,4 +1,4 @@
-"""A log is opened by what it is, and what is none is said in one line."""
+"""A log is opened by its content, and what is none or has no IMU data is refused in one line."""
 
 import gzip
 import os
@@ -6,9 +6,12 @@ import os
 import pytest
 
 from drivers.logs.open import imu_events, open_log
+from drivers.mavlink.constants import mavlink
 from estimator.errors import InputError
-from tests.drivers.logs.reading import DATA, imu_times
+from fuzzbee.cli import main
+from tests.drivers.logs.reading import DATA, S, imu_times
 from tests.drivers.logs.test_tlog import steady
+from tests.drivers.logs.writers import DataflashWriter, json_mcap
 
 
 @pytest.mark.parametrize("name", ["flight.log", "flight.tlog", "flight.bin", "flight"])
@@ -54,3 +57,80 @@ def test_what_is_no_file_or_may_never_end_is_not_opened(tmp_path, name, words):
     with pytest.raises(InputError, match=words) as raised:
         open_log(tmp_path / name)
     assert str(raised.value).count(str(tmp_path / name)) == 1
+
+
+UNIX_US = 1_700_000_000 * S
+ARDUPILOT, PX4 = 3, 12
+m = mavlink()
+ATTITUDE = m.MAVLink_attitude_message(1000, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0)
+
+
+def tlog(folder, autopilot, *more):
+    link = m.MAVLink(None, srcSystem=1, srcComponent=1)
+    heartbeat = m.MAVLink_heartbeat_message(2, autopilot, 0, 0, 0, 3)
+    data = b""
+    for k, message in enumerate([heartbeat, ATTITUDE, *more] * 20):
+        if "time_boot_ms" in message.fieldnames:
+            message.time_boot_ms = 1000 + 100 * k
+        data += (UNIX_US + k * S // 10).to_bytes(8, "big") + bytes(message.pack(link))
+    path = folder / "attitudes.tlog"
+    path.write_bytes(data)
+    return path
+
+
+def refusal(capsys, *arguments):
+    """The line that ends the command with status 2."""
+    assert main([str(each) for each in arguments]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    return line
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "words"),
+    [
+        (ARDUPILOT, ["RAW_IMU", "SR*_RAW_SENS", "SET_MESSAGE_INTERVAL of message 27"]),
+        (PX4, ["HIGHRES_IMU", "mavlink stream -r 50 -s HIGHRES_IMU", "message 105"]),
+    ],
+)
+def test_for_a_telemetry_log_the_message_to_ask_for_is_named(autopilot, words, tmp_path, capsys):
+    path = tlog(tmp_path, autopilot)
+    for command in (["replay", path], ["tune", path, "-o", tmp_path / "x.toml"]):
+        line = refusal(capsys, *command)
+        assert "attitudes.tlog: ATTITUDE but no IMU message" in line
+        assert all(word in line for word in (*words, "--request-rate"))
+
+
+def test_the_heartbeat_of_a_ground_station_is_no_autopilots(tmp_path, capsys):
+    """What a log lacks is asked of its autopilot, whatever else speaks under its system id."""
+    other = m.MAVLink_heartbeat_message(m.MAV_TYPE_GCS, m.MAV_AUTOPILOT_INVALID, 0, 0, 0, 3)
+    line = refusal(capsys, "replay", tlog(tmp_path, PX4, other))
+    assert "HIGHRES_IMU" in line
+
+
+def test_an_imu_of_zeros_is_no_missing_message(tmp_path, capsys):
+    zeros = m.MAVLink_scaled_imu2_message(1000, 0, 0, 0, 0, 0, 0, 0, 0, 0)
+    line = refusal(capsys, "replay", tlog(tmp_path, ARDUPILOT, zeros))
+    assert "zero_accelerometer" in line
+    assert "ask for" not in line
+
+
+def dataflash(folder):
+    log = DataflashWriter()
+    log.format("ATT", "Qccc", "TimeUS,Roll,Pitch,Yaw")
+    for k in range(20):
+        log.write("ATT", S + k * S // 10, 0.0, 0.0, 1.0)
+    return log.save(folder)
+
+
+def bag(folder):
+    return json_mcap(folder / "a.mcap", [("MagneticField", 1, 1, {})])
+
+
+@pytest.mark.parametrize("write", [lambda folder: tlog(folder, ARDUPILOT), dataflash, bag])
+def test_another_system_has_sent_nothing(tmp_path, capsys, write):
+    line = refusal(capsys, "replay", write(tmp_path), "--system-id", "7")
+    assert "no IMU data of system id 7" in line
+
+
+def test_for_an_on_board_log_the_bit_to_set_is_named(tmp_path, capsys):
+    assert "IMU bit of LOG_BITMASK" in refusal(capsys, "replay", dataflash(tmp_path))

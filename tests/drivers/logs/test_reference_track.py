@@ -58,7 +58,7 @@ def test_behind_the_end_the_last_attitude_holds_for_a_moment():
     assert known(track, S + 110_000) == [False]
 
 
-def test_the_message_that_says_most_is_used_and_messages_do_not_mix():
+def test_the_most_frequent_message_is_used_and_messages_do_not_mix():
     track = add(ReferenceTrack(), range(0, S + 1, 100_000))
     add(track, range(0, S + 1, 20_000), "ATTITUDE_QUATERNION", lambda _: turned(3.0))
     assert track.message == "ATTITUDE_QUATERNION"

@@ -153,7 +153,7 @@ YEAR_US = 365 * 86_400 * S
 
 
 @pytest.mark.parametrize(
-    ("stamps_us", "believed_us"),
+    ("stamps_us", "used_us"),
     [
         ((100, 200, YEAR_US, YEAR_US + 100), (100, 200, YEAR_US, YEAR_US + 100)),
         ((0, S, 600 * S, 601 * S), (0, S, 600 * S, 601 * S)),
@@ -166,15 +166,15 @@ YEAR_US = 365 * 86_400 * S
         ((0, S, 3600 * S), (0, S, S)),
     ],
 )
-def test_pauses_and_sessions_are_believed_and_garbled_stamps_are_not(
-    tmp_path, stamps_us, believed_us
+def test_stamps_of_pauses_and_sessions_are_used_and_garbled_ones_are_not(
+    tmp_path, stamps_us, used_us
 ):
     dialect, begin_us, data = mavlink(), 1_700_000_000 * S, b""
     for k, us in enumerate(stamps_us):
         beat = dialect.MAVLink_heartbeat_message(2, 3, 0, k, 0, 3)
         data += (begin_us + us).to_bytes(8, "big") + bytes(beat.pack(dialect.MAVLink(None, 1, 1)))
     beats = of(Heartbeat, read(tmp_path, data))
-    assert [event.arrival_us - begin_us for event in beats] == list(believed_us)
+    assert [event.arrival_us - begin_us for event in beats] == list(used_us)
 
 
 @pytest.mark.parametrize("name", ["sub_bad_data.tlog", "copter_reboot.tlog"])
@@ -184,7 +184,7 @@ def test_unreadable_frames_are_counted_whoever_wants_them(name):
 
 
 def test_a_message_nobody_knows_is_passed_over_whole(tmp_path):
-    """Its payload holds what looks like a frame; its record's length is believed in the chain."""
+    """Its payload holds what looks like a frame; its record's length counts in the chain."""
     before, inside, after = steady(3)
     dialect = mavlink()
     body = bytes((len(inside), 0, 0, 0, 1, 1)) + (0xFFFFFF).to_bytes(3, "little") + inside

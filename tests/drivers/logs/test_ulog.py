@@ -22,6 +22,7 @@ from drivers.logs.open import ULOG_MAGIC, imu_events
 from drivers.logs.ulog import Ulog
 from estimator.errors import InputError
 from tests.drivers.logs.reading import DATA, gaps_s, imu_times, malformed, of
+from tests.drivers.logs.writers import UlogWriter
 
 IMU_TOPIC = "sensor_combined"
 HOVER = DATA / "px4_hover.ulg"
@@ -79,53 +80,6 @@ def test_readings_and_parameters_agree_with_pyulog(events):
     assert np.abs(attitudes - q / np.linalg.norm(q, axis=1)[:, None]).max() < 1e-9
 
 
-class Writer:
-    """A ULog in the making."""
-
-    def __init__(self):
-        self.data = ULOG_MAGIC + b"\x01" + struct.pack("<Q", 1000)
-
-    def write(self, kind, body):
-        self.data += struct.pack("<H", len(body)) + kind + body
-        return self
-
-    def sensors(self):
-        """The format and the subscription of sensor_combined and a magnetometer."""
-        fields = b"uint64_t timestamp;float[3] gyro_rad;float[3] accelerometer_m_s2;"
-        self.write(b"F", b"sensor_combined:" + fields)
-        self.write(b"F", b"vehicle_magnetometer:uint64_t timestamp;float[3] magnetometer_ga;")
-        self.write(b"A", b"\0" + struct.pack("<H", 7) + b"sensor_combined")
-        return self.write(b"A", b"\0" + struct.pack("<H", 8) + b"vehicle_magnetometer")
-
-    def truth(self):
-        """The format and the subscription of the true attitude."""
-        self.write(b"F", b"vehicle_attitude_groundtruth:uint64_t timestamp;float[4] q;")
-        return self.write(b"A", b"\0" + struct.pack("<H", 9) + b"vehicle_attitude_groundtruth")
-
-    def attitude(self, time_us, q):
-        return self.write(b"D", struct.pack("<HQ4f", 9, time_us, *q))
-
-    def sample(self, time_us, gyr, acc):
-        return self.write(b"D", struct.pack("<HQ6f", 7, time_us, *gyr, *acc))
-
-    def mag(self, time_us, gauss):
-        return self.write(b"D", struct.pack("<HQ3f", 8, time_us, *gauss))
-
-    def topic(self, number, name, fields):
-        """The format and the subscription of any topic."""
-        text = f"{name}:uint64_t timestamp;{fields};"
-        self.write(b"F", text.encode())
-        return self.write(b"A", b"\0" + struct.pack("<H", number) + name.encode())
-
-    def row(self, number, layout, time_us, *values):
-        return self.write(b"D", struct.pack("<HQ" + layout, number, time_us, *values))
-
-    def save(self, folder):
-        path = folder / "flight.ulg"
-        path.write_bytes(self.data)
-        return path
-
-
 def noisy(rng, vector, sigma=0.01):
     return [x + rng.gauss(0.0, sigma) for x in vector]
 
@@ -143,7 +97,7 @@ GPS_ERAS = {
 
 @pytest.mark.parametrize(("fields", "layout", "place"), GPS_ERAS.values(), ids=GPS_ERAS)
 def test_the_receiver_s_place_and_velocity(tmp_path, fields, layout, place):
-    log = Writer().sensors().topic(10, "sensor_gps", f"{GPS_COMMON};{fields}")
+    log = UlogWriter().sensors().topic(10, "sensor_gps", f"{GPS_COMMON};{fields}")
     for k in range(5):
         now_us = 1_000_000 + 200_000 * k
         log.sample(now_us, (0.001 * k, 0, 0), (0, 0, -9.8))
@@ -166,7 +120,7 @@ def test_the_receiver_s_place_and_velocity(tmp_path, fields, layout, place):
 def test_sums_over_an_interval_become_rates(tmp_path):
     """vehicle_imu, where there is no sensor_combined; the two intervals differ."""
     fields = "float[3] delta_angle;float[3] delta_velocity;uint32_t delta_angle_dt;"
-    log = Writer().topic(7, "vehicle_imu", fields + "uint16_t delta_velocity_dt")
+    log = UlogWriter().topic(7, "vehicle_imu", fields + "uint16_t delta_velocity_dt")
     for k in range(3):
         sums = (0.002, -0.004, 0.001 * k, 0.0125, 0.0, -0.0490)
         log.row(7, "6fIH", 1_000_000 + 5000 * k, *sums, 4000, 5000)
@@ -180,7 +134,7 @@ def test_sums_over_an_interval_become_rates(tmp_path):
 
 
 def test_the_field_of_the_same_instant_comes_before_its_sample(tmp_path):
-    log = Writer().sensors()
+    log = UlogWriter().sensors()
     for k in range(5):
         now_us = 1_000_000 + 20_000 * k
         log.sample(now_us, (0.001 * k, 0, 0), (0, 0, -9.8)).mag(now_us, (0.2, 0.001 * k, 0.4))
@@ -191,10 +145,10 @@ def test_the_field_of_the_same_instant_comes_before_its_sample(tmp_path):
 
 def test_damage_costs_the_rows_it_hits(tmp_path):
     """In the middle of a row, between rows, and in a row's length."""
-    log, rng = Writer().sensors(), random.Random(2)
+    log, rng = UlogWriter().sensors(), random.Random(2)
     for k in range(300):
         log.sample(1_000_000 + 5000 * k, noisy(rng, (0, 0, 0)), noisy(rng, (0, 0, -9.8)))
-    data, row, head = log.data, 3 + 2 + 8 + 24, len(Writer().sensors().data)
+    data, row, head = log.data, 3 + 2 + 8 + 24, len(UlogWriter().sensors().data)
     at = head + 100 * row
     for damaged in (
         data[: at + 10] + data[at + 20 :],
@@ -211,7 +165,7 @@ def test_damage_costs_the_rows_it_hits(tmp_path):
 
 
 def test_a_second_log_behind_the_first_is_not_mixed_into_it(tmp_path):
-    log, rng = Writer().sensors(), random.Random(2)
+    log, rng = UlogWriter().sensors(), random.Random(2)
     for k in range(100):
         log.sample(1_000_000 + 5000 * k, noisy(rng, (0, 0, 0)), noisy(rng, (0, 0, -9.8)))
     path = tmp_path / "flight.ulg"
@@ -223,19 +177,19 @@ def test_a_second_log_behind_the_first_is_not_mixed_into_it(tmp_path):
 
 def traps():
     """Files that claim more than they hold."""
-    nested = Writer()
+    nested = UlogWriter()
     nested.write(b"F", b"vehicle_attitude:uint64_t timestamp;" + b"a[65535] x;")
     for inner, outer in (("b", "a"), ("c", "b"), ("d", "c"), ("a", "d")):
         nested.write(b"F", f"{outer}:{inner}[65535] y;".encode())
     for number in range(500):
         nested.write(b"A", b"\0" + struct.pack("<H", number) + b"vehicle_attitude")
-    wide = Writer()
+    wide = UlogWriter()
     fields = b"".join(b"uint8_t f%d;" % k for k in range(4000))
     wide.write(b"F", b"vehicle_attitude:uint64_t timestamp;" + fields)
     for number in range(5000):
         wide.write(b"A", b"\0" + struct.pack("<H", number) + b"vehicle_attitude")
     endless = ULOG_MAGIC + bytes(9) + b"\xff\x7f\x00" + bytes(40)
-    newer = Writer().write(b"B", bytes(8) + b"\x02" + bytes(31))
+    newer = UlogWriter().write(b"B", bytes(8) + b"\x02" + bytes(31))
     return {"nested": nested.data, "wide": wide.data, "endless": endless, "newer": newer.data}
 
 

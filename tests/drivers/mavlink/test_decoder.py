@@ -1,4 +1,4 @@
-"""Frames, units and who is who: messages packed by pymavlink, decoded by us."""
+"""Frames and units: messages packed by pymavlink, decoded by us."""
 
 import math
 
@@ -9,63 +9,36 @@ from scipy.spatial.transform import Rotation
 from drivers.events import (
     ClockReset,
     CommandAck,
-    Forgotten,
     Heartbeat,
     Imu,
     Notice,
     Parameter,
     Position,
     ReferenceAttitude,
-    RefusedFrames,
-    Rejected,
     VehicleId,
     Velocity,
 )
-from drivers.mavlink.constants import mavlink
-from drivers.mavlink.decoder import MOST_SENDERS, MavlinkDecoder
+from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.messages import IMU_MESSAGES, ImuMessage
-from drivers.samples.intake import MOST_STREAMS
 from drivers.samples.vehicle_clock import TimeField
 from estimator.types import ZERO_VEC3, ImuSample, VelocitySample
-
-S = 1_000_000
-UNIX = 1_700_000_000 * S
-VEHICLE = VehicleId(1, 1)
-ARDUPILOT, PX4, GENERIC = 3, 12, 0
-G = 9.80665
-
-m = mavlink()
-
-
-def frame(message, system=1, component=1, force_mavlink1=False, sender=None):
-    sender = sender or m.MAVLink(None, srcSystem=system, srcComponent=component)
-    return bytes(message.pack(sender, force_mavlink1=force_mavlink1))
-
-
-def decode_all(messages, decoder=None, interval_us=20_000, **address):
-    """The events of messages that arrive at a steady pace, all through real bytes."""
-    decoder, reader, events = decoder or MavlinkDecoder(), FrameReader(), []
-    for k, message in enumerate(messages):
-        (each,) = reader.feed(frame(message, **address))
-        events += decoder.events(each, UNIX + interval_us * k)
-    return events
-
-
-def heartbeat(autopilot=ARDUPILOT, kind=2):
-    return m.MAVLink_heartbeat_message(kind, autopilot, 0, 0, 0, 3)
-
-
-def raw_imu(time_us=S, acc=(0, 0, -1000), gyr=(0, 0, 0), mag=(200, 0, 400)):
-    return m.MAVLink_raw_imu_message(time_us, *acc, *gyr, *mag)
-
-
-def highres(time_us=S, acc=(0.0, 0.0, -G), gyr=(0.0, 0.0, 0.0), mag=(0.2, 0.0, 0.4), updated=0):
-    return m.MAVLink_highres_imu_message(time_us, *acc, *gyr, *mag, 1e3, 0, 0, 20, updated)
-
-
-def only(kind, events):
-    return [event for event in events if isinstance(event, kind)]
+from tests.drivers.mavlink.messages import (
+    ARDUPILOT,
+    GENERIC,
+    PX4,
+    UNIX,
+    VEHICLE,
+    G,
+    S,
+    decode_all,
+    frame,
+    heartbeat,
+    highres,
+    m,
+    only,
+    raw_imu,
+)
 
 
 def test_whole_numbers_have_no_bias():
@@ -97,8 +70,6 @@ def _rates_and_force(fields):
     rates = (fields.rollspeed, fields.pitchspeed, fields.yawspeed)
     return rates, (fields.xacc, fields.yacc, 1e-2 * fields.zacc), ZERO_VEC3
 
-
-# --- one table: message, the events it becomes behind an IMU message at 1 s
 
 ONE = VEHICLE, UNIX
 HALF_PI_YAW = (0.5**0.5, 0.0, 0.0, 0.5**0.5)
@@ -213,58 +184,6 @@ def test_each_message_becomes_its_event(message, expected, force_mavlink1):
     assert_same(events[0], expected)
 
 
-@pytest.mark.parametrize(
-    "messages",
-    [
-        [m.MAVLink_vfr_hud_message(0, 0, 0, 0, 0, 0)],
-        [
-            heartbeat(*kind) for kind in ((8, 30), (8, 2), (8, 6), (0, 6), (3, 6))
-        ],  # cameras, stations
-        [m.MAVLink_attitude_message(1500, 0, 0, 0, 0, 0, 0)],  # of a companion without an IMU
-    ],
-)
-def test_what_is_no_vehicle_s_becomes_nothing(messages):
-    assert decode_all(messages) == []
-
-
-# --- who is who
-
-
-def test_a_vehicle_may_have_system_id_255():
-    events = decode_all([heartbeat(), raw_imu()], system=255)
-    assert {event.vehicle for event in events} == {VehicleId(255, 1)}
-
-
-def test_vehicles_on_one_link_have_clocks_of_their_own():
-    decoder = MavlinkDecoder()
-    first = decode_all([raw_imu(500 * S + 20_000 * k) for k in range(5)], decoder)
-    second = decode_all([raw_imu(S + 20_000 * k) for k in range(5)], decoder, system=2)
-    assert [e.vehicle.system_id for e in only(Imu, first + second)] == [1] * 5 + [2] * 5
-    assert not only(Rejected, first + second)
-
-
-# --- what is no data
-
-
-@pytest.mark.parametrize(
-    ("message", "reason"),
-    [
-        (raw_imu(acc=(0, 0, 0)), "zero_accelerometer"),
-        (highres(acc=(math.nan, 0.0, -G)), "not_finite"),
-        (highres(gyr=(0.0, math.inf, 0.0)), "not_finite"),
-    ],
-)
-def test_what_is_no_data_is_refused_by_name(message, reason):
-    assert decode_all([message]) == [Rejected(VEHICLE, UNIX, reason, message.get_type())]
-
-
-@pytest.mark.parametrize("mag", [(0, 0, 0), (math.nan, 0.0, 0.0)])
-def test_a_zero_or_broken_field_is_absent(mag):
-    (event,) = decode_all([highres(mag=mag)])
-    assert not event.sample.has_mag
-    assert event.sample.mag_gauss == ZERO_VEC3
-
-
 FIELDS = {
     "a repeated one is absent until a quarter second has passed": (
         [raw_imu(S + 20_000 * k) for k in range(26)],
@@ -290,15 +209,18 @@ def test_which_fields_are_fresh(messages, is_fresh):
     assert [event.sample.has_mag for event in events] == is_fresh
 
 
+@pytest.mark.parametrize("mag", [(0, 0, 0), (math.nan, 0.0, 0.0)])
+def test_a_zero_or_broken_field_is_absent(mag):
+    (event,) = decode_all([highres(mag=mag)])
+    assert (event.sample.has_mag, event.sample.mag_gauss) == (False, ZERO_VEC3)
+
+
 @pytest.mark.parametrize("factor", [1.0, 1e3, 1e6])
 def test_highres_fields_come_in_gauss_whatever_the_firmware_thinks(factor):
     """From half the Earth's weakest field to eight times its strongest, hard iron included."""
     for size in (0.11, 0.4, 5.0):
         (event,) = decode_all([highres(mag=(0.1 * factor, 0.0, -size * factor))])
         assert event.sample.mag_gauss == pytest.approx((0.1, 0.0, -size), rel=1e-6)
-
-
-# --- notices
 
 
 @pytest.mark.parametrize(
@@ -331,9 +253,6 @@ def test_a_second_of_free_fall_is_no_reason():
     fall = [raw_imu(S + 20_000 * k, acc=(0, 0, -10)) for k in range(60)]
     rest = [raw_imu(3 * S + 20_000 * k) for k in range(800)]
     assert not only(Notice, decode_all(fall + rest))
-
-
-# --- attitudes, truth, position
 
 
 def test_truth_belongs_to_the_imu_message_it_follows_once():
@@ -383,6 +302,7 @@ def test_gps_has_a_course_from_north_to_east_and_its_accuracy_or_none(
     assert (velocity.sigma_m_s, velocity.late_sigma_s) == (pytest.approx(sigma_m_s), 0.1)
 
 
+SCALED_IMU = [m.MAVLink_scaled_imu_message(300_000 + 20 * k, 0, 0, -1000, *[0] * 6) for k in (0, 1)]
 REBOOTED = {
     "ATTITUDE": lambda ms: m.MAVLink_attitude_message(ms, 0, 0, 0, 0, 0, 0),
     "ATTITUDE_QUATERNION": lambda ms: m.MAVLink_attitude_quaternion_message(ms, 1, *[0] * 6),
@@ -396,77 +316,25 @@ REBOOTED = {
 @pytest.mark.parametrize("make", REBOOTED.values(), ids=REBOOTED)
 def test_a_reboot_is_reported_by_whatever_confirms_it(make):
     """With SCALED_IMU alone all messages have one clock."""
-    before = [m.MAVLink_scaled_imu_message(300_000 + 20 * k, 0, 0, -1000, *[0] * 6) for k in (0, 1)]
-    events = decode_all([*before, make(5000), make(5020)])
-    (reset,) = only(ClockReset, events)
+    events = decode_all([*SCALED_IMU, make(5000), make(5020)])
+    first, second, reset, confirming = events[:4]  # the first message of the new boot waits
+    assert [type(each) for each in (first, second, reset)] == [Imu, Imu, ClockReset]
+    assert isinstance(confirming, ReferenceAttitude | Position | Velocity)
     assert (reset.reason, reset.step_s) == ("reboot", pytest.approx(5.0 - 300.02))
 
 
-def test_a_velocity_that_is_none_does_not_touch_the_clock():
-    broken = [m.MAVLink_local_position_ned_message(ms, 0, 0, 0, math.nan, 0, 0) for ms in (7, 27)]
-    before = [m.MAVLink_scaled_imu_message(300_000 + 20 * k, 0, 0, -1000, *[0] * 6) for k in (0, 1)]
-    assert [type(event) for event in decode_all([*before, *broken])] == [Imu, Imu]
-
-
-def test_a_link_of_any_number_of_senders_and_streams_is_remembered_within_bounds():
-    decoder, reader = MavlinkDecoder(), FrameReader()
-    known, turned_away, refused = set(), 0, 0
-    for number in range(MOST_SENDERS + 200):
-        address = 1 + number % 250, 1 + number // 250
-        (each,) = reader.feed(frame(raw_imu(), *address))
-        events = decoder.events(each, UNIX + number)
-        known |= {event.vehicle for event in only(Imu, events)}
-        turned_away += sum(event.frames for event in only(RefusedFrames, events))
-    assert len(known) == MOST_SENDERS
-    assert turned_away == 200  # every sample is accounted for
-    for instance in range(256):
-        message = m.MAVLink_raw_imu_message(
-            S + instance, 0, 0, -1000, 0, 0, 1, 0, 0, 0, id=instance
-        )
-        (each,) = reader.feed(frame(message))
-        events = only(Rejected, decoder.events(each, UNIX))
-        refused += [event.reason for event in events] == ["too_many_streams"]
-    assert refused == 256 - MOST_STREAMS
-
-
-def test_a_sender_with_an_imu_takes_the_slot_of_whoever_has_none_and_is_silent_for_longest(
-    monkeypatch,
-):
-    """A table that is full of heartbeats, all of them fresh."""
-    monkeypatch.setattr("drivers.mavlink.decoder.MOST_SENDERS", 3)
-    decoder = MavlinkDecoder()
-    for system in (1, 2, 3, 1):
-        assert len(decode_all([heartbeat()], decoder, system=system)) == 1
-    gone, imu = decode_all([raw_imu()], decoder, system=7)
-    assert gone == Forgotten(VehicleId(2, 1), UNIX)
-    assert imu.vehicle == VehicleId(7, 1)
-
-
-def test_other_imus_are_skipped_while_the_one_in_use_comes():
-    """Half a second after its end they are decoded; a better one always, all if none is known."""
-    sent = [
+def test_a_message_without_content_does_not_touch_the_clock():
+    nan = math.nan
+    broken = [
         each
-        for k in range(100)
+        for ms in (7, 27)
         for each in (
-            raw_imu(S + 20_000 * k),
-            m.MAVLink_scaled_imu2_message(1000 + 20 * k, 0, 0, -1000, *[0] * 6),
-            m.MAVLink_scaled_imu3_message(1000 + 20 * k, 0, 0, -1000, *[0] * 6),
+            m.MAVLink_attitude_message(ms, nan, 0, 0, 0, 0, 0),
+            m.MAVLink_local_position_ned_message(ms, 0, 0, 0, nan, 0, 0),
+            m.MAVLink_global_position_int_message(ms, *[0] * 8),
         )
-        if k < 50 or each.get_type() != "RAW_IMU"
     ]
-
-    def taken(in_use):
-        decoder = MavlinkDecoder()
-        decoder.imu_in_use = lambda _: in_use
-        events = only(Imu, decode_all(sent, decoder, interval_us=20_000 // 3))
-        return {name: sum(e.message == name for e in events) for name in
-                ("RAW_IMU", "SCALED_IMU2", "SCALED_IMU3")}  # fmt: skip
-
-    assert taken(None) == {"RAW_IMU": 50, "SCALED_IMU2": 100, "SCALED_IMU3": 100}
-    first = taken("RAW_IMU")
-    assert first["RAW_IMU"] == 50
-    assert 10 < first["SCALED_IMU2"] < 50  # of the 50 after RAW_IMU ended, less half a second
-    assert taken("SCALED_IMU2") == {"RAW_IMU": 50, "SCALED_IMU2": 100, "SCALED_IMU3": 0}
+    assert [type(event) for event in decode_all([*SCALED_IMU, *broken])] == [Imu, Imu]
 
 
 @pytest.mark.parametrize(

@@ -15,9 +15,10 @@ from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.encoder import FrameEncoder, raw_imu
 from drivers.mavlink.framing import FrameFormat, FrameReader, frame_end
 from drivers.samples.intake import ATTITUDE_EVERY_US
+from tests.drivers.mavlink.messages import UNIX, S, frame
+from tests.drivers.mavlink.messages import raw_imu as packed_raw_imu
 from tests.drivers.mavlink.pymavlink_parser import PymavlinkParser
-from tests.drivers.mavlink.test_decoder import TABLE, UNIX, S, frame
-from tests.drivers.mavlink.test_decoder import raw_imu as packed_raw_imu
+from tests.drivers.mavlink.test_decoder import TABLE
 
 m = mavlink()
 GOOD = [frame(message, force_mavlink1=v1) for message, _ in TABLE for v1 in (False, True)]
@@ -90,7 +91,7 @@ def test_what_is_unreadable_costs_itself_alone(parts, frames, malformed):
 
 @given(st.lists(st.binary(max_size=40), min_size=8, max_size=8))
 def test_garbage_between_frames_costs_no_frame(garbage):
-    """Not even garbage that begins like a frame and claims to be long."""
+    """Not even garbage that begins like a frame and has a large length."""
     stream = b"".join(junk + good for junk, good in zip(garbage, GOOD[:8], strict=True))
     tail = GOOD[0] * 20  # what a false start at the end still waits for
     reader = FrameReader()
@@ -110,7 +111,7 @@ def test_frames_measure_themselves():
             assert frame_end(b"stamp" + data, 5) == 5 + len(data)
     assert frame_end(b"\x00" * 20, 0) is None
     assert frame_end(b"\xfd\x01\x02" + bytes(20), 0) is None  # a flag that nobody knows
-    for cut in range(3):  # a header that is not there whole says that the frame is not, either
+    for cut in range(3):  # without a whole header there is no whole frame
         assert frame_end(GOOD[0][:cut], 0) > cut
 
 

@@ -1,9 +1,17 @@
-"""What a link leaves out when more comes than can be handled: packets of floods, old samples."""
+"""What a link leaves out when too much comes, and what it reports when nothing comes."""
 
 import pytest
 
+from drivers import resources
+from drivers.endpoint import parse_endpoint
 from drivers.events import Shed, VehicleId
-from drivers.mavlink.connection import ALL_PACKETS_HZ, IMU_PACKETS_HZ, PACKETS_HZ, RateLimits
+from drivers.mavlink.connection import (
+    ALL_PACKETS_HZ,
+    IMU_PACKETS_HZ,
+    PACKETS_HZ,
+    LinkDiagnostics,
+    RateLimits,
+)
 from drivers.mavlink.constants import ATTITUDE_ID, HEARTBEAT_ID, PARAM_VALUE_ID, RAW_IMU_ID
 from drivers.mavlink.framing import Frame
 from drivers.mavlink.link import REPORT_EVERY_US, FrameQueue
@@ -59,9 +67,6 @@ def test_a_clock_that_is_set_back_locks_nobody_out():
     limits = RateLimits()
     assert limits.admits("a", 30, 5000.0)
     assert sum(limits.admits("a", 30, 10.0 + k / 100) for k in range(1000)) == 1000
-
-
-# --- the queue
 
 
 def frame(system, message, number=0, component=1):
@@ -130,3 +135,63 @@ def test_what_was_left_out_is_reported_now_and_then():
     assert queue.shed == 4
     queue.add(0, [frame(1, RAW_IMU_ID), frame(1, RAW_IMU_ID)])  # the host's clock was set back
     assert sum(each.samples for each in queue.take_shed(0)) == 2
+
+
+SERIAL = parse_endpoint("/dev/ttyUSB0:57600")
+
+
+@pytest.mark.parametrize(
+    ("looks", "reported_s"),
+    [([(100.0, False), (200.0, True), (204.9, True), (205.0, True), (300.0, True)], [205.0]),
+     ([(0.0, True), (4.0, False), (6.0, True)], [])],
+    ids=["once, five seconds after the link was opened", "not with data"],
+)  # fmt: skip
+def test_silence_is_reported(looks, reported_s):
+    diagnostics = LinkDiagnostics(SERIAL)
+    lines = {at_s: diagnostics.silence(at_s, is_silent=is_silent) for at_s, is_silent in looks}
+    assert [at_s for at_s, line in lines.items() if line] == reported_s
+    for at_s in reported_s:
+        assert lines[at_s].startswith("/dev/ttyUSB0:57600: nothing has arrived in 5 s")
+
+
+def test_bytes_without_a_frame_are_reported_once_and_again_after_a_frame():
+    diagnostics = LinkDiagnostics(SERIAL)
+    found = [diagnostics.bytes_read(100, 0, 0.5 * n) for n in range(12)]
+    (text,) = [line for line in found if line]
+    assert text.startswith("/dev/ttyUSB0:57600: 500 bytes and not one MAVLink frame: another baud")
+    assert found.index(text) == 4
+    assert diagnostics.bytes_read(100, 1, 7.0) is None
+    assert any(diagnostics.bytes_read(300, 0, 8.0 + n) for n in range(5))
+    few = LinkDiagnostics(SERIAL)
+    assert not any(few.bytes_read(1, 0, n) for n in range(100))
+
+
+GIB = 1 << 30
+
+
+@pytest.mark.parametrize("version", [0, 1])
+@pytest.mark.parametrize(
+    ("machine", "limit", "expected"),
+    [
+        (16 * GIB, None, 4096),
+        (16 * GIB, "max", 4096),
+        (16 * GIB, 3 * GIB, 1536),  # a container that may have less
+        (16 * GIB, 256 << 20, 512),
+        (2 * GIB, 3 * GIB, 1024),
+        (None, None, 512),
+    ],
+)
+def test_there_is_room_for_as_many_as_machine_and_container_have(
+    machine, limit, expected, version, tmp_path, monkeypatch
+):
+    def sysconf(name):
+        if machine is None:
+            raise ValueError(name)
+        return {"SC_PHYS_PAGES": machine // 4096, "SC_PAGE_SIZE": 4096}[name]
+
+    monkeypatch.setattr(resources.os, "sysconf", sysconf)
+    files = tmp_path / "memory.max", tmp_path / "limit_in_bytes"
+    monkeypatch.setattr(resources, "GROUP", files)
+    if limit is not None:
+        files[version].write_text(f"{limit}\n")
+    assert resources.slots() == expected

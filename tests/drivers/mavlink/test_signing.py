@@ -245,7 +245,7 @@ def test_a_state_that_cannot_be_kept_is_refused_at_the_start(tmp_path):
         SigningCheck(KEY, tmp_path / "state" / "signing.json")
 
 
-def test_the_state_lives_where_xdg_says_or_at_home(monkeypatch, tmp_path):
+def test_the_state_is_in_the_folder_of_xdg_or_at_home(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     assert state_path() == tmp_path / "fuzzbee" / "signing.json"
     monkeypatch.delenv("XDG_STATE_HOME")

@@ -80,15 +80,15 @@ class Conversation:
     ("autopilot", "message", "number"), [(3, "RAW_IMU", 27), (12, "HIGHRES_IMU", 105)]
 )
 def test_asks_by_message_interval_and_stays_content(autopilot, message, number):
-    talk = Conversation(autopilot=autopilot)
-    talk.on_command, talk.message = talk.accept, message
-    talk.run(60)
-    ((at, command),) = talk.commands
+    dialogue = Conversation(autopilot=autopilot)
+    dialogue.on_command, dialogue.message = dialogue.accept, message
+    dialogue.run(60)
+    ((at, command),) = dialogue.commands
     assert at == 0
     assert command.command == 511
     assert (command.target_system, command.target_component) == VEHICLE
     assert (command.param1, command.param2, command.confirmation) == (number, 20_000, 0)
-    assert talk.notices == []
+    assert dialogue.notices == []
 
 
 @pytest.mark.parametrize(("url", "asked_hz"), [("udpin", 50.0), ("udpout", 50.0), ("udpout", None)])
@@ -114,47 +114,49 @@ def test_nothing_is_sent_before_a_vehicle_is_known_nor_after_it_is_forgotten():
 
 
 def test_without_an_answer_the_request_is_repeated_then_paused():
-    talk = Conversation().run(14)
-    first = [message.confirmation for _, message in talk.commands[: MOST_REPEATS + 1]]
+    dialogue = Conversation().run(14)
+    first = [message.confirmation for _, message in dialogue.commands[: MOST_REPEATS + 1]]
     assert first == list(range(MOST_REPEATS + 1))
     # 1.5 s for each answer, then 5 s of pause, and again from the start
-    assert talk.command_times_s[:5] == [0, 1.5, 3.0, 4.5, 11.0]
-    assert talk.commands[4][1].confirmation == 0
-    assert len(talk.notices) == 1
-    assert "does not answer" in talk.notices[0]
+    assert dialogue.command_times_s[:5] == [0, 1.5, 3.0, 4.5, 11.0]
+    assert dialogue.commands[4][1].confirmation == 0
+    assert len(dialogue.notices) == 1
+    assert "does not answer" in dialogue.notices[0]
 
 
 def test_gives_up_after_so_many_requests():
-    talk = Conversation().run(1000)
-    assert len(talk.commands) == MOST_REQUESTS * (MOST_REPEATS + 1)
-    assert talk.command_times_s[-1] < 300
-    assert len(talk.notices) == 2
-    assert "not asking again" in talk.notices[1]
+    dialogue = Conversation().run(1000)
+    assert len(dialogue.commands) == MOST_REQUESTS * (MOST_REPEATS + 1)
+    assert dialogue.command_times_s[-1] < 300
+    assert len(dialogue.notices) == 2
+    assert "not asking again" in dialogue.notices[1]
 
 
 def test_an_accepted_rate_that_does_not_come_is_asked_for_again():
-    talk = Conversation()
-    talk.on_command = lambda _: talk.ack(0)  # accepts and goes on at 4 Hz
-    talk.run(400)
-    assert len(talk.commands) == MOST_REQUESTS
-    assert "sends RAW_IMU at 4.0 Hz" in talk.notices[0]
-    gaps = [b - a for a, b in zip(talk.command_times_s, talk.command_times_s[1:], strict=False)]
+    dialogue = Conversation()
+    dialogue.on_command = lambda _: dialogue.ack(0)  # accepts and goes on at 4 Hz
+    dialogue.run(400)
+    assert len(dialogue.commands) == MOST_REQUESTS
+    assert "sends RAW_IMU at 4.0 Hz" in dialogue.notices[0]
+    gaps = [
+        b - a for a, b in zip(dialogue.command_times_s, dialogue.command_times_s[1:], strict=False)
+    ]
     assert all(later > 1.3 * earlier for earlier, later in itertools.pairwise(gaps))
 
 
 def test_a_ground_station_s_reset_is_noticed_and_undone():
-    talk = Conversation()
-    talk.on_command = talk.accept
-    talk.run(20)
-    talk.rate_hz = 2.0
-    talk.run(20)
-    assert len(talk.commands) == 2
-    assert talk.rate_hz == 50
+    dialogue = Conversation()
+    dialogue.on_command = dialogue.accept
+    dialogue.run(20)
+    dialogue.rate_hz = 2.0
+    dialogue.run(20)
+    assert len(dialogue.commands) == 2
+    assert dialogue.rate_hz == 50
     for _ in range(MOST_REQUESTS + 2):  # success in between: it goes on asking
-        talk.rate_hz = 2.0
-        talk.run(20)
-    assert len(talk.commands) == 2 + MOST_REQUESTS + 2
-    assert len(talk.notices) == 1
+        dialogue.rate_hz = 2.0
+        dialogue.run(20)
+    assert len(dialogue.commands) == 2 + MOST_REQUESTS + 2
+    assert len(dialogue.notices) == 1
 
 
 @pytest.mark.parametrize(
@@ -165,37 +167,37 @@ def test_a_ground_station_s_reset_is_noticed_and_undone():
     ],
 )
 def test_no_sample_is_a_failure_and_a_refusal_is_final(result, rate_hz, seconds, problem):
-    talk = Conversation()
-    talk.rate_hz = rate_hz
-    talk.on_command = lambda _: talk.ack(result)
-    talk.run(seconds)
-    assert len(talk.commands) == 1
-    assert problem in talk.notices[0]
+    dialogue = Conversation()
+    dialogue.rate_hz = rate_hz
+    dialogue.on_command = lambda _: dialogue.ack(result)
+    dialogue.run(seconds)
+    assert len(dialogue.commands) == 1
+    assert problem in dialogue.notices[0]
 
 
 def test_temporary_rejection_is_not():
-    talk = Conversation()
+    dialogue = Conversation()
     answers = iter([1, 1, 0])
 
     def answer(command):
         result = next(answers)
-        talk.rate_hz = 50 if result == 0 else 4
-        talk.ack(result)
+        dialogue.rate_hz = 50 if result == 0 else 4
+        dialogue.ack(result)
 
-    talk.on_command = answer
-    talk.run(100)
-    assert talk.command_times_s == [0, 5, 15]
+    dialogue.on_command = answer
+    dialogue.run(100)
+    assert dialogue.command_times_s == [0, 5, 15]
 
 
 def test_a_reboot_is_asked_at_once():
-    talk = Conversation()
-    talk.on_command = talk.accept
-    talk.run(10)
-    talk.rate_hz = 4.0
-    talk.event(ClockReset(VEHICLE, talk.now_us, "reboot", -10.0))
-    assert len(talk.commands) == 2
-    talk.event(ClockReset(VEHICLE, talk.now_us, "jump", 10.0))
-    assert len(talk.commands) == 2
+    dialogue = Conversation()
+    dialogue.on_command = dialogue.accept
+    dialogue.run(10)
+    dialogue.rate_hz = 4.0
+    dialogue.event(ClockReset(VEHICLE, dialogue.now_us, "reboot", -10.0))
+    assert len(dialogue.commands) == 2
+    dialogue.event(ClockReset(VEHICLE, dialogue.now_us, "jump", 10.0))
+    assert len(dialogue.commands) == 2
 
 
 @pytest.mark.parametrize("rate", [0, -1, float("nan"), float("inf"), 1e6])
@@ -219,7 +221,7 @@ def test_a_flood_of_heartbeats_is_not_answered_without_end():
 
 def test_what_failed_before_a_reboot_does_not_count_behind_it():
     """Five of six requests, the last some 100 s after the first."""
-    talk = Conversation().run(120)
-    talk.event(ClockReset(VEHICLE, talk.now_us, "reboot", -100.0))
-    talk.run(30)
-    assert not [notice for notice in talk.notices if "not asking again" in notice]
+    dialogue = Conversation().run(120)
+    dialogue.event(ClockReset(VEHICLE, dialogue.now_us, "reboot", -100.0))
+    dialogue.run(30)
+    assert not [notice for notice in dialogue.notices if "not asking again" in notice]

@@ -21,7 +21,7 @@ def given(clock, boot_s, arrival_s, field=USEC, message="RAW_IMU"):
 
 
 def fed(rate_hz, seconds, boot_s=lambda s: s, arrival_s=lambda s: s, clock=None):
-    """A steady stream; ``boot_s`` and ``arrival_s`` say what the clocks show of the true time."""
+    """A steady stream; ``boot_s`` and ``arrival_s`` map true time to what the clocks show."""
     clock = VehicleClock() if clock is None else clock
     times_s = [k / rate_hz for k in range(round(seconds * rate_hz))]
     return [(s, given(clock, 5.0 + boot_s(s), arrival_s(s))) for s in times_s]

@@ -9,50 +9,27 @@ from drivers.events import (
     Imu,
     Notice,
     Position,
-    ReferenceAttitude,
     Rejected,
     TrackLost,
-    VehicleId,
     Velocity,
 )
-from drivers.logs.logged_vehicle import LoggedVehicle
-from drivers.samples.imu_stream import Field, RepeatedField, Stamp
+from drivers.samples.imu_stream import MOST_HELD, Field, ImuStream, Stamp
 from drivers.samples.intake import Intake
 from drivers.samples.navigation import Fix
 from drivers.samples.vehicle_clock import TimeField
 from estimator.reasons import Reason
-from estimator.types import IDENTITY, STANDARD_GRAVITY_M_S2, ZERO_VEC3
-
-S = 1_000_000
-UNIX = 1_700_000_000 * S
-VEHICLE = VehicleId(1, 1)
-BOOT_MS, GPS = TimeField.BOOT_MS, TimeField.GPS
-REST = (0.0, 0.0, -STANDARD_GRAVITY_M_S2)
-FIELD = (0.2, 0.0, 0.4)
-PLACE = (47.0, 8.5, 500.0)
-
-
-def stamp(raw_us, arrival_us=None, clock=BOOT_MS):
-    return Stamp(clock, raw_us, UNIX + raw_us if arrival_us is None else arrival_us)
-
-
-def imu(intake, raw_us, arrival_us=None, gyr=ZERO_VEC3, acc=REST, mag=FIELD, name="SCALED_IMU"):
-    return intake.imu(name, stamp(raw_us, arrival_us), gyr, acc, Field(mag))
-
-
-def kinds(events):
-    return [type(event) for event in events]
-
-
-def running(first_us=300 * S, count=5):
-    """An intake after some IMU messages on the boot clock, and the arrival of the next."""
-    intake = Intake(VEHICLE)
-    for k in range(count):
-        imu(intake, first_us + 250_000 * k)
-    return intake, UNIX + first_us + 250_000 * count
-
-
-# --- a clock that begins anew
+from estimator.types import STANDARD_GRAVITY_M_S2
+from tests.drivers.samples.given import (
+    FIELD,
+    PLACE,
+    UNIX,
+    VEHICLE,
+    S,
+    imu,
+    kinds,
+    running,
+    stamp,
+)
 
 
 def test_the_first_reading_of_a_new_boot_waits_and_is_not_lost():
@@ -146,46 +123,16 @@ def test_a_field_that_wraps_is_out_of_range_until_it_is_back(peak_gauss, sign):
     assert len(used) + refused == 800
 
 
-OTHERS = {
-    "attitude": lambda intake, at: intake.attitude("ATTITUDE", at, "autopilot", IDENTITY),
-    "velocity": lambda intake, at: intake.fix("LOCAL_POSITION_NED", at, Fix((1.0, 0.0, 0.0))),
-    "place": lambda intake, at: intake.fix(
-        "GLOBAL_POSITION_INT", at, Fix((1.0, 0.0, 0.0), position=PLACE)
-    ),
-}
-
-
-@pytest.mark.parametrize("other", OTHERS.values(), ids=OTHERS)
-def test_a_reset_that_another_message_confirms_is_reported_with_it(other):
-    intake, arrival_us = running()
-    assert other(intake, stamp(5 * S, arrival_us)) == []
-    reset, *rest = other(intake, stamp(5_100_000, arrival_us + 100_000))
-    assert (type(reset), reset.reason) == (ClockReset, "reboot")
-    assert kinds(rest) in ([ReferenceAttitude], [Velocity], [Position, Velocity])
-
-
-@pytest.mark.parametrize(("raw_us", "believed"), [(5 * S, True), (20 * S, False), (900 * S, False)])
-def test_a_reboot_voids_what_the_filter_said_of_itself_and_a_leap_does_not(raw_us, believed):
+@pytest.mark.parametrize(
+    ("raw_us", "is_reboot"), [(5 * S, True), (20 * S, False), (900 * S, False)]
+)
+def test_a_reboot_voids_the_status_of_the_filter_and_a_leap_does_not(raw_us, is_reboot):
     intake, arrival_us = running()
     intake.filter_status(arrival_us, 0, 0.0, 0.0)
     events = [imu(intake, raw_us + k * S // 4, arrival_us + k * S // 4) for k in range(6)]
-    assert next(filter(None, events))[0].reason == ("reboot" if believed else "jump")
+    assert next(filter(None, events))[0].reason == ("reboot" if is_reboot else "jump")
     at = stamp(raw_us + 1_350_000, arrival_us + 1_350_000)
-    assert bool(intake.fix("LOCAL_POSITION_NED", at, Fix((1.0, 0.0, 0.0)))) is believed
-
-
-def test_a_message_that_says_nothing_does_not_touch_the_clock():
-    intake, arrival_us = running()
-    nothing = (Fix(), Fix((1.0, 0.0, 0.0), position=(0.0, 0.0, 5.0)))
-    for k in range(4):
-        at = stamp(20 * S + 100_000 * k, arrival_us + 100_000 * k)
-        assert intake.attitude("ATTITUDE", at, "autopilot", None) == []
-        assert all(intake.fix("GLOBAL_POSITION_INT", at, fix) == [] for fix in nothing)
-    (sample,) = imu(intake, 301_250_000, arrival_us + 400_000)
-    assert sample.boot_us == 301_250_000
-
-
-# --- position and velocity
+    assert bool(intake.fix("LOCAL_POSITION_NED", at, Fix((1.0, 0.0, 0.0)))) is is_reboot
 
 
 def only(events):
@@ -208,7 +155,7 @@ def only(events):
 )
 @pytest.mark.parametrize("position", [None, PLACE])
 def test_a_receivers_velocity_is_late_and_a_filters_is_not(message, sigma_m_s, late_s, position):
-    """Whatever else the message says."""
+    """Whatever else is in the message."""
     intake, _ = running()
     fix = Fix((1.0, -2.0, 0.5), position=position)
     velocity = intake.fix(message, stamp(301 * S), fix)[-1]
@@ -227,23 +174,6 @@ def test_what_is_not_finite_is_left_out_and_the_rest_is_kept():
     assert (position.latitude_deg, position.longitude_deg, position.altitude_m) == PLACE
     fix = Fix((1.0, 0.0, 0.0), sigma_m_s=math.nan)
     assert intake.fix("GPS", stamp(303 * S), fix) == []
-
-
-# --- truth without a time of its own
-
-
-def test_truth_has_the_time_of_the_last_imu_message():
-    intake, _ = running()
-    (truth,) = intake.unstamped("SIM_STATE", UNIX, "sim", IDENTITY)
-    assert (truth.time_us, truth.source) == (301 * S, "sim")
-    assert intake.unstamped("SIM_STATE", UNIX, "sim", IDENTITY) == []
-    (other,) = intake.unstamped("SIMSTATE", UNIX, "sim", IDENTITY)
-    assert other.time_us == 301 * S
-    assert intake.unstamped("SIM_STATE", UNIX, "sim", None) == []
-    assert Intake(VEHICLE).unstamped("SIM_STATE", UNIX, "sim", IDENTITY) == []
-
-
-# --- faults
 
 
 def test_a_field_that_does_not_turn_with_the_vehicle_is_taken_away_and_counted():
@@ -278,111 +208,21 @@ def test_after_blindness_the_track_is_lost_and_it_is_reported_for_how_long():
     assert event.blind_s == pytest.approx(0.7, abs=0.14)
 
 
-@pytest.mark.parametrize("doubts", [False, True])
-def test_axes_are_doubted_only_of_senders_not_known_for_frd(doubts):
+@pytest.mark.parametrize("checks_axes", [False, True])
+def test_axes_are_checked_only_of_senders_not_known_for_frd(checks_axes):
     intake = Intake(VEHICLE)
-    intake.checks_axes = doubts
+    intake.checks_axes = checks_axes
     events = []
     for k in range(60):
         events += imu(intake, S + 250_000 * k, acc=(0.01 * k, 0.0, STANDARD_GRAVITY_M_S2))
-    assert sum(isinstance(event, Notice) for event in events) == doubts
+    assert sum(isinstance(event, Notice) for event in events) == checks_axes
 
 
-# --- a field that is logged beside
-
-
-def logged(stale_us=0):
-    vehicle = LoggedVehicle(VEHICLE, 0)
-    vehicle.at(S)
-    vehicle.put_mag(FIELD)
-    vehicle.at(S + stale_us)
-    return vehicle, vehicle.imu("IMU", ZERO_VEC3, REST)
-
-
-def test_a_logged_field_is_given_once_to_each_stream():
-    vehicle, (first,) = logged()
-    assert first.sample.mag_gauss == FIELD
-    vehicle.at(S + 20_000)
-    (again,) = vehicle.imu("IMU", ZERO_VEC3, REST)
-    assert not again.sample.has_mag
-    (other,) = vehicle.imu("IMU2", ZERO_VEC3, REST)
-    assert other.sample.has_mag
-
-
-@pytest.mark.parametrize(
-    ("age_us", "expected"), [(200_000, True), (200_001, False), (-200_000, True), (-200_001, False)]
-)
-def test_a_logged_field_gets_stale(age_us, expected):
-    _, (event,) = logged(stale_us=age_us)
-    assert event.sample.has_mag is expected
-
-
-def test_a_logged_field_that_is_no_number_is_none():
-    vehicle, _ = logged()
-    vehicle.put_mag((math.nan, 0.0, 0.4))
-    (event,) = vehicle.imu("IMU2", ZERO_VEC3, REST)
-    assert not event.sample.has_mag
-
-
-def test_what_tells_a_gap_from_a_leap_may_be_another_time_than_the_arrival():
+def test_whether_it_is_a_gap_or_a_leap_may_be_decided_by_another_time_than_the_arrival():
     received = []
     intake = Intake(VEHICLE, log_time=lambda raw_us: received.append(raw_us) or raw_us)
     (event,) = imu(intake, 5 * S, UNIX)
     assert (event.arrival_us, received) == (UNIX, [5 * S])
-
-
-def test_an_autopilot_s_unstamped_attitude_is_taken_if_it_sends_no_other():
-    intake = Intake(VEHICLE)
-    imu(intake, S)
-    (event,) = intake.unstamped("AHRS2", UNIX, "autopilot", IDENTITY)
-    assert (event.source, event.time_us) == ("autopilot", S)
-    imu(intake, 2 * S)
-    assert intake.wants_attitude(UNIX + S)
-    assert intake.unstamped("AHRS2", UNIX + S, "autopilot", IDENTITY) == []
-
-
-@pytest.mark.parametrize("ahead_us", [0, 300, 1_900])
-def test_a_simulators_attitude_belongs_to_the_imu_message_that_it_comes_with(ahead_us):
-    """SIM_STATE has no stamp; some send it right before the IMU message of its time."""
-    intake, times_us = Intake(VEHICLE), []
-    for k in range(1, 6):
-        at_us = UNIX + k * S // 4
-        truth = intake.unstamped("SIM_STATE", at_us - ahead_us, "sim", IDENTITY)
-        found = truth + imu(intake, k * S // 4, at_us)
-        times_us += [e.time_us for e in found if isinstance(e, ReferenceAttitude)]
-    assert times_us == [k * S // 4 for k in range(2, 6)]
-
-
-def test_of_those_that_wait_the_first_is_the_last_samples_and_the_next_ones_comes_with_it():
-    intake, _ = running()
-    for k, after_us in enumerate((90_000, 100_000, 249_500)):
-        q = (0.0, float(k == 0), float(k == 1), float(k == 2))
-        assert intake.unstamped("SIM_STATE", UNIX + 301 * S + after_us, "sim", q) == []
-    events = [e for e in imu(intake, 301 * S + 250_000) if isinstance(e, ReferenceAttitude)]
-    assert [(e.time_us, e.q_ned_frd) for e in events] == [
-        (301 * S, (0.0, 1.0, 0.0, 0.0)),
-        (301 * S + 250_000, (0.0, 0.0, 0.0, 1.0)),
-    ]
-
-
-@pytest.mark.parametrize("ends", [True, False])
-def test_an_attitude_that_waits_is_the_last_samples_at_the_end_or_if_the_host_is_set_back(ends):
-    intake, _ = running()
-    assert intake.unstamped("SIM_STATE", UNIX + 301 * S + 90_000, "sim", IDENTITY) == []
-    events = intake.end() if ends else imu(intake, 301 * S + 250_000, UNIX - 3600 * S)
-    assert [e.time_us for e in events if isinstance(e, ReferenceAttitude)] == [301 * S]
-    assert intake.end() == []
-
-
-def test_a_simulators_attitude_right_behind_its_imu_message_does_not_wait():
-    intake = Intake(VEHICLE)
-    for k in range(1, 4):
-        imu(intake, k * S // 4)
-        (event,) = intake.unstamped("SIM_STATE", UNIX + k * S // 4 + 500, "sim", IDENTITY)
-        assert event.time_us == k * S // 4
-    assert intake.unstamped("SIM_STATE", UNIX + 3 * S // 4 + 90_000, "sim", IDENTITY) == []
-    events = imu(intake, S)  # that one's own IMU message was lost, and it is a second of the third
-    assert not [event for event in events if isinstance(event, ReferenceAttitude)]
 
 
 @pytest.mark.parametrize(
@@ -406,12 +246,22 @@ def test_a_place_that_is_none_is_refused_and_its_velocity_used(place, refused):
         assert events[0].reason == Reason.POSITION_OUT_OF_RANGE
 
 
-def test_a_field_repeated_after_the_clock_went_back_is_new():
-    field = RepeatedField()
-    times_us = (1_000_000, 1_239_999, 1_240_000, 1_100_000)
-    assert [field.is_fresh(FIELD, us) for us in times_us] == [True, False, True, True]
-
-
 @pytest.mark.parametrize("place", [(0, 0), (0, 8.5), (47.4, 0), (47.4, 8.5)])
 def test_on_the_equator_and_on_greenwichs_meridian_there_are_places(place):
     assert Fix(position=(*place, 0.0)).is_solved is any(place)
+
+
+def reading(stream, raw_us):
+    gyr = (1e-3 * (raw_us % 977), 0.01, -0.01)
+    stamp = Stamp(TimeField.TIME_USEC, raw_us, 10**12 + raw_us)
+    return stream.judge(stamp, gyr, (0.1, 0.2, -9.8), Field((0.2, 0.0, 0.4)))
+
+
+def test_a_clock_that_stays_back_holds_no_more_than_so_many():
+    stream, refused = ImuStream(VEHICLE, "RAW_IMU"), 0
+    count = 3 * MOST_HELD + 10
+    for k in range(count):
+        events = stream.refuse(reading(stream, S + 20_000 * k), Reason.OUT_OF_ORDER, 0)
+        refused += len(events)
+        assert k + 1 - refused <= MOST_HELD
+    assert refused + len(stream.end()) == count

@@ -20,7 +20,7 @@ def noisy(rng, vector, sigma):
 
 
 class Stream:
-    """One IMU at 50 Hz: 2 s of noise at rest, then whatever a test says."""
+    """One IMU at 50 Hz: 2 s of noise at rest, then whatever a test feeds."""
 
     def __init__(self, mag=FIELD, *, noisy_x=True):
         self.faults, self.rng, self.now_us = SensorFaults(), random.Random(5), 1_000_000

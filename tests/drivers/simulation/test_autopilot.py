@@ -168,7 +168,7 @@ def test_parameters():
         assert autopilot.handle(message("param_request_read", 1, 1, name, index), UNIX_US) == b""
 
 
-def test_it_says_whose_it_is_ahead_of_the_first_sample():
+def test_it_identifies_itself_ahead_of_the_first_sample():
     for motion in ("paper", "flight"):
         messages = flown(SECOND - 1, motion=motion)
         kinds = [m.get_type() for m in messages]
@@ -179,7 +179,7 @@ def test_it_says_whose_it_is_ahead_of_the_first_sample():
         assert bytes(output[0].middleware_custom_version).rstrip(b"\0") == motion.encode()
 
 
-def test_a_flight_tells_its_place_and_velocity_and_falls_silent():
+def test_a_flight_sends_its_place_and_velocity_and_falls_silent():
     messages = flown(100 * SECOND - 1, motion="flight", rate_hz=50, seed=2)
     reported = of_type(messages, "GLOBAL_POSITION_INT")
     true = of_type(messages, "SIM_STATE")
@@ -206,7 +206,7 @@ def test_after_a_pause_slow_messages_keep_their_interval():
     assert len(of_type(messages, "GLOBAL_POSITION_INT")) == pytest.approx(10, abs=2)
 
 
-def test_vehicles_are_told_apart_and_spread():
+def test_vehicles_have_signals_of_their_own_and_are_spread():
     fleet = Fleet(VehicleOptions(seed=10, rate_hz=10.0), 5)
     sent = []
     for now_us in range(0, 2 * SECOND, 1000):

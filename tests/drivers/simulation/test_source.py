@@ -78,7 +78,7 @@ def test_in_real_time_it_waits_for_the_next_sample():
     assert source.drain(10) == []  # closed: no waiting
 
 
-def test_a_flight_in_process_tells_its_place_and_falls_silent():
+def test_a_flight_in_process_sends_its_place_and_falls_silent():
     source, clock = source_and_clock(motion="flight", rate_hz=50.0)
     events = []
     with source:

@@ -2,45 +2,46 @@
 
 from dataclasses import replace
 from functools import lru_cache
-from math import cos, degrees, sin
+from math import degrees
 
 import numpy as np
 import pytest
 
 from estimator.aiding.compass import is_usable
 from estimator.aiding.phase import Phase
-from estimator.geometry.earth import field_at
-from estimator.geometry.metrics import batch_angle_errors, rms
-from estimator.geometry.quaternion import exp, rotate, rotate_inverse
+from estimator.geometry.earth import field_at, in_ned
+from estimator.geometry.quaternion import rotate_inverse
 from estimator.profile import load_profile
-from tests.flight import banked_flight, calibrated, flown
+from tests.flight import (
+    HEADING,
+    INCLINATION,
+    TOTAL,
+    banked_flight,
+    calibrated,
+    changed,
+    errors_deg,
+    flown,
+    rms_deg,
+)
 
 UNIX_US = 1_735_689_600_000_000  # 2025
 GUINEA = (2e-4, -7e-5)  # the Gulf of, where displacements from nowhere lie
 CANBERRA, SEATTLE = (-35.36, 149.17), (47.6, -122.3)
-TOTAL, HEADING, INCLINATION = range(3)
 SECOND = 50  # samples
 
 
 @lru_cache(maxsize=4)
 def flight_at(place, seed=0):
     """The flight in the place's own field, towards true north."""
-    flight = banked_flight(seed=seed)
-    field = field_at(*place, 0.0, UNIX_US)
-    north = field.strength_gauss * cos(field.dip_rad)
-    down = field.strength_gauss * sin(field.dip_rad)
-    field_ned = rotate(exp((0.0, 0.0, field.declination_rad)), (north, 0.0, down))
-    samples = [
-        sample._replace(mag_gauss=rotate_inverse(q, field_ned))
-        for sample, q in zip(flight.samples, flight.truth, strict=True)
-    ]
-    return replace(flight, samples=samples)
+    field_ned = in_ned(field_at(*place, 0.0, UNIX_US))
+    return changed(
+        banked_flight(seed=seed),
+        lambda sample, q: sample._replace(mag_gauss=rotate_inverse(q, field_ned)),
+    )
 
 
-def errors_deg(flight, attitudes, begin_s):
-    estimates = np.array([a.q_ned_frd for a in attitudes])
-    errors = np.degrees(batch_angle_errors(estimates, np.array(flight.truth)))
-    return errors[round(begin_s * SECOND) :]
+def new_estimator():
+    return calibrated(load_profile("imu"))
 
 
 def placing(one, *places):
@@ -57,32 +58,26 @@ def placing(one, *places):
 @pytest.mark.parametrize(("place", "late_deg"), [(CANBERRA, 0.191), (SEATTLE, 0.201)])
 def test_what_was_concluded_from_a_wrong_place_is_taken_back(place, late_deg):
     """20 s of the flight with the Gulf of Guinea's field: it called the compass uncalibrated."""
-    flight, one, right = (
-        flight_at(place),
-        calibrated(load_profile("imu")),
-        calibrated(load_profile("imu")),
-    )
-    seen = {}
+    flight, one, right, seen = flight_at(place), new_estimator(), new_estimator(), []
 
     def look(k):
         placing(one, (0, GUINEA), (20, place))(k)
-        if k == 19 * SECOND:
-            seen["before"] = is_usable(one.snapshot.context.compass, one.snapshot.core.time_us)
-        if k == 21 * SECOND:
-            seen["after"] = is_usable(one.snapshot.context.compass, one.snapshot.core.time_us)
+        if k in (19 * SECOND, 21 * SECOND):
+            seen.append(is_usable(one.snapshot.context.compass, one.snapshot.core.time_us))
 
-    late = errors_deg(flight, flown(one, flight, after=look), 35.0)
-    same = errors_deg(flight, flown(right, flight, after=placing(right, (0, place))), 35.0)
-    assert seen == {"before": False, "after": True}
-    assert rms(same[:, TOTAL]) == pytest.approx(0.17, rel=0.2)  # measured 0.174 and 0.167
-    assert rms(late[:, TOTAL]) == pytest.approx(late_deg, rel=0.2)
+    late = flown(one, flight, after=look)
+    same = flown(right, flight, after=placing(right, (0, place)))
+    assert seen == [False, True]
+    # measured 0.174 and 0.167
+    assert rms_deg(TOTAL, flight, same, 35.0) == pytest.approx(0.17, rel=0.2)
+    assert rms_deg(TOTAL, flight, late, 35.0) == pytest.approx(late_deg, rel=0.2)
     iron = np.linalg.norm(one.snapshot.core.aided.estimate.hard_iron_gauss)
     assert iron < 0.0013  # gauss; measured 0.00107 and 0.00044
 
 
 def test_an_unaided_heading_turns_with_the_declination_of_each_place():
     """Seattle's is 15 deg, Canberra's 12: magnetic, then wrong, then right, and at once."""
-    one = calibrated(load_profile("imu"))
+    one = new_estimator()
     flight = flight_at(SEATTLE)
     places = placing(one, (1, CANBERRA), (2, SEATTLE))
     attitudes = flown(one, flight, reports=[], after=places)
@@ -94,7 +89,7 @@ def test_an_unaided_heading_turns_with_the_declination_of_each_place():
 
 
 def test_a_vehicle_that_reboots_elsewhere_gets_the_new_places_north():
-    one = calibrated(load_profile("imu"))
+    one = new_estimator()
     first, second = flight_at(CANBERRA), flight_at(SEATTLE, seed=1)
     flown(one, first, after=placing(one, (0, CANBERRA)))
     one.restart()
@@ -104,13 +99,14 @@ def test_a_vehicle_that_reboots_elsewhere_gets_the_new_places_north():
         samples=[s._replace(time_us=s.time_us + begin_us) for s in second.samples],
         reports=[(k, r._replace(time_us=r.time_us + begin_us)) for k, r in second.reports],
     )
-    errors = errors_deg(moved, flown(one, moved, after=placing(one, (10, SEATTLE))), 20.0)
-    assert rms(errors[:, TOTAL]) == pytest.approx(0.172, rel=0.2)
+    attitudes = flown(one, moved, after=placing(one, (10, SEATTLE)))
+    late_s = 1e-6 * begin_us + 20.0
+    assert rms_deg(TOTAL, moved, attitudes, late_s) == pytest.approx(0.172, rel=0.2)
 
 
 def test_a_flight_of_some_hundred_kilometres_takes_nothing_back():
     """The field is looked up anew every 20 km; the aiding goes on as it is."""
-    one = calibrated(load_profile("imu"))
+    one = new_estimator()
     flight = flight_at(CANBERRA)
     steps = [(3 * k, (CANBERRA[0] + 0.25 * k, CANBERRA[1])) for k in range(1, 16)]  # 28 km each
     aided = []
@@ -120,18 +116,18 @@ def test_a_flight_of_some_hundred_kilometres_takes_nothing_back():
         if k > 3 * SECOND:
             aided.append(one.snapshot.context.phase is Phase.AIDED)
 
-    errors = errors_deg(flight, flown(one, flight, after=after), 20.0)
+    attitudes = flown(one, flight, after=after)
     assert all(aided)
-    assert rms(errors[:, INCLINATION]) == pytest.approx(0.166, rel=0.2)
+    assert rms_deg(INCLINATION, flight, attitudes, 20.0) == pytest.approx(0.166, rel=0.2)
     far = field_at(*steps[-1][1], 0.0, UNIX_US)
     assert one.attitude(flight.samples[-1].time_us).heading_reference == "true"
     assert abs(degrees(far.declination_rad)) == pytest.approx(11.22, abs=0.1)  # had it been kept
-    assert rms(errors[:, HEADING]) == pytest.approx(0.071, rel=0.2)
+    assert rms_deg(HEADING, flight, attitudes, 20.0) == pytest.approx(0.071, rel=0.2)
 
 
 def test_one_bad_position_changes_nothing():
     flight = flight_at(CANBERRA)
-    quiet, misled = calibrated(load_profile("imu")), calibrated(load_profile("imu"))
+    quiet, misled = new_estimator(), new_estimator()
 
     def bad(k):
         placing(misled, (0, CANBERRA))(k)

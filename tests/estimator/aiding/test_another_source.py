@@ -4,19 +4,17 @@ from math import nan, remainder, tau
 
 import pytest
 
-from estimator.aiding.phase import Phase
 from estimator.aiding.sources.source import SOURCES
 from estimator.aiding.types import SIZE
 from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.geometry.frames import euler_rad
-from estimator.profile import load_profile, merge_profile
+from estimator.profile import load_profile
 from estimator.types import RateSample, VelocitySample
 from tests.estimator.aiding.heading_source import HEADING_SOURCE, HeadingSample
-from tests.flight import banked_flight, calibrated
+from tests.flight import banked_flight, north_known, taken_along
 from tuning.calls import LoggedEstimator
 
-TRUE_NORTH = {"reference": {"declination_deg": 0.0}}
 SAMPLES = 200
 
 
@@ -29,13 +27,7 @@ def known(monkeypatch):
 def flying():
     """A flight, and the state in it while velocity helps."""
     flight = banked_flight(seconds=5.0)
-    behind = dict(flight.reports)
-    estimator = calibrated(merge_profile(load_profile("imu"), TRUE_NORTH))
-    for k, sample in enumerate(flight.samples[:SAMPLES]):
-        estimator.update(sample)
-        if k in behind:
-            estimator.update_velocity(behind[k])
-    assert estimator.snapshot.context.phase is Phase.AIDED
+    estimator = taken_along(north_known(), flight, SAMPLES)
     return flight, estimator.profile, estimator.snapshot
 
 

@@ -10,11 +10,10 @@ from estimator.aiding.consistency import NEW_CONSISTENCY, compare, compare_repor
 from estimator.aiding.types import NO_REPORT, AidingParams, Report, Sigmas
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.estimator import Estimator
-from estimator.geometry.metrics import batch_angle_errors
 from estimator.geometry.quaternion import exp, multiply, rotate_inverse
 from estimator.profile import load_profile, merge_profile
 from estimator.types import NO_SAMPLE, STANDARD_GRAVITY_M_S2, ZERO_VEC3
-from tests.flight import banked_flight, flown
+from tests.flight import HEADING, TRUE_NORTH, banked_flight, changed, errors_deg, flown
 
 DT = 0.02
 REPORT_EVERY = 5  # samples
@@ -126,21 +125,18 @@ def test_what_is_usual_is_learnt_slowly():
 
 def test_a_step_of_the_gyroscopes_bias_widens_sigma():
     """0.02 rad/s more on every axis in a banked turn, which the covariance does not show."""
-    flight = banked_flight()
-    step = [
-        s._replace(gyr_rad_s=tuple(w + 0.02 for w in s.gyr_rad_s)) if s.time_us > 30e6 else s
-        for s in flight.samples
-    ]
-    flight = type(flight)(step, flight.reports, flight.truth)
-    north = {"reference": {"declination_deg": 0.01}}
-    one = Estimator(merge_profile(load_profile("imu"), north))
-    certain = []
+
+    def step(sample, _):
+        off = 0.02 * (sample.time_us > 30e6)
+        return sample._replace(gyr_rad_s=tuple(w + off for w in sample.gyr_rad_s))
+
+    flight, certain = changed(banked_flight(), step), []
+    one = Estimator(merge_profile(load_profile("imu"), TRUE_NORTH))
     attitudes = flown(
         one, flight, after=lambda _: certain.append(one.snapshot.core.aided.sigma.heading_rad)
     )
-    times_s = np.array([s.time_us for s in step]) * 1e-6
-    truth = np.array(flight.truth)
-    heading = batch_angle_errors(np.array([a.q_ned_frd for a in attitudes]), truth)[:, 1]
+    times_s = np.array([s.time_us for s in flight.samples]) * 1e-6
+    heading = np.radians(errors_deg(flight, attitudes)[:, HEADING])
     sigma = np.array([a.sigma_heading_rad for a in attitudes])
     e = np.array([a.error for a in attitudes])
     before, after = (times_s > 20.0) & (times_s < 30.0), (times_s > 32.0) & (times_s < 40.0)

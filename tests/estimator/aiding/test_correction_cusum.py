@@ -19,9 +19,8 @@ from estimator.aiding.types import (
 from estimator.aiding.uncertainty import with_dip_error
 from estimator.conditioning.field.magnetic import FieldLook
 from estimator.geometry.earth import field_at, in_ned
-from estimator.profile import load_profile, merge_profile
 from estimator.types import ZERO_VEC3
-from tests.flight import banked_flight, calibrated, flown
+from tests.flight import banked_flight, changed, flown, north_known
 
 PARAMS = AidingParams()
 BLANK, _, _ = blank_aiding(PARAMS)
@@ -90,14 +89,13 @@ def test_a_field_that_dips_otherwise_than_the_places_shows_a_tilted_vertical(dip
 
 def test_an_accelerometer_that_steps_widens_sigma_within_a_second():
     """It steps by 3 m/s^2 for 20 s in level flight. Sigma covers the error, then and afterwards."""
-    flight = banked_flight(bank_rad=0.0)
     first, last = 20_000_000, 40_000_000
-    for k, sample in enumerate(flight.samples):
-        if first <= sample.time_us < last:
-            ax, ay, az = sample.acc_m_s2
-            flight.samples[k] = sample._replace(acc_m_s2=(ax, ay + 3.0, az))
-    north_known = {"reference": {"declination_deg": 0.01}}
-    attitudes = flown(calibrated(merge_profile(load_profile("imu"), north_known)), flight)
+
+    def step(sample, _):
+        ax, ay, az = sample.acc_m_s2
+        return sample._replace(acc_m_s2=(ax, ay + 3.0 * (first <= sample.time_us < last), az))
+
+    attitudes = flown(north_known(), changed(banked_flight(bank_rad=0.0), step))
     beyond = [
         (abs(a.q_ned_frd[1]) * 2.0, a.sigma_inclination_rad)
         for a in attitudes

@@ -355,12 +355,13 @@ def test_field(seed, is_known, unfelt_rad, off_rad):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_unaided_gravity(seed):
-    """Both updates, of an attitude whose errors about north and east are tied."""
+@pytest.mark.parametrize("tilt_rad", [(0.3, -0.5, 0.0), (-2.4, 1.4, 0.0)])
+def test_unaided_gravity(seed, tilt_rad):
+    """Both updates, of an attitude whose errors about north and east are tied; upside down, too."""
     rng = np.random.default_rng(seed)
     known, P, dt = estimate(rng), covariance(rng), 0.3
     R = matrix_of(known.q_ned_frd)
-    d = turned([0.3, -0.5, 0.0]) @ [0.0, 0.0, 1.0]
+    d = turned(tilt_rad) @ [0.0, 0.0, 1.0]
     gravity_b = floats(R.T @ d)
     now = Prediction(known, ZERO_VEC3, ZERO_VEC3, new_velocity_history(ZERO_VEC3), P.copy())
     x0 = SIGMAS * rng.standard_normal(SIZE) * 0.1

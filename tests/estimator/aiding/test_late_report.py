@@ -1,16 +1,19 @@
-"""A velocity report is worth the same before the sample that it belongs to and behind it."""
+"""Velocity reports that wait for the IMU: which are due, and what they are worth."""
+
+from math import inf, nan
 
 import numpy as np
 import pytest
 
-from estimator.aiding.phase import Phase
-from estimator.aiding.types import AidingParams
+from estimator.aiding.sources.source import SPEED_LIMIT_M_S, refusal_of_velocity
+from estimator.aiding.sources.velocity import wait_for_reports
+from estimator.aiding.types import Agreement, Agreements, AidingParams, Scatter
 from estimator.estimator import Estimator
-from estimator.profile import load_profile, merge_profile
+from estimator.live.reports import MOST_WAITING, enqueue, take_due_velocities
+from estimator.live.rows import TIME, report_rows_of
 from estimator.types import VelocitySample
-from tests.flight import banked_flight
+from tests.flight import banked_flight, north_known, taken_along
 
-TRUE_NORTH = {"reference": {"declination_deg": 0.0}}
 SAMPLES = 480  # 9.6 s at 50 Hz: in the first banked turn
 
 
@@ -18,13 +21,7 @@ SAMPLES = 480  # 9.6 s at 50 Hz: in the first banked turn
 def flying():
     """A flight, and the state in its turn."""
     flight = banked_flight(seconds=10.0)
-    behind = dict(flight.reports)
-    estimator = Estimator(merge_profile(load_profile("imu"), TRUE_NORTH))
-    for k, sample in enumerate(flight.samples[:SAMPLES]):
-        estimator.update(sample)
-        if k in behind:
-            estimator.update_velocity(behind[k])
-    assert estimator.snapshot.context.phase is Phase.AIDED
+    estimator = taken_along(north_known(), flight, SAMPLES)
     return flight, estimator.profile, estimator.snapshot
 
 
@@ -82,3 +79,64 @@ def test_a_report_without_its_vertical_teaches_nothing_by_it(flying):
     )
     assert np.array_equal(one, other)
     assert not np.allclose(one, learnt_from(flying)[:-6])
+
+
+def report(time_us, north=1.0, late_s=0.0):
+    return VelocitySample(time_us, (north, 0.0, 0.0), True, 0.3, late_s)
+
+
+def due(*waiting, oldest_s=1.0):
+    """What is due at 40 us, and the times of what is ahead then."""
+    rows = report_rows_of((0, each) for each in waiting)
+    ahead, *reports = take_due_velocities(rows, 40, oldest_s)
+    return [each for each in reports if each.given], ahead[:, TIME].tolist()
+
+
+def test_the_latest_that_the_imu_has_reached_counts_and_the_others_ahead_wait():
+    (chosen,), ahead = due(report(10, 1.0), report(30, 3.0), report(20, 2.0), report(50, 5.0))
+    assert chosen.velocity_ned_m_s == (3.0, 0.0, 0.0)
+    assert chosen.ago_s == pytest.approx(10e-6)
+    assert ahead == [50]
+
+
+@pytest.mark.parametrize(("first_us", "order"), [(10, [3.0, 2.0]), (25, [2.0, 3.0])])
+def test_of_either_source_the_latest_counts(first_us, order):
+    """The source whose reports have waited longest comes first."""
+    chosen, ahead = due(report(first_us, 1.0), report(20, 2.0, late_s=0.1), report(30, 3.0))
+    assert [each.velocity_ned_m_s[0] for each in chosen] == order
+    assert ahead == []
+
+
+def test_an_old_report_is_none():
+    assert due(report(0), oldest_s=30e-6) == ([], [])
+
+
+def test_when_too_many_wait_the_oldest_gives_way():
+    waiting = report_rows_of(())
+    for time_us in range(MOST_WAITING + 3):
+        waiting = enqueue(waiting, report_rows_of([(0, report(time_us))])[0], MOST_WAITING)
+    assert waiting[:, TIME].tolist() == list(range(3, MOST_WAITING + 3))
+
+
+@pytest.mark.parametrize(
+    ("velocity", "sigma", "reason"),
+    [
+        ((nan, 0.0, 0.0), 0.3, "velocity_not_finite"),
+        ((0.0, inf, 0.0), 0.3, "velocity_not_finite"),
+        ((0.0, 0.0, 0.0), nan, "velocity_not_finite"),
+        ((0.0, 0.0, SPEED_LIMIT_M_S + 1.0), 0.3, "velocity_out_of_range"),
+        ((0.0, -SPEED_LIMIT_M_S - 1.0, 0.0), 0.3, "velocity_out_of_range"),
+        ((SPEED_LIMIT_M_S, -SPEED_LIMIT_M_S, 0.0), 0.3, None),
+    ],
+)
+def test_what_cannot_be_a_velocity_is_refused(velocity, sigma, reason):
+    assert refusal_of_velocity(VelocitySample(0, velocity, True, sigma)) == reason
+
+
+def test_how_well_reports_agreed_before_a_hole_does_not_count_after_it():
+    known = Scatter(2.0, innovation=0.01, reports=900.0, before=(1.0, 2.0, 3.0), together=0.1)
+    before = Agreements(Agreement(known, 0.2, 0.7), Agreement())
+    for dt, scatter in ((1.0, known), (1.1, known._replace(innovation=1.0, reports=1.0))):
+        by_filter, by_receiver = wait_for_reports(before, dt)
+        assert by_filter == Agreement(scatter, 0.2 + dt, 0.7)
+        assert by_receiver == Agreement()._replace(wait_s=dt)

@@ -6,7 +6,7 @@ import pytest
 from estimator.aiding.beginning import blank_aiding
 from estimator.aiding.covariance import rotation_matrix
 from estimator.aiding.inertial import Prediction
-from estimator.aiding.sources import field, unaided
+from estimator.aiding.sources import field
 from estimator.aiding.types import (
     COMPASS_TURN,
     EARTH,
@@ -40,54 +40,12 @@ def prediction(q_ned_frd):
     return Prediction(estimate, ZERO_VEC3, ZERO_VEC3, new_velocity_history(ZERO_VEC3), np.eye(SIZE))
 
 
-@pytest.mark.parametrize(
-    ("sigma_rad", "tilt_error_rad", "lasts_s"), [(0.1, 0.0, 1.0), (0.0, 0.2, 3.0)]
-)
-def test_unaided_gravity_counts_as_one_measurement_in_its_correlation_time(
-    monkeypatch, sigma_rad, tilt_error_rad, lasts_s
-):
-    """An acceleration lasts 3 s: samples within that together weigh as much as one."""
-    noises = []
-    monkeypatch.setattr(unaided, "learn", lambda *arguments: noises.append(arguments[-1]))
-    now = prediction((1.0, 0.0, 0.0, 0.0))
-    for dt in (0.02, 0.25):
-        noises.clear()
-        down = (0.0, 0.0, 1.0)
-        unaided.observe_unaided(now, down, sigma_rad, tilt_error_rad, np.zeros(SIZE), 1.0, dt)
-        weight = lasts_s / dt / noises[0]
-        assert weight == pytest.approx(1.0 / (sigma_rad**2 + tilt_error_rad**2))
-
-
-@pytest.mark.parametrize("is_known", [True, False])
-def test_the_places_field_begins_towards_north_where_that_is_known(monkeypatch, is_known):
-    """Known, it points there and its direction is sure; unknown, it points as it is seen."""
-    north = North(is_known, (1.0, 0.0))
-    P, x, seen = np.eye(SIZE) * 1e-4, np.zeros(SIZE), (0.12, 0.16, 0.42)
-    known = field.begin_field(BLANK.field, np.eye(3), seen, ZERO_VEC3, north, P, x)
-    expected = (0.2, 0.0, 0.42) if is_known else seen
-    assert x[EARTH : EARTH + 3] == pytest.approx(expected)
-    across = np.array((-x[EARTH + 1], x[EARTH])) / 0.2
-    sigma = np.sqrt(across @ P[EARTH : EARTH + 2, EARTH : EARTH + 2] @ across)
-    # half a degree of declination, or a fifth of the field, the hard iron, heading and compass
-    unsure = np.sqrt(0.04 * np.dot(seen, seen) + 0.01**2 * (1.0 + 0.42**2 + 2.0 * 0.2**2))
-    assert sigma == pytest.approx(0.2 * 0.009 if is_known else unsure)
-    learnt = []
-    monkeypatch.setattr(field, "learn", lambda *arguments: learnt.append(arguments))
-    look = FieldLook(horizontal=0.2, down=0.42, confidence=1.0)
-    now = prediction((1.0, 0.0, 0.0, 0.0))
-    now = now._replace(estimate=now.estimate._replace(earth_gauss=expected))
-    sample = Sample(ZERO_VEC3, ZERO_VEC3, seen, True, 0.02)
-    known = known._replace(look=look, wait_s=0.1)
-    others = BESIDE._replace(north=north)
-    field.observe_heading(PARAMS, known, now, others, sample, np.zeros(SIZE))
-    assert len(learnt) == (4 if is_known else 3)  # the declination is the fourth
-
-
 @pytest.mark.parametrize("is_known", [True, False])
 def test_a_field_begun_anew_hangs_together_with_all_that_is_known_of_the_iron(is_known):
     """The iron's errors differ by axis then, and are correlated with other states.
 
-    If north is unknown, the field points by heading and compass: a turn is an error of both.
+    Known, north is where it points; unknown, it points by heading and compass: a turn is an error
+    of both.
     """
     rng = np.random.default_rng(2)
     root = rng.normal(scale=0.1, size=(SIZE, SIZE))
@@ -96,7 +54,8 @@ def test_a_field_begun_anew_hangs_together_with_all_that_is_known_of_the_iron(is
     to_compass[:, COMPASS_TURN] = -R[:, 2]  # a turned compass sees the vehicle turned the other way
     turn = to_compass @ P
     seen, north = (0.12, 0.16, 0.42), North(is_known, (0.8, 0.6))
-    field.begin_field(BLANK.field, R, seen, ZERO_VEC3, north, P, np.zeros(SIZE))
+    field.begin_field(BLANK.field, R, seen, ZERO_VEC3, north, P, x := np.zeros(SIZE))
+    assert x[EARTH : EARTH + 3] == pytest.approx((0.16, 0.12, 0.42) if is_known else seen)
     towards = np.outer((0.8, 0.6, 0.0), (0.8, 0.6, 0.0)) + np.diag((0.0, 0.0, 1.0))
     A = (towards if is_known else np.eye(3)) @ R
     others = [i for i in range(SIZE) if not EARTH <= i < EARTH + 3]

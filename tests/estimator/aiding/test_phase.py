@@ -13,11 +13,9 @@ from estimator.live.rows import TIME
 from estimator.live.settings import settings_of
 from estimator.profile import load_profile, merge_profile
 from estimator.types import ZERO_VEC3, RateSample, VelocitySample
-from tests.flight import banked_flight, calibrated
+from tests.flight import TRUE_NORTH, ZURICH, banked_flight, calibrated, north_known
 
-TRUE_NORTH = merge_profile(load_profile("imu"), {"reference": {"declination_deg": 0.01}})
-OFF = merge_profile(TRUE_NORTH, {"aiding": {"enabled": False}})
-ZURICH = (47.4, 8.5, 400.0, 1_700_000_000_000_000)
+OFF = merge_profile(load_profile("imu"), {**TRUE_NORTH, "aiding": {"enabled": False}})
 SECOND = 50  # samples
 
 
@@ -73,30 +71,34 @@ def require_nothing_stale(estimator, now):
 
 
 def test_the_field_gives_the_heading_and_a_gap_takes_it(flight):
-    pilot = Pilot(calibrated(TRUE_NORTH), flight).fly(4.0).pause(6.0).fly(0.04, reports=False)
+    pilot = Pilot(north_known(), flight).fly(4.0).pause(6.0).fly(0.04, reports=False)
     begun = [Phase.EMPTY, Phase.UNAIDED, Phase.SEARCHING, Phase.AIDED]
     assert pilot.phases == [*begun, Phase.UNAIDED]
     assert pilot.fly(3.0).phases[-1] is Phase.AIDED
 
 
 def test_a_fast_stream_is_aided_through_a_hole_of_seconds(flight):
-    pilot = Pilot(calibrated(TRUE_NORTH), flight).fly(4.0).pause(3.5).fly(1.0)
+    pilot = Pilot(north_known(), flight).fly(4.0).pause(3.5).fly(1.0)
     assert pilot.phases[-1] is Phase.AIDED
 
 
 def test_without_a_field_it_is_searched_for(flight):
-    pilot = Pilot(calibrated(TRUE_NORTH), flight, field=False).fly(30.0)
+    pilot = Pilot(north_known(), flight, field=False).fly(30.0)
     assert pilot.phases == [Phase.EMPTY, Phase.UNAIDED, Phase.SEARCHING, Phase.AIDED]
 
 
 def test_a_gap_ends_the_search(flight):
-    pilot = Pilot(calibrated(TRUE_NORTH), flight, field=False).fly(4.0)
+    """How the vehicle has turned meanwhile is not known: what was shown before is void."""
+    pilot = Pilot(north_known(), flight, field=False).fly(5.0)
+    search = pilot.estimator.snapshot.core.search
+    assert search.evidence.windows == pytest.approx(3.81, rel=0.2)
     pilot.pause(6.0).fly(0.04, reports=False)
     assert pilot.phases[-2:] == [Phase.SEARCHING, Phase.UNAIDED]
+    assert pilot.estimator.snapshot.core.search == EMPTY_SEARCH
 
 
 def test_reports_that_stay_away_end_it():
-    pilot = Pilot(calibrated(TRUE_NORTH), banked_flight(seconds=106.0)).fly(4.0)
+    pilot = Pilot(north_known(), banked_flight(seconds=106.0)).fly(4.0)
     pilot.fly(LONG_S - 1.0, reports=False)
     assert pilot.phases[-1] is Phase.AIDED
     pilot.fly(2.0, reports=False)
@@ -115,7 +117,7 @@ def test_reports_that_stay_away_end_it():
     ids=["raw", "off", "misled"],
 )
 def test_what_else_ends_it(flight, happen, follows):
-    pilot = Pilot(calibrated(TRUE_NORTH), flight).fly(4.0)
+    pilot = Pilot(north_known(), flight).fly(4.0)
     assert pilot.phases[-1] is Phase.AIDED
     happen(pilot.estimator)
     assert pilot.fly(0.02, reports=False).phases[-1] is follows
@@ -124,19 +126,59 @@ def test_what_else_ends_it(flight, happen, follows):
 def test_raw_vectors_go_on_as_conditioned_ones_even_across_a_gap(flight):
     one = calibrated(load_profile("paper"))
     pilot = Pilot(one, flight).fly(1.0).pause(5.0)
-    one.replace_profile(TRUE_NORTH)
+    one.replace_profile(north_known().profile)
     assert pilot.fly(0.02).phases == [Phase.EMPTY, Phase.RAW, Phase.UNAIDED]
 
 
-def test_only_a_sample_leaves_the_beginning_and_nothing_but_a_restart_returns_to_it(flight):
+def test_only_a_sample_leaves_the_beginning_and_nothing_returns_to_it():
     assert {c for c in Cause if after(Phase.EMPTY, c) is not Phase.EMPTY} == {
         Cause.SAMPLE,
         Cause.RAW_SAMPLE,
     }
     assert all(after(p, c) is not Phase.EMPTY for p in Phase if p is not Phase.EMPTY for c in Cause)
-    one = Pilot(calibrated(TRUE_NORTH), flight).fly(1.0).estimator
-    one.restart()
-    assert one.snapshot.context.phase is Phase.EMPTY
+
+
+@pytest.mark.parametrize("name", ["paper", "imu"])
+def test_a_restart_forgets_everything(flight, name):
+    """Also when the vehicle's clock starts again."""
+    used, fresh = (Pilot(calibrated(load_profile(name)), flight) for _ in range(2))
+    used.fly(20.0).estimator.restart()
+    assert used.estimator.snapshot == fresh.estimator.snapshot
+    used.k = 0
+    assert used.fly(20.0).estimator.snapshot == fresh.fly(20.0).estimator.snapshot
+
+
+# profile, seconds, whether there is a field, and whether it is calibrated
+STATES = {
+    "raw": ("paper", 4.0, True, True),
+    "search open": ("imu", 4.0, False, True),
+    "aided without field": ("imu", 40.0, False, True),
+    "aided without north": ("imu", 40.0, True, False),
+}
+AS_BEFORE = {
+    "restored": lambda one, _: setattr(one, "snapshot", one.snapshot),
+    "replaced": lambda one, _: one.replace_profile(merge_profile(one.profile, {})),
+    "declared the same": lambda one, is_calibrated: one.set_field_calibrated(is_calibrated),
+}
+
+
+@pytest.mark.parametrize("state", STATES)
+@pytest.mark.parametrize("interruption", AS_BEFORE)
+def test_interruptions_change_nothing(flight, state, interruption):
+    """Between a sample and a report that belongs to it."""
+    name, seconds, has_field, is_calibrated = STATES[state]
+    straight, broken = (
+        Pilot(calibrated(load_profile(name)), flight, field=has_field) for _ in range(2)
+    )
+    for pilot in (straight, broken):
+        pilot.estimator.set_field_calibrated(is_calibrated)
+        pilot.fly(seconds).fly(1 / SECOND, reports=False)
+        assert (pilot.phases[-1] is Phase.AIDED) == state.startswith("aided")
+        if pilot is broken:
+            AS_BEFORE[interruption](pilot.estimator, is_calibrated)
+        pilot.estimator.update_velocity(dict(flight.reports)[pilot.k - 1])
+        pilot.fly(10.0)
+    assert broken.estimator.snapshot == straight.estimator.snapshot
 
 
 def waiting(one):
@@ -180,13 +222,13 @@ def test_a_snapshot_taken_then_goes_on_to_the_last_bit(flight, profile, name, ai
 
 def test_the_field_does_not_begin_it_on_a_vertical_that_has_just_begun(flight):
     """The unaided vertical is a mean over ``gravity_tau_s`` (2.5 s)."""
-    pilot = Pilot(calibrated(TRUE_NORTH), flight).fly(2.4)
+    pilot = Pilot(north_known(), flight).fly(2.4)
     assert Phase.AIDED not in pilot.phases
     assert pilot.fly(0.4).phases[-1] is Phase.AIDED
 
 
 def test_nor_on_one_that_a_hole_has_made_void(flight):
-    pilot = Pilot(calibrated(TRUE_NORTH), flight).fly(4.0).pause(20.0).fly(2.0)
+    pilot = Pilot(north_known(), flight).fly(4.0).pause(20.0).fly(2.0)
     assert pilot.phases[-1] is not Phase.AIDED
     assert pilot.fly(1.0).phases[-1] is Phase.AIDED
 
@@ -194,7 +236,7 @@ def test_nor_on_one_that_a_hole_has_made_void(flight):
 @pytest.mark.parametrize(("others_hz", "follows"), [(10.0, Phase.AIDED), (1.0, Phase.UNAIDED)])
 def test_a_gap_whose_turning_others_have_seen_is_none(flight, others_hz, follows):
     """Body rates of ATTITUDE, not more than 0.35 s apart."""
-    one = calibrated(TRUE_NORTH)
+    one = north_known()
     pilot = Pilot(one, flight).fly(4.0)
     now_us = one.snapshot.core.time_us
     for k in range(1, round(6.0 * others_hz)):

@@ -1,6 +1,6 @@
-"""The aided stage at a ground station's rate: an attitude that velocity has lost."""
+"""The aided stage at a ground station's rate: what samples hide, and what tilts the vertical."""
 
-from math import degrees, radians
+from math import degrees
 
 import numpy as np
 import pytest
@@ -11,45 +11,9 @@ from estimator.aiding.acceleration_tilt import (
     watch_acceleration_tilt,
     with_latest,
 )
-from estimator.aiding.beginning import blank_aiding
-from estimator.aiding.inertial import Prediction
-from estimator.aiding.sources.unaided import observe_unaided
 from estimator.aiding.types import SIZE, TURN, VELOCITY, AccelerationTilt, AidingParams, Roughness
 from estimator.aiding.unseen import add_hole, add_unseen_turn, watch_roughness
-from estimator.geometry.quaternion import exp, rotate
-from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Vec3
-
-UP: Vec3 = (0.0, 0.0, 1.0)
-
-
-def corrected(
-    tilt_deg: float, sigma_deg: float, unaided_sigma_deg: float, error_deg: float = 0.0
-) -> float:
-    """The tilt (deg) of a level vehicle after one look at the unaided gravity."""
-    q: Quaternion = exp((radians(tilt_deg), 0.0, 0.0))
-    P = radians(sigma_deg) ** 2 * np.eye(SIZE)
-    x = np.zeros(SIZE)
-    velocity_history = np.zeros((1, 1))
-    estimate = blank_aiding(AidingParams())[0].estimate._replace(q_ned_frd=q)
-    now = Prediction(estimate, ZERO_VEC3, ZERO_VEC3, velocity_history, P)
-    observe_unaided(now, UP, radians(unaided_sigma_deg), radians(error_deg), x, 1.0, 0.4)
-    down = rotate(exp((x[TURN], x[TURN + 1], x[TURN + 2])), rotate(q, UP))
-    return degrees(np.arctan2(np.hypot(down[0], down[1]), down[2]))
-
-
-def test_a_lost_attitude_follows_the_unaided_gravity_even_upside_down():
-    assert corrected(20.0, 40.0, 2.0) == pytest.approx(0.124, rel=0.2)
-    assert corrected(160.0, 60.0, 2.0) == pytest.approx(0.44, rel=0.2)
-
-
-def test_an_attitude_that_velocity_knows_stays_where_the_unaided_tilts():
-    """A constant acceleration deceives the unaided gravity by more than its sigma."""
-    assert corrected(20.0, 1.0, 1.0, error_deg=20.0) > 19.99
-    assert corrected(20.0, 1.0, 1.0) == pytest.approx(14.3, rel=0.2)
-
-
-def test_an_uncertain_attitude_is_drawn_according_to_both_sigmas():
-    assert corrected(20.0, 10.0, 5.0) == pytest.approx(7.7, rel=0.2)
+from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3
 
 
 def unseen_turn_deg(readings: list[float], dt_s: float = 0.4) -> float:

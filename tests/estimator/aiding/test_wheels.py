@@ -20,7 +20,7 @@ from estimator.live.aiding_span import Start, begin_aiding
 from estimator.live.core import initial_core, without_aiding
 from estimator.profile import load_profile, merge_profile
 from estimator.types import STANDARD_GRAVITY_M_S2, ImuSample, VehicleClass, VelocitySample
-from tests.flight import calibrated
+from tests.flight import ZURICH, calibrated
 
 WHEELS = AidingParams(sideslip_rad=0.05)
 BLANK, _, _ = blank_aiding(WHEELS)
@@ -77,6 +77,13 @@ def driven(estimator, rows):
     return np.array(errors), np.array(sigmas), begun_s
 
 
+def car_near_zurich():
+    estimator = calibrated(load_profile("imu"))
+    estimator.set_vehicle_class(VehicleClass.WHEELS)
+    estimator.set_position(*ZURICH)
+    return estimator
+
+
 @pytest.mark.parametrize("reverse", [False, True])
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_car_shows_its_heading_by_its_velocity(seed, reverse):
@@ -92,9 +99,7 @@ def test_a_car_shows_its_heading_by_its_velocity(seed, reverse):
 
 def test_a_place_that_is_known_does_not_make_the_compass_right():
     """The aiding begins by the field at once, and wheels show that iron has turned it."""
-    estimator = calibrated(load_profile("imu"))
-    estimator.set_vehicle_class(VehicleClass.WHEELS)
-    estimator.set_position(47.4, 8.5, 400.0, 1_760_000_000_000_000)
+    estimator = car_near_zurich()
     errors, _, _ = driven(estimator, ride(3))
     assert np.sqrt(np.mean(errors[1500:, 1] ** 2)) < 6.0
 
@@ -102,9 +107,7 @@ def test_a_place_that_is_known_does_not_make_the_compass_right():
 @pytest.mark.parametrize("off_deg", [-120.0, 0.0])
 def test_a_compass_that_gave_the_heading_at_rest_is_confirmed_or_misled(off_deg):
     """The first metres decide; a compass that is right keeps its north."""
-    estimator = calibrated(load_profile("imu"))
-    estimator.set_vehicle_class(VehicleClass.WHEELS)
-    estimator.set_position(47.4, 8.5, 400.0, 1_760_000_000_000_000)
+    estimator = car_near_zurich()
     north = estimator.place_field.declination_rad
     rows = ride(3, compass_off_deg=off_deg + degrees(north), rest_s=20.0, seconds=80.0)
     errors, _, begun_s = driven(estimator, rows)
@@ -119,9 +122,7 @@ def test_a_compass_that_gave_the_heading_at_rest_is_confirmed_or_misled(off_deg)
 @pytest.mark.parametrize("seed", [3, 4])
 def test_iron_all_around_is_not_learnt_as_iron_of_its_own(seed):
     """The field is turned and weak. Wheels turn the heading by 45 deg, and nothing else."""
-    estimator = calibrated(load_profile("imu"))
-    estimator.set_vehicle_class(VehicleClass.WHEELS)
-    estimator.set_position(47.4, 8.5, 400.0, 1_760_000_000_000_000)
+    estimator = car_near_zurich()
     rows = ride(seed, compass_off_deg=-45.0, strength=0.7, rest_s=20.0, seconds=60.0)
     errors, _, begun_s = driven(estimator, rows)
     estimate = estimator.snapshot.core.aided.estimate

@@ -1,10 +1,12 @@
 """Vehicles whose truth is known, for the tests of the steps."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from math import cos, sin
 from typing import NamedTuple
 
-from estimator.conditioning.condition import Conditioned
+from estimator.conditioning.condition import Conditioned, condition
+from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.state import ConditioningState, initial_state
 from estimator.conditioning.vertical.rate import is_mean
 from estimator.geometry.quaternion import (
     angle_between_vectors,
@@ -13,8 +15,10 @@ from estimator.geometry.quaternion import (
     normalize,
     rotate_inverse,
 )
-from estimator.types import Quaternion, Vec3
+from estimator.types import IDENTITY, Quaternion, Vec3
+from estimator.types import Sample as Reading
 
+PARAMS = ConditioningParams()
 GRAVITY_M_S2 = 9.81
 FIELD_NED = (0.2, 0.0, 0.42)  # 65 degrees of dip
 
@@ -22,10 +26,11 @@ FIELD_NED = (0.2, 0.0, 0.42)  # 65 degrees of dip
 class Sample(NamedTuple):
     """What the sensors read and the attitude they read it at."""
 
-    q_ned_frd: Quaternion
-    gyr: Vec3
-    acc: Vec3
-    mag: Vec3
+    q_ned_frd: Quaternion = IDENTITY
+    gyr: Vec3 = (0.0, 0.0, 0.0)
+    acc: Vec3 = (0.0, 0.0, -GRAVITY_M_S2)
+    mag: Vec3 = FIELD_NED
+    has_mag: bool = True
 
 
 def tumbling(t: float) -> Vec3:
@@ -70,6 +75,19 @@ def fly(
             rotate_inverse(felt, (0.0, 0.0, -GRAVITY_M_S2)),
             (m[0] + offset[0], m[1] + offset[1], m[2] + offset[2]),
         )
+
+
+def conditioned(
+    samples: Iterable[Sample],
+    dt: float,
+    params: ConditioningParams = PARAMS,
+    state: ConditioningState | None = None,
+) -> Iterator[tuple[Sample, Conditioned, ConditioningState]]:
+    """Each sample, what becomes of it, and the state behind it."""
+    state = state or initial_state(params)
+    for s in samples:
+        state, out = condition(params, state, Reading(s.gyr, s.acc, s.mag, s.has_mag, dt))
+        yield s, out, state
 
 
 def vector_errors_rad(out: Conditioned, q_ned_frd: Quaternion) -> tuple[float, float]:

@@ -59,10 +59,10 @@ def after(
 
     ``stretch`` is the field's strength while that lasts. ``before_s`` precede it without an error,
     in which the body swings about x and y. The compass shows ``sensed`` times the field, from
-    ``leap_s`` on if given, with ``noise`` as a share of it, which wanders within seconds.
+    ``leap_s`` on if given, with ``noise`` as a share of it, which changes within seconds.
     The gyroscope has a tenth of that in rad/s.
     """
-    rng, wander = np.random.default_rng(1), np.zeros(3)
+    rng, slow_noise = np.random.default_rng(1), np.zeros(3)
     signs, q_true, q_g = AxisSigns(), IDENTITY, IDENTITY
     slow = quick = (0.0, 0.0, 9.8)
     for k in range(round((before_s + seconds) / DT_S)):
@@ -75,8 +75,8 @@ def after(
         body = scale(stretch if is_wrong else 1.0, rotate(conjugate(q_true), FIELD))
         since_leap_s = k * DT_S - leap_s if np.isfinite(leap_s) else LONG_S
         body = tuple(sensed @ body) if since_leap_s >= 0.0 else body
-        wander = 0.99 * wander + 0.14 * 0.48 * noise * rng.normal(size=3)
-        field_g = rotate(q_g, tuple(body + wander + 0.16 * noise * rng.normal(size=3)))
+        slow_noise = 0.99 * slow_noise + 0.14 * 0.48 * noise * rng.normal(size=3)
+        field_g = rotate(q_g, tuple(body + slow_noise + 0.16 * noise * rng.normal(size=3)))
         jump = JumpSigns(
             quick=field_g,
             quick_norm=float(np.linalg.norm(field_g)),

@@ -1,6 +1,6 @@
-"""The signs of an unsensed turn, each by its formula, with numbers that are all different."""
+"""The signs of an unsensed turn and the confidence of a field, each by its formula."""
 
-from math import radians, sin, sqrt
+from math import cos, radians, sin, sqrt
 
 import numpy as np
 import pytest
@@ -25,7 +25,16 @@ from estimator.conditioning.events.step import (
     release_inflation,
 )
 from estimator.conditioning.field.calibration import Calibration
-from estimator.conditioning.field.magnetic import FieldLook, FieldReference, MagneticState
+from estimator.conditioning.field.magnetic import (
+    NORM_SCALE,
+    AlternativeField,
+    FieldLook,
+    FieldReference,
+    MagneticState,
+    look_at_field,
+    observe_field,
+    steepness,
+)
 from estimator.conditioning.params import CONFIRM_S, QUICK_S, ConditioningParams
 from estimator.conditioning.state import initial_state
 from estimator.conditioning.vertical.bias import Estimate
@@ -35,8 +44,6 @@ from estimator.conditioning.vertical.lowpass import Smooth
 PARAMS = ConditioningParams()
 ZERO = (0.0, 0.0, 0.0)
 DT = 0.04
-
-
 JUMP = JumpSigns(
     quick=(0.20, 0.03, 0.40),
     slow=(0.21, -0.01, 0.41),
@@ -78,7 +85,7 @@ def test_a_jump_is_more_than_what_else_turns_the_field(own, by_turning, share):
 
 
 def release(*, moves_rad=0.01, usual_s=1.2, confidence=0.7, norm=0.46, variance=0.4, tilt=0.05):
-    """The doubt after a step beside a field of dip 60 degrees that is off by 0.3 rad."""
+    """The inflation after a step beside a field of dip 60 degrees that is off by 0.3 rad."""
     reference = FieldReference(horizontal=0.25, down=0.25 * sqrt(3.0), uneven=0.0001)
     field = MagneticState(FieldLook(0.25, 0.43, confidence), reference, 0.0, True)
     inflation = HeadingInflation(variance, usual_s, 0.461, 0.9)
@@ -188,3 +195,62 @@ def test_a_jump_of_a_field_that_is_seldom_the_place_s_or_of_another_norm_proves_
     proof = proof_of(PARAMS, signs, learnt, 0.45)
     assert (proof.jump > 0.0) is is_proof
     assert proof.seen_rad == 1.0
+
+
+DIP = radians(60.0)
+EXPECTED = (0.5 * cos(DIP), 0.5 * sin(DIP))
+DIP_SCALE = radians(10.0)
+
+
+def confidence(norm, dip, expected=EXPECTED):
+    seen = (norm * cos(dip), norm * sin(dip))
+    before = FieldLook(horizontal=0.0, down=0.0, confidence=1.0)
+    return look_at_field(before, seen, 1.0, expected, NORM_SCALE, DIP_SCALE).confidence
+
+
+def test_the_expected_field_has_full_confidence():
+    assert confidence(0.5, DIP) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_one_scale_off_leaves_a_quarter(sign):
+    """c = 1/(1 + D^2)^2 at D = 1; of the dip the sine counts, 0.5 % less."""
+    assert confidence(0.5 * (1.0 + sign * NORM_SCALE), DIP) == pytest.approx(0.25)
+    assert confidence(0.5, DIP + sign * DIP_SCALE) == pytest.approx(0.25, abs=0.003)
+
+
+def test_nothing_resembles_a_field_of_nothing():
+    """Readings that are zero teach a reference of zero; confidence stays a number."""
+    assert confidence(0.0, 0.0, (0.0, 0.0)) == 0.0
+    assert confidence(0.5, DIP, (0.0, 0.0)) == 0.0
+
+
+LOOK = FieldLook(horizontal=0.28, down=0.41, confidence=0.6)
+REFERENCE = FieldReference(
+    horizontal=0.25,
+    down=0.43,
+    samples=50.0,
+    age_s=12.0,
+    confirmed_s=7.0,
+    other=AlternativeField(0.29, 0.40, 3.0),
+    uneven=0.002,
+)
+
+
+def test_steepness_is_the_squared_tangent_of_the_dip_and_bounded():
+    assert steepness(REFERENCE) == pytest.approx((0.43 / 0.25) ** 2)
+    assert steepness(FieldReference(0.0, -0.5)) == pytest.approx(1.0 / 0.1**2)
+    assert steepness(FieldReference()) == 0.0
+
+
+@pytest.mark.parametrize(("age_s", "count"), [(3.0, 1.0), (8.0, 2.0)])
+def test_a_vertical_that_is_not_settled_teaches_by_the_square_of_it(age_s, count):
+    """Later its readings count twice, until as many have counted as came."""
+    reference = REFERENCE._replace(age_s=age_s, samples=20.0)
+    state = MagneticState(LOOK, reference, 0.3, True)
+    after = observe_field(PARAMS, state, (0.28, 0.0, 0.41), 0.1, 0.5)
+    assert after.reference.samples == pytest.approx(20.0 + count * 0.25)
+    assert after.reference.age_s == pytest.approx(age_s + 0.1)
+    learn = max(0.25 / after.reference.samples, 0.1 / 15.0 * after.look.confidence)
+    assert after.reference.horizontal == pytest.approx(0.25 + learn * (0.28 - 0.25))
+    assert after.reference.down == pytest.approx(0.43 + learn * (0.41 - 0.43))

@@ -6,7 +6,6 @@ from math import atan2, cos, degrees, expm1, pi, radians, sin
 import numpy as np
 import pytest
 
-from estimator.conditioning.condition import condition
 from estimator.conditioning.field.calibration import learn_calibration
 from estimator.conditioning.field.magnetic import observe_field
 from estimator.conditioning.params import ConditioningParams
@@ -24,26 +23,27 @@ from estimator.geometry.quaternion import (
     normalize,
     rotate_inverse,
 )
-from estimator.types import Sample
-from tests.estimator.conditioning.motion import fly, resting, tumbling, vector_errors_rad
-
-PARAMS = ConditioningParams()
+from tests.estimator.conditioning.motion import (
+    PARAMS,
+    Sample,
+    conditioned,
+    fly,
+    resting,
+    tumbling,
+    vector_errors_rad,
+)
 
 
 def run(samples, dt, params=PARAMS, state=None):
-    state = state or initial_state(params)
-    seen = []
-    for s in samples:
-        before = state
-        state, out = condition(params, state, Sample(s.gyr, s.acc, s.mag, True, dt))
-        seen.append((s, out, has_noticed_a_turn(before, state)))
-    return state, seen
+    """The state at the end, and all of :func:`conditioned`."""
+    seen = [*conditioned(samples, dt, params, state)]
+    return seen[-1][2], seen
 
 
-def has_noticed_a_turn(before, after):
+def has_noticed_a_turn(seen):
     """Whether the heading became uncertain at once, by more than any bias or motion makes it."""
-    variance = [state.vertical.estimate.covariance[9] for state in (before, after)]
-    return variance[1] - variance[0] > radians(10.0) ** 2
+    variances = [state.vertical.estimate.covariance[9] for _, _, state in seen]
+    return np.diff(variances).max() > radians(10.0) ** 2
 
 
 def test_shaking_is_no_rest_at_one_sample_a_second():
@@ -127,10 +127,7 @@ def test_beside_slow_samples_no_magnetometer_is_taken_to_be_early(dt, is_negativ
     """Its readings are those of the next sample."""
     flight = list(fly(tumbling, 120.0, dt))
     early = [s._replace(mag=after.mag) for s, after in itertools.pairwise(flight)]
-    state, lags_s = initial_state(PARAMS), []
-    for s in early:
-        state, _ = condition(PARAMS, state, Sample(s.gyr, s.acc, s.mag, True, dt))
-        lags_s.append(state.field.calibration.learnt.lag_s)
+    lags_s = [state.field.calibration.learnt.lag_s for _, _, state in conditioned(early, dt)]
     assert (min(lags_s) < 0.0) is is_negative
 
 
@@ -154,9 +151,7 @@ def hand(t):
 @pytest.mark.parametrize("seed", range(4))
 def test_a_start_in_motion_teaches_no_lag_and_no_own_field(seed):
     """The vertical is turned by degrees in the first seconds; the calibration must not see it."""
-    state = initial_state(PARAMS)
-    for s in shaken(seed):
-        state, _ = condition(PARAMS, state, Sample(s.gyr, s.acc, s.mag, True, 0.01))
+    for _, _, state in conditioned(shaken(seed), 0.01):
         learnt = state.field.calibration.learnt
         assert abs(learnt.lag_s) < 0.0024  # measured 0.0020; learnt in the level frame 0.054
         assert np.linalg.norm(learnt.offset) < 0.0084  # measured 0.0070; 0.25
@@ -165,14 +160,12 @@ def test_a_start_in_motion_teaches_no_lag_and_no_own_field(seed):
 @pytest.mark.parametrize("seed", [0, 4, 5])
 def test_a_start_in_motion_teaches_no_dip_of_a_vertical_that_is_not_known_yet(seed):
     """Accelerations of 1 g let the first verticals lie anywhere; the true dip is 64.54 degrees."""
-    state, seen = initial_state(PARAMS), []
-    for s in shaken(seed, 10.0, (1.0, 1.4, 1.8)):
-        state, out = condition(PARAMS, state, Sample(s.gyr, s.acc, s.mag, True, 0.01))
-        seen.append(out.magnetic_confidence)
+    state, seen = run(shaken(seed, 10.0, (1.0, 1.4, 1.8)), 0.01)
     reference = state.field.magnetic.reference
     dip = degrees(atan2(reference.down, reference.horizontal))
     assert dip == pytest.approx(64.54, abs=2.3)  # measured within 1.9; 3.4, all counted alike
-    assert np.mean(seen[400:]) > 0.55  # measured 0.66; 0.23
+    confidence = [out.magnetic_confidence for _, out, _ in seen[400:]]
+    assert np.mean(confidence) > 0.55  # measured 0.66; 0.23
 
 
 def test_a_calibration_stays_while_the_reference_norm_is_learnt():
@@ -194,14 +187,13 @@ def test_a_calibration_stays_while_the_reference_norm_is_learnt():
 
 def test_a_vehicle_that_hardly_turns_learns_no_own_field():
     """A field that changes with the place must not pass for the vehicle's own."""
-    params = PARAMS
-    state = initial_state(params)
-    for i in range(6000):
-        t = 0.01 * i
+
+    def sample(t):
         field = (0.2 + 0.03 * sin(t), 0.02 * cos(t), 0.42)
-        gyr = (0.1 * cos(t), 0.0, 0.0)
         acc = (0.0, -9.81 * sin(0.1 * sin(t)), -9.81 * cos(0.1 * sin(t)))
-        state, _ = condition(params, state, Sample(gyr, acc, field, True, 0.01))
+        return Sample(gyr=(0.1 * cos(t), 0.0, 0.0), acc=acc, mag=field)
+
+    state, _ = run((sample(0.01 * i) for i in range(6000)), 0.01)
     assert np.linalg.norm(state.field.calibration.learnt.offset) == 0.0
 
 
@@ -244,8 +236,8 @@ def test_an_unsensed_turn_is_noticed_and_recovered_from(axis, motion):
     body = rotate_inverse(q, axis)
     state = apply_turn(state, exp(tuple(angle * x for x in body)))
     _, after = run(samples[3000:], dt, state=state)
-    assert any(noticed for _, _, noticed in after)
-    assert not any(noticed for _, _, noticed in seen)
+    assert has_noticed_a_turn(after)
+    assert not has_noticed_a_turn(seen)
     s, out, _ = after[500]
     gravity, north = vector_errors_rad(out, s.q_ned_frd)
     assert gravity < radians(0.22)  # measured 0.186
@@ -259,16 +251,15 @@ def test_a_passing_magnet_is_no_turn(seed):
     dt = 0.02
     direction = rng.normal(size=3)
     direction /= np.linalg.norm(direction)
-    state = initial_state(PARAMS)
-    for i, s in enumerate(fly(resting, 60.0, dt)):
-        t = i * dt
-        strength = 1.5 * np.exp(-(((t - 40.0) / 3.0) ** 2))
-        mag = tuple(float(m + strength * d) for m, d in zip(s.mag, direction, strict=True))
-        before = state
-        state, out = condition(PARAMS, state, Sample(s.gyr, s.acc, mag, True, dt))
-        assert not has_noticed_a_turn(before, state)
-        north = angle_between_vectors(out.magnetic_b, (1.0, 0.0, 0.0))
-        assert north < radians(1.14)  # measured 0.95
+
+    def beside_it(i, s):
+        strength = 1.5 * np.exp(-(((i * dt - 40.0) / 3.0) ** 2))
+        return s._replace(mag=tuple((s.mag + strength * direction).tolist()))
+
+    _, seen = run((beside_it(i, s) for i, s in enumerate(fly(resting, 60.0, dt))), dt)
+    assert not has_noticed_a_turn(seen)
+    north = [angle_between_vectors(out.magnetic_b, (1.0, 0.0, 0.0)) for _, out, _ in seen]
+    assert max(north) < radians(1.14)  # measured 0.95
 
 
 @pytest.mark.parametrize("step", [f for f in ConditioningParams._fields if f.startswith("use_")])
@@ -282,15 +273,13 @@ def test_every_step_can_be_switched_off(step):
 
 
 def test_magnetometer_at_a_quarter_of_the_rate():
-    dt = 0.02
-    state, distrust = initial_state(PARAMS), []
-    for i, s in enumerate(fly(tumbling, 30.0, dt)):
-        has_mag = i % 4 == 0
-        mag = s.mag if has_mag else (0.0, 0.0, 0.0)
-        state, out = condition(PARAMS, state, Sample(s.gyr, s.acc, mag, has_mag, dt))
-        distrust.append(1.0 - out.magnetic_confidence)
+    dt, every = 0.02, fly(tumbling, 30.0, 0.02)
+    samples = (s if i % 4 == 0 else s._replace(has_mag=False) for i, s in enumerate(every))
+    _, seen = run(samples, dt)
+    s, out, _ = seen[-1]
     assert vector_errors_rad(out, s.q_ned_frd)[1] < radians(1.66)  # measured 1.39
-    assert max(distrust) == pytest.approx(0.024, rel=0.2)
+    least = min(out.magnetic_confidence for _, out, _ in seen)
+    assert 1.0 - least == pytest.approx(0.024, rel=0.2)
 
 
 def test_the_long_mean_follows_the_low_passed_force_three_times_as_slowly():

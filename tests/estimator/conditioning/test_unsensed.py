@@ -5,29 +5,45 @@ from math import cos, degrees, radians, sin, sqrt
 import numpy as np
 import pytest
 
-from estimator.conditioning.condition import condition
 from estimator.conditioning.events.jump_signs import watch_field
 from estimator.conditioning.events.lasting_signs import HeadingSigns, give_up
-from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.state import apply_turn, initial_state
 from estimator.conditioning.vertical.rate import Clipping
 from estimator.conditioning.vertical.tilt import force_after_turn
 from estimator.geometry.quaternion import add, exp, rotate, rotate_inverse
-from estimator.types import Sample
-from tests.estimator.conditioning.motion import fly, resting, tumbling, vector_errors_rad
+from tests.estimator.conditioning.motion import (
+    PARAMS,
+    conditioned,
+    fly,
+    resting,
+    tumbling,
+    vector_errors_rad,
+)
 
-PARAMS = ConditioningParams()
 BLIND = PARAMS._replace(turn_jump_rad=3.0)
 DT = 0.01
 ZERO = (0.0, 0.0, 0.0)
 
 
 def advance(state, samples, params=PARAMS):
+    """The state behind the samples, and the larger error of each, degrees."""
     errors = []
-    for s in samples:
-        state, out = condition(params, state, Sample(s.gyr, s.acc, s.mag, True, DT))
+    for s, out, now in conditioned(samples, DT, params, state):
+        state = now
         errors.append(degrees(max(vector_errors_rad(out, s.q_ned_frd))))
     return state, np.array(errors)
+
+
+def turned_by(state, axis, angle_deg, sample):
+    """The state after a turn about an axis of NED that no sensor has felt."""
+    body = rotate_inverse(sample.q_ned_frd, AXES[axis])
+    return apply_turn(state, exp(tuple(radians(angle_deg) * x for x in body)))
+
+
+def found_s(errors):
+    """After how long an error is first under 5 deg."""
+    hits = np.flatnonzero(errors < 5.0)
+    return DT * (1 + int(hits[0])) if len(hits) else None
 
 
 AXES = {"down": (0.0, 0.0, 1.0), "east": (0.0, 1.0, 0.0), "diagonal": (0.577, 0.577, 0.577)}
@@ -47,14 +63,11 @@ AXES = {"down": (0.0, 0.0, 1.0), "east": (0.0, 1.0, 0.0), "diagonal": (0.577, 0.
 def test_a_turn_of_20_degrees_is_found_by_the_jump_of_the_field(motion, axis, measured_s, unseen_s):
     """The field stands still in G, so it shows what neither heading nor gravity show so soon."""
     samples = list(fly(motion, 50.0, DT))
-    state, _ = advance(initial_state(PARAMS), samples[:3000])
-    body = rotate_inverse(samples[2999].q_ned_frd, AXES[axis])
-    state = apply_turn(state, exp(tuple(radians(20.0) * x for x in body)))
+    state, _ = advance(None, samples[:3000])
+    state = turned_by(state, axis, 20.0, samples[2999])
     for params, expected in ((PARAMS, measured_s), (BLIND, unseen_s)):
         _, errors = advance(state, samples[3000:], params)
-        hits = np.flatnonzero(errors < 5.0)
-        found_s = DT * (1 + int(hits[0])) if len(hits) else None
-        assert found_s == pytest.approx(expected, rel=0.2)
+        assert found_s(errors) == pytest.approx(expected, rel=0.2)
 
 
 def shaken(t):
@@ -70,12 +83,9 @@ def rocking(t):
 def found_after_s(motion, axis, angle_deg, params=PARAMS):
     """Until the larger error is first under 5 deg, after a turn at 30 s."""
     samples = list(fly(motion, 45.0, DT))
-    state, _ = advance(initial_state(PARAMS), samples[:3000])
-    body = rotate_inverse(samples[2999].q_ned_frd, AXES[axis])
-    turn = exp(tuple(radians(angle_deg) * x for x in body))
-    _, errors = advance(apply_turn(state, turn), samples[3000:], params)
-    hits = np.flatnonzero(errors < 5.0)
-    return DT * (1 + int(hits[0])) if len(hits) else None
+    state, _ = advance(None, samples[:3000])
+    turned = turned_by(state, axis, angle_deg, samples[2999])
+    return found_s(advance(turned, samples[3000:], params)[1])
 
 
 @pytest.mark.parametrize(
@@ -94,8 +104,7 @@ def test_a_turn_is_found_in_quick_motion(motion, axis, angle_deg, measured_s):
 
 def test_a_heading_that_is_off_is_given_up_though_it_creeps_towards_the_field():
     """After seconds it is off by less than at first, and shows less."""
-    found_s = found_after_s(shaken, "down", -16.0, BLIND)
-    assert found_s == pytest.approx(9.9, rel=0.2)
+    assert found_after_s(shaken, "down", -16.0, BLIND) == pytest.approx(9.9, rel=0.2)
 
 
 def test_a_jump_is_not_usual_because_it_has_come():
@@ -143,12 +152,10 @@ def beside_iron(sample, t):
 
 def test_a_sudden_turn_is_found_where_the_field_is_not_as_learnt():
     samples = [beside_iron(s, DT * i) for i, s in enumerate(fly(tumbling, 50.0, DT))]
-    state, _ = advance(initial_state(PARAMS), samples[:3100])
+    state, _ = advance(None, samples[:3100])
     assert state.field.magnetic.look.confidence == pytest.approx(0.42, rel=0.2)
-    turn = tuple(radians(60.0) * x for x in rotate_inverse(samples[3099].q_ned_frd, AXES["down"]))
-    state, errors = advance(apply_turn(state, exp(turn)), samples[3100:])
-    found_s = DT * (1 + int(np.flatnonzero(errors < 5.0)[0]))
-    assert found_s == pytest.approx(1.47, rel=0.2)  # 13.9 where it has to be as learnt
+    _, errors = advance(turned_by(state, "down", 60.0, samples[3099]), samples[3100:])
+    assert found_s(errors) == pytest.approx(1.47, rel=0.2)  # 13.9 where it has to be as learnt
 
 
 def swept(sample, t):
@@ -162,15 +169,15 @@ def swept(sample, t):
 
 def test_a_magnet_that_is_swept_past_moves_no_vertical():
     """The field turns before its norm shows a magnet; the inflation goes with it."""
-    state, worst = initial_state(PARAMS), 0.0
-    for i, s in enumerate(fly(tumbling, 40.0, DT)):
+
+    def pushed(i, s):
         t = i * DT
-        push = (3.0 * sin(2.0 * t), 3.0 * cos(2.5 * t), 0.0)
-        acc = add(s.acc, rotate_inverse(s.q_ned_frd, push))
-        state, out = condition(PARAMS, state, Sample(s.gyr, acc, swept(s, t).mag, True, DT))
-        if t > 31.0:
-            worst = max(worst, degrees(vector_errors_rad(out, s.q_ned_frd)[0]))
-    assert worst < 5.3  # measured 4.4; 17.0
+        push = rotate_inverse(s.q_ned_frd, (3.0 * sin(2.0 * t), 3.0 * cos(2.5 * t), 0.0))
+        return swept(s, t)._replace(acc=add(s.acc, push))
+
+    samples = (pushed(i, s) for i, s in enumerate(fly(tumbling, 40.0, DT)))
+    errors = [vector_errors_rad(out, s.q_ned_frd)[0] for s, out, _ in conditioned(samples, DT)]
+    assert degrees(max(errors[3100:])) < 5.3  # measured 4.4; 17.0
 
 
 @pytest.mark.parametrize(
@@ -180,15 +187,14 @@ def test_a_magnet_put_on_and_taken_off_is_no_turn(seed, worst_deg):
     """Within 0.4 s its field reaches 0.3 gauss, two thirds of the place's, and goes after 7 s."""
     direction = np.random.default_rng(seed).normal(size=3)
     direction /= np.linalg.norm(direction)
-    state, worst = initial_state(PARAMS), 0.0
-    for i, s in enumerate(fly(tumbling, 40.0, DT)):
+
+    def beside_it(i, s):
         t = i * DT
         strength = 0.3 * np.clip((t - 25.0) / 0.4, 0.0, 1.0) * np.clip((32.4 - t) / 0.4, 0.0, 1.0)
-        mag = tuple(float(m + strength * d) for m, d in zip(s.mag, direction, strict=True))
-        state, out = condition(PARAMS, state, Sample(s.gyr, s.acc, mag, True, DT))
-        if t > 10.0:
-            worst = max(worst, degrees(max(vector_errors_rad(out, s.q_ned_frd))))
-    assert worst < 1.2 * worst_deg
+        return s._replace(mag=tuple((s.mag + strength * direction).tolist()))
+
+    samples = (beside_it(i, s) for i, s in enumerate(fly(tumbling, 40.0, DT)))
+    assert advance(None, samples)[1][1000:].max() < 1.2 * worst_deg
 
 
 def test_an_inflated_vertical_takes_the_force_as_a_kalman_filter_does():
@@ -210,10 +216,10 @@ def test_a_gyroscope_at_its_end_widens_the_variances():
     """A spin of up to 6 rad/s about down that reads 5.5 at most."""
     rms = {}
     for is_seen in (True, False):
-        state, errors = initial_state(PARAMS), []
+        state, errors = None, []
         for i, s in enumerate(fly(spinning, 60.0, DT)):
-            gyr = tuple(max(-5.5, min(5.5, x)) for x in s.gyr)
-            state, out = condition(PARAMS, state, Sample(gyr, s.acc, s.mag, True, DT))
+            clipped = s._replace(gyr=tuple(max(-5.5, min(5.5, x)) for x in s.gyr))
+            ((_, out, state),) = conditioned([clipped], DT, state=state)
             if not is_seen:
                 vertical = state.vertical._replace(clipping=Clipping(ZERO, ZERO, ZERO))
                 state = state._replace(vertical=vertical)
@@ -233,11 +239,9 @@ def whirling(t):
 def test_what_jumps_in_a_turn_passes_for_no_own_field(angle_deg):
     """The jump is too small for an alarm while lag and own field are unknown at six rad/s."""
     samples = list(fly(whirling, 20.0, DT, lag_s=0.01))
-    state, _ = advance(initial_state(PARAMS), samples[:1000])
-    turn = tuple(
-        radians(angle_deg) * x for x in rotate_inverse(samples[999].q_ned_frd, AXES["down"])
-    )
-    state, errors = advance(apply_turn(state, exp(turn)), samples[1000:])
+    state, _ = advance(None, samples[:1000])
+    state = turned_by(state, "down", angle_deg, samples[999])
+    state, errors = advance(state, samples[1000:])
     own = np.linalg.norm(state.field.calibration.learnt.offset)
     assert own < 0.017  # measured 0.014; 0.30 when the means stay those of the old attitude
     assert errors[700] < 2.4  # measured 2.0; 63

@@ -108,37 +108,30 @@ def random_inputs(rng):
     return (rng.uniform(0.0, 1.0, 2) * (0.5 if rng.random() < 0.5 else 1.0)).tolist()
 
 
-def test_agrees_on_random_inputs_over_random_memberships():
-    rng = np.random.default_rng(20)
+def draws(rng):
+    """Memberships and inputs of every sort: the sort, k, e and its rate."""
     for _ in range(2_000):
-        assert_same_gain(random_memberships(rng), *random_inputs(rng))
-
-
-def test_agrees_where_corners_of_different_sets_coincide():
-    """Memberships on a grid of 0.05 and 5: vertical edges, points and shared corners abound."""
-    rng = np.random.default_rng(21)
-    for _ in range(500):
+        yield "random", random_memberships(rng), *random_inputs(rng)
+    for _ in range(500):  # vertical edges, points and shared corners abound
         k = random_memberships(rng, round_to=0.05)
-        assert_same_gain(k, *random_inputs(rng))
-        corners = corner_inputs(k)
-        assert_same_gain(k, *rng.choice(corners, 2).tolist())
-
-
-def test_agrees_on_every_corner():
-    rng = np.random.default_rng(22)
+        yield "on a grid", k, *random_inputs(rng)
+        yield "on a grid", k, *rng.choice(corner_inputs(k), 2).tolist()
     for k in (midpoint(), random_memberships(rng)):
-        for error, rate in product(corner_inputs(k)[::2], corner_inputs(k)[1::2]):
-            assert_same_gain(k, error, rate)
+        for inputs in product(corner_inputs(k)[::2], corner_inputs(k)[1::2]):
+            yield "corners", k, *inputs
+    # the lower bounds hold vertical edges at 0, 0.1, 0.2, 20; the upper ones at 0.2, 20 and 50
+    for k in (LOWER, UPPER):
+        for inputs in product([0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.6, 1.0], repeat=2):
+            yield "bounds", k, *inputs
+        for _ in range(200):
+            yield "bounds", k, *random_inputs(rng)
 
 
-@pytest.mark.parametrize("bounds", [LOWER, UPPER])
-def test_agrees_where_the_memberships_are_at_their_bounds(bounds):
-    """The lower bounds hold vertical edges at 0, 0.1, 0.2, 20; the upper ones at 0.2, 20 and 50."""
-    rng = np.random.default_rng(23)
-    for error, rate in product([0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.6, 1.0], repeat=2):
-        assert_same_gain(bounds, error, rate)
-    for _ in range(200):
-        assert_same_gain(bounds, *random_inputs(rng))
+@pytest.mark.parametrize("sort", ["random", "on a grid", "corners", "bounds"])
+def test_agrees_with_exact_arithmetic(sort):
+    for name, *case in draws(np.random.default_rng(20)):
+        if name == sort:
+            assert_same_gain(*case)
 
 
 @pytest.mark.parametrize("faint", [1e-9, 1e-12, 1e-15, 1e-17, 1e-30, 1e-300, 5e-324])

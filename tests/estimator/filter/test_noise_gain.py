@@ -24,7 +24,7 @@ from estimator.filter.types import initial_state
 from estimator.geometry.quaternion import exp, rotate_inverse, unit
 from estimator.live.settings import settings_of
 from estimator.profile import load_profile
-from tests.paper_noise import NoiseScale, simulate_scaled
+from tests.paper_noise import NoiseScale, samples_of, simulate_scaled
 from tests.vocabulary import floats
 
 FLOORS = floats(0.0, 40.0)
@@ -35,16 +35,11 @@ def run(scale, start=None, seed=11, samples=SAMPLES):
     """The states of profile ``adaptive`` over the paper's signals."""
     chosen = settings_of(load_profile("adaptive"))
     state = initial_state(chosen.initial if start is None else start)
-    signals = simulate_scaled(seed, samples, scale)
     states = []
-    for k in range(samples):
-        gyr, acc, mag = (
-            tuple(column[k].tolist())
-            for column in (signals.gyr_rad_s, signals.acc_m_s2, signals.mag_gauss)
-        )
+    for k, s in enumerate(samples_of(simulate_scaled(seed, samples, scale))):
         if k > 0:
-            state = kernel.propagate(state, gyr, 0.01)
-        vectors = raw_vectors(chosen.reference, acc, mag, True)
+            state = kernel.propagate(state, s.gyr_rad_s, 0.01)
+        vectors = raw_vectors(chosen.reference, s.acc_m_s2, s.mag_gauss, True)
         state = kernel.correct(chosen.filter, state, vectors, 0.01)
         states.append(state)
     return states

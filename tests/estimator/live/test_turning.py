@@ -186,7 +186,7 @@ def test_rates_that_are_old_or_wrong_about_the_other_axes_do_not_stand_in():
 
 
 def test_rates_that_show_the_same_as_a_contradicted_axis_do_not_stand_in():
-    """Then it is the field that lies: a compass that is turned contradicts any gyroscope."""
+    """Then the field is wrong: a compass that is turned contradicts any gyroscope."""
     x_axis, as_it_is = (True, False, False), (0.8, 0.25, 0.15)
     assert stood_in(x_axis, misfit=(1e-3, 0.0, 0.0))[1] == as_it_is
 
