@@ -9,9 +9,9 @@ from estimator.conditioning.events.step import EventsState
 from estimator.conditioning.field.calibration import own_field
 from estimator.conditioning.field.magnetic import MagneticState, has_heading, steepness
 from estimator.conditioning.field.step import MagnetometerState, north_east, wrap_angle
-from estimator.conditioning.params import CONFIRM_S, LONG_S, SPAN_S, ConditioningParams
+from estimator.conditioning.params import CONFIRM_S, LONG_S, SPAN_S, USUAL_S, ConditioningParams
 from estimator.conditioning.vertical.bias import SETTLED_HEADING_RAD
-from estimator.conditioning.vertical.gravity import heading_frame
+from estimator.conditioning.vertical.gravity import heading_frame, lag_square
 from estimator.conditioning.vertical.lasting import SCALE_ERROR
 from estimator.conditioning.vertical.step import VerticalState
 from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
@@ -26,6 +26,8 @@ LOW_PASS_SHARE = 0.5
 # What the squared angle between the force of a second and the vertical counts: for some seconds
 # nothing shows whether it is an acceleration or an error.
 CONTRADICTED_SQUARE = 0.1
+# What the variance that a vehicle's vertical is reckoned to have counts beside the measured one.
+RECKONED_SHARE = 0.1
 # The share by which a heading given up may still be right once another is confirmed.
 LEAST_ALTERNATIVE = 0.15
 
@@ -71,8 +73,9 @@ def sigma_inclination(
     error along the vertical is as large across it), and the larger of two measures of slow
     accelerations and drift: the variance that chose the averaging time, and how far the vertical
     lies off its own longer mean. Slow streams count the variance ``reckoned`` (rad^2) by the
-    vertical itself instead; in vehicles half of it counts, and how far the force of the last second
-    contradicts it.
+    vertical itself instead. Vehicles come to rest again, so their accelerations cancel sooner than
+    white noise, which that takes them for: a share of it counts, and how far the force of the last
+    ``USUAL_S``, and of the last second, is off the vertical.
     """
     signs = events.gravity
     dt_s = vertical.coefficients.dt_s
@@ -80,10 +83,17 @@ def sigma_inclination(
     measured = max(signs.apart, LOW_PASS_SHARE * vertical.averaging.variance)
     measured += MEASURED_SQUARE * signs.uneven
     known = LEAST_DIRECTION_RAD**2 + vertical.inflation
-    carried, force = weighed - slow, vertical.gravity.force
-    reckoned *= slow + LOW_PASS_SHARE * carried
-    contradicted = CONTRADICTED_SQUARE * turn_of(force.quick, force.best.value) ** 2
-    return sqrt(known + (1.0 - weighed) * measured + reckoned + carried * contradicted)
+    force = vertical.gravity.force
+    carried = lag_square(force) + carried_share(vertical) * reckoned
+    carried += CONTRADICTED_SQUARE * turn_of(force.quick, force.best.value) ** 2
+    return sqrt(known + (1.0 - weighed) * measured + slow * reckoned + (weighed - slow) * carried)
+
+
+@inlined
+def carried_share(vertical: VerticalState) -> float:
+    """The share that counts of a vehicle's reckoned variance, more while the mean force is new."""
+    unseen = 1.0 - vertical.gravity.force.age_s / USUAL_S
+    return max(RECKONED_SHARE, LOW_PASS_SHARE * unseen)
 
 
 @inlined
@@ -130,7 +140,11 @@ def sigma_heading(
     dt_s = vertical.coefficients.dt_s
     slow = slowness(params, dt_s)
     carried = weighing(params, dt_s) - slow
-    tilt_variance = vertical.inflation + carried * LOW_PASS_SHARE * vertical.tilt.variance
+    tilt_variance = (
+        lag_square(vertical.gravity.force)
+        + vertical.inflation
+        + carried * carried_share(vertical) * vertical.tilt.variance
+    )
     by_tilt = 0.5 * steep * (events.gravity.uneven + tilt_variance)
     constant += LEAST_DIRECTION_RAD**2 + by_tilt + events.inflation.variance
     uneven = max(0.0, magnetic.reference.uneven - SCALE_ERROR**2)

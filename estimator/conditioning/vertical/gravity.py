@@ -7,18 +7,28 @@ the earth. 6D is G made level by the correction C, with an arbitrary heading.
 from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined, replacer
-from estimator.conditioning.params import SPAN_S, ConditioningParams
+from estimator.conditioning.params import SPAN_S, USUAL_S, ConditioningParams
 from estimator.conditioning.vertical.lowpass import Coefficients, Smooth, approach, smooth
 from estimator.conditioning.vertical.rate import FAST_STEP_S
 from estimator.geometry.quaternion import (
+    cross,
     multiply,
     normalize,
     rotate,
     shortest_rotation,
     square,
+    subtract,
     unit,
 )
-from estimator.types import DOWN, IDENTITY, ZERO_VEC3, Quaternion, Vec2, Vec3
+from estimator.types import (
+    DOWN,
+    IDENTITY,
+    STANDARD_GRAVITY_M_S2,
+    ZERO_VEC3,
+    Quaternion,
+    Vec2,
+    Vec3,
+)
 
 # Less smoothed force than this (m/s^2) has no direction: free fall.
 LEAST_FORCE_M_S2 = 0.5
@@ -34,6 +44,7 @@ class Force(NamedTuple):
     quick: Vec3 = ZERO_VEC3  # followed faster, m/s^2
     long: Vec3 = ZERO_VEC3  # mean of ``best`` over several time constants of ``down``, m/s^2
     age_s: float = 0.0  # since the low-pass began
+    off: Vec3 = ZERO_VEC3  # by how much it differed from ``best``, a mean over ``USUAL_S``, m/s^2
 
 
 class GravityState(NamedTuple):
@@ -49,6 +60,7 @@ with_level = replacer(GravityState, "q_6d_g")
 with_force = replacer(GravityState, "force")
 with_age = replacer(Force, "age_s")
 with_down = replacer(Force, "down", "best", "quick", "age_s")
+with_held = replacer(Force, "down", "best")
 
 
 @inlined
@@ -84,7 +96,15 @@ def observe_gravity(
         down, best = smooth(k.gravity, before.down, u), smooth(k.best, before.best, u)
     quick = approach(before.quick, u, max(k.quick_share, dt / age))
     long = approach(before.long, best.value, long_share(k, age))
-    return with_force(state, Force(down, best, quick, long, age))
+    off = approach(before.off, subtract(u, before.best.value), max(dt / age, dt / (USUAL_S + dt)))
+    return with_force(state, Force(down, best, quick, long, age, off))
+
+
+@inlined
+def lag_square(force: Force) -> float:
+    """Squared angle (rad^2) by which the mean force of ``USUAL_S`` is off the vertical."""
+    across = square(cross(force.off, unit(force.best.value)))
+    return across / STANDARD_GRAVITY_M_S2**2
 
 
 @inlined

@@ -73,13 +73,15 @@ def watch_slow(
     down_g: Vec3,
     long_share: float,
     aliasing: float,
+    age_s: float,
     dt_s: float,
 ) -> SlowAcceleration:
     """A step with the force ``u``, of which ``quick`` is the mean over a second (minus it, in G).
 
     ``down_g`` is the vertical before it. The long mean moves by ``long_share`` a step, so it lags
     behind a turn of the variance ``aliasing`` (rad^2) in each step by L <- (1 - share)^2 (L +
-    missed).
+    missed). At an age of less than ``USUAL_S`` that mean may itself lie off as far as the size of
+    the force allows.
     """
     long = approach(state.long, u, long_share)
     lag = (1.0 - long_share) ** 2 * (state.lag + aliasing)
@@ -90,11 +92,13 @@ def watch_slow(
     excess = size * size - 1.0 - shaken
     along = dot(u, down_g) / (norm(down_g) * STANDARD_GRAVITY_M_S2) if square(down_g) > 0.0 else 1.0
     b = dt_s / (USUAL_S + dt_s)
+    excess = state.excess + max(b, dt_s / age_s) * (excess - state.excess)
+    unseen = max(0.0, 1.0 - age_s / USUAL_S)
     return SlowAcceleration(
-        apart=state.apart + b * (off - state.apart),
+        apart=max(state.apart + b * (off - state.apart), unseen * min(excess, MOST_APART_RAD**2)),
         lag=lag,
         drift=state.drift + b * (lag - state.drift),
-        excess=state.excess + b * (excess - state.excess),
+        excess=excess,
         long=long,
         along=state.along + dt_s / (LATELY_S + dt_s) * (along - state.along),
         size=size,

@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.gather import Gathered
 from estimator.conditioning.params import ConditioningParams
@@ -16,13 +17,13 @@ from estimator.conditioning.vertical.bias import (
     predict,
 )
 from estimator.conditioning.vertical.gravity import (
-    Force,
     GravityState,
     age_after_hole,
     level,
     long_share,
     observe_gravity,
     with_force,
+    with_held,
 )
 from estimator.conditioning.vertical.lasting import (
     LostSteps,
@@ -196,7 +197,7 @@ def hold_by_mean_tilt(
         g = rotate(gravity.q_g_frd, steps.down)
         down = Smooth(approach(force.down.value, g, lost), ZERO_VEC3)
         best = Smooth(approach(force.best.value, g, lost), ZERO_VEC3)
-        gravity = with_force(gravity, Force(down, best, force.quick, force.long, force.age_s))
+        gravity = with_force(gravity, with_held(force, down, best))
     return with_lost_steps(before, gravity, add_lost_step(steps, mean.acc, lost, dt)), most
 
 
@@ -256,7 +257,10 @@ def follow_slow(
         return before.slow
     f, down_g = now.force, before.gravity.force.down.value
     share = long_share(k, f.age_s)
-    return watch_slow(before.slow, u, f.quick, down_g, share, aliasing, k.dt_s)
+    # a slow stream's first readings show little of what lasts
+    carried = weighing(params, k.dt_s) - slowness(params, k.dt_s)
+    age_s = f.age_s / max(carried, TINY)
+    return watch_slow(before.slow, u, f.quick, down_g, share, aliasing, age_s, k.dt_s)
 
 
 @inlined

@@ -18,8 +18,8 @@ def test_shaking_is_no_acceleration_that_lasts() -> None:
     shaken, braking, down = SlowAcceleration(), SlowAcceleration(), (0.0, 0.0, G)
     for _ in range(1000):
         x, y, z = G * (np.array((0.0, 0.0, 1.0)) + (0.25 / 3.0) ** 0.5 * rng.standard_normal(3))
-        shaken = watch_slow(shaken, (x, y, z), down, down, 0.03, 0.0, 0.25)
-        braking = watch_slow(braking, (0.5 * G, 0.0, G), down, down, 0.03, 0.0, 0.25)
+        shaken = watch_slow(shaken, (x, y, z), down, down, 0.03, 0.0, 60.0, 0.25)
+        braking = watch_slow(braking, (0.5 * G, 0.0, G), down, down, 0.03, 0.0, 60.0, 0.25)
     assert braking.excess == pytest.approx(0.25, rel=0.01)
     assert shaken.excess == pytest.approx(0.0, abs=0.05)
 
@@ -28,7 +28,7 @@ def test_a_force_that_has_turned_over_counts_as_one_that_is_off_by_a_radian() ->
     up, down = (0.0, 0.0, -G), (0.0, 0.0, G)
     state = SlowAcceleration(long=down)
     for _ in range(2000):
-        state = watch_slow(state, up, up, down, 0.0, 0.0, 0.25)
+        state = watch_slow(state, up, up, down, 0.0, 0.0, 60.0, 0.25)
     assert state.apart == pytest.approx(1.0, rel=0.01)
 
 
@@ -37,7 +37,7 @@ def test_a_vertical_along_which_the_force_is_less_than_gravity_is_wrong() -> Non
     state, off = SlowAcceleration(), radians(40.0)
     down: Vec3 = (0.0, np.sin(off), cos(off))
     for _ in range(240):
-        state = watch_slow(state, (0.0, 0.0, G), (0.0, 0.0, G), down, 0.03, 0.0, 0.25)
+        state = watch_slow(state, (0.0, 0.0, G), (0.0, 0.0, G), down, 0.03, 0.0, 60.0, 0.25)
     assert least_variance(state) == pytest.approx(2.0 * (1.0 - cos(off)) - 0.06, rel=0.02)
     assert least_variance(state._replace(along=1.3)) == 0.0
 
