@@ -102,9 +102,11 @@ def test_it_is_heard_whoever_of_the_two_listens(to, from_, clients):
         if to == "tcp":
             assert "refused" in vehicle.stderr.readline()
         with contextlib.ExitStack() as stack:
-            links = [MavlinkLink(Endpoint(from_, HOST, port)) for _ in range(clients)]
-            for link in map(stack.enter_context, links):
-                wait_for_imu(link, of={1, 2, 3})
+            links = []
+            for _ in range(clients):
+                links.append(stack.enter_context(MavlinkLink(Endpoint(from_, HOST, port))))
+                for link in links:  # a later client displaces none
+                    wait_for_imu(link, of={1, 2, 3})
 
 
 def test_seconds_end_it_and_the_schedule_does_not_drift():

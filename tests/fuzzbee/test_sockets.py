@@ -20,8 +20,15 @@ def listening(pid):
 
 def settled(process, condition):
     """The sockets once ``condition`` holds for them."""
-    wait_for(lambda: process.poll() is not None or condition(listening(process.pid)))
-    return listening(process.pid)
+    found = []
+
+    def is_settled():
+        assert process.poll() is None
+        found[:] = listening(process.pid)
+        return condition(found)
+
+    wait_for(is_settled)
+    return found
 
 
 def is_loopback(host):

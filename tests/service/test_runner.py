@@ -73,6 +73,7 @@ def test_a_signal_ends_the_loop_and_handlers_are_put_back():
 
 def test_who_asks_for_a_profile_once_the_loop_has_ended_is_refused_at_once():
     requests = ParameterRequests()
-    Runner(Player([], 1.0), Pipeline(PAPER), Outbox([]), rate_hz=50.0, requests=requests).run(0.0)
+    with Outbox([]) as outbox:
+        Runner(Player([], 1.0), Pipeline(PAPER), outbox, rate_hz=50.0, requests=requests).run(0.0)
     with pytest.raises(TimeoutError, match="ending"):
         requests.ask(ONE, {})

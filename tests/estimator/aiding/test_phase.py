@@ -142,7 +142,8 @@ def test_only_a_sample_leaves_the_beginning_and_nothing_returns_to_it():
 def test_a_restart_forgets_everything(flight, name):
     """Also when the vehicle's clock starts again."""
     used, fresh = (Pilot(calibrated(load_profile(name)), flight) for _ in range(2))
-    used.fly(20.0).estimator.restart()
+    assert used.fly(20.0).estimator.is_aided == (name == "imu")
+    used.estimator.restart()
     assert used.estimator.snapshot == fresh.estimator.snapshot
     used.k = 0
     assert used.fly(20.0).estimator.snapshot == fresh.fly(20.0).estimator.snapshot
