@@ -123,7 +123,7 @@ class SecondOpinion:
         behind_s = 1e-6 * max(look.sample.time_us - look.time_us, 0)
         turn = quaternion.exp(scale(-behind_s, look.ours.rate_rad_s))
         ours = look.ours._replace(q_ned_frd=multiply(look.ours.q_ned_frd, turn))
-        self._compare(look._replace(ours=ours))
+        self.look(look._replace(ours=ours))
         opinion = self.record(look.time_us)
         differs = opinion is not None and opinion.verdict == Verdict.DIFFERS
         before, self._differed = self._differed, differs
@@ -131,7 +131,8 @@ class SecondOpinion:
             return []
         return [in_words(opinion) if differs else "the autopilot's attitude and ours agree"]
 
-    def _compare(self, look: Look) -> None:
+    def look(self, look: Look) -> None:
+        """Compare both attitudes of one instant."""
         inclination, heading = differences(look.theirs, look.ours)
         self._gather(look, inclination, heading)
         verdict = self._verdict(inclination, heading)
