@@ -309,6 +309,8 @@ class Estimator:
             self._is_checked = self._is_checked or is_enough(rows.times_us)
         if lines and strict:
             raise InputError("; ".join(lines))
+        for line in lines:
+            warnings.warn(line, Unfit, stacklevel=3)
         too_strong = has_mag & (np.abs(mag) > MAG_LIMIT_GAUSS).any(axis=1)
         rows.has_mag[too_strong] = False
         self._count(Reason.MAGNETOMETER_OUT_OF_RANGE, int(too_strong.sum()))
@@ -335,8 +337,7 @@ class Estimator:
         if not lines and 2 * refused.total() > n:
             most, count = refused.most_common(1)[0]
             lines = (f"most of the samples could not be used: {count} of {n} are {most}",)
-        for line in lines:
-            warnings.warn(line, Unfit, stacklevel=3)
+            warnings.warn(lines[0], Unfit, stacklevel=3)
         return lines
 
     def _rate(self) -> float:

@@ -174,12 +174,13 @@ def _share(value: float | None) -> str:
 def reading_bar(log: LogFile) -> Iterator[None]:
     """How far a log has been read, from its second piece on, where that goes to a terminal."""
     console = Console(stderr=True)
+    if not console.is_terminal:
+        yield
+        return
     name = TextColumn("{task.description}", markup=False)
     columns = (name, BarColumn(), DownloadColumn(), TimeRemainingColumn())
-    is_shown = console.is_terminal
-    with Progress(*columns, console=console, transient=True, disable=not is_shown) as bar:
+    with Progress(*columns, console=console, transient=True) as bar:
         size = log.path.stat().st_size
         task = bar.add_task(printable(log.path.name), total=size, visible=False)
-        if is_shown:
-            log.on_read = lambda done: bar.update(task, completed=done, visible=done > 0)
+        log.on_read = lambda done: bar.update(task, completed=done, visible=done > 0)
         yield

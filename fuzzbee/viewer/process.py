@@ -8,16 +8,13 @@ import sys
 import tempfile
 import time
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from urllib.parse import quote
-
-import rerun_cli  # type: ignore[import-untyped]
 
 from estimator.errors import InputError
 from service.process import end_with_parent
 
-# Rerun's own program, not the Python script that starts it: signals must reach it.
-PROGRAM = Path(rerun_cli.__file__).with_name("rerun")
 HOST = "127.0.0.1"
 WEB_PORT = 9090  # Rerun's own; a free one if it is taken
 START_TIMEOUT_S = 10.0
@@ -86,7 +83,7 @@ class ViewerProcess:
         self._errors = Path(self._folder.name) / "errors"
         with self._errors.open("wb") as errors:
             self._process = subprocess.Popen(  # noqa: S603
-                [PROGRAM, *arguments],
+                [program(), *arguments],
                 env={**os.environ, **quiet},
                 stderr=errors,
                 # one call into the C library
@@ -109,6 +106,11 @@ class ViewerProcess:
         self._process.kill()
         self._process.wait()
         raise InputError(f"the viewer did not start: {reason[:200]}")
+
+
+def program() -> Path:
+    """Rerun's own program, not the Python script that starts it: signals must reach it."""
+    return Path(import_module("rerun_cli").__file__ or "").with_name("rerun")
 
 
 def _has_screen() -> bool:

@@ -6,6 +6,7 @@ Rerun's library is imported here only, and this module only where a viewer is as
 import atexit
 import os
 from collections.abc import Callable
+from concurrent.futures import Future, wait
 from contextlib import suppress
 from functools import partial
 from importlib import import_module
@@ -33,8 +34,9 @@ CLOSE_FLUSH_S = 0.4  # less than the time that all sinks of a run have to close
 FINISH_FLUSH_S = 60.0
 FILE_OPEN_S = 5.0  # for the arrangement of the views, 60 kB
 CLOSED = "closed; the rest goes on without it"
-# So begins what the library prints of a file that it could not write, later or at once.
+STALLED_S = 10.0  # a file that has not grown for so long is given up
 INDEX, LONGEST_END = b"FOOT", 64  # a mark in the last bytes of a file that has an index
+# So begins what the library prints of a file that it could not write, later or at once.
 OF_FILE = ("File-writer", "Failed to encode LogMsg")
 
 
@@ -93,8 +95,13 @@ class ViewerStream:
         self.recording.log("/messages", rr.TextLog(text))
 
     def finish(self) -> None:
-        """Send what is pending and end the file; the viewer stays open."""
-        self.flush(FINISH_FLUSH_S)
+        """Send what is pending and end the file, unless that stops growing; the viewer stays."""
+        flushing = run_in_thread(self._flushing(FINISH_FLUSH_S), "viewer")
+        size, before = self._size(), -1
+        while self._rrd is not None and not flushing.done() and size > before:
+            wait([flushing], STALLED_S)
+            size, before = self._size(), size
+        self._await(flushing, 0.0 if self._rrd is not None else FINISH_FLUSH_S)
         if self.is_whole:  # what a full disk holds up would be waited for in vain
             self._disconnect(FINISH_FLUSH_S)
         if self.is_whole:
@@ -117,7 +124,16 @@ class ViewerStream:
 
     def flush(self, timeout_s: float = 0.0) -> None:
         """Send what is pending, and wait so long until it is."""
-        self._do(partial(self.recording.flush, timeout_sec=timeout_s), timeout_s + CLOSE_FLUSH_S)
+        self._do(self._flushing(timeout_s), timeout_s + CLOSE_FLUSH_S)
+
+    def _flushing(self, timeout_s: float) -> Callable[[], object]:
+        return partial(self.recording.flush, timeout_sec=timeout_s)
+
+    def _size(self) -> int:
+        """The file's size; 0 without one."""
+        with suppress(OSError):
+            return Path(self._rrd or "").stat().st_size
+        return 0
 
     def _disconnect(self, timeout_s: float) -> None:
         """End the file, for which there may be no room left; the library only logs that."""
@@ -128,9 +144,13 @@ class ViewerStream:
                 self.is_whole &= INDEX in written.read()
 
     def _do(self, work: Callable[[], object], timeout_s: float) -> None:
-        """Do something that may never end, and note whether the file still has everything."""
+        """Do something that may never end."""
+        self._await(run_in_thread(work, "viewer"), timeout_s)
+
+    def _await(self, work: "Future[Any]", timeout_s: float) -> None:
+        """Wait for work, and note whether the file still has everything."""
         try:
-            run_in_thread(work, "viewer").result(timeout_s)
+            work.result(timeout_s)
         except TimeoutError:
             self.is_whole = self._rrd is None
         except Exception as error:  # noqa: BLE001 - the library's errors have no class of their own

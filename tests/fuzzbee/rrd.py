@@ -3,12 +3,12 @@
 import re
 import subprocess
 
-from fuzzbee.viewer.process import PROGRAM
+from fuzzbee.viewer.process import program
 
 
 def listing(path, *options):
     done = subprocess.run(
-        [PROGRAM, "rrd", "print", *(options or ("-vv",)), str(path)],
+        [program(), "rrd", "print", *(options or ("-vv",)), str(path)],
         capture_output=True,
         text=True,
         check=True,
