@@ -151,13 +151,13 @@ class Cluster(Closing):
         raise InputError(f"--cluster {self._address}: the workers keep failing")
 
     def _send(self) -> Any:
-        """Send the work to all workers.
+        """Send the work to a worker, from whom the others fetch it.
 
         Raises:
-            OSError: one of them died meanwhile.
+            OSError: it died meanwhile.
         """
         try:
-            return self._client.scatter(self._work, broadcast=True, hash=False)
+            return self._client.scatter(self._work, hash=False)
         except KeyError as worker:  # whom Dask no longer knows
             raise ConnectionError(f"{worker} is gone") from None
 
