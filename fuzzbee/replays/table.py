@@ -183,4 +183,7 @@ def reading_bar(log: LogFile) -> Iterator[None]:
         size = log.path.stat().st_size
         task = bar.add_task(printable(log.path.name), total=size, visible=False)
         log.on_read = lambda done: bar.update(task, completed=done, visible=done > 0)
-        yield
+        try:
+            yield
+        finally:
+            log.on_read = None
