@@ -173,7 +173,7 @@ def test_between_holes_a_vehicle_is_joined_and_not_averaged(shaken):
     vehicle = merge_profile(load_profile("imu"), {"conditioning": {"in_vehicle": True}})
     causal = errors_deg(Estimator(vehicle).update_batch(*readings), q[kept])
     errors = errors_deg(Estimator(vehicle).smooth(*readings), q[kept])
-    assert (rms(errors) < 0.97 * rms(causal)).all()  # inclination 10.0 for 10.5 deg; averaged 11.3
+    assert (rms(errors) < 0.92 * rms(causal)).all()  # inclination 9.4 for 10.6 deg; averaged 11.3
 
 
 def test_what_force_and_field_show_of_their_errors_is_in_sigma(shaken):

@@ -16,7 +16,7 @@ about either axis across it.
 
 from typing import NamedTuple
 
-from estimator.compilation.compiled import inlined
+from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.params import LATELY_S, LONG_S, USUAL_S
 from estimator.conditioning.robust import ANY_DIRECTION_VARIANCE
 from estimator.conditioning.vertical.lowpass import approach
@@ -41,6 +41,10 @@ class SlowAcceleration(NamedTuple):
     long: Vec3 = ZERO_VEC3  # long mean of the force (minus it, in G), m/s^2
     along: float = 1.0  # mean force along the vertical over ``LATELY_S``, as a share of gravity
     size: float = 1.0  # of the last force, as a share of gravity
+    seen_s: float = 0.0  # for how long the vehicle has been watched
+
+
+with_rest = replacer(SlowAcceleration, "seen_s")
 
 
 @inlined
@@ -73,15 +77,15 @@ def watch_slow(
     down_g: Vec3,
     long_share: float,
     aliasing: float,
-    age_s: float,
+    watched_s: float,
     dt_s: float,
 ) -> SlowAcceleration:
     """A step with the force ``u``, of which ``quick`` is the mean over a second (minus it, in G).
 
     ``down_g`` is the vertical before it. The long mean moves by ``long_share`` a step, so it lags
     behind a turn of the variance ``aliasing`` (rad^2) in each step by L <- (1 - share)^2 (L +
-    missed). At an age of less than ``USUAL_S`` that mean may itself lie off as far as the size of
-    the force allows.
+    missed). Until the vehicle has been watched for ``USUAL_S`` that mean may itself lie off as far as
+    the size of the force allows; this step adds ``watched_s`` to that time.
     """
     long = approach(state.long, u, long_share)
     lag = (1.0 - long_share) ** 2 * (state.lag + aliasing)
@@ -92,8 +96,9 @@ def watch_slow(
     excess = size * size - 1.0 - shaken
     along = dot(u, down_g) / (norm(down_g) * STANDARD_GRAVITY_M_S2) if square(down_g) > 0.0 else 1.0
     b = dt_s / (USUAL_S + dt_s)
-    excess = state.excess + max(b, dt_s / age_s) * (excess - state.excess)
-    unseen = max(0.0, 1.0 - age_s / USUAL_S)
+    seen_s = state.seen_s + watched_s
+    excess = state.excess + max(b, watched_s / seen_s) * (excess - state.excess)
+    unseen = max(0.0, 1.0 - seen_s / USUAL_S)
     return SlowAcceleration(
         apart=max(state.apart + b * (off - state.apart), unseen * min(excess, MOST_APART_RAD**2)),
         lag=lag,
@@ -102,6 +107,7 @@ def watch_slow(
         long=long,
         along=state.along + dt_s / (LATELY_S + dt_s) * (along - state.along),
         size=size,
+        seen_s=seen_s,
     )
 
 

@@ -33,6 +33,7 @@ from estimator.conditioning.vertical.lasting import (
     mean_tilt_variance,
     slow_variance,
     watch_slow,
+    with_rest,
 )
 from estimator.conditioning.vertical.lowpass import Coefficients, Smooth, approach, coefficients
 from estimator.conditioning.vertical.rate import Clipping, aliased_turn, with_aliasing
@@ -253,14 +254,16 @@ def follow_slow(
     k: Coefficients,
 ) -> SlowAcceleration:
     """What shows accelerations that last after a step; a rest shows nothing of them."""
-    if weighing(params, k.dt_s) == 0.0 or before.rest.resting:
+    if weighing(params, k.dt_s) == 0.0:
         return before.slow
-    f, down_g = now.force, before.gravity.force.down.value
-    share = long_share(k, f.age_s)
     # a slow stream's first readings show little of what lasts
     carried = weighing(params, k.dt_s) - slowness(params, k.dt_s)
-    age_s = f.age_s / max(carried, TINY)
-    return watch_slow(before.slow, u, f.quick, down_g, share, aliasing, age_s, k.dt_s)
+    watched_s = k.dt_s / max(carried, TINY)
+    if before.rest.resting:
+        return with_rest(before.slow, before.slow.seen_s + watched_s)
+    f, down_g = now.force, before.gravity.force.down.value
+    share = long_share(k, f.age_s)
+    return watch_slow(before.slow, u, f.quick, down_g, share, aliasing, watched_s, k.dt_s)
 
 
 @inlined
