@@ -8,7 +8,7 @@ from drivers.resources import SLOTS
 from service.records import (
     HAS_ATTITUDE,
     AttitudeRecord,
-    Departed,
+    Evicted,
     Message,
     Output,
     Published,
@@ -102,7 +102,7 @@ class Latest:
                     attitudes[vehicle_name(vehicle)] = attitude
                 case Published(vehicle=vehicle, record=status):
                     self.update(vehicle_name(vehicle), status, now_s)
-                case Departed(vehicle=vehicle):
+                case Evicted(vehicle=vehicle):
                     attitudes.pop(vehicle_name(vehicle), None)
                     with self._lock:
                         self._rows.pop(vehicle_name(vehicle), None)

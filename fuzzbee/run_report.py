@@ -40,7 +40,7 @@ def summary(
         "refused": dict(sorted(pipeline.refused_frames.items())),
         **({"recording": recording} if recording else {}),
         "heard": sorted(pipeline.systems),
-        "departed": dict(pipeline.departed),
+        "departed": dict(pipeline.evicted),
         "vehicles": {vehicle.name: counts(vehicle) for vehicle in pipeline.vehicles},
     }
     if pipeline.scores is not None:

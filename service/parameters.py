@@ -13,7 +13,7 @@ from drivers.events import BuiltIn, VehicleId
 from drivers.simulation.simulated_vehicle import PROFILES
 from estimator.errors import InputError
 from estimator.profile import Profile, load_profile, merge_profile
-from service.records import Departed, Message, Output, Replaced, Retuned
+from service.records import Evicted, Message, Output, Replaced, Retuned
 from service.vehicle import Vehicle
 
 # Replacements are rare and made by hand; more waiting requests than this are refused.
@@ -143,7 +143,7 @@ class ProfileChanges:
             self.kept[vehicle.address] = vehicle.profile
             if len(self.kept) > MOST_PROFILES:
                 del self.kept[next(iter(self.kept))]
-        self.outputs.append(Departed(vehicle.address))
+        self.outputs.append(Evicted(vehicle.address))
 
     def report(self, replaced: Replaced) -> None:
         """Publish a vehicle's parameters with the next tick; only the latest count."""

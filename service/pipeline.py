@@ -64,7 +64,7 @@ class Pipeline:
         self.refused_frames: Counter[Reason] = Counter()
         self.systems: set[int] = set()
         # what was counted of the vehicles that were forgotten, as of one that is there
-        self.departed = Counter(vehicles=0, samples=0, shed=0, rejected=0, attitudes=0)
+        self.evicted = Counter(vehicles=0, samples=0, shed=0, rejected=0, attitudes=0)
         self.load = Load()
         self._rate_hz = rate_hz
         self.wake_us = 0.0  # when :meth:`tick` has something to do next, if nothing arrives
@@ -250,7 +250,7 @@ class Pipeline:
             return None
         kept = self._changes.kept.pop(address, None)
         estimator = self._new_estimator(kept or self.profile)
-        number = len(self._vehicles) + self.departed["vehicles"]
+        number = len(self._vehicles) + self.evicted["vehicles"]
         vehicle = self._vehicles[address] = Vehicle(address, estimator, self._rate_hz, number)
         if kept is not None:
             self._changes.report(Replaced(address, kept))
@@ -272,7 +272,7 @@ class Pipeline:
         vehicle = self._vehicles.pop(address, None)
         if vehicle is None:
             return
-        self.departed.update(
+        self.evicted.update(
             vehicles=1,
             samples=vehicle.imu.samples,
             shed=vehicle.imu.shed,

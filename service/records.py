@@ -195,7 +195,7 @@ class Replaced(Value, frozen=True):
     retuned: str | None = None
 
 
-class Departed(Value, frozen=True):
+class Evicted(Value, frozen=True):
     """A vehicle is forgotten: nothing of it is published any more, unless it comes back."""
 
     vehicle: VehicleId
@@ -207,7 +207,7 @@ class Message(Value, frozen=True):
     text: str
 
 
-Output = Published | Peer | Replaced | Departed | Message
+Output = Published | Peer | Replaced | Evicted | Message
 
 
 def vehicle_name(vehicle: VehicleId) -> str:

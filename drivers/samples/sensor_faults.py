@@ -51,7 +51,7 @@ STUCK_ACC_RAD = 0.35
 LONGEST_STEP_S = 0.1
 # What no vehicle at rest shows: more than a gyroscope's bias, not 1 g, force or field that turn
 MOVING_GYR_RAD_S, MOVING_ACC_M_S2, MOVING_RAD = 0.05, 0.5, 0.1
-DISTINCT_RAD = 0.05  # a turn so far is told from noise
+DISTINCT_RAD = 0.05  # a turn so far stands out of noise
 CONFIRMS_RAD = 0.25  # nearer than that to where the rate says, and half the way: it has turned so
 WEIGHT_M_S2 = 0.5  # from 1 g, of the force along the axis of a steady turn
 # Of the field's strength, and of the way that the rate gives it: so far off it may be, as hard iron

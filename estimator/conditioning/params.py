@@ -92,7 +92,7 @@ class ConditioningParams(NamedTuple):
 
     # Heading.
     heading_noise_rad2_s: Noise = 0.003  # of the field; small: follows magnets, large: slow
-    heading_doubt_noise_rad2_s: Noise = 0.015  # added at low confidence; small: follows magnets
+    heading_inflation_noise_rad2_s: Noise = 0.015  # added at low confidence; small: follows magnets
     heading_turning_noise_s: Noise = 5e-6  # drift variance per squared rate: gyro scale errors
 
     # Events.

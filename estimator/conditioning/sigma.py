@@ -12,7 +12,7 @@ from estimator.conditioning.field.step import MagnetometerState, north_east, wra
 from estimator.conditioning.params import CONFIRM_S, LONG_S, SPAN_S, USUAL_S, ConditioningParams
 from estimator.conditioning.vertical.bias import SETTLED_HEADING_RAD
 from estimator.conditioning.vertical.gravity import heading_frame, lag_square
-from estimator.conditioning.vertical.lasting import SCALE_ERROR
+from estimator.conditioning.vertical.slow_acceleration import SCALE_ERROR
 from estimator.conditioning.vertical.step import VerticalState
 from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
 from estimator.conditioning.vertical.tilt import slowness, weighing

@@ -18,7 +18,7 @@ from estimator.conditioning.field.magnetic import NORM_SCALE, FieldReference, no
 from estimator.conditioning.params import USUAL_S, ConditioningParams
 from estimator.conditioning.robust import HEADING_REACH_RAD
 from estimator.conditioning.vertical.averaging import WINDOW_S
-from estimator.conditioning.vertical.lasting import SCALE_ERROR
+from estimator.conditioning.vertical.slow_acceleration import SCALE_ERROR
 from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
 from estimator.geometry.rotations import about_down, multiply, rotate, rotate_inverse, wrap
 from estimator.smoothing.field import Field
@@ -73,7 +73,7 @@ def noise(params: ConditioningParams, seen: Floats, reference: FieldReference) -
     off_norm, off_dip = deviations(seen, reference)
     square = (off_norm / NORM_SCALE) ** 2 + (off_dip / params.field_dip_scale_rad) ** 2
     confidence = np.maximum((1.0 + square) ** -2, TINY)
-    uncertain = params.heading_doubt_noise_rad2_s * (1.0 / confidence - 1.0)
+    uncertain = params.heading_inflation_noise_rad2_s * (1.0 / confidence - 1.0)
     return np.asarray(params.heading_noise_rad2_s + uncertain)
 
 

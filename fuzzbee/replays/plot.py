@@ -221,7 +221,7 @@ def _bands(time_s: Floats, trace: VehicleTrace) -> Iterator[Band]:
     usual = float(np.median(confidence))
     if usual > 0.0:
         spans = _runs(time_s, confidence <= CONTRADICTED * usual)
-        yield ("field doubted", "tab:purple", 0.2, spans)
+        yield ("low field confidence", "tab:purple", 0.2, spans)
     yield ("gyroscope at its end", "tab:brown", 0.35, _clipped(time_s, trace))
     if trace.turned_at_us is not None:
         yield ("wrong start", "tab:red", 0.2, _wrong(time_s, trace))

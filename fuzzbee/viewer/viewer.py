@@ -14,7 +14,7 @@ from service.publishing import euler_deg
 from service.records import (
     HAS_ATTITUDE,
     AttitudeRecord,
-    Departed,
+    Evicted,
     Message,
     Output,
     Peer,
@@ -62,7 +62,7 @@ class ViewerSink(ViewerStream):
                     self._take_published(output)
                 case Peer(vehicle=vehicle, source=source) if vehicle in self._tracks:
                     self._tracks[vehicle].others[source] = output.q_ned_frd
-                case Departed(vehicle=vehicle) if vehicle in self._tracks:
+                case Evicted(vehicle=vehicle) if vehicle in self._tracks:
                     del self._tracks[vehicle]
                 case Message(text=text) if self._now_us:  # before the first record there is no time
                     self.message(text, self._now_us)

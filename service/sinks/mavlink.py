@@ -19,7 +19,7 @@ from estimator.geometry.frames import euler_rad
 from service.records import (
     AttitudeRecord,
     Autopilot,
-    Departed,
+    Evicted,
     Output,
     Published,
     Replaced,
@@ -90,7 +90,7 @@ class MavlinkSink:
         self._connection.close()
 
     def _frames(self, output: Output) -> list[bytes]:
-        if isinstance(output, Departed):
+        if isinstance(output, Evicted):
             sender = self._senders.get(output.vehicle.system_id)
             if sender is not None and sender.vehicle == output.vehicle:
                 del self._senders[output.vehicle.system_id]  # another component may be sent

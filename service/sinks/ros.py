@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from drivers.events import VehicleId
 from estimator.types import ImuSample
-from service.records import AttitudeRecord, Departed, Output, Published, StatusRecord, vehicle_name
+from service.records import AttitudeRecord, Evicted, Output, Published, StatusRecord, vehicle_name
 from service.sinks import ros_messages as ros
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ class RosSink:
                     message = ros.diagnostics_message(status, now_us, _hardware(vehicle))
                     publisher = self._publisher(ros.DIAGNOSTICS_TOPIC, ros.DIAGNOSTICS_TYPE)
                     publisher.put(message, now_us)
-                case Departed(vehicle=vehicle):
+                case Evicted(vehicle=vehicle):
                     imu = self._publishers.pop(imu_topic(self._prefix, vehicle), None)
                     if imu is not None:
                         imu.close()

@@ -18,7 +18,7 @@ from estimator.profile import Profile, profile_to_json
 from service.parameters import ParameterRequests
 from service.records import (
     AttitudeRecord,
-    Departed,
+    Evicted,
     Output,
     Published,
     Replaced,
@@ -95,7 +95,7 @@ class ZenohSink:
             match outputs[0]:
                 case Published(vehicle=vehicle, record=record):
                     self._topics[vehicle, type(record)] = self._new_topic(vehicle, type(record))
-                case Departed(vehicle=vehicle):
+                case Evicted(vehicle=vehicle):
                     self._disappear(vehicle)
                     outputs = outputs[1:]
 
@@ -113,7 +113,7 @@ class ZenohSink:
                 topic.put(self._encode(record))
             elif isinstance(output, Replaced):
                 self._profiles[output.vehicle] = output.profile
-            elif isinstance(output, Departed):
+            elif isinstance(output, Evicted):
                 return outputs[k:]
         return ()
 

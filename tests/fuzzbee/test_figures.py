@@ -130,7 +130,7 @@ def test_each_band_is_where_it_was(replayed, tmp_path):
     found = bands_of(page_of(tmp_path / "a.html")[1])
     assert found["gap"] == [pytest.approx((39.95, 45.0))]
     assert found["gyroscope at its end"] == [pytest.approx((10.0, 10.3), abs=0.11)]
-    ((begin, end),) = found["field doubted"]
+    ((begin, end),) = found["low field confidence"]
     assert begin == pytest.approx(20.0, abs=0.5)
     assert 26.0 <= end < 36.0  # it is accepted again slowly
     ((begin, end),) = found["wrong start"]

@@ -206,14 +206,14 @@ def test_the_result_of_a_run_names_what_was_counted_in_its_units():
     vehicle.imu.samples, vehicle.imu._shed, vehicle.publishing.attitudes = 31, 32, 33
     vehicle.imu.worst_gap_us, vehicle.imu.median_period_us = 250_000, 1e6 / 49.87654
     vehicle.imu.choice, vehicle.rejected["late"] = ImuChoice("RAW_IMU"), 35
-    departed = Counter(vehicles=51, samples=52, shed=53, rejected=54, attitudes=55)
+    evicted = Counter(vehicles=51, samples=52, shed=53, rejected=54, attitudes=55)
     lost = SimpleNamespace(lost=71)
     runner = SimpleNamespace(ticks=41, overruns=42, dropped=43, source=lost, recording=str)
     refused = {"signature": 61, "id": 62}
     pipeline = SimpleNamespace(
         malformed=72,
         refused_frames=refused,
-        departed=departed,
+        evicted=evicted,
         scores=None,
         vehicles=(vehicle,),
         systems={3, 1},
@@ -222,7 +222,7 @@ def test_the_result_of_a_run_names_what_was_counted_in_its_units():
     assert result["heard"] == [1, 3]
     expected = {"ticks": 41, "overruns": 42, "dropped": 43, "lost": 71, "malformed": 72}
     assert {name: result[name] for name in expected} == expected
-    assert result["departed"] == departed
+    assert result["departed"] == evicted
     assert list(result["refused"].items()) == [("id", 62), ("signature", 61)]
     vehicle = result["vehicles"]["1"]
     assert (vehicle["worst_gap_s"], vehicle["imu_rate_hz"]) == (0.25, 49.877)

@@ -12,7 +12,7 @@ from rich.console import Console
 from drivers.events import VehicleId
 from fuzzbee.latest import Latest
 from fuzzbee.terminal import TerminalView, pressed_keys, terminal_keys
-from service.records import Departed, ImuDifference, Message, Published, Sigma
+from service.records import Evicted, ImuDifference, Message, Published, Sigma
 from tests.fuzzbee.screen import lines, terminal, vehicle
 from tests.service.records import differing, record
 
@@ -208,8 +208,8 @@ def test_of_two_in_one_state_the_warned_one_needs_attention_first():
     assert [line[:1] for line in terminal(*shown, keys=["s"])[2:5]] == ["3", "2", "1"]
 
 
-def test_a_vehicle_that_has_departed_is_shown_no_more():
-    assert lines([*vehicle("2"), *vehicle("1"), Departed(VehicleId(1, 1))]) == lines(vehicle("2"))
+def test_an_evicted_vehicle_leaves_the_table():
+    assert lines([*vehicle("2"), *vehicle("1"), Evicted(VehicleId(1, 1))]) == lines(vehicle("2"))
 
 
 def test_where_there_is_no_place_who_was_silent_for_longest_goes(monkeypatch):

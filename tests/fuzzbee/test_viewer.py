@@ -19,7 +19,7 @@ from drivers.output_file import NotWholeError
 from estimator.geometry.quaternion import conjugate, rotate
 from estimator.types import STANDARD_GRAVITY_M_S2, ImuSample
 from fuzzbee.cli import main
-from service.records import Departed, Message, Peer, Published, StatusRecord
+from service.records import Evicted, Message, Peer, Published, StatusRecord
 from tests.fuzzbee import browser
 from tests.fuzzbee.processes import started
 from tests.fuzzbee.services import await_line, descendants, wait_for
@@ -147,7 +147,7 @@ def test_only_so_many_vehicles_are_drawn_as_can_be_read(tmp_path):
     assert f"/tilt/{MOST_VEHICLES} " in text
     assert f"/tilt/{MOST_VEHICLES + 1} " not in text
     assert text.count("only the first") == 1
-    turns = [[*turn, Departed(VehicleId(n, 1))] for n, turn in zip(vehicles, turns, strict=True)]
+    turns = [[*turn, Evicted(VehicleId(n, 1))] for n, turn in zip(vehicles, turns, strict=True)]
     text = listing(drawn(tmp_path, turns), "-vvv")
     assert f"/tilt/{vehicles[-1]} " in text
     assert "only the first" not in text

@@ -15,7 +15,7 @@ from drivers.events import VehicleId
 from estimator.errors import InputError
 from fuzzbee.web.server import Address, WebPage, open_page, parse_address
 from service.http_door import MOST_CONNECTIONS, STREAM_PART
-from service.records import Departed, ImuDifference, Published, State, StatusRecord
+from service.records import Evicted, ImuDifference, Published, State, StatusRecord
 from tests.fuzzbee import browser
 from tests.service.records import differing, record
 
@@ -73,7 +73,7 @@ def test_an_event_has_all_vehicles_or_one(page, clock):
     assert [each["name"] for each in event(page, "/events?vehicle=1")["vehicles"]] == ["1"]
     clock[0] += 2.0  # the service publishes nothing any more
     assert event(page)["vehicles"][0]["reasons"] == [[3, "the service is silent"]]
-    page.handle([Departed(ONE), Departed(OTHER)])
+    page.handle([Evicted(ONE), Evicted(OTHER)])
     assert event(page)["vehicles"] == []
 
 

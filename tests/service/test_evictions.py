@@ -12,7 +12,7 @@ from drivers.mavlink.gate import TAKE_OVER_US, FrameGate, Policy
 from estimator.profile import load_profile
 from service.parameters import MOST_PROFILES
 from service.pipeline import FORGOTTEN_LOOKS, Pipeline
-from service.records import Departed, Message, Published, Replaced
+from service.records import Evicted, Message, Published, Replaced
 from tests.service.flight_rig import ONE, START_US, fed, imu_events
 
 PAPER = load_profile("paper")
@@ -60,12 +60,12 @@ def test_thousands_of_ids_in_a_row_each_find_a_place(monkeypatch):
     assert ONE not in gone
     assert gone == addresses(1200)[: len(gone)]  # who left first goes first
     assert pipeline.vehicle(ONE).imu.samples == 1200
-    assert pipeline.departed["vehicles"] == len(gone) == 1201 - 512
+    assert pipeline.evicted["vehicles"] == len(gone) == 1201 - 512
     outputs = pipeline.tick(arrival_us)
-    assert departed(outputs) == gone
+    assert evicted(outputs) == gone
     output = [each.text for each in outputs if isinstance(each, Message) and "gone" in each.text]
     assert len(output) < 15  # not a line for each
-    assert departed(pipeline.tick(arrival_us + SECOND_US)) == []  # reported once
+    assert evicted(pipeline.tick(arrival_us + SECOND_US)) == []  # reported once
 
 
 def test_a_flood_of_addresses_takes_no_place_of_a_vehicle_that_is_silent(monkeypatch):
@@ -93,8 +93,8 @@ def silence(pipeline, seconds, now_us):
     return outputs, now_us
 
 
-def departed(outputs):
-    return [each.vehicle for each in outputs if isinstance(each, Departed)]
+def evicted(outputs):
+    return [each.vehicle for each in outputs if isinstance(each, Evicted)]
 
 
 def test_a_vehicle_is_forgotten_after_an_hour_and_its_parameters_are_not():
@@ -102,12 +102,12 @@ def test_a_vehicle_is_forgotten_after_an_hour_and_its_parameters_are_not():
     pipeline = fed(events)
     changed = pipeline.replace_profile(ONE, {"filter": {"gamma": 0.5}})
     outputs, now_us = silence(pipeline, FORGOTTEN_LOOKS - 2, events[-1].arrival_us)
-    assert departed(outputs) == []
+    assert evicted(outputs) == []
     outputs, now_us = silence(pipeline, 8, now_us)
-    assert departed(outputs) == [ONE]
+    assert evicted(outputs) == [ONE]
     assert not any(isinstance(each, Published) for each in outputs[-2:])
     assert pipeline.vehicles == ()
-    assert list(pipeline.departed.values()) == [1, 100, 0, 0, 4]
+    assert list(pipeline.evicted.values()) == [1, 100, 0, 0, 4]
     back = msgspec.structs.replace(events[0], arrival_us=now_us)
     pipeline.handle(back)
     assert pipeline.vehicle(ONE).profile == changed
@@ -121,7 +121,7 @@ def test_heartbeats_alone_keep_a_vehicle():
         now_us += SECOND_US
         pipeline.handle(Heartbeat(ONE, now_us, 3, 2))
         outputs += pipeline.tick(now_us)
-    assert departed(outputs) == []
+    assert evicted(outputs) == []
 
 
 @pytest.mark.parametrize("step_s", [3700, -3700, 86_400])
@@ -129,7 +129,7 @@ def test_a_set_clock_is_no_silence(step_s):
     pipeline = fed(imu_events(100))
     now_us = START_US + SECOND_US
     outputs = pipeline.tick(now_us) + pipeline.tick(now_us + step_s * SECOND_US)
-    assert departed(outputs) == []
+    assert evicted(outputs) == []
 
 
 def test_what_a_sender_was_is_forgotten_by_the_gate():

@@ -43,7 +43,7 @@ def test_offsets_lie_within_three_sigma():
         if fit.matrix is not None:
             assert np.all(np.abs(fit.matrix - matrix) < 5.0 * fit.matrix_sigma)
     assert np.mean(within) >= 0.95
-    assert np.mean(shown) >= 0.9  # soft iron is told where there is some, and nowhere else
+    assert np.mean(shown) >= 0.9  # soft iron is reported where there is some, and nowhere else
 
 
 def test_a_sphere_fitted_without_the_model_agrees():
@@ -54,7 +54,7 @@ def test_a_sphere_fitted_without_the_model_agrees():
 
 
 def test_without_turns_nothing_is_sure():
-    """What is told then has a sigma that covers its error; of five readings nothing is told."""
+    """A fit's sigma then covers its error; five readings give no fit."""
     for seed in range(3):
         mag, down, offset = flight(seed, 0.0, np.eye(3), turns=False)
         fit = fit_compass(mag, down, FIELD)

@@ -25,8 +25,8 @@ def test_truths_lie_around_a_reference_as_its_sigmas_say():
     rng = np.random.default_rng(5)
     q = rng.normal(size=(200, 4))
     q /= np.linalg.norm(q, axis=1)[:, None]
-    doubt = np.tile([0.02, 0.05], (200, 1))
-    truths = list(possible_truths(q, doubt))
+    sigma_rad = np.tile([0.02, 0.05], (200, 1))
+    truths = list(possible_truths(q, sigma_rad))
     errors = np.concatenate([batch_angle_errors(q, truth) for truth in truths])
     # means of eighths of a distribution; its tails are cut a little
     assert np.mean(errors[:, 1] <= 0.05) == pytest.approx(0.68, abs=0.07)
@@ -45,12 +45,12 @@ def test_the_whole_flight_knows_better_and_how_well(flown):
     by_truth = measure(IMU, flown)
     assert np.degrees(rms(errors[:, 2])) < 0.8 * by_truth.inclination.rms_deg
     by_smooth = measure(IMU, smooth)
-    # without its doubt the reference, made of the same samples, is far too near
+    # without its sigma the reference, made of the same samples, is far too near
     sure = measure(IMU, smooth._replace(truth_sigma_rad=None))
     assert sure.inclination.coverage > 0.95
     assert 0.5 < by_smooth.inclination.coverage < 0.8
     assert by_smooth.inclination.rms_deg > 1.5 * sure.inclination.rms_deg
-    # where the base profile has told no heading there is none
+    # where the base profile reports no heading there is none
     reported = np.arange(len(flown.headed)) < 100
     part_headed = sure_flight(flown._replace(headed=reported), IMU, is_wanted=False)
     assert part_headed.reference == "smooth"

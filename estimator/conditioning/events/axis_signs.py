@@ -96,7 +96,7 @@ def watch_axes(
     """Compare the field with its mean, ``dt_s`` after the field before.
 
     ``usual_norm`` is that of the place's field, ``force_scatter`` as in
-    :class:`~estimator.conditioning.events.lasting_signs.GravitySigns`.
+    :class:`~estimator.conditioning.events.turn_signs.GravitySigns`.
     """
     if usual_norm <= 0.0 or square(jump.quick) <= 0.0:
         return state

@@ -18,7 +18,7 @@ from estimator.conditioning.events.jump_signs import (
     watch_field,
     with_seen,
 )
-from estimator.conditioning.events.lasting_signs import (
+from estimator.conditioning.events.turn_signs import (
     GravitySigns,
     HeadingSigns,
     begin_anew,
@@ -42,8 +42,8 @@ from estimator.conditioning.params import LONGEST_STEP_S, SPAN_S, ConditioningPa
 from estimator.conditioning.robust import ANY_DIRECTION_VARIANCE, HALF_TURN_VARIANCE
 from estimator.conditioning.vertical.bias import Estimate, clip, inflate_heading
 from estimator.conditioning.vertical.gravity import with_down, with_force
-from estimator.conditioning.vertical.lasting import SCALE_ERROR
 from estimator.conditioning.vertical.lowpass import Smooth
+from estimator.conditioning.vertical.slow_acceleration import SCALE_ERROR
 from estimator.conditioning.vertical.step import VerticalState, VerticalStep
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD, weighing, with_variance
 from estimator.geometry.quaternion import dot

@@ -68,7 +68,7 @@ def heading_noise(params: ConditioningParams, field: MagneticState, settled: flo
     """
     confidence = max(field.look.confidence * settled, TINY)
     early = 1.0 + MEMORY_S / (SPAN_S + field.reference.age_s)
-    uncertain = params.heading_doubt_noise_rad2_s * (1.0 / confidence - 1.0)
+    uncertain = params.heading_inflation_noise_rad2_s * (1.0 / confidence - 1.0)
     return params.heading_noise_rad2_s * early + uncertain
 
 

@@ -25,7 +25,9 @@ from estimator.conditioning.vertical.gravity import (
     with_force,
     with_held,
 )
-from estimator.conditioning.vertical.lasting import (
+from estimator.conditioning.vertical.lowpass import Coefficients, Smooth, approach, coefficients
+from estimator.conditioning.vertical.rate import Clipping, aliased_turn, with_aliasing
+from estimator.conditioning.vertical.slow_acceleration import (
     LostSteps,
     SlowAcceleration,
     add_lost_step,
@@ -35,8 +37,6 @@ from estimator.conditioning.vertical.lasting import (
     watch_slow,
     with_rest,
 )
-from estimator.conditioning.vertical.lowpass import Coefficients, Smooth, approach, coefficients
-from estimator.conditioning.vertical.rate import Clipping, aliased_turn, with_aliasing
 from estimator.conditioning.vertical.stillness import (
     RestState,
     Stillness,

@@ -11,18 +11,18 @@ from estimator.conditioning.events.jump_signs import (
     JumpSigns,
     jump_variance,
 )
-from estimator.conditioning.events.lasting_signs import (
-    GravitySigns,
-    HeadingSigns,
-    confirmed_time_s,
-    watch_gravity,
-    watch_heading,
-)
 from estimator.conditioning.events.step import (
     EventsState,
     HeadingInflation,
     proof_of,
     release_inflation,
+)
+from estimator.conditioning.events.turn_signs import (
+    GravitySigns,
+    HeadingSigns,
+    confirmed_time_s,
+    watch_gravity,
+    watch_heading,
 )
 from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.field.magnetic import (

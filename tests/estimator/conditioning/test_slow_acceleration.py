@@ -5,7 +5,11 @@ from math import cos, radians
 import numpy as np
 import pytest
 
-from estimator.conditioning.vertical.lasting import SlowAcceleration, least_variance, watch_slow
+from estimator.conditioning.vertical.slow_acceleration import (
+    SlowAcceleration,
+    least_variance,
+    watch_slow,
+)
 from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
 from tests.truth.run import Case, Verdict, judge
 

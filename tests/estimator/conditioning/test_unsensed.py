@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimator.conditioning.events.jump_signs import watch_field
-from estimator.conditioning.events.lasting_signs import HeadingSigns, give_up
+from estimator.conditioning.events.turn_signs import HeadingSigns, give_up
 from estimator.conditioning.state import apply_turn, initial_state
 from estimator.conditioning.vertical.rate import Clipping
 from estimator.conditioning.vertical.tilt import force_after_turn

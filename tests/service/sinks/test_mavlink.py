@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega
 from drivers.endpoint import parse_endpoint
 from drivers.events import VehicleId
 from estimator.errors import InputError
-from service.records import Departed, Published
+from service.records import Evicted, Published
 from service.sinks.mavlink import MavlinkSink
 from tests.service.records import UNIX_US, differing, record
 
@@ -204,9 +204,9 @@ def test_another_component_sends_for_the_system_once_the_first_is_forgotten(rece
     sink.handle(attitudes(1, 0, vehicle=VehicleId(8, 191)))
     got = without_covariance(messages(receiver))
     assert [m.get_srcSystem() for m in got] == [7, 7]
-    sink.handle([Departed(other), *attitudes(1, 0, other)])
+    sink.handle([Evicted(other), *attitudes(1, 0, other)])
     assert messages(receiver) == []
-    sink.handle([Departed(VEHICLE), *attitudes(1, 0, other)])
+    sink.handle([Evicted(VEHICLE), *attitudes(1, 0, other)])
     got = without_covariance(messages(receiver))
     assert [m.get_type() for m in got] == ["HEARTBEAT", "ATTITUDE_QUATERNION"]
 

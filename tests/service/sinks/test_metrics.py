@@ -7,7 +7,7 @@ from drivers.events import VehicleId
 from estimator.errors import InputError
 from fuzzbee.latest import Latest
 from service.pipeline import MOST_QUIET_HZ
-from service.records import Departed, Message, Published, StatusRecord, vehicle_name
+from service.records import Evicted, Message, Published, StatusRecord, vehicle_name
 from tests.service.records import differing, record
 
 pytest.importorskip("prometheus_client", reason="the extra metrics is not installed")
@@ -67,7 +67,7 @@ def test_a_lost_vehicle_has_an_age_but_no_attitude_and_one_that_is_forgotten_not
     lost, forgotten = VehicleId(1, 1), VehicleId(2, 1)
     for vehicle in (lost, forgotten):
         sink.handle([Published(vehicle, record()), Published(vehicle, status("lost"))])
-    sink.handle([Departed(forgotten)])
+    sink.handle([Evicted(forgotten)])
     got = scrape(sink)
     assert ("fuzzbee_imu_age_seconds", (("vehicle", "1"),)) in got
     assert ("fuzzbee_roll_degrees", (("vehicle", "1"),)) not in got

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from drivers.events import VehicleId
 from estimator.types import ImuSample
-from service.records import Departed, Published
+from service.records import Evicted, Published
 from service.sinks import ros_messages
 from service.sinks.ros import RosSink, imu_topic
 from service.sinks.ros_messages import IMU_TYPE, TF_TYPE, imu_message
@@ -242,6 +242,6 @@ def test_the_topic_of_a_vehicle_that_is_forgotten_is_withdrawn(endpoint, session
             sink.handle([Published(VehicleId(number, 1), record())])
         first = {"%fuzzbee%vehicle_1%imu", "%fuzzbee%vehicle_2%imu", "%tf"}
         wait_for(lambda: topics(client) == first)
-        sink.handle([Departed(VehicleId(1, 1)), Published(VehicleId(3, 1), record())])
+        sink.handle([Evicted(VehicleId(1, 1)), Published(VehicleId(3, 1), record())])
         after = {"%fuzzbee%vehicle_3%imu", "%fuzzbee%vehicle_2%imu", "%tf"}
         wait_for(lambda: topics(client) == after)

@@ -15,7 +15,7 @@ from estimator.errors import InputError
 from estimator.profile import load_profile
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
-from service.records import Departed, Published, StatusRecord
+from service.records import Evicted, Published, StatusRecord
 from service.runner import Runner
 from service.sinks.sink import Outbox
 from service.sinks.zenoh import TogetherSink, ZenohSink
@@ -280,7 +280,7 @@ def test_a_vehicle_that_is_forgotten_is_withdrawn_and_may_come_back(endpoint, se
     with plain_client(endpoint) as client:
         sink.handle([Published(vehicle, status) for vehicle in (one, other)])
         wait_for(lambda: alive(client) == {"test/1/alive", "test/2/alive"})
-        sink.handle([Departed(one), Departed(one)])
+        sink.handle([Evicted(one), Evicted(one)])
         wait_for(lambda: alive(client) == {"test/2/alive"})
         assert [key for key, _ in get(client, "test/*/status")] == ["test/2/status"]
         assert get(client, "test/1/parameters") == []

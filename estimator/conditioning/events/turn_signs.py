@@ -1,4 +1,4 @@
-"""Signs of an unsensed turn that last.
+"""Signs of an unsensed turn that stay after it.
 
 A field that looks as usual and points elsewhere: a turn about the vertical, or steel. Gravity that
 keeps pulling elsewhere than the low-passed one: a turn about a level axis.
@@ -22,7 +22,7 @@ from estimator.conditioning.params import (
 from estimator.conditioning.robust import HALF_TURN_VARIANCE, MOST_DEVIATION, robust_factor
 from estimator.conditioning.vertical.bias import SETTLED_HEADING_RAD, Estimate
 from estimator.conditioning.vertical.gravity import GravityState
-from estimator.conditioning.vertical.lasting import MOST_APART_RAD, PRIOR_VARIANCE
+from estimator.conditioning.vertical.slow_acceleration import MOST_APART_RAD, PRIOR_VARIANCE
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.geometry.quaternion import angle_between_vectors, direction, norm, square
 from estimator.types import STANDARD_GRAVITY_M_S2, Vec2

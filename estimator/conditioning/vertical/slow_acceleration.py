@@ -84,8 +84,8 @@ def watch_slow(
 
     ``down_g`` is the vertical before it. The long mean moves by ``long_share`` a step, so it lags
     behind a turn of the variance ``aliasing`` (rad^2) in each step by L <- (1 - share)^2 (L +
-    missed). Until the vehicle has been watched for ``USUAL_S`` that mean may itself lie off as far as
-    the size of the force allows; this step adds ``watched_s`` to that time.
+    missed). Until the vehicle has been watched for ``USUAL_S`` that mean may itself lie off as far
+    as the size of the force allows; this step adds ``watched_s`` to that time.
     """
     long = approach(state.long, u, long_share)
     lag = (1.0 - long_share) ** 2 * (state.lag + aliasing)
