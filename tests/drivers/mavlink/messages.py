@@ -1,8 +1,6 @@
 """Messages by pymavlink, through real bytes into our decoder."""
 
-from drivers.events import (
-    VehicleId,
-)
+from drivers.events import VehicleId
 from drivers.mavlink.constants import mavlink
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.framing import FrameReader

@@ -149,10 +149,7 @@ TABLE = [
         m.MAVLink_param_value_message(b"AHRS_TRIM_X", -0.0625, 9, 10, 1),
         Parameter(*ONE, "AHRS_TRIM_X", -0.0625),
     ),
-    (
-        heartbeat(ARDUPILOT, 12),
-        Heartbeat(*ONE, ARDUPILOT, 12, is_armed=False, custom_mode=0),
-    ),
+    (heartbeat(ARDUPILOT, 12), Heartbeat(*ONE, ARDUPILOT, 12, is_armed=False, custom_mode=0)),
     (m.MAVLink_command_ack_message(511, 4), CommandAck(*ONE, 511, 4)),
 ]
 

@@ -2,13 +2,7 @@
 
 import pytest
 
-from drivers.events import (
-    Forgotten,
-    Imu,
-    RefusedFrames,
-    Rejected,
-    VehicleId,
-)
+from drivers.events import Forgotten, Imu, RefusedFrames, Rejected, VehicleId
 from drivers.mavlink.decoder import MOST_SENDERS, MavlinkDecoder
 from drivers.mavlink.framing import FrameReader
 from drivers.samples.intake import MOST_STREAMS

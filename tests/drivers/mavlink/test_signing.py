@@ -66,10 +66,7 @@ CASES = {
         (NOW + S, {"link": 0}, NOW, None),
         (NOW, {"link": 1}, NOW, None),
     ],
-    "more than a minute old": [
-        (NOW - 61 * S, {}, NOW, TOO_OLD),
-        (NOW - 59 * S, {}, NOW, None),
-    ],
+    "more than a minute old": [(NOW - 61 * S, {}, NOW, TOO_OLD), (NOW - 59 * S, {}, NOW, None)],
     "years ahead, which locks nobody out": [
         (NOW + YEAR + S, {}, NOW, "signature_too_new"),
         (NOW + 10**9 * S, {}, NOW, "signature_too_new"),

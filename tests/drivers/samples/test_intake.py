@@ -4,32 +4,14 @@ import math
 
 import pytest
 
-from drivers.events import (
-    ClockReset,
-    Imu,
-    Notice,
-    Position,
-    Rejected,
-    TrackLost,
-    Velocity,
-)
+from drivers.events import ClockReset, Imu, Notice, Position, Rejected, TrackLost, Velocity
 from drivers.samples.imu_stream import MOST_HELD, Field, ImuStream, Stamp
 from drivers.samples.intake import Intake
 from drivers.samples.navigation import Fix
 from drivers.samples.vehicle_clock import TimeField
 from estimator.reasons import Reason
 from estimator.types import STANDARD_GRAVITY_M_S2
-from tests.drivers.samples.given import (
-    FIELD,
-    PLACE,
-    UNIX,
-    VEHICLE,
-    S,
-    imu,
-    kinds,
-    running,
-    stamp,
-)
+from tests.drivers.samples.given import FIELD, PLACE, UNIX, VEHICLE, S, imu, kinds, running, stamp
 
 
 def test_the_first_reading_of_a_new_boot_waits_and_is_not_lost():

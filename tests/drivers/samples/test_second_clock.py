@@ -4,10 +4,7 @@ import itertools
 
 import pytest
 
-from drivers.samples.vehicle_clock import (
-    Placed,
-    VehicleClock,
-)
+from drivers.samples.vehicle_clock import Placed, VehicleClock
 from estimator.reasons import Reason
 from tests.drivers.samples.test_vehicle_clock import BOOT_MS, GPS, UNIX, USEC, S, imu
 

@@ -4,9 +4,7 @@ import math
 
 import pytest
 
-from drivers.events import (
-    ReferenceAttitude,
-)
+from drivers.events import ReferenceAttitude
 from drivers.logs.logged_vehicle import LoggedVehicle
 from drivers.samples.imu_stream import RepeatedField
 from drivers.samples.intake import Intake

@@ -6,11 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.samples.vehicle_clock import (
-    Placed,
-    TimeField,
-    VehicleClock,
-)
+from drivers.samples.vehicle_clock import Placed, TimeField, VehicleClock
 from estimator.reasons import Reason
 
 S = 1_000_000
