@@ -12,7 +12,13 @@ from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.state import apply_turn, initial_state
 from estimator.conditioning.vertical.gravity import level, observe_gravity
 from estimator.conditioning.vertical.lowpass import Smooth, coefficients
-from estimator.conditioning.vertical.rate import integration_rate
+from estimator.conditioning.vertical.rate import (
+    Clipping,
+    aliased_turn,
+    at_interval_end,
+    integration_rate,
+    watch_clipping,
+)
 from estimator.conditioning.vertical.stillness import RestState, observe_rest
 from estimator.geometry.axes import axes_of
 from estimator.geometry.quaternion import (
@@ -22,7 +28,9 @@ from estimator.geometry.quaternion import (
     multiply,
     normalize,
     rotate_inverse,
+    scale,
 )
+from estimator.types import ZERO_VEC3
 from tests.estimator.conditioning.motion import (
     PARAMS,
     Sample,
@@ -221,6 +229,36 @@ def test_integration_rate_beats_the_plain_one_on_coning(averaged, off_rad, plain
         previous = sample
     assert angle_between(better, truth) == pytest.approx(off_rad, rel=0.2)
     assert angle_between(plain, truth) == pytest.approx(plain_rad, rel=0.2)
+
+
+RATE = (1.5, -2.0, 0.7)  # rad/s
+
+
+@pytest.mark.parametrize("dt", [0.01, 0.05])
+def test_a_mean_over_the_step_is_turned_to_its_end(dt):
+    """A direction fixed in the world, seen from a body that turns steadily, averaged over the step.
+
+    What is left is of second order in the turn: under its square; turned the wrong way it would be
+    the turn itself.
+    """
+    fixed = (0.3, 0.8, -0.5)
+    times = (np.arange(1000) + 0.5) / 1000 * dt
+    seen = np.array([rotate_inverse(exp(scale(t, RATE)), fixed) for t in times])
+    mean = tuple(seen.mean(axis=0).tolist())
+    at_end = rotate_inverse(exp(scale(dt, RATE)), fixed)
+    turn = dt * np.linalg.norm(RATE)
+    off = np.linalg.norm(np.subtract(at_interval_end(mean, RATE, dt), at_end))
+    assert off == pytest.approx(0.067 * turn**2, rel=0.2)
+    assert np.linalg.norm(np.subtract(mean, at_end)) == pytest.approx(0.40 * turn, rel=0.2)
+
+
+def test_only_a_reading_that_stands_still_at_its_largest_is_at_the_end():
+    state, before = Clipping(), ZERO_VEC3
+    for k in range(60):
+        gyr = (5.0 * sin(pi * 0.01 * k), 0.0, 0.0)
+        state, before = watch_clipping(state, before, gyr, 0.01), gyr
+    assert state.peak_rad_s[0] == pytest.approx(5.0)
+    assert aliased_turn(state, (0.0, 0.0, 1.0)) == (0.0, 0.0)
 
 
 AXES = {"down": (0.0, 0.0, 1.0), "north": (1.0, 0.0, 0.0), "diagonal": (0.577, 0.577, 0.577)}
