@@ -4,13 +4,12 @@ import math
 
 import pytest
 
-from drivers.events import ClockReset, Imu, Notice, Position, Rejected, TrackLost, Velocity
+from drivers.events import ClockReset, Imu, Position, Rejected, TrackLost, Velocity
 from drivers.samples.imu_stream import MOST_HELD, Field, ImuStream, Stamp
 from drivers.samples.intake import Intake
 from drivers.samples.navigation import Fix
 from drivers.samples.vehicle_clock import TimeField
 from estimator.reasons import Reason
-from estimator.types import STANDARD_GRAVITY_M_S2
 from tests.drivers.samples.given import FIELD, PLACE, UNIX, VEHICLE, S, imu, kinds, running, stamp
 
 
@@ -188,16 +187,6 @@ def test_after_blindness_the_track_is_lost_and_it_is_reported_for_how_long():
     assert event.reason == Reason.STUCK
     # 60 equal readings, of which half a second was needed to see it: 0.7 s were refused
     assert event.blind_s == pytest.approx(0.7, abs=0.14)
-
-
-@pytest.mark.parametrize("checks_axes", [False, True])
-def test_axes_are_checked_only_of_senders_not_known_for_frd(checks_axes):
-    intake = Intake(VEHICLE)
-    intake.checks_axes = checks_axes
-    events = []
-    for k in range(60):
-        events += imu(intake, S + 250_000 * k, acc=(0.01 * k, 0.0, STANDARD_GRAVITY_M_S2))
-    assert sum(isinstance(event, Notice) for event in events) == checks_axes
 
 
 def test_whether_it_is_a_gap_or_a_leap_may_be_decided_by_another_time_than_the_arrival():

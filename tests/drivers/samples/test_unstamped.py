@@ -31,16 +31,6 @@ def logged(stale_us=0):
     return vehicle, vehicle.imu("IMU", ZERO_VEC3, REST)
 
 
-def test_a_logged_field_is_given_once_to_each_stream():
-    vehicle, (first,) = logged()
-    assert first.sample.mag_gauss == FIELD
-    vehicle.at(S + 20_000)
-    (again,) = vehicle.imu("IMU", ZERO_VEC3, REST)
-    assert not again.sample.has_mag
-    (other,) = vehicle.imu("IMU2", ZERO_VEC3, REST)
-    assert other.sample.has_mag
-
-
 @pytest.mark.parametrize(
     ("age_us", "expected"), [(200_000, True), (200_001, False), (-200_000, True), (-200_001, False)]
 )

@@ -125,17 +125,6 @@ def test_what_is_a_reset_and_what_is_time(stretches, reasons):
         assert {each for each in results if isinstance(each, Reason)} == {"clock_step"}
 
 
-def test_samples_held_back_by_the_link_are_no_jump():
-    """A radio held one sample back for 14 s, then 11 s were lost: all of it real time."""
-    clock = VehicleClock()
-    before, arrival_us = steady(clock, 224 * S, 20, 400_000)
-    last_us = times(before)[-1]
-    late = imu(clock, last_us + 340_000, arrival_us + 14_411_000)
-    prompt = imu(clock, last_us + 11_624_000, arrival_us + 14_628_000)
-    assert prompt == Placed(last_us + 11_624_000, last_us + 11_624_000, None)
-    assert isinstance(late, Placed)
-
-
 def test_a_slow_clock_of_an_hour_does_not_hide_a_leap():
     """136 ms a minute slow, as measured: after an hour each sample is 8 s later than the first."""
     clock, arrival_us = VehicleClock(), UNIX

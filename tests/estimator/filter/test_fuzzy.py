@@ -261,21 +261,3 @@ def test_centroid_lies_under_the_aggregate(heights, seed, grid):
     else:
         slack = 1e-9 * (1.0 + x)
         assert min(s[0] for s in strong) - slack <= x <= max(s[2] for s in strong) + slack
-
-
-@pytest.mark.parametrize(
-    ("corners", "x", "expected"),
-    [
-        ((0.2, 0.2, 0.4), 0.2, 1.0),
-        ((0.2, 0.2, 0.4), nextafter(0.2, 0.0), 0.0),
-        ((0.2, 0.4, 0.4), 0.4, 1.0),
-        ((0.2, 0.4, 0.4), nextafter(0.4, 1.0), 0.0),
-        ((0.2, 0.2, 0.2), 0.2, 1.0),
-        ((0.2, 0.2, 0.2), nextafter(0.2, 1.0), 0.0),
-        ((0.2, 0.3, 0.4), 0.25, 0.5),
-        ((0.2, 0.3, 0.4), 0.375, 0.25),
-    ],
-)
-def test_vertical_edges_belong_to_the_peak(corners, x, expected):
-    assert fuzzy.triangle(x, *corners) == pytest.approx(expected, rel=1e-12)
-    assert membership(x, corners) == pytest.approx(expected, rel=1e-12)
