@@ -48,6 +48,9 @@ def run(samples, dt, params=PARAMS, state=None):
     return seen[-1][2], seen
 
 
+BIAS = (radians(0.4), radians(-0.3), radians(0.2))
+
+
 def has_noticed_a_turn(seen):
     """Whether the heading became uncertain at once, by more than any bias or motion makes it."""
     variances = [state.vertical.estimate.covariance[9] for _, _, state in seen]
@@ -76,16 +79,14 @@ def test_gravity_ignores_shaking_and_any_norm():
 
 
 def test_motion_bias_is_learnt_without_any_rest():
-    bias = (radians(0.4), radians(-0.3), radians(0.2))
-    state, _ = run(fly(tumbling, 180.0, 0.01, bias=bias), 0.01)
+    state, _ = run(fly(tumbling, 180.0, 0.01, bias=BIAS), 0.01)
     # measured 0.037 deg/s; 0.1 is the steady sigma in motion
-    assert state.vertical.estimate.bias_rad_s == pytest.approx(bias, abs=radians(0.044))
+    assert state.vertical.estimate.bias_rad_s == pytest.approx(BIAS, abs=radians(0.044))
 
 
 def test_rest_teaches_the_bias_before_the_vertical_is_known():
-    bias = (radians(0.4), radians(-0.3), radians(0.2))
-    state, _ = run(fly(resting, 2.5, 0.01, bias=bias), 0.01)
-    off = np.subtract(state.vertical.estimate.bias_rad_s, bias)
+    state, _ = run(fly(resting, 2.5, 0.01, bias=BIAS), 0.01)
+    off = np.subtract(state.vertical.estimate.bias_rad_s, BIAS)
     assert np.abs(off).max() == pytest.approx(radians(0.057), rel=0.2)  # of 0.4 deg/s
 
 
@@ -178,18 +179,16 @@ def test_a_start_in_motion_teaches_no_dip_of_a_vertical_that_is_not_known_yet(se
 
 def test_a_calibration_stays_while_the_reference_norm_is_learnt():
     """The own field is kept in the field's own unit, and the means are of the same readings."""
-    axes = axes_of((1.0, 0.0, 0.0, 0.0))
+
+    def learnt(state, norm):
+        still = axes_of((1.0, 0.0, 0.0, 0.0)), ZERO_VEC3, (0.2, 0.0, 0.42)
+        return learn_calibration(PARAMS, state, *still, norm, 0.01, 0.0)
+
     state = initial_state(PARAMS).field.calibration
-    for norm in (0.3, 0.4, 0.46):
-        for _ in range(10):
-            state = learn_calibration(
-                PARAMS, state, axes, (0.0, 0.0, 0.0), (0.2, 0.0, 0.42), norm, 0.01, 0.0
-            )
+    for norm in 10 * [0.3] + 10 * [0.4] + 10 * [0.46]:
+        state = learnt(state, norm)
     assert state.means.field == pytest.approx((0.2 / 0.46, 0.0, 0.42 / 0.46))
-    state = state._replace(learnt=state.learnt._replace(offset=(0.1, 0.0, 0.0)))
-    state = learn_calibration(
-        PARAMS, state, axes, (0.0, 0.0, 0.0), (0.2, 0.0, 0.42), 0.23, 0.01, 0.0
-    )
+    state = learnt(state._replace(learnt=state.learnt._replace(offset=(0.1, 0.0, 0.0))), 0.23)
     assert state.learnt.scale * state.learnt.offset[0] == pytest.approx(0.046)
 
 

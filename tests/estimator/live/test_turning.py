@@ -155,7 +155,12 @@ def test_the_first_samples_show_their_bias_at_once():
         assert state.offset_rad_s == pytest.approx(bias)
 
 
-def stood_in(contradicted, *, stands_in=NO_AXES, misfit=(0.09, 0.0, 0.0), age_us=20_000):
+X_AXIS, EACH = (True, False, False), (True, True, True)
+STANDS_IN = {"stands_in": X_AXIS}
+SAME, X_DIFFERS, Z_DIFFERS = (1e-3, 0.0, 0.0), (0.09, 0.0, 0.0), (0.09, 0.01, 0.0)
+
+
+def stood_in(contradicted, *, stands_in=NO_AXES, misfit=X_DIFFERS, age_us=20_000):
     state = Turning(
         before_us=1_000_000 - age_us,
         before_rad_s=(0.3, 0.2, 0.1),
@@ -167,28 +172,24 @@ def stood_in(contradicted, *, stands_in=NO_AXES, misfit=(0.09, 0.0, 0.0), age_us
     return stand_in(state, 1_000_000, (0.8, 0.25, 0.15), contradicted)
 
 
-def test_rates_stand_in_for_a_contradicted_axis_until_both_agree_about_it_again():
-    x_axis = (True, False, False)
-    state, gyr = stood_in(x_axis)
-    assert state.stands_in == x_axis
-    assert gyr == pytest.approx((0.31, 0.25, 0.15))
-    assert stood_in(NO_AXES, stands_in=x_axis)[1] == gyr
-    as_it_is = (0.8, 0.25, 0.15)
-    assert stood_in(NO_AXES)[1] == as_it_is
-    assert stood_in(NO_AXES, stands_in=x_axis, misfit=(1e-3, 0.0, 0.0))[1] == as_it_is
-
-
-def test_rates_that_are_old_or_wrong_about_the_other_axes_do_not_stand_in():
-    x_axis, as_it_is = (True, False, False), (0.8, 0.25, 0.15)
-    assert stood_in(x_axis, age_us=400_000)[1] == as_it_is
-    assert stood_in(x_axis, misfit=(0.09, 0.01, 0.0))[1] == as_it_is
-    assert stood_in((True, True, True), misfit=(0.09, 0.09, 0.09))[1] == as_it_is
-
-
-def test_rates_that_show_the_same_as_a_contradicted_axis_do_not_stand_in():
-    """Then the field is wrong: a compass that is turned contradicts any gyroscope."""
-    x_axis, as_it_is = (True, False, False), (0.8, 0.25, 0.15)
-    assert stood_in(x_axis, misfit=(1e-3, 0.0, 0.0))[1] == as_it_is
+@pytest.mark.parametrize(
+    ("contradicted", "known", "does"),
+    [
+        (X_AXIS, {}, True),
+        (NO_AXES, STANDS_IN, True),  # until both agree about it again
+        (NO_AXES, {}, False),
+        (NO_AXES, {**STANDS_IN, "misfit": SAME}, False),
+        (X_AXIS, {"age_us": 400_000}, False),
+        (X_AXIS, {"misfit": Z_DIFFERS}, False),  # wrong about another one
+        (EACH, {"misfit": (0.09, 0.09, 0.09)}, False),
+        # they show the same: a compass that is turned contradicts any gyroscope
+        (X_AXIS, {"misfit": SAME}, False),
+    ],
+)
+def test_when_rates_stand_in_for_a_contradicted_axis(contradicted, known, does):
+    state, gyr = stood_in(contradicted, **known)
+    assert state.stands_in == (X_AXIS if does else NO_AXES)
+    assert gyr == pytest.approx((0.31 if does else 0.8, 0.25, 0.15))
 
 
 def test_of_more_rates_than_are_kept_the_oldest_go():
