@@ -62,14 +62,17 @@ def events(tmp_path_factory):
     return list(Dataflash(modern().save(tmp_path_factory.mktemp("dataflash"))))
 
 
-def test_the_vehicle_is_named_by_its_parameters(events):
+def test_the_vehicle_is_named_by_its_parameters_and_arrivals_are_unix_times_by_the_gps(events):
+    """GPS week 2300, 1000.2 s, less 18 leap seconds; the fix before came before any IMU data."""
     assert {event.vehicle for event in events} == {VehicleId(7, 1)}
     (beat,) = of(Heartbeat, events)
     assert (beat.autopilot, beat.vehicle_type) == (3, 2)
     assert {p.name: p.value for p in of(Parameter, events)}["AHRS_TRIM_X"] == 0.03125
+    expected_s = 315_964_800 + 2300 * 604_800 + 1000.2 - 18
+    assert of(Position, events)[0].arrival_us * 1e-6 == pytest.approx(expected_s, abs=1e-3)
 
 
-def test_imu_samples(events):
+def test_the_field_goes_to_the_sample_behind_it_and_no_further(events):
     first, *rest = of(Imu, events, "IMU")
     assert len(rest) == 199
     assert first.sample.gyr_rad_s == (0.125, -0.25, 0.5)
@@ -77,10 +80,7 @@ def test_imu_samples(events):
     assert first.sample.time_us == first.boot_us == 10_000_000
     assert rest[-1].sample.time_us == 10_000_000 + 199 * 20_000
     assert len(of(Imu, events, "IMU2")) == 200
-
-
-def test_the_field_goes_to_the_sample_behind_it_and_no_further(events):
-    samples = [event.sample for event in of(Imu, events, "IMU")]
+    samples = [event.sample for event in (first, *rest)]
     assert [s.has_mag for s in samples[:10]] == [True, False, False, False, False] * 2
     assert samples[0].mag_gauss == pytest.approx((0.2, -0.1, 0.4))
     assert samples[5].mag_gauss == pytest.approx((0.205, -0.1, 0.4))
@@ -113,13 +113,6 @@ def test_a_fix_without_vertical_velocity_is_marked(tmp_path):
     assert first.sample.has_vertical
     assert not last.sample.has_vertical
     assert last.sample.velocity_ned_m_s[:2] == pytest.approx((0.0, 2.0))
-
-
-def test_arrivals_are_unix_times_by_the_gps(events):
-    """GPS week 2300, 1000.2 s, less 18 leap seconds; the fix before came before any IMU data."""
-    gps = of(Position, events)[0]
-    expected_s = 315_964_800 + 2300 * 604_800 + 1000.2 - 18
-    assert gps.arrival_us * 1e-6 == pytest.approx(expected_s, abs=1e-3)
 
 
 def test_milliseconds_of_old_firmware(tmp_path):

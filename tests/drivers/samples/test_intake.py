@@ -41,16 +41,6 @@ def test_no_stream_loses_anything_where_another_one_shows_a_second_boot(back_us)
         assert times_us == sorted(set(times_us))
 
 
-def test_a_garbled_time_costs_its_reading_alone_and_is_counted_when_that_is_sure():
-    intake, arrival_us = running()
-    assert imu(intake, 7 * S, arrival_us) == []
-    rejected, good = imu(intake, 301_250_000, arrival_us + 1)
-    assert rejected == Rejected(VEHICLE, arrival_us, Reason.CLOCK_STEP, "SCALED_IMU")
-    assert isinstance(good, Imu)
-    (after,) = imu(intake, 301_500_000, arrival_us + 250_000)
-    assert after.boot_us == 301_500_000
-
-
 def moving(intake, k, raw_us, mag=FIELD):
     """A reading with noise, 50 a second."""
     gyr, acc = (1e-3 * (k % 7), 2e-3 * (k % 11), 0.0), (0.01 * (k % 5), 0.02 * (k % 3), -9.8)
@@ -187,13 +177,6 @@ def test_after_blindness_the_track_is_lost_and_it_is_reported_for_how_long():
     assert event.reason == Reason.STUCK
     # 60 equal readings, of which half a second was needed to see it: 0.7 s were refused
     assert event.blind_s == pytest.approx(0.7, abs=0.14)
-
-
-def test_whether_it_is_a_gap_or_a_leap_may_be_decided_by_another_time_than_the_arrival():
-    received = []
-    intake = Intake(VEHICLE, log_time=lambda raw_us: received.append(raw_us) or raw_us)
-    (event,) = imu(intake, 5 * S, UNIX)
-    assert (event.arrival_us, received) == (UNIX, [5 * S])
 
 
 @pytest.mark.parametrize(

@@ -96,12 +96,6 @@ def release(*, moves_rad=0.01, usual_s=1.2, confidence=0.7):
     )
 
 
-def test_the_heading_is_inflated_once_the_field_looks_as_usual():
-    inflation, tilt, estimate, released = release()
-    assert (inflation.variance, tilt, released) == (0.0, 0.05, True)
-    assert estimate.covariance[9] == pytest.approx(0.03 + 0.4)
-
-
 def test_a_field_that_still_moves_or_is_another_keeps_the_inflation():
     moved = (0.06 / PARAMS.turn_jump_rad) ** 2
     seldom = (0.01 / PARAMS.turn_jump_rad) ** 2 + sqrt(0.9 / 0.2) - 1.0
