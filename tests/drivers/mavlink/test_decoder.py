@@ -2,9 +2,7 @@
 
 import math
 
-import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from drivers.events import (
     ClockReset,
@@ -314,15 +312,3 @@ def test_a_message_without_content_does_not_touch_the_clock():
         broken.append(m.MAVLink_local_position_ned_message(ms, 0, 0, 0, math.nan, 0, 0))
         broken.append(m.MAVLink_global_position_int_message(ms, *[0] * 8))
     assert [type(event) for event in decode_all([*SCALED_IMU, *broken])] == [Imu, Imu]
-
-
-@pytest.mark.parametrize(
-    "euler_rad",
-    np.random.default_rng(4).uniform([-3.1, -1.5, -3.1], [3.1, 1.5, 3.1], (20, 3)).tolist(),
-)
-def test_euler_angles_turn_the_body_as_scipys_do(euler_rad):
-    """Roll, pitch and yaw of the sequence z, y, x, all at once."""
-    message = m.MAVLink_attitude_message(1000, *euler_rad, 0.0, 0.0, 0.0)
-    (event,) = only(ReferenceAttitude, decode_all([raw_imu(), message]))
-    x, y, z, w = Rotation.from_euler("ZYX", euler_rad[::-1]).as_quat()
-    assert abs(np.dot(event.q_ned_frd, (w, x, y, z))) == pytest.approx(1.0, abs=1e-6)

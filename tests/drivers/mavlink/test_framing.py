@@ -15,9 +15,8 @@ from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.encoder import FrameEncoder, raw_imu
 from drivers.mavlink.framing import FrameFormat, FrameReader, frame_end
 from drivers.samples.intake import ATTITUDE_EVERY_US
-from tests.drivers.mavlink.messages import UNIX, S, frame
+from tests.drivers.mavlink.messages import UNIX, PymavlinkParser, S, frame
 from tests.drivers.mavlink.messages import raw_imu as packed_raw_imu
-from tests.drivers.mavlink.pymavlink_parser import PymavlinkParser
 from tests.drivers.mavlink.test_decoder import TABLE
 
 m = mavlink()

@@ -12,7 +12,7 @@ from drivers.simulation.autopilot import PARAMETERS, SimulatedAutopilot, Vehicle
 from drivers.simulation.fleet import Fleet
 from drivers.simulation.simulated_vehicle import simulate
 from estimator.errors import InputError
-from tests.drivers.mavlink.pymavlink_parser import PymavlinkParser
+from tests.drivers.mavlink.messages import PymavlinkParser
 
 SECOND = 1_000_000
 UNIX_US = 1_790_000_000_000_000
