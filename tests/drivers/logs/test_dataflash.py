@@ -217,25 +217,19 @@ def test_a_number_that_is_no_system_is_no_name(number, system_id, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("codes", "columns", "rows", "clipped"),
+    ("codes", "columns", "row", "clipped"),
     [
-        ("QBfffI", "TimeUS,IMU,VibeX,VibeY,VibeZ,Clip", [(0, 1.0, 2.0, 3.0, 4)], {0: 4}),
-        ("QBfffI", "TimeUS,IMU,VibeX,VibeY,VibeZ,Clip", [(1, 1.0, 2.0, 3.0, 5)], {1: 5}),
-        (
-            "QfffIII",
-            "TimeUS,VibeX,VibeY,VibeZ,Clip0,Clip1,Clip2",
-            [(1.0, 2.0, 3.0, 6, 7, 8)],
-            {0: 6, 1: 7, 2: 8},
-        ),
-        ("Qfff", "TimeUS,VibeX,VibeY,VibeZ", [(1.0, 2.0, 3.0)], {}),
-        ("Qff", "TimeUS,VibeX,VibeY", [(1.0, 2.0)], None),
+        ("BfffI", "IMU,VibeX,VibeY,VibeZ,Clip", (0, 1.0, 2.0, 3.0, 4), {0: 4}),
+        ("BfffI", "IMU,VibeX,VibeY,VibeZ,Clip", (1, 1.0, 2.0, 3.0, 5), {1: 5}),
+        ("fffIII", "VibeX,VibeY,VibeZ,Clip0,Clip1,Clip2", (1, 2, 3, 6, 7, 8), {0: 6, 1: 7, 2: 8}),
+        ("fff", "VibeX,VibeY,VibeZ", (1.0, 2.0, 3.0), {}),
+        ("ff", "VibeX,VibeY", (1.0, 2.0), None),
     ],
 )
-def test_vibration_of_every_firmware(tmp_path, codes, columns, rows, clipped):
+def test_vibration_of_every_firmware(tmp_path, codes, columns, row, clipped):
     log = modern()
-    log.format("VIBE", codes, columns)
-    for row in rows:
-        log.write("VIBE", 10_000_000, *row)
+    log.format("VIBE", f"Q{codes}", f"TimeUS,{columns}")
+    log.write("VIBE", 10_000_000, *row)
     found = [*vibrations(Dataflash(log.save(tmp_path)), VehicleId(7, 1), None)]
     assert [each.clipped for each in found] == ([] if clipped is None else [clipped])
     assert all(each.m_s2 == (1.0, 2.0, 3.0) for each in found)

@@ -114,14 +114,9 @@ def only(events):
 @pytest.mark.parametrize(
     ("message", "sigma_m_s", "late_s"),
     [
-        ("LOCAL_POSITION_NED", 0.3, 0.0),
-        ("GLOBAL_POSITION_INT", 0.3, 0.0),
-        ("XKF1", 0.3, 0.0),
+        *((f, 0.3, 0.0) for f in ("LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "XKF1")),
         ("vehicle_local_position", 0.3, 0.0),
-        ("GPS_RAW_INT", 0.5, 0.1),
-        ("GPS", 0.5, 0.1),
-        ("sensor_gps", 0.5, 0.1),
-        ("vehicle_gps_position", 0.5, 0.1),
+        *((r, 0.5, 0.1) for r in ("GPS_RAW_INT", "GPS", "sensor_gps", "vehicle_gps_position")),
     ],
 )
 @pytest.mark.parametrize("position", [None, PLACE])
@@ -182,12 +177,9 @@ def test_after_blindness_the_track_is_lost_and_it_is_reported_for_how_long():
 @pytest.mark.parametrize(
     ("place", "refused"),
     [
-        ((90.5, 8.5, 500.0), True),
-        ((-91.0, 8.5, 500.0), True),
-        ((47.0, 180.5, 500.0), True),
-        ((47.0, -200.0, 500.0), True),
-        ((47.0, 8.5, 3e38), True),
-        ((47.0, 8.5, -1e9), True),
+        *(((latitude, 8.5, 500.0), True) for latitude in (90.5, -91.0)),
+        *(((47.0, longitude, 500.0), True) for longitude in (180.5, -200.0)),
+        *(((47.0, 8.5, altitude), True) for altitude in (3e38, -1e9)),
         ((-90.0, 180.0, 8000.0), False),
     ],
 )
