@@ -46,6 +46,12 @@ def heartbeats(path):
         return sum(isinstance(event, Heartbeat) for event in log)
 
 
+def begun(script, path):
+    """A process of its own that records to the path."""
+    command = [sys.executable, "-c", script, path]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, cwd=ROOT)
+
+
 @pytest.fixture
 def path(tmp_path):
     return tmp_path / "flight.tlog"
@@ -150,9 +156,7 @@ def test_a_killed_process_leaves_whole_records(path):
         "        has_rates = True\n"
         "        print('ready', flush=True)\n"
     )
-    with subprocess.Popen(
-        [sys.executable, "-c", script, path], stdout=subprocess.PIPE, cwd=ROOT
-    ) as process:
+    with begun(script, path) as process:
         assert process.stdout.readline() == b"ready\n"
         process.send_signal(signal.SIGKILL)
     size = path.stat().st_size
@@ -182,9 +186,7 @@ def test_a_file_is_recorded_to_by_one_program(path):
         "print(child.pid, flush=True)\n"
         "child.wait()\n"
     )
-    with subprocess.Popen(
-        [sys.executable, "-c", script, path], stdout=subprocess.PIPE, cwd=ROOT
-    ) as process:
+    with begun(script, path) as process:
         child = int(process.stdout.readline())
         try:
             with pytest.raises(InputError, match=r"flight.tlog': another program records to it"):
@@ -249,14 +251,11 @@ def test_a_file_that_another_program_damages_is_not_whole(what, moment, path, ca
         recorder.write(1, [b"\xfd one"])
         until(lambda: path.stat().st_size == 13)
         assert recorder.is_whole
-        if what == "truncated":
-            os.truncate(path, 0)
-        elif what == "changed":
-            path.write_bytes(b"longer than it was")
-        else:
+        if what in ("removed", "replaced"):
             path.unlink()
-        if what == "replaced":
-            path.write_bytes(b"another")
+        contents = {"truncated": b"", "changed": b"longer than it was", "replaced": b"another"}
+        if what in contents:
+            path.write_bytes(contents[what])
         if moment == "before a write":
             recorder.write(2_000_000, [b"\xfd two"])
     assert not recorder.is_whole

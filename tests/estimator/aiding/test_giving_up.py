@@ -34,9 +34,11 @@ from estimator.types import DOWN, NO_SAMPLE, ZERO_VEC3
 from tests.truth.faults import Fault
 from tests.truth.run import Case, judge
 
+BLANK, BLANK_P, _ = blank_aiding(AidingParams())
+
 
 def test_an_inflated_attitude_is_four_times_as_uncertain_and_its_times_begin_anew():
-    state, P, _ = blank_aiding(AidingParams())
+    state = BLANK
     root = 0.01 * np.random.default_rng(1).standard_normal((SIZE, SIZE))
     P = root @ root.T
     late = Agreements(*(each._replace(far_off_s=2.0) for each in state.agreement))
@@ -55,8 +57,7 @@ def test_an_inflated_attitude_is_four_times_as_uncertain_and_its_times_begin_ane
 
 
 def test_no_attitude_is_inflated_beyond_half_a_turn():
-    state, P, _ = blank_aiding(AidingParams())
-    P = P + np.eye(SIZE)
+    state, P = BLANK, BLANK_P + np.eye(SIZE)
     for _ in range(9):
         state, P = inflate_covariance(state, P)
     assert P[TURN, TURN] == pytest.approx(pi**2)

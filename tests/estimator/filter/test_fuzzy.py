@@ -212,13 +212,6 @@ def test_a_point_set_beside_one_with_area_has_no_weight():
     assert faint == pytest.approx(0.5 * (k[12] + k[14]), rel=1e-12)
 
 
-def test_no_rule_fires():
-    """Between VL's foot and L's end lies a gap: nothing is known, so k_op = 0."""
-    k = replaced(midpoint(), k8=0.2, k9=0.2, k10=0.2, k11=0.7)
-    for error, rate in ((0.5, 0.0), (0.0, 0.5), (0.5, 0.5)):
-        assert fuzzy.fuzzy_gain(k, error, rate) == 0.0
-
-
 def test_midpoint_by_hand():
     """e = 1 fires VL fully and the rate 0 fires VS fully: VL alone, a right triangle 55..100."""
     assert fuzzy.fuzzy_gain(midpoint(), 1.0, 0.0) == pytest.approx(55.0 + 45.0 * 2.0 / 3.0)
