@@ -118,15 +118,15 @@ def test_a_fix_without_vertical_velocity_is_marked(tmp_path):
 def test_milliseconds_of_old_firmware(tmp_path):
     """3.2.1: TimeMS, IMU2 as a message of its own, GPS with its boot time in T."""
     log = DataflashWriter()
-    log.format("IMU", "Iffffff", "TimeMS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ")
-    log.format("IMU2", "Iffffff", "TimeMS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ")
+    for name in ("IMU", "IMU2"):
+        log.format(name, "Iffffff", "TimeMS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ")
     log.format("MAG", "Ihhh", "TimeMS,MagX,MagY,MagZ")
     log.format("EKF1", "Ifff", "TimeMS,VN,VE,VD")
     log.format("GPS", "BIHLLffffI", "Status,TimeMS,Week,Lat,Lng,Alt,Spd,GCrs,VZ,T")
     for k in range(100):
         now_ms = 100_000 + 20 * k
-        log.write("IMU", now_ms, 0.0, 0.0, 0.0, 0.0, 0.0, -G)
-        log.write("IMU2", now_ms, 0.0, 0.0, 0.0, 0.0, 0.0, -G)
+        for name in ("IMU", "IMU2"):
+            log.write(name, now_ms, 0.0, 0.0, 0.0, 0.0, 0.0, -G)
         log.write("MAG", now_ms, 200, 0, 400 + k)
         log.write("EKF1", now_ms, 1.0, 0.0, 0.0)
         log.write("GPS", 3, 19_000_000 + 20 * k, 1851, -27.5, 152.75, 17.0, 1.0, 0.0, 0.0, now_ms)

@@ -41,20 +41,6 @@ def test_a_flood_without_imu_data_has_a_budget_each_and_one_of_all_together(peer
         assert admitted(RateLimits(), 1100, 10.0, 4.0) <= ALL_PACKETS_HZ * 5 / 4
 
 
-def test_who_sends_imu_data_is_read_however_much_others_send():
-    limits = RateLimits()
-    limits.admits("vehicle", 30, 999.9)
-    limits.note_imu("vehicle", 999.9)
-    admitted(limits, 50, 200.0, 1.0)
-    taken = 0
-    for number in range(400):
-        now_s = 1001.0 + number / 400
-        taken += limits.admits("vehicle", 30, now_s)
-        limits.note_imu("vehicle", now_s)
-        assert not number or limits.refused > 0
-    assert taken == 400
-
-
 def test_a_large_packet_counts_as_many_and_a_clock_that_is_set_back_locks_nobody_out():
     large_hz = admitted(RateLimits(), 1, 1000.0, 4.0, size=60_000, imu=True)
     assert large_hz * 900 < IMU_PACKETS_HZ * 1.5

@@ -71,18 +71,6 @@ def test_a_simulators_attitude_belongs_to_the_imu_message_that_it_comes_with(ahe
     assert times_us == [k * S // 4 for k in range(2, 6)]
 
 
-def test_of_those_that_wait_the_first_is_the_last_samples_and_the_next_ones_comes_with_it():
-    intake, _ = running()
-    for k, after_us in enumerate((90_000, 100_000, 249_500)):
-        q = (0.0, float(k == 0), float(k == 1), float(k == 2))
-        assert intake.unstamped("SIM_STATE", UNIX + 301 * S + after_us, "sim", q) == []
-    events = imu(intake, 301 * S + 250_000)
-    assert [(e.time_us, e.q_ned_frd) for e in attitudes(events)] == [
-        (301 * S, (0.0, 1.0, 0.0, 0.0)),
-        (301 * S + 250_000, (0.0, 0.0, 0.0, 1.0)),
-    ]
-
-
 @pytest.mark.parametrize("ends", [True, False])
 def test_an_attitude_that_waits_is_the_last_samples_at_the_end_or_if_the_host_is_set_back(ends):
     intake, _ = running()

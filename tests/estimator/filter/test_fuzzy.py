@@ -16,8 +16,6 @@ from tests.vocabulary import floats, random_memberships
 # Agreement asked of the two inferences, relative; outputs are 0..100.
 RELATIVE = 1e-9
 
-strengths = st.tuples(*[st.one_of(st.just(0.0), floats(0.0, 1.0))] * 5)
-
 
 def replaced(k, **values):
     changed = list(k)
@@ -242,15 +240,3 @@ def test_output_stays_in_its_universe(seed, error, rate):
     assert 0.0 <= gain <= 100.0
     clipped = fuzzy.fuzzy_gain(k, min(max(error, 0.0), 1.0), min(abs(rate), 1.0))
     assert gain == clipped
-
-
-@given(strengths, st.integers(0, 2**32 - 1), st.sampled_from((None, 0.05)))
-def test_centroid_lies_under_the_aggregate(heights, seed, grid):
-    sets = fuzzy_sets(random_memberships(np.random.default_rng(seed), grid)).output
-    strong = [corners for h, corners in zip(heights, sets, strict=True) if h > 0.0]
-    x = fuzzy.centroid(heights, sets)
-    if not strong:
-        assert x == 0.0
-    else:
-        slack = 1e-9 * (1.0 + x)
-        assert min(s[0] for s in strong) - slack <= x <= max(s[2] for s in strong) + slack

@@ -24,10 +24,7 @@ from estimator.types import (
 BIAS = 0.05
 STEP_S = 0.5
 SECOND = 1_000_000
-
-
-def no_rates() -> np.ndarray:
-    return np.zeros((0, turning.COLUMNS))
+NO_RATES = np.zeros((0, turning.COLUMNS))
 
 
 def rate_at(time_s: float) -> Vec3:
@@ -53,7 +50,7 @@ def gyr_at(time_s: float) -> Vec3:
 
 def flown(seconds: float, *, late_s: float = 0.0, every_s: float = 0.05) -> list[Between]:
     """The turning between samples 0.5 s apart; the rates' clock is ``late_s`` off."""
-    state, rates, shown = Turning(), no_rates(), []
+    state, rates, shown = Turning(), NO_RATES, []
     next_rate, samples = 1, round(seconds / STEP_S)
     for k in range(1, samples):
         while next_rate * every_s <= k * STEP_S:
@@ -86,7 +83,7 @@ def test_rates_of_another_time_are_noticed(late_s):
 
 
 def test_rates_too_far_apart_show_nothing():
-    rates = take_rate(STILL, no_rates(), SECOND // 10, (0.1, 0.0, 0.0))
+    rates = take_rate(STILL, NO_RATES, SECOND // 10, (0.1, 0.0, 0.0))
     *_, shown = take_between(STILL, rates, 0, SECOND, ZERO_VEC3)
     assert shown == NOTHING_BETWEEN
 
@@ -132,7 +129,7 @@ def test_a_vibration_at_the_samples_own_rate_is_no_turn(samples_hz, most_rad_s):
     Only those in the middle of a step, and the turn would be 0.09 to 1.0 rad/s.
     """
     step_us = SECOND // samples_hz
-    state, rates, turns = STILL, no_rates(), []
+    state, rates, turns = STILL, NO_RATES, []
     for k in range(1, 50):
         for since_us in range(SECOND // 50, step_us + 1, SECOND // 50):
             at_us = (k - 1) * step_us + since_us
@@ -147,7 +144,7 @@ def test_a_vibration_at_the_samples_own_rate_is_no_turn(samples_hz, most_rad_s):
 
 def test_the_first_samples_show_their_bias_at_once():
     """A mean of the differences so far, and not a twentieth of a second's after a second."""
-    state, rates, bias = STILL, no_rates(), (0.01, -0.03, 0.02)
+    state, rates, bias = STILL, NO_RATES, (0.01, -0.03, 0.02)
     for k in range(1, 9):
         at_us = k * SECOND // 2
         rates = take_rate(state, rates, at_us, ZERO_VEC3)
@@ -193,7 +190,7 @@ def test_when_rates_stand_in_for_a_contradicted_axis(contradicted, known, does):
 
 
 def test_of_more_rates_than_are_kept_the_oldest_go():
-    state, rates = STILL, no_rates()
+    state, rates = STILL, NO_RATES
     for k in range(turning.MOST_WAITING + 3):
         rates = take_rate(state, rates, k, (1e-3 * k, 0.0, 0.0))
     rates = take_rate(state, rates, k, ZERO_VEC3)  # not later: dropped
