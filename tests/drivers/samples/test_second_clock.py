@@ -26,17 +26,6 @@ def test_a_leap_and_back_of_which_two_messages_of_a_moment_speak(step_us):
     assert set(refused) <= {*range(800, 803), *range(1100, 1103)}
 
 
-def test_garbled_times_of_a_clock_beside_the_line_change_nothing():
-    clock = VehicleClock()
-    for raw_us in (50 * S, 51 * S):
-        imu(clock, raw_us, UNIX + raw_us)
-        clock.place("ATTITUDE", BOOT_MS, raw_us, UNIX + raw_us)
-    raws = [(3 * S, 52 * S), (54 * S, 54 * S), (3 * S + 20_000, 55 * S)]
-    attitudes = [clock.place("ATTITUDE", BOOT_MS, raw, UNIX + arrival) for raw, arrival in raws]
-    assert [type(each) for each in attitudes] == [Reason, Placed, Reason]
-    assert attitudes[0] == attitudes[2] == "clock_step"
-
-
 def feed_both(clock, count, offset_us, phase_us=100_000, jitter=lambda _: 0, first_us=100 * S):
     """IMU at 4 Hz, an attitude ``phase_us`` behind each whose clock is ``offset_us`` ahead."""
     placed = []
@@ -88,33 +77,6 @@ def test_gps_time_may_be_unix_time_or_since_boot(off_us, late_us, shown_us):
 
 def test_nothing_else_has_a_time_before_the_first_imu_message():
     assert VehicleClock().place("ATTITUDE", BOOT_MS, S, UNIX) == "no_clock"
-
-
-def test_references_follow_through_a_reboot_seen_by_them_first():
-    clock = VehicleClock()
-    feed_both(clock, 20, 0, first_us=300 * S)
-    arrival_us = UNIX + 330 * S
-    for k in range(4):  # attitudes of the new boot, while the IMU is still silent
-        waiting = clock.place("ATTITUDE", BOOT_MS, 5 * S + 100_000 * k, arrival_us + 100_000 * k)
-        assert isinstance(waiting, Reason)
-    after = []
-    for k in range(20):
-        boot_us, now_us = 6 * S + 250_000 * k, arrival_us + S + 250_000 * k
-        placed = imu(clock, boot_us, now_us)
-        reference = clock.place("ATTITUDE", BOOT_MS, boot_us + 10_000, now_us + 10_000)
-        if k:
-            after.append((placed, reference))
-    assert after[0][0].reset.reason == "reboot"
-    assert all(ref.time_us - placed.time_us == 10_000 for placed, ref in after)
-
-
-def test_time_usec_takes_over_from_time_boot_ms_without_a_break():
-    clock = VehicleClock()
-    first = imu(clock, 100 * S, UNIX, BOOT_MS, "SCALED_IMU2")
-    second = imu(clock, 5000 * S, UNIX + 3000, USEC, "RAW_IMU")
-    third = imu(clock, 5000 * S + 20_000, UNIX + 23_000, USEC, "RAW_IMU")
-    assert first.time_us <= second.time_us <= first.time_us + 3000
-    assert third.time_us - second.time_us == 20_000
 
 
 @pytest.mark.parametrize("back_us", [200_000, 500_000, 900_000])

@@ -163,27 +163,6 @@ def test_a_second_back_is_disorder_and_more_may_be_a_reboot(back_us, word):
     assert isinstance(imu(clock, 10_380_001, arrival_us), Placed)
 
 
-# Garbled times (s), one message each, with good samples between the groups
-GARBLED = {
-    "two in a row that disagree": [[3.0, 200.0]],
-    "of another age, and of long ago": [[7e9, 3.0]],
-    "the same garbage twice": [[3.0], [3.02]],
-}
-
-
-@pytest.mark.parametrize("groups", GARBLED.values(), ids=GARBLED)
-def test_garbled_times_are_no_new_boot_and_change_nothing(groups):
-    clock, first_us = VehicleClock(), 300 * S
-    results, arrival_us = steady(clock, first_us, 5)
-    for group in groups:
-        assert {imu(clock, round(s * S), arrival_us) for s in group} == {"clock_step"}
-        first_us += 1_250_000
-        good, arrival_us = steady(clock, first_us, 5, arrival_us=arrival_us)
-        results += good
-    assert times(results) == [300 * S + 250_000 * k for k in range(5 + 5 * len(groups))]
-    assert not resets(results)
-
-
 @pytest.mark.parametrize(("count", "takes_over"), [(50, True), (300, False)])
 def test_two_vehicles_with_one_address_are_not_one_that_leaps_to_and_fro(count, takes_over):
     """Where two of the first are lost, the second one is a leap if the first has just begun."""
