@@ -10,13 +10,24 @@ import estimator
 PACKAGES = ("estimator", "drivers", "service", "tuning", "fuzzbee")
 MODULES = ("numba", "numpy", "llvmlite", "typer", "rich", "msgspec", "zenoh", "sitecustomize")
 ROOT = str(Path(next(iter(estimator.__path__))).parent)
+NAMESPACE = ("unshare", "-Urm", "sh", "-c")  # a shell that may mount, which nobody else sees
 
 
-def run_python(*command, timeout_s, folder=None, check=True, inherited=os.environ, **environment):
-    """Run ``python *command`` with these additions to its environment."""
+def can_mount(probe):
+    """Whether a shell of a namespace of its own can do the mounts of the ``probe``."""
+    try:
+        return not subprocess.run([*NAMESPACE, probe], capture_output=True, check=False).returncode
+    except OSError:
+        return False
+
+
+def run_python(
+    *command, timeout_s, folder=None, check=True, through=(), inherited=os.environ, **environment
+):
+    """Run ``python *command`` with these additions to its environment, ``through`` another one."""
     path = os.pathsep.join(filter(None, [ROOT, os.environ.get("PYTHONPATH", "")]))
     return subprocess.run(
-        [sys.executable, *command],
+        [*through, sys.executable, *command],
         env={**inherited, "PYTHONPATH": path, **environment},
         cwd=folder,
         capture_output=True,

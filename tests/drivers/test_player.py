@@ -17,17 +17,21 @@ class Clock:
         self.now_s += seconds
 
 
-def played(stamps_us, speed=1.0, timeout_s=0.05):
-    """Pairs of (event's stamp, seconds since the start when it was drained)."""
+def player_of(stamps_us, speed):
+    """Plays events with these stamps by a clock of its own."""
     clock = Clock()
-    player = Player(
-        [Malformed(stamp, 1) for stamp in stamps_us], speed, clock.monotonic_s, clock.sleep
-    )
+    events = [Malformed(stamp, 1) for stamp in stamps_us]
+    return Player(events, speed, clock.monotonic_s, clock.sleep), clock
+
+
+def played(stamps_us, speed=1.0):
+    """Pairs of (event's stamp, seconds since the start when it was drained)."""
+    player, clock = player_of(stamps_us, speed)
     out = []
     for _ in range(100_000):
         if player.is_finished():
             return out
-        out += [(e.arrival_us, clock.now_s - 100.0) for e in player.drain(timeout_s)]
+        out += [(e.arrival_us, clock.now_s - 100.0) for e in player.drain(0.05)]
         assert player.now_us() >= (out[-1][0] if out else 0)
     raise AssertionError("the player does not end")
 
@@ -51,9 +55,7 @@ def test_gaps_are_silence_but_broken_stamps_are_skipped():
 
 
 def test_a_service_that_cannot_keep_up_sees_no_silence():
-    clock = Clock()
-    events = [Malformed(n * 20_000, 1) for n in range(500)]
-    player = Player(events, 50.0, clock.monotonic_s, clock.sleep)
+    player, clock = player_of(range(0, 10_000_000, 20_000), 50.0)
     last_us = 0
     while not player.is_finished():
         for event in player.drain(0.01):
@@ -65,9 +67,7 @@ def test_a_service_that_cannot_keep_up_sees_no_silence():
 @pytest.mark.parametrize(("stall_s", "waited_s"), [(0.09, 0.0), (0.3, 10.0)])
 def test_events_wait_for_a_service_that_is_a_tenth_of_a_second_behind(stall_s, waited_s):
     """Of the host's time; at a speed of 50, so that 0.2 s are 10 s of the events'."""
-    clock = Clock()
-    events = [Malformed(n * 20_000, 1) for n in range(2000)]
-    player = Player(events, 50.0, clock.monotonic_s, clock.sleep)
+    player, clock = player_of(range(0, 40_000_000, 20_000), 50.0)
     player.drain(0.01)
     clock.now_s += stall_s
     player.drain(0.01)

@@ -7,9 +7,6 @@ import numpy as np
 import pytest
 
 from drivers.events import Imu, Notice, VehicleId
-from drivers.mavlink.constants import mavlink
-from drivers.mavlink.decoder import MavlinkDecoder
-from drivers.mavlink.framing import FrameReader
 from drivers.simulation.simulated_vehicle import SimulatedVehicle
 from estimator.calibration import Mounting
 from estimator.errors import InputError
@@ -22,9 +19,18 @@ from fuzzbee.replays.trace import Replay
 from fuzzbee.tune.read_flight import read_flight
 from service.pipeline import Pipeline
 from service.records import Message
+from tests.drivers.mavlink.messages import (
+    GENERIC,
+    UNIX,
+    decode_all,
+    frame,
+    heartbeat,
+    m,
+    only,
+    raw_imu,
+)
 
 ONE = VehicleId(1, 1)
-S = 1_000_000
 ODD = {"rotation_deg": [35.0, -120.0, 77.0], "acc_sign": -1}
 CALIBRATION = {
     "gyr_bias_rad_s": [0.01, 0.02, -0.03],
@@ -148,26 +154,18 @@ def test_another_mounting_in_flight_aligns_anew():
     assert angle_errors(q, pairs[100][1])[2] < radians(1.0)
 
 
-def z_up(k, link):
+def z_up(k):
     """A level IMU that gives gravity: z = +1025 mg."""
-    m = mavlink()
-    turn = 300 * (k % 40 < 20)
-    return bytes(
-        m.MAVLink_raw_imu_message(20_000 * k, 5, 3, 1025, 0, 0, turn, 200, 0, 400).pack(link)
-    )
+    return raw_imu(20_000 * k, (5, 3, 1025), (0, 0, 300 * (k % 40 < 20)))
 
 
 def notices(chosen):
     """What the service reports of an IMU whose z is positive."""
-    link, reader, decoder = mavlink().MAVLink(None, 1, 1), FrameReader(), MavlinkDecoder()
     pipeline, texts = Pipeline(chosen), []
-    heartbeat = mavlink().MAVLink_heartbeat_message(10, 0, 0, 0, 0, 3)
-    for data in [bytes(heartbeat.pack(link)), *(z_up(k, link) for k in range(1, 600))]:
-        for frame in reader.feed(data):
-            for event in decoder.events(frame, S):
-                texts += [x.text for x in pipeline.handle(event) if isinstance(x, Message)]
-                if isinstance(event, Notice):
-                    assert event.section == "mounting"
+    events = decode_all([heartbeat(GENERIC, 10), *map(z_up, range(1, 600))])
+    for event in events:
+        texts += [x.text for x in pipeline.handle(event) if isinstance(x, Message)]
+    assert {event.section for event in only(Notice, events)} == {"mounting"}
     return [text for text in texts if "z is positive" in text]
 
 
@@ -179,18 +177,12 @@ def test_the_notice_names_the_lines_and_is_not_sent_where_they_are_written():
 
 
 def test_tuning_reads_logs_as_they_are_mounted(tmp_path):
-    link = mavlink().MAVLink(None, 1, 1)
-    path = tmp_path / "up.tlog"
-    path.write_bytes(
-        b"".join(
-            (S * 1_700_000_000 + 20_000 * k).to_bytes(8, "big") + z_up(k, link)
-            for k in range(1, 3600)
-        )
-    )
-    plain, mounted = (
-        read_flight(path, profile()),
-        read_flight(path, profile(rotation_deg=[180.0, 0.0, 0.0])),
-    )
+    path, sender = tmp_path / "up.tlog", m.MAVLink(None, 1, 1)
+    with path.open("wb") as log:
+        for k in range(1, 3600):
+            log.write((UNIX + 20_000 * k).to_bytes(8, "big") + frame(z_up(k), sender=sender))
+    mountings = profile(), profile(rotation_deg=[180.0, 0.0, 0.0])
+    plain, mounted = (read_flight(path, each) for each in mountings)
     down = [one.rows.acc_m_s2[:, 2] for one in (plain, mounted)]
     assert down[1] == pytest.approx([-z for z in down[0]])
     assert mounted.rows.gyr_rad_s[:, 2] == pytest.approx(-plain.rows.gyr_rad_s[:, 2])

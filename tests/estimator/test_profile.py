@@ -56,7 +56,7 @@ def test_paper_profile_is_the_papers_system():
     chosen = settings_of(paper)
     assert not chosen.conditioned
     assert paper.filter.gamma == 1.0
-    assert (paper.confidence.gravity, paper.confidence.magnetic, paper.confidence.cross) == (1,) * 3
+    assert structs.astuple(paper.confidence) == (1,) * 3
     assert chosen.reference.magnetic_ned == pytest.approx(np.array([1.0, -1.0, 1.0]) / np.sqrt(3.0))
     assert chosen.reference.gravity_ned == (0.0, 0.0, 1.0)
     assert chosen.filter.rate_time_constant_s == 0.3
@@ -91,13 +91,7 @@ WRONG = [
     ("filter", "initial_attitude = [[1, 0, 0], [0, 1, 0], [0, 0, nan]]", "initial_attitude"),
     *(
         ("reference", f"gravity = {x}", "reference.gravity")
-        for x in (
-            "[0.0, 0.0]",
-            "'down'",
-            "[0.0, 0.0, 0.0]",
-            "[0.0, 0.0, 1e-300]",
-            "[0.0, 0.0, 1e300]",
-        )
+        for x in ("[0, 0]", "'down'", "[0, 0, 0]", "[0, 0, 1e-300]", "[0, 0, 1e300]")
     ),
     *(
         ("reference", f"magnetic = {x}", "reference.magnetic")
@@ -229,13 +223,9 @@ def test_merge_changes_what_it_names_and_nothing_else():
 # Memberships and settings
 
 
-def test_midpoint_and_bounds_are_feasible():
-    for k in (midpoint(), LOWER, UPPER):
+def test_midpoint_and_bounds_are_feasible_and_21_numbers_are_not():
+    for k in (midpoint(), LOWER, UPPER, random_memberships(np.random.default_rng(61))):
         require_feasible(k)
-    require_feasible(random_memberships(np.random.default_rng(61)))
-
-
-def test_feasibility_needs_22_numbers():
     with pytest.raises(InputError, match="22"):
         require_feasible(midpoint()[:-1])
 
@@ -251,14 +241,10 @@ def test_bounds_are_the_papers_blocks():
     assert tuple(float(x) for x in high.replace("|", " ").split()) == UPPER
 
 
-def test_fixed_gain_replaces_the_controller():
-    chosen = settings_of(load_profile("paper"), 7.0).filter
-    assert chosen.gain_is_fixed
-    assert chosen.fixed_gain == 7.0
-
-
 @pytest.mark.parametrize("gain", [0.0, -1.0, float("nan"), float("inf")])
-def test_fixed_gain_must_be_positive(gain):
+def test_a_fixed_gain_replaces_the_controller_and_must_be_positive(gain):
+    chosen = settings_of(load_profile("paper"), 7.0).filter
+    assert (chosen.gain_is_fixed, chosen.fixed_gain) == (True, 7.0)
     with pytest.raises(InputError, match="gain"):
         settings_of(load_profile("paper"), gain)
 
@@ -335,28 +321,19 @@ def test_dots_in_descriptions_are_no_depth():
 
 def test_an_update_nested_deep_is_refused():
     deep = []
-    for _ in range(900):
-        deep = [deep]
-    for _ in range(200):
+    for _ in range(1100):
         deep = [deep]
     with pytest.raises(InputError, match="too deep"):
         merge_profile(load_profile("imu"), {"filter": {"gamma": deep}})
 
 
-@pytest.mark.parametrize("name", ["fifo", "/dev/zero", "/dev/null"])
+@pytest.mark.parametrize("name", ["fifo", "/dev/zero", "/dev/null", "long.toml"])
 def test_what_may_block_or_never_end_is_not_read(tmp_path, name):
-    path = tmp_path / name
-    if name == "fifo":
-        os.mkfifo(path)
-    with pytest.raises(InputError, match="a pipe, a socket or a device"):
-        load_profile(str(path))
-
-
-def test_a_file_too_long_for_a_profile_is_not_read(tmp_path):
-    path = tmp_path / "long.toml"
-    path.write_text(SMALLEST + "#" * (1 << 20))
-    with pytest.raises(InputError, match="more than"):
-        load_profile(str(path))
+    os.mkfifo(tmp_path / "fifo")
+    (tmp_path / "long.toml").write_text(SMALLEST + "#" * (1 << 20))
+    why = "more than" if name == "long.toml" else "a pipe, a socket or a device"
+    with pytest.raises(InputError, match=why):
+        load_profile(str(tmp_path / name))
 
 
 def test_the_mark_that_windows_editors_put_first_is_no_fault(tmp_path):

@@ -78,7 +78,4 @@ def test_the_largest_eigenvalue_is_numpys(seed):
     S = A @ A.T
     found = largest_eigenvalue(tuple(np.diag(S)), (S[1, 2], S[0, 2], S[0, 1]))
     assert found == pytest.approx(np.linalg.eigvalsh(S)[-1], rel=1e-9)
-
-
-def test_of_equal_axes_it_is_theirs():
-    assert largest_eigenvalue((2.0, 2.0, 2.0), (0.0, 0.0, 0.0)) == 2.0
+    assert largest_eigenvalue((2.0, 2.0, 2.0), (0.0, 0.0, 0.0)) == 2.0  # of equal axes

@@ -62,14 +62,17 @@ def events(tmp_path_factory):
     return list(Dataflash(modern().save(tmp_path_factory.mktemp("dataflash"))))
 
 
-def test_the_vehicle_is_named_by_its_parameters(events):
+def test_the_vehicle_is_named_by_its_parameters_and_arrivals_are_unix_times_by_the_gps(events):
+    """GPS week 2300, 1000.2 s, less 18 leap seconds; the fix before came before any IMU data."""
     assert {event.vehicle for event in events} == {VehicleId(7, 1)}
     (beat,) = of(Heartbeat, events)
     assert (beat.autopilot, beat.vehicle_type) == (3, 2)
     assert {p.name: p.value for p in of(Parameter, events)}["AHRS_TRIM_X"] == 0.03125
+    expected_s = 315_964_800 + 2300 * 604_800 + 1000.2 - 18
+    assert of(Position, events)[0].arrival_us * 1e-6 == pytest.approx(expected_s, abs=1e-3)
 
 
-def test_imu_samples(events):
+def test_the_field_goes_to_the_sample_behind_it_and_no_further(events):
     first, *rest = of(Imu, events, "IMU")
     assert len(rest) == 199
     assert first.sample.gyr_rad_s == (0.125, -0.25, 0.5)
@@ -77,10 +80,7 @@ def test_imu_samples(events):
     assert first.sample.time_us == first.boot_us == 10_000_000
     assert rest[-1].sample.time_us == 10_000_000 + 199 * 20_000
     assert len(of(Imu, events, "IMU2")) == 200
-
-
-def test_the_field_goes_to_the_sample_behind_it_and_no_further(events):
-    samples = [event.sample for event in of(Imu, events, "IMU")]
+    samples = [event.sample for event in (first, *rest)]
     assert [s.has_mag for s in samples[:10]] == [True, False, False, False, False] * 2
     assert samples[0].mag_gauss == pytest.approx((0.2, -0.1, 0.4))
     assert samples[5].mag_gauss == pytest.approx((0.205, -0.1, 0.4))
@@ -115,25 +115,18 @@ def test_a_fix_without_vertical_velocity_is_marked(tmp_path):
     assert last.sample.velocity_ned_m_s[:2] == pytest.approx((0.0, 2.0))
 
 
-def test_arrivals_are_unix_times_by_the_gps(events):
-    """GPS week 2300, 1000.2 s, less 18 leap seconds; the fix before came before any IMU data."""
-    gps = of(Position, events)[0]
-    expected_s = 315_964_800 + 2300 * 604_800 + 1000.2 - 18
-    assert gps.arrival_us * 1e-6 == pytest.approx(expected_s, abs=1e-3)
-
-
 def test_milliseconds_of_old_firmware(tmp_path):
     """3.2.1: TimeMS, IMU2 as a message of its own, GPS with its boot time in T."""
     log = DataflashWriter()
-    log.format("IMU", "Iffffff", "TimeMS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ")
-    log.format("IMU2", "Iffffff", "TimeMS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ")
+    for name in ("IMU", "IMU2"):
+        log.format(name, "Iffffff", "TimeMS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ")
     log.format("MAG", "Ihhh", "TimeMS,MagX,MagY,MagZ")
     log.format("EKF1", "Ifff", "TimeMS,VN,VE,VD")
     log.format("GPS", "BIHLLffffI", "Status,TimeMS,Week,Lat,Lng,Alt,Spd,GCrs,VZ,T")
     for k in range(100):
         now_ms = 100_000 + 20 * k
-        log.write("IMU", now_ms, 0.0, 0.0, 0.0, 0.0, 0.0, -G)
-        log.write("IMU2", now_ms, 0.0, 0.0, 0.0, 0.0, 0.0, -G)
+        for name in ("IMU", "IMU2"):
+            log.write(name, now_ms, 0.0, 0.0, 0.0, 0.0, 0.0, -G)
         log.write("MAG", now_ms, 200, 0, 400 + k)
         log.write("EKF1", now_ms, 1.0, 0.0, 0.0)
         log.write("GPS", 3, 19_000_000 + 20 * k, 1851, -27.5, 152.75, 17.0, 1.0, 0.0, 0.0, now_ms)
@@ -224,25 +217,19 @@ def test_a_number_that_is_no_system_is_no_name(number, system_id, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("codes", "columns", "rows", "clipped"),
+    ("codes", "columns", "row", "clipped"),
     [
-        ("QBfffI", "TimeUS,IMU,VibeX,VibeY,VibeZ,Clip", [(0, 1.0, 2.0, 3.0, 4)], {0: 4}),
-        ("QBfffI", "TimeUS,IMU,VibeX,VibeY,VibeZ,Clip", [(1, 1.0, 2.0, 3.0, 5)], {1: 5}),
-        (
-            "QfffIII",
-            "TimeUS,VibeX,VibeY,VibeZ,Clip0,Clip1,Clip2",
-            [(1.0, 2.0, 3.0, 6, 7, 8)],
-            {0: 6, 1: 7, 2: 8},
-        ),
-        ("Qfff", "TimeUS,VibeX,VibeY,VibeZ", [(1.0, 2.0, 3.0)], {}),
-        ("Qff", "TimeUS,VibeX,VibeY", [(1.0, 2.0)], None),
+        ("BfffI", "IMU,VibeX,VibeY,VibeZ,Clip", (0, 1.0, 2.0, 3.0, 4), {0: 4}),
+        ("BfffI", "IMU,VibeX,VibeY,VibeZ,Clip", (1, 1.0, 2.0, 3.0, 5), {1: 5}),
+        ("fffIII", "VibeX,VibeY,VibeZ,Clip0,Clip1,Clip2", (1, 2, 3, 6, 7, 8), {0: 6, 1: 7, 2: 8}),
+        ("fff", "VibeX,VibeY,VibeZ", (1.0, 2.0, 3.0), {}),
+        ("ff", "VibeX,VibeY", (1.0, 2.0), None),
     ],
 )
-def test_vibration_of_every_firmware(tmp_path, codes, columns, rows, clipped):
+def test_vibration_of_every_firmware(tmp_path, codes, columns, row, clipped):
     log = modern()
-    log.format("VIBE", codes, columns)
-    for row in rows:
-        log.write("VIBE", 10_000_000, *row)
+    log.format("VIBE", f"Q{codes}", f"TimeUS,{columns}")
+    log.write("VIBE", 10_000_000, *row)
     found = [*vibrations(Dataflash(log.save(tmp_path)), VehicleId(7, 1), None)]
     assert [each.clipped for each in found] == ([] if clipped is None else [clipped])
     assert all(each.m_s2 == (1.0, 2.0, 3.0) for each in found)

@@ -52,13 +52,11 @@ def test_a_reboot_in_mid_log_is_reported_and_cut_out():
     assert min(gaps_s(attitudes)) > 0
 
 
-def test_who_is_in_the_log():
-    beats = of(Heartbeat, Tlog(DATA / "sub_bluerov.tlog"))
-    assert {(*beat.vehicle, beat.autopilot, beat.vehicle_type) for beat in beats} == {(1, 1, 3, 12)}
-
-
-def test_an_imu_that_is_not_there_does_not_count_against_the_other():
+def test_who_is_in_the_log_and_an_imu_that_is_not_there():
+    """It does not count against the other."""
     events = list(Tlog(DATA / "sub_bluerov.tlog"))
+    beats = of(Heartbeat, events)
+    assert {(*beat.vehicle, beat.autopilot, beat.vehicle_type) for beat in beats} == {(1, 1, 3, 12)}
     refused = {(e.message, e.reason) for e in of(Rejected, events)}
     assert refused == {("SCALED_IMU2", "zero_accelerometer")}
 

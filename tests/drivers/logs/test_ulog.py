@@ -33,23 +33,17 @@ def events():
     return list(Ulog(HOVER))
 
 
-def test_the_vehicle_is_a_px4_quadrotor(events):
+def test_a_px4_quadrotor_with_an_imu_at_222_hz_without_a_gap(events):
     (beat,) = of(Heartbeat, events)
     assert (beat.autopilot, beat.vehicle_type) == (12, 2)
     (cut,) = of(Malformed, events)  # the clip ends within a message
     assert {event.vehicle for event in events if event is not cut} == {VehicleId(1, 1)}
     assert {"SENS_BOARD_ROT", "MAV_SYS_ID"} <= {p.name for p in of(Parameter, events)}
-
-
-def test_imu_at_222_hz_without_a_gap(events):
     gaps = gaps_s(imu_times(events))
     assert len(gaps) == 3218
     assert 1 / median(gaps) == pytest.approx(222.4, abs=0.1)
     assert max(gaps) < 0.01
     assert not of(Rejected, events)
-
-
-def test_events_come_in_the_order_of_their_times(events):
     arrivals = [event.arrival_us for event in events if not isinstance(event, Parameter)]
     assert arrivals == sorted(arrivals)
 
@@ -143,12 +137,17 @@ def test_the_field_of_the_same_instant_comes_before_its_sample(tmp_path):
     assert fields == pytest.approx([0.0, 0.001, 0.002, 0.003, 0.004])
 
 
+def noisy_log(rows):
+    log, rng = UlogWriter().sensors(), random.Random(2)
+    for k in range(rows):
+        log.sample(1_000_000 + 5000 * k, noisy(rng, (0, 0, 0)), noisy(rng, (0, 0, -9.8)))
+    return log.data, rng
+
+
 def test_damage_costs_the_rows_it_hits(tmp_path):
     """In the middle of a row, between rows, and in a row's length."""
-    log, rng = UlogWriter().sensors(), random.Random(2)
-    for k in range(300):
-        log.sample(1_000_000 + 5000 * k, noisy(rng, (0, 0, 0)), noisy(rng, (0, 0, -9.8)))
-    data, row, head = log.data, 3 + 2 + 8 + 24, len(UlogWriter().sensors().data)
+    (data, rng), row = noisy_log(300), 3 + 2 + 8 + 24
+    head = len(UlogWriter().sensors().data)
     at = head + 100 * row
     for damaged in (
         data[: at + 10] + data[at + 20 :],
@@ -165,11 +164,8 @@ def test_damage_costs_the_rows_it_hits(tmp_path):
 
 
 def test_a_second_log_behind_the_first_is_not_mixed_into_it(tmp_path):
-    log, rng = UlogWriter().sensors(), random.Random(2)
-    for k in range(100):
-        log.sample(1_000_000 + 5000 * k, noisy(rng, (0, 0, 0)), noisy(rng, (0, 0, -9.8)))
     path = tmp_path / "flight.ulg"
-    path.write_bytes(log.data + log.data)
+    path.write_bytes(2 * noisy_log(100)[0])
     events = list(Ulog(path))
     assert len(imu_times(events)) == 100
     assert malformed(events) == 1

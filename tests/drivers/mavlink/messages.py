@@ -1,8 +1,6 @@
 """Messages by pymavlink, through real bytes into our decoder."""
 
-from drivers.events import (
-    VehicleId,
-)
+from drivers.events import VehicleId
 from drivers.mavlink.constants import mavlink
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.framing import FrameReader
@@ -43,3 +41,32 @@ def highres(time_us=S, acc=(0.0, 0.0, -G), gyr=(0.0, 0.0, 0.0), mag=(0.2, 0.0, 0
 
 def only(kind, events):
     return [event for event in events if isinstance(event, kind)]
+
+
+class PymavlinkParser:
+    """pymavlink's own parser, which knows nothing of ours: bytes of one stream in, messages out.
+
+    What is unreadable is passed over.
+    """
+
+    def __init__(self):
+        self._mav = m.MAVLink(None)
+        self._mav.robust_parsing = True
+
+    def feed(self, data):
+        """Every message completed by ``data``, in order."""
+        mav, messages = self._mav, []
+        message = mav.parse_char(data)
+        while message is not None:
+            if message.get_type() == "BAD_DATA":
+                self._look_again(bytes(message.data))
+            else:
+                messages.append(message)
+            message = mav.parse_char(b"")
+        return messages
+
+    def _look_again(self, data):
+        """A damaged length may have swallowed good frames: behind the first byte."""
+        if len(data) > 1 and data[0] in (0xFD, 0xFE):
+            self._mav.buf = bytearray(data[1:]) + self._mav.buf[self._mav.buf_index :]
+            self._mav.buf_index = 0

@@ -11,6 +11,7 @@ from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.encoder import FrameEncoder, heartbeat, raw_imu
 from drivers.mavlink.framing import FrameReader
 from drivers.mavlink.gate import EVERY_US, MOST_SENDERS, FrameGate, Policy
+from tests.drivers.mavlink.messages import only
 
 S = 1_000_000
 UNIX_US = 1_790_000_000_000_000
@@ -48,16 +49,13 @@ class Wire:
 
 def lateness_s(events):
     """How far behind the vehicle each sample that was taken arrived."""
-    return [
-        (e.arrival_us - UNIX_US - (e.boot_us - BOOT_US)) / S for e in events if isinstance(e, Imu)
-    ]
+    return [(e.arrival_us - UNIX_US - (e.boot_us - BOOT_US)) / S for e in only(Imu, events)]
 
 
 def refused(events):
     found = Counter()
-    for event in events:
-        if isinstance(event, RefusedFrames):
-            found[event.reason] += event.frames
+    for event in only(RefusedFrames, events):
+        found[event.reason] += event.frames
     return found
 
 
@@ -68,7 +66,7 @@ def test_a_late_copy_is_never_mixed_in_while_the_fresh_one_pauses(peers, late_s)
     fresh = [(at_us, peers[0], data) for at_us, data in sent if not 30 * S <= at_us < 31.5 * S]
     late = [(at_us + late_s * S, peers[1], data) for at_us, data in sent]
     events = Wire().play(fresh + late)
-    assert not [e for e in events if isinstance(e, ClockReset)]
+    assert not only(ClockReset, events)
     assert max(lateness_s(events)) < 0.1
     assert len(lateness_s(events)) == len(fresh)
 
@@ -83,9 +81,9 @@ def test_the_fresher_copy_is_followed_when_it_comes_second(late_s):
     assert behind_s[0] == late_s
     # the first repeated frames are the proof, and nothing is missed while the other one takes over
     assert max(behind_s[int(50 * (22 + late_s)) :]) < 0.1
-    arrivals_us = [e.arrival_us for e in events if isinstance(e, Imu)]
+    arrivals_us = [e.arrival_us for e in only(Imu, events)]
     assert max(b - a for a, b in pairwise(arrivals_us)) < S // 2
-    assert not [e for e in events if isinstance(e, ClockReset)]
+    assert not only(ClockReset, events)
 
 
 def test_a_late_copy_is_used_when_nothing_else_comes_for_long():
@@ -114,9 +112,9 @@ def test_a_vehicle_that_starts_again_and_repeats_itself_is_no_copy(after_s, peer
     pause_us = after_s * S + S // 2
     again = [(at_us + pause_us, peers[1], data) for at_us, data in flight(20.0, boot_us=0)]
     events = Wire().play(first + again)
-    assert [e.reason for e in events if isinstance(e, ClockReset)] == ["reboot"]
+    assert [e.reason for e in only(ClockReset, events)] == ["reboot"]
     assert set(refused(events)) <= {"address_conflict"}  # for a second after the first has gone
-    assert sum(isinstance(e, Imu) for e in events) > len(first) + len(again) - 50
+    assert len(only(Imu, events)) > len(first) + len(again) - 50
 
 
 @pytest.mark.parametrize("after_s", [0.5, 0.9])
@@ -126,8 +124,8 @@ def test_a_vehicle_that_starts_again_at_once_is_a_reboot_without_a_loss(after_s,
     pause_us = round(after_s * S)
     again = [(at_us + pause_us, "a", data) for at_us, data in flight(9.0, S // 4, seed)]
     events = Wire().play(first + again)
-    assert [e.reason for e in events if isinstance(e, ClockReset)] == ["reboot"]
-    assert sum(isinstance(e, Imu) for e in events) == len(first) + len(again)
+    assert [e.reason for e in only(ClockReset, events)] == ["reboot"]
+    assert len(only(Imu, events)) == len(first) + len(again)
 
 
 @pytest.mark.parametrize("peers", ["ab", "aa"], ids=["two senders", "one wire"])
@@ -139,8 +137,8 @@ def test_a_copy_that_is_a_little_late_is_no_clock_that_was_set_back(late_s, boot
     fresh = [(at_us, peers[0], d) for n, (at_us, d) in enumerate(sent) if n < 100 or n % 50 > 9]
     late = [(at_us + round(late_s * S), peers[1], d) for at_us, d in sent]
     events = Wire().play(fresh + late)
-    assert not [e for e in events if isinstance(e, ClockReset)]
-    assert sum(isinstance(e, Imu) for e in events) >= len(fresh)
+    assert not only(ClockReset, events)
+    assert len(only(Imu, events)) >= len(fresh)
 
 
 def test_what_this_program_has_sent_is_no_vehicle_s():
@@ -164,8 +162,8 @@ def test_frames_that_are_missing_took_their_time_however_steadily_the_next_ones_
     ]
     del sent[1000 : 1000 + lost]
     events = Wire().play([(10_000 * n, "a", data) for n, data in enumerate(sent)])
-    assert sum(isinstance(e, Imu) for e in events) == len(sent)
-    assert not [e for e in events if isinstance(e, ClockReset)]
+    assert len(only(Imu, events)) == len(sent)
+    assert not only(ClockReset, events)
 
 
 def test_a_lost_link_leaves_no_address_behind_but_what_is_known_of_copies():
@@ -201,7 +199,7 @@ def reported(chunks, interval_us=20_000, gate=None, begin_us=S):
         now_us = begin_us + number * interval_us
         gate.let_in(reader.feed(b"".join(chunk)), "a", now_us)
         events += gate.take_refused(now_us)
-    return [event.text for event in events if isinstance(event, Notice)]
+    return [event.text for event in only(Notice, events)]
 
 
 @pytest.mark.parametrize("number", [0, 1, 45, 60, 100, 255])

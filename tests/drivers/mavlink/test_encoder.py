@@ -40,49 +40,30 @@ def test_raw_imu_of_a_level_vehicle_is_what_an_autopilot_sends_and_saturates():
     assert fields(read, "xmag", "ymag", "zmag") == (200, 0, -400)
 
 
+THEIRS = {"global_position": "global_position_int", "message_interval_request": "command_long"}
+
+
 @given(boot_times, quaternions, vectors, vectors, addresses, bytes_1)
 def test_frames_are_those_that_pymavlink_packs(boot_us, q, a, b, target, number):
     """Places in degrees and in whole parts of them, heights upwards, velocity in NED."""
-    boot_ms, place = boot_us // 1000 % 2**32, (47.5, -8.25, 488.25)
-    sent = (boot_us, place, 12.5, (1.25, -2.5, 0.75))
-    for ours, theirs in (
-        (encoder.attitude(boot_us, a, b), m.MAVLink_attitude_message(boot_ms, *a, *b)),
-        (
-            encoder.attitude_quaternion(boot_us, q, a),
-            m.MAVLink_attitude_quaternion_message(boot_ms, *q, *a),
-        ),
-        (
-            encoder.attitude_quaternion_cov(boot_us, q, a, (1.5, 2.5, 3.5)),
-            m.MAVLink_attitude_quaternion_cov_message(
-                boot_us, q, *a, (1.5, 0, 0, 0, 2.5, 0, 0, 0, 3.5)
-            ),
-        ),
-        (
-            encoder.sim_state(q, a, b, a, place, b),
-            m.MAVLink_sim_state_message(*q, *a, *b, *a, *place, 0, 0, *b, 475_000_000, -82_500_000),
-        ),
-        (
-            encoder.global_position(*sent),
-            m.MAVLink_global_position_int_message(
-                boot_ms, 475_000_000, -82_500_000, 488_250, 12_500, 125, -250, 75, 65535
-            ),
-        ),
-        (
-            encoder.param_value("ABCDEFGH_0123456", a[0], 65535, number),
-            m.MAVLink_param_value_message(b"ABCDEFGH_0123456", a[0], 9, 65535, number),
-        ),
-        (
-            encoder.message_interval_request(target, 27, a[0], number),
-            m.MAVLink_command_long_message(*target, 511, number, 27, a[0], 0, 0, 0, 0, 0),
-        ),
-        (
-            encoder.command_ack(target, 511, number),
-            m.MAVLink_command_ack_message(511, number, 0, 0, *target),
-        ),
-        (encoder.heartbeat(number, 8), m.MAVLink_heartbeat_message(number, 8, 0, 0, 4, 3)),
-    ):
-        frame = encoder.FrameEncoder(VEHICLE).frame(ours, UNIX_US)
-        assert frame == bytes(theirs.pack(m.MAVLink(None, *VEHICLE)))
+    boot_ms, cov = boot_us // 1000 % 2**32, (1.5, 0, 0, 0, 2.5, 0, 0, 0, 3.5)
+    place, whole = (47.5, -8.25, 488.25), (475_000_000, -82_500_000)
+    sent, name = (boot_us, place, 12.5, (1.25, -2.5, 0.75)), "ABCDEFGH_0123456"
+    for kind, ours, theirs in (
+        ("attitude", (boot_us, a, b), (boot_ms, *a, *b)),
+        ("attitude_quaternion", (boot_us, q, a), (boot_ms, *q, *a)),
+        ("attitude_quaternion_cov", (boot_us, q, a, (1.5, 2.5, 3.5)), (boot_us, q, *a, cov)),
+        ("sim_state", (q, a, b, a, place, b), (*q, *a, *b, *a, *place, 0, 0, *b, *whole)),
+        ("global_position", sent, (boot_ms, *whole, 488_250, 12_500, 125, -250, 75, 65535)),
+        ("param_value", (name, a[0], 65535, number), (name.encode(), a[0], 9, 65535, number)),
+        ("message_interval_request", (target, 27, a[0], number),
+         (*target, 511, number, 27, a[0], 0, 0, 0, 0, 0)),
+        ("command_ack", (target, 511, number), (511, number, 0, 0, *target)),
+        ("heartbeat", (number, 8), (number, 8, 0, 0, 4, 3)),
+    ):  # fmt: skip
+        frame = encoder.FrameEncoder(VEHICLE).frame(getattr(encoder, kind)(*ours), UNIX_US)
+        message = getattr(m, f"MAVLink_{THEIRS.get(kind, kind)}_message")(*theirs)
+        assert frame == bytes(message.pack(m.MAVLink(None, *VEHICLE)))
 
 
 def test_sequence_counts_and_wraps():

@@ -37,33 +37,13 @@ def test_a_flood_without_imu_data_has_a_budget_each_and_one_of_all_together(peer
     rate_hz = admitted(RateLimits(), peers, 1000.0, 4.0)
     assert rate_hz == pytest.approx(limit_hz * 5 / 4, rel=0.02)
     assert ALL_PACKETS_HZ == 2000.0
+    if peers == 100:  # more than are remembered still share it
+        assert admitted(RateLimits(), 1100, 10.0, 4.0) <= ALL_PACKETS_HZ * 5 / 4
 
 
-def test_more_senders_than_are_remembered_still_share_the_one_budget():
-    assert admitted(RateLimits(), 1100, 10.0, 4.0) <= ALL_PACKETS_HZ * 5 / 4
-
-
-def test_who_sends_imu_data_is_read_however_much_others_send():
-    limits = RateLimits()
-    limits.admits("vehicle", 30, 999.9)
-    limits.note_imu("vehicle", 999.9)
-    admitted(limits, 50, 200.0, 1.0)
-    taken = 0
-    for number in range(400):
-        now_s = 1001.0 + number / 400
-        taken += limits.admits("vehicle", 30, now_s)
-        limits.note_imu("vehicle", now_s)
-        assert not number or limits.refused > 0
-    assert taken == 400
-
-
-def test_a_large_packet_counts_as_many_of_anybody():
-    assert (
-        admitted(RateLimits(), 1, 1000.0, 4.0, size=60_000, imu=True) * 900 < IMU_PACKETS_HZ * 1.5
-    )
-
-
-def test_a_clock_that_is_set_back_locks_nobody_out():
+def test_a_large_packet_counts_as_many_and_a_clock_that_is_set_back_locks_nobody_out():
+    large_hz = admitted(RateLimits(), 1, 1000.0, 4.0, size=60_000, imu=True)
+    assert large_hz * 900 < IMU_PACKETS_HZ * 1.5
     limits = RateLimits()
     assert limits.admits("a", 30, 5000.0)
     assert sum(limits.admits("a", 30, 10.0 + k / 100) for k in range(1000)) == 1000
@@ -78,12 +58,15 @@ def taken(queue):
     return [(arrival_us, frame.message_id) for arrival_us, frame in queue.take(1000)]
 
 
-def test_up_to_its_size_the_queue_keeps_everything_in_order():
+def test_up_to_its_size_the_queue_keeps_everything_and_what_cannot_be_left_out_is_bounded():
     queue = FrameQueue(most_waiting=10)
     for number in range(10):
         queue.add(number, [frame(1, RAW_IMU_ID)])
     assert taken(queue) == [(number, RAW_IMU_ID) for number in range(10)]
     assert (queue.shed, queue.dropped, queue.take_shed(1)) == (0, 0, [])
+    queue.add(0, [frame(1, PARAM_VALUE_ID, k) for k in range(25)])
+    assert [frame.data[-1] for _, frame in queue.take(99)] == list(range(15, 25))
+    assert queue.dropped == 15
 
 
 def test_a_full_queue_keeps_the_newest_of_each_stream_and_what_is_sent_once():
@@ -114,13 +97,6 @@ def test_a_full_queue_keeps_the_newest_of_each_stream_and_what_is_sent_once():
         Shed(one, REPORT_EVERY_US, "RAW_IMU", 7),
     ]
     assert queue.shed == 9
-
-
-def test_what_cannot_be_left_out_is_bounded():
-    queue = FrameQueue(most_waiting=10)
-    queue.add(0, [frame(1, PARAM_VALUE_ID, k) for k in range(25)])
-    assert [frame.data[-1] for _, frame in queue.take(99)] == list(range(15, 25))
-    assert queue.dropped == 15
 
 
 def test_what_was_left_out_is_reported_now_and_then():

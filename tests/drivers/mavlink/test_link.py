@@ -31,7 +31,7 @@ from tests.drivers.mavlink.links import (
     udp_link,
     udp_sender,
 )
-from tests.drivers.mavlink.pymavlink_parser import PymavlinkParser
+from tests.drivers.mavlink.messages import PymavlinkParser
 
 pytestmark = pytest.mark.usefixtures("nothing_leaks")
 

@@ -14,7 +14,6 @@ from pathlib import Path
 import pytest
 from pymavlink import mavutil
 
-import drivers
 from drivers.endpoint import Endpoint
 from drivers.events import Heartbeat, VehicleId
 from drivers.logs.open import open_log
@@ -24,8 +23,8 @@ from drivers.mavlink.encoder import FrameEncoder, attitude, heartbeat
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.recorder import RETRY_US, Recorder
 from estimator.errors import InputError
+from tests.programs import NAMESPACE, ROOT, can_mount, run_python
 
-ROOT = Path(drivers.__file__).parents[1]
 UNIX_US = 1_790_000_000_000_000  # 2026-09-21 14:13:20 UTC
 HOUR_US = 3_600_000_000
 PATIENCE_S = 20.0
@@ -47,26 +46,28 @@ def heartbeats(path):
         return sum(isinstance(event, Heartbeat) for event in log)
 
 
-def run(script, *arguments, through=()):
-    """Run a program of the tree."""
-    return subprocess.run(
-        [*through, sys.executable, "-c", script, *arguments],
-        capture_output=True, text=True, check=True, cwd=ROOT,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
+def begun(script, path):
+    """A process of its own that records to the path."""
+    command = [sys.executable, "-c", script, path]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, cwd=ROOT)
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "flight.tlog"
 
 
 # --- one file
 
 
-def test_pymavlink_reads_the_recording(tmp_path):
+def test_pymavlink_reads_the_recording(path):
     frames = FrameEncoder(VehicleId(1, 1))
-    with Recorder(tmp_path / "flight.tlog") as recorder:
+    with Recorder(path) as recorder:
         recorder.write(UNIX_US, [frames.frame(heartbeat(2, 3), 0)])
         recorder.write(UNIX_US + 1_000_000, [])
         attitudes = [frames.frame(attitude(i, (0.1 * i, 0, 0), (0, 0, 0)), 0) for i in range(3)]
         recorder.write(UNIX_US + 2_500_000, attitudes)
-    log = mavutil.mavlink_connection(str(tmp_path / "flight.tlog"))
+    log = mavutil.mavlink_connection(str(path))
     read = []
     while (message := log.recv_match()) is not None:
         read.append((message.get_type(), message._timestamp - UNIX_US * 1e-6))
@@ -76,8 +77,8 @@ def test_pymavlink_reads_the_recording(tmp_path):
     assert recorder.is_whole
 
 
-def test_a_recording_ends_with_the_link_and_not_with_the_last_look(tmp_path):
-    path, sent = tmp_path / "flight.tlog", [frame() for _ in range(5)]
+def test_a_recording_ends_with_the_link_and_not_with_the_last_look(path):
+    sent = [frame() for _ in range(5)]
     with (
         Recorder(path) as recorder,
         MavlinkLink(Endpoint("udpin", "127.0.0.1", 0), recorder) as link,
@@ -90,8 +91,7 @@ def test_a_recording_ends_with_the_link_and_not_with_the_last_look(tmp_path):
     assert path.stat().st_size == sum(8 + len(each) for each in sent)
 
 
-def test_an_existing_file_is_continued(tmp_path):
-    path = tmp_path / "flight.tlog"
+def test_an_existing_file_is_continued(path):
     for part in (b"\xfdfirst", b"\xfesecond"):
         with Recorder(path) as recorder:
             recorder.write(1, [part])
@@ -112,10 +112,10 @@ def test_a_full_disk_is_reported_once(caplog):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs resource limits")
-def test_half_written_records_are_taken_back(tmp_path):
+def test_half_written_records_are_taken_back(path):
     """A file size limit cuts a write in two, like a disk that is full for a while."""
-    path = tmp_path / "flight.tlog"
-    done = run(
+    done = run_python(
+        "-c",
         "import resource, signal, sys, time\n"
         "from drivers.mavlink.recorder import RETRY_US, Recorder\n"
         "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
@@ -132,6 +132,7 @@ def test_half_written_records_are_taken_back(tmp_path):
         "        recorder.write(100_000_000 + RETRY_US + i, [b'x' * 32])\n"
         "print(recorder.lost)\n",
         path,
+        timeout_s=100,
     )
     assert path.stat().st_size == (25 + 10) * 40
     assert int(done.stdout) == 25
@@ -142,8 +143,7 @@ def test_half_written_records_are_taken_back(tmp_path):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs SIGKILL")
-def test_a_killed_process_leaves_whole_records(tmp_path):
-    path = tmp_path / "flight.tlog"
+def test_a_killed_process_leaves_whole_records(path):
     script = (
         "import sys, time\n"
         "from pathlib import Path\n"
@@ -156,9 +156,7 @@ def test_a_killed_process_leaves_whole_records(tmp_path):
         "        has_rates = True\n"
         "        print('ready', flush=True)\n"
     )
-    with subprocess.Popen(
-        [sys.executable, "-c", script, path], stdout=subprocess.PIPE, cwd=ROOT
-    ) as process:
+    with begun(script, path) as process:
         assert process.stdout.readline() == b"ready\n"
         process.send_signal(signal.SIGKILL)
     size = path.stat().st_size
@@ -166,9 +164,9 @@ def test_a_killed_process_leaves_whole_records(tmp_path):
     assert size % 64 == 0
 
 
-def test_what_a_disk_that_stands_still_cannot_take_is_counted(tmp_path, monkeypatch, caplog):
+def test_what_a_disk_that_stands_still_cannot_take_is_counted(path, monkeypatch, caplog):
     monkeypatch.setattr(recorder_module, "MOST_WAITING_BYTES", 100)
-    with Recorder(tmp_path / "flight.tlog") as recorder:
+    with Recorder(path) as recorder:
         recorder.write(1, [b"\xfd" * 50] * 3)
         recorder.write(1, [b"\xfd" * 50] * 3)
     assert recorder.lost == 6
@@ -178,9 +176,8 @@ def test_what_a_disk_that_stands_still_cannot_take_is_counted(tmp_path, monkeypa
     ]
 
 
-def test_a_file_is_recorded_to_by_one_program(tmp_path):
+def test_a_file_is_recorded_to_by_one_program(path):
     """Who is killed leaves no lock behind; nor does a child that it had."""
-    path = tmp_path / "flight.tlog"
     script = (
         "import subprocess, sys\n"
         "from drivers.mavlink.recorder import Recorder\n"
@@ -189,9 +186,7 @@ def test_a_file_is_recorded_to_by_one_program(tmp_path):
         "print(child.pid, flush=True)\n"
         "child.wait()\n"
     )
-    with subprocess.Popen(
-        [sys.executable, "-c", script, path], stdout=subprocess.PIPE, cwd=ROOT
-    ) as process:
+    with begun(script, path) as process:
         child = int(process.stdout.readline())
         try:
             with pytest.raises(InputError, match=r"flight.tlog': another program records to it"):
@@ -206,7 +201,7 @@ def test_a_file_is_recorded_to_by_one_program(tmp_path):
 
 
 @pytest.mark.parametrize("missing", ["library", "file system"])
-def test_without_locks_it_records_all_the_same(missing, tmp_path, monkeypatch):
+def test_without_locks_it_records_all_the_same(missing, path, monkeypatch):
     def no_locks(*_):
         raise OSError(errno.ENOLCK, "No locks available")
 
@@ -214,9 +209,9 @@ def test_without_locks_it_records_all_the_same(missing, tmp_path, monkeypatch):
         monkeypatch.setattr(tlog_file, "fcntl", None)
     else:
         monkeypatch.setattr(tlog_file.fcntl, "flock", no_locks)
-    with Recorder(tmp_path / "flight.tlog") as recorder:
+    with Recorder(path) as recorder:
         recorder.write(1, [b"\xfd one"])
-    assert (tmp_path / "flight.tlog").stat().st_size == 13
+    assert path.stat().st_size == 13
 
 
 def test_a_pipe_that_nobody_reads_is_refused(tmp_path):
@@ -251,20 +246,16 @@ def test_a_file_or_folder_that_cannot_be_written_is_refused(target, in_folder, m
 
 @pytest.mark.parametrize("moment", ["before a write", "before the end"])
 @pytest.mark.parametrize("what", ["truncated", "removed", "replaced", "changed"])
-def test_a_file_that_another_program_damages_is_not_whole(what, moment, tmp_path, caplog):
-    path = tmp_path / "flight.tlog"
+def test_a_file_that_another_program_damages_is_not_whole(what, moment, path, caplog):
     with Recorder(path) as recorder:
         recorder.write(1, [b"\xfd one"])
         until(lambda: path.stat().st_size == 13)
         assert recorder.is_whole
-        if what == "truncated":
-            os.truncate(path, 0)
-        elif what == "changed":
-            path.write_bytes(b"longer than it was")
-        else:
+        if what in ("removed", "replaced"):
             path.unlink()
-        if what == "replaced":
-            path.write_bytes(b"another")
+        contents = {"truncated": b"", "changed": b"longer than it was", "replaced": b"another"}
+        if what in contents:
+            path.write_bytes(contents[what])
         if moment == "before a write":
             recorder.write(2_000_000, [b"\xfd two"])
     assert not recorder.is_whole
@@ -274,8 +265,7 @@ def test_a_file_that_another_program_damages_is_not_whole(what, moment, tmp_path
         assert recorder.lost == 0
 
 
-def test_a_file_that_is_made_again_is_locked_again(tmp_path, caplog):
-    path = tmp_path / "flight.tlog"
+def test_a_file_that_is_made_again_is_locked_again(path, caplog):
     with Recorder(path) as recorder:
         recorder.write(1, [b"\xfd one"])
         until(lambda: path.stat().st_size)
@@ -384,23 +374,16 @@ print(n, lost, recorder.lost, read)
 """
 
 
-def can_mount():
-    probe = "mount -t tmpfs tmpfs /mnt"
-    try:
-        return not subprocess.run(
-            ["unshare", "-Urm", "sh", "-c", probe], capture_output=True, check=False
-        ).returncode
-    except OSError:
-        return False
+TMPFS = "mount -t tmpfs tmpfs /mnt"
 
 
-@pytest.mark.skipif(os.name != "posix" or not can_mount(), reason="needs user namespaces")
+@pytest.mark.skipif(os.name != "posix" or not can_mount(TMPFS), reason="needs user namespaces")
 def test_a_full_disk_loses_only_what_came_while_it_was_full(tmp_path):
     """A real file system of 200 kB, in a mount namespace of the test's own."""
     disk = tmp_path / "disk"
     disk.mkdir()
     mount = 'mount -t tmpfs -o size=200k tmpfs "$0" && exec "$@"'
-    done = run(FILL, disk, through=["unshare", "-Urm", "sh", "-c", mount, disk])
+    done = run_python("-c", FILL, disk, timeout_s=60, through=(*NAMESPACE, mount, disk))
     written, lost, lost_in_all, read = map(float, done.stdout.split())
     assert lost == lost_in_all > 0
     assert written > 1000

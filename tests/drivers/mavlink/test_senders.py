@@ -2,13 +2,7 @@
 
 import pytest
 
-from drivers.events import (
-    Forgotten,
-    Imu,
-    RefusedFrames,
-    Rejected,
-    VehicleId,
-)
+from drivers.events import Forgotten, Imu, RefusedFrames, Rejected, VehicleId
 from drivers.mavlink.decoder import MOST_SENDERS, MavlinkDecoder
 from drivers.mavlink.framing import FrameReader
 from drivers.samples.intake import MOST_STREAMS
@@ -19,9 +13,8 @@ from tests.drivers.mavlink.messages import UNIX, S, decode_all, frame, heartbeat
     "messages",
     [
         [m.MAVLink_vfr_hud_message(0, 0, 0, 0, 0, 0)],
-        [
-            heartbeat(*kind) for kind in ((8, 30), (8, 2), (8, 6), (0, 6), (3, 6))
-        ],  # cameras, stations
+        # cameras, stations
+        [heartbeat(*kind) for kind in ((8, 30), (8, 2), (8, 6), (0, 6), (3, 6))],
         [m.MAVLink_attitude_message(1500, 0, 0, 0, 0, 0, 0)],  # of a companion without an IMU
     ],
 )
@@ -78,16 +71,11 @@ def test_a_sender_with_an_imu_takes_the_slot_of_whoever_has_none_and_is_silent_f
 
 def test_other_imus_are_skipped_while_the_one_in_use_comes():
     """Half a second after its end they are decoded; a better one always, all if none is known."""
-    sent = [
-        each
-        for k in range(100)
-        for each in (
-            raw_imu(S + 20_000 * k),
-            m.MAVLink_scaled_imu2_message(1000 + 20 * k, 0, 0, -1000, *[0] * 6),
-            m.MAVLink_scaled_imu3_message(1000 + 20 * k, 0, 0, -1000, *[0] * 6),
-        )
-        if k < 50 or each.get_type() != "RAW_IMU"
-    ]
+    sent = []
+    for k in range(100):
+        sent += [raw_imu(S + 20_000 * k)] if k < 50 else []
+        others = m.MAVLink_scaled_imu2_message, m.MAVLink_scaled_imu3_message
+        sent += [other(1000 + 20 * k, 0, 0, -1000, *[0] * 6) for other in others]
 
     def taken(in_use):
         decoder = MavlinkDecoder()

@@ -66,10 +66,7 @@ CASES = {
         (NOW + S, {"link": 0}, NOW, None),
         (NOW, {"link": 1}, NOW, None),
     ],
-    "more than a minute old": [
-        (NOW - 61 * S, {}, NOW, TOO_OLD),
-        (NOW - 59 * S, {}, NOW, None),
-    ],
+    "more than a minute old": [(NOW - 61 * S, {}, NOW, TOO_OLD), (NOW - 59 * S, {}, NOW, None)],
     "years ahead, which locks nobody out": [
         (NOW + YEAR + S, {}, NOW, "signature_too_new"),
         (NOW + 10**9 * S, {}, NOW, "signature_too_new"),
@@ -239,10 +236,10 @@ def test_a_damaged_state_is_refused_at_the_start(file, content):
         SigningCheck(KEY, file)
 
 
-def test_a_state_that_cannot_be_kept_is_refused_at_the_start(tmp_path):
-    (tmp_path / "state").write_text("a file where the folder should be")
+def test_a_state_that_cannot_be_kept_is_refused_at_the_start(file):
+    file.parent.write_text("a file where the folder should be")
     with pytest.raises(InputError, match=r"signing\.json"):
-        SigningCheck(KEY, tmp_path / "state" / "signing.json")
+        SigningCheck(KEY, file)
 
 
 def test_the_state_is_in_the_folder_of_xdg_or_at_home(monkeypatch, tmp_path):
@@ -264,11 +261,8 @@ def test_the_state_is_in_the_folder_of_xdg_or_at_home(monkeypatch, tmp_path):
 
 
 def refused(gate):
-    return [
-        (event.vehicle, event.reason, event.frames)
-        for event in gate.take_refused(NOW)
-        if isinstance(event, RefusedFrames)
-    ]
+    events = [event for event in gate.take_refused(NOW) if isinstance(event, RefusedFrames)]
+    return [(event.vehicle, event.reason, event.frames) for event in events]
 
 
 def test_only_allowed_systems_are_let_in():

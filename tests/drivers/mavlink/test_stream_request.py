@@ -27,15 +27,15 @@ def sent(outbound, now_us):
 class Conversation:
     """Drives a request at 10 ms steps; the vehicle streams at ``rate_hz``, if it does."""
 
-    def __init__(self, asked_hz=50.0, autopilot=3):
-        self.outbound = outbound(asked_hz)
+    def __init__(self, autopilot=3, *, accepts=False):
+        self.outbound = outbound(50.0)
         self.now_us = 0
         self.boot_us = 0.0
         self.rate_hz = 4.0
         self.message = "RAW_IMU"
         self.commands = []
         self.notices = []
-        self.on_command = lambda _: None
+        self.on_command = self.accept if accepts else lambda _: None
         self.met = Heartbeat(VEHICLE, 0, autopilot, 2)
 
     def run(self, seconds):
@@ -80,8 +80,8 @@ class Conversation:
     ("autopilot", "message", "number"), [(3, "RAW_IMU", 27), (12, "HIGHRES_IMU", 105)]
 )
 def test_asks_by_message_interval_and_stays_content(autopilot, message, number):
-    dialogue = Conversation(autopilot=autopilot)
-    dialogue.on_command, dialogue.message = dialogue.accept, message
+    dialogue = Conversation(autopilot, accepts=True)
+    dialogue.message = message
     dialogue.run(60)
     ((at, command),) = dialogue.commands
     assert at == 0
@@ -138,16 +138,12 @@ def test_an_accepted_rate_that_does_not_come_is_asked_for_again():
     dialogue.run(400)
     assert len(dialogue.commands) == MOST_REQUESTS
     assert "sends RAW_IMU at 4.0 Hz" in dialogue.notices[0]
-    gaps = [
-        b - a for a, b in zip(dialogue.command_times_s, dialogue.command_times_s[1:], strict=False)
-    ]
+    gaps = [b - a for a, b in itertools.pairwise(dialogue.command_times_s)]
     assert all(later > 1.3 * earlier for earlier, later in itertools.pairwise(gaps))
 
 
 def test_a_ground_station_s_reset_is_noticed_and_undone():
-    dialogue = Conversation()
-    dialogue.on_command = dialogue.accept
-    dialogue.run(20)
+    dialogue = Conversation(accepts=True).run(20)
     dialogue.rate_hz = 2.0
     dialogue.run(20)
     assert len(dialogue.commands) == 2
@@ -190,9 +186,7 @@ def test_temporary_rejection_is_not():
 
 
 def test_a_reboot_is_asked_at_once():
-    dialogue = Conversation()
-    dialogue.on_command = dialogue.accept
-    dialogue.run(10)
+    dialogue = Conversation(accepts=True).run(10)
     dialogue.rate_hz = 4.0
     dialogue.event(ClockReset(VEHICLE, dialogue.now_us, "reboot", -10.0))
     assert len(dialogue.commands) == 2

@@ -1,8 +1,6 @@
 """One vehicle's intake, and readings for it."""
 
-from drivers.events import (
-    VehicleId,
-)
+from drivers.events import VehicleId
 from drivers.samples.imu_stream import Field, Stamp
 from drivers.samples.intake import Intake
 from drivers.samples.vehicle_clock import TimeField

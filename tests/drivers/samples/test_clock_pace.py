@@ -58,47 +58,27 @@ def held_back(for_s):
     return lambda s: 30.0 + for_s if 30.0 <= s < 30.0 + for_s else s
 
 
-def drained(s):
-    """14 s held back, then sent at seven times the stream's pace."""
-    return s if s < 30.0 else max(44.0 + (s - 30.0) / 7.0, s)
-
-
-def stalled_again_and_again(s):
-    return s if s % 2.6 < 1.3 else s - s % 2.6 + 2.6
-
-
 def gaps_one_after_the_other(s):
     """As a radio link did it: two seconds' messages came behind the first gap."""
     return 32.5 if 30.0 < s <= 32.0 else 43.0 if 32.0 < s < 43.0 else s
 
 
-def begun_late(s):
-    """A session that begins with what was held back before."""
-    return max(s, 14.0)
-
-
-def set_back(s):
-    return s - 3600.0 * (s > 30.0)
-
-
-def set_forwards(s):
-    return s + 3600.0 * (s > 30.0)
+ARRIVALS = {
+    "held back for 14 s": held_back(14.0),
+    "held back for 29 s": held_back(29.0),
+    "14 s held back, then sent at seven times the stream's pace": (
+        lambda s: s if s < 30.0 else max(44.0 + (s - 30.0) / 7.0, s)
+    ),
+    "stalled again and again": lambda s: s if s % 2.6 < 1.3 else s - s % 2.6 + 2.6,
+    "gaps one after the other": gaps_one_after_the_other,
+    "a session that begins with what was held back before": lambda s: max(s, 14.0),
+    "set back": lambda s: s - 3600.0 * (s > 30.0),
+    "set forwards": lambda s: s + 3600.0 * (s > 30.0),
+}
 
 
 @pytest.mark.parametrize("rate_hz", [50.0, 4.0])
-@pytest.mark.parametrize(
-    "arrival_s",
-    [
-        held_back(14.0),
-        held_back(29.0),
-        drained,
-        stalled_again_and_again,
-        gaps_one_after_the_other,
-        begun_late,
-        set_back,
-        set_forwards,
-    ],
-)
+@pytest.mark.parametrize("arrival_s", ARRIVALS.values(), ids=ARRIVALS)
 def test_a_late_link_or_a_host_s_clock_that_is_set_costs_no_sample(arrival_s, rate_hz):
     placed = fed(rate_hz, 90.0, arrival_s=arrival_s)
     assert all(isinstance(p, Placed) and p.reset is None for _, p in placed)

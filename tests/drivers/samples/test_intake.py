@@ -4,32 +4,13 @@ import math
 
 import pytest
 
-from drivers.events import (
-    ClockReset,
-    Imu,
-    Notice,
-    Position,
-    Rejected,
-    TrackLost,
-    Velocity,
-)
+from drivers.events import ClockReset, Imu, Position, Rejected, TrackLost, Velocity
 from drivers.samples.imu_stream import MOST_HELD, Field, ImuStream, Stamp
 from drivers.samples.intake import Intake
 from drivers.samples.navigation import Fix
 from drivers.samples.vehicle_clock import TimeField
 from estimator.reasons import Reason
-from estimator.types import STANDARD_GRAVITY_M_S2
-from tests.drivers.samples.given import (
-    FIELD,
-    PLACE,
-    UNIX,
-    VEHICLE,
-    S,
-    imu,
-    kinds,
-    running,
-    stamp,
-)
+from tests.drivers.samples.given import FIELD, PLACE, UNIX, VEHICLE, S, imu, kinds, running, stamp
 
 
 def test_the_first_reading_of_a_new_boot_waits_and_is_not_lost():
@@ -58,16 +39,6 @@ def test_no_stream_loses_anything_where_another_one_shows_a_second_boot(back_us)
         times_us = [e.sample.time_us for e in events if isinstance(e, Imu) and e.message == name]
         assert len(times_us) == 200
         assert times_us == sorted(set(times_us))
-
-
-def test_a_garbled_time_costs_its_reading_alone_and_is_counted_when_that_is_sure():
-    intake, arrival_us = running()
-    assert imu(intake, 7 * S, arrival_us) == []
-    rejected, good = imu(intake, 301_250_000, arrival_us + 1)
-    assert rejected == Rejected(VEHICLE, arrival_us, Reason.CLOCK_STEP, "SCALED_IMU")
-    assert isinstance(good, Imu)
-    (after,) = imu(intake, 301_500_000, arrival_us + 250_000)
-    assert after.boot_us == 301_500_000
 
 
 def moving(intake, k, raw_us, mag=FIELD):
@@ -143,14 +114,9 @@ def only(events):
 @pytest.mark.parametrize(
     ("message", "sigma_m_s", "late_s"),
     [
-        ("LOCAL_POSITION_NED", 0.3, 0.0),
-        ("GLOBAL_POSITION_INT", 0.3, 0.0),
-        ("XKF1", 0.3, 0.0),
+        *((f, 0.3, 0.0) for f in ("LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "XKF1")),
         ("vehicle_local_position", 0.3, 0.0),
-        ("GPS_RAW_INT", 0.5, 0.1),
-        ("GPS", 0.5, 0.1),
-        ("sensor_gps", 0.5, 0.1),
-        ("vehicle_gps_position", 0.5, 0.1),
+        *((r, 0.5, 0.1) for r in ("GPS_RAW_INT", "GPS", "sensor_gps", "vehicle_gps_position")),
     ],
 )
 @pytest.mark.parametrize("position", [None, PLACE])
@@ -208,32 +174,12 @@ def test_after_blindness_the_track_is_lost_and_it_is_reported_for_how_long():
     assert event.blind_s == pytest.approx(0.7, abs=0.14)
 
 
-@pytest.mark.parametrize("checks_axes", [False, True])
-def test_axes_are_checked_only_of_senders_not_known_for_frd(checks_axes):
-    intake = Intake(VEHICLE)
-    intake.checks_axes = checks_axes
-    events = []
-    for k in range(60):
-        events += imu(intake, S + 250_000 * k, acc=(0.01 * k, 0.0, STANDARD_GRAVITY_M_S2))
-    assert sum(isinstance(event, Notice) for event in events) == checks_axes
-
-
-def test_whether_it_is_a_gap_or_a_leap_may_be_decided_by_another_time_than_the_arrival():
-    received = []
-    intake = Intake(VEHICLE, log_time=lambda raw_us: received.append(raw_us) or raw_us)
-    (event,) = imu(intake, 5 * S, UNIX)
-    assert (event.arrival_us, received) == (UNIX, [5 * S])
-
-
 @pytest.mark.parametrize(
     ("place", "refused"),
     [
-        ((90.5, 8.5, 500.0), True),
-        ((-91.0, 8.5, 500.0), True),
-        ((47.0, 180.5, 500.0), True),
-        ((47.0, -200.0, 500.0), True),
-        ((47.0, 8.5, 3e38), True),
-        ((47.0, 8.5, -1e9), True),
+        *(((latitude, 8.5, 500.0), True) for latitude in (90.5, -91.0)),
+        *(((47.0, longitude, 500.0), True) for longitude in (180.5, -200.0)),
+        *(((47.0, 8.5, altitude), True) for altitude in (3e38, -1e9)),
         ((-90.0, 180.0, 8000.0), False),
     ],
 )

@@ -4,14 +4,16 @@ import math
 
 import pytest
 
-from drivers.events import (
-    ReferenceAttitude,
-)
+from drivers.events import ReferenceAttitude
 from drivers.logs.logged_vehicle import LoggedVehicle
 from drivers.samples.imu_stream import RepeatedField
 from drivers.samples.intake import Intake
 from estimator.types import IDENTITY, ZERO_VEC3
 from tests.drivers.samples.given import FIELD, REST, UNIX, VEHICLE, S, imu, running
+
+
+def attitudes(events):
+    return [event for event in events if isinstance(event, ReferenceAttitude)]
 
 
 def test_truth_has_the_time_of_the_last_imu_message():
@@ -31,16 +33,6 @@ def logged(stale_us=0):
     vehicle.put_mag(FIELD)
     vehicle.at(S + stale_us)
     return vehicle, vehicle.imu("IMU", ZERO_VEC3, REST)
-
-
-def test_a_logged_field_is_given_once_to_each_stream():
-    vehicle, (first,) = logged()
-    assert first.sample.mag_gauss == FIELD
-    vehicle.at(S + 20_000)
-    (again,) = vehicle.imu("IMU", ZERO_VEC3, REST)
-    assert not again.sample.has_mag
-    (other,) = vehicle.imu("IMU2", ZERO_VEC3, REST)
-    assert other.sample.has_mag
 
 
 @pytest.mark.parametrize(
@@ -75,21 +67,8 @@ def test_a_simulators_attitude_belongs_to_the_imu_message_that_it_comes_with(ahe
     for k in range(1, 6):
         at_us = UNIX + k * S // 4
         truth = intake.unstamped("SIM_STATE", at_us - ahead_us, "sim", IDENTITY)
-        found = truth + imu(intake, k * S // 4, at_us)
-        times_us += [e.time_us for e in found if isinstance(e, ReferenceAttitude)]
+        times_us += [e.time_us for e in attitudes(truth + imu(intake, k * S // 4, at_us))]
     assert times_us == [k * S // 4 for k in range(2, 6)]
-
-
-def test_of_those_that_wait_the_first_is_the_last_samples_and_the_next_ones_comes_with_it():
-    intake, _ = running()
-    for k, after_us in enumerate((90_000, 100_000, 249_500)):
-        q = (0.0, float(k == 0), float(k == 1), float(k == 2))
-        assert intake.unstamped("SIM_STATE", UNIX + 301 * S + after_us, "sim", q) == []
-    events = [e for e in imu(intake, 301 * S + 250_000) if isinstance(e, ReferenceAttitude)]
-    assert [(e.time_us, e.q_ned_frd) for e in events] == [
-        (301 * S, (0.0, 1.0, 0.0, 0.0)),
-        (301 * S + 250_000, (0.0, 0.0, 0.0, 1.0)),
-    ]
 
 
 @pytest.mark.parametrize("ends", [True, False])
@@ -97,7 +76,7 @@ def test_an_attitude_that_waits_is_the_last_samples_at_the_end_or_if_the_host_is
     intake, _ = running()
     assert intake.unstamped("SIM_STATE", UNIX + 301 * S + 90_000, "sim", IDENTITY) == []
     events = intake.end() if ends else imu(intake, 301 * S + 250_000, UNIX - 3600 * S)
-    assert [e.time_us for e in events if isinstance(e, ReferenceAttitude)] == [301 * S]
+    assert [e.time_us for e in attitudes(events)] == [301 * S]
     assert intake.end() == []
 
 
@@ -108,8 +87,8 @@ def test_a_simulators_attitude_right_behind_its_imu_message_does_not_wait():
         (event,) = intake.unstamped("SIM_STATE", UNIX + k * S // 4 + 500, "sim", IDENTITY)
         assert event.time_us == k * S // 4
     assert intake.unstamped("SIM_STATE", UNIX + 3 * S // 4 + 90_000, "sim", IDENTITY) == []
-    events = imu(intake, S)  # that one's own IMU message was lost, and it is a second of the third
-    assert not [event for event in events if isinstance(event, ReferenceAttitude)]
+    # that one's own IMU message was lost, and it is a second of the third
+    assert not attitudes(imu(intake, S))
 
 
 def test_a_field_repeated_after_the_clock_went_back_is_new():

@@ -126,15 +126,13 @@ def test_a_flight_of_some_hundred_kilometres_takes_nothing_back():
 
 
 def test_one_bad_position_changes_nothing():
-    flight = flight_at(CANBERRA)
-    quiet, misled = new_estimator(), new_estimator()
+    flight, quiet, misled = flight_at(CANBERRA), new_estimator(), new_estimator()
 
     def bad(k):
         placing(misled, (0, CANBERRA))(k)
         if k % (5 * SECOND) == 100:
-            misled.set_position(*SEATTLE, 0.0, UNIX_US)
-            misled.set_position(*CANBERRA, 0.0, UNIX_US)
+            for place in (SEATTLE, CANBERRA):
+                misled.set_position(*place, 0.0, UNIX_US)
 
-    assert flown(misled, flight, after=bad) == flown(
-        quiet, flight, after=placing(quiet, (0, CANBERRA))
-    )
+    straight = flown(quiet, flight, after=placing(quiet, (0, CANBERRA)))
+    assert flown(misled, flight, after=bad) == straight

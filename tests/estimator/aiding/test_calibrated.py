@@ -52,10 +52,7 @@ def test_what_is_known_shows_whether_a_compass_is_usable(known, passed_us, usabl
 def test_a_contradicted_compass_is_rejected_until_velocity_confirms_it():
     assert rejected_until_us(CONTRADICTED) == NOW_US + MISLED_US
     assert rejected_until_us(CONTRADICTED._replace(confirmed=True)) < 0
-
-
-def test_declaring_the_same_again_is_no_news():
-    """A ground station may fetch the parameters at any time."""
+    # to declare the same again is no news: a ground station may fetch the parameters at any time
     assert declare(given_up_twice(), True) == given_up_twice()
     assert is_usable(declare(declare(given_up_twice(), False), True), NOW_US)
 

@@ -79,13 +79,10 @@ def test_an_uncalibrated_compass_is_calibrated_in_flight(flight):
     """0.3 gauss of hard iron beside a horizontal field of 0.22: its heading shows nothing."""
     one = uncalibrated()
     attitudes = flown(one, changed(flight, magnetised(0.2, -0.15, 0.17)))
+    assert attitudes[50].sigma_heading_rad == pytest.approx(np.pi / 4)  # and none is claimed
     assert rms_deg(TOTAL, flight, attitudes, LATE_S) == pytest.approx(0.186, rel=0.2)
     iron = one.snapshot.core.aided.estimate.hard_iron_gauss
     assert iron == pytest.approx((0.2, -0.15, 0.17), abs=0.0004)  # measured within 0.00034
-
-
-def test_its_heading_is_not_claimed_before(flight):
-    assert flown(uncalibrated(), flight)[50].sigma_heading_rad == pytest.approx(np.pi / 4)
 
 
 def test_a_field_unlike_the_places_own_is_not_taken_for_calibrated(flight):
@@ -112,15 +109,19 @@ def test_a_field_unlike_the_places_own_makes_the_first_heading_uncertain(flight)
     assert sigmas_deg == pytest.approx([7.4, 14.4], rel=0.2)
 
 
+def late_reports(flight, steps):
+    """Each has the velocity of so many before, and allows for that."""
+    velocities = [flight.reports[0][1]] * steps + [report for _, report in flight.reports]
+    return [
+        (k, velocity._replace(time_us=report.time_us, late_sigma_s=0.1))
+        for (k, report), velocity in zip(flight.reports, velocities, strict=False)
+    ]
+
+
 @pytest.mark.parametrize("late_s", [0.1, 0.2])
 def test_how_late_a_receivers_reports_are_is_learnt(flight, late_s):
-    """Each report has the velocity of so long before, and allows for that."""
     steps = round(late_s * 10.0)  # ten reports a second
-    reports = [
-        (k, flight.reports[max(0, i - steps)][1]._replace(time_us=r.time_us, late_sigma_s=0.1))
-        for i, (k, r) in enumerate(flight.reports)
-    ]
-    one = north_known()
+    reports, one = late_reports(flight, steps), north_known()
     attitudes = flown(one, flight, reports=reports)
     assert one.snapshot.core.aided.estimate.receiver_lag_s == pytest.approx(0.1 * steps, abs=0.0012)
     assert rms_deg(TOTAL, flight, attitudes, LATE_S) == pytest.approx(0.176, rel=0.2)
@@ -146,12 +147,8 @@ def test_another_imu_has_other_biases(flight):
 
 def test_a_filter_that_follows_a_receiver_is_taken_to_be_punctual(flight):
     """The receiver's reports are 0.2 s late until 30 s; then a filter's come, which are not."""
-    reports = [
-        (k, flight.reports[max(0, i - 2)][1]._replace(time_us=r.time_us, late_sigma_s=0.1))
-        if r.time_us < 30e6
-        else (k, r)
-        for i, (k, r) in enumerate(flight.reports)
-    ]
+    both = zip(late_reports(flight, 2), flight.reports, strict=True)
+    reports = [late if late[1].time_us < 30e6 else prompt for late, prompt in both]
     back = [(k, r._replace(late_sigma_s=0.1 * (r.time_us > 30e6))) for k, r in flight.reports]
     for each, total_deg in ((reports, 0.174), (back, 0.144)):
         attitudes = flown(north_known(), flight, reports=each)

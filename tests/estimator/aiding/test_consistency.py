@@ -107,13 +107,14 @@ def test_an_autopilots_filter_counts_only_while_there_is_no_receiver():
     state = aided(TRUTH)
     by_receiver = Report(True, ZERO_VEC3, False, 0.3, 0.0, 0.1)
     by_filter = by_receiver._replace(late_sigma_s=0.0)
-    consistency = compare_report(AidingParams(), NEW_CONSISTENCY, state.estimate, by_filter)
-    assert not consistency.by_receiver
-    consistency = compare_report(AidingParams(), consistency, state.estimate, by_receiver)
-    assert consistency.by_receiver
-    assert compare_report(AidingParams(), consistency, state.estimate, by_filter) is consistency
-    silent = consistency._replace(report_wait_s=4.0)
-    assert not compare_report(AidingParams(), silent, state.estimate, by_filter).by_receiver
+
+    def after(consistency, report):
+        return compare_report(AidingParams(), consistency, state.estimate, report)
+
+    assert not (consistency := after(NEW_CONSISTENCY, by_filter)).by_receiver
+    assert (consistency := after(consistency, by_receiver)).by_receiver
+    assert after(consistency, by_filter) is consistency
+    assert not after(consistency._replace(report_wait_s=4.0), by_filter).by_receiver
 
 
 def test_what_is_usual_is_learnt_slowly():

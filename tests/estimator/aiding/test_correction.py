@@ -17,16 +17,16 @@ Q = exp((0.4, -0.9, 1.3))
 FORCE = (1.0, 2.0, -9.0)
 
 
-@pytest.fixture
-def estimate():
-    return blank_aiding(AidingParams())[0].estimate
+BLANK, _, _ = blank_aiding(AidingParams())
 
 
-def prediction(estimate):
-    estimate = estimate._replace(q_ned_frd=Q, velocity_ned_m_s=(5.0, -3.0, 1.0))
-    return Prediction(
-        estimate, FORCE, ZERO_VEC3, new_velocity_history(ZERO_VEC3), np.zeros((SIZE, SIZE))
-    )
+def corrected(at=0, *error):
+    """What these errors, of which the first is the one ``at``, make of a prediction."""
+    estimate = BLANK.estimate._replace(q_ned_frd=Q, velocity_ned_m_s=(5.0, -3.0, 1.0))
+    history, x = new_velocity_history(ZERO_VEC3), np.zeros(SIZE)
+    x[at : at + len(error)] = error
+    now = Prediction(estimate, FORCE, ZERO_VEC3, history, np.zeros((SIZE, SIZE)))
+    return apply_corrections(now, x)
 
 
 def numbers(estimate):
@@ -36,45 +36,33 @@ def numbers(estimate):
 
 
 @pytest.mark.parametrize("error", range(3, SIZE))
-def test_each_error_corrects_its_own_number_and_no_other(estimate, error):
+def test_each_error_corrects_its_own_number_and_no_other(error):
     """The estimate's fields are in the order of the errors, which begin with the turn."""
-    now = prediction(estimate)
-    before = apply_corrections(now, np.zeros(SIZE)).estimate
-    x = np.zeros(SIZE)
-    x[error] = 0.01
-    after = apply_corrections(now, x).estimate
+    before, after = corrected().estimate, corrected(error, 0.01).estimate
     assert after.q_ned_frd == before.q_ned_frd
     expected = np.zeros(SIZE - 3)
     expected[error - 3] = 0.01
     np.testing.assert_allclose(numbers(after) - numbers(before), expected, atol=1e-15)
 
 
-def test_a_turn_is_about_the_axes_of_ned_and_takes_the_force_along(estimate):
-    x = np.zeros(SIZE)
-    x[TURN : TURN + 3] = turn = (0.02, -0.01, 0.03)
-    after = apply_corrections(prediction(estimate), x)
+def test_a_turn_is_about_the_axes_of_ned_and_takes_the_force_along():
+    turn, bias = (0.02, -0.01, 0.03), (0.1, -0.2, 0.3)
+    after = corrected(TURN, *turn)
     assert_attitude_close(after.estimate.q_ned_frd, multiply(exp(turn), Q), 1e-12)
     np.testing.assert_allclose(after.force_ned_m_s2, rotate(exp(turn), FORCE), atol=1e-12)
+    felt = np.subtract(FORCE, rotate(Q, bias))  # a bias of the accelerometer comes off it
+    np.testing.assert_allclose(corrected(ACC_BIAS, *bias).force_ned_m_s2, felt, atol=1e-12)
 
 
-def test_a_bias_of_the_accelerometer_comes_off_the_force(estimate):
-    x = np.zeros(SIZE)
-    x[ACC_BIAS : ACC_BIAS + 3] = bias = (0.1, -0.2, 0.3)
-    after = apply_corrections(prediction(estimate), x)
-    np.testing.assert_allclose(
-        after.force_ned_m_s2, np.subtract(FORCE, rotate(Q, bias)), atol=1e-12
-    )
-
-
-def test_another_imu_has_biases_that_are_not_known(estimate):
+def test_another_imu_has_biases_that_are_not_known():
     """Both are zero, uncertain as at the beginning, and tied to nothing; the rest stays."""
     params = AidingParams()
     root = np.random.default_rng(5).standard_normal((SIZE, SIZE))
     P = root @ root.T
-    learnt = estimate._replace(gyr_bias_rad_s=(0.1, 0.2, 0.3), acc_bias_m_s2=(0.4, 0.5, 0.6))
-    state = blank_aiding(params)[0]._replace(estimate=learnt)
-    after, Q = forget_biases(params, state, P)
-    assert after.estimate == estimate
+    biased = {"gyr_bias_rad_s": (0.1, 0.2, 0.3), "acc_bias_m_s2": (0.4, 0.5, 0.6)}
+    learnt = BLANK._replace(estimate=BLANK.estimate._replace(**biased))
+    after, Q = forget_biases(params, learnt, P)
+    assert after.estimate == BLANK.estimate
     biases = slice(GYR_BIAS, ACC_BIAS + 3)
     sigmas = [params.gyr_bias_sigma] * 3 + [params.acc_bias_sigma] * 3
     np.testing.assert_allclose(Q[biases, biases], np.diag(np.square(sigmas)))
@@ -94,9 +82,8 @@ def judged(gyr_bias, acc_bias, *, learnt_axis):
     for first, variance in ((GYR_BIAS, USUAL.gyr), (ACC_BIAS, USUAL.acc)):
         for i in range(first, first + 3):
             P[i, i] = variance * (0.01 if i == first + learnt_axis else 1.0)
-    estimate = blank_aiding(AidingParams())[0].estimate._replace(
-        q_ned_frd=ATTITUDE, gyr_bias_rad_s=gyr_bias, acc_bias_m_s2=acc_bias
-    )
+    biased = {"gyr_bias_rad_s": gyr_bias, "acc_bias_m_s2": acc_bias}
+    estimate = BLANK.estimate._replace(q_ned_frd=ATTITUDE, **biased)
     now = Prediction(estimate, ZERO_VEC3, ZERO_VEC3, new_velocity_history(ZERO_VEC3), P.copy())
     bias_prior = judge_biases(now, USUAL)
     return P, now.covariance, bias_prior

@@ -18,7 +18,6 @@ from estimator.aiding.types import (
 )
 from estimator.aiding.uncertainty import with_dip_error
 from estimator.conditioning.field.magnetic import FieldLook
-from estimator.geometry.earth import field_at, in_ned
 from estimator.types import ZERO_VEC3
 from tests.flight import banked_flight, changed, flown, north_known
 
@@ -107,11 +106,3 @@ def test_an_accelerometer_that_steps_widens_sigma_within_a_second():
     at = {a.time_us: a for a in attitudes}
     assert at[first].sigma_inclination_rad < radians(1.0)
     assert at[first + 1_000_000].sigma_inclination_rad > radians(1.0)
-
-
-def test_the_places_field_points_as_it_dips():
-    field = field_at(47.4, 8.5, 500.0, 1_760_000_000_000_000)
-    north, east, down = in_ned(field)
-    assert hypot(north, east, down) == pytest.approx(field.strength_gauss)
-    assert np.arctan2(east, north) == pytest.approx(field.declination_rad)
-    assert np.arctan2(down, hypot(north, east)) == pytest.approx(field.dip_rad)

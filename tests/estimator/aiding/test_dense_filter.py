@@ -53,7 +53,7 @@ from tests.estimator.aiding.dense_filter import (
 
 PARAMS = AidingParams()
 BLANK, _, _ = blank_aiding(PARAMS)
-SEEDS = range(4)
+NO_HISTORY = new_velocity_history(ZERO_VEC3)
 # Of each error, in its own unit: what a flight leaves unknown, all different.
 SIGMAS = np.array(
     [
@@ -61,6 +61,11 @@ SIGMAS = np.array(
         *(0.06, 0.01, 0.03, 0.02, 0.02, 0.04, 0.03, 0.05, 0.012, 0.15, 0.25, 0.1, 0.3, 0.2, 0.15),
     ]
 )
+
+
+@pytest.fixture(params=range(4))
+def rng(request):
+    return np.random.default_rng(request.param)
 
 
 def covariance(rng):
@@ -109,12 +114,10 @@ def newest_deviation(velocity_history):
     return a0 - a1 - min(1.0, (t0 - t1) / (t1 - t2)) * (a1 - a2)
 
 
-@pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("error_m_s", [0.2, 3.0])
 @pytest.mark.parametrize("seen", [False, True])
-def test_prediction(seed, error_m_s, seen):
+def test_prediction(rng, error_m_s, seen):
     """One step; ``seen``: others have seen the turning, and large errors last longer."""
-    rng = np.random.default_rng(seed)
     P, before, dt = covariance(rng), estimate(rng), 0.03
     before = before._replace(
         receiver_error_m_s=(error_m_s, -0.1, 0.2), filter_error_m_s=(0.1, 2.0 * error_m_s, 0.0)
@@ -216,13 +219,11 @@ def test_a_usual_slow_error_stays_as_uncertain_as_it_is(step_s):
     )
 
 
-@pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("is_receiver", [True, False])
 @pytest.mark.parametrize(("off_m_s", "is_alone"), [(0.3, False), (12.0, False), (12.0, True)])
 @pytest.mark.parametrize("dt", [0.04, 0.25])
-def test_velocity(seed, is_receiver, off_m_s, is_alone, dt):
+def test_velocity(rng, is_receiver, off_m_s, is_alone, dt):
     """Three updates in a row, each with what the one before has left; some reports are far off."""
-    rng = np.random.default_rng(seed)
     known, P = estimate(rng), covariance(rng)
     velocity_history, q = velocity_history_of(rng, 0.04), known.q_ned_frd
     now = Prediction(known, ZERO_VEC3, ZERO_VEC3, velocity_history, P.copy())
@@ -230,8 +231,7 @@ def test_velocity(seed, is_receiver, off_m_s, is_alone, dt):
     report = Report(True, floats(known.velocity_ned_m_s + off), True, 0.5, 0.07, 0.1 * is_receiver)
     before, other = agreement(rng), agreement(rng)._replace(wait_s=9.0 if is_alone else 0.0)
     both = Agreements(other, before) if is_receiver else Agreements(before, other)
-    x0 = SIGMAS * rng.standard_normal(SIZE) * 0.1
-    x = x0.copy()
+    x = (x0 := SIGMAS * rng.standard_normal(SIZE) * 0.1).copy()
     after = velocity.take_report(PARAMS, both, now, dt, report, (0.0, 0.0, 1.0), x)
 
     error_at, lag_at = sources()[is_receiver]
@@ -282,14 +282,12 @@ def test_velocity(seed, is_receiver, off_m_s, is_alone, dt):
     assert far == (off_m_s > 1.0)
 
 
-@pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("is_known", [True, False])
 @pytest.mark.parametrize(
     ("unfelt_rad", "off_rad"), [(0.1, 0.02), (0.1, 0.9), (-0.9, 0.02), (2.0, -0.9)]
 )
-def test_field(seed, is_known, unfelt_rad, off_rad):
+def test_field(rng, is_known, unfelt_rad, off_rad):
     """Across, along and down, and the declination: up to four updates in a row."""
-    rng = np.random.default_rng(seed)
     known, P, p = estimate(rng), covariance(rng), PARAMS
     rate, dt = 2.0 * rng.standard_normal(3), 0.1
     E = np.array(known.earth_gauss)
@@ -304,11 +302,10 @@ def test_field(seed, is_known, unfelt_rad, off_rad):
     sample = Sample(floats(rate), ZERO_VEC3, floats(m + known.hard_iron_gauss), True, dt)
     look = FieldLook(horizontal=0.2, down=0.38, confidence=0.7)
     state = FieldState(look, off_rad, 30.0, dt, 0.4, 0.0)
-    now = Prediction(known, ZERO_VEC3, ZERO_VEC3, new_velocity_history(ZERO_VEC3), P.copy())
+    now = Prediction(known, ZERO_VEC3, ZERO_VEC3, NO_HISTORY, P.copy())
     north = North(is_known, floats((np.cos(0.4), np.sin(0.4))))
     others = StepInputs((0.0, 0.0, 1.0), 0.1, 0.0, north)
-    x0 = SIGMAS * rng.standard_normal(SIZE) * 0.1
-    x = x0.copy()
+    x = (x0 := SIGMAS * rng.standard_normal(SIZE) * 0.1).copy()
     after = field.observe_heading(p, state, now, others, sample, x)
 
     F, rows = field_rows(q_then, known.compass_turn_rad, w, m, E)
@@ -354,18 +351,15 @@ def test_field(seed, is_known, unfelt_rad, off_rad):
     assert after.off_rad == pytest.approx(slow)
 
 
-@pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("tilt_rad", [(0.3, -0.5, 0.0), (-2.4, 1.4, 0.0)])
-def test_unaided_gravity(seed, tilt_rad):
+def test_unaided_gravity(rng, tilt_rad):
     """Both updates, of an attitude whose errors about north and east are tied; upside down, too."""
-    rng = np.random.default_rng(seed)
     known, P, dt = estimate(rng), covariance(rng), 0.3
     R = matrix_of(known.q_ned_frd)
     d = turned(tilt_rad) @ [0.0, 0.0, 1.0]
     gravity_b = floats(R.T @ d)
-    now = Prediction(known, ZERO_VEC3, ZERO_VEC3, new_velocity_history(ZERO_VEC3), P.copy())
-    x0 = SIGMAS * rng.standard_normal(SIZE) * 0.1
-    x = x0.copy()
+    now = Prediction(known, ZERO_VEC3, ZERO_VEC3, NO_HISTORY, P.copy())
+    x = (x0 := SIGMAS * rng.standard_normal(SIZE) * 0.1).copy()
     level = np.hypot(d[0], d[1])
     unaided.observe_unaided(now, gravity_b, 0.1, 0.2, x, 0.6, dt)
     turn = np.arctan2(level, d[2]) / level

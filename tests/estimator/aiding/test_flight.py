@@ -61,11 +61,14 @@ def test_switched_off_or_without_reports_nothing_of_the_aiding_runs(flight):
     assert unaided.snapshot.context.phase is not Phase.AIDED
 
 
+def faster(report, north_m_s):
+    north, east, down = report.velocity_ned_m_s
+    return report._replace(velocity_ned_m_s=(north + north_m_s, east, down))
+
+
 def moved_origin(k, report):
     """From t = 30 s on the reports show 6 m/s more: their origin moved, the vehicle did not."""
-    north, east, down = report.velocity_ned_m_s
-    more = 6.0 * (report.time_us > 30e6)
-    return report._replace(velocity_ned_m_s=(north + more, east, down))
+    return faster(report, 6.0 * (report.time_us > 30e6))
 
 
 def wild(k, report):
@@ -83,16 +86,13 @@ def by_both(flight, jump_m_s):
     """The flight's reports by a filter, and by a receiver whose come late."""
     late = dict(flight.reports)
     for k, report in flight.reports:
-        north, east, down = report.velocity_ned_m_s
         more = jump_m_s * (report.time_us > FILTER_S * 1e6)
-        yield k, report._replace(velocity_ned_m_s=(north + more, east, down))
+        yield k, faster(report, more)
         before = late.get(k - round(RECEIVER_LATE_S * 50))
         if before is not None:
-            north, east, down = before.velocity_ned_m_s
             more = jump_m_s * (report.time_us > RECEIVER_S * 1e6)
-            velocity = (north + more, east, down)
-            late_report = report._replace(velocity_ned_m_s=velocity, late_sigma_s=0.1)
-            yield k, late_report._replace(has_vertical=False)
+            before = faster(before, more)._replace(time_us=report.time_us, late_sigma_s=0.1)
+            yield k, before._replace(has_vertical=False)
 
 
 def test_a_jump_of_both_sources_that_lasts_is_no_tilt(flight):

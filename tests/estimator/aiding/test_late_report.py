@@ -85,30 +85,34 @@ def report(time_us, north=1.0, late_s=0.0):
     return VelocitySample(time_us, (north, 0.0, 0.0), True, 0.3, late_s)
 
 
-def due(*waiting, oldest_s=1.0):
-    """What is due at 40 us, and the times of what is ahead then."""
+def due(*waiting):
+    """What is due at 40 us if it is 30 us old at most, and the times of what is ahead then."""
     rows = report_rows_of((0, each) for each in waiting)
-    ahead, *reports = take_due_velocities(rows, 40, oldest_s)
+    ahead, *reports = take_due_velocities(rows, 40, 30e-6)
     return [each for each in reports if each.given], ahead[:, TIME].tolist()
 
 
-def test_the_latest_that_the_imu_has_reached_counts_and_the_others_ahead_wait():
-    (chosen,), ahead = due(report(10, 1.0), report(30, 3.0), report(20, 2.0), report(50, 5.0))
-    assert chosen.velocity_ned_m_s == (3.0, 0.0, 0.0)
-    assert chosen.ago_s == pytest.approx(10e-6)
-    assert ahead == [50]
+OTHER = report(20, 2.0, late_s=0.1)  # of the other source
 
 
-@pytest.mark.parametrize(("first_us", "order"), [(10, [3.0, 2.0]), (25, [2.0, 3.0])])
-def test_of_either_source_the_latest_counts(first_us, order):
-    """The source whose reports have waited longest comes first."""
-    chosen, ahead = due(report(first_us, 1.0), report(20, 2.0, late_s=0.1), report(30, 3.0))
-    assert [each.velocity_ned_m_s[0] for each in chosen] == order
-    assert ahead == []
-
-
-def test_an_old_report_is_none():
-    assert due(report(0), oldest_s=30e-6) == ([], [])
+@pytest.mark.parametrize(
+    ("waiting", "north_m_s", "ahead_us"),
+    [
+        # the latest that the IMU has reached; those ahead wait
+        ([report(10, 1.0), report(30, 3.0), report(20, 2.0), report(50, 5.0)], [3.0], [50]),
+        # of either source; the one whose reports have waited longest comes first
+        ([report(10, 1.0), OTHER, report(30, 3.0)], [3.0, 2.0], []),
+        ([report(25, 1.0), OTHER, report(30, 3.0)], [2.0, 3.0], []),
+        ([report(0)], [], []),  # too old
+    ],
+)
+def test_the_latest_of_each_source_counts(waiting, north_m_s, ahead_us):
+    chosen, ahead = due(*waiting)
+    assert [each.velocity_ned_m_s for each in chosen] == [(x, 0.0, 0.0) for x in north_m_s]
+    assert [each.ago_s for each in chosen if each.velocity_ned_m_s[0] == 3.0] == pytest.approx(
+        [10e-6] * (3.0 in north_m_s)
+    )
+    assert ahead == ahead_us
 
 
 def test_when_too_many_wait_the_oldest_gives_way():

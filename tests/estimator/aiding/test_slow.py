@@ -16,7 +16,7 @@ from estimator.aiding.unseen import add_hole, add_unseen_turn, watch_roughness
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3
 
 
-def unseen_turn_deg(readings: list[float], dt_s: float = 0.4) -> float:
+def unseen_turn_deg(readings: list[float], dt_s: float) -> float:
     """Sigma (deg) of the turn that the last step has missed, after readings about one axis."""
     rough = Roughness(0.0, 0.0, 0.0)
     P = np.zeros((SIZE, SIZE))
@@ -28,20 +28,20 @@ def unseen_turn_deg(readings: list[float], dt_s: float = 0.4) -> float:
     return degrees(np.sqrt(P[TURN, TURN] + P[TURN + 1, TURN + 1] + P[TURN + 2, TURN + 2]))
 
 
-def test_what_aliased_readings_hide_is_reckoned_with():
-    """Independent readings of 0.5 rad/s RMS: the mean of two is off their mean by 0.35 rad/s."""
-    shaken = (0.5 * np.random.default_rng(1).standard_normal(60)).tolist()
-    assert unseen_turn_deg(shaken) == pytest.approx(6.1, rel=0.2)  # 0.35 rad/s for 0.4 s: 8.1
+SHAKEN = (0.5 * np.random.default_rng(1).standard_normal(60)).tolist()
 
 
-def test_a_motion_that_the_samples_show_hides_little():
-    swing = (0.7 * np.sin(np.arange(60) * 0.6)).tolist()
-    assert unseen_turn_deg(swing) == pytest.approx(0.03, rel=0.2)
-
-
-def test_a_fast_stream_hides_nothing_more():
-    shaken = (0.5 * np.random.default_rng(1).standard_normal(60)).tolist()
-    assert unseen_turn_deg(shaken, 0.02) == 0.0
+@pytest.mark.parametrize(
+    ("readings", "dt_s", "turn_deg"),
+    [
+        # independent ones: the mean of two is off their mean by 0.35 rad/s, 8.1 deg in 0.4 s
+        (SHAKEN, 0.4, 6.1),
+        ((0.7 * np.sin(np.arange(60) * 0.6)).tolist(), 0.4, 0.03),  # a swing that they show
+        (SHAKEN, 0.02, 0.0),  # a fast stream hides nothing more
+    ],
+)
+def test_what_aliased_readings_hide_is_reckoned_with(readings, dt_s, turn_deg):
+    assert unseen_turn_deg(readings, dt_s) == pytest.approx(turn_deg, rel=0.2, abs=0.0)
 
 
 def test_a_hole_may_hide_any_turn():

@@ -108,10 +108,7 @@ def test_ahead_of_the_newest_sample_its_acceleration_goes_on():
 def test_before_the_history_begins_the_oldest_acceleration_goes_on():
     velocity_history, t = flown(0.1, 0.02)
     past = look_back(velocity_history, 0.3)
-    wanted = [
-        now - begin + 0.2 * a
-        for now, begin, a in zip(velocity(t), velocity(0.0), acceleration(0.0), strict=True)
-    ]
+    wanted = np.subtract(velocity(t), velocity(0.0)) + np.multiply(0.2, acceleration(0.0))
     assert past.gained_m_s == pytest.approx(wanted, abs=1e-9)
 
 

@@ -14,7 +14,7 @@ from estimator.aiding.course import STANDING, forward_evidence, roll_on, tilt_er
 from estimator.aiding.phase import Phase
 from estimator.aiding.types import AidingParams, Report, Wheels
 from estimator.geometry.frames import from_euler_rad
-from estimator.geometry.metrics import angle_errors
+from estimator.geometry.metrics import angle_errors, rms
 from estimator.geometry.quaternion import rotate, rotate_inverse
 from estimator.live.aiding_span import Start, begin_aiding
 from estimator.live.core import initial_core, without_aiding
@@ -92,8 +92,7 @@ def test_a_car_shows_its_heading_by_its_velocity(seed, reverse):
     errors, sigmas, begun_s = driven(estimator, ride(seed, reverse=reverse))
     late = errors[1500:]
     assert begun_s < 14.0  # measured 3.3 to 11.1
-    assert np.sqrt(np.mean(late[:, 1] ** 2)) < 2.0
-    assert np.sqrt(np.mean(late[:, 2] ** 2)) < 2.0
+    assert max(rms(late[:, 1]), rms(late[:, 2])) < 2.0
     assert np.mean(late[:, 1] < 3.0 * sigmas[1500:]) > 0.95
 
 
@@ -101,7 +100,7 @@ def test_a_place_that_is_known_does_not_make_the_compass_right():
     """The aiding begins by the field at once, and wheels show that iron has turned it."""
     estimator = car_near_zurich()
     errors, _, _ = driven(estimator, ride(3))
-    assert np.sqrt(np.mean(errors[1500:, 1] ** 2)) < 6.0
+    assert rms(errors[1500:, 1]) < 6.0
 
 
 @pytest.mark.parametrize("off_deg", [-120.0, 0.0])
@@ -116,7 +115,7 @@ def test_a_compass_that_gave_the_heading_at_rest_is_confirmed_or_misled(off_deg)
     assert now.context.phase is Phase.AIDED
     assert (now.context.compass.misled_us is None) == (off_deg == 0.0)
     assert now.core.aided.wheels.show_north == (off_deg == 0.0)
-    assert np.sqrt(np.mean(errors[2500:, 1] ** 2)) < 1.0  # measured 0.2
+    assert rms(errors[2500:, 1]) < 1.0  # measured 0.2
 
 
 @pytest.mark.parametrize("seed", [3, 4])
@@ -128,18 +127,19 @@ def test_iron_all_around_is_not_learnt_as_iron_of_its_own(seed):
     estimate = estimator.snapshot.core.aided.estimate
     assert begun_s < 20.0
     assert np.linalg.norm(estimate.hard_iron_gauss) < 0.01  # measured 0.003
-    assert np.sqrt(np.mean(errors[2000:, 1] ** 2)) < 2.5  # measured 1.2, 2.1
+    assert rms(errors[2000:, 1]) < 2.5  # measured 1.2, 2.1
 
 
 def test_without_a_class_there_are_no_wheels_and_the_profile_goes_first():
-    estimator = calibrated(load_profile("imu"))
-    assert estimator._state.settings.aiding.sideslip_rad == 3.0
-    estimator.set_vehicle_class(VehicleClass.WHEELS)
-    assert estimator._state.settings.aiding.sideslip_rad == pytest.approx(radians(3.0))
-    estimator.restart()
-    assert estimator._state.settings.aiding.sideslip_rad == pytest.approx(radians(3.0))
-    estimator.replace_profile(merge_profile(load_profile("imu"), {"aiding": {"sideslip_rad": 0.4}}))
-    assert estimator._state.settings.aiding.sideslip_rad == 0.4
+    estimator, own = calibrated(load_profile("imu")), {"aiding": {"sideslip_rad": 0.4}}
+    for change, sideslip_rad in (
+        (lambda: None, 3.0),
+        (lambda: estimator.set_vehicle_class(VehicleClass.WHEELS), radians(3.0)),
+        (estimator.restart, radians(3.0)),
+        (lambda: estimator.replace_profile(merge_profile(load_profile("imu"), own)), 0.4),
+    ):
+        change()
+        assert estimator._state.settings.aiding.sideslip_rad == pytest.approx(sideslip_rad)
 
 
 def rolled(rng, *, sense, windows=8, tilt=(0.0, 0.0), noise_m_s2=0.1):

@@ -3,8 +3,6 @@
 import ast
 import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,7 +12,7 @@ import drivers
 import estimator
 import tuning
 from estimator.compilation.compiled import compiled, replacer
-from tests.programs import run_python
+from tests.programs import NAMESPACE, can_mount, run_python
 
 # One kernel, which compiles within a second.
 SMALL_PROGRAM = """
@@ -34,12 +32,12 @@ def copy_sources(folder):
     return folder
 
 
-def run(program=SMALL_PROGRAM, *, sources, **environment):
+def run(program=SMALL_PROGRAM, *, sources, through=(), **environment):
     """The program's output, errors and status; it sees the packages in ``sources``."""
     inherited = {key: value for key, value in os.environ.items() if "NUMBA" not in key}
     environment["PYTHONPATH"] = str(sources)
     command = ("-P", "-c", program)
-    return run_python(*command, timeout_s=300, inherited=inherited, **environment)
+    return run_python(*command, timeout_s=300, through=through, inherited=inherited, **environment)
 
 
 OWN = Path(estimator.__file__).parents[1]
@@ -158,35 +156,17 @@ def test_without_any_folder_it_compiles_in_memory_and_warns_once(sources):
     assert "no writable folder for compiled code" in result.stderr
 
 
-def can_bind_read_only():
-    try:
-        probe = "mount -t tmpfs tmpfs /mnt && mount -o remount,ro /mnt"
-        command = ["unshare", "-Urm", "sh", "-c", probe]
-        return not subprocess.run(command, capture_output=True, check=False).returncode
-    except OSError:
-        return False
+READ_ONLY = "mount -t tmpfs tmpfs /mnt && mount -o remount,ro /mnt"
 
 
-@pytest.mark.skipif(os.name != "posix" or not can_bind_read_only(), reason="needs user namespaces")
-def test_kernels_on_a_read_only_file_system_are_used(sources, tmp_path):
+@pytest.mark.skipif(os.name != "posix" or not can_mount(READ_ONLY), reason="needs user namespaces")
+def test_kernels_on_a_read_only_file_system_are_used(sources):
     """As in a container: the folder cannot be written, yet nothing is compiled again."""
     expected = run(SMALL_PROGRAM, sources=sources).stdout
-    script = tmp_path / "program.py"
-    script.write_text(SMALL_PROGRAM + MISSES)
-    commands = f"mount --bind '{sources}' '{sources}' && mount -o remount,ro,bind '{sources}' && "
-    done = subprocess.run(
-        ["unshare", "-Urm", "sh", "-c", f"{commands} exec '{sys.executable}' '{script}'"],
-        env={
-            **{key: value for key, value in os.environ.items() if "NUMBA" not in key},
-            "PYTHONPATH": str(sources),
-            "PYTHONDONTWRITEBYTECODE": "1",
-        },
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=300,
-    )
-    assert done.returncode == 0, done.stderr
+    bind = 'mount --bind "$0" "$0" && mount -o remount,ro,bind "$0" && exec "$@"'
+    through = (*NAMESPACE, bind, str(sources))
+    program = SMALL_PROGRAM + MISSES
+    done = run(program, sources=sources, through=through, PYTHONDONTWRITEBYTECODE="1")
     *lines, misses = done.stdout.splitlines()
     assert "\n".join(lines) == expected.strip()
     assert misses == "0"

@@ -59,18 +59,16 @@ def drifting(share, rate_rad_s):
 
 
 @pytest.mark.parametrize(
-    ("period_s", "tau", "sigma"), [(0.5, 1.67, 0.109), (2.0, 3.84, 0.191), (20.0, 11.4, 2.62)]
+    ("tilting", "turning", "tau", "sigma"),
+    [
+        *((shaken(10.0, s), nothing, *x) for s, *x in ((0.5, 1.67, 0.109), (2.0, 3.84, 0.191))),
+        (shaken(10.0, 20.0), nothing, 11.4, 2.62),
+        (*drifting(0.003, 1.0), 0.65, 0.313),
+        (*drifting(0.06, 1.0), 0.25, 0.704),
+    ],
 )
-def test_accelerations_are_averaged_for_longer_than_they_last(period_s, tau, sigma):
-    """Tilting by 10 degrees to and fro."""
-    state = averaging(shaken(10.0, period_s), nothing)
-    assert tau_s(state) == pytest.approx(tau, rel=0.2)
-    assert sigma_deg(state) == pytest.approx(sigma, rel=0.2)
-
-
-@pytest.mark.parametrize(("share", "tau", "sigma"), [(0.003, 0.65, 0.313), (0.06, 0.25, 0.704)])
-def test_a_gyroscope_that_drifts_as_it_turns_is_not_averaged_for_long(share, tau, sigma):
-    tilting, turning = drifting(share, 1.0)
+def test_accelerations_are_averaged_for_longer_than_they_last(tilting, turning, tau, sigma):
+    """Not where a gyroscope drifts as it turns."""
     state = averaging(tilting, turning)
     assert tau_s(state) == pytest.approx(tau, rel=0.2)
     assert sigma_deg(state) == pytest.approx(sigma, rel=0.2)

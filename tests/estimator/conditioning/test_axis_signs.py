@@ -104,47 +104,42 @@ def test_an_axis_with_an_offset_is_contradicted_within_a_second(axis):
     assert np.sqrt(after(3.0, error).squares[axis]) == pytest.approx(0.17, rel=0.2)
 
 
-def test_a_right_gyroscope_is_not_contradicted_however_it_turns():
-    for turning in ((0.5, -0.3, 1.2), (0.0, 0.0, 0.0)):
-        assert after(5.0, NO_ERROR, turning=turning).squares == (0.0, 0.0, 0.0)
+X_OFF, ABOUT_Z = (0.2, 0.0, 0.0), {"turning": (0.0, 0.0, 0.7)}
+# Iron that has come would pass for a gyroscope at fault, at the leap and in later turns.
+IRON = {"sensed": Rotation.from_rotvec((0.3, 0.6, 0.0)).as_matrix()}
+# A body that has never turned has not shown how its compass stands: the force does.
+STILL = {"swing_rad_s": 0.0}
+# A magnet that turns the field by 0.2 rad changes its norm by a third here; the force is wild.
+WILD = {"force_scatter": 1.0}
 
 
-def test_a_compass_that_is_turned_contradicts_no_axis():
+def turned_compass(angle_rad):
     """Its field goes along with tilts, as that by a gyroscope at fault does."""
-    for angle_rad in (0.3, np.pi / 2, np.pi):
-        sensed = Rotation.from_rotvec((0.0, 0.0, angle_rad)).as_matrix()
-        found = after(9.0, NO_ERROR, turning=(0.4, -0.2, 0.1), sensed=sensed)
-        assert found.squares == (0.0, 0.0, 0.0)
+    sensed = Rotation.from_rotvec((0.0, 0.0, angle_rad)).as_matrix()
+    return {"turning": (0.4, -0.2, 0.1), "sensed": sensed}
 
 
-def test_a_field_that_has_leapt_has_to_stand_still_anew():
-    """Iron that has come would pass for a gyroscope at fault, at the leap and in later turns."""
-    sensed = Rotation.from_rotvec((0.3, 0.6, 0.0)).as_matrix()
-    for turning in ((0.0, 0.0, 0.0), (0.0, 0.0, 0.7)):
-        leapt = after(3.0, NO_ERROR, turning=turning, sensed=sensed, leap_s=10.0)
-        assert leapt.squares == (0.0, 0.0, 0.0)
-    assert max(after(1.0, (0.0, 0.0, 0.0), turning=(0.0, 0.0, 0.7), sensed=sensed).squares) == 0.0
-
-
-def test_at_rest_the_force_shows_whether_axis_or_compass_is_wrong():
-    """A body that has never turned has not shown how its compass stands."""
-    assert after(3.0, (0.2, 0.0, 0.0), swing_rad_s=0.0).squares[0] > 0.0
-    wild = after(3.0, (0.2, 0.0, 0.0), swing_rad_s=0.0, force_scatter=1.0)
-    assert wild.squares == (0.0, 0.0, 0.0)
-
-
-def test_a_wrong_bias_contradicts_no_axis():
-    """G, carried without a bias that is none, drifts against it: not along with it."""
-    error = (0.2, 0.0, 0.0)
-    assert after(3.0, error, bias=(-0.25, 0.0, 0.0)).squares == (0.0, 0.0, 0.0)
-    assert after(3.0, error, bias=(0.25, 0.0, 0.0)).squares[0] > 0.0
-
-
-def test_a_field_of_another_strength_contradicts_no_axis():
-    """A magnet that turns it by 0.2 rad changes its norm by a third here; the force is wild."""
-    error = (0.2, 0.0, 0.0)
-    assert after(3.0, error, force_scatter=1.0, stretch=1.35).squares == (0.0, 0.0, 0.0)
-    assert after(3.0, error, force_scatter=1.0).squares[0] > 0.0
+@pytest.mark.parametrize(
+    ("seconds", "error", "body", "is_contradicted"),
+    [
+        (5.0, NO_ERROR, {"turning": (0.5, -0.3, 1.2)}, False),
+        (5.0, NO_ERROR, {}, False),
+        *((9.0, NO_ERROR, turned_compass(angle), False) for angle in (0.3, np.pi / 2, np.pi)),
+        (3.0, NO_ERROR, {**IRON, "leap_s": 10.0}, False),
+        (3.0, NO_ERROR, {**IRON, **ABOUT_Z, "leap_s": 10.0}, False),
+        (1.0, NO_ERROR, {**IRON, **ABOUT_Z}, False),
+        (3.0, X_OFF, STILL, True),
+        (3.0, X_OFF, {**STILL, **WILD}, False),
+        # G, carried without a bias that is none, drifts against it: not along with it
+        (3.0, X_OFF, {"bias": (-0.25, 0.0, 0.0)}, False),
+        (3.0, X_OFF, {"bias": (0.25, 0.0, 0.0)}, True),
+        (3.0, X_OFF, {**WILD, "stretch": 1.35}, False),
+        (3.0, X_OFF, WILD, True),
+    ],
+)
+def test_what_contradicts_an_axis(seconds, error, body, is_contradicted):
+    squares = after(seconds, error, **body).squares
+    assert squares[0] > 0.0 if is_contradicted else squares == (0.0, 0.0, 0.0)
 
 
 def test_a_noisy_field_at_rest_does_not_hide_a_fault():

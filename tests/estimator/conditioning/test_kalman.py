@@ -8,7 +8,6 @@ from math import radians, sqrt
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from estimator.conditioning.field.calibration import (
     Calibration,
@@ -36,9 +35,13 @@ from estimator.geometry.quaternion import exp, normalize, rotate
 
 PARAMS = ConditioningParams()
 DT = 0.02
-SEEDS = range(12)
 STILL = (0.0, 0.0, 0.0)
 UPPER = np.triu_indices(4)
+
+
+@pytest.fixture(params=range(12))
+def rng(request):
+    return np.random.default_rng(request.param)
 
 
 def upper_of(p):
@@ -83,10 +86,8 @@ def assert_is(estimate, x, p):
     )
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_time_passes_as_in_matrices(seed):
+def test_time_passes_as_in_matrices(rng):
     """The heading gathers what the bias's error turns about down, and takes its covariance."""
-    rng = np.random.default_rng(seed)
     k, before = coefficients(PARAMS, DT, 1.0), estimate_of(rng)
     down = rng.normal(size=3)
     x, p = vector_of(before)
@@ -98,16 +99,14 @@ def test_time_passes_as_in_matrices(seed):
     assert_is(predict(PARAMS, k, before, tuple(down), turning, unseen), x, grown)
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_rest_shows_the_bias(seed):
-    rng = np.random.default_rng(seed)
+def test_rest_shows_the_bias(rng):
     k, before = coefficients(PARAMS, DT, 1.0), estimate_of(rng)
     gyr = rng.normal(0.0, 0.004, 3)
     x, p = vector_of(before)
     turning, (level, down) = rng.normal(0.0, 0.002, 3), rng.uniform(0.0, 1e-4, 2)
     rest = RestState(gyr=Smooth(tuple(gyr), STILL))
     still = Stillness(turning=tuple(turning), level_variance=level, down_variance=down)
-    axes = axes_of(tuple(np.roll(Rotation.random(random_state=seed).as_quat(), 1).tolist()))
+    axes = axes_of(normalize(tuple(rng.normal(size=4))))
     after = learn_at_rest(PARAMS, k, before, axes, rest, still)
     noises = k.rest_noise + np.array([level, level, down]) * PARAMS.rest_time_s / DT
     h = np.column_stack([axes, np.zeros(3)])
@@ -115,10 +114,8 @@ def test_rest_shows_the_bias(seed):
     assert_is(after, x, p)
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_levelling_in_motion_shows_the_bias(seed):
+def test_levelling_in_motion_shows_the_bias(rng):
     """Low-passed axes are neither unit vectors nor across each other."""
-    rng = np.random.default_rng(seed)
     k, before = coefficients(PARAMS, DT, 1.0), estimate_of(rng)
     axes = rng.normal(0.0, 0.5, (2, 3))
     drift, step = rng.normal(0.0, 0.003, 2), rng.normal(0.0, 1e-4, 2)
@@ -132,9 +129,7 @@ def test_levelling_in_motion_shows_the_bias(seed):
     assert_is(after, *updated(x, p, h, -step / DT + drift - axes @ x[:3], noises))
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_the_fields_heading_shows_heading_and_bias(seed):
-    rng = np.random.default_rng(seed)
+def test_the_fields_heading_shows_heading_and_bias(rng):
     before = estimate_of(rng)
     field = initial_state(PARAMS).field.magnetic
     reference = field.reference._replace(horizontal=0.2, down=0.42, age_s=30.0)
@@ -168,15 +163,13 @@ def body_that_has_turned(rng):
     return state._replace(learnt=learnt, means=means, age_s=2.0, started=True), axes_of(q)
 
 
-@pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("turned", [True, False])
-def test_a_turning_body_shows_lag_and_own_field(seed, turned):
+def test_a_turning_body_shows_lag_and_own_field(rng, turned):
     """Where no residual is far, the three axes are one measurement of four unknowns.
 
     Of a body that has not ``turned`` enough they show only the lag. What else has changed the field
     lately, a mean square of 0.004, is noise.
     """
-    rng = np.random.default_rng(seed)
     params = PARAMS._replace(
         calibration_reach=1e9, calibration_turn=0.0 if turned else 1e9, calibration_noise_s=0.0002
     )
@@ -230,10 +223,8 @@ def test_of_an_own_field_the_share_counts_that_is_no_error(sigma, share):
     assert own_field(Calibration(0.0, STILL, covariance, 0.48)) == (STILL, 0.0)
 
 
-@pytest.mark.parametrize("seed", SEEDS)
-def test_a_field_is_taken_without_the_own_one_and_turned_on_by_its_age(seed):
+def test_a_field_is_taken_without_the_own_one_and_turned_on_by_its_age(rng):
     """It is 40 ms old, which leaves an error of third order in the turn."""
-    rng = np.random.default_rng(seed)
     w, m = rng.normal(0.0, 1.2, 3), rng.normal(size=3)
     learnt = Calibration(0.04, tuple(rng.normal(0.0, 0.1, 3)), (0.05,) * 10, 0.48)
     own, _ = own_field(learnt)  # the share of it that is no error

@@ -12,7 +12,13 @@ from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.state import apply_turn, initial_state
 from estimator.conditioning.vertical.gravity import level, observe_gravity
 from estimator.conditioning.vertical.lowpass import Smooth, coefficients
-from estimator.conditioning.vertical.rate import integration_rate
+from estimator.conditioning.vertical.rate import (
+    Clipping,
+    aliased_turn,
+    at_interval_end,
+    integration_rate,
+    watch_clipping,
+)
 from estimator.conditioning.vertical.stillness import RestState, observe_rest
 from estimator.geometry.axes import axes_of
 from estimator.geometry.quaternion import (
@@ -22,7 +28,9 @@ from estimator.geometry.quaternion import (
     multiply,
     normalize,
     rotate_inverse,
+    scale,
 )
+from estimator.types import ZERO_VEC3
 from tests.estimator.conditioning.motion import (
     PARAMS,
     Sample,
@@ -38,6 +46,9 @@ def run(samples, dt, params=PARAMS, state=None):
     """The state at the end, and all of :func:`conditioned`."""
     seen = [*conditioned(samples, dt, params, state)]
     return seen[-1][2], seen
+
+
+BIAS = (radians(0.4), radians(-0.3), radians(0.2))
 
 
 def has_noticed_a_turn(seen):
@@ -68,16 +79,14 @@ def test_gravity_ignores_shaking_and_any_norm():
 
 
 def test_motion_bias_is_learnt_without_any_rest():
-    bias = (radians(0.4), radians(-0.3), radians(0.2))
-    state, _ = run(fly(tumbling, 180.0, 0.01, bias=bias), 0.01)
+    state, _ = run(fly(tumbling, 180.0, 0.01, bias=BIAS), 0.01)
     # measured 0.037 deg/s; 0.1 is the steady sigma in motion
-    assert state.vertical.estimate.bias_rad_s == pytest.approx(bias, abs=radians(0.044))
+    assert state.vertical.estimate.bias_rad_s == pytest.approx(BIAS, abs=radians(0.044))
 
 
 def test_rest_teaches_the_bias_before_the_vertical_is_known():
-    bias = (radians(0.4), radians(-0.3), radians(0.2))
-    state, _ = run(fly(resting, 2.5, 0.01, bias=bias), 0.01)
-    off = np.subtract(state.vertical.estimate.bias_rad_s, bias)
+    state, _ = run(fly(resting, 2.5, 0.01, bias=BIAS), 0.01)
+    off = np.subtract(state.vertical.estimate.bias_rad_s, BIAS)
     assert np.abs(off).max() == pytest.approx(radians(0.057), rel=0.2)  # of 0.4 deg/s
 
 
@@ -170,18 +179,16 @@ def test_a_start_in_motion_teaches_no_dip_of_a_vertical_that_is_not_known_yet(se
 
 def test_a_calibration_stays_while_the_reference_norm_is_learnt():
     """The own field is kept in the field's own unit, and the means are of the same readings."""
-    axes = axes_of((1.0, 0.0, 0.0, 0.0))
+
+    def learnt(state, norm):
+        still = axes_of((1.0, 0.0, 0.0, 0.0)), ZERO_VEC3, (0.2, 0.0, 0.42)
+        return learn_calibration(PARAMS, state, *still, norm, 0.01, 0.0)
+
     state = initial_state(PARAMS).field.calibration
-    for norm in (0.3, 0.4, 0.46):
-        for _ in range(10):
-            state = learn_calibration(
-                PARAMS, state, axes, (0.0, 0.0, 0.0), (0.2, 0.0, 0.42), norm, 0.01, 0.0
-            )
+    for norm in 10 * [0.3] + 10 * [0.4] + 10 * [0.46]:
+        state = learnt(state, norm)
     assert state.means.field == pytest.approx((0.2 / 0.46, 0.0, 0.42 / 0.46))
-    state = state._replace(learnt=state.learnt._replace(offset=(0.1, 0.0, 0.0)))
-    state = learn_calibration(
-        PARAMS, state, axes, (0.0, 0.0, 0.0), (0.2, 0.0, 0.42), 0.23, 0.01, 0.0
-    )
+    state = learnt(state._replace(learnt=state.learnt._replace(offset=(0.1, 0.0, 0.0))), 0.23)
     assert state.learnt.scale * state.learnt.offset[0] == pytest.approx(0.046)
 
 
@@ -221,6 +228,36 @@ def test_integration_rate_beats_the_plain_one_on_coning(averaged, off_rad, plain
         previous = sample
     assert angle_between(better, truth) == pytest.approx(off_rad, rel=0.2)
     assert angle_between(plain, truth) == pytest.approx(plain_rad, rel=0.2)
+
+
+RATE = (1.5, -2.0, 0.7)  # rad/s
+
+
+@pytest.mark.parametrize("dt", [0.01, 0.05])
+def test_a_mean_over_the_step_is_turned_to_its_end(dt):
+    """A direction fixed in the world, seen from a body that turns steadily, averaged over the step.
+
+    What is left is of second order in the turn: under its square; turned the wrong way it would be
+    the turn itself.
+    """
+    fixed = (0.3, 0.8, -0.5)
+    times = (np.arange(1000) + 0.5) / 1000 * dt
+    seen = np.array([rotate_inverse(exp(scale(t, RATE)), fixed) for t in times])
+    mean = tuple(seen.mean(axis=0).tolist())
+    at_end = rotate_inverse(exp(scale(dt, RATE)), fixed)
+    turn = dt * np.linalg.norm(RATE)
+    off = np.linalg.norm(np.subtract(at_interval_end(mean, RATE, dt), at_end))
+    assert off == pytest.approx(0.067 * turn**2, rel=0.2)
+    assert np.linalg.norm(np.subtract(mean, at_end)) == pytest.approx(0.40 * turn, rel=0.2)
+
+
+def test_only_a_reading_that_stands_still_at_its_largest_is_at_the_end():
+    state, before = Clipping(), ZERO_VEC3
+    for k in range(60):
+        gyr = (5.0 * sin(pi * 0.01 * k), 0.0, 0.0)
+        state, before = watch_clipping(state, before, gyr, 0.01), gyr
+    assert state.peak_rad_s[0] == pytest.approx(5.0)
+    assert aliased_turn(state, (0.0, 0.0, 1.0)) == (0.0, 0.0)
 
 
 AXES = {"down": (0.0, 0.0, 1.0), "north": (1.0, 0.0, 0.0), "diagonal": (0.577, 0.577, 0.577)}

@@ -15,6 +15,7 @@ from estimator.types import STANDARD_GRAVITY_M_S2, Sample
 from tests.estimator.conditioning.motion import (
     FIELD_NED,
     GRAVITY_M_S2,
+    conditioned,
     fly,
     resting,
     vector_errors_rad,
@@ -108,10 +109,8 @@ def test_without_a_field_gravity_shows_a_poor_gyroscope(shake_m_s2):
 
 
 def test_without_a_field_nothing_separates_an_error_about_down_from_a_turn():
-    state = initial_state(PARAMS)
-    for s in fly(resting, 10.0, 0.02):
-        gyr = (s.gyr[0], s.gyr[1], s.gyr[2] + radians(4.0))
-        state, _ = condition(PARAMS, state, Sample(gyr, s.acc, s.mag, False, 0.02))
+    samples = fly(resting, 10.0, 0.02, bias=(0.0, 0.0, radians(4.0)))
+    *_, (_, _, state) = conditioned((s._replace(has_mag=False) for s in samples), 0.02)
     assert not state.vertical.rest.resting
 
 

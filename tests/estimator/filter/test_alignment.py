@@ -85,17 +85,18 @@ def test_noisy_vectors_agree_with_scipy():
         assert_attitude_close(ours, tuple(theirs.as_quat(scalar_first=True).tolist()), 1e-9)
 
 
+def by_gravity(v):
+    return align(Vectors((0.0, 0.0, 0.0), FIELD, 0.0, v, DOWN, 1.0, 1.0))
+
+
 def test_gravity_alone_levels_by_the_smallest_turn():
-    rng = np.random.default_rng(52)
-    for _ in range(50):
-        v = random_unit_vector(rng)
-        q = align(Vectors((0.0, 0.0, 0.0), FIELD, 0.0, v, DOWN, 1.0, 1.0))
+    rng, up = np.random.default_rng(52), (0.0, 0.0, -1.0)
+    for v in (random_unit_vector(rng) for _ in range(50)):
+        q = by_gravity(v)
         np.testing.assert_allclose(rotate(q, v), DOWN, atol=1e-12)
         assert q[3] == pytest.approx(0.0, abs=1e-12)  # no turn about the vertical
-    level = align(Vectors((0.0, 0.0, 0.0), FIELD, 0.0, DOWN, DOWN, 1.0, 1.0))
-    assert_attitude_close(level, IDENTITY, 1e-14)
-    upside_down = align(Vectors((0.0, 0.0, 0.0), FIELD, 0.0, (0.0, 0.0, -1.0), DOWN, 1.0, 1.0))
-    np.testing.assert_allclose(rotate(upside_down, (0.0, 0.0, -1.0)), DOWN, atol=1e-14)
+    assert_attitude_close(by_gravity(DOWN), IDENTITY, 1e-14)
+    np.testing.assert_allclose(rotate(by_gravity(up), up), DOWN, atol=1e-14)
 
 
 def test_field_alone_points_the_field():

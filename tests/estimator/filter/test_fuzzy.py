@@ -16,8 +16,6 @@ from tests.vocabulary import floats, random_memberships
 # Agreement asked of the two inferences, relative; outputs are 0..100.
 RELATIVE = 1e-9
 
-strengths = st.tuples(*[st.one_of(st.just(0.0), floats(0.0, 1.0))] * 5)
-
 
 def replaced(k, **values):
     changed = list(k)
@@ -212,13 +210,6 @@ def test_a_point_set_beside_one_with_area_has_no_weight():
     assert faint == pytest.approx(0.5 * (k[12] + k[14]), rel=1e-12)
 
 
-def test_no_rule_fires():
-    """Between VL's foot and L's end lies a gap: nothing is known, so k_op = 0."""
-    k = replaced(midpoint(), k8=0.2, k9=0.2, k10=0.2, k11=0.7)
-    for error, rate in ((0.5, 0.0), (0.0, 0.5), (0.5, 0.5)):
-        assert fuzzy.fuzzy_gain(k, error, rate) == 0.0
-
-
 def test_midpoint_by_hand():
     """e = 1 fires VL fully and the rate 0 fires VS fully: VL alone, a right triangle 55..100."""
     assert fuzzy.fuzzy_gain(midpoint(), 1.0, 0.0) == pytest.approx(55.0 + 45.0 * 2.0 / 3.0)
@@ -249,33 +240,3 @@ def test_output_stays_in_its_universe(seed, error, rate):
     assert 0.0 <= gain <= 100.0
     clipped = fuzzy.fuzzy_gain(k, min(max(error, 0.0), 1.0), min(abs(rate), 1.0))
     assert gain == clipped
-
-
-@given(strengths, st.integers(0, 2**32 - 1), st.sampled_from((None, 0.05)))
-def test_centroid_lies_under_the_aggregate(heights, seed, grid):
-    sets = fuzzy_sets(random_memberships(np.random.default_rng(seed), grid)).output
-    strong = [corners for h, corners in zip(heights, sets, strict=True) if h > 0.0]
-    x = fuzzy.centroid(heights, sets)
-    if not strong:
-        assert x == 0.0
-    else:
-        slack = 1e-9 * (1.0 + x)
-        assert min(s[0] for s in strong) - slack <= x <= max(s[2] for s in strong) + slack
-
-
-@pytest.mark.parametrize(
-    ("corners", "x", "expected"),
-    [
-        ((0.2, 0.2, 0.4), 0.2, 1.0),
-        ((0.2, 0.2, 0.4), nextafter(0.2, 0.0), 0.0),
-        ((0.2, 0.4, 0.4), 0.4, 1.0),
-        ((0.2, 0.4, 0.4), nextafter(0.4, 1.0), 0.0),
-        ((0.2, 0.2, 0.2), 0.2, 1.0),
-        ((0.2, 0.2, 0.2), nextafter(0.2, 1.0), 0.0),
-        ((0.2, 0.3, 0.4), 0.25, 0.5),
-        ((0.2, 0.3, 0.4), 0.375, 0.25),
-    ],
-)
-def test_vertical_edges_belong_to_the_peak(corners, x, expected):
-    assert fuzzy.triangle(x, *corners) == pytest.approx(expected, rel=1e-12)
-    assert membership(x, corners) == pytest.approx(expected, rel=1e-12)

@@ -15,7 +15,6 @@ from estimator.filter.noise_gain import (
     descend,
     noise_surface,
     observe_floor,
-    observe_noise,
     resting_gain,
     squared_change,
 )
@@ -95,19 +94,6 @@ def test_turning_is_no_noise():
     assert squared_change(before, now, (0.0, 0.0, 0.0)) > 0.03**2
 
 
-def test_a_vector_that_is_absent_is_not_measured():
-    v, w = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
-    zero = (0.0, 0.0, 0.0)
-    noise = observe_noise(NO_NOISE, v, True, w, False, zero, 0.01)
-    assert noise.samples == 0.0
-    # v stays; w comes back elsewhere, but nothing is known of where it was
-    noise = observe_noise(noise, v, True, v, True, zero, 0.01)
-    assert (noise.samples, noise.vector_variance) == (1.0, 0.0)
-    # now both are known, and w has jumped: |v - w|^2 = 2, over 8 components and 2 samples
-    noise = observe_noise(noise, v, True, w, True, zero, 0.01)
-    assert noise.vector_variance == pytest.approx(0.5 * 2.0 / 8.0)
-
-
 def test_the_resting_gain_is_a_kalman_filters_share():
     noise = NO_NOISE._replace(samples=9.0, rate_variance=0.2**2, vector_variance=0.05**2)
     expected = RESTING_SHARE * 0.2 / 0.05
@@ -123,14 +109,6 @@ def test_the_resting_gain_is_a_kalman_filters_share():
 def test_the_descent_ends_at_the_resting_gain(gain, resting, dt):
     K = descend(gain, resting, dt)
     assert min(gain, resting) * (1.0 - 1e-9) <= K <= max(gain, resting) * (1.0 + 1e-9)
-
-
-def test_the_descent_is_a_kalman_filters():
-    """dK/dt = -kappa K^2 from far above: 1/K grows by kappa a second."""
-    K = 100.0
-    for _ in range(200):
-        K = descend(K, 0.01, 0.001)
-    assert pytest.approx(0.2 * noise_gain.DESCENT, rel=0.03) == 1.0 / K - 0.01
 
 
 def test_more_noise_of_the_vectors_lowers_the_gain_and_of_the_gyroscope_raises_it():

@@ -259,24 +259,18 @@ def test_almost_collinear_vectors_keep_error_and_state_finite(backend, angle):
         assert 1.0 <= state.gain <= 101.0
 
 
-def test_no_vector_at_all_changes_nothing_but_the_error(backend):
-    state = initial_state(exp((0.1, 0.2, 0.3)), (0.1, 0.0, 0.0))
-    vectors = seen_from(IDENTITY)._replace(s1=0.0, s2=0.0)
-    for dt in (0.0, 0.01, 1.0):
+def test_no_vector_at_all_and_the_first_sample_move_nothing(backend):
+    """At dt = 0 the error and the gain are set; without a vector the error is 0."""
+    state, seen = initial_state(exp((0.1, 0.2, 0.3)), (0.1, 0.0, 0.0)), seen_from(IDENTITY)
+    absent = seen._replace(s1=0.0, s2=0.0)
+    for vectors, dt in ((absent, 0.0), (absent, 0.01), (absent, 1.0), (seen, 0.0)):
         after = backend.correct(FUZZY, state, vectors, dt)
         assert_attitude_close(after.q_ned_frd, state.q_ned_frd, 1e-15)
         assert after.gyr_bias_rad_s == state.gyr_bias_rad_s
-        assert after.error == 0.0
-
-
-def test_the_first_sample_moves_nothing(backend):
-    """At dt = 0 the error and the gain are set; attitude and bias stay."""
-    state = initial_state(exp((0.1, 0.2, 0.3)))
-    after = backend.correct(FUZZY, state, seen_from(IDENTITY), 0.0)
-    assert_attitude_close(after.q_ned_frd, state.q_ned_frd, 1e-15)
-    assert after.gyr_bias_rad_s == (0.0, 0.0, 0.0)
-    assert after.error > 0.0
+        assert (after.error > 0.0) == (vectors is seen)
+        assert after.error >= 0.0
     assert after.gain > 1.0
+    assert (after.error_rate_1_s, after.has_error) == (0.0, True)  # the first error has no rate
 
 
 wide = st.one_of(floats(-1e300, 1e300), floats(-400.0, 400.0), floats(-1e-300, 1e-300))

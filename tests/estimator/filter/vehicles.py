@@ -6,9 +6,7 @@ from estimator.filter.memberships import midpoint
 from estimator.filter.observation import ReferenceParams
 from estimator.filter.types import FilterParams, Vectors
 from estimator.geometry.quaternion import cross, rotate_inverse, unit
-from tests.vocabulary import (
-    random_unit_vector,
-)
+from tests.vocabulary import random_unit_vector
 
 MAGNETIC = unit((1.0, -1.0, 1.0))
 GRAVITY = (0.0, 0.0, 1.0)

@@ -24,10 +24,7 @@ from estimator.types import (
 BIAS = 0.05
 STEP_S = 0.5
 SECOND = 1_000_000
-
-
-def no_rates() -> np.ndarray:
-    return np.zeros((0, turning.COLUMNS))
+NO_RATES = np.zeros((0, turning.COLUMNS))
 
 
 def rate_at(time_s: float) -> Vec3:
@@ -53,7 +50,7 @@ def gyr_at(time_s: float) -> Vec3:
 
 def flown(seconds: float, *, late_s: float = 0.0, every_s: float = 0.05) -> list[Between]:
     """The turning between samples 0.5 s apart; the rates' clock is ``late_s`` off."""
-    state, rates, shown = Turning(), no_rates(), []
+    state, rates, shown = Turning(), NO_RATES, []
     next_rate, samples = 1, round(seconds / STEP_S)
     for k in range(1, samples):
         while next_rate * every_s <= k * STEP_S:
@@ -86,7 +83,7 @@ def test_rates_of_another_time_are_noticed(late_s):
 
 
 def test_rates_too_far_apart_show_nothing():
-    rates = take_rate(STILL, no_rates(), SECOND // 10, (0.1, 0.0, 0.0))
+    rates = take_rate(STILL, NO_RATES, SECOND // 10, (0.1, 0.0, 0.0))
     *_, shown = take_between(STILL, rates, 0, SECOND, ZERO_VEC3)
     assert shown == NOTHING_BETWEEN
 
@@ -132,7 +129,7 @@ def test_a_vibration_at_the_samples_own_rate_is_no_turn(samples_hz, most_rad_s):
     Only those in the middle of a step, and the turn would be 0.09 to 1.0 rad/s.
     """
     step_us = SECOND // samples_hz
-    state, rates, turns = STILL, no_rates(), []
+    state, rates, turns = STILL, NO_RATES, []
     for k in range(1, 50):
         for since_us in range(SECOND // 50, step_us + 1, SECOND // 50):
             at_us = (k - 1) * step_us + since_us
@@ -147,7 +144,7 @@ def test_a_vibration_at_the_samples_own_rate_is_no_turn(samples_hz, most_rad_s):
 
 def test_the_first_samples_show_their_bias_at_once():
     """A mean of the differences so far, and not a twentieth of a second's after a second."""
-    state, rates, bias = STILL, no_rates(), (0.01, -0.03, 0.02)
+    state, rates, bias = STILL, NO_RATES, (0.01, -0.03, 0.02)
     for k in range(1, 9):
         at_us = k * SECOND // 2
         rates = take_rate(state, rates, at_us, ZERO_VEC3)
@@ -155,7 +152,12 @@ def test_the_first_samples_show_their_bias_at_once():
         assert state.offset_rad_s == pytest.approx(bias)
 
 
-def stood_in(contradicted, *, stands_in=NO_AXES, misfit=(0.09, 0.0, 0.0), age_us=20_000):
+X_AXIS, EACH = (True, False, False), (True, True, True)
+STANDS_IN = {"stands_in": X_AXIS}
+SAME, X_DIFFERS, Z_DIFFERS = (1e-3, 0.0, 0.0), (0.09, 0.0, 0.0), (0.09, 0.01, 0.0)
+
+
+def stood_in(contradicted, *, stands_in=NO_AXES, misfit=X_DIFFERS, age_us=20_000):
     state = Turning(
         before_us=1_000_000 - age_us,
         before_rad_s=(0.3, 0.2, 0.1),
@@ -167,32 +169,28 @@ def stood_in(contradicted, *, stands_in=NO_AXES, misfit=(0.09, 0.0, 0.0), age_us
     return stand_in(state, 1_000_000, (0.8, 0.25, 0.15), contradicted)
 
 
-def test_rates_stand_in_for_a_contradicted_axis_until_both_agree_about_it_again():
-    x_axis = (True, False, False)
-    state, gyr = stood_in(x_axis)
-    assert state.stands_in == x_axis
-    assert gyr == pytest.approx((0.31, 0.25, 0.15))
-    assert stood_in(NO_AXES, stands_in=x_axis)[1] == gyr
-    as_it_is = (0.8, 0.25, 0.15)
-    assert stood_in(NO_AXES)[1] == as_it_is
-    assert stood_in(NO_AXES, stands_in=x_axis, misfit=(1e-3, 0.0, 0.0))[1] == as_it_is
-
-
-def test_rates_that_are_old_or_wrong_about_the_other_axes_do_not_stand_in():
-    x_axis, as_it_is = (True, False, False), (0.8, 0.25, 0.15)
-    assert stood_in(x_axis, age_us=400_000)[1] == as_it_is
-    assert stood_in(x_axis, misfit=(0.09, 0.01, 0.0))[1] == as_it_is
-    assert stood_in((True, True, True), misfit=(0.09, 0.09, 0.09))[1] == as_it_is
-
-
-def test_rates_that_show_the_same_as_a_contradicted_axis_do_not_stand_in():
-    """Then the field is wrong: a compass that is turned contradicts any gyroscope."""
-    x_axis, as_it_is = (True, False, False), (0.8, 0.25, 0.15)
-    assert stood_in(x_axis, misfit=(1e-3, 0.0, 0.0))[1] == as_it_is
+@pytest.mark.parametrize(
+    ("contradicted", "known", "does"),
+    [
+        (X_AXIS, {}, True),
+        (NO_AXES, STANDS_IN, True),  # until both agree about it again
+        (NO_AXES, {}, False),
+        (NO_AXES, {**STANDS_IN, "misfit": SAME}, False),
+        (X_AXIS, {"age_us": 400_000}, False),
+        (X_AXIS, {"misfit": Z_DIFFERS}, False),  # wrong about another one
+        (EACH, {"misfit": (0.09, 0.09, 0.09)}, False),
+        # they show the same: a compass that is turned contradicts any gyroscope
+        (X_AXIS, {"misfit": SAME}, False),
+    ],
+)
+def test_when_rates_stand_in_for_a_contradicted_axis(contradicted, known, does):
+    state, gyr = stood_in(contradicted, **known)
+    assert state.stands_in == (X_AXIS if does else NO_AXES)
+    assert gyr == pytest.approx((0.31 if does else 0.8, 0.25, 0.15))
 
 
 def test_of_more_rates_than_are_kept_the_oldest_go():
-    state, rates = STILL, no_rates()
+    state, rates = STILL, NO_RATES
     for k in range(turning.MOST_WAITING + 3):
         rates = take_rate(state, rates, k, (1e-3 * k, 0.0, 0.0))
     rates = take_rate(state, rates, k, ZERO_VEC3)  # not later: dropped

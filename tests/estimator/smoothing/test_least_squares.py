@@ -51,12 +51,16 @@ def test_the_heading_is_the_least_squares_solution_with_its_variances():
     assert np.median(by_scale / both) > 0.1  # so that either part is seen
 
 
-def test_the_low_pass_has_no_delay():
+def test_the_low_pass_has_no_delay_and_leaves_half_at_its_cutoff():
+    """That is at sqrt(2) / (2 pi tau), as of the estimator's own, there and back."""
     time_s = np.arange(0.0, 100.0, 0.25)
     slow = np.sin(0.05 * time_s)[:, None]
     quick = np.sin(8.0 * time_s)[:, None]
     passed = low_passed(slow + quick, 1.0)[40:-40]
     assert np.allclose(passed, slow[40:-40], atol=0.01)  # the quick one, 60 times smaller
+    wave = np.sin(np.sqrt(2.0) / 5.0 * WINDOW_S * np.arange(2000))[:, None]
+    left = low_passed(wave, 5.0)[500:1500]
+    assert np.sqrt(np.mean(left**2) / np.mean(wave**2)) == pytest.approx(0.5, abs=0.01)
 
 
 def smoothed(flight):
@@ -116,11 +120,6 @@ def joint(between_rad, *, is_aided):
     return log(both.q_ned_frd)[0, 2], both.sigma_rad[0]
 
 
-@pytest.mark.parametrize("is_aided", [False, True])
-def test_a_heading_is_the_mean_by_both_variances(is_aided):
-    assert joint(0.05, is_aided=is_aided)[0] == pytest.approx(0.05 * 0.36)
-
-
 @pytest.mark.parametrize(
     ("is_aided", "between_rad", "heading_rad"),
     [
@@ -133,17 +132,10 @@ def test_a_heading_is_the_mean_by_both_variances(is_aided):
 def test_sigma_knows_whether_errors_are_common_and_grows_by_what_is_between(
     is_aided, between_rad, heading_rad
 ):
-    inclination, heading = joint(between_rad, is_aided=is_aided)[1]
+    mean_rad, (inclination, heading) = joint(between_rad, is_aided=is_aided)
+    assert mean_rad == pytest.approx(between_rad * 0.36)  # by both variances
     assert heading == pytest.approx(heading_rad)
     assert inclination == pytest.approx(0.024 if is_aided else 0.0336)
-
-
-def test_a_low_pass_there_and_back_leaves_half_at_its_cutoff():
-    """sqrt(2) / (2 pi tau), as of the estimator's own."""
-    tau_s = 5.0
-    wave = np.sin(np.sqrt(2.0) / tau_s * WINDOW_S * np.arange(2000))[:, None]
-    left = low_passed(wave, tau_s)[500:1500]
-    assert np.sqrt(np.mean(left**2) / np.mean(wave**2)) == pytest.approx(0.5, abs=0.01)
 
 
 RATE_HZ = 10.0
