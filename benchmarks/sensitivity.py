@@ -1,0 +1,131 @@
+"""What does each tuned number of the profile ``imu`` move?
+
+    python benchmarks/sensitivity.py DIR [DIR ...] [--seeds 100-101] [--only NAME,NAME]
+
+Each number of conditioning and aiding is multiplied by 0.7 and by 1.4. A row a change: the largest
+change of a set's mean error (percent of it, at least 0.3 deg), the largest change of its share
+under sigma, and the sets on which they are. Sets are the folders' recordings as they are, and
+simulated flights at 50 and at 4 Hz, with velocity and without. The last row counts the numbers that
+move no error by 1 % and no share by 0.02.
+"""
+
+from argparse import Namespace
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from typing import Any
+
+from common.filters import fuzzbee
+from common.recordings import Trial, chosen_sets
+from common.report import FOLDERS, Row, Tables, benchmark, names, option, seeds
+from common.scores import mean_of
+from common.scores import score as score_trial
+from flying.cases import CASES, DURATION_S, SKIP_S, recorded
+from flying.replayed import UNAIDED, Events, fly
+from flying.replayed import score as score_flight
+from rich.console import Console
+from rich.progress import track
+
+from estimator.errors import InputError
+from estimator.profile import load_profile, merge_profile, profile_to_json
+
+SECTIONS = ("conditioning", "aiding")
+FACTORS = (0.7, 1.4)
+RATES = {"50 Hz": "sound", "4 Hz": "4 Hz"}  # of the flights, and their cases
+LEAST_DEG, LEAST_PERCENT, LEAST_SHARE = 0.3, 1.0, 0.02
+ERRORS = ("inclination", "heading")
+SHARES = ("under sigma", "under sigma in motion", "under sigma at rest")
+
+Changes = dict[str, Any]
+Score = Callable[[Changes], Row]
+SETS: dict[str, Score] = {}  # of a process
+
+
+def read(options: Namespace) -> None:
+    """Read the recordings and fly the flights, once a process."""
+    trials = chosen_sets(options) if options.folders or options.smoke else {}
+    for folder, recordings in trials.items():
+        SETS[folder] = lambda changes, of=recordings: on_recordings(changes, of)
+    for rate, case in {} if options.smoke else RATES.items():
+        flights = [
+            recorded(case, motion, seed, DURATION_S)
+            for motion in CASES[case].motions
+            for seed in options.seeds
+        ]
+        SETS[f"flights at {rate}"] = lambda changes, of=flights: on_flights(changes, of)
+        SETS[f"flights at {rate}, no velocity"] = lambda changes, of=flights: on_flights(
+            {**changes, "aiding": {**changes.get("aiding", {}), **UNAIDED["aiding"]}}, of
+        )
+
+
+def on_recordings(changes: Changes, trials: list[Trial]) -> Row:
+    """Mean scores with a changed profile."""
+    runs = ((trial, fuzzbee(changes)(trial).advance(slice(0, None))) for trial in trials)
+    return mean_of([score_trial(trial, *output) for trial, output in runs])
+
+
+def on_flights(changes: Changes, flights: list[Events]) -> Row:
+    """The same of flights."""
+    return mean_of([score_flight(fly(events, changes), SKIP_S) for events in flights])
+
+
+def changes_of(only: str) -> Iterator[tuple[str, float, Changes]]:
+    """Every number's name, factor, and what they make of the profile."""
+    profile = profile_to_json(load_profile("imu"))
+    known = {name: section for section in SECTIONS for name in profile[section]}
+    for name in names(known, only) if only else known:
+        value = profile[known[name]][name]
+        if isinstance(value, int | float) and not isinstance(value, bool) and value:
+            for factor in FACTORS:
+                yield name, factor, {known[name]: {name: factor * value}}
+
+
+def answer(changes: Changes) -> dict[str, Row] | None:
+    """The scores of every set; None if a bound refuses the number."""
+    try:
+        merge_profile(load_profile("imu"), changes)
+    except InputError:
+        return None
+    return {name: of(changes) for name, of in SETS.items()}
+
+
+def moved(base: Mapping[str, Row], found: Mapping[str, Row]) -> Row:
+    """The largest changes, and where."""
+    errors, shares = [(0.0, "-")], [(0.0, "-")]
+    for name, now in found.items():
+        before = base[name]
+        for error in ERRORS:
+            by = 100.0 * (now[error] - before[error]) / max(before[error], LEAST_DEG)
+            errors.append((by, f"{error}, {name}"))
+        for share in SHARES:
+            pairs = zip(now.get(share) or (), before.get(share) or (), ERRORS, strict=False)
+            shares += [(now_ - before_, f"{of}, {name}") for now_, before_, of in pairs]
+    (error, on_error), (share, on_share) = (
+        max(e, key=lambda x: abs(x[0])) for e in (errors, shares)
+    )
+    return {"error %": error, "error of": on_error, "under sigma": share, "share of": on_share}
+
+
+@benchmark(
+    *FOLDERS,
+    option("--seeds", type=seeds, default=range(100, 102), metavar="A-B", help="of the flights"),
+    option("--only", default="", metavar="NAME,NAME", help="these numbers"),
+    option("--jobs", type=int, default=2),
+)
+def main(options: Namespace) -> Tables:
+    asked = list(changes_of(options.only))[: 2 if options.smoke else None]
+    rows: list[Row] = []
+    still: dict[str, bool] = {}
+    with ProcessPoolExecutor(options.jobs, initializer=read, initargs=(options,)) as pool:
+        base = pool.submit(answer, {}).result()
+        answers = pool.map(answer, [changes for _, _, changes in asked])
+        bar = track(answers, total=len(asked), console=Console(stderr=True))
+        for (name, factor, _), found in zip(asked, bar, strict=True):
+            row = {"number": name, "times": factor, **(moved(base, found) if found else {})}
+            far = abs(row.get("error %", 0.0)) >= LEAST_PERCENT
+            still[name] = (
+                still.get(name, True) and not far and abs(row.get("under sigma", 0.0)) < LEAST_SHARE
+            )
+            rows.append(row)
+    rows.sort(key=lambda row: -abs(row.get("error %", 0.0)))
+    quiet = sorted(name for name, is_still in still.items() if is_still)
+    return {"what a number moves": rows, "move nothing": [{"numbers": len(quiet), "names": quiet}]}
