@@ -11,8 +11,7 @@ from estimator.aiding.types import EARTH, SIZE, TURN, VELOCITY, AidingParams, Ar
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.params import ACCELERATION_LASTS_S, MEMORY_S
-from estimator.conditioning.robust import FAR, REACH
-from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
+from estimator.conditioning.robust import FAR, LEAST_OFF_RAD, REACH
 from estimator.geometry.quaternion import cross, dot, norm, rotate_inverse
 
 with_shown = replacer(Wheels, "show_north")
