@@ -35,8 +35,9 @@ from estimator.types import Vec3
 # The attitude is given up after reports were far off for so long, s. Small: good attitudes beside
 # an accelerometer's offset are lost; large: one that is upside down lasts.
 DISAGREEMENT_S = 1.5
-# The noise scale is a mean over about this many reports, and itself at most as large. One wild
-# report counts as ``FAR`` at most.
+# Largest normalised squared innovation for the noise scale: one wild report must not spoil it.
+CLIP = 25.0
+# The noise scale is a mean over about this many reports, and itself at most as large.
 SCALE_REPORTS = 100.0
 # The noise scale of a receiver's reports may also fall, to this: no IMU has smoothed them.
 LEAST_RECEIVER_SCALE = 0.1
@@ -167,7 +168,7 @@ def observe_velocity(
         innovation += newest * (unit * unit - innovation)
         together += newest * (unit * before[i] - together)
         units[i] = unit
-        noise_scale *= 1.0 + (min(square, FAR) - 1.0) / (3.0 * SCALE_REPORTS)
+        noise_scale *= 1.0 + (min(square, CLIP) - 1.0) / (3.0 * SCALE_REPORTS)
         noise_scale = min(max(noise_scale, least), SCALE_REPORTS)
         if square > FAR:
             P[loose_at + i, loose_at + i] += left * left
