@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar, get_args,
 import typer
 from typer.models import OptionInfo
 
-from drivers.logs.time_window import Moment, TimeWindow
 from estimator.errors import InputError, missing_extra
 from fuzzbee.notify import notify
 
 if TYPE_CHECKING:
     import zenoh
 
+    from drivers.logs.time_window import Moment, TimeWindow
     from service.zenoh_session import OpeningSession
 
 MAX_GAIN = 1e6
@@ -141,8 +141,10 @@ def seed_range(text: str, name: str = "--seeds") -> range:
     return seeds
 
 
-def time_window(begin: Any, end: Any, names: tuple[str, str] = ("--from", "--to")) -> TimeWindow:
+def time_window(begin: Any, end: Any, names: tuple[str, str] = ("--from", "--to")) -> "TimeWindow":
     """The window between two moments: seconds as a number or text, "arm", "disarm" or None."""
+    from drivers.logs.time_window import TimeWindow  # which loads msgspec
+
     window = TimeWindow(_moment(names[0], begin), _moment(names[1], end))
     first, last = window
     if isinstance(first, float) and isinstance(last, float) and last <= first:
@@ -150,7 +152,7 @@ def time_window(begin: Any, end: Any, names: tuple[str, str] = ("--from", "--to"
     return window
 
 
-def _moment(name: str, given: Any) -> Moment | None:
+def _moment(name: str, given: Any) -> "Moment | None":
     if given is None or given in ("arm", "disarm"):
         return given  # type: ignore[no-any-return]
     try:

@@ -8,7 +8,6 @@ from math import inf
 from threading import Event
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
-import msgspec
 import typer
 
 from estimator.errors import InputError
@@ -181,6 +180,8 @@ def show(
         return False
     name, record = received
     if view is None:
+        import msgspec
+
         line = msgspec.json.encode({"vehicle": name, **msgspec.structs.asdict(record)})
         print(line.decode(), flush=True)
     else:

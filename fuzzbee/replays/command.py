@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from drivers.logs.time_window import TimeWindow
 from estimator.errors import InputError
 from fuzzbee import outputs
 from fuzzbee.notify import print_line
@@ -34,6 +33,7 @@ from fuzzbee.options import (
 )
 
 if TYPE_CHECKING:
+    from drivers.logs.time_window import TimeWindow
     from estimator.profile import Profile
     from fuzzbee.replays.log_report import Export
 
@@ -209,7 +209,7 @@ def _replay_logs(options: ReplayOptions) -> None:
 def _report_logs(
     options: ReplayOptions,
     profiles: "dict[str, Profile]",
-    window: TimeWindow,
+    window: "TimeWindow",
     exports: "list[Export]",
 ) -> None:
     from fuzzbee.replays.log_report import report_log
