@@ -10,13 +10,13 @@ from math import dist
 from typing import NamedTuple
 
 from estimator.conditioning.field.magnetic import NORM_SCALE, horizontal_down
-from estimator.conditioning.params import FORGET_S, LONG_S, USUAL_S
+from estimator.conditioning.params import FORGET_S, LONG_S, MEMORY_S
 from estimator.conditioning.robust import MOST_DEVIATION
 from estimator.geometry.earth import PlaceField, in_ned
 from estimator.types import EVER_US, NEVER_US
 
 # A compass whose heading was wrong twice within LONG_S counts as not calibrated for FORGET_S. After
-# a field unlike the place's own, the field must look like it for USUAL_S.
+# a field unlike the place's own, the field must look like it for MEMORY_S.
 
 
 class Compass(NamedTuple):
@@ -56,7 +56,7 @@ def evidence_against(compass: Compass, time_us: int) -> str:
         return "the compass has misled twice"
     if is_contradicted(compass, time_us) and not compass.confirmed:
         return CONTRADICTED
-    return "the field is not like this place's" * _is_recent(compass.unlike_us, time_us, USUAL_S)
+    return "the field is not like this place's" * _is_recent(compass.unlike_us, time_us, MEMORY_S)
 
 
 def rejected_until_us(compass: Compass) -> int:
@@ -66,7 +66,7 @@ def rejected_until_us(compass: Compass) -> int:
     return max(
         _until_us(compass.misled_us, FORGET_S),
         NEVER_US if compass.confirmed else _until_us(compass.contradicted_us, FORGET_S),
-        _until_us(compass.unlike_us, USUAL_S),
+        _until_us(compass.unlike_us, MEMORY_S),
     )
 
 

@@ -19,8 +19,9 @@ from estimator.aiding.types import AidingEstimate, AidingParams, AidingState, Re
 from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.field.magnetic import NORM_SCALE
 from estimator.conditioning.params import ACCELERATION_LASTS_S, LONG_S, SPAN_S
-from estimator.conditioning.robust import LEAST_OFF_RAD, REACH
+from estimator.conditioning.robust import REACH
 from estimator.conditioning.vertical.slow_acceleration import SCALE_ERROR
+from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.filter.kernel import follow_rate
 from estimator.geometry.quaternion import (
     conjugate,

@@ -20,7 +20,7 @@ from estimator.aiding.types import (
     Sigmas,
 )
 from estimator.compilation.compiled import inlined
-from estimator.conditioning.params import USUAL_S
+from estimator.conditioning.params import MEMORY_S
 from estimator.geometry.quaternion import add, rotate, scale, subtract
 from estimator.types import Vec3
 
@@ -54,7 +54,7 @@ def pass_time(
     Such a bias becomes expected with time. One that began with a larger sigma than biases have is
     still being learnt, and becomes expected as far as it is known better than ever before.
     """
-    keep = real_exp(-dt / USUAL_S)
+    keep = real_exp(-dt / MEMORY_S)
     variance = P[GYR_BIAS, GYR_BIAS]
     variance += P[GYR_BIAS + 1, GYR_BIAS + 1] + P[GYR_BIAS + 2, GYR_BIAS + 2]
     expected = 3.0 * params.gyr_bias_sigma**2
@@ -90,10 +90,10 @@ def add_correction(
 def with_unexpected_turn(sigma: Sigmas, correction_cusum: CorrectionCusum, P: Array) -> Sigmas:
     """The sigmas with what the corrections have turned beyond their expected variance.
 
-    A bias that changes at once turns the attitude by at most ``USUAL_S``/e of that before its mean
+    A bias that changes at once turns the attitude by at most ``MEMORY_S``/e of that before its mean
     has followed.
     """
-    by_bias = (USUAL_S / e) ** 2 / 3.0
+    by_bias = (MEMORY_S / e) ** 2 / 3.0
     by_bias *= P[GYR_BIAS, GYR_BIAS] + P[GYR_BIAS + 1, GYR_BIAS + 1] + P[GYR_BIAS + 2, GYR_BIAS + 2]
     north, east, down = correction_cusum.turn_rad
     level = north * north + east * east

@@ -18,7 +18,7 @@ from estimator.aiding.beginning import BEGIN_VELOCITY_SIGMA_M_S
 from estimator.aiding.course import STANDING, Rolled, fade_rolled, roll_on
 from estimator.aiding.types import Array, Report
 from estimator.compilation.compiled import inlined, replacer
-from estimator.conditioning.params import ACCELERATION_LASTS_S, SPAN_S, USUAL_S
+from estimator.conditioning.params import ACCELERATION_LASTS_S, MEMORY_S, SPAN_S
 from estimator.conditioning.robust import HEADING_REACH_RAD
 from estimator.filter.alignment import nearest_rotation, quaternion_from_matrix
 from estimator.geometry.quaternion import add, cross, dot, rotate, rotate_inverse, scale, subtract
@@ -130,7 +130,7 @@ def add_report(
     if not window.is_open:
         return Search(opened, search.evidence), False
     if time_s > ACCELERATION_LASTS_S:
-        return Search(opened, fade(search.evidence, time_s / USUAL_S, time_s)), False
+        return Search(opened, fade(search.evidence, time_s / MEMORY_S, time_s)), False
     if time_s < SPAN_S:
         return search, False
     change = subtract(report.velocity_ned_m_s, window.velocity_ned_m_s)
@@ -138,7 +138,7 @@ def add_report(
     a = (change[0], change[1], vertical - STANDARD_GRAVITY_M_S2 * time_s)
     b = subtract(window.pushed_m_s, opened.pushed_m_s)
     swing = subtract(window.force_m_s2, window.first_force_m_s2)
-    before = fade(search.evidence, time_s / USUAL_S, time_s)
+    before = fade(search.evidence, time_s / MEMORY_S, time_s)
     evidence = Evidence(
         correlation=add_scaled(before.correlation, 1.0, outer(a, b)),
         aged=add_scaled(before.aged, 0.5 * time_s, outer(a, b)),

@@ -29,9 +29,11 @@ ACCELERATION_LASTS_S = 3.0
 # What is compared with now, s: accelerations, a drifting field, where gravity and field stood.
 LATELY_S = 10.0
 # Means of usual scatter, s: of the size of force and field, of the heading's residual, and of the
-# signs of slow accelerations. Measurements count for as long: corrections, what velocities show of
-# the heading, what wheels contradict, that a field is new.
+# signs of slow accelerations.
 USUAL_S = 20.0
+# Measurements count for so long, s: corrections, what velocities show of the heading, what wheels
+# contradict, that a field is new. Meanwhile G drifts by less than their error.
+MEMORY_S = 30.0
 # Memory of headings that were given up, of how well means of the force agree, and of the usual
 # residuals, s. Random walks are given for this time. Velocity helps until it is missing for longer.
 LONG_S = 100.0

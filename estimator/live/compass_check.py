@@ -8,7 +8,7 @@ than their sigmas explain, compass and velocity are two hypotheses.
 A compass that velocity has never confirmed is rejected at once, by its field alone after a while.
 It is taken to be turned in the vehicle by the difference. The aiding begins again from velocity,
 which shows the rest of that turn. A heading that velocity has confirmed before survives a sudden
-contradiction, because velocity may be wrong: only a difference that lasts for ``USUAL_S`` rejects
+contradiction, because velocity may be wrong: only a difference that lasts for ``MEMORY_S`` rejects
 the compass. Meanwhile the heading's sigma is 45 deg.
 
 Here is also how far the field contradicts the accelerometer, whatever the gyroscope shows.
@@ -28,7 +28,7 @@ from estimator.aiding.types import COMPASS_TURN, HARD_IRON, SIZE, Report, Sigmas
 from estimator.aiding.uncertainty import with_dip_error
 from estimator.bounds import TINY
 from estimator.conditioning.field.magnetic import FieldLook, horizontal_down
-from estimator.conditioning.params import CONFIRM_S, SPAN_S, USUAL_S
+from estimator.conditioning.params import CONFIRM_S, MEMORY_S, SPAN_S
 from estimator.conditioning.robust import REACH
 from estimator.conditioning.vertical.rate import slow_share
 from estimator.geometry.quaternion import angle_between_vectors, multiply, norm, rotate
@@ -88,7 +88,7 @@ def check_compass(state: State, report: Report) -> None:
 def least_s(now: Core, known: Compass, *, is_aided_off: bool) -> float:
     """For how long a contradiction must last; the search of a slow stream is wrong for seconds."""
     if known.confirmed:
-        return USUAL_S
+        return MEMORY_S
     if is_aided_off:
         return 0.0
     return CONFIRM_S if slow_share(now.sample.dt_s) > 0.0 else SPAN_S

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.arrays import Bools, Floats
-from estimator.conditioning.params import USUAL_S
+from estimator.conditioning.params import MEMORY_S
 from estimator.estimator import Estimator
 from estimator.geometry.rotations import conjugate, exp, log, multiply
 from estimator.live.rows import NO_REPORT_ROWS, Rows, blocks, cut
@@ -52,7 +52,7 @@ class Recording(NamedTuple):
         """Let the bias be what is known of it later."""
         times_us = self.rows.times_us
         for part in blocks(len(times_us)):
-            until_us = times_us[part] + round(1e6 * USUAL_S)
+            until_us = times_us[part] + round(1e6 * MEMORY_S)
             later = np.searchsorted(times_us, until_us, side="right") - 1
             last = self.last_rows(np.arange(part.start, part.stop))
             self.bias_rad_s[part] = self.bias_rad_s[np.minimum(later, last)]

@@ -30,8 +30,9 @@ from estimator.conditioning.field.magnetic import (
     look_at_field,
 )
 from estimator.conditioning.params import CONFIRM_S, FIELD_S, LONG_S
-from estimator.conditioning.robust import LEAST_OFF_RAD, REACH, residual_factor
+from estimator.conditioning.robust import REACH, residual_factor
 from estimator.conditioning.vertical.bias import SETTLED_HEADING_RAD
+from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.geometry.quaternion import cross, dot, exp, multiply, norm, rotate, scale, subtract
 from estimator.types import ZERO_VEC3, Sample, Vec2, Vec3
 

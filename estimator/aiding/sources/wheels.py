@@ -10,8 +10,9 @@ from estimator.aiding.sources.velocity import SCALE_REPORTS
 from estimator.aiding.types import EARTH, SIZE, TURN, VELOCITY, AidingParams, Array, North, Wheels
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined, replacer
-from estimator.conditioning.params import ACCELERATION_LASTS_S, USUAL_S
-from estimator.conditioning.robust import FAR, LEAST_OFF_RAD, REACH
+from estimator.conditioning.params import ACCELERATION_LASTS_S, MEMORY_S
+from estimator.conditioning.robust import FAR, REACH
+from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.geometry.quaternion import cross, dot, norm, rotate_inverse
 
 with_shown = replacer(Wheels, "show_north")
@@ -41,7 +42,7 @@ def observe_wheels(
     rolled = params.sideslip_rad**2 * dot(v, v)
     own = rolled + (ARM_M * norm(now.rate_rad_s)) ** 2 + params.filter_noise_m_s**2
     noise = wheels.slip_scale * own * max(1.0, ACCELERATION_LASTS_S / dt)
-    share = rolled / own * dt / (USUAL_S + dt)
+    share = rolled / own * dt / (MEMORY_S + dt)
     ahead = abs(body[0])
     R = rotation_matrix(estimate.q_ned_frd)
     square, sideways = 0.0, 0.0

@@ -16,11 +16,12 @@ from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.events.jump_signs import JumpSigns
 from estimator.conditioning.field.magnetic import NORM_SCALE
 from estimator.conditioning.params import LATELY_S, LONG_S, QUICK_S, SPAN_S
-from estimator.conditioning.robust import FAR, LEAST_OFF_RAD, REACH
+from estimator.conditioning.robust import FAR, REACH
 from estimator.conditioning.vertical.gravity import GravityState
 from estimator.conditioning.vertical.lowpass import approach
 from estimator.conditioning.vertical.step import VerticalStep
 from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
+from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.geometry.axes import FrameAxes, axes_of, to_frame
 from estimator.geometry.quaternion import add, cross, dot, scale, square, subtract, unit
 from estimator.types import ZERO_VEC3, Vec3

@@ -15,7 +15,7 @@ from estimator.conditioning.field.magnetic import (
     with_wait,
 )
 from estimator.conditioning.gather import Gathered
-from estimator.conditioning.params import SPAN_S, USUAL_S, ConditioningParams
+from estimator.conditioning.params import MEMORY_S, SPAN_S, ConditioningParams
 from estimator.conditioning.robust import residual_factor
 from estimator.conditioning.vertical.bias import MOST_BIAS_RAD_S, Estimate, clip_each, update
 from estimator.conditioning.vertical.gravity import heading_frame
@@ -67,7 +67,7 @@ def heading_noise(params: ConditioningParams, field: MagneticState, settled: flo
     are off, c < 1.
     """
     confidence = max(field.look.confidence * settled, TINY)
-    early = 1.0 + USUAL_S / (SPAN_S + field.reference.age_s)
+    early = 1.0 + MEMORY_S / (SPAN_S + field.reference.age_s)
     uncertain = params.heading_inflation_noise_rad2_s * (1.0 / confidence - 1.0)
     return params.heading_noise_rad2_s * early + uncertain
 

@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.params import LONG_S, ConditioningParams
-from estimator.conditioning.robust import LEAST_OFF_RAD
 from estimator.geometry.quaternion import add, dot, scale, square
 from estimator.types import ZERO_VEC3, Vec3
 
@@ -23,12 +22,16 @@ WINDOW_S = 0.25
 OCTAVES = ceil(log2(LONG_S / WINDOW_S))
 # The low-pass's time constant, over the length of the windows whose means are as good.
 TAU_SHARE = 0.27
-# After so many windows an octave counts as much as the one below.
+# After so many windows an octave counts as much as the one below. Their expected ratio is that of
+# white accelerations up to the profile's window, and of a steady turn beyond.
 PRIOR_WINDOWS = 0.5
+PRIOR_SLOPE = sqrt(0.5)
 # Largest error of a gyroscope as a share of a turn (cheap ones: 5 to 10 %), of what it shows about
 # other axes, of what averages over a step miss (coning), and of a rate beyond its end. Small: late,
 # large: accelerations tilt the vertical.
 MOST_ERROR = 0.1
+# The accelerometer's own error (rad^2), which distinguishes no windows, and the first estimate.
+LEAST_VARIANCE = 0.014**2
 
 
 class Octave(NamedTuple):
@@ -53,7 +56,7 @@ class Averaging(NamedTuple):
     turn: Vec3 = ZERO_VEC3  # in the present one, rad
     time_s: float = 0.0  # so far of it
     factor: float = 1.0  # of ``gravity_tau_s``
-    variance: float = 2.0 * LEAST_OFF_RAD**2  # of the mean force's direction, rad^2
+    variance: float = LEAST_VARIANCE  # of the mean force's direction, rad^2
     share: float = 0.0  # of it where the field is levelled; large if the profile's time is bad
 
 
@@ -65,8 +68,7 @@ class Likely(NamedTuple):
     accelerated: float  # the part of ``apart`` that accelerations have caused
 
 
-# The accelerometer's own error about both axes, which distinguishes no windows.
-NOTHING_SEEN = Likely(apart=2.0 * LEAST_OFF_RAD**2, turning=0.0, accelerated=0.0)
+NOTHING_SEEN = Likely(apart=LEAST_VARIANCE, turning=0.0, accelerated=0.0)
 
 with_window = replacer(Averaging, "force", "turn", "time_s")
 with_result = replacer(Averaging, "factor", "variance", "share")
@@ -130,8 +132,7 @@ def likely_octave(
     """
     length_s = WINDOW_S * (1 << k)
     pairs = pairs_seen(state.windows, state.moved_s, k)
-    # white accelerations up to the profile's window, a steady turn beyond
-    slope = sqrt(0.5) if is_within_tau(params, k) else sqrt(2.0)
+    slope = PRIOR_SLOPE if is_within_tau(params, k) else 1.0 / PRIOR_SLOPE
     octave = state.octaves[k]
     weight = pairs + PRIOR_WINDOWS
     apart = (pairs * octave.apart + PRIOR_WINDOWS * slope * below.apart) / weight
@@ -159,7 +160,7 @@ def best_window(
         accelerated -= likely.accelerated
         off = 0.5 * (likely.apart + max(0.0, accelerated))
         own = off if is_within_tau(params, k) else own
-        weight = 1.0 / (off + NOTHING_SEEN.apart) ** 2
+        weight = 1.0 / (off + LEAST_VARIANCE) ** 2
         weights += weight
         octave += weight * k
         variance += weight * off
@@ -184,7 +185,7 @@ def follow_averaging(
     octaves = take_window(state.octaves, scale(1.0 / time_s, force), turn, windows, moved_s)
     now = Averaging(octaves, windows, moved_s, ZERO_VEC3, ZERO_VEC3, 0.0, 1.0, 0.0, 0.0)
     length_s, variance, own = best_window(params, now, bias_variance)
-    ratio = (variance + NOTHING_SEEN.apart) / (own + NOTHING_SEEN.apart)
+    ratio = (variance + LEAST_VARIANCE) / (own + LEAST_VARIANCE)
     share = max(0.0, 1.0 - ratio * ratio) if params.use_averaging else 0.0
     factor = max(TAU_SHARE * length_s, WINDOW_S) / params.gravity_tau_s
     return with_result(now, factor if params.use_averaging else 1.0, variance, share)

@@ -10,10 +10,10 @@ from estimator.aiding.compass import (
     rejected_until_us,
     restart,
 )
-from estimator.conditioning.params import FORGET_S, LONG_S, USUAL_S
+from estimator.conditioning.params import FORGET_S, LONG_S, MEMORY_S
 
 NOW_US = 500_000_000
-AGAIN_US, MISLED_US, UNLIKE_US = (int(1e6 * s) for s in (LONG_S, FORGET_S, USUAL_S))
+AGAIN_US, MISLED_US, UNLIKE_US = (int(1e6 * s) for s in (LONG_S, FORGET_S, MEMORY_S))
 
 
 DECLARED = declare(Compass(), True)

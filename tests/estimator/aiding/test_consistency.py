@@ -8,7 +8,7 @@ import pytest
 from estimator.aiding.beginning import Start, begin
 from estimator.aiding.consistency import NEW_CONSISTENCY, compare, compare_report, inflated, watch
 from estimator.aiding.types import NO_REPORT, AidingParams, Report, Sigmas
-from estimator.conditioning.robust import LEAST_OFF_RAD
+from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.estimator import Estimator
 from estimator.geometry.quaternion import exp, multiply, rotate_inverse
 from estimator.profile import load_profile, merge_profile

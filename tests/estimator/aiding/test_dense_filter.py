@@ -33,8 +33,9 @@ from estimator.aiding.types import (
 from estimator.aiding.velocity_history import ROWS, new_velocity_history
 from estimator.conditioning.field.magnetic import FieldLook
 from estimator.conditioning.params import LONGEST_STEP_S
-from estimator.conditioning.robust import HEADING_REACH_RAD, LEAST_OFF_RAD
+from estimator.conditioning.robust import HEADING_REACH_RAD
 from estimator.conditioning.vertical.bias import SETTLED_HEADING_RAD
+from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
 from estimator.geometry.quaternion import multiply, normalize
 from estimator.types import NOTHING_BETWEEN, ZERO_VEC3, Between, Sample
 from tests.estimator.aiding.dense_filter import (

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from estimator.aiding.search import EMPTY_SEARCH, add_report, add_sample, solve
 from estimator.aiding.types import Report
-from estimator.conditioning.params import SPAN_S, USUAL_S
+from estimator.conditioning.params import MEMORY_S, SPAN_S
 from estimator.geometry.metrics import angle_errors
 from estimator.types import IDENTITY, STANDARD_GRAVITY_M_S2
 
@@ -69,7 +69,7 @@ def test_it_is_scipys_solution_of_the_same_windows(seed):
     """``Rotation.align_vectors`` with the weights that forgetting leaves."""
     search, _, windows = searched(np.random.default_rng(seed), seconds=8.0)
     a, b = (np.array(side) for side in zip(*windows, strict=True))
-    weights = np.exp(-np.arange(len(a))[::-1] * SPAN_S / USUAL_S)
+    weights = np.exp(-np.arange(len(a))[::-1] * SPAN_S / MEMORY_S)
     wanted, _ = Rotation.align_vectors(a, b, weights=weights)
     assert errors_deg(solve(search, BIAS_SIGMA_RAD_S), wanted)[0] < 1e-9  # measured 1e-13
 

@@ -8,9 +8,8 @@ from numpy.typing import NDArray
 
 from estimator.conditioning.condition import Conditioned, condition
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.robust import LEAST_OFF_RAD
 from estimator.conditioning.state import initial_state
-from estimator.conditioning.vertical.tilt import UNKNOWN, slowness, step_noise
+from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD, UNKNOWN, slowness, step_noise
 from estimator.geometry.metrics import rms
 from estimator.geometry.quaternion import exp, multiply, normalize, rotate_inverse
 from estimator.types import (
