@@ -12,6 +12,7 @@ from estimator.aiding.inertial import GRAVITY_NED
 from estimator.aiding.types import AccelerationTilt
 from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.robust import MOST_DEVIATION
 from estimator.geometry.quaternion import add, scale, subtract
 from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
 
@@ -19,8 +20,6 @@ from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
 ACCELERATION_TILT_TAU_S = ConditioningParams().gravity_tau_s
 # A smaller acceleration (m/s^2) does not distinguish two attitudes.
 LEAST_PUSH_M_S2 = 1.0
-# The most that the aided attitude may leave unexplained of it to count before the unaided one.
-UNEXPLAINED = 0.5
 
 with_means = replacer(AccelerationTilt, "felt_m_s2", "reported_m_s")
 with_latest = replacer(AccelerationTilt, "latest_m_s")
@@ -67,4 +66,4 @@ def explains_acceleration(acceleration_tilt: AccelerationTilt) -> bool:
     seen = scale(1.0 / ACCELERATION_TILT_TAU_S, gained)
     left = subtract(acceleration_tilt.felt_m_s2, seen)
     push = hypot(seen[0], seen[1])
-    return push > LEAST_PUSH_M_S2 and hypot(left[0], left[1]) < UNEXPLAINED * push
+    return push > LEAST_PUSH_M_S2 and hypot(left[0], left[1]) < MOST_DEVIATION * push

@@ -37,8 +37,8 @@ from estimator.aiding.types import (
 )
 from estimator.aiding.velocity_history import new_velocity_history
 from estimator.conditioning.params import SPAN_S
-from estimator.conditioning.robust import FAR, HALF_TURN_VARIANCE, REACH
-from estimator.geometry.quaternion import add, rotate, subtract
+from estimator.conditioning.robust import FAR, REACH
+from estimator.geometry.quaternion import HALF_TURN_VARIANCE, add, rotate, subtract
 from estimator.types import IDENTITY, NO_SAMPLE, ZERO_VEC3, Quaternion, Sample, Vec3
 
 BEGIN_VELOCITY_SIGMA_M_S = 1.0

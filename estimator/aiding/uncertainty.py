@@ -21,7 +21,8 @@ from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.field.magnetic import NORM_SCALE, deviation, horizontal_down, norm_of
 from estimator.conditioning.params import SPAN_S
-from estimator.conditioning.robust import PLANE_68, REACH, robust_factor
+from estimator.conditioning.robust import REACH, robust_factor
+from estimator.geometry.metrics import PLANE_68
 from estimator.geometry.quaternion import norm
 from estimator.types import STANDARD_GRAVITY_M_S2, Vec3
 

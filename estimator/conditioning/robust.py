@@ -1,6 +1,6 @@
 """How much a measurement counts that is further off than its noise explains."""
 
-from math import pi, radians
+from math import radians
 
 from estimator.compilation.compiled import inlined
 
@@ -12,14 +12,9 @@ FAR = 16.0
 # A residual of the heading that counts a quarter, rad. Small: a wrong heading never returns, large:
 # magnets draw it. The aiding does not begin with a less certain heading, by velocity or by field.
 HEADING_REACH_RAD = radians(25.0)
-# A vector that is off its mean by this share of its size has been turned, not measured badly.
+# A vector that is off its mean by this share of its size has been turned, not measured badly; one
+# that is off what an attitude makes it by less is explained by that attitude.
 MOST_DEVIATION = 0.6
-# The mean square angle between a direction and any other one, rad^2: it is known no worse.
-ANY_DIRECTION_VARIANCE = 0.5 * (pi**2 - 4.0)
-# After a turn by an unknown angle any is possible: none is known worse than this, rad^2.
-HALF_TURN_VARIANCE = pi**2
-# 68 % of a plane normal distribution lie within this many of its sigmas.
-PLANE_68 = 1.515
 
 
 @inlined

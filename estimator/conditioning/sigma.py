@@ -23,11 +23,10 @@ from estimator.geometry.quaternion import rotate
 MEASURED_SQUARE = 2.0
 # What a low-pass leaves of the variance of a mean over a window, or by slow accelerations.
 LOW_PASS_SHARE = 0.5
-# What the squared angle between the force of a second and the vertical counts: for some seconds
-# nothing shows whether it is an acceleration or an error.
-CONTRADICTED_SQUARE = 0.1
-# What the variance that a vehicle's vertical is reckoned to have counts beside the measured one.
-RECKONED_SHARE = 0.1
+# The share that counts, beside what is measured, of the variance that a vehicle's vertical is
+# reckoned to have, and of the squared angle between the force of a second and the vertical: for
+# some seconds nothing shows whether that is an acceleration or an error.
+UNMEASURED_SHARE = 0.1
 # The share by which a heading given up may still be right once another is confirmed.
 LEAST_ALTERNATIVE = 0.15
 
@@ -85,7 +84,7 @@ def sigma_inclination(
     known = LEAST_DIRECTION_RAD**2 + vertical.inflation
     force = vertical.gravity.force
     carried = lag_square(force) + carried_share(vertical) * reckoned
-    carried += CONTRADICTED_SQUARE * turn_of(force.quick, force.best.value) ** 2
+    carried += UNMEASURED_SHARE * turn_of(force.quick, force.best.value) ** 2
     return sqrt(known + (1.0 - weighed) * measured + slow * reckoned + (weighed - slow) * carried)
 
 
@@ -93,7 +92,7 @@ def sigma_inclination(
 def carried_share(vertical: VerticalState) -> float:
     """The share that counts of a vehicle's reckoned variance, more while the mean force is new."""
     unseen = 1.0 - vertical.gravity.force.age_s / USUAL_S
-    return max(RECKONED_SHARE, LOW_PASS_SHARE * unseen)
+    return max(UNMEASURED_SHARE, LOW_PASS_SHARE * unseen)
 
 
 @inlined

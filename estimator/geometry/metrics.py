@@ -24,6 +24,10 @@ TRANSIENT = slice(0, 101)
 STEADY = slice(400, 1401)
 
 
+# 68 % of a plane normal distribution lie within this many of its sigmas.
+PLANE_68 = 1.515
+
+
 class AngleErrors(NamedTuple):
     """Total, heading and inclination error, rad, each 0..pi."""
 

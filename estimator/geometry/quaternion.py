@@ -7,7 +7,7 @@ Source of the identities: J. Solà, "Quaternion kinematics for the error-state
 Kalman filter", arXiv:1711.02508.
 """
 
-from math import acos, atan2, cos, sin, sqrt
+from math import acos, atan2, cos, pi, sin, sqrt
 
 from estimator.compilation.compiled import inlined
 from estimator.types import Quaternion, Vec3
@@ -28,6 +28,10 @@ SERIES_TANGENT = 0.05
 ARCTANGENT = (1 / 3, 1 / 5, 1 / 7, 1 / 9, 1 / 11, 1 / 13)
 # Factors of the exponential's series; a multiplication takes a quarter of a division's time.
 SIXTH, TWELFTH, TWENTIETH, THIRTIETH, FORTY_SECOND = 1 / 6, 1 / 12, 1 / 20, 1 / 30, 1 / 42
+# The mean square angle between a direction and any other one, rad^2: it is known no worse.
+ANY_DIRECTION_VARIANCE = 0.5 * (pi**2 - 4.0)
+# After a turn by an unknown angle any is possible: none is known worse than this, rad^2.
+HALF_TURN_VARIANCE = pi**2
 
 
 @inlined

@@ -39,14 +39,13 @@ from estimator.conditioning.field.magnetic import (
 from estimator.conditioning.field.step import FieldStep, MagnetometerState
 from estimator.conditioning.gather import Gathered
 from estimator.conditioning.params import LONGEST_STEP_S, SPAN_S, ConditioningParams
-from estimator.conditioning.robust import ANY_DIRECTION_VARIANCE, HALF_TURN_VARIANCE
 from estimator.conditioning.vertical.bias import Estimate, clip, inflate_heading
 from estimator.conditioning.vertical.gravity import with_down, with_force
 from estimator.conditioning.vertical.lowpass import Smooth
 from estimator.conditioning.vertical.slow_acceleration import SCALE_ERROR
 from estimator.conditioning.vertical.step import VerticalState, VerticalStep
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD, weighing, with_variance
-from estimator.geometry.quaternion import dot
+from estimator.geometry.quaternion import ANY_DIRECTION_VARIANCE, HALF_TURN_VARIANCE, dot
 from estimator.types import ZERO_VEC3, Vec2
 
 # The share of a turn that its jump shows: of one within 0.4 s. Noise adds to either.

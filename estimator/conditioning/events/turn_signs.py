@@ -19,12 +19,18 @@ from estimator.conditioning.params import (
     USUAL_S,
     ConditioningParams,
 )
-from estimator.conditioning.robust import HALF_TURN_VARIANCE, MOST_DEVIATION, robust_factor
+from estimator.conditioning.robust import MOST_DEVIATION, robust_factor
 from estimator.conditioning.vertical.bias import SETTLED_HEADING_RAD, Estimate
 from estimator.conditioning.vertical.gravity import GravityState
 from estimator.conditioning.vertical.slow_acceleration import MOST_APART_RAD, PRIOR_VARIANCE
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD
-from estimator.geometry.quaternion import angle_between_vectors, direction, norm, square
+from estimator.geometry.quaternion import (
+    HALF_TURN_VARIANCE,
+    angle_between_vectors,
+    direction,
+    norm,
+    square,
+)
 from estimator.types import STANDARD_GRAVITY_M_S2, Vec2
 
 

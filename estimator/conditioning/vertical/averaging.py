@@ -22,10 +22,8 @@ WINDOW_S = 0.25
 OCTAVES = ceil(log2(LONG_S / WINDOW_S))
 # The low-pass's time constant, over the length of the windows whose means are as good.
 TAU_SHARE = 0.27
-# After so many windows an octave counts as much as the one below. Their expected ratio is that of
-# white accelerations up to the profile's window, and of a steady turn beyond.
+# After so many windows an octave counts as much as the one below.
 PRIOR_WINDOWS = 0.5
-PRIOR_SLOPE = sqrt(0.5)
 # Largest error of a gyroscope as a share of a turn (cheap ones: 5 to 10 %), of what it shows about
 # other axes, of what averages over a step miss (coning), and of a rate beyond its end. Small: late,
 # large: accelerations tilt the vertical.
@@ -132,7 +130,8 @@ def likely_octave(
     """
     length_s = WINDOW_S * (1 << k)
     pairs = pairs_seen(state.windows, state.moved_s, k)
-    slope = PRIOR_SLOPE if is_within_tau(params, k) else 1.0 / PRIOR_SLOPE
+    # white accelerations up to the profile's window, a steady turn beyond
+    slope = sqrt(0.5) if is_within_tau(params, k) else 1.0 / sqrt(0.5)
     octave = state.octaves[k]
     weight = pairs + PRIOR_WINDOWS
     apart = (pairs * octave.apart + PRIOR_WINDOWS * slope * below.apart) / weight

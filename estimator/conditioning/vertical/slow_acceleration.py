@@ -18,9 +18,14 @@ from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.params import LATELY_S, LONG_S, USUAL_S
-from estimator.conditioning.robust import ANY_DIRECTION_VARIANCE
 from estimator.conditioning.vertical.lowpass import approach
-from estimator.geometry.quaternion import angle_between_vectors, dot, norm, square
+from estimator.geometry.quaternion import (
+    ANY_DIRECTION_VARIANCE,
+    angle_between_vectors,
+    dot,
+    norm,
+    square,
+)
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Vec3
 
 # Before anything is seen they turn the force by as much (rad^2).

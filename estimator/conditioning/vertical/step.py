@@ -6,7 +6,6 @@ from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.gather import Gathered
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.robust import ANY_DIRECTION_VARIANCE, HALF_TURN_VARIANCE
 from estimator.conditioning.vertical.averaging import Averaging, averaging_at_rest, follow_averaging
 from estimator.conditioning.vertical.bias import (
     Estimate,
@@ -57,7 +56,16 @@ from estimator.conditioning.vertical.tilt import (
     with_known,
 )
 from estimator.geometry.axes import axes_of, down_of
-from estimator.geometry.quaternion import dot, multiply, norm, rotate, rotate_inverse, subtract
+from estimator.geometry.quaternion import (
+    ANY_DIRECTION_VARIANCE,
+    HALF_TURN_VARIANCE,
+    dot,
+    multiply,
+    norm,
+    rotate,
+    rotate_inverse,
+    subtract,
+)
 from estimator.types import ZERO_VEC3, Between, Vec3
 
 

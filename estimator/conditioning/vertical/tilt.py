@@ -12,11 +12,10 @@ from typing import NamedTuple
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.params import ACCELERATION_LASTS_S, SPAN_S, USUAL_S, ConditioningParams
-from estimator.conditioning.robust import ANY_DIRECTION_VARIANCE
 from estimator.conditioning.vertical.averaging import MOST_ERROR
 from estimator.conditioning.vertical.rate import is_mean, likeness, slow_share
 from estimator.conditioning.vertical.slow_acceleration import apart_rad
-from estimator.geometry.quaternion import dot, norm, scale, subtract
+from estimator.geometry.quaternion import ANY_DIRECTION_VARIANCE, dot, norm, scale, subtract
 from estimator.types import ZERO_VEC3, Between, Vec2, Vec3
 
 # White noise of a gyroscope and its truncation to mrad/s, rad/s/sqrt(Hz).
