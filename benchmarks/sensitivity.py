@@ -1,12 +1,12 @@
 """What does each tuned number of the profile ``imu`` move?
 
-    python benchmarks/sensitivity.py DIR [DIR ...] [--seeds 100-101] [--only NAME,NAME]
+    python benchmarks/sensitivity.py [DIR ...] [--seeds 100-101] [--only NAME,NAME]
 
-Each number of conditioning and aiding is multiplied by 0.7 and by 1.4. A row a change: the largest
+Each number of conditioning and aiding that is not 0 is multiplied by 0.7 and by 1.4. A row a change: the largest
 change of a set's mean error (percent of it, at least 0.3 deg), the largest change of its share
 under sigma, and the sets on which they are. Sets are the folders' recordings as they are, and
-simulated flights at 50 and at 4 Hz, with velocity and without. The last row counts the numbers that
-move no error by 1 % and no share by 0.02.
+simulated flights at 50 and at 4 Hz, with velocity and without. A change that a bound
+refuses has none. The last row counts the numbers that move no error by 1 % and no share by 0.02.
 """
 
 from argparse import Namespace
@@ -109,9 +109,11 @@ def moved(base: Mapping[str, Row], found: Mapping[str, Row]) -> Row:
     *FOLDERS,
     option("--seeds", type=seeds, default=range(100, 102), metavar="A-B", help="of the flights"),
     option("--only", default="", metavar="NAME,NAME", help="these numbers"),
-    option("--jobs", type=int, default=2),
+    option("--jobs", type=int, default=2, help="processes"),
 )
 def main(options: Namespace) -> Tables:
+    if options.folders:
+        chosen_sets(options)  # refuses folders without recordings, in this process
     asked = list(changes_of(options.only))[: 2 if options.smoke else None]
     rows: list[Row] = []
     still: dict[str, bool] = {}
@@ -120,7 +122,10 @@ def main(options: Namespace) -> Tables:
         answers = pool.map(answer, [changes for _, _, changes in asked])
         bar = track(answers, total=len(asked), console=Console(stderr=True))
         for (name, factor, _), found in zip(asked, bar, strict=True):
-            row = {"number": name, "times": factor, **(moved(base, found) if found else {})}
+            if found is None:
+                rows.append({"number": name, "times": factor, "error of": "refused"})
+                continue
+            row = {"number": name, "times": factor, **moved(base, found)}
             far = abs(row.get("error %", 0.0)) >= LEAST_PERCENT
             still[name] = (
                 still.get(name, True) and not far and abs(row.get("under sigma", 0.0)) < LEAST_SHARE

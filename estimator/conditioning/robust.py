@@ -13,7 +13,7 @@ FAR = 16.0
 # magnets draw it. The aiding does not begin with a less certain heading, by velocity or by field.
 HEADING_REACH_RAD = radians(25.0)
 # A vector that is off its mean by this share of its size has been turned, not measured badly; one
-# that is off what an attitude makes it by less is explained by that attitude.
+# that differs by less from what an attitude predicts is explained by it.
 MOST_DEVIATION = 0.6
 
 

@@ -16,6 +16,7 @@ about either axis across it.
 
 from typing import NamedTuple
 
+from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.params import LATELY_S, LONG_S, USUAL_S
 from estimator.conditioning.vertical.lowpass import approach
@@ -49,7 +50,7 @@ class SlowAcceleration(NamedTuple):
     seen_s: float = 0.0  # for how long the vehicle has been watched
 
 
-with_rest = replacer(SlowAcceleration, "seen_s")
+with_seen_s = replacer(SlowAcceleration, "seen_s")
 
 
 @inlined
@@ -82,7 +83,7 @@ def watch_slow(
     down_g: Vec3,
     long_share: float,
     aliasing: float,
-    watched_s: float,
+    carried: float,
     dt_s: float,
 ) -> SlowAcceleration:
     """A step with the force ``u``, of which ``quick`` is the mean over a second (minus it, in G).
@@ -90,7 +91,8 @@ def watch_slow(
     ``down_g`` is the vertical before it. The long mean moves by ``long_share`` a step, so it lags
     behind a turn of the variance ``aliasing`` (rad^2) in each step by L <- (1 - share)^2 (L +
     missed). Until the vehicle has been watched for ``USUAL_S`` that mean may itself lie off as far
-    as the size of the force allows; this step adds ``watched_s`` to that time.
+    as the size of the force allows. Of this the share ``carried`` counts, less for a slow stream,
+    whose first readings show little of what lasts.
     """
     long = approach(state.long, u, long_share)
     lag = (1.0 - long_share) ** 2 * (state.lag + aliasing)
@@ -101,9 +103,10 @@ def watch_slow(
     excess = size * size - 1.0 - shaken
     along = dot(u, down_g) / (norm(down_g) * STANDARD_GRAVITY_M_S2) if square(down_g) > 0.0 else 1.0
     b = dt_s / (USUAL_S + dt_s)
-    seen_s = state.seen_s + watched_s
-    excess = state.excess + max(b, watched_s / seen_s) * (excess - state.excess)
-    unseen = max(0.0, 1.0 - seen_s / USUAL_S)
+    seen_s = state.seen_s + dt_s
+    age_s = seen_s / max(carried, TINY)
+    excess = state.excess + max(b, dt_s / age_s) * (excess - state.excess)
+    unseen = max(0.0, 1.0 - age_s / USUAL_S)
     return SlowAcceleration(
         apart=max(state.apart + b * (off - state.apart), unseen * min(excess, MOST_APART_RAD**2)),
         lag=lag,

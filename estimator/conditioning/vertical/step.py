@@ -2,7 +2,6 @@
 
 from typing import NamedTuple
 
-from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.gather import Gathered
 from estimator.conditioning.params import ConditioningParams
@@ -34,7 +33,7 @@ from estimator.conditioning.vertical.slow_acceleration import (
     mean_tilt_variance,
     slow_variance,
     watch_slow,
-    with_rest,
+    with_seen_s,
 )
 from estimator.conditioning.vertical.stillness import (
     RestState,
@@ -264,14 +263,12 @@ def follow_slow(
     """What shows accelerations that last after a step; a rest shows nothing of them."""
     if weighing(params, k.dt_s) == 0.0:
         return before.slow
-    # a slow stream's first readings show little of what lasts
-    carried = weighing(params, k.dt_s) - slowness(params, k.dt_s)
-    watched_s = k.dt_s / max(carried, TINY)
     if before.rest.resting:
-        return with_rest(before.slow, before.slow.seen_s + watched_s)
+        return with_seen_s(before.slow, before.slow.seen_s + k.dt_s)
     f, down_g = now.force, before.gravity.force.down.value
     share = long_share(k, f.age_s)
-    return watch_slow(before.slow, u, f.quick, down_g, share, aliasing, watched_s, k.dt_s)
+    carried = weighing(params, k.dt_s) - slowness(params, k.dt_s)
+    return watch_slow(before.slow, u, f.quick, down_g, share, aliasing, carried, k.dt_s)
 
 
 @inlined

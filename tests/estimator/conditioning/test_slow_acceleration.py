@@ -3,10 +3,7 @@
 import numpy as np
 import pytest
 
-from estimator.conditioning.vertical.slow_acceleration import (
-    SlowAcceleration,
-    watch_slow,
-)
+from estimator.conditioning.vertical.slow_acceleration import SlowAcceleration, watch_slow
 from estimator.types import STANDARD_GRAVITY_M_S2
 from tests.truth.run import Case, Verdict, judge
 
@@ -19,8 +16,8 @@ def test_shaking_is_no_acceleration_that_lasts() -> None:
     shaken, braking, down = SlowAcceleration(), SlowAcceleration(), (0.0, 0.0, G)
     for _ in range(1000):
         x, y, z = G * (np.array((0.0, 0.0, 1.0)) + (0.25 / 3.0) ** 0.5 * rng.standard_normal(3))
-        shaken = watch_slow(shaken, (x, y, z), down, down, 0.03, 0.0, 60.0, 0.25)
-        braking = watch_slow(braking, (0.5 * G, 0.0, G), down, down, 0.03, 0.0, 60.0, 0.25)
+        shaken = watch_slow(shaken, (x, y, z), down, down, 0.03, 0.0, 0.0, 0.25)
+        braking = watch_slow(braking, (0.5 * G, 0.0, G), down, down, 0.03, 0.0, 0.0, 0.25)
     assert braking.excess == pytest.approx(0.25, rel=0.01)
     assert shaken.excess == pytest.approx(0.0, abs=0.05)
 
@@ -29,8 +26,21 @@ def test_a_force_that_has_turned_over_counts_as_one_that_is_off_by_a_radian() ->
     up, down = (0.0, 0.0, -G), (0.0, 0.0, G)
     state = SlowAcceleration(long=down)
     for _ in range(2000):
-        state = watch_slow(state, up, up, down, 0.0, 0.0, 60.0, 0.25)
+        state = watch_slow(state, up, up, down, 0.0, 0.0, 0.0, 0.25)
     assert state.apart == pytest.approx(1.0, rel=0.01)
+
+
+def test_a_long_step_is_one_reading_of_a_vehicles_first_seconds() -> None:
+    """Two seconds of braking at half of gravity, a step of 0.2 s without it, and braking again."""
+    state, down, braking = SlowAcceleration(), (0.0, 0.0, G), (0.5 * G, 0.0, G)
+    for _ in range(100):
+        state = watch_slow(state, braking, down, down, 0.03, 0.0, 1.0, 0.02)
+    assert state.apart >= 0.9 * 0.25
+    state = watch_slow(state, down, down, down, 0.03, 0.0, 0.0, 0.2)
+    assert state.excess == pytest.approx(0.25, rel=0.02)
+    state = watch_slow(state, braking, down, down, 0.03, 0.0, 1.0, 0.02)
+    assert state.excess == pytest.approx(0.25, rel=0.02)
+    assert state.apart >= 0.98 * 0.25 * (1.0 - 2.22 / 20.0)
 
 
 def verdict(motion: str, rate_hz: float) -> Verdict:
