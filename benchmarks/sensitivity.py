@@ -2,10 +2,10 @@
 
     python benchmarks/sensitivity.py [DIR ...] [--seeds 100-101] [--only NAME,NAME]
 
-Each number of conditioning and aiding that is not 0 is multiplied by 0.7 and by 1.4. A row a change: the largest
-change of a set's mean error (percent of it, at least 0.3 deg), the largest change of its share
-under sigma, and the sets on which they are. Sets are the folders' recordings as they are, and
-simulated flights at 50 and at 4 Hz, with velocity and without. A change that a bound
+Each number of conditioning and aiding that is not 0 is multiplied by 0.7 and by 1.4. A row a
+change: the largest change of a set's mean error (percent of it, at least 0.3 deg), the largest
+change of its share under sigma, and the sets on which they are. Sets are the folders' recordings as
+they are, and simulated flights at 50 and at 4 Hz, with velocity and without. A change that a bound
 refuses has none. The last row counts the numbers that move no error by 1 % and no share by 0.02.
 """
 
