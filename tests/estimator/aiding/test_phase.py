@@ -91,6 +91,7 @@ def test_without_a_field_it_is_searched_for_and_a_gap_ends_the_search(flight):
     broken = Pilot(Estimator(pilot.estimator.profile), flight, field=False)
     broken.estimator.snapshot, broken.k = pilot.estimator.snapshot, pilot.k
     assert pilot.fly(25.0).phases == [Phase.EMPTY, Phase.UNAIDED, Phase.SEARCHING, Phase.AIDED]
+    assert broken.estimator.snapshot.context.phase is Phase.SEARCHING
     broken.pause(6.0).fly(0.04, reports=False)
     assert broken.phases[-1] is Phase.UNAIDED
     assert broken.estimator.snapshot.core.search == EMPTY_SEARCH

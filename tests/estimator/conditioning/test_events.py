@@ -27,6 +27,7 @@ from estimator.conditioning.events.turn_signs import (
 from estimator.conditioning.field.calibration import Calibration
 from estimator.conditioning.field.magnetic import (
     NORM_SCALE,
+    AlternativeField,
     FieldLook,
     FieldReference,
     MagneticState,
@@ -43,7 +44,19 @@ from estimator.conditioning.vertical.lowpass import Smooth
 PARAMS = ConditioningParams()
 ZERO = (0.0, 0.0, 0.0)
 DT = 0.04
-JUMP = JumpSigns(quick_norm=0.448, usual=0.0004, usual_turning=0.09, turning=0.30, seen_rad=0.02)
+JUMP = JumpSigns(
+    quick=(0.20, 0.03, 0.40),
+    slow=(0.21, -0.01, 0.41),
+    quick_norm=0.448,
+    slow_norm=0.461,
+    stretched=0.0007,
+    usual=0.0004,
+    usual_turning=0.09,
+    turning=0.30,
+    unseen=0.0003,
+    seen_rad=0.02,
+    age_s=5.0,
+)
 
 
 @pytest.mark.parametrize(
@@ -71,36 +84,56 @@ def test_a_jump_is_more_than_what_else_turns_the_field(own, by_turning, share):
     assert jump_variance(PARAMS, counted, learnt) == (0.0, counted.seen_rad)
 
 
-def release(*, moves_rad=0.01, confidence=0.7):
+def release(*, moves_rad=0.01, usual_s=1.2, confidence=0.7, norm=0.46, variance=0.4, tilt=0.05):
     """The inflation after a step beside a field of dip 60 degrees that is off by 0.3 rad."""
     reference = FieldReference(horizontal=0.25, down=0.25 * sqrt(3.0), uneven=0.0001)
     field = MagneticState(FieldLook(0.25, 0.43, confidence), reference, 0.0, True)
-    inflation = HeadingInflation(0.4, 0.7, 0.461, 0.9)
+    inflation = HeadingInflation(variance, usual_s, 0.461, 0.9)
     estimate = Estimate(ZERO, 0.2, (1e-4, 0, 0, 0, 1e-4, 0, 0, 1e-4, 0, 0.03))
-    jump = JUMP._replace(quick_norm=0.46, moves_rad=moves_rad)
+    jump = JUMP._replace(quick_norm=norm, moves_rad=moves_rad)
     return release_inflation(
-        PARAMS, inflation, 0.05, estimate, field, jump, (np.cos(0.3), np.sin(0.3)), DT
+        PARAMS, inflation, tilt, estimate, field, jump, (np.cos(0.3), np.sin(0.3)), DT
     )
+
+
+def test_the_heading_is_inflated_once_the_field_looks_as_usual():
+    inflation, tilt, estimate, released = release()
+    assert (inflation.variance, tilt, released) == (0.0, 0.05, True)
+    assert estimate.covariance[9] == pytest.approx(0.03 + 0.4)
 
 
 def test_a_field_that_still_moves_or_is_another_keeps_the_inflation():
     moved = (0.06 / PARAMS.turn_jump_rad) ** 2
     seldom = (0.01 / PARAMS.turn_jump_rad) ** 2 + sqrt(0.9 / 0.2) - 1.0
     for off, unlike in ((moved, {"moves_rad": 0.06}), (seldom, {"confidence": 0.2})):
-        inflation, tilt, estimate, released = release(**{"confidence": 0.95, **unlike})
+        inflation, tilt, estimate, released = release(usual_s=0.7, **{"confidence": 0.95, **unlike})
         assert inflation.usual_s == pytest.approx(0.7 + max(-1.0, 2.0 * (1.0 - off)) * DT)
         assert (inflation.variance, tilt, released) == (0.4, 0.05, False)
         assert estimate.covariance[9] == 0.03
-    assert release()[0].usual_s == pytest.approx(0.7 + DT)
+    assert release(usual_s=0.7)[0].usual_s == pytest.approx(0.7 + DT)
 
 
-SIGNS = HeadingSigns(mean_confidence=0.85, confirmed_s=2.0, other_rad=-0.5, other_s=20.0)
+def test_a_field_of_another_norm_is_a_magnets():
+    inflation, tilt, estimate, released = release(norm=0.461 * 1.045)
+    assert (inflation.variance, tilt, released) == (0.0, 0.0, False)
+    assert estimate.covariance[9] == 0.03
 
 
-def heading_after(state, horizontal, *, confidence=0.9):
+SIGNS = HeadingSigns(
+    mean_north=0.20,
+    mean_east=0.05,
+    mean_confidence=0.85,
+    scatter=0.002,
+    confirmed_s=2.0,
+    other_rad=-0.5,
+    other_s=20.0,
+)
+
+
+def heading_after(state, horizontal, *, confidence=0.9, variance=0.01, is_new=False):
     look = FieldLook(0.25, 0.4, confidence)
-    field = MagneticState(look, FieldReference(0.25, 0.4), 0.0, True)
-    estimate = Estimate(ZERO, 0.9, (0, 0, 0, 0, 0, 0, 0, 0, 0, 0.01))
+    field = MagneticState(look, FieldReference(0.25, 0.4, is_new=is_new), 0.0, True)
+    estimate = Estimate(ZERO, 0.9, (0, 0, 0, 0, 0, 0, 0, 0, 0, variance))
     return watch_heading(PARAMS, state, estimate, field, horizontal, DT)
 
 
@@ -175,19 +208,33 @@ def confidence(norm, dip, expected=EXPECTED):
     return look_at_field(before, seen, 1.0, expected, NORM_SCALE, DIP_SCALE).confidence
 
 
+def test_the_expected_field_has_full_confidence():
+    assert confidence(0.5, DIP) == pytest.approx(1.0)
+
+
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_one_scale_off_leaves_a_quarter(sign):
     """c = 1/(1 + D^2)^2 at D = 1; of the dip the sine counts, 0.5 % less."""
-    assert confidence(0.5, DIP) == pytest.approx(1.0)
     assert confidence(0.5 * (1.0 + sign * NORM_SCALE), DIP) == pytest.approx(0.25)
     assert confidence(0.5, DIP + sign * DIP_SCALE) == pytest.approx(0.25, abs=0.003)
-    # readings that are zero teach a reference of zero, which nothing resembles
+
+
+def test_nothing_resembles_a_field_of_nothing():
+    """Readings that are zero teach a reference of zero; confidence stays a number."""
     assert confidence(0.0, 0.0, (0.0, 0.0)) == 0.0
     assert confidence(0.5, DIP, (0.0, 0.0)) == 0.0
 
 
 LOOK = FieldLook(horizontal=0.28, down=0.41, confidence=0.6)
-REFERENCE = FieldReference(0.25, 0.43, confirmed_s=7.0)
+REFERENCE = FieldReference(
+    horizontal=0.25,
+    down=0.43,
+    samples=50.0,
+    age_s=12.0,
+    confirmed_s=7.0,
+    other=AlternativeField(0.29, 0.40, 3.0),
+    uneven=0.002,
+)
 
 
 def test_steepness_is_the_squared_tangent_of_the_dip_and_bounded():
