@@ -126,10 +126,8 @@ def main(options: Namespace) -> Tables:
                 rows.append({"number": name, "times": factor, "error of": "refused"})
                 continue
             row = {"number": name, "times": factor, **moved(base, found)}
-            far = abs(row.get("error %", 0.0)) >= LEAST_PERCENT
-            still[name] = (
-                still.get(name, True) and not far and abs(row.get("under sigma", 0.0)) < LEAST_SHARE
-            )
+            far = abs(row["error %"]) >= LEAST_PERCENT or abs(row["under sigma"]) >= LEAST_SHARE
+            still[name] = still.get(name, True) and not far
             rows.append(row)
     rows.sort(key=lambda row: -abs(row.get("error %", 0.0)))
     quiet = sorted(name for name, is_still in still.items() if is_still)
