@@ -1,14 +1,12 @@
-"""What does a sample cost a program: in batches, call by call, from a log, in a loop at 1 kHz?
+"""What does a sample cost a program: in batches, call by call, in a loop at 1 kHz?
 
-    python benchmarks/speed.py [DIR] [--logs LOG ...] [--loop SECONDS]
+    python benchmarks/speed.py [DIR] [--loop SECONDS]
 
 ``time a sample``: ``fuzzbee.Estimator`` with its defaults, checks and sigmas against ``vqf.VQF``'s
 own binding and imufusion: microseconds of processor, the best of rounds in which all take turns,
-the one that other programs disturbed least. Compiling, and building a filter, are not timed. With
-``--logs`` the time for each IMU sample of a log that is used: ``replay`` is all that ``fuzzbee
-replay`` does, ``rows`` the estimate alone, of samples and reports in columns, as ``tune`` does for
-each candidate, ``pymavlink`` its bare reading, ``vqf`` its batch without velocity. ``ratio`` is
-fuzzbee's (``replay``'s) time over the other's in the same run: it holds on other machines.
+the one that other programs disturbed least. Compiling, and building a filter, are not timed.
+``ratio`` is fuzzbee's time over the other's in the same run: it holds on other machines. Logs have
+a benchmark of their own, ``replay_speed.py``.
 
 With ``--loop`` instead one ``Estimator.update`` each millisecond, by the clock, the rest of which
 the loop sleeps: median, 99.9th percentile and the worst, in microseconds. The readings are those of
@@ -20,27 +18,21 @@ import gc
 import time
 from argparse import Namespace
 from collections.abc import Callable, Iterator
-from contextlib import closing
 from functools import partial
 from math import inf
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from common.filters import ImufusionRun, body_readings, is_installed
 from common.recordings import Trial, chosen_sets, made_up
 from common.report import FOLDERS, MISSING, Row, Tables, benchmark, option
-from flying.replayed import SHORT_LOG
 
 from drivers.simulation.simulated_vehicle import simulate
-from estimator.profile import load_profile
-from fuzzbee import Estimator, replay
-from fuzzbee.tune.read_flight import read_flight
-from tuning.flight import fly
+from fuzzbee import Estimator
 
 ROWS = slice(1000, 7000)  # past the rest that recordings begin with
 CALLS = 600  # of them: what takes longer than a few ms, other programs always interrupt
-ROUNDS, LOG_ROUNDS, SMOKE_ROUNDS = 100, 5, 3
+ROUNDS, SMOKE_ROUNDS = 100, 3
 PERIOD_S, MAG_EVERY = 1e-3, 10  # of the loop, and samples
 GYR_LSB_RAD_S, ACC_LSB_M_S2 = np.radians(2000.0 / 32768), 16 * 9.80665 / 32768
 MAG_LSB_GAUSS = 0.0015
@@ -101,31 +93,6 @@ def each_asked(filter_: Any, rows: list[tuple[Any, ...]]) -> None:
         attitude()
 
 
-def of_log(log: Path) -> Ways:
-    """Each way through a log; None where what it needs is not installed."""
-    profile = load_profile("imu")
-    flight = read_flight(log, profile)
-    _, *readings, _ = flight.rows
-    columns = [np.ascontiguousarray(column * (1.0, -1.0, -1.0)) for column in readings]
-    starts: dict[str, Start] = {
-        "replay": lambda: partial(replay, log, profile),
-        "rows": lambda: partial(fly, flight, profile),
-        "pymavlink": lambda: partial(read_by_pymavlink, log),
-        "vqf": lambda: partial(vqf(flight.rate_hz).updateBatch, *columns),
-    }
-    if log.suffix != ".tlog":
-        del starts["pymavlink"]
-    return installed({("log", name): (start, len(flight.truth)) for name, start in starts.items()})
-
-
-def read_by_pymavlink(log: Path) -> None:
-    from pymavlink import mavutil
-
-    with closing(mavutil.mavlink_connection(str(log))) as reader:
-        while reader.recv_msg() is not None:
-            pass
-
-
 def measure(ways: Ways, rounds: int) -> list[Row]:
     """Microseconds a sample of each, and those of the first of its way over them."""
     best = dict.fromkeys(ways, inf)
@@ -171,19 +138,16 @@ def loop_row(name: str, took_us: list[float]) -> Row:
 
 @benchmark(
     *FOLDERS,
-    option("--logs", type=Path, nargs="+", default=[], metavar="LOG"),
     option("--loop", type=float, default=0.0, metavar="SECONDS"),
 )
 def main(options: Namespace) -> Tables:
-    rounds, log_rounds = ROUNDS, LOG_ROUNDS
+    rounds = ROUNDS
     found: dict[str, list[Row]] = {}
     if options.smoke:
-        rounds, log_rounds, options.logs, options.loop = SMOKE_ROUNDS, 1, [SHORT_LOG], 1.0
-    if options.smoke or not (options.logs or options.loop):
+        rounds, options.loop = SMOKE_ROUNDS, 1.0
+    if options.smoke or not options.loop:
         trial = next(iter(chosen_sets(options).values()))[0] if options.folders else made_up()
         found[f"time a sample, {trial.name}"] = measure(of_samples(trial), rounds)
-    for log in options.logs:
-        found[f"time an IMU sample, {log.name}"] = measure(of_log(log), log_rounds)
     if options.loop:
         gc.disable()
         count = round(options.loop / PERIOD_S)
