@@ -161,7 +161,7 @@ class Pipeline:
         vehicle = self._vehicles.get(event.vehicle)
         if self.load.is_shedding or vehicle is None:
             return []
-        vehicle.peers[event.source] = Peer(event.vehicle, event.source, event.q_ned_frd)
+        vehicle.peers[event.source] = event
         return _messages(vehicle.on_reference(event))
 
     # --- time
@@ -211,7 +211,7 @@ class Pipeline:
         attitude = vehicle.attitude(now_us)
         if attitude is None:
             return []
-        peers = list(vehicle.peers.values())
+        peers = [Peer(each.vehicle, each.source, each.q_ned_frd) for each in vehicle.peers.values()]
         vehicle.peers.clear()
         return [*peers, Published(vehicle.address, attitude, vehicle.imu.last_sample)]
 

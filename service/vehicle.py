@@ -12,7 +12,7 @@ from service.alarms import Alarms
 from service.evidence import OtherImus
 from service.lines import LineLimit
 from service.publishing import HostClock, Publishing, attitude_record, is_finite
-from service.records import HAS_ATTITUDE, AttitudeRecord, Peer, State, vehicle_name
+from service.records import HAS_ATTITUDE, AttitudeRecord, State, vehicle_name
 from service.second_opinion import Look, SecondOpinion
 from service.stream_state import LATE_MINIMUM_US, ImuStream
 from service.vehicle_parameters import VehicleParameters
@@ -43,7 +43,8 @@ class Vehicle:
         self.last_arrival_us = 0  # the latest arrival of anything that is a vehicle's own
         self.silent_looks = 0  # of the pipeline since then
         self.rejected: Counter[Reason] = Counter()
-        self.peers: dict[str, Peer] = {}  # others' latest attitudes, until ours is published
+        # others' latest attitudes, until ours is published
+        self.peers: dict[str, events.ReferenceAttitude] = {}
         self.built_in_motion: str | None = None  # of fuzzbee's own vehicle
         self.imu = ImuStream()
         self.others = OtherImus()

@@ -32,15 +32,11 @@ class LogFile(Closing):
     def __init__(self, path: Path) -> None:
         self.path = path
         self.on_read: OnRead | None = None
-        self._follows: ImuInUse | None = None
+        self.imu_in_use: ImuInUse | None = None
 
     def follow(self, imu_in_use: ImuInUse) -> None:
         """Skip a vehicle's other IMU messages, as a live link does."""
-        self._follows = imu_in_use
-
-    def imu_in_use(self, vehicle: VehicleId) -> str | None:
-        """The IMU message that is used of the vehicle, if that is known by now."""
-        return None if self._follows is None else self._follows(vehicle)
+        self.imu_in_use = imu_in_use
 
     @abstractmethod
     def __iter__(self) -> Iterator[Event]:

@@ -150,21 +150,22 @@ def tlog_records(
 
     def read(position: int, stop: int) -> tuple[list[tuple[int, Frame] | None], int]:
         data, found = window.data, list[tuple[int, Frame] | None]()
+        size = len(data)
         while position < stop:
             start = position + STAMP_SIZE
-            if start >= len(data):
-                return found, len(data)
+            if start >= size:
+                return found, size
             end = frame_end(data, start)
-            if end is None or end > len(data):
+            if end is None or end > size:
                 break
             frame = frames.frame(data, start, end)
-            if frame is not None and frame.message_id in wanted:
-                stamp_us = int.from_bytes(data[position:start], "big")
-                found.append((min(stamp_us, LATEST_US), frame))
-            elif frame is None:
+            if frame is None:
                 if not frames.is_followed(data, end):
                     break
                 found.append(None)
+            elif frame.message_id in wanted:
+                stamp_us = int.from_bytes(data[position:start], "big")
+                found.append((min(stamp_us, LATEST_US), frame))
             position = end
         return found, position
 

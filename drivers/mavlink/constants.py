@@ -36,17 +36,8 @@ def is_autopilot(autopilot: int, vehicle_type: int) -> bool:
     return bool(autopilot != m.MAV_AUTOPILOT_INVALID and vehicle_type != m.MAV_TYPE_GCS)
 
 
-def autopilot_name(number: int) -> str:
-    """MAV_AUTOPILOT without its prefix, such as ARDUPILOTMEGA or PX4; the number if unknown."""
-    return _enum_name("MAV_AUTOPILOT", number)
-
-
-def vehicle_type_name(number: int) -> str:
-    """MAV_TYPE without its prefix, such as QUADROTOR; the number if unknown."""
-    return _enum_name("MAV_TYPE", number)
-
-
-def _enum_name(enum: str, number: int) -> str:
+def enum_name(enum: str, number: int) -> str:
+    """An entry of MAV_AUTOPILOT, MAV_TYPE or the like without that; the number if unknown."""
     entry = mavlink().enums[enum].get(number)
     return str(number) if entry is None else str(entry.name).removeprefix(f"{enum}_")
 

@@ -101,7 +101,6 @@ class MavlinkDecoder:
         # of systems whose autopilot is not known yet; the latest of each name
         self._waiting: dict[tuple[int, str], ParameterValue] = {}
         self._references = references
-        self._imu_ranks = {imu.name: place for place, imu in enumerate(IMU_MESSAGES.values())}
         self._handlers: dict[int, Callable[[_Sender, Frame, int], list[Event]]] = {
             mav.PARAM_VALUE_ID: partial(self._unpacked, self._param_value),
             mav.HEARTBEAT_ID: partial(self._unpacked, self._heartbeat),
@@ -110,8 +109,10 @@ class MavlinkDecoder:
         }
         if texts:
             self._handlers[mav.STATUSTEXT_ID] = partial(self._unpacked, self._status_text)
+        better: list[str] = []  # IMU messages, in the order of preference
         for number, imu in IMU_MESSAGES.items():
-            self._handlers[number] = partial(self._imu, imu)
+            self._handlers[number] = partial(self._imu, imu, tuple(better))
+            better.append(imu.name)
         for number, kind in MESSAGES.items():
             if references or not kind.is_reference:
                 self._handlers[number] = partial(self._message, kind)
@@ -143,14 +144,21 @@ class MavlinkDecoder:
         return [event for sender in self._senders.values() for event in sender.intake.end()]
 
     def _imu(
-        self, message: ImuMessage, sender: _Sender, frame: Frame, arrival_us: int
+        self,
+        message: ImuMessage,
+        better: tuple[str, ...],
+        sender: _Sender,
+        frame: Frame,
+        arrival_us: int,
     ) -> list[Event]:
-        _, name, clock, vectors, *_ = message
+        """A sample, or now and then another IMU's reading while one of the ``better`` is used."""
+        _, name, clock, vectors, _, _ = message
         if self.imu_in_use is not None:
             sender.imu_us[name] = arrival_us
-            in_use = self.imu_in_use(sender.id)
-            if in_use not in (None, name) and self._is_behind(sender, name, in_use, arrival_us):
-                return self._other_imu(sender, frame, arrival_us)
+            in_use = (self.imu_in_use(sender.id) or "").partition(":")[0]
+            last_us = sender.imu_us.get(in_use, arrival_us - IMU_SILENT_US)
+            if in_use in better and 0 <= arrival_us - last_us < IMU_SILENT_US:
+                return _other_imu(message, sender, frame, arrival_us)
         if (m := fields(frame)) is None:
             return []
         raw_us = m.time_usec if clock is _TIME_USEC else m.time_boot_ms * 1000
@@ -176,29 +184,6 @@ class MavlinkDecoder:
         if (m := fields(frame)) is None:
             return []
         return kind.events(sender.intake, Received(kind.name, m, arrival_us))
-
-    def _is_behind(self, sender: _Sender, name: str, in_use: str, arrival_us: int) -> bool:
-        """Whether an IMU message is not needed, as a better one is in use and comes."""
-        better = in_use.partition(":")[0]
-        last_us = sender.imu_us.get(better)
-        if last_us is None or not 0 <= arrival_us - last_us < IMU_SILENT_US:
-            return False
-        return better in self._imu_ranks and self._imu_ranks[better] < self._imu_ranks[name]
-
-    def _other_imu(self, sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:
-        """What an IMU that is not in use reads, twice a second; otherwise nothing is unpacked."""
-        message = IMU_MESSAGES[frame.message_id]
-        name = imu_stream_name(message.name, imu_number(frame))
-        last_us = sender.other_us.get(name)
-        if last_us is not None and 0 <= arrival_us - last_us < OTHER_IMU_US:
-            return []
-        if last_us is None and len(sender.other_us) >= MOST_STREAMS:
-            return []
-        sender.other_us[name] = arrival_us
-        if (m := fields(frame)) is None:
-            return []
-        gyr, acc, _ = message.vectors(m)
-        return [events.OtherImu(sender.id, arrival_us, name, gyr, acc)]
 
     def _meet(self, frame: Frame, arrival_us: int) -> list[Event]:
         """Give a new sender a slot, if there is one; too many are no link of real ones."""
@@ -263,6 +248,21 @@ class MavlinkDecoder:
 
     def _command_ack(self, sender: _Sender, m: Any, arrival_us: int) -> list[Event]:
         return [events.CommandAck(sender.id, arrival_us, m.command, m.result)]
+
+
+def _other_imu(message: ImuMessage, sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:
+    """What an IMU that is not in use reads, twice a second; otherwise nothing is unpacked."""
+    name = imu_stream_name(message.name, imu_number(frame))
+    last_us = sender.other_us.get(name)
+    if last_us is not None and 0 <= arrival_us - last_us < OTHER_IMU_US:
+        return []
+    if last_us is None and len(sender.other_us) >= MOST_STREAMS:
+        return []
+    sender.other_us[name] = arrival_us
+    if (m := fields(frame)) is None:
+        return []
+    gyr, acc, _ = message.vectors(m)
+    return [events.OtherImu(sender.id, arrival_us, name, gyr, acc)]
 
 
 def _version(sender: _Sender, frame: Frame, arrival_us: int) -> list[Event]:

@@ -26,6 +26,7 @@ MOST_TRIED, BYTES_A_TRY = 100, 64
 SIGNED_FLAG = 0x01  # the only incompatibility flag there is; frames with others are not for us
 _MAGIC = re.compile(rb"[\xfd\xfe]")
 _MAGICS = (MAGIC_V1, MAGIC_V2)
+_MAGIC_BYTES = (b"\xfd", b"\xfe", b"")  # or the data end
 # flags, the sequence number, system, component, and the message's number, whose upper byte is apart
 _OF_V2, _OF_V1 = Struct("<xxBxBBBHB").unpack_from, Struct("<xxBBBB").unpack_from
 _STRETCH = 1 << 12  # bytes; one without a marker is passed over some fifty times as fast
@@ -135,14 +136,7 @@ class FrameReader:
         position, size = 0, len(data)
         left = MOST_TRIED + size // BYTES_A_TRY
         while position < size:
-            if (
-                data[position] == MAGIC_V2
-                and position + HEADER_V2 <= size
-                and not data[position + 2]
-            ):
-                end: int | None = position + data[position + 1] + UNSIGNED_V2  # nearly always
-            else:
-                end = frame_end(data, position)
+            end = frame_end(data, position)
             if end is not None and end > size:
                 following = None
                 if self._in_bad_stretch:
@@ -176,22 +170,16 @@ def frame_end(data: Data, start: int) -> int | None:
     If the data end within the header, the shortest frame that it may be the beginning of is
     assumed; its end is beyond the data.
     """
-    size = len(data)
-    if start >= size:
-        return start + HEADER_V1 + CHECKSUM_SIZE
-    magic = data[start]
-    if magic not in _MAGICS:
+    head = data[start : start + 3]
+    if head[:1] not in _MAGIC_BYTES:
         return None
-    if start + 3 > size:
+    if len(head) < 3:
         return start + HEADER_V1 + CHECKSUM_SIZE
-    length = data[start + 1]
+    magic, length, flags = head
     if magic == MAGIC_V1:
         return start + length + HEADER_V1 + CHECKSUM_SIZE
-    flags = data[start + 2]
-    if flags & ~SIGNED_FLAG:
-        return None
-    signature = SIGNATURE_SIZE if flags else 0
-    return start + length + HEADER_V2 + CHECKSUM_SIZE + signature
+    is_known = not flags & ~SIGNED_FLAG
+    return start + length + UNSIGNED_V2 + SIGNATURE_SIZE * flags if is_known else None
 
 
 def _markers(data: Data, position: int) -> Iterator[int]:

@@ -129,11 +129,11 @@ class FrameGate:
             refusal = signing.refusal(frame, arrival_us)
             if refusal is not None:
                 return refusal
-        known = self._known(address, arrival_us)
-        copies, is_repeat = known.copies, False
-        if copies is None and frame.message_id in IMU_MESSAGES:
+        known = self._addresses.get(address) or self._meet(address, arrival_us)
+        copies, is_repeat, is_imu = known.copies, False, frame.message_id in IMU_MESSAGES
+        if copies is None and is_imu:
             copies = known.copies = StreamCopies()
-        if copies is not None:
+        if copies is not None and (is_imu or copies.proofs):
             source, is_repeat = copies.look(frame, peer, arrival_us)
             if source is not None:
                 if source != peer:  # whoever brings the originals is followed
@@ -149,15 +149,13 @@ class FrameGate:
         known.peer, known.last_us = peer, arrival_us
         return None
 
-    def _known(self, address: tuple[int, int], now_us: int) -> _Address:
-        """What is known of an address; in a flood silent ones go when their number has doubled."""
-        known = self._addresses.get(address)
-        if known is None:
-            if len(self._addresses) >= self._most_addresses:
-                items = self._addresses.items()
-                self._addresses = {at: each for at, each in items if each.is_active(now_us)}
-                self._most_addresses = max(MOST_SENDERS, 2 * len(self._addresses))
-            known = self._addresses[address] = _Address()
+    def _meet(self, address: tuple[int, int], now_us: int) -> _Address:
+        """A new address; in a flood silent ones go when their number has doubled."""
+        if len(self._addresses) >= self._most_addresses:
+            items = self._addresses.items()
+            self._addresses = {at: each for at, each in items if each.is_active(now_us)}
+            self._most_addresses = max(MOST_SENDERS, 2 * len(self._addresses))
+        known = self._addresses[address] = _Address()
         return known
 
 
@@ -207,10 +205,7 @@ class StreamCopies:
 
     def look(self, frame: Frame, peer: str, arrival_us: int) -> tuple[str | None, bool]:
         """The peer that brings the original if the frame is a late copy; whether it is a repeat."""
-        is_imu = frame.message_id in IMU_MESSAGES
-        if not is_imu and not self.proofs:
-            return None, False  # nearly always
-        stamp = _stamp(frame.message_id)
+        is_imu, stamp = frame.message_id in IMU_MESSAGES, _stamp(frame.message_id)
         if stamp is None:
             return None, False
         size, unit_us = stamp

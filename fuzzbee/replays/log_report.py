@@ -14,7 +14,7 @@ from msgspec.structs import replace
 from drivers.logs.log_file import LogFile
 from drivers.logs.open import open_log
 from drivers.logs.reference_track import attitudes_at
-from drivers.mavlink.constants import autopilot_name, vehicle_type_name
+from drivers.mavlink.constants import enum_name
 from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.geometry.metrics import batch_angle_errors
@@ -147,8 +147,8 @@ def score(path: Path, trace: VehicleTrace, skip_s: float) -> LogReport:
         theirs = trace["autopilot_error_rad"]
         both = counted & ~np.isnan(theirs[:, 0])
         peers["autopilot"] = error_summary(theirs, both, both)
-    namers = zip(trace.kind, (autopilot_name, vehicle_type_name), strict=True)
-    names = (None if number is None else name_of(number) for number, name_of in namers)
+    kinds = zip(("MAV_AUTOPILOT", "MAV_TYPE"), trace.kind, strict=True)
+    names = (None if number is None else enum_name(enum, number) for enum, number in kinds)
     counts = np.bincount(norths[counted], minlength=len(NORTHS)).tolist()
     return LogReport(
         source=printable(str(path)),
