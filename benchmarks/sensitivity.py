@@ -15,7 +15,7 @@ from concurrent.futures import ProcessPoolExecutor
 from typing import Any
 
 from common.filters import fuzzbee
-from common.recordings import Trial, chosen_sets
+from common.recordings import chosen_sets
 from common.report import FOLDERS, Row, Tables, benchmark, names, option, seeds
 from common.scores import mean_of
 from common.scores import score as score_trial
@@ -44,7 +44,9 @@ def read(options: Namespace) -> None:
     """Read the recordings and fly the flights, once a process."""
     trials = chosen_sets(options) if options.folders or options.smoke else {}
     for folder, recordings in trials.items():
-        SETS[folder] = lambda changes, of=recordings: on_recordings(changes, of)
+        SETS[folder] = lambda changes, of=recordings: mean_of(
+            [score_trial(each, *fuzzbee(changes)(each).advance(slice(0, None))) for each in of]
+        )
     for rate, case in {} if options.smoke else RATES.items():
         flights = [
             recorded(case, motion, seed, DURATION_S)
@@ -57,14 +59,8 @@ def read(options: Namespace) -> None:
         )
 
 
-def on_recordings(changes: Changes, trials: list[Trial]) -> Row:
-    """Mean scores with a changed profile."""
-    runs = ((trial, fuzzbee(changes)(trial).advance(slice(0, None))) for trial in trials)
-    return mean_of([score_trial(trial, *output) for trial, output in runs])
-
-
 def on_flights(changes: Changes, flights: list[Events]) -> Row:
-    """The same of flights."""
+    """Mean scores with a changed profile."""
     return mean_of([score_flight(fly(events, changes), SKIP_S) for events in flights])
 
 

@@ -34,8 +34,10 @@ ROWS = slice(1000, 7000)  # past the rest that recordings begin with
 CALLS = 600  # of them: what takes longer than a few ms, other programs always interrupt
 ROUNDS, SMOKE_ROUNDS = 100, 3
 PERIOD_S, MAG_EVERY = 1e-3, 10  # of the loop, and samples
+LOOP_SHARES = {"median us": 50.0, "99.9 % us": 99.9, "worst us": 100.0}
 GYR_LSB_RAD_S, ACC_LSB_M_S2 = np.radians(2000.0 / 32768), 16 * 9.80665 / 32768
 MAG_LSB_GAUSS = 0.0015
+LACKING = {"us a sample": MISSING}
 
 Start = Callable[[], Callable[[], object]]  # builds a filter and gives what is to be timed
 Ways = dict[tuple[str, str], tuple[Start | None, int]]  # by way and filter; how many samples
@@ -106,10 +108,8 @@ def measure(ways: Ways, rounds: int) -> list[Row]:
     first: dict[str, float] = {}
     rows: list[Row] = []
     for (way, name), us in best.items():
-        is_there = us < inf
-        ratio = {"ratio": first.setdefault(way, us) / us} if is_there else {}
-        us_or_not = us if is_there else MISSING
-        rows.append({"way": way, "filter": name, "us a sample": us_or_not, **ratio})
+        figures = {"us a sample": us, "ratio": first.setdefault(way, us) / us}
+        rows.append({"way": way, "filter": name, **(figures if us < inf else LACKING)})
     return rows
 
 
@@ -131,29 +131,22 @@ def loop(samples: int, *, has_mag: bool) -> Iterator[float]:
         time.sleep(max(0.0, begin_s + PERIOD_S * (k + 1) - time.perf_counter()))
 
 
-def loop_row(name: str, took_us: list[float]) -> Row:
-    median, rare, worst = np.percentile(took_us, (50.0, 99.9, 100.0)).round(1).tolist()
-    return {"update": name, "median us": median, "99.9 % us": rare, "worst us": worst}
-
-
-@benchmark(
-    *FOLDERS,
-    option("--loop", type=float, default=0.0, metavar="SECONDS"),
-)
+@benchmark(*FOLDERS, option("--loop", type=float, default=0.0, metavar="SECONDS"))
 def main(options: Namespace) -> Tables:
-    rounds = ROUNDS
+    rounds = SMOKE_ROUNDS if options.smoke else ROUNDS
     found: dict[str, list[Row]] = {}
     if options.smoke:
-        rounds, options.loop = SMOKE_ROUNDS, 1.0
+        options.loop = 1.0
     if options.smoke or not options.loop:
         trial = next(iter(chosen_sets(options).values()))[0] if options.folders else made_up()
         found[f"time a sample, {trial.name}"] = measure(of_samples(trial), rounds)
     if options.loop:
         gc.disable()
         count = round(options.loop / PERIOD_S)
-        ways = (("6D", False), ("9D", True))
-        found["one call at 1 kHz"] = [
-            loop_row(name, [*loop(count, has_mag=has_mag)]) for name, has_mag in ways
-        ]
+        found["one call at 1 kHz"] = rows = []
+        for name, has_mag in (("6D", False), ("9D", True)):
+            took_us = [*loop(count, has_mag=has_mag)]
+            figures = {k: round(np.percentile(took_us, q), 1) for k, q in LOOP_SHARES.items()}
+            rows.append({"update": name, **figures})
         gc.enable()
     return found

@@ -38,12 +38,6 @@ class Found(NamedTuple):
     aware: float  # nan if few errors last
 
 
-def turn_about(axis: Sequence[float], angle_deg: float) -> Array:
-    """Quaternion of a turn about an axis of ENU."""
-    half = np.radians(angle_deg) / 2.0
-    return np.array([np.cos(half), *(np.sin(half) * np.array(axis) / np.linalg.norm(axis))])
-
-
 def where_of(trial: Trial, row: int) -> str:
     """What the vehicle does in the seconds behind the row."""
     share = trial.moving[row : row + round(WHERE_S * trial.rate_hz)].mean()
@@ -80,8 +74,9 @@ def judge(
         where = where_of(trial, row)
         for angle in angles:
             for axis, vector in AXES_ENU.items():
-                for sign in (1.0, -1.0):
-                    turn = turn_about(vector, sign * angle)
+                for half in (np.radians(angle) / 2.0, -np.radians(angle) / 2.0):
+                    along = np.sin(half) * np.array(vector) / np.linalg.norm(vector)
+                    turn = np.array([np.cos(half), *along])
                     found = recovery(trial, *after_turn(filter_, trial, rows, turn))
                     yield Found(where, angle, axis, *found)
 

@@ -5,6 +5,7 @@ estimator but quaternion algebra.
 """
 
 from collections.abc import Callable
+from functools import partial
 from math import asin, atan2, cos, pi, radians, sin, sqrt, tan
 from typing import NamedTuple
 
@@ -147,17 +148,8 @@ def _winged_rate(leg: str, roll: float, pitch: float, speed: float) -> Vec3:
     )
 
 
-def copter(seed: int) -> Vehicle:
+def copter(seed: int, most_tilt: float = 0.8, shake: float = 0.18, flips: float = 0.03) -> Vehicle:
     """Tilts of up to 45 degrees and turns at random, braked by drag, and now and then a flip."""
-    return _rotor_motion(seed, most_tilt=0.8, shake=0.18, flips=0.03)
-
-
-def calm_copter(seed: int) -> Vehicle:
-    """A survey or a delivery: tilts of up to 20 degrees, slow turns."""
-    return _rotor_motion(seed, most_tilt=0.35, shake=0.05, flips=0.0)
-
-
-def _rotor_motion(seed: int, most_tilt: float, shake: float, flips: float) -> Vehicle:
     rng = np.random.default_rng(seed)
     heading = float(rng.uniform(-pi, pi))
     velocity, rate, wanted = np.zeros(3), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
@@ -300,7 +292,8 @@ def _street(rng: np.random.Generator) -> list[tuple[float, float, float]]:
 MOTIONS: dict[str, Callable[[int], Vehicle]] = {
     "plane": plane,
     "copter": copter,
-    "calm copter": calm_copter,
+    # a survey or a delivery: tilts of up to 20 degrees, slow turns
+    "calm copter": partial(copter, most_tilt=0.35, shake=0.05, flips=0.0),
     "rover": rover,
     "car": car,
 }

@@ -128,6 +128,11 @@ def signals(motion: Motion, flight: Flight, rng: np.random.Generator) -> Signals
     if s.vibration > 0.0:
         shaken = s.vibration * moving[:, None] * _slow(n, 1.0, VIBRATION_S, rng)
 
+    # what a filter that integrates the same accelerometer makes of its errors
+    keep = 1.0 - 1.0 / (FORGETS_S * FINE_HZ)
+    shaken_ned = np.einsum("nij,nj->ni", R, shaken)
+    integrated = lfilter([1.0 / FINE_HZ], [1.0, -keep], shaken_ned, axis=0)
+
     def sense(signal: Array, sigma: float, bias: float, cutoff_hz: float) -> Array:
         noise = left_over * sigma * (0.1 + 0.9 * moving[:, None]) * rng.standard_normal((n, 3))
         return _low_pass(signal + bias * rng.standard_normal(3) + noise, cutoff_hz)
@@ -136,16 +141,10 @@ def signals(motion: Motion, flight: Flight, rng: np.random.Generator) -> Signals
         sense(motion.rate, s.gyr, s.gyr_bias, s.gyr_hz),
         sense(felt + shaken, s.acc, s.acc_bias, s.acc_hz),
         _averaged_field(R, motion, s, rng),
-        _filters(motion, acceleration, flight.filter, rng) + _integrated(R, shaken),
+        _filters(motion, acceleration, flight.filter, rng) + integrated,
         motion.velocity + _slow(n, flight.receiver.slow_m_s, flight.receiver.tau_s, rng),
         np.cumsum(motion.velocity, axis=0) / FINE_HZ,
     )
-
-
-def _integrated(R: Array, shaken: Array) -> Array:
-    """What a filter that integrates the same accelerometer makes of its errors."""
-    keep = 1.0 - 1.0 / (FORGETS_S * FINE_HZ)
-    return np.asarray(lfilter([1.0 / FINE_HZ], [1.0, -keep], np.einsum("nij,nj->ni", R, shaken), 0))
 
 
 def _low_pass(signal: Array, cutoff_hz: float) -> Array:

@@ -64,12 +64,10 @@ def run(
         sent, seen = Path(folder, "sent.npy"), Path(folder, "seen.npy")
         numbers = (port, shape.vehicles, shape.rate_hz, shape.seconds, sent)
         fleet = start("fleet.py", *map(str, (*numbers, shape.few, *shape.burst_s)))
-        await_word(fleet.stdout, "ready")
         service = begin_service(port, endpoint, shape.publish_hz)
         # nothing else reads it, and a pipe that is full would stop the service
         threading.Thread(target=service.stderr.read, daemon=True).start()  # type: ignore[union-attr]
         subscriber = start("subscriber.py", endpoint, str(seen))
-        await_word(subscriber.stdout, "ready")
         assert fleet.stdin is not None
         print(file=fleet.stdin, flush=True)
         start_ns = time.time_ns()
@@ -93,13 +91,12 @@ def end(service: Process) -> dict[str, Any]:
 
 
 def start(script: str, *arguments: str) -> Process:
-    """A process of the benchmark."""
-    return subprocess.Popen(  # noqa: S603
-        [sys.executable, str(HERE / script), *arguments],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
+    """A process of the benchmark that is ready."""
+    command = [sys.executable, str(HERE / script), *arguments]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    process = subprocess.Popen(command, text=True, **pipes)  # noqa: S603
+    await_word(process.stdout, "ready")
+    return process
 
 
 def fuzzbee(port: int, endpoint: str, publish_hz: float, *options: str) -> Process:
@@ -117,13 +114,9 @@ def plain(port: int, endpoint: str, publish_hz: float) -> Process:
 
 
 def _listening(command: list[str]) -> Process:
-    service = subprocess.Popen(  # noqa: S603
-        command,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "COLUMNS": "500"},
-    )
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    environment = {**os.environ, "COLUMNS": "500"}
+    service = subprocess.Popen(command, text=True, env=environment, **pipes)  # noqa: S603
     await_word(service.stderr, "listening")
     return service
 

@@ -4,7 +4,6 @@ Links and telemetry logs read their frames here. Fields are unpacked only if som
 Layouts: https://mavlink.io/en/guide/serialization.html.
 """
 
-import mmap
 import re
 from collections import namedtuple
 from collections.abc import Callable, Iterator
@@ -25,13 +24,10 @@ UNSIGNED_V2 = HEADER_V2 + CHECKSUM_SIZE
 MOST_TRIED, BYTES_A_TRY = 100, 64
 SIGNED_FLAG = 0x01  # the only incompatibility flag there is; frames with others are not for us
 _MAGIC = re.compile(rb"[\xfd\xfe]")
-_MAGICS = (MAGIC_V1, MAGIC_V2)
-_MAGIC_BYTES = (b"\xfd", b"\xfe", b"")  # or the data end
+_MARKS = (b"\xfd", b"\xfe", b"")  # the first byte of a frame, or the data's end
 # flags, the sequence number, system, component, and the message's number, whose upper byte is apart
 _OF_V2, _OF_V1 = Struct("<xxBxBBBHB").unpack_from, Struct("<xxBBBB").unpack_from
 _STRETCH = 1 << 12  # bytes; one without a marker is passed over some fifty times as fast
-
-Data = mmap.mmap | bytes
 
 _new_tuple = tuple.__new__
 
@@ -62,7 +58,7 @@ class FrameFormat:
         self._crc_extra = {number: bytes((kind.crc_extra,)) for number, kind in kinds.items()}
         self._gap = gap
 
-    def frame(self, data: Data, start: int, end: int) -> Frame | None:
+    def frame(self, data: bytes, start: int, end: int) -> Frame | None:
         """The frame from ``start`` to ``end``, as :func:`frame_end` gave it; None if unsound."""
         crc_at, header, flags = end - CHECKSUM_SIZE, HEADER_V2, 0
         if data[start] == MAGIC_V2:
@@ -81,26 +77,17 @@ class FrameFormat:
         ):
             return None
         # made of a tuple, without its class's own Python code: a quarter of the time
-        return _new_tuple(
-            Frame,
-            (
-                message_id,
-                system,
-                component,
-                data[start:end],
-                header,
-                crc_at - start,
-                bool(flags),
-                sequence,
-            ),
-        )
+        frame, payload_end = data[start:end], crc_at - start
+        is_signed = bool(flags)
+        parts = message_id, system, component, frame, header, payload_end, is_signed, sequence
+        return _new_tuple(Frame, parts)
 
-    def is_followed(self, data: Data, end: int) -> bool:
+    def is_followed(self, data: bytes, end: int) -> bool:
         """Whether behind a frame's end another one begins, or the data end."""
         following = end + self._gap
-        return following >= len(data) or data[following] in _MAGICS
+        return data[following : following + 1] in _MARKS
 
-    def next_start(self, data: Data, position: int) -> int | None:
+    def next_start(self, data: bytes, position: int) -> int | None:
         """Where the next whole frame of a known message with a sound checksum begins, if any.
 
         What seems to begin behind damage, and to go on beyond the data, may be damage itself.
@@ -164,14 +151,14 @@ class FrameReader:
         return count
 
 
-def frame_end(data: Data, start: int) -> int | None:
+def frame_end(data: bytes, start: int) -> int | None:
     """Where the frame at ``start`` ends by its own header; None if none begins there.
 
     If the data end within the header, the shortest frame that it may be the beginning of is
     assumed; its end is beyond the data.
     """
     head = data[start : start + 3]
-    if head[:1] not in _MAGIC_BYTES:
+    if head[:1] not in _MARKS:
         return None
     if len(head) < 3:
         return start + HEADER_V1 + CHECKSUM_SIZE
@@ -182,7 +169,7 @@ def frame_end(data: Data, start: int) -> int | None:
     return start + length + UNSIGNED_V2 + SIGNATURE_SIZE * flags if is_known else None
 
 
-def _markers(data: Data, position: int) -> Iterator[int]:
+def _markers(data: bytes, position: int) -> Iterator[int]:
     """Where the bytes are that may begin a frame; a hole of gigabytes in a file has none."""
     for begin in range(position, len(data), _STRETCH):
         end = begin + _STRETCH
