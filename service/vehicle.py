@@ -43,8 +43,7 @@ class Vehicle:
         self.last_arrival_us = 0  # the latest arrival of anything that is a vehicle's own
         self.silent_looks = 0  # of the pipeline since then
         self.rejected: Counter[Reason] = Counter()
-        # others' latest attitudes, until ours is published
-        self.peers: dict[str, events.ReferenceAttitude] = {}
+        self.peers: dict[str, events.ReferenceAttitude] = {}  # others', until ours is published
         self.built_in_motion: str | None = None  # of fuzzbee's own vehicle
         self.imu = ImuStream()
         self.others = OtherImus()
