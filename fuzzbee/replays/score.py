@@ -160,11 +160,14 @@ def error_summary(error_rad: Floats, counted: Bools, has_heading: Bools) -> repo
     """
     if not counted.any():
         return report.ErrorSummary()
+    total, heading, inclination = error_rad.T
     headed = counted & has_heading
-    shown = enumerate((headed, headed, counted))
-    total, heading, inclination = (error_rad[rows, column] for column, rows in shown)
-    p95 = float(np.degrees(np.percentile(inclination, 95.0)))
-    return report.ErrorSummary(_rms_deg(total), _rms_deg(heading), _rms_deg(inclination), p95)
+    return report.ErrorSummary(
+        _rms_deg(total[headed]),  # copies one by one, as each takes much memory
+        _rms_deg(heading[headed]),
+        _rms_deg(inclination[counted]),
+        float(np.degrees(np.percentile(inclination[counted], 95.0))),
+    )
 
 
 def coverage(columns: Any, counted: Bools, has_heading: Bools, moved: Bools) -> report.Coverage:

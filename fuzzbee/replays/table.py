@@ -147,10 +147,8 @@ def _table(reports: Sequence[LogReport]) -> Table:
 
 
 def _errors_text(errors: ErrorSummary) -> str:
-    return (
-        f"total {_number(errors.total_rms)}°, heading {_number(errors.heading_rms)}°,"
-        f" inclination {_number(errors.inclination_rms)}°"
-    )
+    total, heading, inclination, _ = map(_number, astuple(errors))
+    return f"total {total}°, heading {heading}°, inclination {inclination}°"
 
 
 def _number(value: float | None, digits: int = 2) -> str:
