@@ -19,7 +19,7 @@ import fuzzbee
 from fuzzbee.app import build_command
 from fuzzbee.attitudes import Attitudes
 from fuzzbee.log_replay import LogReplay
-from fuzzbee.replays.score import LogReport
+from fuzzbee.replays.report import LogReport
 
 ROOT = Path(__file__).resolve().parents[1]
 # Pages of the repository's root, by their name on the site.

@@ -6,12 +6,11 @@ sign that data usually come in.
 """
 
 from collections.abc import Iterator
-from itertools import product
 from math import pi
 
 import numpy as np
 
-from estimator.arrays import Bools, Floats, Times
+from estimator.arrays import Floats, Times
 from estimator.live.rows import Rows, cut
 from tuning.compass_fit import TURNS
 from tuning.turning import MOST, SLOW_S, Spans, root, spans_of, squares_left, usual_step_us
@@ -32,12 +31,13 @@ UPSIDE_DOWN_LINE = (
 )
 
 # Medians that the units have: an IMU in g has 1, the Earth's field is 0.22 to 0.67 gauss.
-ACC_UNITS = (
+Units = tuple[tuple[float, float, str], ...]
+ACC_UNITS: Units = (
     (0.5, 2.0, "acc * 9.80665 (g)"),
     (28.0, 38.0, "acc * 0.3048 (feet)"),
     (500.0, 2e3, "acc * 9.80665e-3 (mg)"),
 )
-MAG_UNITS = (
+MAG_UNITS: Units = (
     (1.5e-5, 1e-4, "mag * 1e4 (tesla)"),
     (15.0, 100.0, "mag / 100 (microtesla)"),
     (150.0, 1e3, "mag / 1000 (milligauss)"),
@@ -74,14 +74,14 @@ def advice(rows: Rows) -> tuple[str, ...]:
         return ("time_s runs backwards: [::-1] of all arrays would turn it round",)
     found, shrunk = _times(rows, step_s)
     if shrunk < 1.0:
-        rows = rows._replace(times_us=_shrunk(times_us, shrunk))
+        rows = _shrunk(rows, shrunk)
     if not rows.gyr_rad_s.any():
         found.append("the gyroscope reads nothing but 0")
     _, gyr, acc, mag, has_mag = cut(rows, 0, None, max(1, len(times_us) // SIZED))
     acc_size, mag_size = _usual(acc), _usual(mag[has_mag])
     found += [*_swapped(gyr, acc_size, mag_size)] or [
         *_unit("accelerometer", acc_size, ACC_UNITS, ACC_USUAL),
-        *_unit("magnetometer", mag_size, MAG_UNITS, MAG_USUAL, is_there=bool(rows.has_mag.any())),
+        *(_unit("magnetometer", mag_size, MAG_UNITS, MAG_USUAL) if rows.has_mag.any() else ()),
         *_axes(rows),
         *_upside_down(acc),
     ]
@@ -129,27 +129,30 @@ def _times(rows: Rows, step_s: float) -> tuple[list[str], float]:
     return [], 1.0
 
 
-def _shrunk(times_us: Times, factor: float) -> Times:
-    return np.asarray(np.rint(times_us * factor).astype(np.int64))
+def _shrunk(rows: Rows, factor: float) -> Rows:
+    return rows._replace(times_us=np.rint(rows.times_us * factor).astype(np.int64))
 
 
 def _true_step_s(rows: Rows, step_s: float) -> float:
     """The time between samples by how vectors turn; that given, if they do not show."""
     best, true_s = EXPLAINED, step_s
-    for tried_s, vectors in product((0.001, 0.004, 0.016), _vectors(rows)):
-        spans = spans_of(_shrunk(rows.times_us, tried_s / step_s), rows.gyr_rad_s, *vectors)
-        if len(spans.angle) < FEWEST_SPANS:
-            continue
-        scale, left = _best_scale(squares_left(spans, TURNS[:1], has_offset=False))
-        share = left / max(spans.still, 1e-9)
-        if scale > 0.0 and share <= best:
-            best, true_s = share, tried_s * scale
+    for tried_s in (0.001, 0.004, 0.016):
+        for _, spans in _spans(_shrunk(rows, tried_s / step_s)):
+            scale, left = _best_scale(squares_left(spans, TURNS[:1], has_offset=False))
+            share = left / max(spans.still, 1e-9)
+            if scale > 0.0 and share <= best:
+                best, true_s = share, tried_s * scale
     return true_s
 
 
-def _vectors(rows: Rows) -> tuple[tuple[Floats, Bools], tuple[Floats, Bools]]:
-    """Field and force, and where they are."""
-    return (rows.mag_gauss, rows.has_mag), (rows.acc_m_s2, np.ones(len(rows.times_us), np.bool_))
+def _spans(rows: Rows) -> Iterator[tuple[str, Spans]]:
+    """How the vectors of each sensor turn, if they show enough."""
+    times_us, gyr, acc, mag, has_mag = rows
+    sensors = {"magnetometer": (mag, has_mag), "accelerometer": (acc, np.ones_like(has_mag))}
+    for name, vectors in sensors.items():
+        spans = spans_of(times_us, gyr, *vectors)
+        if len(spans.angle) >= FEWEST_SPANS:
+            yield name, spans
 
 
 def _best_scale(squares: Floats) -> tuple[float, float]:
@@ -159,20 +162,12 @@ def _best_scale(squares: Floats) -> tuple[float, float]:
     return scale, float(root(squares[:1], scale)[0])
 
 
-def _unit(
-    what: str,
-    size: float,
-    units: tuple[tuple[float, float, str], ...],
-    usual: tuple[float, float],
-    *,
-    is_there: bool = True,
-) -> Iterator[str]:
-    for low, high, better in units:
-        if low <= size <= high:
-            yield f"the {what} reads {size:.3g} mostly, which would fit as {better}"
-            return
-    if is_there and not usual[0] <= size <= usual[1]:
-        yield f"the {what} reads {size:.3g} mostly, {usual[0]:g} to {usual[1]:g} is usual"
+def _unit(what: str, size: float, units: Units, usual: tuple[float, float]) -> Iterator[str]:
+    reads = f"the {what} reads {size:.3g} mostly"
+    if better := [unit for low, high, unit in units if low <= size <= high]:
+        yield f"{reads}, which would fit as {better[0]}"
+    elif not usual[0] <= size <= usual[1]:
+        yield f"{reads}, {usual[0]:g} to {usual[1]:g} is usual"
 
 
 def _swapped(gyr: Floats, acc_size: float, mag_size: float) -> Iterator[str]:
@@ -180,22 +175,18 @@ def _swapped(gyr: Floats, acc_size: float, mag_size: float) -> Iterator[str]:
     if ACC_USUAL[0] <= acc_size <= ACC_USUAL[1]:
         return
     rates = _lengths(gyr)
-    is_force = ACC_USUAL[0] <= mag_size <= ACC_USUAL[1] and MAG_USUAL[0] <= acc_size <= MAG_USUAL[1]
     steady = np.count_nonzero((rates >= ALMOST_G[0]) & (rates <= ALMOST_G[1]))
-    sensors = (("gyr", _usual(gyr), steady > EXPLAINED * len(gyr)), ("mag", mag_size, is_force))
-    for name, size, is_swapped in sensors:
-        if is_swapped:
-            yield f"{name} reads {size:.3g} mostly, as acc should: they may be swapped"
+    swapped = "{} reads {:.3g} mostly, as acc should: they may be swapped"
+    if steady > EXPLAINED * len(gyr):
+        yield swapped.format("gyr", _usual(gyr))
+    if ACC_USUAL[0] <= mag_size <= ACC_USUAL[1] and MAG_USUAL[0] <= acc_size <= MAG_USUAL[1]:
+        yield swapped.format("mag", mag_size)
 
 
 def _axes(rows: Rows) -> Iterator[str]:
     """What the turning of field and force shows of the gyroscope, or of the field's axes."""
-    field, force = _vectors(rows)
-    for what, vectors, is_field in (("magnetometer", field, True), ("accelerometer", force, False)):
-        spans = spans_of(rows.times_us, rows.gyr_rad_s, *vectors)
-        if len(spans.angle) < FEWEST_SPANS:
-            continue
-        better = _better(spans, is_field=is_field)
+    for what, spans in _spans(rows):
+        better = _better(spans, is_field=what == "magnetometer")
         if better is not None:
             yield f"gyroscope and {what} agree {better}"
             return

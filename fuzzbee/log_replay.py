@@ -11,7 +11,7 @@ from fuzzbee.arguments import file, number, profile_of
 from fuzzbee.attitudes import Attitudes, attitudes_of, euler_curves_deg
 from fuzzbee.options import time_window
 from fuzzbee.replays.log_report import report_log
-from fuzzbee.replays.score import LogReport
+from fuzzbee.replays.report import LogReport
 from fuzzbee.replays.trace import How, VehicleTrace
 
 

@@ -63,10 +63,9 @@ class TruthScore:
         if attitude is not None:
             self._add(attitude, truth, time_s)
         number, here = self._here(time_s)
-        news = [(number, chapter.line) for chapter in here if chapter.line]
-        news = [each for each in news if each not in self._announced]
-        self._announced.update(news)
-        return [f"now: {line}" for _, line in news]
+        lines = [each.line for each in here if (number, each.line) not in self._announced]
+        self._announced.update((number, line) for line in lines)
+        return [f"now: {line}" for line in lines if line]
 
     def _here(self, time_s: float) -> tuple[int, list[Chapter]]:
         """The round of a flight, the others do not begin again; and what it is in there."""

@@ -88,24 +88,25 @@ def verdict_of(
     if attitude is None or state not in HAS_ATTITUDE:
         why = Caveat(Level.NONE, WHY_NONE.get(state, "IMU silent"))
         return _judged(Level.NONE, Level.NONE, [why, *service])
+    sigma, north = attitude.sigma_deg, attitude.heading_reference
+    horizon = Level(sum(sigma.inclination > bound for bound in HORIZON_DEG))
+    heading = Level(sum(sigma.heading > bound for bound in HEADING_DEG))
+    texts = [plus_minus(sigma.inclination), f"{plus_minus(sigma.heading)} {north}"]
     caveats = []
     if state is State.DEGRADED:
         caveats.append(Caveat(Level.CARE, f"IMU silent {1e-3 * attitude.age_ms:.1f} s"))
     if abs(attitude.euler_deg[0]) > UPSIDE_DOWN_DEG:
         caveats.append(Caveat(Level.GOOD, "upside down"))
-    sigma = attitude.sigma_deg
-    horizon, heading = _level(sigma.inclination, HORIZON_DEG), _level(sigma.heading, HEADING_DEG)
     if horizon > Level.GOOD:
-        caveats.append(Caveat(horizon, f"horizon {plus_minus(sigma.inclination)}"))
+        caveats.append(Caveat(horizon, f"horizon {texts[0]}"))
     # a horizon can be good without its heading: no heading is a matter of care
-    if attitude.heading_reference == "none":
-        heading = Level.BAD
-        caveats.append(Caveat(Level.CARE, "no north"))
+    if north == "none":
+        heading, texts[1] = Level.BAD, "no north"
+        caveats.append(Caveat(Level.CARE, texts[1]))
     elif heading > Level.GOOD:
         caveats.append(Caveat(Level.CARE, f"heading {plus_minus(sigma.heading)}"))
     warnings = [] if status is None else _of_warnings(status)
     words = set() if status is None else {*status.warnings}
-    texts = [plus_minus(sigma.inclination), north_text(attitude)]
     if Alarm.AUTOPILOT_DIFFERS in words:  # ours may be the one that is right
         horizon, heading = max(horizon, Level.CARE), max(heading, Level.CARE)
     if words - {Alarm.AUTOPILOT_DIFFERS}:
@@ -128,10 +129,6 @@ def _judged(horizon: Level, heading: Level, caveats: list[Caveat], *texts: str) 
     worst_first = sorted(caveats, key=lambda caveat: -caveat.level)
     overall = max([horizon, *(caveat.level for caveat in caveats)])
     return Judgement(overall, horizon, heading, tuple(worst_first), *texts)
-
-
-def _level(sigma_deg: float, bounds_deg: tuple[float, float]) -> Level:
-    return Level(sum(sigma_deg > bound for bound in bounds_deg))
 
 
 def _of_warnings(status: StatusRecord) -> list[Caveat]:
@@ -166,9 +163,9 @@ def warning_texts(word: str, status: StatusRecord) -> tuple[str, str]:
         off = f"{abs(off_deg):.0f}° off"
         return f"compass {off}", f"{meaning}, the compass is {off}"
     if word == Alarm.AUTOPILOT_DIFFERS and autopilot is not None:
+        short = autopilot.in_short
         who = {"autopilot": "; its own is likely wrong", "ours": "; ours is likely wrong"}
-        text = f"{autopilot.in_short} ours{who.get(autopilot.wrong, '')}"
-        return autopilot.in_short, printable(text)
+        meaning = printable(f"{short} ours{who.get(autopilot.wrong, '')}")
     return short, meaning
 
 
@@ -186,21 +183,18 @@ def compass_off_deg(status: StatusRecord | None) -> float | None:
 
 def other_imus(status: StatusRecord) -> dict[str, ImuDifference]:
     """The difference of each other IMU from the one in use, by a short name: "IMU 2"."""
-    return {
-        message
-        if (number := _imu_number(message)) == _imu_number(status.imu_message or "")
-        else f"IMU {number}": difference
-        for message, difference in status.other_imus.items()
-    }
+    own = _imu_number(status.imu_message or "")
+    numbers = {message: _imu_number(message) for message in status.other_imus}
+    names = (message if n == own else f"IMU {n}" for message, n in numbers.items())
+    return dict(zip(names, status.other_imus.values(), strict=True))
 
 
 def imus_off(status: StatusRecord) -> list[str]:
     """The IMUs that differ from the one in use by more than two sound ones, and by how much."""
     lines = []
     for name, each in other_imus(status).items():
-        parts = [f"{each.inclination_deg:.1f}°"] if each.inclination_deg > IMUS_DEG else []
-        parts += [f"{each.rate_deg_s:.1f}°/s"] if each.rate_deg_s > IMUS_DEG_S else []
-        if parts:
+        sizes = (each.inclination_deg, IMUS_DEG, "°"), (each.rate_deg_s, IMUS_DEG_S, "°/s")
+        if parts := [f"{size:.1f}{unit}" for size, most, unit in sizes if size > most]:
             lines.append(f"{name} off by {', '.join(parts)}")
     return lines
 
@@ -243,11 +237,3 @@ def heading_text(attitude: AttitudeRecord) -> str:
     """Three digits; in brackets if they refer to nothing."""
     text = f"{round(attitude.euler_deg[2]) % 360:03}°"
     return f"({text})" if attitude.heading_reference == "none" else text
-
-
-def north_text(attitude: AttitudeRecord) -> str:
-    """Which north the heading is from, with its sigma."""
-    reference = attitude.heading_reference
-    if reference == "none":
-        return "no north"
-    return f"{plus_minus(attitude.sigma_deg.heading)} {reference}"

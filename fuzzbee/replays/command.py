@@ -1,7 +1,7 @@
 """``fuzzbee replay``: the filter over logs, or over the paper's signals, scored."""
 
 from collections.abc import Iterable
-from contextlib import ExitStack
+from contextlib import closing
 from functools import partial
 from importlib.util import find_spec
 from math import inf
@@ -161,9 +161,8 @@ def _exports(
     from fuzzbee.replays.figure import require_plot
 
     written = options.given(*EXPORTS, "plot")
-    files = [*written.items(), ("--rrd", options.rrd)]
-    if options.tum is not None:
-        files.append(("--tum", reference_path(options.tum)))
+    beside = options.tum and reference_path(options.tum)
+    files = [*written.items(), ("--rrd", options.rrd), ("--tum", beside)]
     outputs.require_own_files(files, inputs)
     for flag, path in written.items():
         if path.is_dir():
@@ -196,14 +195,13 @@ def _replay_logs(options: ReplayOptions) -> None:
             raise InputError(f"{flag} {file}: takes one log and one profile, not {count}")
     wanted = _exports(options, [*options.sources, *names, options.columns], writers)
     profiles = {name: load_profile(name) for name in names}
-    with ExitStack() as stack:
-        viewer = outputs.open_viewer(options.view, options.rrd)
-        if viewer is not None:
-            stack.callback(viewer.close)
-            wanted.append(partial(exports.show, viewer))
+    viewer = outputs.open_viewer(options.view, options.rrd)
+    if viewer is None:
         _report_logs(options, profiles, window, wanted)
-        if viewer is not None:
-            viewer.stay_open()
+        return
+    with closing(viewer):
+        _report_logs(options, profiles, window, [*wanted, partial(exports.show, viewer)])
+        viewer.stay_open()
 
 
 def _report_logs(
@@ -222,10 +220,10 @@ def _report_logs(
         profiles[name] if options.profile else _fitting(path, profiles[name], options)
         for path, name in runs
     ]
-    way = (options.gain, options.system_id, options.start_wrong, options.retune, options.smooth)
-    how = How(*way, options.columns, window)
-    figure = ComparisonPlot() if options.plot and len(runs) > 1 else None
     lines: list[str] = []  # printed when all went well only: a refusal must be one single line
+    way = (options.gain, options.system_id, options.start_wrong, options.retune, options.smooth)
+    how = How(*way, options.columns, window, lines.append, reading_bar)
+    figure = ComparisonPlot() if options.plot and len(runs) > 1 else None
     reports = [
         report_log(
             path,
@@ -233,9 +231,7 @@ def _report_logs(
             how,
             reference=options.reference,
             skip_s=options.skip,
-            notify=lines.append,
             profile_name=name if len(profiles) > 1 else None,
-            reading=reading_bar,
             exports=[*exports, partial(figure.add, path.name, name)] if figure else exports,
         )
         for (path, name), profile in zip(runs, chosen, strict=True)

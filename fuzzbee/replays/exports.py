@@ -165,26 +165,25 @@ def write_tum(path: Path, trace: VehicleTrace) -> None:
     A line a sample: time in s, place (zero: there is none), orientation x y z w of
     forward-left-up in East-North-Up (https://cvg.cit.tum.de/data/datasets/rgbd-dataset/file_formats).
     """
-    (times_us, _), reference = stamps_us(trace), trace["reference_q_ned_frd"]
-    known = ~np.isnan(reference[:, 0])
-    _write_poses(path, times_us, trace["q_ned_frd"])
-    if known.any():
-        _write_poses(reference_path(path), times_us[known], reference[known])
-
-
-def _write_poses(path: Path, times_us: Times, q_ned_frd: Floats) -> None:
-    with written_for("--tum", path) as fresh, fresh.open("w", encoding="utf-8") as file:
-        for rows in blocks(len(times_us)):
-            q = enu_flu(q_ned_frd[rows])[:, [1, 2, 3, 0]]
-            poses = np.column_stack([1e-6 * times_us[rows], np.zeros((len(q), 3)), q])
-            np.savetxt(file, poses, "%.6f %d %d %d %.9f %.9f %.9f %.9f")
+    times_us, _ = stamps_us(trace)
+    for file, name in ((path, "q_ned_frd"), (reference_path(path), "reference_q_ned_frd")):
+        known = np.flatnonzero(~np.isnan(trace[name][:, 0]))
+        if not len(known):
+            continue
+        with written_for("--tum", file) as fresh, fresh.open("w", encoding="utf-8") as out:
+            for rows in (known[part] for part in blocks(len(known))):
+                q = enu_flu(trace[name][rows])[:, [1, 2, 3, 0]]
+                poses = np.column_stack([1e-6 * times_us[rows], np.zeros((len(q), 3)), q])
+                np.savetxt(out, poses, "%.6f %d %d %d %.9f %.9f %.9f %.9f")
 
 
 def write_mcap(path: Path, trace: VehicleTrace) -> None:
     """The topics /attitude, /reference, /tf and /imu."""
     from mcap.writer import CompressionType, Writer
 
-    counts, tables = Counter[str](), _tables(next(columns(trace)))
+    names, counts = [*next(columns(trace))], Counter[str]()
+    behind = names.index(LAST_OF_ATTITUDE) + 1
+    tables = {"/attitude": names[:behind], "/reference": [*names[:2], *names[behind:]]}
     with written_for("--mcap", path) as fresh, fresh.open("wb") as file:
         writer: Any = Writer(file, compression=CompressionType.ZSTD)
         writer.start(profile="", library="fuzzbee")
@@ -199,34 +198,30 @@ def write_mcap(path: Path, trace: VehicleTrace) -> None:
         writer.finish()
 
 
-def _tables(part: Columns) -> dict[str, list[str]]:
-    """Topics, and their columns."""
-    names = [*part]
-    behind = names.index(LAST_OF_ATTITUDE) + 1
-    return {"attitude": names[:behind], "reference": [*names[:2], *names[behind:]]}
-
-
 def _topics(tables: dict[str, list[str]]) -> Iterator[tuple[str, str, str, str, bytes]]:
-    """Name, encoding of the messages, and their type, its encoding and the type in that."""
+    """Name, encoding of the messages, and their type, its encoding and the type in that.
+
+    ``tables`` are topics, and their columns.
+    """
     number, whole, text = ({"type": kind} for kind in ("number", "integer", "string"))
-    parts = {
-        "timestamp": _object({"sec": whole, "nsec": whole}, "time"),
+    frame = {
+        "timestamp": _object({"sec": whole, "nsec": whole}, title="time"),
         "parent_frame_id": text,
         "child_frame_id": text,
-        "translation": _object(dict.fromkeys("xyz", number), "foxglove.Vector3"),
-        "rotation": _object(dict.fromkeys("xyzw", number), "foxglove.Quaternion"),
+        "translation": _object(dict.fromkeys("xyz", number), title="foxglove.Vector3"),
+        "rotation": _object(dict.fromkeys("xyzw", number), title="foxglove.Quaternion"),
     }
-    kinds = [("tf", FRAME_TRANSFORM, _object(parts, FRAME_TRANSFORM))]
+    schemas = {"/tf": _object(frame, title=FRAME_TRANSFORM)}
     for topic, names in tables.items():
-        row = {name: text if name == LAST_OF_ATTITUDE else number for name in names}
-        kinds.append((topic, f"fuzzbee.{topic}", _object(row)))
-    for topic, kind, schema in kinds:
-        yield f"/{topic}", "json", kind, "jsonschema", msgspec.json.encode(schema)
+        kinds = {name: text if name == LAST_OF_ATTITUDE else number for name in names}
+        schemas[topic] = _object(kinds)
+    for topic, schema in schemas.items():
+        kind = schema.get("title", f"fuzzbee.{topic[1:]}")
+        yield topic, "json", kind, "jsonschema", msgspec.json.encode(schema)
     yield "/imu", "cdr", IMU, "ros2msg", IMU_DEFINITION.encode()
 
 
-def _object(properties: dict[str, Any], title: str | None = None) -> dict[str, Any]:
-    named = {} if title is None else {"title": title}
+def _object(properties: dict[str, Any], **named: str) -> dict[str, Any]:
     return {"type": "object", **named, "properties": properties}
 
 
@@ -243,24 +238,17 @@ def _messages(trace: VehicleTrace, tables: dict[str, list[str]]) -> Iterator[Mes
             for topic, names in tables.items():
                 known = {name: row[name] for name in names if row[name] == row[name]}
                 if names[-1] in known:  # there is a reference at this sample
-                    yield f"/{topic}", time_us, msgspec.json.encode(known)
-            yield "/tf", time_us, _transform(time_us, BODY, pose.tolist())
-            if not isnan(beside[0]):
-                yield "/tf", time_us, _transform(time_us, REFERENCE_BODY, beside.tolist())
+                    yield topic, time_us, msgspec.json.encode(known)
+            seconds, micros = divmod(time_us, 1_000_000)
+            frame: dict[str, Any] = {"timestamp": {"sec": seconds, "nsec": 1000 * micros}}
+            for child, q in ((BODY, pose), (REFERENCE_BODY, beside)):
+                if not isnan(q[0]):
+                    frame |= {"parent_frame_id": WORLD, "child_frame_id": child}
+                    frame["translation"] = dict.fromkeys("xyz", 0.0)
+                    frame["rotation"] = dict(zip("wxyz", q.tolist(), strict=True))
+                    yield "/tf", time_us, msgspec.json.encode(frame)
             if record is not None:
                 yield "/imu", time_us, imu_message(record, sample.acc_m_s2, BODY)
-
-
-def _transform(time_us: int, child: str, q_enu_flu: Iterable[float]) -> bytes:
-    seconds, micros = divmod(time_us, 1_000_000)
-    message = {
-        "timestamp": {"sec": seconds, "nsec": 1000 * micros},
-        "parent_frame_id": WORLD,
-        "child_frame_id": child,
-        "translation": dict.fromkeys("xyz", 0.0),
-        "rotation": dict(zip("wxyz", q_enu_flu, strict=True)),
-    }
-    return msgspec.json.encode(message)
 
 
 def show(viewer: "ViewerSink", trace: VehicleTrace) -> None:

@@ -134,13 +134,12 @@ def _write_page(sheet: Any, axes: list[Any], path: Path, script: str | None) -> 
     firsts: dict[tuple[float, float], str] = {}
     for number, ax in enumerate(axes, 1):
         here = "" if number == 1 else str(number)  # as plotly numbers axes
-        first = firsts.setdefault(ax.get_xlim(), here)
+        first, (x, y) = firsts.setdefault(ax.get_xlim(), here), (f"x{here}", f"y{here}")
         layout |= _axes(here, ax, f"x{first}" if first != here else None)
-        place = {"xaxis": f"x{here}", "yaxis": f"y{here}"}
-        data += [{**place, **trace} for trace in _traces(here, ax)]
-        place = {"xref": f"x{here}", "yref": f"y{here} domain"}
-        layout["shapes"] += [{**place, **shape} for shape in _shapes(here, ax)]
-        layout["annotations"] += [{**place, **text} for text in _texts(ax)]
+        data += [{"xaxis": x, "yaxis": y, **trace} for trace in _traces(here, ax)]
+        place = {"xref": x, "yref": f"{y} domain"}
+        layout["shapes"] += [place | shape for shape in _shapes(here, ax)]
+        layout["annotations"] += [place | text for text in _texts(ax)]
     options: Any = {"include_plotlyjs": True, "div_id": "fuzzbee", "config": BUTTONS}
     write_html({"data": data, "layout": layout}, path, post_script=script, **options)
 

@@ -6,9 +6,8 @@ Vibration" gives the limits. A stream may be filtered before it is sent, and so 
 the autopilot has measured stands beside it.
 """
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator
-from itertools import pairwise
 from math import isfinite, pi
 from pathlib import Path
 from typing import Literal
@@ -25,14 +24,9 @@ from estimator.profile import load_profile
 from estimator.reasons import Reason
 from estimator.types import Vec3
 from fuzzbee.notify import printable
-from fuzzbee.replays.log_report import (
-    by_name,
-    differences_of,
-    refused_text,
-    replay_log,
-    verdicts,
-)
-from fuzzbee.replays.score import DifferenceSummary
+from fuzzbee.replays.log_report import refused_text, replay_log
+from fuzzbee.replays.report import DifferenceSummary
+from fuzzbee.replays.score import by_name, differences_of, verdicts
 from fuzzbee.replays.table import difference_text
 from fuzzbee.replays.trace import How, VehicleTrace
 from service.alarms import Alarm
@@ -104,14 +98,13 @@ def check_log(path: Path, profile: str, window: TimeWindow = WHOLE_LOG) -> Check
         trace = replay_log(path, load_profile(profile), How(window=window))
     except InputError as error:
         return Checked(str(path), fault=str(error))
-    counts = {sensor: trace.rejected[reason] for sensor, reason in CLIPPED.items()}
     warned_s = {word: round(s, 1) for word, s in trace.warned_s.items() if word != DIFFERS}
     return Checked(
         str(path),
         verdicts(trace),
         differences_of(trace),
         vibration=vibration(trace),
-        clipped={sensor: count for sensor, count in counts.items() if count},
+        clipped={what: n for what, why in CLIPPED.items() if (n := trace.rejected[why])},
         warnings=by_name(warned_s),
         refused=refused_text(trace) or "",
         autopilot_vibration=_own_vibration(path, trace, window),
@@ -136,22 +129,18 @@ def _own_vibration(path: Path, trace: VehicleTrace, window: TimeWindow) -> OwnVi
         readings = [each for each in readings if begin_us <= each.arrival_us <= end_us]
     if not readings:
         return None
-    sizes: defaultdict[int, list[Vec3]] = defaultdict(list)
-    counts: defaultdict[int, list[int]] = defaultdict(list)
+    sizes, latest = defaultdict[int, list[Vec3]](list), dict[int, int]()
+    clipped = Counter[int]()
     for each in readings:
         if each.m_s2 is not None and all(map(isfinite, each.m_s2)):
             sizes[each.imu].append(each.m_s2)
-        for imu, count in each.clipped.items():
-            counts[imu].append(count)
-    clipped = {imu: _increase(each) for imu, each in sorted(counts.items())}
+        for imu, count in each.clipped.items():  # a restart of the autopilot sets it back to zero
+            before = latest.get(imu, count)
+            clipped[imu] += count - before if count >= before else count
+            latest[imu] = count
     exceeded = [(imu, *_exceeded(np.array(each))) for imu, each in sizes.items()]
     imu, m_s2, verdict = max(exceeded, key=lambda each: max(each[1]), default=(0, None, None))
-    return OwnVibration(readings[0].message, imu, m_s2, verdict, clipped)
-
-
-def _increase(counts: list[int]) -> int:
-    """By how much a count has grown, which a restart of the autopilot sets back to zero."""
-    return sum(now - before if now >= before else now for before, now in pairwise(counts))
+    return OwnVibration(readings[0].message, imu, m_s2, verdict, dict(sorted(clipped.items())))
 
 
 def _exceeded(m_s2: Floats) -> tuple[Vec3, Verdict]:

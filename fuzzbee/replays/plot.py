@@ -10,15 +10,9 @@ from drivers.mavlink.constants import mode_name
 from estimator.arrays import Bools, Floats
 from estimator.conditioning.vertical.rate import LEAST_PEAK_RAD_S
 from fuzzbee.attitudes import euler_curves_deg
-from fuzzbee.replays.figure import (
-    BLACK,
-    COLORS,
-    DARK,
-    add_legend,
-    add_text,
-    written_figure,
-)
-from fuzzbee.replays.score import CONVERGED_RAD, REFERENCES
+from fuzzbee.replays.figure import BLACK, COLORS, DARK, add_legend, add_text, written_figure
+from fuzzbee.replays.report import REFERENCES
+from fuzzbee.replays.score import CONVERGED_RAD
 from fuzzbee.replays.trace import VehicleTrace
 
 PAGE_INCHES = (7.1, 9.8)  # between its margins
@@ -68,16 +62,13 @@ class Thinned:
 
 def draw(title: str, path: Path, trace: VehicleTrace) -> None:
     """Draw a trace that has been compared into a file; its suffix is the format."""
-    time_s = trace.time_s
+    time_s, points = trace.time_s, Thinned(trace.time_s)
     span = (float(time_s[0]), max(float(time_s[-1]), time_s[0] + 1e-3))
     with written_figure(path, title, PAGE_INCHES, is_over_log=True) as sheet:
-        axes = sheet.subplots(8, 1)
-        points = Thinned(time_s)
+        axes = sheet.subplots(8, 1, subplot_kw={"xlim": span})
         _draw_attitudes(axes[:3], trace, points)
         _draw_errors(axes[3:5], trace, points)
         _draw_internals(axes[5:], trace, points)
-        for ax in axes:
-            ax.set_xlim(span)
         _draw_times(axes, trace, time_s, NEAR * (span[1] - span[0]))
         axes[-1].set_xlabel(TIME)
 
@@ -223,8 +214,11 @@ def _bands(time_s: Floats, trace: VehicleTrace) -> Iterator[Band]:
         spans = _runs(time_s, confidence <= CONTRADICTED * usual)
         yield ("low field confidence", "tab:purple", 0.2, spans)
     yield ("gyroscope at its end", "tab:brown", 0.35, _clipped(time_s, trace))
-    if trace.turned_at_us is not None:
-        yield ("wrong start", "tab:red", 0.2, _wrong(time_s, trace))
+    if trace.turned_at_us is not None:  # until the error is small for the first time
+        turned = trace["time_us"] >= trace.turned_at_us
+        small = np.flatnonzero(turned & (trace["error_rad"][:, 0] < CONVERGED_RAD))
+        ends = time_s[[int(np.argmax(turned)), small[0] if len(small) else -1]]
+        yield ("wrong start", "tab:red", 0.2, [(float(ends[0]), float(ends[1]))])
     intervals, zero_us = trace.vehicle.comparison.intervals, trace.zero_us
     differing = [(1e-6 * (i.begin_us - zero_us), 1e-6 * (i.end_us - zero_us)) for i in intervals]
     yield ("autopilot differs", "tab:orange", 0.2, differing)
@@ -251,15 +245,6 @@ def _clipped(time_s: Floats, trace: VehicleTrace) -> list[Span]:
     again = at_end & np.roll(at_end, 1, axis=0)
     again[:1] = False
     return _runs(time_s, again.any(axis=1), 0.0) if again.sum() >= CLIPPED_SAMPLES else []
-
-
-def _wrong(time_s: Floats, trace: VehicleTrace) -> list[Span]:
-    """From a start that was turned until the error is small for the first time."""
-    turned = trace["time_us"] >= (trace.turned_at_us or 0)
-    small = turned & (trace["error_rad"][:, 0] < CONVERGED_RAD)
-    begin = int(np.argmax(turned))
-    end = int(np.argmax(small)) if small.any() else len(time_s) - 1
-    return [(float(time_s[begin]), float(time_s[end]))]
 
 
 def _gaps(time_s: Floats) -> list[Span]:

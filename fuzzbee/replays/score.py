@@ -1,6 +1,6 @@
-"""How near a replayed estimate is to a reference, and what ``replay --json`` prints of it."""
+"""How near a replayed estimate is to a reference, and all that a log's report has."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -9,142 +9,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.logs.table import blocks
+from drivers.mavlink.constants import enum_name
 from estimator.arrays import Bools, Floats, Times
 from estimator.errors import InputError
 from estimator.filter.alignment import nearest_rotation
 from estimator.geometry.metrics import batch_angle_errors, rms
 from estimator.geometry.rotations import cross, rotate_inverse
+from estimator.live.rows import NORTHS
 from estimator.types import DOWN
+from fuzzbee.attitudes import PLACE
+from fuzzbee.notify import printable
+from fuzzbee.replays import report
+from fuzzbee.replays.motion import motion_mask
 from fuzzbee.replays.trace import VehicleTrace
+from tuning.online.retuner import RetunedEstimator
 
 CONVERGED_RAD = np.radians(5.0)
-# What they are called for a person; the truth, a simulator's or a table's own, goes first
-REFERENCES = {"sim": "truth", "autopilot": "autopilot"}
-
-
-class VehicleSummary(msgspec.Struct, frozen=True):
-    """Whose IMU it was; names as in MAVLink's enumerations, None without a HEARTBEAT."""
-
-    system_id: int
-    component_id: int
-    autopilot: str | None
-    type: str | None
-
-
-class ImuSummary(msgspec.Struct, frozen=True):
-    """What arrived; the arrival gap is of the log's stamps, the other of the vehicle's clock.
-
-    ``message`` is the one that was used most, ``messages`` counts the samples used of each. The
-    median rate is that of the stream while it comes, the mean what really came in a second.
-    """
-
-    message: str
-    samples: int
-    messages: dict[str, int]
-    median_rate_hz: float | None
-    mean_rate_hz: float | None
-    worst_gap_s: float | None
-    worst_arrival_gap_s: float | None
-    rates: str = "imu"
-
-
-class ErrorSummary(msgspec.Struct, frozen=True):
-    """Degrees. Heading and total are None where there is no heading to speak of."""
-
-    total_rms: float | None = None
-    heading_rms: float | None = None
-    inclination_rms: float | None = None
-    inclination_p95: float | None = None
-
-
-class Coverage(msgspec.Struct, frozen=True):
-    """Share of samples whose error lies under the published sigma; honest is 0.68."""
-
-    inclination: float | None = None
-    heading: float | None = None
-    inclination_moving: float | None = None
-    heading_moving: float | None = None
-
-
-class ConstantTurn(msgspec.Struct, frozen=True):
-    """One turn of the body that fits best, and what is left of the inclination's errors without.
-
-    ``turn_deg`` is by how much it tilts the vertical, RMS over the samples.
-    """
-
-    turn_deg: float
-    inclination_rms: float
-    inclination_coverage: float
-    inclination_coverage_moving: float | None
-
-
-class Retuning(msgspec.Struct, frozen=True):
-    """A change of the profile while it ran: when, to what, why, and the share of the cost saved."""
-
-    time_s: float
-    reason: str
-    gain: float
-    update: dict[str, dict[str, float]]
-
-
-class RetunedSummary(msgspec.Struct, frozen=True):
-    """All changes while it ran."""
-
-    count: int
-    changes: list[Retuning]
-
-
-class DifferenceSummary(msgspec.Struct, frozen=True):
-    """A time for which the autopilot's attitude and ours differed, and the evidence."""
-
-    begin_s: float
-    end_s: float
-    inclination_deg: float  # the largest
-    heading_deg: float
-    wrong: str  # "autopilot", "ours", or ""
-    evidence: str
-
-
-class Report(msgspec.Struct, frozen=True):
-    """What every replay reports; errors and coverage are of the samples that count."""
-
-    source: str
-    vehicle: VehicleSummary
-    imu: ImuSummary
-    duration_s: float
-    reference: str | None
-    error_deg: ErrorSummary
-    coverage: Coverage
-    peers: dict[str, ErrorSummary]
-    convergence_s: float | None
-    mean_gain: float
-    rejected: dict[str, int]
-    wall_s: float
-
-
-class LogReport(Report, frozen=True):
-    """Schema of ``replay LOG --json``.
-
-    ``heading_references`` counts the scored samples by what their heading is measured from.
-    """
-
-    heading_references: dict[str, int] = {}
-    constant_turn: ConstantTurn | None = None
-    differences: list[DifferenceSummary] = []  # from the autopilot's attitude
-    agreement: dict[str, int] = {}  # how many looks ended with which verdict
-    window_s: tuple[float, float] | msgspec.UnsetType = msgspec.UNSET  # with --from or --to only
-    retuned: RetunedSummary | msgspec.UnsetType = msgspec.UNSET  # with --retune only
-    profile: str | msgspec.UnsetType = msgspec.UNSET  # with several only
-
-
-class SimulationReport(Report, frozen=True):
-    """Schema of ``replay sim: --json``: that of a log, and the paper's figures."""
-
-    seeds: tuple[int, int]
-    cost: float
-    cost_per_seed: list[float]
-    steady_state_error: float
-    settling_s: float | None
 
 
 def compare(path: Path, trace: VehicleTrace, wanted: str | None) -> None:
@@ -153,13 +33,12 @@ def compare(path: Path, trace: VehicleTrace, wanted: str | None) -> None:
     Columns: ``reference_q_ned_frd`` (N, 4) and ``error_rad`` (N, 3: total, heading, inclination),
     and beside a truth ``autopilot_q_ned_frd`` and ``autopilot_error_rad``. NaN where not known.
     """
-    available = [name for name in REFERENCES if trace.references[name].message is not None]
-    if wanted is not None and wanted not in available:
+    if wanted is not None and wanted not in trace.available:
         raise InputError(
             f"{path}: no reference '{wanted}' for vehicle {trace.address.system_id}"
-            f" (there is: {', '.join(available) or 'none'})"
+            f" (there is: {', '.join(trace.available) or 'none'})"
         )
-    trace.reference = wanted or next(iter(available), None)
+    trace.reference = wanted or next(iter(trace.available), None)
 
     parts = [*blocks(len(trace))]
 
@@ -167,58 +46,137 @@ def compare(path: Path, trace: VehicleTrace, wanted: str | None) -> None:
         names = (of, "reference_q_ned_frd")  # not mapped for longer than a part takes
         return (batch_angle_errors(*(trace[name][rows] for name in names)) for rows in parts)
 
-    trace.put("reference_q_ned_frd", (_attitudes(trace, trace.reference, rows) for rows in parts))
+    source = trace.reference or "sim"  # which has none then
+    trace.put("reference_q_ned_frd", (_attitudes(trace, source, rows) for rows in parts))
     trace.put("error_rad", errors("q_ned_frd"))
     if trace.has_peer:
         trace.put("autopilot_q_ned_frd", (_attitudes(trace, "autopilot", rows) for rows in parts))
         trace.put("autopilot_error_rad", errors("autopilot_q_ned_frd"))
 
 
-def _attitudes(trace: VehicleTrace, source: str | None, rows: slice) -> Floats:
+def _attitudes(trace: VehicleTrace, source: str, rows: slice) -> Floats:
     """``q_ned_frd`` (N, 4) of the IMU; NaN where it is not known.
 
     The autopilot reports on the vehicle, or what its pilot is to see; the simulator's truth is the
     IMU's own.
     """
-    times_us = trace["time_us"][rows]
-    if source is None:
-        return np.full((len(times_us), 4), np.nan)
-    track = trace.references[source]
-    shown = track.at(times_us)
-    view = trace.vehicle.parameters.view
+    track, view = trace.references[source], trace.vehicle.parameters.view
+    shown = track.at(trace["time_us"][rows])
     if source == "autopilot" and track.message is not None and not view.is_imus:
         ours = trace["q_ned_frd"][rows]
         for k in np.flatnonzero(np.isfinite(shown[:, 0])).tolist():
             pair = tuple(shown[k].tolist()), tuple(ours[k].tolist())
-            found = view.of_imu(track.message, *pair)
-            shown[k] = np.nan if found is None else found
+            shown[k] = view.of_imu(track.message, *pair) or np.nan
     return shown
 
 
-def error_summary(error_rad: Floats, counted: Bools, has_heading: Bools) -> ErrorSummary:
+def score(path: Path, trace: VehicleTrace, skip_s: float) -> report.LogReport:
+    """The figures of a trace that has been compared."""
+    times_us, norths = trace["time_us"], trace["heading_reference"]
+    begin_s, end_s = trace.time_s[[0, -1]].tolist()
+    lasts_s = 1e-6 * float(times_us[-1] - times_us[0])
+    total_rad = trace["error_rad"][:, 0].copy()  # not a view, that the column is let go
+    counted = ~np.isnan(total_rad)
+    counted[: int(np.searchsorted(times_us, times_us[0] + 1e6 * skip_s))] = False
+    if skip_s > 0.0 and not counted.any():
+        raise InputError(f"{path}: nothing is left to score after {skip_s:g} s of {lasts_s:.0f} s")
+    moved = motion_mask(trace) if counted.any() else counted
+    has_heading = norths > PLACE["none"]
+    peers = {}
+    if trace.has_peer:  # which all has a heading
+        theirs = trace["autopilot_error_rad"]
+        both = counted & ~np.isnan(theirs[:, 0])
+        peers["autopilot"] = error_summary(theirs, both, both)
+    kinds = zip(("MAV_AUTOPILOT", "MAV_TYPE"), trace.kind, strict=True)
+    names = (None if number is None else enum_name(enum, number) for enum, number in kinds)
+    counts = zip(NORTHS, np.bincount(norths[counted], minlength=len(NORTHS)).tolist(), strict=True)
+    return report.LogReport(
+        source=printable(str(path)),
+        vehicle=report.VehicleSummary(*trace.address, *names),
+        imu=_imu_summary(trace),
+        duration_s=lasts_s,
+        reference=trace.reference,
+        error_deg=error_summary(trace["error_rad"], counted, has_heading),
+        coverage=coverage(trace, counted, has_heading, moved),
+        peers=peers,
+        convergence_s=convergence_s(times_us, total_rad) if trace.has_heading else None,
+        mean_gain=float(np.mean(trace["gain"])),
+        rejected=by_name(trace.rejected),
+        heading_references=by_name({north: n for north, n in counts if n}),
+        constant_turn=constant_turn(trace, counted, moved),
+        differences=differences_of(trace),
+        agreement=verdicts(trace),
+        window_s=msgspec.UNSET if trace.log_zero_us is None else (begin_s, end_s),
+        retuned=_retuned(trace),
+    )
+
+
+def by_name(counts: Mapping[str, Any]) -> dict[str, Any]:
+    """Counts in the order of their names, so that equal runs print equal text."""
+    return dict(sorted(counts.items()))
+
+
+def verdicts(trace: VehicleTrace) -> dict[str, int]:
+    """How many comparisons of both attitudes have ended with which verdict."""
+    return by_name({word.value: n for word, n in trace.vehicle.comparison.looks.items()})
+
+
+def differences_of(trace: VehicleTrace) -> list[report.DifferenceSummary]:
+    """When the autopilot's attitude differed from ours, in seconds of the log."""
+    zero_us, found = trace.zero_us, []
+    for begin_us, end_us, *angles_deg, wrong, evidence in trace.vehicle.comparison.intervals:
+        span_s = (1e-6 * (us - zero_us) for us in (begin_us, end_us))
+        begin_s, end_s, tilt, turn = (round(value, 1) for value in (*span_s, *angles_deg))
+        found.append(report.DifferenceSummary(begin_s, end_s, tilt, turn, wrong, evidence))
+    return found
+
+
+def _retuned(trace: VehicleTrace) -> report.RetunedSummary | msgspec.UnsetType:
+    """What was changed with ``--retune``."""
+    estimator = trace.vehicle.estimator
+    if not isinstance(estimator, RetunedEstimator):
+        return msgspec.UNSET
+    changes = [
+        report.Retuning((time_us - trace.zero_us) * 1e-6, made.reason, made.gain, made.update)
+        for time_us, made in estimator.decisions
+    ]
+    return report.RetunedSummary(len(changes), changes)
+
+
+def _imu_summary(trace: VehicleTrace) -> report.ImuSummary:
+    steps_s, gaps_s = (1e-6 * np.diff(trace[name]) for name in ("time_us", "arrival_us"))
+    figures: tuple[Any, Any, Any, Any] = (None, None, None, None)
+    if len(steps_s):
+        rates_hz = 1.0 / float(np.median(steps_s)), 1.0 / float(np.mean(steps_s))
+        figures = (*rates_hz, float(steps_s.max()), float(gaps_s.max()))
+    counts, rates = dict(trace.imu_messages.most_common()), trace.vehicle.estimator.rates
+    return report.ImuSummary(trace.message, len(trace), counts, *figures, rates)
+
+
+def error_summary(error_rad: Floats, counted: Bools, has_heading: Bools) -> report.ErrorSummary:
     """The summary of errors (N, 3) that count (N,).
 
     Total and heading leave out samples (N,) without a heading.
     """
     if not counted.any():
-        return ErrorSummary()
+        return report.ErrorSummary()
     total, heading, inclination = error_rad.T
     headed = counted & has_heading
-    return ErrorSummary(
-        total_rms=_rms_deg(total[headed]),
-        heading_rms=_rms_deg(heading[headed]),
-        inclination_rms=_rms_deg(inclination[counted]),
-        inclination_p95=float(np.degrees(np.percentile(inclination[counted], 95.0))),
+    return report.ErrorSummary(
+        _rms_deg(total[headed]),  # copies one by one, as each takes much memory
+        _rms_deg(heading[headed]),
+        _rms_deg(inclination[counted]),
+        float(np.degrees(np.percentile(inclination[counted], 95.0))),
     )
 
 
-def coverage(columns: Any, counted: Bools, has_heading: Bools, moved: Bools) -> Coverage:
+def coverage(columns: Any, counted: Bools, has_heading: Bools, moved: Bools) -> report.Coverage:
     """How often errors that count (N,) stayed under their sigmas, always and while in motion."""
     shares: dict[str, float | None] = {}
     for name, i, known in (("inclination", 2, counted), ("heading", 1, counted & has_heading)):
         under = columns["error_rad"][:, i] <= columns[f"sigma_{name}_rad"]
         shares |= {name: mean(under[known]), f"{name}_moving": mean(under[known & moved])}
-    return Coverage(**shares)
+    return report.Coverage(**shares)
 
 
 def convergence_s(times_us: Times, total_rad: Floats) -> float | None:
@@ -228,7 +186,7 @@ def convergence_s(times_us: Times, total_rad: Floats) -> float | None:
     return 1e-6 * float(times_us[end] - times_us[begin]) if is_good.any() else None
 
 
-def constant_turn(columns: Any, counted: Bools, moved: Bools) -> ConstantTurn | None:
+def constant_turn(columns: Any, counted: Bools, moved: Bools) -> report.ConstantTurn | None:
     """The turn from estimate to reference of the samples that count (N,); None without any.
 
     R of the least sum of |R d - d_reference|^2 over down in the body d (Wahba's problem).
@@ -247,7 +205,7 @@ def constant_turn(columns: Any, counted: Bools, moved: Bools) -> ConstantTurn | 
     angles = [[_between(d @ turn.T, each) for each in (d, theirs)] for d, theirs in downs()]
     tilted, left = map(np.concatenate, zip(*angles, strict=True))
     under = left <= columns["sigma_inclination_rad"][counted]
-    return ConstantTurn(
+    return report.ConstantTurn(
         float(np.degrees(rms(tilted))),
         float(np.degrees(rms(left))),
         float(np.mean(under)),

@@ -14,14 +14,8 @@ from estimator.profile import Profile
 from fuzzbee.replays.exports import ERRORS, Columns, vectors, write_columns
 from fuzzbee.replays.figure import BLACK, DARK, add_legend, written_figure
 from fuzzbee.replays.plot import TIME, draw_angles
-from fuzzbee.replays.score import (
-    CONVERGED_RAD,
-    Coverage,
-    ImuSummary,
-    SimulationReport,
-    VehicleSummary,
-    error_summary,
-)
+from fuzzbee.replays.report import ImuSummary, SimulationReport, VehicleSummary
+from fuzzbee.replays.score import CONVERGED_RAD, error_summary
 from tuning.paper_experiment import SETTLED_ERROR, ExperimentResult, run_experiment
 
 Results = Sequence[ExperimentResult]
@@ -58,11 +52,8 @@ def report_simulation(
         duration_s=(COST_SAMPLES - 1) / hz,
         reference="sim",
         error_deg=error_summary(all_errors, everywhere, everywhere),
-        coverage=Coverage(),
-        peers={},
         convergence_s=_median(converged),
         mean_gain=float(np.mean([r.mean_gain for r in results])),
-        rejected={},
         wall_s=time.perf_counter() - started,
         seeds=(seeds[0], seeds[-1]),
         cost=float(np.mean([r.cost for r in results])),

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
 import msgspec
+from msgspec.structs import astuple
 from rich.console import Console
 from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
@@ -11,7 +12,7 @@ from rich.text import Text
 
 from drivers.logs.log_file import LogFile
 from fuzzbee.notify import printable
-from fuzzbee.replays.score import (
+from fuzzbee.replays.report import (
     REFERENCES,
     DifferenceSummary,
     ErrorSummary,
@@ -40,16 +41,15 @@ def print_reports(reports: Sequence[LogReport]) -> None:
 
 def print_simulation(report: SimulationReport) -> None:
     """Print the figures of the paper's experiment."""
-    _print_grid(
-        [
-            ("seeds", f"{report.seeds[0]}-{report.seeds[1]}"),
-            ("cost J", f"{report.cost:.3f}, mean over seeds"),
-            ("steady error e", f"{report.steady_state_error:.5f}, mean over 4..14 s"),
-            ("settled", f"{_number(report.settling_s)} s to e < 0.01, median"),
-            ("gain K", f"{report.mean_gain:.2f}, mean"),
-            ("took", f"{report.wall_s:.2f} s"),
-        ]
-    )
+    figures = {
+        "seeds": f"{report.seeds[0]}-{report.seeds[1]}",
+        "cost J": f"{report.cost:.3f}, mean over seeds",
+        "steady error e": f"{report.steady_state_error:.5f}, mean over 4..14 s",
+        "settled": f"{_number(report.settling_s)} s to e < 0.01, median",
+        "gain K": f"{report.mean_gain:.2f}, mean",
+        "took": f"{report.wall_s:.2f} s",
+    }
+    _print_grid(figures.items())
 
 
 def _print_grid(rows: Iterable[tuple[str, str]]) -> None:
@@ -85,12 +85,9 @@ def _figures(report: LogReport) -> Iterator[tuple[str, str]]:
     yield "reference", REFERENCES[report.reference] + note
     yield f"{'error' if is_truth else 'difference'}, RMS", _errors_text(errors)
     yield "", f"inclination 95 %: {_number(errors.inclination_p95)}°"
-    under = report.coverage
-    text = (
-        f"inclination {_share(under.inclination)}, heading {_share(under.heading)} (honest: 68 %);"
-        f" in motion {_share(under.inclination_moving)}, {_share(under.heading_moving)}"
-    )
-    yield "under sigma", text
+    upright, pointed, *moving = map(_share, astuple(report.coverage))
+    honest = f"inclination {upright}, heading {pointed} (honest: 68 %)"
+    yield "under sigma", f"{honest}; in motion {', '.join(moving)}"
     if (turn := report.constant_turn) is not None:
         text = (
             f"{turn.turn_deg:.1f}° of it is a constant turn: mounting or trim; inclination without "
@@ -100,10 +97,8 @@ def _figures(report: LogReport) -> Iterator[tuple[str, str]]:
     norths = report.heading_references
     magnetic = norths.get("magnetic", 0) / max(1, sum(norths.values()))
     if errors.heading_rms is not None and magnetic >= LEAST_SHOWN_SHARE:
-        yield (
-            "",
-            f"{_share(magnetic)} of our headings are from magnetic north, {TWO_NORTHS[is_truth]}",
-        )
+        text = f"{_share(magnetic)} of our headings are from magnetic north"
+        yield "", f"{text}, {TWO_NORTHS[is_truth]}"
 
 
 def _after(report: LogReport) -> Iterator[tuple[str, str]]:
@@ -141,25 +136,19 @@ def _table(reports: Sequence[LogReport]) -> Table:
     for heading in names if has_profiles else ("Hz", "s", *names):
         table.add_column(heading, justify="right", no_wrap=True)
     for report in reports:
-        errors = report.error_deg
         rate = (_number(report.imu.median_rate_hz, 1), f"{report.duration_s:.0f}")
         table.add_row(
             Text(printable(report.source.rpartition("/")[2])),
             *([Text(printable(report.profile))] if report.profile else rate),
             REFERENCES[report.reference] if report.reference else "none",
-            _number(errors.total_rms),
-            _number(errors.heading_rms),
-            _number(errors.inclination_rms),
-            _number(errors.inclination_p95),
+            *map(_number, astuple(report.error_deg)),
         )
     return table
 
 
 def _errors_text(errors: ErrorSummary) -> str:
-    return (
-        f"total {_number(errors.total_rms)}°, heading {_number(errors.heading_rms)}°,"
-        f" inclination {_number(errors.inclination_rms)}°"
-    )
+    total, heading, inclination, _ = map(_number, astuple(errors))
+    return f"total {total}°, heading {heading}°, inclination {inclination}°"
 
 
 def _number(value: float | None, digits: int = 2) -> str:

@@ -2,6 +2,7 @@
 
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager, nullcontext
 from math import radians
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -67,7 +68,9 @@ class How(NamedTuple):
     NED (1,1,1)/sqrt 3, once, at the first sample for which a reference is known. With ``retune`` a
     few numbers of the profile are retuned on the way, with ``smooth`` the attitudes are by the
     whole log. ``columns`` describes a table. Only ``window`` is read; its seconds count from the
-    log's beginning.
+    log's beginning. ``notify`` is given lines for a person, ``reading`` is entered with the log
+    while it is read, ``new_estimator`` makes other estimators than those of ``retune`` and
+    ``smooth``.
     """
 
     fixed_gain: float | None = None
@@ -77,6 +80,9 @@ class How(NamedTuple):
     smooth: bool = False
     columns: Path | None = None
     window: TimeWindow = WHOLE_LOG
+    notify: Callable[[str], None] = lambda _: None
+    reading: Callable[[LogFile], AbstractContextManager[object]] = nullcontext
+    new_estimator: Callable[[Profile], Estimator] | None = None
 
 
 AS_LIVE = How()
@@ -132,9 +138,14 @@ class VehicleTrace(Table):
         return Counter[str](self.vehicle.rejected) + Counter(malformed=self.malformed)
 
     @property
+    def available(self) -> list[str]:
+        """The references that there are, the best first."""
+        return [name for name, track in self.references.items() if track.message is not None]
+
+    @property
     def has_peer(self) -> bool:
         """Whether the autopilot's own estimate stands beside a truth."""
-        return self.reference == "sim" and self.references["autopilot"].message is not None
+        return self.reference == "sim" and "autopilot" in self.available
 
     def take(
         self, arrival_us: int, unix_us: int, attitude: Attitude, sample: ImuSample, aided: bool
@@ -149,9 +160,9 @@ class VehicleTrace(Table):
         self, rows: slice, stamps_us: Iterable[int]
     ) -> Iterator[tuple[AttitudeRecord | None, ImuSample]]:
         """What the service would have published with samples, whose Unix times are given."""
-        both = zip(self._rows(Attitude, rows), self._rows(ImuSample, rows), stamps_us, strict=True)
-        for attitude, sample, stamp_us in both:
-            times = {"time_unix_us": stamp_us, "time_boot_us": sample.time_us}
+        each = zip(self._rows(Attitude, rows), self._rows(ImuSample, rows), stamps_us, strict=True)
+        for attitude, sample, unix_us in each:
+            times = {"time_unix_us": unix_us, "time_boot_us": sample.time_us}
             yield attitude_record(attitude, sequence=0, **times), sample
 
     def _rows(self, kind: Any, rows: slice) -> Iterator[Any]:
@@ -183,28 +194,14 @@ class Traces(dict[VehicleId, VehicleTrace]):
 
 
 class Replay:
-    """Feeds events through the live pipeline and keeps its estimates.
+    """Feeds events through the live pipeline and keeps its estimates."""
 
-    ``new_estimator`` makes the estimators instead of those that ``how`` asks for.
-    """
-
-    def __init__(
-        self,
-        profile: Profile,
-        how: How = AS_LIVE,
-        *,
-        notify: Callable[[str], None] = lambda _: None,
-        new_estimator: Callable[[Profile], Estimator] | None = None,
-    ) -> None:
+    def __init__(self, profile: Profile, how: How = AS_LIVE) -> None:
         self._how = how
         self.why_empty: str | None = None  # why nothing of the log lay in the window
-        self.pipeline = Pipeline(
-            profile,
-            system_id=how.system_id,
-            new_estimator=new_estimator or self._new_estimator,
-        )
+        new_estimator = how.new_estimator or self._new_estimator
+        self.pipeline = Pipeline(profile, system_id=how.system_id, new_estimator=new_estimator)
         self._wrong_turn = exp(scale(radians(how.start_wrong_deg), WRONG_START_AXIS))
-        self._notify = notify
         self.traces = Traces()
 
     def _new_estimator(self, profile: Profile) -> Estimator:
@@ -235,7 +232,7 @@ class Replay:
     def _take(self, event: Event) -> None:
         for output in self.pipeline.handle(event):
             if isinstance(output, Message):
-                self._notify(output.text)
+                self._how.notify(output.text)
         match event:
             case Imu():
                 self._after_imu(event)
@@ -260,7 +257,9 @@ class Replay:
             return
         trace = self.traces[event.vehicle]
         trace.vehicle = vehicle
-        self._turn_wrong(vehicle, trace)
+        if self._how.start_wrong_deg and trace.turned_at_us is None and trace.available:
+            vehicle.estimator.turn(self._wrong_turn)
+            trace.turned_at_us = vehicle.estimator.snapshot.core.time_us
         attitude = vehicle.estimator.attitude(event.sample.time_us)
         if not is_finite(attitude):
             return  # as in the live service, where it is not published; the vehicle aligns anew
@@ -270,14 +269,6 @@ class Replay:
             trace.warned_s.update(dict.fromkeys(warnings, step_s))
         unix_us = round(attitude.time_us + vehicle.publishing.clock.offset_us)
         trace.take(event.arrival_us, unix_us, attitude, sample, vehicle.estimator.is_aided)
-
-    def _turn_wrong(self, vehicle: Vehicle, trace: VehicleTrace) -> None:
-        """Turn the estimate once, at the first sample that a reference is known at."""
-        if not self._how.start_wrong_deg or trace.turned_at_us is not None:
-            return
-        if any(track.message is not None for track in trace.references.values()):
-            vehicle.estimator.turn(self._wrong_turn)
-            trace.turned_at_us = vehicle.estimator.snapshot.core.time_us
 
 
 def smooth(trace: VehicleTrace) -> None:

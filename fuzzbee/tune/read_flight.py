@@ -40,7 +40,7 @@ def read_flight(
     """
     with open_log(path) as log:
         sha256 = log.sha256()
-    trace = replay_log(path, profile, How(window=window), new_estimator=LoggedEstimator)
+    trace = replay_log(path, profile, How(window=window, new_estimator=LoggedEstimator))
     if len(trace) < 2:
         raise InputError(f"{path}: a single sample of an IMU")
     recorder = trace.vehicle.estimator

@@ -19,6 +19,7 @@ from drivers.mavlink.gate import FrameGate, Policy
 from estimator.errors import InputError
 from estimator.profile import load_profile, parse_profile
 from fuzzbee.replays.log_report import report_log
+from fuzzbee.replays.trace import How
 from service.pipeline import MAX_VEHICLES, Pipeline
 from service.records import Published
 from service.sinks.zenoh import _json_object
@@ -145,7 +146,7 @@ def test_recordings_cut_swapped_and_joined(tmp_path_factory, one, other, rng):
     path.write_bytes(rearranged(one, rng) + (other if rng.random() < 0.2 else b""))
     reported = []
     try:
-        report = report_log(path, PROFILES[1], notify=reported.append)
+        report = report_log(path, PROFILES[1], How(notify=reported.append))
     except InputError as error:
         one_line(path.name, error)
     else:

@@ -55,8 +55,7 @@ from drivers.events import ReferenceAttitude, VehicleId
 from estimator.estimator import Estimator
 from estimator.profile import load_profile
 from estimator.types import IDENTITY, Attitude, ImuSample
-from fuzzbee.replays.score import compare
-from fuzzbee.replays.log_report import score
+from fuzzbee.replays.score import compare, score
 from fuzzbee.replays.trace import VehicleTrace
 from service.vehicle import Vehicle
 
