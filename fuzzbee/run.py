@@ -70,8 +70,7 @@ class RunOptions(NamedTuple):
     source: Annotated[str, typer.Argument(help=_SOURCE)] = "sim:"
     seconds: Seconds = None
     request_rate_hz: Annotated[
-        float | None,
-        of_source("Ask for this IMU rate.", "--request-rate", metavar="HZ"),
+        float | None, of_source("Ask for this IMU rate.", "--request-rate", metavar="HZ")
     ] = None
     speed: Annotated[float, of_source("Play a log X times as fast.", metavar="X")] = 1.0
     system_id: Annotated[
