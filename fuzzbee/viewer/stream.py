@@ -59,7 +59,7 @@ class ViewerStream:
         self.recording.set_log_tick_enabled(False)
         self.process: ViewerProcess | None = None
         self.is_whole = True  # the file, if there is one, has everything so far
-        self._rrd, self._has_index = options.rrd, not options.live
+        self._rrd, self.is_live = options.rrd, options.live
         sinks = [] if options.rrd is None else [_file_sink(options.rrd, live=options.live)]
         if options.view is not None:
             self.process = ViewerProcess(web=options.view == "web", live=options.live)
@@ -138,7 +138,8 @@ class ViewerStream:
     def _disconnect(self, timeout_s: float) -> None:
         """End the file, for which there may be no room left; the library only logs that."""
         self._await(run_in_thread(self.recording.disconnect, "viewer"), timeout_s)
-        if self._rrd is not None and self._has_index and (file := Path(self._rrd)).is_file():
+        # a live file has no index
+        if self._rrd is not None and not self.is_live and (file := Path(self._rrd)).is_file():
             with file.open("rb") as written:
                 written.seek(max(0, file.stat().st_size - LONGEST_END))
                 self.is_whole &= INDEX in written.read()

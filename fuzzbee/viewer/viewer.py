@@ -43,11 +43,9 @@ class ViewerSink(ViewerStream):
 
     def __init__(self, options: ViewerOptions) -> None:
         super().__init__(options, layout.blueprint())
-        self._is_live = options.live
         self._tracks: dict[VehicleId, Track] = {}
         self._has_left_out = False
-        self._now_us = 0
-        self._flushed_us = 0
+        self._now_us = self._flushed_us = 0
 
     def handle(self, outputs: Sequence[Output]) -> None:
         """Draw the outputs of one turn; raises once if the viewer was closed, or the file fails."""
@@ -87,7 +85,7 @@ class ViewerSink(ViewerStream):
         """The vehicle's track; a new vehicle gets one as long as there is room."""
         free = {*range(MOST_VEHICLES)} - {track.place for track in self._tracks.values()}
         if vehicle not in self._tracks and free:
-            self._tracks[vehicle] = Track(vehicle_name(vehicle), min(free), self, self._is_live)
+            self._tracks[vehicle] = Track(vehicle_name(vehicle), min(free), self)
         elif vehicle not in self._tracks and not self._has_left_out:
             self._has_left_out = True
             self.message(f"only the first {MOST_VEHICLES} vehicles are drawn", self._now_us)
@@ -97,11 +95,10 @@ class ViewerSink(ViewerStream):
 class Track:
     """The points of one vehicle, drawn at a ``place`` in the row of vehicles."""
 
-    def __init__(self, name: str, place: int, stream: ViewerStream, is_live: bool) -> None:
+    def __init__(self, name: str, place: int, stream: ViewerStream) -> None:
         self.place = place
         self._name = name
         self._stream = stream
-        self._is_live = is_live
         self._due_us: dict[str, int] = {}  # when the next point of a source is drawn
         self.others: dict[str, Quaternion] = {}  # compared with our next attitude
         self._statuses: tuple[StatusRecord | None, ...] = (None, None)  # the latest, and before
@@ -199,7 +196,7 @@ class Track:
         """
         angles_deg, of = euler_deg(q_ned_frd), f"/{source}"
         self._add_curves(of, tilt=angles_deg[:2], heading=angles_deg[2:])
-        if not (self._is_live and hypot(*ours.rate_rad_s) > FAST_RAD_S):
+        if not (self._stream.is_live and hypot(*ours.rate_rad_s) > FAST_RAD_S):
             self._add_curves(of, sigma=[degrees(angle_between(ours.q_ned_frd, q_ned_frd))])
 
     def _log_changes(self, state: State, record: AttitudeRecord | None, now_us: int) -> None:
