@@ -56,13 +56,12 @@ def open_live(
     recorder: Recorder | None = None,
     request_rate_hz: float | None = None,
     policy: Policy = Policy(),  # noqa: B008 - immutable
-    key: bytes | None = None,
     *,
     references: bool = True,
 ) -> "MavlinkLink | SimSource":
     """The source for ``endpoint``, to be entered by the caller.
 
-    ``policy`` is which frames a link lets in; ``key`` signs what it sends. Without
+    ``policy`` is which frames a link lets in, and what signs those that it sends. Without
     ``references`` attitudes of others are left out, which spares most of the decoding.
 
     Raises:
@@ -74,7 +73,7 @@ def open_live(
         from drivers.mavlink.link import MavlinkLink
 
         options = (endpoint, recorder, request_rate_hz)
-        return MavlinkLink(*options, policy=policy, key=key, references=references)
+        return MavlinkLink(*options, policy=policy, references=references)
     if recorder is not None or request_rate_hz is not None:
         raise InputError("sim: has no MAVLink to record or to ask: start fuzzbee sim --to URL")
     from drivers.simulation.source import SimSource

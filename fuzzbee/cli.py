@@ -42,49 +42,52 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; returns its exit status and lets no exception out."""
     arguments = _spell_out(sys.argv[1:] if argv is None else argv)
     notify_compiling(notify)
-    status = _status(arguments)
-    if status != INTERRUPTED:
-        return status
-    return OK if is_endless(arguments) else 128 + (interrupted_by() or signal.SIGINT)
-
-
-def _status(arguments: list[str]) -> int:
-    """Run one command; the status is ``INTERRUPTED`` after any interrupt."""
     try:
-        status = _run_verb(arguments)
-    except InputError as error:
-        if isinstance(error.__context__, BrokenPipeError):  # an output that was /dev/stdout
+        status = _run_verb(arguments)  # the parser, too, returns INTERRUPTED
+    except (Exception, KeyboardInterrupt, SystemExit) as error:  # noqa: BLE001 - the last resort
+        status = _status_of(error, is_verbose="-v" in arguments or "--verbose" in arguments)
+    if status == INTERRUPTED:
+        return OK if is_endless(arguments) else 128 + (interrupted_by() or signal.SIGINT)
+    return status if isinstance(status, int) else OK
+
+
+def _status_of(error: Any, *, is_verbose: bool) -> int:
+    """The status after an error, of which a line is printed, not a traceback.
+
+    It is ``INTERRUPTED`` after any interrupt.
+    """
+    match error:
+        # whoever read our output has seen enough; met in an output that was /dev/stdout it is an
+        # InputError, and an exit if the parser met it
+        case (
+            BrokenPipeError()
+            | InputError(__context__=BrokenPipeError())
+            | SystemExit(__context__=BrokenPipeError())
+        ):
             return OK
-        return _fail(str(error), BAD_INPUT)
-    except NotWholeError as error:
-        return _fail(str(error), FAILED)
-    except KeyboardInterrupt:
-        return INTERRUPTED
-    except BrokenPipeError:
-        return OK  # whoever read our output has seen enough
-    except SystemExit as error:  # the parser's, when it met the broken pipe first
-        if isinstance(error.__context__, BrokenPipeError):
-            return OK
-        raise
-    except Exception as error:  # noqa: BLE001 - the last resort: one line, not a traceback
-        if interrupted_by() is not None:  # inside a library, which made another error of it
-            return INTERRUPTED
-        if type(error).__name__ == "NoArgsIsHelpError":  # a group of verbs without a verb
-            print(error.format_message(), file=sys.stderr)  # type: ignore[attr-defined]
+        case InputError():
+            return _fail(str(error), BAD_INPUT)
+        case NotWholeError():
+            return _fail(str(error), FAILED)
+        case SystemExit():
+            raise error
+        case _ if isinstance(error, KeyboardInterrupt) or interrupted_by() is not None:
+            return INTERRUPTED  # inside a library, it may have become another error
+        case _ if type(error).__name__ == "NoArgsIsHelpError":  # a group of verbs without a verb
+            print(error.format_message(), file=sys.stderr)
             return BAD_INPUT
         # what the parser refused; its classes moved between versions
-        if hasattr(error, "format_message") and hasattr(error, "exit_code"):
+        case _ if hasattr(error, "format_message") and hasattr(error, "exit_code"):
             return _fail(_in_our_words(error), BAD_INPUT)
-        if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
+        case OSError(errno=errno.ENAMETOOLONG):
             return _fail(f"{error.filename}: {error.strerror}", BAD_INPUT)  # of any option
-        if isinstance(error, OSError) and error.errno in UNWRITABLE and error.filename is None:
+        case OSError(filename=None) if error.errno in UNWRITABLE:
             return _fail(f"standard output: {error.strerror}", FAILED)
-        if "-v" in arguments or "--verbose" in arguments:
-            import traceback
+    if is_verbose:
+        import traceback
 
-            traceback.print_exc()
-        return _fail(f"{type(error).__name__}: {error}", FAILED)
-    return status if isinstance(status, int) else OK  # the parser, too, returns INTERRUPTED
+        traceback.print_exc()
+    return _fail(f"{type(error).__name__}: {error}", FAILED)
 
 
 def _spell_out(arguments: Sequence[str]) -> list[str]:
@@ -112,7 +115,10 @@ def _run_verb(arguments: list[str]) -> object:
 def entry_point() -> None:
     """The ``fuzzbee`` command."""
     _replace_closed_streams()
-    _write_what_can_be_written()
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(AttributeError, ValueError):  # one of somebody else's making
+            # letters that it has no code for become question marks, not the end of its lines
+            stream.reconfigure(errors="replace")  # type: ignore[union-attr]
     if lacking := lacking_of_processor():
         _end(_fail(f"this processor has no {', '.join(lacking)}: numpy needs x86-64-v2", FAILED))
     if (taken := settle_environment()) is not None:
@@ -161,13 +167,6 @@ class _ClosedOutput(io.TextIOBase):
     def write(self, _text: str, /) -> int:
         """Raise OSError: nobody would ever see it."""
         raise OSError(errno.EBADF, "it is closed")
-
-
-def _write_what_can_be_written() -> None:
-    """Letters that an output has no code for become question marks, not the end of its lines."""
-    for stream in (sys.stdout, sys.stderr):
-        with suppress(AttributeError, ValueError):  # one of somebody else's making
-            stream.reconfigure(errors="replace")  # type: ignore[union-attr]
 
 
 def _in_our_words(error: Any) -> str:

@@ -145,18 +145,6 @@ def _tape(scene: _Scene) -> list[Text]:
 
 def _horizon(scene: _Scene, flight: str, paint: tuple[str, ...]) -> list[Text]:
     """Sky and ground, the haze of sigma and the line, in halves of cells, under the marks."""
-    halves, marks, lines = _halves(scene), _marks(scene, flight), []
-    for row in range(scene.rows):
-        pairs = enumerate(zip(halves[2 * row], halves[2 * row + 1], strict=True))
-        cells = [_cell(*pair, marks.get((column, row)), paint) for column, pair in pairs]
-        runs = groupby(cells, key=lambda cell: cell[1])  # of one style
-        parts = [("".join(letter for letter, _ in alike), style) for style, alike in runs]
-        lines.append(Text.assemble(*parts, no_wrap=True))
-    return lines
-
-
-def _halves(scene: _Scene) -> list[list[int]]:
-    """What the upper and the lower halves of all cells show."""
     roll, pitch, _ = scene.attitude.euler_deg
     c, s = cos(radians(roll)), sin(radians(roll))
     x = np.arange(scene.width) + 0.5 - scene.width / 2
@@ -165,8 +153,14 @@ def _halves(scene: _Scene) -> list[list[int]]:
     seen = np.where(below > 0.0, GROUND, SKY)
     seen[np.abs(below) <= scene.halves(scene.attitude.sigma_deg.inclination)] = HAZE
     seen[np.abs(below) <= 0.5 * (abs(c) + abs(s))] = LINE
-    halves: list[list[int]] = seen.tolist()
-    return halves
+    marks, lines = _marks(scene, flight), []
+    for row, halves in enumerate(zip(seen[::2].tolist(), seen[1::2].tolist(), strict=True)):
+        pairs = enumerate(zip(*halves, strict=True))
+        cells = [_cell(*pair, marks.get((column, row)), paint) for column, pair in pairs]
+        runs = groupby(cells, key=lambda cell: cell[1])  # of one style
+        parts = [("".join(letter for letter, _ in alike), style) for style, alike in runs]
+        lines.append(Text.assemble(*parts, no_wrap=True))
+    return lines
 
 
 def _paint(judged: Judgement, console: Console) -> tuple[str, ...]:

@@ -66,7 +66,7 @@ From = Annotated[str | None, of_source(_FROM, "--from", metavar="S|arm")]
 To = Annotated[str | None, of_source(_TO, "--to", metavar="S|disarm")]
 Retune = Annotated[bool, of_estimate("Retune a few numbers whenever the sensors' noise changes.")]
 Seconds = Annotated[float | None, of_source("End after N seconds.", metavar="N")]
-NONE_GIVEN: list[str] = []
+NONE: list[str] = []
 EMPTY, KEYWORD = inspect.Parameter.empty, inspect.Parameter.KEYWORD_ONLY
 
 _LISTEN = "Listen here instead of tcp/127.0.0.1:7447 (repeatable)."
@@ -167,15 +167,11 @@ def _moment(name: str, given: Any) -> "Moment | None":
 class ZenohArguments(NamedTuple):
     """What run and watch are asked for of the session that they share."""
 
-    listen: Annotated[list[str], of_zenoh(_LISTEN, "--listen", "-l", metavar="ENDPOINT")] = (
-        NONE_GIVEN
-    )
-    connect: Annotated[list[str], of_zenoh(_CONNECT, "--connect", "-e", metavar="ENDPOINT")] = (
-        NONE_GIVEN
-    )
+    listen: Annotated[list[str], of_zenoh(_LISTEN, "--listen", "-l", metavar="ENDPOINT")] = NONE
+    connect: Annotated[list[str], of_zenoh(_CONNECT, "--connect", "-e", metavar="ENDPOINT")] = NONE
     mode: Annotated[str, of_zenoh("peer or client.", "--mode", "-m")] = "peer"
     config_file: Annotated[str | None, of_zenoh(_CONFIG, "--config", "-c", metavar="FILE")] = None
-    settings: Annotated[list[str], of_zenoh(_SETTING, "--cfg", metavar="KEY:JSON5")] = NONE_GIVEN
+    settings: Annotated[list[str], of_zenoh(_SETTING, "--cfg", metavar="KEY:JSON5")] = NONE
     multicast: Annotated[bool, of_zenoh("Look for peers by multicast.")] = False
     prefix: Annotated[str, of_zenoh("What all keys begin with.")] = "fuzzbee"
 

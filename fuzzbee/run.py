@@ -48,20 +48,17 @@ _GAIN = "A fixed gain instead of the fuzzy one."
 _TRUTH = "Compare with a simulator's truth (SIM_STATE, SIMSTATE), and end with a verdict."
 
 
-def _options_of_sinks() -> Any:
-    """A named tuple of the options of all sinks and of the viewer."""
-    options = {name: kind for entry in outputs.SINKS for name, kind in entry.options.items()}
-    options |= {"view": (outputs.View, None), "rrd": (outputs.Rrd, None)}
-    new: Any = namedtuple  # noqa: PYI024 - the names are those of a table
-    form = new("Options", options, defaults=[default for _, default in options.values()])
-    form.__annotations__ = {name: kind for name, (kind, _) in options.items()}
-    return form
+_OF_SINKS = {name: each for entry in outputs.SINKS for name, each in entry.options.items()}
+_OF_SINKS |= {"view": (outputs.View, None), "rrd": (outputs.Rrd, None)}
+_DEFAULTS = [default for _, default in _OF_SINKS.values()]
+_new: Any = namedtuple  # noqa: PYI024 - the names are those of a table
 
 
-class OutputOptions(_options_of_sinks()):  # type: ignore[misc] # its fields are the table's
+class OutputOptions(_new("_Options", _OF_SINKS, defaults=_DEFAULTS)):  # type: ignore[misc]
     """What was asked for: for each option of :data:`fuzzbee.outputs.SINKS` a field, and two."""
 
     __slots__ = ()
+    __annotations__ = {name: kind for name, (kind, _) in _OF_SINKS.items()}
 
 
 class RunOptions(NamedTuple):
@@ -70,8 +67,7 @@ class RunOptions(NamedTuple):
     source: Annotated[str, typer.Argument(help=_SOURCE)] = "sim:"
     seconds: Seconds = None
     request_rate_hz: Annotated[
-        float | None,
-        of_source("Ask for this IMU rate.", "--request-rate", metavar="HZ"),
+        float | None, of_source("Ask for this IMU rate.", "--request-rate", metavar="HZ")
     ] = None
     speed: Annotated[float, of_source("Play a log X times as fast.", metavar="X")] = 1.0
     system_id: Annotated[

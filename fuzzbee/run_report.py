@@ -8,7 +8,6 @@ from drivers.simulation.simulated_vehicle import PROFILES
 from fuzzbee.notify import notify
 from fuzzbee.run import RunOptions
 from fuzzbee.truth_score import ScoredPipeline, TruthScore
-from service.pipeline import Pipeline
 from service.runner import Runner
 from service.vehicle_status import counts
 
@@ -26,10 +25,13 @@ def summary(
     options: RunOptions, profile_name: str, seconds: float, runner: Runner, pipeline: ScoredPipeline
 ) -> dict[str, Any]:
     """The result of a run, as --json prints it."""
-    recording = runner.recording()
+    recording, vehicles = runner.recording(), pipeline.vehicles
+    # of fuzzbee's own vehicles the one that fits their motion, unless another was asked for
+    fitting = {PROFILES.get(each.built_in_motion or "") or profile_name for each in vehicles}
+    only = fitting.pop() if options.profile is None and len(fitting) == 1 else profile_name
     result = {
         "source": options.source,
-        "profile": _in_force(options, profile_name, pipeline),
+        "profile": only,
         "rate_hz": options.rate_hz,
         "seconds": round(seconds, 3),
         "ticks": runner.ticks,
@@ -41,19 +43,11 @@ def summary(
         **({"recording": recording} if recording else {}),
         "heard": sorted(pipeline.systems),
         "departed": dict(pipeline.evicted),
-        "vehicles": {vehicle.name: counts(vehicle) for vehicle in pipeline.vehicles},
+        "vehicles": {vehicle.name: counts(vehicle) for vehicle in vehicles},
     }
     if pipeline.scores is not None:
         result["truth"] = {name: score.result() for name, score in pipeline.scores.items()}
     return result
-
-
-def _in_force(options: RunOptions, name: str, pipeline: Pipeline) -> str:
-    """The profile's name; fuzzbee's own vehicles have had the one that fits their motion."""
-    if options.profile is not None:
-        return name
-    fitting = {PROFILES.get(vehicle.built_in_motion or "") for vehicle in pipeline.vehicles}
-    return fitting.pop() or name if len(fitting) == 1 else name
 
 
 def conclude(

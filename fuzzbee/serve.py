@@ -143,7 +143,6 @@ def _open_source(
             recorder=recorder,
             request_rate_hz=options.request_rate_hz,
             policy=policy,
-            key=key,
             references=bool(shows_others),  # else they need not be decoded
         )
         stack.enter_context(source)
@@ -234,15 +233,11 @@ def _open_view(options: RunOptions) -> TerminalView:
     profile = "" if options.profile is None else f", {options.profile}"
     title = f"fuzzbee run {options.source}, {options.rate_hz:g} Hz{profile}{where}"
     view = TerminalView(errors if options.as_json else PersonConsole(), errors, title)
-    _show_log(view, verbose=options.verbose)
-    return view
-
-
-def _show_log(view: TerminalView, *, verbose: bool) -> None:
-    """Print log lines through the view, so that they do not break up its table."""
-    handler, logger = logging.Handler(), logging.getLogger("drivers")
+    # log lines go through the view, so that they do not break up its table
+    verbose, handler, logger = options.verbose, logging.Handler(), logging.getLogger("drivers")
     handler.emit = lambda record: view.notify(handler.format(record))  # type: ignore[method-assign]
     logger.handlers, logger.propagate = [handler], False
     logger.setLevel(logging.INFO if verbose else logging.WARNING)
     # what happens to the link comes as events, once each; the log repeats it in detail
     logging.getLogger("drivers.mavlink.link").setLevel(logging.NOTSET if verbose else logging.ERROR)
+    return view

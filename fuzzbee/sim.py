@@ -110,14 +110,21 @@ def _vehicle_options(options: SimOptions) -> "VehicleOptions":
     from drivers.simulation.autopilot import VehicleOptions
     from drivers.simulation.simulated_vehicle import Motion
 
-    magnet = options.magnet
+    magnet: tuple[float, float] | None = None
+    if options.magnet is not None:
+        begin, _, end = options.magnet.partition(":")
+        try:
+            magnet = float(begin), float(end)
+        except ValueError as error:
+            wrong = f"--magnet takes two times like 5:8 (s), not {options.magnet!r}"
+            raise InputError(wrong) from error
     return VehicleOptions(
         seed=options.seed,
         rate_hz=options.rate,
         motion=cast("Motion", options.motion),
         noise=options.noise,
         bias=options.bias,
-        magnet=None if magnet is None else parse_magnet(magnet),
+        magnet=magnet,
         drop=options.drop,
         calm=options.calm,
         signing_key=key_of(options.signing_key_file, is_insecure=options.insecure_key_file),
@@ -158,15 +165,6 @@ def _imu_errors(seed: int | None) -> dict[str, Any]:
         errors[name] = bias.round(5).tolist()
         errors[f"{name[:3]}_matrix"] = np.linalg.inv(matrix).round(5).tolist()
     return errors
-
-
-def parse_magnet(text: str) -> tuple[float, float]:
-    """The two times of ``T0:T1`` in s."""
-    begin, _, end = text.partition(":")
-    try:
-        return float(begin), float(end)
-    except ValueError as error:
-        raise InputError(f"--magnet takes two times like 5:8 (s), not {text!r}") from error
 
 
 def _link(text: str | None) -> Endpoint:

@@ -106,10 +106,19 @@ class TerminalView:
             _print(self._live.console, shown, style="dim")
 
     def refresh(self) -> None:
-        """Print plain lines when they are due; the table redraws itself."""
+        """Print plain lines when they are due; the table redraws itself.
+
+        What it cannot draw over is cleared: after resizing the terminal has broken it up, and one
+        vehicle needs the lines above the table.
+        """
         now_s = self._now_s()
         if self._live is not None:
-            self._start_anew_if_needed(self._live)
+            seen = (self._console.size, self._alone() is not None)
+            if seen != self._drawn:
+                self._live.stop()
+                self._drawn = seen
+                self._console.clear()
+                self._live = self._start()
         elif now_s >= self._next_line_s and (rows := self._rows(self.one)):
             self._next_line_s = now_s + LINE_PERIOD_S
             truth = self._truth(rows)
@@ -150,18 +159,6 @@ class TerminalView:
         )
         live.start()
         return live
-
-    def _start_anew_if_needed(self, live: Live) -> None:
-        """Clear what cannot be drawn over.
-
-        After resizing the terminal has broken it up; one vehicle needs the lines above the table.
-        """
-        now = (self._console.size, self._alone() is not None)
-        if now != self._drawn:
-            live.stop()
-            self._drawn = now
-            self._console.clear()
-            self._live = self._start()
 
     def _alone(self) -> Row | None:
         """The vehicle that fills the screen, if it is there and has room."""

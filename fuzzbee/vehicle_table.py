@@ -2,10 +2,10 @@
 
 from collections import Counter
 from collections.abc import Callable
-from typing import Literal, NamedTuple
 
+from msgspec.structs import astuple
 from rich.console import Group, RenderableType
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
 from fuzzbee.latest import Row
@@ -34,28 +34,22 @@ SIGMA_COLOURS = {Level.GOOD: "", Level.CARE: "yellow", Level.BAD: "red", Level.N
 ARROWS = "↑↗→↘↓↙←↖"  # the heading, north up
 
 
-class Column(NamedTuple):
-    """As wide as its values can be: nothing moves about. Left out of windows below ``least``."""
-
-    name: str
-    width: int
-    least: int = 0
-    justify: Literal["left", "right"] = "right"
-
-
+ID_WIDTH = 3  # with a component longer
+# Columns as wide as their values can be: nothing moves about. A window that is less wide than the
+# number before one leaves it out.
 COLUMNS = (
-    Column("id", 3, justify="left"),  # with a component longer
-    Column("state", 9, justify="left"),
-    Column("mode", 11, MODES, "left"),
-    Column("roll", 7),
-    Column("pitch", 6),
-    Column("tilt ±", 6, COMPACT),
-    Column("heading", 8),
-    Column("head ±", 6, COMPACT),
-    Column("gain", 5, NORMAL),
-    Column("IMU", 11, WIDE, "left"),
-    Column("IMU Hz", 6, NORMAL),
-    Column("age", 6),
+    (0, Column("id", min_width=ID_WIDTH, no_wrap=True)),
+    (0, Column("state", min_width=9, no_wrap=True)),
+    (MODES, Column("mode", min_width=11, no_wrap=True)),
+    (0, Column("roll", justify="right", min_width=7, no_wrap=True)),
+    (0, Column("pitch", justify="right", min_width=6, no_wrap=True)),
+    (COMPACT, Column("tilt ±", justify="right", min_width=6, no_wrap=True)),
+    (0, Column("heading", justify="right", min_width=8, no_wrap=True)),
+    (COMPACT, Column("head ±", justify="right", min_width=6, no_wrap=True)),
+    (NORMAL, Column("gain", justify="right", min_width=5, no_wrap=True)),
+    (WIDE, Column("IMU", min_width=11, no_wrap=True)),
+    (NORMAL, Column("IMU Hz", justify="right", min_width=6, no_wrap=True)),
+    (0, Column("age", justify="right", min_width=6, no_wrap=True)),
 )
 
 
@@ -69,7 +63,7 @@ def table(
     """
     warned = _warnings(rows, MOST_WARNINGS)
     room = max(1, height - FRAME_LINES - len(warned) - bool(keys))
-    width -= max([0, *(len(row.name) - COLUMNS[0].width for row in rows)])
+    width -= max([0, *(len(row.name) - ID_WIDTH for row in rows)])
     across = max(1, min((width + BLOCK_GAP) // (COMPACT + BLOCK_GAP), -(-len(rows) // room)))
     # in their order: nothing jumps
     chosen = {row.name for row in sorted(rows, key=_attention)[: room * across]}
@@ -93,13 +87,11 @@ def table(
 
 def _block(rows: list[Row], width: int, cursor: str | None) -> Table:
     gap = 2 if width >= SPACIOUS else 1
-    view = Table(box=None, header_style="bold", padding=(0, gap, 0, 0), pad_edge=False)
-    columns = [column for column in COLUMNS if column.least <= width]
-    for column in columns:
-        view.add_column(column.name, justify=column.justify, no_wrap=True, min_width=column.width)
+    columns = [column.copy() for least, column in COLUMNS if least <= width]
+    view = Table(*columns, box=None, header_style="bold", padding=(0, gap, 0, 0), pad_edge=False)
     for row in rows:
         style, cells = "reverse" if row.name == cursor else None, _cells(row)
-        view.add_row(*(cells.get(column.name, "") for column in columns), style=style)
+        view.add_row(*(cells.get(str(column.header), "") for column in columns), style=style)
     return view
 
 
@@ -171,15 +163,10 @@ def _attention(row: Row) -> int:
     return 2 * [*COLOURS].index(row.state) - is_warned
 
 
-def _worst_sigma(row: Row) -> float:
-    sigma = None if row.attitude is None else row.attitude.sigma_deg
-    return 0.0 if sigma is None else -max(sigma.inclination, sigma.heading)
-
-
 ORDERS: dict[str, Callable[[Row], float]] = {
     "name": lambda _: 0.0,  # as the rows come
     "attention": _attention,
-    "sigma": _worst_sigma,
+    "sigma": lambda row: -max(astuple(row.attitude.sigma_deg)) if row.attitude else 0.0,
 }
 
 

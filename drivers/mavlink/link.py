@@ -108,7 +108,7 @@ class MavlinkLink(Closing):
     """A socket or serial endpoint as a source of events.
 
     Entering the context opens the endpoint. ``recorder`` gets every readable frame that is let in;
-    it stays the caller's to close. ``policy`` is what is let in, ``key`` signs what we send, and
+    it stays the caller's to close. ``policy`` is what is let in, and what signs what we send;
     without ``references`` attitudes of others are not decoded. Everything is done by the thread
     that drains; until it does so first, another one reads and records what comes.
 
@@ -126,7 +126,6 @@ class MavlinkLink(Closing):
         most_waiting: int = MOST_WAITING,
         *,
         policy: Policy = Policy(),  # noqa: B008 - immutable
-        key: bytes | None = None,
         references: bool = True,
     ) -> None:
         self._connection = Connection(endpoint, self._forget_peers)
@@ -138,7 +137,7 @@ class MavlinkLink(Closing):
         self._decoder = MavlinkDecoder(references=references)
         self._outbound: Outbound | None = None  # nothing is sent
         if request_rate_hz is not None or endpoint.kind == "udpout":
-            self._outbound = Outbound(endpoint, request_rate_hz, policy, key)
+            self._outbound = Outbound(endpoint, request_rate_hz, policy)
         self._events: list[Event] = []  # to be drained next
         self._malformed = 0  # the same, of unreadable frames
         self._look_s = 0.0  # when all that was there had been read

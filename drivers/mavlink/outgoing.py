@@ -69,9 +69,7 @@ class Outbound:
         InputError: the requested rate is not positive.
     """
 
-    def __init__(
-        self, endpoint: Endpoint, request_rate_hz: float | None, policy: Policy, key: bytes | None
-    ) -> None:
+    def __init__(self, endpoint: Endpoint, request_rate_hz: float | None, policy: Policy) -> None:
         rate_hz = request_rate_hz
         if rate_hz is not None and not (isfinite(rate_hz) and 0 < rate_hz <= 1000):
             raise InputError(f"the requested rate must be above 0 and up to 1000 Hz, not {rate_hz}")
@@ -81,8 +79,7 @@ class Outbound:
         # nobody can answer an address that never sends anything
         self._sends_first = endpoint.kind == "udpout"
         self._heartbeat_us: int | None = None  # when the last ones were sent
-        self._key = key
-        self._stamp = None if policy.signing is None else policy.signing.stamp
+        self._signing = policy.signing
         self._encoders: dict[int, FrameEncoder] = {}
         self._frames: deque[bytes] = deque(maxlen=MOST_UNSENT_FRAMES)
 
@@ -116,7 +113,9 @@ class Outbound:
     def _send(self, system_id: int, message: Message, now_us: int) -> None:
         if system_id not in self._encoders:
             sender = VehicleId(system_id, mav.MAV_COMP_ID_ONBOARD_COMPUTER)
-            self._encoders[system_id] = FrameEncoder(sender, self._key, stamp=self._stamp)
+            check = self._signing
+            key, stamp = (None, None) if check is None else (check.key, check.stamp)
+            self._encoders[system_id] = FrameEncoder(sender, key, stamp=stamp)
         self._frames.append(self._encoders[system_id].frame(message, now_us))
 
     def _handle(self, event: Event, now_us: int) -> None:

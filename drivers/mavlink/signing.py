@@ -86,7 +86,7 @@ class SigningCheck:
 
     def __init__(self, key: bytes, file: Path) -> None:
         assert len(key) == 32
-        self._key = key
+        self.key = key
         self._file = file
         self._kept = _read(file)  # as in the file: no accepted stamp is above it, and none of ours
         self._last = dict(self._kept.accepted)
@@ -114,7 +114,7 @@ class SigningCheck:
         if not frame.is_signed:
             return Reason.UNSIGNED
         data = frame.data
-        signature = hashlib.sha256(self._key + data[:-SIGNATURE_BYTES]).digest()[:SIGNATURE_BYTES]
+        signature = hashlib.sha256(self.key + data[:-SIGNATURE_BYTES]).digest()[:SIGNATURE_BYTES]
         if not hmac.compare_digest(signature, data[-SIGNATURE_BYTES:]):
             return Reason.WRONG_SIGNATURE
         block = data[-SIGNATURE_SIZE:]

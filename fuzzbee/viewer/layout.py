@@ -7,7 +7,6 @@ from fuzzbee.viewer.stream import TIMELINE, rrb
 Colour = tuple[int, ...]
 
 WINDOW_S = 60.0  # so much of the curves is shown
-FULL_GAIN = 101.0  # K = 1 + k_op, k_op up to 100
 OURS, AUTOPILOT, TRUTH = (64, 150, 255), (255, 140, 40), (70, 200, 100)
 GRAVITY, FIELD = (200, 60, 200), (0, 175, 190)
 X, Y, Z = (235, 70, 70), (70, 180, 80), (80, 120, 250)  # or roll, pitch, heading
@@ -32,7 +31,7 @@ PLOTS = {
     "heading": Plot("Heading (°)", (0.0, 360.0), {"heading": Z}, ("heading",)),
     "rate": Plot("Rates (°/s)", (-200.0, 200.0), {"x": X, "y": Y, "z": Z}),
     "bias": Plot("Gyroscope's bias (°/s)", (-3.0, 3.0), {"x": X, "y": Y, "z": Z}),
-    "gain": Plot("Gain K", (0.0, FULL_GAIN), {"K": AUTOPILOT}),
+    "gain": Plot("Gain K", (0.0, 101.0), {"K": AUTOPILOT}),  # 1 + k_op, k_op up to 100
     "error": Plot("Error e", (0.0, 1.0), {"e": OURS}),
     "confidence": Plot("Confidence", (0.0, 1.05), {"gravity": OURS, "field": AUTOPILOT}),
 }

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from contextlib import suppress
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -36,7 +37,8 @@ class ViewerProcess:
     """
 
     def __init__(self, *, web: bool, live: bool = False) -> None:
-        if not (web or _has_screen()):
+        screens = map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"))
+        if sys.platform.startswith("linux") and not (web or any(screens)):
             raise InputError("--view: no screen here; --view web serves a page for a browser")
         # removed also if something interrupts the start; the child itself ends with us
         self._folder = tempfile.TemporaryDirectory(prefix="fuzzbee-", ignore_cleanup_errors=True)
@@ -98,7 +100,9 @@ class ViewerProcess:
     def _wait_for(self, ports: list[int]) -> None:
         end_s = time.monotonic() + START_TIMEOUT_S
         while time.monotonic() < end_s and not self.has_ended:
-            if all(_answers(port) for port in ports):
+            with suppress(OSError):
+                for port in ports:
+                    socket.create_connection((HOST, port)).close()
                 return
             time.sleep(0.05)
         lines = self._errors.read_text("utf-8", "replace").split("\n")
@@ -111,17 +115,6 @@ class ViewerProcess:
 def program() -> Path:
     """Rerun's own program, not the Python script that starts it: signals must reach it."""
     return Path(import_module("rerun_cli").__file__ or "").with_name("rerun")
-
-
-def _has_screen() -> bool:
-    """Whether there is a screen, as far as environment variables show it."""
-    names = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
-    return not sys.platform.startswith("linux") or any(os.environ.get(name) for name in names)
-
-
-def _answers(port: int) -> bool:
-    with socket.socket() as probe:
-        return probe.connect_ex((HOST, port)) == 0
 
 
 def _free_port(wanted: int) -> int:

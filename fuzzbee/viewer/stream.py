@@ -5,7 +5,6 @@ Rerun's library is imported here only, and this module only where a viewer is as
 
 import atexit
 import os
-from collections.abc import Callable
 from concurrent.futures import Future, wait
 from contextlib import suppress
 from functools import partial
@@ -60,13 +59,14 @@ class ViewerStream:
         self.recording.set_log_tick_enabled(False)
         self.process: ViewerProcess | None = None
         self.is_whole = True  # the file, if there is one, has everything so far
-        self._rrd, self._has_index = options.rrd, not options.live
+        self._rrd, self.is_live = options.rrd, options.live
         sinks = [] if options.rrd is None else [_file_sink(options.rrd, live=options.live)]
         if options.view is not None:
             self.process = ViewerProcess(web=options.view == "web", live=options.live)
             sinks.append(rr.GrpcSink(self.process.url))
         opening = partial(self.recording.set_sinks, *sinks, default_blueprint=blueprint)
-        self._do(opening, FINISH_FLUSH_S if options.rrd is None else FILE_OPEN_S)
+        opened = run_in_thread(opening, "viewer")
+        self._await(opened, FINISH_FLUSH_S if options.rrd is None else FILE_OPEN_S)
         if self.process is not None and self.process.page is not None:
             notify(f"the viewer is at {self.process.page}")
 
@@ -96,7 +96,7 @@ class ViewerStream:
 
     def finish(self) -> None:
         """Send what is pending and end the file, unless that stops growing; the viewer stays."""
-        flushing = run_in_thread(self._flushing(FINISH_FLUSH_S), "viewer")
+        flushing = self._flushing(FINISH_FLUSH_S)
         size, before = self._size(), -1
         while self._rrd is not None and not flushing.done() and size > before:
             wait([flushing], STALLED_S)
@@ -124,10 +124,10 @@ class ViewerStream:
 
     def flush(self, timeout_s: float = 0.0) -> None:
         """Send what is pending, and wait so long until it is."""
-        self._do(self._flushing(timeout_s), timeout_s + CLOSE_FLUSH_S)
+        self._await(self._flushing(timeout_s), timeout_s + CLOSE_FLUSH_S)
 
-    def _flushing(self, timeout_s: float) -> Callable[[], object]:
-        return partial(self.recording.flush, timeout_sec=timeout_s)
+    def _flushing(self, timeout_s: float) -> "Future[Any]":
+        return run_in_thread(partial(self.recording.flush, timeout_sec=timeout_s), "viewer")
 
     def _size(self) -> int:
         """The file's size; 0 without one."""
@@ -137,18 +137,15 @@ class ViewerStream:
 
     def _disconnect(self, timeout_s: float) -> None:
         """End the file, for which there may be no room left; the library only logs that."""
-        self._do(self.recording.disconnect, timeout_s)
-        if self._rrd is not None and self._has_index and (file := Path(self._rrd)).is_file():
+        self._await(run_in_thread(self.recording.disconnect, "viewer"), timeout_s)
+        # a live file has no index
+        if self._rrd is not None and not self.is_live and (file := Path(self._rrd)).is_file():
             with file.open("rb") as written:
                 written.seek(max(0, file.stat().st_size - LONGEST_END))
                 self.is_whole &= INDEX in written.read()
 
-    def _do(self, work: Callable[[], object], timeout_s: float) -> None:
-        """Do something that may never end."""
-        self._await(run_in_thread(work, "viewer"), timeout_s)
-
     def _await(self, work: "Future[Any]", timeout_s: float) -> None:
-        """Wait for work, and note whether the file still has everything."""
+        """Wait for work that may never end, and note whether the file still has everything."""
         try:
             work.result(timeout_s)
         except TimeoutError:

@@ -43,11 +43,9 @@ class ViewerSink(ViewerStream):
 
     def __init__(self, options: ViewerOptions) -> None:
         super().__init__(options, layout.blueprint())
-        self._is_live = options.live
         self._tracks: dict[VehicleId, Track] = {}
         self._has_left_out = False
-        self._now_us = 0
-        self._flushed_us = 0
+        self._now_us = self._flushed_us = 0
 
     def handle(self, outputs: Sequence[Output]) -> None:
         """Draw the outputs of one turn; raises once if the viewer was closed, or the file fails."""
@@ -85,10 +83,9 @@ class ViewerSink(ViewerStream):
 
     def _track(self, vehicle: VehicleId) -> "Track | None":
         """The vehicle's track; a new vehicle gets one as long as there is room."""
-        taken = {track.place for track in self._tracks.values()}
-        free = next((place for place in range(MOST_VEHICLES) if place not in taken), None)
-        if vehicle not in self._tracks and free is not None:
-            self._tracks[vehicle] = Track(vehicle_name(vehicle), free, self, self._is_live)
+        free = {*range(MOST_VEHICLES)} - {track.place for track in self._tracks.values()}
+        if vehicle not in self._tracks and free:
+            self._tracks[vehicle] = Track(vehicle_name(vehicle), min(free), self)
         elif vehicle not in self._tracks and not self._has_left_out:
             self._has_left_out = True
             self.message(f"only the first {MOST_VEHICLES} vehicles are drawn", self._now_us)
@@ -98,11 +95,10 @@ class ViewerSink(ViewerStream):
 class Track:
     """The points of one vehicle, drawn at a ``place`` in the row of vehicles."""
 
-    def __init__(self, name: str, place: int, stream: ViewerStream, is_live: bool) -> None:
+    def __init__(self, name: str, place: int, stream: ViewerStream) -> None:
         self.place = place
         self._name = name
         self._stream = stream
-        self._is_live = is_live
         self._due_us: dict[str, int] = {}  # when the next point of a source is drawn
         self.others: dict[str, Quaternion] = {}  # compared with our next attitude
         self._statuses: tuple[StatusRecord | None, ...] = (None, None)  # the latest, and before
@@ -131,7 +127,17 @@ class Track:
         now_us = record.time_unix_us
         self._stream.recording.set_time(TIMELINE, timestamp=1e-6 * now_us)
         if self._is_due("ours", now_us, record.q_ned_frd):
-            self._add_ours(record)
+            sigma, confidence = record.sigma_deg, record.confidence
+            self._add_curves(
+                sigma=[sigma.inclination, sigma.heading],
+                tilt=record.euler_deg[:2],
+                heading=record.euler_deg[2:],
+                error=[record.error],
+                gain=[record.gain],
+                confidence=[confidence.gravity, confidence.magnetic],
+                rate=[*map(degrees, record.rate_rad_s)],
+                bias=[*map(degrees, record.gyro_bias_rad_s)],
+            )
             if sample is not None:
                 self._add_measured(record.q_ned_frd, sample)
             self._log_changes(State(record.state), record, now_us)
@@ -162,7 +168,7 @@ class Track:
         lines = rr.SeriesLines(names=[f"{self._name} {name}" for name in names], colors=colours)
         self._log(path, lines, static=True)
 
-    def _add_curves(self, values: dict[str, Sequence[float]], of: str = "") -> None:
+    def _add_curves(self, of: str = "", **values: Sequence[float]) -> None:
         """Points by plot, of ours or another's; a gap where an angle wraps round."""
         for plot, now in values.items():
             path, points = f"/{plot}/{self._name}{of}", now
@@ -171,20 +177,6 @@ class Track:
                 points = [nan if abs(new - old) > 180.0 else new for old, new in pairs]
                 self._angles_deg[path] = now
             self._log(path, rr.Scalars(points))
-
-    def _add_ours(self, record: AttitudeRecord) -> None:
-        sigma, confidence = record.sigma_deg, record.confidence
-        curves: dict[str, Sequence[float]] = {
-            "sigma": [sigma.inclination, sigma.heading],
-            "tilt": record.euler_deg[:2],
-            "heading": record.euler_deg[2:],
-            "error": [record.error],
-            "gain": [record.gain],
-            "confidence": [confidence.gravity, confidence.magnetic],
-            "rate": [*map(degrees, record.rate_rad_s)],
-            "bias": [*map(degrees, record.gyro_bias_rad_s)],
-        }
-        self._add_curves(curves)
 
     def _add_measured(self, q_ned_frd: Quaternion, sample: ImuSample) -> None:
         """Gravity and field as they were measured, in NED by our attitude."""
@@ -202,12 +194,10 @@ class Track:
         That is left out live in a fast turn: there the time between two messages makes a larger
         angle than what they differ by.
         """
-        angles_deg = euler_deg(q_ned_frd)
-        curves: dict[str, Sequence[float]] = {"tilt": angles_deg[:2], "heading": angles_deg[2:]}
-        if not (self._is_live and hypot(*ours.rate_rad_s) > FAST_RAD_S):
-            difference = degrees(angle_between(ours.q_ned_frd, q_ned_frd))
-            curves["sigma"] = [difference]
-        self._add_curves(curves, f"/{source}")
+        angles_deg, of = euler_deg(q_ned_frd), f"/{source}"
+        self._add_curves(of, tilt=angles_deg[:2], heading=angles_deg[2:])
+        if not (self._stream.is_live and hypot(*ours.rate_rad_s) > FAST_RAD_S):
+            self._add_curves(of, sigma=[degrees(angle_between(ours.q_ned_frd, q_ned_frd))])
 
     def _log_changes(self, state: State, record: AttitudeRecord | None, now_us: int) -> None:
         """Log a new state of health, and a new verdict on the attitude."""

@@ -17,7 +17,6 @@ from estimator.errors import InputError
 from fuzzbee.latest import Latest, Row
 from fuzzbee.notify import notify
 from fuzzbee.verdict import (
-    Judgement,
     compass_off_deg,
     differing,
     heading_text,
@@ -26,7 +25,7 @@ from fuzzbee.verdict import (
     warning_texts,
 )
 from service.http_door import Answer, HttpDoor
-from service.records import AttitudeRecord, Output
+from service.records import Output
 
 HOST = "127.0.0.1"
 MOST_PORT = 65535
@@ -166,18 +165,14 @@ def shown(row: Row) -> dict[str, Any]:
             f"{name}: {each.inclination_deg:.1f}°, {each.rate_deg_s:.1f}°/s"
             for name, each in (other_imus(status) if status else {}).items()
         ],
-        "attitude": None if attitude is None else _of_attitude(attitude, judged),
-    }
-
-
-def _of_attitude(attitude: AttitudeRecord, judged: Judgement) -> dict[str, Any]:
-    sigma = attitude.sigma_deg
-    return {
-        "euler_deg": [round(angle, 2) for angle in attitude.euler_deg],
-        "sigma_deg": [round(sigma.inclination, 2), round(sigma.heading, 2)],
-        "levels": [int(judged.horizon), int(judged.heading)],
-        "horizon": judged.horizon_text,
-        "heading": heading_text(attitude),
-        "north": judged.heading_text,
-        "has_north": attitude.heading_reference != "none",
+        "attitude": attitude
+        and {
+            "euler_deg": [round(angle, 2) for angle in attitude.euler_deg],
+            "sigma_deg": [round(sigma, 2) for sigma in msgspec.structs.astuple(attitude.sigma_deg)],
+            "levels": [int(judged.horizon), int(judged.heading)],
+            "horizon": judged.horizon_text,
+            "heading": heading_text(attitude),
+            "north": judged.heading_text,
+            "has_north": attitude.heading_reference != "none",
+        },
     }

@@ -17,7 +17,7 @@ SECOND = 1_000_000
 
 
 def outbound(asked_hz, url="udpin"):
-    return Outbound(parse_endpoint(f"{url}:127.0.0.1:14550"), asked_hz, Policy(), None)
+    return Outbound(parse_endpoint(f"{url}:127.0.0.1:14550"), asked_hz, Policy())
 
 
 def sent(outbound, now_us):
