@@ -8,7 +8,7 @@ Odometry", IEEE Transactions on Robotics 33(1), 2017, doi 10.1109/TRO.2016.25973
 """
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,13 +57,10 @@ def pieces(recording: Recording) -> Iterator[Recording]:
         rows = slice(k * n // count, (k + 1) * n // count)
         first_s, last_s = time_s[rows][[0, -1]]
         beside = (velocity_s >= first_s) & (velocity_s <= last_s)
-        if beside.sum() < least:
-            continue
-        of_rows = ("time_s", "gyr_rad_s", "acc_m_s2", "mag_gauss", "has_mag", "q_ned_frd")
-        of_velocities = ("velocity_time_s", "velocity_ned_m_s")
-        parts = {name: getattr(recording, name)[rows] for name in of_rows}
-        parts |= {name: getattr(recording, name)[beside] for name in of_velocities}
-        yield recording._replace(**parts)
+        if beside.sum() >= least:
+            readings, velocities = recording[:6], recording[6:8]
+            parts = [each[rows] for each in readings] + [each[beside] for each in velocities]
+            yield Recording(*parts, recording.field_ned_gauss)
 
 
 class Spans(NamedTuple):
@@ -96,8 +93,10 @@ def spans_of(recording: Recording, rows: Rows, x: Floats) -> Spans:
     gyr, acc = corrected(read_gyr, x[GYR]), corrected(read_acc, x[ACC])
     jerk, flow = (np.gradient(y, time_s, axis=0) for y in (acc, read_mag))
     k, every = len(begin), max(1, step // MOST_FIELDS)
-    s = _nothing(k)
-    count, longest_s = np.zeros(k), np.zeros(k)
+    count, longest_s, vector, by = np.zeros(k), np.zeros(k), (k, 3), (k, 3, 12)
+    turned = vector, vector, by, by, by, vector, by, vector, (k, 3, 3), (k, 3, 3, 3, 3)
+    sums = [np.zeros(shape) for shape in turned]
+    s = Spans(time_s[rows[1:]] - time_s[begin], count, count, np.tile(np.eye(3), (k, 1, 1)), *sums)
     for j in range(step):
         at = begin + j
         dt = time_s[at + 1] - time_s[at]
@@ -124,20 +123,7 @@ def spans_of(recording: Recording, rows: Rows, x: Floats) -> Spans:
         s.turn[:], s.turn_by_gyr[:] = s.turn @ half, back @ s.turn_by_gyr + by_half
     for total in (s.field, s.field_by_lag, s.field_by_gyr, s.turned, s.turned_twice):
         total[:] /= np.maximum(count, 1.0).reshape(-1, *(1,) * (total.ndim - 1))
-    return s._replace(
-        lasts_s=time_s[rows[1:]] - time_s[begin],
-        is_whole=longest_s < LONGEST_STEP_S,
-        has_field=count > 0,
-    )
-
-
-def _nothing(k: int) -> Spans:
-    """K spans that nothing has been added to yet."""
-    vector, twelve = (k, 3), (k, 3, 12)
-    shapes = [vector, vector, twelve, twelve, twelve, vector, twelve, vector, (k, 3, 3)]
-    rest = [np.zeros(shape) for shape in [*shapes, (k, 3, 3, 3, 3)]]
-    some: Any = np.zeros(k)
-    return Spans(some, some, some, np.tile(np.eye(3), (k, 1, 1)), *rest)
+    return s._replace(is_whole=longest_s < LONGEST_STEP_S, has_field=count > 0)
 
 
 def corrected(y: Floats, x: Floats) -> Floats:
