@@ -58,9 +58,9 @@ def pieces(recording: Recording) -> Iterator[Recording]:
         first_s, last_s = time_s[rows][[0, -1]]
         beside = (velocity_s >= first_s) & (velocity_s <= last_s)
         if beside.sum() >= least:
-            readings, velocities = recording[:6], recording[6:8]
-            parts = [each[rows] for each in readings] + [each[beside] for each in velocities]
-            yield Recording(*parts, recording.field_ned_gauss)
+            *readings, _, velocity_ned_m_s, field = recording
+            velocities = velocity_s[beside], velocity_ned_m_s[beside]
+            yield Recording._make([*(each[rows] for each in readings), *velocities, field])
 
 
 class Spans(NamedTuple):
@@ -93,10 +93,11 @@ def spans_of(recording: Recording, rows: Rows, x: Floats) -> Spans:
     gyr, acc = corrected(read_gyr, x[GYR]), corrected(read_acc, x[ACC])
     jerk, flow = (np.gradient(y, time_s, axis=0) for y in (acc, read_mag))
     k, every = len(begin), max(1, step // MOST_FIELDS)
-    count, longest_s, vector, by = np.zeros(k), np.zeros(k), (k, 3), (k, 3, 12)
-    turned = vector, vector, by, by, by, vector, by, vector, (k, 3, 3), (k, 3, 3, 3, 3)
-    sums = [np.zeros(shape) for shape in turned]
-    s = Spans(time_s[rows[1:]] - time_s[begin], count, count, np.tile(np.eye(3), (k, 1, 1)), *sums)
+    count, longest_s, none = np.zeros(k), np.zeros(k), np.zeros(k, np.bool_)
+    vector, by = (3,), (3, 12)
+    shapes = vector, vector, by, by, by, vector, by, vector, (3, 3), (3, 3, 3, 3)
+    sums = (np.zeros((k, *shape)) for shape in shapes)
+    s = Spans(time_s[rows[1:]] - time_s[begin], none, none, np.tile(np.eye(3), (k, 1, 1)), *sums)
     for j in range(step):
         at = begin + j
         dt = time_s[at + 1] - time_s[at]
