@@ -15,7 +15,7 @@ from estimator.profile import SHIPPED, Profile, load_profile, merge_profile, pro
 from fuzzbee.notify import notify, print_line
 from fuzzbee.options import require_extra, seed_range, time_window
 from fuzzbee.tune.command import SIMULATION, TuneRequest
-from fuzzbee.tune.read_flight import REFERENCES, read_flight
+from fuzzbee.tune.read_flight import REFERENCES, read_flight, reference_text
 from fuzzbee.version import __version__
 from tuning.flight import BETTER_LOG, Flight, require_substance
 from tuning.optimizers import ALGORITHMS
@@ -37,8 +37,6 @@ CALIBRATION = "calibration"  # the group of parameters that begins with a fit
 CONTROLLER = {"membership", "filter"}  # the groups of the fuzzy controller
 # Food sources and cycles. A flight flown again takes a tenth of a second, the signals 50 us.
 SIMULATION_BUDGET, LOG_BUDGET = (100, 300), (10, 15)
-DEFAULT_NOISE_SEEDS = "100-107"
-DEFAULT_HELD_OUT_SEEDS = "200-219"
 
 
 class Plan(NamedTuple):
@@ -149,8 +147,8 @@ def _paper(request: TuneRequest) -> Plan:
     ):
         if given is not None:
             raise InputError(f"{name} goes with logs only; sim: {instead}")
-    noise = _seeds("--noise-seeds", request.noise_seeds or DEFAULT_NOISE_SEEDS)
-    held_out = _seeds("--held-out-seeds", request.held_out_seeds or DEFAULT_HELD_OUT_SEEDS)
+    noise = _seeds("--noise-seeds", request.noise_seeds or "100-107")
+    held_out = _seeds("--held-out-seeds", request.held_out_seeds or "200-219")
     if both := sorted({*noise} & {*held_out}):
         raise InputError(
             f"--held-out-seeds: seed {both[0]} is also in --noise-seeds; unseen seeds are needed"
@@ -211,12 +209,11 @@ def _logs(request: TuneRequest) -> Plan:
     inputs, apart = [], {flight.sha256 for flight in held_out}
     for flight in flights:
         use = "held out" if flight.sha256 in apart else "tuned on"
-        if len(flights) == 1:
-            use = "its later part held out"
+        use = use if len(flights) > 1 else "its later part held out"
         rate = f"{flight.message} at {flight.rate_hz:.1f} Hz"
-        print_line(f"{flight.name}: {rate}, reference: {_reference_text(flight)}, {use}")
+        print_line(f"{flight.name}: {rate}, reference: {reference_text(flight)}, {use}")
         inputs.append({"name": flight.name, "sha256": flight.sha256, "use": use})
-    reference = "; ".join(dict.fromkeys(map(_reference_text, flights)))
+    reference = "; ".join(dict.fromkeys(map(reference_text, flights)))
     return Plan(request, task, inputs, reference, {})
 
 
@@ -295,11 +292,3 @@ def _fitted(request: TuneRequest, plain: Profile, searched: tuple[Flight, ...]) 
         end = searched[0].begin_s + float(searched[0].time_s[last])
     paths = [flight.path for flight in searched]
     return report_calibration(paths, plain, window=TimeWindow(begin, end)).calibration
-
-
-def _reference_text(flight: Flight) -> str:
-    """What the cost of a log is measured against."""
-    if flight.reference == "none":
-        return "prediction of its own vectors, without a reference"
-    name = REFERENCES[flight.reference]
-    return name if flight.has_field else f"{name}, inclination only"

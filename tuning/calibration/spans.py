@@ -11,10 +11,9 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from estimator.arrays import Bools, Floats
+from estimator.arrays import Bools, Floats, Ints
 
 PIECE_S = 30.0  # of a recording, about: errors that turn with it are alike for no longer
 PARTS = 6  # at least
@@ -24,8 +23,6 @@ MOST_FIELDS = 10  # readings of the field that are used of a span, about
 CONSTANTS = 36
 LEAST_VELOCITIES = 10  # of a piece of a flight
 GYR, ACC, MAG = slice(0, 12), slice(12, 24), slice(24, 36)
-
-Rows = NDArray[np.intp]
 
 
 class Recording(NamedTuple):
@@ -86,7 +83,7 @@ class Spans(NamedTuple):
     turned_twice: Floats  # (K, 3, 3, 3, 3), mean of T_ia T_jb
 
 
-def spans_of(recording: Recording, rows: Rows, x: Floats) -> Spans:
+def spans_of(recording: Recording, rows: Ints, x: Floats) -> Spans:
     """The spans between nodes at these rows, by constants x (36,)."""
     step, begin, time_s = int(rows[1] - rows[0]), rows[:-1], recording.time_s
     read_gyr, read_acc, read_mag = recording.gyr_rad_s, recording.acc_m_s2, recording.mag_gauss

@@ -9,14 +9,13 @@ import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.spatial.transform import Rotation
 
-from estimator.arrays import Floats
+from estimator.arrays import Floats, Ints
 from estimator.types import STANDARD_GRAVITY_M_S2
 from tuning.calibration.spans import (
     CONSTANTS,
     GYR,
     SPAN_S,
     Recording,
-    Rows,
     cross_matrix,
     rotation,
     rotation_vector,
@@ -232,7 +231,7 @@ class Trajectory:
         r[:, PLACE], J[:, PLACE, :, 6:9] = p[:-1], one
         return r, J
 
-    def _velocity_residuals(self) -> tuple[Rows, Floats, Floats]:
+    def _velocity_residuals(self) -> tuple[Ints, Floats, Floats]:
         """Spans (L,) that a velocity falls into, what it is off (L, 3), and derivatives."""
         recording, times_s = self._recording, self._times_s
         at_s = recording.velocity_time_s - self._own[VELOCITY_LAG]

@@ -85,8 +85,7 @@ def space_around(base: Profile, factors: Floats) -> Space:
     """What can be reached in one move from ``factors`` (D,), by their logarithm."""
     low = np.maximum(factors / MOST_MOVE, 1.0 / MOST_FACTOR)
     high = np.minimum(factors * MOST_MOVE, MOST_FACTOR)
-    names = numbers_of(base)
-    return tuple(map(Parameter, names, low.tolist(), high.tolist()))
+    return tuple(map(Parameter, numbers_of(base), low.tolist(), high.tolist()))
 
 
 class Decision(NamedTuple):
