@@ -1,11 +1,10 @@
 """One search: it sends out batches of candidates, takes in their costs and remembers the best.
 
-An algorithm calls :meth:`Search.costs`, as often as it likes, and never sees
-who computes. What it asks depends on its seed and on the costs only. So the
-record of the costs is the whole state of a search: fed the recorded costs
-again, the algorithm asks the same questions, and goes on where it was. That
-makes one checkpoint serve every algorithm, including those of other libraries
-whose state cannot be saved.
+An algorithm calls :meth:`Search.costs`, as often as it likes, and never sees who computes. What it
+asks depends on its seed and on the costs only. So the record of the costs is the whole state of a
+search: fed the recorded costs again, the algorithm asks the same questions, and goes on where it
+was. That makes one checkpoint serve every algorithm, including those of other libraries whose state
+cannot be saved.
 """
 
 import hashlib
