@@ -154,8 +154,3 @@ def cross_matrix(v: Floats) -> Floats:
 def rotation(phi: Floats) -> Floats:
     """exp [phi]x of (K, 3), (K, 3, 3)."""
     return np.asarray(Rotation.from_rotvec(phi).as_matrix())
-
-
-def rotation_vector(R: Floats) -> Floats:
-    """The rotation vectors (K, 3) of matrices (K, 3, 3), of less than half a turn."""
-    return np.asarray(Rotation.from_matrix(R).as_rotvec())

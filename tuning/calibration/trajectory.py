@@ -18,7 +18,6 @@ from tuning.calibration.spans import (
     Recording,
     cross_matrix,
     rotation,
-    rotation_vector,
     spans_of,
 )
 
@@ -203,7 +202,8 @@ class Trajectory:
         r, J = np.zeros((k, KINDS, 3)), np.zeros((k, KINDS, 3, COLUMNS))
         of_x, own = J[..., BOTH : BOTH + CONSTANTS], J[..., BOTH + CONSTANTS :]
         turn = s.turn @ rotation(s.turn_by_gyr @ d[GYR])
-        r[:, TURN] = rotation_vector(np.swapaxes(turn, 1, 2) @ back @ self._R[1:])
+        apart = np.swapaxes(turn, 1, 2) @ back @ self._R[1:]  # less than half a turn
+        r[:, TURN] = Rotation.from_matrix(apart).as_rotvec()
         log_by = one + 0.5 * cross_matrix(r[:, TURN])  # of small rotations
         J[:, TURN, :, NODE : NODE + 3] = log_by
         J[:, TURN, :, :3] = -log_by @ np.swapaxes(self._R[1:], 1, 2) @ self._R[:-1]
