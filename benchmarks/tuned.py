@@ -31,7 +31,7 @@ from tuning.flight_cost import harm, measure
 from tuning.optimizers import run_search
 from tuning.search import Search, SearchOptions
 from tuning.space import encode, profile_with, values_of
-from tuning.task import LogTask
+from tuning.task import Task
 
 VEHICLES = (
     ("noisy", "plane"),
@@ -72,11 +72,11 @@ def whole(flight: Flight) -> Flight:
 
 def tuned(searched: Flight, held_out: Flight, options: SearchOptions) -> tuple[Profile, bool]:
     """What a search finds on one flight, and whether ``fuzzbee tune`` would write it."""
-    task = LogTask(BASE, ("noise",), (whole(searched),), (whole(held_out),))
+    task = Task(BASE, ("noise",), (whole(searched),), (whole(held_out),))
     search = Search(task.space, options, task.costs)
     run_search(search, encode(task.space, values_of(task.space, BASE)))
     found = profile_with(task.space, BASE, search.best_values)
-    before, after = (task.held_out_figures(p) for p in (BASE, found))
+    before, after = ([measure(p, each) for each in task.held_out] for p in (BASE, found))
     scores = (task.score(profile).held_out for profile in (BASE, found))
     return found, has_gained(*scores, harm(before, after))
 

@@ -27,20 +27,16 @@ from estimator.arrays import Floats
 from estimator.calibration import UNCHANGED, Calibration, Mounting
 from estimator.errors import InputError
 from estimator.geometry.earth import PlaceField, in_ned
-from estimator.geometry.quaternion import rotate
 from estimator.geometry.rotations import rotate_inverse
 from estimator.profile import Profile
 from estimator.types import DOWN
-from fuzzbee.calibration_readings import (
-    choose_compass,
-    compass_readings,
-    recording,
-)
+from fuzzbee.calibration_readings import choose_compass, compass_readings, recording
 from fuzzbee.replays.log_report import refused_text, replay_log
 from fuzzbee.replays.trace import How, VehicleTrace
 from tuning.calibration.fit import SensorFit, fit_sensors
 from tuning.calibration.prediction import WON
 from tuning.compass_fit import CompassFit, compass_turn, fit_compass
+from tuning.space import sensor_axes
 
 SLOWEST_HZ = 19.0  # turning between the samples of slower streams does not show
 UNITS = {"gyr_bias_rad_s": "rad/s", "acc_bias_m_s2": "m/s²", "mag_offset_gauss": "gauss"}
@@ -205,8 +201,7 @@ def in_sensor_axes(body: Calibration, mounting: Mounting) -> Calibration:
     """A calibration of readings in the body's axes as one of those in the sensors'."""
     if mounting.has_body_axes:
         return body
-    q = mounting.q_frd_sensor
-    R = np.column_stack([rotate(q, axis) for axis in UNCHANGED])
+    R = sensor_axes(mounting)
     keys: dict[str, Any] = {}
     for key, value in msgspec.to_builtins(body).items():
         sign = mounting.acc_sign if key == "acc_bias_m_s2" else 1

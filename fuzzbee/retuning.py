@@ -35,8 +35,7 @@ class Retuning(Closing):
         self._requests = requests
         self._gain = gain
         self.pipeline: Pipeline | None = None  # whose vehicles have estimators of ours
-        self._segments: Queue[tuple[VehicleId, RetunedEstimator, Segment] | None]
-        self._segments = Queue(MOST_WAITING)
+        self._segments = Queue[tuple[VehicleId, RetunedEstimator, Segment] | None](MOST_WAITING)
         self._is_closing = False
         self._begun_s = time.monotonic()
         self._thread = threading.Thread(target=self._work, name="retune", daemon=True)

@@ -1,15 +1,15 @@
 """One search: it sends out batches of candidates, takes in their costs and remembers the best.
 
-An algorithm calls :meth:`Search.costs`, as often as it likes, and never sees
-who computes. What it asks depends on its seed and on the costs only. So the
-record of the costs is the whole state of a search: fed the recorded costs
-again, the algorithm asks the same questions, and goes on where it was. That
-makes one checkpoint serve every algorithm, including those of other libraries
-whose state cannot be saved.
+An algorithm calls :meth:`Search.costs`, as often as it likes, and never sees who computes. What it
+asks depends on its seed and on the costs only. So the record of the costs is the whole state of a
+search: fed the recorded costs again, the algorithm asks the same questions, and goes on where it
+was. That makes one checkpoint serve every algorithm, including those of other libraries whose state
+cannot be saved.
 """
 
 import hashlib
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,7 +21,6 @@ from estimator.arrays import Floats
 from estimator.errors import InputError
 from tuning.space import Space, decode, make_feasible
 
-Evaluate = Callable[[Floats], Floats]
 SCHEMA = 3  # of a checkpoint
 
 
@@ -68,33 +67,27 @@ class SearchEnd(Exception):  # noqa: N818 - an outcome, not an error
         self.is_finished = is_finished
 
 
+@dataclass(eq=False)
 class Search:
     """The evaluations of one run, with their record.
 
     ``evaluate`` maps parameter values (C, D) to costs (C,). ``observe`` is
-    called after each new batch and returns whether to go on. ``record`` is of
-    an earlier, interrupted run.
+    called after each new batch and returns whether to go on. ``earlier`` is the record of
+    an interrupted run, until all of it has been asked again.
     """
 
-    def __init__(
-        self,
-        space: Space,
-        options: SearchOptions,
-        evaluate: Evaluate,
-        observe: Callable[["Search"], bool] = lambda _: True,
-        record: Record | None = None,
-    ) -> None:
-        self.space = space
-        self.options = options
-        self._evaluate = evaluate
-        self._observe = observe
-        self._earlier = record
+    space: Space
+    options: SearchOptions
+    evaluate: Callable[[Floats], Floats]
+    observe: Callable[["Search"], bool] = lambda _: True
+    earlier: Record | None = None
+
+    def __post_init__(self) -> None:
         self._known: list[Floats] = []
         self._asked = hashlib.sha256()
-        self._scouts = 0
-        self.evaluations = 0
+        self._scouts = self.evaluations = 0
         self.best_cost = np.inf
-        self.best_values = np.full(len(space), np.nan)
+        self.best_values = np.full(len(self.space), np.nan)
         self.history: list[Progress] = []
 
     @property
@@ -126,13 +119,13 @@ class Search:
         values = decode(self.space, make_feasible(self.space, positions))
         recorded = self._recorded_costs(len(values))
         self._asked.update(np.ascontiguousarray(values).tobytes())
-        costs = self._evaluate(values) if recorded is None else recorded
+        costs = self.evaluate(values) if recorded is None else recorded
         self._known.append(np.array(costs))
         self.evaluations += len(costs)
         best = int(np.argmin(costs))
         if costs[best] < self.best_cost:
             self.best_cost, self.best_values = float(costs[best]), values[best].copy()
-        if recorded is None and not self._observe(self):
+        if recorded is None and not self.observe(self):
             raise SearchEnd(is_finished=False)
         return costs
 
@@ -143,7 +136,7 @@ class Search:
 
     def _recorded_costs(self, count: int) -> Floats | None:
         """The next ``count`` recorded costs, or None where the record has ended."""
-        record = self._earlier
+        record = self.earlier
         if record is None:
             return None
         left = len(record.costs) - self.evaluations
@@ -151,7 +144,7 @@ class Search:
         if count > left > 0 or (is_over and self._asked.hexdigest() != record.asked_sha256):
             raise InputError("the checkpoint does not belong to this search")
         if is_over:
-            self._earlier = None
+            self.earlier = None
             return None
         return record.costs[self.evaluations : self.evaluations + count]
 

@@ -156,13 +156,12 @@ def bounds(space: Space) -> tuple[Floats, Floats]:
 def make_feasible(space: Space, positions: Floats) -> Floats:
     """The feasible positions that any positions (N, D) stand for.
 
-    Each coordinate is clipped to its bounds, then each chain is sorted. As a
-    chain's lower bounds ascend, and its upper bounds too, sorting cannot leave
-    them: the i-th smallest of some values is at least the i-th smallest of
-    their lower bounds. A feasible position stays as it is, every feasible position
-    can be reached, and a corner pushed past its neighbour takes the neighbour's place. Moving the
-    corner onto its neighbour instead would pile the search up on vertical
-    edges; rejecting it would waste evaluations where the space is narrow.
+    Each coordinate is clipped to its bounds, then each chain is sorted. As a chain's lower bounds
+    ascend, and its upper bounds too, sorting cannot leave them: the i-th smallest of some values is
+    at least the i-th smallest of their lower bounds. A feasible position stays as it is, every
+    feasible position can be reached, and a corner pushed past its neighbour takes the neighbour's
+    place. Moving the corner onto its neighbour instead would pile the search up on vertical edges;
+    rejecting it would waste evaluations where the space is narrow.
     """
     out = np.clip(positions, *bounds(space))
     for chain in {each.chain for each in space} - {None}:

@@ -1,6 +1,5 @@
 """What a search minimises: J on the paper's signals, or the cost of recorded flights."""
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,7 +15,7 @@ from estimator.filter.types import initial_state
 from estimator.profile import Profile, Provenance, load_profile
 from estimator.types import IDENTITY
 from tuning.flight import Flight
-from tuning.flight_cost import FlightFigures, geometric_mean, measure
+from tuning.flight_cost import geometric_mean, measure
 from tuning.paper_cost import LANES, Base, Signals, costs, paper_signals
 from tuning.paper_experiment import paper_settings, run_experiment
 from tuning.recovery import recovery_cost
@@ -40,25 +39,66 @@ class Scores(NamedTuple):
     held_out: float
 
 
-@dataclass(frozen=True)
-class Task(ABC):
-    """Groups of parameters of a base profile, what they are searched on, and what is held out.
+class Goal(NamedTuple):
+    """What is minimised: the cost of a flight (or seed), and how those of several become one."""
 
-    ``batch`` is how many candidates one process best takes at a time.
+    cost: Callable[[Profile, Any], float]
+    combine: Callable[[list[float]], float]
+    unit: str
+
+
+def _mean(costs: list[float]) -> float:
+    return sum(costs) / len(costs)
+
+
+GOALS = {
+    # the errors that a user sees and the honesty of sigma, deg
+    "flight": Goal(lambda profile, flight: measure(profile, flight).cost, geometric_mean, " deg"),
+    "recovery": Goal(recovery_cost, _mean, ""),
+    # how far coverage is from what it should be: all that shows of what moves sigma alone
+    "coverage": Goal(lambda profile, flight: measure(profile, flight).miscoverage, _mean, ""),
+}
+PAPER_GOALS = {"paper": Goal(lambda profile, seed: run_experiment(profile, seed).cost, _mean, "")}
+
+
+@dataclass(frozen=True)
+class Task:
+    """Groups of parameters of a base profile, flights to search on, and those held out.
+
+    The whole estimator flies, aiding included, on what it got in flight. The reference is the truth
+    of a simulation, else the attitude that the whole log shows if that is sure, else the
+    autopilot's. A log with none is tuned on how well its own vectors are predicted. The search
+    begins with ``base``; its result is judged beside ``judged_by``, if that is another.
+
+    Raises:
+        InputError: the base has no fuzzy gain whose memberships could be tuned; unknown groups.
     """
 
     base: Profile
     groups: tuple[str, ...]
     searched: tuple[Any, ...]
     held_out: tuple[Any, ...]
+    goal: str = "flight"
+    judged_by: Profile | None = None
 
-    known_groups: ClassVar[dict[str, Space]]
-    batch: ClassVar[int] = 1
+    known_goals: ClassVar[dict[str, Goal]] = GOALS
+    known_groups: ClassVar[dict[str, Space]] = CONDITIONED_GROUPS
+    batch: ClassVar[int] = 1  # candidates that one process best takes at a time
+
+    def __post_init__(self) -> None:
+        gain = self.base.filter.gain
+        if self.space and self.tunes_memberships and gain != "fuzzy":  # the groups first
+            raise InputError(f"base profile: filter.gain is '{gain}'; only 'fuzzy' is tuned")
 
     @property
     def before(self) -> Profile:
         """What the result is compared with."""
-        return self.base
+        return self.judged_by or self.base
+
+    @property
+    def measured(self) -> Goal:
+        """What the goal's name stands for."""
+        return self.known_goals[self.goal]
 
     @cached_property
     def space(self) -> Space:
@@ -70,9 +110,9 @@ class Task(ABC):
         """Whether k1..k22 are among them."""
         return "membership" in self.groups
 
-    @abstractmethod
     def cost(self, profile: Profile, on: tuple[Any, ...]) -> float:
-        """The mean cost of a profile on what is searched on, or on what is held out."""
+        """The cost of a profile on what is searched on, or on what is held out."""
+        return self.measured.combine([self.measured.cost(profile, each) for each in on])
 
     def costs(self, values: Floats) -> Floats:
         """Costs (C,) of parameter values (C, D), each with the same bits beside any others."""
@@ -87,10 +127,6 @@ class Task(ABC):
         """The costs of a profile, on what is searched on and on what is held out."""
         return Scores(*(self.cost(profile, on) for on in (self.searched, self.held_out)))
 
-    def _require_fuzzy_gain(self) -> None:
-        if (gain := self.base.filter.gain) != "fuzzy":
-            raise InputError(f"base profile: filter.gain is '{gain}'; only 'fuzzy' is tuned")
-
 
 @dataclass(frozen=True)
 class PaperTask(Task):
@@ -100,20 +136,19 @@ class PaperTask(Task):
         InputError: the base conditions its vectors, has no R_hat(0) or no fuzzy gain.
     """
 
+    goal: str = "paper"
+
+    known_goals = PAPER_GOALS
     known_groups = RAW_GROUPS
     batch = LANES
 
     def __post_init__(self) -> None:
         paper_settings(self.base)
-        self._require_fuzzy_gain()
+        super().__post_init__()
 
     @cached_property
     def _signals(self) -> Signals:
         return paper_signals(self.searched)
-
-    def cost(self, profile: Profile, on: tuple[Any, ...]) -> float:
-        """Mean J over noise seeds."""
-        return sum(run_experiment(profile, seed).cost for seed in on) / len(on)
 
     def costs(self, values: Floats) -> Floats:
         """See :class:`Task`; of a base that ignores a vector, run by run."""
@@ -142,27 +177,6 @@ def midpoint_profile() -> Profile:
     )
 
 
-class Goal(NamedTuple):
-    """What is minimised: the cost of a flight, and how the costs of several become one."""
-
-    cost: Callable[[Profile, Flight], float]
-    combine: Callable[[list[float]], float]
-    unit: str
-
-
-def _mean(costs: list[float]) -> float:
-    return sum(costs) / len(costs)
-
-
-GOALS = {
-    # the errors that a user sees and the honesty of sigma, deg
-    "flight": Goal(lambda profile, flight: measure(profile, flight).cost, geometric_mean, " deg"),
-    "recovery": Goal(recovery_cost, _mean, ""),
-    # how far coverage is from what it should be: all that shows of what moves sigma alone
-    "coverage": Goal(lambda profile, flight: measure(profile, flight).miscoverage, _mean, ""),
-}
-
-
 def default_groups(goal: str, rate_hz: float) -> tuple[str, ...]:
     """The groups of parameters that a log of that rate can tune."""
     if goal != "recovery":
@@ -185,40 +199,3 @@ def split(
         tuple(flight for flight in flights if flight.sha256 not in chosen),
         tuple(flight for flight in flights if flight.sha256 in chosen),
     )
-
-
-@dataclass(frozen=True)
-class LogTask(Task):
-    """Tuning on flights: the whole estimator, aiding included, on what it got in flight.
-
-    The reference is the truth of a simulation, else the attitude that the whole log shows if that
-    is sure, else the autopilot's. A log with none is tuned on how well its own vectors are
-    predicted. The search begins with ``base``; its result is judged beside ``judged_by``, if that
-    is another.
-
-    Raises:
-        InputError: the base has no fuzzy gain whose memberships could be tuned; unknown groups.
-    """
-
-    goal: str = "flight"
-    judged_by: Profile | None = None
-
-    known_groups = CONDITIONED_GROUPS
-
-    def __post_init__(self) -> None:
-        if self.space and self.tunes_memberships:  # the space first: its groups must be known
-            self._require_fuzzy_gain()
-
-    @property
-    def before(self) -> Profile:
-        """See :class:`Task`."""
-        return self.judged_by or self.base
-
-    def cost(self, profile: Profile, on: tuple[Any, ...]) -> float:
-        """The goal's cost over flights."""
-        goal = GOALS[self.goal]
-        return goal.combine([goal.cost(profile, flight) for flight in on])
-
-    def held_out_figures(self, profile: Profile) -> list[FlightFigures]:
-        """What a user sees on each flight that is held out."""
-        return [measure(profile, flight) for flight in self.held_out]

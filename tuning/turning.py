@@ -86,7 +86,8 @@ def squares_left(spans: Spans, turns: Floats, *, has_offset: bool) -> Floats:
     f2 = a_squared @ np.sum(v * v, axis=1) - np.sum((moments @ flat.T) ** 2, axis=0)
     if has_offset and len(a):
         # N b = -u - s w, with N = sum |a|^2 1 - a a^T, u = sum c x a and w = sum (a x v) x a
-        u = _axial(c.T @ a @ turns.transpose(0, 2, 1))
+        m, pairs = c.T @ a @ turns.transpose(0, 2, 1), ((1, 2), (2, 0), (0, 1))
+        u = np.stack([m[:, i, j] - m[:, j, i] for i, j in pairs], axis=1)
         w = a_squared @ v - np.einsum("tij,jt->ti", turns, a.T @ moments @ flat.T)
         inverse = np.linalg.pinv((1.0 + FLAT) * np.sum(a_squared) * np.eye(3) - a.T @ a)
         u, w = (np.einsum("tij,ti->tj", turns, each) for each in (u, w))
@@ -94,12 +95,6 @@ def squares_left(spans: Spans, turns: Floats, *, has_offset: bool) -> Floats:
         f1 = f1 - np.sum(u @ inverse * w, axis=1)
         f2 = f2 - np.sum(w @ inverse * w, axis=1)
     return np.column_stack((f0, f1, f2)) / max(1, len(a))
-
-
-def _axial(m: Floats) -> Floats:
-    """Sums of x cross y (W, 3) of those of the products x y^T (W, 3, 3)."""
-    pairs = ((1, 2), (2, 0), (0, 1))
-    return np.stack([m[:, i, j] - m[:, j, i] for i, j in pairs], axis=1)
 
 
 def root(squares: Floats, factor: float = 1.0) -> Floats:

@@ -10,9 +10,6 @@ from fuzzbee import outputs
 from fuzzbee.options import From, Json, To, command, examples, option, require_extra
 
 SIMULATION = "sim:"
-# A candidate is a flight flown again: a tenth of a second and more, on the paper's signals 50 us.
-SIMULATION_BUDGET = (100, 300)  # food sources and cycles
-LOG_BUDGET = (10, 15)
 
 _SOURCES = "Log files, or sim: for the paper's signals."
 _BASE = (
@@ -84,15 +81,6 @@ class TuneRequest(NamedTuple):
     def is_simulated(self) -> bool:
         """Whether the paper's signals are searched on; else logs are."""
         return SIMULATION in self.sources
-
-    @property
-    def budget(self) -> tuple[int, int]:
-        """Food sources and cycles."""
-        sources, cycles = SIMULATION_BUDGET if self.is_simulated else LOG_BUDGET
-        return (
-            sources if self.food_sources is None else self.food_sources,
-            cycles if self.cycles is None else self.cycles,
-        )
 
 
 @command

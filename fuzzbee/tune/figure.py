@@ -15,7 +15,7 @@ from estimator.profile import Profile
 from tuning.flight import Flight, fly
 from tuning.paper_experiment import run_experiment
 from tuning.search import Search
-from tuning.task import LogTask, PaperTask
+from tuning.task import PaperTask, Task
 
 NAME = "tuning.png"
 # Fixed gains to compare with, as in the paper: the steadiest, the quickest, and one between.
@@ -27,7 +27,7 @@ MOST_FLIGHTS = 6
 Panel = Callable[[Any], None]
 
 
-def draw(folder: Path, task: PaperTask | LogTask, tuned: Profile, search: Search) -> None:
+def draw(folder: Path, task: Task, tuned: Profile, search: Search) -> None:
     """Draw into ``folder`` how the search went, and what its result changes where it never was."""
     from matplotlib.figure import Figure
 
@@ -76,7 +76,7 @@ def _error_over_time(task: PaperTask, tuned: Profile, axes: Any) -> None:
     axes.set(ylim=(1e-5, 1.5), title=f"Normalised Euclidean distance (noise seed {seed})")
 
 
-def _error_on_log(task: LogTask, tuned: Profile, flight: Flight, axes: Any) -> None:
+def _error_on_log(task: Task, tuned: Profile, flight: Flight, axes: Any) -> None:
     """Inclination error over time on a held-out flight, before and after."""
     known = flight.known[flight.window]
     for name, profile in (("before", task.before), ("tuned", tuned)):

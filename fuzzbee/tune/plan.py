@@ -15,7 +15,7 @@ from estimator.profile import SHIPPED, Profile, load_profile, merge_profile, pro
 from fuzzbee.notify import notify, print_line
 from fuzzbee.options import require_extra, seed_range, time_window
 from fuzzbee.tune.command import SIMULATION, TuneRequest
-from fuzzbee.tune.read_flight import REFERENCES, read_flight
+from fuzzbee.tune.read_flight import REFERENCES, read_flight, reference_text
 from fuzzbee.version import __version__
 from tuning.flight import BETTER_LOG, Flight, require_substance
 from tuning.optimizers import ALGORITHMS
@@ -25,8 +25,8 @@ from tuning.task import (
     FIRST_RESERVED_SEED,
     GOALS,
     MEMBERSHIP_RATE_HZ,
-    LogTask,
     PaperTask,
+    Task,
     default_groups,
     midpoint_profile,
     split,
@@ -35,15 +35,15 @@ from tuning.task import (
 MIDPOINT = "midpoint"
 CALIBRATION = "calibration"  # the group of parameters that begins with a fit
 CONTROLLER = {"membership", "filter"}  # the groups of the fuzzy controller
-DEFAULT_NOISE_SEEDS = "100-107"
-DEFAULT_HELD_OUT_SEEDS = "200-219"
+# Food sources and cycles. A flight flown again takes a tenth of a second, the signals 50 us.
+SIMULATION_BUDGET, LOG_BUDGET = (100, 300), (10, 15)
 
 
 class Plan(NamedTuple):
     """What is searched, and on what: the inputs, what the cost is measured against, noise seeds."""
 
     request: TuneRequest
-    task: PaperTask | LogTask
+    task: Task
     inputs: list[dict[str, str]]
     reference: str
     seeds: dict[str, str]
@@ -51,9 +51,7 @@ class Plan(NamedTuple):
     @property
     def options(self) -> SearchOptions:
         """Those of the search."""
-        request, (sources, cycles) = self.request, self.request.budget
-        limit = sources * len(self.task.space) if request.limit is None else request.limit
-        return SearchOptions(request.algorithm, sources, cycles, limit, request.seed)
+        return _search_options(self.request, len(self.task.space))
 
     @property
     def identity(self) -> dict[str, Any]:
@@ -71,7 +69,7 @@ class Plan(NamedTuple):
             "parameters": ",".join(self.task.groups),
             "base": _base_identity(request, self.task.before),
             "limit": search.limit if search.algorithm == "abc" else None,
-            "objective": self.task.goal if isinstance(self.task, LogTask) else None,
+            "objective": None if request.is_simulated else self.task.goal,
             "reference": request.reference,
             "from": begin,
             "to": end,
@@ -86,7 +84,7 @@ class Plan(NamedTuple):
 
 def plan(request: TuneRequest) -> Plan:
     """Check everything and prepare the search; prints what each log is for."""
-    _require_numbers(request)
+    _search_options(request)
     output = request.output
     if output.is_dir():
         raise InputError(f"-o {output}: a folder, not a file")
@@ -95,22 +93,27 @@ def plan(request: TuneRequest) -> Plan:
     return _paper(request) if request.is_simulated else _logs(request)
 
 
-def _require_numbers(request: TuneRequest) -> None:
-    algorithm, (sources, cycles) = request.algorithm, request.budget
+def _search_options(request: TuneRequest, parameters: int = 0) -> SearchOptions:
+    algorithm, limit = request.algorithm, request.limit
+    sources, cycles = SIMULATION_BUDGET if request.is_simulated else LOG_BUDGET
+    sources = sources if request.food_sources is None else request.food_sources
+    cycles = cycles if request.cycles is None else request.cycles
     _require_known("--algorithm", algorithm, ALGORITHMS)
     if algorithm == "cmaes":
         require_extra("cmaes", "--algorithm cmaes", "optimizers")
     fewest = ALGORITHMS[algorithm].fewest_sources
     if sources < fewest:
         raise InputError(f"--sources {sources}: {algorithm} needs at least {fewest}")
-    if request.limit is not None and algorithm != "abc":
+    if limit is not None and algorithm != "abc":
         raise InputError(f"--limit is the bees' own; {algorithm} has none")
-    counts = (("--cycles", cycles), ("--limit", request.limit), ("--threads", request.threads))
+    counts = (("--cycles", cycles), ("--limit", limit), ("--threads", request.threads))
     for option, number in counts:
         if number is not None and number < 1:
             raise InputError(f"{option} {number}: at least 1 is needed")
     if request.seed < 0:
         raise InputError(f"--seed {request.seed}: must be 0 or more")
+    limit = sources * parameters if limit is None else limit
+    return SearchOptions(algorithm, sources, cycles, limit, request.seed)
 
 
 def _require_known(option: str, word: str | None, known: Collection[str]) -> None:
@@ -144,8 +147,8 @@ def _paper(request: TuneRequest) -> Plan:
     ):
         if given is not None:
             raise InputError(f"{name} goes with logs only; sim: {instead}")
-    noise = _seeds("--noise-seeds", request.noise_seeds or DEFAULT_NOISE_SEEDS)
-    held_out = _seeds("--held-out-seeds", request.held_out_seeds or DEFAULT_HELD_OUT_SEEDS)
+    noise = _seeds("--noise-seeds", request.noise_seeds or "100-107")
+    held_out = _seeds("--held-out-seeds", request.held_out_seeds or "200-219")
     if both := sorted({*noise} & {*held_out}):
         raise InputError(
             f"--held-out-seeds: seed {both[0]} is also in --noise-seeds; unseen seeds are needed"
@@ -199,19 +202,18 @@ def _logs(request: TuneRequest) -> Plan:
     start = before = _with_tuned_gain(base, groups)
     if calibrates:
         start = msgspec.structs.replace(start, calibration=_fitted(request, plain, searched))
-    task = LogTask(start, groups, searched, held_out, goal, before if calibrates else None)
+    task = Task(start, groups, searched, held_out, goal, before if calibrates else None)
     for flight in flights:  # when all checks have passed: an error is one single line
         if flight.refused is not None:
             notify(f"{flight.path}: {flight.refused}")
     inputs, apart = [], {flight.sha256 for flight in held_out}
     for flight in flights:
         use = "held out" if flight.sha256 in apart else "tuned on"
-        if len(flights) == 1:
-            use = "its later part held out"
+        use = use if len(flights) > 1 else "its later part held out"
         rate = f"{flight.message} at {flight.rate_hz:.1f} Hz"
-        print_line(f"{flight.name}: {rate}, reference: {_reference_text(flight)}, {use}")
+        print_line(f"{flight.name}: {rate}, reference: {reference_text(flight)}, {use}")
         inputs.append({"name": flight.name, "sha256": flight.sha256, "use": use})
-    reference = "; ".join(dict.fromkeys(map(_reference_text, flights)))
+    reference = "; ".join(dict.fromkeys(map(reference_text, flights)))
     return Plan(request, task, inputs, reference, {})
 
 
@@ -290,11 +292,3 @@ def _fitted(request: TuneRequest, plain: Profile, searched: tuple[Flight, ...]) 
         end = searched[0].begin_s + float(searched[0].time_s[last])
     paths = [flight.path for flight in searched]
     return report_calibration(paths, plain, window=TimeWindow(begin, end)).calibration
-
-
-def _reference_text(flight: Flight) -> str:
-    """What the cost of a log is measured against."""
-    if flight.reference == "none":
-        return "prediction of its own vectors, without a reference"
-    name = REFERENCES[flight.reference]
-    return name if flight.has_field else f"{name}, inclination only"

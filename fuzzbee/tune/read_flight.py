@@ -70,3 +70,11 @@ def read_flight(
     if may_smooth and (is_wanted or not (reference or found.reference == "sim")):
         found = sure_flight(found, profile, is_wanted=is_wanted)
     return found
+
+
+def reference_text(flight: Flight) -> str:
+    """What the cost of a log is measured against."""
+    if flight.reference == "none":
+        return "prediction of its own vectors, without a reference"
+    name = REFERENCES[flight.reference]
+    return name if flight.has_field else f"{name}, inclination only"

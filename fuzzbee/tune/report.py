@@ -6,10 +6,9 @@ from typing import Any
 
 from estimator.profile import Profile
 from fuzzbee.tune.plan import Plan
-from tuning.flight_cost import harm
+from tuning.flight_cost import harm, measure
 from tuning.search import Search, checkpoint_path
 from tuning.space import values_of
-from tuning.task import GOALS, LogTask
 
 # A profile gains if the held-out cost falls by this share at least: less is chance.
 LEAST_GAIN = 0.01
@@ -46,9 +45,10 @@ def report_of(
         "held_out_before": before.held_out,
         "held_out_after": after.held_out,
     }
-    if not isinstance(task, LogTask):
+    if plan.request.is_simulated:
         return report
-    then, now = (task.held_out_figures(profile) for profile in (task.before, found))
+    both = (task.before, found)
+    then, now = ([measure(p, flight) for flight in task.held_out] for p in both)
     report["objective"] = task.goal
     report["random_search"] = None if by_chance is None else task.score(by_chance)._asdict()
     report["held_out_flights"] = [
@@ -63,7 +63,7 @@ def report_of(
 
 def in_words(plan: Plan, search: Search, report: dict[str, Any]) -> str:
     """The report for a person, of the few numbers of a log's search with their values."""
-    unit = GOALS[plan.task.goal].unit if isinstance(plan.task, LogTask) else ""
+    unit, space = plan.task.measured.unit, plan.task.space
     lines = [
         f"measured against the {report['reference']}",
         f"tuned on:  J {report['cost_before']:.4f} -> {report['cost_after']:.4f}{unit}",
@@ -74,9 +74,7 @@ def in_words(plan: Plan, search: Search, report: dict[str, Any]) -> str:
             lines.append(f"{words}: J {other['cost']:.4f}, held out {other['held_out']:.4f}")
     flights = report.get("held_out_flights", [])
     lines += [f"  {each['name']}: {_change(each['before'], each['after'])}" for each in flights]
-    space = plan.task.space
-    is_short = isinstance(plan.task, LogTask) and not plan.task.tunes_memberships
-    if is_short and not report["interrupted"]:
+    if not (plan.task.tunes_memberships or report["interrupted"]):
         both = zip(space, values_of(space, plan.task.base), search.best_values, strict=True)
         lines += [f"  {parameter.name} {old:.3g} -> {new:.3g}" for parameter, old, new in both]
     file = report["file"] or "not written"

@@ -22,7 +22,6 @@ from tuning.optimizers import ALGORITHMS, run_search
 from tuning.processes import Cluster, Pool, available_cores
 from tuning.search import Record, Search, checkpoint_path, read_checkpoint, write_checkpoint
 from tuning.space import encode, profile_with, values_of
-from tuning.task import LogTask
 
 if TYPE_CHECKING:
     from fuzzbee.outputs import ViewerOptions
@@ -40,7 +39,7 @@ def run_plan(plan: Plan, viewer: "ViewerOptions | None") -> int:
     On logs a profile that gains nothing on what was held out, or harms it, is written with
     ``force`` only. A finished search needs no checkpoint.
     """
-    started, request, on_logs = time.perf_counter(), plan.request, isinstance(plan.task, LogTask)
+    started, request, on_logs = time.perf_counter(), plan.request, not plan.request.is_simulated
     checkpoint, stop = checkpoint_path(request.output), threading.Event()
     record = read_checkpoint(checkpoint, plan.identity) if request.resume else None
     if record is None and checkpoint.exists():
@@ -119,7 +118,7 @@ def _run(
         search = Search(task.space, options, evaluate, observe, record)
         first = encode(task.space, values_of(task.space, task.base))
         is_finished, by_chance = run_search(search, first), None
-        if is_finished and isinstance(task, LogTask):
+        if is_finished and not request.is_simulated:
             options = options._replace(algorithm="random")
             random_search = Search(task.space, options, evaluate, lambda _: not stop.is_set())
             if run_search(random_search, first):  # the result stands without it

@@ -84,7 +84,7 @@ def test_interrupted_and_resumed_is_the_same(options, batches):
         computed.append(len(values))
         return bowl(values)
 
-    resumed = Search(MEMBERSHIP, options, counted, record=broken.record)
+    resumed = Search(MEMBERSHIP, options, counted, earlier=broken.record)
     assert run_search(resumed, FIRST)
     assert sum(computed) == whole.evaluations - broken.evaluations  # nothing computed twice
     assert np.array_equal(resumed.best_values, whole.best_values)
@@ -99,4 +99,4 @@ def test_a_record_of_another_search_is_refused(options):
     of_half_a_batch = Record(np.ones(other.evaluations - 1), "0" * 64)
     for record in (other.record, of_half_a_batch):
         with pytest.raises(InputError, match="does not belong"):
-            searched(options, record=record)
+            searched(options, earlier=record)

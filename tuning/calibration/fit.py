@@ -20,9 +20,7 @@ from tuning.calibration.trajectory import SHOWN, Trajectory
 
 ROUNDS, STEPS = 3, 2  # readings are summed up anew each round
 # Sigmas before anything is read: scales and crossed axes, biases, iron as a share of the field
-GYR_SHARE, GYR_RAD_S = 0.01, 0.02
-ACC_SHARE, ACC_M_S2 = 0.015, 0.2
-MAG_SHARE, MAG_IRON = 0.05, 0.2
+PRIOR = np.array([0.01] * 9 + [0.02] * 3 + [0.015] * 9 + [0.2] * 3 + [0.05] * 9 + [0.2] * 3)
 # How far they vary from piece to piece, and seem to: temperature, a place's field
 VARY = np.array([0.001] * 9 + [0.005] * 3 + [0.0015] * 9 + [0.03] * 3 + [0.01] * 9 + [0.01] * 3)
 PINNED, NO_SCATTER = 1e6, 1e-6
@@ -108,12 +106,9 @@ class _Problem:
 
     def __init__(self, trajectories: list[Trajectory]) -> None:
         self._trajectories = trajectories
-        gyr, acc = [GYR_SHARE] * 9 + [GYR_RAD_S] * 3, [ACC_SHARE] * 9 + [ACC_M_S2] * 3
-        self.prior = np.array(gyr + acc + [MAG_SHARE] * 9 + [MAG_IRON] * 3)
-        vary = VARY.copy()
-        for sigmas in (self.prior, vary):
-            sigmas[33:] *= max(each.strength_gauss for each in trajectories)
-        self.vary = vary**2
+        unit = np.ones(CONSTANTS)
+        unit[33:] = max(each.strength_gauss for each in trajectories)
+        self.prior, self.vary = PRIOR * unit, (VARY * unit) ** 2
         self._x = np.zeros(CONSTANTS)
         # A common turn of all sensors is what the constants before say: rounding would move it.
         self._pins = TURNS / self.prior[:, None] ** 2

@@ -9,9 +9,8 @@ sigmas before; the pieces' scatter counts in it.
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
-from estimator.arrays import Floats
+from estimator.arrays import Floats, Ints
 from tuning.calibration.spans import CONSTANTS, cross_matrix
 
 KEYS = {
@@ -33,11 +32,9 @@ _TURN, _NONE = cross_matrix(np.eye(3)).reshape(3, 9), np.zeros((3, 3))
 # The constants of a small turn of all three sensors about each axis
 TURNS: Floats = np.concatenate([_TURN, _NONE, _TURN, _NONE, -_TURN, _NONE], axis=1).T
 
-Parts = NDArray[np.intp]
-
 
 def predicted(
-    A: Floats, b: Floats, parts: Parts, prior: Floats, keys: Iterable[str]
+    A: Floats, b: Floats, parts: Ints, prior: Floats, keys: Iterable[str]
 ) -> tuple[dict[str, float], Floats]:
     """The share that each key wins, and the constants (36,) by those that are kept.
 
@@ -62,7 +59,7 @@ def predicted(
 
 
 def _share(
-    A: Floats, b: Floats, parts: Parts, pins: Floats, kept: list[str], judged: list[str]
+    A: Floats, b: Floats, parts: Ints, pins: Floats, kept: list[str], judged: list[str]
 ) -> float:
     at, gains, most = np.concatenate([ROWS[KEYS[key]] for key in judged]), 0.0, 0.0
     others = [each for each in kept if each not in judged]
@@ -92,7 +89,7 @@ def _solved(A: Floats, b: Floats, pins: Floats, kept: list[str]) -> Floats:
     for key in kept:
         rows[KEYS[key]] = True
     turns = [
-        np.where(np.isin(np.arange(CONSTANTS), np.arange(at.start, at.stop))[:, None], pins, 0.0)
+        np.where(np.isin(ROWS, ROWS[at])[:, None], pins, 0.0)
         for key, at in KEYS.items()
         if "matrix" in key and key not in kept
     ]

@@ -8,13 +8,12 @@ Odometry", IEEE Transactions on Robotics 33(1), 2017, doi 10.1109/TRO.2016.25973
 """
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from estimator.arrays import Bools, Floats
+from estimator.arrays import Bools, Floats, Ints
 
 PIECE_S = 30.0  # of a recording, about: errors that turn with it are alike for no longer
 PARTS = 6  # at least
@@ -24,8 +23,6 @@ MOST_FIELDS = 10  # readings of the field that are used of a span, about
 CONSTANTS = 36
 LEAST_VELOCITIES = 10  # of a piece of a flight
 GYR, ACC, MAG = slice(0, 12), slice(12, 24), slice(24, 36)
-
-Rows = NDArray[np.intp]
 
 
 class Recording(NamedTuple):
@@ -57,13 +54,10 @@ def pieces(recording: Recording) -> Iterator[Recording]:
         rows = slice(k * n // count, (k + 1) * n // count)
         first_s, last_s = time_s[rows][[0, -1]]
         beside = (velocity_s >= first_s) & (velocity_s <= last_s)
-        if beside.sum() < least:
-            continue
-        of_rows = ("time_s", "gyr_rad_s", "acc_m_s2", "mag_gauss", "has_mag", "q_ned_frd")
-        of_velocities = ("velocity_time_s", "velocity_ned_m_s")
-        parts = {name: getattr(recording, name)[rows] for name in of_rows}
-        parts |= {name: getattr(recording, name)[beside] for name in of_velocities}
-        yield recording._replace(**parts)
+        if beside.sum() >= least:
+            *readings, _, velocity_ned_m_s, field = recording
+            velocities = velocity_s[beside], velocity_ned_m_s[beside]
+            yield Recording._make([*(each[rows] for each in readings), *velocities, field])
 
 
 class Spans(NamedTuple):
@@ -89,15 +83,18 @@ class Spans(NamedTuple):
     turned_twice: Floats  # (K, 3, 3, 3, 3), mean of T_ia T_jb
 
 
-def spans_of(recording: Recording, rows: Rows, x: Floats) -> Spans:
+def spans_of(recording: Recording, rows: Ints, x: Floats) -> Spans:
     """The spans between nodes at these rows, by constants x (36,)."""
     step, begin, time_s = int(rows[1] - rows[0]), rows[:-1], recording.time_s
     read_gyr, read_acc, read_mag = recording.gyr_rad_s, recording.acc_m_s2, recording.mag_gauss
     gyr, acc = corrected(read_gyr, x[GYR]), corrected(read_acc, x[ACC])
     jerk, flow = (np.gradient(y, time_s, axis=0) for y in (acc, read_mag))
     k, every = len(begin), max(1, step // MOST_FIELDS)
-    s = _nothing(k)
-    count, longest_s = np.zeros(k), np.zeros(k)
+    count, longest_s, none = np.zeros(k), np.zeros(k), np.zeros(k, np.bool_)
+    vector, by = (3,), (3, 12)
+    shapes = vector, vector, by, by, by, vector, by, vector, (3, 3), (3, 3, 3, 3)
+    sums = (np.zeros((k, *shape)) for shape in shapes)
+    s = Spans(time_s[rows[1:]] - time_s[begin], none, none, np.tile(np.eye(3), (k, 1, 1)), *sums)
     for j in range(step):
         at = begin + j
         dt = time_s[at + 1] - time_s[at]
@@ -124,20 +121,7 @@ def spans_of(recording: Recording, rows: Rows, x: Floats) -> Spans:
         s.turn[:], s.turn_by_gyr[:] = s.turn @ half, back @ s.turn_by_gyr + by_half
     for total in (s.field, s.field_by_lag, s.field_by_gyr, s.turned, s.turned_twice):
         total[:] /= np.maximum(count, 1.0).reshape(-1, *(1,) * (total.ndim - 1))
-    return s._replace(
-        lasts_s=time_s[rows[1:]] - time_s[begin],
-        is_whole=longest_s < LONGEST_STEP_S,
-        has_field=count > 0,
-    )
-
-
-def _nothing(k: int) -> Spans:
-    """K spans that nothing has been added to yet."""
-    vector, twelve = (k, 3), (k, 3, 12)
-    shapes = [vector, vector, twelve, twelve, twelve, vector, twelve, vector, (k, 3, 3)]
-    rest = [np.zeros(shape) for shape in [*shapes, (k, 3, 3, 3, 3)]]
-    some: Any = np.zeros(k)
-    return Spans(some, some, some, np.tile(np.eye(3), (k, 1, 1)), *rest)
+    return s._replace(is_whole=longest_s < LONGEST_STEP_S, has_field=count > 0)
 
 
 def corrected(y: Floats, x: Floats) -> Floats:
@@ -170,8 +154,3 @@ def cross_matrix(v: Floats) -> Floats:
 def rotation(phi: Floats) -> Floats:
     """exp [phi]x of (K, 3), (K, 3, 3)."""
     return np.asarray(Rotation.from_rotvec(phi).as_matrix())
-
-
-def rotation_vector(R: Floats) -> Floats:
-    """The rotation vectors (K, 3) of matrices (K, 3, 3), of less than half a turn."""
-    return np.asarray(Rotation.from_matrix(R).as_rotvec())

@@ -9,17 +9,15 @@ import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.spatial.transform import Rotation
 
-from estimator.arrays import Floats
+from estimator.arrays import Floats, Ints
 from estimator.types import STANDARD_GRAVITY_M_S2
 from tuning.calibration.spans import (
     CONSTANTS,
     GYR,
     SPAN_S,
     Recording,
-    Rows,
     cross_matrix,
     rotation,
-    rotation_vector,
     spans_of,
 )
 
@@ -31,17 +29,16 @@ OWN = 6
 OWN_FIELD, VELOCITY_LAG, ACC_LAG, MAG_LAG = slice(0, 3), 3, 4, 5
 SHOWN = CONSTANTS + OWN  # numbers that a recording shows
 COLUMNS = BOTH + SHOWN
-TURN, PUSH, WAY, FIELD, PLACE = range(5)
-KINDS = 5
+TURN, PUSH, WAY, FIELD, PLACE, VELOCITY = range(6)
+KINDS = 5  # of a span; velocities stand alone
 GRAVITY_NED = np.array([0.0, 0.0, STANDARD_GRAVITY_M_S2])
 
 # Sigmas that a recording's own numbers have before it is read
 LAGS_S, KNOWN_FIELD = (0.15, 0.01, 0.02), 0.03
 FOREIGN = 6.0  # sigma: a field further from its place's shows nothing of the compass
-# Sigmas of a span's residuals at first, and the least later: rad, m/s, m, share of the field, m
-FIRST = (2e-3, 0.05, 0.03, 0.03, 1.0)
-LEAST = (1e-3, 0.01, 0.01, 0.01, 1.0)
-FIRST_VELOCITY_M_S, LEAST_VELOCITY_M_S = 0.3, 0.05
+# Sigmas of residuals at first, and the least later: rad, m/s, m, share of the field, m, m/s
+FIRST = (2e-3, 0.05, 0.03, 0.03, 1.0, 0.3)
+LEAST = (1e-3, 0.01, 0.01, 0.01, 1.0, 0.05)
 TOO_GOOD = 0.1  # of the least: no reading is better, and the equations could not be solved
 ROBUST = 2.0  # sigma: what is further off counts less and less (Cauchy)
 LONGEST_ALIKE_S = 5.0  # for so long a residual may be like the one before
@@ -71,12 +68,10 @@ class Trajectory:
         share = 1.0 if recording.field_ned_gauss is None else KNOWN_FIELD
         self._own_sigma = np.array([share * self.strength_gauss] * 3 + [*LAGS_S])
         self.is_heard = True
-        of_field = np.where(np.arange(KINDS) == FIELD, self.strength_gauss, 1.0)
+        of_field = np.where(np.arange(len(FIRST)) == FIELD, self.strength_gauss, 1.0)
         self._variance = (np.array(FIRST) * of_field) ** 2  # of one that stands alone
         self._seen = self._variance.copy()
         self._sizes, self._least = np.sqrt(self._variance), np.array(LEAST) * of_field
-        self._velocity_size = FIRST_VELOCITY_M_S
-        self._velocity_variance = self._velocity_seen = FIRST_VELOCITY_M_S**2
         self._solved = np.zeros((0, 0))
 
     @property
@@ -142,23 +137,21 @@ class Trajectory:
     def learn_sigmas(self) -> None:
         """How far readings are off, by what is left of them, and for how long alike."""
         r, _ = self._residuals()
-        for kind in (TURN, PUSH, WAY, FIELD):
-            known = self._spans.has_field if kind == FIELD else self._spans.is_whole
-            if known.any():
-                self._sizes[kind], self._seen[kind] = _learnt(r[known, kind], SPAN_S)
+        whole, velocity_s = self._spans.is_whole, self._recording.velocity_time_s
+        shown = {kind: (r[whole, kind], SPAN_S) for kind in (TURN, PUSH, WAY)}
+        shown[FIELD] = r[self._spans.has_field, FIELD], SPAN_S
+        if self.has_rates:
+            shown[VELOCITY] = self._velocity_residuals()[1], float(np.median(np.diff(velocity_s)))
+        for kind, (left, step_s) in shown.items():
+            if len(left):
+                self._sizes[kind], self._seen[kind] = _learnt(left, step_s)
         self._seen = np.maximum(self._seen, (TOO_GOOD * self._least) ** 2)
         self._variance = np.maximum(self._seen, self._least**2)
-        self._sizes *= np.sqrt(self._variance / self._seen)
-        _, off, _ = self._velocity_residuals()
-        if self.has_rates and len(off):
-            step_s = float(np.median(np.diff(self._recording.velocity_time_s)))
-            self._velocity_size, seen = _learnt(off, step_s)
-            self._velocity_seen = max(seen, (TOO_GOOD * LEAST_VELOCITY_M_S) ** 2)
-            self._velocity_variance = max(seen, LEAST_VELOCITY_M_S**2)
+        self._sizes[:KINDS] *= np.sqrt(self._variance / self._seen)[:KINDS]
 
     def believe_sigmas(self) -> None:
         """Weigh readings by what is seen of their errors, however small: for sigmas alone."""
-        self._variance, self._velocity_variance = self._seen, self._velocity_seen
+        self._variance = self._seen
 
     def _first_velocities(self) -> Floats:
         recording = self._recording
@@ -185,7 +178,7 @@ class Trajectory:
         g = (weighted @ r.reshape(k, -1, 1))[:, :, 0]
         if self.has_rates:
             at, r, J = self._velocity_residuals()
-            w = _robust(r / self._velocity_size) / self._velocity_variance
+            w = _robust(r / self._sizes[VELOCITY]) / self._variance[VELOCITY]
             weighted = np.swapaxes(J, 1, 2) * w[:, None, None]
             np.add.at(H, at, weighted @ J)
             np.add.at(g, at, (weighted @ r[:, :, None])[:, :, 0])
@@ -193,7 +186,7 @@ class Trajectory:
 
     def _weights(self, r: Floats) -> Floats:
         """One over the variance (K, 5)."""
-        w = _robust(r / self._sizes[:, None]) / self._variance
+        w = _robust(r / self._sizes[:KINDS, None]) / self._variance[:KINDS]
         w[:, :PLACE] *= self._spans.is_whole[:, None]
         w[:, FIELD] *= self._spans.has_field & self.is_heard
         w[:, PLACE] *= not self.has_rates
@@ -209,7 +202,8 @@ class Trajectory:
         r, J = np.zeros((k, KINDS, 3)), np.zeros((k, KINDS, 3, COLUMNS))
         of_x, own = J[..., BOTH : BOTH + CONSTANTS], J[..., BOTH + CONSTANTS :]
         turn = s.turn @ rotation(s.turn_by_gyr @ d[GYR])
-        r[:, TURN] = rotation_vector(np.swapaxes(turn, 1, 2) @ back @ self._R[1:])
+        apart = np.swapaxes(turn, 1, 2) @ back @ self._R[1:]  # less than half a turn
+        r[:, TURN] = Rotation.from_matrix(apart).as_rotvec()
         log_by = one + 0.5 * cross_matrix(r[:, TURN])  # of small rotations
         J[:, TURN, :, NODE : NODE + 3] = log_by
         J[:, TURN, :, :3] = -log_by @ np.swapaxes(self._R[1:], 1, 2) @ self._R[:-1]
@@ -237,7 +231,7 @@ class Trajectory:
         r[:, PLACE], J[:, PLACE, :, 6:9] = p[:-1], one
         return r, J
 
-    def _velocity_residuals(self) -> tuple[Rows, Floats, Floats]:
+    def _velocity_residuals(self) -> tuple[Ints, Floats, Floats]:
         """Spans (L,) that a velocity falls into, what it is off (L, 3), and derivatives."""
         recording, times_s = self._recording, self._times_s
         at_s = recording.velocity_time_s - self._own[VELOCITY_LAG]

@@ -85,8 +85,7 @@ def space_around(base: Profile, factors: Floats) -> Space:
     """What can be reached in one move from ``factors`` (D,), by their logarithm."""
     low = np.maximum(factors / MOST_MOVE, 1.0 / MOST_FACTOR)
     high = np.minimum(factors * MOST_MOVE, MOST_FACTOR)
-    names = numbers_of(base)
-    return tuple(map(Parameter, names, low.tolist(), high.tolist()))
+    return tuple(map(Parameter, numbers_of(base), low.tolist(), high.tolist()))
 
 
 class Decision(NamedTuple):
@@ -158,7 +157,7 @@ class Retuner:
     @property
     def profile(self) -> Profile:
         """What should be in force."""
-        return merge_profile(self._base, update_of(self._base, self._now))
+        return self._by(self._now)
 
     def take(self, segment: Segment) -> Decision | None:
         """The next segment; what follows from it.
@@ -181,13 +180,13 @@ class Retuner:
 
     def _consider(self, window: tuple[Segment, Segment], noise: Floats) -> Decision | None:
         """Search on the earlier segment, unless some are on trial; compare on the later."""
-        now = self._cost(self._now, *window)
+        now = cost_on(self.profile, *window)
         if now.max() > EVENT:
             return None
         if not self._trials:
             self._learnt, self._is_fresh = noise, False
             self._trials = self._search(window[0])
-        tried = [t.with_costs(now, self._cost(t.factors, *window)) for t in self._trials]
+        tried = [t.with_costs(now, cost_on(self._by(t.factors), *window)) for t in self._trials]
         won = max((t for t in tried if t.has_won), key=lambda t: t.share, default=None)
         if won is None:
             self._trials = [trial for trial in tried if trial.is_open]
@@ -202,7 +201,7 @@ class Retuner:
         space = space_around(self._base, self._now)
 
         def evaluate(factors: Floats) -> Floats:
-            return np.array([self._cost(row, segment).mean() for row in factors])
+            return np.array([cost_on(self._by(row), segment).mean() for row in factors])
 
         back = [self._before, np.ones(len(self._now))]
         known = [tuple(each.tolist()) for each in (self._now, *back, *self._kept)]
@@ -214,8 +213,8 @@ class Retuner:
         candidates = [Trial(search.best_values, CHANGED), *(Trial(each, BACK) for each in back)]
         return [each for each in candidates if np.any(each.factors != self._now)]
 
-    def _cost(self, factors: Floats, *segments: Segment) -> Floats:
-        return cost_on(merge_profile(self._base, update_of(self._base, factors)), *segments)
+    def _by(self, factors: Floats) -> Profile:
+        return merge_profile(self._base, update_of(self._base, factors))
 
 
 class RetunedEstimator(LoggedEstimator):

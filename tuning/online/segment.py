@@ -134,22 +134,17 @@ def noise_of(rows: Rows) -> Floats | None:
     is_fast = step_s <= LONGEST_STEP_S
     if 2 * is_fast.sum() < len(step_s):
         return None
-    turn, has_field = (
-        exp(-rows.gyr_rad_s[1:] * step_s[:, None]),
-        rows.has_mag[1:] & rows.has_mag[:-1],
-    )
+    turn = exp(-rows.gyr_rad_s[1:] * step_s[:, None])
     # by how much each is another than the one before, turned against the body
     changes = [np.diff(rows.gyr_rad_s, axis=0)]
     for vectors in (rows.acc_m_s2, rows.mag_gauss):
         length = np.linalg.norm(vectors, axis=1, keepdims=True)
         unit = vectors / np.maximum(length, LEAST_NOISE)
         changes.append(unit[1:] - rotate(turn, unit[:-1]))
-    known = (is_fast, is_fast, is_fast & has_field)
+    has_field = is_fast & rows.has_mag[1:] & rows.has_mag[:-1]
+    pairs = zip(changes, (is_fast, is_fast, has_field), strict=True)
     # a change has the noise of two readings
-    squares = [
-        0.5 * np.sum(c[k] ** 2) / max(1, k.sum()) for c, k in zip(changes, known, strict=True)
-    ]
-    return np.array(squares)
+    return np.array([0.5 * np.sum(c[k] ** 2) / max(1, k.sum()) for c, k in pairs])
 
 
 def has_moved(learnt: Floats, now: Floats) -> bool:
