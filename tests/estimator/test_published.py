@@ -88,10 +88,7 @@ def test_another_place_turns_the_heading_by_the_difference_of_the_declinations()
 
 
 def heading_scores(motion, magnet):
-    """Heading's errors and sigmas (deg) by the paper's profile, seed 3, from 9.5 to 25 s.
-
-    Raw vectors follow a magnet, which shows in sigma, as the gyroscope did not turn.
-    """
+    """Heading's errors and sigmas (deg) by raw vectors, which follow a magnet, from 9.5 s on."""
     recording = simulate(3, 2500, motion=motion, magnet=magnet)
     attitudes = ArrayEstimator(load_profile("paper"), rate_hz=100.0).update_batch(
         recording.gyr_rad_s, recording.acc_m_s2, recording.mag_gauss

@@ -42,10 +42,7 @@ class Stream:
         return self.faults.refusal(Readings(self.now_us, gyr, acc, mag))
 
     def first_refused(self, count, reading, step_us=STEP_US):
-        """(reason, seconds from the first reading) of the first of ``count`` that is refused.
-
-        Those that are held back until it is known are not.
-        """
+        """(reason, seconds) of the first of ``count`` that is refused, and not just held back."""
         for k in range(count):
             reason = self.feed(**reading(k), step_us=step_us)
             if reason not in (None, Reason.REPEATED):

@@ -24,10 +24,7 @@ def truncated(vector, unit):
 
 
 def circle(turn_rad_s, speed_m_s=22.0, iron_gauss=NO_FIELD, *, has_field=True, noise=0.0):
-    """Readings: first weaving, then a coordinated turn, field 0.09 s late in steps of 0.1 s.
-
-    Bank and turn belong together: tan(bank) = v w / g.
-    """
+    """Weaving, then a turn with tan(bank) = v w / g; the field is 0.09 s late in steps of 0.1 s."""
     rng = np.random.default_rng(1)
     bank, field = atan2(speed_m_s * turn_rad_s, G), []
     for k in range(round((WEAVE_S + CIRCLE_S) * RATE_HZ)):

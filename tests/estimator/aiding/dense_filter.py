@@ -80,10 +80,7 @@ def predicted(P, R, gained, dt, keep_receiver, keep_filter):
 
 
 def velocity_then(times_s, accelerations, age_s, now_m_s, turn):
-    """The velocity ``age_s`` ago, if the attitude is turned by ``turn`` from what it was taken for.
-
-    Accelerations (N, 3) at ``times_s`` (N,), which end at 0, are straight lines in between.
-    """
+    """The velocity ``age_s`` ago, the attitude turned by ``turn``; ``times_s`` (N,) end at 0."""
     between = times_s[times_s > -age_s]
     at = np.concatenate([[-age_s], between])
     forces = np.array(

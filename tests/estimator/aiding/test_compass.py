@@ -96,10 +96,7 @@ def test_a_field_unlike_the_places_own_is_not_taken_for_calibrated(flight):
 
 
 def test_a_field_unlike_the_places_own_makes_the_first_heading_uncertain(flight):
-    """Turned by 15 deg; its strength and dip are 0.1 gauss off those near Zurich.
-
-    Without a turn one look at a field shows as much as many.
-    """
+    """By 0.1 gauss; without a turn one look at a field shows as much as many."""
     sigmas_deg = []
     for seen in (flight, changed(flight, magnetised(0.08, 0.08, -0.03))):
         one = near_zurich()

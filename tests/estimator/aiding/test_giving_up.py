@@ -76,10 +76,7 @@ UNREPORTED = AccelerationTilt(ZERO_VEC3, ZERO_VEC3, (5.0, 0.0, 0.0))
 
 
 def lost(heading_deg, acceleration_tilt=UNREPORTED, off_deg=60.0):
-    """A state whose aided vertical is far off at a sigma of 50 deg; the unaided one knows it to 6.
-
-    The unaided stage has no heading. Nothing that was measured contradicts the aided attitude.
-    """
+    """An aided vertical at a sigma of 50 deg that nothing contradicts; the unaided one's is 6."""
     state = State(load_profile("imu"), None)
     aided, P, _ = blank_aiding(state.settings.aiding)
     q = multiply(exp((radians(off_deg), 0.0, 0.0)), LEVEL)

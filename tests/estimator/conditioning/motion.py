@@ -53,11 +53,7 @@ def fly(
     offset: Vec3 = (0.0, 0.0, 0.0),
     start: Quaternion = (1.0, 0.0, 0.0, 0.0),
 ) -> Iterator[Sample]:
-    """Samples of a vehicle that only turns; its magnetometer late and beside its own field.
-
-    The gyroscope is a mean over the step that ends there, and where the estimator takes it for one,
-    so is the accelerometer.
-    """
+    """A vehicle that only turns, with a late magnetometer; a reading is a mean if taken for one."""
     q = start
     history = [q]
     behind = round(lag_s / dt)

@@ -1,8 +1,4 @@
-"""Every update of conditioning beside a dense Kalman filter, which takes all measurements at once.
-
-Nothing here is symmetric: each value has another sigma, all hang together, no axis is along
-another. So an update that is right for the first of two measurements only shows.
-"""
+"""Every update of conditioning beside a dense Kalman filter, on values without any symmetry."""
 
 from math import radians, sqrt
 
@@ -165,11 +161,7 @@ def body_that_has_turned(rng):
 
 @pytest.mark.parametrize("turned", [True, False])
 def test_a_turning_body_shows_lag_and_own_field(rng, turned):
-    """Where no residual is far, the three axes are one measurement of four unknowns.
-
-    Of a body that has not ``turned`` enough they show only the lag. What else has changed the field
-    lately, a mean square of 0.004, is noise.
-    """
+    """Of a body that has not ``turned`` enough the axes show only the lag."""
     params = PARAMS._replace(
         calibration_reach=1e9, calibration_turn=0.0 if turned else 1e9, calibration_noise_s=0.0002
     )
@@ -250,12 +242,7 @@ def with_heading_sigma(heading_sigma):
 
 @pytest.mark.parametrize(("lasts_s", "sigma_deg", "expected"), [(0.3, 4.0, 1.0), (1.0, 1.5, 0.48)])
 def test_variance_is_that_of_the_errors_of_a_field_that_drifts(lasts_s, sigma_deg, expected):
-    """Squared errors over variances, the mean of 100 runs of a minute.
-
-    The field's error is a Gauss-Markov process. The first has the density 2 sigma^2 tau that the
-    filter assumes, the second half of it, as good sensors do. The gyroscope drifts as the filter
-    expects.
-    """
+    """The density of its errors, 2 sigma^2 tau, is as the filter assumes, or half of it."""
     rng = np.random.default_rng(7)
     step_s = 0.05
     k = coefficients(PARAMS, step_s, 1.0)

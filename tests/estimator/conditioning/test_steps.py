@@ -235,11 +235,7 @@ RATE = (1.5, -2.0, 0.7)  # rad/s
 
 @pytest.mark.parametrize("dt", [0.01, 0.05])
 def test_a_mean_over_the_step_is_turned_to_its_end(dt):
-    """A direction fixed in the world, seen from a body that turns steadily, averaged over the step.
-
-    What is left is of second order in the turn: under its square; turned the wrong way it would be
-    the turn itself.
-    """
+    """What is left is of second order in the turn; the wrong way it would be the turn itself."""
     fixed = (0.3, 0.8, -0.5)
     times = (np.arange(1000) + 0.5) / 1000 * dt
     seen = np.array([rotate_inverse(exp(scale(t, RATE)), fixed) for t in times])

@@ -134,10 +134,7 @@ IN_VEHICLE = ConditioningParams(in_vehicle=True)
 
 
 def errors_deg(tilt_error_rad, shaken_m_s2, seed=1):
-    """Errors of down and of the force's direction, and sigma, (N, 3), from 20 s on.
-
-    After 10 s of rest the gyroscope shows any rate at all.
-    """
+    """Errors of down and of the force, and sigma, (N, 3); after a rest any rate at all is shown."""
     rng, state, rows = np.random.default_rng(seed), initial_state(IN_VEHICLE), []
     for k in range(200):
         t, moves = SLOW_S * k, SLOW_S * k > 10.0

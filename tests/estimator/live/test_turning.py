@@ -124,10 +124,7 @@ def test_rates_that_are_none_are_refused():
 
 @pytest.mark.parametrize(("samples_hz", "most_rad_s"), [(10, 0.06), (25, 0.02)])
 def test_a_vibration_at_the_samples_own_rate_is_no_turn(samples_hz, most_rad_s):
-    """Each sample sees the same phase, a turn of 1 rad/s; rates at 50 Hz between show that it ends.
-
-    Only those in the middle of a step, and the turn would be 0.09 to 1.0 rad/s.
-    """
+    """Each sample sees the same phase, a turn of 1 rad/s; rates between show that it ends."""
     step_us = SECOND // samples_hz
     state, rates, turns = STILL, NO_RATES, []
     for k in range(1, 50):
