@@ -245,12 +245,6 @@ def test_a_lone_rate_that_nobody_can_reach(rate_rad_s, step_us, is_spike):
     assert stream.feed() is None
 
 
-def test_a_second_reading_like_it_shows_that_it_is_none():
-    stream = Stream()
-    assert stream.feed(gyr=(15.0, 0.1, 0.2)) == Reason.GYROSCOPE_SPIKE
-    assert stream.feed(gyr=(15.5, 0.3, 0.1)) is None
-
-
 @pytest.mark.parametrize(
     ("rate_rad_s", "shaking_rad_s", "seconds"),
     [(1.0, 0.0, 0.12), (0.1, 0.0, 2.0), (0.03, 0.0, 16.7), (0.2, 1.0, 0.68), (0.0, 4.0, 2.0)],

@@ -57,13 +57,20 @@ def has_noticed_a_turn(seen):
     return np.diff(variances).max() > radians(10.0) ** 2
 
 
-def test_shaking_is_no_rest_at_one_sample_a_second():
-    k = coefficients(PARAMS, 1.0, 1.0).rest
-    state = RestState(acc=Smooth((0.0, 0.0, -9.8)))
-    for i in range(20):
-        acc = (0.8 * (-1) ** i, 0.0, -9.8)
-        state = observe_rest(PARAMS, k, state, (0.0, 0.0, 0.0), acc, 1.0)
-        assert not state.resting
+@pytest.mark.parametrize(
+    ("rate_deg_s", "push_m_s2", "dt", "rests"),
+    [(0.5, 0.0, 0.01, True), (30.0, 0.0, 0.01, False), (0.0, 0.8, 1.0, False)],
+)
+def test_a_slow_turn_is_rest_and_neither_a_fast_one_nor_shaking_is(
+    rate_deg_s, push_m_s2, dt, rests
+):
+    k, gyr = coefficients(PARAMS, dt, 1.0).rest, (radians(rate_deg_s), 0.0, 0.0)
+    state = RestState(Smooth(gyr), Smooth((0.0, 0.0, -9.8)))
+    for i in range(300):
+        acc = (push_m_s2 * (-1) ** i, 0.0, -9.8)
+        state = observe_rest(PARAMS, k, state, gyr, acc, dt)
+        assert rests or not state.resting
+    assert state.resting is rests
 
 
 def test_gravity_ignores_shaking_and_any_norm():
@@ -331,13 +338,3 @@ def test_the_long_mean_follows_the_low_passed_force_three_times_as_slowly():
             assert gravity.force.long == pytest.approx(expected)
             assert 0.1 < gravity.force.long[0] < 0.5 * down[0]
     assert gravity.force.long == pytest.approx((1.2, -0.4, 9.6), abs=1e-3)
-
-
-def test_slow_turn_is_rest_and_fast_turn_is_not():
-    dt = 0.01
-    k = coefficients(PARAMS, dt, 1.0).rest
-    for rate, expected in ((radians(0.5), True), (radians(30.0), False)):
-        state = RestState(Smooth((rate, 0.0, 0.0)), Smooth((0.0, 0.0, -9.8)))
-        for _ in range(300):
-            state = observe_rest(PARAMS, k, state, (rate, 0.0, 0.0), (0.0, 0.0, -9.8), dt)
-        assert state.resting is expected
