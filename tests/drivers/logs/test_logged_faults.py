@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections import Counter
 
 import pytest
 
@@ -310,3 +311,24 @@ def test_a_short_leap_where_messages_are_missing_is_a_gap(tmp_path):
     resets, times_us, _ = read(path)
     assert not resets
     assert max(gaps_s(times_us)) == pytest.approx(1.92)
+
+
+# what becomes of a row, and why it is refused; JSON has no infinity
+DAMAGES = [
+    ({"acc_m_s2": ZERO}, "zero_accelerometer"),
+    ({"acc_m_s2": (0.0, 0.0, -401.0)}, "accelerometer_out_of_range"),
+    ({"gyr_rad_s": (71.0, 0.0, 0.0)}, "gyroscope_out_of_range"),
+    ({"acc_m_s2": (math.inf, 0.0, -9.8)}, "not_finite"),
+    ({"gyr_rad_s": (0.0, -math.inf, 0.0)}, "not_finite"),
+]
+
+
+@pytest.mark.parametrize("kind", ALL_WRITERS)
+def test_each_row_that_is_no_data_has_its_reason_and_no_other_is_lost(kind, tmp_path):
+    samples, expected = [], Counter()
+    for k, (_, sample) in enumerate(flight()):
+        change, reason = DAMAGES[k // 2 % (3 if kind == "mcap" else 5)]
+        samples.append(sample._replace(**change) if k % 2 else sample)
+        expected[reason] += k % 2
+    _, times_us, found = read(ALL_WRITERS[kind](samples, tmp_path))
+    assert (found, len(times_us)) == (expected, len(samples) - sum(expected.values()))
