@@ -43,7 +43,6 @@ def test_sigma_of_raw_vectors_follows_the_error_of_the_last_second():
 
 
 def test_no_estimate_claims_to_be_perfect():
-    """Without noise and bias e falls to 0; sigma stays at 0.1 deg."""
     estimator = Estimator(load_profile("paper"))
     stream = samples(3000, noise=0.0, bias=0.0, motion="rest")
     for sample in stream:

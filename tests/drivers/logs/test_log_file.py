@@ -201,7 +201,6 @@ def test_rows_that_come_late_are_put_in_order(tmp_path, monkeypatch):
 
 
 def test_a_ulog_takes_no_memory_for_its_length(tmp_path):
-    """Between two halves of a flight 130 MB of a logger's words."""
     words = b"\xff\xffL"
     data = test_ulog.HOVER.read_bytes()
     path = tmp_path / "sparse.ulg"

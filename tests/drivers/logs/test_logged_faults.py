@@ -305,7 +305,6 @@ def test_late_copies_where_originals_are_lost_are_no_clock_that_was_set_back(los
 
 
 def test_a_short_leap_where_messages_are_missing_is_a_gap(tmp_path):
-    """All samples arrive one after the other, though the link has lost 190 frames."""
     samples = [sample for time_s, sample in flight() if not BEGIN_S <= time_s < BEGIN_S + 1.9]
     path = tlog(samples, tmp_path, lost=(round(BEGIN_S * RATE_HZ), 190))
     resets, times_us, _ = read(path)

@@ -80,7 +80,6 @@ def test_a_gravity_that_stays_while_the_gyroscope_turns_by_a_third_of_a_radian(r
     ("rate_rad_s", "mag"), [(0.5, FIELD), (0.1, FIELD), (0.1, ZERO_VEC3), (-0.06, FIELD)]
 )
 def test_a_rate_that_stays_while_nothing_turns(rate_rad_s, mag):
-    """0.3 s, while the accelerometer has its noise."""
     stream = Stream(mag)
     gyr = (rate_rad_s, 0.0, 0.0)
     reason, after_s = stream.first_refused(
@@ -153,7 +152,6 @@ def test_a_steady_turn_that_the_others_confirm_is_none(rate_rad_s):
 @pytest.mark.parametrize("step_us", [10_000, STEP_US, 100_000])
 @pytest.mark.parametrize("is_both", [True, False])
 def test_what_chance_does_not_repeat_is_held_back_at_once(step_us, is_both):
-    """From the fourth repetition on, until 0.5 s and 20 readings show what it is."""
     stream = Stream()
     gyr, acc = stream.noise(ZERO_VEC3), stream.noise(DOWN)
     readings = max(20, 500_000 // step_us)
@@ -284,7 +282,6 @@ def test_a_clock_that_is_set_back_makes_no_compass_stuck():
 
 @pytest.mark.parametrize(("readings", "is_blind"), [(1, False), (2, True)])
 def test_blindness_is_reported_from_30_ms_on(readings, is_blind):
-    """One saturated reading alone, at 50 Hz, hides 20 ms."""
     stream = Stream()
     for _ in range(readings):
         assert stream.feed(gyr=(32.767, 0.0, 0.0)) == Reason.GYROSCOPE_SATURATED

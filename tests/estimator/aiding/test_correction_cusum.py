@@ -79,7 +79,6 @@ def test_a_field_that_dips_otherwise_than_the_places_shows_a_tilted_vertical(dip
 
 
 def test_an_accelerometer_that_steps_widens_sigma_within_a_second():
-    """It steps by 3 m/s^2 for 20 s in level flight. Sigma covers the error, then and afterwards."""
     first, last = 20_000_000, 40_000_000
 
     def step(sample, _):

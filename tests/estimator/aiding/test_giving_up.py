@@ -138,7 +138,6 @@ def test_an_attitude_that_nothing_contradicts_is_not_inflated():
 
 
 def test_one_that_is_contradicted_is():
-    """Both sources have been far off for 2 s; by the unaided stage nothing is known."""
     state = lost(heading_deg=10.0)
     core = state.core.core
     late = types.Agreements(*(each._replace(far_off_s=2.0) for each in core.aided.agreement))
@@ -152,7 +151,6 @@ def test_one_that_is_contradicted_is():
 
 
 def test_velocities_that_turn_do_not_throw_a_well_known_attitude_away():
-    """Both sources by 90 deg from 40 s on."""
     v = judge(Case("climb and turn", Fault("velocity turned", 0, 90.0), True, 50.0))
     total = np.hypot(v.inclination.rms_deg, v.heading.rms_deg)
     assert total == pytest.approx(45.5, rel=0.2)

@@ -79,7 +79,6 @@ def test_a_field_begun_anew_hangs_together_with_all_that_is_known_of_the_iron(is
     ],
 )
 def test_iron_is_forgotten_once_the_places_field_explains_the_readings(place, iron_gauss, forgets):
-    """139 mGauss of iron are gone: the field begins anew within half a second."""
     north, seen = North(True, (1.0, 0.0)), (0.2, 0.0, 0.42)
     now = prediction((1.0, 0.0, 0.0, 0.0))
     estimate = now.estimate._replace(

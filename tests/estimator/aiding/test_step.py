@@ -105,6 +105,5 @@ def test_before_the_history_begins_the_oldest_acceleration_goes_on():
 
 
 def test_quick_samples_do_not_shorten_it():
-    """At 400 Hz the rows still reach back half a second."""
     velocity_history, _ = flown(1.0, 0.0025)
     assert velocity_history[0, 0] - velocity_history[ROWS - 1, 0] > 0.5

@@ -80,7 +80,6 @@ def car_near_zurich():
 @pytest.mark.parametrize("reverse", [False, True])
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_car_shows_its_heading_by_its_velocity(seed, reverse):
-    """Without wheels it has none: its compass is off by 50 deg."""
     estimator = calibrated(merge_profile(load_profile("imu"), WHEELED))
     errors, sigmas, begun_s = driven(estimator, ride(seed, reverse=reverse))
     late = errors[1500:]

@@ -154,7 +154,6 @@ def test_a_field_counts_for_and_against_the_heading_by_how_usual_it_looks(elsewh
     ],
 )
 def test_a_field_that_is_back_is_not_one_that_is_elsewhere(away_rad, other_rad, confidence, back_s):
-    """The heading is 0.9."""
     state = SIGNS._replace(other_rad=other_rad, back_s=0.1)
     horizontal = (0.25 * np.cos(away_rad), 0.25 * np.sin(away_rad))
     now = heading_after(state, horizontal, confidence=confidence)

@@ -206,7 +206,6 @@ def test_what_changes_the_field_of_a_body_that_stands_still_is_scatter():
 
 @pytest.mark.parametrize(("sigma", "share"), [(0.0, 1.0), (0.05, 0.75), (0.15, 0.25)])
 def test_of_an_own_field_the_share_counts_that_is_no_error(sigma, share):
-    """The own field is 5 % of the place's, with a covariance of three times its errors."""
     covariance = (sigma**2, 0.3, 0.2, 0.1, sigma**2, 0.1, 0.2, sigma**2, 0.3, 0.1)
     offset = np.array((0.03, 0.0, 0.04))
     found, left = own_field(Calibration(0.0, tuple(offset.tolist()), covariance, 0.48))

@@ -31,7 +31,6 @@ def test_a_force_that_has_turned_over_counts_as_one_that_is_off_by_a_radian():
 
 
 def test_a_long_step_is_one_reading_of_a_vehicles_first_seconds():
-    """Two seconds of braking at half of gravity, a step of 0.2 s without it, and braking again."""
     state, down, braking = SlowAcceleration(), (0.0, 0.0, G), (0.5 * G, 0.0, G)
     for _ in range(100):
         state = watch_slow(state, braking, down, down, 0.03, 0.0, 1.0, 0.02)
@@ -60,7 +59,6 @@ def verdict(motion, rate_hz):
     ],
 )
 def test_a_vehicle_without_velocity_that_accelerates_for_seconds(motion, rate_hz, rms_deg):
-    """The force alone is 10 to 37 deg off."""
     found = verdict(motion, rate_hz).inclination
     assert found.rms_deg == pytest.approx(rms_deg, rel=0.2)
     assert found.under_sigma >= 0.83

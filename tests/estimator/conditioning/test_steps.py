@@ -74,7 +74,6 @@ def test_a_slow_turn_is_rest_and_neither_a_fast_one_nor_shaking_is(
 
 
 def test_gravity_ignores_shaking_and_any_norm():
-    """To and fro at 0.5 g, of a sensor whose g is 0.85 of the true one."""
     dt = 0.01
     k = coefficients(PARAMS, dt, 1.0)
     gravity = initial_state(PARAMS).vertical.gravity
@@ -175,7 +174,6 @@ def test_a_start_in_motion_teaches_no_lag_and_no_own_field(seed):
 
 @pytest.mark.parametrize("seed", [0, 4, 5])
 def test_a_start_in_motion_teaches_no_dip_of_a_vertical_that_is_not_known_yet(seed):
-    """Accelerations of 1 g let the first verticals lie anywhere; the true dip is 64.54 degrees."""
     state, seen = run(shaken(seed, 10.0, (1.0, 1.4, 1.8)), 0.01)
     reference = state.field.magnetic.reference
     dip = degrees(atan2(reference.down, reference.horizontal))
@@ -215,7 +213,6 @@ def test_a_vehicle_that_hardly_turns_learns_no_own_field():
     ("averaged", "off_rad", "plain_rad"), [(True, 0.000265, 0.0227), (False, 0.0228, 0.0581)]
 )
 def test_integration_rate_beats_the_plain_one_on_coning(averaged, off_rad, plain_rad):
-    """A coning motion sampled at 25 Hz, as instants and as means."""
     dt, n = 0.04, 250
     rate = lambda t: (2.0 * cos(5.0 * t), 2.0 * sin(5.0 * t), 0.5)  # noqa: E731
     truth = (1.0, 0.0, 0.0, 0.0)

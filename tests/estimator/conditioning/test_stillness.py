@@ -156,7 +156,6 @@ def test_a_shaken_vehicle_is_held_at_its_usual_tilt():
 
 
 def test_the_vertical_of_a_vehicle_that_tilts_follows_its_force():
-    """Up to 69 deg in 10 s."""
     errors = errors_deg(lambda t: 1.2 * np.sin(2.0 * pi * t / 40.0) * (t > 10.0), 0.3)
     assert rms(errors[:, 0]) < 3.2
     assert np.mean(errors[:, 0] < errors[:, 2]) > 0.8

@@ -136,7 +136,6 @@ def test_slow_hand_held_motion_beats_the_accelerometer_alone(rate_hz, measured_d
 
 
 def test_after_a_hole_with_a_fast_turn_a_vehicle_at_rest_is_upright_within_two_seconds():
-    """One sample in a hole of two seconds shows -154 deg/s and a push; then it stands level."""
     times = np.concatenate([np.arange(0.0, 20.0, 0.4), [21.0], np.arange(22.0, 30.0, 0.4)])
     gyr = np.zeros((len(times), 3))
     gyr[times == 21.0] = radians(-154.0), 0.0, 0.0

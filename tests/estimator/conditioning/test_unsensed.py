@@ -104,7 +104,6 @@ def test_a_heading_that_is_off_is_given_up_though_it_creeps_towards_the_field():
 
 
 def test_a_jump_is_not_usual_because_it_has_come():
-    """A field that turns by 20 degrees after half a minute of 0.3 degrees of noise."""
     rng = np.random.default_rng(3)
     jump = initial_state(PARAMS).events.jump
     for i in range(3100):
@@ -180,7 +179,6 @@ def test_a_magnet_that_is_swept_past_moves_no_vertical():
     ("seed", "worst_deg"), [(0, 1.07), (1, 1.31), (2, 2.32), (3, 2.12)], ids=str
 )
 def test_a_magnet_put_on_and_taken_off_is_no_turn(seed, worst_deg):
-    """Within 0.4 s its field reaches 0.3 gauss, two thirds of the place's, and goes after 7 s."""
     direction = np.random.default_rng(seed).normal(size=3)
     direction /= np.linalg.norm(direction)
 
@@ -194,7 +192,6 @@ def test_a_magnet_put_on_and_taken_off_is_no_turn(seed, worst_deg):
 
 
 def test_an_inflated_vertical_takes_the_force_as_a_kalman_filter_does():
-    """With a variance of 0.04 rad^2 and a scatter of 0.0004 a second's mean leaves that mean's."""
     inflation, left = 0.04, 1.0
     for _ in range(100):
         inflation, share = force_after_turn(PARAMS, inflation, 0.0004, DT)
@@ -209,7 +206,6 @@ def spinning(t):
 
 
 def test_a_gyroscope_at_its_end_widens_the_variances():
-    """A spin of up to 6 rad/s about down that reads 5.5 at most."""
     rms = {}
     for is_seen in (True, False):
         state, errors = None, []

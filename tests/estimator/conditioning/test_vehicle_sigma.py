@@ -45,7 +45,6 @@ def test_sigma_is_as_wide_as_the_error(seed, drift_deg_s2):
 
 @pytest.mark.parametrize("bank_deg", [30.0, 60.0])
 def test_a_vehicle_that_begins_in_a_bank_is_unsure_of_it(bank_deg):
-    """A coordinated turn at 25 m/s: the force is straight down in the body and too large."""
     bank, n = radians(bank_deg), round(20.0 * RATE_HZ)
     turn_rad_s = STANDARD_GRAVITY_M_S2 * tan(bank) / 25.0
     rng = np.random.default_rng(3)
