@@ -94,7 +94,6 @@ def test_a_file_that_would_fill_the_disk_is_not_unpacked(tmp_path, capsys, caplo
 
 
 def test_a_column_that_is_worked_out_is_refused(tmp_path, capsys, caplog):
-    """Ten bytes of which each row was as large as SQLite allows, or took as long as it pleased."""
     path = folder(tmp_path / "bag.db3", 0)
     (file,) = path.glob("*.db3")
     with closing(sqlite3.connect(file)) as database:
@@ -126,7 +125,6 @@ def test_a_hole_in_an_mcap_file_is_not_read_nine_bytes_at_a_time(
 
 @pytest.mark.parametrize("what", ["pipe", "link", "folder"])
 def test_what_else_is_in_the_folder(what, tmp_path, capsys, caplog):
-    """A pipe had been waited for."""
     path = folder(tmp_path / "bag.db3", 0)
     other = path / "other"
     {
@@ -139,7 +137,6 @@ def test_what_else_is_in_the_folder(what, tmp_path, capsys, caplog):
 
 
 def test_an_index_larger_than_any_is_not_read(tmp_path, capsys, caplog):
-    """Nine megabytes of it had taken minutes."""
     path = folder(tmp_path / "bag.db3", 0)
     with (path / "metadata.yaml").open("r+b") as file:
         file.truncate(bag.MOST_METADATA + 1)
