@@ -20,12 +20,11 @@ def imu(clock, raw_us, arrival_us, field=USEC, message="RAW_IMU"):
     return clock.place(message, field, raw_us, arrival_us, is_imu=True)
 
 
-def steady(clock, first_us, count, step_us=250_000, arrival_us=UNIX, wrap_us=None):
+def steady(clock, first_us, count, step_us=250_000, arrival_us=UNIX):
     """Feed a steady stream; the results, and the arrival time behind the last."""
     results = []
     for k in range(count):
         raw_us = first_us + k * step_us
-        raw_us = raw_us % wrap_us if wrap_us else raw_us
         results.append(imu(clock, raw_us, arrival_us + k * step_us))
     return results, arrival_us + count * step_us
 
