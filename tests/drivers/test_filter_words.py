@@ -22,10 +22,7 @@ m = mavlink()
 
 
 def decoded(*messages, reboot_at=None):
-    """The events of messages through real bytes, a tenth of a second apart, an IMU's with each.
-
-    At the message ``reboot_at`` the vehicle's clock begins anew.
-    """
+    """The events of messages a tenth of a second apart, an IMU's with each."""
     decoder, reader, events = MavlinkDecoder(), FrameReader(), []
     link = m.MAVLink(None, srcSystem=1, srcComponent=1)
     for k, message in enumerate(messages):

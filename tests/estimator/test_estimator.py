@@ -137,10 +137,7 @@ def test_new_conditioning_parameters_count_at_once_though_the_rate_stays():
     ("first", "second", "sigma_rad"), [("paper", "imu", 0.0918), ("imu", "paper", 0.675)]
 )
 def test_profiles_of_the_other_kind_can_be_swapped_in(first, second, sigma_rad):
-    """From raw to conditioned vectors and back: the output shows what the profile in use knows.
-
-    The north of the paper lies 45 deg away: turning to it is a pull that is forgotten by and by.
-    """
+    """The north of the paper lies 45 deg away: to turn there is a pull that is forgotten."""
     stream = samples(600, motion="rest")
     estimator = fed(load_profile(first), stream[:300])
     before = estimator.attitude(stream[299].time_us)

@@ -43,7 +43,6 @@ def test_sigma_of_raw_vectors_follows_the_error_of_the_last_second():
 
 
 def test_no_estimate_claims_to_be_perfect():
-    """Without noise and bias e falls to 0; sigma stays at 0.1 deg."""
     estimator = Estimator(load_profile("paper"))
     stream = samples(3000, noise=0.0, bias=0.0, motion="rest")
     for sample in stream:
@@ -88,10 +87,7 @@ def test_another_place_turns_the_heading_by_the_difference_of_the_declinations()
 
 
 def heading_scores(motion, magnet):
-    """Heading's errors and sigmas (deg) by the paper's profile, seed 3, from 9.5 to 25 s.
-
-    Raw vectors follow a magnet, which shows in sigma, as the gyroscope did not turn.
-    """
+    """Heading's errors and sigmas (deg) by raw vectors, which follow a magnet, from 9.5 s on."""
     recording = simulate(3, 2500, motion=motion, magnet=magnet)
     attitudes = ArrayEstimator(load_profile("paper"), rate_hz=100.0).update_batch(
         recording.gyr_rad_s, recording.acc_m_s2, recording.mag_gauss

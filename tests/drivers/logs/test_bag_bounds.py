@@ -62,7 +62,6 @@ def reported(path, capsys, caplog, status=2):
 def test_what_a_folder_holds_is_read_as_far_as_it_is_bounded(
     suffix, mode, tmp_path, capsys, caplog
 ):
-    """A message of 500 MB had taken 3.5 GB of memory; packed it is 45 KB."""
     if (suffix, mode) == (".db3", "STORAGE"):
         pytest.skip("a database is not packed inside")
     path = folder(tmp_path / f"bag{suffix}", 3 * LARGEST, mode)
@@ -95,7 +94,6 @@ def test_a_file_that_would_fill_the_disk_is_not_unpacked(tmp_path, capsys, caplo
 
 
 def test_a_column_that_is_worked_out_is_refused(tmp_path, capsys, caplog):
-    """Ten bytes of which each row was as large as SQLite allows, or took as long as it pleased."""
     path = folder(tmp_path / "bag.db3", 0)
     (file,) = path.glob("*.db3")
     with closing(sqlite3.connect(file)) as database:
@@ -113,7 +111,6 @@ def test_a_column_that_is_worked_out_is_refused(tmp_path, capsys, caplog):
 def test_a_hole_in_an_mcap_file_is_not_read_nine_bytes_at_a_time(
     is_folder, tmp_path, capsys, caplog
 ):
-    """3 GiB of nothing, where by its end the index begins, had taken ten minutes."""
     path = folder(tmp_path / "bag.mcap", 0)
     (file,) = path.glob("*.mcap")
     data = bytearray(file.read_bytes())
@@ -128,7 +125,6 @@ def test_a_hole_in_an_mcap_file_is_not_read_nine_bytes_at_a_time(
 
 @pytest.mark.parametrize("what", ["pipe", "link", "folder"])
 def test_what_else_is_in_the_folder(what, tmp_path, capsys, caplog):
-    """A pipe had been waited for."""
     path = folder(tmp_path / "bag.db3", 0)
     other = path / "other"
     {
@@ -141,7 +137,6 @@ def test_what_else_is_in_the_folder(what, tmp_path, capsys, caplog):
 
 
 def test_an_index_larger_than_any_is_not_read(tmp_path, capsys, caplog):
-    """Nine megabytes of it had taken minutes."""
     path = folder(tmp_path / "bag.db3", 0)
     with (path / "metadata.yaml").open("r+b") as file:
         file.truncate(bag.MOST_METADATA + 1)
@@ -150,7 +145,6 @@ def test_an_index_larger_than_any_is_not_read(tmp_path, capsys, caplog):
 
 @pytest.mark.parametrize("name", ["bag.db3", "bag.mcap", "ros1.bag"])
 def test_of_a_bag_without_an_imu_the_topics_are_listed(name, tmp_path, capsys, caplog):
-    """Of folders and databases the answer had been status 1, of ROS 1 that it had nothing."""
     writing = Bag(tmp_path / name)
     with writing.writer:
         writing.field("/mag", 1, (1.0, 0.0, 0.0))

@@ -68,10 +68,7 @@ def test_flipped_bits_and_a_cut_give_what_can_be_read_or_one_line(tmp_path, capf
 
 
 def test_each_record_between_damaged_stretches_is_found(tmp_path):
-    """A search that begins a few bytes too late passes over one.
-
-    On-board logs' records count if another follows.
-    """
+    """On-board logs' records count if another follows."""
     log, flight = DataflashWriter(), UlogWriter().sensors()
     log.format("IMU", "Qffffff", "TimeUS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ")
     stamp = (1_700_000_000_000_000).to_bytes(8, "big")
@@ -204,7 +201,6 @@ def test_rows_that_come_late_are_put_in_order(tmp_path, monkeypatch):
 
 
 def test_a_ulog_takes_no_memory_for_its_length(tmp_path):
-    """Between two halves of a flight 130 MB of a logger's words."""
     words = b"\xff\xffL"
     data = test_ulog.HOVER.read_bytes()
     path = tmp_path / "sparse.ulg"

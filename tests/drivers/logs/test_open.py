@@ -63,6 +63,7 @@ UNIX_US = 1_700_000_000 * S
 ARDUPILOT, PX4 = 3, 12
 m = mavlink()
 ATTITUDE = m.MAVLink_attitude_message(1000, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0)
+GROUND_STATION = m.MAVLink_heartbeat_message(m.MAV_TYPE_GCS, m.MAV_AUTOPILOT_INVALID, 0, 0, 0, 3)
 
 
 def tlog(folder, autopilot, *more):
@@ -86,25 +87,22 @@ def refusal(capsys, *arguments):
 
 
 @pytest.mark.parametrize(
-    ("autopilot", "words"),
+    ("autopilot", "others", "words"),
     [
-        (ARDUPILOT, ["RAW_IMU", "SR*_RAW_SENS", "SET_MESSAGE_INTERVAL of message 27"]),
-        (PX4, ["HIGHRES_IMU", "mavlink stream -r 50 -s HIGHRES_IMU", "message 105"]),
+        (ARDUPILOT, [], ["RAW_IMU", "SR*_RAW_SENS", "SET_MESSAGE_INTERVAL of message 27"]),
+        (PX4, [], ["HIGHRES_IMU", "mavlink stream -r 50 -s HIGHRES_IMU", "message 105"]),
+        (PX4, [GROUND_STATION], ["HIGHRES_IMU"]),
     ],
 )
-def test_for_a_telemetry_log_the_message_to_ask_for_is_named(autopilot, words, tmp_path, capsys):
-    path = tlog(tmp_path, autopilot)
+def test_for_a_telemetry_log_the_message_to_ask_for_is_named(
+    autopilot, others, words, tmp_path, capsys
+):
+    """It is asked of its autopilot, whatever else speaks under its system id."""
+    path = tlog(tmp_path, autopilot, *others)
     for command in (["replay", path], ["tune", path, "-o", tmp_path / "x.toml"]):
         line = refusal(capsys, *command)
         assert "attitudes.tlog: ATTITUDE but no IMU message" in line
         assert all(word in line for word in (*words, "--request-rate"))
-
-
-def test_the_heartbeat_of_a_ground_station_is_no_autopilots(tmp_path, capsys):
-    """What a log lacks is asked of its autopilot, whatever else speaks under its system id."""
-    other = m.MAVLink_heartbeat_message(m.MAV_TYPE_GCS, m.MAV_AUTOPILOT_INVALID, 0, 0, 0, 3)
-    line = refusal(capsys, "replay", tlog(tmp_path, PX4, other))
-    assert "HIGHRES_IMU" in line
 
 
 def test_an_imu_of_zeros_is_no_missing_message(tmp_path, capsys):

@@ -105,10 +105,7 @@ class UlogWriter:
 
 
 def tlog(samples, folder, arrival_us=lambda k: START_US + round((k + 1) * S / RATE_HZ), lost=None):
-    """HIGHRES_IMU, whose fields are floats, and the true attitude behind each.
-
-    ``lost`` has the number of the sample that frames are missing before, and how many.
-    """
+    """HIGHRES_IMU and the truth; ``lost``: before which sample frames are missing, how many."""
     m = mavlink()
     data, link = b"", m.MAVLink(None, srcSystem=1, srcComponent=1)
     for k, sample in enumerate(samples):
@@ -177,10 +174,7 @@ def mcap(samples, folder, recorded_ns=lambda k: k):
 
 
 def json_mcap(path, messages):
-    """Messages of sensor_msgs (kind, time of recording and stamp in ns, fields) as JSON.
-
-    Every reader of MCAP takes it; the stamp is in ``nsec``, as rosbridge has it.
-    """
+    """Messages of sensor_msgs (kind, time of recording and stamp in ns, fields), as rosbridge's."""
     writers = pytest.importorskip("mcap.writer")
     channels = {}
     with path.open("wb") as file:

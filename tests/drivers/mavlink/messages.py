@@ -44,10 +44,7 @@ def only(kind, events):
 
 
 class PymavlinkParser:
-    """pymavlink's own parser, which knows nothing of ours: bytes of one stream in, messages out.
-
-    What is unreadable is passed over.
-    """
+    """pymavlink's own parser: bytes of one stream in, messages out, what is unreadable left out."""
 
     def __init__(self):
         self._mav = m.MAVLink(None)

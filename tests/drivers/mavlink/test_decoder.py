@@ -255,6 +255,7 @@ def test_truth_belongs_to_the_imu_message_it_follows_once():
         (m.MAVLink_gps_raw_int_message(1, 3, 4 * 10**8, 10**8, 0, 0, 0, 65535, 0, 9), [Position]),
         (m.MAVLink_attitude_message(1500, math.nan, 0, 0, 0, 0, 0), []),
         (m.MAVLink_attitude_quaternion_message(1520, 0, 0, 0, 0, 0, 0, 0), []),
+        (m.MAVLink_ahrs2_message(math.nan, 0, 0, 0, 0, 0), []),
         (m.MAVLink_attitude_quaternion_message(1540, math.nan, 0, 0, 0, 0, 0, 0), []),
         (m.MAVLink_attitude_quaternion_message(1560, 1.06, 0, 0, 0, 0, 0, 0), []),
         (m.MAVLink_attitude_quaternion_message(1580, 0, 0.96, 0, 0, 0, 0, 0), [ReferenceAttitude]),

@@ -157,7 +157,6 @@ def test_no_marker_is_passed_over(data, position):
 
 
 def test_a_hole_is_passed_over_at_the_speed_of_memory():
-    """A log of 3 GiB of nothing had taken a minute; it takes as long as it is read."""
 
     def best_of_five(search):
         times = []

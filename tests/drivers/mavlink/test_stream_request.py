@@ -214,7 +214,6 @@ def test_a_flood_of_heartbeats_is_not_answered_without_end():
 
 
 def test_what_failed_before_a_reboot_does_not_count_behind_it():
-    """Five of six requests, the last some 100 s after the first."""
     dialogue = Conversation().run(120)
     dialogue.event(ClockReset(VEHICLE, dialogue.now_us, "reboot", -100.0))
     dialogue.run(30)

@@ -24,10 +24,7 @@ def truncated(vector, unit):
 
 
 def circle(turn_rad_s, speed_m_s=22.0, iron_gauss=NO_FIELD, *, has_field=True, noise=0.0):
-    """Readings: first weaving, then a coordinated turn, field 0.09 s late in steps of 0.1 s.
-
-    Bank and turn belong together: tan(bank) = v w / g.
-    """
+    """Weaving, then a turn with tan(bank) = v w / g; the field is 0.09 s late in steps of 0.1 s."""
     rng = np.random.default_rng(1)
     bank, field = atan2(speed_m_s * turn_rad_s, G), []
     for k in range(round((WEAVE_S + CIRCLE_S) * RATE_HZ)):
@@ -55,13 +52,11 @@ def refusals(flight, change=lambda _, readings: readings):
 @pytest.mark.parametrize("turn_rad_s", [0.08, 0.3, 0.7, 1.5])
 @pytest.mark.parametrize("iron", [NO_FIELD, (0.04, -0.03, 0.03)])
 def test_a_steady_circle_is_no_stuck_sensor(turn_rad_s, iron):
-    """59 mGauss of hard iron bend the field's way; 800 equal readings and more."""
     assert refusals(circle(turn_rad_s, iron_gauss=iron)) == []
 
 
 @pytest.mark.parametrize("turn_rad_s", [0.3, -0.7])
 def test_nor_without_a_field_for_a_while(turn_rad_s):
-    """Some simulators' circles repeat up to 46 readings, less than a second."""
     found = refusals(circle(turn_rad_s, has_field=False))
     assert all(time_s >= WEAVE_S + 2.9 for time_s, _ in found)
 
@@ -91,7 +86,6 @@ def frozen(since_s, *fields):
 def test_a_sensor_that_freezes_in_a_circle_is_found_when_the_vehicle_leaves_it(
     fields, has_field, reason, within_s
 ):
-    """Noisy sensors freeze at 12 s; 0.2 s later it turns the other way."""
     there = list(circle(0.6, noise=0.003, has_field=has_field))
     back = list(circle(-0.6, noise=0.003, has_field=has_field))
     leave = round(12.2 * RATE_HZ)

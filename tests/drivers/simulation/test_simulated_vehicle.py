@@ -241,7 +241,6 @@ def test_the_magnet_passes_once_a_round_and_a_calm_flight_has_none():
 
 
 def test_a_flights_sensors_are_off_by_their_biases():
-    """Without noise: rad/s, m/s^2 and gauss, each axis by another amount."""
     made = simulate(1, 200, 100.0, "flight", noise=0.0, magnet=(900.0, 901.0))
     truth = flight_truth(made.time_us * 1e-6)
     field = rotations(truth.q_ned_frd).inv().apply(FIELD_NED_GAUSS)

@@ -9,22 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from estimator.aiding.types import (
-    ACC_BIAS,
-    COMPASS_TURN,
-    EARTH,
-    FIELD_LAG,
-    FILTER_ERROR,
-    FILTER_LAG,
-    GYR_BIAS,
-    HARD_IRON,
-    IMU_LAG,
-    RECEIVER_ERROR,
-    RECEIVER_LAG,
-    SIZE,
-    TURN,
-    VELOCITY,
-)
+from estimator.aiding import types
 
 G_NED = np.array([0.0, 0.0, 9.80665])
 STEP = 1e-6
@@ -63,27 +48,24 @@ class Dense:
         """One Kalman update by a scalar = h . errors + noise, Joseph's form."""
         S = h @ self.P @ h + noise
         K = self.P @ h / S
-        left = np.eye(SIZE) - np.outer(K, h)
+        left = np.eye(types.SIZE) - np.outer(K, h)
         self.x = self.x + K * (innovation - h @ self.x)
         self.P = left @ self.P @ left.T + noise * np.outer(K, K)
 
 
 def predicted(P, R, gained, dt, keep_receiver, keep_filter):
     """F P F' of one step, with the share of the slow errors that stays."""
-    F = np.eye(SIZE)
-    F[three(TURN), three(GYR_BIAS)] = -R * dt
-    F[three(VELOCITY), three(ACC_BIAS)] = -R * dt
-    F[three(VELOCITY), three(TURN)] = -skew(gained)
-    F[three(RECEIVER_ERROR), three(RECEIVER_ERROR)] *= keep_receiver
-    F[three(FILTER_ERROR), three(FILTER_ERROR)] *= keep_filter
+    F = np.eye(types.SIZE)
+    F[three(types.TURN), three(types.GYR_BIAS)] = -R * dt
+    F[three(types.VELOCITY), three(types.ACC_BIAS)] = -R * dt
+    F[three(types.VELOCITY), three(types.TURN)] = -skew(gained)
+    F[three(types.RECEIVER_ERROR), three(types.RECEIVER_ERROR)] *= keep_receiver
+    F[three(types.FILTER_ERROR), three(types.FILTER_ERROR)] *= keep_filter
     return F @ P @ F.T
 
 
 def velocity_then(times_s, accelerations, age_s, now_m_s, turn):
-    """The velocity ``age_s`` ago, if the attitude is turned by ``turn`` from what it was taken for.
-
-    Accelerations (N, 3) at ``times_s`` (N,), which end at 0, are straight lines in between.
-    """
+    """The velocity ``age_s`` ago, the attitude turned by ``turn``; ``times_s`` (N,) end at 0."""
     between = times_s[times_s > -age_s]
     at = np.concatenate([[-age_s], between])
     forces = np.array(
@@ -100,31 +82,36 @@ def velocity_row(times_s, accelerations, age_s, v, slow, i, error_at, lag_at, kn
     """Component i of a report, and how it changes with each error."""
 
     def reported(e):
-        age = age_s + e[lag_at] - (e[IMU_LAG] if knows_lag else 0.0)
-        then = velocity_then(times_s, accelerations, age, v + e[three(VELOCITY)], e[three(TURN)])
+        age = age_s + e[lag_at] - (e[types.IMU_LAG] if knows_lag else 0.0)
+        then = velocity_then(
+            times_s, accelerations, age, v + e[three(types.VELOCITY)], e[three(types.TURN)]
+        )
         return then[i] + slow[i] + e[error_at + i]
 
-    h = np.zeros(SIZE)
-    for k in range(SIZE):
-        e = np.zeros(SIZE)
+    h = np.zeros(types.SIZE)
+    for k in range(types.SIZE):
+        e = np.zeros(types.SIZE)
         e[k] = STEP
         h[k] = (reported(e) - reported(-e)) / (2.0 * STEP)
-    return reported(np.zeros(SIZE)), h
+    return reported(np.zeros(types.SIZE)), h
 
 
 def field_rows(q_then, turn, rate, m, E):
     """F and the rows of (E - F) in NED: (3,), (3, SIZE); the compass is turned about down."""
     R = matrix_of(q_then) @ turned([0.0, 0.0, -turn])
     F = R @ m
-    rows = np.zeros((3, SIZE))
-    rows[:, three(TURN)] = -skew(F)  # turn x F
-    rows[:, three(HARD_IRON)] = -R
-    rows[:, COMPASS_TURN] = -np.cross(R[:, 2], F)
-    rows[:, FIELD_LAG] = -np.cross(matrix_of(q_then) @ rate, F)
-    rows[:, three(EARTH)] = -np.eye(3)
+    rows = np.zeros((3, types.SIZE))
+    rows[:, three(types.TURN)] = -skew(F)  # turn x F
+    rows[:, three(types.HARD_IRON)] = -R
+    rows[:, types.COMPASS_TURN] = -np.cross(R[:, 2], F)
+    rows[:, types.FIELD_LAG] = -np.cross(matrix_of(q_then) @ rate, F)
+    rows[:, three(types.EARTH)] = -np.eye(3)
     return F, rows
 
 
 def sources():
     """Where each reporter's error and lag stand among the errors: receiver, filter."""
-    return {True: (RECEIVER_ERROR, RECEIVER_LAG), False: (FILTER_ERROR, FILTER_LAG)}
+    return {
+        True: (types.RECEIVER_ERROR, types.RECEIVER_LAG),
+        False: (types.FILTER_ERROR, types.FILTER_LAG),
+    }

@@ -57,7 +57,6 @@ def placing(one, *places):
 
 @pytest.mark.parametrize(("place", "late_deg"), [(CANBERRA, 0.191), (SEATTLE, 0.201)])
 def test_what_was_concluded_from_a_wrong_place_is_taken_back(place, late_deg):
-    """20 s of the flight with the Gulf of Guinea's field: it called the compass uncalibrated."""
     flight, one, right, seen = flight_at(place), new_estimator(), new_estimator(), []
 
     def look(k):
@@ -76,7 +75,6 @@ def test_what_was_concluded_from_a_wrong_place_is_taken_back(place, late_deg):
 
 
 def test_an_unaided_heading_turns_with_the_declination_of_each_place():
-    """Seattle's is 15 deg, Canberra's 12: magnetic, then wrong, then right, and at once."""
     one = new_estimator()
     flight = flight_at(SEATTLE)
     places = placing(one, (1, CANBERRA), (2, SEATTLE))
@@ -105,7 +103,6 @@ def test_a_vehicle_that_reboots_elsewhere_gets_the_new_places_north():
 
 
 def test_a_flight_of_some_hundred_kilometres_takes_nothing_back():
-    """The field is looked up anew every 20 km; the aiding goes on as it is."""
     one = new_estimator()
     flight = flight_at(CANBERRA)
     steps = [(3 * k, (CANBERRA[0] + 0.25 * k, CANBERRA[1])) for k in range(1, 16)]  # 28 km each

@@ -76,7 +76,6 @@ def test_without_a_magnetometer_the_heading_comes_from_velocity(flight):
 
 
 def test_an_uncalibrated_compass_is_calibrated_in_flight(flight):
-    """0.3 gauss of hard iron beside a horizontal field of 0.22: its heading shows nothing."""
     one = uncalibrated()
     attitudes = flown(one, changed(flight, magnetised(0.2, -0.15, 0.17)))
     assert attitudes[50].sigma_heading_rad == pytest.approx(np.pi / 4)  # and none is claimed
@@ -86,7 +85,6 @@ def test_an_uncalibrated_compass_is_calibrated_in_flight(flight):
 
 
 def test_a_field_unlike_the_places_own_is_not_taken_for_calibrated(flight):
-    """Near Zurich the field is 0.48 gauss and dips 63 deg; this one dips 30."""
     at_home = near_zurich()
     flown(at_home, changed(flight, magnetised(0.3, 0.0, -0.12)))
     now = at_home.snapshot
@@ -96,10 +94,6 @@ def test_a_field_unlike_the_places_own_is_not_taken_for_calibrated(flight):
 
 
 def test_a_field_unlike_the_places_own_makes_the_first_heading_uncertain(flight):
-    """Turned by 15 deg; its strength and dip are 0.1 gauss off those near Zurich.
-
-    Without a turn one look at a field shows as much as many.
-    """
     sigmas_deg = []
     for seen in (flight, changed(flight, magnetised(0.08, 0.08, -0.03))):
         one = near_zurich()
@@ -128,7 +122,6 @@ def test_how_late_a_receivers_reports_are_is_learnt(flight, late_s):
 
 
 def test_another_imu_has_other_biases(flight):
-    """From 30 s on the samples are another IMU's; what was learnt of the first one goes."""
     k_30, bias = 1500, (0.02, -0.03, 0.01)
 
     def other_imu(s, _):
@@ -146,7 +139,6 @@ def test_another_imu_has_other_biases(flight):
 
 
 def test_a_filter_that_follows_a_receiver_is_taken_to_be_punctual(flight):
-    """The receiver's reports are 0.2 s late until 30 s; then a filter's come, which are not."""
     both = zip(late_reports(flight, 2), flight.reports, strict=True)
     reports = [late if late[1].time_us < 30e6 else prompt for late, prompt in both]
     back = [(k, r._replace(late_sigma_s=0.1 * (r.time_us > 30e6))) for k, r in flight.reports]
@@ -180,7 +172,6 @@ def test_a_magnetometer_that_does_not_help(flight, name, has_north):
 
 
 def test_a_heading_by_velocity_is_true_already_when_a_position_comes(flight):
-    """Where the declination is 18 deg: nothing turns by it."""
     one = calibrated(load_profile("imu"))
     place = (60.0, -140.0, 0.0, 1_700_000_000_000_000)
     attitudes = flown(
@@ -217,23 +208,6 @@ def test_a_log_that_begins_in_a_turn_does_not_condemn_the_compass(flight):
     known = one.snapshot.context.compass
     assert known.unlike_us is not None
     assert is_usable(known, one.snapshot.core.time_us + 60_000_000)
-
-
-def test_raw_vectors_for_a_while_end_the_aiding(flight):
-    """Another profile comes and goes: what the aiding knew before is out of date."""
-    one = calibrated(load_profile("imu"))
-    one.set_field_calibrated(False)
-    profiles = {1500: load_profile("paper"), 1700: load_profile("imu")}
-
-    def replace(k):
-        if k in profiles:
-            one.replace_profile(profiles[k])
-        if 1500 < k <= 1700:
-            assert one.snapshot.context.phase is not Phase.AIDED
-
-    attitudes = flown(one, flight, after=replace)
-    assert one.snapshot.context.phase is Phase.AIDED
-    assert rms_deg(INCLINATION, flight, attitudes, 55.0) == pytest.approx(0.073, rel=0.2)
 
 
 @pytest.mark.parametrize("known", [{"turned_rad": 1.0}, {"contradicted_us": 2_000_000}])

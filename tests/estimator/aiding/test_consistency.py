@@ -88,7 +88,6 @@ def test_a_turned_attitude_is_inflated_by_as_much(receiver, turn_deg, measured_e
 
 
 def test_noise_of_reports_inflates_nothing():
-    """0.1 m/s makes 0.8 deg of a second of gravity: usual, after a minute."""
     consistency = watched(aided(TRUTH), seconds=60.0, noise_m_s=0.1)
     assert degrees(consistency.tilt.mean_square**0.5) == pytest.approx(0.5, rel=0.2)
     assert inflated(SIGMAS, consistency).inclination_rad == pytest.approx(SIGMAS.inclination_rad)
@@ -96,7 +95,6 @@ def test_noise_of_reports_inflates_nothing():
 
 
 def test_without_reports_and_field_nothing_is_inflated():
-    """The evidence of the last window fades, and e is 0 without measurements."""
     wrong = multiply(exp((radians(10.0), 0.0, 0.0)), TRUTH)
     consistency = watched(aided(wrong), seconds=30.0, with_mag=False, silent_from=6.0)
     assert consistency.error == 0.0
@@ -125,7 +123,6 @@ def test_what_is_usual_is_learnt_slowly():
 
 
 def test_a_step_of_the_gyroscopes_bias_widens_sigma():
-    """0.02 rad/s more on every axis in a banked turn, which the covariance does not show."""
 
     def step(sample, _):
         off = 0.02 * (sample.time_us > 30e6)

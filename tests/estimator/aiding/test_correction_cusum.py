@@ -5,35 +5,27 @@ from math import e, hypot, radians, sqrt
 import numpy as np
 import pytest
 
+from estimator.aiding import types
 from estimator.aiding.beginning import blank_aiding
 from estimator.aiding.correction_cusum import add_correction, known, pass_time
-from estimator.aiding.types import (
-    GYR_BIAS,
-    HARD_IRON,
-    SIZE,
-    TURN,
-    AidingParams,
-    CorrectionCusum,
-    Sigmas,
-)
 from estimator.aiding.uncertainty import with_dip_error
 from estimator.conditioning.field.magnetic import FieldLook
 from estimator.types import ZERO_VEC3
 from tests.flight import banked_flight, changed, flown, north_known
 
-PARAMS = AidingParams()
+PARAMS = types.AidingParams()
 BLANK, _, _ = blank_aiding(PARAMS)
-NOTHING = CorrectionCusum(ZERO_VEC3, ZERO_VEC3, 0.0, 0.0, 0.0)
-KNOWN = np.zeros((SIZE, SIZE))
-SIGMA = Sigmas(inclination_rad=0.01, heading_rad=0.02)
+NOTHING = types.CorrectionCusum(ZERO_VEC3, ZERO_VEC3, 0.0, 0.0, 0.0)
+KNOWN = np.zeros((types.SIZE, types.SIZE))
+SIGMA = types.Sigmas(inclination_rad=0.01, heading_rad=0.02)
 PLACE = (0.21, 0.01, 0.43)
 
 
 def covariance(level, heading, bias=0.0):
-    P = np.zeros((SIZE, SIZE))
-    P[TURN, TURN] = P[TURN + 1, TURN + 1] = 0.5 * level
-    P[TURN + 2, TURN + 2] = heading
-    for i in range(GYR_BIAS, GYR_BIAS + 3):
+    P = np.zeros((types.SIZE, types.SIZE))
+    P[types.TURN, types.TURN] = P[types.TURN + 1, types.TURN + 1] = 0.5 * level
+    P[types.TURN + 2, types.TURN + 2] = heading
+    for i in range(types.GYR_BIAS, types.GYR_BIAS + 3):
         P[i, i] = bias
     return P
 
@@ -75,8 +67,8 @@ def test_a_field_that_dips_otherwise_than_the_places_shows_a_tilted_vertical(dip
     h, d = hypot(*PLACE[:2]), PLACE[2]
     turn = np.exp(1j * radians(dip_off_deg)) * complex(h, d) * strength
     look = FieldLook(horizontal=float(turn.real), down=float(turn.imag), confidence=0.0)
-    P = np.zeros((SIZE, SIZE))
-    P[HARD_IRON, HARD_IRON] = 0.01**2
+    P = np.zeros((types.SIZE, types.SIZE))
+    P[types.HARD_IRON, types.HARD_IRON] = 0.01**2
     seen = BLANK.field._replace(look=look, samples=9.0)
     wide = with_dip_error(PARAMS, SIGMA, seen, PLACE, P)
     square = np.sin(radians(dip_off_deg)) ** 2 - radians(10.0) ** 2 - 9e-4 / (h * h + d * d)
@@ -87,7 +79,6 @@ def test_a_field_that_dips_otherwise_than_the_places_shows_a_tilted_vertical(dip
 
 
 def test_an_accelerometer_that_steps_widens_sigma_within_a_second():
-    """It steps by 3 m/s^2 for 20 s in level flight. Sigma covers the error, then and afterwards."""
     first, last = 20_000_000, 40_000_000
 
     def step(sample, _):

@@ -5,31 +5,11 @@ from math import exp, sqrt
 import numpy as np
 import pytest
 
+from estimator.aiding import types
 from estimator.aiding.beginning import blank_aiding
 from estimator.aiding.inertial import Prediction, predict_motion
 from estimator.aiding.search import UNKNOWN_RAD
 from estimator.aiding.sources import field, unaided, velocity
-from estimator.aiding.types import (
-    ACC_BIAS,
-    COMPASS_TURN,
-    EARTH,
-    FILTER_ERROR,
-    GYR_BIAS,
-    HARD_IRON,
-    RECEIVER_ERROR,
-    SIZE,
-    TURN,
-    VELOCITY,
-    Agreement,
-    Agreements,
-    AidingParams,
-    FieldState,
-    LastStep,
-    North,
-    Report,
-    Scatter,
-    StepInputs,
-)
 from estimator.aiding.velocity_history import ROWS, new_velocity_history
 from estimator.conditioning.field.magnetic import FieldLook
 from estimator.conditioning.params import LONGEST_STEP_S
@@ -51,7 +31,7 @@ from tests.estimator.aiding.dense_filter import (
     velocity_row,
 )
 
-PARAMS = AidingParams()
+PARAMS = types.AidingParams()
 BLANK, _, _ = blank_aiding(PARAMS)
 NO_HISTORY = new_velocity_history(ZERO_VEC3)
 # Of each error, in its own unit: what a flight leaves unknown, all different.
@@ -70,7 +50,7 @@ def rng(request):
 
 def covariance(rng):
     """Every error tied to every other."""
-    root = np.eye(SIZE) + 0.15 * rng.standard_normal((SIZE, SIZE))
+    root = np.eye(types.SIZE) + 0.15 * rng.standard_normal((types.SIZE, types.SIZE))
     return SIGMAS[:, None] * (root @ root.T) * SIGMAS
 
 
@@ -95,7 +75,7 @@ def estimate(rng):
 
 def agreement(rng):
     scales, before = rng.uniform((0.5, 0.5, 20), (3.0, 3.0, 50)), (0.4, -2.0, 1.1)
-    return Agreement(Scatter(*floats(scales), before, 0.3), 0.2, 0.1)
+    return types.Agreement(types.Scatter(*floats(scales), before, 0.3), 0.2, 0.1)
 
 
 def velocity_history_of(rng, step_s):
@@ -124,8 +104,8 @@ def test_prediction(rng, error_m_s, seen):
     )
     gyr, earlier = rng.standard_normal(3), rng.standard_normal(3)
     force = np.array([1.0, -2.5, -9.0])
-    last = LastStep(floats(gyr), floats(earlier), floats(force), ZERO_VEC3, 0.05)
-    known = Agreements(by_filter=agreement(rng), by_receiver=agreement(rng))
+    last = types.LastStep(floats(gyr), floats(earlier), floats(force), ZERO_VEC3, 0.05)
+    known = types.Agreements(by_filter=agreement(rng), by_receiver=agreement(rng))
     rough = BLANK.rough._replace(knocked=5.0)
     state = BLANK._replace(estimate=before, last=last, agreement=known, rough=rough)
     turn, change = rng.standard_normal(3), rng.standard_normal(3)
@@ -178,44 +158,49 @@ def slow_errors(before, known, dt, force):
 def noise_of_step(P, earth_gauss, dt, unseen, aliased_turn, off, slow_variances):
     """(SIZE, SIZE) of one step, whose newest force lies ``off`` the line through two others."""
     p, E, aliased_push = PARAMS, np.array(earth_gauss), dt * off
-    Q = np.zeros((SIZE, SIZE))
+    Q = np.zeros((types.SIZE, types.SIZE))
     d = np.einsum("ii->i", Q)
-    d[three(TURN)] = unseen + (p.integration_noise * aliased_turn) ** 2
-    d[three(VELOCITY)] = p.acc_noise**2 * dt + (p.integration_noise * aliased_push) ** 2
-    d[three(GYR_BIAS)] = p.gyr_bias_sigma**2 * dt / 2500.0
-    d[three(ACC_BIAS)] = p.acc_bias_sigma**2 * dt / 2500.0
+    d[three(types.TURN)] = unseen + (p.integration_noise * aliased_turn) ** 2
+    d[three(types.VELOCITY)] = p.acc_noise**2 * dt + (p.integration_noise * aliased_push) ** 2
+    d[three(types.GYR_BIAS)] = p.gyr_bias_sigma**2 * dt / 2500.0
+    d[three(types.ACC_BIAS)] = p.acc_bias_sigma**2 * dt / 2500.0
     iron = p.hard_iron_sigma_gauss**2
-    d[three(HARD_IRON)] = np.where(np.diag(P)[three(HARD_IRON)] < iron, iron * dt / 2500.0, 0.0)
+    d[three(types.HARD_IRON)] = np.where(
+        np.diag(P)[three(types.HARD_IRON)] < iron, iron * dt / 2500.0, 0.0
+    )
     H = E[:2] @ E[:2]
-    Q[EARTH : EARTH + 2, EARTH : EARTH + 2] = (
+    Q[types.EARTH : types.EARTH + 2, types.EARTH : types.EARTH + 2] = (
         p.field_walk**2 * dt * (1.0 + E[2] ** 2 / H) * np.outer(E[:2], E[:2])
     )
-    d[EARTH + 2] = p.field_walk**2 * dt * (E @ E)
-    d[three(RECEIVER_ERROR)], d[three(FILTER_ERROR)] = slow_variances
+    d[types.EARTH + 2] = p.field_walk**2 * dt * (E @ E)
+    d[three(types.RECEIVER_ERROR)], d[three(types.FILTER_ERROR)] = slow_variances
     knock = max(0.0, 1.0 - 16.0 * 5.0 / (off @ off)) * aliased_push**2  # usual: 5 (m/s^2)^2
-    for own, sign in ((VELOCITY, 1.0), (FILTER_ERROR, -1.0)):  # the filter's slow error is the same
+    for own, sign in (
+        (types.VELOCITY, 1.0),
+        (types.FILTER_ERROR, -1.0),
+    ):  # the filter's slow error is the same
         for k in range(3):
-            Q[own + k, VELOCITY + k] += sign * knock[k]
-            Q[own + k, FILTER_ERROR + k] -= sign * knock[k]
+            Q[own + k, types.VELOCITY + k] += sign * knock[k]
+            Q[own + k, types.FILTER_ERROR + k] -= sign * knock[k]
     return Q
 
 
 @pytest.mark.parametrize("step_s", [0.01, 0.4, 3.0])
 def test_a_usual_slow_error_stays_as_uncertain_as_it_is(step_s):
     """However the time is cut into steps: what fades is made up for by what is new."""
-    agreements = Agreements(BLANK.agreement.by_filter, BLANK.agreement.by_receiver)
+    agreements = types.Agreements(BLANK.agreement.by_filter, BLANK.agreement.by_receiver)
     last = BLANK.last._replace(force_ned_m_s2=(0.0, 0.0, -9.8))
     state = BLANK._replace(agreement=agreements, last=last)
-    P = np.eye(SIZE) * 1e-6
+    P = np.eye(types.SIZE) * 1e-6
     d = np.einsum("ii->i", P)
-    d[three(RECEIVER_ERROR)] = PARAMS.receiver_error_m_s**2
-    d[three(FILTER_ERROR)] = PARAMS.filter_error_m_s**2
+    d[three(types.RECEIVER_ERROR)] = PARAMS.receiver_error_m_s**2
+    d[three(types.FILTER_ERROR)] = PARAMS.filter_error_m_s**2
     sample = Sample(ZERO_VEC3, (0.0, 0.0, -9.8), ZERO_VEC3, False, step_s)
     quiet = velocity_history_of(np.random.default_rng(0), 0.04)
     quiet[:, 4:] = 0.0
     after = predict_motion(PARAMS, state, P, quiet, sample)
     np.testing.assert_allclose(
-        np.diag(after.covariance)[RECEIVER_ERROR:], d[RECEIVER_ERROR:], rtol=1e-12
+        np.diag(after.covariance)[types.RECEIVER_ERROR :], d[types.RECEIVER_ERROR :], rtol=1e-12
     )
 
 
@@ -228,10 +213,12 @@ def test_velocity(rng, is_receiver, off_m_s, is_alone, dt):
     velocity_history, q = velocity_history_of(rng, 0.04), known.q_ned_frd
     now = Prediction(known, ZERO_VEC3, ZERO_VEC3, velocity_history, P.copy())
     off = off_m_s * rng.standard_normal(3)
-    report = Report(True, floats(known.velocity_ned_m_s + off), True, 0.5, 0.07, 0.1 * is_receiver)
+    report = types.Report(
+        True, floats(known.velocity_ned_m_s + off), True, 0.5, 0.07, 0.1 * is_receiver
+    )
     before, other = agreement(rng), agreement(rng)._replace(wait_s=9.0 if is_alone else 0.0)
-    both = Agreements(other, before) if is_receiver else Agreements(before, other)
-    x = (x0 := SIGMAS * rng.standard_normal(SIZE) * 0.1).copy()
+    both = types.Agreements(other, before) if is_receiver else types.Agreements(before, other)
+    x = (x0 := SIGMAS * rng.standard_normal(types.SIZE) * 0.1).copy()
     after = velocity.take_report(PARAMS, both, now, dt, report, (0.0, 0.0, 1.0), x)
 
     error_at, lag_at = sources()[is_receiver]
@@ -268,7 +255,7 @@ def test_velocity(rng, is_receiver, off_m_s, is_alone, dt):
         noise_scale = min(max(noise_scale, 0.1 if is_receiver else 1.0), 100.0)
         if square > 16.0:
             far = True
-            loose = (VELOCITY if is_alone else error_at) + i
+            loose = (types.VELOCITY if is_alone else error_at) + i
             dense.P[loose, loose] += left**2
         dense.learn(h, innovation_m_s, noise)
     np.testing.assert_allclose(x, dense.x, rtol=1e-6, atol=1e-8 * off_m_s)
@@ -301,11 +288,11 @@ def test_field(rng, is_known, unfelt_rad, off_rad):
     m = R.T @ seen
     sample = Sample(floats(rate), ZERO_VEC3, floats(m + known.hard_iron_gauss), True, dt)
     look = FieldLook(horizontal=0.2, down=0.38, confidence=0.7)
-    state = FieldState(look, off_rad, 30.0, dt, 0.4, 0.0)
+    state = types.FieldState(look, off_rad, 30.0, dt, 0.4, 0.0)
     now = Prediction(known, ZERO_VEC3, ZERO_VEC3, NO_HISTORY, P.copy())
-    north = North(is_known, floats((np.cos(0.4), np.sin(0.4))))
-    others = StepInputs((0.0, 0.0, 1.0), 0.1, 0.0, north)
-    x = (x0 := SIGMAS * rng.standard_normal(SIZE) * 0.1).copy()
+    north = types.North(is_known, floats((np.cos(0.4), np.sin(0.4))))
+    others = types.StepInputs((0.0, 0.0, 1.0), 0.1, 0.0, north)
+    x = (x0 := SIGMAS * rng.standard_normal(types.SIZE) * 0.1).copy()
     after = field.observe_heading(p, state, now, others, sample, x)
 
     F, rows = field_rows(q_then, known.compass_turn_rad, w, m, E)
@@ -314,32 +301,32 @@ def test_field(rng, is_known, unfelt_rad, off_rad):
     across, along = np.array([-s, c, 0.0]), np.array([c, s, 0.0])
     angle = np.arctan2(across @ F, along @ F)
     h = across / H @ rows
-    h[three(TURN)] = [-c * F[2] / H, -s * F[2] / H, 1.0]
-    h[COMPASS_TURN] = -h[three(TURN)] @ R[:, 2]
+    h[three(types.TURN)] = [-c * F[2] / H, -s * F[2] / H, 1.0]
+    h[types.COMPASS_TURN] = -h[three(types.TURN)] @ R[:, 2]
     noise = p.heading_noise**2 / (dt * after.look.confidence)
     heading = h @ P @ h
     # what nothing explains is noise, a first order process of 4 s, and as much the heading's
     unexplained = max(0.0, off_rad**2 - heading - p.heading_noise**2 / 8.0)
     noise += 8.0 * unexplained / dt
-    P[TURN + 2, TURN + 2] += after.look.confidence * unexplained * dt / 4.0
+    P[types.TURN + 2, types.TURN + 2] += after.look.confidence * unexplained * dt / 4.0
     noise *= (1.0 + angle**2 / (HEADING_REACH_RAD**2 + 9.0 * heading)) ** 2
     is_near = along @ F >= 0.5 * abs(across @ F)
     dense, off = Dense(P.copy(), x0.copy()), -(across @ F) / H
-    if not is_near and P[TURN + 2, TURN + 2] > SETTLED_HEADING_RAD**2:
+    if not is_near and P[types.TURN + 2, types.TURN + 2] > SETTLED_HEADING_RAD**2:
         flat = np.array([-F[1], F[0], 0.0]) / (F[0] ** 2 + F[1] ** 2)
         h = flat @ rows
-        h[EARTH : EARTH + 2] = np.array([E[1], -E[0]]) / H**2
+        h[types.EARTH : types.EARTH + 2] = np.array([E[1], -E[0]]) / H**2
         off = -angle
     dense.learn(h, off, noise)
     tilt = 0.0 if is_near else 0.5 * (dense.P[0, 0] + dense.P[1, 1])
     for axis, shows in ((along, E[2]), (np.array([0.0, 0.0, 1.0]), H)):
         h = axis / n @ rows
         if not is_near:
-            h[three(TURN)] = h[COMPASS_TURN] = 0.0
+            h[three(types.TURN)] = h[types.COMPASS_TURN] = 0.0
         dense.learn(h, axis @ (E - F) / n, noise + tilt * (shows / n) ** 2)
     if is_known:
-        h = np.zeros(SIZE)
-        h[EARTH : EARTH + 2] = np.array([-E[1], E[0]]) / H**2
+        h = np.zeros(types.SIZE)
+        h[types.EARTH : types.EARTH + 2] = np.array([-E[1], E[0]]) / H**2
         wanted_rad = 0.4 - np.arctan2(E[1], E[0])
         dense.learn(h, wanted_rad, LEAST_OFF_RAD**2 * 100.0 / dt)
     np.testing.assert_allclose(x, dense.x, rtol=1e-8, atol=1e-12)
@@ -359,7 +346,7 @@ def test_unaided_gravity(rng, tilt_rad):
     d = turned(tilt_rad) @ [0.0, 0.0, 1.0]
     gravity_b = floats(R.T @ d)
     now = Prediction(known, ZERO_VEC3, ZERO_VEC3, NO_HISTORY, P.copy())
-    x = (x0 := SIGMAS * rng.standard_normal(SIZE) * 0.1).copy()
+    x = (x0 := SIGMAS * rng.standard_normal(types.SIZE) * 0.1).copy()
     level = np.hypot(d[0], d[1])
     unaided.observe_unaided(now, gravity_b, 0.1, 0.2, x, 0.6, dt)
     turn = np.arctan2(level, d[2]) / level
@@ -367,6 +354,6 @@ def test_unaided_gravity(rng, tilt_rad):
     dense = Dense(P.copy(), x0.copy())
     # the turn that takes down to where it was seen points along d x down
     for axis, innovation in ((1, -turn * d[0]), (0, turn * d[1])):
-        dense.learn(np.eye(SIZE)[TURN + axis], innovation, noise)
+        dense.learn(np.eye(types.SIZE)[types.TURN + axis], innovation, noise)
     np.testing.assert_allclose(x, dense.x, rtol=1e-9, atol=1e-13)
     np.testing.assert_allclose(now.covariance, dense.P, rtol=1e-8, atol=1e-13)

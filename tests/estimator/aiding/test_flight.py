@@ -105,7 +105,6 @@ def test_a_jump_of_both_sources_that_lasts_is_no_tilt(flight):
 
 
 def test_silence_of_the_reports_is_admitted(flight):
-    """Without reports from 30 s on sigma grows, and the attitude stays better than unaided."""
     early = [(k, r) for k, r in flight.reports if r.time_us < 30e6]
     attitudes = flown(north_known(), flight, reports=early)
     by_time = dict(zip([s.time_us for s in flight.samples], attitudes, strict=True))
@@ -123,7 +122,6 @@ def test_silence_of_the_reports_is_admitted(flight):
     [((0.0, 0.0, 1.0), 0.168), ((1.0, 0.0, 0.0), 0.233), ((0.6, 0.0, 0.8), 0.26)],
 )
 def test_an_unsensed_turn_is_recovered_from(axis, left_deg):
-    """179 deg while level and aided: under 0.5 deg again within 10 s."""
     flight = banked_flight(seconds=20.0, bank_rad=0.0)
     kicked = north_known()
     kick = exp(tuple(3.124 * a for a in axis))
@@ -147,7 +145,6 @@ def test_sigma_covers_most_errors(flight):
 def test_beyond_the_last_sample_sigma_grows_with_the_turn_that_nobody_has_seen(
     flight, ahead_s, unseen
 ):
-    """A half of it after 0.1 s, four fifths after 0.4 s, in a turn of 0.6 rad/s."""
     flown(one := north_known(), flight)
     time_us = one.snapshot.core.time_us
     now, ahead = one.attitude(time_us), one.attitude(time_us + round(1e6 * ahead_s))
@@ -190,7 +187,6 @@ def test_a_magnet_beside_a_straight_flight_turns_no_heading(disturb, seconds, wo
 
 
 def test_a_magnet_in_a_banked_turn_is_no_reason_to_fall_back_on_the_unaided_attitude():
-    """The field turned by 100 deg for 6 s. The unaided attitude is 169 deg off there."""
     flight = banked_flight(seed=3)
     one = north_known()
     attitudes = flown(one, beside_a_magnet(flight, turned(100.0), 20.0, 26.0))

@@ -5,17 +5,9 @@ from math import atan, degrees, nan, pi, radians, tan
 import numpy as np
 import pytest
 
+from estimator.aiding import types
 from estimator.aiding.beginning import blank_aiding, inflate_covariance
 from estimator.aiding.phase import Phase
-from estimator.aiding.types import (
-    GYR_BIAS,
-    SIZE,
-    TURN,
-    AccelerationTilt,
-    Agreements,
-    AidingParams,
-    Sigmas,
-)
 from estimator.conditioning.robust import FAR
 from estimator.geometry.metrics import angle_errors
 from estimator.geometry.quaternion import (
@@ -34,19 +26,19 @@ from estimator.types import DOWN, NO_SAMPLE, ZERO_VEC3
 from tests.truth.faults import Fault
 from tests.truth.run import Case, judge
 
-BLANK, BLANK_P, _ = blank_aiding(AidingParams())
+BLANK, BLANK_P, _ = blank_aiding(types.AidingParams())
 
 
 def test_an_inflated_attitude_is_four_times_as_uncertain_and_its_times_begin_anew():
     state = BLANK
-    root = 0.01 * np.random.default_rng(1).standard_normal((SIZE, SIZE))
+    root = 0.01 * np.random.default_rng(1).standard_normal((types.SIZE, types.SIZE))
     P = root @ root.T
-    late = Agreements(*(each._replace(far_off_s=2.0) for each in state.agreement))
+    late = types.Agreements(*(each._replace(far_off_s=2.0) for each in state.agreement))
     state = state._replace(
-        agreement=late, field=state.field._replace(far_off_s=5.0), sigma=Sigmas(0.01, 0.02)
+        agreement=late, field=state.field._replace(far_off_s=5.0), sigma=types.Sigmas(0.01, 0.02)
     )
     after, loose = inflate_covariance(state, P)
-    turn, other = slice(TURN, TURN + 3), slice(GYR_BIAS, SIZE)
+    turn, other = slice(types.TURN, types.TURN + 3), slice(types.GYR_BIAS, types.SIZE)
     np.testing.assert_allclose(loose[turn, turn], FAR * P[turn, turn])
     np.testing.assert_array_equal(loose[turn, other], P[turn, other])
     np.testing.assert_array_equal(loose[other, other], P[other, other])
@@ -57,41 +49,38 @@ def test_an_inflated_attitude_is_four_times_as_uncertain_and_its_times_begin_ane
 
 
 def test_no_attitude_is_inflated_beyond_half_a_turn():
-    state, P = BLANK, BLANK_P + np.eye(SIZE)
+    state, P = BLANK, BLANK_P + np.eye(types.SIZE)
     for _ in range(9):
         state, P = inflate_covariance(state, P)
-    assert P[TURN, TURN] == pytest.approx(pi**2)
+    assert P[types.TURN, types.TURN] == pytest.approx(pi**2)
 
 
 def test_the_better_known_is_the_one_with_the_smaller_angle_in_all():
-    steep, flat = Sigmas(radians(9.0), radians(2.0)), Sigmas(radians(5.0), radians(8.0))
+    steep, flat = types.Sigmas(radians(9.0), radians(2.0)), types.Sigmas(radians(5.0), radians(8.0))
     assert is_better(steep, flat)
     assert not is_better(flat, steep)
-    assert not is_better(Sigmas(nan, 0.1), Sigmas(3.0, 3.0))
+    assert not is_better(types.Sigmas(nan, 0.1), types.Sigmas(3.0, 3.0))
 
 
 LEVEL = exp((0.2, -0.1, 1.0))
-FELT_AS_REPORTED = AccelerationTilt((2.0, 0.0, 0.0), ZERO_VEC3, (5.0, 0.0, 0.0))
-UNREPORTED = AccelerationTilt(ZERO_VEC3, ZERO_VEC3, (5.0, 0.0, 0.0))
+FELT_AS_REPORTED = types.AccelerationTilt((2.0, 0.0, 0.0), ZERO_VEC3, (5.0, 0.0, 0.0))
+UNREPORTED = types.AccelerationTilt(ZERO_VEC3, ZERO_VEC3, (5.0, 0.0, 0.0))
 
 
 def lost(heading_deg, acceleration_tilt=UNREPORTED, off_deg=60.0):
-    """A state whose aided vertical is far off at a sigma of 50 deg; the unaided one knows it to 6.
-
-    The unaided stage has no heading. Nothing that was measured contradicts the aided attitude.
-    """
+    """An aided vertical at a sigma of 50 deg that nothing contradicts; the unaided one's is 6."""
     state = State(load_profile("imu"), None)
     aided, P, _ = blank_aiding(state.settings.aiding)
     q = multiply(exp((radians(off_deg), 0.0, 0.0)), LEVEL)
     aided = aided._replace(
         estimate=aided.estimate._replace(q_ned_frd=q),
-        sigma=Sigmas(radians(50.0), radians(heading_deg)),
+        sigma=types.Sigmas(radians(50.0), radians(heading_deg)),
         acceleration_tilt=acceleration_tilt,
     )
     state.set_core(
         state.core.core._replace(
             aided=aided,
-            covariance=flat(P + 0.01 * np.eye(SIZE)),
+            covariance=flat(P + 0.01 * np.eye(types.SIZE)),
             sample=NO_SAMPLE._replace(dt_s=0.5),
             seen=UNSEEN._replace(
                 gravity_b=rotate_inverse(LEVEL, DOWN), sigma_inclination_rad=radians(6.0)
@@ -108,11 +97,11 @@ def test_of_a_lost_vertical_and_a_known_heading_the_heading_stays():
     give_up(state)
     assert state.context.phase is Phase.AIDED
     core = state.core.core
-    q, P = core.aided.estimate.q_ned_frd, np.array(core.covariance).reshape(SIZE, SIZE)
+    q, P = core.aided.estimate.q_ned_frd, np.array(core.covariance).reshape(types.SIZE, types.SIZE)
     assert max(angle_errors(q, LEVEL)) < 1e-6
     assert max(angle_errors(core.filter.q_ned_frd, LEVEL)) < 1e-6
     assert rotate(q, core.seen.gravity_b) == pytest.approx(DOWN)
-    sigmas_deg = np.degrees(np.sqrt(P.diagonal()[TURN : TURN + 3]))
+    sigmas_deg = np.degrees(np.sqrt(P.diagonal()[types.TURN : types.TURN + 3]))
     off_deg = 2.0 * degrees(atan(radians(10.0) * tan(radians(30.0)) / radians(60.0)))
     assert sigmas_deg == pytest.approx((6.0, 6.0, off_deg))
     assert core.aided.estimate.velocity_ned_m_s == (5.0, 0.0, 0.0)
@@ -149,10 +138,9 @@ def test_an_attitude_that_nothing_contradicts_is_not_inflated():
 
 
 def test_one_that_is_contradicted_is():
-    """Both sources have been far off for 2 s; by the unaided stage nothing is known."""
     state = lost(heading_deg=10.0)
     core = state.core.core
-    late = Agreements(*(each._replace(far_off_s=2.0) for each in core.aided.agreement))
+    late = types.Agreements(*(each._replace(far_off_s=2.0) for each in core.aided.agreement))
     aided = core.aided._replace(agreement=late)
     state.set_core(core._replace(aided=aided, seen=core.seen._replace(sigma_inclination_rad=pi)))
     give_up(state)
@@ -163,7 +151,6 @@ def test_one_that_is_contradicted_is():
 
 
 def test_velocities_that_turn_do_not_throw_a_well_known_attitude_away():
-    """Both sources by 90 deg from 40 s on."""
     v = judge(Case("climb and turn", Fault("velocity turned", 0, 90.0), True, 50.0))
     total = np.hypot(v.inclination.rms_deg, v.heading.rms_deg)
     assert total == pytest.approx(45.5, rel=0.2)

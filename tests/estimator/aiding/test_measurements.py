@@ -42,11 +42,7 @@ def prediction(q_ned_frd):
 
 @pytest.mark.parametrize("is_known", [True, False])
 def test_a_field_begun_anew_hangs_together_with_all_that_is_known_of_the_iron(is_known):
-    """The iron's errors differ by axis then, and are correlated with other states.
-
-    Known, north is where it points; unknown, it points by heading and compass: a turn is an error
-    of both.
-    """
+    """Where north is not known, it points by heading and compass: a turn is an error of both."""
     rng = np.random.default_rng(2)
     root = rng.normal(scale=0.1, size=(SIZE, SIZE))
     P, R = root @ root.T, rotation_matrix(normalize(tuple(rng.normal(size=4))))
@@ -83,7 +79,6 @@ def test_a_field_begun_anew_hangs_together_with_all_that_is_known_of_the_iron(is
     ],
 )
 def test_iron_is_forgotten_once_the_places_field_explains_the_readings(place, iron_gauss, forgets):
-    """139 mGauss of iron are gone: the field begins anew within half a second."""
     north, seen = North(True, (1.0, 0.0)), (0.2, 0.0, 0.42)
     now = prediction((1.0, 0.0, 0.0, 0.0))
     estimate = now.estimate._replace(

@@ -86,7 +86,6 @@ def test_noise_is_no_motion():
 
 
 def test_two_windows_are_enough_and_one_is_not():
-    """Both are closed at 2.5 s, and their disagreement shows their errors."""
     search, _, _ = searched(np.random.default_rng(3), seconds=1.5)
     assert solve(search, BIAS_SIGMA_RAD_S) is None
     search, truth, _ = searched(np.random.default_rng(3), seconds=2.5)
@@ -99,10 +98,6 @@ def test_two_windows_are_enough_and_one_is_not():
     ("aliasing", "off_deg", "sigma_deg"), [(4.0, 5.26, 11.8), (0.0, 40.0, 16.2)]
 )
 def test_what_was_seen_before_a_missed_turn_counts_less(aliasing, off_deg, sigma_deg):
-    """G turns by a radian at 20 s; 8 s later the search knows it, if it is given what was missed.
-
-    It is not exact: in one window G has turned.
-    """
     search, velocity, g = EMPTY_SEARCH, np.zeros(3), Rotation.identity()
     turns = round(20.0 / DT)
     for k in range(round(28.0 / DT)):

@@ -16,7 +16,7 @@ from estimator.aiding.unseen import add_hole, add_unseen_turn, watch_roughness
 from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3
 
 
-def unseen_turn_deg(readings: list[float], dt_s: float) -> float:
+def unseen_turn_deg(readings, dt_s):
     """Sigma (deg) of the turn that the last step has missed, after readings about one axis."""
     rough = Roughness(0.0, 0.0, 0.0)
     P = np.zeros((SIZE, SIZE))
@@ -53,7 +53,7 @@ def test_a_hole_may_hide_any_turn():
     assert np.sqrt(P[VELOCITY, VELOCITY]) == pytest.approx(0.6 * 9.80665)
 
 
-def pushed(felt: float, reported: float) -> AccelerationTilt:
+def pushed(felt, reported):
     """A vehicle that has felt the one and reported the other for 10 s, m/s^2 to the north."""
     tilt = AccelerationTilt(ZERO_VEC3, ZERO_VEC3, ZERO_VEC3)
     for k in range(40):
@@ -72,8 +72,8 @@ def pushed(felt: float, reported: float) -> AccelerationTilt:
     ],
 )
 def test_only_an_acceleration_that_is_felt_and_reported_tilts_the_unaided_vertical(
-    felt: float, reported: float, is_silent: bool, tilt_deg: float
-) -> None:
+    felt, reported, is_silent, tilt_deg
+):
     found = degrees(acceleration_tilt_angle(pushed(felt, reported), is_silent, 0.0))
     assert found == pytest.approx(tilt_deg, rel=0.1)
 
@@ -89,7 +89,5 @@ def test_only_an_acceleration_that_is_felt_and_reported_tilts_the_unaided_vertic
         (float("nan"), 5.0, False),
     ],
 )
-def test_an_attitude_explains_a_clear_acceleration_that_it_has_felt(
-    felt: float, reported: float, explains: bool
-) -> None:
+def test_an_attitude_explains_a_clear_acceleration_that_it_has_felt(felt, reported, explains):
     assert explains_acceleration(pushed(felt, reported)) == explains

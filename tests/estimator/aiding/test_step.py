@@ -5,22 +5,12 @@ from math import cos, sin
 import numpy as np
 import pytest
 
+from estimator.aiding import types
 from estimator.aiding.beginning import Start, begin, blank_aiding
 from estimator.aiding.correction import apply_corrections
 from estimator.aiding.inertial import predict_motion
 from estimator.aiding.sources.unaided import observe_unaided
 from estimator.aiding.step import aid
-from estimator.aiding.types import (
-    HARD_IRON,
-    NO_REPORT,
-    SIZE,
-    AccelerationTilt,
-    Agreements,
-    AidingParams,
-    North,
-    Report,
-    StepInputs,
-)
 from estimator.aiding.unseen import watch_turning
 from estimator.aiding.velocity_history import (
     ROWS,
@@ -30,14 +20,16 @@ from estimator.aiding.velocity_history import (
 )
 from estimator.types import IDENTITY, STANDARD_GRAVITY_M_S2, ZERO_VEC3, Sample
 
-PARAMS = AidingParams()
+PARAMS = types.AidingParams()
 STATE, _, HISTORY = blank_aiding(PARAMS)
-OTHERS = StepInputs((0.1, -0.2, 0.97), 0.1, 0.0, North(False, (1.0, 0.0)))
+OTHERS = types.StepInputs((0.1, -0.2, 0.97), 0.1, 0.0, types.North(False, (1.0, 0.0)))
 SAMPLE = Sample((0.1, 0.2, -0.1), (0.5, -0.3, -9.7), ZERO_VEC3, False, 0.5)
 
 
 def covariance():
-    root = np.eye(SIZE) + 0.1 * np.random.default_rng(3).standard_normal((SIZE, SIZE))
+    root = np.eye(types.SIZE) + 0.1 * np.random.default_rng(3).standard_normal(
+        (types.SIZE, types.SIZE)
+    )
     return 0.01 * root @ root.T
 
 
@@ -48,11 +40,11 @@ def covariance():
 def test_a_step_that_is_slow_or_without_reports_is_corrected_once(dt_s, wait_s, push_m_s2):
     """The unaided gravity corrects it; there is no report and no field."""
     P, sample = covariance(), SAMPLE._replace(dt_s=dt_s)
-    agreement = Agreements(*(each._replace(wait_s=wait_s) for each in STATE.agreement))
-    acceleration_tilt = AccelerationTilt((3.0, 0.0, 0.0), (1.0, 1.0, 9.0), (2.5, 3.0, 0.0))
+    agreement = types.Agreements(*(each._replace(wait_s=wait_s) for each in STATE.agreement))
+    acceleration_tilt = types.AccelerationTilt((3.0, 0.0, 0.0), (1.0, 1.0, 9.0), (2.5, 3.0, 0.0))
     state = STATE._replace(agreement=agreement, acceleration_tilt=acceleration_tilt)
-    after, after_P, _ = aid(PARAMS, state, P, HISTORY, sample, NO_REPORT, OTHERS)
-    now, x = predict_motion(PARAMS, state, P, HISTORY, sample), np.zeros(SIZE)
+    after, after_P, _ = aid(PARAMS, state, P, HISTORY, sample, types.NO_REPORT, OTHERS)
+    now, x = predict_motion(PARAMS, state, P, HISTORY, sample), np.zeros(types.SIZE)
     if dt_s == 0.5:
         watch_turning(PARAMS, state, now.covariance, sample, 0.0)
     tilt_error_rad = push_m_s2 / STANDARD_GRAVITY_M_S2
@@ -63,7 +55,7 @@ def test_a_step_that_is_slow_or_without_reports_is_corrected_once(dt_s, wait_s, 
 
 
 def test_a_step_remembers_the_velocity_of_its_report():
-    report = Report(True, (1.0, -2.0, 0.5), True, 0.3, 0.0, 0.0)
+    report = types.Report(True, (1.0, -2.0, 0.5), True, 0.3, 0.0, 0.0)
     after, _, _ = aid(PARAMS, STATE, covariance(), HISTORY, SAMPLE, report, OTHERS)
     assert after.acceleration_tilt.latest_m_s == report.velocity_ned_m_s
     assert after.agreement.by_filter.wait_s == 0.0
@@ -73,9 +65,9 @@ def test_a_step_remembers_the_velocity_of_its_report():
 def test_the_beginning_is_as_uncertain_as_given():
     """About north and east by the tilt's sigma, about down by the heading's."""
     first = Start(IDENTITY, 0.3, 0.1, hard_iron_sigma_gauss=0.02, field_lag_s=0.05)
-    _, P, _ = begin(PARAMS, first, SAMPLE, NO_REPORT)
+    _, P, _ = begin(PARAMS, first, SAMPLE, types.NO_REPORT)
     assert np.diag(P)[:3] == pytest.approx([0.01, 0.01, 0.09])
-    assert np.diag(P)[HARD_IRON : HARD_IRON + 3] == pytest.approx([0.0004] * 3)
+    assert np.diag(P)[types.HARD_IRON : types.HARD_IRON + 3] == pytest.approx([0.0004] * 3)
     assert np.array_equal(P, np.diag(np.diag(P)))
 
 
@@ -113,6 +105,5 @@ def test_before_the_history_begins_the_oldest_acceleration_goes_on():
 
 
 def test_quick_samples_do_not_shorten_it():
-    """At 400 Hz the rows still reach back half a second."""
     velocity_history, _ = flown(1.0, 0.0025)
     assert velocity_history[0, 0] - velocity_history[ROWS - 1, 0] > 0.5

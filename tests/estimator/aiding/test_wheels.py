@@ -1,8 +1,4 @@
-"""The heading of a car by its velocity, whatever its compass shows.
-
-The car drives stretches and bends with a poor IMU: its gyroscope is off by 4 deg/s, its
-accelerometer by 0.15 m/s^2, and iron turns its field. Velocity comes ten times a second.
-"""
+"""The heading of a car with a poor IMU by its velocity, whatever its compass shows."""
 
 from math import cos, degrees, hypot, radians, sin
 
@@ -31,10 +27,7 @@ BIASES = (np.radians((2.5, -2.0, 2.4)), np.array((0.1, -0.1, 0.05)))
 
 
 def ride(seed, *, seconds=60.0, reverse=False, compass_off_deg=50.0, strength=1.0, rest_s=0.0):
-    """Sample, velocity or None, and true attitude, 50 times a second; it is under way after a rest.
-
-    Without a rest it is so at once.
-    """
+    """Sample, velocity or None, and true attitude, 50 times a second, behind a rest or at once."""
     rng = np.random.default_rng(seed)
     turn_field = from_euler_rad(0.0, 0.0, radians(compass_off_deg))
     sense = -1.0 if reverse else 1.0
@@ -87,7 +80,6 @@ def car_near_zurich():
 @pytest.mark.parametrize("reverse", [False, True])
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_car_shows_its_heading_by_its_velocity(seed, reverse):
-    """Without wheels it has none: its compass is off by 50 deg."""
     estimator = calibrated(merge_profile(load_profile("imu"), WHEELED))
     errors, sigmas, begun_s = driven(estimator, ride(seed, reverse=reverse))
     late = errors[1500:]

@@ -51,14 +51,9 @@ def fly(
     bias: Vec3 = (0.0, 0.0, 0.0),
     lag_s: float = 0.0,
     offset: Vec3 = (0.0, 0.0, 0.0),
-    start: Quaternion = (1.0, 0.0, 0.0, 0.0),
 ) -> Iterator[Sample]:
-    """Samples of a vehicle that only turns; its magnetometer late and beside its own field.
-
-    The gyroscope is a mean over the step that ends there, and where the estimator takes it for one,
-    so is the accelerometer.
-    """
-    q = start
+    """A vehicle that only turns, with a late magnetometer; a reading is a mean if taken for one."""
+    q = IDENTITY
     history = [q]
     behind = round(lag_s / dt)
     for k in range(round(seconds / dt)):

@@ -136,7 +136,6 @@ def test_any_time_step_ends_at_the_input(dt):
 
 
 def test_another_time_constant_leaves_no_swing_behind():
-    """Shaken to and fro about 1 at 1 Hz: from 2.5 s to 4 s at any phase."""
     dt, before, after = 0.01, low_pass(2.5, 0.01), low_pass(4.0, 0.01)
     worst = 0.0
     for phase in range(0, 100, 5):

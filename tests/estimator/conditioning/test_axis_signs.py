@@ -57,10 +57,8 @@ def after(
 ):
     """The signs of a body that turns so (rad/s) by a gyroscope with this error of its axes.
 
-    ``stretch`` is the field's strength while that lasts. ``before_s`` precede it without an error,
-    in which the body swings about x and y. The compass shows ``sensed`` times the field, from
-    ``leap_s`` on if given, with ``noise`` as a share of it, which changes within seconds.
-    The gyroscope has a tenth of that in rad/s.
+    Before that it swings about x and y. The compass shows ``sensed`` times the field, from
+    ``leap_s`` on if given, with ``noise`` as a share of it; the gyroscope has a tenth of that.
     """
     rng, slow_noise = np.random.default_rng(1), np.zeros(3)
     signs, q_true, q_g = AxisSigns(), IDENTITY, IDENTITY
@@ -93,10 +91,7 @@ def after(
 
 @pytest.mark.parametrize("axis", range(3))
 def test_an_axis_with_an_offset_is_contradicted_within_a_second(axis):
-    """Of 0.2 rad/s a fifth is found within a second, and nearly all within three.
-
-    About x and z the field turns alike here: the force separates them a second later.
-    """
+    """About x and z the field turns alike here: the force separates them a second later."""
     error = [0.0, 0.0, 0.0]
     error[axis] = 0.2
     assert after(0.1, error).squares == (0.0, 0.0, 0.0)

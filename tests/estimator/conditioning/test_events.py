@@ -96,10 +96,14 @@ def release(*, moves_rad=0.01, usual_s=1.2, confidence=0.7, norm=0.46, variance=
     )
 
 
-def test_the_heading_is_inflated_once_the_field_looks_as_usual():
-    inflation, tilt, estimate, released = release()
-    assert (inflation.variance, tilt, released) == (0.0, 0.05, True)
-    assert estimate.covariance[9] == pytest.approx(0.03 + 0.4)
+@pytest.mark.parametrize(
+    ("norm", "left"),
+    [(0.46, (0.0, 0.05, True)), (0.461 * 1.045, (0.0, 0.0, False))],  # of another norm: a magnet's
+)
+def test_the_heading_is_inflated_once_the_field_looks_as_usual(norm, left):
+    inflation, tilt, estimate, released = release(norm=norm)
+    assert (inflation.variance, tilt, released) == left
+    assert estimate.covariance[9] == pytest.approx(0.03 + 0.4 * released)
 
 
 def test_a_field_that_still_moves_or_is_another_keeps_the_inflation():
@@ -111,12 +115,6 @@ def test_a_field_that_still_moves_or_is_another_keeps_the_inflation():
         assert (inflation.variance, tilt, released) == (0.4, 0.05, False)
         assert estimate.covariance[9] == 0.03
     assert release(usual_s=0.7)[0].usual_s == pytest.approx(0.7 + DT)
-
-
-def test_a_field_of_another_norm_is_a_magnets():
-    inflation, tilt, estimate, released = release(norm=0.461 * 1.045)
-    assert (inflation.variance, tilt, released) == (0.0, 0.0, False)
-    assert estimate.covariance[9] == 0.03
 
 
 SIGNS = HeadingSigns(
@@ -156,7 +154,6 @@ def test_a_field_counts_for_and_against_the_heading_by_how_usual_it_looks(elsewh
     ],
 )
 def test_a_field_that_is_back_is_not_one_that_is_elsewhere(away_rad, other_rad, confidence, back_s):
-    """The heading is 0.9."""
     state = SIGNS._replace(other_rad=other_rad, back_s=0.1)
     horizontal = (0.25 * np.cos(away_rad), 0.25 * np.sin(away_rad))
     now = heading_after(state, horizontal, confidence=confidence)
@@ -202,27 +199,29 @@ EXPECTED = (0.5 * cos(DIP), 0.5 * sin(DIP))
 DIP_SCALE = radians(10.0)
 
 
-def confidence(norm, dip, expected=EXPECTED):
+@pytest.mark.parametrize(
+    ("norm", "dip", "expected", "confidence"),
+    [
+        (0.5, DIP, EXPECTED, pytest.approx(1.0)),
+        *(
+            (0.5 * (1.0 + off), DIP, EXPECTED, pytest.approx(0.25))
+            for off in (NORM_SCALE, -NORM_SCALE)
+        ),
+        # of the dip the sine counts
+        *(
+            (0.5, DIP + d, EXPECTED, pytest.approx(0.25, abs=0.003))
+            for d in (DIP_SCALE, -DIP_SCALE)
+        ),
+        # readings that are zero teach a reference of zero, which nothing resembles
+        *((norm, DIP, (0.0, 0.0), 0.0) for norm in (0.0, 0.5)),
+    ],
+)
+def test_one_scale_off_leaves_a_quarter_of_the_confidence(norm, dip, expected, confidence):
+    """c = 1/(1 + D^2)^2 at D = 1."""
     seen = (norm * cos(dip), norm * sin(dip))
     before = FieldLook(horizontal=0.0, down=0.0, confidence=1.0)
-    return look_at_field(before, seen, 1.0, expected, NORM_SCALE, DIP_SCALE).confidence
-
-
-def test_the_expected_field_has_full_confidence():
-    assert confidence(0.5, DIP) == pytest.approx(1.0)
-
-
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_one_scale_off_leaves_a_quarter(sign):
-    """c = 1/(1 + D^2)^2 at D = 1; of the dip the sine counts, 0.5 % less."""
-    assert confidence(0.5 * (1.0 + sign * NORM_SCALE), DIP) == pytest.approx(0.25)
-    assert confidence(0.5, DIP + sign * DIP_SCALE) == pytest.approx(0.25, abs=0.003)
-
-
-def test_nothing_resembles_a_field_of_nothing():
-    """Readings that are zero teach a reference of zero; confidence stays a number."""
-    assert confidence(0.0, 0.0, (0.0, 0.0)) == 0.0
-    assert confidence(0.5, DIP, (0.0, 0.0)) == 0.0
+    found = look_at_field(before, seen, 1.0, expected, NORM_SCALE, DIP_SCALE)
+    assert found.confidence == confidence
 
 
 LOOK = FieldLook(horizontal=0.28, down=0.41, confidence=0.6)

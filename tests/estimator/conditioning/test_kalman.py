@@ -1,8 +1,4 @@
-"""Every update of conditioning beside a dense Kalman filter, which takes all measurements at once.
-
-Nothing here is symmetric: each value has another sigma, all hang together, no axis is along
-another. So an update that is right for the first of two measurements only shows.
-"""
+"""Every update of conditioning beside a dense Kalman filter, on values without any symmetry."""
 
 from math import radians, sqrt
 
@@ -165,11 +161,7 @@ def body_that_has_turned(rng):
 
 @pytest.mark.parametrize("turned", [True, False])
 def test_a_turning_body_shows_lag_and_own_field(rng, turned):
-    """Where no residual is far, the three axes are one measurement of four unknowns.
-
-    Of a body that has not ``turned`` enough they show only the lag. What else has changed the field
-    lately, a mean square of 0.004, is noise.
-    """
+    """Of a body that has not ``turned`` enough the axes show only the lag."""
     params = PARAMS._replace(
         calibration_reach=1e9, calibration_turn=0.0 if turned else 1e9, calibration_noise_s=0.0002
     )
@@ -214,7 +206,6 @@ def test_what_changes_the_field_of_a_body_that_stands_still_is_scatter():
 
 @pytest.mark.parametrize(("sigma", "share"), [(0.0, 1.0), (0.05, 0.75), (0.15, 0.25)])
 def test_of_an_own_field_the_share_counts_that_is_no_error(sigma, share):
-    """The own field is 5 % of the place's, with a covariance of three times its errors."""
     covariance = (sigma**2, 0.3, 0.2, 0.1, sigma**2, 0.1, 0.2, sigma**2, 0.3, 0.1)
     offset = np.array((0.03, 0.0, 0.04))
     found, left = own_field(Calibration(0.0, tuple(offset.tolist()), covariance, 0.48))
@@ -250,12 +241,7 @@ def with_heading_sigma(heading_sigma):
 
 @pytest.mark.parametrize(("lasts_s", "sigma_deg", "expected"), [(0.3, 4.0, 1.0), (1.0, 1.5, 0.48)])
 def test_variance_is_that_of_the_errors_of_a_field_that_drifts(lasts_s, sigma_deg, expected):
-    """Squared errors over variances, the mean of 100 runs of a minute.
-
-    The field's error is a Gauss-Markov process. The first has the density 2 sigma^2 tau that the
-    filter assumes, the second half of it, as good sensors do. The gyroscope drifts as the filter
-    expects.
-    """
+    """The density of its errors, 2 sigma^2 tau, is as the filter assumes, or half of it."""
     rng = np.random.default_rng(7)
     step_s = 0.05
     k = coefficients(PARAMS, step_s, 1.0)

@@ -112,14 +112,12 @@ def sigmas_deg(samples):
 def test_a_force_of_another_size_than_gravity_shows_an_accelerometers_error(
     size_m_s2, inclination_deg, heading_deg
 ):
-    """The vehicle rests for half a minute; the dip is 65 degrees."""
     found = sigmas_deg([Sample(acc=(0.0, 0.0, -size_m_s2))] * 3000)
     assert found == (pytest.approx(inclination_deg, rel=0.2), pytest.approx(heading_deg, rel=0.2))
 
 
 @pytest.mark.parametrize(("bend_deg", "heading_deg"), [(0.0, 0.315), (6.0, 5.03)])
 def test_a_field_that_turns_to_and_fro_widens_the_headings_sigma(bend_deg, heading_deg):
-    """It turns at 0.03 Hz on a tumbling vehicle, as beside steel."""
 
     def distorted():
         for i, s in enumerate(fly(tumbling, 90.0, DT)):

@@ -5,12 +5,12 @@ import pytest
 
 from estimator.conditioning.vertical.slow_acceleration import SlowAcceleration, watch_slow
 from estimator.types import STANDARD_GRAVITY_M_S2
-from tests.truth.run import Case, Verdict, judge
+from tests.truth.run import Case, judge
 
 G = STANDARD_GRAVITY_M_S2
 
 
-def test_shaking_is_no_acceleration_that_lasts() -> None:
+def test_shaking_is_no_acceleration_that_lasts():
     """Both make the mean square of the force the same: 1.25 times that of gravity."""
     rng = np.random.default_rng(1)
     shaken, braking, down = SlowAcceleration(), SlowAcceleration(), (0.0, 0.0, G)
@@ -22,7 +22,7 @@ def test_shaking_is_no_acceleration_that_lasts() -> None:
     assert shaken.excess == pytest.approx(0.0, abs=0.05)
 
 
-def test_a_force_that_has_turned_over_counts_as_one_that_is_off_by_a_radian() -> None:
+def test_a_force_that_has_turned_over_counts_as_one_that_is_off_by_a_radian():
     up, down = (0.0, 0.0, -G), (0.0, 0.0, G)
     state = SlowAcceleration(long=down)
     for _ in range(2000):
@@ -30,8 +30,7 @@ def test_a_force_that_has_turned_over_counts_as_one_that_is_off_by_a_radian() ->
     assert state.apart == pytest.approx(1.0, rel=0.01)
 
 
-def test_a_long_step_is_one_reading_of_a_vehicles_first_seconds() -> None:
-    """Two seconds of braking at half of gravity, a step of 0.2 s without it, and braking again."""
+def test_a_long_step_is_one_reading_of_a_vehicles_first_seconds():
     state, down, braking = SlowAcceleration(), (0.0, 0.0, G), (0.5 * G, 0.0, G)
     for _ in range(100):
         state = watch_slow(state, braking, down, down, 0.03, 0.0, 1.0, 0.02)
@@ -43,7 +42,7 @@ def test_a_long_step_is_one_reading_of_a_vehicles_first_seconds() -> None:
     assert state.apart >= 0.98 * 0.25 * (1.0 - 2.22 / 20.0)
 
 
-def verdict(motion: str, rate_hz: float) -> Verdict:
+def verdict(motion, rate_hz):
     return judge(Case(motion, has_velocity=False, rate_hz=rate_hz))
 
 
@@ -59,24 +58,21 @@ def verdict(motion: str, rate_hz: float) -> Verdict:
         ("aerobatics", 2.0, 6.3),
     ],
 )
-def test_a_vehicle_without_velocity_that_accelerates_for_seconds(
-    motion: str, rate_hz: float, rms_deg: float
-) -> None:
-    """The force alone is 10 to 37 deg off."""
+def test_a_vehicle_without_velocity_that_accelerates_for_seconds(motion, rate_hz, rms_deg):
     found = verdict(motion, rate_hz).inclination
     assert found.rms_deg == pytest.approx(rms_deg, rel=0.2)
     assert found.under_sigma >= 0.83
     assert found.beyond_three <= 0.02
 
 
-def test_a_start_in_motion_knows_that_the_force_may_be_an_acceleration() -> None:
+def test_a_start_in_motion_knows_that_the_force_may_be_an_acceleration():
     found = verdict("started moving", 50.0).inclination
     assert found.rms_deg == pytest.approx(4.7, rel=0.2)
     assert found.under_sigma == pytest.approx(0.70, rel=0.2)  # 0.4 without a prior
     assert found.beyond_three <= 0.01
 
 
-def test_a_gyroscope_that_seems_to_turn_by_aliasing_is_no_reason_to_follow_it() -> None:
+def test_a_gyroscope_that_seems_to_turn_by_aliasing_is_no_reason_to_follow_it():
     """A car's rattle of 2 Hz, seen at 2 Hz, looks like a turn of 1 deg/s that goes on."""
     found = verdict("slalom 20", 2.0).inclination
     assert found.rms_deg == pytest.approx(19.0, rel=0.2)  # 30 without inflation of the vertical

@@ -57,17 +57,23 @@ def has_noticed_a_turn(seen):
     return np.diff(variances).max() > radians(10.0) ** 2
 
 
-def test_shaking_is_no_rest_at_one_sample_a_second():
-    k = coefficients(PARAMS, 1.0, 1.0).rest
-    state = RestState(acc=Smooth((0.0, 0.0, -9.8)))
-    for i in range(20):
-        acc = (0.8 * (-1) ** i, 0.0, -9.8)
-        state = observe_rest(PARAMS, k, state, (0.0, 0.0, 0.0), acc, 1.0)
-        assert not state.resting
+@pytest.mark.parametrize(
+    ("rate_deg_s", "push_m_s2", "dt", "rests"),
+    [(0.5, 0.0, 0.01, True), (30.0, 0.0, 0.01, False), (0.0, 0.8, 1.0, False)],
+)
+def test_a_slow_turn_is_rest_and_neither_a_fast_one_nor_shaking_is(
+    rate_deg_s, push_m_s2, dt, rests
+):
+    k, gyr = coefficients(PARAMS, dt, 1.0).rest, (radians(rate_deg_s), 0.0, 0.0)
+    state = RestState(Smooth(gyr), Smooth((0.0, 0.0, -9.8)))
+    for i in range(300):
+        acc = (push_m_s2 * (-1) ** i, 0.0, -9.8)
+        state = observe_rest(PARAMS, k, state, gyr, acc, dt)
+        assert rests or not state.resting
+    assert state.resting is rests
 
 
 def test_gravity_ignores_shaking_and_any_norm():
-    """To and fro at 0.5 g, of a sensor whose g is 0.85 of the true one."""
     dt = 0.01
     k = coefficients(PARAMS, dt, 1.0)
     gravity = initial_state(PARAMS).vertical.gravity
@@ -168,7 +174,6 @@ def test_a_start_in_motion_teaches_no_lag_and_no_own_field(seed):
 
 @pytest.mark.parametrize("seed", [0, 4, 5])
 def test_a_start_in_motion_teaches_no_dip_of_a_vertical_that_is_not_known_yet(seed):
-    """Accelerations of 1 g let the first verticals lie anywhere; the true dip is 64.54 degrees."""
     state, seen = run(shaken(seed, 10.0, (1.0, 1.4, 1.8)), 0.01)
     reference = state.field.magnetic.reference
     dip = degrees(atan2(reference.down, reference.horizontal))
@@ -208,7 +213,6 @@ def test_a_vehicle_that_hardly_turns_learns_no_own_field():
     ("averaged", "off_rad", "plain_rad"), [(True, 0.000265, 0.0227), (False, 0.0228, 0.0581)]
 )
 def test_integration_rate_beats_the_plain_one_on_coning(averaged, off_rad, plain_rad):
-    """A coning motion sampled at 25 Hz, as instants and as means."""
     dt, n = 0.04, 250
     rate = lambda t: (2.0 * cos(5.0 * t), 2.0 * sin(5.0 * t), 0.5)  # noqa: E731
     truth = (1.0, 0.0, 0.0, 0.0)
@@ -235,11 +239,7 @@ RATE = (1.5, -2.0, 0.7)  # rad/s
 
 @pytest.mark.parametrize("dt", [0.01, 0.05])
 def test_a_mean_over_the_step_is_turned_to_its_end(dt):
-    """A direction fixed in the world, seen from a body that turns steadily, averaged over the step.
-
-    What is left is of second order in the turn: under its square; turned the wrong way it would be
-    the turn itself.
-    """
+    """What is left is of second order in the turn; the wrong way it would be the turn itself."""
     fixed = (0.3, 0.8, -0.5)
     times = (np.arange(1000) + 0.5) / 1000 * dt
     seen = np.array([rotate_inverse(exp(scale(t, RATE)), fixed) for t in times])
@@ -335,13 +335,3 @@ def test_the_long_mean_follows_the_low_passed_force_three_times_as_slowly():
             assert gravity.force.long == pytest.approx(expected)
             assert 0.1 < gravity.force.long[0] < 0.5 * down[0]
     assert gravity.force.long == pytest.approx((1.2, -0.4, 9.6), abs=1e-3)
-
-
-def test_slow_turn_is_rest_and_fast_turn_is_not():
-    dt = 0.01
-    k = coefficients(PARAMS, dt, 1.0).rest
-    for rate, expected in ((radians(0.5), True), (radians(30.0), False)):
-        state = RestState(Smooth((rate, 0.0, 0.0)), Smooth((0.0, 0.0, -9.8)))
-        for _ in range(300):
-            state = observe_rest(PARAMS, k, state, (rate, 0.0, 0.0), (0.0, 0.0, -9.8), dt)
-        assert state.resting is expected

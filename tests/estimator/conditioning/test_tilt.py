@@ -4,33 +4,23 @@ from math import degrees, radians
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from estimator.conditioning.condition import Conditioned, condition
+from estimator.conditioning.condition import condition
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.state import initial_state
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD, UNKNOWN, slowness, step_noise
 from estimator.geometry.metrics import rms
 from estimator.geometry.quaternion import exp, multiply, normalize, rotate_inverse
-from estimator.types import (
-    IDENTITY,
-    NOTHING_BETWEEN,
-    STANDARD_GRAVITY_M_S2,
-    ZERO_VEC3,
-    Sample,
-    Vec3,
-)
-
-Floats = NDArray[np.float64]
+from estimator.types import IDENTITY, NOTHING_BETWEEN, STANDARD_GRAVITY_M_S2, ZERO_VEC3, Sample
 
 PARAMS = ConditioningParams()
 FIXED = PARAMS._replace(use_step_noise=False, use_averaging=False)
-LEVEL: Vec3 = (0.0, 0.0, -STANDARD_GRAVITY_M_S2)
+LEVEL = (0.0, 0.0, -STANDARD_GRAVITY_M_S2)
 FINE_HZ = 100
-DOWN: Vec3 = (0.0, 0.0, 1.0)
+DOWN = (0.0, 0.0, 1.0)
 
 
-def vectors(array: Floats) -> list[Vec3]:
+def vectors(array):
     return [(x, y, z) for x, y, z in array.tolist()]
 
 
@@ -46,7 +36,7 @@ def test_a_stream_is_slow_by_its_steps_unless_they_are_averages():
 def test_a_step_misses_the_more_the_longer_it_is_and_the_more_the_rate_has_changed(dt, longer):
     state = UNKNOWN._replace(scatter=16.0 * LEAST_OFF_RAD**2, force=9.8)
 
-    def aliasing(rate: float, step_s: float) -> float:
+    def aliasing(rate, step_s):
         w = (rate, 0.0, 0.0)
         return step_noise(PARAMS, state, w, w, DOWN, step_s, step_s, NOTHING_BETWEEN).tilt
 
@@ -61,12 +51,12 @@ def test_turning_about_down_is_missed_by_the_heading():
     assert noise.yaw_noise == pytest.approx(11.0 * noise.tilt, rel=0.2)
 
 
-def shaken(seed: int, rate_rad_s: float) -> tuple[Floats, Floats, Floats]:
+def shaken(seed, rate_rad_s):
     """Turned by hand with pauses for 90 s: rate and force of the body, and down in it, (N, 3)."""
     rng = np.random.default_rng(seed)
     n = 90 * FINE_HZ
 
-    def smooth(tau_s: float, sigma: float) -> Floats:
+    def smooth(tau_s, sigma):
         keep = np.exp(-1.0 / (tau_s * FINE_HZ))
         x = rng.standard_normal((n, 3))
         for _ in range(2):
@@ -87,7 +77,7 @@ def shaken(seed: int, rate_rad_s: float) -> tuple[Floats, Floats, Floats]:
     return gyr, acc + 0.1 * rng.standard_normal((n, 3)), down
 
 
-def sampled(seed: int, rate_hz: float) -> NDArray[np.int64]:
+def sampled(seed, rate_hz):
     """Indices of samples with jitter, a tenth of them lost, and three holes."""
     rng = np.random.default_rng(100 + seed)
     times = np.arange(0.0, 89.0, 1.0 / rate_hz)
@@ -98,7 +88,7 @@ def sampled(seed: int, rate_hz: float) -> NDArray[np.int64]:
     return np.unique((times * FINE_HZ).astype(int))
 
 
-def run(params: ConditioningParams, gyr: Floats, acc: Floats, times_s: Floats) -> list[Conditioned]:
+def run(params, gyr, acc, times_s):
     state, seen = initial_state(params), []
     steps = np.diff(times_s, prepend=times_s[0])
     for w, f, dt in zip(vectors(gyr), vectors(acc), steps.tolist(), strict=True):
@@ -107,12 +97,12 @@ def run(params: ConditioningParams, gyr: Floats, acc: Floats, times_s: Floats) -
     return seen
 
 
-def angles_deg(a: Floats, b: Floats) -> Floats:
+def angles_deg(a, b):
     sine = np.linalg.norm(np.cross(a, b), axis=1)
     return np.degrees(np.arctan2(sine, np.sum(a * b, axis=1)))
 
 
-def errors_deg(params: ConditioningParams, rate_hz: float, seeds: range) -> tuple[Floats, Floats]:
+def errors_deg(params, rate_hz, seeds):
     """Errors of the vertical, and whether they are under sigma, behind 10 s."""
     errors, covered = [], []
     for seed in seeds:
@@ -146,7 +136,6 @@ def test_slow_hand_held_motion_beats_the_accelerometer_alone(rate_hz, measured_d
 
 
 def test_after_a_hole_with_a_fast_turn_a_vehicle_at_rest_is_upright_within_two_seconds():
-    """One sample in a hole of two seconds shows -154 deg/s and a push; then it stands level."""
     times = np.concatenate([np.arange(0.0, 20.0, 0.4), [21.0], np.arange(22.0, 30.0, 0.4)])
     gyr = np.zeros((len(times), 3))
     gyr[times == 21.0] = radians(-154.0), 0.0, 0.0

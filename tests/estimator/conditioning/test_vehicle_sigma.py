@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from estimator.arrays import Floats
 from estimator.profile import load_profile, merge_profile
 from estimator.types import STANDARD_GRAVITY_M_S2
 from fuzzbee import Estimator
@@ -16,7 +15,7 @@ RATE_HZ, MINUTES, STEADY_S = 25.0, 15, 120.0
 SPEED_M_S, SPEED_S, JERK_S = 6.0, 8.0, 0.5
 
 
-def driving(seed: int, drift_deg_s2: float) -> tuple[Floats, Floats]:
+def driving(seed, drift_deg_s2):
     """Gyroscope and accelerometer (N, 3) of a level vehicle that speeds up and brakes at random."""
     rng = np.random.default_rng(seed)
     n, dt = round(60 * MINUTES * RATE_HZ), 1.0 / RATE_HZ
@@ -35,7 +34,7 @@ def driving(seed: int, drift_deg_s2: float) -> tuple[Floats, Floats]:
 
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("drift_deg_s2", [0.0, 0.0015, 0.005])
-def test_sigma_is_as_wide_as_the_error(seed: int, drift_deg_s2: float) -> None:
+def test_sigma_is_as_wide_as_the_error(seed, drift_deg_s2):
     found = Estimator(IN_VEHICLE, RATE_HZ).update_batch(*driving(seed, drift_deg_s2))
     error = 2.0 * np.arcsin(np.hypot(found.q_ned_frd[:, 1], found.q_ned_frd[:, 2]))
     sigma = found.sigma_inclination_rad
@@ -45,8 +44,7 @@ def test_sigma_is_as_wide_as_the_error(seed: int, drift_deg_s2: float) -> None:
 
 
 @pytest.mark.parametrize("bank_deg", [30.0, 60.0])
-def test_a_vehicle_that_begins_in_a_bank_is_unsure_of_it(bank_deg: float) -> None:
-    """A coordinated turn at 25 m/s: the force is straight down in the body and too large."""
+def test_a_vehicle_that_begins_in_a_bank_is_unsure_of_it(bank_deg):
     bank, n = radians(bank_deg), round(20.0 * RATE_HZ)
     turn_rad_s = STANDARD_GRAVITY_M_S2 * tan(bank) / 25.0
     rng = np.random.default_rng(3)

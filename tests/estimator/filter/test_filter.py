@@ -120,7 +120,6 @@ def test_both_forms_agree_on_random_states():
 
 @pytest.mark.parametrize("params", [FUZZY, FUZZY._replace(gain_knows_noise=True)])
 def test_both_forms_agree_over_the_papers_experiment(params):
-    """300 samples of the paper's noisy signals, state handed on; roundings grow with the steps."""
     plain = fast = initial_state(exp((3.1, 0.1, 0.2)))
     for _, gyr, acc, mag, _ in samples_of(simulate(7, 300)):
         vectors = raw_vectors(PAPER, acc, mag, True)

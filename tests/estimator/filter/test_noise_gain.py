@@ -53,8 +53,7 @@ def test_the_surface_never_descends(error, rate, more, resting):
 
 
 def test_the_surface_has_no_steps():
-    """The steepest slope of the table, a half of the range a term, in terms of 15 %: K grows by
-    at most the factor that 2 % of an input can make of it."""
+    """K grows by at most the factor that 2 % of an input make of the table's steepest slope."""
     grid = np.geomspace(1.0, 20.0, 152)
     K = np.array([[noise_surface(2.0, e, d) for e in grid] for d in grid])
     most = (LARGEST_GAIN / 2.0) ** (0.5 * np.log(grid[1] / grid[0]) / np.log(1.15))
@@ -66,8 +65,7 @@ def test_the_surface_has_no_steps():
 
 @pytest.mark.parametrize(("gyroscope", "vectors"), [(1.0, 1.0), (5.0, 1.0), (1.0, 5.0), (0.5, 3.0)])
 def test_the_noise_is_measured(gyroscope, vectors):
-    """Mean over four seconds of 0.5 s windows. A unit vector keeps the part of the noise across
-    it; the magnetic one is shortened by its bias, so its noise is larger as an angle."""
+    """The magnetic vector is shortened by its bias, so its noise is larger as an angle."""
     states = [s.noise for s in run(NoiseScale(gyroscope, vectors))[50:]]
     rate = np.sqrt(np.mean([s.rate_variance for s in states]))
     vector = np.sqrt(np.mean([s.vector_variance for s in states]))
@@ -85,8 +83,7 @@ def test_a_wrong_estimate_is_no_noise():
 
 
 def test_turning_is_no_noise():
-    """A body that turns 0.05 rad in a sample sees a vector turn back as far; beyond first order
-    half the square of the angle is left."""
+    """Beyond first order half the square of the angle is left."""
     turn = (0.03, -0.04, 0.0)
     before = unit((1.0, 2.0, 3.0))
     now = rotate_inverse(exp(turn), before)
@@ -112,8 +109,7 @@ def test_the_descent_ends_at_the_resting_gain(gain, resting, dt):
 
 
 def test_more_noise_of_the_vectors_lowers_the_gain_and_of_the_gyroscope_raises_it():
-    """Medians over the fourth second and three seeds: five times the noise of the vectors alarms
-    the rules now and then, and K takes a second to come down."""
+    """Medians: the noise of the vectors alarms the rules now and then."""
     plain, vectors, gyroscope = (
         np.median([s.gain for seed in (11, 12, 13) for s in run(scale, seed=seed)[300:]])
         for scale in (NoiseScale(), NoiseScale(vectors=5.0), NoiseScale(gyroscope=5.0))

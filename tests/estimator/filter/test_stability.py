@@ -67,10 +67,7 @@ def test_a_long_step_never_overshoots(backend, dt):
 
 
 def test_steps_are_plain_up_to_the_jitter_of_a_clock(backend):
-    """10.001 ms and, from stamps in whole milliseconds, 11 ms count as 10; 11.1 ms decays.
-
-    A strong correction is never plain, and where the longest plain step is 0 none is.
-    """
+    """A strong correction is never plain, and where the longest plain step is 0 none is."""
     K, fastest = 60.0, 1.3
 
     def is_plain(params, dt, gain=K):
@@ -119,11 +116,7 @@ def test_no_confidence_makes_the_error_grow(backend, confidence):
     st.one_of(floats(1 / 400, 1.0), floats(1.0, 60.0)),
 )
 def test_no_step_makes_the_measured_error_grow(truth, axis, angle, gain, dt):
-    """From anywhere: V = Tr(I - M R~), the paper's Lyapunov function, does not grow.
-
-    V and not the angle: far from the truth the weights of the axes differ,
-    and the way down V may lead along an axis on which the angle rises.
-    """
+    """V = Tr(I - M R~), the paper's Lyapunov function: far from the truth the angle may grow."""
     q = multiply(truth, exp(scale(angle, axis)))
 
     def lyapunov(estimate):
@@ -139,11 +132,7 @@ def test_no_step_makes_the_measured_error_grow(truth, axis, angle, gain, dt):
     "params", [FUZZY, fixed(1), fixed(20), fixed(101)], ids=["fuzzy", "1", "20", "101"]
 )
 def test_pulls_in_from_179_degrees(rate_hz, params):
-    """Within 40 s at K = 1 (rate 0.71 1/s at least, slower near the opposite attitude).
-
-    Large gains need 4 s, or 20 samples: a long step corrects as far as a decay
-    would, which near the opposite attitude is about twice the sine of the error.
-    """
+    """Within 40 s at K = 1, and by a large gain within 4 s, or 20 samples."""
     rng = np.random.default_rng(35)
     for _ in range(3):
         truth = random_quaternion(rng)

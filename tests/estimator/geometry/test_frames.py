@@ -60,10 +60,7 @@ def test_from_euler_agrees_with_scipy(roll, pitch, yaw):
 
 @given(any_rotation())
 def test_euler_angles_describe_the_attitude(q):
-    """Also next to gimbal lock, where roll and yaw are not unique but their combination is.
-
-    Within 89.99 deg of pitch roll is given to yaw, which is off by at most that 0.01 deg.
-    """
+    """Also next to gimbal lock, where roll is given to yaw, which is off by 0.01 deg at most."""
     roll, pitch, yaw = euler_rad(q)
     assert -pi <= roll <= pi
     assert -pi / 2 <= pitch <= pi / 2

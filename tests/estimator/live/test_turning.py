@@ -10,16 +10,7 @@ from estimator.geometry.quaternion import angle_between, exp, multiply, scale
 from estimator.live import turning
 from estimator.live.turning import NO_AXES, STILL, Turning, stand_in, take_between, take_rate
 from estimator.profile import load_profile, merge_profile
-from estimator.types import (
-    IDENTITY,
-    NOTHING_BETWEEN,
-    ZERO_VEC3,
-    Between,
-    ImuSample,
-    Quaternion,
-    RateSample,
-    Vec3,
-)
+from estimator.types import IDENTITY, NOTHING_BETWEEN, ZERO_VEC3, ImuSample, RateSample
 
 BIAS = 0.05
 STEP_S = 0.5
@@ -27,14 +18,14 @@ SECOND = 1_000_000
 NO_RATES = np.zeros((0, turning.COLUMNS))
 
 
-def rate_at(time_s: float) -> Vec3:
+def rate_at(time_s):
     """To and fro, three times a second about x and slower about y: 2 Hz sees nothing of it."""
     x = 18.0 * time_s + 3.0 * sin(0.7 * time_s)
     y = 5.0 * time_s + 2.0 * cos(0.4 * time_s)
     return (1.5 * sin(x), 0.8 * cos(y), 0.0)
 
 
-def turn_between(from_s: float, to_s: float) -> Quaternion:
+def turn_between(from_s, to_s):
     n = 400
     dt = (to_s - from_s) / n
     q = IDENTITY
@@ -43,12 +34,12 @@ def turn_between(from_s: float, to_s: float) -> Quaternion:
     return q
 
 
-def gyr_at(time_s: float) -> Vec3:
+def gyr_at(time_s):
     x, y, z = rate_at(time_s)
     return (x + BIAS, y + BIAS, z + BIAS)
 
 
-def flown(seconds: float, *, late_s: float = 0.0, every_s: float = 0.05) -> list[Between]:
+def flown(seconds, *, late_s=0.0, every_s=0.05):
     """The turning between samples 0.5 s apart; the rates' clock is ``late_s`` off."""
     state, rates, shown = Turning(), NO_RATES, []
     next_rate, samples = 1, round(seconds / STEP_S)
@@ -88,7 +79,7 @@ def test_rates_too_far_apart_show_nothing():
     assert shown == NOTHING_BETWEEN
 
 
-def roll_after(profile_rates: str) -> tuple[float, str]:
+def roll_after(profile_rates):
     """The roll error of a vehicle rocked at 2 Hz of samples and 20 Hz of rates, and the word."""
     profile = merge_profile(load_profile("imu"), {"rates": profile_rates})
     estimator = Estimator(profile)
@@ -124,10 +115,7 @@ def test_rates_that_are_none_are_refused():
 
 @pytest.mark.parametrize(("samples_hz", "most_rad_s"), [(10, 0.06), (25, 0.02)])
 def test_a_vibration_at_the_samples_own_rate_is_no_turn(samples_hz, most_rad_s):
-    """Each sample sees the same phase, a turn of 1 rad/s; rates at 50 Hz between show that it ends.
-
-    Only those in the middle of a step, and the turn would be 0.09 to 1.0 rad/s.
-    """
+    """Each sample sees the same phase, a turn of 1 rad/s; rates between show that it ends."""
     step_us = SECOND // samples_hz
     state, rates, turns = STILL, NO_RATES, []
     for k in range(1, 50):

@@ -164,7 +164,6 @@ def heading_deg(attitudes, q):
 
 
 def test_a_field_that_points_elsewhere_for_a_while_does_not_count_on_the_way_back():
-    """With it the smoothed heading would be 1.4 deg off, as known at the time it is 1.7."""
     flight, q, is_turned = disturbed_flight()
     recorder = Recorder(load_profile("imu"))
     causal = np.array([a.q_ned_frd for a in flown(recorder, flight)])
