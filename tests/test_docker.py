@@ -1,8 +1,4 @@
-"""The container's files, as far as they can be held to account without an engine.
-
-What the containers do is tried with processes: the same commands, with this
-computer in place of the services' names.
-"""
+"""The container's files without an engine: the same commands, run as processes on this computer."""
 
 import json
 import os

@@ -1,9 +1,4 @@
-"""One IMU message, one source of aiding and one sink, added from outside: see additions.py.
-
-The vehicle flies banked turns and sends HIL_SENSOR, LOCAL_POSITION_NED and GPS2_RAW, whose heading
-is 0.3 rad to the right of the true one: whatever uses it shows that. Nothing of the product is
-changed for it but the tables.
-"""
+"""What additions.py adds, on banked turns with a heading that is off: whatever uses it shows."""
 
 import json
 import math

@@ -1,8 +1,4 @@
-"""Hostile input, structured: what is nearly right goes deeper than noise does.
-
-A case is built by plain functions of a ``random.Random``, whose seed is what hypothesis draws:
-drawing every byte through it would take ten times as long as parsing them.
-"""
+"""Hostile input made by a ``random.Random``: what is nearly right goes deeper than noise."""
 
 import math
 import os

@@ -1,8 +1,4 @@
-"""Whatever comes in: no exception but the one that names what is wrong, attitudes finite and unit.
-
-The fast run takes some hundred cases. FUZZBEE_FUZZ_LONG=1 takes more than 100,000, other ones
-each time; a hang shows as a test that does not end.
-"""
+"""Whatever comes in: one line that names what is wrong, or attitudes. FUZZBEE_FUZZ_LONG=1: longer."""
 
 from importlib import resources
 

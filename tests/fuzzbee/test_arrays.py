@@ -32,11 +32,7 @@ FIELDS = [
 
 @pytest.fixture(scope="module")
 def flight():
-    """Times, readings and velocities of a flight with flips, at 50 Hz.
-
-    The field, which came ten times a second, is there at every sample from the seventh on, as of a
-    quick magnetometer with noise.
-    """
+    """Times, readings and velocities of a flight with flips; a field from the seventh row on."""
     time_s, gyr, acc, mag, velocity = (values[:ROWS].copy() for values in recorded(FLIPS)[:5])
     known = np.flatnonzero(mag.any(axis=1))
     latest = known[np.maximum(np.searchsorted(known, np.arange(ROWS), side="right") - 1, 0)]
@@ -129,10 +125,7 @@ def test_a_batch_is_the_same_as_calls_to_the_last_digit(
 
 
 def test_a_batch_of_calls_that_nothing_disturbs_is_compiled_in_runs(flight, monkeypatch):
-    """Of 250 rows without velocity two are taken by a call: the first, which aligns, and a bad one.
-
-    Were they all taken so, the batch would cost what calls cost, and no other test would see it.
-    """
+    """The first row, which aligns, and a bad one are calls; else a batch costs what calls cost."""
     time_s, gyr, acc, mag, _ = (values.copy() for values in flight)
     gyr[100] = np.nan
     estimator = Estimator()

@@ -5,8 +5,6 @@ import json
 import os
 import shutil
 import signal
-import subprocess
-import sys
 import threading
 from contextlib import contextmanager
 from math import hypot, sqrt
@@ -18,23 +16,9 @@ from pymavlink import mavutil
 
 from drivers.mavlink.constants import mavlink
 from fuzzbee.cli import main
+from tests.fuzzbee.processes import FUZZBEE, begun, descendants, is_alive
 from tests.fuzzbee.recording import TAKEOFF
-from tests.fuzzbee.services import descendants, is_alive
-from tests.fuzzbee.tlogs import rewritten, table
-
-ROLL_OFF_RAD = 0.6
-
-
-def with_wrong_attitudes(log, made):
-    """A telemetry log's copy in which every ATTITUDE has another roll."""
-
-    def change(_, message):
-        if message.get_type() != "ATTITUDE":
-            return None
-        message.roll += ROLL_OFF_RAD
-        return [message]
-
-    rewritten(log, made, change)
+from tests.fuzzbee.tlogs import rewritten, table, with_wrong_attitudes
 
 
 def check(capsys, *arguments):
@@ -138,14 +122,7 @@ def test_a_run_warns_ground_stations_if_it_is_asked_to(season):
 
 def test_an_interrupt_of_all_processes_ends_them_without_a_word():
     """As at a terminal's end, or by its Ctrl-C: there had been a traceback of each of them."""
-    logs = [str(TAKEOFF)] * 8
-    process = subprocess.Popen(
-        [sys.executable, "-m", "fuzzbee", "check", *logs],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
+    process = begun(*FUZZBEE, "check", *[TAKEOFF] * 8, start_new_session=True)
     while not (workers := [p for p in descendants(process.pid) if is_worker(p)]):
         assert process.poll() is None
     os.killpg(process.pid, signal.SIGHUP)
@@ -207,11 +184,8 @@ def test_vibration_is_that_of_a_high_passed_tone(
     assert found["verdict"] == verdict
 
 
-def test_a_slow_stream_shows_no_vibration(tmp_path, capsys):
+def test_the_line_names_limits_and_clipping_and_a_slow_stream_shows_no_vibration(tmp_path, capsys):
     assert checked(capsys, shaken(tmp_path, 5.0, rate_hz=10.0))["vibration"] is None
-
-
-def test_the_line_names_limits_and_clipping(tmp_path, capsys):
     path = shaken(tmp_path, 55.0, clip_rad_s=5.0)
     assert checked(capsys, path)["clipped"]["gyroscope"] > 10
     status, line, _ = check(capsys, path)
@@ -221,7 +195,7 @@ def test_the_line_names_limits_and_clipping(tmp_path, capsys):
 
 
 def with_vibration(folder, autopilot=3, restarts=False):
-    """A flight whose autopilot measures 12, 40 and 5 m/s^2, and clips ten times a second."""
+    """A flight whose autopilot measures vibration, and clips ten times a second."""
 
     def change(seconds, message):
         if message.get_type() == "VIBRATION":
@@ -254,14 +228,11 @@ def test_what_the_autopilot_has_measured_stands_beside_it(tmp_path, capsys):
     assert part["clipped"]["0"] == pytest.approx(40, abs=4)
 
 
-def test_a_restart_sets_the_count_of_clipping_back(tmp_path, capsys):
-    all_the_time = checked(capsys, with_vibration(tmp_path))["autopilot_vibration"]
-    restarted = checked(capsys, with_vibration(tmp_path, restarts=True))["autopilot_vibration"]
-    most = all_the_time["clipped"]["0"]
-    assert restarted["clipped"]["0"] == pytest.approx(most + 7, abs=1)
-
-
-def test_the_figures_of_px4_have_other_units(tmp_path, capsys):
-    found = checked(capsys, with_vibration(tmp_path, autopilot=12))["autopilot_vibration"]
-    assert (found["m_s2"], found["verdict"]) == (None, None)
-    assert found["clipped"]["0"] > 100
+def test_a_restart_sets_the_count_of_clipping_back_and_px4_has_other_units(tmp_path, capsys):
+    steady, restarted, px4 = (
+        checked(capsys, with_vibration(tmp_path, **options))["autopilot_vibration"]
+        for options in ({}, {"restarts": True}, {"autopilot": 12})
+    )
+    assert restarted["clipped"]["0"] == pytest.approx(steady["clipped"]["0"] + 7, abs=1)
+    assert (px4["m_s2"], px4["verdict"]) == (None, None)
+    assert px4["clipped"]["0"] > 100

@@ -58,10 +58,7 @@ def test_parquet_has_the_rows_of_the_csv(replayed, tmp_path, monkeypatch):
 
 
 def test_trajectories_turn_as_the_errors_say(replayed, tmp_path):
-    """East-North-Up to forward-left-up, beside the reference; between both lies the error.
-
-    The autopilot's attitude begins after the first sample.
-    """
+    """East-North-Up to forward-left-up; the reference begins after the first sample."""
     files = ("--csv", tmp_path / "a.csv", "--tum", tmp_path / "a.tum")
     replayed(SLOW, "--reference", "autopilot", *files)
     every = rows_of(tmp_path / "a.csv")
@@ -99,7 +96,6 @@ def stamps_of(path):
 
 
 def test_a_reboot_moves_the_dates_at_once(replayed, tmp_path):
-    """It took 19 s, in which no stamp lies."""
     log = DATA / "copter_reboot.tlog"
     replayed(log, "--csv", tmp_path / "a.csv")
     dates = [float(row["time_unix_s"]) for row in rows_of(tmp_path / "a.csv")]
@@ -137,10 +133,7 @@ def restamped(made, change):
 
 @pytest.mark.parametrize("stamp_us", [None, 1 << 62, (1 << 31) * 10**6])
 def test_stamps_that_are_no_dates_are_none(replayed, tmp_path, stamp_us):
-    """PX4's clock of a clip that begins before the first fix counts from its start.
-
-    ROS and Foxglove have 31 bits for the seconds: later dates are none either.
-    """
+    """PX4's clock before the first fix counts from its start; ROS has 31 bits for the seconds."""
     log = SLOW.with_name("px4_hover.ulg")
     if stamp_us is not None:
         log = restamped(tmp_path / "late.tlog", lambda _, share: stamp_us + round(1e7 * share))

@@ -95,10 +95,7 @@ def test_the_same_figure_twice_is_the_same_bytes(replayed, tmp_path, suffix, sou
 
 
 def disturbed(path):
-    """50 s at 20 Hz: clipping at 10 s, a magnet from 20 to 26, a hole from 40 to 45.
-
-    The truth is known for the first 35 s.
-    """
+    """50 s at 20 Hz with clipping, a magnet and a hole; the truth is known for the first 35 s."""
     rng, rows = np.random.default_rng(2), []
     for k in range(1000):
         t, noise = k / 20.0, 0.002 * rng.standard_normal(3)

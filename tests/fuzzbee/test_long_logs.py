@@ -83,7 +83,6 @@ print(report.imu.samples, most_kb() - before_kb)
 
 
 def test_an_hour_at_400_hz_takes_no_more_memory_than_its_columns_one_by_one():
-    """The numbers alone are 400 MB; measured 150 MB beside 114 of libraries."""
     done = run([sys.executable, "-c", LONG], capture_output=True, text=True, check=True)
     samples, taken_kb = map(int, done.stdout.split())
     assert samples == 1_440_000

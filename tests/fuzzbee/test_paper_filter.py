@@ -69,7 +69,6 @@ def test_a_copy_goes_on_as_the_first_does_and_leaves_it_alone(way, gain):
 
 
 def test_more_vectors_are_better_at_the_same_weight():
-    """Noise of 0.05 on each; one degree and a half by two."""
     generator, rms_deg = np.random.default_rng(3), []
     eight = unit(generator.normal(size=(8, 3)))
     for v_I in (eight[:2], eight):

@@ -107,7 +107,6 @@ def test_several_profiles_and_logs_come_in_one_table_and_one_figure(replayed, ca
 
 
 def test_a_recording_of_fuzzbee_s_own_vehicle_has_the_profile_that_fits(replayed, tmp_path):
-    """The paper's signals: 8 deg off, as sigma has it; under imu 42 deg off with a small sigma."""
     from drivers.mavlink.framing import FrameReader
     from drivers.mavlink.recorder import Recorder
     from drivers.simulation.autopilot import SimulatedAutopilot, VehicleOptions

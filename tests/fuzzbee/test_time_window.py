@@ -11,8 +11,7 @@ from fuzzbee import replay
 from fuzzbee.cli import main
 from tests.drivers.logs.writers import DataflashWriter
 from tests.fuzzbee.recording import DATA, PLANE, TAKEOFF
-from tests.fuzzbee.test_check import with_wrong_attitudes
-from tests.fuzzbee.tlogs import rewritten
+from tests.fuzzbee.tlogs import rewritten, with_wrong_attitudes
 
 ARMED = 128  # MAV_MODE_FLAG_SAFETY_ARMED
 BEGIN_S, END_S = 4.0, 9.0
@@ -76,21 +75,16 @@ def test_dataflash_logs_report_arming(replayed, tmp_path, name, column, words):
     assert (begin_s, end_s) == pytest.approx((1.0, 2.99), abs=0.011)
 
 
-def test_px4_logs_report_arming(replayed):
+def test_px4_logs_report_arming_and_python_takes_a_part(replayed):
     """This one was armed in all of the clip."""
     begin_s, _ = replayed(DATA / "px4_hover.ulg", "--from", "arm")["window_s"]
     assert begin_s == pytest.approx(0.0, abs=0.1)
-
-
-def test_python_takes_a_part():
-    flight = replay(TAKEOFF, begin=BEGIN_S, end=END_S)
-    assert flight.attitudes.time_s[0] == pytest.approx(BEGIN_S, abs=0.3)
-    assert flight.attitudes.time_s[-1] == pytest.approx(END_S, abs=0.3)
+    times_s = replay(TAKEOFF, begin=BEGIN_S, end=END_S).attitudes.time_s
+    assert [times_s[0], times_s[-1]] == pytest.approx([BEGIN_S, END_S], abs=0.3)
 
 
 def test_check_looks_at_that_part(tmp_path, capsys):
-    wrong = tmp_path / "wrong.tlog"
-    with_wrong_attitudes(TAKEOFF, wrong)
+    wrong = with_wrong_attitudes(TAKEOFF, tmp_path / "wrong.tlog")
     assert main(["check", str(wrong), "--to", "1"]) == 0
     assert "no difference" in capsys.readouterr().out
     assert main(["check", str(wrong), "--from", "1e4"]) == 2

@@ -11,14 +11,13 @@ import pytest
 from estimator.profile import load_profile, merge_profile, profile_to_toml
 from fuzzbee.cli import main
 from fuzzbee.tune.report import has_gained, remarks
-from tests.fuzzbee.test_calibrate import PLANE, bench, truth_of
-from tests.fuzzbee.tlogs import with_iron
+from tests.fuzzbee.recording import DATA, PLANE
+from tests.fuzzbee.recording import SLOW as SLOW_LOG
+from tests.fuzzbee.tlogs import bench, truth_of, with_iron
 from tuning.paper_experiment import run_experiment
 
 SMALL = ["sim:", "--sources", "6", "--cycles", "4", "--noise-seeds", "100-101"]
 SMALL += ["--held-out-seeds", "200"]
-DATA = Path(__file__).resolve().parents[1] / "data"
-SLOW_LOG = DATA / "sitl_copter_4hz.tlog"
 FEW = ["--sources", "3", "--cycles", "2", "--threads", "1"]
 EVALUATIONS = 3 * (1 + 2 * 2)
 
@@ -186,8 +185,7 @@ def test_a_checkpoint_of_something_else_is_refused_in_one_line(tmp_path, refused
 
 @pytest.fixture
 def bad_base(tmp_path):
-    """A profile that takes velocities for ten times as good as they are: whatever is found is
-    better."""
+    """A profile that takes velocities for ten times as good as they are."""
     file = tmp_path / "bad.toml"
     bad = merge_profile(
         load_profile("imu"), {"aiding": {"filter_error_m_s": 0.02, "receiver_error_m_s": 0.015}}
@@ -222,7 +220,7 @@ def test_a_log_is_tuned_where_its_rate_allows(tmp_path, bad_base, tuned):
 
 
 def test_what_gains_nothing_is_not_written_unless_forced(tmp_path, tuned):
-    """K alone is worth less than 0.1 % of this cost, as it only follows conditioned vectors."""
+    """K counts for little where it only follows conditioned vectors."""
     file, few = tmp_path / "x.toml", [SLOW_LOG, *FEW, "--parameters", "gain"]
     answer, printed = tuned(*few, status=1)
     assert answer["file"] is None
@@ -270,7 +268,6 @@ CALIBRATION = [*FEW, "--parameters", "calibration"]
 
 
 def test_a_calibration_is_fitted_and_what_it_leaves_open_is_searched(tmp_path, tuned):
-    """Of 4.7 deg on another recording of the bench the fit leaves 1.7, the search 1.2."""
     logs = [bench(tmp_path / f"{k}.csv", k, seconds=80.0, errors=3) for k in (1, 2)]
     answer, _ = tuned(logs[0], "--hold-out", logs[1], *CALIBRATION, "--force")
     found = load_profile(tmp_path / "x.toml")
@@ -285,10 +282,7 @@ def test_a_calibration_is_fitted_and_what_it_leaves_open_is_searched(tmp_path, t
 
 
 def test_a_calibration_that_gains_nothing_held_out_is_not_written(tmp_path, tuned):
-    """By the later part of a flight the filter itself has learnt the iron; before, there is much.
-
-    The fit sees the first part only.
-    """
+    """By the later part of a flight the filter itself has learnt the iron."""
     log = with_iron(PLANE, tmp_path / "iron.tlog", (60.0, -40.0, 50.0))
     answer, _ = tuned(log, *CALIBRATION, status=1)
     assert answer["file"] is None

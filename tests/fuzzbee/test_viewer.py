@@ -19,12 +19,11 @@ from drivers.output_file import NotWholeError
 from estimator.geometry.quaternion import conjugate, rotate
 from estimator.types import STANDARD_GRAVITY_M_S2, ImuSample
 from fuzzbee.cli import main
-from service.records import Evicted, Message, Peer, Published, StatusRecord
+from service.records import Evicted, Message, Peer, Published
 from tests.fuzzbee import browser
-from tests.fuzzbee.processes import started
-from tests.fuzzbee.services import await_line, descendants, wait_for
-from tests.fuzzbee.test_sockets import is_loopback, listening
-from tests.service.records import UNIX_US, record
+from tests.fuzzbee.processes import descendants, is_loopback, listening, started
+from tests.fuzzbee.services import await_line, wait_for
+from tests.service.records import UNIX_US, record, status
 
 pytest.importorskip("rerun", reason="the extra viewer is not installed")
 
@@ -36,8 +35,6 @@ from tests.fuzzbee.recording import FLIPS
 from tests.fuzzbee.rrd import chunks, listing, numbers, rows
 
 ONE, TWO = VehicleId(1, 1), VehicleId(2, 1)
-STATUS = StatusRecord("running", "RAW_IMU", 100.0, 0.01, {}, 0, 0, 0)
-WAITING = StatusRecord("waiting", None, 0.0, 0.0, {}, 0, 0, 0)
 
 
 def attitudes(vehicle, count, period_us, yaw_from=0.0, yaw_step=1.0):
@@ -62,16 +59,15 @@ def drawn(tmp_path, turns, **options):
 
 def test_a_file_holds_every_curve_and_body_and_what_was_reported(tmp_path):
     """Somebody else's attitude makes no vehicle appear; before the first there is no time."""
-    lost = msgspec.structs.replace(STATUS, state="lost")
     turns = [
         [Message("before the first attitude"), Peer(TWO, "sim", (1, 0, 0, 0))],
         *(
             [Peer(ONE, "autopilot", output.record.q_ned_frd), output]
             for output in attitudes(ONE, 200, 10_000)
         ),
-        [Message("half-way"), Published(ONE, STATUS)],
-        [Published(TWO, WAITING, time_unix_us=UNIX_US)],
-        [Published(ONE, lost, time_unix_us=UNIX_US + 6_000_000)],
+        [Message("half-way"), Published(ONE, status())],
+        [Published(TWO, status("waiting", imu_message=None), time_unix_us=UNIX_US)],
+        [Published(ONE, status("lost"), time_unix_us=UNIX_US + 6_000_000)],
     ]
     text = listing(drawn(tmp_path, turns), "-vvv")
     for entity in ("/bodies/1/ours", "/bodies/1/autopilot", "/state/1", "/messages"):
@@ -87,10 +83,7 @@ def test_a_file_holds_every_curve_and_body_and_what_was_reported(tmp_path):
 
 @pytest.mark.parametrize("live", [False, True])
 def test_a_minute_is_some_chunks_with_every_point_and_gaps_where_angles_wrap(tmp_path, live):
-    """60 s at 10 points a second; the heading passes north once.
-
-    Live without an index, which memory had to hold: 100 MB an hour.
-    """
+    """The heading passes north once. Live there is no index, which memory had to hold."""
     turns = [[each] for each in attitudes(ONE, 3000, 20_000, yaw_from=-100, yaw_step=0.1)]
     file = drawn(tmp_path, turns, live=live)
     assert rows(file, "/heading/1") == pytest.approx(600, abs=2)
@@ -127,7 +120,7 @@ def test_how_far_others_are_off_is_left_out_where_time_would_decide(
 
 
 def test_an_attitude_of_somebody_elses_is_compared_with_ours_of_its_time(tmp_path):
-    """A stream of 2 Hz in a turn of 0.5 rad/s: by age alone it would be up to 14 deg off."""
+    """In a turn, by a slow stream."""
     rate_deg_s, turns = np.degrees(0.5), []
     for n in range(100):
         ours = record(rate_deg_s * 0.05 * n, 30.0, 90.0, rate_rad_s=(0.5, 0.0, 0.0))

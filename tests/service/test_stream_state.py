@@ -83,7 +83,6 @@ def alternate(drops, period_us, seconds, seed=0):
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("period_us", [250_000, 400_000])
 def test_a_lossy_link_does_not_make_two_imus_alternate(period_us, seed):
-    """Holes of 3 to 4.5 s in one message, every 20 s: 21 changes to and fro before."""
     drops = [(20 * k + 5, 20 * k + 8 + 0.3 * (k % 6)) for k in range(20)]
     assert alternate(drops, period_us, 400, seed) == ["RAW_IMU"]
 

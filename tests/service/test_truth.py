@@ -1,7 +1,4 @@
-"""How many cases of a small choice are wrong and sure of it, and whether their truth is one.
-
-``benchmarks/truth.py`` has all cases, and explains "wrong and sure".
-"""
+"""How many cases of a small choice are wrong and sure of it (see ``benchmarks/truth.py``)."""
 
 from itertools import product
 from math import isclose

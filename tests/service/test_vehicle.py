@@ -152,11 +152,7 @@ def test_an_attitude_is_never_older_than_its_sample(vehicle):
 
 
 def test_while_a_clock_may_have_stood_still_the_attitude_does_not_run_ahead(vehicle):
-    """The vehicle stops for 0.3 s, its clock too: what comes then is as late as a lost third.
-
-    Until that shows (0.25 s of evenly late samples) the attitude is the last sample's, and its age
-    shows it; from then on both are as before.
-    """
+    """Until a stop shows, the attitude is the last sample's, and its age shows it."""
     stall_us = 300_000
     feed(vehicle, 1, 100)
     ages_ms, ahead_us = [], []

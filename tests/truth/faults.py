@@ -1,8 +1,4 @@
-"""Sensors' readings of a true motion, and what can go wrong with them.
-
-The readings have the errors of ordinary MEMS sensors and a compass with some iron left over.
-A fault changes them from ``begin_s`` to ``end_s``; one of no length lasts to the end.
-"""
+"""Readings of ordinary sensors of a true motion, and what can go wrong with them for a while."""
 
 from collections.abc import Callable
 from math import cos, radians, sin

@@ -1,8 +1,4 @@
-"""One motion with one fault, as MAVLink frames through decoder and pipeline, and the verdict.
-
-Time is given, nothing waits. A tick comes with every IMU message, so that an attitude is published
-for the time of each sample.
-"""
+"""One motion with one fault, as MAVLink frames through decoder and pipeline, and the verdict."""
 
 from collections.abc import Iterator
 from math import cos, radians
