@@ -1,4 +1,4 @@
-"""An IMU message, a source of aiding and a sink that the product does not have but in its tables."""
+"""An IMU message, a source of aiding and a sink that the product has only in its tables."""
 
 import math
 from pathlib import Path

@@ -1,6 +1,5 @@
 """``fuzzbee calibrate``: errors put into a log are found again, and its profile undoes them."""
 
-import json
 import os
 import tomllib
 from pathlib import Path
@@ -20,36 +19,6 @@ from tests.programs import run_python
 OFFSET_MGAUSS = (60.0, -40.0, 50.0)
 
 
-@pytest.fixture
-def printed(capsys):
-    """What the verb prints about logs."""
-
-    def run(*arguments):
-        assert main(["calibrate", *map(str, arguments)]) == 0
-        return capsys.readouterr().out
-
-    return run
-
-
-@pytest.fixture
-def reported(printed):
-    return lambda *arguments: json.loads(printed(*arguments, "--json"))
-
-
-@pytest.fixture
-def refused(capsys):
-    """The one line that it ends with."""
-
-    def run(*arguments):
-        assert main(["calibrate", *map(str, arguments)]) == 2
-        out, err = capsys.readouterr()
-        assert not out
-        assert "Traceback" not in err
-        return err.splitlines()[-1]  # before it may stand that the filter is compiled
-
-    return run
-
-
 def offset_mgauss(report):
     return 1e3 * np.array(report["calibration"]["mag_offset_gauss"])
 
@@ -62,7 +31,7 @@ def heading_rms(replayed):
 
 def test_a_profile_that_it_prints_gives_the_heading_back(tmp_path, printed, heading_rms):
     log, mine = with_iron(PLANE, tmp_path / "iron.tlog", OFFSET_MGAUSS), tmp_path / "mine.toml"
-    text = printed(log)
+    text = printed("calibrate", log)
     # mG; there are 1.3 without the iron
     assert offset_mgauss(tomllib.loads(text)) == pytest.approx(OFFSET_MGAUSS, abs=2.0)
     assert "COMPASS_OFS_X -60." in text
@@ -74,7 +43,7 @@ def test_what_the_current_adds_is_found_apart(tmp_path, reported):
     """And as ArduPilot's COMPASS_MOT what undoes it."""
     own = (1.5, -2.0, 1.0)
     log = with_iron(PLANE, tmp_path / "current.tlog", OFFSET_MGAUSS, current_mgauss_a=own)
-    report = reported(log)
+    report = reported("calibrate", log)
     found, sigma = (1e3 * np.array(report[f"current_{each}gauss_a"]) for each in ("", "sigma_"))
     assert found == pytest.approx(own, abs=0.25)  # mG/A; it is 0.17 off
     assert (np.abs(found - own) < 3.0 * sigma).all()
@@ -102,12 +71,12 @@ def test_a_compass_that_is_turned_is_turned_back(tmp_path, printed, reported, he
     number, turn = TURNS[name]
     others, mine = ("SCALED_IMU2", "SCALED_IMU3"), tmp_path / "mine.toml"
     log = with_iron(PLANE, tmp_path / "turned.tlog", OFFSET_MGAUSS, np.array(turn), left_out=others)
-    report = reported(log)
+    report = reported("calibrate", log)
     assert report["orientation"] == name
     # mG, in the axes of the readings
     assert offset_mgauss(report) == pytest.approx(OFFSET_MGAUSS, abs=4.0)
     assert report["ardupilot"] == {"COMPASS_ORIENT": number}
-    mine.write_text(printed(log))
+    mine.write_text(printed("calibrate", log))
     assert f"should be {name}" in mine.read_text()
     assert heading_rms(log, mine) < 1.2 * heading_rms(PLANE, "imu")
 
@@ -116,13 +85,13 @@ def test_another_compass_of_the_log_is_fitted(tmp_path, reported, refused):
     """The first carries iron, the second none; its parameters have its number."""
     log = with_iron(PLANE, tmp_path / "iron.tlog", OFFSET_MGAUSS, left_out=("SCALED_IMU3",))
     first, chosen, second = (
-        reported(log, *options) for options in ((), ("--compass", 0), ("--compass", 1))
+        reported("calibrate", log, *options) for options in ((), ("--compass", 0), ("--compass", 1))
     )
     assert offset_mgauss(chosen) == pytest.approx(offset_mgauss(first), abs=0.1)
     assert offset_mgauss(second) == pytest.approx((0.0, 0.0, 0.0), abs=2.0)
     assert (first["message"], second["message"]) == ("RAW_IMU", "SCALED_IMU2")
     assert set(second["ardupilot"]) == {f"COMPASS_OFS2_{axis}" for axis in "XYZ"}
-    assert "no compass 2 (there is: 0, 1)" in refused(log, "--compass", 2)
+    assert "no compass 2 (there is: 0, 1)" in refused("calibrate", log, "--compass", 2)
 
 
 @pytest.mark.parametrize("verb", ["calibrate", "tune"])
@@ -142,7 +111,7 @@ def test_a_log_of_which_much_was_refused_is_named(tmp_path, capsys, verb):
 
 
 def test_json_names_what_was_not_flown_and_that_the_compass_is_in_its_place(reported):
-    report = reported(PLANE)
+    report = reported("calibrate", PLANE)
     assert report["orientation"] is None
     assert report["unseen"] == ["bottom", "tail"]
     assert report["matrix_sigma"] is None
@@ -154,8 +123,8 @@ def test_json_names_what_was_not_flown_and_that_the_compass_is_in_its_place(repo
 def test_a_log_without_a_position_is_reported_where_it_was(tmp_path, reported, refused):
     there = ("GLOBAL_POSITION_INT", "GPS_RAW_INT", "GPS2_RAW", "HOME_POSITION")
     log = with_iron(PLANE, tmp_path / "iron.tlog", OFFSET_MGAUSS, left_out=there)
-    assert "no position; --place LAT,LON" in refused(log)
-    report = reported(log, "--place", "-35.363,149.165")
+    assert "no position; --place LAT,LON" in refused("calibrate", log)
+    report = reported("calibrate", log, "--place", "-35.363,149.165")
     assert offset_mgauss(report) == pytest.approx(OFFSET_MGAUSS, abs=2.0)  # 1.6 on the third axis
     assert report["dip_deg"] == pytest.approx(-66.0, abs=0.1)  # of Canberra
 
@@ -173,14 +142,14 @@ def test_a_log_without_a_position_is_reported_where_it_was(tmp_path, reported, r
     ],
 )
 def test_what_shows_nothing_is_one_line(arguments, complaint, refused):
-    assert complaint in refused(*arguments)
+    assert complaint in refused("calibrate", *arguments)
 
 
 def test_a_bench_recording_shows_the_whole_imu(tmp_path, reported, replayed):
     """Two recordings of one IMU, and another one that is better for it."""
     logs = [bench(tmp_path / f"{k}.csv", 3) for k in (1, 2)]
     mine = tmp_path / "mine.toml"
-    report = reported(*logs, "-o", mine)
+    report = reported("calibrate", *logs, "-o", mine)
     truth, found = truth_of(3), report["calibration"]
     assert found["acc_bias_m_s2"] == pytest.approx(truth["acc_bias_m_s2"], abs=0.05)
     assert found["mag_offset_gauss"] == pytest.approx(truth["mag_offset_gauss"], abs=0.005)
@@ -202,7 +171,7 @@ def test_a_bench_recording_shows_the_whole_imu(tmp_path, reported, replayed):
 def test_a_field_that_is_not_its_places_shows_nothing_of_the_compass(tmp_path, reported):
     """Iron all around, as in a car: a compass turned by that would be wrong outside."""
     logs = [bench(tmp_path / f"{k}.csv", 3, seconds=60.0) for k in (1, 2)]
-    found = reported(*logs, "--place", "30,8.55")["calibration"]
+    found = reported("calibrate", *logs, "--place", "30,8.55")["calibration"]
     assert found["mag_offset_gauss"] == [0.0, 0.0, 0.0]
     assert found["mag_matrix"] == np.eye(3).tolist()
     assert found["acc_bias_m_s2"] == pytest.approx(truth_of(3)["acc_bias_m_s2"], abs=0.05)
@@ -218,7 +187,7 @@ def test_a_field_that_is_not_its_places_shows_nothing_of_the_compass(tmp_path, r
 )
 def test_what_recordings_do_not_show_is_left_alone(tmp_path, refused, seeds, options, complaint):
     logs = [bench(tmp_path / f"{seed}.csv", seed, **options) for seed in seeds]
-    assert complaint in refused(*logs)
+    assert complaint in refused("calibrate", *logs)
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs Linux's list of threads")

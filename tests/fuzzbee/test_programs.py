@@ -1,11 +1,11 @@
 """What programs import: arrays in, attitudes out, the same estimates as those of the service."""
 
-import msgspec
 import numpy as np
 import pytest
 
 import fuzzbee
 from drivers.logs.open import open_log
+from estimator.profile import merge_profile
 from estimator.types import ImuSample
 from fuzzbee import Estimator, load_profile
 from fuzzbee.replays.trace import Replay
@@ -53,14 +53,9 @@ def test_a_turn_to_the_right_is_a_growing_heading():
 
 def test_it_estimates_as_the_service_does():
     """Without what arrays do not carry: velocity, rates of ATTITUDE, declination, the vehicle."""
-    profile = load_profile("imu")
-    profile = msgspec.structs.replace(
-        profile,
-        aiding={**profile.aiding, "enabled": False},
-        conditioning={**profile.conditioning, "in_vehicle": True},
-        reference=msgspec.structs.replace(profile.reference, declination_deg=0.0),
-        rates="imu",
-    )
+    alone = {"aiding": {"enabled": False}, "conditioning": {"in_vehicle": True}, "rates": "imu"}
+    alone["reference"] = {"declination_deg": 0.0}
+    profile = merge_profile(load_profile("imu"), alone)
     service = Replay(profile)
     with open_log(FLIPS) as log:
         service.run(log)
@@ -92,9 +87,8 @@ def test_before_the_first_sample_that_can_be_used_there_is_no_attitude():
 
 def test_the_mounting_of_a_profile_is_used():
     """An IMU that is turned right by 90 deg: its x axis is the body's y axis."""
-    plain = load_profile("imu")
-    mounting = msgspec.structs.replace(plain.mounting, rotation_deg=(0.0, 0.0, 90.0))
-    turned = Estimator(msgspec.structs.replace(plain, mounting=mounting), rate_hz=100.0)
+    mounting = {"mounting": {"rotation_deg": (0.0, 0.0, 90.0)}}
+    turned = Estimator(merge_profile(load_profile("imu"), mounting), rate_hz=100.0)
     gyr, acc, mag, _ = turning_level(50, 100.0)
     seen = [np.stack([v[:, 1], -v[:, 0], v[:, 2]], axis=1) for v in (gyr, acc, mag)]
     straight = Estimator(rate_hz=100.0).update_batch(gyr, acc, mag)

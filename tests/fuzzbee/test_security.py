@@ -191,15 +191,14 @@ def test_lists_of_system_ids():
     ],
 )
 def test_a_key_file_that_cannot_be_one_is_refused_without_its_content(
-    verb, content, mode, output, tmp_path, capfd
+    verb, content, mode, output, tmp_path, refused
 ):
     path = tmp_path / "key"
     if content is not None:
         path.write_bytes(content)
         path.chmod(mode)
     command = [*verb, "--seconds", "0.1", KEY_FILE, str(path)]
-    assert main(command) == 2
-    (line,) = capfd.readouterr().err.splitlines()
+    line = refused(*command)
     assert line.startswith(f"fuzzbee: {output}")
     assert "s3cret" not in line
     if mode != 0o600:

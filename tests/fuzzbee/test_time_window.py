@@ -1,7 +1,6 @@
 """``--from`` and ``--to``: a part of a log, by seconds or by arming."""
 
 import csv
-import json
 import tomllib
 
 import numpy as np
@@ -91,12 +90,9 @@ def test_check_looks_at_that_part(tmp_path, capsys):
     assert "the log lasts" in capsys.readouterr().out
 
 
-def test_calibrate_uses_that_part(capsys):
-    counts = []
-    for window in ((), ("--from", "60")):
-        assert main(["calibrate", str(PLANE), "--json", *window]) == 0
-        counts.append(json.loads(capsys.readouterr().out)["readings"])
-    assert counts[1] < counts[0]
+def test_calibrate_uses_that_part(reported):
+    whole, part = (reported("calibrate", PLANE, *window) for window in ((), ("--from", 60)))
+    assert part["readings"] < whole["readings"]
 
 
 def test_a_tuned_profile_names_its_part(tmp_path):
@@ -108,9 +104,6 @@ def test_a_tuned_profile_names_its_part(tmp_path):
     assert (options["from"], options["to"]) == (20.0, 150.0)
 
 
-def test_a_log_that_was_never_armed(tmp_path, capsys):
+def test_a_log_that_was_never_armed(tmp_path, refused):
     log = armed_between(TAKEOFF, tmp_path / "idle.tlog", 1e6, 1e6)
-    assert main(["replay", str(log), "--from", "arm"]) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err == f"fuzzbee: {log}: the vehicle was never armed\n"
+    assert refused("replay", log, "--from", "arm") == f"fuzzbee: {log}: the vehicle was never armed"

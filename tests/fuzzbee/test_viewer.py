@@ -18,7 +18,6 @@ from drivers.events import VehicleId
 from drivers.output_file import NotWholeError
 from estimator.geometry.quaternion import conjugate, rotate
 from estimator.types import STANDARD_GRAVITY_M_S2, ImuSample
-from fuzzbee.cli import main
 from service.records import Evicted, Message, Peer, Published
 from tests.fuzzbee import browser
 from tests.fuzzbee.processes import descendants, is_loopback, listening, started
@@ -146,11 +145,6 @@ def test_only_so_many_vehicles_are_drawn_as_can_be_read(tmp_path):
     assert "only the first" not in text
 
 
-def test_a_file_that_cannot_be_written_is_status_2(tmp_path, capfd):
-    assert main(["run", "--no-zenoh", "--seconds", "1", "--rrd", str(tmp_path)]) == 2
-    assert "--rrd" in capfd.readouterr().err
-
-
 def test_a_file_that_has_no_room_for_its_end_is_not_whole(tmp_path):
     """A limit on the size of a file stands for the disk."""
     resource = pytest.importorskip("resource")
@@ -168,16 +162,18 @@ def test_a_file_that_has_no_room_for_its_end_is_not_whole(tmp_path):
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="Linux's way to name a screen")
-def test_without_a_screen_a_window_is_refused(monkeypatch, capfd):
+def test_without_a_screen_or_a_file_that_can_be_written_it_is_refused(
+    monkeypatch, tmp_path, refused
+):
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
         monkeypatch.delenv(name, raising=False)
-    assert main(["run", "--no-zenoh", "--view"]) == 2
-    assert "--view web" in capfd.readouterr().err
+    assert "--view web" in refused("run", "--no-zenoh", "--view")
+    assert "--rrd" in refused("run", "--no-zenoh", "--seconds", "1", "--rrd", tmp_path)
 
 
-def test_a_log_is_replayed_into_a_file(tmp_path, capfd):
+def test_a_log_is_replayed_into_a_file(tmp_path, replayed):
     file = tmp_path / "flips.rrd"
-    assert main(["replay", str(FLIPS), "--rrd", str(file), "--json"]) == 0
+    replayed(FLIPS, "--rrd", file)
     text = listing(file)
     assert "/bodies/1/ours" in text
     assert "/bodies/1/gravity" in text
@@ -276,12 +272,11 @@ def test_no_usage_figures_are_sent_or_kept(tmp_path, monkeypatch):
     assert not list(tmp_path.rglob("*.json"))
 
 
-def test_without_the_extra_its_option_is_refused_and_nothing_else(monkeypatch, capfd):
+def test_without_the_extra_its_option_is_refused_and_nothing_else(monkeypatch, refused, printed):
     monkeypatch.setattr("fuzzbee.options.find_spec", lambda _: None)
     for option, what in (("--view=web", "the viewer"), ("--metrics=9099", "--metrics")):
-        assert main(["run", "--no-zenoh", option]) == 2
-        assert f"{what} needs the extra" in capfd.readouterr().err
-    assert main(["run", "--no-zenoh", "--seconds", "0.2", "--json"]) == 0
+        assert f"{what} needs the extra" in refused("run", "--no-zenoh", option)
+    printed("run", "--no-zenoh", "--seconds", "0.2", "--json")
 
 
 def test_points_go_on_though_the_host_s_clock_was_set_back(tmp_path):

@@ -5,7 +5,7 @@ from math import atan2, cos, degrees, hypot, radians, sin
 import pytest
 
 from estimator.geometry.earth import PlaceField
-from estimator.geometry.quaternion import multiply, rotate_inverse
+from estimator.geometry.quaternion import exp, multiply, rotate_inverse, scale
 from estimator.types import Attitude, ImuSample
 from service.evidence import Consistency
 from service.second_opinion import (
@@ -24,11 +24,12 @@ NORTH, EAST, DOWN = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
 
 def turn(axis, angle_deg):
-    half = radians(angle_deg) / 2.0
-    return (cos(half), *(sin(half) * x for x in axis))
+    return exp(scale(radians(angle_deg), axis))
 
 
 TRUE = multiply(turn(DOWN, 40.0), turn(NORTH, 5.0))
+LATER_US = int(20e6 / LOOK_EVERY_US) * LOOK_EVERY_US  # behind what is ``reported``
+LAST_US = LATER_US - LOOK_EVERY_US
 
 
 def attitude(q, time_us=0, *, sigma_deg=1.0, heading_sigma_deg=2.0, north="true", rate=(0, 0, 0)):
@@ -101,11 +102,9 @@ def test_the_heading_s_sign_is_the_autopilot_s_clockwise_of_ours():
 
 
 def test_it_is_reported_after_some_seconds_and_agrees_at_no_time_meanwhile():
-    opinion = reported(TRUE, TRUE)
-    wrong = turned(EAST, 25.0)
-    begin_us, words = opinion._last_us, []
+    opinion, wrong, words = reported(TRUE, TRUE), turned(EAST, 25.0), []
     for k in range(1, 30):
-        reported(TRUE, wrong, seconds=0.4, opinion=opinion, begin_us=begin_us + k * LOOK_EVERY_US)
+        reported(TRUE, wrong, seconds=0.4, opinion=opinion, begin_us=LAST_US + k * LOOK_EVERY_US)
         words.append(opinion.opinion.verdict)
     first = words.index(Verdict.DIFFERS)
     assert set(words[:first]) == {Verdict.CANNOT_TELL}
@@ -114,8 +113,8 @@ def test_it_is_reported_after_some_seconds_and_agrees_at_no_time_meanwhile():
 
 def test_an_autopilot_that_falls_silent_is_compared_no_more():
     opinion = reported(TRUE, TRUE)
-    assert opinion.record(opinion._last_us + 1_000_000).verdict == "agrees"
-    assert opinion.record(opinion._last_us + 3_000_000) is None
+    assert opinion.record(LAST_US + 1_000_000).verdict == "agrees"
+    assert opinion.record(LAST_US + 3_000_000) is None
 
 
 def test_velocity_shows_which_heading_is_right_where_there_is_no_field():
@@ -134,7 +133,7 @@ def test_velocity_shows_which_heading_is_right_where_there_is_no_field():
 
 def test_one_sentence_has_all_that_a_person_needs():
     opinion = reported(TRUE, turned(DOWN, 25.0))
-    text = in_words(opinion.record(opinion._last_us))
+    text = in_words(opinion.record(LAST_US))
     assert text.startswith(
         "the autopilot's heading has been 25 deg off ours for 20 s, and ours is good to 2 deg; "
         "which is wrong is not known: the magnetic field is 0 deg off ours and 25 off the"
@@ -143,11 +142,10 @@ def test_one_sentence_has_all_that_a_person_needs():
 
 def test_intervals_are_kept_with_their_largest_difference():
     opinion = reported(TRUE, turned(NORTH, 30.0))
-    later_us = opinion._last_us + LOOK_EVERY_US
-    reported(TRUE, TRUE, opinion=opinion, begin_us=later_us)
+    reported(TRUE, TRUE, opinion=opinion, begin_us=LATER_US)
     (interval,) = opinion.intervals
     assert interval.inclination_deg == pytest.approx(30.0, abs=0.1)
-    assert interval.end_us < later_us + 10_000_000
+    assert interval.end_us < LATER_US + 10_000_000
     assert interval.wrong == "autopilot"
     assert opinion.opinion.verdict is Verdict.AGREES
 
@@ -204,10 +202,9 @@ def test_an_accelerometer_that_leads_ours_astray_is_nobody_s_fault_or_ours(place
 def test_the_evidence_that_named_one_stays_with_the_interval():
     turned = multiply(turn(DOWN, 30.0), TRUE)
     opinion = reported(TRUE, turned, place=None, faults=("its own filter calls it not good", ""))
-    later_us = opinion._last_us + LOOK_EVERY_US
-    reported(TRUE, turned, place=None, opinion=opinion, begin_us=later_us)
+    reported(TRUE, turned, place=None, opinion=opinion, begin_us=LATER_US)
     (interval,) = opinion.intervals
-    assert (interval.end_us > later_us, interval.wrong) == (True, "autopilot")
+    assert (interval.end_us > LATER_US, interval.wrong) == (True, "autopilot")
     assert "calls it not good" in interval.evidence
 
 

@@ -20,11 +20,10 @@ def figures(profile, noise, gain=None):
     """J, mean e over 4..14 s, median settling."""
     made = {seed: simulate_scaled(seed, COST_SAMPLES, noise) for seed in SEEDS}
     runs = [run_experiment(load_profile(profile), seed, gain, made[seed]) for seed in SEEDS]
-    return (
-        np.mean([r.cost for r in runs]),
-        np.mean([r.steady_state_error for r in runs]),
-        np.median([r.settling_s for r in runs]),
+    costs, errors, times_s = zip(
+        *((r.cost, r.steady_state_error, r.settling_s) for r in runs), strict=True
     )
+    return np.mean(costs), np.mean(errors), np.median(times_s)
 
 
 @pytest.mark.parametrize("mix", MIXES)
