@@ -136,6 +136,20 @@ DATAFLASH_COLUMNS = {
 }
 
 
+def dataflash(rows):
+    """A sound DataFlash log of IMU, MAG and ATT."""
+    log = DataflashWriter()
+    log.format("IMU", "QBffffff", DATAFLASH_COLUMNS["IMU"])
+    log.format("MAG", "QBhhh", DATAFLASH_COLUMNS["MAG"])
+    log.format("ATT", "QccC", DATAFLASH_COLUMNS["ATT"])
+    for k in range(rows):
+        time_us = 1_000_000 + 20_000 * k
+        log.write("IMU", time_us, 0, 0.1, 0.0, 0.0, 0.01 * k, 0.1, -9.8)
+        log.write("MAG", time_us, 0, 200, 10, 400)
+        log.write("ATT", time_us, 1.0, 2.0, 3.0)
+    return log.data
+
+
 def dataflash_formats(rng):
     """A sound DataFlash log of messages with any types of fields, and any values."""
     log, formats = DataflashWriter(), {}

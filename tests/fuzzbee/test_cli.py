@@ -60,6 +60,10 @@ BAD = [
     (["run", *NOWHERE, "--ros", "--ros-domain", "233"], "233"),
     (["run", "--no-zenoh", "--send-attitude", "sim:"], "--send-attitude"),
     *((["run", "--no-zenoh", door, "0"], "65535") for door in ("--metrics", "--web")),
+    *(
+        (["run", "--no-zenoh", f"--web={text}"], f"--web {text}: should be PORT")
+        for text in ("0", "65536", "http", "localhost:80", "1.2.3.4:", "-1", "")
+    ),
     (["run", "--no-zenoh", "--as", "200:1"], "--send-attitude"),
     *((["run", "--no-zenoh", *SENDING, "--as", n], f"--as {n}: should") for n in ("200", "0:1")),
     (["run", "--no-zenoh", "--send-attitude", "udpout:127.0.0.1"], "port"),

@@ -9,20 +9,12 @@ import pytest
 
 from drivers.logs.open import ULOG_MAGIC
 from service.process import load_kernels
-from tests.drivers.logs.writers import DataflashWriter
+from tests.fuzz.cases import dataflash
 from tests.fuzzbee.recording import DATA
 
+DATAFLASH = dataflash(400)
 ULOG = (DATA / "px4_hover.ulg").read_bytes()[:300_000]
 TLOG = (DATA / "rover_no_magnetometer.tlog").read_bytes()
-
-
-def dataflash():
-    """A sound DataFlash log of one IMU."""
-    log = DataflashWriter()
-    log.format("IMU", "Qffffff", "TimeUS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ")
-    for k in range(400):
-        log.write("IMU", 1_000_000 + 20_000 * k, 0.1, 0.0, 0.0, 0.01 * k, 0.1, -9.8)
-    return log.data
 
 
 def shuffled(content):
@@ -42,15 +34,15 @@ UNUSABLE = {
     "magic.ulg": ULOG_MAGIC + bytes(9) + b"A" * 100_000,
     "lengths.ulg": ULOG_MAGIC + b"\xff" * 100_000,
     "packed.tlog": gzip.compress(TLOG),
-    "head.bin": dataflash()[:80],
+    "head.bin": DATAFLASH[:80],
     "head.ulg": ULOG[:900],
-    "tail.bin": dataflash()[50:],
+    "tail.bin": DATAFLASH[150:],  # without its IMU's format
 }
 USABLE = {
-    "wrong name.tlog": dataflash(),
+    "wrong name.tlog": DATAFLASH,
     "wrong name.bin": ULOG,
     "wrong name.ulg": TLOG,
-    "twice.bin": dataflash() + dataflash(),
+    "twice.bin": 2 * DATAFLASH,
     "twice.ulg": ULOG + ULOG,
     "another behind.tlog": TLOG + ULOG,
     "cut.tlog": TLOG[:-7],

@@ -6,8 +6,9 @@ import pytest
 from fuzzbee.verdict import Level, heading_text, other_imus, plus_minus, verdict_of
 from service.alarms import Alarm
 from service.records import ImuDifference, State
-from tests.service.records import STATUS, record
+from tests.service.records import record, status
 
+STATUS = status(imu_rate_hz=50.0)
 GOOD, CARE, BAD, NONE = Level
 
 

@@ -4,7 +4,7 @@ import http.client
 import json
 import os
 import re
-from contextlib import ExitStack, closing, nullcontext
+from contextlib import ExitStack, closing
 from importlib.resources import files
 from pathlib import Path
 
@@ -120,17 +120,10 @@ def test_the_number_of_open_pages_is_bounded(page):
 
 @pytest.mark.parametrize(
     ("text", "address"),
-    [
-        ("8080", ("127.0.0.1", 8080)),
-        ("0.0.0.0:80", ("0.0.0.0", 80)),
-        ("[::1]:80", ("::1", 80)),
-        *((text, None) for text in ("0", "65536", "http", "localhost:80", "1.2.3.4:", "-1", "")),
-    ],
+    [("8080", ("127.0.0.1", 8080)), ("0.0.0.0:80", ("0.0.0.0", 80)), ("[::1]:80", ("::1", 80))],
 )
 def test_an_address_is_loopback_unless_another_is_given(text, address):
-    refusal = pytest.raises(InputError, match=re.escape(f"--web {text}: should be PORT"))
-    with nullcontext() if address else refusal:
-        assert parse_address(text) == address
+    assert parse_address(text) == address
 
 
 def test_a_taken_port_is_named(page):
