@@ -5,6 +5,7 @@ import signal
 import numpy as np
 import pytest
 
+from fuzzbee.app import build_command
 from fuzzbee.cli import main
 from fuzzbee.version import __version__
 from tests.fuzzbee.recording import DATA, FLIPS, TAKEOFF
@@ -271,8 +272,6 @@ def test_without_x86_64_v2_the_command_ends_with_a_line_before_numpy(flags, lack
 
 def test_help_on_a_terminal_keeps_its_defaults():
     """Rich takes brackets for styles."""
-    from fuzzbee.app import build_command
-
     tune = build_command(decorated=True).commands["tune"]
     option = next(p for p in tune.params if p.name == "cycles")
     assert r"\[default: 15" in option.help

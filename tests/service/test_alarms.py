@@ -127,18 +127,11 @@ def test_a_heading_is_held_against_the_declination_of_the_place(
     true_deg, declination_deg, off_deg, output
 ):
     """In any attitude it is wrong beyond 20 deg and two sigmas (2 deg) to either side."""
-    east = radians(declination_deg)
-    field_ned = (0.218 * cos(east), 0.218 * sin(east), 0.428)
-    roll, pitch, yaw = true_deg
-    true = turned(roll, pitch, yaw)
-    found = words(
-        30,
-        acc=rotate_inverse(true, (0.0, 0.0, -9.8)),
-        mag=rotate_inverse(true, field_ned),
-        place=PlaceField(east, radians(63.0), 0.48),
-        q=turned(roll, pitch, yaw + off_deg),
-    )
-    assert found == output
+    east, (roll, pitch, yaw) = radians(declination_deg), true_deg
+    field_ned, true = (0.218 * cos(east), 0.218 * sin(east), 0.428), turned(*true_deg)
+    place, shown = PlaceField(east, radians(63.0), 0.48), turned(roll, pitch, yaw + off_deg)
+    acc, mag = (rotate_inverse(true, each) for each in ((0.0, 0.0, -9.8), field_ned))
+    assert words(30, acc=acc, mag=mag, place=place, q=shown) == output
 
 
 @pytest.mark.parametrize(("off_deg", "output"), [(14.0, set()), (21.0, {Alarm.SIGMA_TOO_SMALL})])
@@ -148,14 +141,6 @@ def test_a_tilt_is_held_against_the_force_in_any_attitude(off_deg, output):
     given = {"acc": rotate_inverse(true, (0.0, 0.0, -9.8)), "mag": (0.0, 0.0, 0.0), "place": None}
     tilted = multiply(exp(scale(radians(off_deg), (0.6, 0.8, 0.0))), true)
     assert words(40, **given, q=tilted, sigma_deg=2.0, heading_deg=90.0) == output
-
-
-def test_a_magnet_that_passes_within_two_seconds_contradicts_nothing():
-    def passing(time_s):
-        return (0.218, 0.5, 0.428) if 30 <= time_s < 32 else FIELD
-
-    for seconds in range(30, 60, 3):
-        assert words(seconds, mag=passing) == set()
 
 
 @pytest.mark.parametrize(
@@ -174,19 +159,21 @@ def test_a_clock_some_per_cent_off_is_reported_after_a_minute(pace, set_back_s, 
     assert words(seconds, host=lambda s: s / pace - set_back_s * (s > 5)) == output
 
 
-def test_a_late_link_and_a_host_s_clock_that_is_set_are_no_clock_that_drifts():
-    def bursts(time_s):  # all that was held back for 14 s comes at once
-        return time_s - time_s % 28 + max(time_s % 28, 14)
-
-    def set_back(time_s):
-        return time_s - 3600 * (time_s > 40)
-
-    def congested(time_s):  # 0.4 s late after 15 s, then prompt again
-        return time_s + 0.4 * (time_s % 15) / 15
-
-    for host in (bursts, set_back, congested):
-        for seconds in range(20, 300, 28):
-            assert words(seconds, host=host) == set()
+@pytest.mark.parametrize(
+    ("times_s", "given"),
+    [
+        # a magnet passes within two seconds
+        (range(30, 60, 3), {"mag": lambda s: (0.218, 0.5, 0.428) if 30 <= s < 32 else FIELD}),
+        # all that a link held back for 14 s comes at once
+        (range(20, 300, 28), {"host": lambda s: s - s % 28 + max(s % 28, 14)}),
+        # the host's clock is set back
+        (range(20, 300, 28), {"host": lambda s: s - 3600 * (s > 40)}),
+        # a link is 0.4 s late after 15 s, then prompt again
+        (range(20, 300, 28), {"host": lambda s: s + 0.4 * (s % 15) / 15}),
+    ],
+)
+def test_what_passes_and_what_is_late_contradict_nothing(times_s, given):
+    assert [words(seconds, **given) for seconds in times_s] == [set()] * len(times_s)
 
 
 def test_the_paper_s_signals_under_imu_are_reported():
@@ -253,7 +240,6 @@ def test_between_the_poles_a_field_that_points_south_is_the_places():
     """There the declination is a half turn: 179 and -179 degrees are two apart."""
     place = PlaceField(3.124, 1.2, 0.58)
     horizontal, down = 0.58 * 0.362, 0.58 * 0.932
-    field = (-horizontal, -0.0175 * horizontal, down)
-    assert Alarm.FIELD_IMPOSSIBLE not in words(60, mag=field, place=place)
-    north = (horizontal, 0.0, down)
+    south, north = (-horizontal, -0.0175 * horizontal, down), (horizontal, 0.0, down)
+    assert Alarm.FIELD_IMPOSSIBLE not in words(60, mag=south, place=place)
     assert Alarm.FIELD_IMPOSSIBLE in words(60, mag=north, place=place)
