@@ -18,6 +18,7 @@ from estimator.profile import load_profile, parse_profile
 from fuzzbee.replays.log_report import report_log
 from service.pipeline import MAX_VEHICLES, Pipeline
 from service.records import Published
+from service.sinks.zenoh import _json_object
 from tests.fuzz.cases import (
     assert_finite,
     built,
@@ -136,6 +137,13 @@ def test_recordings_cut_swapped_and_joined(tmp_path_factory, one, other, rng):
         assert_finite(msgspec.to_builtins(report))
     assert len(reported) < 200
     assert not [line for line in reported if "\n" in line]
+
+
+@fuzzed(20, 19000)
+@given(st.binary(max_size=200))
+def test_payloads_that_are_no_json(payload):
+    with refused_by_name("payload"):
+        assert isinstance(_json_object(payload), dict)
 
 
 TOML = resources.files("estimator").joinpath("profiles", "imu.toml").read_bytes()

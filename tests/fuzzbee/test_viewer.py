@@ -7,6 +7,7 @@ import signal
 import socket
 import sys
 import time
+from contextlib import closing
 from itertools import pairwise
 from pathlib import Path
 
@@ -36,14 +37,14 @@ from tests.fuzzbee.rrd import chunks, listing, numbers, rows
 ONE, TWO = VehicleId(1, 1), VehicleId(2, 1)
 
 
+def at_time(attitude, after_us):
+    return msgspec.structs.replace(attitude, time_unix_us=UNIX_US + after_us)
+
+
 def attitudes(vehicle, count, period_us, yaw_from=0.0, yaw_step=1.0):
     for n in range(count):
         turned = record(yaw_deg=(yaw_from + n * yaw_step) % 360.0)
         yield Published(vehicle, at_time(turned, n * period_us))
-
-
-def at_time(attitude, after_us):
-    return msgspec.structs.replace(attitude, time_unix_us=UNIX_US + after_us)
 
 
 def drawn(tmp_path, turns, **options):
@@ -58,12 +59,10 @@ def drawn(tmp_path, turns, **options):
 
 def test_a_file_holds_every_curve_and_body_and_what_was_reported(tmp_path):
     """Somebody else's attitude makes no vehicle appear; before the first there is no time."""
+    ours = attitudes(ONE, 200, 10_000)
     turns = [
         [Message("before the first attitude"), Peer(TWO, "sim", (1, 0, 0, 0))],
-        *(
-            [Peer(ONE, "autopilot", output.record.q_ned_frd), output]
-            for output in attitudes(ONE, 200, 10_000)
-        ),
+        *([Peer(ONE, "autopilot", output.record.q_ned_frd), output] for output in ours),
         [Message("half-way"), Published(ONE, status())],
         [Published(TWO, status("waiting", imu_message=None), time_unix_us=UNIX_US)],
         [Published(ONE, status("lost"), time_unix_us=UNIX_US + 6_000_000)],
@@ -193,8 +192,7 @@ def is_open(port):
 
 
 def test_a_viewer_that_is_closed_is_reported_once():
-    sink = ViewerSink(ViewerOptions(view="web"))
-    try:
+    with closing(ViewerSink(ViewerOptions(view="web"))) as sink:
         first, *rest = attitudes(ONE, 3, 100_000)
         sink.handle([first])
         sink.process._process.kill()
@@ -203,24 +201,17 @@ def test_a_viewer_that_is_closed_is_reported_once():
             sink.handle(rest)
         sink.handle(rest)
         assert not sink.is_wanted
-    finally:
-        sink.close()
 
 
 def test_a_port_that_another_took_meanwhile_is_given_up(monkeypatch):
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
-        ports = [taken.getsockname()[1]]
-        free = viewer_process._free_port
-        monkeypatch.setattr(
-            viewer_process, "_free_port", lambda wanted: ports.pop() if ports else free(wanted)
-        )
-        process = viewer_process.ViewerProcess(web=True)
-        try:
+        ports, free = [taken.getsockname()[1]], viewer_process._free_port
+        chosen = lambda wanted: ports.pop() if ports else free(wanted)  # noqa: E731
+        monkeypatch.setattr(viewer_process, "_free_port", chosen)
+        with closing(viewer_process.ViewerProcess(web=True)) as process:
             assert not ports
             assert is_open(port_of(process.page))
-        finally:
-            process.close()
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the kernel's help is Linux's")

@@ -19,27 +19,27 @@ from tests.service.records import ATTITUDE
 OFFSET_US = 1_700_000_000_000_000
 
 
-def observed(count, period_us, drift, latency_us, seed=1):
-    """A clock after a stream with random latency, and the true offset at its end."""
-    rng = random.Random(seed)
+def clock_after(*arrivals):
+    """A clock after messages of the vehicle's time that arrive at the host's."""
     clock = HostClock()
-    for vehicle_us in range(0, count * period_us, period_us):
-        true = OFFSET_US + drift * vehicle_us
-        clock.observe(vehicle_us, round(vehicle_us + true + rng.expovariate(1 / latency_us)))
-    return clock, true
+    for vehicle_us, host_us in arrivals:
+        clock.observe(vehicle_us, host_us)
+    return clock
 
 
 @pytest.mark.parametrize("drift", [0.0, 44e-3 / 60, 136e-3 / 60, -136e-3 / 60])
 @pytest.mark.parametrize(("period_us", "limit_us"), [(10_000, 730), (250_000, 5_200)])
 def test_the_offset_is_found_through_latency_and_drift(drift, period_us, limit_us):
-    clock, true = observed(2000, period_us, drift, latency_us=10_000)
+    rng, times_us = random.Random(1), range(0, 2000 * period_us, period_us)
+    arrivals = (us + OFFSET_US + drift * us + rng.expovariate(1 / 10_000) for us in times_us)
+    clock = clock_after(*zip(times_us, map(round, arrivals), strict=True))
     # latency 10 ms: the best of the last few messages is much better than that
+    true = OFFSET_US + drift * times_us[-1]
     assert abs(clock.offset_us - true) < limit_us  # measured 451 to 609, 943 to 4332
 
 
 def test_round_trip_and_set_back_arrivals():
-    clock = HostClock()
-    clock.observe(1_000, OFFSET_US + 1_000)
+    clock = clock_after((1_000, OFFSET_US + 1_000))
     assert clock.to_vehicle_us(OFFSET_US + 5_000) == 5_000
     clock.observe(2_000, OFFSET_US)  # the host's clock was set back by 2 ms
     assert clock.to_vehicle_us(OFFSET_US) == 2_000
@@ -47,21 +47,16 @@ def test_round_trip_and_set_back_arrivals():
 
 @pytest.mark.parametrize(("count", "is_step"), [(2, False), (3, True)])
 def test_a_second_with_two_messages_shows_no_step(count, is_step):
-    clock = HostClock()
-    for k in range(10):
-        clock.observe(k * 1_000_000, k * 1_000_000)
-    for k in range(count + 1):
-        vehicle_us = 10_000_000 + k * 1_000_000 // count
-        clock.observe(vehicle_us, vehicle_us + 60_000_000)
+    later_us = [10_000_000 + k * 1_000_000 // count for k in range(count + 1)]
+    prompt = ((k * 1_000_000, k * 1_000_000) for k in range(10))
+    clock = clock_after(*prompt, *((us, us + 60_000_000) for us in later_us))
     assert (clock.offset_us > 50_000_000) is is_step
 
 
 def offset_us(latenesses_us):
     """Of a clock after prompt messages (2 ms) and then some that are late by so much more."""
-    clock = HostClock()
-    for k, late_us in enumerate([*[0] * 100, *latenesses_us]):
-        clock.observe(k * 20_000, k * 20_000 + 2_000 + late_us)
-    return clock.offset_us
+    late = enumerate([*[0] * 100, *latenesses_us])
+    return clock_after(*((k * 20_000, k * 20_000 + 2_000 + us) for k, us in late)).offset_us
 
 
 @pytest.mark.parametrize(
@@ -120,9 +115,8 @@ def test_the_offset_after_messages_that_are_late(latenesses_us, expected_us, wit
 
 def test_a_host_clock_set_back_does_not_lower_the_bound_twice():
     """Arrivals before the last one: the bound does not fall with negative time."""
-    clock = HostClock()
-    clock.observe(0, OFFSET_US)
-    clock.observe(-200_000_000, OFFSET_US - 200_000_000 + 100)  # before the first one
+    before_us = -200_000_000  # the first one
+    clock = clock_after((0, OFFSET_US), (before_us, OFFSET_US + before_us + 100))
     assert clock.offset_us == OFFSET_US
     for time_us in (1_000_000, 1_010_000):
         clock.observe(time_us, OFFSET_US + time_us - 600_000_000)
@@ -131,9 +125,7 @@ def test_a_host_clock_set_back_does_not_lower_the_bound_twice():
 
 @pytest.mark.parametrize(("median_us", "is_held"), [(20_000.0, True), (500_000.0, False)])
 def test_what_counts_as_held_back_follows_the_streams_interval(median_us, is_held):
-    clock = HostClock()
-    for k in range(10):
-        clock.observe(k * 500_000, 50_000_000 + k * 500_000)
+    clock = clock_after(*((k * 500_000, 50_000_000 + k * 500_000) for k in range(10)))
     taken_us, late_us = 5_000_000, 300_000
     arrival_us = 55_000_000 + late_us
     time_us, age_us = clock.propagated_to(taken_us, arrival_us, median_us, arrival_us + 1000)

@@ -128,11 +128,7 @@ def test_the_estimate_is_set_wrong_by_a_turn_seen_from_ned():
     expected = 1.0 - (w * w + z * z)  # sin^2 of half the angle between down and down turned
     errors = recovery_errors(imu(), made, found)[[each.first for each in found]]
     assert errors == pytest.approx(expected, rel=1e-6)
-
-
-def test_where_there_is_no_estimate_it_is_as_wrong_as_can_be():
-    """Of rates that are no numbers no sample is taken."""
-    made = flight(duration_s=30.0)
+    # of rates that are no numbers no sample is taken: it is as wrong as can be
     unread = made._replace(rows=made.rows._replace(gyr_rad_s=np.nan * made.rows.gyr_rad_s))
     assert (recovery_errors(imu(), unread, []) == 1.0).all()
 
