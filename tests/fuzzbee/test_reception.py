@@ -14,14 +14,16 @@ from fuzzbee.notify import notify, printable
 from fuzzbee.reception import Reception
 from fuzzbee.terminal import TerminalView
 from fuzzbee.watch import show
-from service.records import ImuDifference
 from tests.fuzz.cases import built, fuzzed
 from tests.service.records import record as attitude_record
-from tests.service.records import status
 
 DIFFERENCE = {"inclination_deg": 1.0, "rate_deg_s": 1.0}
-OURS = status(mode="LOITER", armed=True, other_imus={"SCALED_IMU2": ImuDifference(1.0, 1.0)})
-ATTITUDE, STATUS = (json.loads(msgspec.json.encode(each)) for each in (attitude_record(), OURS))
+ATTITUDE = json.loads(msgspec.json.encode(attitude_record()))
+STATUS = {
+    "state": "running", "imu_message": "RAW_IMU", "imu_rate_hz": 50.0, "worst_gap_s": 0.1,
+    "rejected": {}, "overruns": 0, "dropped": 0, "sequence": 3, "mode": "LOITER", "armed": True,
+    "other_imus": {"SCALED_IMU2": DIFFERENCE},
+}  # fmt: skip
 HOSTILE_TEXTS = ("\x1b[2J\x1b]0;owned\x07", "[bold red]x[/]", "[/]", "a\nb", "\u202etxt", "\x9b31m",
                  "x" * 100_000, "\ud800", "")  # fmt: skip
 NUMBERS = (1e308, -1e308, 1e12, 721.0, -721.0, 10**30, -1, float("nan"), "1", None)
