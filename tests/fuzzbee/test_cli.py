@@ -21,8 +21,7 @@ def test_version_and_help(printed):
         assert "╭" not in out  # boxes are for terminals
 
 
-TO = ("--to", "udpout:127.0.0.1:14550")
-SENDING = ("--send-attitude", "udpout:127.0.0.1:9")
+TO, SENDING = ("--to", "udpout:127.0.0.1:14550"), ("--send-attitude", "udpout:127.0.0.1:9")
 SIM, WRONG = ["replay", "sim:"], "--start-wrong"
 NOWHERE = ("-l", "tcp/127.0.0.1:0", "-e", "tcp/127.0.0.1:9")
 BAD = [
@@ -45,8 +44,7 @@ BAD = [
     (["watch", "--prefix", "a/*"], "wildcards"),
     (["watch", "-e", "tcp//127.0.0.1:7447"], "--connect 'tcp//127.0.0.1:7447': should be like"),
     (["watch", "-e", "tcp/127.0.0.1"], "--connect 'tcp/127.0.0.1': should be like"),
-    (["run", "-l", "tls/[::1]"], "--listen 'tls/[::1]': should be like"),
-    (["run", "-l", "7447"], "--listen '7447': should be like"),
+    *((["run", "-l", at], f"--listen '{at}': should be like") for at in ("tls/[::1]", "7447")),
     (["watch", "-n", "0"], "--count 0"),
     (["watch", "-n", "x"], "--count x: should be a whole number\n"),
     (["run", "--profil", "imu"], "(Possible options: --profile)"),

@@ -34,8 +34,8 @@ def with_status(outputs):
 def test_a_parameter_that_comes_before_the_first_sample_counts():
     pipeline = Pipeline(PAPER, system_id=1)
     for system in (1, 2):  # the second is unwanted
-        event = given.Parameter(VehicleId(system, 1), START_US, "INS_GYRO_FILTER", 4.0)
-        pipeline.handle(event)
+        address = VehicleId(system, 1)
+        pipeline.handle(given.Parameter(address, START_US, "INS_GYRO_FILTER", 4.0))
     (vehicle,) = pipeline.vehicles
     assert vehicle.estimator.snapshot.context.imu_lag_s == pytest.approx(0.05627, abs=1e-5)
 
@@ -73,12 +73,10 @@ def test_records_have_the_published_schema():
     decoded = json.loads(msgspec.json.encode(attitude), parse_constant=pytest.fail)
     assert list(decoded["confidence"]) == ["gravity", "magnetic"]
     assert list(decoded["sigma_deg"]) == ["inclination", "heading"]
-    assert decoded["schema"] == 1
-    assert decoded["state"] == "running"
+    assert (decoded["schema"], decoded["state"]) == (1, "running")
     assert math.hypot(*decoded["q_ned_frd"]) == pytest.approx(1.0, abs=1e-12)
     assert 0.0 <= decoded["euler_deg"][2] < 360.0
-    assert (status.overruns, status.dropped) == (3, 4)
-    assert status.imu_message == "RAW_IMU"
+    assert (status.overruns, status.dropped, status.imu_message) == (3, 4, "RAW_IMU")
     assert status.imu_rate_hz == pytest.approx(100.0, rel=1e-3)
 
 
@@ -156,9 +154,8 @@ def test_each_vehicle_has_an_estimator_and_ground_stations_have_none():
     pipeline.handle(Heartbeat(ONE, START_US, 3, 2))
     (only,) = pipeline.tick(START_US)
     assert only.record.state == "waiting"
-    for a, b in zip(imu_events(50), imu_events(50, vehicle=two, seed=3), strict=True):
-        pipeline.handle(a)
-        pipeline.handle(b)
+    for pair in zip(imu_events(50), imu_events(50, vehicle=two, seed=3), strict=True):
+        fed(pair, pipeline)
     fed(imu_events(50, vehicle=gimbal, seed=4), pipeline)
     outputs = pipeline.tick(START_US + 500_000)
     assert {o.vehicle for o in of_kind(Published, outputs)} == {ONE, two, gimbal}
