@@ -1,8 +1,4 @@
-"""A flight with known truth: level, then banked turns one way and the other, at constant speed.
-
-Coordinated turns are what an unaided IMU cannot see through: the specific
-force stays along the body's down axis however steep the bank.
-"""
+"""A flight with known truth: banked turns, which an unaided IMU cannot see through."""
 
 from dataclasses import dataclass, replace
 from math import inf

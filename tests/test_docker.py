@@ -1,8 +1,4 @@
-"""The container's files, as far as they can be held to account without an engine.
-
-What the containers do is tried with processes: the same commands, with this
-computer in place of the services' names.
-"""
+"""The container's files without an engine: the same commands, run as processes on this computer."""
 
 import json
 import os
@@ -16,7 +12,8 @@ import pytest
 from ruamel.yaml import YAML
 
 from fuzzbee.cli import main
-from tests.fuzzbee.processes import free_port, started
+from tests.fuzzbee.processes import free_endpoint, free_port, started
+from tests.programs import run_python
 
 ROOT = Path(__file__).parents[1]
 DOCKERFILE = ROOT / "docker" / "Dockerfile"
@@ -28,9 +25,8 @@ pytestmark = pytest.mark.checkout
 
 def tool(name):
     """A program beside the interpreter or on the path; the test is skipped without it."""
-    found = shutil.which(
-        name, path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    )
+    folders = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    found = shutil.which(name, path=folders)
     return found or pytest.skip(f"{name} is not installed")
 
 
@@ -45,11 +41,6 @@ def instructions():
     return [tuple(line.split(None, 1)) for line in lines if line.strip()]
 
 
-def ran(*command, **options):
-    """What came of a command."""
-    return subprocess.run(command, capture_output=True, text=True, check=False, **options)
-
-
 @pytest.mark.parametrize(
     ("name", "arguments"),
     [
@@ -58,7 +49,7 @@ def ran(*command, **options):
     ],
 )
 def test_the_tools_find_nothing(name, arguments):
-    done = ran(tool(name), *arguments)
+    done = subprocess.run([tool(name), *arguments], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout
 
 
@@ -76,9 +67,8 @@ def test_everything_that_is_copied_reaches_the_build():
     assert "*" in lines
     for name in allowed:
         assert (ROOT / name).exists()
-    packages = re.search(
-        r"^packages = \[(.*)\]", (ROOT / "pyproject.toml").read_text("utf-8"), re.MULTILINE
-    )[1]
+    project = (ROOT / "pyproject.toml").read_text("utf-8")
+    packages = re.search(r"^packages = \[(.*)\]", project, re.MULTILINE)[1]
     assert set(re.findall(r"\w+", packages)) <= allowed
     assert {"pyproject.toml", "constraints.txt", "README.md", "LICENSE"} <= allowed
     assert "docker/healthcheck.py" in allowed
@@ -109,13 +99,13 @@ def test_the_commands_are_ours_and_name_each_other():
 
 
 def health(endpoint):
-    environment = {**os.environ, "FUZZBEE_HEALTH_ENDPOINT": endpoint}
-    return ran(sys.executable, str(HEALTHCHECK), timeout=120, env=environment)
+    given = {"FUZZBEE_HEALTH_ENDPOINT": endpoint}
+    return run_python(str(HEALTHCHECK), timeout_s=120, check=False, **given)
 
 
 def test_the_composition_shows_attitudes_and_is_healthy():
     link, session = free_port(), free_port()
-    private = ["--cfg", f"listen/endpoints:{json.dumps([f'tcp/127.0.0.1:{free_port()}'])}"]
+    private = ["--cfg", f"listen/endpoints:{json.dumps([free_endpoint()])}"]
 
     def here(name):
         text = json.dumps(services()[name]["command"])

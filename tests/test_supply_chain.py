@@ -67,9 +67,8 @@ def locked(name):
 
 
 def test_the_containers_libraries_have_hashes_and_the_versions_that_are_tested():
-    pins = re.findall(
-        r"^([\w.-]+)==(\S+)", (ROOT / "constraints.txt").read_text("utf-8"), re.MULTILINE
-    )
+    text = (ROOT / "constraints.txt").read_text("utf-8")
+    pins = re.findall(r"^([\w.-]+)==(\S+)", text, re.MULTILINE)
     tested = {canonical(name): version for name, version in pins}
     libraries, builder = locked("libraries.txt"), locked("builder.txt")
     assert len(libraries) > 20

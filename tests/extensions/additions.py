@@ -1,8 +1,4 @@
-"""An IMU message, a source of aiding and a sink that the product does not have.
-
-Each is what docs/design.md asks for under *How to add*: a file of its own and its entry in a table.
-Here the entries are made from outside: ``add`` puts them into the tables of this process.
-"""
+"""An IMU message, a source of aiding and a sink that the product has only in its tables."""
 
 import math
 from pathlib import Path

@@ -1,8 +1,4 @@
-"""Hostile input, structured: what is nearly right goes deeper than noise does.
-
-A case is built by plain functions of a ``random.Random``, whose seed is what hypothesis draws:
-drawing every byte through it would take ten times as long as parsing them.
-"""
+"""Hostile input made by a ``random.Random``: what is nearly right goes deeper than noise."""
 
 import math
 import os
@@ -138,6 +134,20 @@ DATAFLASH_COLUMNS = {
     "MSG": "TimeUS,Message",
     "SIM": "TimeUS,Roll,Pitch,Yaw",
 }
+
+
+def dataflash(rows):
+    """A sound DataFlash log of IMU, MAG and ATT."""
+    log = DataflashWriter()
+    log.format("IMU", "QBffffff", DATAFLASH_COLUMNS["IMU"])
+    log.format("MAG", "QBhhh", DATAFLASH_COLUMNS["MAG"])
+    log.format("ATT", "QccC", DATAFLASH_COLUMNS["ATT"])
+    for k in range(rows):
+        time_us = 1_000_000 + 20_000 * k
+        log.write("IMU", time_us, 0, 0.1, 0.0, 0.0, 0.01 * k, 0.1, -9.8)
+        log.write("MAG", time_us, 0, 200, 10, 400)
+        log.write("ATT", time_us, 1.0, 2.0, 3.0)
+    return log.data
 
 
 def dataflash_formats(rng):

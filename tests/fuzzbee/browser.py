@@ -11,18 +11,11 @@ from contextlib import contextmanager
 
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
 FLAGS = (
-    "--headless=new",
+    "--headless=new", "--remote-debugging-pipe", "--no-first-run", "--window-size=1280,800",
     "--no-sandbox",  # containers have none to offer
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--ignore-gpu-blocklist",
-    "--remote-debugging-pipe",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--window-size=1280,800",
-)
+    "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist", "--disable-background-networking", "--disable-component-update",
+)  # fmt: skip
 
 
 def program():
@@ -49,13 +42,8 @@ class Page:
 
     def resize(self, width, height):
         """As a phone of this size shows it."""
-        self.call(
-            "Emulation.setDeviceMetricsOverride",
-            width=width,
-            height=height,
-            deviceScaleFactor=1,
-            mobile=True,
-        )
+        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": True}
+        self.call("Emulation.setDeviceMetricsOverride", **size)
 
     def value(self, expression):
         """What a line of JavaScript gives."""

@@ -17,10 +17,7 @@ PLANE = DATA / "sitl_plane_4hz.tlog"  # whose autopilot reports a place before i
 
 
 def recorded(path):
-    """Times (N,), gyr, acc, mag, velocity (N, 3) and truth of a log, as a program would have them.
-
-    A velocity stands in the row of the first IMU sample after it, in the others NaN.
-    """
+    """Times (N,), gyr, acc, mag, velocity (N, 3; NaN where none came) and truth of a log."""
     rows, velocities, truth, waiting = [], [], ReferenceTrack(), None
     with open_log(path) as log:
         for event in log:

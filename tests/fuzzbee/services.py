@@ -7,14 +7,13 @@ import threading
 import time
 from contextlib import contextmanager
 
-import psutil
 import pytest
 
 from drivers.mavlink.framing import frame_end
 from drivers.simulation.autopilot import VehicleOptions
 from drivers.simulation.fleet import Fleet
-from tests.fuzzbee.processes import started
-from tests.service.sinks.test_zenoh import wait_for
+from tests.fuzzbee.processes import UDP, descendants, is_alive, started
+from tests.service.sessions import wait_for
 
 RATE_HZ = 50.0
 SLOW_HZ = 20.0  # a short stall of a busy computer leaves no sample out
@@ -24,9 +23,8 @@ SLOW_HZ = 20.0  # a short stall of a busy computer leaves no sample out
 def flight(vehicles, *ports, rate_hz=RATE_HZ, seconds=60.0):
     """The same datagrams to each port, in real time; yields how many datagrams have been sent."""
     fleet = Fleet(VehicleOptions(rate_hz=rate_hz), vehicles)
-    ended = threading.Event()
-    sent = []
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+    ended, sent = threading.Event(), []
+    with socket.socket(socket.AF_INET, UDP) as sender:
 
         def send(data):
             sent.append(data)
@@ -51,9 +49,8 @@ def flight(vehicles, *ports, rate_hz=RATE_HZ, seconds=60.0):
 @contextmanager
 def service(port, *options):
     """A running service that is listening; all its processes are gone at the end."""
-    with started(
-        "run", f"udpin:127.0.0.1:{port}", "--json", "--rate", "50", "--profile", "paper", *options
-    ) as process:
+    settings = ("--json", "--rate", "50", "--profile", "paper")
+    with started("run", f"udpin:127.0.0.1:{port}", *settings, *options) as process:
         await_line(process, "listening")
         family = descendants(process.pid)
         try:
@@ -84,18 +81,6 @@ def keep_reading(process):
     lines = []
     threading.Thread(target=lambda: lines.extend(process.stderr), daemon=True).start()
     return lines
-
-
-def descendants(process):
-    return [child.pid for child in psutil.Process(process).children(recursive=True)]
-
-
-def is_alive(process):
-    """Whether there is such a process that is no zombie."""
-    try:
-        return psutil.Process(process).status() != psutil.STATUS_ZOMBIE
-    except psutil.NoSuchProcess:
-        return False
 
 
 def end(process, lines):

@@ -23,20 +23,12 @@ from fuzzbee.attitudes import Attitudes
 from tests.fuzzbee.recording import FLIPS, recorded
 
 ROWS = 250  # 5 s
-FIELDS = [
-    field.name
-    for field in dataclasses.fields(Attitudes)
-    if field.name not in ("time_s", "warnings")
-]
+FIELDS = {field.name for field in dataclasses.fields(Attitudes)} - {"time_s", "warnings"}
 
 
 @pytest.fixture(scope="module")
 def flight():
-    """Times, readings and velocities of a flight with flips, at 50 Hz.
-
-    The field, which came ten times a second, is there at every sample from the seventh on, as of a
-    quick magnetometer with noise.
-    """
+    """Times, readings and velocities of a flight with flips; a field from the seventh row on."""
     time_s, gyr, acc, mag, velocity = (values[:ROWS].copy() for values in recorded(FLIPS)[:5])
     known = np.flatnonzero(mag.any(axis=1))
     latest = known[np.maximum(np.searchsorted(known, np.arange(ROWS), side="right") - 1, 0)]
@@ -74,9 +66,8 @@ def twice_damaged(test):
     """Each damage in three batches, with and without velocity, besides what is found at random."""
     for damage, has_velocity in product(DAMAGES, (False, True)):
         damages = [(damage, 30, 20), (damage, 120, 5)]
-        test = example(damages=damages, has_velocity=has_velocity, cuts=[40, 200], calibrated=None)(
-            test
-        )
+        given = {"damages": damages, "has_velocity": has_velocity, "cuts": [40, 200]}
+        test = example(**given, calibrated=None)(test)
     return test
 
 
@@ -115,9 +106,7 @@ def test_a_batch_is_the_same_as_calls_to_the_last_digit(
     edges, columns = (0, *cuts, ROWS), (gyr, acc, mag, time_s, velocity, position)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", Unfit)  # damaged rows may look like other axes
-        parts = [
-            batches.update_batch(*(column[a:b] for column in columns)) for a, b in pairwise(edges)
-        ]
+        parts = [batches.update_batch(*(x[a:b] for x in columns)) for a, b in pairwise(edges)]
     assert batches.rejected == calls.rejected
     known = [k for k in range(ROWS) if reported[k] is not None]
     for name in FIELDS:
@@ -129,10 +118,7 @@ def test_a_batch_is_the_same_as_calls_to_the_last_digit(
 
 
 def test_a_batch_of_calls_that_nothing_disturbs_is_compiled_in_runs(flight, monkeypatch):
-    """Of 250 rows without velocity two are taken by a call: the first, which aligns, and a bad one.
-
-    Were they all taken so, the batch would cost what calls cost, and no other test would see it.
-    """
+    """The first row, which aligns, and a bad one are calls; else a batch costs what calls cost."""
     time_s, gyr, acc, mag, _ = (values.copy() for values in flight)
     gyr[100] = np.nan
     estimator = Estimator()
@@ -155,9 +141,8 @@ def test_an_estimate_that_is_not_finite_begins_anew_in_a_batch_too(flight):
     reported = [calls.update(gyr[k], acc[k], mag[k], time_s[k]) for k in range(50, 60)]
     assert reported[0] is None
     assert np.isnan([*found.q_ned_frd[0], *found.rate_rad_s[0], found.gain[0]]).all()
-    assert [tuple(q) for q in found.q_ned_frd[1:]] == [
-        attitude.q_ned_frd for attitude in reported[1:]
-    ]
+    expected = [attitude.q_ned_frd for attitude in reported[1:]]
+    assert [tuple(q) for q in found.q_ned_frd[1:]] == expected
     assert batch.rejected == calls.rejected == {"estimate_not_finite": 1}
 
 
@@ -185,14 +170,9 @@ def from_its_state(estimator):
 
 @pytest.mark.parametrize(
     "way",
-    [
-        Estimator.copy,
-        copy.copy,
-        copy.deepcopy,
-        from_its_state,
-        lambda e: pickle.loads(pickle.dumps(e)),
-    ],
-)
+    [Estimator.copy, copy.copy, copy.deepcopy, from_its_state,
+     lambda e: pickle.loads(pickle.dumps(e))],
+)  # fmt: skip
 @pytest.mark.parametrize("has_velocity", [False, True])
 def test_a_copy_goes_on_as_the_first_does_and_leaves_it_alone(flight, way, has_velocity):
     time_s, gyr, acc, mag, velocity = flight
@@ -219,16 +199,11 @@ def test_after_a_reset_it_is_a_new_one(flight):
     assert not estimator.rejected
 
 
-def in_another_process(estimator, *readings):
-    """What a process that has never seen this estimator makes of the next samples."""
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-        return pool.submit(Estimator.update_batch, estimator, *readings).result()
-
-
 def test_a_pickled_estimator_goes_on_in_another_process(flight):
-    time_s, gyr, acc, mag, _ = flight
-    estimator = Estimator()
-    estimator.update_batch(gyr[:120], acc[:120], mag[:120], time_s[:120])
-    then = gyr[120:], acc[120:], mag[120:], time_s[120:]
-    elsewhere = in_another_process(estimator, *then)
+    """Which has never seen this estimator."""
+    readings, estimator = [flight[k] for k in (1, 2, 3, 0)], Estimator()
+    estimator.update_batch(*(each[:120] for each in readings))
+    then = [each[120:] for each in readings]
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        elsewhere = pool.submit(Estimator.update_batch, estimator, *then).result()
     assert np.array_equal(elsewhere.q_ned_frd, estimator.update_batch(*then).q_ned_frd)

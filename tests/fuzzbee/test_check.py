@@ -5,8 +5,6 @@ import json
 import os
 import shutil
 import signal
-import subprocess
-import sys
 import threading
 from contextlib import contextmanager
 from math import hypot, sqrt
@@ -18,28 +16,14 @@ from pymavlink import mavutil
 
 from drivers.mavlink.constants import mavlink
 from fuzzbee.cli import main
+from tests.fuzzbee.processes import FUZZBEE, begun, descendants, is_alive
 from tests.fuzzbee.recording import TAKEOFF
-from tests.fuzzbee.services import descendants, is_alive
-from tests.fuzzbee.tlogs import rewritten, table
-
-ROLL_OFF_RAD = 0.6
+from tests.fuzzbee.tlogs import rewritten, table, with_wrong_attitudes
 
 
-def with_wrong_attitudes(log, made):
-    """A telemetry log's copy in which every ATTITUDE has another roll."""
-
-    def change(_, message):
-        if message.get_type() != "ATTITUDE":
-            return None
-        message.roll += ROLL_OFF_RAD
-        return [message]
-
-    rewritten(log, made, change)
-
-
-def check(capsys, *arguments):
+def check(capfd, *arguments):
     status = main(["check", *map(str, arguments)])
-    out, err = capsys.readouterr()
+    out, err = capfd.readouterr()
     return status, out, err
 
 
@@ -53,8 +37,8 @@ def season(tmp_path_factory):
     return folder
 
 
-def test_a_season_of_flights_begins_with_the_worst(capsys, season):
-    status, out, err = check(capsys, season)
+def test_a_season_of_flights_begins_with_the_worst(capfd, season):
+    status, out, err = check(capfd, season)
     lines = out.splitlines()
     assert (status, len(lines), err) == (1, 3, "")
     assert "wrong.tlog: differs" in lines[0]
@@ -63,43 +47,40 @@ def test_a_season_of_flights_begins_with_the_worst(capsys, season):
     assert "no difference" in good
     (broken,) = (line for line in lines[1:] if "broken.tlog: not checked" in line)
     assert broken.count("broken.tlog") == 1
-    assert check(capsys, TAKEOFF)[0] == 0
+    assert check(capfd, TAKEOFF)[0] == 0
 
 
-def test_as_json(capsys, season):
-    status, out, err = check(capsys, season / "wrong.tlog", season / "broken.tlog", "--json")
+def test_as_json(capfd, season):
+    status, out, err = check(capfd, season / "wrong.tlog", season / "broken.tlog", "--json")
     wrong, broken = json.loads(out)["logs"]
     assert (status, err.count("\n")) == (1, 1)
     (first, *_) = wrong["differences"]
     assert first["inclination_deg"] == pytest.approx(34.4, abs=4.0)
     assert first["wrong"] == "autopilot"
     assert "no MAVLink frame" in broken["fault"]
-    assert check(capsys, season / "broken.tlog")[0] == 2  # no success
+    assert check(capfd, season / "broken.tlog")[0] == 2  # no success
 
 
 @pytest.mark.parametrize("given", ["missing.tlog", "."])
-def test_nothing_to_check(capsys, tmp_path, monkeypatch, given):
+def test_nothing_to_check(refused, tmp_path, monkeypatch, given):
     monkeypatch.chdir(tmp_path)
-    status, out, err = check(capsys, given)
-    assert (status, out) == (2, "")
-    assert len(err.splitlines()) == 1
+    refused("check", given)
 
 
-def test_a_bags_folder_is_one_log(capsys, tmp_path):
+def test_a_bags_folder_is_one_log(capfd, tmp_path):
     """Its parts alone lack what its metadata hold, as that they are compressed."""
     bag, flight = tmp_path / "flights" / "bag", tmp_path / "flights" / "flight.tlog"
     bag.mkdir(parents=True)
     for file in (bag / "metadata.yaml", bag / "bag_0.db3", bag / "bag_1.db3", flight):
         file.write_bytes(b"content")
-    status, out, _ = check(capsys, tmp_path, bag)
+    status, out, _ = check(capfd, tmp_path, bag)
     assert status == 2
     named = sorted(line.partition(": ")[0] for line in out.splitlines())
     assert named == sorted(map(str, (bag, flight, bag)))
 
 
-def test_replay_lists_them(capsys, season):
-    assert main(["replay", str(season / "wrong.tlog")]) == 0
-    assert "autopilot differs" in capsys.readouterr().out
+def test_replay_lists_them(printed, season):
+    assert "autopilot differs" in printed("replay", season / "wrong.tlog")
 
 
 @contextmanager
@@ -138,14 +119,7 @@ def test_a_run_warns_ground_stations_if_it_is_asked_to(season):
 
 def test_an_interrupt_of_all_processes_ends_them_without_a_word():
     """As at a terminal's end, or by its Ctrl-C: there had been a traceback of each of them."""
-    logs = [str(TAKEOFF)] * 8
-    process = subprocess.Popen(
-        [sys.executable, "-m", "fuzzbee", "check", *logs],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
+    process = begun(*FUZZBEE, "check", *[TAKEOFF] * 8, start_new_session=True)
     while not (workers := [p for p in descendants(process.pid) if is_worker(p)]):
         assert process.poll() is None
     os.killpg(process.pid, signal.SIGHUP)
@@ -180,11 +154,9 @@ def shaken(folder, amplitude_m_s2, rate_hz=RATE_HZ, clip_rad_s=np.inf, tone_hz=T
     return table(folder / "shaken.csv", rate_hz, rows.tolist())
 
 
-def checked(capsys, path, *options):
-    status, out, _ = check(capsys, path, "--json", *options)
-    (log,) = json.loads(out)["logs"]
-    assert status == 0
-    return log
+@pytest.fixture
+def checked(reported):
+    return lambda *arguments: reported("check", *arguments)["logs"][0]
 
 
 @pytest.mark.parametrize(
@@ -197,31 +169,30 @@ def checked(capsys, path, *options):
     ],
 )
 def test_vibration_is_that_of_a_high_passed_tone(
-    tmp_path, capsys, amplitude, tone_hz, verdict, ripple
+    tmp_path, checked, amplitude, tone_hz, verdict, ripple
 ):
     """A tone's root mean square behind a first-order high-pass is known; 2 Hz leave a ripple."""
-    found = checked(capsys, shaken(tmp_path, amplitude, tone_hz=tone_hz))["vibration"]
+    found = checked(shaken(tmp_path, amplitude, tone_hz=tone_hz))["vibration"]
     wanted = amplitude / sqrt(2.0) * tone_hz / hypot(tone_hz, CORNER_HZ)
     assert found["m_s2"][1] == pytest.approx(wanted, rel=ripple)
     assert found["m_s2"][0] < 0.1
     assert found["verdict"] == verdict
 
 
-def test_a_slow_stream_shows_no_vibration(tmp_path, capsys):
-    assert checked(capsys, shaken(tmp_path, 5.0, rate_hz=10.0))["vibration"] is None
-
-
-def test_the_line_names_limits_and_clipping(tmp_path, capsys):
+def test_the_line_names_limits_and_clipping_and_a_slow_stream_shows_no_vibration(
+    tmp_path, capfd, checked
+):
+    assert checked(shaken(tmp_path, 5.0, rate_hz=10.0))["vibration"] is None
     path = shaken(tmp_path, 55.0, clip_rad_s=5.0)
-    assert checked(capsys, path)["clipped"]["gyroscope"] > 10
-    status, line, _ = check(capsys, path)
+    assert checked(path)["clipped"]["gyroscope"] > 10
+    status, line, _ = check(capfd, path)
     assert (status, line.count("\n")) == (0, 1)
     for words in ("vibration high, ", "usual: under 30, a problem: over 60", "gyroscope clipped "):
         assert words in line
 
 
 def with_vibration(folder, autopilot=3, restarts=False):
-    """A flight whose autopilot measures 12, 40 and 5 m/s^2, and clips ten times a second."""
+    """A flight whose autopilot measures vibration, and clips ten times a second."""
 
     def change(seconds, message):
         if message.get_type() == "VIBRATION":
@@ -239,29 +210,26 @@ def with_vibration(folder, autopilot=3, restarts=False):
     return rewritten(TAKEOFF, folder / "flight.tlog", change)
 
 
-def test_what_the_autopilot_has_measured_stands_beside_it(tmp_path, capsys):
+def test_what_the_autopilot_has_measured_stands_beside_it(tmp_path, capfd, checked):
     path = with_vibration(tmp_path)
-    found = checked(capsys, path)["autopilot_vibration"]
+    found = checked(path)["autopilot_vibration"]
     assert found["m_s2"] == [12.0, 40.0, 5.0]
     assert (found["message"], found["imu"], found["verdict"]) == ("VIBRATION", 0, "high")
     seconds = found["clipped"]["0"] / 10.0
     assert found["clipped"] == {"0": pytest.approx(10.0 * seconds), "1": 0, "2": 0}
     assert seconds > 20.0
-    _, line, _ = check(capsys, path)
+    _, line, _ = check(capfd, path)
     assert "the autopilot's VIBRATION high, 40.0 m/s² (usual: under 30, a problem" in line
     assert f"VIBRATION counts: {found['clipped']['0']} by IMU 1 (usual: under 100)" in line
-    part = checked(capsys, path, "--from", "4", "--to", "8")["autopilot_vibration"]
+    part = checked(path, "--from", "4", "--to", "8")["autopilot_vibration"]
     assert part["clipped"]["0"] == pytest.approx(40, abs=4)
 
 
-def test_a_restart_sets_the_count_of_clipping_back(tmp_path, capsys):
-    all_the_time = checked(capsys, with_vibration(tmp_path))["autopilot_vibration"]
-    restarted = checked(capsys, with_vibration(tmp_path, restarts=True))["autopilot_vibration"]
-    most = all_the_time["clipped"]["0"]
-    assert restarted["clipped"]["0"] == pytest.approx(most + 7, abs=1)
-
-
-def test_the_figures_of_px4_have_other_units(tmp_path, capsys):
-    found = checked(capsys, with_vibration(tmp_path, autopilot=12))["autopilot_vibration"]
-    assert (found["m_s2"], found["verdict"]) == (None, None)
-    assert found["clipped"]["0"] > 100
+def test_a_restart_sets_the_count_of_clipping_back_and_px4_has_other_units(tmp_path, checked):
+    steady, restarted, px4 = (
+        checked(with_vibration(tmp_path, **options))["autopilot_vibration"]
+        for options in ({}, {"restarts": True}, {"autopilot": 12})
+    )
+    assert restarted["clipped"]["0"] == pytest.approx(steady["clipped"]["0"] + 7, abs=1)
+    assert (px4["m_s2"], px4["verdict"]) == (None, None)
+    assert px4["clipped"]["0"] > 100

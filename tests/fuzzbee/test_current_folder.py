@@ -46,8 +46,11 @@ def test_a_source_checkout_runs_from_its_own_folder():
 
 
 def test_settings_for_numba_in_the_current_folder_are_not_read(tmp_path):
-    """A file that numba would end at."""
+    """A file that numba would end at, and would look for again at each compilation."""
     (tmp_path / ".numba_config.yaml").write_text("- 1")
+    compiling = "import estimator, numba; numba.core.config.reload_config(); print('read')"
+    done = run(tmp_path, "-c", compiling)
+    assert (done.stdout, done.stderr) == ("read\n", "")
     done = run(tmp_path, "-m", "fuzzbee", "replay", str(TAKEOFF), "--json")
     assert done.returncode == 0
     assert ".numba_config" not in done.stderr
@@ -98,11 +101,3 @@ def test_processes_that_share_the_work_run_nothing_of_the_current_folder(tmp_pat
     done = run(tmp_path, "-m", "fuzzbee", "check", str(TAKEOFF), str(TAKEOFF))
     assert done.returncode == 0, done.stderr
     assert not (tmp_path / "sprung").exists()
-
-
-def test_numba_s_settings_are_not_looked_for_again_at_each_compilation(tmp_path):
-    """Which had printed a warning each time, a thousand lines at a first start."""
-    (tmp_path / ".numba_config.yaml").write_text("- 1")
-    compiling = "import estimator, numba; numba.core.config.reload_config(); print('read')"
-    done = run(tmp_path, "-c", compiling)
-    assert (done.stdout, done.stderr) == ("read\n", "")

@@ -3,7 +3,6 @@
 import json
 import re
 import shlex
-import subprocess
 import sys
 from pathlib import Path
 
@@ -15,7 +14,7 @@ from estimator.geometry.metrics import batch_angle_errors
 from estimator.reasons import Reason
 from fuzzbee.cli import main
 from service.records import AttitudeRecord, StatusRecord
-from tests.fuzzbee.processes import default_session, free_port, started
+from tests.fuzzbee.processes import begun, default_session, free_port, started
 from tests.fuzzbee.recording import recorded
 from tests.fuzzbee.services import await_line
 from tests.programs import run_python
@@ -25,15 +24,19 @@ DOCS = Path(__file__).parents[2] / "docs"
 pytestmark = pytest.mark.checkout
 
 
-def examples(name):
-    """The Python blocks of a page."""
-    text = (DOCS / name).read_text("utf-8")
-    return re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+PAGES = [page for page in (*sorted(DOCS.glob("*.md")), DOCS.parent / "README.md") if page.exists()]
+
+
+def read(name):
+    return (DOCS / name).read_text("utf-8")
+
+
+def blocks(language, text):
+    return re.findall(rf"^```{language}\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
 
 
 def section(name, title):
-    text = (DOCS / name).read_text("utf-8")
-    return text.split(f"\n## {title}\n")[1].split("\n## ")[0]
+    return read(name).split(f"\n## {title}\n")[1].split("\n## ")[0]
 
 
 @pytest.mark.parametrize(
@@ -41,14 +44,13 @@ def section(name, title):
 )
 def test_every_published_field_is_documented(title, record):
     documented = re.findall(r"^\| `(\w+)` \|", section("zenoh.md", title), re.MULTILINE)
-    assert documented == [field.name for field in msgspec.structs.fields(record)]
+    assert documented == [field.encode_name for field in msgspec.structs.fields(record)]
 
 
 @pytest.mark.parametrize("name", ["design.md", "paper.md", "../CONTRIBUTING.md"])
 def test_every_file_that_is_named_is_there(name):
     """In backticks, with a folder: paths from the repository's root, maybe with a name inside."""
-    text = (DOCS / name).read_text("utf-8")
-    paths = re.findall(r"`([\w.]+/[\w./]+?\.(?:py|toml|md)|[\w.]+/[\w/]*/)(?:: \w+)?`", text)
+    paths = re.findall(r"`([\w.]+/[\w./]+?\.(?:py|toml|md)|[\w.]+/[\w/]*/)(?:: \w+)?`", read(name))
     assert paths
     missing = [path for path in paths if not (DOCS.parent / path).exists()]
     assert missing == [path for path in missing if "NAME" in path]
@@ -58,7 +60,8 @@ def test_the_zenoh_examples_work_as_they_stand():
     """Only the port is another, so that tests do not meet."""
     port = free_port()
     subscriber, replacement = (
-        text.replace("127.0.0.1:7447", f"127.0.0.1:{port}") for text in examples("zenoh.md")
+        text.replace("127.0.0.1:7447", f"127.0.0.1:{port}")
+        for text in blocks("python", read("zenoh.md"))
     )
     assert len([line for line in subscriber.splitlines() if line]) <= 10
     with started("run", "--json", *default_session(port)) as service:
@@ -73,9 +76,7 @@ def test_the_zenoh_examples_work_as_they_stand():
 
 
 def first_lines(code, count=5):
-    with subprocess.Popen(
-        [sys.executable, "-u", "-c", code], stdout=subprocess.PIPE, text=True
-    ) as process:
+    with begun(sys.executable, "-u", "-c", code, stderr=None) as process:
         lines = [process.stdout.readline() for _ in range(count)]
         process.kill()
     return lines
@@ -83,12 +84,8 @@ def first_lines(code, count=5):
 
 def command_lines():
     """(page, arguments) of every line in a shell block that calls us."""
-    pages = sorted(
-        page for page in [*DOCS.glob("*.md"), DOCS.parent / "README.md"] if page.exists()
-    )
-    for page in pages:
-        text = page.read_text("utf-8")
-        for block in re.findall(r"^```sh\n(.*?)^```", text, re.MULTILINE | re.DOTALL):
+    for page in PAGES:
+        for block in blocks("sh", page.read_text("utf-8")):
             for line in block.replace("\\\n", " ").splitlines():
                 words = shlex.split(line.split(" > ")[0], comments=True)
                 if words[:1] == ["fuzzbee"]:
@@ -102,7 +99,7 @@ def test_every_command_in_the_documents_is_one(page, arguments, capfd):
 
 
 def test_links_between_the_documents_lead_somewhere():
-    for page in [*DOCS.glob("*.md"), DOCS.parent / "README.md"]:
+    for page in PAGES:
         for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", page.read_text("utf-8")):
             if not target.startswith("http"):
                 assert (page.parent / target).exists(), f"{page.name}: {target}"
@@ -132,7 +129,7 @@ def test_the_python_examples_run_as_they_stand(number, tmp_path, monkeypatch, ca
     (tmp_path / "flight.tlog").write_bytes(log.read_bytes())
     monkeypatch.chdir(tmp_path)
     names = {}
-    exec(compile(examples("python.md")[number], "python.md", "exec"), names)
+    exec(compile(blocks("python", read("python.md"))[number], "python.md", "exec"), names)
     assert capsys.readouterr().out
     if number == 1:  # after 20 s of flips, by velocity
         errors = batch_angle_errors(np.array([names["attitude"].q_ned_frd]), truth[-1:])
@@ -167,9 +164,8 @@ def rolled(rate_hz):
 
 def cells_of(peer):
     """What the table has of a filter: its batch, and its one call a sample."""
-    table = (DOCS / "python.md").read_text()
-    ((batch, one),) = re.findall(rf"^\| {peer} \| (.*) \| (.*) \|$", table, re.MULTILINE)
-    return batch, one
+    (cells,) = re.findall(rf"^\| {peer} \| (.*) \| (.*) \|$", read("python.md"), re.MULTILINE)
+    return cells
 
 
 def tilt_deg(quaternion):

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from drivers.logs import table
-from drivers.mavlink.framing import frame_end
 from estimator.geometry.frames import swap_ned_enu
 from tests.fuzzbee.recording import DATA, SLOW
+from tests.fuzzbee.services import recorded
 
 COLUMNS = (
     "time_s time_unix_s q_w q_x q_y q_z roll_deg pitch_deg yaw_deg"
@@ -23,14 +23,24 @@ COLUMNS = (
 )
 
 
-def rows_of(path):
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
+@pytest.fixture
+def rows_of(replayed, tmp_path):
+    """The report of a replay, and the rows of its CSV."""
+
+    def run(log, *options):
+        report = replayed(log, "--csv", tmp_path / "a.csv", *options)
+        with (tmp_path / "a.csv").open(newline="") as file:
+            return report, list(csv.DictReader(file))
+
+    return run
 
 
-def test_csv_holds_every_sample_with_its_reference(replayed, tmp_path):
-    report = replayed(SLOW, "--csv", tmp_path / "a.csv")
-    rows = rows_of(tmp_path / "a.csv")
+def column(rows, name):
+    return np.array([float(row[name]) for row in rows])
+
+
+def test_csv_holds_every_sample_with_its_reference(rows_of):
+    report, rows = rows_of(SLOW)
     assert " ".join(rows[0]) == COLUMNS
     assert len(rows) == report["imu"]["samples"]
     assert float(rows[-1]["time_s"]) == pytest.approx(report["duration_s"])
@@ -39,13 +49,11 @@ def test_csv_holds_every_sample_with_its_reference(replayed, tmp_path):
     assert squares**0.5 == pytest.approx(report["error_deg"]["inclination_rms"], rel=1e-6)
 
 
-def test_parquet_has_the_rows_of_the_csv(replayed, tmp_path, monkeypatch):
+def test_parquet_has_the_rows_of_the_csv(rows_of, tmp_path, monkeypatch):
     """Written in parts, of which the last is not full. The autopilot's attitude begins late."""
     parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
     monkeypatch.setattr(table, "BLOCK", 250)
-    files = ("--csv", tmp_path / "a.csv", "--parquet", tmp_path / "a.parquet")
-    replayed(SLOW, "--reference", "autopilot", *files)
-    rows = rows_of(tmp_path / "a.csv")
+    _, rows = rows_of(SLOW, "--reference", "autopilot", "--parquet", tmp_path / "a.parquet")
     found = parquet.read_table(tmp_path / "a.parquet")
     assert " ".join(found.column_names) == COLUMNS
     assert len(found) == len(rows) > 500
@@ -57,14 +65,9 @@ def test_parquet_has_the_rows_of_the_csv(replayed, tmp_path, monkeypatch):
         assert values == texts
 
 
-def test_trajectories_turn_as_the_errors_say(replayed, tmp_path):
-    """East-North-Up to forward-left-up, beside the reference; between both lies the error.
-
-    The autopilot's attitude begins after the first sample.
-    """
-    files = ("--csv", tmp_path / "a.csv", "--tum", tmp_path / "a.tum")
-    replayed(SLOW, "--reference", "autopilot", *files)
-    every = rows_of(tmp_path / "a.csv")
+def test_trajectories_turn_as_the_errors_say(rows_of, tmp_path):
+    """East-North-Up to forward-left-up; the reference begins after the first sample."""
+    _, every = rows_of(SLOW, "--reference", "autopilot", "--tum", tmp_path / "a.tum")
     rows = [row for row in every if row["error_total_deg"]]
     estimates, lines = (np.loadtxt(tmp_path / name) for name in ("a.tum", "a.reference.tum"))
     ours = {t: (w, x, y, z) for t, *_, x, y, z, w in estimates}
@@ -98,23 +101,18 @@ def stamps_of(path):
         return [message._timestamp for message in messages]
 
 
-def test_a_reboot_moves_the_dates_at_once(replayed, tmp_path):
-    """It took 19 s, in which no stamp lies."""
+def test_a_reboot_moves_the_dates_at_once(rows_of):
     log = DATA / "copter_reboot.tlog"
-    replayed(log, "--csv", tmp_path / "a.csv")
-    dates = [float(row["time_unix_s"]) for row in rows_of(tmp_path / "a.csv")]
+    dates = column(rows_of(log)[1], "time_unix_s")
     stamps = np.array([-np.inf, *stamps_of(log), np.inf])
     after = stamps[np.searchsorted(stamps, dates)] - dates
     assert after.max() < 1.0  # a radio holds it back for 0.64 s at most
 
 
-def test_dates_are_those_of_the_log(replayed, tmp_path):
+def test_dates_are_those_of_the_log(rows_of):
     """The log's own stamps, carried over to a clock that is steady."""
-    stamps = stamps_of(SLOW)
-    replayed(SLOW, "--csv", tmp_path / "a.csv")
-    rows = rows_of(tmp_path / "a.csv")
-    dates = np.array([float(row["time_unix_s"]) for row in rows])
-    times = np.array([float(row["time_s"]) for row in rows])
+    stamps, (_, rows) = stamps_of(SLOW), rows_of(SLOW)
+    dates, times = column(rows, "time_unix_s"), column(rows, "time_s")
     # no stamp lies before its sample; the recording stamps them 76 ms late at most
     lateness = np.array(stamps[-len(dates) :]) - dates
     assert -1e-3 < lateness.min() < 1e-3
@@ -126,26 +124,23 @@ def test_dates_are_those_of_the_log(replayed, tmp_path):
 
 def restamped(made, change):
     """A copy of the log whose stamps are ``change(stamp_us, share of the log before it)``."""
-    data, at = bytearray(SLOW.read_bytes()), 0
-    while at + 8 < len(data):
-        begin, at = at, frame_end(data, at + 8)
-        stamp_us = int.from_bytes(data[begin : begin + 8], "big")
-        data[begin : begin + 8] = change(stamp_us, at / len(data)).to_bytes(8, "big")
-    made.write_bytes(data)
+    frames = recorded(SLOW)
+    shares = np.cumsum([8 + len(frame) for _, frame in frames]) / SLOW.stat().st_size
+    pairs = zip(frames, shares.tolist(), strict=True)
+    stamps = (change(us, share) for (us, _), share in pairs)
+    parts = [us.to_bytes(8, "big") + data for us, (_, data) in zip(stamps, frames, strict=True)]
+    made.write_bytes(b"".join(parts))
     return made
 
 
 @pytest.mark.parametrize("stamp_us", [None, 1 << 62, (1 << 31) * 10**6])
-def test_stamps_that_are_no_dates_are_none(replayed, tmp_path, stamp_us):
-    """PX4's clock of a clip that begins before the first fix counts from its start.
-
-    ROS and Foxglove have 31 bits for the seconds: later dates are none either.
-    """
+def test_stamps_that_are_no_dates_are_none(rows_of, tmp_path, stamp_us):
+    """PX4's clock before the first fix counts from its start; ROS has 31 bits for the seconds."""
     log = SLOW.with_name("px4_hover.ulg")
     if stamp_us is not None:
         log = restamped(tmp_path / "late.tlog", lambda _, share: stamp_us + round(1e7 * share))
-    replayed(log, "--csv", tmp_path / "a.csv", "--mcap", tmp_path / "a.mcap")
-    assert {row["time_unix_s"] for row in rows_of(tmp_path / "a.csv")} == {""}
+    _, rows = rows_of(log, "--mcap", tmp_path / "a.mcap")
+    assert {row["time_unix_s"] for row in rows} == {""}
     assert read_mcap(tmp_path / "a.mcap")[0][2] == 0
 
 
@@ -154,13 +149,14 @@ def test_mcap_has_the_rows_and_the_types_that_viewers_draw(replayed, tmp_path):
     rosbags = pytest.importorskip("rosbags.typesys")
     report = replayed(SLOW, "--mcap", tmp_path / "a.mcap")
     messages = read_mcap(tmp_path / "a.mcap")
-    attitudes = [
-        (time, json.loads(data)) for _, topic, time, data in messages if topic == "/attitude"
-    ]
+    by_topic = {topic: [] for _, topic, _, _ in messages}
+    for _, topic, time, data in messages:
+        by_topic[topic].append((time, data))
+    attitudes = [(time, json.loads(data)) for time, data in by_topic["/attitude"]]
     assert len(attitudes) == report["imu"]["samples"]
     assert " ".join(attitudes[0][1]) == COLUMNS.partition(" reference_q_w")[0]
     assert attitudes[-1][0] == pytest.approx(1e9 * attitudes[-1][1]["time_unix_s"], abs=1000)
-    assert any(topic == "/reference" for _, topic, _, _ in messages)
+    assert "/reference" in by_topic
     with (tmp_path / "a.mcap").open("rb") as file:
         chunks = pytest.importorskip("mcap.reader").make_reader(file).get_summary().chunk_indexes
     assert {chunk.compression for chunk in chunks} == {"zstd"}
@@ -170,12 +166,8 @@ def test_mcap_has_the_rows_and_the_types_that_viewers_draw(replayed, tmp_path):
     types.register(rosbags.get_types_from_msg(schema.data.decode(), schema.name))
     standard = rosbags.get_typestore(rosbags.Stores.ROS2_JAZZY)
     assert types.hash_rihs01(schema.name) == standard.hash_rihs01(schema.name)
-    imus = [
-        (time, types.deserialize_cdr(data, schema.name))
-        for _, topic, time, data in messages
-        if topic == "/imu"
-    ]
-    poses = [json.loads(data) for _, topic, _, data in messages if topic == "/tf"]
+    imus = [(time, types.deserialize_cdr(data, schema.name)) for time, data in by_topic["/imu"]]
+    poses = [json.loads(data) for _, data in by_topic["/tf"]]
     ours = [pose for pose in poses if pose["child_frame_id"] == "base_link"]
     assert {pose["child_frame_id"] for pose in poses} == {"base_link", "reference"}
     assert len(ours) == len(imus) > 100
@@ -189,26 +181,22 @@ def test_mcap_has_the_rows_and_the_types_that_viewers_draw(replayed, tmp_path):
     assert level.linear_acceleration.z == pytest.approx(9.8, abs=1.0)
 
 
-def test_csv_of_the_experiment_gives_its_cost_and_its_settling(replayed, tmp_path):
+def test_csv_of_the_experiment_gives_its_cost_and_its_settling(rows_of):
     """Every sample of every seed: the reported figures come out of the file again."""
-    file = tmp_path / "a.csv"
-    report = replayed("sim:", "--seeds", "300-302", "--csv", file)
-    rows = rows_of(file)
+    report, rows = rows_of("sim:", "--seeds", "300-302")
     assert {*rows[0]} - {*COLUMNS.split()} == {"seed"}
     assert len(rows) == report["imu"]["samples"]
-    e = np.array([float(row["error"]) for row in rows]).reshape(3, -1)
+    e = column(rows, "error").reshape(3, -1)
     J = 0.3 * e[:, :101].sum(axis=1) + e[:, 400:1401].sum(axis=1)
     assert J.tolist() == pytest.approx(report["cost_per_seed"], rel=1e-6)
     assert np.median(np.argmax(e < 0.01, axis=1)) / 100.0 == pytest.approx(report["settling_s"])
-    total = np.radians([float(row["error_total_deg"]) for row in rows])
+    total = np.radians(column(rows, "error_total_deg"))
     assert np.sin(total / 2.0) ** 2 == pytest.approx(e.ravel(), abs=1e-8)
-    gains = [float(row["gain"]) for row in rows]
-    assert np.mean(gains) == pytest.approx(report["mean_gain"], rel=1e-6)
+    assert np.mean(column(rows, "gain")) == pytest.approx(report["mean_gain"], rel=1e-6)
 
 
-def test_dates_never_go_back_though_the_recorder_s_clock_was_set_back(replayed, tmp_path):
+def test_dates_never_go_back_though_the_recorder_s_clock_was_set_back(rows_of, tmp_path):
     log = restamped(tmp_path / "back.tlog", lambda us, share: us - 2_000_000 * (share > 0.5))
-    replayed(log, "--csv", tmp_path / "a.csv")
-    dates = [float(row["time_unix_s"]) for row in rows_of(tmp_path / "a.csv")]
+    dates = column(rows_of(log)[1], "time_unix_s")
     assert len(dates) > 500
     assert np.diff(dates).min() == 0.0

@@ -18,6 +18,17 @@ for module in ("matplotlib", "plotly"):
 
 
 @pytest.fixture
+def page(replayed, tmp_path):
+    """The curves and the layout of a replay's page."""
+
+    def draw(*arguments):
+        replayed(*arguments, "--plot", tmp_path / "a.html")
+        return page_of(tmp_path / "a.html")
+
+    return draw
+
+
+@pytest.fixture
 def drawn(monkeypatch):
     """The figures that are written."""
     figure_type = pytest.importorskip("matplotlib.figure").Figure
@@ -29,13 +40,6 @@ def drawn(monkeypatch):
 
     monkeypatch.setattr(figure_type, "savefig", keep)
     return figures
-
-
-@pytest.fixture
-def alone(tmp_path):
-    """A log without a reference."""
-    rows = [(0.001, 0, 1e-6 * (k % 7), 0, 0, -1) for k in range(100)]
-    return table(tmp_path / "alone.csv", 50.0, rows)
 
 
 def page_of(path):
@@ -65,16 +69,13 @@ def legends_apart(figure):
     return len(legends)
 
 
-def test_curves_are_the_reports_figures_on_paper_and_on_the_page(replayed, tmp_path, drawn):
+def test_curves_are_the_reports_figures_on_paper_and_on_the_page(replayed, page, tmp_path, drawn):
     report = replayed(SLOW, "--plot", tmp_path / "a.png")
-    replayed(SLOW, "--plot", tmp_path / "a.html")
-    curves, layout = page_of(tmp_path / "a.html")
+    curves, layout = page(SLOW)
     assert legends_apart(drawn[0]) == 5
     lines = {line.get_label(): line.get_ydata() for line in drawn[0].axes[3].lines}
-    for name, errors in (
-        ("error", report["error_deg"]),
-        ("autopilot's error", report["peers"]["autopilot"]),
-    ):
+    reported = {"error": report["error_deg"], "autopilot's error": report["peers"]["autopilot"]}
+    for name, errors in reported.items():
         assert np.array_equal(lines[name], curves["y4", name], equal_nan=True)
         rms = np.sqrt(np.nanmean(np.square(lines[name])))
         assert rms == pytest.approx(errors["inclination_rms"])
@@ -95,10 +96,7 @@ def test_the_same_figure_twice_is_the_same_bytes(replayed, tmp_path, suffix, sou
 
 
 def disturbed(path):
-    """50 s at 20 Hz: clipping at 10 s, a magnet from 20 to 26, a hole from 40 to 45.
-
-    The truth is known for the first 35 s.
-    """
+    """50 s at 20 Hz with clipping, a magnet and a hole; the truth is known for the first 35 s."""
     rng, rows = np.random.default_rng(2), []
     for k in range(1000):
         t, noise = k / 20.0, 0.002 * rng.standard_normal(3)
@@ -125,9 +123,8 @@ def bands_of(layout):
     return found
 
 
-def test_each_band_is_where_it_was(replayed, tmp_path):
-    replayed(disturbed(tmp_path / "a.csv"), "--start-wrong", 90, "--plot", tmp_path / "a.html")
-    found = bands_of(page_of(tmp_path / "a.html")[1])
+def test_each_band_is_where_it_was(page, tmp_path):
+    found = bands_of(page(disturbed(tmp_path / "a.csv"), "--start-wrong", 90)[1])
     assert found["gap"] == [pytest.approx((39.95, 45.0))]
     assert found["gyroscope at its end"] == [pytest.approx((10.0, 10.3), abs=0.11)]
     ((begin, end),) = found["low field confidence"]
@@ -136,8 +133,7 @@ def test_each_band_is_where_it_was(replayed, tmp_path):
     ((begin, end),) = found["wrong start"]
     assert begin < 1.0
     assert begin < end < 10.0
-    replayed(SLOW, "--plot", tmp_path / "a.html")
-    found = bands_of(page_of(tmp_path / "a.html")[1])
+    found = bands_of(page(SLOW)[1])
     assert found == {"no velocity": [pytest.approx((0.0, 2.3), abs=0.4)]}
 
 
@@ -173,19 +169,18 @@ def test_curves_have_their_names_and_a_title_its_lines(replayed, tmp_path):
     assert not {"truth", "error", "autopilot's error"} & texts
 
 
-def test_where_nothing_is_to_compare_a_figure_has_a_line(replayed, tmp_path, drawn, alone):
+def test_where_nothing_is_to_compare_a_figure_has_a_line(replayed, page, tmp_path, drawn):
+    rows = [(0.001, 0, 1e-6 * (k % 7), 0, 0, -1) for k in range(100)]
+    alone = table(tmp_path / "alone.csv", 50.0, rows)  # a log without a reference
     replayed(alone, "--plot", tmp_path / "a.png")
     replayed(alone, SLOW, "--plot", tmp_path / "b.png")
-    replayed(alone, SLOW, "--plot", tmp_path / "b.html")
     single, several = (figure.axes for figure in drawn)
     assert [line.get_label() for ax in single[3:5] for line in ax.lines] == []
-    assert [ax.get_ylabel() for ax in single[3:5]] == [
-        "inclination\nsigma in °",
-        "heading\nsigma in °",
-    ]
+    labels = [ax.get_ylabel() for ax in single[3:5]]
+    assert labels == ["inclination\nsigma in °", "heading\nsigma in °"]
     reported = [text.get_text() for ax in several[:2] for text in ax.texts]
     assert reported == ["nothing to compare with"] * 2
-    texts = [each["text"] for each in page_of(tmp_path / "b.html")[1]["annotations"]]
+    texts = [each["text"] for each in page(alone, SLOW)[1]["annotations"]]
     assert texts.count("nothing to compare with") == 2
 
 
@@ -208,31 +203,20 @@ def test_of_many_points_the_peaks_are_drawn_and_no_line_across_a_gap():
     assert np.isnan(points.largest(np.full((30_000, 2), np.nan))).all()
 
 
-def test_an_angle_is_cut_at_the_sample_behind_its_wrap(replayed, tmp_path):
-    replayed(FLIPS, "--plot", tmp_path / "a.html")
-    curves, _ = page_of(tmp_path / "a.html")
+def test_an_angle_is_cut_at_the_sample_behind_its_wrap(page):
+    curves, _ = page(FLIPS)
     for panel in ("y", "y2", "y3"):
         steps = np.diff(curves[panel, "estimate"])
         assert np.nanmax(np.abs(steps)) < 180.0
     assert np.isnan(curves["y", "estimate"]).sum() == 2  # two rolls, right round
 
 
-def beat(mode, *, is_armed):
-    return dialect.MAVLink_heartbeat_message(2, 3, 1 + 128 * is_armed, mode, 4, 3)
-
-
-def text(severity, words):
-    return dialect.MAVLink_statustext_message(severity, words.encode())
-
-
+BEATS = {0.5: (0, False), 3.0: (0, True), 5.0: (5, True), 8.0: (6, False)}  # mode, armed or not
+TEXTS = {6.0: (4, b"EKF variance"), 6.5: (6, b"mission begins")}  # the latter for information
 SENT = {
-    0.5: beat(0, is_armed=False),
-    3.0: beat(0, is_armed=True),
-    5.0: beat(5, is_armed=True),
-    6.0: text(4, "EKF variance"),
-    6.5: text(6, "mission begins"),  # for information
-    8.0: beat(6, is_armed=False),
-}
+    s: dialect.MAVLink_heartbeat_message(2, 3, 1 + 128 * armed, mode, 4, 3)
+    for s, (mode, armed) in BEATS.items()
+} | {s: dialect.MAVLink_statustext_message(*words) for s, words in TEXTS.items()}
 
 
 @pytest.mark.parametrize(
@@ -242,7 +226,7 @@ SENT = {
         (("--from", "7"), ["LOITER", "RTL", "disarmed"]),  # begins with the mode that it is in
     ],
 )
-def test_modes_arming_and_warnings_are_named(replayed, tmp_path, options, expected):
+def test_modes_arming_and_warnings_are_named(page, tmp_path, options, expected):
     waiting = sorted(SENT.items(), key=lambda each: each[0])
 
     def change(seconds, message):
@@ -252,8 +236,7 @@ def test_modes_arming_and_warnings_are_named(replayed, tmp_path, options, expect
         return [*due, *kept] if due or not kept else None
 
     log = rewritten(TAKEOFF, tmp_path / "sent.tlog", change)
-    replayed(log, "--plot", tmp_path / "a.html", *options)
-    _, layout = page_of(tmp_path / "a.html")
+    _, layout = page(log, *options)
     named = [(each["x"], each["text"]) for each in layout["annotations"] if each["xref"] == "x"]
     assert sorted(name for _, name in named) == sorted(expected)
     assert [x for x, _ in named] == sorted(x for x, _ in named)
@@ -263,22 +246,22 @@ LAYOUT = "document.getElementById('fuzzbee')._fullLayout"
 
 
 @pytest.mark.skipif(browser.program() is None, reason="there is no Chromium")
-def test_the_panels_of_a_page_zoom_together_without_a_network(replayed, tmp_path):
+def test_the_panels_of_a_page_zoom_together_without_a_network(page, tmp_path):
     """The mouse is drawn over the second quarter of the third panel."""
-    replayed(SLOW, "--plot", tmp_path / "a.html")
+    page(SLOW)
     of = f"Object.keys({LAYOUT}).filter(k => k.startsWith('xaxis')).map(k => {LAYOUT}[k].range)"
     panel = "document.querySelector('.nsewdrag[data-subplot=x3y3]').getBoundingClientRect()"
     options = "document.querySelector('pre').textContent"
-    with browser.page("about:blank", tmp_path / "browser") as page:
-        page.call("Page.navigate", url=(tmp_path / "a.html").as_uri())
-        page.wait_for("document.querySelectorAll('#fuzzbee .main-svg').length > 0")
-        end_s = float(page.value(options).split()[-1])
-        box = json.loads(page.value(f"JSON.stringify({panel})"))
+    with browser.page("about:blank", tmp_path / "browser") as seen:
+        seen.call("Page.navigate", url=(tmp_path / "a.html").as_uri())
+        seen.wait_for("document.querySelectorAll('#fuzzbee .main-svg').length > 0")
+        end_s = float(seen.value(options).split()[-1])
+        box = json.loads(seen.value(f"JSON.stringify({panel})"))
         for kind, part in (("Pressed", 0.25), ("Moved", 0.4), ("Moved", 0.5), ("Released", 0.5)):
             place = {"x": box["x"] + part * box["width"], "y": box["y"] + 0.5 * box["height"]}
             button = {"button": "left", "buttons": 1, "clickCount": 1}
-            page.call("Input.dispatchMouseEvent", type=f"mouse{kind}", **place, **button)
-        page.wait_for(f"!{options}.includes('--from 0.0')")
-        ranges = json.loads(page.value(f"JSON.stringify({of})"))
+            seen.call("Input.dispatchMouseEvent", type=f"mouse{kind}", **place, **button)
+        seen.wait_for(f"!{options}.includes('--from 0.0')")
+        ranges = json.loads(seen.value(f"JSON.stringify({of})"))
         assert ranges == [pytest.approx([0.25 * end_s, 0.5 * end_s], rel=0.02)] * 8
-        assert page.value("performance.getEntriesByType('resource').length") == 0
+        assert seen.value("performance.getEntriesByType('resource').length") == 0

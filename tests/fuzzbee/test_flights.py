@@ -7,7 +7,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from estimator.geometry.metrics import rms
-from estimator.geometry.quaternion import log, multiply
+from estimator.geometry.quaternion import conjugate, log, multiply
 from fuzzbee import replay
 from tests.fuzzbee.recording import DATA, FLIPS, PLANE, SLOW, TAKEOFF
 from tests.fuzzbee.tlogs import rewritten
@@ -117,21 +117,17 @@ def test_velocity_without_a_fix_is_left_out_to_the_last_digit(tmp_path):
     assert a_little == much
 
 
-def test_sigma_is_honest_at_a_ground_stations_rate():
-    covered = replay(SLOW).report.coverage
-    assert covered.inclination == pytest.approx(0.905, abs=0.03)
-    assert covered.heading == pytest.approx(0.955, abs=0.03)
-
-
-def test_sigma_is_larger_where_errors_are_larger():
+def test_sigma_is_honest_at_a_ground_stations_rate_and_larger_where_errors_are_larger():
     flight = replay(SLOW)
+    covered = flight.report.coverage
+    assert (covered.inclination, covered.heading) == pytest.approx((0.905, 0.955), abs=0.03)
     error = flight.error_rad[:, INCLINATION]
     known = np.isfinite(error)
     sigma, error = flight.attitudes.sigma_inclination_rad[known], error[known]
     order = np.argsort(sigma, kind="stable")
     third = len(order) // 3
-    assert np.degrees(rms(error[order[:third]])) == pytest.approx(0.125, rel=0.2)
-    assert np.degrees(rms(error[order[-third:]])) == pytest.approx(1.27, rel=0.2)
+    ends_deg = [np.degrees(rms(error[each])) for each in (order[:third], order[-third:])]
+    assert ends_deg == pytest.approx([0.125, 1.27], rel=0.2)
 
 
 def test_without_a_position_velocity_levels_but_the_heading_stays_magnetic(tmp_path):
@@ -146,19 +142,18 @@ def test_without_a_position_velocity_levels_but_the_heading_stays_magnetic(tmp_p
 
 def test_the_autopilots_trim_is_taken_off_before_the_comparison(tmp_path):
     """AHRS_TRIM 0.1 rad in roll: its attitude is of the vehicle, the estimate of the IMU."""
-    found = []
-    for trim in (0.0, 0.1):
-        waiting = [dialect.MAVLink_param_value_message(b"AHRS_TRIM_X", trim, 9, 1, 0)]
 
-        def change(_, message, waiting=waiting):
+    def trimmed(trim_rad):
+        waiting = [dialect.MAVLink_param_value_message(b"AHRS_TRIM_X", trim_rad, 9, 1, 0)]
+
+        def change(_, message):
             is_parameter = message.get_type() == "PARAM_VALUE"
             return [*([] if is_parameter else [message]), *(waiting and [waiting.pop()])]
 
         made = rewritten(DATA / "sub_bluerov.tlog", tmp_path / "trimmed.tlog", change)
         reference = replay(made).reference_q_ned_frd
         known = reference[np.isfinite(reference[:, 0])]
-        found.append(tuple(known[len(known) // 2].tolist()))
-    (w, x, y, z), after = found
-    assert log(multiply((w, -x, -y, -z), after)) == pytest.approx(
-        (0.1, 0.0, 0.0), abs=radians(1e-6)
-    )
+        return tuple(known[len(known) // 2].tolist())
+
+    turned = log(multiply(conjugate(trimmed(0.0)), trimmed(0.1)))
+    assert turned == pytest.approx((0.1, 0.0, 0.0), abs=radians(1e-6))

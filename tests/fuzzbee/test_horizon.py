@@ -11,7 +11,7 @@ from estimator.geometry.frames import from_euler_rad
 from estimator.geometry.quaternion import rotate_inverse
 from fuzzbee.terminal import PersonConsole, TerminalView
 from service.records import Message
-from tests.fuzzbee.processes import default_session, free_port, started
+from tests.fuzzbee.processes import default_session, started
 from tests.fuzzbee.recording import FLIPS
 from tests.fuzzbee.screen import terminal, vehicle
 from tests.service.records import differing, record
@@ -38,17 +38,12 @@ def test_ground_is_where_a_pilot_sees_it(roll_deg, pitch_deg):
     _, right, down = rotate_inverse(q, (0.0, 0.0, 1.0))
     size = math.hypot(right, down)
     lines = horizon(record(roll_deg, pitch_deg, 40.0))
-    for side, expected in ((1, GROUND), (-1, SKY)):
-        far = 6.0
-        found = {
-            at(
-                lines,
-                round(2.0 * (side * far * right - across * down) / size),
-                round((side * far * down + across * right) / size),
-            )
-            for across in (-3.5, 3.5)  # beside the rungs
-        }
-        assert expected in found, "\n".join(lines)
+    for far, expected in ((6.0, GROUND), (-6.0, SKY)):
+        places = [  # beside the rungs
+            (2.0 * (far * right - across * down) / size, (far * down + across * right) / size)
+            for across in (-3.5, 3.5)
+        ]
+        assert expected in {at(lines, *map(round, each)) for each in places}, "\n".join(lines)
 
 
 @pytest.mark.parametrize(
@@ -85,15 +80,10 @@ def test_mode_and_arming_stand_in_the_lower_left():
     assert "armed" not in "".join(horizon())
 
 
-def test_rungs_of_the_ladder_have_signs():
-    text = "\n".join(horizon(record(pitch_deg=-5.0)))
-    assert "─10─" in text
-    assert "─-20─" in text
-
-
-def test_the_first_row_is_left_to_the_scale_of_bank():
-    for pitch_deg in range(-60, 61):
-        assert "─" not in horizon(record(pitch_deg=float(pitch_deg)))[3]
+def test_rungs_of_the_ladder_have_signs_and_the_first_row_is_left_to_the_scale_of_bank():
+    shown = {pitch_deg: horizon(record(pitch_deg=float(pitch_deg))) for pitch_deg in range(-60, 61)}
+    assert all(rung in "\n".join(shown[-5]) for rung in ("─10─", "─-20─"))
+    assert not [pitch_deg for pitch_deg, lines in shown.items() if "─" in lines[3]]
 
 
 @pytest.mark.parametrize(("sigma_deg", "cells"), [(0.3, 1), (15.0, 6), (180.0, 39)])
@@ -117,17 +107,16 @@ def test_a_heading_that_refers_to_nothing_names_no_direction():
 
 
 @pytest.mark.parametrize(
-    ("state", "after_s", "words"),
+    ("state", "after_s", "word", "reason"),
     [
-        ("lost", 0.0, ("lost", "NO ATTITUDE", "IMU silent")),
-        ("waiting", 0.0, ("waiting", "NO ATTITUDE", "waiting for IMU data")),
-        ("running", 4.0, ("silent", "NO ATTITUDE", "the service is silent")),
+        ("lost", 0.0, "lost", "IMU silent"),
+        ("waiting", 0.0, "waiting", "waiting for IMU data"),
+        ("running", 4.0, "silent", "the service is silent"),
     ],
 )
-def test_without_a_valid_attitude_there_is_a_cross_and_no_number(state, after_s, words):
+def test_without_a_valid_attitude_there_is_a_cross_and_no_number(state, after_s, word, reason):
     text = "\n".join(terminal(vehicle(state=state), one="1", after_s=after_s))
-    for word in words:
-        assert word in text
+    assert all(each in text for each in (word, "NO ATTITUDE", reason))
     assert text.count("╳") > 8
     assert GROUND not in text
     assert not re.search(r"(roll|pitch) [+-]\d", text)
@@ -158,9 +147,8 @@ def written(monkeypatch, **environment):
     """What a console of this environment writes, its control sequences included."""
     for name in ("NO_COLOR", "COLORTERM", "TTY_COMPATIBLE"):
         monkeypatch.delenv(name, raising=False)
-    monkeypatch.setenv("TERM", "xterm-256color")
-    monkeypatch.setenv("FORCE_COLOR", "1")  # what is written into is no terminal
-    for name, value in environment.items():
+    # FORCE_COLOR: what is written into is no terminal
+    for name, value in {"TERM": "xterm-256color", "FORCE_COLOR": "1", **environment}.items():
         monkeypatch.setenv(name, value)
     console = PersonConsole()
     out = console.file = io.StringIO()
@@ -172,21 +160,20 @@ def written(monkeypatch, **environment):
 
 
 def test_colours_are_as_many_as_the_terminal_has_and_lines_without_one(monkeypatch):
-    styled = re.compile(r"\x1b\[[0-9;]*m")
     assert "48;2;" in written(monkeypatch, COLORTERM="truecolor")
     few = written(monkeypatch, TERM="xterm-16color")
     assert "48;" not in few
     assert re.search(r"[\[;]44m", few)
     bare = written(monkeypatch, NO_COLOR="1")
     assert "roll" in bare
-    assert not styled.search(bare)
+    assert not re.search(r"\x1b\[[0-9;]*m", bare)
     assert re.search(r"^    1  running\s+roll\s+\+12\.0", written(monkeypatch, TERM="dumb"))
 
 
 def test_a_flight_in_a_real_terminal():
     """80x24, a smaller window, a larger one, all vehicles, the end."""
     emulator = pytest.importorskip("tests.fuzzbee.emulator", reason="pyte is not installed")
-    session = default_session(free_port())
+    session = default_session()
     with (
         started("run", str(FLIPS), *session),
         emulator.terminal("watch", "1", *session) as terminal,
@@ -209,13 +196,10 @@ def test_a_flight_in_a_real_terminal():
 def is_whole(lines, columns):
     """One bar, one row of figures and one tape: nothing is left of another size."""
     text = "\n".join(lines)
-    bars = [line for line in lines if "vehicle 1" in line]
-    return (
-        len(bars) == 1
-        and text.count("pitch") == 1
-        and text.count("▲") == 1
-        and abs(text.split("\n")[lines.index(bars[0]) + 2].index("▲") - columns // 2) <= 1
-    )
+    bars = [n for n, line in enumerate(lines) if "vehicle 1" in line]
+    if [len(bars), text.count("pitch"), text.count("▲")] != [1, 1, 1]:
+        return False
+    return abs(text.split("\n")[bars[0] + 2].index("▲") - columns // 2) <= 1
 
 
 @pytest.mark.parametrize(("encoding", "mark"), [("utf-8", "◆"), ("latin-1", "A")])
@@ -223,9 +207,8 @@ def test_an_autopilot_that_differs_is_marked_at_its_own_horizon_and_heading(enco
     """A dotted line with its own roll and pitch, or a mark on the tape; and by how much."""
     off = differing("inclination", 28.0, roll_deg=-20.0, pitch_deg=10.0)
     lines = horizon(encoding=encoding, status=off)
-    down = {
-        x: n for n, line in enumerate(lines[3:]) for x, letter in enumerate(line) if letter == mark
-    }
+    cells = ((x, n, letter) for n, line in enumerate(lines[3:]) for x, letter in enumerate(line))
+    down = {x: n for x, n, letter in cells if letter == mark}
     assert len(down) > 10
     left, right = min(down), max(down)
     # rows are as high as two cells are wide

@@ -1,31 +1,20 @@
 """Files that are none, through the real command line: one line and status 2, or a sound reading."""
 
 import gzip
-import json
 import os
 import random
-import struct
 from pathlib import Path
 
 import pytest
 
 from drivers.logs.open import ULOG_MAGIC
-from fuzzbee.cli import main
 from service.process import load_kernels
+from tests.fuzz.cases import dataflash
 from tests.fuzzbee.recording import DATA
 
+DATAFLASH = dataflash(400)
 ULOG = (DATA / "px4_hover.ulg").read_bytes()[:300_000]
 TLOG = (DATA / "rover_no_magnetometer.tlog").read_bytes()
-
-
-def dataflash():
-    """A sound DataFlash log of one IMU."""
-    columns = b"TimeUS,GyrX,GyrY,GyrZ,AccX,AccY,AccZ"
-    data = b"\xa3\x95\x80" + struct.pack("<BB4s16s64s", 130, 35, b"IMU", b"Qffffff", columns)
-    for k in range(400):
-        values = struct.pack("<Q6f", 1_000_000 + 20_000 * k, 0.1, 0, 0, 0.01 * k, 0.1, -9.8)
-        data += b"\xa3\x95\x82" + values
-    return data
 
 
 def shuffled(content):
@@ -45,15 +34,15 @@ UNUSABLE = {
     "magic.ulg": ULOG_MAGIC + bytes(9) + b"A" * 100_000,
     "lengths.ulg": ULOG_MAGIC + b"\xff" * 100_000,
     "packed.tlog": gzip.compress(TLOG),
-    "head.bin": dataflash()[:80],
+    "head.bin": DATAFLASH[:80],
     "head.ulg": ULOG[:900],
-    "tail.bin": dataflash()[50:],
+    "tail.bin": DATAFLASH[150:],  # without its IMU's format
 }
 USABLE = {
-    "wrong name.tlog": dataflash(),
+    "wrong name.tlog": DATAFLASH,
     "wrong name.bin": ULOG,
     "wrong name.ulg": TLOG,
-    "twice.bin": dataflash() + dataflash(),
+    "twice.bin": 2 * DATAFLASH,
     "twice.ulg": ULOG + ULOG,
     "another behind.tlog": TLOG + ULOG,
     "cut.tlog": TLOG[:-7],
@@ -68,47 +57,30 @@ def kernels():
     load_kernels()
 
 
-@pytest.mark.parametrize("name", UNUSABLE)
-@pytest.mark.parametrize("verb", ["replay", "tune", "run"])
-def test_what_is_no_log_is_refused_with_one_line(verb, name, tmp_path, capfd):
-    path = tmp_path / name
-    path.write_bytes(UNUSABLE[name])
-    options = {
-        "replay": ["--json"],
-        "tune": ["-o", str(tmp_path / "out.toml")],
-        "run": ["--no-zenoh", "--json", "--speed", "1000"],
-    }[verb]
-    assert main([verb, str(path), *options]) == 2
-    out, err = capfd.readouterr()
-    assert out == ""
-    assert err.count("\n") == 1
-    assert err.startswith("fuzzbee: ")
-    assert name in err
+NO_FILES = {
+    "folder": Path.mkdir,
+    "fifo": os.mkfifo,
+    "loop": lambda path: path.symlink_to(path),
+    "missing": lambda _: None,
+    300 * "x" + ".tlog": lambda _: None,
+}
+MADE = {name: lambda path, name=name: path.write_bytes(UNUSABLE[name]) for name in UNUSABLE}
+
+
+@pytest.mark.parametrize(
+    "verb", ["replay --json", "tune -o out.toml", "run --no-zenoh --speed 1000"]
+)
+@pytest.mark.parametrize(("name", "make"), [*MADE.items(), *NO_FILES.items()])
+def test_what_is_no_log_is_refused_with_one_line(verb, name, make, tmp_path, monkeypatch, refused):
+    monkeypatch.chdir(tmp_path)
+    make(Path(name))
+    verb, *options = verb.split()
+    assert name[:20] in refused(verb, name, *options)  # of a long one no more may be shown
     assert not (tmp_path / "out.toml").exists()
 
 
 @pytest.mark.parametrize("name", USABLE)
-def test_what_is_damaged_or_misnamed_is_read(name, tmp_path, capfd):
+def test_what_is_damaged_or_misnamed_is_read(name, tmp_path, replayed):
     path = tmp_path / name
     path.write_bytes(USABLE[name])
-    assert main(["replay", str(path), "--json"]) == 0
-    report = json.loads(capfd.readouterr().out)
-    assert report["imu"]["samples"] > 50
-
-
-@pytest.mark.parametrize("verb", ["replay", "tune", "run"])
-@pytest.mark.parametrize("name", ["folder", "fifo", "loop", "missing", 300 * "x" + ".tlog"])
-def test_what_is_no_file_is_refused_with_one_line(verb, name, tmp_path, monkeypatch, capfd):
-    monkeypatch.chdir(tmp_path)  # a line shows the beginning of what is long
-    path = Path(name) if len(name) > 100 else tmp_path / name
-    if name == "folder":
-        path.mkdir()
-    elif name == "fifo":
-        os.mkfifo(path)
-    elif name == "loop":
-        path.symlink_to(path)
-    options = {"tune": ["-o", str(tmp_path / "out.toml")], "run": ["--no-zenoh"]}.get(verb, [])
-    assert main([verb, str(path), *options]) == 2
-    err = capfd.readouterr().err
-    assert err.count("\n") == 1
-    assert name[:10] in err  # of a long one no more may be shown
+    assert replayed(path)["imu"]["samples"] > 50

@@ -1,26 +1,25 @@
 """Logs of more samples than are held in memory: the same figures and files, in bounded memory."""
 
-import json
-import sys
-from subprocess import run
-
 import pytest
 
 from drivers.logs import table
-from fuzzbee.cli import main
 from tests.fuzzbee.recording import DATA
+from tests.programs import run_python
 
 WRITTEN = {"--csv": "flight.csv", "--tum": "flight.tum", "--mcap": "flight.mcap"}
 
 
-def replayed(folder, log, capsys, *options):
+@pytest.fixture
+def written(replayed, tmp_path):
     """The figures, and what was written."""
-    folder.mkdir()
-    written = [part for name, file in WRITTEN.items() for part in (name, str(folder / file))]
-    assert main(["replay", str(log), "--json", *written, *options]) == 0
-    figures = json.loads(capsys.readouterr().out)
-    del figures["wall_s"]
-    return figures, {path.name: path.read_bytes() for path in folder.iterdir()}
+
+    def run(log, *options):
+        files = [part for name, file in WRITTEN.items() for part in (name, tmp_path / file)]
+        figures = replayed(DATA / log, *files, *options)
+        del figures["wall_s"]
+        return figures, {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+
+    return run
 
 
 def close(some, others):
@@ -38,12 +37,11 @@ def close(some, others):
         ("sub_on_its_side.tlog", ("--smooth",)),
     ],
 )
-def test_a_replay_in_small_parts_is_the_same(tmp_path, capsys, monkeypatch, log, options):
-    whole = replayed(tmp_path / "whole", DATA / log, capsys, *options)
-    for module, name in ((table, "BLOCK"), (table, "WAITING")):
-        monkeypatch.setattr(module, name, 70)
-    monkeypatch.setattr(table, "IN_MEMORY", 90)
-    parts = replayed(tmp_path / "parts", DATA / log, capsys, *options)
+def test_a_replay_in_small_parts_is_the_same(written, monkeypatch, log, options):
+    whole = written(log, *options)
+    for name, rows in (("BLOCK", 70), ("WAITING", 70), ("IN_MEMORY", 90)):
+        monkeypatch.setattr(table, name, rows)
+    parts = written(log, *options)
     assert close(whole[0], parts[0])
     assert whole[1] == parts[1]
 
@@ -82,8 +80,7 @@ print(report.imu.samples, most_kb() - before_kb)
 
 
 def test_an_hour_at_400_hz_takes_no_more_memory_than_its_columns_one_by_one():
-    """The numbers alone are 400 MB; measured 150 MB beside 114 of libraries."""
-    done = run([sys.executable, "-c", LONG], capture_output=True, text=True, check=True)
+    done = run_python("-c", LONG, timeout_s=900)
     samples, taken_kb = map(int, done.stdout.split())
     assert samples == 1_440_000
     assert taken_kb < 186_000

@@ -10,11 +10,10 @@ from drivers.simulation.simulated_vehicle import GRAVITY_NED, MAGNETIC_NED, simu
 from estimator.filter import kernel, reference
 from estimator.filter.memberships import midpoint
 from estimator.filter.types import Vectors, initial_state
-from fuzzbee import InputError, PaperFilter, load_profile
+from fuzzbee import Estimator, InputError, PaperFilter, load_profile
 from fuzzbee.attitudes import Attitudes
-from fuzzbee.cli import main
 
-DT = 0.01
+DT, STILL = 0.01, (0.0, 0.0, 0.0)
 REFUSED = r"^gain .*: must be a number, 0\.01 to 10000$"
 INERTIAL = np.array([MAGNETIC_NED, GRAVITY_NED])
 
@@ -56,27 +55,28 @@ def test_on_two_vectors_it_is_the_compiled_filter(gain):
 @pytest.mark.parametrize("gain", [None, "noise"])
 def test_a_copy_goes_on_as_the_first_does_and_leaves_it_alone(way, gain):
     gyr, vectors, _ = signals(60)
+
+    def flown(by):
+        return [by.step(rate, pair, DT) for rate, pair in zip(gyr, vectors, strict=True)]
+
     first = PaperFilter(INERTIAL, R_hat=np.diag((1.0, -1.0, -1.0)), gain=gain)
-    begun = [first.step(rate, pair, DT) for rate, pair in zip(gyr, vectors, strict=True)]
+    begun = flown(first)
     second = way(first)
-    there = [second.step(rate, pair, DT) for rate, pair in zip(gyr, vectors, strict=True)]
+    there = flown(second)
     assert np.array_equal(first.R_hat, begun[-1])
-    here = [first.step(rate, pair, DT) for rate, pair in zip(gyr, vectors, strict=True)]
-    assert np.array_equal(there, here)
+    assert np.array_equal(there, flown(first))
     second.reset()
-    again = [second.step(rate, pair, DT) for rate, pair in zip(gyr, vectors, strict=True)]
-    assert np.array_equal(begun, again)
+    assert np.array_equal(begun, flown(second))
 
 
 def test_more_vectors_are_better_at_the_same_weight():
-    """Noise of 0.05 on each; one degree and a half by two."""
     generator, rms_deg = np.random.default_rng(3), []
     eight = unit(generator.normal(size=(8, 3)))
     for v_I in (eight[:2], eight):
         filtered = PaperFilter(v_I, np.full(len(v_I), 2.0 / len(v_I)), gain=20.0)
         errors = []
         for _ in range(400):
-            filtered.step((0.0, 0.0, 0.0), v_I + generator.normal(0.0, 0.05, v_I.shape), DT)
+            filtered.step(STILL, v_I + generator.normal(0.0, 0.05, v_I.shape), DT)
             errors.append(np.arccos(min(1.0, (np.trace(filtered.R_hat) - 1.0) / 2.0)))
         rms_deg.append(np.degrees(np.sqrt(np.mean(np.square(errors)))))
     assert rms_deg[0] == pytest.approx(1.5, rel=0.2)
@@ -86,7 +86,7 @@ def test_more_vectors_are_better_at_the_same_weight():
 def test_the_gain_may_be_anything_and_the_controller_stands_alone():
     asked = []
     filtered = PaperFilter(INERTIAL, gain=lambda e, e_rate: asked.append((e, e_rate)) or 7.0)
-    filtered.step((0.0, 0.0, 0.0), -INERTIAL, DT)
+    filtered.step(STILL, -INERTIAL, DT)
     assert asked == [(filtered.e, filtered.e_rate)]
     assert filtered.K == 7.0
     surface = [[filtered.fuzzy_gain(e, d) for e in (0.0, 0.5, 1.0)] for d in (-1.0, 0.0, 1.0)]
@@ -119,17 +119,12 @@ def test_a_gain_beyond_what_a_profile_may_have_is_refused(gain):
         PaperFilter(INERTIAL, gain=gain)
     asked = PaperFilter(INERTIAL, gain=lambda *_: gain)
     with pytest.raises(InputError, match=REFUSED):
-        asked.step((0.0, 0.0, 0.0), INERTIAL, DT)
+        asked.step(STILL, INERTIAL, DT)
 
 
 @pytest.mark.parametrize(
     ("rate", "dt", "words"),
-    [
-        ((0.0, np.nan, 0.0), DT, "Omega_m"),
-        ((0.0, 0.0, 0.0), np.nan, "dt"),
-        ((0.0, 0.0, 0.0), -1.0, "dt"),
-        ((0.0, 0.0, 0.0), "0.01", "dt"),
-    ],
+    [((0.0, np.nan, 0.0), DT, "Omega_m"), *((STILL, dt, "dt") for dt in (np.nan, -1.0, "0.01"))],
 )
 def test_a_step_of_no_numbers_is_refused_and_leaves_the_attitude(rate, dt, words):
     filtered = PaperFilter(INERTIAL)
@@ -139,12 +134,9 @@ def test_a_step_of_no_numbers_is_refused_and_leaves_the_attitude(rate, dt, words
 
 
 def test_scipy_and_pandas_get_what_they_know():
-    from fuzzbee import Estimator
-
     gyr, vectors, _ = signals(200)
-    found = Estimator(load_profile("paper"), rate_hz=100.0).update_batch(
-        gyr, -vectors[:, 1], vectors[:, 0]
-    )
+    estimator = Estimator(load_profile("paper"), rate_hz=100.0)
+    found = estimator.update_batch(gyr, -vectors[:, 1], vectors[:, 0])
     assert isinstance(found, Attitudes)
     turned = found.to_rotation().apply((1.0, 0.0, 0.0))
     yaw_deg = np.degrees(np.arctan2(turned[:, 1], turned[:, 0])) % 360.0
@@ -173,20 +165,15 @@ def test_it_equals_the_compiled_inference(k):
 
 
 def test_the_paper_s_filter_hands_it_out():
-    made = PaperFilter(np.eye(3)[:2])
-    system = made.controller()
+    system = PaperFilter(np.eye(3)[:2]).controller()
     assert len(list(system.rules)) == 25
-    assert {variable.label for variable in system.fuzzy_variables} == {
-        "error",
-        "error_rate",
-        "k_op",
-    }
+    labels = {variable.label for variable in system.fuzzy_variables}
+    assert labels == {"error", "error_rate", "k_op"}
 
 
-def test_a_profile_is_drawn(tmp_path, capfd):
+def test_a_profile_is_drawn(tmp_path, printed, refused):
     pytest.importorskip("matplotlib", reason="the extra plot is not installed")
-    file = tmp_path / "rules.png"
-    assert main(["profile", "show", "paper", "--plot", str(file)]) == 0
+    show, file = ("profile", "show", "paper", "--plot"), tmp_path / "rules.png"
+    printed(*show, file)
     assert file.read_bytes().startswith(b"\x89PNG")
-    assert main(["profile", "show", "paper", "--plot", str(tmp_path / "rules.doc")]) == 2
-    assert "should end in" in capfd.readouterr().err
+    assert "should end in" in refused(*show, tmp_path / "rules.doc")

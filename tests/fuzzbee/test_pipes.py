@@ -24,16 +24,12 @@ def pipe(tmp_path):
     return path
 
 
-def last_line(capfd):
-    return capfd.readouterr().err.splitlines()[-1]
-
-
 @pytest.mark.parametrize(
     "verb", [("replay", str(TAKEOFF), "--csv"), ("tune", "sim:", "--sources=2", "--cycles=1", "-o")]
 )
-def test_an_output_that_nobody_reads_is_refused(verb, pipe, capfd):
-    assert main([*verb, str(pipe)]) == 2
-    assert last_line(capfd).endswith(f"{pipe}: a pipe that nobody reads, start its reader first")
+def test_an_output_that_nobody_reads_is_refused(verb, pipe, refused):
+    output = refused(*verb, pipe)
+    assert output.endswith(f"{pipe}: a pipe that nobody reads, start its reader first")
 
 
 def test_an_output_that_somebody_reads_is_written_whole(pipe, tmp_path):
@@ -48,10 +44,10 @@ def test_an_output_that_somebody_reads_is_written_whole(pipe, tmp_path):
     assert read == [(tmp_path / "file.csv").read_bytes()]
 
 
-def test_a_drawing_needs_a_file(pipe, capfd):
+def test_a_drawing_needs_a_file(pipe, refused):
     pytest.importorskip("rerun")
-    assert main(["replay", str(TAKEOFF), "--rrd", str(pipe)]) == 2
-    assert last_line(capfd) == f"fuzzbee: --rrd {pipe}: a pipe, choose a file"
+    line = refused("replay", TAKEOFF, "--rrd", pipe)
+    assert line == f"fuzzbee: --rrd {pipe}: a pipe, choose a file"
 
 
 @pytest.mark.skipif(not KERNEL_LOG.exists(), reason="no such file here")
@@ -60,11 +56,11 @@ def test_a_file_of_the_kernel_is_empty(verb):
     assert main([*verb, str(KERNEL_LOG)]) == 2
 
 
-def test_a_key_that_nobody_writes_into_its_pipe_is_empty(pipe, monkeypatch, capfd):
+def test_a_key_that_nobody_writes_into_its_pipe_is_empty(pipe, monkeypatch, refused):
     monkeypatch.setattr(security, "PIPE_S", 0.2)
-    source = f"udpin:127.0.0.1:{free_port()}"
-    assert main(["run", source, "--no-zenoh", "--seconds=0.1", f"--signing-key-file={pipe}"]) == 2
-    assert last_line(capfd) == f"fuzzbee: the key file {pipe} is empty"
+    run = ("run", f"udpin:127.0.0.1:{free_port()}", "--no-zenoh", "--seconds=0.1")
+    line = refused(*run, f"--signing-key-file={pipe}")
+    assert line == f"fuzzbee: the key file {pipe} is empty"
 
 
 def test_a_key_may_come_by_a_pipe_in_pieces(pipe):

@@ -17,8 +17,8 @@ from fuzzbee.watch import show
 from tests.fuzz.cases import built, fuzzed
 from tests.service.records import record as attitude_record
 
-ATTITUDE = json.loads(msgspec.json.encode(attitude_record()))
 DIFFERENCE = {"inclination_deg": 1.0, "rate_deg_s": 1.0}
+ATTITUDE = json.loads(msgspec.json.encode(attitude_record()))
 STATUS = {
     "state": "running", "imu_message": "RAW_IMU", "imu_rate_hz": 50.0, "worst_gap_s": 0.1,
     "rejected": {}, "overruns": 0, "dropped": 0, "sequence": 3, "mode": "LOITER", "armed": True,

@@ -79,15 +79,14 @@ def test_a_figure_is_what_was_measured(replayed, arguments):
         assert report["cost"] == pytest.approx(sum(report["cost_per_seed"]) / 3)
 
 
-def test_two_norths_in_a_comparison_are_named(capsys):
+def test_two_norths_in_a_comparison_are_named(printed):
     """Beside true north they leave the declination in the heading's error."""
     for log, is_magnetic in (("sub_on_its_side.tlog", True), (TAKEOFF, False)):
-        assert main(["replay", str(DATA / log), "--skip", "5"]) == 0
-        words = " ".join(capsys.readouterr().out.split())
+        words = " ".join(printed("replay", DATA / log, "--skip", 5).split())
         assert ("100 % of our headings are from magnetic north" in words) == is_magnetic
 
 
-def test_several_profiles_and_logs_come_in_one_table_and_one_figure(replayed, capsys, tmp_path):
+def test_several_profiles_and_logs_come_in_one_table_and_one_figure(replayed, capfd, tmp_path):
     pytest.importorskip("matplotlib", reason="the extra 'plot' is not installed")
     logs = (DATA / "sub_bluerov.tlog", DATA / ROVER)
     profiles = ("--profile", "imu", "--profile", "adaptive")
@@ -99,7 +98,7 @@ def test_several_profiles_and_logs_come_in_one_table_and_one_figure(replayed, ca
     assert errors[:2] == pytest.approx([0.336, 19.1], rel=0.2)
     assert figure.stat().st_size > 10_000
     main(["replay", *map(str, logs), *profiles])
-    table, lines = capsys.readouterr()
+    table, lines = capfd.readouterr()
     of_logs = {line.partition(": ")[0] for line in lines.splitlines()}
     assert {f"{log} with {name}" for log, name in names} <= of_logs
     assert [table.count(word) for word in ("imu", "adaptive", "sub_bluerov")] == [2, 2, 2]
@@ -107,7 +106,6 @@ def test_several_profiles_and_logs_come_in_one_table_and_one_figure(replayed, ca
 
 
 def test_a_recording_of_fuzzbee_s_own_vehicle_has_the_profile_that_fits(replayed, tmp_path):
-    """The paper's signals: 8 deg off, as sigma has it; under imu 42 deg off with a small sigma."""
     from drivers.mavlink.framing import FrameReader
     from drivers.mavlink.recorder import Recorder
     from drivers.simulation.autopilot import SimulatedAutopilot, VehicleOptions

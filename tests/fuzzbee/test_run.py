@@ -1,3 +1,5 @@
+"""``fuzzbee run`` from its arguments to its result."""
+
 import json
 import os
 import signal
@@ -18,9 +20,9 @@ from fuzzbee.run import RunOptions
 from fuzzbee.run_report import recording_word, summary
 from service.stream_state import ImuChoice
 from service.vehicle import Vehicle
-from tests.fuzzbee.processes import default_session, free_port, started
+from tests.fuzzbee.processes import UDP, default_session, free_endpoint, free_port, shell, started
 from tests.fuzzbee.services import await_line
-from tests.fuzzbee.test_streams import shell
+from tests.service.sessions import plain_listener
 
 
 def test_json_is_one_object_about_the_run(capfd):
@@ -39,9 +41,9 @@ def test_json_is_one_object_about_the_run(capfd):
 
 
 def test_a_fixed_gain_is_what_is_published(capfd):
-    port = free_port()
-    with started("run", "--gain", "7", *default_session(port)) as service:
-        assert main(["watch", "--json", "-n", "5", "--seconds", "60", *default_session(port)]) == 0
+    session = default_session()
+    with started("run", "--gain", "7", *session) as service:
+        assert main(["watch", "--json", "-n", "5", "--seconds", "60", *session]) == 0
         service.send_signal(signal.SIGTERM)
         assert service.wait(60) == 0
     records = [json.loads(line) for line in capfd.readouterr().out.splitlines()]
@@ -49,7 +51,7 @@ def test_a_fixed_gain_is_what_is_published(capfd):
 
 
 @contextmanager
-def taken_port(kind):
+def taken_port(kind=UDP):
     with socket.socket(socket.AF_INET, kind) as taken:
         taken.bind(("127.0.0.1", 0))
         if kind == socket.SOCK_STREAM:
@@ -57,25 +59,37 @@ def taken_port(kind):
         yield taken.getsockname()[1]
 
 
-def test_a_taken_port_is_status_2(capfd):
-    with taken_port(socket.SOCK_DGRAM) as port:
-        assert main(["run", "--no-zenoh", f"udpin:127.0.0.1:{port}"]) == 2
-    assert str(port) in capfd.readouterr().err
-    with taken_port(socket.SOCK_STREAM) as port:
-        assert main(["run", "-l", f"tcp/127.0.0.1:{port}"]) == 2
-    assert str(port) in capfd.readouterr().err
+@pytest.mark.parametrize(
+    ("kind", "line"),
+    [
+        (UDP, "run --no-zenoh udpin:127.0.0.1:{port}"),
+        (UDP, "sim --to udpin:127.0.0.1:{port}"),
+        (socket.SOCK_STREAM, "run -l tcp/127.0.0.1:{port}"),
+    ],
+)
+def test_a_taken_port_is_status_2(kind, line, capfd):
+    with taken_port(kind) as port:
+        assert main(line.format(port=port).split()) == 2
+    output = capfd.readouterr().err
+    assert str(port) in output
+    assert "in use" in output
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_signals_end_it_quietly_with_everything_closed(number, tmp_path):
-    port, record = free_port(socket.SOCK_DGRAM), tmp_path / "flight.tlog"
+@pytest.fixture
+def line():
+    """Where a vehicle sends to, and where a service listens."""
+    port = free_port(UDP)
+    return f"udpout:127.0.0.1:{port}", f"udpin:127.0.0.1:{port}"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_signals_end_it_quietly_with_everything_closed(number, line, tmp_path):
+    (to, source), record = line, tmp_path / "flight.tlog"
+    options = ("--profile", "paper", "--json", "--record", str(record), "--truth")
     with (
-        started("sim", "--to", f"udpout:127.0.0.1:{port}"),
-        started(
-            "run", f"udpin:127.0.0.1:{port}", "--profile", "paper", "--json",
-            "--record", str(record), "--truth", *default_session(free_port()),
-        ) as service,
-    ):  # fmt: skip
+        started("sim", "--to", to),
+        started("run", source, *options, *default_session()) as service,
+    ):
         await_line(service, "vehicle 1: running")
         time.sleep(1.0)
         service.send_signal(number)
@@ -89,20 +103,17 @@ def test_signals_end_it_quietly_with_everything_closed(number, tmp_path):
     assert main(["run", "--no-zenoh", str(record), "--profile", "paper", "--speed", "5"]) == 0
 
 
-def test_a_vehicle_that_is_killed_and_started_again():
+def test_a_vehicle_that_is_killed_and_started_again(line):
     """Degraded, lost, and running again without restarting the service."""
-    port = free_port(socket.SOCK_DGRAM)
-    vehicle = ["sim", "--to", f"udpout:127.0.0.1:{port}"]
-    with started(
-        "run", f"udpin:127.0.0.1:{port}", "--profile", "paper", "--no-zenoh", "--json"
-    ) as service:
-        with started(*vehicle):
+    to, source = line
+    with started("run", source, "--profile", "paper", "--no-zenoh", "--json") as service:
+        with started("sim", "--to", to):
             await_line(service, "vehicle 1: running")
             for _ in range(3):  # a line a second: long enough to know a reboot from a jitter
                 await_line(service, "roll")
         await_line(service, "vehicle 1: degraded")
         await_line(service, "vehicle 1: lost")
-        with started(*vehicle):
+        with started("sim", "--to", to):
             reported = await_line(service, "vehicle 1: running")
             service.send_signal(signal.SIGINT)
             out, _ = service.communicate(timeout=60)
@@ -112,32 +123,24 @@ def test_a_vehicle_that_is_killed_and_started_again():
 
 
 def test_ros_nodes_receive_the_vehicle(capfd, monkeypatch):
-    import zenoh
     from rosbags.typesys import Stores, get_typestore
 
-    types, got = get_typestore(Stores.ROS2_JAZZY), []
+    types, got, endpoint = get_typestore(Stores.ROS2_JAZZY), [], free_endpoint()
     monkeypatch.setenv("ROS_DOMAIN_ID", "5")
-    port = free_port()
-    config = zenoh.Config()
-    config.insert_json5("scouting/multicast/enabled", "false")
-    config.insert_json5("listen/endpoints", json.dumps([f"tcp/127.0.0.1:{port}"]))
-    with zenoh.open(config) as session:
+    with plain_listener(endpoint) as session:
         session.declare_subscriber("5/fuzzbee/vehicle_1/imu/**", got.append)
-        assert (
-            main(["run", "--ros", "--seconds", "2", "-e", f"tcp/127.0.0.1:{port}", "--json"]) == 0
-        )
+        assert main(["run", "--ros", "--seconds", "2", "-e", endpoint, "--json"]) == 0
     messages = [types.deserialize_cdr(x.payload.to_bytes(), "sensor_msgs/msg/Imu") for x in got]
     assert len(messages) > 100
     assert messages[0].linear_acceleration.z != 0.0
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs resource limits")
-def test_a_disk_that_fills_up_costs_the_rest_of_the_recording_only(tmp_path, capfd):
+def test_a_disk_that_fills_up_costs_the_rest_of_the_recording_only(line, tmp_path, capfd):
     """A limit of 40 kB for a file; what was written before is what replay reads."""
-    port, folder = free_port(socket.SOCK_DGRAM), tmp_path / "logs"
-    source = f"udpin:127.0.0.1:{port}"
+    (to, source), folder = line, tmp_path / "logs"
     options = ("--profile", "paper", "--json", "--no-zenoh", "--record", str(folder))
-    with started("sim", "--to", f"udpout:127.0.0.1:{port}"):
+    with started("sim", "--to", to):
         done = shell('ulimit -f 40; "$@"', "run", source, "--seconds", "6", *options)
     assert done.returncode == 1, done.stderr
     assert done.stderr.count("the estimate goes on") == 1
@@ -167,11 +170,11 @@ def test_a_source_that_fails_ends_the_service_with_all_that_there_is_to_say(monk
     assert err.splitlines()[-1] == "fuzzbee: MemoryError: no memory"
 
 
-def test_its_own_vehicle_is_given_a_profile_and_one_that_is_not_wanted_is_named(capfd):
-    port = free_port()
-    with started("sim", "--to", f"udpout:127.0.0.1:{port}", "--seconds", "60") as vehicle:
+def test_its_own_vehicle_is_given_a_profile_and_one_that_is_not_wanted_is_named(line, capfd):
+    to, source = line
+    with started("sim", "--to", to, "--seconds", "60") as vehicle:
         vehicle.stderr.readline()  # it sends
-        command = ("run", f"udpin:127.0.0.1:{port}", "--no-zenoh", "--seconds", "5")
+        command = ("run", source, "--no-zenoh", "--seconds", "5")
         assert main([*command, "--json"]) == 0
         out, err = capfd.readouterr()
         assert "profile paper" in err
@@ -186,7 +189,7 @@ def test_a_taken_port_leaves_no_recording_and_an_older_one_as_it_is(tmp_path, na
     if is_older:
         (tmp_path / name).mkdir() if name.endswith("/") else (tmp_path / name).touch()
     before = [*tmp_path.rglob("*")]
-    with taken_port(socket.SOCK_DGRAM) as port:
+    with taken_port() as port:
         command = ["run", f"udpin:127.0.0.1:{port}", "--no-zenoh", "--record"]
         assert main([*command, f"{tmp_path}/{name}"]) == 2
     assert [*tmp_path.rglob("*")] == before
@@ -207,17 +210,10 @@ def test_the_result_of_a_run_names_what_was_counted_in_its_units():
     vehicle.imu.worst_gap_us, vehicle.imu.median_period_us = 250_000, 1e6 / 49.87654
     vehicle.imu.choice, vehicle.rejected["late"] = ImuChoice("RAW_IMU"), 35
     evicted = Counter(vehicles=51, samples=52, shed=53, rejected=54, attitudes=55)
-    lost = SimpleNamespace(lost=71)
-    runner = SimpleNamespace(ticks=41, overruns=42, dropped=43, source=lost, recording=str)
-    refused = {"signature": 61, "id": 62}
-    pipeline = SimpleNamespace(
-        malformed=72,
-        refused_frames=refused,
-        evicted=evicted,
-        scores=None,
-        vehicles=(vehicle,),
-        systems={3, 1},
-    )
+    runner = SimpleNamespace(ticks=41, overruns=42, dropped=43, recording=str)
+    runner.source = SimpleNamespace(lost=71)
+    pipeline = SimpleNamespace(malformed=72, evicted=evicted, scores=None, vehicles=(vehicle,))
+    pipeline.refused_frames, pipeline.systems = {"signature": 61, "id": 62}, {3, 1}
     result = summary(RunOptions(), "imu", 7.0, runner, pipeline)
     assert result["heard"] == [1, 3]
     expected = {"ticks": 41, "overruns": 42, "dropped": 43, "lost": 71, "malformed": 72}

@@ -10,7 +10,6 @@ from estimator.geometry.metrics import batch_angle_errors
 from estimator.geometry.rotations import exp
 from estimator.types import ImuSample
 from fuzzbee import replay
-from fuzzbee.cli import main
 from fuzzbee.replays import motion
 from fuzzbee.replays.score import constant_turn
 from fuzzbee.replays.trace import VehicleTrace
@@ -22,12 +21,12 @@ from tests.service.records import ATTITUDE
 DOWN, G = (0.0, 0.0, 1.0), 9.80665
 
 
+def mean(values, rel=1e-12, of=float):
+    return pytest.approx(of(np.mean(values)), rel=rel) if len(values) else None
+
+
 def rms(values):
-    return pytest.approx(np.sqrt(np.mean(np.square(values))), rel=1e-9) if len(values) else None
-
-
-def share(flags):
-    return pytest.approx(np.mean(flags), rel=1e-12) if len(flags) else None
+    return mean(np.square(values), 1e-9, np.sqrt)
 
 
 def moved(log):
@@ -72,10 +71,10 @@ def test_every_figure_is_that_of_the_samples_that_count(log, skip_s, monkeypatch
     upright = inclination <= np.degrees(ours.sigma_inclination_rad[counted])
     pointed = heading <= np.degrees(ours.sigma_heading_rad[counted])
     moving = moved(path)[-len(counted) :][counted]
-    assert report.coverage.inclination == share(upright)
-    assert report.coverage.heading == share(pointed[reported])
-    assert report.coverage.inclination_moving == share(upright[moving])
-    assert report.coverage.heading_moving == share(pointed[reported & moving])
+    assert report.coverage.inclination == mean(upright)
+    assert report.coverage.heading == mean(pointed[reported])
+    assert report.coverage.inclination_moving == mean(upright[moving])
+    assert report.coverage.heading_moving == mean(pointed[reported & moving])
     names, counts = np.unique(ours.heading_reference[counted], return_counts=True)
     assert report.heading_references == dict(zip(names.tolist(), counts.tolist(), strict=True))
     assert report.mean_gain == pytest.approx(np.mean(ours.gain))
@@ -101,16 +100,15 @@ def assert_constant_turn(found, flight, counted, moving):
     assert found.turn_deg == pytest.approx(np.sqrt(np.mean(apart_deg(turned, ours) ** 2)), rel=1e-5)
     assert found.inclination_rms == pytest.approx(np.sqrt(np.mean(left**2)), rel=1e-5)
     under = left <= np.degrees(flight.attitudes.sigma_inclination_rad[counted])
-    assert found.inclination_coverage == share(under)
-    assert found.inclination_coverage_moving == share(under[moving])
+    assert found.inclination_coverage == mean(under)
+    assert found.inclination_coverage_moving == mean(under[moving])
 
 
-def test_a_constant_turn_is_reported(capsys):
+def test_a_constant_turn_is_reported(printed):
     log = DATA / "sub_bluerov.tlog"
     turn = replay(log).report.constant_turn
-    assert main(["replay", str(log)]) == 0
-    out, _ = capsys.readouterr()
-    assert f"{turn.turn_deg:.1f}° of it is a constant turn" in " ".join(out.split())
+    words = " ".join(printed("replay", log).split())
+    assert f"{turn.turn_deg:.1f}° of it is a constant turn" in words
 
 
 BIAS, STEADY = np.radians((1.0, 1.0, 1.0)), np.array((0.0, 0.0, 1.01 * motion.MOST_BIAS_RAD_S))

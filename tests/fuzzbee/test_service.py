@@ -2,7 +2,6 @@
 
 import json
 import signal
-import socket
 import time
 from itertools import pairwise
 from pathlib import Path
@@ -12,26 +11,25 @@ import pytest
 
 from drivers.events import Imu, Malformed, VehicleId
 from drivers.logs.tlog import Tlog
+from drivers.mavlink.constants import RAW_IMU_ID
 from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.framing import FrameReader
 from estimator.profile import load_profile
 from service.pipeline import Pipeline
 from service.records import AttitudeRecord
-from tests.fuzzbee.processes import free_port, started
+from tests.fuzzbee.processes import UDP, descendants, free_endpoint, free_port, is_alive, started
 from tests.fuzzbee.services import (
     SLOW_HZ,
     Subscriber,
-    descendants,
     end,
     flight,
-    is_alive,
     keep_reading,
     only,
     recorded,
     service,
 )
-from tests.service.sinks.test_zenoh import plain_client, wait_for
-from tests.service.sinks.test_zenoh_faults import router
+from tests.service.flight_rig import Wire
+from tests.service.sessions import plain_client, router, wait_for
 
 pytestmark = pytest.mark.skipif(
     not Path("/proc/self/task").exists(), reason="looks for processes in /proc"
@@ -40,8 +38,7 @@ pytestmark = pytest.mark.skipif(
 
 def test_what_is_published_is_what_a_pipeline_makes_of_the_recording(tmp_path):
     """To the last digit; and nothing that was sent is missing in the recording."""
-    port, endpoint = free_port(socket.SOCK_DGRAM), f"tcp/127.0.0.1:{free_port()}"
-    log = tmp_path / "flight.tlog"
+    port, endpoint, log = free_port(UDP), free_endpoint(), tmp_path / "flight.tlog"
     with (
         service(port, "--record", str(log), *only(endpoint)) as process,
         plain_client(endpoint) as session,
@@ -65,18 +62,11 @@ def test_what_is_published_is_what_a_pipeline_makes_of_the_recording(tmp_path):
 
 
 def assert_one_pipeline_says(records, frames, system):
-    """Each attitude is what the pipeline has after the sample that it is propagated from.
-
-    A tick that comes late names its own time, and a sample may have arrived since: with age 0 the
-    record does not show which was the last.
-    """
-    pipeline, decoder = Pipeline(load_profile("paper")), MavlinkDecoder(references=False)
+    """Each attitude is the one after its last sample, which a record of age 0 does not show."""
+    pipeline, wire = Pipeline(load_profile("paper")), Wire(MavlinkDecoder(references=False))
     address = VehicleId(system, 1)
-    events = []
-    for arrival_us, data in frames:
-        [frame] = FrameReader().feed(data)
-        if frame.system_id == system:
-            events += decoder.events(frame, arrival_us)
+    every = (event for us, data in frames for event in wire.events(data, us))
+    events = [event for event in every if getattr(event, "vehicle", None) == address]
     reported = [record for record in records if record["age_ms"] > 0.0]
     assert len(reported) > 0.8 * len(records)
     for record in reported:
@@ -94,36 +84,40 @@ def assert_one_pipeline_says(records, frames, system):
             assert alone[key] == record[key]
 
 
-def test_a_service_that_was_stopped_publishes_nothing_old():
+def test_a_service_that_was_stopped_publishes_nothing_old_and_counts_every_sample():
     """Of each vehicle only what is newest still counts."""
-    port, endpoint = free_port(socket.SOCK_DGRAM), f"tcp/127.0.0.1:{free_port()}"
-    with (
-        service(port, *only(endpoint)) as process,
-        plain_client(endpoint) as session,
-        flight(4, port),
-    ):
-        lines = keep_reading(process)
-        seen = Subscriber(session)
-        wait_for(lambda: all(seen.count(str(n)) > 30 for n in range(1, 5)), 30.0)
-        process.send_signal(signal.SIGSTOP)
-        time.sleep(2.0)
-        seen.attitudes.clear()
-        process.send_signal(signal.SIGCONT)
-        wait_for(lambda: all(seen.count(str(n)) > 30 for n in range(1, 5)), 30.0)
-        ages_s = [
-            arrival_s - 1e-6 * record["time_unix_us"]
-            for rows in seen.attitudes.values()
-            for arrival_s, record in rows
-        ]
+    port, endpoint, names = free_port(UDP), free_endpoint(), "1234"
+    with service(port, *only(endpoint)) as process, plain_client(endpoint) as session:
+        lines, seen = keep_reading(process), Subscriber(session)
+        with flight(4, port) as sent:
+            wait_for(lambda: all(seen.count(name) > 30 for name in names), 30.0)
+            process.send_signal(signal.SIGSTOP)
+            time.sleep(2.0)
+            seen.attitudes.clear()
+            process.send_signal(signal.SIGCONT)
+            wait_for(lambda: all(seen.count(name) > 30 for name in names), 30.0)
+            ages_s = [
+                arrival_s - 1e-6 * record["time_unix_us"]
+                for rows in seen.attitudes.values()
+                for arrival_s, record in rows
+            ]
         # each vehicle's last; a hundred more of each waited before the others were left out
         assert len([age for age in ages_s if age > 1.0]) <= 2 * 4
-        end(process, lines)
+        # everything has been read by then
+        wait_for(lambda: all(seen.statuses[name]["state"] == "degraded" for name in names), 30.0)
+        result = end(process, lines)
+    assert result["lost"] == 0
+    frames = [frame for data in sent for frame in FrameReader().feed(data)]
+    for name, counted in result["vehicles"].items():
+        imu = sum((f.message_id, f.system_id) == (RAW_IMU_ID, int(name)) for f in frames)
+        refused = sum(counted["rejected"].values())
+        # one waits for the next
+        assert 0 <= imu - counted["samples"] - counted["shed"] - refused <= 1
 
 
 def test_two_services_on_a_router_each_with_its_share(capfd):
     """What a subscriber at the router sees is one fleet, its keys those of one service."""
-    ports = [free_port(socket.SOCK_DGRAM) for _ in range(2)]
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    ports, endpoint = [free_port(UDP) for _ in range(2)], free_endpoint()
     at_router = ("-m", "client", "-e", endpoint)
     shares = ("1,2", "3,4")
     with router(endpoint):
@@ -146,7 +140,7 @@ def test_two_services_on_a_router_each_with_its_share(capfd):
 
 
 def test_a_recording_killed_in_the_middle_reads_to_its_last_whole_frame(tmp_path):
-    port, log = free_port(socket.SOCK_DGRAM), tmp_path / "flight.tlog"
+    port, log = free_port(UDP), tmp_path / "flight.tlog"
     command = ("run", f"udpin:127.0.0.1:{port}", "--no-zenoh", "--json", "--profile", "paper")
     with (
         started("sim", "--to", f"udpout:127.0.0.1:{port}", "--rate", "200"),

@@ -1,14 +1,12 @@
 """Where the system gives no shared memory, everything goes on without it."""
 
 import json
-import shutil
-import subprocess
 
 import pytest
 
-from tests.fuzzbee.processes import default_session, free_port
+from tests.fuzzbee.processes import default_session, shell
 from tests.fuzzbee.recording import TAKEOFF
-from tests.fuzzbee.test_streams import shell
+from tests.programs import can_mount
 
 READ_ONLY, TINY = "-o ro", "-o size=4k"
 
@@ -19,20 +17,14 @@ def run_in(mount, *arguments):
     return shell(f"unshare -rm sh -c '{script}' sh \"$@\"", *arguments)
 
 
-def has_namespaces():
-    if shutil.which("unshare") is None:
-        return False
-    command = ["unshare", "-rm", "mount", "-t", "tmpfs", "none", "/dev/shm"]
-    return subprocess.run(command, capture_output=True, check=False).returncode == 0
-
-
-pytestmark = pytest.mark.skipif(not has_namespaces(), reason="no namespaces of one's own here")
+pytestmark = pytest.mark.skipif(
+    not can_mount("mount -t tmpfs none /dev/shm"), reason="no namespaces of one's own here"
+)
 
 
 @pytest.mark.parametrize("mount", [READ_ONLY, TINY])
 def test_a_run_goes_on_with_a_line(mount):
-    session = default_session(free_port())
-    done = run_in(mount, "run", "sim:", "--seconds", "2", "--json", *session)
+    done = run_in(mount, "run", "sim:", "--seconds", "2", "--json", *default_session())
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["vehicles"]["1"]["attitudes"] > 0
     assert done.stderr.count("no shared memory, going on without") == 1

@@ -45,6 +45,10 @@ def rms(values):
     return np.sqrt(np.mean(np.square(values), axis=0))
 
 
+def calibrated(rate_hz):
+    return Estimator(rate_hz=rate_hz, compass_calibrated=True)
+
+
 def test_what_came_later_counts_too(shaken):
     *readings, q = shaken
     estimator = Estimator(rate_hz=RATE_HZ)
@@ -64,10 +68,8 @@ def test_means_over_intervals_are_half_an_interval_old(shaken):
     averaged = merge_profile(load_profile("imu"), {"conditioning": {"averaged_samples": True}})
     estimator = Estimator(averaged, RATE_HZ / 2.0)
     smoothed = estimator.smooth(*(column.mean(axis=1) for column in readings))
-    assert rms(errors_deg(smoothed, q[:, 1])) == pytest.approx(
-        [0.81, 1.15],
-        rel=0.1,  # without it 0.95
-    )
+    # without it 0.95 deg
+    assert rms(errors_deg(smoothed, q[:, 1])) == pytest.approx([0.81, 1.15], rel=0.1)
 
 
 def test_what_is_done_in_blocks_is_what_is_done_at_once(shaken, monkeypatch):
@@ -75,14 +77,12 @@ def test_what_is_done_in_blocks_is_what_is_done_at_once(shaken, monkeypatch):
     slow = [column[:3000:10] for column in shaken[:3]]
     velocity = np.tile([np.nan, 0.0, 0.0], (len(slow[0]), 1))
     velocity[::5] = 0.0
-    whole = Estimator(rate_hz=5.0, compass_calibrated=True).smooth(*slow, velocity_ned_m_s=velocity)
+    whole = calibrated(5.0).smooth(*slow, velocity_ned_m_s=velocity)
     monkeypatch.setattr(rows, "BLOCK", 37)
-    parts = Estimator(rate_hz=5.0, compass_calibrated=True).smooth(*slow, velocity_ned_m_s=velocity)
+    parts = calibrated(5.0).smooth(*slow, velocity_ned_m_s=velocity)
     for name in ("q_ned_frd", "sigma_heading_rad", "sigma_inclination_rad"):
         assert np.array_equal(getattr(parts, name), getattr(whole, name))
-    causal = Estimator(rate_hz=5.0, compass_calibrated=True).update_batch(
-        *slow, velocity_ned_m_s=velocity
-    )
+    causal = calibrated(5.0).update_batch(*slow, velocity_ned_m_s=velocity)
     truth = shaken[3][:3000:10]
     ours, before = (rms(errors_deg(output, truth)[50:]) for output in (whole, causal))
     assert (ours < 0.85 * before).all()  # 1.8 and 2.7 deg for 2.5 and 4.0
@@ -127,16 +127,17 @@ def test_of_rows_given_nothing_is_kept_twice(shaken):
     times_us = np.arange(1500) * 20_000
     rows = rows_of(times_us, gyr, acc, mag, np.ones(1500, np.bool_))
     output = np.full((1500, OUTPUT_SIZE), np.nan)
+    first, others = [tuple(column[0].tolist()) for column in (gyr, acc, mag)], cut(rows, 1, 1500)
     recorder = Recorder(load_profile("imu"), offered=Offered(rows, output))
-    recorder.take(0, *(tuple(column[0].tolist()) for column in (gyr, acc, mag)), has_mag=True)
-    assert recorder.update_rows(cut(rows, 1, 1500), output[1:]) == (1499, 0)
+    recorder.take(0, *first, has_mag=True)
+    assert recorder.update_rows(others, output[1:]) == (1499, 0)
     (made,) = recorder.recordings()
     assert all(np.shares_memory(*pair) for pair in zip(made.rows, rows, strict=True))
     for kept in (made.forward.q_ned_frd, made.forward.sigma_rad, made.bias_rad_s):
         assert np.shares_memory(kept, output)
     alone = Recorder(load_profile("imu"))  # of rows that nobody keeps it keeps copies
-    alone.take(0, *(tuple(column[0].tolist()) for column in (gyr, acc, mag)), has_mag=True)
-    assert alone.update_rows(cut(rows, 1, 1500), output[1:].copy()) == (1499, 0)
+    alone.take(0, *first, has_mag=True)
+    assert alone.update_rows(others, output[1:].copy()) == (1499, 0)
     (own,) = alone.recordings()
     assert all(np.array_equal(*pair) for pair in zip(own.rows, rows, strict=True))
     for name in ("q_ned_frd", "sigma_rad"):
@@ -179,13 +180,11 @@ def test_between_holes_a_vehicle_is_joined_and_not_averaged(shaken):
 def test_what_force_and_field_show_of_their_errors_is_in_sigma(shaken):
     """A force of the wrong size, and a field that has another norm and dip for a minute."""
     gyr, acc, mag, q = shaken
-    plain = Estimator(rate_hz=RATE_HZ, compass_calibrated=True).smooth(gyr, acc, mag)
-    scaled = Estimator(rate_hz=RATE_HZ, compass_calibrated=True).smooth(gyr, 1.02 * acc, mag)
+    plain = calibrated(RATE_HZ).smooth(gyr, acc, mag)
+    scaled = calibrated(RATE_HZ).smooth(gyr, 1.02 * acc, mag)
     grown = rms(scaled.sigma_inclination_rad) ** 2 - rms(plain.sigma_inclination_rad) ** 2
     assert np.sqrt(grown) == pytest.approx(2**0.5 * 0.02, rel=0.2)
     elsewhere = np.where(np.arange(len(q))[:, None] >= len(q) / 2, [0.0, 0.0, 0.03], 0.0)
-    other = Estimator(rate_hz=RATE_HZ, compass_calibrated=True).smooth(
-        gyr, acc, mag + rotate(conjugate(q), elsewhere)
-    )
+    other = calibrated(RATE_HZ).smooth(gyr, acc, mag + rotate(conjugate(q), elsewhere))
     before, then = (rms(each.sigma_heading_rad.reshape(2, -1).T) for each in (plain, other))
     assert then.max() > 1.5 * before.max()

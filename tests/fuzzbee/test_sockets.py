@@ -1,21 +1,9 @@
 """What the commands listen on: loopback only, unless an address is written."""
 
-import socket
-
-import psutil
 import pytest
 
-from tests.fuzzbee.processes import default_session, free_port, started
-from tests.service.sinks.test_zenoh import wait_for
-
-
-def listening(pid):
-    """What others could reach: TCP that listens, UDP that is bound and not connected."""
-    return [
-        (each.laddr.ip, each.laddr.port)
-        for each in psutil.Process(pid).net_connections("inet")
-        if each.status == psutil.CONN_LISTEN or (each.type == socket.SOCK_DGRAM and not each.raddr)
-    ]
+from tests.fuzzbee.processes import UDP, default_session, free_port, is_loopback, listening, started
+from tests.service.sessions import wait_for
 
 
 def settled(process, condition):
@@ -31,12 +19,8 @@ def settled(process, condition):
     return found
 
 
-def is_loopback(host):
-    return host.startswith("127.") or host in ("::1", "::ffff:127.0.0.1")
-
-
 def test_run_listens_on_loopback_only():
-    udp, tcp, metrics = free_port(socket.SOCK_DGRAM), free_port(), free_port()
+    udp, tcp, metrics = free_port(UDP), free_port(), free_port()
     command = ("run", f"udpin:127.0.0.1:{udp}", "--json", "--profile", "paper")
     options = ("--ros", "--metrics", str(metrics), *default_session(tcp))
     with started(*command, *options) as process:
@@ -44,14 +28,14 @@ def test_run_listens_on_loopback_only():
         assert all(is_loopback(host) for host, _ in found), found
 
 
-@pytest.mark.parametrize("kind", ["udpin", "tcpin"])
-def test_sim_listens_where_it_is_reported_only(kind):
-    port = free_port(socket.SOCK_DGRAM if kind == "udpin" else socket.SOCK_STREAM)
+@pytest.mark.parametrize(("kind", "of"), [("udpin", [UDP]), ("tcpin", [])])
+def test_sim_listens_where_it_is_reported_only(kind, of):
+    port = free_port(*of)
     with started("sim", "--to", f"{kind}:127.0.0.1:{port}") as process:
         assert {*settled(process, bool)} == {("127.0.0.1", port)}
 
 
 def test_watch_listens_on_loopback_only():
-    with started("watch", "--json", *default_session(free_port())) as process:
+    with started("watch", "--json", *default_session()) as process:
         found = settled(process, lambda seen: len(seen) >= 2)
         assert all(is_loopback(host) for host, _ in found), found

@@ -1,13 +1,13 @@
 """Standard output and error as a shell redirects them: full, closed, or left by their reader."""
 
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+from tests.fuzzbee.processes import shell
 from tests.fuzzbee.recording import FLIPS
 
 RUN = ("run", "sim:", "--no-zenoh", "--seconds", "1.5", "--profile", "paper")
@@ -17,19 +17,6 @@ JSON = "--json"
 SMALL = "ulimit -f 40;"  # no file may have more kilobytes
 
 pytestmark = pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs Linux's full device")
-
-
-def shell(line, *arguments, **environment):
-    """What bash makes of a line in which ``"$@"`` is fuzzbee with these arguments."""
-    fuzzbee = (sys.executable, "-m", "fuzzbee", *map(str, arguments))
-    return subprocess.run(
-        ["bash", "-c", f"set -o pipefail; {line}", "-", *fuzzbee],
-        env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1", **environment},
-        capture_output=True,
-        text=True,
-        timeout=600,
-        check=False,
-    )
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -88,26 +75,26 @@ def test_an_output_of_few_letters_gets_what_it_can():
     assert all("?" in line for line in lines)
 
 
+PRINTING = """
+import os, sys
+from fuzzbee import cli
+def print_as_libraries_do():
+    with open(sys.argv[1], 'w'):
+        for number in range(3):
+            os.write(number, b'panicked')
+    return 0
+cli.main = print_as_libraries_do
+cli.entry_point()
+"""
+
+
 def test_streams_that_are_closed_do_not_lead_into_the_next_file(tmp_path):
     """What a library prints is not in the recording that was opened first."""
-    program = tmp_path / "program.py"
-    program.write_text(
-        "import os, sys\n"
-        "from fuzzbee import cli\n"
-        "def print_as_libraries_do():\n"
-        "    with open(sys.argv[1], 'w'):\n"
-        "        for number in range(3):\n"
-        "            os.write(number, b'panicked')\n"
-        "    return 0\n"
-        "cli.main = print_as_libraries_do\n"
-        "cli.entry_point()\n"
-    )
-    file = tmp_path / "recording"
-    line = 'exec "$1" "$0" "$2" <&- >&- 2>&-'
-    done = subprocess.run(
-        ["sh", "-c", line, str(program), sys.executable, str(file)], check=False, timeout=120
-    )
-    assert done.returncode == 0
+    program, file = tmp_path / "program.py", tmp_path / "recording"
+    program.write_text(PRINTING)
+    words = [program, sys.executable, file]
+    line = ["sh", "-c", 'exec "$1" "$0" "$2" <&- >&- 2>&-', *map(str, words)]
+    assert subprocess.run(line, check=False, timeout=120).returncode == 0
     assert file.read_bytes() == b""
 
 

@@ -41,11 +41,55 @@ def test_a_vehicle_fits_a_line_and_columns_without_room_are_left_out_not_cut(wid
     assert ("LOITER" in text) == ("●LOITER" in columns)
 
 
-def test_mode_and_arming_are_reported_as_far_as_there_is_room():
-    shown = vehicle("1", armed=False, mode="GUIDED_NOGPS")
-    assert "○GUIDED_NOG " in terminal(shown, width=90)[2]
-    assert lines(shown)[0].endswith("GUIDED_NOGPS  disarmed")
-    assert lines(vehicle("1", armed=True))[0].endswith("  armed")
+def test_an_attitude_that_is_not_valid_any_more_is_not_shown():
+    for shown, after_s, word in (
+        (vehicle(state="lost"), 0.0, "lost"),
+        (vehicle(), 4.0, "silent"),  # the service went away
+    ):
+        (line,) = lines(shown, after_s=after_s)
+        assert line.split() == ["1", word]
+        text = "\n".join(terminal(shown, after_s=after_s))
+        assert word in text
+        assert "-12.3" not in text
+    assert "5 min" in "\n".join(terminal(vehicle(), after_s=300.0))
+
+
+# What is published of a vehicle, how its line ends, and what the terminal shows.
+REPORTED = [
+    ({"armed": False, "mode": "GUIDED_NOGPS"}, "GUIDED_NOGPS  disarmed", ["○GUIDED_NOG "]),
+    ({"armed": True}, "  armed", []),
+    (
+        {"warnings": ("bias_at_limit", "of another version")},
+        "! bias_at_limit  ! of another version",
+        ["running!", "! vehicle 2: the gyroscope's bias stands at its limit",
+         "! vehicle 2: of another version"],
+    ),
+    (
+        {"status": differing("heading", 25.0)},
+        "! autopilot heading 25° off",
+        ["running≠", "! vehicle 2: autopilot heading 25° off ours; its own is likely wrong"],
+    ),
+    (
+        {"other_imus": {"SCALED_IMU2": ImuDifference(3.1, 0.1)}},
+        "! IMU 2 off by 3.1°",
+        ["! vehicle 2: IMU 2 off by 3.1°"],
+    ),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("given", "end", "words"), REPORTED, ids=[end for _, end, _ in REPORTED])
+def test_what_is_reported_stands_below_the_table_and_marks_the_state(given, end, words):
+    shown = vehicle("2", **given)
+    assert lines(shown)[0].endswith(end)
+    text = "\n".join(terminal(vehicle("1"), shown, width=90))
+    assert [text.count(each) for each in words] == [1] * len(words)
+
+
+def test_of_many_warnings_the_rest_is_counted_and_one_vehicle_has_its_own():
+    many = [vehicle(str(n), warnings=("sigma_too_small",)) for n in range(1, 20)]
+    assert "! and 17 more warnings" in terminal(*many)
+    one = vehicle("2", other_imus={"SCALED_IMU2": ImuDifference(3.1, 0.1)})
+    assert "IMU 2 off by 3.1°" in "\n".join(terminal(one, one="2"))
 
 
 def test_columns_stay_where_they_are_whatever_they_hold():
@@ -83,19 +127,6 @@ def test_where_not_all_fit_the_troubled_are_shown_and_keep_their_order(height):
     assert any("more" in line for line in shown) == (height < 50)
 
 
-def test_an_attitude_that_is_not_valid_any_more_is_not_shown():
-    for shown, after_s, word in (
-        (vehicle(state="lost"), 0.0, "lost"),
-        (vehicle(), 4.0, "silent"),  # the service went away
-    ):
-        (line,) = lines(shown, after_s=after_s)
-        assert line.split() == ["1", word]
-        text = "\n".join(terminal(shown, after_s=after_s))
-        assert word in text
-        assert "-12.3" not in text
-    assert "5 min" in "\n".join(terminal(vehicle(), after_s=300.0))
-
-
 def test_lines_are_of_one_vehicle_each_in_the_order_of_numbers_or_of_many():
     shown = lines(*(vehicle(name) for name in ("10", "2", "1-154", "1")))
     assert [line.split()[0] for line in shown] == ["1", "1-154", "2", "10"]
@@ -130,17 +161,6 @@ def test_messages_stand_above_the_table_and_at_the_foot_of_one_vehicle():
     assert "ends)" not in "".join(shown)
 
 
-def test_warnings_stand_below_the_table_and_mark_the_state():
-    words = ("bias_at_limit", "of another version")
-    text = "\n".join(terminal(vehicle("1"), vehicle("2", warnings=words)))
-    assert text.count("running!") == 1
-    assert "! vehicle 2: the gyroscope's bias stands at its limit" in text
-    assert "! vehicle 2: of another version" in text
-    assert lines(vehicle("2", warnings=words))[0].endswith("! bias_at_limit  ! of another version")
-    many = [vehicle(str(n), warnings=("sigma_too_small",)) for n in range(1, 20)]
-    assert "! and 17 more warnings" in terminal(*many)
-
-
 def test_an_overloaded_service_reports_what_it_leaves_out():
     shown = (
         vehicle("1", shed=30, overloaded=True, published_hz=12.5),
@@ -150,35 +170,22 @@ def test_an_overloaded_service_reports_what_it_leaves_out():
     assert "! overloaded" in lines(*shown)[0]
 
 
-def test_an_autopilot_that_differs_is_marked_in_its_row_and_reported_by_how_much():
-    shown = vehicle("2", status=differing("heading", 25.0))
-    text = "\n".join(terminal(vehicle("1"), shown))
-    assert text.count("running≠") == 1
-    assert "! vehicle 2: autopilot heading 25° off ours; its own is likely wrong" in text
-    assert lines(shown)[0].endswith("! autopilot heading 25° off")
-
-
-def test_another_imu_that_is_off_is_named():
-    shown = vehicle("2", other_imus={"SCALED_IMU2": ImuDifference(3.1, 0.1)})
-    assert "! vehicle 2: IMU 2 off by 3.1°" in terminal(shown)
-    assert lines(shown)[0].endswith("! IMU 2 off by 3.1°")
-    assert "IMU 2 off by 3.1°" in "\n".join(terminal(shown, one="2"))
+UNSURE, WARNED = {"attitude": record(sigma_deg=(9.0, 9.0))}, {"warnings": ("bias_at_limit",)}
 
 
 @pytest.mark.parametrize(
-    ("keys", "names"),
+    ("second", "third", "keys", "names"),
     [
-        ([], "123"),
-        (["s"], "213"),  # those that need attention first
-        (["s", "s"], "312"),  # the greatest sigma
-        (["s", "s", "s"], "123"),
+        ({"state": "degraded"}, UNSURE, "", "123"),
+        ({"state": "degraded"}, UNSURE, "s", "213"),  # those that need attention first
+        ({"state": "degraded"}, UNSURE, "ss", "312"),  # the greatest sigma
+        ({"state": "degraded"}, UNSURE, "sss", "123"),
+        (WARNED, {"state": "degraded"}, "s", "321"),  # of two in one state the warned one
     ],
 )
-def test_keys_sort(keys, names):
-    unsure = record(sigma_deg=(9.0, 9.0))
-    shown = vehicle("1"), vehicle("2", state="degraded"), vehicle("3", unsure)
-    rows = [line.split()[0] for line in terminal(*shown, keys=keys)[2:5]]
-    assert "".join(rows) == names
+def test_keys_sort(second, third, keys, names):
+    shown = vehicle("1"), vehicle("2", **second), vehicle("3", **third)
+    assert "".join(line[:1] for line in terminal(*shown, keys=[*keys])[2:5]) == names
 
 
 @pytest.mark.parametrize(
@@ -197,22 +204,13 @@ def test_keys_choose_who_is_shown_alone(keys, alone):
 
 def test_a_key_quits():
     view = TerminalView(Console(file=io.StringIO()), Console(file=io.StringIO()), "title")
-    view.press(["x"])
-    assert not view.is_closed
-    view.press(["q"])
-    assert view.is_closed
+    for key, ends in (("x", False), ("q", True)):
+        view.press([key])
+        assert view.is_closed is ends
 
 
-def test_of_two_in_one_state_the_warned_one_needs_attention_first():
-    shown = vehicle("1"), vehicle("2", warnings=("bias_at_limit",)), vehicle("3", state="degraded")
-    assert [line[:1] for line in terminal(*shown, keys=["s"])[2:5]] == ["3", "2", "1"]
-
-
-def test_an_evicted_vehicle_leaves_the_table():
+def test_who_is_evicted_or_was_silent_for_longest_where_there_is_no_place_goes(monkeypatch):
     assert lines([*vehicle("2"), *vehicle("1"), Evicted(VehicleId(1, 1))]) == lines(vehicle("2"))
-
-
-def test_where_there_is_no_place_who_was_silent_for_longest_goes(monkeypatch):
     monkeypatch.setattr("fuzzbee.latest.SLOTS", 2)
     model = Latest()
     for now_s, name in enumerate(("1", "2", "1", "3")):

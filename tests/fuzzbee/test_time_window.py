@@ -1,7 +1,6 @@
 """``--from`` and ``--to``: a part of a log, by seconds or by arming."""
 
 import csv
-import json
 import tomllib
 
 import numpy as np
@@ -11,8 +10,7 @@ from fuzzbee import replay
 from fuzzbee.cli import main
 from tests.drivers.logs.writers import DataflashWriter
 from tests.fuzzbee.recording import DATA, PLANE, TAKEOFF
-from tests.fuzzbee.test_check import with_wrong_attitudes
-from tests.fuzzbee.tlogs import rewritten
+from tests.fuzzbee.tlogs import rewritten, with_wrong_attitudes
 
 ARMED = 128  # MAV_MODE_FLAG_SAFETY_ARMED
 BEGIN_S, END_S = 4.0, 9.0
@@ -76,33 +74,25 @@ def test_dataflash_logs_report_arming(replayed, tmp_path, name, column, words):
     assert (begin_s, end_s) == pytest.approx((1.0, 2.99), abs=0.011)
 
 
-def test_px4_logs_report_arming(replayed):
+def test_px4_logs_report_arming_and_python_takes_a_part(replayed):
     """This one was armed in all of the clip."""
     begin_s, _ = replayed(DATA / "px4_hover.ulg", "--from", "arm")["window_s"]
     assert begin_s == pytest.approx(0.0, abs=0.1)
-
-
-def test_python_takes_a_part():
-    flight = replay(TAKEOFF, begin=BEGIN_S, end=END_S)
-    assert flight.attitudes.time_s[0] == pytest.approx(BEGIN_S, abs=0.3)
-    assert flight.attitudes.time_s[-1] == pytest.approx(END_S, abs=0.3)
+    times_s = replay(TAKEOFF, begin=BEGIN_S, end=END_S).attitudes.time_s
+    assert [times_s[0], times_s[-1]] == pytest.approx([BEGIN_S, END_S], abs=0.3)
 
 
 def test_check_looks_at_that_part(tmp_path, capsys):
-    wrong = tmp_path / "wrong.tlog"
-    with_wrong_attitudes(TAKEOFF, wrong)
+    wrong = with_wrong_attitudes(TAKEOFF, tmp_path / "wrong.tlog")
     assert main(["check", str(wrong), "--to", "1"]) == 0
     assert "no difference" in capsys.readouterr().out
     assert main(["check", str(wrong), "--from", "1e4"]) == 2
     assert "the log lasts" in capsys.readouterr().out
 
 
-def test_calibrate_uses_that_part(capsys):
-    counts = []
-    for window in ((), ("--from", "60")):
-        assert main(["calibrate", str(PLANE), "--json", *window]) == 0
-        counts.append(json.loads(capsys.readouterr().out)["readings"])
-    assert counts[1] < counts[0]
+def test_calibrate_uses_that_part(reported):
+    whole, part = (reported("calibrate", PLANE, *window) for window in ((), ("--from", 60)))
+    assert part["readings"] < whole["readings"]
 
 
 def test_a_tuned_profile_names_its_part(tmp_path):
@@ -114,9 +104,6 @@ def test_a_tuned_profile_names_its_part(tmp_path):
     assert (options["from"], options["to"]) == (20.0, 150.0)
 
 
-def test_a_log_that_was_never_armed(tmp_path, capsys):
+def test_a_log_that_was_never_armed(tmp_path, refused):
     log = armed_between(TAKEOFF, tmp_path / "idle.tlog", 1e6, 1e6)
-    assert main(["replay", str(log), "--from", "arm"]) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err == f"fuzzbee: {log}: the vehicle was never armed\n"
+    assert refused("replay", log, "--from", "arm") == f"fuzzbee: {log}: the vehicle was never armed"

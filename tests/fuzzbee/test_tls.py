@@ -5,14 +5,13 @@ import re
 import shutil
 import subprocess
 import time
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 import zenoh
 
 from tests.fuzzbee.processes import free_port, started
-from tests.service.sinks.test_zenoh import opened
+from tests.service.sessions import opened
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "tls"
 
@@ -47,23 +46,27 @@ def configuration(folder, port, name):
     return path
 
 
-@contextmanager
 def service(folder, port):
     config = configuration(folder, port, "service")
-    with started("run", "sim:", "--rate", "20", "--json", "-c", str(config)) as process:
-        yield process
+    return started("run", "sim:", "--rate", "20", "--json", "-c", str(config))
 
 
 def client(folder, port, name):
     return opened(zenoh.Config.from_file(str(configuration(folder, port, name))))
 
 
+def awaited(find, timeout_s=120.0):
+    """What is found at last: a session learns of what it can ask only by and by."""
+    end_s = time.monotonic() + timeout_s
+    while not (found := find()) and time.monotonic() < end_s:
+        time.sleep(0.05)
+    return found
+
+
 def first_attitude(session, timeout_s=120.0):
     seen = []
     subscriber = session.declare_subscriber("fuzzbee/*/attitude", seen.append)
-    end_s = time.monotonic() + timeout_s
-    while not seen and time.monotonic() < end_s:
-        time.sleep(0.02)
+    awaited(lambda: seen, timeout_s)
     subscriber.undeclare()
     return json.loads(seen[0].payload.to_string()) if seen else None
 
@@ -73,24 +76,16 @@ def answers(session, key, payload=None):
     return [reply.ok.payload.to_string() for reply in replies if reply.ok is not None]
 
 
-def awaited_answers(session, key, payload=None, timeout_s=120.0):
-    """Answers as soon as there are any: a session learns of what it can ask only by and by."""
-    end_s = time.monotonic() + timeout_s
-    while not (found := answers(session, key, payload)) and time.monotonic() < end_s:
-        time.sleep(0.1)
-    return found
-
-
 def test_the_tablet_reads_and_the_office_changes(folder, port):
     change = json.dumps({"filter": {"gamma": 2.0}})
     with service(folder, port):
         with client(folder, port, "tablet") as tablet:
             assert first_attitude(tablet)["schema"] == 1
-            assert awaited_answers(tablet, "fuzzbee/*/status")
+            assert awaited(lambda: answers(tablet, "fuzzbee/*/status"))
             assert answers(tablet, "fuzzbee/1/parameters", change) == []
         with client(folder, port, "office") as office:
             assert first_attitude(office)["schema"] == 1
-            (profile,) = awaited_answers(office, "fuzzbee/1/parameters", change)
+            (profile,) = awaited(lambda: answers(office, "fuzzbee/1/parameters", change))
             assert json.loads(profile)["filter"]["gamma"] == 2.0
 
 

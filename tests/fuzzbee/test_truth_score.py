@@ -6,8 +6,6 @@ import pytest
 import typer
 from typer.main import get_command
 
-from drivers.mavlink.decoder import MavlinkDecoder
-from drivers.mavlink.framing import FrameReader
 from drivers.simulation.fleet import Fleet
 from drivers.simulation.flight import MAGNET_S, ROUND_S
 from drivers.simulation.simulated_vehicle import SimulatedVehicle
@@ -18,17 +16,20 @@ from fuzzbee.sim import SimOptions, _vehicle_options, sim
 from fuzzbee.truth_score import ScoredPipeline, TruthScore
 from service.records import Message
 from tests.fuzzbee.test_docs import command_lines
+from tests.service.flight_rig import Wire
+
+
+def scored():
+    pipeline = ScoredPipeline(load_profile("imu"), fits_built_in=True)
+    pipeline.scores = {}
+    return pipeline
 
 
 def test_a_flight_is_announced_as_it_goes_and_judged_at_its_end():
     """On a clock that runs as fast as it can."""
-    clock_us = [0]
-    source = SimSource(
-        SimulatedVehicle(0, 50.0, "flight"), monotonic_us=lambda: clock_us[0], unix_us=lambda: 0
-    )
-    pipeline, lines = ScoredPipeline(load_profile("imu"), fits_built_in=True), []
-    pipeline.scores = {}
-    with source:
+    clock_us, lines, pipeline = [0], [], scored()
+    times = {"monotonic_us": lambda: clock_us[0], "unix_us": lambda: 0}
+    with SimSource(SimulatedVehicle(0, 50.0, "flight"), **times) as source:
         while clock_us[0] < 100e6:
             for event in source.drain(0.0):
                 lines += [each.text for each in pipeline.handle(event) if isinstance(each, Message)]
@@ -60,17 +61,11 @@ def parsed(arguments):
 def scored_on_the_wire(options, seconds, begin_s=0.0):
     """The scores of what ``run --truth`` hears of these vehicles between these times."""
     fleet = Fleet(_vehicle_options(options), options.vehicles)
-    reader, decoder = FrameReader(), MavlinkDecoder()
-    pipeline = ScoredPipeline(load_profile("imu"), fits_built_in=True)
-    pipeline.scores = {}
-    now_us, begin_us = 0.0, 10**15
+    wire, pipeline, now_us, begin_us = Wire(), scored(), 0.0, 10**15
 
     def hear(data):
-        if now_us < 1e6 * begin_s:
-            return
-        for frame in reader.feed(data):
-            for event in decoder.events(frame, begin_us + int(now_us)):
-                pipeline.handle(event)
+        for event in wire.events(data, begin_us + int(now_us)) if now_us >= 1e6 * begin_s else ():
+            pipeline.handle(event)
 
     while fleet.due_us < 1e6 * seconds:
         now_us = fleet.due_us

@@ -11,14 +11,13 @@ import pytest
 from estimator.profile import load_profile, merge_profile, profile_to_toml
 from fuzzbee.cli import main
 from fuzzbee.tune.report import has_gained, remarks
-from tests.fuzzbee.test_calibrate import PLANE, bench, truth_of
-from tests.fuzzbee.tlogs import with_iron
+from tests.fuzzbee.recording import DATA, PLANE
+from tests.fuzzbee.recording import SLOW as SLOW_LOG
+from tests.fuzzbee.tlogs import bench, truth_of, with_iron
 from tuning.paper_experiment import run_experiment
 
 SMALL = ["sim:", "--sources", "6", "--cycles", "4", "--noise-seeds", "100-101"]
 SMALL += ["--held-out-seeds", "200"]
-DATA = Path(__file__).resolve().parents[1] / "data"
-SLOW_LOG = DATA / "sitl_copter_4hz.tlog"
 FEW = ["--sources", "3", "--cycles", "2", "--threads", "1"]
 EVALUATIONS = 3 * (1 + 2 * 2)
 
@@ -26,20 +25,6 @@ EVALUATIONS = 3 * (1 + 2 * 2)
 def command(*arguments):
     """The verb's exit status."""
     return main(["tune", *map(str, arguments)])
-
-
-@pytest.fixture
-def refused(capsys, tmp_path):
-    """The one line that a command ends with, which leaves nothing behind."""
-
-    def line(*arguments):
-        capsys.readouterr()
-        assert command(*arguments, "-o", tmp_path / "x.toml") == 2
-        (answer,) = capsys.readouterr().err.splitlines()
-        assert not (tmp_path / "x.toml").exists()
-        return answer
-
-    return line
 
 
 @pytest.fixture
@@ -80,14 +65,9 @@ def test_writes_a_profile_that_is_better_and_says_so(tmp_path, tuned):
     assert answer["wall_s"] > 0.0
     assert {each.name for each in tmp_path.iterdir()} == {"x.toml", "figures"}
     assert found.provenance.options == {
-        "command": "tune",
-        "algorithm": "abc",
-        "sources": 6,
-        "cycles": 4,
-        "parameters": "membership",
-        "base": "midpoint",
-        "limit": 132,
-    }
+        "command": "tune", "algorithm": "abc", "sources": 6, "cycles": 4,
+        "parameters": "membership", "base": "midpoint", "limit": 132,
+    }  # fmt: skip
     assert found.provenance.seeds == {"search": 0, "noise": "100-101", "held_out": "200"}
     assert str(tmp_path) not in file.read_text()
 
@@ -142,16 +122,16 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("options", "words"), REFUSED)
-def test_bad_options_are_refused_in_one_line(refused, options, words):
-    assert re.search(words, refused(*options))
+def test_bad_options_are_refused_in_one_line_and_leave_nothing(tmp_path, refused, options, words):
+    assert re.search(words, refused("tune", *options, "-o", tmp_path / "x.toml"))
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(
     ("output", "words"), [("none/x.toml", "no such folder"), (".", "a folder")]
 )
-def test_the_output_must_be_writable(tmp_path, capsys, output, words):
-    assert command(*SMALL, "-o", tmp_path / output) == 2
-    assert words in capsys.readouterr().err
+def test_the_output_must_be_writable(tmp_path, refused, output, words):
+    assert words in refused("tune", *SMALL, "-o", tmp_path / output)
 
 
 def checkpoint(schema=3, evaluations=1, asked="ab", identity=None, costs=b"\0" * 8):
@@ -179,41 +159,38 @@ def test_a_checkpoint_of_something_else_is_refused_in_one_line(tmp_path, refused
     """Nor is a pipe waited for."""
     file = tmp_path / "x.toml.checkpoint"
     os.mkfifo(file) if content is None else file.write_bytes(content)
-    line = refused(*SMALL, "--resume")
+    line = refused("tune", *SMALL, "-o", tmp_path / "x.toml", "--resume")
     assert re.search(words, line)
     assert len(line) < 500
+    assert [*tmp_path.iterdir()] == [file]
 
 
 @pytest.fixture
 def bad_base(tmp_path):
-    """A profile that takes velocities for ten times as good as they are: whatever is found is
-    better."""
-    file = tmp_path / "bad.toml"
-    bad = merge_profile(
-        load_profile("imu"), {"aiding": {"filter_error_m_s": 0.02, "receiver_error_m_s": 0.015}}
-    )
-    file.write_text(profile_to_toml(bad))
+    """A profile that takes velocities for ten times as good as they are."""
+    file, sure = tmp_path / "bad.toml", {"filter_error_m_s": 0.02, "receiver_error_m_s": 0.015}
+    file.write_text(profile_to_toml(merge_profile(load_profile("imu"), {"aiding": sure})))
     return file
+
+
+def uses(answer):
+    return [(each["name"], each["use"]) for each in answer["inputs"]]
 
 
 def test_a_log_is_tuned_where_its_rate_allows(tmp_path, bad_base, tuned):
     file = tmp_path / "x.toml"
     answer, _ = tuned(SLOW_LOG, *FEW, "--base", bad_base, "--plot", tmp_path / "figures")
     require_figure(tmp_path / "figures")
-    assert answer["objective"] == "flight"
-    assert answer["parameters"] == ["noise"]
+    assert (answer["objective"], answer["parameters"]) == ("flight", ["noise"])
     assert answer["reference"] == "simulator's truth"
-    assert answer["evaluations"] == EVALUATIONS
-    assert answer["file"] == str(file)
+    assert (answer["evaluations"], answer["file"]) == (EVALUATIONS, str(file))
     assert answer["cost_after"] < answer["cost_before"]
     assert answer["held_out_after"] < answer["held_out_before"]
     assert answer["random_search"]["cost"] < answer["cost_before"]
     [flight] = answer["held_out_flights"]
     assert answer["harm"] is None
     assert flight["before"]["inclination"]["rms_deg"] > flight["after"]["inclination"]["rms_deg"]
-    assert [(i["name"], i["use"]) for i in answer["inputs"]] == [
-        (SLOW_LOG.name, "its later part held out")
-    ]
+    assert uses(answer) == [(SLOW_LOG.name, "its later part held out")]
     found, base = load_profile(str(file)), load_profile(str(bad_base))
     assert found.membership == base.membership
     assert found.aiding != base.aiding
@@ -222,7 +199,7 @@ def test_a_log_is_tuned_where_its_rate_allows(tmp_path, bad_base, tuned):
 
 
 def test_what_gains_nothing_is_not_written_unless_forced(tmp_path, tuned):
-    """K alone is worth less than 0.1 % of this cost, as it only follows conditioned vectors."""
+    """K counts for little where it only follows conditioned vectors."""
     file, few = tmp_path / "x.toml", [SLOW_LOG, *FEW, "--parameters", "gain"]
     answer, printed = tuned(*few, status=1)
     assert answer["file"] is None
@@ -249,9 +226,8 @@ def test_what_is_reported_of_a_result_is_one_story(after, harm, written, line):
     answer = [*remarks(Path("x.toml"), report, on_logs=True)]
     assert has_gained(2.38, after, harm) == (line is None)
     end = "is written all the same" if written else "is not written; --force writes it"
-    assert [line in each and each.endswith(f"x.toml {end}") for each in answer] == [True] * bool(
-        line
-    )
+    are_whole = [line in each and each.endswith(f"x.toml {end}") for each in answer]
+    assert are_whole == [True] * bool(line)
 
 
 def test_a_log_that_is_held_out_is_not_searched_on(tmp_path, bad_base, tuned):
@@ -259,10 +235,7 @@ def test_a_log_that_is_held_out_is_not_searched_on(tmp_path, bad_base, tuned):
     other.write_bytes(SLOW_LOG.read_bytes()[:-100_000])
     options = ["--hold-out", other, "--base", bad_base, "--force"]
     answer, _ = tuned(SLOW_LOG, other, *options, *FEW)
-    assert [(i["name"], i["use"]) for i in answer["inputs"]] == [
-        (SLOW_LOG.name, "tuned on"),
-        ("other.tlog", "held out"),
-    ]
+    assert uses(answer) == [(SLOW_LOG.name, "tuned on"), ("other.tlog", "held out")]
     assert [flight["name"] for flight in answer["held_out_flights"]] == ["other.tlog"]
 
 
@@ -270,7 +243,6 @@ CALIBRATION = [*FEW, "--parameters", "calibration"]
 
 
 def test_a_calibration_is_fitted_and_what_it_leaves_open_is_searched(tmp_path, tuned):
-    """Of 4.7 deg on another recording of the bench the fit leaves 1.7, the search 1.2."""
     logs = [bench(tmp_path / f"{k}.csv", k, seconds=80.0, errors=3) for k in (1, 2)]
     answer, _ = tuned(logs[0], "--hold-out", logs[1], *CALIBRATION, "--force")
     found = load_profile(tmp_path / "x.toml")
@@ -285,10 +257,7 @@ def test_a_calibration_is_fitted_and_what_it_leaves_open_is_searched(tmp_path, t
 
 
 def test_a_calibration_that_gains_nothing_held_out_is_not_written(tmp_path, tuned):
-    """By the later part of a flight the filter itself has learnt the iron; before, there is much.
-
-    The fit sees the first part only.
-    """
+    """By the later part of a flight the filter itself has learnt the iron."""
     log = with_iron(PLANE, tmp_path / "iron.tlog", (60.0, -40.0, 50.0))
     answer, _ = tuned(log, *CALIBRATION, status=1)
     assert answer["file"] is None

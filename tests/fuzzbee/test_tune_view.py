@@ -3,8 +3,6 @@
 import json
 import os
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -12,8 +10,7 @@ import pytest
 
 from estimator.profile import load_profile
 from fuzzbee.cli import main
-from tests.fuzzbee.processes import cpu_s, started
-from tests.fuzzbee.services import descendants
+from tests.fuzzbee.processes import FUZZBEE, begun, cpu_s, descendants, started
 
 pytest.importorskip("rerun", reason="the extra viewer is not installed")
 
@@ -51,14 +48,8 @@ def test_interrupted_and_resumed_is_the_same_file_and_shows_what_was_before(tmp_
     options = ["tune", "sim:", "--sources", "40", "--cycles", "200", "--noise-seeds", "100-103"]
     options += ["--held-out-seeds", "200"]
     whole, broken, file = (tmp_path / name for name in ("whole.toml", "broken.toml", "x.rrd"))
-    process = subprocess.Popen(
-        [*(sys.executable, "-m", "fuzzbee"), *options, "-o", broken, "--json", "--threads", "2"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    with process:
+    command = (*FUZZBEE, *options, "-o", broken, "--json", "--threads", "2")
+    with begun(*command, start_new_session=True) as process:
         while len([p for p in descendants(process.pid) if cpu_s(p) > 1.5]) < 2:
             assert process.poll() is None
             time.sleep(0.05)

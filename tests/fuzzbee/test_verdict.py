@@ -5,10 +5,10 @@ import pytest
 
 from fuzzbee.verdict import Level, heading_text, other_imus, plus_minus, verdict_of
 from service.alarms import Alarm
-from service.records import ImuDifference, State, StatusRecord
-from tests.service.records import record
+from service.records import ImuDifference, State
+from tests.service.records import record, status
 
-STATUS = StatusRecord("running", "RAW_IMU", 50.0, 0.1, {}, 0, 0, 1)
+STATUS = status(imu_rate_hz=50.0)
 GOOD, CARE, BAD, NONE = Level
 
 
@@ -42,10 +42,7 @@ def test_the_verdict_follows_sigma(sigma_deg, levels):
 
 @pytest.mark.parametrize("word", [*Alarm])
 def test_a_warning_counts_whatever_sigma_is(word):
-    """Sigma knows nothing of what contradicts it; a foreign field alone spares the horizon.
-
-    Where the autopilot's attitude differs, ours may be the one that is right.
-    """
+    """A foreign field alone spares the horizon; where the autopilot differs, ours may be right."""
     found = judged((0.1, 0.1), warnings=(word.value,))
     mild = {Alarm.FIELD_IMPOSSIBLE: GOOD, Alarm.AUTOPILOT_DIFFERS: CARE}
     assert found.horizon is mild.get(word, BAD)
@@ -56,6 +53,9 @@ def test_a_warning_counts_whatever_sigma_is(word):
     assert (found.heading_text == "unsure") == (found.heading is BAD)
 
 
+GYROSCOPES = ("gyroscope_x_contradicts", "gyroscope_z_contradicts")
+
+
 @pytest.mark.parametrize(
     ("given", "text", "level"),
     [
@@ -64,11 +64,7 @@ def test_a_warning_counts_whatever_sigma_is(word):
         ({"dropped": 30}, "this computer is busy, 30 records lost", GOOD),
         ({"rejected": {"gap": 11}}, "11 refused", CARE),
         ({"warnings": ("\x1b[31m[bold]",)}, "1 unknown warnings", CARE),  # of another version
-        (
-            {"warnings": ("gyroscope_x_contradicts", "gyroscope_z_contradicts")},
-            "gyroscope x, z contradict",
-            BAD,
-        ),
+        ({"warnings": GYROSCOPES}, "gyroscope x, z contradict", BAD),
         ({"changes": {"heading_reference": "none"}}, "no north", CARE),
         ({"changes": {"age_ms": 1700.0}, "state": State.DEGRADED}, "IMU silent 1.7 s", CARE),
         ({"changes": {"euler_deg": (-120.0, 0.0, 0.0)}}, "upside down", GOOD),

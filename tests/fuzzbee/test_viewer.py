@@ -7,6 +7,7 @@ import signal
 import socket
 import sys
 import time
+from contextlib import closing
 from itertools import pairwise
 from pathlib import Path
 
@@ -18,13 +19,11 @@ from drivers.events import VehicleId
 from drivers.output_file import NotWholeError
 from estimator.geometry.quaternion import conjugate, rotate
 from estimator.types import STANDARD_GRAVITY_M_S2, ImuSample
-from fuzzbee.cli import main
-from service.records import Evicted, Message, Peer, Published, StatusRecord
+from service.records import Evicted, Message, Peer, Published
 from tests.fuzzbee import browser
-from tests.fuzzbee.processes import started
-from tests.fuzzbee.services import await_line, descendants, wait_for
-from tests.fuzzbee.test_sockets import is_loopback, listening
-from tests.service.records import UNIX_US, record
+from tests.fuzzbee.processes import descendants, is_loopback, listening, started
+from tests.fuzzbee.services import await_line, wait_for
+from tests.service.records import UNIX_US, record, status
 
 pytest.importorskip("rerun", reason="the extra viewer is not installed")
 
@@ -36,18 +35,16 @@ from tests.fuzzbee.recording import FLIPS
 from tests.fuzzbee.rrd import chunks, listing, numbers, rows
 
 ONE, TWO = VehicleId(1, 1), VehicleId(2, 1)
-STATUS = StatusRecord("running", "RAW_IMU", 100.0, 0.01, {}, 0, 0, 0)
-WAITING = StatusRecord("waiting", None, 0.0, 0.0, {}, 0, 0, 0)
+
+
+def at_time(attitude, after_us):
+    return msgspec.structs.replace(attitude, time_unix_us=UNIX_US + after_us)
 
 
 def attitudes(vehicle, count, period_us, yaw_from=0.0, yaw_step=1.0):
     for n in range(count):
         turned = record(yaw_deg=(yaw_from + n * yaw_step) % 360.0)
         yield Published(vehicle, at_time(turned, n * period_us))
-
-
-def at_time(attitude, after_us):
-    return msgspec.structs.replace(attitude, time_unix_us=UNIX_US + after_us)
 
 
 def drawn(tmp_path, turns, **options):
@@ -62,16 +59,13 @@ def drawn(tmp_path, turns, **options):
 
 def test_a_file_holds_every_curve_and_body_and_what_was_reported(tmp_path):
     """Somebody else's attitude makes no vehicle appear; before the first there is no time."""
-    lost = msgspec.structs.replace(STATUS, state="lost")
+    ours = attitudes(ONE, 200, 10_000)
     turns = [
         [Message("before the first attitude"), Peer(TWO, "sim", (1, 0, 0, 0))],
-        *(
-            [Peer(ONE, "autopilot", output.record.q_ned_frd), output]
-            for output in attitudes(ONE, 200, 10_000)
-        ),
-        [Message("half-way"), Published(ONE, STATUS)],
-        [Published(TWO, WAITING, time_unix_us=UNIX_US)],
-        [Published(ONE, lost, time_unix_us=UNIX_US + 6_000_000)],
+        *([Peer(ONE, "autopilot", output.record.q_ned_frd), output] for output in ours),
+        [Message("half-way"), Published(ONE, status())],
+        [Published(TWO, status("waiting", imu_message=None), time_unix_us=UNIX_US)],
+        [Published(ONE, status("lost"), time_unix_us=UNIX_US + 6_000_000)],
     ]
     text = listing(drawn(tmp_path, turns), "-vvv")
     for entity in ("/bodies/1/ours", "/bodies/1/autopilot", "/state/1", "/messages"):
@@ -87,10 +81,7 @@ def test_a_file_holds_every_curve_and_body_and_what_was_reported(tmp_path):
 
 @pytest.mark.parametrize("live", [False, True])
 def test_a_minute_is_some_chunks_with_every_point_and_gaps_where_angles_wrap(tmp_path, live):
-    """60 s at 10 points a second; the heading passes north once.
-
-    Live without an index, which memory had to hold: 100 MB an hour.
-    """
+    """The heading passes north once. Live there is no index, which memory had to hold."""
     turns = [[each] for each in attitudes(ONE, 3000, 20_000, yaw_from=-100, yaw_step=0.1)]
     file = drawn(tmp_path, turns, live=live)
     assert rows(file, "/heading/1") == pytest.approx(600, abs=2)
@@ -127,7 +118,7 @@ def test_how_far_others_are_off_is_left_out_where_time_would_decide(
 
 
 def test_an_attitude_of_somebody_elses_is_compared_with_ours_of_its_time(tmp_path):
-    """A stream of 2 Hz in a turn of 0.5 rad/s: by age alone it would be up to 14 deg off."""
+    """In a turn, by a slow stream."""
     rate_deg_s, turns = np.degrees(0.5), []
     for n in range(100):
         ours = record(rate_deg_s * 0.05 * n, 30.0, 90.0, rate_rad_s=(0.5, 0.0, 0.0))
@@ -153,11 +144,6 @@ def test_only_so_many_vehicles_are_drawn_as_can_be_read(tmp_path):
     assert "only the first" not in text
 
 
-def test_a_file_that_cannot_be_written_is_status_2(tmp_path, capfd):
-    assert main(["run", "--no-zenoh", "--seconds", "1", "--rrd", str(tmp_path)]) == 2
-    assert "--rrd" in capfd.readouterr().err
-
-
 def test_a_file_that_has_no_room_for_its_end_is_not_whole(tmp_path):
     """A limit on the size of a file stands for the disk."""
     resource = pytest.importorskip("resource")
@@ -175,16 +161,18 @@ def test_a_file_that_has_no_room_for_its_end_is_not_whole(tmp_path):
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="Linux's way to name a screen")
-def test_without_a_screen_a_window_is_refused(monkeypatch, capfd):
+def test_without_a_screen_or_a_file_that_can_be_written_it_is_refused(
+    monkeypatch, tmp_path, refused
+):
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
         monkeypatch.delenv(name, raising=False)
-    assert main(["run", "--no-zenoh", "--view"]) == 2
-    assert "--view web" in capfd.readouterr().err
+    assert "--view web" in refused("run", "--no-zenoh", "--view")
+    assert "--rrd" in refused("run", "--no-zenoh", "--seconds", "1", "--rrd", tmp_path)
 
 
-def test_a_log_is_replayed_into_a_file(tmp_path, capfd):
+def test_a_log_is_replayed_into_a_file(tmp_path, replayed):
     file = tmp_path / "flips.rrd"
-    assert main(["replay", str(FLIPS), "--rrd", str(file), "--json"]) == 0
+    replayed(FLIPS, "--rrd", file)
     text = listing(file)
     assert "/bodies/1/ours" in text
     assert "/bodies/1/gravity" in text
@@ -204,8 +192,7 @@ def is_open(port):
 
 
 def test_a_viewer_that_is_closed_is_reported_once():
-    sink = ViewerSink(ViewerOptions(view="web"))
-    try:
+    with closing(ViewerSink(ViewerOptions(view="web"))) as sink:
         first, *rest = attitudes(ONE, 3, 100_000)
         sink.handle([first])
         sink.process._process.kill()
@@ -214,24 +201,17 @@ def test_a_viewer_that_is_closed_is_reported_once():
             sink.handle(rest)
         sink.handle(rest)
         assert not sink.is_wanted
-    finally:
-        sink.close()
 
 
 def test_a_port_that_another_took_meanwhile_is_given_up(monkeypatch):
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
-        ports = [taken.getsockname()[1]]
-        free = viewer_process._free_port
-        monkeypatch.setattr(
-            viewer_process, "_free_port", lambda wanted: ports.pop() if ports else free(wanted)
-        )
-        process = viewer_process.ViewerProcess(web=True)
-        try:
+        ports, free = [taken.getsockname()[1]], viewer_process._free_port
+        chosen = lambda wanted: ports.pop() if ports else free(wanted)  # noqa: E731
+        monkeypatch.setattr(viewer_process, "_free_port", chosen)
+        with closing(viewer_process.ViewerProcess(web=True)) as process:
             assert not ports
             assert is_open(port_of(process.page))
-        finally:
-            process.close()
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the kernel's help is Linux's")
@@ -283,12 +263,11 @@ def test_no_usage_figures_are_sent_or_kept(tmp_path, monkeypatch):
     assert not list(tmp_path.rglob("*.json"))
 
 
-def test_without_the_extra_its_option_is_refused_and_nothing_else(monkeypatch, capfd):
+def test_without_the_extra_its_option_is_refused_and_nothing_else(monkeypatch, refused, printed):
     monkeypatch.setattr("fuzzbee.options.find_spec", lambda _: None)
     for option, what in (("--view=web", "the viewer"), ("--metrics=9099", "--metrics")):
-        assert main(["run", "--no-zenoh", option]) == 2
-        assert f"{what} needs the extra" in capfd.readouterr().err
-    assert main(["run", "--no-zenoh", "--seconds", "0.2", "--json"]) == 0
+        assert f"{what} needs the extra" in refused("run", "--no-zenoh", option)
+    printed("run", "--no-zenoh", "--seconds", "0.2", "--json")
 
 
 def test_points_go_on_though_the_host_s_clock_was_set_back(tmp_path):

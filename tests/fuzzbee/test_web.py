@@ -15,9 +15,9 @@ from drivers.events import VehicleId
 from estimator.errors import InputError
 from fuzzbee.web.server import Address, WebPage, open_page, parse_address
 from service.http_door import MOST_CONNECTIONS, STREAM_PART
-from service.records import Evicted, ImuDifference, Published, State, StatusRecord
+from service.records import Evicted, ImuDifference, Published, State
 from tests.fuzzbee import browser
-from tests.service.records import differing, record
+from tests.service.records import differing, record, status
 
 ONE, OTHER = VehicleId(1, 1), VehicleId(2, 154)
 
@@ -48,9 +48,8 @@ def event(page, path="/events"):
     return json.loads(line.removeprefix(b"data: "))
 
 
-def running(words=()):
-    status = StatusRecord("running", "RAW_IMU", 99.5, 0.25, {}, 0, 0, 6, warnings=words)
-    return msgspec.structs.replace(status, mode="LOITER", armed=True)
+def running(words=(), **changes):
+    return status(warnings=words, mode="LOITER", armed=True, **changes)
 
 
 def test_an_event_has_all_vehicles_or_one(page, clock):
@@ -121,19 +120,10 @@ def test_the_number_of_open_pages_is_bounded(page):
 
 @pytest.mark.parametrize(
     ("text", "address"),
-    [
-        ("8080", ("127.0.0.1", 8080)),
-        ("0.0.0.0:80", ("0.0.0.0", 80)),
-        ("[::1]:80", ("::1", 80)),
-        *((text, None) for text in ("0", "65536", "http", "localhost:80", "1.2.3.4:", "-1", "")),
-    ],
+    [("8080", ("127.0.0.1", 8080)), ("0.0.0.0:80", ("0.0.0.0", 80)), ("[::1]:80", ("::1", 80))],
 )
 def test_an_address_is_loopback_unless_another_is_given(text, address):
-    if address is not None:
-        assert parse_address(text) == address
-        return
-    with pytest.raises(InputError, match=re.escape(f"--web {text}: should be PORT")):
-        parse_address(text)
+    assert parse_address(text) == address
 
 
 def test_a_taken_port_is_named(page):
@@ -163,9 +153,8 @@ def test_a_browser_shows_one_vehicle_or_all_and_what_is_stale(page, clock, tmp_p
         seen.wait_for("!at('one').classList.contains('stale')")
 
         seen.resize(844, 390)
-        seen.wait_for(
-            "innerWidth == 844 && !at('world').getAttribute('transform').endsWith('-64)')"
-        )
+        seen.wait_for("innerWidth == 844")
+        seen.wait_for("!at('world').getAttribute('transform').endsWith('-64)')")
         line = "document.querySelector('#world > path').getBoundingClientRect()"
         middle = seen.value(f"({line}.top + {line}.bottom) / 2")
         sky = seen.value("at('horizon').getBoundingClientRect().top")
@@ -176,7 +165,7 @@ def test_a_browser_shows_one_vehicle_or_all_and_what_is_stale(page, clock, tmp_p
         seen.wait_for("at('plates').innerText.endsWith('clock runs too fast or too slow')")
         assert seen.value("at('sigma').innerText") == "horizon unsure"
         imus = {"SCALED_IMU2": ImuDifference(3.14, 0.04)}
-        page.handle([Published(ONE, msgspec.structs.replace(running(), other_imus=imus))])
+        page.handle([Published(ONE, running(other_imus=imus))])
         seen.wait_for("at('imus').innerText.endsWith('IMU 2: 3.1°, 0.0°/s')")
         assert "IMU 2 off by 3.1°" in seen.value("at('plates').innerText")
         (folder / "web-warned.png").write_bytes(seen.screenshot())
@@ -192,10 +181,8 @@ def test_a_browser_shows_one_vehicle_or_all_and_what_is_stale(page, clock, tmp_p
         (folder / "web-all.png").write_bytes(seen.screenshot())
         assert "unknown warnings" in seen.value("at('all').innerText")
         assert seen.value("document.documentElement.scrollWidth") == 390
-        assert (
-            seen.value("[...at('all').tBodies[0].rows].map(each => each.className).join()")
-            == "stale,"
-        )
+        names = "[...at('all').tBodies[0].rows].map(each => each.className).join()"
+        assert seen.value(names) == "stale,"
 
         page.close()
         seen.wait_for("at('gone').textContent.startsWith('no connection to fuzzbee')")

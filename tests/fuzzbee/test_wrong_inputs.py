@@ -108,20 +108,16 @@ def test_numbers_that_are_none(given):
 @pytest.mark.parametrize(
     ("call", "name"),
     [
-        (lambda: Estimator(rate_hz=0.0), "rate_hz"),
-        (lambda: Estimator(rate_hz=-1.0), "rate_hz"),
-        (lambda: Estimator(rate_hz=1e-300), "rate_hz"),
+        *((lambda hz=hz: Estimator(rate_hz=hz), "rate_hz") for hz in (0.0, -1.0, 1e-300)),
         (lambda: Estimator(gain=-1.0), "gain -1.0: must be a number, 0.01 to 10000"),
         (lambda: Estimator(gain=1e300), "gain 1e+300: must be a number, 0.01 to 10000"),
-        (lambda: Estimator(3), "profile"),
-        (lambda: Estimator(None), "profile"),
-        (lambda: Estimator({}), "profile"),
-        (lambda: Estimator("no such"), "profile"),
+        *((lambda given=given: Estimator(given), "profile") for given in (3, None, {}, "no such")),
         (lambda: load_profile(7.5), "profile"),
         (lambda: PaperFilter(np.eye(3), profile=3), "profile"),
-        (lambda: PaperFilter(np.eye(3), R_hat=np.ones((3, 3))), "R_hat"),
-        (lambda: PaperFilter(np.eye(3), R_hat=np.diag((1.0, 1.0, -1.0))), "R_hat"),
-        (lambda: PaperFilter(np.eye(3), R_hat=np.eye(3) * nan), "R_hat"),
+        *(
+            (lambda given=given: PaperFilter(np.eye(3), R_hat=given), "R_hat")
+            for given in (np.ones((3, 3)), np.diag((1.0, 1.0, -1.0)), np.eye(3) * nan)
+        ),
         (lambda: replay(None), "log None"),
         (lambda: replay("nowhere.tlog"), "nowhere"),
         (lambda: replay(FLIPS, 3), "profile"),

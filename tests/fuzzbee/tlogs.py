@@ -6,6 +6,7 @@ from drivers.logs.log_file import windowed
 from drivers.logs.tlog import tlog_records
 from drivers.mavlink.constants import mavlink
 from drivers.mavlink.framing import parsed
+from drivers.simulation.simulated_vehicle import SimulatedVehicle, imu_errors
 
 
 def table(path, rate_hz, rows, columns=()):
@@ -16,11 +17,30 @@ def table(path, rate_hz, rows, columns=()):
     return path
 
 
-def rewritten(log, made, change):
-    """A copy of a log with the messages that ``change(seconds, message)`` gives for each message.
+def bench(path, seed, motion="bench", seconds=120.0, rate_hz=50.0, errors=None):
+    """A table of a simulated vehicle whose sensors have the constant errors of a seed; 0: none."""
+    errors_seed = (seed if errors is None else errors) or None
+    vehicle = SimulatedVehicle(seed, rate_hz, motion, bias=0.0, errors_seed=errors_seed)
+    samples = [next(vehicle) for _ in range(round(seconds * rate_hz))]
+    path.with_suffix(".toml").write_text(
+        'axes = "frd"\ncompass_calibrated = true\ntruth = { columns = ["w", "x", "y", "z"] }'
+    )
+    rows = [
+        (*s.gyr_rad_s, *np.divide(s.acc_m_s2, 9.80665), *s.mag_gauss, *s.q_ned_frd) for s in samples
+    ]
+    return table(path, rate_hz, rows, ("mx_gauss", "my_gauss", "mz_gauss", *"wxyz"))
 
-    None leaves it as it is. Seconds count from the first stamp; others have its address and number.
-    """
+
+def truth_of(seed):
+    """[calibration] that undoes the errors of a seed."""
+    reported, names = {}, ("gyr_bias_rad_s", "acc_bias_m_s2", "mag_offset_gauss")
+    for name, (matrix, bias) in zip(names, imu_errors(seed), strict=True):
+        reported |= {name: bias, f"{name[:3]}_matrix": np.linalg.inv(matrix)}
+    return reported
+
+
+def rewritten(log, made, change):
+    """A copy of a log; ``change(seconds, message)`` gives messages for each, or None for itself."""
     data, first_us = bytearray(), None
     with windowed(log) as window:
         records = [*filter(None, tlog_records(window))]
@@ -37,6 +57,18 @@ def rewritten(log, made, change):
             data += stamp_us.to_bytes(8, "big") + bytes(each)
     made.write_bytes(data)
     return made
+
+
+def with_wrong_attitudes(log, made):
+    """A copy of a log in which every ATTITUDE is rolled by 0.6 rad more."""
+
+    def change(_, message):
+        if message.get_type() != "ATTITUDE":
+            return None
+        message.roll += 0.6
+        return [message]
+
+    return rewritten(log, made, change)
 
 
 def with_iron(log, made, offset_mgauss, matrix=None, left_out=(), current_mgauss_a=None):

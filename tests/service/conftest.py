@@ -1,12 +1,12 @@
 """The loop's tests run in real time: kernels are loaded before them, as the command does."""
 
-import socket
-
 import pytest
 
 from service.process import load_kernels
 from service.zenoh_session import close_session
+from tests.fuzzbee.processes import free_endpoint
 from tests.service.flight_rig import SETTLE_S, Rig
+from tests.service.sessions import open_session, options, plain_client
 
 PATIENCE_S = 60.0
 
@@ -26,20 +26,22 @@ def _patient(monkeypatch):
 
 @pytest.fixture
 def endpoint():
-    """Where nobody listens, for Zenoh."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    return free_endpoint()
 
 
 @pytest.fixture
 def session(endpoint):
     """The service's own, on a port of the test's."""
-    from tests.service.sinks.test_zenoh import open_session, options
-
     opened = open_session(options(endpoint))
     yield opened
     close_session(opened)
+
+
+@pytest.fixture
+def client(session, endpoint):
+    """Plain Zenoh, connected to the service's session."""
+    with plain_client(endpoint) as opened:
+        yield opened
 
 
 @pytest.fixture

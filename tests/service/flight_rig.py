@@ -1,8 +1,4 @@
-"""A simulated vehicle for the service: its samples as events, or through frames, gate and decoder.
-
-Time is given. Faults are put between the vehicle and its frames (``change``), or between the
-frames and the service (``deliver``).
-"""
+"""A simulated vehicle; faults come before its frames (``change``) or behind (``deliver``)."""
 
 import math
 from collections.abc import Callable
@@ -28,9 +24,11 @@ S = 1_000_000
 SETTLE_S = 8.0  # of flight before a fault
 
 
-def imu_events(count, *, vehicle=ONE, message="RAW_IMU", seed=0, start_us=START_US) -> list[Event]:
-    """``count`` samples of the paper's motion at 100 Hz, 2 ms under way."""
-    source = SimulatedVehicle(seed=seed)
+def imu_events(
+    count, *, vehicle=ONE, message="RAW_IMU", seed=0, start_us=START_US, source=None
+) -> list[Event]:
+    """``count`` samples, of the paper's motion at 100 Hz if no source is given, 2 ms under way."""
+    source = source or SimulatedVehicle(seed=seed)
     events: list[Event] = []
     for _ in range(count):
         sample = imu_sample(next(source))
@@ -39,26 +37,37 @@ def imu_events(count, *, vehicle=ONE, message="RAW_IMU", seed=0, start_us=START_
     return events
 
 
-def fed(events, pipeline=None):
-    """A pipeline, of the paper's profile if none is given, that has taken the events."""
-    pipeline = pipeline or Pipeline(load_profile("paper"))
+def fed(events, pipeline="paper"):
+    """A pipeline, or one of the profile of that name, that has taken the events."""
+    if isinstance(pipeline, str):
+        pipeline = Pipeline(load_profile(pipeline))
     for event in events:
         pipeline.handle(event)
     return pipeline
 
 
-def attitudes(outputs):
+def attitudes(outputs, kind=AttitudeRecord):
     records = [each.record for each in outputs if isinstance(each, Published)]
-    return [record for record in records if isinstance(record, AttitudeRecord)]
+    return [record for record in records if isinstance(record, kind)]
 
 
 def statuses(outputs):
-    records = [each.record for each in outputs if isinstance(each, Published)]
-    return [record for record in records if isinstance(record, StatusRecord)]
+    return attitudes(outputs, StatusRecord)
 
 
 def texts(outputs):
     return [each.text for each in outputs if isinstance(each, Message)]
+
+
+class Wire:
+    """Bytes to events, as a link makes them."""
+
+    def __init__(self, decoder=None):
+        self._reader, self._decoder = FrameReader(), decoder or MavlinkDecoder()
+
+    def events(self, data, now_us):
+        frames = self._reader.feed(data)
+        return [event for frame in frames for event in self._decoder.events(frame, now_us)]
 
 
 class Rig:
@@ -114,13 +123,10 @@ class Rig:
             sample = next(self.samples)
 
     def frame(self, sample: Sample) -> bytes:
-        message = raw_imu(
-            sample.time_us + self.boot_shift_us,
-            _finite(sample.acc_m_s2),
-            _finite(sample.gyr_rad_s),
-            _finite(sample.mag_gauss),
+        vectors = sample.acc_m_s2, sample.gyr_rad_s, sample.mag_gauss
+        return self.encoder.frame(
+            raw_imu(sample.time_us + self.boot_shift_us, *vectors), self.now_us
         )
-        return self.encoder.frame(message, self.now_us)
 
     def receive(self, data: bytes, peer: str = "a") -> None:
         arrival_us = self.now_us + self.host_shift_us
@@ -158,10 +164,6 @@ def _tilt_deg(q, truth):
     seen, true = (rotate_inverse(each, (0.0, 0.0, 1.0)) for each in (q, truth))
     cosine = sum(x * y for x, y in zip(seen, true, strict=True))
     return math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
-
-
-def _finite(vector):
-    return tuple(max(-1e6, min(1e6, x)) for x in vector)
 
 
 def frozen(*fields):

@@ -58,6 +58,21 @@ def record(
     return made
 
 
+class Collector:
+    """A sink that keeps what it gets."""
+
+    name = "collector"
+
+    def __init__(self):
+        self.got, self.closed = [], False
+
+    def handle(self, outputs):
+        self.got.extend(outputs)
+
+    def close(self):
+        self.closed = True
+
+
 STATUS = StatusRecord("running", "RAW_IMU", 49.8, 0.1, {}, 0, 0, 3)
 
 

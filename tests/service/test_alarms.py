@@ -5,18 +5,18 @@ from types import SimpleNamespace
 
 import pytest
 
-from drivers.events import BuiltIn, Imu
+from drivers.events import BuiltIn
 from drivers.simulation.simulated_vehicle import SimulatedVehicle
-from drivers.simulation.source import imu_sample
 from estimator.aiding.compass import CONTRADICTED
 from estimator.geometry.earth import PlaceField
+from estimator.geometry.frames import from_euler_rad
 from estimator.geometry.quaternion import exp, multiply, rotate_inverse, scale
 from estimator.live.settings import settings_of
 from estimator.profile import load_profile
 from estimator.types import ImuSample
 from service.alarms import Alarm, Alarms
 from service.pipeline import Pipeline
-from tests.service.flight_rig import ONE, START_US, imu_events, statuses, texts
+from tests.service.flight_rig import ONE, START_US, fed, imu_events, statuses, texts
 from tests.service.records import ATTITUDE
 
 IMU, PAPER = load_profile("imu"), load_profile("paper")
@@ -26,11 +26,9 @@ FIELD = (0.218, 0.0, 0.428)
 
 
 def attitude(bias=(0.0, 0.0, 0.0), sigma_deg=1.0, heading_deg=1.0, q=LEVEL):
-    sigmas = {
-        "sigma_inclination_rad": radians(sigma_deg),
-        "sigma_heading_rad": radians(heading_deg),
-    }
-    return ATTITUDE._replace(q_ned_frd=q, gyro_bias_rad_s=bias, **sigmas)
+    made = ATTITUDE._replace(q_ned_frd=q, gyro_bias_rad_s=bias)
+    sigmas = radians(sigma_deg), radians(heading_deg)
+    return made._replace(sigma_inclination_rad=sigmas[0], sigma_heading_rad=sigmas[1])
 
 
 KNOWN = {"place_field": HERE, "dip_error_rad": 0.0, "contradicted_axes": (False,) * 3,
@@ -54,10 +52,7 @@ def looked(alarms, half, **given):
 
 
 def words(seconds, place=HERE, host=lambda s: s, **given):
-    """After so long of the same; what is given may be a function of the time.
-
-    ``host`` gives the host's time of the vehicle's, both in seconds.
-    """
+    """After so long of the same, or of functions of the time; ``host`` gives the host's time."""
     alarms = Alarms()
     for half in range(2 * seconds):
         now = {name: x(half / 2) if callable(x) else x for name, x in given.items()}
@@ -80,7 +75,7 @@ def swinging(time_s):
     return (0.218, 0.3 if time_s % 2 < 1 else -0.3, 0.428)
 
 
-LIMIT = settings_of(IMU).conditioning.bias_limit_rad_s
+LIMIT = radians(2.0)  # the profile's
 TILTED_9 = {"dip_error_rad": radians(9), "sigma_deg": 6.0}
 FIELD_WRONG, TOO_SURE = {Alarm.FIELD_IMPOSSIBLE}, {Alarm.SIGMA_TOO_SMALL}
 
@@ -117,17 +112,8 @@ def test_what_contradicts_the_attitude_is_named_once_it_lasts(seconds, given, ou
     assert words(seconds, **given) == output
 
 
-def test_the_limit_of_a_bias_is_the_profiles():
-    assert pytest.approx(radians(2.0)) == LIMIT
-
-
-def turned(roll_deg, pitch_deg, yaw_deg):
-    """q_ned_frd of these Euler angles."""
-    turns = zip((yaw_deg, pitch_deg, roll_deg), ((0, 0, 1), (0, 1, 0), (1, 0, 0)), strict=True)
-    q = LEVEL
-    for angle_deg, axis in turns:
-        q = multiply(q, exp(scale(radians(angle_deg), axis)))
-    return q
+def turned(*euler_deg):
+    return from_euler_rad(*map(radians, euler_deg))
 
 
 @pytest.mark.parametrize("true_deg", [(20.0, -35.0, 110.0), (-50.0, 10.0, -160.0)])
@@ -141,37 +127,20 @@ def test_a_heading_is_held_against_the_declination_of_the_place(
     true_deg, declination_deg, off_deg, output
 ):
     """In any attitude it is wrong beyond 20 deg and two sigmas (2 deg) to either side."""
-    east = radians(declination_deg)
-    field_ned = (0.218 * cos(east), 0.218 * sin(east), 0.428)
-    roll, pitch, yaw = true_deg
-    true = turned(roll, pitch, yaw)
-    found = words(
-        30,
-        acc=rotate_inverse(true, (0.0, 0.0, -9.8)),
-        mag=rotate_inverse(true, field_ned),
-        place=PlaceField(east, radians(63.0), 0.48),
-        q=turned(roll, pitch, yaw + off_deg),
-    )
-    assert found == output
+    east, (roll, pitch, yaw) = radians(declination_deg), true_deg
+    field_ned, true = (0.218 * cos(east), 0.218 * sin(east), 0.428), turned(*true_deg)
+    place, shown = PlaceField(east, radians(63.0), 0.48), turned(roll, pitch, yaw + off_deg)
+    acc, mag = (rotate_inverse(true, each) for each in ((0.0, 0.0, -9.8), field_ned))
+    assert words(30, acc=acc, mag=mag, place=place, q=shown) == output
 
 
 @pytest.mark.parametrize(("off_deg", "output"), [(14.0, set()), (21.0, {Alarm.SIGMA_TOO_SMALL})])
 def test_a_tilt_is_held_against_the_force_in_any_attitude(off_deg, output):
     """Beyond 15 deg and two sigmas of 2 deg."""
     true = turned(30.0, -20.0, 75.0)
-    force = rotate_inverse(true, (0.0, 0.0, -9.8))
+    given = {"acc": rotate_inverse(true, (0.0, 0.0, -9.8)), "mag": (0.0, 0.0, 0.0), "place": None}
     tilted = multiply(exp(scale(radians(off_deg), (0.6, 0.8, 0.0))), true)
-    found = words(40, acc=force, mag=(0.0, 0.0, 0.0), place=None, q=tilted, sigma_deg=2.0,
-                  heading_deg=90.0)  # fmt: skip
-    assert found == output
-
-
-def test_a_magnet_that_passes_within_two_seconds_contradicts_nothing():
-    def passing(time_s):
-        return (0.218, 0.5, 0.428) if 30 <= time_s < 32 else FIELD
-
-    for seconds in range(30, 60, 3):
-        assert words(seconds, mag=passing) == set()
+    assert words(40, **given, q=tilted, sigma_deg=2.0, heading_deg=90.0) == output
 
 
 @pytest.mark.parametrize(
@@ -190,23 +159,25 @@ def test_a_clock_some_per_cent_off_is_reported_after_a_minute(pace, set_back_s, 
     assert words(seconds, host=lambda s: s / pace - set_back_s * (s > 5)) == output
 
 
-def test_a_late_link_and_a_host_s_clock_that_is_set_are_no_clock_that_drifts():
-    def bursts(time_s):  # all that was held back for 14 s comes at once
-        return time_s - time_s % 28 + max(time_s % 28, 14)
-
-    def set_back(time_s):
-        return time_s - 3600 * (time_s > 40)
-
-    def congested(time_s):  # 0.4 s late after 15 s, then prompt again
-        return time_s + 0.4 * (time_s % 15) / 15
-
-    for host in (bursts, set_back, congested):
-        for seconds in range(20, 300, 28):
-            assert words(seconds, host=host) == set()
+@pytest.mark.parametrize(
+    ("times_s", "given"),
+    [
+        # a magnet passes within two seconds
+        (range(30, 60, 3), {"mag": lambda s: (0.218, 0.5, 0.428) if 30 <= s < 32 else FIELD}),
+        # all that a link held back for 14 s comes at once
+        (range(20, 300, 28), {"host": lambda s: s - s % 28 + max(s % 28, 14)}),
+        # the host's clock is set back
+        (range(20, 300, 28), {"host": lambda s: s - 3600 * (s > 40)}),
+        # a link is 0.4 s late after 15 s, then prompt again
+        (range(20, 300, 28), {"host": lambda s: s + 0.4 * (s % 15) / 15}),
+    ],
+)
+def test_what_passes_and_what_is_late_contradict_nothing(times_s, given):
+    assert [words(seconds, **given) for seconds in times_s] == [set()] * len(times_s)
 
 
 def test_the_paper_s_signals_under_imu_are_reported():
-    """42 deg off with a small sigma; the bias of 5.7 deg/s is beyond what imu allows."""
+    """Their bias is beyond what imu allows."""
     pipeline = Pipeline(IMU)
     output = texts(o for event in imu_events(2000) for o in pipeline.handle(event))
     assert "vehicle 1: warning: the gyroscope's bias stands at its limit" in output
@@ -216,12 +187,7 @@ def test_the_paper_s_signals_under_imu_are_reported():
 
 @pytest.mark.parametrize(("profile", "motion"), [("paper", "paper"), ("imu", "flight")])
 def test_a_fitting_profile_raises_no_warning(profile, motion):
-    pipeline = Pipeline(load_profile(profile))
-    vehicle = SimulatedVehicle(5, 50.0, motion)
-    for _ in range(3000):
-        sample = imu_sample(next(vehicle))
-        time_us = sample.time_us
-        pipeline.handle(Imu(ONE, START_US + time_us, time_us, "RAW_IMU", sample))
+    pipeline = fed(imu_events(3000, source=SimulatedVehicle(5, 50.0, motion)), profile)
     (status,) = statuses(pipeline.tick(START_US + 60_000_000))
     assert status.warnings == ()
 
@@ -274,7 +240,6 @@ def test_between_the_poles_a_field_that_points_south_is_the_places():
     """There the declination is a half turn: 179 and -179 degrees are two apart."""
     place = PlaceField(3.124, 1.2, 0.58)
     horizontal, down = 0.58 * 0.362, 0.58 * 0.932
-    field = (-horizontal, -0.0175 * horizontal, down)
-    assert Alarm.FIELD_IMPOSSIBLE not in words(60, mag=field, place=place)
-    north = (horizontal, 0.0, down)
+    south, north = (-horizontal, -0.0175 * horizontal, down), (horizontal, 0.0, down)
+    assert Alarm.FIELD_IMPOSSIBLE not in words(60, mag=south, place=place)
     assert Alarm.FIELD_IMPOSSIBLE in words(60, mag=north, place=place)

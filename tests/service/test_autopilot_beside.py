@@ -33,67 +33,61 @@ def flown(
     vehicle_type=1,
 ):
     """The lines and the last status of a vehicle whose autopilot shows another attitude."""
-    show = shown or in_roll(turn_deg)
-    profile = load_profile("paper")
+    show, profile, lines = shown or in_roll(turn_deg), load_profile("paper"), []
     pipeline, twin = Pipeline(profile), Estimator(profile)
-    lines = []
     pipeline.handle(Heartbeat(ONE, 0, 3, vehicle_type))
     for name, value in parameters:
         pipeline.handle(Parameter(ONE, 0, name, value))
     for k, event in enumerate(imu_events(SAMPLES)):
-        outputs = pipeline.handle(event)
+        outputs, now_us = pipeline.handle(event), event.arrival_us
         twin.update(event.sample)
         for name, value in parameters if k == 0 else ():
-            pipeline.handle(Parameter(ONE, event.arrival_us, name, value))
+            pipeline.handle(Parameter(ONE, now_us, name, value))
         if k % 10 == 5:
             time_us = event.sample.time_us
             if word is not None:
-                status_us = event.arrival_us + word_off_us
-                pipeline.handle(FilterStatus(ONE, status_us, True, True, **word))
+                pipeline.handle(FilterStatus(ONE, now_us + word_off_us, True, True, **word))
             q = show(twin.attitude(time_us).q_ned_frd)
-            outputs += pipeline.handle(
-                ReferenceAttitude(
-                    ONE, event.arrival_us + late_us, time_us + clock_off_us, "autopilot", message, q
-                )
-            )
+            theirs = (time_us + clock_off_us, "autopilot", message, q)
+            outputs += pipeline.handle(ReferenceAttitude(ONE, now_us + late_us, *theirs))
         lines += texts(outputs)
-        now_us = event.arrival_us
     return [line for line in lines if "autopilot" in line], statuses(pipeline.tick(now_us))[-1]
 
 
 def test_a_wrong_attitude_is_reported_once_and_warned_of():
-    lines, status = flown(60.0)
-    assert len(lines) == 1
-    assert "the autopilot's horizon has been" in lines[0]
+    (line,), status = flown(60.0)
+    found = status.autopilot
+    assert "the autopilot's horizon has been" in line
     assert "autopilot_differs" in status.warnings
-    assert status.autopilot.verdict == "differs"
-    assert status.autopilot.message == "ATTITUDE"
-    assert status.autopilot.axis == "inclination"
-    assert status.autopilot.inclination_deg > 20.0
-    assert status.autopilot.roll_deg == pytest.approx(60.0, abs=6.0)
-    assert status.autopilot.in_short == f"autopilot horizon {status.autopilot.off_deg:.0f}° off"
+    assert (found.verdict, found.message, found.axis) == ("differs", "ATTITUDE", "inclination")
+    assert found.inclination_deg > 20.0
+    assert found.roll_deg == pytest.approx(60.0, abs=6.0)
+    assert found.in_short == f"autopilot horizon {found.off_deg:.0f}° off"
 
 
-def test_the_same_attitude_is_no_news():
-    lines, status = flown(0.0)
+@pytest.mark.parametrize(
+    ("turn_deg", "parameters"),
+    [(0.0, []), (-60.0, [("AHRS_TRIM_X", radians(60.0))])],  # its IMU is mounted with a trim
+)
+def test_the_same_attitude_is_no_news(turn_deg, parameters):
+    lines, status = flown(turn_deg, parameters=parameters)
     assert lines == []
     assert "autopilot_differs" not in status.warnings
     assert status.autopilot.verdict != "differs"
     assert status.autopilot.inclination_deg == pytest.approx(0.0, abs=1.0)
 
 
-@pytest.mark.parametrize("clock_off_us", [5_000_000, -5_000_000, -200_000])
-def test_an_attitude_of_another_clock_is_not_compared(clock_off_us):
-    lines, status = flown(60.0, clock_off_us=clock_off_us)
+@pytest.mark.parametrize(
+    "other",
+    [
+        *({"clock_off_us": off_us} for off_us in (5_000_000, -5_000_000, -200_000)),
+        {"message": "AHRS2", "late_us": 15_000},  # without a stamp; a sample comes each 10 ms
+    ],
+)
+def test_an_attitude_of_another_clock_is_not_compared(other):
+    lines, status = flown(60.0, **other)
     assert lines == []
     assert status.autopilot is None
-
-
-def test_the_vehicle_s_own_trim_is_no_difference():
-    """The autopilot reports the vehicle's attitude, in which its IMU is mounted with a trim."""
-    lines, status = flown(-60.0, parameters=[("AHRS_TRIM_X", radians(60.0))])
-    assert lines == []
-    assert status.autopilot.inclination_deg == pytest.approx(0.0, abs=1.0)
 
 
 def pitched_down(q):
@@ -140,25 +134,22 @@ def test_what_an_autopilot_shows_its_pilot_is_known_by_parameters_and_type(
     assert bool(lines) is (verdict == "differs")
 
 
-def test_an_attitude_without_a_stamp_is_compared_only_right_behind_its_imu_message():
+def test_an_attitude_without_a_stamp_is_compared_right_behind_its_imu_message():
     _, status = flown(60.0, message="AHRS2", late_us=5_000)
     assert status.autopilot.verdict == "differs"
-    _, status = flown(60.0, message="AHRS2", late_us=15_000)  # a sample comes each 10 ms
-    assert status.autopilot is None
 
 
 @pytest.mark.parametrize(
-    ("word", "output"),
-    [({"has_attitude": False}, "calls it not good"), ({"compass_ratio": 1.5}, "or compass")],
+    ("word", "off_us", "output"),
+    [
+        ({"has_attitude": False}, 0, "calls it not good"),
+        ({"compass_ratio": 1.5}, 0, "or compass"),
+        ({}, 0, None),
+        # at another time of the host's clock
+        *(({"has_attitude": False}, off_us, None) for off_us in (-3_600_000_000, 3_600_000_000)),
+    ],
 )
-def test_what_the_autopilot_s_filter_reports_against_itself_is_evidence(word, output):
-    _, status = flown(60.0, word=word)
-    assert output in status.autopilot.evidence
-    _, status = flown(60.0, word={})
-    assert "its own filter" not in status.autopilot.evidence
-
-
-@pytest.mark.parametrize("off_us", [-3_600_000_000, 3_600_000_000])
-def test_what_its_filter_reported_at_another_time_of_the_host_s_clock_is_none(off_us):
-    _, status = flown(60.0, word={"has_attitude": False}, word_off_us=off_us)
-    assert "its own filter" not in status.autopilot.evidence
+def test_what_the_autopilot_s_filter_reports_against_itself_is_evidence(word, off_us, output):
+    _, status = flown(60.0, word=word, word_off_us=off_us)
+    assert ("its own filter" in status.autopilot.evidence) is (output is not None)
+    assert (output or "") in status.autopilot.evidence

@@ -1,7 +1,4 @@
-"""The built-in vehicle's frames through decoder and service, as ``run`` without options has them.
-
-Every motion must be right, and known to be: error and coverage beside what was measured.
-"""
+"""The built-in vehicle's frames through decoder and service: right, and known to be."""
 
 import math
 
@@ -9,34 +6,32 @@ import numpy as np
 import pytest
 
 from drivers.events import BuiltIn, ClockReset, Imu, ReferenceAttitude
-from drivers.mavlink.decoder import MavlinkDecoder
-from drivers.mavlink.framing import FrameReader
 from drivers.simulation.autopilot import SimulatedAutopilot, VehicleOptions
+from estimator.geometry.metrics import rms
 from estimator.geometry.quaternion import conjugate, multiply
 from estimator.profile import load_profile
 from service.pipeline import Pipeline
 from service.records import Replaced
-from tests.service.flight_rig import ONE, START_US, fed, imu_events, texts
+from tests.service.flight_rig import ONE, START_US, Wire, fed, imu_events, texts
 
 RATE_HZ = 50.0
-PAPER = load_profile("paper")
+PAPER, IMU = load_profile("paper"), load_profile("imu")
 
 
 def flown(motion, seconds, seed, **options):
     """Times, total errors, inclination and heading errors and both sigmas (s, deg) at samples."""
     vehicle = SimulatedAutopilot(VehicleOptions(seed, RATE_HZ, motion, **options), 1)
-    pipeline = Pipeline(load_profile("imu"), fits_built_in=True)
-    reader, decoder, rows = FrameReader(), MavlinkDecoder(), []
+    pipeline = Pipeline(IMU, fits_built_in=True)
+    wire, rows = Wire(), []
     for step in range(round(seconds * RATE_HZ)):
         boot_us = step * 20_000
-        for frame in reader.feed(vehicle.advance(boot_us, 0)):
-            for event in decoder.events(frame, START_US + boot_us):
-                pipeline.handle(event)
-                if isinstance(event, Imu):
-                    time_us = event.sample.time_us
-                elif isinstance(event, ReferenceAttitude) and event.source == "sim":
-                    attitude = pipeline.vehicle(ONE).estimator.attitude(time_us)
-                    rows.append((boot_us * 1e-6, *errors(attitude, event.q_ned_frd)))
+        for event in wire.events(vehicle.advance(boot_us, 0), START_US + boot_us):
+            pipeline.handle(event)
+            if isinstance(event, Imu):
+                time_us = event.sample.time_us
+            elif isinstance(event, ReferenceAttitude) and event.source == "sim":
+                attitude = pipeline.vehicle(ONE).estimator.attitude(time_us)
+                rows.append((boot_us * 1e-6, *errors(attitude, event.q_ned_frd)))
     return np.array(rows)
 
 
@@ -46,10 +41,6 @@ def errors(attitude, truth):
     sigmas = (attitude.sigma_inclination_rad, attitude.sigma_heading_rad)
     angles = (2 * math.acos(min(1.0, abs(w))), inclination, 2 * math.atan2(abs(z), abs(w)), *sigmas)
     return tuple(map(math.degrees, angles))
-
-
-def rms(values):
-    return float(np.sqrt(np.mean(values**2)))
 
 
 @pytest.mark.parametrize(
@@ -79,37 +70,32 @@ def built_in(motion):
 
 
 def test_fuzzbee_s_own_vehicle_gets_the_profile_that_fits():
-    """The paper's signals under imu are 42 deg off with a small sigma."""
-    pipeline = Pipeline(load_profile("imu"), fits_built_in=True)
+    pipeline = Pipeline(IMU, fits_built_in=True)
     assert pipeline.handle(built_in("of another version")) == []
     noisy = "profile paper (signals so noisy that 5 to 10° remain)"
-    assert texts(pipeline.handle(built_in("paper"))) == [
-        f"vehicle 1: fuzzbee's own, motion paper, {noisy}"
-    ]
+    told = texts(pipeline.handle(built_in("paper")))
+    assert told == [f"vehicle 1: fuzzbee's own, motion paper, {noisy}"]
     assert pipeline.handle(built_in("paper")) == []
     fed(imu_events(300), pipeline)
     assert pipeline.vehicle(ONE).profile == PAPER
     outputs = pipeline.tick(START_US + 3_000_000)
     assert [o for o in outputs if isinstance(o, Replaced)] == [Replaced(ONE, PAPER)]
     assert texts(outputs) == []
-    assert texts(pipeline.handle(built_in("flight"))) == [
-        "vehicle 1: fuzzbee's own, motion flight, profile imu"
-    ]
-    assert pipeline.vehicle(ONE).profile == load_profile("imu")
+    told = texts(pipeline.handle(built_in("flight")))
+    assert told == ["vehicle 1: fuzzbee's own, motion flight, profile imu"]
+    assert pipeline.vehicle(ONE).profile == IMU
+    # after a reboot another vehicle may have the address
+    pipeline.handle(built_in("paper"))
+    assert pipeline.vehicle(ONE).profile == PAPER
+    pipeline.handle(ClockReset(ONE, START_US, "reboot", -7.0))
+    assert pipeline.vehicle(ONE).profile == IMU
+    pipeline.handle(built_in("paper"))
+    assert pipeline.vehicle(ONE).profile == PAPER
 
 
 def test_a_profile_that_was_asked_for_stays_and_is_reported_if_it_does_not_fit():
-    pipeline = Pipeline(load_profile("imu"))
+    pipeline = Pipeline(IMU)
     (text,) = texts(pipeline.handle(built_in("paper")))
     assert text.endswith("profile paper would fit, this one does not")
-    assert pipeline.vehicle(ONE).profile == load_profile("imu")
+    assert pipeline.vehicle(ONE).profile == IMU
     assert texts(pipeline.handle(built_in("flight"))) == []
-
-
-def test_after_a_reboot_another_vehicle_may_have_the_address():
-    pipeline = Pipeline(load_profile("imu"), fits_built_in=True)
-    pipeline.handle(built_in("paper"))
-    pipeline.handle(ClockReset(ONE, START_US, "reboot", -7.0))
-    assert pipeline.vehicle(ONE).profile == load_profile("imu")
-    pipeline.handle(built_in("paper"))
-    assert pipeline.vehicle(ONE).profile == PAPER

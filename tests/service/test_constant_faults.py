@@ -1,8 +1,4 @@
-"""What is wrong from the first sample on, and an axis of the gyroscope that steps, with the truth.
-
-``benchmarks/truth.py`` has all cases; the motions here are of the kinds that accelerate at once,
-turn, and hardly move.
-"""
+"""What is wrong from the first sample on, and an axis of the gyroscope that steps."""
 
 import pytest
 
@@ -84,7 +80,7 @@ def words_of(verdict):
 @pytest.mark.parametrize("has_velocity", [True, False])
 @pytest.mark.parametrize("axis", range(3))
 def test_a_stepped_axis_is_named_within_four_seconds(axis, has_velocity):
-    """A status comes each second. Of x, y, z after 2, 2 and 4 s; others may be named as well."""
+    """A status comes each second; other axes may be named as well."""
     fault = Fault("gyroscope offset", axis, 0.3)
     verdict = judge(Case("gentle tilts", fault, has_velocity, 10.0, seed=3))
     assert 40.0 < words_of(verdict)[WORDS[axis]] < 44.5
@@ -111,9 +107,6 @@ def test_a_right_gyroscope_is_not_contradicted(motion, fault):
 
 @pytest.mark.parametrize("beside", ["imu2", "attitude"])
 def test_what_the_stream_has_beside_a_stepped_axis_is_used(beside):
-    """Alone the inclination is 22 deg off (RMS of the whole flight); beside an IMU 3.5, the heading
-    3.8, beside ATTITUDE 3.8 and 7.0.
-    """
     alone = judge(Case("gentle tilts", STEPPED, False, 10.0, seed=3))
     helped = judge(Case("gentle tilts", STEPPED, False, 10.0, beside, seed=3))
     assert alone.inclination.rms_deg > 17.0

@@ -12,8 +12,8 @@ from drivers.mavlink.gate import TAKE_OVER_US, FrameGate, Policy
 from estimator.profile import load_profile
 from service.parameters import MOST_PROFILES
 from service.pipeline import FORGOTTEN_LOOKS, Pipeline
-from service.records import Evicted, Message, Published, Replaced
-from tests.service.flight_rig import ONE, START_US, fed, imu_events
+from service.records import Evicted, Published, Replaced
+from tests.service.flight_rig import ONE, START_US, fed, imu_events, texts
 
 PAPER = load_profile("paper")
 SECOND_US = 1_000_000
@@ -25,14 +25,17 @@ def addresses(count):
     return [VehicleId(2 + n % 250, 1 + n // 250) for n in range(count)]
 
 
-def imu_frame(vehicle, boot_us) -> Frame:
-    message = raw_imu(boot_us, (0.0, 0.0, -9.8), (0.0, 0.0, 0.0), (0.2, 0.0, 0.4))
-    return sent(vehicle, message)
-
-
 def sent(vehicle, message) -> Frame:
     (frame,) = READER.feed(FrameEncoder(vehicle).frame(message, 0))
     return frame
+
+
+def imu_frame(vehicle, boot_us) -> Frame:
+    return sent(vehicle, raw_imu(boot_us, (0.0, 0.0, -9.8), (0.0, 0.0, 0.0), (0.2, 0.0, 0.4)))
+
+
+def evicted(outputs):
+    return [each.vehicle for each in outputs if isinstance(each, Evicted)]
 
 
 def day(vehicles):
@@ -63,8 +66,7 @@ def test_thousands_of_ids_in_a_row_each_find_a_place(monkeypatch):
     assert pipeline.evicted["vehicles"] == len(gone) == 1201 - 512
     outputs = pipeline.tick(arrival_us)
     assert evicted(outputs) == gone
-    output = [each.text for each in outputs if isinstance(each, Message) and "gone" in each.text]
-    assert len(output) < 15  # not a line for each
+    assert len([text for text in texts(outputs) if "gone" in text]) < 15  # not a line for each
     assert evicted(pipeline.tick(arrival_us + SECOND_US)) == []  # reported once
 
 
@@ -93,10 +95,6 @@ def silence(pipeline, seconds, now_us):
     return outputs, now_us
 
 
-def evicted(outputs):
-    return [each.vehicle for each in outputs if isinstance(each, Evicted)]
-
-
 def test_a_vehicle_is_forgotten_after_an_hour_and_its_parameters_are_not():
     events = imu_events(100)
     pipeline = fed(events)
@@ -116,9 +114,9 @@ def test_a_vehicle_is_forgotten_after_an_hour_and_its_parameters_are_not():
 
 
 def test_heartbeats_alone_keep_a_vehicle():
-    pipeline, now_us, outputs = Pipeline(PAPER), START_US, []
-    for _ in range(FORGOTTEN_LOOKS + 10):
-        now_us += SECOND_US
+    pipeline, outputs = Pipeline(PAPER), []
+    for second in range(FORGOTTEN_LOOKS + 10):
+        now_us = START_US + second * SECOND_US
         pipeline.handle(Heartbeat(ONE, now_us, 3, 2))
         outputs += pipeline.tick(now_us)
     assert evicted(outputs) == []

@@ -1,7 +1,4 @@
-"""Whatever happens on a link, in whatever order: what was sent is accounted for, and ticks go on.
-
-``LINK_STATES`` in the environment is the number of sequences (400: some twenty seconds).
-"""
+"""Whatever happens on a link, what was sent is accounted for. LINK_STATES: how many sequences."""
 
 import os
 from collections import deque

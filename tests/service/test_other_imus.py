@@ -7,7 +7,7 @@ import pytest
 
 from drivers.events import Imu, OtherImu
 from drivers.logs.tlog import Tlog
-from drivers.mavlink.constants import mavlink
+from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.framing import FrameReader
 from drivers.simulation.simulated_vehicle import SimulatedVehicle
 from estimator.geometry.quaternion import exp, rotate
@@ -15,10 +15,11 @@ from estimator.profile import load_profile
 from estimator.types import ImuSample
 from fuzzbee.replays.trace import Replay
 from service.evidence import OtherImus
+from tests.drivers.mavlink.messages import frame as packed
+from tests.drivers.mavlink.messages import m
 from tests.service.flight_rig import ONE, Rig
 
-M = mavlink()
-TILTED = exp((0.0, radians(6.0), 0.0))
+LEVEL, TILTED = exp((0.0, 0.0, 0.0)), exp((0.0, radians(6.0), 0.0))
 
 
 def scaled(kind, sample, q, rate_off_rad_s):
@@ -26,8 +27,7 @@ def scaled(kind, sample, q, rate_off_rad_s):
     acc = [round(x / 9.80665e-3) for x in rotate(q, sample.acc_m_s2)]
     gyr = [round(1e3 * x) for x in sample.gyr_rad_s]
     gyr[0] += round(1e3 * rate_off_rad_s)
-    message = kind(sample.time_us // 1000, *acc, *gyr, 0, 0, 0)
-    return bytes(message.pack(M.MAVLink(None, srcSystem=1, srcComponent=1)))
+    return packed(kind(sample.time_us // 1000, *acc, *gyr, 0, 0, 0))
 
 
 def three_imus(rig):
@@ -35,8 +35,8 @@ def three_imus(rig):
     frame = rig.frame
     rig.frame = lambda sample: (
         frame(sample)
-        + scaled(M.MAVLink_scaled_imu2_message, sample, exp((0.0, 0.0, 0.0)), 0.0)
-        + scaled(M.MAVLink_scaled_imu3_message, sample, TILTED, radians(5.0))
+        + scaled(m.MAVLink_scaled_imu2_message, sample, LEVEL, 0.0)
+        + scaled(m.MAVLink_scaled_imu3_message, sample, TILTED, radians(5.0))
     )
     return frame
 
@@ -69,18 +69,23 @@ def test_a_log_skips_what_a_live_link_skips(tmp_path):
 def highres(sample, q, number):
     """A HIGHRES_IMU of the IMU of that number."""
     values = *rotate(q, sample.acc_m_s2), *sample.gyr_rad_s, *[0.0] * 7
-    message = M.MAVLink_highres_imu_message(sample.time_us, *values, 63, number)
-    return bytes(message.pack(M.MAVLink(None, srcSystem=1, srcComponent=1)))
+    return packed(m.MAVLink_highres_imu_message(sample.time_us, *values, 63, number))
 
 
-def test_imus_that_share_a_message_are_compared_by_their_numbers():
+@pytest.fixture
+def rig():
+    """A vehicle at rest, of whose IMUs those not in use are skipped."""
     rig = Rig()
     rig.samples = SimulatedVehicle(seed=0, rate_hz=50.0, motion="rest", noise=0.1)
     rig.decoder.imu_in_use = rig.pipeline.imu_in_use
+    return rig
+
+
+def test_imus_that_share_a_message_are_compared_by_their_numbers(rig):
     frame = rig.frame
     rig.frame = lambda sample: (
         frame(sample)
-        + highres(sample, exp((0.0, 0.0, 0.0)), 1)
+        + highres(sample, LEVEL, 1)
         + b"".join(highres(sample, TILTED, number) for number in range(2, 40))
     )
     rig.fly(20.0)
@@ -91,11 +96,10 @@ def test_imus_that_share_a_message_are_compared_by_their_numbers():
 
 
 @pytest.mark.parametrize("skips", [True, False], ids=["those not in use are skipped", "all"])
-def test_a_status_has_each_imus_difference_from_the_one_in_use(skips):
-    rig, read = Rig(), []
-    rig.samples = SimulatedVehicle(seed=0, rate_hz=50.0, motion="rest", noise=0.1)
-    if skips:
-        rig.decoder.imu_in_use = rig.pipeline.imu_in_use
+def test_a_status_has_each_imus_difference_from_the_one_in_use(rig, skips):
+    read = []
+    if not skips:
+        rig.decoder = MavlinkDecoder(references=False)
     handle = rig.handle
     rig.handle = lambda events: (read.extend(e for e in events if isinstance(e, OtherImu)),
                                  handle(events))  # fmt: skip

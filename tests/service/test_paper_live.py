@@ -1,17 +1,10 @@
-"""The paper's experiment by the live service's own way gives the experiment's numbers.
-
-J is of Eq. (15): e before the correction of each sample. The compiled run of the whole
-recording and the pipeline fed with the events of ``sim:`` agree to the last digit; what comes as
-MAVLink is rounded to whole mrad/s, mg and mGauss.
-"""
+"""The paper's experiment by the live service's own way gives the experiment's numbers."""
 
 import numpy as np
 import pytest
 
 from drivers.events import Imu
-from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.encoder import FrameEncoder, raw_imu
-from drivers.mavlink.framing import FrameReader
 from drivers.simulation.simulated_vehicle import SimulatedVehicle
 from drivers.simulation.source import SimSource
 from estimator.estimator import Estimator
@@ -21,7 +14,7 @@ from estimator.geometry.quaternion import normalized_distance
 from estimator.live.settings import settings_of
 from estimator.profile import load_profile
 from service.pipeline import Pipeline
-from tests.service.flight_rig import ONE, START_US
+from tests.service.flight_rig import ONE, START_US, Wire
 from tuning.paper_experiment import run_experiment
 
 SEED = 9_002
@@ -66,9 +59,7 @@ def cost(estimates, simulated):
 
 
 def test_the_pipeline_on_sim_is_the_experiment_to_the_last_digit(experiment, simulated):
-    clock_us = [0]
-    pipeline = Pipeline(PAPER)
-    estimates = []
+    clock_us, pipeline, estimates = [0], Pipeline(PAPER), []
     with SimSource(SimulatedVehicle(SEED), lambda: clock_us[0], lambda: clock_us[0]) as source:
         for sample in simulated:
             clock_us[0] = sample.time_us
@@ -88,19 +79,14 @@ def test_the_pipeline_on_sim_is_the_experiment_to_the_last_digit(experiment, sim
     ids=["exact", "a microsecond of jitter", "whole milliseconds"],
 )
 def test_as_mavlink_it_costs_what_the_rounding_does(experiment, simulated, stamp_us, measured):
-    """RAW_IMU in whole mrad/s, mg and mGauss, stamped by three kinds of clocks.
-
-    Steps of 10.001 and 11 ms are taken as those of 10 ms are.
-    """
-    rng = np.random.default_rng(1)
-    encoder, reader, decoder = FrameEncoder(ONE), FrameReader(), MavlinkDecoder()
-    pipeline = Pipeline(PAPER)
-    estimates = []
+    """Stamped by three kinds of clocks: uneven steps are taken as those of 10 ms are."""
+    rng, encoder, wire = np.random.default_rng(1), FrameEncoder(ONE), Wire()
+    pipeline, estimates = Pipeline(PAPER), []
     for sample in simulated:
         boot_us = stamp_us(1_000_000 + sample.time_us, rng)
         message = raw_imu(boot_us, sample.acc_m_s2, sample.gyr_rad_s, sample.mag_gauss)
         arrival_us = START_US + sample.time_us
-        for frame in reader.feed(encoder.frame(message, arrival_us)):
-            estimates += handled(pipeline, decoder.events(frame, arrival_us))
+        frame = encoder.frame(message, arrival_us)
+        estimates += handled(pipeline, wire.events(frame, arrival_us))
     assert cost(estimates, simulated) == pytest.approx(measured, abs=0.01)
     assert not np.array_equal(estimates, experiment.estimates)

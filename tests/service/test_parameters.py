@@ -1,7 +1,7 @@
 """Profiles replaced while vehicles fly: by many at once, and without a jump in the estimate."""
 
 import json
-import threading
+from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 
 import pytest
@@ -13,7 +13,7 @@ from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
 from service.records import Message, Replaced
 from tests.service.flight_rig import ONE, START_US, attitudes, fed, imu_events
-from tests.service.sinks.test_zenoh import get, plain_client, service, wait_for
+from tests.service.sessions import get, heard, plain_client, service, wait_for
 from tests.vocabulary import angle_rad
 
 
@@ -67,22 +67,18 @@ def test_what_cannot_be_used_is_refused_by_name_and_changes_nothing(partial, wor
 
 
 def test_whatever_goes_wrong_in_the_loop_is_an_answer():
-    requests, answers = ParameterRequests(), []
-
-    def ask():
-        with pytest.raises(InputError) as raised:
-            requests.ask(ONE, {})
-        answers.append(str(raised.value))
+    requests = ParameterRequests()
 
     def replace(vehicle, partial, retuned):
         raise OverflowError("out of range")
 
-    thread = threading.Thread(target=ask)
-    thread.start()
-    wait_for(requests._queue.qsize)
-    requests.serve(replace)
-    thread.join()
-    assert answers == ["the profile cannot be used: OverflowError: out of range"]
+    with ThreadPoolExecutor(1) as pool:
+        answer = pool.submit(requests.ask, ONE, {})
+        wait_for(requests._queue.qsize)
+        requests.serve(replace)
+    with pytest.raises(InputError) as raised:
+        answer.result()
+    assert str(raised.value) == "the profile cannot be used: OverflowError: out of range"
 
 
 def nested(depth):
@@ -124,7 +120,7 @@ def test_a_hostile_payload_is_answered_with_one_line_and_the_service_goes_on(end
 
 def test_replacements_under_load_are_answered_one_by_one(endpoint):
     """Three clients, every second request wrong, at 100 attitudes a second."""
-    got, answers = [], []
+    answers = []
 
     def replace(number):
         with plain_client(endpoint) as client:
@@ -137,15 +133,12 @@ def test_replacements_under_load_are_answered_one_by_one(endpoint):
                 answers.append((gamma, *reply))
 
     with service(endpoint) as outbox, plain_client(endpoint) as client:
-        client.declare_subscriber("test/1/attitude", got.append)
-        wait_for(lambda: len(got) > 20)
-        threads = [threading.Thread(target=replace, args=(number,)) for number in range(3)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-        count = len(got)
-        wait_for(lambda: len(got) > count + 20)
+        records = heard(client, "test/1/attitude")
+        wait_for(lambda: len(records) > 20)
+        with ThreadPoolExecutor(3) as pool:
+            list(pool.map(replace, range(3)))
+        count = len(records)
+        wait_for(lambda: len(records) > count + 20)
         ((_, last),) = get(client, "test/1/parameters")
         assert outbox.dropped == 0
     assert len(answers) == 60
@@ -157,7 +150,6 @@ def test_replacements_under_load_are_answered_one_by_one(endpoint):
             assert key is None
             assert "gamma" in value["error"]
     assert last["filter"]["gamma"] in [gamma for gamma, *_ in answers if gamma > 0.0]
-    records = [json.loads(sample.payload.to_bytes()) for sample in got]
     sequence = [record["sequence"] for record in records]
     assert sequence == list(range(sequence[0], sequence[0] + len(sequence)))
     # the motion turns at most 3.2 rad/s; a reset of the paper's estimate would jump by 3.1 rad

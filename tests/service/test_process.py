@@ -1,11 +1,6 @@
-"""What holds for a process: a stop takes effect at any moment, and its memory is looked after.
-
-A stop does so also while a peer keeps the start waiting. The library waits for that peer much
-longer than a test waits for the end of the process.
-"""
+"""A stop takes effect at any moment, also at the start; memory is looked after."""
 
 import gc
-import json
 import signal
 import socket
 import sys
@@ -19,20 +14,30 @@ from tests.fuzzbee.processes import started
 from tests.programs import run_python
 
 NEVER_MS = 600_000  # ten times what a test waits
-PATIENT = ["--cfg", f"transport/unicast/open_timeout:{NEVER_MS}"]
+PATIENT = ("--cfg", f"transport/unicast/open_timeout:{NEVER_MS}")
+CLIENT = ("-m", "client", "--cfg", f"connect/timeout_ms:{NEVER_MS}")
+OF_PEERS = ("-l", "tcp/127.0.0.1:0")
 
 
-@pytest.mark.parametrize(("verb", "number"), [("run", signal.SIGTERM), ("watch", signal.SIGHUP)])
-def test_while_the_session_waits_for_a_silent_peer(verb, number):
+@pytest.mark.parametrize(
+    ("verb", "number", "options", "after_s"),
+    [
+        ("run", signal.SIGTERM, CLIENT, 0.3),
+        ("watch", signal.SIGHUP, CLIENT, 0.3),
+        # a session of peers is open, and its library waits for the peer when it is closed
+        ("run", signal.SIGTERM, OF_PEERS, 4.0),
+        ("watch", signal.SIGTERM, OF_PEERS, 4.0),
+    ],
+)
+def test_while_the_session_waits_for_a_silent_peer(verb, number, options, after_s):
     """It accepts TCP and never sends anything."""
     with socket.create_server(("127.0.0.1", 0)) as peer:
-        options = ["-e", f"tcp/127.0.0.1:{peer.getsockname()[1]}", "-m", "client"]
-        options += ["--cfg", f"connect/timeout_ms:{NEVER_MS}", *PATIENT]
-        with started(verb, *options) as process:
+        endpoint = f"tcp/127.0.0.1:{peer.getsockname()[1]}"
+        with started(verb, "-e", endpoint, *options, *PATIENT) as process:
             peer.settimeout(60.0)
             connection, _ = peer.accept()
             with connection:
-                time.sleep(0.3)
+                time.sleep(after_s)
                 process.send_signal(number)
                 assert process.wait(60) == 0
 
@@ -66,31 +71,6 @@ def test_an_interrupt_that_falls_into_a_destructor_is_raised_again():
     done = run_python("-c", LOST, timeout_s=60, check=False)
     assert "Exception ignored" in done.stderr
     assert done.stdout.split("\n") == ["stopped", "interrupted", ""], done.stderr
-
-
-@pytest.mark.parametrize("verb", ["run", "watch"])
-def test_while_a_session_of_peers_tries_a_silent_one(verb):
-    """It is open, and its library waits for the peer when it is closed."""
-    with socket.create_server(("127.0.0.1", 0)) as peer:
-        options = ["-e", f"tcp/127.0.0.1:{peer.getsockname()[1]}", "-l", "tcp/127.0.0.1:0"]
-        options += PATIENT
-        with started(verb, *options) as process:
-            peer.settimeout(60.0)
-            connection, _ = peer.accept()
-            with connection:
-                time.sleep(4.0)
-                process.send_signal(signal.SIGTERM)
-                assert process.wait(60) == 0
-
-
-def test_a_closed_terminal_leaves_a_summary():
-    with started("run", "--no-zenoh", "--json", "-v") as process:
-        process.stderr.readline()
-        time.sleep(0.5)
-        process.send_signal(signal.SIGHUP)
-        out, _ = process.communicate(timeout=60)
-    assert process.returncode == 0
-    assert json.loads(out)["ticks"] > 0
 
 
 def test_the_process_is_as_before_afterwards():

@@ -1,3 +1,5 @@
+"""The loop: its schedule, its end, and what it refuses afterwards."""
+
 import os
 import signal
 import threading
@@ -14,7 +16,7 @@ from service.runner import Runner
 from service.signals import stop_on_signals
 from service.sinks.sink import Outbox
 from tests.service.flight_rig import ONE, attitudes, imu_events
-from tests.service.sinks.test_sink import Collector
+from tests.service.records import Collector
 
 PAPER = load_profile("paper")
 
@@ -40,18 +42,11 @@ def test_late_ticks_are_counted(late_s, overruns):
 
 
 def test_the_end_of_a_log_ends_the_loop():
-    events = imu_events(50)
+    events, sink, pipeline = imu_events(50), Collector(), Pipeline(PAPER)
     player = Player(events, 20.0)
-    sink, pipeline = Collector(), Pipeline(PAPER)
+    timing = {"now_us": player.now_us, "is_finished": player.is_finished}
     with Outbox([sink]) as outbox:
-        Runner(
-            player,
-            pipeline,
-            outbox,
-            rate_hz=200.0,
-            now_us=player.now_us,
-            is_finished=player.is_finished,
-        ).run()
+        Runner(player, pipeline, outbox, rate_hz=200.0, **timing).run()
     assert pipeline.vehicle(ONE).imu.samples == 50
     assert attitudes(sink.got)[-1].state == "running"
     # the grid follows the arrivals: its last point is less than a period before the last sample

@@ -5,7 +5,7 @@ from math import atan2, cos, degrees, hypot, radians, sin
 import pytest
 
 from estimator.geometry.earth import PlaceField
-from estimator.geometry.quaternion import multiply, rotate_inverse
+from estimator.geometry.quaternion import exp, multiply, rotate_inverse, scale
 from estimator.types import Attitude, ImuSample
 from service.evidence import Consistency
 from service.second_opinion import (
@@ -24,11 +24,12 @@ NORTH, EAST, DOWN = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
 
 def turn(axis, angle_deg):
-    half = radians(angle_deg) / 2.0
-    return (cos(half), *(sin(half) * x for x in axis))
+    return exp(scale(radians(angle_deg), axis))
 
 
 TRUE = multiply(turn(DOWN, 40.0), turn(NORTH, 5.0))
+LATER_US = 50 * LOOK_EVERY_US  # behind what is ``reported``, of 20 s
+LAST_US = LATER_US - LOOK_EVERY_US
 
 
 def attitude(q, time_us=0, *, sigma_deg=1.0, heading_sigma_deg=2.0, north="true", rate=(0, 0, 0)):
@@ -36,22 +37,21 @@ def attitude(q, time_us=0, *, sigma_deg=1.0, heading_sigma_deg=2.0, north="true"
     return Attitude(time_us, q, rate, (0.0, 0.0, 0.0), 0.0, 0.0, 20.0, 1.0, 1.0, *sigmas, north)
 
 
-def looked(opinion, time_us, theirs, ours, force, field, place=None, faults=NONE):
-    """One look; force and field are in NED."""
-    sample = ImuSample(time_us, (0.0, 0.0, 0.0), force, field or (0.0, 0.0, 0.0), bool(field))
-    opinion.compare(Look(time_us, "ATTITUDE", theirs, ours, sample, place, faults))
+SEEN = rotate_inverse(TRUE, FIELD)
 
 
 def reported(
-    ours, theirs, *, seconds=20.0, opinion=None, begin_us=0, place=PLACE, faults=NONE, **sigmas
-):
-    """The report after so long on two attitudes of a vehicle that hovers at ``TRUE``."""
+    ours, theirs, *, looks=50, opinion=None, begin_us=0, place=PLACE, faults=NONE, force=None,
+    field=SEEN, **sigmas
+):  # fmt: skip
+    """The report after so many looks at a vehicle that hovers at ``TRUE`` if ``force`` is none."""
     opinion = opinion or SecondOpinion()
-    force, field = rotate_inverse(TRUE, (0.0, 0.0, -9.81)), rotate_inverse(TRUE, FIELD)
-    for k in range(int(1e6 * seconds / LOOK_EVERY_US)):
+    for k in range(looks):
         time_us = begin_us + k * LOOK_EVERY_US
-        looked(opinion, time_us, theirs, attitude(ours, time_us, **sigmas), force, field, place,
-               faults)  # fmt: skip
+        felt = rotate_inverse(TRUE, (0.0, 0.0, -9.81)) if force is None else force(k)
+        sample = ImuSample(time_us, (0.0, 0.0, 0.0), felt, field, any(field))
+        ours_now = attitude(ours, time_us, **sigmas)
+        opinion.compare(Look(time_us, "ATTITUDE", theirs, ours_now, sample, place, faults))
     return opinion
 
 
@@ -87,7 +87,7 @@ def test_the_wrong_one_is_named(axis, whose):
     wrong = turned(axis, 20.0)
     pair = (TRUE, wrong) if whose == "autopilot" else (wrong, TRUE)
     output = reported(*pair).opinion
-    assert output.verdict is Verdict.DIFFERS
+    assert output.verdict is DIFFERS
     # only the field shows the heading, and that agrees with ours if the compass is turned, too
     is_reported = axis != DOWN or whose == "ours"
     assert output.wrong == (whose if is_reported else "")
@@ -101,40 +101,42 @@ def test_the_heading_s_sign_is_the_autopilot_s_clockwise_of_ours():
 
 
 def test_it_is_reported_after_some_seconds_and_agrees_at_no_time_meanwhile():
-    opinion = reported(TRUE, TRUE)
-    wrong = turned(EAST, 25.0)
-    begin_us, words = opinion._last_us, []
+    opinion, wrong, words = reported(TRUE, TRUE), turned(EAST, 25.0), []
     for k in range(1, 30):
-        reported(TRUE, wrong, seconds=0.4, opinion=opinion, begin_us=begin_us + k * LOOK_EVERY_US)
+        reported(TRUE, wrong, looks=1, opinion=opinion, begin_us=LAST_US + k * LOOK_EVERY_US)
         words.append(opinion.opinion.verdict)
-    first = words.index(Verdict.DIFFERS)
-    assert set(words[:first]) == {Verdict.CANNOT_TELL}
+    first = words.index(DIFFERS)
+    assert set(words[:first]) == {CANNOT_TELL}
     assert first * LOOK_EVERY_US * 1e-6 == pytest.approx(4.8, rel=0.2)
 
 
 def test_an_autopilot_that_falls_silent_is_compared_no_more():
     opinion = reported(TRUE, TRUE)
-    assert opinion.record(opinion._last_us + 1_000_000).verdict == "agrees"
-    assert opinion.record(opinion._last_us + 3_000_000) is None
+    assert opinion.record(LAST_US + 1_000_000).verdict == "agrees"
+    assert opinion.record(LAST_US + 3_000_000) is None
 
 
 def test_velocity_shows_which_heading_is_right_where_there_is_no_field():
     """A vehicle that is pushed to and fro along north, and reports its velocity."""
-    wrong, opinion = turned(DOWN, -30.0), SecondOpinion()
-    speed, step_s = 0.0, LOOK_EVERY_US * 1e-6
-    for k in range(150):
-        time_us, push = k * LOOK_EVERY_US, 2.0 * cos(0.5 * k * step_s)
-        force = rotate_inverse(TRUE, (push, 0.0, -9.81))
-        looked(opinion, time_us, wrong, attitude(TRUE, time_us), force, None)
-        speed += push * step_s
-        opinion.velocities.append((time_us, (speed, 0.0, 0.0)))
-    assert opinion.opinion.wrong == "autopilot"
-    assert "velocity" in opinion.opinion.evidence
+    opinion, step_s, speed = SecondOpinion(), LOOK_EVERY_US * 1e-6, [0.0]
+
+    def pushed(k):
+        if k:  # what the last push has given comes behind it
+            opinion.velocities.append(((k - 1) * LOOK_EVERY_US, (speed[0], 0.0, 0.0)))
+        push = 2.0 * cos(0.5 * k * step_s)
+        speed[0] += push * step_s
+        return rotate_inverse(TRUE, (push, 0.0, -9.81))
+
+    no_field = {"field": (0.0, 0.0, 0.0), "place": None}
+    wrong = turned(DOWN, -30.0)
+    output = reported(TRUE, wrong, looks=150, opinion=opinion, force=pushed, **no_field).opinion
+    assert output.wrong == "autopilot"
+    assert "velocity" in output.evidence
 
 
 def test_one_sentence_has_all_that_a_person_needs():
     opinion = reported(TRUE, turned(DOWN, 25.0))
-    text = in_words(opinion.record(opinion._last_us))
+    text = in_words(opinion.record(LAST_US))
     assert text.startswith(
         "the autopilot's heading has been 25 deg off ours for 20 s, and ours is good to 2 deg; "
         "which is wrong is not known: the magnetic field is 0 deg off ours and 25 off the"
@@ -143,13 +145,12 @@ def test_one_sentence_has_all_that_a_person_needs():
 
 def test_intervals_are_kept_with_their_largest_difference():
     opinion = reported(TRUE, turned(NORTH, 30.0))
-    later_us = opinion._last_us + LOOK_EVERY_US
-    reported(TRUE, TRUE, opinion=opinion, begin_us=later_us)
+    reported(TRUE, TRUE, opinion=opinion, begin_us=LATER_US)
     (interval,) = opinion.intervals
     assert interval.inclination_deg == pytest.approx(30.0, abs=0.1)
-    assert interval.end_us < later_us + 10_000_000
+    assert interval.end_us < LATER_US + 10_000_000
     assert interval.wrong == "autopilot"
-    assert opinion.opinion.verdict is Verdict.AGREES
+    assert opinion.opinion.verdict is AGREES
 
 
 @pytest.mark.parametrize(("behind_us", "off_deg"), [(0, 0.0), (100_000, 5.0)])
@@ -189,25 +190,20 @@ def test_the_evidence_begins_anew_with_our_attitude():
 @pytest.mark.parametrize("place", [PLACE, None])
 def test_an_accelerometer_that_leads_ours_astray_is_nobody_s_fault_or_ours(place):
     """4 m/s^2 to the nose: the force is 8 % too large, and the dip is off as we see it."""
-    tilt = multiply(turn(EAST, -degrees(atan2(4.0, 9.81))), TRUE)
-    opinion = SecondOpinion()
-    for k in range(50):
-        time_us = k * LOOK_EVERY_US
-        force = rotate_inverse(tilt, (0.0, 0.0, -hypot(9.81, 4.0)))
-        field = rotate_inverse(TRUE, FIELD)
-        looked(opinion, time_us, TRUE, attitude(tilt, time_us), force, field, place)
-    assert opinion.opinion.verdict is Verdict.DIFFERS
-    assert opinion.opinion.wrong == ("" if place is None else "ours")
-    assert "8% off gravity's strength" in opinion.opinion.evidence
+    tilt = turned(EAST, -degrees(atan2(4.0, 9.81)))
+    force = rotate_inverse(tilt, (0.0, 0.0, -hypot(9.81, 4.0)))
+    output = reported(tilt, TRUE, place=place, force=lambda _: force).opinion
+    assert output.verdict is DIFFERS
+    assert output.wrong == ("" if place is None else "ours")
+    assert "8% off gravity's strength" in output.evidence
 
 
 def test_the_evidence_that_named_one_stays_with_the_interval():
-    turned = multiply(turn(DOWN, 30.0), TRUE)
-    opinion = reported(TRUE, turned, place=None, faults=("its own filter calls it not good", ""))
-    later_us = opinion._last_us + LOOK_EVERY_US
-    reported(TRUE, turned, place=None, opinion=opinion, begin_us=later_us)
+    wrong = turned(DOWN, 30.0)
+    opinion = reported(TRUE, wrong, place=None, faults=("its own filter calls it not good", ""))
+    reported(TRUE, wrong, place=None, opinion=opinion, begin_us=LATER_US)
     (interval,) = opinion.intervals
-    assert (interval.end_us > later_us, interval.wrong) == (True, "autopilot")
+    assert (interval.end_us > LATER_US, interval.wrong) == (True, "autopilot")
     assert "calls it not good" in interval.evidence
 
 
@@ -222,15 +218,13 @@ def test_a_push_of_less_than_0_7_m_s2_shows_no_heading_however_seldom_velocity_c
 
 
 def test_a_look_at_an_earlier_time_begins_anew():
-    wrong = multiply(turn(NORTH, 30.0), TRUE)
+    wrong = turned(NORTH, 30.0)
     opinion = reported(TRUE, wrong, begin_us=100_000_000)
-    assert opinion.opinion.verdict is Verdict.DIFFERS
-    reported(TRUE, wrong, seconds=0.4, opinion=opinion)
-    assert opinion.opinion.verdict is Verdict.CANNOT_TELL
+    assert opinion.opinion.verdict is DIFFERS
+    reported(TRUE, wrong, looks=1, opinion=opinion)
+    assert opinion.opinion.verdict is CANNOT_TELL
 
 
 def test_a_roll_of_almost_a_half_turn_differs_by_the_short_way():
-    opinion = SecondOpinion()
-    ours, theirs = turn(NORTH, 178.8), turn(NORTH, -178.8)
-    looked(opinion, 0, theirs, attitude(ours), (0.0, 0.0, 9.8), None)
+    opinion = reported(turn(NORTH, 178.8), turn(NORTH, -178.8), looks=1)
     assert opinion.record(0).roll_deg == pytest.approx(2.4, abs=0.01)

@@ -5,8 +5,9 @@ import random
 
 import pytest
 
-from drivers.mavlink.constants import mavlink
+from drivers.simulation.simulated_vehicle import SimulatedVehicle
 from service.records import State
+from tests.drivers.mavlink.messages import frame, m
 from tests.service.flight_rig import SETTLE_S, Rig, apart_deg, frozen, spiked, states
 
 
@@ -58,10 +59,8 @@ def test_a_sensor_stuck_for_less_than_half_a_second_is_a_gap(fields, seconds, be
         for _ in range(4):
             rig.fly(1.7)
             rig.fly(seconds, frozen(*fields))
-            covered += [
-                error_deg < record.sigma_deg.inclination
-                for error_deg, record in zip(rig.tilt_errors_deg[2:], rig.records[2:], strict=True)
-            ]
+            pairs = zip(rig.tilt_errors_deg[2:], rig.records[2:], strict=True)
+            covered += [error_deg < record.sigma_deg.inclination for error_deg, record in pairs]
             assert not [text for text in rig.messages if "stuck" in text]
             rig.fly(1.0)
             behind += rig.tilt_errors_deg
@@ -72,8 +71,6 @@ def test_a_sensor_stuck_for_less_than_half_a_second_is_a_gap(fields, seconds, be
 
 @pytest.mark.parametrize("motion", ["rest", "turn"])
 def test_a_simulator_without_noise_is_not_called_stuck(motion):
-    from drivers.simulation.simulated_vehicle import SimulatedVehicle
-
     rig = Rig()
     rig.samples = SimulatedVehicle(seed=0, rate_hz=50.0, motion=motion, noise=0.0)
     rig.fly(10.0)
@@ -114,17 +111,11 @@ def test_after_a_saturated_gyroscope_the_attitude_is_aligned_anew(profile, limit
 
 
 def highres(sample, **fields):
-    m = mavlink()
-    values = dict(
-        zip(("xacc", "yacc", "zacc"), sample.acc_m_s2, strict=True),
-        **dict(zip(("xgyro", "ygyro", "zgyro"), sample.gyr_rad_s, strict=True)),
-        **dict(zip(("xmag", "ymag", "zmag"), sample.mag_gauss, strict=True)),
-    )
-    message = m.MAVLink_highres_imu_message(
-        sample.time_us, **{**values, **fields}, abs_pressure=0, diff_pressure=0, pressure_alt=0,
-        temperature=0, fields_updated=0,
-    )  # fmt: skip
-    return bytes(message.pack(m.MAVLink(None, srcSystem=1, srcComponent=1)))
+    vectors = (*sample.acc_m_s2, *sample.gyr_rad_s, *sample.mag_gauss)
+    message = m.MAVLink_highres_imu_message(sample.time_us, *vectors, 0, 0, 0, 0, 0)
+    for name, value in fields.items():
+        setattr(message, name, value)
+    return frame(message)
 
 
 @pytest.mark.parametrize(

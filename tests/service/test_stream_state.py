@@ -83,7 +83,6 @@ def alternate(drops, period_us, seconds, seed=0):
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("period_us", [250_000, 400_000])
 def test_a_lossy_link_does_not_make_two_imus_alternate(period_us, seed):
-    """Holes of 3 to 4.5 s in one message, every 20 s: 21 changes to and fro before."""
     drops = [(20 * k + 5, 20 * k + 8 + 0.3 * (k % 6)) for k in range(20)]
     assert alternate(drops, period_us, 400, seed) == ["RAW_IMU"]
 
@@ -138,19 +137,12 @@ GPS, GLOBAL, LOCAL = "GPS_RAW_INT", "GLOBAL_POSITION_INT", "LOCAL_POSITION_NED"
     [
         ([(GPS, 0), (GLOBAL, 10), (GPS, 20), (LOCAL, 30), (GLOBAL, 40)], "++-+-"),
         ([(LOCAL, 0), (GLOBAL, 2_000_000), (GLOBAL, 2_000_001), (LOCAL, 2_000_002)], "+-++"),
-        (  # silence counts from the last of its messages
-            [
-                (LOCAL, 0),
-                (LOCAL, 1_500_000),
-                (GLOBAL, 3_000_000),
-                (GPS, 3_600_000),
-                (GLOBAL, 3_700_000),
-            ],
-            "++-++",
-        ),
+        # silence counts from the last of its messages
+        ([(LOCAL, 0), (LOCAL, 1_500_000), (GLOBAL, 3_000_000), (GPS, 3_600_000),
+          (GLOBAL, 3_700_000)], "++-++"),
         ([("somebody", 0), (GPS, 1), ("somebody", 2)], "++-"),
     ],
-)
+)  # fmt: skip
 def test_of_reports_the_best_one_that_comes_is_used(arrivals, taken):
     stream, sample = ImuStream(), VelocitySample(0, (0.0, 0.0, 0.0), True, 0.3)
     found = [stream.uses(Report(VehicleId(1, 1), us, name, sample)) for name, us in arrivals]

@@ -1,13 +1,11 @@
-"""How many cases of a small choice are wrong and sure of it, and whether their truth is one.
-
-``benchmarks/truth.py`` has all cases, and explains "wrong and sure".
-"""
+"""How many cases of a small choice are wrong and sure of it (see ``benchmarks/truth.py``)."""
 
 from itertools import product
 from math import isclose
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 
 from estimator.geometry.rotations import conjugate, rotate_inverse
 from estimator.types import STANDARD_GRAVITY_M_S2
@@ -73,13 +71,9 @@ def test_a_fault_changes_its_own_readings_from_its_beginning_on(kind):
     healthy = sense(MOTIONS["hand"](Draw(1)), 25.0, field, seed=1)
     fault = Fault(kind, 1, 0.5, begin_s=30.0, end_s=50.0)
     broken = impair(healthy, fault, seed=1)
-    first = {
-        "gyroscope": "gyr_rad_s",
-        "accelerometer": "acc_m_s2",
-        "magnetometer": "mag_gauss",
-        "velocity": "velocity_m_s",
-        "clock": "stamp_s",
-    }[kind.split()[0]]
+    sensors = ("gyroscope", "accelerometer", "magnetometer", "velocity", "clock")
+    fields = ("gyr_rad_s", "acc_m_s2", "mag_gauss", "velocity_m_s", "stamp_s")
+    first = fields[sensors.index(kind.split()[0])]
     for name in healthy._fields:
         changed = np.atleast_2d((getattr(broken, name) != getattr(healthy, name)).T).any(axis=0)
         before, after = changed[healthy.time_s < 30.0], changed[healthy.time_s >= 30.0]
@@ -88,8 +82,6 @@ def test_a_fault_changes_its_own_readings_from_its_beginning_on(kind):
 
 
 def test_drawn_faults_are_the_same_for_the_same_seed():
-    one, other = (
-        [drawn_fault(rng) for _ in range(50)] for rng in map(np.random.default_rng, (7, 7))
-    )
+    one, other = ([drawn_fault(rng) for _ in range(50)] for rng in (default_rng(7), default_rng(7)))
     assert one == other
     assert len({fault.kind for fault in one}) > 8

@@ -14,8 +14,8 @@ from tests.service.flight_rig import ONE, START_US
 PERIOD_US = 20_000
 
 
-def report(vehicle, parameter):
-    vehicle.parameters.take(parameter, vehicle.estimator)
+def report(vehicle, name, value):
+    vehicle.parameters.take(Parameter(ONE, START_US, name, value), vehicle.estimator)
 
 
 def status(vehicle, now_us):
@@ -84,8 +84,7 @@ def test_a_running_silence_counts_as_a_gap(vehicle):
 
 def test_another_imu_takes_over_after_half_a_second_with_its_own_bias(vehicle):
     feed(vehicle, 1, 10)
-    for number in range(11, 35):  # until 0.5 s after the last
-        vehicle.on_imu(imu(number * PERIOD_US, "SCALED_IMU2"))
+    feed(vehicle, 11, 34, "SCALED_IMU2")  # until 0.5 s after the last
     assert vehicle.imu.message == "RAW_IMU"
     assert vehicle.estimator.calls == []
     vehicle.on_imu(imu(36 * PERIOD_US, "SCALED_IMU2"))  # 0.52 s after it
@@ -120,16 +119,12 @@ def test_refusals_are_counted_of_the_imu_in_use(vehicle):
 
 
 def test_a_compass_is_judged_by_all_three_offsets(vehicle):
-    def offset(axis, value):
-        report(vehicle, Parameter(ONE, START_US, f"COMPASS_OFS_{axis}", value))
-
-    offset("X", 0.0)
-    offset("Y", 0.0)
-    report(vehicle, Parameter(ONE, START_US, "COMPASS_OFS2_X", 3.0))  # of another compass
+    for name, value in {"OFS_X": 0.0, "OFS_Y": 0.0, "OFS2_X": 3.0}.items():  # the last of another
+        report(vehicle, f"COMPASS_{name}", value)
     assert vehicle.estimator.calls == []
-    offset("Z", 0.0)
+    report(vehicle, "COMPASS_OFS_Z", 0.0)
     assert vehicle.estimator.calls == [(CALIBRATED, False)]
-    offset("Y", 12.0)  # one that is not zero is enough
+    report(vehicle, "COMPASS_OFS_Y", 12.0)  # one that is not zero is enough
     assert vehicle.estimator.calls == [(CALIBRATED, False), (CALIBRATED, True)]
 
 
@@ -152,11 +147,7 @@ def test_an_attitude_is_never_older_than_its_sample(vehicle):
 
 
 def test_while_a_clock_may_have_stood_still_the_attitude_does_not_run_ahead(vehicle):
-    """The vehicle stops for 0.3 s, its clock too: what comes then is as late as a lost third.
-
-    Until that shows (0.25 s of evenly late samples) the attitude is the last sample's, and its age
-    shows it; from then on both are as before.
-    """
+    """Until a stop shows, the attitude is the last sample's, and its age shows it."""
     stall_us = 300_000
     feed(vehicle, 1, 100)
     ages_ms, ahead_us = [], []
@@ -186,17 +177,14 @@ def test_samples_a_little_late_are_made_up_for(vehicle):
     [(0, True), (900_000, True), (-900_000, True), (5_000_000, False), (-5_000_000, False)],
 )
 def test_rates_stamped_by_another_clock_than_the_imu_s_are_not_used(vehicle, off_us, taken):
-    """Some autopilots stamp ATTITUDE seconds early or late."""
+    """Some autopilots stamp ATTITUDE seconds early or late; nor are any before the first sample."""
+    vehicle.on_report(BodyRates(ONE, START_US, "ATTITUDE", RateSample(0, (0.1, 0.2, 0.3))))
+    assert vehicle.estimator.calls == []
     feed(vehicle, 1, 10)
     arrival_us = START_US + 10 * PERIOD_US + 3_000
     sample = RateSample(10 * PERIOD_US + 1_000 + off_us, (0.1, 0.2, 0.3))
     vehicle.on_report(BodyRates(ONE, arrival_us, "ATTITUDE", sample))
     assert (("update_report", sample) in vehicle.estimator.calls) == taken
-
-
-def test_rates_before_the_first_imu_sample_are_not_used(vehicle):
-    vehicle.on_report(BodyRates(ONE, START_US, "ATTITUDE", RateSample(0, (0.1, 0.2, 0.3))))
-    assert vehicle.estimator.calls == []
 
 
 def test_the_worst_gap_stays_when_a_shorter_one_comes_with_a_reboot(vehicle):
@@ -210,8 +198,8 @@ def test_the_worst_gap_stays_when_a_shorter_one_comes_with_a_reboot(vehicle):
 def test_the_sensors_filters_show_how_old_the_samples_are(vehicle):
     """At low frequencies a second-order Butterworth filter of 4 Hz is 56.3 ms late."""
     for cutoff_hz in (4.0, 0.0, 4.0):  # none: nothing is known; again: what was learnt stays
-        report(vehicle, Parameter(ONE, START_US, "INS_GYRO_FILTER", cutoff_hz))
-    report(vehicle, Parameter(ONE, START_US, "INS_ACCEL_FILTER", 10.0))
+        report(vehicle, "INS_GYRO_FILTER", cutoff_hz)
+    report(vehicle, "INS_ACCEL_FILTER", 10.0)
     assert vehicle.estimator.lags_ms() == [(56.27, 56.27), (56.27, 22.51)]
     vehicle.estimator.restart()
     known = vehicle.estimator.snapshot.context
@@ -233,6 +221,6 @@ def test_ardupilots_rovers_filter_at_4_and_10_hz_unless_a_parameter_differs(vehi
     vehicle.take(px4)
     assert vehicle.estimator.snapshot.context.imu_lag_s is None
     vehicle.take(rover)
-    report(vehicle, Parameter(ONE, START_US, "INS_GYRO_FILTER", 20.0))
+    report(vehicle, "INS_GYRO_FILTER", 20.0)
     vehicle.take(rover)
     assert vehicle.estimator.lags_ms()[1:] == [(56.27, 22.51), (11.25, 22.51)]

@@ -1,8 +1,4 @@
-"""Sensors' readings of a true motion, and what can go wrong with them.
-
-The readings have the errors of ordinary MEMS sensors and a compass with some iron left over.
-A fault changes them from ``begin_s`` to ``end_s``; one of no length lasts to the end.
-"""
+"""Readings of ordinary sensors of a true motion, and what can go wrong with them for a while."""
 
 from collections.abc import Callable
 from math import cos, radians, sin
@@ -200,18 +196,15 @@ KINDS: dict[str, Kind] = {
 
 def listed_faults() -> list[Fault]:
     """One of each kind and axis."""
-    axes = [
-        Fault(f"gyroscope {kind}", axis, size)
-        for kind, size in (
-            ("stuck", 0.0),
-            ("offset", 0.1),
-            ("offset", 0.5),
-            ("scale", 2.0),
-            ("noise", 0.3),
-            ("saturated", 0.5),
-        )
-        for axis in range(3)
-    ]
+    kinds = {
+        "stuck": [0.0],
+        "offset": [0.1, 0.5],
+        "scale": [2.0],
+        "noise": [0.3],
+        "saturated": [0.5],
+    }
+    sized = [(f"gyroscope {kind}", size) for kind, sizes in kinds.items() for size in sizes]
+    axes = [Fault(kind, axis, size) for kind, size in sized for axis in range(3)]
     return [
         HEALTHY,
         *axes,
@@ -260,6 +253,5 @@ def drawn_fault(rng: np.random.Generator) -> Fault:
     size = float(sizes.get(kind, 0.0)) * (rng.choice((-1.0, 1.0)) if "offset" in kind else 1.0)
     if is_constant:
         end_s = DURATION_S
-    return Fault(
-        kind, int(rng.integers(3)), float(f"{size:.3g}"), round(begin_s, 1), round(end_s, 1)
-    )
+    axis, size = int(rng.integers(3)), float(f"{size:.3g}")
+    return Fault(kind, axis, size, round(begin_s, 1), round(end_s, 1))

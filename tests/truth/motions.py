@@ -1,10 +1,4 @@
-"""True motions, from which all readings are made.
-
-Paths are differentiated twice, attitudes are as the kind of vehicle has them: a car stays
-flat, a plane banks so that its turn is coordinated, a copter leans so that its thrust carries
-it along. All of them are closed functions of time or integrals of one, on a fine
-grid of ``FINE_HZ``; most stand still for ``REST_S`` first. Nothing is shared with the estimator.
-"""
+"""True motions in closed form on a fine grid, from which all readings are made."""
 
 from collections.abc import Callable
 from typing import NamedTuple

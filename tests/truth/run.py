@@ -1,8 +1,4 @@
-"""One motion with one fault, as MAVLink frames through decoder and pipeline, and the verdict.
-
-Time is given, nothing waits. A tick comes with every IMU message, so that an attitude is published
-for the time of each sample.
-"""
+"""One motion with one fault, as MAVLink frames through decoder and pipeline, and the verdict."""
 
 from collections.abc import Iterator
 from math import cos, radians
@@ -12,13 +8,13 @@ import numpy as np
 
 from drivers.mavlink.constants import mavlink
 from drivers.mavlink.decoder import MavlinkDecoder
-from drivers.mavlink.framing import FrameReader
 from estimator.arrays import Floats
 from estimator.geometry.rotations import conjugate, exp, multiply
 from estimator.profile import load_profile
 from estimator.types import STANDARD_GRAVITY_M_S2
 from service.pipeline import Pipeline
 from service.records import AttitudeRecord, Published, StatusRecord
+from tests.service.flight_rig import Wire
 from tests.truth.faults import HEALTHY, Fault, Flags, Place, Readings, earth_field, impair, sense
 from tests.truth.motions import FINE_HZ, MOTIONS, REST_S, Draw, Motion
 
@@ -90,15 +86,13 @@ def judge(case: Case, profile: str = "imu") -> Verdict:
     printed: list[_Said] = []
     warnings: dict[str, float] = {}
     rejected: dict[str, float] = {}
-    service = Pipeline(load_profile(profile))
-    decoder, reader = MavlinkDecoder(references=False), FrameReader()
+    service, wire = Pipeline(load_profile(profile)), Wire(MavlinkDecoder(references=False))
     is_warned = False
     for row, frames in enumerate(_frames(case, motion, readings)):
         time_s = float(readings.time_s[row])
         now_us = START_UNIX_US + round(1e6 * (time_s + UNDER_WAY_S))
-        for frame in reader.feed(frames):
-            for event in decoder.events(frame, now_us):
-                service.handle(event)
+        for event in wire.events(frames, now_us):
+            service.handle(event)
         for output in service.tick(now_us):
             match output:
                 case Published(record=StatusRecord() as status):
@@ -130,11 +124,9 @@ def _frames(case: Case, motion: Motion, readings: Readings) -> Iterator[bytes]:
     other = sense(motion, case.rate_hz, earth_field(case.place), case.seed + 1)
     counts, other_counts = _whole(readings), _whole(other)
     reports = _Reports(case, readings)
-    if case.beside == "offsets":
-        offsets = ((f"COMPASS_OFS_{axis}".encode(), 12.0, 9, 3, k) for k, axis in enumerate("XYZ"))
-        first = b"".join(pack("param_value", *offset) for offset in offsets)
-    else:
-        first = b""
+    axes = enumerate("XYZ" if case.beside == "offsets" else "")
+    offsets = ((f"COMPASS_OFS_{axis}".encode(), 12.0, 9, 3, k) for k, axis in axes)
+    first = b"".join(pack("param_value", *offset) for offset in offsets)
     next_beat_s, begin_s = 0.0, 0.0 if motion.velocity_m_s[0].any() else REST_S
     for row, time_s in enumerate(readings.time_s):
         out, first = first, b""

@@ -5,19 +5,18 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import ExitStack, contextmanager
-from pathlib import Path
+from contextlib import contextmanager
 
 import pytest
 
 from fuzzbee.cli import main
-from tests.fuzzbee.processes import cpu_s, started
+from tests.fuzzbee.processes import begun, cpu_s, started
+from tests.programs import ROOT
 
 pytest.importorskip("distributed")
 
 pytestmark = pytest.mark.slow
 
-REPOSITORY = Path(__file__).resolve().parents[2]
 LOOPBACK = ("--host", "127.0.0.1", "--no-dashboard", "--dashboard-address", "127.0.0.1:0")
 SEARCH = ["sim:", "--sources", "10", "--cycles", "300", "--noise-seeds", "100-101"]
 SEARCH += ["--held-out-seeds", "200"]
@@ -26,14 +25,10 @@ SEARCH += ["--held-out-seeds", "200"]
 @contextmanager
 def running(module, words, *options):
     """A process of Dask once a line of its log holds ``words``, and that line."""
-    process = subprocess.Popen(
-        [sys.executable, "-W", "ignore", "-m", f"distributed.cli.{module}", *options, *LOOPBACK],
-        env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    with process:
+    command = (sys.executable, "-W", "ignore", "-m", f"distributed.cli.{module}")
+    environment = {**os.environ, "PYTHONPATH": ROOT}
+    settings = {"env": environment, "stdout": subprocess.DEVNULL}
+    with begun(*command, *options, *LOOPBACK, **settings) as process:
         try:
             line = next((line for line in process.stderr if words in line), None)
             assert line, "it has ended"
@@ -50,14 +45,13 @@ def scheduler():
 
 @pytest.fixture
 def workers(scheduler, tmp_path):
+    to = ("dask_worker", "Registered to:", scheduler)
     alone = ("--no-nanny", "--nthreads", "1", "--local-directory")
-    with ExitStack() as stack:
-        yield [
-            stack.enter_context(
-                running("dask_worker", "Registered to:", scheduler, *alone, str(tmp_path / name))
-            )[0]
-            for name in ("one", "two")
-        ]
+    with (
+        running(*to, *alone, tmp_path / "one") as (first, _),
+        running(*to, *alone, tmp_path / "two") as (second, _),
+    ):
+        yield first, second
 
 
 def test_the_same_file_with_a_worker_killed_in_mid_run(scheduler, workers, tmp_path):

@@ -39,10 +39,7 @@ def fail(x):
 
 
 def flown(*answers, sources=10, limit=1000, seed=3, first=(), cycles=1):
-    """Phases of a colony whose candidates cost what the answers say, the last again and again.
-
-    The last is the end, at which nothing is asked.
-    """
+    """Phases of a colony whose candidates cost what the answers say, the last again and again."""
     phases = []
 
     def evaluate(x):
@@ -72,10 +69,7 @@ def test_it_starts_where_it_is_asked_to_and_at_random_and_no_source_gets_worse()
 
 
 def test_each_bee_moves_one_coordinate_towards_or_away_from_another_source():
-    """Of any three sources, employed or onlooker: with itself as the other it would stay.
-
-    alpha takes both signs and fills [-1, 1]: with two sources the other one is known.
-    """
+    """Never towards itself, by which it would stay; alpha fills [-1, 1]."""
     alphas = []
     for seed, sources in [*((seed, 3) for seed in range(200)), *((seed, 2) for seed in range(300))]:
         for phase in flown(sphere, fail, sources=sources, seed=seed)[1:3]:

@@ -29,7 +29,7 @@ def flight(seed, tilt_rad, matrix, turns=True):
 
 
 def test_offsets_lie_within_three_sigma():
-    """Of 36 components 36 (35 within one), in flat and steep flights, half with soft iron."""
+    """In flat and steep flights, half with soft iron."""
     within, shown = [], []
     for seed in range(12):
         soft = np.random.default_rng(100 + seed).normal(0.0, 0.03, (3, 3)) * (seed % 2)
@@ -47,7 +47,7 @@ def test_offsets_lie_within_three_sigma():
 
 
 def test_a_sphere_fitted_without_the_model_agrees():
-    """|m|^2 = 2 b.m + c, linear in b: 1 mG apart in a flight with all turns."""
+    """|m|^2 = 2 b.m + c, linear in b."""
     mag, down, _ = flight(2, 1.5, np.eye(3))
     sphere = np.linalg.lstsq(np.column_stack([2.0 * mag, np.ones(N)]), (mag**2).sum(1))[0][:3]
     assert np.abs(fit_compass(mag, down, FIELD).offset_gauss - sphere).max() < 2e-3

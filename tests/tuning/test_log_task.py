@@ -14,22 +14,14 @@ from estimator.profile import load_profile, merge_profile
 from fuzzbee import replay
 from fuzzbee.replays.log_report import report_log
 from fuzzbee.tune.read_flight import read_flight
+from tests.fuzzbee.recording import DATA
+from tests.fuzzbee.recording import SLOW as SLOW_LOG
 from tuning.calls import WRONG_TURN, Call
 from tuning.flight import Flight, fly, require_substance
-from tuning.flight_cost import (
-    FLOOR_DEG,
-    Figure,
-    FlightFigures,
-    geometric_mean,
-    harm,
-    measure,
-    score_errors,
-)
+from tuning.flight_cost import Figure, FlightFigures, geometric_mean, harm, measure, score_errors
 from tuning.recovery import RECOVERY_S, SETTLE_S, recoveries, recovery_cost, recovery_errors
 from tuning.task import LATER_PART, default_groups, split
 
-DATA = Path(__file__).resolve().parents[1] / "data"
-SLOW_LOG = DATA / "sitl_copter_4hz.tlog"
 LOGS = sorted(path for path in DATA.iterdir() if path.suffix in (".tlog", ".ulg", ".bin"))
 
 
@@ -45,19 +37,12 @@ def recorded():
 def flight(rate_hz=50.0, duration_s=80.0, seed=3, **changes):
     """The simulated vehicle; the declination makes the learnt north agree with the truth."""
     n = int(rate_hz * duration_s)
-    flown = simulate(seed, n, rate_hz, noise=0.3, bias=0.1)
-    times_us = np.round(1e6 * np.arange(n) / rate_hz)
-    columns = (flown.gyr_rad_s, flown.acc_m_s2, flown.mag_gauss)
+    flown, every = simulate(seed, n, rate_hz, noise=0.3, bias=0.1), np.ones(n, dtype=bool)
+    times_us = np.round(1e6 * np.arange(n) / rate_hz).astype(np.int64)
+    rows = rows_of(times_us, flown.gyr_rad_s, flown.acc_m_s2, flown.mag_gauss, every)
+    named = {"path": Path("flight"), "sha256": f"{seed}", "message": "RAW_IMU", "reference": "sim"}
     made = Flight(
-        path=Path("flight"),
-        sha256=f"{seed}",
-        message="RAW_IMU",
-        reference="sim",
-        rows=rows_of(times_us.astype(np.int64), *columns, np.ones(n, dtype=bool)),
-        calls={},
-        truth=flown.q_ned_frd,
-        known=np.ones(n, dtype=bool),
-        headed=np.ones(n, dtype=bool),
+        **named, rows=rows, calls={}, truth=flown.q_ned_frd, known=every, headed=every.copy()
     )
     return made._replace(**changes)
 
@@ -65,11 +50,9 @@ def flight(rate_hz=50.0, duration_s=80.0, seed=3, **changes):
 def test_a_flight_is_scored_as_replay_scores_it(recorded):
     """To the last digit: the same calls to the same estimator, aided by velocity in this flight."""
     report = report_log(SLOW_LOG, imu())
-    figures = measure(imu(), recorded)
-    assert figures.inclination.rms_deg == report.error_deg.inclination_rms
-    assert figures.heading.rms_deg == report.error_deg.heading_rms
-    assert figures.inclination.coverage == report.coverage.inclination
-    assert figures.heading.coverage == report.coverage.heading
+    for angle, figure in zip(("inclination", "heading"), measure(imu(), recorded)[:2], strict=True):
+        assert figure.rms_deg == getattr(report.error_deg, f"{angle}_rms")
+        assert figure.coverage == getattr(report.coverage, angle)
     named = {call.method for calls in recorded.calls.values() for call in calls}
     assert "set_position" in named
     assert len(recorded.reports) > 100
@@ -97,7 +80,7 @@ def test_an_honest_sigma_is_the_cheapest(scale):
 
 
 def test_a_percent_of_a_good_flight_counts_as_much_as_of_a_bad_one():
-    assert FLOOR_DEG == 0.1
+    """Above a floor of 0.1 deg."""
     assert geometric_mean([0.8, 19.9]) == pytest.approx(geometric_mean([0.9, 17.9]), rel=1e-9)
     assert geometric_mean([0.8, 19.9]) < geometric_mean([0.9, 19.9])
 
@@ -145,11 +128,7 @@ def test_the_estimate_is_set_wrong_by_a_turn_seen_from_ned():
     expected = 1.0 - (w * w + z * z)  # sin^2 of half the angle between down and down turned
     errors = recovery_errors(imu(), made, found)[[each.first for each in found]]
     assert errors == pytest.approx(expected, rel=1e-6)
-
-
-def test_where_there_is_no_estimate_it_is_as_wrong_as_can_be():
-    """Of rates that are no numbers no sample is taken."""
-    made = flight(duration_s=30.0)
+    # of rates that are no numbers no sample is taken: it is as wrong as can be
     unread = made._replace(rows=made.rows._replace(gyr_rad_s=np.nan * made.rows.gyr_rad_s))
     assert (recovery_errors(imu(), unread, []) == 1.0).all()
 

@@ -10,18 +10,8 @@ from estimator.profile import load_profile, profile_to_json
 from estimator.types import ZERO_VEC3, ImuSample, VelocitySample
 from tests.paper_noise import NoiseScale, samples_of, simulate_scaled
 from tuning.calls import WRONG_TURN, LoggedEstimator
-from tuning.online.retuner import (
-    CHANGED,
-    LEAST_GAIN,
-    MOST_FACTOR,
-    MOST_MOVE,
-    RetunedEstimator,
-    Retuner,
-    Trial,
-    numbers_of,
-    space_around,
-    update_of,
-)
+from tuning.online import retuner
+from tuning.online.retuner import MOST_FACTOR, MOST_MOVE, RetunedEstimator, update_of
 from tuning.online.segment import (
     LONGEST_GAP_S,
     SEGMENT_S,
@@ -53,8 +43,8 @@ def flown(
     is_noisy = (time_s >= CHANGE_S) & (time_s < until_s)
     scale = NoiseScale(*(np.where(is_noisy, each, 1.0) for each in (gyroscope, vectors)))
     made = simulate_scaled(seed, len(time_s), scale)
-    retuner = Retuner(PAPER, seed) if look is None else Retuner(PAPER, seed, look)
-    estimator = RetunedEstimator(PAPER, retuner=retuner) if retune else Estimator(PAPER)
+    given = retuner.Retuner(PAPER, seed, *([] if look is None else [look]))
+    estimator = RetunedEstimator(PAPER, retuner=given) if retune else Estimator(PAPER)
     q = np.empty((len(time_s), 4))
     for k, sample in enumerate(changed(made, **more)):
         estimator.update(sample)
@@ -73,7 +63,7 @@ def test_more_noise_is_answered_by_the_colony_and_again_alike(vectors, gyroscope
     assert e < share * flown(60.0, vectors, gyroscope, retune=False)[2]
     first = estimator.decisions[0][1]
     assert times_s(estimator)[0] >= CHANGE_S + 2 * SEGMENT_S
-    assert first.gain > LEAST_GAIN
+    assert first.gain > retuner.LEAST_GAIN
     gravity = first.update["confidence"]["gravity"] / PAPER.confidence.gravity
     assert 1.0 / MOST_MOVE - 1e-9 <= gravity < 0.7
     assert first.update["confidence"]["cross"] == pytest.approx(gravity)
@@ -82,11 +72,13 @@ def test_more_noise_is_answered_by_the_colony_and_again_alike(vectors, gyroscope
     assert np.array_equal(same, q)
 
 
-def test_where_nothing_changes_nothing_is_changed():
-    """To the last bit."""
+def test_where_nothing_changes_nothing_is_changed_but_by_somebodys_own_profile():
+    """To the last bit; that profile is the base from then on."""
     estimator, q, _ = flown(45.0)
     assert estimator.decisions == []
     assert np.array_equal(q, flown(45.0, retune=False)[1])
+    estimator.replace_profile(own := load_profile("adaptive"))
+    assert profile_to_json(estimator.retuner.profile) == profile_to_json(own)
 
 
 def test_noise_that_is_over_is_followed_back():
@@ -170,12 +162,12 @@ def test_a_gap_breaks_a_segment(late_s, broken):
 def test_a_candidate_wins_beyond_chance_and_by_enough(blocks, saved, won):
     """Student's t is saved / (0.4 / sqrt(blocks)): 2.5, 1.5, 1.75, -2.5, 15 and 10; 2 is needed."""
     offs = saved + 0.4 * np.sqrt((blocks - 1) / blocks) * np.tile([-1.0, 1.0], blocks // 2)
-    tried = Trial(np.ones(2), CHANGED).with_costs(np.ones(blocks), 1.0 - offs)
+    tried = retuner.Trial(np.ones(2), retuner.CHANGED).with_costs(np.ones(blocks), 1.0 - offs)
     assert tried.has_won == won
 
 
 def test_a_move_is_bounded_and_so_is_what_moves_lead_to():
-    edge = space_around(PAPER, np.array([1.5 / MOST_FACTOR, MOST_FACTOR / 1.5]))
+    edge = retuner.space_around(PAPER, np.array([1.5 / MOST_FACTOR, MOST_FACTOR / 1.5]))
     low, high = zip(*((each.lower, each.upper) for each in edge), strict=True)
     assert low == pytest.approx((1 / MOST_FACTOR, MOST_FACTOR / 1.5 / MOST_MOVE))
     assert high == pytest.approx((1.5 / MOST_FACTOR * MOST_MOVE, MOST_FACTOR))
@@ -187,16 +179,10 @@ def test_factors_go_by_their_powers_and_leave_the_rest():
         "filter": {"gamma": 3.0},
     }
     imu = load_profile("imu")
-    twice = np.where(np.array([*numbers_of(imu)]) == "heading", 2.0, 1.0)
+    twice = np.where(np.array([*retuner.numbers_of(imu)]) == "heading", 2.0, 1.0)
     before, after = (update_of(imu, factors)["conditioning"] for factors in (twice**0.0, twice))
     variance = "heading_noise_rad2_s"
     assert after[variance] == pytest.approx(4.0 * before[variance])
-
-
-def test_somebodys_own_profile_is_the_base_from_then_on():
-    estimator, own = RetunedEstimator(PAPER), load_profile("adaptive")
-    estimator.replace_profile(own)
-    assert profile_to_json(estimator.retuner.profile) == profile_to_json(own)
 
 
 def readings(noise=1.0, step_us=10_000):
@@ -225,13 +211,9 @@ def test_noise_is_what_was_put_in_also_while_it_turns():
 )
 def test_noise_has_moved_where_it_doubles_and_not_by_a_stronger_field(noise, field, moved):
     now = readings(noise)
-    assert (
-        has_moved(noise_of(readings()), noise_of(now._replace(mag_gauss=field * now.mag_gauss)))
-        == moved
-    )
+    stronger = now._replace(mag_gauss=field * now.mag_gauss)
+    assert has_moved(noise_of(readings()), noise_of(stronger)) == moved
 
-
-# --- every call that changes an estimator is logged
 
 # They change nothing, call what is logged, or are logged by whoever keeps segments: a profile ends
 # one. Nor does a property change anything.

@@ -64,10 +64,7 @@ def test_refuses_a_base_that_is_not_the_papers_system():
 
 
 def test_its_figures_are_those_of_the_paper_and_of_scipy():
-    """The angle, the paper's sum, and when the error is first below one percent.
-
-    It starts next to the unstable equilibrium.
-    """
+    """It starts next to the unstable equilibrium."""
     result = run_experiment(load_profile("paper"), seed=7)
     assert result.true_error[0] == pytest.approx(0.9997, abs=5e-5)
     truth = Rotation.from_quat(np.roll(result.truth, -1, axis=1))

@@ -2,15 +2,15 @@
 
 import os
 import signal
-import subprocess
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.fuzzbee.services import descendants, is_alive
+from tests.fuzzbee.processes import begun, descendants, is_alive
+from tests.programs import ROOT
+from tests.service.sessions import wait_for
 from tuning.processes import ENDING, Pool
 
 ROWS = [np.array(row) for row in ((3.0, 4.0), (0.0, 1.0), (6.0, 8.0))]
@@ -65,14 +65,10 @@ def test_a_parent_that_is_killed_takes_its_workers_along(tmp_path):
     folder.mkdir()
     (folder / "multiprocessing.py").write_text("raise SystemExit('a stranger')")
     program.write_text(PROGRAM)
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
-    line = [sys.executable, str(program)]
-    with subprocess.Popen(line, cwd=folder, env=environment, stdout=subprocess.PIPE) as process:
+    environment = {**os.environ, "PYTHONPATH": ROOT}
+    with begun(sys.executable, program, cwd=folder, env=environment, stderr=None) as process:
         worker = int(process.stdout.readline())
         workers = descendants(process.pid)
         assert worker in workers
         process.kill()
-        deadline_s = time.monotonic() + 60.0
-        while any(map(is_alive, workers)):
-            assert time.monotonic() < deadline_s
-            time.sleep(0.05)
+        wait_for(lambda: not any(map(is_alive, workers)))

@@ -1,7 +1,5 @@
 """A flight's smoothed attitude as what it is tuned by."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -9,16 +7,16 @@ from estimator.errors import InputError
 from estimator.geometry.metrics import batch_angle_errors, rms
 from estimator.profile import load_profile
 from fuzzbee.tune.read_flight import read_flight
+from tests.fuzzbee.recording import DATA, SLOW
 from tuning.flight import sure_flight
 from tuning.flight_cost import measure, possible_truths
 
-DATA = Path(__file__).resolve().parents[1] / "data"
-IMU = load_profile("imu")
+IMU, SUBMARINE = load_profile("imu"), DATA / "sub_bluerov.tlog"
 
 
 @pytest.fixture(scope="module")
 def flown():
-    return read_flight(DATA / "sitl_copter_4hz.tlog", IMU)
+    return read_flight(SLOW, IMU)
 
 
 def test_truths_lie_around_a_reference_as_its_sigmas_say():
@@ -59,18 +57,16 @@ def test_the_whole_flight_knows_better_and_how_well(flown):
 
 def test_what_is_not_sure_is_no_reference():
     """A submarine at 2 Hz, whose heading the whole log knows to more than 5 deg."""
-    log = DATA / "sub_bluerov.tlog"
-    flight = read_flight(log, IMU)
+    flight = read_flight(SUBMARINE, IMU)
     assert flight.reference == "autopilot"
     assert sure_flight(flight, IMU, is_wanted=False) is flight
     with pytest.raises(InputError, match=r"--reference smooth: .* in 100 and 0 % only") as error:
-        read_flight(log, IMU, "smooth")
+        read_flight(SUBMARINE, IMU, "smooth")
     assert "\n" not in str(error.value)
 
 
 def test_the_best_reference_is_taken_or_the_one_that_is_wanted():
-    log = DATA / "sitl_copter_4hz.tlog"
-    assert read_flight(log, IMU, "smooth").reference == "smooth"
-    assert read_flight(log, IMU, "autopilot").reference == "autopilot"
+    for wanted in ("smooth", "autopilot"):
+        assert read_flight(SLOW, IMU, wanted).reference == wanted
     with pytest.raises(InputError, match="no reference 'sim'"):
-        read_flight(DATA / "sub_bluerov.tlog", IMU, "sim")
+        read_flight(SUBMARINE, IMU, "sim")

@@ -3,6 +3,7 @@
 import math
 import socket
 from contextlib import ExitStack, closing, suppress
+from itertools import count
 
 import msgspec
 import pytest
@@ -36,17 +37,9 @@ def opened(receiver):
 
 
 def attitudes(count, period_us, vehicle=VEHICLE, start=0):
-    return [
-        Published(
-            vehicle,
-            msgspec.structs.replace(record(10, 20, 30), time_unix_us=UNIX_US + n * period_us),
-        )
-        for n in range(start, start + count)
-    ]
-
-
-def without_covariance(found):
-    return [m for m in found if m.get_type() != "ATTITUDE_QUATERNION_COV"]
+    times_us = (UNIX_US + n * period_us for n in range(start, start + count))
+    sent = record(10, 20, 30)
+    return [Published(vehicle, msgspec.structs.replace(sent, time_unix_us=us)) for us in times_us]
 
 
 def messages(receiver):
@@ -72,12 +65,10 @@ def test_the_attitude_comes_from_the_onboard_computer_never_from_the_autopilot(r
     assert heartbeat.type == ardupilotmega.MAV_TYPE_ONBOARD_CONTROLLER
     assert heartbeat.autopilot == ardupilotmega.MAV_AUTOPILOT_INVALID
     sent = record(10, 20, 30)
-    assert (attitude.q1, attitude.q2, attitude.q3, attitude.q4) == pytest.approx(
-        sent.q_ned_frd, abs=1e-7
-    )
-    assert (attitude.rollspeed, attitude.pitchspeed, attitude.yawspeed) == pytest.approx(
-        sent.rate_rad_s
-    )
+    q = [getattr(attitude, f"q{n}") for n in range(1, 5)]
+    assert q == pytest.approx(sent.q_ned_frd, abs=1e-7)
+    rate = [getattr(attitude, f"{axis}speed") for axis in ("roll", "pitch", "yaw")]
+    assert rate == pytest.approx(sent.rate_rad_s)
     assert attitude.time_boot_ms == 1000
     assert uncertain.time_usec == 1_000_000
     assert list(uncertain.q) == pytest.approx(sent.q_ned_frd, abs=1e-7)
@@ -110,12 +101,10 @@ def test_it_answers_no_command(receiver, opened):
     sink.handle(attitudes(1, 0))
     _, peer = receiver.recvfrom(2048)
     station = ardupilotmega.MAVLink(None, srcSystem=255)
-    arm = station.command_long_encode(
-        200, 1, ardupilotmega.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, *[0] * 6
-    )
-    receiver.sendto(arm.pack(station), peer)
-    ask = station.param_request_list_encode(200, 1)
-    receiver.sendto(ask.pack(station), peer)
+    command = ardupilotmega.MAV_CMD_COMPONENT_ARM_DISARM
+    arm = station.command_long_encode(200, 1, command, 0, 1, *[0] * 6)
+    for each in (arm, station.param_request_list_encode(200, 1)):
+        receiver.sendto(each.pack(station), peer)
     messages(receiver)
     sink.handle(attitudes(1, 0, start=10))
     sink.handle(attitudes(1, 20_000, start=100))
@@ -159,15 +148,12 @@ def test_whoever_connects_later_is_served_and_a_broken_link_is_reported_once():
         sink.handle(attitudes(1, 0))
         assert client.recv(1) == b"\xfd"
         client.close()
-        reported = []
         server.settimeout(0.02)
-        again, step = None, 0
+        reported, again, steps = [], None, count(1)
 
         def send():
-            nonlocal step
-            step += 1
             try:
-                sink.handle(attitudes(1, 20_000, start=step))
+                sink.handle(attitudes(1, 20_000, start=next(steps)))
             except ConnectionError as error:
                 reported.append(str(error))
 
@@ -176,8 +162,8 @@ def test_whoever_connects_later_is_served_and_a_broken_link_is_reported_once():
             if reported:
                 with suppress(TimeoutError):
                     again, _ = server.accept()
-        assert len(reported) == 1
-        assert str(port) in reported[0]
+        (line,) = reported
+        assert str(port) in line
         again.settimeout(0.02)
         got = b""
         while not got:
@@ -202,19 +188,18 @@ def test_another_component_sends_for_the_system_once_the_first_is_forgotten(rece
     sink, other = opened(), VehicleId(7, 2)
     sink.handle(attitudes(1, 0) + attitudes(3, 20_000, other))
     sink.handle(attitudes(1, 0, vehicle=VehicleId(8, 191)))
-    got = without_covariance(messages(receiver))
-    assert [m.get_srcSystem() for m in got] == [7, 7]
+    kinds = ["HEARTBEAT", "ATTITUDE_QUATERNION", "ATTITUDE_QUATERNION_COV"]
+    assert [(m.get_type(), m.get_srcSystem()) for m in messages(receiver)] == [
+        (k, 7) for k in kinds
+    ]
     sink.handle([Evicted(other), *attitudes(1, 0, other)])
     assert messages(receiver) == []
     sink.handle([Evicted(VEHICLE), *attitudes(1, 0, other)])
-    got = without_covariance(messages(receiver))
-    assert [m.get_type() for m in got] == ["HEARTBEAT", "ATTITUDE_QUATERNION"]
+    assert [m.get_type() for m in messages(receiver)] == kinds
 
 
-def statuses(status, seconds, start_s=0):
-    times = range(
-        UNIX_US + start_s * 1_000_000, UNIX_US + (start_s + seconds) * 1_000_000, 1_000_000
-    )
+def statuses(status, seconds):
+    times = (UNIX_US + second * 1_000_000 for second in range(seconds))
     return [Published(VEHICLE, status, time_unix_us=now_us) for now_us in times]
 
 
@@ -236,12 +221,11 @@ def test_a_differing_attitude_is_announced_once_in_ten_seconds(receiver, opened,
     sink.handle(statuses(differing(wrong=wrong), 25) + attitudes(3, 20_000))
     got = messages(receiver)
     assert {m.get_type() for m in got} == {"HEARTBEAT", "STATUSTEXT"}
-    reported = texts(got)
-    assert len(reported) == 3
-    assert {severity for severity, _ in reported} == {ardupilotmega.MAV_SEVERITY_WARNING}
-    assert reported[0][1].startswith("autopilot heading 25 deg off ours (+-2 deg); ")
+    severities, reported = zip(*texts(got), strict=True)
+    assert severities == (ardupilotmega.MAV_SEVERITY_WARNING,) * 3
+    assert reported[0].startswith("autopilot heading 25 deg off ours (+-2 deg); ")
     ends = {"autopilot": "likely wrong: the autopilot's", "ours": "likely wrong: ours"}
-    assert reported[0][1].endswith(ends.get(wrong, "which is wrong is not known"))
+    assert reported[0].endswith(ends.get(wrong, "which is wrong is not known"))
 
 
 def test_what_agrees_is_not_announced_and_nothing_is_without_being_asked(receiver, opened):

@@ -1,3 +1,5 @@
+"""A page of metrics, read by Prometheus' own parser."""
+
 import urllib.request
 from contextlib import closing
 
@@ -7,8 +9,8 @@ from drivers.events import VehicleId
 from estimator.errors import InputError
 from fuzzbee.latest import Latest
 from service.pipeline import MOST_QUIET_HZ
-from service.records import Evicted, Message, Published, StatusRecord, vehicle_name
-from tests.service.records import differing, record
+from service.records import Evicted, Message, Published, vehicle_name
+from tests.service.records import differing, record, status
 
 pytest.importorskip("prometheus_client", reason="the extra metrics is not installed")
 from prometheus_client.parser import text_string_to_metric_families
@@ -33,23 +35,19 @@ def scrape(sink):
     }
 
 
-def status(state="running"):
-    return StatusRecord(state, "RAW_IMU", 99.5, 0.25, {"stuck": 3}, 4, 5, 6)
-
-
 def test_a_scrape_has_the_latest_of_each_vehicle(sink):
     one, other = VehicleId(1, 1), VehicleId(2, 154)
-    sink.handle([Message("hello"), Published(one, record(10, 20, 30)), Published(one, status())])
+    counted = status(imu_rate_hz=99.5, rejected={"stuck": 3}, overruns=4, dropped=5)
+    sink.handle([Message("hello"), Published(one, record(10, 20, 30)), Published(one, counted)])
     sink.handle([Published(one, record(11, 21, 31, sequence=41)), Published(other, status("lost"))])
-    got = scrape(sink)
-    vehicle = (("vehicle", "1"),)
-    assert got["fuzzbee_roll_degrees", vehicle] == pytest.approx(11.0)
-    assert got["fuzzbee_heading_degrees", vehicle] == pytest.approx(31.0)
-    assert got["fuzzbee_gain", vehicle] == 3.0
-    assert got["fuzzbee_heading_sigma_degrees", vehicle] == pytest.approx(5.0)
-    assert got["fuzzbee_attitudes_total", vehicle] == 42
+    got, vehicle = scrape(sink), (("vehicle", "1"),)
+    exact = {"gain": 3.0, "attitudes_total": 42, "imu_rate_hertz": 99.5}
+    angles = {"roll": 11.0, "heading": 31.0, "heading_sigma": 5.0}
+    for name, value in exact.items():
+        assert got[f"fuzzbee_{name}", vehicle] == value, name
+    for name, value in angles.items():
+        assert got[f"fuzzbee_{name}_degrees", vehicle] == pytest.approx(value), name
     assert got["fuzzbee_imu_age_seconds", vehicle] >= 0.005
-    assert got["fuzzbee_imu_rate_hertz", vehicle] == 99.5
     assert got["fuzzbee_rejected_total", (("reason", "stuck"), ("vehicle", "1"))] == 3
     assert got["fuzzbee_state", (("state", "running"), ("vehicle", "1"))] == 1.0
     assert got["fuzzbee_state", (("state", "lost"), ("vehicle", "2-154"))] == 1.0
@@ -75,12 +73,8 @@ def test_a_lost_vehicle_has_an_age_but_no_attitude_and_one_that_is_forgotten_not
 
 
 def test_the_autopilot_s_attitude_beside_ours(sink):
-    sink.handle(
-        [
-            Published(VehicleId(1, 1), differing("heading", 25.0)),
-            Published(VehicleId(2, 1), status()),
-        ]
-    )
+    sink.handle([Published(VehicleId(1, 1), differing("heading", 25.0))])
+    sink.handle([Published(VehicleId(2, 1), status())])
     got, vehicle = scrape(sink), ("vehicle", "1")
     assert got["fuzzbee_autopilot", (vehicle, ("verdict", "differs"))] == 1.0
     assert got["fuzzbee_autopilot", (vehicle, ("verdict", "agrees"))] == 0.0
@@ -89,7 +83,6 @@ def test_the_autopilot_s_attitude_beside_ours(sink):
 
 
 def test_of_thousands_that_are_lost_the_last_are_reported_of(sink):
-    """An answer about 4,096 of them took seconds, of all threads."""
     gone = [VehicleId(1 + k % 250, 2 + k // 250) for k in range(1000)]
     there = VehicleId(1, 1)
     sink.handle([Published(there, record()), Published(there, status())])

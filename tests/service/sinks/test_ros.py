@@ -2,6 +2,7 @@
 
 import struct
 
+import msgspec
 import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_typestore
@@ -16,8 +17,8 @@ from service.sinks.ros_messages import IMU_TYPE, TF_TYPE, imu_message
 from service.zenoh_session import close_session
 from tests.service import records
 from tests.service.records import UNIX_US, record
-from tests.service.sinks.test_zenoh import plain_client, wait_for
-from tests.vocabulary import random_quaternion
+from tests.service.sessions import tokens, wait_for
+from tests.vocabulary import random_quaternion, scipy_rotation
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
 REST_FRD = (0.0, 0.0, -9.8)
@@ -26,7 +27,11 @@ ENU_FROM_NED = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]])
 FRD_FROM_FLU = np.diag([1, -1, -1])
 
 
-def decode(data, kind="sensor_msgs/msg/Imu"):
+IMU, TF = "sensor_msgs/msg/Imu", "tf2_msgs/msg/TFMessage"
+ARRAY = "diagnostic_msgs/msg/DiagnosticArray"
+
+
+def decode(data, kind=IMU):
     return TYPES.deserialize_cdr(bytes(data), kind)
 
 
@@ -40,14 +45,7 @@ def xyz(vector):
 
 
 @pytest.mark.parametrize("store", [Stores.ROS2_HUMBLE, Stores.ROS2_JAZZY, Stores.ROS2_KILTED])
-@pytest.mark.parametrize(
-    ("kind", "prefix"),
-    [
-        ("sensor_msgs/msg/Imu", "IMU"),
-        ("tf2_msgs/msg/TFMessage", "TF"),
-        ("diagnostic_msgs/msg/DiagnosticArray", "DIAGNOSTICS"),
-    ],
-)
+@pytest.mark.parametrize(("kind", "prefix"), [(IMU, "IMU"), (TF, "TF"), (ARRAY, "DIAGNOSTICS")])
 def test_the_type_is_the_one_of_ros(store, kind, prefix):
     package, _, name = kind.split("/")
     expected = f"{package}::msg::dds_::{name}_/{get_typestore(store).hash_rihs01(kind)}"
@@ -63,9 +61,8 @@ def test_every_field_arrives(frame):
     assert xyz(message.angular_velocity) == (0.1, -0.2, -0.3)
     assert xyz(message.linear_acceleration) == (1.0, -2.0, 9.0)
     # byte for byte what rosbags would have written
-    assert bytes(TYPES.serialize_cdr(message, "sensor_msgs/msg/Imu")) == imu_message(
-        record(), (1.0, 2.0, -9.0), frame
-    )
+    again = imu_message(record(), (1.0, 2.0, -9.0), frame)
+    assert bytes(TYPES.serialize_cdr(message, IMU)) == again
 
 
 @pytest.mark.parametrize(
@@ -85,14 +82,10 @@ def test_axes_point_where_ros_expects_them(angles_deg, forward_enu, left_enu):
 
 def test_any_attitude_is_the_same_rotation_in_other_axes():
     rng = np.random.default_rng(1)
-    import msgspec
-
     for _ in range(50):
         q = random_quaternion(rng)
         made = msgspec.structs.replace(record(), q_ned_frd=q)
-        expected = (
-            ENU_FROM_NED @ Rotation.from_quat(q, scalar_first=True).as_matrix() @ FRD_FROM_FLU
-        )
+        expected = ENU_FROM_NED @ scipy_rotation(q).as_matrix() @ FRD_FROM_FLU
         got = orientation(decode(imu_message(made, None, "f"))).as_matrix()
         np.testing.assert_allclose(got, expected, atol=1e-12)
 
@@ -117,14 +110,14 @@ def test_the_covariance_holds_what_the_sigmas_promise():
 @pytest.mark.parametrize("child", ["a", "ab", "abc", "vehicle_1/base_link"])
 def test_a_transform_is_the_attitude_of_the_imus_message(child):
     made = record(20, -30, 123)
-    message = decode(ros_messages.tf_message(made, child), "tf2_msgs/msg/TFMessage")
+    message = decode(ros_messages.tf_message(made, child), TF)
     (transform,) = message.transforms
     assert (transform.header.frame_id, transform.child_frame_id) == ("map", child)
     assert transform.header.stamp.sec == UNIX_US // 1_000_000
     assert transform.header.stamp.nanosec == 123_456_000
     assert transform.transform.rotation == decode(imu_message(made, None, child)).orientation
     assert xyz(transform.transform.translation) == (0.0, 0.0, 0.0)
-    kept = TYPES.serialize_cdr(message, "tf2_msgs/msg/TFMessage")
+    kept = TYPES.serialize_cdr(message, TF)
     assert bytes(kept) == ros_messages.tf_message(made, child)
 
 
@@ -146,34 +139,31 @@ def status(state="running", **changes):
     ],
 )
 def test_a_status_is_a_diagnosis(record, level):
-    kind = "diagnostic_msgs/msg/DiagnosticArray"
     data = ros_messages.diagnostics_message(record, UNIX_US, "vehicle_1")
-    message = decode(data, kind)
+    message = decode(data, ARRAY)
     (one,) = message.status
     assert message.header.stamp.nanosec == 123_456_000
-    assert one.level == level
-    assert one.name == "vehicle_1: attitude"
-    assert one.hardware_id == "vehicle_1"
+    assert (one.level, one.name, one.hardware_id) == (level, "vehicle_1: attitude", "vehicle_1")
     assert one.message.split(", ") == [record.state, *record.warnings]
     values = {each.key: each.value for each in one.values}
     assert values["imu_rate_hz"] == "49.8"
     assert values["imu_message"] == (record.imu_message or "none")
     assert values["rejected.not_later"] == "3"
-    assert bytes(TYPES.serialize_cdr(message, kind)) == data
+    assert bytes(TYPES.serialize_cdr(message, ARRAY)) == data
 
 
-def test_a_status_is_published_with_the_time_of_the_host(endpoint, session):
+def received(client, key, sink, output, count=1):
+    """Samples under a key once there are so many, of an output that comes again and again."""
     got = []
-    sink = RosSink(session, "fuzzbee")
-    with plain_client(endpoint) as client:
-        client.declare_subscriber("0/diagnostics/**", got.append)
+    client.declare_subscriber(key, got.append)
+    wait_for(lambda: sink.handle([output]) or len(got) >= count)
+    return got
 
-        def received():
-            sink.handle([Published(VehicleId(7, 154), status(), time_unix_us=UNIX_US)])
-            return got
 
-        wait_for(received)
-    message = decode(got[0].payload.to_bytes(), "diagnostic_msgs/msg/DiagnosticArray")
+def test_a_status_is_published_with_the_time_of_the_host(client, session):
+    output = Published(VehicleId(7, 154), status(), time_unix_us=UNIX_US)
+    got = received(client, "0/diagnostics/**", RosSink(session, "fuzzbee"), output)
+    message = decode(got[0].payload.to_bytes(), ARRAY)
     assert message.header.stamp.sec == UNIX_US // 1_000_000
     assert message.status[0].hardware_id == "vehicle_7_154"
 
@@ -183,21 +173,13 @@ def test_topics_are_names_that_ros_allows():
     assert imu_topic("fleet/2nd-boat", VehicleId(7, 154)) == "/fleet/_2nd_boat/vehicle_7_154/imu"
 
 
-def test_keys_attachments_and_tokens_are_rmw_zenohs(endpoint, session):
+def test_keys_attachments_and_tokens_are_rmw_zenohs(client, session):
     sink = RosSink(session, "fuzzbee", domain=3)
     sample = ImuSample(0, (0.0, 0.0, 0.0), REST_FRD, (0.0, 0.0, 0.0), has_mag=False)
-    got = []
-    with plain_client(endpoint) as client:
-        client.declare_subscriber("3/**", got.append)
-
-        def received():
-            sink.handle([Published(VehicleId(1, 1), record(), sample)])
-            return len(got) >= 6
-
-        wait_for(received)
-        tokens = [str(reply.ok.key_expr) for reply in client.liveliness().get("@ros2_lv/3/**")]
-        sink.close()
-        wait_for(lambda: not list(client.liveliness().get("@ros2_lv/3/**")))
+    got = received(client, "3/**", sink, Published(VehicleId(1, 1), record(), sample), count=6)
+    alive = tokens(client, "@ros2_lv/3/**")
+    sink.close()
+    wait_for(lambda: not tokens(client, "@ros2_lv/3/**"))
     key = f"fuzzbee/vehicle_1/imu/{IMU_TYPE}"
     assert {str(each.key_expr) for each in got} == {f"3/{key}", f"3/tf/{TF_TYPE}"}
     got = [each for each in got if "imu" in str(each.key_expr)]
@@ -214,7 +196,7 @@ def test_keys_attachments_and_tokens_are_rmw_zenohs(endpoint, session):
     assert message.header.frame_id == "vehicle_1/base_link"
     assert xyz(message.linear_acceleration) == (0.0, 0.0, 9.8)
 
-    node, tf, publisher = sorted(tokens, key=len)
+    node, tf, publisher = sorted(alive, key=len)
     start = f"@ros2_lv/3/{session.zid()}/0"
     assert node == f"{start}/0/NN/%/%/fuzzbee"
     assert tf == f"{start}/2/MP/%/%/fuzzbee/%tf/{TF_TYPE}/::,10:,:,:,,"
@@ -228,20 +210,17 @@ def test_closing_after_the_session_is_no_error(session):
     sink.close()
 
 
-def test_the_topic_of_a_vehicle_that_is_forgotten_is_withdrawn(endpoint, session):
+def test_the_topic_of_a_vehicle_that_is_forgotten_is_withdrawn(client, session):
     """Entities' numbers stay different."""
     sink = RosSink(session, "fuzzbee", domain=4)
 
-    def topics(client):
-        tokens = [str(r.ok.key_expr) for r in client.liveliness().get("@ros2_lv/4/**/MP/**")]
-        assert len({token.split("/")[4] for token in tokens}) == len(tokens)
-        return {token.split("/")[9] for token in tokens}
+    def topics():
+        found = [token.split("/") for token in tokens(client, "@ros2_lv/4/**/MP/**")]
+        assert len({words[4] for words in found}) == len(found)
+        return {words[9] for words in found}
 
-    with plain_client(endpoint) as client:
-        for number in (1, 2):
-            sink.handle([Published(VehicleId(number, 1), record())])
-        first = {"%fuzzbee%vehicle_1%imu", "%fuzzbee%vehicle_2%imu", "%tf"}
-        wait_for(lambda: topics(client) == first)
-        sink.handle([Evicted(VehicleId(1, 1)), Published(VehicleId(3, 1), record())])
-        after = {"%fuzzbee%vehicle_3%imu", "%fuzzbee%vehicle_2%imu", "%tf"}
-        wait_for(lambda: topics(client) == after)
+    for number in (1, 2):
+        sink.handle([Published(VehicleId(number, 1), record())])
+    wait_for(lambda: topics() == {"%fuzzbee%vehicle_1%imu", "%fuzzbee%vehicle_2%imu", "%tf"})
+    sink.handle([Evicted(VehicleId(1, 1)), Published(VehicleId(3, 1), record())])
+    wait_for(lambda: topics() == {"%fuzzbee%vehicle_3%imu", "%fuzzbee%vehicle_2%imu", "%tf"})
