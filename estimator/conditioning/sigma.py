@@ -15,7 +15,7 @@ from estimator.conditioning.vertical.gravity import heading_frame, lag_square
 from estimator.conditioning.vertical.slow_acceleration import SCALE_ERROR
 from estimator.conditioning.vertical.step import VerticalState
 from estimator.conditioning.vertical.stillness import LEAST_DIRECTION_RAD
-from estimator.conditioning.vertical.tilt import slowness, weighing
+from estimator.conditioning.vertical.tilt import fast_in_vehicle, slowness, weighing
 from estimator.geometry.quaternion import rotate
 
 # Variance by a measured mean square: of the inclination by that of the force's relative size, of
@@ -79,13 +79,14 @@ def sigma_inclination(
     signs = events.gravity
     dt_s = vertical.coefficients.dt_s
     slow, weighed = slowness(params, dt_s), weighing(params, dt_s)
+    fast = fast_in_vehicle(params, dt_s)
     measured = max(signs.apart, LOW_PASS_SHARE * vertical.averaging.variance)
     measured += MEASURED_SQUARE * signs.uneven
     known = LEAST_DIRECTION_RAD**2 + vertical.inflation
     force = vertical.gravity.force
     carried = lag_square(force) + carried_share(vertical) * reckoned
     carried += UNMEASURED_SHARE * turn_of(force.quick, force.best.value) ** 2
-    return sqrt(known + (1.0 - weighed) * measured + slow * reckoned + (weighed - slow) * carried)
+    return sqrt(known + (1.0 - weighed) * measured + slow * reckoned + fast * carried)
 
 
 @inlined
@@ -138,11 +139,10 @@ def sigma_heading(
     constant = MEASURED_SQUARE * events.heading.scatter + alternative(vertical, magnetic, events)
     dt_s = vertical.coefficients.dt_s
     slow = slowness(params, dt_s)
-    carried = weighing(params, dt_s) - slow
     tilt_variance = (
         lag_square(vertical.gravity.force)
         + vertical.inflation
-        + carried * carried_share(vertical) * vertical.tilt.variance
+        + fast_in_vehicle(params, dt_s) * carried_share(vertical) * vertical.tilt.variance
     )
     by_tilt = 0.5 * steep * (events.gravity.uneven + tilt_variance)
     constant += LEAST_DIRECTION_RAD**2 + by_tilt + events.inflation.variance

@@ -46,6 +46,7 @@ from estimator.conditioning.vertical.tilt import (
     UNKNOWN,
     StepNoise,
     TiltState,
+    fast_in_vehicle,
     force_after_turn,
     slowness,
     step_noise,
@@ -267,7 +268,7 @@ def follow_slow(
         return with_seen_s(before.slow, before.slow.seen_s + k.dt_s)
     f, down_g = now.force, before.gravity.force.down.value
     share = long_share(k, f.age_s)
-    carried = weighing(params, k.dt_s) - slowness(params, k.dt_s)
+    carried = fast_in_vehicle(params, k.dt_s)
     return watch_slow(before.slow, u, f.quick, down_g, share, aliasing, carried, k.dt_s)
 
 

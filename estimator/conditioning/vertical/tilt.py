@@ -82,6 +82,12 @@ def weighing(params: ConditioningParams, dt_s: float) -> float:
 
 
 @inlined
+def fast_in_vehicle(params: ConditioningParams, dt_s: float) -> float:
+    """1 for a vehicle's fast stream, 0 for slow streams and for a hand's."""
+    return weighing(params, dt_s) - slowness(params, dt_s)
+
+
+@inlined
 def step_noise(
     params: ConditioningParams,
     state: TiltState,
