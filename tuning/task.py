@@ -133,7 +133,8 @@ class PaperTask(Task):
     """The paper's optimisation: J of Eq. (15) "Cost_function", averaged over noise seeds.
 
     Raises:
-        InputError: the base conditions its vectors, has no R_hat(0) or no fuzzy gain.
+        InputError: the base conditions its vectors, has no R_hat(0), or no fuzzy gain whose
+            memberships could be tuned.
     """
 
     goal: str = "paper"

@@ -158,15 +158,14 @@ def frame_end(data: bytes, start: int) -> int | None:
     assumed; its end is beyond the data.
     """
     head = data[start : start + 3]
-    if head[:1] not in _MARKS:
-        return None
     if len(head) < 3:
-        return start + HEADER_V1 + CHECKSUM_SIZE
+        return start + HEADER_V1 + CHECKSUM_SIZE if head[:1] in _MARKS else None
     magic, length, flags = head
-    if magic == MAGIC_V1:
-        return start + length + HEADER_V1 + CHECKSUM_SIZE
-    is_known = not flags & ~SIGNED_FLAG
-    return start + length + UNSIGNED_V2 + SIGNATURE_SIZE * flags if is_known else None
+    if magic == MAGIC_V2:
+        if not flags:
+            return start + length + UNSIGNED_V2  # nearly always
+        return start + length + UNSIGNED_V2 + SIGNATURE_SIZE if flags == SIGNED_FLAG else None
+    return start + length + HEADER_V1 + CHECKSUM_SIZE if magic == MAGIC_V1 else None
 
 
 def _markers(data: bytes, position: int) -> Iterator[int]:
