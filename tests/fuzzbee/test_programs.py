@@ -1,11 +1,16 @@
 """What programs import: arrays in, attitudes out, the same estimates as those of the service."""
 
+import msgspec
 import numpy as np
 import pytest
 
 import fuzzbee
+from drivers.logs.open import open_log
 from estimator.profile import merge_profile
+from estimator.types import ImuSample
 from fuzzbee import Estimator, load_profile
+from fuzzbee.replays.trace import Replay
+from tests.fuzzbee.recording import FLIPS
 from tests.programs import run_python
 
 LEVEL = ((0.0, 0.0, 0.0), (0.0, 0.0, -9.8), (0.2, 0.0, 0.4))
@@ -45,6 +50,26 @@ def test_a_turn_to_the_right_is_a_growing_heading():
     angle_deg = np.degrees(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
     expected = (90.0 - heading + 180.0) % 360.0 - 180.0
     assert angle_deg == pytest.approx(expected, abs=1e-6)
+
+
+def test_it_estimates_as_the_service_does():
+    """Without what arrays do not carry: velocity, rates of ATTITUDE, declination, the vehicle."""
+    profile = load_profile("imu")
+    profile = msgspec.structs.replace(
+        profile,
+        aiding={**profile.aiding, "enabled": False},
+        conditioning={**profile.conditioning, "in_vehicle": True},
+        reference=msgspec.structs.replace(profile.reference, declination_deg=0.0),
+        rates="imu",
+    )
+    service = Replay(profile)
+    with open_log(FLIPS) as log:
+        service.run(log)
+    (trace,) = service.traces.values()
+    gyr, acc, mag = (trace[name] for name in ImuSample._fields[1:4])
+    mine = Estimator(profile).update_batch(gyr, acc, mag, 1e-6 * trace["time_us"])
+    assert len(mine) > 500
+    assert np.array_equal(mine.q_ned_frd, trace["q_ned_frd"])
 
 
 def test_before_the_first_sample_that_can_be_used_there_is_no_attitude():

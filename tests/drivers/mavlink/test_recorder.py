@@ -1,6 +1,7 @@
 """What ends up in tlogs, also when the disk, the process or another program does not hold."""
 
 import errno
+import logging
 import os
 import shutil
 import signal
@@ -8,6 +9,7 @@ import socket
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 from pymavlink import mavutil
@@ -95,6 +97,18 @@ def test_an_existing_file_is_continued(path):
             recorder.write(1, [part])
     stamp = (1).to_bytes(8, "big")
     assert path.read_bytes() == stamp + b"\xfdfirst" + stamp + b"\xfesecond"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_full_disk_is_reported_once(caplog):
+    with caplog.at_level(logging.WARNING), Recorder("/dev/full") as recorder:
+        for i in range(100):
+            recorder.write(UNIX_US + i * RETRY_US // 10, [b"frame", b"frame"])
+    assert recorder.lost == 200
+    assert not recorder.is_whole
+    assert len(caplog.records) == 1
+    assert "/dev/full" in caplog.text
+    assert "No space left" in caplog.text
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs resource limits")
