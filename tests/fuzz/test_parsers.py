@@ -131,9 +131,10 @@ def test_recordings_cut_swapped_and_joined(tmp_path_factory, one, other, rng):
     """Through the report that ``replay --json`` prints."""
     path = tmp_path_factory.getbasetemp() / "fuzz.log"
     path.write_bytes(rearranged(one, rng) + (other if rng.random() < 0.2 else b""))
-    reported = []
+    reported, reports = [], []
     with refused_by_name(path.name):
-        report = report_log(path, PROFILES[1], How(notify=reported.append))
+        reports.append(report_log(path, PROFILES[1], How(notify=reported.append)))
+    for report in reports:
         msgspec.json.encode(report)
         assert_finite(msgspec.to_builtins(report))
     assert len(reported) < 200
@@ -153,6 +154,8 @@ TOML = resources.files("estimator").joinpath("profiles", "imu.toml").read_bytes(
 @fuzzed(40, 12000)
 @given(damaged(TOML))
 def test_profiles(data):
+    profiles = []
     with refused_by_name("fuzz.toml"):
-        profile = parse_profile(data.decode("utf-8", "replace"), "fuzz.toml")
+        profiles.append(parse_profile(data.decode("utf-8", "replace"), "fuzz.toml"))
+    for profile in profiles:
         assert parse_profile(data.decode("utf-8", "replace"), "fuzz.toml") == profile

@@ -231,6 +231,10 @@ WAYS = {
          "hx": ZERO},
         "StartTime: 2024-01-01 12:00:00\n", delimiter="\t",
     ),
+    "numbered": way(
+        {"t_us": 1e6 * T, "gyro[~] (rad/s)": GYR, "accel[~] (m/s^2)": ACC, "mag[~] (Ga)": MAG},
+        delimiter="|",
+    ),
     "of the first of two": way(
         {"time_s": T, "IMU1.gyro.$ (rad/s)": GYR, "IMU1.accel.$ (m/s^2)": ACC,
          "IMU1.mag.$ (Ga)": MAG},
@@ -247,6 +251,7 @@ WAYS = {
     "quoted": way({"time_s": T, **PLAIN}, comma=",", quote='"'),
     "commented": (commented, "utf-8", None),
     "returns": (lambda: plain().replace("\n", "\r"), "utf-8", None),
+    "plain": (plain, "utf-8", None),
     "byte order mark": (plain, "utf-8-sig", None),
     "utf-16": (plain, "utf-16", None),
     "german": (german, "cp1252", GERMAN),
@@ -270,6 +275,9 @@ WAYS = {
         delimiter=";", comma=",", form=",.12f",
     ),
     "nameless": (nameless, "utf-8", NAMELESS),
+    "exponents": way(
+        {"time_s": T, "w$_rad_s": GYR, "a$_m_s2": ACC, "m$_gauss": MAG}, delimiter="   "
+    ),
     "greek": way(
         {"time [s]": T, "ω_$ [rad·s⁻¹]": GYR, "a_$ [m·s⁻²]": ACC, "B_$ [µT]": 100 * MAG},
         delimiter="\t",
@@ -281,6 +289,10 @@ WAYS = {
     "in thousandths": way(
         {"Time (microseconds)": 1e6 * T, "g$ (mrad/s)": 1e3 * GYR,
          "a$ (milli-g)": 1e3 * PER_G * ACC, "m$ (milligauss)": 1e3 * MAG},
+    ),
+    "as quotients": way(
+        {"t / s": T, "ω_$ / (rad/s)": GYR, "a_$ / (m/s²)": ACC, "B_$ / µT": 100 * MAG},
+        delimiter=";", comma=",",
     ),
     "widely spaced": way(
         {" Time (s) ": T, " Gyro-$ (rad.s-1) ": GYR, " Acc-$ (m.s-2) ": ACC, " Mag-$ (G) ": MAG},

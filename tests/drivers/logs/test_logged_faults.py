@@ -2,6 +2,7 @@
 
 import json
 import math
+import random
 from collections import Counter
 
 import pytest
@@ -312,8 +313,44 @@ def test_a_short_leap_where_messages_are_missing_is_a_gap(tmp_path):
     assert max(gaps_s(times_us)) == pytest.approx(1.92)
 
 
-# what becomes of a row, and why it is refused; JSON has no infinity
+# of a row: what it becomes, and the word that it, or a part of it, is counted under
 DAMAGES = [
+    (lambda s: s, None),
+    (lambda s: s._replace(mag_gauss=SENTINEL), "magnetometer_out_of_range"),
+    (lambda s: s._replace(mag_gauss=(10.0, *s.mag_gauss[1:])), "magnetometer_out_of_range"),
+    (lambda s: s._replace(mag_gauss=ZERO), None),
+    (lambda s: s._replace(acc_m_s2=ZERO), "zero_accelerometer"),
+    (lambda s: s._replace(acc_m_s2=(0.0, 0.0, -401.0)), "accelerometer_out_of_range"),
+    (lambda s: s._replace(acc_m_s2=SENTINEL), "accelerometer_out_of_range"),
+    (lambda s: s._replace(gyr_rad_s=(71.0, 0.0, 0.0)), "gyroscope_out_of_range"),
+    (lambda s: s._replace(gyr_rad_s=SENTINEL), "gyroscope_out_of_range"),
+    (lambda s: s._replace(acc_m_s2=(math.inf, 0.0, -9.8)), "not_finite"),
+    (lambda s: s._replace(gyr_rad_s=(0.0, -math.inf, 0.0)), "not_finite"),
+]
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("kind", ALL_WRITERS)
+def test_no_row_is_lost_that_can_be_used_and_each_other_has_its_reason(kind, seed, tmp_path):
+    """Any mixture, half of the rows as they are; counts add up."""
+    rng, samples, expected = random.Random(seed), [], Counter()
+    for _, sample in flight():
+        change, reason = rng.choice(DAMAGES) if rng.random() < 0.5 else DAMAGES[0]
+        if kind == "mcap" and reason == "not_finite":
+            change, reason = DAMAGES[0]  # JSON has no such numbers
+        samples.append(change(sample))
+        expected[reason] += 1
+    refused = {reason for reason in expected if reason and not reason.startswith("magnetometer")}
+    _, times_us, found = read(ALL_WRITERS[kind](samples, tmp_path))
+    assert len(times_us) == len(samples) - sum(expected[reason] for reason in refused)
+    assert {reason: found[reason] for reason in refused} == {r: expected[r] for r in refused}
+    # a field beside a row that is refused may not be looked at
+    assert 0 < found["magnetometer_out_of_range"] <= expected["magnetometer_out_of_range"]
+    assert found.keys() <= {*refused, "magnetometer_out_of_range"}
+
+
+# what becomes of a row, and why it is refused; JSON has no infinity
+PLAIN_DAMAGES = [
     ({"acc_m_s2": ZERO}, "zero_accelerometer"),
     ({"acc_m_s2": (0.0, 0.0, -401.0)}, "accelerometer_out_of_range"),
     ({"gyr_rad_s": (71.0, 0.0, 0.0)}, "gyroscope_out_of_range"),
@@ -326,7 +363,7 @@ DAMAGES = [
 def test_each_row_that_is_no_data_has_its_reason_and_no_other_is_lost(kind, tmp_path):
     samples, expected = [], Counter()
     for k, (_, sample) in enumerate(flight()):
-        change, reason = DAMAGES[k // 2 % (3 if kind == "mcap" else 5)]
+        change, reason = PLAIN_DAMAGES[k // 2 % (3 if kind == "mcap" else 5)]
         samples.append(sample._replace(**change) if k % 2 else sample)
         expected[reason] += k % 2
     _, times_us, found = read(ALL_WRITERS[kind](samples, tmp_path))

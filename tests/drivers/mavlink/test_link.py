@@ -10,11 +10,12 @@ import time
 import pytest
 
 from drivers.endpoint import Endpoint, parse_endpoint
-from drivers.events import Heartbeat, Imu, LinkDown, LinkUp, Malformed, VehicleId
+from drivers.events import CommandAck, Heartbeat, Imu, LinkDown, LinkUp, Malformed, VehicleId
 from drivers.mavlink import link as mavlink_link
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.transports.transport import Packet
 from drivers.mavlink.transports.udp import UdpIn
+from drivers.simulation.autopilot import SimulatedAutopilot, VehicleOptions
 from estimator.errors import InputError
 from tests.drivers.mavlink.links import (
     HOST,
@@ -245,6 +246,34 @@ def test_garbage_is_counted_and_survived():
         sender.send(b"GET / HTTP/1.1\r\n\r\n" + bytes(range(256)))
         events = collect(link, count(Imu, 20), lambda: sender.send(vehicle.imu()))
     assert sum(e.frames for e in of_type(events, Malformed)) >= 1
+
+
+def test_a_requested_rate_is_acknowledged_and_delivered():
+    """The simulated autopilot answers on the same socket that it sends from."""
+    autopilot, parser = SimulatedAutopilot(VehicleOptions(rate_hz=2.0), 5), PymavlinkParser()
+    boot_us, asked = 0, []
+    with udp_link(request_rate_hz=100.0) as (link, sender):
+
+        def play():
+            nonlocal boot_us
+            boot_us += 50_000
+            sender.send(autopilot.advance(boot_us, 0) or b"\0")
+            sender.settimeout(0.001)
+            with contextlib.suppress(TimeoutError):
+                while True:
+                    for message in parser.feed(sender.recv(1000)):
+                        asked.append(message)
+                        if answer := autopilot.handle(message, 0):
+                            sender.send(answer)
+
+        events = collect(link, count(CommandAck), play)
+        assert of_type(events, CommandAck)[0].result == 0
+        events = collect(link, count(Imu, 500), play)
+    boots = [e.boot_us for e in of_type(events, Imu)][-400:]
+    assert (boots[-1] - boots[0]) / 399 == pytest.approx(10_000)
+    assert {m.get_type() for m in asked} == {"HEARTBEAT", "COMMAND_LONG"}
+    assert {(m.get_srcSystem(), m.get_srcComponent()) for m in asked} == {(5, 191)}
+    assert all(m.type == 18 for m in asked if m.get_type() == "HEARTBEAT")
 
 
 def test_a_mistake_of_ours_reaches_the_consumer(monkeypatch):

@@ -16,6 +16,17 @@ def attitudes(events):
     return [event for event in events if isinstance(event, ReferenceAttitude)]
 
 
+def test_truth_has_the_time_of_the_last_imu_message():
+    intake, _ = running()
+    (truth,) = intake.unstamped("SIM_STATE", UNIX, "sim", IDENTITY)
+    assert (truth.time_us, truth.source) == (301 * S, "sim")
+    assert intake.unstamped("SIM_STATE", UNIX, "sim", IDENTITY) == []
+    (other,) = intake.unstamped("SIMSTATE", UNIX, "sim", IDENTITY)
+    assert other.time_us == 301 * S
+    assert intake.unstamped("SIM_STATE", UNIX, "sim", None) == []
+    assert Intake(VEHICLE).unstamped("SIM_STATE", UNIX, "sim", IDENTITY) == []
+
+
 def logged(stale_us=0):
     vehicle = LoggedVehicle(VEHICLE, 0)
     vehicle.at(S)

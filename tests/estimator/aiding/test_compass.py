@@ -210,6 +210,23 @@ def test_a_log_that_begins_in_a_turn_does_not_condemn_the_compass(flight):
     assert is_usable(known, one.snapshot.core.time_us + 60_000_000)
 
 
+def test_raw_vectors_for_a_while_end_the_aiding(flight):
+    """Another profile comes and goes: what the aiding knew before is out of date."""
+    one = calibrated(load_profile("imu"))
+    one.set_field_calibrated(False)
+    profiles = {1500: load_profile("paper"), 1700: load_profile("imu")}
+
+    def replace(k):
+        if k in profiles:
+            one.replace_profile(profiles[k])
+        if 1500 < k <= 1700:
+            assert one.snapshot.context.phase is not Phase.AIDED
+
+    attitudes = flown(one, flight, after=replace)
+    assert one.snapshot.context.phase is Phase.AIDED
+    assert rms_deg(INCLINATION, flight, attitudes, 55.0) == pytest.approx(0.073, rel=0.2)
+
+
 @pytest.mark.parametrize("known", [{"turned_rad": 1.0}, {"contradicted_us": 2_000_000}])
 def test_raw_vectors_are_as_the_sensors_show_them(flight, known):
     """Whatever is known about the compass: only the profile ``imu`` turns it back, or drops it."""
