@@ -156,7 +156,11 @@ def shaken(folder, amplitude_m_s2, rate_hz=RATE_HZ, clip_rad_s=np.inf, tone_hz=T
 
 @pytest.fixture
 def checked(reported):
-    return lambda *arguments: reported("check", *arguments)["logs"][0]
+    def one_log(*arguments):
+        (log,) = reported("check", *arguments)["logs"]
+        return log
+
+    return one_log
 
 
 @pytest.mark.parametrize(

@@ -83,6 +83,7 @@ def test_what_is_reported_stands_below_the_table_and_marks_the_state(given, end,
     assert lines(shown)[0].endswith(end)
     text = "\n".join(terminal(vehicle("1"), shown, width=90))
     assert [text.count(each) for each in words] == [1] * len(words)
+    assert {each for each in words if "IMU" in each} <= {*text.splitlines()}
 
 
 def test_of_many_warnings_the_rest_is_counted_and_one_vehicle_has_its_own():
