@@ -7,7 +7,7 @@ in us or, until 2015, in ms.
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from types import SimpleNamespace
 from typing import Any
@@ -50,7 +50,7 @@ class Dataflash(LogFile):
     def __iter__(self) -> Iterator[Event]:
         vehicle = LoggedVehicle(*self._identity())
         with windowed(self.path, self.on_read) as window:
-            yield from vehicle.events(messages(window, HANDLERS), _events)
+            yield from vehicle.events(messages(window, NAMES), _events)
 
     def readings(self, names: frozenset[str]) -> Iterator[tuple[VehicleId, str, int, Any]]:
         """Messages that have a time; see :meth:`LogFile.readings`."""
@@ -99,15 +99,28 @@ def _events(vehicle: LoggedVehicle, message: tuple[str, Row]) -> list[Event]:
     name, row = message
     if name not in UNTIMED:
         vehicle.at(*_time_us(name, row))
-    is_other = name != "IMU" and any(int(row.get(each, 0)) for each in ("I", "C"))
-    return [] if is_other else HANDLERS[name](vehicle, name, row)
-
-
-def _imu(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
-    instance = int(row.get("I", 0))  # newer logs number them from 0 in a field
-    stream = f"IMU{instance + 1}" if instance else name
-    gyr = (row["GyrX"], row["GyrY"], row["GyrZ"])
-    return vehicle.imu(stream, gyr, (row["AccX"], row["AccY"], row["AccZ"]))
+    if name != "IMU" and any(int(row.get(each, 0)) for each in ("I", "C")):
+        return []
+    match name:
+        case "IMU" | "IMU2" | "IMU3":
+            instance = int(row.get("I", 0))  # newer logs number them from 0 in a field
+            stream = f"IMU{instance + 1}" if instance else name
+            gyr = (row["GyrX"], row["GyrY"], row["GyrZ"])
+            return vehicle.imu(stream, gyr, (row["AccX"], row["AccY"], row["AccZ"]))
+        case "MAG":
+            x, y, z = (MILLIGAUSS * row[axis] for axis in ("MagX", "MagY", "MagZ"))
+            return vehicle.put_mag((x, y, z))
+        case "XKF1" | "NKF1" | "EKF1":
+            return vehicle.fix(name, Fix((row["VN"], row["VE"], row["VD"])))
+        case "XKF4" | "NKF4" | "EKF4":
+            if "SS" not in row:  # the first years' filters did not report it
+                return []
+            return vehicle.filter_status(row["SS"], row["SV"], row.get("SM", 0.0))
+        case "GPS":
+            return _gps(vehicle, row)
+        case _:
+            events = _attitude if name in ATTITUDES else _notes
+            return events(vehicle, name, row)
 
 
 def _attitude(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
@@ -118,63 +131,44 @@ def _attitude(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
     return vehicle.attitude(name, "sim" if name == "SIM" else "autopilot", numbers)
 
 
-def _filter_status(vehicle: LoggedVehicle, _name: str, row: Row) -> list[Event]:
-    if "SS" not in row:  # the first years' filters did not report it
-        return []
-    return vehicle.filter_status(row["SS"], row["SV"], row.get("SM", 0.0))
-
-
-def _gps(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
+def _gps(vehicle: LoggedVehicle, row: Row) -> list[Event]:
     if row["Status"] < mav.GPS_FIX_TYPE_3D_FIX:
         return []
     speed_m_s, course_rad = row["Spd"], math.radians(row["GCrs"])
     north, east = speed_m_s * math.cos(course_rad), speed_m_s * math.sin(course_rad)
     position = (row["Lat"], row["Lng"], row["Alt"])
     fix = Fix((north, east, row.get("VZ", 0.0)), has_vertical="VZ" in row, position=position)
-    return vehicle.fix(name, fix)
+    return vehicle.fix("GPS", fix)
 
 
-def _text(vehicle: LoggedVehicle, _name: str, row: Row) -> list[Event]:
-    vehicle_type = VEHICLE_TYPES.get(str(row["Message"]).partition(" ")[0])
-    if vehicle_type is None:
-        return []
-    about = vehicle.id, vehicle.arrival_us
-    return [Heartbeat(*about, mav.MAV_AUTOPILOT_ARDUPILOTMEGA, vehicle_type)]
-
-
-def _mode(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
-    is_armed = custom_mode = None
-    if name == "ARM":
-        is_armed = bool(row["ArmState"])
-    elif name == "MODE":
-        custom_mode = int(row["ModeNum"] if "ModeNum" in row else row["Mode"])
-    elif row["Id"] in (ARMED_EVENT, DISARMED_EVENT):
+def _notes(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
+    """What the log notes about the vehicle and its flight."""
+    if name == "EV":
+        if row["Id"] not in (ARMED_EVENT, DISARMED_EVENT):
+            return []
         vehicle.at(*_time_us(name, row))
-        is_armed = row["Id"] == ARMED_EVENT
-    else:
-        return []
-    return [ModeChange(vehicle.id, vehicle.arrival_us, is_armed, custom_mode)]
+    about = vehicle.id, vehicle.arrival_us
+    match name:
+        case "PARM":
+            return [Parameter(*about, row["Name"], float(row["Value"]))]
+        case "MSG":
+            first = str(row["Message"]).partition(" ")[0]
+            types = [VEHICLE_TYPES[first]] if first in VEHICLE_TYPES else []
+            return [Heartbeat(*about, mav.MAV_AUTOPILOT_ARDUPILOTMEGA, each) for each in types]
+        case "ARM":
+            return [ModeChange(*about, bool(row["ArmState"]))]
+        case "EV":
+            return [ModeChange(*about, row["Id"] == ARMED_EVENT)]
+        case _:
+            mode = row["ModeNum"] if "ModeNum" in row else row["Mode"]
+            return [ModeChange(*about, custom_mode=int(mode))]
 
 
-HANDLERS: dict[str, Callable[[LoggedVehicle, str, Row], list[Event]]] = {
-    **dict.fromkeys(("IMU", "IMU2", "IMU3"), _imu),
-    "MAG": lambda vehicle, _, row: vehicle.put_mag(
-        (MILLIGAUSS * row["MagX"], MILLIGAUSS * row["MagY"], MILLIGAUSS * row["MagZ"])
-    ),
-    **dict.fromkeys(("ATT", "XKQ", "NKQ", "NKQ1", "SIM"), _attitude),
-    **dict.fromkeys(
-        ("XKF1", "NKF1", "EKF1"),
-        lambda vehicle, name, row: vehicle.fix(name, Fix((row["VN"], row["VE"], row["VD"]))),
-    ),
-    **dict.fromkeys(("XKF4", "NKF4", "EKF4"), _filter_status),
-    "GPS": _gps,
-    "PARM": lambda vehicle, _, row: [
-        Parameter(vehicle.id, vehicle.arrival_us, row["Name"], float(row["Value"]))
-    ],
-    "MSG": _text,
-    **dict.fromkeys(("ARM", "EV", "MODE"), _mode),
-}
+ATTITUDES = frozenset(("ATT", "XKQ", "NKQ", "NKQ1", "SIM"))
 UNTIMED = frozenset(("PARM", "MSG", "EV"))  # their times are looked at where they matter
+FILTERS = frozenset(f"{kind}{number}" for kind in ("XKF", "NKF", "EKF") for number in (1, 4))
+SENSORS = frozenset(("IMU", "IMU2", "IMU3", "MAG", "GPS"))
+NAMES = SENSORS | ATTITUDES | FILTERS | UNTIMED | {"ARM", "MODE"}
 
 
 def _unix_us(row: Row) -> int | None:

@@ -7,7 +7,7 @@ estimator_status and estimator_selector_status for how far the filter believes i
 vehicle_status for arming. All are SI and FRD/NED already, fields in gauss, times in us since boot.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from drivers.events import Event, Heartbeat, ModeChange, Parameter, Rejected, VehicleId
@@ -49,7 +49,7 @@ class Ulog(LogFile):
             with windowed(self.path, self.on_read) as window:
                 overview = _look_over(UlogReader(window, CLOCKS))
             with windowed(self.path, self.on_read) as window:
-                log = UlogReader(window, {name: WANTED[name] for name in overview.topics})
+                log = UlogReader(window, {name: FIELDS[name] for name in overview.topics})
                 system_id = _in_byte(overview.parameters.get("MAV_SYS_ID"), 1)
                 vehicle = LoggedVehicle(VehicleId(system_id, 1), overview.unix_us)
                 vehicle.at(overview.begin_us)
@@ -75,11 +75,28 @@ class _Overview(NamedTuple):
 
 
 def _events(vehicle: LoggedVehicle, found: Found) -> list[Event]:
-    """The events of a row; a field that is missing in a firmware's topic is 0."""
+    """The events of a row; one without a field that its topic should have is unreadable."""
+    topic, row = found.topic, found.row
     vehicle.at(found.time_us)
-    if found.topic == DAMAGE:
-        return [vehicle.malformed()]
-    return TOPICS[found.topic].events(vehicle, found.topic, found.row)
+    match topic:
+        case "sensor_combined":
+            return vehicle.imu(topic, row["gyro_rad"], row["accelerometer_m_s2"])
+        case "vehicle_imu":
+            return _vehicle_imu(vehicle, topic, row)
+        case "vehicle_magnetometer":
+            return vehicle.put_mag(row["magnetometer_ga"])
+        case "sensor_mag":  # the driver's own
+            return vehicle.put_mag((row["x"], row["y"], row["z"]))
+        case "vehicle_attitude":
+            return vehicle.attitude(topic, "autopilot", row["q"])
+        case "vehicle_attitude_groundtruth":
+            return vehicle.attitude(topic, "sim", row["q"])
+        case "vehicle_status":
+            is_armed = row["arming_state"] == ARMING_STATE_ARMED
+            return [ModeChange(vehicle.id, vehicle.arrival_us, is_armed)]
+        case _:
+            is_damage = topic == DAMAGE
+            return [vehicle.malformed()] if is_damage else _aiding_events(vehicle, topic, row)
 
 
 def _vehicle_imu(vehicle: LoggedVehicle, topic: str, row: Row) -> list[Event]:
@@ -91,42 +108,29 @@ def _vehicle_imu(vehicle: LoggedVehicle, topic: str, row: Row) -> list[Event]:
     return vehicle.imu(topic, (roll, pitch, yaw), (x, y, z))
 
 
-def _local_position(vehicle: LoggedVehicle, topic: str, row: Row) -> list[Event]:
-    if not row["v_xy_valid"] or row.get("dead_reckoning"):
-        return []  # a reckoning from the same IMU shows nothing of that
-    has_vertical = bool(row["v_z_valid"])
-    velocity = (row["vx"], row["vy"], row["vz"] if has_vertical else 0.0)
-    return vehicle.fix(topic, Fix(velocity, has_vertical=has_vertical))
+def _aiding_events(vehicle: LoggedVehicle, topic: str, row: Row) -> list[Event]:
+    """What a receiver has measured, and what the vehicle's own filter reports.
 
-
-def _estimator_status(vehicle: LoggedVehicle, _topic: str, row: Row) -> list[Event]:
-    """The first filter's, where several run; it counts while that one is in use."""
-    if not vehicle.uses_first_filter or "solution_status_flags" not in row:
-        return []
-    ratios = row["vel_test_ratio"], row.get("mag_test_ratio", 0.0)
-    return vehicle.filter_status(row["solution_status_flags"], *ratios)
-
-
-def _selector_status(vehicle: LoggedVehicle, _topic: str, row: Row) -> list[Event]:
-    vehicle.uses_first_filter = row["primary_instance"] == 0
-    if not vehicle.uses_first_filter:
-        vehicle.intake.navigation.forget()
+    Of several filters the first one's status counts while that one is in use.
+    """
+    if topic == "estimator_selector_status":
+        vehicle.uses_first_filter = row["primary_instance"] == 0
+        if not vehicle.uses_first_filter:
+            vehicle.intake.navigation.forget()
+    elif topic == "estimator_status":
+        if vehicle.uses_first_filter and "solution_status_flags" in row:
+            return vehicle.filter_status(row["solution_status_flags"], row["vel_test_ratio"])
+    elif topic == "vehicle_local_position":
+        # a reckoning from the same IMU shows nothing of that
+        if row["v_xy_valid"] and not row.get("dead_reckoning"):
+            has_vertical = bool(row["v_z_valid"])
+            velocity = (row["vx"], row["vy"], row["vz"] if has_vertical else 0.0)
+            return vehicle.fix(topic, Fix(velocity, has_vertical=has_vertical))
+    elif row["fix_type"] >= GPS_FIX_TYPE_3D_FIX:
+        velocity = (row["vel_n_m_s"], row["vel_e_m_s"], row["vel_d_m_s"])
+        sigma_m_s = row.get("s_variance_m_s") or None  # zero where it is unknown
+        return vehicle.fix(topic, Fix(velocity, sigma_m_s=sigma_m_s, position=_position(row)))
     return []
-
-
-def _gps(vehicle: LoggedVehicle, topic: str, row: Row) -> list[Event]:
-    if row["fix_type"] < GPS_FIX_TYPE_3D_FIX:
-        return []
-    velocity = (row["vel_n_m_s"], row["vel_e_m_s"], row["vel_d_m_s"])
-    sigma_m_s = row.get("s_variance_m_s") or None  # zero where it is unknown
-    return vehicle.fix(topic, Fix(velocity, sigma_m_s=sigma_m_s, position=_position(row)))
-
-
-class Topic(NamedTuple):
-    """What is read of a topic: what makes events of a row, and the fields."""
-
-    events: Callable[[LoggedVehicle, str, Row], list[Event]]
-    fields: tuple[str, ...]
 
 
 GPS = (
@@ -134,41 +138,20 @@ GPS = (
     *("latitude_deg", "longitude_deg", "altitude_msl_m"),
     *("lat", "lon", "alt"),  # until 2023
 )
-TOPICS = {
-    "sensor_combined": Topic(
-        lambda vehicle, topic, row: vehicle.imu(topic, row["gyro_rad"], row["accelerometer_m_s2"]),
-        ("gyro_rad", "accelerometer_m_s2"),
-    ),
-    "vehicle_imu": Topic(
-        _vehicle_imu, ("delta_angle", "delta_velocity", "delta_angle_dt", "delta_velocity_dt")
-    ),
-    "vehicle_magnetometer": Topic(
-        lambda vehicle, _, row: vehicle.put_mag(row["magnetometer_ga"]), ("magnetometer_ga",)
-    ),
-    "sensor_mag": Topic(  # the driver's own
-        lambda vehicle, _, row: vehicle.put_mag((row["x"], row["y"], row["z"])), ("x", "y", "z")
-    ),
-    "vehicle_attitude": Topic(
-        lambda vehicle, topic, row: vehicle.attitude(topic, "autopilot", row["q"]), ("q",)
-    ),
-    "vehicle_attitude_groundtruth": Topic(
-        lambda vehicle, topic, row: vehicle.attitude(topic, "sim", row["q"]), ("q",)
-    ),
-    "vehicle_local_position": Topic(
-        _local_position, ("vx", "vy", "vz", "v_xy_valid", "v_z_valid", "dead_reckoning")
-    ),
-    "estimator_status": Topic(_estimator_status, ("solution_status_flags", "vel_test_ratio")),
-    "estimator_selector_status": Topic(_selector_status, ("primary_instance",)),
-    "vehicle_status": Topic(
-        lambda vehicle, _, row: [
-            ModeChange(vehicle.id, vehicle.arrival_us, row["arming_state"] == ARMING_STATE_ARMED)
-        ],
-        ("arming_state",),
-    ),
-    **dict.fromkeys(GPS_TOPICS, Topic(_gps, GPS)),
+FIELDS = {
+    "sensor_combined": ("gyro_rad", "accelerometer_m_s2"),
+    "vehicle_imu": ("delta_angle", "delta_velocity", "delta_angle_dt", "delta_velocity_dt"),
+    "vehicle_magnetometer": ("magnetometer_ga",),
+    "sensor_mag": ("x", "y", "z"),
+    "vehicle_attitude": ("q",),
+    "vehicle_attitude_groundtruth": ("q",),
+    "vehicle_local_position": ("vx", "vy", "vz", "v_xy_valid", "v_z_valid", "dead_reckoning"),
+    "estimator_status": ("solution_status_flags", "vel_test_ratio"),
+    "estimator_selector_status": ("primary_instance",),
+    "vehicle_status": ("arming_state",),
+    **dict.fromkeys(GPS_TOPICS, GPS),
 }
-WANTED = {name: frozenset(topic.fields) for name, topic in TOPICS.items()}
-CLOCKS = dict.fromkeys(TOPICS, frozenset({"time_utc_usec"}))
+CLOCKS = dict.fromkeys(FIELDS, ("time_utc_usec",))
 
 
 def _look_over(log: UlogReader) -> _Overview:

@@ -10,7 +10,7 @@ definitions. After damage it goes on with the next message that cannot be an acc
 """
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from struct import Struct, calcsize, error
 from typing import Any, NamedTuple
 
@@ -81,7 +81,7 @@ class UlogReader:
     as it has been read there are ``tables`` by topic, and ``parameters`` as they were at the start.
     """
 
-    def __init__(self, window: Window, wanted: Mapping[str, frozenset[str]]) -> None:
+    def __init__(self, window: Window, wanted: Mapping[str, Collection[str]]) -> None:
         self.tables: dict[str, Table] = {}
         self.parameters: dict[str, float] = {}
         self._window, self._wanted = window, wanted
@@ -190,7 +190,7 @@ class UlogReader:
         self._subscribed[number] = range(size - padding, size + 1), table
         return True
 
-    def _table(self, topic: str, wanted: frozenset[str]) -> Table:
+    def _table(self, topic: str, wanted: Collection[str]) -> Table:
         layout, end, count = "<", 1, 0  # what is behind the last wanted field may be missing
         times: dict[str, int] = {}
         fields: list[tuple[str, int | slice]] = []

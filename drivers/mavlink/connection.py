@@ -345,12 +345,10 @@ class RateLimits:
                 self._peers = {k: p for k, p in self._peers.items() if p.has_imu(now_s)}
             known = self._peers[peer] = _Budget(PACKETS_HZ, now_s)
         packets = 1 + size // FRAME_BYTES
-        if known.has_imu(now_s):
-            is_admitted = known.take(packets, IMU_PACKETS_HZ, now_s)
-        else:
-            is_admitted = known.take(packets, PACKETS_HZ, now_s) and self._all.take(
-                packets, ALL_PACKETS_HZ, now_s
-            )
+        has_imu = known.has_imu(now_s)
+        is_admitted = known.take(packets, IMU_PACKETS_HZ if has_imu else PACKETS_HZ, now_s)
+        if is_admitted and not has_imu:
+            is_admitted = self._all.take(packets, ALL_PACKETS_HZ, now_s)
         self.refused += not is_admitted
         return is_admitted
 

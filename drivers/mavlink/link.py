@@ -189,8 +189,7 @@ class MavlinkLink(Closing):
         """Events of what has arrived, after waiting at most ``timeout_s`` for the first."""
         if self._is_closed:
             return []
-        if self._ahead is not None:
-            self._stop_ahead()
+        self._stop_ahead()
         is_idle = not len(self._queue)
         if is_idle or time.monotonic() - self._look_s >= BUSY_REST_S:
             self._receive(timeout_s if is_idle and not self._events else 0.0)
@@ -252,21 +251,14 @@ class MavlinkLink(Closing):
         frames = reader.feed(data)
         self._malformed += reader.take_malformed()
         let_in = self._gate.let_in(frames, peer, arrival_us)
-        if let_in:
-            if self._recorder is not None:
-                self._recorder.write(arrival_us, [frame.data for frame in let_in])
-            self._queue.add(arrival_us, self._wanted(let_in, peer, arrival_us))
-        return len(frames)
-
-    def _wanted(self, frames: list[Frame], peer: str, arrival_us: int) -> list[Frame]:
-        """The frames that become events; a peer with an IMU among them keeps its slot."""
+        if self._recorder is not None:
+            self._recorder.write(arrival_us, [frame.data for frame in let_in])
+        if any(frame.message_id in IMU_MESSAGES for frame in let_in):  # it keeps its slot
+            self._limits.note_imu(peer, arrival_us * 1e-6)
+            self._connection.credit(peer)
         wanted = self._decoder.wanted
-        for frame in frames:
-            if frame.message_id in IMU_MESSAGES:
-                self._limits.note_imu(peer, arrival_us * 1e-6)
-                self._connection.credit(peer)
-                break
-        return [frame for frame in frames if frame.message_id in wanted]
+        self._queue.add(arrival_us, [frame for frame in let_in if frame.message_id in wanted])
+        return len(frames)
 
     def _forget_peers(self) -> None:
         self._readers.clear()

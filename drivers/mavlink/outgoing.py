@@ -127,21 +127,16 @@ class Outbound:
                     self._streams[vehicle] = _Stream(vehicle, message, now_us)
             case events.Forgotten(vehicle=vehicle):
                 self._streams.pop(vehicle, None)
-            case Imu() | events.CommandAck() | events.ClockReset():
-                stream = self._streams.get(event.vehicle)
-                if stream is None:
-                    return
-                if isinstance(event, Imu):
-                    self._measure(stream, event, now_us)
-                elif isinstance(event, events.ClockReset):
-                    stream.restart_measuring()
-                    if event.reason == "reboot":  # it has forgotten what it was asked for
-                        stream.failures = 0
-                        stream.ask(now_us)
-                elif event.command == mav.MAV_CMD_SET_MESSAGE_INTERVAL:
-                    self._take_answer(stream, event.result, now_us)
-            case _:
-                pass
+            case Imu(vehicle=vehicle) if vehicle in self._streams:
+                self._measure(self._streams[vehicle], event, now_us)
+            case events.ClockReset(vehicle=vehicle) if vehicle in self._streams:
+                self._streams[vehicle].restart_measuring()
+                if event.reason == "reboot":  # it has forgotten what it was asked for
+                    self._streams[vehicle].failures = 0
+                    self._streams[vehicle].ask(now_us)
+            case events.CommandAck(vehicle=vehicle, command=mav.MAV_CMD_SET_MESSAGE_INTERVAL):
+                if vehicle in self._streams:
+                    self._take_answer(self._streams[vehicle], event.result, now_us)
 
     def _act(self, stream: _Stream, now_us: int) -> None:
         if stream.phase == "asking" and stream.repeats > MOST_REPEATS:

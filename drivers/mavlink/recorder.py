@@ -199,7 +199,7 @@ class _Writer:
 
     def _is_over(self, file: TlogFile, arrival_us: int) -> bool:
         is_long = abs(arrival_us - self._begun_us) >= MAX_FILE_US
-        return self._in_folder and (is_long or file.written >= self._max_file_bytes)
+        return self._in_folder and (is_long or file.size >= self._max_file_bytes)
 
     def _following_path(self, arrival_us: int) -> Path:
         """Where to go on: in the file that was, or in a folder's file of that time."""

@@ -9,6 +9,7 @@ import errno
 import os
 import stat
 from contextlib import suppress
+from io import FileIO
 from pathlib import Path
 
 from drivers.output_file import output_path
@@ -39,15 +40,16 @@ class TlogFile(Closing):
 
     def __init__(self, path: str | Path) -> None:
         self.path = output_path(Path(path))
-        self.written = 0  # bytes, by this writer
         try:
             self._file = _opened(self.path)
         except (OSError, ValueError) as error:
             raise cannot_record(repr(str(path)), error) from error
-        about = os.fstat(self._file)
+        about = os.fstat(self._file.fileno())
         self._is_regular = stat.S_ISREG(about.st_mode)
-        self._size = about.st_size
-        self._require_tlog()
+        self.size = about.st_size  # as this writer leaves it
+        if self._is_regular and self.size and not self._is_tlog():
+            self.close()
+            raise InputError(f"cannot record to {str(self.path)!r}: it is there, and no tlog")
 
     def append(self, records: bytes) -> None:
         """Append whole records, or none of them.
@@ -55,13 +57,12 @@ class TlogFile(Closing):
         Raises:
             OSError: they could not be written.
         """
-        written = os.write(self._file, records)
+        written = self._file.write(records)
         if written < len(records):
             if self._is_regular:
-                os.ftruncate(self._file, os.fstat(self._file).st_size - written)
+                self._file.truncate(os.fstat(self._file.fileno()).st_size - written)
             raise OSError(errno.ENOSPC, "no space left")
-        self.written += written
-        self._size += written
+        self.size += written
 
     def damage(self) -> str:
         """What another program has done to the file, in one word; empty if nothing.
@@ -72,42 +73,36 @@ class TlogFile(Closing):
         if not self._is_regular:
             return ""
         try:
-            about, there = os.fstat(self._file), self.path.stat()
+            about, there = os.fstat(self._file.fileno()), self.path.stat()
         except OSError:
             return "removed"
         if (there.st_dev, there.st_ino) != (about.st_dev, about.st_ino):
             return "replaced"
-        if about.st_size != self._size:
-            return "truncated" if about.st_size < self._size else "changed"
+        if about.st_size != self.size:
+            return "truncated" if about.st_size < self.size else "changed"
         return ""
 
     def close(self) -> None:
         """Close the file; a second call does nothing."""
-        if self._file >= 0:
-            os.close(self._file)
-            self._file = -1
+        self._file.close()
 
-    def _require_tlog(self) -> None:
-        """Frames are appended to a tlog, to nothing else."""
-        if not self._is_regular or self._size == 0:
-            return
-        with suppress(OSError), self.path.open("rb") as file:  # one may be written, not read
-            start = file.read(STAMP_BYTES + 1)
-            if start[STAMP_BYTES:] not in (b"\xfe", b"\xfd"):
-                self.close()
-                raise InputError(f"cannot record to {str(self.path)!r}: it is there, and no tlog")
+    def _is_tlog(self) -> bool:
+        """Whether a frame is behind the first time; of a file that cannot be read nobody knows."""
+        with suppress(OSError), self.path.open("rb") as file:
+            return file.read(STAMP_BYTES + 1)[STAMP_BYTES:] in (b"\xfe", b"\xfd")
+        return True
 
 
-def _opened(path: Path) -> int:
+def _opened(path: Path) -> FileIO:
     """The file, for one recorder alone; the system takes that back however its process ends."""
     # a pipe that nobody reads would block
-    file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | NOT_WAITING, 0o644)
-    os.set_blocking(file, True)
+    file = FileIO(path, "ab", opener=lambda name, flags: os.open(name, flags | NOT_WAITING, 0o644))
+    os.set_blocking(file.fileno(), True)
     try:
-        if fcntl is not None and stat.S_ISREG(os.fstat(file).st_mode):
+        if fcntl is not None and stat.S_ISREG(os.fstat(file.fileno()).st_mode):
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
-        os.close(file)
+        file.close()
         raise OSError(errno.EBUSY, "another program records to it") from None
     except OSError:
         pass  # a file system without locks

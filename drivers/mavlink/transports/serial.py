@@ -21,10 +21,6 @@ class SerialLine(Transport):
         super().__init__(endpoint)
         self._port: Any = None
 
-    @property
-    def connected(self) -> bool:
-        return self._port is not None
-
     def open(self) -> None:
         import serial
 

@@ -41,23 +41,17 @@ ANCILLARY_BYTES = 64
 class _Udp(Transport):
     """A UDP socket."""
 
-    _lost = 0
-
-    @property
-    def connected(self) -> bool:
-        return self._socket is not None
-
     @property
     def lost(self) -> int:
         """Datagrams that the system has thrown away; to ask it takes as long as to read some."""
-        if IS_LINUX and self._socket is not None:
-            info = self._socket.getsockopt(socket.SOL_SOCKET, SO_MEMINFO, MEMINFO.size)
-            if len(info) == MEMINFO.size:  # old kernels show less
-                self._lost = MEMINFO.unpack(info)[MEMINFO_DROPS]
-        return self._lost
+        if not IS_LINUX or self._socket is None:
+            return 0
+        info = self._socket.getsockopt(socket.SOL_SOCKET, SO_MEMINFO, MEMINFO.size)
+        # old kernels show less
+        return int(MEMINFO.unpack(info)[MEMINFO_DROPS]) if len(info) == MEMINFO.size else 0
 
     def _use(self, created: socket.socket) -> None:
-        self._socket, self._lost = created, 0
+        self._socket = created
         if IS_LINUX:
             created.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
 
