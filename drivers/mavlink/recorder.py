@@ -7,8 +7,7 @@ Frames are lost only where the disk fails or stands still for long; each is coun
 import logging
 import os
 import threading
-from collections import deque
-from collections.abc import Iterable
+from collections.abc import Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
 from itertools import groupby
@@ -48,12 +47,10 @@ class Recorder(Closing):
         InputError: the file or folder cannot be made or written, or another recorder has it.
     """
 
-    def __init__(
-        self, target: str | Path, *, in_folder: bool = False, max_file_bytes: int = MAX_FILE_BYTES
-    ) -> None:
-        self._writer = _Writer(Path(target), in_folder, max_file_bytes)
+    def __init__(self, target: str | Path, *, in_folder: bool = False) -> None:
+        self._writer = _Writer(Path(target), in_folder)
         self._too_many = 0  # frames for which there was no room
-        self._waiting: deque[_Batch] = deque()
+        self._waiting: list[_Batch] = []
         self._waiting_bytes = 0
         self._lock = threading.Lock()
         self._closing = threading.Event()
@@ -70,23 +67,21 @@ class Recorder(Closing):
         """Whether every frame is in the files, which nobody else has damaged."""
         return not self.lost and not self._writer.is_damaged
 
-    def write(self, arrival_us: int, frames: Iterable[bytes]) -> None:
+    def write(self, arrival_us: int, frames: Sequence[bytes]) -> None:
         """Record frames that arrived together; returns at once."""
-        frames = list(frames)
         if not frames:
             return
         stamp = arrival_us.to_bytes(STAMP_BYTES, "big")
         records = b"".join([stamp + frame for frame in frames])
-        batch = _Batch(arrival_us, records, len(frames))
         with self._lock:
-            is_full = self._waiting_bytes + len(batch.records) > MOST_WAITING_BYTES
-            if is_full or self._closing.is_set():
-                if not self._too_many:
-                    _logger.warning("the recording lacks frames: the disk does not keep up")
-                self._too_many += batch.frames
+            is_full = self._waiting_bytes + len(records) > MOST_WAITING_BYTES
+            if not is_full and not self._closing.is_set():
+                self._waiting.append(_Batch(arrival_us, records, len(frames)))
+                self._waiting_bytes += len(records)
                 return
-            self._waiting.append(batch)
-            self._waiting_bytes += len(batch.records)
+            if not self._too_many:
+                _logger.warning("the recording lacks frames: the disk does not keep up")
+            self._too_many += len(frames)
 
     def close(self) -> None:
         """Write what waits, for at most two seconds, and end."""
@@ -102,9 +97,7 @@ class Recorder(Closing):
         while not is_over:
             is_over = self._closing.wait(WRITE_EVERY_S)
             with self._lock:
-                batches = list(self._waiting)
-                self._waiting.clear()
-                self._waiting_bytes = 0
+                batches, self._waiting, self._waiting_bytes = self._waiting, [], 0
             # batches of one second are one write
             for _, group in groupby(batches, lambda batch: batch.arrival_us // 1_000_000):
                 arrivals_us, records, frames = zip(*group, strict=True)
@@ -120,10 +113,10 @@ class _Writer:
         InputError: the folder cannot be made or written.
     """
 
-    def __init__(self, target: Path, in_folder: bool, max_file_bytes: int) -> None:
+    def __init__(self, target: Path, in_folder: bool) -> None:
         self.lost = 0  # frames
         self.is_damaged = False
-        self._target, self._in_folder, self._max_file_bytes = target, in_folder, max_file_bytes
+        self._target, self._in_folder = target, in_folder
         self._file: TlogFile | None = None
         self._begun_us = 0  # the file in the folder
         self._damage = ""  # what another program has done to the file
@@ -140,8 +133,7 @@ class _Writer:
 
     def write(self, batch: _Batch) -> None:
         """Append the records, unless a failure is too recent."""
-        waits = self._retry_us is not None and 0 < self._retry_us - batch.arrival_us < RETRY_US
-        if waits:
+        if self._retry_us is not None and 0 < self._retry_us - batch.arrival_us < RETRY_US:
             self.lost += batch.frames
             return
         try:
@@ -181,9 +173,6 @@ class _Writer:
         file, is_gone = self._file, self._damage in ("removed", "replaced")
         if file is not None and not is_gone and not self._is_over(file, arrival_us):
             return file
-        if self._in_folder:
-            with suppress(OSError):  # it may have gone with its folder
-                self._target.mkdir(parents=True, exist_ok=True)
         try:
             following = TlogFile(self._following_path(arrival_us))
         except InputError as error:
@@ -199,7 +188,7 @@ class _Writer:
 
     def _is_over(self, file: TlogFile, arrival_us: int) -> bool:
         is_long = abs(arrival_us - self._begun_us) >= MAX_FILE_US
-        return self._in_folder and (is_long or file.size >= self._max_file_bytes)
+        return self._in_folder and (is_long or file.size >= MAX_FILE_BYTES)
 
     def _following_path(self, arrival_us: int) -> Path:
         """Where to go on: in the file that was, or in a folder's file of that time."""
@@ -208,6 +197,7 @@ class _Writer:
         start = datetime.fromtimestamp(arrival_us / 1e6, UTC).strftime("%Y%m%dT%H%M%SZ")
         path, number = self._target / f"{start}.tlog", 1
         with suppress(OSError):  # whoever opens it reports what else is wrong
+            self._target.mkdir(parents=True, exist_ok=True)  # a file may have gone with its folder
             while True:
                 try:
                     path.touch(0o644, exist_ok=False)  # at once: another run may look, too

@@ -152,10 +152,11 @@ def test_no_sample_is_refused_after_a_stop(monkeypatch):
         assert 150 <= link.dropped <= 200  # a budget of one second, and what time has added
 
 
-def test_only_a_full_queue_leaves_samples_out_and_the_newest_stay(tmp_path):
+def test_only_a_full_queue_leaves_samples_out_and_the_newest_stay(tmp_path, monkeypatch):
     """Each is taken or counted, what is sent once stays, and all are in the recording."""
     path, one, two = tmp_path / "flight.tlog", Vehicle(1), Vehicle(2)
-    with Recorder(path) as recorder, udp_link(recorder, most_waiting=100) as (link, sender):
+    monkeypatch.setattr("drivers.mavlink.link.MOST_WAITING", 100)
+    with Recorder(path) as recorder, udp_link(recorder) as (link, sender):
         sent = b""
         for number in range(150):
             frames = [one.imu(), two.imu(), *([two.heartbeat()] if number == 9 else [])]

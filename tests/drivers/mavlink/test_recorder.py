@@ -303,9 +303,9 @@ def test_a_folder_that_is_removed_costs_frames_until_it_is_there_again(
 # --- a folder of files
 
 
-def test_a_new_file_by_size_named_by_its_first_record(tmp_path):
-    size = 8 + len(frame())
-    with Recorder(tmp_path / "logs", in_folder=True, max_file_bytes=10 * size) as recorder:
+def test_a_new_file_by_size_named_by_its_first_record(tmp_path, monkeypatch):
+    monkeypatch.setattr(recorder_module, "MAX_FILE_BYTES", 10 * (8 + len(frame())))
+    with Recorder(tmp_path / "logs", in_folder=True) as recorder:
         for second in range(25):
             recorder.write(UNIX_US + second * 1_000_000, [frame()])
             recorder.write(UNIX_US + second * 1_000_000, [])
@@ -352,13 +352,15 @@ def test_a_folder_that_is_removed_is_made_again(tmp_path, caplog):
 FILL = """
 import sys, time
 from pathlib import Path
+from drivers.mavlink import recorder as recorder_module
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.recorder import RETRY_US, Recorder
 
+recorder_module.MAX_FILE_BYTES = 40_000
 folder, frame = Path(sys.argv[1]), bytes((0xFD,)) * 56
 ballast = folder / "ballast"
 ballast.write_bytes(bytes(100_000))
-with Recorder(folder / "logs", in_folder=True, max_file_bytes=40_000) as recorder:
+with Recorder(folder / "logs", in_folder=True) as recorder:
     n = 0
     while not recorder.lost:  # until the disk is full
         recorder.write(n * 1000, [frame])
