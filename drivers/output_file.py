@@ -5,7 +5,8 @@ import os
 import stat
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from io import FileIO
 from pathlib import Path
 
 from estimator.errors import InputError
@@ -42,26 +43,20 @@ def output_path(path: Path) -> Path:
         raise InputError(f"{path}: cannot be written: {error}") from None
 
 
-@contextmanager
-def has_reader(path: Path) -> Iterator[None]:
-    """Refuse a pipe that nobody reads: to open it would wait for ever.
+def _held_open(path: Path) -> AbstractContextManager[object]:
+    """A pipe open meanwhile, or its reader would see an end; nothing of what is no pipe.
 
     Raises:
-        InputError: it is one.
+        InputError: a pipe that nobody reads: to open it would wait for ever.
     """
     if not path.is_fifo():
-        yield
-        return
+        return nullcontext()
     try:
-        held = os.open(path, os.O_WRONLY | os.O_NONBLOCK)
+        return FileIO(os.open(path, os.O_WRONLY | os.O_NONBLOCK), "wb")
     except OSError as error:
         if error.errno != errno.ENXIO:
             raise
         raise InputError(f"{path}: a pipe that nobody reads, start its reader first") from None
-    try:
-        yield  # held open meanwhile, or its reader would see an end
-    finally:
-        os.close(held)
 
 
 @contextmanager
@@ -73,13 +68,13 @@ def written_whole(path: Path) -> Iterator[Path]:
     a file in a folder that takes no others.
 
     Raises:
-        InputError: see :func:`output_path` and :func:`has_reader`.
+        InputError: see :func:`output_path`; or it is a pipe that nobody reads.
         OSError: it cannot be written.
     """
     path = output_path(path)
     is_there = os.path.lexists(path)
     if is_there and not (path.is_file() and os.access(path.parent, os.W_OK)):
-        with has_reader(path):
+        with _held_open(path):
             yield path
         return
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=".unfinished-", suffix=path.suffix)

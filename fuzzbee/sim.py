@@ -19,6 +19,7 @@ from fuzzbee.security import INSECURE, key_of
 from service.signals import stop_on_signals
 
 if TYPE_CHECKING:
+    from drivers.mavlink.connection import Connection
     from drivers.simulation.autopilot import VehicleOptions
     from drivers.simulation.fleet import Fleet
 
@@ -99,8 +100,8 @@ def sim(options: SimOptions) -> int:
         begun_s = time.monotonic()
         run_vehicles(fleet, connection, stop.is_set, seconds, _notify)
         if options.as_json:
-            _print_json(str(endpoint), options, fleet, time.monotonic() - begun_s, errors)
-        if seconds is not None and not fleet.was_connected and not stop.is_set():
+            _print_json(connection, options, fleet, time.monotonic() - begun_s, errors)
+        if seconds is not None and not connection.was_up and not stop.is_set():
             _notify(f"{endpoint}: nobody was connected in {seconds:g} s")
             return 1
         return 0
@@ -133,20 +134,20 @@ def _vehicle_options(options: SimOptions) -> "VehicleOptions":
 
 
 def _print_json(
-    to: str, options: SimOptions, fleet: "Fleet", seconds: float, errors: dict[str, Any]
+    link: "Connection", options: SimOptions, fleet: "Fleet", seconds: float, errors: dict[str, Any]
 ) -> None:
     """What was done, as one object."""
     import json
 
     result = {
-        "to": to,
+        "to": str(link.endpoint),
         "vehicles": options.vehicles,
         "rate_hz": options.rate,
         "motion": options.motion,
         "seed": options.seed,
         "seconds": round(seconds, 3),
         "bytes_sent": fleet.bytes_sent,
-        "link_errors": fleet.link_errors,
+        "link_errors": link.breaks,
     }
     print(json.dumps(result | {"imu_errors": errors} if errors else result), flush=True)
 

@@ -10,6 +10,7 @@ import io
 import json
 import shutil
 import tempfile
+from bz2 import BZ2Decompressor
 from collections.abc import Collection, Iterator
 from contextlib import suppress
 from dataclasses import replace
@@ -77,18 +78,14 @@ def unpacked(compression: str, data: bytes, _size: int = 0) -> bytes:
     Raises:
         ValueError: it is larger than :data:`LARGEST`.
     """
+    from lz4.frame import LZ4FrameDecompressor
+    from zstandard import ZstdDecompressor
+
     if compression == "zstd":
-        import zstandard
-
-        whole: bytes = zstandard.ZstdDecompressor().stream_reader(data).read(LARGEST + 1)
-    elif compression == "lz4":
-        from lz4.frame import LZ4FrameDecompressor
-
-        whole = LZ4FrameDecompressor().decompress(data, max_length=LARGEST + 1)
+        whole: bytes = ZstdDecompressor().stream_reader(data).read(LARGEST + 1)
     else:
-        from bz2 import BZ2Decompressor
-
-        whole = BZ2Decompressor().decompress(data, max_length=LARGEST + 1)
+        kind = LZ4FrameDecompressor if compression == "lz4" else BZ2Decompressor
+        whole = kind().decompress(data, max_length=LARGEST + 1)
     if len(whole) > LARGEST:
         raise ValueError(TOO_LARGE)
     return whole

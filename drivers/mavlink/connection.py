@@ -35,9 +35,9 @@ _logger = logging.getLogger(__name__)
 class Connection:
     """A transport that is opened again after each failure.
 
-    ``breaks`` counts the failures; ``is_open`` is whether bytes may come. ``on_break`` is called
-    whenever the connection breaks: half-read frames and peers are void then. ``report`` gets a
-    line for each new kind of failure.
+    ``breaks`` counts the failures; ``is_open`` is whether bytes may come, ``was_up`` whether any
+    could ever. ``on_break`` is called whenever the connection breaks: half-read frames and peers
+    are void then. ``report`` gets a line for each new kind of failure.
 
     Raises:
         InputError: the endpoint is neither a socket nor a serial line.
@@ -50,7 +50,7 @@ class Connection:
         report: Callable[[str], None] = _logger.warning,
     ) -> None:
         self.endpoint = endpoint
-        self.is_open = False
+        self.is_open = self.was_up = False
         self.breaks = 0
         if endpoint.kind not in TRANSPORTS:
             raise InputError(f"{endpoint} is no MAVLink link: use udpin, udpout, tcp or tcpin")
@@ -108,7 +108,7 @@ class Connection:
             self._note_break(error)
             return []
         if self._transport.connected and not self._is_up:
-            self._is_up = True
+            self._is_up = self.was_up = True
             self._events.append(LinkUp(unix_us(), str(self.endpoint)))
         elif self._is_up and not self._transport.connected:
             self._note_down("the last client has left")

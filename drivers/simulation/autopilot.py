@@ -44,6 +44,11 @@ from estimator.types import ZERO_VEC3, Quaternion, Vec3
 HEARTBEAT_US = 1_000_000
 SLOW_US = 100_000.0  # position and version
 SLOW = (mav.AUTOPILOT_VERSION_ID, mav.GLOBAL_POSITION_INT_ID)
+# What goes with samples, in the order on the wire; SIM_STATE has the time of its RAW_IMU
+MESSAGES = (
+    *(mav.AUTOPILOT_VERSION_ID, mav.RAW_IMU_ID, mav.SIM_STATE_ID, mav.ATTITUDE_ID),
+    *(mav.ATTITUDE_QUATERNION_ID, mav.GLOBAL_POSITION_INT_ID),
+)
 FASTEST_RATE_HZ = 1000.0  # an interval below 1 ms is refused
 
 # What a parameter list of a calibrated copter has about its IMU
@@ -123,10 +128,11 @@ class SimulatedAutopilot:
         self._losses = np.random.default_rng([options.seed, system_id])
         self._receiver = np.random.default_rng([options.seed, system_id, 1])
         self._sample_us = self._default_us = 1e6 / options.rate_hz
-        self._messages = self._messages_of_samples()
         slow_us = max(SLOW_US, self._default_us)
         self._streams: dict[float, Schedule] = {
-            each: Schedule(slow_us if each in SLOW else self._default_us) for each in self._messages
+            each: Schedule(slow_us if each in SLOW else self._default_us)
+            for each in MESSAGES
+            if self._vehicle.knows_place or each != mav.GLOBAL_POSITION_INT_ID
         }
         self._heartbeat = Schedule(HEARTBEAT_US)
         self._answers: dict[str, Callable[[Any], list[Message]]] = {
@@ -135,24 +141,6 @@ class SimulatedAutopilot:
             "PARAM_REQUEST_READ": _parameter_read,
         }
         self._next = next(self._vehicle)
-
-    def _messages_of_samples(self) -> dict[float, Callable[[Sample], Message]]:
-        """What goes with samples, in the order on the wire.
-
-        SIM_STATE has no time of its own: it follows its RAW_IMU.
-        """
-        messages: dict[float, Callable[[Sample], Message]] = {
-            mav.AUTOPILOT_VERSION_ID: lambda _: autopilot_version(BUILT_IN, self._vehicle.motion),
-            mav.RAW_IMU_ID: lambda s: raw_imu(s.time_us, s.acc_m_s2, s.gyr_rad_s, s.mag_gauss),
-            mav.SIM_STATE_ID: self._sim_state,
-            mav.ATTITUDE_ID: lambda s: attitude(s.time_us, _euler(s.q_ned_frd), s.true_rate_rad_s),
-            mav.ATTITUDE_QUATERNION_ID: lambda s: attitude_quaternion(
-                s.time_us, s.q_ned_frd, s.true_rate_rad_s
-            ),
-        }
-        if self._vehicle.knows_place:
-            messages[mav.GLOBAL_POSITION_INT_ID] = self._global_position
-        return messages
 
     @property
     def due_us(self) -> float:
@@ -193,17 +181,26 @@ class SimulatedAutopilot:
         due = [each for each, stream in self._streams.items() if stream.is_due(sample.time_us)]
         if mav.RAW_IMU_ID not in due and mav.SIM_STATE_ID in due:
             due.remove(mav.SIM_STATE_ID)
-        return [self._messages[each](sample) for each in due]
+        return [self._message(each, sample) for each in due]
 
-    def _sim_state(self, sample: Sample) -> Message:
-        q, motion = sample.q_ned_frd, (sample.true_force_m_s2, sample.true_rate_rad_s)
-        place = geodetic(sample.position_ned_m) if self._vehicle.knows_place else ZERO_VEC3
-        return sim_state(q, _euler(q), *motion, place, sample.velocity_ned_m_s)
-
-    def _global_position(self, sample: Sample) -> Message:
-        place, height_m = geodetic(sample.position_ned_m), -sample.position_ned_m[2]
-        velocity = velocity_reported(sample, self._options.noise, self._receiver)
-        return global_position(sample.time_us, place, height_m, velocity)
+    def _message(self, number: float, s: Sample) -> Message:
+        match number:
+            case mav.AUTOPILOT_VERSION_ID:
+                return autopilot_version(BUILT_IN, self._vehicle.motion)
+            case mav.RAW_IMU_ID:
+                return raw_imu(s.time_us, s.acc_m_s2, s.gyr_rad_s, s.mag_gauss)
+            case mav.SIM_STATE_ID:
+                q, motion = s.q_ned_frd, (s.true_force_m_s2, s.true_rate_rad_s)
+                place = geodetic(s.position_ned_m) if self._vehicle.knows_place else ZERO_VEC3
+                return sim_state(q, _euler(q), *motion, place, s.velocity_ned_m_s)
+            case mav.ATTITUDE_ID:
+                return attitude(s.time_us, _euler(s.q_ned_frd), s.true_rate_rad_s)
+            case mav.ATTITUDE_QUATERNION_ID:
+                return attitude_quaternion(s.time_us, s.q_ned_frd, s.true_rate_rad_s)
+            case _:
+                velocity = velocity_reported(s, self._options.noise, self._receiver)
+                place, height_m = geodetic(s.position_ned_m), -s.position_ned_m[2]
+                return global_position(s.time_us, place, height_m, velocity)
 
     def _frames(self, messages: list[Message], unix_us: int) -> bytes:
         frames, drop = [self._encoder.frame(each, unix_us) for each in messages], self._options.drop

@@ -26,8 +26,7 @@ RECEIVE_S = 0.1  # how often the process looks whether it should end
 class Fleet:
     """Vehicles 1..N on one transport; after 250 of them 1-2, 2-2 and so on.
 
-    It counts ``bytes_sent`` and ``link_errors``, how often the link broke or could not be made, and
-    knows whether it ``was_connected`` at all.
+    It counts ``bytes_sent``.
 
     Raises:
         InputError: an option or the number of vehicles is out of its range.
@@ -42,8 +41,7 @@ class Fleet:
         self._spread_us = 1e6 / options.rate_hz / vehicles  # over one sample interval
         self._schedule()
         self._readers: dict[str, FrameReader] = {}
-        self.bytes_sent = self.link_errors = 0
-        self.was_connected = False
+        self.bytes_sent = 0
 
     @property
     def due_us(self) -> float:
@@ -82,14 +80,6 @@ class Fleet:
         if answered:  # a changed rate changes what is due
             self._schedule()
 
-    def note(self, connection: Connection, report: Callable[[str], None]) -> None:
-        """Take in what has become of the link."""
-        if any(isinstance(event, LinkUp) for event in connection.take_events()):
-            if self.link_errors:
-                report("connected")
-            self.was_connected = True
-        self.link_errors = connection.breaks
-
     def _schedule(self) -> None:
         numbered = enumerate(self._vehicles)
         self._due = [(each.due_us + i * self._spread_us, i) for i, each in numbered]
@@ -107,23 +97,20 @@ def run_vehicles(
 
     A link that breaks is made again; the vehicles' time goes on meanwhile.
     """
-    start_us = _monotonic_us()
+    start_s = time.monotonic()
     try:
         while not stopped():
-            now_us = _monotonic_us() - start_us
+            now_us = 1e6 * (time.monotonic() - start_s)
             if seconds is not None and now_us >= seconds * 1e6:
                 return
             fleet.send_due(now_us, unix_us(), connection.send)
-            wait_us = fleet.due_us - (_monotonic_us() - start_us)
+            wait_us = fleet.due_us - 1e6 * (time.monotonic() - start_s)
             if seconds is not None:
                 wait_us = min(wait_us, seconds * 1e6 - now_us)
             for packet in connection.receive(min(RECEIVE_S, max(0.0, wait_us * 1e-6))):
                 fleet.receive(packet.peer, packet.data, unix_us(), connection.send)
-            fleet.note(connection, report)
+            came_up = any(isinstance(event, LinkUp) for event in connection.take_events())
+            if came_up and connection.breaks:
+                report("connected")
     finally:
-        fleet.note(connection, report)
         connection.close()
-
-
-def _monotonic_us() -> int:
-    return time.monotonic_ns() // 1000
