@@ -8,7 +8,7 @@ The reading goes forwards only and keeps nothing but the formats, so that no dam
 hang or grow. What is not followed by another message, or by the end, is passed over.
 """
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from struct import Struct
 from typing import Any, NamedTuple
 
@@ -43,16 +43,14 @@ def messages(window: Window, wanted: Collection[str]) -> Iterator[tuple[str, Row
     """(name, fields) of the messages of those names; None for each unreadable stretch."""
     formats = {FMT_TYPE: FMT}
 
-    def read(position: int, stop: int) -> tuple[list[tuple[str, Row] | None], int]:
-        data, found = window.data, list[tuple[str, Row] | None]()
-        while position < stop and (form := _sound(data, position, formats)) is not None:
-            if form is FMT:
-                if not _learn(formats, form.row(data, position)):
-                    found.append(None)
-            elif form.name in wanted:
-                found.append((form.name, form.row(data, position)))
-            position += form.length
-        return found, position
+    def read(position: int) -> tuple[int, Sequence[tuple[str, Row] | None]]:
+        data = window.data
+        if (form := _sound(data, position, formats)) is None:
+            return position, ()
+        end = position + form.length
+        if form is FMT:
+            return end, () if _learn(formats, form.row(data, position)) else (None,)
+        return end, ((form.name, form.row(data, position)),) if form.name in wanted else ()
 
     return window.records(0, read, lambda at: _next_sound(window.data, at, formats))
 

@@ -3,7 +3,7 @@
 import hashlib
 import logging
 from abc import abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO, TypeVar
@@ -15,7 +15,6 @@ from estimator.errors import InputError
 T = TypeVar("T")
 OnRead = Callable[[int], None]
 READ_SIZE = 1 << 20
-PIECE = 1 << 15  # bytes; of more records at once the garbage collector walks each several times
 LATEST_US = 1 << 62  # differences between times must fit 64 bits
 MARGIN = 1 << 17  # bytes; longer than any message of a log that is read in pieces
 
@@ -99,23 +98,24 @@ class Window:
     def records(
         self,
         position: int,
-        read: Callable[[int, int], tuple[list[T | None], int]],
+        read: Callable[[int], tuple[int, Sequence[T | None]]],
         search: Callable[[int], int | None],
     ) -> Iterator[T | None]:
         """What ``read`` finds from ``position`` on; None for each damaged stretch.
 
-        It takes the sound records that begin before a place of the data, and returns where the next
-        one should begin. ``search`` finds the next sound one behind damage, from a place on.
+        It takes the record at a place of the data, and returns where the next one should begin, the
+        same place if it is damaged, and what it has found: one thing, or nothing that is wanted.
+        ``search`` finds the next sound record behind damage, from a place on.
         """
         while position < len(self.data) or not self.is_last:
-            stop = min(self._safe_end, position + PIECE)
-            found, position = read(position, stop)
+            if position >= self._safe_end:
+                position = self.move(position)
+                continue
+            begin, (position, found) = position, read(position)
             yield from found
-            if position < stop:
+            if position == begin:
                 yield None
                 position = self._next(position + 1, search)
-            elif not self.is_last and position >= self._safe_end:
-                position = self.move(position)
 
     def _next(self, position: int, search: Callable[[int], int | None]) -> int:
         """Where the next sound record begins, or the data's end.

@@ -5,7 +5,7 @@ frame. Recorders put a link number into the two low bits, write garbage, and
 sometimes a time from another age; none of that stops the reading.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain, islice, pairwise
 from pathlib import Path
 from typing import Any
@@ -148,26 +148,20 @@ def tlog_records(
     frames = FrameFormat(gap=STAMP_SIZE)
     wanted = frozenset(mavlink().mavlink_map) if wanted is None else wanted
 
-    def read(position: int, stop: int) -> tuple[list[tuple[int, Frame] | None], int]:
-        data, found = window.data, list[tuple[int, Frame] | None]()
-        size = len(data)
-        while position < stop:
-            start = position + STAMP_SIZE
-            if start >= size:
-                return found, size
-            end = frame_end(data, start)
-            if end is None or end > size:
-                break
-            frame = frames.frame(data, start, end)
-            if frame is None:
-                if not frames.is_followed(data, end):
-                    break
-                found.append(None)
-            elif frame.message_id in wanted:
-                stamp_us = int.from_bytes(data[position:start], "big")
-                found.append((min(stamp_us, LATEST_US), frame))
-            position = end
-        return found, position
+    def read(position: int) -> tuple[int, Sequence[tuple[int, Frame] | None]]:
+        data, start = window.data, position + STAMP_SIZE
+        if start >= len(data):
+            return len(data), ()
+        end = frame_end(data, start)
+        if end is None or end > len(data):
+            return position, ()
+        frame = frames.frame(data, start, end)
+        if frame is None:
+            return (end, (None,)) if frames.is_followed(data, end) else (position, ())
+        if frame.message_id not in wanted:
+            return end, ()
+        stamp_us = int.from_bytes(data[position:start], "big")
+        return end, ((min(stamp_us, LATEST_US), frame),)
 
     def search(position: int) -> int | None:
         start = frames.next_start(window.data, position + STAMP_SIZE)

@@ -10,7 +10,7 @@ definitions. After damage it goes on with the next message that cannot be an acc
 """
 
 import re
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from struct import Struct, calcsize, error
 from typing import Any, NamedTuple
 
@@ -98,28 +98,22 @@ class UlogReader:
         """
         return self._window.records(FILE_HEAD_SIZE, self._read, self._next_message)
 
-    def _read(self, position: int, stop: int) -> tuple[list[Found | None], int]:
-        """The rows of the messages from ``position`` to ``stop``, and where they end."""
-        data, found = self._window.data, list[Found | None]()
-        while position < stop:
-            end = self._end(data, position)
-            if end is None:
-                if not data.startswith(MAGIC, position):
-                    break
-                self._window.end()  # another log is behind this one, with times of its own
-                return [*found, None], len(data)
-            start = position + HEAD.size
-            if data[position + 2] != ROW:
-                if not self._takes(data[position + 2], data[start:end]):
-                    found.append(None)
-            else:
-                sizes, table = self._subscribed.get(_number(data, start), NO_ROWS)
-                if end - start - NUMBER_SIZE not in sizes:
-                    found.append(None)
-                elif table is not None:
-                    found.append(table.found(data, start + NUMBER_SIZE))
-            position = end
-        return found, position
+    def _read(self, position: int) -> tuple[int, Sequence[Found | None]]:
+        """Where the message at ``position`` ends, and its row, if it is one."""
+        data = self._window.data
+        end = self._end(data, position)
+        if end is None:
+            if not data.startswith(MAGIC, position):
+                return position, ()
+            self._window.end()  # another log is behind this one, with times of its own
+            return len(data), (None,)
+        start = position + HEAD.size
+        if data[position + 2] != ROW:
+            return end, () if self._takes(data[position + 2], data[start:end]) else (None,)
+        sizes, table = self._subscribed.get(_number(data, start), NO_ROWS)
+        if end - start - NUMBER_SIZE not in sizes:
+            return end, (None,)
+        return end, () if table is None else (table.found(data, start + NUMBER_SIZE),)
 
     @staticmethod
     def _end(data: bytes, position: int) -> int | None:

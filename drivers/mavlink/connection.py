@@ -12,13 +12,13 @@ from drivers.events import Event, LinkDown, LinkUp, Notice
 from drivers.mavlink.transports.serial import SerialLine
 from drivers.mavlink.transports.tcp import TcpClient, TcpServer
 from drivers.mavlink.transports.transport import SOCKET_BUFFER_BYTES, Packet, Transport, unix_us
-from drivers.mavlink.transports.udp import UdpIn, UdpOut
+from drivers.mavlink.transports.udp import Udp
 from drivers.resources import run_in_thread
 from estimator.errors import InputError
 
 TRANSPORTS: dict[str, Callable[[Endpoint], Transport]] = {
-    "udpin": UdpIn,
-    "udpout": UdpOut,
+    "udpin": Udp,
+    "udpout": Udp,
     "tcp": TcpClient,
     "tcpin": TcpServer,
     "serial": SerialLine,

@@ -3,14 +3,15 @@
 
 import errno
 import socket
-import sys
 from collections import OrderedDict
 from struct import Struct
 from typing import Any
 
 from drivers.endpoint import Endpoint
 from drivers.mavlink.transports.transport import (
+    IS_LINUX,
     RECEIVE_BYTES,
+    SO_TIMESTAMPNS,
     Packet,
     Transport,
     listening_socket,
@@ -26,20 +27,24 @@ MOST_UDP_PEERS = 32
 # A datagram that could not be delivered is like a lost one
 LOST_DATAGRAM = (errno.ECONNREFUSED, errno.ENOBUFS, errno.EMSGSIZE, errno.ECONNRESET)
 
-# Linux shows with each datagram when it arrived, which may be long before it is read
-# (socket(7), SO_TIMESTAMPNS), and how many it has thrown away (SO_MEMINFO, linux/sock_diag.h).
-# Python has no names for these numbers, which are those of all processors but a few old ones.
-IS_LINUX = sys.platform == "linux"
-SO_TIMESTAMPNS = 35
-SO_MEMINFO = 55
+SO_MEMINFO = 55  # how many datagrams Linux has thrown away (linux/sock_diag.h)
 TIMESPEC = Struct("@ll")  # s, ns
 MEMINFO = Struct("@9I")
 MEMINFO_DROPS = 8
 ANCILLARY_BYTES = 64
 
 
-class _Udp(Transport):
-    """A UDP socket."""
+class Udp(Transport):
+    """Listens on a port and answers whoever has sent something, or sends to one address first.
+
+    Then only what that host sends back is taken.
+    """
+
+    _target: Any = None  # the one address
+
+    def __init__(self, endpoint: Endpoint) -> None:
+        super().__init__(endpoint)
+        self._peers: OrderedDict[Any, str] = OrderedDict()  # names by address
 
     @property
     def lost(self) -> int:
@@ -50,63 +55,45 @@ class _Udp(Transport):
         # old kernels show less
         return int(MEMINFO.unpack(info)[MEMINFO_DROPS]) if len(info) == MEMINFO.size else 0
 
-    def _use(self, created: socket.socket) -> None:
-        self._socket = created
-        if IS_LINUX:
-            created.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+    def open(self) -> None:
+        self._peers.clear()
+        if self._endpoint.kind == "udpin":
+            self._socket = listening_socket(self._endpoint, socket.SOCK_DGRAM)
+            return
+        family, self._target = resolve(self._endpoint, socket.SOCK_DGRAM)
+        self._socket = new_socket(family, socket.SOCK_DGRAM)
 
-    def _datagrams(self, timeout_s: float) -> list[tuple[bytes, Any, int]]:
-        """Data, sender and arrival of all datagrams that are there, after at most ``timeout_s``.
-
-        One without a byte is left out: it ends no connection as in a stream.
-        """
+    def receive(self, timeout_s: float) -> list[Packet]:
         assert self._socket is not None
-        datagrams: list[tuple[bytes, Any, int]] = []
-        own = self._socket
+        own, packets = self._socket, list[Packet]()
         own.settimeout(max(0.0, timeout_s))
-        while len(datagrams) < RECEIVE_READS:
+        for _ in range(RECEIVE_READS):
             try:
-                datagrams.append(_read(own))
+                data, sender, arrival_us = _read(own)
             except (BlockingIOError, InterruptedError, TimeoutError):
                 break
             except OSError as error:
                 if error.errno not in LOST_DATAGRAM:
                     raise
+            else:
+                # one without a byte ends no connection as in a stream
+                if data and (self._target is None or sender[0] == self._target[0]):
+                    packets.append(Packet(self._peer(sender), data, arrival_us))
             if own.gettimeout():  # none but the first is waited for
                 own.setblocking(False)
         own.setblocking(False)
-        return [each for each in datagrams if each[0]]
-
-    def _send(self, data: bytes, target: Any) -> None:
-        """Send a datagram, or lose it."""
-        assert self._socket is not None
-        try:
-            self._socket.sendto(data, target)
-        except (BlockingIOError, InterruptedError):
-            return
-        except OSError as error:
-            if error.errno not in LOST_DATAGRAM:
-                raise
-
-
-class UdpIn(_Udp):
-    """Listens on a UDP port and answers whoever has sent something."""
-
-    def __init__(self, endpoint: Endpoint) -> None:
-        super().__init__(endpoint)
-        self._peers: OrderedDict[Any, str] = OrderedDict()  # names by address
-
-    def open(self) -> None:
-        self._peers.clear()
-        self._use(listening_socket(self._endpoint, socket.SOCK_DGRAM))
-
-    def receive(self, timeout_s: float) -> list[Packet]:
-        datagrams = self._datagrams(timeout_s)
-        return [Packet(self._peer(sender), data, us) for data, sender, us in datagrams]
+        return packets
 
     def send(self, data: bytes) -> None:
-        for sender in self._peers:
-            self._send(data, sender)
+        assert self._socket is not None
+        for address in [*self._peers] if self._target is None else [self._target]:
+            try:
+                self._socket.sendto(data, address)
+            except (BlockingIOError, InterruptedError):
+                continue
+            except OSError as error:
+                if error.errno not in LOST_DATAGRAM:
+                    raise
 
     def _peer(self, sender: Any) -> str:
         """The name of a sender, who is remembered."""
@@ -118,26 +105,6 @@ class UdpIn(_Udp):
         else:
             self._peers.move_to_end(sender)
         return name
-
-
-class UdpOut(_Udp):
-    """Sends to one UDP address and takes what that host sends back."""
-
-    _target: Any = None
-
-    def open(self) -> None:
-        family, self._target = resolve(self._endpoint, socket.SOCK_DGRAM)
-        self._use(new_socket(family, socket.SOCK_DGRAM))
-
-    def receive(self, timeout_s: float) -> list[Packet]:
-        return [
-            Packet(f"{sender[0]}:{sender[1]}", data, us)
-            for data, sender, us in self._datagrams(timeout_s)
-            if sender[0] == self._target[0]
-        ]
-
-    def send(self, data: bytes) -> None:
-        self._send(data, self._target)
 
 
 def _read(own: socket.socket) -> tuple[bytes, Any, int]:

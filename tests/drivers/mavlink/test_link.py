@@ -14,7 +14,7 @@ from drivers.events import CommandAck, Heartbeat, Imu, LinkDown, LinkUp, Malform
 from drivers.mavlink import link as mavlink_link
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.transports.transport import Packet
-from drivers.mavlink.transports.udp import UdpIn
+from drivers.mavlink.transports.udp import Udp
 from drivers.simulation.autopilot import SimulatedAutopilot, VehicleOptions
 from estimator.errors import InputError
 from tests.drivers.mavlink.links import (
@@ -156,9 +156,9 @@ def test_without_file_descriptors_the_link_is_tried_again(monkeypatch, method):
 
         collect(link, count(Imu), send)
         with monkeypatch.context() as patch:
-            patch.setattr(UdpIn, "receive", without_descriptors)
+            patch.setattr(Udp, "receive", without_descriptors)
             if method == "open":
-                patch.setattr(UdpIn, "open", without_descriptors)
+                patch.setattr(Udp, "open", without_descriptors)
             lost = collect(link, count(LinkDown))
             time.sleep(0.3)
         assert "Too many open files" in of_type(lost, LinkDown)[0].reason
@@ -296,11 +296,11 @@ def test_ipv6():
 
 
 def test_datagrams_that_were_lost_before_a_break_still_count(monkeypatch):
-    monkeypatch.setattr(UdpIn, "lost", 3)
+    monkeypatch.setattr(Udp, "lost", 3)
     with udp_link() as (link, _):
         collect(link, lambda _: link.lost == 3)
         with monkeypatch.context() as patch:
-            patch.setattr(UdpIn, "receive", without_descriptors)
+            patch.setattr(Udp, "receive", without_descriptors)
             collect(link, count(LinkDown))
         collect(link, lambda _: link.lost == 6)
 
@@ -308,6 +308,6 @@ def test_datagrams_that_were_lost_before_a_break_still_count(monkeypatch):
 def test_half_a_frame_of_a_client_that_has_left_costs_the_next_one_nothing(monkeypatch):
     beat = Vehicle(1).heartbeat()
     packets = [[Packet("a", data, 1)] for data in (beat[:9], b"", beat)]
-    monkeypatch.setattr(UdpIn, "receive", lambda *_: packets.pop(0) if packets else [])
+    monkeypatch.setattr(Udp, "receive", lambda *_: packets.pop(0) if packets else [])
     with udp_link() as (link, _):
         assert not of_type(collect(link, count(Heartbeat)), Malformed)

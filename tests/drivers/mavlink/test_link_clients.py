@@ -16,7 +16,7 @@ from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.recorder import Recorder
 from drivers.mavlink.signing import SigningCheck
 from drivers.mavlink.transports.tcp import MOST_TCP_CLIENTS
-from drivers.mavlink.transports.udp import UdpIn
+from drivers.mavlink.transports.udp import Udp
 from tests.drivers.mavlink.links import (
     HOST,
     Vehicle,
@@ -243,7 +243,7 @@ def test_an_imu_that_is_silent_for_long_gives_way_to_a_new_client(monkeypatch):
 def test_of_too_many_senders_the_one_silent_for_longest_is_answered_no_more(monkeypatch):
     monkeypatch.setattr("drivers.mavlink.transports.udp.MOST_UDP_PEERS", 2)
     port = free_port(socket.SOCK_DGRAM)
-    transport = UdpIn(Endpoint("udpin", HOST, port))
+    transport = Udp(Endpoint("udpin", HOST, port))
     with contextlib.closing(transport), udp_sender(port) as a, udp_sender(port) as b:
         transport.open()
         with udp_sender(port) as c:
