@@ -54,7 +54,7 @@ class Description(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     velocity: Quantity = Quantity()
     truth: Quantity = Quantity()
     autopilot: Quantity = Quantity()
-    compass_calibrated: bool | None = None
+    compass_calibrated: bool | None = None  # None: it is not known
 
 
 class Columns(NamedTuple):
@@ -64,15 +64,13 @@ class Columns(NamedTuple):
     ``parts`` has those of the other quantities that are there, by the names in :data:`KINDS`:
     rad/s, m/s^2, gauss (FRD), m/s (NED), degrees and m. Attitudes are four numbers, w first, or
     three angles (roll, pitch, yaw) in rad; those that are East-North-Up and FLU are named in
-    ``enu_flu``. Axes that nobody gave may be others. Whether the compass is calibrated is not
-    known where ``compass_calibrated`` is None.
+    ``enu_flu``. Axes that nobody gave may be others.
     """
 
     time: tuple[Part, ...]
     parts: dict[str, tuple[Part, ...]]
     enu_flu: frozenset[str]
     checks_axes: bool
-    compass_calibrated: bool | None
 
 
 TIME = {"min": 6e7, "s": 1e6, "ms": 1e3, "millis": 1e3, "us": 1.0, "micros": 1.0, "ns": 1e-3}
@@ -190,7 +188,7 @@ def columns(text: CsvText, layout: Description) -> Columns:
         if kind is ATTITUDE and axes == "flu":
             enu_flu.add(name)
     checks_axes = not (layout.axes or layout.accelerometer.axes)
-    return Columns(time, parts, frozenset(enu_flu), checks_axes, layout.compass_calibrated)
+    return Columns(time, parts, frozenset(enu_flu), checks_axes)
 
 
 def _time(text: CsvText, entry: Quantity) -> tuple[Part, ...]:

@@ -40,6 +40,7 @@ class CsvLog(LogFile):
             raise InputError(f"{path}: no table: no row has three rates and three forces")
         self._text = text
         layout = description(path, described)
+        self._is_calibrated = layout.compass_calibrated
         try:
             self._columns = columns(text, layout)
         except InputError as error:
@@ -52,7 +53,7 @@ class CsvLog(LogFile):
             with suppress(*UNREADABLE):
                 begin_us = self._time_us(first)
             vehicle = LoggedVehicle(begin_us=begin_us, checks_axes=about.checks_axes)
-            if (flag := about.compass_calibrated) is not None:
+            if (flag := self._is_calibrated) is not None:
                 yield Parameter(vehicle.id, vehicle.arrival_us, COMPASS_CALIBRATED, flag)
             yield from vehicle.events(chain([first], rows), self._events)
 

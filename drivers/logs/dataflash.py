@@ -166,9 +166,8 @@ def _notes(vehicle: LoggedVehicle, name: str, row: Row) -> list[Event]:
 
 ATTITUDES = frozenset(("ATT", "XKQ", "NKQ", "NKQ1", "SIM"))
 UNTIMED = frozenset(("PARM", "MSG", "EV"))  # their times are looked at where they matter
-FILTERS = frozenset(f"{kind}{number}" for kind in ("XKF", "NKF", "EKF") for number in (1, 4))
-SENSORS = frozenset(("IMU", "IMU2", "IMU3", "MAG", "GPS"))
-NAMES = SENSORS | ATTITUDES | FILTERS | UNTIMED | {"ARM", "MODE"}
+FILTERS = frozenset(("XKF1", "NKF1", "EKF1", "XKF4", "NKF4", "EKF4"))
+NAMES = {"IMU", "IMU2", "IMU3", "MAG", "GPS", "ARM", "MODE"} | ATTITUDES | FILTERS | UNTIMED
 
 
 def _unix_us(row: Row) -> int | None:

@@ -47,17 +47,13 @@ class _Stream:
     phase: Literal["asking", "measuring", "pausing", "given_up"] = "asking"
     repeats: int = 0
     failures: int = 0
-    first_boot_us: int | None = None
+    first_boot_us: int | None = None  # of the samples that are counted; None: from the next on
     count: int = 0
     is_noticed: bool = False
 
     def ask(self, now_us: int) -> None:
         """Begin a new request."""
         self.phase, self.repeats, self.due_us = "asking", 0, now_us
-
-    def restart_measuring(self) -> None:
-        """Count the samples from the next one on."""
-        self.first_boot_us, self.count = None, 0
 
 
 class Outbound:
@@ -130,7 +126,7 @@ class Outbound:
             case Imu(vehicle=vehicle) if vehicle in self._streams:
                 self._measure(self._streams[vehicle], event, now_us)
             case events.ClockReset(vehicle=vehicle) if vehicle in self._streams:
-                self._streams[vehicle].restart_measuring()
+                self._streams[vehicle].first_boot_us = None
                 if event.reason == "reboot":  # it has forgotten what it was asked for
                     self._streams[vehicle].failures = 0
                     self._streams[vehicle].ask(now_us)
@@ -159,7 +155,7 @@ class Outbound:
         if result == mav.MAV_RESULT_ACCEPTED:
             stream.phase = "measuring"
             stream.due_us = now_us + SILENCE_US
-            stream.restart_measuring()
+            stream.first_boot_us = None
         elif result == mav.MAV_RESULT_TEMPORARILY_REJECTED:
             self._fail(stream, "is not ready", now_us)
         else:
@@ -178,7 +174,7 @@ class Outbound:
         if span_us < MEASURE_US:
             return
         measured_hz = stream.count * 1e6 / span_us
-        stream.restart_measuring()
+        stream.first_boot_us = None
         if measured_hz >= SHORTFALL * self._rate_hz:
             stream.failures = 0
         else:

@@ -150,10 +150,9 @@ class SigningCheck:
             return
         floor = max(self._floor, now + AHEAD_TICKS)
         stamps = Stamps(self._stamps_ahead(floor), self._kept.ours, floor)
+        self._writing = run_in_thread(lambda: self._write(stamps), "signing stamps")
         if any(self._is_new(stream, now) for stream in fresh):
-            self._kept = self._write(stamps)
-        else:
-            self._writing = run_in_thread(lambda: self._write(stamps), "signing stamps")
+            self._settle()
 
     def _is_due(self, stream: Stream, now: int) -> bool:
         """Whether the file has to be written anew: half-way to the stamp that it keeps."""
