@@ -47,9 +47,10 @@ class FrameQueue:
     ``dropped`` counts frames of no stream that found no room, ``shed`` IMU samples left out.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, most_waiting: int) -> None:
         self.dropped = 0
         self.shed = 0
+        self._most_waiting = most_waiting
         self._frames: deque[Arrived] = deque()
         self._unreported: Counter[tuple[VehicleId, str]] = Counter()
         self._reported_us = 0
@@ -60,7 +61,7 @@ class FrameQueue:
     def add(self, arrival_us: int, frames: Iterable[Frame]) -> None:
         """Put frames at the end."""
         self._frames.extend([(arrival_us, frame) for frame in frames])
-        if len(self._frames) > MOST_WAITING:
+        if len(self._frames) > self._most_waiting:
             self._keep_newest()
 
     def take(self, most: int) -> list[Arrived]:
@@ -97,7 +98,7 @@ class FrameQueue:
                     continue
                 seen.add((vehicle, kind, number))
             kept.appendleft(arrived)
-        while len(kept) > MOST_WAITING:
+        while len(kept) > self._most_waiting:
             kept.popleft()
             self.dropped += 1
         self._frames = kept
@@ -131,7 +132,7 @@ class MavlinkLink(Closing):
         self._limits = RateLimits()
         self._readers: OrderedDict[str, FrameReader] = OrderedDict()
         self._gate = FrameGate(policy)
-        self._queue = FrameQueue()
+        self._queue = FrameQueue(MOST_WAITING)
         self._decoder = MavlinkDecoder(references=references)
         self._outbound: Outbound | None = None  # nothing is sent
         if request_rate_hz is not None or endpoint.kind == "udpout":

@@ -117,11 +117,10 @@ def test_both_messages_are_decoded():
 
 
 @pytest.mark.usefixtures("added")
-def test_under_overload_the_newest_of_each_stays(monkeypatch):
+def test_under_overload_the_newest_of_each_stays():
     reader = FrameReader()
     every = [frame for _, data in frames() for frame in reader.feed(data)]
-    monkeypatch.setattr("drivers.mavlink.link.MOST_WAITING", len(every) - 1)
-    queue = FrameQueue()
+    queue = FrameQueue(most_waiting=len(every) - 1)
     queue.add(UNIX_US, every)
     kept = [frame.message_id for _, frame in queue.take(len(every))]
     assert sorted(kept) == [0, 32, 107, 124]

@@ -58,15 +58,8 @@ def taken(queue):
     return [(arrival_us, frame.message_id) for arrival_us, frame in queue.take(1000)]
 
 
-@pytest.fixture
-def queue(request, monkeypatch):
-    """Of that size."""
-    monkeypatch.setattr("drivers.mavlink.link.MOST_WAITING", request.param)
-    return FrameQueue()
-
-
-@pytest.mark.parametrize("queue", [10], indirect=True)
-def test_up_to_its_size_the_queue_keeps_everything_and_what_cannot_be_left_out_is_bounded(queue):
+def test_up_to_its_size_the_queue_keeps_everything_and_what_cannot_be_left_out_is_bounded():
+    queue = FrameQueue(most_waiting=10)
     for number in range(10):
         queue.add(number, [frame(1, RAW_IMU_ID)])
     assert taken(queue) == [(number, RAW_IMU_ID) for number in range(10)]
@@ -76,9 +69,9 @@ def test_up_to_its_size_the_queue_keeps_everything_and_what_cannot_be_left_out_i
     assert queue.dropped == 15
 
 
-@pytest.mark.parametrize("queue", [20], indirect=True)
-def test_a_full_queue_keeps_the_newest_of_each_stream_and_what_is_sent_once(queue):
+def test_a_full_queue_keeps_the_newest_of_each_stream_and_what_is_sent_once():
     """Two IMUs in one message are two streams; heartbeats make older ones old, but do not count."""
+    queue = FrameQueue(most_waiting=20)
     sent = [
         *((k, frame(1, RAW_IMU_ID)) for k in range(8)),
         *((k, frame(1, RAW_IMU_ID, 1)) for k in range(3)),
@@ -106,8 +99,8 @@ def test_a_full_queue_keeps_the_newest_of_each_stream_and_what_is_sent_once(queu
     assert queue.shed == 9
 
 
-@pytest.mark.parametrize("queue", [1], indirect=True)
-def test_what_was_left_out_is_reported_now_and_then(queue):
+def test_what_was_left_out_is_reported_now_and_then():
+    queue = FrameQueue(most_waiting=1)
     reports = []
     for number in range(4):
         now_us = 1_000_000 + number * (1 + REPORT_EVERY_US // 2)
