@@ -88,11 +88,8 @@ def tuned_contenders(options: Namespace) -> tuple[dict[str, Array], list[Row]]:
     settings, tuned, rows = settings_of(PAPER), {}, []
     on = signals_of(TUNING_SEEDS[:1] if options.smoke else TUNING_SEEDS, STEADY.stop)
     spaces = {**{name: kind.space for name, kind in KINDS.items()}, **FILTERS}
-    if options.only == "profiles":
-        spaces = {}
-    if options.smoke:
-        spaces = {name: spaces[name] for name in list(spaces)[:1]}
-    for name, space in spaces.items():
+    most = 0 if options.only == "profiles" else 1 if options.smoke else None
+    for name, space in list(spaces.items())[:most]:
         print(f"tuning: {name} ...", file=sys.stderr, flush=True)
 
         def evaluate(values: Array, name: str = name) -> Array:
