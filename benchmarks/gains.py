@@ -54,11 +54,10 @@ def figures(e: Array, rate_hz: float) -> Row:
     """What is reported of e (S, N)."""
     below = e < SETTLED_ERROR
     settled = np.where(below.any(axis=1), below.argmax(axis=1) / rate_hz, np.inf)
-    J, early, late = costs(e).mean(), e[:, STEADY].mean(), e[:, LATE].mean()
     return {
-        "J": float(J),
-        "e 4..14 s": float(early),
-        "e 30..60 s": float(late),
+        "J": float(costs(e).mean()),
+        "e 4..14 s": float(e[:, STEADY].mean()),
+        "e 30..60 s": float(e[:, LATE].mean()),
         "settled s": float(np.median(settled)),
     }
 
