@@ -16,7 +16,7 @@ from argparse import Namespace
 from collections.abc import Sequence
 
 import numpy as np
-from common.filters import Filter, chosen_filters
+from common.filters import Filter, chosen_filters, run_whole
 from common.recordings import Trial, chosen_sets
 from common.report import FOLDERS, MISSING, PLOT, Point, Row, Tables, benchmark, draw, option
 from common.scores import change, mean_of, score
@@ -25,8 +25,7 @@ from common.ways import WAYS
 
 def judge(filter_: Filter, trials: Sequence[Trial]) -> list[Row]:
     """The scores of each recording."""
-    runs = ((trial, filter_(trial).advance(slice(0, None))) for trial in trials)
-    return [{"name": trial.name, **score(trial, *output)} for trial, output in runs]
+    return [{"name": trial.name, **score(trial, *run_whole(filter_, trial))} for trial in trials]
 
 
 def worse(trials: Sequence[Trial], way: str, seed: int) -> list[Trial]:

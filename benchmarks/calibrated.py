@@ -17,22 +17,21 @@ another one scored (total, heading, inclination). ``bench`` fits ``sim --motion 
 of scales, biases and iron within their sigma of the truth, and of the variance before that is left.
 """
 
-import tempfile
 from argparse import Namespace
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
+from operator import itemgetter
 
 import msgspec
 import numpy as np
-from common.filters import FRD_OF_SENSOR, PEERS, body_readings, fuzzbee, is_installed
+from common.filters import FRD_OF_SENSOR, PEERS, body_readings, fuzzbee, is_installed, run_whole
 from common.recordings import Array, Trial, chosen_sets
 from common.report import FOLDERS, Row, Tables, benchmark, names, option, seeds
 from common.scores import by, conjugate, errors_deg, mean_of, multiply, rms, score
 from common.ways import accelerometer_bias, iron, scales_and_axes
-from flying.cases import DURATION_S, SKIP_S, write
+from flying.cases import SKIP_S, recorded, written
 from flying.motions import MOTIONS
 from flying.replayed import changed, fly, read
 from flying.replayed import score as flight_score
@@ -127,7 +126,7 @@ def cases(trials: list[Trial], seed: int, way: str) -> Iterator[tuple[list[Trial
     yield fitted, [trial for trial in trials if all(trial is not each for each in fitted)] or fitted
 
 
-def rows_of(folder: str, trials: list[Trial], kind: str, seed: int, way: str) -> list[Row]:
+def rows_of(trials: list[Trial], kind: str, seed: int, way: str) -> list[Row]:
     """A row a recording that is scored."""
     rows: list[Row] = []
     for fitted, scored in cases(trials, seed, way):
@@ -136,9 +135,8 @@ def rows_of(folder: str, trials: list[Trial], kind: str, seed: int, way: str) ->
         for trial in scored:
             bad = ERRORS[kind](trial, np.random.default_rng(seed))
             good = calibrated(bad, found)
-            row: Row = {"folder": folder, "errors": kind}
-            for name, each in (("clean", trial), ("as is", bad), ("calibrated", good)):
-                row[name] = figures(each, "fuzzbee")
+            ways = {"clean": trial, "as is": bad, "calibrated": good}
+            row: Row = {name: figures(each, "fuzzbee") for name, each in ways.items()}
             for fit, refit in (("sphere", centred_field), ("ellipsoid", ellipsoidal_field)):
                 row[fit] = figures(refit(bad, wrong), "fuzzbee") if trial.has_mag else None
             if is_installed("vqf"):
@@ -149,8 +147,7 @@ def rows_of(folder: str, trials: list[Trial], kind: str, seed: int, way: str) ->
 
 def figures(trial: Trial, name: str) -> list[float]:
     """Total, free of a constant heading, inclination, free of a constant turn of the sensors."""
-    run = (PEERS[name] if name in PEERS else fuzzbee({}))(trial)
-    output = run.advance(slice(0, None))
+    output = run_whole(PEERS.get(name, fuzzbee({})), trial)
     scored = score(trial, *output)
     q, truth = (each[trial.scored] for each in (output.q_enu_sensor, trial.q_enu_sensor))
     turn = multiply(conjugate(q), truth)
@@ -164,7 +161,7 @@ def flight_row(motion: str, seed: int) -> Row:
     errors = imu_errors(seed)
     case = "cabin" if motion == "car" else "sound"
 
-    def spoiled(_: float, sample: ImuSample) -> ImuSample:
+    def spoiled(sample: ImuSample) -> ImuSample:
         readings = (sample.gyr_rad_s, sample.acc_m_s2, sample.mag_gauss)
         wrong = [
             tuple((M @ read + b * any(read)).tolist())
@@ -172,14 +169,10 @@ def flight_row(motion: str, seed: int) -> Row:
         ]
         return sample._replace(gyr_rad_s=wrong[0], acc_m_s2=wrong[1], mag_gauss=wrong[2])
 
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "fitted.tlog"
-        write(path, case, motion, seed + FLOWN_APART, DURATION_S)
+    with written(case, motion, seed + FLOWN_APART) as path:
         trace = fly(changed(read(path), spoiled)).trace
         found = fit_sensors([flown_recording(path, trace, None)]).found
-        path = Path(folder) / "scored.tlog"
-        write(path, case, motion, seed, DURATION_S)
-        events = read(path)
+    events = recorded(case, motion, seed)
     wrong, row = changed(events, spoiled), Row()
     calibration = {"calibration": msgspec.to_builtins(found)}
     flights = {"clean": (events, {}), "as is": (wrong, {}), "calibrated": (wrong, calibration)}
@@ -231,17 +224,17 @@ def main(options: Namespace) -> Tables:
         flown = [{"vehicle": motion, **mean_of(rows)} for motion, rows in each.items()]
         return {", ".join(FLIGHT_FIGURES): flown}
     jobs = [
-        (folder, trials, kind, seed, options.by)
+        ((folder, kind), (trials, kind, seed, options.by))
         for folder, trials in chosen_sets(options).items()
         for kind in (list(ERRORS)[:2] if options.smoke else names(ERRORS, options.errors))
         for seed in options.seeds
     ]
     with ProcessPoolExecutor(options.jobs) as pool:
-        rows = [row for rows in pool.map(rows_of, *zip(*jobs, strict=True)) for row in rows]
+        found = pool.map(rows_of, *zip(*(job for _, job in jobs), strict=True))
+        rows = [(head, row) for (head, _), rows in zip(jobs, found, strict=True) for row in rows]
     shown = []
-    for (folder, kind), group in by(rows, lambda row: (row["folder"], row["errors"])).items():
-        ratios = [np.divide(row["calibrated"], row["clean"]) for row in group]
-        named = [{k: v for k, v in row.items() if k not in ("folder", "errors")} for row in group]
-        worst: Array = np.max(ratios, axis=0)
-        shown.append({"folder": folder, "errors": kind, **mean_of(named), "worst": worst.tolist()})
+    for (folder, kind), pairs in by(rows, itemgetter(0)).items():
+        group = [row for _, row in pairs]
+        worst: Array = np.max([np.divide(x["calibrated"], x["clean"]) for x in group], axis=0)
+        shown.append({"folder": folder, "errors": kind, **mean_of(group), "worst": worst.tolist()})
     return {", ".join(FIGURES): shown}

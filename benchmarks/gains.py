@@ -54,11 +54,10 @@ def figures(e: Array, rate_hz: float) -> Row:
     """What is reported of e (S, N)."""
     below = e < SETTLED_ERROR
     settled = np.where(below.any(axis=1), below.argmax(axis=1) / rate_hz, np.inf)
-    J, early, late = costs(e).mean(), e[:, STEADY].mean(), e[:, LATE].mean()
     return {
-        "J": float(J),
-        "e 4..14 s": float(early),
-        "e 30..60 s": float(late),
+        "J": float(costs(e).mean()),
+        "e 4..14 s": float(e[:, STEADY].mean()),
+        "e 30..60 s": float(e[:, LATE].mean()),
         "settled s": float(np.median(settled)),
     }
 
@@ -88,11 +87,8 @@ def tuned_contenders(options: Namespace) -> tuple[dict[str, Array], list[Row]]:
     settings, tuned, rows = settings_of(PAPER), {}, []
     on = signals_of(TUNING_SEEDS[:1] if options.smoke else TUNING_SEEDS, STEADY.stop)
     spaces = {**{name: kind.space for name, kind in KINDS.items()}, **FILTERS}
-    if options.only == "profiles":
-        spaces = {}
-    if options.smoke:
-        spaces = {name: spaces[name] for name in list(spaces)[:1]}
-    for name, space in spaces.items():
+    most = 0 if options.only == "profiles" else 1 if options.smoke else None
+    for name, space in list(spaces.items())[:most]:
         print(f"tuning: {name} ...", file=sys.stderr, flush=True)
 
         def evaluate(values: Array, name: str = name) -> Array:

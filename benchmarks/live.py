@@ -42,6 +42,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
+import psutil
 from common.filters import is_installed
 from common.report import MISSING, Row, Tables, benchmark, names, option
 from processes.trial import (
@@ -51,7 +52,6 @@ from processes.trial import (
     Seen,
     Shape,
     counts,
-    family,
     figures,
     fuzzbee,
     memory_mb,
@@ -59,7 +59,7 @@ from processes.trial import (
     run,
 )
 
-from tests.fuzzbee.processes import cpu_s, free_port
+from tests.fuzzbee.processes import cpu_s, descendants, free_port
 
 # A number of vehicles is carried if less than this share of the samples is lost or left out.
 CARRIED = 0.001
@@ -76,7 +76,7 @@ def measure(shape: Shape, begin_service: BeginService) -> Row:
 
     def meanwhile(service: Process, others: list[int]) -> None:
         time.sleep(WARM_UP_S)
-        processes = [*family(service.pid), *others]
+        processes = [service.pid, *descendants(service.pid), *others]
         for wait_s in (0.0, shape.seconds - WARM_UP_S - 0.2):
             time.sleep(wait_s)
             marks.append((time.time_ns(), [cpu_s(pid) for pid in processes]))
@@ -133,10 +133,6 @@ def load(shape: Shape, options: Namespace) -> list[Row]:
     return rows
 
 
-def nothing(_service: int, seconds: float) -> None:
-    time.sleep(seconds)
-
-
 def stop(service: int, seconds: float) -> None:
     os.kill(service, signal.SIGSTOP)
     time.sleep(seconds)
@@ -155,7 +151,7 @@ def compete(_service: int, seconds: float) -> None:
 # By name: what is done to the service's process for how long (s); the vehicles of that time come on
 # top, as many times as the others.
 TROUBLES: dict[str, tuple[Callable[[int, float], None], int]] = {
-    "burst": (nothing, BURST),
+    "burst": (lambda _, seconds: time.sleep(seconds), BURST),
     "stopped": (stop, 1),
     "busy": (compete, 1),
 }
@@ -222,10 +218,8 @@ def look(pid: int, metrics: int) -> tuple[float, int, int]:
     """Memory (MB), descriptors and threads of a process, after its metrics have been read."""
     with suppress(OSError):  # at its beginning nobody answers
         urllib.request.urlopen(f"http://127.0.0.1:{metrics}/metrics", timeout=5.0).read()
-    status = Path(f"/proc/{pid}/status").read_text()
-    fields = dict(line.split(":", 1) for line in status.splitlines())
-    descriptors = len(os.listdir(f"/proc/{pid}/fd"))  # noqa: PTH208 - numbers, no paths
-    return int(fields["VmRSS"].split()[0]) / 1024, descriptors, int(fields["Threads"])
+    process = psutil.Process(pid)
+    return process.memory_info().rss / 2**20, process.num_fds(), process.num_threads()
 
 
 def verdict(looks: list[tuple[float, int, int]]) -> Row:
@@ -272,15 +266,12 @@ def main(options: Namespace) -> Tables:
         )
         return Shape(vehicles, rate, seconds, publish_hz or rate)
 
-    found: dict[str, Callable[[], list[Row]]] = {
-        "troubles": lambda: [
-            row
-            for name in names(TROUBLES, options.troubles)
-            for row in troubled(name, shape("troubles"))
-        ],
-        "soak": lambda: [soak(shape("soak", 10.0))],
-        "load": lambda: load(shape("load", options.publish_rate), options),
-    }
-    is_load = not (options.troubles or options.soak)
-    asked = {"troubles": options.troubles, "soak": options.soak, "load": is_load}
-    return {kind: make() for kind, make in found.items() if asked[kind] or options.smoke}
+    found: dict[str, list[Row]] = {}
+    if options.troubles:
+        runs = [troubled(name, shape("troubles")) for name in names(TROUBLES, options.troubles)]
+        found["troubles"] = list(itertools.chain(*runs))
+    if options.soak or options.smoke:
+        found["soak"] = [soak(shape("soak", 10.0))]
+    if options.smoke or not found:
+        found["load"] = load(shape("load", options.publish_rate), options)
+    return found

@@ -19,7 +19,7 @@ from statistics import median
 import numpy as np
 from common.recordings import Array, Bools
 from common.report import Row, Tables, benchmark, log_files, option
-from common.scores import by, rms
+from common.scores import by, mean_of, rms
 from flying.replayed import tilt_deg
 from scipy.spatial.transform import Rotation
 
@@ -133,13 +133,9 @@ def rate_group(rate_hz: float) -> str:
 def group(logs: Sequence[Row]) -> Row:
     """Medians over the logs of a group."""
     columns = ("fuzzbee", "accelerometer", "mean of force", "best", "under sigma moving", "at rest")
-    found: Row = {"logs": len(logs)}
-    for name in columns:
-        values = [log[name] for log in logs if log[name] is not None]
-        found[name] = median(values) if values else None
-    ratios = [log["fuzzbee"] / max(log["accelerometer"], 1e-9) for log in logs]
-    found["worst over the accelerometer"] = max(ratios)
-    return found
+    medians = mean_of([{name: log[name] for name in columns} for log in logs], median)
+    worst = max(log["fuzzbee"] / max(log["accelerometer"], 1e-9) for log in logs)
+    return {"logs": len(logs), **medians, "worst over the accelerometer": worst}
 
 
 def groups(logs: Sequence[Row]) -> list[Row]:

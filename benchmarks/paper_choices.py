@@ -119,28 +119,27 @@ def line(name: str, costs: Array, base: Array) -> Row:
 
 def shipped_table(options: Namespace) -> list[Row]:
     on = signals(options.judging)
-    base = run(on)
     given = quaternion_from_matrix(np.array(PAPER.filter.initial_attitude))
     variances = NoiseScale(0.2**-0.5, 0.05**-0.5)  # 0.2 and 0.05 as squares
-    rows = [line(name, run(on, *changed), base) for name, changed in RETUNED.items()]
-    rows += [line("e not clipped", run(on, Choices(error_is_clipped=False)), base)]
+    runs = {name: run(on, *changed) for name, changed in RETUNED.items()}
+    runs["e not clipped"] = run(on, Choices(error_is_clipped=False))
     for name, change in PROFILES.items():
-        rows.append(line(name, run(on, profile=merge_profile(PAPER, change)), base))
-    rows.append(line("R_hat(0) not projected", run(on, start=matrices(np.array(given))), base))
-    noisy = signals(options.judging, noise=variances)
-    return [*rows, line("0.2 and 0.05 are variances", run(noisy), base)]
+        runs[name] = run(on, profile=merge_profile(PAPER, change))
+    runs["R_hat(0) not projected"] = run(on, start=matrices(np.array(given)))
+    runs["0.2 and 0.05 are variances"] = run(signals(options.judging, noise=variances))
+    return [line(name, costs, runs["as built"]) for name, costs in runs.items()]
 
 
 def long_steps_table(options: Namespace) -> list[Row]:
     """J with e by time; what is built stands beside."""
     rows = []
-    plain = Choices(step_is_plain=True, bias_by_step=True)
+    plain, by_step = Choices(step_is_plain=True, bias_by_step=True), Choices(bias_by_step=True)
+    ways = {"as built": AS_BUILT, "with K dt": plain, "with bias by dt": by_step}
     for rate_hz, gain in LONG_STEPS[:2] if options.smoke else LONG_STEPS:
         on = signals(options.judging, rate_hz)
-        base = run(on, gain=gain)
-        row = {"Hz": rate_hz, "K": gain, "J as built": float(base.mean())}
-        row["J with K dt"] = float(run(on, plain, gain=gain).mean())
-        row["J with bias by dt"] = float(run(on, Choices(bias_by_step=True), gain=gain).mean())
+        row: Row = {"Hz": rate_hz, "K": gain}
+        for name, choices in ways.items():
+            row[f"J {name}"] = float(run(on, choices, gain=gain).mean())
         rows.append(row)
     return rows
 

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from common.report import MISSING, Tables, benchmark, log_files, option
 from flying.replayed import SHORT_LOG
-from speed import SMOKE_ROUNDS, Start, Ways, installed, measure, vqf
+from speed import SMOKE_ROUNDS, Start, Ways, measure, vqf
 
 from estimator.profile import load_profile
 from fuzzbee import replay
@@ -28,7 +28,7 @@ ROUNDS = 5
 
 
 def of_log(log: Path) -> Ways:
-    """Each way through a log; None where what it needs is not installed."""
+    """Each way through a log."""
     profile = load_profile("imu")
     flight = read_flight(log, profile)
     _, *readings, _ = flight.rows
@@ -41,7 +41,7 @@ def of_log(log: Path) -> Ways:
     }
     if log.suffix != ".tlog":
         del starts["pymavlink"]
-    return installed({("log", name): (start, len(flight.truth)) for name, start in starts.items()})
+    return {("log", name): (start, len(flight.truth)) for name, start in starts.items()}
 
 
 def read_by_pymavlink(log: Path) -> None:

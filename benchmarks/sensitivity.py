@@ -14,12 +14,12 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from typing import Any
 
-from common.filters import fuzzbee
+from common.filters import fuzzbee, run_whole
 from common.recordings import chosen_sets
 from common.report import FOLDERS, Row, Tables, benchmark, names, option, seeds
 from common.scores import mean_of
 from common.scores import score as score_trial
-from flying.cases import CASES, DURATION_S, SKIP_S, recorded
+from flying.cases import CASES, SKIP_S, recorded
 from flying.replayed import UNAIDED, Events, fly
 from flying.replayed import score as score_flight
 from rich.console import Console
@@ -45,13 +45,11 @@ def read(options: Namespace) -> None:
     trials = chosen_sets(options) if options.folders or options.smoke else {}
     for folder, recordings in trials.items():
         SETS[folder] = lambda changes, of=recordings: mean_of(
-            [score_trial(each, *fuzzbee(changes)(each).advance(slice(0, None))) for each in of]
+            [score_trial(each, *run_whole(fuzzbee(changes), each)) for each in of]
         )
     for rate, case in {} if options.smoke else RATES.items():
         flights = [
-            recorded(case, motion, seed, DURATION_S)
-            for motion in CASES[case].motions
-            for seed in options.seeds
+            recorded(case, motion, seed) for motion in CASES[case].motions for seed in options.seeds
         ]
         SETS[f"flights at {rate}"] = lambda changes, of=flights: on_flights(changes, of)
         SETS[f"flights at {rate}, no velocity"] = lambda changes, of=flights: on_flights(

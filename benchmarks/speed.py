@@ -40,11 +40,11 @@ MAG_LSB_GAUSS = 0.0015
 LACKING = {"us a sample": MISSING}
 
 Start = Callable[[], Callable[[], object]]  # builds a filter and gives what is to be timed
-Ways = dict[tuple[str, str], tuple[Start | None, int]]  # by way and filter; how many samples
+Ways = dict[tuple[str, str], tuple[Start, int]]  # by way and filter; how many samples
 
 
 def of_samples(trial: Trial) -> Ways:
-    """Each way and filter; None for one that is not installed."""
+    """Each way and filter."""
     ours = [column[ROWS] for column in body_readings(trial)]
     theirs = [
         np.ascontiguousarray(c[ROWS]) for c in (trial.gyr_rad_s, trial.acc_m_s2, trial.mag_ut)
@@ -57,22 +57,12 @@ def of_samples(trial: Trial) -> Ways:
         estimator.update_batch(*(column[:10] for column in body_readings(trial)))
         return estimator
 
-    starts: dict[tuple[str, str], tuple[Start, int]] = {
+    return {
         ("batch", "fuzzbee"): (lambda: partial(begun().update_batch, *ours), count),
         ("batch", "vqf"): (lambda: partial(vqf(trial.rate_hz).updateBatch, *theirs), count),
         ("call", "fuzzbee"): (lambda: partial(each, begun().update, calls), CALLS),
         ("call", "vqf"): (lambda: partial(each_asked, vqf(trial.rate_hz), rows), CALLS),
         ("call", "imufusion"): (lambda: partial(ImufusionRun(short).advance, slice(None)), CALLS),
-    }
-    return installed(starts)
-
-
-def installed(starts: dict[tuple[str, str], tuple[Start, int]]) -> Ways:
-    """None in place of a filter that is not."""
-    theirs = ("vqf", "imufusion")
-    return {
-        key: (start if key[1] not in theirs or is_installed(key[1]) else None, count)
-        for key, (start, count) in starts.items()
     }
 
 
@@ -96,15 +86,15 @@ def each_asked(filter_: Any, rows: list[tuple[Any, ...]]) -> None:
 
 
 def measure(ways: Ways, rounds: int) -> list[Row]:
-    """Microseconds a sample of each, and those of the first of its way over them."""
+    """Microseconds a sample of each that is installed, and those of its way's first over them."""
+    there = {key: way for key, way in ways.items() if is_installed(key[1])}
     best = dict.fromkeys(ways, inf)
     for _ in range(rounds):
-        for key, (start, count) in ways.items():
-            if start is not None:
-                run = start()
-                begin = time.thread_time()
-                run()
-                best[key] = min(best[key], 1e6 * (time.thread_time() - begin) / count)
+        for key, (start, count) in there.items():
+            run = start()
+            begin = time.thread_time()
+            run()
+            best[key] = min(best[key], 1e6 * (time.thread_time() - begin) / count)
     first: dict[str, float] = {}
     rows: list[Row] = []
     for (way, name), us in best.items():

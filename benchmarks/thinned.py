@@ -9,9 +9,11 @@ the median of ``--draws``.
 
 from argparse import Namespace
 from pathlib import Path
+from statistics import median
 
 import numpy as np
 from common.report import Row, Tables, benchmark, option
+from common.scores import mean_of
 from flying.replayed import SHORT_LOG, Events, fly, read, score
 
 from drivers.events import BodyRates, Event, Imu, Velocity
@@ -62,11 +64,8 @@ def thin(events: Events, imu_hz: float, attitude_hz: float, draw: int) -> Events
 def row(events: Events, imu_hz: float, attitude_hz: float, draws: int, skip_s: float) -> Row:
     """The median of the draws, number by number."""
     rows = [score(fly(thin(events, imu_hz, attitude_hz, k)), skip_s) for k in range(draws)]
-    found: Row = {"IMU Hz": imu_hz, "ATTITUDE Hz": attitude_hz or "with the IMU"}
-    for name in rows[0]:
-        columns = np.median([each[name] for each in rows], axis=0)
-        found[name] = columns.tolist()
-    return found
+    rates = {"IMU Hz": imu_hz, "ATTITUDE Hz": attitude_hz or "with the IMU"}
+    return {**rates, **mean_of(rows, median)}
 
 
 @benchmark(

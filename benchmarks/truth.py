@@ -21,6 +21,7 @@ those with a tenth of the errors beyond three sigma.
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from itertools import product
 
 import numpy as np
 from common.report import Row, Tables, benchmark, option, seeds
@@ -44,23 +45,24 @@ PLACES = {
 SMOKE = ("slalom 30", "still", "climb and turn")
 SMOKE_FAULTS = (HEALTHY, Fault("gyroscope offset", 2, 0.5), Fault("clock pace", 0, 1e-3))
 
+BESIDE = (
+    ("hover", "slalom 20", "coasting turn", "hand"),
+    (Fault("gyroscope stuck", 2), Fault("gyroscope offset", 0, 0.5)),
+    ("attitude", "imu2"),
+)
+
 Judged = tuple[Case, Verdict]
 
 
 def listed_cases(seeds: Sequence[int], place: Place) -> Iterator[Case]:
     """The product, and gyroscopes at fault beside a message that is not."""
     for seed in seeds:
-        for rate_hz in RATES_HZ:
-            for motion in MOTIONS:
-                for fault in listed_faults():
-                    yield Case(motion, fault, True, rate_hz, seed=seed, place=place)
-                    if not fault.kind.startswith("velocity"):
-                        yield Case(motion, fault, False, rate_hz, seed=seed, place=place)
-        for motion in ("hover", "slalom 20", "coasting turn", "hand"):
-            for fault in (Fault("gyroscope stuck", 2), Fault("gyroscope offset", 0, 0.5)):
-                for beside in ("attitude", "imu2"):
-                    for with_velocity in (True, False):
-                        yield Case(motion, fault, with_velocity, 50.0, beside, seed, place=place)
+        for rate_hz, motion, fault in product(RATES_HZ, MOTIONS, listed_faults()):
+            yield Case(motion, fault, True, rate_hz, seed=seed, place=place)
+            if not fault.kind.startswith("velocity"):
+                yield Case(motion, fault, False, rate_hz, seed=seed, place=place)
+        for motion, fault, beside, aided in product(*BESIDE, (True, False)):
+            yield Case(motion, fault, aided, 50.0, beside, seed, place=place)
 
 
 def drawn_cases(count: int, seed: int, place: Place | None) -> Iterator[Case]:

@@ -13,13 +13,11 @@ that is off by 1.5 deg all the time and by 0.8 deg of slow noise.
 """
 
 import sys
-import tempfile
 from argparse import Namespace
-from pathlib import Path
 
 import numpy as np
 from common.report import Row, Tables, benchmark, option
-from flying.cases import SKIP_S, write
+from flying.cases import SKIP_S, written
 from scipy.signal import lfilter
 
 from estimator.geometry.rotations import exp, multiply
@@ -48,9 +46,7 @@ BASE = load_profile("imu")
 
 def flown(case: str, motion: str, seed: int, duration_s: float) -> Flight:
     """A flight with its truth."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"{motion}-{seed}.tlog"
-        write(path, case, motion, seed, duration_s)
+    with written(case, motion, seed, duration_s) as path:
         return read_flight(path, BASE)
 
 
@@ -84,12 +80,13 @@ def tuned(searched: Flight, held_out: Flight, options: SearchOptions) -> tuple[P
 def judged(profile: Profile, flights: list[Flight]) -> Row:
     """Means over flights with truth."""
     figures = [measure(profile, whole(flight)) for flight in flights]
-    rows = [[f.inclination for f in figures], [f.heading for f in figures if f.heading]]
-    names = ("inclination", "heading")
-    means = {
-        n: float(np.mean([f.rms_deg for f in row])) for n, row in zip(names, rows, strict=True)
+    angles = {
+        "inclination": [f.inclination for f in figures],
+        "heading": [f.heading for f in figures if f.heading],
     }
-    return {**means, "under sigma": [float(np.mean([f.coverage for f in row])) for row in rows]}
+    means = {name: float(np.mean([f.rms_deg for f in some])) for name, some in angles.items()}
+    shares = [float(np.mean([f.coverage for f in some])) for some in angles.values()]
+    return {**means, "under sigma": shares}
 
 
 def of_vehicle(

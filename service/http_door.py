@@ -44,7 +44,7 @@ def most_connections() -> int:
     return max(1, min(MOST_CONNECTIONS, limit // SHARE))
 
 
-class HttpDoor:
+class HttpDoor(ThreadingHTTPServer):
     """Serves ``respond`` from threads of its own until it is closed.
 
     On loopback it refuses a ``Host`` that is not loopback: another name may point here.
@@ -53,6 +53,9 @@ class HttpDoor:
         OSError, OverflowError: the address cannot be listened on.
     """
 
+    daemon_threads = True
+    block_on_close = False
+
     def __init__(
         self,
         name: str,
@@ -60,35 +63,9 @@ class HttpDoor:
         respond: Responder,
         headers: Mapping[str, str] | None = None,
     ) -> None:
-        self._server = _Server(address, respond, headers or {})
-        self._thread = threading.Thread(target=self._server.serve_forever, name=name, daemon=True)
-        self._thread.start()
-
-    @property
-    def address(self) -> tuple[str, int]:
-        """The host and the port in use."""
-        host, port = self._server.server_address[:2]
-        return str(host), port
-
-    def close(self) -> None:
-        """End the server and what it sends."""
-        self._server.closing.set()
-        self._server.shutdown()
-        self._server.server_close()
-        self._thread.join()
-
-
-class _Server(ThreadingHTTPServer):
-    daemon_threads = True
-    block_on_close = False
-
-    def __init__(
-        self, address: tuple[str, int], respond: Responder, headers: Mapping[str, str]
-    ) -> None:
         if ":" in address[0]:
             self.address_family = socket.AF_INET6
-        self.respond = respond
-        self.headers = headers
+        self.respond, self.headers = respond, headers or {}
         self.is_loopback = ipaddress.ip_address(address[0]).is_loopback
         self.closing = threading.Event()
         self.most = most_connections()
@@ -96,6 +73,21 @@ class _Server(ThreadingHTTPServer):
         self._lock = threading.Lock()
         self._until_s: dict[socket.socket, float] = {}  # infinite for a stream
         super().__init__(address, _Handler)
+        self._thread = threading.Thread(target=self.serve_forever, name=name, daemon=True)
+        self._thread.start()
+
+    @property
+    def address(self) -> tuple[str, int]:
+        """The host and the port in use."""
+        host, port = self.server_address[:2]
+        return str(host), port
+
+    def close(self) -> None:
+        """End the server and what it sends."""
+        self.closing.set()
+        self.shutdown()
+        self.server_close()
+        self._thread.join()
 
     def get_request(self) -> tuple[socket.socket, Any]:
         """The next connection; pauses where there is no descriptor for it."""
@@ -138,7 +130,7 @@ class _Server(ThreadingHTTPServer):
 
 
 class _Handler(BaseHTTPRequestHandler):
-    server: _Server
+    server: HttpDoor
     timeout = REQUEST_S
     server_version = "fuzzbee"
     sys_version = ""

@@ -27,13 +27,10 @@ class LineLimit:
             self._since_us, self._lines = now_us, 0
             if left_out:
                 texts = [f"{self._who}: {left_out} lines were left out: {TOO_MANY}", *texts]
-        kept = []
-        for text in texts:
-            self._lines += 1
-            if self._lines <= MOST_LINES:
-                kept.append(text)
-            elif self._lines == MOST_LINES + 1:
-                kept.append(f"{self._who}: more lines are left out: {TOO_MANY}")
+        before, self._lines = self._lines, self._lines + len(texts)
+        kept = texts[: max(0, MOST_LINES - before)]
+        if before <= MOST_LINES < self._lines:
+            kept = [*kept, f"{self._who}: more lines are left out: {TOO_MANY}"]
         return kept
 
 

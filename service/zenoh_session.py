@@ -120,6 +120,28 @@ def close_session(session: "zenoh.Session") -> None:
     wait([run_in_thread(close, CLOSER_THREAD)], CLOSE_S)
 
 
+class Topic:
+    """One key, its publisher, and the last record; what the network cannot take is dropped."""
+
+    def __init__(self, session: "zenoh.Session", key: str, encoding: str | None = None) -> None:
+        import zenoh
+
+        self.key, self.last = key, b""
+        drop = zenoh.CongestionControl.DROP
+        self._publisher = session.declare_publisher(
+            key, encoding=encoding, congestion_control=drop, express=False
+        )
+
+    def put(self, record: bytes, attachment: bytes | None = None) -> None:
+        """Publish one."""
+        self.last = record
+        self._publisher.put(record, attachment=attachment)
+
+    def withdraw(self) -> None:
+        """Take the key back."""
+        self._publisher.undeclare()  # type: ignore[no-untyped-call]
+
+
 def _config(options: ZenohOptions) -> "zenoh.Config":
     """The library's own; it would look for ever for what can be no address."""
     import zenoh

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from common.recordings import Array, Trial
@@ -10,13 +10,13 @@ from common.report import names
 
 from estimator.geometry.rotations import conjugate, multiply
 from estimator.profile import Profile, merge_profile
+from estimator.types import STANDARD_GRAVITY_M_S2
 from fuzzbee import Estimator, load_profile
 
 HALF_ROOT = np.sqrt(0.5)
 # Body axes are forward, right, down; the recordings' forward, left, up.
 FRD_OF_SENSOR = np.array([1.0, -1.0, -1.0])
 GAUSS_PER_MICRO_TESLA = 0.01
-STANDARD_GRAVITY_M_S2 = 9.80665
 # Of the other filters: the best common settings over the trials this was developed on.
 IMUFUSION = {
     "gain": 0.2,
@@ -41,22 +41,24 @@ class Output(NamedTuple):
     sigma_deg: Array | None = None
 
 
-class Run(Protocol):
+class Run:
     """A filter at work on one trial."""
+
+    def __init__(self, trial: Trial) -> None:
+        self._trial = trial
 
     def advance(self, rows: slice) -> Output:
         """Take the rows, in order."""
-        ...
+        raise NotImplementedError
 
     def turn(self, turn_enu: Array) -> None:
         """Turn every attitude of the filter by a rotation in ENU that no sensor has felt."""
-        ...
 
 
 Filter = Callable[[Trial], Run]
 
 
-class FuzzbeeRun:
+class FuzzbeeRun(Run):
     """The estimator as programs have it; ``smooth`` with what came later, all rows at once."""
 
     def __init__(self, trial: Trial, profile: Profile, *, smooth: bool = False) -> None:
@@ -86,11 +88,8 @@ def body_readings(trial: Trial) -> tuple[Array, Array, Array]:
     return gyr, acc, mag
 
 
-class OfflineVqfRun:
-    """VQF's own acausal version, with its defaults."""
-
-    def __init__(self, trial: Trial) -> None:
-        self._trial = trial
+class OfflineVqfRun(Run):
+    """VQF's own acausal version, with its defaults; nothing turns what knows what comes later."""
 
     def advance(self, rows: slice) -> Output:
         from vqf import offlineVQF
@@ -100,23 +99,21 @@ class OfflineVqfRun:
         result = offlineVQF(t.gyr_rad_s[rows], t.acc_m_s2[rows], mag, t.dt_s)
         return Output(np.asarray(result["quat9D" if t.has_mag else "quat6D"]))
 
-    def turn(self, turn_enu: Array) -> None:
-        """Nothing: it knows what comes later."""
 
-
-class VqfRun:
+class VqfRun(Run):
     """VQF (Laidig and Seel 2023), its own package, with its defaults but tauMag."""
 
     def __init__(self, trial: Trial, tau_mag_s: float) -> None:
         from vqf import VQF
 
-        self._trial, self._vqf = trial, VQF(trial.dt_s, tauMag=tau_mag_s)
+        super().__init__(trial)
+        self._vqf = VQF(trial.dt_s, tauMag=tau_mag_s)
         self._attitude = self._vqf.getQuat9D if trial.has_mag else self._vqf.getQuat6D
 
     def advance(self, rows: slice) -> Output:
         t = self._trial
-        mag = (t.mag_ut[rows],) if t.has_mag else ()
-        result = self._vqf.updateBatch(t.gyr_rad_s[rows], t.acc_m_s2[rows], *mag)
+        mag = t.mag_ut[rows] if t.has_mag else None
+        result = self._vqf.updateBatch(t.gyr_rad_s[rows], t.acc_m_s2[rows], mag)
         return Output(np.asarray(result["quat9D" if t.has_mag else "quat6D"]))
 
     def turn(self, turn_enu: Array) -> None:
@@ -131,7 +128,7 @@ def body_turn(q: Array, turn_enu: Array) -> Array:
     return multiply(conjugate(q), multiply(turn_enu, q))
 
 
-class ImufusionRun:
+class ImufusionRun(Run):
     """imufusion (x-io), with its own gyroscope bias filter."""
 
     def __init__(self, trial: Trial) -> None:
@@ -142,7 +139,8 @@ class ImufusionRun:
         settings.convention = imufusion.CONVENTION_ENU
         for name, value in IMUFUSION.items():  # the constructor ignores its arguments
             setattr(settings, name, value)
-        self._trial, self._ahrs, self._bias = trial, imufusion.Ahrs(), imufusion.Bias()
+        super().__init__(trial)
+        self._ahrs, self._bias = imufusion.Ahrs(), imufusion.Bias()
         self._ahrs.set_settings(settings)
         self._bias.set_settings(bias)
 
@@ -161,27 +159,23 @@ class ImufusionRun:
         self._ahrs.set_quaternion(multiply(q, body_turn(q, turn_enu)))
 
 
-class AhrsRun:
+class AhrsRun(Run):
     """Mahony's or Madgwick's filter of the ahrs package; its attitude is kept here."""
 
     def __init__(self, trial: Trial, name: str, settings: dict[str, float]) -> None:
         import ahrs.filters
 
-        self._trial, self._q_enu_earth = trial, Q_ENU_EARTH[name]
+        super().__init__(trial)
+        self._q_enu_earth = Q_ENU_EARTH[name]
         self._filter: Any = getattr(ahrs.filters, name)(frequency=trial.rate_hz, **settings)
         self._q = multiply(conjugate(self._q_enu_earth), first_attitude(trial))
 
     def advance(self, rows: slice) -> Output:
-        t, q = self._trial, self._q
-        gyr, acc, mag = t.gyr_rad_s[rows], t.acc_m_s2[rows], t.mag_ut[rows]
-        out = np.empty((len(gyr), 4))
-        for k in range(len(gyr)):
-            if t.has_mag:
-                q = self._filter.updateMARG(q, gyr[k], acc[k], mag[k], t.dt_s)
-            else:
-                q = self._filter.updateIMU(q, gyr[k], acc[k], t.dt_s)
-            out[k] = q
-        self._q = q
+        t, f = self._trial, self._filter
+        columns = [t.gyr_rad_s[rows], t.acc_m_s2[rows], *([t.mag_ut[rows]] if t.has_mag else [])]
+        update, out = f.updateMARG if t.has_mag else f.updateIMU, np.empty((len(columns[0]), 4))
+        for k, row in enumerate(zip(*columns, strict=True)):
+            out[k] = self._q = update(self._q, *row, t.dt_s)
         return Output(multiply(self._q_enu_earth, out))
 
     def turn(self, turn_enu: Array) -> None:
@@ -211,11 +205,6 @@ ACAUSAL: dict[str, Filter] = {
     "smooth": partial(FuzzbeeRun, profile=load_profile("imu"), smooth=True),
     "vqf offline": OfflineVqfRun,
 }
-GAINS: dict[str, dict[str, Any]] = {
-    "fuzzy gain": {"gain": "fuzzy"},
-    **{f"K = {K:g}": {"gain": "fixed", "fixed_gain": K} for K in (1.0, 5.0, 20.0, 50.0, 200.0)},
-    "knows the noise": {"gain": "noise"},
-}
 
 
 def fuzzbee(changes: dict[str, Any]) -> Filter:
@@ -223,12 +212,16 @@ def fuzzbee(changes: dict[str, Any]) -> Filter:
     return partial(FuzzbeeRun, profile=merge_profile(load_profile("imu"), changes))
 
 
-def known() -> dict[str, Filter]:
-    """Every filter by its name."""
-    gains = {name: fuzzbee({"filter": change}) for name, change in GAINS.items()}
-    return {"fuzzbee": fuzzbee({}), **PEERS, **ACAUSAL, **gains}
-
-
+FIXED = {f"K = {K:g}": {"gain": "fixed", "fixed_gain": K} for K in (1.0, 5.0, 20.0, 50.0, 200.0)}
+GAINS: dict[str, Filter] = {
+    name: fuzzbee({"filter": change})
+    for name, change in {
+        "fuzzy gain": {"gain": "fuzzy"},
+        **FIXED,
+        "knows the noise": {"gain": "noise"},
+    }.items()
+}
+KNOWN: dict[str, Filter] = {"fuzzbee": fuzzbee({}), **PEERS, **ACAUSAL, **GAINS}
 SETS = {
     "peers": ("fuzzbee", *PEERS),
     "acausal": ("fuzzbee", *ACAUSAL),
@@ -236,12 +229,16 @@ SETS = {
 }
 
 
+def run_whole(filter_: Filter, trial: Trial) -> Output:
+    """All attitudes of a recording."""
+    return filter_(trial).advance(slice(0, None))
+
+
 def chosen_filters(text: str) -> Iterator[tuple[str, Filter | None]]:
     """The filters of names, or of a set's name, with commas; None for one that is not installed."""
-    all_of_them = known()
-    for name in names([*all_of_them, *SETS], text):
+    for name in names([*KNOWN, *SETS], text):
         for each in SETS.get(name, (name,)):
-            yield each, all_of_them[each] if is_installed(each) else None
+            yield each, KNOWN[each] if is_installed(each) else None
 
 
 def is_installed(name: str) -> bool:

@@ -91,9 +91,9 @@ def load_trial(path: Path) -> Trial:
     return Trial(path.stem, float(data["sampling_rate"]), *readings, q, scored, moving)
 
 
-def made_up(seed: int = 0) -> Trial:
+def made_up() -> Trial:
     """A minute of an IMU that rests and is then turned and shaken, for where no folder is."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     n, dt_s = round(MADE_UP_S * MADE_UP_HZ), 1.0 / MADE_UP_HZ
     t = np.arange(n) * dt_s
     moving = t >= REST_S

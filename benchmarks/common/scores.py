@@ -1,6 +1,6 @@
 """One set of scores: errors in BROAD's protocol, and what sigma knew of them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from statistics import fmean
 
 import numpy as np
@@ -57,7 +57,7 @@ def score(trial: Trial, q: Array, sigma_deg: Array | None) -> Row:
     return row
 
 
-def mean_of(rows: Sequence[Row]) -> Row:
+def mean_of(rows: Sequence[Row], of: Callable[[Iterable[float]], float] = fmean) -> Row:
     """Column by column over the rows that have one, numbers and lists of them."""
     means: Row = {}
     for name in rows[0]:
@@ -65,9 +65,9 @@ def mean_of(rows: Sequence[Row]) -> Row:
         if not values:
             means[name] = None
         elif isinstance(values[0], list):
-            means[name] = [fmean(column) for column in zip(*values, strict=True)]
+            means[name] = [of(column) for column in zip(*values, strict=True)]
         else:
-            means[name] = fmean(values)
+            means[name] = of(values)
     return means
 
 

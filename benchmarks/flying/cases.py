@@ -1,7 +1,8 @@
 """What is flown in simulation, and what goes wrong; magnitudes are drawn anew for each seed."""
 
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
@@ -80,16 +81,18 @@ CASES: dict[str, Case] = {
 }
 
 
-def write(path: Path, case: str, motion_name: str, seed: int, duration_s: float) -> None:
-    """Fly, and write the telemetry log."""
+@contextmanager
+def written(case: str, motion: str, seed: int, duration_s: float = DURATION_S) -> Iterator[Path]:
+    """Fly; the telemetry log of it lasts as long as the context."""
     rng = np.random.default_rng(77_000 + seed)
-    flight = CASES[case].change(ordinary_flight(rng, motion_name), rng)
-    record(path, integrate(MOTIONS[motion_name](seed), duration_s), flight, seed)
-
-
-def recorded(case: str, motion_name: str, seed: int, duration_s: float) -> Events:
-    """The same, read as any log."""
+    flight = CASES[case].change(ordinary_flight(rng, motion), rng)
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "flight.tlog"
-        write(path, case, motion_name, seed, duration_s)
+        path = Path(folder) / f"{motion}-{seed}.tlog"
+        record(path, integrate(MOTIONS[motion], seed, duration_s), flight, seed)
+        yield path
+
+
+def recorded(case: str, motion: str, seed: int, duration_s: float = DURATION_S) -> Events:
+    """The same, read as any log."""
+    with written(case, motion, seed, duration_s) as path:
         return read(path)

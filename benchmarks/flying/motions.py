@@ -4,7 +4,7 @@ Each begins with ``REST_S`` of rest and goes on at random. Nothing is shared wit
 estimator but quaternion algebra.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from functools import partial
 from math import asin, atan2, cos, pi, radians, sin, sqrt, tan
 from typing import NamedTuple
@@ -13,7 +13,7 @@ import numpy as np
 from common.recordings import Array
 
 from estimator.geometry.quaternion import add, exp, multiply, normalize, rotate, rotate_inverse
-from estimator.types import STANDARD_GRAVITY_M_S2, Quaternion, Vec3
+from estimator.types import STANDARD_GRAVITY_M_S2, ZERO_VEC3, Quaternion, Vec3
 
 FINE_HZ = 400
 DT = 1.0 / FINE_HZ
@@ -42,18 +42,20 @@ class Moment(NamedTuple):
     throttle: float
 
 
-# What a vehicle does at an attitude and a time, and its first heading in rad.
-Vehicle = tuple[Callable[[Quaternion, float], Moment], float]
+STILL = Moment(ZERO_VEC3, ZERO_VEC3, 0.0)
+# What a vehicle does at each attitude that it is sent, one a step.
+Vehicle = Generator[Moment, Quaternion, None]
 
 
-def integrate(vehicle: Vehicle, duration_s: float) -> Motion:
-    """The motion of a vehicle over so long."""
-    step, heading_rad = vehicle
-    n = int(duration_s * FINE_HZ)
-    q = exp((0.0, 0.0, heading_rad))
+def integrate(vehicle: Callable[[np.random.Generator], Vehicle], seed: int, s: float) -> Motion:
+    """The motion of a vehicle over ``s`` seconds, from a heading at random on."""
+    rng = np.random.default_rng(seed)
+    q, n = exp((0.0, 0.0, float(rng.uniform(-pi, pi)))), int(s * FINE_HZ)
+    moves = vehicle(rng)
+    next(moves)
     out = Motion(np.empty((n, 4)), np.empty((n, 3)), np.empty((n, 3)), np.empty(n))
     for k in range(n):
-        now = step(q, k * DT)
+        now = moves.send(q)
         out.attitude[k], out.rate[k] = q, now.rate
         out.velocity[k], out.throttle[k] = now.velocity, now.throttle
         turn = (now.rate[0] * DT, now.rate[1] * DT, now.rate[2] * DT)
@@ -75,41 +77,34 @@ class Gusts:
 
     def __init__(self, rng: np.random.Generator, sigmas: Vec3, tau_s: float) -> None:
         self._rng, self._keep = rng, 1.0 - DT / tau_s
-        self._drive = tuple(s * sqrt(2.0 * DT / tau_s) for s in sigmas)
-        self.now: Vec3 = (0.0, 0.0, 0.0)
+        self._drive, self._now = np.array(sigmas) * sqrt(2.0 * DT / tau_s), np.zeros(3)
 
     def next(self) -> Vec3:
         """The three components at the next step."""
-        n = self._rng.standard_normal(3)
-        x, y, z = self.now
-        a, b, c = self._drive
-        k = self._keep
-        self.now = (k * x + a * float(n[0]), k * y + b * float(n[1]), k * z + c * float(n[2]))
-        return self.now
+        self._now = self._keep * self._now + self._drive * self._rng.standard_normal(3)
+        return tuple(self._now.tolist())
 
 
-def plane(seed: int, legs: tuple[str, ...] = PLANE_LEGS) -> Vehicle:
+def plane(rng: np.random.Generator) -> Vehicle:
     """Take-off run, then legs at random; speed falls in climbs, gusts shake it."""
-    rng = np.random.default_rng(seed)
-    heading = float(rng.uniform(-pi, pi))
     shaken = Gusts(rng, (0.25, 0.13, 0.08), 0.7)
     wind = Gusts(rng, (0.5,) * 3, 0.5)
     smooth = np.zeros(3)
     leg, left, speed, rate, attack = "rest", REST_S, 0.0, (0.0, 0.0, 0.0), 0.0
-
-    def step(q: Quaternion, _: float) -> Moment:
-        nonlocal leg, left, speed, rate, attack, smooth
+    now = STILL
+    while True:
+        q = yield now
         roll, pitch = roll_and_pitch(q)
         left -= DT
         if left <= 0.0:
-            leg = "run" if leg == "rest" else str(rng.choice(legs))
+            leg = "run" if leg == "rest" else str(rng.choice(PLANE_LEGS))
             left = {"run": 12.0, "loop": 2.0 * pi, "roll": 4.0}.get(leg, rng.uniform(6.0, 20.0))
         if leg == "run":
             speed = min(speed + 3.0 * DT, 22.0)
         elif leg != "rest":
             pull = -0.35 * STANDARD_GRAVITY_M_S2 * sin(pitch) + 0.3 * (24.0 - speed)
             speed = max(speed + min(pull, 3.0) * DT, 12.0)
-        turning: Vec3 = (0.0, 0.0, 0.0)
+        turning = ZERO_VEC3
         asked = _winged_rate(leg, roll, pitch, speed)
         rate = tuple(r + (a - r) * DT / 0.15 for r, a in zip(rate, asked, strict=True))
         if leg not in ("rest", "run"):
@@ -120,12 +115,9 @@ def plane(seed: int, legs: tuple[str, ...] = PLANE_LEGS) -> Vehicle:
         attack += (0.04 + 0.03 * abs(turning[1]) - attack) * DT / 0.3
         angle = attack * min(1.0, max(0.0, (speed - 12.0) / 4.0))
         ahead = (speed * cos(angle), 0.0, speed * sin(angle))
-        blown = (float(smooth[0]), float(smooth[1]), float(smooth[2]))
-        velocity = add(rotate(q, ahead), blown)
+        velocity = add(rotate(q, ahead), tuple(smooth.tolist()))
         throttle = 0.0 if leg == "rest" else 1.4 if leg in ("run", "climb") else 0.8
-        return Moment(turning, velocity, throttle)
-
-    return step, heading
+        now = Moment(turning, velocity, throttle)
 
 
 def _winged_rate(leg: str, roll: float, pitch: float, speed: float) -> Vec3:
@@ -135,7 +127,7 @@ def _winged_rate(leg: str, roll: float, pitch: float, speed: float) -> Vec3:
     if leg == "roll":
         return (pi / 2.0, 0.0, 0.0)
     if leg == "rest":
-        return (0.0, 0.0, 0.0)
+        return ZERO_VEC3
     bank = radians(float(leg.split()[1])) if leg.startswith("bank") else 0.0
     climb = radians({"climb": 12.0, "run": 4.0}.get(leg, 0.0)) if speed > 15.0 else 0.0
     up = clip(1.5 * (climb - pitch), 0.6)
@@ -148,27 +140,27 @@ def _winged_rate(leg: str, roll: float, pitch: float, speed: float) -> Vec3:
     )
 
 
-def copter(seed: int, most_tilt: float = 0.8, shake: float = 0.18, flips: float = 0.03) -> Vehicle:
+def copter(
+    rng: np.random.Generator, most_tilt: float = 0.8, shake: float = 0.18, flips: float = 0.03
+) -> Vehicle:
     """Tilts of up to 45 degrees and turns at random, braked by drag, and now and then a flip."""
-    rng = np.random.default_rng(seed)
-    heading = float(rng.uniform(-pi, pi))
     velocity, rate, wanted = np.zeros(3), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     left, flying, flip_s = REST_S, False, 0.0
     down = np.array([0.0, 0.0, STANDARD_GRAVITY_M_S2])
     rough = shake * sqrt(DT)
-
-    def step(q: Quaternion, _: float) -> Moment:
-        nonlocal velocity, rate, wanted, left, flying, flip_s
+    now = STILL
+    while True:
+        q = yield now
         roll, pitch = roll_and_pitch(q)
         left -= DT
         if left <= 0.0:
             flying, left = True, float(rng.uniform(1.5, 8.0))
-            acceleration_tilt = rng.uniform(-most_tilt, most_tilt, 2) * (rng.random() > 0.25)
+            tilts = rng.uniform(-most_tilt, most_tilt, 2) * (rng.random() > 0.25)
             yaw = float(rng.uniform(-1.5, 1.5)) * bool(rng.random() < 0.5) * most_tilt / 0.8
-            wanted = (float(acceleration_tilt[0]), float(acceleration_tilt[1]), yaw)
+            wanted = (*tilts.tolist(), yaw)
             flip_s = 2.0 * pi / 7.0 if rng.random() < flips else 0.0
         if not flying:
-            return Moment((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0)
+            continue
         drift = rotate_inverse(q, tuple(velocity.tolist()))
         flip_s -= DT
         asked = (
@@ -189,21 +181,17 @@ def copter(seed: int, most_tilt: float = 0.8, shake: float = 0.18, flips: float 
         up = hover + 0.6 * float(velocity[2])
         force = np.array(rotate(q, (0.0, 0.0, -up))) - 0.25 * velocity
         velocity = velocity + (force + down) * DT
-        return Moment(rate, tuple(velocity.tolist()), up / STANDARD_GRAVITY_M_S2)
-
-    return step, heading
+        now = Moment(rate, tuple(velocity.tolist()), up / STANDARD_GRAVITY_M_S2)
 
 
-def rover(seed: int) -> Vehicle:
+def rover(rng: np.random.Generator) -> Vehicle:
     """Drives and reverses at up to 5 m/s over slopes, turning as sharply as its tyres hold."""
-    rng = np.random.default_rng(seed)
-    heading = float(rng.uniform(-pi, pi))
     bumps = Gusts(rng, (0.12, 0.12, 0.0), 0.15)
     slope = Gusts(rng, (0.06, 0.06, 0.0), 6.0)
     speed, wanted, turn, wanted_turn, left, driving = 0.0, 0.0, 0.0, 0.0, REST_S, False
-
-    def step(q: Quaternion, _: float) -> Moment:
-        nonlocal speed, wanted, turn, wanted_turn, left, driving
+    now = STILL
+    while True:
+        q = yield now
         roll, pitch = roll_and_pitch(q)
         left -= DT
         if left <= 0.0:
@@ -211,7 +199,7 @@ def rover(seed: int) -> Vehicle:
             wanted = float(rng.choice((5.0, 3.0, 2.0, 1.0, 0.0, -1.5)))
             wanted_turn = float(rng.choice((0.0, 0.0, 0.3, -0.3, 0.8, -0.8)))
         if not driving:
-            return Moment((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0)
+            continue
         before = speed
         speed += clip(wanted - speed, 1.0) * 1.5 * DT
         grip = 4.0 / max(abs(speed), 0.5)
@@ -225,38 +213,32 @@ def rover(seed: int) -> Vehicle:
             yaw,
         )
         load = 0.5 * moving + abs(speed - before) / DT / 3.0
-        return Moment(rate, rotate(q, (speed, 0.0, 0.0)), load)
-
-    return step, heading
+        now = Moment(rate, rotate(q, (speed, 0.0, 0.0)), load)
 
 
-def car(seed: int) -> Vehicle:
+def car(rng: np.random.Generator) -> Vehicle:
     """Streets, corners, roundabouts, stops and parking in reverse, with an IMU in the cabin.
 
     It is mounted a degree or two askew and ahead of the rear axle, and tyres slip in turns.
     """
-    rng = np.random.default_rng(seed)
-    heading = float(rng.uniform(-pi, pi))
     yaw_off, pitch_off = (float(a) for a in radians(1.5) * rng.standard_normal(2))
     askew = exp((0.0, pitch_off, yaw_off))
     bumps = Gusts(rng, (0.04, 0.04, 0.01), 0.15)
     slope = Gusts(rng, (0.02, 0.03, 0.0), 8.0)
-    speed, turn, left = 0.0, 0.0, REST_S
+    speed, turn, wanted, curvature, left = 0.0, 0.0, 0.0, 0.0, REST_S
     ahead: list[tuple[float, float, float]] = []  # of a leg: speed, curvature, how long
-    leg = (0.0, 0.0)
-
-    def step(q: Quaternion, _: float) -> Moment:
-        nonlocal speed, turn, left, leg
+    now = STILL
+    while True:
+        q = yield now
         roll, pitch = roll_and_pitch(q)
         left -= DT
         if left <= 0.0:
             if not ahead:
                 ahead.extend(_street(rng))
             wanted, curvature, left = ahead.pop(0)
-            leg = (wanted, curvature)
-        push = clip(leg[0] - speed, 1.0) * 2.5
+        push = clip(wanted - speed, 1.0) * 2.5
         speed += push * DT
-        turn += (clip(leg[1] * speed, 0.6) - turn) * DT / 0.5
+        turn += (clip(curvature * speed, 0.6) - turn) * DT / 0.5
         across = speed * turn
         moving = min(1.0, abs(speed) / 3.0)
         shaken, sloped = bumps.next(), slope.next()
@@ -267,9 +249,7 @@ def car(seed: int) -> Vehicle:
         )
         sideways = 1.2 * turn - 0.004 * across * abs(speed)
         along = rotate(askew, (speed, sideways, 0.0))
-        return Moment(rate, rotate(q, along), 0.5 * moving + 0.2 * abs(push))
-
-    return step, heading
+        now = Moment(rate, rotate(q, along), 0.5 * moving + 0.2 * abs(push))
 
 
 def _street(rng: np.random.Generator) -> list[tuple[float, float, float]]:
@@ -289,7 +269,7 @@ def _street(rng: np.random.Generator) -> list[tuple[float, float, float]]:
     return [(0.0, 0.0, 8.0), (-1.5, side * 0.2, 5.0), (0.0, 0.0, 2.0), (3.0, -side * 0.1, 4.0)]
 
 
-MOTIONS: dict[str, Callable[[int], Vehicle]] = {
+MOTIONS: dict[str, Callable[[np.random.Generator], Vehicle]] = {
     "plane": plane,
     "copter": copter,
     # a survey or a delivery: tilts of up to 20 degrees, slow turns

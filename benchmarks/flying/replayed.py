@@ -4,24 +4,21 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import msgspec
 import numpy as np
 from common.recordings import Array, Bools
 from common.report import Row
 from common.scores import rms
+from msgspec.structs import replace
 
-from drivers.events import Event, Imu, Velocity
+from drivers.events import Event, Imu
 from drivers.logs.open import open_log
 from estimator.geometry.rotations import rotate_inverse
 from estimator.profile import load_profile, merge_profile
-from estimator.types import DOWN, ImuSample, VelocitySample
+from estimator.types import DOWN, ImuSample
 from fuzzbee.replays.score import compare
 from fuzzbee.replays.trace import Replay, VehicleTrace
 
 Events = list[Event]
-# What becomes of a sample at a time in s since the first one; None leaves it out.
-ChangeImu = Callable[[float, ImuSample], ImuSample | None]
-ChangeVelocity = Callable[[float, VelocitySample, str], VelocitySample | None]
 SHORT_LOG = Path(__file__).parents[2] / "tests" / "data" / "sitl_copter_flips.tlog"
 UNAIDED = {"aiding": {"enabled": False}}
 STRETCH_S = 20.0
@@ -44,30 +41,12 @@ def read(path: Path) -> Events:
         return list(log)
 
 
-def start_us(events: Events) -> int:
-    """The first IMU sample's time."""
-    return next(e.sample.time_us for e in events if isinstance(e, Imu))
-
-
-def changed(
-    events: Events,
-    imu: ChangeImu = lambda _, sample: sample,
-    velocity: ChangeVelocity = lambda _, sample, _message: sample,
-) -> Events:
-    """The events with other samples and velocities; ``velocity`` gets the message, too."""
-    begin_us, kept = start_us(events), []
-    for event in events:
-        if not isinstance(event, Imu | Velocity):
-            kept.append(event)
-            continue
-        time_s, sample = 1e-6 * (event.sample.time_us - begin_us), None
-        if isinstance(event, Imu):
-            sample = imu(time_s, event.sample)
-        else:
-            sample = velocity(time_s, event.sample, event.message)
-        if sample is not None:
-            kept.append(msgspec.structs.replace(event, sample=sample))
-    return kept
+def changed(events: Events, change: Callable[[ImuSample], ImuSample]) -> Events:
+    """The events with other IMU samples."""
+    return [
+        replace(event, sample=change(event.sample)) if isinstance(event, Imu) else event
+        for event in events
+    ]
 
 
 def fly(events: Iterable[Event], changes: dict[str, Any] | None = None) -> Flown:

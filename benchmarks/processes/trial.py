@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import IO, Any, NamedTuple
 
 import numpy as np
+import psutil
 from common.report import Row
 
 from tests.fuzzbee.processes import free_port
@@ -134,17 +135,7 @@ def await_word(stream: IO[str] | None, word: str) -> None:
 
 def memory_mb(pid: int) -> float:
     """Memory of a process alone, and its part of what it shares with others (PSS)."""
-    for line in Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines():
-        if line.startswith("Pss:"):
-            return round(int(line.split()[1]) / 1024, 1)
-    return 0.0
-
-
-def family(process: int) -> list[int]:
-    """A process and all below it."""
-    tasks = Path(f"/proc/{process}/task").iterdir()
-    children = [int(child) for task in tasks for child in (task / "children").read_text().split()]
-    return [process, *(each for child in sorted(children) for each in family(child))]
+    return round(psutil.Process(pid).memory_full_info().pss / 2**20, 1)
 
 
 def figures(seen: Seen, window_ns: tuple[int, int], publish_hz: float) -> Row:

@@ -158,12 +158,11 @@ class Sender:
         return [self._encoder.frame(message, now_us) for message in messages]
 
     def _heartbeats(self, now_us: int) -> list[Message]:
-        if not self._is_due("heartbeat", now_us, HEARTBEAT_US):
-            return []
-        if not self._is_vehicle:
-            return [encoder.heartbeat(mav.MAV_TYPE_ONBOARD_CONTROLLER, mav.MAV_AUTOPILOT_INVALID)]
-        kind = mav.MAV_TYPE_GENERIC, mav.MAV_AUTOPILOT_GENERIC, mav.MAV_STATE_STANDBY
-        return [encoder.heartbeat(*kind)]
+        kind: tuple[int, ...] = (mav.MAV_TYPE_ONBOARD_CONTROLLER, mav.MAV_AUTOPILOT_INVALID)
+        if self._is_vehicle:
+            kind = mav.MAV_TYPE_GENERIC, mav.MAV_AUTOPILOT_GENERIC, mav.MAV_STATE_STANDBY
+        is_due = self._is_due("heartbeat", now_us, HEARTBEAT_US)
+        return [encoder.heartbeat(*kind)] if is_due else []
 
     def _is_due(self, what: str, now_us: int, period_us: int) -> bool:
         """Whether it is time, also when the clock was set back by more than a period.

@@ -19,6 +19,7 @@ from drivers.events import VehicleId
 from estimator.types import ImuSample
 from service.records import AttitudeRecord, Evicted, Output, Published, StatusRecord, vehicle_name
 from service.sinks import ros_messages as ros
+from service.zenoh_session import Topic
 
 if TYPE_CHECKING:
     import zenoh
@@ -61,11 +62,11 @@ class RosSink:
                     now_us = output.time_unix_us
                     message = ros.diagnostics_message(status, now_us, _hardware(vehicle))
                     publisher = self._publisher(ros.DIAGNOSTICS_TOPIC, ros.DIAGNOSTICS_TYPE)
-                    publisher.put(message, now_us)
+                    publisher.publish(message, now_us)
                 case Evicted(vehicle=vehicle):
                     imu = self._publishers.pop(imu_topic(self._prefix, vehicle), None)
                     if imu is not None:
-                        imu.close()
+                        imu.withdraw()
 
     def _put_attitude(
         self, vehicle: VehicleId, record: AttitudeRecord, sample: ImuSample | None
@@ -74,9 +75,9 @@ class RosSink:
         acc = None if sample is None else sample.acc_m_s2
         topic, body = imu_topic(self._prefix, vehicle), f"{_hardware(vehicle)}/base_link"
         imu = self._publisher(topic, ros.IMU_TYPE)
-        imu.put(ros.imu_message(record, acc, body), record.time_unix_us)
+        imu.publish(ros.imu_message(record, acc, body), record.time_unix_us)
         tf = self._publisher(ros.TF_TOPIC, ros.TF_TYPE)
-        tf.put(ros.tf_message(record, body), record.time_unix_us)
+        tf.publish(ros.tf_message(record, body), record.time_unix_us)
 
     def close(self) -> None:
         """Withdraw the publishers and the node."""
@@ -84,7 +85,7 @@ class RosSink:
 
         with suppress(zenoh.ZError):  # the session may be closed already, and they with it
             for publisher in self._publishers.values():
-                publisher.close()
+                publisher.withdraw()
             self._node.undeclare()
 
     def _publisher(self, topic: str, kind: str) -> "Publisher":
@@ -102,30 +103,25 @@ class RosSink:
         return f"{entity}/{NOT_SET}/{NOT_SET}/{NODE}"
 
 
-class Publisher:
-    """One topic."""
+class Publisher(Topic):
+    """One topic, with the token that shows it."""
 
     def __init__(self, session: "zenoh.Session", key: str, token: str) -> None:
-        import zenoh
-
-        self._publisher: Any = session.declare_publisher(
-            key, congestion_control=zenoh.CongestionControl.DROP, express=False
-        )
+        super().__init__(session, key)
         self._token: Any = session.liveliness().declare_token(token)
         # Subscribers show publishers apart by it; rmw_zenoh hashes the token, too
         self._id = hashlib.blake2b(token.encode(), digest_size=16).digest()
         self._sequence = 1
 
-    def put(self, message: bytes, unix_us: int) -> None:
+    def publish(self, message: bytes, unix_us: int) -> None:
         """Publish one message of that time."""
-        attachment = _ATTACHMENT.pack(self._sequence, unix_us * 1000, 16, self._id)
+        self.put(message, _ATTACHMENT.pack(self._sequence, unix_us * 1000, 16, self._id))
         self._sequence += 1
-        self._publisher.put(message, attachment=attachment)
 
-    def close(self) -> None:
-        """Withdraw the publisher."""
+    def withdraw(self) -> None:
+        """Take the token back, and the key."""
         self._token.undeclare()
-        self._publisher.undeclare()
+        super().withdraw()
 
 
 def _hardware(vehicle: VehicleId) -> str:

@@ -60,11 +60,7 @@ class Outlet:
     def put(self, outputs: Sequence[Output]) -> None:
         """Hand over outputs; never blocks."""
         if self._handle_at_once is not None and not self.is_busy:
-            try:
-                outputs = self._handle_at_once(outputs)
-            except BaseException as error:  # noqa: BLE001 - whatever it does, the others go on
-                self._note(error)
-                return
+            outputs = self._result(self._handle_at_once, outputs)
             if not outputs:
                 return
         now_s = time.monotonic()
@@ -91,14 +87,8 @@ class Outlet:
 
     def _work(self) -> None:
         while (outputs := self._next()) is not None:
-            try:
-                self.sink.handle(outputs)
-            except BaseException as error:  # noqa: BLE001 - whatever it does, the others go on
-                self._note(error)
-        try:
-            self.sink.close()
-        except BaseException as error:  # noqa: BLE001
-            self._note(error)
+            self._result(self.sink.handle, outputs)
+        self._result(self.sink.close)
 
     def _next(self) -> Sequence[Output] | None:
         with self._changed:
@@ -111,11 +101,14 @@ class Outlet:
             turns = len(self._pending) if self._rest_s > 0.0 else 1
             return [output for _ in range(turns) for output in self._pending.popleft()[1]]
 
-    def _note(self, error: BaseException) -> None:
-        """Repeated errors are counted; the first and every hundredth are logged."""
-        if self.errors % 100 == 0:
-            self.error = f"{self.sink.name}: {error or type(error).__name__}"
-        self.errors += 1
+    def _result(self, call: Callable[..., Any], *arguments: Any) -> Any:
+        """What a call returns. Errors are counted; the first and every hundredth are logged."""
+        try:
+            return call(*arguments)
+        except BaseException as error:  # noqa: BLE001 - whatever it does, the others go on
+            if self.errors % 100 == 0:
+                self.error = f"{self.sink.name}: {error or type(error).__name__}"
+            self.errors += 1
 
 
 CLOSE_TIMEOUT_S = 0.7  # for all sinks together: the command ends within a second

@@ -25,7 +25,7 @@ from service.records import (
     StatusRecord,
     vehicle_name,
 )
-from service.zenoh_session import close_session
+from service.zenoh_session import Topic, close_session
 
 if TYPE_CHECKING:
     import zenoh
@@ -34,31 +34,6 @@ if TYPE_CHECKING:
 JSON = "application/json"
 LIVELINESS_S = 0.5  # to hear of other services; those known to the session answer at once
 LONGEST_PAYLOAD = 65_536  # bytes; a whole profile has some 4,000
-
-
-class _Topic:
-    """One key, its publisher, and the last record."""
-
-    def __init__(self, session: "zenoh.Session", key: str) -> None:
-        import zenoh
-
-        self.key = key
-        self.last = b""
-        self._publisher = session.declare_publisher(
-            key,
-            encoding=JSON,
-            congestion_control=zenoh.CongestionControl.DROP,
-            express=False,
-        )
-
-    def put(self, text: bytes) -> None:
-        """Publish one."""
-        self.last = text
-        self._publisher.put(text)
-
-    def withdraw(self) -> None:
-        """Take the key back."""
-        self._publisher.undeclare()  # type: ignore[no-untyped-call]
 
 
 class ZenohSink:
@@ -83,7 +58,7 @@ class ZenohSink:
         self._on_conflict = on_conflict
         self._profile = profile
         self._profiles: dict[VehicleId, Profile] = {}
-        self._topics: dict[tuple[VehicleId, type], _Topic] = {}  # by the type of record
+        self._topics: dict[tuple[VehicleId, type], Topic] = {}  # by the type of record
         self._tokens: dict[VehicleId, zenoh.LivelinessToken] = {}
         self._encode = msgspec.json.Encoder().encode
         # one for all keys: zenoh runs a thread for each
@@ -124,7 +99,7 @@ class ZenohSink:
     def _key(self, vehicle: VehicleId, kind: str) -> str:
         return f"{self._prefix}/{vehicle_name(vehicle)}/{kind}"
 
-    def _new_topic(self, vehicle: VehicleId, record: type) -> _Topic:
+    def _new_topic(self, vehicle: VehicleId, record: type) -> Topic:
         if vehicle not in self._tokens:
             alive = self._key(vehicle, "alive")
             liveliness = self._session.liveliness()
@@ -133,7 +108,7 @@ class ZenohSink:
                 self._on_conflict(f"{self._prefix}/{vehicle_name(vehicle)}")
             self._tokens[vehicle] = liveliness.declare_token(alive)
         kind = "attitude" if record is AttitudeRecord else "status"
-        return _Topic(self._session, self._key(vehicle, kind))
+        return Topic(self._session, self._key(vehicle, kind), JSON)
 
     def _disappear(self, vehicle: VehicleId) -> None:
         """Withdraw everything of a vehicle."""
@@ -187,7 +162,7 @@ class TogetherSink:
     name = "together"
 
     def __init__(self, session: "zenoh.Session", prefix: str, period_s: float) -> None:
-        self._topic = _Topic(session, f"{prefix}/attitudes")
+        self._topic = Topic(session, f"{prefix}/attitudes", JSON)
         self._period_s = period_s
         self._due_s = 0.0
         self._newest: dict[str, AttitudeRecord] = {}
