@@ -1,8 +1,10 @@
-"""Settings that all tests share."""
+"""Settings that all tests share, and the command as a person sees it."""
 
+import json
 import logging
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -28,3 +30,46 @@ def logs_left_alone() -> Iterator[None]:
     for one, (handlers, propagate, level) in zip(loggers, before, strict=True):
         one.handlers, one.propagate = handlers, propagate
         one.setLevel(level)
+
+
+@pytest.fixture
+def printed(capfd: pytest.CaptureFixture[str]) -> Callable[..., str]:
+    """What a command prints that ends well."""
+    from fuzzbee.cli import main
+
+    def run(*arguments: object) -> str:
+        capfd.readouterr()
+        assert main([*map(str, arguments)]) == 0
+        return capfd.readouterr().out
+
+    return run
+
+
+@pytest.fixture
+def reported(printed: Callable[..., str]) -> Callable[..., Any]:
+    """The object that it prints as JSON."""
+    return lambda *arguments: json.loads(printed(*arguments, "--json"))
+
+
+@pytest.fixture
+def replayed(reported: Callable[..., Any]) -> Callable[..., Any]:
+    """The report of a replay."""
+    return lambda *arguments: reported("replay", *arguments)
+
+
+@pytest.fixture
+def refused(capfd: pytest.CaptureFixture[str]) -> Callable[..., str]:
+    """The one line with which a command ends, which prints nothing else and no traceback."""
+    from fuzzbee.cli import main
+
+    def run(*arguments: object, status: int = 2) -> str:
+        capfd.readouterr()
+        assert main([*map(str, arguments)]) == status
+        out, err = capfd.readouterr()
+        assert out == ""
+        (line,) = err.splitlines()
+        assert line.startswith("fuzzbee: ")
+        assert "Errno" not in line
+        return line
+
+    return run

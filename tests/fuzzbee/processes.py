@@ -55,9 +55,9 @@ def started(*arguments, **environment):
         process.communicate()
 
 
-def shell(line, *arguments, **environment):
-    """What bash makes of a line in which ``"$@"`` is fuzzbee with these arguments."""
-    return subprocess.run(
+def shell(line, *arguments, status=0, **environment):
+    """What bash makes, with this status, of a line in which ``"$@"`` is fuzzbee with arguments."""
+    done = subprocess.run(
         ["bash", "-c", f"set -o pipefail; {line}", "-", *FUZZBEE, *map(str, arguments)],
         env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1", **environment},
         capture_output=True,
@@ -65,6 +65,8 @@ def shell(line, *arguments, **environment):
         timeout=600,
         check=False,
     )
+    assert done.returncode == status, done.stderr
+    return done
 
 
 def descendants(process):

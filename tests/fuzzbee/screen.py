@@ -1,6 +1,8 @@
-"""What the view of the command shows: on a terminal drawn by pyte, or as lines in a file."""
+"""What views show: a terminal drawn by pyte, lines, and a file of Rerun's read by its program."""
 
 import io
+import re
+import subprocess
 
 import msgspec
 import pytest
@@ -8,6 +10,7 @@ from rich.console import Console
 
 from drivers.events import VehicleId
 from fuzzbee.terminal import TerminalView
+from fuzzbee.viewer.process import program
 from service.records import Published
 from tests.service.records import STATUS, record
 
@@ -47,3 +50,34 @@ def lines(*vehicles, after_s=0.0):
     now_s[0] += after_s
     view.refresh()
     return out.getvalue().splitlines()
+
+
+def listing(path, *options):
+    done = subprocess.run(
+        [program(), "rrd", "print", *(options or ("-vv",)), str(path)],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout
+
+
+def rows(path, entity):
+    """How often something was drawn there."""
+    found = re.findall(
+        rf"with (\d+) rows \(.*?\) - {re.escape(entity)} - data", listing(path, "-v")
+    )
+    return sum(map(int, found))
+
+
+def chunks(path):
+    """How many pieces have points."""
+    kinds = "scalars|quaternion|vectors"
+    return len(re.findall(rf"rows \(.*?\) - /\S+ - data.*(?:{kinds})", listing(path, "-v")))
+
+
+def numbers(path, entity):
+    """What was drawn there, a list of numbers a row."""
+    text = listing(path, "-vvv", "--entity", entity)
+    found = re.findall(r"row_\w+ +┆ \d{4}-\S+ +┆ \[+([^\]]*)\]+", text)
+    return [[float("nan" if x == "null" else x) for x in row.split(", ")] for row in found]

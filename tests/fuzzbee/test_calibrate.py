@@ -12,8 +12,7 @@ from fuzzbee.calibration_readings import recording
 from fuzzbee.calibration_report import unmixed
 from fuzzbee.cli import main
 from fuzzbee.replays.log_report import replay_log
-from tests.fuzzbee.recording import DATA, PLANE
-from tests.fuzzbee.tlogs import bench, rewritten, truth_of, with_iron
+from tests.fuzzbee.recording import DATA, PLANE, bench, rewritten, truth_of, with_iron
 from tests.programs import run_python
 
 OFFSET_MGAUSS = (60.0, -40.0, 50.0)

@@ -17,8 +17,7 @@ from pymavlink import mavutil
 from drivers.mavlink.constants import mavlink
 from fuzzbee.cli import main
 from tests.fuzzbee.processes import FUZZBEE, begun, descendants, is_alive
-from tests.fuzzbee.recording import TAKEOFF
-from tests.fuzzbee.tlogs import rewritten, table, with_wrong_attitudes
+from tests.fuzzbee.recording import TAKEOFF, rewritten, table, with_wrong_attitudes
 
 
 def check(capfd, *arguments):

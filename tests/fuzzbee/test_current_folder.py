@@ -14,7 +14,10 @@ SCRIPT = "import sys\nfrom fuzzbee.cli import entry_point\nsys.exit(entry_point(
 
 
 def run(folder, *command, **environment):
-    return run_python(*command, folder=folder, timeout_s=900, check=False, **environment)
+    """What a command prints that ends well."""
+    done = run_python(*command, folder=folder, timeout_s=900, check=False, **environment)
+    assert done.returncode == 0, done.stderr
+    return done
 
 
 @pytest.mark.parametrize(
@@ -35,14 +38,12 @@ def test_programs_in_the_current_folder_are_not_run(tmp_path, spelling, argument
         for name in ("__init__", "kernels", "cli"):
             (trap / "fuzzbee" / f"{name}.py").unlink()
         (trap / "fuzzbee").rmdir()
-    done = run(trap, *(["-m", "fuzzbee"] if spelling == "module" else [str(script)]), *arguments)
-    assert done.returncode == 0, done.stderr
+    run(trap, *(["-m", "fuzzbee"] if spelling == "module" else [str(script)]), *arguments)
     assert not (trap / "sprung").exists(), (trap / "sprung").read_text()
 
 
 def test_a_source_checkout_runs_from_its_own_folder():
-    done = run(ROOT, "-m", "fuzzbee", "--version")
-    assert done.returncode == 0, done.stderr
+    run(ROOT, "-m", "fuzzbee", "--version")
 
 
 def test_settings_for_numba_in_the_current_folder_are_not_read(tmp_path):
@@ -52,7 +53,6 @@ def test_settings_for_numba_in_the_current_folder_are_not_read(tmp_path):
     done = run(tmp_path, "-c", compiling)
     assert (done.stdout, done.stderr) == ("read\n", "")
     done = run(tmp_path, "-m", "fuzzbee", "replay", str(TAKEOFF), "--json")
-    assert done.returncode == 0
     assert ".numba_config" not in done.stderr
     assert json.loads(done.stdout)["imu"]
 
@@ -71,7 +71,6 @@ RUN = ("run", "sim:", "--seconds", "0.5", "-l", "tcp/127.0.0.1:0", "-e", "tcp/12
 def test_switches_of_libraries_are_named_and_not_used(command, switches, tmp_path):
     """Some would end the service."""
     done = run(tmp_path, "-m", "fuzzbee", *command, "--json", **switches)
-    assert done.returncode == 0, done.stderr
     first, *others = done.stderr.splitlines()
     assert first == f"fuzzbee: {', '.join(sorted(switches))}: not used by fuzzbee"
     assert not [line for line in others if "anic" in line or "Warning" in line]
@@ -91,13 +90,11 @@ def test_a_relative_folder_for_states_is_nobodys(tmp_path, monkeypatch):
 def test_settings_for_plots_in_the_current_folder_are_not_read(tmp_path):
     pytest.importorskip("matplotlib", reason="the extra plot is not installed")
     (tmp_path / "matplotlibrc").write_bytes(b"\xff\xff")
-    done = run(tmp_path, "-m", "fuzzbee", "replay", str(TAKEOFF), "--plot", "plot.png")
-    assert done.returncode == 0, done.stderr
+    run(tmp_path, "-m", "fuzzbee", "replay", str(TAKEOFF), "--plot", "plot.png")
 
 
 def test_processes_that_share_the_work_run_nothing_of_the_current_folder(tmp_path):
     for name in ("multiprocessing", "pickle", "random", "struct"):
         (tmp_path / f"{name}.py").write_text("open('sprung', 'a').write(__name__)")
-    done = run(tmp_path, "-m", "fuzzbee", "check", str(TAKEOFF), str(TAKEOFF))
-    assert done.returncode == 0, done.stderr
+    run(tmp_path, "-m", "fuzzbee", "check", str(TAKEOFF), str(TAKEOFF))
     assert not (tmp_path / "sprung").exists()

@@ -10,8 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from fuzzbee.replays.plot import Thinned
 from tests.fuzzbee import browser
-from tests.fuzzbee.recording import DATA, FLIPS, SLOW, TAKEOFF
-from tests.fuzzbee.tlogs import rewritten, table
+from tests.fuzzbee.recording import DATA, FLIPS, SLOW, TAKEOFF, rewritten, table
 
 for module in ("matplotlib", "plotly"):
     pytest.importorskip(module, reason="an extra is not installed")

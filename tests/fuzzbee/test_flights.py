@@ -9,8 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from estimator.geometry.metrics import rms
 from estimator.geometry.quaternion import conjugate, log, multiply
 from fuzzbee import replay
-from tests.fuzzbee.recording import DATA, FLIPS, PLANE, SLOW, TAKEOFF
-from tests.fuzzbee.tlogs import rewritten
+from tests.fuzzbee.recording import DATA, FLIPS, PLANE, SLOW, TAKEOFF, rewritten
 
 HEADING, INCLINATION = 1, 2
 CONST_POS_MODE = 0xA7

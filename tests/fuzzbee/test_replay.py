@@ -13,7 +13,7 @@ from drivers.logs.open import open_log
 from fuzzbee.cli import main
 from fuzzbee.replays.table import reading_bar
 from tests.fuzzbee.recording import DATA
-from tests.fuzzbee.tlogs import table as written_table
+from tests.fuzzbee.recording import table as written_table
 
 LOG_KEYS = {
     *("source", "vehicle", "imu", "duration_s", "reference", "error_deg", "coverage", "peers"),

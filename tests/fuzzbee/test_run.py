@@ -136,21 +136,18 @@ def test_ros_nodes_receive_the_vehicle(capfd, monkeypatch):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs resource limits")
-def test_a_disk_that_fills_up_costs_the_rest_of_the_recording_only(line, tmp_path, capfd):
+def test_a_disk_that_fills_up_costs_the_rest_of_the_recording_only(line, tmp_path, replayed):
     """A limit of 40 kB for a file; what was written before is what replay reads."""
     (to, source), folder = line, tmp_path / "logs"
     options = ("--profile", "paper", "--json", "--no-zenoh", "--record", str(folder))
     with started("sim", "--to", to):
-        done = shell('ulimit -f 40; "$@"', "run", source, "--seconds", "6", *options)
-    assert done.returncode == 1, done.stderr
+        done = shell('ulimit -f 40; "$@"', "run", source, "--seconds", "6", *options, status=1)
     assert done.stderr.count("the estimate goes on") == 1
     assert json.loads(done.stdout)["recording"] == "failed"
     assert json.loads(done.stdout)["vehicles"]["1"]["samples"] > 400
     (recorded,) = folder.iterdir()
     assert 30_000 < recorded.stat().st_size <= 40 * 1024
-    assert main(["replay", str(recorded), "--json"]) == 0
-    samples = json.loads(capfd.readouterr().out)["imu"]["samples"]
-    assert 50 < samples < 300
+    assert 50 < replayed(recorded)["imu"]["samples"] < 300
 
 
 def test_a_source_that_fails_ends_the_service_with_all_that_there_is_to_say(monkeypatch, capfd):

@@ -15,7 +15,7 @@ from fuzzbee.replays.score import constant_turn
 from fuzzbee.replays.trace import VehicleTrace
 from tests.flight import banked_flight
 from tests.fuzzbee.recording import DATA, recorded
-from tests.fuzzbee.tlogs import table as written_table
+from tests.fuzzbee.recording import table as written_table
 from tests.service.records import ATTITUDE
 
 DOWN, G = (0.0, 0.0, 1.0), 9.80665

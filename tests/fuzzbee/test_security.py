@@ -50,7 +50,6 @@ def run_service(port, *options, seconds=2.5):
     settings = ("--json", "--no-zenoh", "--profile", "paper", "--rate", "20")
     source = f"udpin:127.0.0.1:{port}"
     done = shell('"$@"', "run", source, *settings, "--seconds", seconds, *options)
-    assert done.returncode == 0, done.stderr
     return json.loads(done.stdout), done.stderr
 
 

@@ -1,4 +1,4 @@
-"""Standard output and error as a shell redirects them: full, closed, or left by their reader."""
+"""Outputs that a shell makes full or closed, or that their reader leaves; no shared memory."""
 
 import json
 import subprocess
@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.fuzzbee.processes import shell
-from tests.fuzzbee.recording import FLIPS
+from tests.fuzzbee.processes import default_session, shell
+from tests.fuzzbee.recording import FLIPS, TAKEOFF
+from tests.programs import can_mount
 
 RUN = ("run", "sim:", "--no-zenoh", "--seconds", "1.5", "--profile", "paper")
 REPLAY = ("replay", str(FLIPS))
@@ -46,8 +47,7 @@ def _compiled():
 def test_output_that_cannot_be_written_is_a_line_and_a_reader_that_leaves_is_none(
     line, arguments, status, output
 ):
-    done = shell(line, *arguments)
-    assert done.returncode == status, done.stderr
+    done = shell(line, *arguments, status=status)
     assert output in done.stderr
     assert "Traceback" not in done.stderr
     assert "Broken" not in done.stderr
@@ -62,14 +62,12 @@ def test_output_that_cannot_be_written_is_a_line_and_a_reader_that_leaves_is_non
 @pytest.mark.parametrize("redirection", ["2>/dev/full", "2>&-", "2> >(head -n 1 >/dev/null)"])
 def test_a_run_goes_on_without_its_messages_and_its_result_is_whole(redirection):
     done = shell(f'"$@" {redirection}', *RUN, JSON, "-v")
-    assert done.returncode == 0
     assert json.loads(done.stdout)["vehicles"]["1"]["attitudes"] > 0
 
 
 def test_an_output_of_few_letters_gets_what_it_can():
     """Degrees and signs have no code in ASCII: the lines come all the same, with question marks."""
     done = shell('"$@"', *RUN[:4], "2.5", PYTHONIOENCODING="ascii")
-    assert done.returncode == 0, done.stderr
     lines = [line for line in done.stdout.splitlines() if "roll" in line]
     assert len(lines) >= 2
     assert all("?" in line for line in lines)
@@ -101,8 +99,7 @@ def test_streams_that_are_closed_do_not_lead_into_the_next_file(tmp_path):
 @pytest.mark.parametrize("verb", [(*RUN[:4], "8", JSON), (*REPLAY, JSON)])
 def test_a_drawing_that_is_not_whole_is_reported_and_all_else_is_there(tmp_path, verb):
     pytest.importorskip("rerun", reason="the extra viewer is not installed")
-    done = shell(f'{SMALL} "$@"', *verb, "--rrd", tmp_path / "flight.rrd")
-    assert done.returncode == 1, done.stderr
+    done = shell(f'{SMALL} "$@"', *verb, "--rrd", tmp_path / "flight.rrd", status=1)
     reported = done.stderr.count("is not whole")
     assert reported == 1 or "not closed in time: viewer" in done.stderr  # on a busy computer
     result = json.loads(done.stdout)
@@ -113,6 +110,31 @@ def test_a_drawing_that_is_not_whole_is_reported_and_all_else_is_there(tmp_path,
 
 def test_a_drawing_on_a_disk_that_is_full_from_the_start_is_status_1():
     pytest.importorskip("rerun", reason="the extra viewer is not installed")
-    done = shell('"$@"', *REPLAY, JSON, "--rrd", "/dev/full")
-    assert done.returncode == 1, done.stderr
+    done = shell('"$@"', *REPLAY, JSON, "--rrd", "/dev/full", status=1)
     assert done.stderr.endswith("--rrd /dev/full: could not be written, and is not whole\n")
+
+
+READ_ONLY, TINY = "-o ro", "-o size=4k"  # shared memory as the system may have it
+without_namespaces = pytest.mark.skipif(
+    not can_mount("mount -t tmpfs none /dev/shm"), reason="no namespaces of one's own here"
+)
+
+
+def run_in(mount, *arguments):
+    """A command in a namespace of its own, in which /dev/shm is another one."""
+    script = f'mount -t tmpfs {mount} none /dev/shm && exec "$@"'
+    return shell(f"unshare -rm sh -c '{script}' sh \"$@\"", *arguments)
+
+
+@without_namespaces
+@pytest.mark.parametrize("mount", [READ_ONLY, TINY])
+def test_without_shared_memory_a_run_goes_on_with_a_line(mount):
+    done = run_in(mount, "run", "sim:", "--seconds", "2", "--json", *default_session())
+    assert json.loads(done.stdout)["vehicles"]["1"]["attitudes"] > 0
+    assert done.stderr.count("no shared memory, going on without") == 1
+
+
+@without_namespaces
+def test_without_shared_memory_logs_are_checked_one_after_the_other():
+    done = run_in(READ_ONLY, "check", str(TAKEOFF), str(TAKEOFF))
+    assert done.stdout.count("no difference") == 2

@@ -11,9 +11,8 @@ import pytest
 from estimator.profile import load_profile, merge_profile, profile_to_toml
 from fuzzbee.cli import main
 from fuzzbee.tune.report import has_gained, remarks
-from tests.fuzzbee.recording import DATA, PLANE
+from tests.fuzzbee.recording import DATA, PLANE, bench, truth_of, with_iron
 from tests.fuzzbee.recording import SLOW as SLOW_LOG
-from tests.fuzzbee.tlogs import bench, truth_of, with_iron
 from tuning.paper_experiment import run_experiment
 
 SMALL = ["sim:", "--sources", "6", "--cycles", "4", "--noise-seeds", "100-101"]

@@ -15,7 +15,7 @@ from tests.fuzzbee.processes import FUZZBEE, begun, cpu_s, descendants, started
 pytest.importorskip("rerun", reason="the extra viewer is not installed")
 
 from fuzzbee.viewer.stream import CLOSED
-from tests.fuzzbee.rrd import listing, rows
+from tests.fuzzbee.screen import listing, rows
 
 SEEDS = ["--noise-seeds", "100-101", "--held-out-seeds", "200"]
 SMALL = ["tune", "sim:", *SEEDS, "--sources", "6", "--cycles", "4"]

@@ -32,7 +32,7 @@ from fuzzbee.viewer import process as viewer_process
 from fuzzbee.viewer.layout import PLOTS
 from fuzzbee.viewer.viewer import MOST_VEHICLES, ViewerSink
 from tests.fuzzbee.recording import FLIPS
-from tests.fuzzbee.rrd import chunks, listing, numbers, rows
+from tests.fuzzbee.screen import chunks, listing, numbers, rows
 
 ONE, TWO = VehicleId(1, 1), VehicleId(2, 1)
 

@@ -20,6 +20,7 @@ from service.vehicle_status import Load, status_record
 START_US = 1_700_000_000_000_000
 UNDER_WAY_US = 2_000
 ONE = VehicleId(1, 1)
+PAPER, IMU = load_profile("paper"), load_profile("imu")
 S = 1_000_000
 SETTLE_S = 8.0  # of flight before a fault
 

@@ -11,7 +11,6 @@ import zenoh
 
 from drivers.simulation.simulated_vehicle import SimulatedVehicle
 from drivers.simulation.source import SimSource
-from estimator.profile import load_profile
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
 from service.runner import Runner
@@ -19,8 +18,7 @@ from service.sinks.sink import Outbox
 from service.sinks.zenoh import ZenohSink
 from service.zenoh_session import OpeningSession, ZenohOptions
 from tests.fuzzbee.processes import listen_setting
-
-PAPER = load_profile("paper")
+from tests.service.flight_rig import PAPER
 
 
 def open_session(options):
@@ -93,6 +91,11 @@ def heard(session, key):
     records = []
     session.declare_subscriber(key, lambda each: records.append(json.loads(bytes(each.payload))))
     return records
+
+
+def assert_without_gaps(records):
+    sequence = [record["sequence"] for record in records]
+    assert sequence == list(range(sequence[0], sequence[0] + len(sequence)))
 
 
 def get(session, selector, payload=None):

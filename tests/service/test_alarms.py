@@ -12,14 +12,12 @@ from estimator.geometry.earth import PlaceField
 from estimator.geometry.frames import from_euler_rad
 from estimator.geometry.quaternion import exp, multiply, rotate_inverse, scale
 from estimator.live.settings import settings_of
-from estimator.profile import load_profile
 from estimator.types import ImuSample
 from service.alarms import Alarm, Alarms
 from service.pipeline import Pipeline
-from tests.service.flight_rig import ONE, START_US, fed, imu_events, statuses, texts
+from tests.service.flight_rig import IMU, ONE, PAPER, START_US, fed, imu_events, statuses, texts
 from tests.service.records import ATTITUDE
 
-IMU, PAPER = load_profile("imu"), load_profile("paper")
 LEVEL = (1.0, 0.0, 0.0, 0.0)
 HERE = PlaceField(0.0, radians(63.0), 0.48)
 FIELD = (0.218, 0.0, 0.428)

@@ -8,9 +8,8 @@ from drivers.events import FilterStatus, Heartbeat, Parameter, ReferenceAttitude
 from estimator.estimator import Estimator
 from estimator.geometry.frames import euler_rad, from_euler_rad
 from estimator.geometry.quaternion import exp, multiply
-from estimator.profile import load_profile
 from service.pipeline import Pipeline
-from tests.service.flight_rig import ONE, imu_events, statuses, texts
+from tests.service.flight_rig import ONE, PAPER, imu_events, statuses, texts
 
 SAMPLES = 3000
 
@@ -33,7 +32,7 @@ def flown(
     vehicle_type=1,
 ):
     """The lines and the last status of a vehicle whose autopilot shows another attitude."""
-    show, profile, lines = shown or in_roll(turn_deg), load_profile("paper"), []
+    show, profile, lines = shown or in_roll(turn_deg), PAPER, []
     pipeline, twin = Pipeline(profile), Estimator(profile)
     pipeline.handle(Heartbeat(ONE, 0, 3, vehicle_type))
     for name, value in parameters:

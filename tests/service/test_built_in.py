@@ -9,13 +9,11 @@ from drivers.events import BuiltIn, ClockReset, Imu, ReferenceAttitude
 from drivers.simulation.autopilot import SimulatedAutopilot, VehicleOptions
 from estimator.geometry.metrics import rms
 from estimator.geometry.quaternion import conjugate, multiply
-from estimator.profile import load_profile
 from service.pipeline import Pipeline
 from service.records import Replaced
-from tests.service.flight_rig import ONE, START_US, Wire, fed, imu_events, texts
+from tests.service.flight_rig import IMU, ONE, PAPER, START_US, Wire, fed, imu_events, texts
 
 RATE_HZ = 50.0
-PAPER, IMU = load_profile("paper"), load_profile("imu")
 
 
 def flown(motion, seconds, seed, **options):

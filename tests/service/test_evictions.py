@@ -9,13 +9,11 @@ from drivers.mavlink.encoder import FrameEncoder, command_ack, raw_imu
 from drivers.mavlink.framing import Frame, FrameReader
 from drivers.mavlink.gate import MOST_SENDERS as MOST_GATED
 from drivers.mavlink.gate import TAKE_OVER_US, FrameGate, Policy
-from estimator.profile import load_profile
 from service.parameters import MOST_PROFILES
 from service.pipeline import FORGOTTEN_LOOKS, Pipeline
 from service.records import Evicted, Published, Replaced
-from tests.service.flight_rig import ONE, START_US, fed, imu_events, texts
+from tests.service.flight_rig import ONE, PAPER, START_US, fed, imu_events, texts
 
-PAPER = load_profile("paper")
 SECOND_US = 1_000_000
 READER = FrameReader()
 

@@ -81,8 +81,7 @@ def test_a_cut_link_degrades_then_loses_and_a_restored_one_runs_within_2_s(rig):
 def test_a_reboot_while_the_link_is_cut_runs_within_2_s_of_its_return(
     rate_hz, after_2_s_deg, later_deg, silence_s
 ):
-    rig = Rig(rate_hz=rate_hz, seed=31).fly(SETTLE_S)
-    rig.fly(silence_s, deliver=nothing)
+    rig = Rig(rate_hz=rate_hz, seed=31).fly(SETTLE_S).fly(silence_s, deliver=nothing)
     rig.boot_shift_us = -int(SETTLE_S + silence_s) * S
     rig.fly(2.0)
     assert any("clock reboot" in text for text in rig.messages)
@@ -240,12 +239,9 @@ def test_several_faults_at_once_end_with_them(seed):
 
     rig.fly(3.0, change, deliver)
     rig.host_shift_us = rng.choice((-1, 1)) * 500 * S
-    rig.fly(3.0, change, deliver)
-    rig.fly(rng.uniform(0.5, 8.0), deliver=nothing)
+    rig.fly(3.0, change, deliver).fly(rng.uniform(0.5, 8.0), deliver=nothing)
     rig.boot_shift_us = -5 * S
-    rig.fly(3.0, change, deliver)
-    rig.fly(4.0)
-    rig.fly(2.0)
+    rig.fly(3.0, change, deliver).fly(4.0).fly(2.0)
     assert states(rig) == ["running"]
     assert max(rig.errors_deg) == pytest.approx(0.93, rel=0.2)  # 0.90 to 0.96
 

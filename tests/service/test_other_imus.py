@@ -11,13 +11,12 @@ from drivers.mavlink.decoder import MavlinkDecoder
 from drivers.mavlink.framing import FrameReader
 from drivers.simulation.simulated_vehicle import SimulatedVehicle
 from estimator.geometry.quaternion import exp, rotate
-from estimator.profile import load_profile
 from estimator.types import ImuSample
 from fuzzbee.replays.trace import Replay
 from service.evidence import OtherImus
 from tests.drivers.mavlink.messages import frame as packed
 from tests.drivers.mavlink.messages import m
-from tests.service.flight_rig import ONE, Rig
+from tests.service.flight_rig import ONE, PAPER, Rig
 
 LEVEL, TILTED = exp((0.0, 0.0, 0.0)), exp((0.0, radians(6.0), 0.0))
 
@@ -54,7 +53,7 @@ def test_a_log_skips_what_a_live_link_skips(tmp_path):
         for arrival_us, data in records:
             for one in FrameReader().feed(data):
                 file.write(arrival_us.to_bytes(8, "big") + one.data)
-    replay, read = Replay(load_profile("paper")), Counter()
+    replay, read = Replay(PAPER), Counter()
     handle = replay.pipeline.handle
     replay.pipeline.handle = lambda event: (read.update([type(event).__name__]), handle(event))[1]
     replay.run(Tlog(path))

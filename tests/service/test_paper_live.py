@@ -12,13 +12,11 @@ from estimator.filter import kernel
 from estimator.geometry.metrics import COST_SAMPLES, paper_cost
 from estimator.geometry.quaternion import normalized_distance
 from estimator.live.settings import settings_of
-from estimator.profile import load_profile
 from service.pipeline import Pipeline
-from tests.service.flight_rig import ONE, START_US, Wire
+from tests.service.flight_rig import ONE, PAPER, START_US, Wire
 from tuning.paper_experiment import run_experiment
 
 SEED = 9_002
-PAPER = load_profile("paper")
 
 
 @pytest.fixture(scope="module")

@@ -8,12 +8,11 @@ import pytest
 
 from drivers.events import Imu
 from estimator.geometry.frames import from_euler_rad
-from estimator.profile import load_profile
 from estimator.types import ImuSample
 from service.pipeline import Pipeline
 from service.publishing import MAX_DRIFT, HostClock, Publishing, attitude_record
 from service.records import State
-from tests.service.flight_rig import ONE, START_US, attitudes
+from tests.service.flight_rig import ONE, PAPER, START_US, attitudes
 from tests.service.records import ATTITUDE
 
 OFFSET_US = 1_700_000_000_000_000
@@ -190,7 +189,7 @@ def arrivals_us(sample_hz, seed):
 
 def published(sample_hz, seed):
     """(host time, record, whether it leaves with a sample) of each; the host wakes when due."""
-    pipeline, found = Pipeline(load_profile("paper"), rate_hz=RATE_HZ), []
+    pipeline, found = Pipeline(PAPER, rate_hz=RATE_HZ), []
 
     def note(outputs, now_us, is_with_sample):
         found.extend((now_us, record, is_with_sample) for record in attitudes(outputs))

@@ -6,10 +6,9 @@ import pytest
 
 from drivers.mavlink.encoder import FrameEncoder, raw_imu
 from estimator.geometry.earth import field_at
-from estimator.profile import load_profile
 from service.pipeline import Pipeline
 from tests.drivers.mavlink.messages import frame, m
-from tests.service.flight_rig import ONE, Wire, attitudes
+from tests.service.flight_rig import IMU, ONE, Wire, attitudes
 
 PERIOD_US = 20_000
 UNIX_US = 1_735_689_600_000_000  # 2025; fields change by a tenth of a degree a year
@@ -43,7 +42,7 @@ def test_after_a_reboot_elsewhere_north_is_that_places():
     places = [field_at(*place, 0.0, UNIX_US) for place in (CAPE_TOWN, SEATTLE)]
     apart = abs(degrees(places[0].declination_rad - places[1].declination_rad))
     assert apart == pytest.approx(41.0, abs=1.0)
-    pipeline, wire = Pipeline(load_profile("imu"), rate_hz=50.0), Wire()
+    pipeline, wire = Pipeline(IMU, rate_hz=50.0), Wire()
     now_us, flights = UNIX_US, []
     for place, uptime_us in ((CAPE_TOWN, 100_000_000), (SEATTLE, 3_000_000)):
         records = []

@@ -9,16 +9,13 @@ import pytest
 from drivers.player import Player
 from drivers.simulation.simulated_vehicle import SimulatedVehicle
 from drivers.simulation.source import SimSource
-from estimator.profile import load_profile
 from service.parameters import ParameterRequests
 from service.pipeline import Pipeline
 from service.runner import Runner
 from service.signals import stop_on_signals
 from service.sinks.sink import Outbox
-from tests.service.flight_rig import ONE, attitudes, imu_events
+from tests.service.flight_rig import ONE, PAPER, attitudes, imu_events
 from tests.service.records import Collector
-
-PAPER = load_profile("paper")
 
 
 class LateClock:

@@ -39,8 +39,7 @@ def test_one_stuck_sensor_is_refused_and_the_attitude_degraded_then_lost(sensor,
     name = {"gyr_rad_s": "gyroscope_stuck", "acc_m_s2": "accelerometer_stuck"}[sensor]
     assert rig.rejected[name] > 400
     assert rig.vehicle.state is State.LOST
-    rig.fly(5.0)
-    rig.fly(3.0)
+    rig.fly(5.0).fly(3.0)
     assert rig.rejected[name] < 500
     assert max(rig.errors_deg) == pytest.approx(0.93, rel=0.2)  # measured 0.83 and 1.03
 
@@ -57,8 +56,7 @@ def test_a_sensor_stuck_for_less_than_half_a_second_is_a_gap(fields, seconds, be
     for seed in range(3):
         rig = Rig("imu", seed=seed).fly(SETTLE_S)
         for _ in range(4):
-            rig.fly(1.7)
-            rig.fly(seconds, frozen(*fields))
+            rig.fly(1.7).fly(seconds, frozen(*fields))
             pairs = zip(rig.tilt_errors_deg[2:], rig.records[2:], strict=True)
             covered += [error_deg < record.sigma_deg.inclination for error_deg, record in pairs]
             assert not [text for text in rig.messages if "stuck" in text]
@@ -90,8 +88,7 @@ def test_a_saturated_sensor_is_refused_and_the_estimate_recovers(
 ):
     rig.fly(seconds, lambda s: s._replace(**{field: (limit, getattr(s, field)[1], -limit)}))
     assert rig.rejected[f"{sensor}_saturated"] == pytest.approx(refused, rel=0.2)
-    rig.fly(2.0)
-    rig.fly(3.0)
+    rig.fly(2.0).fly(3.0)
     assert max(rig.errors_deg) == pytest.approx(error_deg, rel=0.2)
 
 
@@ -129,8 +126,7 @@ def highres(sample, **fields):
 def test_fields_that_are_not_finite_cost_their_samples_only(field, value, share, refused):
     rig, rng = Rig(), random.Random(4)
     rig.frame = lambda s: highres(s, **({field: value} if rng.random() < share else {}))
-    rig.fly(SETTLE_S)
-    rig.fly(5.0)
+    rig.fly(SETTLE_S).fly(5.0)
     assert set(rig.rejected) == refused
     assert max(rig.errors_deg) == pytest.approx(1.48, rel=0.2)
 
@@ -178,8 +174,7 @@ def test_a_gyroscope_that_is_turned_up_at_once_counts_from_the_second_sample_on(
 
 
 def test_without_the_magnetometer_the_heading_goes_on_and_its_bound_grows():
-    rig = Rig("imu").fly(SETTLE_S)
-    rig.fly(1.0)
+    rig = Rig("imu").fly(SETTLE_S).fly(1.0)
     before = rig.records[-1]
     rig.fly(20.0, lambda s: s._replace(mag_gauss=(0.0, 0.0, 0.0)))
     after = rig.records[-1]
@@ -198,8 +193,7 @@ def test_a_stuck_magnetometer_is_absent_and_counted(rig):
 
 
 def test_a_swapped_magnetometer_lowers_the_confidence_and_the_tilt_holds():
-    rig = Rig("imu").fly(SETTLE_S)
-    rig.fly(1.0)
+    rig = Rig("imu").fly(SETTLE_S).fly(1.0)
     assert rig.records[-1].confidence.magnetic == pytest.approx(0.981, abs=0.005)
     rig.fly(3.0, lambda s: s._replace(mag_gauss=(s.mag_gauss[1], -s.mag_gauss[2], s.mag_gauss[0])))
     assert min(record.confidence.magnetic for record in rig.records) < 0.00012  # measured 0.000095

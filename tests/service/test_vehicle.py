@@ -4,12 +4,11 @@ import pytest
 
 from drivers.events import BodyRates, ClockReset, Heartbeat, Imu, Parameter, Rejected, TrackLost
 from estimator.estimator import Estimator
-from estimator.profile import load_profile
 from estimator.types import ZERO_VEC3, ImuSample, RateSample, VehicleClass
 from service.records import State
 from service.vehicle import Vehicle
 from service.vehicle_status import Load, status_record
-from tests.service.flight_rig import ONE, START_US
+from tests.service.flight_rig import IMU, ONE, START_US
 
 PERIOD_US = 20_000
 
@@ -50,7 +49,7 @@ for each in (CLASS, CALIBRATED, "restart", "change_imu", "set_imu_lag", "update_
 
 @pytest.fixture
 def vehicle():
-    return Vehicle(ONE, Watched(load_profile("imu")))
+    return Vehicle(ONE, Watched(IMU))
 
 
 def imu(time_us, message="RAW_IMU", arrival_us=None, boot_us=None):

@@ -1,6 +1,5 @@
 """Tables of other people: the same readings, however they are written, give the same samples."""
 
-import json
 import os
 from math import pi
 
@@ -51,7 +50,7 @@ def test_the_same_readings_in_all_ways(tmp_path, text, encoding, about):
     assert np.allclose([s.mag_gauss for s in samples], mag, rtol=0, atol=1e-12)
 
 
-def test_truth_and_velocity_along_other_axes(tmp_path, capsys):
+def test_truth_and_velocity_along_other_axes(tmp_path, printed):
     """ENU and angles in degrees become NED; the east of a velocity comes first."""
     columns = (*readings()[:3], np.ones((ROWS, 1)) * [10.0, 0.0, 90.0, 2.0, 1.0, -3.0])
     about = toml(
@@ -66,8 +65,7 @@ def test_truth_and_velocity_along_other_axes(tmp_path, capsys):
     turned = (np.cos(pi / 36), np.sin(pi / 36), 0.0, 0.0)
     assert_attitude_close(truth.q_ned_frd, turned, 1e-9)
     assert of(Velocity, events)[0].sample.velocity_ned_m_s == (1.0, 2.0, 3.0)
-    assert main(["replay", str(path)]) == 0
-    (line,) = [x for x in capsys.readouterr().out.splitlines() if x.startswith("reference")]
+    (line,) = [x for x in printed("replay", path).splitlines() if x.startswith("reference")]
     assert line.split() == ["reference", "truth"]
 
 
@@ -122,12 +120,11 @@ def test_times_that_do_not_fit_64_bits_are_none(tmp_path, capsys, begin_s):
 BAD_ROWS = ("0.5,0.1,ERR,0.1,0,0,9.8,0.2,0,0.4", "0.5,0.1,0.1,0.1,,,,,,", "0.5,0.1,,0.1,0,0,9.8,,,")
 
 
-def test_a_field_that_is_no_number_costs_no_sample_and_is_reported(tmp_path, capsys):
+def test_a_field_that_is_no_number_costs_no_sample_and_is_reported(tmp_path, replayed):
     lines = table([NAMES + FIELD], readings()).splitlines()
     lines[4:20] = [f"{line.rpartition(',')[0]},ERR" for line in lines[4:20]]
     path = written(tmp_path / "a.csv", "\n".join([*lines, *BAD_ROWS]))
-    assert main(["replay", str(path), "--json"]) == 0
-    report = json.loads(capsys.readouterr().out)
+    report = replayed(path)
     assert report["imu"]["samples"] == ROWS
     assert report["rejected"] == {"malformed": 17, "not_finite": 2}
 
@@ -169,11 +166,9 @@ def test_a_field_that_is_not_there_costs_no_sample(tmp_path, blank):
         (NAMES, 'truth = { columns = [2, 3, 4, 5], axes = "rfu" }', "of an attitude: must be frd"),
     ],
 )  # fmt: skip
-def test_what_is_not_clear_is_one_line(tmp_path, capsys, names, about, words):
+def test_what_is_not_clear_is_one_line(tmp_path, refused, names, about, words):
     path = written(tmp_path / "a.csv", table([names], readings()[:3]), about=about)
-    assert main(["replay", str(path)]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert words in line
+    assert words in refused("replay", path)
 
 
 def test_what_is_no_table_and_a_pipe_that_should_describe_one(tmp_path):
@@ -204,12 +199,10 @@ def test_axes_that_nobody_described_are_questioned_once(tmp_path):
         assert bool(notices) == count
 
 
-def test_replay_of_a_table_described_elsewhere(tmp_path, capsys):
+def test_replay_of_a_table_described_elsewhere(tmp_path, replayed, refused):
     path = written(tmp_path / "a.csv", nameless())
     (tmp_path / "columns.toml").write_text(NAMELESS)
-    columns = str(tmp_path / "columns.toml")
-    assert main(["replay", str(path), "--columns", columns, "--json"]) == 0
-    report = json.loads(capsys.readouterr().out)
+    report = replayed(path, "--columns", tmp_path / "columns.toml")
     assert report["imu"]["messages"] == {"CSV": ROWS}
-    assert main(["replay", str(path), "--columns", str(tmp_path / "none.toml")]) == 2
-    assert "none.toml: no such file" in capsys.readouterr().err
+    line = refused("replay", path, "--columns", tmp_path / "none.toml")
+    assert "none.toml: no such file" in line

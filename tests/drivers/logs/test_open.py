@@ -8,7 +8,6 @@ import pytest
 from drivers.logs.open import imu_events, open_log
 from drivers.mavlink.constants import mavlink
 from estimator.errors import InputError
-from fuzzbee.cli import main
 from tests.drivers.logs.reading import DATA, S, imu_times
 from tests.drivers.logs.test_tlog import steady
 from tests.drivers.logs.writers import DataflashWriter, json_mcap
@@ -79,13 +78,6 @@ def tlog(folder, autopilot, *more):
     return path
 
 
-def refusal(capsys, *arguments):
-    """The line that ends the command with status 2."""
-    assert main([str(each) for each in arguments]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    return line
-
-
 @pytest.mark.parametrize(
     ("autopilot", "others", "words"),
     [
@@ -95,19 +87,19 @@ def refusal(capsys, *arguments):
     ],
 )
 def test_for_a_telemetry_log_the_message_to_ask_for_is_named(
-    autopilot, others, words, tmp_path, capsys
+    autopilot, others, words, tmp_path, refused
 ):
     """It is asked of its autopilot, whatever else speaks under its system id."""
     path = tlog(tmp_path, autopilot, *others)
     for command in (["replay", path], ["tune", path, "-o", tmp_path / "x.toml"]):
-        line = refusal(capsys, *command)
+        line = refused(*command)
         assert "attitudes.tlog: ATTITUDE but no IMU message" in line
         assert all(word in line for word in (*words, "--request-rate"))
 
 
-def test_an_imu_of_zeros_is_no_missing_message(tmp_path, capsys):
+def test_an_imu_of_zeros_is_no_missing_message(tmp_path, refused):
     zeros = m.MAVLink_scaled_imu2_message(1000, 0, 0, 0, 0, 0, 0, 0, 0, 0)
-    line = refusal(capsys, "replay", tlog(tmp_path, ARDUPILOT, zeros))
+    line = refused("replay", tlog(tmp_path, ARDUPILOT, zeros))
     assert "zero_accelerometer" in line
     assert "ask for" not in line
 
@@ -125,10 +117,10 @@ def bag(folder):
 
 
 @pytest.mark.parametrize("write", [lambda folder: tlog(folder, ARDUPILOT), dataflash, bag])
-def test_another_system_has_sent_nothing(tmp_path, capsys, write):
-    line = refusal(capsys, "replay", write(tmp_path), "--system-id", "7")
+def test_another_system_has_sent_nothing(tmp_path, refused, write):
+    line = refused("replay", write(tmp_path), "--system-id", "7")
     assert "no IMU data of system id 7" in line
 
 
-def test_for_an_on_board_log_the_bit_to_set_is_named(tmp_path, capsys):
-    assert "IMU bit of LOG_BITMASK" in refusal(capsys, "replay", dataflash(tmp_path))
+def test_for_an_on_board_log_the_bit_to_set_is_named(tmp_path, refused):
+    assert "IMU bit of LOG_BITMASK" in refused("replay", dataflash(tmp_path))

@@ -8,6 +8,7 @@ from drivers.endpoint import Endpoint
 from drivers.events import VehicleId
 from drivers.mavlink.encoder import FrameEncoder, heartbeat, raw_imu
 from drivers.mavlink.link import MavlinkLink
+from tests.fuzzbee.processes import free_port
 
 HOST = "127.0.0.1"
 PATIENCE_S = 20.0  # a slow machine fails no test
@@ -31,12 +32,6 @@ class Vehicle:
 
 def port_of(link):
     return int(link.address.rpartition(":")[2])
-
-
-def free_port(kind):
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind((HOST, 0))
-        return probe.getsockname()[1]
 
 
 def collect(link, enough, provoke=lambda: None):
@@ -63,10 +58,6 @@ def accept(server, link, events):
 
 def count(kind, n=1):
     return lambda events: sum(isinstance(event, kind) for event in events) >= n
-
-
-def of_type(events, kind):
-    return [event for event in events if isinstance(event, kind)]
 
 
 @contextlib.contextmanager

@@ -24,14 +24,13 @@ from tests.drivers.mavlink.links import (
     accept,
     collect,
     count,
-    free_port,
-    of_type,
     port_of,
     tcp_link,
     udp_link,
     udp_sender,
 )
-from tests.drivers.mavlink.messages import PymavlinkParser
+from tests.drivers.mavlink.messages import PymavlinkParser, only
+from tests.fuzzbee.processes import free_port
 
 pytestmark = pytest.mark.usefixtures("nothing_leaks")
 
@@ -45,7 +44,7 @@ def test_udpin_takes_several_senders_and_answers_all():
             sender.send(frame[10:])
         events = collect(link, count(Imu, 2))
         assert isinstance(events[0], LinkUp)
-        assert {e.vehicle for e in of_type(events, Imu)} == {VehicleId(1, 1), VehicleId(2, 1)}
+        assert {e.vehicle for e in only(Imu, events)} == {VehicleId(1, 1), VehicleId(2, 1)}
         now_us = time.time_ns() // 1000
         assert all(abs(e.arrival_us - now_us) < PATIENCE_S * 1e6 for e in events)
         link.drain(0)
@@ -91,7 +90,7 @@ def test_a_refused_tcp_connection_is_retried(caplog):
                 vehicle = Vehicle()
                 events += collect(link, count(Imu, 3), lambda: accepted.sendall(vehicle.imu()))
         assert isinstance(events[0], LinkUp)
-        assert of_type(events, LinkDown) == []
+        assert only(LinkDown, events) == []
 
 
 def test_a_lost_tcp_connection_is_made_again():
@@ -103,13 +102,13 @@ def test_a_lost_tcp_connection_is_made_again():
                 with accepted:
                     accepted.sendall(vehicle.imu() + vehicle.imu()[:7])  # ends in half a frame
                     collect(link, count(Imu))
-                (down,) = of_type(collect(link, count(LinkDown)), LinkDown)
+                (down,) = only(LinkDown, collect(link, count(LinkDown)))
                 assert "closed by the other side" in down.reason
             accepted = accept(server, link, [])
             with accepted:
                 accepted.sendall(vehicle.imu())
                 events = collect(link, count(Imu))
-            assert of_type(events, Malformed) == []
+            assert only(Malformed, events) == []
 
 
 def test_a_server_that_hangs_up_at_once_does_not_fill_the_log(caplog):
@@ -118,7 +117,7 @@ def test_a_server_that_hangs_up_at_once_does_not_fill_the_log(caplog):
             events = []
             for _ in range(4):
                 accept(server, link, events).close()
-            if not of_type(events, LinkDown):
+            if not only(LinkDown, events):
                 collect(link, count(LinkDown))
         assert len(caplog.records) == 1
 
@@ -130,10 +129,10 @@ def test_tcpin_accepts_several_clients():
             a.sendall(one.heartbeat() + one.imu())
             b.sendall(Vehicle(2).imu())
             events = connect.events + collect(link, count(Imu, 2))
-            assert len(of_type(events, LinkUp)) == 1
+            assert len(only(LinkUp, events)) == 1
             link.drain(0)
             assert a.recv(100) == b.recv(100)  # it asks for the rate
-        (down,) = of_type(collect(link, count(LinkDown)), LinkDown)
+        (down,) = only(LinkDown, collect(link, count(LinkDown)))
         assert "client" in down.reason
         connect.events.clear()
         connect().sendall(Vehicle(3).imu())
@@ -161,7 +160,7 @@ def test_without_file_descriptors_the_link_is_tried_again(monkeypatch, method):
                 patch.setattr(Udp, "open", without_descriptors)
             lost = collect(link, count(LinkDown))
             time.sleep(0.3)
-        assert "Too many open files" in of_type(lost, LinkDown)[0].reason
+        assert "Too many open files" in only(LinkDown, lost)[0].reason
         collect(link, count(Imu), send)
 
 
@@ -245,7 +244,7 @@ def test_garbage_is_counted_and_survived():
     with udp_link() as (link, sender):
         sender.send(b"GET / HTTP/1.1\r\n\r\n" + bytes(range(256)))
         events = collect(link, count(Imu, 20), lambda: sender.send(vehicle.imu()))
-    assert sum(e.frames for e in of_type(events, Malformed)) >= 1
+    assert sum(e.frames for e in only(Malformed, events)) >= 1
 
 
 def test_a_requested_rate_is_acknowledged_and_delivered():
@@ -267,9 +266,9 @@ def test_a_requested_rate_is_acknowledged_and_delivered():
                             sender.send(answer)
 
         events = collect(link, count(CommandAck), play)
-        assert of_type(events, CommandAck)[0].result == 0
+        assert only(CommandAck, events)[0].result == 0
         events = collect(link, count(Imu, 500), play)
-    boots = [e.boot_us for e in of_type(events, Imu)][-400:]
+    boots = [e.boot_us for e in only(Imu, events)][-400:]
     assert (boots[-1] - boots[0]) / 399 == pytest.approx(10_000)
     assert {m.get_type() for m in asked} == {"HEARTBEAT", "COMMAND_LONG"}
     assert {(m.get_srcSystem(), m.get_srcComponent()) for m in asked} == {(5, 191)}
@@ -310,4 +309,4 @@ def test_half_a_frame_of_a_client_that_has_left_costs_the_next_one_nothing(monke
     packets = [[Packet("a", data, 1)] for data in (beat[:9], b"", beat)]
     monkeypatch.setattr(Udp, "receive", lambda *_: packets.pop(0) if packets else [])
     with udp_link() as (link, _):
-        assert not of_type(collect(link, count(Heartbeat)), Malformed)
+        assert not only(Malformed, collect(link, count(Heartbeat)))

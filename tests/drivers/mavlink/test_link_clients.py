@@ -22,12 +22,12 @@ from tests.drivers.mavlink.links import (
     Vehicle,
     collect,
     count,
-    free_port,
-    of_type,
     tcp_link,
     udp_link,
     udp_sender,
 )
+from tests.drivers.mavlink.messages import only
+from tests.fuzzbee.processes import free_port
 
 pytestmark = pytest.mark.usefixtures("nothing_leaks")
 
@@ -75,7 +75,7 @@ def test_who_sends_imu_data_holds_its_place(hosts, sent, host, is_let_in):
         if is_let_in:
             collect(
                 link,
-                lambda events: sum(e.vehicle.system_id == 1 for e in of_type(events, Imu)) > 9,
+                lambda events: sum(e.vehicle.system_id == 1 for e in only(Imu, events)) > 9,
                 send,
             )
         else:
@@ -122,7 +122,7 @@ def test_large_datagrams_of_another_keep_no_vehicle_out(content, has_imu):
             events += link.drain(0.01)
 
         def ours(found):
-            return [e for e in of_type(events + found, Imu) if e.vehicle.system_id == 1]
+            return [e for e in only(Imu, events + found) if e.vehicle.system_id == 1]
 
         taken = lambda found: len(ours(found)) + link.shed + link.lost  # noqa: E731
         # on a busy computer more is let in, by time
@@ -167,16 +167,16 @@ def test_only_a_full_queue_leaves_samples_out_and_the_newest_stay(tmp_path, monk
         events = collect(
             link,
             lambda found: (
-                count(Heartbeat)(found) and newest in [e.boot_us for e in of_type(found, Imu)]
+                count(Heartbeat)(found) and newest in [e.boot_us for e in only(Imu, found)]
             ),
         )
         time.sleep(0.3)
         events += link.drain(0.0)
         shed = link.shed
-    taken = len(of_type(events, Imu))
+    taken = len(only(Imu, events))
     assert shed > 100
     assert abs(taken + shed - 300) <= 2  # a first sample waits for its second
-    assert sum(each.samples for each in of_type(events, Shed)) == shed
+    assert sum(each.samples for each in only(Shed, events)) == shed
     assert len(path.read_bytes()) == len(sent) + 8 * 301
     assert recorder.is_whole
 
@@ -195,7 +195,7 @@ def test_the_recording_holds_the_frames_as_they_came(tmp_path):
         assert data[8 : 8 + len(frame)] == frame
         data = data[8 + len(frame) :]
     assert data == b""
-    assert stamps[1:] == [e.arrival_us for e in of_type(events, Imu)]
+    assert stamps[1:] == [e.arrival_us for e in only(Imu, events)]
 
 
 def test_a_recording_begins_with_the_port_s_opening_and_not_with_the_first_look(tmp_path):

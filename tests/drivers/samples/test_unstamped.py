@@ -9,11 +9,8 @@ from drivers.logs.logged_vehicle import LoggedVehicle
 from drivers.samples.imu_stream import RepeatedField
 from drivers.samples.intake import Intake
 from estimator.types import IDENTITY, ZERO_VEC3
+from tests.drivers.mavlink.messages import only
 from tests.drivers.samples.given import FIELD, REST, UNIX, VEHICLE, S, imu, running
-
-
-def attitudes(events):
-    return [event for event in events if isinstance(event, ReferenceAttitude)]
 
 
 def test_truth_has_the_time_of_the_last_imu_message():
@@ -67,7 +64,9 @@ def test_a_simulators_attitude_belongs_to_the_imu_message_that_it_comes_with(ahe
     for k in range(1, 6):
         at_us = UNIX + k * S // 4
         truth = intake.unstamped("SIM_STATE", at_us - ahead_us, "sim", IDENTITY)
-        times_us += [e.time_us for e in attitudes(truth + imu(intake, k * S // 4, at_us))]
+        times_us += [
+            e.time_us for e in only(ReferenceAttitude, truth + imu(intake, k * S // 4, at_us))
+        ]
     assert times_us == [k * S // 4 for k in range(2, 6)]
 
 
@@ -76,7 +75,7 @@ def test_an_attitude_that_waits_is_the_last_samples_at_the_end_or_if_the_host_is
     intake, _ = running()
     assert intake.unstamped("SIM_STATE", UNIX + 301 * S + 90_000, "sim", IDENTITY) == []
     events = intake.end() if ends else imu(intake, 301 * S + 250_000, UNIX - 3600 * S)
-    assert [e.time_us for e in attitudes(events)] == [301 * S]
+    assert [e.time_us for e in only(ReferenceAttitude, events)] == [301 * S]
     assert intake.end() == []
 
 
@@ -88,7 +87,7 @@ def test_a_simulators_attitude_right_behind_its_imu_message_does_not_wait():
         assert event.time_us == k * S // 4
     assert intake.unstamped("SIM_STATE", UNIX + 3 * S // 4 + 90_000, "sim", IDENTITY) == []
     # that one's own IMU message was lost, and it is a second of the third
-    assert not attitudes(imu(intake, S))
+    assert not only(ReferenceAttitude, imu(intake, S))
 
 
 def test_a_field_repeated_after_the_clock_went_back_is_new():
