@@ -72,6 +72,7 @@ class _Problem(NamedTuple):
     down: Floats
     field: PlaceField
     current: Floats  # (N, 1), a share of the largest; (N, 0) where it does not count
+    scale: float  # the usual misfit, gauss
 
     def misfit(self, p: Floats) -> Floats:
         """Of strength and vertical part, (2N,) gauss, as an error of the reading.
@@ -84,6 +85,10 @@ class _Problem(NamedTuple):
         strength = (size - place.strength_gauss) / np.linalg.norm(v @ s / size[:, None], axis=1)
         vertical = (v * self.down).sum(1) - place.strength_gauss * np.sin(place.dip_rad)
         return np.concatenate([strength, vertical / np.linalg.norm(self.down @ s, axis=1)])
+
+    def usual_misfit(self, p: Floats) -> float:
+        """The median, gauss."""
+        return float(np.median(np.abs(self.misfit(p))))
 
     def corrected(self, p: Floats) -> Floats:
         """S (m - b - c I), (N, 3)."""
@@ -102,8 +107,13 @@ class _Problem(NamedTuple):
 
     def part(self, chosen: Floats) -> "_Problem":
         """The samples chosen alone."""
-        readings = (self.mag[chosen], self.down[chosen])
-        return _Problem(*readings, self.field, self.current[chosen])
+        readings = {name: getattr(self, name)[chosen] for name in ("mag", "down", "current")}
+        return self._replace(**readings)
+
+    def solved(self, start: Floats) -> Any:
+        """SciPy's result: numbers ``x``, and derivatives ``jac`` times the roots of the weights."""
+        robust = {"loss": "soft_l1", "f_scale": self.scale}
+        return least_squares(self.misfit, start, **robust, max_nfev=MOST_STEPS)
 
 
 def fit_compass(
@@ -117,25 +127,27 @@ def fit_compass(
     apart = np.linalg.norm(mag_gauss - np.median(mag_gauss, axis=0), axis=1)
     near = np.flatnonzero(apart <= 2.0 * field.strength_gauss)
     near = near[:: -(-len(near) // MOST_SAMPLES) or 1]
-    problem = _Problem(mag_gauss[near], down[near], field, np.zeros((len(near), 0)))
+    none = np.zeros((len(near), 0))
+    problem = _Problem(mag_gauss[near], down[near], field, none, field.strength_gauss)
     if len(near) < BLOCKS:
         return None
-    scale, hard = field.strength_gauss, np.zeros(3)
+    hard = np.zeros(3)
     for _ in range(2):  # the usual misfit is known after a first time
-        hard = _solved(problem, hard, scale).x
-        scale = max(NORMAL * _usual(problem.misfit(hard)), 1e-6)
-    found = _solution(problem, hard, scale)
-    if _is_vague(found.covariance, field):
+        hard = problem.solved(hard).x
+        problem = problem._replace(scale=max(NORMAL * problem.usual_misfit(hard), 1e-6))
+    found = _solution(problem, hard)
+    if found.is_vague:
         return None
     current = np.zeros((len(near), 1)) if current_a is None else current_a[near, None]
     largest_a = float(np.ptp(current))
     if largest_a > LEAST_CURRENT_A:
-        powered = problem._replace(current=current / largest_a)
-        found = _better(found, powered, np.zeros(3), scale)
-    found = _better(found, found.problem, PLAIN, scale)
-    problem, p, covariance, _ = found
+        found = _better(found, problem._replace(current=current / largest_a), np.zeros(3))
+    problem, p, covariance, _ = _better(found, found.problem, PLAIN)
     irons, sigma = problem.irons, np.sqrt(np.diag(covariance))
     has_current, has_matrix = irons > 3, len(p) > irons
+    seen = problem.corrected(p)
+    unit = seen / np.maximum(np.linalg.norm(seen, axis=1), 1e-12)[:, None]
+    nearest = np.concatenate([unit.max(0), -unit.min(0)])
     return CompassFit(
         p[:3],
         covariance[:3, :3],
@@ -143,8 +155,8 @@ def fit_compass(
         sigma[3:6] / largest_a if has_current else None,
         problem.matrix(p) if has_matrix else None,
         np.tensordot(sigma[irons:], BASIS, 1) if has_matrix else None,
-        _unseen(problem.corrected(p)),
-        (_usual(problem.misfit(np.zeros(irons))), _usual(problem.misfit(p))),
+        tuple(side for side, cosine in zip(SIDES, nearest, strict=True) if cosine < NEAR),
+        (problem.usual_misfit(np.zeros(irons)), problem.usual_misfit(p)),
     )
 
 
@@ -156,62 +168,43 @@ class _Solution(NamedTuple):
     covariance: Floats
     losses: Floats
 
+    @property
+    def is_vague(self) -> bool:
+        """Whether a heading by that offset may be off by 45 deg."""
+        field, worst = self.problem.field, np.linalg.eigvalsh(self.covariance[:3, :3])[-1]
+        return bool(SURE**2 * worst > (field.strength_gauss * np.cos(field.dip_rad)) ** 2)
 
-def _solution(problem: _Problem, start: Floats, scale: float) -> _Solution:
-    block = np.arange(len(problem.mag)) * BLOCKS // len(problem.mag)
-    found = _solved(problem, start, scale)
-    others = np.array([_solved(problem.part(block != k), found.x, scale).x for k in range(BLOCKS)])
+
+def _solution(problem: _Problem, start: Floats) -> _Solution:
+    """The solution with the jackknife's covariance, as samples near in time err alike.
+
+    What the turns do not show at all is added: for that a stretch of time counts as one reading,
+    no better than the model is, and before the flight an offset is supposed within the field's
+    strength, S within one of identity.
+    """
+    n, scale = len(problem.mag), problem.scale
+    block, found = np.arange(n) * BLOCKS // n, problem.solved(start)
+    others = np.array([problem.part(block != k).solved(found.x).x for k in range(BLOCKS)])
     left = [problem.part(block == k).misfit(other) for k, other in enumerate(others)]
     losses = np.array([np.sqrt(1.0 + (each / scale) ** 2).mean() for each in left])
-    return _Solution(problem, found.x, _covariance(problem, found.jac, others, scale), losses)
+    apart = others - others.mean(0)
+    jackknife = (BLOCKS - 1) / BLOCKS * apart.T @ apart
+    supposed = np.ones(len(found.x))
+    supposed[: problem.irons] = problem.field.strength_gauss
+    weight = BLOCKS / n / max(scale, MODEL_GAUSS) ** 2
+    shown = weight * found.jac.T @ found.jac + np.diag(supposed**-2.0)
+    return _Solution(problem, found.x, jackknife + np.linalg.inv(shown), losses)
 
 
-def _better(simple: _Solution, problem: _Problem, more: Floats, scale: float) -> _Solution:
+def _better(simple: _Solution, problem: _Problem, more: Floats) -> _Solution:
     """The solution with more numbers, if they reduce the losses and leave the offset known.
 
     Losses on blocks left out have to fall by more than one standard error of that.
     """
-    rich = _solution(problem, np.concatenate([simple.p, more]), scale)
+    rich = _solution(problem, np.concatenate([simple.p, more]))
     gains = simple.losses - rich.losses
     is_better = gains.mean() > gains.std(ddof=1) / np.sqrt(BLOCKS)
-    return rich if is_better and not _is_vague(rich.covariance, problem.field) else simple
-
-
-def _solved(problem: _Problem, start: Floats, scale: float) -> Any:
-    """SciPy's result: numbers ``x``, and derivatives ``jac`` times the roots of the weights."""
-    return least_squares(problem.misfit, start, loss="soft_l1", f_scale=scale, max_nfev=MOST_STEPS)
-
-
-def _covariance(problem: _Problem, slope: Floats, others: Floats, scale: float) -> Floats:
-    """The jackknife's (samples near in time err alike), and what the turns do not show at all.
-
-    For that a stretch of time counts as one reading, no better than the model is.
-
-    Before the flight an offset is supposed within the field's strength, S within one of identity.
-    """
-    apart = others - others.mean(0)
-    jackknife = (BLOCKS - 1) / BLOCKS * apart.T @ apart
-    supposed = np.ones(slope.shape[1])
-    supposed[: problem.irons] = problem.field.strength_gauss
-    weight = BLOCKS / len(problem.mag) / max(scale, MODEL_GAUSS) ** 2
-    shown = weight * slope.T @ slope + np.diag(supposed**-2.0)
-    return np.asarray(jackknife + np.linalg.inv(shown))
-
-
-def _is_vague(covariance: Floats, field: PlaceField) -> bool:
-    """Whether a heading by that offset may be off by 45 deg."""
-    worst = np.linalg.eigvalsh(covariance[:3, :3])[-1]
-    return bool(SURE**2 * worst > (field.strength_gauss * np.cos(field.dip_rad)) ** 2)
-
-
-def _unseen(field: Floats) -> tuple[str, ...]:
-    unit = field / np.maximum(np.linalg.norm(field, axis=1), 1e-12)[:, None]
-    nearest = np.concatenate([unit.max(0), -unit.min(0)])
-    return tuple(side for side, cosine in zip(SIDES, nearest, strict=True) if cosine < NEAR)
-
-
-def _usual(misfit: Floats) -> float:
-    return float(np.median(np.abs(misfit)))
+    return rich if is_better and not rich.is_vague else simple
 
 
 def compass_turn(mag_gauss: Floats, expected_gauss: Floats) -> Floats | None:

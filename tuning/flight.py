@@ -108,17 +108,12 @@ def fly(
 ) -> Course:
     """The samples up to ``last`` by the whole estimator of ``profile``; see :func:`course_of`."""
     rows = cut(flight.rows, 0, flight.last)
-    if profile.calibration != flight.calibration:
-        rows = _calibrated(rows, profile)
+    if profile.calibration != flight.calibration:  # the readings in the body's axes
+        R, sign = sensor_axes(profile.mounting), profile.mounting.acc_sign
+        as_read = rows.gyr_rad_s @ R, sign * rows.acc_m_s2 @ R, rows.mag_gauss @ R
+        gyr, acc, mag = map(np.ascontiguousarray, profile.to_body_rows(*as_read))
+        rows = rows._replace(gyr_rad_s=gyr, acc_m_s2=acc, mag_gauss=mag)
     return course_of(Estimator(profile), rows, flight.calls, wrong_ned_frd, flight.reports)
-
-
-def _calibrated(rows: Rows, profile: Profile) -> Rows:
-    """Readings in the body's axes, by the calibration of their sensors."""
-    R, sign = sensor_axes(profile.mounting), profile.mounting.acc_sign
-    as_read = rows.gyr_rad_s @ R, sign * rows.acc_m_s2 @ R, rows.mag_gauss @ R
-    gyr, acc, mag = map(np.ascontiguousarray, profile.to_body_rows(*as_read))
-    return rows._replace(gyr_rad_s=gyr, acc_m_s2=acc, mag_gauss=mag)
 
 
 def sure_flight(flight: Flight, profile: Profile, *, is_wanted: bool) -> Flight:

@@ -136,17 +136,16 @@ class Search:
 
     def _recorded_costs(self, count: int) -> Floats | None:
         """The next ``count`` recorded costs, or None where the record has ended."""
-        record = self.earlier
-        if record is None:
+        if self.earlier is None:
             return None
-        left = len(record.costs) - self.evaluations
-        is_over = left == 0
-        if count > left > 0 or (is_over and self._asked.hexdigest() != record.asked_sha256):
+        costs, asked_sha256 = self.earlier
+        left = len(costs) - self.evaluations
+        if count > left > 0 or (left == 0 and self._asked.hexdigest() != asked_sha256):
             raise InputError("the checkpoint does not belong to this search")
-        if is_over:
+        if left == 0:
             self.earlier = None
             return None
-        return record.costs[self.evaluations : self.evaluations + count]
+        return costs[self.evaluations : self.evaluations + count]
 
 
 class Header(msgspec.Struct):

@@ -43,22 +43,18 @@ class Goal(NamedTuple):
     """What is minimised: the cost of a flight (or seed), and how those of several become one."""
 
     cost: Callable[[Profile, Any], float]
-    combine: Callable[[list[float]], float]
-    unit: str
-
-
-def _mean(costs: list[float]) -> float:
-    return sum(costs) / len(costs)
+    combine: Callable[[list[float]], float] = lambda costs: sum(costs) / len(costs)
+    unit: str = ""
 
 
 GOALS = {
     # the errors that a user sees and the honesty of sigma, deg
     "flight": Goal(lambda profile, flight: measure(profile, flight).cost, geometric_mean, " deg"),
-    "recovery": Goal(recovery_cost, _mean, ""),
+    "recovery": Goal(recovery_cost),
     # how far coverage is from what it should be: all that shows of what moves sigma alone
-    "coverage": Goal(lambda profile, flight: measure(profile, flight).miscoverage, _mean, ""),
+    "coverage": Goal(lambda profile, flight: measure(profile, flight).miscoverage),
 }
-PAPER_GOALS = {"paper": Goal(lambda profile, seed: run_experiment(profile, seed).cost, _mean, "")}
+PAPER_GOAL = Goal(lambda profile, seed: run_experiment(profile, seed).cost)
 
 
 @dataclass(frozen=True)
@@ -81,7 +77,6 @@ class Task:
     goal: str = "flight"
     judged_by: Profile | None = None
 
-    known_goals: ClassVar[dict[str, Goal]] = GOALS
     known_groups: ClassVar[dict[str, Space]] = CONDITIONED_GROUPS
     batch: ClassVar[int] = 1  # candidates that one process best takes at a time
 
@@ -98,7 +93,7 @@ class Task:
     @property
     def measured(self) -> Goal:
         """What the goal's name stands for."""
-        return self.known_goals[self.goal]
+        return GOALS[self.goal]
 
     @cached_property
     def space(self) -> Space:
@@ -139,7 +134,7 @@ class PaperTask(Task):
 
     goal: str = "paper"
 
-    known_goals = PAPER_GOALS
+    measured = PAPER_GOAL
     known_groups = RAW_GROUPS
     batch = LANES
 

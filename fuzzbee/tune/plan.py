@@ -61,13 +61,16 @@ class Plan(NamedTuple):
         """
         request, search = self.request, self.options
         begin, end = time_window(request.begin, request.end)
+        base = request.base or (MIDPOINT if request.is_simulated else "imu")
+        if base not in (*SHIPPED, MIDPOINT):  # a file's name does not fix its content
+            base = f"sha256:{sha256(profile_to_toml(self.task.before).encode()).hexdigest()}"
         options: dict[str, Any] = {
             "command": "tune",
             "algorithm": search.algorithm,
             "sources": search.food_sources,
             "cycles": search.cycles,
             "parameters": ",".join(self.task.groups),
-            "base": _base_identity(request, self.task.before),
+            "base": base,
             "limit": search.limit if search.algorithm == "abc" else None,
             "objective": None if request.is_simulated else self.task.goal,
             "reference": request.reference,
@@ -125,14 +128,6 @@ def _groups(request: TuneRequest, default: tuple[str, ...]) -> tuple[str, ...]:
     if request.parameters is None:
         return default
     return tuple(name.strip() for name in request.parameters.split(",") if name.strip())
-
-
-def _base_identity(request: TuneRequest, base: Profile) -> str:
-    """The base's name; for a file the SHA-256 of its content, which its name does not fix."""
-    name = request.base or (MIDPOINT if request.is_simulated else "imu")
-    if name in (*SHIPPED, MIDPOINT):
-        return name
-    return f"sha256:{sha256(profile_to_toml(base).encode()).hexdigest()}"
 
 
 def _paper(request: TuneRequest) -> Plan:

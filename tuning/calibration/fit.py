@@ -66,7 +66,8 @@ def fit_sensors(recordings: Sequence[Recording]) -> SensorFit:
     if len(recordings) >= LEAST_RECORDINGS:
         parts = np.repeat(np.arange(len(cut)), [len(of_one) for of_one in cut])
     keys = IN_FLIGHT if any(each.has_rates for each in trajectories) else KEYS
-    shares, believed = predicted(*problem.seen(), parts, problem.prior, keys)
+    A, b = map(np.array, zip(*problem.seen, strict=True))
+    shares, believed = predicted(A, b, parts, problem.prior, keys)
     for each in trajectories:
         each.believe_sigmas()
     if len(recordings) == 1:
@@ -113,15 +114,9 @@ class _Problem:
         # A common turn of all sensors is what the constants before say: rounding would move it.
         self._pins = TURNS / self.prior[:, None] ** 2
         self._turn_variance = 1.0 / np.sum(TURNS * self._pins, axis=0)
-        self._seen: list[tuple[Floats, Floats]] = []
-
-    def seen(self) -> tuple[Floats, Floats]:
-        """What each piece showed in the last step: A and b of its loss x.A x / 2 - b.x.
-
-        (K, 36, 36) and (K, 36), of constants x in units of their sigmas before.
-        """
-        A, b = (np.array(each) for each in zip(*self._seen, strict=True))
-        return A * np.outer(self.prior, self.prior), b * self.prior
+        # What each piece showed in the last step: A (36, 36) and b (36,) of its loss
+        # x.A x / 2 - b.x, of constants x in units of their sigmas before.
+        self.seen: list[tuple[Floats, Floats]] = []
 
     def improve(self) -> None:
         """A few steps, and what they show of the readings."""
@@ -141,7 +136,7 @@ class _Problem:
         normal = np.diag(self.prior**-2) + pins @ self._pins.T
         gradient = normal @ x
         solved: list[tuple[Floats, Floats]] = []
-        self._seen = []
+        self.seen = []
         for each in self._trajectories:
             own, slope = each.normal_equations()
             own[common, common] += tie
@@ -152,7 +147,8 @@ class _Problem:
             downhill = tie * (each.x - x) - by_common.T @ slope
             normal += of_common
             gradient -= downhill
-            self._seen.append((of_common, of_common @ x + downhill))
+            A, b = of_common * np.outer(self.prior, self.prior), of_common @ x + downhill
+            self.seen.append((A, b * self.prior))
             solved.append((by_common, covariance @ slope))
         covariance = cho_solve(cho_factor(normal), np.eye(CONSTANTS))
         step = -covariance @ gradient

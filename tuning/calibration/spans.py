@@ -103,8 +103,8 @@ def spans_of(recording: Recording, rows: Ints, x: Floats) -> Spans:
             there = recording.has_mag[at].astype(float)
             T = s.turn * there[:, None, None]
             count += there
-            s.field[:] += _times(T, read_mag[at])
-            s.field_by_lag[:] += _times(T, flow[at])
+            s.field[:] += times(T, read_mag[at])
+            s.field_by_lag[:] += times(T, flow[at])
             s.field_by_gyr[:] -= T @ cross_matrix(read_mag[at] - x[33:]) @ s.turn_by_gyr
             s.turned[:] += T
             s.turned_twice[:] += np.einsum("kia,kjb->kiajb", T, s.turn)
@@ -114,8 +114,8 @@ def spans_of(recording: Recording, rows: Ints, x: Floats) -> Spans:
         back = np.swapaxes(half, 1, 2)
         s.turn[:], s.turn_by_gyr[:] = s.turn @ half, back @ s.turn_by_gyr + by_half
         push = 0.5 * dt[:, None] * (acc[at] + acc[at + 1])
-        s.push[:] += _times(s.turn, push)
-        s.push_by_lag[:] += _times(s.turn, dt[:, None] * jerk[at])
+        s.push[:] += times(s.turn, push)
+        s.push_by_lag[:] += times(s.turn, dt[:, None] * jerk[at])
         s.push_by_gyr[:] -= s.turn @ cross_matrix(push) @ s.turn_by_gyr
         s.push_by_acc[:] += s.turn @ _by_constants(0.5 * (read_acc[at] + read_acc[at + 1]), dt)
         s.turn[:], s.turn_by_gyr[:] = s.turn @ half, back @ s.turn_by_gyr + by_half
@@ -138,7 +138,7 @@ def _by_constants(y: Floats, factor: Floats) -> Floats:
     return by
 
 
-def _times(R: Floats, v: Floats) -> Floats:
+def times(R: Floats, v: Floats) -> Floats:
     """R v of rows."""
     return np.asarray((R @ v[:, :, None])[:, :, 0])
 

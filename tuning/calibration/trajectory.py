@@ -6,7 +6,7 @@ the middle, where no velocity is reported.
 """
 
 import numpy as np
-from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.linalg import solveh_banded
 from scipy.spatial.transform import Rotation
 
 from estimator.arrays import Floats, Ints
@@ -19,6 +19,7 @@ from tuning.calibration.spans import (
     cross_matrix,
     rotation,
     spans_of,
+    times,
 )
 
 NODE = 9
@@ -108,18 +109,16 @@ class Trajectory:
         nodes[:-1] += H[:, :NODE, :NODE]
         nodes[1:] += H[:, NODE:BOTH, NODE:BOTH]
         band = np.zeros((BOTH, n))  # in the lower form: row i - j, column j
-        for i in range(NODE):
-            for j in range(NODE):
-                if j <= i:
-                    band[i - j, j::NODE] = nodes[:, i, j]
-                band[NODE + i - j, j:-NODE:NODE] = H[:, NODE + i, j]
+        for i, j in np.ndindex(NODE, NODE):
+            if j <= i:
+                band[i - j, j::NODE] = nodes[:, i, j]
+            band[NODE + i - j, j:-NODE:NODE] = H[:, NODE + i, j]
         rest = np.zeros((len(self._R), NODE, SHOWN + 1))
         for part, at in ((rest[:-1], slice(0, NODE)), (rest[1:], slice(NODE, BOTH))):
             part[:, :, :-1] += H[:, at, BOTH:]
             part[:, :, -1] += g[:, at]
         coupled: Floats = rest.reshape(n, -1)
-        factor = cholesky_banded(band, lower=True)
-        self._solved = cho_solve_banded((factor, True), coupled)
+        self._solved = solveh_banded(band, coupled, lower=True)
         eliminated = coupled[:, :-1].T @ self._solved
         normal = H[:, BOTH:, BOTH:].sum(axis=0) - eliminated[:, :-1]
         gradient = g[:, BOTH:].sum(axis=0) - eliminated[:, -1]
@@ -165,7 +164,7 @@ class Trajectory:
     def _first_field(self) -> Floats:
         if self._recording.field_ned_gauss is not None:
             return self._recording.field_ned_gauss
-        seen = (self._R[:-1] @ self._spans.field[:, :, None])[self._spans.has_field, :, 0]
+        seen = times(self._R[:-1], self._spans.field)[self._spans.has_field]
         return np.median(seen, axis=0) if len(seen) else np.zeros(3)
 
     def _squares(self) -> tuple[Floats, Floats]:
@@ -175,13 +174,13 @@ class Trajectory:
         weighted = (J * self._weights(r)[:, :, None, None]).reshape(k, -1, COLUMNS)
         weighted = np.swapaxes(weighted, 1, 2)
         H = weighted @ J.reshape(k, -1, COLUMNS)
-        g = (weighted @ r.reshape(k, -1, 1))[:, :, 0]
+        g = times(weighted, r.reshape(k, -1))
         if self.has_rates:
             at, r, J = self._velocity_residuals()
             w = _robust(r / self._sizes[VELOCITY]) / self._variance[VELOCITY]
             weighted = np.swapaxes(J, 1, 2) * w[:, None, None]
             np.add.at(H, at, weighted @ J)
-            np.add.at(g, at, (weighted @ r[:, :, None])[:, :, 0])
+            np.add.at(g, at, times(weighted, r))
         return H, g
 
     def _weights(self, r: Floats) -> Floats:
@@ -208,7 +207,7 @@ class Trajectory:
         J[:, TURN, :, NODE : NODE + 3] = log_by
         J[:, TURN, :, :3] = -log_by @ np.swapaxes(self._R[1:], 1, 2) @ self._R[:-1]
         of_x[:, TURN, :, GYR] = -np.swapaxes(log_by, 1, 2) @ s.turn_by_gyr
-        change = (back @ (v[1:] - v[:-1] - dt * GRAVITY_NED)[:, :, None])[:, :, 0]
+        change = times(back, v[1:] - v[:-1] - dt * GRAVITY_NED)
         r[:, PUSH] = change - s.push - s.push_by_gyr @ d[GYR] - s.push_by_acc @ d[12:24]
         r[:, PUSH] -= s.push_by_lag * self._own[ACC_LAG]
         J[:, PUSH, :, :3] = cross_matrix(change)
