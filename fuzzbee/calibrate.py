@@ -3,12 +3,12 @@
 import os
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import typer
 
 from estimator.errors import InputError
-from fuzzbee.options import From, Json, To, command, examples, option, time_window
+from fuzzbee import options as opt
 
 if TYPE_CHECKING:
     from estimator.geometry.earth import PlaceField
@@ -19,7 +19,7 @@ _OUTPUT = "Write that profile with the calibration found."
 _SYSTEM_ID = "Which vehicle. [default: the one with most IMU samples]"
 _COMPASS = "Which compass, from 0 on. [default: that of the IMU's message]"
 
-EPILOG = examples(
+EPILOG = opt.examples(
     "fuzzbee calibrate flight.tlog",
     "fuzzbee calibrate bench1.tlog bench2.tlog -o mine.toml",
     "fuzzbee calibrate flight.bin --from 120 --to 300 > mine.toml",
@@ -29,21 +29,22 @@ EPILOG = examples(
 )
 
 
+@opt.form
 class CalibrateOptions(NamedTuple):
     """The arguments and options of the verb, in the order of its help."""
 
-    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help="Logs of one IMU's turns.")]
-    output: Annotated[Path | None, option(_OUTPUT, "-o", "--output", metavar="FILE")] = None
-    profile: Annotated[str, option(_PROFILE)] = "imu"
-    place: Annotated[str | None, option(_PLACE, metavar="LAT,LON")] = None
-    system_id: Annotated[int | None, option(_SYSTEM_ID)] = None
-    compass: Annotated[int | None, option(_COMPASS, metavar="0..2")] = None
-    begin: From = None
-    end: To = None
-    as_json: Json = False
+    logs: list[Path] = typer.Argument(metavar="LOG...", help="Logs of one IMU's turns.")
+    output: Path | None = opt.option(_OUTPUT, "-o", "--output", metavar="FILE")
+    profile: str = opt.option(_PROFILE, default="imu")
+    place: str | None = opt.option(_PLACE, metavar="LAT,LON")
+    system_id: int | None = opt.option(_SYSTEM_ID)
+    compass: int | None = opt.option(_COMPASS, metavar="0..2")
+    begin: str | None = opt.BEGIN
+    end: str | None = opt.END
+    as_json: bool = opt.JSON
 
 
-@command
+@opt.command
 def calibrate(options: CalibrateOptions) -> None:
     """Find what is constantly wrong with an IMU's sensors.
 
@@ -59,7 +60,7 @@ def calibrate(options: CalibrateOptions) -> None:
     from fuzzbee.notify import notify
 
     field = None if options.place is None else field_there(options.place)
-    window = time_window(options.begin, options.end)
+    window = opt.time_window(options.begin, options.end)
     profile = load_profile(options.profile)
     report = report_calibration(
         options.logs, profile, field, options.system_id, window, options.compass

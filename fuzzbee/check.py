@@ -3,38 +3,38 @@
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 
 from estimator.errors import InputError
+from fuzzbee import options as opt
 from fuzzbee.notify import notify
-from fuzzbee.options import From, Json, To, command, examples, option, time_window
 
 if TYPE_CHECKING:
     from fuzzbee.replays.log_check import Checked
 
 DIFFERS, UNREADABLE = 1, 2
-_LOGS = "Logs, or folders of them."
 
-EPILOG = examples(
+EPILOG = opt.examples(
     "fuzzbee check flights/",
     "fuzzbee check flights/ --from arm --to disarm",
     "fuzzbee check a.tlog b.bin --json",
 )
 
 
+@opt.form
 class CheckOptions(NamedTuple):
     """The arguments and options of the verb, in the order of its help."""
 
-    logs: Annotated[list[Path], typer.Argument(metavar="LOG...", help=_LOGS)]
-    profile: Annotated[str, option("imu, adaptive or a TOML file.")] = "imu"
-    begin: From = None
-    end: To = None
-    as_json: Json = False
+    logs: list[Path] = typer.Argument(metavar="LOG...", help="Logs, or folders of them.")
+    profile: str = opt.option("imu, adaptive or a TOML file.", default="imu")
+    begin: str | None = opt.BEGIN
+    end: str | None = opt.END
+    as_json: bool = opt.JSON
 
 
-@command
+@opt.command
 def check(options: CheckOptions) -> None:
     """Find the logs in which autopilot and estimate differ.
 
@@ -46,7 +46,7 @@ def check(options: CheckOptions) -> None:
     from fuzzbee.replays.log_check import check_log, line
 
     load_profile(options.profile)  # refused before the work
-    window = time_window(options.begin, options.end)
+    window = opt.time_window(options.begin, options.end)
     work = partial(check_log, profile=options.profile, window=window)
     found = _checked([*_files(options.logs)], work)
     found.sort(key=lambda each: each.rank, reverse=True)

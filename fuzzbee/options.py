@@ -10,7 +10,7 @@ from copy import copy
 from functools import partial, wraps
 from importlib.util import find_spec
 from math import inf, isfinite
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar, get_args, get_type_hints
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, get_type_hints
 
 import typer
 from typer.models import OptionInfo
@@ -27,30 +27,28 @@ if TYPE_CHECKING:
 MAX_GAIN = 1e6
 PROFILES = ("paper", "imu", "adaptive")
 
+KEYWORD = inspect.Parameter.KEYWORD_ONLY
 Form = TypeVar("Form", bound=NamedTuple)
 Result = TypeVar("Result")
 
 
 def option(
-    text: str, *names: str, panel: str | None = None, words: tuple[str, ...] = (), **more: Any
-) -> OptionInfo:
-    """An option with its help; named as its field is unless ``names`` are given.
+    text: str, *names: str, default: Any = None, words: tuple[str, ...] = (), **more: Any
+) -> Any:
+    """A field that is an option, with its help; called as the field is unless ``names`` are given.
 
-    Those of a ``panel`` stand together in the help. ``words`` are what a shell may complete;
-    ``more`` goes to typer.
+    ``words`` are what a shell may complete; ``more`` goes to typer.
     """
     if words:
         more["autocompletion"] = lambda: list(words)
-    made: OptionInfo = typer.Option(*names, help=text, rich_help_panel=panel, **more)
-    return made
+    return typer.Option(default, *names, help=text, **more)
 
 
-of_source = partial(option, panel="Source")
-of_estimate = partial(option, panel="Estimate")
-of_publishing = partial(option, panel="Publish")
-of_recording = partial(option, panel="Record")
-of_showing = partial(option, panel="Show")
-of_zenoh = partial(option, panel="Zenoh")
+# Those of a panel stand together in the help.
+source, estimate, publishing, recording, showing, of_zenoh = (
+    partial(option, rich_help_panel=panel)
+    for panel in ("Source", "Estimate", "Publish", "Record", "Show", "Zenoh")
+)
 
 
 def examples(*lines: str) -> str:
@@ -58,34 +56,33 @@ def examples(*lines: str) -> str:
     return "\n\n".join(["Examples:", *(f"  {line}" for line in lines)])
 
 
-_FROM = "Begin there: seconds of the log, arm or disarm."
-_TO = "End there: seconds of the log, arm or disarm."
-Verbose = Annotated[bool, of_showing("Say more on standard error.", "--verbose", "-v")]
-Json = Annotated[bool, of_showing("JSON on standard output, nothing else there.", "--json")]
-From = Annotated[str | None, of_source(_FROM, "--from", metavar="S|arm")]
-To = Annotated[str | None, of_source(_TO, "--to", metavar="S|disarm")]
-Retune = Annotated[bool, of_estimate("Retune a few numbers whenever the sensors' noise changes.")]
-Seconds = Annotated[float | None, of_source("End after N seconds.", metavar="N")]
-NONE: list[str] = []
-EMPTY, KEYWORD = inspect.Parameter.empty, inspect.Parameter.KEYWORD_ONLY
+BEGIN = source("Begin there: seconds of the log, arm or disarm.", "--from", metavar="S|arm")
+END = source("End there: seconds of the log, arm or disarm.", "--to", metavar="S|disarm")
+SECONDS = source("End after N seconds.", metavar="N")
+RETUNE = estimate("Retune a few numbers whenever the sensors' noise changes.", default=False)
+JSON = showing("JSON on standard output, nothing else there.", "--json", default=False)
+VERBOSE = showing("Say more on standard error.", "--verbose", "-v", default=False)
 
-_LISTEN = "Listen here instead of tcp/127.0.0.1:7447 (repeatable)."
-_CONNECT = "Connect there instead of to tcp/127.0.0.1:7447 (repeatable)."
-_CONFIG = "A Zenoh configuration (JSON5) instead of the default session."
-_SETTING = "One Zenoh setting, applied last (repeatable)."
+
+def form(options: type[Form]) -> type[Form]:
+    """A named tuple whose fields are options; one that is made without typer has their defaults."""
+    fields: Any = options
+    defaults = fields._field_defaults.values()
+    fields.__new__.__defaults__ = tuple(getattr(each, "default", each) for each in defaults)
+    return options
 
 
 def command(verb: Callable[[Form], Result]) -> Callable[..., Result]:
-    """The verb as typer takes it: a parameter for each field of the named tuple that it takes.
+    """The verb as typer takes it: a parameter for each field of the form that it takes.
 
-    A field that is a named tuple itself stands for that one's fields.
+    A field that is a form itself stands for that one's fields.
     """
-    form = next(iter(get_type_hints(verb).values()))
-    parameters = [*_parameters(form)]
+    options = next(iter(get_type_hints(verb).values()))
+    parameters = [*_parameters(options)]
 
     @wraps(verb)
     def parsed(**given: Any) -> Result:
-        return verb(_made(form, given))
+        return verb(_made(options, given))
 
     call: Any = parsed
     call.__annotations__ = {each.name: each.annotation for each in parameters}
@@ -93,23 +90,38 @@ def command(verb: Callable[[Form], Result]) -> Callable[..., Result]:
     return parsed
 
 
-def _parameters(form: Any) -> Iterator[inspect.Parameter]:
-    for name, kind in get_type_hints(form, include_extras=True).items():
+def _parameters(options: Any) -> Iterator[inspect.Parameter]:
+    for name, kind in get_type_hints(options).items():
         if hasattr(kind, "_fields"):
             yield from _parameters(kind)
             continue
-        base, info = get_args(kind)
-        if isinstance(info, OptionInfo) and info.default is ...:
-            info = copy(info)  # typer's own name would give flags a second one
-            info.default = f"--{name.replace('_', '-')}"
-        default = form._field_defaults.get(name, EMPTY)
-        yield inspect.Parameter(name, KEYWORD, default=default, annotation=Annotated[base, info])
+        info = copy(options._field_defaults[name])
+        if isinstance(info, OptionInfo) and not info.param_decls:
+            info.param_decls = (flag_of(name),)  # typer's own name would give flags a second one
+        yield inspect.Parameter(name, KEYWORD, default=info, annotation=kind)
 
 
-def _made(form: Any, given: dict[str, Any]) -> Any:
-    """The named tuple, and those in it, of the values that were given."""
-    kinds = get_type_hints(form).items()
-    return form(*(_made(k, given) if hasattr(k, "_fields") else given[name] for name, k in kinds))
+def _made(options: Any, given: dict[str, Any]) -> Any:
+    """The form, and those in it, of the values that were given."""
+    kinds = get_type_hints(options).items()
+    return options(
+        *(_made(k, given) if hasattr(k, "_fields") else given[name] for name, k in kinds)
+    )
+
+
+def flag_of(name: str) -> str:
+    """How a field is called on the command line."""
+    return f"--{name.replace('_', '-')}"
+
+
+def asked_for(options: Any, *names: str) -> dict[str, Any]:
+    """By their flags those fields of a form, of all if none is named, that are not as without."""
+    infos = options._field_defaults
+    return {
+        next(iter(infos[name].param_decls), flag_of(name)): value
+        for name in names or options._fields
+        if (value := getattr(options, name)) != infos[name].default
+    }
 
 
 def require_gain(gain: float | None) -> None:
@@ -164,16 +176,33 @@ def _moment(name: str, given: Any) -> "Moment | None":
     return seconds
 
 
+@form
 class ZenohArguments(NamedTuple):
     """What run and watch are asked for of the session that they share."""
 
-    listen: Annotated[list[str], of_zenoh(_LISTEN, "--listen", "-l", metavar="ENDPOINT")] = NONE
-    connect: Annotated[list[str], of_zenoh(_CONNECT, "--connect", "-e", metavar="ENDPOINT")] = NONE
-    mode: Annotated[str, of_zenoh("peer or client.", "--mode", "-m")] = "peer"
-    config_file: Annotated[str | None, of_zenoh(_CONFIG, "--config", "-c", metavar="FILE")] = None
-    settings: Annotated[list[str], of_zenoh(_SETTING, "--cfg", metavar="KEY:JSON5")] = NONE
-    multicast: Annotated[bool, of_zenoh("Look for peers by multicast.")] = False
-    prefix: Annotated[str, of_zenoh("What all keys begin with.")] = "fuzzbee"
+    listen: list[str] = of_zenoh(
+        "Listen here instead of tcp/127.0.0.1:7447 (repeatable).",
+        *("--listen", "-l"),
+        default=[],
+        metavar="ENDPOINT",
+    )
+    connect: list[str] = of_zenoh(
+        "Connect there instead of to tcp/127.0.0.1:7447 (repeatable).",
+        *("--connect", "-e"),
+        default=[],
+        metavar="ENDPOINT",
+    )
+    mode: str = of_zenoh("peer or client.", "--mode", "-m", default="peer")
+    config_file: str | None = of_zenoh(
+        "A Zenoh configuration (JSON5) instead of the default session.",
+        *("--config", "-c"),
+        metavar="FILE",
+    )
+    settings: list[str] = of_zenoh(
+        "One Zenoh setting, applied last (repeatable).", "--cfg", default=[], metavar="KEY:JSON5"
+    )
+    multicast: bool = of_zenoh("Look for peers by multicast.", default=False)
+    prefix: str = of_zenoh("What all keys begin with.", default="fuzzbee")
 
 
 def opening(arguments: ZenohArguments) -> "closing[OpeningSession]":

@@ -5,11 +5,11 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from drivers.endpoint import TABLES, columns_beside
 from estimator.errors import InputError
-from fuzzbee.options import of_recording, of_showing, option, require_extra
+from fuzzbee import options as opt
 
 if TYPE_CHECKING:
     import zenoh
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from service.sinks.sink import Sink
 
 WEB = "Serve a light page for browsers, on 127.0.0.1 unless an address is given."
-_VIEW = "Show it in Rerun: a window, or a page for a browser (extra: viewer)."
-_RRD = "Save what the viewer shows, for rerun FILE (extra: viewer)."
-View = Annotated[str | None, of_showing(_VIEW, metavar="window|web")]
-Rrd = Annotated[str | None, of_recording(_RRD, metavar="FILE")]
+VIEW = opt.showing(
+    "Show it in Rerun: a window, or a page for a browser (extra: viewer).", metavar="window|web"
+)
+RRD = opt.recording("Save what the viewer shows, for rerun FILE (extra: viewer).", metavar="FILE")
 
 
 class SinkEntry(NamedTuple):
@@ -41,9 +41,9 @@ class SinkEntry(NamedTuple):
 def setting(
     kind: Any, text: str, *names: str, default: Any = None, panel: str = "Publish", **more: Any
 ) -> tuple[Any, Any]:
-    """An option of a sink: its type, with its help, and its default; ``more`` goes to typer."""
-    form = kind if default is not None else kind | None
-    return Annotated[form, option(text, *names, panel=panel, **more)], default
+    """An option of a sink: its type, and its help and default; ``more`` goes to typer."""
+    info = opt.option(text, *names, default=default, rich_help_panel=panel, **more)
+    return (kind if default is not None else kind | None), info
 
 
 def _ros(options: Any, session: "zenoh.Session | None") -> "Sink":
@@ -87,7 +87,7 @@ def parse_address_of(text: str) -> "VehicleId":
 
 
 def _metrics(options: Any, _session: Any) -> "Sink":
-    require_extra("prometheus_client", "--metrics", "metrics")
+    opt.require_extra("prometheus_client", "--metrics", "metrics")
     from fuzzbee.latest import Latest
     from service.sinks.metrics import MetricsSink
 
@@ -143,8 +143,11 @@ def open_outputs(options: Any, session: "zenoh.Session | None") -> "Iterator[Sin
     """Open the sinks that were asked for, one after the other."""
     asked = options.outputs
     for entry in SINKS:
-        name, (_, default) = next(iter(entry.options.items()))
-        if getattr(asked, name) != default and (sink := entry.open(options, session)) is not None:
+        name, (_, info) = next(iter(entry.options.items()))
+        if (
+            getattr(asked, name) != info.default
+            and (sink := entry.open(options, session)) is not None
+        ):
             yield sink
     viewer = open_viewer(asked.view, asked.rrd, live=True)
     if viewer is not None:
@@ -167,7 +170,7 @@ def viewer_options(
         return None
     if view not in (None, "window", "web"):
         raise InputError(f"--view {view}: should be window or web")
-    require_extra("rerun", "the viewer", "viewer")
+    opt.require_extra("rerun", "the viewer", "viewer")
     return ViewerOptions(view, rrd, live)
 
 

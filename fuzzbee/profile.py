@@ -2,25 +2,19 @@
 
 import json
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
 from estimator.errors import InputError
-from fuzzbee.options import examples, option
+from fuzzbee import options as opt
 
-Name = Annotated[
-    str, typer.Argument(metavar="NAME|FILE", help="paper, imu, adaptive or a TOML file.")
-]
-Plot = Annotated[
-    Path | None,
-    option("Draw the memberships, the rules and K (extra: plot).", metavar="FILE"),
-]
-AsJson = Annotated[bool, option("One JSON object.", "--json")]
+NAME = typer.Argument(metavar="NAME|FILE", help="paper, imu, adaptive or a TOML file.")
+PLOT = opt.option("Draw the memberships, the rules and K (extra: plot).", "--plot", metavar="FILE")
+AS_JSON = opt.option("One JSON object.", "--json", default=False)
 
 profile_app = typer.Typer(help="Show or check a profile.", no_args_is_help=True)
 
-EPILOG = examples(
+EPILOG = opt.examples(
     "fuzzbee profile show imu",
     "fuzzbee profile show paper --plot rules.png",
     "fuzzbee profile check tuned.toml",
@@ -28,7 +22,7 @@ EPILOG = examples(
 
 
 @profile_app.command(epilog=EPILOG)
-def show(profile: Name, as_json: AsJson = False, plot: Plot = None) -> None:
+def show(profile: str = NAME, as_json: bool = AS_JSON, plot: Path | None = PLOT) -> None:
     """Print a profile with every value that was left to its default."""
     import tomli_w
 
@@ -51,7 +45,7 @@ def show(profile: Name, as_json: AsJson = False, plot: Plot = None) -> None:
 
 
 @profile_app.command(epilog=EPILOG)
-def check(profile: Name, as_json: AsJson = False) -> None:
+def check(profile: str = NAME, as_json: bool = AS_JSON) -> None:
     """Check whether a profile can be used.
 
     If it cannot, report what is wrong and where, and end with status 2.

@@ -2,35 +2,18 @@
 
 from collections import namedtuple
 from contextlib import nullcontext
-from typing import Annotated, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import typer
 
 from estimator.errors import InputError
+from fuzzbee import options as opt
 from fuzzbee import outputs
-from fuzzbee.options import (
-    PROFILES,
-    Json,
-    Retune,
-    Seconds,
-    Verbose,
-    ZenohArguments,
-    command,
-    examples,
-    of_estimate,
-    of_publishing,
-    of_recording,
-    of_source,
-    of_zenoh,
-    opening,
-    require_gain,
-    require_positive,
-)
 from fuzzbee.security import SecurityOptions, parse_system_ids
 
 MAX_RATE_HZ = 1000.0
 
-EPILOG = examples(
+EPILOG = opt.examples(
     "fuzzbee run sim:flight",
     "fuzzbee run udpin:127.0.0.1:14550 --rate 50",
     "fuzzbee run /dev/ttyUSB0:57600 --request-rate 50 --record flight.tlog",
@@ -43,72 +26,67 @@ _PROFILE = (
     "paper, imu, adaptive or a TOML file. Default: imu, but for fuzzbee's own vehicle with the"
     " paper's signals: paper."
 )
-_RECORD = "Record what arrives: FILE.tlog, or a folder for a file an hour."
-_GAIN = "A fixed gain instead of the fuzzy one."
 _TRUTH = "Compare with a simulator's truth (SIM_STATE, SIMSTATE), and end with a verdict."
-
+_SECOND = "Publish even if another service publishes the same vehicle."
 
 _OF_SINKS = {name: each for entry in outputs.SINKS for name, each in entry.options.items()}
-_OF_SINKS |= {"view": (outputs.View, None), "rrd": (outputs.Rrd, None)}
-_DEFAULTS = [default for _, default in _OF_SINKS.values()]
+_OF_SINKS |= {"view": (str | None, outputs.VIEW), "rrd": (str | None, outputs.RRD)}
 _new: Any = namedtuple  # noqa: PYI024 - the names are those of a table
 
 
-class OutputOptions(_new("_Options", _OF_SINKS, defaults=_DEFAULTS)):  # type: ignore[misc]
+@opt.form
+class OutputOptions(_new("_Options", _OF_SINKS, defaults=[i for _, i in _OF_SINKS.values()])):  # type: ignore[misc]
     """What was asked for: for each option of :data:`fuzzbee.outputs.SINKS` a field, and two."""
 
     __slots__ = ()
     __annotations__ = {name: kind for name, (kind, _) in _OF_SINKS.items()}
 
 
+@opt.form
 class RunOptions(NamedTuple):
     """The arguments and options of the verb; the help has them by panels."""
 
-    source: Annotated[str, typer.Argument(help=_SOURCE)] = "sim:"
-    seconds: Seconds = None
-    request_rate_hz: Annotated[
-        float | None, of_source("Ask for this IMU rate.", "--request-rate", metavar="HZ")
-    ] = None
-    speed: Annotated[float, of_source("Play a log X times as fast.", metavar="X")] = 1.0
-    system_id: Annotated[
-        int | None, of_source("Only this vehicle.", metavar="ID", min=1, max=255)
-    ] = None
+    source: str = typer.Argument("sim:", help=_SOURCE)
+    seconds: float | None = opt.SECONDS
+    request_rate_hz: float | None = opt.source(
+        "Ask for this IMU rate.", "--request-rate", metavar="HZ"
+    )
+    speed: float = opt.source("Play a log X times as fast.", default=1.0, metavar="X")
+    system_id: int | None = opt.source("Only this vehicle.", metavar="ID", min=1, max=255)
     security: SecurityOptions = SecurityOptions()
-    profile: Annotated[  # None: the one that fits
-        str | None, of_estimate(_PROFILE, metavar="NAME|FILE", words=PROFILES)
-    ] = None
-    gain: Annotated[float | None, of_estimate(_GAIN, metavar="K")] = None
-    retune: Retune = False
-    truth: Annotated[bool, of_estimate(_TRUTH)] = False
-    rate_hz: Annotated[float, of_publishing("Attitudes a second.", "--rate", metavar="HZ")] = 100.0
-    no_zenoh: Annotated[bool, of_publishing("Publish nothing on Zenoh.")] = False
+    profile: str | None = opt.estimate(_PROFILE, metavar="NAME|FILE", words=opt.PROFILES)
+    gain: float | None = opt.estimate("A fixed gain instead of the fuzzy one.", metavar="K")
+    retune: bool = opt.RETUNE
+    truth: bool = opt.estimate(_TRUTH, default=False)
+    rate_hz: float = opt.publishing("Attitudes a second.", "--rate", default=100.0, metavar="HZ")
+    no_zenoh: bool = opt.publishing("Publish nothing on Zenoh.", default=False)
     outputs: OutputOptions = OutputOptions()
-    record: Annotated[str | None, of_recording(_RECORD, metavar="FILE|DIR")] = None
-    zenoh: ZenohArguments = ZenohArguments()
-    second: Annotated[
-        bool, of_zenoh("Publish even if another service publishes the same vehicle.")
-    ] = False
-    as_json: Json = False
-    verbose: Verbose = False
+    record: str | None = opt.recording(
+        "Record what arrives: FILE.tlog, or a folder for a file an hour.", metavar="FILE|DIR"
+    )
+    zenoh: opt.ZenohArguments = opt.ZenohArguments()
+    second: bool = opt.of_zenoh(_SECOND, default=False)
+    as_json: bool = opt.JSON
+    verbose: bool = opt.VERBOSE
 
 
-@command
+@opt.command
 def run(options: RunOptions) -> int:
     """Estimate attitudes live and publish them."""
-    require_positive("--rate", options.rate_hz)
+    opt.require_positive("--rate", options.rate_hz)
     if options.rate_hz > MAX_RATE_HZ:
         raise InputError(f"--rate {options.rate_hz:g}: should be at most {MAX_RATE_HZ:g}")
-    require_positive("--seconds", options.seconds)
-    require_positive("--request-rate", options.request_rate_hz)
-    require_positive("--speed", options.speed)
-    require_gain(options.gain)
+    opt.require_positive("--seconds", options.seconds)
+    opt.require_positive("--request-rate", options.request_rate_hz)
+    opt.require_positive("--speed", options.speed)
+    opt.require_gain(options.gain)
     if options.outputs.send_as is not None and options.outputs.send_attitude is None:
         raise InputError(f"--as {options.outputs.send_as}: needs --send-attitude URL")
     parse_system_ids(options.security.allow_system_ids)
     asked = (("--record", options.record), ("--rrd", options.outputs.rrd))
     inputs = (options.source, options.profile, options.security.signing_key_file)
     outputs.require_own_files(asked, (*inputs, options.zenoh.config_file))
-    with nullcontext() if options.no_zenoh else opening(options.zenoh) as session:
+    with nullcontext() if options.no_zenoh else opt.opening(options.zenoh) as session:
         from fuzzbee.serve import serve
 
         return serve(options, session)

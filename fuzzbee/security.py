@@ -5,11 +5,11 @@ import stat
 from contextlib import ExitStack
 from pathlib import Path
 from select import select
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from estimator.errors import InputError
+from fuzzbee import options as opt
 from fuzzbee.notify import notify
-from fuzzbee.options import of_source as option
 
 if TYPE_CHECKING:
     from drivers.mavlink.gate import Policy
@@ -18,17 +18,19 @@ LONGEST_KEY_FILE = 4096  # bytes
 PIPE_S = 5.0  # for whoever writes the key into a pipe
 SHORT_PHRASE = 8  # characters; shorter ones are guessed
 
-_IDS = "Refuse frames of all other systems: 1,2,10-19."
 INSECURE = "Take a key file that others may read."
 _KEY = "Refuse frames not signed with the key (32 bytes, 64 hex digits) or phrase there."
 
 
+@opt.form
 class SecurityOptions(NamedTuple):
     """What was asked for. The key stays in its file until it is needed."""
 
-    allow_system_ids: Annotated[str | None, option(_IDS, metavar="IDS")] = None
-    signing_key_file: Annotated[Path | None, option(_KEY, metavar="FILE")] = None
-    insecure_key_file: Annotated[bool, option(INSECURE)] = False
+    allow_system_ids: str | None = opt.source(
+        "Refuse frames of all other systems: 1,2,10-19.", metavar="IDS"
+    )
+    signing_key_file: Path | None = opt.source(_KEY, metavar="FILE")
+    insecure_key_file: bool = opt.source(INSECURE, default=False)
 
 
 def parse_system_ids(text: str | None) -> frozenset[int] | None:

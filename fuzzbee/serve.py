@@ -19,9 +19,9 @@ from drivers.source import SIM_MOTION, open_live, require_openable
 from estimator.errors import InputError
 from estimator.estimator import Estimator
 from estimator.profile import Profile, load_profile
+from fuzzbee import options as opt
 from fuzzbee import outputs, security
 from fuzzbee.notify import notify
-from fuzzbee.options import opened
 from fuzzbee.run import RunOptions
 from fuzzbee.run_report import conclude, recording_word, summary
 from fuzzbee.terminal import PersonConsole, TerminalView
@@ -62,7 +62,7 @@ def serve(options: RunOptions, opening: OpeningSession | None) -> int:
     with ExitStack() as stack:
         # first, and once: what comes meanwhile is recorded
         source, recorder = _open_source(endpoint, options, key, stack)
-        session = None if opening is None else opened(opening)
+        session = None if opening is None else opt.opened(opening)
         pipeline = _pipeline(profile, options, requests, stack)
         if options.truth or endpoint.kind == "sim":
             pipeline.scores = {}
@@ -108,10 +108,8 @@ def _require_fitting(options: RunOptions, endpoint: Endpoint) -> None:
     """Refuse options that the source has no use for."""
     if options.speed != 1.0 and endpoint.kind != "log":
         raise InputError(f"--speed is for logs, {endpoint} comes at its own pace")
-    of_link = {"--record": options.record, "--request-rate": options.request_rate_hz}
-    asked = [option for option, value in of_link.items() if value is not None]
-    checks = [name for name, value in options.security._asdict().items() if value]
-    for option in (*asked, *(f"--{name.replace('_', '-')}" for name in checks)):
+    asked = opt.asked_for(options, "record", "request_rate_hz")
+    for option in (*asked, *opt.asked_for(options.security)):
         if endpoint.kind == "log":
             raise InputError(f"{option} is for a live vehicle, {endpoint} is a log")
         if endpoint.kind == "sim" and option in asked:

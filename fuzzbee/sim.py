@@ -7,14 +7,14 @@ import threading
 import time
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import typer
 
 from drivers.endpoint import FORMS, Endpoint, Kind, endpoint_help, parse_endpoint
 from estimator.errors import InputError
+from fuzzbee import options as opt
 from fuzzbee.notify import notify
-from fuzzbee.options import Json, command, examples, option
 from fuzzbee.security import INSECURE, key_of
 from service.signals import stop_on_signals
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 LINK_KINDS: tuple[Kind, ...] = ("udpout", "udpin", "tcp", "tcpin")
 LINK_NAMES = frozenset(name for form in FORMS if form.kind in LINK_KINDS for name in form.names)
 EXAMPLE = "--to udpout:127.0.0.1:14550"
-EPILOG = examples(
+EPILOG = opt.examples(
     "fuzzbee sim --to udpout:127.0.0.1:14550 --motion flight",
     "fuzzbee sim --to tcpin:127.0.0.1:5760 --vehicles 3 --rate 50 --motion turn",
 )
@@ -36,42 +36,41 @@ _MOTION = (
     "the paper's, none or a level turn, on the paper's signals; a copter's flight;"
     " or its IMU turned by hand"
 )
-_ERRORS = "constant errors of the sensors, for calibrate; vehicle i has SEED + i - 1"
-_SECONDS = "end after N seconds instead of on Ctrl-C"
-_SEED = "of the noise; vehicle i has seed + i - 1"
-_MAGNET = "a magnet passes between these times (s)"
-_KEY = "sign with the key (32 bytes, 64 hex digits) or pass phrase in this file"
 # One paragraph for each form. The help text is wrapped anew, so columns would not stay aligned.
 _LINK_HELP = "\n\n".join(" ".join(row.split()) for row in endpoint_help(LINK_KINDS).splitlines())
 
 
 _notify = partial(notify, who="fuzzbee sim: ")
-of_link = partial(option, panel="Link")
-of_vehicle = partial(option, panel="Vehicle")
+link, vehicle = (partial(opt.option, rich_help_panel=panel) for panel in ("Link", "Vehicle"))
 
 
+@opt.form
 class SimOptions(NamedTuple):
     """The options of the verb; the help has them by panels."""
 
-    to: Annotated[str | None, of_link(_LINK_HELP, metavar="URL")] = None
-    url: Annotated[str | None, typer.Argument(help="The same as --to.", hidden=True)] = None
-    drop: Annotated[float, of_link("probability that a frame is lost", metavar="P")] = 0.0
-    signing_key_file: Annotated[Path | None, of_link(_KEY, metavar="FILE")] = None
-    insecure_key_file: Annotated[bool, of_link(INSECURE)] = False
-    vehicles: Annotated[int, of_vehicle("system ids 1 to N on one link", metavar="N")] = 1
-    rate: Annotated[float, of_vehicle("samples a second", metavar="HZ")] = 100.0
-    seconds: Annotated[float | None, of_vehicle(_SECONDS, metavar="N")] = None
-    motion: Annotated[str, of_vehicle(_MOTION, metavar="|".join(MOTIONS), words=MOTIONS)] = "paper"
-    seed: Annotated[int, of_vehicle(_SEED, metavar="N")] = 0
-    noise: Annotated[float, of_vehicle("factor on the motion's noise", metavar="X")] = 1.0
-    bias: Annotated[float, of_vehicle("factor on the motion's bias", metavar="X")] = 1.0
-    magnet: Annotated[str | None, of_vehicle(_MAGNET, metavar="T0:T1")] = None
-    calm: Annotated[bool, of_vehicle("a flight without its magnet and its silence")] = False
-    imu_errors: Annotated[int | None, of_vehicle(_ERRORS, metavar="SEED")] = None
-    as_json: Json = False
+    to: str | None = link(_LINK_HELP, metavar="URL")
+    url: str | None = typer.Argument(None, help="The same as --to.", hidden=True)
+    drop: float = link("probability that a frame is lost", default=0.0, metavar="P")
+    signing_key_file: Path | None = link(
+        "sign with the key (32 bytes, 64 hex digits) or pass phrase in this file", metavar="FILE"
+    )
+    insecure_key_file: bool = link(INSECURE, default=False)
+    vehicles: int = vehicle("system ids 1 to N on one link", default=1, metavar="N")
+    rate: float = vehicle("samples a second", default=100.0, metavar="HZ")
+    seconds: float | None = vehicle("end after N seconds instead of on Ctrl-C", metavar="N")
+    motion: str = vehicle(_MOTION, default="paper", metavar="|".join(MOTIONS), words=MOTIONS)
+    seed: int = vehicle("of the noise; vehicle i has seed + i - 1", default=0, metavar="N")
+    noise: float = vehicle("factor on the motion's noise", default=1.0, metavar="X")
+    bias: float = vehicle("factor on the motion's bias", default=1.0, metavar="X")
+    magnet: str | None = vehicle("a magnet passes between these times (s)", metavar="T0:T1")
+    calm: bool = vehicle("a flight without its magnet and its silence", default=False)
+    imu_errors: int | None = vehicle(
+        "constant errors of the sensors, for calibrate; vehicle i has SEED + i - 1", metavar="SEED"
+    )
+    as_json: bool = opt.JSON
 
 
-@command
+@opt.command
 def sim(options: SimOptions) -> int:
     """Run simulated vehicles that speak MAVLink.
 

@@ -6,24 +6,13 @@ from collections.abc import Callable
 from contextlib import ExitStack, closing
 from math import inf
 from threading import Event
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import typer
 
 from estimator.errors import InputError
+from fuzzbee import options as opt
 from fuzzbee.notify import notify
-from fuzzbee.options import (
-    Seconds,
-    Verbose,
-    ZenohArguments,
-    command,
-    examples,
-    of_showing,
-    of_source,
-    opened,
-    opening,
-    require_positive,
-)
 from fuzzbee.outputs import WEB
 
 if TYPE_CHECKING:
@@ -32,7 +21,7 @@ if TYPE_CHECKING:
     from fuzzbee.reception import Record
     from fuzzbee.terminal import TerminalView
 
-EPILOG = examples(
+EPILOG = opt.examples(
     "fuzzbee watch",
     "fuzzbee watch 1",
     "fuzzbee watch --json -n 100 > attitudes.jsonl",
@@ -47,25 +36,25 @@ MOST_BYTES = 100_000
 
 NOBODY = ": is fuzzbee run started, with the same Zenoh options?"
 FAILED = 1
-_JSON = "One JSON object a line, for each attitude."
 _VEHICLE = "Only this vehicle (system id, or S-C): on a terminal an artificial horizon."
 
 
+@opt.form
 class WatchOptions(NamedTuple):
     """The arguments and options of the verb, in the order of its help."""
 
-    vehicle: Annotated[str | None, typer.Argument(help=_VEHICLE, show_default=False)] = None
-    most: Annotated[
-        int | None, of_source("End after N attitudes.", "--count", "-n", metavar="N")
-    ] = None
-    seconds: Seconds = None
-    as_json: Annotated[bool, of_showing(_JSON, "--json")] = False
-    web: Annotated[str | None, of_showing(WEB, metavar="[ADDRESS:]PORT")] = None
-    zenoh: ZenohArguments = ZenohArguments()
-    verbose: Verbose = False  # read by the command line itself
+    vehicle: str | None = typer.Argument(None, help=_VEHICLE, show_default=False)
+    most: int | None = opt.source("End after N attitudes.", "--count", "-n", metavar="N")
+    seconds: float | None = opt.SECONDS
+    as_json: bool = opt.showing(
+        "One JSON object a line, for each attitude.", "--json", default=False
+    )
+    web: str | None = opt.showing(WEB, metavar="[ADDRESS:]PORT")
+    zenoh: opt.ZenohArguments = opt.ZenohArguments()
+    verbose: bool = opt.VERBOSE  # read by the command line itself
 
 
-@command
+@opt.command
 def watch(options: WatchOptions) -> int:
     """Show what a running service publishes.
 
@@ -73,7 +62,7 @@ def watch(options: WatchOptions) -> int:
     """
     from fuzzbee.reception import VEHICLE
 
-    require_positive("--seconds", options.seconds)
+    opt.require_positive("--seconds", options.seconds)
     if options.most is not None and options.most < 1:
         raise InputError(f"--count {options.most}: should be at least 1")
     if options.web is not None and options.as_json:
@@ -114,7 +103,7 @@ def follow(options: WatchOptions) -> int:
     inbox, stop, view = Inbox(), Event(), None
     prefix, name = options.zenoh.prefix, options.vehicle or "*"
     with ExitStack() as stack:
-        session = opened(stack.enter_context(opening(options.zenoh)))
+        session = opt.opened(stack.enter_context(opt.opening(options.zenoh)))
         stack.enter_context(stop_on_signals(stop.set))
         if not options.as_json:
             title = f"fuzzbee watch {prefix}/*"

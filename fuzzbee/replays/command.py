@@ -7,30 +7,14 @@ from importlib.util import find_spec
 from math import inf
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 
 from estimator.errors import InputError
+from fuzzbee import options as opt
 from fuzzbee import outputs
 from fuzzbee.notify import print_line
-from fuzzbee.options import (
-    PROFILES,
-    From,
-    Retune,
-    To,
-    command,
-    examples,
-    of_estimate,
-    of_recording,
-    of_showing,
-    of_source,
-    option,
-    require_extra,
-    require_gain,
-    seed_range,
-    time_window,
-)
 
 if TYPE_CHECKING:
     from drivers.logs.time_window import TimeWindow
@@ -40,30 +24,17 @@ if TYPE_CHECKING:
 SIMULATION = "sim:"
 MOST_WRONG_DEG = 180.0
 EXPORTS = ("csv", "mcap", "tum", "parquet")  # each written by its write_NAME
-FLAGS = {"begin": "--from", "end": "--to"}
 FOR_LOGS = {
     "smooth": "",
     "retune": ": the paper's experiment ends after 15 s",
     "skip start_wrong": "; sim: starts wrong by itself",
     "begin end mcap tum parquet view rrd columns": ", not for sim:",
 }
-_SOURCES = "Log files, or sim: for the paper's signals."
-of_score = partial(option, panel="Score")
-_PROFILE = "paper, imu, adaptive or a TOML file; several. [default: imu; for sim: paper]"
-_SKIP = "Leave the first S seconds out of the errors."
-_START_WRONG = "Turn the first estimate by DEG degrees."
-_REFERENCE = "sim (the truth) or autopilot. [default: sim if present]"
-_SYSTEM_ID = "Which vehicle. [default: the one with most IMU samples]"
-_GAIN = "Fixed gain K instead of the fuzzy one."
-_SEEDS = "Noise seeds for sim:, both included."
 _SMOOTH = "The attitude that the whole log shows, not only what came before."
-_COLUMNS = "What a CSV's columns are. [default: LOG.toml beside it]"
-_TUM = "Write a TUM trajectory, for evo; the reference beside it."
-_PLOT = "Draw them: .png, .svg, .pdf or .html (zooms; extra: page)."
-_PARQUET = "Write every sample as Parquet (needs pyarrow)."
-_MCAP = "Write them as MCAP, for Foxglove and others."
 
-EPILOG = examples(
+score = partial(opt.option, rich_help_panel="Score")
+
+EPILOG = opt.examples(
     "fuzzbee replay flight.tlog",
     "fuzzbee replay flight.tlog flight.bin --reference autopilot --skip 40 --json",
     "fuzzbee replay flight.tlog --plot flight.png --csv flight.csv",
@@ -75,40 +46,56 @@ EPILOG = examples(
 )
 
 
+@opt.form
 class ReplayOptions(NamedTuple):
     """The arguments and options of the verb, in the order of its help."""
 
-    sources: Annotated[list[str], typer.Argument(metavar="LOG...|sim:", help=_SOURCES)]
-    begin: From = None
-    end: To = None
-    system_id: Annotated[int | None, of_source(_SYSTEM_ID, metavar="ID")] = None
-    columns: Annotated[Path | None, of_source(_COLUMNS, metavar="FILE")] = None
-    seeds: Annotated[str | None, of_source(_SEEDS, metavar="A-B")] = None
-    profile: Annotated[
-        list[str] | None, of_estimate(_PROFILE, metavar="NAME|FILE", words=PROFILES)
-    ] = None
-    gain: Annotated[float | None, of_estimate(_GAIN, metavar="K")] = None
-    start_wrong: Annotated[float, of_estimate(_START_WRONG, metavar="DEG")] = 0.0
-    retune: Retune = False
-    smooth: Annotated[bool, of_estimate(_SMOOTH)] = False
-    reference: Annotated[str | None, of_score(_REFERENCE, metavar="sim|autopilot")] = None
-    skip: Annotated[float, of_score(_SKIP, metavar="S")] = 0.0
-    csv: Annotated[Path | None, of_recording("Write every sample as CSV.", metavar="FILE")] = None
-    mcap: Annotated[Path | None, of_recording(_MCAP, metavar="FILE")] = None
-    tum: Annotated[Path | None, of_recording(_TUM, metavar="FILE")] = None
-    parquet: Annotated[Path | None, of_recording(_PARQUET, metavar="FILE")] = None
-    rrd: outputs.Rrd = None
-    plot: Annotated[Path | None, of_showing(_PLOT, metavar="FILE")] = None
-    view: outputs.View = None
-    as_json: Annotated[bool, of_showing("One JSON object on standard output.", "--json")] = False
+    sources: list[str] = typer.Argument(
+        metavar="LOG...|sim:", help="Log files, or sim: for the paper's signals."
+    )
+    begin: str | None = opt.BEGIN
+    end: str | None = opt.END
+    system_id: int | None = opt.source(
+        "Which vehicle. [default: the one with most IMU samples]", metavar="ID"
+    )
+    columns: Path | None = opt.source(
+        "What a CSV's columns are. [default: LOG.toml beside it]", metavar="FILE"
+    )
+    seeds: str | None = opt.source("Noise seeds for sim:, both included.", metavar="A-B")
+    profile: list[str] | None = opt.estimate(
+        "paper, imu, adaptive or a TOML file; several. [default: imu; for sim: paper]",
+        metavar="NAME|FILE",
+        words=opt.PROFILES,
+    )
+    gain: float | None = opt.estimate("Fixed gain K instead of the fuzzy one.", metavar="K")
+    start_wrong: float = opt.estimate(
+        "Turn the first estimate by DEG degrees.", default=0.0, metavar="DEG"
+    )
+    retune: bool = opt.RETUNE
+    smooth: bool = opt.estimate(_SMOOTH, default=False)
+    reference: str | None = score(
+        "sim (the truth) or autopilot. [default: sim if present]", metavar="sim|autopilot"
+    )
+    skip: float = score("Leave the first S seconds out of the errors.", default=0.0, metavar="S")
+    csv: Path | None = opt.recording("Write every sample as CSV.", metavar="FILE")
+    mcap: Path | None = opt.recording(
+        "Write them as MCAP, for Foxglove and others.", metavar="FILE"
+    )
+    tum: Path | None = opt.recording(
+        "Write a TUM trajectory, for evo; the reference beside it.", metavar="FILE"
+    )
+    parquet: Path | None = opt.recording(
+        "Write every sample as Parquet (needs pyarrow).", metavar="FILE"
+    )
+    rrd: str | None = outputs.RRD
+    plot: Path | None = opt.showing(
+        "Draw them: .png, .svg, .pdf or .html (zooms; extra: page).", metavar="FILE"
+    )
+    view: str | None = outputs.VIEW
+    as_json: bool = opt.showing("One JSON object on standard output.", "--json", default=False)
 
-    def given(self, *names: str) -> "dict[str, Any]":
-        """By their flags those of these options that were given."""
-        values = {FLAGS.get(n, f"--{n.replace('_', '-')}"): getattr(self, n) for n in names}
-        return {flag: value for flag, value in values.items() if value not in (None, False, 0.0)}
 
-
-@command
+@opt.command
 def replay(options: ReplayOptions) -> None:
     """Estimate over logs and score it against a reference."""
     _require_numbers(options)
@@ -124,7 +111,7 @@ def replay(options: ReplayOptions) -> None:
 
 
 def _require_numbers(options: ReplayOptions) -> None:
-    require_gain(options.gain)
+    opt.require_gain(options.gain)
     if not 0.0 <= options.skip < inf:
         raise InputError(f"--skip {options.skip:g}: must be a number of seconds, 0 or more")
     if not abs(options.start_wrong) <= MOST_WRONG_DEG:
@@ -149,7 +136,7 @@ def _require_simulation(options: ReplayOptions) -> None:
     if len(options.profile or ()) > 1:
         raise InputError("replay: sim: takes one --profile")
     for names, why in FOR_LOGS.items():
-        for flag in options.given(*names.split()):
+        for flag in opt.asked_for(options, *names.split()):
             raise InputError(f"{flag} is for logs{why}")
 
 
@@ -160,7 +147,7 @@ def _exports(
     from fuzzbee.replays.exports import reference_path
     from fuzzbee.replays.figure import require_plot
 
-    written = options.given(*EXPORTS, "plot")
+    written = opt.asked_for(options, *EXPORTS, "plot")
     beside = options.tum and reference_path(options.tum)
     files = [*written.items(), ("--rrd", options.rrd), ("--tum", beside)]
     outputs.require_own_files(files, inputs)
@@ -173,7 +160,7 @@ def _exports(
             except OSError as error:
                 raise InputError(f"{flag} {path}: {error.strerror}") from None
     if options.mcap is not None:
-        require_extra("mcap", f"--mcap {options.mcap}", "mcap")
+        opt.require_extra("mcap", f"--mcap {options.mcap}", "mcap")
     if options.parquet is not None and find_spec("pyarrow") is None:
         raise InputError(f"--parquet {options.parquet}: needs pyarrow: pip install pyarrow")
     if options.plot is not None:
@@ -185,13 +172,13 @@ def _replay_logs(options: ReplayOptions) -> None:
     from estimator.profile import load_profile
     from fuzzbee.replays import exports, plot
 
-    names, window = options.profile or ["imu"], time_window(options.begin, options.end)
+    names, window = options.profile or ["imu"], opt.time_window(options.begin, options.end)
     count = len(options.sources) * len(names)
     writers: dict[str, Any] = {f"--{name}": getattr(exports, f"write_{name}") for name in EXPORTS}
     if count == 1:
         writers["--plot"] = partial(plot.draw, Path(options.sources[0]).name)
     else:  # whose figure is one
-        for flag, file in options.given(*EXPORTS, "view", "rrd").items():
+        for flag, file in opt.asked_for(options, *EXPORTS, "view", "rrd").items():
             raise InputError(f"{flag} {file}: takes one log and one profile, not {count}")
     wanted = _exports(options, [*options.sources, *names, options.columns], writers)
     profiles = {name: load_profile(name) for name in names}
@@ -267,7 +254,7 @@ def _replay_simulation(options: ReplayOptions) -> None:
     title = f"The paper's experiment, {what}, noise seeds {seeds}"
     writers = {"--csv": simulation.write_csv, "--plot": partial(simulation.draw, title)}
     exports = _exports(options, options.profile or (), writers)
-    report = simulation.report_simulation(load_profile(name), seed_range(seeds), gain, exports)
+    report = simulation.report_simulation(load_profile(name), opt.seed_range(seeds), gain, exports)
     if options.as_json:
         _print_json(report)
     else:

@@ -1,13 +1,13 @@
 """``fuzzbee tune``: find a profile's parameters by search, on the paper's signals or on logs."""
 
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import typer
 
 from estimator.errors import InputError
+from fuzzbee import options as opt
 from fuzzbee import outputs
-from fuzzbee.options import From, Json, To, command, examples, option, require_extra
 
 SIMULATION = "sim:"
 
@@ -38,7 +38,7 @@ _NOISE_SEEDS = "sim: seeds. [default: 100-107]"
 _HELD_OUT_SEEDS = "sim: unseen seeds. [default: 200-219]"
 _THREADS = "Processor cores to use. [default: all cores]"
 
-EPILOG = examples(
+EPILOG = opt.examples(
     "fuzzbee tune sim: -o tuned.toml",
     "fuzzbee tune sim: -o tuned.toml --resume --view",
     "fuzzbee tune monday.tlog tuesday.tlog --hold-out wednesday.tlog -o copter.toml",
@@ -47,35 +47,36 @@ EPILOG = examples(
 )
 
 
+@opt.form
 class TuneRequest(NamedTuple):
     """The arguments and options of the verb, in the order of its help."""
 
-    sources: Annotated[list[str], typer.Argument(metavar="SOURCE...", help=_SOURCES)]
-    output: Annotated[Path, option("The profile to write.", "--output", "-o", metavar="FILE")]
-    base: Annotated[str | None, option(_BASE, metavar="PROFILE")] = None
-    objective: Annotated[str | None, option(_OBJECTIVE)] = None
-    reference: Annotated[str | None, option(_REFERENCE)] = None
-    hold_out: Annotated[list[Path] | None, option(_HOLD_OUT, metavar="LOG")] = None
-    begin: From = None
-    end: To = None
-    force: Annotated[bool, option("Write a profile also if it gains nothing held out.")] = False
-    algorithm: Annotated[str, option("abc, cmaes, de or random, on the same budget.")] = "abc"
-    food_sources: Annotated[int | None, option(_FOOD_SOURCES, "--sources", metavar="N")] = None
-    cycles: Annotated[int | None, option("Cycles. [default: 15; for sim: 300]", metavar="N")] = None
-    limit: Annotated[int | None, option(_LIMIT, metavar="N")] = None
-    seed: Annotated[int, option("Seed of the search.", metavar="N")] = 0
-    parameters: Annotated[str | None, option(_PARAMETERS, metavar="GROUP,...")] = None
-    noise_seeds: Annotated[str | None, option(_NOISE_SEEDS, metavar="A-B")] = None
-    held_out_seeds: Annotated[str | None, option(_HELD_OUT_SEEDS, metavar="A-B")] = None
-    threads: Annotated[int | None, option(_THREADS, metavar="N")] = None
-    cluster: Annotated[
-        str | None, option("Evaluate on this Dask scheduler.", metavar="ADDRESS")
-    ] = None
-    resume: Annotated[bool, option("Go on from FILE.checkpoint.")] = False
-    plot: Annotated[Path | None, option("Draw figures into this folder.", metavar="DIR")] = None
-    view: outputs.View = None
-    rrd: outputs.Rrd = None
-    as_json: Json = False
+    sources: list[str] = typer.Argument(metavar="SOURCE...", help=_SOURCES)
+    output: Path = opt.option(
+        "The profile to write.", "--output", "-o", default=..., metavar="FILE"
+    )
+    base: str | None = opt.option(_BASE, metavar="PROFILE")
+    objective: str | None = opt.option(_OBJECTIVE)
+    reference: str | None = opt.option(_REFERENCE)
+    hold_out: list[Path] | None = opt.option(_HOLD_OUT, metavar="LOG")
+    begin: str | None = opt.BEGIN
+    end: str | None = opt.END
+    force: bool = opt.option("Write a profile also if it gains nothing held out.", default=False)
+    algorithm: str = opt.option("abc, cmaes, de or random, on the same budget.", default="abc")
+    food_sources: int | None = opt.option(_FOOD_SOURCES, "--sources", metavar="N")
+    cycles: int | None = opt.option("Cycles. [default: 15; for sim: 300]", metavar="N")
+    limit: int | None = opt.option(_LIMIT, metavar="N")
+    seed: int = opt.option("Seed of the search.", default=0, metavar="N")
+    parameters: str | None = opt.option(_PARAMETERS, metavar="GROUP,...")
+    noise_seeds: str | None = opt.option(_NOISE_SEEDS, metavar="A-B")
+    held_out_seeds: str | None = opt.option(_HELD_OUT_SEEDS, metavar="A-B")
+    threads: int | None = opt.option(_THREADS, metavar="N")
+    cluster: str | None = opt.option("Evaluate on this Dask scheduler.", metavar="ADDRESS")
+    resume: bool = opt.option("Go on from FILE.checkpoint.", default=False)
+    plot: Path | None = opt.option("Draw figures into this folder.", metavar="DIR")
+    view: str | None = outputs.VIEW
+    rrd: str | None = outputs.RRD
+    as_json: bool = opt.JSON
 
     @property
     def is_simulated(self) -> bool:
@@ -83,7 +84,7 @@ class TuneRequest(NamedTuple):
         return SIMULATION in self.sources
 
 
-@command
+@opt.command
 def tune(request: TuneRequest) -> None:
     """Tune a profile with an artificial bee colony.
 
@@ -98,11 +99,11 @@ def tune(request: TuneRequest) -> None:
     if request.cluster is not None and request.threads is not None:
         raise InputError("--threads and --cluster contradict each other: the workers compute")
     if request.cluster is not None:
-        require_extra("distributed", "--cluster", "cluster")
+        opt.require_extra("distributed", "--cluster", "cluster")
     if request.plot is not None:
         if request.plot.exists() and not request.plot.is_dir():
             raise InputError(f"--plot {request.plot}: not a folder")
-        require_extra("matplotlib", "--plot", "plot")
+        opt.require_extra("matplotlib", "--plot", "plot")
     viewer = outputs.viewer_options(request.view, request.rrd)
     files = (request.output, checkpoint_path(request.output))
     written = [*(("--output", file) for file in files), ("--rrd", request.rrd)]
