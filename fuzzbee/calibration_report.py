@@ -33,8 +33,8 @@ from estimator.types import DOWN
 from fuzzbee.calibration_readings import choose_compass, compass_readings, recording
 from fuzzbee.replays.log_report import refused_text, replay_log
 from fuzzbee.replays.trace import How, VehicleTrace
+from tuning.calibration.cross_validation import WON
 from tuning.calibration.fit import SensorFit, fit_sensors
-from tuning.calibration.prediction import WON
 from tuning.compass_fit import CompassFit, compass_turn, fit_compass
 from tuning.space import sensor_axes
 

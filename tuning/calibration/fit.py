@@ -14,7 +14,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from estimator.arrays import Floats
 from estimator.calibration import Calibration
-from tuning.calibration.prediction import IN_FLIGHT, KEYS, TURNS, predicted
+from tuning.calibration.cross_validation import IN_FLIGHT, KEYS, TURNS, predicted
 from tuning.calibration.spans import ACC, CONSTANTS, GYR, MAG, PARTS, Recording, pieces
 from tuning.calibration.trajectory import SHOWN, Trajectory
 
