@@ -46,11 +46,12 @@ def test_an_overload_begins_and_ends_with_what_is_left_out(is_full, windows):
     assert changes == windows
 
 
-def test_while_samples_are_left_out_attitudes_are_of_new_ones():
+@pytest.mark.parametrize("busy", [Load(is_shedding=True), Load(has_just_woken=True)])
+def test_while_samples_are_left_out_and_after_a_stop_attitudes_are_of_new_ones(busy):
     events = imu_events(20)
     pipeline = fed(events[:10])
 
-    def shown(after_us, load=Load(is_shedding=True)):  # noqa: B008 - immutable
+    def shown(after_us, load=busy):
         return len(attitudes(pipeline.tick(events[9].arrival_us + after_us, load)))
 
     assert [shown(0), shown(20_000), shown(40_000, Load())] == [1, 0, 1]
