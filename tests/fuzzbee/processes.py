@@ -65,7 +65,7 @@ def shell(line, *arguments, status=0, **environment):
         timeout=600,
         check=False,
     )
-    assert done.returncode == status, done.stderr
+    assert done.returncode == status, (done.returncode, done.stderr)
     return done
 
 

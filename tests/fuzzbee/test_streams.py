@@ -1,4 +1,4 @@
-"""Outputs that a shell makes full or closed, or that their reader leaves; no shared memory."""
+"""Standard output and error as a shell redirects them: full, closed, or left by their reader."""
 
 import json
 import subprocess
@@ -7,9 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.fuzzbee.processes import default_session, shell
-from tests.fuzzbee.recording import FLIPS, TAKEOFF
-from tests.programs import can_mount
+from tests.fuzzbee.processes import shell
+from tests.fuzzbee.recording import FLIPS
 
 RUN = ("run", "sim:", "--no-zenoh", "--seconds", "1.5", "--profile", "paper")
 REPLAY = ("replay", str(FLIPS))
@@ -112,29 +111,3 @@ def test_a_drawing_on_a_disk_that_is_full_from_the_start_is_status_1():
     pytest.importorskip("rerun", reason="the extra viewer is not installed")
     done = shell('"$@"', *REPLAY, JSON, "--rrd", "/dev/full", status=1)
     assert done.stderr.endswith("--rrd /dev/full: could not be written, and is not whole\n")
-
-
-READ_ONLY, TINY = "-o ro", "-o size=4k"  # shared memory as the system may have it
-without_namespaces = pytest.mark.skipif(
-    not can_mount("mount -t tmpfs none /dev/shm"), reason="no namespaces of one's own here"
-)
-
-
-def run_in(mount, *arguments):
-    """A command in a namespace of its own, in which /dev/shm is another one."""
-    script = f'mount -t tmpfs {mount} none /dev/shm && exec "$@"'
-    return shell(f"unshare -rm sh -c '{script}' sh \"$@\"", *arguments)
-
-
-@without_namespaces
-@pytest.mark.parametrize("mount", [READ_ONLY, TINY])
-def test_without_shared_memory_a_run_goes_on_with_a_line(mount):
-    done = run_in(mount, "run", "sim:", "--seconds", "2", "--json", *default_session())
-    assert json.loads(done.stdout)["vehicles"]["1"]["attitudes"] > 0
-    assert done.stderr.count("no shared memory, going on without") == 1
-
-
-@without_namespaces
-def test_without_shared_memory_logs_are_checked_one_after_the_other():
-    done = run_in(READ_ONLY, "check", str(TAKEOFF), str(TAKEOFF))
-    assert done.stdout.count("no difference") == 2

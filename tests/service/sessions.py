@@ -95,7 +95,7 @@ def heard(session, key):
 
 def assert_without_gaps(records):
     sequence = [record["sequence"] for record in records]
-    assert sequence == list(range(sequence[0], sequence[0] + len(sequence)))
+    assert sequence == list(range(sequence[0], sequence[0] + len(sequence))), sequence
 
 
 def get(session, selector, payload=None):

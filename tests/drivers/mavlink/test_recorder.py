@@ -352,11 +352,12 @@ def test_a_folder_that_is_removed_is_made_again(tmp_path, caplog):
 FILL = """
 import sys, time
 from pathlib import Path
+from unittest.mock import patch
 from drivers.mavlink import recorder as recorder_module
 from drivers.mavlink.link import MavlinkLink
 from drivers.mavlink.recorder import RETRY_US, Recorder
 
-recorder_module.MAX_FILE_BYTES = 40_000
+patch.object(recorder_module, "MAX_FILE_BYTES", 40_000).start()
 folder, frame = Path(sys.argv[1]), bytes((0xFD,)) * 56
 ballast = folder / "ballast"
 ballast.write_bytes(bytes(100_000))
