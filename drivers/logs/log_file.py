@@ -111,8 +111,10 @@ class Window:
             if position >= self._safe_end:
                 position = self.move(position)
                 continue
-            begin, (position, found) = position, read(position)
-            yield from found
+            begin = position
+            position, found = read(position)
+            if found:  # to iterate over nothing takes longer, and most records are not wanted
+                yield found[0]
             if position == begin:
                 yield None
                 position = self._next(position + 1, search)
