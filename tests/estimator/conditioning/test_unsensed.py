@@ -194,7 +194,7 @@ def test_a_magnet_put_on_and_taken_off_is_no_turn(seed, worst_deg):
 def test_an_inflated_vertical_takes_the_force_as_a_kalman_filter_does():
     inflation, left = 0.04, 1.0
     for _ in range(100):
-        inflation, share = force_after_turn(PARAMS, inflation, 0.0004, DT)
+        inflation, share = force_after_turn(inflation, 0.0004, DT, 0.0)
         left *= 1.0 - share
     noise = (0.0004 + 0.009**2) * 2.0  # of a mean over a second, rad^2
     assert inflation == pytest.approx(0.04 * noise / (0.04 + noise))
