@@ -128,7 +128,7 @@ def find_start_by_velocity(state: State, report: Report) -> Start | None:
     of_g = solve(now.search, bias_sigma_rad_s(now.conditioning)) if start is None else None
     if of_g is None:
         return start
-    q = multiply(of_g.q_ned_g, now.conditioning.vertical.gravity.q_g_frd)
+    q = multiply(of_g.q_ned_g, now.gathered.q_g_frd)
     return Start(q, max(of_g.sigma_heading_rad, LEAST_HEADING_SIGMA_RAD))
 
 

@@ -48,14 +48,12 @@ class Force(NamedTuple):
 
 
 class GravityState(NamedTuple):
-    """Frame G, gravity low-passed in it, and the correction C that levels it."""
+    """Gravity low-passed in frame G, and the correction C that levels that."""
 
-    q_g_frd: Quaternion = IDENTITY  # body to G
     q_6d_g: Quaternion = IDENTITY  # C, G to 6D
     force: Force = Force()  # in G
 
 
-with_frame = replacer(GravityState, "q_g_frd")
 with_level = replacer(GravityState, "q_6d_g")
 with_force = replacer(GravityState, "force")
 with_age = replacer(Force, "age_s")
