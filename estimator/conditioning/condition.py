@@ -63,7 +63,7 @@ with_vectors = replacer(Sample, "acc_m_s2", "mag", "dt_s")
 def condition(handle: Any, sample: Sample) -> Conditioned:
     """Take one sample, of which the field may be in any unit.
 
-    ``handle`` holds ``params.conditioning``, what was ``gathered``, and ``conditioning``, the state.
+    ``handle`` has ``params.conditioning``, what was ``gathered``, and the state, ``conditioning``.
     Only learning steps write that: to gather a fast stream's samples takes far less time.
     """
     params, is_first = handle.params.conditioning, not handle.conditioning.started
