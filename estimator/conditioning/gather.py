@@ -29,9 +29,6 @@ class Gathered(NamedTuple):
 NOTHING = Gathered()
 
 with_sums = replacer(Gathered, "time_s", "gyr", "acc", "gravity_g", "field_g", "field_s")
-with_start = replacer(
-    Gathered, "clipping", "time_s", "gyr", "acc", "gravity_g", "field_g", "field_s"
-)
 with_frame = replacer(Gathered, "q_g_frd", "gyr_rad_s", "clipping")
 
 
@@ -75,4 +72,4 @@ def means(sums: Gathered) -> Gathered:
 def start_again(sums: Gathered) -> Gathered:
     """The same frame and gyroscope, with nothing summed."""
     clipping = with_aliasing(sums.clipping, ZERO_VEC3)
-    return with_start(sums, clipping, 0.0, ZERO_VEC3, ZERO_VEC3, ZERO_VEC3, ZERO_VEC3, 0.0)
+    return with_frame(NOTHING, sums.q_g_frd, sums.gyr_rad_s, clipping)

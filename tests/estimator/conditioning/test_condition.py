@@ -1,5 +1,6 @@
 """The whole stage, on motions whose truth is known."""
 
+import itertools
 from math import cos, pi, radians, sin
 
 import pytest
@@ -10,6 +11,8 @@ from tests.estimator.conditioning.motion import (
     GRAVITY_M_S2,
     Sample,
     conditioned,
+    fly,
+    tumbling,
     vector_errors_rad,
 )
 
@@ -79,3 +82,17 @@ def test_turning_vehicle_keeps_its_vectors():
     *_, (s, out, memory) = conditioned(turning(ATTITUDES[3]), 0.01)
     assert max(vector_errors_rad(out, s.q_ned_frd)) < 1e-7  # measured 3e-8
     assert not memory.known.vertical.rest.resting
+
+
+def test_samples_between_learning_steps_are_gathered_and_change_nothing_that_is_known():
+    """At 1 kHz means over 8.5 ms are learnt from: those of every ninth sample."""
+    memories = [now for _, _, now in conditioned(fly(tumbling, 0.1, 0.001), 0.001)]
+    learns = [now.known != before.known for before, now in itertools.pairwise(memories)]
+    assert learns == [k % 9 == 0 for k in range(1, len(memories))]
+    gathered_ms = [round(1e3 * now.gathered.time_s) for now in memories]
+    assert gathered_ms == [k % 9 for k in range(len(memories))]
+    turned = [
+        now.gathered.q_g_frd != before.gathered.q_g_frd
+        for before, now in itertools.pairwise(memories)
+    ]
+    assert all(turned)
