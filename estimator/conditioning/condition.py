@@ -10,16 +10,16 @@ from estimator.conditioning.field.calibration import Calibration, correct_field
 from estimator.conditioning.field.step import learn_field
 from estimator.conditioning.gather import STEP_S, Gathered, gather, means, start_again, with_frame
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.sigma import certainty_of
-from estimator.conditioning.state import ConditioningState, Directions
-from estimator.conditioning.vertical.gravity import level_to
-from estimator.conditioning.vertical.rate import (
+from estimator.conditioning.rate import (
     at_interval_end,
     corrected_rate,
     integration_rate,
     is_mean,
     watch_clipping,
 )
+from estimator.conditioning.sigma import certainty_of
+from estimator.conditioning.state import ConditioningState, Directions
+from estimator.conditioning.vertical.gravity import level_to
 from estimator.conditioning.vertical.step import VerticalState, begin_vertical, learn_vertical
 from estimator.conditioning.vertical.tilt import slowness
 from estimator.geometry.axes import axes_of, down_of, to_body

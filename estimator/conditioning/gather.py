@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined, replacer
-from estimator.conditioning.vertical.rate import Clipping, with_aliasing
+from estimator.conditioning.rate import Clipping, with_aliasing
 from estimator.geometry.axes import FrameAxes, to_frame
 from estimator.geometry.quaternion import add, scale
 from estimator.types import IDENTITY, ZERO_VEC3, Quaternion, Sample, Vec3

@@ -32,9 +32,9 @@ from estimator.aiding.types import IMU_LAG, NO_REPORT, Report, Sigmas
 from estimator.bounds import TINY
 from estimator.conditioning.field.magnetic import horizontal_down
 from estimator.conditioning.params import LONG_S
+from estimator.conditioning.rate import slow_share
 from estimator.conditioning.robust import HEADING_REACH_RAD, REACH
 from estimator.conditioning.state import ConditioningState
-from estimator.conditioning.vertical.rate import slow_share
 from estimator.filter.alignment import align, quaternion_from_matrix
 from estimator.geometry.earth import in_ned
 from estimator.geometry.quaternion import (

@@ -29,8 +29,8 @@ from estimator.aiding.uncertainty import with_dip_error
 from estimator.bounds import TINY
 from estimator.conditioning.field.magnetic import FieldLook, horizontal_down
 from estimator.conditioning.params import CONFIRM_S, MEMORY_S, SPAN_S
+from estimator.conditioning.rate import slow_share
 from estimator.conditioning.robust import REACH
-from estimator.conditioning.vertical.rate import slow_share
 from estimator.geometry.quaternion import angle_between_vectors, multiply, norm, rotate
 from estimator.live.aiding_span import (
     LEAST_HEADING_SIGMA_RAD,

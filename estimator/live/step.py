@@ -14,7 +14,7 @@ from estimator.arrays import Floats
 from estimator.compilation.compiled import inlined, shared
 from estimator.conditioning.condition import condition
 from estimator.conditioning.params import SPAN_S, ConditioningParams
-from estimator.conditioning.vertical.rate import slow_share
+from estimator.conditioning.rate import slow_share
 from estimator.filter import kernel
 from estimator.filter.observation import ReferenceParams
 from estimator.filter.types import FilterParams

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.params import SPAN_S, USUAL_S, ConditioningParams
+from estimator.conditioning.rate import FAST_STEP_S
 from estimator.conditioning.vertical.lowpass import Coefficients, Smooth, approach, smooth
-from estimator.conditioning.vertical.rate import FAST_STEP_S
 from estimator.geometry.quaternion import (
     cross,
     multiply,

@@ -5,6 +5,7 @@ from typing import NamedTuple
 from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.gather import Gathered
 from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.rate import aliased_turn
 from estimator.conditioning.vertical.averaging import Averaging, averaging_at_rest, follow_averaging
 from estimator.conditioning.vertical.bias import (
     Estimate,
@@ -24,7 +25,6 @@ from estimator.conditioning.vertical.gravity import (
     with_held,
 )
 from estimator.conditioning.vertical.lowpass import Coefficients, Smooth, approach, coefficients
-from estimator.conditioning.vertical.rate import aliased_turn
 from estimator.conditioning.vertical.slow_acceleration import (
     LostSteps,
     SlowAcceleration,

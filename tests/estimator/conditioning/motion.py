@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 from estimator.conditioning.condition import Conditioned, condition
 from estimator.conditioning.gather import NOTHING, Gathered
 from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.rate import is_mean
 from estimator.conditioning.state import ConditioningState, initial_state
-from estimator.conditioning.vertical.rate import is_mean
 from estimator.geometry.quaternion import (
     angle_between_vectors,
     exp,

@@ -9,16 +9,16 @@ import pytest
 from estimator.conditioning.field.calibration import learn_calibration
 from estimator.conditioning.field.magnetic import observe_field
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.state import apply_turn, initial_state
-from estimator.conditioning.vertical.gravity import level, observe_gravity
-from estimator.conditioning.vertical.lowpass import Smooth, coefficients
-from estimator.conditioning.vertical.rate import (
+from estimator.conditioning.rate import (
     Clipping,
     aliased_turn,
     at_interval_end,
     integration_rate,
     watch_clipping,
 )
+from estimator.conditioning.state import apply_turn, initial_state
+from estimator.conditioning.vertical.gravity import level, observe_gravity
+from estimator.conditioning.vertical.lowpass import Smooth, coefficients
 from estimator.conditioning.vertical.stillness import RestState, observe_rest
 from estimator.geometry.axes import axes_of
 from estimator.geometry.quaternion import (

@@ -7,8 +7,8 @@ import pytest
 
 from estimator.conditioning.events.jump_signs import watch_field
 from estimator.conditioning.events.turn_signs import HeadingSigns, give_up
+from estimator.conditioning.rate import Clipping
 from estimator.conditioning.state import apply_turn, initial_state
-from estimator.conditioning.vertical.rate import Clipping
 from estimator.conditioning.vertical.tilt import force_after_turn
 from estimator.geometry.quaternion import add, exp, rotate, rotate_inverse
 from tests.estimator.conditioning.motion import (
