@@ -311,7 +311,8 @@ class Estimator:
             raise InputError("; ".join(lines))
         for line in lines:
             warnings.warn(line, Unfit, stacklevel=3)
-        too_strong = has_mag & (np.abs(mag) > MAG_LIMIT_GAUSS).any(axis=1)
+        x, y, z = (np.abs(mag) > MAG_LIMIT_GAUSS).T
+        too_strong = has_mag & (x | y | z)
         rows.has_mag[too_strong] = False
         self._count(Reason.MAGNETOMETER_OUT_OF_RANGE, int(too_strong.sum()))
         self._count(Reason.VELOCITY_OUT_OF_RANGE, fast)

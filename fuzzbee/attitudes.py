@@ -96,14 +96,13 @@ def attitudes_of(columns: Any, start_us: int = 0, warnings: tuple[str, ...] = ()
     """The attitudes in columns by name, as those of a replay's trace are."""
     own = (field.name for field in fields(Attitudes) if field.name not in ADDED)
     same: Any = {name: np.array(columns[name]) for name in own}
-    time_s = np.array(1e-6 * (columns["time_us"] - start_us), dtype=float)
-    norths = np.array(NORTHS)[columns["heading_reference"]]
+    time_s = np.asarray(1e-6 * (columns["time_us"] - start_us), dtype=float)
+    norths = np.array(NORTHS).take(columns["heading_reference"].astype(np.uint8))
     return Attitudes(time_s=time_s, heading_reference=norths, warnings=warnings, **same)
 
 
 def attitudes_of_rows(times_us: Times, published: Floats, warnings: tuple[str, ...]) -> Attitudes:
     """The columns of rows as :mod:`estimator.live.rows` has them."""
     vectors = (published[:, columns] for columns in (Q, RATE, BIAS))
-    norths = published[:, NORTH].astype(np.uint8)
-    values = (times_us, *vectors, *published.T[BIAS.stop : NORTH], norths)
+    values = (times_us, *vectors, *published.T[BIAS.stop : NORTH + 1])
     return attitudes_of(dict(zip(Attitude._fields, values, strict=True)), warnings=warnings)

@@ -6,6 +6,7 @@ sign that data usually come in.
 """
 
 from collections.abc import Iterator
+from itertools import product
 from math import pi
 
 import numpy as np
@@ -13,10 +14,9 @@ import numpy as np
 from estimator.arrays import Floats, Times
 from estimator.live.rows import Rows, cut
 from tuning.compass_fit import TURNS
-from tuning.turning import MOST, SLOW_S, Spans, root, spans_of, squares_left, usual_step_us
+from tuning.turning import MOST, SLOW_S, median, roots, spans_of, squares_left, usual_step_us
 
 LEAST_S = 5.0  # shorter recordings show too little
-FEWEST_SPANS = 25  # that a comparison needs
 SLOWEST_S = 2.0  # between samples: what is slower has another unit
 # Another way is reported if it leaves half as much, and the turning explains a third of the change.
 BETTER = 2.0
@@ -62,6 +62,7 @@ def as_written(name: str, turn: Floats, unit: str = "") -> str:
     return f"{name}{axes}{'' if signs == (1, 1, 1) else f' * {signs}'}{unit}"
 
 
+@np.errstate(all="ignore")  # of numbers that are no readings
 def advice(rows: Rows) -> tuple[str, ...]:
     """Lines for a person, each with what would fit better; none of a recording that is sound."""
     times_us = rows.times_us
@@ -78,35 +79,26 @@ def advice(rows: Rows) -> tuple[str, ...]:
     if not rows.gyr_rad_s.any():
         found.append("the gyroscope reads nothing but 0")
     _, gyr, acc, mag, has_mag = cut(rows, 0, None, max(1, len(times_us) // SIZED))
-    acc_size, mag_size = _usual(acc), _usual(mag[has_mag])
+    forces, fields = np.linalg.norm(acc, axis=1), np.linalg.norm(mag[has_mag], axis=1)
+    acc_size, mag_size = _usual(forces), _usual(fields)
     found += [*_swapped(gyr, acc_size, mag_size)] or [
         *_unit("accelerometer", acc_size, ACC_UNITS, ACC_USUAL),
         *(_unit("magnetometer", mag_size, MAG_UNITS, MAG_USUAL) if rows.has_mag.any() else ()),
         *_axes(rows),
-        *_upside_down(acc),
+        *_upside_down(acc[:, 2], forces),
     ]
     return tuple(found)
 
 
-def _lengths(vectors: Floats) -> Floats:
-    """Those of vectors (N, 3) that may be readings in some unit."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        lengths = np.sqrt(np.einsum("ni,ni->n", vectors, vectors))
-    return np.asarray(lengths[lengths < MOST])
+def _usual(sizes: Floats) -> float:
+    """The median of those that readings in some unit may have, 0 of none."""
+    return median(sizes[sizes < MOST])
 
 
-def _usual(vectors: Floats) -> float:
-    """The median length, 0 of none."""
-    lengths = np.sort(_lengths(vectors))
-    n = len(lengths)
-    return float(0.5 * (lengths[(n - 1) // 2] + lengths[n // 2])) if n else 0.0
-
-
-def _upside_down(acc: Floats) -> Iterator[str]:
-    """Whether forces (N, 3) point down mostly, where they point at all."""
-    size = np.abs(acc).max(axis=1)
-    acc = acc[(size > 0.0) & (size < MOST)]
-    if len(acc) and np.mean(acc[:, 2] / np.linalg.norm(acc, axis=1)) > UPSIDE_DOWN:
+def _upside_down(acc_z: Floats, sizes: Floats) -> Iterator[str]:
+    """Whether forces point down mostly, where they point at all."""
+    points = (sizes > 0.0) & (sizes < MOST)
+    if np.sum(acc_z[points] / sizes[points]) > UPSIDE_DOWN * np.count_nonzero(points):
         yield UPSIDE_DOWN_LINE
 
 
@@ -136,30 +128,20 @@ def _shrunk(rows: Rows, factor: float) -> Rows:
 def _true_step_s(rows: Rows, step_s: float) -> float:
     """The time between samples by how vectors turn; that given, if they do not show."""
     best, true_s = EXPLAINED, step_s
-    for tried_s in (0.001, 0.004, 0.016):
-        for _, spans in _spans(_shrunk(rows, tried_s / step_s)):
-            scale, left = _best_scale(squares_left(spans, TURNS[:1], has_offset=False))
-            share = left / max(spans.still, 1e-9)
-            if scale > 0.0 and share <= best:
-                best, true_s = share, tried_s * scale
+    for tried_s, is_field in product((0.001, 0.004, 0.016), (True, False)):
+        spans = spans_of(_shrunk(rows, tried_s / step_s), is_field)
+        squares = squares_left(spans, TURNS[:1], has_offset=False)
+        scale = _best_scale(squares)
+        share = float(roots(squares, scale)[0, 0])
+        if scale > 0.0 and share <= best:
+            best, true_s = share, tried_s * scale
     return true_s
 
 
-def _spans(rows: Rows) -> Iterator[tuple[str, Spans]]:
-    """How the vectors of each sensor turn, if they show enough."""
-    times_us, gyr, acc, mag, has_mag = rows
-    sensors = {"magnetometer": (mag, has_mag), "accelerometer": (acc, np.ones_like(has_mag))}
-    for name, vectors in sensors.items():
-        spans = spans_of(times_us, gyr, *vectors)
-        if len(spans.angle) >= FEWEST_SPANS:
-            yield name, spans
-
-
-def _best_scale(squares: Floats) -> tuple[float, float]:
-    """What the first way's angles times which number leave least, and how much, RMS."""
-    _, linear, square = squares[0]
-    scale = -float(linear / square) if square > 0.0 else 0.0
-    return scale, float(root(squares[:1], scale)[0])
+def _best_scale(squares: Floats) -> float:
+    """What the first way's angles times which number leave least."""
+    _, (linear, square) = squares[0].tolist()
+    return float(-linear / square) if square > 0.0 else 0.0
 
 
 def _unit(what: str, size: float, units: Units, usual: tuple[float, float]) -> Iterator[str]:
@@ -174,41 +156,40 @@ def _swapped(gyr: Floats, acc_size: float, mag_size: float) -> Iterator[str]:
     """Whether another sensor reads what the accelerometer should; one that turns so fast varies."""
     if ACC_USUAL[0] <= acc_size <= ACC_USUAL[1]:
         return
-    rates = _lengths(gyr)
+    rates = np.linalg.norm(gyr, axis=1)
     steady = np.count_nonzero((rates >= ALMOST_G[0]) & (rates <= ALMOST_G[1]))
     swapped = "{} reads {:.3g} mostly, as acc should: they may be swapped"
     if steady > EXPLAINED * len(gyr):
-        yield swapped.format("gyr", _usual(gyr))
+        yield swapped.format("gyr", _usual(rates))
     if ACC_USUAL[0] <= mag_size <= ACC_USUAL[1] and MAG_USUAL[0] <= acc_size <= MAG_USUAL[1]:
         yield swapped.format("mag", mag_size)
 
 
 def _axes(rows: Rows) -> Iterator[str]:
     """What the turning of field and force shows of the gyroscope, or of the field's axes."""
-    for what, spans in _spans(rows):
-        better = _better(spans, is_field=what == "magnetometer")
-        if better is not None:
+    for what, is_field in (("magnetometer", True), ("accelerometer", False)):
+        if better := _better(spans_of(rows, is_field), is_field=is_field):
             yield f"gyroscope and {what} agree {better}"
             return
 
 
-def _better(spans: Spans, *, is_field: bool) -> str | None:
+def _better(spans: Floats, *, is_field: bool) -> str | None:
     """How many times less which other way leaves; None if no way is so much better."""
-    squares, explained = squares_left(spans, TURNS, has_offset=is_field), EXPLAINED * spans.still
-    if root(squares[:1])[0] <= explained:
+    squares = squares_left(spans, TURNS, has_offset=is_field)
+    scale = _best_scale(squares)
+    left = roots(squares, *(scale for scale, _ in GYR_UNITS), scale)
+    as_given, scaled, least = float(left[0, 0]), float(left[-1, 0]), float(left[:-1].min())
+    if as_given <= EXPLAINED:
         return None
-    left = np.concatenate([root(squares, scale) for scale, _ in GYR_UNITS])
-    least = float(left.min())
-    of_units, of_turns = divmod(int(np.flatnonzero(left <= ALIKE * least)[0]), len(TURNS))
+    of_units, of_turns = divmod(int(np.argmax(left[:-1] <= ALIKE * least)), len(TURNS))
     (unit_scale, unit), turn = GYR_UNITS[of_units], TURNS[of_turns]
-    scale, scaled = _best_scale(squares)
-    is_other = max(scale, 1.0 / max(scale, 1e-9)) > BETTER and scaled <= explained
+    is_other = max(scale, 1.0 / max(scale, 1e-9)) > BETTER and scaled <= EXPLAINED
     is_scale = is_other and BETTER * scaled < least
-    times = float(left[0] / max(scaled if is_scale else least, 1e-9))
+    times = as_given / max(scaled if is_scale else least, 1e-9)
     better = f"{times:.{0 if times > 10.0 else 1}f} times better with"
     if is_scale:
         return f"{better} gyr * {float(f'{scale:.2g}'):g}: its unit, or the times, are others"
-    if not (times > BETTER and least <= explained):
+    if not (times > BETTER and least <= EXPLAINED):
         is_unit = times > MUCH_BETTER and unit_scale != 1.0
         return f"{better} gyr{unit}" if is_unit else None
     if is_field and unit_scale == 1.0 and np.linalg.det(turn) > 0.0:

@@ -24,6 +24,7 @@ MODULES = (
     "drivers.samples.imu_stream",
     "tuning.paper_cost",
     "tuning.prediction",
+    "tuning.turning",
 )
 LONGEST = ("advance", "take_report")
 

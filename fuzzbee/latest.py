@@ -5,17 +5,8 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 from drivers.resources import SLOTS
-from service.records import (
-    HAS_ATTITUDE,
-    AttitudeRecord,
-    Evicted,
-    Message,
-    Output,
-    Published,
-    State,
-    StatusRecord,
-    vehicle_name,
-)
+from service import records
+from service.records import AttitudeRecord, State, StatusRecord
 
 SILENT_AFTER_S = 3.0  # a status comes every second
 LONGEST_MODE = 12  # letters
@@ -47,7 +38,7 @@ class Row(NamedTuple):
     @property
     def valid_attitude(self) -> AttitudeRecord | None:
         """The attitude, or None where by its state it is no longer valid."""
-        return self.attitude if self.state in HAS_ATTITUDE and not self.is_silent else None
+        return self.attitude if self.state in records.HAS_ATTITUDE and not self.is_silent else None
 
     @property
     def state_text(self) -> str:
@@ -90,22 +81,22 @@ class Latest:
         self._rows: dict[str, Row] = {}
         self._lock = threading.Lock()
 
-    def take(self, outputs: Iterable[Output], now_s: float) -> list[str]:
+    def take(self, outputs: Iterable[records.Output], now_s: float) -> list[str]:
         """Remember outputs of the service, of each vehicle its newest attitude; the messages."""
         texts: list[str] = []
         attitudes: dict[str, AttitudeRecord] = {}
         for output in outputs:
             match output:
-                case Message(text=text):
+                case records.Message(text=text):
                     texts.append(text)
-                case Published(vehicle=vehicle, record=AttitudeRecord() as attitude):
-                    attitudes[vehicle_name(vehicle)] = attitude
-                case Published(vehicle=vehicle, record=status):
-                    self.update(vehicle_name(vehicle), status, now_s)
-                case Evicted(vehicle=vehicle):
-                    attitudes.pop(vehicle_name(vehicle), None)
+                case records.Published(vehicle=vehicle, record=AttitudeRecord() as attitude):
+                    attitudes[records.vehicle_name(vehicle)] = attitude
+                case records.Published(vehicle=vehicle, record=status):
+                    self.update(records.vehicle_name(vehicle), status, now_s)
+                case records.Evicted(vehicle=vehicle):
+                    attitudes.pop(records.vehicle_name(vehicle), None)
                     with self._lock:
-                        self._rows.pop(vehicle_name(vehicle), None)
+                        self._rows.pop(records.vehicle_name(vehicle), None)
         for name, attitude in attitudes.items():
             self.update(name, attitude, now_s)
         return texts

@@ -4,100 +4,118 @@ A vector v that stands still turns against the body: v' = -w x v. What a gyrosco
 with how a vector has changed between means that follow each other.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
-from estimator.arrays import Bools, Floats, Ints, Times
+from estimator.arrays import Floats, Ints, Times
+from estimator.compilation.compiled import compiled, inlined, types_of
+from estimator.geometry.quaternion import add, norm, scale, square
+from estimator.live.rows import NO_ROWS, Rows, reading_of
+from estimator.types import ZERO_VEC3, Vec3
 
 SPAN_S = 0.05  # of the means that are compared: noise is less, turns are still small
 MOST_SPANS = 100  # from all of the recording, however long it is
+FEWEST_SPANS = 25  # that a comparison needs
 SLOW_S = 0.1  # between samples: the turns are too large to be compared
 MOST = 1e9  # beyond any reading in any unit
 SPIKE = 5.0  # beyond so many times the larger turns one is none
 LARGER = 0.95  # the share of turns that are smaller than those
 FLAT = 1e-9  # of the normal matrix: turns about one axis alone leave the iron along it open
+TINY = 1e-200  # rad^2, beside them: there is an inverse without any turn
+
+# Columns of spans, from each mean to the next: a is the gyroscope's angle, in its unit times
+# seconds, c the change of the vector v; then come the products of v's parts with a's, row by row.
+A, C, VA = slice(0, 3), slice(3, 6), slice(6, 15)
+# a x b is (a_x b_x, a_x b_y, ..., a_z b_z) times this.
+CROSS: Floats = np.cross(np.eye(3)[:, None], np.eye(3)).reshape(9, 3)
 
 
-class Spans(NamedTuple):
-    """Turns between means that follow each other: angles in the gyroscope's unit times seconds."""
-
-    angle: Floats  # (M, 3)
-    vector: Floats  # (M, 3) between the two
-    change: Floats  # (M, 3)
-
-    @property
-    def still(self) -> float:
-        """The RMS change."""
-        return float(np.sqrt(np.sum(self.change**2) / max(1, len(self.change))))
+@inlined
+def median(values: Floats | Ints) -> float:
+    """The median, 0 of none; of a few hundred numpy's own takes five times as long."""
+    ordered, n = np.sort(values), len(values)
+    return float(0.5 * ordered[(n - 1) // 2] + 0.5 * ordered[n // 2]) if n else 0.0
 
 
+@inlined
 def usual_step_us(times_us: Times) -> float:
     """The median time from one row to the next, of some hundred from all of them; 0 of one row."""
     at = _spread(len(times_us) - 1)
-    return float(np.median(times_us[at + 1] - times_us[at])) if len(at) else 0.0
+    return median(times_us[at + 1] - times_us[at])
 
 
+@inlined
 def _spread(n: int) -> Ints:
     """Some of the numbers from 0 to n - 1, all of them if they are few."""
     count = max(0, min(n, MOST_SPANS))
-    return np.asarray(np.arange(count) * (n - 1) // max(1, count - 1))
+    return np.arange(count) * (n - 1) // max(1, count - 1)
 
 
-def spans_of(times_us: Times, gyr: Floats, vectors: Floats, has_vector: Bools) -> Spans:
-    """Pairs of means over :data:`SPAN_S`, without those with a gap or a spike; none if too slow."""
-    known = np.flatnonzero(has_vector & np.isfinite(vectors[:, 0]))
-    step_s = 1e-6 * usual_step_us(times_us[known])
-    n = max(1, round(SPAN_S / step_s)) if 0.0 < step_s <= SLOW_S else 0
-    if len(known) < 2 * n or n == 0:
-        return Spans(*np.zeros((3, 0, 3)))
-    k = np.arange(2 * n)
-    rows = known[2 * n * _spread(len(known) // (2 * n))[:, None] + k]  # (M, 2 n)
-    # what turns between two rows is in the second half's mean for those that come behind it, and
-    # not in the first half's for those before
-    share = np.minimum(k, 2 * n - k)[1:] * 1e-6 / n
-    with np.errstate(all="ignore"):  # numbers that are no readings
-        passed = share * np.diff(times_us[rows], axis=1)
-        rates, means = gyr[rows], vectors[rows].reshape(len(rows), 2, n, 3).mean(axis=2)
-        rates[~(np.linalg.norm(rates, axis=2) < MOST)] = np.nan
-        angle = np.nansum(passed[:, :, None] * 0.5 * (rates[:, 1:] + rates[:, :-1]), axis=1)
-        found = (angle, means.mean(axis=1), means[:, 1] - means[:, 0])
-        sizes, passed_s = np.linalg.norm(angle, axis=1), passed.sum(axis=1)
-    whole = (passed_s > 0.0) & (passed_s < 2.0 * n * step_s)
-    whole &= (np.abs(np.concatenate(found, axis=1)) < MOST).all(axis=1)
+@inlined
+def _span(rows: Rows, numbers: Ints, is_field: bool) -> tuple[Vec3, Vec3, Vec3, float]:
+    """Of one pair of means: angle, vector between, change, and the time that has passed."""
+    n, passed_s, before_us, before = len(numbers) // 2, 0.0, 0, ZERO_VEC3
+    angle = between = change = ZERO_VEC3
+    for k, number in enumerate(numbers):
+        time_us, rate, force, field, _ = reading_of(rows, number)
+        part = scale(0.5 / n, field if is_field else force)
+        between, change = add(between, part), add(change, scale(2.0 if k >= n else -2.0, part))
+        # what turns between two rows is in the second half's mean for those that come behind it,
+        # and not in the first half's for those before
+        passed = 1e-6 / n * min(k, 2 * n - k) * (time_us - before_us)
+        passed_s += passed
+        if square(before) < MOST**2 and square(rate) < MOST**2:
+            angle = add(angle, scale(0.5 * passed, add(before, rate)))
+        before_us, before = time_us, rate
+    return angle, between, change, passed_s
+
+
+@compiled(types=lambda: types_of(NO_ROWS, True))
+def spans_of(rows: Rows, is_field: bool) -> Floats:
+    """Pairs of means over :data:`SPAN_S`, without those with a gap or a spike; none of a few."""
+    vectors = rows.mag_gauss if is_field else rows.acc_m_s2
+    known = np.flatnonzero(np.isfinite(vectors[:, 0]) & (rows.has_mag | (not is_field)))
+    step_s = 1e-6 * usual_step_us(rows.times_us[known])
+    n = max(1, round(SPAN_S / step_s)) if 0.0 < step_s <= SLOW_S else len(known) + 1
+    begins = 2 * n * _spread(len(known) // (2 * n))
+    spans, sizes = np.zeros((len(begins), 15)), np.zeros(len(begins))
+    whole = np.zeros(len(begins), np.bool_)
+    for m, begin in enumerate(begins):
+        a, v, c, passed_s = _span(rows, known[begin : begin + 2 * n], is_field)
+        sizes[m], is_reading = norm(a), square(a) + square(v) + square(c) < MOST**2
+        whole[m] = is_reading and 0.0 < passed_s < 2.0 * n * step_s
+        spans[m] = np.array(a + c + scale(v[0], a) + scale(v[1], a) + scale(v[2], a))
     if whole.any():
-        larger = np.sort(sizes[whole])[int(LARGER * (whole.sum() - 1))]
-        whole &= sizes <= SPIKE * larger
-    return Spans(*(each[whole] for each in found))
+        whole &= sizes <= SPIKE * np.sort(sizes[whole])[int(LARGER * (whole.sum() - 1))]
+    return np.asarray(spans[whole & (whole.sum() >= FEWEST_SPANS)])
 
 
-def squares_left(spans: Spans, turns: Floats, *, has_offset: bool) -> Floats:
-    """How much of the change a gyroscope leaves, turned by each of ``turns`` (W, 3, 3): (W, 3).
+def squares_left(spans: Floats, turns: Floats, *, has_offset: bool) -> Floats:
+    """How much of the change a gyroscope leaves, turned by each of ``turns`` (W, 3, 3): (W, 2, 2).
 
-    The mean square with its angles a times s is f[0] + 2 s f[1] + s^2 f[2]: of |c + s a x v|^2, and
+    The share of the squares with its angles a times s is (1, s) F (1, s)^T: of |c + s a x v|^2, and
     with an offset of the least |c + s a x v + a x b|^2, b being hard iron, which stands still in
-    the body. All that the turns need are moments of a, v and c.
+    the body. All that the turns need are the means of products of a, c and v a^T.
     """
-    a, v, c = spans
-    flat, a_squared = turns.reshape(-1, 9), np.sum(a * a, axis=1)
-    moments = np.einsum("mi,mj->mij", v, a).reshape(-1, 9)  # v . T a is their sum with T
-    f0 = np.full(len(turns), np.sum(c * c))
-    f1 = flat @ (np.cross(v, c).T @ a).ravel()
-    f2 = a_squared @ np.sum(v * v, axis=1) - np.sum((moments @ flat.T) ** 2, axis=0)
-    if has_offset and len(a):
-        # N b = -u - s w, with N = sum |a|^2 1 - a a^T, u = sum c x a and w = sum (a x v) x a
-        m, pairs = c.T @ a @ turns.transpose(0, 2, 1), ((1, 2), (2, 0), (0, 1))
-        u = np.stack([m[:, i, j] - m[:, j, i] for i, j in pairs], axis=1)
-        w = a_squared @ v - np.einsum("tij,jt->ti", turns, a.T @ moments @ flat.T)
-        inverse = np.linalg.pinv((1.0 + FLAT) * np.sum(a_squared) * np.eye(3) - a.T @ a)
-        u, w = (np.einsum("tij,ti->tj", turns, each) for each in (u, w))
-        f0 = f0 - np.sum(u @ inverse * u, axis=1)
-        f1 = f1 - np.sum(u @ inverse * w, axis=1)
-        f2 = f2 - np.sum(w @ inverse * w, axis=1)
-    return np.column_stack((f0, f1, f2)) / max(1, len(a))
+    means, flat = spans.T @ spans / max(1, len(spans)), turns.reshape(-1, 9)
+    aa, ca, cc = means[A, A], means[C, A], means[C, C]
+    a_va, c_va, va_va = means[A, VA], means[C, VA], means[VA, VA]
+    left = np.empty((len(turns), 2, 2))
+    left[:, 0, 0] = cc.trace()
+    left[:, 0, 1] = left[:, 1, 0] = flat @ -(CROSS.T @ c_va.reshape(9, 3)).ravel()
+    left[:, 1, 1] = va_va.trace() - (flat @ va_va * flat).sum(axis=1)
+    if has_offset:
+        # N b = -u - s w, with N = |a|^2 1 - a a^T, u = c x a and w = (a x v) x a
+        u_w = np.empty((len(turns), 2, 3))
+        u_w[:, 0] = (ca @ turns.swapaxes(1, 2)).reshape(-1, 9) @ CROSS
+        u_w[:, 1] = np.einsum("jij->i", a_va.reshape(3, 3, 3))
+        u_w = u_w @ turns
+        u_w[:, 1] -= flat @ a_va.T
+        N = (TINY + (1.0 + FLAT) * aa.trace()) * np.eye(3) - aa
+        left -= u_w @ np.linalg.inv(N) @ u_w.swapaxes(1, 2)
+    return np.asarray(left / max(cc.trace(), 1e-18))
 
 
-def root(squares: Floats, factor: float = 1.0) -> Floats:
-    """RMS (W,) of what is left by angles times ``factor``, of :func:`squares_left`."""
-    left = squares @ np.array((1.0, 2.0 * factor, factor * factor))
-    return np.asarray(np.sqrt(np.maximum(left, 0.0)))
+def roots(squares: Floats, *factors: float) -> Floats:
+    """The share (F, W), RMS, that is left by angles times each factor, of :func:`squares_left`."""
+    powers = np.array([(1.0, factor, factor, factor * factor) for factor in factors])
+    return np.asarray(np.sqrt(np.maximum(powers @ squares.reshape(-1, 4).T, 0.0)))

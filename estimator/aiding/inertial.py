@@ -28,8 +28,8 @@ from estimator.aiding.velocity_history import ACCELERATION, TIME, extend_velocit
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.params import USUAL_S
+from estimator.conditioning.rate import integration_rate
 from estimator.conditioning.robust import FAR, REACH
-from estimator.conditioning.vertical.rate import integration_rate
 from estimator.geometry.quaternion import (
     add,
     dot,

@@ -45,7 +45,7 @@ from estimator.aiding.uncertainty import sigmas
 from estimator.aiding.unseen import watch_turning
 from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.params import ACCELERATION_LASTS_S, CONFIRM_S, SPAN_S
-from estimator.conditioning.vertical.rate import slow_share
+from estimator.conditioning.rate import slow_share
 from estimator.types import Sample, Vec3
 
 with_north = replacer(StepInputs, "north")

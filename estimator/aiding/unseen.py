@@ -11,7 +11,7 @@ from estimator.aiding.inertial import line_deviation
 from estimator.aiding.types import TURN, VELOCITY, AidingParams, AidingState, Array, Roughness
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.params import LATELY_S, LONGEST_STEP_S, SPAN_S
-from estimator.conditioning.vertical.rate import likeness, slow_share
+from estimator.conditioning.rate import likeness, slow_share
 from estimator.conditioning.vertical.tilt import HOLE_RAD_S
 from estimator.geometry.quaternion import dot, subtract
 from estimator.types import STANDARD_GRAVITY_M_S2, UNSEEN_STEP_S, Sample, Vec3

@@ -1,31 +1,26 @@
 """The conditioning stage: from one IMU sample to the paper's vectors."""
 
 from math import cos, sin
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from estimator.bounds import TINY
-from estimator.compilation.compiled import compiled, inlined, replacer
+from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.events.step import learn_events
-from estimator.conditioning.field.calibration import correct_field
+from estimator.conditioning.field.calibration import Calibration, correct_field
 from estimator.conditioning.field.step import learn_field
-from estimator.conditioning.gather import NOTHING, STEP_S, gather, means
+from estimator.conditioning.gather import STEP_S, Gathered, gather, means, start_again, with_frame
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.sigma import certainty_of
-from estimator.conditioning.state import ConditioningState, Directions
-from estimator.conditioning.vertical.gravity import level_to, with_frame
-from estimator.conditioning.vertical.rate import (
+from estimator.conditioning.rate import (
     at_interval_end,
     corrected_rate,
     integration_rate,
     is_mean,
     watch_clipping,
 )
-from estimator.conditioning.vertical.step import (
-    VerticalState,
-    begin_vertical,
-    learn_vertical,
-    with_turn,
-)
+from estimator.conditioning.sigma import certainty_of
+from estimator.conditioning.state import ConditioningState, Directions
+from estimator.conditioning.vertical.gravity import level_to
+from estimator.conditioning.vertical.step import VerticalState, begin_vertical, learn_vertical
 from estimator.conditioning.vertical.tilt import slowness
 from estimator.geometry.axes import axes_of, down_of, to_body
 from estimator.geometry.quaternion import (
@@ -39,28 +34,6 @@ from estimator.geometry.quaternion import (
     subtract,
 )
 from estimator.types import IDENTITY, ZERO_VEC3, Between, Quaternion, Sample, Vec3
-
-with_step = replacer(
-    ConditioningState, "vertical", "field", "events", "gathered", "directions", "certainty"
-)
-
-
-@inlined
-def learn(
-    params: ConditioningParams, state: ConditioningState, between: Between
-) -> ConditioningState:
-    """One learning step on what was gathered; ``between`` is known of the last sample's turning."""
-    mean = means(state.gathered)
-    force_scatter = state.events.gravity.force_scatter
-    levelled = learn_vertical(params, state.vertical, mean, between, force_scatter)
-    seen = learn_field(params, state.field, mean, levelled)
-    now = learn_events(params, state.events, mean, levelled, seen)
-    certainty = certainty_of(params, now.vertical, now.field, now.events)
-    q = level_to(now.vertical.gravity.q_6d_g, now.vertical.gravity.force.best.value)[0]
-    heading_rad = now.vertical.estimate.heading_rad
-    north_6d = (cos(heading_rad), -sin(heading_rad), 0.0)
-    directions = Directions(down_of(q), rotate_inverse(q, north_6d))
-    return with_step(state, now.vertical, now.field, now.events, NOTHING, directions, certainty)
 
 
 class Conditioned(NamedTuple):
@@ -82,52 +55,108 @@ class Conditioned(NamedTuple):
     sigma_heading_rad: float = 0.0  # likewise; infinite without a heading
 
 
+with_vertical = replacer(ConditioningState, "vertical")
 with_vectors = replacer(Sample, "acc_m_s2", "mag", "dt_s")
-with_sample = replacer(ConditioningState, "vertical", "started", "previous_gyr_rad_s", "gathered")
 
 
-@compiled
-def condition(
-    params: ConditioningParams, state: ConditioningState, sample: Sample
-) -> tuple[ConditioningState, Conditioned]:
-    """Take one sample, of which the field may be in any unit."""
-    gyr, acc, mag, is_first = sample.gyr_rad_s, sample.acc_m_s2, sample.mag, not state.started
+@inlined
+def condition(handle: Any, sample: Sample) -> Conditioned:
+    """Take one sample, of which the field may be in any unit.
+
+    ``handle`` has ``params.conditioning``, what was ``gathered``, and the state, ``conditioning``.
+    Only learning steps write that: to gather a fast stream's samples takes far less time.
+    """
+    params, is_first = handle.params.conditioning, not handle.conditioning.started
     # Before the first sample there was no interval; what it shows counts as one step's.
     dt = STEP_S if is_first else max(sample.dt_s, TINY)
-    before = gyr if is_first else state.previous_gyr_rad_s
-    rate = integration_rate(before, gyr, dt, params.averaged_samples)
+    before = sample.gyr_rad_s if is_first else handle.gathered.gyr_rad_s
+    rate = integration_rate(before, sample.gyr_rad_s, dt, params.averaged_samples)
     if sample.between.given:
         rate = sample.between.turn_rad_s
-    rate = subtract(rate, state.vertical.estimate.bias_rad_s)
+    rate = subtract(rate, handle.conditioning.vertical.estimate.bias_rad_s)
     turn = exp(scale(dt, rate))
-    if is_mean(dt, params.averaged_samples) and not is_first:
-        acc = at_interval_end(acc, gyr, dt)
-        if params.averaged_samples:
-            mag = at_interval_end(mag, gyr, dt)
-    if sample.has_mag:
-        mag = correct_field(mag, rate, state.field.calibration.learnt)
-    vertical = state.vertical
-    q_g_frd = normalize(multiply(vertical.gravity.q_g_frd, turn))
-    clipping = watch_clipping(vertical.clipping, state.previous_gyr_rad_s, gyr, dt)
-    vertical = with_turn(vertical, with_frame(vertical.gravity, q_g_frd), clipping)
+    handle.gathered = carry(handle.gathered, turn, sample.gyr_rad_s, dt)
+    axes_g = axes_of(handle.gathered.q_g_frd)
+    stands_for_step = is_mean(dt, params.averaged_samples) and not is_first
+    learnt = handle.conditioning.field.calibration.learnt
+    at_end = behind_step(params, learnt, sample, rate, dt, stands_for_step)
+    handle.gathered = gather(handle.gathered, axes_g, at_end)
     if is_first:
-        vertical = begin_vertical(vertical, gyr, acc)
-    axes_g = axes_of(vertical.gravity.q_g_frd)
-    gathered = gather(state.gathered, axes_g, with_vectors(sample, acc, mag, dt))
-    state = with_sample(state, vertical, True, gyr, gathered)
-    if is_first or gathered.time_s >= STEP_S:
-        state = learn(params, state, sample.between)
+        handle.conditioning = begin(handle.conditioning, handle.gathered.q_g_frd, at_end)
+    if is_first or handle.gathered.time_s >= STEP_S:
+        vertical = handle.conditioning.vertical
+        handle.conditioning = learn(params, handle.conditioning, handle.gathered, sample.between)
+        handle.gathered = start_again(handle.gathered)
         slow = 0.0 if is_first else slowness(params, dt)
         if slow > 0.0:
-            # by how much gyroscope and vectors together have turned the vehicle
-            missed = log(multiply(conjugate(ned_of_g(vertical)), ned_of_g(state.vertical)))
-            missed = rotate_inverse(state.vertical.gravity.q_g_frd, missed)
+            missed = rotated(handle.gathered.q_g_frd, vertical, handle.conditioning.vertical)
             rate = corrected_rate(rate, missed, slow, dt)
             turn = exp(scale(dt, rate))
-    bias_rad_s = state.vertical.estimate.bias_rad_s
-    gravity_b = to_body(axes_g, state.directions.down_g)
-    magnetic_b = to_body(axes_g, state.directions.north_g)
-    return state, Conditioned(rate, turn, bias_rad_s, gravity_b, magnetic_b, *state.certainty[:])
+    bias_rad_s = handle.conditioning.vertical.estimate.bias_rad_s
+    gravity_b = to_body(axes_g, handle.conditioning.directions.down_g)
+    magnetic_b = to_body(axes_g, handle.conditioning.directions.north_g)
+    certainty = handle.conditioning.certainty
+    return Conditioned(rate, turn, bias_rad_s, gravity_b, magnetic_b, *certainty[:])
+
+
+@inlined
+def begin(state: ConditioningState, q_g_frd: Quaternion, first: Sample) -> ConditioningState:
+    """The state that the first sample is learnt from."""
+    gyr, acc = first.gyr_rad_s, first.acc_m_s2
+    return with_vertical(state, begin_vertical(state.vertical, q_g_frd, gyr, acc))
+
+
+@inlined
+def carry(gathered: Gathered, turn: Quaternion, gyr: Vec3, dt_s: float) -> Gathered:
+    """The body turned in G, as the gyroscope reads it."""
+    q_g_frd = normalize(multiply(gathered.q_g_frd, turn))
+    clipping = watch_clipping(gathered.clipping, gathered.gyr_rad_s, gyr, dt_s)
+    return with_frame(gathered, q_g_frd, gyr, clipping)
+
+
+@inlined
+def behind_step(
+    params: ConditioningParams,
+    learnt: Calibration,
+    sample: Sample,
+    rate: Vec3,
+    dt_s: float,
+    stands_for_step: bool,
+) -> Sample:
+    """The sample as read at the end of its step, by a compass that has been calibrated."""
+    gyr, acc, mag = sample.gyr_rad_s, sample.acc_m_s2, sample.mag
+    if stands_for_step:
+        acc = at_interval_end(acc, gyr, dt_s)
+        if params.averaged_samples:
+            mag = at_interval_end(mag, gyr, dt_s)
+    if sample.has_mag:
+        mag = correct_field(mag, rate, learnt)
+    return with_vectors(sample, acc, mag, dt_s)
+
+
+@inlined
+def learn(
+    params: ConditioningParams, state: ConditioningState, gathered: Gathered, between: Between
+) -> ConditioningState:
+    """One learning step on what was gathered; ``between`` is known of the last sample's turning."""
+    mean = means(gathered)
+    force_scatter = state.events.gravity.force_scatter
+    levelled = learn_vertical(params, state.vertical, mean, between, force_scatter)
+    seen = learn_field(params, state.field, mean, levelled)
+    now = learn_events(params, state.events, mean, levelled, seen)
+    certainty = certainty_of(params, now.vertical, now.field, now.events)
+    q = level_to(now.vertical.gravity.q_6d_g, now.vertical.gravity.force.best.value)[0]
+    heading_rad = now.vertical.estimate.heading_rad
+    north_6d = (cos(heading_rad), -sin(heading_rad), 0.0)
+    directions = Directions(down_of(q), rotate_inverse(q, north_6d))
+    return ConditioningState(now.vertical, now.field, now.events, True, directions, certainty)
+
+
+@inlined
+def rotated(q_g_frd: Quaternion, before: VerticalState, now: VerticalState) -> Vec3:
+    """By how much a learning step has turned the vehicle: a rotation vector in the body, rad."""
+    missed = log(multiply(conjugate(ned_of_g(before)), ned_of_g(now)))
+    return rotate_inverse(q_g_frd, missed)
 
 
 @inlined

@@ -1,19 +1,23 @@
-"""Means over a few samples, so that learning need not run at the sensor's rate."""
+"""Frame G, and means over a few samples, so that learning need not run at the sensor's rate."""
 
 from typing import NamedTuple
 
-from estimator.compilation.compiled import inlined
+from estimator.compilation.compiled import inlined, replacer
+from estimator.conditioning.rate import Clipping, with_aliasing
 from estimator.geometry.axes import FrameAxes, to_frame
 from estimator.geometry.quaternion import add, scale
-from estimator.types import ZERO_VEC3, Sample, Vec3
+from estimator.types import IDENTITY, ZERO_VEC3, Quaternion, Sample, Vec3
 
 # Learning runs on means over at least this time (s), plenty for values that change in seconds.
 STEP_S = 0.0085
 
 
 class Gathered(NamedTuple):
-    """Sums, each times its dt, since the last learning step."""
+    """What every sample changes: frame G, and sums, each times its dt, since the last step."""
 
+    q_g_frd: Quaternion = IDENTITY  # body to G, as the gyroscope has carried it along
+    gyr_rad_s: Vec3 = ZERO_VEC3  # the last sample's, FRD
+    clipping: Clipping = Clipping()  # of the gyroscope
     time_s: float = 0.0  # that the samples stand for
     gyr: Vec3 = ZERO_VEC3  # rad, FRD
     acc: Vec3 = ZERO_VEC3  # m/s, FRD
@@ -23,6 +27,9 @@ class Gathered(NamedTuple):
 
 
 NOTHING = Gathered()
+
+with_sums = replacer(Gathered, "time_s", "gyr", "acc", "gravity_g", "field_g", "field_s")
+with_frame = replacer(Gathered, "q_g_frd", "gyr_rad_s", "clipping")
 
 
 @inlined
@@ -34,13 +41,14 @@ def gather(sums: Gathered, axes_g: FrameAxes, sample: Sample) -> Gathered:
     if sample.has_mag:
         field_g = add(field_g, scale(dt_s, to_frame(axes_g, sample.mag)))
         field_s += dt_s
-    return Gathered(
-        time_s=sums.time_s + dt_s,
-        gyr=add(sums.gyr, scale(dt_s, gyr)),
-        acc=add(sums.acc, scale(dt_s, acc)),
-        gravity_g=add(sums.gravity_g, scale(-dt_s, to_frame(axes_g, acc))),
-        field_g=field_g,
-        field_s=field_s,
+    return with_sums(
+        sums,
+        sums.time_s + dt_s,
+        add(sums.gyr, scale(dt_s, gyr)),
+        add(sums.acc, scale(dt_s, acc)),
+        add(sums.gravity_g, scale(-dt_s, to_frame(axes_g, acc))),
+        field_g,
+        field_s,
     )
 
 
@@ -49,11 +57,19 @@ def means(sums: Gathered) -> Gathered:
     """The sums over their times."""
     a = 1.0 / sums.time_s
     b = 1.0 / sums.field_s if sums.field_s > 0.0 else 0.0
-    return Gathered(
-        time_s=sums.time_s,
-        gyr=scale(a, sums.gyr),
-        acc=scale(a, sums.acc),
-        gravity_g=scale(a, sums.gravity_g),
-        field_g=scale(b, sums.field_g),
-        field_s=sums.field_s,
+    return with_sums(
+        sums,
+        sums.time_s,
+        scale(a, sums.gyr),
+        scale(a, sums.acc),
+        scale(a, sums.gravity_g),
+        scale(b, sums.field_g),
+        sums.field_s,
     )
+
+
+@inlined
+def start_again(sums: Gathered) -> Gathered:
+    """The same frame and gyroscope, with nothing summed."""
+    clipping = with_aliasing(sums.clipping, ZERO_VEC3)
+    return with_frame(NOTHING, sums.q_g_frd, sums.gyr_rad_s, clipping)

@@ -6,7 +6,7 @@ from estimator.conditioning.events.axis_signs import AxisSigns
 from estimator.conditioning.events.step import EventsState
 from estimator.conditioning.field.calibration import first_calibration
 from estimator.conditioning.field.step import MagnetometerState
-from estimator.conditioning.gather import NOTHING, Gathered
+from estimator.conditioning.gather import Gathered
 from estimator.conditioning.params import ConditioningParams
 from estimator.conditioning.sigma import Certainty
 from estimator.conditioning.vertical.bias import UNKNOWN_HEADING_VARIANCE, first_estimate
@@ -15,7 +15,7 @@ from estimator.conditioning.vertical.step import VerticalState
 from estimator.conditioning.vertical.stillness import Stillness
 from estimator.geometry.axes import FrameAxes
 from estimator.geometry.quaternion import multiply, normalize, rotate_inverse
-from estimator.types import ZERO_VEC3, Quaternion, Vec3
+from estimator.types import Quaternion, Vec3
 
 
 class Directions(NamedTuple):
@@ -26,14 +26,12 @@ class Directions(NamedTuple):
 
 
 class ConditioningState(NamedTuple):
-    """Everything that changes."""
+    """What learning steps change; what every sample does is :class:`Gathered`."""
 
     vertical: VerticalState  # the vertical and the gyroscope
     field: MagnetometerState  # the magnetic field
     events: EventsState = EventsState()  # turns that were not seen
     started: bool = False  # whether there has been a sample
-    previous_gyr_rad_s: Vec3 = ZERO_VEC3  # the last sample's, FRD
-    gathered: Gathered = NOTHING  # since the last learning step
     directions: Directions = Directions()  # for the next samples
     certainty: Certainty = Certainty()  # of these directions
 
@@ -71,22 +69,24 @@ def forget_field(params: ConditioningParams, state: ConditioningState) -> Condit
     )
 
 
-def apply_turn(state: ConditioningState, turn_frd: Quaternion) -> ConditioningState:
+def apply_turn(
+    state: ConditioningState, gathered: Gathered, turn_frd: Quaternion
+) -> tuple[ConditioningState, Gathered]:
     """Every attitude turned by one body rotation, as by a turn that the gyroscope missed."""
     vertical, calibration = state.vertical, state.field.calibration
-    q = normalize(multiply(vertical.gravity.q_g_frd, turn_frd))
+    q = normalize(multiply(gathered.q_g_frd, turn_frd))
     lagged, means = vertical.lagged, calibration.means
     turned = [rotate_inverse(turn_frd, axis) for axis in means.axes]
     means = means._replace(axes=FrameAxes(*turned))
-    return state._replace(
+    state = state._replace(
         vertical=vertical._replace(
-            gravity=vertical.gravity._replace(q_g_frd=q),
             lagged=lagged._replace(
                 north=_turned(lagged.north, turn_frd), east=_turned(lagged.east, turn_frd)
             ),
         ),
         field=state.field._replace(calibration=calibration._replace(means=means)),
     )
+    return state, gathered._replace(q_g_frd=q)
 
 
 def _turned(axis: Smooth, turn_frd: Quaternion) -> Smooth:

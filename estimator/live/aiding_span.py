@@ -32,9 +32,9 @@ from estimator.aiding.types import IMU_LAG, NO_REPORT, Report, Sigmas
 from estimator.bounds import TINY
 from estimator.conditioning.field.magnetic import horizontal_down
 from estimator.conditioning.params import LONG_S
+from estimator.conditioning.rate import slow_share
 from estimator.conditioning.robust import HEADING_REACH_RAD, REACH
 from estimator.conditioning.state import ConditioningState
-from estimator.conditioning.vertical.rate import slow_share
 from estimator.filter.alignment import align, quaternion_from_matrix
 from estimator.geometry.earth import in_ned
 from estimator.geometry.quaternion import (
@@ -128,7 +128,7 @@ def find_start_by_velocity(state: State, report: Report) -> Start | None:
     of_g = solve(now.search, bias_sigma_rad_s(now.conditioning)) if start is None else None
     if of_g is None:
         return start
-    q = multiply(of_g.q_ned_g, now.conditioning.vertical.gravity.q_g_frd)
+    q = multiply(of_g.q_ned_g, now.gathered.q_g_frd)
     return Start(q, max(of_g.sigma_heading_rad, LEAST_HEADING_SIGMA_RAD))
 
 

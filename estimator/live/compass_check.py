@@ -29,8 +29,8 @@ from estimator.aiding.uncertainty import with_dip_error
 from estimator.bounds import TINY
 from estimator.conditioning.field.magnetic import FieldLook, horizontal_down
 from estimator.conditioning.params import CONFIRM_S, MEMORY_S, SPAN_S
+from estimator.conditioning.rate import slow_share
 from estimator.conditioning.robust import REACH
-from estimator.conditioning.vertical.rate import slow_share
 from estimator.geometry.quaternion import angle_between_vectors, multiply, norm, rotate
 from estimator.live.aiding_span import (
     LEAST_HEADING_SIGMA_RAD,
@@ -57,7 +57,7 @@ def check_compass(state: State, report: Report) -> None:
     found = solve(now.search, bias_sigma_rad_s(now.conditioning))
     if found is None:
         return
-    q = multiply(found.q_ned_g, now.conditioning.vertical.gravity.q_g_frd)
+    q = multiply(found.q_ned_g, now.gathered.q_g_frd)
     off_rad = heading_between(now.aided.estimate.q_ned_frd, q)
     sigma_rad = hypot(found.sigma_heading_rad, now.aided.sigma.heading_rad)
     turn_rad, turn_sigma_rad = off_rad, sigma_rad

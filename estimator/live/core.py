@@ -15,6 +15,7 @@ from estimator.aiding.types import HARD_IRON, SIZE, AidingParams, AidingState
 from estimator.aiding.velocity_history import COLUMNS
 from estimator.arrays import Floats
 from estimator.conditioning.condition import Conditioned
+from estimator.conditioning.gather import NOTHING, Gathered
 from estimator.conditioning.state import ConditioningState, forget_bias, forget_field
 from estimator.conditioning.state import apply_turn as turn_memory
 from estimator.conditioning.state import initial_state as initial_conditioning
@@ -41,7 +42,8 @@ class Core(NamedTuple):
     filter: FilterState  # the paper's: attitude, bias, e, gain
     smooth_error: float  # e averaged over a second while the vectors are raw, otherwise e
     pull: Pull  # of raw vectors on the heading; as it was before, while they are conditioned
-    conditioning: ConditioningState  # as it was before, while the vectors are raw
+    gathered: Gathered  # by the conditioning stage, with frame G
+    conditioning: ConditioningState  # both as they were before, while the vectors are raw
     seen: Conditioned  # of the last sample; blank while the vectors are raw
     search: Search  # for an attitude from velocity only; empty while velocity helps
     aided: AidingState  # blank while velocity does not help
@@ -64,6 +66,7 @@ def initial_core(settings: Settings) -> Core:
         filter=initial_state(),
         smooth_error=0.0,
         pull=NO_PULL,
+        gathered=NOTHING,
         conditioning=initial_conditioning(settings.conditioning),
         seen=UNSEEN,
         search=EMPTY_SEARCH,
@@ -153,8 +156,9 @@ def apply_turn(now: Core, turn_ned: Quaternion, *, is_aided: bool) -> Core:
         consistency = consistency._replace(
             q_g_frd=normalize(multiply(consistency.q_g_frd, turn_frd))
         )
+    memory, gathered = turn_memory(now.conditioning, now.gathered, turn_frd)
     return with_attitude(now, normalize(multiply(q, turn_frd)))._replace(
-        conditioning=turn_memory(now.conditioning, turn_frd), aided=aided, consistency=consistency
+        conditioning=memory, gathered=gathered, aided=aided, consistency=consistency
     )
 
 

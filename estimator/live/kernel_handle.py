@@ -118,6 +118,7 @@ def contents(handle: Any) -> Core:
         filter=handle.filter,
         smooth_error=handle.smooth_error,
         pull=handle.pull,
+        gathered=handle.gathered,
         conditioning=handle.conditioning,
         seen=handle.seen,
         search=handle.search,

@@ -5,7 +5,7 @@ from math import isfinite
 from estimator.aiding.search import UNKNOWN_RAD
 from estimator.compilation.compiled import inlined
 from estimator.conditioning.params import SPAN_S
-from estimator.conditioning.vertical.rate import FAST_STEP_S
+from estimator.conditioning.rate import FAST_STEP_S
 from estimator.conditioning.vertical.tilt import HOLE_RAD_S
 from estimator.reasons import Reason
 from estimator.types import ImuSample, Vec3

@@ -14,8 +14,7 @@ from estimator.arrays import Floats
 from estimator.compilation.compiled import inlined, shared
 from estimator.conditioning.condition import condition
 from estimator.conditioning.params import SPAN_S, ConditioningParams
-from estimator.conditioning.state import ConditioningState
-from estimator.conditioning.vertical.rate import slow_share
+from estimator.conditioning.rate import slow_share
 from estimator.filter import kernel
 from estimator.filter.observation import ReferenceParams
 from estimator.filter.types import FilterParams
@@ -114,9 +113,8 @@ def step_conditioned(handle: Any, sample: Sample, time_us: int, is_aided: bool) 
     params, dt_s = handle.params, sample.dt_s
     report, other = due_reports(handle, time_us, dt_s)
     had_heading, end = handle.seen.has_heading, TAKEN
-    memory, seen = condition(params.conditioning, handle.conditioning, sample)
-    search_on(handle, memory, sample.acc_m_s2, dt_s)
-    handle.conditioning, handle.seen = memory, seen
+    handle.seen = seen = condition(handle, sample)
+    search_on(handle, sample.acc_m_s2, dt_s)
     if is_aided:
         return step_aided(handle, handle.now, report, other)
     state = kernel.turn_on(handle.filter, seen.turn, seen.rate_rad_s, seen.bias_rad_s)
@@ -245,22 +243,20 @@ def due_reports(handle: Any, time_us: int, dt_s: float) -> tuple[Report, Report]
 
 
 @inlined
-def search_on(handle: Any, memory: ConditioningState, acc: Vec3, dt_s: float) -> None:
+def search_on(handle: Any, acc: Vec3, dt_s: float) -> None:
     """Follow the force for the search by velocity, if that has begun."""
     if dt_s > SPAN_S:  # how the vehicle has turned meanwhile is not known
         handle.search = EMPTY_SEARCH
     elif handle.search.window.is_open:
-        vertical = memory.vertical
-        handle.search = add_sample(
-            handle.search, vertical.gravity.q_g_frd, acc, dt_s, vertical.tilt.aliasing
-        )
+        q_g_frd, aliasing = handle.gathered.q_g_frd, handle.conditioning.vertical.tilt.aliasing
+        handle.search = add_sample(handle.search, q_g_frd, acc, dt_s, aliasing)
 
 
 @inlined
 def search_by(handle: Any, report: Report) -> bool:
     """Take a report for the attitude by velocity only; whether it may have shown that."""
     found, last = handle.search, handle.sample
-    q_g_frd = handle.conditioning.vertical.gravity.q_g_frd
+    q_g_frd = handle.gathered.q_g_frd
     if not found.window.is_open:  # the force was not followed until now
         found = add_sample(found, q_g_frd, last.acc_m_s2, last.dt_s, 0.0)
     found, closed = add_report(found, report, q_g_frd, handle.seen.gravity_b)

@@ -1,5 +1,6 @@
 """What Python does itself: first and raw samples, decisions after a step, and other reports."""
 
+from types import SimpleNamespace
 from typing import Any
 
 from estimator.aiding import compass
@@ -37,9 +38,11 @@ def first_core(settings: Settings, before: Core, sample: ImuSample) -> Core:
         has_mag=sample.has_mag,
         dt_s=0.0,
     )
-    memory, seen = before.conditioning, UNSEEN
+    gathered, memory, seen = before.gathered, before.conditioning, UNSEEN
     if settings.conditioned:
-        memory, seen = plain(condition)(settings.conditioning, memory, first)
+        handle = SimpleNamespace(params=settings, gathered=gathered, conditioning=memory)
+        seen = condition(handle, first)
+        gathered, memory = handle.gathered, handle.conditioning
         vectors = conditioned_vectors(settings.reference, seen)
     else:
         vectors = raw_vectors(settings.reference, first.acc_m_s2, first.mag, first.has_mag)
@@ -51,6 +54,7 @@ def first_core(settings: Settings, before: Core, sample: ImuSample) -> Core:
         sample=first,
         filter=state,
         smooth_error=state.error,
+        gathered=gathered,
         conditioning=memory,
         seen=seen,
         reports=(),

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimator.compilation.compiled import inlined, replacer
-from estimator.conditioning.vertical.rate import integration_rate
+from estimator.conditioning.rate import integration_rate
 from estimator.geometry.quaternion import add, exp, log, multiply, norm, scale, subtract
 from estimator.live.reports import enqueue
 from estimator.types import (

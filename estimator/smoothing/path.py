@@ -5,8 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.arrays import Bools, Floats
-from estimator.conditioning.vertical.averaging import MOST_ERROR
-from estimator.conditioning.vertical.rate import LEAST_PEAK_RAD_S, SLOW_SAMPLE_S
+from estimator.conditioning.rate import LEAST_PEAK_RAD_S, MOST_ERROR, SLOW_SAMPLE_S
 from estimator.geometry.rotations import chained, cross, exp
 from estimator.smoothing.recording import Recording, steps_s
 
@@ -23,7 +22,7 @@ class Path(NamedTuple):
 def path_of(recording: Recording) -> Path:
     """The gyroscope's rates as turns from sample to sample.
 
-    See :mod:`estimator.conditioning.vertical.rate`.
+    See :mod:`estimator.conditioning.rate`.
     """
     rate, dt_s = recording.rate_rad_s, steps_s(recording.rows)[:, None]
     before = np.concatenate([rate[:1], rate[:-1]])
@@ -42,11 +41,11 @@ def stands_for_step(recording: Recording) -> Bools:
 def aliased_turn(recording: Recording) -> Floats:
     """Variance (N,) of the turn missed at a gyroscope's end since the sample before, rad^2.
 
-    See :mod:`estimator.conditioning.vertical.rate`.
+    See :mod:`estimator.conditioning.rate`.
     """
     gyr, dt_s = recording.rows.gyr_rad_s, steps_s(recording.rows)
     at, variance = np.arange(len(gyr)), np.zeros(len(gyr))
-    clipping = recording.last.snapshot.core.conditioning.vertical.clipping
+    clipping = recording.last.snapshot.core.gathered.clipping
     for rate, peak in zip(gyr.T, clipping.peak_rad_s, strict=True):
         is_at_end = (np.abs(rate) >= max(peak, LEAST_PEAK_RAD_S)) & (np.diff(rate, prepend=0) == 0)
         begun = np.maximum.accumulate(np.where(is_at_end, 0, at))

@@ -7,7 +7,7 @@ import numpy as np
 
 from estimator.arrays import Bools, Floats, Times
 from estimator.conditioning.params import LONG_S
-from estimator.conditioning.vertical.rate import FAST_STEP_S
+from estimator.conditioning.rate import FAST_STEP_S
 from estimator.live.rows import BIAS, RATE, SIGMA, Q
 from estimator.smoothing.backward import backward
 from estimator.smoothing.recorder import Recorder

@@ -12,13 +12,7 @@ from rich.text import Text
 
 from drivers.logs.log_file import LogFile
 from fuzzbee.notify import printable
-from fuzzbee.replays.report import (
-    REFERENCES,
-    DifferenceSummary,
-    ErrorSummary,
-    LogReport,
-    SimulationReport,
-)
+from fuzzbee.replays import report as schema
 
 # Fewer headings from magnetic north than this do not change a figure's last digit much.
 LEAST_SHOWN_SHARE = 0.01
@@ -31,15 +25,34 @@ TWO_NORTHS = {
 MOST_DIFFERENCES = 10  # that are listed; --json has all
 
 
-def print_reports(reports: Sequence[LogReport]) -> None:
-    """Print a list of figures for one log, a table for several; both fit 80 columns."""
+def print_reports(reports: Sequence[schema.LogReport]) -> None:
+    """Print a list of figures for one log, a table for several; both fit 80 columns.
+
+    With the profiles named there is no room in 80 columns for all the rest.
+    """
     if len(reports) == 1:
         _print_grid([*_figures(reports[0]), *_after(reports[0])])
-    else:
-        Console().print(_table(reports))
+        return
+    table = Table(header_style="bold", caption="degrees RMS; p95 is of the inclination")
+    has_profiles = any(report.profile for report in reports)
+    table.add_column("log", overflow="fold", min_width=18)
+    if has_profiles:
+        table.add_column("profile", overflow="fold")
+    names = ("against", "total", "head.", "incl.", "p95")
+    for heading in names if has_profiles else ("Hz", "s", *names):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for report in reports:
+        rate = (_number(report.imu.median_rate_hz, 1), f"{report.duration_s:.0f}")
+        table.add_row(
+            Text(printable(report.source.rpartition("/")[2])),
+            *([Text(printable(report.profile))] if report.profile else rate),
+            schema.REFERENCES[report.reference] if report.reference else "none",
+            *map(_number, astuple(report.error_deg)),
+        )
+    Console().print(table)
 
 
-def print_simulation(report: SimulationReport) -> None:
+def print_simulation(report: schema.SimulationReport) -> None:
     """Print the figures of the paper's experiment."""
     figures = {
         "seeds": f"{report.seeds[0]}-{report.seeds[1]}",
@@ -61,7 +74,7 @@ def _print_grid(rows: Iterable[tuple[str, str]]) -> None:
     Console().print(grid)
 
 
-def _figures(report: LogReport) -> Iterator[tuple[str, str]]:
+def _figures(report: schema.LogReport) -> Iterator[tuple[str, str]]:
     """Whose log it is, and how near the estimate is to the reference."""
     imu, vehicle, errors, window = report.imu, report.vehicle, report.error_deg, report.window_s
     kind = " ".join(name.lower() for name in (vehicle.autopilot, vehicle.type) if name)
@@ -82,7 +95,7 @@ def _figures(report: LogReport) -> Iterator[tuple[str, str]]:
         return
     is_truth = report.reference == "sim"
     note = "" if is_truth else ": the autopilot's own estimate, which is no truth"
-    yield "reference", REFERENCES[report.reference] + note
+    yield "reference", schema.REFERENCES[report.reference] + note
     yield f"{'error' if is_truth else 'difference'}, RMS", _errors_text(errors)
     yield "", f"inclination 95 %: {_number(errors.inclination_p95)}°"
     upright, pointed, *moving = map(_share, astuple(report.coverage))
@@ -101,7 +114,7 @@ def _figures(report: LogReport) -> Iterator[tuple[str, str]]:
         yield "", f"{text}, {TWO_NORTHS[is_truth]}"
 
 
-def _after(report: LogReport) -> Iterator[tuple[str, str]]:
+def _after(report: schema.LogReport) -> Iterator[tuple[str, str]]:
     """What the log shows beside the reference."""
     for name, peer in report.peers.items():
         yield f"{name}'s error", _errors_text(peer)
@@ -114,7 +127,7 @@ def _after(report: LogReport) -> Iterator[tuple[str, str]]:
     yield "took", f"{report.wall_s:.2f} s"
 
 
-def difference_text(difference: DifferenceSummary) -> str:
+def difference_text(difference: schema.DifferenceSummary) -> str:
     """When the autopilot's attitude differed from ours, by how much, and who is likely wrong."""
     who = {"autopilot": "the autopilot's is likely wrong", "ours": "ours is likely wrong"}
     wrong = who.get(difference.wrong, "nothing shows which is wrong")
@@ -125,28 +138,7 @@ def difference_text(difference: DifferenceSummary) -> str:
     )
 
 
-def _table(reports: Sequence[LogReport]) -> Table:
-    """A row a replay; with the profiles named there is no room in 80 columns for all the rest."""
-    table = Table(header_style="bold", caption="degrees RMS; p95 is of the inclination")
-    has_profiles = any(report.profile for report in reports)
-    table.add_column("log", overflow="fold", min_width=18)
-    if has_profiles:
-        table.add_column("profile", overflow="fold")
-    names = ("against", "total", "head.", "incl.", "p95")
-    for heading in names if has_profiles else ("Hz", "s", *names):
-        table.add_column(heading, justify="right", no_wrap=True)
-    for report in reports:
-        rate = (_number(report.imu.median_rate_hz, 1), f"{report.duration_s:.0f}")
-        table.add_row(
-            Text(printable(report.source.rpartition("/")[2])),
-            *([Text(printable(report.profile))] if report.profile else rate),
-            REFERENCES[report.reference] if report.reference else "none",
-            *map(_number, astuple(report.error_deg)),
-        )
-    return table
-
-
-def _errors_text(errors: ErrorSummary) -> str:
+def _errors_text(errors: schema.ErrorSummary) -> str:
     total, heading, inclination, _ = map(_number, astuple(errors))
     return f"total {total}°, heading {heading}°, inclination {inclination}°"
 

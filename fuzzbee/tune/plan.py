@@ -13,28 +13,25 @@ from estimator.calibration import PLAIN, Calibration
 from estimator.errors import InputError
 from estimator.profile import SHIPPED, Profile, load_profile, merge_profile, profile_to_toml
 from fuzzbee.notify import notify, print_line
-from fuzzbee.options import require_extra, seed_range, time_window
+from fuzzbee.options import asked_for, require_extra, seed_range, time_window
 from fuzzbee.tune.command import SIMULATION, TuneRequest
 from fuzzbee.tune.read_flight import REFERENCES, read_flight, reference_text
 from fuzzbee.version import __version__
+from tuning import task as tasks
 from tuning.flight import BETTER_LOG, Flight, require_substance
 from tuning.optimizers import ALGORITHMS
 from tuning.recovery import recoveries
 from tuning.search import SearchOptions
-from tuning.task import (
-    FIRST_RESERVED_SEED,
-    GOALS,
-    MEMBERSHIP_RATE_HZ,
-    PaperTask,
-    Task,
-    default_groups,
-    midpoint_profile,
-    split,
-)
 
 MIDPOINT = "midpoint"
 CALIBRATION = "calibration"  # the group of parameters that begins with a fit
 CONTROLLER = {"membership", "filter"}  # the groups of the fuzzy controller
+# What the paper's signals have instead
+FOR_LOGS = {
+    "objective": "has the paper's J",
+    "reference": "has the truth",
+    "begin end": "flies 15 s",
+}
 # Food sources and cycles. A flight flown again takes a tenth of a second, the signals 50 us.
 SIMULATION_BUDGET, LOG_BUDGET = (100, 300), (10, 15)
 
@@ -43,7 +40,7 @@ class Plan(NamedTuple):
     """What is searched, and on what: the inputs, what the cost is measured against, noise seeds."""
 
     request: TuneRequest
-    task: Task
+    task: tasks.Task
     inputs: list[dict[str, str]]
     reference: str
     seeds: dict[str, str]
@@ -134,27 +131,22 @@ def _paper(request: TuneRequest) -> Plan:
     """The search on the paper's signals."""
     if len(request.sources) > 1 or request.hold_out:
         raise InputError("tune: sim: stands alone, not beside logs")
-    for name, given, instead in (
-        ("--objective", request.objective, "has the paper's J"),
-        ("--reference", request.reference, "has the truth"),
-        ("--from", request.begin, "flies 15 s"),
-        ("--to", request.end, "flies 15 s"),
-    ):
-        if given is not None:
-            raise InputError(f"{name} goes with logs only; sim: {instead}")
+    for names, instead in FOR_LOGS.items():
+        for flag in asked_for(request, *names.split()):
+            raise InputError(f"{flag} goes with logs only; sim: {instead}")
     noise = _seeds("--noise-seeds", request.noise_seeds or "100-107")
     held_out = _seeds("--held-out-seeds", request.held_out_seeds or "200-219")
     if both := sorted({*noise} & {*held_out}):
         raise InputError(
             f"--held-out-seeds: seed {both[0]} is also in --noise-seeds; unseen seeds are needed"
         )
-    base = midpoint_profile() if request.base is None else load_profile(request.base)
+    base = tasks.midpoint_profile() if request.base is None else load_profile(request.base)
     groups = _groups(request, ("membership",))
     if "membership" not in groups:
         raise InputError(
             f"--parameters {request.parameters}: sim: is tuned on membership, or membership,filter"
         )
-    task = PaperTask(base, groups, tuple(noise), tuple(held_out))
+    task = tasks.PaperTask(base, groups, tuple(noise), tuple(held_out))
     seeds = {
         name: "-".join(map(str, dict.fromkeys((chosen[0], chosen[-1]))))  # of one seed itself
         for name, chosen in (("noise", noise), ("held_out", held_out))
@@ -165,21 +157,20 @@ def _paper(request: TuneRequest) -> Plan:
 def _seeds(option: str, text: str) -> range:
     """``A-B``, both included, or a single ``A``, below the reserved seeds."""
     chosen = seed_range(text, option)
-    if chosen[-1] >= FIRST_RESERVED_SEED:
+    if chosen[-1] >= tasks.FIRST_RESERVED_SEED:
         raise InputError(
-            f"{option} {text}: seeds from {FIRST_RESERVED_SEED} on are kept for judging results"
+            f"{option} {text}: seeds from {tasks.FIRST_RESERVED_SEED} on are kept for judging"
+            " results"
         )
     return chosen
 
 
 def _logs(request: TuneRequest) -> Plan:
     """The search on recorded flights."""
-    seeds = (("--noise-seeds", request.noise_seeds), ("--held-out-seeds", request.held_out_seeds))
-    for name, given in seeds:
-        if given is not None:
-            raise InputError(f"{name} goes with sim: only; a log has its own noise")
+    for flag in asked_for(request, "noise_seeds", "held_out_seeds"):
+        raise InputError(f"{flag} goes with sim: only; a log has its own noise")
     goal = request.objective or "flight"
-    _require_known("--objective", goal, GOALS)
+    _require_known("--objective", goal, tasks.GOALS)
     _require_known("--reference", request.reference, REFERENCES)
     base = load_profile(request.base or "imu")
     if not base.conditioned:
@@ -192,12 +183,12 @@ def _logs(request: TuneRequest) -> Plan:
     plain = msgspec.structs.replace(base, calibration=PLAIN) if calibrates else base
     flights, named = _read_flights(request, plain, may_smooth=not calibrates)
     groups = _log_groups(request, goal, flights)
-    searched, held_out = split(flights, named)
+    searched, held_out = tasks.split(flights, named)
     _require_references(goal, (*searched, *held_out))
     start = before = _with_tuned_gain(base, groups)
     if calibrates:
         start = msgspec.structs.replace(start, calibration=_fitted(request, plain, searched))
-    task = Task(start, groups, searched, held_out, goal, before if calibrates else None)
+    task = tasks.Task(start, groups, searched, held_out, goal, before if calibrates else None)
     for flight in flights:  # when all checks have passed: an error is one single line
         if flight.refused is not None:
             notify(f"{flight.path}: {flight.refused}")
@@ -242,14 +233,14 @@ def _read_flights(
 def _log_groups(request: TuneRequest, goal: str, flights: tuple[Flight, ...]) -> tuple[str, ...]:
     """The groups of parameters that these flights can tune."""
     slowest = min(flights, key=lambda flight: flight.rate_hz)
-    groups = _groups(request, default_groups(goal, slowest.rate_hz))
+    groups = _groups(request, tasks.default_groups(goal, slowest.rate_hz))
     if ("sigma" in groups) != (goal == "coverage"):
         raise InputError("--parameters sigma and --objective coverage go with each other only")
-    if slowest.rate_hz < MEMBERSHIP_RATE_HZ and CONTROLLER & {*groups}:
+    if slowest.rate_hz < tasks.MEMBERSHIP_RATE_HZ and CONTROLLER & {*groups}:
         raise InputError(
             f"--parameters {request.parameters}: {slowest.name} has IMU data at "
             f"{slowest.rate_hz:.1f} Hz; the fuzzy controller is tuned from "
-            f"{MEMBERSHIP_RATE_HZ:g} Hz on ({BETTER_LOG})"
+            f"{tasks.MEMBERSHIP_RATE_HZ:g} Hz on ({BETTER_LOG})"
         )
     return groups
 

@@ -76,8 +76,7 @@ with_leap = replacer(AxisSigns, "slow", "slower", "moves", "turns", "age_s")
 def carry_axes(state: AxisSigns, vertical: VerticalStep, dt_s: float) -> AxisSigns:
     """One learning step of the gyroscope, with or without a field."""
     keep = SPAN_S / (SPAN_S + dt_s)
-    q = vertical.state.gravity.q_g_frd
-    turn_g = scale(dt_s, to_frame(axes_of(q), vertical.rate))
+    turn_g = scale(dt_s, to_frame(axes_of(vertical.q_g_frd), vertical.rate))
     turned = scale(keep, add(state.turned, turn_g))
     unseen = keep * keep * state.unseen + vertical.aliasing
     squares = scale(LATELY_S / (LATELY_S + dt_s), state.squares)
@@ -100,7 +99,7 @@ def watch_axes(
     """
     if usual_norm <= 0.0 or square(jump.quick) <= 0.0:
         return state
-    axes = axes_of(vertical.state.gravity.q_g_frd)
+    axes = axes_of(vertical.q_g_frd)
     y = unit(jump.quick)
     if jump.since_leap_s < QUICK_S:
         return with_leap(state, y, y, UNPROVEN_S, UNPROVEN_S, dt_s)
@@ -121,9 +120,9 @@ def watch_axes(
         by_noise=state.by_noise * noise,
     )
     cases = (
-        suspect(state, vertical.state.gravity, (1.0, 0.0, 0.0), seen, force_scatter),
-        suspect(state, vertical.state.gravity, (0.0, 1.0, 0.0), seen, force_scatter),
-        suspect(state, vertical.state.gravity, (0.0, 0.0, 1.0), seen, force_scatter),
+        suspect(state, vertical, (1.0, 0.0, 0.0), seen, force_scatter),
+        suspect(state, vertical, (0.0, 1.0, 0.0), seen, force_scatter),
+        suspect(state, vertical, (0.0, 0.0, 1.0), seen, force_scatter),
     )
     return judge(state, seen, cases, dt_s)
 
@@ -159,15 +158,15 @@ def moved_beyond_bias(state: AxisSigns, vertical: VerticalStep, axes: FrameAxes,
 
 @inlined
 def suspect(
-    state: AxisSigns, gravity: GravityState, axis: Vec3, field: Seen, force_scatter: float
+    state: AxisSigns, vertical: VerticalStep, axis: Vec3, field: Seen, force_scatter: float
 ) -> Suspect:
     """The case against an ``axis`` of the body: a turn t about it, a in G, moves y by t a x y."""
-    a = to_frame(axes_of(gravity.q_g_frd), axis)
+    a = to_frame(axes_of(vertical.q_g_frd), axis)
     d = cross(a, field.y)
     shown = max(square(d), 1e-9)
     turn = dot(field.moved, d) / shown
     later = dot(subtract(state.slow, state.slower), d) / shown
-    by_force = force_evidence(gravity, a, later, force_scatter)
+    by_force = force_evidence(vertical.state.gravity, a, later, force_scatter)
     # gravity that has turned alike goes along with no vehicle, but iron may do so
     by_turning = field.by_iron if by_force >= REACH * REACH else field.by_turning
     ratio = turn * turn * shown / (by_turning + field.by_noise)

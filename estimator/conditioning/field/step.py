@@ -138,7 +138,7 @@ def learn_field(
     n = reference_norm(magnetic)
     unseen = slowness(params, mean.time_s) * now.tilt.variance
     if n > 0.0:
-        axes = axes_of(gravity.q_g_frd)
+        axes = axes_of(mean.q_g_frd)
         calibration = learn_calibration(
             params, calibration, axes, vertical.rate, mean.field_g, n, since_s, unseen
         )

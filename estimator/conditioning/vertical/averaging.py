@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.params import LONG_S, ConditioningParams
+from estimator.conditioning.rate import MOST_ERROR
 from estimator.geometry.quaternion import add, dot, scale, square
 from estimator.types import ZERO_VEC3, Vec3
 
@@ -24,10 +25,6 @@ OCTAVES = ceil(log2(LONG_S / WINDOW_S))
 TAU_SHARE = 0.27
 # After so many windows an octave counts as much as the one below.
 PRIOR_WINDOWS = 0.5
-# Largest error of a gyroscope as a share of a turn (cheap ones: 5 to 10 %), of what it shows about
-# other axes, of what averages over a step miss (coning), and of a rate beyond its end. Small: late,
-# large: accelerations tilt the vertical.
-MOST_ERROR = 0.1
 # The accelerometer's own error (rad^2), which distinguishes no windows, and the first estimate.
 LEAST_VARIANCE = 0.014**2
 

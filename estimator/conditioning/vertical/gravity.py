@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.params import SPAN_S, USUAL_S, ConditioningParams
+from estimator.conditioning.rate import FAST_STEP_S
 from estimator.conditioning.vertical.lowpass import Coefficients, Smooth, approach, smooth
-from estimator.conditioning.vertical.rate import FAST_STEP_S
 from estimator.geometry.quaternion import (
     cross,
     multiply,
@@ -48,14 +48,12 @@ class Force(NamedTuple):
 
 
 class GravityState(NamedTuple):
-    """Frame G, gravity low-passed in it, and the correction C that levels it."""
+    """Gravity low-passed in frame G, and the correction C that levels that."""
 
-    q_g_frd: Quaternion = IDENTITY  # body to G
     q_6d_g: Quaternion = IDENTITY  # C, G to 6D
     force: Force = Force()  # in G
 
 
-with_frame = replacer(GravityState, "q_g_frd")
 with_level = replacer(GravityState, "q_6d_g")
 with_force = replacer(GravityState, "force")
 with_age = replacer(Force, "age_s")

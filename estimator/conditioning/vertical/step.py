@@ -5,6 +5,7 @@ from typing import NamedTuple
 from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.gather import Gathered
 from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.rate import aliased_turn
 from estimator.conditioning.vertical.averaging import Averaging, averaging_at_rest, follow_averaging
 from estimator.conditioning.vertical.bias import (
     Estimate,
@@ -24,7 +25,6 @@ from estimator.conditioning.vertical.gravity import (
     with_held,
 )
 from estimator.conditioning.vertical.lowpass import Coefficients, Smooth, approach, coefficients
-from estimator.conditioning.vertical.rate import Clipping, aliased_turn, with_aliasing
 from estimator.conditioning.vertical.slow_acceleration import (
     LostSteps,
     SlowAcceleration,
@@ -66,14 +66,13 @@ from estimator.geometry.quaternion import (
     rotate_inverse,
     subtract,
 )
-from estimator.types import ZERO_VEC3, Between, Vec3
+from estimator.types import ZERO_VEC3, Between, Quaternion, Vec3
 
 
 class VerticalState(NamedTuple):
     """What is known of the vertical and of the gyroscope."""
 
     estimate: Estimate  # bias and heading, whose errors are correlated
-    clipping: Clipping = Clipping()  # of the gyroscope
     averaging: Averaging = Averaging()  # of gravity
     gravity: GravityState = GravityState()  # frame G, and down in it
     tilt: TiltState = TiltState()  # how well down is known
@@ -90,6 +89,7 @@ class VerticalStep(NamedTuple):
     """The vertical's state after a learning step, and what it shows to field and events."""
 
     state: VerticalState
+    q_g_frd: Quaternion  # body to G, behind the last sample
     rate: Vec3  # mean, less the bias as it was before, rad/s, FRD
     aliasing: float  # variance of the turn that the gyroscope missed, rad^2
     clipped: float  # part of it that was beyond the gyroscope's end, rad^2
@@ -104,7 +104,6 @@ class ForceWeight(NamedTuple):
     weighed: float  # 1 if it moves by that share, 0 if the low-pass decides
 
 
-with_turn = replacer(VerticalState, "gravity", "clipping")
 with_lost_steps = replacer(VerticalState, "gravity", "lost")
 with_first = replacer(VerticalState, "rest", "tilt")
 with_seen = replacer(TiltState, "scatter", "gyr", "force")
@@ -112,11 +111,13 @@ with_resting = replacer(RestState, "resting")
 
 
 @inlined
-def begin_vertical(state: VerticalState, gyr: Vec3, acc: Vec3) -> VerticalState:
+def begin_vertical(
+    state: VerticalState, q_g_frd: Quaternion, gyr: Vec3, acc: Vec3
+) -> VerticalState:
     """The state at the first sample (FRD). Its force shows next to nothing of the vertical."""
     gyr_smooth, acc_smooth = Smooth(gyr, ZERO_VEC3), Smooth(acc, ZERO_VEC3)
     rest = RestState(gyr_smooth, acc_smooth, 0.0, 0.0, 0.0, False, False)
-    size = norm(rotate(state.gravity.q_g_frd, acc))
+    size = norm(rotate(q_g_frd, acc))
     return with_first(state, rest, with_seen(UNKNOWN, 16.0 * LEAST_OFF_RAD**2, gyr, size))
 
 
@@ -139,17 +140,17 @@ def learn_vertical(
         k = coefficients(params, dt, before.averaging.factor)
     rest = observe_rest(params, k.rest, before.rest, mean.gyr, mean.acc, dt)
     shown = subtract(rest.gyr.value, before.estimate.bias_rad_s)
-    field = rotate_inverse(before.gravity.q_g_frd, mean.field_g)
+    field = rotate_inverse(mean.q_g_frd, mean.field_g)
     still = watch_stillness(params, before.still, rest, shown, field, mean.field_s > 0.0, dt)
     rest = with_resting(rest, (rest.resting and not still.contradicted) or still.proven)
     rate = subtract(mean.gyr, before.estimate.bias_rad_s)
-    down = rotate_inverse(before.gravity.q_g_frd, down_of(before.gravity.q_6d_g))
+    down = rotate_inverse(mean.q_g_frd, down_of(before.gravity.q_6d_g))
     p = before.estimate.covariance
     # a slow stream's rates are of whole mrad/s, so rest shows no more than motion
     unknown = max((p[0] + p[4] + p[7]) / 3.0, params.bias_motion_sigma_rad_s**2)
     drifted = with_drift(before.tilt, before.tilt.drift + unknown * dt)
     noise = step_noise(params, drifted, mean.gyr, rate, down, dt, interval_s, between)
-    clipped = aliased_turn(before.clipping, down)
+    clipped = aliased_turn(mean.clipping, down)
     before, most = hold_by_mean_tilt(params, before, mean, noise.tilt)
     weight = weigh_force(params, k, before, mean, noise, clipped[0], force_scatter, most)
     share, slow, weighed = weight.share, slowness(params, dt), weighing(params, dt)
@@ -157,7 +158,7 @@ def learn_vertical(
     gravity = age_after_hole(gravity, share, slow, dt, interval_s)
     gravity, step = level(gravity)
     age_s = gravity.force.age_s
-    axes = axes_of(multiply(gravity.q_6d_g, gravity.q_g_frd))
+    axes = axes_of(multiply(gravity.q_6d_g, mean.q_g_frd))
     yaw_noise = slow * noise.yaw_noise + clipped[1]
     estimate = predict(params, k, before.estimate, axes.down, dot(rate, rate), yaw_noise)
     b = estimate.bias_rad_s
@@ -171,7 +172,6 @@ def learn_vertical(
         estimate = learn_in_motion(params, k, estimate, lagged, step, unseen)
     state = VerticalState(
         estimate=estimate,
-        clipping=with_aliasing(before.clipping, ZERO_VEC3),
         averaging=learn_averaging(params, before, gravity, rest, mean, rate),
         gravity=gravity,
         tilt=weight.tilt,
@@ -184,7 +184,8 @@ def learn_vertical(
         coefficients=k,
     )
     beyond = clipped[0] + clipped[1]
-    return VerticalStep(state, rate, noise.tilt + noise.yaw_noise + beyond, beyond)
+    missed = noise.tilt + noise.yaw_noise + beyond
+    return VerticalStep(state, mean.q_g_frd, rate, missed, beyond)
 
 
 @inlined
@@ -203,7 +204,7 @@ def hold_by_mean_tilt(
     most = mean_tilt_variance(steps, slow_variance(before.slow), dt)
     lost = slow * max(0.0, 1.0 - most / (before.tilt.variance + aliasing))
     if steps.seen_s > 0.0:
-        g = rotate(gravity.q_g_frd, steps.down)
+        g = rotate(mean.q_g_frd, steps.down)
         down = Smooth(approach(force.down.value, g, lost), ZERO_VEC3)
         best = Smooth(approach(force.best.value, g, lost), ZERO_VEC3)
         gravity = with_force(gravity, with_held(force, down, best))
@@ -289,6 +290,6 @@ def learn_averaging(
     if weighing(params, dt_s) > 0.0 or gravity.force.age_s <= params.gravity_tau_s:
         return state
     p = before.estimate.covariance
-    rate_g = rotate(gravity.q_g_frd, rate)
+    rate_g = rotate(mean.q_g_frd, rate)
     unknown = (p[0] + p[4] + p[7]) / 3.0
     return follow_averaging(params, state, mean.gravity_g, rate_g, unknown, dt_s)

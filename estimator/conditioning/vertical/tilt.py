@@ -12,8 +12,7 @@ from typing import NamedTuple
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.params import ACCELERATION_LASTS_S, SPAN_S, USUAL_S, ConditioningParams
-from estimator.conditioning.vertical.averaging import MOST_ERROR
-from estimator.conditioning.vertical.rate import is_mean, likeness, slow_share
+from estimator.conditioning.rate import MOST_ERROR, is_mean, likeness, slow_share
 from estimator.conditioning.vertical.slow_acceleration import apart_rad
 from estimator.geometry.quaternion import ANY_DIRECTION_VARIANCE, dot, norm, scale, subtract
 from estimator.types import ZERO_VEC3, Between, Vec2, Vec3

@@ -250,10 +250,10 @@ def test_a_search_begins_with_the_force_of_the_sample_that_its_first_report_come
     then = pilot.estimator.snapshot.core
     while not then.search.window.is_open:
         then = pilot.fly(1 / SECOND).estimator.snapshot.core
-    force = rotate(then.conditioning.vertical.gravity.q_g_frd, then.sample.acc_m_s2)
+    force = rotate(then.gathered.q_g_frd, then.sample.acc_m_s2)
     assert then.search.window.first_force_m_s2 == pytest.approx(force, abs=1e-12)
     now = pilot.fly(10 / SECOND, reports=False).estimator.snapshot.core
-    force = rotate(now.conditioning.vertical.gravity.q_g_frd, now.sample.acc_m_s2)
+    force = rotate(now.gathered.q_g_frd, now.sample.acc_m_s2)
     assert now.search.window.force_m_s2 == pytest.approx(force, abs=1e-12)
     passed_s = now.search.window.time_s - then.search.window.time_s
     assert passed_s == pytest.approx(10 / SECOND, abs=1e-9)

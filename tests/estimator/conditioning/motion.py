@@ -2,12 +2,13 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from math import cos, sin
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from estimator.conditioning.condition import Conditioned, condition
+from estimator.conditioning.gather import NOTHING, Gathered
 from estimator.conditioning.params import ConditioningParams
+from estimator.conditioning.rate import is_mean
 from estimator.conditioning.state import ConditioningState, initial_state
-from estimator.conditioning.vertical.rate import is_mean
 from estimator.geometry.quaternion import (
     angle_between_vectors,
     exp,
@@ -15,7 +16,12 @@ from estimator.geometry.quaternion import (
     normalize,
     rotate_inverse,
 )
-from estimator.types import IDENTITY, Quaternion, Vec3
+from estimator.live.core import in_arrays, initial_core
+from estimator.live.kernel_handle import NO_ROWS_BOUND, new_handle, params_of, takes_handle
+from estimator.live.settings import settings_of
+from estimator.live.step import Situation
+from estimator.profile import load_profile
+from estimator.types import IDENTITY, NO_SAMPLE, Quaternion, Vec3
 from estimator.types import Sample as Reading
 
 PARAMS = ConditioningParams()
@@ -72,17 +78,46 @@ def fly(
         )
 
 
+class Memory(NamedTuple):
+    """All that the stage remembers from one sample to the next."""
+
+    known: ConditioningState
+    gathered: Gathered = NOTHING
+
+
+SETTINGS = settings_of(load_profile("imu"))
+step = takes_handle(NO_SAMPLE)(condition)
+
+
+@takes_handle()
+def memory_in(handle: Any) -> tuple[ConditioningState, Gathered]:
+    return handle.conditioning, handle.gathered
+
+
+class Stage:
+    """The conditioning stage alone, compiled, behind ``memory``."""
+
+    def __init__(self, params: ConditioningParams, memory: Memory | None = None) -> None:
+        known, gathered = memory or Memory(initial_state(params))
+        core = in_arrays(initial_core(SETTINGS))._replace(conditioning=known, gathered=gathered)
+        chosen = params_of(SETTINGS)._replace(conditioning=params)
+        self._handle = new_handle(chosen, core, Situation(), *NO_ROWS_BOUND)
+
+    def take(self, sample: Reading) -> tuple[Conditioned, Memory]:
+        """What becomes of a sample, and what is remembered behind it."""
+        return step(self._handle, sample), Memory(*memory_in(self._handle))
+
+
 def conditioned(
     samples: Iterable[Sample],
     dt: float,
     params: ConditioningParams = PARAMS,
-    state: ConditioningState | None = None,
-) -> Iterator[tuple[Sample, Conditioned, ConditioningState]]:
-    """Each sample, what becomes of it, and the state behind it."""
-    state = state or initial_state(params)
+    memory: Memory | None = None,
+) -> Iterator[tuple[Sample, Conditioned, Memory]]:
+    """Each sample, what becomes of it, and what is remembered behind it."""
+    stage = Stage(params, memory)
     for s in samples:
-        state, out = condition(params, state, Reading(s.gyr, s.acc, s.mag, s.has_mag, dt))
-        yield s, out, state
+        yield s, *stage.take(Reading(s.gyr, s.acc, s.mag, s.has_mag, dt))
 
 
 def vector_errors_rad(out: Conditioned, q_ned_frd: Quaternion) -> tuple[float, float]:

@@ -34,11 +34,11 @@ def step_of(q_g_frd, rate, *, bias=(0.0, 0.0, 0.0), down=(0.0, 0.0, 9.8), quick=
     state = initial_state(PARAMS).vertical
     force = Force(down=Smooth(down), quick=quick)
     state = state._replace(
-        gravity=GravityState(q_g_frd=q_g_frd, force=force),
+        gravity=GravityState(force=force),
         estimate=state.estimate._replace(bias_rad_s=bias),
         coefficients=Coefficients(gravity_share=DT_S / PARAMS.gravity_tau_s),
     )
-    return VerticalStep(state, rate, 0.0, 0.0)
+    return VerticalStep(state, q_g_frd, rate, 0.0, 0.0)
 
 
 def after(

@@ -9,16 +9,16 @@ import pytest
 from estimator.conditioning.field.calibration import learn_calibration
 from estimator.conditioning.field.magnetic import observe_field
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.state import apply_turn, initial_state
-from estimator.conditioning.vertical.gravity import level, observe_gravity
-from estimator.conditioning.vertical.lowpass import Smooth, coefficients
-from estimator.conditioning.vertical.rate import (
+from estimator.conditioning.rate import (
     Clipping,
     aliased_turn,
     at_interval_end,
     integration_rate,
     watch_clipping,
 )
+from estimator.conditioning.state import apply_turn, initial_state
+from estimator.conditioning.vertical.gravity import level, observe_gravity
+from estimator.conditioning.vertical.lowpass import Smooth, coefficients
 from estimator.conditioning.vertical.stillness import RestState, observe_rest
 from estimator.geometry.axes import axes_of
 from estimator.geometry.quaternion import (
@@ -33,6 +33,7 @@ from estimator.geometry.quaternion import (
 from estimator.types import ZERO_VEC3
 from tests.estimator.conditioning.motion import (
     PARAMS,
+    Memory,
     Sample,
     conditioned,
     fly,
@@ -42,9 +43,9 @@ from tests.estimator.conditioning.motion import (
 )
 
 
-def run(samples, dt, params=PARAMS, state=None):
-    """The state at the end, and all of :func:`conditioned`."""
-    seen = [*conditioned(samples, dt, params, state)]
+def run(samples, dt, params=PARAMS, memory=None):
+    """What is remembered at the end, and all of :func:`conditioned`."""
+    seen = [*conditioned(samples, dt, params, memory)]
     return seen[-1][2], seen
 
 
@@ -53,7 +54,7 @@ BIAS = (radians(0.4), radians(-0.3), radians(0.2))
 
 def has_noticed_a_turn(seen):
     """Whether the heading became uncertain at once, by more than any bias or motion makes it."""
-    variances = [state.vertical.estimate.covariance[9] for _, _, state in seen]
+    variances = [memory.known.vertical.estimate.covariance[9] for _, _, memory in seen]
     return np.diff(variances).max() > radians(10.0) ** 2
 
 
@@ -85,14 +86,14 @@ def test_gravity_ignores_shaking_and_any_norm():
 
 
 def test_motion_bias_is_learnt_without_any_rest():
-    state, _ = run(fly(tumbling, 180.0, 0.01, bias=BIAS), 0.01)
+    memory, _ = run(fly(tumbling, 180.0, 0.01, bias=BIAS), 0.01)
     # measured 0.037 deg/s; 0.1 is the steady sigma in motion
-    assert state.vertical.estimate.bias_rad_s == pytest.approx(BIAS, abs=radians(0.044))
+    assert memory.known.vertical.estimate.bias_rad_s == pytest.approx(BIAS, abs=radians(0.044))
 
 
 def test_rest_teaches_the_bias_before_the_vertical_is_known():
-    state, _ = run(fly(resting, 2.5, 0.01, bias=BIAS), 0.01)
-    off = np.subtract(state.vertical.estimate.bias_rad_s, BIAS)
+    memory, _ = run(fly(resting, 2.5, 0.01, bias=BIAS), 0.01)
+    off = np.subtract(memory.known.vertical.estimate.bias_rad_s, BIAS)
     assert np.abs(off).max() == pytest.approx(radians(0.057), rel=0.2)  # of 0.4 deg/s
 
 
@@ -110,8 +111,8 @@ def test_confidence_falls_beside_a_magnet_and_the_references_stay():
 
 def test_lag_and_own_field_are_learnt_while_turning():
     own = (0.05, -0.03, 0.04)
-    state, _ = run(fly(tumbling, 60.0, 0.005, lag_s=0.03, offset=own), 0.005)
-    learnt = state.field.calibration.learnt
+    memory, _ = run(fly(tumbling, 60.0, 0.005, lag_s=0.03, offset=own), 0.005)
+    learnt = memory.known.field.calibration.learnt
     assert learnt.lag_s == pytest.approx(0.03, abs=0.0011)  # measured 0.0309
     assert [learnt.scale * x for x in learnt.offset] == pytest.approx(
         own, abs=3.6e-4
@@ -120,8 +121,8 @@ def test_lag_and_own_field_are_learnt_while_turning():
 
 def test_four_samples_a_second_show_only_the_lag():
     samples = list(fly(tumbling, 120.0, 0.005, lag_s=0.095, offset=(0.05, -0.03, 0.04)))[::50]
-    state, _ = run(samples, 0.25)
-    learnt = state.field.calibration.learnt
+    memory, _ = run(samples, 0.25)
+    learnt = memory.known.field.calibration.learnt
     assert learnt.lag_s == pytest.approx(0.095, rel=0.2)
     assert learnt.offset == (0.0, 0.0, 0.0)
 
@@ -142,7 +143,7 @@ def test_beside_slow_samples_no_magnetometer_is_taken_to_be_early(dt, is_negativ
     """Its readings are those of the next sample."""
     flight = list(fly(tumbling, 120.0, dt))
     early = [s._replace(mag=after.mag) for s, after in itertools.pairwise(flight)]
-    lags_s = [state.field.calibration.learnt.lag_s for _, _, state in conditioned(early, dt)]
+    lags_s = [now.known.field.calibration.learnt.lag_s for _, _, now in conditioned(early, dt)]
     assert (min(lags_s) < 0.0) is is_negative
 
 
@@ -166,16 +167,16 @@ def hand(t):
 @pytest.mark.parametrize("seed", range(4))
 def test_a_start_in_motion_teaches_no_lag_and_no_own_field(seed):
     """The vertical is turned by degrees in the first seconds; the calibration must not see it."""
-    for _, _, state in conditioned(shaken(seed), 0.01):
-        learnt = state.field.calibration.learnt
+    for _, _, memory in conditioned(shaken(seed), 0.01):
+        learnt = memory.known.field.calibration.learnt
         assert abs(learnt.lag_s) < 0.0024  # measured 0.0020; learnt in the level frame 0.054
         assert np.linalg.norm(learnt.offset) < 0.0084  # measured 0.0070; 0.25
 
 
 @pytest.mark.parametrize("seed", [0, 4, 5])
 def test_a_start_in_motion_teaches_no_dip_of_a_vertical_that_is_not_known_yet(seed):
-    state, seen = run(shaken(seed, 10.0, (1.0, 1.4, 1.8)), 0.01)
-    reference = state.field.magnetic.reference
+    memory, seen = run(shaken(seed, 10.0, (1.0, 1.4, 1.8)), 0.01)
+    reference = memory.known.field.magnetic.reference
     dip = degrees(atan2(reference.down, reference.horizontal))
     assert dip == pytest.approx(64.54, abs=2.3)  # measured within 1.9; 3.4, all counted alike
     confidence = [out.magnetic_confidence for _, out, _ in seen[400:]]
@@ -205,8 +206,8 @@ def test_a_vehicle_that_hardly_turns_learns_no_own_field():
         acc = (0.0, -9.81 * sin(0.1 * sin(t)), -9.81 * cos(0.1 * sin(t)))
         return Sample(gyr=(0.1 * cos(t), 0.0, 0.0), acc=acc, mag=field)
 
-    state, _ = run((sample(0.01 * i) for i in range(6000)), 0.01)
-    assert np.linalg.norm(state.field.calibration.learnt.offset) == 0.0
+    memory, _ = run((sample(0.01 * i) for i in range(6000)), 0.01)
+    assert np.linalg.norm(memory.known.field.calibration.learnt.offset) == 0.0
 
 
 @pytest.mark.parametrize(
@@ -268,11 +269,11 @@ AXES = {"down": (0.0, 0.0, 1.0), "north": (1.0, 0.0, 0.0), "diagonal": (0.577, 0
 def test_an_unsensed_turn_is_noticed_and_recovered_from(axis, motion):
     dt, angle = 0.01, radians(179.0)
     samples = list(fly(motion, 40.0, dt))
-    state, seen = run(samples[:3000], dt)
+    memory, seen = run(samples[:3000], dt)
     q = samples[2999].q_ned_frd
     body = rotate_inverse(q, axis)
-    state = apply_turn(state, exp(tuple(angle * x for x in body)))
-    _, after = run(samples[3000:], dt, state=state)
+    memory = Memory(*apply_turn(*memory, exp(tuple(angle * x for x in body))))
+    _, after = run(samples[3000:], dt, memory=memory)
     assert has_noticed_a_turn(after)
     assert not has_noticed_a_turn(seen)
     s, out, _ = after[500]

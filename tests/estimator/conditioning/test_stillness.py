@@ -5,9 +5,7 @@ from math import cos, pi, radians
 import numpy as np
 import pytest
 
-from estimator.conditioning.condition import condition
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.state import initial_state
 from estimator.geometry.frames import from_euler_rad
 from estimator.geometry.metrics import rms
 from estimator.geometry.quaternion import angle_between_vectors, rotate_inverse
@@ -15,6 +13,7 @@ from estimator.types import STANDARD_GRAVITY_M_S2, Sample
 from tests.estimator.conditioning.motion import (
     FIELD_NED,
     GRAVITY_M_S2,
+    Stage,
     conditioned,
     fly,
     resting,
@@ -36,16 +35,16 @@ def turn_slowly(
 ):
     """Errors (N, 2) of gravity and north, deg, and that of the bias at the end, deg/s."""
     rng = np.random.default_rng(5)
-    state, errors = initial_state(PARAMS), []
+    stage, errors = Stage(PARAMS), []
     for k, s in enumerate(fly(rate, seconds, dt)):
         gyr = np.add(s.gyr, shown(k * dt)) + rng.normal(0.0, noises[0], 3)
         acc, mag = s.acc + rng.normal(0.0, noises[1], 3), s.mag + rng.normal(0.0, 0.003, 3)
         has_field = has_mag and k % mag_every == 0
         sample = Sample(tuple(gyr), tuple(acc), tuple(mag), has_field, dt)
-        state, out = condition(PARAMS, state, sample)
+        out, memory = stage.take(sample)
         errors.append(vector_errors_rad(out, s.q_ned_frd))
-    off = np.subtract(state.vertical.estimate.bias_rad_s, shown(seconds))
-    assert state.vertical.rest.resting
+    off = np.subtract(memory.known.vertical.estimate.bias_rad_s, shown(seconds))
+    assert memory.known.vertical.rest.resting
     return np.degrees(errors), float(np.degrees(np.max(np.abs(off))))
 
 
@@ -106,22 +105,22 @@ def test_without_a_field_gravity_shows_a_poor_gyroscope(shake_m_s2):
 
 def test_without_a_field_nothing_separates_an_error_about_down_from_a_turn():
     samples = fly(resting, 10.0, 0.02, bias=(0.0, 0.0, radians(4.0)))
-    *_, (_, _, state) = conditioned((s._replace(has_mag=False) for s in samples), 0.02)
-    assert not state.vertical.rest.resting
+    *_, (_, _, memory) = conditioned((s._replace(has_mag=False) for s in samples), 0.02)
+    assert not memory.known.vertical.rest.resting
 
 
 @pytest.mark.parametrize("has_field", [True, False])
 @pytest.mark.parametrize("bank_deg", [10.0, 45.0])
 def test_a_banked_turn_is_no_rest(bank_deg, has_field):
     """The force stands still in the body, and the gyroscope shows 6 deg/s."""
-    state, rests, bank = initial_state(PARAMS), [], radians(bank_deg)
+    stage, rests, bank = Stage(PARAMS), [], radians(bank_deg)
     for k in range(2000):
         q = from_euler_rad(bank, 0.0, radians(6.0) * 0.02 * k)
         gyr = rotate_inverse(q, (0.0, 0.0, radians(6.0)))
         acc = (0.0, 0.0, -GRAVITY_M_S2 / cos(bank))
         mag = rotate_inverse(q, FIELD_NED)
-        state, _ = condition(PARAMS, state, Sample(gyr, acc, mag, has_field, 0.02))
-        rests.append(state.vertical.rest.resting)
+        _, memory = stage.take(Sample(gyr, acc, mag, has_field, 0.02))
+        rests.append(memory.known.vertical.rest.resting)
     assert not any(rests)
 
 
@@ -131,7 +130,7 @@ IN_VEHICLE = ConditioningParams(in_vehicle=True)
 
 def errors_deg(tilt_error_rad, shaken_m_s2, seed=1):
     """Errors of down and of the force, and sigma, (N, 3); after a rest any rate at all is shown."""
-    rng, state, rows = np.random.default_rng(seed), initial_state(IN_VEHICLE), []
+    rng, stage, rows = np.random.default_rng(seed), Stage(IN_VEHICLE), []
     for k in range(200):
         t, moves = SLOW_S * k, SLOW_S * k > 10.0
         wobble = radians(4.0) * rng.standard_normal(2) * moves
@@ -139,9 +138,7 @@ def errors_deg(tilt_error_rad, shaken_m_s2, seed=1):
         gyr = tuple((3.0 * moves * rng.standard_normal(3)).tolist())
         force = np.array(rotate_inverse(q, (0.0, 0.0, -STANDARD_GRAVITY_M_S2)))
         force += (shaken_m_s2 * moves + 0.02) * rng.standard_normal(3)
-        state, out = condition(
-            IN_VEHICLE, state, Sample(gyr, tuple(force.tolist()), NO_FIELD, False, SLOW_S)
-        )
+        out, _ = stage.take(Sample(gyr, tuple(force.tolist()), NO_FIELD, False, SLOW_S))
         down = rotate_inverse(q, DOWN)
         felt = tuple((-force).tolist())
         off = (angle_between_vectors(out.gravity_b, down), angle_between_vectors(felt, down))

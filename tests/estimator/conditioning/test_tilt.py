@@ -5,13 +5,12 @@ from math import degrees, radians
 import numpy as np
 import pytest
 
-from estimator.conditioning.condition import condition
 from estimator.conditioning.params import ConditioningParams
-from estimator.conditioning.state import initial_state
 from estimator.conditioning.vertical.tilt import LEAST_OFF_RAD, UNKNOWN, slowness, step_noise
 from estimator.geometry.metrics import rms
 from estimator.geometry.quaternion import exp, multiply, normalize, rotate_inverse
 from estimator.types import IDENTITY, NOTHING_BETWEEN, STANDARD_GRAVITY_M_S2, ZERO_VEC3, Sample
+from tests.estimator.conditioning.motion import Stage
 
 PARAMS = ConditioningParams()
 FIXED = PARAMS._replace(use_step_noise=False, use_averaging=False)
@@ -89,11 +88,10 @@ def sampled(seed, rate_hz):
 
 
 def run(params, gyr, acc, times_s):
-    state, seen = initial_state(params), []
+    stage, seen = Stage(params), []
     steps = np.diff(times_s, prepend=times_s[0])
     for w, f, dt in zip(vectors(gyr), vectors(acc), steps.tolist(), strict=True):
-        state, one = condition(params, state, Sample(w, f, ZERO_VEC3, False, dt))
-        seen.append(one)
+        seen.append(stage.take(Sample(w, f, ZERO_VEC3, False, dt))[0])
     return seen
 
 

@@ -7,12 +7,13 @@ import pytest
 
 from estimator.conditioning.events.jump_signs import watch_field
 from estimator.conditioning.events.turn_signs import HeadingSigns, give_up
+from estimator.conditioning.rate import Clipping
 from estimator.conditioning.state import apply_turn, initial_state
-from estimator.conditioning.vertical.rate import Clipping
 from estimator.conditioning.vertical.tilt import force_after_turn
 from estimator.geometry.quaternion import add, exp, rotate, rotate_inverse
 from tests.estimator.conditioning.motion import (
     PARAMS,
+    Memory,
     conditioned,
     fly,
     resting,
@@ -25,19 +26,19 @@ DT = 0.01
 ZERO = (0.0, 0.0, 0.0)
 
 
-def advance(state, samples, params=PARAMS):
-    """The state behind the samples, and the larger error of each, degrees."""
+def advance(memory, samples, params=PARAMS):
+    """What is remembered behind the samples, and the larger error of each, degrees."""
     errors = []
-    for s, out, now in conditioned(samples, DT, params, state):
-        state = now
+    for s, out, now in conditioned(samples, DT, params, memory):
+        memory = now
         errors.append(degrees(max(vector_errors_rad(out, s.q_ned_frd))))
-    return state, np.array(errors)
+    return memory, np.array(errors)
 
 
-def turned_by(state, axis, angle_deg, sample):
-    """The state after a turn about an axis of NED that no sensor has felt."""
+def turned_by(memory, axis, angle_deg, sample):
+    """What is remembered after a turn about an axis of NED that no sensor has felt."""
     body = rotate_inverse(sample.q_ned_frd, AXES[axis])
-    return apply_turn(state, exp(tuple(radians(angle_deg) * x for x in body)))
+    return Memory(*apply_turn(*memory, exp(tuple(radians(angle_deg) * x for x in body))))
 
 
 def found_s(errors):
@@ -79,8 +80,8 @@ def rocking(t):
 def found_after_s(motion, axis, angle_deg, params=PARAMS):
     """Until the larger error is first under 5 deg, after a turn at 30 s."""
     samples = list(fly(motion, 50.0, DT))
-    state, _ = advance(None, samples[:3000])
-    turned = turned_by(state, axis, angle_deg, samples[2999])
+    memory, _ = advance(None, samples[:3000])
+    turned = turned_by(memory, axis, angle_deg, samples[2999])
     return found_s(advance(turned, samples[3000:], params)[1])
 
 
@@ -147,9 +148,9 @@ def beside_iron(sample, t):
 
 def test_a_sudden_turn_is_found_where_the_field_is_not_as_learnt():
     samples = [beside_iron(s, DT * i) for i, s in enumerate(fly(tumbling, 50.0, DT))]
-    state, _ = advance(None, samples[:3100])
-    assert state.field.magnetic.look.confidence == pytest.approx(0.42, rel=0.2)
-    _, errors = advance(turned_by(state, "down", 60.0, samples[3099]), samples[3100:])
+    memory, _ = advance(None, samples[:3100])
+    assert memory.known.field.magnetic.look.confidence == pytest.approx(0.42, rel=0.2)
+    _, errors = advance(turned_by(memory, "down", 60.0, samples[3099]), samples[3100:])
     assert found_s(errors) == pytest.approx(1.47, rel=0.2)  # 13.9 where it has to be as learnt
 
 
@@ -208,13 +209,13 @@ def spinning(t):
 def test_a_gyroscope_at_its_end_widens_the_variances():
     rms = {}
     for is_seen in (True, False):
-        state, errors = None, []
+        memory, errors = None, []
         for i, s in enumerate(fly(spinning, 60.0, DT)):
             clipped = s._replace(gyr=tuple(max(-5.5, min(5.5, x)) for x in s.gyr))
-            ((_, out, state),) = conditioned([clipped], DT, state=state)
+            ((_, out, memory),) = conditioned([clipped], DT, memory=memory)
             if not is_seen:
-                vertical = state.vertical._replace(clipping=Clipping(ZERO, ZERO, ZERO))
-                state = state._replace(vertical=vertical)
+                gathered = memory.gathered._replace(clipping=Clipping(ZERO, ZERO, ZERO))
+                memory = memory._replace(gathered=gathered)
             if i > 1500:
                 errors.append(degrees(max(vector_errors_rad(out, s.q_ned_frd))))
         rms[is_seen] = np.sqrt(np.mean(np.square(errors)))
@@ -231,9 +232,9 @@ def whirling(t):
 def test_what_jumps_in_a_turn_passes_for_no_own_field(angle_deg):
     """The jump is too small for an alarm while lag and own field are unknown at six rad/s."""
     samples = list(fly(whirling, 20.0, DT, lag_s=0.01))
-    state, _ = advance(None, samples[:1000])
-    state = turned_by(state, "down", angle_deg, samples[999])
-    state, errors = advance(state, samples[1000:])
-    own = np.linalg.norm(state.field.calibration.learnt.offset)
+    memory, _ = advance(None, samples[:1000])
+    memory = turned_by(memory, "down", angle_deg, samples[999])
+    memory, errors = advance(memory, samples[1000:])
+    own = np.linalg.norm(memory.known.field.calibration.learnt.offset)
     assert own < 0.017  # measured 0.014; 0.30 when the means stay those of the old attitude
     assert errors[700] < 2.4  # measured 2.0; 63

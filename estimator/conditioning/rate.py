@@ -8,10 +8,13 @@ from typing import NamedTuple
 from estimator.bounds import TINY
 from estimator.compilation.compiled import inlined, replacer
 from estimator.conditioning.params import LONGEST_STEP_S
-from estimator.conditioning.vertical.averaging import MOST_ERROR
 from estimator.geometry.quaternion import add, cross, exp, log, multiply, scale, subtract
 from estimator.types import ZERO_VEC3, Vec2, Vec3
 
+# Largest error of a gyroscope as a share of a turn (cheap ones: 5 to 10 %), of what it shows about
+# other axes, of what averages over a step miss (coning), and of a rate beyond its end. Small: late,
+# large: accelerations tilt the vertical.
+MOST_ERROR = 0.1
 # Plain samples closer than this (s) count as means over the step before them: little happens
 # between them, and averaging two noisy instants is worse.
 SLOW_SAMPLE_S = 0.0125
