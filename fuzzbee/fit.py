@@ -177,7 +177,7 @@ def _better(spans: Floats, *, is_field: bool) -> str | None:
     """How many times less which other way leaves; None if no way is so much better."""
     squares = squares_left(spans, TURNS, has_offset=is_field)
     scale = _best_scale(squares)
-    left = roots(squares, *(scale for scale, _ in GYR_UNITS), scale)
+    left = roots(squares, *(factor for factor, _ in GYR_UNITS), scale)
     as_given, scaled, least = float(left[0, 0]), float(left[-1, 0]), float(left[:-1].min())
     if as_given <= EXPLAINED:
         return None

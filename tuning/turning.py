@@ -19,12 +19,13 @@ SLOW_S = 0.1  # between samples: the turns are too large to be compared
 MOST = 1e9  # beyond any reading in any unit
 SPIKE = 5.0  # beyond so many times the larger turns one is none
 LARGER = 0.95  # the share of turns that are smaller than those
+UNCHANGED = 1e-18  # mean square change, in any unit, of a vector that stands still or is stuck
 FLAT = 1e-9  # of the normal matrix: turns about one axis alone leave the iron along it open
 TINY = 1e-200  # rad^2, beside them: there is an inverse without any turn
 
 # Columns of spans, from each mean to the next: a is the gyroscope's angle, in its unit times
 # seconds, c the change of the vector v; then come the products of v's parts with a's, row by row.
-A, C, VA = slice(0, 3), slice(3, 6), slice(6, 15)
+ANGLE, CHANGE, PRODUCTS = slice(0, 3), slice(3, 6), slice(6, 15)
 # a x b is (a_x b_x, a_x b_y, ..., a_z b_z) times this.
 CROSS: Floats = np.cross(np.eye(3)[:, None], np.eye(3)).reshape(9, 3)
 
@@ -94,11 +95,13 @@ def squares_left(spans: Floats, turns: Floats, *, has_offset: bool) -> Floats:
 
     The share of the squares with its angles a times s is (1, s) F (1, s)^T: of |c + s a x v|^2, and
     with an offset of the least |c + s a x v + a x b|^2, b being hard iron, which stands still in
-    the body. All that the turns need are the means of products of a, c and v a^T.
+    the body; 0 of a vector that does not change. All that the turns need are the means of products
+    of a, c and v a^T.
     """
     means, flat = spans.T @ spans / max(1, len(spans)), turns.reshape(-1, 9)
-    aa, ca, cc = means[A, A], means[C, A], means[C, C]
-    a_va, c_va, va_va = means[A, VA], means[C, VA], means[VA, VA]
+    aa, ca, cc = means[ANGLE, ANGLE], means[CHANGE, ANGLE], means[CHANGE, CHANGE]
+    a_va, c_va = means[ANGLE, PRODUCTS], means[CHANGE, PRODUCTS]
+    va_va = means[PRODUCTS, PRODUCTS]
     left = np.empty((len(turns), 2, 2))
     left[:, 0, 0] = cc.trace()
     left[:, 0, 1] = left[:, 1, 0] = flat @ -(CROSS.T @ c_va.reshape(9, 3)).ravel()
@@ -112,7 +115,7 @@ def squares_left(spans: Floats, turns: Floats, *, has_offset: bool) -> Floats:
         u_w[:, 1] -= flat @ a_va.T
         N = (TINY + (1.0 + FLAT) * aa.trace()) * np.eye(3) - aa
         left -= u_w @ np.linalg.inv(N) @ u_w.swapaxes(1, 2)
-    return np.asarray(left / max(cc.trace(), 1e-18))
+    return np.asarray(left / cc.trace()) if cc.trace() > UNCHANGED else np.zeros_like(left)
 
 
 def roots(squares: Floats, *factors: float) -> Floats:

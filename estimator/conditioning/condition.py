@@ -79,7 +79,7 @@ def condition(handle: Any, sample: Sample) -> Conditioned:
     axes_g = axes_of(handle.gathered.q_g_frd)
     stands_for_step = is_mean(dt, params.averaged_samples) and not is_first
     learnt = handle.conditioning.field.calibration.learnt
-    at_end = behind_step(params, learnt, sample, rate, dt, stands_for_step)
+    at_end = at_step_end(params, learnt, sample, rate, dt, stands_for_step)
     handle.gathered = gather(handle.gathered, axes_g, at_end)
     if is_first:
         handle.conditioning = begin(handle.conditioning, handle.gathered.q_g_frd, at_end)
@@ -115,7 +115,7 @@ def carry(gathered: Gathered, turn: Quaternion, gyr: Vec3, dt_s: float) -> Gathe
 
 
 @inlined
-def behind_step(
+def at_step_end(
     params: ConditioningParams,
     learnt: Calibration,
     sample: Sample,
@@ -149,7 +149,14 @@ def learn(
     heading_rad = now.vertical.estimate.heading_rad
     north_6d = (cos(heading_rad), -sin(heading_rad), 0.0)
     directions = Directions(down_of(q), rotate_inverse(q, north_6d))
-    return ConditioningState(now.vertical, now.field, now.events, True, directions, certainty)
+    return ConditioningState(
+        vertical=now.vertical,
+        field=now.field,
+        events=now.events,
+        started=True,
+        directions=directions,
+        certainty=certainty,
+    )
 
 
 @inlined

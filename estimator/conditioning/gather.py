@@ -26,7 +26,7 @@ class Gathered(NamedTuple):
     field_s: float = 0.0  # time that the field's samples stand for
 
 
-NOTHING = Gathered()
+NOTHING = Gathered()  # before the first sample
 
 with_sums = replacer(Gathered, "time_s", "gyr", "acc", "gravity_g", "field_g", "field_s")
 with_frame = replacer(Gathered, "q_g_frd", "gyr_rad_s", "clipping")

@@ -1,4 +1,4 @@
-"""Everything that the conditioning stage remembers, and what can be done to it from outside."""
+"""What the conditioning stage has learnt, and what can be done to it from outside."""
 
 from typing import NamedTuple
 

@@ -30,9 +30,9 @@ def draw(folder: Path, task: Task, tuned: Profile, search: Search) -> None:
     except OSError as error:
         raise InputError(f"--plot {folder}: {error.strerror}") from None
     flights = () if isinstance(task, PaperTask) else task.held_out[:MOST_FLIGHTS]
-    panels = 1 + (len(flights) or 1) + 2 * task.tunes_memberships
+    panels = 1 + isinstance(task, PaperTask) + len(flights) + 2 * task.tunes_memberships
     with written_figure(folder / NAME, "", (WIDTH_IN, HEIGHT_IN * panels)) as sheet:
-        first, *axes = sheet.subplots(panels)
+        first, *axes = sheet.subplots(panels, squeeze=False)[:, 0]
         _draw_convergence(first, search)
         if isinstance(task, PaperTask):
             _draw_error_over_time(axes[0], task, tuned)
@@ -42,7 +42,6 @@ def draw(folder: Path, task: Task, tuned: Profile, search: Search) -> None:
             before, after = fuzzy_sets(task.base.k), fuzzy_sets(tuned.k)
             _draw_sets(axes[-2], "e, |de/dt| in 1/s", before.inputs, after.inputs)
             _draw_sets(axes[-1], "k_op", before.output, after.output)
-            axes[-2].set_title("Fuzzy sets, dotted: before")
 
 
 def _draw_convergence(axes: Any, search: Search) -> None:
@@ -85,5 +84,5 @@ def _draw_sets(axes: Any, label: str, before: Five, after: Five) -> None:
     for term, old, new, color in zip(TERMS, before, after, COLORS, strict=False):
         axes.plot(old, TRIANGLE, ":", color=color)
         axes.plot(new, TRIANGLE, color=color, label=term)
-    axes.set(xlabel=label, ylabel="membership")
+    axes.set(xlabel=label, ylabel="membership", title="Fuzzy sets, dotted: before")
     add_legend(axes, len(TERMS))

@@ -26,7 +26,7 @@ from tuning.search import SearchOptions
 MIDPOINT = "midpoint"
 CALIBRATION = "calibration"  # the group of parameters that begins with a fit
 CONTROLLER = {"membership", "filter"}  # the groups of the fuzzy controller
-# What the paper's signals have instead
+# Options that go with logs alone, and what the paper's signals have instead.
 FOR_LOGS = {
     "objective": "has the paper's J",
     "reference": "has the truth",

@@ -134,6 +134,13 @@ def test_numbers_that_are_no_readings_are_nothing_to_compare(flight, value):
     assert [line.split(":")[0] for line in reported] == ["most of the samples could not be used"]
 
 
+@pytest.mark.parametrize("gyr_rad_s", [(0.001, 0.002, 0.003), (0.01, 0.0, 0.0), (0.1, 0.2, 0.3)])
+def test_vectors_that_never_change_explain_no_turn(gyr_rad_s):
+    """A made recording at rest with a biased gyroscope, and stuck sensors in one that turns."""
+    readings = (np.tile(v, (1000, 1)) for v in (gyr_rad_s, (0.0, 0.0, -9.81), (0.2, 0.01, 0.45)))
+    assert advice(0.01 * np.arange(1000), *readings) == ()
+
+
 def test_an_accelerometer_that_reads_nothing_is_named(flight):
     time_s, gyr, acc, mag = flight
     with pytest.raises(InputError, match=r"reads 0 mostly, 4\.9 to 19\.6 is usual"):

@@ -74,7 +74,7 @@ class VerticalState(NamedTuple):
 
     estimate: Estimate  # bias and heading, whose errors are correlated
     averaging: Averaging = Averaging()  # of gravity
-    gravity: GravityState = GravityState()  # frame G, and down in it
+    gravity: GravityState = GravityState()  # down in frame G
     tilt: TiltState = TiltState()  # how well down is known
     slow: SlowAcceleration = SlowAcceleration()  # accelerations of a slow stream that last
     inflation: float = 0.0  # its variance by an unsensed turn, until the force shows, rad^2

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from math import cos, sin
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from estimator.conditioning.condition import Conditioned, condition
 from estimator.conditioning.gather import NOTHING, Gathered
@@ -17,7 +17,13 @@ from estimator.geometry.quaternion import (
     rotate_inverse,
 )
 from estimator.live.core import in_arrays, initial_core
-from estimator.live.kernel_handle import NO_ROWS_BOUND, new_handle, params_of, takes_handle
+from estimator.live.kernel_handle import (
+    NO_ROWS_BOUND,
+    contents,
+    new_handle,
+    params_of,
+    takes_handle,
+)
 from estimator.live.settings import settings_of
 from estimator.live.step import Situation
 from estimator.profile import load_profile
@@ -89,11 +95,6 @@ SETTINGS = settings_of(load_profile("imu"))
 step = takes_handle(NO_SAMPLE)(condition)
 
 
-@takes_handle()
-def memory_in(handle: Any) -> tuple[ConditioningState, Gathered]:
-    return handle.conditioning, handle.gathered
-
-
 class Stage:
     """The conditioning stage alone, compiled, behind ``memory``."""
 
@@ -105,7 +106,8 @@ class Stage:
 
     def take(self, sample: Reading) -> tuple[Conditioned, Memory]:
         """What becomes of a sample, and what is remembered behind it."""
-        return step(self._handle, sample), Memory(*memory_in(self._handle))
+        out, core = step(self._handle, sample), contents(self._handle)
+        return out, Memory(core.conditioning, core.gathered)
 
 
 def conditioned(
